@@ -17,7 +17,13 @@ from osl_analysis.bench.row_groups import Groups, Stratum, stretches_of
 from osl_analysis.errors import InputError, naming
 from osl_analysis.signals import Motion, differentiate, runs
 from osl_analysis.signals.grid import UniformSignals, uniform_signals
-from osl_analysis.stats.regression import Row, covariance_row, estimates_row, without
+from osl_analysis.stats.regression import (
+    INTERVAL_ENDS,
+    Row,
+    covariance_row,
+    estimates_row,
+    without,
+)
 from osl_analysis.trial import Array, Trial
 
 ACTUATOR_PARAMETERS = ("k_tau_n_m", "f_C", "f_G", "B_m", "J_m")
@@ -34,7 +40,6 @@ EDGE_PERIODS = 3.0  # of the cut-off at both ends, where the filter extrapolates
 SOUGHT_LAGS_S = np.arange(-60, 61) / 200  # s; of the current behind the torque
 FAR_BETTER = 0.5  # of what is left of the torque, with the current at another time
 MOST_TRIED = 10_000  # rows of the search for a late current
-INTERVAL_ENDS = ("", "_se", "_low", "_high")  # suffixes of the columns of an estimate
 FEWEST_LEVELS = 8  # fewest plateaus of the current, the interval's leave-one-out units
 LEVEL_S = 0.05  # s; averaging time of the current in the search for plateaus
 LEVEL_CHANGE = 0.02  # of the current's range, by which means of a plateau differ at most

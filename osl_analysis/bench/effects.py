@@ -131,6 +131,7 @@ def with_effects(s: Sums, model: Model, effects: Sequence[str] = (), keep: Keep 
     """Fit of a model with effects, over some groups. Raises as `fit_groups`."""
     columns = dict(model)
     for effect in effects:
+        # a weight acts as a spring: its torque grows with the angle
         columns[effect] = "theta" if effect == "weight" else effect
     limit = gram.EFFECTS_LIMIT if effects else CONDITION_LIMIT
     return gram.fit_groups(s, columns, keep, limit=limit)

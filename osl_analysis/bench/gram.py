@@ -39,6 +39,7 @@ from osl_analysis.trial import Array
 
 FEWEST_UNITS = 4  # with fewer strata the groups are left out instead
 FEWEST_GROUPS = 8  # fewest groups without repeats whose scores give an interval
+NEIGHBOURS_WEIGHT = 0.5  # of products of neighbouring scores
 NEXT = {"theta": "omega", "omega": "alpha", "alpha": "jerk"}  # derivative of each column
 SMALLEST_DIRECTION = 1e-13  # eigenvalue over the largest one, below which it is rounding
 # largest scaled condition number with effects, whose columns may be nearly collinear
@@ -250,8 +251,11 @@ class NormalEquations:
         What centres the column `ramp`, so that drift and offset are orthogonal.
     left_sides : Array (m, p, p)
         Products of the columns with each other.
-    right_sides, of_raw : Array (m, p)
-        Products of the columns with the filtered and with the raw torque.
+    right_sides : Array (m, p)
+        Products of the columns with the filtered torque.
+    for_scores : Array (m, p)
+        The same with the raw torque, whose noise is independent from row to row; with the filtered
+        one if nothing repeats.
     total : Array (p + 2, p + 2)
         The sums of all groups.
     offset : int
@@ -264,7 +268,7 @@ class NormalEquations:
     centring: Array
     left_sides: Array
     right_sides: Array
-    of_raw: Array
+    for_scores: Array
     total: Array
     offset: int
 
@@ -322,7 +326,7 @@ def normal_equations(
         centring=centring,
         left_sides=products[:, :p, :p],
         right_sides=products[:, :p, p],
-        of_raw=products[:, :p, raw],
+        for_scores=products[:, :p, raw],
         total=products.sum(axis=0),
         offset=offset,
     )
@@ -376,7 +380,7 @@ def fit_groups(
     has_many_groups = number >= FEWEST_GROUPS
     rich = list(dict.fromkeys([*s.rich, *columns]))
     if repeats:
-        scores = (equations.of_raw - equations.left_sides @ estimates) @ inverse
+        scores = (equations.for_scores - equations.left_sides @ estimates) @ inverse
         noise, freedom = between_cycles(scores, stratum)
     elif has_many_groups:
         scores = scores_beside(s, equations, rich, keep, inverse)
@@ -395,25 +399,17 @@ def fit_groups(
 
     of_rounding, draws = np.zeros_like(inverse), 0
     if s.rounded is not None:
-        p = len(names)
-        centred = equations.centring[:p, :p].T
-        made = centred @ s.rounded[np.ix_(equations.groups, equations.used[:p])]
-        draws, change = made.shape[2], inverse @ made.sum(axis=0)
-        in_noise = np.zeros(p)
+        products = draw_products(s, equations)
+        draws = products.shape[2]
+        in_noise = np.zeros(len(names))
         if repeats or has_many_groups:
-            of_draws = np.moveaxis(inverse @ made, 2, 0)
-            variances = []
-            for draw in of_draws:
-                if repeats:
-                    found, _ = between_cycles(draw, stratum)
-                else:
-                    found, _ = noise_of_scores(draw, len(rich))
-                variances.append(np.diag(found))
-            in_noise = np.mean(variances, axis=0)
+            in_noise = rounding_in_noise(products, inverse, stratum, repeats, len(rich))
+        change = inverse @ products.sum(axis=0)
         of_rounding = less(change @ change.T / draws, in_noise)
         if tells_misfit:
-            shown = jackknife(equations.left_sides, made, A, made.sum(axis=0), unit).mean(axis=0)
-            misfit = less(misfit, np.diag(shown) - in_noise)
+            total = products.sum(axis=0)
+            in_misfit = jackknife(equations.left_sides, products, A, total, unit).mean(axis=0)
+            misfit = less(misfit, np.diag(in_misfit) - in_noise)
 
     covariance, freedom = combined(noise, freedom, misfit, units, of_rounding, draws)
     mean_torque = equations.sum_of_torque / n
@@ -437,6 +433,43 @@ def fit_groups(
     )
 
 
+def draw_products(s: Sums, equations: NormalEquations) -> Array:
+    """Products (m, p, k) of the columns with each of the k torques that rounding makes."""
+    assert s.rounded is not None
+    p = equations.size
+    of_columns = s.rounded[np.ix_(equations.groups, equations.used[:p])]
+    return np.asarray(equations.centring[:p, :p].T @ of_columns)
+
+
+def rounding_in_noise(
+    products: Array, inverse: Array, stratum: NDArray[np.intp], repeats: bool, columns: int
+) -> Array:
+    """Variances (p,) of the estimates that rounding has among those of noise: the scatter of its
+    own scores, the mean over the draws.
+
+    Parameters
+    ----------
+    products : Array (m, p, k)
+        `draw_products`.
+    inverse : Array (p, p)
+        Of the normal equations.
+    stratum : Array (m,)
+        Number of the stratum of each group.
+    repeats
+        Whether the groups of a stratum repeat one another.
+    columns
+        Number of columns of the richest model.
+    """
+    variances = []
+    for scores in np.moveaxis(inverse @ products, 2, 0):
+        if repeats:
+            covariance, _ = between_cycles(scores, stratum)
+        else:
+            covariance, _ = noise_of_scores(scores, columns)
+        variances.append(np.diag(covariance))
+    return np.asarray(np.mean(variances, axis=0))
+
+
 def scores_beside(
     s: Sums,
     equations: NormalEquations,
@@ -450,7 +483,7 @@ def scores_beside(
     across = s.gram[np.ix_(equations.groups, at, equations.used)] @ equations.centring
     of_rich = solved(s.over(keep)[np.ix_(at, at)], across[:, :, -2].sum(axis=0))[0]
     modelled = np.einsum("mrp,r->mp", across[:, :, :-2], of_rich)
-    return np.asarray((equations.of_raw - modelled) @ inverse)
+    return np.asarray((equations.for_scores - modelled) @ inverse)
 
 
 @dataclass(frozen=True)
@@ -588,17 +621,22 @@ def combined(
 
 def noise_of_scores(scores: Array, columns: int) -> tuple[Array, Array]:
     """Covariance (p, p) of estimates and its degrees of freedom (p,), from the scores (m, p) of
-    consecutive groups and half the products of neighbours. Each column of the fit has used up half
-    a group."""
+    consecutive groups that do not repeat one another.
+
+    Neighbours are correlated: half of their products count (Newey and West, Econometrica 55, 1987,
+    with one lag). That makes a variance of m scores as uncertain as one of m/1.5 independent ones.
+    Each column of the fit has used up half a group.
+    """
     m, p = scores.shape
     used = min(columns, m - 2)
-    near = scores[1:].T @ scores[:-1]
-    covariance = scores.T @ scores + 0.5 * (near + near.T)
+    neighbours = scores[1:].T @ scores[:-1]
+    covariance = scores.T @ scores + NEIGHBOURS_WEIGHT * (neighbours + neighbours.T)
     size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     values, vectors = np.linalg.eigh(covariance / np.outer(size, size))
     raised = m / max(m - used / 2, 1.0)
-    found = (vectors * np.maximum(values, 0.0)) @ vectors.T * np.outer(size, size) * raised
-    return np.asarray(found), np.full(p, max(m / 1.5 - used / 2, 1.0))
+    positive = (vectors * np.maximum(values, 0.0)) @ vectors.T * np.outer(size, size) * raised
+    freedom = max(m / (1 + 2 * NEIGHBOURS_WEIGHT**2) - used / 2, 1.0)
+    return np.asarray(positive), np.full(p, freedom)
 
 
 def held_out_vaf(

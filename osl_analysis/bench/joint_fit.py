@@ -9,11 +9,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from osl_analysis.inference import estimates as inferred
-from osl_analysis.stats.regression import LinearFit, Row
+from osl_analysis.stats.regression import INTERVAL_ENDS, LinearFit, Row
 
 HALF_WIDTH = 2.0687  # standard errors: Student's 97.5 % for the 24 blocks of the inference
 NORMAL_HALF_WIDTH = 1.95996  # standard errors: the same of an error whose size is known exactly
-ENDS = ("", "_se", "_low", "_high")  # of the columns of an estimate
 
 
 @dataclass(frozen=True)
@@ -58,13 +57,13 @@ class Estimate:
     def columns(self, name: str) -> Row:
         """`name`, and its standard error and interval."""
         values = (self.value, self.standard_error, self.low, self.high)
-        return {f"{name}{end}": x for end, x in zip(ENDS, values, strict=True)}
+        return {f"{name}{end}": x for end, x in zip(INTERVAL_ENDS, values, strict=True)}
 
 
 def estimate_columns(name: str, estimate: Estimate | None) -> Row:
     """The columns of an estimate, null where there is none."""
     if estimate is None:
-        return dict.fromkeys(f"{name}{end}" for end in ENDS)
+        return dict.fromkeys(f"{name}{end}" for end in INTERVAL_ENDS)
     return estimate.columns(name)
 
 

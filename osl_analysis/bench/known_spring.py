@@ -13,13 +13,12 @@ from osl_analysis.bench.gram import GroupFit
 from osl_analysis.bench.joint_inference import misfit_of_losses
 from osl_analysis.bench.record import Record
 from osl_analysis.errors import InputError
-from osl_analysis.stats.regression import Row, estimates_row
+from osl_analysis.stats.regression import INTERVAL_ENDS, Row, estimates_row
 from osl_analysis.trial import Array
 
 SPRING_LOSS = 1e-3
 """Half-width of the loss factor of a spring, tan(phase), about 0: steel and clamps have 1e-4 to
 1e-3."""
-ENDINGS = ("", "_se", "_low", "_high")
 
 
 @dataclass(frozen=True)
@@ -106,7 +105,7 @@ def calibration_table(analysis: Analysis, known: Known) -> pl.DataFrame:
 
     fixture: Row = {}
     for name in ("inertia", "weight"):
-        for ending in ENDINGS:
+        for ending in INTERVAL_ENDS:
             fixture[f"{name}{ending}"] = None
     row: Row = {
         "trial": record.name,

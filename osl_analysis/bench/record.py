@@ -207,7 +207,7 @@ class Record:
     def rounded(self) -> Array | None:
         """Torques (k, n) [N*m] that the `roundings` cause in Eq. 15, in the rows of `coarse`.
 
-        None if noise hides the rounding, or if one equal in all samples is less than half of the
+        None if noise hides the rounding, or if an error common to all samples is below half of the
         residual's standard error.
         """
         few = self.coarse

@@ -92,11 +92,11 @@ def record_of_trial(
     def found_in(regular: UniformSignals) -> FoundMotion:
         if is_other:
             assert isinstance(settings, ImpedanceAnalysis)
-            return other_motion(regular, settings, windows or settings.windows)
+            return find_other_motion(regular, settings, windows or settings.windows)
         likeness = known
         if regular is not signals:
             likeness = Likeness(regular.time, regular["theta"], settings.protocol)
-        return sine_motion(regular, settings, likeness)
+        return find_sine_motion(regular, settings, likeness)
 
     try:
         found = found_in(signals)
@@ -149,12 +149,12 @@ def check_is_sine(name: str, known: Likeness) -> None:
     if known.moves and is_hardly_sine:
         raise InputError(
             f"trial {name}: theta has the commanded frequencies, but is no stepped sine; look"
-            f" for spikes, hum and a mount that turns; {another_motion(known)}, or `excitation:"
+            f" for spikes, hum and a mount that turns; {advice_if_no_sine(known)}, or `excitation:"
             " stepped_sine` to fit what there is"
         )
 
 
-def sine_motion(
+def find_sine_motion(
     signals: UniformSignals, settings: SteppedSineAnalysis, likeness: Likeness
 ) -> FoundMotion:
     """Cycles of a stepped sine."""
@@ -165,7 +165,7 @@ def sine_motion(
     return FoundMotion(groups, (min(frequencies), max(frequencies)), None, signals)
 
 
-def another_motion(known: Likeness) -> str:
+def advice_if_no_sine(known: Likeness) -> str:
     """What to state if another motion than a stepped sine was meant."""
     return (
         f"{100 * known.sines:.0f} % of the moving time are sines of one frequency: if another"
@@ -193,7 +193,7 @@ def said_of_motion(words: str, known: Likeness, signals: UniformSignals) -> str:
     cause if it is known."""
     degrees = np.rad2deg(np.ptp(signals["theta"]))
     if known.moves:
-        return f"{words}; {another_motion(known)}" if known.kind == "unclear" else words
+        return f"{words}; {advice_if_no_sine(known)}" if known.kind == "unclear" else words
     if degrees > LARGE_DEG:
         return (
             f"the joint moves too slowly: theta changes by {degrees:.3g} deg in all, but by no more"
@@ -208,7 +208,7 @@ def said_of_motion(words: str, known: Likeness, signals: UniformSignals) -> str:
     )
 
 
-def other_motion(
+def find_other_motion(
     signals: UniformSignals, settings: ImpedanceAnalysis, windows: str | None
 ) -> FoundMotion:
     """Groups, band and periods of a motion that is no stepped sine.

@@ -13,20 +13,20 @@ from osl_analysis.trial import Array
 
 # times to come to a level, in multiples of a rounded signal's last step: exponentially 2, least
 # jerk 2.3
-COMES = 3.0
-LARGEST_SHARE = 0.45  # of the time at a level, in which the joint comes to it, or leaves it
-STANDS = 0.1  # share of the SD of the speed below which a joint stands
+STEPS_TO_LEVEL = 3.0
+LARGEST_PART_OF_LEVEL = 0.45  # of the time at a level, in which the joint comes to it, or leaves it
+STANDING_SPEED = 0.1  # share of the SD of the speed below which a joint stands
 # share of the parts of 50 samples that hold noise alone above the frequencies of the motion
-QUIET = 0.3
-QUIET_SAMPLES = 50
+QUIETEST_SHARE = 0.3
+SAMPLES_OF_PART = 50
 MOST_NOISE = (
     0.1  # steps^2; with more, less than a fiftieth of the variance that cycles repeat is left
 )
 # share of the power at a few levels above which a motion steps between these (sines 0.05, steps
 # 0.2)
-AT_LEVELS = 0.15
+LEVELS_SHARE = 0.15
 # range [steps] of the drawn sizes of a sine: less varies too little if samples keep step with it
-OF_SINE = 0.5
+SIZES_OF_SINE = 0.5
 DRAWS = (np.arange(17) + 0.5) / 17 - 0.5  # shifts of an encoder's zero and of sizes, in steps
 ORDER_OF_SIZES = 5 * np.arange(17) % 17  # other than that of zeros, so that both spread evenly
 
@@ -35,7 +35,7 @@ def before_rounding(read: Array, step: float) -> Array:
     """Reconstruct a signal (n,) before its rounding to steps.
 
     It is halfway between two steps where it goes from one to the next. It comes to a level, and
-    leaves it, in `COMES` times the time of the adjacent step.
+    leaves it, in `STEPS_TO_LEVEL` times the time of the adjacent step.
     """
     changes = np.flatnonzero(np.abs(np.diff(read)) > 0.3 * step)
     rises, dwell, level = np.diff(read)[changes] > 0, np.diff(changes), read[changes + 1]
@@ -43,9 +43,9 @@ def before_rounding(read: Array, step: float) -> Array:
     turns = np.flatnonzero(rises[1:] != rises[:-1])
     dwells = np.r_[np.inf, dwell, np.inf]
     before, at_level, after = dwells[turns], dwells[turns + 1], dwells[turns + 2]
-    longest = LARGEST_SHARE * at_level
-    come = changes[turns] + 0.5 + np.minimum(COMES * before, longest)
-    leave = changes[turns + 1] + 0.5 - np.minimum(COMES * after, longest)
+    longest = LARGEST_PART_OF_LEVEL * at_level
+    come = changes[turns] + 0.5 + np.minimum(STEPS_TO_LEVEL * before, longest)
+    leave = changes[turns + 1] + 0.5 - np.minimum(STEPS_TO_LEVEL * after, longest)
 
     place = np.r_[0, changes + 0.5, come, leave, len(read) - 1]
     halfway = (read[changes] + level) / 2
@@ -75,8 +75,8 @@ def repeated_share(fitted: Array, step: float | None, density: float, rate_hz: f
     if not step or not (step**2):
         return 0.0
     jumps = np.diff(fitted, 3) ** 2 / 20  # 20: variance of the third difference of white noise
-    starts = np.arange(0, len(jumps) - 1, QUIET_SAMPLES)
-    quiet = float(np.quantile(np.add.reduceat(jumps, starts) / QUIET_SAMPLES, QUIET))
+    starts = np.arange(0, len(jumps) - 1, SAMPLES_OF_PART)
+    quiet = float(np.quantile(np.add.reduceat(jumps, starts) / SAMPLES_OF_PART, QUIETEST_SHARE))
     variance = min(density * rate_hz / 2, quiet)
     noise = max(variance / step**2 - 1 / 12, 0.0)
     if noise >= MOST_NOISE:
@@ -120,19 +120,19 @@ def drawn_roundings(
     is_sine : bool
         Whether the motion is a stepped sine.
     """
-    is_standing = np.abs(omega) < STANDS * float(np.std(omega))
+    is_standing = np.abs(omega) < STANDING_SPEED * float(np.std(omega))
     # raw, since levels of the filtered signal ring by many steps of 18 bits
     place = raw - raw.mean()
     _, level = np.unique(np.rint(place[is_standing] / step), return_inverse=True)
     at_levels = float(np.linalg.norm(np.bincount(level, place[is_standing] ** 2)))
     concentration = at_levels / max(float(place @ place), step**2)
     signals = [smooth]
-    if concentration > AT_LEVELS:
+    if concentration > LEVELS_SHARE:
         signals = [quick(raw, rate_hz), before_rounding(raw, step)]
 
     in_steps = [(signal - signal.mean()) / step for signal in signals]
     largest = float(np.abs(in_steps).max())
-    spread = max(concentration, OF_SINE if is_sine else 0.0)
+    spread = max(concentration, SIZES_OF_SINE if is_sine else 0.0)
     sizes = spread * DRAWS[ORDER_OF_SIZES] / largest
     for k, (zero, size) in enumerate(zip(DRAWS, sizes, strict=True)):
         true = in_steps[k % len(in_steps)] * (1 + size) + zero

@@ -45,9 +45,9 @@ def check_start(campaign: Campaign) -> None:
     config = campaign.config
     if config.simulation and has_to_simulate(campaign):
         check_simulator()
-    check_folder("sources", config.sources)
+    check_configured_folder("sources", config.sources)
     if config.simulation is None:
-        check_folder("raw_data", config.raw_data)
+        check_configured_folder("raw_data", config.raw_data)
 
     problems = source_problems(campaign)
     is_wrong_for_all = len(problems) == len(campaign.trials()) and len(set(problems.values())) == 1
@@ -72,7 +72,7 @@ def check_simulator() -> None:
             raise not_installed("the simulator", library)
 
 
-def check_folder(setting: str, folder: Path) -> None:
+def check_configured_folder(setting: str, folder: Path) -> None:
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; correct `{setting}` in the configuration")
 

@@ -112,7 +112,7 @@ def failed_checks(verdicts: pl.DataFrame) -> Iterator[tuple[Finding, Words]]:
 
 
 @dataclass(frozen=True)
-class Misfit:
+class PredictionMisfit:
     """What explains that the components of a joint do not predict the torque of its trials."""
 
     cause: str
@@ -136,21 +136,21 @@ def causes_of_misfit(tables: Mapping[str, pl.DataFrame]) -> Iterator[tuple[Findi
                 yield finding, misfit.words
 
 
-def misfits_of_joint(rows: pl.DataFrame, predicted: pl.DataFrame) -> list[Misfit]:
+def misfits_of_joint(rows: pl.DataFrame, predicted: pl.DataFrame) -> list[PredictionMisfit]:
     """The causes of one joint and side, from its rows of `prediction_causes.csv` and its predicted
     trials."""
     is_delay = pl.col("component").str.ends_with("_delay")
     components = rows.filter("named", ~is_delay).to_dicts()
     delays = rows.filter(is_delay).to_dicts()  # named or not
-    misfits = list[Misfit]()
+    misfits = list[PredictionMisfit]()
     if components:
         cause = f"component {' or '.join(row['component'] for row in components)}"
         words = misfit_words("component", as_if=as_if_said(components))
-        misfits.append(Misfit(cause, changes_beyond_zero(components), words))
+        misfits.append(PredictionMisfit(cause, changes_beyond_zero(components), words))
     if any(row["named"] for row in delays):
         angle_ms, velocity_ms = (1e3 * row["change"] for row in delays)
         words = misfit_words("late controller", angle=angle_ms, velocity=velocity_ms)
-        misfits.append(Misfit("late controller", changes_beyond_zero(delays), words))
+        misfits.append(PredictionMisfit("late controller", changes_beyond_zero(delays), words))
     left = max((row["left"] or 0.0 for row in delays), default=0.0)  # percent of the torque
     if not misfits and left > LARGEST_MISFIT:
         cause = "components that do not predict"
@@ -159,7 +159,9 @@ def misfits_of_joint(rows: pl.DataFrame, predicted: pl.DataFrame) -> list[Misfit
             K=measured_over_predicted(predicted, "K"),
             B=measured_over_predicted(predicted, "B"),
         )
-        misfits.append(Misfit(cause, (Beyond("left", left, LARGEST_MISFIT, "above"),), words))
+        misfits.append(
+            PredictionMisfit(cause, (Beyond("left", left, LARGEST_MISFIT, "above"),), words)
+        )
     return misfits
 
 

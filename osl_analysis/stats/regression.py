@@ -334,6 +334,10 @@ def whiteness_row(thinned: Array) -> Row:
     }
 
 
+INTERVAL_ENDS = ("", "_se", "_low", "_high")
+"""Endings of the columns of an estimate: its value, standard error and 95 % interval."""
+
+
 def estimates_row(fit: LinearFit, *names: str) -> dict[str, float]:
     """`name`, `name_se` and the bounds `name_low` and `name_high` of the 95 % interval for each
     name, in SI units."""

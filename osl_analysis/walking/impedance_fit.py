@@ -78,7 +78,7 @@ def fit_response(response: PerturbationResponse) -> LinearFit:
 def gait_torque(response: PerturbationResponse, fit: LinearFit) -> Array:
     """Torque (crossings, k) [N*m] that each unperturbed crossing's deviation from their mean adds.
 
-    It is what the deviation of its torque exceeds that of its angle, by Eq. 15.
+    It is the deviation of its torque, less what Eq. 15 explains by the deviation of its angle.
     """
     deviation = differentiate(response.time, (response.motion.theta - response.thetas).T)
     K, B, I = fit["K"], fit["B"], fit["I"]

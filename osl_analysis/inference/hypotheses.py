@@ -262,8 +262,10 @@ class OneParameter(Hypothesis):
         raise NotImplementedError
 
     def with_others(self, columns: Array) -> Array:
-        """All columns (k, m), from those that depend on the parameter."""
-        return columns
+        """All columns (k, m): those that depend on the parameter stand in place of the first ones
+        of the motion."""
+        others = self.data.motion[len(columns) :]
+        return np.vstack([columns, others]) if len(others) else columns
 
     def model(self, value: float, search: Search) -> tuple[Array, Array]:
         """Columns (k, m) at a value, and the torque (m,) that they explain."""
@@ -435,11 +437,10 @@ class GrowingLag(Hypothesis):
 
         # columns and slope are sums of the terms' columns, whose products are enough to fit them
         products = search.products(of_all_terms)
-        each_column = np.eye(len(self.data.motion))
         lag = 0.0
         for _ in range(NEWTON_STEPS):
-            columns = np.kron(np.array([1.0, lag, lag**2, lag**3]), each_column)
-            slopes = np.kron(np.array([0.0, 1.0, 2 * lag, 3 * lag**2]), each_column)
+            columns = self.sums_of_terms([1.0, lag, lag**2, lag**3])
+            slopes = self.sums_of_terms([0.0, 1.0, 2 * lag, 3 * lag**2])
             estimates = search.fit_products(products.of_sums(columns))[1]
             slope = estimates @ slopes
             with_slope = products.of_sums(np.vstack([columns, slope]))
@@ -459,6 +460,12 @@ class GrowingLag(Hypothesis):
             )
         ]
 
+    def sums_of_terms(self, weights: Sequence[float]) -> Array:
+        """Factors (k, 4 k) that sum the terms of each of the k columns of the motion with these
+        weights."""
+        each_column = np.eye(len(self.data.motion))
+        return np.hstack([weight * each_column for weight in weights])
+
 
 class DriftingClocks(GrowingLag):
     """Clocks of two devices that drift apart, from no lag at the first row."""
@@ -471,18 +478,55 @@ class DriftingClocks(GrowingLag):
         return np.clip(self.data.spectra.share_at_working_rate, 0.0, 1.0)
 
 
-class LagStep(OneParameter):
+class LagStep(Hypothesis):
     """A lag that steps once, as after lost rows: a tenth of a second and more."""
 
     family = "time"
     name = "lag that steps"
     term = "lag that changes at once"
     parameters = (("step of the lag", "s"),)
-    _may_be_large = False
+
+    def candidates(self, search: Search) -> list[Candidate]:
+        # after a small lag the torque differs by its slope
+        slope = search.coefficients @ self.data.motion_at_working_rate(1)
+        moment, left = best_moment(search, slope[None])
+        small = LagStepAt(self.data, moment, may_be_large=False).candidates(search)
+        if self.data.spectra.signals.has_drivetrain:
+            return small  # its friction changes as much as a large lag would
+        # after a large one it is another; where no hypothesis explains the torque, what is left
+        # counts as noise
+        noise = max(search.left / self.data.spectra.freedom, 1.0)
+        moment, left_by_motion = best_moment(search, self.data.motion_at_working_rate())
+        if left - left_by_motion <= 2 * WORTH_A_STEP * noise:
+            return small
+        large = LagStepAt(self.data, moment, may_be_large=True).candidates(search)
+        return min(small, large, key=lambda tried: left_by_first(tried, search))
+
+
+class LagStepAt(OneParameter):
+    """A lag that steps at a moment.
+
+    Parameters
+    ----------
+    data : Whitened
+        The recording.
+    moment : float
+        When it steps [share of the recording].
+    may_be_large : bool
+        Whether steps beyond 8 ms are tried, up to `LONGEST_LAG_STEP`.
+    """
+
+    family = LagStep.family
+    name = LagStep.name
+    term = LagStep.term
+    parameters = LagStep.parameters
+
+    def __init__(self, data: Whitened, moment: float, may_be_large: bool) -> None:
+        self._may_be_large = may_be_large
+        self._is_after = data.spectra.share_at_working_rate > moment
+        super().__init__(data)
 
     def grid(self) -> Array:
-        """Steps that are tried: small ones alone, or up to `LONGEST_LAG_STEP`, in parts of the
-        motion's typical period."""
         larger = np.array([2 * SMALL_LAGS[-1]])
         if self._may_be_large:
             spectra = self.data.spectra
@@ -493,33 +537,6 @@ class LagStep(OneParameter):
         later = np.concatenate([SMALL_LAGS, larger])
         return np.concatenate([-later[::-1], [0.0], later])
 
-    def candidates(self, search: Search) -> list[Candidate]:
-        # after a small lag the torque differs by its slope
-        slope = search.coefficients @ self.data.motion_at_working_rate(1)
-        moment, left = best_moment(search, slope[None])
-        found = self.candidates_at(moment, search, may_be_large=False)
-        if self.data.spectra.signals.has_drivetrain:
-            return found  # its friction changes as much as a large lag would
-        # after a large one it is another; where no hypothesis explains the torque, what is left
-        # counts as noise
-        noise = max(search.left / self.data.spectra.freedom, 1.0)
-        moment, left_by_motion = best_moment(search, self.data.motion_at_working_rate())
-        if left - left_by_motion > 2 * WORTH_A_STEP * noise:
-            large = self.candidates_at(moment, search, may_be_large=True)
-            if large and (not found or self.left_of(large, search) < self.left_of(found, search)):
-                return large
-        return found
-
-    def candidates_at(self, moment: float, search: Search, may_be_large: bool) -> list[Candidate]:
-        """Candidates of a lag that steps at a moment [share of the recording]."""
-        self._may_be_large = may_be_large
-        self._is_after = self.data.spectra.share_at_working_rate > moment
-        return super().candidates(search)
-
-    def left_of(self, candidates: Sequence[Candidate], search: Search) -> float:
-        """What the first candidate leaves of the torque."""
-        return search.fit(candidates[0].columns)[0]
-
     def columns_at(self, value: float) -> Array:
         return self.columns(value)  # those of another moment serve nobody
 
@@ -527,6 +544,11 @@ class LagStep(OneParameter):
         early = self.data.motion_at_working_rate()
         late = self.data.motion_at_working_rate(delay=value)
         return self.data.windowed(np.where(self._is_after, late, early))
+
+
+def left_by_first(candidates: Sequence[Candidate], search: Search) -> float:
+    """What the first of some candidates leaves of the torque; infinite without one."""
+    return search.fit(candidates[0].columns)[0] if candidates else np.inf
 
 
 def best_moment(search: Search, changing: Array) -> tuple[float, float]:
@@ -625,11 +647,8 @@ class Play(OneParameter):
     def grid(self) -> Array:
         return gaps(self.data)
 
-    def columns_at(self, value: float) -> Array:
-        return self.columns(value)  # `Whitened` keeps what is behind a gap
-
     def columns(self, value: float) -> Array:
-        return np.vstack([self.data.behind_gap(value)[:1], self.data.motion[1:]])
+        return self.data.behind_gap(value, is_kept=value in self._grid)[:1]
 
 
 class PlayBeforeDamper(Play):
@@ -638,7 +657,7 @@ class PlayBeforeDamper(Play):
     name = "play before spring and damper"
 
     def columns(self, value: float) -> Array:
-        return np.vstack([self.data.behind_gap(value), self.data.motion[2:]])
+        return self.data.behind_gap(value, is_kept=value in self._grid)
 
 
 def gaps(data: Whitened) -> Array:
@@ -711,9 +730,6 @@ class DeadZone(OneParameter):
         spectra = self.data.spectra
         beyond = spectra.theta - np.clip(spectra.angle, -value / 2, value / 2)
         return self.data.of_product(beyond[None])
-
-    def with_others(self, columns: Array) -> Array:
-        return np.vstack([columns, self.data.motion[1:]])
 
 
 # ---- direction

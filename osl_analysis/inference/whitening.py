@@ -186,16 +186,18 @@ class Whitened:
         everywhere[..., self._kept] = rows
         return everywhere
 
-    def behind_gap(self, width: float) -> Array:
+    def behind_gap(self, width: float, is_kept: bool) -> Array:
         """Whitened angle and velocity (2, m) behind a gap of some width [rad], which follow the
-        joint's when the gap is taken up."""
-        if width not in self._behind_gaps:
-            spectra = self.spectra
-            wound = width / 2 * slipping_spring(spectra.angle, width / 2)
-            spectrum = spectra.spectrum_of(spectra.theta - wound)
-            columns = self.column(np.array([spectrum, spectra.s * spectrum]))
+        joint's when the gap is taken up; kept where another hypothesis tries the same width."""
+        if width in self._behind_gaps:
+            return self._behind_gaps[width]
+        spectra = self.spectra
+        wound = width / 2 * slipping_spring(spectra.angle, width / 2)
+        spectrum = spectra.spectrum_of(spectra.theta - wound)
+        columns = self.column(np.array([spectrum, spectra.s * spectrum]))
+        if is_kept:
             self._behind_gaps[width] = columns
-        return self._behind_gaps[width]
+        return columns
 
     def of_product(self, x: Array) -> Array:
         """Whiten signals (..., p) at the product rate; returns rows (..., m)."""

@@ -13,20 +13,21 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from osl_analysis.inference.constants import BLOCKS, JUMP_ABOVE_NOISE, ROUNDING_DRAWS
+from osl_analysis.inference.constants import (
+    BLOCKS,
+    JUMP_ABOVE_NOISE,
+    KNOWN_ROW,
+    KNOWN_SIZE,
+    ROUNDING_DRAWS,
+    STEEPEST,
+)
 from osl_analysis.inference.spectra import Spectra, Spectrum
 from osl_analysis.trial import Array
 
 SEED = 2  # of the draws: the same recording gives the same numbers
 WIDEST = 0.35  # of the sampling rate; above it the angle is folded by 16 % and more
-LEAST_WIDTH = 1.7  # ends of that band over each other: a narrower one rings
 LEAST_SHARE = 0.4  # of a jump by the lower half of that band, which the upper half shows, too
-STEEPEST = -0.75  # power of the frequency: 0 of jumps; -1 of ramps, which are sampled well
-
-
-FEWEST_JUMPS = BLOCKS  # one in a block; fewer do not move what hundreds of motions tell
-KNOWN_SIZE = 12.0  # jump over noise, from which its size is exact enough to be a column
-KNOWN_ROW = 0.07  # rows of standard deviation, to which a jump is placed between two samples
+LEAST_WIDTH = 1.7  # ends of that band over each other: a narrower one rings
 
 
 @dataclass(frozen=True)
@@ -110,7 +111,8 @@ def acceleration_jumps(spectra: Spectra) -> Jumps:
     is_jump = in_upper * np.sign(in_lower) > LEAST_SHARE * np.abs(in_lower)
     at, in_lower, in_upper = at[is_jump], in_lower[is_jump], in_upper[is_jump]
     kept = float(np.sum(np.abs(in_upper))) / max(float(np.sum(np.abs(in_lower))), 1e-300)
-    if len(at) < FEWEST_JUMPS or kept < (middle / low) ** STEEPEST:
+    # fewer than one in a block do not move what hundreds of motions tell
+    if len(at) < BLOCKS or kept < (middle / low) ** STEEPEST:
         return NO_JUMPS
 
     # the vertex of a parabola through three rows

@@ -43,13 +43,13 @@ OUTERMOST = (0.002, 0.998)  # quantiles of a torque that are its ends, beside no
 UNCLIPPED = 0.5  # share of the rows, about the median torque, in which nothing is cut
 STOPS = np.linspace(0.05, 0.95, 10)  # quantiles of the angle at which a stop may be
 SMALL_LAGS = (1e-3, 4e-3)  # s; steps of a lag that are tried first
-LONGEST_LAG_STEP = 0.15  # s
+LONGEST_LAG_STEP = 0.15  # s; 60 lost rows of 500 Hz are 0.12 s
+# nats that a change of the whole motion must gain beside a small lag before large ones are tried,
+# which take time (a choice, not varied)
+WORTH_A_STEP = 8.0
 LAGS_IN_A_PERIOD = 10  # steps of a lag that are tried in a period of the motion
 CLIPPING_STEPS = 16  # the end and what is beyond it are found in turn
 NEWTON_STEPS = 8  # it doubles the digits of a lag in each
-# nats that a change of the whole motion must gain beside a small lag before large ones are tried:
-# four columns at the best of thirteen moments gain five of noise alone
-WORTH_A_STEP = 8.0
 MOMENTS_AT_ONCE = 2  # two rows fill a processor's vector; more take memory only
 
 

@@ -36,6 +36,11 @@ def test_trials_are_counted_once_by_their_worst_verdict():
     assert first == "3 trials: 0 clear, 1 doubtful, 1 doubtful in part, 1 refused or excluded"
 
 
+def test_a_finding_on_groups_counts_no_trial():
+    of_groups = finding(trials=["all"], table="walking_groups")
+    assert brief_lines(summary(of_groups))[0] == "3 trials: 3 clear"
+
+
 def test_errors_of_a_controller_have_their_intervals():
     line = brief_lines(summary())[1]
     assert line == (

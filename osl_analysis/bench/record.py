@@ -19,7 +19,7 @@ from osl_analysis.bench.bench_settings import (
     Calibration,
     SteppedSineAnalysis,
 )
-from osl_analysis.bench.rounded_signals import drawn_roundings, repeated_share
+from osl_analysis.bench.rounded_signals import drawn_roundings, repeated_share_of
 from osl_analysis.bench.row_groups import Groups, Label, Stratum, joined
 from osl_analysis.errors import InputError
 from osl_analysis.inference import BenchSignals
@@ -172,7 +172,7 @@ class Record:
         for step, density, raw in zip(
             self.steps, self.noise, (self.theta, self.torque), strict=True
         ):
-            share = repeated_share(self.part(raw), step, density, self.rate_hz)
+            share = repeated_share_of(self.part(raw), step, density, self.rate_hz)
             found.append((step or 0.0, share))
         return found
 

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from osl_analysis.inference.rounding_errors import noise_before_rounding, share_left_by_noise
 from osl_analysis.signals import LowPass
 from osl_analysis.trial import Array
 
@@ -54,11 +55,10 @@ def before_rounding(read: Array, step: float) -> Array:
     return np.asarray(np.interp(np.arange(len(read)), place[order], value[order]))
 
 
-def repeated_share(fitted: Array, step: float | None, density: float, rate_hz: float) -> float:
+def repeated_share_of(fitted: Array, step: float | None, density: float, rate_hz: float) -> float:
     """Share of a rounding error that all cycles repeat.
 
-    Noise of s steps before rounding leaves exp(-(2 pi s)^2/2) of it (Widrow and Kollar 2008, ch.
-    5). Rounding of slow motion is not white, and fast motion is no noise: third differences take
+    Rounding of slow motion is not white, and fast motion is no noise: third differences take
     off what is slower than some samples, and in the quietest parts the motion is at a level.
 
     Parameters
@@ -78,10 +78,8 @@ def repeated_share(fitted: Array, step: float | None, density: float, rate_hz: f
     starts = np.arange(0, len(jumps) - 1, SAMPLES_OF_PART)
     quiet = float(np.quantile(np.add.reduceat(jumps, starts) / SAMPLES_OF_PART, QUIETEST_SHARE))
     variance = min(density * rate_hz / 2, quiet)
-    noise = max(variance / step**2 - 1 / 12, 0.0)
-    if noise >= MOST_NOISE:
-        return 0.0
-    return float(np.exp(-2 * np.pi**2 * noise))
+    noise = noise_before_rounding(variance / step**2)
+    return share_left_by_noise(noise) if noise < MOST_NOISE else 0.0
 
 
 def drawn_roundings(
@@ -112,7 +110,7 @@ def drawn_roundings(
     step : float
         Resolution of the signal.
     share : float
-        `repeated_share` of it.
+        `repeated_share_of` it.
     rate_hz : float
         Sampling rate [Hz].
     quick : LowPass

@@ -69,16 +69,23 @@ def rounding_torques(data: Whitened, impedance: Array) -> Array:
 
 
 def repeated_share(spectra: Spectra) -> float:
-    """Share of the rounding error that noise before the encoder leaves to repeat itself.
-
-    Noise of s steps leaves exp(-2 pi^2 s^2) of it (Widrow and Kollár 2008, ch. 5).
-    """
+    """Share of the rounding error that noise before the encoder leaves to repeat itself."""
     step = spectra.signals.encoder_step
     if step <= 0:
         return 0.0
     variance = spectra.angle_noise * spectra.signals.rate_hz / 2 / step**2
-    noise = max(variance - 1 / 12, 0.0)
-    return float(np.exp(-2 * np.pi**2 * noise))
+    return share_left_by_noise(noise_before_rounding(variance))
+
+
+def noise_before_rounding(variance: float) -> float:
+    """Variance [steps^2] of the noise that a sensor rounds, from that of its readings."""
+    return max(variance - 1 / 12, 0.0)
+
+
+def share_left_by_noise(variance: float) -> float:
+    """Share of a rounding error that noise of this variance [steps^2] leaves to repeat itself:
+    exp(-2 pi^2 s^2) for s steps (Widrow and Kollár 2008, ch. 5)."""
+    return float(np.exp(-2 * np.pi**2 * variance))
 
 
 def before_encoder(spectra: Spectra, read: Array) -> tuple[Array, Array]:

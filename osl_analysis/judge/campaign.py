@@ -341,7 +341,7 @@ def by_cause(
         line = known_line(verdict, of, cause, words, [*by_trial], judged_trials)
         evidence = {"measure": ", ".join(limits), "limit": ", ".join(limits.values())}
         numbers = {name: entry[name] for name in FINDING_NUMBERS if entry[name] is not None}
-        yield {**line, **evidence, "worst": worst, **numbers}
+        yield {**line, **evidence, "table": entry["table"], "worst": worst, **numbers}
 
 
 def known_line(

@@ -19,6 +19,8 @@ UNCHECKED = "not checked"
 IN_PART = "doubtful in part"
 GRADES = {"doubtful": "⚠", IN_PART: "⚠", "flagged": "⚠", "remark": "·"}
 """Marks of findings by verdict. What could not be checked has one line in all."""
+OF_GROUPS = "walking_groups"
+"""The table whose findings are on groups of trials, not on trials."""
 SIZES = (("K", "N*m/rad"), ("B", "N*m*s/rad"), ("I", "kg*m^2"))
 
 
@@ -52,7 +54,7 @@ def trials_line(summary: Mapping[str, Any]) -> str:
     """How many trials are clear, doubtful, doubtful in part, flagged, and left out."""
     by_verdict: dict[str, set[str]] = {"doubtful": set(), IN_PART: set(), "flagged": set()}
     for finding in summary.get("findings", ()):
-        if finding["verdict"] in by_verdict and finding["of"] != "walking groups":
+        if finding["verdict"] in by_verdict and finding.get("table") != OF_GROUPS:
             by_verdict[finding["verdict"]].update(finding["trials"])
     counted = set[str]()
     parts = []

@@ -2,6 +2,7 @@
 mean lowers it."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import polars as pl
@@ -26,6 +27,8 @@ from osl_analysis.bench.bench_settings import BeltAnalysis, Calibration
 from osl_analysis.bench.coulomb import coulomb_fits
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums, sums_of
 from osl_analysis.bench.frequency_response import frequency_response_table
+from osl_analysis.bench.gram import GroupFit
+from osl_analysis.bench.known_spring import Known, LateFits, bench_estimates
 from osl_analysis.bench.phasors import phasor_table, phasors_of_record
 from osl_analysis.bench.prediction import COMPONENTS, components_of
 from osl_analysis.bench.torque_angle_tables import curve_table, torque_angle_table
@@ -323,3 +326,34 @@ def test_a_known_inertia_tells_them_too_with_its_bearing_and_weight():
         InputError, match=r"spring: a calibration needs what is known; fill in known_K"
     ):
         calibrated(trial)
+
+
+def test_the_error_of_a_fixtures_inertia_has_that_of_the_gain_and_their_covariance():
+    """By the derivative of I K_known/K, taken numerically."""
+    estimates = np.array([290.0, 0.02, 1e-3])
+    deviations = np.array([2.0, 4e-4, 1e-5])
+    correlation = np.array([[1.0, 0.6, 0.0], [0.6, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    covariance = correlation * np.outer(deviations, deviations)
+    fit = GroupFit(
+        names=("K", "I", "lag_s"), estimates=estimates, covariance=covariance, vaf=99.0,
+        r_squared=0.99, condition_number=1.0, correlation_samples=1, samples=1000,
+        interval_method="units", degrees_of_freedom=np.full(3, 20.0), residual=np.empty(0),
+        largest_correlation=0.6,
+    )  # fmt: skip
+    record = SimpleNamespace(name="spring", band_hz=(1.0, 5.0))
+
+    found = bench_estimates(record, LateFits(fit, fit), Known(300.0, None), of=300.0)
+
+    def inertia(K, I):
+        return I * 300.0 / K
+
+    step = 1e-6
+    slope = np.array(
+        [
+            (inertia(290.0 * (1 + step), 0.02) - inertia(290.0, 0.02)) / (290.0 * step),
+            (inertia(290.0, 0.02 * (1 + step)) - inertia(290.0, 0.02)) / (0.02 * step),
+        ]
+    )
+    expected = np.sqrt(slope @ covariance[:2, :2] @ slope)
+    assert found["inertia"] == pytest.approx(inertia(290.0, 0.02))
+    assert found.se("inertia") == pytest.approx(expected, rel=1e-4)

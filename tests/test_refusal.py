@@ -268,15 +268,14 @@ from osl_analysis.jobs import workers
 
 os.environ["OMP_NUM_THREADS"] = "64"
 first = workers.Worker()
-environment = first.pool.submit(os.getenv, "OMP_NUM_THREADS").result()
-same = first.pool.submit(os.getpid).result() == first.process.pid
-session = first.pool.submit(signal.getsignal, signal.SIGINT).result() == signal.SIG_IGN
+environment = first.call(os.getenv, "OMP_NUM_THREADS")
+same = first.call(os.getpid) == first.process.pid
+session = first.call(signal.getsignal, signal.SIGINT) == signal.SIG_IGN
 mapped = open(f"/proc/{first.process.pid}/maps").read()
 second = workers.Worker()
 os.kill(first.process.pid, signal.SIGKILL)
-lives = second.pool.submit(os.getpid).result() == second.process.pid
-first.pool.shutdown()
-print([environment, same, session, "llvmlite" in mapped, lives, first.process.exitcode])
+lives = second.call(os.getpid) == second.process.pid
+print([environment, same, session, "llvmlite" in mapped, lives, first.end()])
 workers.IDLE["bench"].append(second)
 if sys.argv[1:] == ["killed"]:
     print(second.process.pid, flush=True)

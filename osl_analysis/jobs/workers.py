@@ -10,9 +10,8 @@ import os
 import signal
 import threading
 from collections import defaultdict
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
-from multiprocessing.process import BaseProcess
+from collections.abc import Callable
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
@@ -36,19 +35,46 @@ CRASHES = ("SIGSEGV", "SIGBUS", "SIGABRT", "SIGILL", "SIGFPE")
 """Signals of a library that crashes on a damaged file. It would crash on it again."""
 
 
+ASKING = threading.Lock()
+"""Held by the one thread that may ask how processes ended. Each tells it only once, and to start
+another process asks it of all."""
+
+
 class Worker:
     """A process that does one job after another."""
 
     def __init__(self) -> None:
         os.environ.update(ENVIRONMENT)
-        method = "forkserver" if hasattr(os, "fork") else "spawn"
-        context = multiprocessing.get_context(method)
+        context: Any = multiprocessing.get_context("forkserver" if hasattr(os, "fork") else "spawn")
         context.set_forkserver_preload(PRELOADED)
-        self.pool = ProcessPoolExecutor(1, context, initializer=begin)
-        pid = self.pool.submit(os.getpid).result()
-        self.process: BaseProcess = next(
-            process for process in multiprocessing.active_children() if process.pid == pid
-        )
+        self.connection, far_end = context.Pipe()
+        self.process = context.Process(target=serve, args=(far_end,), daemon=True)
+        with ASKING:
+            self.process.start()
+        far_end.close()  # so that the end of the process ends the connection
+
+    def call(self, function: Callable[..., Any], *given: Any) -> Any:
+        """What a function gives, called in the process.
+
+        Raises
+        ------
+        EOFError, ConnectionError
+            The process has ended.
+        """
+        self.connection.send((function, given))
+        result, error = self.connection.recv()
+        if error is not None:
+            raise error
+        return result
+
+    def end(self) -> int | None:
+        """End the process when it has done its job; its exit code: if it was killed, the negative
+        number of the signal."""
+        self.connection.close()
+        with ASKING:
+            self.process.join()
+            exit_code: int | None = self.process.exitcode
+        return exit_code
 
 
 IDLE: defaultdict[str, list[Worker]] = defaultdict(list)
@@ -60,16 +86,27 @@ def end_workers() -> None:
     """End the workers, if there are any, and free what they shared with this process."""
     for workers in IDLE.values():
         while workers:
-            workers.pop().pool.shutdown()
+            workers.pop().end()
     if IDLE:
         gc.collect()
 
 
-def begin() -> None:
-    """Begin a worker: Ctrl-C is for Snakemake, which lets begun jobs end; without it there is no
-    more to do."""
+def serve(connection: Connection) -> None:
+    """Answer calls in a worker until the connection ends. Ctrl-C is for Snakemake, which lets begun
+    jobs end; without it there is no more to do."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=end_with_snakemake, daemon=True).start()
+    while True:
+        try:
+            function, given = connection.recv()
+        except EOFError:
+            return
+        result, failure = None, None
+        try:
+            result = function(*given)
+        except Exception as error:
+            failure = error
+        connection.send((result, failure))
 
 
 def end_with_snakemake() -> None:
@@ -114,10 +151,9 @@ def job(command: str, input: Any, output: Any, params: Any, log: Any) -> None:
     idle = IDLE[command.partition(".")[0]]
     worker = idle.pop() if idle else Worker()
     try:
-        worker.pool.submit(do, *given).result()
-    except BrokenProcessPool:
-        worker.pool.shutdown()  # it reads how the process ended, which only one thread can do
-        after_kill(worker.process, *given)
+        worker.call(do, *given)
+    except (EOFError, ConnectionError):
+        after_kill(worker, *given)
         return
     except BaseException:
         idle.append(worker)
@@ -141,14 +177,14 @@ def outputs_of(output: Any) -> dict[str, str | list[str]]:
     return {"output": files[0]} if len(files) == 1 else {"outputs": files}
 
 
-def after_kill(worker: BaseProcess, *given: Any) -> None:
+def after_kill(worker: Worker, *given: Any) -> None:
     """End a job whose worker was killed. If its recording makes a library crash, it is refused;
     else it is an error, and Snakemake tries again (`retries` of the profile)."""
     from osl_analysis.outcomes.perform import Job, end_killed
 
     job = Job(*given)
     for file in job.files:
-        temporary_path(file, worker.pid or 0).unlink(missing_ok=True)
+        temporary_path(file, worker.process.pid or 0).unlink(missing_ok=True)
     names = {-number.value: number.name for number in signal.Signals}
-    name = names.get(worker.exitcode or 0, "from outside")
+    name = names.get(worker.end() or 0, "from outside")
     end_killed(job, name, is_crash=name in CRASHES)

@@ -13,6 +13,7 @@ the delayed angle, velocity and acceleration.
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -49,6 +50,7 @@ LONGEST_LAG_STEP = 0.15  # s; 60 lost rows of 500 Hz are 0.12 s
 WORTH_A_STEP = 8.0
 LAGS_IN_A_PERIOD = 10  # steps of a lag that are tried in a period of the motion
 CLIPPING_STEPS = 16  # the end and what is beyond it are found in turn
+FOUND = 1e-9  # relative change of K, B and I by a step that is the last one
 NEWTON_STEPS = 8  # it doubles the digits of a lag in each
 MOMENTS_AT_ONCE = 2  # two rows fill a processor's vector; more take memory only
 
@@ -134,6 +136,18 @@ class Search:
             return self._beside.fit_rest(columns, self._rest)
         return self._beside.fit(columns, torque)
 
+    @cached_property
+    def may_be_path(self) -> bool:
+        """Whether jerk and snap beside the motion gain anything, as they do for any path: to first
+        order in its delay or compliance a path adds multiples of them to Eq. 15."""
+        left, _ = self.fit(self.data.higher_motion)
+        return not self.is_body or self.left - left >= 2 * WORTH_REFINING
+
+    @property
+    def is_body(self) -> bool:
+        """Whether B and I of Eq. 15 alone are positive."""
+        return float(self.impedance[1:].min()) > 0.0
+
     def products(self, columns: Array) -> Products:
         """Products of columns (k, m), whose sums `fit_products` fits."""
         return self._beside.products(columns, self._rest)
@@ -148,8 +162,7 @@ class Search:
         A delay has a false minimum beside the true one.
         """
         values = np.array([left(x) for x in grid.tolist()])
-        is_body = float(self.impedance[1:].min()) > 0.0
-        if is_body and self.left - values.min() < 2 * WORTH_REFINING:
+        if self.is_body and self.left - values.min() < 2 * WORTH_REFINING:
             return []
         found = []
         for k in np.argsort(values).tolist():
@@ -223,7 +236,7 @@ class Drivetrain(Hypothesis):
 
     def candidates(self, search: Search) -> list[Candidate]:
         spectra = self.data.spectra
-        columns = self.data.column(spectra.derivatives)
+        columns = self.data.higher_motion
         in_time = scipy.fft.irfft(spectra.derivatives * spectra.roll_off, spectra.working)
         rows = in_time[:, spectra.rows]
         rows = rows - rows.mean(axis=1, keepdims=True)
@@ -301,9 +314,16 @@ class OneParameter(Hypothesis):
 
 
 class Path(OneParameter):
-    """A linear filter between the joint's torque and its record."""
+    """What lies between the joint's torque and its record."""
 
     family = "path"
+
+    def candidates(self, search: Search) -> list[Candidate]:
+        return super().candidates(search) if search.may_be_path else []
+
+
+class Filter(Path):
+    """A linear filter of the torque."""
 
     def grid(self) -> Array:
         return np.geomspace(*LAGS, 11)
@@ -316,7 +336,7 @@ class Path(OneParameter):
         return self.data.column(self.data.spectra.derivatives[:3] * self.response(value))
 
 
-class Delay(Path):
+class Delay(Filter):
     """A torque that is late by a constant time, or early if it is negative."""
 
     name = "delay"
@@ -330,7 +350,7 @@ class Delay(Path):
         return np.asarray(np.exp(-value * self.data.spectra.s))
 
 
-class LowPass(Path):
+class LowPass(Filter):
     """A torque behind a low-pass of first order."""
 
     name = "low-pass"
@@ -341,7 +361,7 @@ class LowPass(Path):
         return 1 / (1 + value * self.data.spectra.s)
 
 
-class SecondOrderLowPass(Path):
+class SecondOrderLowPass(Filter):
     """A torque behind a Butterworth low-pass of second order."""
 
     name = "low-pass of second order"
@@ -353,7 +373,7 @@ class SecondOrderLowPass(Path):
         return np.asarray(1 / (1 + np.sqrt(2.0) * of_corner + of_corner**2))
 
 
-class MovingMean(Path):
+class MovingMean(Filter):
     """A torque that is the mean over the time before, or is held for that time."""
 
     name = "moving mean"
@@ -366,7 +386,7 @@ class MovingMean(Path):
         return np.asarray(held)
 
 
-class Resonance(Path):
+class Resonance(Filter):
     """A torque behind a frame that resonates."""
 
     name = "resonance"
@@ -381,14 +401,13 @@ class Resonance(Path):
         return 1 / (1 + RESONANCE_DAMPING * of_corner + of_corner**2)
 
 
-class SeriesSpring(OneParameter):
+class SeriesSpring(Path):
     """A spring between the angle's encoder and the joint.
 
     With Z = K + B s + I s^2 and the compliance c the torque is Z/(1 + c Z) theta, which is not
     linear in K, B and I: Gauss-Newton steps linearise it.
     """
 
-    family = "path"
     name = "spring in series"
     term = "yielding bench"
     parameters = (("compliance", "rad/(N*m)"),)
@@ -491,8 +510,6 @@ class LagStep(Hypothesis):
         slope = search.coefficients @ self.data.motion_at_working_rate(1)
         moment, left = best_moment(search, slope[None])
         small = LagStepAt(self.data, moment, may_be_large=False).candidates(search)
-        if self.data.spectra.signals.has_drivetrain:
-            return small  # its friction changes as much as a large lag would
         # after a large one it is another; where no hypothesis explains the torque, what is left
         # counts as noise
         noise = max(search.left / self.data.spectra.freedom, 1.0)
@@ -787,6 +804,7 @@ class Clipping(Hypothesis):
         coefficients = solve_scaled(beside[:, small], recorded[small])[: len(motion)]
         torque = self.data.torque
         for _ in range(CLIPPING_STEPS):
+            ends_before, coefficients_before = (low, high), coefficients
             modelled = coefficients @ motion
             size = np.abs(modelled - np.median(modelled[spectra.inside]))
             small = spectra.inside & (size <= np.quantile(size[spectra.inside], UNCLIPPED))
@@ -800,6 +818,9 @@ class Clipping(Hypothesis):
             missing = modelled - np.clip(modelled, low, high)
             torque = self.data.torque + self.data.of_product(missing)
             coefficients = search.fit(self.data.motion, torque)[1]
+            has_moved = np.abs(coefficients - coefficients_before) > FOUND * np.abs(coefficients)
+            if (low, high) == ends_before and not has_moved.any():
+                break
         return [Candidate(self, self.data.motion, torque)]
 
 
@@ -833,14 +854,12 @@ OTHER_FAULTS: tuple[type[Hypothesis], ...] = (
 def hypotheses_for(data: Whitened) -> list[Hypothesis]:
     """All hypotheses that compete for a recording.
 
-    A drivetrain delays and filters the torque by itself: its path is no fault, and a belt's angle
-    judges lateness.
+    Of a drivetrain none is a fault: it delays and filters the torque by itself, and its friction
+    changes more than most faults do.
     """
-    kinds: tuple[type[Hypothesis], ...]
+    kinds = (*SOUND, *PATHS, *OTHER_FAULTS)
     if data.spectra.actuator_spectrum is not None:
-        kinds = (*SOUND, *OTHER_FAULTS)
+        kinds = SOUND
     elif data.spectra.signals.has_drivetrain:
-        kinds = (*SOUND, Drivetrain, *OTHER_FAULTS)
-    else:
-        kinds = (*SOUND, *PATHS, *OTHER_FAULTS)
+        kinds = (*SOUND, Drivetrain)
     return [kind(data) for kind in kinds]

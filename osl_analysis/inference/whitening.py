@@ -124,6 +124,11 @@ class Whitened:
             tried.append((left, Reflex(delay, columns)))
         return min(tried, key=lambda each: each[0])[1]
 
+    @cached_property
+    def higher_motion(self) -> Array:
+        """Whitened angle and its first four derivatives (5, m)."""
+        return self.column(self.spectra.derivatives)
+
     def motion_at_product_rate(self) -> Array:
         """The columns of `motion` before whitening, (3, p) or (4, p)."""
         spectra = self.spectra

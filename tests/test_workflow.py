@@ -507,9 +507,7 @@ def test_a_run_with_bad_trials_ends_with_a_line_for_each_with_file_reason_and_re
     ].splitlines()
     for told, (trial, reason) in zip(said, sorted(BAD.items()), strict=False):
         assert re.match(rf"  trial {re.escape(trial)}, file raw_data/small/\S*{reason}", told), told
-    assert (
-        "killed: walking_05: the process of this job was killed (SIGKILL); run" in laboratory.said
-    )
+    assert "walking_05: its process was killed (SIGKILL), and it was done again" in laboratory.said
     assert said[-2] == "  therefore not made: figure fig4"
     assert "`exclude` in the sample sheet" in said[-1]
 

@@ -148,17 +148,38 @@ def job(command: str, input: Any, output: Any, params: Any, log: Any) -> None:
             " package changes: add `made_by=MADE_BY` to its params"
         )
     given = (command, plain_files(input), outputs_of(output), named, Path(log[0]))
+    killed_by = do_in_worker(given)
+    if killed_by and killed_by not in CRASHES:  # once more: memory may have been short
+        killed_by = do_in_worker((*given, killed_by))
+    if killed_by:
+        from osl_analysis.outcomes.perform import Job, end_killed
+
+        end_killed(Job(*given), killed_by, is_crash=killed_by in CRASHES)
+
+
+def do_in_worker(given: tuple[Any, ...]) -> str:
+    """Do a job in a worker; returns what killed the worker, if it was killed before the end."""
+    command, _, outputs, *_ = given
     idle = IDLE[command.partition(".")[0]]
     worker = idle.pop() if idle else Worker()
     try:
         worker.call(do, *given)
     except (EOFError, ConnectionError):
-        after_kill(worker, *given)
-        return
+        remove_unfinished(outputs, worker.process.pid)
+        names = {-number.value: number.name for number in signal.Signals}
+        return names.get(worker.end() or 0, "from outside")
     except BaseException:
         idle.append(worker)
         raise
     idle.append(worker)
+    return ""
+
+
+def remove_unfinished(outputs: dict[str, str | list[str]], pid: int) -> None:
+    """Remove what a killed worker has begun to write."""
+    for files in outputs.values():
+        for file in [files] if isinstance(files, str) else files:
+            temporary_path(Path(file), pid).unlink(missing_ok=True)
 
 
 def plain_files(input: Any) -> dict[str, str | list[str]]:
@@ -175,16 +196,3 @@ def outputs_of(output: Any) -> dict[str, str | list[str]]:
         return by_name
     files = list(map(str, output))
     return {"output": files[0]} if len(files) == 1 else {"outputs": files}
-
-
-def after_kill(worker: Worker, *given: Any) -> None:
-    """End a job whose worker was killed. If its recording makes a library crash, it is refused;
-    else it is an error, and Snakemake tries again (`retries` of the profile)."""
-    from osl_analysis.outcomes.perform import Job, end_killed
-
-    job = Job(*given)
-    for file in job.files:
-        temporary_path(file, worker.process.pid or 0).unlink(missing_ok=True)
-    names = {-number.value: number.name for number in signal.Signals}
-    name = names.get(worker.end() or 0, "from outside")
-    end_killed(job, name, is_crash=name in CRASHES)

@@ -73,6 +73,7 @@ class Job:
     outputs: Mapping[str, Any]  # a file, or a list of files, by name
     params: Mapping[str, Any]
     log: Path
+    killed_by: str = ""  # what killed the process that began the job before
 
     @property
     def files(self) -> list[Path]:
@@ -143,6 +144,9 @@ def perform(job: Job) -> None:
             ending = Ending("failed", unexpected(error), traceback=traceback.format_exc())
     seconds = round(time.perf_counter() - start, 3)
     texts = [printable(str(warning.message)) for warning in caught]
+    if job.killed_by:
+        name = job.trial or job.files[0].name
+        texts.insert(0, f"{name}: its process was killed ({job.killed_by}), and it was done again")
 
     if cannot_write is None and ending.outcome != "done":
         refuse(job, causes or [refusal(job, ending)])
@@ -251,13 +255,13 @@ def refusal(job: Job, ending: Ending) -> Refusal:
 
 
 def end_killed(job: Job, signal_name: str, is_crash: bool) -> None:
-    """Write the log of a job whose process was killed. A library that crashed on the recording
-    would crash again: the recording is refused.
+    """Write the log of a job whose process was killed for the second time, or crashed. A library
+    that crashed on the recording would crash again: the recording is refused.
 
     Raises
     ------
     WriteError
-        It is no crash on a recording, so that the job is to be tried again.
+        It is no crash on a recording, so that the next run is to try the job again.
     """
     if is_crash and job.recordings:
         reason = f"{' or '.join(job.recordings)}: a library that reads it crashed ({signal_name})"

@@ -29,6 +29,7 @@ rule complete:
         trials=expand("<results>/trials/{trial}.parquet", trial=TRIALS),
         fits=FITS,
         tables=TABLES,
+        tables_for_paper=PAPER_TABLES,
         figures=FIGURE_FILES,
         settings="<results>/tables/settings.csv",
         summary="<results>/summary.json",

@@ -280,6 +280,19 @@ def tables(*names):
     return expand("<results>/tables/{table}.csv", table=of_campaign)
 
 
+COMPONENT_SUMMARIES = tables(*(f"{part}_summary" for part in PARTS))
+PAPER_TABLES = []
+for name, is_made in (
+    ("conditions", "impedance" in TABLE_NAMES),
+    ("components", bool(COMPONENT_SUMMARIES)),
+):
+    if is_made:
+        PAPER_TABLES += [
+            f"<results>/tables/latex/{name}.tex",
+            f"<results>/tables/markdown/{name}.md",
+        ]
+
+
 def evidence_of(*names):
     """The evidence that is read beside the table `impedance`, where it is one of these tables."""
     return tables("impedance_evidence") if "impedance" in names else []

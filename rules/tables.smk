@@ -203,3 +203,47 @@ rule headline_numbers:
         made_by=MADE_BY,
     run:
         job("tables.write_summary", input, output, params, log)
+
+
+if "impedance" in TABLE_NAMES:
+
+    localrules:
+        conditions_for_paper,
+
+    rule conditions_for_paper:
+        """K, B and I of each condition, as a table for a paper."""
+        input:
+            table="<results>/tables/impedance.csv",
+            evidence="<results>/tables/impedance_evidence.csv",
+        output:
+            tex="<results>/tables/latex/conditions.tex",
+            markdown="<results>/tables/markdown/conditions.md",
+        log:
+            "<logs>/tables/conditions.log",
+        params:
+            about=ABOUT,
+            made_by=MADE_BY,
+        run:
+            job("tables.write_conditions", input, output, params, log)
+
+
+if COMPONENT_SUMMARIES:
+
+    localrules:
+        components_for_paper,
+
+    rule components_for_paper:
+        """The measured components, as a table for a paper."""
+        input:
+            summaries=COMPONENT_SUMMARIES,
+        output:
+            tex="<results>/tables/latex/components.tex",
+            markdown="<results>/tables/markdown/components.md",
+        log:
+            "<logs>/tables/components.log",
+        params:
+            about=ABOUT,
+            beside_draft=CAMPAIGN.beside_draft,
+            made_by=MADE_BY,
+        run:
+            job("tables.write_components", input, output, params, log)

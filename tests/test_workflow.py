@@ -335,8 +335,8 @@ def test_a_threshold_that_excludes_nobody_makes_only_the_judgement_again(workspa
     space = Workspace(tmp_path, workspace)
     space.configure({"quality": {"gap": {"threshold": "0.06 s", "on_failure": "exclude"}}})
     judgement = {"judge", "excluded_trials", "findings", "headline_numbers", "report_page"}
-    captions = {"captions"}  # which name the configuration
-    assert space.planned().keys() <= judgement | captions
+    named = {"captions", "conditions_for_paper", "components_for_paper"}  # the configuration
+    assert space.planned().keys() <= judgement | named
 
 
 def test_another_version_of_the_program_makes_everything_again(workspace, tmp_path):

@@ -77,7 +77,7 @@ def write_bundle(folder: Path, output: Path, licence: str, raw: bool) -> int:
             copy(config.results / name, crate / "results" / name)
         current = {*described_tables_by_name(), *FIGURES, "captions"}
         for file in (crate / "results").glob("*/*"):
-            if file.stem not in current:  # an older release left it
+            if file.is_file() and file.stem not in current:  # an older release left it
                 file.unlink()
         made = [file for file in (crate / "results").rglob("*") if file.is_file()]
         title = f"Campaign {config.campaign}, analysed with osl-analysis {summary['version']}"

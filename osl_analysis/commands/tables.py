@@ -13,7 +13,7 @@ from osl_analysis.campaign.configuration import FOUND
 from osl_analysis.campaign.origin import sentence
 from osl_analysis.config.experiments import judged_tables
 from osl_analysis.errors import InputError
-from osl_analysis.files import atomic_path
+from osl_analysis.files import atomic_path, write_text
 from osl_analysis.judge.campaign import campaign_findings, known_of
 from osl_analysis.judge.claims import Claims, claims_table
 from osl_analysis.judge.exclusions import Judge
@@ -24,6 +24,7 @@ from osl_analysis.model.drivetrain import FileOrNone, joint_of, read_parameters
 from osl_analysis.outcomes.job_log import read_log
 from osl_analysis.refusal import Refusal, check_not_refused, refused_trials
 from osl_analysis.report import headlines
+from osl_analysis.report.paper_tables import PaperTable, components_table, conditions_table
 from osl_analysis.stats.repeats import sizes_said
 from osl_analysis.table import OF_ROW, Places, read_table, with_evidence, with_places, write_table
 
@@ -222,6 +223,31 @@ def write_summary(
         json_path.write_text(headlines.to_json(about, numbers, missing | said), encoding="utf-8")
         remarks = [intervals, *lacks] if intervals else lacks
         tex_path.write_text(headlines.to_tex(about, numbers, remarks), encoding="utf-8")
+
+
+def write_conditions(table: Path, about: Mapping[str, str], tex: Path, markdown: Path) -> None:
+    """Write K, B and I of each condition in `impedance.csv` as a table for a paper."""
+    write_paper_table(conditions_table(with_evidence(table)), about, tex, markdown)
+
+
+def write_components(
+    summaries: Mapping[str, Path],
+    about: Mapping[str, str],
+    beside_draft: bool,
+    tex: Path,
+    markdown: Path,
+) -> None:
+    """Write the measured components as a table for a paper, with the draft's values if
+    `beside_draft`."""
+    tables = {name: read_table(path) for name, path in summaries.items()}
+    write_paper_table(components_table(tables, beside_draft), about, tex, markdown)
+
+
+def write_paper_table(
+    table: PaperTable, about: Mapping[str, str], tex: Path, markdown: Path
+) -> None:
+    write_text(tex, table.to_tex(sentence(about)))
+    write_text(markdown, table.to_markdown(sentence(about)))
 
 
 def read_summary(summary_json: Path) -> dict[str, Any]:

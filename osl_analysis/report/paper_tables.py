@@ -1,0 +1,336 @@
+"""Two tables for a paper, in LaTeX and in Markdown: K, B and I of each condition, and the
+components of the drivetrain, as in Table I."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import polars as pl
+
+from osl_analysis.report.headlines import (
+    FEW,
+    FOR_MOTION,
+    LABELS,
+    SPECIAL,
+    STUDENT,
+    digits_of,
+    fixed,
+    markdown_table,
+)
+from osl_analysis.stats.repeats import DOUBTFUL, IS_DOUBTFUL, counted, summary_row
+
+
+@dataclass(frozen=True)
+class Symbol:
+    """A quantity with its unit, at the head of a column or a row."""
+
+    in_tex: str  # in mathematics
+    in_text: str
+    unit_in_tex: str  # of siunitx
+    unit: str
+
+    def tex(self) -> str:
+        return f"${self.in_tex}$ / \\unit{{{self.unit_in_tex}}}"
+
+    def markdown(self) -> str:
+        return f"{self.in_text} [{self.unit}]"
+
+
+STIFFNESS = (r"\newton\meter\per\radian", "N·m/rad")
+DAMPING = (r"\newton\meter\second\per\radian", "N·m·s/rad")
+INERTIA = (r"\kilogram\meter\squared", "kg·m²")
+TORQUE = (r"\newton\meter", "N·m")
+TORQUE_PER_CURRENT = (r"\newton\meter\per\ampere", "N·m/A")
+
+STATED = {
+    "K_d": Symbol(r"K_\mathrm{d}", "K_d", *STIFFNESS),
+    "B_d": Symbol(r"B_\mathrm{d}", "B_d", *DAMPING),
+}
+"""What the controller was asked for, by column of `impedance.csv`."""
+ESTIMATED = {
+    "K": Symbol("K", "K", *STIFFNESS),
+    "B": Symbol("B", "B", *DAMPING),
+    "B_viscous": Symbol(r"B_\mathrm{viscous}", "B_viscous", *DAMPING),
+    "I": Symbol("I", "I", *INERTIA),
+    "VAF": Symbol(r"\mathrm{VAF}", "VAF", r"\percent", "%"),
+}
+"""What was estimated, by column of `impedance.csv`."""
+COMPONENTS = {
+    "belt_summary": {"K_s": Symbol(r"K_\mathrm{s}", "K_s", *STIFFNESS)},
+    "transmission_summary": {
+        "B_j": Symbol(r"B_\mathrm{j}", "B_j", *DAMPING),
+        "J_j": Symbol(r"J_\mathrm{j}", "J_j", *INERTIA),
+    },
+    "actuator_summary": {
+        "k_tau_n_m": Symbol(r"k_\tau n_\mathrm{m}", "k_τ n_m", *TORQUE_PER_CURRENT),
+        "f_C": Symbol(r"f_\mathrm{C}", "f_C", *TORQUE),
+        "f_G": Symbol(r"f_\mathrm{G}", "f_G", *TORQUE_PER_CURRENT),
+        "B_m": Symbol(r"B_\mathrm{m}", "B_m", *DAMPING),
+        "J_m": Symbol(r"J_\mathrm{m}", "J_m", *INERTIA),
+    },
+}
+"""The parameters of Eqs. 1 to 4, by table and its `quantity`."""
+DOUBTFUL_SIGN = "†"
+SPECIAL_SIGNS = {**SPECIAL, DOUBTFUL_SIGN: r"$^\dagger$"}
+NO_NUMBER = "{--}"  # in braces, so that siunitx takes it for text
+
+
+@dataclass(frozen=True)
+class Stated:
+    """A value that somebody wrote down, or none."""
+
+    value: float | None
+
+    def written(self) -> tuple[str, ...]:
+        """The value with all of its digits."""
+        return () if self.value is None else (f"{self.value:g}",)
+
+
+@dataclass(frozen=True)
+class Estimated:
+    """A value, or none, with the ends of its 95 % interval, if it has one."""
+
+    value: float | None
+    low: float | None = None
+    high: float | None = None
+
+    def written(self) -> tuple[str, ...]:
+        """The value and the ends of its interval, rounded by the interval."""
+        if self.value is None:
+            return ()
+        digits, digits_of_ends = digits_of(self.value, self.low, self.high)
+        value = fixed(self.value, digits)
+        if self.low is None or self.high is None:
+            return (value,)
+        return value, fixed(self.low, digits_of_ends), fixed(self.high, digits_of_ends)
+
+
+@dataclass(frozen=True)
+class Words:
+    """A column of words, or of symbols."""
+
+    head: str
+    cells: Sequence[str | Symbol]
+
+    def formats(self) -> str:
+        return "l"
+
+    def head_tex(self) -> str:
+        return f"{{{self.head}}}"
+
+    def cells_tex(self) -> list[list[str]]:
+        texts = []
+        for cell in self.cells:
+            if isinstance(cell, Symbol):
+                texts.append(cell.tex())
+            else:
+                texts.append("".join(SPECIAL_SIGNS.get(sign, sign) for sign in cell))
+        return [texts]
+
+    def markdown(self) -> list[str]:
+        cells = [cell.markdown() if isinstance(cell, Symbol) else cell for cell in self.cells]
+        return [self.head, *cells]
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """A column of numbers; in LaTeX two, so that the decimal points of the values are aligned."""
+
+    head: str | Symbol
+    cells: Sequence[Stated | Estimated]
+
+    def has_intervals(self) -> bool:
+        return any(len(cell.written()) > 1 for cell in self.cells)
+
+    def values(self) -> list[str]:
+        return [cell.written()[0] if cell.written() else NO_NUMBER for cell in self.cells]
+
+    def formats(self) -> str:
+        of_values = f"S[table-format={table_format(self.values())}]"
+        return rf"{of_values} @{{\ }}l" if self.has_intervals() else of_values
+
+    def head_tex(self) -> str:
+        head = self.head.tex() if isinstance(self.head, Symbol) else self.head
+        return rf"\multicolumn{{2}}{{c}}{{{head}}}" if self.has_intervals() else f"{{{head}}}"
+
+    def cells_tex(self) -> list[list[str]]:
+        if not self.has_intervals():
+            return [self.values()]
+        intervals = []
+        for cell in self.cells:
+            ends = cell.written()[1:]
+            intervals.append(rf"[\num{{{ends[0]}}}, \num{{{ends[1]}}}]" if ends else "")
+        return [self.values(), intervals]
+
+    def markdown(self) -> list[str]:
+        texts = [self.head.markdown() if isinstance(self.head, Symbol) else self.head]
+        for cell in self.cells:
+            value, *ends = cell.written() or ("–",)
+            texts.append(f"{value} [{', '.join(ends)}]" if ends else value)
+        return texts
+
+
+@dataclass(frozen=True)
+class PaperTable:
+    """A table, and what is said below it."""
+
+    columns: Sequence[Words | Numbers]
+    notes: Sequence[str]
+
+    def to_tex(self, origin: str) -> str:
+        r"""The table as a `tabular` of booktabs and siunitx (version 3), to be `\input`."""
+        formats = " ".join(column.formats() for column in self.columns)
+        head = " & ".join(column.head_tex() for column in self.columns)
+        cells = [texts for column in self.columns for texts in column.cells_tex()]
+        rows = [" & ".join(row) for row in zip(*cells, strict=True)]
+        lines = [
+            f"% {origin}",
+            r"% \usepackage{booktabs, siunitx}; \input this file in a table environment.",
+            *(f"% {note}" for note in self.notes),
+            rf"\begin{{tabular}}{{{formats}}}",
+            r"\toprule",
+            rf"{head} \\",
+            r"\midrule",
+            *(rf"{row} \\" for row in rows),
+            r"\bottomrule",
+            r"\end{tabular}",
+        ]
+        return "\n".join(lines) + "\n"
+
+    def to_markdown(self, origin: str) -> str:
+        """The table in Markdown, with a number and its interval in one cell."""
+        rows = zip(*(column.markdown() for column in self.columns), strict=True)
+        below = "".join(f"\n{note}\n" for note in (*self.notes, f"{origin}."))
+        return markdown_table(list(rows)) + below
+
+
+def table_format(values: Sequence[str]) -> str:
+    """The `table-format` of siunitx that holds these numbers: digits before and behind the point,
+    a sign and a power of ten where one has them."""
+    before, behind, power, sign = 1, 0, 0, ""
+    for value in values:
+        if value == NO_NUMBER:
+            continue
+        if value.startswith("-"):
+            sign = "-"
+        mantissa, _, exponent = value.removeprefix("-").partition("e")
+        whole, _, part = mantissa.partition(".")
+        before = max(before, len(whole))
+        behind = max(behind, len(part))
+        power = max(power, len(exponent.lstrip("+-0")))
+    return f"{sign}{before}.{behind}" + (f"e-{power}" if power else "")
+
+
+def conditions_table(impedance: pl.DataFrame) -> PaperTable:
+    """K, B and I of each condition, over all amplitudes.
+
+    Trials of one condition (joint, side, motion, controller, K_d and B_d) count as their mean. A
+    trial without a stated K_d has a row of its own.
+
+    Parameters
+    ----------
+    impedance
+        `impedance.csv` with its evidence.
+    """
+    whole = impedance.filter(pl.col("amplitude_deg").is_null())
+    is_stated = pl.col("K_d").is_not_null() if "K_d" in whole.columns else pl.lit(False)
+    whole = whole.with_columns(alone=pl.when(is_stated).then(pl.lit("")).otherwise(pl.col("trial")))
+    keys = [name for name in ("joint", "side", "excitation") if has_several(whole, name)]
+    keys += [name for name in ("controller", *STATED) if has_any(whole, name)]
+    groups = whole.partition_by([*keys, "alone"], maintain_order=True)
+    used = [counted(rows) for rows in groups]
+
+    columns: list[Words | Numbers] = []
+    if (whole["alone"] != "").any():
+        columns.append(Words("trial", [rows["alone"][0] for rows in groups]))
+    for name in keys:
+        stated = [rows[name][0] for rows in groups]
+        if name in STATED:
+            columns.append(Numbers(STATED[name], [Stated(value) for value in stated]))
+        else:
+            columns.append(Words(name, [value or "–" for value in stated]))
+    columns.append(Words("n", [f"{len(rows)}{doubtful_sign(rows)}" for rows in used]))
+    for name, symbol in ESTIMATED.items():
+        if has_any(whole, name):
+            columns.append(Numbers(symbol, [estimate_of(rows, name) for rows in used]))
+
+    notes = [f"n: trials. In brackets: {', '.join(interval_kinds(used))}."]
+    if any(map(doubtful_sign, used)):
+        notes.append(f"{DOUBTFUL_SIGN}: with a doubtful fit.")
+    return PaperTable(columns, notes)
+
+
+def interval_kinds(used: Sequence[pl.DataFrame]) -> list[str]:
+    """What the intervals of these rows of the table are."""
+    kinds = []
+    for rows in used:
+        if len(rows) > 1:
+            kinds.append(STUDENT)
+        elif "repeats" in rows.get_column("interval_method", default=pl.Series([""])):
+            kinds.append(FEW)
+        else:
+            kinds.append(FOR_MOTION)
+    return list(dict.fromkeys(kinds))
+
+
+def has_any(table: pl.DataFrame, name: str) -> bool:
+    """Whether some row has a value in a column."""
+    return name in table.columns and table[name].count() > 0
+
+
+def has_several(table: pl.DataFrame, name: str) -> bool:
+    """Whether rows have different values in a column."""
+    return name in table.columns and table[name].n_unique() > 1
+
+
+def doubtful_sign(rows: pl.DataFrame) -> str:
+    """The sign behind a row of the table, if one of these fits is doubtful."""
+    is_doubtful = DOUBTFUL in rows.columns and not rows.filter(IS_DOUBTFUL).is_empty()
+    return DOUBTFUL_SIGN if is_doubtful else ""
+
+
+def estimate_of(used: pl.DataFrame, name: str) -> Estimated:
+    """A quantity of one condition: that of its trial, or the mean of several."""
+    if len(used) > 1:
+        return mean_of(summary_row(used, name))
+    row = used.row(0, named=True)
+    return Estimated(row[name], row.get(f"{name}_low"), row.get(f"{name}_high"))
+
+
+def mean_of(row: Mapping[str, Any]) -> Estimated:
+    """The mean of a row of `summary_row`."""
+    return Estimated(row["mean"], row["low"], row["high"])
+
+
+def components_table(summaries: Mapping[str, pl.DataFrame], beside_draft: bool) -> PaperTable:
+    """The measured components of the drivetrain (Eqs. 1 to 4), as means over trials.
+
+    Parameters
+    ----------
+    summaries
+        `belt_summary`, `transmission_summary` and `actuator_summary`, as far as there are any.
+    beside_draft
+        Whether the values that the paper's draft prints stand beside them.
+    """
+    symbols: list[Symbol] = []
+    measured: list[dict[str, Any]] = []
+    printed: list[float | None] = []
+    for table, quantities in COMPONENTS.items():
+        if table not in summaries:
+            continue
+        for quantity, symbol in quantities.items():
+            for row in summaries[table].filter(quantity=quantity).to_dicts():
+                symbols.append(symbol)
+                measured.append(row)
+                printed.append(LABELS[table][quantity].draft)
+
+    columns: list[Words | Numbers] = [Words("parameter", symbols)]
+    for name in ("joint", "side"):
+        places = [row.get(name) for row in measured]
+        if len(set(places)) > 1:
+            columns.append(Words(name, [place or "–" for place in places]))
+    columns.append(Numbers("value", [mean_of(row) for row in measured]))
+    columns.append(Words("n", [str(row["n"]) for row in measured]))
+    if beside_draft:
+        columns.append(Numbers("draft", [Stated(value) for value in printed]))
+    return PaperTable(columns, ["n: trials. In brackets: 95 % intervals of the mean."])

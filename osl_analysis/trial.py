@@ -131,6 +131,18 @@ PROVENANCE_KEY = "osl_analysis.provenance"
 CHECKSUM_KEY = "osl_analysis.checksum"
 
 
+def as_polars(name: str, samples: Any) -> pl.DataFrame:
+    """A pandas frame, or columns by name, as a polars frame; `pl.from_pandas` needs pyarrow."""
+    try:
+        columns = {str(column): np.asarray(samples[column]) for column in samples}
+        return pl.DataFrame(columns)
+    except (TypeError, KeyError, IndexError, pl.exceptions.PolarsError) as error:
+        raise InputError(
+            f"trial {name}: the samples are no data frame ({type(samples).__name__}); give one of"
+            " polars or pandas, with a column `time` in seconds"
+        ) from error
+
+
 @dataclass(frozen=True)
 class Trial:
     """Samples of one trial in canonical columns (`COLUMNS`), a row per time stamp.
@@ -142,6 +154,7 @@ class Trial:
     samples : polars.DataFrame
         Columns in SI units. *null*: the column has no sample at that time, because its recorder has
         another rate. *NaN*: the column was sampled but has no reading, such as a hidden marker.
+        A pandas frame is taken, too; it has no null, so that its NaN stays one.
     provenance : Mapping
         Where each column comes from; all of it is JSON.
     clocks : dict
@@ -159,6 +172,9 @@ class Trial:
     clocks: dict[bytes, Any] = field(default_factory=dict, repr=False, compare=False)
 
     def __post_init__(self) -> None:
+        given: Any = self.samples
+        if not isinstance(given, pl.DataFrame):
+            object.__setattr__(self, "samples", as_polars(self.name, given))
         if "time" not in self.samples.columns:
             raise InputError(f"trial {self.name}: no column 'time'; map one in the source file")
         if self.samples.is_empty():

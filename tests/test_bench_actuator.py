@@ -14,7 +14,7 @@ from scipy.signal import lfilter
 
 from osl_analysis.bench.actuator_alone import ACTUATOR_PARAMETERS as NAMES
 from osl_analysis.bench.actuator_alone import actuator_table, actuator_trial
-from osl_analysis.bench.bench_settings import ActuatorAnalysis
+from osl_analysis.bench.bench_settings import ActuatorAnalysis, Calibration
 from osl_analysis.bench.component_summary import part_summary
 from osl_analysis.bench.prediction import component_rows
 from osl_analysis.cli import main
@@ -239,6 +239,19 @@ def test_current_in_steps_at_standstill_gives_the_torque_per_current_alone_and_c
         InputError, match=r"its current has 4 plateaus of 0\.3 s or more, 8 are needed"
     ):
         actuator_trial(staircase(1, levels=(0, 5, 10, 0)), ANALYSIS)
+
+
+def test_the_interval_of_a_clamped_actuator_holds_the_stated_error_of_the_load_cell():
+    calibrated = ANALYSIS.model_copy(update={"calibration": Calibration(torque_gain=0.01)})
+    trial = staircase(1)
+
+    row = actuator_table(actuator_trial(trial, calibrated)).row(0, named=True)
+
+    plain = actuator_table(actuator_trial(trial, ANALYSIS)).row(0, named=True)
+    assert row["k_tau_n_m_se_bench"] == pytest.approx(0.01 * row["k_tau_n_m"])
+    assert row["k_tau_n_m_se"] == pytest.approx(
+        np.hypot(plain["k_tau_n_m_se"], row["k_tau_n_m_se_bench"])
+    )
 
 
 def test_a_shaft_that_twitches_between_the_steps_is_read_where_it_stands():

@@ -541,6 +541,14 @@ def test_a_torque_that_an_amplifier_clips_before_the_noise_is_named_and_its_b_an
     assert row["I_without_low"] < 0.02 < row["I_without_high"]
 
 
+def test_the_interval_of_one_period_is_that_of_white_noise():
+    rng = np.random.default_rng(1)
+
+    row = row_of(made_trial(rng, multisine(rng, periods=1)))
+
+    assert row["interval_method"] == "white noise"
+
+
 def test_repeats_of_one_motion_are_averaged_and_other_motions_kept_apart():
     rows = [row_of(made_trial(rng, multisine(rng))) for rng in map(np.random.default_rng, range(2))]
     rows[1] |= {"band_low_hz": 0.3, "theta_rms_deg": 1.1 * rows[0]["theta_rms_deg"]}

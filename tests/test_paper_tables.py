@@ -81,10 +81,18 @@ def test_trials_of_one_condition_are_one_row_with_their_mean():
     assert "95 % of the mean (Student), 95 % for another motion of this kind" in table.notes[0]
 
 
-def test_an_interval_between_repeats_holds_for_a_repetition():
-    table = conditions_table(fits({"interval_method": "repeats"}))
+@pytest.mark.parametrize(
+    ("method", "kind"),
+    [
+        ("units", "for another motion of this kind"),
+        ("repeats", "for a repetition of this motion"),
+        ("white noise", "of this recording's noise"),
+    ],
+)
+def test_it_is_said_for_what_an_interval_holds(method, kind):
+    table = conditions_table(fits({"interval_method": method}))
 
-    assert table.notes == ["n: trials. In brackets: 95 % for a repetition of this motion."]
+    assert table.notes == [f"n: trials. In brackets: 95 % {kind}."]
 
 
 def test_trials_of_other_motions_have_no_common_mean():

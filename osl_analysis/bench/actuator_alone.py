@@ -259,6 +259,7 @@ def stalled_of(
         usable=signals.usable,
         groups=groups,
         uniform=signals,
+        settings=settings,
     )
     return analysed(record, gram_sums(record, columns, list(model.values())), model)
 

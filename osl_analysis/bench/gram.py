@@ -44,7 +44,7 @@ NEXT = {"theta": "omega", "omega": "alpha", "alpha": "jerk"}  # derivative of ea
 SMALLEST_DIRECTION = 1e-13  # eigenvalue over the largest one, below which it is rounding
 # largest scaled condition number with effects, whose columns may be nearly collinear
 EFFECTS_LIMIT = 1e5
-BY_UNITS, BY_REPEATS = "units", "repeats"
+BY_UNITS, BY_REPEATS, BY_NOISE = "units", "repeats", "white noise"
 """Source of an interval: leave-one-out units, with the noise; or repeats, if there are too few
 units."""
 
@@ -411,6 +411,11 @@ def fit_groups(
             in_misfit = jackknife(equations.left_sides, products, A, total, unit).mean(axis=0)
             misfit = less(misfit, np.diag(in_misfit) - in_noise)
 
+    interval_method = BY_NOISE
+    if by_strata or (has_many_groups and not repeats):
+        interval_method = BY_UNITS
+    elif repeats:
+        interval_method = BY_REPEATS
     covariance, freedom = combined(noise, freedom, misfit, units, of_rounding, draws)
     mean_torque = equations.sum_of_torque / n
     rows_of_group = float(np.median(s.groups.stop - s.groups.first))
@@ -423,7 +428,7 @@ def fit_groups(
         condition_number=solution.condition,
         correlation_samples=max(round(rows_of_group), 1),
         samples=round(n),
-        interval_method=BY_UNITS if by_strata or not s.groups.repeat else BY_REPEATS,
+        interval_method=interval_method,
         degrees_of_freedom=freedom,
         residual=np.empty(0),
         largest_correlation=regression.largest_correlation(solution.about_means),

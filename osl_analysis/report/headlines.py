@@ -150,6 +150,9 @@ def all_labels() -> list[Headline]:
 STUDENT = "95 % of the mean (Student)"
 FOR_MOTION = "95 % for another motion of this kind"
 FEW = "95 % for a repetition of this motion"
+OF_NOISE = "95 % of this recording's noise"
+KIND_OF_FIT = {"repeats": FEW, "white noise": OF_NOISE}
+"""The interval of a fit by its `interval_method`; of any other it is `FOR_MOTION`."""
 BOOTSTRAP = "95 % (bootstrap)"
 RANGE = "lowest to highest"
 COUNT = "count"
@@ -297,7 +300,7 @@ def numbers_of_condition(
             yield from over_fits(label, its[symbol], np.mean, having, its)
             continue
         row = having.row(0, named=True)
-        kind = FEW if row["interval_method"] == "repeats" else FOR_MOTION
+        kind = KIND_OF_FIT.get(row["interval_method"], FOR_MOTION)
         more = {
             f"amplitudes_{end}": row.get(f"{symbol}_amplitudes_{end}") for end in ("low", "high")
         }

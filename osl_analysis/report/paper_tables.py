@@ -8,8 +8,8 @@ from typing import Any
 import polars as pl
 
 from osl_analysis.report.headlines import (
-    FEW,
     FOR_MOTION,
+    KIND_OF_FIT,
     LABELS,
     SPECIAL,
     STUDENT,
@@ -264,12 +264,11 @@ def interval_kinds(used: Sequence[pl.DataFrame]) -> list[str]:
     """What the intervals of these rows of the table are."""
     kinds = []
     for rows in used:
-        if len(rows) > 1:
-            kinds.append(STUDENT)
-        elif "repeats" in rows.get_column("interval_method", default=pl.Series([""])):
-            kinds.append(FEW)
-        else:
-            kinds.append(FOR_MOTION)
+        kind = STUDENT
+        if len(rows) == 1:
+            method = rows.row(0, named=True).get("interval_method") or ""
+            kind = KIND_OF_FIT.get(method, FOR_MOTION)
+        kinds.append(kind)
     return list(dict.fromkeys(kinds))
 
 

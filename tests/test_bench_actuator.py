@@ -16,7 +16,7 @@ from osl_analysis.bench.actuator_alone import ACTUATOR_PARAMETERS as NAMES
 from osl_analysis.bench.actuator_alone import actuator_table, actuator_trial
 from osl_analysis.bench.bench_settings import ActuatorAnalysis, Calibration
 from osl_analysis.bench.component_summary import part_summary
-from osl_analysis.bench.prediction import component_rows
+from osl_analysis.bench.measured_components import component_rows
 from osl_analysis.cli import main
 from osl_analysis.commands.bench import fit_actuator_trial, fit_settings, fit_trial
 from osl_analysis.errors import IdentifiabilityError, InputError

@@ -29,8 +29,8 @@ from osl_analysis.bench.effects import IMPEDANCE, plain_sums, sums_of
 from osl_analysis.bench.frequency_response import frequency_response_table
 from osl_analysis.bench.gram import GroupFit
 from osl_analysis.bench.known_spring import Known, LateFits, bench_estimates
+from osl_analysis.bench.measured_components import COMPONENTS, components_of
 from osl_analysis.bench.phasors import phasor_table, phasors_of_record
-from osl_analysis.bench.prediction import COMPONENTS, components_of
 from osl_analysis.bench.torque_angle_tables import curve_table, torque_angle_table
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.commands.bench import fitted_trial

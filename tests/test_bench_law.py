@@ -10,7 +10,7 @@ from conftest import ROOT
 from scipy.signal import lfilter
 
 from osl_analysis.bench.bench_settings import DynamometerAnalysis
-from osl_analysis.bench.prediction import OTHER_LAW, law_table, law_that_ran
+from osl_analysis.bench.controller_law import OTHER_LAW, law_table, law_that_ran
 from osl_analysis.bench.record import with_actuator
 from osl_analysis.bench.recorded_motion import record_of_trial
 from osl_analysis.campaign.configuration import read_section

@@ -13,7 +13,7 @@ from bench_synthetic import RATE, component_tables, true_motion, unit_block
 from click.testing import CliRunner
 from scipy.stats import t
 
-from osl_analysis.bench.prediction import COMPONENTS
+from osl_analysis.bench.measured_components import COMPONENTS
 from osl_analysis.cli import main
 from osl_analysis.model.actuator_in_time import Controller, belt_responses
 from osl_analysis.model.compensator import select_gains

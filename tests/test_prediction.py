@@ -15,15 +15,14 @@ from polars.testing import assert_frame_equal
 from scipy import stats
 from scipy.signal import butter, sosfiltfilt
 
-from osl_analysis.bench import prediction
+from osl_analysis.bench import prediction, prediction_causes
 from osl_analysis.bench.bench_settings import FilterSettings
 from osl_analysis.bench.condition_tables import compensation_table
+from osl_analysis.bench.controller_law import LAW_COLUMNS
 from osl_analysis.bench.impedance import DesiredImpedance, rendered_impedance, torque_error
+from osl_analysis.bench.measured_components import COMPONENTS, components_of
 from osl_analysis.bench.prediction import (
-    COMPONENTS,
-    LAW_COLUMNS,
     MISSES,
-    components_of,
     model_variance,
     prediction_table,
     prediction_terms,
@@ -273,12 +272,12 @@ def test_a_component_that_is_not_as_its_trials_say_is_named_with_its_size(name, 
 def test_the_robust_regression_is_that_of_statsmodels():
     theirs = importlib.import_module("statsmodels.robust.robust_linear_model")
     rng = np.random.default_rng(1)
-    A = 0.01 * rng.standard_normal((12, len(prediction.TERMS), 3))
+    A = 0.01 * rng.standard_normal((12, len(prediction_causes.TERMS), 3))
     A[:, 0] += 0.5 * A[:, 1]
     A[0, 0] += 3  # a trial that rings
     y, X = A[:, 0].ravel(), A[:, 1:4].transpose(0, 2, 1).reshape(-1, 3)
     expected = theirs.RLM(y, 1e2 * X, theirs.norms.HuberT(1.5)).fit().params * 1e2
-    (found,), (left,) = prediction.robust_fit(A, prediction.TERMS[1:4])
+    (found,), (left,) = prediction_causes.robust_fit(A, prediction_causes.TERMS[1:4])
     assert (found, left) == (
         pytest.approx(expected, rel=1e-9),
         pytest.approx(np.mean(np.abs(y - X @ expected))),

@@ -15,9 +15,11 @@ import polars as pl
 from osl_analysis.bench import bench_settings as choices
 from osl_analysis.bench import (
     condition_tables,
+    controller_law,
     frequency_response,
     impedance,
     known_spring,
+    measured_components,
     phasors,
     prediction,
     torque_angle,
@@ -105,11 +107,11 @@ def fit_impedance_trial(
     record = record_with_actuator(trial, settings, windows)
     stated = condition or impedance.DesiredImpedance(None, None, None)
     programmed = stated.gains(p, weight)
-    law = pl.DataFrame(schema=prediction.LAW_COLUMNS)
+    law = pl.DataFrame(schema=controller_law.LAW_COLUMNS)
     ran = programmed  # the gains that ran: by the log of the controller others than programmed
     if p is not None and programmed is not None:
-        law = prediction.law_table(record, p, programmed, models.sign_width)
-        measured, friction_as = prediction.law_that_ran(law, programmed, p)
+        law = controller_law.law_table(record, p, programmed, models.sign_width)
+        measured, friction_as = controller_law.law_that_ran(law, programmed, p)
         cancels_friction = measured.cancels_friction and friction_as == p
         ran = replace(measured, cancels_friction=cancels_friction)
     analysis, table = impedance.fit_and_judge_impedance(record, rails, p, condition, ran)
@@ -235,66 +237,92 @@ def gather_predictions(
     parameters: FileOrNone = None,
     data: str = "",
 ) -> None:
-    """The predictions of all trials with their intervals, what would explain what they leave, and
-    how much that is at each frequency. `records` are those of their fits, `table` is
-    `impedance.csv`, `law` is `law.csv`: where other gains ran than were programmed, these count.
-    `unpredicted` says why other trials with known gains have none. The controller smooths the sign
-    of the velocity over `sign_width` [rad/s], `weight` is W of Eq. 14."""
-    fits, without = (
-        with_evidence(table).filter(pl.col("amplitude_deg").is_null()),
-        dict(unpredicted),
-    )
-    p, measured = (
-        known_parameters(parameters),
-        {part: read_table(path) for part, path in components.items()},
-    )
-    predicted, found = fits.filter(pl.col("trial").is_in([path.stem for path in records])), []
-    missed = [pl.DataFrame(schema=prediction.MISSES)]
-    kept, laws = {path.stem: path for path in records}, read_table(law)
-    components_at = cache(partial(prediction.components_of, measured))
-    for own in predicted.partition_by(PLACE, maintain_order=True):
-        terms, law_of = dict[str, pl.DataFrame](), dict[str, str]()
-        for row in own.to_dicts():
+    """Write the predictions of all trials with their intervals, what would explain what they leave,
+    and how much that is at each frequency.
+
+    Parameters
+    ----------
+    records
+        Those of the trials' fits.
+    table, law
+        `impedance.csv`, and `law.csv`: where other gains ran than were programmed, these count.
+    unpredicted
+        Why other trials with known gains have no prediction.
+    weight
+        W of Eq. 14.
+    sign_width
+        Over which the controller smooths the sign of the velocity [rad/s].
+    """
+    evidence = with_evidence(table)
+    fits = evidence.filter(pl.col("amplitude_deg").is_null())
+    p = known_parameters(parameters)
+    measured = {part: read_table(path) for part, path in components.items()}
+    laws = read_table(law)
+    record_of_trial = {path.stem: path for path in records}
+    without = dict(unpredicted)
+    components_at = cache(partial(measured_components.components_of, measured))
+
+    def terms_of(row: Mapping[str, Any]) -> PredictedTrial:
+        assert p is not None  # without a parameter file no gains are known
+        known = components_at(tuple(row[name] for name in PLACE), p)
+        desired = impedance.DesiredImpedance(row["controller"], row["K_d"], row["B_d"])
+        gains = desired.gains(p, weight)
+        assert gains is not None  # of other trials no record is read
+        record = read_record(record_of_trial[row["trial"]], settings.low_pass)
+        of_trial = laws.filter(trial=row["trial"])
+        ran = controller_law.law_that_ran(of_trial, gains, p)
+        terms, misses = prediction.prediction_terms(record, Controller(*ran, sign_width), known)
+        law_name = "programmed" if ran == (gains, p) else "measured"
+        return PredictedTrial(terms, misses, law_name, known)
+
+    predictions: list[pl.DataFrame] = []
+    of_components: list[pl.DataFrame] = []
+    misses = [pl.DataFrame(schema=prediction.MISSES)]
+    with_record = fits.filter(pl.col("trial").is_in(list(record_of_trial)))
+    for at_place in with_record.partition_by(PLACE, maintain_order=True):
+        predicted: dict[str, PredictedTrial] = {}
+        for row in at_place.to_dicts():
             try:
-                assert p is not None  # without a parameter file no gains are known
-                known = components_at(own.select(PLACE).row(0), p)
-                gains = impedance.DesiredImpedance(row["controller"], row["K_d"], row["B_d"]).gains(
-                    p, weight
-                )
-                assert gains is not None  # of other trials no record is read
-                record = read_record(kept[row["trial"]], settings.low_pass)
-                ran = prediction.law_that_ran(laws.filter(trial=row["trial"]), gains, p)
-                terms[row["trial"]], miss = prediction.prediction_terms(
-                    record, Controller(*ran, sign_width), known
-                )
-                missed.append(miss)
-                law_of[row["trial"]] = "programmed" if ran == (gains, p) else "measured"
+                predicted[row["trial"]] = terms_of(row)
             except (InputError, IdentifiabilityError) as error:
                 without[row["trial"]] = f"components that predict a torque ({error})"
-        if terms:
-            of_terms = own.filter(pl.col("trial").is_in(list(terms)))
-            rows, of_components = prediction.prediction_table(terms, of_terms, known)
-            found.append(
-                (rows.with_columns(law=pl.col("trial").replace_strict(law_of)), of_components)
-            )
-    said = pl.col("trial").replace_strict(without, default=None, return_dtype=pl.String)
-    numbers = pl.DataFrame(schema=dict.fromkeys(prediction.NUMBERS, pl.Float64))
-    others = fits.filter(pl.col("trial").is_in(list(without)))
-    others = others.select("trial", *PLACE, "controller", "K_d", "B_d", missing_components=said)
-    others = pl.concat([others, numbers], how="diagonal_relaxed").with_columns(
-        doubtful=pl.lit(None, pl.String)
+        if not predicted:
+            continue
+        misses += [trial.misses for trial in predicted.values()]
+        terms = {name: trial.terms for name, trial in predicted.items()}
+        law_names = {name: trial.law for name, trial in predicted.items()}
+        known = next(iter(predicted.values())).components  # the same of all trials of a place
+        of_terms = at_place.filter(pl.col("trial").is_in(list(terms)))
+        rows, rows_of_components = prediction.prediction_table(terms, of_terms, known)
+        law_of_trial = pl.col("trial").replace_strict(law_names)
+        predictions.append(rows.with_columns(law=law_of_trial))
+        of_components.append(rows_of_components)
+
+    reason = pl.col("trial").replace_strict(without, default=None, return_dtype=pl.String)
+    unknown = pl.DataFrame(schema=dict.fromkeys(prediction.NUMBERS, pl.Float64))
+    others = fits.filter(pl.col("trial").is_in(list(without))).select(
+        "trial", *PLACE, "controller", "K_d", "B_d", missing_components=reason
     )
-    write_table(
-        pl.concat([others, *(rows for rows, _ in found)], how="diagonal_relaxed"), output, data
-    )
-    none = pl.DataFrame(schema=[*PLACE, "component"])
-    write_table(
-        pl.concat([none, *(rows for _, rows in found)], how="diagonal_relaxed"), causes, data
-    )
+    others = pl.concat([others, unknown], how="diagonal_relaxed")
+    others = others.with_columns(doubtful=pl.lit(None, pl.String))
+    write_table(pl.concat([others, *predictions], how="diagonal_relaxed"), output, data)
+
+    no_causes = pl.DataFrame(schema=[*PLACE, "component"])
+    write_table(pl.concat([no_causes, *of_components], how="diagonal_relaxed"), causes, data)
+
     condition = fits.select("trial", *PLACE, "controller", "K_d", "B_d", "doubtful")
-    write_table(
-        condition.join(pl.concat(missed), on="trial", maintain_order="left"), frequencies, data
-    )
+    of_condition = condition.join(pl.concat(misses), on="trial", maintain_order="left")
+    write_table(of_condition, frequencies, data)
+
+
+@dataclass(frozen=True)
+class PredictedTrial:
+    """What one trial gives to the tables of predictions."""
+
+    terms: pl.DataFrame  # as `prediction_terms`
+    misses: pl.DataFrame  # as `miss_over_frequency`
+    law: str  # that its controller ran: programmed or measured
+    components: measured_components.Components
 
 
 @dataclass(frozen=True, eq=False, repr=False)

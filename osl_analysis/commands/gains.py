@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from osl_analysis.bench.analysis import motion_in
 from osl_analysis.bench.component_summary import PLACE
 from osl_analysis.bench.impedance import DesiredImpedance
-from osl_analysis.bench.prediction import COMPONENTS, PARTS, components_of
+from osl_analysis.bench.measured_components import COMPONENTS, PARTS, components_of
 from osl_analysis.bench.recorded_motion import record_of_trial
 from osl_analysis.campaign.configuration import Config
 from osl_analysis.campaign.origin import sentence

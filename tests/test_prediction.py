@@ -23,6 +23,7 @@ from osl_analysis.bench.impedance import DesiredImpedance, rendered_impedance, t
 from osl_analysis.bench.measured_components import COMPONENTS, components_of
 from osl_analysis.bench.prediction import (
     MISSES,
+    Misses,
     model_variance,
     prediction_table,
     prediction_terms,
@@ -325,6 +326,36 @@ def test_an_interval_is_learnt_from_the_other_trials():
     assert (width[1][1:] > 5 * width[0][1:]).all()
     alone, _ = prediction_table({"t0": terms["t0"]}, fits.head(1), components)
     assert alone.select("K_low", "K_high").row(0) == (None, None)
+
+
+def test_the_interval_of_a_prediction_has_the_freedom_of_the_trials_that_teach_it():
+    """Without other errors it is Student's, of the mean square of what the others miss."""
+    missed = np.array([9.0, 1.0, -2.0, 1.5, -0.5])
+    nothing = np.zeros(5)
+    misses = Misses(
+        predicted=np.full(5, 100.0),
+        off=missed,
+        size=np.ones(5),
+        of_parts=np.zeros((5, 3)),
+        of_trial=nothing,
+    )
+    components = components_of(component_tables(TRUE), ("ankle", None), P)
+
+    found = misses.interval(0, np.arange(5) > 0, components)
+
+    half_width = stats.t.ppf(0.975, 3) * np.sqrt(np.mean(missed[1:] ** 2))
+    assert found.high - 100.0 == pytest.approx(half_width)
+    assert 100.0 - found.low == pytest.approx(half_width)
+
+
+def test_the_measured_torque_beside_a_prediction_is_that_of_the_recording():
+    record = replace(recording(300, 5, "compensated", P, 0), name="t_1")
+    components = components_of(component_tables(TRUE), ("ankle", None), P)
+
+    terms, _ = prediction_terms(record, law_of(300, 5, "compensated"), components)
+
+    predicted, left = terms["torque"].to_list()[:2]
+    assert predicted + left == pytest.approx(np.std(record.part(record.filtered_torque)))
 
 
 def test_what_the_equations_lack_has_the_variance_that_scatters_beyond_what_is_known():

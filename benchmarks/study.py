@@ -22,8 +22,8 @@ import numpy as np
 import polars as pl
 from causes import ROOT, markdown, write_between
 
-from osl_analysis.bench.analysis import FitTables
 from osl_analysis.bench.bench_settings import ActuatorAnalysis, DynamometerAnalysis, ModelComparison
+from osl_analysis.bench.fit_tables import FitTables
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands.bench import fitted_trial, job_of
 from osl_analysis.errors import OslAnalysisError

@@ -10,12 +10,7 @@ from scipy.interpolate import make_interp_spline
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import butter, cont2discrete, lfilter, lsim, sosfilt
 
-from osl_analysis.bench.analysis import (
-    analysed,
-    angle_noise_bias,
-    angle_noise_share,
-    timebase_table,
-)
+from osl_analysis.bench.analysis import analysed, angle_noise_bias, angle_noise_share
 from osl_analysis.bench.bench_settings import (
     BenchStiffness,
     DynamometerAnalysis,
@@ -24,6 +19,7 @@ from osl_analysis.bench.bench_settings import (
 )
 from osl_analysis.bench.condition_tables import repeated_trials_table
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums, with_effects
+from osl_analysis.bench.fit_tables import timebase_table
 from osl_analysis.bench.frequency_response import impedance_over_frequency
 from osl_analysis.bench.impedance import (
     DesiredImpedance,

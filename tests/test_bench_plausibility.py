@@ -9,7 +9,6 @@ import pytest
 from bench_synthetic import PROTOCOL, second_order, stepped_sine, true_motion
 from conftest import ROOT, beyond_in
 
-from osl_analysis.bench.analysis import plausible_impedance
 from osl_analysis.bench.bench_settings import (
     ActuatorAnalysis,
     BenchStiffness,
@@ -17,6 +16,7 @@ from osl_analysis.bench.bench_settings import (
     ModelComparison,
 )
 from osl_analysis.bench.impedance import DesiredImpedance
+from osl_analysis.bench.plausibility import plausible_impedance
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands.bench import fit_trial
 from osl_analysis.errors import InputError

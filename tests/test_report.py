@@ -26,9 +26,9 @@ from test_bench_any_excitation import moving_record
 from test_bench_belt import belt_cycle
 from tutorial_page import DOCS, FIGURE, LEFT_OUT, said_by_page
 
-from osl_analysis.bench.analysis import Series
 from osl_analysis.bench.belt import belt_table, fit_branches
 from osl_analysis.bench.condition_tables import repeated_trials_table
+from osl_analysis.bench.fit_tables import Series
 from osl_analysis.bench.impedance import impedance_table, rendered_impedance
 from osl_analysis.bench.transmission import transmission_of, transmission_table
 from osl_analysis.campaign.configuration import read_config

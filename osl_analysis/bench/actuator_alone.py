@@ -8,10 +8,11 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from osl_analysis.bench.analysis import Analysis, analysed, check_changes
+from osl_analysis.bench.analysis import Analysis, analysed
 from osl_analysis.bench.bench_settings import ActuatorAnalysis
 from osl_analysis.bench.effects import Model
 from osl_analysis.bench.gram import gram_sums
+from osl_analysis.bench.plausibility import check_changes
 from osl_analysis.bench.record import Record
 from osl_analysis.bench.row_groups import Groups, Stratum, stretches_of
 from osl_analysis.errors import InputError, naming

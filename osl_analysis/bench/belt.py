@@ -7,17 +7,12 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from osl_analysis.bench.analysis import (
-    Analysis,
-    check_changes,
-    check_stiffer,
-    torque_errors,
-    widened,
-)
+from osl_analysis.bench.analysis import Analysis, torque_errors, widened
 from osl_analysis.bench.bench_settings import BeltAnalysis
 from osl_analysis.bench.component_summary import PLACE
 from osl_analysis.bench.effects import Model
 from osl_analysis.bench.gram import GroupFit, Sums, estimates_of, fit_groups, gram_sums
+from osl_analysis.bench.plausibility import check_changes, check_stiffer
 from osl_analysis.bench.record import Record, joint_angle
 from osl_analysis.bench.row_groups import Groups, Label, stretches_of
 from osl_analysis.errors import InputError, naming

@@ -13,17 +13,16 @@ from osl_analysis.bench.analysis import (
     QUANTITIES,
     Analysis,
     angle_noise_share,
-    check_resists,
     fitted_motion,
-    plausible_impedance,
     share_of_inertia,
-    turn_deg,
     without_lag,
 )
 from osl_analysis.bench.effects import IMPEDANCE, Belt, Fault
 from osl_analysis.bench.gram import GroupFit, Sums, estimates_of, solved
+from osl_analysis.bench.identifiability import turn_deg
 from osl_analysis.bench.joint_fit import ClockDrift
 from osl_analysis.bench.joint_inference import impedance_fits
+from osl_analysis.bench.plausibility import check_resists, plausible_impedance
 from osl_analysis.bench.record import Record, actuator_turns
 from osl_analysis.bench.row_groups import Label
 from osl_analysis.errors import nearest

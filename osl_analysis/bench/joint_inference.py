@@ -123,7 +123,9 @@ def fit_of(
     if inferred is None:
         return ImpedanceFit(of_equation_15, by_coulomb(coulomb), VAF_in_band=least_squares.vaf)
 
-    has_friction = inferred.friction_probability > CERTAIN_FRICTION
+    # friction whose size is not certain is not taken off B
+    is_probable = inferred.friction_probability > CERTAIN_FRICTION
+    has_friction = is_probable and coulomb is not None and coulomb.certain is not None
     if is_leg:
         without = Impedance.inferred(inferred.sound).widened_by(known_errors)
         friction = by_inference(coulomb, of_equation_15.B, without if has_friction else None)

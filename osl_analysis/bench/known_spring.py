@@ -7,10 +7,11 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.bench import effects
-from osl_analysis.bench.analysis import QUANTITIES, Analysis, check_resists, widened
+from osl_analysis.bench.analysis import QUANTITIES, Analysis, widened
 from osl_analysis.bench.effects import IMPEDANCE
 from osl_analysis.bench.gram import GroupFit
 from osl_analysis.bench.joint_inference import misfit_of_losses
+from osl_analysis.bench.plausibility import check_resists
 from osl_analysis.bench.record import Record
 from osl_analysis.errors import InputError
 from osl_analysis.stats.regression import INTERVAL_ENDS, Row, estimates_row

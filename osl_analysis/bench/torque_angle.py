@@ -15,10 +15,11 @@ import polars as pl
 import scipy
 from numpy.typing import NDArray
 
-from osl_analysis.bench.analysis import Series, check_changes, check_stiffer, timebase_table
 from osl_analysis.bench.bench_settings import TorqueAngleAnalysis
 from osl_analysis.bench.branch_curve import branch_curve, straight_line
+from osl_analysis.bench.fit_tables import Series, timebase_table
 from osl_analysis.bench.loop_cycles import RESTS, Cycle, Cycles, between_rests, find_cycles
+from osl_analysis.bench.plausibility import check_changes, check_stiffer
 from osl_analysis.bench.record import joint_angle
 from osl_analysis.errors import InputError, naming
 from osl_analysis.signals.grid import UniformSignals, uniform_signals

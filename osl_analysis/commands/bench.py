@@ -26,16 +26,12 @@ from osl_analysis.bench import (
     torque_angle_tables,
 )
 from osl_analysis.bench.actuator_alone import ACTUATOR_PARAMETERS, actuator_table, actuator_trial
-from osl_analysis.bench.analysis import (
-    QUANTITIES,
-    FitTables,
-    analysed,
-    plausible,
-    tables_of_fit,
-)
+from osl_analysis.bench.analysis import QUANTITIES, analysed
 from osl_analysis.bench.belt import belt_curve, belt_table, belt_trial
 from osl_analysis.bench.component_summary import PLACE, part_summary
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums
+from osl_analysis.bench.fit_tables import FitTables, tables_of_fit
+from osl_analysis.bench.plausibility import plausible
 from osl_analysis.bench.record import Record, read_record, stored_record, with_actuator
 from osl_analysis.bench.recorded_motion import record_of_trial, sine_record
 from osl_analysis.bench.transmission import LOSSES, transmission_of, transmission_table

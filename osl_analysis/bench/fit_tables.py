@@ -1,0 +1,111 @@
+"""The tables of a fit: measured and modelled signals over time, the time base, and how a user gets
+at them."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from osl_analysis.bench.bench_settings import BenchStiffness
+from osl_analysis.signals.grid import UniformSignals
+from osl_analysis.trial import Array
+
+MOST_SHOWN = 10_000  # rows of a series; two minutes of a stepped sine have 15 per fastest period
+
+
+@dataclass(frozen=True)
+class Series:
+    """Measured and modelled signals of one trial, shape (n,) each."""
+
+    time: Array  # time [s]
+    torque: Array  # measured torque, as it was fitted [N*m]
+    torque_model: Array  # torque of the fitted model [N*m]; NaN where it does not apply
+    motion: Array  # angle [rad], or velocity [rad/s] where the bench has no angle
+    fitted: NDArray[np.bool_]  # rows that are fitted
+    is_velocity: bool = False  # whether `motion` is a velocity
+
+    def table(self, most: int = MOST_SHOWN) -> pl.DataFrame:
+        """Every k-th sample, at most `most` rows.
+
+        `torque_model` is null where the fit does not use the sample. `residual_low` and
+        `residual_high` [N*m] are the range over the next k samples that it uses, so that no outlier
+        is lost.
+        """
+        k = max(-(-len(self.time) // most), 1)
+        shown = slice(None, None, k)
+        residual = np.where(self.fitted, self.torque - self.torque_model, np.nan)
+        filled = np.concatenate([residual, np.full(-len(residual) % k, np.nan)])
+        of_shown = filled.reshape(-1, k)
+        columns = {"time": self.time[shown] - self.time[0]}
+        if self.is_velocity:
+            columns["omega"] = self.motion[shown]
+        else:
+            columns["theta_deg"] = np.rad2deg(self.motion[shown])
+        columns["torque"] = self.torque[shown]
+        columns["torque_model"] = np.where(self.fitted[shown], self.torque_model[shown], np.nan)
+        columns["residual_low"] = np.fmin.reduce(of_shown, axis=1)
+        columns["residual_high"] = np.fmax.reduce(of_shown, axis=1)
+        rounded = {
+            name: pl.Series(values, dtype=pl.Float64).round_sig_figs(7)
+            for name, values in columns.items()
+        }
+        return pl.DataFrame(rounded).fill_nan(None)
+
+
+@dataclass(frozen=True)
+class FitTables:
+    """The tables of one fit by name. A user who asks for the estimates alone does not wait for the
+    others."""
+
+    estimates: Mapping[str, pl.DataFrame]
+    """Estimates and curves; and `torque`, the fitted samples: time [s] from the first, measured and
+    modelled torque [N*m]."""
+    series: Series | None = None  # of a fit that is drawn over time
+    compute_others: Callable[[], Mapping[str, pl.DataFrame]] = dict
+
+    def everything(self) -> dict[str, pl.DataFrame]:
+        """All tables: `estimates`, the thinned `series`, and the others, which are computed now."""
+        of_series = {"series": self.series.table()} if self.series else {}
+        return {**self.estimates, **of_series, **self.compute_others()}
+
+
+def tables_of_fit(
+    series: Series,
+    compute_others: Callable[[], Mapping[str, pl.DataFrame]],
+    **estimates: pl.DataFrame,
+) -> FitTables:
+    """`FitTables` of the series of a fit, its other tables, and its estimates by name."""
+    modelled = series.torque_model
+    samples = pl.DataFrame({"time": series.time, "torque": series.torque, "torque_model": modelled})
+    fitted = samples.filter(np.isfinite(modelled))
+    fitted = fitted.with_columns(pl.col("time") - pl.col("time").first())
+    return FitTables({**estimates, "torque": fitted}, series, compute_others)
+
+
+def timebase_table(
+    signals: UniformSignals, other_hypothesis: str | None, bench: BenchStiffness | None = None
+) -> pl.DataFrame:
+    """The trial's rows of `timebase.csv`, one per stream. `other_hypothesis` says how the estimates
+    change with the other reading of undecided stamps."""
+    stiffness, stiffness_se = None, None
+    if bench is not None:
+        stiffness = 1 / bench.compliance
+        stiffness_se = bench.compliance_error / bench.compliance**2 or None
+    of_trial = {
+        "grid_rate_hz": (len(signals.time) - 1) / float(signals.time[-1] - signals.time[0]),
+        "first_s": float(signals.time[0]),
+        "last_s": float(signals.time[-1]),
+        "rows": len(signals.time),
+        "masked": int(np.count_nonzero(~signals.usable)),
+        "farthest_s": signals.farthest_s,
+        "other_hypothesis": other_hypothesis,
+        "bench_stiffness": stiffness,
+        "bench_stiffness_se": stiffness_se,
+    }
+    rows = [{"trial": signals.trial, **stream, **of_trial} for stream in signals.streams]
+    texts = ("low_pass", "other_hypothesis")
+    numbers = ("ppm", "g", "g_se", "bench_stiffness", "bench_stiffness_se")
+    schema = {**dict.fromkeys(texts, pl.String), **dict.fromkeys(numbers, pl.Float64)}
+    return pl.DataFrame(rows, schema_overrides=schema, infer_schema_length=None)

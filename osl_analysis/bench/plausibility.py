@@ -1,0 +1,173 @@
+"""What an estimate or a signal cannot be: negative where it resists, or beyond the belt or the
+bench in series with it."""
+
+import numpy as np
+import polars as pl
+
+from osl_analysis.bench.bench_settings import BenchStiffness
+from osl_analysis.errors import InputError
+from osl_analysis.measured import check_measured
+from osl_analysis.model.drivetrain import DrivetrainParameters
+from osl_analysis.trial import Array
+from osl_analysis.units import known_factor
+
+BELT_TOLERANCE = 1.1  # times K_s of the parameter file, above which no motor renders a K
+
+
+def check_changes(column: str, values: Array) -> None:
+    """Refuse a signal (n,) that never changes, such as that of a dead sensor."""
+    check_measured(column, values)
+    if not np.ptp(values):
+        raise InputError(
+            f"{column} stays at {values[0]:g} throughout; check its sensor and its channel in the"
+            " source file, or exclude the trial"
+        )
+
+
+def check_resists(trial: str, symbol: str, value: float, high: float | None = None) -> None:
+    """Refuse a negative estimate of what can only resist motion: a torque of the wrong sign changes
+    the sign of every estimate, and fits as well. If `high`, the interval's upper end, is positive,
+    the joint may have no stiffness."""
+    if value < 0 and (high is None or high < 0):
+        raise InputError(
+            f"trial {trial}: {symbol} = {value:.4g} is negative, so the torque drives the motion"
+            " instead of resisting it; turn the `sign` of the torque, or of the angle, in the"
+            " source file"
+        )
+
+
+def check_stiffer(trial: str, symbol: str, stiffness: float, bench: BenchStiffness | None) -> None:
+    """Refuse a stiffness [N*m/rad] that is not below the bench's."""
+    if bench is not None and not 0 < stiffness * bench.compliance < 1:
+        raise InputError(
+            f"trial {trial}: {symbol} = {stiffness:.4g} N*m/rad is not between 0 and the bench's"
+            f" stiffness of {bench.value}, so that the frame would yield more than the joint;"
+            " correct `bench_stiffness` and its unit in the configuration"
+        )
+
+
+def plausible(
+    table: pl.DataFrame, rails: pl.Expr, p: DrivetrainParameters | None, *names: str
+) -> pl.DataFrame:
+    """Hold the estimates of a belt, a transmission or an actuator against the parameter file.
+
+    Parameters
+    ----------
+    table
+        Rows of the trial.
+    rails
+        Saturated samples, as a column of the table.
+    p
+        The device; None for one without a parameter file.
+    names
+        Estimates that are compared.
+
+    Returns
+    -------
+    polars.DataFrame
+        The table with `saturated_samples`, and the ratio of each estimate to the file's, such as
+        `K_s_ratio`; null without a file, or if that is 0.
+
+    Raises
+    ------
+    InputError
+        The first estimate is negative, because torque, angle or current has the wrong sign.
+    """
+    last = table.row(-1, named=True)
+    if names[0] != "k_tau_n_m":
+        check_resists(last["trial"], names[0], last[names[0]])
+    elif last["k_tau_n_m_high"] < 0:
+        raise InputError(
+            f"trial {last['trial']}: k_tau_n_m = {last['k_tau_n_m']:.4g} N*m/A is negative, a"
+            " positive current gives a negative torque; turn the `sign` of the current, or of"
+            " torque_m and theta_m, in the source file"
+        )
+    ratios = []
+    for name in names:
+        known = None if p is None else parameter(p, name)
+        ratio = pl.col(name) / pl.lit(known or None, pl.Float64)
+        ratios.append(ratio.alias(f"{name}_ratio"))
+    return table.with_columns(rails, *ratios)
+
+
+def parameter(p: DrivetrainParameters, name: str) -> float:
+    """A parameter by the name of its estimate."""
+    if name == "k_tau_n_m":
+        return p.k_tau * p.n_m
+    value: float = getattr(p, name)
+    return value
+
+
+def plausible_impedance(
+    table: pl.DataFrame,
+    rails: pl.Expr,
+    p: DrivetrainParameters | None,
+    is_this_leg: bool = True,
+    predicted: float | None = None,
+    K_d: float | None = None,
+) -> pl.DataFrame:
+    """Hold the estimates of Eq. 15 against the belt, the gains and the sample sheet.
+
+    Parameters
+    ----------
+    table
+        Rows of the trial.
+    rails
+        Saturated samples, as a column of the table.
+    p
+        The device; None for one without a parameter file.
+    is_this_leg
+        Whether the joint is certainly that of the file. Another device may be soft, so that
+        `K_over_K_s` is then null up to 1. Above 1 a unit may be wrong, or the file is of another
+        device.
+    predicted
+        K by linear theory [N*m/rad]; None: the gains are not known.
+    K_d
+        The stated one [N*m/rad].
+
+    Returns
+    -------
+    polars.DataFrame
+        The table with `saturated_samples`, `K_over_K_s`, and `K_ratio`, K over the predicted one,
+        or `K_over_K_d`. These take K at the largest amplitude, where friction changes it least.
+
+    Raises
+    ------
+    InputError
+        K of this leg is larger than that of its belt.
+    """
+    last = table.row(-1, named=True)
+    if p is not None and is_this_leg:
+        check_softer_than_belt(last["trial"], last["K"], p.K_s, predicted)
+
+    none = pl.lit(None, pl.Float64)
+    largest = pl.lit(table.sort("amplitude_deg", nulls_last=False)["K"][-1])
+    over_predicted, over_K_d, over_K_s = none, none, none
+    if predicted:
+        over_predicted = largest / predicted
+    elif K_d:
+        over_K_d = largest / K_d
+    if p is not None:
+        over_K_s = pl.col("K") / p.K_s
+        if not is_this_leg:
+            over_K_s = pl.when(over_K_s > 1).then(over_K_s)
+    return table.with_columns(
+        rails, K_over_K_s=over_K_s, K_ratio=over_predicted, K_over_K_d=over_K_d
+    )
+
+
+def check_softer_than_belt(trial: str, K: float, K_s: float, predicted: float | None) -> None:
+    """Refuse a K [N*m/rad] above that of the belt, which is in series with the motor."""
+    if K <= BELT_TOLERANCE * K_s:
+        return
+    reference = "what the gains should give" if predicted else "K_s"
+    ratio = K / (predicted or K_s)
+    name, size = known_factor(ratio)
+    remedy = "check unit and scale of the channels"
+    if name:
+        remedy = f"{size:.3g} is the factor {name}: correct the `unit` or the `scale`"
+    raise InputError(
+        f"trial {trial}: K = {K:.4g} N*m/rad is larger than the belt's K_s = {K_s:g} of the"
+        " parameter file, which no motor behind the belt can render; it is"
+        f" {ratio:.3g} times {reference}: {remedy} in the source file"
+    )

@@ -9,11 +9,14 @@ from conftest import ROOT, findings_of
 from scipy.signal import butter, lfilter
 
 from osl_analysis.bench.bench_settings import Calibration, DynamometerAnalysis
+from osl_analysis.bench.coulomb import CoulombFit
 from osl_analysis.bench.impedance import impedance_table, rendered_impedance
 from osl_analysis.bench.joint_fit import Estimate, FrictionFit, Impedance, ImpedanceFit
+from osl_analysis.bench.joint_inference import fit_of
 from osl_analysis.bench.record import signals_of
 from osl_analysis.bench.recorded_motion import record_of_trial
 from osl_analysis.campaign.configuration import read_section
+from osl_analysis.inference import infer_impedance
 from osl_analysis.judge.finding import Grade
 from osl_analysis.judge.limits import DoubtfulFits, Limits
 
@@ -21,6 +24,9 @@ CONFIG = ROOT / "config/config.yaml"
 SETTINGS = read_section(CONFIG, "dynamometer", DynamometerAnalysis)
 LIMITS = read_section(CONFIG, "doubtful", DoubtfulFits).of("impedance")
 OF_FAULTS = Limits()
+
+
+NO_ERRORS = {"K": 0.0, "B": 0.0, "I": 0.0}
 
 
 def record_with(made="noise", seed=5, more=lambda *_: 0.0, **changes):
@@ -76,6 +82,19 @@ def test_friction_is_in_b_as_in_equation_15_and_not_in_b_viscous():
     assert row["coulomb_damping"] == pytest.approx(row["B"] - row["B_viscous"])
     assert row["coulomb_share"] == pytest.approx(1 - row["B_viscous"] / row["B"])
     assert row["f_C"] == pytest.approx(0.3, rel=0.1)
+
+
+def test_friction_whose_size_is_not_certain_is_not_taken_off_b():
+    record = record_with(**SOUND["friction"])
+    analysis, _ = rendered_impedance(record)
+    inferred = infer_impedance(signals_of(record))
+    uncertain = CoulombFit(torque=0.5, damping=0.3, share=0.05, certain=None)
+
+    fit = fit_of(inferred, analysis.whole, uncertain, NO_ERRORS, False, record)
+
+    assert inferred.friction_probability > 0.9
+    assert fit.friction.without is None
+    assert fit.friction.share == 0
 
 
 def test_without_friction_b_is_the_only_damping():

@@ -76,7 +76,7 @@ def over_frequency(what: str, magnitude: str, lines: Sequence[Iterable[Content]]
 
 def bench_pictures(series: pl.DataFrame, motion: str, whole_loop: bool = False) -> Pictures:
     """Torque, residual and motion over time, and torque against angle, of a fitted trial on the
-    bench. `series` is a `bench.fit_tables.Series.table`, `motion` the moving angle. The loop has the
+    bench. `series` is a `fit_tables.Series.table`, `motion` the moving angle. The loop has the
     fitted samples, or all (`whole_loop`)."""
     x, unit = ("omega", "rad/s") if "omega" in series.columns else ("theta_deg", "deg")
     label, of = f"{motion} ({unit})", partial(line, "series")

@@ -209,7 +209,7 @@ def by_chunks(X: Array, inverse: Array, residual: Array) -> Covariance:
     scores = np.add.reduceat(X * residual[:, None], edges) @ inverse
     covariance = scores.T @ scores * CHUNKS / (CHUNKS - 1)
     freedom = np.full(X.shape[1], CHUNKS - 1.0)
-    return covariance, freedom, "chunks", len(residual) // CHUNKS
+    return Covariance(covariance, freedom, "chunks", len(residual) // CHUNKS)
 
 
 def with_least_errors(

@@ -9,6 +9,7 @@ freedom that the fit uses up."""
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -21,47 +22,84 @@ from osl_analysis.trial import Array
 
 
 def products_between(X: Array, Y: Array, first: Array, stop: Array) -> Array:
-    """X'Y (m, p, q) of columns X (n, p) and Y (n, q) from each `first` (m,) to each `stop` (m,),
-    which may be fractional. A fraction of a row is read from the cubic through the four cumulative
-    sums around it, so that all cycles of a fractional period have equal sums. Beyond the ends there
-    is nothing to sum."""
+    """Sum the products of columns over stretches that may begin and end between two rows.
+
+    A fraction of a row is read from the cubic through the four cumulative sums around it, so that
+    all cycles of a fractional period have equal sums. Beyond the ends there is nothing to sum.
+
+    Parameters
+    ----------
+    X : Array (n, p)
+        Columns.
+    Y : Array (n, q)
+        Further columns.
+    first, stop : Array (m,)
+        Rows at which the m stretches begin and end.
+
+    Returns
+    -------
+    Array (m, p, q)
+        X'Y of each.
+    """
     edges = np.stack([first, stop], axis=1).ravel()
-    row = np.clip(np.floor(edges + 1e-9).astype(np.intp), 0, len(Y))
-    whole = np.array([X[a:b].T @ Y[a:b] for a, b in row.reshape(-1, 2)])
+    row = np.clip(np.floor(edges + SAME_ROW).astype(np.intp), 0, len(Y))
+    of_whole_rows = np.array([X[a:b].T @ Y[a:b] for a, b in row.reshape(-1, 2)])
+
     share = np.maximum(edges - row, 0.0)
-    at = row + np.array([[-1], [0], [1]])
-    inside = np.clip(at, 0, len(Y) - 1)
-    x = np.where(share < 1e-9, 0.0, share)
-    weights = (
-        np.array([x * (x - 1) * (x - 2), x * (x + 1) * (5 - 2 * x), x * (x + 1) * (x - 1)])
-        / 6
-        * (at == inside)
-    )
-    parts = (weights[:, :, None] * X[inside]).transpose(1, 2, 0) @ Y[inside].transpose(1, 0, 2)
-    return np.asarray(whole + parts[1::2] - parts[::2])
+    x = np.where(share < SAME_ROW, 0.0, share)
+    around = row + np.array([[-1], [0], [1]])
+    inside = np.clip(around, 0, len(Y) - 1)
+    lagrange = np.array([x * (x - 1) * (x - 2), x * (x + 1) * (5 - 2 * x), x * (x + 1) * (x - 1)])
+    weights = lagrange / 6 * (around == inside)
+    of_parts = (weights[:, :, None] * X[inside]).transpose(1, 2, 0) @ Y[inside].transpose(1, 0, 2)
+    return np.asarray(of_whole_rows + of_parts[1::2] - of_parts[::2])
 
 
+SAME_ROW = 1e-9  # of a row, within which an edge lies on it
 FEWEST_CYCLES = 5  # smallest number of cycles at one frequency whose spread gives an interval
-Covariance = tuple[Array, Array, str, int]
-"""Covariance (p, p) of estimates, its degrees of freedom (p,), its source as named in tables, and
-the number of samples over which the residual may be correlated."""
+LARGEST_AR1 = 0.9999  # autocorrelation of a residual after one sample, beyond which none is fitted
+
+
+class Covariance(NamedTuple):
+    """The covariance of p estimates, and where it comes from."""
+
+    matrix: Array  # (p, p)
+    degrees_of_freedom: Array  # of its variances (p,)
+    source: str  # as tables name it
+    correlation_samples: int  # over which the residual may be correlated
 
 
 def hac(X: Array, inverse: Array, residual: Array) -> Covariance:
-    """The covariance from the autocorrelation of the residual (n,). X (n, p) times `inverse` (p, p)
-    is the change of each estimate per sample of y.
+    """Find the covariance from the autocorrelation of the residual (Newey and West, Econometrica
+    55, 1987).
 
-    The window is Andrews' plug-in bandwidth for the Bartlett kernel from an AR(1) fit, at most an
-    eighth of the samples. Low-pass filtered noise is no AR(1) at the sampling rate: 30 ms of
-    correlation give a window of 2.5 s. Raises InputError: a value is not finite or cannot be
-    measured."""
+    The window is Andrews' plug-in bandwidth for the Bartlett kernel from an AR(1) fit (Econometrica
+    59, 1991), at most an eighth of the samples. Low-pass filtered noise is no AR(1) at the sampling
+    rate: 30 ms of correlation give a window of 2.5 s.
+
+    Parameters
+    ----------
+    X : Array (n, p)
+        Columns.
+    inverse : Array (p, p)
+        X times it is the change of each estimate per sample of y.
+    residual : Array (n,)
+        What the fit leaves.
+
+    Raises
+    ------
+    InputError
+        A value is not finite or cannot be measured.
+    """
     check_measured("the residual", residual)
-    n, power = len(residual), float(residual[:-1] @ residual[:-1])
+    n = len(residual)
+    power = float(residual[:-1] @ residual[:-1])
     rho = float(residual[1:] @ residual[:-1]) / power if power > 0 else 0.0
-    rho = min(max(rho, 0.0), 0.9999)
+    rho = min(max(rho, 0.0), LARGEST_AR1)
     alpha = 4 * rho**2 / (1 - rho**2) ** 2
     window = int(np.clip(np.ceil(1.1447 * (alpha * n) ** (1 / 3)), 1, max(n // 8, 1)))
-    return *moving_sums(X @ inverse * residual[:, None], window), "HAC", window
+    scores = X @ inverse * residual[:, None]
+    return Covariance(*moving_sums(scores, window), "HAC", window)
 
 
 def moving_sums(scores: Array, window: int) -> tuple[Array, Array]:
@@ -79,15 +117,32 @@ def moving_sums(scores: Array, window: int) -> tuple[Array, Array]:
 
 
 def between_cycles(sums: Array, stratum: NDArray[np.intp]) -> tuple[Array, Array]:
-    """Covariance (p, p), with the degrees of freedom (p,) of its variances, from the spread of the
-    cycles' sums of scores (m, p) about the mean of their `stratum` (m,), rising. A bootstrap that
-    draws cycles within each stratum converges to it, apart from the factor m/(m - 1) for the mean
-    that was estimated from the m cycles of the stratum, two or more."""
+    """Find the covariance from the spread of repeated cycles.
+
+    A bootstrap that draws cycles within each stratum converges to it, apart from the factor m/(m -
+    1) for the mean that was estimated from the m cycles of the stratum, two or more.
+
+    Parameters
+    ----------
+    sums : Array (m, p)
+        Sums of scores of each cycle.
+    stratum : Array (m,)
+        Which cycles repeat one another; rising.
+
+    Returns
+    -------
+    covariance : Array (p, p)
+        From the spread about the mean of each stratum.
+    degrees_of_freedom : Array (p,)
+        Of its variances.
+    """
     members = np.bincount(stratum).astype(float)
     begins = np.flatnonzero(np.diff(stratum, prepend=-1))
     mean = np.add.reduceat(sums, begins) / members[:, None]
-    spread = (sums - mean[stratum]) * np.sqrt(members / (members - 1))[stratum, None]
-    return spread.T @ spread, welch_satterthwaite(np.add.reduceat(spread**2, begins), members - 1)
+    for_mean = np.sqrt(members / (members - 1))
+    spread = (sums - mean[stratum]) * for_mean[stratum, None]
+    variances = np.add.reduceat(spread**2, begins)
+    return spread.T @ spread, welch_satterthwaite(variances, members - 1)
 
 
 def less(covariance: Array, variances: Array) -> Array:
@@ -100,22 +155,40 @@ def less(covariance: Array, variances: Array) -> Array:
 def welch_satterthwaite(
     variances: Sequence[ArrayLike] | Array, degrees_of_freedom: ArrayLike
 ) -> Array:
-    """Degrees of freedom of the sum of k independent variances (k, ...), each with its
-    `degrees_of_freedom`, (k,) or as many as variances (Satterthwaite, Biometrics Bulletin 2, 1946;
-    Welch, Biometrika 34, 1947). Infinite where all variances are zero, or the uncertain ones vanish
-    beside the others: the rounding of a sum would decide on more than 1e12. Raises InputError: A
-    variance is not finite or beyond `LARGEST_VARIANCE`."""
+    """Find the degrees of freedom of a sum of k independent variances (Satterthwaite, Biometrics
+    Bulletin 2, 1946; Welch, Biometrika 34, 1947).
+
+    Parameters
+    ----------
+    variances : (k, ...)
+        The summands.
+    degrees_of_freedom : (k,) or (k, ...)
+        Of each.
+
+    Returns
+    -------
+    Array (...)
+        Infinite where all variances are zero, or the uncertain ones vanish beside the others: the
+        rounding of a sum would decide on more than `MOST_FREEDOM`.
+
+    Raises
+    ------
+    InputError
+        A variance is not finite or beyond `LARGEST_VARIANCE`.
+    """
     summands = np.asarray(variances, dtype=float)
     check_finite("the variance", summands, LARGEST_VARIANCE)
     certainty = 1 / np.asarray(degrees_of_freedom, dtype=float)
     if certainty.ndim < summands.ndim:
         certainty = certainty.reshape(-1, *[1] * (summands.ndim - 1))
     uncertainty = np.sum(certainty * summands**2, axis=0)
-    total = np.sum(summands, axis=0) ** 2
-    counts = uncertainty > total / 1e12
-    return np.asarray(np.divide(total, uncertainty, out=np.full_like(total, np.inf), where=counts))
+    square_of_sum = np.sum(summands, axis=0) ** 2
+    is_finite = uncertainty > square_of_sum / MOST_FREEDOM
+    infinite = np.full_like(square_of_sum, np.inf)
+    return np.asarray(np.divide(square_of_sum, uncertainty, out=infinite, where=is_finite))
 
 
+MOST_FREEDOM = 1e12  # degrees of freedom
 CONDITION_LIMIT = 1e3
 """Largest scaled condition number that is accepted. At this limit an error of 0.1 % in a column can
 cause an error of 100 % in an estimate."""
@@ -124,6 +197,8 @@ ROUNDED = 1e6  # condition number above which rounding destroys the inverse of t
 
 @dataclass(frozen=True)
 class LinearFit:
+    """A least-squares fit of p columns to y (n,)."""
+
     names: tuple[str, ...]  # names of the p columns
     estimates: Array  # estimates (p,) [unit of y per unit of the column]
     covariance: Array  # covariance of the estimates (p, p)
@@ -164,10 +239,9 @@ class LinearFit:
 
     def interval(self, name: str) -> tuple[float, float]:
         """Bounds of the 95 % interval of one estimate, in its unit (Student's quantile)."""
-        half = float(
-            scipy.special.stdtrit(self.degrees_of_freedom[self.names.index(name)], 0.975)
-        ) * self.se(name)
-        return self[name] - half, self[name] + half
+        freedom = self.degrees_of_freedom[self.names.index(name)]
+        half_width = float(scipy.special.stdtrit(freedom, 0.975)) * self.se(name)
+        return self[name] - half_width, self[name] + half_width
 
 
 def linear_fit(
@@ -175,58 +249,78 @@ def linear_fit(
     columns: Mapping[str, Array],
     covariance_of: Callable[[Array, Array, Array], Covariance] = hac,
 ) -> LinearFit:
-    """Least squares of y (n,) on named columns (n,) each, with standard errors for correlated
-    residuals: by Newey and West (Econometrica 55, 1987) with the bandwidth of Andrews (Econometrica
-    59, 1991), or by another covariance with the arguments of `hac`. Degrees of freedom are infinite
-    where a variance is 0, as that of an exact fit may be.
+    """Fit columns to y by least squares, with standard errors for correlated residuals.
 
-    Raises InputError: Lengths differ, a value cannot be measured (`check_measured`), or there are
-    not more samples than columns. Raises IdentifiabilityError: The scaled condition number exceeds
-    `CONDITION_LIMIT`; the message names the two columns that look alike."""
+    Parameters
+    ----------
+    y : Array (n,)
+        What is explained.
+    columns : Mapping of Array (n,)
+        By name.
+    covariance_of
+        Where the standard errors come from; it takes the arguments of `hac`.
+
+    Returns
+    -------
+    LinearFit
+        Degrees of freedom are infinite where a variance is 0, as that of an exact fit may be.
+
+    Raises
+    ------
+    InputError
+        Lengths differ, a value cannot be measured (`check_measured`), or there are not more samples
+        than columns.
+    IdentifiabilityError
+        The scaled condition number exceeds `CONDITION_LIMIT`; the message names the two columns
+        that look alike.
+    """
+    names = tuple(columns)
     for name, column in columns.items():
         if np.shape(column) != np.shape(y):
             raise InputError(
                 f"column '{name}' has shape {np.shape(column)}, expected {np.shape(y)} like y"
             )
-    X, names = np.array([np.asarray(c, dtype=float) for c in columns.values()]).T, tuple(columns)
+    X = np.array([np.asarray(column, dtype=float) for column in columns.values()]).T
     for name, column in zip(names, X.T, strict=True):
         check_measured(f"column '{name}'", column)
     if len(y) <= len(names):
         raise InputError(
             f"{len(y)} samples cannot determine {len(names)} parameters; use a longer window"
         )
+
     scale = check_not_zero(names, np.linalg.norm(X, axis=0))
     U, singular, Vt = np.linalg.svd(X / scale, full_matrices=False)
-    condition, about_means = (
-        float(singular[0] / max(singular[-1], np.finfo(float).tiny)),
-        np.empty((0, 0)),
-    )
+    condition = float(singular[0] / max(singular[-1], np.finfo(float).tiny))
+    about_means = np.empty((0, 0))
     if condition < ROUNDED:
         inverse = (Vt.T / singular**2) @ Vt / np.outer(scale, scale)
         # beside an offset, of the columns about their means, so that the zero of the angle does not
         # matter
         varying = [k for k, column in enumerate(X.T) if column[0] != column[-1] or np.ptp(column)]
         about_means = inverse[np.ix_(varying, varying)]
-        condition = scaled_condition(about_means) if len(varying) > 1 else condition
+        if len(varying) > 1:
+            condition = scaled_condition(about_means)
     if condition > CONDITION_LIMIT:
         refuse_unidentifiable(names, Vt[-1], condition)
+
     check_measured("column 'y'", y)
     estimates = (y @ U) / singular @ Vt / scale
     residual = y - X @ estimates
-    covariance, degrees_of_freedom, method, window = covariance_of(X, inverse, residual)
+    covariance = covariance_of(X, inverse, residual)
+    square = max(float(y @ y), np.finfo(float).tiny)
     return LinearFit(
-        names,
-        estimates,
-        covariance,
-        variance_accounted_for(y, residual),
-        1 - float(residual @ residual) / max(float(y @ y), np.finfo(float).tiny),
-        condition,
-        window,
-        len(y),
-        method,
-        degrees_of_freedom,
-        residual,
-        largest_correlation(about_means),
+        names=names,
+        estimates=estimates,
+        covariance=covariance.matrix,
+        vaf=variance_accounted_for(y, residual),
+        r_squared=1 - float(residual @ residual) / square,
+        condition_number=condition,
+        correlation_samples=covariance.correlation_samples,
+        samples=len(y),
+        interval_method=covariance.source,
+        degrees_of_freedom=covariance.degrees_of_freedom,
+        residual=residual,
+        largest_correlation=largest_correlation(about_means),
     )
 
 
@@ -272,18 +366,23 @@ def without(fixed: Array) -> Callable[[Array], Array]:
 
 
 def with_shared_error(fit: LinearFit, change: Array) -> LinearFit:
-    """The fit with an error that all its data share: `change` (p,) is the effect on the estimates
-    of one standard error of a known quantity, such as a calibration, with infinite degrees of
-    freedom."""
+    """Add an error that all data of a fit share.
+
+    Parameters
+    ----------
+    fit
+        Without it.
+    change : Array (p,)
+        Effect on the estimates of one standard error of a known quantity, such as a calibration,
+        with infinite degrees of freedom.
+    """
     random = np.diag(fit.covariance)
     covariance = fit.covariance + np.outer(change, change)
-    share = np.divide(
-        random, np.diag(covariance), out=np.ones_like(random), where=np.diag(covariance) > 0
-    )
-    degrees_of_freedom = np.divide(
-        fit.degrees_of_freedom, share**2, out=np.full_like(share, np.inf), where=share > 0
-    )
-    return replace(fit, covariance=covariance, degrees_of_freedom=degrees_of_freedom)
+    total = np.diag(covariance)
+    share = np.divide(random, total, out=np.ones_like(random), where=total > 0)
+    infinite = np.full_like(share, np.inf)
+    freedom = np.divide(fit.degrees_of_freedom, share**2, out=infinite, where=share > 0)
+    return replace(fit, covariance=covariance, degrees_of_freedom=freedom)
 
 
 def variance_accounted_for(y: Array, residual: Array) -> float:
@@ -294,7 +393,8 @@ def variance_accounted_for(y: Array, residual: Array) -> float:
     check_finite("the residual", residual)
     if not len(y):
         return float("nan")
-    left, varied, rounding = float(np.var(residual)), float(np.var(y)), rounding_of(y)
+    left, varied = float(np.var(residual)), float(np.var(y))
+    rounding = rounding_of(y)
     if varied > rounding:
         return 100 * (1 - left / varied)
     return 100.0 if left <= rounding else 0.0
@@ -313,6 +413,9 @@ def thinned_rows(samples: int, rate_hz: float, low_pass: LowPass) -> NDArray[np.
     return np.asarray(np.rint(np.arange(0, samples - 0.5, step)), dtype=np.intp)
 
 
+FEWEST_FOR_WHITENESS = 20  # samples; of fewer, autocorrelations are uncertain by 0.2 and more
+
+
 def whiteness_row(thinned: Array) -> Row:
     """How much a residual (n,), thinned by `thinned_rows`, is correlated with its own past: its
     autocorrelation after one sample, and Ljung and Box's statistic per lag with its p (Biometrika
@@ -320,8 +423,9 @@ def whiteness_row(thinned: Array) -> Row:
     fewer, is chi-squared. All null for a residual of zeros, and of fewer than 20 samples, whose
     autocorrelations are uncertain by 0.2 and more."""
     check_measured("the residual", thinned)
-    n, power = len(thinned), float(thinned @ thinned)
-    if n < 20 or power == 0:
+    n = len(thinned)
+    power = float(thinned @ thinned)
+    if n < FEWEST_FOR_WHITENESS or power == 0:
         return dict.fromkeys(("residual_autocorrelation", "ljung_box_per_lag", "ljung_box_p"))
     lag = np.arange(1, min(10, n // 5) + 1)
     r = np.array([float(thinned[k:] @ thinned[:-k]) for k in lag]) / power
@@ -344,12 +448,10 @@ def estimates_row(fit: LinearFit, *names: str) -> dict[str, float]:
     row: dict[str, float] = {}
     for name in names:
         low, high = fit.interval(name)
-        row |= {
-            name: fit[name],
-            f"{name}_se": fit.se(name),
-            f"{name}_low": low,
-            f"{name}_high": high,
-        }
+        row[name] = fit[name]
+        row[f"{name}_se"] = fit.se(name)
+        row[f"{name}_low"] = low
+        row[f"{name}_high"] = high
     return row
 
 
@@ -380,7 +482,7 @@ def lag_damping_row(
     """Lag [s] of the torque behind the angle, its standard error, and what it adds to B: -K lag
     [N*m*s/rad]; `certain_lag_damping` is 0 for a lag of no more than `certain_from` standard
     errors. All null without a lag."""
-    damping = certain = None
+    damping, certain = None, None
     if lag is not None and se is not None:
         damping = -K * lag
         certain = damping if abs(lag) > certain_from * se else 0.0

@@ -42,7 +42,7 @@ from osl_analysis.judge.limits import DoubtfulFits
 from osl_analysis.judge.words import WORDS, printed, words_of
 from osl_analysis.refusal import Refusal
 from osl_analysis.report import page, trial_page
-from osl_analysis.report.headlines import Example, headline_numbers
+from osl_analysis.report.headlines import Example, headline_numbers, to_json, to_tex
 from osl_analysis.report.trial_page import Pictures, ReportedTrial
 from osl_analysis.table import write_table
 
@@ -874,9 +874,11 @@ def test_each_stated_condition_has_its_own_numbers_and_macros():
     }
     many = pl.concat([table.with_columns(B_d=pl.lit(float(k))) for k in range(9)])
     said = headline_numbers({"impedance": many}, Example(200.0, 2.0))
-    assert len([one for one in said if one.name.startswith("K_example")]) == 1, (
+    in_summary = json.loads(to_json({}, said))["numbers"]
+    assert len([name for name in in_summary if name.startswith("K_example")]) == 1, (
         "a table tells of more"
     )
+    assert to_tex(ABOUT, said).count("ExampleStiffness") == 3 * 18  # with both ends
 
 
 def test_crossings_are_drawn_in_degrees_the_residual_is_measured_minus_model():

@@ -33,7 +33,8 @@ from osl_analysis.trial import Array
 from osl_analysis.yaml_settings import read_mapping
 
 DRAFT_JOINT = "ankle"  # the joint whose numbers the draft prints
-MOST_UNSTATED = 8  # largest number of trials without a stated condition that are listed one by one
+# largest number of conditions, or of trials without a stated one, that the summary lists one by one
+MOST_UNSTATED = 8
 
 
 @dataclass(frozen=True)
@@ -62,6 +63,8 @@ class Headline:
     amplitudes_high: float | None = None
     of: str = ""  # controller, group or joint, with which `meaning` ends; empty: all
     begins: str = ""  # begin of the page's first sentence with this number; empty: there is none
+    # whether it stands in `numbers.tex` alone, as one of many conditions, which are in a table
+    is_macro_only: bool = False
 
 
 @dataclass(frozen=True)
@@ -258,11 +261,12 @@ def impedance_headlines(impedance: pl.DataFrame, example: Example) -> Iterator[H
             )
         pairs = trials.drop_nulls("K_d").select("K_d", "B_d").unique().sort("K_d", "B_d").rows()
         others = [Example(*pair) for pair in pairs if pair != (example.K_d, example.B_d)]
-        # more are only in a table
-        for one in (example, *(others if len(others) < MOST_UNSTATED else ())):
-            yield from numbers_of_condition(
-                trials, one, controller, len(found) == 1, one is not example
-            )
+        yield from numbers_of_condition(trials, example, controller, of_all, is_other=False)
+        are_many = len(others) >= MOST_UNSTATED
+        for condition in others:
+            numbers = numbers_of_condition(trials, condition, controller, of_all, is_other=True)
+            for number in numbers:
+                yield replace(number, is_macro_only=are_many)
 
 
 def numbers_of_condition(
@@ -513,9 +517,9 @@ def to_json(
 ) -> str:
     """The numbers' origin, the `missing` trials and results, and an object per number in full
     precision. Null if there is no interval, or no value of the draft."""
-    numbers = {h.name: asdict(h) for h in headlines}
+    numbers = {number.name: asdict(number) for number in headlines if not number.is_macro_only}
     for number in numbers.values():
-        del number["name"], number["macro"]
+        del number["name"], number["macro"], number["is_macro_only"]
     content = {**about, **(missing or {}), "numbers": numbers}
     return json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 

@@ -1,5 +1,5 @@
 """How often 95 % intervals hold the truth: K, B and I of an exact joint whose angle and torque are
-rounded.
+rounded, as `impedance.csv` has them.
 
 Run from the repository: `python benchmarks/interval_coverage.py [seeds]`. The recordings are those
 of `planted.py`, none of them by the project; of each kind 150 with another zero of the encoder,
@@ -16,10 +16,9 @@ import polars as pl
 from causes import ROOT, markdown, write_between
 from planted import MOTIONS, NOTHING, Cause, recording
 
-from osl_analysis.bench.analysis import analysed
 from osl_analysis.bench.bench_settings import DynamometerAnalysis
 from osl_analysis.bench.complex_estimate import polar_row
-from osl_analysis.bench.effects import IMPEDANCE, plain_sums
+from osl_analysis.bench.impedance import impedance_table, rendered_impedance
 from osl_analysis.bench.phasors import phasors_of_record
 from osl_analysis.bench.recorded_motion import record_of_trial
 from osl_analysis.campaign.configuration import read_section
@@ -47,11 +46,12 @@ def held(kind: str, seeds: int, settings: DynamometerAnalysis) -> dict[str, list
         samples = pl.DataFrame(recording(cause, 0.0, motion, seed)).gather_every(every)
         torque = (pl.col("torque") / TORQUE_STEP).round() * TORQUE_STEP
         record = record_of_trial(Trial("made", samples.with_columns(torque)), settings)
-        for label, fit in analysed(record, plain_sums(record, IMPEDANCE), IMPEDANCE).fits.items():
-            rows = "all" if label is None else "one amplitude"
+        for row in impedance_table(*rendered_impedance(record)).to_dicts():
+            rows = "all" if row["amplitude_deg"] is None else "one amplitude"
             for name, true in truth.items():
-                low, high = fit.interval(name)
-                found[f"{name}, {rows}"].append(low <= true <= high)
+                column = "B_viscous" if name == "B" and row["B_viscous"] is not None else name
+                is_held = row[f"{column}_low"] <= true <= row[f"{column}_high"]
+                found[f"{name}, {rows}"].append(is_held)
         for segment in phasors_of_record(record):
             hz = round(segment.frequency_hz)
             s = 2j * np.pi * segment.frequency_hz

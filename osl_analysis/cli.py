@@ -66,6 +66,31 @@ INSTEAD_OF = {
     "score": "run `python benchmarks/peers/score.py ANSWERS` in a clone of the project",
 }
 """What to use in place of a command of earlier releases."""
+SECTIONS = {
+    "Start": {
+        "init": "make the folder of a campaign, also from recordings",
+        "run": "analyse the campaign in this folder",
+        "results": "print what was found",
+    },
+    "Look": {
+        "inspect": "list what a recording, or a folder of them, holds",
+        "watch": "examine recordings as soon as they are complete",
+        "doctor": "check this machine and the campaign in this folder",
+    },
+    "Analyse": {
+        "fit": "fit one trial and print its estimates",
+        "ingest": "convert the raw logs of one trial into one file",
+        "design": "intervals of K, B and I to expect from a protocol",
+        "gains": "control gains that render a stiffness and a damping",
+        "simulate": "simulate a campaign",
+    },
+    "Share": {
+        "compare": "compare the results of two campaigns",
+        "export": "write the measured leg for a simulator",
+        "bundle": "pack a campaign with its results for a repository",
+    },
+}
+"""The commands as `osl-analysis --help` groups them."""
 POSITIVE, NOT_NEGATIVE = click.FloatRange(0, min_open=True), click.FloatRange(0)
 file_option = partial(option, type=FILE)
 CONFIG = file_option(
@@ -146,6 +171,11 @@ class OneLineErrors(click.Group):
     behind."""
 
     command_class = KeepsItsInput
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        for section, commands in SECTIONS.items():
+            with formatter.section(section):
+                formatter.write_dl(list(commands.items()))
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]

@@ -476,3 +476,13 @@ def test_what_needs_more_memory_than_a_job_may_have_is_refused_with_file_limit_a
     )
     assert (ended.returncode, ended.stdout, ended.stderr.count("\n")) == (1, "", 1)
     assert ended.stderr.startswith(f"error: {path}: {said.format(5)}")
+
+
+def test_help_has_every_command_once_in_its_section():
+    shown = [line.split()[0] for line in call("--help").output.splitlines() if line[:2] == "  "]
+    visible = [name for name, command in main.commands.items() if not command.hidden]
+
+    listed = [name for name in shown if name in main.commands]
+
+    assert sorted(listed) == sorted(visible)
+    assert listed[:3] == ["init", "run", "results"]

@@ -145,7 +145,8 @@ rule draw_figure:
         "<logs>/figures/{figure}.log",
     params:
         name="{figure}",
-        footer=sentence(ABOUT, below_figure=True),
+        origin=sentence(ABOUT, below_figure=True),
+        footer=CONFIG.figures.footer,
         made_by=MADE_BY,
     run:
         job("figure.draw_figure", input, output, params, log)

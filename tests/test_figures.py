@@ -848,3 +848,16 @@ def test_no_two_controllers_look_alike_and_one_has_the_same_look_in_every_figure
         None,
     ]
     assert names.drawn_name(20 * "a" + 20 * "b") == 18 * "a" + "…" + 9 * "b"
+
+
+def test_a_figure_without_footer_is_smaller_and_keeps_its_origin_in_the_metadata(tmp_path):
+    origin = "Simulated data: campaign small"
+    heights, texts = [], []
+    for footer in (True, False):
+        file = tmp_path / f"{footer}.svg"
+        draw_table("chain", stored("chain"), [file], origin=origin, footer=footer)
+        texts.append(file.read_text())
+        heights.append(float(re.search(r'height="([\d.]+)pt"', texts[-1])[1]))
+
+    assert heights[1] < heights[0]
+    assert origin in texts[1]

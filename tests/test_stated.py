@@ -178,7 +178,7 @@ CHOICES = (
     "walking.timing_scatter",
     "walking.fewest_unperturbed", "walking.perturbed_stance", "walking.correct_plate_lag",
     "walking.bootstrap_samples", "overground", "failed_trials", "quality", "report",
-    "figures.time_series", "figures.frequency_response",
+    "figures.time_series", "figures.frequency_response", "figures.footer",
 )  # fmt: skip
 
 

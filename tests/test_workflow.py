@@ -395,7 +395,8 @@ def test_every_setting_is_a_param_of_a_job(tmp_path):
     ).items():
         if len(place) > 1 and value not in (None, {}, []) and not NOT_CHANGED & set(place):
             limit = place[0] in ("doubtful", "figures")  # no whole numbers
-            places[place] = another(float(value) if limit else value, len(places) + 1)
+            is_number = limit and not isinstance(value, bool)
+            places[place] = another(float(value) if is_number else value, len(places) + 1)
             inner = changes
             for name in place[:-1]:
                 inner = inner.setdefault(name, {})

@@ -123,14 +123,14 @@ def fit_of(
     if inferred is None:
         return ImpedanceFit(of_equation_15, by_coulomb(coulomb), VAF_in_band=least_squares.vaf)
 
-    # friction whose size is not certain is not taken off B
-    is_probable = inferred.friction_probability > CERTAIN_FRICTION
-    has_friction = is_probable and coulomb is not None and coulomb.certain is not None
+    has_friction = inferred.friction_probability > CERTAIN_FRICTION
     if is_leg:
         without = Impedance.inferred(inferred.sound).widened_by(known_errors)
         friction = by_inference(coulomb, of_equation_15.B, without if has_friction else None)
         return ImpedanceFit(of_equation_15, friction, VAF_in_band=least_squares.vaf)
 
+    # friction whose size is not certain is not taken off B
+    has_friction = has_friction and coulomb is not None and coulomb.certain is not None
     told = inferred.impedance if inferred.doubt is None else inferred.sound
     impedance = Impedance.inferred(told).widened_by(known_errors)
     friction = by_inference(coulomb, of_equation_15.B, impedance if has_friction else None)

@@ -83,31 +83,44 @@ def draw_figure(
     table_csv: Path,
     outputs: Sequence[Path],
     refused: Sequence[Refusal] = (),
-    footer: str = "",
+    origin: str = "",
+    footer: bool = True,
 ) -> None:
-    """Draw the numbers of `table_csv` as figure `name` into PDF, SVG or PNG files, by suffix, or
-    why there are none. Below stand the `footer`, which trials were `refused`, and the first digits
-    of the SHA-256 of `table_csv`."""
-    if footer:
-        footer += f", numbers {str(digest(table_csv))[:8]}"
+    """Draw a figure, or say on its page why it is not drawn.
+
+    Parameters
+    ----------
+    name
+        Of the figure.
+    table_csv
+        The numbers that it shows.
+    outputs
+        PDF, SVG or PNG files.
+    refused
+        Why trials are missing that it would show.
+    origin
+        What the data are; the first digits of the SHA-256 of `table_csv` are added.
+    footer
+        Whether a small line below the figure says so, too; its metadata always do.
+    """
+    if origin:
+        origin += f", numbers {str(digest(table_csv))[:8]}"
     causes = [(cause.trial, cause.file, cause.reason) for cause in read_refusals(table_csv)]
     if not causes:
         figure = drawing_of(name)
         table = read_table(table_csv, required=figure.columns)
         if not table.is_empty():
-            draw_table(
-                name,
-                table,
-                outputs,
-                list(dict.fromkeys(one.trial for one in refused if one.trial)),
-                footer,
-            )
+            missing = list(dict.fromkeys(cause.trial for cause in refused if cause.trial))
+            draw_table(name, table, outputs, missing, origin, footer)
             return
         causes = [("", str(table_csv), figure.nothing)]
-    reasons = pl.DataFrame(causes, schema=("trial", "file", "reason"), orient="row").with_columns(
-        figure=pl.lit(name)
-    )
-    draw_table("not_drawn", reasons, outputs, footer=footer)
+    reasons = pl.DataFrame(causes, schema=("trial", "file", "reason"), orient="row")
+    reasons = reasons.with_columns(figure=pl.lit(name))
+    draw_table("not_drawn", reasons, outputs, origin=origin, footer=footer)
+
+
+MOST_NAMED = 4  # refused trials below a figure; the caption names more, `excluded.csv` all
+PNG_EFFORT = 3  # of 9; lines hardly shrink by more
 
 
 def draw_table(
@@ -115,10 +128,10 @@ def draw_table(
     table: pl.DataFrame,
     outputs: Sequence[Path],
     missing: Sequence[str] = (),
-    footer: str = "",
+    origin: str = "",
+    footer: bool = True,
 ) -> None:
-    """The same for numbers in memory. `missing` trials are named in the footer, which the metadata
-    have too."""
+    """Draw numbers in memory, as `draw_figure`; `missing` are the refused trials."""
     for path in outputs:
         if path.suffix not in METADATA:
             raise InputError(
@@ -127,32 +140,32 @@ def draw_table(
             )
     from osl_analysis.figures import style  # matplotlib takes half a second
 
+    if missing:
+        further = len(missing) - MOST_NAMED
+        named = ", ".join(missing[:MOST_NAMED]) + (f" and {further} more" if further > 0 else "")
+        without = f"Without {len(missing)} refused: {named}"
+        origin = f"{origin}. {without}" if origin else without
     figure = drawing_of(name).draw(table)
-    if missing:  # the caption names more of them, the table `excluded.csv` all
-        more = f" and {len(missing) - 4} more" if len(missing) > 4 else ""
-        footer += (
-            f"{'. ' if footer else ''}Without {len(missing)} refused:"
-            f" {', '.join(missing[:4])}{more}"
-        )
-    page_box = names.write_footer(figure, footer) if footer else None
+    page_box = names.write_footer(figure, origin) if origin and footer else None
     style.lay_out(figure)
     for path in outputs:
         subject, date = METADATA[path.suffix]
-        said = ({date: None} if path.suffix != ".png" else {}) | (
-            {subject: footer} if footer else {}
-        )
-        # lines hardly shrink by more effort than 3 of 9
-        quick: dict[str, Any] = (
-            {"pil_kwargs": {"compress_level": 3}} if path.suffix == ".png" else {}
-        )
+        metadata: dict[str, str | None] = {}
+        options: dict[str, Any] = {}
+        if path.suffix == ".png":
+            options["pil_kwargs"] = {"compress_level": PNG_EFFORT}
+        else:
+            metadata[date] = None  # the same numbers give the same file
+        if origin:
+            metadata[subject] = origin
         page = BytesIO()  # a writer that the disk interrupts would leave its file open
         with style.paper_style():
             figure.savefig(
                 page,
                 format=path.suffix.removeprefix("."),
-                metadata=said,
+                metadata=metadata,
                 bbox_inches=page_box,
-                **quick,
+                **options,
             )
         with atomic_path(path) as temporary:
             temporary.write_bytes(page.getvalue())

@@ -279,7 +279,7 @@ def compare_campaigns(folders: Sequence[Path], output: Path, margin: float | Non
         write_table(table, new["csv"], " and ".join(origins))
         footer = f"A: {sentence(a)}; B: {sentence(b)}"
         draw_figure(
-            "comparison", new["csv"], [new[kind] for kind in ("pdf", "svg", "png")], footer=footer
+            "comparison", new["csv"], [new[kind] for kind in ("pdf", "svg", "png")], origin=footer
         )
     cells = [compared_cells(row, a, b) for row in table.iter_rows(named=True)]
     known = [

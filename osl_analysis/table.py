@@ -32,7 +32,7 @@ TEXT_COLUMNS = (
     "fault_family", "explanations", "widened_because", "law",
 )  # fmt: skip
 # columns that identify a row of a table and of its evidence
-OF_ROW = ("trial", "joint", "side", "amplitude_deg")
+OF_ROW = ("trial", "joint", "side", "scope", "amplitude_deg")
 
 # `joint` and `side` by the name of a trial or group
 Places = Mapping[str, Mapping[str, str | None]]

@@ -120,7 +120,7 @@ def test_every_figure_table_and_headline_number_is_there_and_nothing_is_left_to_
     assert workspace.table("impedance").columns[:3] == [
         "trial",
         "joint",
-        "amplitude_deg",
+        "scope",
     ], "nobody stated a side"
     shown = pl.read_csv(results / "figures/fig4.csv").select("time", "theta_deg")
     assert np.ptp(shown.to_numpy(), axis=0) == pytest.approx((2, 8), abs=0.2)
@@ -329,6 +329,20 @@ def test_changed_settings_give_the_bytes_of_a_fresh_run_and_redo_what_uses_them_
     transmission = again.table("transmission")
     assert bad not in transmission["trial"].to_list()
     assert (transmission["doubtful"] == "samples").all()
+
+
+def test_the_lines_for_pandas_read_the_results(workspace, monkeypatch, capsys):
+    page = (ROOT / "docs/read_results.md").read_text()
+    monkeypatch.chdir(workspace.folder)
+    values = {}
+
+    for block in re.findall(r"```python\n(.*?)```", page, re.DOTALL):
+        exec(block.replace("NAME", TRIAL), values)
+
+    of_all = workspace.table("impedance").filter(pl.col("amplitude_deg").is_null())
+    assert values["whole"]["K"].tolist() == of_all["K"].to_list()
+    assert not values["torque"].isna().any().any()
+    assert "K_bias_compensated" in capsys.readouterr().out
 
 
 def test_a_threshold_that_excludes_nobody_makes_only_the_judgement_again(workspace, tmp_path):

@@ -95,6 +95,7 @@ class Analysis:
         commanded = {each.label: each.commanded_deg for each in self.record.groups.strata}
         return {
             "trial": self.record.name,
+            "scope": "all" if label is None else "amplitude",
             "amplitude_deg": label if isinstance(label, float) else None,
             "commanded_deg": commanded.get(label),
         }

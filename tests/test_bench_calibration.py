@@ -29,7 +29,7 @@ from osl_analysis.bench.effects import IMPEDANCE, plain_sums, sums_of
 from osl_analysis.bench.frequency_response import frequency_response_table
 from osl_analysis.bench.gram import GroupFit
 from osl_analysis.bench.known_spring import Known, LateFits, bench_estimates
-from osl_analysis.bench.measured_components import COMPONENTS, components_of
+from osl_analysis.bench.measured_components import COMPONENTS, components_of, covariance_of_means
 from osl_analysis.bench.phasors import phasor_table, phasors_of_record
 from osl_analysis.bench.torque_angle_tables import curve_table, torque_angle_table
 from osl_analysis.campaign.configuration import read_config
@@ -238,6 +238,14 @@ def test_components_of_a_prediction_keep_it_however_many_trials():
     assert components_of(tables | {"belt": belts}, ("ankle", None), p).se("K_s") == pytest.approx(
         np.hypot(plain, 6.0)
     )
+
+
+def test_the_error_of_the_bench_is_no_part_of_what_trials_average_out():
+    belts = pl.DataFrame({"K_s": 3 * [600.0], "K_s_se": 3 * [5.0], "K_s_se_bench": 3 * [3.0]})
+
+    variance = covariance_of_means(belts, ["K_s"])
+
+    assert variance == pytest.approx((5**2 - 3**2) / 3 + 3**2)
 
 
 CONFIG = read_config(ROOT / "config/config.yaml")

@@ -10,12 +10,21 @@ from conftest import ROOT
 from scipy.signal import lfilter
 
 from osl_analysis.bench.bench_settings import DynamometerAnalysis
-from osl_analysis.bench.controller_law import OTHER_LAW, law_table, law_that_ran
+from osl_analysis.bench.controller_law import (
+    CHUNKS,
+    LAW_COLUMNS,
+    OTHER_LAW,
+    by_chunks,
+    certain_errors,
+    law_table,
+    law_that_ran,
+)
 from osl_analysis.bench.record import with_actuator
 from osl_analysis.bench.recorded_motion import record_of_trial
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.model.compensator import Gains, motor_current
 from osl_analysis.model.drivetrain import read_parameters
+from osl_analysis.stats.regression import LinearFit
 from osl_analysis.trial import Trial
 
 SETTINGS = read_section(ROOT / "config/config.yaml", "dynamometer", DynamometerAnalysis)
@@ -128,3 +137,75 @@ def test_without_current_or_angle_of_the_motor_no_law_is_measured_and_the_progra
     programmed = Gains(20.0, 0.3, True)
     table = told(programmed, programmed, keep)
     assert (table.is_empty(), law_that_ran(table, programmed, P)) == (True, (programmed, P))
+
+
+def fit_of_law(covariance=None, **estimates):
+    """A fit with these estimates, exact unless their covariance is given."""
+    p = len(estimates)
+    return LinearFit(
+        names=tuple(estimates),
+        estimates=np.array([*estimates.values()]),
+        covariance=np.zeros((p, p)) if covariance is None else covariance,
+        vaf=100.0,
+        r_squared=1.0,
+        condition_number=1.0,
+        correlation_samples=1,
+        samples=100,
+        interval_method="chunks",
+        degrees_of_freedom=np.full(p, 23.0),
+        residual=np.zeros(100),
+        largest_correlation=0.0,
+    )
+
+
+PROGRAM = {"K_1": 20.0, "B_1": 0.3, "f_C": P.f_C, "f_G": P.f_G}
+
+
+def test_a_loop_is_late_by_what_the_series_of_its_delay_takes_off_and_adds():
+    late_s = 8e-3  # -K_1 theta(t - d) - B_1 omega(t - d), to second order in d
+    law = fit_of_law(
+        K_1=20.0,
+        B_1=0.3 - 20.0 * late_s,
+        lag=0.3 * late_s - 20.0 * late_s**2 / 2,
+        f_C=P.f_C,
+        f_G=P.f_G,
+    )
+
+    errors = certain_errors(law, 1.0, PROGRAM, P, current=5.0)
+
+    assert errors["loop_late_s"] == pytest.approx(late_s)
+    assert errors["B_1_gap_s"] == 0
+
+
+def test_an_error_of_the_cancelled_friction_is_certain_beyond_two_errors_of_the_sum():
+    covariance = np.zeros((5, 5))
+    covariance[3:, 3:] = [[4e-4, 1e-4], [1e-4, 2e-4]]
+    law = fit_of_law(covariance, K_1=20.0, B_1=0.3, lag=0.0, f_C=0.0, f_G=0.0)
+    current = 2.0
+    friction = P.f_C + P.f_G * current
+    se = np.sqrt(np.array([1, current]) @ covariance[3:, 3:] @ np.array([1, current]))
+
+    errors = certain_errors(law, 1.0, PROGRAM, P, current)
+
+    assert errors["feedforward_error"] == pytest.approx((friction - 2 * se) / friction)
+
+
+def test_another_friction_is_taken_off_a_current_that_reads_too_much():
+    law = {"trial": "t", "f_C": 0.22, "f_G": 0.05, "k_tau_n_m": 1.0, "feedforward_error": 0.5,
+           "current_error": 0.1, "f_C_programmed": 0.4, "f_G_programmed": 0.05}  # fmt: skip
+
+    _, p = law_that_ran(pl.DataFrame([law], LAW_COLUMNS), Gains(20.0, 0.3, True), P)
+
+    assert p.f_C == pytest.approx(0.2)
+    assert p.f_G == 0.05  # of the load, which reads too much as well
+
+
+def test_the_covariance_by_chunks_of_a_mean_is_that_of_their_means():
+    of_chunks = np.random.default_rng(0).normal(size=CHUNKS)
+    residual = np.repeat(of_chunks - of_chunks.mean(), 10)
+    X = np.ones((residual.size, 1))
+
+    covariance, freedom, _, _ = by_chunks(X, np.linalg.inv(X.T @ X), residual)
+
+    assert covariance[0, 0] == pytest.approx(np.var(of_chunks, ddof=1) / CHUNKS)
+    assert freedom == CHUNKS - 1

@@ -303,6 +303,18 @@ def test_a_late_controller_is_named_with_its_delay_and_no_component_is():
     ]
 
 
+def test_the_standard_error_of_a_change_is_that_of_a_mean_where_the_change_is_a_mean():
+    of_trials = np.array([0.04, 0.07, 0.05, 0.06])
+    without_one = (of_trials.sum() - of_trials) / 3
+    changes = {"torque_gain": np.array([of_trials.mean(), *without_one])}
+    components = components_of(component_tables(TRUE), ("ankle", None), P)
+    explained = prediction_causes.Explained(changes, 0.01)
+
+    row = prediction_causes.cause_row("torque_gain", explained, 0.02, components, 4)
+
+    assert row["change_se"] == pytest.approx(np.std(of_trials, ddof=1) / 2)
+
+
 def test_an_interval_is_learnt_from_the_other_trials():
     """What a trial itself measured does not change its own interval, and changes that of the
     others."""

@@ -3,11 +3,13 @@ verdict for each.
 
 `equivalent`, `different` and `undecided` compare a number with its target (`stats.repeats`). That a
 number is beyond a limit `holds` if its whole interval is, `fails` if none of it is, and is
-`undecided` otherwise. Without an interval there is no verdict."""
+`undecided` otherwise. Without an interval there is no verdict.
+"""
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from math import pi
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import polars as pl
@@ -19,28 +21,35 @@ from osl_analysis.stats.repeats import equivalence
 from osl_analysis.table import held_against_desired
 from osl_analysis.yaml_settings import Positive, Settings
 
-Claim = dict[str, Any]
+TEXT_COLUMNS = ("joint", "side", "name", "subject", "claim", "quantity")
 CLAIM_COLUMNS = {
-    **dict.fromkeys(("joint", "side", "name", "subject", "claim", "quantity"), pl.String),
-    **dict.fromkeys(("value", "low", "high"), pl.Float64), **dict.fromkeys(("unit", "interval",
-    "wanted"), pl.String),
-    **dict.fromkeys(("target", "margin", "n"), pl.Float64), "verdict": pl.String,
-}  # fmt: skip
+    **dict.fromkeys(TEXT_COLUMNS, pl.String),
+    **dict.fromkeys(("value", "low", "high"), pl.Float64),
+    **dict.fromkeys(("unit", "interval", "wanted"), pl.String),
+    **dict.fromkeys(("target", "margin", "n"), pl.Float64),
+    "verdict": pl.String,
+}
 CLAIMED = (
-    "belt_summary", "transmission_summary", "actuator_summary", "impedance", "compensation",
+    "belt_summary",
+    "transmission_summary",
+    "actuator_summary",
+    "impedance",
+    "compensation",
     "frequency_response",
     "walking_summary",
-)  # fmt: skip
+)
 """The result tables that claims are held against."""
-FIT, MEAN = "95 % for another motion of this kind", "95 % of the mean (Student)"
-LESS = {
+OF_FIT = "95 % for another motion of this kind"
+OF_MEAN = "95 % of the mean (Student)"
+OF_NOISE = "95 % of measurement noise"
+BETTER = {
     "torque_error": "the torque is nearer to K_d theta + B_d omega",
     "K_error": "K is nearer to K_d",
-}
-LESS |= {
     "B_error": "B, without friction where this is certain, is nearer to B_d",
     "VAF": "K, B and I explain more of the torque",
 }
+"""What compensation improves, by the quantity of `compensation.csv`."""
+Side = Literal["above", "below"]
 
 
 class Claims(Settings):
@@ -55,6 +64,52 @@ class Claims(Settings):
     """Share [%] below which a part of a whole is negligible."""
 
 
+@dataclass(frozen=True)
+class Claim:
+    """A row of `claims.csv`.
+
+    Attributes
+    ----------
+    name, claim
+        Its name, and what the text claims.
+    quantity, unit
+        What is compared.
+    value, low, high
+        Its number and the ends of its interval; None without one.
+    interval
+        What the interval is.
+    wanted, target
+        On which side of a limit the number is wanted, or what it should be.
+    margin
+        Within which it is the same as its target.
+    n
+        Number of trials behind it.
+    verdict
+        What comes of it; None without a verdict.
+    subject
+        The trial or group that it is of; None: the campaign.
+    joint, side
+        Where it was measured.
+    """
+
+    name: str
+    claim: str
+    quantity: str
+    unit: str
+    value: float
+    low: float | None = None
+    high: float | None = None
+    interval: str | None = None
+    wanted: Side | None = None
+    target: float | None = None
+    margin: float | None = None
+    n: float | None = None
+    verdict: str | None = None
+    subject: str | None = None
+    joint: str | None = None
+    side: str | None = None
+
+
 def limit_verdict(low: float | None, high: float | None, limit: float, wanted: str) -> str | None:
     """Whether a number with this 95 % interval is on the `wanted` side of a limit (`above`,
     `below`), as a verdict."""
@@ -65,156 +120,202 @@ def limit_verdict(low: float | None, high: float | None, limit: float, wanted: s
     return "undecided"
 
 
-Ends = tuple[float | None, float | None]
-
-
-def claim_of(name: str, claim: str, quantity: str, number: float, ends: Ends, **more: Any) -> Claim:
-    """A row: the claim, its quantity, a number with the ends of its interval, and `more` columns.
-    Without a verdict among these, a number `wanted` on one side of its `target` has its verdict by
-    that."""
-    row = {
-        "name": name,
-        "claim": claim,
-        "quantity": quantity,
-        "value": number,
-        "low": ends[0],
-        "high": ends[1],
-        **more,
-    }
-    return (
-        row
-        if "verdict" in row
-        else row | {"verdict": limit_verdict(*ends, row["target"], row["wanted"])}
-    )
-
-
 def share_claim(
-    name: str, what: str, quantity: str, share: float, parts: Sequence[Claim], **judged: Any
+    name: str,
+    claim: str,
+    quantity: str,
+    share: float,
+    parts: Sequence[Mapping[str, Any]],
+    wanted: Side,
+    limit_percent: float,
+    sensitivity: float = 1.0,
 ) -> Claim:
-    """A claim on a share of a whole [1], with an interval from the means of its `parts` (rows of a
-    summary)."""
-    ends: Ends = None, None
-    share, freedom = 100 * share, min(part["n"] for part in parts) - 1
+    """A claim on a share of a whole.
+
+    Parameters
+    ----------
+    share
+        The number [1].
+    parts
+        Rows of a summary, whose means make the share; its interval is from their relative errors.
+    wanted, limit_percent
+        On which side of the limit it is wanted.
+    sensitivity
+        Relative change of the share by that of its parts.
+    """
+    percent = 100 * share
+    freedom = min(part["n"] for part in parts) - 1
+    low, high, interval = None, None, None
     if freedom > 0 and all(part["se"] is not None for part in parts):
-        error = np.linalg.norm([part["se"] / part["mean"] for part in parts])
-        half = share * judged.pop("of", 1.0) * float(error * scipy.special.stdtrit(freedom, 0.975))
-        ends = share - half, share + half
-    facts = {"unit": "%", "interval": None if ends[0] is None else MEAN, "n": freedom + 1}
-    return claim_of(name, what, quantity, share, ends, **facts, **judged)
-
-
-def component_claims(
-    means: Mapping[str, Claim],
-    asked: pl.DataFrame,
-    hz: Sequence[float],
-    n_T: float | None,
-    limit: float,
-) -> Iterator[Claim]:
-    """Whether the joint's inertia is negligible beside its damping, at the lowest and the highest
-    frequency [Hz], and whether belt and load friction matter, at the lowest and the highest K_d.
-    `means` are the components' means over trials by quantity, `asked` the rows of `impedance.csv`
-    over all amplitudes."""
-    if hz and {"J_j", "B_j"} <= means.keys():
-        J_j, B_j = means["J_j"], means["B_j"]
-        for end, f in (("lowest", min(hz)), ("highest", max(hz))):
-            share, what = (
-                2 * pi * f * J_j["mean"] / B_j["mean"],
-                f"the joint's inertia is negligible at {f:g} Hz",
-            )
-            judged = {"wanted": "below", "target": limit}
-            yield share_claim(
-                f"inertia_at_{end}_frequency", what, "J_j omega/B_j", share, (J_j, B_j), **judged
-            )
-    known, judged = (
-        asked.filter(pl.col("K_d") > 0).sort("K_d").to_dicts(),
-        {"wanted": "above", "target": limit},
+        relative_error = np.linalg.norm([part["se"] / part["mean"] for part in parts])
+        quantile = float(relative_error * scipy.special.stdtrit(freedom, 0.975))
+        half_width = percent * sensitivity * quantile
+        low, high, interval = percent - half_width, percent + half_width, OF_MEAN
+    return Claim(
+        name=name,
+        claim=claim,
+        quantity=quantity,
+        unit="%",
+        value=percent,
+        low=low,
+        high=high,
+        interval=interval,
+        wanted=wanted,
+        target=limit_percent,
+        n=freedom + 1,
+        verdict=limit_verdict(low, high, limit_percent, wanted),
     )
-    for end, row in (("lowest", known[0]), ("highest", known[-1])) if known and n_T else ():
+
+
+Means = Mapping[str, Mapping[str, Any]]
+"""Rows of the components' summaries by quantity: their means over trials."""
+
+
+def inertia_claims(means: Means, frequencies_hz: Sequence[float], limit: float) -> Iterator[Claim]:
+    """Whether the joint's inertia is negligible beside its damping, at the lowest and the highest
+    frequency [Hz]."""
+    if not frequencies_hz or not {"J_j", "B_j"} <= means.keys():
+        return
+    J_j, B_j = means["J_j"], means["B_j"]
+    ends = {"lowest": min(frequencies_hz), "highest": max(frequencies_hz)}
+    for end, hz in ends.items():
+        yield share_claim(
+            f"inertia_at_{end}_frequency",
+            f"the joint's inertia is negligible at {hz:g} Hz",
+            "J_j omega/B_j",
+            2 * pi * hz * J_j["mean"] / B_j["mean"],
+            (J_j, B_j),
+            "below",
+            limit,
+        )
+
+
+def stiffness_claims(
+    means: Means, fits: pl.DataFrame, n_T: float | None, limit: float
+) -> Iterator[Claim]:
+    """Whether belt and load friction matter, at the lowest and the highest K_d of the `fits` over
+    all amplitudes."""
+    known = fits.filter(pl.col("K_d") > 0).sort("K_d").to_dicts()
+    if not known or not n_T:
+        return
+    for end, row in (("lowest", known[0]), ("highest", known[-1])):
         at = f"at K_d = {row['K_d']:g}"
         if "K_s" in means:
-            share, quantity = (
-                row["K_d"] / means["K_s"]["mean"],
+            yield share_claim(
+                f"belt_at_{end}_K_d",
+                f"the belt matters {at}",
                 "K_d/K_s, its share of the gain K_1 n_T^2",
+                row["K_d"] / means["K_s"]["mean"],
+                (means["K_s"],),
+                "above",
+                limit,
             )
-            name, what = f"belt_at_{end}_K_d", f"the belt matters {at}"
-            yield share_claim(name, what, quantity, share, (means["K_s"],), **judged)
         if {"f_C", "f_G", "k_tau_n_m"} <= means.keys():
             parts = [means[name] for name in ("f_C", "f_G", "k_tau_n_m")]
-            f_C, f_G, k_tau = (part["mean"] for part in parts)
-            load = f_G * row["K_d"] * np.deg2rad(row["theta_rms_deg"]) / (n_T * k_tau)
-            share, quantity = (
-                load / (f_C + load),
+            f_C, f_G, k_tau_n_m = (part["mean"] for part in parts)
+            turn = np.deg2rad(row["theta_rms_deg"])
+            of_load = f_G * row["K_d"] * turn / (n_T * k_tau_n_m)
+            yield share_claim(
+                f"load_friction_at_{end}_K_d",
+                f"friction that grows with the load, f_G |I|, matters {at}",
                 "its share of the friction at K_d times the RMS angle",
+                of_load / (f_C + of_load),
+                parts,
+                "above",
+                limit,
+                sensitivity=f_C / (f_C + of_load),
             )
-            what = f"friction that grows with the load, f_G |I|, matters {at}"
-            name, of = f"load_friction_at_{end}_K_d", f_C / (f_C + load)
-            yield share_claim(name, what, quantity, share, parts, **judged, of=of)
 
 
 def compensation_claims(compensation: pl.DataFrame) -> Iterator[Claim]:
     """What compensation improves, from `compensation.csv`."""
     rows = compensation.to_dicts()  # an empty table has no texts
-    counts = {row["quantity"]: row for row in rows if row["by"] == "amplitudes"}
-    for row in (one for one in rows if one["by"] == "trials"):
-        name, single = row["quantity"], counts.get(row["quantity"])
-        said = f" and {single['better']} of {single['pairs']} of amplitudes" if single else ""
-        quantity = (
-            f"mean difference; better in {row['better']} of {row['pairs']} pairs of trials{said}"
+    of_amplitudes = {row["quantity"]: row for row in rows if row["by"] == "amplitudes"}
+    for row in rows:
+        if row["by"] != "trials":
+            continue
+        name = row["quantity"]
+        counts = f"better in {row['better']} of {row['pairs']} pairs of trials"
+        if name in of_amplitudes:
+            single = of_amplitudes[name]
+            counts += f" and {single['better']} of {single['pairs']} of amplitudes"
+        wanted: Side = "above" if name == "VAF" else "below"
+        low, high = row["difference_low"], row["difference_high"]
+        yield Claim(
+            name=f"compensation_{name}",
+            claim=f"with compensation {BETTER[name]}",
+            quantity=f"mean difference; {counts}",
+            unit=row["unit"],
+            value=row["difference"],
+            low=low,
+            high=high,
+            interval=OF_MEAN,
+            wanted=wanted,
+            target=0.0,
+            n=row["pairs"],
+            verdict=limit_verdict(low, high, 0.0, wanted),
         )
-        facts = {"unit": row["unit"], "interval": MEAN, "n": row["pairs"], "target": 0.0}
-        facts |= {"wanted": "above" if name == "VAF" else "below"}
-        ends = row["difference_low"], row["difference_high"]
-        claim = f"with compensation {LESS[name]}"
-        yield claim_of(f"compensation_{name}", claim, quantity, row["difference"], ends, **facts)
 
 
-def rendered_claims(asked: pl.DataFrame, settings: Claims) -> Iterator[Claim]:
-    """Whether each compensated trial renders K_d and B_d, and how many do; `asked` are the rows
-    over all amplitudes."""
-    trials = held_against_desired(asked.filter(pl.col("controller") == CONTROLLERS[0]))
+def rendered_claims(fits: pl.DataFrame, settings: Claims) -> Iterator[Claim]:
+    """Whether each compensated trial renders K_d and B_d, and how many do; `fits` are the rows over
+    all amplitudes."""
+    trials = held_against_desired(fits.filter(pl.col("controller") == CONTROLLERS[0]))
     for symbol, unit in (("K", "N*m/rad"), ("B", "N*m*s/rad")):
-        rows = []
-        for row in trials.drop_nulls(f"{symbol}_d").to_dicts():
-            target, ends = row[f"{symbol}_d"], (row[f"{symbol}_low"], row[f"{symbol}_high"])
-            margin = (
-                settings.B
-                if symbol == "B"
-                else target * settings.K_percent / 100
-                if settings.K_percent
-                else None
-            )
-            if margin is not None:
-                facts = {"unit": unit, "interval": FIT, "target": target, "margin": margin, "n": 1}
-                facts |= {"subject": row["trial"], "verdict": equivalence(*ends, target, margin)}
-                own = symbol + " without friction" * (
-                    symbol == "B" and row.get("B_viscous") is not None
-                )
-                rows.append(
-                    claim_of(symbol, f"{own} is {symbol}_d", own, row[symbol], ends, **facts)
-                )
-        if rows:
-            verdicts = [row["verdict"] for row in rows]
-            same = verdicts.count("equivalent")
-            verdict = (
-                "holds"
-                if same == len(rows)
-                else "fails"
-                if "different" in verdicts
-                else "undecided"
-            )
-            within = f"{settings.K_percent:g} %" if symbol == "K" else f"{settings.B:g} {unit}"
-            claim = f"compensated trials have {symbol} within {within} of {symbol}_d"
-            facts = {
-                "unit": "trials",
-                "interval": "count",
-                "target": float(len(rows)),
-                "n": len(rows),
-            }
-            of = "trials whose whole interval lies within"
-            yield claim_of(
-                f"{symbol}_equivalent", claim, of, same, (None, None), verdict=verdict, **facts
-            )
-            yield from rows
+        of_trials = list(claims_of_trials(trials, symbol, unit, settings))
+        if not of_trials:
+            continue
+        verdicts = [claim.verdict for claim in of_trials]
+        equivalent = verdicts.count("equivalent")
+        verdict = "undecided"
+        if equivalent == len(of_trials):
+            verdict = "holds"
+        elif "different" in verdicts:
+            verdict = "fails"
+        within = f"{settings.K_percent:g} %" if symbol == "K" else f"{settings.B:g} {unit}"
+        yield Claim(
+            name=f"{symbol}_equivalent",
+            claim=f"compensated trials have {symbol} within {within} of {symbol}_d",
+            quantity="trials whose whole interval lies within",
+            unit="trials",
+            value=equivalent,
+            interval="count",
+            target=float(len(of_trials)),
+            n=len(of_trials),
+            verdict=verdict,
+        )
+        yield from of_trials
+
+
+def claims_of_trials(
+    trials: pl.DataFrame, symbol: str, unit: str, settings: Claims
+) -> Iterator[Claim]:
+    """Whether each trial has the desired K or B."""
+    for row in trials.drop_nulls(f"{symbol}_d").to_dicts():
+        target = row[f"{symbol}_d"]
+        margin = settings.B
+        if symbol == "K":
+            margin = target * settings.K_percent / 100 if settings.K_percent else None
+        if margin is None:
+            continue
+        is_viscous = symbol == "B" and row.get("B_viscous") is not None
+        quantity = f"{symbol} without friction" if is_viscous else symbol
+        low, high = row[f"{symbol}_low"], row[f"{symbol}_high"]
+        yield Claim(
+            name=symbol,
+            claim=f"{quantity} is {symbol}_d",
+            quantity=quantity,
+            unit=unit,
+            value=row[symbol],
+            low=low,
+            high=high,
+            interval=OF_FIT,
+            target=target,
+            margin=margin,
+            n=1,
+            verdict=equivalence(low, high, target, margin),
+            subject=row["trial"],
+        )
 
 
 def passivity_claims(response: pl.DataFrame) -> Iterator[Claim]:
@@ -224,55 +325,66 @@ def passivity_claims(response: pl.DataFrame) -> Iterator[Claim]:
         rows = response.filter(pl.col("controller") == controller).drop_nulls("damping")
         if rows.is_empty():
             continue
-        row = rows.sort("damping").row(0, named=True)
-        verdict = "undecided" if (rows["damping_low"] < 0).any() else "holds"
-        facts = {
-            "verdict": "fails" if (rows["damping_high"] < 0).any() else verdict,
-            "target": 0.0,
-            "n": len(rows),
-        }
-        facts |= {"unit": "N*m*s/rad", "interval": "95 % of measurement noise", "wanted": "above"}
-        what = f"the {controller} joint is passive at all measured frequencies"
-        quantity = f"least real part of Z ({row['trial']} at {row['frequency_hz']:.3g} Hz)"
-        ends = row["damping_low"], row["damping_high"]
-        yield claim_of(f"passive_{controller}", what, quantity, row["damping"], ends, **facts)
+        verdict = "holds"
+        if (rows["damping_high"] < 0).any():
+            verdict = "fails"
+        elif (rows["damping_low"] < 0).any():
+            verdict = "undecided"
+        least = rows.sort("damping").row(0, named=True)
+        where = f"{least['trial']} at {least['frequency_hz']:.3g} Hz"
+        yield Claim(
+            name=f"passive_{controller}",
+            claim=f"the {controller} joint is passive at all measured frequencies",
+            quantity=f"least real part of Z ({where})",
+            unit="N*m*s/rad",
+            value=least["damping"],
+            low=least["damping_low"],
+            high=least["damping_high"],
+            interval=OF_NOISE,
+            wanted="above",
+            target=0.0,
+            n=len(rows),
+            verdict=verdict,
+        )
 
 
 def walking_claims(
     summary: pl.DataFrame, midstance: float | None, settings: Claims
 ) -> Iterator[Claim]:
-    """Whether the stiffness while walking is the commanded one, by group."""
+    """Whether the stiffness while walking is the commanded one, by group. `midstance` is the
+    commanded one [N*m/rad] of a campaign with one group whose sheet states none."""
+    is_ensemble = pl.col("estimator") == "ensemble"
     rows = summary.filter(
-        pl.col("quantity") == "K", pl.col("estimator") == "ensemble", pl.col("mean").is_not_null()
-    )
-    for row in rows.to_dicts():
-        target = (
-            row["commanded"]
-            if row["commanded"] is not None
-            else midstance
-            if len(rows) == 1
-            else None
-        )
+        pl.col("quantity") == "K", is_ensemble, pl.col("mean").is_not_null()
+    ).to_dicts()
+    has_one_group = len(rows) == 1
+    for row in rows:
+        target = row["commanded"]
+        if target is None and has_one_group:
+            target = midstance
         if target is None or settings.K_percent is None:
             continue
-        margin, ends = target * settings.K_percent / 100, (row["low"], row["high"])
-        facts = {
-            "unit": "N*m/rad",
-            "interval": row["interval_method"],
-            "target": target,
-            "margin": margin,
-        }
-        facts |= {
-            "n": row["n"],
-            "verdict": equivalence(*ends, target, margin),
-            "joint": row["joint"],
-        }
-        facts |= {"side": row["side"], "subject": None if len(rows) == 1 else row["group"]}
-        claim = (
-            f"the ankle's stiffness while walking is {target:g} N*m/rad, within"
-            f" {settings.K_percent:g} %"
+        margin = target * settings.K_percent / 100
+        yield Claim(
+            name="walking_K_equivalent",
+            claim=(
+                f"the ankle's stiffness while walking is {target:g} N*m/rad, within"
+                f" {settings.K_percent:g} %"
+            ),
+            quantity="K",
+            unit="N*m/rad",
+            value=row["mean"],
+            low=row["low"],
+            high=row["high"],
+            interval=row["interval_method"],
+            target=target,
+            margin=margin,
+            n=row["n"],
+            verdict=equivalence(row["low"], row["high"], target, margin),
+            subject=None if has_one_group else row["group"],
+            joint=row["joint"],
+            side=row["side"],
         )
-        yield claim_of("walking_K_equivalent", claim, "K", row["mean"], ends, **facts)
 
 
 def claims_table(
@@ -282,37 +394,62 @@ def claims_table(
     midstance: float | None,
     ratios: Mapping[str, float],
 ) -> pl.DataFrame:
-    """`claims.csv` from the campaign's result tables by name. `frequencies_hz` are those of the
-    stepped sine (empty: not stated), `midstance` the commanded stiffness [N*m/rad] there, `ratios`
-    n_T by joint."""
-    bench = {name: own for name, own in tables.items() if not name.startswith("walking")}
-    rows = list[Claim]()
-    for joint, side in dict.fromkeys(
-        one for own in bench.values() for one in own.select("joint", "side").iter_rows()
-    ):
-        place = {"joint": joint, "side": side}
-        at = [pl.col(name).eq_missing(pl.lit(value, pl.String)) for name, value in place.items()]
-        here = {name: own.filter(at) for name, own in bench.items()}
-        summaries = [own for name, own in here.items() if name.endswith("_summary")]
-        means = {
-            row["quantity"]: row for own in summaries for row in own.drop_nulls("mean").to_dicts()
-        }
-        asked = here.get(
-            "impedance", pl.DataFrame(schema=["K_d", "controller", "amplitude_deg", "B_d"])
-        )
-        asked = asked.filter(pl.col("amplitude_deg").is_null())
-        limit, n_T = settings.negligible_percent, ratios.get(joint)
-        found = [
-            *component_claims(means, asked, frequencies_hz, n_T, limit),
-            *rendered_claims(asked, settings),
+    """Hold the claims of the paper's text against a campaign.
+
+    Parameters
+    ----------
+    tables
+        The campaign's result tables, by name.
+    settings
+        Margins and limits.
+    frequencies_hz
+        Those of the stepped sine; empty: not stated.
+    midstance
+        The stiffness that is commanded there [N*m/rad].
+    ratios
+        n_T by joint.
+
+    Returns
+    -------
+    polars.DataFrame
+        `claims.csv`: claims on the campaign first, then those on single trials and groups.
+    """
+    bench = {name: table for name, table in tables.items() if not name.startswith("walking")}
+    claims: list[Claim] = []
+    places = [place for table in bench.values() for place in table.select("joint", "side").rows()]
+    for joint, side in dict.fromkeys(places):
+        at_place = [
+            pl.col(name).eq_missing(pl.lit(value, pl.String))
+            for name, value in (("joint", joint), ("side", side))
         ]
-        if "compensation" in here:
-            found += compensation_claims(here["compensation"])
-        if "frequency_response" in here:
-            found += passivity_claims(here["frequency_response"])
-        rows += [place | claim for claim in found]
+        of_place = {name: table.filter(at_place) for name, table in bench.items()}
+        found = claims_of_place(of_place, settings, frequencies_hz, ratios.get(joint))
+        claims += [replace(claim, joint=joint, side=side) for claim in found]
     if "walking_summary" in tables:
-        rows += walking_claims(tables["walking_summary"], midstance, settings)
-    return pl.DataFrame(rows, schema=CLAIM_COLUMNS).sort(
-        pl.col("subject").is_not_null(), maintain_order=True
-    )
+        claims += walking_claims(tables["walking_summary"], midstance, settings)
+    table = pl.DataFrame([asdict(claim) for claim in claims], schema=CLAIM_COLUMNS)
+    return table.sort(pl.col("subject").is_not_null(), maintain_order=True)
+
+
+def claims_of_place(
+    tables: Mapping[str, pl.DataFrame],
+    settings: Claims,
+    frequencies_hz: Sequence[float],
+    n_T: float | None,
+) -> Iterator[Claim]:
+    """The claims on one joint and side of the bench."""
+    means: dict[str, Mapping[str, Any]] = {}
+    for name, table in tables.items():
+        if name.endswith("_summary"):
+            for row in table.drop_nulls("mean").to_dicts():
+                means[row["quantity"]] = row
+    no_fits = pl.DataFrame(schema=["K_d", "controller", "amplitude_deg", "B_d"])
+    fits = tables.get("impedance", no_fits).filter(pl.col("amplitude_deg").is_null())
+    limit = settings.negligible_percent
+    yield from inertia_claims(means, frequencies_hz, limit)
+    yield from stiffness_claims(means, fits, n_T, limit)
+    yield from rendered_claims(fits, settings)
+    if "compensation" in tables:
+        yield from compensation_claims(tables["compensation"])
+    if "frequency_response" in tables:
+        yield from passivity_claims(tables["frequency_response"])

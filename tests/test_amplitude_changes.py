@@ -1,0 +1,43 @@
+"""How K, B and I change with the amplitude (`bench/amplitude_changes.py`)."""
+
+import numpy as np
+import pytest
+from bench_synthetic import FIVE, stepped_sine
+from scipy import stats
+
+from osl_analysis.bench.amplitude_changes import half_widths_of_differences
+from osl_analysis.bench.impedance import rendered_impedance
+
+
+def faster_is_stiffer(motion):
+    """A spring that is stiffer in faster motion, which Eq. 15 misses at each frequency in its own
+    way."""
+    return (200 + 20 * np.abs(motion.omega)) * motion.theta + 4 * motion.omega
+
+
+def stiffness_without(record, label, left_out_hz):
+    """K of an amplitude by NumPy's least squares, without the rows of one frequency."""
+    strata = [each for each in record.groups.strata if each.label == label]
+    (left_out,) = [each for each in strata if abs(each.frequency_hz - left_out_hz) < 0.1]
+    rows = record.rows(label)
+    rows = rows[(rows < left_out.rows.start) | (rows >= left_out.rows.stop)]
+    motion = record.motion
+    columns = [motion.theta, motion.omega, motion.alpha, np.ones_like(motion.theta), record.time]
+    X = np.stack(columns, axis=1)[rows]
+    return np.linalg.lstsq(X, record.filtered_torque[rows])[0][0]
+
+
+def test_the_interval_of_a_change_is_the_jackknife_over_frequencies():
+    record = stepped_sine(faster_is_stiffer, protocol=FIVE)
+    analysis, _ = rendered_impedance(record)
+    smallest, largest = sorted(label for label in analysis.fits if label is not None)
+
+    half_width = half_widths_of_differences(analysis, smallest, largest)[0]
+
+    differences = [
+        stiffness_without(record, largest, hz) - stiffness_without(record, smallest, hz)
+        for hz in FIVE.frequencies_hz
+    ]
+    m = len(differences)
+    se = np.sqrt((m - 1) / m * np.sum((differences - np.mean(differences)) ** 2))
+    assert half_width == pytest.approx(stats.t.ppf(0.975, m - 1) * se, rel=0.03)

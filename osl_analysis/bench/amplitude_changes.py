@@ -38,7 +38,8 @@ def amplitudes_row(analysis: Analysis) -> Row:
         row[f"{name}_amplitudes_low"] = min(of_single)
         row[f"{name}_amplitudes_high"] = max(of_single)
 
-    smallest, largest = labels[0], labels[-1]
+    smallest = labels[0]
+    largest = labels[-1]
     half_widths = half_widths_of_differences(analysis, smallest, largest)
     for name in ("K", "B"):
         difference = analysis.fits[largest][name] - analysis.fits[smallest][name]
@@ -55,8 +56,10 @@ def half_widths_of_differences(analysis: Analysis, smallest: Label, largest: Lab
     the model misses at both alike then is no error of the difference. Else their intervals are
     independent.
     """
-    s, model = analysis.sums, analysis.model
-    small, large = analysis.fits[smallest], analysis.fits[largest]
+    s = analysis.sums
+    model = analysis.model
+    small = analysis.fits[smallest]
+    large = analysis.fits[largest]
     of_small = strata_by_frequency(analysis, smallest)
     of_large = strata_by_frequency(analysis, largest)
     are_paired = of_small.keys() == of_large.keys() and len(of_small) >= FEWEST_UNITS

@@ -166,7 +166,8 @@ class Analysis:
     def time_base_row(self, label: Label, names: Sequence[str]) -> Row:
         """`time_base_shift`: the largest change of an estimate by the other reading of undecided
         stamps, in half-widths of its 95 % interval; null if the stamps are decided."""
-        fit, other = self.fits[label], self.others.get(label)
+        fit = self.fits[label]
+        other = self.others.get(label)
         if other is None:
             return {"time_base_shift": None}
         shifts = []
@@ -177,7 +178,8 @@ class Analysis:
 
     def time_base(self, names: Sequence[str]) -> pl.DataFrame:
         """The trial's rows of `timebase.csv`."""
-        fit, other = self.whole, self.others.get(self.label)
+        fit = self.whole
+        other = self.others.get(self.label)
         other_hypothesis = None
         if other is not None:
             changes = {name: 100 * (other[name] / fit[name] - 1) for name in names}
@@ -284,7 +286,8 @@ def missing_band(record: Record, moving_s: float, error: IdentifiabilityError) -
 def with_error_of_inertia(analysis: Analysis) -> GroupFit:
     """The fit to all of a motion, with the error of I that its band leaves. Raises as
     `check_told`."""
-    record, fit = analysis.record, analysis.whole
+    record = analysis.record
+    fit = analysis.whole
     motion = motion_in(record)
     error_of_I = check_told(
         f"trial {record.name}",
@@ -339,7 +342,7 @@ def analysed(record: Record, sums: Sums, model: Model, again: SumsOf = plain_sum
 def fits_by_label(sums: Sums, model: Model) -> dict[Label, GroupFit]:
     """Fits to each label that determines the model, and to all (None). Raises as `fit_groups`."""
     tells_K_from_I = {"theta", "alpha"} <= set(model.values())
-    found: dict[Label, GroupFit] = {}
+    fits: dict[Label, GroupFit] = {}
     for label in dict.fromkeys((*sums.groups.labels, None)):
         strata = [stratum for stratum in sums.groups.strata if label in (None, stratum.label)]
         hz = [stratum.frequency_hz for stratum in strata]
@@ -348,22 +351,22 @@ def fits_by_label(sums: Sums, model: Model) -> dict[Label, GroupFit]:
                 raise IdentifiabilityError(
                     f"K and I cannot be told apart by sines of {hz[0]:.3g} Hz"
                 )
-            found[label] = at_zero(with_effects(sums, model, (), label), sums.centre)
+            fits[label] = at_zero(with_effects(sums, model, (), label), sums.centre)
         except IdentifiabilityError:  # a drive may reach fewer frequencies at one amplitude
             if label is None:
                 raise
-    return found
+    return fits
 
 
 def widened(fit: GroupFit, change: Array, shared: bool = False) -> GroupFit:
     """The fit with an error of type B in its intervals, which changes the estimates by `change`
     (p,) per standard deviation; `shared` by all trials on the bench."""
-    found = with_shared_error(fit, change)
+    with_error = with_shared_error(fit, change)
     of_bench = fit.shared + change**2 if shared else fit.shared
     return replace(
         fit,
-        covariance=found.covariance,
-        degrees_of_freedom=found.degrees_of_freedom,
+        covariance=with_error.covariance,
+        degrees_of_freedom=with_error.degrees_of_freedom,
         shared=of_bench,
     )
 
@@ -419,13 +422,11 @@ def without_row(fit: LinearFit | None, end: str) -> Row:
     a fit."""
     row: Row = {}
     for name in QUANTITIES:
-        value, low, high = None, None, None
+        columns = (f"{name}_{end}", f"{name}_{end}_low", f"{name}_{end}_high")
+        row.update(dict.fromkeys(columns))
         if fit is not None:
-            value = fit[name]
-            low, high = fit.interval(name)
-        row[f"{name}_{end}"] = value
-        row[f"{name}_{end}_low"] = low
-        row[f"{name}_{end}_high"] = high
+            values = (fit[name], *fit.interval(name))
+            row.update(zip(columns, values, strict=True))
     return row
 
 

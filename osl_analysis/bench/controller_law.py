@@ -95,7 +95,7 @@ def law_table(
     if "current" not in record.actuator:
         return nothing
     try:
-        found = identified_law(record, p, sign_width)
+        identified = identified_law(record, p, sign_width)
     except (InputError, IdentifiabilityError):
         return nothing
 
@@ -107,7 +107,7 @@ def law_table(
         "f_G": p.f_G,
         MOTOR_CONSTANT: constant,
     }
-    law, motor = with_least_errors(found, in_program)
+    law, motor = with_least_errors(identified, in_program)
     asked = dict(in_program)
     for name in ("f_C", "f_G"):
         asked[name] = programmed.cancels_friction * in_program[name]
@@ -213,18 +213,19 @@ def by_chunks(X: Array, inverse: Array, residual: Array) -> Covariance:
 
 
 def with_least_errors(
-    found: IdentifiedLaw, in_program: Mapping[str, float]
+    identified: IdentifiedLaw, in_program: Mapping[str, float]
 ) -> tuple[LinearFit, LinearFit]:
     """The fits of law and motor with the errors that all chunks share: of the sign's age, and
     `LEAST_SE` of the numbers in the program."""
-    law = with_shared_error(found.law, AGE_ERROR * (found.law.estimates - found.at_once.estimates))
+    by_age = identified.law.estimates - identified.at_once.estimates
+    law = with_shared_error(identified.law, AGE_ERROR * by_age)
     least = np.array([LEAST_SE.get(name, 0.0) * in_program.get(name, 0.0) for name in law.names])
     law = replace(law, covariance=law.covariance + np.diag(least**2))
-    of_motor = np.zeros(len(found.motor.names))
-    of_motor[found.motor.names.index(MOTOR_CONSTANT)] = (
-        LEAST_SE[MOTOR_CONSTANT] * in_program[MOTOR_CONSTANT]
-    )
-    return law, with_shared_error(found.motor, of_motor)
+    motor = identified.motor
+    least_of_motor = np.zeros(len(motor.names))
+    at_constant = motor.names.index(MOTOR_CONSTANT)
+    least_of_motor[at_constant] = LEAST_SE[MOTOR_CONSTANT] * in_program[MOTOR_CONSTANT]
+    return law, with_shared_error(motor, least_of_motor)
 
 
 def certainly_off(value: float, known: float, se: float) -> float:
@@ -263,7 +264,8 @@ def certain_errors(
     dict
         The errors by the names of `OTHER_LAW` and `OTHER_LINK`; None where nothing tells them.
     """
-    K_1, B_1 = asked["K_1"], asked["B_1"]
+    K_1 = asked["K_1"]
+    B_1 = asked["B_1"]
     is_off = certainly_off(fit["K_1"], K_1, fit.se("K_1")) > OTHER_LAW["K_1_error"] * K_1
     is_explained = abs(fit["K_1"] / reads - K_1) < 0.5 * abs(fit["K_1"] - K_1)
     is_current = is_off and is_explained

@@ -301,8 +301,9 @@ def belt_from(
     of_motor = {**columns, "omega": np.gradient(theta_m, 1 / few.rate_hz) / p.n_T}
     fit = belt_fit(few, of_motor, p, known_B_j=p.B_j)
     K_s_on_time = fit["wound"]
-    lag, se = -fit["omega"] / K_s_on_time, fit.se("omega") / K_s_on_time
-    motor_late = fault(lag, se, fit.freedom("omega"))
+    lag = -fit["omega"] / K_s_on_time
+    lag_se = fit.se("omega") / K_s_on_time
+    motor_late = fault(lag, lag_se, fit.freedom("omega"))
     otherwise, torque_late = torque_late, lag_of(fit)
     agree = otherwise.found and otherwise.size * torque_late.size > 0
     joint_may_have_B_j = p.B_j / OTHER_B_J < B_j < p.B_j * OTHER_B_J

@@ -89,7 +89,8 @@ def timebase_table(
 ) -> pl.DataFrame:
     """The trial's rows of `timebase.csv`, one per stream. `other_hypothesis` says how the estimates
     change with the other reading of undecided stamps."""
-    stiffness, stiffness_se = None, None
+    stiffness = None
+    stiffness_se = None
     if bench is not None:
         stiffness = 1 / bench.compliance
         stiffness_se = bench.compliance_error / bench.compliance**2 or None

@@ -60,7 +60,7 @@ class Components:
 
     def rows(self) -> list[dict[str, Any]]:
         """For JSON, in SI units: each component with its 95 % interval and its trials."""
-        found = []
+        rows = []
         for name, value in self.values.items():
             experiment = COMPONENTS[name]
             half_width = float(scipy.special.stdtrit(self.freedom[name], 0.975)) * self.se(name)
@@ -74,8 +74,8 @@ class Components:
                 "degrees_of_freedom": self.freedom[name],
             }
             of_trials = {"experiment": experiment, "trials": self.trials[experiment]}
-            found.append({**finite_or_null(row), **of_trials})
-        return found
+            rows.append({**finite_or_null(row), **of_trials})
+        return rows
 
 
 def components_of(
@@ -113,15 +113,15 @@ def components_of(
             freedom[name] = float(len(rows) - 1) if len(rows) > 1 else np.inf
 
     trials = {part: tuple(rows["trial"]) for part, rows in rows_of_parts.items()}
-    found = Components(file, values, covariance, freedom, trials)
+    components = Components(file, values, covariance, freedom, trials)
     for name, value in values.items():
-        if value < 0 and value + CERTAINLY_NEGATIVE * found.se(name) < 0:
+        if value < 0 and value + CERTAINLY_NEGATIVE * components.se(name) < 0:
             part = COMPONENTS[name]
             raise InputError(
                 f"{part}.csv: {name} = {value:.4g} is negative; look for the cause in the {part}"
                 " trials"
             )
-    return replace(found, p=drivetrain_of(values, file))
+    return replace(components, p=drivetrain_of(values, file))
 
 
 def components_in(part: str) -> list[str]:
@@ -160,19 +160,19 @@ def component_rows(
         pl.col(name).eq_missing(pl.lit(value, pl.String))
         for name, value in zip(PLACE, place, strict=True)
     ]
-    found: dict[str, pl.DataFrame] = {}
+    rows_of_parts: dict[str, pl.DataFrame] = {}
     for part in PARTS:
         table = tables.get(part, pl.DataFrame())
         if table.is_empty():
-            found[part] = table
+            rows_of_parts[part] = table
             continue
         rows = table.filter(*at_place)
         if "amplitude_deg" in rows.columns:  # fits to whole trials
             rows = rows.filter(pl.col("amplitude_deg").is_null())
         # an actuator at rest lacks some
-        found[part] = counted(rows.drop_nulls(components_in(part)))
+        rows_of_parts[part] = counted(rows.drop_nulls(components_in(part)))
 
-    missing = [part for part, rows in found.items() if rows.is_empty()]
+    missing = [part for part, rows in rows_of_parts.items() if rows.is_empty()]
     if missing:
         has_clamped = missing[0] == "actuator" and len(tables.get("actuator", ())) > 0
         stands = ", with a shaft that turns" if has_clamped else ""
@@ -180,7 +180,7 @@ def component_rows(
             f"the campaign has no {' and no '.join(missing)} trials of this joint and side{stands};"
             " record them"
         )
-    return found
+    return rows_of_parts
 
 
 def drivetrain_of(values: Mapping[str, float], file: DrivetrainParameters) -> DrivetrainParameters:

@@ -142,7 +142,9 @@ def plausible_impedance(
 
     none = pl.lit(None, pl.Float64)
     largest = pl.lit(table.sort("amplitude_deg", nulls_last=False)["K"][-1])
-    over_predicted, over_K_d, over_K_s = none, none, none
+    over_predicted = none
+    over_K_d = none
+    over_K_s = none
     if predicted:
         over_predicted = largest / predicted
     elif K_d:

@@ -116,8 +116,8 @@ def miss_over_frequency(record: Record, predicted: Array) -> pl.DataFrame:
     means = [(pl.col(x) * pl.col("n")).sum() / pl.col("n").sum() for x in ("torque", "miss")]
     power_at = table.group_by("frequency_hz").agg(*means).sort("frequency_hz")
     shown = power_at.filter(pl.col("torque") >= LEAST_POWER * pl.col("torque").sum())
-    found = shown.with_columns(pl.col("torque", "miss").sqrt(), trial=pl.lit(record.name))
-    return found.with_columns(share=100 * pl.col("miss") / pl.col("torque")).select(*MISSES)
+    rms = shown.with_columns(pl.col("torque", "miss").sqrt(), trial=pl.lit(record.name))
+    return rms.with_columns(share=100 * pl.col("miss") / pl.col("torque")).select(*MISSES)
 
 
 def sine_of(record: Record, part: slice) -> float:

@@ -109,7 +109,7 @@ def cause_row(
     name: str, explained: Explained, left_without: float, components: Components, n: int
 ) -> dict[str, Any]:
     """The row of a cause, `named` where its change is certain and not small."""
-    value = {**components.values, "torque_gain": 1.0}.get(name)
+    value = 1.0 if name == "torque_gain" else components.values.get(name)
     change, *without_a_trial = explained.changes[name].tolist()
     se = None
     if without_a_trial:
@@ -147,8 +147,9 @@ def explained_beside_delays(torques: Array, *names: str) -> Explained:
     left = np.zeros(len(trials))
     is_early: NDArray[np.bool_] = np.ones(len(trials), dtype=np.bool_)
     while is_early.any():
-        found = robust_fit(torques, names, used[is_early], trials[is_early])
-        changes[is_early], left[is_early] = found
+        changes[is_early], left[is_early] = robust_fit(
+            torques, names, used[is_early], trials[is_early]
+        )
         most_negative = changes[:, -len(DELAYS) :].argmin(axis=1) - len(DELAYS)
         is_early = changes[range(len(changes)), most_negative] < 0
         used[is_early, most_negative[is_early]] = 0.0

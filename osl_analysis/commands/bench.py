@@ -4,7 +4,7 @@ benches' jobs."""
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import cache, partial
+from functools import partial
 from importlib import import_module
 from itertools import zip_longest
 from pathlib import Path
@@ -46,7 +46,12 @@ from osl_analysis.judge.limits import DoubtfulFits
 from osl_analysis.judge.words import finding_said, words_of
 from osl_analysis.model.actuator_in_time import Controller
 from osl_analysis.model.compensator import Weight
-from osl_analysis.model.drivetrain import FileOrNone, joint_admittance, known_parameters
+from osl_analysis.model.drivetrain import (
+    DrivetrainParameters,
+    FileOrNone,
+    joint_admittance,
+    known_parameters,
+)
 from osl_analysis.table import finite_or_null, read_table, with_evidence, write_table
 from osl_analysis.trial import Trial
 
@@ -256,11 +261,10 @@ def gather_predictions(
     laws = read_table(law)
     record_of_trial = {path.stem: path for path in records}
     without = dict(unpredicted)
-    components_at = cache(partial(measured_components.components_of, measured))
 
-    def terms_of(row: Mapping[str, Any]) -> PredictedTrial:
-        assert p is not None  # without a parameter file no gains are known
-        known = components_at(tuple(row[name] for name in PLACE), p)
+    def predicted_trial(
+        row: Mapping[str, Any], p: DrivetrainParameters, known: measured_components.Components
+    ) -> PredictedTrial:
         desired = impedance.DesiredImpedance(row["controller"], row["K_d"], row["B_d"])
         gains = desired.gains(p, weight)
         assert gains is not None  # of other trials no record is read
@@ -269,17 +273,24 @@ def gather_predictions(
         ran = controller_law.law_that_ran(of_trial, gains, p)
         terms, misses = prediction.prediction_terms(record, Controller(*ran, sign_width), known)
         law_name = "programmed" if ran == (gains, p) else "measured"
-        return PredictedTrial(terms, misses, law_name, known)
+        return PredictedTrial(terms, misses, law_name)
 
     predictions: list[pl.DataFrame] = []
     of_components: list[pl.DataFrame] = []
     misses = [pl.DataFrame(schema=prediction.MISSES)]
     with_record = fits.filter(pl.col("trial").is_in(list(record_of_trial)))
     for at_place in with_record.partition_by(PLACE, maintain_order=True):
+        assert p is not None  # without a parameter file no gains are known
         predicted: dict[str, PredictedTrial] = {}
+        try:
+            known = measured_components.components_of(measured, at_place.select(PLACE).row(0), p)
+        except (InputError, IdentifiabilityError) as error:
+            reason = f"components that predict a torque ({error})"
+            without.update(dict.fromkeys(at_place["trial"], reason))
+            continue
         for row in at_place.to_dicts():
             try:
-                predicted[row["trial"]] = terms_of(row)
+                predicted[row["trial"]] = predicted_trial(row, p, known)
             except (InputError, IdentifiabilityError) as error:
                 without[row["trial"]] = f"components that predict a torque ({error})"
         if not predicted:
@@ -287,17 +298,16 @@ def gather_predictions(
         misses += [trial.misses for trial in predicted.values()]
         terms = {name: trial.terms for name, trial in predicted.items()}
         law_names = {name: trial.law for name, trial in predicted.items()}
-        known = next(iter(predicted.values())).components  # the same of all trials of a place
         of_terms = at_place.filter(pl.col("trial").is_in(list(terms)))
         rows, rows_of_components = prediction.prediction_table(terms, of_terms, known)
         law_of_trial = pl.col("trial").replace_strict(law_names)
         predictions.append(rows.with_columns(law=law_of_trial))
         of_components.append(rows_of_components)
 
-    reason = pl.col("trial").replace_strict(without, default=None, return_dtype=pl.String)
+    why_missing = pl.col("trial").replace_strict(without, default=None, return_dtype=pl.String)
     unknown = pl.DataFrame(schema=dict.fromkeys(prediction.NUMBERS, pl.Float64))
     others = fits.filter(pl.col("trial").is_in(list(without))).select(
-        "trial", *PLACE, "controller", "K_d", "B_d", missing_components=reason
+        "trial", *PLACE, "controller", "K_d", "B_d", missing_components=why_missing
     )
     others = pl.concat([others, unknown], how="diagonal_relaxed")
     others = others.with_columns(doubtful=pl.lit(None, pl.String))
@@ -318,7 +328,6 @@ class PredictedTrial:
     terms: pl.DataFrame  # as `prediction_terms`
     misses: pl.DataFrame  # as `miss_over_frequency`
     law: str  # that its controller ran: programmed or measured
-    components: measured_components.Components
 
 
 @dataclass(frozen=True, eq=False, repr=False)

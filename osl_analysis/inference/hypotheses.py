@@ -50,7 +50,7 @@ LONGEST_LAG_STEP = 0.15  # s; 60 lost rows of 500 Hz are 0.12 s
 WORTH_A_STEP = 8.0
 LAGS_IN_A_PERIOD = 10  # steps of a lag that are tried in a period of the motion
 CLIPPING_STEPS = 16  # the end and what is beyond it are found in turn
-FOUND = 1e-9  # relative change of K, B and I by a step that is the last one
+LAST_STEP = 1e-9  # relative change of K, B and I below which a step is the last one
 NEWTON_STEPS = 8  # it doubles the digits of a lag in each
 MOMENTS_AT_ONCE = 2  # two rows fill a processor's vector; more take memory only
 
@@ -804,7 +804,8 @@ class Clipping(Hypothesis):
         coefficients = solve_scaled(beside[:, small], recorded[small])[: len(motion)]
         torque = self.data.torque
         for _ in range(CLIPPING_STEPS):
-            ends_before, coefficients_before = (low, high), coefficients
+            ends_before = (low, high)
+            coefficients_before = coefficients
             modelled = coefficients @ motion
             size = np.abs(modelled - np.median(modelled[spectra.inside]))
             small = spectra.inside & (size <= np.quantile(size[spectra.inside], UNCLIPPED))
@@ -818,8 +819,9 @@ class Clipping(Hypothesis):
             missing = modelled - np.clip(modelled, low, high)
             torque = self.data.torque + self.data.of_product(missing)
             coefficients = search.fit(self.data.motion, torque)[1]
-            has_moved = np.abs(coefficients - coefficients_before) > FOUND * np.abs(coefficients)
-            if (low, high) == ends_before and not has_moved.any():
+            change = np.abs(coefficients - coefficients_before)
+            has_moved = bool((change > LAST_STEP * np.abs(coefficients)).any())
+            if (low, high) == ends_before and not has_moved:
                 break
         return [Candidate(self, self.data.motion, torque)]
 

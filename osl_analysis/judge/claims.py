@@ -21,9 +21,9 @@ from osl_analysis.stats.repeats import equivalence
 from osl_analysis.table import held_against_desired
 from osl_analysis.yaml_settings import Positive, Settings
 
-TEXT_COLUMNS = ("joint", "side", "name", "subject", "claim", "quantity")
+WORDS_OF_CLAIM = ("joint", "side", "name", "subject", "claim", "quantity")
 CLAIM_COLUMNS = {
-    **dict.fromkeys(TEXT_COLUMNS, pl.String),
+    **dict.fromkeys(WORDS_OF_CLAIM, pl.String),
     **dict.fromkeys(("value", "low", "high"), pl.Float64),
     **dict.fromkeys(("unit", "interval", "wanted"), pl.String),
     **dict.fromkeys(("target", "margin", "n"), pl.Float64),
@@ -145,12 +145,14 @@ def share_claim(
     """
     percent = 100 * share
     freedom = min(part["n"] for part in parts) - 1
-    low, high, interval = None, None, None
+    low = None
+    high = None
     if freedom > 0 and all(part["se"] is not None for part in parts):
         relative_error = np.linalg.norm([part["se"] / part["mean"] for part in parts])
         quantile = float(relative_error * scipy.special.stdtrit(freedom, 0.975))
         half_width = percent * sensitivity * quantile
-        low, high, interval = percent - half_width, percent + half_width, OF_MEAN
+        low = percent - half_width
+        high = percent + half_width
     return Claim(
         name=name,
         claim=claim,
@@ -159,7 +161,7 @@ def share_claim(
         value=percent,
         low=low,
         high=high,
-        interval=interval,
+        interval=None if low is None else OF_MEAN,
         wanted=wanted,
         target=limit_percent,
         n=freedom + 1,
@@ -423,8 +425,8 @@ def claims_table(
             for name, value in (("joint", joint), ("side", side))
         ]
         of_place = {name: table.filter(at_place) for name, table in bench.items()}
-        found = claims_of_place(of_place, settings, frequencies_hz, ratios.get(joint))
-        claims += [replace(claim, joint=joint, side=side) for claim in found]
+        for claim in claims_of_place(of_place, settings, frequencies_hz, ratios.get(joint)):
+            claims.append(replace(claim, joint=joint, side=side))
     if "walking_summary" in tables:
         claims += walking_claims(tables["walking_summary"], midstance, settings)
     table = pl.DataFrame([asdict(claim) for claim in claims], schema=CLAIM_COLUMNS)

@@ -510,6 +510,11 @@ SPECIAL = {sign: f"\\{sign}" for sign in "#$%&_{}"} | {
 """Special characters of LaTeX, and their commands."""
 
 
+def in_latex(text: str) -> str:
+    """Text with the special characters of LaTeX escaped."""
+    return "".join(SPECIAL.get(sign, sign) for sign in text)
+
+
 def to_json(
     about: Mapping[str, str],
     headlines: Sequence[Headline],
@@ -537,7 +542,7 @@ def to_tex(
     ]
     lines += [f"% {remark}" for remark in remarks]
     for name, value in about.items():
-        text = "".join(SPECIAL.get(sign, sign) for sign in value)
+        text = in_latex(value)
         lines.append(f"\\newcommand{{\\osl{ABOUT_MACROS[name]}}}{{{text}}}% {ABOUT_MEANING[name]}")
     for h in headlines:
         digits, finer = digits_of(h.value, h.low, h.high, *rounded_by(asdict(h)))

@@ -11,10 +11,10 @@ from osl_analysis.report.headlines import (
     FOR_MOTION,
     KIND_OF_FIT,
     LABELS,
-    SPECIAL,
     STUDENT,
     digits_of,
     fixed,
+    in_latex,
     markdown_table,
 )
 from osl_analysis.stats.repeats import DOUBTFUL, IS_DOUBTFUL, counted, summary_row
@@ -55,7 +55,7 @@ ESTIMATED = {
     "VAF": Symbol(r"\mathrm{VAF}", "VAF", r"\percent", "%"),
 }
 """What was estimated, by column of `impedance.csv`."""
-COMPONENTS = {
+COMPONENT_SYMBOLS = {
     "belt_summary": {"K_s": Symbol(r"K_\mathrm{s}", "K_s", *STIFFNESS)},
     "transmission_summary": {
         "B_j": Symbol(r"B_\mathrm{j}", "B_j", *DAMPING),
@@ -71,7 +71,6 @@ COMPONENTS = {
 }
 """The parameters of Eqs. 1 to 4, by table and its `quantity`."""
 DOUBTFUL_SIGN = "†"
-SPECIAL_SIGNS = {**SPECIAL, DOUBTFUL_SIGN: r"$^\dagger$"}
 NO_NUMBER = "{--}"  # in braces, so that siunitx takes it for text
 
 
@@ -124,7 +123,7 @@ class Words:
             if isinstance(cell, Symbol):
                 texts.append(cell.tex())
             else:
-                texts.append("".join(SPECIAL_SIGNS.get(sign, sign) for sign in cell))
+                texts.append(in_latex(cell).replace(DOUBTFUL_SIGN, r"$^\dagger$"))
         return [texts]
 
     def markdown(self) -> list[str]:
@@ -207,18 +206,22 @@ class PaperTable:
 def table_format(values: Sequence[str]) -> str:
     """The `table-format` of siunitx that holds these numbers: digits before and behind the point,
     a sign and a power of ten where one has them."""
-    before, behind, power, sign = 1, 0, 0, ""
+    sign = ""
+    digits_before = 1
+    digits_behind = 0
+    digits_of_power = 0
     for value in values:
         if value == NO_NUMBER:
             continue
         if value.startswith("-"):
             sign = "-"
         mantissa, _, exponent = value.removeprefix("-").partition("e")
-        whole, _, part = mantissa.partition(".")
-        before = max(before, len(whole))
-        behind = max(behind, len(part))
-        power = max(power, len(exponent.lstrip("+-0")))
-    return f"{sign}{before}.{behind}" + (f"e-{power}" if power else "")
+        whole, _, decimals = mantissa.partition(".")
+        digits_before = max(digits_before, len(whole))
+        digits_behind = max(digits_behind, len(decimals))
+        digits_of_power = max(digits_of_power, len(exponent.lstrip("+-0")))
+    power = f"e-{digits_of_power}" if digits_of_power else ""
+    return f"{sign}{digits_before}.{digits_behind}{power}"
 
 
 def conditions_table(impedance: pl.DataFrame) -> PaperTable:
@@ -314,7 +317,7 @@ def components_table(summaries: Mapping[str, pl.DataFrame], beside_draft: bool) 
     symbols: list[Symbol] = []
     measured: list[dict[str, Any]] = []
     printed: list[float | None] = []
-    for table, quantities in COMPONENTS.items():
+    for table, quantities in COMPONENT_SYMBOLS.items():
         if table not in summaries:
             continue
         for quantity, symbol in quantities.items():

@@ -482,7 +482,8 @@ def lag_damping_row(
     """Lag [s] of the torque behind the angle, its standard error, and what it adds to B: -K lag
     [N*m*s/rad]; `certain_lag_damping` is 0 for a lag of no more than `certain_from` standard
     errors. All null without a lag."""
-    damping, certain = None, None
+    damping = None
+    certain = None
     if lag is not None and se is not None:
         damping = -K * lag
         certain = damping if abs(lag) > certain_from * se else 0.0

@@ -103,6 +103,22 @@ def test_a_log_without_noise_gives_the_parameters_back():
     )
 
 
+def test_the_offset_is_that_in_the_middle_of_the_fitted_motion():
+    """Behind a rest of 20 s, over which the transducer drifts."""
+    t, theta, omega, alpha, current = schedule()
+    rest = np.zeros(round(20 * RATE))
+    time = np.arange(len(rest) + len(t)) / RATE
+    angle = np.concatenate([rest + theta[0], theta])
+    currents = np.concatenate([rest, current])
+    torque = np.concatenate([rest, by_hand(omega, alpha, current)])
+    middle = time[len(rest) :].mean()
+
+    fit = fit_log(time, angle, currents, torque + 0.7 + 0.01 * (time - middle))
+
+    assert fit["drift"] == pytest.approx(0.01, rel=0.01)
+    assert fit["offset"] == pytest.approx(0.7, abs=2e-3)
+
+
 def test_a_simulated_bench_gives_them_back_within_their_errors():
     """With every imperfection but the recorder's: of twelve trials none is beyond 5 standard
     errors, few beyond 2."""

@@ -25,7 +25,7 @@ from osl_analysis.figures.impedance_figures import draw_fig4
 from osl_analysis.judge.judging import LATENESS, unchecked_in
 from osl_analysis.judge.limits import DoubtfulFits, Limits
 from osl_analysis.model.drivetrain import read_parameters
-from osl_analysis.spectral.stepped_sine import unit_sines
+from osl_analysis.spectral.stepped_sine import SteppedSineProtocol, unit_sines
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import Trial, write_trial
 
@@ -81,6 +81,26 @@ def test_the_model_of_fig4_is_the_fit_to_the_settled_cycles_and_has_no_torque_be
     assert row["K"] == pytest.approx(200, rel=1e-3)
     # of nine cycles at 1, 3 and 5 Hz the first two and the last one
     assert (~fitted).sum() == pytest.approx(3 * RATE * (1 + 1 / 3 + 1 / 5), abs=4)
+
+
+def test_the_modelled_torque_has_the_drift_where_the_fit_has_it():
+    """The amplitudes follow each other, so that their mean times differ from the recording's. There
+    are too few cycles for the drift to be subtracted before the fit."""
+    few_cycles = SteppedSineProtocol((0.05, 0.1), (1.0, 3.0, 5.0), 4)
+    drift = 0.01  # N*m/s, which is 0.6 N*m over a minute
+
+    def torque_of(motion):
+        rendered = second_order(motion)
+        return rendered + drift * np.arange(len(rendered)) / RATE
+
+    record = stepped_sine(torque_of, protocol=few_cycles)
+    analysis = analysed(record, plain_sums(record, IMPEDANCE), IMPEDANCE)
+
+    assert len(analysis.fits) == 3  # two amplitudes and all
+    for label in analysis.fits:
+        rows = record.rows(label)
+        residual = record.filtered_torque[rows] - analysis.modelled(label, rows)
+        np.testing.assert_allclose(residual, 0, atol=2e-4)
 
 
 @pytest.mark.parametrize(("steps", "sizes"), [

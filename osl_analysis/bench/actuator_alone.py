@@ -33,7 +33,7 @@ inertia."""
 ACTUATOR_ALONE: Model = {
     **{name: name for name in ACTUATOR_PARAMETERS},
     "offset": "one",
-    "drift": "drift",
+    "drift": "ramp",
 }
 """torque_m = k_tau n_m I_q - f - B_m omega_m - J_m alpha_m + offset + drift (Eqs. 1-2)"""
 FEWEST_MOVING_S = 1.0  # s; shortest total duration of the fitted samples
@@ -113,7 +113,7 @@ def actuator_of(signals: UniformSignals, settings: ActuatorAnalysis) -> Analysis
         "B_m": -omega,
         "J_m": -alpha,
         "one": np.ones_like(time),
-        "drift": time - np.mean(time),
+        "ramp": time - time.mean(),
     }
     # below the settings' slowest velocity friction may have any value up to its limit
     moving = is_fast & usable
@@ -155,7 +155,7 @@ def check_prompt(
     """Refuse a late or early current, which makes the torque per current too small, or negative
     like a wrong sign."""
     rows = moving[:: max(len(moving) // MOST_TRIED, 1)]
-    others = [columns[name] for name in ("f_C", "B_m", "J_m", "one", "drift")]
+    others = [columns[name] for name in ("f_C", "B_m", "J_m", "one", "ramp")]
     beside = without(np.stack(others, axis=1)[rows])
     rest = beside(torque[rows])
     current = columns["k_tau_n_m"]
@@ -231,7 +231,7 @@ def stalled_of(
         "hysteresis": side,
         "one": np.ones_like(current),
         "load_hysteresis": side * np.abs(of_current),
-        "drift": signals.time - signals.time.mean(),
+        "ramp": signals.time - signals.time.mean(),
     }
     model = {"k_tau_n_m": "k_tau_n_m", "offset": "one"}
     goes_both_ways = np.ptp(np.sign(np.diff(means))) > 0
@@ -239,7 +239,7 @@ def stalled_of(
         model["hysteresis"] = "hysteresis"
         if tells_load:
             model["load_hysteresis"] = "load_hysteresis"
-        model["drift"] = "drift"
+        model["drift"] = "ramp"
 
     groups = Groups(
         "stretches",

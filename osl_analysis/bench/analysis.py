@@ -191,9 +191,21 @@ class Analysis:
     def modelled(self, label: Label = None, rows: slice | NDArray[np.intp] = slice(None)) -> Array:
         """Torque [N*m] of the fit to a label in some rows; a label without a fit has that of the
         fit to all."""
-        fit = at_zero(self.fits.get(label, self.whole), -self.sums.centre)
-        parts = [fit[name] * self.sums.columns[column][rows] for name, column in self.model.items()]
+        fitted_label = label if label in self.fits else self.label
+        fit = at_zero(self.fits[fitted_label], -self.sums.centre)
+        parts = [
+            fit[name] * self.fitted_column(column, fitted_label)[rows]
+            for name, column in self.model.items()
+        ]
         return np.asarray(reduce(np.add, parts))
+
+    def fitted_column(self, column: str, label: Label) -> Array:
+        """A column (n,) as the fit to a label took it: drift counts from the mean time of the rows
+        that are fitted, so that it does not change the offset (`gram.normal_equations`)."""
+        values = self.sums.columns[column]
+        if column == "ramp":
+            values = values - values[self.record.rows(label)].mean()
+        return values
 
     def series(self) -> Series:
         """Measured and modelled torque over the whole trial, by the fit that stands for it."""

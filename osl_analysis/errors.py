@@ -77,6 +77,10 @@ class InputError(OslAnalysisError):
     """A file, channel, field or value is not as expected."""
 
 
+class TooShortError(InputError):
+    """A recording is too short for an analysis that another one may replace."""
+
+
 class WriteError(InputError):
     """A file cannot be written, as on a full disk. The input is not at fault, so the next run tries
     again."""

@@ -58,7 +58,9 @@ rule fit_actuator:
 
 
 rule fit_impedance:
-    """K, B, I of one trial (Eq. 15), its frequency response, the law that its current follows."""
+    """K, B, I of one trial (Eq. 15), its frequency response, the law that its current follows.
+
+    Of a leg by least squares, of any other joint by the inference: docs/method.md."""
     input:
         trial="<results>/trials/{trial}.parquet",
         parameters=device,

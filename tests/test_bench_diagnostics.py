@@ -11,19 +11,27 @@ from bench_synthetic import FIVE, second_order, stepped_sine, table_of
 from conftest import ROOT, findings_of, marked
 from scipy.interpolate import CubicSpline
 
+from osl_analysis.bench import effects
 from osl_analysis.bench.analysis import fitted_motion
 from osl_analysis.bench.bench_settings import DynamometerAnalysis
 from osl_analysis.bench.coulomb import coulomb_fits, with_friction, without_friction
-from osl_analysis.bench.effects import IMPEDANCE, belt_of_leg, plain_sums, with_effects
+from osl_analysis.bench.effects import (
+    IMPEDANCE,
+    belt_of_leg,
+    is_leg,
+    plain_sums,
+    with_effects,
+)
 from osl_analysis.bench.impedance import (
     DesiredImpedance,
     fit_and_judge_impedance,
     impedance_table,
     rendered_impedance,
 )
-from osl_analysis.bench.record import with_actuator
+from osl_analysis.bench.record import signals_of, with_actuator
 from osl_analysis.bench.recorded_motion import record_of_trial
 from osl_analysis.campaign.configuration import read_section
+from osl_analysis.errors import IdentifiabilityError
 from osl_analysis.ingest.examine import saturated
 from osl_analysis.judge.judging import LATENESS
 from osl_analysis.judge.limits import DoubtfulFits, Limits
@@ -182,6 +190,30 @@ def test_the_drivetrain_of_a_leg_is_no_fault_of_the_recording():
     assert asked == [False, False]
 
 
+def cannot_tell(*_):
+    raise IdentifiabilityError("nothing")
+
+
+def test_a_leg_whose_belt_no_fit_tells_is_still_fitted_by_least_squares(monkeypatch):
+    trial = leg(move=noise)
+    record = with_actuator(record_of_trial(trial, SETTINGS), trial)
+    monkeypatch.setattr(effects, "belt_from", cannot_tell)
+
+    row = impedance_table(*rendered_impedance(record), P).row(-1, named=True)
+
+    assert row["K_s_ratio"] is None
+    assert row["interval_method"] != "mixture of hypotheses"
+
+
+def test_the_friction_of_a_leg_without_a_logged_current_opposes_its_actuator():
+    trial = leg(move=noise)
+    no_current = replace(trial, samples=trial.samples.drop("current", strict=False))
+
+    record = with_actuator(record_of_trial(no_current, SETTINGS), no_current)
+
+    assert signals_of(record, has_drivetrain=True).sliding_angle is not None
+
+
 def test_another_b_j_than_that_of_the_file_makes_no_lag_certain():
     """It looks like an angle that is late by the difference over K_s: 0.36 ms."""
     trial = leg(B_j=1.6 * P.B_j)
@@ -223,14 +255,18 @@ def test_the_belt_shows_which_channel_of_a_leg_is_late(fault, lag, of_theta_m):
     assert ("late torque" in causes) == bool(lag)
     assert ("whether theta_m or B_j is wrong" in causes) == bool(of_theta_m)
     assert LATENESS not in causes
+    assert is_leg(record, P)
+    assert is_leg(record, None)
     idle = replace(
         trial, samples=trial.samples.with_columns(theta_m=0.3 + 1e-3 * pl.col("theta_m"))
     )
+    assert not is_leg(with_actuator(record_of_trial(idle, SETTINGS), idle), P)
     assert (
         belt_of_leg(record, None)
         is belt_of_leg(with_actuator(record_of_trial(idle, SETTINGS), idle), P)
         is None
     )
+
     turned = replace(trial, samples=trial.samples.with_columns(theta_m=-pl.col("theta_m")))
     belt = belt_of_leg(with_actuator(record_of_trial(turned, SETTINGS), turned), P)
     assert (belt.torque, belt.K_s / P.K_s < 0.7) == (None, True)

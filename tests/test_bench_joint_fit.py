@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy.stats
 from any_motion import MOTIONS_60, TRUE, made_trial, noise
 from conftest import ROOT, findings_of
 from scipy.signal import butter, lfilter
@@ -11,14 +12,15 @@ from scipy.signal import butter, lfilter
 from osl_analysis.bench.bench_settings import Calibration, DynamometerAnalysis
 from osl_analysis.bench.coulomb import CoulombFit
 from osl_analysis.bench.impedance import impedance_table, rendered_impedance
-from osl_analysis.bench.joint_fit import Estimate, FrictionFit, Impedance, ImpedanceFit
-from osl_analysis.bench.joint_inference import fit_of
+from osl_analysis.bench.joint_fit import FrictionFit, ImpedanceFit
+from osl_analysis.bench.joint_inference import joint_fit
 from osl_analysis.bench.record import signals_of
 from osl_analysis.bench.recorded_motion import record_of_trial
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.inference import infer_impedance
 from osl_analysis.judge.finding import Grade
 from osl_analysis.judge.limits import DoubtfulFits, Limits
+from osl_analysis.stats.estimates import Estimate, Impedance
 
 CONFIG = ROOT / "config/config.yaml"
 SETTINGS = read_section(CONFIG, "dynamometer", DynamometerAnalysis)
@@ -90,11 +92,25 @@ def test_friction_whose_size_is_not_certain_is_not_taken_off_b():
     inferred = infer_impedance(signals_of(record))
     uncertain = CoulombFit(torque=0.5, damping=0.3, share=0.05, certain=None)
 
-    fit = fit_of(inferred, analysis.whole, uncertain, NO_ERRORS, False, record)
+    least_squares = ImpedanceFit(Impedance.of_fit(analysis.whole))
+
+    fit = joint_fit(least_squares, inferred, uncertain, NO_ERRORS, record)
 
     assert inferred.friction_probability > 0.9
     assert fit.friction.without is None
     assert fit.friction.share == 0
+
+
+def test_a_row_says_what_gave_its_intervals_and_has_no_covariance_of_another_fit():
+    analysis, sums = rendered_impedance(record_with())
+
+    row = impedance_table(analysis, sums).row(-1, named=True)
+
+    assert row["interval_method"] == "mixture of hypotheses"
+    assert row["K"] != analysis.whole["K"]
+    assert [row["cov_K_B"], row["cov_K_I"], row["cov_B_I"]] == [None, None, None]
+    quantile = scipy.stats.t(23).ppf(0.975)  # of 24 blocks
+    assert row["K_se"] == pytest.approx((row["K_high"] - row["K_low"]) / 2 / quantile)
 
 
 def test_without_friction_b_is_the_only_damping():

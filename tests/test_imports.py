@@ -20,7 +20,7 @@ HOUSE = {
     "formats": set(), "model": set(), "signals": set(), "dictionary": set(), "stats": {"signals"},
     "config": {"formats", "model"}, "spectral": {"model", "signals", "stats"},
     "ingest": {"config", "formats", "signals", "spectral"}, "walking": {"signals", "stats"},
-    "inference": set(),
+    "inference": {"stats"},
     "bench": {"inference", "model", "signals", "spectral", "stats"},
     "simulator": {"config", "model"},
     "judge": {"config", "dictionary", "model", "stats"}, "figures": {"dictionary", "judge",

@@ -44,12 +44,14 @@ def test_recovers_the_coefficients_that_made_the_data(a, b, offset):
 
 
 def test_a_lag_costs_damping_and_counts_where_it_is_certain():
-    assert regression.lag_damping_row(2e-3, 0.9e-3, 300.0)["certain_lag_damping"] == pytest.approx(
-        -0.6
-    )
-    row = regression.lag_damping_row(2e-3, 1.1e-3, 300.0)
-    assert (row["lag_damping"], row["certain_lag_damping"]) == (pytest.approx(-0.6), 0.0)
-    assert set(regression.lag_damping_row(None, None, 300.0).values()) == {None}
+    certain = regression.lag_damping_row(2e-3, 0.9e-3, is_certain=True, K=300.0)
+    uncertain = regression.lag_damping_row(2e-3, 1.1e-3, is_certain=False, K=300.0)
+    no_lag = regression.lag_damping_row(None, None, is_certain=False, K=300.0)
+
+    assert certain["certain_lag_damping"] == pytest.approx(-0.6)
+    assert uncertain["lag_damping"] == pytest.approx(-0.6)
+    assert uncertain["certain_lag_damping"] == 0.0
+    assert set(no_lag.values()) == {None}
 
 
 def test_vaf_and_r_squared_read_what_they_should_when_the_fit_is_not_perfect():
@@ -57,7 +59,8 @@ def test_vaf_and_r_squared_read_what_they_should_when_the_fit_is_not_perfect():
     fit = regression.linear_fit(y, {"c": np.cos(20 * np.pi * T), "offset": np.ones_like(T)})
     assert (fit.vaf, fit.r_squared) == pytest.approx((80, 1 - 0.5 / (2 + 0.5 + 100)))
     assert (
-        regression.diagnostics_row(fit, 500.0, {})["correlation_s"] == fit.correlation_samples / 500
+        regression.diagnostics_row(fit, fit.interval_method, 500.0, {})["correlation_s"]
+        == fit.correlation_samples / 500
     )
     assert replace(fit, covariance=0 * fit.covariance).correlation("c", "offset") == 0, (
         "an exact fit"

@@ -100,15 +100,29 @@ class Analysis:
             "commanded_deg": commanded.get(label),
         }
 
-    def beside_estimates(self, label: Label, *names: str) -> Row:
-        """The columns of a row beside its place and its estimates."""
+    def beside_estimates(self, label: Label, *names: str, other: str | None = None) -> Row:
+        """The columns of a row beside its place and its estimates.
+
+        Parameters
+        ----------
+        label
+            Whose rows were fitted.
+        names
+            The estimates.
+        other
+            What else than this fit gave estimates and intervals. Covariances are then not known,
+            and null; what is told of the regression (VAF, R2, condition) is of this fit.
+        """
         fit = self.calibrated(self.fits[label], label)
+        covariances: Row = dict(covariance_row(fit, *names))
+        if other is not None:
+            covariances = dict.fromkeys(covariances)
         return {
             **estimates_row(fit, "offset"),
-            **covariance_row(fit, *names),
+            **covariances,
             **{f"{name}_se_bench": fit.se_bench(name) for name in names},
             **{f"{name}_repeat_se": fit.repeat_se(name) for name in names},
-            **self.judged(label),
+            **self.judged(label, other),
         }
 
     def calibrated(self, fit: GroupFit, label: Label = None) -> GroupFit:
@@ -146,13 +160,15 @@ class Analysis:
             fit = widened(fit, change, shared=True)
         return fit
 
-    def judged(self, label: Label = None) -> Row:
-        """The diagnostics of a fit and of its interval."""
+    def judged(self, label: Label = None, other: str | None = None) -> Row:
+        """The diagnostics of a fit, and where its interval is from: the fit, or `other`."""
         record = self.record
         rows = record.rows(label)
         kept = rows[thinned_rows(len(rows), record.rate_hz, record.low_pass)]
         residual = record.filtered_torque[kept] - self.modelled(label, kept)
-        return diagnostics_row(self.fits[label], record.rate_hz, whiteness_row(residual))
+        fit = self.fits[label]
+        interval_method = other or fit.interval_method
+        return diagnostics_row(fit, interval_method, record.rate_hz, whiteness_row(residual))
 
     def shared(self, label: Label, *names: str) -> Row:
         """VAF of held-out data, the subtracted drift [N*m/min], and the change by another time

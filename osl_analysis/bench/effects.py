@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from osl_analysis.bench import gram
 from osl_analysis.bench.gram import GroupFit, Sums
-from osl_analysis.bench.record import Record
+from osl_analysis.bench.record import Record, actuator_turns
 from osl_analysis.bench.row_groups import Label
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.inference.friction_shapes import slipping_spring
@@ -241,6 +241,20 @@ class Belt:
     theta_m: Fault | None = None  # the same of theta_m
 
 
+def is_leg(record: Record, p: DrivetrainParameters | None) -> bool:
+    """Whether a drivetrain renders the joint: its motor turns, and winds up the belt. A joint
+    beside an idle motor is no leg. Without a parameter file the motor's turning has to do."""
+    if p is None or "theta_m" not in record.actuator:
+        return actuator_turns(record)
+    few = record.coarse
+    theta_m = few.actuator["theta_m"]
+    deflection = belt_deflection(few.motion.theta, theta_m, p)
+    least = LEAST_DEFLECTION * float(np.std(few.part(few.motion.theta)))
+    motor_turns = float(np.std(few.part(theta_m / p.n_T))) >= least
+    belt_is_wound = float(np.std(few.part(deflection))) >= least
+    return motor_turns and belt_is_wound
+
+
 def belt_of_leg(record: Record, p: DrivetrainParameters | None) -> Belt | None:
     """The belt of a leg, and what it tells of lags.
 
@@ -253,19 +267,14 @@ def belt_of_leg(record: Record, p: DrivetrainParameters | None) -> Belt | None:
     Returns
     -------
     Belt or None
-        None without a parameter file or theta_m, where the motor is idle, or where the motion
+        None without a parameter file or theta_m, of a joint that is no leg, or where the motion
         cannot tell.
     """
-    if p is None or "theta_m" not in record.actuator:
+    if p is None or "theta_m" not in record.actuator or not is_leg(record, p):
         return None
     few = record.coarse
     theta_m = few.actuator["theta_m"]
-    wound = belt_deflection(few.motion.theta, theta_m, p)
-    turned = float(np.std(few.part(few.motion.theta)))
-    at_motor, at_belt = (float(np.std(few.part(x))) for x in (theta_m / p.n_T, wound))
-    if min(at_motor, at_belt) < LEAST_DEFLECTION * turned:
-        return None
-    columns = belt_columns(few, wound)
+    columns = belt_columns(few, belt_deflection(few.motion.theta, theta_m, p))
     try:
         return belt_from(few, columns, theta_m, p)
     except CANNOT_TELL:

@@ -223,13 +223,6 @@ def solved(A: Array, b: Array) -> tuple[Array, Array]:
     return estimates[..., 0], inverse
 
 
-def least_left(total: Array) -> Array:
-    """Residual sum of squares of the torque, the last column of sums (..., p + 1, p + 1), on the
-    other columns."""
-    b = total[..., :-1, -1]
-    return np.asarray(total[..., -1, -1] - np.sum(b * solved(total[..., :-1, :-1], b)[0], axis=-1))
-
-
 def estimates_of(total: Array, at: Sequence[int], q: int) -> Array:
     """Estimates (p,) of the columns `at` for the torque, column q, alone."""
     return solved(total[np.ix_(at, at)], total[at, q])[0]
@@ -644,9 +637,7 @@ def noise_of_scores(scores: Array, columns: int) -> tuple[Array, Array]:
     return np.asarray(positive), np.full(p, freedom)
 
 
-def held_out_vaf(
-    s: Sums, model: Mapping[str, str], label: Label = None, interleaved: bool = False
-) -> float | None:
+def held_out_vaf(s: Sums, model: Mapping[str, str], label: Label = None) -> float | None:
     """Lowest VAF [percent] of groups that a fit did not use, each with its own offset.
 
     Returns
@@ -657,7 +648,7 @@ def held_out_vaf(
     columns = s.index(list(model.values()))
     one = s.index(["one"])[0]
     found = []
-    for fitted, held_out in held_out_groups(s.groups, label, interleaved):
+    for fitted, held_out in held_out_groups(s.groups, label):
         total = s.over(fitted)
         if total[one, one] <= len(model):
             return None
@@ -673,13 +664,12 @@ def held_out_vaf(
 
 
 def held_out_groups(
-    groups: Groups, label: Label, interleaved: bool
+    groups: Groups, label: Label
 ) -> list[tuple[NDArray[np.bool_], list[NDArray[np.bool_]]]]:
     """Groups (m,) that are fitted, and the parts that this fit predicts.
 
     Of a label: itself, and each other label. Of all: the other labels, and each label. With one
-    label: the rest, and each third of the groups; thirds are interleaved if something may change
-    over the record.
+    label: the rest, and each third of the groups, one after the other.
     """
     labels = groups.labels
     if label is not None:
@@ -689,7 +679,7 @@ def held_out_groups(
     place = np.argsort(np.argsort(groups.first, kind="stable"), kind="stable")
     if len(place) < 2:
         return []
-    part = place % 3 if interleaved else 3 * place // len(place)
+    part = 3 * place // len(place)
     return [(part != k, [part == k]) for k in np.unique(part)]
 
 

@@ -23,7 +23,7 @@ from osl_analysis.bench.identifiability import turn_deg
 from osl_analysis.bench.joint_fit import ClockDrift
 from osl_analysis.bench.joint_inference import impedance_fits
 from osl_analysis.bench.plausibility import check_resists, plausible_impedance
-from osl_analysis.bench.record import Record, actuator_turns
+from osl_analysis.bench.record import Record
 from osl_analysis.bench.row_groups import Label
 from osl_analysis.errors import nearest
 from osl_analysis.inference.constants import BLOCKS
@@ -133,7 +133,13 @@ def impedance_table(
     p
         The device. With theta_m it gives the belt, which shows a lag that Eq. 15 hides where it
         does not fit the drivetrain. Without it a joint whose actuator turns is taken for a leg,
-        since its drivetrain is no fault of the recording.
+        since its drivetrain is no fault of the recording (`effects.is_leg`).
+
+    Notes
+    -----
+    K, B and I of a leg, and of each single amplitude, are those of Eq. 15 by least squares. Of any
+    other joint's whole trial they are the mixture of the hypotheses that the inference weighs
+    (`joint_inference.impedance_fits`). `interval_method` says which.
 
     Returns
     -------
@@ -147,10 +153,8 @@ def impedance_table(
     """
     record = analysis.record
     belt = effects.belt_of_leg(record, p)
-    is_leg = belt is not None or (p is None and actuator_turns(record))
     check_drives_nothing(analysis)
-    # of a joint that is no leg, K, B and I of the whole trial are those of the inference
-    fits = impedance_fits(analysis, s, is_leg)
+    fits = impedance_fits(analysis, s, effects.is_leg(record, p))
     lag = belt.torque if belt else None
     of_trial: Row = {
         **motion_row(record),
@@ -164,7 +168,7 @@ def impedance_table(
             {
                 **analysis.place(label),
                 **fits[label].to_row(),
-                **analysis.beside_estimates(label, *QUANTITIES),
+                **analysis.beside_estimates(label, *QUANTITIES, other=fits[label].estimator),
                 **lag_row(lag, fit),
                 **analysis.shared(label, *QUANTITIES),
                 "theta_rms_deg": turn_deg(s, label),
@@ -245,10 +249,10 @@ def lag_row(lag: Fault | None, fit: GroupFit) -> Row:
     K, B = fit["K"], fit["B"]
     if lag is None:
         nothing = {"lag_share": None, "lag_inertia_share": None}
-        return {**lag_damping_row(None, None, K), **nothing}
+        return {**lag_damping_row(None, None, is_certain=False, K=K), **nothing}
     found_s = lag.size if lag.found else 0.0
     return {
-        **lag_damping_row(lag.size, lag.se, K, 0.0 if lag.found else np.inf),
+        **lag_damping_row(lag.size, lag.se, is_certain=lag.found, K=K),
         "lag_share": abs(K * found_s / B),
         "lag_inertia_share": abs((B + K * found_s) * found_s) / share_of_inertia(fit),
     }

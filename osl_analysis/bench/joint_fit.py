@@ -6,58 +6,8 @@ A value is never overwritten: one that is widened is a new value with its reason
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-import numpy as np
-
-from osl_analysis.inference import estimates as inferred
-from osl_analysis.stats.regression import INTERVAL_ENDS, LinearFit, Row
-
-HALF_WIDTH = 2.0687  # standard errors: Student's 97.5 % for the 24 blocks of the inference
-NORMAL_HALF_WIDTH = 1.95996  # standard errors: the same of an error whose size is known exactly
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """A number with its 95 % interval, in the SI unit of what it estimates."""
-
-    value: float
-    standard_error: float
-    low: float
-    high: float
-
-    @classmethod
-    def of_fit(cls, fit: LinearFit, name: str) -> "Estimate":
-        """The estimate of a least-squares fit."""
-        low, high = fit.interval(name)
-        return cls(fit[name], fit.se(name), low, high)
-
-    @classmethod
-    def inferred(cls, estimate: inferred.Estimate) -> "Estimate":
-        """The estimate of an inference, which is the median of a mixture."""
-        error = estimate.half_width / HALF_WIDTH
-        return cls(estimate.value, error, estimate.low, estimate.high)
-
-    @classmethod
-    def with_error(cls, value: float, standard_error: float) -> "Estimate":
-        """A number with its standard error, from the scatter of blocks."""
-        half = HALF_WIDTH * standard_error
-        return cls(value, standard_error, value - half, value + half)
-
-    def widened_by(self, known_error: float) -> "Estimate":
-        """The estimate with another, independent standard error in its interval."""
-        more = NORMAL_HALF_WIDTH * known_error
-        below = float(np.hypot(self.value - self.low, more))
-        above = float(np.hypot(self.high - self.value, more))
-        error = float(np.hypot(self.standard_error, known_error))
-        return Estimate(self.value, error, self.value - below, self.value + above)
-
-    def widened_to_include(self, other: "Estimate") -> "Estimate":
-        """The estimate with an interval that holds another one's, too."""
-        return replace(self, low=min(self.low, other.low), high=max(self.high, other.high))
-
-    def columns(self, name: str) -> Row:
-        """`name`, and its standard error and interval."""
-        values = (self.value, self.standard_error, self.low, self.high)
-        return {f"{name}{end}": x for end, x in zip(INTERVAL_ENDS, values, strict=True)}
+from osl_analysis.stats.estimates import Estimate, Impedance
+from osl_analysis.stats.regression import INTERVAL_ENDS, Row
 
 
 def estimate_columns(name: str, estimate: Estimate | None) -> Row:
@@ -72,41 +22,6 @@ def range_columns(name: str, estimate: Estimate | None) -> Row:
     if estimate is None:
         return {name: None, f"{name}_low": None, f"{name}_high": None}
     return {name: estimate.value, f"{name}_low": estimate.low, f"{name}_high": estimate.high}
-
-
-@dataclass(frozen=True)
-class Impedance:
-    """Stiffness [N*m/rad], damping [N*m*s/rad] and inertia [kg*m^2] of a joint (Eq. 15)."""
-
-    K: Estimate
-    B: Estimate
-    I: Estimate
-
-    @classmethod
-    def of_fit(cls, fit: LinearFit) -> "Impedance":
-        """K, B and I of a least-squares fit."""
-        return cls(*(Estimate.of_fit(fit, name) for name in ("K", "B", "I")))
-
-    @classmethod
-    def inferred(cls, impedance: inferred.Impedance) -> "Impedance":
-        """K, B and I of an inference."""
-        return cls(*(Estimate.inferred(x) for x in (impedance.K, impedance.B, impedance.I)))
-
-    def widened_by(self, known_errors: Mapping[str, float]) -> "Impedance":
-        """K, B and I with further standard errors, by symbol, in their intervals."""
-        return Impedance(
-            K=self.K.widened_by(known_errors["K"]),
-            B=self.B.widened_by(known_errors["B"]),
-            I=self.I.widened_by(known_errors["I"]),
-        )
-
-    def widened_to_include(self, other: "Impedance") -> "Impedance":
-        """K, B and I with intervals that hold those of another impedance, too."""
-        return Impedance(
-            K=self.K.widened_to_include(other.K),
-            B=self.B.widened_to_include(other.B),
-            I=self.I.widened_to_include(other.I),
-        )
 
 
 @dataclass(frozen=True)
@@ -293,6 +208,9 @@ class ClockDrift:
     standard_error: float
 
 
+MIXTURE = "mixture of hypotheses"  # `interval_method` of the inference
+
+
 @dataclass(frozen=True)
 class ImpedanceFit:
     """K, B and I of a recording or of one of its amplitudes, and what else it tells.
@@ -315,6 +233,8 @@ class ImpedanceFit:
     clock_drift : ClockDrift or None
         How the clocks of two devices drift apart, where nothing else is wrong; the table tells it
         where no repeats do.
+    estimator : str or None
+        What gave K, B and I; None of least squares (Eq. 15).
     widened_because : tuple of str
         Why the intervals are wider than the fit alone has them.
     """
@@ -326,6 +246,7 @@ class ImpedanceFit:
     delay: UnstatedDelay | None = None
     VAF_in_band: float | None = None
     clock_drift: ClockDrift | None = None
+    estimator: str | None = None
     widened_because: tuple[str, ...] = ()
 
     def widened_to_include(self, other: "ImpedanceFit", because: str) -> "ImpedanceFit":

@@ -16,10 +16,9 @@ from osl_analysis.bench.coulomb import CoulombFit, coulomb_fits
 from osl_analysis.bench.effects import with_effects
 from osl_analysis.bench.gram import Sums
 from osl_analysis.bench.joint_fit import (
+    MIXTURE,
     ClockDrift,
-    Estimate,
     FrictionFit,
-    Impedance,
     ImpedanceFit,
     Misfit,
     ReflexFit,
@@ -27,11 +26,11 @@ from osl_analysis.bench.joint_fit import (
 )
 from osl_analysis.bench.record import Record, signals_of
 from osl_analysis.bench.row_groups import Label
-from osl_analysis.errors import InputError
+from osl_analysis.errors import TooShortError
 from osl_analysis.inference import ImpedanceInference, infer_impedance
 from osl_analysis.inference.constants import HARM_SHARE, LIKELY
 from osl_analysis.inference.estimates import Explanation
-from osl_analysis.stats.regression import LinearFit
+from osl_analysis.stats.estimates import Estimate, Impedance
 
 CERTAIN_FRICTION = 0.9  # probability from which friction is taken off B: nine in ten are right
 NAMED_SHARE = 0.05  # of all faults' probability, below which an explanation is not named
@@ -52,22 +51,30 @@ def impedance_fits(analysis: Analysis, s: Sums, is_leg: bool) -> dict[Label, Imp
         Whether a belt and an actuator render the joint.
     """
     record = analysis.record
+    errors = known_errors(analysis)
     inferred = inferred_from(record, is_leg)
     friction_is_certain = None
     if inferred is not None:
         friction_is_certain = inferred.friction_probability > CERTAIN_FRICTION
     coulomb = coulomb_fits(s, analysis, friction_is_certain)
 
-    errors = known_errors(analysis)
-    least_squares = analysis.calibrated(analysis.whole)
-    whole = fit_of(inferred, least_squares, coulomb.get(None), errors, is_leg, record)
+    equation_15 = Impedance.of_fit(analysis.calibrated(analysis.whole))
+    least_squares = ImpedanceFit(
+        equation_15, by_coulomb(coulomb.get(None)), VAF_in_band=analysis.whole.vaf
+    )
+    whole = whole_fit(least_squares, inferred, coulomb.get(None), errors, is_leg, record)
     if record.other is not None:
         again = None if is_leg else inferred_from(read_otherwise(record), is_leg)
-        other = fit_of(again, analysis.others[None], coulomb.get(None), errors, is_leg, record)
+        equation_15 = Impedance.of_fit(analysis.others[None]).widened_by(errors)
+        least_squares = replace(least_squares, impedance=equation_15)
+        other = whole_fit(least_squares, again, coulomb.get(None), errors, is_leg, record)
         whole = whole.widened_to_include(other, because=UNDECIDED_STAMPS)
 
     fits: dict[Label, ImpedanceFit] = {}
     for label, fit in analysis.fits.items():
+        if label is None:
+            fits[label] = whole
+            continue
         fits[label] = ImpedanceFit(
             impedance=Impedance.of_fit(analysis.calibrated(fit, label)),
             friction=by_coulomb(coulomb.get(label)),
@@ -76,7 +83,6 @@ def impedance_fits(analysis: Analysis, s: Sums, is_leg: bool) -> dict[Label, Imp
             delay=whole.delay,
             VAF_in_band=whole.VAF_in_band,
         )
-    fits[None] = whole
     return fits
 
 
@@ -84,7 +90,7 @@ def inferred_from(record: Record, is_leg: bool) -> ImpedanceInference | None:
     """The inference from a record; None where it is too short for one."""
     try:
         return infer_impedance(signals_of(record, is_leg))
-    except InputError:
+    except TooShortError:
         return None
 
 
@@ -94,60 +100,98 @@ def read_otherwise(record: Record) -> Record:
     return replace(record.other, steps=record.steps)
 
 
-def fit_of(
+def whole_fit(
+    least_squares: ImpedanceFit,
     inferred: ImpedanceInference | None,
-    least_squares: LinearFit,
     coulomb: CoulombFit | None,
     known_errors: Mapping[str, float],
     is_leg: bool,
     record: Record,
 ) -> ImpedanceFit:
-    """Fit all of a recording.
+    """Choose what gives K, B and I of a whole recording.
 
     Parameters
     ----------
+    least_squares : ImpedanceFit
+        Eq. 15, with what is stated of the bench in its intervals.
     inferred : ImpedanceInference or None
         The inference; None where the recording is too short for one.
-    least_squares : LinearFit
-        Eq. 15, with what is stated of the bench in its intervals.
     coulomb : CoulombFit or None
-        Coulomb friction beside it.
+        Coulomb friction by least squares.
     known_errors : Mapping
         Standard errors that all samples share, by symbol.
     is_leg : bool
         Whether a belt and an actuator render the joint.
     record : Record
         The recording, for what is stated of its delay.
+
+    Returns
+    -------
+    ImpedanceFit
+        Least squares of a leg, and of a recording that is too short; else the mixture.
     """
-    of_equation_15 = Impedance.of_fit(least_squares)
     if inferred is None:
-        return ImpedanceFit(of_equation_15, by_coulomb(coulomb), VAF_in_band=least_squares.vaf)
-
-    has_friction = inferred.friction_probability > CERTAIN_FRICTION
+        return least_squares
     if is_leg:
-        without = Impedance.inferred(inferred.sound).widened_by(known_errors)
-        friction = by_inference(coulomb, of_equation_15.B, without if has_friction else None)
-        return ImpedanceFit(of_equation_15, friction, VAF_in_band=least_squares.vaf)
+        return leg_fit(least_squares, inferred, coulomb, known_errors)
+    return joint_fit(least_squares, inferred, coulomb, known_errors, record)
 
+
+def leg_fit(
+    least_squares: ImpedanceFit,
+    inferred: ImpedanceInference,
+    coulomb: CoulombFit | None,
+    known_errors: Mapping[str, float],
+) -> ImpedanceFit:
+    """Eq. 15 by least squares, as the paper has it, with what the inference tells of the friction
+    in the actuator. The arguments are those of `whole_fit`."""
+    without = None
+    if inferred.friction_probability > CERTAIN_FRICTION:
+        without = inferred.sound.widened_by(known_errors)
+    friction = by_inference(coulomb, least_squares.impedance.B, without)
+    return replace(least_squares, friction=friction)
+
+
+def joint_fit(
+    least_squares: ImpedanceFit,
+    inferred: ImpedanceInference,
+    coulomb: CoulombFit | None,
+    known_errors: Mapping[str, float],
+    record: Record,
+) -> ImpedanceFit:
+    """The mixture of the hypotheses; the arguments are those of `whole_fit`.
+
+    Where a fault does harm, the mixture would hold what the fault makes of K, B and I: they are
+    then those of the best joint without a fault, and `misfit.offered` has the mixture. Where
+    friction is certain, B holds it as Eq. 15 does, and `friction.without` has B without it.
+    """
+    without_fault = inferred.impedance if inferred.doubt is None else inferred.sound
+    impedance = without_fault.widened_by(known_errors)
     # friction whose size is not certain is not taken off B
-    has_friction = has_friction and coulomb is not None and coulomb.certain is not None
-    told = inferred.impedance if inferred.doubt is None else inferred.sound
-    impedance = Impedance.inferred(told).widened_by(known_errors)
-    friction = by_inference(coulomb, of_equation_15.B, impedance if has_friction else None)
-    if has_friction:
-        impedance = Impedance(impedance.K, of_equation_15.B, impedance.I)
-    misfit = misfit_of(inferred, known_errors)
+    takes_friction_off = (
+        inferred.friction_probability > CERTAIN_FRICTION
+        and coulomb is not None
+        and coulomb.certain is not None
+    )
+    without_friction = impedance if takes_friction_off else None
+    friction = by_inference(coulomb, least_squares.impedance.B, without_friction)
+    if takes_friction_off:
+        impedance = replace(impedance, B=least_squares.impedance.B)
+
     fault = probable_fault(inferred)
-    is_found = fault is not None and fault.family == "path"
-    delay = None if is_found or is_delay_stated(record) else unstated_delay(inferred)
+    path_is_found = fault is not None and fault.family == "path"
+    delay = None
+    if not path_is_found and not is_delay_stated(record):
+        delay = unstated_delay(inferred)
     return ImpedanceFit(
         impedance=impedance,
         friction=friction,
         reflex=reflex_fit(inferred),
-        misfit=misfit,
+        misfit=misfit_of(inferred, known_errors),
         delay=delay,
         VAF_in_band=inferred.VAF_held_out,
         clock_drift=clock_drift(inferred, fault, record) if record.two_clocks else None,
+        estimator=MIXTURE,
     )
 
 
@@ -171,7 +215,7 @@ def misfit_of(inferred: ImpedanceInference, known_errors: Mapping[str, float]) -
     fault, doubt = probable_fault(inferred), inferred.doubt
     offered = None
     if doubt is not None and doubt.gain > 0:
-        offered = Impedance.inferred(inferred.impedance).widened_by(known_errors)
+        offered = inferred.impedance.widened_by(known_errors)
     return Misfit(
         # sums over no hypotheses are whole numbers
         fault_probability=float(inferred.fault_probability),
@@ -192,7 +236,7 @@ def misfit_of_losses(record: Record) -> Misfit | None:
     of_B, of_I = HARM_SHARE[1:]
     try:
         inferred = infer_impedance(signals_of(record), accuracy=(np.inf, of_B, of_I))
-    except InputError:
+    except TooShortError:
         return None
     return misfit_of(inferred, dict.fromkeys(QUANTITIES, 0.0))
 
@@ -266,9 +310,9 @@ def reflex_fit(inferred: ImpedanceInference) -> ReflexFit | None:
     return ReflexFit(
         probability=reflex.probability,
         delay_s=reflex.delay_s,
-        rising=Estimate.with_error(reflex.rising.value, reflex.rising.standard_error),
-        falling=Estimate.with_error(reflex.falling.value, reflex.falling.standard_error),
-        without=Impedance.inferred(without) if without else None,
+        rising=reflex.rising.estimate(),
+        falling=reflex.falling.estimate(),
+        without=without,
     )
 
 

@@ -418,7 +418,7 @@ def with_actuator(record: Record, trial: Trial) -> Record:
     quick = replace(same, cutoff_hz=min(QUICK * same.cutoff_hz, 0.2 * rate))
     of_angle = {"theta_m": ("theta_m", same), "quick": ("theta_m", quick)}
     with_current = {**of_angle, "current": ("current", same)}
-    for wanted in (with_current, {"theta_m": ("theta_m", same)}):
+    for wanted in (with_current, of_angle):
         if all(column in trial.columns for column, _ in wanted.values()):
             with suppress(InputError):
                 return replace(record, actuator=logged(record, trial, wanted))

@@ -201,18 +201,17 @@ def predict_blocks(
     )
 
 
-def held_out_vaf(data: Whitened, fit: Predicted, from_hz: float = 0.0) -> float:
+def held_out_vaf(data: Whitened, fit: Predicted) -> float:
     """Compute the variance of the torque that fits to other parts account for [%].
 
     Every third block is left out in turn; the worst of the three counts. The torque is that in the
-    motion's band, less its mean in each block, and less what is slower than `from_hz`: a person
-    pushes as he likes there.
+    motion's band, less its mean in each block.
     """
     columns = all_columns(data, fit.candidate, fit.kind)
     length = lengths_of(columns)
     columns = columns / length[:, None]
     blocks = normal_matrices(columns, fit.candidate.torque)
-    in_time = data.unwhitened(np.vstack([columns, fit.candidate.torque]), from_hz)
+    in_time = data.unwhitened(np.vstack([columns, fit.candidate.torque]))
     moving = len(columns) - len(data.slow)
     edges = block_edges(columns.shape[1])
     found = []

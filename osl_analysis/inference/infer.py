@@ -15,21 +15,26 @@ import numpy as np
 from osl_analysis.inference.constants import HARM_FLOOR, HARM_SHARE, KNOWN_DELAY, LIKELY
 from osl_analysis.inference.cross_validation import Predicted, held_out_vaf, predict_blocks
 from osl_analysis.inference.estimates import (
-    SYMBOLS,
-    Estimate,
     Explanation,
-    Impedance,
     ImpedanceInference,
     KnownDelay,
     Parameter,
     ReflexEstimate,
+    student_half_width,
 )
-from osl_analysis.inference.hypotheses import Candidate, Nothing, Search, hypotheses_for
+from osl_analysis.inference.hypotheses import Candidate, Search, hypotheses_for
 from osl_analysis.inference.least_squares import BesideShared
-from osl_analysis.inference.mixture import Part, Weighed, mixture_quantiles, noise_of, weigh
+from osl_analysis.inference.mixture import (
+    Part,
+    Weighed,
+    mixture_quantiles,
+    noise_of,
+    weigh,
+)
 from osl_analysis.inference.rounding_errors import rounding_torques
 from osl_analysis.inference.spectra import BenchSignals, Spectra
 from osl_analysis.inference.whitening import JointKind, Whitened
+from osl_analysis.stats.estimates import Estimate, Impedance
 from osl_analysis.trial import Array
 
 INTERVAL = (0.025, 0.5, 0.975)  # a 95 % interval and its median
@@ -41,7 +46,6 @@ REFLEX_WORTH = 12.0  # nats that a reflex must gain in the fit to compete: its t
 def infer_impedance(
     signals: BenchSignals,
     accuracy: tuple[float, float, float] = HARM_SHARE,
-    vaf_from_hz: float = 0.0,
 ) -> ImpedanceInference:
     """Infer K, B and I of a joint from a recording, and what may be wrong with it.
 
@@ -51,8 +55,6 @@ def infer_impedance(
         Angle and torque on one time base.
     accuracy : tuple of float
         Relative changes of K, B and I that matter to the user.
-    vaf_from_hz : float
-        Frequency below which the held-out VAF does not count [Hz], as a person's will.
 
     Returns
     -------
@@ -69,7 +71,6 @@ def infer_impedance(
     fits, memory = fit_all(data)
     weighed, at = weigh(fits, spectra.freedom, memory, is_body=not signals.has_drivetrain)
     reference = weighed[at]
-    plain = equation_15(data, fits)
     matters = np.array(accuracy) * np.hypot(reference.impedance, HARM_FLOOR)
 
     faults = [each for each in weighed if each.family != ""]
@@ -81,47 +82,25 @@ def infer_impedance(
     if fault_probability > LIKELY and harm > 1:
         doubt = most_probable_family(faults, explanations)
 
-    without_reflex, reflex_harm = None, 0.0
+    without_reflex = None
     if reference.fit.kind.has_reflex:
         others = [each for each in weighed if not each.fit.kind.has_reflex]
-        best_other = max(others, key=lambda each: each.weight)
-        without_reflex = impedance_of(best_other.parts)
-        moved_by_reflex = np.abs(reference.impedance - best_other.impedance)
-        reflex_harm = float(np.max(moved_by_reflex / matters))
+        without_reflex = impedance_of(max(others, key=lambda each: each.weight).parts)
 
-    moved_by_friction = np.abs(reference.impedance - plain.impedances[0])
     best = max(weighed, key=lambda each: each.weight)
     return ImpedanceInference(
         impedance=impedance_of(mixed(weighed)),
         sound=impedance_of(reference.parts),
-        without_friction_column=impedance_of(
-            [Part(1.0, plain.impedances[0], plain.covariances[0])]
-        ),
         fault_probability=fault_probability,
         friction_probability=friction_probability(data, weighed),
-        friction_harm=float(np.max(moved_by_friction / matters)),
         harm=harm,
         doubt=doubt,
         explanations=explanations,
         delay=None if signals.has_drivetrain else known_delay(data, reference.fit),
         reflex=reflex_of(weighed, data),
         without_reflex=without_reflex,
-        reflex_harm=reflex_harm,
-        VAF_held_out=held_out_vaf(data, best.fit, vaf_from_hz),
-        band_hz=spectra.band_hz,
-        noise_ratio=noise_of(fits, spectra.freedom),
+        VAF_held_out=held_out_vaf(data, best.fit),
     )
-
-
-def equation_15(data: Whitened, fits: Sequence[Predicted]) -> Predicted:
-    """Eq. 15 alone: of a leg, too, whose hypotheses know its actuator."""
-    if data.actuator is None:
-        named = (fit for fit in fits if fit.candidate.hypothesis.name == "nothing")
-        return next(fit for fit in named if fit.kind == JointKind())
-    reading = np.eye(3)
-    candidate = Candidate(Nothing(data), data.motion[:3], data.torque, readings=(reading,))
-    no_rounding = np.empty((0, len(data.torque)))
-    return predict_blocks(data, candidate, JointKind(), no_rounding, data.spectra.freedom)
 
 
 def fit_all(data: Whitened) -> tuple[list[Predicted], Predicted | None]:
@@ -199,12 +178,15 @@ def mixed(weighed: Sequence[Weighed]) -> list[Part]:
 
 def impedance_of(parts: Sequence[Part]) -> Impedance:
     """Median and 95 % interval of K, B and I."""
-    low, median, high = mixture_quantiles(parts, INTERVAL)
-    estimates = {
-        symbol: Estimate(float(median[k]), float(low[k]), float(high[k]))
-        for k, symbol in enumerate(SYMBOLS)
-    }
-    return Impedance(**estimates)
+    quantiles = mixture_quantiles(parts, INTERVAL)
+    return Impedance(*(estimate_of(low, median, high) for low, median, high in quantiles.T))
+
+
+def estimate_of(low: float, median: float, high: float) -> Estimate:
+    """The estimate with these quantiles of a mixture. Its standard error is the one that would give
+    the same width to one of Student's distributions."""
+    standard_error = (high - low) / 2 / student_half_width()
+    return Estimate(float(median), float(standard_error), float(low), float(high))
 
 
 def explained(each: Weighed) -> Explanation:

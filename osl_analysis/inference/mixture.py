@@ -50,7 +50,7 @@ SPREAD = 12.0  # standard deviations about all parts within which quantiles lie
 
 @dataclass(frozen=True)
 class Part:
-    """One Gaussian, with Student's tails, of the mixture."""
+    """One of the Student distributions of the mixture."""
 
     weight: float
     impedance: Array  # K, B, I (3,) [SI]
@@ -297,7 +297,7 @@ def parts_of(fit: Predicted, unit: float, is_body: bool) -> tuple[float, list[Pa
     fit : Predicted
         The hypothesis.
     unit : float
-        Sum of squares that counts as two nats.
+        Sum of squares that counts as half a nat.
     is_body : bool
         Whether B and I are positive.
     """

@@ -11,7 +11,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from osl_analysis.errors import InputError
+from osl_analysis.errors import InputError, TooShortError
 from osl_analysis.inference.constants import (
     BAND_OF_RATE,
     EDGE,
@@ -70,11 +70,11 @@ class BenchSignals:
     has_drivetrain: bool = False
 
     def __post_init__(self) -> None:
-        """Raise InputError: a signal is not finite, too short, or does not move."""
+        """Raise InputError: a signal is not finite, or does not move; TooShortError."""
         check_finite("the angle", self.theta)
         check_finite("the torque", self.torque)
         if len(self.theta) < SHORTEST * self.rate_hz:
-            raise InputError(
+            raise TooShortError(
                 f"the recording lasts {len(self.theta) / self.rate_hz:.3g} s;"
                 f" record {SHORTEST:g} s or more"
             )

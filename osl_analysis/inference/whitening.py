@@ -208,17 +208,10 @@ class Whitened:
         """Whiten signals (..., p) at the product rate; returns rows (..., m)."""
         return self.column(self.spectra.spectrum_of(x))
 
-    def unwhitened(self, rows: Array, from_hz: float = 0.0) -> Array:
-        """Take the whitening off rows (k, m), and what is slower than `from_hz`.
-
-        Near ends and gaps a part of the whitening stays.
-        """
+    def unwhitened(self, rows: Array) -> Array:
+        """Take the whitening off rows (k, m); near ends and gaps a part of it stays."""
         assert self._gain is not None
-        spectra = self.spectra
-        gain = 1 / self._gain
-        if from_hz > 0:
-            gain = gain * (1 - 1 / (1 + (spectra.frequency / from_hz) ** 4))
-        return self._filtered_one_by_one(rows, gain)
+        return self._filtered_one_by_one(rows, 1 / self._gain)
 
     def _inverse_root_of_noise(self) -> Array:
         """Find the whitening gain (f,) from what the rich model leaves of the torque."""

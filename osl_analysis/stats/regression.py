@@ -460,12 +460,12 @@ def covariance_row(fit: LinearFit, *names: str) -> dict[str, float]:
     return {f"cov_{a}_{b}": fit.cov(a, b) for a, b in combinations(names, 2)}
 
 
-def diagnostics_row(fit: LinearFit, rate_hz: float, white: Row) -> Row:
+def diagnostics_row(fit: LinearFit, interval_method: str, rate_hz: float, white: Row) -> Row:
     """The diagnostics of a fit and its interval in all tables; `rate_hz` is the rate of the fitted
     rows, `white` their whiteness. VAF in percent, R2 about zero, the correlation time in
     seconds."""
     return {
-        "interval_method": fit.interval_method,
+        "interval_method": interval_method,
         "VAF": fit.vaf,
         "R2": fit.r_squared,
         "condition_number": fit.condition_number,
@@ -476,15 +476,12 @@ def diagnostics_row(fit: LinearFit, rate_hz: float, white: Row) -> Row:
     }
 
 
-def lag_damping_row(
-    lag: float | None, se: float | None, K: float, certain_from: float = 2.0
-) -> Row:
+def lag_damping_row(lag: float | None, se: float | None, is_certain: bool, K: float) -> Row:
     """Lag [s] of the torque behind the angle, its standard error, and what it adds to B: -K lag
-    [N*m*s/rad]; `certain_lag_damping` is 0 for a lag of no more than `certain_from` standard
-    errors. All null without a lag."""
+    [N*m*s/rad]; `certain_lag_damping` is 0 where the lag is not certain. All null without a lag."""
     damping = None
     certain = None
-    if lag is not None and se is not None:
+    if lag is not None:
         damping = -K * lag
-        certain = damping if abs(lag) > certain_from * se else 0.0
+        certain = damping if is_certain else 0.0
     return {"lag_s": lag, "lag_se_s": se, "lag_damping": damping, "certain_lag_damping": certain}

@@ -1,0 +1,85 @@
+"""An estimate with its interval, and the impedance of a joint: what every fit gives."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from osl_analysis.stats.regression import INTERVAL_ENDS, LinearFit, Row
+
+NORMAL_HALF_WIDTH = 1.95996  # standard errors of a 95 % interval where their size is known exactly
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A number with its 95 % interval, in the SI unit of what it estimates.
+
+    A value is never overwritten: one that is widened is a new value.
+    """
+
+    value: float
+    standard_error: float
+    low: float
+    high: float
+
+    @classmethod
+    def of_fit(cls, fit: LinearFit, name: str) -> "Estimate":
+        """The estimate of a least-squares fit."""
+        low, high = fit.interval(name)
+        return cls(fit[name], fit.se(name), low, high)
+
+    @property
+    def half_width(self) -> float:
+        """Half of the interval's width."""
+        return (self.high - self.low) / 2
+
+    def holds(self, true: float) -> bool:
+        """Whether the interval holds a value."""
+        return self.low <= true <= self.high
+
+    def widened_by(self, known_error: float) -> "Estimate":
+        """The estimate with another, independent standard error in its interval."""
+        more = NORMAL_HALF_WIDTH * known_error
+        below = float(np.hypot(self.value - self.low, more))
+        above = float(np.hypot(self.high - self.value, more))
+        error = float(np.hypot(self.standard_error, known_error))
+        return Estimate(self.value, error, self.value - below, self.value + above)
+
+    def widened_to_include(self, other: "Estimate") -> "Estimate":
+        """The estimate with an interval that holds another one's, too."""
+        return replace(self, low=min(self.low, other.low), high=max(self.high, other.high))
+
+    def columns(self, name: str) -> Row:
+        """`name`, and its standard error and interval."""
+        values = (self.value, self.standard_error, self.low, self.high)
+        return {f"{name}{end}": x for end, x in zip(INTERVAL_ENDS, values, strict=True)}
+
+
+@dataclass(frozen=True)
+class Impedance:
+    """Stiffness [N*m/rad], damping [N*m*s/rad] and inertia [kg*m^2] of a joint (Eq. 15)."""
+
+    K: Estimate
+    B: Estimate
+    I: Estimate
+
+    @classmethod
+    def of_fit(cls, fit: LinearFit) -> "Impedance":
+        """K, B and I of a least-squares fit."""
+        return cls(*(Estimate.of_fit(fit, name) for name in ("K", "B", "I")))
+
+    def widened_by(self, known_errors: Mapping[str, float]) -> "Impedance":
+        """K, B and I with further standard errors, by symbol, in their intervals."""
+        return Impedance(
+            K=self.K.widened_by(known_errors["K"]),
+            B=self.B.widened_by(known_errors["B"]),
+            I=self.I.widened_by(known_errors["I"]),
+        )
+
+    def widened_to_include(self, other: "Impedance") -> "Impedance":
+        """K, B and I with intervals that hold those of another impedance, too."""
+        return Impedance(
+            K=self.K.widened_to_include(other.K),
+            B=self.B.widened_to_include(other.B),
+            I=self.I.widened_to_include(other.I),
+        )

@@ -27,7 +27,7 @@ from osl_analysis.bench.bench_settings import BeltAnalysis, Calibration
 from osl_analysis.bench.coulomb import coulomb_fits
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums, sums_of
 from osl_analysis.bench.frequency_response import frequency_response_table
-from osl_analysis.bench.gram import GroupFit
+from osl_analysis.bench.group_fit import GroupFit
 from osl_analysis.bench.known_spring import Known, LateFits, bench_estimates
 from osl_analysis.bench.measured_components import COMPONENTS, components_of, covariance_of_means
 from osl_analysis.bench.phasors import phasor_table, phasors_of_record

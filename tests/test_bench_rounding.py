@@ -13,7 +13,7 @@ from conftest import multisine
 from osl_analysis.bench.analysis import analysed
 from osl_analysis.bench.bench_settings import BenchStiffness
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums, sums_of, with_effects
-from osl_analysis.bench.gram import combined, jackknife
+from osl_analysis.bench.group_interval import combined, jackknife
 from osl_analysis.bench.record import Record, record_of
 from osl_analysis.bench.recorded_motion import record_of_trial, sine_record
 from osl_analysis.bench.rounded_signals import before_rounding

@@ -14,7 +14,7 @@ from scipy.special import stdtrit
 from scipy.stats import t as student
 from scipy.stats import ttest_ind
 
-from osl_analysis.bench.gram import noise_of_scores
+from osl_analysis.bench.group_interval import noise_of_scores
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.signals import LowPass
 from osl_analysis.stats import regression, repeats

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from osl_analysis.bench.analysis import Analysis, analysed
 from osl_analysis.bench.bench_settings import ActuatorAnalysis
 from osl_analysis.bench.effects import Model
-from osl_analysis.bench.gram import gram_sums
+from osl_analysis.bench.group_sums import gram_sums
 from osl_analysis.bench.plausibility import check_changes
 from osl_analysis.bench.record import Record
 from osl_analysis.bench.row_groups import Groups, Stratum, stretches_of

@@ -18,7 +18,8 @@ from osl_analysis.bench.effects import (
     with_effects,
 )
 from osl_analysis.bench.fit_tables import Series, timebase_table
-from osl_analysis.bench.gram import GroupFit, Sums, held_out_vaf
+from osl_analysis.bench.group_fit import GroupFit, held_out_vaf
+from osl_analysis.bench.group_sums import Sums
 from osl_analysis.bench.identifiability import check_moves, check_told
 from osl_analysis.bench.plausibility import check_stiffer
 from osl_analysis.bench.record import Record
@@ -217,7 +218,7 @@ class Analysis:
 
     def fitted_column(self, column: str, label: Label) -> Array:
         """A column (n,) as the fit to a label took it: drift counts from the mean time of the rows
-        that are fitted, so that it does not change the offset (`gram.normal_equations`)."""
+        that are fitted, so that it does not change the offset (`group_sums.normal_equations`)."""
         values = self.sums.columns[column]
         if column == "ramp":
             values = values - values[self.record.rows(label)].mean()

@@ -11,7 +11,8 @@ from osl_analysis.bench.analysis import Analysis, torque_errors, widened
 from osl_analysis.bench.bench_settings import BeltAnalysis
 from osl_analysis.bench.component_summary import PLACE
 from osl_analysis.bench.effects import Model
-from osl_analysis.bench.gram import GroupFit, Sums, estimates_of, fit_groups, gram_sums
+from osl_analysis.bench.group_fit import GroupFit, fit_groups
+from osl_analysis.bench.group_sums import Sums, estimates_of, gram_sums
 from osl_analysis.bench.plausibility import check_changes, check_stiffer
 from osl_analysis.bench.record import Record, joint_angle
 from osl_analysis.bench.row_groups import Groups, Label, stretches_of

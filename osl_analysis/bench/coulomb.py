@@ -12,7 +12,8 @@ import numpy as np
 
 from osl_analysis.bench.analysis import Analysis, widened
 from osl_analysis.bench.effects import FALSE_ALARM, Model, with_effects
-from osl_analysis.bench.gram import GroupFit, Sums
+from osl_analysis.bench.group_fit import GroupFit
+from osl_analysis.bench.group_sums import Sums
 from osl_analysis.bench.row_groups import Label
 from osl_analysis.errors import IdentifiabilityError
 from osl_analysis.stats.regression import LinearFit
@@ -69,8 +70,10 @@ def coulomb_fits(
         except IdentifiabilityError:
             continue
         torque = beside["T_C"]
-        added = fit[damping] - alone[damping]
-        made = added / alone["T_C"] * torque
+        # damping that friction makes, as the fit without higher derivatives shows it
+        damping_alone = fit[damping] - alone[damping]
+        damping_per_torque = damping_alone / alone["T_C"]
+        friction_damping = damping_per_torque * torque
         is_certain = torque > 0 and beside.certain("T_C", FALSE_ALARM)
         if label is None and decides:
             whole_is_certain = is_certain
@@ -78,31 +81,34 @@ def coulomb_fits(
         if whole_is_certain:
             # a controller may compensate friction that is not Coulomb's: the smaller of two answers
             # counts as evidence
-            share = max(min(made, added), 0.0) / fit[damping]
+            share = max(min(friction_damping, damping_alone), 0.0) / fit[damping]
         certain = None
         if is_certain and (decides or whole_is_certain):
             certain = analysis.calibrated(without_sign(s, model, fit, names, label), label)
-        found[label] = CoulombFit(torque, made, share, certain)
+        found[label] = CoulombFit(torque, friction_damping, share, certain)
     return found
 
 
 def without_sign(
     s: Sums, model: Model, fit: GroupFit, names: Sequence[str], label: Label
 ) -> GroupFit:
-    """Some estimates for the torque less a friction that has the velocity's sign, and this
-    friction. No recording shows over which velocity the sign changes: the effect of a tenth of the
-    width is the half-width of a rectangular distribution (JCGM 100:2008, 4.3.7)."""
-    smooth, sharp = (
-        without_friction(
-            fit,
-            with_effects(s, model, (name,), label),
-            with_friction(s, model, label, name),
-            names,
-            name,
-        )
-        for name in ("T_C", "T_C_sharp")
-    )
-    return widened(smooth, (sharp.estimates - smooth.estimates) / np.sqrt(3))
+    """The estimates `names` of a fit for the torque less a friction that has the velocity's sign,
+    and this friction.
+
+    No recording shows over which velocity the sign changes: what a tenth of the width changes is
+    the half-width of a rectangular distribution (JCGM 100:2008, 4.3.7).
+    """
+
+    def less_friction(column: str) -> GroupFit:
+        """The estimates with friction of one width."""
+        alone = with_effects(s, model, (column,), label)
+        beside = with_friction(s, model, label, column)
+        return without_friction(fit, alone, beside, names, column)
+
+    smooth = less_friction("T_C")
+    sharp = less_friction("T_C_sharp")
+    half_width = sharp.estimates - smooth.estimates
+    return widened(smooth, half_width / np.sqrt(3))
 
 
 def with_friction(s: Sums, model: Model, label: Label, friction: str = "T_C") -> GroupFit:
@@ -118,23 +124,33 @@ def with_friction(s: Sums, model: Model, label: Label, friction: str = "T_C") ->
 def without_friction(
     fit: LinearFit, alone: GroupFit, beside: GroupFit, names: Sequence[str], friction: str
 ) -> GroupFit:
-    """Some estimates for the torque less its friction, and this friction [N*m]. The fit `beside`
-    higher derivatives gives the friction; the fit `alone`, without these, gives its effect on the
-    estimates."""
-    values = np.array([fit[name] for name in names])
-    # change of the estimates per N*m of friction
-    each = (values - [alone[name] for name in names]) / alone[friction]
-    at, own = [alone.names.index(name) for name in names], alone.names.index(friction)
-    shared, variance = alone.covariance[at, own], beside.se(friction) ** 2
-    known = alone.covariance[np.ix_(at, at)] - np.outer(shared, shared) / alone.covariance[own, own]
-    turn = np.append(-each, 1.0)
-    covariance = variance * np.outer(turn, turn)
-    covariance[:-1, :-1] += known
+    """The estimates for the torque less its friction, and this friction [N*m].
+
+    Two fits share the work. The one `beside` higher derivatives gives the friction T_C and its
+    error. The one `alone`, without these, gives by how much friction of 1 N*m moves each estimate,
+    and the error of the estimates if T_C were known (their covariance, given T_C):
+
+        x = x_without_column - (dx/dT_C) T_C
+    """
+    without_column = np.array([fit[name] for name in names])
+    with_column = np.array([alone[name] for name in names])
+    change_per_torque = (without_column - with_column) / alone[friction]
+    T_C = beside[friction]
+
+    at = [alone.names.index(name) for name in names]
+    at_friction = alone.names.index(friction)
+    with_T_C = alone.covariance[at, at_friction]
+    variance_of_T_C = alone.covariance[at_friction, at_friction]
+    given_T_C = alone.covariance[np.ix_(at, at)] - np.outer(with_T_C, with_T_C) / variance_of_T_C
+
+    changes = np.append(-change_per_torque, 1.0)
+    covariance = beside.se(friction) ** 2 * np.outer(changes, changes)
+    covariance[:-1, :-1] += given_T_C
     return replace(
         beside,
         names=(*names, friction),
-        estimates=np.append(values - each * beside[friction], beside[friction]),
+        estimates=np.append(without_column - change_per_torque * T_C, T_C),
         covariance=covariance,
-        degrees_of_freedom=np.full(len(turn), beside.freedom(friction)),
+        degrees_of_freedom=np.full(len(changes), beside.freedom(friction)),
         repeat=None,
     )

@@ -2,7 +2,7 @@
 stiffness.
 
 A model (Eq. 15, Eq. 4) names its columns; an effect is one more. All of it is algebra on the Gram
-matrices of groups (gram.py).
+matrices of groups (group_sums.py).
 
 Friction that is left out passes for a lag and for a changing stiffness. Faults of a recording are
 found by the inference (joint_inference.py), or by the belt of a leg."""
@@ -14,8 +14,9 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from osl_analysis.bench import gram
-from osl_analysis.bench.gram import GroupFit, Sums
+from osl_analysis.bench.group_fit import GroupFit, fit_groups
+from osl_analysis.bench.group_interval import combined
+from osl_analysis.bench.group_sums import EFFECTS_LIMIT, NEXT, Sums, gram_sums, solved
 from osl_analysis.bench.record import Record, actuator_turns
 from osl_analysis.bench.row_groups import Label
 from osl_analysis.errors import IdentifiabilityError, InputError
@@ -61,7 +62,7 @@ ten times the velocity noise of 14 bits."""
 def plain_sums(record: Record, model: Model) -> Sums:
     """The sums of a record without effects."""
     columns, centre = columns_of(record)
-    return gram.gram_sums(record, columns, list(model.values()), centre, rounded=record.rounded)
+    return gram_sums(record, columns, list(model.values()), centre, rounded=record.rounded)
 
 
 def columns_of(record: Record) -> tuple[dict[str, Array], float]:
@@ -84,7 +85,7 @@ def sums_of(record: Record, model: Model, expected: Admittance | None = None) ->
     few = record.coarse
     columns, centre = effect_columns(record, expected)
     rich = [*model.values(), "jerk", "snap", "T_C"]
-    sums = gram.gram_sums(few, columns, rich, centre, rounded=record.rounded)
+    sums = gram_sums(few, columns, rich, centre, rounded=record.rounded)
     return replace(sums, columns={})  # unused, and large
 
 
@@ -133,8 +134,8 @@ def with_effects(s: Sums, model: Model, effects: Sequence[str] = (), keep: Keep 
     for effect in effects:
         # a weight acts as a spring: its torque grows with the angle
         columns[effect] = "theta" if effect == "weight" else effect
-    limit = gram.EFFECTS_LIMIT if effects else CONDITION_LIMIT
-    return gram.fit_groups(s, columns, keep, limit=limit)
+    limit = EFFECTS_LIMIT if effects else CONDITION_LIMIT
+    return fit_groups(s, columns, keep, limit=limit)
 
 
 def late_fit(
@@ -186,9 +187,7 @@ def late_fit(
     """
     torque = scipy.interpolate.make_interp_spline(few.time, few.filtered_torque, 5)
     derivatives = {
-        name: columns[gram.NEXT[column]]
-        for name, column in model.items()
-        if gram.NEXT.get(column) in columns
+        name: columns[NEXT[column]] for name, column in model.items() if NEXT.get(column) in columns
     }
     fit, more, slope = None, 0.0, np.zeros_like(few.time)
     for _ in range(MOST_STEPS):
@@ -206,8 +205,8 @@ def late_fit(
         with_late = {**columns, "late": -slope}
         with_lag = {**model, "lag_s": "late"} if is_late else model
         made = replace(few, filtered_torque=earlier, torque=earlier)
-        sums = gram.gram_sums(made, with_late, list(columns), centre, no_estimates, rounded)
-        fit = gram.fit_groups(sums, with_lag, limit=gram.EFFECTS_LIMIT)
+        sums = gram_sums(made, with_late, list(columns), centre, no_estimates, rounded)
+        fit = fit_groups(sums, with_lag, limit=EFFECTS_LIMIT)
         more = fit["lag_s"] if is_late else 0.0
         lag = float(np.clip(lag + more, -LONGEST_LAG, LONGEST_LAG))
         if is_late and abs(more) < LAG_CONVERGED:
@@ -386,7 +385,7 @@ def changes_of_repeats(
     middle = (s.groups.first + s.groups.stop) / 2 / s.rate_hz
     since_mean = middle - (by_stratum(middle) / members)[stratum]
     weighted = products * (since_mean**2)[:, None, None]
-    estimates, inverse = gram.solved(weighted.sum(axis=0), since_mean @ scores)
+    estimates, inverse = solved(weighted.sum(axis=0), since_mean @ scores)
 
     grown = np.einsum("mpq,q,m->mp", products, estimates, since_mean)
     rest = since_mean[:, None] * (scores - grown) @ inverse
@@ -397,7 +396,7 @@ def changes_of_repeats(
     freedom = welch_satterthwaite(by_stratum(rest**2), np.maximum(free, 0.5))
     sums = by_stratum(rest)
     misfit = sums.T @ sums * len(members) / max(len(members) - 1, 1)
-    covariance, degrees = gram.combined(noise, freedom, misfit, len(members))
+    covariance, degrees = combined(noise, freedom, misfit, len(members))
     return replace(
         base,
         names=tuple(effects),
@@ -430,11 +429,7 @@ def repeats_row(record: Record, s: Sums, model: Model) -> Row:
     fit = with_effects(s, model)
     if not s.groups.repeat:
         return row
-    slope = {
-        gram.NEXT[column]: -1e-6 * fit[name]
-        for name, column in model.items()
-        if column in gram.NEXT
-    }
+    slope = {NEXT[column]: -1e-6 * fit[name] for name, column in model.items() if column in NEXT}
     try:
         growing = changes_of_repeats(s, model, {"K_within": {"theta": 1.0}, "ppm": slope})
     except IdentifiabilityError:

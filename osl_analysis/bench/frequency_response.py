@@ -20,7 +20,7 @@ from osl_analysis.bench.complex_estimate import (
     polar_row,
 )
 from osl_analysis.bench.effects import Admittance
-from osl_analysis.bench.gram import GroupFit
+from osl_analysis.bench.group_fit import GroupFit
 from osl_analysis.bench.phasors import SHARED
 from osl_analysis.bench.record import Record
 from osl_analysis.errors import InputError

@@ -3,7 +3,7 @@
 import numpy as np
 
 from osl_analysis.bench.effects import noise_of_angle
-from osl_analysis.bench.gram import Sums
+from osl_analysis.bench.group_sums import Sums
 from osl_analysis.bench.record import Record
 from osl_analysis.bench.row_groups import Label
 from osl_analysis.errors import IdentifiabilityError, InputError

@@ -18,7 +18,8 @@ from osl_analysis.bench.analysis import (
     without_lag,
 )
 from osl_analysis.bench.effects import IMPEDANCE, Belt, Fault
-from osl_analysis.bench.gram import GroupFit, Sums, estimates_of, solved
+from osl_analysis.bench.group_fit import GroupFit
+from osl_analysis.bench.group_sums import Sums, estimates_of, solved
 from osl_analysis.bench.identifiability import turn_deg
 from osl_analysis.bench.joint_fit import ClockDrift
 from osl_analysis.bench.joint_inference import impedance_fits
@@ -103,7 +104,7 @@ def rendered_impedance(
     Returns
     -------
     analysis
-        torque = K theta + B omega + I alpha + offset + drift (`IMPEDANCE`), by `gram.fit_groups`.
+        torque = K theta + B omega + I alpha + offset + drift (`IMPEDANCE`), by `fit_groups`.
     sums
         Those with the columns of all effects, which tell what else the torque may hold.
 

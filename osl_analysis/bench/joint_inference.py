@@ -14,7 +14,7 @@ import numpy as np
 from osl_analysis.bench.analysis import QUANTITIES, Analysis
 from osl_analysis.bench.coulomb import CoulombFit, coulomb_fits
 from osl_analysis.bench.effects import with_effects
-from osl_analysis.bench.gram import Sums
+from osl_analysis.bench.group_sums import Sums
 from osl_analysis.bench.joint_fit import (
     MIXTURE,
     ClockDrift,

@@ -9,7 +9,7 @@ import polars as pl
 from osl_analysis.bench import effects
 from osl_analysis.bench.analysis import QUANTITIES, Analysis, widened
 from osl_analysis.bench.effects import IMPEDANCE
-from osl_analysis.bench.gram import GroupFit
+from osl_analysis.bench.group_fit import GroupFit
 from osl_analysis.bench.joint_inference import misfit_of_losses
 from osl_analysis.bench.plausibility import check_resists
 from osl_analysis.bench.record import Record

@@ -10,7 +10,7 @@ import polars as pl
 import scipy
 from numpy.typing import NDArray
 
-from osl_analysis.bench.gram import solved
+from osl_analysis.bench.group_sums import solved
 from osl_analysis.bench.measured_components import COMPONENTS, Components
 from osl_analysis.trial import Array
 

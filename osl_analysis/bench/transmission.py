@@ -6,7 +6,7 @@ from osl_analysis.bench import effects
 from osl_analysis.bench.analysis import Analysis, analysed
 from osl_analysis.bench.coulomb import CoulombFit, coulomb_fits
 from osl_analysis.bench.effects import TRANSMISSION
-from osl_analysis.bench.gram import GroupFit
+from osl_analysis.bench.group_fit import GroupFit
 from osl_analysis.bench.joint_fit import LOSSES_SYMBOLS, estimate_columns, misfit_columns
 from osl_analysis.bench.joint_inference import misfit_of_losses
 from osl_analysis.bench.record import Record

@@ -12,7 +12,7 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.bench.bench_settings import DynamometerAnalysis
-from osl_analysis.bench.gram import BY_REPEATS, BY_UNITS
+from osl_analysis.bench.group_interval import BY_REPEATS, BY_UNITS
 from osl_analysis.bench.identifiability import check_told
 from osl_analysis.bench.planned_errors import KBI, Distortion, Sensors, eq15, planned_fit
 from osl_analysis.bench.planned_motion import (

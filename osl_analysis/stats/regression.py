@@ -1,5 +1,6 @@
 """Linear regression on rows: rank check, covariance for correlated residuals, diagnostics; and a
-fit as a row of a result table. The bench fits groups of rows by the same rules (bench/gram.py).
+fit as a row of a result table. The bench fits groups of rows by the same rules
+(bench/group_fit.py).
 
 The covariance of estimates comes from their scores; a score is the part of the estimates' error due
 to one sample. It is computed from the spread between repeated cycles, whose edges may lie between

@@ -1,0 +1,365 @@
+"""The interval of a fit to groups: noise, misfit and rounding.
+
+The interval covers the estimate from another motion of this kind on this joint (docs/method.md).
+For each estimate
+
+    variance = max(noise, misfit) + rounding
+
+* *Noise* is what another recording of the same motion would change.
+* *Misfit* is the scatter when one unit is left out at a time (jackknife). It holds the noise, too,
+  and what another motion would change because the model is not exact.
+* *Rounding* by the sensors is the same in every repeat, so that no scatter shows it.
+
+What tells noise and misfit depends on the groups:
+
+| groups | noise | misfit |
+|---|---|---|
+| repeat one another | spread of the repeats | strata, or groups where these are few |
+| 8 or more that do not | neighbouring groups, beside the richest model | the same |
+| fewer | white noise after the filter | strata, if there are 4 or more |
+
+The *score* of a group is by how much it moves the estimates: the products of its residual with the
+columns, times the inverse of the normal equations.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum, auto
+
+import numpy as np
+from numpy.typing import NDArray
+
+from osl_analysis.bench.group_sums import SMALLEST_DIRECTION, NormalEquations, Sums, solved
+from osl_analysis.bench.row_groups import Groups, Label
+from osl_analysis.stats.regression import between_cycles, less, welch_satterthwaite
+from osl_analysis.trial import Array
+
+FEWEST_UNITS = 4  # with fewer strata the groups are left out instead
+FEWEST_GROUPS = 8  # fewest groups without repeats whose scores give an interval
+NEIGHBOURS_WEIGHT = 0.5  # of products of neighbouring scores
+BY_UNITS = "units"
+BY_REPEATS = "repeats"
+BY_NOISE = "white noise"
+
+
+class NoiseSource(Enum):
+    """What tells the noise of a fit."""
+
+    REPEATS = auto()  # groups that repeat one another
+    NEIGHBOURS = auto()  # groups that do not, beside the richest model
+    WHITE = auto()  # the residual, as if noise were white before the filter
+
+
+@dataclass(frozen=True)
+class ScatterSource:
+    """What tells noise and misfit of a fit to m groups.
+
+    Attributes
+    ----------
+    noise : NoiseSource
+        What tells the noise.
+    unit : Array (m,)
+        Which unit each group is of.
+    tells_misfit : bool
+        Whether leaving out units tells the misfit.
+    interval_method : str
+        The name of it in tables.
+    """
+
+    noise: NoiseSource
+    unit: NDArray[np.intp]
+    tells_misfit: bool
+    interval_method: str
+
+    @property
+    def units(self) -> int:
+        """Number of units."""
+        return int(self.unit.max()) + 1
+
+
+def scatter_source(groups: Groups, stratum: NDArray[np.intp]) -> ScatterSource:
+    """Choose what tells noise and misfit of groups whose strata (m,) are numbered without gaps."""
+    has_strata = int(stratum.max()) + 1 >= FEWEST_UNITS
+    unit = stratum if has_strata else np.arange(len(stratum))
+    if groups.repeat and int(np.bincount(stratum).min()) > 1:
+        method = BY_UNITS if has_strata else BY_REPEATS
+        return ScatterSource(NoiseSource.REPEATS, unit, True, method)
+    if len(stratum) >= FEWEST_GROUPS:
+        return ScatterSource(NoiseSource.NEIGHBOURS, unit, True, BY_UNITS)
+    method = BY_UNITS if has_strata else BY_NOISE
+    return ScatterSource(NoiseSource.WHITE, unit, has_strata, method)
+
+
+@dataclass(frozen=True)
+class Interval:
+    """The interval of p estimates.
+
+    Attributes
+    ----------
+    covariance : Array (p, p)
+    degrees_of_freedom : Array (p,)
+    of_repeats : Array (p, p) or None
+        Covariance by repeats of the same motion alone; None where nothing repeats.
+    source : ScatterSource
+        What told it.
+    """
+
+    covariance: Array
+    degrees_of_freedom: Array
+    of_repeats: Array | None
+    source: ScatterSource
+
+
+def interval_of(
+    s: Sums,
+    equations: NormalEquations,
+    estimates: Array,
+    inverse: Array,
+    rich: Sequence[str],
+    keep: NDArray[np.bool_] | Label,
+) -> Interval:
+    """Compute the interval of the solution of normal equations.
+
+    Parameters
+    ----------
+    s : Sums
+        Sums of the recording.
+    equations : NormalEquations
+        Those of the model, of p columns in m groups.
+    estimates : Array (p,)
+        Their solution.
+    inverse : Array (p, p)
+        Of their left side.
+    rich : sequence of str
+        Columns of the richest model, whose residual is noise if nothing repeats.
+    keep : Array (m,) or label
+        The groups that are fitted.
+    """
+    source = scatter_source(s.groups, equations.stratum)
+    noise, freedom = noise_covariance(s, equations, source, estimates, inverse, rich, keep)
+    misfit = np.zeros_like(inverse)
+    if source.tells_misfit:
+        misfit = jackknife(
+            equations.left_sides,
+            equations.right_sides,
+            equations.left_side,
+            equations.right_side,
+            source.unit,
+        )
+    of_rounding = np.zeros_like(inverse)
+    draws = 0
+    if s.rounded is not None:
+        products = draw_products(s, equations)
+        draws = products.shape[2]
+        of_rounding, of_scatter = rounding_covariances(
+            products, equations, source, inverse, len(rich)
+        )
+        if source.tells_misfit:
+            misfit = less(misfit, of_scatter)
+    covariance, freedom = combined(noise, freedom, misfit, source.units, of_rounding, draws)
+    of_repeats = noise if source.noise is NoiseSource.REPEATS else None
+    return Interval(covariance, freedom, of_repeats, source)
+
+
+def noise_covariance(
+    s: Sums,
+    equations: NormalEquations,
+    source: ScatterSource,
+    estimates: Array,
+    inverse: Array,
+    rich: Sequence[str],
+    keep: NDArray[np.bool_] | Label,
+) -> tuple[Array, Array]:
+    """Covariance (p, p) of the estimates by noise, and its degrees of freedom (p,). The arguments
+    are those of `interval_of`."""
+    if source.noise is NoiseSource.REPEATS:
+        scores = (equations.for_scores - equations.left_sides @ estimates) @ inverse
+        return between_cycles(scores, equations.stratum)
+    if source.noise is NoiseSource.NEIGHBOURS:
+        scores = scores_beside_richest(s, equations, rich, keep, inverse)
+        return noise_of_scores(scores, len(rich))
+    # too few scores: takes slow columns in noise that is white after the filter
+    independent_rows = equations.samples / s.independent
+    freedom = max(independent_rows - len(estimates), 1.0)
+    covariance = inverse * equations.residual_square(estimates) / freedom
+    return covariance, np.full(len(estimates), freedom)
+
+
+def draw_products(s: Sums, equations: NormalEquations) -> Array:
+    """Products (m, p, k) of the columns with each of the k torques that rounding makes."""
+    assert s.rounded is not None
+    p = equations.size
+    of_columns = s.rounded[np.ix_(equations.groups, equations.used[:p])]
+    return np.asarray(equations.centring[:p, :p].T @ of_columns)
+
+
+def rounding_covariances(
+    products: Array,
+    equations: NormalEquations,
+    source: ScatterSource,
+    inverse: Array,
+    rich_columns: int,
+) -> tuple[Array, Array]:
+    """What rounding does to the estimates beyond what scatter shows already.
+
+    Parameters
+    ----------
+    products : Array (m, p, k)
+        `draw_products` of k draws.
+    equations, source, inverse
+        As `interval_of` has them.
+    rich_columns : int
+        Number of columns of the richest model.
+
+    Returns
+    -------
+    covariance : Array (p, p)
+        Of the estimates by rounding, less the part that is among the noise.
+    of_misfit : Array (p,)
+        Variances by rounding that are among the misfit.
+    """
+    draws = products.shape[2]
+    in_noise = np.zeros(len(inverse))
+    if source.noise is not NoiseSource.WHITE:
+        in_noise = rounding_in_noise(products, equations.stratum, source, inverse, rich_columns)
+    of_all_groups = products.sum(axis=0)
+    change = inverse @ of_all_groups
+    covariance = less(change @ change.T / draws, in_noise)
+    if not source.tells_misfit:
+        return covariance, np.zeros(len(inverse))
+    left_out = jackknife(
+        equations.left_sides, products, equations.left_side, of_all_groups, source.unit
+    )
+    return covariance, np.diag(left_out.mean(axis=0)) - in_noise
+
+
+def rounding_in_noise(
+    products: Array,
+    stratum: NDArray[np.intp],
+    source: ScatterSource,
+    inverse: Array,
+    rich_columns: int,
+) -> Array:
+    """Variances (p,) of the estimates that rounding has among those of noise: the scatter of its
+    own scores, the mean over the draws. The arguments are those of `rounding_covariances`."""
+    variances = []
+    for scores in np.moveaxis(inverse @ products, 2, 0):
+        if source.noise is NoiseSource.REPEATS:
+            covariance, _ = between_cycles(scores, stratum)
+        else:
+            covariance, _ = noise_of_scores(scores, rich_columns)
+        variances.append(np.diag(covariance))
+    return np.asarray(np.mean(variances, axis=0))
+
+
+def scores_beside_richest(
+    s: Sums,
+    equations: NormalEquations,
+    rich: Sequence[str],
+    keep: NDArray[np.bool_] | Label,
+    inverse: Array,
+) -> Array:
+    """What each group (m, p) adds to the estimates by what the richest model leaves of its
+    torque."""
+    at = np.array(s.index(rich))
+    across = s.gram[np.ix_(equations.groups, at, equations.used)] @ equations.centring
+    of_rich = solved(s.over(keep)[np.ix_(at, at)], across[:, :, -2].sum(axis=0))[0]
+    modelled = np.einsum("mrp,r->mp", across[:, :, :-2], of_rich)
+    return np.asarray((equations.for_scores - modelled) @ inverse)
+
+
+def jackknife(A_g: Array, b_g: Array, A: Array, b: Array, unit: NDArray[np.intp]) -> Array:
+    """Covariance of the estimates by leaving out one unit at a time: noise, misfit and leverage.
+
+    Parameters
+    ----------
+    A_g, b_g : Array (m, p, p), (m, p) or (m, p, k)
+        Normal equations of each group; those of k torques at once have k right sides.
+    A, b : Array (p, p), (p,) or (p, k)
+        Their sums.
+    unit : Array (m,)
+        Number of the unit of each group.
+
+    Returns
+    -------
+    Array (p, p) or (k, p, p)
+
+    References
+    ----------
+    Miller, Biometrika 61, 1974.
+    """
+    units, p = int(unit.max()) + 1, len(b)
+    belongs = np.asarray(unit == np.arange(units)[:, None], dtype=np.float64)
+    of_units = (belongs @ A_g.reshape(len(unit), -1)).reshape(units, p, p)
+    right_sides = (belongs @ b_g.reshape(len(unit), -1)).reshape(units, *b.shape)
+    A_without, b_without = A - of_units, (b - right_sides).reshape(units, p, -1)
+    scale = np.sqrt(np.diag(A))
+    scaled = A_without / np.outer(scale, scale) + SMALLEST_DIRECTION * np.eye(p)
+    estimates = np.linalg.solve(scaled, b_without / scale[:, None]) / scale[:, None]
+    scatter = np.moveaxis(estimates - estimates.mean(axis=0), 2, 0)
+    covariance = np.swapaxes(scatter, 1, 2) @ scatter * (units - 1) / units
+    return np.asarray(covariance if b.ndim > 1 else covariance[0])
+
+
+def combined(
+    noise: Array,
+    freedom: Array,
+    misfit: Array,
+    units: int,
+    known: Array | float = 0.0,
+    draws: int = 0,
+) -> tuple[Array, Array]:
+    """Combine what noise, misfit and rounding do to p estimates: max(noise, misfit) + rounding.
+
+    Correlations are those of the sum of noise and misfit.
+
+    Parameters
+    ----------
+    noise : Array (p, p)
+        Covariance by noise, with `freedom` (p,) degrees of freedom.
+    misfit : Array (p, p)
+        Covariance by the scatter of `units`.
+    known : Array (p, p)
+        A covariance that is added as it is (type B of the GUM), from a number of `draws`.
+
+    Returns
+    -------
+    covariance : Array (p, p)
+    freedom : Array (p,)
+        Degrees of freedom, at least 1.
+    """
+    of_noise = np.maximum(np.diag(noise), 0.0)
+    beyond_noise = np.maximum(np.diag(misfit) - of_noise, 0.0)
+    error = np.sqrt(of_noise + beyond_noise)  # root of the larger of both
+    both = noise + misfit
+    size = np.sqrt(np.maximum(np.diag(both), np.finfo(float).tiny))
+    correlation = both / np.outer(size, size)
+    covariance = correlation * np.outer(error, error) + known
+
+    of_known = np.diag(covariance) - of_noise - beyond_noise
+    freedom_of_misfit = np.full_like(of_noise, max(units - 1.0, 1.0))
+    freedom_of_known = np.full_like(of_noise, max(draws - 1.0, 1.0))
+    degrees = welch_satterthwaite(
+        [of_noise, beyond_noise, of_known], [freedom, freedom_of_misfit, freedom_of_known]
+    )
+    return covariance, np.maximum(degrees, 1.0)
+
+
+def noise_of_scores(scores: Array, columns: int) -> tuple[Array, Array]:
+    """Covariance (p, p) of estimates and its degrees of freedom (p,), from the scores (m, p) of
+    consecutive groups that do not repeat one another.
+
+    Neighbours are correlated: half of their products count (Newey and West, Econometrica 55, 1987,
+    with one lag). That makes a variance of m scores as uncertain as one of m/1.5 independent ones.
+    Each column of the fit has used up half a group.
+    """
+    m, p = scores.shape
+    used = min(columns, m - 2)
+    neighbours = scores[1:].T @ scores[:-1]
+    covariance = scores.T @ scores + NEIGHBOURS_WEIGHT * (neighbours + neighbours.T)
+    size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    values, vectors = np.linalg.eigh(covariance / np.outer(size, size))
+    raised = m / max(m - used / 2, 1.0)
+    positive = (vectors * np.maximum(values, 0.0)) @ vectors.T * np.outer(size, size) * raised
+    freedom = max(m / (1 + 2 * NEIGHBOURS_WEIGHT**2) - used / 2, 1.0)
+    return np.asarray(positive), np.full(p, freedom)

@@ -79,6 +79,6 @@ def test_impulse_between_two_rows_has_its_area_and_its_moment():
 
     spectrum = impulses(spectra, np.array([5000.25]), np.array([[2.0]]))[0]
 
-    area = spectrum * spectra.padded_seconds / spectra.working
+    area = spectrum * spectra.padded_seconds / spectra.working_rows
     expected = 2.0 * np.exp(-spectra.s * 5000.25 / RATE)
     assert area[:400] == pytest.approx(expected[:400], abs=1e-3)

@@ -16,10 +16,13 @@ from osl_analysis.inference.cross_validation import (
     predict_blocks,
 )
 from osl_analysis.inference.friction_shapes import slipping_spring
-from osl_analysis.inference.hypotheses import Delay, DriftingClocks, Nothing, Search
+from osl_analysis.inference.hypotheses import Nothing
+from osl_analysis.inference.hypothesis import Search
 from osl_analysis.inference.least_squares import BesideShared, solve_scaled
 from osl_analysis.inference.mixture import Part, evidence_of, mixture_quantiles
+from osl_analysis.inference.path_hypotheses import Delay
 from osl_analysis.inference.spectra import Spectra
+from osl_analysis.inference.time_hypotheses import DriftingClocks
 from osl_analysis.inference.whitening import JointKind, Whitened
 
 RATE = 500.0
@@ -61,7 +64,7 @@ def test_whitened_residual_is_white_with_variance_one():
     residual = data.torque - estimates @ np.vstack([data.motion, data.slow])
 
     assert np.mean(residual**2) == pytest.approx(np.mean(data.spectra.roll_off**2), rel=0.1)
-    hz, power = scipy.signal.welch(residual, data.spectra.rate_hz, nperseg=64)
+    hz, power = scipy.signal.welch(residual, data.spectra.working_rate_hz, nperseg=64)
     inside = (hz > 1.0) & (hz < 0.6 * data.spectra.band_hz)
     assert power[inside].max() / power[inside].min() < 3.0
 
@@ -87,8 +90,12 @@ def test_delay_in_the_spectrum_is_the_motion_at_an_earlier_time():
     data = whitened(white(1e-3))
     late = data.column(data.spectra.derivatives[0] * Delay(data).response(0.01))
 
-    grid = np.arange(data.spectra.working) * data.spectra.padded_seconds / data.spectra.working
-    theta = scipy.fft.irfft(data.spectra.derivatives[0], data.spectra.working)
+    grid = (
+        np.arange(data.spectra.working_rows)
+        * data.spectra.padded_seconds
+        / data.spectra.working_rows
+    )
+    theta = scipy.fft.irfft(data.spectra.derivatives[0], data.spectra.working_rows)
     spline = scipy.interpolate.make_interp_spline(grid, theta, 7)
     shifted = scipy.fft.rfft(spline(np.clip(grid - 0.01, 0, grid[-1])))
     by_time = data.column(shifted)

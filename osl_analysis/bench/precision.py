@@ -105,7 +105,7 @@ def precision(
 
     Notes
     -----
-    Units are those of `bench.group_sums`: a frequency at an amplitude, or a stretch. The noise has the
+    Units are those of `group_sums`: a frequency at an amplitude, or a stretch. The noise has the
     degrees of freedom of cycles, or of stretches; the distortion, as scatter of units, one fewer
     than units; rounding and drift count as known. For a multisine the interval is from the spread
     of realisations; with fewer than four, from the level at detection lines, each of which serves

@@ -79,7 +79,7 @@ def acceleration_jumps(spectra: Spectra) -> Jumps:
         """The third derivative between two frequencies, and the gain that it has been given."""
         share = 1 / (1 + (frequency / last) ** 16) - 1 / (1 + (frequency / first) ** 16)
         gain = np.asarray((2j * np.pi * frequency) ** 3 * np.maximum(share, 0.0), np.complex128)
-        return scipy.fft.irfft(gain * spectra.raw_angle, spectra.padded), gain
+        return scipy.fft.irfft(gain * spectra.raw_angle, spectra.padded_rows), gain
 
     def of_unit_jump(gain: Spectrum) -> float:
         """The peak of a jump of 1 rad/s^2."""
@@ -129,12 +129,12 @@ def acceleration_jumps(spectra: Spectra) -> Jumps:
 
 def impulses(spectra: Spectra, at: Array, areas: Array) -> Spectrum:
     """The working spectra (..., f) of impulses of some areas (..., j) at rows and parts of rows."""
-    signal = np.zeros((*areas.shape[:-1], spectra.padded))
+    signal = np.zeros((*areas.shape[:-1], spectra.padded_rows))
     row = np.floor(at).astype(np.intp)
     later = at - row
     signal[..., row] = areas * (1 - later) * spectra.signals.rate_hz
     signal[..., row + 1] += areas * later * spectra.signals.rate_hz
-    to_working = spectra.working / spectra.padded
+    to_working = spectra.working_rows / spectra.padded_rows
     return np.asarray(scipy.fft.rfft(signal)[..., : len(spectra.frequency)] * to_working)
 
 

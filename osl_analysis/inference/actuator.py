@@ -41,16 +41,16 @@ class FrictionlessActuator:
 
     Attributes
     ----------
-    reading : Array (3,)
+    impedance_column : Array (3,)
         Its angle without friction, projected on angle, velocity and acceleration of the joint.
     covariance : Array (3, 3)
-        Covariance of `reading`.
+        Covariance of `impedance_column`.
     friction_probability : float
         Probability that the actuator's friction, as far as no controller cancels it, opposes its
         motion.
     """
 
-    reading: Array
+    impedance_column: Array
     covariance: Array
     friction_probability: float
 
@@ -62,26 +62,34 @@ def frictionless_actuator(spectra: Spectra) -> FrictionlessActuator:
     what changes if other speeds part sliding from sticking, and a share of what friction does.
     """
     columns = equation_of_sliding(spectra)
-    estimates, without_a_block = sliding_fits(spectra, columns, SLIDING[0])
-    of_other_speeds = [sliding_fits(spectra, columns, share)[0] for share in SLIDING[1:]]
-    fits = np.vstack([estimates, *of_other_speeds, without_a_block])
+    first_share, *other_shares = SLIDING
+    fit, fits_without_a_block = sliding_fits(spectra, columns, first_share)
+    fits_at_other_speeds = np.array(
+        [sliding_fits(spectra, columns, share)[0] for share in other_shares]
+    )
 
-    # what is told: K, B, I per angle of the actuator, and friction at the mean load
-    readings = projected(spectra, fits[:, :3])
-    friction = fits[:, FRICTION] @ [1.0, mean_load(spectra)]
-    told = np.column_stack([readings, friction])
+    def results(coefficients: Array) -> Array:
+        """K, B, I per angle of the actuator, and its friction at the mean load, (n, 4)."""
+        per_angle = projected(spectra, coefficients[:, :3])
+        friction = coefficients[:, FRICTION] @ [1.0, mean_load(spectra)]
+        return np.column_stack([per_angle, friction])
 
-    by_speed = told[1 : len(SLIDING)] - told[0]
-    by_block = told[len(SLIDING) :] - told[len(SLIDING) :].mean(axis=0)
+    result = results(fit[None])[0]
+    by_speed = results(fits_at_other_speeds) - result
+    without_a_block = results(fits_without_a_block)
+    by_block = without_a_block - without_a_block.mean(axis=0)
     covariance = by_speed.T @ by_speed + by_block.T @ by_block * (BLOCKS - 1) / BLOCKS
+
+    # its formula misses a share of what friction does
     assert spectra.actuator_spectrum is not None
     recorded = rows_of(spectra, np.vstack([spectra.derivatives[:3], spectra.actuator_spectrum]))
-    of_recorded = np.linalg.lstsq(recorded[:3].T, recorded[3], rcond=None)[0]
-    by_friction = FRICTION_INEXACTNESS * np.append(readings[0] - of_recorded, 0.0)
+    with_friction = np.linalg.lstsq(recorded[:3].T, recorded[3], rcond=None)[0]
+    by_friction = FRICTION_INEXACTNESS * np.append(result[:3] - with_friction, 0.0)
     covariance = covariance + np.outer(by_friction, by_friction)
+
     deviation = float(np.sqrt(covariance[3, 3] + np.finfo(float).tiny))
-    probability = float(scipy.special.ndtr(friction[0] / deviation))
-    return FrictionlessActuator(readings[0], covariance[:3, :3], probability)
+    probability = float(scipy.special.ndtr(result[3] / deviation))
+    return FrictionlessActuator(result[:3], covariance[:3, :3], probability)
 
 
 def mean_load(spectra: Spectra) -> float:
@@ -100,7 +108,7 @@ def equation_of_sliding(spectra: Spectra) -> Array:
     if spectra.signals.load is not None:
         load = np.abs(spectra.resampled(spectra.signals.load))
     hysteresis = slipping_spring(spectra.sliding, FRICTION_WINDS[-1])
-    offset, drift = np.ones_like(sign), spectra.share - 0.5
+    offset, drift = np.ones_like(sign), spectra.relative_time - 0.5
     motion = [angle, velocity, acceleration]
     return np.array([*motion, sign, sign * load, hysteresis, offset, drift, spectra.angle])
 
@@ -117,14 +125,14 @@ def sliding_fits(spectra: Spectra, columns: Array, share: float) -> tuple[Array,
     """
     speed = np.abs(columns[1])
     slow = speed < share * speed[spectra.inside].std()
-    rate = spectra.products / spectra.padded_seconds
+    rate = spectra.product_rows / spectra.padded_seconds
     near = scipy.ndimage.binary_dilation(slow, iterations=max(round(SETTLING * rate), 1))
     away_from_ends = (spectra.time > EDGE) & (spectra.time < spectra.seconds - EDGE)
     slides = spectra.inside & away_from_ends & ~near
 
     length = lengths_of(columns)
     unit = columns / length[:, None]
-    of_block = np.minimum((spectra.share * BLOCKS).astype(np.intp), BLOCKS - 1)
+    of_block = np.minimum((spectra.relative_time * BLOCKS).astype(np.intp), BLOCKS - 1)
     blocks = []
     for k in range(BLOCKS):
         rows = unit[:, slides & (of_block == k)]
@@ -147,5 +155,5 @@ def projected(spectra: Spectra, coefficients: Array) -> Array:
 
 def rows_of(spectra: Spectra, spectrum: Spectrum) -> Array:
     """Signals (k, m) of working spectra (k, f) in the fitted rows, less their means."""
-    in_time = scipy.fft.irfft(spectrum * spectra.roll_off, spectra.working)[:, spectra.rows]
+    in_time = scipy.fft.irfft(spectrum * spectra.roll_off, spectra.working_rows)[:, spectra.rows]
     return np.asarray(in_time - in_time.mean(axis=1, keepdims=True))

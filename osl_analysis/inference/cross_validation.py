@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 
 from osl_analysis.inference.constants import BLOCKS
-from osl_analysis.inference.hypotheses import Candidate
+from osl_analysis.inference.hypothesis import Candidate
 from osl_analysis.inference.least_squares import RIDGE, lengths_of
 from osl_analysis.inference.whitening import JointKind, Whitened
 from osl_analysis.trial import Array
@@ -31,7 +31,7 @@ class Predicted:
         Sum of squares of what the fit to the other blocks leaves of each block, in units of the
         noise's variance.
     impedances : Array (r, 3)
-        K, B, I by each of its readings [SI].
+        K, B, I by each of its matrices [SI].
     covariances : Array (r, 3, 3)
         Their covariances [SI].
     coefficients : Array (k,)
@@ -71,6 +71,43 @@ class Predicted:
     def is_possible(self) -> bool:
         """Whether its friction opposes the motion."""
         return self.friction_torque >= 0.0
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Where the columns of a candidate stand: its own, its slope, friction, reflex, and the rest.
+
+    Attributes
+    ----------
+    own, friction, reflex : slice
+        Places of these columns; empty slices without friction or reflex.
+    slope : int or None
+        Place of the derivative by its own parameter; None without one.
+    """
+
+    own: slice
+    slope: int | None
+    friction: slice
+    reflex: slice
+
+
+def layout_of(data: Whitened, candidate: Candidate, kind: JointKind) -> Layout:
+    """The layout of `all_columns`."""
+    width = len(candidate.columns)
+    has_slope = candidate.slope is not None
+    friction_from = width + 1 if has_slope else width
+    friction_to = friction_from
+    if kind.has_friction:
+        friction_to += len(data.friction)
+    reflex_to = friction_to
+    if kind.has_reflex:
+        reflex_to += len(data.reflex.columns)
+    return Layout(
+        own=slice(0, width),
+        slope=width if has_slope else None,
+        friction=slice(friction_from, friction_to),
+        reflex=slice(friction_to, reflex_to),
+    )
 
 
 def block_edges(rows: int) -> Array:
@@ -139,8 +176,9 @@ def predict_blocks(
     scores = (blocks[:, :-1, -1] - blocks[:, :-1, :-1] @ estimates) @ inverse
     by_scatter = np.diag(scores.T @ scores) * BLOCKS / (BLOCKS - 1)
     by_likelihood = np.diag(inverse) * variance
-    raised = np.sqrt(np.maximum(by_scatter, by_likelihood) / by_likelihood)
-    covariance = inverse * variance * np.outer(raised, raised)
+    # correlations are the likelihood's, variances the larger of both
+    factor = np.sqrt(np.maximum(by_scatter, by_likelihood) / by_likelihood)
+    covariance = inverse * variance * np.outer(factor, factor)
     rounding_left = 0.0
     if len(rounding):
         projections = rounding @ columns.T / length
@@ -152,42 +190,36 @@ def predict_blocks(
 
     estimates = estimates / length
     covariance = covariance / np.outer(length, length)
-    width = len(candidate.columns)
+    at = layout_of(data, candidate, kind)
+    of_own = covariance[at.own, at.own]
     parameter_sd = np.nan
-    if candidate.slope is not None:
-        parameter_sd = float(np.sqrt(covariance[width, width]))
-        if candidate.profile:  # the profile has the parameter's part
-            with_slope = covariance[:width, width]
-            conditional = np.outer(with_slope, with_slope) / covariance[width, width]
-            covariance = covariance.copy()
-            covariance[:width, :width] -= conditional
-    of_own = covariance[:width, :width]
-    coefficients = estimates[:width] if candidate.estimates is None else candidate.estimates
-    readings = candidate.readings_of(width)
-    place = width + (candidate.slope is not None)
+    if at.slope is not None:
+        parameter_variance = covariance[at.slope, at.slope]
+        parameter_sd = float(np.sqrt(parameter_variance))
+        if candidate.profile:
+            # the profile has the part that the parameter's error makes: this is the covariance
+            # given the parameter
+            with_parameter = covariance[at.own, at.slope]
+            of_own = of_own - np.outer(with_parameter, with_parameter) / parameter_variance
+    coefficients = estimates[at.own] if candidate.estimates is None else candidate.estimates
+    matrices = candidate.to_impedance(len(candidate.columns))
     friction_torque = 0.0
     if kind.has_friction:
-        of_friction = slice(place, place + len(data.friction))
-        friction_torque = float(estimates[of_friction] @ data.mean_friction)
-        place = of_friction.stop
+        friction_torque = float(estimates[at.friction] @ data.mean_friction)
     reflex_gains = reflex_deviations = np.empty(0)
     reflex_evidence = 0.0
     if kind.has_reflex:
-        of_reflex = slice(place, place + len(data.reflex.columns))
-        reflex_gains, reflex_deviations = data.reflex.gains(
-            estimates[of_reflex], covariance[of_reflex, of_reflex]
-        )
-        reflex_evidence = data.reflex.rectified_evidence(
-            estimates[of_reflex], covariance[of_reflex, of_reflex]
-        )
-    covariances = np.array([reading @ of_own @ reading.T for reading in readings])
-    if data.actuator is not None and width > 3:
+        of_reflex = estimates[at.reflex], covariance[at.reflex, at.reflex]
+        reflex_gains, reflex_deviations = data.reflex.gains(*of_reflex)
+        reflex_evidence = data.reflex.rectified_evidence(*of_reflex)
+    covariances = np.array([matrix @ of_own @ matrix.T for matrix in matrices])
+    if data.actuator is not None and len(coefficients) > 3:
         covariances = covariances + coefficients[3] ** 2 * data.actuator.covariance
     return Predicted(
         candidate=candidate,
         kind=kind,
         squares=np.asarray(squares),
-        impedances=np.array([reading @ coefficients for reading in readings]),
+        impedances=np.array([matrix @ coefficients for matrix in matrices]),
         covariances=covariances,
         coefficients=np.asarray(coefficients),
         deviations=np.sqrt(np.maximum(np.diag(of_own), 0.0)),
@@ -201,7 +233,7 @@ def predict_blocks(
     )
 
 
-def held_out_vaf(data: Whitened, fit: Predicted) -> float:
+def vaf_of_unseen_blocks(data: Whitened, fit: Predicted) -> float:
     """Compute the variance of the torque that fits to other parts account for [%].
 
     Every third block is left out in turn; the worst of the three counts. The torque is that in the

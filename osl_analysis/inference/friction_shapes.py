@@ -52,7 +52,7 @@ def sliding_velocity(spectra: Spectra) -> tuple[Array, float]:
     The sign of a noisy velocity chatters: its width is at least the velocity's noise, whose
     variance is the integral of (2 pi f)^2 times the angle's noise density over the product band.
     """
-    velocity = np.gradient(spectra.sliding, spectra.padded_seconds / spectra.products)
+    velocity = np.gradient(spectra.sliding, spectra.padded_seconds / spectra.product_rows)
     variance = spectra.angle_noise * (2 * np.pi) ** 2 * spectra.product_band_hz**3 / 3
     usual = SIGN_WIDTH * float(velocity[spectra.inside].std())
     return velocity, max(usual, float(np.sqrt(variance)), SLOWEST)

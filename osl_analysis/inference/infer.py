@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from osl_analysis.inference.constants import HARM_FLOOR, HARM_SHARE, KNOWN_DELAY, LIKELY
-from osl_analysis.inference.cross_validation import Predicted, held_out_vaf, predict_blocks
+from osl_analysis.inference.cross_validation import Predicted, predict_blocks, vaf_of_unseen_blocks
 from osl_analysis.inference.estimates import (
     Explanation,
     ImpedanceInference,
@@ -22,7 +22,8 @@ from osl_analysis.inference.estimates import (
     ReflexEstimate,
     student_half_width,
 )
-from osl_analysis.inference.hypotheses import Candidate, Search, hypotheses_for
+from osl_analysis.inference.hypotheses import hypotheses_for
+from osl_analysis.inference.hypothesis import Candidate, Search
 from osl_analysis.inference.least_squares import BesideShared
 from osl_analysis.inference.mixture import (
     Part,
@@ -99,7 +100,7 @@ def infer_impedance(
         delay=None if signals.has_drivetrain else known_delay(data, reference.fit),
         reflex=reflex_of(weighed, data),
         without_reflex=without_reflex,
-        VAF_held_out=held_out_vaf(data, best.fit),
+        VAF_held_out=vaf_of_unseen_blocks(data, best.fit),
     )
 
 
@@ -193,7 +194,7 @@ def explained(each: Weighed) -> Explanation:
     """The public form of a weighed hypothesis."""
     candidate, fit = each.fit.candidate, each.fit
     hypothesis = candidate.hypothesis
-    own = slice(hypothesis.data.reading.shape[1], None)
+    own = slice(hypothesis.data.impedance_matrix.shape[1], None)
     values = list(zip(fit.coefficients[own].tolist(), fit.deviations[own].tolist(), strict=True))
     if candidate.slope is not None:
         values.insert(0, (candidate.parameter, fit.parameter_sd))

@@ -27,7 +27,7 @@ from osl_analysis.inference.constants import (
     PRIOR_SOUND,
 )
 from osl_analysis.inference.cross_validation import Predicted
-from osl_analysis.inference.hypotheses import Family
+from osl_analysis.inference.hypothesis import Family
 from osl_analysis.inference.whitening import JointKind
 from osl_analysis.trial import Array
 
@@ -70,7 +70,7 @@ class Weighed:
     gain : float
         By how many nats it predicts the recording better than the best sound joint.
     parts : tuple of Part
-        Its readings, or its own parameter's values; their weights have the sum 1.
+        What K, B and I may be, or its own parameter's values; their weights have the sum 1.
     """
 
     fit: Predicted

@@ -44,7 +44,9 @@ def rounding_torques(data: Whitened, impedance: Array) -> Array:
     if repeated < LEAST_REPEATED:
         return data.column(of_jumps) if len(jumps.at) else np.empty((0, rows))
 
-    angle = np.asarray(scipy.fft.irfft(spectra.raw_angle, spectra.padded) + spectra.line) / step
+    angle = (
+        np.asarray(scipy.fft.irfft(spectra.raw_angle, spectra.padded_rows) + spectra.line) / step
+    )
     read = encoder_reading(angle)
     smooth, halfway = before_encoder(spectra, read)
     levels = share_at_levels(spectra, read)
@@ -55,7 +57,7 @@ def rounding_torques(data: Whitened, impedance: Array) -> Array:
     centred = [x - x.mean() for x in drawn_from]
     largest = float(np.abs(halfway - halfway.mean()).max())
     of_error = impedance @ spectra.s ** np.arange(3)[:, None]
-    to_working = spectra.working / spectra.padded
+    to_working = spectra.working_rows / spectra.padded_rows
     found = []
     for draw in range(ROUNDING_DRAWS):
         zero = (draw + 0.5) / ROUNDING_DRAWS
@@ -98,7 +100,7 @@ def before_encoder(spectra: Spectra, read: Array) -> tuple[Array, Array]:
         round(SMOOTH_BANDS * spectra.band_hz * spectra.padded_seconds), len(spectra.raw_angle)
     )
     gain = 1 / (1 + (np.arange(len(spectra.raw_angle)) / end) ** 8)
-    low_passed = scipy.fft.irfft(spectra.raw_angle * gain, spectra.padded) + spectra.line
+    low_passed = scipy.fft.irfft(spectra.raw_angle * gain, spectra.padded_rows) + spectra.line
     smooth = np.asarray(low_passed) / spectra.signals.encoder_step
 
     at = np.flatnonzero(np.diff(read))

@@ -126,8 +126,18 @@ class Spectra:
         Where the angle's power falls to `VISIBLE_ABOVE_NOISE` times its noise [Hz].
     visible_hz : float
         Where the motion's power falls to that of the noise [Hz].
-    rate_hz : float
+    working_rows, product_rows : int
+        Number of rows, with their padding, at the two rates (w, p).
+    padded_rows, padded_seconds : int, float
+        Number of recorded rows with their padding (r), and the duration of it [s].
+    working_rate_hz : float
         The working rate [Hz].
+    raw_angle : Spectrum (r/2 + 1,)
+        Spectrum of the padded angle, less the line between its ends, at the recorded rate.
+    line : Array (r,)
+        That line [rad].
+    freedom : float
+        Number of independent rows.
     frequency : Array (f,)
         Frequencies of working spectra [Hz].
     s : Spectrum (f,)
@@ -144,6 +154,8 @@ class Spectra:
         Where the window is not 0; their number is m.
     time : Array (p,)
         Times of product rows [s] from the first row of the recording.
+    relative_time : Array (p,)
+        These times over the recording's duration, from 0 to 1.
     theta, omega, alpha : Array (p,)
         Angle less the line between its ends, its velocity and acceleration [SI].
     angle : Array (p,)
@@ -157,7 +169,7 @@ class Spectra:
         Angle of a drivetrain's actuator, less the line between its ends.
     actuator_derivatives : Array (3, p) or None
         That angle, its velocity and acceleration, for products.
-    share_at_working_rate : Array (w,)
+    relative_time_at_working_rate : Array (w,)
         Time of each working row over the recording's duration.
     inside : Array (p,) of bool
         Rows of the recording, not of its padding.
@@ -170,8 +182,8 @@ class Spectra:
 
         # odd extension at both ends, less the line between them, so that no end leaps
         self._padding = min(round(PADDING * rate), n - 2)
-        self.padded = int(scipy.fft.next_fast_len(n + 2 * self._padding, real=True))
-        self.padded_seconds = self.padded / rate
+        self.padded_rows = int(scipy.fft.next_fast_len(n + 2 * self._padding, real=True))
+        self.padded_seconds = self.padded_rows / rate
         extended, self.line = self._extended(self.signals.theta)
         self.raw_angle = scipy.fft.rfft(extended - self.line)
         extended, line = self._extended(self.signals.torque)
@@ -183,37 +195,39 @@ class Spectra:
         half = scipy.fft.next_fast_len(
             int(WORKING_RATE / 2 * self.band_hz * self.padded_seconds), real=True
         )
-        self.working = 2 * int(half)
-        self.rate_hz = self.working / self.padded_seconds
-        self.frequency = np.arange(self.working // 2 + 1) / self.padded_seconds
+        self.working_rows = 2 * int(half)
+        self.working_rate_hz = self.working_rows / self.padded_seconds
+        self.frequency = np.arange(self.working_rows // 2 + 1) / self.padded_seconds
         self.s = np.asarray(2j * np.pi * self.frequency, np.complex128)
         self.roll_off = 1 / (1 + (self.frequency / self.band_hz) ** ROLL_OFF_ORDER)
-        to_working = self.working / self.padded
+        to_working = self.working_rows / self.padded_rows
         angle = self.raw_angle[: len(self.frequency)] * to_working
         self.torque: Spectrum = np.asarray(
             raw_torque[: len(self.frequency)] * to_working, np.complex128
         )
         self.derivatives = np.array([self.s**k * angle for k in range(DERIVATIVES)], np.complex128)
-        rows = np.arange(self.working) * self.padded_seconds / self.working
-        self.share_at_working_rate = (rows - self._padding / rate) / self.seconds
+        rows = np.arange(self.working_rows) * self.padded_seconds / self.working_rows
+        self.relative_time_at_working_rate = (rows - self._padding / rate) / self.seconds
         self.window = self._window()
         self.rows = self.window > 0
         # independent rows, of which the roll-off leaves a part
         self.freedom = float(np.count_nonzero(self.rows) * np.mean(self.roll_off**2))
 
         # product rate
-        self.products = 2 * int(
+        self.product_rows = 2 * int(
             scipy.fft.next_fast_len(int(PRODUCT_RATE / 2 * self.padded_seconds))
         )
-        rows = np.arange(self.products) * self.padded_seconds / self.products
+        rows = np.arange(self.product_rows) * self.padded_seconds / self.product_rows
         self.time = rows - self._padding / rate
         self.inside = (self.time >= 0) & (self.time < self.seconds)
-        self.share = np.clip(self.time / self.seconds, 0.0, 1.0)
+        self.relative_time = np.clip(self.time / self.seconds, 0.0, 1.0)
         self.product_band_hz = max(3 * self.band_hz, 20.0)
         self.theta, self.omega, self.alpha = self._at_product_rate(self.raw_angle, 3)
         self.product_torque = self._at_product_rate(raw_torque, 1)[0]
-        self.recorded_torque = self.product_torque + np.linspace(line[0], line[-1], self.products)
-        line_of_products = np.linspace(self.line[0], self.line[-1], self.products)
+        self.recorded_torque = self.product_torque + np.linspace(
+            line[0], line[-1], self.product_rows
+        )
+        line_of_products = np.linspace(self.line[0], self.line[-1], self.product_rows)
         angle_with_line = self.theta + line_of_products
         self.angle = angle_with_line - angle_with_line[self.inside].mean()
 
@@ -230,7 +244,7 @@ class Spectra:
         raw_actuator = scipy.fft.rfft(extended - line)
         self.actuator_spectrum = raw_actuator[: len(self.frequency)] * to_working
         self.actuator_derivatives = np.array(self._at_product_rate(raw_actuator, 3))
-        with_line = self.actuator_derivatives[0] + np.linspace(line[0], line[-1], self.products)
+        with_line = self.actuator_derivatives[0] + np.linspace(line[0], line[-1], self.product_rows)
         self.sliding = self._belt_deflection(with_line)
 
     @property
@@ -245,30 +259,32 @@ class Spectra:
         pad = self._padding
         parts = [2 * first - x[pad:0:-1], x, 2 * last - x[-2 : -pad - 2 : -1]]
         extended = np.concatenate(parts)
-        filled = np.pad(extended, (0, self.padded - len(extended)), mode="edge")
-        return filled, np.linspace(filled[0], filled[-1], self.padded)
+        filled = np.pad(extended, (0, self.padded_rows - len(extended)), mode="edge")
+        return filled, np.linspace(filled[0], filled[-1], self.padded_rows)
 
     def _at_product_rate(self, spectrum: Spectrum, number: int) -> list[Array]:
         """A signal and its derivatives, `number` in all, at the product rate."""
-        kept = min(self.products // 2 + 1, len(spectrum))
+        kept = min(self.product_rows // 2 + 1, len(spectrum))
         frequency = np.arange(kept) / self.padded_seconds
         gain = 1 / (1 + (frequency / self.product_band_hz) ** ROLL_OFF_ORDER)
-        filled = np.zeros(self.products // 2 + 1, dtype=np.complex128)
+        filled = np.zeros(self.product_rows // 2 + 1, dtype=np.complex128)
         found = []
         for order in range(number):
             filled[:kept] = (2j * np.pi * frequency) ** order * spectrum[:kept] * gain
-            found.append(scipy.fft.irfft(filled, self.products) * (self.products / self.padded))
+            found.append(
+                scipy.fft.irfft(filled, self.product_rows) * (self.product_rows / self.padded_rows)
+            )
         return found
 
     def resampled(self, x: Array) -> Array:
         """A further signal (n,) of the recording at the product rate (p,)."""
         extended, line = self._extended(x)
         smooth = self._at_product_rate(scipy.fft.rfft(extended - line), 1)[0]
-        return np.asarray(smooth + np.linspace(line[0], line[-1], self.products))
+        return np.asarray(smooth + np.linspace(line[0], line[-1], self.product_rows))
 
     def _belt_deflection(self, actuator: Array) -> Array:
         """What turns a belt [rad] (p,): theta - theta_m/n_T, by the torque that it transmits."""
-        others = [self.omega, self.alpha, np.ones_like(self.theta), self.share]
+        others = [self.omega, self.alpha, np.ones_like(self.theta), self.relative_time]
         columns = np.array([self.angle, actuator, *others])
         of_torque = np.linalg.lstsq(
             columns[:, self.inside].T, self.product_torque[self.inside], rcond=None
@@ -277,7 +293,10 @@ class Spectra:
 
     def _window(self) -> Array:
         """The weight (w,) of each working row, which rises over `TAPER` from edges and gaps."""
-        time = np.arange(self.working) / self.rate_hz - self._padding / self.signals.rate_hz
+        time = (
+            np.arange(self.working_rows) / self.working_rate_hz
+            - self._padding / self.signals.rate_hz
+        )
         to_edge = np.minimum(time, self.seconds - time) - EDGE
         usable = self.signals.usable
         if usable is not None and not usable.all():
@@ -289,7 +308,9 @@ class Spectra:
 
     def spectrum_of(self, x: Array) -> Spectrum:
         """The working spectrum (..., f) of signals (..., p) at the product rate."""
-        spectrum = scipy.fft.rfft(x)[..., : len(self.frequency)] * (self.working / self.products)
+        spectrum = scipy.fft.rfft(x)[..., : len(self.frequency)] * (
+            self.working_rows / self.product_rows
+        )
         lacking = len(self.frequency) - spectrum.shape[-1]
         if lacking == 0:
             return np.asarray(spectrum)

@@ -12,7 +12,6 @@ from functools import cached_property
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from osl_analysis.inference.acceleration_jumps import acceleration_jumps, jump_columns
 from osl_analysis.inference.actuator import frictionless_actuator
@@ -28,20 +27,13 @@ from osl_analysis.inference.friction_shapes import (
 )
 from osl_analysis.inference.least_squares import BesideShared, solve_scaled
 from osl_analysis.inference.reflex import Reflex, half_waves, muscle_answers
+from osl_analysis.inference.row_filter import RowFilter
 from osl_analysis.inference.spectra import Spectra, Spectrum
 from osl_analysis.trial import Array
 
 ROUNDS = 2  # the second one weighs the rich model by the spectrum that the first one found
 LEAST_GAIN = 0.03  # of the roll-off's power, below which the spectrum is not divided by it
 SLOW_POWERS = 4  # offset and drift: powers of time from 0
-
-
-def contiguous(rows: NDArray[np.bool_]) -> slice | NDArray[np.bool_]:
-    """Rows (w,) of a recording without gaps as a slice, which copies nothing."""
-    at = np.flatnonzero(rows)
-    if len(at) and at[-1] - at[0] + 1 == len(at):
-        return slice(int(at[0]), int(at[-1]) + 1)
-    return rows
 
 
 @dataclass(frozen=True)
@@ -66,8 +58,8 @@ class Whitened:
         drivetrain's actuator is the fourth.
     actuator : FrictionlessActuator or None
         What that actuator would do without its friction.
-    reading : Array (3, 3) or (3, 4)
-        K, B, I by the coefficients of `motion`.
+    impedance_matrix : Array (3, 3) or (3, 4)
+        Turns the coefficients of `motion` into K, B and I.
     slow : Array (4, m)
         Offset and drift of the torque.
     acceleration_jumps : Jumps
@@ -86,31 +78,32 @@ class Whitened:
 
     def __init__(self, spectra: Spectra) -> None:
         self.spectra = spectra
-        self._kept = contiguous(spectra.rows)
         self._behind_gaps: dict[float, Array] = {}
         velocity, width = sliding_velocity(spectra)
         self.sign = np.tanh(velocity / width)
         self._half_waves = spectra.spectrum_of(half_waves(spectra))
         shapes = friction_torques(spectra)
-        self._friction = spectra.spectrum_of(shapes)
-        powers = np.array([(spectra.share - 0.5) ** k for k in range(SLOW_POWERS)])
-        self._slow = spectra.spectrum_of(powers)
+        friction = spectra.spectrum_of(shapes)
+        powers = np.array([(spectra.relative_time - 0.5) ** k for k in range(SLOW_POWERS)])
+        slow = spectra.spectrum_of(powers)
         self.acceleration_jumps = acceleration_jumps(spectra)
-        self._jumps = jump_columns(spectra, self.acceleration_jumps)
+        jumps = jump_columns(spectra, self.acceleration_jumps)
 
-        self._gain: Array | None = None
-        self._gain = self._inverse_root_of_noise()
+        rich = rich_columns(spectra, self.sign, self._half_waves, friction)
+        gain = whitening_gain(spectra, np.concatenate([rich, slow, jumps]))
+        self._whitening = RowFilter(spectra, gain)
 
         self.torque = self.column(spectra.torque)
         self.motion = self.column(self._motion_spectra())
         self.actuator = None
-        self.reading = np.eye(3)
+        self.impedance_matrix = np.eye(3)
         if spectra.actuator_spectrum is not None:
             self.actuator = frictionless_actuator(spectra)
-            self.reading = np.column_stack([self.reading, self.actuator.reading])
-        self.slow = self.column(self._slow)
-        self.jumps = self.column(self._jumps)
-        self.friction = self.column(self._friction)
+            columns = [self.impedance_matrix, self.actuator.impedance_column]
+            self.impedance_matrix = np.column_stack(columns)
+        self.slow = self.column(slow)
+        self.jumps = self.column(jumps)
+        self.friction = self.column(friction)
         self.mean_friction = np.abs(shapes[:, spectra.inside]).mean(axis=1)
 
     @cached_property
@@ -143,7 +136,7 @@ class Whitened:
         spectra = self.spectra
         changed = spectra.s**order * np.exp(-delay * spectra.s) * spectra.roll_off
         spectrum = self._motion_spectra() * changed
-        return np.asarray(scipy.fft.irfft(spectrum, spectra.working))
+        return np.asarray(scipy.fft.irfft(spectrum, spectra.working_rows))
 
     def _motion_spectra(self) -> Spectrum:
         spectra = self.spectra
@@ -162,34 +155,11 @@ class Whitened:
 
     def column(self, spectrum: Spectrum) -> Array:
         """Whiten the signals with these working spectra (..., f); returns rows (..., m)."""
-        spectra = self.spectra
-        return self.windowed(scipy.fft.irfft(spectrum * spectra.roll_off, spectra.working))
+        return self._whitening.column(spectrum)
 
     def windowed(self, x: Array) -> Array:
         """Whiten signals (..., w) at the working rate; returns rows (..., m)."""
-        spectra = self.spectra
-        x = x * spectra.window
-        if self._gain is None:
-            return np.asarray(x[..., self._kept])
-        return self._filtered(x, self._gain)
-
-    def _filtered(self, x: Array, gain: Array) -> Array:
-        """Kept rows (..., m) of signals (..., w) behind a filter of this gain (f,)."""
-        filtered = scipy.fft.irfft(scipy.fft.rfft(x) * gain, self.spectra.working)
-        return np.asarray(filtered[..., self._kept])
-
-    def _filtered_one_by_one(self, columns: Array, gain: Array) -> Array:
-        """Columns (k, m) behind a filter: all at once would be the peak of memory."""
-        filtered = np.empty_like(columns)
-        for k, column in enumerate(columns):
-            filtered[k] = self._filtered(self._everywhere(column), gain)
-        return filtered
-
-    def _everywhere(self, rows: Array) -> Array:
-        """Rows (..., m) among all working rows (..., w), with zeros where the window is 0."""
-        everywhere = np.zeros((*rows.shape[:-1], self.spectra.working))
-        everywhere[..., self._kept] = rows
-        return everywhere
+        return self._whitening.windowed(x)
 
     def behind_gap(self, width: float, is_kept: bool) -> Array:
         """Whitened angle and velocity (2, m) behind a gap of some width [rad], which follow the
@@ -210,57 +180,78 @@ class Whitened:
 
     def unwhitened(self, rows: Array) -> Array:
         """Take the whitening off rows (k, m); near ends and gaps a part of it stays."""
-        assert self._gain is not None
-        return self._filtered_one_by_one(rows, 1 / self._gain)
+        assert self._whitening.gain is not None
+        return RowFilter(self.spectra, 1 / self._whitening.gain).of_rows_one_by_one(rows)
 
-    def _inverse_root_of_noise(self) -> Array:
-        """Find the whitening gain (f,) from what the rich model leaves of the torque."""
-        spectra = self.spectra
-        rich = np.concatenate([self._rich_columns(), self._slow, self._jumps])
-        plain_columns, plain_torque = self.column(rich), self.column(spectra.torque)
-        segment = min(round(COLOUR_SEGMENT * spectra.rate_hz), plain_torque.shape[-1])
 
-        for round_number in range(ROUNDS):
-            columns, torque = plain_columns, plain_torque
-            if round_number > 0:
-                assert self._gain is not None
-                columns = self._filtered_one_by_one(plain_columns, self._gain)
-                torque = self._filtered(self._everywhere(plain_torque), self._gain)
-            estimates = solve_scaled(columns, torque)
-            residual = plain_torque - estimates @ plain_columns
-            frequency, power = scipy.signal.welch(
-                residual, spectra.rate_hz, nperseg=segment, detrend=False
-            )
-            passed = np.interp(frequency, spectra.frequency, spectra.roll_off) ** 2
-            power = power / np.maximum(passed, LEAST_GAIN)
-            smooth = np.convolve(np.pad(power, 1, mode="edge"), np.ones(3) / 3, "valid")
-            # per row of the working rate; a torque without noise has the rounding of its numbers
-            least = 1e-20 * max(float(np.mean(plain_torque**2)), np.finfo(float).tiny)
-            variance = np.maximum(smooth * spectra.rate_hz / 2, least)
-            of_all = np.interp(spectra.frequency, frequency, np.log(variance))
-            self._gain = np.exp(-0.5 * of_all)
-        assert self._gain is not None
-        return self._gain
+def whitening_gain(spectra: Spectra, rich: Spectrum) -> Array:
+    """Find the whitening gain (f,) from what a rich model leaves of the torque.
 
-    def _rich_columns(self) -> Spectrum:
-        """Spectra (k, f) of what any hypothesis may add to the torque, to first order."""
-        spectra = self.spectra
-        angle, omega, alpha = spectra.angle, spectra.omega, spectra.alpha
-        centred = spectra.share - 0.5
-        nonlinear = [
-            omega * np.abs(omega),
-            angle**2,
-            angle**3,
-            np.abs(angle),
-            np.abs(omega),
-            angle * self.sign,
-        ]
-        drifting = [x * centred for x in (spectra.theta, omega, alpha)]
-        later = [spectra.share > moment for moment in MOMENTS[::3]]
-        stepping = [x * after for x in (spectra.theta, omega) for after in later]
-        products = spectra.spectrum_of(np.array([*nonlinear, *drifting, *stepping]))
-        answers = muscle_answers(spectra, self._half_waves, REFLEX_DELAYS[0])
-        parts = [spectra.derivatives, self._friction, products, answers]
-        if spectra.actuator_spectrum is not None:
-            parts.append(spectra.actuator_spectrum[None])
-        return np.concatenate(parts)
+    Parameters
+    ----------
+    spectra : Spectra
+        The recording.
+    rich : Spectrum (k, f)
+        Columns of the rich model.
+    """
+    plain = RowFilter(spectra)
+    plain_columns = plain.column(rich)
+    plain_torque = plain.column(spectra.torque)
+    segment = min(round(COLOUR_SEGMENT * spectra.working_rate_hz), plain_torque.shape[-1])
+
+    whitening = plain
+    for _ in range(ROUNDS):
+        columns = whitening.of_rows_one_by_one(plain_columns)
+        torque = whitening.of_rows(plain_torque)
+        estimates = solve_scaled(columns, torque)
+        residual = plain_torque - estimates @ plain_columns
+        frequency, power = scipy.signal.welch(
+            residual, spectra.working_rate_hz, nperseg=segment, detrend=False
+        )
+        passed = np.interp(frequency, spectra.frequency, spectra.roll_off) ** 2
+        power = power / np.maximum(passed, LEAST_GAIN)
+        smooth = np.convolve(np.pad(power, 1, mode="edge"), np.ones(3) / 3, "valid")
+        # per row of the working rate; a torque without noise has the rounding of its numbers
+        least = 1e-20 * max(float(np.mean(plain_torque**2)), np.finfo(float).tiny)
+        variance = np.maximum(smooth * spectra.working_rate_hz / 2, least)
+        log_variance = np.interp(spectra.frequency, frequency, np.log(variance))
+        gain = np.exp(-0.5 * log_variance)
+        whitening = RowFilter(spectra, gain)
+    return gain
+
+
+def rich_columns(
+    spectra: Spectra, sign: Array, half_waves: Spectrum, friction: Spectrum
+) -> Spectrum:
+    """Spectra (k, f) of what any hypothesis may add to the torque, to first order.
+
+    Parameters
+    ----------
+    spectra : Spectra
+        The recording.
+    sign : Array (p,)
+        Smoothed sign of the velocity.
+    half_waves : Spectrum (2, f)
+        Velocity while the angle rises, and while it falls.
+    friction : Spectrum (k, f)
+        Shapes of dry friction.
+    """
+    angle, omega, alpha = spectra.angle, spectra.omega, spectra.alpha
+    centred_time = spectra.relative_time - 0.5
+    nonlinear = [
+        omega * np.abs(omega),
+        angle**2,
+        angle**3,
+        np.abs(angle),
+        np.abs(omega),
+        angle * sign,
+    ]
+    drifting = [x * centred_time for x in (spectra.theta, omega, alpha)]
+    later = [spectra.relative_time > moment for moment in MOMENTS[::3]]
+    stepping = [x * after for x in (spectra.theta, omega) for after in later]
+    products = spectra.spectrum_of(np.array([*nonlinear, *drifting, *stepping]))
+    answers = muscle_answers(spectra, half_waves, REFLEX_DELAYS[0])
+    parts = [spectra.derivatives, friction, products, answers]
+    if spectra.actuator_spectrum is not None:
+        parts.append(spectra.actuator_spectrum[None])
+    return np.concatenate(parts)

@@ -1,0 +1,253 @@
+"""What one rival explanation of a torque is, and how it is fitted.
+
+Each hypothesis is a class: its family, its term in the field, its own parameters with their units,
+and how its columns are made. The first three columns multiply K, B and I:
+
+    torque = K x_1 + B x_2 + I x_3 + further columns + offset and drift
+             (+ dry friction) (+ reflex) + noise
+
+A path, for example, delays or filters what the load cell sees of the joint's torque: its x_k are
+the delayed angle, velocity and acceleration. `hypotheses.py` lists all of them.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar, Literal
+
+import numpy as np
+import scipy
+
+from osl_analysis.inference.least_squares import BesideShared, Products
+from osl_analysis.inference.whitening import JointKind, Whitened
+from osl_analysis.trial import Array
+
+Family = Literal["", "path", "time", "speed", "size", "direction", "clipping"]
+# nats that a grid must gain: below it a weight stays near its small prior, unless B or I of Eq. 15
+# alone is negative, which a path may explain although it gains nothing
+WORTH_REFINING = 2.0
+PROFILE = np.linspace(-3.0, 3.0, 9)  # standard deviations at which a likelihood is tabulated
+REFINEMENTS = 12  # evaluations of Brent's method about a minimum of the grid
+
+
+@dataclass(frozen=True)
+class ProfilePoint:
+    """The best fit at one value of a hypothesis's own parameter."""
+
+    parameter: float
+    left: float  # residual sum of squares
+    impedance: Array  # K, B, I (3,)
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A hypothesis at a value of its own parameter, ready to be fitted and to predict.
+
+    Attributes
+    ----------
+    hypothesis : Hypothesis
+        What it is of.
+    columns : Array (k, m)
+        Whitened columns; the first three multiply K, B and I.
+    torque : Array (m,)
+        Whitened torque that they explain.
+    slope : Array (m,) or None
+        Derivative of the modelled torque by its own parameter.
+    parameter : float
+        Value of its own parameter; NaN if it has none.
+    estimates : Array (k,) or None
+        Coefficients of the columns at this value; None if there is no own parameter.
+    profile : tuple of ProfilePoint
+        Its likelihood about this value; empty if one Gaussian is enough.
+    impedance_matrices : tuple of Array (3, k)
+        Matrices that turn the coefficients into K, B and I. There are several where K is not one
+        number: at the beginning and at the end, on this and on the other side.
+    """
+
+    hypothesis: "Hypothesis"
+    columns: Array
+    torque: Array
+    slope: Array | None = None
+    parameter: float = np.nan
+    estimates: Array | None = None
+    profile: tuple[ProfilePoint, ...] = ()
+    impedance_matrices: tuple[Array, ...] = ()
+
+    def to_impedance(self, width: int) -> tuple[Array, ...]:
+        """The matrices (3, width); without any of its own, that of the motion."""
+        if self.impedance_matrices:
+            return self.impedance_matrices
+        of_motion = self.hypothesis.data.impedance_matrix
+        others = np.zeros((3, width - of_motion.shape[1]))
+        return (np.hstack([of_motion, others]),)
+
+
+class Search:
+    """Fits of columns to the torque of a joint of some kind, beside offset and drift.
+
+    Attributes
+    ----------
+    data : Whitened
+        The recording.
+    kind : JointKind
+        Whether the joint has friction, and a reflex.
+    left : float
+        What Eq. 15 alone leaves of the torque.
+    coefficients : Array (3,) or (4,)
+        Those of its motion's columns.
+    impedance : Array (3,)
+        Its K, B, I.
+    """
+
+    def __init__(self, data: Whitened, kind: JointKind) -> None:
+        self.data, self.kind = data, kind
+        self._beside = BesideShared(data.shared(kind))
+        self._rest = self._beside.rest(data.torque)
+        self.left, self.coefficients = self.fit(data.motion)
+        self.impedance = data.impedance_matrix @ self.coefficients
+
+    def fit(self, columns: Array, torque: Array | None = None) -> tuple[float, Array]:
+        """Residual sum of squares and coefficients (k,) of columns (k, m)."""
+        if torque is None:
+            return self._beside.fit_rest(columns, self._rest)
+        return self._beside.fit(columns, torque)
+
+    @cached_property
+    def may_be_path(self) -> bool:
+        """Whether jerk and snap beside the motion gain anything, as they do for any path: to first
+        order in its delay or compliance a path adds multiples of them to Eq. 15."""
+        left, _ = self.fit(self.data.higher_motion)
+        return not self.is_body or self.left - left >= 2 * WORTH_REFINING
+
+    @property
+    def is_body(self) -> bool:
+        """Whether B and I of Eq. 15 alone are positive."""
+        return float(self.impedance[1:].min()) > 0.0
+
+    def products(self, columns: Array) -> Products:
+        """Products of columns (k, m), whose sums `fit_products` fits."""
+        return self._beside.products(columns, self._rest)
+
+    def fit_products(self, products: Products) -> tuple[float, Array]:
+        """Residual sum of squares and coefficients (k,) of columns with these products."""
+        return self._beside.fit_products(products)
+
+    def minima(self, left: Callable[[float], float], grid: Array) -> list[float]:
+        """Up to two minima of what is left over a parameter, the lower one first.
+
+        A delay has a false minimum beside the true one.
+        """
+        values = np.array([left(x) for x in grid.tolist()])
+        if self.is_body and self.left - values.min() < 2 * WORTH_REFINING:
+            return []
+        found = []
+        for k in np.argsort(values).tolist():
+            before, after = max(k - 1, 0), min(k + 1, len(grid) - 1)
+            if values[k] > min(values[before], values[after]):
+                continue
+            ends = float(grid[before]), float(grid[after])
+            refined = scipy.optimize.minimize_scalar(
+                left,
+                bounds=ends,
+                method="bounded",
+                options={"maxiter": REFINEMENTS, "xatol": 1e-4 * (ends[1] - ends[0])},
+            )
+            found.append((float(refined.fun), float(refined.x)))
+        return [parameter for _, parameter in sorted(found)[:2]]
+
+
+class Hypothesis(ABC):
+    """One explanation of a recording's torque; an instance serves one recording."""
+
+    family: ClassVar[Family]
+    name: ClassVar[str]
+    term: ClassVar[str]
+    parameters: ClassVar[tuple[tuple[str, str], ...]] = ()
+    """Name and unit of its own parameter, if any, and of the coefficients of its own columns."""
+
+    def __init__(self, data: Whitened) -> None:
+        self.data = data
+
+    @abstractmethod
+    def candidates(self, search: Search) -> list[Candidate]:
+        """Find values of its own parameter that may be; none if it gains nothing."""
+
+    def matrices_with_shares(
+        self, of_added: Sequence[Sequence[float]], shares: Sequence[float]
+    ) -> tuple[Array, ...]:
+        """Matrices that give K, B and I of Eq. 15, and shares of what added columns change them."""
+        of_motion = self.data.impedance_matrix
+        return tuple(np.hstack([of_motion, share * np.array(of_added)]) for share in shares)
+
+    def plain(self, *added: Array, matrices: tuple[Array, ...] = ()) -> Candidate:
+        """Eq. 15 with columns (p,) of the product rate."""
+        columns = self.data.motion
+        if added:
+            columns = np.concatenate([columns, self.data.of_product(np.array(added))])
+        return Candidate(self, columns, self.data.torque, impedance_matrices=matrices)
+
+
+class OneParameter(Hypothesis):
+    """A hypothesis with one parameter of its own, sought on a grid and then refined."""
+
+    def __init__(self, data: Whitened) -> None:
+        super().__init__(data)
+        self._grid = frozenset(self.grid().tolist())
+        self._known: dict[float, Array] = {}
+
+    @abstractmethod
+    def grid(self) -> Array:
+        """Values (g,) of the parameter, ascending."""
+
+    def columns_at(self, value: float) -> Array:
+        """Whitened columns (k, m) at a value of the parameter. What depends on it is kept for the
+        values of the grid, which serve every kind of joint."""
+        if value in self._known:
+            return self.with_others(self._known[value])
+        columns = self.columns(value)
+        if value in self._grid:
+            self._known[value] = columns
+        return self.with_others(columns)
+
+    def columns(self, value: float) -> Array:
+        """Those whitened columns that depend on the parameter."""
+        raise NotImplementedError
+
+    def with_others(self, columns: Array) -> Array:
+        """All columns (k, m): those that depend on the parameter stand in place of the first ones
+        of the motion."""
+        others = self.data.motion[len(columns) :]
+        return np.vstack([columns, others]) if len(others) else columns
+
+    def model(self, value: float, search: Search) -> tuple[Array, Array]:
+        """Columns (k, m) at a value, and the torque (m,) that they explain."""
+        return self.columns_at(value), search.data.torque
+
+    def candidates(self, search: Search) -> list[Candidate]:
+        grid = self.grid()
+
+        def left(value: float) -> float:
+            return search.fit(*self.model(value, search))[0]
+
+        return [self._candidate(value, grid, search) for value in search.minima(left, grid)]
+
+    def _candidate(self, value: float, grid: Array, search: Search) -> Candidate:
+        columns, torque = self.model(value, search)
+        estimates = search.fit(columns, torque)[1]
+
+        # derivative of the modelled torque, from a small step of the parameter
+        step = 1e-3 * abs(value) + 1e-9
+        columns_then, torque_then = self.model(value + step, search)
+        slope = (estimates @ (columns_then - columns) - (torque_then - torque)) / step
+
+        # the likelihood over the parameter: a Gaussian fails where it is flat
+        left, _ = search.fit(columns, slope)
+        sd = 1 / float(np.sqrt(max(left, np.finfo(float).tiny)))
+        tried = np.unique(np.clip(value + sd * PROFILE, grid[0], grid[-1]))
+        profile = []
+        for near in tried.tolist():
+            left, then = search.fit(*self.model(near, search))
+            impedance = self.data.impedance_matrix @ then[: self.data.impedance_matrix.shape[1]]
+            profile.append(ProfilePoint(near, left, impedance))
+        return Candidate(self, columns, torque, slope, value, estimates, profile=tuple(profile))

@@ -1,0 +1,127 @@
+"""Path: what lies between the joint's torque and its number."""
+
+from abc import abstractmethod
+
+import numpy as np
+
+from osl_analysis.inference.constants import COMPLIANCES, DELAYS, LAGS, RESONANCE_DAMPING
+from osl_analysis.inference.hypothesis import Candidate, OneParameter, Search
+from osl_analysis.inference.spectra import Spectrum
+from osl_analysis.trial import Array
+
+
+class Path(OneParameter):
+    """What lies between the joint's torque and its record."""
+
+    family = "path"
+
+    def candidates(self, search: Search) -> list[Candidate]:
+        return super().candidates(search) if search.may_be_path else []
+
+
+class Filter(Path):
+    """A linear filter of the torque."""
+
+    def grid(self) -> Array:
+        return np.geomspace(*LAGS, 11)
+
+    @abstractmethod
+    def response(self, value: float) -> Spectrum:
+        """Response of the path (f,)."""
+
+    def columns(self, value: float) -> Array:
+        return self.data.column(self.data.spectra.derivatives[:3] * self.response(value))
+
+
+class Delay(Filter):
+    """A torque that is late by a constant time, or early if it is negative."""
+
+    name = "delay"
+    term = "late torque"
+    parameters = (("delay", "s"),)
+
+    def grid(self) -> Array:
+        return np.linspace(*DELAYS, 26)
+
+    def response(self, value: float) -> Spectrum:
+        return np.asarray(np.exp(-value * self.data.spectra.s))
+
+
+class LowPass(Filter):
+    """A torque behind a low-pass of first order."""
+
+    name = "low-pass"
+    term = "low-pass of the torque"
+    parameters = (("time constant", "s"),)
+
+    def response(self, value: float) -> Spectrum:
+        return 1 / (1 + value * self.data.spectra.s)
+
+
+class SecondOrderLowPass(Filter):
+    """A torque behind a Butterworth low-pass of second order."""
+
+    name = "low-pass of second order"
+    term = "low-pass of the torque"
+    parameters = (("time constant", "s"),)
+
+    def response(self, value: float) -> Spectrum:
+        of_corner = value * self.data.spectra.s
+        return np.asarray(1 / (1 + np.sqrt(2.0) * of_corner + of_corner**2))
+
+
+class MovingMean(Filter):
+    """A torque that is the mean over the time before, or is held for that time."""
+
+    name = "moving mean"
+    term = "averaged or held torque"
+    parameters = (("duration", "s"),)
+
+    def response(self, value: float) -> Spectrum:
+        spectra = self.data.spectra
+        held = np.exp(-value / 2 * spectra.s) * np.sinc(value * spectra.frequency)
+        return np.asarray(held)
+
+
+class Resonance(Filter):
+    """A torque behind a frame that resonates."""
+
+    name = "resonance"
+    term = "resonance of the path"
+    parameters = (("period over 2 pi", "s"),)
+
+    def grid(self) -> Array:
+        return super().grid()[4:]
+
+    def response(self, value: float) -> Spectrum:
+        of_corner = value * self.data.spectra.s
+        return 1 / (1 + RESONANCE_DAMPING * of_corner + of_corner**2)
+
+
+class SeriesSpring(Path):
+    """A spring between the angle's encoder and the joint.
+
+    With Z = K + B s + I s^2 and the compliance c the torque is Z/(1 + c Z) theta, which is not
+    linear in K, B and I: Gauss-Newton steps linearise it.
+    """
+
+    name = "spring in series"
+    term = "yielding bench"
+    parameters = (("compliance", "rad/(N*m)"),)
+
+    def grid(self) -> Array:
+        return np.geomspace(*COMPLIANCES, 9)
+
+    def model(self, value: float, search: Search) -> tuple[Array, Array]:
+        spectra = self.data.spectra
+        powers = spectra.s ** np.arange(3)[:, None]
+        impedance = search.impedance
+        columns, torque = self.data.motion, self.data.torque
+        for _ in range(4):
+            of_joint = impedance @ powers
+            gain = 1 / (1 + value * of_joint)
+            columns = self.data.column(spectra.derivatives[:3] * gain**2)
+            modelled = self.data.column(spectra.derivatives[0] * of_joint * gain)
+            torque = self.data.torque - (modelled - impedance @ columns)
+            impedance = search.fit(columns, torque)[1]
+        return columns, torque

@@ -1,0 +1,232 @@
+"""Time: what changes during the recording."""
+
+from abc import abstractmethod
+from collections.abc import Sequence
+
+import numpy as np
+import scipy
+
+from osl_analysis.inference.constants import DELAYS, MOMENTS
+from osl_analysis.inference.hypothesis import (
+    REFINEMENTS,
+    Candidate,
+    Hypothesis,
+    OneParameter,
+    Search,
+)
+from osl_analysis.inference.least_squares import BesideShared
+from osl_analysis.inference.whitening import Whitened
+from osl_analysis.trial import Array
+
+SMALL_LAGS = (1e-3, 4e-3)  # s; steps of a lag that are tried first
+LONGEST_LAG_STEP = 0.15  # s; 60 lost rows of 500 Hz are 0.12 s
+# nats that a change of the whole motion must gain beside a small lag before large ones are tried,
+# which take time (a choice, not varied)
+WORTH_A_STEP = 8.0
+LAGS_IN_A_PERIOD = 10  # steps of a lag that are tried in a period of the motion
+NEWTON_STEPS = 8  # it doubles the digits of a lag in each
+MOMENTS_AT_ONCE = 2  # two rows fill a processor's vector; more take memory only
+
+
+class GrowingLag(Hypothesis):
+    """A torque late by a lag times a shape of time.
+
+    The delayed motion is its Taylor series about no lag, of third order: at 6 Hz it misses 1e-5 of
+    the torque for 3 ms, and 1e-3 for 10 ms.
+    """
+
+    family = "time"
+
+    @abstractmethod
+    def shape(self, search: Search) -> Array:
+        """Lag (w,) of each working row for a parameter of 1; nowhere above 1."""
+
+    def candidates(self, search: Search) -> list[Candidate]:
+        shape = self.shape(search)
+        terms = [self.data.motion]
+        for order, factor in enumerate((1.0, 2.0, 6.0), start=1):
+            added = self.data.motion_at_working_rate(order) * (-shape) ** order / factor
+            terms.append(self.data.windowed(added))
+        of_all_terms = np.concatenate(terms)
+
+        # columns and slope are sums of the terms' columns, whose products are enough to fit them
+        products = search.products(of_all_terms)
+        lag = 0.0
+        for _ in range(NEWTON_STEPS):
+            columns = self.sums_of_terms([1.0, lag, lag**2, lag**3])
+            slopes = self.sums_of_terms([0.0, 1.0, 2 * lag, 3 * lag**2])
+            estimates = search.fit_products(products.of_sums(columns))[1]
+            slope = estimates @ slopes
+            with_slope = products.of_sums(np.vstack([columns, slope]))
+            more = search.fit_products(with_slope)[1][-1]
+            moved = float(np.clip(lag + more, *DELAYS))
+            if abs(moved - lag) < 1e-8:
+                break
+            lag = moved
+        return [
+            Candidate(
+                self,
+                columns=columns @ of_all_terms,
+                torque=self.data.torque,
+                slope=slope @ of_all_terms,
+                parameter=lag,
+                estimates=estimates,
+            )
+        ]
+
+    def sums_of_terms(self, weights: Sequence[float]) -> Array:
+        """Factors (k, 4 k) that sum the terms of each of the k columns of the motion with these
+        weights."""
+        each_column = np.eye(len(self.data.motion))
+        return np.hstack([weight * each_column for weight in weights])
+
+
+class DriftingClocks(GrowingLag):
+    """Clocks of two devices that drift apart, from no lag at the first row."""
+
+    name = "clocks"
+    term = "clocks that drift apart"
+    parameters = (("lag at the end", "s"),)
+
+    def shape(self, search: Search) -> Array:
+        return np.clip(self.data.spectra.relative_time_at_working_rate, 0.0, 1.0)
+
+
+class LagStep(Hypothesis):
+    """A lag that steps once, as after lost rows: a tenth of a second and more."""
+
+    family = "time"
+    name = "lag that steps"
+    term = "lag that changes at once"
+    parameters = (("step of the lag", "s"),)
+
+    def candidates(self, search: Search) -> list[Candidate]:
+        # after a small lag the torque differs by its slope
+        slope = search.coefficients @ self.data.motion_at_working_rate(1)
+        moment, left = best_moment(search, slope[None])
+        small = LagStepAt(self.data, moment, may_be_large=False).candidates(search)
+        # after a large one it is another; where no hypothesis explains the torque, what is left
+        # counts as noise
+        noise = max(search.left / self.data.spectra.freedom, 1.0)
+        moment, left_by_motion = best_moment(search, self.data.motion_at_working_rate())
+        if left - left_by_motion <= 2 * WORTH_A_STEP * noise:
+            return small
+        large = LagStepAt(self.data, moment, may_be_large=True).candidates(search)
+        return min(small, large, key=lambda tried: left_by_first(tried, search))
+
+
+class LagStepAt(OneParameter):
+    """A lag that steps at a moment.
+
+    Parameters
+    ----------
+    data : Whitened
+        The recording.
+    moment : float
+        When it steps [share of the recording].
+    may_be_large : bool
+        Whether steps beyond 8 ms are tried, up to `LONGEST_LAG_STEP`.
+    """
+
+    family = LagStep.family
+    name = LagStep.name
+    term = LagStep.term
+    parameters = LagStep.parameters
+
+    def __init__(self, data: Whitened, moment: float, may_be_large: bool) -> None:
+        self._may_be_large = may_be_large
+        self._is_after = data.spectra.relative_time_at_working_rate > moment
+        super().__init__(data)
+
+    def grid(self) -> Array:
+        larger = np.array([2 * SMALL_LAGS[-1]])
+        if self._may_be_large:
+            spectra = self.data.spectra
+            alpha, omega = spectra.alpha[spectra.inside], spectra.omega[spectra.inside]
+            period = 2 * np.pi * float(np.sqrt(np.mean(omega**2) / np.mean(alpha**2)))
+            step = period / LAGS_IN_A_PERIOD
+            larger = np.arange(max(step, larger[0]), LONGEST_LAG_STEP + step, step)
+        later = np.concatenate([SMALL_LAGS, larger])
+        return np.concatenate([-later[::-1], [0.0], later])
+
+    def columns_at(self, value: float) -> Array:
+        return self.columns(value)  # those of another moment serve nobody
+
+    def columns(self, value: float) -> Array:
+        early = self.data.motion_at_working_rate()
+        late = self.data.motion_at_working_rate(delay=value)
+        return self.data.windowed(np.where(self._is_after, late, early))
+
+
+def left_by_first(candidates: Sequence[Candidate], search: Search) -> float:
+    """What the first of some candidates leaves of the torque; infinite without one."""
+    return search.fit(candidates[0].columns)[0] if candidates else np.inf
+
+
+def best_moment(search: Search, changing: Array) -> tuple[float, float]:
+    """The moment [share of the recording] after which torques (k, w) best explain the rest, and the
+    sum of squares that they leave."""
+    data = search.data
+    share = data.spectra.relative_time_at_working_rate
+    # the motion's columns are the same at every moment: they are shared, too
+    beside = BesideShared(np.concatenate([data.shared(search.kind), data.motion]))
+    rest = beside.rest(data.torque)
+
+    def left(moment: float) -> float:
+        return beside.fit_rest(data.windowed(changing * (share > moment)), rest)[0]
+
+    # a few moments at once: transforms of many rows cost less than one by one, and more memory
+    on_grid_left = []
+    for first in range(0, len(MOMENTS), MOMENTS_AT_ONCE):
+        moments = np.array(MOMENTS[first : first + MOMENTS_AT_ONCE])
+        after = share > moments[:, None, None]
+        on_grid_left += [
+            beside.fit_rest(columns, rest)[0] for columns in data.windowed(changing * after)
+        ]
+    best = int(np.argmin(on_grid_left))
+    on_grid = MOMENTS[best]
+    step = MOMENTS[1] - MOMENTS[0]
+    refined = scipy.optimize.minimize_scalar(
+        left,
+        bounds=(on_grid - step, on_grid + step),
+        method="bounded",
+        options={"maxiter": REFINEMENTS},
+    )
+    if refined.fun < on_grid_left[best]:
+        return float(refined.x), float(refined.fun)
+    return on_grid, on_grid_left[best]
+
+
+class StiffnessDrift(Hypothesis):
+    """A stiffness that changes evenly, as of a warming spring."""
+
+    family = "time"
+    name = "K drifts"
+    term = "stiffness that changes"
+    parameters = (("change of K", "N*m/rad"),)
+
+    def candidates(self, search: Search) -> list[Candidate]:
+        spectra = self.data.spectra
+        matrices = self.matrices_with_shares([[1.0], [0.0], [0.0]], (0.0, -0.5, 0.5))
+        added = spectra.theta * (spectra.relative_time - 0.5)
+        return [self.plain(added, matrices=matrices)]
+
+
+class StiffnessStep(Hypothesis):
+    """A stiffness that steps once."""
+
+    family = "time"
+    name = "K steps"
+    term = "stiffness that changes"
+    parameters = (("step of K", "N*m/rad"), ("step of the torque", "N*m"))
+
+    def candidates(self, search: Search) -> list[Candidate]:
+        spectra = self.data.spectra
+        # about the spring's own zero, which nobody knows, so that the torque steps, too
+        changing = np.array([spectra.theta, np.ones_like(spectra.theta)])
+        at_working_rate = self.data.motion_at_working_rate()[0]
+        both = np.array([at_working_rate, np.ones_like(at_working_rate)])
+        moment, _ = best_moment(search, both)
+        after = spectra.relative_time > moment
+        matrices = self.matrices_with_shares([[1.0, 0.0], [0.0, 0.0], [0.0, 0.0]], (0.0, 1.0))
+        return [self.plain(*(changing * after), matrices=matrices)]

@@ -22,10 +22,20 @@ def printable_lines(text: str) -> str:
 
 def listing(names: Sequence[str], most: int = 40) -> str:
     """Names for a message to the user, at most `most` of them, each of at most 80 characters."""
-    more = f", ... ({len(names)} in all)" if len(names) > most else ""
-    return (
-        ", ".join(one if len(one) <= 80 else f"{one[:80]}..." for one in names[:most]) or "none"
-    ) + more
+    if not names:
+        return "none"
+    text = ", ".join(shortened(name) for name in names[:most])
+    if len(names) > most:
+        text += f", ... ({len(names)} in all)"
+    return text
+
+
+def shortened(text: str, most: int = 80) -> str:
+    """A text of at most so many characters and dots, cut between words if it has any."""
+    if len(text) <= most:
+        return text
+    whole_words = text[:most].rpartition(" ")[0]
+    return f"{whole_words} ..." if whole_words else f"{text[:most]}..."
 
 
 def quoted(data: bytes) -> str:

@@ -21,6 +21,7 @@ from osl_analysis.files import atomic_path
 
 MARK = "osl_analysis_refused"  # First column of a refusal. No result has a column of this name.
 LARGEST = 1 << 20  # bytes; no refusal is larger, so that large results need not be looked into
+FAILED = "failed"  # outcome of a job that an unexpected error or the system ended
 MOST_TOLD = 12  # largest number of trials or results named in one line
 
 
@@ -142,67 +143,132 @@ def refused_trials(refusals: Sequence[Refusal]) -> dict[str, Refusal]:
 def refusal_report(
     records: Collection[Path | str], recordings: Mapping[str, Sequence[str]], accept: bool
 ) -> str:
-    """A report on refusals: a line per cause with trial, file, reason and remedy; further
-    missing results; and what to do. Empty without records. `recordings` has the raw files of every
-    trial of the campaign."""
+    """Report what has no result: a line per cause, what is missing for want of it, what to do.
+
+    Parameters
+    ----------
+    records
+        Files that are refusals.
+    recordings
+        The raw files of every trial of the campaign.
+    accept
+        Whether a run with refusals ends as one without.
+
+    Returns
+    -------
+    str
+        Empty without refusals.
+    """
     causes = distinct_causes(refusal for record in records for refusal in read_refusals(record))
     if not causes:
         return ""
-    missing = {cause.trial for cause in causes if cause.trial}
     files = [Path(record) for record in records]
-    others = [file for file in files if file.stem not in recordings]
-    named = {
-        file.name
-        for file in others
-        if file.parent.name == "tables" or file.suffix in (".json", ".tex")
-    }
-    # in several formats
-    drawn = {f"figure {file.stem}" for file in others if file.parent.name == "figures"}
-    trials = sorted({file.stem for file in files} & set(recordings) - missing)
-    first = f"{len(missing)} of {len(recordings)} trials" if missing else "some results"
-    first += f", and for want of them {len(trials)} more" * bool(trials)
-    others_left = 0 < len(missing) + len(trials) < len(recordings)
-    lines = ["", f"NOT ANALYSED: {first}{'; results are of the others' * others_left}."]
+    missing = {cause.trial for cause in causes if cause.trial}
+    trials_without = sorted({file.stem for file in files} & set(recordings) - missing)
+    results_without = names_of_results(file for file in files if file.stem not in recordings)
+    lines = ["", first_line(causes, len(trials_without), len(recordings), len(files))]
     lines += cause_lines(causes, recordings)
-    for what, lacking in (
-        ("without a result", trials),
-        ("not made", sorted(named) + sorted(drawn)),
-    ):
-        lines += [f"  therefore {what}: {listing(lacking, MOST_TOLD)}"] * bool(lacking)
+    if trials_without:
+        lines.append(f"  therefore without a result: {listing(trials_without, MOST_TOLD)}")
+    if results_without:
+        lines.append(f"  therefore not made: {listing(results_without, MOST_TOLD)}")
+    lines += what_to_do(causes, accept)
+    return "\n".join(lines)
+
+
+def first_line(
+    causes: Sequence[Refusal], trials_without: int, all_trials: int, results: int
+) -> str:
+    """How much is missing; `trials_without` are those that lack a result for want of another."""
+    if all(cause.outcome == FAILED for cause in causes):
+        return f"FAILED: {results} results that jobs should have made."
+    refused = len(refused_trials(causes))
+    first = f"{refused} of {all_trials} trials" if refused else "some results"
+    if trials_without:
+        first += f", and for want of them {trials_without} more"
+    if 0 < refused + trials_without < all_trials:
+        first += "; results are of the others"
+    return f"NOT ANALYSED: {first}."
+
+
+def names_of_results(files: Iterable[Path]) -> list[str]:
+    """Tables and figures as a user knows them; a figure of several formats counts once."""
+    named = set()
+    drawn = set()
+    for file in files:
+        if file.parent.name == "figures":
+            drawn.add(f"figure {file.stem}")
+        elif file.parent.name == "tables" or file.suffix in (".json", ".tex"):
+            named.add(file.name)
+    return sorted(named) + sorted(drawn)
+
+
+def what_to_do(causes: Sequence[Refusal], accept: bool) -> list[str]:
+    """The last lines of the report."""
     if accept:
-        return "\n".join([*lines, "accepted: `failed_trials: accept` in the configuration"])
-    return (
-        "\n".join(lines)
-        + "\nCorrect these and run again. To go on without a trial, give a reason under `exclude`"
+        return ["accepted: `failed_trials: accept` in the configuration"]
+    if all(cause.outcome == FAILED for cause in causes):
+        return ["The next run tries again what failed."]
+    return [
+        "Correct these and run again. To go on without a trial, give a reason under `exclude`"
         " in the sample sheet; without all of these, write `failed_trials: accept` in the"
         " configuration."
-    )
+    ]
+
+
+@dataclass(frozen=True)
+class CauseOfTrial:
+    """A cause as a line of the report names it."""
+
+    trial: str
+    who: str  # the trial and its file, or the result
+    text: str  # reason and remedy
 
 
 def cause_lines(
     causes: Iterable[Refusal], recordings: Mapping[str, Sequence[str]]
 ) -> Iterator[str]:
-    """A line per cause, one for all its trials. The file named is a trial's recording, which the
-    user can correct."""
-    # trial, file and what is said, by cause
-    groups: dict[tuple[str, ...], list[tuple[str, str, str]]] = {}
+    """A line per cause, one for all trials that have it. The file named is a trial's recording,
+    which the user can correct."""
+    groups: dict[tuple[str, str], list[CauseOfTrial]] = {}
     for cause in sorted(causes, key=lambda cause: (not cause.trial, cause.trial)):
-        raw, reason = recordings.get(cause.trial, ()), cause.reason
-        known = cause.file if cause.file in raw or not raw else raw[0]
-        file = next((name for name in raw if name in reason), known)
+        file = file_at_fault(cause, recordings.get(cause.trial, ()))
+        reason = cause.reason
         for begin in (f"{file}: ", f"trial {cause.trial}: ", f"{cause.trial}: "):
             reason = reason.removeprefix(begin)
-        said = f"{reason}; remedy: {cause.remedy}"
-        kind = (
-            (alike(said.replace(file, "FILE"), cause.trial), cause.outcome)
-            if cause.trial
-            else (file, said)
-        )
-        groups.setdefault(kind, []).append((cause.trial, file, said))
-    for (trial, file, said), *same in groups.values():
-        who = f"trial {trial}, file {file}" if trial else f"result {file}"
-        also = (
-            f", and {len(same)} more trials with the same cause,"
-            f" {listing([one for one, *_ in same], MOST_TOLD)}"
-        )
-        yield f"  {who}{also * bool(same)}: {said}"
+        text = f"{reason}; remedy: {cause.remedy}"
+        if not cause.trial:
+            who = f"result {file}"
+            kind = (file, text)
+        else:
+            who = f"trial {cause.trial}, file {file}"
+            if cause.outcome == FAILED:
+                text = f"{reason}; job {cause.job}; remedy: {cause.remedy}"
+            kind = (cause.outcome, alike(text.replace(file, "FILE"), cause.trial))
+        groups.setdefault(kind, []).append(CauseOfTrial(cause.trial, who, text))
+    for first, *same in groups.values():
+        also = ""
+        if same:
+            names = listing([each.trial for each in same], MOST_TOLD)
+            also = f", and {len(same)} more trials with the same cause, {names}"
+        yield f"  {first.who}{also}: {first.text}"
+
+
+def file_at_fault(cause: Refusal, recordings: Sequence[str]) -> str:
+    """The recording that the reason names; else the file of the cause, if it is a recording or
+    there is none."""
+    named = next((file for file in recordings if file in cause.reason), None)
+    if named is not None:
+        return named
+    if cause.file in recordings or not recordings:
+        return cause.file
+    return recordings[0]
+
+
+def failed_results(records: Iterable[Path | str]) -> list[Path]:
+    """The refusals of which a cause is a job that failed, and may not fail again."""
+    return [
+        Path(record)
+        for record in records
+        if any(cause.outcome == FAILED for cause in read_refusals(record))
+    ]

@@ -16,6 +16,8 @@ rule fit_belt:
         others="<results>/fits/belt/{trial}.zip",
     log:
         "<logs>/belt/{trial}.log",
+    wildcard_constraints:
+        trial=one_of(CAMPAIGN.trials("belt")),
     params:
         settings=CONFIG.dynamometer.part("BeltAnalysis"),
         made_by=MADE_BY,
@@ -33,6 +35,8 @@ rule fit_transmission:
         others="<results>/fits/transmission/{trial}.zip",
     log:
         "<logs>/transmission/{trial}.log",
+    wildcard_constraints:
+        trial=one_of(CAMPAIGN.trials("transmission")),
     params:
         settings=CONFIG.dynamometer.part("SteppedSineAnalysis"),
         made_by=MADE_BY,
@@ -50,6 +54,8 @@ rule fit_actuator:
         others="<results>/fits/actuator/{trial}.zip",
     log:
         "<logs>/actuator/{trial}.log",
+    wildcard_constraints:
+        trial=one_of(CAMPAIGN.trials("actuator")),
     params:
         settings=CONFIG.actuator.part("ActuatorAnalysis"),
         made_by=MADE_BY,
@@ -70,6 +76,8 @@ rule fit_impedance:
         others="<results>/fits/impedance/{trial}.zip",
     log:
         "<logs>/impedance/{trial}.log",
+    wildcard_constraints:
+        trial=one_of(CAMPAIGN.trials("impedance")),
     params:
         settings=CONFIG.dynamometer.part("ImpedanceAnalysis"),
         weight=plain(CONFIG.gain_weight),
@@ -90,6 +98,8 @@ rule fit_torque_angle:
         others="<results>/fits/torque_angle/{trial}.zip",
     log:
         "<logs>/torque_angle/{trial}.log",
+    wildcard_constraints:
+        trial=one_of(CAMPAIGN.trials("torque_angle")),
     params:
         settings=CONFIG.torque_angle.part("TorqueAngleAnalysis"),
         condition=cells("desired"),
@@ -107,6 +117,8 @@ rule fit_calibration:
         others="<results>/fits/calibration/{trial}.zip",
     log:
         "<logs>/calibration/{trial}.log",
+    wildcard_constraints:
+        trial=one_of(CAMPAIGN.trials("calibration")),
     params:
         settings=CONFIG.dynamometer.part("ImpedanceAnalysis"),
         condition=cells("known_K", "known_I", "known_percent"),

@@ -3,13 +3,22 @@
 Rules have one line of code, as `job("bench.fit_belt_trial", input, output, params, log)`. It calls
 the function `fit_belt_trial` of `osl_analysis/commands/bench.py` in a warm process
 (`osl_analysis/jobs/workers.py`). The names of inputs, outputs and params are those of its
-arguments; `osl_analysis/outcomes/perform.py` lists the few that are not. Every rule has the param
-`made_by=MADE_BY`. A recording that it refuses leaves a table of reasons in place of each output.
+arguments, but for these (`osl_analysis/outcomes/perform.py`):
+
+* `recordings`, `sources`, `made_of`, `evidence`, `numbers`, `quality`: inputs that only say when a
+  job is due. The function finds the files by its other arguments.
+* `fitted`: an input of which the function gets the refusals alone, as `refused`.
+* `log`, `mocap`: outputs that the function places itself.
+* `sizes`, `made_by`, `excluded`: params. Snakemake compares the first, every rule has the second,
+  and the trials of the third are taken out of the inputs.
+
+A recording that the function refuses leaves a table of reasons in place of each output.
 """
 
 import atexit
 import json
 import os
+import re
 import sys
 from operator import attrgetter
 from pathlib import Path
@@ -20,8 +29,8 @@ from osl_analysis.campaign.figure_examples import matching, response_example, ti
 from osl_analysis.campaign.origin import about, sentence
 from osl_analysis.commands.campaign_start import check_start, unnamed_recordings
 from osl_analysis.commands.killed_runs import begin_run
-from osl_analysis.commands.run import cancel_timers, end_run, left_behind_report, made_by
-from osl_analysis.commands.run import with_shipped_profile
+from osl_analysis.commands.run import cancel_timers, check_profile, end_run
+from osl_analysis.commands.run import left_behind_report, made_by
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL, judged_tables
 from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.errors import OslAnalysisError
@@ -35,7 +44,7 @@ from osl_analysis.refusal import refusal_report
 from osl_analysis.report.brief import brief_lines
 
 try:  # what is wrong in a file of the campaign is one line, without a traceback
-    list(with_shipped_profile(sys.argv))
+    check_profile(sys.argv)
     CONFIG_FILES = [Path(os.path.relpath(file)) for file in reversed(workflow.configfiles)]
     CONFIG = campaign_config(over_default(config), [default_config(), *CONFIG_FILES])
     PLANNED, SIMULATION_FILES = None, []
@@ -62,6 +71,11 @@ pathvars:
 wildcard_constraints:
     trial="[A-Za-z0-9][A-Za-z0-9_.-]*",
     figure="|".join(FIGURES),
+
+
+def one_of(names):
+    """A constraint of a wildcard to these names; "(?!)" matches nothing."""
+    return "|".join(map(re.escape, names)) or "(?!)"
 
 
 def plain(setting):
@@ -131,6 +145,12 @@ if CONFIG.simulation:
     SIMULATED_FILES += [CONFIG.sheet, *(file for trial in TRIALS for file in CAMPAIGN.logs(trial))]
 
 
+def logged_in(folder):
+    """The trials whose log stands in a folder of the raw data."""
+    logs = {trial: CAMPAIGN.row(trial)["log"] for trial in TRIALS}
+    return [trial for trial, log in logs.items() if log and Path(log).parent.name == folder]
+
+
 def followed(wildcards):
     """What the configuration decides for the simulator."""
     return plain(CONFIG.shared(CAMPAIGN.row(wildcards.trial)["experiment"]))
@@ -150,8 +170,8 @@ def recordings(wildcards):
 
 
 def sizes(wildcards):
-    """The sizes of real recordings [bytes]: another one is seen even if its date is older."""
-    return None if CONFIG.simulation else [file.stat().st_size for file in recordings(wildcards)]
+    """The sizes of recordings [bytes]: another one is seen even if its date is older."""
+    return [file.stat().st_size for file in recordings(wildcards) if file.exists()]
 
 
 # Walking

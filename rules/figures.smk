@@ -1,17 +1,6 @@
 """Tables -> the numbers that a figure plots (CSV) -> the figure; all of it -> `report.html`."""
 
 
-localrules:
-    plot_numbers,
-    fig3_numbers,
-    fig7_numbers,
-    walking_page_numbers,
-    over_stance_numbers,
-    draw_figure,
-    captions,
-    report_page,
-
-
 rule plot_numbers:
     """What a figure plots that shows one table, or up to three."""
     input:
@@ -25,6 +14,7 @@ rule plot_numbers:
         "<logs>/figures/{figure}_numbers.log",
     wildcard_constraints:
         figure="|".join(figure for figure in FIGURES if figure not in OWN_NUMBERS),
+    localrule: True
     params:
         name="{figure}",
         option=option,
@@ -44,6 +34,7 @@ rule fig3_numbers:
         "<results>/figures/fig3.csv",
     log:
         "<logs>/figures/fig3_numbers.log",
+    localrule: True
     params:
         excluded=lambda wildcards: excluded(CAMPAIGN.trials("belt")),
         made_by=MADE_BY,
@@ -52,9 +43,6 @@ rule fig3_numbers:
 
 
 if TIME_SERIES:
-
-    localrules:
-        fig4_numbers,
 
     rule fig4_numbers:
         """The last seconds of one impedance trial, measured and modelled."""
@@ -66,6 +54,7 @@ if TIME_SERIES:
             "<results>/figures/fig4.csv",
         log:
             "<logs>/figures/fig4_numbers.log",
+        localrule: True
         params:
             settings=CONFIG.dynamometer.part("ImpedanceAnalysis"),
             choice=TIME_SERIES,
@@ -86,6 +75,7 @@ rule fig7_numbers:
         "<results>/figures/fig7.csv",
     log:
         "<logs>/figures/fig7_numbers.log",
+    localrule: True
     params:
         weight=plain(CONFIG.gain_weight),
         choice=plain(RESPONSE),
@@ -107,6 +97,7 @@ rule walking_page_numbers:
         "<results>/figures/walking_page.csv",
     log:
         "<logs>/figures/walking_page_numbers.log",
+    localrule: True
     params:
         settings=CONFIG.walking.part("TimingSettings"),
         excluded=lambda wildcards: excluded(PERTURBED),
@@ -124,6 +115,7 @@ rule over_stance_numbers:
         "<results>/figures/impedance_over_stance.csv",
     log:
         "<logs>/figures/impedance_over_stance_numbers.log",
+    localrule: True
     params:
         stance_share=CONFIG.figures.stance_share,
         data=CAMPAIGN.data,
@@ -143,6 +135,7 @@ rule draw_figure:
         "<results>/figures/{figure}.png",
     log:
         "<logs>/figures/{figure}.log",
+    localrule: True
     params:
         name="{figure}",
         origin=sentence(ABOUT, below_figure=True),
@@ -163,6 +156,7 @@ rule captions:
         "<results>/figures/captions.md",
     log:
         "<logs>/figures/captions.log",
+    localrule: True
     params:
         tables={figure: place(f"<results>/figures/{figure}.csv") for figure in FIGURE_NAMES},
         shown={figure: [place(file) for file in shown(figure)] for figure in FIGURE_NAMES},
@@ -193,6 +187,7 @@ rule report_page:
         methods_tex="<results>/methods.tex",
     log:
         "<logs>/report.log",
+    localrule: True
     params:
         about=ABOUT,
         settings={

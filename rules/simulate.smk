@@ -2,9 +2,6 @@
 
 if CONFIG.simulation:
 
-    localrules:
-        trial_sheet,
-
     rule trial_sheet:
         """The sample sheet: a row for each trial."""
         input:
@@ -13,13 +10,14 @@ if CONFIG.simulation:
             sheet=CONFIG.sheet,
         log:
             "<logs>/simulate/sheet.log",
+        localrule: True
         params:
             made_by=MADE_BY,
         run:
             job("simulate.write_sheet", input, output, params, log)
 
     rule simulate_dynamometer:
-        """The recordings of a trial, and the truth beside them."""
+        """The log of a trial on the dynamometer, and the truth beside it."""
         input:
             settings_path=CONFIG.simulation,
             made_of=SIMULATION_FILES,
@@ -27,6 +25,8 @@ if CONFIG.simulation:
             log="<raw>/dynamometer/{trial}.mcap",
         log:
             "<logs>/simulate/{trial}.log",
+        wildcard_constraints:
+            trial=one_of(logged_in("dynamometer")),
         params:
             campaign_folder=lambda wildcards: str(CONFIG.raw_data),
             trial="{trial}",
@@ -38,16 +38,18 @@ if CONFIG.simulation:
     use rule simulate_dynamometer as simulate_actuator with:
         output:
             log="<raw>/actuator/{trial}.mcap",
+        wildcard_constraints:
+            trial=one_of(logged_in("actuator")),
 
     use rule simulate_dynamometer as simulate_capture with:
         output:
             mocap="<raw>/vicon/{trial}.c3d",
         wildcard_constraints:
-            trial="|".join([CAMPAIGN.pattern("static"), CAMPAIGN.pattern("plate")]),
+            trial=one_of(CAMPAIGN.trials("static", "plate")),
 
     use rule simulate_dynamometer as simulate_crossing with:
         output:
             log="<raw>/leg/{trial}.mcap",
             mocap="<raw>/vicon/{trial}.c3d",
         wildcard_constraints:
-            trial=CAMPAIGN.pattern("walking"),
+            trial=one_of(CAMPAIGN.trials("walking")),

@@ -1,19 +1,6 @@
 """Rows of single trials -> tables over trials -> findings and headline numbers."""
 
 
-localrules:
-    table,
-    impedance_tables,
-    summary_table,
-    predict,
-    gains_table,
-    check_claims,
-    settings_table,
-    excluded_trials,
-    findings,
-    headline_numbers,
-
-
 rule table:
     """A table from the rows of single trials, with the doubts about each row."""
     input:
@@ -25,8 +12,8 @@ rule table:
     log:
         "<logs>/tables/{table}.log",
     wildcard_constraints:
-        # "(?!)" matches nothing: a campaign of walking alone may have no such table
-        table="|".join(table for table in GATHERED if table != "impedance") or "(?!)",
+        table=one_of(table for table in GATHERED if table != "impedance"),
+    localrule: True
     params:
         limits=lambda wildcards: limits(wildcards.table),
         limits_of_fits=lambda wildcards: limits(doubts_of(wildcards.table)),
@@ -47,6 +34,7 @@ rule impedance_tables:
         evidence="<results>/tables/impedance_evidence.csv",
     log:
         "<logs>/tables/impedance.log",
+    localrule: True
     params:
         limits=limits("impedance"),
         places=places_in("impedance"),
@@ -67,7 +55,8 @@ rule summary_table:
     log:
         "<logs>/tables/{table}.log",
     wildcard_constraints:
-        table="|".join(DERIVED),
+        table=one_of(DERIVED),
+    localrule: True
     params:
         made_by=MADE_BY,
     run:
@@ -89,6 +78,7 @@ rule predict:
         frequencies="<results>/tables/prediction_frequencies.csv",
     log:
         "<logs>/tables/prediction.log",
+    localrule: True
     params:
         unpredicted=UNPREDICTED,
         weight=plain(CONFIG.gain_weight),
@@ -108,6 +98,7 @@ rule gains_table:
         "<results>/tables/gains.csv",
     log:
         "<logs>/tables/gains.log",
+    localrule: True
     params:
         weight=plain(CONFIG.gain_weight),
         made_by=MADE_BY,
@@ -124,6 +115,7 @@ rule check_claims:
         "<results>/tables/claims.csv",
     log:
         "<logs>/tables/claims.log",
+    localrule: True
     params:
         settings=plain(CONFIG.claims),
         frequencies_hz=CONFIG.dynamometer.frequencies_hz or (),
@@ -141,6 +133,7 @@ rule settings_table:
         "<results>/tables/settings.csv",
     log:
         "<logs>/tables/settings.log",
+    localrule: True
     params:
         states=states_of(CONFIG, config, [name for name in EXPERIMENTS if CAMPAIGN.trials(name)]),
         made_by=MADE_BY,
@@ -157,6 +150,7 @@ rule excluded_trials:
         "<results>/tables/excluded.csv",
     log:
         "<logs>/tables/excluded.log",
+    localrule: True
     params:
         by_sheet=CAMPAIGN.excluded,
         places=PLACES,
@@ -175,6 +169,7 @@ rule findings:
         "<results>/tables/findings.csv",
     log:
         "<logs>/tables/findings.log",
+    localrule: True
     params:
         limits=plain(CONFIG.doubtful),
         places=PLACES,
@@ -195,6 +190,7 @@ rule headline_numbers:
         numbers_tex="<results>/numbers.tex",
     log:
         "<logs>/summary.log",
+    localrule: True
     params:
         about=ABOUT,
         example=example,
@@ -207,9 +203,6 @@ rule headline_numbers:
 
 if "impedance" in TABLE_NAMES:
 
-    localrules:
-        conditions_for_paper,
-
     rule conditions_for_paper:
         """K, B and I of each condition, as a table for a paper."""
         input:
@@ -220,6 +213,7 @@ if "impedance" in TABLE_NAMES:
             markdown="<results>/tables/markdown/conditions.md",
         log:
             "<logs>/tables/conditions.log",
+        localrule: True
         params:
             about=ABOUT,
             made_by=MADE_BY,
@@ -228,9 +222,6 @@ if "impedance" in TABLE_NAMES:
 
 
 if COMPONENT_SUMMARIES:
-
-    localrules:
-        components_for_paper,
 
     rule components_for_paper:
         """The measured components, as a table for a paper."""
@@ -241,6 +232,7 @@ if COMPONENT_SUMMARIES:
             markdown="<results>/tables/markdown/components.md",
         log:
             "<logs>/tables/components.log",
+        localrule: True
         params:
             about=ABOUT,
             beside_draft=CAMPAIGN.beside_draft,

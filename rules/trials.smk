@@ -1,10 +1,6 @@
 """Recording -> trial, and what quality control measures on it."""
 
 
-localrules:
-    judge,
-
-
 rule ingest:
     """The trial of a recording, in SI units on one clock, and what is measured for each check."""
     input:
@@ -35,6 +31,7 @@ rule judge:
         QUALITY,
     log:
         "<logs>/tables/quality.log",
+    localrule: True
     params:
         rules=plain(CONFIG.quality),
         accept={trial: CAMPAIGN.accepted(trial) for trial in TRIALS},

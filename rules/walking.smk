@@ -4,16 +4,6 @@ And the ankle moment of overground gait.
 """
 
 
-localrules:
-    calibrate_markers,
-    identify_plate,
-    measure_platform,
-    select_crossings,
-    average_unperturbed,
-    summarise_walking,
-    tabulate_over_stance,
-
-
 rule calibrate_markers:
     """Marker clusters, ankle centre and axis of a static trial."""
     input:
@@ -24,7 +14,8 @@ rule calibrate_markers:
     log:
         "<logs>/calibration/{static}.log",
     wildcard_constraints:
-        static=CAMPAIGN.pattern("static"),
+        static=one_of(CAMPAIGN.trials("static")),
+    localrule: True
     params:
         settings=lambda wildcards: CAMPAIGN.calibration_settings(wildcards.static),
         excluded=lambda wildcards: excluded([wildcards.static]),
@@ -44,6 +35,7 @@ rule identify_plate:
         comparison="<results>/tables/plate.csv",
     log:
         "<logs>/walking/plate.log",
+    localrule: True
     params:
         statics=statics(PLATE_TRIALS),
         settings=CONFIG.walking.part("PlateModelSettings"),
@@ -64,6 +56,7 @@ rule measure_platform:
         comparison="<results>/tables/platform.csv",
     log:
         "<logs>/walking/platform.log",
+    localrule: True
     params:
         statics=statics(PERTURBED),
         settings=CONFIG.walking.part("CrossingSettings"),
@@ -85,6 +78,8 @@ rule analyse_crossing:
         "<results>/crossings/{trial}.parquet",
     log:
         "<logs>/crossings/{trial}.log",
+    wildcard_constraints:
+        trial=one_of(WALKED),
     params:
         settings=CONFIG.walking.part("CrossingSettings"),
         perturbed=cell("perturbed"),
@@ -105,6 +100,7 @@ rule select_crossings:
         "<results>/tables/walking_crossings.csv",
     log:
         "<logs>/walking/selection.log",
+    localrule: True
     params:
         settings=CONFIG.walking.part("SelectionSettings"),
         sheet=CAMPAIGN.conditions(),
@@ -125,6 +121,7 @@ rule average_unperturbed:
         "<results>/fits/unperturbed.parquet",
     log:
         "<logs>/walking/unperturbed.log",
+    localrule: True
     params:
         fewest=CONFIG.walking.fewest_unperturbed,
         excluded=lambda wildcards: excluded(UNPERTURBED),
@@ -143,6 +140,8 @@ rule fit_perturbation:
         "<results>/fits/walking/{trial}.csv",
     log:
         "<logs>/walking/{trial}.log",
+    wildcard_constraints:
+        trial=one_of(PERTURBED),
     params:
         settings=CONFIG.walking.part("ResponseSettings"),
         made_by=MADE_BY,
@@ -166,6 +165,7 @@ rule summarise_walking:
         sensitivity="<results>/tables/walking_sensitivity.csv",
     log:
         "<logs>/walking/summary.log",
+    localrule: True
     params:
         settings=CONFIG.walking.part("EnsembleSettings"),
         limits=limits("walking_groups"),
@@ -187,6 +187,7 @@ rule tabulate_over_stance:
         "<results>/tables/impedance_over_stance.csv",
     log:
         "<logs>/walking/over_stance.log",
+    localrule: True
     params:
         stance_share=CONFIG.figures.stance_share,
         data=CAMPAIGN.data,
@@ -204,6 +205,8 @@ rule compare_ankle_moment:
         others="<results>/fits/ankle_moment/{trial}.zip",
     log:
         "<logs>/overground/{trial}.log",
+    wildcard_constraints:
+        trial=one_of(CAMPAIGN.trials("overground")),
     params:
         settings=CONFIG.overground.part("OvergroundAnalysis"),
         condition=cells("body_mass_kg"),

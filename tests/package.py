@@ -65,9 +65,9 @@ def check_campaigns(commands: Path, folder: Path) -> None:
     snakefile = call(commands / "python", "-c", code, folder=folder)
     (made / "Snakefile").write_text(MODULE.format(snakefile=snakefile.strip()), encoding="utf-8")
     again = ("--cores", "1", "--dry-run", "--forcerun", "osl_ingest")
-    assert "osl_ingest" in call(
-        commands / "snakemake", "results/figures/fig3.pdf", *again, folder=made
-    )
+    planned = call(commands / "snakemake", "results/figures/fig3.pdf", *again, folder=made)
+    assert "osl_ingest" in planned
+    assert "localrules" not in planned
     assert "no campaign here" in call(osl, "run", folder=folder, exit_code=1)
     assert "nothing is overwritten" in call(
         osl, "init", "Übungs Kampagne", folder=folder, exit_code=1

@@ -41,6 +41,7 @@ from osl_analysis.outcomes.used import without_excluded, without_refused
 from osl_analysis.refusal import (
     Refusal,
     alike,
+    failed_results,
     is_refused,
     read_refusals,
     refusal_report,
@@ -331,6 +332,26 @@ def test_the_same_cause_in_many_trials_is_one_line_and_another_its_own(tmp_path)
     ]
     same = {alike("a.csv: no 'knee' at 1.5e3", "knee"), alike("a.csv: no 'toe' at -2", "toe")}
     assert same == {"a.csv: no 'TRIAL' at #"}
+
+
+def test_a_job_that_failed_is_named_and_is_no_trial_that_was_not_analysed(tmp_path):
+    write_refusals([FAULT], tmp_path / "b.csv")
+
+    told = refusal_report([tmp_path / "b.csv"], {FAULT.trial: [FAULT.file]}, accept=False)
+
+    assert "FAILED: 1 results that jobs should have made." in told
+    assert f"job {FAULT.job}" in told
+    assert "NOT ANALYSED" not in told
+    assert "`exclude`" not in told
+
+
+def test_only_results_of_jobs_that_failed_are_to_be_made_again(tmp_path):
+    write_refusals([FAULT], tmp_path / "failed.csv")
+    write_refusals([LOST], tmp_path / "refused.csv")
+
+    again = failed_results([tmp_path / "failed.csv", tmp_path / "refused.csv"])
+
+    assert again == [tmp_path / "failed.csv"]
 
 
 def test_what_a_renaming_leaves_among_the_results_is_named_at_the_end_of_a_run():

@@ -615,3 +615,12 @@ def test_a_recording_on_which_a_library_crashes_is_refused_and_the_others_are_an
     (cause,) = read_refusals(trial)
     assert cause.outcome == "refused"
     assert cause.reason.endswith("walking_05.c3d: a library that reads it crashed (SIGSEGV)")
+
+
+def test_a_fit_of_a_trial_of_another_experiment_is_no_target(laboratory):
+    target = f"results/fits/belt/{TRIAL}.csv"
+
+    ended = laboratory.run(target)
+
+    assert ended.returncode == 1
+    assert not (laboratory.folder / target).exists()

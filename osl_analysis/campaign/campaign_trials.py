@@ -1,6 +1,5 @@
 """A campaign: the trials of its sample sheet, and what the rules ask about each of them."""
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -10,7 +9,7 @@ from typing import Any
 from osl_analysis.campaign.configuration import Config
 from osl_analysis.config.experiments import EXPERIMENTS, ResultTable
 from osl_analysis.config.sheet import FIXTURE, SheetRows, read_sheet
-from osl_analysis.errors import InputError, naming
+from osl_analysis.errors import InputError, naming, nearest
 from osl_analysis.files import shipped
 from osl_analysis.ingest.raw_files import recorded_files
 from osl_analysis.model.compensator import CONTROLLERS
@@ -48,16 +47,8 @@ class Campaign:
     def row(self, trial: str) -> Mapping[str, Any]:
         """One trial's row of the sheet, empty cells as None."""
         if trial not in self.rows:
-            raise InputError(
-                f"{self.config.sheet}: no trial '{trial}'; it has"
-                f" {', '.join([*self.rows][:5])}, ..."
-            )
+            raise InputError(f"{self.config.sheet}: no trial '{trial}'{nearest(trial, self.rows)}")
         return self.rows[trial]
-
-    def pattern(self, experiment: str) -> str:
-        """A regular expression that matches the trials of an experiment, and no trial of
-        another."""
-        return "|".join(map(re.escape, self.trials(experiment))) or "(?!)"
 
     # ---- Crossings of the walkway
 

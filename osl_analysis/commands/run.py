@@ -21,7 +21,7 @@ from osl_analysis.errors import InputError, listing, nearest
 from osl_analysis.files import CAMPAIGN, PACKAGE, check_working_folder, shipped
 from osl_analysis.jobs.workers import end_workers
 from osl_analysis.outcomes.job_log import run_report
-from osl_analysis.refusal import MOST_TOLD, is_refused
+from osl_analysis.refusal import MOST_TOLD, failed_results, is_refused
 from osl_analysis.yaml_settings import read_mapping
 
 CONFIGURED_BY = ("--configfile", "--configfiles")
@@ -74,6 +74,11 @@ def configuration_files(arguments: Iterable[str]) -> Iterator[Path]:
             yield Path(file)
 
 
+def check_profile(arguments: Sequence[str]) -> None:
+    """Refuse a profile that is named and does not exist. Raises InputError."""
+    list(with_shipped_profile(arguments))
+
+
 def with_shipped_profile(arguments: Sequence[str]) -> Iterator[str]:
     """The arguments, with the folder of a shipped profile where it is named, as `profiles/slurm`,
     and none here has its name.
@@ -120,7 +125,8 @@ def end_run(
     """Say what a run has made, at the exit of Snakemake, and end it with exit code 1 if a result
     that was asked for is refused, unless refusals are to `accept`.
 
-    A page whose inputs could not be made is removed: it shows older ones.
+    A page whose inputs could not be made is removed: it shows older ones. So is what a job left
+    that failed, so that the next run tries it again.
 
     Parameters
     ----------
@@ -151,6 +157,9 @@ def end_run(
             not_made(unfinished),
             report(files, refused),
         ]
+        # a later run makes them: by then the fault may be mended, or memory be enough
+        for file in failed_results(refused):
+            file.unlink(missing_ok=True)
         if str(page) in files and page.is_file():
             lines.append(f"open {page} in a browser: every number, figure and trial")
         print("\n".join(filter(None, lines)), file=sys.stderr, flush=True)

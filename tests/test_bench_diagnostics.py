@@ -15,19 +15,14 @@ from osl_analysis.bench import effects
 from osl_analysis.bench.analysis import fitted_motion
 from osl_analysis.bench.bench_settings import DynamometerAnalysis
 from osl_analysis.bench.coulomb import coulomb_fits, with_friction, without_friction
-from osl_analysis.bench.effects import (
-    IMPEDANCE,
-    belt_of_leg,
-    is_leg,
-    plain_sums,
-    with_effects,
-)
+from osl_analysis.bench.effects import IMPEDANCE, plain_sums, with_effects
 from osl_analysis.bench.impedance import (
     DesiredImpedance,
     fit_and_judge_impedance,
     impedance_table,
     rendered_impedance,
 )
+from osl_analysis.bench.leg_belt import belt_of_leg, is_leg
 from osl_analysis.bench.record import signals_of, with_actuator
 from osl_analysis.bench.recorded_motion import record_of_trial
 from osl_analysis.campaign.configuration import read_section

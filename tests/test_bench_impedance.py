@@ -12,9 +12,10 @@ from scipy.ndimage import shift
 
 from osl_analysis.bench.analysis import analysed
 from osl_analysis.bench.bench_settings import BenchStiffness
-from osl_analysis.bench.effects import IMPEDANCE, Fault, plain_sums
+from osl_analysis.bench.effects import IMPEDANCE, plain_sums
 from osl_analysis.bench.frequency_response import frequency_response_table
 from osl_analysis.bench.impedance import DesiredImpedance, fit_and_judge_impedance, lag_row
+from osl_analysis.bench.leg_belt import Fault
 from osl_analysis.bench.phasors import phasor_table, phasors_of_record
 from osl_analysis.bench.recorded_motion import record_of_trial
 from osl_analysis.campaign.configuration import read_section

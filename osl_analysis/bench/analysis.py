@@ -10,17 +10,12 @@ import polars as pl
 from numpy.typing import NDArray
 
 from osl_analysis.bench.bench_settings import NOT_STATED, Calibration
-from osl_analysis.bench.effects import (
-    Fault,
-    Model,
-    noise_of_angle,
-    plain_sums,
-    with_effects,
-)
+from osl_analysis.bench.effects import Model, noise_of_angle, plain_sums, with_effects
 from osl_analysis.bench.fit_tables import Series, timebase_table
 from osl_analysis.bench.group_fit import GroupFit, held_out_vaf
 from osl_analysis.bench.group_sums import Sums
 from osl_analysis.bench.identifiability import check_moves, check_told
+from osl_analysis.bench.leg_belt import Fault
 from osl_analysis.bench.plausibility import check_stiffer
 from osl_analysis.bench.record import Record
 from osl_analysis.bench.recorded_motion import SHORTEST_S
@@ -304,7 +299,7 @@ def missing_band(record: Record, moving_s: float, error: IdentifiabilityError) -
             " excite it as well"
         )
     low_hz, high_hz = record.band_hz
-    reason = str(error).partition(";")[0]
+    reason = error.reason
     return (
         f"the joint moves for {moving_s:.2g} of the {record.seconds:.3g} s that are fitted, at"
         f" {low_hz:.2g} to {high_hz:.2g} Hz: {reason}; keep it moving by 0.5 to 6 Hz, or take the"

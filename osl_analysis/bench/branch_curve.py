@@ -68,7 +68,8 @@ def local_parabola(
     Returns
     -------
     LocalParabola
-        All NaN with too few samples; the slope alone if they do not reach the ends of the window.
+        All NaN with too few samples. If they do not reach the ends of the window, only the slope is
+        NaN.
 
     Notes
     -----

@@ -93,7 +93,7 @@ def fit_groups(
     """
     names, columns = tuple(model), list(model.values())
     equations = normal_equations(s, columns, keep)
-    solution = identified(model, equations.left_side, equations.right_side, limit, s.no_estimates)
+    solution = identified(model, equations.left_side, equations.right_side, limit)
     estimates = solution.estimates
     n = equations.samples
     if n <= len(names):
@@ -157,7 +157,7 @@ def held_out_vaf(s: Sums, model: Mapping[str, str], label: Label = None) -> floa
             return None
         A, b = total[np.ix_(columns, columns)], total[columns, s.torque]
         try:
-            estimates = identified(model, A, b, CONDITION_LIMIT, s.no_estimates).estimates
+            estimates = identified(model, A, b, CONDITION_LIMIT).estimates
         except IdentifiabilityError:
             return None
         for groups in held_out:

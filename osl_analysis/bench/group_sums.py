@@ -59,8 +59,6 @@ class Sums:
         Rows after which filtered noise is independent.
     rounded : Array (m, q, k) or None
         Products of the columns with the torques of `Record.rounded`.
-    no_estimates : frozenset of str
-        Nearly collinear columns whose estimates nobody uses.
     """
 
     names: tuple[str, ...]
@@ -73,7 +71,6 @@ class Sums:
     columns: Mapping[str, Array]
     independent: float = 1.0
     rounded: Array | None = None
-    no_estimates: frozenset[str] = frozenset()
 
     def index(self, names: Sequence[str]) -> list[int]:
         return [self.names.index(name) for name in names]
@@ -101,7 +98,6 @@ def gram_sums(
     columns: Mapping[str, Array],
     rich: Sequence[str],
     centre: float = 0.0,
-    no_estimates: frozenset[str] = frozenset(),
     rounded: Array | None = None,
 ) -> Sums:
     """Sum the products of columns (n,) and of the record's torque, in each group.
@@ -136,7 +132,6 @@ def gram_sums(
         columns=columns,
         independent=max(record.rate_hz / (2 * record.low_pass.noise_bandwidth_hz), 1.0),
         rounded=products_with_rounded,
-        no_estimates=no_estimates,
     )
 
 
@@ -301,7 +296,6 @@ def identified(
     A: Array,
     b: Array,
     limit: float,
-    no_estimates: frozenset[str] = frozenset(),
 ) -> Identified:
     """Solve the normal equations of a model, A (p, p) and b (p,).
 
@@ -311,8 +305,7 @@ def identified(
         The condition number is above the limit, or a column is 0.
     """
     estimates, inverse = solved(A, b)
-    left_out = {"one", *no_estimates}
-    varies = [k for k, column in enumerate(model.values()) if column not in left_out]
+    varies = [k for k, column in enumerate(model.values()) if column != "one"]
     about_means = inverse[np.ix_(varies, varies)]
     scale = np.sqrt(regression.check_not_zero(tuple(model), np.diag(A)))
     values, vectors = np.linalg.eigh(A / np.outer(scale, scale))

@@ -17,14 +17,16 @@ from osl_analysis.bench.analysis import (
     share_of_inertia,
     without_lag,
 )
-from osl_analysis.bench.effects import IMPEDANCE, Belt, Fault
+from osl_analysis.bench.effects import IMPEDANCE
 from osl_analysis.bench.group_fit import GroupFit
 from osl_analysis.bench.group_sums import Sums, estimates_of, solved
 from osl_analysis.bench.identifiability import turn_deg
 from osl_analysis.bench.joint_fit import ClockDrift
 from osl_analysis.bench.joint_inference import impedance_fits
+from osl_analysis.bench.leg_belt import Belt, Fault, belt_of_leg, is_leg
 from osl_analysis.bench.plausibility import check_resists, plausible_impedance
 from osl_analysis.bench.record import Record
+from osl_analysis.bench.repeated_motion import clocks_row, repeats_row
 from osl_analysis.bench.row_groups import Label
 from osl_analysis.errors import nearest
 from osl_analysis.inference.constants import BLOCKS
@@ -134,7 +136,7 @@ def impedance_table(
     p
         The device. With theta_m it gives the belt, which shows a lag that Eq. 15 hides where it
         does not fit the drivetrain. Without it a joint whose actuator turns is taken for a leg,
-        since its drivetrain is no fault of the recording (`effects.is_leg`).
+        since its drivetrain is no fault of the recording (`leg_belt.is_leg`).
 
     Notes
     -----
@@ -153,9 +155,9 @@ def impedance_table(
         The torque drives the motion.
     """
     record = analysis.record
-    belt = effects.belt_of_leg(record, p)
+    belt = belt_of_leg(record, p)
     check_drives_nothing(analysis)
-    fits = impedance_fits(analysis, s, effects.is_leg(record, p))
+    fits = impedance_fits(analysis, s, is_leg(record, p))
     lag = belt.torque if belt else None
     of_trial: Row = {
         **motion_row(record),
@@ -206,10 +208,10 @@ def belt_row(belt: Belt | None, p: DrivetrainParameters | None) -> Row:
 def change_row(record: Record, s: Sums, drift: ClockDrift | None) -> Row:
     """How K and the clocks of angle and torque change during the trial: by repeats of one motion,
     or else by the inference."""
-    of_repeats = effects.repeats_row(record, s, IMPEDANCE)
+    of_repeats = repeats_row(record, s, IMPEDANCE)
     clocks: Row = {name: of_repeats[name] for name in NO_DRIFT}
     if drift is not None and clocks["clock_drift_ppm"] is None:
-        clocks = effects.clocks_row(record, drift.ppm, drift.standard_error, BLOCKS - 1)
+        clocks = clocks_row(record, drift.ppm, drift.standard_error, BLOCKS - 1)
     return {"K_drift": of_repeats["K_drift"], **clocks}
 
 

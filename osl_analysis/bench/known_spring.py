@@ -11,6 +11,7 @@ from osl_analysis.bench.analysis import QUANTITIES, Analysis, widened
 from osl_analysis.bench.effects import IMPEDANCE
 from osl_analysis.bench.group_fit import GroupFit
 from osl_analysis.bench.joint_inference import misfit_of_losses
+from osl_analysis.bench.late_torque import LateFit, late_fit
 from osl_analysis.bench.plausibility import check_resists
 from osl_analysis.bench.record import Record
 from osl_analysis.errors import InputError
@@ -52,22 +53,21 @@ def late_fits(record: Record, is_spring: bool) -> LateFits:
     few = record.coarse
     model = {**IMPEDANCE, "T_C": "T_C"}
     columns, centre = effects.effect_columns(record)
-    late_fit = partial(effects.late_fit, few, columns, centre=centre, rounded=record.rounded)
+    fit_late = partial(late_fit, few, columns, centre=centre, rounded=record.rounded)
     if not is_spring:
-        fit, _ = late_fit(model=model)
+        fit = fit_late(model=model).fit
         return LateFits(fit, fit)
 
     undamped_model = {name: column for name, column in model.items() if name != "B"}
-    undamped, _ = late_fit(model=undamped_model)
+    undamped = fit_late(model=undamped_model).fit
 
-    def is_unlikely(found: tuple[GroupFit, float]) -> bool:
+    def is_unlikely(late: LateFit) -> bool:
         """Whether the search has not ended, or ended in the false minimum of a delay, beside a
         negative damping."""
-        fit, last_step = found
-        return abs(last_step) > effects.LAG_FOUND or fit.interval("B")[1] < 0
+        return not late.has_ended or late.fit.interval("B")[1] < 0
 
-    tried = [late_fit(model=model, lag=lag) for lag in (0.0, undamped["lag_s"])]
-    damped, _ = min(tried, key=is_unlikely)
+    tried = [fit_late(model=model, lag_s=lag_s) for lag_s in (0.0, undamped["lag_s"])]
+    damped = min(tried, key=is_unlikely).fit
     is_damped = damped["B"] > 0 and damped.certain("B", effects.FALSE_ALARM)
     return LateFits(damped if is_damped else undamped, damped)
 
@@ -163,10 +163,12 @@ def bench_estimates(record: Record, fits: LateFits, known: Known, of: float) -> 
 
 def lag_of_loss(band_hz: tuple[float, float]) -> Array:
     """Standard deviation (3,) of the lag [s] that a spring's own loss makes, in the middle of a
-    band."""
-    lowest, highest = band_hz
-    sd = SPRING_LOSS / (2 * np.pi * np.sqrt(np.prod([lowest, highest]) * 3))
-    return np.array([sd, 0.0, 0.0])
+    band; of gain and fixture it is 0. A phase of d at f is a lag of d/(2 pi f)."""
+    lowest_hz, highest_hz = band_hz
+    middle_hz = np.sqrt(lowest_hz * highest_hz)
+    largest_lag_s = SPRING_LOSS / (2 * np.pi * middle_hz)
+    # of a rectangular distribution
+    return np.array([largest_lag_s / np.sqrt(3), 0.0, 0.0])
 
 
 def beyond_interval(fit: GroupFit, name: str, difference: float) -> float:

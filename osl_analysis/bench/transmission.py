@@ -10,6 +10,7 @@ from osl_analysis.bench.group_fit import GroupFit
 from osl_analysis.bench.joint_fit import LOSSES_SYMBOLS, estimate_columns, misfit_columns
 from osl_analysis.bench.joint_inference import misfit_of_losses
 from osl_analysis.bench.record import Record
+from osl_analysis.bench.repeated_motion import repeats_row
 from osl_analysis.stats.estimates import Estimate
 from osl_analysis.stats.regression import Row, estimates_row
 
@@ -29,7 +30,7 @@ def transmission_table(analysis: Analysis) -> pl.DataFrame:
     A late torque reduces J_j by B_j times the lag, and leaves a third derivative of the angle,
     which shows it."""
     record, s = analysis.record, effects.sums_of(analysis.record, TRANSMISSION)
-    repeats = effects.repeats_row(record, s, TRANSMISSION)
+    repeats = repeats_row(record, s, TRANSMISSION)
     del repeats["K_drift"]  # losses have no stiffness
     friction = coulomb_fits(s, analysis)
     misfit = misfit_of_losses(record)

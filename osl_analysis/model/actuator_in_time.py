@@ -130,8 +130,20 @@ def actuator_paths(theta: Array, paths: Array, motions: Array, laws: Array, plan
         then = theta[i + 1]
         for leg in range(len(paths)):
             path = paths[leg]
-            # next angle and next velocity by theta_m, omega_m, theta, next theta; then by a torque
-            a, b, c, d, e, f, g, h, drift, kick = motions[leg]
+            # linear part of a step: next angle and next velocity by theta_m, omega_m, theta and the
+            # next theta, and by a torque
+            (
+                angle_by_angle,
+                angle_by_velocity,
+                angle_by_theta,
+                angle_by_next_theta,
+                velocity_by_angle,
+                velocity_by_velocity,
+                velocity_by_theta,
+                velocity_by_next_theta,
+                angle_by_torque,
+                velocity_by_torque,
+            ) = motions[leg]
             K_1, B_1, cancels, sign_width, constant, f_C, f_G, angle_age, velocity_age = laws[leg]
             torque_constant, coulomb, gear, n_T, K_s2 = plants[leg]
             theta_m = path[0, i]
@@ -153,14 +165,24 @@ def actuator_paths(theta: Array, paths: Array, motions: Array, laws: Array, plan
                 + K_s2 * theta_s * abs(theta_s) / n_T
             )
             velocity_without_friction = (
-                e * theta_m + f * omega_m + g * now + h * then + kick * torque
+                velocity_by_angle * theta_m
+                + velocity_by_velocity * omega_m
+                + velocity_by_theta * now
+                + velocity_by_next_theta * then
+                + velocity_by_torque * torque
             )
+            # friction stops the actuator, if it is large enough for that
             largest = coulomb + gear * abs(current)
-            friction = min(max(velocity_without_friction / kick, -largest), largest)
+            stopping = velocity_without_friction / velocity_by_torque
+            friction = min(max(stopping, -largest), largest)
             path[0, i + 1] = (
-                a * theta_m + b * omega_m + c * now + d * then + drift * (torque - friction)
+                angle_by_angle * theta_m
+                + angle_by_velocity * omega_m
+                + angle_by_theta * now
+                + angle_by_next_theta * then
+                + angle_by_torque * (torque - friction)
             )
-            path[1, i + 1] = velocity_without_friction - kick * friction
+            path[1, i + 1] = velocity_without_friction - velocity_by_torque * friction
 
 
 @compiled

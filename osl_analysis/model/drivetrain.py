@@ -29,6 +29,14 @@ LARGEST_PARAMETER = 1e9
 FASTEST_DESIRED = 1e9
 
 
+class ParameterError(InputError):
+    """A parameter of a drivetrain is out of range; `name` is the parameter's."""
+
+    def __init__(self, name: str, message: str) -> None:
+        super().__init__(message)
+        self.name = name
+
+
 @dataclass(frozen=True)
 class DrivetrainParameters:
     """Actuator and transmission (Table I); J_m and B_m are at the actuator's output."""
@@ -47,10 +55,11 @@ class DrivetrainParameters:
 
     def __post_init__(self) -> None:
         if self.f_G >= self.k_tau * self.n_m:
-            raise InputError(
+            raise ParameterError(
+                "f_G",
                 f"parameter f_G = {self.f_G} N*m/A is not below k_tau n_m ="
                 f" {self.k_tau * self.n_m:g}: gear friction would exceed the motor's torque;"
-                " correct the parameter file"
+                " correct the parameter file",
             )
         for name, unit in PARAMETER_UNITS.items():
             value = getattr(self, name)
@@ -58,9 +67,10 @@ class DrivetrainParameters:
                 continue
             if not SMALLEST_PARAMETER <= value <= LARGEST_PARAMETER:
                 zero = "" if name in NEVER_ZERO else "zero or "
-                raise InputError(
+                raise ParameterError(
+                    name,
                     f"parameter {name} = {value} {unit} must be {zero}positive, 1e-09 to 1e+09;"
-                    " correct the parameter file"
+                    " correct the parameter file",
                 )
 
 
@@ -156,9 +166,9 @@ def read_parameters(path: Path) -> DrivetrainParameters:
     values = {name: quantity.value for name, quantity in file.parameters.items()}
     try:
         return DrivetrainParameters(**values)
-    except InputError as error:
-        name = str(error).split(maxsplit=2)[1]  # "parameter NAME = ..."
-        raise InputError(f"{path}: {located([path], ('parameters', name))}{error}") from error
+    except ParameterError as error:
+        place = located([path], ("parameters", error.name))
+        raise InputError(f"{path}: {place}{error}") from error
 
 
 @dataclass(frozen=True)

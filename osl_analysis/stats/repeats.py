@@ -65,8 +65,8 @@ def repeating_trials(table: pl.DataFrame) -> pl.Series:
 
 
 def alike_sizes(sizes: pl.Series, ratio: float = 1.15) -> pl.Series:
-    """Labels by which measured amplitudes (n,) [deg] are paired: the median, to three digits, of
-    each chain of sizes that follow one another by less than 15 %. Null stays null."""
+    """Labels by which sizes (n,) are paired: the median, to three digits, of each chain of sizes
+    that follow one another by less than `ratio`. Null stays null."""
     order = sizes.unique().drop_nulls().sort()
     number = (order > ratio * order.shift(1)).fill_null(False).cum_sum()
     labels = pl.DataFrame({"size": order, "number": number}).select(

@@ -128,9 +128,8 @@ def isolate_response(
     plate_errors = plate_errors - mean_at(gait.plate_errors, phase)
     lab_errors = lab_errors - mean_at(gait.lab_errors, phase)
 
-    samples = round(timing.baseline_s * sampling_rate(time))
-    baseline = slice(MARGIN, MARGIN + samples)
-    window_samples = round(timing.window_s / (time[1] - time[0]))
+    baseline = slice(MARGIN, MARGIN + round(timing.baseline_s * rate))
+    window = slice(before, before + round(timing.window_s * rate))
     return PerturbationResponse(
         name=crossing.name,
         time=time,
@@ -139,7 +138,7 @@ def isolate_response(
         plate_errors=zeroed(plate_errors, baseline),
         lab_errors=zeroed(lab_errors, baseline),
         behaviour=behaviour_before(time, thetas, torques),
-        window=slice(before, before + window_samples),
+        window=window,
         sign=crossing.sign,
         stance=aligned.stance,
         stance_change=crossing.stance.duration / aligned.expected - 1,

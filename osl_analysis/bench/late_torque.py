@@ -1,0 +1,110 @@
+"""A model fitted to a torque that is late."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy
+
+from osl_analysis.bench.effects import Model
+from osl_analysis.bench.group_fit import GroupFit, fit_groups
+from osl_analysis.bench.group_sums import EFFECTS_LIMIT, NEXT, gram_sums
+from osl_analysis.bench.record import Record
+from osl_analysis.trial import Array
+
+LONGEST_LAG = 0.02  # s; the largest lag that is sought
+LAG_FOUND = 1e-6  # s; last step of a search that has come to its end
+LAG_CONVERGED = 1e-9  # s; the step after it would be a thousand times smaller
+MOST_STEPS = 6  # of a search for a lag
+
+
+@dataclass(frozen=True)
+class LateFit:
+    """A model with a lag of the torque.
+
+    Attributes
+    ----------
+    fit : GroupFit
+        Its last estimate is the lag, `lag_s` [s].
+    last_step_s : float
+        Last step of the search [s].
+    """
+
+    fit: GroupFit
+    last_step_s: float
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether the search has come to its end."""
+        return abs(self.last_step_s) <= LAG_FOUND
+
+
+def late_fit(
+    few: Record,
+    columns: Mapping[str, Array],
+    model: Model,
+    centre: float = 0.0,
+    prompt_torque: Array | float = 0.0,
+    rounded: Array | None = None,
+    lag_s: float = 0.0,
+) -> LateFit:
+    """Fit a model to a torque that is late (Gauss-Newton).
+
+    In each step the torque is advanced by the lag that is known so far. The slope of the torque is
+    a column, which gives the lag that remains. The slope is the model's, as far as its derivatives
+    are columns: that of a noisy torque would pull the lag to 0. It needs estimates, so that the
+    first step is a fit without a lag. A model without derivatives uses the torque's own slope.
+
+    Parameters
+    ----------
+    few : Record
+        A coarse record of n rows.
+    columns : Mapping of Array (n,)
+        Columns by name.
+    model : Mapping
+        Column of each estimate.
+    centre, rounded
+        As `gram_sums` takes them.
+    prompt_torque : Array (n,) or float
+        Part of the torque that is not late, and is subtracted [N*m].
+    lag_s : float
+        Where the search starts [s].
+
+    Raises
+    ------
+    InputError, IdentifiabilityError
+        As `fit_groups`.
+    """
+    torque_at = scipy.interpolate.make_interp_spline(few.time, few.filtered_torque, 5)
+    derivatives = {
+        name: columns[NEXT[column]] for name, column in model.items() if NEXT.get(column) in columns
+    }
+    fit: GroupFit | None = None
+    step_s = 0.0
+    for _ in range(MOST_STEPS):
+        then = np.clip(few.time + lag_s, few.time[0], few.time[-1])
+        advanced = few.filtered_torque if lag_s == 0.0 else torque_at(then)
+        target = replace(
+            few, filtered_torque=advanced - prompt_torque, torque=advanced - prompt_torque
+        )
+        slope: Array | None = None
+        if not derivatives:
+            slope = torque_at(then, 1)
+        elif fit is not None:
+            terms = [fit[name] * column for name, column in derivatives.items()]
+            slope = np.sum(terms, axis=0)
+        if slope is None:
+            sums = gram_sums(target, columns, list(columns), centre, rounded=rounded)
+            fit = fit_groups(sums, model, limit=EFFECTS_LIMIT)
+            continue
+
+        with_late = {**columns, "late": -slope}
+        sums = gram_sums(target, with_late, list(columns), centre, rounded=rounded)
+        fit = fit_groups(sums, {**model, "lag_s": "late"}, limit=EFFECTS_LIMIT)
+        step_s = fit["lag_s"]
+        lag_s = float(np.clip(lag_s + step_s, -LONGEST_LAG, LONGEST_LAG))
+        if abs(step_s) < LAG_CONVERGED:
+            break
+    assert fit is not None
+    with_lag = np.append(fit.estimates[:-1], lag_s)
+    return LateFit(replace(fit, estimates=with_lag), step_s)

@@ -1,0 +1,161 @@
+"""The belt of a leg, and what it tells of lags of the torque and of theta_m."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy
+
+from osl_analysis.bench.effects import FALSE_ALARM, columns_of
+from osl_analysis.bench.group_fit import GroupFit
+from osl_analysis.bench.late_torque import late_fit
+from osl_analysis.bench.record import Record, actuator_turns
+from osl_analysis.errors import IdentifiabilityError, InputError
+from osl_analysis.inference.friction_shapes import slipping_spring
+from osl_analysis.model.drivetrain import DrivetrainParameters, belt_deflection
+from osl_analysis.trial import Array
+
+POSSIBLE = 2.0  # standard errors by which a lag may exceed its estimate
+# half-widths [rad] of the slipping springs that model a belt's hysteresis
+WOUND_UP = (0.5e-3, 1.5e-3, 4e-3)
+# SD [s] of a lag due to hysteresis that these do not model; simulated legs: 10 to 150
+BELT_ERROR = 80e-6
+# of the joint's angle: errors of encoders reach that, and a joint beside an idle motor is no leg
+LEAST_DEFLECTION = 0.05
+# of the file's K_s, beyond which the belt is another one
+LEAST_K_S = 0.7
+LARGEST_K_S = 1.4
+OTHER_B_J = 3.0  # factor by which losses vary from joint to joint about the parameter file's
+# the motion cannot tell effects apart
+CANNOT_TELL = (IdentifiabilityError, InputError, np.linalg.LinAlgError)
+
+
+@dataclass(frozen=True)
+class Fault:
+    """Size of a fault of a recording."""
+
+    size: float  # in its unit
+    se: float  # its standard error
+    found: bool  # whether it is certain
+    possible: float  # largest size that may be present without being found
+
+
+def is_certain(size: float, se: float, freedom: float) -> bool:
+    """Whether a size differs from 0 by a two-sided test at the level `FALSE_ALARM`."""
+    return abs(size) > float(scipy.special.stdtrit(freedom, 1 - FALSE_ALARM / 2)) * se
+
+
+@dataclass(frozen=True)
+class Belt:
+    """The belt between theta_m and the joint, by a leg's recording."""
+
+    K_s: float  # [N*m/rad]
+    # lag [s] of the torque behind the joint's angle; None: the belt is not the file's
+    torque: Fault | None = None
+    theta_m: Fault | None = None  # the same of theta_m
+
+
+def is_leg(record: Record, p: DrivetrainParameters | None) -> bool:
+    """Whether a drivetrain renders the joint: its motor turns, and winds up the belt. A joint
+    beside an idle motor is no leg. Without a parameter file the motor's turning has to do."""
+    if p is None or "theta_m" not in record.actuator:
+        return actuator_turns(record)
+    few = record.coarse
+    theta_m = few.actuator["theta_m"]
+    deflection = belt_deflection(few.motion.theta, theta_m, p)
+    least = LEAST_DEFLECTION * float(np.std(few.part(few.motion.theta)))
+    motor_turns = float(np.std(few.part(theta_m / p.n_T))) >= least
+    belt_is_wound = float(np.std(few.part(deflection))) >= least
+    return motor_turns and belt_is_wound
+
+
+def belt_of_leg(record: Record, p: DrivetrainParameters | None) -> Belt | None:
+    """The belt of a leg, and what it tells of lags.
+
+    Whatever controller and friction do, torque - J_j alpha - B_j omega is the belt's torque (Eq.
+    4): a spring with slipping springs over theta - theta_m/n_T. A late theta_m looks like a smaller
+    B_j, so that B_j is free while it agrees with the file's; a wrong B_j then makes no lag.
+    Otherwise either theta_m is late and B_j the file's, or B_j differs and theta_m is on time. If
+    the joint may have that B_j, a lag that depends on this choice is not found.
+
+    Returns
+    -------
+    Belt or None
+        None without a parameter file or theta_m, of a joint that is no leg, or where the motion
+        cannot tell.
+    """
+    if p is None or "theta_m" not in record.actuator or not is_leg(record, p):
+        return None
+    few = record.coarse
+    theta_m = few.actuator["theta_m"]
+    columns = belt_columns(few, belt_deflection(few.motion.theta, theta_m, p))
+    try:
+        return belt_from(few, columns, theta_m, p)
+    except CANNOT_TELL:
+        return None
+
+
+def belt_columns(few: Record, wound: Array) -> dict[str, Array]:
+    """Columns (n,) of the belt's torque for its deflection (n,) [rad]."""
+    columns, _ = columns_of(few)
+    del columns["theta"], columns["alpha"]
+    columns["wound"] = wound - wound.mean()
+    slips = np.array([slipping_spring(wound, width) for width in WOUND_UP])
+    for k, column in enumerate(few.low_pass(slips.T, few.rate_hz).T):
+        columns[f"slips_{k}"] = column
+    return columns
+
+
+def belt_from(
+    few: Record, columns: Mapping[str, Array], theta_m: Array, p: DrivetrainParameters
+) -> Belt:
+    """The belt by fits to columns (n,). Raises as `fit_groups`."""
+    # the torque per velocity of the joint is B_j
+    fit = belt_fit(few, columns, p, known_B_j=0.0)
+    K_s, B_j = fit["wound"], fit["omega"]
+    if not LEAST_K_S < K_s / p.K_s < LARGEST_K_S:
+        return Belt(K_s)
+    torque_late = lag_of(fit)
+    motor_late = fault((p.B_j - B_j) / K_s, fit.se("omega") / K_s, fit.freedom("omega"))
+    if not motor_late.found:
+        return Belt(K_s, torque_late, motor_late)
+
+    # B_j is the file's, and the torque per velocity of the motor is its lag
+    of_motor = {**columns, "omega": np.gradient(theta_m, 1 / few.rate_hz) / p.n_T}
+    fit = belt_fit(few, of_motor, p, known_B_j=p.B_j)
+    K_s_on_time = fit["wound"]
+    lag = -fit["omega"] / K_s_on_time
+    lag_se = fit.se("omega") / K_s_on_time
+    motor_late = fault(lag, lag_se, fit.freedom("omega"))
+    otherwise, torque_late = torque_late, lag_of(fit)
+    agree = otherwise.found and otherwise.size * torque_late.size > 0
+    joint_may_have_B_j = p.B_j / OTHER_B_J < B_j < p.B_j * OTHER_B_J
+    is_found = torque_late.found and (agree or not joint_may_have_B_j)
+    return Belt(K_s, replace(torque_late, found=is_found), motor_late)
+
+
+def belt_fit(
+    few: Record, columns: Mapping[str, Array], p: DrivetrainParameters, known_B_j: float
+) -> GroupFit:
+    """Fit the belt's columns to what joint inertia and a known damping leave of the torque.
+
+    Raises
+    ------
+    IdentifiabilityError
+        The columns cannot be told apart, or the search for a lag does not end.
+    """
+    of_joint = p.J_j * few.motion.alpha + known_B_j * few.motion.omega
+    late = late_fit(few, columns, {name: name for name in columns}, prompt_torque=of_joint)
+    if not late.has_ended:
+        raise IdentifiabilityError("the search for the lag of the belt's torque does not end")
+    return late.fit
+
+
+def lag_of(fit: GroupFit) -> Fault:
+    return fault(fit["lag_s"], fit.se("lag_s"), fit.freedom("lag_s"))
+
+
+def fault(size: float, se: float, freedom: float) -> Fault:
+    """A lag [s] with its standard error, to which that by the belt's hysteresis is added."""
+    se = float(np.hypot(se, BELT_ERROR))
+    return Fault(size, se, is_certain(size, se, freedom), abs(size) + POSSIBLE * se)

@@ -11,7 +11,7 @@ from bench_synthetic import FIVE, second_order, stepped_sine, table_of
 from conftest import ROOT, findings_of, marked
 from scipy.interpolate import CubicSpline
 
-from osl_analysis.bench import effects
+from osl_analysis.bench import leg_belt
 from osl_analysis.bench.analysis import fitted_motion
 from osl_analysis.bench.bench_settings import DynamometerAnalysis
 from osl_analysis.bench.coulomb import coulomb_fits, with_friction, without_friction
@@ -192,7 +192,7 @@ def cannot_tell(*_):
 def test_a_leg_whose_belt_no_fit_tells_is_still_fitted_by_least_squares(monkeypatch):
     trial = leg(move=noise)
     record = with_actuator(record_of_trial(trial, SETTINGS), trial)
-    monkeypatch.setattr(effects, "belt_from", cannot_tell)
+    monkeypatch.setattr(leg_belt, "belt_from", cannot_tell)
 
     row = impedance_table(*rendered_impedance(record), P).row(-1, named=True)
 

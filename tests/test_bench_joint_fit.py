@@ -225,7 +225,7 @@ def test_stamps_that_can_be_read_in_two_ways_widen_the_intervals():
     later_filtered = np.interp(record.time - 2e-4, record.time, record.filtered_torque)
     other = replace(record, torque=later, filtered_torque=later_filtered, uniform=None)
 
-    plain, both = row_of(record), row_of(replace(record, other=other))
+    plain, both = row_of(record), row_of(replace(record, with_other_stamps=other))
 
     assert both["widened_because"] == "the time stamps can be read in two ways"
     assert plain["widened_because"] is None

@@ -74,7 +74,7 @@ def actuator_trial(trial: Trial, settings: ActuatorAnalysis) -> Analysis:
         found = actuator_of(signals, settings)
         other = signals.other()
         if other is not None:
-            found = replace(found, others=actuator_of(other, settings).fits)
+            found = replace(found, fits_with_other_stamps=actuator_of(other, settings).fits)
     return found
 
 

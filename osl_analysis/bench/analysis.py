@@ -59,7 +59,7 @@ class Analysis:
         What was fitted.
     fits : Mapping
         By label. The intervals include the error of the bench's stiffness; offsets are at angle 0.
-    others : Mapping
+    fits_with_other_stamps : Mapping
         The same with the other reading of undecided stamps; empty: all are decided.
     label
         Of the fit that stands for the trial.
@@ -69,7 +69,7 @@ class Analysis:
     sums: Sums
     model: Model
     fits: Mapping[Label, GroupFit]
-    others: Mapping[Label, LinearFit]
+    fits_with_other_stamps: Mapping[Label, LinearFit]
     label: Label = None
 
     @property
@@ -153,7 +153,7 @@ class Analysis:
         by_torque_gain = stated.torque * fit.estimates
         by_angle_gain = stated.angle_gain * powers * fit.estimates
         for change in (by_torque_gain, by_angle_gain, *by_torques.T):
-            fit = widened(fit, change, shared=True)
+            fit = widened(fit, change, of_bench=True)
         return fit
 
     def judged(self, label: Label = None, other: str | None = None) -> Row:
@@ -166,7 +166,7 @@ class Analysis:
         interval_method = other or fit.interval_method
         return diagnostics_row(fit, interval_method, record.rate_hz, whiteness_row(residual))
 
-    def shared(self, label: Label, *names: str) -> Row:
+    def beside_diagnostics(self, label: Label, *names: str) -> Row:
         """VAF of held-out data, the subtracted drift [N*m/min], and the change by another time
         base."""
         return {
@@ -179,7 +179,7 @@ class Analysis:
         """`time_base_shift`: the largest change of an estimate by the other reading of undecided
         stamps, in half-widths of its 95 % interval; null if the stamps are decided."""
         fit = self.fits[label]
-        other = self.others.get(label)
+        other = self.fits_with_other_stamps.get(label)
         if other is None:
             return {"time_base_shift": None}
         shifts = []
@@ -191,7 +191,7 @@ class Analysis:
     def time_base(self, names: Sequence[str]) -> pl.DataFrame:
         """The trial's rows of `timebase.csv`."""
         fit = self.whole
-        other = self.others.get(self.label)
+        other = self.fits_with_other_stamps.get(self.label)
         other_hypothesis = None
         if other is not None:
             changes = {name: 100 * (other[name] / fit[name] - 1) for name in names}
@@ -350,16 +350,16 @@ def analysed(record: Record, sums: Sums, model: Model, again: SumsOf = plain_sum
         As `fit_groups`.
     """
     fits = fits_by_label(sums, model)
-    if record.softer is not None:
-        softer = fits_by_label(again(record.softer, model), model)
+    if record.on_softer_bench is not None:
+        softer = fits_by_label(again(record.on_softer_bench, model), model)
         fits = {
-            label: widened(fit, softer[label].estimates - fit.estimates, shared=True)
+            label: widened(fit, softer[label].estimates - fit.estimates, of_bench=True)
             for label, fit in fits.items()
             if label in softer
         }
     others: Mapping[Label, GroupFit] = {}
-    if record.other is not None:
-        others = fits_by_label(again(record.other, model), model)
+    if record.with_other_stamps is not None:
+        others = fits_by_label(again(record.with_other_stamps, model), model)
     return Analysis(record, sums, model, fits, others)
 
 
@@ -382,16 +382,16 @@ def fits_by_label(sums: Sums, model: Model) -> dict[Label, GroupFit]:
     return fits
 
 
-def widened(fit: GroupFit, change: Array, shared: bool = False) -> GroupFit:
+def widened(fit: GroupFit, change: Array, of_bench: bool = False) -> GroupFit:
     """The fit with an error of type B in its intervals, which changes the estimates by `change`
-    (p,) per standard deviation; `shared` by all trials on the bench."""
+    (p,) per standard deviation; `of_bench`: all trials on the bench have the same error."""
     with_error = with_shared_error(fit, change)
-    of_bench = fit.shared + change**2 if shared else fit.shared
+    bench_variance = fit.bench_variance + change**2 if of_bench else fit.bench_variance
     return replace(
         fit,
         covariance=with_error.covariance,
         degrees_of_freedom=with_error.degrees_of_freedom,
-        shared=of_bench,
+        bench_variance=bench_variance,
     )
 
 

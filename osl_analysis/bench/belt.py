@@ -61,12 +61,12 @@ def belt_trial(trial: Trial, p: DrivetrainParameters | None, settings: BeltAnaly
         if bench is not None:  # the error of its stiffness enters the intervals as type B
             softer = belt_of(signals, p, settings, bench.compliance_error).fits
             fits = {
-                label: widened(fit, softer[label].estimates - fit.estimates, shared=True)
+                label: widened(fit, softer[label].estimates - fit.estimates, of_bench=True)
                 for label, fit in belt.fits.items()
             }
             belt = replace(belt, fits=fits)
         if other is not None:
-            belt = replace(belt, others=belt_of(other, p, settings).fits)
+            belt = replace(belt, fits_with_other_stamps=belt_of(other, p, settings).fits)
     return belt
 
 

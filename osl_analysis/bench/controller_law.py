@@ -151,7 +151,7 @@ def identified_law(record: Record, p: DrivetrainParameters, sign_width: float) -
     jerk_m = np.gradient(alpha_m, 1 / rate)
     one = np.ones(len(theta_m))
     moved = {"K_1": -theta_m, "B_1": -omega_m, "lag": alpha_m, "third": jerk_m, "one": one}
-    quick_omega = np.gradient(record.actuator["quick"], 1 / rate)
+    quick_omega = np.gradient(record.actuator["wide_band_theta_m"], 1 / rate)
 
     def friction(age_s: float) -> dict[str, Array]:
         """Columns (n,) of the friction that is cancelled, with the sign of a velocity of before."""

@@ -33,14 +33,14 @@ class GroupFit(LinearFit):
         Residual sum of squares.
     units : int
         Number of units that were left out.
-    shared : Array (p,) or float
+    bench_variance : Array (p,) or float
         Part of the variances that all trials on a bench share.
     """
 
     repeat: Array | None = None
     left: float = 0.0
     units: int = 0
-    shared: Array | float = 0.0
+    bench_variance: Array | float = 0.0
 
     def repeat_se(self, name: str) -> float | None:
         """Standard error of an estimate by repeats of the same motion alone; None if nothing
@@ -53,8 +53,8 @@ class GroupFit(LinearFit):
     def se_bench(self, name: str) -> float:
         """Part of the standard error that all trials on a bench share: its calibration and
         stiffness."""
-        shared = np.broadcast_to(self.shared, len(self.names))
-        return float(np.sqrt(shared[self.names.index(name)]))
+        variances = np.broadcast_to(self.bench_variance, len(self.names))
+        return float(np.sqrt(variances[self.names.index(name)]))
 
     def freedom(self, name: str) -> float:
         return float(self.degrees_of_freedom[self.names.index(name)])

@@ -173,7 +173,7 @@ def impedance_table(
                 **fits[label].to_row(),
                 **analysis.beside_estimates(label, *QUANTITIES, other=fits[label].estimator),
                 **lag_row(lag, fit),
-                **analysis.shared(label, *QUANTITIES),
+                **analysis.beside_diagnostics(label, *QUANTITIES),
                 "theta_rms_deg": turn_deg(s, label),
                 "fitted_s": len(record.rows(label)) / record.rate_hz,
                 "recorded_s": float(np.ptp(record.time)),

@@ -63,9 +63,9 @@ def impedance_fits(analysis: Analysis, s: Sums, is_leg: bool) -> dict[Label, Imp
         equation_15, by_coulomb(coulomb.get(None)), VAF_in_band=analysis.whole.vaf
     )
     whole = whole_fit(least_squares, inferred, coulomb.get(None), errors, is_leg, record)
-    if record.other is not None:
+    if record.with_other_stamps is not None:
         again = None if is_leg else inferred_from(read_otherwise(record), is_leg)
-        equation_15 = Impedance.of_fit(analysis.others[None]).widened_by(errors)
+        equation_15 = Impedance.of_fit(analysis.fits_with_other_stamps[None]).widened_by(errors)
         least_squares = replace(least_squares, impedance=equation_15)
         other = whole_fit(least_squares, again, coulomb.get(None), errors, is_leg, record)
         whole = whole.widened_to_include(other, because=UNDECIDED_STAMPS)
@@ -96,8 +96,8 @@ def inferred_from(record: Record, is_leg: bool) -> ImpedanceInference | None:
 
 def read_otherwise(record: Record) -> Record:
     """The record with the other reading of undecided stamps, and the resolution of its sensors."""
-    assert record.other is not None
-    return replace(record.other, steps=record.steps)
+    assert record.with_other_stamps is not None
+    return replace(record.with_other_stamps, steps=record.steps)
 
 
 def whole_fit(

@@ -75,15 +75,15 @@ class Record:
     uniform : UniformSignals or None
         The signals on their time base, with what the recorders did; None for a record that no file
         holds.
-    other : Record or None
+    with_other_stamps : Record or None
         The same with the other reading of undecided stamps; None: all are decided.
-    softer : Record or None
+    on_softer_bench : Record or None
         The same on a bench softer by one standard error; None: its stiffness is exact.
     settings : BenchAnalysis or None
         The bench, and limits on the motion.
     actuator : Mapping of Array (n,)
-        If requested, the actuator's filtered angle `theta_m` [rad] and `current` [A]; `quick` is
-        the angle for the velocity's sign.
+        If requested, the actuator's filtered angle `theta_m` [rad] and `current` [A];
+        `wide_band_theta_m` is the angle for the velocity's sign.
     """
 
     name: str
@@ -100,8 +100,8 @@ class Record:
     steps: tuple[float | None, float | None] = (None, None)
     periodic: PeriodicMotion | None = None
     uniform: UniformSignals | None = None
-    other: "Record | None" = None
-    softer: "Record | None" = None
+    with_other_stamps: "Record | None" = None
+    on_softer_bench: "Record | None" = None
     settings: BenchAnalysis | None = None
     actuator: Mapping[str, Array] = field(default_factory=dict)
 
@@ -364,7 +364,7 @@ def signals_of(record: Record, has_drivetrain: bool = False) -> BenchSignals:
         rate_hz=record.rate_hz,
         encoder_step=record.steps[0] or 0.0,
         usable=record.usable & inside,
-        sliding_angle=record.actuator.get("quick") if has_drivetrain else None,
+        sliding_angle=record.actuator.get("wide_band_theta_m") if has_drivetrain else None,
         load=record.actuator.get("current") if has_drivetrain else None,
         has_drivetrain=has_drivetrain,
     )
@@ -415,8 +415,8 @@ def with_actuator(record: Record, trial: Trial) -> Record:
     """The record with the trial's actuator signals, if they come to a time base with angle and
     torque."""
     same, rate = record.low_pass, record.rate_hz
-    quick = replace(same, cutoff_hz=min(QUICK * same.cutoff_hz, 0.2 * rate))
-    of_angle = {"theta_m": ("theta_m", same), "quick": ("theta_m", quick)}
+    wide_band = replace(same, cutoff_hz=min(QUICK * same.cutoff_hz, 0.2 * rate))
+    of_angle = {"theta_m": ("theta_m", same), "wide_band_theta_m": ("theta_m", wide_band)}
     with_current = {**of_angle, "current": ("current", same)}
     for wanted in (with_current, of_angle):
         if all(column in trial.columns for column, _ in wanted.values()):
@@ -469,7 +469,7 @@ def conditioned(
     made = replace(on(bench.compliance if bench else 0.0), uniform=signals)
     if bench is None or not bench.compliance_error:
         return made
-    return replace(made, softer=on(bench.compliance + bench.compliance_error))
+    return replace(made, on_softer_bench=on(bench.compliance + bench.compliance_error))
 
 
 def record_of(

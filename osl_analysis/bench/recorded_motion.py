@@ -105,7 +105,7 @@ def record_of_trial(
         if with_other_stamps is not None:
             again = found_in(with_other_stamps)
             second = conditioned(again.signals, settings, again.groups, again.band_hz)
-            record = replace(record, other=second)
+            record = replace(record, with_other_stamps=second)
     except (InputError, IdentifiabilityError) as error:
         words = str(error)
         if is_auto and not is_other:

@@ -52,7 +52,7 @@ def transmission_table(analysis: Analysis) -> pl.DataFrame:
                 "weight_share": taken,
                 "B_j_coulomb": beside_friction["B_j"],
                 "VAF_coulomb": beside_friction.vaf,
-                **analysis.shared(label, *LOSSES),
+                **analysis.beside_diagnostics(label, *LOSSES),
                 **repeats,
                 **misfit_columns(misfit, LOSSES_SYMBOLS),
                 "VAF_in_band": misfit.VAF_held_out if misfit else None,

@@ -181,7 +181,9 @@ def test_friction_does_not_count_what_it_gains_by_rounding_alone():
             rounding_left=rounding_left,
         )
 
-    evidence = evidence_of([fit(False, 50.0), fit(True, 10.0)], 2.0)
+    plain_rounding = {JointKind(False): 50.0, JointKind(True): 10.0}
+
+    evidence = evidence_of([fit(False, 50.0), fit(True, 10.0)], 2.0, plain_rounding)
 
     assert evidence.reference == 0
     assert evidence.gains[1].sum() == pytest.approx(-40.0 / 2 / 2.0)

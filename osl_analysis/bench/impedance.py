@@ -216,10 +216,10 @@ def change_row(record: Record, s: Sums, drift: ClockDrift | None) -> Row:
 
 
 def check_drives_nothing(analysis: Analysis) -> None:
-    """Refuse a torque that drives the motion. With the right sign a joint may do so by K alone.
-    Raises InputError."""
+    """Refuse a torque that drives the motion. With the right sign K may be negative, as that of an
+    inertia behind a soft spring is: but B is then certainly positive. Raises InputError."""
     fit = analysis.whole
-    if fit.interval("B")[0] < 0 or fit.interval("I")[1] < 0:
+    if fit.interval("B")[0] < 0:
         check_resists(analysis.record.name, "K", fit["K"], fit.interval("K")[1])
 
 

@@ -79,8 +79,9 @@ class Layout:
 
     Attributes
     ----------
-    own, friction, reflex : slice
-        Places of these columns; empty slices without friction or reflex.
+    own, friction, reflex, slow : slice
+        Places of these columns; empty slices without friction or reflex. Behind them are those of
+        sampled jumps.
     slope : int or None
         Place of the derivative by its own parameter; None without one.
     """
@@ -89,6 +90,7 @@ class Layout:
     slope: int | None
     friction: slice
     reflex: slice
+    slow: slice
 
 
 def layout_of(data: Whitened, candidate: Candidate, kind: JointKind) -> Layout:
@@ -107,6 +109,7 @@ def layout_of(data: Whitened, candidate: Candidate, kind: JointKind) -> Layout:
         slope=width if has_slope else None,
         friction=slice(friction_from, friction_to),
         reflex=slice(friction_to, reflex_to),
+        slow=slice(reflex_to, reflex_to + len(data.slow)),
     )
 
 
@@ -237,25 +240,32 @@ def vaf_of_unseen_blocks(data: Whitened, fit: Predicted) -> float:
     """Compute the variance of the torque that fits to other parts account for [%].
 
     Every third block is left out in turn; the worst of the three counts. The torque is that in the
-    motion's band, less its mean in each block.
+    motion's band, less the load cell's offset and drift, and less its mean in each block. Near
+    gaps an offset begins and ends with the window, so that a mean does not take it off.
     """
     columns = all_columns(data, fit.candidate, fit.kind)
     length = lengths_of(columns)
     columns = columns / length[:, None]
     blocks = normal_matrices(columns, fit.candidate.torque)
+    ridge = RIDGE * np.eye(len(columns))
+    of_all = blocks.sum(axis=0)
+    of_all_blocks = np.linalg.solve(of_all[:-1, :-1] + ridge, of_all[:-1, -1])
+
     in_time = data.unwhitened(np.vstack([columns, fit.candidate.torque]))
-    moving = len(columns) - len(data.slow)
+    slow = layout_of(data, fit.candidate, fit.kind).slow
+    moving = np.delete(np.arange(len(columns)), slow)
+    torque_in_time = in_time[-1] - of_all_blocks[slow] @ in_time[slow]
     edges = block_edges(columns.shape[1])
     found = []
     for third in range(3):
         left_out = np.arange(BLOCKS) % 3 == third
         total = blocks[~left_out].sum(axis=0)
-        estimates = np.linalg.solve(total[:-1, :-1] + RIDGE * np.eye(len(columns)), total[:-1, -1])
+        estimates = np.linalg.solve(total[:-1, :-1] + ridge, total[:-1, -1])
         missed, varied = 0.0, 0.0
         for block in np.flatnonzero(left_out):
             rows = slice(edges[block], edges[block + 1])
-            torque = in_time[-1, rows]
-            residual = torque - estimates[:moving] @ in_time[:moving, rows]
+            torque = torque_in_time[rows]
+            residual = torque - estimates[moving] @ in_time[moving, rows]
             missed += float(np.sum((residual - residual.mean()) ** 2))
             varied += float(np.sum((torque - torque.mean()) ** 2))
         found.append(100 * (1 - missed / varied))

@@ -113,6 +113,13 @@ class Search:
             return self._beside.fit_rest(columns, self._rest)
         return self._beside.fit(columns, torque)
 
+    def rest(self, columns: Array, torque: Array) -> Array:
+        """What columns (k, m) and the shared ones leave of a torque (m,)."""
+        rest = self._beside.rest(torque)
+        estimates = self._beside.fit_rest(columns, rest)[1]
+        of_columns = np.array([self._beside.rest(column) for column in columns])
+        return np.asarray(rest - estimates @ of_columns)
+
     @cached_property
     def may_be_path(self) -> bool:
         """Whether jerk and snap beside the motion gain anything, as they do for any path: to first

@@ -69,7 +69,7 @@ def infer_impedance(
     """
     spectra = Spectra(signals)
     data = Whitened(spectra)
-    fits, memory = fit_all(data)
+    fits, memory, rounding = fit_all(data)
     weighed, at = weigh(fits, spectra.freedom, memory, is_body=not signals.has_drivetrain)
     reference = weighed[at]
     matters = np.array(accuracy) * np.hypot(reference.impedance, HARM_FLOOR)
@@ -97,14 +97,14 @@ def infer_impedance(
         harm=harm,
         doubt=doubt,
         explanations=explanations,
-        delay=None if signals.has_drivetrain else known_delay(data, reference.fit),
+        delay=None if signals.has_drivetrain else known_delay(data, reference.fit, rounding),
         reflex=reflex_of(weighed, data),
         without_reflex=without_reflex,
         VAF_held_out=vaf_of_unseen_blocks(data, best.fit),
     )
 
 
-def fit_all(data: Whitened) -> tuple[list[Predicted], Predicted | None]:
+def fit_all(data: Whitened) -> tuple[list[Predicted], Predicted | None, Array]:
     """Fit all hypotheses for each kind of joint, and let each predict all blocks.
 
     Returns
@@ -113,6 +113,8 @@ def fit_all(data: Whitened) -> tuple[list[Predicted], Predicted | None]:
         All of them.
     memory : Predicted or None
         The best without a reflex, beside a linear memory; None if no reflex competes.
+    rounding : Array (draws, m)
+        Torques that rounding alone makes.
     """
     freedom = data.spectra.freedom
     hypotheses = hypotheses_for(data)
@@ -132,7 +134,7 @@ def fit_all(data: Whitened) -> tuple[list[Predicted], Predicted | None]:
         memory = with_linear_memory(data, best_possible(fits), rounding)
         kinds = [JointKind(has_friction, has_reflex=True) for has_friction in (False, True)]
         fits += predicted([Search(data, kind) for kind in kinds])
-    return fits, memory
+    return fits, memory, rounding
 
 
 def with_linear_memory(data: Whitened, best: Predicted, rounding: Array) -> Predicted:
@@ -263,17 +265,33 @@ def harm_of(faults: Sequence[Weighed], reference: Weighed, matters: Array) -> fl
     return float(np.max(largest / matters))
 
 
-def known_delay(data: Whitened, sound: Predicted) -> KnownDelay:
+def known_delay(data: Whitened, sound: Predicted, rounding: Array) -> KnownDelay:
     """Compute B and I if the delay between angle and torque is known to `KNOWN_DELAY`.
 
     A torque late by d adds -d (K omega + B alpha + I jerk) to Eq. 15, so that B moves by K d, and I
-    by B d. How well the recording tells d itself is the slope's length beside the model.
+    by B d. How well the recording tells d itself is the slope's length beside the model, and what
+    rounding of the angle makes of d.
+
+    Parameters
+    ----------
+    data : Whitened
+        The recording.
+    sound : Predicted
+        The best joint without a fault.
+    rounding : Array (draws, m)
+        Torques that rounding alone makes.
     """
     impedance = sound.impedances[0]
     derivatives = data.spectra.derivatives
     slope = data.column(-np.tensordot(impedance, derivatives[1:4], axes=1))
-    left, moved_by_delay = Search(data, sound.kind).fit(sound.candidate.columns, slope)
-    recording = 1 / float(np.sqrt(max(left, np.finfo(float).tiny)))
+    search = Search(data, sound.kind)
+    left, moved_by_delay = search.fit(sound.candidate.columns, slope)
+    left = max(left, np.finfo(float).tiny)
+    variance = 1 / left
+    if len(rounding):
+        of_slope = search.rest(sound.candidate.columns, slope)
+        variance += float(np.mean((rounding @ of_slope / left) ** 2))
+    recording = float(np.sqrt(variance))
     deviation = 1 / float(np.hypot(1 / KNOWN_DELAY, 1 / recording))
     moved = moved_by_delay[:3]
     covariance = sound.covariances[0] + deviation**2 * np.outer(moved, moved)

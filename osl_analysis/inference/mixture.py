@@ -11,8 +11,9 @@ The interval of K is that of the mixture: it holds all that cannot be told apart
 """
 
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import scipy
@@ -129,7 +130,7 @@ class Evidence:
     reference : int
         The sound joint that predicts best.
     rounding : float
-        1, and what rounding alone would give the best hypothesis, in nats of noise.
+        1, and the squares that rounding alone would give the best hypothesis, over the noise.
     sound : Array (h,) of bool
         Which hypotheses are no fault.
     """
@@ -155,13 +156,29 @@ def temper(gain: Array, rounding: float) -> Array:
     return np.asarray(rounding + INEXACTNESS**2 * 2 * np.maximum(gain, 0.0))
 
 
-def evidence_of(fits: Sequence[Predicted], noise: float) -> Evidence:
+def evidence_of(
+    fits: Sequence[Predicted], noise: float, plain_rounding: Mapping[JointKind, float]
+) -> Evidence:
     """Compare the predictions of hypotheses with those of the best sound one among them.
 
     What friction would gain by rounding alone does not count.
+
+    Parameters
+    ----------
+    fits : sequence of Predicted
+        The hypotheses, all with or all without a reflex.
+    noise : float
+        Variance of what the best of all leaves.
+    plain_rounding : Mapping
+        Sum of squares that Eq. 15 leaves of rounding alone, by kind of joint. That of a joint whose
+        friction drives is among them: a late torque makes Eq. 15 look like one.
     """
-    squares = np.array([fit.squares for fit in fits])
-    squares += friction_rounding(fits)[:, None] / BLOCKS
+    by_friction = {}
+    for fit in fits:
+        without = plain_rounding[replace(fit.kind, has_friction=False)]
+        gain = without - plain_rounding[fit.kind]
+        by_friction[fit.kind] = max(gain, 0.0)
+    squares = np.array([fit.squares + by_friction[fit.kind] / BLOCKS for fit in fits])
     totals = squares.sum(axis=1)
     sound = np.array([fit.candidate.hypothesis.family == "" for fit in fits])
     reference = int(np.argmin(np.where(sound, totals, np.inf)))
@@ -169,19 +186,8 @@ def evidence_of(fits: Sequence[Predicted], noise: float) -> Evidence:
 
     # rounding is compared beside the same friction, which takes up rounding, too
     best = fits[int(np.argmin(totals))]
-    beside = [fit for fit, is_sound in zip(fits, sound, strict=True) if is_sound]
-    same = [fit for fit in beside if fit.kind == best.kind]
-    of_sound = same[0] if same else fits[reference]
-    return Evidence(gains, reference, 1 + rounding_gain(of_sound, best) / noise, sound)
-
-
-def friction_rounding(fits: Sequence[Predicted]) -> Array:
-    """How much less (h,) of rounding alone friction leaves beside Eq. 15; 0 without friction."""
-    plain = {fit.kind.has_friction: fit for fit in fits if fit.candidate.hypothesis.name == PLAIN}
-    if len(plain) < 2:
-        return np.zeros(len(fits))
-    gain = rounding_gain(plain[False], plain[True])
-    return np.array([gain if fit.kind.has_friction else 0.0 for fit in fits])
+    by_rounding = max(plain_rounding[best.kind] - best.rounding_left, 0.0)
+    return Evidence(gains, reference, 1 + by_rounding / noise, sound)
 
 
 def rounding_gain(worse: Predicted, better: Predicted) -> float:
@@ -231,13 +237,19 @@ def weigh(
 
     without = [fit for fit in possible if not fit.kind.has_reflex]
     beside = [fit for fit in possible if fit.kind.has_reflex]
+    plain_rounding = {
+        fit.kind: fit.rounding_left for fit in fits if fit.candidate.hypothesis.name == PLAIN
+    }
+    weigh_kind = partial(
+        weigh_alike, draws=draws, noise=noise, plain_rounding=plain_rounding, is_body=is_body
+    )
     if not beside:
-        return weigh_alike(without, draws, np.ones(len(draws)), noise, is_body)
+        return weigh_kind(without, shares=np.ones(len(draws)))
 
     exceeded = without if memory is None else [*without, memory]
     probability = reflex_probability(exceeded, beside, draws, noise)
-    weighed, reference = weigh_alike(without, draws, 1 - probability, noise, is_body)
-    more, reference_beside = weigh_alike(beside, draws, probability, noise, is_body)
+    weighed, reference = weigh_kind(without, shares=1 - probability)
+    more, reference_beside = weigh_kind(beside, shares=probability)
     if probability.mean() > LIKELY:
         reference = len(weighed) + reference_beside
     return weighed + more, reference
@@ -264,10 +276,16 @@ def reflex_probability(
 
 
 def weigh_alike(
-    fits: Sequence[Predicted], draws: Array, shares: Array, noise: float, is_body: bool
+    fits: Sequence[Predicted],
+    draws: Array,
+    shares: Array,
+    noise: float,
+    plain_rounding: Mapping[JointKind, float],
+    is_body: bool,
 ) -> tuple[list[Weighed], int]:
-    """Weigh hypotheses with a reflex, or those without one; of each draw they have a share (d,)."""
-    evidence = evidence_of(fits, noise)
+    """Weigh hypotheses with a reflex, or those without one; of each draw they have a share (d,).
+    The other arguments are those of `weigh` and `evidence_of`."""
+    evidence = evidence_of(fits, noise, plain_rounding)
     prior = log_prior(fits)
     all_blocks = evidence.gains.sum(axis=1)
     unit = noise * float(evidence.tempers(all_blocks))

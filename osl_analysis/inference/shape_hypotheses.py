@@ -1,6 +1,9 @@
 """Speed, size, direction, clipping: what depends on the motion or on the torque itself."""
 
+from collections.abc import Sequence
+
 import numpy as np
+from numpy.typing import NDArray
 
 from osl_analysis.inference.constants import FEWEST_STEPS, PLAYS
 from osl_analysis.inference.hypothesis import Candidate, Hypothesis, OneParameter, Search
@@ -12,6 +15,9 @@ STOPS = np.linspace(0.05, 0.95, 10)  # quantiles of the angle at which a stop ma
 OUTERMOST = (0.002, 0.998)  # quantiles of a torque that are its ends, beside noise
 UNCLIPPED = 0.5  # share of the rows, about the median torque, in which nothing is cut
 CLIPPING_STEPS = 16  # the end and what is beyond it are found in turn
+# slope of a recorded torque over the modelled one beyond its end: halfway between a torque that is
+# cut, and one that goes on
+MOST_FOLLOWING = 0.5
 LAST_STEP = 1e-9  # relative change of K, B and I below which a step is the last one
 
 
@@ -143,7 +149,8 @@ class StiffnessByDirection(Hypothesis):
     parameters = (("half the difference of K", "N*m/rad"),)
 
     def candidates(self, search: Search) -> list[Candidate]:
-        return [self.plain(self.data.spectra.angle * self.data.sign)]
+        matrices = self.matrices_with_shares([[1.0], [0.0], [0.0]], (0.0, 1.0, -1.0))
+        return [self.plain(self.data.spectra.angle * self.data.sign, matrices=matrices)]
 
 
 class Clipping(Hypothesis):
@@ -189,4 +196,21 @@ class Clipping(Hypothesis):
             has_moved = bool((change > LAST_STEP * np.abs(coefficients)).any())
             if (low, high) == ends_before and not has_moved:
                 break
+        beyond = [rows for rows in (above, below) if rows.any()]
+        if slope_beyond_ends(recorded, modelled, beyond) > MOST_FOLLOWING:
+            return []
         return [Candidate(self, self.data.motion, torque)]
+
+
+def slope_beyond_ends(
+    recorded: Array, modelled: Array, beyond: Sequence[NDArray[np.bool_]]
+) -> float:
+    """Slope of the recorded torque (p,) over the modelled one (p,), beyond each end of the recorded
+    one: 0 where it is cut, 1 where it goes on. 1 if nothing is beyond."""
+    product = 0.0
+    square = 0.0
+    for rows in beyond:
+        model_about_mean = modelled[rows] - modelled[rows].mean()
+        product += float(model_about_mean @ recorded[rows])
+        square += float(model_about_mean @ model_about_mean)
+    return product / square if square > 0 else 1.0

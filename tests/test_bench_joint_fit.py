@@ -17,6 +17,7 @@ from osl_analysis.bench.joint_inference import joint_fit
 from osl_analysis.bench.record import signals_of
 from osl_analysis.bench.recorded_motion import record_of_trial
 from osl_analysis.campaign.configuration import read_section
+from osl_analysis.errors import InputError
 from osl_analysis.inference import infer_impedance
 from osl_analysis.judge.finding import Grade
 from osl_analysis.judge.limits import DoubtfulFits, Limits
@@ -270,6 +271,27 @@ def test_an_independent_error_adds_in_quadrature():
 
     assert widened.high - widened.value == pytest.approx(np.hypot(6, 4))
     assert widened.value - widened.low == pytest.approx(np.hypot(6, 4))
+
+
+def test_an_inertia_behind_a_soft_spring_does_not_drive_the_motion():
+    """Above its resonance K of Eq. 15 is negative, and B positive."""
+    rng = np.random.default_rng(2)
+    time, motion = noise(rng, (3.0, 8.0), duration=60.0)
+    trial = made_trial(rng, (time, motion), K=-30.0, B=9.0, I=-0.02)
+    record = record_of_trial(trial, SETTINGS.model_copy(update={"excitation": "any"}))
+
+    row = row_of(record)
+
+    assert row["K"] == pytest.approx(-30, rel=0.2)
+
+
+def test_a_torque_of_the_wrong_sign_is_refused():
+    rng = np.random.default_rng(2)
+    trial = made_trial(rng, noise(rng, (0.5, 8.0), duration=30.0), K=-300.0, B=-5.0, I=-0.02)
+    record = record_of_trial(trial, SETTINGS.model_copy(update={"excitation": "any"}))
+
+    with pytest.raises(InputError, match="turn the `sign`"):
+        row_of(record)
 
 
 def test_every_fit_has_the_same_columns():

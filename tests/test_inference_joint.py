@@ -162,3 +162,38 @@ def test_gap_is_left_out():
 
     assert found.doubt is None
     assert found.impedance.K.value == pytest.approx(K, rel=1e-3)
+
+
+def test_offset_of_the_torque_does_not_lower_the_held_out_vaf_near_gaps():
+    time, torque, _ = driven()
+    usable = np.ones(len(time), dtype=bool)
+    for start in np.arange(3.0, 38.0, 2.0):
+        usable &= (time < start) | (time > start + 0.8)
+
+    about_zero = inferred(torque, usable=usable)
+    with_offset = inferred(torque + 20.0, usable=usable)
+
+    assert about_zero.VAF_held_out > 99.5
+    assert with_offset.VAF_held_out == pytest.approx(about_zero.VAF_held_out, abs=0.05)
+
+
+def test_stiffness_that_differs_by_direction_is_harm_of_its_half_difference():
+    theta = driven()[2]
+    sign = np.tanh(velocity() / 1e-2)
+
+    found = inferred(driven()[1] + 20.0 * theta * sign)
+
+    assert found.doubt is not None
+    assert found.doubt.family == "direction"
+    assert found.impedance.K.low < K - 15.0
+    assert found.impedance.K.high > K + 15.0
+
+
+def test_torque_is_cut_where_it_no_longer_follows_the_model():
+    torque = driven()[1]
+    end = float(np.quantile(torque, 0.97))
+
+    found = inferred(np.minimum(torque, end))
+
+    assert found.doubt is not None
+    assert found.doubt.family == "clipping"

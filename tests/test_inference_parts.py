@@ -21,6 +21,7 @@ from osl_analysis.inference.hypothesis import Search
 from osl_analysis.inference.least_squares import BesideShared, solve_scaled
 from osl_analysis.inference.mixture import Part, evidence_of, mixture_quantiles
 from osl_analysis.inference.path_hypotheses import Delay
+from osl_analysis.inference.shape_hypotheses import slope_beyond_ends
 from osl_analysis.inference.spectra import Spectra
 from osl_analysis.inference.time_hypotheses import DriftingClocks
 from osl_analysis.inference.whitening import JointKind, Whitened
@@ -187,6 +188,39 @@ def test_friction_does_not_count_what_it_gains_by_rounding_alone():
 
     assert evidence.reference == 0
     assert evidence.gains[1].sum() == pytest.approx(-40.0 / 2 / 2.0)
+
+
+def test_rounding_is_compared_beside_the_same_friction_also_where_that_alone_is_impossible():
+    """A late torque makes the friction beside Eq. 15 negative, so that only a delay has one."""
+    late = SimpleNamespace(
+        candidate=SimpleNamespace(hypothesis=SimpleNamespace(name="delay", family="path")),
+        kind=JointKind(has_friction=True),
+        squares=np.full(constants.BLOCKS, 1.0),
+        rounding_left=9.0,
+    )
+    plain = SimpleNamespace(
+        candidate=SimpleNamespace(hypothesis=SimpleNamespace(name="nothing", family="")),
+        kind=JointKind(),
+        squares=np.full(constants.BLOCKS, 5.0),
+        rounding_left=50.0,
+    )
+    plain_rounding = {JointKind(): 50.0, JointKind(has_friction=True): 10.0}
+
+    evidence = evidence_of([plain, late], 1.0, plain_rounding)
+
+    assert evidence.rounding == pytest.approx(1 + 10.0 - 9.0)
+    friction_by_rounding = 50.0 - 10.0
+    expected = (4.0 * constants.BLOCKS - friction_by_rounding) / 2
+    assert evidence.gains[1].sum() == pytest.approx(expected)
+
+
+def test_torque_that_follows_the_model_beyond_an_end_is_not_cut():
+    modelled = np.linspace(-1.0, 1.0, 201)
+    beyond = [modelled > 0.5, modelled < -0.5]
+    cut = np.clip(modelled, -0.5, 0.5)
+
+    assert slope_beyond_ends(cut, modelled, beyond) == pytest.approx(0.0, abs=1e-12)
+    assert slope_beyond_ends(3.0 + modelled, modelled, beyond) == pytest.approx(1.0)
 
 
 def test_search_without_gain_refines_nothing():

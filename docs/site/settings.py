@@ -102,7 +102,11 @@ def configuration():
             continue
         yield f"### `{name}`"
         yield escaped(text_of(model_in(Config.model_fields[name].annotation).__doc__))
-        below = [row for row in rows if row.name.startswith(f"{name}.")]
+        below = [
+            replace(row, name=row.name.removeprefix(f"{name}."))
+            for row in rows
+            if row.name.startswith(f"{name}.")
+        ]
         if below:
             yield table(below)
         if name in AS_WRITTEN:
@@ -155,7 +159,7 @@ def with_fact(row):
     other recordings."""
     if row.name not in FACTS or row.default == "null":
         return row
-    said = f"{row.meaning} The default campaign states `{row.default}`, which is no default."
+    said = f"{row.meaning} The default campaign states `{row.default}`, for itself alone."
     return replace(row, default="null", meaning=said)
 
 

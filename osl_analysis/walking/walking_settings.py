@@ -41,7 +41,8 @@ class Markers(Settings):
 
     foot: Cluster  # Of the cluster on the foot
     shank: Cluster  # Of the cluster on the shank
-    platform: Cluster | tuple[()]  # Of the cluster on the platform; empty for a belt without markers
+    # Of the cluster on the platform; empty for a belt without markers
+    platform: Cluster | tuple[()]
     ankle_medial: Marker  # On the medial malleolus, in the static trial
     ankle_lateral: Marker  # On the lateral malleolus, in the static trial
 

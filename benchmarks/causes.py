@@ -241,23 +241,16 @@ def markdown(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 
 
 def matrix(rows: pl.DataFrame) -> str:
-    """A row per planted cause, sizes and motions together; one half-width is in none but its own
-    column."""
-    header = ("planted", "n", "named", "first cause named", "not checked", "refused", "within")
-    header += tuple(f"silent, {at}" for at in SIZES)
+    """A row per planted cause, sizes and motions together, without the size of one half-width,
+    which no recording shows."""
+    header = ("planted", "n", "named", "first cause named", "not checked", "within", "silent")
     lines = []
     for (cause,), mine in rows.group_by("cause", maintain_order=True):
         if cause in {one.name for one in SOUND}:
             continue
         large = mine.filter(pl.col("at") != "1")
-        silent = []
-        for at in SIZES:
-            own = mine.filter(pl.col("at") == at)
-            silent.append(f"{count_of(own, 'silent')} of {len(own)}" if len(own) else "–")
-        counts = [count_of(large, outcome) for outcome in ("not checked", "refused", "within")]
-        lines.append(
-            (cause, len(large), count_of(large, "right"), named_in(large), *counts, *silent)
-        )
+        counts = [count_of(large, outcome) for outcome in ("not checked", "within", "silent")]
+        lines.append((cause, len(large), count_of(large, "right"), named_in(large), *counts))
     return markdown(header, lines)
 
 
@@ -282,8 +275,11 @@ def by_motion(rows: pl.DataFrame) -> str:
 
 
 def sound_table(rows: pl.DataFrame) -> str:
-    """A row per kind of sound recording: how many are accused."""
-    lines, total = [], Counter[str]()
+    """A row per kind of sound recording with something wrong: how many are accused, refused, or off
+    without a doubt. A row for all others, and for all."""
+    lines: list[tuple[object, ...]] = []
+    others: list[str] = []
+    total = Counter[str]()
     for (cause,), mine in rows.group_by("cause", maintain_order=True):
         if cause not in {one.name for one in SOUND}:
             continue
@@ -291,7 +287,13 @@ def sound_table(rows: pl.DataFrame) -> str:
         accused = count_of(mine, "other") + count_of(mine, "right")
         off = count_of(mine, "silent") + count_of(mine, "not checked")
         total.update(n=len(mine), accused=accused, refused=refused, off=off)
-        lines.append((cause, len(mine), accused, named_in(mine), refused, off))
+        name = str(cause).removeprefix("sound, ")
+        if accused or refused or off:
+            lines.append((name, len(mine), accused, named_in(mine), refused, off))
+        else:
+            total["clear"] += len(mine)
+            others.append(name)
+    lines.append(("; ".join(others), total["clear"], 0, "–", 0, 0))
     lines.append(("all", total["n"], total["accused"], "", total["refused"], total["off"]))
     return markdown(
         ("sound recording", "n", "accused", "of", "refused", "off, nothing said"), lines
@@ -357,12 +359,8 @@ def main() -> None:
     keep = options.resume and rows_file is not None and rows_file.exists()
     done = pl.read_csv(rows_file, schema=ROW) if keep else pl.DataFrame(schema=ROW)
     rows = study(options.only, options.quick, done, rows_file) if not options.table else done
-    tables = {
-        "causes": matrix(rows),
-        "causes by motion": by_motion(rows),
-        "sound": sound_table(rows),
-    }
-    print("\n\n".join(tables.values()))
+    tables = {"causes": matrix(rows), "sound": sound_table(rows)}
+    print("\n\n".join([*tables.values(), by_motion(rows)]))
     if not (options.quick or options.only):
         write_between(PAGE, tables)
     if before is not None:

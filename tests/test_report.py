@@ -45,6 +45,7 @@ from osl_analysis.report import page, trial_page
 from osl_analysis.report.headlines import Example, headline_numbers, to_json, to_tex
 from osl_analysis.report.trial_page import Pictures, ReportedTrial
 from osl_analysis.table import write_table
+from osl_analysis.yaml_settings import read_mapping
 
 DRAWN = ("torque", "torque_model", "residual_low", "residual_high", "theta_deg")
 HOSTILE = '<img src=x onerror="alert(1)"></script><b>&amp;'
@@ -1025,7 +1026,7 @@ def test_no_outlier_of_a_long_residual_is_lost_and_no_model_drawn_where_nothing_
 def site(monkeypatch):
     """The modules of the site."""
     monkeypatch.syspath_prepend(ROOT / "docs/site")
-    return {name: import_module(name) for name in ("commands", "pages")}
+    return {name: import_module(name) for name in ("commands", "pages", "settings")}
 
 
 def test_the_page_of_the_command_line_has_every_command_and_option(site):
@@ -1037,6 +1038,22 @@ def test_the_page_of_the_command_line_has_every_command_and_option(site):
         ]
         assert [option for option in options if option not in part] == [], name
     assert str(ROOT) not in page
+
+
+def test_the_page_of_settings_has_every_setting_of_the_configuration_with_its_default(site):
+    page = site["settings"].settings_page()
+    config = read_mapping(ROOT / "config/config.yaml")
+
+    of_section = {part.partition("`")[0]: part for part in page.split("\n### `")}
+    sections = {name: fields for name, fields in config.items() if isinstance(fields, dict)}
+
+    assert [name for name in config if f"`{name}`" not in page] == []
+    for section in sections.keys() - {"doubtful", "quality"}:
+        part = of_section[section]
+        assert [name for name in sections[section] if f"| `{name}" not in part] == [], section
+    assert "| `cutoff_hz` | Hz | `15` | Cut-off of one run" in of_section["dynamometer"]
+    assert "| `B` | N\\*m\\*s/rad | `null` | Margin within" in of_section["claims"]
+    assert "certain_clock_drift_ppm: 0.5 " in of_section["doubtful"]
 
 
 PAGES = [

@@ -101,12 +101,6 @@ def misses(row):
     )
 
 
-def biases(row):
-    """Median errors of K, B and I, and the coverage."""
-    errors = ", ".join(rounded(row[f"bias_{name}"]) for name in LARGEST_ERRORS)
-    return f"{errors}; {rounded(row['coverage'])}"
-
-
 def better(scores, worst):
     """Sentences: where a peer misses less, doubts less without a cause, or is nearer or quicker,
     than we are."""
@@ -213,8 +207,11 @@ def main():
         score_answers(folder / "answers.csv", folder / "truth.csv"),
         worst_errors(folder),
     )
-    tables = {"better": better(scores, worst), "overview": overview(scores)}
-    tables |= {"misses": by_case(scores, misses), "errors": by_case(scores, biases)}
+    tables = {
+        "better": better(scores, worst),
+        "overview": overview(scores),
+        "misses": by_case(scores, misses),
+    }
     text = PAGE.read_text(encoding="utf-8")
     for mark, made in tables.items():
         head, _, rest = text.partition(f"<!-- {mark} -->\n")

@@ -7,6 +7,7 @@ from importlib import import_module
 from pathlib import Path
 
 from commands import commands_page
+from settings import settings_page
 
 import osl_analysis
 from osl_analysis.commands.reference import described_checks
@@ -68,6 +69,8 @@ def fill_page(app, page, source):
         text = text.partition("\n")[0] + "\n\n" + commands_page()
     elif page == "site/tables":
         text = f"{text}\n{described_tables_page()}"
+    elif page == "site/settings":
+        text = f"{text}\n{settings_page()}"
     elif page == "site/functions":
         text = text + functions_page()
     else:

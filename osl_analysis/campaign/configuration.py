@@ -81,10 +81,10 @@ class FigureChoices(Settings):
     """Stiffness that the walking controller commands in midstance [N*m/rad], marked in Fig. 9 where
     the sheet states no K_d and the campaign has one group; null: no mark."""
     stance_share: Annotated[float, Field(gt=0, le=1)] = 0.62
-    footer: bool = True
-    """Whether a small line below each figure says what its data are, as its metadata always do."""
     """Share of the gait cycle that is stance, for the phase of `impedance_trajectory`; Fig. 8 ends
     there."""
+    footer: bool = True
+    """Whether a small line below each figure says what its data are, as its metadata always do."""
 
 
 class ReportChoices(Settings):

@@ -35,7 +35,7 @@ class Rule(Settings):
 
 
 class QualityRules(Settings):
-    """A rule per check, under the check's name; `validate_rules` compares them with the checks."""
+    """A rule per check, under the check's name."""
 
     model_config = ConfigDict(extra="allow")
     __pydantic_extra__: dict[str, Rule] = Field(init=False)

@@ -39,11 +39,12 @@ class Markers(Settings):
     """Names of the markers: three or more per rigid cluster, and the malleoli, which the static
     trial shows."""
 
-    foot: Cluster
-    shank: Cluster
-    platform: Cluster | tuple[()]  # empty for a belt without markers
-    ankle_medial: Marker
-    ankle_lateral: Marker
+    foot: Cluster  # Of the cluster on the foot
+    shank: Cluster  # Of the cluster on the shank
+    # Of the cluster on the platform; empty for a belt without markers
+    platform: Cluster | tuple[()]
+    ankle_medial: Marker  # On the medial malleolus, in the static trial
+    ankle_lateral: Marker  # On the lateral malleolus, in the static trial
 
     @model_validator(mode="after")
     def _are_apart(self) -> Self:
@@ -155,6 +156,7 @@ class PlateModelSettings(PlatformSettings):
     """How the plate's own inertia and lag are identified, or `none`: the plate is light or
     compensates them itself."""
 
+    # From the plate trials; `none`: nothing is removed from the wrench
     plate_inertia: Literal["identified", "none"] = "identified"
     # Cut-off [Hz] with which it is identified: 12 kg are 10.8 kg at 20 Hz, 12.0 kg at 8 Hz
     plate_cutoff_hz: Cutoff
@@ -236,8 +238,7 @@ class EnsembleSettings(ResponseSettings):
 class WalkingAnalysis(
     CalibrationSettings, PlateModelSettings, CrossingSettings, SelectionSettings, EnsembleSettings
 ):
-    """All choices of the walking analysis. Each job uses one of the groups above, or the one
-    below."""
+    """All choices of the walking analysis."""
 
     # Fewest unperturbed crossings from which a mean gait is computed
     fewest_unperturbed: Annotated[int, Field(ge=3)]

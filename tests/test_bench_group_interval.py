@@ -1,0 +1,65 @@
+"""The interval of a fit to groups: what tells noise and misfit, and how they add up."""
+
+import numpy as np
+import pytest
+
+from osl_analysis.bench.group_interval import (
+    BY_NOISE,
+    BY_REPEATS,
+    BY_UNITS,
+    NoiseSource,
+    combined,
+    scatter_source,
+)
+from osl_analysis.bench.row_groups import Groups, Stratum
+
+
+def groups_of(strata: list[int], repeat: bool) -> tuple[Groups, np.ndarray]:
+    """Groups with so many members in each stratum."""
+    stratum = np.repeat(np.arange(len(strata)), strata)
+    first = 10.0 * np.arange(len(stratum))
+    kind = "cycles" if repeat else "stretches"
+    rows = tuple(Stratum(slice(0, 10), frequency_hz=1.0) for _ in strata)
+    return Groups(kind, first, first + 10, stratum, rows), stratum
+
+
+@pytest.mark.parametrize(
+    ("strata", "repeat", "noise", "units", "method"),
+    [
+        ([5, 5, 5, 5], True, NoiseSource.REPEATS, 4, BY_UNITS),
+        ([5, 5], True, NoiseSource.REPEATS, 10, BY_REPEATS),
+        ([1] * 12, False, NoiseSource.NEIGHBOURS, 12, BY_UNITS),
+        ([4, 4], False, NoiseSource.NEIGHBOURS, 8, BY_UNITS),
+        ([1, 1, 1, 1], True, NoiseSource.WHITE, 4, BY_UNITS),
+        ([2, 1], False, NoiseSource.WHITE, 3, BY_NOISE),
+    ],
+)
+def test_noise_is_told_by_repeats_or_neighbours_or_is_taken_as_white(
+    strata, repeat, noise, units, method
+):
+    source = scatter_source(*groups_of(strata, repeat))
+
+    assert source.noise is noise
+    assert source.units == units
+    assert source.interval_method == method
+    assert source.tells_misfit == (method != BY_NOISE)
+
+
+def test_variance_is_the_larger_of_noise_and_misfit_and_rounding_on_top():
+    noise = np.diag([4.0, 1.0])
+    misfit = np.diag([1.0, 9.0])
+    rounding = np.diag([0.5, 0.25])
+
+    covariance, _ = combined(noise, np.full(2, 20.0), misfit, 6, rounding, 17)
+
+    np.testing.assert_allclose(np.diag(covariance), [4.5, 9.25])
+
+
+def test_degrees_of_freedom_are_those_of_what_makes_the_variance():
+    variance = np.diag([1.0])
+
+    _, of_noise = combined(variance, np.array([20.0]), np.zeros((1, 1)), 6)
+    _, of_misfit = combined(np.zeros((1, 1)), np.array([20.0]), variance, 6)
+
+    assert of_noise[0] == pytest.approx(20)
+    assert of_misfit[0] == pytest.approx(5)  # one fewer than units

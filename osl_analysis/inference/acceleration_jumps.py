@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from osl_analysis.inference.constants import (
     BLOCKS,
@@ -60,71 +61,103 @@ class Jumps:
 NO_JUMPS = Jumps(np.empty(0), np.empty(0))
 
 
+@dataclass(frozen=True)
+class BandPass:
+    """The third derivative of an angle between two frequencies.
+
+    Attributes
+    ----------
+    jerk : Array (r,)
+        The third derivative there [rad/s^3].
+    gain : Spectrum (f,)
+        What turns the angle's spectrum into it.
+    peak_of_unit_jump : float
+        Its peak where the acceleration jumps by 1 rad/s^2, whose third derivative is an impulse of
+        area 1.
+    """
+
+    jerk: Array
+    gain: Spectrum
+    peak_of_unit_jump: float
+
+
+def third_derivative_between(spectra: Spectra, low_hz: float, high_hz: float) -> BandPass:
+    """Derive the recorded angle three times between two frequencies."""
+    frequency = np.arange(len(spectra.raw_angle)) / spectra.padded_seconds
+    s = 2j * np.pi * frequency
+    below_high = 1 / (1 + (frequency / high_hz) ** 16)
+    below_low = 1 / (1 + (frequency / low_hz) ** 16)
+    band = np.maximum(below_high - below_low, 0.0)
+    gain = np.asarray(s**3 * band, np.complex128)
+    jerk = scipy.fft.irfft(gain * spectra.raw_angle, spectra.padded_rows)
+    impulse = gain[1:] / s[1:] ** 3
+    peak = 2 * float(impulse.real.sum()) / spectra.padded_seconds
+    return BandPass(jerk, gain, peak)
+
+
 def acceleration_jumps(spectra: Spectra) -> Jumps:
     """Find jumps of the acceleration in the angle above the band of the motion.
 
     The third derivative is an impulse at a jump, and above the band little else. It is looked for
     up to the frequency at which the angle's noise, which grows by the sixth power there, would
-    hide it.
+    hide it. A smooth motion is smaller in the upper half of that band than in the lower one; a
+    jump has one size in both.
     """
     signals = spectra.signals
-    if signals.has_drivetrain:
-        return NO_JUMPS
-    frequency = np.arange(len(spectra.raw_angle)) / spectra.padded_seconds
-    low, high = spectra.band_hz, min(spectra.visible_hz, WIDEST * signals.rate_hz)
-    if high < LEAST_WIDTH * low:
+    low_hz = spectra.band_hz
+    high_hz = min(spectra.visible_hz, WIDEST * signals.rate_hz)
+    if signals.has_drivetrain or high_hz < LEAST_WIDTH * low_hz:
         return NO_JUMPS
 
-    def in_band(first: float, last: float) -> tuple[Array, Spectrum]:
-        """The third derivative between two frequencies, and the gain that it has been given."""
-        share = 1 / (1 + (frequency / last) ** 16) - 1 / (1 + (frequency / first) ** 16)
-        gain = np.asarray((2j * np.pi * frequency) ** 3 * np.maximum(share, 0.0), np.complex128)
-        return scipy.fft.irfft(gain * spectra.raw_angle, spectra.padded_rows), gain
+    whole = third_derivative_between(spectra, low_hz, high_hz)
+    noise = noise_of_jerk(spectra, whole.gain)
+    at = largest_rows(spectra, np.abs(whole.jerk), JUMP_ABOVE_NOISE * noise)
 
-    def of_unit_jump(gain: Spectrum) -> float:
-        """The peak of a jump of 1 rad/s^2."""
-        impulse = gain[1:] / (2j * np.pi * frequency[1:]) ** 3
-        return 2 * float(impulse.real.sum()) / spectra.padded_seconds
-
-    jerk, gain = in_band(low, high)
-    rounding = signals.encoder_step**2 / 6 / signals.rate_hz
-    density = max(spectra.angle_noise, rounding)
-    noise = np.sqrt(density * np.sum(np.abs(gain) ** 2) / spectra.padded_seconds)
-
-    size = np.abs(jerk)
-    # no two within a period of the band's end: one has lobes there
-    apart = 2 * round(signals.rate_hz / low) + 1
-    is_largest = size == scipy.ndimage.maximum_filter1d(size, apart)
-    # an extension beyond an end may jump there
-    first, rows = spectra.first_row + apart, len(signals.theta)
-    is_largest[:first] = False
-    is_largest[spectra.first_row + rows - apart :] = False
-    at = np.flatnonzero(is_largest & (size > JUMP_ABOVE_NOISE * noise))
-
-    # a smooth motion is smaller in the upper half of the band; a jump has one size in both
-    middle = float(np.sqrt(low * high))
-    of_halves = []
-    for half in ((low, middle), (middle, high)):
-        jerk_of_half, gain_of_half = in_band(*half)
-        of_halves.append(jerk_of_half[at] / of_unit_jump(gain_of_half))
-    in_lower, in_upper = of_halves
+    middle_hz = float(np.sqrt(low_hz * high_hz))
+    lower_half = third_derivative_between(spectra, low_hz, middle_hz)
+    upper_half = third_derivative_between(spectra, middle_hz, high_hz)
+    in_lower = lower_half.jerk[at] / lower_half.peak_of_unit_jump
+    in_upper = upper_half.jerk[at] / upper_half.peak_of_unit_jump
     is_jump = in_upper * np.sign(in_lower) > LEAST_SHARE * np.abs(in_lower)
     at, in_lower, in_upper = at[is_jump], in_lower[is_jump], in_upper[is_jump]
-    kept = float(np.sum(np.abs(in_upper))) / max(float(np.sum(np.abs(in_lower))), 1e-300)
+    size_in_lower = max(float(np.sum(np.abs(in_lower))), 1e-300)
+    size_in_upper = float(np.sum(np.abs(in_upper)))
+    falls_too_much = size_in_upper / size_in_lower < (middle_hz / low_hz) ** STEEPEST
     # fewer than one in a block do not move what hundreds of motions tell
-    if len(at) < BLOCKS or kept < (middle / low) ** STEEPEST:
+    if len(at) < BLOCKS or falls_too_much:
         return NO_JUMPS
 
-    # the vertex of a parabola through three rows
-    before, peak, after = jerk[at - 1], jerk[at], jerk[at + 1]
+    # the place of a jump is the vertex of a parabola through three rows
+    before, peak, after = whole.jerk[at - 1], whole.jerk[at], whole.jerk[at + 1]
     vertex = 0.5 * (before - after) / (before - 2 * peak + after)
-    above_noise = float(np.median(size[at]) / noise)
+    above_noise = float(np.median(np.abs(peak)) / noise)
     return Jumps(
         at=np.asarray(at + np.clip(vertex, -0.5, 0.5)),
-        sizes=peak / of_unit_jump(gain),
+        sizes=peak / whole.peak_of_unit_jump,
         above_noise=above_noise,
-        placed_to=signals.rate_hz / (np.pi * (low + high)) / above_noise,
+        placed_to=signals.rate_hz / (np.pi * (low_hz + high_hz)) / above_noise,
     )
+
+
+def noise_of_jerk(spectra: Spectra, gain: Spectrum) -> float:
+    """Standard deviation of what noise and rounding of the angle make of the third derivative."""
+    signals = spectra.signals
+    rounding = signals.encoder_step**2 / 6 / signals.rate_hz  # density [rad^2/Hz]
+    density = max(spectra.angle_noise, rounding)
+    return float(np.sqrt(density * np.sum(np.abs(gain) ** 2) / spectra.padded_seconds))
+
+
+def largest_rows(spectra: Spectra, size: Array, least: float) -> NDArray[np.intp]:
+    """Rows (j,) of peaks above `least`, no two within a period of the band's end: one jump has
+    lobes there. An extension beyond an end of the recording may jump, which does not count."""
+    signals = spectra.signals
+    width = 2 * round(signals.rate_hz / spectra.band_hz) + 1
+    is_peak = size == scipy.ndimage.maximum_filter1d(size, width)
+    first = spectra.first_row + width
+    last = spectra.first_row + len(signals.theta) - width
+    is_peak[:first] = False
+    is_peak[last:] = False
+    return np.flatnonzero(is_peak & (size > least))
 
 
 def impulses(spectra: Spectra, at: Array, areas: Array) -> Spectrum:

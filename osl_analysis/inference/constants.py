@@ -1,6 +1,7 @@
-"""Every number that decides something in this room, with its unit, its meaning and its evidence.
+"""The numbers by which hypotheses are weighed, with unit, meaning and evidence.
 
-Tolerances of numerical methods stand where they are used. `TABLE` is what a page or a test reads.
+Tolerances of numerical methods, and what only saves time, stand where they are used. `TABLE` is
+what a page or a test reads.
 
 "Prototype" is a study of 239 planted, 159 sound and 18 human-like recordings, by which two of the
 values were chosen (INEXACTNESS, PRIOR_SOUND). "A choice" was not varied.
@@ -112,7 +113,7 @@ EDGE = constant(
     0.5,
     "s",
     "left out at both ends, where filters depend on what was not recorded",
-    "five times the longest time constant of a path, and 4 periods of the band's end",
+    "ten times the longest time constant of a path, and 4 periods of the slowest band's end",
 )
 TAPER = constant(
     "TAPER",

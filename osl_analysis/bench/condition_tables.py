@@ -57,8 +57,9 @@ def repeated_trials_table(impedance: pl.DataFrame) -> pl.DataFrame:
         repeats_of = pl.when(pl.col("K_d").is_null()).then(repeating_trials(whole))
 
     rows = list[dict[str, object]]()
-    conditions = whole.with_columns(own=repeats_of).group_by([*keys, "own"], maintain_order=True)
-    for (*key, _), condition in conditions:
+    of_first_repeat = whole.with_columns(first_repeat=repeats_of)
+    conditions = of_first_repeat.group_by([*keys, "first_repeat"], maintain_order=True)
+    for (*key, _first_repeat), condition in conditions:
         alike = [
             alike_sizes(condition[name].cast(pl.Float64)).alias(f"{name}_alike") for name in sizes
         ]

@@ -315,9 +315,10 @@ def zero_row(trial: TorqueAngleTrial, widest: float) -> Row:
         is_unsure = True  # it may rest under load
     zero_unsure = None
     if is_unsure and zero != "none":
-        is_stated = trial.settings.zero is not None
-        off = middle.torque if is_stated and middle is not None and middle.torque else trial.zero
-        zero_unsure = abs(off)
+        evidence = trial.zero
+        if trial.settings.zero is not None and middle is not None and middle.torque:
+            evidence = middle.torque
+        zero_unsure = abs(evidence)
     return {
         "torque_zero": trial.zero,
         "zero_off_middle": None if zero == "none" or middle is None else -middle.torque,

@@ -28,7 +28,9 @@ WITH_INTERVAL = (
 )
 """Estimates of a cycle whose mean over cycles has an interval."""
 SPEED_RANGE = 1.3  # fastest over slowest loop, below which their speeds do not tell a change
-ZERO_SHIFT = 0.01  # of the range of torque: the shift by which energies are differentiated
+# finite difference of the zero, as a share of the range of torque, from which the effect of the
+# zero on energies is taken
+ZERO_SHIFT = 0.01
 REPEATED_K, REPEATED_RANGE = 0.03, 0.02
 """Differences of K and of the ends of the range, as shares, within which trials repeat one
 another."""

@@ -38,9 +38,9 @@ def transmission_table(analysis: Analysis) -> pl.DataFrame:
     for label, fit in analysis.fits.items():
         beside_friction = effects.with_effects(s, TRANSMISSION, ("T_C",), label)
         weight = effects.with_effects(s, TRANSMISSION, ("weight",), label)
-        taken = 0.0
+        share_of_weight = 0.0
         if weight.certain("weight", effects.FALSE_ALARM):
-            taken = 1 - fit["J_j"] / weight["J_j"]
+            share_of_weight = 1 - fit["J_j"] / weight["J_j"]
         rows.append(
             {
                 **analysis.row(label, *LOSSES),
@@ -49,7 +49,7 @@ def transmission_table(analysis: Analysis) -> pl.DataFrame:
                 ),
                 **estimates_row(analysis.calibrated(weight, label), "weight"),
                 "J_j_weightless": weight["J_j"],
-                "weight_share": taken,
+                "weight_share": share_of_weight,
                 "B_j_coulomb": beside_friction["B_j"],
                 "VAF_coulomb": beside_friction.vaf,
                 **analysis.beside_diagnostics(label, *LOSSES),

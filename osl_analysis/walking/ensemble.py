@@ -129,7 +129,8 @@ class Ensemble:
     behaviour : Array
         (n, 4, c).
     influence : Array
-        Of each of m plate trials on the torque (n, m, k) [N*m].
+        Pseudo-values of the torque (n, m, k) [N*m], one for each of m plate trials: drawing them
+        with replacement gives the jackknife's variance (Tukey).
 
     Raises
     ------

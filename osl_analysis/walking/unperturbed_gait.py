@@ -163,8 +163,9 @@ def matched_scales(phase: Array, curves: Array, mean: Array) -> Array:
     for _ in range(SCALE_ROUNDS):
         scaled_phase = np.clip(scales[..., None] * phase, 0.0, 1.0)
         expected = mean_curve(scaled_phase)
-        f = without_drift(expected)  # by c
-        s = without_drift(phase * mean_slope(scaled_phase))  # by r
+        # derivatives of the expected curve by its factor, and by its scale of phase
+        f = without_drift(expected)
+        s = without_drift(phase * mean_slope(scaled_phase))
         unexplained = without_drift(curves - expected)
 
         # The coefficient of s in the regression of what is unexplained on f and s

@@ -20,7 +20,12 @@ from osl_analysis.figures.names import figure_title
 from osl_analysis.files import atomic_path, write_text
 from osl_analysis.judge.campaign import Entry, entries
 from osl_analysis.judge.finding import read_findings
-from osl_analysis.judge.two_campaigns import COMPARED_QUANTITIES, compared, label_of, verdicts_said
+from osl_analysis.judge.two_campaigns import (
+    COMPARED_QUANTITIES,
+    comparison_table,
+    label_of,
+    verdicts_in_words,
+)
 from osl_analysis.refusal import Refusal, is_refused
 from osl_analysis.report import page, trial_page
 from osl_analysis.report.headlines import aligned, digits_of, fixed, missing_lines
@@ -249,13 +254,12 @@ def both_summaries(folders: Sequence[Path]) -> list[dict[str, Any]]:
 
 
 def compare_campaigns(folders: Sequence[Path], output: Path, margin: float | None = None) -> str:
-    """Compare the results in two folders, A and B, by `two_campaigns.compared`: `comparison` as
-    .csv, .pdf, .svg and .png in `output`, all or none. Returns what to print. Raises InputError:
+    """Compare the results in two folders, A and B, by `comparison_table`: `comparison` as .csv, .pdf, .svg and .png in `output`, all or none. Returns what to print. Raises InputError:
     both are one folder, one has no summary or an older table, there is nothing to compare, or a
     number has two units."""
     a, b = both_summaries(folders)
     tables = [tables_to_compare(folder) for folder in folders]
-    table = compared(tables[0], tables[1], margin)
+    table = comparison_table(tables[0], tables[1], margin)
     if table["difference"].is_null().all():
         raise InputError(
             f"{folders[0]} and {folders[1]}: nothing to compare, no quantity is of one condition in"
@@ -291,5 +295,5 @@ def compare_campaigns(folders: Sequence[Path], output: Path, margin: float | Non
         f"{name}: {line}" for name, of in (("A", a), ("B", b)) for line in missing_lines(of, True)
     ]
     rows = aligned([[*cells[0]], *([*row.values()] for row in cells)])
-    said = [verdicts_said(table), *remarks_on(a, b, tables), "", rows, *known, *lacks]
+    said = [verdicts_in_words(table), *remarks_on(a, b, tables), "", rows, *known, *lacks]
     return "\n".join([*said, *(f"wrote {path}" for path in paths.values())])

@@ -254,9 +254,28 @@ def both_summaries(folders: Sequence[Path]) -> list[dict[str, Any]]:
 
 
 def compare_campaigns(folders: Sequence[Path], output: Path, margin: float | None = None) -> str:
-    """Compare the results in two folders, A and B, by `comparison_table`: `comparison` as .csv, .pdf, .svg and .png in `output`, all or none. Returns what to print. Raises InputError:
-    both are one folder, one has no summary or an older table, there is nothing to compare, or a
-    number has two units."""
+    """Compare the results of two campaigns.
+
+    Parameters
+    ----------
+    folders : Sequence of Path
+        Those of A and B.
+    output : Path
+        Folder for `comparison` as .csv, .pdf, .svg and .png: all or none.
+    margin : float or None
+        As in `comparison_table`.
+
+    Returns
+    -------
+    str
+        What to print.
+
+    Raises
+    ------
+    InputError
+        Both are one folder, one has no summary or an older table, there is nothing to compare, or a
+        number has two units.
+    """
     a, b = both_summaries(folders)
     tables = [tables_to_compare(folder) for folder in folders]
     table = comparison_table(tables[0], tables[1], margin)

@@ -350,9 +350,7 @@ def test_verdicts_and_counts_sorting_by_the_unrounded_value_and_conditions_that_
     assert [row["verdict"] for row in content["trials"]] == kinds[::-1], "the worst first"
     *_, doubtful, flagged, _ = content["trials"]
     assert (flagged["causes"], doubtful["causes"]) == (["gap in the recording"], ["friction"])
-    assert trials[1].doubts[0]["numbers"] == [
-        ["gap", "0.095", "above 0.05", WORDS["checks"]["gap"]]
-    ]
+    assert trials[1].doubts[0].numbers == [["gap", "0.095", "above 0.05", WORDS["checks"]["gap"]]]
     number = {"sort": "299.5123", "text": "299.5", "interval": "[299.2, 299.8]", "column": "K"}
     assert (doubtful["numbers"][1], [one["name"] for one in content["left_out"]]) == (
         number,
@@ -437,14 +435,14 @@ def test_doubts_say_whether_they_are_about_the_whole_trial_and_with_which_number
     )
     findings = stored_findings(part, replace(doubt(), evidence=numbers), own, inherited)
     found = replace(trial(), findings=findings).doubts
-    assert [(one["where"], one["of"], one["cause"]) for one in found] == [
+    assert [(one.where, one.of, one.cause) for one in found] == [
         ("4 deg", "part", "model that does not fit"), ("all amplitudes", "all", "friction"),
         ("phasors, 2 deg, 3 Hz", "other", "x"),
     ]  # fmt: skip
-    assert found[1]["says"] == WORDS["causes"]["friction"]["says"]
+    assert found[1].says == WORDS["causes"]["friction"]["says"]
     meanings = [IMPEDANCE.columns[name].meaning for name in ("B_change", "coulomb_share")]
     limits = ("B_change", "0.291", "above 0.25"), ("coulomb_share", "1.03", "above 0.5")
-    assert found[1]["numbers"] == [
+    assert found[1].numbers == [
         [*limit, meaning] for limit, meaning in zip(limits, meanings, strict=True)
     ]
 

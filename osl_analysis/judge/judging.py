@@ -290,9 +290,9 @@ def judged(table: pl.DataFrame, limits: Limits, name: str) -> RowFindings:
         is_fit = table[EXCLUDED].is_null().to_list()
     if any(is_fit):
         check_limits(table, limits, name)
-    rows = []
-    for row, has_fit in zip(table.to_dicts(), is_fit, strict=True):
-        rows.append(JudgedRow(row, numbers_beyond(name, row, limits), has_fit))
+    rows: list[JudgedRow] = []
+    for cells, has_fit in zip(table.to_dicts(), is_fit, strict=True):
+        rows.append(JudgedRow(cells, numbers_beyond(name, cells, limits), has_fit))
     of_whole = {row.trial: row.numbers for row in rows if of_whole_trial(row.row)}
     with_amplitudes = {row.trial for row in rows if row.row.get("amplitude_deg") is not None}
     explained_by: dict[object, Cause | None] = {}  # by trial

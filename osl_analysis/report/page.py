@@ -346,8 +346,8 @@ def check_map(
         )
         rows: dict[str, dict[str, str]] = {}
         for trial in own:
-            for one in sorted(trial.doubts, key=lambda one: [*STATES].index(one["of"])):
-                rows.setdefault(one["cause"], {}).setdefault(trial.name, STATES[one["of"]])
+            for doubt in sorted(trial.doubts, key=lambda doubt: [*STATES].index(doubt.of)):
+                rows.setdefault(doubt.cause, {}).setdefault(trial.name, doubt.verdict)
             for one in trial.unchecked:
                 state = "remark" if one["grade"] == Grade.NOTES else "not checked"
                 rows.setdefault(one["cause"], {}).setdefault(trial.name, state)

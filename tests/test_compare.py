@@ -128,13 +128,13 @@ def test_equal_campaigns_are_equivalent_a_planted_difference_is_seen():
         for row in comparison_table(tables(), {"impedance": rubs}).iter_rows(named=True)
     }
     assert both["impedance B, c"]["difference"] == pytest.approx(1.0)
-    without = both["impedance B without friction, c"]
+    without = both["impedance B_viscous, c"]
     known = (
         {"impedance": one["impedance"].with_columns(B_se_bench=pl.lit(0.3))}
         for one in (tables(), tables())
     )
     by_bench = {label_of(row): row for row in comparison_table(*known).iter_rows(named=True)}[
-        "impedance B without friction, c"
+        "impedance B_viscous, c"
     ]
     assert by_bench["difference_high"] == pytest.approx(1.96 * math.hypot(0.3, 0.3), rel=0.01), (
         "the bench errs alike"

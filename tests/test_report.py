@@ -674,7 +674,7 @@ def test_friction_stands_beside_B_and_a_doubt_names_the_B_that_it_leaves():
     path, late = (
         replace(doubt(cause), without={"B": 1.91}) for cause in ("torque path", "late torque")
     )
-    for finding, said in ((path, "B without friction 1.91"), (late, "B 1.91")):
+    for finding, said in ((path, "B_viscous 1.91"), (late, "B 1.91")):
         (found,) = page.conditions({"impedance": rows}, {"t": stored_findings(finding)})
         assert (found["B"][0], found["B_viscous"][0], found["f_C"][0]) == ("2.40", "1.900", "0.25")
         assert found["doubt"] == f"{finding.cause} (with it in the fit {said})"

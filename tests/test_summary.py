@@ -816,7 +816,7 @@ def test_a_missing_or_broken_summary_is_refused(tmp_path, content, message):
 def test_the_error_of_the_damping_is_without_friction_where_this_is_certain():
     rubs, whole = impedance(), pl.col("amplitude_deg").is_null()
     error = by_name({"impedance": rubs.filter(whole)})["B_error_compensated"]
-    assert (error.value, "without friction" in error.meaning) == (
+    assert (error.value, "viscous where friction is certain" in error.meaning) == (
         pytest.approx((0.2 + 0.1) / 2),
         True,
     )

@@ -50,15 +50,32 @@ def test_every_cause_and_check_says_what_is_wrong_and_what_to_do_and_no_word_is_
     assert all(entry["says"] for entry in WORDS["unchecked"].values())  # in any table
 
 
+def texts_of(entry):
+    """An entry of the words, and those that it has by table."""
+    return [entry, *(text for text in entry.values() if isinstance(text, dict))]
+
+
+def test_a_finding_has_at_most_35_words():
+    too_long = []
+    for part in ("causes", "unchecked", "misfits"):
+        for cause, entry in WORDS[part].items():
+            for text in texts_of(entry):
+                words = f"{text['says']} {text.get('remedy', '')}".split()
+                if len(words) > 35:
+                    too_long.append((cause, len(words)))
+
+    assert too_long == []
+
+
 @pytest.mark.parametrize(("row", "limits", "parts"), [
     (LATE, {},
      ["late torque: ", "the torque is late by 2 ms, which moves B by 10 % and I by 90 %"]),
     (LATE | {"lag_s": -2e-3}, {}, ["the angle is late by 2 ms"]),
     (HEARD, {"fault_harm": 1},
      ["torque path: ", "explained by delay, moving mean", "B 4.9 to 5.1, nothing of I is"]),
-    (HEARD | {"B_viscous": 4.9}, {"fault_harm": 1}, ["B without friction 4.9 to 5.1"]),
+    (HEARD | {"B_viscous": 4.9}, {"fault_harm": 1}, ["B_viscous 4.9 to 5.1"]),
     (RUBS, {"coulomb_share": 0.5},
-     ["B is 1.05 N*m*s/rad without friction and 2.26 with it, friction is 1.4 N*m"]),
+     ["B 2.26, viscous part 1.05 N*m*s/rad, friction 1.4 N*m"]),
     (RUBS | {"B_viscous": None}, {"coulomb_share": 0.5},
      ["friction makes 1.4 N*m*s/rad of B = 2.26"]),
     ({"coulomb_share": 0.6}, {"coulomb_share": 0.5},

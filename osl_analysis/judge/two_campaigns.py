@@ -461,8 +461,7 @@ def percent_of(logarithm: float | None) -> float | None:
 
 def label_of(row: Mapping[str, Any]) -> str:
     """What a row of `comparison.csv` is about, as `impedance K, compensated`."""
-    quantity = "B without friction" if row["quantity"] == "B_viscous" else row["quantity"]
-    parts = [f"{row['experiment']} {quantity}"]
+    parts = [f"{row['experiment']} {row['quantity']}"]
     for name in ("controller", "group", "joint", "side"):
         if row[name] not in (None, "all", "ankle"):  # the usual ones are not named
             parts.append(row[name])

@@ -127,12 +127,12 @@ def beyond_text(number: Beyond) -> str:
 
 
 def without_names(cause: str, row: AnyRow, table: str) -> dict[str, str]:
-    """What a reader calls K, B and I without a cause in a table. Certain friction is a column of
-    the regression beside the cause, and no part of the damping."""
+    """What K, B and I without a cause are called in a table. Certain friction is a column of the
+    regression beside the cause, so the damping is the viscous one."""
     names = {symbol: estimate_column(table, symbol) for symbol in ESTIMATES}
     is_hypothesis = cause in CAUSES and CAUSES[cause].without.get("B") == "B_without"
     if is_hypothesis and row.get(f"{names['B']}_viscous") is not None:
-        names["B"] += " without friction"
+        names["B"] += "_viscous"
     return names
 
 
@@ -324,8 +324,8 @@ def friction_text(row: AnyRow) -> str:
         return ""
     if viscous is not None and friction is not None:
         return (
-            f"{B} is {significant(viscous, 3)} N*m*s/rad without friction and"
-            f" {significant(damping, 3)} with it, friction is {friction:.2g} N*m"
+            f"{B} {significant(damping, 3)}, viscous part {significant(viscous, 3)} N*m*s/rad,"
+            f" friction {friction:.2g} N*m"
         )
     if share:
         return (
@@ -393,12 +393,11 @@ def calibrated_lag_text(cells: Cells) -> str:
     half_s = cells["lag_s_high"] - lag_s
     explanations = cells.get("explanations") or "delay"
     if half_s > UNCERTAIN_LAG_SHARE * lag_s:  # or early, which no load cell is
-        remedy = "which a spring that loses energy shows too, so measure it with a known inertia"
+        remedy = "as with a spring that loses energy: measure it with a known inertia"
     elif explanations != "delay":
         remedy = (
-            f"or what else would make it so ({explanations}), by which I is another one: write the"
-            f" `low_pass` that its path has by the data sheet, or `delay: {1e3 * lag_s:.3g} ms` if"
-            " it has none, and calibrate again"
+            f"or otherwise distorted ({explanations}), which gives another I: write the `low_pass`"
+            f" of its data sheet, or else `delay: {1e3 * lag_s:.3g} ms`, and calibrate again"
         )
     else:
         remedy = f"write `delay: {1e3 * lag_s:.3g} ms` more for it and `{to_state}`"

@@ -105,7 +105,7 @@ def numbers_line(
 
 
 def finding_line(finding: Mapping[str, Any]) -> str:
-    """`⚠ friction: 16 of 32 impedance trials, B by up to 1.7 N*m*s/rad → use B without friction`.
+    """`⚠ friction: 16 of 32 impedance trials, B by up to 1.7 N*m*s/rad → report B_viscous`.
 
     Without the size where the line would be too long.
     """

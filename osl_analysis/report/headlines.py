@@ -328,7 +328,7 @@ def errors_of_controller(
     yield from over_fits(labels["K_bias"], K_bias_percent, np.mean, trials, used)
     label_of_B = labels["B_error"]
     if used["B_viscous"].count():
-        label_of_B = with_end(label_of_B, "B without friction where this is certain")
+        label_of_B = with_end(label_of_B, "viscous where friction is certain")
     B_error = (held_against_desired(used)["B"] - used["B_d"]).abs()
     yield from over_fits(label_of_B, B_error, np.mean, trials, used)
     if "torque_error" in used.columns:

@@ -12,7 +12,7 @@ from osl_analysis.dictionary import described_tables
 from osl_analysis.judge.causes import CAUSES, EVIDENCE
 from osl_analysis.judge.finding import Finding, Grade, Limits
 from osl_analysis.judge.limits import CHECKS
-from osl_analysis.judge.words import COMPUTED, OF_EVIDENCE, WORDS, finding_said, words_of
+from osl_analysis.judge.words import COMPUTED, OF_EVIDENCE, WORDS, finding_text, words_of
 
 LATE = {
     "trial": "a",
@@ -38,7 +38,7 @@ RUBS = {"trial": "a", "coulomb_share": 0.6, "B": 2.264, "B_viscous": 1.0465, "f_
 def said(row, above=None, below=None):
     """The one finding about a row, in words."""
     (finding,) = findings_of(row, Limits(above=above or {}, below=below or {}), "phasors")
-    return finding_said(finding, row)
+    return finding_text(finding, row)
 
 
 def test_every_cause_and_check_says_what_is_wrong_and_what_to_do_and_no_word_is_of_none():
@@ -121,9 +121,9 @@ def test_a_changed_word_changes_no_cause(monkeypatch):
     )
     after = findings_of(LATE, Limits(), "phasors")
     assert before == after
-    assert finding_said(after[0], LATE).startswith("late torque: something else: ")
+    assert finding_text(after[0], LATE).startswith("late torque: something else: ")
     assert (
-        finding_said(replace(after[0], cause="no such cause"), LATE)
+        finding_text(replace(after[0], cause="no such cause"), LATE)
         == "lag_share 0.1 is above 0.05, lag_inertia_share 0.9 is above 0.2"
     )
 

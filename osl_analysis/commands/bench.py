@@ -42,7 +42,7 @@ from osl_analysis.ingest.examine import check_recording, saturated
 from osl_analysis.judge.finding import Finding, Grade
 from osl_analysis.judge.judging import judged, marked
 from osl_analysis.judge.limits import DoubtfulFits
-from osl_analysis.judge.words import finding_said, words_of
+from osl_analysis.judge.words import finding_text, words_of
 from osl_analysis.model.actuator_in_time import Controller
 from osl_analysis.model.compensator import Weight
 from osl_analysis.model.drivetrain import (
@@ -282,17 +282,18 @@ def gather_predictions(
     without = dict(unpredicted)
 
     def predicted_trial(
-        row: Mapping[str, Any], p: DrivetrainParameters, known: measured_components.Components
+        row: Mapping[str, Any], p: DrivetrainParameters, parts: measured_components.Components
     ) -> PredictedTrial:
         desired = impedance.DesiredImpedance(row["controller"], row["K_d"], row["B_d"])
         gains = desired.gains(p, weight)
         assert gains is not None  # of other trials no record is read
         record = read_record(record_of_trial[row["trial"]], settings.low_pass)
         of_trial = laws.filter(trial=row["trial"])
-        ran = controller_law.law_that_ran(of_trial, gains, p)
-        terms, misses = prediction.prediction_terms(record, Controller(*ran, sign_width), known)
-        law_name = "programmed" if ran == (gains, p) else "measured"
-        return PredictedTrial(terms, misses, law_name)
+        measured_gains, cancelled_friction = controller_law.law_that_ran(of_trial, gains, p)
+        controller = Controller(measured_gains, cancelled_friction, sign_width)
+        terms, misses = prediction.prediction_terms(record, controller, parts)
+        is_programmed = (measured_gains, cancelled_friction) == (gains, p)
+        return PredictedTrial(terms, misses, "programmed" if is_programmed else "measured")
 
     predictions: list[pl.DataFrame] = []
     of_components: list[pl.DataFrame] = []
@@ -302,14 +303,14 @@ def gather_predictions(
         assert p is not None  # without a parameter file no gains are known
         predicted: dict[str, PredictedTrial] = {}
         try:
-            known = measured_components.components_of(measured, at_place.select(PLACE).row(0), p)
+            parts = measured_components.components_of(measured, at_place.select(PLACE).row(0), p)
         except (InputError, IdentifiabilityError) as error:
             reason = f"components that predict a torque ({error})"
             without.update(dict.fromkeys(at_place["trial"], reason))
             continue
         for row in at_place.to_dicts():
             try:
-                predicted[row["trial"]] = predicted_trial(row, p, known)
+                predicted[row["trial"]] = predicted_trial(row, p, parts)
             except (InputError, IdentifiabilityError) as error:
                 without[row["trial"]] = f"components that predict a torque ({error})"
         if not predicted:
@@ -318,7 +319,7 @@ def gather_predictions(
         terms = {name: trial.terms for name, trial in predicted.items()}
         law_names = {name: trial.law for name, trial in predicted.items()}
         of_terms = at_place.filter(pl.col("trial").is_in(list(terms)))
-        rows, rows_of_components = prediction.prediction_table(terms, of_terms, known)
+        rows, rows_of_components = prediction.prediction_table(terms, of_terms, parts)
         law_of_trial = pl.col("trial").replace_strict(law_names)
         predictions.append(rows.with_columns(law=law_of_trial))
         of_components.append(rows_of_components)
@@ -386,20 +387,20 @@ class Fit:
     def doubtful(self) -> str:
         """Why the fit to all data is not to be trusted: what is beyond which limit, and what to do.
         Empty: nothing."""
-        return "\n".join(self.said(Grade.DOUBTS))
+        return "\n".join(self.sentences(Grade.DOUBTS))
 
     @property
     def not_checked(self) -> str:
         """What could not be checked, and why, a line each, and what is to be known; empty if there
         is nothing."""
-        lines = [f"not checked: {text}" for text in self.said(Grade.UNCHECKED)]
-        lines += [f"remark: {text}" for text in self.said(Grade.NOTES)]
+        lines = [f"not checked: {text}" for text in self.sentences(Grade.UNCHECKED)]
+        lines += [f"remark: {text}" for text in self.sentences(Grade.NOTES)]
         return "\n".join(lines)
 
-    def said(self, *grades: Grade) -> list[str]:
+    def sentences(self, *grades: Grade) -> list[str]:
         """The findings of some grades about the fit to all data, in words."""
         of_whole = self.findings[-1] if self.findings else ()
-        return [finding_said(finding, self.row) for finding in of_whole if finding.grade in grades]
+        return [finding_text(finding, self.row) for finding in of_whole if finding.grade in grades]
 
     def __getattr__(self, name: str) -> Any:
         """A column of the table by name, of the fit to all data, or `NAME_interval`."""
@@ -597,7 +598,7 @@ def estimates_text(estimates: pl.DataFrame, findings: Sequence[Sequence[Finding]
         lines += [estimate_line(row, name) for name in estimated(row)]
         for finding in of_row:
             if finding.grade is Grade.DOUBTS:
-                lines.append(f"  doubtful: {finding_said(finding, row)}")
+                lines.append(f"  doubtful: {finding_text(finding, row)}")
     lines.append(
         "± is the half-width of the 95 % interval, by the method that interval_method names"
     )
@@ -648,5 +649,5 @@ def estimate_line(row: Mapping[str, Any], name: str) -> str:
 def estimated(row: Mapping[str, Any]) -> list[str]:
     """The quantities that a fit estimates (a belt at a constant velocity has no B_j), or all its
     numbers."""
-    known = [name for name in UNIT_OF if f"{name}_se" in row and row[name] is not None]
-    return known or [name for name, value in row.items() if isinstance(value, float)]
+    quantities = [name for name in UNIT_OF if f"{name}_se" in row and row[name] is not None]
+    return quantities or [name for name, value in row.items() if isinstance(value, float)]

@@ -240,7 +240,7 @@ def write_summary(
             missing_results[refusal.file] = refusal.reason.removeprefix(f"{refusal.file}: ")
     all_findings = read_findings(findings) if findings else findings_frame()
     checks = read_table(verdicts) if verdicts else pl.DataFrame(schema=["check", "verdict"])
-    intervals = headlines.intervals_said(tables)
+    intervals = headlines.intervals_text(tables)
     content = {
         "trials": used_trials,
         "missing_results": missing_results,

@@ -380,9 +380,9 @@ def doubts_beside_origin(
 ) -> Iterator[KnownCause]:
     """Doubts about the rows of a table of single results, such as frequencies, that the table of
     the fits to the same trials does not have."""
-    known = {(entry["trial"], entry["cause"]) for entry in of_origin}
-    alone = [entry for entry in doubts if (entry["trial"], entry["cause"]) not in known]
-    yield from by_cause(alone, "doubtful in part", f"{where}, in {title} alone", judged_trials)
+    in_origin = {(entry["trial"], entry["cause"]) for entry in of_origin}
+    others = [entry for entry in doubts if (entry["trial"], entry["cause"]) not in in_origin]
+    yield from by_cause(others, "doubtful in part", f"{where}, in {title} alone", judged_trials)
 
 
 def subjects(rows: pl.DataFrame) -> list[str]:

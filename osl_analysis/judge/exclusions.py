@@ -35,14 +35,14 @@ class Judge:
         The configured thresholds.
     accept
         The checks that the sheet accepts, by trial.
-    known
+    excluded_by_states
         The excluded trials by the states of the files that tell them: a run asks again for each of
         its rules, mostly of files that have not changed.
     """
 
     rules: QualityRules
     accept: Mapping[str, Collection[str]]
-    known: dict[tuple[tuple[Path, str], ...], list[str]] = field(default_factory=dict)
+    excluded_by_states: dict[tuple[tuple[Path, str], ...], list[str]] = field(default_factory=dict)
 
     def verdicts(self, measured: Iterable[Path]) -> pl.DataFrame:
         """The rows of `quality.csv` for trials whose checks were `measured`; a missing file, or a
@@ -58,9 +58,9 @@ class Judge:
         none."""
         files = list(measured)
         states = tuple((path, repr(file_state(path))) for path in files)
-        if states not in self.known:
-            self.known[states] = list(exclusions(self.verdicts(files)))
-        return self.known[states]
+        if states not in self.excluded_by_states:
+            self.excluded_by_states[states] = list(exclusions(self.verdicts(files)))
+        return self.excluded_by_states[states]
 
 
 def read_measured(path: Path) -> list[dict[str, Any]]:
@@ -74,7 +74,7 @@ def read_measured(path: Path) -> list[dict[str, Any]]:
     return rows
 
 
-def exclusion_said(row: Mapping[str, Any]) -> str:
+def exclusion_text(row: Mapping[str, Any]) -> str:
     """Why a trial is not used, by a row of `quality.csv` or `excluded.csv`: check, value,
     threshold, what was seen."""
     if row["value"] is None:
@@ -89,5 +89,5 @@ def exclusions(verdicts: pl.DataFrame) -> dict[str, str]:
     """The trials that quality control excludes, and why."""
     reasons: dict[str, list[str]] = {}
     for row in verdicts.filter(pl.col("verdict") == "exclude").iter_rows(named=True):
-        reasons.setdefault(row["trial"], []).append(exclusion_said(row))
+        reasons.setdefault(row["trial"], []).append(exclusion_text(row))
     return {trial: "; ".join(texts) for trial, texts in reasons.items()}

@@ -227,10 +227,10 @@ def check_limits(table: pl.DataFrame, limits: Limits, name: str) -> None:
     }
     for limit in limits.stated():
         if limit.value is not None and limit.column not in numeric:
-            known = ", ".join(other for other in table.columns if table[other].dtype.is_numeric())
+            possible = ", ".join(name for name in table.columns if table[name].dtype.is_numeric())
             raise InputError(
                 f"configuration, doubtful.{name}: the table has no column '{limit.column}' of"
-                f" numbers; put the limit on one of {known}, or write null for no limit"
+                f" numbers; put the limit on one of {possible}, or write null for no limit"
             )
 
 
@@ -397,7 +397,11 @@ def marked(table: pl.DataFrame, findings: RowFindings, name: str) -> pl.DataFram
 
 
 def with_inherited(
-    name: str, table: pl.DataFrame, own: RowFindings, of: pl.DataFrame, findings: RowFindings
+    name: str,
+    table: pl.DataFrame,
+    findings: RowFindings,
+    origin: pl.DataFrame,
+    findings_of_origin: RowFindings,
 ) -> RowFindings:
     """Add to the findings about each row the doubts of another table about the same trial and
     amplitude, or about the whole trial: a clipped or late torque concerns everything from the same
@@ -405,20 +409,20 @@ def with_inherited(
 
     Parameters
     ----------
-    name, table, own
+    name, table, findings
         A table, its rows, and the findings about them.
-    of, findings
+    origin, findings_of_origin
         The rows of the other table, and the findings about them.
     """
     doubts_by_fit: dict[tuple[Any, ...], list[Finding]] = {}
-    for fit, of_row in zip(trials_and_amplitudes(of), findings, strict=True):
+    for fit, of_row in zip(trials_and_amplitudes(origin), findings_of_origin, strict=True):
         doubts_by_fit[fit] = [finding for finding in of_row if finding.grade is Grade.DOUBTS]
     extended: RowFindings = []
-    for fit, own_of_row in zip(trials_and_amplitudes(table), own, strict=True):
+    for fit, of_row in zip(trials_and_amplitudes(table), findings, strict=True):
         inherited = []
         for doubt in doubts_by_fit.get(fit, ()):
             inherited.append(replace(doubt, table=name, inherited=doubt.table))
-        extended.append([*own_of_row, *inherited])
+        extended.append([*of_row, *inherited])
     return extended
 
 

@@ -44,14 +44,14 @@ def corrected_column(table: str, symbol: str, column: str) -> str:
 
 def corrections(table: str, cause: Cause, row: AnyRow) -> list[Correction]:
     """The estimates beside a cause, as far as the row has their columns."""
-    known: list[Correction] = []
+    without_cause: list[Correction] = []
     for symbol, column_of_impedance in cause.without.items():
         column = corrected_column(table, symbol, column_of_impedance)
         if column not in row:
             continue
         low, high = cell_number(row, f"{column}_low"), cell_number(row, f"{column}_high")
-        known.append(Correction(symbol, cell_number(row, column), low, high))
-    return known
+        without_cause.append(Correction(symbol, cell_number(row, column), low, high))
+    return without_cause
 
 
 def is_told(correction: Correction) -> bool:

@@ -84,10 +84,10 @@ def size_text(finding: Finding, row: AnyRow) -> str:
             details.append(filled(template, Cells(row, number)))
     if not by_friction:  # which tells the estimates without it already
         details.append(estimates_without_cause(finding, row))
-    known = [detail for detail in dict.fromkeys(details) if detail]
-    if not known:
+    details = [detail for detail in dict.fromkeys(details) if detail]
+    if not details:
         return ""
-    return ". ".join([known[0], *map(capital, known[1:])])
+    return ". ".join([details[0], *map(capital, details[1:])])
 
 
 def brief_remedy(cause: str) -> str:
@@ -102,7 +102,7 @@ def sentence_of(words: Words, cause: str = "") -> str:
     return ". ".join(filter(None, [problem, words.remedy]))
 
 
-def finding_said(finding: Finding, row: AnyRow) -> str:
+def finding_text(finding: Finding, row: AnyRow) -> str:
     """A finding about a row in one sentence or two, with the numbers that decided."""
     words = words_of(finding, row)
     if finding.cause not in WORDS["causes"] and finding.grade is Grade.DOUBTS:

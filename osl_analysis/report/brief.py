@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from osl_analysis.report.headlines import RANGE, numbers_said
+from osl_analysis.report.headlines import RANGE, written_number
 
 WIDTH = 100  # signs of a line
 MOST_FINDINGS = 5  # lines on findings: with the others a run tells itself in ten
@@ -95,7 +95,7 @@ def numbers_line(
     for symbol, name in names.items():
         if name not in numbers:
             continue
-        written = numbers_said(numbers[name])
+        written = written_number(numbers[name])
         part = f"{symbol} = {written.value} {numbers[name]['unit']}"
         if written.interval:
             part += f" ({written.interval})"
@@ -116,14 +116,14 @@ def finding_line(finding: Mapping[str, Any]) -> str:
     problem = f"{MARKS[finding['verdict']]} {cause}: {counts}"
     remedy = "leave out rows marked doubtful" if is_in_part else finding.get("brief", "")
     end = f" → {remedy}" if remedy else ""
-    size = size_said(finding)
+    size = size_text(finding)
     if not size:
         return f"{problem}{end}"
     line = f"{problem}, {size}{end}"
     return line if len(line) <= WIDTH else f"{problem}{end}"
 
 
-def size_said(finding: Mapping[str, Any]) -> str:
+def size_text(finding: Mapping[str, Any]) -> str:
     """By how much the finding moves that estimate of the worst trial which it moves most, as a
     share of the estimate without it; K where no such estimate is known."""
     largest_share = -1.0

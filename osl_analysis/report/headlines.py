@@ -17,7 +17,7 @@ import polars as pl
 from osl_analysis.campaign.origin import ABOUT_MACROS, ABOUT_MEANING, sentence
 from osl_analysis.errors import InputError
 from osl_analysis.judge.causes import doubts_of_result
-from osl_analysis.judge.exclusions import exclusion_said
+from osl_analysis.judge.exclusions import exclusion_text
 from osl_analysis.judge.words import printed
 from osl_analysis.model.compensator import CONTROLLERS
 from osl_analysis.stats.repeats import (
@@ -146,11 +146,11 @@ def with_controller(
 ) -> Headline:
     """The label of one controller, which is not named if it is the only one and no trial states
     it."""
-    known = controller or "no controller"
+    controller_name = controller or "no controller"
     named = replace(
         label,
-        name=f"{label.name}_{known.replace(' ', '_')}",
-        macro=letters(known)[:LONGEST_CONTROLLER] + label.macro,
+        name=f"{label.name}_{controller_name.replace(' ', '_')}",
+        macro=letters(controller_name)[:LONGEST_CONTROLLER] + label.macro,
         meaning=label.meaning.format(example=example.meaning()),
     )
     if controller is None and is_only:
@@ -246,8 +246,8 @@ def over_fits(
     list of Headline
         One number, with the range of the values if there are several; none without finite values.
     """
-    known = values.drop_nulls()
-    finite = known.filter(known.is_finite()).to_numpy()
+    not_null = values.drop_nulls()
+    finite = not_null.filter(not_null.is_finite()).to_numpy()
     if not len(finite):
         return []
     number = replace(label, value=float(middle(finite)), n=len(finite))
@@ -450,8 +450,8 @@ def walking_headlines(table: pl.DataFrame) -> Iterator[Headline]:
         HEADLINE_ESTIMATOR: LABELS["walking_summary"],
         "up minus down": LABELS["walking_symmetry"],
     }
-    known = table.filter(pl.col("mean").is_not_null())
-    for rows in known.partition_by("group", maintain_order=True):
+    with_mean = table.filter(pl.col("mean").is_not_null())
+    for rows in with_mean.partition_by("group", maintain_order=True):
         for estimator, labels in labels_of_estimator.items():
             of_estimator = rows.filter(pl.col("estimator") == estimator)
             for number in summary_means(of_estimator, labels, BOOTSTRAP):
@@ -599,7 +599,7 @@ def hold_bench_errors(tables: Mapping[str, pl.DataFrame]) -> bool | None:
     return any(largest_errors) if largest_errors else None
 
 
-def intervals_said(tables: Mapping[str, pl.DataFrame]) -> str:
+def intervals_text(tables: Mapping[str, pl.DataFrame]) -> str:
     """A text on which errors of calibration the intervals of a bench's tables include; empty
     without a bench."""
     are_included = hold_bench_errors(tables)
@@ -627,7 +627,7 @@ def used_and_missing(
     excluded in the sheet."""
     reasons: dict[str, str] = {}
     for row in excluded.filter(pl.col("check") != "sample sheet").iter_rows(named=True):
-        reasons.setdefault(row["trial"], exclusion_said(row))
+        reasons.setdefault(row["trial"], exclusion_text(row))
     by_experiment: dict[str, dict[str, Any]] = {}
     for experiment, names in trials.items():
         missing = {name: reasons[name] for name in names if name in reasons}
@@ -780,7 +780,7 @@ def to_table(numbers: Mapping[str, Mapping[str, Any]], markdown: bool) -> str:
     rows: list[tuple[str, ...]] = [("quantity", "value", "interval", "n", "draft")]
     beside_draft = any(number["draft"] is not None for number in numbers.values())
     for number in numbers.values():
-        written = numbers_said(number)
+        written = written_number(number)
         interval = ""
         if written.interval:
             interval = f"{written.interval}, {number['interval']}"
@@ -823,7 +823,7 @@ class WrittenNumber(NamedTuple):
     single_amplitudes: str  # the range over single amplitudes; empty: there is none
 
 
-def numbers_said(number: Mapping[str, Any]) -> WrittenNumber:
+def written_number(number: Mapping[str, Any]) -> WrittenNumber:
     """Write a number of a summary with as many digits as its interval allows."""
     places = places_of(number)
     interval = range_text(number["low"], number["high"], places.ends)
@@ -840,7 +840,7 @@ def range_text(low: float | None, high: float | None, digits: int) -> str:
 MOST_IN_SENTENCE = 3  # numbers; of more only the two extremes are written
 
 
-def first_said(numbers: Sequence[Mapping[str, Any]]) -> list[str]:
+def first_sentences(numbers: Sequence[Mapping[str, Any]]) -> list[str]:
     """A sentence per `begins`, with each number and its `of`; of many numbers, only the two
     extremes."""
     by_begin: dict[str, list[Mapping[str, Any]]] = {}
@@ -862,7 +862,7 @@ def first_said(numbers: Sequence[Mapping[str, Any]]) -> list[str]:
 
 def number_in_sentence(number: Mapping[str, Any]) -> str:
     """A number with unit, and in brackets what it is of, its interval and its trials."""
-    texts = said_number(number)
+    texts = number_texts(number)
     ends = texts["ends"]
     if number["interval"] == RANGE:
         ends = f"{RANGE} {ends}"
@@ -870,10 +870,10 @@ def number_in_sentence(number: Mapping[str, Any]) -> str:
     return f"{texts['text']}\N{NO-BREAK SPACE}{texts['unit']} ({'; '.join(remarks)})"
 
 
-def said_number(number: Mapping[str, Any]) -> dict[str, str]:
+def number_texts(number: Mapping[str, Any]) -> dict[str, str]:
     """`text`, `unit` and `ends` of a number for a reader, the `kind` of these, and the trials
     `behind` it. No digits if 0 is in the interval."""
-    written = numbers_said(number)
+    written = written_number(number)
     low, high = number["low"], number["high"]
     value = written.value
     is_confidence_interval = number["interval"] not in (None, RANGE, COUNT)

@@ -15,7 +15,7 @@ import polars as pl
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import apparent_inertia, described_tables_by_name
 from osl_analysis.judge.campaign import QUALITY, Entry
-from osl_analysis.judge.exclusions import exclusion_said
+from osl_analysis.judge.exclusions import exclusion_text
 from osl_analysis.judge.finding import Beyond, Grade
 from osl_analysis.judge.limits import NOT_APPLICABLE
 from osl_analysis.judge.words import WORDS, Words, printed, sentence_of
@@ -345,10 +345,10 @@ def left_out_trials(
     for row in excluded.iter_rows(named=True):
         # outcomes of a job, which are no checks
         by_job = row["check"] in ("refused", "failed")
-        add(row["trial"], by_job, row["remark"] if by_job else exclusion_said(row))
-    known = set(left_out)
+        add(row["trial"], by_job, row["remark"] if by_job else exclusion_text(row))
+    of_table = set(left_out)
     for trial, reason in refused.items():
-        if trial not in known:
+        if trial not in of_table:
             add(trial, True, reason)
     for table, column in (("walking", "excluded"), ("walking_excluded", "reason")):
         crossings = tables.get(table, pl.DataFrame(schema=["trial", column]))
@@ -687,18 +687,18 @@ def provenance_content(provenance: Mapping[str, Any]) -> dict[str, Any]:
             is_usual = not value or value == USUAL_CONVERSION.get(key)
             if key not in ("file", "component") and not is_usual:
                 conversion[key] = value
-        row = [signal, cell_text(origin.get("file")), fact_said(conversion)]
+        row = [signal, cell_text(origin.get("file")), fact_text(conversion)]
         signals.setdefault(signal, row)
     others = {name: value for name, value in provenance.items() if name not in ("files", "columns")}
     return {"files": files, "signals": list(signals.values()), "facts": facts(others)}
 
 
-def fact_said(value: Any) -> str:
+def fact_text(value: Any) -> str:
     """A fact of the provenance, with all of its parts, as text."""
     if isinstance(value, Mapping):
-        return ", ".join(f"{name} {fact_said(part)}" for name, part in value.items())
+        return ", ".join(f"{name} {fact_text(part)}" for name, part in value.items())
     if isinstance(value, list):
-        return "; ".join(map(fact_said, value))
+        return "; ".join(map(fact_text, value))
     return cell_text(value)
 
 
@@ -709,7 +709,7 @@ def facts(content: Mapping[str, Any], place: str = "") -> list[list[str]]:
         if isinstance(value, Mapping):
             rows += facts(value, f"{place}{name} ")
         elif value not in (None, "", []):
-            rows.append([f"{place}{name}", fact_said(value)])
+            rows.append([f"{place}{name}", fact_text(value)])
     return rows
 
 
@@ -794,7 +794,7 @@ def methods_content(
         "recorded": recorded_of(trials),
         "motions": motions_of(tables),
         "ways": ways,
-        "response": response_said(groups),
+        "response": response_text(groups),
     }
 
 
@@ -907,7 +907,7 @@ def recorded_of(trials: Sequence[ReportedTrial]) -> dict[str, dict[str, Any]]:
     return {experiment: asdict(recorded) for experiment, recorded in by_experiment.items()}
 
 
-def response_said(groups: pl.DataFrame) -> str:
+def response_text(groups: pl.DataFrame) -> str:
     """A text on which response is fitted in the `walking_groups`."""
     mean, half_difference = "the mean response", "half the difference of both directions"
     if not {"n_up", "n_down"} <= set(groups.columns):

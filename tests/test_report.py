@@ -41,9 +41,10 @@ from osl_analysis.judge.finding import Beyond, Finding, Grade, findings_frame
 from osl_analysis.judge.limits import DoubtfulFits
 from osl_analysis.judge.words import WORDS, printed, words_of
 from osl_analysis.refusal import Refusal
-from osl_analysis.report import page, trial_page
+from osl_analysis.report import page, panels, trial_page
 from osl_analysis.report.headlines import Example, headline_numbers, to_json, to_tex
-from osl_analysis.report.trial_page import Pictures, ReportedTrial
+from osl_analysis.report.panels import Pictures
+from osl_analysis.report.trial_page import ReportedTrial
 from osl_analysis.table import write_table
 
 DRAWN = ("torque", "torque_model", "residual_low", "residual_high", "theta_deg")
@@ -883,7 +884,7 @@ def test_crossings_are_drawn_in_degrees_the_residual_is_measured_minus_model():
     angles = {"theta": [0.0, np.pi], "platform": [np.pi / 2, 0.0]}
     crossing = pl.DataFrame({"time": [5.0, 5.1], **angles, "torque": [1.0, 2.0]})
     table = (
-        trial_page.crossing_pictures(crossing)
+        panels.crossing_pictures(crossing)
         .tables["crossing"]
         .select("time", "theta_deg", "platform_deg")
     )
@@ -891,7 +892,7 @@ def test_crossings_are_drawn_in_degrees_the_residual_is_measured_minus_model():
     response = pl.DataFrame(
         {"time": [0.01], "theta_deg": [1.0], "torque": [5.0], "torque_model": [3.0]}
     )
-    row = trial_page.isolated_pictures(response).tables["isolated"].drop("time").row(0, named=True)
+    row = panels.isolated_pictures(response).tables["isolated"].drop("time").row(0, named=True)
     assert row == {
         "theta_deg": 1.0,
         "torque": 5.0,
@@ -902,7 +903,7 @@ def test_crossings_are_drawn_in_degrees_the_residual_is_measured_minus_model():
     samples = pl.DataFrame({"time": 5 + np.arange(6001.0)}).with_columns(
         pl.lit(1.0).alias(name) for name in "abcde"
     )
-    raw = trial_page.recorded_pictures(samples, dict.fromkeys("abcde", "N")).tables["N"]
+    raw = panels.recorded_pictures(samples, dict.fromkeys("abcde", "N")).tables["N"]
     assert (raw.shape, raw["time"][0]) == ((2001, 5), 0), "3000 rows and four lines at most"
 
 
@@ -910,7 +911,7 @@ def test_the_fitted_line_of_phasors_is_the_admittance_of_a_second_order_system()
     # the natural frequency, where the admittance is 1/(B w), 90 degrees late
     w = np.sqrt(200 / 0.05)
     phasors = pl.DataFrame({"amplitude_deg": [2.0, 2.0], "frequency_hz": [w / 2 / np.pi, 100.0]})
-    pictures = trial_page.phasor_pictures(phasors, {"K": 200.0, "B": 4.0, "I": 0.05})
+    pictures = panels.phasor_pictures(phasors, {"K": 200.0, "B": 4.0, "I": 0.05})
     assert pictures.tables["model"].row(0) == pytest.approx((w / 2 / np.pi, 1 / (4 * w), -90))
     found = [
         (one["log_y"], *(one["drawn"][0][end] for end in ("low", "high")))
@@ -920,7 +921,7 @@ def test_the_fitted_line_of_phasors_is_the_admittance_of_a_second_order_system()
         (log, f"{y}_low", f"{y}_high") for log, y in ((True, "Y_magnitude"), (False, "Y_phase_deg"))
     ]
     drawn = [
-        [one["y"] for one in each["drawn"]] for each in trial_page.response_pictures(phasors).panels
+        [one["y"] for one in each["drawn"]] for each in panels.response_pictures(phasors).panels
     ]
     assert drawn == [[y, f"{y}_eq15"] for y in ("magnitude", "phase_deg")]
 

@@ -28,7 +28,7 @@ from osl_analysis.judge.two_campaigns import (
     verdicts_in_words,
 )
 from osl_analysis.refusal import Refusal, is_refused
-from osl_analysis.report import page, trial_page
+from osl_analysis.report import page, panels, trial_page
 from osl_analysis.report.headlines import aligned, digits_of, fixed, missing_lines
 from osl_analysis.report.page import captions_by_title, inline_svg, written_page
 from osl_analysis.report.trial_page import (
@@ -249,19 +249,19 @@ MOVING = {"belt": "Belt deflection", "actuator": "Motor motion"}
 
 def pictures(
     experiment: str, tables: Mapping[str, pl.DataFrame], files: Mapping[str, Path]
-) -> trial_page.Pictures:
+) -> panels.Pictures:
     """What is drawn of a trial: the fit, the crossing with its isolated response, or else the
     recording."""
-    drawn: list[trial_page.Pictures] = []
+    drawn: list[panels.Pictures] = []
     crossing = pl.DataFrame()
     if "crossing" in files:
         crossing = pl.read_parquet(files["crossing"])
     if "series" in files:
         series = read_table(files["series"], of="series")
         motion = MOVING.get(experiment, "Joint angle")
-        drawn.append(trial_page.bench_pictures(series, motion, experiment == "belt"))
+        drawn.append(panels.bench_pictures(series, motion, experiment == "belt"))
     elif len(crossing):
-        drawn.append(trial_page.crossing_pictures(crossing))
+        drawn.append(panels.crossing_pictures(crossing))
     elif "trial" in files:
         samples = read_trial(files["trial"]).samples
         units: dict[str, str] = {}
@@ -269,15 +269,15 @@ def pictures(
             unit = unit_of(name)
             if name != "time" and unit:
                 units[name] = unit
-        drawn.append(trial_page.recorded_pictures(samples, units))
+        drawn.append(panels.recorded_pictures(samples, units))
     if "walking_responses" in tables:
-        drawn.append(trial_page.isolated_pictures(tables["walking_responses"]))
+        drawn.append(panels.isolated_pictures(tables["walking_responses"]))
     if "phasors" in tables and "impedance" in tables:
         fit_to_all = tables["impedance"].row(-1, named=True)
-        drawn.append(trial_page.phasor_pictures(tables["phasors"], fit_to_all))
+        drawn.append(panels.phasor_pictures(tables["phasors"], fit_to_all))
     if "response" in tables:
-        drawn.append(trial_page.response_pictures(tables["response"]))
-    return trial_page.together(*drawn)
+        drawn.append(panels.response_pictures(tables["response"]))
+    return panels.together(*drawn)
 
 
 def compared_cells(

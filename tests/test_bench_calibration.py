@@ -36,7 +36,7 @@ from osl_analysis.campaign.configuration import read_config
 from osl_analysis.commands.bench import fitted_trial
 from osl_analysis.errors import InputError
 from osl_analysis.model.drivetrain import read_parameters
-from osl_analysis.report.headlines import Bounds, decimals
+from osl_analysis.report.decimal_places import Bounds, decimals
 from osl_analysis.signals import differentiate
 from osl_analysis.stats.regression import estimates_row
 from osl_analysis.stats.repeats import over_repeats, summary_row

@@ -29,7 +29,8 @@ from osl_analysis.judge.two_campaigns import (
 )
 from osl_analysis.refusal import Refusal, is_refused
 from osl_analysis.report import page, panels, trial_page
-from osl_analysis.report.headlines import aligned, digits_of, fixed, missing_lines
+from osl_analysis.report.decimal_places import digits_of, fixed
+from osl_analysis.report.headlines import aligned, missing_lines
 from osl_analysis.report.page import captions_by_title, inline_svg, written_page
 from osl_analysis.report.trial_page import (
     LeftOut,

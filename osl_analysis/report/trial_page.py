@@ -18,7 +18,7 @@ from osl_analysis.judge.exclusions import exclusion_text
 from osl_analysis.judge.finding import Beyond, Grade
 from osl_analysis.judge.limits import NOT_APPLICABLE
 from osl_analysis.judge.words import WORDS, Words, printed, sentence_of
-from osl_analysis.report.headlines import digits_of, fixed
+from osl_analysis.report.decimal_places import digits_of, fixed
 from osl_analysis.report.panels import Pictures
 from osl_analysis.stats.repeats import sizes_said
 from osl_analysis.trial import Array

@@ -190,3 +190,12 @@ def test_a_remark_on_a_cause_is_in_the_table_of_findings():
     findings = campaign_findings({"impedance": table}, quality, DoubtfulFits())
 
     assert ("torque path", "notes") in findings.select("cause", "grade").rows()
+
+
+def test_other_time_stamps_move_an_estimate_by_half_widths_of_its_interval():
+    row = {"K": 300.0, "K_low": 297.0, "K_high": 303.0}
+    two_half_widths = [Beyond("time_base_shift", 2.0, 1.0, "above")]
+
+    moved = shares_moved("impedance", row, CAUSES["undecided time stamps"], two_half_widths)
+
+    assert moved == pytest.approx({"K": 6.0 / 300.0})

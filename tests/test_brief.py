@@ -63,7 +63,7 @@ def test_a_bench_without_controllers_or_without_K_d_has_its_line():
 def test_a_finding_has_its_size_and_what_to_do():
     line = finding_line(finding(B_size=1.676))
     assert line == (
-        "⚠ friction: 2 of 3 impedance trials, B by up to 1.7 N*m*s/rad → report B_viscous"
+        "⚠ friction: 2 of 3 impedance trials, B by up to 1.7 N*m*s/rad → report the viscous damping"
     )
 
 

@@ -106,7 +106,8 @@ def numbers_line(
 
 
 def finding_line(finding: Mapping[str, Any]) -> str:
-    """`⚠ friction: 16 of 32 impedance trials, B by up to 1.7 N*m*s/rad → report B_viscous`.
+    """`⚠ friction: 16 of 32 impedance trials, B by up to 1.7 N*m*s/rad → report the viscous
+    damping`.
 
     Without the size where the line would be too long.
     """

@@ -941,3 +941,21 @@ def test_what_a_doubt_condemns_is_not_recommended_by_a_note_on_the_same_row():
         (found,) = judged(row, Limits(above={"fault_harm": limit}), "impedance")
         notes = [one.remedy for one in found if one.cause == "I is certainly negative"]
         assert notes == [remedy]
+
+
+def test_predictions_are_off_by_medians_in_percent_of_K_and_in_units_of_B():
+    predicted = pl.DataFrame({
+        "joint": ["ankle"] * 3, "side": ["left"] * 3, "doubtful": [""] * 3,
+        "VAF": [90.0, 95.0, 99.0], "VAF_fitted": [89.0, 96.0, 98.0],
+        "K": [110.0, 90.0, 230.0], "K_measured": [100.0, 100.0, 200.0],
+        "B": [2.0, 3.0, 4.0], "B_measured": [2.5, 3.1, 3.8],
+    })  # fmt: skip
+
+    numbers = {number.name: number.value for number in headline_numbers({"prediction": predicted})}
+
+    assert numbers == {
+        "prediction_VAF": 95.0,
+        "prediction_better": 2.0,
+        "prediction_K": pytest.approx(10.0),
+        "prediction_B": pytest.approx(0.2),
+    }

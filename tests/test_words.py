@@ -114,6 +114,22 @@ def test_a_range_is_written_upwards_whatever_the_sign_of_what_it_makes():
     )
 
 
+def test_a_delay_of_a_few_ms_explains_a_gap_in_damping_and_one_of_20_ms_does_not():
+    row = {"trial": "a", "B": 4.0, "B_predicted": 5.0}
+
+    short, long = (said(row | {"B_gap_s": delay_s}, {"B_gap_s": 1e-3}) for delay_s in (3e-3, 21e-3))
+
+    assert "B is 4 N*m*s/rad and not 5, which a delay of 3 ms would explain" in short
+    assert "would explain" not in long
+
+
+def test_a_late_motor_angle_is_said_in_ms():
+    finding = Finding("impedance", "a", "whether theta_m or B_j is wrong", Grade.UNCHECKED)
+    row = {"certain_theta_m_lag_s": -3e-3, "lag_s": 1e-3}
+
+    assert "theta_m is early by 3 ms beside a torque 1 ms late" in words_of(finding, row).says
+
+
 def test_a_changed_word_changes_no_cause(monkeypatch):
     before = findings_of(LATE, Limits(), "phasors")
     monkeypatch.setitem(

@@ -12,7 +12,14 @@ from osl_analysis.dictionary import described_tables
 from osl_analysis.judge.causes import CAUSES, EVIDENCE
 from osl_analysis.judge.finding import Finding, Grade, Limits
 from osl_analysis.judge.limits import CHECKS
-from osl_analysis.judge.words import COMPUTED, OF_EVIDENCE, WORDS, finding_text, words_of
+from osl_analysis.judge.words import (
+    COMPUTED,
+    OF_EVIDENCE,
+    WORDS,
+    component_changes_text,
+    finding_text,
+    words_of,
+)
 
 LATE = {
     "trial": "a",
@@ -153,3 +160,13 @@ def test_each_number_that_a_text_names_is_a_column_or_is_computed():
     named = set(re.findall(r"(?<!\w: )\{([A-Za-z_]+)[:.}]", texts))
     # which is typed into a source file
     assert named - columns - {*COMPUTED, *OF_EVIDENCE} <= {"cutoff"}
+
+
+def test_components_that_would_explain_the_torque_are_said_with_the_direction_of_their_change():
+    softer = {"component": "K_s", "value": 685.0, "change": -68.5, "change_se": 1.37}
+    rougher = {"component": "f_C", "value": 0.4, "change": 0.1, "change_se": 0.01}
+
+    assert component_changes_text([softer, rougher]) == (
+        "K_s were 10 % (± 0.4 % by the scatter of trials) less or"
+        " f_C were 25 % (± 5 % by the scatter of trials) more"
+    )

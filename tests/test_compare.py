@@ -293,3 +293,21 @@ def test_the_command_writes_table_and_figure_and_prints_every_verdict_or_one_lin
         ("b", "'K_s' is in N*m/deg, but in N*m/rad"),
     ):
         assert said in call("a", b).stderr
+
+
+def impedance_of_one_trial(trial, K):
+    row = {"trial": trial, "doubtful": "", "K": K, "K_low": K - 1, "K_high": K + 1}
+    row |= {"controller": None, "K_d": None, "B_d": None, "excitation": "stepped sine"}
+    row |= {"B": 2.0, "B_viscous": None, "I": 0.02, "VAF": 99.0, "torque_error": None}
+    kinds = dict.fromkeys(("K_d", "B_d", "B_viscous", "torque_error"), pl.Float64)
+    rows = [row | {"amplitude_deg": amplitude} for amplitude in (2.0, None)]
+    return {"impedance": pl.DataFrame(rows, schema_overrides=kinds | {"controller": pl.String})}
+
+
+def test_one_trial_without_K_d_in_each_campaign_is_no_pool_of_repeats():
+    a, b = impedance_of_one_trial("a", 100.0), impedance_of_one_trial("b", 101.0)
+
+    of_K = comparison_table(a, b).row(0, named=True)
+
+    assert (of_K["quantity"], of_K["method"]) == ("K", "intervals of both")
+    assert of_K["remark"] is None

@@ -322,6 +322,7 @@ def compare_quantity(rows_a: Rows, rows_b: Rows, quantity: str, margin: float | 
     a, b = estimates(rows_a, quantity), estimates(rows_b, quantity)
     conditions_a, conditions_b = set(a.sample), set(b.sample)
     shared = conditions_a & conditions_b
+    are_pooled = is_pooled(a.sample) or is_pooled(b.sample)
     # calibration errors of the benches, which the scatter of trials does not show
     benches: list[Rows] = [rows_a, rows_b]
     single_a = with_interval_of_trial(rows_a, quantity, a)
@@ -344,7 +345,7 @@ def compare_quantity(rows_a: Rows, rows_b: Rows, quantity: str, margin: float | 
         return replace(comparison, remark=f"only in {'A' if a.sample else 'B'}")
 
     remarks: list[str] = []
-    if is_pooled(a.sample) or is_pooled(b.sample):
+    if are_pooled:
         remarks.append(
             "trials without K_d count as repeats of one condition; state K_d, or name like trials"
             " alike"

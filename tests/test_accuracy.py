@@ -9,7 +9,7 @@ from osl_analysis.judge.finding import Accuracy, Beyond, Grade, Limits
 from osl_analysis.judge.judging import judged, marked
 from osl_analysis.judge.limits import CHECKS, DoubtfulFits
 from osl_analysis.judge.moved_estimates import Correction, shares_moved
-from osl_analysis.judge.words import finding_said
+from osl_analysis.judge.words import finding_text
 from osl_analysis.stats.repeats import counted, doubts_of_trials
 
 KNEE = {
@@ -38,7 +38,7 @@ def test_a_path_that_moves_k_by_a_thousandth_is_a_remark_and_no_doubt():
 
     assert finding.grade is Grade.NOTES
     assert marked(pl.DataFrame([KNEE]), [[finding]], "law")["doubtful"][0] == ""
-    assert "less than the accuracy" in finding_said(finding, KNEE)
+    assert "less than the accuracy" in finding_text(finding, KNEE)
 
 
 @pytest.mark.parametrize(
@@ -84,7 +84,7 @@ def test_a_transmission_is_doubted_by_how_far_its_damping_moves():
     assert remark.grade is Grade.NOTES
     assert (doubt.cause, doubt.grade) == ("torque path", Grade.DOUBTS)
     assert doubt.without == {"B": 2.6, "B_low": 2.55, "B_high": 2.65}
-    assert "B_j 2.6 ± 0.05" in finding_said(doubt, moved)
+    assert "B_j 2.6 ± 0.05" in finding_text(doubt, moved)
 
 
 def test_a_wider_interval_beside_a_cause_may_move_an_estimate_by_its_end():
@@ -190,3 +190,12 @@ def test_a_remark_on_a_cause_is_in_the_table_of_findings():
     findings = campaign_findings({"impedance": table}, quality, DoubtfulFits())
 
     assert ("torque path", "notes") in findings.select("cause", "grade").rows()
+
+
+def test_other_time_stamps_move_an_estimate_by_half_widths_of_its_interval():
+    row = {"K": 300.0, "K_low": 297.0, "K_high": 303.0}
+    two_half_widths = [Beyond("time_base_shift", 2.0, 1.0, "above")]
+
+    moved = shares_moved("impedance", row, CAUSES["undecided time stamps"], two_half_widths)
+
+    assert moved == pytest.approx({"K": 6.0 / 300.0})

@@ -36,7 +36,7 @@ from osl_analysis.campaign.configuration import read_config
 from osl_analysis.commands.bench import fitted_trial
 from osl_analysis.errors import InputError
 from osl_analysis.model.drivetrain import read_parameters
-from osl_analysis.report.headlines import decimals
+from osl_analysis.report.decimal_places import Bounds, decimals
 from osl_analysis.signals import differentiate
 from osl_analysis.stats.regression import estimates_row
 from osl_analysis.stats.repeats import over_repeats, summary_row
@@ -158,10 +158,10 @@ def test_nor_a_mean_over_amplitudes_of_the_response():
 
 
 def test_a_number_has_no_more_digits_than_its_trials_or_any_calibration_of_a_torque():
-    assert decimals(397.9905, 397.9841, 397.9970, None) == 1  # a thousandth of it
-    assert decimals(397.9905, 397.9841, 397.9970, None, 20.0) == 0
-    assert decimals(5.0123, 4.8, 5.2, None) == 2
-    assert decimals(0.0, -1e-3, 1e-3, None) == 4
+    assert decimals(397.9905, Bounds(397.9841, 397.9970)) == 1  # a thousandth of it
+    assert decimals(397.9905, Bounds(397.9841, 397.9970, scatter=20.0)) == 0
+    assert decimals(5.0123, Bounds(4.8, 5.2)) == 2
+    assert decimals(0.0, Bounds(-1e-3, 1e-3)) == 4
 
 
 def of_belt(theta_s, torque, **stated):

@@ -12,7 +12,7 @@ from click.testing import CliRunner
 
 from osl_analysis.cli import main
 from osl_analysis.figures.others import draw_comparison
-from osl_analysis.judge.two_campaigns import compared, label_of
+from osl_analysis.judge.two_campaigns import comparison_table, label_of
 from osl_analysis.report.headlines import Headline, to_json
 from osl_analysis.stats.repeats import difference, equivalence, of_intervals
 from osl_analysis.table import OF_ROW, read_table, write_table
@@ -101,7 +101,10 @@ def tables(K=1.0, amplitude=2.0, conditions=8, seed=1):
 
 def test_equal_campaigns_are_equivalent_a_planted_difference_is_seen():
     def rows(b, *margin):
-        return {label_of(row): row for row in compared(tables(), b, *margin).iter_rows(named=True)}
+        return {
+            label_of(row): row
+            for row in comparison_table(tables(), b, *margin).iter_rows(named=True)
+        }
 
     same, other = rows(tables(seed=2)), rows(tables(K=1.08, seed=2, conditions=7))
     K, moved = same["impedance K, c"], other["impedance K, c"]
@@ -121,16 +124,17 @@ def test_equal_campaigns_are_equivalent_a_planted_difference_is_seen():
     # more friction on the second day, and no damping
     rubs = tables()["impedance"].with_columns(B=pl.col("B") + 1.0)
     both = {
-        label_of(row): row for row in compared(tables(), {"impedance": rubs}).iter_rows(named=True)
+        label_of(row): row
+        for row in comparison_table(tables(), {"impedance": rubs}).iter_rows(named=True)
     }
     assert both["impedance B, c"]["difference"] == pytest.approx(1.0)
-    without = both["impedance B without friction, c"]
+    without = both["impedance B_viscous, c"]
     known = (
         {"impedance": one["impedance"].with_columns(B_se_bench=pl.lit(0.3))}
         for one in (tables(), tables())
     )
-    by_bench = {label_of(row): row for row in compared(*known).iter_rows(named=True)}[
-        "impedance B without friction, c"
+    by_bench = {label_of(row): row for row in comparison_table(*known).iter_rows(named=True)}[
+        "impedance B_viscous, c"
     ]
     assert by_bench["difference_high"] == pytest.approx(1.96 * math.hypot(0.3, 0.3), rel=0.01), (
         "the bench errs alike"
@@ -146,7 +150,7 @@ def test_equal_campaigns_are_equivalent_a_planted_difference_is_seen():
         for one in (tables(), tables(1.08, seed=2))
     )
     (by_bench,) = (
-        compared(a, b, 0.05).filter(pl.col("condition").is_null(), quantity="K").to_dicts()
+        comparison_table(a, b, 0.05).filter(pl.col("condition").is_null(), quantity="K").to_dicts()
     )
     ratio, low = (
         math.log1p(by_bench[name] / 100) for name in ("relative_percent", "relative_percent_low")
@@ -161,15 +165,15 @@ def test_equal_campaigns_are_equivalent_a_planted_difference_is_seen():
     assert rows(tables(seed=2), 0.02)["belt K_s"]["verdict"] == "equivalent"
     assert rows(tables(amplitude=6.0))["impedance K, c"]["method"] == "none: no condition in common"
     assert rows({"belt": tables()["belt"]})["impedance K, c"]["remark"] == "only in A"
-    alone = compared(
+    alone = comparison_table(
         {"impedance": tables()["impedance"]}, {"impedance": tables(amplitude=6.0)["impedance"]}
     )
     assert "no ratio" in [text.get_text() for text in draw_comparison.draw(alone).axes[0].texts]
     unnamed = {"K_d": pl.lit(None, pl.Float64), "trial": "b" + pl.col("trial")}
     a, b = ({"impedance": tables(seed=one)["impedance"].with_columns(**unnamed)} for one in (1, 2))
     b["impedance"] = b["impedance"].with_columns(trial="other " + pl.col("trial"))
-    assert "trials without K_d count as repeats" in compared(a, b)["remark"][0]
-    assert not compared(a, a)["remark"].str.contains("repeats").any(), (
+    assert "trials without K_d count as repeats" in comparison_table(a, b)["remark"][0]
+    assert not comparison_table(a, a)["remark"].str.contains("repeats").any(), (
         "equal names tell which belong together"
     )
     assert (
@@ -204,7 +208,7 @@ def test_a_change_at_one_of_two_conditions_is_seen_at_it():
                 for name in ("B_viscous", "torque_error", "amplitude_deg")
             }
             one["impedance"] = one["impedance"].with_columns(**nothing)
-        table = compared(a, b).filter(quantity="K")
+        table = comparison_table(a, b).filter(quantity="K")
         assert table["condition", "verdict"].rows() == [
             (None, "undecided"), ("K_d 200", "undecided"), ("K_d 350", "different"),
         ]  # fmt: skip
@@ -218,7 +222,7 @@ def test_a_change_at_one_of_two_conditions_is_seen_at_it():
                 (of[1] - of[0], of[1] - of[0] - half, of[1] - of[0] + half)
             )
     one_condition = ({"impedance": one["impedance"].filter(K_d=350.0)} for one in (a, b))
-    assert compared(*one_condition).filter(quantity="K")["condition", "verdict"].rows() == [
+    assert comparison_table(*one_condition).filter(quantity="K")["condition", "verdict"].rows() == [
         (None, "different")
     ]
 
@@ -289,3 +293,21 @@ def test_the_command_writes_table_and_figure_and_prints_every_verdict_or_one_lin
         ("b", "'K_s' is in N*m/deg, but in N*m/rad"),
     ):
         assert said in call("a", b).stderr
+
+
+def impedance_of_one_trial(trial, K):
+    row = {"trial": trial, "doubtful": "", "K": K, "K_low": K - 1, "K_high": K + 1}
+    row |= {"controller": None, "K_d": None, "B_d": None, "excitation": "stepped sine"}
+    row |= {"B": 2.0, "B_viscous": None, "I": 0.02, "VAF": 99.0, "torque_error": None}
+    kinds = dict.fromkeys(("K_d", "B_d", "B_viscous", "torque_error"), pl.Float64)
+    rows = [row | {"amplitude_deg": amplitude} for amplitude in (2.0, None)]
+    return {"impedance": pl.DataFrame(rows, schema_overrides=kinds | {"controller": pl.String})}
+
+
+def test_one_trial_without_K_d_in_each_campaign_is_no_pool_of_repeats():
+    a, b = impedance_of_one_trial("a", 100.0), impedance_of_one_trial("b", 101.0)
+
+    of_K = comparison_table(a, b).row(0, named=True)
+
+    assert (of_K["quantity"], of_K["method"]) == ("K", "intervals of both")
+    assert of_K["remark"] is None

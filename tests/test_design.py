@@ -20,7 +20,7 @@ from osl_analysis.bench.planned_motion import (
 )
 from osl_analysis.bench.precision import precision
 from osl_analysis.cli import main
-from osl_analysis.commands import design
+from osl_analysis.commands import design, walking
 from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass
 from osl_analysis.spectral.periods import periodic_motion
@@ -533,3 +533,13 @@ def test_what_only_a_longer_record_reaches_is_not_called_out_of_reach():
     assert re.search(
         "beyond the longest record that is searched.*encoder rounding", never["warnings"][-1]
     )
+
+
+def test_the_duration_of_a_minimum_jerk_turn_is_told_from_its_rise_time():
+    time = np.arange(0.0, 2.0, 1e-4)
+    share = np.clip((time - 0.5) / 0.08, 0.0, 1.0)
+    turn = np.deg2rad(5.0) * (10 * share**3 - 15 * share**4 + 6 * share**5)
+
+    duration = walking.ramp_duration(time, 0.01 - turn, onset=0.5)
+
+    assert duration == pytest.approx(0.08, rel=5e-3)

@@ -25,7 +25,7 @@ from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.ingest.examine import Commanded, examine, measured_table
 from osl_analysis.judge.finding import Grade
-from osl_analysis.judge.words import finding_said
+from osl_analysis.judge.words import finding_text
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import write_trial
 
@@ -225,7 +225,7 @@ def test_a_fit_prints_and_shows_its_doubts_and_nothing_of_a_name_that_a_terminal
     doubtful = osl.fit_impedance(bench_trial("friction"), config=short)
     assert "friction" in [one.cause for one in doubtful.findings[-1]]
     said = [
-        finding_said(one, doubtful.row)
+        finding_text(one, doubtful.row)
         for one in doubtful.findings[-1]
         if one.grade is Grade.DOUBTS
     ]

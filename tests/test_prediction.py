@@ -548,7 +548,7 @@ def test_claims_hold_fail_or_are_undecided_by_their_interval():
     }
     without = claimed({"impedance": tables["impedance"].with_columns(**rubs)}, B=1.0)[1]["B", "k"]
     assert (without["quantity"], without["value"], without["verdict"]) == (
-        "B without friction",
+        "B_viscous",
         5.1,
         "equivalent",
     )

@@ -41,9 +41,10 @@ from osl_analysis.judge.finding import Beyond, Finding, Grade, findings_frame
 from osl_analysis.judge.limits import DoubtfulFits
 from osl_analysis.judge.words import WORDS, printed, words_of
 from osl_analysis.refusal import Refusal
-from osl_analysis.report import page, trial_page
+from osl_analysis.report import page, panels, trial_page
 from osl_analysis.report.headlines import Example, headline_numbers, to_json, to_tex
-from osl_analysis.report.trial_page import Pictures, ReportedTrial
+from osl_analysis.report.panels import Pictures
+from osl_analysis.report.trial_page import ReportedTrial
 from osl_analysis.table import write_table
 from osl_analysis.yaml_settings import read_mapping
 
@@ -351,9 +352,7 @@ def test_verdicts_and_counts_sorting_by_the_unrounded_value_and_conditions_that_
     assert [row["verdict"] for row in content["trials"]] == kinds[::-1], "the worst first"
     *_, doubtful, flagged, _ = content["trials"]
     assert (flagged["causes"], doubtful["causes"]) == (["gap in the recording"], ["friction"])
-    assert trials[1].doubts[0]["numbers"] == [
-        ["gap", "0.095", "above 0.05", WORDS["checks"]["gap"]]
-    ]
+    assert trials[1].doubts[0].numbers == [["gap", "0.095", "above 0.05", WORDS["checks"]["gap"]]]
     number = {"sort": "299.5123", "text": "299.5", "interval": "[299.2, 299.8]", "column": "K"}
     assert (doubtful["numbers"][1], [one["name"] for one in content["left_out"]]) == (
         number,
@@ -438,14 +437,14 @@ def test_doubts_say_whether_they_are_about_the_whole_trial_and_with_which_number
     )
     findings = stored_findings(part, replace(doubt(), evidence=numbers), own, inherited)
     found = replace(trial(), findings=findings).doubts
-    assert [(one["where"], one["of"], one["cause"]) for one in found] == [
+    assert [(one.where, one.of, one.cause) for one in found] == [
         ("4 deg", "part", "model that does not fit"), ("all amplitudes", "all", "friction"),
         ("phasors, 2 deg, 3 Hz", "other", "x"),
     ]  # fmt: skip
-    assert found[1]["says"] == WORDS["causes"]["friction"]["says"]
+    assert found[1].says == WORDS["causes"]["friction"]["says"]
     meanings = [IMPEDANCE.columns[name].meaning for name in ("B_change", "coulomb_share")]
     limits = ("B_change", "0.291", "above 0.25"), ("coulomb_share", "1.03", "above 0.5")
-    assert found[1]["numbers"] == [
+    assert found[1].numbers == [
         [*limit, meaning] for limit, meaning in zip(limits, meanings, strict=True)
     ]
 
@@ -677,7 +676,7 @@ def test_friction_stands_beside_B_and_a_doubt_names_the_B_that_it_leaves():
     path, late = (
         replace(doubt(cause), without={"B": 1.91}) for cause in ("torque path", "late torque")
     )
-    for finding, said in ((path, "B without friction 1.91"), (late, "B 1.91")):
+    for finding, said in ((path, "B_viscous 1.91"), (late, "B 1.91")):
         (found,) = page.conditions({"impedance": rows}, {"t": stored_findings(finding)})
         assert (found["B"][0], found["B_viscous"][0], found["f_C"][0]) == ("2.40", "1.900", "0.25")
         assert found["doubt"] == f"{finding.cause} (with it in the fit {said})"
@@ -886,7 +885,7 @@ def test_crossings_are_drawn_in_degrees_the_residual_is_measured_minus_model():
     angles = {"theta": [0.0, np.pi], "platform": [np.pi / 2, 0.0]}
     crossing = pl.DataFrame({"time": [5.0, 5.1], **angles, "torque": [1.0, 2.0]})
     table = (
-        trial_page.crossing_pictures(crossing)
+        panels.crossing_pictures(crossing)
         .tables["crossing"]
         .select("time", "theta_deg", "platform_deg")
     )
@@ -894,7 +893,7 @@ def test_crossings_are_drawn_in_degrees_the_residual_is_measured_minus_model():
     response = pl.DataFrame(
         {"time": [0.01], "theta_deg": [1.0], "torque": [5.0], "torque_model": [3.0]}
     )
-    row = trial_page.isolated_pictures(response).tables["isolated"].drop("time").row(0, named=True)
+    row = panels.isolated_pictures(response).tables["isolated"].drop("time").row(0, named=True)
     assert row == {
         "theta_deg": 1.0,
         "torque": 5.0,
@@ -905,7 +904,7 @@ def test_crossings_are_drawn_in_degrees_the_residual_is_measured_minus_model():
     samples = pl.DataFrame({"time": 5 + np.arange(6001.0)}).with_columns(
         pl.lit(1.0).alias(name) for name in "abcde"
     )
-    raw = trial_page.recorded_pictures(samples, dict.fromkeys("abcde", "N")).tables["N"]
+    raw = panels.recorded_pictures(samples, dict.fromkeys("abcde", "N")).tables["N"]
     assert (raw.shape, raw["time"][0]) == ((2001, 5), 0), "3000 rows and four lines at most"
 
 
@@ -913,7 +912,7 @@ def test_the_fitted_line_of_phasors_is_the_admittance_of_a_second_order_system()
     # the natural frequency, where the admittance is 1/(B w), 90 degrees late
     w = np.sqrt(200 / 0.05)
     phasors = pl.DataFrame({"amplitude_deg": [2.0, 2.0], "frequency_hz": [w / 2 / np.pi, 100.0]})
-    pictures = trial_page.phasor_pictures(phasors, {"K": 200.0, "B": 4.0, "I": 0.05})
+    pictures = panels.phasor_pictures(phasors, {"K": 200.0, "B": 4.0, "I": 0.05})
     assert pictures.tables["model"].row(0) == pytest.approx((w / 2 / np.pi, 1 / (4 * w), -90))
     found = [
         (one["log_y"], *(one["drawn"][0][end] for end in ("low", "high")))
@@ -923,7 +922,7 @@ def test_the_fitted_line_of_phasors_is_the_admittance_of_a_second_order_system()
         (log, f"{y}_low", f"{y}_high") for log, y in ((True, "Y_magnitude"), (False, "Y_phase_deg"))
     ]
     drawn = [
-        [one["y"] for one in each["drawn"]] for each in trial_page.response_pictures(phasors).panels
+        [one["y"] for one in each["drawn"]] for each in panels.response_pictures(phasors).panels
     ]
     assert drawn == [[y, f"{y}_eq15"] for y in ("magnitude", "phase_deg")]
 

@@ -24,7 +24,7 @@ from osl_analysis.files import default_config
 from osl_analysis.ingest.examine import Commanded, examine, measured_table
 from osl_analysis.judge.finding import Grade
 from osl_analysis.judge.limits import judged_table
-from osl_analysis.judge.two_campaigns import compared
+from osl_analysis.judge.two_campaigns import comparison_table
 from osl_analysis.report.page import assumed_said
 from osl_analysis.stats.repeats import sizes_said
 from osl_analysis.trial import Trial
@@ -306,7 +306,8 @@ def test_campaigns_without_a_stated_condition_are_paired_by_the_names_of_trials(
     renamed = {"impedance": b["impedance"].with_columns(trial=named)}
     one_less = {"impedance": b["impedance"].filter(pl.col("trial") != "7")}
     paired, fewer, other = (
-        compared(a, one, 0.02).filter(quantity="K").to_dicts()[0] for one in (b, one_less, renamed)
+        comparison_table(a, one, 0.02).filter(quantity="K").to_dicts()[0]
+        for one in (b, one_less, renamed)
     )
     for row in (paired, fewer):
         assert row["method"] == "paired, Student"
@@ -318,6 +319,6 @@ def test_campaigns_without_a_stated_condition_are_paired_by_the_names_of_trials(
 def test_campaigns_are_paired_by_the_amplitudes_that_were_measured():
     stated, other = tables(amplitude=5.0), tables(amplitude=4.9, seed=2)
     other["impedance"] = other["impedance"].with_columns(commanded_deg=pl.lit(None, pl.Float64))
-    of_K = compared(stated, other).filter(experiment="impedance", quantity="K")
+    of_K = comparison_table(stated, other).filter(experiment="impedance", quantity="K")
     (K,) = of_K.filter(pl.col("condition").is_null()).to_dicts()
     assert (K["n_B"], K["method"], K["verdict"]) == (8, "paired, Student", "undecided")

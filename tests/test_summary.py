@@ -569,7 +569,7 @@ def test_the_example_says_how_far_the_single_amplitudes_spread_and_is_rounded_to
     )
     K = written(headline_numbers({"impedance": few}))["numbers"]["K_example_compensated"]
     # not 303.00, as by the range
-    assert (K["interval"], headlines.numbers_said(K)[0]) == (headlines.FEW, "303.0")
+    assert (K["interval"], headlines.written_number(K)[0]) == (headlines.FEW, "303.0")
 
 
 def test_trials_of_no_stated_condition_have_their_own_numbers():
@@ -598,12 +598,12 @@ def test_trials_of_no_stated_condition_have_their_own_numbers():
 ])  # fmt: skip
 def test_no_number_reads_as_an_end_of_its_interval_or_as_beyond_it(value, low, high, said):
     number = NOTHING | {"value": value, "low": low, "high": high, "interval": STUDENT}
-    assert headlines.numbers_said(number)[:2] == said
+    assert headlines.written_number(number)[:2] == said
 
 
 def test_the_ends_of_a_range_have_no_more_digits_than_its_mean_bears_out():
     number = NOTHING | {"value": -0.878, "low": -4.461, "high": 1.307, "interval": headlines.RANGE}
-    assert headlines.numbers_said(number)[:2] == ("-0.88", "-4.5 to 1.3")
+    assert headlines.written_number(number)[:2] == ("-0.88", "-4.5 to 1.3")
 
 
 def test_a_campaign_without_numbers_of_the_draft_has_no_column_of_them():
@@ -615,7 +615,7 @@ def test_a_campaign_without_numbers_of_the_draft_has_no_column_of_them():
 def test_the_first_numbers_are_said_with_a_true_minus_and_none_that_its_interval_has_0_in():
     tables = all_tables() | {"walking_summary": walked(K=338.0, I=-2e-6)}
     numbers = written(headline_numbers(tables))["numbers"]
-    said = headlines.first_said([*numbers.values()])
+    said = headlines.first_sentences([*numbers.values()])
     of_both = "compensated; lowest to highest −3.0 to 1.0; n = 2", "uncompensated; n = 1, doubtful"
     assert [part in said[0] for part in of_both] == [True, True]
     assert [part in said[0].replace("\xa0", " ") for part in ("−1.00 % (", "−30.0 % (")] == [
@@ -623,7 +623,7 @@ def test_the_first_numbers_are_said_with_a_true_minus_and_none_that_its_interval
         True,
     ]
     assert said[1].replace("\xa0", " ").endswith(" 338.0 N·m/rad (334.6 to 341.4; n = 10).")
-    assert headlines.said_number(numbers["walking_I"])["text"] == "−2.000·10⁻⁶"
+    assert headlines.number_texts(numbers["walking_I"])["text"] == "−2.000·10⁻⁶"
     nothing = NOTHING | {
         "value": 1e-4,
         "low": -1e-5,
@@ -631,16 +631,16 @@ def test_the_first_numbers_are_said_with_a_true_minus_and_none_that_its_interval
         "interval": STUDENT,
         "doubt": "late",
     }
-    assert list(headlines.said_number(nothing).values()) == [
+    assert list(headlines.number_texts(nothing).values()) == [
         "≈ 0", "−1·10⁻⁵ to 0.00020", STUDENT, "", "3, doubtful: late",
     ]  # fmt: skip
-    assert headlines.said_number(nothing | {"interval": RANGE})["text"] == "1.00·10⁻⁴", (
+    assert headlines.number_texts(nothing | {"interval": RANGE})["text"] == "1.00·10⁻⁴", (
         "a range has it by chance"
     )
     foot = headlines.LABELS["torque_angle"]["K"]
     stiffness = {"a": 5.0, "b": 4.0, "c": 9.0, "d": 6.0}
     one = [headlines.of_group(replace(foot, value=K, n=3), trial) for trial, K in stiffness.items()]
-    (found,) = headlines.first_said([*written(one)["numbers"].values()])
+    (found,) = headlines.first_sentences([*written(one)["numbers"].values()])
     assert found.replace("\xa0", " ").endswith(
         " 4.00 N·m/rad (b; n = 3) to 9.00 N·m/rad (c; n = 3)."
     )
@@ -816,7 +816,7 @@ def test_a_missing_or_broken_summary_is_refused(tmp_path, content, message):
 def test_the_error_of_the_damping_is_without_friction_where_this_is_certain():
     rubs, whole = impedance(), pl.col("amplitude_deg").is_null()
     error = by_name({"impedance": rubs.filter(whole)})["B_error_compensated"]
-    assert (error.value, "without friction" in error.meaning) == (
+    assert (error.value, "viscous where friction is certain" in error.meaning) == (
         pytest.approx((0.2 + 0.1) / 2),
         True,
     )
@@ -941,3 +941,21 @@ def test_what_a_doubt_condemns_is_not_recommended_by_a_note_on_the_same_row():
         (found,) = judged(row, Limits(above={"fault_harm": limit}), "impedance")
         notes = [one.remedy for one in found if one.cause == "I is certainly negative"]
         assert notes == [remedy]
+
+
+def test_predictions_are_off_by_medians_in_percent_of_K_and_in_units_of_B():
+    predicted = pl.DataFrame({
+        "joint": ["ankle"] * 3, "side": ["left"] * 3, "doubtful": [""] * 3,
+        "VAF": [90.0, 95.0, 99.0], "VAF_fitted": [89.0, 96.0, 98.0],
+        "K": [110.0, 90.0, 230.0], "K_measured": [100.0, 100.0, 200.0],
+        "B": [2.0, 3.0, 4.0], "B_measured": [2.5, 3.1, 3.8],
+    })  # fmt: skip
+
+    numbers = {number.name: number.value for number in headline_numbers({"prediction": predicted})}
+
+    assert numbers == {
+        "prediction_VAF": 95.0,
+        "prediction_better": 2.0,
+        "prediction_K": pytest.approx(10.0),
+        "prediction_B": pytest.approx(0.2),
+    }

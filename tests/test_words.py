@@ -12,7 +12,14 @@ from osl_analysis.dictionary import described_tables
 from osl_analysis.judge.causes import CAUSES, EVIDENCE
 from osl_analysis.judge.finding import Finding, Grade, Limits
 from osl_analysis.judge.limits import CHECKS
-from osl_analysis.judge.words import COMPUTED, OF_EVIDENCE, WORDS, finding_said, words_of
+from osl_analysis.judge.words import (
+    COMPUTED,
+    OF_EVIDENCE,
+    WORDS,
+    component_changes_text,
+    finding_text,
+    words_of,
+)
 
 LATE = {
     "trial": "a",
@@ -38,7 +45,7 @@ RUBS = {"trial": "a", "coulomb_share": 0.6, "B": 2.264, "B_viscous": 1.0465, "f_
 def said(row, above=None, below=None):
     """The one finding about a row, in words."""
     (finding,) = findings_of(row, Limits(above=above or {}, below=below or {}), "phasors")
-    return finding_said(finding, row)
+    return finding_text(finding, row)
 
 
 def test_every_cause_and_check_says_what_is_wrong_and_what_to_do_and_no_word_is_of_none():
@@ -50,15 +57,32 @@ def test_every_cause_and_check_says_what_is_wrong_and_what_to_do_and_no_word_is_
     assert all(entry["says"] for entry in WORDS["unchecked"].values())  # in any table
 
 
+def texts_of(entry):
+    """An entry of the words, and those that it has by table."""
+    return [entry, *(text for text in entry.values() if isinstance(text, dict))]
+
+
+def test_a_finding_has_at_most_35_words():
+    too_long = []
+    for part in ("causes", "unchecked", "misfits"):
+        for cause, entry in WORDS[part].items():
+            for text in texts_of(entry):
+                words = f"{text['says']} {text.get('remedy', '')}".split()
+                if len(words) > 35:
+                    too_long.append((cause, len(words)))
+
+    assert too_long == []
+
+
 @pytest.mark.parametrize(("row", "limits", "parts"), [
     (LATE, {},
      ["late torque: ", "the torque is late by 2 ms, which moves B by 10 % and I by 90 %"]),
     (LATE | {"lag_s": -2e-3}, {}, ["the angle is late by 2 ms"]),
     (HEARD, {"fault_harm": 1},
      ["torque path: ", "explained by delay, moving mean", "B 4.9 to 5.1, nothing of I is"]),
-    (HEARD | {"B_viscous": 4.9}, {"fault_harm": 1}, ["B without friction 4.9 to 5.1"]),
+    (HEARD | {"B_viscous": 4.9}, {"fault_harm": 1}, ["B_viscous 4.9 to 5.1"]),
     (RUBS, {"coulomb_share": 0.5},
-     ["B is 1.05 N*m*s/rad without friction and 2.26 with it, friction is 1.4 N*m"]),
+     ["B 2.26, viscous part 1.05 N*m*s/rad, friction 1.4 N*m"]),
     (RUBS | {"B_viscous": None}, {"coulomb_share": 0.5},
      ["friction makes 1.4 N*m*s/rad of B = 2.26"]),
     ({"coulomb_share": 0.6}, {"coulomb_share": 0.5},
@@ -97,6 +121,22 @@ def test_a_range_is_written_upwards_whatever_the_sign_of_what_it_makes():
     )
 
 
+def test_a_delay_of_a_few_ms_explains_a_gap_in_damping_and_one_of_20_ms_does_not():
+    row = {"trial": "a", "B": 4.0, "B_predicted": 5.0}
+
+    short, long = (said(row | {"B_gap_s": delay_s}, {"B_gap_s": 1e-3}) for delay_s in (3e-3, 21e-3))
+
+    assert "B is 4 N*m*s/rad and not 5, which a delay of 3 ms would explain" in short
+    assert "would explain" not in long
+
+
+def test_a_late_motor_angle_is_said_in_ms():
+    finding = Finding("impedance", "a", "whether theta_m or B_j is wrong", Grade.UNCHECKED)
+    row = {"certain_theta_m_lag_s": -3e-3, "lag_s": 1e-3}
+
+    assert "theta_m is early by 3 ms beside a torque 1 ms late" in words_of(finding, row).says
+
+
 def test_a_changed_word_changes_no_cause(monkeypatch):
     before = findings_of(LATE, Limits(), "phasors")
     monkeypatch.setitem(
@@ -104,9 +144,9 @@ def test_a_changed_word_changes_no_cause(monkeypatch):
     )
     after = findings_of(LATE, Limits(), "phasors")
     assert before == after
-    assert finding_said(after[0], LATE).startswith("late torque: something else: ")
+    assert finding_text(after[0], LATE).startswith("late torque: something else: ")
     assert (
-        finding_said(replace(after[0], cause="no such cause"), LATE)
+        finding_text(replace(after[0], cause="no such cause"), LATE)
         == "lag_share 0.1 is above 0.05, lag_inertia_share 0.9 is above 0.2"
     )
 
@@ -120,3 +160,13 @@ def test_each_number_that_a_text_names_is_a_column_or_is_computed():
     named = set(re.findall(r"(?<!\w: )\{([A-Za-z_]+)[:.}]", texts))
     # which is typed into a source file
     assert named - columns - {*COMPUTED, *OF_EVIDENCE} <= {"cutoff"}
+
+
+def test_components_that_would_explain_the_torque_are_said_with_the_direction_of_their_change():
+    softer = {"component": "K_s", "value": 685.0, "change": -68.5, "change_se": 1.37}
+    rougher = {"component": "f_C", "value": 0.4, "change": 0.1, "change_se": 0.01}
+
+    assert component_changes_text([softer, rougher]) == (
+        "K_s were 10 % (± 0.4 % by the scatter of trials) less or"
+        " f_C were 25 % (± 5 % by the scatter of trials) more"
+    )

@@ -1,10 +1,9 @@
-"""The fits of bench trials, the same at every door: workflow, command line, `watch`, notebooks; the
-benches' jobs."""
+"""The fits of bench trials, the same for the workflow, the command line, `watch` and notebooks; and
+the jobs on tables of the bench."""
 
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from importlib import import_module
 from itertools import zip_longest
 from pathlib import Path
@@ -43,7 +42,7 @@ from osl_analysis.ingest.examine import check_recording, saturated
 from osl_analysis.judge.finding import Finding, Grade
 from osl_analysis.judge.judging import judged, marked
 from osl_analysis.judge.limits import DoubtfulFits
-from osl_analysis.judge.words import finding_said, words_of
+from osl_analysis.judge.words import finding_text, words_of
 from osl_analysis.model.actuator_in_time import Controller
 from osl_analysis.model.compensator import Weight
 from osl_analysis.model.drivetrain import (
@@ -98,10 +97,27 @@ def fit_impedance_trial(
     settings: choices.ImpedanceAnalysis,
     windows: str | None = None,
 ) -> FitTables:
-    """The rows of Eq. 15, and what else one record of the trial tells. `condition` is what the leg
-    was asked to render, as far as it is known, `weight` W of Eq. 14; `windows` [s] are those of the
-    sheet, which are fitted where the motion is no stepped sine. Where the gains are known, the
-    drivetrain is compared with the `record` that is kept."""
+    """Fit Eq. 15 to a trial, and tell what else its record shows.
+
+    Parameters
+    ----------
+    trial : Trial
+    parameters : Path or None
+        The device's file; None for a device without one.
+    condition : DesiredImpedance or None
+        What the leg was asked to render, as far as it is known.
+    weight : Weight
+        W of Eq. 14.
+    models : ModelComparison
+    settings : ImpedanceAnalysis
+    windows : str or None
+        Those of the sheet [s], which are fitted where the motion is no stepped sine.
+
+    Returns
+    -------
+    FitTables
+        Where the gains are known, with the `record` with which the drivetrain is compared.
+    """
     p = known_parameters(parameters)
     check_recording(trial, settings)
     rails = saturated(trial, "torque", "theta")
@@ -109,17 +125,17 @@ def fit_impedance_trial(
     stated = condition or impedance.DesiredImpedance(None, None, None)
     programmed = stated.gains(p, weight)
     law = pl.DataFrame(schema=controller_law.LAW_COLUMNS)
-    ran = programmed  # the gains that ran: by the log of the controller others than programmed
+    gains = programmed  # those that ran: by the log of the controller others than programmed
     if p is not None and programmed is not None:
         law = controller_law.law_table(record, p, programmed, models.sign_width)
-        measured, friction_as = controller_law.law_that_ran(law, programmed, p)
-        cancels_friction = measured.cancels_friction and friction_as == p
-        ran = replace(measured, cancels_friction=cancels_friction)
-    analysis, table = impedance.fit_and_judge_impedance(record, rails, p, condition, ran)
+        measured, cancelled_friction = controller_law.law_that_ran(law, programmed, p)
+        cancels_friction = measured.cancels_friction and cancelled_friction == p
+        gains = replace(measured, cancels_friction=cancels_friction)
+    analysis, table = impedance.fit_and_judge_impedance(record, rails, p, condition, gains)
 
     def others() -> dict[str, pl.DataFrame]:
         columns = stated.columns() if condition else {}
-        expected = joint_admittance(ran.K_1, ran.B_1, p, p.J_j) if p and ran else None
+        expected = joint_admittance(gains.K_1, gains.B_1, p, p.J_j) if p and gains else None
         by_frequency = phasors.phasor_table(trial.name, phasors.phasors_of_record(record))
         response = frequency_response.impedance_over_frequency(record, analysis.whole, expected)
         return {
@@ -127,7 +143,7 @@ def fit_impedance_trial(
             "response": response.with_columns(**columns),
             "law": law.with_columns(**columns),
             "timebase": analysis.time_base(QUANTITIES),
-            "record": stored_record(record) if ran else pl.DataFrame(schema={"time": pl.Float64}),
+            "record": stored_record(record) if gains else pl.DataFrame(schema={"time": pl.Float64}),
         }
 
     return tables_of_fit(analysis.series(), others, impedance=table)
@@ -138,13 +154,14 @@ def record_with_actuator(
 ) -> Record:
     """The record of a trial with its actuator's signals. The clocks of the devices, which take
     0.4 GB of an hour, are found for it alone."""
-    of_its_own = replace(trial, clocks={})
-    return with_actuator(record_of_trial(of_its_own, settings, windows), of_its_own)
+    trial = replace(trial, clocks={})
+    return with_actuator(record_of_trial(trial, settings, windows), trial)
 
 
 def fit_actuator_trial(
     trial: Trial, parameters: FileOrNone, settings: choices.ActuatorAnalysis
 ) -> FitTables:
+    """The row of an actuator alone, and the series of its fit."""
     p = known_parameters(parameters)
     check_recording(trial, settings, "torque_m", angle=None)
     rails = saturated(trial, "torque_m", "current")
@@ -152,8 +169,8 @@ def fit_actuator_trial(
     table = plausible(actuator_table(actuator), rails, p, "k_tau_n_m", "f_C", "f_G", "B_m", "J_m")
     is_velocity = table["motion"][0] == "omega_m"
     series = replace(actuator.series(), motion=actuator.record.theta, is_velocity=is_velocity)
-    told = [name for name in ACTUATOR_PARAMETERS if name in actuator.whole.names]
-    return tables_of_fit(series, lambda: {"timebase": actuator.time_base(told)}, actuator=table)
+    fitted = [name for name in ACTUATOR_PARAMETERS if name in actuator.whole.names]
+    return tables_of_fit(series, lambda: {"timebase": actuator.time_base(fitted)}, actuator=table)
 
 
 def fit_torque_angle_trial(
@@ -164,15 +181,16 @@ def fit_torque_angle_trial(
     desired = (condition or {}).get("desired")
     check_recording(trial, settings)
     rails = saturated(trial, "torque", "theta")
-    found = torque_angle.torque_angle_trial(trial, settings)
+    cycles = torque_angle.torque_angle_trial(trial, settings)
+    table = torque_angle_tables.torque_angle_table(cycles, desired)
     return tables_of_fit(
-        found.series(),
+        cycles.series(),
         lambda: {
-            "torque_angle_cycles": torque_angle_tables.cycle_table(found),
-            "timebase": found.time_base(),
+            "torque_angle_cycles": torque_angle_tables.cycle_table(cycles),
+            "timebase": cycles.time_base(),
         },
-        torque_angle=torque_angle_tables.torque_angle_table(found, desired).with_columns(rails),
-        torque_angle_curves=torque_angle_tables.curve_table(found, desired),
+        torque_angle=table.with_columns(rails),
+        torque_angle_curves=torque_angle_tables.curve_table(cycles, desired),
     )
 
 
@@ -182,9 +200,8 @@ def fit_calibration_trial(
     """What a bench reads of a spring or an inertia that is known; `condition` has the columns
     `known_...`."""
     stated = condition or {}
-    known = known_spring.Known(
-        stated.get("known_K"), stated.get("known_I"), (stated.get("known_percent") or 0.0) / 100
-    )
+    uncertainty = (stated.get("known_percent") or 0.0) / 100
+    known = known_spring.Known(stated.get("known_K"), stated.get("known_I"), uncertainty)
     check_recording(trial, settings)
     rails = saturated(trial, "torque", "theta")
     record = record_of_trial(trial, settings)
@@ -198,13 +215,15 @@ def fit_calibration_trial(
 def summarise(table: Path, output: Path, data: str = "") -> None:
     """What a table of the campaign tells of its trials together: K, B and I of conditions with
     several trials, the frequency response averaged over the amplitudes, the summary of a part."""
-    by_amplitude = ("amplitude_deg", "doubtful")
-    derived: Mapping[str, tuple[Sequence[str], Callable[[pl.DataFrame], pl.DataFrame]]] = {
-        "impedance": (by_amplitude, condition_tables.repeated_trials_table),
-        "phasors": (by_amplitude, frequency_response.frequency_response_table),
-    }
-    needed, computed = derived.get(table.stem, ((), partial(part_summary, table.stem)))
-    write_table(computed(with_evidence(table, needed)), output, data)
+    if table.stem == "impedance":
+        rows = with_evidence(table, ("amplitude_deg", "doubtful"))
+        summary = condition_tables.repeated_trials_table(rows)
+    elif table.stem == "phasors":
+        rows = with_evidence(table, ("amplitude_deg", "doubtful"))
+        summary = frequency_response.frequency_response_table(rows)
+    else:
+        summary = part_summary(table.stem, with_evidence(table))
+    write_table(summary, output, data)
 
 
 def compare_controllers(table: Path, output: Path, data: str = "") -> None:
@@ -263,17 +282,18 @@ def gather_predictions(
     without = dict(unpredicted)
 
     def predicted_trial(
-        row: Mapping[str, Any], p: DrivetrainParameters, known: measured_components.Components
+        row: Mapping[str, Any], p: DrivetrainParameters, parts: measured_components.Components
     ) -> PredictedTrial:
         desired = impedance.DesiredImpedance(row["controller"], row["K_d"], row["B_d"])
         gains = desired.gains(p, weight)
         assert gains is not None  # of other trials no record is read
         record = read_record(record_of_trial[row["trial"]], settings.low_pass)
         of_trial = laws.filter(trial=row["trial"])
-        ran = controller_law.law_that_ran(of_trial, gains, p)
-        terms, misses = prediction.prediction_terms(record, Controller(*ran, sign_width), known)
-        law_name = "programmed" if ran == (gains, p) else "measured"
-        return PredictedTrial(terms, misses, law_name)
+        measured_gains, cancelled_friction = controller_law.law_that_ran(of_trial, gains, p)
+        controller = Controller(measured_gains, cancelled_friction, sign_width)
+        terms, misses = prediction.prediction_terms(record, controller, parts)
+        is_programmed = (measured_gains, cancelled_friction) == (gains, p)
+        return PredictedTrial(terms, misses, "programmed" if is_programmed else "measured")
 
     predictions: list[pl.DataFrame] = []
     of_components: list[pl.DataFrame] = []
@@ -283,14 +303,14 @@ def gather_predictions(
         assert p is not None  # without a parameter file no gains are known
         predicted: dict[str, PredictedTrial] = {}
         try:
-            known = measured_components.components_of(measured, at_place.select(PLACE).row(0), p)
+            parts = measured_components.components_of(measured, at_place.select(PLACE).row(0), p)
         except (InputError, IdentifiabilityError) as error:
             reason = f"components that predict a torque ({error})"
             without.update(dict.fromkeys(at_place["trial"], reason))
             continue
         for row in at_place.to_dicts():
             try:
-                predicted[row["trial"]] = predicted_trial(row, p, known)
+                predicted[row["trial"]] = predicted_trial(row, p, parts)
             except (InputError, IdentifiabilityError) as error:
                 without[row["trial"]] = f"components that predict a torque ({error})"
         if not predicted:
@@ -299,7 +319,7 @@ def gather_predictions(
         terms = {name: trial.terms for name, trial in predicted.items()}
         law_names = {name: trial.law for name, trial in predicted.items()}
         of_terms = at_place.filter(pl.col("trial").is_in(list(terms)))
-        rows, rows_of_components = prediction.prediction_table(terms, of_terms, known)
+        rows, rows_of_components = prediction.prediction_table(terms, of_terms, parts)
         law_of_trial = pl.col("trial").replace_strict(law_names)
         predictions.append(rows.with_columns(law=law_of_trial))
         of_components.append(rows_of_components)
@@ -360,33 +380,36 @@ class Fit:
 
     @property
     def row(self) -> Mapping[str, Any]:
+        """The fit to all data."""
         return self.table.row(-1, named=True)
 
     @property
     def doubtful(self) -> str:
         """Why the fit to all data is not to be trusted: what is beyond which limit, and what to do.
         Empty: nothing."""
-        return "\n".join(self.said(Grade.DOUBTS))
+        return "\n".join(self.sentences(Grade.DOUBTS))
 
     @property
     def not_checked(self) -> str:
         """What could not be checked, and why, a line each, and what is to be known; empty if there
         is nothing."""
-        lines = [f"not checked: {text}" for text in self.said(Grade.UNCHECKED)]
-        return "\n".join([*lines, *(f"remark: {text}" for text in self.said(Grade.NOTES))])
+        lines = [f"not checked: {text}" for text in self.sentences(Grade.UNCHECKED)]
+        lines += [f"remark: {text}" for text in self.sentences(Grade.NOTES)]
+        return "\n".join(lines)
 
-    def said(self, *grades: Grade) -> list[str]:
+    def sentences(self, *grades: Grade) -> list[str]:
         """The findings of some grades about the fit to all data, in words."""
-        last = self.findings[-1] if self.findings else ()
-        return [finding_said(finding, self.row) for finding in last if finding.grade in grades]
+        of_whole = self.findings[-1] if self.findings else ()
+        return [finding_text(finding, self.row) for finding in of_whole if finding.grade in grades]
 
     def __getattr__(self, name: str) -> Any:
         """A column of the table by name, of the fit to all data, or `NAME_interval`."""
         if name.startswith("_"):  # also while a copy is made, which has no fields yet
             raise AttributeError(name)
-        row, of = self.row, name.removesuffix("_interval")
-        if of != name and f"{of}_low" in row:
-            return row[f"{of}_low"], row[f"{of}_high"]
+        row = self.row
+        quantity = name.removesuffix("_interval")
+        if quantity != name and f"{quantity}_low" in row:
+            return row[f"{quantity}_low"], row[f"{quantity}_high"]
         if name not in row:
             known = ", ".join(estimated(row))
             raise AttributeError(
@@ -395,18 +418,20 @@ class Fit:
         return row[name]
 
     def __dir__(self) -> list[str]:
-        return sorted(
-            {*super().__dir__(), *self.row, *(f"{name}_interval" for name in estimated(self.row))}
-        )
+        intervals = [f"{name}_interval" for name in estimated(self.row)]
+        return sorted({*super().__dir__(), *self.row, *intervals})
 
     def __repr__(self) -> str:
-        estimates = f"{self.experiment}, {estimates_text(self.table.tail(1), self.findings[-1:])}"
-        return printable_lines("\n".join(filter(None, [estimates, self.not_checked])))
+        text = f"{self.experiment}, {estimates_text(self.table.tail(1), self.findings[-1:])}"
+        if self.not_checked:
+            text += f"\n{self.not_checked}"
+        return printable_lines(text)
 
 
 def job_of(experiment: str) -> FitJob:
     """The fit of an experiment's trials. Raises InputError where it has none."""
-    if (fit := EXPERIMENTS[experiment].fit) is None:
+    fit = EXPERIMENTS[experiment].fit
+    if fit is None:
         raise InputError(
             f"a trial of '{experiment}' is not fitted alone; choose another experiment for it"
         )
@@ -414,23 +439,33 @@ def job_of(experiment: str) -> FitJob:
 
 
 def fit_settings(experiment: str, config: Path) -> tuple[dict[str, Any], DoubtfulFits]:
-    """The settings of an experiment's fit by its arguments, and the limits beyond which fits are
-    doubtful, from a configuration file that may override fields of the default only."""
-    models: Mapping[str, Any] = {
-        name: field.annotation for name, field in Config.model_fields.items()
-    }
-    settings = {
-        name: read_section(config, of, models[of])
-        for name, (of, _) in job_of(experiment).settings.items()
-    }
+    """Read the settings of an experiment's fit.
+
+    Parameters
+    ----------
+    experiment : str
+    config : Path
+        A configuration file, which may override fields of the default only.
+
+    Returns
+    -------
+    settings : dict
+        By the arguments of the fit's job.
+    limits : DoubtfulFits
+        Beyond which a fit is doubtful.
+    """
+    settings: dict[str, Any] = {}
+    for argument, (section, _) in job_of(experiment).settings.items():
+        model: Any = Config.model_fields[section].annotation
+        settings[argument] = read_section(config, section, model)
     return settings, read_section(config, "doubtful", DoubtfulFits)
 
 
 def campaign_parameters(config: Path) -> Path | None:
     """The parameter file that a configuration names, which may override fields of the default only;
     None: null."""
-    named = over_default(own_fields(config))["parameters"]
-    return None if named is None else shipped(str(named))
+    name = over_default(own_fields(config))["parameters"]
+    return None if name is None else shipped(str(name))
 
 
 def fitted_trial(
@@ -441,20 +476,38 @@ def fitted_trial(
     condition: Any = None,
     windows: str | None = None,
 ) -> FitTables:
-    """The tables of a trial's fit, as the job of a campaign gives them. `parameters` is the
-    device's file, None for a device without one. `condition` and `windows` [s] are what the sheet
-    states: `DesiredImpedance`, or cells by column.
+    """Fit a trial as the job of a campaign does.
+
+    Parameters
+    ----------
+    experiment : str
+    trial : Trial
+    parameters : Path or None
+        The device's file; None for a device without one.
+    settings : Mapping
+        By the arguments of the job, as of `fit_settings`.
+    condition : DesiredImpedance or Mapping or None
+        What the sheet states; a mapping has its cells by column.
+    windows : str or None
+        Those of the sheet [s].
+
+    Raises
+    ------
+    InputError
+        The experiment has no fit, or the recording cannot be fitted.
     """
     fit = job_of(experiment)
-    given = dict(settings)
-    given |= {"parameters": parameters} if fit.parameters else {}
-    given |= {"condition": condition} if fit.sheet else {}
-    given |= {"windows": windows} if fit.windows else {}
-    module, _, name = fit.job.partition(".")
-    fitted: Callable[..., FitTables | Mapping[str, pl.DataFrame]] = getattr(
-        import_module(f"osl_analysis.commands.{module}"), name
-    )
-    tables = fitted(trial, **given)
+    arguments = dict(settings)
+    if fit.parameters:
+        arguments["parameters"] = parameters
+    if fit.sheet:
+        arguments["condition"] = condition
+    if fit.windows:
+        arguments["windows"] = windows
+    module_name, _, function_name = fit.job.partition(".")
+    module = import_module(f"osl_analysis.commands.{module_name}")
+    fit_it: Callable[..., FitTables | Mapping[str, pl.DataFrame]] = getattr(module, function_name)
+    tables = fit_it(trial, **arguments)
     return tables if isinstance(tables, FitTables) else FitTables(tables)
 
 
@@ -468,29 +521,47 @@ def fit_trial(
 ) -> Fit:
     """Fit a trial and judge it; `fit_settings` gives `settings` and `limits`, the rest and errors
     as `fitted_trial`."""
-    found = fitted_trial(experiment, trial, device, settings, *stated).estimates
-    own = EXPERIMENTS[experiment].tables[0].name
-    curves = next((frame for name, frame in found.items() if name.endswith("_curves")), None)
+    tables = fitted_trial(experiment, trial, device, settings, *stated).estimates
+    name = EXPERIMENTS[experiment].tables[0].name
+    findings = judged(tables[name], limits.of(name), name)
+    curves = [table for name, table in tables.items() if name.endswith("_curves")]
     no_torque = pl.DataFrame(schema=dict.fromkeys(("time", "torque", "torque_model"), pl.Float64))
-    findings = judged(found[own], limits.of(own), own)
     return Fit(
-        experiment,
-        marked(found[own], findings, own),
-        found.get("torque", no_torque),
-        curves,
-        findings,
+        experiment=experiment,
+        table=marked(tables[name], findings, name),
+        series=tables.get("torque", no_torque),
+        curves=curves[0] if curves else None,
+        findings=findings,
     )
 
 
 UNIT_OF = {
-    "K": "N·m/rad", "B": "N·m·s/rad", "B_viscous": "N·m·s/rad", "I": "kg·m²", "K_s": "N·m/rad",
+    "K": "N·m/rad",
+    "B": "N·m·s/rad",
+    "B_viscous": "N·m·s/rad",
+    "I": "kg·m²",
+    "K_s": "N·m/rad",
     "B_j": "N·m·s/rad",
-    "B_j_viscous": "N·m·s/rad", "J_j": "kg·m²", "T_C": "N·m", "k_tau_n_m": "N·m/A", "f_C": "N·m",
+    "B_j_viscous": "N·m·s/rad",
+    "J_j": "kg·m²",
+    "T_C": "N·m",
+    "k_tau_n_m": "N·m/A",
+    "f_C": "N·m",
     "f_G": "N·m/A",
-    "B_m": "N·m·s/rad", "J_m": "kg·m²", "offset": "N·m", "drift": "N·m/s", "K_secant": "N·m/rad",
-    "lag_s": "s", "gain": "", "inertia": "kg·m²", "weight": "N·m/rad", "K_unloading": "N·m/rad",
-    "energy_stored": "J", "energy_returned": "J", "energy_lost": "J",
-}  # fmt: skip
+    "B_m": "N·m·s/rad",
+    "J_m": "kg·m²",
+    "offset": "N·m",
+    "drift": "N·m/s",
+    "K_secant": "N·m/rad",
+    "lag_s": "s",
+    "gain": "",
+    "inertia": "kg·m²",
+    "weight": "N·m/rad",
+    "K_unloading": "N·m/rad",
+    "energy_stored": "J",
+    "energy_returned": "J",
+    "energy_lost": "J",
+}
 
 
 def rows_json(table: pl.DataFrame, findings: Sequence[Sequence[Finding]] = ()) -> str:
@@ -498,71 +569,85 @@ def rows_json(table: pl.DataFrame, findings: Sequence[Sequence[Finding]] = ()) -
     `findings`."""
     rows: list[dict[str, Any]] = [finite_or_null(row) for row in table.to_dicts()]
     for row, of_row in zip(rows, findings, strict=False):
-        row["findings"] = [
-            {
-                "grade": one.grade.value,
-                "cause": one.cause,
-                "sizes": dict(one.sizes),
-                "without": dict(one.without),
-            }
-            | words_of(one, row)._asdict()
-            | {"evidence": [finite_or_null(asdict(number)) for number in one.evidence]}
-            for one in of_row
-        ]
+        row["findings"] = [finding_json(finding, row) for finding in of_row]
     return json.dumps(rows, indent=2)
+
+
+def finding_json(finding: Finding, row: Mapping[str, Any]) -> dict[str, Any]:
+    """A finding about a row as an object of JSON."""
+    return {
+        "grade": finding.grade.value,
+        "cause": finding.cause,
+        "sizes": dict(finding.sizes),
+        "without": dict(finding.without),
+        **words_of(finding, row)._asdict(),
+        "evidence": [finite_or_null(asdict(number)) for number in finding.evidence],
+    }
 
 
 def estimates_text(estimates: pl.DataFrame, findings: Sequence[Sequence[Finding]] = ()) -> str:
     """The estimates as text: a line per fit and quantity, with 95 % interval and VAF, and the
     doubts about each row."""
-    lines = []
+    lines: list[str] = []
     for row, of_row in zip_longest(estimates.to_dicts(), findings, fillvalue=()):
         assert isinstance(row, dict)
-        which = "all amplitudes"
-        if "cycles" in row:
-            whys = {
-                "settled": "first",
-                "smaller": "below 90 % of the range",
-                "partial": "not whole",
-            }
-            counts = {why: row.get(f"{kind}_cycles") for kind, why in whys.items()}
-            left_out = ", ".join(f"{n} {why}" for why, n in counts.items() if n)
-            which = f"mean of cycles: {row['cycles']}{f' (left out: {left_out})' * bool(left_out)}"
-        elif row.get("amplitude_deg") is not None:
-            which = f"{row['amplitude_deg']:g} deg"
-        elif row.get("excitation") not in (None, "stepped sine"):
-            band = (
-                f"{row['band_low_hz']:.3g} to {row['band_high_hz']:.3g} Hz,"
-                f" {row['theta_rms_deg']:.2g} deg RMS"
-            )
-            kind = "periodic" if row["excitation"] == "periodic" else "any"
-            which = f"{row['fitted_s']:.1f} s of {kind} motion, {band}"
         quality = f"VAF {row['VAF']:.2f} %" if "VAF" in row else "no VAF"
         if "R2" in row:
             quality += f", R2 {row['R2']:.5f}, condition {row['condition_number']:.1f}"
-        lines.append(f"{row['trial']}, {which}: {quality}")
-        for name in estimated(row):
-            high, low = row.get(f"{name}_high"), row.get(f"{name}_amplitudes_low")
-            half = f"± {high - row[name]:<10.2g}" if high is not None else f"{'':<12}"
-            single = (
-                ""
-                if low is None
-                else f", single amplitudes {low:.5g} to {row[f'{name}_amplitudes_high']:.5g}"
-            )
-            lines.append(f"  {name:<15}{row[name]:>12.5g} {half} {UNIT_OF.get(name, '')}{single}")
-        lines += [
-            f"  doubtful: {finding_said(one, row)}" for one in of_row if one.grade is Grade.DOUBTS
-        ]
-    return "\n".join(
-        [
-            *lines,
-            "± is the half-width of the 95 % interval, by the method that interval_method names",
-        ]
+        lines.append(f"{row['trial']}, {fitted_motion(row)}: {quality}")
+        lines += [estimate_line(row, name) for name in estimated(row)]
+        for finding in of_row:
+            if finding.grade is Grade.DOUBTS:
+                lines.append(f"  doubtful: {finding_text(finding, row)}")
+    lines.append(
+        "± is the half-width of the 95 % interval, by the method that interval_method names"
     )
+    return "\n".join(lines)
+
+
+def fitted_motion(row: Mapping[str, Any]) -> str:
+    """What of a trial is fitted: cycles, an amplitude, or a motion with its band."""
+    if "cycles" in row:
+        return cycles_text(row)
+    if row.get("amplitude_deg") is not None:
+        return f"{row['amplitude_deg']:g} deg"
+    if row.get("excitation") in (None, "stepped sine"):
+        return "all amplitudes"
+    kind = "periodic" if row["excitation"] == "periodic" else "any"
+    return (
+        f"{row['fitted_s']:.1f} s of {kind} motion, {row['band_low_hz']:.3g} to"
+        f" {row['band_high_hz']:.3g} Hz, {row['theta_rms_deg']:.2g} deg RMS"
+    )
+
+
+LEFT_OUT_CYCLES = {"settled": "first", "smaller": "below 90 % of the range", "partial": "not whole"}
+"""Why cycles are left out, by the begin of the column with their number."""
+
+
+def cycles_text(row: Mapping[str, Any]) -> str:
+    left_out = []
+    for kind, reason in LEFT_OUT_CYCLES.items():
+        number = row.get(f"{kind}_cycles")
+        if number:
+            left_out.append(f"{number} {reason}")
+    text = f"mean of cycles: {row['cycles']}"
+    return f"{text} (left out: {', '.join(left_out)})" if left_out else text
+
+
+def estimate_line(row: Mapping[str, Any], name: str) -> str:
+    """One estimate with the half-width of its interval and its range over single amplitudes."""
+    high = row.get(f"{name}_high")
+    half_width = " " * 12 if high is None else f"± {high - row[name]:<10.2g}"
+    line = f"  {name:<15}{row[name]:>12.5g} {half_width} {UNIT_OF.get(name, '')}"
+    lowest = row.get(f"{name}_amplitudes_low")
+    if lowest is not None:
+        highest = row[f"{name}_amplitudes_high"]
+        line += f", single amplitudes {lowest:.5g} to {highest:.5g}"
+    return line
 
 
 def estimated(row: Mapping[str, Any]) -> list[str]:
     """The quantities that a fit estimates (a belt at a constant velocity has no B_j), or all its
     numbers."""
-    known = [name for name in UNIT_OF if f"{name}_se" in row and row[name] is not None]
-    return known or [name for name, value in row.items() if isinstance(value, float)]
+    quantities = [name for name in UNIT_OF if f"{name}_se" in row and row[name] is not None]
+    return quantities or [name for name, value in row.items() if isinstance(value, float)]

@@ -4,6 +4,7 @@ page."""
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from copy import deepcopy
+from dataclasses import dataclass
 from os.path import realpath
 from pathlib import Path
 from typing import Any
@@ -20,12 +21,23 @@ from osl_analysis.figures.names import figure_title
 from osl_analysis.files import atomic_path, write_text
 from osl_analysis.judge.campaign import Entry, entries
 from osl_analysis.judge.finding import read_findings
-from osl_analysis.judge.two_campaigns import COMPARED_QUANTITIES, compared, label_of, verdicts_said
+from osl_analysis.judge.two_campaigns import (
+    COMPARED_QUANTITIES,
+    comparison_table,
+    label_of,
+    verdicts_in_words,
+)
 from osl_analysis.refusal import Refusal, is_refused
-from osl_analysis.report import page, trial_page
-from osl_analysis.report.headlines import aligned, digits_of, fixed, missing_lines
+from osl_analysis.report import page, panels, trial_page
+from osl_analysis.report.decimal_places import digits_of, fixed
+from osl_analysis.report.headlines import aligned, missing_lines
 from osl_analysis.report.page import captions_by_title, inline_svg, written_page
-from osl_analysis.report.trial_page import ReportedTrial, left_out_trials, trial_content
+from osl_analysis.report.trial_page import (
+    LeftOut,
+    ReportedTrial,
+    left_out_trials,
+    trial_content,
+)
 from osl_analysis.table import read_table, with_evidence, write_table
 from osl_analysis.trial import metadata_of, read_trial, unit_of
 
@@ -52,137 +64,221 @@ def write_report(
     refused: Sequence[Refusal] = (),
     unnamed: str = "",
 ) -> None:
-    """Write the page `report.html`, and the text of its methods, `methods.md` and `methods.tex`.
+    """Write the page of a run, and the text of its methods.
 
-    `sheet` has the row of every trial, also of those that it excludes, `settings` the sections of
-    the configuration by which the experiments are analysed; `trials`, `series` and `crossings` the
-    files of each that has them, `tables` the result tables and `figures` the SVG files by name.
-    `verdicts` is `quality.csv`, `excluded` the trials that are not used, `findings` `findings.csv`,
-    `states` `settings.csv`, `summary` `summary.json`, `refused` the causes of all that is missing,
-    `unnamed` tells recordings without a row."""
-    written = {name: with_evidence(path) for name, path in tables.items()}
-    said_of = {one.trial: f"{one.reason}; {one.remedy}" for one in refused if one.trial}
-    left_out = left_out_trials(read_table(excluded), written, said_of)
-    by_role = {"trial": trials, "series": series, "crossing": crossings}
-    judged = (
-        read_table(verdicts)
-        .filter(pl.col("verdict") != "refused")
-        .partition_by("trial", as_dict=True)
-    )
-    of_trial: dict[str, list[Entry]] = {}
+    Parameters
+    ----------
+    about : Mapping of str to str
+        What the numbers are made of.
+    sheet : Mapping
+        The row of every trial of the sample sheet, also of those that it excludes.
+    settings : Mapping
+        The sections of the configuration by which the experiments are analysed.
+    trials, series, crossings : Mapping of str to Path
+        The files of each trial that has them.
+    tables : Mapping of str to Path
+        Result tables, by name.
+    figures : Mapping of str to Path
+        SVG files, by name.
+    verdicts, excluded, findings, states, summary : Path
+        `quality.csv`, `excluded.csv`, `findings.csv`, `settings.csv`, `summary.json`.
+    output, methods_md, methods_tex : Path
+        `report.html`, `methods.md` and `methods.tex`.
+    captions : Path or None
+        Those of the figures.
+    refused : Sequence of Refusal
+        The causes of all that is missing.
+    unnamed : str
+        Tells recordings without a row.
+    """
+    results = {name: with_evidence(path) for name, path in tables.items()}
+    findings_by_trial: dict[str, list[Entry]] = {}
     for entry in entries(read_findings(findings)):
-        of_trial.setdefault(entry["trial"], []).append(entry)
-    rows_of = {
-        n: own.partition_by("trial", as_dict=True)
-        for n, own in written.items()
-        if "trial" in own.columns
-    }
-    reported = []
-    for name, row in sheet.items():
-        files = {role: paths[name] for role, paths in by_role.items() if name in paths}
-        findings_on, judged_checks = of_trial.get(name, []), judged.get((name,))
-        reported.append(reported_trial(row, files, left_out, rows_of, findings_on, judged_checks))
-    pages = {one.name: (trial_content(one), one.pictures.tables) for one in reported}
-    found = {} if is_refused(summary) else read_summary(summary)
-    said = (
-        captions_by_title(captions.read_text(encoding="utf-8"))
-        if captions and not is_refused(captions)
-        else {}
+        findings_by_trial.setdefault(entry["trial"], []).append(entry)
+    refusals: dict[str, str] = {}
+    not_made: list[Refusal] = []
+    for refusal in refused:
+        if refusal.trial:
+            refusals[refusal.trial] = f"{refusal.reason}; {refusal.remedy}"
+        else:
+            not_made.append(refusal)
+    checks = read_table(verdicts).filter(pl.col("verdict") != "refused")
+    campaign = CampaignResults(
+        files={"trial": trials, "series": series, "crossing": crossings},
+        rows=rows_by_trial(results),
+        findings=findings_by_trial,
+        checks=checks.partition_by("trial", as_dict=True),
+        left_out=left_out_trials(read_table(excluded), results, refusals),
     )
-    # the figures with their captions, and why each of the others is not drawn
-    shown, absent = [], dict[str, str]()
-    for name, path in figures.items():
-        title, numbers = figure_title(name), path.with_suffix(".csv")
-        if is_refused(numbers) or read_table(numbers).is_empty():
-            absent[title] = str(said.get(title, "")).removeprefix(UNDRAWN).strip()
-            continue
-        drawn = inline_svg(path.read_text(encoding="utf-8"), name, title)
-        shown.append(
-            {"name": name, "title": title, "caption": said.get(title, ""), "drawing": drawn}
-        )
+    reported = [reported_trial(row, campaign) for row in sheet.values()]
+    numbers = {} if is_refused(summary) else read_summary(summary)
+    drawn, absent = drawn_figures(figures, read_captions(captions))
+    claims = results.get("claims", pl.DataFrame(schema=["subject", "verdict"]))
     content = {
         "about": about,
         "made_of": sentence(about),
         **trial_page.trials_content(reported),
-        **page.overview(reported, found, shown, about),
-        "intervals": found.get("intervals", ""),
-        "claims": page.claims_said(
-            written.get("claims", pl.DataFrame(schema=["subject", "verdict"]))
-        ),
-        "methods": trial_page.methods_content(settings, written, reported),
+        **page.overview(reported, numbers, drawn, about),
+        "intervals": numbers.get("intervals", ""),
+        "claims": page.claims_said(claims),
+        "methods": trial_page.methods_content(settings, results, reported),
         "absent_figures": absent,
         "unnamed": unnamed,
-        "conditions": page.conditions(written, of_trial),
-        "method": page.method_said(settings, written),
+        "conditions": page.conditions(results, findings_by_trial),
+        "method": page.method_said(settings, results),
         "assumed": page.assumed_said(read_table(states)),
-        "sensitivity": written.get("walking_sensitivity", pl.DataFrame()).to_dicts(),
-        "not_made": [one for one in refused if not one.trial],
+        "sensitivity": results.get("walking_sensitivity", pl.DataFrame()).to_dicts(),
+        "not_made": not_made,
     }
     for path, form in ((methods_md, "md"), (methods_tex, "tex")):
-        # what a template asks for is there
-        told = content | {"methods": deepcopy(content["methods"]), "form": form}
-        write_text(path, page.template("methods.txt.j2").render(told))
+        # a copy, since each value that the template asks for is added to the methods
+        of_form = {**content, "methods": deepcopy(content["methods"]), "form": form}
+        write_text(path, page.template("methods.txt.j2").render(of_form))
+    pages = {}
+    for trial in reported:
+        pages[trial.name] = (trial_content(trial), trial.pictures.tables)
     write_text(output, written_page(content, pages))
 
 
-def reported_trial(
-    row: Mapping[str, Any],
-    files: Mapping[str, Path],
-    left_out: Mapping[str, tuple[bool, list[str]]],
-    rows_of: Mapping[str, Mapping[tuple[Any, ...], pl.DataFrame]],
-    findings_on: list[Entry],
-    judged_checks: pl.DataFrame | None,
-) -> ReportedTrial:
+RowsOfTrials = Mapping[tuple[Any, ...], pl.DataFrame]
+"""The rows of a table by `(trial,)`."""
+
+
+def rows_by_trial(results: Mapping[str, pl.DataFrame]) -> dict[str, RowsOfTrials]:
+    """The rows of each trial in each table that has trials."""
+    rows: dict[str, RowsOfTrials] = {}
+    for name, table in results.items():
+        if "trial" in table.columns:
+            rows[name] = table.partition_by("trial", as_dict=True)
+    return rows
+
+
+def read_captions(path: Path | None) -> Mapping[str, Any]:
+    """The captions of figures by title; none where they were not written."""
+    if path is None or is_refused(path):
+        return {}
+    return captions_by_title(path.read_text(encoding="utf-8"))
+
+
+def drawn_figures(
+    figures: Mapping[str, Path], captions: Mapping[str, Any]
+) -> tuple[list[dict[str, Any]], dict[str, str]]:
+    """The figures with their captions, and, by title, why each of the others is not drawn."""
+    drawn: list[dict[str, Any]] = []
+    absent: dict[str, str] = {}
+    for name, path in figures.items():
+        title = figure_title(name)
+        caption = captions.get(title, "")
+        plotted_numbers = path.with_suffix(".csv")
+        if is_refused(plotted_numbers) or read_table(plotted_numbers).is_empty():
+            absent[title] = str(caption).removeprefix(UNDRAWN).strip()
+            continue
+        drawing = inline_svg(path.read_text(encoding="utf-8"), name, title)
+        drawn.append({"name": name, "title": title, "caption": caption, "drawing": drawing})
+    return drawn, absent
+
+
+@dataclass(frozen=True)
+class CampaignResults:
+    """What a campaign has of its trials.
+
+    Attributes
+    ----------
+    files
+        By role (trial, series, crossing) and trial.
+    rows
+        Of the result tables, by table and `(trial,)`.
+    findings
+        By trial.
+    checks
+        Verdicts on recordings, by `(trial,)`.
+    left_out
+        Trials that are not used.
+    """
+
+    files: Mapping[str, Mapping[str, Path]]
+    rows: Mapping[str, RowsOfTrials]
+    findings: Mapping[str, Sequence[Entry]]
+    checks: RowsOfTrials
+    left_out: Mapping[str, LeftOut]
+
+
+def reported_trial(row: Mapping[str, Any], campaign: CampaignResults) -> ReportedTrial:
     """A trial of the sample sheet from its row there, its files, its rows of the tables, and why it
     has no result."""
-    name, facts = row["trial"], EXPERIMENTS[row["experiment"]]
-    names = [*(table.name for table in facts.tables), "walking_responses"]
-    own = {table: rows_of[table][name,] for table in names if (name,) in rows_of.get(table, ())}
-    why = left_out.get(name)
-    # every trial of such an experiment has a result
-    if why is None and (
-        not own if facts.fit else row["experiment"] == "walking" and "crossing" not in files
-    ):
-        causes = listing(list(left_out), 3)
-        were = f", because {causes} {'was' if len(left_out) == 1 else 'were'} refused or excluded"
-        why = True, [f"it has no result{were if left_out else ''}"]
-    origin = metadata_of(files["trial"])[1] if "trial" in files else {}
-    missing, reasons = why or (False, [])
-    picture = pictures(row["experiment"], own, files)
+    name = row["trial"]
+    experiment = EXPERIMENTS[row["experiment"]]
+    files = {role: paths[name] for role, paths in campaign.files.items() if name in paths}
+    tables: dict[str, pl.DataFrame] = {}
+    for table in [*(table.name for table in experiment.tables), "walking_responses"]:
+        rows = campaign.rows.get(table, {}).get((name,))
+        if rows is not None:
+            tables[table] = rows
+
+    is_walking = row["experiment"] == "walking"
+    has_result = bool(tables) if experiment.fit else not is_walking or "crossing" in files
+    left_out = campaign.left_out.get(name, LeftOut(False, []))
+    if name not in campaign.left_out and not has_result:
+        left_out = LeftOut(True, [f"it has no result{because_of(list(campaign.left_out))}"])
+    provenance: Mapping[str, Any] = {}
+    if "trial" in files:
+        _, provenance = metadata_of(files["trial"])
     return ReportedTrial(
-        name, row, own, findings_on, judged_checks, origin, reasons, missing, picture
+        name=name,
+        row=row,
+        tables=tables,
+        findings=campaign.findings.get(name, []),
+        quality=campaign.checks.get((name,)),
+        provenance=provenance,
+        left_out=left_out.reasons,
+        refused=left_out.by_job,
+        pictures=pictures(row["experiment"], tables, files),
     )
+
+
+def because_of(left_out: Sequence[str]) -> str:
+    """Which other trials are missing, that a result may need; empty if none are."""
+    if not left_out:
+        return ""
+    verb = "was" if len(left_out) == 1 else "were"
+    return f", because {listing(list(left_out), 3)} {verb} refused or excluded"
+
+
+MOVING = {"belt": "Belt deflection", "actuator": "Motor motion"}
+"""What moves in an experiment; in any other it is the joint."""
 
 
 def pictures(
     experiment: str, tables: Mapping[str, pl.DataFrame], files: Mapping[str, Path]
-) -> trial_page.Pictures:
+) -> panels.Pictures:
     """What is drawn of a trial: the fit, the crossing with its isolated response, or else the
     recording."""
-    found = []
+    drawn: list[panels.Pictures] = []
+    crossing = pl.DataFrame()
+    if "crossing" in files:
+        crossing = pl.read_parquet(files["crossing"])
     if "series" in files:
         series = read_table(files["series"], of="series")
-        motion = {"belt": "Belt deflection", "actuator": "Motor motion"}.get(
-            experiment, "Joint angle"
-        )
-        found.append(trial_page.bench_pictures(series, motion, experiment == "belt"))
-    elif "crossing" in files and len(crossing := pl.read_parquet(files["crossing"])):
-        found.append(trial_page.crossing_pictures(crossing))
+        motion = MOVING.get(experiment, "Joint angle")
+        drawn.append(panels.bench_pictures(series, motion, experiment == "belt"))
+    elif len(crossing):
+        drawn.append(panels.crossing_pictures(crossing))
     elif "trial" in files:
         samples = read_trial(files["trial"]).samples
-        units = {
-            name: unit for name in samples.columns if name != "time" and (unit := unit_of(name))
-        }
-        found.append(trial_page.recorded_pictures(samples, units))
+        units: dict[str, str] = {}
+        for name in samples.columns:
+            unit = unit_of(name)
+            if name != "time" and unit:
+                units[name] = unit
+        drawn.append(panels.recorded_pictures(samples, units))
     if "walking_responses" in tables:
-        found.append(trial_page.isolated_pictures(tables["walking_responses"]))
+        drawn.append(panels.isolated_pictures(tables["walking_responses"]))
     if "phasors" in tables and "impedance" in tables:
-        found.append(
-            trial_page.phasor_pictures(tables["phasors"], tables["impedance"].row(-1, named=True))
-        )
+        fit_to_all = tables["impedance"].row(-1, named=True)
+        drawn.append(panels.phasor_pictures(tables["phasors"], fit_to_all))
     if "response" in tables:
-        found.append(trial_page.response_pictures(tables["response"]))
-    return trial_page.together(*found)
+        drawn.append(panels.response_pictures(tables["response"]))
+    return panels.together(*drawn)
 
 
 def compared_cells(
@@ -190,31 +286,42 @@ def compared_cells(
 ) -> dict[str, str]:
     """A row of `comparison.csv` in words, by the heads of what is printed, from the summaries of
     both campaigns."""
-    a, b = f"A: {of_a.get('campaign')}", f"B: {of_b.get('campaign')}"
+    ratio = number_text(row, "relative_percent")
+    return {
+        "quantity": label_of(row),
+        f"A: {of_a.get('campaign')}": number_text(row, "mean_A"),
+        f"B: {of_b.get('campaign')}": number_text(row, "mean_B"),
+        "unit": row["unit"],
+        "B - A": number_text(row, "difference"),
+        "B over A, less 1": f"{ratio} %" if ratio else "",
+        "verdict": row["verdict"] or "",
+        "remark": row["remark"] or "",
+    }
 
-    def said(name: str, sign: str = "") -> str:
-        value, low, high = (row.get(f"{name}{end}") for end in ("", "_low", "_high"))
-        if value is None:
-            return ""
-        digits, finer = digits_of(value, low, high)
-        ends = (
-            "" if low is None or high is None else f" [{fixed(low, finer)}, {fixed(high, finer)}]"
-        )
-        return f"{fixed(value, digits)}{ends}{sign}"
 
-    cells = {"quantity": label_of(row), a: said("mean_A"), b: said("mean_B"), "unit": row["unit"]}
-    cells |= {"B - A": said("difference"), "B over A, less 1": said("relative_percent", " %")}
-    return cells | {name: row[name] or "" for name in ("verdict", "remark")}
+def number_text(row: Mapping[str, Any], name: str) -> str:
+    """A number of a row with its interval in brackets; empty if it has none."""
+    value, low, high = row[name], row.get(f"{name}_low"), row.get(f"{name}_high")
+    if value is None:
+        return ""
+    places = digits_of(value, low, high)
+    text = fixed(value, places.value)
+    if low is None or high is None:
+        return text
+    return f"{text} [{fixed(low, places.ends)}, {fixed(high, places.ends)}]"
 
 
 def tables_to_compare(folder: Path) -> dict[str, pl.DataFrame]:
     """The tables of a campaign that are compared, by name, of those that it has, with the errors of
     its bench."""
-    paths = {name: folder / f"tables/{name}.csv" for name in COMPARED_QUANTITIES}
-    there = {name: path for name, path in paths.items() if path.is_file() and not is_refused(path)}
-    of_walking = ("quantity", "estimator", "n", "mean", "low", "high", "commanded")
-    needed = COMPARED_QUANTITIES | {"walking_summary": of_walking}
-    return {name: with_evidence(path, needed[name]) for name, path in there.items()}
+    tables: dict[str, pl.DataFrame] = {}
+    for name, columns in COMPARED_QUANTITIES.items():
+        path = folder / f"tables/{name}.csv"
+        if name == "walking_summary":  # a row per quantity
+            columns = ("quantity", "estimator", "n", "mean", "low", "high", "commanded")
+        if path.is_file() and not is_refused(path):
+            tables[name] = with_evidence(path, columns)
+    return tables
 
 
 def remarks_on(
@@ -222,13 +329,18 @@ def remarks_on(
 ) -> list[str]:
     """In what two summaries differ beside their numbers, or whether all numbers of their `tables`
     are the same."""
-    apart = [name for name in ("data", "version") if a.get(name) != b.get(name)]
-    remarks = [f"{name}: {a.get(name)} in A, {b.get(name)} in B" for name in apart]
-    if tables[0].keys() == tables[1].keys() and all(
-        own.equals(tables[1][name]) for name, own in tables[0].items()
-    ):
+    remarks = []
+    for name in ("data", "version"):
+        if a.get(name) != b.get(name):
+            remarks.append(f"{name}: {a.get(name)} in A, {b.get(name)} in B")
+    if are_equal(*tables):
         remarks.append("A and B have the same estimates in all trials; one is a copy of the other")
     return remarks
+
+
+def are_equal(a: Mapping[str, pl.DataFrame], b: Mapping[str, pl.DataFrame]) -> bool:
+    """Whether two campaigns have the same tables."""
+    return a.keys() == b.keys() and all(table.equals(b[name]) for name, table in a.items())
 
 
 def both_summaries(folders: Sequence[Path]) -> list[dict[str, Any]]:
@@ -239,39 +351,48 @@ def both_summaries(folders: Sequence[Path]) -> list[dict[str, Any]]:
         )
     a, b = (read_summary(folder / "summary.json") for folder in folders)
     for name, number in a["numbers"].items():
-        if (unit := b["numbers"].get(name, number)["unit"]) != number["unit"]:
-            said = f"'{name}' is in {unit}, but in {number['unit']} in {folders[0]}"
+        unit = b["numbers"].get(name, number)["unit"]
+        if unit != number["unit"]:
             raise InputError(
-                f"{folders[1] / 'summary.json'}: {said}; run the older campaign again with this"
-                " version"
+                f"{folders[1] / 'summary.json'}: '{name}' is in {unit}, but in {number['unit']} in"
+                f" {folders[0]}; run the older campaign again with this version"
             )
     return [a, b]
 
 
 def compare_campaigns(folders: Sequence[Path], output: Path, margin: float | None = None) -> str:
-    """Compare the results in two folders, A and B, by `two_campaigns.compared`: `comparison` as
-    .csv, .pdf, .svg and .png in `output`, all or none. Returns what to print. Raises InputError:
-    both are one folder, one has no summary or an older table, there is nothing to compare, or a
-    number has two units."""
+    """Compare the results of two campaigns.
+
+    Parameters
+    ----------
+    folders : Sequence of Path
+        Those of A and B.
+    output : Path
+        Folder for `comparison` as .csv, .pdf, .svg and .png: all or none.
+    margin : float or None
+        As in `comparison_table`.
+
+    Returns
+    -------
+    str
+        What to print.
+
+    Raises
+    ------
+    InputError
+        Both are one folder, one has no summary or an older table, there is nothing to compare, or a
+        number has two units.
+    """
     a, b = both_summaries(folders)
     tables = [tables_to_compare(folder) for folder in folders]
-    table = compared(tables[0], tables[1], margin)
+    table = comparison_table(tables[0], tables[1], margin)
     if table["difference"].is_null().all():
         raise InputError(
             f"{folders[0]} and {folders[1]}: nothing to compare, no quantity is of one condition in"
             " both; run both to their end, state K_d and B_d in both sheets, or give trials that"
             " belong together one name"
         )
-    units = {
-        (one.place, name): column.unit
-        for one in described_tables()
-        for name, column in one.columns.items()
-    }
-    of_rows = [
-        units[f"tables/{where}", what]
-        for where, what in table.select("experiment", "quantity").iter_rows()
-    ]
-    table.insert_column(2, pl.Series("unit", of_rows))
+    table.insert_column(2, pl.Series("unit", units_of(table)))
     paths = {kind: output / f"comparison.{kind}" for kind in ("csv", "pdf", "svg", "png")}
     origins = dict.fromkeys(summary.get("data", "") for summary in (a, b))
     with ExitStack() as stack:
@@ -282,14 +403,21 @@ def compare_campaigns(folders: Sequence[Path], output: Path, margin: float | Non
             "comparison", new["csv"], [new[kind] for kind in ("pdf", "svg", "png")], origin=footer
         )
     cells = [compared_cells(row, a, b) for row in table.iter_rows(named=True)]
-    known = [
-        f"{name}: {one['line']}"
-        for name, of in (("A", a), ("B", b))
-        for one in of.get("findings", ())
-    ]
-    lacks = [
-        f"{name}: {line}" for name, of in (("A", a), ("B", b)) for line in missing_lines(of, True)
-    ]
-    rows = aligned([[*cells[0]], *([*row.values()] for row in cells)])
-    said = [verdicts_said(table), *remarks_on(a, b, tables), "", rows, *known, *lacks]
-    return "\n".join([*said, *(f"wrote {path}" for path in paths.values())])
+    rows = aligned([list(cells[0]), *(list(row.values()) for row in cells)])
+    lines = [verdicts_in_words(table), *remarks_on(a, b, tables), "", rows]
+    of_campaigns = {"A": a, "B": b}
+    for name, summary in of_campaigns.items():
+        lines += [f"{name}: {finding['line']}" for finding in summary.get("findings", ())]
+    for name, summary in of_campaigns.items():
+        lines += [f"{name}: {line}" for line in missing_lines(summary, reasons=True)]
+    lines += [f"wrote {path}" for path in paths.values()]
+    return "\n".join(lines)
+
+
+def units_of(comparison: pl.DataFrame) -> list[str]:
+    """The unit of each row of a comparison, from the described tables."""
+    columns = {table.place: table.columns for table in described_tables()}
+    units = []
+    for experiment, quantity in comparison.select("experiment", "quantity").iter_rows():
+        units.append(columns[f"tables/{experiment}"][quantity].unit)
+    return units

@@ -40,11 +40,29 @@ def gather(
     evidence_columns: Collection[str] = (),
     data: str = "",
 ) -> None:
-    """One table from the tables of single trials, in the order given; with `limits`, doubtful fits
-    are marked. `rows` are their files, or the archives with a table of the same name as `output`,
-    `fits` the trials' fits of the table whose doubts the rows share, with the limits of that table.
-    `places` has joint and side of each. With `evidence` that file has the `evidence_columns`, and
-    the table all others."""
+    """Write one table from the tables of single trials, in the order given.
+
+    Parameters
+    ----------
+    rows : Sequence of Path
+        Their files, or the archives with a table of the same name as `output`.
+    output : Path
+    limits : Limits or None
+        By which doubtful fits are marked; None: the table is not judged.
+    fits, limits_of_fits
+        The trials' fits of the table whose doubts the rows share, with the limits of that table.
+    places : Places or None
+        Joint and side of each trial.
+    evidence, evidence_columns
+        A file for these columns; the table has all others.
+    data : str
+        Whether the recordings are simulated or measured.
+
+    Raises
+    ------
+    InputError
+        There are no rows.
+    """
     if not rows:
         raise InputError(f"{output}: no trials fill this table; add some to the sample sheet")
     table = pl.concat([read_table(path, of=output.stem) for path in rows], how="diagonal_relaxed")
@@ -53,19 +71,17 @@ def gather(
     if limits is not None:
         findings = judged(table, limits, output.stem)
         if limits_of_fits is not None and fits:
-            of = pl.concat([read_table(path) for path in fits], how="diagonal_relaxed")
-            findings = with_inherited(
-                output.stem, table, findings, of, judged(of, limits_of_fits, fits[0].parent.name)
-            )
+            origin = pl.concat([read_table(path) for path in fits], how="diagonal_relaxed")
+            findings_of_fits = judged(origin, limits_of_fits, fits[0].parent.name)
+            findings = with_inherited(output.stem, table, findings, origin, findings_of_fits)
         table = marked(table, findings, output.stem)
     table = with_places(table, places or {})
     if evidence is not None:
-        write_table(
-            table.select(name for name in table.columns if name in evidence_columns), evidence, data
-        )
-        table = table.select(
-            name for name in table.columns if name in OF_ROW or name not in evidence_columns
-        )
+        in_evidence = [name for name in table.columns if name in evidence_columns]
+        write_table(table.select(in_evidence), evidence, data)
+        # both files tell of which row they are
+        further = [name for name in in_evidence if name not in OF_ROW]
+        table = table.drop(further)
     write_table(table, output, data)
 
 
@@ -79,19 +95,21 @@ def write_settings(
     """Write the settings that judge or label with their states. What was measured is that of
     `phasors.csv`, or none, also where that is `refused`."""
     table = pl.DataFrame(states, schema=dict.fromkeys(("setting", "value", "state"), pl.String))
-    found = (
-        read_table(phasors)
-        if phasors
-        else pl.DataFrame(schema=dict.fromkeys(FOUND.values(), pl.Float64))
+    sines = pl.DataFrame(schema=dict.fromkeys(FOUND.values(), pl.Float64))
+    if phasors:
+        sines = read_table(phasors)
+    measured_values: dict[str, str] = {}
+    for setting, column in FOUND.items():
+        sizes = sizes_said(sines[column].cast(pl.Float64))
+        if sizes:
+            measured_values[setting] = f"[{', '.join(sizes)}]"
+    measured = pl.col("setting").replace_strict(
+        measured_values, default=None, return_dtype=pl.String
     )
-    own = {name: sizes_said(found[column].cast(pl.Float64)) for name, column in FOUND.items()}
-    said = {name: f"[{', '.join(values)}]" for name, values in own.items() if values}
-    measured = pl.col("setting").replace_strict(said, default=None, return_dtype=pl.String)
-    table = table.with_columns(
-        pl.when(state="measured").then(measured).otherwise("value").alias("value")
-    )
-    none = pl.when(pl.col("value").is_null()).then(pl.lit("none")).otherwise("state")
-    write_table(table.with_columns(state=none), output, data)
+    value = pl.when(state="measured").then(measured).otherwise("value")
+    table = table.with_columns(value=value)
+    state = pl.when(pl.col("value").is_null()).then(pl.lit("none")).otherwise("state")
+    write_table(table.with_columns(state=state), output, data)
 
 
 def check_claims(
@@ -103,11 +121,12 @@ def check_claims(
     parameters: FileOrNone = None,
     data: str = "",
 ) -> None:
-    """Hold the paper's claims against the result `tables`. `midstance` is the commanded stiffness
-    [N*m/rad]."""
-    read = {name: read_table(path) for name, path in tables.items()}
+    """Write `claims.csv`: the paper's claims, held against the result `tables`. `midstance` is the
+    commanded stiffness [N*m/rad]."""
+    tables_by_name = {name: read_table(path) for name, path in tables.items()}
     ratios = {joint_of(parameters): read_parameters(parameters).n_T} if parameters else {}
-    write_table(claims_table(read, settings, frequencies_hz, midstance, ratios), output, data)
+    claims = claims_table(tables_by_name, settings, frequencies_hz, midstance, ratios)
+    write_table(claims, output, data)
 
 
 def judge(
@@ -119,10 +138,11 @@ def judge(
     places: Places | None = None,
     data: str = "",
 ) -> None:
-    """The verdict on every trial from what was measured, with a row for each that could not be
-    measured, and why."""
-    lost = refused_rows(refused).with_columns(verdict=pl.lit("refused"))
-    table = pl.concat([Judge(rules, accept).verdicts(rows), lost], how="diagonal_relaxed")
+    """Write `quality.csv`: the verdict on every trial from what was measured, with a row for each
+    that could not be measured, and why."""
+    verdicts = Judge(rules, accept).verdicts(rows)
+    not_measured = refused_rows(refused).with_columns(verdict=pl.lit("refused"))
+    table = pl.concat([verdicts, not_measured], how="diagonal_relaxed")
     write_table(with_places(table, places or {}), output, data)
 
 
@@ -134,27 +154,22 @@ def write_findings(
     places: Places | None = None,
     data: str = "",
 ) -> None:
-    """Write the findings on all trials, from the result `tables` by name and the verdicts on
-    recordings."""
-    read = {name: with_evidence(path) for name, path in tables.items()}
-    write_table(
-        with_places(campaign_findings(read, read_table(verdicts), limits), places or {}),
-        output,
-        data,
-    )
+    """Write `findings.csv`: the findings on all trials, from the result `tables` by name and the
+    verdicts on recordings."""
+    tables_by_name = {name: with_evidence(path) for name, path in tables.items()}
+    findings = campaign_findings(tables_by_name, read_table(verdicts), limits)
+    write_table(with_places(findings, places or {}), output, data)
 
 
 def refused_rows(refused: Sequence[Refusal]) -> pl.DataFrame:
     """A row per refused trial, with its outcome as check and its reason and remedy as remark."""
-    rows = [
-        (one.trial, one.outcome, f"{one.reason}; {one.remedy}")
-        for one in refused_trials(refused).values()
-    ]
-    told = pl.DataFrame(
-        rows, schema=dict.fromkeys(("trial", "check", "remark"), pl.String), orient="row"
-    )
-    without = [pl.lit(None).alias(name) for name in ("value", "unit", "threshold")]
-    return told.select("trial", "check", *without, "remark")
+    rows = []
+    for refusal in refused_trials(refused).values():
+        remark = f"{refusal.reason}; {refusal.remedy}"
+        rows.append({"trial": refusal.trial, "check": refusal.outcome, "remark": remark})
+    table = pl.DataFrame(rows, schema=dict.fromkeys(("trial", "check", "remark"), pl.String))
+    nothing = [pl.lit(None).alias(name) for name in ("value", "unit", "threshold")]
+    return table.select("trial", "check", *nothing, "remark")
 
 
 def list_excluded(
@@ -165,17 +180,14 @@ def list_excluded(
     places: Places | None = None,
     data: str = "",
 ) -> None:
-    """List every trial that is not used: why it was refused, the checks that exclude it, or what
-    the sheet says."""
-    failed = (
-        read_table(verdicts)
-        .filter(pl.col("verdict") == "exclude")
-        .drop("verdict", "joint", "side", strict=False)
-    )
-    rows = [(trial, "sample sheet", reason) for trial, reason in by_sheet.items()]
-    stated = pl.DataFrame(
-        rows, schema=dict.fromkeys(("trial", "check", "remark"), pl.String), orient="row"
-    )
+    """Write `excluded.csv`: every trial that is not used, with why it was refused, the checks that
+    exclude it, or what the sheet says."""
+    failed = read_table(verdicts).filter(pl.col("verdict") == "exclude")
+    failed = failed.drop("verdict", "joint", "side", strict=False)
+    rows = []
+    for trial, reason in by_sheet.items():
+        rows.append({"trial": trial, "check": "sample sheet", "remark": reason})
+    stated = pl.DataFrame(rows, schema=dict.fromkeys(("trial", "check", "remark"), pl.String))
     table = pl.concat([refused_rows(refused), failed, stated], how="diagonal_relaxed")
     write_table(with_places(table, places or {}), output, data)
 
@@ -194,34 +206,52 @@ def write_summary(
     example: headlines.Example | None = None,
     beside_draft: bool = True,
 ) -> None:
-    """Write headline numbers of a campaign from the tables that it has, by their names, with those
-    of the paper's draft if `beside_draft`. `example` is the desired impedance of Fig. 4, `trials`
-    has those of each experiment, `excluded` is the table of those that are not used, `verdicts` is
-    `quality.csv`, `findings` is `findings.csv`, `refused` are the causes of missing tables."""
-    read = {*headlines.LABELS, *judged_tables(), "prediction_causes"}
-    tables = {name: with_evidence(path) for name, path in table_paths.items() if name in read}
-    found = read_findings(findings) if findings else findings_frame()
+    """Write headline numbers of a campaign, and what a reader must know of them.
+
+    Parameters
+    ----------
+    about : Mapping of str to str
+        What the numbers are made of.
+    table_paths : Mapping of str to Path
+        The result tables that the campaign has, by name.
+    summary_json, numbers_tex : Path
+        The files to write, both or none.
+    trials : Mapping of str to Sequence of str or None
+        Those of each experiment.
+    excluded, verdicts, findings : Path or None
+        `excluded.csv`, `quality.csv` and `findings.csv`.
+    refused : Sequence of Refusal
+        The causes of missing tables.
+    example : Example or None
+        The desired impedance of Fig. 4.
+    beside_draft : bool
+        Whether the numbers of the paper's draft stand beside them.
+    """
+    needed = {*headlines.LABELS, *judged_tables(), "prediction_causes"}
+    tables = {name: with_evidence(path) for name, path in table_paths.items() if name in needed}
     numbers = headlines.headline_numbers(tables, example, beside_draft)
-    of_excluded = ("trial", "check", "value", "unit", "threshold", "remark")
-    judged = read_table(verdicts) if verdicts else pl.DataFrame(schema=["check", "verdict"])
-    missing = {
-        "trials": (
-            headlines.used_and_missing(trials or {}, read_table(excluded, of_excluded))
-            if excluded
-            else {}
-        ),
-        "missing_results": {
-            one.file: one.reason.removeprefix(f"{one.file}: ") for one in refused if not one.trial
-        },
+    used_trials: Mapping[str, Any] = {}
+    if excluded:
+        columns = ("trial", "check", "value", "unit", "threshold", "remark")
+        used_trials = headlines.used_and_missing(trials or {}, read_table(excluded, columns))
+    missing_results: dict[str, str] = {}
+    for refusal in refused:
+        if not refusal.trial:
+            missing_results[refusal.file] = refusal.reason.removeprefix(f"{refusal.file}: ")
+    all_findings = read_findings(findings) if findings else findings_frame()
+    checks = read_table(verdicts) if verdicts else pl.DataFrame(schema=["check", "verdict"])
+    intervals = headlines.intervals_text(tables)
+    content = {
+        "trials": used_trials,
+        "missing_results": missing_results,
+        "intervals": intervals,
+        "findings": known_of(all_findings, tables, checks),
     }
-    intervals, lacks = (
-        headlines.intervals_said(tables),
-        headlines.missing_lines(missing, reasons=False),
-    )
-    said = {"intervals": intervals, "findings": known_of(found, tables, judged)}
+    remarks = headlines.missing_lines(content, reasons=False)
+    if intervals:
+        remarks.insert(0, intervals)
     with atomic_path(summary_json) as json_path, atomic_path(numbers_tex) as tex_path:
-        json_path.write_text(headlines.to_json(about, numbers, missing | said), encoding="utf-8")
-        remarks = [intervals, *lacks] if intervals else lacks
+        json_path.write_text(headlines.to_json(about, numbers, content), encoding="utf-8")
         tex_path.write_text(headlines.to_tex(about, numbers, remarks), encoding="utf-8")
 
 
@@ -251,62 +281,78 @@ def write_paper_table(
 
 
 def read_summary(summary_json: Path) -> dict[str, Any]:
-    """The summary that `write_summary` wrote. Raises InputError where it is missing or is none."""
+    """Read the summary that `write_summary` wrote. Raises InputError where it is missing or is
+    none."""
     check_not_refused(summary_json)
     if not summary_json.is_file():
-        run = (
-            "run `osl-analysis run` (in a clone `snakemake reproduce-all`) first, or name the"
-            " folder of your results"
+        raise InputError(
+            f"{summary_json}: no such summary; run `osl-analysis run` (in a clone `snakemake"
+            " reproduce-all`) first, or name the folder of your results"
         )
-        raise InputError(f"{summary_json}: no such summary; {run}")
     try:
         content: dict[str, Any] = json.loads(summary_json.read_text(encoding="utf-8"))
         for name, number in content["numbers"].items():
-            value = number.get("value", 0.0)
-            if not isinstance(value, int | float) or not isfinite(value):
-                raise ValueError(f"numbers.{name}.value: {value!r} is not allowed")
-            needed = [
-                "value",
-                "unit",
-                "low",
-                "high",
-                "interval",
-                "n",
-                "n_doubtful",
-                "n_left_out",
-                "draft",
-                "meaning",
-            ]
-            if lacking := [field for field in needed if field not in number]:
-                raise ValueError(f"field 'numbers.{name}.{lacking[0]}' is missing")
+            check_number(name, number)
     except (ValueError, RecursionError, TypeError, AttributeError, KeyError) as error:
-        said = f"no field {error}" if isinstance(error, KeyError) else error
-        again = "delete it and run `snakemake reproduce-all`"
-        raise InputError(f"{summary_json}: not a summary ({said}); {again}") from error
+        reason = f"no field {error}" if isinstance(error, KeyError) else f"{error}"
+        raise InputError(
+            f"{summary_json}: not a summary ({reason}); delete it and run `snakemake reproduce-all`"
+        ) from error
     return content
+
+
+FIELDS_OF_NUMBER = (
+    "value",
+    "unit",
+    "low",
+    "high",
+    "interval",
+    "n",
+    "n_doubtful",
+    "n_left_out",
+    "draft",
+    "meaning",
+)
+"""Fields of each number of a summary that are read."""
+
+
+def check_number(name: str, number: Mapping[str, Any]) -> None:
+    """Refuse a number of a summary that is not finite or lacks a field, with ValueError."""
+    value = number.get("value", 0.0)
+    if not isinstance(value, int | float) or not isfinite(value):
+        raise ValueError(f"numbers.{name}.value: {value!r} is not allowed")
+    for field in FIELDS_OF_NUMBER:
+        if field not in number:
+            raise ValueError(f"field 'numbers.{name}.{field}' is missing")
 
 
 def format_results_table(summary: Mapping[str, Any], markdown: bool = True) -> str:
     """What a summary is made of, its numbers as Markdown or aligned, what to know of them, and what
     is missing."""
-    lines = [
-        *filter(None, [summary.get("intervals")]),
-        *(one["line"] for one in summary.get("findings", ())),
-    ]
-    lines += filter(None, [headlines.rule_of_means(summary["numbers"].values())])
+    lines = [summary.get("intervals")]
+    lines += [finding["line"] for finding in summary.get("findings", ())]
+    lines.append(headlines.rule_of_means(summary["numbers"].values()))
     lines += headlines.missing_lines(summary, reasons=True)
     table = headlines.to_table(summary["numbers"], markdown)
-    return "\n".join([f"{sentence(summary)}\n\n{table}", *(f"{line}\n" for line in lines)])
+    remarks = [f"{line}\n" for line in lines if line]
+    return "\n".join([f"{sentence(summary)}\n\n{table}", *remarks])
 
 
 def later_failures(summary_json: Path) -> str:
     """Whether jobs of a later run than that of a summary were refused, failed or killed; a line,
     empty if none were."""
-    made, ended = summary_json.stat().st_mtime, []
+    written = summary_json.stat().st_mtime
+    failures = []
     for path in sorted((summary_json.parent / "logs").rglob("*.log")):
-        log = read_log(path) if path.stat().st_mtime > made else None
+        if path.stat().st_mtime <= written:
+            continue
+        log = read_log(path)
         # jobs that show numbers and make none run after the summary's own
         if log and log["outcome"] != "done" and not log["job"].startswith(("figure.", "report.")):
-            ended.append(f"{path.stem}: {log['error']}; correct it and run again")
-    first = f"after these numbers were written, {len(ended)} jobs were refused or failed, first"
-    return f"OLDER THAN A FAILED RUN: {first} {ended[0]}" if ended else ""
+            failures.append(f"{path.stem}: {log['error']}; correct it and run again")
+    if not failures:
+        return ""
+    return (
+        f"OLDER THAN A FAILED RUN: after these numbers were written, {len(failures)} jobs were"
+        f" refused or failed, first {failures[0]}"
+    )

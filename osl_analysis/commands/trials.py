@@ -98,13 +98,13 @@ def overview_text(overview: Overview) -> str:
 def channel_lines(overview: Overview) -> Iterator[str]:
     """A line per channel; one for all columns of a matrix that has many."""
     matrices = Counter(channel.matrix for channel in overview.channels)
-    told: set[str] = set()
+    listed: set[str] = set()
     for channel in overview.channels:
         matrix = channel.matrix
         if not matrix or matrices[matrix] <= MOST_COLUMNS:
             yield channel_line(channel)
-        elif matrix not in told:
-            told.add(matrix)
+        elif matrix not in listed:
+            listed.add(matrix)
             yield (
                 f"{shortened(channel.kind):<14} {shortened(matrix)}  {matrices[matrix]} columns of"
                 f" {channel.count} samples"

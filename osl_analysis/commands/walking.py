@@ -4,6 +4,7 @@ import json
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -99,35 +100,36 @@ def write_model(model: Any, path: Path) -> None:
 
 
 def read_model(path: Path, kind: type[Kind]) -> Kind:
+    """Read what `write_model` wrote. Raises InputError where it is missing or is of another
+    kind."""
     check_not_refused(path)
     step = f"run the step '{WRITTEN_BY[kind]}'"
     if not path.is_file():
         raise InputError(f"{path}: no such file; {step} first")
     try:
-        found: Kind = ADAPTERS[kind].validate_json(path.read_bytes())
-        return found
+        model: Kind = ADAPTERS[kind].validate_json(path.read_bytes())
     except ValueError as error:
         why = " ".join(str(error).split())
         raise InputError(
             f"{path}: not what this step writes ({why}); delete it and {step}"
         ) from error
+    return model
 
 
 def write_crossing(crossing: Crossing, path: Path) -> None:
     """Write a crossing as a trial: arrays (..., n) as columns beside the phase of stance, the rest
     as provenance."""
-    content = ADAPTERS[Crossing].dump_python(crossing)
-    columns = {
-        name: content.pop(name).T
-        for name, value in list(content.items())
-        if isinstance(value, np.ndarray)
-    }
-    columns = {
-        "time": columns.pop("time"),
+    columns: dict[str, Array] = {
+        "time": crossing.time,
         "phase": crossing.stance.phase(crossing.time),
-        **columns,
     }
-    write_trial(Trial(crossing.name, pl.DataFrame(columns), content), path)
+    provenance: dict[str, Any] = {}
+    for name, value in ADAPTERS[Crossing].dump_python(crossing).items():
+        if isinstance(value, np.ndarray):
+            columns[name] = value.T
+        else:
+            provenance[name] = value
+    write_trial(Trial(crossing.name, pl.DataFrame(columns), provenance), path)
 
 
 def write_refusal(refused: RefusedCrossing, path: Path) -> None:
@@ -157,10 +159,11 @@ def read_crossing_file(path: Path) -> Crossing | RefusedCrossing:
         raise InputError(
             f"{path}: a trial without events; run the step 'analyse' and use its crossing"
         )
-    signals = {
-        name: trial.samples[name].to_numpy().T for name in trial.samples.columns if name != "phase"
-    }
-    crossing: Crossing = ADAPTERS[Crossing].validate_python(signals | dict(trial.provenance))
+    fields: dict[str, Any] = dict(trial.provenance)
+    for column in trial.samples.columns:
+        if column != "phase":
+            fields[column] = trial.samples[column].to_numpy().T
+    crossing: Crossing = ADAPTERS[Crossing].validate_python(fields)
     return crossing
 
 
@@ -170,18 +173,17 @@ def read_unperturbed_gaits(path: Path) -> dict[str, UnperturbedGait]:
     check_not_refused(path)
     if not path.is_file():
         raise InputError(f"{path}: no such file; run the step 'average-unperturbed' first")
-    gaits = {}
+    gaits: dict[str, UnperturbedGait] = {}
     for frame in pl.read_parquet(path).partition_by("gait", maintain_order=True):
         names = frame["trial"].unique(maintain_order=True).to_list()
-        theta, torque, stance = (
-            frame[c].to_numpy().reshape(len(names), -1) for c in ("theta", "torque", "stance_s")
-        )
-        errors = (
-            frame[name].to_numpy().T.reshape(-1, *theta.shape)
-            for name in ("plate_errors", "lab_errors")
-        )
+        shape = (len(names), len(frame) // len(names))  # crossings, phases of stance
         gaits[str(frame["gait"][0])] = UnperturbedGait(
-            tuple(names), theta, torque, stance[:, 0], *errors
+            names=tuple(names),
+            theta=frame["theta"].to_numpy().reshape(shape),
+            torque=frame["torque"].to_numpy().reshape(shape),
+            stance=frame["stance_s"].to_numpy().reshape(shape)[:, 0],
+            plate_errors=frame["plate_errors"].to_numpy().T.reshape(-1, *shape),
+            lab_errors=frame["lab_errors"].to_numpy().T.reshape(-1, *shape),
         )
     return gaits
 
@@ -194,9 +196,14 @@ def calibrate(trial: Path, settings: choices.CalibrationSettings, output: Path) 
 def calibrated_trials(
     trials: Paths, calibrations: Paths, statics: Statics
 ) -> list[tuple[Trial, StaticCalibration]]:
-    read = {path.stem: read_model(path, StaticCalibration) for path in calibrations}
-    own = {trial: read[static] for trial, static in statics.items() if static in read}
-    return [(read_trial(path), own[path.stem]) for path in trials if path.stem in own]
+    """The trials with the calibration of their static trial, as far as it was calibrated."""
+    of_static = {path.stem: read_model(path, StaticCalibration) for path in calibrations}
+    calibrated = []
+    for path in trials:
+        static = statics.get(path.stem)
+        if static in of_static:
+            calibrated.append((read_trial(path), of_static[static]))
+    return calibrated
 
 
 def identify_plate(
@@ -253,47 +260,73 @@ def analyse(
     platform: Path | None = None,
     windows: str | None = None,
 ) -> None:
-    """Angle and torque of one crossing, with its events, to a Parquet file, or there, with a
-    warning, why there are none. `perturbed`, `direction`, `body_mass_kg` and `windows`, from-to
-    [s], are the sheet's; `platform` is what crossings share. Without a `calibration` and a `plate`
-    the log is analysed."""
-    walked, shared = (
-        read_trial(trial),
-        NO_SHARED_MOTION if platform is None else read_model(platform, PlatformModel),
-    )
+    """Write angle and torque of one crossing, with its events, or, with a warning, why there are
+    none.
+
+    Parameters
+    ----------
+    trial : Path
+        The recording.
+    calibration, plate : Path or None
+        Those of its static trial and of the plate; without both the log is analysed.
+    perturbed, direction, body_mass_kg, windows
+        What the sheet states; windows as from-to [s].
+    settings : CrossingSettings
+    output : Path
+        A Parquet file.
+    platform : Path or None
+        The motion that perturbed crossings share.
+    """
+    walked = read_trial(trial)
+    shared = NO_SHARED_MOTION if platform is None else read_model(platform, PlatformModel)
     static = None if calibration is None else read_model(calibration, StaticCalibration)
     model = None if plate is None else read_model(plate, PlateModel)
     if windows:
-        first, last = (walked.samples["time"][0] + float(end) for end in windows.split("-"))
-        walked = replace(
-            walked, samples=walked.samples.filter(pl.col("time").is_between(first, last))
-        )
+        walked = in_window(walked, windows)
     try:
         if static is None or model is None:
             check_own_torque(walked)
             crossing = crossing_of_log(walked, perturbed, settings)
         else:
             crossing = analyse_crossing(walked, static, model, perturbed, settings, shared)
-        if crossing.turn and direction is not None and settings.by_command:
-            crossing = replace(crossing, turn=abs(crossing.turn) * (1 if direction == UP else -1))
-        if direction is not None and crossing.direction not in (None, direction):
-            what = (
-                "shift turned the ankle" if settings.perturbed_by == "belt" else "platform turned"
-            )
-            raise InputError(
-                f"trial {walked.name}: the {what} by {np.rad2deg(crossing.turn or 0.0):.1f} deg"
-                f" (positive: toes up), but the sheet says direction '{direction}', expected"
-                f" '{crossing.direction}'; correct the sheet, or exclude the trial"
-            )
+        if direction is not None:
+            crossing = in_stated_direction(crossing, direction, settings)
         crossing = replace(crossing, body_mass=body_mass(walked, body_mass_kg))
     except OslAnalysisError as error:
-        reason = (
-            str(error) if f"trial {walked.name}" in str(error) else f"trial {walked.name}: {error}"
-        )
+        reason = str(error)
+        if f"trial {walked.name}" not in reason:
+            reason = f"trial {walked.name}: {reason}"
         warnings.warn(f"excluded: {reason}", stacklevel=2)
         write_refusal(RefusedCrossing(walked.name, perturbed, reason), output)
     else:
         write_crossing(crossing, output)
+
+
+def in_window(trial: Trial, window: str) -> Trial:
+    """The samples of a trial within a window, from-to [s] after its first sample."""
+    first, last = window.split("-")
+    start = trial.samples["time"][0]
+    is_within = pl.col("time").is_between(start + float(first), start + float(last))
+    return replace(trial, samples=trial.samples.filter(is_within))
+
+
+def in_stated_direction(
+    crossing: Crossing, direction: str, settings: choices.CrossingSettings
+) -> Crossing:
+    """The crossing with the sign of its turn by the sheet where that is a command, not measured.
+    Raises InputError where the measured direction is another one."""
+    if crossing.turn and settings.by_command:
+        size = abs(crossing.turn)
+        crossing = replace(crossing, turn=size if direction == UP else -size)
+    if crossing.direction in (None, direction):
+        return crossing
+    is_belt = settings.perturbed_by == "belt"
+    what = "shift turned the ankle" if is_belt else "platform turned"
+    raise InputError(
+        f"trial {crossing.name}: the {what} by {np.rad2deg(crossing.turn or 0.0):.1f} deg"
+        f" (positive: toes up), but the sheet says direction '{direction}', expected"
+        f" '{crossing.direction}'; correct the sheet, or exclude the trial"
+    )
 
 
 @dataclass(frozen=True)
@@ -328,32 +361,30 @@ def group_result(
     except OslAnalysisError as error:
         warnings.warn(f"no result of {group}: {error}", stacklevel=2)
         reason = str(error)
-        summary: list[dict[str, Any]] = [
-            {
+        summary: list[dict[str, Any]] = []
+        for quantity in result_tables.GROUP_QUANTITIES:
+            summary.append({
                 "group": group,
                 "quantity": quantity,
                 "estimator": result_tables.ENSEMBLE,
                 "n": len(fits),
                 "mean": None,
                 "reason": reason,
-            }
-            for quantity in result_tables.GROUP_QUANTITIES
-        ]
+            })  # fmt: skip
         return GroupResult(GroupOutcome(conditions, reason=reason), summary)
 
     by_log = crossings[0].platform is None
     sensitivity = result_tables.sensitivity_table(group, headline, settings.uncertainty, by_log)
     stated_share = sensitivity["stated"] / sensitivity["size"]
-    stated_se = {
-        name: float(np.linalg.norm((stated_share * sensitivity[name]).to_numpy()))
-        for name in ESTIMATED
-    }
+    stated_se: dict[str, float] = {}  # by what the errors of the laboratory are stated to be
+    for name in ESTIMATED:
+        stated_se[name] = float(np.linalg.norm((stated_share * sensitivity[name]).to_numpy()))
     rows = result_tables.headline_rows(headline, fits, doubtful_row(fits), stated_se)
     commanded = {name: conditions.cells.get(f"{name}_d") for name in ("K", "B")}
-    summary = [
-        {"group": group, **row, "commanded": commanded.get(str(row["quantity"])), "reason": None}
-        for row in rows
-    ]
+    summary = []
+    for row in rows:
+        of_quantity = commanded.get(str(row["quantity"]))
+        summary.append({"group": group, **row, "commanded": of_quantity, "reason": None})
     timing = conditions.timing
     fitted_phase = None
     if timing.onset_phase is not None and timing.stance_s is not None:
@@ -376,75 +407,96 @@ def select_crossings(
     places: Places | None = None,
     data: str = "",
 ) -> None:
-    """One row per crossing, in the order of the files: quality, group and, if it is excluded, the
-    reason. A warning names the conditions of the `sheet` that split results although nobody asked
-    for it."""
-    read = [read_crossing_file(path) for path in crossings]
-    refused = [c for c in read if isinstance(c, RefusedCrossing)]
-    rows = selection_rows([c for c in read if isinstance(c, Crossing)], refused, settings, sheet)
+    """Write one row per crossing, in the order of the files: quality, group and, if it is excluded,
+    the reason. A warning names the conditions of the `sheet` that split results although nobody
+    asked for it."""
+    analysed: list[Crossing] = []
+    refused: list[RefusedCrossing] = []
+    for path in crossings:
+        crossing = read_crossing_file(path)
+        if isinstance(crossing, RefusedCrossing):
+            refused.append(crossing)
+        else:
+            analysed.append(crossing)
+    rows = selection_rows(analysed, refused, settings, sheet)
     table = pl.DataFrame([rows[path.stem] for path in crossings], infer_schema_length=None)
-    said = [
-        f"crossings differ in {key} ({cell_listing({cells.get(key) for cells in sheet.values()})}):"
-        f" each value has a result of its own; write {key} under walking.group_by to keep that, or"
-        " under walking.pool for one result"
-        for key in split_keys(sheet, settings)
-        if key not in settings.group_by
-    ]
-    timed = [
-        name
-        for name in table["group"].drop_nulls().unique(maintain_order=True)
-        if "timing " in name
-    ]
-    if timed and "timing" not in settings.group_by:
-        said.append(
-            f"perturbations begin at {len(timed)} different phases of stance"
-            f" ({'; '.join(sorted(timed))}): each has a result of its own; write timing under"
-            " walking.group_by to keep that, or under walking.pool for one result"
-        )
-    for sentence in said:
-        warnings.warn(sentence, stacklevel=2)
+    groups = table["group"].drop_nulls().unique(maintain_order=True)
+    for remark in unasked_splits(groups.to_list(), sheet, settings):
+        warnings.warn(remark, stacklevel=2)
     write_table(with_places(table, places or {}), output, data)
 
 
+def unasked_splits(
+    groups: Sequence[str], sheet: SheetCells, settings: choices.SelectionSettings
+) -> Iterator[str]:
+    """By what the crossings are split into groups although the configuration does not ask for
+    it."""
+    for key in split_keys(sheet, settings):
+        if key in settings.group_by:
+            continue
+        values = cell_listing({cells.get(key) for cells in sheet.values()})
+        yield (
+            f"crossings differ in {key} ({values}): each value has a result of its own; write {key}"
+            " under walking.group_by to keep that, or under walking.pool for one result"
+        )
+    timings = [group for group in groups if "timing " in group]
+    if timings and "timing" not in settings.group_by:
+        yield (
+            f"perturbations begin at {len(timings)} different phases of stance"
+            f" ({'; '.join(sorted(timings))}): each has a result of its own; write timing under"
+            " walking.group_by to keep that, or under walking.pool for one result"
+        )
+
+
 def average_unperturbed(crossings: Paths, selection: Path, fewest: int, output: Path) -> None:
-    """The unperturbed crossings that the table `selection` does not exclude, on a common grid of
-    stance phase, by gait, to a Parquet file. A gait with fewer than the `fewest` is left out with a
-    warning."""
-    unperturbed = [
-        crossing for crossing in selected_crossings(crossings, selection) if crossing.onset is None
-    ]
+    """Write the unperturbed crossings that the table `selection` does not exclude, on a common grid
+    of stance phase, by gait, to a Parquet file. A gait with fewer than the `fewest` is left out
+    with a warning."""
+    selected = selected_crossings(crossings, selection)
+    unperturbed = [crossing for crossing in selected if crossing.onset is None]
     rows = read_table(selection, ["trial", "gait", "reason"])
     rows = rows.filter(pl.col("trial").is_in([path.stem for path in crossings]))
-    served = dict(zip(rows["trial"], rows["gait"].fill_null("").str.split(SEPARATOR), strict=True))
+    gaits_of_trial: dict[str, list[str]] = {}
+    for trial, cell in rows.select("trial", "gait").iter_rows():
+        gaits_of_trial[trial] = (cell or "").split(SEPARATOR)
     reasons = dict(rows.drop_nulls("reason").select("trial", "reason").iter_rows())
-    names = dict.fromkeys(name for gaits in served.values() for name in gaits if name) or {
-        ALL: None
-    }
-    gaits, problems = {}, []
-    for name in names:
-        of_gait = [crossing for crossing in unperturbed if name in served[crossing.name]]
-        lost = {trial: why for trial, why in reasons.items() if name in (*served[trial], ALL)}
+    names = [name for name in dict.fromkeys(chain(*gaits_of_trial.values())) if name]
+    gaits: dict[str, UnperturbedGait] = {}
+    problems: list[str] = []
+    for name in names or [ALL]:
+        of_gait = [crossing for crossing in unperturbed if name in gaits_of_trial[crossing.name]]
+        unused: dict[str, str] = {}
+        for trial, reason in reasons.items():
+            if name == ALL or name in gaits_of_trial[trial]:
+                unused[trial] = reason
         try:
-            gaits[name] = unperturbed_gait(of_gait, fewest, lost)
+            gaits[name] = unperturbed_gait(of_gait, fewest, unused)
         except InputError as error:
             problems.append(f"{error}" if name == ALL else f"{name}: {error}")
     if not gaits:
         raise InputError("; ".join(problems))
     for problem in problems:
         warnings.warn(problem, stacklevel=2)
-    frames = []
-    for name, gait in gaits.items():  # a row per crossing and phase of stance
-        trials = np.repeat(gait.names, len(PHASES)).tolist()
-        curves: dict[str, Array] = {"theta": gait.theta.ravel(), "torque": gait.torque.ravel()}
-        curves |= {
-            each: getattr(gait, each).reshape(-1, len(trials)).T
-            for each in ("plate_errors", "lab_errors")
-        }
-        curves |= {"stance_s": np.repeat(gait.stance, len(trials) // len(gait.names))}
-        curves |= {"phase": np.tile(PHASES, len(gait.names))}
-        frames.append(pl.DataFrame({"gait": [name] * len(trials), "trial": trials, **curves}))
     with atomic_path(output) as temporary:
+        frames = [gait_frame(name, gait) for name, gait in gaits.items()]
         pl.concat(frames).write_parquet(temporary)
+
+
+def gait_frame(name: str, gait: UnperturbedGait) -> pl.DataFrame:
+    """A gait as a table with a row per crossing and phase of stance."""
+    crossings, phases = len(gait.names), len(PHASES)
+    rows = crossings * phases
+    return pl.DataFrame({
+        "gait": [name] * rows,
+        "trial": np.repeat(gait.names, phases).tolist(),
+        "theta": gait.theta.ravel(),
+        "torque": gait.torque.ravel(),
+        # (errors, crossings, phases) as (rows, errors)
+        "plate_errors": gait.plate_errors.reshape(-1, rows).T,
+        "lab_errors": gait.lab_errors.reshape(-1, rows).T,
+        "stance_s": np.repeat(gait.stance, phases),
+        "phase": np.tile(PHASES, crossings),
+    })  # fmt: skip
 
 
 def fit_perturbation(
@@ -455,13 +507,16 @@ def fit_perturbation(
     output: Path,
     data: str = "",
 ) -> None:
-    """The row of `walking.csv` of one perturbed crossing: Eq. 15, or the reason why it is excluded
-    or has no fit."""
-    gaits, columns = read_unperturbed_gaits(unperturbed), ("reason", "gait", "group", "direction")
+    """Write the row of `walking.csv` of one perturbed crossing: Eq. 15, or the reason why it is
+    excluded or has no fit."""
+    gaits = read_unperturbed_gaits(unperturbed)
+    columns = ("reason", "gait", "group", "direction")
     rows = read_table(selection, ["trial", *columns]).filter(pl.col("trial") == crossing.stem)
-    place = dict.fromkeys(columns) if rows.is_empty() else rows.select(columns).row(0, named=True)
-    gait = gaits.get(place["gait"] or ALL)
-    reason = place["reason"] or (NO_GAIT if gait is None else None)
+    selected: dict[str, Any] = dict.fromkeys(columns)
+    if len(rows):
+        selected = rows.select(columns).row(0, named=True)
+    gait = gaits.get(selected["gait"] or ALL)
+    reason = selected["reason"] or (NO_GAIT if gait is None else None)
     # a campaign in which no perturbation can be used keeps its other results
     row: dict[str, object] = dict.fromkeys(result_tables.GROUP_QUANTITIES)
     if reason is None and gait is not None:
@@ -470,8 +525,8 @@ def fit_perturbation(
         except OslAnalysisError as error:
             reason = str(error)
             warnings.warn(f"excluded: {reason}", stacklevel=2)
-    known = {"trial": crossing.stem, "group": place["group"], "direction": place["direction"]}
-    write_table(pl.DataFrame([known | row | {EXCLUDED: reason}]), output, data)
+    place = {"trial": crossing.stem, "group": selected["group"], "direction": selected["direction"]}
+    write_table(pl.DataFrame([{**place, **row, EXCLUDED: reason}]), output, data)
 
 
 def summarise_perturbations(
@@ -491,24 +546,46 @@ def summarise_perturbations(
     places: Places | None = None,
     data: str = "",
 ) -> None:
-    """Per group the mean over perturbations and the ensemble fit to `output`, its conditions to
-    `groups`, responses in their window to `responses`, what errors of the laboratory would change
-    to `sensitivity`, and the crossings that are not used, with the reason, to `excluded`. `table`
-    is `walking.csv`, `crossings` are the perturbed ones. A group beyond one of the `limits` is
-    doubtful."""
+    """Summarise the perturbations of each group.
+
+    Parameters
+    ----------
+    table : Path
+        `walking.csv`, with the fits to single perturbations.
+    crossings : Sequence of Path
+        The perturbed ones.
+    selection, unperturbed : Path
+        What `select_crossings` and `average_unperturbed` wrote.
+    settings : EnsembleSettings
+    output : Path
+        The mean over perturbations, and the ensemble fit.
+    responses : Path
+        Responses in their window.
+    excluded : Path
+        The crossings that are not used, with the reason.
+    groups : Path
+        The conditions of each group.
+    sensitivity : Path
+        What errors of the laboratory would change.
+    sheet : Mapping
+        Cells of the sample sheet of each crossing.
+    limits : Limits or None
+        Beyond which a group is doubtful.
+    places : Places or None
+        Joint and side of each crossing.
+    data : str
+        Whether the recordings are simulated or measured.
+
+    Raises
+    ------
+    InputError
+        Fewer than two perturbations can be used, or no group has a result.
+    """
     places = places or {}
-    fits, chosen = (
-        read_table(table, ["trial"]),
-        read_table(selection, ["trial", "reason", "gait", "group"]),
-    )
-    # the crossings without a fit, in the order of the selection, with the reason, are in no group
-    chosen = chosen.join(
-        fits.select("trial", EXCLUDED), on="trial", how="left", maintain_order="left"
-    )
-    chosen = chosen.with_columns(reason=pl.coalesce("reason", EXCLUDED))
-    chosen = chosen.with_columns(group=pl.when(pl.col("reason").is_null()).then("group"))
-    left = chosen.select("trial", "perturbed", "reason").drop_nulls("reason")
-    write_table(with_places(left, places), excluded, data)
+    fits = read_table(table, ["trial"])
+    chosen = with_reasons(read_table(selection, ["trial", "reason", "gait", "group"]), fits)
+    not_used = chosen.select("trial", "perturbed", "reason").drop_nulls("reason")
+    write_table(with_places(not_used, places), excluded, data)
     fitted = fits.filter(pl.col(EXCLUDED).is_null())
     if len(fitted) < 2:
         why = next(iter(fits[EXCLUDED].drop_nulls()), "")
@@ -516,14 +593,16 @@ def summarise_perturbations(
             f"{table}: {len(fitted)} of {len(fits)} {TOO_FEW} its column {EXCLUDED}, or record more"
             f" ({why})"
         )
-    gaits, files = read_unperturbed_gaits(unperturbed), {path.stem: path for path in crossings}
-    sides, results = {}, []
+    gaits = read_unperturbed_gaits(unperturbed)
+    files = {path.stem: path for path in crossings}
+    places_of_groups: dict[str, dict[str, str | None]] = {}
+    results: list[GroupResult] = []
     for conditions in group_conditions(chosen, sheet, gaits, settings.window_s):
         of_group = chosen.filter(pl.col("perturbed"), pl.col("group") == conditions.group)
         trials = of_group["trial"].to_list()
-        sides_of_trials = {places.get(trial, {}).get("side") for trial in trials}
-        side = sides_of_trials.pop() if len(sides_of_trials) == 1 else None
-        sides[conditions.group] = {"joint": JOINT, "side": side}
+        sides = {places.get(trial, {}).get("side") for trial in trials}
+        side = sides.pop() if len(sides) == 1 else None
+        places_of_groups[conditions.group] = {"joint": JOINT, "side": side}
         group_fits = fitted.filter(pl.col("trial").is_in(trials))
         gait = gaits.get(conditions.gait)
         results.append(group_result(conditions, group_fits, files, gait, settings))
@@ -531,12 +610,7 @@ def summarise_perturbations(
     response_tables = [r.responses for r in results if r.responses is not None]
     sensitivity_tables = [r.sensitivity for r in results if r.sensitivity is not None]
     if not response_tables:
-        reasons = "; ".join(
-            f"{result.outcome.reason}"
-            if result.outcome.conditions.group == ALL
-            else f"{result.outcome.conditions.group}: {result.outcome.reason}"
-            for result in results
-        )
+        reasons = "; ".join(reason_text(result.outcome) for result in results)
         raise InputError(
             f"{table}: no result from {len(fits)} perturbations: {reasons}; see {excluded.name}"
         )
@@ -546,20 +620,33 @@ def summarise_perturbations(
     verdicts = judged(group_table, limits or Limits(), "walking_groups")
     group_table = marked(group_table, verdicts, "walking_groups")
     doubts = dict(zip(group_table["group"], group_table[DOUBTFUL], strict=True))
-    rows = [
-        {
-            **row,
-            "doubt": doubts[row["group"]] if row["estimator"] == result_tables.ENSEMBLE else None,
-        }
-        for result in results
-        for row in result.summary
-    ]
-    write_table(
-        with_places(pl.DataFrame(rows, infer_schema_length=None), sides, "group"), output, data
-    )
-    write_table(with_places(group_table.drop("side"), sides, "group"), groups, data)
-    write_table(with_places(pl.concat(response_tables), sides, "group"), responses, data)
-    write_table(with_places(pl.concat(sensitivity_tables), sides, "group"), sensitivity, data)
+    rows: list[dict[str, Any]] = []
+    for result in results:
+        for row in result.summary:
+            is_judged = row["estimator"] == result_tables.ENSEMBLE
+            rows.append({**row, "doubt": doubts[row["group"]] if is_judged else None})
+    written = {
+        output: pl.DataFrame(rows, infer_schema_length=None),
+        groups: group_table.drop("side"),
+        responses: pl.concat(response_tables),
+        sensitivity: pl.concat(sensitivity_tables),
+    }
+    for path, of_groups in written.items():
+        write_table(with_places(of_groups, places_of_groups, "group"), path, data)
+
+
+def with_reasons(selection: pl.DataFrame, fits: pl.DataFrame) -> pl.DataFrame:
+    """The selection of crossings, with the reason of those without a fit, which are in no group."""
+    of_fits = fits.select("trial", EXCLUDED)
+    chosen = selection.join(of_fits, on="trial", how="left", maintain_order="left")
+    chosen = chosen.with_columns(reason=pl.coalesce("reason", EXCLUDED))
+    return chosen.with_columns(group=pl.when(pl.col("reason").is_null()).then("group"))
+
+
+def reason_text(outcome: GroupOutcome) -> str:
+    """Why a group has no result, with its name if there are several."""
+    group = outcome.conditions.group
+    return f"{outcome.reason}" if group == ALL else f"{group}: {outcome.reason}"
 
 
 def selected_crossings(crossings: Paths, selection: Path) -> list[Crossing]:
@@ -569,28 +656,48 @@ def selected_crossings(crossings: Paths, selection: Path) -> list[Crossing]:
 
 
 def pilot_turn(folder: Path) -> tuple[float, float, float]:
-    """Medians of the turns of the platform [rad], of their durations [s], by a minimum-jerk ramp
-    from 10 to 90 % of the turn, and of their onsets as shares of stance, in the perturbed crossings
-    that a campaign uses, else usual ones."""
+    """Tell how the platform turned in the perturbed crossings that a campaign uses.
+
+    Parameters
+    ----------
+    folder : Path
+        Results of the campaign.
+
+    Returns
+    -------
+    turn, duration, phase : float
+        Medians of the turns [rad], of their durations [s] as a minimum-jerk ramp, and of their
+        onsets as shares of stance; without any turn `USUAL_TURN`.
+    """
     table = read_table(folder / "tables/walking_crossings.csv", ["trial", "reason"])
-    found = []
+    turns: list[tuple[float, float, float]] = []
     for name in table.filter(pl.col("perturbed"), pl.col("reason").is_null())["trial"]:
         crossing = read_crossing(folder / f"crossings/{name}.parquet")
         if crossing.onset is None or crossing.platform is None or crossing.turn is None:
             continue
-        after = (crossing.time >= crossing.onset - 0.02) & (crossing.time <= crossing.onset + 1.0)
-        time, angle = (
-            crossing.time[after],
-            np.abs(crossing.platform[after] - crossing.platform[after][0]),
-        )
-        reached = [float(time[np.argmax(angle >= share * angle.max())]) for share in (0.1, 0.9)]
-        ramp_s = (reached[1] - reached[0]) / 0.506
+        ramp_s = ramp_duration(crossing.time, crossing.platform, crossing.onset)
         if ramp_s > 0:
-            found.append(
-                (abs(crossing.turn), ramp_s, float(crossing.stance.phase(np.array(crossing.onset))))
-            )
-    turn, ramp_s, phase = np.median(found or [(np.deg2rad(5.0), 0.08, 0.4)], axis=0).tolist()
-    return turn, ramp_s, phase
+            phase = float(crossing.stance.phase(np.array(crossing.onset)))
+            turns.append((abs(crossing.turn), ramp_s, phase))
+    turn, duration, phase = np.median(turns or [USUAL_TURN], axis=0).tolist()
+    return turn, duration, phase
+
+
+# turn of a platform in studies of walking [rad], its duration [s], and its phase of stance
+USUAL_TURN = (float(np.deg2rad(5.0)), 0.08, 0.4)
+BEFORE_ONSET_S = 0.02  # where the platform still rests
+AFTER_ONSET_S = 1.0  # by when it has turned
+RISE_SHARE = 0.506  # of a minimum-jerk ramp's duration, that it needs from 10 to 90 % of its turn
+
+
+def ramp_duration(time: Array, platform: Array, onset: float) -> float:
+    """Duration of a turn [s] from its rise time, for samples (n,) of its angle [rad]."""
+    is_turning = (time >= onset - BEFORE_ONSET_S) & (time <= onset + AFTER_ONSET_S)
+    time = time[is_turning]
+    angle = np.abs(platform[is_turning] - platform[is_turning][0])
+    begins_s = float(time[np.argmax(angle >= 0.1 * angle.max())])
+    ends_s = float(time[np.argmax(angle >= 0.9 * angle.max())])
+    return (ends_s - begins_s) / RISE_SHARE
 
 
 def planned_crossings(
@@ -600,25 +707,43 @@ def planned_crossings(
     both: bool,
     settings: choices.WalkingAnalysis,
 ) -> pl.DataFrame:
-    """Expected halves of the 95 % intervals of K, B and I for these numbers of perturbed crossings,
-    from those unperturbed ones that the campaign in `folder` uses, by gait: as many unperturbed
-    ones as it has."""
+    """Plan the number of perturbed crossings.
+
+    Parameters
+    ----------
+    folder : Path
+        Results of a campaign, whose unperturbed crossings tell the scatter.
+    counts : Sequence of int
+        Numbers of perturbed crossings.
+    planned : PlannedTurn
+    both : bool
+        Whether the platform turns in both directions.
+    settings : WalkingAnalysis
+
+    Returns
+    -------
+    polars.DataFrame
+        Expected halves of the 95 % intervals of K, B and I, by gait and count, for as many
+        unperturbed crossings as the campaign has.
+
+    Raises
+    ------
+    InputError
+        The campaign uses no unperturbed crossing.
+    """
     selection = folder / "tables/walking_crossings.csv"
     table = read_table(selection, ["trial", "gait", "reason"])
     used = table.filter(~pl.col("perturbed"), pl.col("reason").is_null())
+    names_by_gait: dict[str, list[str]] = {}
+    for name, cell in used.select("trial", "gait").iter_rows():
+        for gait in (cell or ALL).split(SEPARATOR):
+            names_by_gait.setdefault(gait, []).append(name)
     frames = []
-    for gait in dict.fromkeys(
-        name for gaits in used["gait"] for name in (gaits or ALL).split(SEPARATOR)
-    ):
-        names = [
-            row["trial"]
-            for row in used.iter_rows(named=True)
-            if gait in (row["gait"] or ALL).split(SEPARATOR)
-        ]
+    for gait, names in names_by_gait.items():
         walked = [read_crossing(folder / f"crossings/{name}.parquet") for name in names]
         scatter = scatter_of_one(walked, planned, settings)
-        table = half_widths(scatter, counts, len(walked), both)
-        frames.append(table.select(pl.lit(gait).alias("gait"), pl.all()))
+        expected = half_widths(scatter, counts, len(walked), both)
+        frames.append(expected.select(pl.lit(gait).alias("gait"), pl.all()))
     if not frames:
         raise InputError(
             f"{selection}: no unperturbed crossing is used; record some, or see its column reason"
@@ -636,20 +761,15 @@ def compare_ankle_moment(
     contacts = overground_contacts(trial, settings, (condition or {}).get("body_mass_kg"))
     table = pl.DataFrame([contact.row() for contact in contacts], infer_schema_length=None)
     for row in table.drop_nulls("excluded").iter_rows(named=True):
-        where = (
+        warnings.warn(
             f"trial {trial.name}: the {row['side']} stance at {row['heel_strike_s']:.2f} s on plate"
-            f" {row['plate']}"
+            f" {row['plate']} is excluded: {row['excluded']}",
+            stacklevel=2,
         )
-        warnings.warn(f"{where} is excluded: {row['excluded']}", stacklevel=2)
-    used = table.filter(pl.col("excluded").is_null()).with_columns(
-        pl.col(CURVES).cast(pl.List(pl.Float64))
-    )
-    curves = (
-        used.select("trial", "side", "plate", "heel_strike_s", *CURVES)
-        .explode(CURVES)
-        .fill_nan(None)
-    )
-    return {"ankle_moment": table.drop(CURVES), "ankle_moment_curves": curves}
+    used = table.filter(pl.col("excluded").is_null())
+    used = used.with_columns(pl.col(CURVES).cast(pl.List(pl.Float64)))
+    curves = used.select("trial", "side", "plate", "heel_strike_s", *CURVES).explode(CURVES)
+    return {"ankle_moment": table.drop(CURVES), "ankle_moment_curves": curves.fill_nan(None)}
 
 
 def tabulate_over_stance(
@@ -663,10 +783,10 @@ def tabulate_over_stance(
     """K, B and I of every group at the phase of stance that its fit reads, with interval and
     commanded value, from the file of a `trajectory` over the gait cycle, if there is one; stance is
     the first `stance_share` of it."""
-    needed = ("group", "quantity", "estimator", "n", "mean", "se", "low", "high", "commanded")
-    table = result_tables.impedance_over_stance(
-        read_table(summary, needed), read_table(groups, result_tables.OVER_STANCE_COLUMNS)
-    )
+    columns = ("group", "quantity", "estimator", "n", "mean", "se", "low", "high", "commanded")
+    estimates = read_table(summary, columns)
+    conditions = read_table(groups, result_tables.OVER_STANCE_COLUMNS)
+    table = result_tables.impedance_over_stance(estimates, conditions)
     for curves in commanded_over_stance(trajectory, data, stance_share):
         table = result_tables.with_trajectory(table, *curves)
     write_table(table, output, data)

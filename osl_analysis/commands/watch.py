@@ -30,7 +30,7 @@ from osl_analysis.ingest.examine import Commanded, examine, measured_table
 from osl_analysis.ingest.raw_files import read_source, recorded_files, recordings_in
 from osl_analysis.judge.finding import Grade
 from osl_analysis.judge.limits import CHECKS, judged_table
-from osl_analysis.judge.words import check_words, finding_said
+from osl_analysis.judge.words import check_words, finding_text
 from osl_analysis.model.drivetrain import joint_of
 from osl_analysis.signals.grid import uniform_signals
 from osl_analysis.spectral.stepped_sine import Likeness, find_segments, stated_protocol
@@ -85,7 +85,7 @@ def first_look(folder: Path, is_new: bool = False) -> Iterator[FirstLook]:
             else:
                 text = fits.estimates_text(fitted.table, fitted.findings)
                 doubts = [
-                    finding_said(finding, estimates)
+                    finding_text(finding, estimates)
                     for estimates, of_row in zip(
                         fitted.table.to_dicts(), fitted.findings, strict=False
                     )
@@ -264,7 +264,7 @@ def examined(path: Path, folder: Path, bench: WatchedBench) -> Iterator[str]:
     yield ", ".join(estimates_said(estimates))
     if "VAF" in estimates:
         yield f"VAF {estimates['VAF']:.2f} %"
-    yield from (f"DOUBTFUL: {text}" for text in fitted.said(Grade.DOUBTS))
+    yield from (f"DOUBTFUL: {text}" for text in fitted.sentences(Grade.DOUBTS))
     kind = [
         str(row[name]) if row.get(name) else ""
         for name in ("experiment", "joint", "side", "controller")
@@ -278,8 +278,8 @@ def examined(path: Path, folder: Path, bench: WatchedBench) -> Iterator[str]:
     for one in fitted.findings[-1] if fitted.findings else ():
         if one.grade is Grade.UNCHECKED and one.cause not in bench.told:
             bench.told.add(one.cause)
-            yield f"NOT CHECKED: {finding_said(one, fitted.row)}"
-    yield from (f"REMARK: {text}" for text in fitted.said(Grade.NOTES))
+            yield f"NOT CHECKED: {finding_text(one, fitted.row)}"
+    yield from (f"REMARK: {text}" for text in fitted.sentences(Grade.NOTES))
     if not fitted.series.is_empty():
         picture = bench.output / f"{row['trial']}.png"
         try:

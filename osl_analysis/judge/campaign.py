@@ -1,6 +1,7 @@
 """The findings on all trials of a campaign as one table, `findings.csv`, and what a reader must
 know of them: causes with their trials, in the same words at the end of a run, by `results` and on
-the page."""
+the page.
+"""
 
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
@@ -26,10 +27,10 @@ from osl_analysis.judge.judging import judged, unchecked_in, with_inherited
 from osl_analysis.judge.limits import CHECKS, DoubtfulFits
 from osl_analysis.judge.words import (
     Words,
-    as_if_said,
     brief_remedy,
     capital,
     check_words,
+    component_changes_text,
     misfit_words,
     sentence_of,
     words_of,
@@ -40,7 +41,8 @@ from osl_analysis.stats.repeats import DOUBTFUL
 # percent of the torque that a prediction may leave along angle, velocity and acceleration
 LARGEST_MISFIT = 1.0
 MOST_NAMED = 3  # number of trials that a line names
-QUALITY, PREDICTION_TABLE = "quality", "prediction"
+QUALITY = "quality"
+PREDICTION_TABLE = "prediction"
 JUDGED_FURTHER = (PREDICTION_TABLE, "prediction_causes")
 """Tables without limits that have findings."""
 
@@ -73,7 +75,7 @@ def campaign_findings(
     findings = list(failed_checks(verdicts))
     fits = {name: table for name, table in tables.items() if name in judged_tables()}
     own_findings = {name: judged(table, limits.of(name), name) for name, table in fits.items()}
-    listed = set[object]()  # the inherited findings
+    listed: set[object] = set()  # the inherited findings
     for name, table in fits.items():
         by_row = own_findings[name]
         origin = doubts_of().get(name, "")  # the table of the fits to the same trials
@@ -142,26 +144,25 @@ def misfits_of_joint(rows: pl.DataFrame, predicted: pl.DataFrame) -> list[Predic
     is_delay = pl.col("component").str.ends_with("_delay")
     components = rows.filter("named", ~is_delay).to_dicts()
     delays = rows.filter(is_delay).to_dicts()  # named or not
-    misfits = list[PredictionMisfit]()
+    misfits: list[PredictionMisfit] = []
     if components:
         cause = f"component {' or '.join(row['component'] for row in components)}"
-        words = misfit_words("component", as_if=as_if_said(components))
+        words = misfit_words("component", as_if=component_changes_text(components))
         misfits.append(PredictionMisfit(cause, changes_beyond_zero(components), words))
     if any(row["named"] for row in delays):
         angle_ms, velocity_ms = (1e3 * row["change"] for row in delays)
         words = misfit_words("late controller", angle=angle_ms, velocity=velocity_ms)
         misfits.append(PredictionMisfit("late controller", changes_beyond_zero(delays), words))
-    left = max((row["left"] or 0.0 for row in delays), default=0.0)  # percent of the torque
-    if not misfits and left > LARGEST_MISFIT:
+    unexplained_percent = max((row["left"] or 0.0 for row in delays), default=0.0)  # of the torque
+    if not misfits and unexplained_percent > LARGEST_MISFIT:
         cause = "components that do not predict"
         words = misfit_words(
             cause,
             K=measured_over_predicted(predicted, "K"),
             B=measured_over_predicted(predicted, "B"),
         )
-        misfits.append(
-            PredictionMisfit(cause, (Beyond("left", left, LARGEST_MISFIT, "above"),), words)
-        )
+        evidence = Beyond("left", unexplained_percent, LARGEST_MISFIT, "above")
+        misfits.append(PredictionMisfit(cause, (evidence,), words))
     return misfits
 
 
@@ -180,7 +181,7 @@ def recordings_of_another_length(impedance: pl.DataFrame) -> Iterator[tuple[Find
     """Trials shorter or longer than most with their kind of motion: half of a file looks whole, and
     a wrongly stated rate changes the length."""
     cause = "recording of another length"
-    if not {"recorded_s", "excitation"} <= {*impedance.columns}:
+    if not {"recorded_s", "excitation"} <= set(impedance.columns):
         return
     whole = impedance.filter(pl.col("amplitude_deg").is_null(), pl.col("recorded_s") > 0)
     for rows in whole.partition_by("excitation"):
@@ -195,6 +196,65 @@ def recordings_of_another_length(impedance: pl.DataFrame) -> Iterator[tuple[Find
 
 
 Entry = dict[str, Any]
+"""A finding of `findings.csv` by column, with its numbers under `evidence`, and `in_part`: whether
+it concerns a single amplitude, frequency or result."""
+
+
+@dataclass(frozen=True)
+class KnownCause:
+    """A cause, or a thing that could not be checked, with its trials, as `summary.json` has it.
+
+    Attributes
+    ----------
+    verdict
+        On its trials: doubtful, doubtful in part, flagged, not checked, or remark.
+    of
+        What was judged, such as `impedance trials`.
+    words
+        For the worst of its trials.
+    n
+        Number of all trials that were judged.
+    trials
+        Those with this cause.
+    line
+        All of it in a sentence.
+    measure, limit
+        The columns of its evidence, and their limits.
+    table, worst
+        The table of the findings, and the trial farthest beyond its limits.
+    numbers
+        Effect and estimates of the worst trial, by column of `findings.csv`.
+    """
+
+    verdict: str
+    of: str
+    cause: str
+    words: Words
+    n: int
+    trials: Sequence[str]
+    line: str
+    measure: str
+    limit: str
+    table: str
+    worst: str
+    numbers: Mapping[str, float]
+
+    def to_entry(self) -> Entry:
+        return {
+            "verdict": self.verdict,
+            "of": self.of,
+            "cause": self.cause,
+            **self.words._asdict(),
+            "n": self.n,
+            "brief": brief_remedy(self.cause),
+            "trials": list(self.trials),
+            "line": self.line,
+            "measure": self.measure,
+            "limit": self.limit,
+            "table": self.table,
+            "worst": self.worst,
+            **self.numbers,
+        }
 
 
 def entries(findings: pl.DataFrame) -> list[Entry]:
@@ -216,15 +276,32 @@ def entries(findings: pl.DataFrame) -> list[Entry]:
 def known_of(
     findings: pl.DataFrame, tables: Mapping[str, pl.DataFrame], verdicts: pl.DataFrame
 ) -> list[Entry]:
-    """What a reader must know, as `summary.json` has it: each cause by experiment with its trials.
-    Doubts come first, then failed checks of trials that are used, then what could not be checked;
-    in each, the most frequent cause first. `tables` give the numbers of trials."""
+    """Gather what a reader must know of a campaign.
+
+    Parameters
+    ----------
+    findings : polars.DataFrame
+        `findings.csv`.
+    tables : Mapping of str to polars.DataFrame
+        Result tables by name, which give the numbers of trials.
+    verdicts : polars.DataFrame
+        `quality.csv`.
+
+    Returns
+    -------
+    list of Entry
+        Each cause by experiment with its trials (`KnownCause`). Doubts come first, then failed
+        checks of trials that are used, then what could not be checked; in each, the most frequent
+        cause first.
+    """
     present = {*subjects(verdicts), *chain(*map(subjects, tables.values()))}
-    by_table = defaultdict[tuple[str, str], list[Entry]](list)  # by table and grade
+    by_table: dict[tuple[str, str], list[Entry]] = defaultdict(list)  # by table and grade
     for entry in entries(findings):
         if not entry["inherited"] and entry["trial"] in present:
             by_table[entry["table"], entry["grade"]].append(entry)
-    doubts, flags, unchecked = list[Entry](), list[Entry](), list[Entry]()
+    doubts: list[KnownCause] = []
+    flags: list[KnownCause] = []
+    unchecked: list[KnownCause] = []
     for experiment, facts in EXPERIMENTS.items():
         origins = dict.fromkeys(facts.judged_further, "")
         fitted = {table.name: table.doubts_of for table in facts.tables if table.judged}
@@ -234,9 +311,12 @@ def known_of(
                 continue
             judged_trials = subjects(rows.filter(pl.col(DOUBTFUL).is_not_null()))
             title = table.replace("_", " ")
-            where, what = title, "walking groups"
             if table in fitted:
-                where, what = f"{experiment.replace('_', ' ')} trials", f"{title} trials"
+                where = f"{experiment.replace('_', ' ')} trials"
+                what = f"{title} trials"
+            else:
+                where = title
+                what = "walking groups"
             of_table = by_table[table, Grade.DOUBTS]
             if origin:
                 of_origin = by_table[origin, Grade.DOUBTS]
@@ -247,8 +327,8 @@ def known_of(
                 of_whole = [entry for entry in by_table[table, grade] if not entry["in_part"]]
                 unchecked += by_cause(of_whole, verdict, what, judged_trials)
     predicted = by_table[PREDICTION_TABLE, Grade.DOUBTS]
-    trials = list(dict.fromkeys(entry["trial"] for entry in predicted))
-    doubts += by_cause(predicted, "doubtful", "predicted trials", trials)
+    predicted_trials = list(dict.fromkeys(entry["trial"] for entry in predicted))
+    doubts += by_cause(predicted, "doubtful", "predicted trials", predicted_trials)
     of_prediction = subjects(tables.get(PREDICTION_TABLE, pl.DataFrame()))
     not_predicted = by_table[PREDICTION_TABLE, Grade.UNCHECKED]
     unchecked += by_cause(not_predicted, "not checked", "prediction trials", of_prediction)
@@ -259,25 +339,27 @@ def known_of(
                 failed.append(entry)
         checked = subjects(verdicts.filter(pl.col("check") == check.name))
         flags += by_cause(failed, "flagged", "trials", checked)
-    return [
+    ordered = [
         *most_frequent_first(doubts),
         *most_frequent_first(flags),
         *most_frequent_first(unchecked),
     ]
+    return [cause.to_entry() for cause in ordered]
 
 
-def most_frequent_first(causes: Sequence[Entry]) -> list[Entry]:
+def most_frequent_first(causes: Sequence[KnownCause]) -> list[KnownCause]:
     """Causes by how many trials have them; in their order where these are as many."""
-    return sorted(causes, key=lambda cause: -len(cause["trials"]))
+    return sorted(causes, key=lambda cause: -len(cause.trials))
 
 
 def doubts_by_cause(
     doubts: Sequence[Entry], where: str, judged_trials: Sequence[str]
-) -> Iterator[Entry]:
+) -> Iterator[KnownCause]:
     """Doubts about the rows of a table: those about whole trials, then those about single
     amplitudes, or about single results, of trials that are sound as a whole."""
     whole = {(entry["trial"], entry["cause"]) for entry in doubts if not entry["in_part"]}
-    of_whole, of_part = list[Entry](), list[Entry]()
+    of_whole: list[Entry] = []
+    of_part: list[Entry] = []
     for entry in doubts:
         if (entry["trial"], entry["cause"]) in whole:
             of_whole.append(entry)
@@ -295,12 +377,12 @@ def doubts_beside_origin(
     where: str,
     title: str,
     judged_trials: Sequence[str],
-) -> Iterator[Entry]:
+) -> Iterator[KnownCause]:
     """Doubts about the rows of a table of single results, such as frequencies, that the table of
     the fits to the same trials does not have."""
-    known = {(entry["trial"], entry["cause"]) for entry in of_origin}
-    alone = [entry for entry in doubts if (entry["trial"], entry["cause"]) not in known]
-    yield from by_cause(alone, "doubtful in part", f"{where}, in {title} alone", judged_trials)
+    in_origin = {(entry["trial"], entry["cause"]) for entry in of_origin}
+    others = [entry for entry in doubts if (entry["trial"], entry["cause"]) not in in_origin]
+    yield from by_cause(others, "doubtful in part", f"{where}, in {title} alone", judged_trials)
 
 
 def subjects(rows: pl.DataFrame) -> list[str]:
@@ -318,7 +400,7 @@ def largest_excess(entry: Entry) -> float:
 
 def by_cause(
     findings: Sequence[Entry], verdict: str, of: str, judged_trials: Sequence[str]
-) -> Iterator[Entry]:
+) -> Iterator[KnownCause]:
     """What a reader must know of each cause, or of each thing that could not be checked, with its
     size in the worst trial. The last row of a trial counts, which is its fit to all."""
     causes: dict[str, dict[str, Entry]] = {}
@@ -334,50 +416,70 @@ def by_cause(
         if len({other["says"] for other in by_trial.values()}) > 1:
             says = f"{says} (in {worst})"
         words = Words(says or "", size, entry["remedy"] or "")
-        limits = dict[str, str]()  # by column
+        limits: dict[str, str] = {}  # by column
         for other in by_trial.values():
             for number in other["evidence"]:
                 limits[number.column] = f"{number.side} {number.limit:g}"
-        line = known_line(verdict, of, cause, words, [*by_trial], judged_trials)
-        evidence = {"measure": ", ".join(limits), "limit": ", ".join(limits.values())}
-        numbers = {name: entry[name] for name in FINDING_NUMBERS if entry[name] is not None}
-        yield {**line, **evidence, "table": entry["table"], "worst": worst, **numbers}
+        trials = list(by_trial)
+        counts = f"{len(trials)} of {len(judged_trials)} {of}"
+        trial_names = named_trials(trials, judged_trials)
+        yield KnownCause(
+            verdict=verdict,
+            of=of,
+            cause=cause,
+            words=words,
+            n=len(judged_trials),
+            trials=trials,
+            line=f"{verdict}, {counts}: {sentence_of(words, cause)}{trial_names}",
+            measure=", ".join(limits),
+            limit=", ".join(limits.values()),
+            table=entry["table"],
+            worst=worst,
+            numbers={name: entry[name] for name in FINDING_NUMBERS if entry[name] is not None},
+        )
 
 
-def known_line(
-    verdict: str,
-    of: str,
-    cause: str,
-    words: Words,
-    trials: Sequence[str],
-    judged: Sequence[str],
-) -> dict[str, Any]:
-    """One cause as `summary.json` has it: what was judged, such as `impedance trials`; its trials,
-    and the number of all that were `judged`; its `words` for the worst of them; and a `line` that
-    says it."""
-    others = [trial for trial in judged if trial not in trials]
-    few = len(others) <= MOST_NAMED < len(trials)
-    names = others if few else trials
-    more = ", ..." if len(names) > MOST_NAMED else ""
-    named = f" [{'all but ' if few else ''}{', '.join(names[:MOST_NAMED])}{more}]" if others else ""
-    line = f"{verdict}, {len(trials)} of {len(judged)} {of}: {sentence_of(words, cause)}{named}"
-    told = {"verdict": verdict, "of": of, "cause": cause, **words._asdict(), "n": len(judged)}
-    told["brief"] = brief_remedy(cause)
-    return told | {"trials": list(trials), "line": line}
+def named_trials(trials: Sequence[str], judged_trials: Sequence[str]) -> str:
+    """Some of the trials with a cause, in brackets, or the few judged ones without it; empty where
+    all have it."""
+    others = [trial for trial in judged_trials if trial not in trials]
+    if not others:
+        return ""
+    are_nearly_all = len(others) <= MOST_NAMED < len(trials)
+    names = others if are_nearly_all else trials
+    text = ", ".join(names[:MOST_NAMED])
+    if len(names) > MOST_NAMED:
+        text += ", ..."
+    return f" [all but {text}]" if are_nearly_all else f" [{text}]"
 
 
 def exclusion_report(verdicts: pl.DataFrame, by_sheet: Mapping[str, str]) -> str:
-    """Excluded trials with reasons, for the end of a run; those that fail the same check share a
-    line."""
-    failed = verdicts.filter(pl.col("verdict") == "exclude").unique(
-        "trial", keep="first", maintain_order=True
-    )
-    reasons, lines = exclusions(verdicts), []
+    """Tell which trials are excluded, for the end of a run.
+
+    Parameters
+    ----------
+    verdicts : polars.DataFrame
+        `quality.csv`.
+    by_sheet : Mapping of str to str
+        The reasons of the trials that the sample sheet excludes.
+
+    Returns
+    -------
+    str
+        A line per trial of the sheet; trials that fail the same check share one.
+    """
+    lines = [f"excluded by the sample sheet: {trial} ({why})" for trial, why in by_sheet.items()]
+    is_excluded = pl.col("verdict") == "exclude"
+    failed = verdicts.filter(is_excluded).unique("trial", keep="first", maintain_order=True)
+    reasons = exclusions(verdicts)
     for (check,), rows in failed.group_by("check", maintain_order=True):
         cause = CHECKS[str(check)].cause
         words = check_words(cause)
-        named = listing([f"{trial} ({reasons[trial]})" for trial in rows["trial"]], MOST_NAMED)
-        said = f"{named}: {cause}, {words.says}; {words.remedy}"
-        lines.append(f"excluded from tables and figures by quality control: {said}")
-    stated = [f"excluded by the sample sheet: {trial} ({why})" for trial, why in by_sheet.items()]
-    return "\n".join([*stated, *lines, *([f"to change that: {HOW_TO_USE}"] if lines else [])])
+        trials = listing([f"{trial} ({reasons[trial]})" for trial in rows["trial"]], MOST_NAMED)
+        lines.append(
+            f"excluded from tables and figures by quality control: {trials}: {cause},"
+            f" {words.says}; {words.remedy}"
+        )
+    if len(failed):
+        lines.append(f"to change that: {HOW_TO_USE}")
+    return "\n".join(lines)

@@ -45,7 +45,7 @@ OF_NOISE = "95 % of measurement noise"
 BETTER = {
     "torque_error": "the torque is nearer to K_d theta + B_d omega",
     "K_error": "K is nearer to K_d",
-    "B_error": "B, without friction where this is certain, is nearer to B_d",
+    "B_error": "B, viscous where friction is certain, is nearer to B_d",
     "VAF": "K, B and I explain more of the torque",
 }
 """What compensation improves, by the quantity of `compensation.csv`."""
@@ -58,8 +58,8 @@ class Claims(Settings):
     K_percent: Positive | None = 5.0
     """Margin [%] within which a stiffness is the desired one, on the bench and while walking; null:
     no verdict."""
-    # Margin [N*m*s/rad] within which a damping is the desired one; null: no verdict.
     B: Positive | None = None
+    """Margin [N*m*s/rad] within which a damping is the desired one; null: no verdict."""
     negligible_percent: Annotated[float, Field(gt=0, lt=100)] = 10.0
     """Share [%] below which a part of a whole is negligible."""
 
@@ -121,6 +121,7 @@ def limit_verdict(low: float | None, high: float | None, limit: float, wanted: s
 
 
 def share_claim(
+    *,
     name: str,
     claim: str,
     quantity: str,
@@ -182,13 +183,13 @@ def inertia_claims(means: Means, frequencies_hz: Sequence[float], limit: float) 
     ends = {"lowest": min(frequencies_hz), "highest": max(frequencies_hz)}
     for end, hz in ends.items():
         yield share_claim(
-            f"inertia_at_{end}_frequency",
-            f"the joint's inertia is negligible at {hz:g} Hz",
-            "J_j omega/B_j",
-            2 * pi * hz * J_j["mean"] / B_j["mean"],
-            (J_j, B_j),
-            "below",
-            limit,
+            name=f"inertia_at_{end}_frequency",
+            claim=f"the joint's inertia is negligible at {hz:g} Hz",
+            quantity="J_j omega/B_j",
+            share=2 * pi * hz * J_j["mean"] / B_j["mean"],
+            parts=(J_j, B_j),
+            wanted="below",
+            limit_percent=limit,
         )
 
 
@@ -204,13 +205,13 @@ def stiffness_claims(
         at = f"at K_d = {row['K_d']:g}"
         if "K_s" in means:
             yield share_claim(
-                f"belt_at_{end}_K_d",
-                f"the belt matters {at}",
-                "K_d/K_s, its share of the gain K_1 n_T^2",
-                row["K_d"] / means["K_s"]["mean"],
-                (means["K_s"],),
-                "above",
-                limit,
+                name=f"belt_at_{end}_K_d",
+                claim=f"the belt matters {at}",
+                quantity="K_d/K_s, its share of the gain K_1 n_T^2",
+                share=row["K_d"] / means["K_s"]["mean"],
+                parts=(means["K_s"],),
+                wanted="above",
+                limit_percent=limit,
             )
         if {"f_C", "f_G", "k_tau_n_m"} <= means.keys():
             parts = [means[name] for name in ("f_C", "f_G", "k_tau_n_m")]
@@ -218,13 +219,13 @@ def stiffness_claims(
             turn = np.deg2rad(row["theta_rms_deg"])
             of_load = f_G * row["K_d"] * turn / (n_T * k_tau_n_m)
             yield share_claim(
-                f"load_friction_at_{end}_K_d",
-                f"friction that grows with the load, f_G |I|, matters {at}",
-                "its share of the friction at K_d times the RMS angle",
-                of_load / (f_C + of_load),
-                parts,
-                "above",
-                limit,
+                name=f"load_friction_at_{end}_K_d",
+                claim=f"friction that grows with the load, f_G |I|, matters {at}",
+                quantity="its share of the friction at K_d times the RMS angle",
+                share=of_load / (f_C + of_load),
+                parts=parts,
+                wanted="above",
+                limit_percent=limit,
                 sensitivity=f_C / (f_C + of_load),
             )
 
@@ -301,7 +302,7 @@ def claims_of_trials(
         if margin is None:
             continue
         is_viscous = symbol == "B" and row.get("B_viscous") is not None
-        quantity = f"{symbol} without friction" if is_viscous else symbol
+        quantity = "B_viscous" if is_viscous else symbol
         low, high = row[f"{symbol}_low"], row[f"{symbol}_high"]
         yield Claim(
             name=symbol,

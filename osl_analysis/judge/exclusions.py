@@ -16,59 +16,78 @@ HOW_TO_USE = (
     "record again, give a reason under `exclude` in the sample sheet, or name the check under"
     " `accept`"
 )
+MEASURED_COLUMNS = {
+    "trial": pl.String,
+    "check": pl.String,
+    "value": pl.Float64,
+    "unit": pl.String,
+    "remark": pl.String,
+}
 
 
 @dataclass(frozen=True)
 class Judge:
-    """What decides which trials are used: the configured rules, and the checks that the sheet
-    accepts by trial. Measuring jobs know neither."""
+    """What decides which trials are used. Jobs that measure know nothing of it.
+
+    Attributes
+    ----------
+    rules
+        The configured thresholds.
+    accept
+        The checks that the sheet accepts, by trial.
+    excluded_by_states
+        The excluded trials by the states of the files that tell them: a run asks again for each of
+        its rules, mostly of files that have not changed.
+    """
 
     rules: QualityRules
     accept: Mapping[str, Collection[str]]
-    known: dict[tuple[tuple[Path, str], ...], list[str]] = field(default_factory=dict)
+    excluded_by_states: dict[tuple[tuple[Path, str], ...], list[str]] = field(default_factory=dict)
 
     def verdicts(self, measured: Iterable[Path]) -> pl.DataFrame:
-        """The rows of `quality.csv` for trials whose checks were measured; a missing file, or a
+        """The rows of `quality.csv` for trials whose checks were `measured`; a missing file, or a
         refusal, has none."""
-        kinds = dict.fromkeys(("trial", "check", "value", "unit", "remark"), pl.String) | {
-            "value": pl.Float64
-        }
-        rows = list[dict[str, Any]]()
+        rows: list[dict[str, Any]] = []
         for path in measured:
             if path.is_file() and not is_refused(path):
-                # polars would take ten times as long
-                with path.open(newline="", encoding="utf-8") as file:
-                    own = csv.DictReader(file)
-                    rows += [
-                        {**row, "value": float(row["value"]) if row["value"] else None}
-                        for row in own
-                    ]
-        return judged_table(pl.DataFrame(rows, kinds), self.rules, self.accept)
+                rows += read_measured(path)
+        return judged_table(pl.DataFrame(rows, MEASURED_COLUMNS), self.rules, self.accept)
 
     def excluded(self, measured: Iterable[Path]) -> list[str]:
-        """The trials whose measured checks exclude them; a file that is not there excludes none."""
+        """The trials whose `measured` checks exclude them; a file that is not there excludes
+        none."""
         files = list(measured)
-        # a run asks again for each of its rules, mostly of files that have not changed
         states = tuple((path, repr(file_state(path))) for path in files)
-        if states not in self.known:
-            self.known[states] = list(exclusions(self.verdicts(files)))
-        return self.known[states]
+        if states not in self.excluded_by_states:
+            self.excluded_by_states[states] = list(exclusions(self.verdicts(files)))
+        return self.excluded_by_states[states]
 
 
-def exclusion_said(row: Mapping[str, Any]) -> str:
+def read_measured(path: Path) -> list[dict[str, Any]]:
+    """The measured checks of one trial. Polars would take ten times as long for such small
+    files."""
+    rows: list[dict[str, Any]] = []
+    with path.open(newline="", encoding="utf-8") as file:
+        for cells in csv.DictReader(file):
+            value = float(cells["value"]) if cells["value"] else None
+            rows.append({**cells, "value": value})
+    return rows
+
+
+def exclusion_text(row: Mapping[str, Any]) -> str:
     """Why a trial is not used, by a row of `quality.csv` or `excluded.csv`: check, value,
     threshold, what was seen."""
     if row["value"] is None:
         return f"{row['check']}: {row['remark']}"
-    said = f"{row['check']} {row['value']:.4g} {row['unit']}, threshold {row['threshold']}"
-    return said + (f": {row['remark'].replace('; ', ', ')}" if row["remark"] else "")
+    reason = f"{row['check']} {row['value']:.4g} {row['unit']}, threshold {row['threshold']}"
+    if not row["remark"]:
+        return reason
+    return f"{reason}: {row['remark'].replace('; ', ', ')}"
 
 
 def exclusions(verdicts: pl.DataFrame) -> dict[str, str]:
     """The trials that quality control excludes, and why."""
-    reasons: dict[str, str] = {}
+    reasons: dict[str, list[str]] = {}
     for row in verdicts.filter(pl.col("verdict") == "exclude").iter_rows(named=True):
-        reasons[row["trial"]] = "; ".join(
-            filter(None, [reasons.get(row["trial"]), exclusion_said(row)])
-        )
-    return reasons
+        reasons.setdefault(row["trial"], []).append(exclusion_text(row))
+    return {trial: "; ".join(texts) for trial, texts in reasons.items()}

@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from itertools import product
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -29,12 +30,11 @@ class Grade(StrEnum):
 
 
 class Remedy(StrEnum):
-    """Which remedy helps, given what else of the trial is sound."""
+    """Which remedy helps, given what else of the trial is sound: keys of `words.yaml`."""
 
-    WHOLE = "remedy"
-    ALONE = "otherwise"  # there are no rows of single amplitudes
-    # the fit to all of the trial is sound, and that to one amplitude is not
-    AMPLITUDE = "of_amplitude"
+    WHOLE = "remedy"  # the fit to all of the trial is doubtful
+    ALONE = "otherwise"  # the same, where there are no rows of single amplitudes
+    AMPLITUDE = "of_amplitude"  # only the fit to one amplitude is doubtful
     FREQUENCY = "of_frequency"  # a row of one frequency
     DOUBTED = "doubted"  # for what was not checked, or is noted, in a doubtful row
 
@@ -43,7 +43,8 @@ class Accuracy(Settings):
     """How well K, B and I have to be known, each as a share of itself.
 
     A finding that may move an estimate by more makes it doubtful; one that moves every estimate by
-    less is a remark."""
+    less is a remark.
+    """
 
     K: Share = 0.02  # Of stiffnesses; benches that agree on one spring differ by 1 to 2 %.
     B: Share = 0.05  # Of dampings; loads and temperatures change a joint's damping by as much.
@@ -97,9 +98,9 @@ class Beyond:
     """A number beyond its limit, as evidence."""
 
     column: str
-    value: float
+    value: float  # in the unit of the column
     limit: float
-    side: Literal["above", "below", "near", "nan"] | str
+    side: str  # above or below the limit, near a factor between units, or nan
 
     @property
     def excess(self) -> float:
@@ -116,23 +117,41 @@ class Beyond:
 
 @dataclass(frozen=True)
 class Finding:
-    """One cause, or one thing that could not be checked, in a row of a table."""
+    """One cause, or one thing that could not be checked, in a row of a table.
+
+    Attributes
+    ----------
+    table
+        The name of the table.
+    subject
+        The trial or the group.
+    evidence
+        Numbers beyond their limits; none for what could not be checked.
+    amplitude_deg, frequency_hz
+        Those of the row; None: all.
+    inherited
+        Table of the same trial that it comes from; empty: the row itself.
+    sizes
+        Its effect on K [N*m/rad], B [N*m*s/rad] and I [kg*m^2], as far as the evidence gives it.
+    without
+        The estimates with this cause as a column of the regression, where they are better than the
+        recorded ones: K, B, I, with `_low` and `_high`.
+    untold
+        Those of K, B and I of which nothing is told beside this cause.
+    """
 
     table: str
-    subject: str  # the trial or the group
+    subject: str
     cause: str
     grade: Grade = Grade.DOUBTS
-    evidence: tuple[Beyond, ...] = ()  # none for what could not be checked
+    evidence: tuple[Beyond, ...] = ()
     amplitude_deg: float | None = None
     frequency_hz: float | None = None
     remedy: Remedy = Remedy.WHOLE
-    inherited: str = ""  # table of the same trial that it comes from; empty: the row itself
+    inherited: str = ""
     sizes: Mapping[str, float] = field(default_factory=dict)
-    """Its effect on K [N*m/rad], B [N*m*s/rad] and I [kg*m^2], as far as the evidence gives it."""
     without: Mapping[str, float] = field(default_factory=dict)
-    """The estimates with this cause as a column of the regression, where they are better than the
-    recorded ones: K, B, I, with `_low` and `_high`."""
-    untold: tuple[str, ...] = ()  # those of K, B and I of which nothing is told beside this cause
+    untold: tuple[str, ...] = ()
 
     def to_row(self) -> dict[str, object]:
         """Its columns of `findings.csv` without number, words and evidence."""
@@ -154,37 +173,19 @@ class Finding:
 
 ESTIMATES = ("K", "B", "I")
 FINDING_NUMBERS = [
-    f"{name}_{end}"
-    for name in ESTIMATES
-    for end in ("size", "without", "without_low", "without_high")
+    f"{symbol}_{number}"
+    for symbol, number in product(ESTIMATES, ("size", "without", "without_low", "without_high"))
 ]
-TEXTS = (
-    "table",
-    "trial",
-    "grade",
-    "cause",
-    "inherited",
-    "evidence",
-    "side",
-    "says",
-    "size",
-    "remedy",
-)
-ORDER = (
-    "finding", "table", "trial", "amplitude_deg", "frequency_hz", "grade", "cause", "inherited",
-    "evidence", "value",
-    "limit", "side", *FINDING_NUMBERS, "says", "size", "remedy",
-)  # fmt: skip
-
-
-def type_of(column: str) -> type[pl.DataType]:
-    """Type of a column of `findings.csv`."""
-    if column == "finding":
-        return pl.Int64
-    return pl.String if column in TEXTS else pl.Float64
-
-
-FINDING_COLUMNS: dict[str, type[pl.DataType]] = {name: type_of(name) for name in ORDER}
+FINDING_COLUMNS: dict[str, type[pl.DataType]] = {
+    "finding": pl.Int64,
+    **dict.fromkeys(("table", "trial"), pl.String),
+    **dict.fromkeys(("amplitude_deg", "frequency_hz"), pl.Float64),
+    **dict.fromkeys(("grade", "cause", "inherited", "evidence"), pl.String),
+    **dict.fromkeys(("value", "limit"), pl.Float64),
+    "side": pl.String,
+    **dict.fromkeys(FINDING_NUMBERS, pl.Float64),
+    **dict.fromkeys(("says", "size", "remedy"), pl.String),
+}
 """Columns of `findings.csv`: a row per number of evidence; rows of one finding share the number
 `finding`."""
 
@@ -193,7 +194,7 @@ def findings_frame(
     findings: Iterable[tuple[Finding, tuple[str, str, str]]] = (),
 ) -> pl.DataFrame:
     """`findings.csv` from findings with their words: what is wrong, how large, and what to do."""
-    rows = list[dict[str, object]]()
+    rows: list[dict[str, object]] = []
     for number, (finding, (says, size, remedy)) in enumerate(findings, start=1):
         words = {"says": says or None, "size": size or None, "remedy": remedy or None}
         shared = {"finding": number, **finding.to_row(), **words}
@@ -207,17 +208,15 @@ def findings_frame(
                 "side": number_beyond.side,
             }
             rows.append({**shared, **evidence})
-    ordered = [{name: row.get(name) for name in FINDING_COLUMNS} for row in rows]
-    return pl.DataFrame(ordered, schema=FINDING_COLUMNS)
+    return pl.DataFrame(rows, schema=FINDING_COLUMNS)
 
 
 def read_findings(path: Path) -> pl.DataFrame:
     """`findings.csv`; an empty table where it was refused or is not there."""
     if not path.is_file() or is_refused(path):
         return findings_frame()
-    return read_table(path, ["finding"]).select(
-        pl.col(name).cast(dtype) for name, dtype in FINDING_COLUMNS.items()
-    )
+    columns = [pl.col(name).cast(dtype) for name, dtype in FINDING_COLUMNS.items()]
+    return read_table(path, ["finding"]).select(columns)
 
 
 def cell_number(row: AnyRow, name: str) -> float | None:

@@ -2,11 +2,13 @@
 tables with them.
 
 What a known cause explains, such as a low VAF due to friction, is no finding of its own. The row's
-columns also tell what could not be checked, and what was checked and is worth knowing."""
+columns also tell what could not be checked, and what was checked and is worth knowing.
+"""
 
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import polars as pl
 
@@ -16,6 +18,7 @@ from osl_analysis.judge.causes import (
     CAUSES,
     EVIDENCE,
     Cause,
+    CauseInRow,
     causes_in,
     explaining,
     numbers_beyond,
@@ -56,37 +59,72 @@ HAVE_UNCHECKED = (
     "walking_groups",
 )
 """Judged tables in which something may be unchecked."""
+HAVE_INERTIA = ("impedance", "transmission", "walking_groups")
 MEASURED_BY = {"belt": "K_s", "transmission": "B_j", "actuator": "k_tau_n_m"}
 """What a component trial measures. `NAME_ratio` is its ratio to the parameter file's value."""
+USUAL_DIFFERENCE = 0.1  # of a component from its parameter file; most differ by less
 HIDDEN_SHARE = 0.1  # of J_j, by which a delay of two standard errors may change it
-WIDE, SEEN = 3.0, 0.5  # effect of a seen, and of a hidden, reflex on K, in widths of K's interval
+WIDE = 3.0  # effect of a reflex that is seen on K, in widths of K's interval
+SEEN = 0.5  # the same of a reflex that may be hidden
+# Range of K [N*m/rad] within which a fixture's weight would matter: a weight of 1 N*m with its arm
+# level adds 1 to K
+WEIGHT_IN_K = 2
+LEAST_MOMENT_SHARE = 0.02  # of K, that a wrong gain of the plate's moments may change
 
 
 def unchecked_in(table: str, row: AnyRow) -> Iterator[Finding]:
-    """The findings `not checked` and `notes` about a row of the table of this name."""
+    """Find what could not be checked of a row, and what is worth knowing of it.
+
+    Parameters
+    ----------
+    table : str
+        The name of its table.
+    row : AnyRow
+
+    Yields
+    ------
+    Finding
+        Of the grades `not checked` and `notes`, in this order.
+    """
     subject = subject_of(row)
     amplitude = cell_number(row, "amplitude_deg")
-    names = {"impedance": of_impedance, "walking_groups": of_walking}.get(table)
-    for what in [*(names(row) if names else ()), *of_others(table, row)]:
-        yield Finding(table, subject, what, Grade.UNCHECKED, amplitude_deg=amplitude)
+    for cause in unchecked_causes(table, row):
+        yield Finding(table, subject, cause, Grade.UNCHECKED, amplitude_deg=amplitude)
+    for cause in noted_causes(table, row):
+        yield Finding(table, subject, cause, Grade.NOTES, amplitude_deg=amplitude)
+
+
+def unchecked_causes(table: str, row: AnyRow) -> Iterator[str]:
+    """What could not be checked of a row of a table."""
+    if table == "impedance":
+        yield from unchecked_in_impedance(row)
+    elif table == "walking_groups":
+        yield from unchecked_in_walking(row)
+    elif table == "transmission":
+        if delay_may_hide(row):
+            yield LATENESS
+    elif table == "torque_angle":
+        yield from unchecked_in_torque_angle(row)
+    elif table == "actuator":
+        if lacks(row, "B_m"):
+            yield "f_C, f_G, B_m and J_m"
+    elif table == "prediction":
+        yield from unchecked_in_prediction(row)
+
+
+def noted_causes(table: str, row: AnyRow) -> Iterator[str]:
+    """What was checked in a row of a table and is worth knowing."""
     if row.get("reflex_probability") is not None:
-        what = "K, B and I are beside a reflex"
-        yield Finding(table, subject, what, Grade.NOTES, amplitude_deg=amplitude)
+        yield "K, B and I are beside a reflex"
     quantity = MEASURED_BY.get(table, "")
-    times = cell_number(row, f"{quantity}_ratio") or 1.0
-    # components differ by less
-    if abs(times - 1) > 0.1 and not suspected_unit(f"{quantity}_ratio", times, row):
-        what = f"{quantity} is not that of the parameter file"
-        yield Finding(table, subject, what, Grade.NOTES, amplitude_deg=amplitude)
-    for name in ("I", "J_j") if table in ("impedance", "transmission", "walking_groups") else ():
-        if (cell_number(row, f"{name}_high") or 0.0) < 0:
-            yield Finding(
-                table,
-                subject,
-                f"{name} is certainly negative",
-                Grade.NOTES,
-                amplitude_deg=amplitude,
-            )
+    ratio = cell_number(row, f"{quantity}_ratio") or 1.0
+    if abs(ratio - 1) > USUAL_DIFFERENCE and not suspected_unit(f"{quantity}_ratio", ratio, row):
+        yield f"{quantity} is not that of the parameter file"
+    if table not in HAVE_INERTIA:
+        return
+    for inertia in ("I", "J_j"):
+        if (cell_number(row, f"{inertia}_high") or 0.0) < 0:
+            yield f"{inertia} is certainly negative"
 
 
 def lacks(row: AnyRow, name: str) -> bool:
@@ -94,14 +132,15 @@ def lacks(row: AnyRow, name: str) -> bool:
     return name in row and row[name] is None
 
 
-def of_impedance(row: AnyRow) -> Iterator[str]:
-    asked = "controller" in row  # a fit with a commanded impedance
+def unchecked_in_impedance(row: AnyRow) -> Iterator[str]:
+    has_commanded = "controller" in row  # a fit with a commanded impedance
     if (cell_number(row, "band_high_hz") or 0.0) > (cell_number(row, "cutoff_hz") or math.inf):
         yield "what moves faster than the cut-off"
-    if asked and lacks(row, "K_predicted") and not lacks(row, "K_over_K_s"):  # the device is known
+    is_device_known = not lacks(row, "K_over_K_s")
+    if has_commanded and lacks(row, "K_predicted") and is_device_known:
         yield "whether K is what the gains should give"
         yield "whether the bench's frame yields"
-    if asked and lacks(row, "fault_probability") and lacks(row, "lag_s"):
+    if has_commanded and lacks(row, "fault_probability") and lacks(row, "lag_s"):
         yield LATENESS
     if row.get("delay_told_s") is not None:
         yield UNSTATED_DELAY
@@ -111,62 +150,57 @@ def of_impedance(row: AnyRow) -> Iterator[str]:
         yield "whether K changes while it is recorded"
     if (cell_number(row, "clocks") or 1) > 1 and lacks(row, "clock_drift_ppm"):
         yield "whether the clocks of angle and torque drift apart"
-    low, high = (cell_number(row, f"K_{end}") for end in ("low", "high"))
-    # a weight of 1 N*m with its arm level adds 1 to K
-    if low is not None and high is not None and high - low < 2:
+    low, high = cell_number(row, "K_low"), cell_number(row, "K_high")
+    if low is not None and high is not None and high - low < WEIGHT_IN_K:
         yield "whether a fixture's weight is in K"
 
 
 def delay_may_hide(row: AnyRow) -> bool:
     """Whether a delay that the recording does not show may change J_j by a tenth."""
-    told, B_j, J_j = (cell_number(row, name) for name in ("delay_told_s", "B_j", "J_j"))
-    if told is None or B_j is None or J_j is None:
+    delay_se_s = cell_number(row, "delay_told_s")
+    B_j, J_j = cell_number(row, "B_j"), cell_number(row, "J_j")
+    if delay_se_s is None or B_j is None or J_j is None:
         return lacks(row, "fault_probability")
-    return abs(B_j) * 2 * told > HIDDEN_SHARE * abs(J_j)
+    return abs(B_j) * 2 * delay_se_s > HIDDEN_SHARE * abs(J_j)
 
 
-def of_others(table: str, row: AnyRow) -> Iterator[str]:
-    if table == "transmission" and delay_may_hide(row):
+def unchecked_in_torque_angle(row: AnyRow) -> Iterator[str]:
+    if row.get("smaller_cycles"):
+        yield "cycles that are smaller than the largest"
+    if row.get("zero_unsure") is not None:
+        yield ZERO
+    if lacks(row, "rate_change"):
         yield LATENESS
-    if table == "torque_angle":
-        if row.get("smaller_cycles"):
-            yield "cycles that are smaller than the largest"
-        if row.get("zero_unsure") is not None:
-            yield ZERO
-        if lacks(row, "rate_change"):
-            yield LATENESS
-    if table == "actuator" and lacks(row, "B_m"):
-        yield "f_C, f_G, B_m and J_m"
-    if table == "prediction":
-        if row.get("missing_components") is not None:
-            yield "prediction by components"
-        elif lacks(row, "K_low"):
-            yield "the prediction's interval"
-        elif row.get("outside") is not None:
-            yield "the prediction outside what was measured"
 
 
-def of_walking(row: AnyRow) -> Iterator[str]:
+def unchecked_in_prediction(row: AnyRow) -> Iterator[str]:
+    if row.get("missing_components") is not None:
+        yield "prediction by components"
+    elif lacks(row, "K_low"):
+        yield "the prediction's interval"
+    elif row.get("outside") is not None:
+        yield "the prediction outside what was measured"
+
+
+def unchecked_in_walking(row: AnyRow) -> Iterator[str]:
     if row.get("K") is None:
         return
     K = cell_number(row, "K") or 0.0
-    by_log, error = lacks(row, "plate_K_per_m"), cell_number(row, "moment_error_half")
-    if by_log:
+    has_no_plate = lacks(row, "plate_K_per_m")  # the torque is the log's
+    if has_no_plate:
         yield LATENESS
     elif lacks(row, "shoe_share"):
         yield "whether K is that of the joint alone"
-    per_percent = cell_number(row, "moment_K_per_percent") or 0.0
-    # less is not much of K
-    if error is not None and abs(100 * error * per_percent) > 0.02 * abs(K):
+    K_per_percent = cell_number(row, "moment_K_per_percent") or 0.0
+    moment_effect = 100 * (cell_number(row, "moment_error_half") or 0.0) * K_per_percent
+    if abs(moment_effect) > LEAST_MOMENT_SHARE * abs(K):
         yield "whether the plate's moments are right"
-    if lacks(row, "plate_height_m") and not by_log:
+    if lacks(row, "plate_height_m") and not has_no_plate:
         yield "the height of the plate's corners and ORIGIN"
-    if lacks(row, "filled_share") and not by_log:
+    if lacks(row, "filled_share") and not has_no_plate:
         yield "whether markers were filled before the export"
-    if (
-        row.get("reflex_delay_ms") is not None
-        and (cell_number(row, "reflex_K_widths") or 0.0) > WIDE
-    ):
+    reflex_effect = cell_number(row, "reflex_K_widths") or 0.0
+    if row.get("reflex_delay_ms") is not None and reflex_effect > WIDE:
         yield "how much of K a reflex is"
     if (cell_number(row, "hidden_reflex_K_widths") or 0.0) > SEEN:
         yield "whether a reflex is in K"
@@ -193,10 +227,10 @@ def check_limits(table: pl.DataFrame, limits: Limits, name: str) -> None:
     }
     for limit in limits.stated():
         if limit.value is not None and limit.column not in numeric:
-            known = ", ".join(other for other in table.columns if table[other].dtype.is_numeric())
+            possible = ", ".join(name for name in table.columns if table[name].dtype.is_numeric())
             raise InputError(
                 f"configuration, doubtful.{name}: the table has no column '{limit.column}' of"
-                f" numbers; put the limit on one of {known}, or write null for no limit"
+                f" numbers; put the limit on one of {possible}, or write null for no limit"
             )
 
 
@@ -229,25 +263,44 @@ def remedy_of(judged_row: JudgedRow, has_amplitudes: bool, is_whole_sound: bool)
 
 
 def judged(table: pl.DataFrame, limits: Limits, name: str) -> RowFindings:
-    """The findings about each row of the table `name`: doubts in the order of their limits, remarks
-    on what moves the estimates by less than their accuracy, then what could not be checked. Rows
-    without a fit have none. Raises InputError: as `check_limits`."""
+    """Judge each row of a table.
+
+    Parameters
+    ----------
+    table : polars.DataFrame
+        A result table with its evidence.
+    limits : Limits
+        Accuracy and limits of the configuration.
+    name : str
+        The name of the table.
+
+    Returns
+    -------
+    list of list of Finding
+        For each row doubts in the order of their limits, remarks on what moves the estimates by
+        less than their accuracy, then what could not be checked. Rows without a fit have none.
+
+    Raises
+    ------
+    InputError
+        As `check_limits`.
+    """
     is_fit = [True] * len(table)
     if EXCLUDED in table.columns:
         is_fit = table[EXCLUDED].is_null().to_list()
     if any(is_fit):
         check_limits(table, limits, name)
-    rows = [
-        JudgedRow(row, numbers_beyond(name, row, limits), has_fit)
-        for row, has_fit in zip(table.to_dicts(), is_fit, strict=True)
-    ]
+    rows: list[JudgedRow] = []
+    for cells, has_fit in zip(table.to_dicts(), is_fit, strict=True):
+        rows.append(JudgedRow(cells, numbers_beyond(name, cells, limits), has_fit))
     of_whole = {row.trial: row.numbers for row in rows if of_whole_trial(row.row)}
     with_amplitudes = {row.trial for row in rows if row.row.get("amplitude_deg") is not None}
-    explained_by = dict[object, Cause | None]()  # by trial
+    explained_by: dict[object, Cause | None] = {}  # by trial
     # the fits to whole trials first
     for row in sorted(rows, key=lambda row: not of_whole_trial(row.row)):
-        for column in [column for column in row.numbers if is_of_recording(column)]:
-            if column not in of_whole.get(row.trial, row.numbers):
+        for column in list(row.numbers):
+            is_in_whole = column in of_whole.get(row.trial, row.numbers)
+            if is_of_recording(column) and not is_in_whole:
                 del row.numbers[column]  # at one amplitude friction looks the same
         explained_by[row.trial] = explained_by.get(row.trial) or explaining(row.row, row.numbers)
     findings: RowFindings = []
@@ -264,44 +317,39 @@ def judged(table: pl.DataFrame, limits: Limits, name: str) -> RowFindings:
 
 
 def findings_of_row(
-    table: str,
-    row: AnyRow,
-    causes: Sequence[tuple[Cause, list[Beyond]]],
-    remedy: Remedy,
-    accuracy: Accuracy,
+    table: str, row: AnyRow, causes: Sequence[CauseInRow], remedy: Remedy, accuracy: Accuracy
 ) -> list[Finding]:
     """The doubts about a row by their causes, remarks on causes without much effect, and what could
     not be checked."""
-    doubts, remarks = list[Finding](), list[Finding]()
-    for cause, numbers in causes:
-        finding = finding_of_cause(table, row, cause, numbers, remedy)
-        if is_within_accuracy(table, row, cause, numbers, accuracy):
+    doubts: list[Finding] = []
+    remarks: list[Finding] = []
+    for in_row in causes:
+        finding = finding_of_cause(table, row, in_row, remedy)
+        if is_within_accuracy(table, row, in_row.cause, in_row.numbers, accuracy):
             remarks.append(replace(finding, grade=Grade.NOTES, remedy=Remedy.WHOLE))
         else:
             doubts.append(finding)
     doubted = {finding.cause for finding in doubts}
-    unchecked = list[Finding]()
+    remedy_of_unchecked = Remedy.DOUBTED if doubts else Remedy.WHOLE
+    unchecked: list[Finding] = []
     for finding in unchecked_in(table, row):
         if DOUBTED.get(finding.cause) not in doubted:
-            remedy = Remedy.DOUBTED if doubts else Remedy.WHOLE
-            unchecked.append(replace(finding, remedy=remedy))
+            unchecked.append(replace(finding, remedy=remedy_of_unchecked))
     return [*doubts, *remarks, *unchecked]
 
 
-def finding_of_cause(
-    table: str, row: AnyRow, cause: Cause, evidence: Sequence[Beyond], remedy: Remedy
-) -> Finding:
+def finding_of_cause(table: str, row: AnyRow, in_row: CauseInRow, remedy: Remedy) -> Finding:
     """A cause of doubt about a row, with its effect on the estimates as far as the row has it.
     Estimates without it are offered where they are better than the recorded ones."""
     sizes: dict[str, float] = {}
-    for number in evidence:
+    for number in in_row.numbers:
         symbol = EVIDENCE[number.column].size if number.column in EVIDENCE else ""
         estimate = cell_number(row, estimate_column(table, symbol)) if symbol else None
         if estimate is not None:
             sizes[symbol] = max(sizes.get(symbol, 0.0), abs(number.value * estimate))
     without: dict[str, float] = {}
-    told = corrections(table, cause, row)
-    for correction in told:
+    without_cause = corrections(table, in_row.cause, row)
+    for correction in without_cause:
         recorded = cell_number(row, estimate_column(table, correction.symbol))
         if not correction.is_better_than(recorded):
             continue
@@ -309,15 +357,15 @@ def finding_of_cause(
         for end, value in ends.items():
             if value is not None:
                 without[f"{correction.symbol}{end}"] = value
-    untold = [correction.symbol for correction in told if not is_told(correction)]
-    if len(untold) == len(told):  # the cause was no column of any regression
+    untold = [correction.symbol for correction in without_cause if not is_told(correction)]
+    if len(untold) == len(without_cause):  # the cause was no column of any regression
         untold = []
     return Finding(
-        table,
-        subject_of(row),
-        cause.name,
-        Grade.DOUBTS,
-        tuple(evidence),
+        table=table,
+        subject=subject_of(row),
+        cause=in_row.cause.name,
+        grade=Grade.DOUBTS,
+        evidence=tuple(in_row.numbers),
         amplitude_deg=cell_number(row, "amplitude_deg"),
         frequency_hz=cell_number(row, "frequency_hz"),
         remedy=remedy,
@@ -349,22 +397,36 @@ def marked(table: pl.DataFrame, findings: RowFindings, name: str) -> pl.DataFram
 
 
 def with_inherited(
-    name: str, table: pl.DataFrame, own: RowFindings, of: pl.DataFrame, findings: RowFindings
+    name: str,
+    table: pl.DataFrame,
+    findings: RowFindings,
+    origin: pl.DataFrame,
+    findings_of_origin: RowFindings,
 ) -> RowFindings:
-    """The findings about each row of the table `name`, with the doubts of the table `of` about the
-    same trial and amplitude, or about the whole trial: a clipped or late torque concerns everything
-    from the same samples."""
-    keys, trials = (
-        frame.select(
-            "trial", amplitude="amplitude_deg" if "amplitude_deg" in frame.columns else pl.lit(None)
-        ).rows()
-        for frame in (of, table)
-    )
-    known = {
-        key: [one for one in row if one.grade is Grade.DOUBTS]
-        for key, row in zip(keys, findings, strict=True)
-    }
-    return [
-        [*row, *(replace(one, table=name, inherited=one.table) for one in known.get(key, ()))]
-        for key, row in zip(trials, own, strict=True)
-    ]
+    """Add to the findings about each row the doubts of another table about the same trial and
+    amplitude, or about the whole trial: a clipped or late torque concerns everything from the same
+    samples.
+
+    Parameters
+    ----------
+    name, table, findings
+        A table, its rows, and the findings about them.
+    origin, findings_of_origin
+        The rows of the other table, and the findings about them.
+    """
+    doubts_by_fit: dict[tuple[Any, ...], list[Finding]] = {}
+    for fit, of_row in zip(trials_and_amplitudes(origin), findings_of_origin, strict=True):
+        doubts_by_fit[fit] = [finding for finding in of_row if finding.grade is Grade.DOUBTS]
+    extended: RowFindings = []
+    for fit, of_row in zip(trials_and_amplitudes(table), findings, strict=True):
+        inherited = []
+        for doubt in doubts_by_fit.get(fit, ()):
+            inherited.append(replace(doubt, table=name, inherited=doubt.table))
+        extended.append([*of_row, *inherited])
+    return extended
+
+
+def trials_and_amplitudes(table: pl.DataFrame) -> list[tuple[Any, ...]]:
+    """The trial and the amplitude of each row; None for the amplitude of a whole trial."""
+    amplitude = pl.col("amplitude_deg") if "amplitude_deg" in table.columns else pl.lit(None)
+    return table.select("trial", amplitude=amplitude).rows()

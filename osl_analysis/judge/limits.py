@@ -2,7 +2,8 @@
 measured values (`ingest/examine.py`), and limits on columns of result tables.
 
 Measuring needs samples and no limits; judging needs a few numbers and no samples. A changed limit
-only judges again."""
+only judges again.
+"""
 
 import math
 from collections.abc import Collection, Mapping
@@ -43,7 +44,8 @@ class QualityRules(Settings):
     @model_validator(mode="before")
     @classmethod
     def _checks_are_known(cls, content: Any) -> Any:
-        for name in content if isinstance(content, Mapping) else ():
+        names = list(content) if isinstance(content, Mapping) else []
+        for name in names:
             if name not in CHECKS:
                 raise misplaced(unknown_check(str(name)), name)
         return content
@@ -69,28 +71,30 @@ class DoubtfulFits(Settings):
 
     @model_validator(mode="after")
     def _limits_are_of_tables(self) -> Self:
-        columns = list[str]()
+        columns: list[str] = []
         for name in judged_tables():
             columns += numeric_columns(name)
         for limit in self.every_table.stated():
             check_limit(limit, self.every_table, columns, "every_table", "any judged table")
         for name, limits in self.__pydantic_extra__.items():
             if name not in judged_tables():
-                known = f"limits may stand on {', '.join(judged_tables())}"
-                raise misplaced(f"unknown table; {known}{nearest(name, judged_tables())}", name)
+                known = ", ".join(judged_tables())
+                suggestion = nearest(name, judged_tables())
+                raise misplaced(f"unknown table; limits may stand on {known}{suggestion}", name)
             for limit in limits.stated():
                 check_limit(limit, limits, numeric_columns(name), name, f"tables/{name}.csv")
         return self
 
     def of(self, table: str) -> Limits:
         """The limits of one table: its own, and those of every table on columns that it has."""
-        own = self.__pydantic_extra__.get(table, ColumnLimits())
-        columns = {*numeric_columns(table)}
+        of_table = self.__pydantic_extra__.get(table, ColumnLimits())
+        columns = set(numeric_columns(table))
         shared = self.every_table
+        # a limit of the table precedes one of every table
         return Limits(
-            above={**with_columns_of(shared.above, columns), **own.above},
-            below={**with_columns_of(shared.below, columns), **own.below},
-            ratio={**with_columns_of(shared.ratio, columns), **own.ratio},
+            above={**on_columns(shared.above, columns), **of_table.above},
+            below={**on_columns(shared.below, columns), **of_table.below},
+            ratio={**on_columns(shared.ratio, columns), **of_table.ratio},
             accuracy=self.accuracy,
         )
 
@@ -101,20 +105,38 @@ def numeric_columns(table: str) -> list[str]:
     return [column.name for column in described if column.unit != "text"]
 
 
-def with_columns_of(
+def on_columns(
     limits: Mapping[str, float | None], columns: Collection[str]
 ) -> dict[str, float | None]:
-    """Those of some limits that stand on these columns."""
+    """The limits that stand on these columns."""
     return {name: limit for name, limit in limits.items() if name in columns}
 
 
 def check_limit(
     limit: Limit, limits: ColumnLimits, columns: Collection[str], section: str, table: str
 ) -> None:
-    """Raises an error at its place in the configuration: a limit stands on a column that the table
-    does not have or that something else decides, contradicts another limit, or is none of such a
-    column."""
-    name, value = limit.column, limit.value
+    """Refuse a limit at its place in the configuration.
+
+    Parameters
+    ----------
+    limit : Limit
+    limits : ColumnLimits
+        All limits of its table.
+    columns : Collection of str
+        The table's columns of numbers.
+    section : str
+        The section under `doubtful`.
+    table : str
+        The table's name for the message.
+
+    Raises
+    ------
+    PydanticCustomError
+        The limit stands on a column that the table does not have or that something else decides,
+        contradicts another limit, or cannot be reached by such a number.
+    """
+    name = limit.column
+    value = limit.value
     side = "ratio" if name in limits.ratio else limit.side
     instead = decided_elsewhere(name)
     if instead:
@@ -195,45 +217,79 @@ def unknown_check(name: str) -> str:
 
 
 def validate_rules(rules: QualityRules, units: Mapping[str, str]) -> None:
-    """`units` are those of the checks. Raises InputError: a check has no rule, or a threshold
-    another unit."""
+    """Refuse rules that lack a check, or have a threshold in another unit than that of `units`, by
+    check, with InputError."""
     for name in CHECKS:
         if name not in rules.by_check:
             raise InputError(
                 f"configuration, quality: no rule for the check '{name}'; add it as in"
                 " config/config.yaml"
             )
-        threshold, known = rules.by_check[name].threshold, units[name]
-        size, _, unit = threshold.partition(" ")
-        try:
-            fits = unit.strip() == known and 0 <= float(size) < math.inf
-        except ValueError:
-            fits = False
-        if not fits:
+        threshold = rules.by_check[name].threshold
+        if not is_threshold(threshold, units[name]):
             raise InputError(
                 f"configuration, quality.{name}: threshold '{threshold}' must be a number from 0"
-                f" and its unit, as in '1 {known}'"
+                f" and its unit, as in '1 {units[name]}'"
             )
+
+
+def is_threshold(text: str, unit: str) -> bool:
+    """Whether a text is a number from 0 and this unit."""
+    number, _, written_unit = text.partition(" ")
+    try:
+        return written_unit.strip() == unit and 0 <= float(number) < math.inf
+    except ValueError:
+        return False
+
+
+VERDICT_COLUMNS = {
+    "trial": pl.String,
+    "check": pl.String,
+    "value": pl.Float64,
+    "unit": pl.String,
+    "threshold": pl.Float64,
+    "verdict": pl.String,
+    "remark": pl.String,
+}
 
 
 def judged_table(
     measured: pl.DataFrame, rules: QualityRules, accept: Mapping[str, Collection[str]]
 ) -> pl.DataFrame:
-    """`measured_table` of trials with thresholds and verdicts; `accept`: checks that the sheet
-    accepts, by trial. Rows of checks of an older release are left out: their trials are ingested
-    again."""
-    judged = []
-    for trial, name, value, unit, remark in measured.filter(
-        pl.col("check").is_in([*rules.by_check])
-    ).iter_rows():
+    """Judge what was measured of recordings.
+
+    Parameters
+    ----------
+    measured : polars.DataFrame
+        `measured_table` of trials. Rows of checks of an older release are left out: their trials
+        are ingested again.
+    rules : QualityRules
+    accept : Mapping of str to Collection of str
+        Checks that the sheet accepts, by trial.
+
+    Returns
+    -------
+    polars.DataFrame
+        With thresholds and verdicts, as in `quality.csv`.
+    """
+    rows: list[dict[str, Any]] = []
+    of_known_checks = measured.filter(pl.col("check").is_in(list(rules.by_check)))
+    for trial, name, value, unit, remark in of_known_checks.iter_rows():
         rule = rules.by_check[name]
-        failed, accepted = CHECKS[name].failed(value, rule.limit), name in accept.get(trial, ())
-        passed = NOT_APPLICABLE if value is None else "pass"
-        verdict = rule.on_failure if failed and not accepted else passed
-        said = "; ".join(
-            filter(None, ["accepted in the sheet" if failed and accepted else "", remark])
-        )
-        judged.append((trial, name, value, unit, rule.limit, verdict, said))
-    order = ("trial", "check", "value", "unit", "threshold", "verdict", "remark")
-    columns = dict.fromkeys(order, pl.String) | dict.fromkeys(("value", "threshold"), pl.Float64)
-    return pl.DataFrame(judged, columns, orient="row")
+        remarks = [remark] if remark else []
+        verdict = NOT_APPLICABLE if value is None else "pass"
+        if CHECKS[name].failed(value, rule.limit):
+            if name in accept.get(trial, ()):
+                remarks.insert(0, "accepted in the sheet")
+            else:
+                verdict = rule.on_failure
+        rows.append({
+            "trial": trial,
+            "check": name,
+            "value": value,
+            "unit": unit,
+            "threshold": rule.limit,
+            "verdict": verdict,
+            "remark": "; ".join(remarks),
+        })  # fmt: skip
+    return pl.DataFrame(rows, VERDICT_COLUMNS)

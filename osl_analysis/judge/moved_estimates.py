@@ -24,8 +24,8 @@ class Correction:
     high: float | None  # upper end
 
     def is_better_than(self, recorded: float | None) -> bool:
-        """Whether the recorded estimate lies outside of this interval. One that lies in it is not
-        told to be wrong, and nothing better is known."""
+        """Whether the recorded estimate lies outside of this interval. Of one that lies in it
+        nothing better is known."""
         if recorded is None or self.low is None or self.high is None:
             return is_told(self)
         return not self.low <= recorded <= self.high
@@ -44,14 +44,14 @@ def corrected_column(table: str, symbol: str, column: str) -> str:
 
 def corrections(table: str, cause: Cause, row: AnyRow) -> list[Correction]:
     """The estimates beside a cause, as far as the row has their columns."""
-    known = list[Correction]()
+    without_cause: list[Correction] = []
     for symbol, column_of_impedance in cause.without.items():
         column = corrected_column(table, symbol, column_of_impedance)
         if column not in row:
             continue
-        value, low, high = (cell_number(row, f"{column}{end}") for end in ("", "_low", "_high"))
-        known.append(Correction(symbol, value, low, high))
-    return known
+        low, high = cell_number(row, f"{column}_low"), cell_number(row, f"{column}_high")
+        without_cause.append(Correction(symbol, cell_number(row, column), low, high))
+    return without_cause
 
 
 def is_told(correction: Correction) -> bool:
@@ -61,22 +61,30 @@ def is_told(correction: Correction) -> bool:
 
 def largest_move(correction: Correction, row: AnyRow, column: str) -> float:
     """By how much [unit of the estimate] a cause moves the estimate in this column, or an end of
-    its interval; infinite where nothing of it is told."""
+    its interval; infinite where nothing of the estimate is told."""
     if not is_told(correction):
         return math.inf
-    recorded = {end: cell_number(row, f"{column}{end}") for end in ("", "_low", "_high")}
-    corrected = {"": correction.value, "_low": correction.low, "_high": correction.high}
-    moves = [0.0]
-    for end, value in corrected.items():
-        before = recorded[end] if recorded[end] is not None else recorded[""]
-        if value is not None and before is not None:
-            moves.append(abs(value - before))
+    estimate = cell_number(row, column)
+    low = cell_number(row, f"{column}_low")
+    high = cell_number(row, f"{column}_high")
+    moves = (
+        distance(correction.value, estimate),
+        distance(correction.low, estimate if low is None else low),
+        distance(correction.high, estimate if high is None else high),
+    )
     return max(moves)
 
 
+def distance(corrected: float | None, recorded: float | None) -> float:
+    """By how much a correction moves a number; 0 where one of them is not known."""
+    if corrected is None or recorded is None:
+        return 0.0
+    return abs(corrected - recorded)
+
+
 def size_of(row: AnyRow, column: str) -> float:
-    """What shares of an estimate are shares of: itself or, where it is not told from 0, the
-    half-width of its 95 % interval."""
+    """The size of an estimate, of which shares are taken: itself or, where it is not told from 0,
+    the half-width of its 95 % interval."""
     estimate = abs(cell_number(row, column) or 0.0)
     low, high = cell_number(row, f"{column}_low"), cell_number(row, f"{column}_high")
     if low is None or high is None:
@@ -89,23 +97,29 @@ def shares_moved(
 ) -> dict[str, float]:
     """By which share of itself a cause may move each of K, B and I that the row has; empty where
     the row does not tell."""
-    moved = dict[str, float]()
-    told = corrections(table, cause, row)
-    if any(is_told(correction) for correction in told):
-        for correction in told:
+    moved: dict[str, float] = {}
+    without_cause = corrections(table, cause, row)
+    if any(is_told(correction) for correction in without_cause):
+        for correction in without_cause:
             column = estimate_column(table, correction.symbol)
             size = size_of(row, column)
             if size:
                 moved[correction.symbol] = largest_move(correction, row, column) / size
     for number in evidence:
         if number.column == "time_base_shift":  # in half-widths of the interval
-            for symbol in ESTIMATES:
-                column = estimate_column(table, symbol)
-                low, high = cell_number(row, f"{column}_low"), cell_number(row, f"{column}_high")
-                if low is not None and high is not None and high > low:
-                    half_width = (high - low) / 2
-                    moved[symbol] = number.value * half_width / size_of(row, column)
+            moved.update(shares_of_half_widths(table, row, number.value))
     return moved
+
+
+def shares_of_half_widths(table: str, row: AnyRow, half_widths: float) -> dict[str, float]:
+    """A number of half-widths of the intervals of K, B and I, each as a share of its estimate."""
+    shares: dict[str, float] = {}
+    for symbol in ESTIMATES:
+        column = estimate_column(table, symbol)
+        low, high = cell_number(row, f"{column}_low"), cell_number(row, f"{column}_high")
+        if low is not None and high is not None and high > low:
+            shares[symbol] = half_widths * ((high - low) / 2) / size_of(row, column)
+    return shares
 
 
 def is_within_accuracy(
@@ -117,4 +131,6 @@ def is_within_accuracy(
         if number.column not in EVIDENCE or EVIDENCE[number.column].decided_by != "effect":
             return False
     moved = shares_moved(table, row, cause, evidence)
-    return bool(moved) and all(share < accuracy.of(symbol) for symbol, share in moved.items())
+    if not moved:
+        return False
+    return all(share < accuracy.of(symbol) for symbol, share in moved.items())

@@ -1,10 +1,16 @@
 """Two campaigns, A and B, side by side: devices, controllers or days, quantity by quantity, with a
-verdict."""
+verdict.
+
+Trials of one condition (`Condition`) are compared with each other. Positive quantities are compared
+as ratios, by differences of logarithms: K goes from 100 to 400 N*m/rad, and a ratio weights every
+desired impedance equally and needs no K_d.
+"""
 
 import math
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Hashable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from itertools import chain
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import polars as pl
@@ -13,17 +19,19 @@ from osl_analysis.judge.finding import ESTIMATES
 from osl_analysis.measured import rms
 from osl_analysis.stats import repeats
 
-Between = Callable[[repeats.Sample, repeats.Sample], repeats.Difference]
 COMPARED_QUANTITIES = {
-    "impedance": ("K", "B", "B_viscous", "I", "VAF", "torque_error"), "belt": ("K_s",),
+    "impedance": ("K", "B", "B_viscous", "I", "VAF", "torque_error"),
+    "belt": ("K_s",),
     "transmission": ("B_j", "J_j"),
-    "actuator": ("k_tau_n_m", "f_C", "f_G", "B_m", "J_m"), "walking_summary": ("K", "B", "I"),
-}  # fmt: skip
+    "actuator": ("k_tau_n_m", "f_C", "f_G", "B_m", "J_m"),
+    "walking_summary": ("K", "B", "I"),
+}
 """The compared quantities, by table."""
+WITHOUT_RATIO = ("I", "VAF")
+"""The rendered inertia may be zero or negative, and a VAF is a percentage."""
 SAME_PLACE = ("joint", "side", "group", "controller")
 DIFFERENCE = ("difference", "difference_low", "difference_high")  # B - A
 RATIO = ("relative_percent", "relative_percent_low", "relative_percent_high")  # B over A, less 1
-SAME_CONDITION = ("K_d", "B_d", "excitation", "amplitudes", "named")  # of a rendered impedance
 COMPARISON_COLUMNS = {
     **dict.fromkeys(("experiment", "quantity", *SAME_PLACE, "condition"), pl.String),
     **dict.fromkeys(("n_A", "n_B"), pl.Int64),
@@ -31,81 +39,195 @@ COMPARISON_COLUMNS = {
     **dict.fromkeys(("verdict", "method"), pl.String),
     **dict.fromkeys(("n_doubtful_A", "n_doubtful_B", "n_left_out_A", "n_left_out_B"), pl.Int64),
     "remark": pl.String,
-}  # fmt: skip
+}
+Tables = Mapping[str, pl.DataFrame]
+"""Result tables of one campaign, by name."""
+Rows = pl.DataFrame | None
+"""Rows of one campaign's table at one place; None: it has none."""
 
 
-def compared(
-    a: Mapping[str, pl.DataFrame], b: Mapping[str, pl.DataFrame], margin: float | None = None
-) -> pl.DataFrame:
-    """A row per quantity of A or B, as in `comparison.csv`, from their result tables by name; for
-    an impedance also one per condition, if both have several.
+class Condition(NamedTuple):
+    """In what trials agree that are compared; None where a trial does not have it."""
 
-    Positive quantities are compared as ratios, by differences of logarithms: K goes from 100 to 400
-    N*m/rad, and a ratio weights every desired impedance equally and needs no K_d. I and VAF have no
-    ratio. `margin` applies to all ratios, as 0.05; None: not stated, and nothing is equivalent."""
-    rows, (a, b) = [], with_names_shared(*with_common_sizes(a, b))
+    K_d: float | None
+    B_d: float | None
+    excitation: str | None
+    amplitudes: str | None
+    """Measured amplitudes [deg]: friction makes a rendered impedance depend on them."""
+    named: str | None
+    """The trial's name, where trials without a stated K_d are paired by it."""
+
+    @property
+    def is_known(self) -> bool:
+        """Whether the sheet or the trial's name says what was rendered."""
+        return self.K_d is not None or self.named is not None
+
+
+SAME_CONDITION = Condition._fields
+
+
+@dataclass(frozen=True)
+class Estimates:
+    """What one campaign has of a quantity at one place.
+
+    Attributes
+    ----------
+    n
+        Number of trials or crossings.
+    sample
+        Their estimates by condition: by `Condition` those of trials; by the commanded impedance
+        that of an ensemble.
+    has_ends
+        Whether each condition has one estimate, followed by the ends of its 95 % interval.
+    n_doubtful, n_left_out
+        Number of doubtful fits, and of those that are not in `sample`; None: not told.
+    """
+
+    n: int = 0
+    sample: repeats.Sample = field(default_factory=dict)
+    has_ends: bool = False
+    n_doubtful: int | None = None
+    n_left_out: int | None = None
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A row of `comparison.csv`. Fields that end in `_A` or `_B` are of one campaign.
+
+    Attributes
+    ----------
+    mean
+        Mean estimate; None where there are several conditions.
+    difference
+        B - A with the ends of its 95 % interval; None without a condition in common.
+    relative_percent
+        B over A, less 1, with the ends of its interval; None for a quantity without a ratio.
+    margin_percent
+        Within which a ratio is equivalent; None: not stated.
+    method
+        Source of the interval, or why there is none; of the ratio, if there is one.
+    """
+
+    n_A: int
+    n_B: int
+    mean_A: float | None = None
+    mean_B: float | None = None
+    difference: float | None = None
+    difference_low: float | None = None
+    difference_high: float | None = None
+    relative_percent: float | None = None
+    relative_percent_low: float | None = None
+    relative_percent_high: float | None = None
+    margin_percent: float | None = None
+    verdict: str | None = None
+    method: str | None = None
+    n_doubtful_A: int | None = None
+    n_doubtful_B: int | None = None
+    n_left_out_A: int | None = None
+    n_left_out_B: int | None = None
+    remark: str | None = None
+    condition: str | None = None  # one of several; None: all
+
+
+@dataclass(frozen=True)
+class Ratio:
+    """B over A, less 1 [percent], with the ends of its 95 % interval and the verdict on it."""
+
+    percent: float | None
+    low: float | None
+    high: float | None
+    margin_percent: float | None
+    method: str
+    verdict: str | None
+
+
+def comparison_table(a: Tables, b: Tables, margin: float | None = None) -> pl.DataFrame:
+    """Compare two campaigns.
+
+    Parameters
+    ----------
+    a, b
+        Their result tables, by name.
+    margin
+        Within which a ratio is equivalent [1], as 0.05; None: not stated, and nothing is
+        equivalent.
+
+    Returns
+    -------
+    polars.DataFrame
+        `comparison.csv`: a row per quantity that A or B has; for K, B and I also one per
+        condition, if both campaigns have several.
+    """
+    a, b = with_common_sizes([a, b])
+    a, b = with_shared_names([a, b])
+    rows: list[dict[str, Any]] = []
     for table, quantities in COMPARED_QUANTITIES.items():
-        parts = [by_place(one[table], table) if table in one else {} for one in (a, b)]
-        for key in dict.fromkeys(key for part in parts for key in part):
+        places_a = by_place(a[table], table) if table in a else {}
+        places_b = by_place(b[table], table) if table in b else {}
+        for place in dict.fromkeys([*places_a, *places_b]):
+            rows_a, rows_b = places_a.get(place), places_b.get(place)
             for quantity in quantities:
-                named = {"experiment": table.removesuffix("_summary"), "quantity": quantity}
-                named |= dict(zip(SAME_PLACE, key, strict=True))
-                own = [part.get(key) for part in parts]
-                rows.append(named | row_of(own, quantity, margin))
-                rows += [named | row for row in rows_of_conditions(own, quantity, margin)]
-    return pl.DataFrame(rows, schema=COMPARISON_COLUMNS).filter(pl.max_horizontal("n_A", "n_B") > 0)
+                label = {"experiment": table.removesuffix("_summary"), "quantity": quantity}
+                label.update(zip(SAME_PLACE, place, strict=True))
+                comparison = compare_quantity(rows_a, rows_b, quantity, margin)
+                rows.append({**label, **asdict(comparison)})
+                for of_condition in compare_conditions(rows_a, rows_b, quantity, margin):
+                    rows.append({**label, **asdict(of_condition)})
+    compared = pl.DataFrame(rows, schema=COMPARISON_COLUMNS)
+    return compared.filter(pl.max_horizontal("n_A", "n_B") > 0)
 
 
-def with_common_sizes(*campaigns: Mapping[str, pl.DataFrame]) -> list[Mapping[str, pl.DataFrame]]:
-    """The tables of campaigns, impedance trials with their measured `amplitudes`: commanded ones
-    may not be stated."""
-    own = [
-        one["impedance"].with_columns(campaign=pl.lit(k))
-        for k, one in enumerate(campaigns)
-        if "impedance" in one
-    ]
-    if not own:
-        return [*campaigns]
-    pooled = pl.concat(own, how="diagonal_relaxed").with_columns(
-        pl.col("amplitude_deg").cast(pl.Float64)
-    )
+def with_common_sizes(campaigns: Sequence[Tables]) -> list[Tables]:
+    """Give the impedance trials of all campaigns their measured `amplitudes`, as commanded ones may
+    not be stated."""
+    has_impedance = [number for number, tables in enumerate(campaigns) if "impedance" in tables]
+    if not has_impedance:
+        return list(campaigns)
+    # sizes are alike across campaigns, so that one label serves both
+    labelled = []
+    for number in has_impedance:
+        labelled.append(campaigns[number]["impedance"].with_columns(campaign=pl.lit(number)))
+    pooled = pl.concat(labelled, how="diagonal_relaxed")
+    pooled = pooled.with_columns(pl.col("amplitude_deg").cast(pl.Float64))
     pooled = pooled.with_columns(size=repeats.alike_sizes(pooled["amplitude_deg"]))
-    each = pl.col("size").drop_nulls().unique().sort().cast(pl.String).str.join(" ")
-    pooled = pooled.with_columns(amplitudes=each.over("campaign", "trial"))
-    of = {
-        k: {"impedance": pooled.filter(campaign=k)}
-        for k, one in enumerate(campaigns)
-        if "impedance" in one
-    }
-    return [{**one, **of.get(k, {})} for k, one in enumerate(campaigns)]
+    sizes = pl.col("size").drop_nulls().unique().sort()
+    amplitudes = sizes.cast(pl.String).str.join(" ").over("campaign", "trial")
+    pooled = pooled.with_columns(amplitudes=amplitudes)
+
+    with_sizes = list(campaigns)
+    for number in has_impedance:
+        impedance = pooled.filter(campaign=number)
+        with_sizes[number] = {**campaigns[number], "impedance": impedance}
+    return with_sizes
 
 
-def with_names_shared(*campaigns: Mapping[str, pl.DataFrame]) -> list[Mapping[str, pl.DataFrame]]:
-    """The tables of campaigns. Impedance trials without a stated K_d are paired by name (`named`)
-    if each campaign has half of the names or more; else `named` is null, and they are paired by
+def with_shared_names(campaigns: Sequence[Tables]) -> list[Tables]:
+    """Give impedance trials without a stated K_d the column `named`: their name, by which they are
+    paired if the campaigns share half of the names or more; else null, and they are paired by
     measured values."""
-    tables = [one.get("impedance", pl.DataFrame()) for one in campaigns]
-    if not all({"trial", "K_d"} <= {*table.columns} for table in tables):
-        return [*campaigns]
-    names = [{*table.filter(pl.col("K_d").is_null())["trial"]} for table in tables]
-    known = pl.col("K_d").is_null() & (2 * len(set.intersection(*names)) >= len(set.union(*names)))
-    name = pl.when(known).then(pl.col("trial").cast(pl.String)).alias("named")
+    names: list[set[str]] = []
+    for tables in campaigns:
+        impedance = tables.get("impedance", pl.DataFrame())
+        if not {"trial", "K_d"} <= set(impedance.columns):
+            return list(campaigns)
+        names.append(set(impedance.filter(pl.col("K_d").is_null())["trial"]))
+    shared = set.intersection(*names)
+    all_names = set.union(*names)
+    are_paired = pl.col("K_d").is_null() & (2 * len(shared) >= len(all_names))
+    named = pl.when(are_paired).then(pl.col("trial").cast(pl.String)).alias("named")
     return [
-        {**one, "impedance": table.with_columns(name)}
-        for one, table in zip(campaigns, tables, strict=True)
+        {**tables, "impedance": tables["impedance"].with_columns(named)} for tables in campaigns
     ]
 
 
 def by_place(table: pl.DataFrame, name: str) -> dict[tuple[Any, ...], pl.DataFrame]:
-    """The fits to whole trials, or the ensembles of groups, of each joint, side, group and
-    controller, with the columns `SAME_CONDITION`: the amplitudes among them, because friction makes
-    a rendered impedance depend on them."""
-    kinds = dict.fromkeys((*SAME_PLACE, *SAME_CONDITION), pl.String) | dict.fromkeys(
-        ("K_d", "B_d"), pl.Float64
-    )
-    rows = table.with_columns(
-        pl.lit(None, kind).alias(k) for k, kind in kinds.items() if k not in table.columns
-    )
+    """The fits to whole trials, or the ensembles of groups, by the values of `SAME_PLACE`, with the
+    columns of a `Condition`."""
+    rows = table
+    for column in (*SAME_PLACE, *SAME_CONDITION):
+        if column not in table.columns:
+            dtype = pl.Float64 if column in ("K_d", "B_d") else pl.String
+            rows = rows.with_columns(pl.lit(None, dtype).alias(column))
     if name == "walking_summary":
         rows = rows.filter(estimator="ensemble")  # that of the headline numbers
         rows = rows.with_columns(pl.col("doubt").cast(pl.String).alias(repeats.DOUBTFUL))
@@ -114,207 +236,262 @@ def by_place(table: pl.DataFrame, name: str) -> dict[tuple[Any, ...], pl.DataFra
     return rows.partition_by(SAME_PLACE, as_dict=True, maintain_order=True)
 
 
-def estimates(rows: pl.DataFrame | None, quantity: str) -> tuple[dict[str, Any], repeats.Sample]:
-    """Counts of one campaign, and its fits that count in a mean (`repeats.counted`) by condition.
-    An ensemble is one condition, the command, with estimate, low and high."""
+def is_ensemble(rows: Rows) -> bool:
+    """Whether rows are of a summary of groups, not of trials."""
+    return rows is not None and "estimator" in rows.columns
+
+
+def estimates(rows: Rows, quantity: str) -> Estimates:
+    """What one campaign has of a quantity: the fits that count in a mean (`repeats.counted`), or
+    the ensembles with their intervals."""
     if rows is None:
-        return {"n": 0}, {}
-    if "estimator" in rows.columns:
+        return Estimates()
+    sample: dict[Hashable, list[float]] = {}
+    if is_ensemble(rows):
         rows = rows.filter(quantity=quantity).drop_nulls(["mean", "low", "high"])
-        ensemble = {
-            one[0]: one[1:] for one in rows.select("commanded", "mean", "low", "high").iter_rows()
-        }
-        return {"n": rows["n"].sum(), "n_doubtful": repeats.doubtful_count(rows)[0]}, ensemble
+        for commanded, mean, low, high in rows.select("commanded", "mean", "low", "high").rows():
+            sample[commanded] = [mean, low, high]
+        n_doubtful, _ = repeats.doubtful_count(rows)
+        return Estimates(int(rows["n"].sum()), sample, has_ends=True, n_doubtful=n_doubtful)
     used = repeats.counted(rows)
-    finite, doubts = (
-        used.filter(pl.col(quantity).is_finite()),
-        {"n_doubtful": repeats.doubtful_count(rows)[0]},
-    )
-    sample = {
-        key: one[quantity].to_list()
-        for key, one in finite.group_by(SAME_CONDITION, maintain_order=True)
-    }
-    return {"n": len(finite), **doubts, "n_left_out": len(rows) - len(used)}, sample
+    finite = used.filter(pl.col(quantity).is_finite())
+    for key, of_condition in finite.group_by(SAME_CONDITION, maintain_order=True):
+        sample[Condition._make(key)] = of_condition[quantity].to_list()
+    n_doubtful, _ = repeats.doubtful_count(rows)
+    return Estimates(len(finite), sample, n_doubtful=n_doubtful, n_left_out=len(rows) - len(used))
 
 
-def with_own_ends(
-    rows: pl.DataFrame | None, quantity: str, sample: repeats.Sample
-) -> repeats.Sample:
-    """A sample of one trial with the ends of its own interval, like an ensemble's; empty if it has
-    none."""
-    ends = [f"{quantity}{end}" for end in ("", "_low", "_high")]
-    if rows is None or not {*ends} <= {*rows.columns} or [len(of) for of in sample.values()] != [1]:
-        return {}
-    ((key, (value,)),) = sample.items()
-    known = (
-        rows.filter(pl.col(quantity) == value, *(pl.col(end).is_finite() for end in ends))
-        .select(ends)
-        .rows()
-    )
-    return {key: known[0]} if known else {}
+def with_interval_of_trial(rows: Rows, quantity: str, of_campaign: Estimates) -> Estimates | None:
+    """The only trial of a campaign with the ends of its own interval; None if there are several
+    trials, or it has no interval."""
+    columns = [quantity, f"{quantity}_low", f"{quantity}_high"]
+    conditions = list(of_campaign.sample.items())
+    if rows is None or not set(columns) <= set(rows.columns) or len(conditions) != 1:
+        return None
+    condition, values = conditions[0]
+    if len(values) != 1:
+        return None
+    at_value = rows.filter(pl.col(quantity) == values[0])
+    at_value = at_value.filter(pl.all_horizontal(pl.col(columns).is_finite()))
+    if at_value.is_empty():
+        return None
+    return replace(of_campaign, sample={condition: at_value.select(columns).row(0)}, has_ends=True)
 
 
-def rows_of_conditions(
-    parts: Sequence[pl.DataFrame | None], quantity: str, margin: float | None
-) -> Iterator[dict[str, Any]]:
-    """A row for each of several conditions that both have, stated or by name: the mean hides a
-    change of one."""
-    by = [
-        {} if one is None else one.partition_by(SAME_CONDITION, as_dict=True, maintain_order=True)
-        for one in parts
-    ]
-    shared = [key for key in by[0] if key in by[1] and (key[0], key[-1]) != (None, None)]
-    if len(shared) < 2 or quantity not in (*ESTIMATES, "B_viscous"):
+def compare_conditions(
+    rows_a: Rows, rows_b: Rows, quantity: str, margin: float | None
+) -> Iterator[Comparison]:
+    """Compare each of several conditions that both have, stated or by name: a mean hides a change
+    of one."""
+    if rows_a is None or rows_b is None or quantity not in (*ESTIMATES, "B_viscous"):
         return
-    differing = [k for k in range(len(SAME_CONDITION)) if len({key[k] for key in shared}) > 1]
-    for key in shared:
-        said = [
-            f"{SAME_CONDITION[k]} {key[k]:g}" if k < 2 else key[k]
-            for k in differing
-            if key[k] is not None
-        ]
-        row = row_of([one[key] for one in by], quantity, margin)
-        if row.get("difference") is not None:
-            yield {"condition": ", ".join(said), **row}
+    by_condition_a = rows_a.partition_by(SAME_CONDITION, as_dict=True, maintain_order=True)
+    by_condition_b = rows_b.partition_by(SAME_CONDITION, as_dict=True, maintain_order=True)
+    shared = []
+    for condition in map(Condition._make, by_condition_a):
+        if condition in by_condition_b and condition.is_known:
+            shared.append(condition)
+    if len(shared) < 2:
+        return
+    differing = []
+    for name in SAME_CONDITION:
+        if len({getattr(condition, name) for condition in shared}) > 1:
+            differing.append(name)
+    for condition in shared:
+        comparison = compare_quantity(
+            by_condition_a[condition], by_condition_b[condition], quantity, margin
+        )
+        if comparison.difference is not None:
+            yield replace(comparison, condition=condition_text(condition, differing))
 
 
-def row_of(
-    parts: Sequence[pl.DataFrame | None], quantity: str, margin: float | None
-) -> dict[str, Any]:
-    """The numbers of a row. If one campaign has none, there is no difference, and the remark says
-    so."""
-    (of_a, a), (of_b, b) = (estimates(part, quantity) for part in parts)
-    row: dict[str, Any] = {
-        f"{name}_{one}": v for one, of in (("A", of_a), ("B", of_b)) for name, v in of.items()
-    }
-    of_ensembles = any(part is not None and "estimator" in part.columns for part in parts)
-    shared = {*a} & {*b}
-    ends = [with_own_ends(part, quantity, one) for part, one in zip(parts, (a, b), strict=True)]
-    by_ends = all(ends) and bool(shared)  # one trial each, without scatter
-    if by_ends:
-        a, b = ends
-    for name, sample in (("A", a), ("B", b)):
-        row[f"mean_{name}"] = mean_of(sample, shared, of_ensembles or by_ends)
-    if not (a and b):
-        return row | {"remark": f"only in {'A' if a else 'B'}"}
-    between, remarks = (
-        repeats.of_intervals if of_ensembles or by_ends else repeats.difference,
-        list[str](),
+def condition_text(condition: Condition, names: Sequence[str]) -> str:
+    """These fields of a condition, as `K_d 300, B_d 5`."""
+    texts = []
+    for name in names:
+        value = getattr(condition, name)
+        if value is None:
+            continue
+        texts.append(f"{name} {value:g}" if name in ("K_d", "B_d") else value)
+    return ", ".join(texts)
+
+
+def compare_quantity(rows_a: Rows, rows_b: Rows, quantity: str, margin: float | None) -> Comparison:
+    """Compare one quantity at one place. If one campaign has none, there is no difference, and the
+    remark says so."""
+    a, b = estimates(rows_a, quantity), estimates(rows_b, quantity)
+    conditions_a, conditions_b = set(a.sample), set(b.sample)
+    shared = conditions_a & conditions_b
+    are_pooled = is_pooled(a.sample) or is_pooled(b.sample)
+    # calibration errors of the benches, which the scatter of trials does not show
+    benches: list[Rows] = [rows_a, rows_b]
+    single_a = with_interval_of_trial(rows_a, quantity, a)
+    single_b = with_interval_of_trial(rows_b, quantity, b)
+    if single_a is not None and single_b is not None and shared:
+        a, b = single_a, single_b
+        benches = []  # a trial's interval includes its bench's errors
+    have_ends = a.has_ends or b.has_ends
+    comparison = Comparison(
+        n_A=a.n,
+        n_B=b.n,
+        mean_A=mean_of_condition(a.sample, shared, have_ends),
+        mean_B=mean_of_condition(b.sample, shared, have_ends),
+        n_doubtful_A=a.n_doubtful,
+        n_doubtful_B=b.n_doubtful,
+        n_left_out_A=a.n_left_out,
+        n_left_out_B=b.n_left_out,
     )
-    benches = [] if by_ends else parts  # a trial's interval includes its bench's errors
-    if is_pooled(a, b):
+    if not a.sample or not b.sample:
+        return replace(comparison, remark=f"only in {'A' if a.sample else 'B'}")
+
+    remarks: list[str] = []
+    if are_pooled:
         remarks.append(
             "trials without K_d count as repeats of one condition; state K_d, or name like trials"
             " alike"
         )
-    if shared and {*a} != {*b}:
-        remarks.append(f"{len(shared)} of {len({*a, *b})} conditions are shared")
-    apart = repeats.with_bench(between(a, b), bench_error(benches, quantity))
-    row |= dict(zip((*DIFFERENCE, "method"), apart, strict=True))
-    if of_ensembles and None not in (commanded := (*a, *b)) and len(set(commanded)) > 1:
-        remarks.append("commanded {:g} in A and {:g} in B".format(*commanded))
-    # the rendered inertia may be zero or negative, and a VAF is a percentage
-    if quantity not in ("I", "VAF"):
-        if min(chain.from_iterable((*a.values(), *b.values()))) > 0:
-            bench = bench_error(benches, quantity, as_share=True)
-            row |= ratio_of(
-                a, b, lambda *logarithms: repeats.with_bench(between(*logarithms), bench), margin
+    if shared and conditions_a != conditions_b:
+        remarks.append(f"{len(shared)} of {len(conditions_a | conditions_b)} conditions are shared")
+    if is_ensemble(rows_a) or is_ensemble(rows_b):
+        commanded = [*a.sample, *b.sample]
+        if None not in commanded and len(set(commanded)) > 1:
+            remarks.append("commanded {:g} in A and {:g} in B".format(*commanded))
+
+    subtract = repeats.of_intervals if have_ends else repeats.difference
+    se_of_benches = bench_error(benches, quantity)
+    difference = repeats.with_bench(subtract(a.sample, b.sample), se_of_benches)
+    comparison = replace(
+        comparison,
+        difference=difference.estimate,
+        difference_low=difference.low,
+        difference_high=difference.high,
+        method=difference.method,
+    )
+    if quantity not in WITHOUT_RATIO:
+        if min(chain.from_iterable([*a.sample.values(), *b.sample.values()])) > 0:
+            relative_se = bench_error(benches, quantity, as_share=True)
+            ratio = ratio_of(a.sample, b.sample, subtract, relative_se, margin)
+            comparison = replace(
+                comparison,
+                relative_percent=ratio.percent,
+                relative_percent_low=ratio.low,
+                relative_percent_high=ratio.high,
+                margin_percent=ratio.margin_percent,
+                verdict=ratio.verdict,
+                method=ratio.method,
             )
         else:
             remarks.append("no ratio: an estimate, or an end of its interval, is not above 0")
-    return row | {"remark": "; ".join(remarks) or None}
+    return replace(comparison, remark="; ".join(remarks) or None)
 
 
-def bench_error(
-    parts: Sequence[pl.DataFrame | None], quantity: str, as_share: bool = False
-) -> float:
-    """Standard error, or relative standard error, of the difference between two campaigns due to
-    the stated errors of their benches, which all trials of a campaign share; 0 if none are
-    stated."""
-    known, errors = f"{quantity.removesuffix('_viscous')}_se_bench", list[float]()
-    for part in parts:
-        if (
-            part is not None
-            and known in part.columns
-            and len(used := part.drop_nulls([quantity, known]))
-        ):
-            errors.append(
-                rms(used[known].to_numpy() / (used[quantity].to_numpy() if as_share else 1.0))
-            )
+def bench_error(benches: Sequence[Rows], quantity: str, as_share: bool = False) -> float:
+    """Standard error of the difference between two campaigns due to the stated errors of their
+    benches, which all trials of a campaign share: in the quantity's unit, or relative (`as_share`);
+    0 if none are stated."""
+    se_column = f"{quantity.removesuffix('_viscous')}_se_bench"
+    errors = []
+    for rows in benches:
+        if rows is None or se_column not in rows.columns:
+            continue
+        stated = rows.drop_nulls([quantity, se_column])
+        if stated.is_empty():
+            continue
+        of_trials = stated[se_column].to_numpy()
+        if as_share:
+            of_trials = of_trials / stated[quantity].to_numpy()
+        errors.append(rms(of_trials))
     return math.hypot(*errors)
 
 
-def mean_of(sample: repeats.Sample, shared: Collection[Any], of_ensembles: bool) -> float | None:
+def mean_of_condition(
+    sample: repeats.Sample, shared: Collection[Any], have_ends: bool
+) -> float | None:
     """Mean of the fits of the shared condition, or of all if none is shared; None for several
-    conditions. An ensemble has its estimate, which precedes the ends of its interval."""
-    own = [
-        values[:1] if of_ensembles else values
-        for key, values in sample.items()
-        if key in shared or not shared
-    ]
-    return float(np.mean(own[0])) if len(own) == 1 else None
+    conditions. The ends of an interval, which follow an estimate, are not in it."""
+    of_conditions = []
+    for condition, values in sample.items():
+        if condition in shared or not shared:
+            of_conditions.append(values[:1] if have_ends else values)
+    if len(of_conditions) != 1:
+        return None
+    return float(np.mean(of_conditions[0]))
 
 
-def is_pooled(*samples: repeats.Sample) -> bool:
+def is_pooled(sample: repeats.Sample) -> bool:
     """Whether impedance trials count as repeats although neither a stated K_d nor their names say
     so."""
-    keys = [
-        key
-        for sample in samples
-        for key, of in sample.items()
-        if isinstance(key, tuple) and len(of) > 1
-    ]
-    return any(
-        K_d is named is None and amplitudes is not None for K_d, *_, amplitudes, named in keys
-    )
+    for condition, values in sample.items():
+        if not isinstance(condition, Condition) or len(values) < 2:
+            continue
+        if condition.amplitudes is not None and not condition.is_known:
+            return True
+    return False
 
 
 def ratio_of(
-    a: repeats.Sample, b: repeats.Sample, between: Between, margin: float | None
-) -> dict[str, Any]:
-    """B over A less 1 [percent] with its interval, by the differences of logarithms, and the
-    verdict on it."""
-    ratio = between(
-        *(
-            {name: [math.log(v) for v in values] for name, values in sample.items()}
-            for sample in (a, b)
-        )
+    sample_a: repeats.Sample,
+    sample_b: repeats.Sample,
+    subtract: Callable[[repeats.Sample, repeats.Sample], repeats.Difference],
+    relative_se_of_benches: float,
+    margin: float | None,
+) -> Ratio:
+    """B over A, by the difference of logarithms. A relative error is an error of a logarithm."""
+    of_logarithms = subtract(logarithms(sample_a), logarithms(sample_b))
+    of_logarithms = repeats.with_bench(of_logarithms, relative_se_of_benches)
+    low, high = percent_of(of_logarithms.low), percent_of(of_logarithms.high)
+    margin_percent = None if margin is None else 100 * margin
+    return Ratio(
+        percent=percent_of(of_logarithms.estimate),
+        low=low,
+        high=high,
+        margin_percent=margin_percent,
+        method=of_logarithms.method,
+        verdict=repeats.equivalence(low, high, 0.0, margin_percent or 0.0),
     )
-    ends = [None if end is None else 100 * math.expm1(end) for end in ratio[:3]]
-    percent = None if margin is None else 100 * margin
-    row = dict(zip(RATIO, ends, strict=True)) | {"margin_percent": percent, "method": ratio.method}
-    return row | {"verdict": repeats.equivalence(ends[1], ends[2], 0.0, percent or 0.0)}
+
+
+def logarithms(sample: repeats.Sample) -> repeats.Sample:
+    return {condition: [math.log(value) for value in sample[condition]] for condition in sample}
+
+
+def percent_of(logarithm: float | None) -> float | None:
+    """A logarithm of a ratio as the ratio less 1, in percent."""
+    return None if logarithm is None else 100 * math.expm1(logarithm)
 
 
 def label_of(row: Mapping[str, Any]) -> str:
-    """What a row is about, as `impedance K, compensated`."""
-    quantity = "B without friction" if row["quantity"] == "B_viscous" else row["quantity"]
-    parts = (
-        f"{row['experiment']} {quantity}",
-        row["controller"],
-        row["group"],
-        row["joint"],
-        row["side"],
-    )
-    said = ", ".join(part for part in parts if part not in (None, "all", "ankle"))
-    return f"{said} ({row['condition']})" if row["condition"] else said
+    """What a row of `comparison.csv` is about, as `impedance K, compensated`."""
+    parts = [f"{row['experiment']} {row['quantity']}"]
+    for name in ("controller", "group", "joint", "side"):
+        if row[name] not in (None, "all", "ankle"):  # the usual ones are not named
+            parts.append(row[name])
+    label = ", ".join(parts)
+    return f"{label} ({row['condition']})" if row["condition"] else label
 
 
-def verdicts_said(table: pl.DataFrame) -> str:
-    """The verdicts in a sentence, each with its quantities, and how many quantities have none."""
-    rows, said = table.to_dicts(), list[str]()
-    whole = table.filter(pl.col("condition").is_null())
-    alone = whole["method"].null_count()
+def verdicts_in_words(table: pl.DataFrame) -> str:
+    """The verdicts of `comparison.csv` in a sentence, each with its quantities, and how many
+    quantities have none."""
+    parts = []
     for verdict in ("equivalent", "different", "undecided"):
-        own = [row for row in rows if row["verdict"] == verdict]
-        of = {
-            row["margin_percent"]: f" (±{row['margin_percent']:g} %)"
-            for row in own
-            if row["margin_percent"]
-        }
-        named = [label_of(row) + of.get(row["margin_percent"], "") for row in own]
-        said += [f"{verdict}: {', '.join(named)}"] if named else []
-    none = f"without a verdict: {whole['verdict'].null_count()} of {len(whole)} quantities"
-    doubtful = table.select("n_doubtful_A", "n_doubtful_B").sum().row(0)
-    rule = f" {repeats.RULE_OF_MEANS}" if any(doubtful) else ""
-    return f"{'; '.join([*said, none])}, {alone} of them in one campaign alone.{rule}"
+        labels = []
+        for row in table.filter(pl.col("verdict") == verdict).to_dicts():
+            label = label_of(row)
+            if row["margin_percent"]:
+                label += f" (±{row['margin_percent']:g} %)"
+            labels.append(label)
+        if labels:
+            parts.append(f"{verdict}: {', '.join(labels)}")
+
+    quantities = table.filter(pl.col("condition").is_null())
+    without_verdict = quantities["verdict"].null_count()
+    in_one_campaign = quantities["method"].null_count()
+    parts.append(
+        f"without a verdict: {without_verdict} of {len(quantities)} quantities, {in_one_campaign}"
+        " of them in one campaign alone."
+    )
+    text = "; ".join(parts)
+    if any(table.select("n_doubtful_A", "n_doubtful_B").sum().row(0)):
+        text += f" {repeats.RULE_OF_MEANS}"
+    return text

@@ -1,7 +1,10 @@
 """The words of findings: the only place where they become sentences. Nothing here decides, and
 nothing reads them back.
 
-A detail whose numbers a row does not have is left out."""
+The sentences stand in `words.yaml`, with names in braces for numbers. A name is a column of the row
+that the finding is about, or one of `OF_EVIDENCE` or `COMPUTED`. A detail whose numbers the row
+does not have is left out.
+"""
 
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -29,6 +32,7 @@ from osl_analysis.model.compensator import CONTROLLERS
 from osl_analysis.units import UNIT_FACTORS, known_factor
 
 WORDS: dict[str, dict[str, Any]] = own_yaml(Path(__file__).with_suffix(".yaml"))
+SYMMETRIC_SHARE = 1e-3  # of an interval's width: a middle this near to the estimate is the estimate
 
 
 class Words(NamedTuple):
@@ -40,38 +44,50 @@ class Words(NamedTuple):
 
 
 def words_of(finding: Finding, row: AnyRow) -> Words:
-    """The words on a finding about a row of its table."""
+    """Put a finding into words.
+
+    Parameters
+    ----------
+    finding : Finding
+    row : AnyRow
+        The row of its table that it is about, whose numbers the sentences show.
+    """
     if finding.cause in WORDS["unchecked"] and finding.grade is not Grade.DOUBTS:
-        entry = WORDS["unchecked"][finding.cause]
-        entry = entry.get(finding.table, entry)
-        facts = Facts(row)
-        remedy = entry.get(finding.remedy.value, entry.get("remedy", ""))
-        return Words(filled(entry["says"], facts), "", capital(filled(remedy, facts)))
-    known = WORDS["causes"].get(finding.cause)
-    if known is None:  # a limit on a column that is not in EVIDENCE
-        return Words(", ".join(map(beyond_said, finding.evidence)), "", "")
-    remedy = known.get(finding.remedy.value) or known[Remedy.WHOLE.value]
+        return unchecked_words(finding, row)
+    entry = WORDS["causes"].get(finding.cause)
+    if entry is None:  # a limit on a column that is not in EVIDENCE
+        return Words(evidence_text(finding), "", "")
+    remedy = entry.get(finding.remedy.value) or entry[Remedy.WHOLE.value]
     if finding.grade is Grade.NOTES:
         remedy = WORDS["remarks"]["within_accuracy"]
-    return Words(known["says"], size_in_words(finding, row), capital(remedy))
+    return Words(entry["says"], size_text(finding, row), capital(remedy))
 
 
-def size_in_words(finding: Finding, row: AnyRow) -> str:
+def unchecked_words(finding: Finding, row: AnyRow) -> Words:
+    """The words on what could not be checked, or is to be known."""
+    entry = WORDS["unchecked"][finding.cause]
+    entry = entry.get(finding.table, entry)
+    remedy = entry.get(finding.remedy.value, entry.get("remedy", ""))
+    cells = Cells(row)
+    return Words(filled(entry["says"], cells), "", capital(filled(remedy, cells)))
+
+
+def size_text(finding: Finding, row: AnyRow) -> str:
     """How large a cause is in this row: its numbers, and the estimates without it."""
-    details = list[str]()
-    by_friction = friction_said(row) if finding.cause == "friction" else ""
+    details: list[str] = []
+    by_friction = friction_text(row) if finding.cause == "friction" else ""
     details.append(by_friction)
     for number in finding.evidence:
         # a misfit that another cause explains is told by that cause
         if cause_of(number.column, number.value, row).name == finding.cause:
             template = WORDS["columns"].get(number.column, "")
-            details.append(filled(template, Facts(row, number)))
+            details.append(filled(template, Cells(row, number)))
     if not by_friction:  # which tells the estimates without it already
-        details.append(without_said(finding, row))
-    known = [detail for detail in dict.fromkeys(details) if detail]
-    if not known:
+        details.append(estimates_without_cause(finding, row))
+    details = [detail for detail in dict.fromkeys(details) if detail]
+    if not details:
         return ""
-    return ". ".join([known[0], *map(capital, known[1:])])
+    return ". ".join([details[0], *map(capital, details[1:])])
 
 
 def brief_remedy(cause: str) -> str:
@@ -81,54 +97,72 @@ def brief_remedy(cause: str) -> str:
 
 
 def sentence_of(words: Words, cause: str = "") -> str:
-    """`cause: what is wrong: how large. What to do`."""
-    said = ": ".join(filter(None, [cause, words.says, words.size]))
-    return ". ".join(filter(None, [said, words.remedy]))
+    """`cause: what is wrong: how large. What to do`, without the parts that are empty."""
+    problem = ": ".join(filter(None, [cause, words.says, words.size]))
+    return ". ".join(filter(None, [problem, words.remedy]))
 
 
-def finding_said(finding: Finding, row: AnyRow) -> str:
+def finding_text(finding: Finding, row: AnyRow) -> str:
     """A finding about a row in one sentence or two, with the numbers that decided."""
+    words = words_of(finding, row)
     if finding.cause not in WORDS["causes"] and finding.grade is Grade.DOUBTS:
-        return words_of(finding, row).says
-    decided = ", ".join(map(beyond_said, finding.evidence))
-    return sentence_of(words_of(finding, row), finding.cause) + (f" [{decided}]" if decided else "")
+        return words.says
+    sentence = sentence_of(words, finding.cause)
+    if not finding.evidence:
+        return sentence
+    return f"{sentence} [{evidence_text(finding)}]"
 
 
-def beyond_said(one: Beyond) -> str:
-    how = {"nan": "is not a number", "near": f"{one.value:.3g} is close to it"}
-    return f"{one.column} {how.get(one.side, f'{one.value:.3g} is {one.side} {one.limit:g}')}"
+def evidence_text(finding: Finding) -> str:
+    """The numbers that decided, each with its limit."""
+    return ", ".join(beyond_text(number) for number in finding.evidence)
+
+
+def beyond_text(number: Beyond) -> str:
+    if number.side == "nan":
+        return f"{number.column} is not a number"
+    if number.side == "near":
+        return f"{number.column} {number.value:.3g} is close to it"
+    return f"{number.column} {number.value:.3g} is {number.side} {number.limit:g}"
 
 
 def without_names(cause: str, row: AnyRow, table: str) -> dict[str, str]:
-    """What a reader calls K, B and I without a cause in a table. Certain friction is a column of
-    the regression beside the cause, and no part of the damping."""
+    """What K, B and I without a cause are called in a table. Certain friction is a column of the
+    regression beside the cause, so the damping is the viscous one."""
     names = {symbol: estimate_column(table, symbol) for symbol in ESTIMATES}
-    has_fault = cause in CAUSES and CAUSES[cause].without.get("B") == "B_without"
-    if has_fault and row.get(f"{names['B']}_viscous") is not None:
-        names["B"] += " without friction"
+    is_hypothesis = cause in CAUSES and CAUSES[cause].without.get("B") == "B_without"
+    if is_hypothesis and row.get(f"{names['B']}_viscous") is not None:
+        names["B"] += "_viscous"
     return names
 
 
-def without_said(finding: Finding, row: AnyRow) -> str:
+def estimates_without_cause(finding: Finding, row: AnyRow) -> str:
     """The estimates of the same fit with this cause as a column of the regression, where they are
     better than the recorded ones."""
-    texts = list[str]()
-    for name, symbol in without_names(finding.cause, row, finding.table).items():
-        value, low, high = (finding.without.get(f"{name}{end}") for end in ("", "_low", "_high"))
-        if name in finding.untold:
-            texts.append(f"nothing of {symbol} is told")
+    texts: list[str] = []
+    for symbol, name in without_names(finding.cause, row, finding.table).items():
+        value = finding.without.get(symbol)
+        low = finding.without.get(f"{symbol}_low")
+        high = finding.without.get(f"{symbol}_high")
+        if symbol in finding.untold:
+            texts.append(f"nothing of {name} is told")
         elif low is None or high is None:
             continue
-        elif value is not None and abs(high + low - 2 * value) <= 1e-3 * (high - low):
-            texts.append(f"{symbol} {value:.4g} ± {significant(high - value)}")
+        elif value is not None and is_symmetric(value, low, high):
+            texts.append(f"{name} {value:.4g} ± {significant(high - value)}")
         else:  # the range of rivals that cannot be told apart
             ends = dict.fromkeys([significant(low, 3), significant(high, 3)])
-            texts.append(f"{symbol} {' to '.join(ends)}")
+            texts.append(f"{name} {' to '.join(ends)}")
     return f"with it in the fit {', '.join(texts)}" if texts else ""
 
 
+def is_symmetric(value: float, low: float, high: float) -> bool:
+    """Whether an estimate is the middle of its interval."""
+    return abs(high + low - 2 * value) <= SYMMETRIC_SHARE * (high - low)
+
+
 def capital(text: str) -> str:
-    # a symbol keeps its case
+    """A text that begins with a capital letter; a symbol, as `f_C`, keeps its case."""
     return text if re.match(r"\w_", text) else text[:1].upper() + text[1:]
 
 
@@ -147,24 +181,25 @@ def check_words(cause: str) -> Words:
     return Words(entry["says"], "", entry["remedy"])
 
 
-def misfit_words(cause: str, **facts: Any) -> Words:
-    """What explains the residuals of all predictions."""
+def misfit_words(cause: str, **numbers: Any) -> Words:
+    """What explains the residuals of all predictions; the `numbers` fill the sentence."""
     entry = WORDS["misfits"][cause]
-    return Words(entry["says"].format(**facts), "", entry["remedy"])
+    return Words(entry["says"].format(**numbers), "", entry["remedy"])
 
 
-def as_if_said(parts: Sequence[Mapping[str, Any]]) -> str:
+def component_changes_text(components: Sequence[Mapping[str, Any]]) -> str:
     """By how much components differ, as `K_s were 9.8 % (± 0.4 % by the scatter of trials) less`,
-    from their rows."""
-    said = []
-    for row in parts:
-        off, half = (100 * one / abs(row["value"]) for one in (row["change"], 2 * row["change_se"]))
-        way = "more" if off > 0 else "less"
-        said.append(
-            f"{row['component']} were {abs(off):.2g} % (± {half:.1g} % by the scatter of trials)"
-            f" {way}"
+    from their rows of `prediction_causes.csv`."""
+    texts = []
+    for row in components:
+        change_percent = 100 * row["change"] / abs(row["value"])
+        half_percent = 100 * (2 * row["change_se"]) / abs(row["value"])
+        direction = "more" if change_percent > 0 else "less"
+        texts.append(
+            f"{row['component']} were {abs(change_percent):.2g} %"
+            f" (± {half_percent:.1g} % by the scatter of trials) {direction}"
         )
-    return " or ".join(said)
+    return " or ".join(texts)
 
 
 class Number(float):
@@ -175,12 +210,15 @@ class Number(float):
         if not spec.startswith("~"):
             return super().__format__(spec)
         digits, _, factor = spec.removeprefix("~").partition("*")
-        text = significant(self * float(factor or 1), abs(int(digits)))
-        return f"+{text}" if digits.startswith("+") and self * float(factor or 1) > 0 else text
+        value = self * float(factor or 1)
+        text = significant(value, abs(int(digits)))
+        return f"+{text}" if digits.startswith("+") and value > 0 else text
 
 
-class Facts(dict[str, Any]):
-    """The cells of a row that are filled, by column, and the number that a finding is about."""
+class Cells(dict[str, Any]):
+    """The cells of a row that are filled, by column, and the number that a finding is about.
+
+    A name that is not among them raises KeyError, whereupon `filled` leaves the detail out."""
 
     def __init__(self, row: AnyRow, evidence: Beyond | None = None) -> None:
         super().__init__()
@@ -193,7 +231,7 @@ class Facts(dict[str, Any]):
                 self[name] = cell
 
 
-def value_in_text(name: str, facts: Facts) -> Any:
+def value_in_text(name: str, cells: Cells) -> Any:
     """What stands for a name in braces: a cell of the row, something about the evidence
     (`OF_EVIDENCE`), or what is computed from the row (`COMPUTED`).
 
@@ -202,69 +240,94 @@ def value_in_text(name: str, facts: Facts) -> Any:
     KeyError
         The row lacks a number that it needs.
     """
-    if name in facts:
-        return facts[name]
-    if name in OF_EVIDENCE and facts.evidence is not None:
-        return OF_EVIDENCE[name](facts.evidence, facts.row)
-    return COMPUTED[name](facts)
+    if name in cells:
+        return cells[name]
+    if name in OF_EVIDENCE and cells.evidence is not None:
+        return OF_EVIDENCE[name](cells.evidence, cells.row)
+    return COMPUTED[name](cells)
 
 
-def filled(template: str, facts: Facts) -> str:
+def filled(template: str, cells: Cells) -> str:
     """A text with its numbers; empty where one is not known."""
     values: dict[str, Any] = {}
     for _, name, _, _ in Formatter().parse(template):
         if not name:  # a part of the text without braces
             continue
         try:
-            values[name] = value_in_text(name, facts)
+            values[name] = value_in_text(name, cells)
         except KeyError:
             return ""
     return template.format(**values)
+
+
+# What a number of evidence says, by its name in `words.yaml`.
 
 
 def percent(value: float) -> str:
     return f"{significant(100 * abs(value))} %"
 
 
-def factor_said(evidence: Beyond, row: AnyRow) -> str:
-    name = suspected_unit(evidence.column, evidence.value, row)
-    signals: Sequence[str] = EVIDENCE[evidence.column].of
-    size = next((UNIT_FACTORS[of][name] for of in UNIT_FACTORS if name in UNIT_FACTORS[of]), 1.0)
-    if not name:
-        name, size = known_factor(evidence.value, signals)
-    return f", {size:.3g} is the factor {name}" if name else ""
+def rise_text(number: Beyond, _: AnyRow) -> str:
+    direction = "rises" if number.value > 0 else "falls"
+    return f"{direction} by {100 * abs(number.value):.0f} %"
 
 
-OF_EVIDENCE: dict[str, Callable[[Beyond, AnyRow], str]] = {
-    "percent": lambda one, _: percent(one.value),
-    "value": lambda one, _: significant(one.value, 3),
-    "moves": lambda one, _: (
-        f"{'rises' if one.value > 0 else 'falls'} by {100 * abs(one.value):.0f} %"
-    ),
-    "symbol": lambda one, _: one.column.removesuffix("_ratio").removesuffix("_high"),
-    "rubs": lambda one, row: friction_said(row) or f"it is {percent(one.value)} of the damping",
-    "factor": factor_said,
-    # a frame that yields lowers K, and hardly to a half
-    "frame": lambda one, _: (
-        " (state `bench_stiffness` in the configuration if the bench's frame yields)"
-        * (0.5 < one.value < 1)
-    ),
+def symbol_of_ratio(number: Beyond, _: AnyRow) -> str:
+    """The symbol of an estimate whose ratio to a known value, or upper end, is beyond its limit."""
+    return number.column.removesuffix("_ratio").removesuffix("_high")
+
+
+def friction_of_damping(number: Beyond, row: AnyRow) -> str:
+    return friction_text(row) or f"it is {percent(number.value)} of the damping"
+
+
+def unit_factor_text(number: Beyond, row: AnyRow) -> str:
+    """Which units a ratio to a known value suggests; empty for none."""
+    name = suspected_unit(number.column, number.value, row)
+    factor = 1.0
+    if name:
+        for factors in UNIT_FACTORS.values():
+            if name in factors:
+                factor = factors[name]
+                break
+    else:
+        name, factor = known_factor(number.value, EVIDENCE[number.column].of)
+    return f", {factor:.3g} is the factor {name}" if name else ""
+
+
+def frame_text(number: Beyond, _: AnyRow) -> str:
+    """A remark on a bench whose frame yields, which lowers K, and hardly to a half."""
+    if not 0.5 < number.value < 1:
+        return ""
+    return " (state `bench_stiffness` in the configuration if the bench's frame yields)"
+
+
+OF_EVIDENCE: Mapping[str, Callable[[Beyond, AnyRow], str]] = {
+    "percent": lambda number, _: percent(number.value),
+    "value": lambda number, _: significant(number.value, 3),
+    "moves": rise_text,
+    "symbol": symbol_of_ratio,
+    "rubs": friction_of_damping,
+    "factor": unit_factor_text,
+    "frame": frame_text,
 }
 
 
-def friction_said(row: AnyRow) -> str:
+def friction_text(row: AnyRow) -> str:
     """Friction's part of the damping, in units of the result; empty if not known."""
     B, f_C = ("B_j", "T_C") if "B_j_viscous" in row else ("B", "f_C")
-    damping, viscous, friction, share = (
-        cell_number(row, one) for one in (B, f"{B}_viscous", f_C, "coulomb_share")
-    )
-    if damping is not None and viscous is not None and friction is not None:
-        without, all_of_it = significant(viscous, 3), significant(damping, 3)
+    damping = cell_number(row, B)
+    viscous = cell_number(row, f"{B}_viscous")
+    friction = cell_number(row, f_C)
+    share = cell_number(row, "coulomb_share")
+    if damping is None:
+        return ""
+    if viscous is not None and friction is not None:
         return (
-            f"{B} is {without} N*m*s/rad without friction and {all_of_it} with it, friction is"
-            f" {friction:.2g} N*m"
+            f"{B} {significant(damping, 3)}, viscous part {significant(viscous, 3)} N*m*s/rad,"
+            f" friction {friction:.2g} N*m"
         )
-    if damping is not None and share:
+    if share:
         return (
             f"friction makes {significant(share * damping)} N*m*s/rad of {B} ="
             f" {significant(damping, 3)}"
@@ -272,120 +335,163 @@ def friction_said(row: AnyRow) -> str:
     return ""
 
 
-def late_said(facts: Facts) -> str:
+# What is computed from a row, by its name in `words.yaml`.
+
+
+def lag_text(cells: Cells) -> str:
     """How late a signal is, or would have to be, and its effect on the estimates."""
-    row = facts.row
-    lag, of_damping, of_inertia = (
-        cell_number(row, name) for name in ("lag_s", "lag_share", "lag_inertia_share")
-    )
-    shares = [f"B by {percent(of_damping)}"] if of_damping is not None else []
-    shares += (
-        [f"{'J_j' if 'J_j' in row else 'I'} by {percent(of_inertia)}"]
-        if of_inertia is not None
-        else []
-    )
-    if lag is None or not shares:
+    row = cells.row
+    lag_s = cell_number(row, "lag_s")
+    share_of_damping = cell_number(row, "lag_share")
+    share_of_inertia = cell_number(row, "lag_inertia_share")
+    effects = []
+    if share_of_damping is not None:
+        effects.append(f"B by {percent(share_of_damping)}")
+    if share_of_inertia is not None:
+        inertia = "J_j" if "J_j" in row else "I"
+        effects.append(f"{inertia} by {percent(share_of_inertia)}")
+    if lag_s is None or not effects:
         return ""
-    signal, size = "the angle" if lag < 0 else "the torque", f"{significant(1e3 * abs(lag), 3)} ms"
-    return f"{signal} is late by {size}, which moves {' and '.join(shares)}"
+    signal = "the angle" if lag_s < 0 else "the torque"
+    lag_ms = significant(1e3 * abs(lag_s), 3)
+    return f"{signal} is late by {lag_ms} ms, which moves {' and '.join(effects)}"
 
 
-def loop_said(facts: Facts) -> str:
+def energy_lost_by_lag(cells: Cells) -> str:
     """How late a torque would make the energy lost depend on the speed."""
-    behind, lost = facts["late_s"], facts["energy_lost"]
-    taken = 1e3 * behind * facts["energy_per_ms"]  # off the energy lost [J]
-    if taken <= 0:
+    late_ms = 1e3 * cells["late_s"]
+    energy_lost = cells["energy_lost"]
+    hidden_loss = late_ms * cells["energy_per_ms"]  # taken off the energy lost [J]
+    if hidden_loss <= 0:
         return ""
-    share = 100 * taken / abs(lost + taken)
+    share = 100 * hidden_loss / abs(energy_lost + hidden_loss)
     return (
-        f"a torque late by {1e3 * behind:.2g} ms would make it so, and take {share:.0f} % off the"
+        f"a torque late by {late_ms:.2g} ms would make it so, and take {share:.0f} % off the"
         " energy lost"
     )
 
 
-def calibration_said(facts: Facts) -> str:
-    assert facts.evidence is not None
-    state = facts["to_state"]
-    if facts.evidence.column == "certain_lag_s":
-        lag, half = facts["lag_s"], facts["lag_s_high"] - facts["lag_s"]
-        what = f"write `delay: {1e3 * lag:.3g} ms` more for it and `{state}`"
-        if half > 0.2 * lag:  # or early, which no load cell is
-            what = "which a spring that loses energy shows too, so measure it with a known inertia"
-        elif (rivals := facts.get("explanations") or "delay") != "delay":
-            what = (
-                f"or what else would make it so ({rivals}), by which I is another one: write the"
-                " `low_pass` that its"
-            )
-            what += (
-                f" path has by the data sheet, or `delay: {1e3 * lag:.3g} ms` if it has none, and"
-                " calibrate again"
-            )
-        return f"the torque is late by {1e3 * lag:.3g} ± {1e3 * half:.2g} ms, {what}"
-    gain, half = facts["gain"], facts["gain_high"] - facts["gain"]
-    off = f"torque over angle is {100 * (gain - 1):+.3g} ± {100 * half:.2g} % off"
-    return f"{off}, divide the torque's `scale` by {gain:.5g} and write `{state}`"
+UNCERTAIN_LAG_SHARE = 0.2  # of a lag: a wider half-interval may be of a spring that loses energy
 
 
-def damping_gap_said(facts: Facts) -> str:
-    """How far B is from the gains' prediction; a delay explains less, and never more."""
-    B, given, late = facts["B"], facts["B_predicted"], facts["B_gap_s"]
-    off = f"B is {significant(B, 3)} N*m*s/rad and not {significant(given, 3)}"
+def calibration_text(cells: Cells) -> str:
+    """What a known spring or inertia tells of the bench's lag or gain, and what to state."""
+    assert cells.evidence is not None
+    if cells.evidence.column == "certain_lag_s":
+        return calibrated_lag_text(cells)
+    gain = cells["gain"]
+    half = cells["gain_high"] - gain
     return (
-        f"{off}, which a delay of {significant(1e3 * late)} ms would explain"
-        if 0 < late < 0.02
-        else off
+        f"torque over angle is {100 * (gain - 1):+.3g} ± {100 * half:.2g} % off, divide the"
+        f" torque's `scale` by {gain:.5g} and write `{cells['to_state']}`"
     )
 
 
-def reaction_said(facts: Facts) -> str:
+def calibrated_lag_text(cells: Cells) -> str:
+    to_state = cells["to_state"]
+    lag_s = cells["lag_s"]
+    half_s = cells["lag_s_high"] - lag_s
+    explanations = cells.get("explanations") or "delay"
+    if half_s > UNCERTAIN_LAG_SHARE * lag_s:  # or early, which no load cell is
+        remedy = "as with a spring that loses energy: measure it with a known inertia"
+    elif explanations != "delay":
+        remedy = (
+            f"or otherwise distorted ({explanations}), which gives another I: write the `low_pass`"
+            f" of its data sheet, or else `delay: {1e3 * lag_s:.3g} ms`, and calibrate again"
+        )
+    else:
+        remedy = f"write `delay: {1e3 * lag_s:.3g} ms` more for it and `{to_state}`"
+    return f"the torque is late by {1e3 * lag_s:.3g} ± {1e3 * half_s:.2g} ms, {remedy}"
+
+
+LONGEST_DELAY_S = 0.02  # of a controller; a longer one is not what takes damping off
+
+
+def damping_gap_text(cells: Cells) -> str:
+    """How far B is from the gains' prediction; a delay explains less, and never more."""
+    measured = significant(cells["B"], 3)
+    predicted = significant(cells["B_predicted"], 3)
+    delay_s = cells["B_gap_s"]
+    text = f"B is {measured} N*m*s/rad and not {predicted}"
+    if 0 < delay_s < LONGEST_DELAY_S:
+        text += f", which a delay of {significant(1e3 * delay_s)} ms would explain"
+    return text
+
+
+def reaction_text(cells: Cells) -> str:
     """What sets in within the window of a perturbation, and K without it."""
-    said, with_reflex = f"it is like {facts['reaction']}", filled("{with_reflex}", facts)
-    return ". ".join(filter(None, [said, capital(with_reflex)]))
+    kind = f"it is like {cells['reaction']}"
+    with_reflex = filled("{with_reflex}", cells)
+    return f"{kind}. {capital(with_reflex)}" if with_reflex else kind
 
 
-def unknown_gains(facts: Facts) -> str:
-    row = facts.row
-    controller = row.get("controller")
+def unknown_gains(cells: Cells) -> str:
+    """Why the gains of a trial's controller are not known."""
+    controller = cells.row.get("controller")
     if controller is None:
         return "no controller is stated"
     if controller not in CONTROLLERS:
-        return (
-            f"the gains of controller '{controller}' are not"
-            f" known{nearest(str(controller), CONTROLLERS)}"
-        )
-    absent = [name for name in ("K_d", "B_d") if row.get(name) is None]
-    return f"{' and '.join(absent)} {'is' if len(absent) == 1 else 'are'} not stated"
+        suggestion = nearest(str(controller), CONTROLLERS)
+        return f"the gains of controller '{controller}' are not known{suggestion}"
+    absent = [name for name in ("K_d", "B_d") if cells.row.get(name) is None]
+    verb = "is" if len(absent) == 1 else "are"
+    return f"{' and '.join(absent)} {verb} not stated"
 
 
-COMPUTED: Mapping[str, Callable[[Facts], str]] = {
-    "late": late_said,
-    "loop": loop_said,
-    "known": calibration_said,
-    "gap": damping_gap_said,
-    "like": reaction_said,
+def motor_angle_direction(cells: Cells) -> str:
+    return "late" if cells["certain_theta_m_lag_s"] > 0 else "early"
+
+
+def motor_angle_lag_ms(cells: Cells) -> str:
+    return f"{1e3 * abs(cells['certain_theta_m_lag_s']):.2g}"
+
+
+def ratio_to_file(cells: Cells) -> str:
+    """How many times the parameter file's value a component trial measures."""
+    for quantity in MEASURED_BY.values():
+        if f"{quantity}_ratio" in cells:
+            return significant(cells[f"{quantity}_ratio"], 3)
+    raise KeyError("the row has no ratio to the parameter file")
+
+
+def moment_effect_on_K(cells: Cells) -> str:
+    """What a wrong gain of the plate's moments may add to K [N*m/rad]."""
+    return significant(100 * cells["moment_error_half"] * cells["moment_K_per_percent"])
+
+
+def K_with_reflex(cells: Cells) -> str:
+    return (
+        f"with a reflex of {cells['reflex_gain']:.2g} N*m*s/rad, {cells['reflex_delay_ms']:.0f} ms"
+        f" late, K would be {cells['K_with_reflex']:.3g} ({cells['K_with_reflex_low']:.3g} to"
+        f" {cells['K_with_reflex_high']:.3g}) N*m/rad"
+    )
+
+
+def reflex_remedy(cells: Cells) -> str:
+    if "longer_window_s" not in cells:
+        return "record more crossings"
+    return f"set walking.window_s to {cells['longer_window_s']:g} if stance allows"
+
+
+def range_of_hidden_damping(cells: Cells) -> str:
+    """By how much a change of K with stance that is not seen would change B [N*m*s/rad], upwards,
+    whatever the sign of B per slope."""
+    ends = [cells[f"hidden_slope_{end}"] * cells["B_per_slope"] for end in ("low", "high")]
+    return f"{significant(min(ends))} to {significant(max(ends))}"
+
+
+COMPUTED: Mapping[str, Callable[[Cells], str]] = {
+    "late": lag_text,
+    "loop": energy_lost_by_lag,
+    "known": calibration_text,
+    "gap": damping_gap_text,
+    "like": reaction_text,
     "unknown_gains": unknown_gains,
-    "late_or_early": lambda facts: "late" if facts["certain_theta_m_lag_s"] > 0 else "early",
-    "theta_m_ms": lambda facts: f"{1e3 * abs(facts['certain_theta_m_lag_s']):.2g}",
-    "of_file": lambda facts: significant(
-        next(facts[f"{one}_ratio"] for one in MEASURED_BY.values() if f"{one}_ratio" in facts), 3
-    ),
-    "moment_short": lambda facts: significant(
-        100 * facts["moment_error_half"] * facts["moment_K_per_percent"]
-    ),
-    "with_reflex": lambda facts: (
-        f"with a reflex of {facts['reflex_gain']:.2g} N*m*s/rad, {facts['reflex_delay_ms']:.0f} ms"
-        f" late, K would be {facts['K_with_reflex']:.3g} ({facts['K_with_reflex_low']:.3g} to"
-        f" {facts['K_with_reflex_high']:.3g}) N*m/rad"
-    ),
-    "reflex_remedy": lambda facts: (
-        f"set walking.window_s to {facts['longer_window_s']:g} if stance allows"
-        if "longer_window_s" in facts
-        else "record more crossings"
-    ),
-    "slope_B": lambda facts: " to ".join(
-        map(
-            significant,
-            sorted(facts[f"hidden_slope_{end}"] * facts["B_per_slope"] for end in ("low", "high")),
-        )
-    ),
+    "late_or_early": motor_angle_direction,
+    "theta_m_ms": motor_angle_lag_ms,
+    "of_file": ratio_to_file,
+    "moment_short": moment_effect_on_K,
+    "with_reflex": K_with_reflex,
+    "reflex_remedy": reflex_remedy,
+    "slope_B": range_of_hidden_damping,
 }

@@ -3,25 +3,24 @@
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from osl_analysis.report.headlines import RANGE, numbers_said
+from osl_analysis.report.decimal_places import RANGE
+from osl_analysis.report.headlines import written_number
 
-WIDTH = 100
-"""Signs of a line."""
-MOST_FINDINGS = 5
-"""Lines on findings; with the others a run tells itself in ten."""
-OF_BENCH = (("K/K_d - 1", "K_bias"), ("|B - B_d|", "B_error"))
+WIDTH = 100  # signs of a line
+MOST_FINDINGS = 5  # lines on findings: with the others a run tells itself in ten
+ERRORS_OF_BENCH = {"K/K_d - 1": "K_bias", "|B - B_d|": "B_error"}
 """Errors of the bench, and how the names of their headline numbers begin; `_` and the controller
 follow where the sheet states one."""
-OF_EXAMPLE = (("K", "K_example"), ("B", "B_example"))
+ESTIMATES_OF_BENCH = {"K": "K_example", "B": "B_example"}
 """The same of one condition, where no K_d is stated."""
-WALKING = (("K", "walking_K"), ("B", "walking_B"))
+WALKING = {"K": "walking_K", "B": "walking_B"}
 UNCHECKED = "not checked"
 IN_PART = "doubtful in part"
-GRADES = {"doubtful": "⚠", IN_PART: "⚠", "flagged": "⚠", "remark": "·"}
+MARKS = {"doubtful": "⚠", IN_PART: "⚠", "flagged": "⚠", "remark": "·"}
 """Marks of findings by verdict. What could not be checked has one line in all."""
 OF_GROUPS = "walking_groups"
 """The table whose findings are on groups of trials, not on trials."""
-SIZES = (("K", "N*m/rad"), ("B", "N*m*s/rad"), ("I", "kg*m^2"))
+UNITS = {"K": "N*m/rad", "B": "N*m*s/rad", "I": "kg*m^2"}
 
 
 def brief_lines(summary: Mapping[str, Any]) -> list[str]:
@@ -39,12 +38,12 @@ def brief_lines(summary: Mapping[str, Any]) -> list[str]:
         B with intervals; each finding with its size in the worst trial and what to do.
     """
     findings = summary.get("findings", ())
-    told = [finding for finding in findings if finding["verdict"] in GRADES]
+    marked = [finding for finding in findings if finding["verdict"] in MARKS]
     unchecked = [finding for finding in findings if finding["verdict"] == UNCHECKED]
     lines = [trials_line(summary), *numbers_lines(summary["numbers"])]
-    lines += [finding_line(finding) for finding in told[:MOST_FINDINGS]]
-    if len(told) > MOST_FINDINGS:
-        lines.append(f"⚠ and {len(told) - MOST_FINDINGS} more, which the page lists")
+    lines += [finding_line(finding) for finding in marked[:MOST_FINDINGS]]
+    if len(marked) > MOST_FINDINGS:
+        lines.append(f"⚠ and {len(marked) - MOST_FINDINGS} more, which the page lists")
     if unchecked:
         lines.append(unchecked_line(unchecked))
     return [shortened(line) for line in lines]
@@ -56,89 +55,95 @@ def trials_line(summary: Mapping[str, Any]) -> str:
     for finding in summary.get("findings", ()):
         if finding["verdict"] in by_verdict and finding.get("table") != OF_GROUPS:
             by_verdict[finding["verdict"]].update(finding["trials"])
-    counted = set[str]()
+    not_clear: set[str] = set()
     parts = []
     for verdict, trials in by_verdict.items():
-        new = trials - counted
-        counted |= trials
-        if new:
-            parts.append(f"{len(new)} {verdict}")
+        further = trials - not_clear  # a trial counts with its worst verdict
+        not_clear |= trials
+        if further:
+            parts.append(f"{len(further)} {verdict}")
     experiments = summary.get("trials", {}).values()
     number = sum(counts["of"] for counts in experiments)
     left_out = sum(len(counts["missing"]) for counts in experiments)
     if left_out:
         parts.append(f"{left_out} refused or excluded")
-    clear = number - left_out - len(counted)
+    clear = number - left_out - len(not_clear)
     return f"{number} trials: {', '.join([f'{clear} clear', *parts])}"
 
 
 def numbers_lines(numbers: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
     """Errors of K and B by controller, and K and B of walking, with their intervals."""
-    has_errors = any(name.startswith(OF_BENCH[0][1]) for name in numbers)
-    symbols = OF_BENCH if has_errors else OF_EXAMPLE
-    first = symbols[0][1]
+    has_errors = any(name.startswith("K_bias") for name in numbers)
+    begins = ERRORS_OF_BENCH if has_errors else ESTIMATES_OF_BENCH
+    begin_of_K = next(iter(begins.values()))
     for name in numbers:
-        if name.startswith(first):
-            ending = name.removeprefix(first)
-            of_controller = [(symbol, begin + ending) for symbol, begin in symbols]
-            what = "bench" if ending in ("", "_no_controller") else ending.removeprefix("_")
-            yield numbers_line(what, of_controller, numbers)
+        if name.startswith(begin_of_K):
+            controller = name.removeprefix(begin_of_K)
+            names = {symbol: begin + controller for symbol, begin in begins.items()}
+            is_stated = controller not in ("", "_no_controller")
+            what = controller.removeprefix("_") if is_stated else "bench"
+            yield numbers_line(what, names, numbers)
     if "walking_K" in numbers:
         yield numbers_line("walking", WALKING, numbers)
 
 
 def numbers_line(
-    what: str, symbols: Sequence[tuple[str, str]], numbers: Mapping[str, Mapping[str, Any]]
+    what: str, names: Mapping[str, str], numbers: Mapping[str, Mapping[str, Any]]
 ) -> str:
-    parts, kinds = [], set[str]()
-    for symbol, name in symbols:
+    """Some headline numbers with their intervals; `names` has their keys by symbol."""
+    parts = []
+    kinds: set[str] = set()  # of the intervals
+    for symbol, name in names.items():
         if name not in numbers:
             continue
-        value, interval, _ = numbers_said(numbers[name])
-        part = f"{symbol} = {value} {numbers[name]['unit']}"
-        if interval:
-            part += f" ({interval})"
+        written = written_number(numbers[name])
+        part = f"{symbol} = {written.value} {numbers[name]['unit']}"
+        if written.interval:
+            part += f" ({written.interval})"
             kinds.add("by trial" if numbers[name]["interval"] == RANGE else "95 %")
         parts.append(part)
     return f"{what}: {', '.join(parts)} {' and '.join(sorted(kinds))}".rstrip()
 
 
 def finding_line(finding: Mapping[str, Any]) -> str:
-    """`⚠ friction: 16 of 32 impedance trials, B by up to 1.7 N*m*s/rad → use B without friction`.
+    """`⚠ friction: 16 of 32 impedance trials, B by up to 1.7 N*m*s/rad → report the viscous
+    damping`.
 
     Without the size where the line would be too long.
     """
-    of = finding["of"].partition(",")[0]
-    begin = f"{GRADES[finding['verdict']]} {finding['cause']}"
-    if finding["verdict"] == IN_PART:
-        begin += ", in some rows"
-    begin += f": {len(finding['trials'])}"
-    begin += f" of {finding['n']} {of}"
-    remedy = finding.get("brief", "")
-    if finding["verdict"] == IN_PART:
-        remedy = "leave out rows marked doubtful"
+    is_in_part = finding["verdict"] == IN_PART
+    cause = f"{finding['cause']}, in some rows" if is_in_part else finding["cause"]
+    kind, _, _ = finding["of"].partition(",")
+    counts = f"{len(finding['trials'])} of {finding['n']} {kind}"
+    problem = f"{MARKS[finding['verdict']]} {cause}: {counts}"
+    remedy = "leave out rows marked doubtful" if is_in_part else finding.get("brief", "")
     end = f" → {remedy}" if remedy else ""
-    size = size_said(finding)
-    line = f"{begin}, {size}{end}"
-    return line if size and len(line) <= WIDTH else f"{begin}{end}"
+    size = size_text(finding)
+    if not size:
+        return f"{problem}{end}"
+    line = f"{problem}, {size}{end}"
+    return line if len(line) <= WIDTH else f"{problem}{end}"
 
 
-def size_said(finding: Mapping[str, Any]) -> str:
+def size_text(finding: Mapping[str, Any]) -> str:
     """By how much the finding moves that estimate of the worst trial which it moves most, as a
     share of the estimate without it; K where no such estimate is known."""
-    largest, text = -1.0, ""
-    for symbol, unit in SIZES:
+    largest_share = -1.0
+    text = ""
+    for symbol, unit in UNITS.items():
         size = finding.get(f"{symbol}_size")
         if size is None:
             continue
         without = finding.get(f"{symbol}_without")
         share = size / abs(without) if without else 0.0
-        if share > largest:
-            largest, text = share, f"{symbol} by up to {size:.2g} {unit}"
+        if share > largest_share:
+            largest_share = share
+            text = f"{symbol} by up to {size:.2g} {unit}"
     return text
 
 
 def unchecked_line(findings: Sequence[Mapping[str, Any]]) -> str:
+    """The most frequent thing that could not be checked, and how many others there are."""
     causes = list(dict.fromkeys(finding["cause"] for finding in findings))
     if len(causes) == 1:
         return f"not checked: {causes[0]}"

@@ -5,11 +5,11 @@ import json
 import math
 import re
 import unicodedata
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from itertools import chain, count, product
+from itertools import count, product
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import polars as pl
@@ -17,9 +17,10 @@ import polars as pl
 from osl_analysis.campaign.origin import ABOUT_MACROS, ABOUT_MEANING, sentence
 from osl_analysis.errors import InputError
 from osl_analysis.judge.causes import doubts_of_result
-from osl_analysis.judge.exclusions import exclusion_said
+from osl_analysis.judge.exclusions import exclusion_text
 from osl_analysis.judge.words import printed
 from osl_analysis.model.compensator import CONTROLLERS
+from osl_analysis.report.decimal_places import COUNT, RANGE, fixed, places_of
 from osl_analysis.stats.repeats import (
     DOUBTFUL,
     RULE_OF_MEANS,
@@ -35,35 +36,74 @@ from osl_analysis.yaml_settings import read_mapping
 DRAFT_JOINT = "ankle"  # the joint whose numbers the draft prints
 # largest number of conditions, or of trials without a stated one, that the summary lists one by one
 MOST_UNSTATED = 8
+LONGEST_CONTROLLER = 32  # letters of its name in a macro
+
+STUDENT = "95 % of the mean (Student)"
+OF_CYCLES = "95 % of the mean of cycles (Student)"
+FOR_MOTION = "95 % for another motion of this kind"
+FEW = "95 % for a repetition of this motion"
+OF_NOISE = "95 % of this recording's noise"
+KIND_OF_FIT = {"repeats": FEW, "white noise": OF_NOISE}
+"""The interval of a fit by its `interval_method`; of any other it is `FOR_MOTION`."""
+BOOTSTRAP = "95 % (bootstrap)"
 
 
 @dataclass(frozen=True)
 class Headline:
-    """A number with its label; in `LABELS` only the label."""
+    """A number with its label; in `LABELS` only the label. The summary has the fields in this
+    order.
 
-    name: str  # its key in the summary
+    Attributes
+    ----------
+    name
+        Its key in the summary.
+    draft
+        The value that the paper's draft prints; None if it prints none.
+    macro
+        Its LaTeX macro without the prefix, letters only.
+    value, low, high
+        In `unit`; None where there is no interval.
+    interval
+        Kind of the interval; None if there is none.
+    n
+        Number of trials or fits behind the number.
+    sd
+        Standard deviation between the trials; None if unknown.
+    n_doubtful, n_left_out
+        Numbers of doubtful trials or fits among the candidates, and of those that are left out.
+    doubt
+        Why the number itself is doubtful; None if it is not, or not judged.
+    verdict
+        On the paper's claim about this number; None without a claim.
+    amplitudes_low, amplitudes_high
+        Lowest and highest result of the fits to single amplitudes; None if there are none.
+    of
+        Controller, group or joint, with which `meaning` ends; empty: all.
+    begins
+        Begin of the page's first sentence with this number; empty: there is none.
+    is_macro_only
+        Whether it stands in `numbers.tex` alone, as one of many conditions, which are in a table.
+    """
+
+    name: str
     unit: str
-    draft: float | None  # the value that the paper's draft prints; None if it prints none
-    macro: str  # its LaTeX macro without the prefix, letters only
+    draft: float | None
+    macro: str
     meaning: str
-    value: float = math.nan  # in `unit`
+    value: float = math.nan
     low: float | None = None
     high: float | None = None
-    interval: str | None = None  # kind of the interval; None if there is none
-    n: int = 0  # number of trials or fits behind the number
-    sd: float | None = None  # standard deviation between the trials; None if unknown
-    n_doubtful: int = 0  # number of doubtful trials or fits among the candidates
-    n_left_out: int = 0  # number of doubtful ones that are left out
-    doubt: str | None = None  # why the number itself is doubtful; None if it is not, or not judged
-    # verdict on the paper's claim about this number; None without a claim
+    interval: str | None = None
+    n: int = 0
+    sd: float | None = None
+    n_doubtful: int = 0
+    n_left_out: int = 0
+    doubt: str | None = None
     verdict: str | None = None
-    # lowest result of the fits to single amplitudes; None if there are none
     amplitudes_low: float | None = None
-    # highest result of the fits to single amplitudes; None if there are none
     amplitudes_high: float | None = None
-    of: str = ""  # controller, group or joint, with which `meaning` ends; empty: all
-    begins: str = ""  # begin of the page's first sentence with this number; empty: there is none
-    # whether it stands in `numbers.tex` alone, as one of many conditions, which are in a table
+    of: str = ""
+    begins: str = ""
     is_macro_only: bool = False
 
 
@@ -76,36 +116,45 @@ class Example:
     B_d: float | None = 5.0  # desired damping [N*m*s/rad]; None: not stated
     chosen: str = ""  # why this one, if the configuration does not name it
 
+    def stated(self) -> dict[str, float]:
+        """K_d and B_d, as far as they are stated."""
+        desired = {"K_d": self.K_d, "B_d": self.B_d}
+        return {name: value for name, value in desired.items() if value is not None}
+
     def meaning(self) -> str:
-        stated = [
-            f"{name} = {value:g}"
-            for name, value in (("K_d", self.K_d), ("B_d", self.B_d))
-            if value is not None
-        ]
+        stated = [f"{name} = {value:g}" for name, value in self.stated().items()]
         if not stated:
             return "as measured"
-        words = f"for {', '.join(stated)}"
-        return f"{words} (that of {self.chosen})" if self.chosen else words
+        meaning = f"for {', '.join(stated)}"
+        return f"{meaning} (that of {self.chosen})" if self.chosen else meaning
 
 
 ENTRIES: dict[str, Any] = read_mapping(Path(__file__).with_suffix(".yaml"))
 LABELS = {
-    table: {name: Headline(**one) for name, one in labels.items()}
+    table: {quantity: Headline(**fields) for quantity, fields in labels.items()}
     for table, labels in ENTRIES.items()
 }
 """The labels by table and quantity, in the order of the summary."""
 
 
+# Labels.
+
+
 def with_controller(
-    label: Headline, controller: str | None, example: Example, alone: bool = False
+    label: Headline, controller: str | None, example: Example, is_only: bool = False
 ) -> Headline:
-    """The label of one controller, which is not named if no trial states one (`alone`)."""
-    known, meaning = controller or "no controller", label.meaning.format(example=example.meaning())
-    name, macro = f"{label.name}_{known.replace(' ', '_')}", letters(known)[:32] + label.macro
-    of = controller or "controller not stated" * (not alone)
-    return replace(
-        label, name=name, macro=macro, meaning=", ".join(filter(None, [meaning, of])), of=of
+    """The label of one controller, which is not named if it is the only one and no trial states
+    it."""
+    controller_name = controller or "no controller"
+    named = replace(
+        label,
+        name=f"{label.name}_{controller_name.replace(' ', '_')}",
+        macro=letters(controller_name)[:LONGEST_CONTROLLER] + label.macro,
+        meaning=label.meaning.format(example=example.meaning()),
     )
+    if controller is None and is_only:
+        return named
+    return with_end(named, controller or "controller not stated")
 
 
 def of_group(number: Headline, group: str) -> Headline:
@@ -120,67 +169,54 @@ def of_group(number: Headline, group: str) -> Headline:
 
 
 def with_end(number: Headline, end: str) -> Headline:
-    return replace(
-        number, meaning=f"{number.meaning}, {end}", of=", ".join(filter(None, [number.of, end]))
-    )
+    """The number with an addition to its meaning."""
+    of = f"{number.of}, {end}" if number.of else end
+    return replace(number, meaning=f"{number.meaning}, {end}", of=of)
+
+
+DIGITS = ("Zero", "One", "Two", "Three", "Four", "Five", "Six", "Seven", "Eight", "Nine")
 
 
 def letters(text: str) -> str:
     """Text as Latin letters only, for a macro: `K_d 200, timing 41 %` gives
     `KdTwoZeroZeroTimingFourOne`."""
     plain = unicodedata.normalize("NFKD", text.replace("_", "")).encode("ascii", "ignore").decode()
-    digits = ("Zero", "One", "Two", "Three", "Four", "Five", "Six", "Seven", "Eight", "Nine")
-    words = re.findall(r"[A-Za-z]+|[0-9]", plain)
-    return (
-        "".join(
-            digits[int(word)] if word.isdigit() else word[0].upper() + word[1:] for word in words
-        )
-        or "Unnamed"
-    )
+    macro = ""
+    for word in re.findall(r"[A-Za-z]+|[0-9]", plain):
+        macro += DIGITS[int(word)] if word.isdigit() else word[0].upper() + word[1:]
+    return macro or "Unnamed"
 
 
 def all_labels() -> list[Headline]:
     """Every number that the summary of the draft's campaign can have, and those of a trial of
     torque against angle."""
-    found = []
-    for table, labels in LABELS.items():
-        for label in labels.values():
-            of_each = [with_controller(label, name, Example()) for name in CONTROLLERS]
-            found += of_each if table == "impedance" else [label]
-    return found
+    labels: list[Headline] = []
+    for table, by_quantity in LABELS.items():
+        for label in by_quantity.values():
+            if table == "impedance":
+                labels += [with_controller(label, name, Example()) for name in CONTROLLERS]
+            else:
+                labels.append(label)
+    return labels
 
 
-STUDENT = "95 % of the mean (Student)"
-FOR_MOTION = "95 % for another motion of this kind"
-FEW = "95 % for a repetition of this motion"
-OF_NOISE = "95 % of this recording's noise"
-KIND_OF_FIT = {"repeats": FEW, "white noise": OF_NOISE}
-"""The interval of a fit by its `interval_method`; of any other it is `FOR_MOTION`."""
-BOOTSTRAP = "95 % (bootstrap)"
-RANGE = "lowest to highest"
-COUNT = "count"
+# Numbers.
 
 
-def headline(
-    label: Headline,
-    value: float,
-    n: int,
-    low: float | None,
-    high: float | None,
-    kind: str,
-    **more: Any,
+def with_interval(
+    number: Headline, low: float | None, high: float | None, kind: str | None
 ) -> Headline:
-    """A number with `more` fields, without an interval where a bound is missing (a single trial has
-    no scatter)."""
-    number = replace(label, value=value, n=n, **more)
-    known = low is not None and high is not None and np.isfinite([low, high]).all()
-    return replace(number, low=low, high=high, interval=kind) if known else number
+    """A number with its interval, or without one where a bound is missing (a single trial has no
+    scatter)."""
+    if low is None or high is None or not np.isfinite([low, high]).all():
+        return number
+    return replace(number, low=low, high=high, interval=kind)
 
 
 def rule_of_means(numbers: Iterable[Mapping[str, Any]]) -> str:
     """The sentence on which doubtful trials a mean counts; empty where none is doubtful."""
-    is_doubtful = any(int(number.get("n_doubtful") or 0) for number in numbers)
-    return RULE_OF_MEANS if is_doubtful else ""
+    is_any_doubtful = any(int(number.get("n_doubtful") or 0) for number in numbers)
+    return RULE_OF_MEANS if is_any_doubtful else ""
 
 
 def over_fits(
@@ -190,17 +226,37 @@ def over_fits(
     candidates: pl.DataFrame | None = None,
     used: pl.DataFrame | None = None,
 ) -> list[Headline]:
-    """Mean or median of the finite values, with their range if there are several. Doubtful rows are
-    counted among the `candidates`, and those not in `used`. Empty without finite values."""
-    finite = values.drop_nulls().filter(values.drop_nulls().is_finite()).to_numpy()
+    """Summarise one number per fit.
+
+    Parameters
+    ----------
+    label : Headline
+    values : polars.Series
+        One per fit, in the unit of the label; those that are not finite do not count.
+    middle : Callable
+        Mean or median.
+    candidates : polars.DataFrame or None
+        Rows among which doubtful ones are counted; None: not judged.
+    used : polars.DataFrame or None
+        Rows that count; the others of `candidates` are left out.
+
+    Returns
+    -------
+    list of Headline
+        One number, with the range of the values if there are several; none without finite values.
+    """
+    not_null = values.drop_nulls()
+    finite = not_null.filter(not_null.is_finite()).to_numpy()
     if not len(finite):
         return []
-    low, high = (float(finite.min()), float(finite.max())) if len(finite) > 1 else (None, None)
-    more = {} if candidates is None else {"n_doubtful": doubtful_count(candidates)[0]}
-    more |= (
-        {} if candidates is None or used is None else {"n_left_out": len(candidates) - len(used)}
-    )
-    return [headline(label, float(middle(finite)), len(finite), low, high, RANGE, **more)]
+    number = replace(label, value=float(middle(finite)), n=len(finite))
+    if candidates is not None:
+        number = replace(number, n_doubtful=doubtful_count(candidates)[0])
+        if used is not None:
+            number = replace(number, n_left_out=len(candidates) - len(used))
+    if len(finite) > 1:
+        number = with_interval(number, float(finite.min()), float(finite.max()), RANGE)
+    return [number]
 
 
 def summary_means(
@@ -210,17 +266,24 @@ def summary_means(
     rows = {row["quantity"]: row for row in table.drop_nulls("mean").iter_rows(named=True)}
     numbers = []
     for quantity, label in labels.items():
-        if (row := rows.get(quantity)) is None:
+        if quantity not in rows:
             continue
-        n, mean, low, high = (row[column] for column in ("n", "mean", "low", "high"))
-        if not math.isfinite(mean):
+        row = rows[quantity]
+        if not math.isfinite(row["mean"]):
             raise InputError(
-                f"summary table: the mean of '{quantity}' is {mean}; look for a fit without a"
-                " result in its trials"
+                f"summary table: the mean of '{quantity}' is {row['mean']}; look for a fit without"
+                " a result in its trials"
             )
-        counts = {column: int(row.get(column) or 0) for column in ("n_doubtful", "n_left_out")}
-        more = counts | {"sd": row.get("sd"), "doubt": row.get("doubt") or None}
-        numbers.append(headline(label, mean, int(n), low, high, interval, **more))
+        number = replace(
+            label,
+            value=row["mean"],
+            n=int(row["n"]),
+            sd=row.get("sd"),
+            n_doubtful=int(row.get("n_doubtful") or 0),
+            n_left_out=int(row.get("n_left_out") or 0),
+            doubt=row.get("doubt") or None,
+        )
+        numbers.append(with_interval(number, row["low"], row["high"], interval))
     return numbers
 
 
@@ -228,90 +291,115 @@ def impedance_headlines(impedance: pl.DataFrame, example: Example) -> Iterator[H
     """The numbers of the rendered impedance by controller (None: without one), those of the draft
     first. For each condition they are means over its trials; the condition of Fig. 4 comes
     first."""
-    found = set(impedance["controller"])
-    others = sorted(found - {*CONTROLLERS, None})
-    for controller in (one for one in (*CONTROLLERS, *others, None) if one in found):
-        fits = impedance.filter(pl.col("controller").eq_missing(pl.lit(controller, pl.String)))
-        of_all = len(found) == 1
-        labels = {
-            key: with_controller(one, controller, example, of_all)
-            for key, one in LABELS["impedance"].items()
-        }
-        trials = fits.filter(pl.col("amplitude_deg").is_null())
-        alone = pl.len().over("trial") == 1 if "trial" in fits.columns else pl.lit(False)
-        is_single = pl.col("amplitude_deg").is_not_null() | alone
-        single = doubts_of_trials(fits).filter(is_single)
-        used, used_single = counted(trials), counted(fits).filter(is_single)
-        VAF = used_single["VAF"]
-        yield from over_fits(labels["VAF_median"], VAF, np.median, single, used_single)
-        yield from over_fits(labels["VAF_mean"], VAF, np.mean, single, used_single)
-        yield from over_fits(
-            labels["K_bias"], 100 * (used["K"] / used["K_d"] - 1), np.mean, trials, used
-        )
-        B, of_B = held_against_desired(used)["B"], labels["B_error"]
-        of_B = (
-            with_end(of_B, "B without friction where this is certain")
-            if used["B_viscous"].count()
-            else of_B
-        )
-        yield from over_fits(of_B, (B - used["B_d"]).abs(), np.mean, trials, used)
-        if "torque_error" in used.columns:
-            yield from over_fits(
-                labels["torque_error"], used["torque_error"], np.mean, trials, used
-            )
-        pairs = trials.drop_nulls("K_d").select("K_d", "B_d").unique().sort("K_d", "B_d").rows()
-        others = [Example(*pair) for pair in pairs if pair != (example.K_d, example.B_d)]
-        yield from numbers_of_condition(trials, example, controller, of_all, is_other=False)
-        are_many = len(others) >= MOST_UNSTATED
-        for condition in others:
-            numbers = numbers_of_condition(trials, condition, controller, of_all, is_other=True)
-            for number in numbers:
-                yield replace(number, is_macro_only=are_many)
+    present = set(impedance["controller"])
+    further = sorted(present - {*CONTROLLERS, None})
+    for controller in (*CONTROLLERS, *further, None):
+        if controller not in present:
+            continue
+        is_controller = pl.col("controller").eq_missing(pl.lit(controller, pl.String))
+        fits = impedance.filter(is_controller)
+        is_only = len(present) == 1
+        yield from errors_of_controller(fits, example, controller, is_only)
+        yield from numbers_of_conditions(fits, example, controller, is_only)
+
+
+def errors_of_controller(
+    fits: pl.DataFrame, example: Example, controller: str | None, is_only: bool
+) -> Iterator[Headline]:
+    """How well one controller renders what it was asked for, over its trials, and the VAF of fits
+    to single amplitudes, or to all of a trial with one amplitude."""
+    labels = {}
+    for quantity, label in LABELS["impedance"].items():
+        labels[quantity] = with_controller(label, controller, example, is_only)
+    is_of_whole = pl.col("amplitude_deg").is_null()
+    trials = fits.filter(is_of_whole)
+    has_one_fit = pl.lit(False)
+    if "trial" in fits.columns:
+        has_one_fit = pl.len().over("trial") == 1
+    is_single = ~is_of_whole | has_one_fit
+    single = doubts_of_trials(fits).filter(is_single)
+    used = counted(trials)
+    used_single = counted(fits).filter(is_single)
+    VAF = used_single["VAF"]
+    yield from over_fits(labels["VAF_median"], VAF, np.median, single, used_single)
+    yield from over_fits(labels["VAF_mean"], VAF, np.mean, single, used_single)
+    K_bias_percent = 100 * (used["K"] / used["K_d"] - 1)
+    yield from over_fits(labels["K_bias"], K_bias_percent, np.mean, trials, used)
+    label_of_B = labels["B_error"]
+    if used["B_viscous"].count():
+        label_of_B = with_end(label_of_B, "viscous where friction is certain")
+    B_error = (held_against_desired(used)["B"] - used["B_d"]).abs()
+    yield from over_fits(label_of_B, B_error, np.mean, trials, used)
+    if "torque_error" in used.columns:
+        yield from over_fits(labels["torque_error"], used["torque_error"], np.mean, trials, used)
+
+
+def numbers_of_conditions(
+    fits: pl.DataFrame, example: Example, controller: str | None, is_only: bool
+) -> Iterator[Headline]:
+    """The estimates of each desired impedance of one controller, the `example` first."""
+    trials = fits.filter(pl.col("amplitude_deg").is_null())
+    yield from numbers_of_condition(trials, example, controller, is_only, is_other=False)
+    desired = trials.drop_nulls("K_d").select("K_d", "B_d").unique().sort("K_d", "B_d")
+    others = []
+    for K_d, B_d in desired.rows():
+        if (K_d, B_d) != (example.K_d, example.B_d):
+            others.append(Example(K_d, B_d))
+    are_many = len(others) >= MOST_UNSTATED
+    for condition in others:
+        numbers = numbers_of_condition(trials, condition, controller, is_only, is_other=True)
+        for number in numbers:
+            yield replace(number, is_macro_only=are_many)
+
+
+ESTIMATES_OF_CONDITION = ("K", "B", "I", "B_viscous", "f_C")
 
 
 def numbers_of_condition(
-    trials: pl.DataFrame, example: Example, controller: str | None, alone: bool, is_other: bool
+    trials: pl.DataFrame, example: Example, controller: str | None, is_only: bool, is_other: bool
 ) -> Iterator[Headline]:
     """K, B, I and friction of the trials of one desired impedance. It is named if it `is_other`
     than that of Fig. 4. Without a desired impedance, trials are listed one by one."""
-    asked = {"K_d": example.K_d, "B_d": example.B_d}
-    shown = trials.filter(
-        pl.col(name).eq_missing(pl.lit(value, pl.Float64)) for name, value in asked.items()
-    )
+    has_K_d = pl.col("K_d").eq_missing(pl.lit(example.K_d, pl.Float64))
+    has_B_d = pl.col("B_d").eq_missing(pl.lit(example.B_d, pl.Float64))
+    shown = trials.filter(has_K_d, has_B_d)
     # trials that nobody stated to be alike have no common mean, unless they repeat one another
-    unstated = example.K_d is None and len(shown) > 1
-    repeated = repeating_trials(shown) if unstated else pl.lit("all")
+    is_unstated = example.K_d is None and len(shown) > 1
+    repeated = repeating_trials(shown) if is_unstated else pl.lit("all")
     parts = shown.with_columns(repeated=repeated).partition_by("repeated", maintain_order=True)
-    for part, symbol in product(
-        parts if len(parts) <= MOST_UNSTATED else (), ("K", "B", "I", "B_viscous", "f_C")
-    ):
-        having, its = part.drop_nulls(symbol), counted(part).drop_nulls(symbol)
-        label = with_controller(
-            LABELS["impedance"][f"{symbol}_example"], controller, example, alone
-        )
+    if len(parts) > MOST_UNSTATED:
+        return
+    for part, symbol in product(parts, ESTIMATES_OF_CONDITION):
+        candidates = part.drop_nulls(symbol)
+        used = counted(part).drop_nulls(symbol)
+        label = LABELS["impedance"][f"{symbol}_example"]
+        label = with_controller(label, controller, example, is_only)
         if is_other:
-            said = ", ".join(
-                f"{name} {value:g}" for name, value in asked.items() if value is not None
-            )
-            label = replace(of_group(label, said), meaning=label.meaning)
-        label = of_group(label, its["trial"][0] if unstated and len(its) else "all")
-        label = (
-            with_end(label, f"mean with {len(its) - 1} that repeat it")
-            if unstated and len(its) > 1
-            else label
-        )
-        if len(having) != 1:
-            yield from over_fits(label, its[symbol], np.mean, having, its)
-            continue
-        row = having.row(0, named=True)
-        kind = KIND_OF_FIT.get(row["interval_method"], FOR_MOTION)
-        more = {
-            f"amplitudes_{end}": row.get(f"{symbol}_amplitudes_{end}") for end in ("low", "high")
-        }
-        more["n_doubtful"] = doubtful_count(having)[0]
-        yield headline(
-            label, row[symbol], 1, row[f"{symbol}_low"], row[f"{symbol}_high"], kind, **more
-        )
+            stated = [f"{name} {value:g}" for name, value in example.stated().items()]
+            label = replace(of_group(label, ", ".join(stated)), meaning=label.meaning)
+        if is_unstated and len(used):
+            label = of_group(label, used["trial"][0])
+        if is_unstated and len(used) > 1:
+            label = with_end(label, f"mean with {len(used) - 1} that repeat it")
+        if len(candidates) == 1:
+            yield number_of_trial(label, candidates, symbol)
+        else:
+            yield from over_fits(label, used[symbol], np.mean, candidates, used)
+
+
+def number_of_trial(label: Headline, trial: pl.DataFrame, symbol: str) -> Headline:
+    """An estimate of the only trial of a condition, with its own interval."""
+    row = trial.row(0, named=True)
+    number = replace(
+        label,
+        value=row[symbol],
+        n=1,
+        n_doubtful=doubtful_count(trial)[0],
+        amplitudes_low=row.get(f"{symbol}_amplitudes_low"),
+        amplitudes_high=row.get(f"{symbol}_amplitudes_high"),
+    )
+    kind = KIND_OF_FIT.get(row["interval_method"], FOR_MOTION)
+    return with_interval(number, row[f"{symbol}_low"], row[f"{symbol}_high"], kind)
 
 
 # its bias decreases with the number of crossings, unlike that of the mean of fits
@@ -323,52 +411,14 @@ def numbers_of(name: str, table: pl.DataFrame, example: Example) -> Iterator[Hea
     labels = LABELS[name]
     if name == "impedance":
         yield from impedance_headlines(table, example)
-    elif name == "torque_angle":  # trial by trial
-        kind = "95 % of the mean of cycles (Student)" if name == "torque_angle" else FOR_MOTION
-        for row in table.drop_nulls([*labels]).iter_rows(named=True):
-            for quantity, label in labels.items():
-                ends = row[f"{quantity}_low"], row[f"{quantity}_high"]
-                number = headline(label, row[quantity], int(row.get("cycles", 1)), *ends, kind)
-                doubt = doubts_of_result(row[DOUBTFUL] or "", quantity)
-                yield replace(of_group(number, row["trial"]), doubt=doubt or None)
+    elif name == "torque_angle":
+        yield from torque_angle_headlines(table)
     elif name == "walking_summary":
-        for rows in table.filter(pl.col("mean").is_not_null()).partition_by(
-            "group", maintain_order=True
-        ):
-            for estimator, its in (
-                (HEADLINE_ESTIMATOR, labels),
-                ("up minus down", LABELS["walking_symmetry"]),
-            ):
-                for number in summary_means(
-                    rows.filter(pl.col("estimator") == estimator), its, BOOTSTRAP
-                ):
-                    yield of_group(number, rows["group"][0])
+        yield from walking_headlines(table)
     elif name == "claims":
-        for row in (
-            (known := table.filter(pl.col("subject").is_null()))
-            .drop_nulls("value")
-            .iter_rows(named=True)
-        ):
-            meaning = f"{row['claim']}, {row['quantity']}"
-            label = Headline(
-                row["name"], row["unit"], None, letters(row["name"].replace("_", " ")), meaning
-            )
-            where = ", ".join(filter(None, [row["joint"], row["side"]]))
-            label = of_group(label, where) if len(known.filter(name=row["name"])) > 1 else label
-            number = headline(
-                label, row["value"], int(row["n"] or 0), row["low"], row["high"], row["interval"]
-            )
-            yield replace(number, verdict=row["verdict"], interval=row["interval"])
+        yield from claim_headlines(table)
     elif name == "prediction":
-        made = table.filter(pl.col("VAF").is_not_null())
-        yield from over_fits(labels["VAF"], made["VAF"], np.median, made)
-        better = replace(
-            labels["better"], value=float((made["VAF"] > made["VAF_fitted"]).sum()), interval=COUNT
-        )
-        yield from [replace(better, n=len(made))] * bool(len(made))
-        off = {symbol: (made[symbol] - made[f"{symbol}_measured"]).abs() for symbol in "KB"}
-        yield from over_fits(labels["K"], 100 * off["K"] / made["K_measured"].abs(), np.median)
-        yield from over_fits(labels["B"], off["B"], np.median)
+        yield from prediction_headlines(table)
     elif name == "transmission":
         whole = table.filter(pl.col("amplitude_deg").is_null())
         yield from over_fits(labels["VAF"], whole["VAF"], np.mean, whole)
@@ -378,77 +428,183 @@ def numbers_of(name: str, table: pl.DataFrame, example: Example) -> Iterator[Hea
         yield from summary_means(table, labels)
 
 
+def torque_angle_headlines(table: pl.DataFrame) -> Iterator[Headline]:
+    """Stiffness and energies of each trial of torque against angle."""
+    labels = LABELS["torque_angle"]
+    for row in table.drop_nulls(list(labels)).iter_rows(named=True):
+        for quantity, label in labels.items():
+            doubt = doubts_of_result(row[DOUBTFUL] or "", quantity)
+            number = replace(
+                of_group(label, row["trial"]),
+                value=row[quantity],
+                n=int(row.get("cycles", 1)),
+                doubt=doubt or None,
+            )
+            yield with_interval(number, row[f"{quantity}_low"], row[f"{quantity}_high"], OF_CYCLES)
+
+
+def walking_headlines(table: pl.DataFrame) -> Iterator[Headline]:
+    """K, B and I of each group of crossings, and by how much turns up differ from turns down."""
+    labels_of_estimator = {
+        HEADLINE_ESTIMATOR: LABELS["walking_summary"],
+        "up minus down": LABELS["walking_symmetry"],
+    }
+    with_mean = table.filter(pl.col("mean").is_not_null())
+    for rows in with_mean.partition_by("group", maintain_order=True):
+        for estimator, labels in labels_of_estimator.items():
+            of_estimator = rows.filter(pl.col("estimator") == estimator)
+            for number in summary_means(of_estimator, labels, BOOTSTRAP):
+                yield of_group(number, rows["group"][0])
+
+
+def claim_headlines(table: pl.DataFrame) -> Iterator[Headline]:
+    """The claims on the campaign, each with its verdict; those on single trials are in
+    `claims.csv`."""
+    claims = table.filter(pl.col("subject").is_null())
+    for row in claims.drop_nulls("value").iter_rows(named=True):
+        label = Headline(
+            name=row["name"],
+            unit=row["unit"],
+            draft=None,
+            macro=letters(row["name"].replace("_", " ")),
+            meaning=f"{row['claim']}, {row['quantity']}",
+        )
+        if len(claims.filter(name=row["name"])) > 1:
+            label = of_group(label, place_text(row["joint"], row["side"]))
+        number = replace(
+            label,
+            value=row["value"],
+            n=int(row["n"] or 0),
+            verdict=row["verdict"],
+            interval=row["interval"],
+        )
+        yield with_interval(number, row["low"], row["high"], row["interval"])
+
+
+def prediction_headlines(table: pl.DataFrame) -> Iterator[Headline]:
+    """How well the components predict the trials' torque, K and B."""
+    labels = LABELS["prediction"]
+    predicted = table.filter(pl.col("VAF").is_not_null())
+    if predicted.is_empty():
+        return
+    yield from over_fits(labels["VAF"], predicted["VAF"], np.median, predicted)
+    better = float((predicted["VAF"] > predicted["VAF_fitted"]).sum())
+    yield replace(labels["better"], value=better, interval=COUNT, n=len(predicted))
+    K_error = (predicted["K"] - predicted["K_measured"]).abs()
+    K_error_percent = 100 * K_error / predicted["K_measured"].abs()
+    yield from over_fits(labels["K"], K_error_percent, np.median)
+    B_error = (predicted["B"] - predicted["B_measured"]).abs()
+    yield from over_fits(labels["B"], B_error, np.median)
+
+
+def place_text(joint: str | None, side: str | None) -> str:
+    return ", ".join(filter(None, [joint, side]))
+
+
 def placed_numbers(name: str, table: pl.DataFrame, example: Example) -> Iterator[Headline]:
     """The numbers of one table; on the bench by joint and side, if these differ. The draft's joint
     is an ankle."""
     places = ("joint", "side")
-    if name == "claims" or name.startswith("walking") or not set(places) <= set(table.columns):
+    is_of_bench = name != "claims" and not name.startswith("walking")
+    if not is_of_bench or not set(places) <= set(table.columns):
         yield from numbers_of(name, table, example)
         return
     parts = table.partition_by(places, maintain_order=True)
     for part in parts:
         joint, side = part.select(places).row(0)
-        where = ", ".join(filter(None, [joint or DRAFT_JOINT, side]))
+        joint = joint or DRAFT_JOINT
+        place = place_text(joint, side)
         for number in numbers_of(name, part, example):
-            alone = with_end(number, where) if where != DRAFT_JOINT else number
-            named = of_group(number, where) if len(parts) > 1 else alone
-            yield replace(
-                named, draft=number.draft if (joint or DRAFT_JOINT) == DRAFT_JOINT else None
-            )
+            draft = number.draft if joint == DRAFT_JOINT else None
+            if len(parts) > 1:
+                number = of_group(number, place)
+            elif place != DRAFT_JOINT:
+                number = with_end(number, place)
+            yield replace(number, draft=draft)
 
 
 def headline_numbers(
     tables: Mapping[str, pl.DataFrame], example: Example | None = None, beside_draft: bool = True
 ) -> list[Headline]:
-    """Headline numbers of a campaign, from its `tables` by name and the `example` of Fig. 4. Those
-    of the draft are None unless `beside_draft`. Names and macros are unique: macros have only
-    letters, so of `PD 1` and `PD-1` the second becomes `PDOneB`. Raises InputError: a summary table
-    has no finite mean for a quantity that it lists."""
-    own = (
-        placed_numbers(name, tables[name], example or Example())
-        for name in LABELS
-        if name in tables
-    )
-    names, macros, found = set[str](), set[str](ABOUT_MACROS.values()), []
-    for number in chain.from_iterable(own):
-        name = next(
-            free
-            for k in count(1)
-            if (free := number.name + (f" ({k})" if k > 1 else "")) not in names
-        )
-        tried = ([number.macro + "B" * k + ending for ending in ENDINGS] for k in count())
-        free_macros = next(free for free in tried if macros.isdisjoint(free))
-        names.add(name)
-        macros.update(free_macros)
-        found.append(
-            replace(
-                number,
-                name=name,
-                macro=free_macros[0],
-                draft=number.draft if beside_draft else None,
-            )
-        )
-    return found
+    """Compute the headline numbers of a campaign.
+
+    Parameters
+    ----------
+    tables : Mapping of str to polars.DataFrame
+        Its result tables, by name.
+    example : Example or None
+        The desired impedance of Fig. 4; None: that of the draft.
+    beside_draft : bool
+        Whether the numbers of the draft stand beside them.
+
+    Returns
+    -------
+    list of Headline
+        Names and macros are unique: macros have only letters, so of `PD 1` and `PD-1` the second
+        becomes `PDOneB`.
+
+    Raises
+    ------
+    InputError
+        A summary table has no finite mean for a quantity that it lists.
+    """
+    names: set[str] = set()
+    macros = set(ABOUT_MACROS.values())
+    numbers: list[Headline] = []
+    for table in LABELS:
+        if table not in tables:
+            continue
+        for number in placed_numbers(table, tables[table], example or Example()):
+            name = free_name(number.name, names)
+            macro = free_macro(number.macro, macros)
+            names.add(name)
+            macros.update(macros_of(macro))
+            draft = number.draft if beside_draft else None
+            numbers.append(replace(number, name=name, macro=macro, draft=draft))
+    return numbers
+
+
+# endings of the macros of a number
+ENDINGS = ("", "Low", "High", "AmplitudesLow", "AmplitudesHigh", "Verdict")
+
+
+def free_name(name: str, taken: Collection[str]) -> str:
+    """The name, with a number if it is taken."""
+    if name not in taken:
+        return name
+    return next(f"{name} ({k})" for k in count(2) if f"{name} ({k})" not in taken)
+
+
+def macros_of(macro: str) -> list[str]:
+    """All macros of a number."""
+    return [macro + ending for ending in ENDINGS]
+
+
+def free_macro(macro: str, taken: set[str]) -> str:
+    """The macro, with as many letters B at its end as make all of its macros new."""
+    while not taken.isdisjoint(macros_of(macro)):
+        macro += "B"
+    return macro
 
 
 def hold_bench_errors(tables: Mapping[str, pl.DataFrame]) -> bool | None:
     """Whether the intervals of the result tables include the stated errors of the bench; None
     without a bench."""
-    shared = [
-        table[name].max()
-        for table in tables.values()
-        for name in table.columns
-        if name.endswith("_se_bench")
-    ]
-    return any(shared) if shared else None
+    largest_errors = []
+    for table in tables.values():
+        for name in table.columns:
+            if name.endswith("_se_bench"):
+                largest_errors.append(table[name].max())
+    return any(largest_errors) if largest_errors else None
 
 
-def intervals_said(tables: Mapping[str, pl.DataFrame]) -> str:
+def intervals_text(tables: Mapping[str, pl.DataFrame]) -> str:
     """A text on which errors of calibration the intervals of a bench's tables include; empty
     without a bench."""
-    if (held := hold_bench_errors(tables)) is None:
+    are_included = hold_bench_errors(tables)
+    if are_included is None:
         return ""
-    if held:
+    if are_included:
         return (
             "Intervals on the bench contain what is stated of its errors; differences within the"
             " campaign have none."
@@ -458,10 +614,6 @@ def intervals_said(tables: Mapping[str, pl.DataFrame]) -> str:
         " that all of its trials share (gains, alignment, hysteresis, delay) are not in them until"
         " `calibration` states them in the configuration."
     )
-
-
-# endings of the macros of a number
-ENDINGS = ("", "Low", "High", "AmplitudesLow", "AmplitudesHigh", "Verdict")
 
 
 # The trials behind the numbers.
@@ -474,16 +626,13 @@ def used_and_missing(
     excluded in the sheet."""
     reasons: dict[str, str] = {}
     for row in excluded.filter(pl.col("check") != "sample sheet").iter_rows(named=True):
-        reasons.setdefault(row["trial"], exclusion_said(row))
-    found = {}
+        reasons.setdefault(row["trial"], exclusion_text(row))
+    by_experiment: dict[str, dict[str, Any]] = {}
     for experiment, names in trials.items():
         missing = {name: reasons[name] for name in names if name in reasons}
-        found[experiment] = {
-            "used": len(names) - len(missing),
-            "of": len(names),
-            "missing": missing,
-        }
-    return found
+        used = len(names) - len(missing)
+        by_experiment[experiment] = {"used": used, "of": len(names), "missing": missing}
+    return by_experiment
 
 
 def missing_lines(content: Mapping[str, Any], reasons: bool) -> list[str]:
@@ -491,15 +640,16 @@ def missing_lines(content: Mapping[str, Any], reasons: bool) -> list[str]:
     result."""
     lines = []
     for experiment, counts in content.get("trials", {}).items():
-        if counts["missing"]:
-            named = [
-                f"{trial} ({why})" if reasons else trial for trial, why in counts["missing"].items()
-            ]
-            lines.append(
-                f"{counts['used']} of {counts['of']} {experiment} trials; without"
-                f" {', '.join(named)}"
-            )
-    return lines + [f"no {file}: {why}" for file, why in content.get("missing_results", {}).items()]
+        if not counts["missing"]:
+            continue
+        trials = list(counts["missing"])
+        if reasons:
+            trials = [f"{trial} ({reason})" for trial, reason in counts["missing"].items()]
+        used = f"{counts['used']} of {counts['of']} {experiment} trials"
+        lines.append(f"{used}; without {', '.join(trials)}")
+    for file, reason in content.get("missing_results", {}).items():
+        lines.append(f"no {file}: {reason}")
+    return lines
 
 
 # How they are written.
@@ -520,11 +670,26 @@ def to_json(
     headlines: Sequence[Headline],
     missing: Mapping[str, Any] | None = None,
 ) -> str:
-    """The numbers' origin, the `missing` trials and results, and an object per number in full
-    precision. Null if there is no interval, or no value of the draft."""
-    numbers = {number.name: asdict(number) for number in headlines if not number.is_macro_only}
-    for number in numbers.values():
-        del number["name"], number["macro"], number["is_macro_only"]
+    """Write a summary as JSON.
+
+    Parameters
+    ----------
+    about : Mapping of str to str
+        What the numbers are made of.
+    headlines : Sequence of Headline
+        Each becomes an object in full precision; null if there is no interval, or no value of the
+        draft.
+    missing : Mapping or None
+        What else the summary has, such as the missing trials and results.
+    """
+    numbers: dict[str, dict[str, Any]] = {}
+    for headline in headlines:
+        if headline.is_macro_only:
+            continue
+        fields = asdict(headline)
+        for name in ("name", "macro", "is_macro_only"):
+            del fields[name]
+        numbers[headline.name] = fields
     content = {**about, **(missing or {}), "numbers": numbers}
     return json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
@@ -532,41 +697,80 @@ def to_json(
 def to_tex(
     about: Mapping[str, str], headlines: Sequence[Headline], remarks: Sequence[str] = ()
 ) -> str:
-    r"""Macros such as `\oslBeltStiffness`, with `Low` and `High` where there is an interval,
-    rounded, without unit; `\oslData`, `\oslCampaign` ... say what the numbers are made of. Each
-    line ends in a comment, so that reading the file puts no space into the text. `remarks` are
-    comments too."""
+    r"""Write headline numbers as LaTeX macros such as `\oslBeltStiffness`, rounded, without unit.
+
+    Parameters
+    ----------
+    about : Mapping of str to str
+        What the numbers are made of: `\oslData`, `\oslCampaign` ...
+    headlines : Sequence of Headline
+        `Low` and `High` are added where there is an interval.
+    remarks : Sequence of str
+        Comments at the begin.
+
+    Returns
+    -------
+    str
+        Each line ends in a comment, so that reading the file puts no space into the text.
+    """
     lines = [
         f"% {sentence(about)}",
         "% Headline numbers by osl-analysis; \\input this file and use the macros.",
     ]
     lines += [f"% {remark}" for remark in remarks]
     for name, value in about.items():
-        text = in_latex(value)
-        lines.append(f"\\newcommand{{\\osl{ABOUT_MACROS[name]}}}{{{text}}}% {ABOUT_MEANING[name]}")
-    for h in headlines:
-        digits, finer = digits_of(h.value, h.low, h.high, *rounded_by(asdict(h)))
-        remark = f", n = {trials_text(asdict(h))}" if h.n_doubtful or h.doubt else ""
-        ends = (
-            (h.value, digits, f"{h.unit}, {h.meaning}{remark}"),
-            (h.low, finer, f"low end: {h.interval}"),
-            (h.high, finer, f"high end: {h.interval}"),
-            (h.amplitudes_low, digits, "lowest of the fits to single amplitudes"),
-            (h.amplitudes_high, digits, "highest of the fits to single amplitudes"),
-        )
-        for suffix, (number, its, comment) in zip(ENDINGS[:-1], ends, strict=True):
-            if number is None:
-                continue
-            # read the same in text and in mathematics: with a true minus, small ones with a power
-            # of ten
-            text, _, power = fixed(number, its).partition("e")
-            text += rf"\times 10^{{{int(power)}}}" if power else ""
-            if power or text.startswith("-"):
-                text = rf"\ensuremath{{{text}}}"
-            lines.append(f"\\newcommand{{\\osl{h.macro}{suffix}}}{{{text}}}% {comment}")
-        if h.verdict:
-            lines.append(f"\\newcommand{{\\osl{h.macro}Verdict}}{{{h.verdict}}}% verdict")
+        lines.append(tex_macro(ABOUT_MACROS[name], in_latex(value), ABOUT_MEANING[name]))
+    for headline in headlines:
+        lines += tex_macros(headline)
     return "\n".join(lines) + "\n"
+
+
+def tex_macros(headline: Headline) -> list[str]:
+    """The macros of one number: its value, the ends of its interval and of the fits to single
+    amplitudes, its verdict."""
+    fields = asdict(headline)
+    places = places_of(fields)
+    comment = f"{headline.unit}, {headline.meaning}"
+    if headline.n_doubtful or headline.doubt:
+        comment += f", n = {trials_text(fields)}"
+    kind = headline.interval
+    numbers = {
+        "": (headline.value, places.value, comment),
+        "Low": (headline.low, places.ends, f"low end: {kind}"),
+        "High": (headline.high, places.ends, f"high end: {kind}"),
+        "AmplitudesLow": (
+            headline.amplitudes_low,
+            places.value,
+            "lowest of the fits to single amplitudes",
+        ),
+        "AmplitudesHigh": (
+            headline.amplitudes_high,
+            places.value,
+            "highest of the fits to single amplitudes",
+        ),
+    }
+    lines = []
+    for ending, (number, digits, remark) in numbers.items():
+        if number is not None:
+            lines.append(tex_macro(f"{headline.macro}{ending}", tex_number(number, digits), remark))
+    if headline.verdict:
+        lines.append(tex_macro(f"{headline.macro}Verdict", headline.verdict, "verdict"))
+    return lines
+
+
+def tex_macro(name: str, text: str, comment: str) -> str:
+    return f"\\newcommand{{\\osl{name}}}{{{text}}}% {comment}"
+
+
+def tex_number(number: float, digits: int) -> str:
+    """A rounded number that reads the same in text and in mathematics: with a true minus, small
+    ones with a power of ten."""
+    text, _, power = fixed(number, digits).partition("e")
+    if power:
+        text += rf"\times 10^{{{int(power)}}}"
+    if power or text.startswith("-"):
+        text = rf"\ensuremath{{{text}}}"
+    return text
 
 
 def to_table(numbers: Mapping[str, Mapping[str, Any]], markdown: bool) -> str:
@@ -575,88 +779,117 @@ def to_table(numbers: Mapping[str, Mapping[str, Any]], markdown: bool) -> str:
     rows: list[tuple[str, ...]] = [("quantity", "value", "interval", "n", "draft")]
     beside_draft = any(number["draft"] is not None for number in numbers.values())
     for number in numbers.values():
-        value, interval, single = numbers_said(number)
-        interval += f", {number['interval']}" * bool(
-            interval
-        ) + f"; single amplitudes {single}" * bool(single)
-        interval += (
-            f"{'; ' if interval else ''}{number['verdict']}" if number.get("verdict") else ""
-        )
+        written = written_number(number)
+        interval = ""
+        if written.interval:
+            interval = f"{written.interval}, {number['interval']}"
+        if written.single_amplitudes:
+            interval += f"; single amplitudes {written.single_amplitudes}"
+        if number.get("verdict"):
+            interval += f"{'; ' if interval else ''}{number['verdict']}"
         draft = "" if number["draft"] is None else f"{number['draft']:g}"
-        rows.append(
-            (number["meaning"], f"{value} {number['unit']}", interval, trials_text(number), draft)
-        )
-    rows = rows if beside_draft else [row[:-1] for row in rows]
+        value = f"{written.value} {number['unit']}"
+        rows.append((number["meaning"], value, interval, trials_text(number), draft))
+    if not beside_draft:
+        rows = [row[:-1] for row in rows]
     return markdown_table(rows) if markdown else aligned(rows)
 
 
 def markdown_table(rows: Sequence[Sequence[str]]) -> str:
     """Rows as a table in Markdown; the first row is the head."""
-    lines = [rows[0], ["---"] * len(rows[0]), *rows[1:]]
-    return "".join(
-        "| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |\n" for line in lines
-    )
+    text = ""
+    for cells in (rows[0], ["---"] * len(rows[0]), *rows[1:]):
+        escaped = [cell.replace("|", "\\|") for cell in cells]
+        text += f"| {' | '.join(escaped)} |\n"
+    return text
 
 
 def aligned(rows: Sequence[Sequence[str]]) -> str:
     """Rows with the same number of cells as lines with aligned columns."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    padded = (
-        "  ".join(cell.ljust(width) for cell, width in zip(cells, widths, strict=True))
-        for cells in rows
-    )
-    return "".join(f"{line.rstrip()}\n" for line in padded)
+    text = ""
+    for cells in rows:
+        padded = [cell.ljust(width) for cell, width in zip(cells, widths, strict=True)]
+        text += f"{'  '.join(padded).rstrip()}\n"
+    return text
 
 
-def numbers_said(number: Mapping[str, Any]) -> tuple[str, str, str]:
-    """A number, its interval and the range over single amplitudes; these are empty where there is
-    none."""
-    digits, finer = digits_of(number["value"], number["low"], number["high"], *rounded_by(number))
-    parts = []
-    for low, high, its in (
-        (number["low"], number["high"], finer),
-        (number.get("amplitudes_low"), number.get("amplitudes_high"), digits),
-    ):
-        parts.append(
-            "" if low is None or high is None else f"{fixed(low, its)} to {fixed(high, its)}"
-        )
-    return fixed(number["value"], digits), parts[0], parts[1]
+class WrittenNumber(NamedTuple):
+    """A rounded number as text."""
+
+    value: str
+    interval: str  # as `1 to 2`; empty: there is none
+    single_amplitudes: str  # the range over single amplitudes; empty: there is none
 
 
-def first_said(numbers: Sequence[Mapping[str, Any]], most: int = 3) -> list[str]:
-    """A sentence per `begins`, with each number and its `of`; of more than `most` numbers, only the
-    two extremes."""
-    found = dict[str, list[dict[str, Any]]]()
+def written_number(number: Mapping[str, Any]) -> WrittenNumber:
+    """Write a number of a summary with as many digits as its interval allows."""
+    places = places_of(number)
+    interval = range_text(number["low"], number["high"], places.ends)
+    single = range_text(number.get("amplitudes_low"), number.get("amplitudes_high"), places.value)
+    return WrittenNumber(fixed(number["value"], places.value), interval, single)
+
+
+def range_text(low: float | None, high: float | None, digits: int) -> str:
+    if low is None or high is None:
+        return ""
+    return f"{fixed(low, digits)} to {fixed(high, digits)}"
+
+
+MOST_IN_SENTENCE = 3  # numbers; of more only the two extremes are written
+
+
+def first_sentences(numbers: Sequence[Mapping[str, Any]]) -> list[str]:
+    """A sentence per `begins`, with each number and its `of`; of many numbers, only the two
+    extremes."""
+    by_begin: dict[str, list[Mapping[str, Any]]] = {}
     for number in numbers:
         if number["begins"]:
-            found.setdefault(number["begins"], []).append({**number, **said_number(number)})
-    said = []
-    for begins, every in found.items():
-        few = len(every) <= most
-        own = (
-            every
-            if few
-            else [pick(every, key=lambda one: float(one["value"])) for pick in (min, max)]
-        )
-        parts = []
-        for one in own:
-            ends = f"{one['interval']} {one['ends']}" if one["interval"] == RANGE else one["ends"]
-            more = "; ".join(filter(None, [one["of"], ends, f"n = {one['behind']}"]))
-            parts.append(f"{one['text']}\N{NO-BREAK SPACE}{one['unit']} ({more})")
-        said.append(f"{begins} {(', ' if few else ' to ').join(parts)}.")
-    return said
+            by_begin.setdefault(number["begins"], []).append(number)
+    sentences = []
+    for begins, of_sentence in by_begin.items():
+        separator = ", "
+        if len(of_sentence) > MOST_IN_SENTENCE:
+            lowest = min(of_sentence, key=lambda number: float(number["value"]))
+            highest = max(of_sentence, key=lambda number: float(number["value"]))
+            of_sentence = [lowest, highest]
+            separator = " to "
+        parts = [number_in_sentence(number) for number in of_sentence]
+        sentences.append(f"{begins} {separator.join(parts)}.")
+    return sentences
 
 
-def said_number(number: Mapping[str, Any]) -> dict[str, str]:
-    """`text` and `ends` of a number for a reader, and the trials `behind` it. No digits if 0 is in
-    the interval."""
-    value, ends, single = numbers_said(number)
-    low, high, known = number["low"], number["high"], number["interval"] not in (None, RANGE, COUNT)
-    value = "≈ 0" if known and low is not None and low <= 0 <= high else value
-    kind = number["interval"] or "" if ends else "single amplitudes" * bool(single)
-    behind = trials_text(number).replace("DOUBTFUL", "doubtful")
-    text, its_ends, unit = map(printed, (value, ends or single, number["unit"]))
-    return {"text": text, "ends": its_ends, "kind": kind, "unit": unit, "behind": behind}
+def number_in_sentence(number: Mapping[str, Any]) -> str:
+    """A number with unit, and in brackets what it is of, its interval and its trials."""
+    texts = number_texts(number)
+    ends = texts["ends"]
+    if number["interval"] == RANGE:
+        ends = f"{RANGE} {ends}"
+    remarks = filter(None, [number["of"], ends, f"n = {texts['behind']}"])
+    return f"{texts['text']}\N{NO-BREAK SPACE}{texts['unit']} ({'; '.join(remarks)})"
+
+
+def number_texts(number: Mapping[str, Any]) -> dict[str, str]:
+    """`text`, `unit` and `ends` of a number for a reader, the `kind` of these, and the trials
+    `behind` it. No digits if 0 is in the interval."""
+    written = written_number(number)
+    low, high = number["low"], number["high"]
+    value = written.value
+    is_confidence_interval = number["interval"] not in (None, RANGE, COUNT)
+    if is_confidence_interval and low is not None and low <= 0 <= high:
+        value = "≈ 0"
+    ends = written.interval
+    kind = number["interval"] or ""
+    if not ends:
+        ends = written.single_amplitudes
+        kind = "single amplitudes" if ends else ""
+    return {
+        "text": printed(value),
+        "ends": printed(ends),
+        "kind": kind,
+        "unit": printed(number["unit"]),
+        "behind": trials_text(number).replace("DOUBTFUL", "doubtful"),
+    }
 
 
 def trials_text(number: Mapping[str, Any]) -> str:
@@ -664,94 +897,11 @@ def trials_text(number: Mapping[str, Any]) -> str:
     doubtful itself."""
     if number.get("doubt"):
         return f"{number['n']}, DOUBTFUL: {number['doubt']}"
-    n, doubtful, left_out = (int(number.get(key) or 0) for key in ("n", "n_doubtful", "n_left_out"))
-    if left_out:
-        return f"{n} of {n + left_out}, {left_out} doubtful left out"
-    return f"{n}, {f'{doubtful} of them ' * (n > 1)}doubtful" if doubtful else str(n)
-
-
-def rounded_by(
-    number: Mapping[str, Any],
-) -> tuple[float | None, float | None, str | None, float | None]:
-    """Bounds by which a number is rounded, their kind, and its scatter. The bounds are the range
-    over single amplitudes if it is wider than the interval, else the interval."""
-    low, high = (number.get(f"amplitudes_{end}") for end in ("low", "high"))
-    if (
-        low is None
-        or high is None
-        or (number["low"] is not None and number["high"] - number["low"] > high - low)
-    ):
-        return number["low"], number["high"], number["interval"], number.get("sd")
-    return low, high, None, number.get("sd")
-
-
-NO_WIDTH = 1e-9  # relative width below which an interval is only rounding
-
-
-def decimals(
-    value: float,
-    low: float | None,
-    high: float | None,
-    interval: str | None,
-    scatter: float | None = None,
-) -> int:
-    """Decimal places of a written number. Half its interval keeps two digits; without an interval
-    it has three digits. The trials' `scatter`, or a thousandth of the number, keeps one. With a
-    range, which does not show the precision, it has three digits, at most one beyond the range's
-    two, or more until the ends differ. A count has no decimals."""
-    if interval == COUNT:
-        return 0
-    half = 0.0 if low is None or high is None else abs(high - low) / 2
-    if interval == RANGE and half > NO_WIDTH * abs(value):
-        finest = 2 - exponent_of(half)
-        return told_apart(low, high, max(min(2 - exponent_of(value) if value else 0, finest), 0))
-    if half > NO_WIDTH * abs(value):
-        # no torque is calibrated better than to a thousandth, whatever the interval by noise is
-        coarsest = max(1e-3 * abs(value), scatter or 0.0, np.finfo(float).tiny)
-        return max(min(1 - exponent_of(half), -exponent_of(coarsest)), 0)
-    return max(2 - exponent_of(value), 0) if value else 0
-
-
-def digits_of(value: float, low: float | None, high: float | None, *by: Any) -> tuple[int, int]:
-    """Decimal places of a number and of its ends, so that it reads as lying between two different
-    ends: `decimals`, and up to two more if rounding would put it on or beyond an end. `by` as for
-    `decimals`; without it, the ends are those of the interval."""
-    digits = decimals(value, *(by or (low, high, None)))
-    finer = told_apart(low, high, digits)
-    if low is not None and high is not None and RANGE in by and high - low > NO_WIDTH * abs(value):
-        finer = told_apart(low, high, max(min(digits, 1 - exponent_of((high - low) / 2)), 0))
-    if low is None or high is None or not low < value < high or high - low <= NO_WIDTH * abs(value):
-        return digits, finer
-    for _ in range(2):
-        if float(fixed(low, finer)) < float(fixed(value, digits)) < float(fixed(high, finer)):
-            break
-        finer += 1
-        digits = digits if low < float(fixed(value, digits)) < high else finer
-    return digits, finer
-
-
-def told_apart(low: float | None, high: float | None, digits: int) -> int:
-    """Decimal places, at least `digits`, with which two different bounds read differently."""
-    if low is None or high is None or abs(high - low) <= NO_WIDTH * max(abs(low), abs(high)):
-        return digits
-    while fixed(low, digits) == fixed(high, digits):
-        digits += 1
-    return digits
-
-
-def exponent_of(number: float) -> int:
-    """Power of ten of the leading digit."""
-    return math.floor(math.log10(abs(number)))
-
-
-def fixed(number: float, digits: int) -> str:
-    """The number with `digits` decimal places; with a power of ten up to 0.0001; never a minus
-    before zero."""
-    text = f"{number:.{digits}f}"
-    if float(text) == 0:
-        return text.removeprefix("-")
-    return (
-        f"{number:.{max(digits + exponent_of(float(text)), 0)}e}"
-        if abs(float(text)) <= 1e-4
-        else text
-    )
+    n = int(number.get("n") or 0)
+    n_doubtful = int(number.get("n_doubtful") or 0)
+    n_left_out = int(number.get("n_left_out") or 0)
+    if n_left_out:
+        return f"{n} of {n + n_left_out}, {n_left_out} doubtful left out"
+    if not n_doubtful:
+        return str(n)
+    return f"{n}, {n_doubtful} of them doubtful" if n > 1 else f"{n}, doubtful"

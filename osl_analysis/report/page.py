@@ -28,8 +28,8 @@ from osl_analysis.judge.campaign import Entry
 from osl_analysis.judge.finding import ESTIMATES, Grade
 from osl_analysis.judge.words import WORDS, printed, without_names
 from osl_analysis.report import TEMPLATES
-from osl_analysis.report.headlines import first_said, hold_bench_errors, said_number
-from osl_analysis.report.trial_page import STATES, ReportedTrial, response_said, value_and_interval
+from osl_analysis.report.headlines import first_sentences, hold_bench_errors, number_texts
+from osl_analysis.report.trial_page import STATES, ReportedTrial, response_text, value_and_interval
 from osl_analysis.stats.repeats import (
     DOUBTFUL,
     RULE_OF_MEANS,
@@ -281,7 +281,7 @@ def method_said(settings: Mapping[str, Any], tables: Mapping[str, pl.DataFrame])
         )
     if "walking_summary" in tables:
         response, window = (
-            response_said(tables["walking_groups"]),
+            response_text(tables["walking_groups"]),
             1e3 * settings["walking"]["window_s"],
         )
         response += f", perturbed less unperturbed, in the {window:g} ms after the onset"
@@ -346,8 +346,8 @@ def check_map(
         )
         rows: dict[str, dict[str, str]] = {}
         for trial in own:
-            for one in sorted(trial.doubts, key=lambda one: [*STATES].index(one["of"])):
-                rows.setdefault(one["cause"], {}).setdefault(trial.name, STATES[one["of"]])
+            for doubt in sorted(trial.doubts, key=lambda doubt: [*STATES].index(doubt.of)):
+                rows.setdefault(doubt.cause, {}).setdefault(trial.name, doubt.verdict)
             for one in trial.unchecked:
                 state = "remark" if one["grade"] == Grade.NOTES else "not checked"
                 rows.setdefault(one["cause"], {}).setdefault(trial.name, state)
@@ -374,7 +374,7 @@ def claims_said(claims: pl.DataFrame) -> list[dict[str, Any]]:
         margin = "" if row["margin"] is None else f" ± {row['margin']:g}"
         limit = " ".join(filter(None, [row["wanted"], f"{row['target']:g}{margin}", row["unit"]]))
         where = ", ".join(filter(None, [row["joint"], row["side"]]))
-        found.append({**row, **said_number(row), "where": where, "limit": limit})
+        found.append({**row, **number_texts(row), "where": where, "limit": limit})
     return found
 
 
@@ -409,8 +409,8 @@ def overview(
         "done": what_was_done(trials, about),
         "state": state_of(trials, told),
         "map": check_map(trials, told),
-        "answers": first_said(numbers),
-        "numbers": [{**one, **said_number(one)} for one in numbers],
+        "answers": first_sentences(numbers),
+        "numbers": [{**one, **number_texts(one)} for one in numbers],
         "findings": [{**one, "named": named(one)} for one in told],
         "first": [one for one in figures if one["name"] == first],
         "figures": [one for one in figures if one["name"] != first],

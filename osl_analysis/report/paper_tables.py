@@ -7,13 +7,12 @@ from typing import Any
 
 import polars as pl
 
+from osl_analysis.report.decimal_places import digits_of, fixed
 from osl_analysis.report.headlines import (
     FOR_MOTION,
     KIND_OF_FIT,
     LABELS,
     STUDENT,
-    digits_of,
-    fixed,
     in_latex,
     markdown_table,
 )

@@ -1,12 +1,11 @@
-"""The page's content on each trial (conditions, verdict, estimates, doubts, provenance, panels) and
-on the campaign."""
+"""The page's content on each trial (conditions, verdict, estimates, doubts, provenance) and on the
+campaign."""
 
 import math
 from collections import Counter, defaultdict
-from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property, partial
-from itertools import cycle
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,213 +14,14 @@ import polars as pl
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import apparent_inertia, described_tables_by_name
 from osl_analysis.judge.campaign import QUALITY, Entry
-from osl_analysis.judge.exclusions import exclusion_said
-from osl_analysis.judge.finding import Grade
+from osl_analysis.judge.exclusions import exclusion_text
+from osl_analysis.judge.finding import Beyond, Grade
 from osl_analysis.judge.limits import NOT_APPLICABLE
 from osl_analysis.judge.words import WORDS, Words, printed, sentence_of
-from osl_analysis.report.headlines import digits_of, fixed
+from osl_analysis.report.decimal_places import digits_of, fixed
+from osl_analysis.report.panels import Pictures
 from osl_analysis.stats.repeats import sizes_said
-
-Content = dict[str, Any]  # as `templates/report.js` reads it
-LINE_LOOKS = ("measured", "model", "second", "third")  # looks of several lines of one panel
-TORQUE_AXIS = "Torque (N·m)"
-
-
-class Pictures(NamedTuple):
-    """The panels of a trial, the tables that they draw, and a sentence on how these were
-    thinned."""
-
-    panels: list[Content]
-    tables: dict[str, pl.DataFrame]
-    remark: str = ""
-
-
-def line(table: str, x: str, y: str, name: str, look: str = "measured", **more: str) -> Content:
-    """Columns of one table as a line. `kind`="points": points with an interval from `low` to
-    `high`; "range": from `y` to `high`. Drawn where the column `where` has a value. The `look` is
-    one of `LINE_LOOKS` or "residual"."""
-    own = {"table": table, "x": x, "y": y, "name": name, "look": look}
-    return own | {"kind": "line", "low": "", "high": "", "where": ""} | more
-
-
-def panel(
-    title: str, x_label: str, y_label: str, *lines: Content, linked: str = "", **axes: bool
-) -> Content:
-    """One panel; `axes` are `log_x`, `log_y` and `square`. Panels with the same `linked` zoom
-    together."""
-    own = {"title": title, "x_label": x_label, "y_label": y_label, "drawn": lines, "linked": linked}
-    return own | {"log_x": False, "log_y": False, "square": False} | axes
-
-
-def over_time(title: str, label: str, *lines: Content) -> Content:
-    return panel(title, "Time (s)", label, *lines, linked="time")
-
-
-def over_frequency(what: str, magnitude: str, lines: Sequence[Iterable[Content]]) -> list[Content]:
-    """Two panels: the magnitude of a response, with the name of its axis, and its phase."""
-    both = (("magnitude", magnitude, True), ("phase", "Phase (deg)", False))
-    return [
-        panel(
-            f"{what}: {name}",
-            "Frequency (Hz)",
-            label,
-            *drawn,
-            linked="frequency",
-            log_x=True,
-            log_y=log,
-        )
-        for (name, label, log), drawn in zip(both, lines, strict=True)
-    ]
-
-
-def bench_pictures(series: pl.DataFrame, motion: str, whole_loop: bool = False) -> Pictures:
-    """Torque, residual and motion over time, and torque against angle, of a fitted trial on the
-    bench. `series` is a `fit_tables.Series.table`, `motion` the moving angle. The loop has the
-    fitted samples, or all (`whole_loop`)."""
-    x, unit = ("omega", "rad/s") if "omega" in series.columns else ("theta_deg", "deg")
-    label, of = f"{motion} ({unit})", partial(line, "series")
-    both = of("time", "torque", "measured"), of("time", "torque_model", "model", "model")
-    left = of(
-        "time",
-        "residual_low",
-        "measured minus model",
-        "residual",
-        kind="range",
-        high="residual_high",
-    )
-    measured = of(x, "torque", "measured", where="" if whole_loop else "torque_model")
-    loop = measured, of(x, "torque_model", "model", "model")
-    panels = [
-        over_time("Torque", TORQUE_AXIS, *both),
-        over_time("Residual, range of all samples that are fitted", TORQUE_AXIS, left),
-        over_time(motion, label, of("time", x, "measured")),
-        panel(f"Torque against {motion.lower()}", label, TORQUE_AXIS, *loop, square=True),
-    ]
-    seconds = float(series["time"][-1] - series["time"][0]) if len(series) > 1 else 0.0
-    rate = (len(series) - 1) / seconds if seconds else 0.0
-    drawn = f"{rate:{'.0f' if rate > 10 else '.2g'}} samples a second are drawn"
-    where = (
-        f"the model{'' if whole_loop else ', the loop'} and the residual are drawn where the fit"
-        " uses the samples"
-    )
-    return Pictures(panels, {"series": series}, f"{drawn}; {where}")
-
-
-def phasor_pictures(phasors: pl.DataFrame, fit: Mapping[str, Any]) -> Pictures:
-    """Magnitude and phase of the measured admittance over frequency, with intervals, points per
-    amplitude. The line is Eq. 15 with `K`, `B` and `I` of the `fit` to all amplitudes."""
-    parts = phasors.partition_by("amplitude_deg", maintain_order=True, as_dict=True)
-    tables = {f"{deg:g} deg": part for (deg,), part in parts.items()}
-    drawn = []
-    for y in ("Y_magnitude", "Y_phase_deg"):
-        shape = {"kind": "points", "low": f"{y}_low", "high": f"{y}_high"}
-        looks = zip(tables, cycle(LINE_LOOKS), strict=False)
-        points = [line(name, "frequency_hz", y, name, look, **shape) for name, look in looks]
-        drawn.append(
-            [*points, line("model", "frequency_hz", y, "K, B and I, fit to all", "residual")]
-        )
-    measured = phasors["frequency_hz"].to_numpy()
-    f = np.geomspace(float(measured.min()), float(measured.max()), 60)
-    s = 2j * np.pi * f
-    Y = 1 / (fit["K"] + fit["B"] * s + fit["I"] * s**2)
-    curve = {"frequency_hz": f, "Y_magnitude": np.abs(Y), "Y_phase_deg": np.rad2deg(np.angle(Y))}
-    tables["model"] = pl.DataFrame(curve)
-    return Pictures(over_frequency("Admittance", "|Y| (rad/(N·m))", drawn), tables)
-
-
-def response_pictures(response: pl.DataFrame) -> Pictures:
-    """Magnitude and phase of the impedance over frequency, without a model, and the fit of Eq.
-    15."""
-    of = partial(line, "response", "frequency_hz")
-    measured, model = (
-        partial(of, name="without a model", kind="points"),
-        partial(of, name="K, B and I", look="model"),
-    )
-    drawn = [(measured(y), model(f"{y}_eq15")) for y in ("magnitude", "phase_deg")]
-    return Pictures(
-        over_frequency("Impedance", "|Z| (N·m/rad)", drawn),
-        {"response": response.sort("frequency_hz")},
-    )
-
-
-def crossing_pictures(crossing: pl.DataFrame) -> Pictures:
-    """Torque, angle and platform of one analysed crossing, and torque against angle."""
-    of, angle_axis = partial(line, "crossing"), "Angle (deg)"
-    panels = [
-        over_time("Ankle torque", TORQUE_AXIS, of("time", "torque", "measured")),
-        over_time("Ankle angle", angle_axis, of("time", "theta_deg", "measured")),
-        panel(
-            "Torque against angle",
-            angle_axis,
-            TORQUE_AXIS,
-            of("theta_deg", "torque", "measured"),
-            square=True,
-        ),
-    ]
-    if "platform" in crossing.columns:
-        panels.insert(2, over_time("Platform", angle_axis, of("time", "platform_deg", "measured")))
-    degrees = [
-        pl.col(name).degrees().name.suffix("_deg")
-        for name in ("theta", "platform")
-        if name in crossing.columns
-    ]
-    return Pictures(
-        panels,
-        {"crossing": crossing.with_columns(pl.col("time") - pl.col("time").first(), *degrees)},
-    )
-
-
-def isolated_pictures(response: pl.DataFrame) -> Pictures:
-    """Isolated angle and torque around the onset of a perturbation, with the torque of its fit."""
-    label, of = "Time from the onset (ms)", partial(line, "isolated", "time_ms")
-    both = (
-        of("torque", "isolated: perturbed minus mean unperturbed"),
-        of("torque_model", "model", "model"),
-    )
-    left, angle = of("residual", "isolated minus model", "residual"), of("theta_deg", "isolated")
-    panels = [
-        panel("Isolated torque", label, TORQUE_AXIS, *both, linked="onset"),
-        panel("Residual", label, TORQUE_AXIS, left, linked="onset"),
-        panel("Isolated angle", label, "Angle (deg)", angle, linked="onset"),
-    ]
-    residual = pl.col("torque") - pl.col("torque_model")
-    return Pictures(
-        panels, {"isolated": response.with_columns(time_ms=1e3 * pl.col("time"), residual=residual)}
-    )
-
-
-def recorded_pictures(samples: pl.DataFrame, units: dict[str, str]) -> Pictures:
-    """The recorded signals of a trial without a fit: a panel per quantity, with four lines at
-    most."""
-    most = 3000  # rows
-    tables, panels = {}, []
-    for unit in dict.fromkeys(units.values()):
-        columns = [name for name, its_unit in units.items() if its_unit == unit][: len(LINE_LOOKS)]
-        rows = samples.select("time", *columns).drop_nulls()
-        rows = rows.gather_every(max(-(-len(rows) // most), 1))
-        if len(rows) > 1:
-            tables[unit] = rows.with_columns(pl.col("time") - samples["time"][0])
-            drawn = (
-                line(unit, "time", name, name, look)
-                for name, look in zip(columns, LINE_LOOKS, strict=False)
-            )
-            panels.append(over_time("As recorded", f"({unit})", *drawn))
-    return Pictures(
-        panels, tables, f"raw signals in canonical units, as ingested, {most} samples or fewer"
-    )
-
-
-def together(*pictures: Pictures) -> Pictures:
-    """Several pictures joined: all panels, and the drawn columns of their tables."""
-    panels = [one for each in pictures for one in each.panels]
-    tables = {name: table for each in pictures for name, table in each.tables.items()}
-    used: dict[str, dict[str, None]] = {}
-    for drawn in (drawn for one in panels for drawn in one["drawn"]):
-        columns = filter(None, (drawn[key] for key in ("x", "y", "low", "high", "where")))
-        used.setdefault(drawn["table"], {}).update(dict.fromkeys(columns))
-    kept = {name: tables[name].select(list(columns)) for name, columns in used.items()}
-    return Pictures(panels, kept, "; ".join(filter(None, [each.remark for each in pictures])))
-
+from osl_analysis.trial import Array
 
 NO_VALUE = "–"
 VERDICTS = ("clear", "doubtful in part", "flagged", "doubtful", "excluded", "refused")
@@ -236,44 +36,178 @@ STATES = {
 """The verdict that follows from a doubt, by its subject; the worst first."""
 
 
+class LeftOut(NamedTuple):
+    """Why a trial has no result."""
+
+    by_job: bool  # whether a job refused or failed; else it was excluded
+    reasons: list[str]
+
+
 def left_out_trials(
     excluded: pl.DataFrame, tables: Mapping[str, pl.DataFrame], refused: Mapping[str, str]
-) -> dict[str, tuple[bool, list[str]]]:
-    """The trials that are left out, by name: whether a job refused or failed (False: excluded), and
-    the reasons. `refused` has the reason of each refused trial."""
-    said = []
+) -> dict[str, LeftOut]:
+    """Gather the trials that are left out.
+
+    Parameters
+    ----------
+    excluded : polars.DataFrame
+        `excluded.csv`.
+    tables : Mapping of str to polars.DataFrame
+        Result tables by name, of which those of walking name excluded crossings.
+    refused : Mapping of str to str
+        The reason of each refused trial.
+
+    Returns
+    -------
+    dict of str to LeftOut
+        By trial; each reason once.
+    """
+    left_out: dict[str, LeftOut] = {}
+
+    def add(trial: str, by_job: bool, reason: str) -> None:
+        reasons = left_out.setdefault(trial, LeftOut(by_job, [])).reasons
+        if reason not in reasons:
+            reasons.append(reason)
+
     for row in excluded.iter_rows(named=True):
         # outcomes of a job, which are no checks
         by_job = row["check"] in ("refused", "failed")
-        said.append((row["trial"], by_job, row["remark"] if by_job else exclusion_said(row)))
-    known = {trial for trial, *_ in said}
-    said += [(trial, True, reason) for trial, reason in refused.items() if trial not in known]
-    for name, why in (("walking", "excluded"), ("walking_excluded", "reason")):
-        crossings = tables.get(name, pl.DataFrame(schema=["trial", why]))
-        said += [
-            (trial, False, reason)
-            for trial, reason in crossings.select("trial", why).rows()
-            if reason
-        ]
-    found: dict[str, tuple[bool, list[str]]] = {}
-    for trial, by_job, reason in dict.fromkeys(said):
-        found.setdefault(trial, (by_job, []))[1].append(reason)
-    return found
+        add(row["trial"], by_job, row["remark"] if by_job else exclusion_text(row))
+    of_table = set(left_out)
+    for trial, reason in refused.items():
+        if trial not in of_table:
+            add(trial, True, reason)
+    for table, column in (("walking", "excluded"), ("walking_excluded", "reason")):
+        crossings = tables.get(table, pl.DataFrame(schema=["trial", column]))
+        for trial, reason in crossings.select("trial", column).rows():
+            if reason:
+                add(trial, False, reason)
+    return left_out
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """A doubt about a trial, for a reader.
+
+    Attributes
+    ----------
+    where
+        An amplitude and frequency, its recording, or another table.
+    of
+        What it is about: a key of `STATES`.
+    numbers
+        Evidence: column, value, limit and meaning of each.
+    says, size, remedy, text
+        Its words, and all of them in a sentence.
+    """
+
+    where: str
+    of: str
+    cause: str
+    numbers: list[list[str]]
+    says: str
+    size: str
+    remedy: str
+    text: str
+
+    @property
+    def verdict(self) -> str:
+        return STATES[self.of]
+
+
+def doubt_of(entry: Entry, main_table: str) -> Doubt:
+    """A finding as a doubt about a trial; `main_table` is that of the trial's fit."""
+    table = entry["table"]
+    place = place_of(entry)
+    if table == QUALITY:
+        where = "its recording"
+        of = "recording"
+    elif table != main_table:
+        where = f"{table.replace('_', ' ')}, {place}"
+        of = "other"
+    else:
+        where = place
+        of = "part" if entry["in_part"] else "all"
+    words = Words(*(printed(entry[name] or "") for name in Words._fields))
+    return Doubt(
+        where=where,
+        of=of,
+        cause=entry["cause"],
+        numbers=[number_cells(number, table) for number in entry["evidence"]],
+        says=words.says,
+        size=words.size,
+        remedy=words.remedy,
+        text=sentence_of(words, entry["cause"]),
+    )
+
+
+def place_of(entry: Entry) -> str:
+    """The amplitude and the frequency that a finding is about, or all of them."""
+    parts = []
+    if entry["amplitude_deg"] is not None:
+        parts.append(f"{entry['amplitude_deg']:g} deg")
+    if entry["frequency_hz"] is not None:
+        parts.append(f"{entry['frequency_hz']:g} Hz")
+    if parts:
+        return ", ".join(parts)
+    return "all amplitudes" if entry["table"] == "impedance" else "whole trial"
+
+
+def number_cells(number: Beyond, table: str) -> list[str]:
+    """Column, value, limit and meaning of a number beyond its limit."""
+    if table == QUALITY:
+        meaning = WORDS["checks"][number.column]
+    else:
+        meaning = unit_and_meaning(number.column, table)["meaning"]
+    sides = {"nan": "not a number", "near": "near a factor between units"}
+    limit = sides.get(number.side, f"{number.side} {number.limit:g}")
+    return [printed(number.column), printed(f"{number.value:.3g}"), printed(limit), meaning]
+
+
+NO_CONDITIONS = (
+    "trial",
+    "experiment",
+    "log",
+    "log_source",
+    "mocap",
+    "mocap_source",
+    "log_part",
+    "exclude",
+    "accept",
+)
+"""Columns of the sample sheet that are no conditions of a trial."""
 
 
 @dataclass(frozen=True)
 class ReportedTrial:
-    """One trial with its results."""
+    """One trial with its results.
+
+    Attributes
+    ----------
+    row
+        Its row of the sample sheet.
+    tables
+        Its rows of each table, that of its fit first.
+    findings
+        Those of `findings.csv` about it.
+    quality
+        Verdicts on it; None if it was never examined.
+    provenance
+        Where its columns come from.
+    left_out
+        Why it has no result, or is excluded.
+    refused
+        Whether it is missing because a job refused or failed.
+    """
 
     name: str
-    row: Mapping[str, Any]  # of the sample sheet
-    # its rows of each table, that of its fit first
+    row: Mapping[str, Any]
     tables: Mapping[str, pl.DataFrame] = field(default_factory=dict)
-    findings: Sequence[Entry] = ()  # findings on it, from `findings.csv`
-    quality: pl.DataFrame | None = None  # verdicts on it; None if it was never examined
+    findings: Sequence[Entry] = ()
+    quality: pl.DataFrame | None = None
     provenance: Mapping[str, Any] = field(default_factory=dict)
-    left_out: Sequence[str] = ()  # why it has no result, or is excluded
-    refused: bool = False  # whether it is missing because a job refused or failed
+    left_out: Sequence[str] = ()
+    refused: bool = False
     pictures: Pictures = field(default_factory=lambda: Pictures([], {}))
 
     @property
@@ -289,409 +223,479 @@ class ReportedTrial:
     @property
     def unchecked(self) -> list[Entry]:
         """Findings on the fit to all of it that could not be checked, and remarks."""
-        whole = (
-            one for one in self.findings if one["table"] == self.main_table and not one["in_part"]
-        )
-        return [one for one in whole if one["grade"] in (Grade.UNCHECKED, Grade.NOTES)]
+        unchecked = []
+        for entry in self.findings:
+            is_of_whole_fit = entry["table"] == self.main_table and not entry["in_part"]
+            if is_of_whole_fit and entry["grade"] in (Grade.UNCHECKED, Grade.NOTES):
+                unchecked.append(entry)
+        return unchecked
 
     @cached_property
-    def doubts(self) -> list[dict[str, Any]]:
-        """Each doubt about it: `where`; `of`: all of its fit, a part, its recording or another
-        table; `cause`, with what it `says`, its `size` and `remedy`; and `numbers`: column, value,
-        limit, meaning. Doubts that other tables only repeat are left out."""
-        found = list[dict[str, Any]]()
+    def doubts(self) -> list[Doubt]:
+        """Each doubt about it. Doubts that other tables only repeat are left out."""
+        doubts = []
         for entry in self.findings:
-            if entry["grade"] != Grade.DOUBTS or entry["inherited"]:
-                continue
-            table, recording = entry["table"], entry["table"] == QUALITY
-            other = table != self.main_table and not recording
-            parts = {"amplitude_deg": "deg", "frequency_hz": "Hz"}
-            known = (
-                f"{entry[column]:g} {unit}"
-                for column, unit in parts.items()
-                if entry[column] is not None
-            )
-            place = ", ".join(known)
-            place = place or ("all amplitudes" if table == "impedance" else "whole trial")
-            where = (
-                "its recording"
-                if recording
-                else f"{table.replace('_', ' ')}, {place}"
-                if other
-                else place
-            )
-            words = Words(*(printed(entry[name] or "") for name in Words._fields))
-            numbers = []
-            for one in entry["evidence"]:
-                said = (
-                    WORDS["checks"][one.column]
-                    if recording
-                    else unit_and_meaning(one.column, table)["meaning"]
-                )
-                sides = {"nan": "not a number", "near": "near a factor between units"}
-                limit = sides.get(one.side, f"{one.side} {one.limit:g}")
-                numbers.append([*map(printed, (one.column, f"{one.value:.3g}", limit)), said])
-            of = (
-                "recording"
-                if recording
-                else "other"
-                if other
-                else "part"
-                if entry["in_part"]
-                else "all"
-            )
-            told = {"where": where, "of": of, "cause": entry["cause"], "numbers": numbers}
-            found.append(told | words._asdict() | {"text": sentence_of(words, entry["cause"])})
-        return found
+            if entry["grade"] == Grade.DOUBTS and not entry["inherited"]:
+                doubts.append(doubt_of(entry, self.main_table))
+        return doubts
 
     @property
     def verdict(self) -> str:
+        """One of `VERDICTS`: the worst that follows from its doubts."""
         if self.left_out:
             return "refused" if self.refused else "excluded"
-        made = {STATES[one["of"]] for one in self.doubts}
-        return next((verdict for verdict in STATES.values() if verdict in made), "clear")
+        verdicts = {doubt.verdict for doubt in self.doubts}
+        for verdict in STATES.values():
+            if verdict in verdicts:
+                return verdict
+        return "clear"
 
     def causes_of(self, verdict: str) -> set[str]:
         """The causes of a verdict. Only the worst doubt of each cause counts, as in the map of
         trials and causes."""
-        worst = {
-            one["cause"]: one["of"]
-            for one in sorted(self.doubts, key=lambda one: -[*STATES].index(one["of"]))
-        }
-        return {cause for cause, of in worst.items() if STATES[of] == verdict}
+        worst: dict[str, str] = {}
+        subjects = list(STATES)
+        for doubt in sorted(self.doubts, key=lambda doubt: subjects.index(doubt.of)):
+            worst.setdefault(doubt.cause, doubt.verdict)
+        return {cause for cause, worst_verdict in worst.items() if worst_verdict == verdict}
 
     def condition(self, columns: Collection[str] | None = None) -> str:
         """Its conditions in one line; with `columns`, only those in these columns of the sheet."""
-        others = [
-            "trial",
-            "experiment",
-            "log",
-            "log_source",
-            "mocap",
-            "mocap_source",
-            "log_part",
-            "exclude",
-            "accept",
-        ]
-        words = {True: "perturbed", False: "unperturbed"}
-        return ", ".join(
-            words[bool(value)] if name == "perturbed" else f"{name} {cell_text(value)}"
-            for name, value in self.row.items()
-            if name not in others and value is not None and (columns is None or name in columns)
-        )
+        texts = []
+        for name, value in self.row.items():
+            is_asked = columns is None or name in columns
+            if name in NO_CONDITIONS or value is None or not is_asked:
+                continue
+            if name == "perturbed":
+                texts.append("perturbed" if value else "unperturbed")
+            else:
+                texts.append(f"{name} {cell_text(value)}")
+        return ", ".join(texts)
 
 
 def trial_content(trial: ReportedTrial) -> dict[str, Any]:
+    """The content of one trial's part of the page, as `templates/report.js` reads it."""
     tables = {name: table for name, table in trial.tables.items() if len(table)}
     name = next(iter(tables), "")
-    last = tables[name].row(-1, named=True) if tables else {}  # the fit to all of it
+    fit_to_all = tables[name].row(-1, named=True) if tables else {}
+    columns = []
+    for column, value in fit_to_all.items():
+        if value not in (None, ""):
+            columns.append([column, cell_text(value), *unit_and_meaning(column, name).values()])
+    not_checked = []
+    for entry in trial.unchecked:
+        words = Words(entry["says"] or "", "", entry["remedy"] or "")
+        not_checked.append(printed(sentence_of(words, entry["cause"])))
     experiment = trial.row["experiment"]
-    # report of the time base on each group of signals: column, values, meaning
-    time_base: list[list[str]] = []
-    for column in trial.tables.get("timebase", pl.DataFrame()):
-        if column.name == "signals" or (
-            column.name not in ("trial", "joint", "side", "data") and column.count()
-        ):
-            said = unit_and_meaning(column.name, "timebase")["meaning"]
-            time_base.append(
-                [column.name, *map(cell_text, column), "" if column.name == "signals" else said]
-            )
-    time_base.sort(key=lambda cells: cells[0] != "signals")
     return {
         "name": trial.name,
         "experiment": experiment,
         "description": EXPERIMENTS[experiment].description,
         "condition": trial.condition(),
         "verdict": trial.verdict,
-        "left_out": [*map(printed, trial.left_out)],
-        "doubts": trial.doubts,
-        "not_checked": [
-            printed(sentence_of(Words(one["says"] or "", "", one["remedy"] or ""), one["cause"]))
-            for one in trial.unchecked
-        ],
+        "left_out": [printed(reason) for reason in trial.left_out],
+        "doubts": [asdict(doubt) for doubt in trial.doubts],
+        "not_checked": not_checked,
         "table": name,
         "estimates": estimate_rows(tables[name], name) if tables else None,
-        "columns": [
-            [column, cell_text(value), *unit_and_meaning(column, name).values()]
-            for column, value in last.items()
-            if value not in (None, "")
-        ],
+        "columns": columns,
         "quality": quality_rows(trial.quality) if trial.quality is not None else [],
-        "time_base": time_base,
+        "time_base": time_base_rows(trial.tables.get("timebase", pl.DataFrame())),
         "provenance": provenance_content(trial.provenance),
         "panels": trial.pictures.panels,
         "remark": trial.pictures.remark,
     }
 
 
+def time_base_rows(time_base: pl.DataFrame) -> list[list[str]]:
+    """What is known of the time base of each group of signals: column, a value per group, meaning;
+    the names of the signals first."""
+    rows: list[list[str]] = []
+    for column in time_base:
+        cells = [column.name, *map(cell_text, column)]
+        if column.name == "signals":
+            rows.insert(0, [*cells, ""])
+        elif column.name not in ("trial", "joint", "side", "data") and column.count():
+            rows.append([*cells, unit_and_meaning(column.name, "timebase")["meaning"]])
+    return rows
+
+
 def quality_rows(verdicts: pl.DataFrame) -> list[list[str]]:
     """Check, its meaning, value, threshold, verdict and remark of each row of `quality.csv` that
     applies."""
-    found = []
-    for row in (one for one in verdicts.iter_rows(named=True) if one["verdict"] != NOT_APPLICABLE):
+    rows = []
+    for row in verdicts.iter_rows(named=True):
+        if row["verdict"] == NOT_APPLICABLE:
+            continue
+        cells = [row["check"], WORDS["checks"][row["check"]]]
         unit = printed(row["unit"] or "")
-        value, threshold = (
-            f"{cell_text(row[key])} {'' if row[key] is None else unit}".strip()
-            for key in ("value", "threshold")
-        )
-        meaning = WORDS["checks"][row["check"]]
-        found.append([row["check"], meaning, value, threshold, row["verdict"], row["remark"] or ""])
-    return found
+        for name in ("value", "threshold"):
+            unit_of_cell = "" if row[name] is None else unit
+            cells.append(f"{cell_text(row[name])} {unit_of_cell}".strip())
+        rows.append([*cells, row["verdict"], row["remark"] or ""])
+    return rows
 
 
 def cell_text(value: Any) -> str:
     """A cell of a table as the page has it: numbers with six digits, text as it is."""
-    if isinstance(value, float):
-        return printed(f"{value:.6g} ").rstrip() if math.isfinite(value) else NO_VALUE
-    return NO_VALUE if value is None else str(value)
+    if value is None:
+        return NO_VALUE
+    if not isinstance(value, float):
+        return str(value)
+    # the blank behind it tells the end of a power
+    return printed(f"{value:.6g} ").rstrip() if math.isfinite(value) else NO_VALUE
 
 
 def unit_and_meaning(column: str, table: str) -> dict[str, str]:
-    described = described_tables_by_name().get(table)
-    known = described.columns.get(column) if described else None
-    return {"unit": printed(known.unit) if known else "", "meaning": known.meaning if known else ""}
+    """`unit` and `meaning` of a column of a result table; empty if it is not described."""
+    tables = described_tables_by_name()
+    if table not in tables or column not in tables[table].columns:
+        return {"unit": "", "meaning": ""}
+    described = tables[table].columns[column]
+    return {"unit": printed(described.unit), "meaning": described.meaning}
 
 
 def value_and_interval(row: Mapping[str, Any], column: str) -> tuple[str, str]:
     """A value with as many digits as its interval allows, and the interval; empty where it has
     none."""
-    value, low, high = (row.get(f"{column}{end}") for end in ("", "_low", "_high"))
+    value = row.get(column)
+    low, high = row.get(f"{column}_low"), row.get(f"{column}_high")
     if value is None or not math.isfinite(value):
         return NO_VALUE, ""
     if low is None or high is None:
         return f"{value:.4g}", ""
-    digits, finer = digits_of(value, low, high)
-    return printed(fixed(value, digits)), printed(f"[{fixed(low, finer)}, {fixed(high, finer)}]")
+    places = digits_of(value, low, high)
+    interval = f"[{fixed(low, places.ends)}, {fixed(high, places.ends)}]"
+    return printed(fixed(value, places.value)), printed(interval)
 
 
 def estimate_rows(table: pl.DataFrame, of: str) -> dict[str, Any]:
     """The estimates of one trial from the table named `of`: `columns` with unit and meaning, and
     texts per fit."""
-    there = set(table.columns)
-    names = [
-        name
-        for name in table.columns
-        if {f"{name}_low", f"{name}_high"} <= there and table[name].count()
-    ]
-    # numbers of a fit without an interval
-    names += [name for name in ("VAF", "R2") if name in there]
-    first, rows = ["amplitude_deg"] * ("amplitude_deg" in there), []
+    present = set(table.columns)
+    estimates = []
+    for name in table.columns:
+        if {f"{name}_low", f"{name}_high"} <= present and table[name].count():
+            estimates.append(name)
+    for name in ("VAF", "R2"):  # without an interval
+        if name in present:
+            estimates.append(name)
+    has_amplitudes = "amplitude_deg" in present
+    rows = []
     for row in table.iter_rows(named=True):
-        head = ["all" if row[name] is None else f"{row[name]:g}" for name in first]
-        rows.append([*head, *(" ".join(value_and_interval(row, name)).strip() for name in names)])
-    columns = [{"name": name, **unit_and_meaning(name, of)} for name in (*first, *names)]
+        cells = []
+        if has_amplitudes:
+            amplitude = row["amplitude_deg"]
+            cells.append("all" if amplitude is None else f"{amplitude:g}")
+        for name in estimates:
+            cells.append(" ".join(value_and_interval(row, name)).strip())
+        rows.append(cells)
+    names = ["amplitude_deg", *estimates] if has_amplitudes else estimates
+    columns = [{"name": name, **unit_and_meaning(name, of)} for name in names]
     return {"columns": columns, "rows": rows}
+
+
+USUAL_CONVERSION = {"sign": 1, "scale": 1, "offset": 0}  # is not told
 
 
 def provenance_content(provenance: Mapping[str, Any]) -> dict[str, Any]:
     """The provenance of a trial as `files`, `signals` (file, channel, conversion; the axes of a
     marker or plate are one signal) and further `facts`."""
-    files, signals = [], dict[str, list[str]]()
-    for role, one in provenance.get("files", {}).items():
-        files.append(
-            [role, *(cell_text(one.get(key)) for key in ("path", "bytes", "sha256", "source"))]
-        )
-    usual = {"sign": 1, "scale": 1, "offset": 0}
+    files = []
+    for role, file in provenance.get("files", {}).items():
+        cells = [cell_text(file.get(key)) for key in ("path", "bytes", "sha256", "source")]
+        files.append([role, *cells])
+    signals: dict[str, list[str]] = {}
     for name, origin in provenance.get("columns", {}).items():
-        vector = name.rpartition("_")[0] if "component" in origin or "plate" in origin else name
-        told = {key: value for key, value in origin.items() if key not in ("file", "component")}
-        known = {key: value for key, value in told.items() if value and value != usual.get(key)}
-        signals.setdefault(vector, [vector, cell_text(origin.get("file")), fact_said(known)])
+        is_axis = "component" in origin or "plate" in origin
+        signal = name.rpartition("_")[0] if is_axis else name
+        conversion = {}
+        for key, value in origin.items():
+            is_usual = not value or value == USUAL_CONVERSION.get(key)
+            if key not in ("file", "component") and not is_usual:
+                conversion[key] = value
+        row = [signal, cell_text(origin.get("file")), fact_text(conversion)]
+        signals.setdefault(signal, row)
     others = {name: value for name, value in provenance.items() if name not in ("files", "columns")}
     return {"files": files, "signals": list(signals.values()), "facts": facts(others)}
 
 
-def fact_said(value: Any) -> str:
+def fact_text(value: Any) -> str:
+    """A fact of the provenance, with all of its parts, as text."""
     if isinstance(value, Mapping):
-        return ", ".join(f"{name} {fact_said(part)}" for name, part in value.items())
-    return "; ".join(map(fact_said, value)) if isinstance(value, list) else cell_text(value)
+        return ", ".join(f"{name} {fact_text(part)}" for name, part in value.items())
+    if isinstance(value, list):
+        return "; ".join(map(fact_text, value))
+    return cell_text(value)
 
 
 def facts(content: Mapping[str, Any], place: str = "") -> list[list[str]]:
     """Every other fact with its path: clocks, stamps, rates, damage, versions, warnings."""
-    found: list[list[str]] = []
+    rows: list[list[str]] = []
     for name, value in content.items():
         if isinstance(value, Mapping):
-            found += facts(value, f"{place}{name} ")
+            rows += facts(value, f"{place}{name} ")
         elif value not in (None, "", []):
-            found.append([f"{place}{name}", fact_said(value)])
-    return found
+            rows.append([f"{place}{name}", fact_text(value)])
+    return rows
 
 
 def trials_content(trials: Sequence[ReportedTrial]) -> dict[str, Any]:
     """The template's content on all trials; only conditions that differ."""
-    differing = {
-        name for trial in trials for name in trial.row if trial.row[name] != trials[0].row.get(name)
-    }
-    found = Counter(trial.verdict for trial in trials)
+    differing = set()
+    for trial in trials:
+        for name, value in trial.row.items():
+            if value != trials[0].row.get(name):
+                differing.add(name)
+    counts = Counter(trial.verdict for trial in trials)
     worst_first = sorted(trials, key=lambda trial: -VERDICTS.index(trial.verdict))
     experiments = dict.fromkeys(cell_text(trial.row["experiment"]) for trial in trials)
+    left_out = []
+    for trial in trials:
+        for reason in trial.left_out:
+            left_out.append({"name": trial.name, "verdict": trial.verdict, "reason": reason})
     return {
-        "counts": {verdict: found[verdict] for verdict in VERDICTS},
+        "counts": {verdict: counts[verdict] for verdict in VERDICTS},
         "choices": {
-            "experiment": [*experiments],
-            "verdict": [verdict for verdict in VERDICTS if found[verdict]],
+            "experiment": list(experiments),
+            "verdict": [verdict for verdict in VERDICTS if counts[verdict]],
         },
         "quantities": ["VAF", "K", "B", "I"],
         "apparent_inertia": apparent_inertia(),
         "trials": [trial_row(trial, differing) for trial in worst_first],
-        "left_out": [
-            {"name": t.name, "verdict": t.verdict, "reason": why}
-            for t in trials
-            for why in t.left_out
-        ],
+        "left_out": left_out,
         "experiments": {name: facts.description for name, facts in EXPERIMENTS.items()},
     }
+
+
+VALUES_OF_METHODS = (
+    "excitation",
+    "commanded_deg",
+    "frequency_hz",
+    "band_low_hz",
+    "band_high_hz",
+    "controller",
+    "group",
+    "plate_inertia",
+    "K_d",
+    "B_d",
+    "B_viscous",
+    "direction",
+    "onset_phase",
+    "interval_method",
+    "theta_rms_deg",
+    "fitted_s",
+    "n_up",
+    "n_down",
+)
+"""Columns of result tables whose values the methods tell."""
 
 
 def methods_content(
     config: Mapping[str, Any], tables: Mapping[str, pl.DataFrame], trials: Sequence[ReportedTrial]
 ) -> dict[str, Any]:
-    """The content of `methods.html.j2`: settings, values of tables, facts on the recordings, and,
-    by kind of motion, the number of impedance trials with columns of their fits to all
-    amplitudes."""
-    columns = """excitation commanded_deg frequency_hz band_low_hz band_high_hz controller group
-        plate_inertia K_d B_d B_viscous direction onset_phase interval_method theta_rms_deg fitted_s
-        n_up n_down"""
-    said: defaultdict[str, defaultdict[str, list[Any]]] = defaultdict(lambda: defaultdict(list))
-    for name, table in tables.items():
-        for one in columns.split():
-            if one in table.columns and len(table):
-                said[name][one] = table[one].drop_nulls().unique().sort().to_list()
-    # where nobody stated what was commanded, all that moved, without a fit of its own too
-    if "impedance" in tables:
-        sines, stated = (
-            tables.get("phasors", tables["impedance"]),
-            said["impedance"]["commanded_deg"],
-        )
-        measured = [] if stated else sizes_said(sines["amplitude_deg"].cast(pl.Float64))
-        said["impedance"]["commanded_deg"] = [f"{size:g}" for size in stated] or measured
-    if hz := said["phasors"]["frequency_hz"]:
-        said["phasors"]["frequency_hz"] = pl.Series(hz).round_sig_figs(3).unique().sort().to_list()
+    """Gather the content of `methods.html.j2`.
+
+    Parameters
+    ----------
+    config : Mapping
+        The settings of the analysis.
+    tables : Mapping of str to polars.DataFrame
+        Result tables, by name.
+    trials : Sequence of ReportedTrial
+
+    Returns
+    -------
+    dict
+        `config`; the values of `tables`; facts on the recordings (`recorded`); by kind of motion
+        the number of impedance trials and values of their fits to all amplitudes (`motions`);
+        numbers of perturbations by `ways`; and which `response` is fitted while walking.
+    """
     groups = tables.get("walking_groups", pl.DataFrame())
-    ways = {
-        way: groups.get_column(f"n_{way}", default=pl.Series([0])).sum() for way in ("up", "down")
+    ways = {}
+    for way in ("up", "down"):
+        ways[way] = groups.get_column(f"n_{way}", default=pl.Series([0])).sum()
+    return {
+        "config": config,
+        "tables": values_of_tables(tables),
+        "recorded": recorded_of(trials),
+        "motions": motions_of(tables),
+        "ways": ways,
+        "response": response_text(groups),
     }
-    table = tables.get("impedance", pl.DataFrame(schema=["amplitude_deg", "excitation"]))
-    shown, motions = (
-        ("band_low_hz", "band_high_hz", "theta_rms_deg", "fitted_s"),
-        list[Mapping[str, Any]](),
-    )
-    for (kind,), rows in table.filter(pl.col("amplitude_deg").is_null()).group_by(
-        "excitation", maintain_order=True
-    ):
-        values = {
-            one: rows[one].drop_nulls().to_list() if one in rows.columns else [] for one in shown
-        }
-        motions.append({"kind": kind, "n": len(rows), **values})
-    facts = {"config": config, "tables": said, "recorded": recorded_of(trials)}
-    return facts | {"motions": motions, "ways": ways, "response": response_said(groups)}
+
+
+ValuesOfTables = defaultdict[str, defaultdict[str, list[Any]]]
+"""Values by table and column; empty where there are none, as the template asks for any."""
+
+
+def values_of_tables(tables: Mapping[str, pl.DataFrame]) -> ValuesOfTables:
+    """The values of `VALUES_OF_METHODS`, each once, upwards."""
+    values: ValuesOfTables = defaultdict(lambda: defaultdict(list))
+    for name, table in tables.items():
+        for column in VALUES_OF_METHODS:
+            if column in table.columns and len(table):
+                values[name][column] = table[column].drop_nulls().unique().sort().to_list()
+    if "impedance" in tables:
+        amplitudes = [f"{size:g}" for size in values["impedance"]["commanded_deg"]]
+        # where nobody stated what was commanded, all that moved, without a fit of its own too
+        if not amplitudes:
+            sines = tables.get("phasors", tables["impedance"])
+            amplitudes = sizes_said(sines["amplitude_deg"].cast(pl.Float64))
+        values["impedance"]["commanded_deg"] = amplitudes
+    frequencies = values["phasors"]["frequency_hz"]
+    if frequencies:
+        rounded = pl.Series(frequencies).round_sig_figs(3)
+        values["phasors"]["frequency_hz"] = rounded.unique().sort().to_list()
+    return values
+
+
+def motions_of(tables: Mapping[str, pl.DataFrame]) -> list[dict[str, Any]]:
+    """By kind of motion, the number `n` of impedance trials, and their band, angle and time."""
+    impedance = tables.get("impedance", pl.DataFrame(schema=["amplitude_deg", "excitation"]))
+    whole = impedance.filter(pl.col("amplitude_deg").is_null())
+    motions = []
+    for rows in whole.partition_by("excitation", maintain_order=True):
+        motion: dict[str, Any] = {"kind": rows["excitation"][0], "n": len(rows)}
+        for column in ("band_low_hz", "band_high_hz", "theta_rms_deg", "fitted_s"):
+            motion[column] = []
+            if column in rows.columns:
+                motion[column] = rows[column].drop_nulls().to_list()
+        motions.append(motion)
+    return motions
+
+
+@dataclass
+class RecordedFacts:
+    """Facts on the recordings of one experiment, which grow trial by trial.
+
+    Attributes
+    ----------
+    n, used, perturbed, perturbed_used
+        Numbers of trials.
+    rates
+        Lowest rate of each trial [Hz].
+    streams
+        Rates of each group of signals that was recorded apart [Hz].
+    grids
+        Rates of the grids to which these were brought [Hz].
+    files
+        Endings of the files' names.
+    plates
+        Rates of force plates [Hz].
+    turns
+        Size [deg] and rise time [ms] of each turn of the platform.
+    """
+
+    n: int = 0
+    used: int = 0
+    perturbed: int = 0
+    perturbed_used: int = 0
+    rates: list[float] = field(default_factory=list)
+    streams: dict[str, list[float]] = field(default_factory=dict)
+    grids: list[float] = field(default_factory=list)
+    files: list[str] = field(default_factory=list)
+    plates: list[float] = field(default_factory=list)
+    turns: list[tuple[float, float]] = field(default_factory=list)
+
+    def add(self, trial: ReportedTrial) -> None:
+        is_used = not trial.left_out
+        is_perturbed = bool(trial.row.get("perturbed"))
+        self.n += 1
+        self.used += is_used
+        self.perturbed += is_perturbed
+        self.perturbed_used += is_perturbed and is_used
+        if "timebase" in trial.tables:
+            self.add_time_base(trial.tables["timebase"])
+        if trial.quality is not None:
+            rates = trial.quality.filter(pl.col("check") == "rate")["value"].drop_nulls()
+            self.rates += rates.round_sig_figs(3).to_list()
+        for file in trial.provenance.get("files", {}).values():
+            self.files.append(str(file["path"]).rpartition(".")[2].upper())
+        frames = trial.provenance.get("mocap") or {}
+        if trial.provenance.get("plates") and frames.get("samples_per_frame"):
+            self.plates.append(frames["frame_rate_hz"] * frames["samples_per_frame"])
+        crossing = trial.pictures.tables.get("crossing", pl.DataFrame())
+        if is_perturbed and is_used and "platform_deg" in crossing.columns:
+            self.turns.append(turn_of(crossing))
+
+    def add_time_base(self, time_base: pl.DataFrame) -> None:
+        rounded = time_base.select("signals", pl.col("rate_hz").round_sig_figs(3)).drop_nulls()
+        for signals, rate_hz in rounded.iter_rows():
+            self.streams.setdefault(signals, []).append(rate_hz)
+        self.grids += time_base["grid_rate_hz"].drop_nulls().round_sig_figs(3).to_list()
 
 
 def recorded_of(trials: Sequence[ReportedTrial]) -> dict[str, dict[str, Any]]:
-    """By experiment: numbers of trials recorded and used, lowest rates [Hz] of all, of each of
-    their `streams` and of the `grids` of these, files, rates of plates, turns."""
-    recorded = dict[str, dict[str, Any]]()
+    """`RecordedFacts` by experiment, as the template reads them."""
+    by_experiment: dict[str, RecordedFacts] = {}
     for trial in trials:
-        none: dict[str, Any] = {
-            "rates": [],
-            "files": [],
-            "plates": [],
-            "turns": [],
-            "streams": {},
-            "grids": [],
-        }
-        own = recorded.setdefault(trial.row["experiment"], none)
-        if (base := trial.tables.get("timebase")) is not None:
-            for signals, rate in (
-                base.select("signals", pl.col("rate_hz").round_sig_figs(3)).drop_nulls().iter_rows()
-            ):
-                own["streams"].setdefault(signals, []).append(rate)
-            own["grids"] += base["grid_rate_hz"].drop_nulls().round_sig_figs(3).to_list()
-        used, perturbed = not trial.left_out, bool(trial.row.get("perturbed"))
-        counts = {
-            "n": 1,
-            "used": used,
-            "perturbed": perturbed,
-            "perturbed_used": perturbed and used,
-        }
-        own |= {count: own.get(count, 0) + more for count, more in counts.items()}
-        if trial.quality is not None:
-            rates = trial.quality.filter(pl.col("check") == "rate")["value"].drop_nulls()
-            own["rates"] += rates.round_sig_figs(3).to_list()
-        for file in trial.provenance.get("files", {}).values():
-            own["files"].append(str(file["path"]).rpartition(".")[2].upper())
-        frames = trial.provenance.get("mocap") or {}
-        if trial.provenance.get("plates") and frames.get("samples_per_frame"):
-            own["plates"].append(frames["frame_rate_hz"] * frames["samples_per_frame"])
-        if (
-            perturbed
-            and used
-            and "platform_deg" in trial.pictures.tables.get("crossing", pl.DataFrame()).columns
-        ):
-            own["turns"].append(turn_of(trial.pictures.tables["crossing"]))
-    return recorded
+        by_experiment.setdefault(trial.row["experiment"], RecordedFacts()).add(trial)
+    return {experiment: asdict(recorded) for experiment, recorded in by_experiment.items()}
 
 
-def response_said(groups: pl.DataFrame) -> str:
+def response_text(groups: pl.DataFrame) -> str:
     """A text on which response is fitted in the `walking_groups`."""
-    columns = {"n_up", "n_down"} <= {*groups.columns}
-    both = (
-        groups.select((pl.col("n_up") > 0) & (pl.col("n_down") > 0)).to_series()
-        if columns
-        else pl.Series([False])
-    )
-    ways = ["the mean response"] * (not both.all()) + [
-        "half the difference of both directions"
-    ] * bool(both.any())
-    return " or ".join(ways)
+    mean, half_difference = "the mean response", "half the difference of both directions"
+    if not {"n_up", "n_down"} <= set(groups.columns):
+        return mean
+    has_both = groups.select((pl.col("n_up") > 0) & (pl.col("n_down") > 0)).to_series()
+    if has_both.all():
+        return half_difference if has_both.any() else ""
+    return f"{mean} or {half_difference}" if has_both.any() else mean
+
+
+REST_SHARE = 0.9  # of the largest angle: the platform has turned
+RISE = (0.1, 0.9)  # shares of a turn, between which its rise time lies
 
 
 def turn_of(crossing: pl.DataFrame) -> tuple[float, float]:
     """Size [deg] of the platform's turn in a perturbed crossing, and its rise time [ms] from 10 to
     90 %."""
-    time, turned = (
-        crossing["time"].to_numpy(),
-        crossing["platform_deg"].fill_nan(None).fill_null(0.0).abs().to_numpy(),
-    )
-    size = float(np.median(turned[turned >= 0.9 * turned.max()]))  # beside the noise of markers
-    end = int(np.argmax(turned > 0.9 * size))
-    start = int(np.flatnonzero(turned[:end] < 0.1 * size)[-1:].sum())
-    ends = []  # between two samples, of which a turn of 50 ms may have ten
-    for k, share in ((start, 0.1), (end - 1, 0.9)):
-        ends.append(np.interp(share * size, turned[k : k + 2], time[k : k + 2]))
-    return size, 1e3 * float(ends[1] - ends[0])
+    time = crossing["time"].to_numpy()
+    angle = crossing["platform_deg"].fill_nan(None).fill_null(0.0).abs().to_numpy()
+    size = float(np.median(angle[angle >= REST_SHARE * angle.max()]))  # beside the noise of markers
+    begin, end = RISE
+    after_rise = int(np.argmax(angle > end * size))
+    before_rise = np.flatnonzero(angle[:after_rise] < begin * size)
+    last_before = int(before_rise[-1]) if len(before_rise) else 0
+    # between two samples, of which a turn of 50 ms may have ten
+    begins_s = time_between(angle, time, last_before, begin * size)
+    ends_s = time_between(angle, time, after_rise - 1, end * size)
+    return size, 1e3 * (ends_s - begins_s)
+
+
+def time_between(angle: Array, time: Array, sample: int, value: float) -> float:
+    """When an angle passes a value between a sample and the next one [s]."""
+    both = slice(sample, sample + 2)
+    return float(np.interp(value, angle[both], time[both]))
 
 
 def trial_row(trial: ReportedTrial, differing: Collection[str]) -> dict[str, Any]:
-    estimates = trial.main.row(-1, named=True) if len(trial.main) else {}  # of the fit to all of it
+    """A row of the page's table of trials; of its conditions those that `differ` between trials."""
+    fit_to_all = trial.main.row(-1, named=True) if len(trial.main) else {}
     numbers = []
     for column in ("VAF", *EXPERIMENTS[trial.row["experiment"]].impedance):
-        value = estimates.get(column)
-        known = isinstance(value, int | float) and math.isfinite(value)
-        text, interval = value_and_interval(estimates, column) if known else (NO_VALUE, "")
-        numbers.append(
-            {
-                "column": column,
-                "sort": repr(value) if known else "",
-                "text": text,
-                "interval": interval,
-            }
-        )
+        value = fit_to_all.get(column)
+        sort_key, text, interval = "", NO_VALUE, ""
+        if isinstance(value, int | float) and math.isfinite(value):
+            sort_key = repr(value)
+            text, interval = value_and_interval(fit_to_all, column)
+        numbers.append({"column": column, "sort": sort_key, "text": text, "interval": interval})
     # the text of the last row, which is of all of the trial, and where
-    by_cause: dict[str, tuple[str, list[str]]] = {}
-    for one in (one for one in trial.doubts if STATES[one["of"]] == trial.verdict):
-        by_cause[one["cause"]] = (
-            one["text"],
-            [*by_cause.get(one["cause"], ("", []))[1], one["where"]],
-        )
-    doubts = [f"{', '.join(places)}: {text}" for text, places in by_cause.values()]
+    text_of: dict[str, str] = {}
+    places_of: dict[str, list[str]] = {}
+    for doubt in trial.doubts:
+        if doubt.verdict == trial.verdict:
+            text_of[doubt.cause] = doubt.text
+            places_of.setdefault(doubt.cause, []).append(doubt.where)
+    doubts = [f"{', '.join(places_of[cause])}: {text}" for cause, text in text_of.items()]
     return {
         "name": trial.name,
         "experiment": trial.row["experiment"],
         "condition": trial.condition(differing),
         "verdict": trial.verdict,
-        "doubt": next(iter(trial.left_out), "; ".join(doubts)),
-        "causes": [*by_cause],
+        "doubt": trial.left_out[0] if trial.left_out else "; ".join(doubts),
+        "causes": list(text_of),
         "numbers": numbers,
     }

@@ -1,0 +1,15 @@
+"""How many decimal places a number has in print."""
+
+from osl_analysis.report.headlines import written_number
+
+ESTIMATE = {"value": 300.12, "low": 299.5, "high": 300.6, "interval": "95 %", "unit": "N*m/rad"}
+
+
+def test_a_wider_range_over_amplitudes_leaves_a_number_fewer_places_than_its_interval():
+    wide = ESTIMATE | {"amplitudes_low": 280.0, "amplitudes_high": 320.0}
+    narrow = ESTIMATE | {"amplitudes_low": 300.0, "amplitudes_high": 300.2}
+
+    assert written_number(ESTIMATE).value == "300.1"
+    assert written_number(narrow).value == "300.1"
+    assert written_number(wide).value == "300"
+    assert written_number(wide).interval == "299.5 to 300.6"

@@ -138,7 +138,7 @@ def draw_table(
                 f"{path}: figures are written as {', '.join(METADATA)}; choose one of these"
                 " suffixes"
             )
-    from osl_analysis.figures import style  # matplotlib takes half a second
+    from osl_analysis.figures import style, svg_text  # matplotlib takes half a second
 
     if missing:
         further = len(missing) - MOST_NAMED
@@ -167,8 +167,11 @@ def draw_table(
                 bbox_inches=page_box,
                 **options,
             )
+        content = page.getvalue()
+        if path.suffix == ".svg":
+            content = svg_text.with_readable_text(content.decode()).encode()
         with atomic_path(path) as temporary:
-            temporary.write_bytes(page.getvalue())
+            temporary.write_bytes(content)
 
 
 def write_captions(

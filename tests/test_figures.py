@@ -322,7 +322,7 @@ def test_levels_within_a_decade_have_numbers_on_their_axis():
             ("odd_level", "even_level", "magnitude_eq15", "magnitude_eq9"), pl.lit(None, pl.Float64)
         ),
     )
-    (level,) = (ax for ax in response.draw(few).axes if "level" in ax.get_ylabel())
+    (level,) = (ax for ax in response.draw(few).axes if "noise" in ax.get_ylabel())
     low, high = level.get_ylim()
     named = [
         tick

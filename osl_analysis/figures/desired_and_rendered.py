@@ -105,7 +105,7 @@ def draw_fig5(table: pl.DataFrame) -> Figure:
 
 def draw_rendered(ax: Axes, rows: pl.DataFrame, symbol: str) -> None:
     """One quantity of the trials at their places `x`, and a black line at each desired value."""
-    inches = panel_inches(ax.figure.figure.get_figwidth())
+    inches = length_of(ax)
     desired = f"{symbol}_d"
     for group in rows.drop_nulls(desired).partition_by(desired, maintain_order=True):
         ax.hlines(group[desired][0], group["x"][0] - 0.8, group["x"][-1] + 0.8, **DESIRED_LINE)
@@ -184,7 +184,7 @@ ERROR_LABELS = {
 
 def draw_error(ax: Axes, rows: pl.DataFrame, symbol: str) -> None:
     """The error of one quantity, and what the linear model says of it, at the places `x`."""
-    inches = panel_inches(ax.figure.figure.get_figwidth())
+    inches = length_of(ax)
     ax.axhline(0, **DESIRED_LINE, zorder=0)
     share = marker_share(rows, inches)
     for controller, look in names.looks_in(rows).items():
@@ -204,7 +204,8 @@ def draw_error(ax: Axes, rows: pl.DataFrame, symbol: str) -> None:
 def panels_of_trials(
     table: pl.DataFrame, quantities: Mapping[str, str]
 ) -> tuple[Figure, list[Axes], list[tuple[str, pl.DataFrame]]]:
-    """Make a panel for each joint and quantity, one above the other.
+    """Make a panel for each joint and quantity: one above the other, and of several joints K and B
+    side by side.
 
     Parameters
     ----------
@@ -227,10 +228,21 @@ def panels_of_trials(
             if names.has_values(part, column):
                 placed.append((symbol, with_places(part, symbol)))
                 titles.append(title)
-    width = fitting_width([rows for _, rows in placed])
-    height = LEGEND_HEIGHT + PANEL_HEIGHT * len(placed)
-    figure, axes = style.panels(width, height, rows=len(placed), titles=titles)
-    return figure, axes, placed
+    columns = 1 if len(parts) == 1 else 2
+    width = fitting_width([rows for _, rows in placed]) if columns == 1 else style.DOUBLE_COLUMN
+    rows = -(-len(placed) // columns)
+    height = min(LEGEND_HEIGHT + PANEL_HEIGHT * rows, style.TALLEST)
+    figure, axes = style.panels(width, height, rows, columns, titles=titles)
+    for unused in axes[len(placed) :]:
+        unused.remove()
+    return figure, axes[: len(placed)], placed
+
+
+def length_of(ax: Axes) -> float:
+    """Length of the horizontal axis of a panel of these figures [in]."""
+    place = ax.get_subplotspec()
+    columns = 1 if place is None else place.get_gridspec().ncols
+    return panel_inches(ax.figure.figure.get_figwidth(), columns)
 
 
 def draw_trials(ax: Axes, rows: pl.DataFrame, quantity: str, inches: float) -> None:

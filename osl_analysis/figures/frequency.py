@@ -239,8 +239,8 @@ def response_caption(table: pl.DataFrame) -> str:
     levels = "the noise and distortion" if has_distortion else "the noise"
     said = [
         "Impedance Z of the joint, torque over angle, over frequency. Each trial has three panels:"
-        f" magnitude, phase, and below {levels} of one realisation (markers)"
-        " beside what the models miss of Z (lines)."
+        f" magnitude, phase, and below the misfit of the models (lines) beside {levels} of one"
+        " realisation (markers)."
     ]
     if names.has_values(table, "K_d") or names.has_values(table, "B_d"):
         said.append("Above stands what was asked for, $K_d$ in N·m/rad and $B_d$ in N·m·s/rad.")
@@ -299,7 +299,7 @@ def draw_response(table: pl.DataFrame) -> Figure:
     return figure
 
 
-PANELS = ("Magnitude\n(N·m/rad)", "Phase (deg)", "Missed, level\n(N·m/rad)")
+PANELS = ("Magnitude\n(N·m/rad)", "Phase (deg)", "Misfit, noise\n(N·m/rad)")
 
 
 def draw_condition(of_trial: Sequence[Axes], rows: pl.DataFrame) -> dict[str, Any]:
@@ -354,7 +354,7 @@ def draw_structure(
     curves: tuple[Any, ...] = (
         rows[f"magnitude_{short}"],
         rows[f"phase_deg_{short}"],
-        missed(rows, short),
+        misfit(rows, short),
     )
     for ax, curve in zip(of_trial, curves, strict=True):
         (line,) = ax.plot(
@@ -363,7 +363,7 @@ def draw_structure(
     return line
 
 
-def missed(rows: pl.DataFrame, short: str) -> Array:
+def misfit(rows: pl.DataFrame, short: str) -> Array:
     """Distance [N·m/rad] (n,) of a model from the measured impedance, NaN where it is not known."""
     Z = complex_impedance(rows, "")
     return np.asarray(np.abs(Z - complex_impedance(rows, f"_{short}")))

@@ -19,14 +19,13 @@ from osl_analysis.figures.ticks import label_frequency_axis, label_log_axis
 
 COLUMNS = 2  # panels side by side
 PANEL_HEIGHT, LEGEND_HEIGHT = 1.85, 0.6  # [in]
-TALLEST = 9.4  # figure that fits the text block of an IEEE page [in]
 MARKER_SHARE = 0.9  # of the usual size
 ZERO_LINE: dict[str, Any] = {"color": style.BLACK, "linewidth": 0.6, "zorder": 0}
 
 
 def figure_height(rows: int) -> float:
     """Of a figure of so many rows of panels [in]."""
-    return min(LEGEND_HEIGHT + PANEL_HEIGHT * rows, TALLEST)
+    return min(LEGEND_HEIGHT + PANEL_HEIGHT * rows, style.TALLEST)
 
 
 # prediction

@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 
 # widths [in] of one column and of the text block of an IEEE two-column page
 SINGLE_COLUMN, DOUBLE_COLUMN = 3.5, 7.16
+TALLEST = 9.4  # figure that fits this block [in]
 
 BLACK, WHITE, GREY, MAGENTA = "#000000", "#FFFFFF", "#6E6E6E", "#C2127F"
 LIGHT_GREY, GRID_GREY = "#B4B4B4", "#E4E4E4"  # of data behind others; of grids, bands and grounds

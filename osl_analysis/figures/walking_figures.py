@@ -127,7 +127,8 @@ def fig9_caption(table: pl.DataFrame) -> str:
 REACH, MEAN_AT, ENSEMBLE_AT, NEXT_GROUP = 0.32, 0.55, 0.85, 1.8
 BESIDE = 0.75  # free beside the first and the last group, half of it on either side
 MARGIN = 0.45  # of a panel, for the labels of its vertical axis [in]
-SWARM_HEIGHT, POINT = 1.2, 3.4 / 72  # over which the points of a panel spread; one of them [in]
+SWARM_HEIGHT, POINT = 1.2, 3.4 / 72  # over which the values of a panel spread; one point [in]
+DRAWN = ("estimate", "mean", "ensemble_low", "ensemble_high", "commanded")
 LETTERS_PER_INCH = 17
 PERTURBATION = style.Look(style.GREY, "o", 2.6, "One perturbation")
 MEAN_LABEL = "Mean ± SD"
@@ -172,7 +173,8 @@ def draw_groups(ax: Axes, rows: pl.DataFrame, unit: float) -> None:
     """One quantity of every group: perturbations, their mean, the ensemble, and the command.
     `unit` is the length of a unit of the axis [in]."""
     of_groups = rows.filter(pl.col("trial").is_null())
-    spread = max(float(np.ptp(rows["estimate"].drop_nulls().to_numpy())), 1e-9)
+    drawn = rows.select(DRAWN).unpivot()["value"].drop_nulls().to_numpy()
+    spread = max(float(np.ptp(drawn)), 1e-9)
     for number, row in enumerate(of_groups.iter_rows(named=True)):
         place = number * NEXT_GROUP
         fits = rows.filter(group=row["group"]).drop_nulls("trial")

@@ -21,7 +21,8 @@ from osl_analysis.figures.desired_axis import (
 NEEDED = ("trial", "controller", "K_d", "B_d", "amplitude_deg")  # beside estimates
 ESTIMATES = ("K", "K_low", "K_high", "B", "B_low", "B_high")
 DESIRED_LINE: dict[str, Any] = {"color": style.BLACK, "linewidth": 0.8}
-VISCOUS_MARK: dict[str, Any] = {"marker": "x", "mew": 0.9}
+# black, because it may stand on a marker
+VISCOUS_MARK: dict[str, Any] = {"marker": "x", "mew": 0.8, "color": style.BLACK}
 MODEL_MARK: dict[str, Any] = {"marker": "_", "mew": 0.7}
 VISCOUS_SIZE, MODEL_SIZE = 3.2, 6.0  # of these marks [pt]
 PANEL_HEIGHT, LEGEND_HEIGHT = 1.75, 0.75  # [in]
@@ -252,12 +253,9 @@ def draw_trials(ax: Axes, rows: pl.DataFrame, quantity: str, inches: float) -> N
     for controller, look in names.looks_in(rows).items():
         own = names.of_controller(rows, controller)
         marks.draw_estimates(ax, own, "x", quantity, look, share)
-        if viscous:
-            ax.plot(
-                own["x"], own[viscous],
-                linestyle="", color=look.colour, markersize=VISCOUS_SIZE * share, zorder=4,
-                **VISCOUS_MARK,
-            )  # fmt: skip
+    if viscous:
+        size = VISCOUS_SIZE * share
+        ax.plot(rows["x"], rows[viscous], linestyle="", markersize=size, zorder=4, **VISCOUS_MARK)
 
 
 def viscous_entry(table: pl.DataFrame, column: str = "B_viscous") -> dict[str, Any]:
@@ -265,4 +263,4 @@ def viscous_entry(table: pl.DataFrame, column: str = "B_viscous") -> dict[str, A
     if not names.has_values(table, column):
         return {}
     label = names.VISCOUS_DAMPING
-    return {label: marks.key(label, color=style.GREY, markersize=VISCOUS_SIZE, **VISCOUS_MARK)}
+    return {label: marks.key(label, markersize=VISCOUS_SIZE, **VISCOUS_MARK)}

@@ -40,7 +40,10 @@ def sources() -> dict[str, str]:
     said = f"osl-analysis {of['version']}, configuration {of['configuration']}"
     made_by = {
         "report.png": [TEMPLATES / f"report.{kind}" for kind in ("html.j2", "css", "js")],
-        "fig5.png": [PACKAGE / f"figures/{FIGURES['fig5'].module}.py"],
+        "fig5.png": [
+            PACKAGE / f"figures/{name}.py"
+            for name in (FIGURES["fig5"].module, "desired_axis", "marks")
+        ],
     }
     code = {
         name: hashlib.sha256(b"".join(map(Path.read_bytes, files)))

@@ -323,8 +323,7 @@ def example(wildcards):
     """The desired impedance of Fig. 4; None without one."""
     if TIME_SERIES is None:
         return None
-    row = CAMPAIGN.row(TIME_SERIES["trial"])
-    return {"K_d": row["K_d"], "B_d": row["B_d"], "chosen": TIME_SERIES["chosen"]}
+    return {name: TIME_SERIES[name] for name in ("K_d", "B_d", "chosen")}
 
 
 # Figures and page

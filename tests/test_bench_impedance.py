@@ -22,7 +22,7 @@ from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands import figure as plotted_numbers
 from osl_analysis.commands.bench import estimates_text, summarise
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.figures.impedance_figures import draw_fig4
+from osl_analysis.figures.torque_over_time import draw_fig4
 from osl_analysis.judge.judging import LATENESS, unchecked_in
 from osl_analysis.judge.limits import DoubtfulFits, Limits
 from osl_analysis.model.drivetrain import read_parameters

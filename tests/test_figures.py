@@ -5,14 +5,18 @@ import os
 import re
 import subprocess
 import sys
+from base64 import b64decode
 from dataclasses import replace
 from functools import cache
+from io import BytesIO
 from itertools import product
+from xml.etree import ElementTree
 
 import numpy as np
 import polars as pl
 import pytest
 from conftest import ROOT
+from fontTools.ttLib import TTFont
 from matplotlib.figure import Figure
 
 from osl_analysis.commands.figure import (
@@ -23,7 +27,7 @@ from osl_analysis.commands.figure import (
     write_captions,
 )
 from osl_analysis.errors import InputError
-from osl_analysis.figures import FIGURES, drawing_of, names, others, style
+from osl_analysis.figures import FIGURES, drawing_of, names, others, style, ticks
 from osl_analysis.figures.frequency import DESIRED, LINEAR_MODEL, response_curve
 from osl_analysis.figures.names import as_text, doubtful_said, write_footer
 from osl_analysis.figures.quasi_static import MEAN_SLOPE
@@ -32,8 +36,8 @@ from osl_analysis.refusal import Refusal, write_refusals
 from osl_analysis.table import read_table, write_table
 
 fig3, fig4, fig5, fig6, fig7, fig8, fig9 = (drawing_of(f"fig{number}") for number in range(3, 10))
-OTHERS = ("impedance_over_stance", "response", "torque_angle", "walking_page")
-impedance_over_stance, response, torque_angle, walking_page = map(drawing_of, OTHERS)
+OTHERS = ("errors", "impedance_over_stance", "response", "torque_angle", "walking_page")
+errors, impedance_over_stance, response, torque_angle, walking_page = map(drawing_of, OTHERS)
 BELTS = [f"belt_{number:02d}" for number in range(1, 11)]
 
 
@@ -50,7 +54,8 @@ def time_series():
     )
     none, model = pl.lit(None, pl.String), pl.lit("second-order system")
     table = table.with_columns(doubtful=pl.lit(""), trial=pl.lit("k300"), model=model)
-    return table.with_columns(chosen=none, joint=pl.lit("ankle"), side=none)
+    condition = {"controller": pl.lit("compensated"), "K_d": 300.0, "B_d": 5.0}
+    return table.with_columns(chosen=none, joint=pl.lit("ankle"), side=none, **condition)
 
 
 def response_table():
@@ -77,6 +82,7 @@ PLOTTED = {
     "fig4": time_series, "torque": time_series, "fig7": response_table,
     "torque_angle": torque_angle_table,
     "fig5": lambda: fig5.points(stored("impedance")),
+    "errors": lambda: errors.points(stored("impedance")),
     "fig6": lambda: fig6.points(stored("impedance")),
     "fig8": lambda: fig8.points(stored("gains")), "fig9": lambda: fig9_points(340.0,
     commanded_B=4.5),
@@ -134,8 +140,8 @@ def fig9_points(commanded_K=None, summary=None, commanded_B=None):
     return fig9.points(table, walking_fits(), over_stance(commanded_B), commanded_K)
 
 
-def in_amplitudes():
-    """Fig. 5 with ranges over amplitudes, viscous damping, and doubts of the two trials of one
+def fits_with_ranges():
+    """Fits with ranges over amplitudes, viscous damping, and doubts of the two trials of one
     condition."""
     ends = {
         f"{q}_amplitudes_{end}": pl.col(q) + step
@@ -147,7 +153,17 @@ def in_amplitudes():
         f"B_viscous{end}": pl.col("B") + step
         for end, step in (("", -0.4), ("_low", -0.5), ("_high", -0.35))
     }
-    return fig5.points(stored("impedance").with_columns(**ends, **rubs, doubtful=reason))
+    return stored("impedance").with_columns(**ends, **rubs, doubtful=reason)
+
+
+def in_amplitudes():
+    """Fig. 5 of them."""
+    return fig5.points(fits_with_ranges())
+
+
+def errors_in_amplitudes():
+    """The figure `errors` of them."""
+    return errors.points(fits_with_ranges())
 
 
 def both_branches():
@@ -193,17 +209,7 @@ APART = [  # the structures' distance from the measured impedance, by the law of
      * (pl.col(f"phase_deg_{m}") - pl.col("phase_deg")).radians().cos()).sqrt() for m in ("eq15",
      "eq9")
 ]  # fmt: skip
-ESTIMATES = (
-    "{}",
-    "{}_low",
-    "{}_high",
-    "{}_amplitudes_low",
-    "{}_amplitudes_high",
-    "{}_d",
-    "{}_predicted",
-)
-# held against B_d
-WITHOUT_FRICTION = ("B_viscous", "B_viscous_low", "B_viscous_high", "B_d", "B_predicted")
+OBSERVED = ("{}", "{}_low", "{}_high", "{}_amplitudes_low", "{}_amplitudes_high")
 OF_GROUP = ("estimate", "ensemble", "ensemble_low", "ensemble_high", "mean", "commanded")
 SHOWN = [
     # figure, table (None: as stored), panel, its rows, horizontal axis (None: no numbers of the
@@ -216,16 +222,16 @@ SHOWN = [
     ("fig4", left_out, 0, True, "time", ("theta_deg",)),
     ("fig4", left_out, 1, True, "time", ("torque", "torque_model")),
     ("fig4", left_out, 2, True, "time", (pl.col("torque") - pl.col("torque_model"),)),
-    *(("fig5", in_amplitudes, 2 * k, True, None, [one.format(q) for one in ESTIMATES]) for k,
-    q in enumerate("KB")),
-    *(("fig5", in_amplitudes, 2 * k + 1, pl.col(f"{q}_d") > 0, None,
-       [100 * (pl.col(one) / pl.col(f"{q}_d") - 1) for one in drawn])
-      for k, (q, drawn) in enumerate({"K": [one.format("K") for one in ESTIMATES],
-      "B": WITHOUT_FRICTION}.items())),
-    ("fig5", in_amplitudes, 2, True, None, ("B_viscous",)),
+    *(("fig5", in_amplitudes, k, True, None, [*(one.format(q) for one in OBSERVED), f"{q}_d"])
+      for k, q in enumerate("KB")),
+    ("fig5", in_amplitudes, 1, True, None, ("B_viscous",)),
+    *(("errors", errors_in_amplitudes, k, True, None,
+       [one.format(f"{q}_error") for one in (*OBSERVED, "{}_predicted")])
+      for k, q in enumerate("KB")),
+    ("errors", errors_in_amplitudes, 1, True, None, ("B_viscous_error",)),
     ("fig6", None, 0, True, None,
      (100 - pl.col("VAF"), 100 - pl.col("VAF").median().over("controller"))),
-    *(("fig7", response_table, k, True, "frequency_hz", [one.format(q) for one in ESTIMATES[:5]])
+    *(("fig7", response_table, k, True, "frequency_hz", [one.format(q) for one in OBSERVED])
       for k, q in enumerate(("magnitude", "phase_deg"))),
     *(("fig8", None, k, True, "phase", (f"{q}_d", f"{q}_1_joint")) for k, q in enumerate("KB")),
     *(("fig9", None, k, pl.col("quantity") == q, None, OF_GROUP) for k, q in enumerate("KBI")),
@@ -316,7 +322,7 @@ def test_levels_within_a_decade_have_numbers_on_their_axis():
             ("odd_level", "even_level", "magnitude_eq15", "magnitude_eq9"), pl.lit(None, pl.Float64)
         ),
     )
-    (level,) = (ax for ax in response.draw(few).axes if "level" in ax.get_ylabel())
+    (level,) = (ax for ax in response.draw(few).axes if "noise" in ax.get_ylabel())
     low, high = level.get_ylim()
     named = [
         tick
@@ -336,19 +342,30 @@ SAID = [
     ("fig3", both_branches, {}, ["95 % interval 682.9 to 688.3 N·m/rad", "loop area 0.0451 J"],
      ["Doubtful"]),
     ("fig3", both_branches, {"K_s_low": NONE, "K_s_high": NONE, "doubtful": DOUBT},
-     ["685.6$ N·m/rad", "Doubtful fit ($n$ = 2)"], ["95 % interval 6"]),
-    ("fig4", left_out, {}, ["trial k300", "Not fitted"], ["(doubtful)"]),
+     ["= 685.6 N·m/rad", "Doubtful fit ($n$ = 2)"], ["95 % interval 6"]),
+    ("fig4", left_out, {},
+     ["$K_d$ = 300 N·m/rad, $B_d$ = 5 N·m·s/rad, compensated", "Not fitted"],
+     ["(doubtful)", "k300"]),
+    ("fig4", left_out, {"K_d": NONE, "B_d": NONE, "controller": pl.lit(None, pl.String)},
+     ["Trial k300"], ["$K_d$"]),
     ("fig4", time_series, {"doubtful": NOTE}, ["(doubtful)"], ["Not fitted"]),
     ("fig5", lambda: plotted("fig5").head(4),
      {"K_d": NONE, "B_d": NONE, "trial": pl.format("w{}", pl.col("K").rank())},
-     ["w1.0", "w4.0"], ["Desired", "not stated"]),
+     ["w1.0", "w4.0", "95 % interval"], ["Desired", "not stated", "Range over amplitudes"]),
+    ("fig5", in_amplitudes, {},
+     ["95 % interval", "Range over amplitudes", names.VISCOUS_DAMPING, "Open: doubtful"],
+     [names.LINEAR_MODEL]),
+    ("errors", errors_in_amplitudes, {},
+     [names.LINEAR_MODEL, "Damping error", "N·m·s/rad", "Range over amplitudes"], ["Desired v"]),
     ("fig6", None, {"doubtful": NOTE}, ["48 fits of 16 trials", "Open"], []), ("fig6", None, {}, [],
      ["Open"]),
-    ("walking_page", None, {}, ["Unperturbed ($n$ = 7)", "Averaged"], ["Doubtful fit", "Toes"]),
+    ("walking_page", None, {}, ["Unperturbed ($n$ = 7)", "Mean response", "± SD"],
+     ["Doubtful fit", "Toes"]),
     ("walking_page", None, {"curve": pl.col("curve").replace("perturbed", "perturbed down")},
-     ["Toes down", "Half of up minus down"], ["Perturbed", "Averaged"]),
+     ["Toes down", "Half of up minus down"], ["Perturbed", "Mean response"]),
     ("torque_angle", lambda: twice(torque_angle_table()), {}, [], ["both cams 15mm"]),
-    ("response", lambda: conditions_of(2), {}, ["Open: doubtful", "(b) t1"], []),
+    ("response", lambda: conditions_of(2), {},
+     ["Open: doubtful", "(a) $K_d$ = 300, $B_d$ = 5\nadaptive", "(b) adaptive"], ["t1"]),
     ("response", lambda: conditions_of(13), {}, ["(l) "], ["(m) "]),
 ]  # fmt: skip
 
@@ -397,39 +414,95 @@ def test_trials_are_told_apart_where_they_end_and_doubtful_ones_and_the_mean_by_
     assert [a.get_ydata().max() for a in page.lines if a.is_dashed()] == pytest.approx([1.1 * 60])
 
 
-@pytest.mark.parametrize("name", ["fig5", "fig6", "fig7"])
+@pytest.mark.parametrize("name", ["fig6", "fig7"])
 def test_a_marker_leads_to_its_trial_and_is_open_where_its_fit_is_doubtful(name):
-    table = in_amplitudes().sort("K_d", "B_d") if name == "fig5" else plotted(name)
+    table = plotted(name)
     for ax, look in product(drawing_of(name).draw(table).axes, LOOKS.values()):
-        rows = table.drop_nulls("trial").filter(controller=look.label.lower())
-        _, faces, links = scattered(ax, look.label)
-        assert links == links_to(trial.replace(" ", "%20") for trial in rows["trial"])
-        opened = (np.broadcast_to(faces, (len(links), 4)) == 1).all(axis=1)
-        assert opened.tolist() == [bool(text) for text in rows["doubtful"]]
+        check_markers(ax, look, table.drop_nulls("trial"))
 
 
-def test_fig5_gives_each_desired_impedance_a_place_beside_its_desired_value():
+@pytest.mark.parametrize("name", ["fig5", "errors"])
+def test_a_marker_above_a_desired_value_leads_to_its_trial_too(name):
+    table = in_amplitudes() if name == "fig5" else errors_in_amplitudes()
+    stiffness, damping = drawing_of(name).draw(table).axes
+    for look in LOOKS.values():
+        check_markers(stiffness, look, table.sort("K_d", "B_d"))
+        check_markers(damping, look, table.sort("B_d", "K_d"))
+
+
+def check_markers(ax, look, table):
+    """Each marker of a controller leads to its row's trial, and is open where this is doubtful."""
+    rows = table.filter(controller=look.label.lower())
+    _, faces, links = scattered(ax, look.label)
+    assert links == links_to(trial.replace(" ", "%20") for trial in rows["trial"])
+    opened = (np.broadcast_to(faces, (len(links), 4)) == 1).all(axis=1)
+    assert opened.tolist() == [bool(text) for text in rows["doubtful"]]
+
+
+def segments(ax):
+    """The lines (2, 2) that bars of a panel are made of, with their widths."""
+    found = []
+    for one in ax.collections:
+        if hasattr(one, "get_segments"):
+            found += [(segment, one.get_linewidth()[0]) for segment in one.get_segments()]
+    return found
+
+
+@pytest.mark.parametrize(("panel", "symbol", "other"), [(0, "K", "B"), (1, "B", "K")])
+def test_fig5_shows_each_trial_above_its_desired_value_and_beside_all_others(panel, symbol, other):
     table = in_amplitudes()
-    for ax, symbol in zip(fig5.draw(table).axes[::2], "KB", strict=True):
-        lines = [s for c in ax.collections if hasattr(c, "get_segments") for s in c.get_segments()]
-        lines, places = [s for s in lines if s[0][1] == s[1][1]], []
-        for controller, look in LOOKS.items():
-            points, *_ = scattered(ax, look.label)
-            beside = [one[0][1] for x, _ in points for one in lines if one[0][0] < x < one[1][0]]
-            assert (
-                beside
-                == table.filter(controller=controller).sort("K_d", "B_d")[f"{symbol}_d"].to_list()
-            )
-            places += list(points[:, 0])
-        assert {*np.diff(sorted(places)).round(9)} == {1, 1.7, 2.6}
-        upright = [
-            c for c in ax.collections if hasattr(c, "get_segments") and len(c.get_segments())
-        ]
-        bars = {c.get_linewidth()[0]: np.ptp(c.get_segments()[0][:, 1]) for c in upright}
-        assert (bars[0.7], bars[1.8] < 2) == (
-            pytest.approx(12),
-            True,
-        ), "the range is thin, the interval thick"
+
+    ax = fig5.draw(table).axes[panel]
+
+    level = [segment for segment, _ in segments(ax) if segment[0][1] == segment[1][1]]
+    places = []
+    for controller, look in LOOKS.items():
+        points, *_ = scattered(ax, look.label)
+        beside = [line[0][1] for x, _ in points for line in level if line[0][0] < x < line[1][0]]
+        rows = table.filter(controller=controller).sort(f"{symbol}_d", f"{other}_d")
+        assert beside == rows[f"{symbol}_d"].to_list()
+        np.testing.assert_allclose(points[:, 1], rows[symbol])
+        places += list(points[:, 0])
+    assert {*np.diff(sorted(places)).round(9)} == {1, 1.8, 3.2}
+    labels = [label.get_text() for label in ax.get_xticklabels()]
+    assert labels == [f"{value:g}" for value in sorted(set(table[f"{symbol}_d"]))]
+
+
+def test_the_range_over_amplitudes_is_thin_and_the_interval_thick():
+    for ax in fig5.draw(in_amplitudes()).axes:
+        upright = [(np.ptp(line[:, 1]), w) for line, w in segments(ax) if np.ptp(line[:, 1]) > 0]
+        assert {round(height, 6) for height, width in upright if width == style.THIN} == {12}
+        assert max(height for height, width in upright if width == style.THICK) < 2
+
+
+def test_errors_are_percent_of_k_d_and_differences_from_b_d():
+    fits = pl.DataFrame({
+        "trial": ["a", "b", "c"],
+        "controller": "compensated",
+        "amplitude_deg": pl.Series([None] * 3, dtype=pl.Float64),
+        "K_d": [200.0, 0.0, None], "B_d": [0.0, 5.0, None],
+        "K": [190.0, 3.0, 7.0], "K_low": [180.0, 2.0, 6.0], "K_high": [210.0, 4.0, 8.0],
+        "K_predicted": [220.0, 3.0, 7.0],
+        "B": [1.5, 4.0, 7.0], "B_low": [1.0, 3.5, 6.0], "B_high": [2.0, 4.5, 8.0],
+        "B_viscous": [0.5, None, None], "doubtful": "",
+    })  # fmt: skip
+
+    table = errors.points(fits)
+
+    assert table["trial"].to_list() == ["a", "b"], "nothing was asked of the third"
+    assert table["K_error"].to_list() == [pytest.approx(-5), None]
+    ends = [*table.row(0, named=True).items()]
+    row = dict(ends)
+    assert (row["K_error_low"], row["K_error_high"]) == pytest.approx((-10, 5))
+    assert row["K_error_predicted"] == pytest.approx(10)
+    assert table["B_error"].to_list() == [1.5, -1.0]
+    assert table["B_viscous_error"].to_list() == [0.5, None]
+    stiffness, damping = errors.draw(table).axes
+    np.testing.assert_allclose(scattered(stiffness, "Compensated")[0][:, 1], [np.nan, -5])
+    np.testing.assert_allclose(scattered(damping, "Compensated")[0][:, 1], [1.5, -1])
+    assert ("(%)" in stiffness.get_ylabel(), "(N·m·s/rad)" in damping.get_ylabel()) == (True, True)
+    only_stiffness = errors.draw(table.with_columns(B_error=NONE))
+    assert [ax.get_xlabel()[:17] for ax in only_stiffness.axes] == ["Desired stiffness"]
 
 
 def test_fig6_of_perfect_fits_has_no_tick_beyond_the_line_on_which_they_stand():
@@ -480,7 +553,9 @@ def test_axes_are_logarithmic_in_round_numbers_percent_or_from_zero_where_the_si
     polar = np.hypot(3.5e-3, 2e-3), np.rad2deg(np.arctan2(-2, 3.5))
     assert numbers.select("magnitude", "phase_deg").row(-1) == pytest.approx(polar)
     assert magnitude.get_yscale() == magnitude.get_xscale() == phase.get_xscale() == "log"
-    assert [tick.get_text() for tick in phase.get_xticklabels()] == ["1", "2", "5"]
+    assert [tick.get_text() for tick in phase.get_xticklabels()] == ["1", "2", "3", "4", "5"]
+    assert magnitude.get_xlim() == phase.get_xlim()
+    assert [ax.get_title(loc="left") for ax in (magnitude, phase)] == ["(a)", "(b)"]
     assert [tick.get_text() for tick in magnitude.get_yticklabels()] == [
         "3.5",
         "4",
@@ -489,13 +564,17 @@ def test_axes_are_logarithmic_in_round_numbers_percent_or_from_zero_where_the_si
     ], "in thousandths"
     np.testing.assert_allclose(magnitude.get_yticks(), [3.5e-3, 4e-3, 4.5e-3, 5e-3])
     assert [line.is_dashed() for line in magnitude.lines] == [
-        True,
-        True,
         False,
+        True,
+        True,
     ], "the desired one alone is whole"
     stiffness, damping = fig8.draw(plotted("fig8")).axes
     assert (damping.xaxis.get_major_formatter()(0.4), stiffness.get_ylim()[0] <= 0) == ("40", True)
-    lowest = [ax.get_ylim()[0] for ax in fig9.draw(fig9_points(340.0)).axes]
+    figure = fig9.draw(fig9_points(340.0))
+    inertia = figure.axes[2]
+    assert "10$^{-3}$ kg·m$^2$" in inertia.get_ylabel()
+    assert inertia.yaxis.get_major_formatter()(0.025) == "25"
+    lowest = [ax.get_ylim()[0] for ax in figure.axes]
     assert (lowest[0] > 250, lowest[1] > 2, lowest[2] <= 0) == (
         True,
         True,
@@ -559,7 +638,7 @@ def test_groups_have_a_page_each():
         pl.concat([page, page.with_columns(group=pl.lit("slow"), mean=2 * pl.col("mean"))])
     ).axes
     (one,), (two,) = (
-        [a.get_ydata() for a in ax.lines if a.get_label() == "Averaged"]
+        [a.get_ydata() for a in ax.lines if a.get_label() == "Mean response"]
         for ax in (axes[2], axes[6])
     )
     np.testing.assert_allclose(two, 2 * one)
@@ -604,31 +683,83 @@ def test_the_chain_shows_by_how_much_each_link_is_off_and_nothing_where_one_is_m
         1,
     )
     assert chain.points(pl.DataFrame(law), fits, belt.clear())["belt"].to_list() == [None]
-    assert len(chain.draw(table).axes) == 4
-
-
-def test_a_prediction_shows_each_trial_and_the_median_over_frequency_of_what_is_missed():
-    prediction, table = (
-        drawing_of("prediction"),
-        stored("prediction").filter(pl.col("share").is_not_null()),
-    )
-    trend = prediction.draw(stored("prediction")).axes[-1]
-    assert len(trend.lines) == table["trial"].n_unique() + table["controller"].n_unique()
-    medians = (
-        table.filter(controller="compensated")
-        .group_by("frequency_hz")
-        .agg(pl.col("share").median())
-    )
-    (drawn,) = [
-        line
-        for line in trend.lines
-        if line.get_linewidth() == style.THICK and line.get_color() == ORANGE
+    figure = chain.draw(table)
+    heights = [scattered(ax, "Compensated")[0][0, 1] for ax in figure.axes]
+    assert heights == pytest.approx([-8, 10, -50, 1])
+    symbols = [ax.get_ylabel().partition(",")[0] for ax in figure.axes]
+    assert symbols == ["$K_1$", r"$k_\tau n_m$", "$K_s$", r"$\hat{K}$"]
+    assert [line[:, 1].tolist() for line, _ in segments(figure.axes[0])] == [
+        pytest.approx([-9, -7])
     ]
-    np.testing.assert_allclose(drawn.get_xydata(), medians.sort("frequency_hz").to_numpy())
+    without_belt = chain.draw(table.with_columns(belt=NONE))
+    assert [ax.get_title(loc="left")[4:] for ax in without_belt.axes] == [
+        "Command",
+        "Motor",
+        "Joint",
+    ]
+
+
+def test_trials_of_one_desired_value_do_not_cover_one_another():
+    for ax in drawing_of("chain").draw(stored("chain")).axes:
+        places = [x for look in LOOKS.values() for x in shown_places(ax, look.label)]
+        assert len(places) == len(set(places)) == len(stored("chain"))
+
+
+def shown_places(ax, label):
+    """Where the points with that label stand along the axis; none where there is no such point."""
+    found = [one for one in ax.collections if one.get_label() == label]
+    return [float(x) for one in found for x in np.asarray(one.get_offsets())[:, 0]]
+
+
+def test_a_prediction_shows_what_was_measured_less_what_was_predicted():
+    table = stored("prediction")
+    trials = table.filter(pl.col("share").is_null(), controller="compensated")
+
+    axes = drawing_of("prediction").draw(table).axes
+
+    orders = (("K_d", "B_d"), ("B_d", "K_d"), ("K_d", "B_d"))
+    units = ("(N·m/rad)", "(N·m·s/rad)", "(N·m)")
+    for ax, name, order, unit in zip(axes, ("K", "B", "torque"), orders, units, strict=False):
+        rows = trials.sort(order)
+        drawn = scattered(ax, "Compensated")[0][:, 1]
+        np.testing.assert_allclose(drawn, rows[f"{name}_measured"] - rows[name])
+        bars = [line[:, 1] for line, width in segments(ax) if width == style.THICK]
+        ends = rows.select(pl.col(f"{name}_low", f"{name}_high") - pl.col(name)).to_numpy()
+        np.testing.assert_allclose(bars[: len(rows)], ends)
+        assert ax.get_ylabel().endswith(unit)
+
+
+def test_a_prediction_shows_median_quartiles_and_range_of_what_is_missed():
+    prediction = drawing_of("prediction")
+    table = stored("prediction").filter(pl.col("share").is_not_null())
+    rows = table.filter(controller="compensated")
+    frequencies = sorted(set(rows["frequency_hz"]))
+    of_each = [rows.filter(frequency_hz=f)["share"].to_numpy() for f in frequencies]
+
+    missed = prediction.draw(stored("prediction")).axes[-1]
+
+    (median,) = [line for line in missed.lines if line.get_color() == ORANGE]
+    np.testing.assert_allclose(median.get_ydata(), [np.median(shares) for shares in of_each])
+    np.testing.assert_allclose(median.get_xdata(), frequencies, rtol=0.05)
+    for width, ends in ((style.THICK, (25, 75)), (style.THIN, (0, 100))):
+        wanted = [np.percentile(shares, ends) for shares in of_each]
+        bars = [line[:, 1] for line, drawn in segments(missed) if drawn == width]
+        np.testing.assert_allclose(bars[: len(frequencies)], wanted)
+    assert len(prediction.draw(stored("prediction").filter(pl.col("share").is_null())).axes) == 3
     both = pl.concat(
         [stored("prediction").with_columns(side=pl.lit(side)) for side in ("left", "right")]
     )
     assert prediction.draw(both).get_figheight() < 9.6, "the text block of an IEEE page"
+
+
+def test_a_quantity_without_an_estimate_has_no_panel_over_stance():
+    table = stored("impedance_over_stance")
+    commanded_alone = pl.when(quantity="B").then(None).otherwise("estimate").alias("estimate")
+
+    figure = impedance_over_stance.draw(table.with_columns(commanded_alone))
+
+    labels = [ax.get_ylabel()[:9] for ax in figure.axes]
+    assert labels == ["Stiffness", "Apparent "]
 
 
 @pytest.mark.parametrize("name", FIGURES)
@@ -819,13 +950,13 @@ def test_ticks_are_round_a_single_frequency_is_in_the_middle_of_its_axis_and_0_o
         (2.9, 3.11, 5, [2.9, 3.0, 3.1]),
     ):  # fmt: skip
         axis = Figure().subplots().xaxis
-        style.label_log_axis(axis, (low, high), most)
+        ticks.label_log_axis(axis, (low, high), most)
         assert axis.get_ticklocs() == pytest.approx(expected)
     for phases in ([-10, -70], [12, 80], [0, 0]):
         ax = Figure().subplots()
         ax.plot(phases)
-        style.label_frequency_axis(ax, pl.Series([3.0]), 6)
-        style.label_phase_axis(ax)
+        ticks.label_frequency_axis(ax, pl.Series([3.0]), 6)
+        ticks.label_phase_axis(ax)
         (low, high), (lowest, highest) = ax.get_xlim(), ax.get_ylim()
         assert 1 < 3 / low == pytest.approx(high / 3)
         assert lowest < 0 < highest
@@ -848,6 +979,24 @@ def test_no_two_controllers_look_alike_and_one_has_the_same_look_in_every_figure
         None,
     ]
     assert names.drawn_name(20 * "a" + 20 * "b") == 18 * "a" + "…" + 9 * "b"
+
+
+def test_an_svg_has_words_and_the_letters_of_its_fonts(tmp_path):
+    write_table(plotted("fig5"), tmp_path / "t.csv")
+    draw_figure("fig5", tmp_path / "t.csv", [tmp_path / "f.svg"])
+
+    root = ElementTree.parse(tmp_path / "f.svg").getroot()
+
+    texts = list(root.iter("{http://www.w3.org/2000/svg}text"))
+    words = ["".join(text.itertext()) for text in texts]
+    assert "Uncompensated" in words
+    assert "Desired stiffness Kd (N·m/rad)" in words
+    (style_rules,) = [one.text for one in root.iter("{http://www.w3.org/2000/svg}style")]
+    fonts = re.findall(r"base64,([A-Za-z0-9+/=]+)", style_rules)
+    embedded = {
+        chr(code) for font in fonts for code in TTFont(BytesIO(b64decode(font))).getBestCmap()
+    }
+    assert {letter for word in words for letter in word} - embedded == set()
 
 
 def test_a_figure_without_footer_is_smaller_and_keeps_its_origin_in_the_metadata(tmp_path):

@@ -11,6 +11,7 @@ from osl_analysis.model.compensator import CONTROLLERS
 from osl_analysis.yaml_settings import read_mapping
 
 USUAL_DURATION_S = 10.0  # of the part that Fig. 4 shows
+CONDITION = ("controller", "K_d", "B_d")
 NEAR_AMPLITUDE = 0.1  # relative difference of a shown amplitude from an analysed one
 
 
@@ -20,9 +21,9 @@ def time_series_example(campaign: Campaign) -> dict[str, Any] | None:
     Returns
     -------
     dict or None
-        `trial`, its `joint` and `side`; the `amplitude_deg` [deg] that is drawn (None: the
-        largest); `duration_s` [s]; and `chosen`, why this trial, if the configuration does not name
-        it. None without impedance trials.
+        `trial`; its `joint` and `side`; its condition, `controller`, `K_d` and `B_d`; the
+        `amplitude_deg` [deg] that is drawn (None: the largest); `duration_s` [s]; and `chosen`, why
+        this trial, if the configuration does not name it. None without impedance trials.
 
     Raises
     ------
@@ -34,8 +35,7 @@ def time_series_example(campaign: Campaign) -> dict[str, Any] | None:
     if not trials:
         return None
     example = {
-        "trial": trials[0],
-        **campaign.places[trials[0]],
+        **named_trial(campaign, trials[0]),
         "amplitude_deg": None,
         "duration_s": USUAL_DURATION_S,
         "chosen": "the first impedance trial of the sheet",
@@ -50,12 +50,18 @@ def time_series_example(campaign: Campaign) -> dict[str, Any] | None:
         return example
     check_amplitude_is_analysed(campaign, stated.amplitude_deg)
     return {
-        "trial": named[0],
-        **campaign.places[named[0]],
+        **named_trial(campaign, named[0]),
         "amplitude_deg": stated.amplitude_deg,
         "duration_s": stated.duration_s,
         "chosen": "",
     }
+
+
+def named_trial(campaign: Campaign, trial: str) -> dict[str, Any]:
+    """A trial with its place and its condition."""
+    row = campaign.row(trial)
+    condition = {name: row[name] for name in CONDITION}
+    return {"trial": trial, **campaign.places[trial], **condition}
 
 
 def check_amplitude_is_analysed(campaign: Campaign, amplitude_deg: float | None) -> None:

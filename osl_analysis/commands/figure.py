@@ -23,7 +23,7 @@ from osl_analysis.commands.walking import (
     selected_crossings,
 )
 from osl_analysis.errors import InputError
-from osl_analysis.figures import FIGURES, drawing_of, names
+from osl_analysis.figures import drawing_of, names
 from osl_analysis.figures.frequency import DESIRED, LINEAR_MODEL, draw_fig7, response_curve
 from osl_analysis.figures.names import completed, look_numbers
 from osl_analysis.files import atomic_path, digest, write_text
@@ -138,7 +138,7 @@ def draw_table(
                 f"{path}: figures are written as {', '.join(METADATA)}; choose one of these"
                 " suffixes"
             )
-    from osl_analysis.figures import style  # matplotlib takes half a second
+    from osl_analysis.figures import style, svg_text  # matplotlib takes half a second
 
     if missing:
         further = len(missing) - MOST_NAMED
@@ -167,8 +167,11 @@ def draw_table(
                 bbox_inches=page_box,
                 **options,
             )
+        content = page.getvalue()
+        if path.suffix == ".svg":
+            content = svg_text.with_readable_text(content.decode()).encode()
         with atomic_path(path) as temporary:
-            temporary.write_bytes(page.getvalue())
+            temporary.write_bytes(content)
 
 
 def write_captions(
@@ -205,8 +208,7 @@ def caption_of(name: str, table_csv: Path, missing: Sequence[str] = ()) -> str:
     lacks = (
         f" Without {names.count_of(len(missing), 'trial')} whose recordings or fits were refused: "
     )
-    shows = names.shown_said(FIGURES[name].caption, table) if name in FIGURES else ""
-    said = " ".join(filter(None, [figure.about(table), shows, names.doubtful_said(table)]))
+    said = " ".join(part for part in (figure.caption(table), names.doubtful_said(table)) if part)
     return f"{said}{f'{lacks}{names.listed_text(missing)}.' if missing else ''}"
 
 
@@ -227,10 +229,28 @@ def fig4(
     windows: str | None = None,
     data: str = "",
 ) -> None:
-    """The numbers of Fig. 4: the last seconds of one amplitude, or of a motion that is no stepped
-    sine, measured and by the best second-order fit. `choice` is that of `time_series_example`,
-    `fit` the trial's own table of fits, by whose `limits` this fit may be doubtful, `windows` as in
-    `bench.fit_impedance_trial`."""
+    """Write the numbers of Fig. 4: the last seconds of one amplitude, or of a motion that is no
+    stepped sine, measured and by the best second-order fit.
+
+    Parameters
+    ----------
+    trial
+        The recording.
+    fit
+        The trial's own table of fits.
+    settings
+        Of the fit.
+    choice
+        That of `time_series_example`: trial, place, condition, amplitude and duration.
+    limits
+        By which the fit may be doubtful.
+    output
+        The table of plotted numbers.
+    windows
+        As in `bench.fit_impedance_trial`.
+    data
+        What the data are.
+    """
     record = record_of_trial(read_trial(trial), settings, windows)
     label = record.label_near(choice["amplitude_deg"])
     amplitude, analysis = (
@@ -244,10 +264,13 @@ def fig4(
     doubtful = marked(fits, judged(fits, limits, "impedance"), "impedance").filter(shown)[
         "doubtful"
     ][0]
-    said = {name: choice[name] or None for name in ("trial", "joint", "side", "chosen")}
-    said |= {"doubtful": doubtful, "model": "second-order system"}
-    constant = (pl.lit(value, pl.String).alias(name) for name, value in said.items())
-    write_table(series.with_columns(constant), output, data)
+    texts = {name: choice[name] or None for name in ("trial", "joint", "side", "chosen")}
+    texts |= {"controller": choice.get("controller"), "doubtful": doubtful}
+    texts["model"] = "second-order system"
+    constants = [pl.lit(value, pl.String).alias(name) for name, value in texts.items()]
+    for name in ("K_d", "B_d"):
+        constants.append(pl.lit(choice.get(name), pl.Float64).alias(name))
+    write_table(series.with_columns(constants), output, data)
 
 
 def fig7(

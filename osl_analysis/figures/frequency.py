@@ -1,6 +1,7 @@
 """Fig. 7 and `response`: admittance and impedance of the joint over frequency."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from string import ascii_lowercase
 from typing import Any
 
@@ -11,17 +12,33 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from osl_analysis.errors import InputError
-from osl_analysis.figures import columns_of, names, style
+from osl_analysis.figures import columns_of, marks, names, style
+from osl_analysis.figures.ticks import label_frequency_axis, label_log_axis, label_phase_axis
 from osl_analysis.trial import Array
+
+# Fig. 7
 
 FIG7_COLUMNS = [name for name in columns_of("fig7") if name != "chosen"]
 OBSERVED, DESIRED, LINEAR_MODEL = "observed", "desired", "linear model"  # kinds of `curve`
+PARTS = ("magnitude", "phase_deg")
+MOST_TICKS, MOST_TICKS_NARROW = 8, 5  # of frequency, of one joint and of several side by side
 
 
 def fig7_points(response: pl.DataFrame, curves: Sequence[pl.DataFrame]) -> pl.DataFrame:
-    """Observed points of one desired impedance with 95 % intervals and the range over amplitudes,
-    then the curves of `response_curve`: the desired response and, where there is a prediction, that
-    of a controller's linear model."""
+    """Join the points that Fig. 7 plots.
+
+    Parameters
+    ----------
+    response : DataFrame
+        Observed points of one desired impedance.
+    curves : sequence of DataFrame
+        By `response_curve`: the desired response, and those of linear models.
+
+    Raises
+    ------
+    InputError
+        The responses are of several desired impedances.
+    """
     impedances = response.select("K_d", "B_d").n_unique()
     if impedances > 1:
         raise InputError(
@@ -30,13 +47,12 @@ def fig7_points(response: pl.DataFrame, curves: Sequence[pl.DataFrame]) -> pl.Da
         )
     if "look" not in response.columns:
         response = response.with_columns(names.look_numbers(response["controller"]))
-    numbers = response.select("controller", "look").unique()
+    looks = response.select("controller", "look").unique()
     observed = response.with_columns(curve=pl.lit(OBSERVED))
-    looked = (
-        curve.join(numbers, on="controller", how="left", maintain_order="left") for curve in curves
-    )
-    every = [names.completed(observed, FIG7_COLUMNS, True), *looked]
-    return pl.concat(every, how="diagonal_relaxed").select(FIG7_COLUMNS)
+    parts = [names.completed(observed, FIG7_COLUMNS, only=True)]
+    for curve in curves:
+        parts.append(curve.join(looks, on="controller", how="left", maintain_order="left"))
+    return pl.concat(parts, how="diagonal_relaxed").select(FIG7_COLUMNS)
 
 
 def response_curve(
@@ -46,219 +62,335 @@ def response_curve(
     Y: np.ndarray,
     place: Sequence[str | None],
 ) -> pl.DataFrame:
-    """An integral admittance Y [rad/(N*m)], complex (n,), of a joint and side, as rows."""
-    named = {"joint": place[0], "side": place[1], "curve": curve, "controller": controller}
-    numbers = {
-        "frequency_hz": frequency_hz,
-        "magnitude": np.abs(Y),
-        "phase_deg": np.rad2deg(np.angle(Y)),
-    }
-    return pl.DataFrame(numbers).select(
-        *(pl.lit(v, pl.String).alias(name) for name, v in named.items()), *numbers
+    """Write a curve of the admittance as rows of Fig. 7.
+
+    Parameters
+    ----------
+    curve : str
+        `DESIRED` or `LINEAR_MODEL`.
+    controller : str or None
+        Of a linear model.
+    frequency_hz : (n,)
+    Y : (n,)
+        Integral admittance, complex [rad/(N·m)].
+    place : (str or None, str or None)
+        Joint and side.
+    """
+    joint, side = place
+    texts = {"joint": joint, "side": side, "curve": curve, "controller": controller}
+    numbers = pl.DataFrame(
+        {
+            "frequency_hz": frequency_hz,
+            "magnitude": np.abs(Y),
+            "phase_deg": np.rad2deg(np.angle(Y)),
+        }
     )
+    columns = [pl.lit(value, pl.String).alias(name) for name, value in texts.items()]
+    return numbers.select(*columns, *numbers.columns)
 
 
-def shown_impedance(table: pl.DataFrame) -> str:
-    """The desired impedance of Fig. 7, and why this one."""
+def fig7_caption(table: pl.DataFrame) -> str:
+    """What Fig. 7 shows, of which desired impedance, and why of this one."""
     observed = names.completed(table.filter(pl.col("curve") == OBSERVED), ["chosen"])
     K_d, B_d, chosen = observed.select("K_d", "B_d", "chosen").row(0)
-    stated = [
-        f"${name}$ = {value:g} {unit}"
-        for name, value, unit in (("K_d", K_d, "N·m/rad"), ("B_d", B_d, "N·m·s/rad"))
-        if value is not None
-    ]
+    stated = names.condition_parts(None, K_d, B_d)
     why = f" ({names.as_text(chosen)})" if chosen is not None else ""
-    of = f": {', '.join(stated)}{why}" if stated else ""
-    return f"Frequency response of the joint, angle over torque{of}."
+    of = f" for {', '.join(stated)}{why}" if stated else ""
+    said = [
+        f"Frequency response of the joint, angle over torque{of}: (a) magnitude, (b) phase.",
+        "Markers: measured phasors.",
+    ]
+    if marks.has_range(table, "magnitude_amplitudes"):
+        said.append("They are averages over amplitudes, thin bars the range over these.")
+    if names.has_values(table, "magnitude_low"):
+        said.append("Thick bars, where they are longer than the markers: 95 % intervals of noise.")
+    kinds = set(table["curve"])
+    if DESIRED in kinds:
+        said.append("Black: the desired impedance.")
+    if LINEAR_MODEL in kinds:
+        said.append(
+            "Broken lines: the linear model, which is the drivetrain with the controller's gains"
+            " and without friction. Its apparent inertia I may be negative."
+        )
+    return " ".join(said)
 
 
 @style.drawing(
     FIG7_COLUMNS,
     fig7_points,
     needs=[name for name in FIG7_COLUMNS if name not in ("joint", "side", "curve", "look")],
-    about=shown_impedance,
+    caption=fig7_caption,
     nothing="no trial follows a stepped sine, whose phasors it shows",
 )
 def draw_fig7(table: pl.DataFrame) -> Figure:
-    """(a) magnitude, (b) phase over the logarithm of frequency; several joints or sides stand side
-    by side. A marker is open where the phasor of one amplitude at least is doubtful."""
-    parts, looks = (
-        names.placed_rows(table),
-        names.looks_in(table.filter(pl.col("curve") != DESIRED)),
-    )
+    """(a) magnitude, (b) phase over frequency; several joints or sides stand side by side."""
+    parts = names.placed_rows(table)
+    looks = names.looks_in(table.filter(pl.col("curve") != DESIRED))
     across = len(parts)
-    titles = [
-        f"{name}: {word}" if across > 1 else word
-        for word in ("Magnitude", "Phase")
-        for name, _ in parts
-    ]
     width = style.SINGLE_COLUMN if across == 1 else style.DOUBLE_COLUMN
-    figure, axes = style.panels(width, 3.7, rows=2, columns=across, names=titles)
-    for magnitude, phase, (_, part) in zip(axes[:across], axes[across:], parts, strict=True):
-        kinds = {
-            kind: part.filter(pl.col("curve") == kind) for kind in (OBSERVED, DESIRED, LINEAR_MODEL)
-        }
-        for ax, column in ((magnitude, "magnitude"), (phase, "phase_deg")):
-            for controller, look in looks.items():
-                observed, model = (
-                    names.of_controller(kinds[kind], controller)
-                    for kind in (OBSERVED, LINEAR_MODEL)
-                )
-                if len(observed):
-                    style.draw_estimates(ax, observed, "frequency_hz", column, look, zorder=2.5)
-                if len(model):
-                    line: dict[str, Any] = {
-                        "color": look.colour,
-                        "linewidth": 0.9,
-                        "linestyle": look.dash,
-                    }
-                    label = f"{look.label}, {LINEAR_MODEL}"
-                    ax.plot(model["frequency_hz"], model[column], label=label, **line)
-            curve = kinds[DESIRED]
-            if len(curve):
-                ax.plot(
-                    curve["frequency_hz"],
-                    curve[column],
-                    zorder=1,
-                    color=style.BLACK,
-                    label="Desired",
-                )
-            style.label_frequency_axis(ax, part["frequency_hz"], most=8 if across == 1 else 5)
+    figure, axes = style.panels(
+        width, 4.2, rows=2, columns=across, titles=names.panel_titles(parts), share_x=True
+    )
+    most_ticks = MOST_TICKS if across == 1 else MOST_TICKS_NARROW
+    for column, (_, part) in enumerate(parts):
+        magnitude, phase = axes[column], axes[across + column]
+        for ax, quantity in zip((magnitude, phase), PARTS, strict=True):
+            draw_response_of(ax, part, quantity, looks)
         magnitude.set_yscale("log")
-        style.label_log_axis(magnitude.yaxis, magnitude.get_ylim(), most=6, scale=1e3)
-        style.label_phase_axis(phase)
-        magnitude.tick_params(labelbottom=False)
+        label_log_axis(magnitude.yaxis, magnitude.get_ylim(), most=6, scale=1e3)
+        label_phase_axis(phase)
+        tested = part.filter(pl.col("curve") == OBSERVED)["frequency_hz"]
+        label_frequency_axis(phase, part["frequency_hz"], most_ticks, tested.to_list())
         phase.set_xlabel("Frequency (Hz)")
-    axes[0].set_ylabel("Magnitude\n" r"(10$^{-3}$ rad/(N·m))")
+    axes[0].set_ylabel("Magnitude (mrad/(N·m))")
     axes[across].set_ylabel("Phase (deg)")
-    entries = style.legend_entries(axes)
-    ranges = (
-        pl.col(f"{y}_amplitudes_high") > pl.col(f"{y}_amplitudes_low")
-        for y in ("magnitude", "phase_deg")
-    )
-    if table.select(pl.any_horizontal(*ranges).any()).item():
-        bar = {"marker": "|", "color": style.BLACK, "markersize": 8, "mew": style.THIN}
-        entries["Range over amplitudes"] = style.key("", **bar)
-    style.legend_above(
-        figure, entries | style.open_entry(table), 2 if across == 1 else 4, columnspacing=1.5
-    )
+
+    entries = fig7_entries(table, axes, looks)
+    marks.legend_above(figure, entries | marks.open_entry(table), 2 if across == 1 else 4)
     figure.align_ylabels()
     return figure
 
 
+def fig7_entries(
+    table: pl.DataFrame, axes: Sequence[Axes], looks: dict[str | None, style.Look]
+) -> dict[str, Any]:
+    """The legend of Fig. 7: markers, then lines, then bars."""
+    entries: dict[str, Any] = {}
+    if OBSERVED in table["curve"]:
+        entries = dict(marks.controller_entries(looks.values()))
+    for label, handle in marks.legend_entries(axes).items():
+        entries.setdefault(label, handle)
+    return entries | marks.bar_entries(table, PARTS)
+
+
+def draw_response_of(
+    ax: Axes, part: pl.DataFrame, quantity: str, looks: dict[str | None, style.Look]
+) -> None:
+    """Magnitude or phase of one joint: measured, of linear models, and desired."""
+    of_curve = {kind: part.filter(pl.col("curve") == kind) for kind in part["curve"].unique()}
+    none = part.clear()
+    desired = of_curve.get(DESIRED, none)
+    if len(desired):
+        ax.plot(
+            desired["frequency_hz"], desired[quantity],
+            color=style.BLACK, label="Desired", zorder=1,
+        )  # fmt: skip
+    for controller, look in looks.items():
+        observed = names.of_controller(of_curve.get(OBSERVED, none), controller)
+        if len(observed):
+            marks.draw_estimates(ax, observed, "frequency_hz", quantity, look)
+        model = names.of_controller(of_curve.get(LINEAR_MODEL, none), controller)
+        if len(model):
+            ax.plot(
+                model["frequency_hz"], model[quantity],
+                color=look.colour, linewidth=0.9, linestyle=look.dash,
+                label=f"{look.label}, {names.LINEAR_MODEL.lower()}",
+            )  # fmt: skip
+
+
+# response
+
 MOST_CONDITIONS, MOST_ACROSS = 12, 3
 """Trials that one page shows at most (the table has all), and those side by side; one more if they
 are so many."""
+PANEL_HEIGHT, AROUND_TRIAL, LEGEND_HEIGHT = 0.84, 0.4, 0.45  # [in]
 SIZE = 2.2  # size [pt] of the markers
-LEVEL_LOOKS = {
-    "odd_level": (style.ORANGE, "^", "Odd distortion"),
-    "even_level": (style.PURPLE, "s", "Even distortion"),
-    "noise_level": (style.GREY, "x", "Noise"),
-}  # colour, marker and name of each level
-STRUCTURE_LOOKS = {
-    "eq15": (style.MAGENTA, "-", r"$K + sB + s^2I$"),
-    "eq9": (style.BLACK, (0, (4, 1.5)), "Drivetrain"),
-}  # colour, line style, and name in the legend
+NORMAL_97_5 = 1.96  # quantile of the normal distribution, for the 95 % interval
 
 
-def missed(rows: pl.DataFrame, short: str) -> Array:
-    """Distance [N*m/rad] (n,) of a structure from the measured impedance, NaN where it is not
-    known."""
-    columns = (
-        f"{part}{ending}" for ending in ("", f"_{short}") for part in ("magnitude", "phase_deg")
-    )
-    size, phase, of_structure, its_phase = (
-        rows.select(pl.col(*columns).cast(pl.Float64)).to_numpy().T
-    )
-    return np.asarray(
-        abs(
-            size * np.exp(1j * np.deg2rad(phase))
-            - of_structure * np.exp(1j * np.deg2rad(its_phase))
-        )
-    )
+@dataclass(frozen=True)
+class Level:
+    """How noise or distortion of one realisation is drawn."""
+
+    colour: str
+    marker: str
+    label: str
+    edge: float = 0.0  # width of the marker's edge [pt]
+
+
+@dataclass(frozen=True)
+class Structure:
+    """How a model of the impedance is drawn."""
+
+    colour: str
+    dash: style.Dash
+    label: str
+
+
+LEVELS = {
+    "odd_level": Level(style.ORANGE, "^", "Odd distortion"),
+    "even_level": Level(style.PURPLE, "s", "Even distortion"),
+    "noise_level": Level(style.GREY, "x", "Noise", 0.5),
+}
+STRUCTURES = {
+    "eq15": Structure(style.MAGENTA, "-", r"Fit of $K + sB + s^2I$"),
+    "eq9": Structure(style.BLACK, (0, (4, 1.5)), names.LINEAR_MODEL),
+}
+
+
+def response_points(response: pl.DataFrame) -> pl.DataFrame:
+    """The columns that the figure plots, null where the table lacks one."""
+    return names.completed(response, columns_of("response"), only=True)
+
+
+def response_caption(table: pl.DataFrame) -> str:
+    """What the figure `response` shows."""
+    has_distortion = names.has_values(table, "odd_level") or names.has_values(table, "even_level")
+    levels = "the noise and distortion" if has_distortion else "the noise"
+    said = [
+        "Impedance Z of the joint, torque over angle, over frequency. Each trial has three panels:"
+        f" magnitude, phase, and below the misfit of the models (lines) beside {levels} of one"
+        " realisation (markers)."
+    ]
+    if names.has_values(table, "K_d") or names.has_values(table, "B_d"):
+        said.append("Above stands what was asked for, $K_d$ in N·m/rad and $B_d$ in N·m·s/rad.")
+    if names.has_values(table, "magnitude_eq15"):
+        said.append("Magenta: the fit of K, B and I.")
+    if names.has_values(table, "magnitude_eq9"):
+        said.append("Dashed: the linear model, which is the drivetrain with its gains.")
+    if table["trial"].n_unique() > MOST_CONDITIONS:
+        said.append("Twelve trials are shown.")
+    is_robust = names.has_values(table.filter(method="robust"), "total_sd")
+    said.append(f"Upright bars: 95 % intervals of noise{' and distortion' if is_robust else ''}.")
+    if not table.filter(method="local polynomial").is_empty():
+        said.append("Where the motion does not repeat itself, distortion is part of the noise.")
+    return " ".join(said)
 
 
 @style.drawing(
     columns_of("response"),
-    lambda table: names.completed(table, columns_of("response"), True),
+    response_points,
+    caption=response_caption,
     nothing=(
         "every impedance trial follows the stepped sine; its frequency response is in phasors.csv"
         " and Fig. 7"
     ),
 )
 def draw_response(table: pl.DataFrame) -> Figure:
-    """Per trial magnitude, phase, and the structures' deviation beside distortion above the noise,
-    and noise."""
+    """Three panels of each trial: magnitude, phase, and what models miss beside noise and
+    distortion."""
     shown = table.partition_by("trial", maintain_order=True)[:MOST_CONDITIONS]
-    across = min(len(shown), MOST_ACROSS + (len(shown) > MOST_ACROSS**2))
+    across = min(len(shown), MOST_ACROSS)
+    if len(shown) > MOST_ACROSS**2:
+        across = MOST_ACROSS + 1
     down = -(-len(shown) // across)
     width = style.SINGLE_COLUMN if across == 1 else style.DOUBLE_COLUMN
-    # of each condition three panels with their axes, and the lines above them
-    figure = Figure(figsize=(width, 0.5 + down * (3 * 0.84 + 0.3)), layout="constrained")
-    axes = figure.subplots(3 * down, across, squeeze=False)
+    height = LEGEND_HEIGHT + down * (len(PANELS) * PANEL_HEIGHT + AROUND_TRIAL)
+    figure = Figure(figsize=(width, height), layout="constrained")
+    axes = figure.subplots(len(PANELS) * down, across, squeeze=False)
+
+    titles = names.trial_titles(table, is_narrow=across > 1)
     entries: dict[str, Any] = {}
     for number, rows in enumerate(shown):
         row, column = divmod(number, across)
-        parts = list(axes[3 * row : 3 * row + 3, column])
-        entries |= draw_condition(parts, rows)
-        name = names.drawn_name(rows["trial"][0], 28 if across <= MOST_ACROSS else 18)
-        parts[0].set_title(f"({ascii_lowercase[number]}) " * (len(shown) > 1) + name, loc="left")
-    labels = ("Magnitude\n(N·m/rad)", "Phase (deg)", "Deviation,\nlevel (N·m/rad)") * down
-    for ax, label in zip(axes[:, 0], labels, strict=True):
+        first = len(PANELS) * row
+        of_trial = list(axes[first : first + len(PANELS), column])
+        entries |= draw_condition(of_trial, rows)
+        letter = f"({ascii_lowercase[number]}) " if len(shown) > 1 else ""
+        of_trial[0].set_title(f"{letter}{titles[rows['trial'][0]]}", loc="left")
+    for ax, label in zip(axes[:, 0], PANELS * down, strict=True):
         ax.set_ylabel(label)
-    for unused in axes[-3:, len(shown) - across * (down - 1) :].ravel():
+    n_in_last_row = len(shown) - across * (down - 1)
+    for unused in axes[-len(PANELS) :, n_in_last_row:].ravel():
         unused.remove()
-    style.legend_above(figure, entries, 6, columnspacing=1.2)
+
+    marks.legend_above(figure, entries, 6, columnspacing=1.2)
     figure.align_ylabels(axes[:, 0])
     return figure
 
 
-def draw_condition(parts: Sequence[Axes], rows: pl.DataFrame) -> dict[str, Any]:
-    """Three panels of one trial; the entries of the legend."""
-    rows = rows.with_columns(pl.col(*LEVEL_LOOKS, "total_sd", "noise_sd").cast(pl.Float64))
-    f, beside = rows["frequency_hz"].to_numpy(), parts[2]
-    # 95 % intervals of one direction in the complex plane, of noise and distortion, or of noise
-    # where it is not known
-    half = 1.96 * pl.coalesce("total_sd", "noise_sd").fill_null(0.0) / np.sqrt(2)
-    entries: dict[str, Any] = {
-        "Measured Z": style.key("", marker="o", color=style.BLACK, markersize=SIZE)
-    }
-    entries |= style.open_entry(rows)
-    halves = {"magnitude": half, "phase_deg": half / pl.col("magnitude") * (180 / np.pi)}
-    for ax, (name, reach) in zip(parts, halves.items(), strict=False):
-        low, high = rows.select(low=pl.col(name) - reach, high=pl.col(name) + reach)
-        ax.vlines(f, low, high, color=style.BLACK, linewidth=0.6)
-        fill = style.WHITE if style.has_doubtful(rows) else style.BLACK
-        ax.plot(f, rows[name], "o", color=style.BLACK, markersize=SIZE, mew=0.5, mfc=fill)
+PANELS = ("Magnitude\n(N·m/rad)", "Phase (deg)", "Misfit, noise\n(N·m/rad)")
+
+
+def draw_condition(of_trial: Sequence[Axes], rows: pl.DataFrame) -> dict[str, Any]:
+    """Draw the three panels of one trial.
+
+    Returns
+    -------
+    dict
+        The entries of the legend, by label.
+    """
+    rows = rows.with_columns(pl.col(*LEVELS, "total_sd", "noise_sd").cast(pl.Float64))
+    magnitude, phase, level = of_trial
+    entries = draw_measured_impedance(magnitude, phase, rows)
+    for short, look in STRUCTURES.items():
+        if rows[f"magnitude_{short}"].count():
+            entries[look.label] = draw_structure(of_trial, rows, short, look)
+    entries |= draw_levels(level, rows)
+    entries |= marks.open_entry(rows)
+
+    level.set_xlabel("Frequency (Hz)")
+    for ax in of_trial:
+        ax.set_xlim(0, 1.04 * float(rows["frequency_hz"].to_numpy().max()))
+        ax.xaxis.set_major_locator(MaxNLocator(nbins=6, integer=True))
+    return entries
+
+
+def draw_measured_impedance(magnitude: Axes, phase: Axes, rows: pl.DataFrame) -> dict[str, Any]:
+    """Measured magnitude [N·m/rad] and phase [deg] with 95 % intervals, and their entries of the
+    legend."""
+    # standard deviation of the complex impedance, of noise and distortion, or of noise where
+    # distortion is not known; one direction in the plane has half of its variance
+    sd = pl.coalesce("total_sd", "noise_sd").fill_null(0.0)
+    half = NORMAL_97_5 * sd / np.sqrt(2)
+    halves = {"magnitude": half, "phase_deg": (half / pl.col("magnitude")).degrees()}
+    fill = style.WHITE if marks.has_doubtful(rows) else style.BLACK
+    point: dict[str, Any] = {"color": style.BLACK, "markersize": SIZE, "mew": 0.5}
+    for ax, (name, half_width) in zip((magnitude, phase), halves.items(), strict=True):
+        ends = rows.select(low=pl.col(name) - half_width, high=pl.col(name) + half_width)
+        ax.vlines(rows["frequency_hz"], ends["low"], ends["high"], color=style.BLACK, linewidth=0.6)
+        ax.plot(rows["frequency_hz"], rows[name], "o", mfc=fill, **point)
         ax.tick_params(labelbottom=False)
         ax.yaxis.set_major_locator(MaxNLocator(nbins=4))
-    for short, (colour, dash, label) in STRUCTURE_LOOKS.items():
-        curves: tuple[Any, ...] = (
-            rows[f"magnitude_{short}"],
-            rows[f"phase_deg_{short}"],
-            missed(rows, short),
+    measured = {"Measured Z": marks.key("Measured Z", marker="o", **point)}
+    return measured | marks.bar_entry(marks.INTERVAL, 0.6, style.BLACK)
+
+
+def draw_structure(
+    of_trial: Sequence[Axes], rows: pl.DataFrame, short: str, look: Structure
+) -> Any:
+    """A model's magnitude, phase and distance from the measured impedance; the handle of its
+    line."""
+    curves: tuple[Any, ...] = (
+        rows[f"magnitude_{short}"],
+        rows[f"phase_deg_{short}"],
+        misfit(rows, short),
+    )
+    for ax, curve in zip(of_trial, curves, strict=True):
+        (line,) = ax.plot(
+            rows["frequency_hz"], curve, color=look.colour, linestyle=look.dash, linewidth=0.9
         )
-        for ax, curve in zip(parts, curves, strict=True):
-            if rows[f"magnitude_{short}"].count():
-                (entries[label],) = ax.plot(f, curve, color=colour, linestyle=dash, linewidth=0.9)
-    levels = {name: rows[name].to_numpy() for name in LEVEL_LOOKS}
-    noise = levels["noise_level"]
-    seen = {
-        name: level > (0 if level is noise else np.maximum(noise, 0))
-        for name, level in levels.items()
-    }
-    for name, (colour, marker, label) in LEVEL_LOOKS.items():
-        if seen[name].any():
-            look: dict[str, Any] = {
-                "color": colour,
-                "markersize": SIZE + 0.3,
-                "mew": 0.5 * (marker == "x"),
-            }
-            (entries[label],) = beside.plot(f[seen[name]], levels[name][seen[name]], marker, **look)
-    beside.set_yscale("log")
-    style.label_log_axis(beside.yaxis, beside.get_ylim(), most=4)
-    beside.set_xlabel("Frequency (Hz)")
-    for ax in parts:
-        ax.set_xlim(0, 1.04 * float(np.max(f)))
-        ax.xaxis.set_major_locator(MaxNLocator(nbins=6, integer=True))
+    return line
+
+
+def misfit(rows: pl.DataFrame, short: str) -> Array:
+    """Distance [N·m/rad] (n,) of a model from the measured impedance, NaN where it is not known."""
+    Z = complex_impedance(rows, "")
+    return np.asarray(np.abs(Z - complex_impedance(rows, f"_{short}")))
+
+
+def complex_impedance(rows: pl.DataFrame, end: str) -> Array:
+    """Impedance [N·m/rad] (n,), complex, of the columns with this end."""
+    magnitude = rows[f"magnitude{end}"].cast(pl.Float64).to_numpy()
+    phase = np.deg2rad(rows[f"phase_deg{end}"].cast(pl.Float64).to_numpy())
+    return np.asarray(magnitude * np.exp(1j * phase))
+
+
+def draw_levels(ax: Axes, rows: pl.DataFrame) -> dict[str, Any]:
+    """Noise above 0, and distortion above the noise [N·m/rad], on a logarithmic axis; the entries
+    of the legend."""
+    entries = {}
+    noise = rows["noise_level"].to_numpy()
+    for name, look in LEVELS.items():
+        level = rows[name].to_numpy()
+        smallest = 0.0 if name == "noise_level" else np.maximum(noise, 0)
+        is_seen = level > smallest
+        if is_seen.any():
+            (entries[look.label],) = ax.plot(
+                rows["frequency_hz"].to_numpy()[is_seen], level[is_seen],
+                linestyle="", marker=look.marker, color=look.colour,
+                markersize=SIZE + 0.3, mew=look.edge,
+            )  # fmt: skip
+    ax.set_yscale("log")
+    label_log_axis(ax.yaxis, ax.get_ylim(), most=4)
     return entries

@@ -1,39 +1,56 @@
-"""Words on paper: names of a campaign as the fonts can draw them, captions, and the small line
-below every figure."""
+"""Words on paper: labels of quantities, titles by condition, names of a campaign as the fonts can
+draw them, captions, and the small line below every figure."""
 
 import re
 import textwrap
 import unicodedata
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import cache
-from typing import Any
 
 import polars as pl
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties, findfont, get_font
 from matplotlib.transforms import Bbox
 
-from osl_analysis.figures.style import GREY, LOOKS, PAPER, Dash, Look, paper_style
+from osl_analysis.figures.style import BLUE, BROWN, GREY, LOOKS, PAPER, Dash, Look, paper_style
 from osl_analysis.judge.causes import BETWEEN
 from osl_analysis.stats.repeats import IS_DOUBTFUL
 
-COLOURS = ("#3F8FBF", "#6B3A0A", "#2F5555", "#B98860", "#2B46F0")
+AXIS_LABELS = {  # one name per quantity, in every figure
+    "K": r"Stiffness $\hat{K}$ (N·m/rad)",
+    "B": r"Damping $\hat{B}$ (N·m·s/rad)",
+    "I": r"Apparent inertia $\hat{I}$ (10$^{-3}$ kg·m$^2$)",
+    "K_d": "Desired stiffness $K_d$ (N·m/rad)",
+    "B_d": "Desired damping $B_d$ (N·m·s/rad)",
+}
+VISCOUS_DAMPING = r"Viscous damping $B_\mathrm{viscous}$"
+LINEAR_MODEL = "Linear model"  # drivetrain with a controller's gains, without friction (Eq. 9)
+MEAN_RESPONSE = "mean response"  # isolated, over all perturbations of a group
+
+# of controllers other than those of the draft: with these two and black, colours are 20 or more
+# apart (CIE 1976) for readers without long- or medium-wavelength cones
+COLOURS = (BLUE, BROWN, "#2F5555", "#B98860", "#2B46F0")
 MARKERS = ("s", "^", "v", "P", "X", "p", "h")
 DASHES: tuple[Dash, ...] = (
-    (0, (2, 1.2)), (0, (9, 2)), (0, (3, 1, 1, 1, 1, 1)), (0, (6, 1, 2, 1)), (0,
-     (12, 1.5, 1.5, 1.5)),
-)  # fmt: skip
-"""Of controllers other than those of the draft: with these two and black, colours are 20 or more
-apart (CIE 1976) for readers without long- or medium-wavelength cones."""
+    (0, (2, 1.2)),
+    (0, (9, 2)),
+    (0, (3, 1, 1, 1, 1, 1)),
+    (0, (6, 1, 2, 1)),
+    (0, (12, 1.5, 1.5, 1.5)),
+)
 NO_CONTROLLER = Look("#757575", ">", 3.6, "Controller not stated", (0, (1, 0.8)))
 JOINT_SIDE = ("joint", "side")
+TEXT_COLUMNS = ("trial", "trials", *JOINT_SIDE, "controller", "method", "doubtful")
+
+
+# Names as the fonts can draw them
 
 
 @cache
 def drawable_letters() -> frozenset[int]:
     """The letters, by code, that the fonts have."""
-    files = (findfont(FontProperties(family=[family])) for family in PAPER["font.family"])
+    files = [findfont(FontProperties(family=[family])) for family in PAPER["font.family"]]
     return frozenset(code for file in files for code in get_font(file).get_charmap())
 
 
@@ -41,19 +58,26 @@ def with_glyphs(text: str) -> str:
     """A text of which every letter can be drawn: a sign stands for those that no font of the
     figures has."""
     composed = unicodedata.normalize("NFC", text)
-    return "".join(
-        sign if ord(sign) in drawable_letters() or sign == "\n" else "\ufffd" for sign in composed
-    )
+    letters = [
+        letter if ord(letter) in drawable_letters() or letter == "\n" else "\ufffd"
+        for letter in composed
+    ]
+    return "".join(letters)
 
 
 def drawn_name(name: str, longest: int = 28) -> str:
-    """A name as matplotlib draws it, shortened in its middle: no mathematics, and no label that `_`
-    hides."""
-    short = (
-        name
-        if len(name) <= longest
-        else f"{name[: longest - longest // 3 - 1]}…{name[-(longest // 3) :]}"
-    )
+    """Write a name from a file as matplotlib draws it: no mathematics, no label that `_` hides.
+
+    Parameters
+    ----------
+    name : str
+    longest : int
+        Letters at most. A longer name is shortened in its middle.
+    """
+    short = name
+    if len(name) > longest:
+        n_last = longest // 3
+        short = f"{name[: longest - n_last - 1]}…{name[-n_last:]}"
     escaped = with_glyphs(short).replace("$", r"\$")
     return f" {escaped}" if escaped.startswith("_") else escaped
 
@@ -63,12 +87,90 @@ def place_name(joint: str | None, side: str | None) -> str:
     known."""
     name = drawn_name(joint or "")
     capital = name[:1].upper() + name[1:] if name.isascii() else name
-    return ", ".join(filter(None, [capital, side]))
+    return ", ".join(part for part in (capital, side) if part)
 
 
 def figure_title(figure: str) -> str:
+    """The title of a figure's section: `Fig. 5` of `fig5`, `Walking page` of `walking_page`."""
     number = figure.removeprefix("fig")
     return f"Fig. {number}" if number.isdecimal() else figure.replace("_", " ").capitalize()
+
+
+# Titles by condition
+
+
+def condition_parts(
+    controller: str | None,
+    K_d: float | None,
+    B_d: float | None,
+    *,
+    with_units: bool = True,
+    written: Callable[[str], str] = drawn_name,
+) -> list[str]:
+    """What is stated of a condition: K_d, B_d and the controller.
+
+    Parameters
+    ----------
+    controller : str or None
+    K_d : float or None
+        Desired stiffness [N·m/rad].
+    B_d : float or None
+        Desired damping [N·m·s/rad].
+    with_units : bool
+        Whether the units are written. A narrow panel has no room for them.
+    written : callable
+        How a name from a file is written, in a figure or in Markdown.
+
+    Returns
+    -------
+    list of str
+        Such as `$K_d$ = 200 N·m/rad`. Empty where nothing is stated.
+    """
+    parts = []
+    for symbol, value, unit in (("K_d", K_d, "N·m/rad"), ("B_d", B_d, "N·m·s/rad")):
+        if value is not None:
+            parts.append(f"${symbol}$ = {value:g}{f' {unit}' if with_units else ''}")
+    if controller is not None:
+        parts.append(written(controller))
+    return parts
+
+
+def trial_titles(table: pl.DataFrame, *, is_narrow: bool = False) -> dict[str, str]:
+    """Name trials by their conditions.
+
+    Parameters
+    ----------
+    table : DataFrame
+        With `trial`, `controller`, `K_d` and `B_d`, and any number of rows for each trial.
+    is_narrow : bool
+        The title is for a third of a page: without units, and with the controller below.
+
+    Returns
+    -------
+    dict of str
+        By trial. A trial without a stated condition, and one of several of one condition, has its
+        name there.
+    """
+    keys = ["controller", "K_d", "B_d"]
+    trials = table.select("trial", *keys).unique("trial", maintain_order=True)
+    trials = trials.with_columns(n_alike=pl.len().over(keys))
+    titles = {}
+    for trial, controller, K_d, B_d, n_alike in trials.iter_rows():
+        parts = condition_parts(controller, K_d, B_d, with_units=not is_narrow)
+        name = drawn_name(trial, 18 if is_narrow else 60)
+        if not parts:
+            titles[trial] = f"Trial {name}"
+            continue
+        if n_alike > 1:
+            parts.append(name)
+        desired = [part for part in parts if part.startswith("$")]
+        others = [part for part in parts if not part.startswith("$")]
+        lines = [", ".join(desired), ", ".join(others)] if is_narrow else [", ".join(parts)]
+        titles[trial] = "\n".join(line for line in lines if line)
+    return titles
+
+
+# Rows of joints, sides and controllers
 
 
 def placed_rows(table: pl.DataFrame) -> list[tuple[str, pl.DataFrame]]:
@@ -78,62 +180,86 @@ def placed_rows(table: pl.DataFrame) -> list[tuple[str, pl.DataFrame]]:
     return [(place_name(*part.select(JOINT_SIDE).row(0)), part) for part in parts]
 
 
-def panel_titles(parts: Sequence[tuple[str, pl.DataFrame]], words: Sequence[str]) -> list[str]:
+def panel_titles(
+    parts: Sequence[tuple[str, pl.DataFrame]], words: Sequence[str] = ("",)
+) -> list[str]:
     """What stands over the panels of each of `placed_rows`: a word for each, behind joint and side
     if these differ."""
-    return [
-        ": ".join(filter(None, [name * (len(parts) > 1), word]))
-        for name, _ in parts
-        for word in words
-    ]
+    titles = []
+    for name, _ in parts:
+        place = name if len(parts) > 1 else ""
+        titles += [": ".join(part for part in (place, word) if part) for word in words]
+    return titles
 
 
 def completed(table: pl.DataFrame, columns: Iterable[str], only: bool = False) -> pl.DataFrame:
     """The table with these columns, or `only` these; null where it lacks them."""
-    words, columns = (
-        ("trial", "trials", *JOINT_SIDE, "controller", "method", "doubtful"),
-        list(columns),
-    )
-    absent = (name for name in columns if name not in table.columns)
-    nulls = (
-        pl.lit(None, pl.String if name in words else pl.Float64).alias(name) for name in absent
-    )
-    return table.with_columns(nulls).select(columns if only else pl.all())
+    columns = list(columns)
+    nulls = []
+    for name in columns:
+        if name not in table.columns:
+            kind = pl.String if name in TEXT_COLUMNS else pl.Float64
+            nulls.append(pl.lit(None, kind).alias(name))
+    full = table.with_columns(nulls)
+    return full.select(columns) if only else full
+
+
+def has_values(table: pl.DataFrame, *columns: str) -> bool:
+    """Whether a row of the table has values in all these columns."""
+    if not set(columns) <= set(table.columns):
+        return False
+    return not table.drop_nulls(columns).is_empty()
 
 
 def look_numbers(controllers: pl.Series) -> pl.Series:
     """The number of each controller (n,) among those that are not the draft's; a campaign's colours
     mean one thing."""
     others = sorted(set(controllers.drop_nulls()) - set(LOOKS))
-    return pl.Series(
-        "look",
-        [others.index(name) if name in others else None for name in controllers],
-        dtype=pl.Int64,
-    )
+    numbers = [others.index(name) if name in others else None for name in controllers]
+    return pl.Series("look", numbers, dtype=pl.Int64)
 
 
 def looks_in(table: pl.DataFrame) -> dict[str | None, Look]:
-    """Each controller with its look: the draft's, the others by name, none. A number tells equal
-    labels apart."""
+    """The look of each controller of a table.
+
+    Parameters
+    ----------
+    table : DataFrame
+        With `controller`, and its number `look` by `look_numbers`.
+
+    Returns
+    -------
+    dict of Look
+        Those of the draft, the others by name, and that of trials without a controller. A number
+        tells equal labels apart.
+    """
     numbers = dict(table.select("controller", "look").unique().iter_rows())
     looks: dict[str | None, Look] = {name: look for name, look in LOOKS.items() if name in numbers}
     for name in sorted(name for name in numbers if name is not None and name not in LOOKS):
-        k = numbers[name] or 0
-        colour, marker = COLOURS[k % len(COLOURS)], MARKERS[k % len(MARKERS)]
+        number = numbers[name] or 0
         looks[name] = Look(
-            colour, marker, NO_CONTROLLER.size, drawn_name(name), DASHES[k % len(DASHES)]
+            COLOURS[number % len(COLOURS)],
+            MARKERS[number % len(MARKERS)],
+            NO_CONTROLLER.size,
+            drawn_name(name),
+            DASHES[number % len(DASHES)],
         )
     if None in numbers:
         looks[None] = NO_CONTROLLER
+
     labels = [look.label for look in looks.values()]
-    for k, (controller, look) in enumerate(looks.items()):
-        if look.label in labels[:k]:
-            looks[controller] = replace(look, label=f"{look.label} ({k + 1})")
+    for place, (controller, look) in enumerate(looks.items()):
+        if look.label in labels[:place]:
+            looks[controller] = replace(look, label=f"{look.label} ({place + 1})")
     return looks
 
 
 def of_controller(table: pl.DataFrame, controller: str | None) -> pl.DataFrame:
+    """The rows of one controller; None: those without."""
     return table.filter(pl.col("controller").eq_missing(pl.lit(controller)))
+
+
+# Captions, in Markdown
 
 
 def as_text(name: str) -> str:
@@ -147,65 +273,72 @@ def as_text(name: str) -> str:
 def listed_text(names: Iterable[str], most: int = 6) -> str:
     """Names from files, each once; of more than `most` the first ones and how many more: the tables
     have all."""
-    found = [as_text(name) for name in dict.fromkeys(names)]
-    return ", ".join(found[:most]) + (f" and {len(found) - most} more" if len(found) > most else "")
+    texts = [as_text(name) for name in dict.fromkeys(names)]
+    listed = ", ".join(texts[:most])
+    n_more = len(texts) - most
+    return f"{listed} and {n_more} more" if n_more > 0 else listed
 
 
 def count_of(n: int, one: str, several: str = "") -> str:
+    """A number of things, such as `1 trial` or `3 trials`."""
     return f"{n} {one if n == 1 else several or one + 's'}"
 
 
-def shown_said(caption: str, table: pl.DataFrame) -> str:
-    """A caption, with `text` of each `[condition|text]` where a row of the table meets this
-    condition, in SQL."""
-
-    def told(found: re.Match[str]) -> str:
-        return found[2] if table.select(pl.sql_expr(found[1]).any()).item() else ""
-
-    return " ".join(re.sub(r"\[([^|\]]+)\|([^\]]+)\]", told, caption).split())
-
-
 def doubtful_said(table: pl.DataFrame) -> str:
-    """Which of the drawn trials, or groups of crossings, are doubtful, and why; empty where nothing
-    was judged."""
+    """Say which of the drawn trials, or groups of crossings, are doubtful, and why; empty where
+    nothing was judged."""
     if "doubtful" not in table.columns:
         return ""
-    of_group = [pl.format("mean response of {}", "group")] * ("group" in table.columns)
-    whose = [pl.col(name) for name in ("trial", "trials") if name in table.columns]
-    judged = table.drop_nulls("doubtful").with_columns(whose=pl.coalesce(*whose, *of_group))
-    found = judged.filter(IS_DOUBTFUL).unique("whose", maintain_order=True)
-    # no sound mean response
-    counted = judged.filter(pl.coalesce(*whose).is_not_null() | IS_DOUBTFUL)
-    if found.is_empty():
-        return "No fit is doubtful." if len(judged) else ""
-    of = f"{len(found)} of {counted['whose'].n_unique()} ({listed_text(found['whose'])})"
-    causes = dict.fromkeys(cause for cell in found["doubtful"] for cause in cell.split(BETWEEN))
-    return f"Doubtful: {of}, for {as_text(', '.join(causes))}."
+    judged = table.drop_nulls("doubtful")
+    named = [pl.col(name) for name in ("trial", "trials") if name in table.columns]
+    owners = list(named)
+    if "group" in table.columns:
+        owners.append(pl.format("mean response of {}", "group"))
+    judged = judged.with_columns(owner=pl.coalesce(owners))
+    doubtful = judged.filter(IS_DOUBTFUL).unique("owner", maintain_order=True)
+    if judged.is_empty():
+        return ""
+    if doubtful.is_empty():
+        return "No fit is doubtful."
+
+    # a sound mean response is not counted among the trials
+    counted = judged.filter(pl.coalesce(named).is_not_null() | IS_DOUBTFUL)
+    of_all = f"{len(doubtful)} of {counted['owner'].n_unique()}"
+    causes: dict[str, None] = {}
+    for cell in doubtful["doubtful"]:
+        causes |= dict.fromkeys(cell.split(BETWEEN))
+    return (
+        f"Doubtful: {of_all} ({listed_text(doubtful['owner'])}), for {as_text(', '.join(causes))}."
+    )
 
 
-AXIS_LABELS = {
-    "K": r"Stiffness $\hat{K}$ (N·m/rad)",
-    "B": r"Damping $\hat{B}$ (N·m·s/rad)",
-    "I": r"Apparent inertia $\hat{I}$ (kg·m$^2$)",
-}
+# The small line below a figure
+
+FOOTER_SIZE, FOOTER_LINE, FOOTER_EDGE = 5.5, 0.1, 0.02  # of its letters [pt], its lines [in]
+FOOTER_LETTERS = 28  # per inch
 
 
 @paper_style()
 def write_footer(figure: Figure, text: str) -> Bbox:
-    """A small line below a drawn figure, whose size and layout stay; the taller part of the plane
-    [in] to be saved."""
-    # [in]; size of the letters [pt]
-    (width, height), size, line, edge = figure.get_size_inches(), 5.5, 0.1, 0.02
-    lines = textwrap.wrap(text, int(width * 28))  # letters per inch
-    look: dict[str, Any] = {
-        "fontsize": size,
-        "color": GREY,
-        "ha": "center",
-        "va": "top",
-        "linespacing": 1.1,
-    }
+    """Write a small line below a drawn figure, whose size and layout stay.
+
+    Returns
+    -------
+    Bbox
+        The part of the plane that is to be saved, taller than the figure [in].
+    """
+    width, height = figure.get_size_inches()
+    lines = textwrap.wrap(text, int(width * FOOTER_LETTERS))
     words = figure.text(
-        0.5, -edge / height, with_glyphs("\n".join(lines)), parse_math=False, **look
+        0.5,
+        -FOOTER_EDGE / height,
+        with_glyphs("\n".join(lines)),
+        fontsize=FOOTER_SIZE,
+        color=GREY,
+        ha="center",
+        va="top",
+        linespacing=1.1,
+        parse_math=False,
     )
     words.set_in_layout(False)
-    return Bbox.from_extents(0.0, -(line * len(lines) + 2 * edge), width, height)
+    return Bbox.from_extents(0.0, -(FOOTER_LINE * len(lines) + 2 * FOOTER_EDGE), width, height)

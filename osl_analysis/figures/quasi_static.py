@@ -11,204 +11,282 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from scipy.stats import median_abs_deviation
 
-from osl_analysis.figures import columns_of, names, style
+from osl_analysis.figures import columns_of, marks, names, style
 from osl_analysis.judge.causes import doubts_of_result
 from osl_analysis.stats.repeats import IS_DOUBTFUL
+
+# Fig. 3
 
 # robust standard deviations (Iglewicz and Hoaglin, How to Detect and Handle Outliers, 1993)
 OUTLYING = 3.5
 # name that takes the place of the trial in the two rows that carry the mean slope
 MEAN_SLOPE = "mean slope"
+IS_MEAN = pl.col("trial") == MEAN_SLOPE
 # with the line styles of sound trials
 BRANCHES: dict[str, style.Dash] = {"loading": "-", "unloading": (0, (6, 3))}
-GREY_TRIAL: dict[str, Any] = {"color": "#B4B4B4", "linewidth": 0.9}
+GREY_TRIAL: dict[str, Any] = {"color": style.LIGHT_GREY, "linewidth": 0.9}
 DOUBTFUL_TRIAL: dict[str, Any] = {"color": style.BLACK, "linestyle": style.DOTTED, "linewidth": 0.9}
 MEAN_LINE: dict[str, Any] = {"color": style.MAGENTA, "linestyle": style.DASHED, "linewidth": 1.3}
+LOOP_WIDTH = 0.5  # of lines [pt]
 
 
-@style.drawing(columns_of("fig3"))
+def fig3_caption(table: pl.DataFrame) -> str:
+    """What Fig. 3 shows."""
+    said = [
+        "Torque against deflection of the transmission, with the actuator locked. (a) The trials in"
+        " grey and the mean slope while loading, dashed. (b) Torque of each trial minus that of the"
+        " mean slope, solid while loading and dashed while unloading: the width of a loop is its"
+        " hysteresis."
+    ]
+    if not table.filter(~IS_MEAN).is_empty():
+        said.append(
+            f"A loop that ends more than {OUTLYING:g} robust standard deviations from the median of"
+            " the loops' ends is named."
+        )
+    return " ".join(said)
+
+
+@style.drawing(columns_of("fig3"), caption=fig3_caption)
 def draw_fig3(table: pl.DataFrame) -> Figure:
-    """Above, torque over deflection, the mean slope dashed; below, torque minus that of the mean
-    slope."""
+    """(a) torque over deflection and the mean slope, (b) torque minus that of the mean slope; two
+    panels for each joint."""
     parts = names.placed_rows(table)
     across = min(len(parts), 2)
     rows = 2 * -(-len(parts) // across)
     width = style.SINGLE_COLUMN if across == 1 else style.DOUBLE_COLUMN
-    figure, axes = style.panels(
-        width, 0.4 + 1.8 * rows, rows=rows, columns=across, names=[""] * (rows * across)
-    )
-    for number, (name, part) in enumerate(parts):
-        above = 2 * across * (number // across) + number % across
-        belts, loops = axes[above], axes[above + across]
-        trials = part.filter(pl.col("trial") != MEAN_SLOPE).partition_by(
-            "trial", maintain_order=True
-        )
-        mean, dotted = (
-            part.filter(pl.col("trial") == MEAN_SLOPE),
-            list(filter(style.has_doubtful, trials)),
-        )
-        for drawn, look in ((trials, GREY_TRIAL), (dotted, DOUBTFUL_TRIAL), ([mean], MEAN_LINE)):
-            for one in drawn:
-                belts.plot(one["theta_s_deg"], one["torque"], **look)
+    figure, axes = style.panels(width, 0.4 + 1.8 * rows, rows, across)
+    titled = zip(names.panel_titles(parts), parts, strict=True)
+    for number, (place, (_, part)) in enumerate(titled):
+        first = 2 * across * (number // across) + number % across
+        belts, loops = axes[first], axes[first + across]
+        draw_belts(belts, part)
+        draw_loops(loops, part)
         belts.tick_params(labelbottom=False)
-        belts.set_ylabel("Joint torque (N·m)")
-        for K_s, low, high in mean.select("K_s", "K_s_low", "K_s_high").head(1).iter_rows():
-            text = rf"$\hat{{K}}_s = {K_s:.1f}$ N·m/rad"
-            text += (
-                ""
-                if low is None or high is None
-                else f"\n95 % interval {low:.1f} to {high:.1f} N·m/rad"
-            )
-            belts.text(
-                0.99,
-                0.04,
-                text,
-                transform=belts.transAxes,
-                ha="right",
-                va="bottom",
-                linespacing=1.4,
-            )
-        draw_loops(loops, trials, part["hysteresis_area"].drop_nulls())
-        place = f"{name}: " * (len(parts) > 1)
-        for ax, word in ((belts, "Torque"), (loops, "Hysteresis")):
-            ax.set_title(f"{ax.get_title(loc='left')} {place}{word}", loc="left", y=1)
         loops.sharex(belts)
+        for ax in (belts, loops):
+            ax.set_title(f"{ax.get_title(loc='left')} {place}".strip(), loc="left", y=1)
     for ax in axes:
         if not ax.has_data():
             ax.remove()
-    fits = table.filter(pl.col("trial") != MEAN_SLOPE)
-    entries = [style.key(f"Trials ($n$ = {fits['trial'].n_unique()})", color=GREY_TRIAL["color"])]
-    if style.has_doubtful(fits):
-        doubtful = fits.filter(IS_DOUBTFUL)["trial"].n_unique()
-        entries.append(style.key(f"Doubtful fit ($n$ = {doubtful})", **DOUBTFUL_TRIAL))
-    entries.append(style.key("Mean slope while loading", **MEAN_LINE))
-    for branch, dash in BRANCHES.items():
-        entries.append(
-            style.key(branch.capitalize(), color=style.BLACK, linestyle=dash, linewidth=0.5)
-        )
-    figure.legend(
-        handles=entries,
-        loc="outside upper center",
-        ncols=2 if len(figure.axes) == 2 else len(entries),
-    )
+
+    entries = belt_entries(table.filter(~IS_MEAN))
+    marks.legend_above(figure, entries, 2 if across == 1 else len(entries))
+    figure.align_ylabels()
     return figure
 
 
-def draw_loops(ax: Axes, trials: list[pl.DataFrame], areas: pl.Series) -> None:
+def belt_entries(trials: pl.DataFrame) -> dict[str, Any]:
+    """The legend of Fig. 3."""
+    labels: list[tuple[str, dict[str, Any]]] = [
+        (f"Trials ($n$ = {trials['trial'].n_unique()})", {"color": style.LIGHT_GREY})
+    ]
+    if marks.has_doubtful(trials):
+        n_doubtful = trials.filter(IS_DOUBTFUL)["trial"].n_unique()
+        labels.append((f"Doubtful fit ($n$ = {n_doubtful})", DOUBTFUL_TRIAL))
+    labels.append(("Mean slope while loading", MEAN_LINE))
+    for branch, dash in BRANCHES.items():
+        line = {"color": style.BLACK, "linestyle": dash, "linewidth": LOOP_WIDTH}
+        labels.append((branch.capitalize(), line))
+    return {label: marks.key(label, **look) for label, look in labels}
+
+
+def trials_of(part: pl.DataFrame) -> list[pl.DataFrame]:
+    """The rows of each trial."""
+    return part.filter(~IS_MEAN).partition_by("trial", maintain_order=True)
+
+
+def draw_belts(ax: Axes, part: pl.DataFrame) -> None:
+    """Torque over deflection of each trial, doubtful ones dotted; the mean slope, and its
+    number."""
+    trials = trials_of(part)
+    for trial in trials:
+        ax.plot(trial["theta_s_deg"], trial["torque"], **GREY_TRIAL)
+    for trial in trials:
+        if marks.has_doubtful(trial):
+            ax.plot(trial["theta_s_deg"], trial["torque"], **DOUBTFUL_TRIAL)
+    mean = part.filter(IS_MEAN)
+    ax.plot(mean["theta_s_deg"], mean["torque"], **MEAN_LINE)
+    ax.set_ylabel("Joint torque (N·m)")
+
+    for K_s, low, high in mean.select("K_s", "K_s_low", "K_s_high").head(1).iter_rows():
+        text = rf"$\hat{{K}}_s$ = {K_s:.1f} N·m/rad"
+        if low is not None and high is not None:
+            text += f"\n95 % interval {low:.1f} to {high:.1f} N·m/rad"
+        corner: dict[str, Any] = {"ha": "right", "va": "bottom", "linespacing": 1.4}
+        ax.text(0.99, 0.04, text, transform=ax.transAxes, **corner)
+
+
+def draw_loops(ax: Axes, part: pl.DataFrame) -> None:
     """Every loop in grey, doubtful ones dotted; those in a colour, with their names, that end more
     than `OUTLYING` standard deviations from the median. Each leads to its trial."""
     ax.axhline(0, **MEAN_LINE)
-    ends = [one.row(int(one["theta_s_deg"].abs().arg_max() or 0), named=True) for one in trials]
-    far = np.array([end["deviation"] for end in ends])
-    limit = OUTLYING * median_abs_deviation(far, scale="normal")
-    for trial, end, away in zip(trials, ends, np.abs(far - np.median(far)), strict=True):
-        doubtful, colour = (
-            style.has_doubtful(trial),
-            style.ORANGE if away > limit > 0 else style.GREY,
-        )
-        if colour == style.ORANGE:
+    trials = trials_of(part)
+    ends = [
+        trial.row(int(trial["theta_s_deg"].abs().arg_max() or 0), named=True) for trial in trials
+    ]
+    at_end = np.array([end["deviation"] for end in ends])
+    limit = OUTLYING * median_abs_deviation(at_end, scale="normal")
+    distances = np.abs(at_end - np.median(at_end))
+    for trial, end, distance in zip(trials, ends, distances, strict=True):
+        is_outlying = distance > limit > 0
+        colour = style.ORANGE if is_outlying else style.GREY
+        if is_outlying:
             place, name = (end["theta_s_deg"], end["deviation"]), names.drawn_name(end["trial"], 12)
             ax.annotate(name, place, (3, 0), textcoords="offset points", color=colour, va="center")
+        is_doubtful = marks.has_doubtful(trial)
         for branch, dash in BRANCHES.items():
             rows = trial.filter(pl.col("branch") == branch)
-            line = style.DOTTED if doubtful else dash
-            (drawn,) = ax.plot(
-                rows["theta_s_deg"], rows["deviation"], color=colour, linestyle=line, linewidth=0.5
-            )
-            drawn.set_url(style.place_in_report(trial["trial"][0]))
-    for area in areas.head(1):
+            (line,) = ax.plot(
+                rows["theta_s_deg"], rows["deviation"],
+                color=colour, linewidth=LOOP_WIDTH,
+                linestyle=style.DOTTED if is_doubtful else dash,
+            )  # fmt: skip
+            line.set_url(marks.place_in_report(trial["trial"][0]))
+    for area in part["hysteresis_area"].drop_nulls().head(1):
         ax.text(0.02, 0.04, f"Mean loop area {area:.3g} J", transform=ax.transAxes, va="bottom")
     ax.set_xlabel(r"Transmission deflection $\theta_s$ (deg)")
     ax.set_ylabel("Torque minus\nmean slope (N·m)")
 
 
+# torque_angle
+
 CURVE_COLUMNS = [
     name for name in columns_of("torque_angle") if name not in (*names.JOINT_SIDE, "doubtful")
 ]
 WIDTHS = {"loading": 1.1, "unloading": 0.6}  # of curves [pt]
+OF_DESIRED = (style.MAGENTA, style.ORANGE, style.PURPLE, style.BROWN)
+# share of a colour map from its dark end on: beyond, it stands out from white by less than 3 to 1
+DARK_ENOUGH = 0.6
+MOST_NAMED = 16  # trials in the legend; of more, none is named
+BAND = "95 % interval of the slope"
+BAND_ALPHA = 0.25
 
 
 def torque_angle_points(curves: pl.DataFrame, table: pl.DataFrame) -> pl.DataFrame:
-    facts = names.completed(table, ("trial", *names.JOINT_SIDE, "doubtful"), True)
+    """The curves, with joint, side and doubts of their trials."""
+    facts = names.completed(table, ("trial", *names.JOINT_SIDE, "doubtful"), only=True)
     joined = curves.select(CURVE_COLUMNS).join(facts, on="trial", how="left", maintain_order="left")
     return joined.select(columns_of("torque_angle"))
 
 
-@style.drawing(columns_of("torque_angle"), torque_angle_points, CURVE_COLUMNS)
+def torque_angle_caption(table: pl.DataFrame) -> str:
+    """What the figure `torque_angle` shows."""
+    band = "; shaded: its 95 % interval" if names.has_values(table, "stiffness_low") else ""
+    said = [
+        "Torque against angle of trials that are moved slowly. (a) Torque, thick while loading and"
+        f" thin while unloading. (b) Slope of torque over angle while loading{band}."
+    ]
+    if names.has_values(table, "desired"):
+        said.append("Dashed: the curves that the trials of this colour were designed for.")
+    return " ".join(said)
+
+
+@style.drawing(
+    columns_of("torque_angle"),
+    torque_angle_points,
+    needs=CURVE_COLUMNS,
+    caption=torque_angle_caption,
+)
 def draw_torque_angle(table: pl.DataFrame) -> Figure:
-    """(a) Torque against angle, desired curves dashed; (b) stiffness while loading with its 95 %
-    interval."""
+    """(a) torque over angle, (b) stiffness while loading; two panels for each joint."""
     parts = names.placed_rows(table)
-    # trials with a desired curve share its colour, the others go through a colour map in order, but
-    # for its end that stands out from white by less than three to one
-    desired_of = dict(table.select("trial", "desired").unique(maintain_order=True).iter_rows())
-    others = [trial for trial, desired in desired_of.items() if desired is None]
-    shades = mpl.colormaps["viridis"](np.linspace(0, 0.6, max(len(others), 1)))
-    wanted = list(dict.fromkeys(desired_of.values()))
-    of_desired = (style.MAGENTA, style.ORANGE, style.PURPLE, "#6B3A0A")
-    colours = {
-        name: of_desired[wanted.index(desired) % 4]
-        for name, desired in desired_of.items()
-        if desired
-    }
-    colours |= {name: to_hex(shade) for name, shade in zip(others, shades, strict=False)}
-    titles = names.panel_titles(parts, ("Torque", "Stiffness"))
+    colours = colours_of_trials(table)
     figure, axes = style.panels(
-        style.DOUBLE_COLUMN, 3.0 * len(parts) + 0.3, rows=len(parts), columns=2, names=titles
-    )
+        style.DOUBLE_COLUMN, 3.0 * len(parts) + 0.3, len(parts), 2,
+        titles=names.panel_titles(parts, ["", ""]),
+    )  # fmt: skip
     for number, (_, part) in enumerate(parts):
-        draw_curves(axes[2 * number], axes[2 * number + 1], part, colours)
-    entries: list[tuple[str, float, Any]] = [
-        (branch.capitalize(), width, "-") for branch, width in WIDTHS.items()
-    ]
-    entries += [("Desired", WIDTHS["loading"], style.DASHED)] * (
-        table["desired_torque"].count() > 0
-    )
-    entries += [("Doubtful trial", WIDTHS["loading"], style.DOTTED)] * style.has_doubtful(table)
-    handles = [
-        style.key(label, color=style.BLACK, linewidth=w, linestyle=dash)
-        for label, w, dash in entries
-    ]
-    if len(colours) <= 16:  # more are not named
-        named = {name: names.drawn_name(name.replace("_", " "), 18) for name in desired_of}
-        handles += [
-            style.key(label, color=colours[name], linewidth=1.1) for name, label in named.items()
-        ]
-    figure.legend(handles=handles, loc="outside upper center", ncols=4)
+        draw_torque_curves(axes[2 * number], part, colours)
+        draw_stiffness_curves(axes[2 * number + 1], part, colours)
+    marks.legend_above(figure, torque_angle_entries(table, colours), 4)
+    figure.align_ylabels()
     return figure
 
 
-def draw_curves(left: Axes, right: Axes, table: pl.DataFrame, colours: dict[str, str]) -> None:
-    """Torque of both branches of every trial, and desired torque, on the left; stiffness while
-    loading on the right."""
-    for trial in table.partition_by("trial", maintain_order=True):
-        look: dict[str, Any] = {"linestyle": style.DOTTED if style.has_doubtful(trial) else "-"}
-        look["color"] = colours[trial["trial"][0]]
+def colours_of_trials(table: pl.DataFrame) -> dict[str, str]:
+    """Colours by trial: those with a desired curve share its colour, the others go through a colour
+    map in order."""
+    desired_of = dict(table.select("trial", "desired").unique(maintain_order=True).iter_rows())
+    wanted = list(dict.fromkeys(desired_of.values()))
+    others = [trial for trial, desired in desired_of.items() if desired is None]
+    shades = mpl.colormaps["viridis"](np.linspace(0, DARK_ENOUGH, max(len(others), 1)))
+    colours = {}
+    for trial, desired in desired_of.items():
+        if desired is None:
+            colours[trial] = to_hex(shades[others.index(trial)])
+        else:
+            colours[trial] = OF_DESIRED[wanted.index(desired) % len(OF_DESIRED)]
+    return colours
+
+
+def torque_angle_entries(table: pl.DataFrame, colours: dict[str, str]) -> dict[str, Any]:
+    """The legend: what widths and dashes say, and the trials if they are few."""
+    entries: dict[str, Any] = {}
+
+    def add(label: str, **look: Any) -> None:
+        entries[label] = marks.key(label, **look)
+
+    for branch, width in WIDTHS.items():
+        add(branch.capitalize(), color=style.BLACK, linewidth=width)
+    if names.has_values(table, "desired_torque"):
+        add("Desired", color=style.BLACK, linewidth=WIDTHS["loading"], linestyle=style.DASHED)
+    if marks.has_doubtful(table):
+        add(
+            "Doubtful trial", color=style.BLACK, linewidth=WIDTHS["loading"], linestyle=style.DOTTED
+        )
+    if marks.has_range(table, "stiffness"):
+        add(BAND, color=style.GREY, alpha=BAND_ALPHA, linewidth=6)
+    if len(colours) <= MOST_NAMED:
+        for number, (trial, colour) in enumerate(colours.items(), start=1):
+            name = names.drawn_name(trial.replace("_", " "), 18)
+            label = f"{name} ({number})" if name in entries else name  # two are shortened alike
+            add(label, color=colour, linewidth=WIDTHS["loading"])
+    return entries
+
+
+def draw_torque_curves(ax: Axes, part: pl.DataFrame, colours: dict[str, str]) -> None:
+    """Torque of both branches of every trial, and desired torque, over angle."""
+    for trial in part.partition_by("trial", maintain_order=True):
+        name = trial["trial"][0]
+        dash: style.Dash = style.DOTTED if marks.has_doubtful(trial) else "-"
         for branch, width in WIDTHS.items():
             rows = trial.filter(pl.col("branch") == branch)
-            (drawn,) = left.plot(rows["angle_deg"], rows["torque"], linewidth=width, **look)
-            drawn.set_url(style.place_in_report(trial["trial"][0]))
-        look["linestyle"] = (
-            style.DOTTED if doubts_of_result(trial["doubtful"][0] or "", "K") else "-"
-        )
+            (line,) = ax.plot(
+                rows["angle_deg"], rows["torque"],
+                color=colours[name], linewidth=width, linestyle=dash,
+            )  # fmt: skip
+            line.set_url(marks.place_in_report(name))
+    for curve in part.drop_nulls("desired").partition_by("desired", maintain_order=True):
+        desired = curve.drop_nulls("desired_torque").unique("angle_deg").sort("angle_deg")
+        ax.plot(
+            desired["angle_deg"], desired["desired_torque"],
+            color=colours[curve["trial"][0]], linewidth=WIDTHS["loading"], linestyle=style.DASHED,
+        )  # fmt: skip
+    label_angle_axes(ax, "Resisting torque (N·m)")
+
+
+def draw_stiffness_curves(ax: Axes, part: pl.DataFrame, colours: dict[str, str]) -> None:
+    """Slope of torque over angle while loading, with its 95 % interval."""
+    for trial in part.partition_by("trial", maintain_order=True):
+        colour = colours[trial["trial"][0]]
+        is_doubtful = bool(doubts_of_result(trial["doubtful"][0] or "", "K"))
         rows = trial.filter(pl.col("branch") == "loading").drop_nulls("stiffness")
-        right.plot(rows["angle_deg"], rows["stiffness"], linewidth=WIDTHS["loading"], **look)
+        ax.plot(
+            rows["angle_deg"], rows["stiffness"],
+            color=colour, linewidth=WIDTHS["loading"],
+            linestyle=style.DOTTED if is_doubtful else "-",
+        )  # fmt: skip
         band = rows.drop_nulls(["stiffness_low", "stiffness_high"])
-        ends = band["stiffness_low"], band["stiffness_high"]
-        right.fill_between(band["angle_deg"], *ends, color=look["color"], alpha=0.25, linewidth=0)
-    for curve in table.drop_nulls("desired").partition_by("desired", maintain_order=True):
-        line = curve.drop_nulls("desired_torque").unique("angle_deg").sort("angle_deg")
-        look = {
-            "color": colours[curve["trial"][0]],
-            "linestyle": style.DASHED,
-            "linewidth": WIDTHS["loading"],
-        }
-        left.plot(line["angle_deg"], line["desired_torque"], **look)
-    for ax, label in (
-        (left, "Resisting torque (N·m)"),
-        (right, "Stiffness while loading (N·m/rad)"),
-    ):
-        ax.axhline(0, color=style.BLACK, linewidth=0.4)
-        ax.axvline(0, color=style.BLACK, linewidth=0.4)
-        ax.set_xlabel("Joint angle (deg)")
-        ax.set_ylabel(label)
+        ax.fill_between(
+            band["angle_deg"], band["stiffness_low"], band["stiffness_high"],
+            color=colour, alpha=BAND_ALPHA, linewidth=0,
+        )  # fmt: skip
+    label_angle_axes(ax, "Stiffness while loading (N·m/rad)")
+
+
+def label_angle_axes(ax: Axes, label: str) -> None:
+    """Lines at 0, and the names of the axes."""
+    ax.axhline(0, color=style.BLACK, linewidth=style.HAIRLINE)
+    ax.axvline(0, color=style.BLACK, linewidth=style.HAIRLINE)
+    ax.set_xlabel("Joint angle (deg)")
+    ax.set_ylabel(label)

@@ -11,7 +11,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from osl_analysis.errors import InputError
-from osl_analysis.figures import columns_of, names, style
+from osl_analysis.figures import columns_of, marks, names, style
+from osl_analysis.figures.ticks import label_in_thousandths, label_log_axis
+from osl_analysis.trial import Array
+
+# Fig. 9
+
+ENDS = ("low", "high")
+NO_FIT = "no perturbation has a fit, which Fig. 9 draws; see the reasons in walking_excluded.csv"
+TEXTS = ("group", "quantity", "trial", "doubtful")
 
 
 def fig9_points(
@@ -20,306 +28,463 @@ def fig9_points(
     over_stance: pl.DataFrame,
     commanded_K: float | None = None,
 ) -> pl.DataFrame:
-    """For each group and quantity a row with mean and SD over the perturbations, the ensemble's
-    estimate and interval, then a row per perturbation. What is commanded comes from the sheet, else
-    from `commanded_K` [N*m/rad] in a campaign of one group, else from the trajectory
-    (`over_stance`). Raises InputError: nothing has a result."""
-    rows = {
-        (r["group"], r["estimator"], r["quantity"]): r
-        for r in walking_summary.iter_rows(named=True)
+    """Gather what Fig. 9 shows of each group of crossings.
+
+    Parameters
+    ----------
+    walking_summary : DataFrame
+        Means and ensemble estimates by group and quantity.
+    walking : DataFrame
+        Fits of single perturbations.
+    over_stance : DataFrame
+        Commanded impedance by group and quantity, of the trajectory.
+    commanded_K : float or None
+        Commanded stiffness of the configuration [N·m/rad]; used in a campaign of one group.
+
+    Returns
+    -------
+    DataFrame
+        For each group and quantity a row with mean, SD, ensemble and command, then a row per
+        perturbation. A command of the sheet goes before that of the configuration, and this before
+        the trajectory.
+
+    Raises
+    ------
+    InputError
+        No group and no perturbation has a result.
+    """
+    summary = {
+        (row["group"], row["estimator"], row["quantity"]): row
+        for row in walking_summary.drop_nulls("mean").iter_rows(named=True)
     }
-    rows = {key: row for key, row in rows.items() if row["mean"] is not None}
-    fits = walking.drop_nulls("group").filter(pl.all_horizontal(pl.col("K", "B", "I").is_finite()))
-    groups = list(dict.fromkeys([*(group for group, _, _ in rows), *fits["group"]]))
+    is_fitted = pl.all_horizontal(pl.col("K", "B", "I").is_finite())
+    fits = walking.drop_nulls("group").filter(is_fitted)
+    groups = list(dict.fromkeys([*(group for group, _, _ in summary), *fits["group"]]))
     if not groups:
-        raise InputError(
-            "no perturbation has a fit, which Fig. 9 draws; see the reasons in walking_excluded.csv"
-        )
-    trajectory = {
-        (r["group"], r["quantity"]): r["commanded"] for r in over_stance.iter_rows(named=True)
+        raise InputError(NO_FIT)
+    of_trajectory = {
+        (row["group"], row["quantity"]): row["commanded"]
+        for row in over_stance.iter_rows(named=True)
     }
-    found: list[dict[str, Any]] = []
+
+    rows: list[dict[str, Any]] = []
     for group, quantity in product(groups, "KBI"):
-        of_group = fits.filter(group=group)
-        single = of_group.select("group", "trial", "doubtful", pl.col(quantity).alias("estimate"))
-        row: dict[str, Any] = {"group": group, "quantity": quantity, "n": len(single)}
-        stated = None
-        if mean := rows.get((group, "mean of perturbations", quantity)):
-            ensemble = rows[group, "ensemble", quantity]
-            row |= {name: mean[name] for name in ("n", "mean", "sd")} | {
-                "ensemble": ensemble["mean"]
-            }
-            row |= {f"ensemble_{end}": ensemble[end] for end in ("low", "high")}
-            stated, row["doubtful"] = ensemble["commanded"], ensemble.get("doubt")
-        configured = commanded_K if quantity == "K" and len(groups) == 1 else None
-        known = (stated, configured, trajectory.get((group, quantity)))
-        found.append(
-            row | {"commanded": next((value for value in known if value is not None), None)}
+        perturbations = fits.filter(group=group).select(
+            "group", "trial", "doubtful", pl.col(quantity).alias("estimate")
         )
-        found += [{"quantity": quantity, **one} for one in single.iter_rows(named=True)]
-    text = dict.fromkeys(("group", "quantity", "trial", "doubtful"), pl.String)
-    types = dict.fromkeys(columns_of("fig9"), pl.Float64) | text | {"n": pl.Int64}
-    return pl.DataFrame(found, schema=types)
-
-
-@style.drawing(columns_of("fig9"), fig9_points)
-def draw_fig9(table: pl.DataFrame) -> Figure:
-    """(a) K, (b) B, (c) I: a point per perturbation, open where doubtful, beside them their mean
-    with one SD on either side and the fit to the mean response with its interval. Several groups
-    stand in panels one above the other."""
-    groups = table["group"].unique(maintain_order=True).to_list()
-    single = len(groups) == 1
-    page = (style.SINGLE_COLUMN, 2.6, 1, 3) if single else (style.DOUBLE_COLUMN, 4.8, 3, 1)
-    figure, axes = style.panels(*page)
-    # On the axis, from the middle of a group: the reach of its points, its mean, its ensemble, and
-    # the next group
-    reach, mean_at, ensemble_at, apart = 0.32, 0.55, 0.85, 1.8
-    span = (len(groups) - 1) * apart + 1.6
-    # beside what is written [in]
-    width = (style.SINGLE_COLUMN / 3 if single else style.DOUBLE_COLUMN) - 0.45
-    black: dict[str, Any] = {"color": style.BLACK, "linewidth": 0.8}
-    purple: dict[str, Any] = {"color": style.PURPLE, "linewidth": 1.2, "capsize": 2.5}
-    point = style.Look(style.GREY, "o", 2.6, "One perturbation")
-    for ax, quantity in zip(axes, "KBI", strict=True):
-        rows = table.filter(pl.col("quantity") == quantity)
-        of_groups = rows.filter(pl.col("trial").is_null())
-        for place, row in enumerate(of_groups.iter_rows(named=True)):
-            at, fits = place * apart, rows.filter(group=row["group"]).drop_nulls("trial")
-            # Points that would overlap stand side by side: they spread over 1.2 in of a panel, and
-            # each takes 3.4 pt
-            spread = max(float(np.ptp(rows["estimate"].drop_nulls().to_numpy())), 1e-9)
-            x = at + style.swarm_offsets(
-                (fits["estimate"] / spread * 1.2).to_numpy(), 3.4 / 72, width / span, reach
-            )
-            style.draw_fits(ax, fits, x, fits["estimate"], point, linewidths=0.6)
-            if row["commanded"] is not None:
-                ends = [at - reach - 0.1, at + ensemble_at + 0.15]
-                ax.plot(
-                    ends,
-                    [row["commanded"]] * 2,
-                    **black,
-                    linestyle=style.DASHED,
-                    zorder=0,
-                    label="Commanded",
-                )
-            if row["mean"] is None:
-                continue
-            sd = None if row["sd"] is None else [row["sd"]]
-            marked: dict[str, Any] = {
-                "fmt": "s",
-                "markersize": 3,
-                "capsize": 2.5,
-                "label": "Mean ± SD",
+        mean = summary.get((group, "mean of perturbations", quantity))
+        ensemble = summary[group, "ensemble", quantity] if mean else {}
+        configured = commanded_K if quantity == "K" and len(groups) == 1 else None
+        commands = (ensemble.get("commanded"), configured, of_trajectory.get((group, quantity)))
+        known = [command for command in commands if command is not None]
+        rows.append(
+            {
+                "group": group,
+                "quantity": quantity,
+                "n": mean["n"] if mean else len(perturbations),
+                "mean": mean["mean"] if mean else None,
+                "sd": mean["sd"] if mean else None,
+                "ensemble": ensemble.get("mean"),
+                "ensemble_low": ensemble.get("low"),
+                "ensemble_high": ensemble.get("high"),
+                "commanded": known[0] if known else None,
+                "doubtful": ensemble.get("doubt"),
             }
-            ax.errorbar([at + mean_at], [row["mean"]], yerr=sd, **black, **marked)
-            # percentiles, not about the estimate
-            low, high = row["ensemble_low"], row["ensemble_high"]
-            ax.errorbar(
-                [at + ensemble_at],
-                [(low + high) / 2],
-                yerr=[(high - low) / 2],
-                fmt="none",
-                **purple,
-            )
-            look: dict[str, Any] = {"markersize": 3.2, "label": "Fit of averaged response, 95 %"}
-            ax.plot([at + ensemble_at], [row["ensemble"]], "D", color=style.PURPLE, **look)
+        )
+        for perturbation in perturbations.iter_rows(named=True):
+            rows.append({"quantity": quantity, **perturbation})
+    types: dict[str, Any] = dict.fromkeys(columns_of("fig9"), pl.Float64)
+    types |= dict.fromkeys(TEXTS, pl.String) | {"n": pl.Int64}
+    return pl.DataFrame(rows, schema=types)
+
+
+def fig9_caption(table: pl.DataFrame) -> str:
+    """What Fig. 9 shows."""
+    is_commanded = names.has_values(table, "commanded")
+    said = [
+        r"(a) Stiffness $\hat{K}$, (b) damping $\hat{B}$ and (c) apparent inertia $\hat{I}$ of the"
+        " ankle while walking."
+    ]
+    if is_commanded:
+        said.append(
+            "The actuator behind its gains adds to the joint's own inertia, or takes off it, so"
+            r" that $\hat{I}$ may be negative."
+        )
+    said.append(
+        "Points: one perturbation each. Squares: their mean ± one standard deviation, of both"
+        " directions' means where the toes turn up and down. Diamonds: the fit to the mean response"
+        " with its 95 % interval (bootstrap)."
+    )
+    if table["group"].n_unique() > 1:
+        said.append("In brackets: numbers of perturbations.")
+    if is_commanded:
+        said.append("Dashed: what the walking controller commanded.")
+    return " ".join(said)
+
+
+# on the axis, from the middle of a group: the reach of its points, its mean, its ensemble, and the
+# next group
+REACH, MEAN_AT, ENSEMBLE_AT, NEXT_GROUP = 0.32, 0.55, 0.85, 1.8
+BESIDE = 0.75  # free beside the first and the last group, half of it on either side
+MARGIN = 0.45  # of a panel, for the labels of its vertical axis [in]
+SWARM_HEIGHT, POINT = 1.2, 3.4 / 72  # over which the values of a panel spread; one point [in]
+DRAWN = ("estimate", "mean", "ensemble_low", "ensemble_high", "commanded")
+LETTERS_PER_INCH = 17
+PERTURBATION = style.Look(style.GREY, "o", 2.6, "One perturbation")
+MEAN_LABEL = "Mean ± SD"
+ENSEMBLE_LABEL = f"Fit to the {names.MEAN_RESPONSE}, 95 % interval"
+COMMANDED_LABEL = "Commanded"
+IN_BLACK: dict[str, Any] = {"color": style.BLACK, "linewidth": 0.8}
+CAP = 2.5  # half of the bar's end [pt]
+
+
+@style.drawing(columns_of("fig9"), fig9_points, caption=fig9_caption)
+def draw_fig9(table: pl.DataFrame) -> Figure:
+    """(a) K, (b) B, (c) I. The panels of one group stand side by side, those of several one above
+    the other."""
+    groups = table["group"].unique(maintain_order=True).to_list()
+    if len(groups) == 1:
+        figure, axes = style.panels(style.SINGLE_COLUMN, 2.6, 1, 3)
+        inches = style.SINGLE_COLUMN / 3 - MARGIN
+    else:
+        figure, axes = style.panels(style.DOUBLE_COLUMN, 4.8, 3, 1, share_x=True)
+        inches = style.DOUBLE_COLUMN - MARGIN
+    span = (len(groups) - 1) * NEXT_GROUP + REACH + ENSEMBLE_AT + BESIDE
+    for ax, quantity in zip(axes, "KBI", strict=True):
+        rows = table.filter(quantity=quantity)
+        draw_groups(ax, rows, inches / span)
+        ax.set_xlim(-REACH - BESIDE / 2, span - REACH - BESIDE / 2)
+        ax.set_ylabel(names.AXIS_LABELS[quantity])
+        if quantity == "I":
+            label_in_thousandths(ax.yaxis)
         if quantity == "I" or ax.dataLim.y0 < 0:
             ax.axhline(0, color=style.BLACK, linewidth=0.5, zorder=0)
-        ax.set_xlim(-0.5, span - 0.5)
-        ax.set_xticks([] if single else [n * apart + mean_at / 2 for n in range(len(groups))])
-        if not single:
-            letters = max(int(17 * width / len(groups)), 6)
-            told = [
-                f"{names.drawn_name(group, 60)} ({n})"
-                for group, n in of_groups.select("group", "n").iter_rows()
-            ]
-            told = [name.replace("K_d", "$K_d$").replace("B_d", "$B_d$") for name in told]
-            ax.set_xticklabels(
-                ["\n".join(textwrap.wrap(name, letters, break_long_words=False)) for name in told]
-            )
-        ax.set_ylabel(names.AXIS_LABELS[quantity])
-    found = style.legend_entries(axes[:1])
-    order = ("One perturbation", "Mean ± SD", "Fit of averaged response, 95 %", "Commanded")
-    labels = {name: found[name] for name in order if name in found}
-    labels |= style.open_entry(table)
-    figure.legend(
-        list(labels.values()), list(labels), loc="outside upper center", ncols=2 if single else 5
-    )
+    name_groups(axes[-1], table.filter(pl.col("trial").is_null(), quantity="K"), inches)
+
+    drawn = marks.legend_entries(axes[:1])
+    order = (PERTURBATION.label, MEAN_LABEL, ENSEMBLE_LABEL, COMMANDED_LABEL)
+    entries = {label: drawn[label] for label in order if label in drawn}
+    marks.legend_above(figure, entries | marks.open_entry(table), 5)
+    figure.align_ylabels()
     return figure
 
 
-GAIT: dict[str, tuple[str, style.Dash, str]] = {
+def draw_groups(ax: Axes, rows: pl.DataFrame, unit: float) -> None:
+    """One quantity of every group: perturbations, their mean, the ensemble, and the command.
+    `unit` is the length of a unit of the axis [in]."""
+    of_groups = rows.filter(pl.col("trial").is_null())
+    drawn = rows.select(DRAWN).unpivot()["value"].drop_nulls().to_numpy()
+    spread = max(float(np.ptp(drawn)), 1e-9)
+    for number, row in enumerate(of_groups.iter_rows(named=True)):
+        place = number * NEXT_GROUP
+        fits = rows.filter(group=row["group"]).drop_nulls("trial")
+        heights = fits["estimate"].to_numpy() / spread * SWARM_HEIGHT
+        x = place + marks.swarm_offsets(heights, POINT, unit, REACH)
+        marks.draw_fits(ax, fits, x, fits["estimate"], PERTURBATION, linewidth=0.6)
+        if row["commanded"] is not None:
+            ends = [place - REACH - 0.1, place + ENSEMBLE_AT + 0.15]
+            ax.plot(
+                ends, [row["commanded"]] * 2,
+                linestyle=style.DASHED, zorder=0, label=COMMANDED_LABEL, **IN_BLACK,
+            )  # fmt: skip
+        if row["mean"] is not None:
+            draw_mean(ax, place + MEAN_AT, row)
+            draw_ensemble(ax, place + ENSEMBLE_AT, row)
+
+
+def draw_mean(ax: Axes, x: float, row: dict[str, Any]) -> None:
+    """The mean of the perturbations of a group, with one SD on either side."""
+    sd = None if row["sd"] is None else [row["sd"]]
+    ax.errorbar(
+        [x],
+        [row["mean"]],
+        yerr=sd,
+        fmt="s",
+        markersize=3,
+        capsize=CAP,
+        label=MEAN_LABEL,
+        **IN_BLACK,
+    )
+
+
+def draw_ensemble(ax: Axes, x: float, row: dict[str, Any]) -> None:
+    """The fit to the mean response of a group with its interval, which is of percentiles and not
+    about the estimate."""
+    middle = (row["ensemble_low"] + row["ensemble_high"]) / 2
+    half = (row["ensemble_high"] - row["ensemble_low"]) / 2
+    ax.errorbar(
+        [x], [middle], yerr=[half],
+        fmt="none", color=style.PURPLE, linewidth=1.2, capsize=CAP,
+    )  # fmt: skip
+    ax.plot([x], [row["ensemble"]], "D", color=style.PURPLE, markersize=3.2, label=ENSEMBLE_LABEL)
+
+
+def name_groups(ax: Axes, of_groups: pl.DataFrame, inches: float) -> None:
+    """Write below several groups their names and numbers of perturbations."""
+    if len(of_groups) == 1:
+        for panel in ax.figure.axes:
+            panel.set_xticks([])
+        return
+    letters = max(int(LETTERS_PER_INCH * inches / len(of_groups)), 6)
+    places, labels = [], []
+    for number, (group, n) in enumerate(of_groups.select("group", "n").iter_rows()):
+        name = f"{names.drawn_name(group, 60)} ({n})"
+        name = name.replace("K_d", "$K_d$").replace("B_d", "$B_d$")
+        places.append(number * NEXT_GROUP + MEAN_AT / 2)
+        labels.append("\n".join(textwrap.wrap(name, letters, break_long_words=False)))
+    ax.set_xticks(places, labels)
+
+
+# walking_page
+
+GAIT: dict[str, tuple[str, style.Dash, str]] = {  # colour, line style and name of a curve
     "unperturbed": (style.PURPLE, (0, ()), "Unperturbed"),
     "perturbed": (style.ORANGE, (0, (5.0, 1.5)), "Perturbed"),
     "perturbed up": (style.ORANGE, (0, (5.0, 1.5)), "Toes up"),
-    "perturbed down": ("#3F8FBF", (0, (1.5, 1.0)), "Toes down"),
+    "perturbed down": (style.BLUE, (0, (1.5, 1.0)), "Toes down"),
 }
+SHADED: dict[str, dict[str, Any]] = {  # intervals of time
+    "baseline": {
+        "facecolor": "none", "edgecolor": "#C4C4C4", "hatch": "////", "label": "Baseline",
+    },
+    "window": {"color": "#F5C09A", "alpha": 0.5, "label": "Fitted window"},
+}  # fmt: skip
+PAGE_HEIGHT = 4.4  # of a group [in]
+BAND_ALPHA = 0.25
+BAND_LABEL = "± SD of crossings"
 
 
-@style.drawing(("group", "panel", "curve", "trial", "x", "mean", "sd", "doubtful"))
+def walking_page_caption(table: pl.DataFrame) -> str:
+    """What the walking page shows."""
+    has_both = "perturbed down" in table["curve"]
+    bands = ", with turns of the toes up and down apart" if has_both else ""
+    averaged = "half the difference of both directions" if has_both else "their mean"
+    said = [
+        "From crossings to the responses that Fig. 9 fits.",
+        f"(a) Ankle angle and (b) ankle torque over stance, mean ± SD of crossings{bands}.",
+        "(c) Isolated angle and (d) isolated torque: every perturbed crossing minus the mean"
+        " unperturbed gait at the same phase of stance.",
+        f"Thick: the mean response, which is {averaged}, and the fit of K, B and I to it in the"
+        " shaded window.",
+        "Each response is zero on average over the hatched baseline, and not at the onset.",
+        "In between, a crossing's own gait departs from the mean one, and the filter spreads the"
+        " platform's motion to earlier times. The fit has no offset, so that both are in it.",
+    ]
+    return " ".join(said)
+
+
+@style.drawing(
+    ("group", "panel", "curve", "trial", "x", "mean", "sd", "doubtful"),
+    caption=walking_page_caption,
+)
 def draw_walking_page(table: pl.DataFrame) -> Figure:
-    """Over stance (a) angle and (b) torque, over time (c) isolated angle and (d) isolated torque,
-    for each group."""
+    """Over stance (a) angle and (b) torque, over time (c) isolated angle and (d) isolated torque;
+    four panels for each group."""
     groups = table.partition_by("group", maintain_order=True)
-    figure = Figure(figsize=(style.DOUBLE_COLUMN, 4.4 * len(groups)), layout="constrained")
+    figure = Figure(figsize=(style.DOUBLE_COLUMN, PAGE_HEIGHT * len(groups)), layout="constrained")
     parts = figure.subfigures(len(groups), 1, squeeze=False)[:, 0]
-    panels = {"angle": "Ankle angle, dorsiflexion up (deg)", "torque": "Ankle torque (N·m)"}
-    panels |= {"response angle": "Isolated angle (deg)", "response torque": "Isolated torque (N·m)"}
-    intervals: dict[str, dict[str, Any]] = {
-        "baseline": {
-            "facecolor": "none",
-            "edgecolor": "#C4C4C4",
-            "hatch": "////",
-            "label": "Baseline",
-        },
-        "window": {"color": "#F5C09A", "alpha": 0.5, "label": "Fitted window"},
-    }
     for part, rows in zip(parts, groups, strict=True):
         if len(groups) > 1:
             part.suptitle(names.drawn_name(rows["group"][0], 60), fontsize=8)
-        axes = part.subplots(2, 2)
-        for ax, letter, (panel, label) in zip(axes.ravel(), "abcd", panels.items(), strict=True):
+        (angle, torque), (isolated_angle, isolated_torque) = part.subplots(2, 2)
+        for ax, letter in zip(
+            (angle, torque, isolated_angle, isolated_torque), "abcd", strict=True
+        ):
             ax.set_title(f"({letter})", loc="left", y=1)
-            ax.set_ylabel(label)
-            for name, look in intervals.items():
-                ends = curve(rows, panel.replace("torque", "angle"), name)["x"]
-                if len(ends):
-                    ax.axvspan(float(ends[0]), float(ends[1]), linewidth=0, zorder=0, **look)
-            if panel.startswith("response"):
-                draw_isolated(ax, rows, panel)
-                continue
-            for name, (colour, dashes, label) in GAIT.items():
-                if (one := curve(rows, panel, name)).is_empty():
-                    continue
-                x, mean, sd = (one[column].to_numpy() for column in ("x", "mean", "sd"))
-                ax.fill_between(x, mean - sd, mean + sd, color=colour, alpha=0.25, linewidth=0)
-                ax.plot(
-                    x,
-                    mean,
-                    color=colour,
-                    linestyle=dashes,
-                    label=f"{label} ($n$ = {int(one['n'][0])})",
-                )
-            ax.set_xlim(0, 100)
-            ax.set_xlabel("Stance (%)")
-        found = style.legend_entries((axes[0, 1], axes[1, 1]))
-        part.legend(list(found.values()), list(found), loc="outside upper center", ncols=4)
+
+        draw_gait(angle, rows, "angle")
+        angle.set_ylabel("Ankle angle, dorsiflexion up (deg)")
+        draw_gait(torque, rows, "torque")
+        torque.set_ylabel("Ankle torque (N·m)")
+        draw_isolated(isolated_angle, rows, "response angle")
+        isolated_angle.set_ylabel("Isolated angle (deg)")
+        draw_isolated(isolated_torque, rows, "response torque")
+        isolated_torque.set_ylabel("Isolated torque (N·m)")
+
+        entries = marks.legend_entries((torque, isolated_torque))
+        part.legend(
+            list(entries.values()), list(entries), loc="outside upper center", ncols=5,
+            columnspacing=1.4,
+        )  # fmt: skip
+        part.align_ylabels()
     return figure
 
 
 def curve(table: pl.DataFrame, panel: str, name: str) -> pl.DataFrame:
-    return table.filter((pl.col("panel") == panel) & (pl.col("curve") == name))
+    """The points of one curve of a panel."""
+    return table.filter(panel=panel, curve=name)
 
 
-def draw_isolated(ax: Axes, table: pl.DataFrame, panel: str) -> None:
-    """Every perturbation thin, their mean, and the fit."""
-    every, mean, fit = (curve(table, panel, name) for name in ("each", "mean", "fit"))
-    trials = every.partition_by("trial", maintain_order=True)
-    doubtful = [one for one in trials if style.has_doubtful(one)]
-    thin: dict[str, Any] = {
-        "alpha": 0.45,
-        "linewidth": 0.5,
-        "color": style.GREY,
-        "label": "Each perturbation",
-    }
-    dotted: dict[str, Any] = {"linewidth": 0.7, "linestyle": style.DOTTED, "color": style.BLACK}
-    for drawn, look in (
-        (trials, thin),
-        (doubtful, dotted | {"label": f"Doubtful fit ($n$ = {len(doubtful)})"}),
-    ):
-        for place, one in enumerate(drawn):
-            (line,) = ax.plot(one["x"], one["mean"], **look | ({"label": None} if place else {}))
-            line.set_url(style.place_in_report(one["trial"][0]))
-    averaged = "Half of up minus down" if "perturbed down" in table["curve"] else "Averaged"
-    ax.plot(mean["x"], mean["mean"], color=style.BLACK, linewidth=1.4, label=averaged)
+def shade(ax: Axes, rows: pl.DataFrame, panel: str) -> None:
+    """Baseline and fitted window, which the panel of the angle has for both signals."""
+    for name, look in SHADED.items():
+        ends = curve(rows, panel.replace("torque", "angle"), name)["x"]
+        if len(ends):
+            ax.axvspan(float(ends[0]), float(ends[1]), linewidth=0, zorder=0, **look)
+
+
+def draw_gait(ax: Axes, rows: pl.DataFrame, panel: str) -> None:
+    """Mean ± SD of unperturbed and of perturbed crossings over stance."""
+    shade(ax, rows, panel)
+    has_band = False
+    for name, (colour, dash, label) in GAIT.items():
+        points = curve(rows, panel, name)
+        if points.is_empty():
+            continue
+        x, mean, sd = (points[column].to_numpy() for column in ("x", "mean", "sd"))
+        ax.fill_between(
+            x, mean - sd, mean + sd, color=colour, alpha=BAND_ALPHA, linewidth=0,
+            label="" if has_band else BAND_LABEL,
+        )  # fmt: skip
+        has_band = True
+        n = int(points["n"][0])
+        ax.plot(x, mean, color=colour, linestyle=dash, label=f"{label} ($n$ = {n})")
+    ax.set_xlim(0, 100)
+    ax.set_xlabel("Stance (%)")
+
+
+def draw_isolated(ax: Axes, rows: pl.DataFrame, panel: str) -> None:
+    """Every perturbation thin and doubtful ones dotted, the mean response, and the fit."""
+    shade(ax, rows, panel)
+    draw_perturbations(ax, curve(rows, panel, "each"))
+    mean, fit = curve(rows, panel, "mean"), curve(rows, panel, "fit")
+    label = names.MEAN_RESPONSE.capitalize()
+    if "perturbed down" in rows["curve"]:
+        label = "Half of up minus down"
+    ax.plot(mean["x"], mean["mean"], color=style.BLACK, linewidth=1.4, label=label)
     if not fit.is_empty():
-        label = r"Fit of $K\theta + B\dot\theta + I\ddot\theta$"
         ax.plot(
-            fit["x"],
-            fit["mean"],
-            color=style.ORANGE,
-            linewidth=1.4,
-            linestyle=style.DASHED,
-            label=label,
-        )
-    ax.axhline(0, color=style.BLACK, linewidth=0.4)
-    ax.axvline(0, color=style.BLACK, linewidth=0.4)
-    ax.set_xlim(float(every["x"].min()), float(every["x"].max()))  # type: ignore[arg-type]
+            fit["x"], fit["mean"],
+            color=style.ORANGE, linewidth=1.4, linestyle=style.DASHED,
+            label=r"Fit of $K\theta + B\dot\theta + I\ddot\theta$",
+        )  # fmt: skip
+    ax.axhline(0, color=style.BLACK, linewidth=style.HAIRLINE)
+    ax.axvline(0, color=style.BLACK, linewidth=style.HAIRLINE)
+    times: Array = curve(rows, panel, "each")["x"].to_numpy()
+    ax.set_xlim(float(times.min()), float(times.max()))
     ax.set_xlabel("Time from the platform’s onset (ms)")
+
+
+def draw_perturbations(ax: Axes, every: pl.DataFrame) -> None:
+    """The responses of single perturbations, each of which leads to its trial."""
+    trials = every.partition_by("trial", maintain_order=True)
+    for number, trial in enumerate(trials):
+        (line,) = ax.plot(
+            trial["x"], trial["mean"],
+            color=style.GREY, alpha=0.45, linewidth=0.5,
+            label="" if number else "Each perturbation",
+        )  # fmt: skip
+        line.set_url(marks.place_in_report(trial["trial"][0]))
+    doubtful = [trial for trial in trials if marks.has_doubtful(trial)]
+    for number, trial in enumerate(doubtful):
+        (line,) = ax.plot(
+            trial["x"], trial["mean"],
+            color=style.BLACK, linewidth=0.7, linestyle=style.DOTTED,
+            label="" if number else f"Doubtful fit ($n$ = {len(doubtful)})",
+        )  # fmt: skip
+        line.set_url(marks.place_in_report(trial["trial"][0]))
+
+
+# impedance_over_stance
+
+SERIES_LOOKS = (  # colours and markers
+    (style.PURPLE, "o"),
+    (style.ORANGE, "D"),
+    (style.BLUE, "s"),
+    (style.BROWN, "^"),
+)
+COMMANDED = "commanded"  # the series of the trajectory; all others are estimates
+INTERVAL_WIDTH, WINDOW_WIDTH = 1.2, 0.6  # of lines [pt]
+STANCE_PANEL, STANCE_LEGEND = 1.5, 0.75  # heights [in]
+
+
+def over_stance_caption(table: pl.DataFrame) -> str:
+    """What the figure `impedance_over_stance` shows."""
+    said = [
+        "Impedance of the ankle over stance. A marker is the fit to the mean response of a group,"
+        " at the phase that the fit reads. Upright bars: 95 % intervals. Level bars: the windows of"
+        " the fits."
+    ]
+    if names.has_values(table.filter(pl.col("series") == COMMANDED), "commanded"):
+        said.append("Dashed: what the controller commands.")
+    if names.has_values(table.filter(pl.col("series") != COMMANDED), "commanded"):
+        said.append("Short black lines: what it commands at the phase of a group.")
+    return " ".join(said)
 
 
 @style.drawing(
     (
-        "series",
-        "quantity",
-        "phase",
-        "onset_phase",
-        "end_phase",
-        "estimate",
-        "low",
-        "high",
+        "series", "quantity", "phase", "onset_phase", "end_phase", "estimate", "low", "high",
         "commanded",
     ),
+    caption=over_stance_caption,
     nothing=(
         "all perturbations are at one phase of stance, and no curve is commanded; Fig. 9 shows them"
     ),
-)
+)  # fmt: skip
 def draw_impedance_over_stance(table: pl.DataFrame) -> Figure:
-    """K, B and I, those that the table has: the fit of each group at the phase that it reads, its
-    fitted window as a horizontal bar, its 95 % interval as a vertical one. The commanded impedance
-    is dashed, or a short line."""
-    drawn = [quantity for quantity in "KBI" if quantity in table["quantity"]]
-    width = style.SINGLE_COLUMN if len(drawn) == 1 else style.DOUBLE_COLUMN
-    figure, axes = style.panels(width, 2.6, columns=len(drawn))
-    series = [name for name in table["series"].unique(maintain_order=True) if name != "commanded"]
-    # colours and markers
-    looks = ((style.PURPLE, "o"), (style.ORANGE, "D"), ("#3F8FBF", "s"), ("#6B3A0A", "^"))
-    interval, window = 1.2, 0.6  # widths of lines [pt]
-    for ax, quantity in zip(axes, drawn, strict=True):
-        rows = table.filter(pl.col("quantity") == quantity)
-        # the curve, all other series are estimates
-        given = rows.filter(pl.col("series") == "commanded")
-        if len(given):
-            line = ax.plot(
-                100 * given["phase"], given["commanded"], color=style.BLACK, label="Commanded"
-            )[0]
-            line.set_linestyle(style.DASHED)
-        for number, name in enumerate(series):
-            one, (colour, marker) = (
-                rows.filter(series=name).sort("phase"),
-                looks[number % len(looks)],
-            )
-            label = "Fit of mean response" if len(series) == 1 else names.drawn_name(name)
-            x, ends = (
-                100 * one["phase"].to_numpy(),
-                one.select("onset_phase", "end_phase").to_numpy().T,
-            )
-            ax.plot(
-                x,
-                one["commanded"].to_numpy(),
-                "_",
-                color=style.BLACK,
-                markersize=9,
-                mew=1.2,
-                zorder=1.5,
-            )
-            ax.vlines(x, one["low"], one["high"], color=colour, linewidth=interval)
-            bars: dict[str, Any] = {
-                "xerr": np.abs(100 * ends - x),
-                "linewidth": window,
-                "capsize": 1.5,
-            }
-            ax.errorbar(x, one["estimate"], fmt="none", color=colour, **bars)
-            ax.plot(x, one["estimate"], marker, color=colour, markersize=3.5, mew=0, label=label)
-        ax.axhline(0, color=style.BLACK, linewidth=0.4, zorder=0)
-        ax.set_xlim(0, 100)
-        ax.set_xlabel("Stance (%)")
+    """K, B and I over stance, one above the other; a quantity without an estimate has no panel."""
+    estimated = table.drop_nulls("estimate")["quantity"]
+    quantities = [quantity for quantity in "KBI" if quantity in estimated]
+    figure, axes = style.panels(
+        style.SINGLE_COLUMN,
+        STANCE_LEGEND + STANCE_PANEL * len(quantities),
+        rows=len(quantities),
+        share_x=True,
+    )
+    for ax, quantity in zip(axes, quantities, strict=True):
+        draw_over_stance(ax, table.filter(quantity=quantity))
         ax.set_ylabel(names.AXIS_LABELS[quantity])
-    named = style.legend_entries(axes)
-    for marker, width, label in (("|", interval, "95 % interval"), ("_", window, "Fitted window")):
-        named[label] = style.key(label, color=style.BLACK, marker=marker, markersize=8, mew=width)
-    style.legend_above(figure, named, 6)
+        if quantity == "I":
+            label_in_thousandths(ax.yaxis)
+    axes[-1].set_xlim(0, 100)
+    axes[-1].set_xlabel("Stance (%)")
+
+    entries = marks.legend_entries(axes)
+    entries |= marks.bar_entry(marks.INTERVAL, INTERVAL_WIDTH)
+    entries["Fitted window"] = marks.key(
+        "Fitted window", color=style.GREY, marker="_", markersize=8, mew=WINDOW_WIDTH
+    )
+    marks.legend_above(figure, entries, 3)
+    figure.align_ylabels()
     return figure
+
+
+def draw_over_stance(ax: Axes, rows: pl.DataFrame) -> None:
+    """One quantity: the commanded curve, and the estimates of each series of groups."""
+    trajectory = rows.filter(series=COMMANDED)
+    if len(trajectory):
+        ax.plot(
+            100 * trajectory["phase"], trajectory["commanded"],
+            color=style.BLACK, linestyle=style.DASHED, label=COMMANDED_LABEL,
+        )  # fmt: skip
+    series = rows.filter(pl.col("series") != COMMANDED).partition_by("series", maintain_order=True)
+    for number, groups in enumerate(series):
+        colour, marker = SERIES_LOOKS[number % len(SERIES_LOOKS)]
+        label = f"Fit to the {names.MEAN_RESPONSE}"
+        if len(series) > 1:
+            label = names.drawn_name(groups["series"][0])
+        draw_series(ax, groups.sort("phase"), colour, marker, label)
+    ax.axhline(0, color=style.BLACK, linewidth=style.HAIRLINE, zorder=0)
+
+
+def draw_series(ax: Axes, groups: pl.DataFrame, colour: str, marker: str, label: str) -> None:
+    """Estimates at the phase that each fit reads, its window level, its interval upright, and the
+    command there."""
+    phase, onset, end = (100 * groups[c].to_numpy() for c in ("phase", "onset_phase", "end_phase"))
+    ax.plot(
+        phase, groups["commanded"].to_numpy(),
+        linestyle="", color=style.BLACK, marker="_", markersize=9, mew=1.2, zorder=1.5,
+    )  # fmt: skip
+    ax.vlines(phase, groups["low"], groups["high"], color=colour, linewidth=INTERVAL_WIDTH)
+    ax.errorbar(
+        phase, groups["estimate"], xerr=np.abs([phase - onset, end - phase]),
+        fmt="none", color=colour, linewidth=WINDOW_WIDTH, capsize=1.5,
+    )  # fmt: skip
+    ax.plot(phase, groups["estimate"], marker, color=colour, markersize=3.5, mew=0, label=label)
+
+
+# of `osl-analysis walking-errors`
 
 
 @style.paper_style()
@@ -329,11 +494,12 @@ def draw_half_widths(table: pl.DataFrame) -> Figure:
     figure, axes = style.panels(style.DOUBLE_COLUMN, 2.4, columns=3)
     for ax, quantity in zip(axes, "KBI", strict=True):
         for gait, rows in table.group_by("gait", maintain_order=True):
-            ax.loglog(
-                rows["n"], rows[quantity], "o-", markersize=3, label=names.drawn_name(str(gait[0]))
-            )
+            label = names.drawn_name(str(gait[0]))
+            ax.loglog(rows["n"], rows[quantity], "o-", markersize=3, label=label)
         ax.set_xlabel("Perturbed crossings")
-        ax.set_ylabel(f"Half of the 95 % interval, {names.AXIS_LABELS[quantity]}")
+        ax.set_ylabel(f"Half of the 95 % interval,\n{names.AXIS_LABELS[quantity]}")
+        if quantity == "I":
+            label_log_axis(ax.yaxis, ax.get_ylim(), most=6, scale=1e3)
     if table["gait"].n_unique() > 1:
-        style.legend_above(figure, style.legend_entries(axes), 4)
+        marks.legend_above(figure, marks.legend_entries(axes), 4)
     return figure

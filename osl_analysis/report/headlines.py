@@ -282,10 +282,9 @@ def numbers_of_condition(
     unstated = example.K_d is None and len(shown) > 1
     repeated = repeating_trials(shown) if unstated else pl.lit("all")
     parts = shown.with_columns(repeated=repeated).partition_by("repeated", maintain_order=True)
-    for part, symbol in product(
-        parts if len(parts) <= MOST_UNSTATED else (), ("K", "B", "I", "B_viscous", "f_C")
-    ):
-        having, its = part.drop_nulls(symbol), counted(part).drop_nulls(symbol)
+    named = [(part, counted(part)) for part in parts] if len(parts) <= MOST_UNSTATED else []
+    for (part, used), symbol in product(named, ("K", "B", "I", "B_viscous", "f_C")):
+        having, its = part.drop_nulls(symbol), used.drop_nulls(symbol)
         label = with_controller(
             LABELS["impedance"][f"{symbol}_example"], controller, example, alone
         )

@@ -502,7 +502,7 @@ def provenance_content(provenance: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def fact_said(value: Any) -> str:
-    if isinstance(value, Mapping):
+    if isinstance(value, dict):  # as JSON has it; to ask for a Mapping takes ten times as long
         return ", ".join(f"{name} {fact_said(part)}" for name, part in value.items())
     return "; ".join(map(fact_said, value)) if isinstance(value, list) else cell_text(value)
 
@@ -511,7 +511,7 @@ def facts(content: Mapping[str, Any], place: str = "") -> list[list[str]]:
     """Every other fact with its path: clocks, stamps, rates, damage, versions, warnings."""
     found: list[list[str]] = []
     for name, value in content.items():
-        if isinstance(value, Mapping):
+        if isinstance(value, dict):
             found += facts(value, f"{place}{name} ")
         elif value not in (None, "", []):
             found.append([f"{place}{name}", fact_said(value)])
@@ -603,11 +603,10 @@ def recorded_of(trials: Sequence[ReportedTrial]) -> dict[str, dict[str, Any]]:
         }
         own = recorded.setdefault(trial.row["experiment"], none)
         if (base := trial.tables.get("timebase")) is not None:
-            for signals, rate in (
-                base.select("signals", pl.col("rate_hz").round_sig_figs(3)).drop_nulls().iter_rows()
-            ):
-                own["streams"].setdefault(signals, []).append(rate)
-            own["grids"] += base["grid_rate_hz"].drop_nulls().round_sig_figs(3).to_list()
+            for signals, rate in base.select("signals", "rate_hz").iter_rows():
+                if signals is not None and rate is not None:
+                    own["streams"].setdefault(signals, []).append(rate)
+            own["grids"] += base["grid_rate_hz"].to_list()
         used, perturbed = not trial.left_out, bool(trial.row.get("perturbed"))
         counts = {
             "n": 1,
@@ -617,8 +616,9 @@ def recorded_of(trials: Sequence[ReportedTrial]) -> dict[str, dict[str, Any]]:
         }
         own |= {count: own.get(count, 0) + more for count, more in counts.items()}
         if trial.quality is not None:
-            rates = trial.quality.filter(pl.col("check") == "rate")["value"].drop_nulls()
-            own["rates"] += rates.round_sig_figs(3).to_list()
+            for check, value in trial.quality.select("check", "value").iter_rows():
+                if check == "rate":
+                    own["rates"].append(value)
         for file in trial.provenance.get("files", {}).values():
             own["files"].append(str(file["path"]).rpartition(".")[2].upper())
         frames = trial.provenance.get("mocap") or {}
@@ -630,7 +630,16 @@ def recorded_of(trials: Sequence[ReportedTrial]) -> dict[str, dict[str, Any]]:
             and "platform_deg" in trial.pictures.tables.get("crossing", pl.DataFrame()).columns
         ):
             own["turns"].append(turn_of(trial.pictures.tables["crossing"]))
+    for own in recorded.values():
+        own["rates"] = three_digits(own["rates"])
+        own["grids"] = three_digits(own["grids"])
+        own["streams"] = {name: three_digits(rates) for name, rates in own["streams"].items()}
     return recorded
+
+
+def three_digits(values: Sequence[float | None]) -> list[float]:
+    """The values that are known, rounded to three digits."""
+    return pl.Series(values, dtype=pl.Float64).drop_nulls().round_sig_figs(3).to_list()
 
 
 def response_said(groups: pl.DataFrame) -> str:

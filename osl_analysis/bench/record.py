@@ -24,7 +24,7 @@ from osl_analysis.bench.row_groups import Groups, Label, Stratum, joined
 from osl_analysis.errors import InputError
 from osl_analysis.inference import BenchSignals
 from osl_analysis.refusal import check_not_refused
-from osl_analysis.signals import LowPass, Motion, filtered_motion, runs
+from osl_analysis.signals import LowPass, Motion, filtered_angle, filtered_motion, runs
 from osl_analysis.signals.grid import UniformSignals, devices_of, resampled, uniform_signals
 from osl_analysis.spectral.periods import PeriodicMotion
 from osl_analysis.stats.regression import FEWEST_CYCLES, products_between
@@ -396,7 +396,7 @@ def read_record(path: Path, low_pass: LowPass) -> Record:
     check_not_refused(path)
     table = pl.read_parquet(path)
     time, theta, torque, fitted, hz = (table[name].to_numpy() for name in table.columns)
-    motion, _ = filtered_motion(time, theta, torque, low_pass)
+    motion = filtered_angle(time, theta, low_pass)
     parts = runs(fitted)
     first, stop = np.array([[rows.start, rows.stop] for rows in parts]).T
     strata = tuple(Stratum(rows, frequency_hz=float(hz[rows.start])) for rows in parts)
@@ -490,7 +490,7 @@ def record_of(
     torque, filtered = torque - drifted, filtered - drifted
     if compliance and drift:  # drift of the load cell does not turn the frame
         joint = joint_angle(theta, torque, compliance)
-        motion = filtered_motion(time, joint, torque, low_pass)[0]
+        motion = filtered_angle(time, joint, low_pass)
     everywhere = np.ones(len(time), dtype=np.bool_)
     return Record(
         name, time, joint, torque, motion, filtered, low_pass, everywhere, groups, drift=drift

@@ -13,7 +13,7 @@ from osl_analysis.bench.record import Record, conditioned, joint_angle
 from osl_analysis.bench.row_groups import Groups, cycles_of, periods_of, stretches_of
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.measured import visible_step
-from osl_analysis.signals import LowPass, Motion, filtered_motion, runs
+from osl_analysis.signals import LowPass, Motion, filtered_angle, runs
 from osl_analysis.signals.grid import (
     GapLimits,
     UniformSignals,
@@ -223,7 +223,7 @@ def find_other_motion(
     inside = within(time, stated or [(0.0, np.inf)])
     pieces = fitted_pieces(signals, low_pass, stated)
     theta = joint_angle(signals["theta"], signals["torque"], compliance)
-    motion, _ = filtered_motion(signals.time, theta, signals["torque"], low_pass)
+    motion = filtered_angle(signals.time, theta, low_pass)
     band = band_of(motion, rate, over_gaps(pieces, inside))
 
     is_bridged = any(stream["bridged"] for stream in signals.streams)

@@ -80,6 +80,9 @@ class Worker:
 IDLE: defaultdict[str, list[Worker]] = defaultdict(list)
 """Workers without a job, by the module of the commands that they do: one that simulates has
 imported 200 MB that a fit does without. Threads of Snakemake take one, and put it back."""
+SAME_WORKERS = {"report": "figure"}
+"""Modules that share the workers of another one, because they import much of the same: matplotlib,
+half a second."""
 
 
 def end_workers() -> None:
@@ -160,7 +163,8 @@ def job(command: str, input: Any, output: Any, params: Any, log: Any) -> None:
 def do_in_worker(given: tuple[Any, ...]) -> str:
     """Do a job in a worker; returns what killed the worker, if it was killed before the end."""
     command, _, outputs, *_ = given
-    idle = IDLE[command.partition(".")[0]]
+    module = command.partition(".")[0]
+    idle = IDLE[SAME_WORKERS.get(module, module)]
     worker = idle.pop() if idle else Worker()
     try:
         worker.call(do, *given)

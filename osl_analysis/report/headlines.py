@@ -369,9 +369,11 @@ def numbers_of_condition(
     parts = shown.with_columns(repeated=repeated).partition_by("repeated", maintain_order=True)
     if len(parts) > MOST_UNSTATED:
         return
-    for part, symbol in product(parts, ESTIMATES_OF_CONDITION):
+    counted_parts = [counted(part) for part in parts]
+    pairs = zip(parts, counted_parts, strict=True)
+    for (part, counted_part), symbol in product(pairs, ESTIMATES_OF_CONDITION):
         candidates = part.drop_nulls(symbol)
-        used = counted(part).drop_nulls(symbol)
+        used = counted_part.drop_nulls(symbol)
         label = LABELS["impedance"][f"{symbol}_example"]
         label = with_controller(label, controller, example, is_only)
         if is_other:

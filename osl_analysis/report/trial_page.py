@@ -4,7 +4,7 @@ campaign."""
 import math
 from collections import Counter, defaultdict
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -422,7 +422,7 @@ def provenance_content(provenance: Mapping[str, Any]) -> dict[str, Any]:
 
 def fact_text(value: Any) -> str:
     """A fact of the provenance, with all of its parts, as text."""
-    if isinstance(value, Mapping):
+    if isinstance(value, dict):  # as JSON has it; to ask for a Mapping takes ten times as long
         return ", ".join(f"{name} {fact_text(part)}" for name, part in value.items())
     if isinstance(value, list):
         return "; ".join(map(fact_text, value))
@@ -433,7 +433,7 @@ def facts(content: Mapping[str, Any], place: str = "") -> list[list[str]]:
     """Every other fact with its path: clocks, stamps, rates, damage, versions, warnings."""
     rows: list[list[str]] = []
     for name, value in content.items():
-        if isinstance(value, Mapping):
+        if isinstance(value, dict):
             rows += facts(value, f"{place}{name} ")
         elif value not in (None, "", []):
             rows.append([f"{place}{name}", fact_text(value)])
@@ -608,8 +608,9 @@ class RecordedFacts:
         if "timebase" in trial.tables:
             self.add_time_base(trial.tables["timebase"])
         if trial.quality is not None:
-            rates = trial.quality.filter(pl.col("check") == "rate")["value"].drop_nulls()
-            self.rates += rates.round_sig_figs(3).to_list()
+            for check, value in trial.quality.select("check", "value").iter_rows():
+                if check == "rate" and value is not None:
+                    self.rates.append(value)
         for file in trial.provenance.get("files", {}).values():
             self.files.append(str(file["path"]).rpartition(".")[2].upper())
         frames = trial.provenance.get("mocap") or {}
@@ -620,10 +621,22 @@ class RecordedFacts:
             self.turns.append(turn_of(crossing))
 
     def add_time_base(self, time_base: pl.DataFrame) -> None:
-        rounded = time_base.select("signals", pl.col("rate_hz").round_sig_figs(3)).drop_nulls()
-        for signals, rate_hz in rounded.iter_rows():
-            self.streams.setdefault(signals, []).append(rate_hz)
-        self.grids += time_base["grid_rate_hz"].drop_nulls().round_sig_figs(3).to_list()
+        for signals, rate_hz in time_base.select("signals", "rate_hz").iter_rows():
+            if signals is not None and rate_hz is not None:
+                self.streams.setdefault(signals, []).append(rate_hz)
+        self.grids += time_base["grid_rate_hz"].drop_nulls().to_list()
+
+    def rounded(self) -> "RecordedFacts":
+        """The facts with all rates to three digits, which of all at once takes less time."""
+        streams = {signals: three_digits(rates) for signals, rates in self.streams.items()}
+        return replace(
+            self, rates=three_digits(self.rates), grids=three_digits(self.grids), streams=streams
+        )
+
+
+def three_digits(values: Sequence[float]) -> list[float]:
+    """The values, rounded to three digits."""
+    return pl.Series(values, dtype=pl.Float64).round_sig_figs(3).to_list()
 
 
 def recorded_of(trials: Sequence[ReportedTrial]) -> dict[str, dict[str, Any]]:
@@ -631,7 +644,9 @@ def recorded_of(trials: Sequence[ReportedTrial]) -> dict[str, dict[str, Any]]:
     by_experiment: dict[str, RecordedFacts] = {}
     for trial in trials:
         by_experiment.setdefault(trial.row["experiment"], RecordedFacts()).add(trial)
-    return {experiment: asdict(recorded) for experiment, recorded in by_experiment.items()}
+    return {
+        experiment: asdict(recorded.rounded()) for experiment, recorded in by_experiment.items()
+    }
 
 
 def response_text(groups: pl.DataFrame) -> str:

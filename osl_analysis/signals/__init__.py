@@ -145,6 +145,23 @@ def filtered_motion(
     torque : Array
         Filtered (n,) [N*m].
 
+    """
+    return filtered_angle(time, theta, low_pass), low_pass(torque, sampling_rate(time))
+
+
+def filtered_angle(time: Array, theta: Array, low_pass: LowPass) -> Motion:
+    """Filter an angle, and differentiate it.
+
+    Parameters
+    ----------
+    time, theta : Array
+        Uniform times (n,) [s] and angles (n,) [rad].
+    low_pass : LowPass
+
+    Returns
+    -------
+    Motion
+
     Notes
     -----
     Below some 60 samples per period of the cut-off, seven samples would lose more than 1e-8 of a
@@ -155,10 +172,8 @@ def filtered_motion(
     radians_per_sample = 2 * np.pi * low_pass.cutoff_hz / rate
     is_coarse = radians_per_sample**6 * SLOPE_ERROR > LARGEST_SLOPE_ERROR
     if is_coarse or len(time) < 2 * ENDS:
-        motion = differentiate(time, smooth_theta)
-    else:
-        motion = seven_point_motion(time, smooth_theta, rate)
-    return motion, low_pass(torque, rate)
+        return differentiate(time, smooth_theta)
+    return seven_point_motion(time, smooth_theta, rate)
 
 
 def differentiate(time: Array, theta: Array) -> Motion:

@@ -222,8 +222,8 @@ def counted(table: pl.DataFrame) -> pl.DataFrame:
         whole = judged.filter(pl.col("amplitude_deg").is_null())
         trials = whole if len(whole) else trials
     condition = [name for name in CONDITION if name in trials.columns]
-    repeats = pl.lit("")
-    if "K_d" in trials.columns:
+    repeats = pl.lit(None, pl.String)
+    if "K_d" in trials.columns and trials["K_d"].has_nulls():
         repeats = pl.when(pl.col("K_d").is_null()).then(repeating_trials(trials))
     share = pl.col("is_doubtful").mean().over([*condition, "repeats"])
     leaves = trials.with_columns(repeats=repeats).filter(pl.col("is_doubtful") & (share <= 0.5))

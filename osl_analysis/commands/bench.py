@@ -620,6 +620,7 @@ def fitted_motion(row: Mapping[str, Any]) -> str:
     )
 
 
+EVEN = 1.1  # ratio of an interval's sides below which it is printed with a ±
 LEFT_OUT_CYCLES = {"settled": "first", "smaller": "below 90 % of the range", "partial": "not whole"}
 """Why cycles are left out, by the begin of the column with their number."""
 
@@ -635,15 +636,25 @@ def cycles_text(row: Mapping[str, Any]) -> str:
 
 
 def estimate_line(row: Mapping[str, Any], name: str) -> str:
-    """One estimate with the half-width of its interval and its range over single amplitudes."""
-    high = row.get(f"{name}_high")
-    half_width = " " * 12 if high is None else f"± {high - row[name]:<10.2g}"
-    line = f"  {name:<15}{row[name]:>12.5g} {half_width} {UNIT_OF.get(name, '')}"
+    """One estimate with its interval and its range over single amplitudes."""
+    interval = interval_text(row[name], row.get(f"{name}_low"), row.get(f"{name}_high"))
+    line = f"  {name:<15}{row[name]:>12.5g} {interval:<12} {UNIT_OF.get(name, '')}"
     lowest = row.get(f"{name}_amplitudes_low")
     if lowest is not None:
         highest = row[f"{name}_amplitudes_high"]
         line += f", single amplitudes {lowest:.5g} to {highest:.5g}"
     return line
+
+
+def interval_text(value: float, low: float | None, high: float | None) -> str:
+    """The half-width of an interval, or its ends where these lie at other distances."""
+    if low is None or high is None:
+        return ""
+    above = high - value
+    below = value - low
+    if max(above, below) > EVEN * min(above, below):
+        return f"({low:.4g} to {high:.4g})"
+    return f"± {above:.2g}"
 
 
 def estimated(row: Mapping[str, Any]) -> list[str]:

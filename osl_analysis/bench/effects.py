@@ -17,7 +17,6 @@ from osl_analysis.bench.group_fit import GroupFit, fit_groups
 from osl_analysis.bench.group_sums import EFFECTS_LIMIT, Sums, gram_sums
 from osl_analysis.bench.record import Record
 from osl_analysis.bench.row_groups import Label
-from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.signals import seven_point_motion
 from osl_analysis.stats.regression import CONDITION_LIMIT
 from osl_analysis.trial import Array
@@ -31,24 +30,7 @@ Keep = NDArray[np.bool_] | Label
 IMPEDANCE: Model = {"K": "theta", "B": "omega", "I": "alpha", "offset": "one", "drift": "ramp"}
 # Eq. 4 without a belt
 TRANSMISSION: Model = {"B_j": "omega", "J_j": "alpha", "offset": "one", "drift": "ramp"}
-FEWEST_REPEATS = 3  # of one motion, by which a change with time differs from noise
 FALSE_ALARM = 1e-3  # probability of a false alarm for one effect
-LONGEST_LAG = 0.02  # s; the largest lag that is sought
-LAG_FOUND = 1e-6  # s; last step of a search that has come to its end
-LAG_CONVERGED = 1e-9  # s; the step after it would be a thousand times smaller
-MOST_STEPS = 6  # of a search for a lag
-POSSIBLE = 2.0  # standard errors by which an effect may exceed its estimate
-# half-widths [rad] of the slipping springs that model a belt's hysteresis
-WOUND_UP = (0.5e-3, 1.5e-3, 4e-3)
-# SD [s] of a lag due to hysteresis that these do not model; simulated legs: 10 to 150
-BELT_ERROR = 80e-6
-# of the joint's angle: errors of encoders reach that, and a joint beside an idle motor is no leg
-LEAST_DEFLECTION = 0.05
-# of the file's K_s, beyond which the belt is another one
-LEAST_K_S, LARGEST_K_S = 0.7, 1.4
-OTHER_B_J = 3.0  # factor by which losses vary from joint to joint about the parameter file's
-# the motion cannot tell effects apart
-CANNOT_TELL = (IdentifiabilityError, InputError, np.linalg.LinAlgError)
 SIGN_WIDTHS = {"T_C_sharp": 1e-3, "T_C": 1e-2}
 """Columns of Coulomb friction, by the velocity [rad/s] over which it changes sign; the larger is
 ten times the velocity noise of 14 bits."""

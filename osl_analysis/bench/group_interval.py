@@ -5,6 +5,8 @@ For each estimate
 
     variance = max(noise, misfit) + rounding
 
+where scatter that rounding makes counts once, as rounding (`rounding_covariances`).
+
 * *Noise* is what another recording of the same motion would change.
 * *Misfit* is the scatter when one unit is left out at a time (jackknife). It holds the noise, too,
   and what another motion would change because the model is not exact.
@@ -16,7 +18,7 @@ What tells noise and misfit depends on the groups:
 |---|---|---|
 | repeat one another | spread of the repeats | strata, or groups where these are few |
 | 8 or more that do not | neighbouring groups, beside the richest model | the same |
-| fewer | white noise after the filter | strata, if there are 4 or more |
+| fewer | the residual, as if its noise were white | strata, if there are 4 or more |
 
 The *score* of a group is by how much it moves the estimates: the products of its residual with the
 columns, times the inverse of the normal equations.
@@ -47,7 +49,7 @@ class NoiseSource(Enum):
 
     REPEATS = auto()  # groups that repeat one another
     NEIGHBOURS = auto()  # groups that do not, beside the richest model
-    WHITE = auto()  # the residual, as if noise were white before the filter
+    WHITE = auto()  # the residual, as if its noise were white before the low-pass filter
 
 
 @dataclass(frozen=True)
@@ -178,7 +180,7 @@ def noise_covariance(
     if source.noise is NoiseSource.NEIGHBOURS:
         scores = scores_beside_richest(s, equations, rich, keep, inverse)
         return noise_of_scores(scores, len(rich))
-    # too few scores: takes slow columns in noise that is white after the filter
+    # too few scores. Noise that is white before the filter is independent every few rows behind it
     independent_rows = equations.samples / s.independent
     freedom = max(independent_rows - len(estimates), 1.0)
     covariance = inverse * equations.residual_square(estimates) / freedom
@@ -201,6 +203,9 @@ def rounding_covariances(
     rich_columns: int,
 ) -> tuple[Array, Array]:
     """What rounding does to the estimates beyond what scatter shows already.
+
+    The scatter among the noise and among the units has a part of the rounding, which is taken off
+    here and there, so that rounding counts once.
 
     Parameters
     ----------

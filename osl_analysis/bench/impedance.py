@@ -142,7 +142,8 @@ def impedance_table(
     -----
     K, B and I of a leg, and of each single amplitude, are those of Eq. 15 by least squares. Of any
     other joint's whole trial they are the mixture of the hypotheses that the inference weighs
-    (`joint_inference.impedance_fits`). `interval_method` says which.
+    (`joint_inference.impedance_fits`), but for B where dry friction is certain, which is Eq. 15's.
+    `interval_method` says which.
 
     Returns
     -------

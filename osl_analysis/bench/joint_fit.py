@@ -108,7 +108,7 @@ def reflex_columns(reflex: ReflexFit | None) -> Row:
 
 
 @dataclass(frozen=True)
-class Misfit:
+class SuspectedFault:
     """What else than Eq. 15, friction and a reflex the torque may hold.
 
     Attributes
@@ -150,22 +150,24 @@ IMPEDANCE_SYMBOLS = {"K": "K", "B": "B", "I": "I"}
 LOSSES_SYMBOLS = {"B": "B_j", "I": "J_j"}
 
 
-def misfit_columns(misfit: Misfit | None, symbols: Mapping[str, str] = IMPEDANCE_SYMBOLS) -> Row:
-    """The columns of the misfit, null where no hypotheses were weighed. `symbols` has the names of
+def fault_columns(
+    fault: SuspectedFault | None, symbols: Mapping[str, str] = IMPEDANCE_SYMBOLS
+) -> Row:
+    """The columns of a fault, null where no hypotheses were weighed. `symbols` has the names of
     the offered estimates in the table."""
-    if misfit is None:
+    if fault is None:
         numbers = ("fault_probability", "friction_probability", "fault_harm")
         facts: Row = dict.fromkeys((*numbers, "fault", "fault_family", "explanations"))
     else:
         facts = {
-            "fault_probability": misfit.fault_probability,
-            "friction_probability": misfit.friction_probability,
-            "fault_harm": misfit.harm,
-            "fault": misfit.hypothesis,
-            "fault_family": misfit.family,
-            "explanations": misfit.explanations,
+            "fault_probability": fault.fault_probability,
+            "friction_probability": fault.friction_probability,
+            "fault_harm": fault.harm,
+            "fault": fault.hypothesis,
+            "fault_family": fault.family,
+            "explanations": fault.explanations,
         }
-    offered = misfit.offered if misfit else None
+    offered = fault.offered if fault else None
     beside_fault: Row = {}
     for symbol, column in symbols.items():
         estimate = getattr(offered, symbol) if offered else None
@@ -223,7 +225,7 @@ class ImpedanceFit:
         Dry friction; None where the motion does not tell it from damping.
     reflex : ReflexFit or None
         The reflex of a person's joint, if it probably has one.
-    misfit : Misfit or None
+    suspected_fault : SuspectedFault or None
         What may be wrong; None of a leg, whose drivetrain is no fault of the recording.
     delay : UnstatedDelay or None
         What an unstated delay costs.
@@ -242,7 +244,7 @@ class ImpedanceFit:
     impedance: Impedance
     friction: FrictionFit | None = None
     reflex: ReflexFit | None = None
-    misfit: Misfit | None = None
+    suspected_fault: SuspectedFault | None = None
     delay: UnstatedDelay | None = None
     VAF_in_band: float | None = None
     clock_drift: ClockDrift | None = None
@@ -283,7 +285,7 @@ class ImpedanceFit:
             **self.impedance.I.columns("I"),
             **friction_columns(self.friction),
             **reflex_columns(self.reflex),
-            **misfit_columns(self.misfit),
+            **fault_columns(self.suspected_fault),
             **delay_columns(self.delay),
             "VAF_in_band": self.VAF_in_band,
             "widened_because": "; ".join(self.widened_because) or None,

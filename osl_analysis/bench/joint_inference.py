@@ -20,8 +20,8 @@ from osl_analysis.bench.joint_fit import (
     ClockDrift,
     FrictionFit,
     ImpedanceFit,
-    Misfit,
     ReflexFit,
+    SuspectedFault,
     UnstatedDelay,
 )
 from osl_analysis.bench.record import Record, signals_of
@@ -79,7 +79,7 @@ def impedance_fits(analysis: Analysis, s: Sums, is_leg: bool) -> dict[Label, Imp
             impedance=Impedance.of_fit(analysis.calibrated(fit, label)),
             friction=by_coulomb(coulomb.get(label)),
             reflex=whole.reflex,
-            misfit=whole.misfit,
+            suspected_fault=whole.suspected_fault,
             delay=whole.delay,
             VAF_in_band=whole.VAF_in_band,
         )
@@ -162,8 +162,8 @@ def joint_fit(
     """The mixture of the hypotheses; the arguments are those of `whole_fit`.
 
     Where a fault does harm, the mixture would hold what the fault makes of K, B and I: they are
-    then those of the best joint without a fault, and `misfit.offered` has the mixture. Where
-    friction is certain, B holds it as Eq. 15 does, and `friction.without` has B without it.
+    then those of the best joint without a fault, and `suspected_fault.offered` has the mixture.
+    Where friction is certain, B holds it as Eq. 15 does, and `friction.without` has B without it.
     """
     without_fault = inferred.impedance if inferred.doubt is None else inferred.sound
     impedance = without_fault.widened_by(known_errors)
@@ -187,7 +187,7 @@ def joint_fit(
         impedance=impedance,
         friction=friction,
         reflex=reflex_fit(inferred),
-        misfit=misfit_of(inferred, known_errors),
+        suspected_fault=suspected_fault_of(inferred, known_errors),
         delay=delay,
         VAF_in_band=inferred.VAF_held_out,
         clock_drift=clock_drift(inferred, fault, record) if record.two_clocks else None,
@@ -210,13 +210,15 @@ def clock_drift(
     return ClockDrift(1e6 * share / (1 - share), 1e6 * lag.standard_error / seconds)
 
 
-def misfit_of(inferred: ImpedanceInference, known_errors: Mapping[str, float]) -> Misfit:
+def suspected_fault_of(
+    inferred: ImpedanceInference, known_errors: Mapping[str, float]
+) -> SuspectedFault:
     """What may be wrong, and K, B and I beside it where unseen parts of the recording prefer it."""
     fault, doubt = probable_fault(inferred), inferred.doubt
     offered = None
     if doubt is not None and doubt.gain > 0:
         offered = inferred.impedance.widened_by(known_errors)
-    return Misfit(
+    return SuspectedFault(
         # sums over no hypotheses are whole numbers
         fault_probability=float(inferred.fault_probability),
         friction_probability=float(inferred.friction_probability),
@@ -230,7 +232,7 @@ def misfit_of(inferred: ImpedanceInference, known_errors: Mapping[str, float]) -
     )
 
 
-def misfit_of_losses(record: Record) -> Misfit | None:
+def suspected_fault_of_losses(record: Record) -> SuspectedFault | None:
     """What may be wrong with a recording of losses, whose stiffness nobody asks for; None where it
     is too short to tell."""
     of_B, of_I = HARM_SHARE[1:]
@@ -238,7 +240,7 @@ def misfit_of_losses(record: Record) -> Misfit | None:
         inferred = infer_impedance(signals_of(record), accuracy=(np.inf, of_B, of_I))
     except TooShortError:
         return None
-    return misfit_of(inferred, dict.fromkeys(QUANTITIES, 0.0))
+    return suspected_fault_of(inferred, dict.fromkeys(QUANTITIES, 0.0))
 
 
 def known_errors(analysis: Analysis) -> dict[str, float]:

@@ -10,7 +10,7 @@ from osl_analysis.bench import effects
 from osl_analysis.bench.analysis import QUANTITIES, Analysis, widened
 from osl_analysis.bench.effects import IMPEDANCE
 from osl_analysis.bench.group_fit import GroupFit
-from osl_analysis.bench.joint_inference import misfit_of_losses
+from osl_analysis.bench.joint_inference import suspected_fault_of_losses
 from osl_analysis.bench.late_torque import LateFit, late_fit
 from osl_analysis.bench.plausibility import check_resists
 from osl_analysis.bench.record import Record
@@ -101,8 +101,8 @@ def calibration_table(analysis: Analysis, known: Known) -> pl.DataFrame:
     certain_lag = beyond_interval(fit, "lag_s", lag_s)
     explanations = None
     if certain_lag:
-        misfit = misfit_of_losses(record)
-        explanations = misfit.explanations if misfit else None
+        fault = suspected_fault_of_losses(record)
+        explanations = fault.explanations if fault else None
 
     fixture: Row = {}
     for name in ("inertia", "weight"):

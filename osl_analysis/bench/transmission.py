@@ -7,8 +7,8 @@ from osl_analysis.bench.analysis import Analysis, analysed
 from osl_analysis.bench.coulomb import CoulombFit, coulomb_fits
 from osl_analysis.bench.effects import TRANSMISSION
 from osl_analysis.bench.group_fit import GroupFit
-from osl_analysis.bench.joint_fit import LOSSES_SYMBOLS, estimate_columns, misfit_columns
-from osl_analysis.bench.joint_inference import misfit_of_losses
+from osl_analysis.bench.joint_fit import LOSSES_SYMBOLS, estimate_columns, fault_columns
+from osl_analysis.bench.joint_inference import suspected_fault_of_losses
 from osl_analysis.bench.record import Record
 from osl_analysis.bench.repeated_motion import repeats_row
 from osl_analysis.stats.estimates import Estimate
@@ -33,7 +33,7 @@ def transmission_table(analysis: Analysis) -> pl.DataFrame:
     repeats = repeats_row(record, s, TRANSMISSION)
     del repeats["K_drift"]  # losses have no stiffness
     friction = coulomb_fits(s, analysis)
-    misfit = misfit_of_losses(record)
+    fault = suspected_fault_of_losses(record)
     rows = list[Row]()
     for label, fit in analysis.fits.items():
         beside_friction = effects.with_effects(s, TRANSMISSION, ("T_C",), label)
@@ -54,9 +54,9 @@ def transmission_table(analysis: Analysis) -> pl.DataFrame:
                 "VAF_coulomb": beside_friction.vaf,
                 **analysis.beside_diagnostics(label, *LOSSES),
                 **repeats,
-                **misfit_columns(misfit, LOSSES_SYMBOLS),
-                "VAF_in_band": misfit.VAF_held_out if misfit else None,
-                "delay_told_s": misfit.delay_told_s if misfit else None,
+                **fault_columns(fault, LOSSES_SYMBOLS),
+                "VAF_in_band": fault.VAF_held_out if fault else None,
+                "delay_told_s": fault.delay_told_s if fault else None,
             }
         )
     texts = dict.fromkeys(("fault", "fault_family", "explanations"), pl.String)

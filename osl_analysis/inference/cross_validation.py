@@ -200,8 +200,8 @@ def predict_blocks(
         parameter_variance = covariance[at.slope, at.slope]
         parameter_sd = float(np.sqrt(parameter_variance))
         if candidate.profile:
-            # the profile has the part that the parameter's error makes: this is the covariance
-            # given the parameter
+            # the profile has the part that the parameter's error makes, so that this is the
+            # covariance given the parameter q: C(x|q) = C(x) - c(x, q) c(q, x)/C(q)
             with_parameter = covariance[at.own, at.slope]
             of_own = of_own - np.outer(with_parameter, with_parameter) / parameter_variance
     coefficients = estimates[at.own] if candidate.estimates is None else candidate.estimates

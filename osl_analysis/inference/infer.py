@@ -71,33 +71,33 @@ def infer_impedance(
     data = Whitened(spectra)
     fits, memory, rounding = fit_all(data)
     weighed, at = weigh(fits, spectra.freedom, memory, is_body=not signals.has_drivetrain)
-    reference = weighed[at]
-    matters = np.array(accuracy) * np.hypot(reference.impedance, HARM_FLOOR)
+    best_sound = weighed[at]
+    matters = np.array(accuracy) * np.hypot(best_sound.impedance, HARM_FLOOR)
 
     faults = [each for each in weighed if each.family != ""]
     faults.sort(key=lambda each: -each.weight)
     fault_probability = sum(each.weight for each in faults)
     explanations = tuple(explained(each) for each in faults)
-    harm = harm_of(faults, reference, matters)
+    harm = harm_of(faults, best_sound, matters)
     doubt = None
     if fault_probability > LIKELY and harm > 1:
         doubt = most_probable_family(faults, explanations)
 
     without_reflex = None
-    if reference.fit.kind.has_reflex:
+    if best_sound.fit.kind.has_reflex:
         others = [each for each in weighed if not each.fit.kind.has_reflex]
         without_reflex = impedance_of(max(others, key=lambda each: each.weight).parts)
 
     best = max(weighed, key=lambda each: each.weight)
     return ImpedanceInference(
         impedance=impedance_of(mixed(weighed)),
-        sound=impedance_of(reference.parts),
+        sound=impedance_of(best_sound.parts),
         fault_probability=fault_probability,
         friction_probability=friction_probability(data, weighed),
         harm=harm,
         doubt=doubt,
         explanations=explanations,
-        delay=None if signals.has_drivetrain else known_delay(data, reference.fit, rounding),
+        delay=None if signals.has_drivetrain else known_delay(data, best_sound.fit, rounding),
         reflex=reflex_of(weighed, data),
         without_reflex=without_reflex,
         VAF_held_out=vaf_of_unseen_blocks(data, best.fit),
@@ -244,8 +244,8 @@ def most_probable_family(
     return next(each for each in explanations if each.family == family)
 
 
-def harm_of(faults: Sequence[Weighed], reference: Weighed, matters: Array) -> float:
-    """By how much faults move K, B or I, in multiples (3,) of what matters to the user.
+def harm_of(faults: Sequence[Weighed], best_sound: Weighed, matters: Array) -> float:
+    """By how much faults move K, B or I at most, in multiples of what matters to the user.
 
     What counts is the mean change of all faults, and the largest one of those that are not
     improbable among them.
@@ -253,7 +253,7 @@ def harm_of(faults: Sequence[Weighed], reference: Weighed, matters: Array) -> fl
     total = sum(each.weight for each in faults)
     if total == 0.0:
         return 0.0
-    sound = reference.impedance
+    sound = best_sound.impedance
     mean_change = sum(each.weight * np.abs(each.impedance - sound) for each in faults) / total
     largest = np.asarray(mean_change)
     for each in faults:

@@ -288,10 +288,10 @@ def weigh_alike(
     evidence = evidence_of(fits, noise, plain_rounding)
     prior = log_prior(fits)
     all_blocks = evidence.gains.sum(axis=1)
-    unit = noise * float(evidence.tempers(all_blocks))
+    half_nat = noise * float(evidence.tempers(all_blocks))
     parts = []
     for k, fit in enumerate(fits):
-        more, own_parts = parts_of(fit, unit, is_body)
+        more, own_parts = parts_of(fit, half_nat, is_body)
         prior[k] += more
         parts.append(own_parts)
 
@@ -307,14 +307,14 @@ def weigh_alike(
     return weighed, evidence.reference
 
 
-def parts_of(fit: Predicted, unit: float, is_body: bool) -> tuple[float, list[Part]]:
+def parts_of(fit: Predicted, half_nat: float, is_body: bool) -> tuple[float, list[Part]]:
     """Parts of a hypothesis, and what they add to the logarithm of its prior.
 
     Parameters
     ----------
     fit : Predicted
         The hypothesis.
-    unit : float
+    half_nat : float
         Sum of squares that counts as half a nat.
     is_body : bool
         Whether B and I are positive.
@@ -327,11 +327,11 @@ def parts_of(fit: Predicted, unit: float, is_body: bool) -> tuple[float, list[Pa
 
     # over its own parameter, with a flat prior between the ends of the profile
     profile, covariance = fit.candidate.profile, fit.covariances[0]
-    log_weights = -0.5 * np.array([point.left for point in profile]) / unit
+    log_weights = -0.5 * np.array([point.left for point in profile]) / half_nat
     if is_body:
         log_weights += [log_positive(point.impedance, covariance) for point in profile]
     least = min(point.left for point in profile)
-    relative = np.exp(log_weights + 0.5 * least / unit)
+    relative = np.exp(log_weights + 0.5 * least / half_nat)
     more = float(np.log(max(relative.mean(), np.finfo(float).tiny)))
     shares = np.exp(log_weights - log_weights.max())
     shares = shares / shares.sum()

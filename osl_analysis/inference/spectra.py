@@ -111,8 +111,15 @@ class BenchSignals:
 class Spectra:
     """A recording's spectra in the band of its motion, and its signals at two rates.
 
-    The *working* rate is `WORKING_RATE` bands: at it torque and columns are compared. The *product*
-    rate is `PRODUCT_RATE`: at it signals are multiplied, or pass a nonlinearity.
+    Letters of shapes, here and in the modules that use it:
+
+    | letter | rows at | what for |
+    |---|---|---|
+    | r | the recorded rate, with padding | jumps and rounding, which are faster than the band |
+    | p | the *product* rate, `PRODUCT_RATE` | signals that are multiplied, or pass a nonlinearity |
+    | w | the *working* rate, `WORKING_RATE` bands, with padding | to compare with the torque |
+    | m | the same without padding, edges and gaps | the rows that are fitted |
+    | f | frequencies of the w rows | working spectra |
 
     Attributes
     ----------

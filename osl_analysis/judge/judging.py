@@ -299,8 +299,9 @@ def judged(table: pl.DataFrame, limits: Limits, name: str) -> RowFindings:
     # the fits to whole trials first
     for row in sorted(rows, key=lambda row: not of_whole_trial(row.row)):
         for column in list(row.numbers):
-            is_in_whole = column in of_whole.get(row.trial, row.numbers)
-            if is_of_recording(column) and not is_in_whole:
+            # a trial whose table has no row of the whole is judged by its rows alone
+            numbers_of_whole = of_whole.get(row.trial, row.numbers)
+            if is_of_recording(column) and column not in numbers_of_whole:
                 del row.numbers[column]  # at one amplitude friction looks the same
         explained_by[row.trial] = explained_by.get(row.trial) or explaining(row.row, row.numbers)
     findings: RowFindings = []
@@ -308,7 +309,7 @@ def judged(table: pl.DataFrame, limits: Limits, name: str) -> RowFindings:
         if not row.is_fit:
             findings.append([])
             continue
-        is_whole_sound = not of_whole.get(row.trial, True)
+        is_whole_sound = row.trial in of_whole and not of_whole[row.trial]
         remedy = remedy_of(row, row.trial in with_amplitudes, is_whole_sound)
         misfit_by = explaining(row.row, row.numbers) or explained_by[row.trial]
         causes = causes_in(row.row, row.numbers, misfit_by)

@@ -103,8 +103,8 @@ def sentence_of(words: Words, cause: str = "") -> str:
 
 
 def finding_text(finding: Finding, row: AnyRow) -> str:
-    """A finding about a row in one sentence or two, with the numbers that decided. Those of a remark
-    are not beyond the accuracy that the user needs, and would contradict it."""
+    """A finding about a row in one sentence or two, with the numbers that decided. Those of a
+    remark are not beyond the accuracy that the user needs, and would contradict it."""
     words = words_of(finding, row)
     if finding.cause not in WORDS["causes"] and finding.grade is Grade.DOUBTS:
         return words.says

@@ -165,6 +165,7 @@ def losses(torque_of):
     ).to_dicts()
 
 
+@pytest.mark.usefixtures("without_inference")
 @pytest.mark.parametrize(("B_j", "J_j", "offset"), [(0.45, 0.005, 0.0), (0.2, 0.02, -3.0)])
 def test_recovers_the_losses_of_the_transmission(B_j, J_j, offset):
     row = losses(lambda m: B_j * m.omega + J_j * m.alpha + offset)[-1]
@@ -196,6 +197,7 @@ def test_a_late_torque_of_a_transmission_is_found_and_where_it_hides_it_is_not_c
         assert "B_j is not that of the parameter file" in [one.cause for one in other]
 
 
+@pytest.mark.usefixtures("without_inference")
 def test_transmission_tells_how_much_of_its_damping_is_coulomb_friction():
     smooth = losses(lambda m: 0.45 * m.omega + 0.005 * m.alpha)
     rough = losses(lambda m: 0.3 * m.omega + 0.005 * m.alpha + 0.15 * np.tanh(m.omega / 0.05))

@@ -1,6 +1,7 @@
 """K, B, I, friction, reflex and faults of an impedance recording, as the table tells them."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -66,9 +67,14 @@ SOUND = {
 }
 
 
+@cache
+def sound_row(joint="exact"):
+    return row_of(record_with(**SOUND[joint]))
+
+
 @pytest.mark.parametrize("joint", SOUND)
 def test_a_sound_joint_is_not_doubted_and_its_impedance_is_held(joint):
-    row = row_of(record_with(**SOUND[joint]))
+    row = sound_row(joint)
 
     assert causes_of(row) == []
     held = {**row, "B_low": row["B_viscous_low"] or row["B_low"]}
@@ -78,7 +84,7 @@ def test_a_sound_joint_is_not_doubted_and_its_impedance_is_held(joint):
 
 
 def test_friction_is_in_b_as_in_equation_15_and_not_in_b_viscous():
-    row = row_of(record_with(**SOUND["friction"]))
+    row = sound_row("friction")
 
     assert row["friction_probability"] > 0.9
     assert row["B"] > row["B_viscous_high"]
@@ -88,6 +94,7 @@ def test_friction_is_in_b_as_in_equation_15_and_not_in_b_viscous():
     assert row["f_C"] == pytest.approx(0.3, rel=0.1)
 
 
+@pytest.mark.usefixtures("without_inference")  # which this test asks for itself
 def test_friction_whose_size_is_not_certain_is_not_taken_off_b():
     record = record_with(**SOUND["friction"])
     analysis, _ = rendered_impedance(record)
@@ -116,7 +123,7 @@ def test_a_row_says_what_gave_its_intervals_and_has_no_covariance_of_another_fit
 
 
 def test_without_friction_b_is_the_only_damping():
-    row = row_of(record_with())
+    row = sound_row()
 
     assert (row["B_viscous"], row["f_C"], row["coulomb_share"]) == (None, None, 0.0)
     assert row["B"] == pytest.approx(5, rel=0.01)
@@ -131,20 +138,25 @@ FAULTS = {
 }
 
 
+@cache
+def faulty_row(cause):
+    return row_of(record_with(**FAULTS[cause]))
+
+
 @pytest.mark.parametrize("cause", FAULTS)
 def test_a_fault_is_doubted_by_its_cause(cause):
-    assert causes_of(row_of(record_with(**FAULTS[cause]))) == [cause]
+    assert causes_of(faulty_row(cause)) == [cause]
 
 
 def test_beside_a_late_torque_the_offered_impedance_holds_the_joint_and_the_recorded_does_not():
-    row = row_of(record_with(late=3e-3))
+    row = faulty_row("torque path")
 
     assert "delay" in row["explanations"].split(", ")
     assert (misses(row, "_without"), "B" in misses(row)) == ([], True)
 
 
 def test_nothing_is_offered_where_nothing_is_wrong():
-    row = row_of(record_with())
+    row = sound_row()
 
     assert [row[f"{name}_without"] for name in TRUE] == [None, None, None]
 
@@ -152,8 +164,9 @@ def test_nothing_is_offered_where_nothing_is_wrong():
 # ---- a person
 
 
-def reflexive_record(delay_s=0.04, gain=6.0):
-    """A joint whose muscle resists rising angles a moment later."""
+@cache
+def reflexive_row(delay_s=0.04, gain=6.0):
+    """Of a joint whose muscle resists rising angles a moment later."""
     rng = np.random.default_rng(3)
     time, motion = noise(rng, (0.5, 8.0), duration=60.0)
     rate = 1 / (time[1] - time[0])
@@ -161,11 +174,11 @@ def reflexive_record(delay_s=0.04, gain=6.0):
     stretched = lfilter(*butter(2, 3, fs=rate), rising)
     late = np.interp(time - delay_s, time, stretched)
     trial = made_trial(rng, (time, motion), 0.02, more=gain * late, K=90.0, B=1.0, I=0.016)
-    return record_of_trial(trial, SETTINGS.model_copy(update={"excitation": "any"}))
+    return row_of(record_of_trial(trial, SETTINGS.model_copy(update={"excitation": "any"})))
 
 
 def test_a_reflex_is_told_with_its_gain_and_delay_and_k_is_beside_it():
-    row = row_of(reflexive_record())
+    row = reflexive_row()
 
     assert row["reflex_probability"] > 0.9
     assert row["reflex_delay_ms"] == pytest.approx(40, abs=10)
@@ -176,21 +189,21 @@ def test_a_reflex_is_told_with_its_gain_and_delay_and_k_is_beside_it():
 
 
 def test_a_reflex_is_a_note_and_no_doubt():
-    found = findings_of(row_of(reflexive_record()), OF_FAULTS, "impedance")
+    found = findings_of(reflexive_row(), OF_FAULTS, "impedance")
     grades = {finding.cause: finding.grade for finding in found}
 
     assert grades["K, B and I are beside a reflex"] is Grade.NOTES
 
 
 def test_a_device_has_no_reflex():
-    assert row_of(record_with())["reflex_probability"] is None
+    assert sound_row()["reflex_probability"] is None
 
 
 # ---- what is known of the bench
 
 
 def test_an_unstated_delay_is_told_with_what_it_costs():
-    row = row_of(record_with())
+    row = sound_row()
 
     # K d takes off B what the torque is late by d: 300 N*m/rad times 0.1 ms, at 95 %
     assert row["B_half_known_delay"] <= np.hypot(1.05 * 2.1 * 300 * 1e-4, row["B_high"] - row["B"])
@@ -214,7 +227,7 @@ def test_an_error_of_the_bench_is_in_the_intervals():
     calibration = Calibration(torque_gain=0.01)
     settings = record.settings.model_copy(update={"calibration": calibration})
 
-    plain, known = row_of(record), row_of(replace(record, settings=settings))
+    plain, known = sound_row(), row_of(replace(record, settings=settings))
 
     for name in TRUE:
         half, more = ((row[f"{name}_high"] - row[f"{name}_low"]) / 2 for row in (plain, known))
@@ -227,7 +240,7 @@ def test_stamps_that_can_be_read_in_two_ways_widen_the_intervals():
     later_filtered = np.interp(record.time - 2e-4, record.time, record.filtered_torque)
     other = replace(record, torque=later, filtered_torque=later_filtered, uniform=None)
 
-    plain, both = row_of(record), row_of(replace(record, with_other_stamps=other))
+    plain, both = sound_row(), row_of(replace(record, with_other_stamps=other))
 
     assert both["widened_because"] == "the time stamps can be read in two ways"
     assert plain["widened_because"] is None

@@ -785,15 +785,15 @@ def test_every_figure_fits_the_page_and_reads_at_8_points(name, tmp_path, monkey
 
 
 def test_a_figure_is_the_same_in_another_process_whatever_the_users_matplotlib_settings(tmp_path):
-    write_table(plotted("fig5"), tmp_path / "t.csv")
+    write_table(plotted("fig6"), tmp_path / "t.csv")
     (tmp_path / "users").write_text("font.size: 20\npdf.fonttype: 3\nsavefig.bbox: tight\n")
     here, there = (
         [tmp_path / f"{place}.{suffix}" for suffix in ("pdf", "svg")] for place in ("here", "there")
     )
-    draw_figure("fig5", tmp_path / "t.csv", here)
+    draw_figure("fig6", tmp_path / "t.csv", here)
     code = (
         "from pathlib import Path; from osl_analysis.commands.figure import draw_figure; "
-        "draw_figure('fig5', Path('t.csv'), [Path('there.pdf'), Path('there.svg')])"
+        "draw_figure('fig6', Path('t.csv'), [Path('there.pdf'), Path('there.svg')])"
     )
     env = os.environ | {"PYTHONHASHSEED": "2", "MATPLOTLIBRC": str(tmp_path / "users")}
     subprocess.run([sys.executable, "-c", code], cwd=tmp_path, env=env, check=True)
@@ -1004,7 +1004,7 @@ def test_a_figure_without_footer_is_smaller_and_keeps_its_origin_in_the_metadata
     heights, texts = [], []
     for footer in (True, False):
         file = tmp_path / f"{footer}.svg"
-        draw_table("chain", stored("chain"), [file], origin=origin, footer=footer)
+        draw_table("fig8", plotted("fig8"), [file], origin=origin, footer=footer)
         texts.append(file.read_text())
         heights.append(float(re.search(r'height="([\d.]+)pt"', texts[-1])[1]))
 

@@ -5,6 +5,7 @@ import os
 import re
 import subprocess
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +36,14 @@ import sys
 
 sys.modules["fcntl"] = None  # an import of it fails, as where there is none
 del os.fork, os.forkpty, os.sched_getaffinity
+"""
+TABLE = "results/tables/torque_angle.csv"
+# its jobs are done in new processes; one in which this runs shows that the page can be made, too
+RUN_WITHOUT_FORK = """
+import osl_analysis.commands.figure, osl_analysis.commands.report
+from osl_analysis.cli import main
+
+main()
 """
 
 
@@ -72,8 +81,7 @@ def run_without_fork(folder: Path) -> subprocess.CompletedProcess[str]:
     blocking.mkdir()
     (blocking / "sitecustomize.py").write_text(WITHOUT_FORK)
     python_path = {"PYTHONPATH": os.pathsep.join(map(str, (blocking, ROOT)))}
-    program = "from osl_analysis.cli import main; main()"
-    command = [sys.executable, "-c", program, "run", "--cores", "1"]
+    command = [sys.executable, "-c", RUN_WITHOUT_FORK, "run", "--cores", "1", TABLE]
     return subprocess.run(
         command,
         cwd=folder,
@@ -84,21 +92,63 @@ def run_without_fork(folder: Path) -> subprocess.CompletedProcess[str]:
     )
 
 
-def test_a_page_is_made_where_every_trial_of_an_experiment_is_refused(tmp_path):
-    write_campaign(tmp_path, {"sine": "impedance", "spring": "torque_angle"})
+@dataclass(frozen=True)
+class TwoRuns:
+    """A campaign whose `sine` is refused, run while the job of its `spring` is killed, and again
+    after that."""
 
-    ended = run(tmp_path)
+    folder: Path
+    killed: subprocess.CompletedProcess[str]
+    outcome_of_killed: str
+    had_page_after_kill: bool
+    again: subprocess.CompletedProcess[str]
 
-    results = tmp_path / "results"
-    assert ended.returncode == 1
+
+@pytest.fixture(scope="module")
+def two_runs(tmp_path_factory: pytest.TempPathFactory) -> TwoRuns:
+    folder = tmp_path_factory.mktemp("killed")
+    write_campaign(folder, {"sine": "impedance", "spring": "torque_angle"})
+    page = folder / "results/report.html"
+    page.parent.mkdir()
+    page.write_text("of before")
+    (folder / "unlucky").mkdir()
+    for time in ("first", "second"):
+        (folder / f"unlucky/spring.csv.{time}.SIGKILL").touch()
+
+    killed = run(folder)
+    outcome_of_killed = read_log(folder / "results/logs/ingest/spring.log")["outcome"]
+    had_page_after_kill = page.exists()
+    again = run(folder)
+
+    return TwoRuns(folder, killed, outcome_of_killed, had_page_after_kill, again)
+
+
+def test_a_page_is_made_where_every_trial_of_an_experiment_is_refused(two_runs):
+    results = two_runs.folder / "results"
+
+    assert two_runs.again.returncode == 1
     page = (results / "report.html").read_text(encoding="utf-8")
     assert page.lstrip().startswith("<!")
     assert "K and I cannot be told apart" in page
-    fitted = pl.read_csv(results / "tables/torque_angle.csv")
-    assert fitted["K_secant"].item() == pytest.approx(K, rel=0.01)
-    excluded = pl.read_csv(results / "tables/excluded.csv")
-    assert excluded.select("trial", "check").rows() == [("sine", "refused")]
     assert is_refused(results / "tables/impedance.csv")
+
+
+def test_a_job_that_is_killed_twice_fails_alone_and_the_page_of_before_does_not_stay(two_runs):
+    said = two_runs.killed.stdout
+
+    assert two_runs.killed.returncode == 1
+    assert re.search(r"^killed: spring: .*SIGKILL.*; run again", said, re.MULTILINE)
+    assert two_runs.outcome_of_killed == "killed"
+    assert not two_runs.had_page_after_kill
+
+
+def test_a_run_after_a_job_was_killed_does_it(two_runs):
+    tables = two_runs.folder / "results/tables"
+
+    fitted = pl.read_csv(tables / "torque_angle.csv")
+    assert fitted["K_secant"].item() == pytest.approx(K, rel=0.01)
+    excluded = pl.read_csv(tables / "excluded.csv")
+    assert excluded.select("trial", "check").rows() == [("sine", "refused")]
 
 
 def test_a_page_is_made_where_every_trial_of_the_campaign_is_refused(tmp_path):
@@ -113,33 +163,11 @@ def test_a_page_is_made_where_every_trial_of_the_campaign_is_refused(tmp_path):
     assert page.lstrip().startswith("<!")
 
 
-def test_a_job_that_is_killed_twice_fails_alone_and_the_page_of_before_does_not_stay(tmp_path):
-    write_campaign(tmp_path, {"spring": "torque_angle"})
-    (tmp_path / "results").mkdir()
-    (tmp_path / "results/report.html").write_text("of before")
-    (tmp_path / "unlucky").mkdir()
-    for time in ("first", "second"):
-        (tmp_path / f"unlucky/spring.csv.{time}.SIGKILL").touch()
-
-    killed = run(tmp_path)
-    page_after_kill = (tmp_path / "results/report.html").exists()
-    outcome = read_log(tmp_path / "results/logs/ingest/spring.log")["outcome"]
-    again = run(tmp_path)
-
-    assert killed.returncode == 1
-    assert re.search(r"^killed: spring: .*SIGKILL.*; run again", killed.stdout, re.MULTILINE)
-    assert outcome == "killed"
-    assert not page_after_kill
-    assert again.returncode == 0
-    assert (tmp_path / "results/report.html").is_file()
-
-
 def test_a_campaign_runs_where_there_is_no_fork_and_no_file_lock(tmp_path):
     write_campaign(tmp_path, {"spring": "torque_angle"})
 
     ended = run_without_fork(tmp_path)
 
     assert ended.returncode == 0, ended.stdout
-    fitted = pl.read_csv(tmp_path / "results/tables/torque_angle.csv")
+    fitted = pl.read_csv(tmp_path / TABLE)
     assert fitted["K_secant"].item() == pytest.approx(K, rel=0.01)
-    assert (tmp_path / "results/report.html").is_file()

@@ -187,7 +187,7 @@ def test_friction_does_not_count_what_it_gains_by_rounding_alone():
     evidence = evidence_of([fit(False, 50.0), fit(True, 10.0)], 2.0, plain_rounding)
 
     assert evidence.reference == 0
-    assert evidence.gains[1].sum() == pytest.approx(-40.0 / 2 / 2.0)
+    assert evidence.block_gains[1].sum() == pytest.approx(-40.0 / 2 / 2.0)
 
 
 def test_rounding_is_compared_beside_the_same_friction_also_where_that_alone_is_impossible():
@@ -211,7 +211,7 @@ def test_rounding_is_compared_beside_the_same_friction_also_where_that_alone_is_
     assert evidence.rounding == pytest.approx(1 + 10.0 - 9.0)
     friction_by_rounding = 50.0 - 10.0
     expected = (4.0 * constants.BLOCKS - friction_by_rounding) / 2
-    assert evidence.gains[1].sum() == pytest.approx(expected)
+    assert evidence.block_gains[1].sum() == pytest.approx(expected)
 
 
 def test_torque_that_follows_the_model_beyond_an_end_is_not_cut():

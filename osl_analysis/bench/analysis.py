@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from osl_analysis.bench.bench_settings import NOT_STATED, Calibration
 from osl_analysis.bench.effects import Model, noise_of_angle, plain_sums, with_effects
 from osl_analysis.bench.fit_tables import Series, timebase_table
-from osl_analysis.bench.group_fit import GroupFit, held_out_vaf
+from osl_analysis.bench.group_fit import GroupFit, fit_groups, held_out_vaf
 from osl_analysis.bench.group_sums import Sums
 from osl_analysis.bench.identifiability import check_moves, check_told
 from osl_analysis.bench.leg_belt import Fault
@@ -252,12 +252,14 @@ class Analysis:
         )
 
 
-def fitted_motion(record: Record, sums: Sums, model: Model, again: SumsOf = plain_sums) -> Analysis:
+def fitted_motion(
+    record: Record, sums: Sums, model: Model, sums_of: SumsOf = plain_sums
+) -> Analysis:
     """Fit Eq. 15, with the other terms of a model, to any motion.
 
     Parameters
     ----------
-    record, sums, model, again
+    record, sums, model, sums_of
         As `analysed` takes them.
 
     Raises
@@ -275,7 +277,7 @@ def fitted_motion(record: Record, sums: Sums, model: Model, again: SumsOf = plai
     try:
         if moving_s < SHORTEST_S:
             raise IdentifiabilityError("K, B and I cannot be told from so little")
-        analysis = analysed(record, sums, model, again)
+        analysis = analysed(record, sums, model, sums_of)
     except IdentifiabilityError as error:
         missing = missing_band(record, moving_s, error)
         raise IdentifiabilityError(f"trial {record.name}: {missing}") from error
@@ -330,7 +332,7 @@ def motion_in(record: Record) -> Array:
     return np.column_stack([record.part(x) for x in (motion.theta, motion.omega, motion.alpha)])
 
 
-def analysed(record: Record, sums: Sums, model: Model, again: SumsOf = plain_sums) -> Analysis:
+def analysed(record: Record, sums: Sums, model: Model, sums_of: SumsOf = plain_sums) -> Analysis:
     """Fit a model to all of a record and to each label that determines it.
 
     Parameters
@@ -341,7 +343,7 @@ def analysed(record: Record, sums: Sums, model: Model, again: SumsOf = plain_sum
         Its sums.
     model
         Column of each estimate.
-    again
+    sums_of
         Gives the sums of the same record on a softer bench or with other stamps.
 
     Raises
@@ -351,7 +353,7 @@ def analysed(record: Record, sums: Sums, model: Model, again: SumsOf = plain_sum
     """
     fits = fits_by_label(sums, model)
     if record.on_softer_bench is not None:
-        softer = fits_by_label(again(record.on_softer_bench, model), model)
+        softer = fits_by_label(sums_of(record.on_softer_bench, model), model)
         fits = {
             label: widened(fit, softer[label].estimates - fit.estimates, of_bench=True)
             for label, fit in fits.items()
@@ -359,7 +361,7 @@ def analysed(record: Record, sums: Sums, model: Model, again: SumsOf = plain_sum
         }
     others: Mapping[Label, GroupFit] = {}
     if record.with_other_stamps is not None:
-        others = fits_by_label(again(record.with_other_stamps, model), model)
+        others = fits_by_label(sums_of(record.with_other_stamps, model), model)
     return Analysis(record, sums, model, fits, others)
 
 
@@ -375,7 +377,7 @@ def fits_by_label(sums: Sums, model: Model) -> dict[Label, GroupFit]:
                 raise IdentifiabilityError(
                     f"K and I cannot be told apart by sines of {hz[0]:.3g} Hz"
                 )
-            fits[label] = at_zero(with_effects(sums, model, (), label), sums.centre)
+            fits[label] = at_zero(fit_groups(sums, model, label), sums.centre)
         except IdentifiabilityError:  # a drive may reach fewer frequencies at one amplitude
             if label is None:
                 raise

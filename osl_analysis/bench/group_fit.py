@@ -29,17 +29,11 @@ class GroupFit(LinearFit):
     ----------
     repeat : Array (p, p) or None
         Covariance of the repeatability; None where nothing repeats.
-    left : float
-        Residual sum of squares.
-    units : int
-        Number of units that were left out.
     bench_variance : Array (p,) or float
         Part of the variances that all trials on a bench share.
     """
 
     repeat: Array | None = None
-    left: float = 0.0
-    units: int = 0
     bench_variance: Array | float = 0.0
 
     def repeat_se(self, name: str) -> float | None:
@@ -126,8 +120,6 @@ def fit_groups(
         residual=np.empty(0),  # the sums have no rows
         largest_correlation=regression.largest_correlation(solution.about_means),
         repeat=interval.of_repeats,
-        left=residual_square,
-        units=interval.source.units,
     )
 
 

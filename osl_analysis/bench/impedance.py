@@ -247,8 +247,8 @@ def motion_row(record: Record) -> Row:
 def lag_row(lag: Fault | None, fit: GroupFit) -> Row:
     """Lag of a leg's torque behind the angle by its belt, and what it does to an amplitude's fit.
 
-    That is the damping that this lag makes, and the shares of B and I due to a lag that was found:
-    exp(-s d) takes K d off B, and d times the joint's own B off I.
+    That is the damping that this lag makes, and the shares of B and I due to a lag that was found.
+    exp(-s d) = 1 - s d + (s d)^2/2 takes K d off B, and (B + K d/2) d off I, with the fitted B.
     """
     K, B = fit["K"], fit["B"]
     if lag is None:
@@ -258,7 +258,7 @@ def lag_row(lag: Fault | None, fit: GroupFit) -> Row:
     return {
         **lag_damping_row(lag.size, lag.se, is_certain=lag.found, K=K),
         "lag_share": abs(K * found_s / B),
-        "lag_inertia_share": abs((B + K * found_s) * found_s) / share_of_inertia(fit),
+        "lag_inertia_share": abs((B + K * found_s / 2) * found_s) / share_of_inertia(fit),
     }
 
 

@@ -211,6 +211,7 @@ class ClockDrift:
 
 
 MIXTURE = "mixture of hypotheses"  # `interval_method` of the inference
+MIXTURE_BESIDE_FRICTION = "mixture of hypotheses, B by Eq. 15"  # B holds certain friction
 
 
 @dataclass(frozen=True)

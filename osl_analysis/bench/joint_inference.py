@@ -13,10 +13,11 @@ import numpy as np
 
 from osl_analysis.bench.analysis import QUANTITIES, Analysis
 from osl_analysis.bench.coulomb import CoulombFit, coulomb_fits
-from osl_analysis.bench.effects import with_effects
+from osl_analysis.bench.group_fit import fit_groups
 from osl_analysis.bench.group_sums import Sums
 from osl_analysis.bench.joint_fit import (
     MIXTURE,
+    MIXTURE_BESIDE_FRICTION,
     ClockDrift,
     FrictionFit,
     ImpedanceFit,
@@ -191,7 +192,7 @@ def joint_fit(
         delay=delay,
         VAF_in_band=inferred.VAF_held_out,
         clock_drift=clock_drift(inferred, fault, record) if record.two_clocks else None,
-        estimator=MIXTURE,
+        estimator=MIXTURE_BESIDE_FRICTION if takes_friction_off else MIXTURE,
     )
 
 
@@ -247,7 +248,7 @@ def known_errors(analysis: Analysis) -> dict[str, float]:
     """Standard errors of K, B and I that all samples share, and no scatter shows: what is stated of
     the bench, and a band that hardly tells I."""
     told = analysis.calibrated(analysis.whole)
-    bare = with_effects(analysis.sums, analysis.model)
+    bare = fit_groups(analysis.sums, analysis.model)
     variances = {name: told.se(name) ** 2 - bare.se(name) ** 2 for name in QUANTITIES}
     return {name: float(np.sqrt(max(variance, 0.0))) for name, variance in variances.items()}
 

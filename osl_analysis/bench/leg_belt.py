@@ -8,14 +8,13 @@ import scipy
 
 from osl_analysis.bench.effects import FALSE_ALARM, columns_of
 from osl_analysis.bench.group_fit import GroupFit
-from osl_analysis.bench.late_torque import late_fit
+from osl_analysis.bench.late_torque import LateFit, late_fit
 from osl_analysis.bench.record import Record, actuator_turns
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.inference.friction_shapes import slipping_spring
 from osl_analysis.model.drivetrain import DrivetrainParameters, belt_deflection
 from osl_analysis.trial import Array
 
-POSSIBLE = 2.0  # standard errors by which a lag may exceed its estimate
 # half-widths [rad] of the slipping springs that model a belt's hysteresis
 WOUND_UP = (0.5e-3, 1.5e-3, 4e-3)
 # SD [s] of a lag due to hysteresis that these do not model; simulated legs: 10 to 150
@@ -37,7 +36,6 @@ class Fault:
     size: float  # in its unit
     se: float  # its standard error
     found: bool  # whether it is certain
-    possible: float  # largest size that may be present without being found
 
 
 def is_certain(size: float, se: float, freedom: float) -> bool:
@@ -50,7 +48,8 @@ class Belt:
     """The belt between theta_m and the joint, by a leg's recording."""
 
     K_s: float  # [N*m/rad]
-    # lag [s] of the torque behind the joint's angle; None: the belt is not the file's
+    # lag [s] of the torque behind the joint's angle; None: the belt is not the file's, or the
+    # search for a lag has not ended
     torque: Fault | None = None
     theta_m: Fault | None = None  # the same of theta_m
 
@@ -111,9 +110,10 @@ def belt_from(
 ) -> Belt:
     """The belt by fits to columns (n,). Raises as `fit_groups`."""
     # the torque per velocity of the joint is B_j
-    fit = belt_fit(few, columns, p, known_B_j=0.0)
+    late = belt_fit(few, columns, p, known_B_j=0.0)
+    fit = late.fit
     K_s, B_j = fit["wound"], fit["omega"]
-    if not LEAST_K_S < K_s / p.K_s < LARGEST_K_S:
+    if not (LEAST_K_S < K_s / p.K_s < LARGEST_K_S and late.has_ended):
         return Belt(K_s)
     torque_late = lag_of(fit)
     motor_late = fault((p.B_j - B_j) / K_s, fit.se("omega") / K_s, fit.freedom("omega"))
@@ -122,7 +122,10 @@ def belt_from(
 
     # B_j is the file's, and the torque per velocity of the motor is its lag
     of_motor = {**columns, "omega": np.gradient(theta_m, 1 / few.rate_hz) / p.n_T}
-    fit = belt_fit(few, of_motor, p, known_B_j=p.B_j)
+    late = belt_fit(few, of_motor, p, known_B_j=p.B_j)
+    if not late.has_ended:
+        return Belt(K_s)
+    fit = late.fit
     K_s_on_time = fit["wound"]
     lag = -fit["omega"] / K_s_on_time
     lag_se = fit.se("omega") / K_s_on_time
@@ -136,19 +139,10 @@ def belt_from(
 
 def belt_fit(
     few: Record, columns: Mapping[str, Array], p: DrivetrainParameters, known_B_j: float
-) -> GroupFit:
-    """Fit the belt's columns to what joint inertia and a known damping leave of the torque.
-
-    Raises
-    ------
-    IdentifiabilityError
-        The columns cannot be told apart, or the search for a lag does not end.
-    """
+) -> LateFit:
+    """Fit the belt's columns to what joint inertia and a known damping leave of the torque."""
     of_joint = p.J_j * few.motion.alpha + known_B_j * few.motion.omega
-    late = late_fit(few, columns, {name: name for name in columns}, prompt_torque=of_joint)
-    if not late.has_ended:
-        raise IdentifiabilityError("the search for the lag of the belt's torque does not end")
-    return late.fit
+    return late_fit(few, columns, {name: name for name in columns}, prompt_torque=of_joint)
 
 
 def lag_of(fit: GroupFit) -> Fault:
@@ -158,4 +152,4 @@ def lag_of(fit: GroupFit) -> Fault:
 def fault(size: float, se: float, freedom: float) -> Fault:
     """A lag [s] with its standard error, to which that by the belt's hysteresis is added."""
     se = float(np.hypot(se, BELT_ERROR))
-    return Fault(size, se, is_certain(size, se, freedom), abs(size) + POSSIBLE * se)
+    return Fault(size, se, is_certain(size, se, freedom))

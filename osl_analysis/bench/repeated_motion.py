@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 import scipy
 
-from osl_analysis.bench.effects import FALSE_ALARM, Model, with_effects
-from osl_analysis.bench.group_fit import GroupFit
+from osl_analysis.bench.effects import FALSE_ALARM, Model
+from osl_analysis.bench.group_fit import GroupFit, fit_groups
 from osl_analysis.bench.group_interval import combined
 from osl_analysis.bench.group_sums import NEXT, Sums, solved
 from osl_analysis.bench.record import Record
@@ -48,7 +48,7 @@ def changes_of_repeats(
     members = np.bincount(stratum)
     if members.max() < FEWEST_REPEATS:
         return None
-    base = with_effects(s, model)
+    base = fit_groups(s, model)
     q, one = s.torque, s.names.index("one")
     of_model = s.index(list(model.values()))
     combination = np.array([[part.get(name, 0.0) for part in effects.values()] for name in s.names])
@@ -111,7 +111,7 @@ def repeats_row(record: Record, s: Sums, model: Model) -> Row:
         The drift is certain and larger than the settings allow; the message names the trial.
     """
     row: Row = {"K_drift": None, **NO_DRIFT}
-    fit = with_effects(s, model)
+    fit = fit_groups(s, model)
     if not s.groups.repeat:
         return row
     slope = {NEXT[column]: -1e-6 * fit[name] for name, column in model.items() if column in NEXT}

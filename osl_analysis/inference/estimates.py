@@ -58,10 +58,9 @@ class KnownDelay:
     """What a delay between angle and torque does to B and I, where nobody states it.
 
     `recording_s` is the standard error to which the recording itself tells a delay. `B` and `I`
-    hold any delay of a standard deviation of `known_s`; K does not depend on it.
+    hold any delay of a standard deviation of `KNOWN_DELAY`; K does not depend on it.
     """
 
-    known_s: float
     recording_s: float
     B: Estimate
     I: Estimate

@@ -43,8 +43,6 @@ from osl_analysis.inference.time_hypotheses import (
 )
 from osl_analysis.inference.whitening import Whitened
 
-EQUATION_15 = np.eye(3)  # the first three coefficients are K, B, I
-
 
 class Nothing(Hypothesis):
     """Eq. 15 alone."""
@@ -76,7 +74,7 @@ class Drivetrain(Hypothesis):
         rows = in_time[:, spectra.rows]
         rows = rows - rows.mean(axis=1, keepdims=True)
         projection = np.linalg.lstsq(rows[:3].T, rows[3:].T)[0]
-        matrix = np.hstack([EQUATION_15, projection])
+        matrix = np.hstack([self.data.impedance_matrix, projection])
         return [Candidate(self, columns, self.data.torque, impedance_matrices=(matrix,))]
 
 

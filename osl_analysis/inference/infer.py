@@ -296,4 +296,4 @@ def known_delay(data: Whitened, sound: Predicted, rounding: Array) -> KnownDelay
     moved = moved_by_delay[:3]
     covariance = sound.covariances[0] + deviation**2 * np.outer(moved, moved)
     found = impedance_of([Part(1.0, impedance, covariance)])
-    return KnownDelay(KNOWN_DELAY, recording, found.B, found.I)
+    return KnownDelay(recording, found.B, found.I)

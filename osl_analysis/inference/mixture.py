@@ -125,7 +125,7 @@ class Evidence:
 
     Attributes
     ----------
-    gains : Array (h, BLOCKS)
+    block_gains : Array (h, BLOCKS)
         By how many nats each hypothesis predicts each block better than the reference.
     reference : int
         The sound joint that predicts best.
@@ -135,7 +135,7 @@ class Evidence:
         Which hypotheses are no fault.
     """
 
-    gains: Array
+    block_gains: Array
     reference: int
     rounding: float
     sound: Array
@@ -287,7 +287,7 @@ def weigh_alike(
     The other arguments are those of `weigh` and `evidence_of`."""
     evidence = evidence_of(fits, noise, plain_rounding)
     prior = log_prior(fits)
-    all_blocks = evidence.gains.sum(axis=1)
+    all_blocks = evidence.block_gains.sum(axis=1)
     half_nat = noise * float(evidence.tempers(all_blocks))
     parts = []
     for k, fit in enumerate(fits):
@@ -295,7 +295,7 @@ def weigh_alike(
         prior[k] += more
         parts.append(own_parts)
 
-    gains = draws @ evidence.gains.T
+    gains = draws @ evidence.block_gains.T
     log_weights = prior + gains / evidence.tempers(gains)[:, None]
     weights = np.exp(log_weights - log_weights.max(axis=1, keepdims=True))
     weights *= (shares / weights.sum(axis=1))[:, None]

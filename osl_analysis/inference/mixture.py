@@ -40,6 +40,7 @@ FAMILIES: tuple[Family, ...] = (
     "direction",
     "clipping",
 )
+LATE: tuple[Family, ...] = ("path", "time")  # families with a torque that is late
 PLAIN = "nothing"  # the hypothesis that is Eq. 15 alone
 SEED = 1  # of the bootstrap: the same recording gives the same numbers
 NEGLIGIBLE = 1e-7  # weight below which a part does not enter the mixture
@@ -171,7 +172,8 @@ def evidence_of(
         Variance of what the best of all leaves.
     plain_rounding : Mapping
         Sum of squares that Eq. 15 leaves of rounding alone, by kind of joint. That of a joint whose
-        friction drives is among them: a late torque makes Eq. 15 look like one.
+        friction drives is among them: a late torque makes Eq. 15 look like one, so that a
+        path or a growing lag is compared beside the same friction, too.
     """
     by_friction = {}
     for fit in fits:
@@ -186,8 +188,17 @@ def evidence_of(
 
     # rounding is compared beside the same friction, which takes up rounding, too
     best = fits[int(np.argmin(totals))]
-    by_rounding = max(plain_rounding[best.kind] - best.rounding_left, 0.0)
+    friction_is_possible = any(is_plain(fit) and fit.kind == best.kind for fit in fits)
+    of_sound = fits[reference].rounding_left
+    if friction_is_possible or best.candidate.hypothesis.family in LATE:
+        of_sound = plain_rounding[best.kind]
+    by_rounding = max(of_sound - best.rounding_left, 0.0)
     return Evidence(gains, reference, 1 + by_rounding / noise, sound)
+
+
+def is_plain(fit: Predicted) -> bool:
+    """Whether it is Eq. 15 alone, with or without friction and reflex."""
+    return fit.candidate.hypothesis.name == PLAIN
 
 
 def rounding_gain(worse: Predicted, better: Predicted) -> float:
@@ -237,9 +248,7 @@ def weigh(
 
     without = [fit for fit in possible if not fit.kind.has_reflex]
     beside = [fit for fit in possible if fit.kind.has_reflex]
-    plain_rounding = {
-        fit.kind: fit.rounding_left for fit in fits if fit.candidate.hypothesis.name == PLAIN
-    }
+    plain_rounding = {fit.kind: fit.rounding_left for fit in fits if is_plain(fit)}
     weigh_kind = partial(
         weigh_alike, draws=draws, noise=noise, plain_rounding=plain_rounding, is_body=is_body
     )

@@ -37,6 +37,7 @@ rule fit_transmission:
         "<logs>/transmission/{trial}.log",
     wildcard_constraints:
         trial=one_of(CAMPAIGN.trials("transmission")),
+    priority: 2
     params:
         settings=CONFIG.dynamometer.part("SteppedSineAnalysis"),
         made_by=MADE_BY,
@@ -78,6 +79,7 @@ rule fit_impedance:
         "<logs>/impedance/{trial}.log",
     wildcard_constraints:
         trial=one_of(CAMPAIGN.trials("impedance")),
+    priority: 2
     params:
         settings=CONFIG.dynamometer.part("ImpedanceAnalysis"),
         weight=plain(CONFIG.gain_weight),

@@ -12,7 +12,8 @@ arguments, but for these (`osl_analysis/outcomes/perform.py`):
 * `sizes`, `made_by`, `excluded`: params. Snakemake compares the first, every rule has the second,
   and the trials of the third are taken out of the inputs.
 
-A recording that the function refuses leaves a table of reasons in place of each output.
+A recording that the function refuses leaves a table of reasons in place of each output. The longest
+jobs, and those before them, have a `priority`: at the end no core waits for them alone.
 """
 
 import atexit

@@ -27,6 +27,7 @@ if CONFIG.simulation:
             "<logs>/simulate/{trial}.log",
         wildcard_constraints:
             trial=one_of(logged_in("dynamometer")),
+        priority: 1
         params:
             campaign_folder=lambda wildcards: str(CONFIG.raw_data),
             trial="{trial}",
@@ -53,3 +54,4 @@ if CONFIG.simulation:
             mocap="<raw>/vicon/{trial}.c3d",
         wildcard_constraints:
             trial=one_of(CAMPAIGN.trials("walking")),
+        priority: 0

@@ -34,6 +34,7 @@ rule impedance_tables:
         evidence="<results>/tables/impedance_evidence.csv",
     log:
         "<logs>/tables/impedance.log",
+    priority: 3
     localrule: True
     params:
         limits=limits("impedance"),
@@ -78,6 +79,7 @@ rule predict:
         frequencies="<results>/tables/prediction_frequencies.csv",
     log:
         "<logs>/tables/prediction.log",
+    priority: 3
     localrule: True
     params:
         unpredicted=UNPREDICTED,

@@ -33,6 +33,7 @@ rule fit_transmission:
         others="<results>/fits/transmission/{trial}.zip",
     log:
         "<logs>/transmission/{trial}.log",
+    priority: 2
     params:
         settings=CONFIG.dynamometer.part("SteppedSineAnalysis"),
         made_by=MADE_BY,
@@ -68,6 +69,7 @@ rule fit_impedance:
         others="<results>/fits/impedance/{trial}.zip",
     log:
         "<logs>/impedance/{trial}.log",
+    priority: 2
     params:
         settings=CONFIG.dynamometer.part("ImpedanceAnalysis"),
         weight=plain(CONFIG.gain_weight),

@@ -5,6 +5,7 @@ the function `fit_belt_trial` of `osl_analysis/commands/bench.py` in a warm proc
 (`osl_analysis/jobs/workers.py`). The names of inputs, outputs and params are those of its
 arguments; `osl_analysis/outcomes/perform.py` lists the few that are not. Every rule has the param
 `made_by=MADE_BY`. A recording that it refuses leaves a table of reasons in place of each output.
+The longest jobs, and those before them, have a `priority`: at the end no core waits for them alone.
 """
 
 import atexit

@@ -27,6 +27,7 @@ if CONFIG.simulation:
             log="<raw>/dynamometer/{trial}.mcap",
         log:
             "<logs>/simulate/{trial}.log",
+        priority: 1
         params:
             campaign_folder=lambda wildcards: str(CONFIG.raw_data),
             trial="{trial}",
@@ -51,3 +52,4 @@ if CONFIG.simulation:
             mocap="<raw>/vicon/{trial}.c3d",
         wildcard_constraints:
             trial=CAMPAIGN.pattern("walking"),
+        priority: 0

@@ -47,6 +47,7 @@ rule impedance_tables:
         evidence="<results>/tables/impedance_evidence.csv",
     log:
         "<logs>/tables/impedance.log",
+    priority: 3
     params:
         limits=limits("impedance"),
         places=places_in("impedance"),
@@ -89,6 +90,7 @@ rule predict:
         frequencies="<results>/tables/prediction_frequencies.csv",
     log:
         "<logs>/tables/prediction.log",
+    priority: 3
     params:
         unpredicted=UNPREDICTED,
         weight=plain(CONFIG.gain_weight),

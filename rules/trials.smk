@@ -15,6 +15,7 @@ rule ingest:
         quality="<results>/quality/{trial}.csv",
     log:
         "<logs>/ingest/{trial}.log",
+    priority: 1
     params:
         row=lambda wildcards: CAMPAIGN.recording(wildcards.trial),
         raw_folder=str(CONFIG.raw_data),

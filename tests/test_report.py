@@ -353,7 +353,8 @@ def test_verdicts_and_counts_sorting_by_the_unrounded_value_and_conditions_that_
     *_, doubtful, flagged, _ = content["trials"]
     assert (flagged["causes"], doubtful["causes"]) == (["gap in the recording"], ["friction"])
     assert trials[1].doubts[0].numbers == [["gap", "0.095", "above 0.05", WORDS["checks"]["gap"]]]
-    number = {"sort": "299.5123", "text": "299.5", "interval": "[299.2, 299.8]", "column": "K"}
+    number = {"text": "299.5", "interval": "[299.2, 299.8]", "column": "K"}
+    number["full"] = [299.5123, 299.2, 299.8]
     assert (doubtful["numbers"][1], [one["name"] for one in content["left_out"]]) == (
         number,
         ["c", "d"],
@@ -969,6 +970,20 @@ def test_a_claim_stands_with_its_limit_and_a_long_caption_is_folded_behind_two_s
     assert "By Eq. 15 this. That. How to read it, and its numbersLong. Long." in said.replace(
         "\xa0", " "
     )
+
+
+def test_a_cell_has_its_number_in_full_whatever_it_shows():
+    shown = Page(page_of([trial()]))
+    content = trial_page.trial_content(trial())
+
+    (cell,) = [one for tag, one in shown.elements if tag == "td" and one.get("data-of") == "K"]
+    head = next(one for tag, one in shown.elements if tag == "th" and "N·m/rad" in one.values())
+
+    numbers = [cell[f"data-{name}"] for name in ("value", "low", "high")]
+    assert (numbers, head["data-unit"]) == (["299.5123", "299.2", "299.8"], "N·m/rad")
+    assert content["estimates"]["rows"][1][1] == "299.5 [299.2, 299.8]"
+    assert content["estimates"]["values"][1][1] == [299.5123, 299.2, 299.8]
+    assert content["column_values"][1] == [None, [299.5123]]
 
 
 def test_a_trial_is_left_out_by_what_became_of_it():

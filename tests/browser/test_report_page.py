@@ -11,6 +11,7 @@ from selenium import webdriver
 from selenium.common.exceptions import StaleElementReferenceException
 from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.common.by import By
+from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.support.ui import WebDriverWait
 from test_workflow import Workspace
 
@@ -196,9 +197,9 @@ def test_it_sorts_by_numbers_both_ways_with_missing_ones_last(page):
     def column():
         cells = page.find_elements(By.CSS_SELECTOR, "#table tbody td:nth-child(7)")
         return [
-            float(cell.get_attribute("data-sort"))
+            float(cell.get_attribute("data-value"))
             for cell in cells
-            if cell.get_attribute("data-sort")
+            if cell.get_attribute("data-value")
         ]
 
     before = column()
@@ -216,6 +217,90 @@ def test_it_sorts_by_numbers_both_ways_with_missing_ones_last(page):
         .text
         == "–"
     )
+
+
+MADE_TABLE = """
+const row = (tag, ...cells) => element("tr", {}, ...cells.map((text) => element(tag, {}, text)));
+const texts = ["10", "9", "–", "−3.5", "1.5·10⁻⁵", "x", 'x, "y"', ""];
+const made = element(
+  "table", { id: "made" }, element("thead", {}, row("th", "name", "K")),
+  element("tbody", {}, ...texts.map((text) => row("td", `of ${text}`, text))),
+);
+made.tHead.rows[0].cells[1].dataset.unit = "N·m/rad";
+document.getElementById("summary").append(element("div", { class: "scroll" }, made));
+addTableTools(made, "made");
+"""
+
+
+def column_of(page, table, column):
+    """The texts of a column, from above."""
+    cells = page.find_elements(By.CSS_SELECTOR, f"{table} tbody tr > :nth-child({column})")
+    return [cell.get_attribute("textContent") for cell in cells]
+
+
+def test_a_table_is_sorted_by_numbers_as_numbers_from_the_keyboard_with_empty_cells_last(page):
+    page.execute_script(MADE_TABLE)
+    head = page.find_element(By.CSS_SELECTOR, "#made th:nth-child(2)")
+    button = head.find_element(By.TAG_NAME, "button")
+
+    button.send_keys(Keys.ENTER)
+    upwards = column_of(page, "#made", 2)
+    state = head.get_attribute("aria-sort")
+    button.send_keys(Keys.SPACE)
+    downwards = column_of(page, "#made", 2)
+
+    texts = ["x", 'x, "y"']
+    assert upwards == ["−3.5", "1.5·10⁻⁵", "9", "10", *texts, "–", ""]
+    assert downwards == [*texts[::-1], "10", "9", "1.5·10⁻⁵", "−3.5", "–", ""]
+    assert (state, head.get_attribute("aria-sort")) == ("ascending", "descending")
+
+
+def test_the_csv_of_a_table_has_its_shown_columns_with_units_and_quotes(page):
+    page.execute_script(MADE_TABLE)
+
+    text = page.execute_script("return csvOf(document.getElementById('made'))")
+    page.execute_script("showColumn(document.getElementById('made'), 1, false)")
+    without = page.execute_script("return csvOf(document.getElementById('made'))")
+
+    lines = text.split("\r\n")
+    assert lines[0] == "name,K [N*m/rad]"
+    assert lines[3:6] == ["of –,", "of −3.5,-3.5", "of 1.5·10⁻⁵,1.5e-5"]
+    assert lines[7] == '"of x, ""y""","x, ""y"""'
+    assert without.split("\r\n")[:2] == ["name", "of 10"]
+
+
+def test_a_downloaded_table_has_the_numbers_of_the_results_in_full(page, results, tmp_path):
+    allowed = {"behavior": "allow", "downloadPath": str(tmp_path)}
+    page.execute_cdp_cmd("Browser.setDownloadBehavior", allowed)
+    page.find_element(By.ID, "search").send_keys("impedance_")
+    button = page.find_element(By.CSS_SELECTOR, "#trials .csv")
+    page.execute_script("arguments[0].click()", button)
+    wait(page, lambda: (tmp_path / "trials.csv").exists())
+
+    downloaded = pl.read_csv(tmp_path / "trials.csv", infer_schema_length=None).sort("Trial")
+
+    fits = read_table(results / "tables/impedance.csv").filter(pl.col("amplitude_deg").is_null())
+    fits = fits.sort("trial")
+    assert downloaded["Trial"].to_list() == fits["trial"].to_list()
+    for column in ("K", "K_low", "K_high"):
+        assert downloaded[f"{column} [N*m/rad]"].to_list() == fits[column].to_list()
+    assert downloaded["B_high [N*m*s/rad]"].to_list() == fits["B_high"].to_list()
+
+
+def test_a_column_is_hidden_by_its_check_box(page):
+    fold = page.find_element(By.CSS_SELECTOR, "#trials .table-tools details")
+    page.execute_script("arguments[0].open = true", fold)
+    (box,) = [
+        label.find_element(By.TAG_NAME, "input")
+        for label in fold.find_elements(By.TAG_NAME, "label")
+        if label.text == "Condition"
+    ]
+    condition = page.find_element(By.CSS_SELECTOR, "#table tbody tr td:nth-child(5)")
+
+    page.execute_script("arguments[0].click()", box)
+    assert not condition.is_displayed()
+    page.execute_script("arguments[0].click()", box)
+    assert condition.is_displayed()
 
 
 def test_on_paper_the_table_of_trials_names_the_causes_of_doubt(page):

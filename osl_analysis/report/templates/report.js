@@ -1,25 +1,16 @@
-"use strict";
-// The page of one run: sorts and filters the table of trials, and draws a trial when its link is followed.
+// The page of one run: filters the table of trials, and draws a trial when its link is followed.
 (() => {
   const overview = document.getElementById("overview");
   const view = document.getElementById("trial");
   const { title } = document;
-  const rows = [...document.querySelectorAll("#table tbody tr")];
-  const body = document.querySelector("#table tbody");
+  const trialRows = () => [...document.querySelectorAll("#table tbody tr")];
   const byName = new Map([...document.querySelectorAll("script.packed")].map((script) => [script.dataset.name, script]));
   let drawn = null;  // the views of Bokeh on the page, and their document
   let asked = 0;  // number of the last request to show a trial
   let left = null;  // where the overview was left for a trial: its scroll position, and its place in the address
   let lastPlace = "";
 
-  // --- elements: text is always text, never markup
-
-  function element(tag, attributes = {}, ...children) {
-    const made = document.createElement(tag);
-    for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);
-    made.append(...children.filter((child) => child !== null && child !== undefined));
-    return made;
-  }
+  // --- tables of a trial
 
   // a number stays in one line, a hash or path breaks anywhere, and text between words
   function kindOf(text) {
@@ -27,16 +18,32 @@
     return /\S{30}/.test(text) ? "wrap" : "";
   }
 
-  function table(head, lines, { fails = () => false, caption = "" } = {}) {
+  // `values` has, for each cell, its number and the ends of its interval in full, or null
+  function cellOf(text, k, numbers) {
+    const made = k ? element("td", { class: kindOf(text) }, text) : element("th", { scope: "row" }, text);
+    const [value, low, high] = numbers ?? [];
+    for (const [name, number] of Object.entries({ value, low, high })) {
+      if (number !== null && number !== undefined) made.dataset[name] = number;
+    }
+    return made;
+  }
+
+  function headOf(text, unit) {
+    if (!unit || unit === "1") return element("th", { scope: "col" }, text);
+    return element("th", { scope: "col", "data-unit": unit }, text, " ", element("small", {}, unit));
+  }
+
+  function table(head, lines, { fails = () => false, caption = "", units = [], values = [], hasTools = true } = {}) {
     const made = element("table");
     if (caption) made.append(element("caption", { class: "hidden" }, caption));
-    if (head.length) {
-      made.append(element("thead", {}, element("tr", {}, ...head.map((text) => element("th", { scope: "col" }, text)))));
-    }
-    const cell = (text, k) => (k ? element("td", { class: kindOf(text) }, text) : element("th", { scope: "row" }, text));
-    const line = (cells) => element("tr", fails(cells) ? { class: "fails" } : {}, ...cells.map(cell));
+    if (head.length) made.append(element("thead", {}, element("tr", {}, ...head.map((text, k) => headOf(text, units[k])))));
+    const line = (cells, at) => element(
+      "tr", fails(cells) ? { class: "fails" } : {}, ...cells.map((text, k) => cellOf(text, k, values[at]?.[k])),
+    );
     made.append(element("tbody", {}, ...lines.map(line)));
-    return element("div", { class: "scroll" }, made);
+    const place = element("div", {}, element("div", { class: "scroll" }, made));
+    if (head.length && hasTools) addTableTools(made, `${view.dataset.name} ${caption}`);
+    return place;
   }
 
   // --- the packed trials: the format is described in page.py (packed_table)
@@ -232,7 +239,7 @@
   // cause, size and remedy as sentences; columns, values and limits behind a fold
   function doubtList(doubts) {
     return element("ul", { class: "doubts" }, ...doubts.map((doubt) => {
-      const numbers = table(["number", "value", "beyond", "what it is"], doubt.numbers, { caption: "Limits" });
+      const numbers = table(["number", "value", "beyond", "what it is"], doubt.numbers, { caption: "limits", hasTools: false });
       const about = doubt.of === "all" ? null : element("span", { class: "where" }, `At ${doubt.where}: `);
       const line = (name, text) => (text ? element("p", {}, element("b", {}, `${name}: `), sentence(text)) : null);
       return element(
@@ -275,20 +282,17 @@
     return element("section", {}, element("h2", {}, title), ...children);
   }
 
-  function folded(title, ...children) {
-    return element("details", {}, element("summary", {}, title), ...children);
-  }
-
   function estimates(content) {
     if (!content.estimates) return section("Estimates", element("p", {}, "This trial has no fit of its own."));
-    const { columns, rows: lines } = content.estimates;
-    const head = columns.map(({ name, unit }) => (unit && unit !== "1" ? `${name} [${unit}]` : name));
+    const { columns, rows: lines, values } = content.estimates;
+    const head = columns.map(({ name }) => name);
+    const units = columns.map(({ unit }) => unit);
     const explained = columns.filter(({ name, meaning }) => meaning && /^I$|viscous$|^[fT]_C$/.test(name));
     return section(
       "Estimates with 95 % intervals",
-      table(head, lines, { caption: `Estimates of ${content.name}` }),
+      table(head, lines, { caption: "estimates", units, values }),
       element("p", { class: "note" }, explained.map(({ name, meaning }) => `${name}: ${sentence(meaning)}`).join(" ")),
-      folded(`Every column of its row in tables/${content.table}.csv`, table(["column", "value", "unit", "meaning"], content.columns, { caption: "Columns" })),
+      folded(`Every column of its row in tables/${content.table}.csv`, table(["column", "value", "unit", "meaning"], content.columns, { caption: `row of ${content.table}`, values: content.column_values })),
     );
   }
 
@@ -297,7 +301,7 @@
     const failed = content.quality.filter((cells) => cells[4] !== "pass").length;
     return section("Quality", folded(`Checks of its recording (${content.quality.length}, ${failed} not passed)`, table(
       ["check", "what its value is", "value", "threshold", "verdict", "remark"], content.quality,
-      { fails: (cells) => cells[4] !== "pass", caption: "Checks of quality control" },
+      { fails: (cells) => cells[4] !== "pass", caption: "quality" },
     )));
   }
 
@@ -305,15 +309,15 @@
     const { files, signals, facts } = content.provenance;
     return section(
       "Provenance",
-      files.length ? table(["role", "file", "bytes", "SHA-256", "source file"], files, { caption: "Files" }) : element("p", {}, "It was not ingested."),
-      signals.length ? folded("Signals: which channel became which", table(["signal", "file", "channel and conversion"], signals, { caption: "Signals" })) : null,
-      facts.length ? folded("Clocks, stamps, decoding, software", table(["fact", "value"], facts, { caption: "Clocks, stamps, decoding, software" })) : null,
-      content.time_base.length ? folded("Time base of the fit", table([], content.time_base, { caption: "Time base of the fit" })) : null,
+      files.length ? table(["role", "file", "bytes", "SHA-256", "source file"], files, { caption: "files" }) : element("p", {}, "It was not ingested."),
+      signals.length ? folded("Signals: which channel became which", table(["signal", "file", "channel and conversion"], signals, { caption: "signals" })) : null,
+      facts.length ? folded("Clocks, stamps, decoding, software", table(["fact", "value"], facts, { caption: "facts" })) : null,
+      content.time_base.length ? folded("Time base of the fit", table([], content.time_base, { caption: "time base" })) : null,
     );
   }
 
   function steps(name) {
-    const shown = rows.filter((row) => !row.hidden).map((row) => row.dataset.name);
+    const shown = trialRows().filter((row) => !row.hidden).map((row) => row.dataset.name);
     const at = shown.indexOf(name);
     const link = (other, text, rel) => (other === undefined ? null : element("a", { href: `#trial=${encodeURIComponent(other)}`, rel }, text));
     return element(
@@ -369,7 +373,7 @@
     document.title = title;
     if (from && left && (place === "overview" || place === left.place)) window.scrollTo(0, left.scroll);
     else document.getElementById(place === "overview" ? "trials" : place)?.scrollIntoView();
-    if (from) rows.find((row) => row.dataset.name === from)?.querySelector("a").focus({ preventScroll: true });
+    if (from) trialRows().find((row) => row.dataset.name === from)?.querySelector("a").focus({ preventScroll: true });
     lastPlace = place;
   }
 
@@ -404,6 +408,7 @@
 
   function filter() {
     const words = search.value.toLowerCase().split(/\s+/).filter(Boolean);
+    const rows = trialRows();
     let shown = 0;
     for (const row of rows) {
       const text = row.textContent.toLowerCase();
@@ -414,28 +419,6 @@
     document.getElementById("shown").textContent = `${shown} of ${rows.length} trials`;
   }
 
-  function sortBy(button) {
-    const head = button.closest("th");
-    const column = head.cellIndex;
-    const descending = head.getAttribute("aria-sort") === "ascending";
-    for (const other of document.querySelectorAll("#table th[aria-sort]")) other.setAttribute("aria-sort", "none");
-    head.setAttribute("aria-sort", descending ? "descending" : "ascending");
-    const value = (row) => {
-      const cell = row.cells[column];
-      if (cell.dataset.sort === undefined) return cell.textContent.trim();
-      return cell.dataset.sort === "" ? null : Number(cell.dataset.sort);
-    };
-    const missing = (x) => x === null || x === "";
-    rows.sort((a, b) => {
-      const [x, y] = [value(a), value(b)];
-      if (missing(x) || missing(y)) return missing(x) - missing(y);
-      const order = typeof x === "number" ? x - y : x.localeCompare(y, "en", { numeric: true });
-      return descending ? -order : order;
-    });
-    body.append(...rows);
-  }
-
-  for (const button of document.querySelectorAll("#table th button")) button.addEventListener("click", () => sortBy(button));
   for (const select of selects) select.addEventListener("change", filter);
   search.addEventListener("input", filter);
   document.getElementById("filters").addEventListener("reset", () => setTimeout(filter));
@@ -464,6 +447,8 @@
       setTimeout(() => { button.textContent = label; }, 3000);
     });
   }
+
+  for (const one of document.querySelectorAll("#overview table[data-csv]")) addTableTools(one, one.dataset.csv);
 
   // --- colours and keys
 

@@ -392,6 +392,86 @@ def test_the_numbers_and_signals_of_a_trial_are_those_of_the_results(page, resul
     )
 
 
+POINT_AT = """
+const [box, share] = arguments, { left, top, width, height } = box.getBoundingClientRect();
+const at = { clientX: left + share * width, clientY: top + height / 2 };
+box.dispatchEvent(new PointerEvent("pointermove", at));
+return box.querySelector(".reading").innerText.split("\\n");
+"""
+
+
+def numbers_in(text):
+    return [float(one) for one in re.findall(r"-?\d+\.?\d*(?:e-?\d+)?", text.replace("−", "-"))]
+
+
+def test_pointing_at_a_signal_shows_its_sample_with_units(page, results):
+    name = "impedance_K300_B5.0_compensated"
+    series = read_table(results / f"fits/impedance/{name}.zip", of="series")
+    open_trial(page, name)
+    torque = page.find_element(By.CSS_SELECTOR, "#trial .readable")
+
+    place, measured, *_ = page.execute_script(POINT_AT, torque, 0.6)
+
+    assert re.fullmatch(r"Time \S+ s", place)
+    assert re.fullmatch(r"measured: \S+ N·m", measured)
+    (time,), (value,) = numbers_in(place), numbers_in(measured)
+    near = series.filter((pl.col("time") - time).abs() < 0.06)["torque"]
+    assert near.min() - 1e-3 <= value <= near.max() + 1e-3
+
+
+def test_a_point_is_read_with_its_interval_and_a_loop_with_its_time(page, results):
+    name = "impedance_K300_B5.0_compensated"
+    phasors = read_table(results / "tables/phasors.csv").filter(pl.col("trial") == name)
+    open_trial(page, name)
+    loop, magnitude = page.find_elements(By.CSS_SELECTOR, "#trial .pairs .readable")[:2]
+    page.execute_script("arguments[0].focus()", magnitude)
+
+    in_loop = page.execute_script(POINT_AT, loop, 0.5)
+    magnitude.send_keys(Keys.HOME)
+    at_point = magnitude.find_element(By.CSS_SELECTOR, ".reading").text.split("\n")
+
+    assert re.fullmatch(r"Joint angle \S+ deg, at \S+ s", in_loop[0])
+    frequency = numbers_in(at_point[0])[0]
+    assert frequency == pytest.approx(phasors["frequency_hz"].min(), rel=2e-3)
+    for row in phasors.filter(pl.col("frequency_hz") == phasors["frequency_hz"].min()).to_dicts():
+        (said,) = [text for text in at_point if text.startswith(f"{row['amplitude_deg']:g} deg: ")]
+        assert said.endswith("] rad/(N·m)")
+        shown = numbers_in(said.partition(": ")[2])
+        true = [row[f"Y_magnitude{end}"] for end in ("", "_low", "_high")]
+        assert shown == pytest.approx(true, rel=2e-3)
+
+
+def test_a_point_of_a_figure_says_the_numbers_of_its_trial(page):
+    say = """
+    const link = document.querySelector("#figure-fig5 a");
+    link.firstElementChild.dispatchEvent(new MouseEvent("mouseover", { bubbles: true }));
+    return link.querySelector("title").textContent.split("\\n");
+    """
+
+    name, *numbers = page.execute_script(say)
+
+    row = page.find_element(By.CSS_SELECTOR, f'#table tr[data-name="{name}"]')
+    value = row.find_element(By.CSS_SELECTOR, '[data-of="K"]').get_attribute("textContent")
+    assert f"K {value} N·m/rad" in numbers
+
+
+def test_the_arrow_keys_step_through_a_signal_and_do_not_leave_the_trial(page):
+    name = "impedance_K300_B5.0_compensated"
+    open_trial(page, name)
+    torque = page.find_element(By.CSS_SELECTOR, "#trial .readable")
+    page.execute_script("arguments[0].focus()", torque)
+    reading = torque.find_element(By.CSS_SELECTOR, ".reading")
+
+    times = []
+    for key in (Keys.HOME, Keys.ARROW_RIGHT, Keys.END, Keys.ARROW_LEFT):
+        torque.send_keys(key)
+        times += numbers_in(reading.text.split("\n")[0])
+
+    first, second, last, before_last = times
+    assert first < second < before_last < last
+    assert page.find_element(By.ID, "trial").get_attribute("data-name") == name
+
+
 def test_a_deep_link_opens_its_trial_and_an_unknown_one_says_so(page, results):
     open_page(page, "about:blank")
     open_page(page, f"{(results / 'report.html').as_uri()}#trial=walking_01")

@@ -184,7 +184,7 @@
       button("‹", "Earlier", (start, width) => [start - width / 2, start + width / 2]),
       button("›", "Later", (start, width) => [start + width / 2, start + (3 * width) / 2]),
       button("Whole", "Show all", () => whole),
-      element("span", { class: "note" }, "Or drag in a panel: all panels over time follow."),
+      element("span", { class: "note" }, "Or drag in a panel: all panels over time follow. Point at a panel, tap it, or step through it with the arrow keys: values stand there."),
     );
   }
 
@@ -196,7 +196,7 @@
     drawn = null;
   }
 
-  async function drawPlots(place, content, columns) {
+  async function drawPlots(plots, content, columns) {
     forgetPlots();
     const ranges = {};
     const sources = {};
@@ -205,18 +205,21 @@
       const plot = drawPanel(panel, sources, ranges);
       const keys = panel.drawn.map((line) => element("span", {}, key(line), line.name));
       const box = element("div", { role: "img", "aria-label": described(panel, columns) });
+      const place = element("div", { class: "readable", role: "group", tabindex: 0, "aria-label": `Values of ${panel.title}, by the arrow keys` }, box);
       const title = element("h3", {}, panel.title, element("span", { class: "legend" }, ...keys));
-      return { panel, plot, box, frame: element("div", { class: "plot" }, title, box) };
+      return { panel, plot, box, place, columns, frame: element("div", { class: "plot" }, title, place) };
     });
     const over = frames.filter(({ panel }) => panel.linked && !panel.log_x).map(({ frame }) => frame);
     const beside = frames.filter(({ panel }) => !panel.linked || panel.log_x).map(({ frame }) => frame);
-    place.replaceChildren(
+    plots.replaceChildren(
       ...[zoomButtons(ranges), element("div", { class: "plots" }, ...over), element("div", { class: "pairs" }, ...beside)]
         .filter((child) => child !== null),
     );
     const sheet = new Bokeh.Document();
     for (const { plot } of frames) sheet.add_root(plot);
-    drawn = { sheet, frames, views: await Bokeh.embed.add_document_standalone(sheet, place, frames.map(({ box }) => box)) };
+    const views = await Bokeh.embed.add_document_standalone(sheet, plots, frames.map(({ box }) => box));
+    drawn = { sheet, frames, views };
+    for (const frame of frames) frame.readings = new PlotReadings(frame, views.get(frame.plot));
   }
 
   // on paper a plot is a picture of what the screen shows, as wide as the page
@@ -399,6 +402,24 @@
     const row = target.parentElement;
     const cause = row.className === "whole" ? "" : `, ${row.cells[0].textContent}`;
     target.title = `${trialOf(target)}${cause}: ${target.className.replaceAll("-", " ")}`;
+  });
+
+  // --- the figures: a point of a trial says what the table of trials says of it
+
+  function trialText(name) {
+    const row = trialRows().find((one) => one.dataset.name === name);
+    const numbers = [...(row?.querySelectorAll("td.number") ?? [])].filter((cell) => cell.dataset.value);
+    const units = [...document.querySelectorAll("#table th")].map((head) => head.dataset.unit ?? "");
+    const said = numbers.map((cell) => `${cell.title || cell.dataset.of} ${shownText(cell)} ${units[cell.cellIndex]}`);
+    return [name, ...said].join("\n");
+  }
+
+  overview.addEventListener("mouseover", ({ target }) => {
+    const title = target.closest(".paper a")?.querySelector("title");
+    if (title && !title.dataset.hasNumbers) {
+      title.textContent = trialText(title.textContent);
+      title.dataset.hasNumbers = "yes";
+    }
   });
 
   // --- the table of trials

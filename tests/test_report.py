@@ -36,6 +36,7 @@ from osl_analysis.campaign.origin import ABOUT_MEANING, sentence
 from osl_analysis.cli import main
 from osl_analysis.commands import report
 from osl_analysis.dictionary import described_tables_by_name
+from osl_analysis.figures import FIGURES
 from osl_analysis.judge.campaign import QUALITY, campaign_findings, entries
 from osl_analysis.judge.finding import Beyond, Finding, Grade, findings_frame
 from osl_analysis.judge.limits import DoubtfulFits
@@ -948,6 +949,7 @@ def test_a_claim_stands_with_its_limit_and_a_long_caption_is_folded_behind_two_s
     }
     own = {**number, "claim": "of a trial", "subject": "t"}
     figure = {"name": "fig5", "title": "Fig. 5", "drawing": ""}
+    figure |= {"reading": "Good: on it. Bad: <beside> it."}
     figure |= {"caption": Markup("By Eq. 15 this. That. " + 99 * "Long. ")}
     found = page.overview([trial()], {}, [figure], ABOUT)
     content = {
@@ -967,9 +969,18 @@ def test_a_claim_stands_with_its_limit_and_a_long_caption_is_folded_behind_two_s
     assert re.search(
         r"It is negligible \(knee\) ?x/y 6.50 %.{,40} ?below 10 % ?holds ?Z is 9", said
     )
-    assert "By Eq. 15 this. That. How to read it, and its numbersLong. Long." in said.replace(
-        "\xa0", " "
-    )
+    said = said.replace("\xa0", " ")
+    assert "By Eq. 15 this. That. More about it, and its numbersLong. Long." in said
+    assert "How to read this, good and badGood: on it. Bad: <beside> it." in said
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_every_figure_says_in_two_or_three_sentences_how_to_read_it(name):
+    reading = FIGURES[name].reading
+
+    assert re.search(r"\. Good: .+\. Bad: ", reading)
+    assert reading.endswith(".")
+    assert len(reading.split()) <= 75
 
 
 def test_a_cell_has_its_number_in_full_whatever_it_shows():

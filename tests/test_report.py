@@ -407,6 +407,19 @@ def test_the_page_begins_with_what_was_done_its_verdict_and_the_figure_that_matt
     assert said in walking["state"]
 
 
+def test_findings_stand_by_what_they_change_the_largest_first_and_those_of_no_size_last():
+    line = FINDING | {"says": "", "size": "", "remedy": "", "trials": []}
+    sizes = [{}, {"B_size": 3.0}, {"K_size": 2.0}, {"K_size": -10.0, "I_size": None}]
+    findings = [line | size | {"cause": str(k)} for k, size in enumerate(sizes)]
+
+    found = page.overview([trial()], {"findings": findings}, [], ABOUT)["findings"]
+
+    assert [one["cause"] for one in found] == ["3", "2", "1", "0"]
+    assert [one["changes"] for one in found] == [
+        "up to: K by 10 N*m/rad", "up to: K by 2 N*m/rad", "up to: B by 3 N*m*s/rad", "",
+    ]  # fmt: skip
+
+
 def test_the_map_has_a_row_for_each_cause_that_a_trial_does_not_pass():
     gap = doubt("gap in the recording", "gap", 0.2, 0.05, QUALITY)
     note = Finding("impedance", "t", "I is certainly negative", Grade.NOTES)

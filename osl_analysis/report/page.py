@@ -388,6 +388,22 @@ def claims_said(claims: pl.DataFrame) -> list[dict[str, Any]]:
     return found
 
 
+RESULT_UNITS = {"K": "N*m/rad", "B": "N*m*s/rad", "I": "kg*m^2"}
+
+
+def size_in_results(finding: Mapping[str, Any]) -> tuple[float, ...]:
+    """By how much a finding changes K, B and I at worst, in their units; 0 where that is unknown.
+    Findings are compared by K first, then by B, then by I."""
+    return tuple(abs(finding.get(f"{symbol}_size") or 0.0) for symbol in RESULT_UNITS)
+
+
+def size_text(finding: Mapping[str, Any]) -> str:
+    """`size_in_results` for a reader; empty if nothing is known of it."""
+    sizes = zip(RESULT_UNITS.items(), size_in_results(finding), strict=True)
+    parts = [f"{symbol} by {size:.2g} {unit}" for (symbol, unit), size in sizes if size]
+    return f"up to: {', '.join(parts)}" if parts else ""
+
+
 def overview(
     trials: Sequence[ReportedTrial],
     summary: Mapping[str, Any],
@@ -414,6 +430,7 @@ def overview(
             (name, sizes.get((one["cause"], name), "")) for name in one["trials"] if name in known
         ]
 
+    largest_first = sorted(told, key=size_in_results, reverse=True)
     return {
         "joints": joints_of(trials),
         "done": what_was_done(trials, about),
@@ -421,7 +438,9 @@ def overview(
         "map": check_map(trials, told),
         "answers": first_sentences(numbers),
         "numbers": [{**one, **number_texts(one)} for one in numbers],
-        "findings": [{**one, "named": named(one)} for one in told],
+        "findings": [
+            {**one, "named": named(one), "changes": size_text(one)} for one in largest_first
+        ],
         "first": [one for one in figures if one["name"] == first],
         "figures": [one for one in figures if one["name"] != first],
     }

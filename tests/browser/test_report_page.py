@@ -303,6 +303,54 @@ def test_a_column_is_hidden_by_its_check_box(page):
     assert condition.is_displayed()
 
 
+SMALLEST_ON_PAPER_PT = 8
+SMALL_TEXTS = """
+const small = [];
+for (const one of document.querySelectorAll("#overview *, header *")) {
+  const hasText = [...one.childNodes].some((node) => node.nodeType === 3 && node.data.trim());
+  const isShown = one.checkVisibility() && one.getBoundingClientRect().width;
+  if (!hasText || !isShown || one.closest("svg") || one.tagName === "OPTION") continue;
+  const size_pt = 0.75 * parseFloat(getComputedStyle(one).fontSize);
+  if (size_pt < arguments[0]) small.push([one.textContent.trim().slice(0, 30), size_pt]);
+}
+return small;
+"""
+FIGURE_SCALES = """
+const figures = [...document.querySelectorAll("figure svg")];
+const scale = (svg) => 0.75 * svg.getBoundingClientRect().width / svg.viewBox.baseVal.width;
+return figures.map(scale);
+"""
+
+
+def screen(page, width, height):
+    size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 500}
+    page.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+
+
+def test_on_paper_no_text_is_smaller_than_eight_points_and_no_figure_than_its_own_size(page):
+    screen(page, 703, 1000)  # A4 less its margins
+    page.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print", "features": []})
+
+    small = page.execute_script(SMALL_TEXTS, SMALLEST_ON_PAPER_PT - 0.01)
+    scales = page.execute_script(FIGURE_SCALES)
+
+    page.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "", "features": []})
+    assert small == []
+    assert min(scales) >= 1, "a figure is drawn for its own size, with text of 8 pt"
+
+
+def test_the_header_leaves_a_phone_its_screen(page):
+    screen(page, 360, 740)
+
+    header = page.find_element(By.TAG_NAME, "header")
+    height = header.size["height"]
+    page.execute_script("window.scrollTo(0, 2000)")
+    bottom = page.execute_script("return arguments[0].getBoundingClientRect().bottom", header)
+
+    assert height <= 48
+    assert bottom <= 48
+
+
 def test_on_paper_the_table_of_trials_names_the_causes_of_doubt(page):
     page.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print", "features": []})
     doubted = [

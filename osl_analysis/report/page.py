@@ -49,7 +49,7 @@ FIRST_FIGURES = ("fig5", "walking_page", "torque_angle", "response", "fig3")
 """The first of these figures that the campaign has is on the first screen; Fig. 5 only if an
 impedance was desired."""
 
-SCRIPTS = ("elements.js", "tables.js", "readings.js", "report.js")
+SCRIPTS = ("elements.js", "tables.js", "readings.js", "loops.js", "report.js")
 """The page's own scripts, in the order in which they are one."""
 
 

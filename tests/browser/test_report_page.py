@@ -5,6 +5,7 @@ import os
 import re
 import shutil
 
+import numpy as np
 import polars as pl
 import pytest
 from selenium import webdriver
@@ -12,7 +13,7 @@ from selenium.common.exceptions import StaleElementReferenceException
 from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
-from selenium.webdriver.support.ui import WebDriverWait
+from selenium.webdriver.support.ui import Select, WebDriverWait
 from test_workflow import Workspace
 
 from osl_analysis.report.trial_page import VERDICTS
@@ -518,6 +519,37 @@ def test_the_arrow_keys_step_through_a_signal_and_do_not_leave_the_trial(page):
     first, second, last, before_last = times
     assert first < second < before_last < last
     assert page.find_element(By.ID, "trial").get_attribute("data-name") == name
+
+
+DRAWN_SAMPLES = """
+const loop = Bokeh.documents[0].roots().find((plot) => plot.height === 420);
+const source = loop.renderers[0].data_source;
+const chosen = [];
+source.data.torque.forEach((torque, k) => { if (!Number.isNaN(torque)) chosen.push(k); });
+return chosen;
+"""
+
+
+def test_the_loop_of_one_frequency_and_amplitude_is_drawn_alone(page, results):
+    name = "impedance_K300_B5.0_compensated"
+    series = read_table(results / f"fits/impedance/{name}.zip", of="series")
+    phasors = read_table(results / "tables/phasors.csv").filter(pl.col("trial") == name)
+    step = phasors.sort("amplitude_deg", "frequency_hz").row(-1, named=True)
+    open_trial(page, name)
+    amplitude, frequency = page.find_elements(By.CSS_SELECTOR, "#trial .loop-choice select")
+    before = len(page.execute_script(DRAWN_SAMPLES))
+
+    Select(amplitude).select_by_visible_text(f"{step['amplitude_deg']:g} deg")
+    Select(frequency).select_by_visible_text(f"{step['frequency_hz']:.3g} Hz")
+
+    chosen = page.execute_script(DRAWN_SAMPLES)
+    assert 0 < len(chosen) < before / 2
+    angle = series["theta_deg"].to_numpy()[chosen]
+    time = series["time"].to_numpy()[chosen]
+    assert np.abs(angle).max() == pytest.approx(step["amplitude_deg"], rel=0.15)
+    crossings_of_zero = np.count_nonzero(np.diff(np.sign(angle)))
+    crossings_in_step = 2 * step["frequency_hz"] * (time[-1] - time[0])
+    assert crossings_of_zero == pytest.approx(crossings_in_step, rel=0.15)
 
 
 def test_a_deep_link_opens_its_trial_and_an_unknown_one_says_so(page, results):

@@ -68,16 +68,23 @@ function readingLines(panel, readings, columns) {
 class PlotReadings {
   constructor({ panel, place, columns }, plotView) {
     Object.assign(this, { panel, place, columns, plotView });
-    this.byLine = panel.drawn.map((line) => readingsOf(line, columns));
     this.label = element("output", { class: "reading", "aria-live": "polite" });
     this.marks = element("div", { class: "marks", "aria-hidden": "true" });
     place.append(this.marks, this.label);
+    this.readAgain(() => true);
     place.addEventListener("pointermove", (event) => this.readPointer(event));
     place.addEventListener("pointerdown", (event) => this.readPointer(event));
     place.addEventListener("pointerleave", () => this.hide());
     place.addEventListener("focus", () => place.matches(":focus-visible") && this.step(0));
     place.addEventListener("blur", () => this.hide());
     place.addEventListener("keydown", (event) => this.readKey(event));
+  }
+
+  // of the samples k for which isShown(k)
+  readAgain(isShown) {
+    this.hide();
+    this.chosen = null;
+    this.byLine = this.panel.drawn.map((line) => readingsOf(line, this.columns).filter(({ k }) => isShown(k)));
   }
 
   // pixels in the element, of values

@@ -110,14 +110,28 @@
     plot.toolbar.logo = null;
   }
 
-  // the columns of a line; where it has `where`, only the samples that have a value there
-  function masked(source, line) {
-    if (!line.where) return source;
-    const { [line.x]: x, [line.y]: y, [line.where]: known } = source.data;
-    return new Bokeh.ColumnDataSource({ data: { [line.x]: x, [line.y]: y.map((value, k) => (Number.isNaN(known[k]) ? NaN : value)) } });
+  // the columns of a line, with the samples k for which isShown(k), and where it has `where`, a value there
+  function shownColumns(columns, line, isShown = () => true) {
+    const { [line.x]: x, [line.y]: y, [line.where]: known } = columns[line.table];
+    const isDrawn = (k) => isShown(k) && !(known && Number.isNaN(known[k]));
+    return { [line.x]: x, [line.y]: y.map((value, k) => (isDrawn(k) ? value : NaN)) };
   }
 
-  function drawPanel(panel, sources, ranges) {
+  // a loop has columns of its own, of which a part can be chosen
+  function sourceOf(panel, line, sources, columns) {
+    if (!line.where && !panel.square) return sources[line.table];
+    return new Bokeh.ColumnDataSource({ data: shownColumns(columns, line) });
+  }
+
+  // draws of a loop only the samples k for which isShown(k), and shows all of them
+  function showPart({ panel, plot, columns, readings }, isShown) {
+    plot.renderers.forEach((renderer, i) => {
+      renderer.data_source.data = shownColumns(columns, panel.drawn[i], isShown);
+    });
+    readings.readAgain(isShown);
+  }
+
+  function drawPanel(panel, sources, ranges, columns) {
     const shared = panel.linked ? ranges[panel.linked] : undefined;
     const plot = Bokeh.Plotting.figure({
       height: panel.square ? 420 : 300,
@@ -134,7 +148,7 @@
     plot.toolbar.active_drag = plot.toolbar.tools.find((tool) => tool.type === "BoxZoomTool");
     if (panel.linked && !shared) ranges[panel.linked] = plot.x_range;
     for (const line of panel.drawn) {
-      const source = masked(sources[line.table], line);
+      const source = sourceOf(panel, line, sources, columns);
       const look = { source, color: colour(line.look) };
       if (line.kind === "range") {
         // both ends and what lies between: where every sample is drawn, the ends are one line
@@ -202,12 +216,15 @@
     const sources = {};
     for (const [name, data] of Object.entries(columns)) sources[name] = new Bokeh.ColumnDataSource({ data });
     const frames = content.panels.map((panel) => {
-      const plot = drawPanel(panel, sources, ranges);
+      const plot = drawPanel(panel, sources, ranges, columns);
       const keys = panel.drawn.map((line) => element("span", {}, key(line), line.name));
       const box = element("div", { role: "img", "aria-label": described(panel, columns) });
       const place = element("div", { class: "readable", role: "group", tabindex: 0, "aria-label": `Values of ${panel.title}, by the arrow keys` }, box);
       const title = element("h3", {}, panel.title, element("span", { class: "legend" }, ...keys));
-      return { panel, plot, box, place, columns, frame: element("div", { class: "plot" }, title, place) };
+      const shown = { panel, plot, box, place, columns };
+      const choice = panel.square ? loopChoice(columns, (isShown) => showPart(shown, isShown)) : null;
+      shown.frame = element("div", { class: "plot" }, title, choice, place);
+      return shown;
     });
     const over = frames.filter(({ panel }) => panel.linked && !panel.log_x).map(({ frame }) => frame);
     const beside = frames.filter(({ panel }) => !panel.linked || panel.log_x).map(({ frame }) => frame);

@@ -290,12 +290,21 @@ def test_sines_whose_torque_is_clipped_before_the_noise_are_doubted_for_it(share
 
 
 def test_a_lag_by_the_belt_makes_shares_of_b_and_i_if_it_is_certain():
+    """exp(-s d) (K + B s + I s^2) = K + (B - K d) s + (I - B d + K d^2/2) s^2 to second order."""
+    lag_s = -2e-3
     fit = {"K": 300.0, "B": 5.0, "I": 0.02}
-    row = lag_row(Fault(3e-4, 2e-4, False, 7e-4), fit)
-    assert row["certain_lag_damping"] == row["lag_share"] == row["lag_inertia_share"] == 0
-    found = lag_row(Fault(-2e-3, 1e-5, True, 2e-3), fit)
-    shares = found["lag_share"], found["lag_inertia_share"], found["certain_lag_damping"]
-    assert shares == pytest.approx((0.12, (5 - 0.6) * 2e-3 / np.hypot(0.02, 5e-3), 0.6))
+    B_without_lag = fit["B"] + fit["K"] * lag_s
+    change_of_I = -B_without_lag * lag_s + fit["K"] * lag_s**2 / 2
+
+    uncertain = lag_row(Fault(3e-4, 2e-4, False), fit)
+    certain = lag_row(Fault(lag_s, 1e-5, True), fit)
+
+    assert uncertain["certain_lag_damping"] == 0
+    assert uncertain["lag_share"] == uncertain["lag_inertia_share"] == 0
+    assert certain["certain_lag_damping"] == pytest.approx(0.6)
+    assert certain["lag_share"] == pytest.approx(0.6 / 5.0)
+    share_of_I = abs(change_of_I) / np.hypot(0.02, 5e-3)
+    assert certain["lag_inertia_share"] == pytest.approx(share_of_I)
 
 
 def test_whether_the_torque_is_late_is_said_in_the_rows_that_cannot_tell_and_in_no_other():

@@ -36,6 +36,7 @@ from osl_analysis.campaign.origin import ABOUT_MEANING, sentence
 from osl_analysis.cli import main
 from osl_analysis.commands import report
 from osl_analysis.dictionary import described_tables_by_name
+from osl_analysis.figures import FIGURES
 from osl_analysis.judge.campaign import QUALITY, campaign_findings, entries
 from osl_analysis.judge.finding import Beyond, Finding, Grade, findings_frame
 from osl_analysis.judge.limits import DoubtfulFits
@@ -353,7 +354,8 @@ def test_verdicts_and_counts_sorting_by_the_unrounded_value_and_conditions_that_
     *_, doubtful, flagged, _ = content["trials"]
     assert (flagged["causes"], doubtful["causes"]) == (["gap in the recording"], ["friction"])
     assert trials[1].doubts[0].numbers == [["gap", "0.095", "above 0.05", WORDS["checks"]["gap"]]]
-    number = {"sort": "299.5123", "text": "299.5", "interval": "[299.2, 299.8]", "column": "K"}
+    number = {"text": "299.5", "interval": "[299.2, 299.8]", "column": "K"}
+    number["full"] = [299.5123, 299.2, 299.8]
     assert (doubtful["numbers"][1], [one["name"] for one in content["left_out"]]) == (
         number,
         ["c", "d"],
@@ -403,6 +405,19 @@ def test_the_page_begins_with_what_was_done_its_verdict_and_the_figure_that_matt
         " more."
     )
     assert said in walking["state"]
+
+
+def test_findings_stand_by_what_they_change_the_largest_first_and_those_of_no_size_last():
+    line = FINDING | {"says": "", "size": "", "remedy": "", "trials": []}
+    sizes = [{}, {"B_size": 3.0}, {"K_size": 2.0}, {"K_size": -10.0, "I_size": None}]
+    findings = [line | size | {"cause": str(k)} for k, size in enumerate(sizes)]
+
+    found = page.overview([trial()], {"findings": findings}, [], ABOUT)["findings"]
+
+    assert [one["cause"] for one in found] == ["3", "2", "1", "0"]
+    assert [one["changes"] for one in found] == [
+        "up to: K by 10 N*m/rad", "up to: K by 2 N*m/rad", "up to: B by 3 N*m*s/rad", "",
+    ]  # fmt: skip
 
 
 def test_the_map_has_a_row_for_each_cause_that_a_trial_does_not_pass():
@@ -947,6 +962,7 @@ def test_a_claim_stands_with_its_limit_and_a_long_caption_is_folded_behind_two_s
     }
     own = {**number, "claim": "of a trial", "subject": "t"}
     figure = {"name": "fig5", "title": "Fig. 5", "drawing": ""}
+    figure |= {"reading": "Good: on it. Bad: <beside> it."}
     figure |= {"caption": Markup("By Eq. 15 this. That. " + 99 * "Long. ")}
     found = page.overview([trial()], {}, [figure], ABOUT)
     content = {
@@ -966,9 +982,32 @@ def test_a_claim_stands_with_its_limit_and_a_long_caption_is_folded_behind_two_s
     assert re.search(
         r"It is negligible \(knee\) ?x/y 6.50 %.{,40} ?below 10 % ?holds ?Z is 9", said
     )
-    assert "By Eq. 15 this. That. How to read it, and its numbersLong. Long." in said.replace(
-        "\xa0", " "
-    )
+    said = said.replace("\xa0", " ")
+    assert "By Eq. 15 this. That. More about it, and its numbersLong. Long." in said
+    assert "How to read this, good and badGood: on it. Bad: <beside> it." in said
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_every_figure_says_in_two_or_three_sentences_how_to_read_it(name):
+    reading = FIGURES[name].reading
+
+    assert re.search(r"\. Good: .+\. Bad: ", reading)
+    assert reading.endswith(".")
+    assert len(reading.split()) <= 75
+
+
+def test_a_cell_has_its_number_in_full_whatever_it_shows():
+    shown = Page(page_of([trial()]))
+    content = trial_page.trial_content(trial())
+
+    (cell,) = [one for tag, one in shown.elements if tag == "td" and one.get("data-of") == "K"]
+    head = next(one for tag, one in shown.elements if tag == "th" and "N·m/rad" in one.values())
+
+    numbers = [cell[f"data-{name}"] for name in ("value", "low", "high")]
+    assert (numbers, head["data-unit"]) == (["299.5123", "299.2", "299.8"], "N·m/rad")
+    assert content["estimates"]["rows"][1][1] == "299.5 [299.2, 299.8]"
+    assert content["estimates"]["values"][1][1] == [299.5123, 299.2, 299.8]
+    assert content["column_values"][1] == [None, [299.5123]]
 
 
 def test_a_trial_is_left_out_by_what_became_of_it():

@@ -17,6 +17,7 @@ from osl_analysis.commands.tables import read_summary
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import described_tables
 from osl_analysis.errors import InputError, listing
+from osl_analysis.figures import FIGURES
 from osl_analysis.figures.names import figure_title
 from osl_analysis.files import atomic_path, write_text
 from osl_analysis.judge.campaign import Entry, entries
@@ -174,7 +175,8 @@ def drawn_figures(
             absent[title] = str(caption).removeprefix(UNDRAWN).strip()
             continue
         drawing = inline_svg(path.read_text(encoding="utf-8"), name, title)
-        drawn.append({"name": name, "title": title, "caption": caption, "drawing": drawing})
+        facts = {"name": name, "title": title, "caption": caption, "drawing": drawing}
+        drawn.append({**facts, "reading": FIGURES[name].reading})
     return drawn, absent
 
 

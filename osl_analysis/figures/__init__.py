@@ -24,6 +24,7 @@ class CampaignFigure:
 
     table: str
     module: str
+    reading: str
     option: str | None = None
     beside: Sequence[str] = ()
 

@@ -29,7 +29,13 @@ from osl_analysis.judge.finding import ESTIMATES, Grade
 from osl_analysis.judge.words import WORDS, printed, without_names
 from osl_analysis.report import TEMPLATES
 from osl_analysis.report.headlines import first_sentences, hold_bench_errors, number_texts
-from osl_analysis.report.trial_page import STATES, ReportedTrial, response_text, value_and_interval
+from osl_analysis.report.trial_page import (
+    STATES,
+    ReportedTrial,
+    full_numbers,
+    response_text,
+    value_and_interval,
+)
 from osl_analysis.stats.repeats import (
     DOUBTFUL,
     RULE_OF_MEANS,
@@ -43,6 +49,9 @@ FIRST_FIGURES = ("fig5", "walking_page", "torque_angle", "response", "fig3")
 """The first of these figures that the campaign has is on the first screen; Fig. 5 only if an
 impedance was desired."""
 
+SCRIPTS = ("elements.js", "tables.js", "readings.js", "loops.js", "report.js")
+"""The page's own scripts, in the order in which they are one."""
+
 
 def written_page(
     content: Mapping[str, Any],
@@ -54,9 +63,8 @@ def written_page(
     bokeh_js = "\n".join(
         Resources(mode="inline", log_level="warn", components=["bokeh", "bokeh-api"]).js_raw
     )
-    report_js, style = (
-        (TEMPLATES / f"report.{kind}").read_text(encoding="utf-8") for kind in ("js", "css")
-    )
+    report_js = "\n".join((TEMPLATES / name).read_text(encoding="utf-8") for name in SCRIPTS)
+    style = (TEMPLATES / "report.css").read_text(encoding="utf-8")
     hashes = (hashlib.sha256(script.encode()).digest() for script in (bokeh_js, report_js))
     scripts = " ".join(f"'sha256-{b64encode(digest).decode()}'" for digest in hashes)
 
@@ -196,7 +204,8 @@ def condition(
     doubts, without = doubts_said(about, table, row, len(trials)), len(rows) - len(used)
     left_out = f"{without} left out of the mean" * (without > 0)
     doubts["doubt"] = "; ".join(filter(None, [doubts["doubt"], left_out]))
-    return {"of": ", ".join(of) or "all", "trials": trials, **doubts, **cells}
+    full = {symbol: full_numbers(row, symbol) for symbol in shown}
+    return {"of": ", ".join(of) or "all", "trials": trials, **doubts, **cells, "full": full}
 
 
 def motion_said(row: Mapping[str, Any]) -> str:
@@ -235,7 +244,8 @@ def of_groups(
         said = of_each["doubt"] and f"of {len(crossings)} perturbations {of_each['doubt']}"
         about["doubt"] = "; ".join(filter(None, [about["doubt"], said]))
         cells = {symbol: value_and_interval(row, symbol) for symbol in ESTIMATES}
-        found.append({"of": of, "trials": [], **about, **cells})
+        full = {symbol: full_numbers(row, symbol) for symbol in ESTIMATES}
+        found.append({"of": of, "trials": [], **about, **cells, "full": full})
     return found
 
 
@@ -378,6 +388,22 @@ def claims_said(claims: pl.DataFrame) -> list[dict[str, Any]]:
     return found
 
 
+RESULT_UNITS = {"K": "N*m/rad", "B": "N*m*s/rad", "I": "kg*m^2"}
+
+
+def size_in_results(finding: Mapping[str, Any]) -> tuple[float, ...]:
+    """By how much a finding changes K, B and I at worst, in their units; 0 where that is unknown.
+    Findings are compared by K first, then by B, then by I."""
+    return tuple(abs(finding.get(f"{symbol}_size") or 0.0) for symbol in RESULT_UNITS)
+
+
+def size_text(finding: Mapping[str, Any]) -> str:
+    """`size_in_results` for a reader; empty if nothing is known of it."""
+    sizes = zip(RESULT_UNITS.items(), size_in_results(finding), strict=True)
+    parts = [f"{symbol} by {size:.2g} {unit}" for (symbol, unit), size in sizes if size]
+    return f"up to: {', '.join(parts)}" if parts else ""
+
+
 def overview(
     trials: Sequence[ReportedTrial],
     summary: Mapping[str, Any],
@@ -404,6 +430,7 @@ def overview(
             (name, sizes.get((one["cause"], name), "")) for name in one["trials"] if name in known
         ]
 
+    largest_first = sorted(told, key=size_in_results, reverse=True)
     return {
         "joints": joints_of(trials),
         "done": what_was_done(trials, about),
@@ -411,7 +438,9 @@ def overview(
         "map": check_map(trials, told),
         "answers": first_sentences(numbers),
         "numbers": [{**one, **number_texts(one)} for one in numbers],
-        "findings": [{**one, "named": named(one)} for one in told],
+        "findings": [
+            {**one, "named": named(one), "changes": size_text(one)} for one in largest_first
+        ],
         "first": [one for one in figures if one["name"] == first],
         "figures": [one for one in figures if one["name"] != first],
     }

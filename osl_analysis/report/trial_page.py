@@ -279,9 +279,11 @@ def trial_content(trial: ReportedTrial) -> dict[str, Any]:
     name = next(iter(tables), "")
     fit_to_all = tables[name].row(-1, named=True) if tables else {}
     columns = []
+    column_values = []
     for column, value in fit_to_all.items():
         if value not in (None, ""):
             columns.append([column, cell_text(value), *unit_and_meaning(column, name).values()])
+            column_values.append([None, full_numbers(fit_to_all, column)[:1]])
     not_checked = []
     for entry in trial.unchecked:
         words = Words(entry["says"] or "", "", entry["remedy"] or "")
@@ -299,6 +301,7 @@ def trial_content(trial: ReportedTrial) -> dict[str, Any]:
         "table": name,
         "estimates": estimate_rows(tables[name], name) if tables else None,
         "columns": columns,
+        "column_values": column_values,
         "quality": quality_rows(trial.quality) if trial.quality is not None else [],
         "time_base": time_base_rows(trial.tables.get("timebase", pl.DataFrame())),
         "provenance": provenance_content(trial.provenance),
@@ -369,9 +372,19 @@ def value_and_interval(row: Mapping[str, Any], column: str) -> tuple[str, str]:
     return printed(fixed(value, places.value)), printed(interval)
 
 
+def full_numbers(row: Mapping[str, Any], column: str) -> list[float | None]:
+    """A value and the ends of its interval in full precision; None where one is missing."""
+    numbers: list[float | None] = []
+    for name in (column, f"{column}_low", f"{column}_high"):
+        value = row.get(name)
+        is_number = isinstance(value, int | float) and math.isfinite(value)
+        numbers.append(value if is_number else None)
+    return numbers
+
+
 def estimate_rows(table: pl.DataFrame, of: str) -> dict[str, Any]:
     """The estimates of one trial from the table named `of`: `columns` with unit and meaning, and
-    texts per fit."""
+    per fit texts (`rows`) and the numbers behind them (`values`)."""
     present = set(table.columns)
     estimates = []
     for name in table.columns:
@@ -382,17 +395,22 @@ def estimate_rows(table: pl.DataFrame, of: str) -> dict[str, Any]:
             estimates.append(name)
     has_amplitudes = "amplitude_deg" in present
     rows = []
+    values = []
     for row in table.iter_rows(named=True):
         cells = []
+        numbers: list[list[float | None] | None] = []
         if has_amplitudes:
             amplitude = row["amplitude_deg"]
             cells.append("all" if amplitude is None else f"{amplitude:g}")
+            numbers.append(None)
         for name in estimates:
             cells.append(" ".join(value_and_interval(row, name)).strip())
+            numbers.append(full_numbers(row, name))
         rows.append(cells)
+        values.append(numbers)
     names = ["amplitude_deg", *estimates] if has_amplitudes else estimates
     columns = [{"name": name, **unit_and_meaning(name, of)} for name in names]
-    return {"columns": columns, "rows": rows}
+    return {"columns": columns, "rows": rows, "values": values}
 
 
 USUAL_CONVERSION = {"sign": 1, "scale": 1, "offset": 0}  # is not told
@@ -691,12 +709,11 @@ def trial_row(trial: ReportedTrial, differing: Collection[str]) -> dict[str, Any
     fit_to_all = trial.main.row(-1, named=True) if len(trial.main) else {}
     numbers = []
     for column in ("VAF", *EXPERIMENTS[trial.row["experiment"]].impedance):
-        value = fit_to_all.get(column)
-        sort_key, text, interval = "", NO_VALUE, ""
-        if isinstance(value, int | float) and math.isfinite(value):
-            sort_key = repr(value)
+        full = full_numbers(fit_to_all, column)
+        text, interval = NO_VALUE, ""
+        if full[0] is not None:
             text, interval = value_and_interval(fit_to_all, column)
-        numbers.append({"column": column, "sort": sort_key, "text": text, "interval": interval})
+        numbers.append({"column": column, "full": full, "text": text, "interval": interval})
     # the text of the last row, which is of all of the trial, and where
     text_of: dict[str, str] = {}
     places_of: dict[str, list[str]] = {}

@@ -5,13 +5,15 @@ import os
 import re
 import shutil
 
+import numpy as np
 import polars as pl
 import pytest
 from selenium import webdriver
 from selenium.common.exceptions import StaleElementReferenceException
 from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.common.by import By
-from selenium.webdriver.support.ui import WebDriverWait
+from selenium.webdriver.common.keys import Keys
+from selenium.webdriver.support.ui import Select, WebDriverWait
 from test_workflow import Workspace
 
 from osl_analysis.report.trial_page import VERDICTS
@@ -196,9 +198,9 @@ def test_it_sorts_by_numbers_both_ways_with_missing_ones_last(page):
     def column():
         cells = page.find_elements(By.CSS_SELECTOR, "#table tbody td:nth-child(7)")
         return [
-            float(cell.get_attribute("data-sort"))
+            float(cell.get_attribute("data-value"))
             for cell in cells
-            if cell.get_attribute("data-sort")
+            if cell.get_attribute("data-value")
         ]
 
     before = column()
@@ -216,6 +218,138 @@ def test_it_sorts_by_numbers_both_ways_with_missing_ones_last(page):
         .text
         == "–"
     )
+
+
+MADE_TABLE = """
+const row = (tag, ...cells) => element("tr", {}, ...cells.map((text) => element(tag, {}, text)));
+const texts = ["10", "9", "–", "−3.5", "1.5·10⁻⁵", "x", 'x, "y"', "", "0.2", "0.15"];
+const made = element(
+  "table", { id: "made" }, element("thead", {}, row("th", "name", "K")),
+  element("tbody", {}, ...texts.map((text) => row("td", `of ${text}`, text))),
+);
+made.tHead.rows[0].cells[1].dataset.unit = "N·m/rad";
+document.getElementById("summary").append(element("div", { class: "scroll" }, made));
+addTableTools(made, "made");
+"""
+
+
+def column_of(page, table, column):
+    """The texts of a column, from above."""
+    cells = page.find_elements(By.CSS_SELECTOR, f"{table} tbody tr > :nth-child({column})")
+    return [cell.get_attribute("textContent") for cell in cells]
+
+
+def test_a_table_is_sorted_by_numbers_as_numbers_from_the_keyboard_with_empty_cells_last(page):
+    page.execute_script(MADE_TABLE)
+    head = page.find_element(By.CSS_SELECTOR, "#made th:nth-child(2)")
+    button = head.find_element(By.TAG_NAME, "button")
+
+    button.send_keys(Keys.ENTER)
+    upwards = column_of(page, "#made", 2)
+    state = head.get_attribute("aria-sort")
+    button.send_keys(Keys.SPACE)
+    downwards = column_of(page, "#made", 2)
+
+    numbers, texts = ["−3.5", "1.5·10⁻⁵", "0.15", "0.2", "9", "10"], ["x", 'x, "y"']
+    assert upwards == [*numbers, *texts, "–", ""]
+    assert downwards == [*texts[::-1], *numbers[::-1], "–", ""]
+    assert (state, head.get_attribute("aria-sort")) == ("ascending", "descending")
+
+
+def test_the_csv_of_a_table_has_its_shown_columns_with_units_and_quotes(page):
+    page.execute_script(MADE_TABLE)
+
+    text = page.execute_script("return csvOf(document.getElementById('made'))")
+    page.execute_script("showColumn(document.getElementById('made'), 1, false)")
+    without = page.execute_script("return csvOf(document.getElementById('made'))")
+
+    lines = text.split("\r\n")
+    assert lines[0] == "name,K [N*m/rad]"
+    assert lines[3:6] == ["of –,", "of −3.5,-3.5", "of 1.5·10⁻⁵,1.5e-5"]
+    assert lines[7] == '"of x, ""y""","x, ""y"""'
+    assert without.split("\r\n")[:2] == ["name", "of 10"]
+
+
+def test_a_downloaded_table_has_the_numbers_of_the_results_in_full(page, results, tmp_path):
+    allowed = {"behavior": "allow", "downloadPath": str(tmp_path)}
+    page.execute_cdp_cmd("Browser.setDownloadBehavior", allowed)
+    page.find_element(By.ID, "search").send_keys("impedance_")
+    button = page.find_element(By.CSS_SELECTOR, "#trials .csv")
+    page.execute_script("arguments[0].click()", button)
+    wait(page, lambda: (tmp_path / "trials.csv").exists())
+
+    downloaded = pl.read_csv(tmp_path / "trials.csv", infer_schema_length=None).sort("Trial")
+
+    fits = read_table(results / "tables/impedance.csv").filter(pl.col("amplitude_deg").is_null())
+    fits = fits.sort("trial")
+    assert downloaded["Trial"].to_list() == fits["trial"].to_list()
+    for column in ("K", "K_low", "K_high"):
+        assert downloaded[f"{column} [N*m/rad]"].to_list() == fits[column].to_list()
+    assert downloaded["B_high [N*m*s/rad]"].to_list() == fits["B_high"].to_list()
+
+
+def test_a_column_is_hidden_by_its_check_box(page):
+    fold = page.find_element(By.CSS_SELECTOR, "#trials .table-tools details")
+    page.execute_script("arguments[0].open = true", fold)
+    (box,) = [
+        label.find_element(By.TAG_NAME, "input")
+        for label in fold.find_elements(By.TAG_NAME, "label")
+        if label.text == "Condition"
+    ]
+    condition = page.find_element(By.CSS_SELECTOR, "#table tbody tr td:nth-child(5)")
+
+    page.execute_script("arguments[0].click()", box)
+    assert not condition.is_displayed()
+    page.execute_script("arguments[0].click()", box)
+    assert condition.is_displayed()
+
+
+SMALLEST_ON_PAPER_PT = 8
+SMALL_TEXTS = """
+const small = [];
+for (const one of document.querySelectorAll("#overview *, header *")) {
+  const hasText = [...one.childNodes].some((node) => node.nodeType === 3 && node.data.trim());
+  const isShown = one.checkVisibility() && one.getBoundingClientRect().width;
+  if (!hasText || !isShown || one.closest("svg") || one.tagName === "OPTION") continue;
+  const size_pt = 0.75 * parseFloat(getComputedStyle(one).fontSize);
+  if (size_pt < arguments[0]) small.push([one.textContent.trim().slice(0, 30), size_pt]);
+}
+return small;
+"""
+FIGURE_SCALES = """
+const figures = [...document.querySelectorAll("figure svg")];
+const scale = (svg) => 0.75 * svg.getBoundingClientRect().width / svg.viewBox.baseVal.width;
+return figures.map(scale);
+"""
+
+
+def screen(page, width, height):
+    size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 500}
+    page.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+
+
+def test_on_paper_no_text_is_smaller_than_eight_points_and_no_figure_than_its_own_size(page):
+    screen(page, 703, 1000)  # A4 less its margins
+    page.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print", "features": []})
+
+    small = page.execute_script(SMALL_TEXTS, SMALLEST_ON_PAPER_PT - 0.01)
+    scales = page.execute_script(FIGURE_SCALES)
+
+    page.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "", "features": []})
+    assert small == []
+    assert min(scales) >= 1, "a figure is drawn for its own size, with text of 8 pt"
+
+
+def test_the_header_leaves_a_phone_its_screen(page):
+    screen(page, 360, 740)
+
+    header = page.find_element(By.TAG_NAME, "header")
+    height = header.size["height"]
+    page.execute_script("window.scrollTo(0, 2000)")
+    bottom = page.execute_script("return arguments[0].getBoundingClientRect().bottom", header)
+
+    assert height <= 48
+    assert bottom <= 48
 
 
 def test_on_paper_the_table_of_trials_names_the_causes_of_doubt(page):
@@ -305,6 +439,117 @@ def test_the_numbers_and_signals_of_a_trial_are_those_of_the_results(page, resul
     assert (float(low), float(high)) == pytest.approx(
         (series["torque"].min(), series["torque"].max()), rel=5e-3
     )
+
+
+POINT_AT = """
+const [box, share] = arguments, { left, top, width, height } = box.getBoundingClientRect();
+const at = { clientX: left + share * width, clientY: top + height / 2 };
+box.dispatchEvent(new PointerEvent("pointermove", at));
+return box.querySelector(".reading").innerText.split("\\n");
+"""
+
+
+def numbers_in(text):
+    return [float(one) for one in re.findall(r"-?\d+\.?\d*(?:e-?\d+)?", text.replace("−", "-"))]
+
+
+def test_pointing_at_a_signal_shows_its_sample_with_units(page, results):
+    name = "impedance_K300_B5.0_compensated"
+    series = read_table(results / f"fits/impedance/{name}.zip", of="series")
+    open_trial(page, name)
+    torque = page.find_element(By.CSS_SELECTOR, "#trial .readable")
+
+    place, measured, *_ = page.execute_script(POINT_AT, torque, 0.6)
+
+    assert re.fullmatch(r"Time \S+ s", place)
+    assert re.fullmatch(r"measured: \S+ N·m", measured)
+    (time,), (value,) = numbers_in(place), numbers_in(measured)
+    near = series.filter((pl.col("time") - time).abs() < 0.06)["torque"]
+    assert near.min() - 1e-3 <= value <= near.max() + 1e-3
+
+
+def test_a_point_is_read_with_its_interval_and_a_loop_with_its_time(page, results):
+    name = "impedance_K300_B5.0_compensated"
+    phasors = read_table(results / "tables/phasors.csv").filter(pl.col("trial") == name)
+    open_trial(page, name)
+    loop, magnitude = page.find_elements(By.CSS_SELECTOR, "#trial .pairs .readable")[:2]
+    page.execute_script("arguments[0].focus()", magnitude)
+
+    in_loop = page.execute_script(POINT_AT, loop, 0.5)
+    magnitude.send_keys(Keys.HOME)
+    at_point = magnitude.find_element(By.CSS_SELECTOR, ".reading").text.split("\n")
+
+    assert re.fullmatch(r"Joint angle \S+ deg, at \S+ s", in_loop[0])
+    frequency = numbers_in(at_point[0])[0]
+    assert frequency == pytest.approx(phasors["frequency_hz"].min(), rel=2e-3)
+    for row in phasors.filter(pl.col("frequency_hz") == phasors["frequency_hz"].min()).to_dicts():
+        (said,) = [text for text in at_point if text.startswith(f"{row['amplitude_deg']:g} deg: ")]
+        assert said.endswith("] rad/(N·m)")
+        shown = numbers_in(said.partition(": ")[2])
+        true = [row[f"Y_magnitude{end}"] for end in ("", "_low", "_high")]
+        assert shown == pytest.approx(true, rel=2e-3)
+
+
+def test_a_point_of_a_figure_says_the_numbers_of_its_trial(page):
+    say = """
+    const link = document.querySelector("#figure-fig5 a");
+    link.firstElementChild.dispatchEvent(new MouseEvent("mouseover", { bubbles: true }));
+    return link.querySelector("title").textContent.split("\\n");
+    """
+
+    name, *numbers = page.execute_script(say)
+
+    row = page.find_element(By.CSS_SELECTOR, f'#table tr[data-name="{name}"]')
+    value = row.find_element(By.CSS_SELECTOR, '[data-of="K"]').get_attribute("textContent")
+    assert f"K {value} N·m/rad" in numbers
+
+
+def test_the_arrow_keys_step_through_a_signal_and_do_not_leave_the_trial(page):
+    name = "impedance_K300_B5.0_compensated"
+    open_trial(page, name)
+    torque = page.find_element(By.CSS_SELECTOR, "#trial .readable")
+    page.execute_script("arguments[0].focus()", torque)
+    reading = torque.find_element(By.CSS_SELECTOR, ".reading")
+
+    times = []
+    for key in (Keys.HOME, Keys.ARROW_RIGHT, Keys.END, Keys.ARROW_LEFT):
+        torque.send_keys(key)
+        times += numbers_in(reading.text.split("\n")[0])
+
+    first, second, last, before_last = times
+    assert first < second < before_last < last
+    assert page.find_element(By.ID, "trial").get_attribute("data-name") == name
+
+
+DRAWN_SAMPLES = """
+const loop = Bokeh.documents[0].roots().find((plot) => plot.height === 420);
+const source = loop.renderers[0].data_source;
+const chosen = [];
+source.data.torque.forEach((torque, k) => { if (!Number.isNaN(torque)) chosen.push(k); });
+return chosen;
+"""
+
+
+def test_the_loop_of_one_frequency_and_amplitude_is_drawn_alone(page, results):
+    name = "impedance_K300_B5.0_compensated"
+    series = read_table(results / f"fits/impedance/{name}.zip", of="series")
+    phasors = read_table(results / "tables/phasors.csv").filter(pl.col("trial") == name)
+    step = phasors.sort("amplitude_deg", "frequency_hz").row(-1, named=True)
+    open_trial(page, name)
+    amplitude, frequency = page.find_elements(By.CSS_SELECTOR, "#trial .loop-choice select")
+    before = len(page.execute_script(DRAWN_SAMPLES))
+
+    Select(amplitude).select_by_visible_text(f"{step['amplitude_deg']:g} deg")
+    Select(frequency).select_by_visible_text(f"{step['frequency_hz']:.3g} Hz")
+
+    chosen = page.execute_script(DRAWN_SAMPLES)
+    assert 0 < len(chosen) < before / 2
+    angle = series["theta_deg"].to_numpy()[chosen]
+    time = series["time"].to_numpy()[chosen]
+    assert np.abs(angle).max() == pytest.approx(step["amplitude_deg"], rel=0.15)
+    crossings_of_zero = np.count_nonzero(np.diff(np.sign(angle)))
+    crossings_in_step = 2 * step["frequency_hz"] * (time[-1] - time[0])
+    assert crossings_of_zero == pytest.approx(crossings_in_step, rel=0.15)
 
 
 def test_a_deep_link_opens_its_trial_and_an_unknown_one_says_so(page, results):

@@ -1,25 +1,16 @@
-"use strict";
-// The page of one run: sorts and filters the table of trials, and draws a trial when its link is followed.
+// The page of one run: filters the table of trials, and draws a trial when its link is followed.
 (() => {
   const overview = document.getElementById("overview");
   const view = document.getElementById("trial");
   const { title } = document;
-  const rows = [...document.querySelectorAll("#table tbody tr")];
-  const body = document.querySelector("#table tbody");
+  const trialRows = () => [...document.querySelectorAll("#table tbody tr")];
   const byName = new Map([...document.querySelectorAll("script.packed")].map((script) => [script.dataset.name, script]));
   let drawn = null;  // the views of Bokeh on the page, and their document
   let asked = 0;  // number of the last request to show a trial
   let left = null;  // where the overview was left for a trial: its scroll position, and its place in the address
   let lastPlace = "";
 
-  // --- elements: text is always text, never markup
-
-  function element(tag, attributes = {}, ...children) {
-    const made = document.createElement(tag);
-    for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);
-    made.append(...children.filter((child) => child !== null && child !== undefined));
-    return made;
-  }
+  // --- tables of a trial
 
   // a number stays in one line, a hash or path breaks anywhere, and text between words
   function kindOf(text) {
@@ -27,16 +18,32 @@
     return /\S{30}/.test(text) ? "wrap" : "";
   }
 
-  function table(head, lines, { fails = () => false, caption = "" } = {}) {
+  // `values` has, for each cell, its number and the ends of its interval in full, or null
+  function cellOf(text, k, numbers) {
+    const made = k ? element("td", { class: kindOf(text) }, text) : element("th", { scope: "row" }, text);
+    const [value, low, high] = numbers ?? [];
+    for (const [name, number] of Object.entries({ value, low, high })) {
+      if (number !== null && number !== undefined) made.dataset[name] = number;
+    }
+    return made;
+  }
+
+  function headOf(text, unit) {
+    if (!unit || unit === "1") return element("th", { scope: "col" }, text);
+    return element("th", { scope: "col", "data-unit": unit }, text, " ", element("small", {}, unit));
+  }
+
+  function table(head, lines, { fails = () => false, caption = "", units = [], values = [], hasTools = true } = {}) {
     const made = element("table");
     if (caption) made.append(element("caption", { class: "hidden" }, caption));
-    if (head.length) {
-      made.append(element("thead", {}, element("tr", {}, ...head.map((text) => element("th", { scope: "col" }, text)))));
-    }
-    const cell = (text, k) => (k ? element("td", { class: kindOf(text) }, text) : element("th", { scope: "row" }, text));
-    const line = (cells) => element("tr", fails(cells) ? { class: "fails" } : {}, ...cells.map(cell));
+    if (head.length) made.append(element("thead", {}, element("tr", {}, ...head.map((text, k) => headOf(text, units[k])))));
+    const line = (cells, at) => element(
+      "tr", fails(cells) ? { class: "fails" } : {}, ...cells.map((text, k) => cellOf(text, k, values[at]?.[k])),
+    );
     made.append(element("tbody", {}, ...lines.map(line)));
-    return element("div", { class: "scroll" }, made);
+    const place = element("div", {}, element("div", { class: "scroll" }, made));
+    if (head.length && hasTools) addTableTools(made, `${view.dataset.name} ${caption}`);
+    return place;
   }
 
   // --- the packed trials: the format is described in page.py (packed_table)
@@ -103,14 +110,28 @@
     plot.toolbar.logo = null;
   }
 
-  // the columns of a line; where it has `where`, only the samples that have a value there
-  function masked(source, line) {
-    if (!line.where) return source;
-    const { [line.x]: x, [line.y]: y, [line.where]: known } = source.data;
-    return new Bokeh.ColumnDataSource({ data: { [line.x]: x, [line.y]: y.map((value, k) => (Number.isNaN(known[k]) ? NaN : value)) } });
+  // the columns of a line, with the samples k for which isShown(k), and where it has `where`, a value there
+  function shownColumns(columns, line, isShown = () => true) {
+    const { [line.x]: x, [line.y]: y, [line.where]: known } = columns[line.table];
+    const isDrawn = (k) => isShown(k) && !(known && Number.isNaN(known[k]));
+    return { [line.x]: x, [line.y]: y.map((value, k) => (isDrawn(k) ? value : NaN)) };
   }
 
-  function drawPanel(panel, sources, ranges) {
+  // a loop has columns of its own, of which a part can be chosen
+  function sourceOf(panel, line, sources, columns) {
+    if (!line.where && !panel.square) return sources[line.table];
+    return new Bokeh.ColumnDataSource({ data: shownColumns(columns, line) });
+  }
+
+  // draws of a loop only the samples k for which isShown(k), and shows all of them
+  function showPart({ panel, plot, columns, readings }, isShown) {
+    plot.renderers.forEach((renderer, i) => {
+      renderer.data_source.data = shownColumns(columns, panel.drawn[i], isShown);
+    });
+    readings.readAgain(isShown);
+  }
+
+  function drawPanel(panel, sources, ranges, columns) {
     const shared = panel.linked ? ranges[panel.linked] : undefined;
     const plot = Bokeh.Plotting.figure({
       height: panel.square ? 420 : 300,
@@ -127,7 +148,7 @@
     plot.toolbar.active_drag = plot.toolbar.tools.find((tool) => tool.type === "BoxZoomTool");
     if (panel.linked && !shared) ranges[panel.linked] = plot.x_range;
     for (const line of panel.drawn) {
-      const source = masked(sources[line.table], line);
+      const source = sourceOf(panel, line, sources, columns);
       const look = { source, color: colour(line.look) };
       if (line.kind === "range") {
         // both ends and what lies between: where every sample is drawn, the ends are one line
@@ -177,7 +198,7 @@
       button("‹", "Earlier", (start, width) => [start - width / 2, start + width / 2]),
       button("›", "Later", (start, width) => [start + width / 2, start + (3 * width) / 2]),
       button("Whole", "Show all", () => whole),
-      element("span", { class: "note" }, "Or drag in a panel: all panels over time follow."),
+      element("span", { class: "note" }, "Or drag in a panel: all panels over time follow. Point at a panel, tap it, or step through it with the arrow keys: values stand there."),
     );
   }
 
@@ -189,27 +210,33 @@
     drawn = null;
   }
 
-  async function drawPlots(place, content, columns) {
+  async function drawPlots(plots, content, columns) {
     forgetPlots();
     const ranges = {};
     const sources = {};
     for (const [name, data] of Object.entries(columns)) sources[name] = new Bokeh.ColumnDataSource({ data });
     const frames = content.panels.map((panel) => {
-      const plot = drawPanel(panel, sources, ranges);
+      const plot = drawPanel(panel, sources, ranges, columns);
       const keys = panel.drawn.map((line) => element("span", {}, key(line), line.name));
       const box = element("div", { role: "img", "aria-label": described(panel, columns) });
+      const place = element("div", { class: "readable", role: "group", tabindex: 0, "aria-label": `Values of ${panel.title}, by the arrow keys` }, box);
       const title = element("h3", {}, panel.title, element("span", { class: "legend" }, ...keys));
-      return { panel, plot, box, frame: element("div", { class: "plot" }, title, box) };
+      const shown = { panel, plot, box, place, columns };
+      const choice = panel.square ? loopChoice(columns, (isShown) => showPart(shown, isShown)) : null;
+      shown.frame = element("div", { class: "plot" }, title, choice, place);
+      return shown;
     });
     const over = frames.filter(({ panel }) => panel.linked && !panel.log_x).map(({ frame }) => frame);
     const beside = frames.filter(({ panel }) => !panel.linked || panel.log_x).map(({ frame }) => frame);
-    place.replaceChildren(
+    plots.replaceChildren(
       ...[zoomButtons(ranges), element("div", { class: "plots" }, ...over), element("div", { class: "pairs" }, ...beside)]
         .filter((child) => child !== null),
     );
     const sheet = new Bokeh.Document();
     for (const { plot } of frames) sheet.add_root(plot);
-    drawn = { sheet, frames, views: await Bokeh.embed.add_document_standalone(sheet, place, frames.map(({ box }) => box)) };
+    const views = await Bokeh.embed.add_document_standalone(sheet, plots, frames.map(({ box }) => box));
+    drawn = { sheet, frames, views };
+    for (const frame of frames) frame.readings = new PlotReadings(frame, views.get(frame.plot));
   }
 
   // on paper a plot is a picture of what the screen shows, as wide as the page
@@ -232,7 +259,7 @@
   // cause, size and remedy as sentences; columns, values and limits behind a fold
   function doubtList(doubts) {
     return element("ul", { class: "doubts" }, ...doubts.map((doubt) => {
-      const numbers = table(["number", "value", "beyond", "what it is"], doubt.numbers, { caption: "Limits" });
+      const numbers = table(["number", "value", "beyond", "what it is"], doubt.numbers, { caption: "limits", hasTools: false });
       const about = doubt.of === "all" ? null : element("span", { class: "where" }, `At ${doubt.where}: `);
       const line = (name, text) => (text ? element("p", {}, element("b", {}, `${name}: `), sentence(text)) : null);
       return element(
@@ -275,20 +302,17 @@
     return element("section", {}, element("h2", {}, title), ...children);
   }
 
-  function folded(title, ...children) {
-    return element("details", {}, element("summary", {}, title), ...children);
-  }
-
   function estimates(content) {
     if (!content.estimates) return section("Estimates", element("p", {}, "This trial has no fit of its own."));
-    const { columns, rows: lines } = content.estimates;
-    const head = columns.map(({ name, unit }) => (unit && unit !== "1" ? `${name} [${unit}]` : name));
+    const { columns, rows: lines, values } = content.estimates;
+    const head = columns.map(({ name }) => name);
+    const units = columns.map(({ unit }) => unit);
     const explained = columns.filter(({ name, meaning }) => meaning && /^I$|viscous$|^[fT]_C$/.test(name));
     return section(
       "Estimates with 95 % intervals",
-      table(head, lines, { caption: `Estimates of ${content.name}` }),
+      table(head, lines, { caption: "estimates", units, values }),
       element("p", { class: "note" }, explained.map(({ name, meaning }) => `${name}: ${sentence(meaning)}`).join(" ")),
-      folded(`Every column of its row in tables/${content.table}.csv`, table(["column", "value", "unit", "meaning"], content.columns, { caption: "Columns" })),
+      folded(`Every column of its row in tables/${content.table}.csv`, table(["column", "value", "unit", "meaning"], content.columns, { caption: `row of ${content.table}`, values: content.column_values })),
     );
   }
 
@@ -297,7 +321,7 @@
     const failed = content.quality.filter((cells) => cells[4] !== "pass").length;
     return section("Quality", folded(`Checks of its recording (${content.quality.length}, ${failed} not passed)`, table(
       ["check", "what its value is", "value", "threshold", "verdict", "remark"], content.quality,
-      { fails: (cells) => cells[4] !== "pass", caption: "Checks of quality control" },
+      { fails: (cells) => cells[4] !== "pass", caption: "quality" },
     )));
   }
 
@@ -305,15 +329,15 @@
     const { files, signals, facts } = content.provenance;
     return section(
       "Provenance",
-      files.length ? table(["role", "file", "bytes", "SHA-256", "source file"], files, { caption: "Files" }) : element("p", {}, "It was not ingested."),
-      signals.length ? folded("Signals: which channel became which", table(["signal", "file", "channel and conversion"], signals, { caption: "Signals" })) : null,
-      facts.length ? folded("Clocks, stamps, decoding, software", table(["fact", "value"], facts, { caption: "Clocks, stamps, decoding, software" })) : null,
-      content.time_base.length ? folded("Time base of the fit", table([], content.time_base, { caption: "Time base of the fit" })) : null,
+      files.length ? table(["role", "file", "bytes", "SHA-256", "source file"], files, { caption: "files" }) : element("p", {}, "It was not ingested."),
+      signals.length ? folded("Signals: which channel became which", table(["signal", "file", "channel and conversion"], signals, { caption: "signals" })) : null,
+      facts.length ? folded("Clocks, stamps, decoding, software", table(["fact", "value"], facts, { caption: "facts" })) : null,
+      content.time_base.length ? folded("Time base of the fit", table([], content.time_base, { caption: "time base" })) : null,
     );
   }
 
   function steps(name) {
-    const shown = rows.filter((row) => !row.hidden).map((row) => row.dataset.name);
+    const shown = trialRows().filter((row) => !row.hidden).map((row) => row.dataset.name);
     const at = shown.indexOf(name);
     const link = (other, text, rel) => (other === undefined ? null : element("a", { href: `#trial=${encodeURIComponent(other)}`, rel }, text));
     return element(
@@ -369,7 +393,7 @@
     document.title = title;
     if (from && left && (place === "overview" || place === left.place)) window.scrollTo(0, left.scroll);
     else document.getElementById(place === "overview" ? "trials" : place)?.scrollIntoView();
-    if (from) rows.find((row) => row.dataset.name === from)?.querySelector("a").focus({ preventScroll: true });
+    if (from) trialRows().find((row) => row.dataset.name === from)?.querySelector("a").focus({ preventScroll: true });
     lastPlace = place;
   }
 
@@ -397,6 +421,24 @@
     target.title = `${trialOf(target)}${cause}: ${target.className.replaceAll("-", " ")}`;
   });
 
+  // --- the figures: a point of a trial says what the table of trials says of it
+
+  function trialText(name) {
+    const row = trialRows().find((one) => one.dataset.name === name);
+    const numbers = [...(row?.querySelectorAll("td.number") ?? [])].filter((cell) => cell.dataset.value);
+    const units = [...document.querySelectorAll("#table th")].map((head) => head.dataset.unit ?? "");
+    const said = numbers.map((cell) => `${cell.title || cell.dataset.of} ${shownText(cell)} ${units[cell.cellIndex]}`);
+    return [name, ...said].join("\n");
+  }
+
+  overview.addEventListener("mouseover", ({ target }) => {
+    const title = target.closest(".paper a")?.querySelector("title");
+    if (title && !title.dataset.hasNumbers) {
+      title.textContent = trialText(title.textContent);
+      title.dataset.hasNumbers = "yes";
+    }
+  });
+
   // --- the table of trials
 
   const search = document.getElementById("search");
@@ -404,6 +446,7 @@
 
   function filter() {
     const words = search.value.toLowerCase().split(/\s+/).filter(Boolean);
+    const rows = trialRows();
     let shown = 0;
     for (const row of rows) {
       const text = row.textContent.toLowerCase();
@@ -414,28 +457,6 @@
     document.getElementById("shown").textContent = `${shown} of ${rows.length} trials`;
   }
 
-  function sortBy(button) {
-    const head = button.closest("th");
-    const column = head.cellIndex;
-    const descending = head.getAttribute("aria-sort") === "ascending";
-    for (const other of document.querySelectorAll("#table th[aria-sort]")) other.setAttribute("aria-sort", "none");
-    head.setAttribute("aria-sort", descending ? "descending" : "ascending");
-    const value = (row) => {
-      const cell = row.cells[column];
-      if (cell.dataset.sort === undefined) return cell.textContent.trim();
-      return cell.dataset.sort === "" ? null : Number(cell.dataset.sort);
-    };
-    const missing = (x) => x === null || x === "";
-    rows.sort((a, b) => {
-      const [x, y] = [value(a), value(b)];
-      if (missing(x) || missing(y)) return missing(x) - missing(y);
-      const order = typeof x === "number" ? x - y : x.localeCompare(y, "en", { numeric: true });
-      return descending ? -order : order;
-    });
-    body.append(...rows);
-  }
-
-  for (const button of document.querySelectorAll("#table th button")) button.addEventListener("click", () => sortBy(button));
   for (const select of selects) select.addEventListener("change", filter);
   search.addEventListener("input", filter);
   document.getElementById("filters").addEventListener("reset", () => setTimeout(filter));
@@ -464,6 +485,8 @@
       setTimeout(() => { button.textContent = label; }, 3000);
     });
   }
+
+  for (const one of document.querySelectorAll("#overview table[data-csv]")) addTableTools(one, one.dataset.csv);
 
   // --- colours and keys
 

@@ -416,7 +416,7 @@ def test_findings_stand_by_what_they_change_the_largest_first_and_those_of_no_si
 
     assert [one["cause"] for one in found] == ["3", "2", "1", "0"]
     assert [one["changes"] for one in found] == [
-        "up to: K by 10 N*m/rad", "up to: K by 2 N*m/rad", "up to: B by 3 N*m*s/rad", "",
+        "K by up to 10 N*m/rad", "K by up to 2 N*m/rad", "B by up to 3 N*m*s/rad", "",
     ]  # fmt: skip
 
 

@@ -400,8 +400,9 @@ def size_in_results(finding: Mapping[str, Any]) -> tuple[float, ...]:
 def size_text(finding: Mapping[str, Any]) -> str:
     """`size_in_results` for a reader; empty if nothing is known of it."""
     sizes = zip(RESULT_UNITS.items(), size_in_results(finding), strict=True)
-    parts = [f"{symbol} by {size:.2g} {unit}" for (symbol, unit), size in sizes if size]
-    return f"up to: {', '.join(parts)}" if parts else ""
+    return ", ".join(
+        f"{symbol} by up to {size:.2g} {unit}" for (symbol, unit), size in sizes if size
+    )
 
 
 def overview(

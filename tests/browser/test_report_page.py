@@ -169,7 +169,7 @@ def test_the_first_screen_says_what_was_done_and_found_beside_a_figure_and_nothi
     said = page.find_element(By.ID, "summary").text
     for words in (
         "simulated trials of the ankle: 2 belt, ",
-        "The error of K against the K_d that was asked for",
+        "The error of K against the commanded K_d",
     ):
         assert words in said
     assert "1 was refused" in page.find_element(By.ID, "state").text

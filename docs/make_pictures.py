@@ -39,7 +39,11 @@ def sources() -> dict[str, str]:
     of = about(campaign, settings_files(config.simulation, config.shared()))
     said = f"osl-analysis {of['version']}, configuration {of['configuration']}"
     made_by = {
-        "report.png": [TEMPLATES / f"report.{kind}" for kind in ("html.j2", "css", "js")],
+        "report.png": [
+            TEMPLATES / "report.html.j2",
+            TEMPLATES / "report.css",
+            *sorted(TEMPLATES.glob("*.js")),
+        ],
         "fig5.png": [
             PACKAGE / f"figures/{name}.py"
             for name in (FIGURES["fig5"].module, "desired_axis", "marks")

@@ -37,7 +37,7 @@ class Predicted:
     coefficients : Array (k,)
         Coefficients of the candidate's columns.
     deviations : Array (k,)
-        Their standard deviations.
+        Their standard deviations, given its own parameter where its likelihood is tabulated.
     parameter_sd : float
         Standard deviation of its own parameter; NaN if it has none.
     friction_torque : float
@@ -135,14 +135,89 @@ def normal_matrices(columns: Array, torque: Array) -> Array:
     return np.array(matrices)
 
 
+@dataclass(frozen=True)
+class BlockFit:
+    """A regression on whitened columns, scaled to length 1, in normal matrices of the blocks.
+
+    Attributes
+    ----------
+    blocks : Array (BLOCKS, c + 1, c + 1)
+        Normal matrices; the torque is last.
+    inverse : Array (c, c)
+        Of the normal matrix of all blocks.
+    estimates : Array (c,)
+        Of all blocks.
+    left : float
+        Sum of squares that they leave.
+    """
+
+    blocks: Array
+    inverse: Array
+    estimates: Array
+    left: float
+
+    def squares_of_unseen(self) -> Array:
+        """Sum of squares (BLOCKS,) that each block has left by the fit to the others: the block is
+        taken out of the sums that estimate."""
+        others = self.blocks.sum(axis=0) - self.blocks
+        ridge = RIDGE * np.eye(len(self.estimates))
+        by_others = np.linalg.solve(others[:, :-1, :-1] + ridge, others[:, :-1, -1:])[..., 0]
+        misses = np.hstack([by_others, -np.ones((BLOCKS, 1))])
+        return np.asarray(np.einsum("bp,bpq,bq->b", misses, self.blocks, misses))
+
+    def covariance(self, freedom: float) -> Array:
+        """Covariance (c, c) of the estimates, by noise.
+
+        The larger of two, for each estimate: the likelihood's, and that from the scatter of the
+        blocks' scores (White, Econometrica 48, 1980), which holds for a noise that changes.
+        Correlations are the likelihood's.
+        """
+        variance = max(self.left / freedom, 1.0)
+        of_columns, of_torque = self.blocks[:, :-1, :-1], self.blocks[:, :-1, -1]
+        scores = (of_torque - of_columns @ self.estimates) @ self.inverse
+        by_scatter = np.diag(scores.T @ scores) * BLOCKS / (BLOCKS - 1)
+        by_likelihood = np.diag(self.inverse) * variance
+        factor = np.sqrt(np.maximum(by_scatter, by_likelihood) / by_likelihood)
+        return np.asarray(self.inverse * variance * np.outer(factor, factor))
+
+
+def fit_blocks(columns: Array, length: Array, torque: Array) -> BlockFit:
+    """Fit columns (c, m) of some lengths (c,) to a torque (m,)."""
+    # the matrices are scaled and not the columns, of which an hour has hundreds of megabytes
+    scale = np.append(length, 1.0)
+    blocks = normal_matrices(columns, torque) / np.outer(scale, scale)
+    total = blocks.sum(axis=0)
+    inverse = np.linalg.inv(total[:-1, :-1] + RIDGE * np.eye(len(columns)))
+    estimates = inverse @ total[:-1, -1]
+    left = float(total[-1, -1] - estimates @ total[:-1, -1])
+    return BlockFit(blocks, inverse, estimates, left)
+
+
+def by_rounding(
+    columns: Array, length: Array, inverse: Array, rounding: Array
+) -> tuple[Array, float]:
+    """What rounding alone does to the estimates of columns (c, m) that are scaled to length 1.
+
+    Returns
+    -------
+    covariance : Array (c, c)
+        Of the estimates.
+    left : float
+        Sum of squares that the columns leave of rounding, the mean over its draws (d, m).
+    """
+    if not len(rounding):
+        return np.zeros_like(inverse), 0.0
+    projections = rounding @ columns.T / length
+    errors = projections @ inverse
+    # sum(rounding (rounding - errors @ columns/length))
+    unexplained = np.vdot(rounding, rounding) - np.sum(errors * projections)
+    return errors.T @ errors / len(rounding), float(unexplained / len(rounding))
+
+
 def predict_blocks(
     data: Whitened, candidate: Candidate, kind: JointKind, rounding: Array, freedom: float
 ) -> Predicted:
     """Fit a candidate, and predict each block by the fit to the others.
-
-    The covariance is the larger of two, for each estimate: the likelihood's, and that from the
-    scatter of the blocks' scores (White, Econometrica 48, 1980), which holds for a noise that
-    changes. What rounding alone does to the estimates is added.
 
     Parameters
     ----------
@@ -159,40 +234,11 @@ def predict_blocks(
     """
     columns = all_columns(data, candidate, kind)
     length = lengths_of(columns)
-    # the matrices are scaled and not the columns, of which an hour has hundreds of megabytes
-    scale = np.append(length, 1.0)
-    blocks = normal_matrices(columns, candidate.torque) / np.outer(scale, scale)
-    total = blocks.sum(axis=0)
-    ridge = RIDGE * np.eye(len(columns))
-    inverse = np.linalg.inv(total[:-1, :-1] + ridge)
-    estimates = inverse @ total[:-1, -1]
+    fit = fit_blocks(columns, length, candidate.torque)
+    of_rounding, rounding_left = by_rounding(columns, length, fit.inverse, rounding)
+    estimates = fit.estimates / length
+    covariance = (fit.covariance(freedom) + of_rounding) / np.outer(length, length)
 
-    # prediction: each block is taken out of the sums that estimate
-    others = total - blocks
-    by_others = np.linalg.solve(others[:, :-1, :-1] + ridge, others[:, :-1, -1:])[..., 0]
-    misses = np.hstack([by_others, -np.ones((BLOCKS, 1))])
-    squares = np.einsum("bp,bpq,bq->b", misses, blocks, misses)
-
-    # covariance
-    left = float(total[-1, -1] - estimates @ total[:-1, -1])
-    variance = max(left / freedom, 1.0)
-    scores = (blocks[:, :-1, -1] - blocks[:, :-1, :-1] @ estimates) @ inverse
-    by_scatter = np.diag(scores.T @ scores) * BLOCKS / (BLOCKS - 1)
-    by_likelihood = np.diag(inverse) * variance
-    # correlations are the likelihood's, variances the larger of both
-    factor = np.sqrt(np.maximum(by_scatter, by_likelihood) / by_likelihood)
-    covariance = inverse * variance * np.outer(factor, factor)
-    rounding_left = 0.0
-    if len(rounding):
-        projections = rounding @ columns.T / length
-        errors = projections @ inverse
-        covariance = covariance + errors.T @ errors / len(rounding)
-        # sum(rounding (rounding - errors @ columns/length))
-        unexplained = np.vdot(rounding, rounding) - np.sum(errors * projections)
-        rounding_left = float(unexplained / len(rounding))
-
-    estimates = estimates / length
-    covariance = covariance / np.outer(length, length)
     at = layout_of(data, candidate, kind)
     of_own = covariance[at.own, at.own]
     parameter_sd = np.nan
@@ -206,6 +252,10 @@ def predict_blocks(
             of_own = of_own - np.outer(with_parameter, with_parameter) / parameter_variance
     coefficients = estimates[at.own] if candidate.estimates is None else candidate.estimates
     matrices = candidate.to_impedance(len(candidate.columns))
+    covariances = np.array([matrix @ of_own @ matrix.T for matrix in matrices])
+    if data.actuator is not None and len(coefficients) > 3:
+        covariances = covariances + coefficients[3] ** 2 * data.actuator.covariance
+
     friction_torque = 0.0
     if kind.has_friction:
         friction_torque = float(estimates[at.friction] @ data.mean_friction)
@@ -215,13 +265,10 @@ def predict_blocks(
         of_reflex = estimates[at.reflex], covariance[at.reflex, at.reflex]
         reflex_gains, reflex_deviations = data.reflex.gains(*of_reflex)
         reflex_evidence = data.reflex.rectified_evidence(*of_reflex)
-    covariances = np.array([matrix @ of_own @ matrix.T for matrix in matrices])
-    if data.actuator is not None and len(coefficients) > 3:
-        covariances = covariances + coefficients[3] ** 2 * data.actuator.covariance
     return Predicted(
         candidate=candidate,
         kind=kind,
-        squares=np.asarray(squares),
+        squares=fit.squares_of_unseen(),
         impedances=np.array([matrix @ coefficients for matrix in matrices]),
         covariances=covariances,
         coefficients=np.asarray(coefficients),
@@ -231,7 +278,7 @@ def predict_blocks(
         reflex_gains=reflex_gains,
         reflex_deviations=reflex_deviations,
         reflex_evidence=reflex_evidence,
-        left=left,
+        left=fit.left,
         rounding_left=rounding_left,
     )
 

@@ -286,7 +286,8 @@ def known_delay(data: Whitened, sound: Predicted, rounding: Array) -> KnownDelay
     slope = data.column(-np.tensordot(impedance, derivatives[1:4], axes=1))
     search = Search(data, sound.kind)
     left, moved_by_delay = search.fit(sound.candidate.columns, slope)
-    left = max(left, np.finfo(float).tiny)
+    # of a slope that the columns make up, rounding alone is left
+    left = max(left, np.finfo(float).eps * float(slope @ slope))
     variance = 1 / left
     if len(rounding):
         of_slope = search.rest(sound.candidate.columns, slope)

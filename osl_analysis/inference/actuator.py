@@ -74,9 +74,11 @@ def frictionless_actuator(spectra: Spectra) -> FrictionlessActuator:
         friction = coefficients[:, FRICTION] @ [1.0, mean_load(spectra)]
         return np.column_stack([per_angle, friction])
 
-    result = results(fit[None])[0]
-    by_speed = results(fits_at_other_speeds) - result
-    without_a_block = results(fits_without_a_block)
+    # all at once, since the motion is projected on itself for each call
+    of_all_fits = results(np.vstack([fit, fits_at_other_speeds, fits_without_a_block]))
+    result = of_all_fits[0]
+    by_speed = of_all_fits[1 : len(SLIDING)] - result
+    without_a_block = of_all_fits[len(SLIDING) :]
     by_block = without_a_block - without_a_block.mean(axis=0)
     covariance = by_speed.T @ by_speed + by_block.T @ by_block * (BLOCKS - 1) / BLOCKS
 

@@ -1,6 +1,6 @@
 """How well one crossing was recorded: the columns of `walking_crossings.csv` that show it."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 import scipy
@@ -46,9 +46,6 @@ class CrossingQuality:
     encoder_delay_ms: float | None = None
     encoder_rms_deg: float | None = None
     shoe_compliance: float | None = None
-
-
-QUALITY_COLUMNS = tuple(field.name for field in fields(CrossingQuality))
 
 
 @dataclass(frozen=True)

@@ -29,11 +29,16 @@ little to match to."""
 FORKING = """
 import gc, json, multiprocessing, os, sys
 from multiprocessing import forkserver
-import snakemake.cli, snakemake.api, snakemake.workflow, snakemake.dag
+import snakemake.cli, snakemake.api, snakemake.workflow, snakemake.dag, snakemake.storage
+# what Snakemake imports while it reads a Snakefile and compares params
+import pandas, smart_open
 import osl_analysis.judge.campaign, osl_analysis.refusal, osl_analysis.commands.run
-import osl_analysis.commands.campaign_start
+import osl_analysis.commands.campaign_start, osl_analysis.commands.killed_runs
 import osl_analysis.commands.simulate, osl_analysis.campaign.campaign_trials, osl_analysis.figures
+import osl_analysis.campaign.figure_examples, osl_analysis.campaign.origin
+import osl_analysis.report.brief, osl_analysis.report.headlines
 import osl_analysis.cli
+from osl_analysis.formats import known_formats
 from osl_analysis.jobs import workers
 from osl_analysis.files import default_config
 from osl_analysis.yaml_settings import read_mapping
@@ -41,6 +46,7 @@ import planned_jobs
 
 snakemake.cli.get_argument_parser()  # imports the plug-ins
 read_mapping(default_config())
+known_formats()
 programs = {
     "snakemake": snakemake.cli.main,
     "osl-analysis": osl_analysis.cli.main,
@@ -53,6 +59,9 @@ gc.freeze()
 os.environ.update(workers.ENVIRONMENT)
 commands = ("simulate", "walking", "figure", "report", "gains")
 workers.PRELOADED += [f"osl_analysis.commands.{name}" for name in commands]
+workers.PRELOADED += [f"osl_analysis.formats.{name}" for name in known_formats()]
+workers.PRELOADED += [f"osl_analysis.simulator.{name}" for name in ("bench_trial", "walking_trial")]
+workers.PRELOADED += ["osl_analysis.figures.svg_text", "compiled_functions", "ezc3d"]
 multiprocessing.get_context("forkserver").set_forkserver_preload(workers.PRELOADED)
 forkserver.ensure_running()
 forkserver._forkserver.ensure_running = lambda: None

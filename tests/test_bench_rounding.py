@@ -79,16 +79,15 @@ def of_least_jerk(t):
 
 
 @pytest.mark.parametrize(("rate", "step", "settings", "friction", "seeds", "lowest", "highest"), [
-    *((rate, 0.0, SETTINGS, 0.0, 30, 0.88, 1.0) for rate in (250.0, 300.0)),
-    (500.0, 0.0, SHORT, 0.0, 60, 0.925, 0.995),
-    (500.0, FOURTEEN_BITS, WIDE, 0.0, 20, 0.89, 1.0),
-    (500.0, FOURTEEN_BITS, WIDE, 0.3, 20, 0.88, 1.0),
+    (250.0, 0.0, SETTINGS, 0.0, 30, 0.88, 1.0),
+    (500.0, 0.0, SHORT, 0.0, 30, 0.9, 1.0),
+    (500.0, FOURTEEN_BITS, WIDE, 0.3, 10, 0.88, 1.0),
 ])  # fmt: skip
 def test_intervals_cover_the_truth_and_are_as_wide_as_errors(
     rate, step, settings, friction, seeds, lowest, highest
 ):
-    """Whether a period, as at 3 Hz, is whole rows or not; where every cycle repeats the rounding of
-    14 bits, without which K, B, I were covered in 66, 90 and 76 of 100 cases; and with friction,
+    """A period of 3 Hz is no whole rows; few cycles; and where every cycle repeats the rounding of
+    14 bits, without which K, B, I were covered in 66, 90 and 76 of 100 cases, beside friction,
     which the model then has."""
     fits = []
     for seed in range(seeds):
@@ -148,7 +147,7 @@ def test_noise_of_the_angle_is_read_beyond_a_motion_that_is_faster_than_the_cut_
     """White noise of standard deviation s has the density 2 s^2/rate. The motion, from two to four
     cut-offs, has some forty times as much."""
     rate_hz, noise_rad = 500.0, 1e-4
-    motion = multisine(*np.arange(30.0, 60.0, 0.25), amplitude=3e-5, duration=60.0, rate=rate_hz)
+    motion = multisine(*np.arange(30.0, 60.0, 0.25), amplitude=3e-5, duration=20.0, rate=rate_hz)
     noise = noise_rad * np.random.default_rng(1).standard_normal(len(motion.theta))
     time = np.arange(len(noise)) / rate_hz
     groups = stretches_of([slice(0, len(time))], rate_hz)
@@ -205,15 +204,13 @@ def swept(seed, compliance):
     return Trial("made", pl.DataFrame({"time": t, "theta": rounded, "torque": torque}))
 
 
-@pytest.mark.parametrize("compliance", [0.0, 1 / 2000])
-def test_rounding_is_in_the_interval_of_a_sweep(compliance):
-    """The errors of K, B and I of 24 zeros of the encoder, also where the bench yields by ten steps
-    below it."""
-    bench = BenchStiffness(value="2000 N*m/rad") if compliance else None
+def test_rounding_is_in_the_interval_of_a_sweep():
+    """The errors of K, B and I of 16 zeros of the encoder on a bench that yields by ten steps."""
+    bench = BenchStiffness(value="2000 N*m/rad")
     sweep = {"amplitudes_deg": (4.0,), "frequencies_hz": (1.0,), "bench_stiffness": bench}
     records = [
-        record_of_trial(swept(seed, compliance), SETTINGS.model_copy(update=sweep))
-        for seed in range(24)
+        record_of_trial(swept(seed, 1 / 2000), SETTINGS.model_copy(update=sweep))
+        for seed in range(16)
     ]
     fits = [analysed(one, plain_sums(one, IMPEDANCE), IMPEDANCE).whole for one in records]
     true = np.sqrt(np.mean([(fit.estimates[:3] - [*TRUTH.values()]) ** 2 for fit in fits], axis=0))
@@ -245,15 +242,6 @@ def test_the_jackknife_is_that_of_fits_without_a_unit_and_its_freedom_that_of_th
     np.testing.assert_allclose(freedom, 1 / (0.25**2 / 100 + 0.75**2 / 4))
 
 
-def test_effects_are_asked_of_rows_that_a_filter_of_a_high_cut_off_needs():
-    """The columns of effects pass the filter again; 250 Hz would be too few for one of 130 Hz."""
-    wide = SETTINGS.model_copy(update={"cutoff_hz": 130.0})
-    assert sums_of(sine_record(trial(1, 1000.0), wide), IMPEDANCE).rate_hz == pytest.approx(1000.0)
-    assert sums_of(sine_record(trial(1, 1000.0), SETTINGS), IMPEDANCE).rate_hz == pytest.approx(
-        250.0, rel=1e-3
-    )
-
-
 def test_a_fit_to_one_amplitude_is_least_squares_with_time_about_the_middle_of_its_rows():
     """Against numpy on the rows themselves."""
     record = stepped_sine(lambda m: second_order(m) + np.linspace(0, 3, len(m.theta)) ** 2, 0.03)
@@ -271,42 +259,37 @@ def test_a_fit_to_one_amplitude_is_least_squares_with_time_about_the_middle_of_i
         np.testing.assert_allclose(fit.estimates, expected, rtol=2e-3, atol=2e-4)
 
 
-@pytest.mark.parametrize("steps", [20.3, 91.3])
-def test_rounding_changes_the_size_of_a_sine_by_as_much_as_its_interval_says(steps):
-    """Sizes about 4 deg, zeros at random, against the fits to as many encoders."""
-    settings, K = SETTINGS.model_copy(update={"frequencies_hz": (2.0, 5.0)}), list[float]()
-    for seed in range(30):
-        record = sine_record(
-            trial(seed, 500.0, np.deg2rad(4.0) / (steps + seed / 30), settings), settings
-        )
+def test_rounding_changes_the_size_of_a_sine_by_as_much_as_its_interval_says():
+    """Sizes of about 20 steps, zeros at random, against the fits to as many encoders."""
+    settings = SETTINGS.model_copy(update={"frequencies_hz": (2.0, 5.0)})
+    errors = []
+    for seed in range(20):
+        step = np.deg2rad(4.0) / (20.3 + seed / 20)
+        record = sine_record(trial(seed, 500.0, step, settings), settings)
         fit = analysed(record, plain_sums(record, IMPEDANCE), IMPEDANCE).whole
-        K.append((fit["K"] - 300) / fit.se("K"))
-    assert np.sqrt(np.mean(np.square(K))) == pytest.approx(1, abs=0.4)
+        errors.append((fit["K"] - 300) / fit.se("K"))
+    assert np.sqrt(np.mean(np.square(errors))) == pytest.approx(1, abs=0.4)
 
 
 @pytest.mark.parametrize(("bits", "way", "gap"), [
-    (14, of_least_jerk, (0.25, 0.6)), (18, of_least_jerk, (0.2, 0.25)), (18, through_two_lags,
-     (0.25, 0.6)),
+    (14, of_least_jerk, (0.25, 0.6)), (18, through_two_lags, (0.25, 0.6)),
 ])  # fmt: skip
 def test_steps_between_two_levels_are_read_as_well_as_their_levels(bits, way, gap):
     """A level that stands is wrong by up to half a step however long it is recorded, and so is K.
     Of 18 bits steps beyond the cut-off passed for noise that hides it, and what rings behind the
     filter for no level."""
-    off = []
-    for seed in range(3, 8):
-        rng, time, motion = (
-            np.random.default_rng(seed),
-            np.arange(25_000) / 500,
-            np.zeros((3, 25_000)),
-        )
-        for k, at in enumerate(np.cumsum(rng.uniform(*gap, 100))):
+    errors = []
+    for seed in range(3, 7):
+        rng = np.random.default_rng(seed)
+        time = np.arange(12_500) / 500
+        motion = np.zeros((3, len(time)))
+        for k, at in enumerate(np.cumsum(rng.uniform(*gap, 50))):
             motion += 0.07 * (-1) ** k * np.array(way(time - at))
-        record = record_of_trial(
-            made_trial(rng, (time, motion), torque_noise=0.005, bits=bits), SETTINGS
-        )
+        trial = made_trial(rng, (time, motion), torque_noise=0.005, bits=bits)
+        record = record_of_trial(trial, SETTINGS)
         fit = analysed(record, plain_sums(record, IMPEDANCE), IMPEDANCE).whole
-        off.append((fit["K"] - TRUE["K"]) / (fit.interval("K")[1] - fit["K"]))
-    assert 0.2 < np.sqrt(np.mean(np.square(off))) < 1.2
+        errors.append((fit["K"] - TRUE["K"]) / (fit.interval("K")[1] - fit["K"]))
+    assert 0.2 < np.sqrt(np.mean(np.square(errors))) < 1.2
 
 
 def test_what_rounding_makes_of_both_signals_is_that_of_the_angle_less_that_of_the_torque(

@@ -203,10 +203,11 @@ def test_a_degenerate_bench_trial_is_fitted_or_refused_in_one_sentence(experimen
     time = np.arange(len(x)) / BENCH_RATE
     y = 300 * x + 0.05 * np.random.default_rng(1).standard_normal(len(x))
     cases = spoiled(time, x, y) | {"tiny time": (1e-300 * time, x, y)}
-    cases |= {
-        f"{k} cycles": tuple(s[: round((1 + k / 2) * BENCH_RATE)] for s in (time, x, y))
-        for k in (1, 2, 3)
-    }
+    for name in ("sound", "nan in x", "two equal stamps"):  # which are fitted as any recording
+        del cases[name]
+    for cycles in (1, 2, 3):
+        rows = round((1 + cycles / 2) * BENCH_RATE)
+        cases[f"{cycles} cycles"] = time[:rows], x[:rows], y[:rows]
 
     defined_or_refused(partial(bench_fit, experiment), cases)
 
@@ -258,7 +259,7 @@ def crossings():
         "no stance": lambda: ([replace(c, stance=Stance(0.3, 0.3)) for c in gait], perturbed),
     }  # fmt: skip
     for how in spoiled(gait[0].time, gait[0].theta, gait[0].torque):
-        if "160" not in how:
+        if not how.startswith(("1e-160", "1e+160", "1e-300", "1e+300")):
             cases[f"all: {how}"] = lambda how=how: (spoil(gait, how), spoil(perturbed, how))
             cases[f"perturbed: {how}"] = lambda how=how: (gait, spoil(perturbed, how))
     return cases

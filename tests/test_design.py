@@ -9,7 +9,6 @@ import numpy as np
 import polars as pl
 import pytest
 from click.testing import CliRunner
-from scipy.stats import t as student
 
 from osl_analysis.bench.planned_errors import Distortion, Sensors
 from osl_analysis.bench.planned_motion import (
@@ -78,25 +77,22 @@ def test_a_narrow_filter_costs_what_weighted_least_squares_cost():
 
 
 def test_realisations_scatter_by_friction_as_predicted_and_shift_b_by_its_equivalent_damping():
-    """200 realisations and 400 draws: 6 % in a ratio of standard deviations; B within 4 of its
-    standard errors."""
-    time, found, friction = 8.0 * np.arange(1000) / 1000, [], Distortion(coulomb=1.0)
-    for r in range(200):
-        motion = [MULTISINE.motion(1000 + r).angle(time, k) for k in range(3)]
-        found.append(
-            np.linalg.lstsq(
-                np.column_stack([*motion, np.ones(1000)]), np.sign(motion[1]), rcond=None
-            )[0][:3]
-        )
-    found, predicted = (
-        np.array(found),
-        precision(MULTISINE, JOINT, Sensors(1000.0, 0.0), OPEN, friction),
-    )
-    np.testing.assert_allclose(found.std(axis=0, ddof=1) / 2 / predicted.se, 1, atol=0.2)
-    error = found[:, 1].std(ddof=1) / np.sqrt(200)
-    assert found[:, 1].mean() == pytest.approx(
-        friction.added_damping(MULTISINE)["in all"], abs=4 * error + 0.005
-    )
+    """100 realisations: 8 % in a ratio of standard deviations; B within 4 of its standard
+    errors."""
+    friction = Distortion(coulomb=1.0)
+    time = 8.0 * np.arange(1000) / 1000
+    fits = []
+    for seed in range(100):
+        motion = [MULTISINE.motion(1000 + seed).angle(time, k) for k in range(3)]
+        X = np.column_stack([*motion, np.ones(1000)])
+        fits.append(np.linalg.lstsq(X, np.sign(motion[1]))[0][:3])
+
+    predicted = precision(MULTISINE, JOINT, Sensors(1000.0, 0.0), OPEN, friction)
+
+    scatter = np.std(fits, axis=0, ddof=1)
+    np.testing.assert_allclose(scatter / 2 / predicted.se, 1, atol=0.25)
+    added = friction.added_damping(MULTISINE)["in all"]
+    assert np.mean(fits, axis=0)[1] == pytest.approx(added, abs=4 * scatter[1] / 10 + 0.005)
     assert predicted.method == "realisations"
     # Student's t
     np.testing.assert_allclose(predicted.half_width, 3.1824463 * predicted.se)
@@ -130,14 +126,14 @@ def test_one_realisation_has_the_interval_of_its_detection_lines():
 
 @pytest.mark.parametrize("rate", [50.0, 2000.0])
 def test_rounding_of_a_multisine_has_the_predicted_power_whatever_the_samples_per_step(rate):
-    """Mean over lines, both quadratures, 40 realisations and their zeros: 4 % by chance, 20 % for a
+    """Mean over lines, both quadratures, 20 realisations and their zeros: 6 % by chance, 20 % for a
     normal velocity."""
     q, rng, found = np.deg2rad(0.5), np.random.default_rng(4), []
     plan, time = (
         PeriodicMultisine(4.0, (0.5, 6.0), float(np.deg2rad(2)), 5, 1),
         np.arange(round(4 * rate)) / rate,
     )
-    for number in range(40):
+    for number in range(20):
         motion, zero = plan.motion(number), rng.uniform(0, q)
         theta = motion.angle(time + rng.random() / rate)
         error = q * np.rint((theta + zero) / q) - zero - theta
@@ -146,33 +142,19 @@ def test_rounding_of_a_multisine_has_the_predicted_power_whatever_the_samples_pe
     assert np.mean(found) == pytest.approx(np.mean(each), rel=0.25)
 
 
-def test_rounding_changes_k_at_all_frequencies_alike_and_cycles_repeat_it():
-    """100 zeros at each of eight amplitudes, by numpy: 8 % in the ratio, twice; one second stands
-    for all."""
-    # many samples per step: a third is in phase
+def test_rounding_has_a_third_of_its_variance_in_phase_and_a_damper_turns_it_by_a_quarter():
+    """Of many samples per step."""
     sensors, w = Sensors(1e5, 0.0, encoder_step=1e-2), DRAFT.sines.w
     of_angle = sensors.rounding(DRAFT.sines).variance
     np.testing.assert_allclose(of_angle[1], 2 * of_angle[0])
-    # a damper turns it by a quarter
     of_torque = sensors.variances(DRAFT.sines, 5j * w, 100.0)["encoder rounding"]
     np.testing.assert_allclose(of_torque, (5 * w) ** 2 * of_angle[::-1])
-    rate, q, rng, ratios = 1000.0, np.deg2rad(0.5), np.random.default_rng(4), []
-    w, time = 2 * np.pi * np.repeat([1.0, 2.0], 1000), np.tile(np.arange(1000) / rate, 2)
-    root = np.sqrt(np.repeat([5.0, 2.5], 1000))  # five cycles of each, all like the first
-    for amplitude in np.deg2rad(np.linspace(3.9, 4.6, 8)):
-        theta, zero = amplitude * np.sin(w * time), rng.uniform(0, q, 100)
-        error = theta - (q * np.rint((theta[:, None] + zero) / q).T - zero[:, None])
-        X = np.column_stack([theta, amplitude * w * np.cos(w * time), -(w**2) * theta])
-        found = np.linalg.lstsq(
-            root[:, None] * X, (root * (300 - 0.02 * w**2) * error).T, rcond=None
-        )[0]
-        for cycles in (8.0, 80.0):
-            plan = SteppedSine((amplitude,), (1.0, 2.0), (cycles, cycles), 2)
-            predicted = precision(
-                plan, np.array([300.0, 0.0, 0.02]), Sensors(rate, 0.0, encoder_step=q), OPEN
-            )
-            ratios.append((found[0].std() / predicted.se[0]) ** 2)
-    assert np.sqrt(np.mean(ratios)) == pytest.approx(1, rel=0.16)
+
+
+def test_cycles_repeat_their_rounding():
+    step = Sensors(1000.0, 0.0, encoder_step=np.deg2rad(0.5))
+    longer = replace(DRAFT, cycles=(200.0,) * 5)
+    np.testing.assert_allclose(se(step, plan=longer), se(step), rtol=1e-9)
 
 
 def test_noise_of_half_a_step_cures_rounding():
@@ -210,13 +192,13 @@ def test_noise_of_the_torque_counts_in_its_own_band_alone():
     theta = np.array([0.1 * np.sin(2 * np.pi * one * time) for one in plan.frequencies_hz])
     w = 2 * np.pi * np.array(plan.frequencies_hz)[:, None]
     omega = 0.1 * w * np.cos(w * time)
-    for _ in range(300):
+    for _ in range(150):
         drawn = np.fft.rfft(rng.standard_normal((5, time.size)))
         torque = np.fft.irfft(drawn * (f <= 2.5), time.size)
         X = np.array([x.ravel() for x in (theta, omega, -(w**2) * theta)])
         noise.append(np.linalg.lstsq(X.T, 0.5 / torque.std() * torque.ravel(), rcond=None)[0])
     found = precision(plan, JOINT, Sensors(rate, 0.5, noise_band_hz=2.5), OPEN)
-    np.testing.assert_allclose(found.se, np.std(noise, axis=0), rtol=0.12)
+    np.testing.assert_allclose(found.se, np.std(noise, axis=0), rtol=0.17)
 
 
 def test_drift_that_is_not_seen_changes_a_sine_by_two_slopes_over_its_frequency():
@@ -307,15 +289,14 @@ def test_a_chirp_and_noise_carry_what_their_bands_carry():
     )
     np.testing.assert_allclose(once / twice, 2, rtol=0.01)
     assert astuple(DRAFT.peak) == pytest.approx(np.deg2rad(6) * (10 * np.pi) ** np.arange(3))
-    for band, rms, seconds in (
-        ((0, 2), 1, 1),
-        ((2, 2), 1, 1),
-        ((1, np.inf), 1, 1),
-        ((1, 2), 0, 1),
-        ((1, 2), 1, 0),
-    ):
-        with pytest.raises(InputError, match="no motion has a band"):
-            Continuous(band, rms, seconds, True)
+
+
+@pytest.mark.parametrize(
+    ("band", "rms", "seconds"), [((0, 2), 1, 1), ((2, 2), 1, 1), ((1, 2), 0, 1), ((1, 2), 1, 0)]
+)
+def test_what_is_no_motion_of_a_band_is_refused(band, rms, seconds):
+    with pytest.raises(InputError, match="no motion has a band"):
+        Continuous(band, rms, seconds, True)
 
 
 def call(*arguments):
@@ -378,21 +359,9 @@ def test_every_error_that_is_stated_is_handed_on_in_si_units(monkeypatch):
     assert (joint[0], stated, said["lag_s"]) == (200, Distortion(0.3), 2e-3)
 
 
-def test_text_and_json_say_the_same_intervals():
-    arguments = ("--excitation", "multisine", "--friction", "0.3")
-    text, said = call(*arguments).stdout, as_json(*arguments)
-    for name, one in said["estimates"].items():
-        (line,) = (line.split() for line in text.splitlines() if line.startswith(f"{name} "))
-        share = 100 * one["half_width"] / one["expected"]
-        assert line[1:4] == [f"{one['expected']:.4g}", f"{one['half_width']:.3g}", f"{share:.3g}"]
-        assert sum(one["variance"].values()) == pytest.approx(one["se"] ** 2)
-        assert one["half_width"] == pytest.approx(
-            student.ppf(0.975, one["degrees_of_freedom"]) * one["se"]
-        )
-        assert one["half_width"] > 10 * one["half_width_of_noise"]
-    assert f"adds to B {said['friction_damping']['in all']:.3g}" in text
+def test_json_says_null_where_the_freedom_is_infinite():
     certain = as_json("--torque-noise", "0", "--encoder-step", "0")["estimates"]["K"]
-    assert certain["degrees_of_freedom"] is None  # infinite, which JSON does not have
+    assert certain["degrees_of_freedom"] is None
 
 
 def test_the_torque_to_expect_is_that_of_the_largest_sine_or_of_all_together():
@@ -459,25 +428,16 @@ def test_a_pilot_states_friction_and_what_no_longer_record_cures(tmp_path):
 
 @pytest.mark.parametrize(("arguments", "message"), [
     (("--rms", "3"), "a stepped-sine has no --rms"), (("--rate", "25"), "twice the cut-off"),
-    (("--trial", "a"), "give its results by --from too"),
     (("--stiffness-within", "0"), "no percentage"),
-    (("--damping-within", "100%"), "no percentage"),
     (("--frequencies", "1,nan"), "give a finite number"),
     (("--inertia", "0", "--inertia-within", "5%"),
      "--inertia-within is a share of an expected I of 0; give --inertia"),
-    (("--amplitudes", "2,0"), "frequencies and amplitudes of sines are above 0"),
-    (("--excitation", "chirp", "--band", "1"), "--band has the lowest and the highest frequency"),
     (("--excitation", "noise", "--rms", "3", "--peak", "4"), "give --rms or --peak, not both"),
-    (("--encoder-bits", "12", "--encoder-step", "0.01"),
-     "give --encoder-bits or --encoder-step, not both"),
     (("--excitation", "chirp", "--band", "3,2"), "lower frequency first"),
     (("--excitation", "multisine", "--band", "1,1.2"), "longer period or a wider band"),
     (("--excitation", "multisine", "--band", "0.5,1.5"), "the analysis would refuse this protocol"),
     (("--excitation", "chirp", "--band", "0.2,1"), "the band from 1 to about 2.3 Hz is missing"),
     (("--write", "/tmp/x.csv"), "only a multisine is written"),
-    (("--cycles", "2"), "leaves none of 2 cycles"),
-    (("--stiffness", "nan"), "--stiffness is nan; give a finite number"),
-    (("--stiffness", "0"), "'--stiffness': 0.0 is not in the range x>0"),
     (("--frequencies", "2"),
      "told apart by 2 Hz alone, where K - I w^2 is one number; excite down to 1 Hz"),
     (("--frequencies", "1,20"), "20 Hz is above the filter's cut-off of 15 Hz"),
@@ -490,10 +450,8 @@ def test_a_mistake_is_one_line(arguments, message):
 
 @pytest.mark.parametrize(("arguments", "said"), [
     (("--friction", "0.1"), ""), (("--excitation", "multisine"), "no distortion is stated"),
-    (("--excitation", "multisine", "--realisations", "1"), "1 realisation of a distortion"),
     (("--encoder-bits", "12"), "rounding of the encoder makes"),
     (("--encoder-bits", "12", "--amplitudes", "0.5"), "steps of the encoder"),
-    (("--encoder-step", "0"), "no step of the encoder is stated"),
     (("--frequencies", "3,3.5"), "hardly tells K from I .*above 3.5 Hz, up to 7 Hz"),
     (("--amplitudes", "80"), r"largest_angle = 1\.2 rad: the recording would be refused"),
 ])  # fmt: skip
@@ -528,11 +486,6 @@ def test_what_only_a_longer_record_reaches_is_not_called_out_of_reach():
     )
     best = as_json(*asked, "--stiffness-within", 1.01 * share)["recommended"]
     assert best["record_s"] == pytest.approx(7200, rel=0.03)
-    never = as_json("--encoder-bits", "10", "--stiffness-within", "0.01%")
-    assert never["recommended"] is None
-    assert re.search(
-        "beyond the longest record that is searched.*encoder rounding", never["warnings"][-1]
-    )
 
 
 def test_the_duration_of_a_minimum_jerk_turn_is_told_from_its_rise_time():

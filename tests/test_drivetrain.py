@@ -43,6 +43,7 @@ def test_friction_opposes_motion_and_grows_with_the_size_of_the_current():
     assert drivetrain.motor_friction(0.0, 5.0, P) == 0
 
 
+@settings(max_examples=30)
 @given(u=st.floats(-20, 20), s=st.floats(-1, 1))
 def test_the_closed_form_of_equation_5_solves_the_implicit_equation(u, s):
     current = float(compensator.motor_current(u, s, P))
@@ -78,8 +79,8 @@ def test_the_desired_admittance_is_that_of_a_spring_and_a_damper(frequency, B_d)
 # ---- The norm of Eq. 14 and its minimum
 
 
-PAIRS = [(300, 5), (100, 0), (400, 7.5), (20, 2.5), (31.4159265358979, 5.0), (340, 1e-7)]
-WEIGHTS = [PAPER_WEIGHT, weight_of(0.1, 5), weight_of(50, 1), weight_of(7, 3), weight_of(1, 1)]
+PAIRS = [(300, 5), (100, 0), (340, 1e-7)]
+WEIGHTS = [PAPER_WEIGHT, weight_of(0.1, 5), weight_of(50, 1)]
 # All minima B_1 of the default device by Sturm's theorem in rational arithmetic (release 0.2.0):
 # K_d, B_d, W, whether J_j counts.
 PROVED = [
@@ -231,7 +232,7 @@ def stiffness_at(f, gains, J_j=0.0):
     return 1 / joint_admittance(gains.K_1, gains.B_1, P, J_j)(2j * np.pi * np.asarray(f))
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(K_d=st.floats(5, 650), B_d=st.just(0) | st.floats(1e-9, 20))
 def test_every_selected_impedance_is_stable_and_passive(K_d, B_d):
     """Im Z >= w B_j at every frequency, by the admittance itself."""
@@ -269,8 +270,8 @@ def test_the_decay_rate_is_that_of_the_slowest_pole():
     assert decay_rate[0] == pytest.approx(np.min(-poles.real))
 
 
-@pytest.mark.parametrize("B_d", [0.0, 2.5, 7.5])
-@pytest.mark.parametrize("K_d", [50.0, 200.0, 400.0, 600.0])
+@pytest.mark.parametrize("B_d", [0.0, 7.5])
+@pytest.mark.parametrize("K_d", [50.0, 300.0, 600.0])
 def test_positive_real_is_decided_as_a_dense_grid_does(K_d, B_d):
     gains = compensator.compensated_gains(K_d, B_d, P)
 

@@ -14,7 +14,7 @@ STEP = 2 * np.pi / 2**16
 
 
 @cache
-def driven(seconds: float = 40.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def driven(seconds: float = 20.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Time, torque and angle of the joint that a random torque moves (scipy.signal.lsim)."""
     rng = np.random.default_rng(5)
     fine = 4 * RATE  # lsim joins torques by straight lines, which loses 0.3 % at 15 Hz and 500 Hz
@@ -107,12 +107,12 @@ def test_hardening_spring_is_named_by_size():
 def test_stiffness_that_steps_is_named_by_time():
     time, torque, theta = driven()
 
-    found = inferred(torque - 30.0 * theta * (time > 24.0))
+    found = inferred(torque - 30.0 * theta * (time > 12.0))
 
     assert found.doubt is not None
     assert found.doubt.family == "time"
     step = next(each for each in found.explanations if each.name == "K steps")
-    assert step.parameters[0].value == pytest.approx(-30.0, abs=1.0)
+    assert step.parameters[0].value == pytest.approx(-30.0, abs=3.0)
 
 
 def test_rows_that_the_torque_lost_are_a_lag_that_steps_with_its_sign_and_size():
@@ -155,7 +155,7 @@ def test_reflex_is_named_although_nobody_says_that_it_is_a_person():
 
 def test_gap_is_left_out():
     time, torque, _ = driven()
-    usable = (time < 15.0) | (time > 16.0)
+    usable = (time < 7.0) | (time > 8.0)
     broken = np.where(usable, torque, 50.0)
 
     found = inferred(broken, usable=usable)
@@ -167,7 +167,7 @@ def test_gap_is_left_out():
 def test_offset_of_the_torque_does_not_lower_the_held_out_vaf_near_gaps():
     time, torque, _ = driven()
     usable = np.ones(len(time), dtype=bool)
-    for start in np.arange(3.0, 38.0, 2.0):
+    for start in np.arange(3.0, 18.0, 2.0):
         usable &= (time < start) | (time > start + 0.8)
 
     about_zero = inferred(torque, usable=usable)

@@ -62,7 +62,7 @@ def test_a_smooth_motion_has_no_jumps():
     assert len(acceleration_jumps(Spectra(smooth)).at) == 0
 
 
-@pytest.mark.parametrize("place", [1e-6, 0.25, 0.5, 0.75])
+@pytest.mark.parametrize("place", [1e-6, 0.5])
 def test_impedance_is_held_wherever_between_two_samples_the_acceleration_jumps(place):
     found = infer_impedance(signals(place))
 

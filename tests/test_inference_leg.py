@@ -28,8 +28,8 @@ def joint_motion(time: np.ndarray) -> np.ndarray:
 
 @cache
 def leg(seconds: float = 40.0) -> dict[str, np.ndarray]:
-    """Signals of the leg, at ten steps of integration per sample; friction never drives."""
-    steps, step = 10, 0.1 / RATE
+    """Signals of the leg, at five steps of integration per sample; friction never drives."""
+    steps, step = 5, 0.2 / RATE
     time = np.arange(round(seconds * RATE * steps)) * step
     theta, omega, alpha = joint_motion(time)
     theta_m, omega_m, current, belt = np.zeros((4, len(time)))

@@ -191,7 +191,7 @@ def test_derivatives_of_a_multisine_are_its_slopes(derivative):
     )
 
 
-@pytest.mark.parametrize("seed", range(40))
+@pytest.mark.parametrize("seed", range(5))
 def test_one_odd_line_in_four_is_left_out_and_none_at_the_ends(seed):
     excited, left_out = odd_lines(8.0, BAND, seed)
 
@@ -202,7 +202,7 @@ def test_one_odd_line_in_four_is_left_out_and_none_at_the_ends(seed):
     assert excited[-1] == 47
 
 
-@pytest.mark.parametrize("seed", range(40))
+@pytest.mark.parametrize("seed", range(5))
 def test_the_last_line_is_excited_where_the_last_group_is_a_whole_one(seed):
     excited, _ = odd_lines(8.0, (0.5, 5.5), seed)  # 20 lines
 

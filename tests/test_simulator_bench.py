@@ -14,7 +14,7 @@ from scipy.interpolate import CubicSpline
 
 from osl_analysis.commands.simulate import row_of_trial, simulate_campaign, simulate_trial
 from osl_analysis.errors import InputError
-from osl_analysis.model.compensator import Weight, compensated_gains, uncompensated_gains
+from osl_analysis.model.compensator import compensated_gains, uncompensated_gains
 from osl_analysis.model.drivetrain import read_parameters
 from osl_analysis.model.rendered_impedance import predicted_impedance
 from osl_analysis.simulator import joint_motion
@@ -27,7 +27,6 @@ from osl_analysis.simulator.bench_trial import (
 )
 from osl_analysis.simulator.joint_motion import JointMotion
 from osl_analysis.simulator.mcap_log import joint_states, wrenches, write_topics
-from osl_analysis.simulator.recorder import Bench, draw_errors
 from osl_analysis.simulator.simulation_settings import SimulationSettings
 from osl_analysis.simulator.two_mass_drivetrain import passive_torque, slipping_torque
 from osl_analysis.yaml_settings import read_yaml
@@ -179,13 +178,6 @@ def test_an_excitation_has_its_band(kind):
     assert power_between(excited(kind, band_hz=(1.0, 4.0)).theta, 0.8, 4.3) > 0.98
 
 
-def test_a_hand_moves_slowly_and_its_size_wanders():
-    theta = excited("hand", band_hz=(1.0, 4.0)).theta
-
-    assert power_between(theta, 0, 2) > 0.6
-    assert power_between(theta, 0, 0.85) > 5e-3
-
-
 def sign_changes(theta):
     return np.flatnonzero(np.diff(np.sign(theta)))
 
@@ -194,10 +186,6 @@ def test_a_random_binary_sequence_changes_at_its_clock():
     theta = excited("prbs", clock_s=0.125).theta[3000:-3000]
 
     assert np.gcd.reduce(np.diff(sign_changes(theta))) == 125
-
-
-def test_a_smoothed_binary_sequence_has_no_power_above_its_cutoff():
-    assert power_between(excited("prbs", smoothing_hz=4.0).theta, 12, 500) < 1e-3
 
 
 def test_a_smoothed_binary_sequence_has_the_velocity_of_its_angle():
@@ -273,16 +261,6 @@ def test_the_transmission_alone_has_its_losses():
     np.testing.assert_allclose(impedance, (0.0, P.B_j, P.J_j), rtol=5e-3, atol=2e-3)
 
 
-def test_a_weight_of_the_gains_is_used():
-    weight = {"cutoff_hz": 1, "order": 1}
-
-    truth = simulated({"joint": None, "gain_weight": weight})[1]
-
-    B_1 = truth["gains"]["B_1"]
-    assert B_1 == compensated_gains(300, 5, P, Weight(**weight)).B_1
-    assert B_1 != compensated_gains(300, 5, P).B_1
-
-
 def test_each_effect_of_the_drivetrain_has_its_size():
     sizes = {
         "actuator_encoder": on(1e-3, "rad"),
@@ -321,15 +299,6 @@ def test_the_belt_is_loaded_by_its_own_stiffness():
     assert 1e-4 < abs(stiffnesses[0] / stiffnesses[1] - 1) < 0.06
 
 
-def test_the_actuator_s_own_friction_is_the_true_one():
-    chosen = only({"effects": {"friction": on(1.5, "1")}}, DEFAULT)
-
-    truth = simulate_bench_trial({"trial": "a_1", "experiment": "actuator"}, chosen, P)[1]
-
-    assert truth["parameters"]["f_C"] == 1.5 * P.f_C
-    assert truth["parameters"]["f_G"] == 1.5 * P.f_G
-
-
 def test_each_effect_of_the_load_cell_adds_what_the_truth_says_and_leaves_the_others_alone():
     sizes = {
         "load_cell_offset": on(0.5, "N*m"),
@@ -362,18 +331,6 @@ def test_true_jitter_leaves_each_sample_true(clean):
     expected = CubicSpline(clean["time"], clean[ANGLE])(log["time"])
     assert np.std(jitter) == pytest.approx(20e-6, rel=4 / np.sqrt(2 * len(jitter)))
     assert log[ANGLE] == pytest.approx(expected, abs=1e-8)
-
-
-def test_no_sample_is_outside_the_motion():
-    """A hundred samples that scatter by ten steps: a third would be, were there nothing to hold
-    them."""
-    chosen = only(node(jitter=on(0.01, "s")))
-
-    instants = Bench("trial", chosen, {}, 100).sampling("node", chosen.recorder.node).instants
-
-    assert 0 <= instants.min() < 0.01
-    assert 0.09 < instants.max() <= 0.099
-    assert len(instants) < 100
 
 
 @pytest.mark.parametrize(("f", "rows"), [(2, slice(1000, 2000)), (5, slice(2200, 2600))])
@@ -428,22 +385,6 @@ def test_a_late_message_is_stamped_after_its_sample():
     assert late.std() == pytest.approx(0.5e-3, rel=0.3), "an exponential has its mean as its spread"
 
 
-def test_stamps_have_as_many_decimals_as_the_recorder_writes(clean):
-    time = log_of(node(decimals=on(2, "decimal")))["time"]
-
-    assert time == pytest.approx(np.round(clean["time"], 2), abs=1e-9)
-
-
-def test_the_zero_of_an_encoder_is_off_by_at_most_its_size():
-    effects = {"encoder_zero": on(3, "step"), "joint_encoder": on(1e-3, "rad")}
-    chosen = only({"effects": effects})
-
-    zeros = [draw_errors(f"trial_{k}", chosen)["encoder_zero"] for k in range(300)]
-
-    in_steps = np.abs(zeros) / chosen.effects.joint_encoder.value
-    assert 2.9 < in_steps.max() < 3
-
-
 def missing(**changes):
     """Samples that are missing after each sample."""
     time = log_of(node(**changes))["time"]
@@ -455,12 +396,6 @@ def test_a_share_of_the_samples_is_dropped_at_least_one(clean, share):
     expected = max(round(share * len(clean["time"])), 1)
 
     assert missing(dropped=on(share, "1")).sum() == expected
-
-
-def test_samples_are_dropped_singly_and_none_at_the_ends(clean):
-    assert set(missing(dropped=on(0.2, "1"))) == {0, 1}
-    ends = log_of(node(dropped=on(0.4, "1")))["time"][[0, -1]]
-    assert ends.tolist() == clean["time"][[0, -1]].tolist()
 
 
 def test_a_late_load_cell_reads_the_torque_of_two_samples_ago(clean):
@@ -529,18 +464,13 @@ SHORT_ACTUATOR = {"duration_s": 3, "fade_s": 1, "velocity": TONES, "current": TO
         ("recorder", {"node": {"jitter": on(20, "us")}}, "unit must be 's'"),
         ("recorder", {"node": {"latency": on(1e-4, "s", distribution="normal")}},
          "latency is never negative"),
-        ("recorder", {"node": {"dropped": on(1.5, "1")}}, "less than 1"),
-        ("recorder", {"node": {"rate": on(0, "Hz")}}, "must be positive; set enabled: false"),
         ("protocol", {"seconds": 2.0}, "cycles or seconds"),
-        ("protocol", {"cycles": [1, 2, 3]}, "3 numbers of cycles for 2 frequencies"),
         ("excitations", [FALLING_BAND], "2.0 stands behind 6.0; write"),
         ("actuator", SHORT_ACTUATOR, "at least four times fade_s"),
         ("experiments", {"belt": 0, "transmission": 0, "K_d": []}, "no trials are planned"),
         ("experiments", {"actuator": 2},
          "2 actuator trials are planned but 'actuator' has no schedule"),
         ("foot", SLIPS, "does not reach its limit of 90 N"),
-        ("experiments", {"torque_angle": 3},
-         "3 torque-angle trials are planned but there is no 'foot'"),
     ],
 )  # fmt: skip
 def test_a_wrong_imperfection_or_motion_is_refused(tmp_path, section, value, message):

@@ -7,8 +7,6 @@ import numpy as np
 import polars as pl
 import pytest
 from conftest import multisine
-from hypothesis import given
-from hypothesis import strategies as st
 from scipy.signal import lfilter
 from scipy.special import stdtrit
 from scipy.stats import t as student
@@ -20,10 +18,7 @@ from osl_analysis.signals import LowPass
 from osl_analysis.stats import regression, repeats
 from osl_analysis.walking.impedance_fit import impedance_columns
 
-T, NUMBERS = (
-    np.linspace(0, 10, 2000, endpoint=False),
-    st.integers(-1000, 1000).map(lambda tenths: tenths / 10),
-)
+T = np.linspace(0, 10, 2000, endpoint=False)
 COLUMNS = {"a": np.sin(T), "b": np.cos(3 * T), "offset": np.ones_like(T)}
 
 
@@ -31,16 +26,18 @@ def correlated_noise(rng, n, rho):
     return lfilter([1.0], [1.0, -rho], rng.standard_normal(n))
 
 
-@given(NUMBERS, NUMBERS, NUMBERS)
-def test_recovers_the_coefficients_that_made_the_data(a, b, offset):
-    fit = regression.linear_fit(a * COLUMNS["a"] + b * COLUMNS["b"] + offset, COLUMNS)
-    assert fit.estimates == pytest.approx([a, b, offset], rel=1e-8, abs=1e-10)
+def test_recovers_the_coefficients_that_made_the_data():
+    torque = -3.5 * COLUMNS["a"] + 40.0 * COLUMNS["b"] + 0.7
+    fit = regression.linear_fit(torque, COLUMNS)
+    assert fit.estimates == pytest.approx([-3.5, 40.0, 0.7], rel=1e-8)
+
+
+def test_recovers_the_impedance_that_made_the_torque():
     motion = multisine(0.7, 2.3, 5.9)
-    torque = a * motion.theta + b * motion.omega + 0.1 * motion.alpha + offset
-    second_order = regression.linear_fit(
-        torque, impedance_columns(motion) | {"offset": np.ones_like(torque)}
-    )
-    assert tuple(second_order.estimates) == pytest.approx((a, b, 0.1, offset), rel=1e-8, abs=1e-9)
+    torque = 300.0 * motion.theta + 5.0 * motion.omega + 0.1 * motion.alpha - 2.0
+    columns = impedance_columns(motion) | {"offset": np.ones_like(torque)}
+    fit = regression.linear_fit(torque, columns)
+    assert fit.estimates == pytest.approx([300.0, 5.0, 0.1, -2.0], rel=1e-8)
 
 
 def test_a_lag_costs_damping_and_counts_where_it_is_certain():
@@ -148,14 +145,13 @@ def test_ljung_box_is_statsmodels(samples, lags):
 
 
 def test_white_noise_through_the_filter_passes_as_white_five_times_in_hundred_it_does_not():
-    """95 % of 300 seeded records of 60 s, 1600 samples each: a rate of twice the cut-off itself
+    """95 % of 200 seeded records of 30 s, 800 samples each: a rate of twice the cut-off itself
     would refuse all."""
-    rng, ps = np.random.default_rng(4), []
-    for _ in range(300):
-        autocorrelation, _, p = whiteness(LOW_PASS(rng.standard_normal(round(60 * RATE)), RATE))
-        ps.append(p)
-        assert abs(autocorrelation) < 0.15
-    assert 0.02 < np.mean(np.array(ps) < 0.05) < 0.09
+    rng = np.random.default_rng(4)
+    records = (LOW_PASS(rng.standard_normal(round(30 * RATE)), RATE) for _ in range(200))
+    autocorrelations, _, ps = np.transpose([whiteness(record) for record in records])
+    assert np.abs(autocorrelations).max() < 0.15
+    assert 0.01 < np.mean(ps < 0.05) < 0.1
     assert 0.4 < np.mean(ps) < 0.6
 
 
@@ -196,16 +192,17 @@ def with_spread(y, columns, stratum):
 
 
 def test_the_spread_of_cycles_covers_where_friction_fools_hac():
-    """95 % of 600 seeded records; HAC takes the friction for noise and is several times too
+    """95 % of 200 seeded records; HAC takes the friction for noise and is several times too
     wide."""
-    rng, covered = np.random.default_rng(4), 0
+    rng = np.random.default_rng(4)
     truth = regression.linear_fit(*repeated(rng, noise=0.0))["b"]
-    for _ in range(600):
+    z = []
+    for _ in range(200):
         y, columns = repeated(rng)
         fit = with_spread(y, columns, np.repeat([0, 1], COUNT // 2))
-        low, high = fit.interval("b")
-        covered += low <= truth <= high
-    assert 0.93 < covered / 600 < 0.97
+        z.append((fit["b"] - truth) / fit.se("b"))
+    # of Student's t with 22 degrees of freedom, whose quantile is 2.07
+    assert 0.91 < np.mean(np.abs(z) < 2.07) < 0.98
     assert regression.linear_fit(y, columns).se("b") > 3 * fit.se("b")
 
 
@@ -285,12 +282,12 @@ def test_what_repeats_have_in_common_widens_the_interval_of_their_mean():
 def test_two_trials_that_agree_by_luck_have_an_interval_that_covers_as_often_as_others(between):
     """Trials with own errors of 2 and scatter between them: mean and difference are independent, so
     that of those that agree Student's interval alone covers next to none."""
-    draws = np.random.default_rng(5).standard_normal((4000, 2)) * np.hypot(2.0, between)
+    draws = np.random.default_rng(5).standard_normal((1000, 2)) * np.hypot(2.0, between)
     found = [repeats.over_repeats(pair, halves=[1.96 * 2.0] * 2) for pair in draws]
     covers = np.array([one.low < 0 < one.high for one in found])
     alike = np.abs(np.diff(draws))[:, 0] < 0.2
     student_alone = [repeats.over_repeats(pair) for pair in draws[alike]]
-    assert covers.mean() > 0.94  # of 4000, with a standard error of 0.0035
+    assert covers.mean() > 0.93  # of 1000, with a standard error of 0.007
     assert np.mean([one.low < 0 < one.high for one in student_alone]) < 0.5
     assert between or covers[alike].mean() > 0.9
     assert min(one.se for one in found) == pytest.approx(2 / np.sqrt(2))

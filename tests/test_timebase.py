@@ -12,7 +12,6 @@ from stamp_recorders import (
     DURATION,
     JOINT,
     RATE,
-    SIZE,
     angle_at,
     assert_recovers_the_joint,
     binary_steps,
@@ -65,7 +64,6 @@ def test_a_5_hz_sine_comes_to_the_grid_with_the_error_that_the_report_states(rat
 
 MOTIONS = {
     "multisine": lambda t: sines(t)[0],
-    "sine": lambda t: sines(t, (1.3,), SIZE)[0],
     "stepped": stepped_sine,
     "ramp": lambda t: 0.05 * t,
 }
@@ -77,7 +75,7 @@ def test_no_case_is_decided_wrongly_over_bits_jitter_and_lateness(motion):
     t = clock(1000.0, 12.0)
     firm = 0
     for bits, jitter, is_late, is_even in product(
-        (12, 18), (1e-5, 1e-4, 3e-4), (False, True), (False, True)
+        (12, 18), (1e-5, 3e-4), (False, True), (False, True)
     ):
         stamps = waits(t, jitter, random) if is_late else jittered(t, jitter, random)
         values = rounded_to_bits(MOTIONS[motion](t if is_even else stamps), bits)
@@ -88,7 +86,7 @@ def test_no_case_is_decided_wrongly_over_bits_jitter_and_lateness(motion):
             firm += 1
             assert part.even == is_even, (bits, jitter, is_late, part.why)
             assert abs(part.age) < 0.15
-    assert firm >= 8
+    assert firm >= 5
 
 
 def test_a_python_loop_with_absolute_targets_is_late_and_never_early_and_yet_its_stamps_are_true():
@@ -161,14 +159,11 @@ def test_stamps_that_wander_slowly_are_kept_where_nothing_decides():
     assert (row["stamps"], row["firm"]) == ("exact", False)
 
 
-@pytest.mark.parametrize(
-    ("kind", "age"), [("even", 0.0), ("true", 0.0), ("true", 0.5), ("true", 1.0)]
-)
+@pytest.mark.parametrize(("kind", "age"), [("even", 0.0), ("true", 0.0), ("true", 0.5)])
 @pytest.mark.parametrize("case", [
-    {}, {"changes": 0.05}, {"changes": 0.2, "rate": 333.0, "lost": 1e-3}, {"decimals": 4},
-    {"rate": 200.0, "jitter": 1e-3},
+    {"decimals": 4}, {"rate": 200.0, "jitter": 1e-3},
     # one is lost at the change
-    *({"changes": 0.2, "rate": 333.0, "lost": 1e-3, "seed": seed} for seed in (107, 203)),
+    {"changes": 0.2, "rate": 333.0, "lost": 1e-3, "seed": 107},
 ])  # fmt: skip
 def test_even_devices_true_stamps_and_values_of_an_age_are_told_apart_also_where_the_rate_changes(
     kind, age, case
@@ -198,11 +193,10 @@ def test_stamps_that_fit_no_hypothesis_are_kept_and_not_firm():
     assert part.why.startswith("undecided, true: neither")
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_an_encoder_that_stands_between_steps_is_no_evidence_of_an_even_device(seed):
-    random = np.random.default_rng(seed)
+def test_an_encoder_that_stands_between_steps_is_no_evidence_of_an_even_device():
+    random = np.random.default_rng(1)
     stamps = jittered(clock(1000.0), 5e-5, random)
-    motion = binary_steps(stamps, seed)
+    motion = binary_steps(stamps, seed=1)
     signals = {"theta": rounded_to_bits(motion[0], 18), "torque": noisy(JOINT @ motion, random)}
 
     (part,) = take([Stream("log", stamps, signals)])
@@ -226,11 +220,10 @@ def test_no_value_is_younger_than_its_stamp_and_a_share_within_its_error_of_the_
     assert (reading.even, reading.age, reading.firm) == (False, 0.0, False), reading.why
 
 
-@pytest.mark.parametrize("mean_wait", [2e-2, 5e-2])
-def test_a_host_of_long_waits_is_counted_in_seconds(mean_wait):
+def test_a_host_of_long_waits_is_counted_in_seconds():
     """Most of its stamps are those of a cluster; the time taken is the claim."""
     t = clock(RATE)
-    count = count_from_stamps(waits(t, mean_wait, np.random.default_rng(1)))
+    count = count_from_stamps(waits(t, 5e-2, np.random.default_rng(1)))
     assert count[-1] < 1.2 * len(t)
 
 
@@ -240,7 +233,7 @@ def test_a_host_of_long_waits_is_counted_in_seconds(mean_wait):
 @pytest.mark.parametrize("of", ["theta", "torque"])
 @pytest.mark.parametrize(
     ("rate", "sure"),
-    [(333.0, True), (101.0, True), (1000 / 3, False), (50.0, False), (500.0, False)],
+    [(333.0, True), (1000 / 3, False), (50.0, False)],
 )
 def test_a_held_channel_is_read_at_its_own_rate_and_doubtful_where_the_rates_do_not_beat(
     of, rate, sure
@@ -333,7 +326,7 @@ SLOW_SIGNALS = {
 
 
 @pytest.mark.parametrize("bits", [10, 14])
-@pytest.mark.parametrize("noise_steps", [0.0, 0.3, 1.0])
+@pytest.mark.parametrize("noise_steps", [0.0, 0.3])
 @pytest.mark.parametrize("signal", SLOW_SIGNALS.values(), ids=SLOW_SIGNALS)
 def test_a_coarse_slow_or_resting_signal_is_not_held(signal, noise_steps, bits):
     noise = noise_steps * 2 * np.pi / 2**bits
@@ -350,8 +343,8 @@ def test_a_coarse_slow_or_resting_signal_is_not_held(signal, noise_steps, bits):
 SHARE_MISPLACED = {(False, False): 0, (False, True): 5e-5, (True, False): 5e-3, (True, True): 1e-2}
 
 
-@pytest.mark.parametrize(("jitter", "late"), [(0.0, 0.0), (2e-5, 0.0), (1e-4, 0.0), (0.0, 1e-4)])
-@pytest.mark.parametrize("lost", [1, 30, 600, 3000])
+@pytest.mark.parametrize(("jitter", "late"), [(0.0, 0.0), (1e-4, 0.0), (0.0, 1e-4)])
+@pytest.mark.parametrize("lost", [30, 3000])
 def test_every_missing_sample_is_found_at_its_place(lost, jitter, late):
     random, t = np.random.default_rng(lost), clock(1000.0, 60.0)
     inner = np.sort(random.choice(np.arange(200, len(t) - 200), len(t) - 400 - lost, replace=False))
@@ -481,20 +474,21 @@ def test_a_clock_that_is_slow_by_a_tenth_of_a_thousandth_is_said_to_be():
     assert [stream["ppm"] for stream in slow.streams] == pytest.approx([0, -100, None], abs=0.05)
 
 
-def test_refuses_streams_that_do_not_overlap_or_whose_host_is_so_late_that_it_hides_its_rhythm():
-    for seed, (wait, one_in) in enumerate(((5e-3, (0, 50)), (7e-3, (0, 0)), (1e-2, (0, 50)))):
-        with pytest.raises(
-            InputError,
-            match=r"cell: .* late by \d+\.\d+ ms \(SD\), too late to see whether some of ",
-        ):
-            one_time_base(two_nodes(np.random.default_rng(seed), (0.0, wait), one_in))
-    with pytest.raises(
-        InputError,
-        match=r"cell begins at 70\.0000 s and early ends at 59\.9900 s: they overlap in 0",
-    ):
+def test_streams_that_do_not_overlap_are_refused():
+    overlap = r"cell begins at 70\.0000 s and early ends at 59\.9900 s: they overlap in 0"
+    with pytest.raises(InputError, match=overlap):
         one_time_base([Stream("early", TICKS, {"a": TICKS}), of(TICKS + 70)])
-    early = np.delete(TICKS, slice(200, 300))  # a gap before the other begins does not count
+
+
+def test_a_gap_before_the_other_stream_begins_does_not_count():
+    early = np.delete(TICKS, slice(200, 300))
     assert one_time_base([Stream("early", early, {"a": early}), of(TICKS + 5)]).usable.all()
+
+
+def test_a_host_so_late_that_it_hides_its_rhythm_is_refused():
+    late = r"cell: .* late by \d+\.\d+ ms \(SD\), too late to see whether some of "
+    with pytest.raises(InputError, match=late):
+        one_time_base(two_nodes(np.random.default_rng(1), (0.0, 7e-3)))
 
 
 def test_drift_is_refused_beyond_what_damping_and_inertia_bear_if_it_is_certain():
@@ -504,7 +498,6 @@ def test_drift_is_refused_beyond_what_damping_and_inertia_bear_if_it_is_certain(
         12.5,
         0.0,
     ]
-    drift_row(1.9, 0.01, np.inf, 2.0)
     drift_row(-5.0, 4.0, np.inf, 2.0)
     with pytest.raises(
         InputError, match=r"drift apart by -2\.10 \+- 0\.10 ppm, more than 2: .*synchronise"
@@ -512,9 +505,7 @@ def test_drift_is_refused_beyond_what_damping_and_inertia_bear_if_it_is_certain(
         drift_row(-2.1, 0.1, np.inf, 2.0)
 
 
-@pytest.mark.parametrize(
-    ("wait", "one_in"), [(2e-4, (0, 50)), (5e-4, (100, 0)), (2e-3, (300, 300)), (5e-4, (0, 5000))]
-)
+@pytest.mark.parametrize(("wait", "one_in"), [(2e-4, (0, 50)), (2e-3, (300, 300))])
 def test_regular_losses_behind_a_late_host_are_refused(wait, one_in):
     random, waiting = (
         np.random.default_rng(one_in[1] + int(1e6 * wait)),
@@ -530,26 +521,24 @@ def test_regular_losses_behind_a_late_host_are_refused(wait, one_in):
     )
 
 
-def test_a_host_too_late_to_tell_another_rate_from_losses_is_refused_and_a_prompt_one_tells_them():
-    late = (
-        r"cell: .* late by 5\.\d\d ms \(SD\), too late to see whether some of its 989\.\d\d samples"
-        r" per second are"
-    )
-    with pytest.raises(InputError, match=late):
-        one_time_base(two_nodes(np.random.default_rng(3), (0.0, 5e-3), rates=(RATE, 990.0)))
+@pytest.mark.parametrize(("lost", "missing"), [([], 0), ([9], 1), ([9, 700], 2)])
+def test_missing_samples_are_counted_by_their_rhythm(lost, missing):
+    assert missing_by_rhythm(np.delete(clock(100.0, 20.0, 7.0), lost)) == missing
+
+
+def test_a_stream_too_short_to_have_a_rhythm_tells_no_missing_samples():
+    assert missing_by_rhythm(clock(100.0, 9.0)) is None
+
+
+def test_a_slope_is_exact_across_missing_samples():
     count = np.delete(np.arange(40), [9, 17, 18])
-    # a slope across gaps
-    assert savitzky_golay(2.0 * count + 1, count, 9, 1) == pytest.approx(np.full(37, 2.0))
-    # of which no, one and two samples are missing; and one that is too short to tell
-    t = clock(100.0, 20.0, 7.0)
-    assert [
-        missing_by_rhythm(one) for one in (t, np.delete(t, 9), np.delete(t, [9, 700]), t[:900])
-    ] == [0, 1, 2, None]
+    slopes = savitzky_golay(2.0 * count + 1, count, 9, 1)
+    assert slopes == pytest.approx(np.full(37, 2.0))
 
 
 @pytest.mark.parametrize(("wait", "rates"), [
-    ((0.0, 2e-4), (RATE, RATE)), ((0.0, 2e-3), (RATE, RATE)), ((5e-4, 1e-3), (333.0, 1000.0)),
-    ((5e-4, 1e-3), (1024.0, 1000.0)), ((5e-4, 1e-3), (990.0, 990.0)),
+    ((0.0, 2e-3), (RATE, RATE)), ((5e-4, 1e-3), (333.0, 1000.0)),
+    ((5e-4, 1e-3), (1024.0, 1000.0)),
 ])  # fmt: skip
 def test_late_hosts_that_lose_nothing_are_right_at_any_rates_and_their_mean_wait_is_taken_away(
     wait, rates
@@ -565,7 +554,7 @@ def test_late_hosts_that_lose_nothing_are_right_at_any_rates_and_their_mean_wait
 
 @pytest.mark.parametrize("first", [False, True])
 @pytest.mark.parametrize(("within", "jitter"), [(0.0, 3e-4), (3e-4, 1e-6)])
-@pytest.mark.parametrize("sizes", [(2, 2), (8, 8), (1, 6)])
+@pytest.mark.parametrize("sizes", [(8, 8), (1, 6)])
 def test_stamps_of_batches_are_firm_only_where_their_sizes_tell_which_sample_is_prompt(
     sizes, jitter, within, first
 ):
@@ -601,17 +590,13 @@ def test_a_clock_that_ticks_slower_than_the_samples_stamps_no_batches():
 
 
 @pytest.mark.parametrize("lower", [False, True])
-@pytest.mark.parametrize("kind", ["even", "jitter", "latency"])
+@pytest.mark.parametrize("kind", ["even", "jitter"])
 def test_values_that_are_missing_cost_nothing_and_split_no_device(kind, lower):
     """One percent of each signal, or two of three torques: a signal of a lower rate."""
     random, t = np.random.default_rng(7), clock(RATE)
     scattered = jittered(t, 2e-5, random)
-    stamps, taken = {
-        "even": (t, t),
-        "jitter": (scattered, scattered),
-        "latency": (waits(t, 5e-4, random), t),
-    }[kind]
-    recorded = log(stamps, taken, random)
+    stamps = scattered if kind == "jitter" else t
+    recorded = log(stamps, stamps, random)
     for name, values in recorded.signals.items():
         if lower:
             values[(np.arange(len(values)) % 3 > 0) & (name == "torque")] = np.nan

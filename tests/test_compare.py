@@ -255,9 +255,9 @@ def test_the_command_writes_table_and_figure_and_prints_every_verdict_or_one_lin
     with monkeypatch.context() as broken:
         broken.setattr("osl_analysis.commands.report.draw_figure", lambda *_, **named: 1 / 0)
         assert (call("a", "b").exit_code, list(out.iterdir())) == (1, [])
+    monkeypatch.setattr("osl_analysis.commands.report.draw_figure", write_empty)
     done = call("a", "b", "--margin", "4%")
     assert {path.suffix for path in out.iterdir()} == {".csv", ".pdf", ".svg", ".png"}
-    monkeypatch.setattr("osl_analysis.commands.report.draw_figure", write_empty)
     table = read_table(out / "comparison.csv")
     assert set(table["verdict"]) == {"different", "equivalent", "undecided", None}
     for row in table.drop_nulls("verdict").iter_rows(named=True):

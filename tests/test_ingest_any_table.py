@@ -588,10 +588,9 @@ def test_the_line_of_every_row_is_told_however_far_below(tmp_path):
             trial_from_files({"trial": "a", "log": "a.csv", "log_source": "s"}, tmp_path, tmp_path)
 
 
-@pytest.mark.parametrize("columns", [20_000, 200_000])
-def test_a_table_with_more_columns_than_a_recording_has_is_refused_at_once(tmp_path, columns):
-    (tmp_path / "a.csv").write_text("\n".join(",".join(["0.5"] * columns) for _ in range(3)))
-    with pytest.raises(InputError, match=f"has {columns} columns, at most 10000 are read"):
+def test_a_table_with_more_columns_than_a_recording_has_is_refused(tmp_path):
+    (tmp_path / "a.csv").write_text("\n".join(",".join(["0.5"] * 10_001) for _ in range(3)))
+    with pytest.raises(InputError, match="has 10001 columns, at most 10000 are read"):
         inspect_file(tmp_path / "a.csv")
 
 

@@ -433,6 +433,7 @@ WRITERS = {
 }  # fmt: skip
 NO_TIME = {"opensim": {"column": None, "unit": None}}  # where a source file has a time of its own
 EVERY = pytest.mark.parametrize("what", WRITERS)
+OTHERS = [what for what in WRITERS if what != "csv"]
 
 
 def described(what, counter=None, **fields):
@@ -463,20 +464,21 @@ def test_a_log_gives_the_same_columns_in_every_format(tmp_path, what):
     assert recording.facts["rates_hz"]["log"] == pytest.approx(500)
 
 
-@EVERY
-@pytest.mark.parametrize(("name", "clock"), [
-    ("t", TIME), ("Date", 45_000 + TIME / 86_400), ("LabVIEW time", 3.8e9 + TIME),
-    ("count_time", (1e3 * TIME + 65_500) % 2**16),
-])  # fmt: skip
+CLOCKS = {
+    "t": TIME, "Date": 45_000 + TIME / 86_400, "LabVIEW time": 3.8e9 + TIME,
+    "count_time": (1e3 * TIME + 65_500) % 2**16,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("what", "name"), [*(("csv", name) for name in CLOCKS), *((what, "t") for what in OTHERS)]
+)
 def test_a_rate_that_a_clock_of_the_file_contradicts_is_refused_in_every_format(
-    tmp_path, what, name, clock
+    tmp_path, what, name
 ):
     """A rate of 1000 for a file of 500 Hz halves B, and no check objects."""
-    if what.startswith("mat") and " " in name:
-        name = name.replace(" ", "_")
-    path = WRITERS[what][2](
-        tmp_path / "log", {"angle": LOG["angle"], "torque": LOG["torque"], name: clock}
-    )
+    columns = {"angle": LOG["angle"], "torque": LOG["torque"], name: CLOCKS[name]}
+    path = WRITERS[what][2](tmp_path / "log", columns)
     read, other = read_converted, NO_TIME.get(what, {})
     assert "but " in (said := refusal_by(read, path, described(what, time={**other, "rate": 1000})))
     assert f"{name}' rises by" in said
@@ -486,8 +488,7 @@ def test_a_rate_that_a_clock_of_the_file_contradicts_is_refused_in_every_format(
 LATE = TIME > 0.039
 
 
-@EVERY
-@pytest.mark.parametrize(("changes", "counted", "told"), [
+NO_LOG = [
     ({"torque": np.where(LATE, np.nan, TORQUE)}, {}, "in 20 of 40 "),
     ({"torque": np.where(LATE, np.inf, TORQUE)}, {}, "inf"),
     ({"t": np.full(40, 3.0)}, {}, "time stands still at 3 in 40 of 40 "), ({"t": -TIME},
@@ -496,10 +497,17 @@ LATE = TIME > 0.039
     ({"t": np.r_[TIME[:30], TIME[20:30] + 1e-3]}, {}, "the recorder's clock was set back: cut"),
     ({"t": np.where(LATE, np.nan, TIME)}, {}, "no time in "), ({"angle": None, "angel": ANGLE},
      {}, "angel"),
-    ({}, {"counter": "angle"}, "is no count of samples, a whole number below"),
     ({"big": np.full(40, 2.0**53)},
      {"counter": "big"}, "is no count of samples, a whole number below 9.01e+15"),
-])  # fmt: skip
+    ({}, {"counter": "angle"}, "is no count of samples, a whole number below"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("what", "changes", "counted", "told"),
+    [*(("csv", *case) for case in NO_LOG), *((what, *NO_LOG[0]) for what in OTHERS),
+     *((what, *NO_LOG[-1]) for what in OTHERS)],
+)  # fmt: skip
 def test_what_cannot_be_a_log_is_refused_in_every_format(tmp_path, what, changes, counted, told):
     columns = {name: one for name, one in {**LOG, **changes}.items() if one is not None}
     path = WRITERS[what][2](tmp_path / "log", columns)

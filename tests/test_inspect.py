@@ -326,10 +326,10 @@ def bench(tmp_path):
 def write_joint(path, sign=1.0):
     """A log of an exact joint under a stepped sine, as a laboratory's own CSV: 1 and 3 Hz at 4 deg,
     250 Hz."""
-    time = np.arange(0, 34, 0.004)
+    time = np.arange(0, 17, 0.004)
     angle = np.zeros_like(time)
-    for start, frequency in ((2.0, 1.0), (24.0, 3.0)):
-        inside = (time >= start) & (time < start + 20 / frequency)
+    for start, frequency in ((1.0, 1.0), (12.0, 3.0)):
+        inside = (time >= start) & (time < start + 10 / frequency)
         angle[inside] = np.radians(4) * np.sin(2 * np.pi * frequency * (time[inside] - start))
     omega, noise = np.gradient(angle, time), np.random.default_rng(3).normal(0, 0.05, time.size)
     torque = STIFFNESS * angle + DAMPING * omega + INERTIA * np.gradient(omega, time) + noise
@@ -410,14 +410,15 @@ def test_what_was_refused_or_not_examined_before_a_restart_is_examined_then_and_
     assert watching.read_notes(bench.output / "examined.json") == {}
 
 
+@pytest.mark.usefixtures("without_inference")
 def test_a_fault_in_one_recording_does_not_end_the_watch(tmp_path, bench, monkeypatch):
     write_joint(path := tmp_path / "in/k120_b2.csv")
     # and no picture takes the numbers away
     bench.output.write_text("a file in place of the folder")
-    path.write_text(path.read_text() + "34.000")  # of which the reader warns
+    path.write_text(path.read_text() + "17.000")  # of which the reader warns
     said = watching.recording_line(path, tmp_path / "in", bench)[0]
     assert re.search(
-        r"\bK 1[12]\d.*k120_b2.csv: the last line, 8502, is cut off .*no picture: ", said
+        r"\bK 1[12]\d.*k120_b2.csv: the last line, 4252, is cut off .*no picture: ", said
     )
     monkeypatch.setattr(watching, "fit_of_row", lambda *_: 1 / 0)
     assert (
@@ -468,7 +469,7 @@ def test_a_recording_of_an_unknown_recorder_gives_its_joint(tmp_path, bench):
         watching.recording_line(path, tmp_path / "in", bench)[0] for path in paths
     )
     found = {name: float(value) for name, value in re.findall(r"\b([KBI]) (\S+) ±", sound)}
-    assert found == pytest.approx({"K": STIFFNESS, "B": DAMPING, "I": INERTIA}, rel=0.02)
+    assert found == pytest.approx({"K": STIFFNESS, "B": DAMPING, "I": INERTIA}, rel=0.03)
     assert 'channels are guessed: theta: {column: "ankle_angle_deg"' in sound
     assert (tmp_path / "pictures/k120_b2.png").stat().st_size > 10_000
     assert re.search(
@@ -492,6 +493,7 @@ def test_outside_of_a_campaign_nobody_stated_a_protocol_or_a_device(tmp_path, mo
     assert (bench.config.parameters, bench.config.dynamometer.amplitudes_deg) == (None, None)
 
 
+@pytest.mark.usefixtures("without_inference")
 def test_the_stated_source_file_decides(tmp_path):
     write_joint(tmp_path / "in/k120_b2.csv", sign=-1.0)
     theta, torque = (
@@ -541,6 +543,7 @@ def test_the_parameters_of_an_ankle_judge_no_knee(bench):
     assert [*found, watching.device_of_row({}, without)] == [None, device, device, None]
 
 
+@pytest.mark.usefixtures("without_inference")
 def test_what_no_recording_of_a_kind_has_is_said_once(tmp_path, bench):
     write_joint(tmp_path / "in/a.csv")
     write_joint(tmp_path / "in/b.csv")

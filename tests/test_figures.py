@@ -384,7 +384,7 @@ def test_a_figure_has_the_numbers_and_marks_of_what_is_drawn(name, table, change
     ) == ([], [])
 
 
-def test_trials_are_told_apart_where_they_end_and_doubtful_ones_and_the_mean_by_their_lines():
+def test_belts_are_told_apart_where_they_end_and_doubtful_ones_and_the_mean_by_their_lines():
     belts, loops = fig3.draw(
         both_branches().with_columns(-pl.col("theta_s_deg"), doubtful=DOUBT)
     ).axes
@@ -403,15 +403,22 @@ def test_trials_are_told_apart_where_they_end_and_doubtful_ones_and_the_mean_by_
         *links_to(["belt_05"]),
         stray.get_ydata()[-1],
     )
+
+
+def test_loading_unloading_and_the_desired_curve_of_a_trial_have_its_colour():
     other = pl.when(trial=CAMS[9]).then(pl.lit("other")).otherwise("desired")
+
     left, right = torque_angle.draw(torque_angle_table().with_columns(desired=other)).axes
-    colours = {name: left.lines[2 * number].get_color() for number, name in enumerate(CAMS)}
-    assert len(set(colours.values())) == 11
+
     loading, unloading, _, desired = left.lines[20:24]
+    assert len({line.get_color() for line in left.lines[:22:2]}) == 11
     assert loading.get_linewidth() > unloading.get_linewidth()
     assert (desired.get_color(), desired.is_dashed()) == (loading.get_color(), True)
     assert [line.is_dashed() for line in right.lines[:11]] == [name == CAMS[3] for name in CAMS]
     assert [line.get_url() for line in left.lines[:22:2]] == links_to(CAMS)
+
+
+def test_a_line_of_a_crossing_leads_to_it_and_is_dashed_where_it_is_doubtful():
     page = walking_page.draw(stored("walking_page").with_columns(doubtful=DOUBT)).axes[2]
     assert [a.get_url() for a in page.lines if a.get_alpha()] == links_to(["w1", "w2"])
     assert [a.get_ydata().max() for a in page.lines if a.is_dashed()] == pytest.approx([1.1 * 60])
@@ -544,51 +551,42 @@ def test_a_table_without_what_a_figure_shows_is_refused(name, table, message):
         drawing_of(name).points(table, *beside)
 
 
-def test_axes_are_logarithmic_in_round_numbers_percent_or_from_zero_where_the_sign_tells():
+def test_a_frequency_response_is_drawn_over_logarithmic_axes_with_round_numbers():
     numbers, figure = drawn_once("fig7", response_table)
+
     magnitude, phase = figure.axes
     polar = np.hypot(3.5e-3, 2e-3), np.rad2deg(np.arctan2(-2, 3.5))
     assert numbers.select("magnitude", "phase_deg").row(-1) == pytest.approx(polar)
     assert magnitude.get_yscale() == magnitude.get_xscale() == phase.get_xscale() == "log"
-    assert [tick.get_text() for tick in phase.get_xticklabels()] == ["1", "2", "3", "4", "5"]
-    assert magnitude.get_xlim() == phase.get_xlim()
-    assert [ax.get_title(loc="left") for ax in (magnitude, phase)] == ["(a)", "(b)"]
-    assert [tick.get_text() for tick in magnitude.get_yticklabels()] == [
-        "3.5",
-        "4",
-        "4.5",
-        "5",
-    ], "in thousandths"
     np.testing.assert_allclose(magnitude.get_yticks(), [3.5e-3, 4e-3, 4.5e-3, 5e-3])
-    assert [line.is_dashed() for line in magnitude.lines] == [
-        False,
-        True,
-        True,
-    ], "the desired one alone is whole"
-    stiffness, damping = fig8.draw(plotted("fig8")).axes
-    assert (damping.xaxis.get_major_formatter()(0.4), stiffness.get_ylim()[0] <= 0) == ("40", True)
-    figure = fig9.draw(fig9_points(340.0))
-    inertia = figure.axes[2]
+    letters = [tick.get_text() for tick in magnitude.get_yticklabels()]
+    assert letters == ["3.5", "4", "4.5", "5"], "in thousandths"
+    dashed = [line.is_dashed() for line in magnitude.lines]
+    assert dashed == [False, True, True], "the desired one alone is whole"
+
+
+def test_inertia_whose_sign_tells_is_drawn_from_zero():
+    _, figure = drawn_once("fig9")
+
+    stiffness, damping, inertia = figure.axes
+    assert stiffness.get_ylim()[0] > 250
+    assert damping.get_ylim()[0] > 2
+    assert inertia.get_ylim()[0] <= 0
     assert "10$^{-3}$ kg·m$^2$" in inertia.get_ylabel()
     assert inertia.yaxis.get_major_formatter()(0.025) == "25"
-    lowest = [ax.get_ylim()[0] for ax in figure.axes]
-    assert (lowest[0] > 250, lowest[1] > 2, lowest[2] <= 0) == (
-        True,
-        True,
-        True,
-    ), "inertia alone is drawn from zero"
-    gap = fig4.draw(time_series().filter(~pl.col("time").is_between(2, 3))).axes
-    assert [np.isnan(ax.lines[-1].get_ydata()).sum() for ax in gap] == [
-        1,
-        1,
-        1,
-    ], "no line crosses a gap"
+
+
+def test_what_was_not_fitted_is_shaded_and_no_line_crosses_a_gap():
+    lost = time_series().filter(~pl.col("time").is_between(2, 3))
+
+    for ax in fig4.draw(lost).axes:
+        assert np.isnan(ax.lines[-1].get_ydata()).sum() == 1
     for ax in drawn_once("fig4", left_out)[1].axes:
         spans = [(patch.get_x(), patch.get_x() + patch.get_width()) for patch in ax.patches]
         np.testing.assert_allclose(spans, [(2, 3), (9.01, 9.99)], atol=1e-9)
 
 
-def test_fig9_shows_every_group_with_a_result_and_its_command_and_fig8_stance_alone():
+def three_groups():
     """K of the second group is twice that of the first, the third has no result; crossings may have
     no fit or group."""
     one = stored("walking_summary").with_columns(group=pl.lit("K_d 200"), commanded=pl.lit(200.0))
@@ -596,36 +594,48 @@ def test_fig9_shows_every_group_with_a_result_and_its_command_and_fig8_stance_al
         pl.col("mean", "low", "high") * 2, group=pl.lit("K_d 400"), commanded=pl.lit(400.0)
     )
     none = one.with_columns(mean=None, low=None, high=None, group=pl.lit("K_d 600"))
-    summary = pl.concat([one, two, none], how="diagonal_relaxed")
     lost = walking_fits(3).with_columns(
         K=pl.Series([None, np.nan, 310.0]), group=pl.Series(2 * ["K_d 400"] + [None])
     )
-    fits = pl.concat([walking_fits(31, "K_d 200"), walking_fits(31, "K_d 400"), lost])
+    fits = [walking_fits(31, "K_d 200"), walking_fits(31, "K_d 400"), lost]
+    return pl.concat([one, two, none], how="diagonal_relaxed"), pl.concat(fits)
+
+
+def test_fig9_shows_every_group_with_a_result_and_what_it_was_commanded():
+    summary, fits = three_groups()
+
     table = fig9.points(summary, fits, over_stance(), 340.0)
-    assert table["estimate"].count() == table["estimate"].is_finite().sum() == 3 * 62
+
     panel, _, lowest = fig9.draw(table).axes
-    assert [a.get_ydata()[0] for a in panel.lines if a.get_marker() == "s"] == [338.0, 676.0]
-    assert [label.get_text() for label in lowest.get_xticklabels()] == [
-        "$K_d$ 200 (31)",
-        "$K_d$ 400 (31)",
-    ]
-    assert [a.get_ydata()[0] for a in panel.lines if a.get_label() == "Commanded"] == [200.0, 400.0]
-    trajectory = pl.DataFrame({"group": ["K_d 400"], "quantity": ["K"], "commanded": [390.0]})
+    estimates = [line.get_ydata()[0] for line in panel.lines if line.get_marker() == "s"]
+    commands = [line.get_ydata()[0] for line in panel.lines if line.get_label() == "Commanded"]
+    assert table["estimate"].count() == table["estimate"].is_finite().sum() == 3 * 62
+    assert (estimates, commands) == ([338.0, 676.0], [200.0, 400.0])
+    groups = [label.get_text() for label in lowest.get_xticklabels()]
+    assert groups == ["$K_d$ 200 (31)", "$K_d$ 400 (31)"]
+
+
+def test_the_sheet_s_command_goes_before_the_trajectory_s_and_the_campaign_s():
+    summary, fits = three_groups()
     unstated = summary.with_columns(commanded=pl.lit(None, pl.Float64))
-    stated = fig9.points(unstated, fits, trajectory, 340.0).filter(
-        pl.col("trial").is_null(), quantity="K"
-    )
-    assert stated["commanded"].to_list() == [None, 390.0]
-    for sheet, expected in (
-        (None, 340.0),
-        (stored("walking_summary").with_columns(commanded=pl.lit(200.0)), 200.0),
-    ):
-        assert set(fig9_points(340.0, sheet).filter(quantity="K")["commanded"].drop_nulls()) == {
-            expected
-        }
-    swing = stored("gains").tail(1).with_columns(phase=pl.lit(0.63), K_d=pl.lit(1e6))
-    assert fig8.points(pl.concat([stored("gains"), swing])).equals(fig8.points(stored("gains")))
-    assert fig8.points(stored("gains"), 0.3)["phase"].max() == pytest.approx(0.3)
+    trajectory = pl.DataFrame({"group": ["K_d 400"], "quantity": ["K"], "commanded": [390.0]})
+    sheet = stored("walking_summary").with_columns(commanded=pl.lit(200.0))
+
+    def commanded(table):
+        return table.filter(pl.col("commanded").is_not_null(), quantity="K")["commanded"].unique()
+
+    by_trajectory = fig9.points(unstated, fits, trajectory, 340.0)
+    assert commanded(by_trajectory).to_list() == [390.0]
+    assert commanded(fig9_points(340.0)).to_list() == [340.0]
+    assert commanded(fig9_points(340.0, sheet)).to_list() == [200.0]
+
+
+def test_fig8_shows_stance_alone():
+    gains = stored("gains")
+    swing = gains.tail(1).with_columns(phase=pl.lit(0.63), K_d=pl.lit(1e6))
+
+    assert fig8.points(pl.concat([gains, swing])).equals(fig8.points(gains))
+    assert fig8.points(gains, 0.3)["phase"].max() == pytest.approx(0.3)
     assert len(fig8.points(swing.with_columns(phase=0.62))) == 1
 
 

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import polars as pl
 import pytest
 import yaml
@@ -559,41 +558,6 @@ def test_a_matrix_is_a_part_whose_columns_are_signals(tmp_path):
         "D.run1"
     )
     np.testing.assert_allclose(read_converted(path, source).samples["theta"], ANGLE)
-
-
-# of its import
-@pytest.mark.filterwarnings("ignore:duration_to_mat", "ignore:The 'future.infer_string' option")
-def test_the_human_ankles_are_objects_and_a_timetable_tells_its_time_and_units(tmp_path):
-    from matio import save_to_mat
-    from matio.utils.matclass import MatlabOpaque
-    from matio.utils.matconvert import convert_py_to_mat
-
-    log = pd.DataFrame(
-        {"angle": np.rad2deg(ANGLE), "torque": -1e3 * TORQUE}, index=pd.to_timedelta(TIME, unit="s")
-    )
-    log = convert_py_to_mat(log, "timetable")
-    log.properties["any"][0, 0]["varUnits"] = np.array([["deg", "kNm"]], dtype=object)
-    both, slow = np.column_stack([ANGLE, TORQUE]), (2 * ANGLE).reshape(-1, 1)
-    objects = {
-        name: MatlabOpaque({"dataSet": values}, "nldat")
-        for name, values in (("io", both), ("sv", slow))
-    }
-    save_to_mat(tmp_path / "a.mat", {**objects, "log": log}, version="v7")
-    ankle = read_converted(
-        tmp_path / "a.mat", read_source(SOURCES / "human_ankle_pilot.yaml").of_part("io")
-    )
-    table = read_converted(
-        tmp_path / "a.mat", described("mat", time={"variable": "Time"}).of_part("log")
-    )
-    for column, first, second in (
-        ("theta", ANGLE, ANGLE),
-        ("torque", -TORQUE, TORQUE),
-        ("time", TIME / 2, TIME),
-    ):
-        np.testing.assert_allclose(ankle.samples[column], first, atol=1e-12)
-        np.testing.assert_allclose(table.samples[column], second, atol=1e-12)
-    np.testing.assert_allclose(ankle.samples["theta_slow"], 2 * ANGLE)
-    assert table.warnings == ["a.mat: torque is read in Nmm; the file says kNm"]
 
 
 @MATLAB

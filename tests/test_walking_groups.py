@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
-from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 from scipy.special import stdtrit
 from walking_crossings import (
@@ -363,13 +362,6 @@ def test_an_unseen_turn_has_a_group_of_its_own():
     (place,) = places([unseen], {"p0": {"perturbed": True}}, by_both).values()
 
     assert place.group == "timing 40 %, direction unknown"
-
-
-def test_a_condition_is_split_or_pooled():
-    with pytest.raises(
-        ValidationError, match="group_by and pool share a condition; remove it from one of them"
-    ):
-        settings(group_by=["K_d"], pool=["K_d"])
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")

@@ -789,19 +789,6 @@ def test_an_onset_whose_response_leaves_stance_is_refused(onset: float, message:
         check_onset(onset, True, Stance(0.93, 1.59), settings())
 
 
-def test_a_late_onset_of_a_recording_is_refused() -> None:
-    with pytest.raises(InputError, match=r"outside stance 0\.930-1\.59\d s"):
-        perturbed(walked_over("w", Ramp(onset=1.75), QUIET, 1))
-
-
-def test_a_perturbed_crossing_on_a_plate_without_moments_is_refused() -> None:
-    trial = walked_over("w", Ramp(), QUIET, 1)
-    plate_of_type_1 = {**trial.provenance["plates"][0], "type": 1}
-
-    with pytest.raises(InputError, match=r"type 1 \(centre of pressure\)"):
-        perturbed(replace(trial, provenance={"plates": [plate_of_type_1]}))
-
-
 def test_too_few_unperturbed_crossings_say_how_many_and_the_most_frequent_reason(
     tmp_path: Path,
 ) -> None:

@@ -99,87 +99,95 @@ def tables(K=1.0, amplitude=2.0, conditions=8, seed=1):
     return {"impedance": pl.DataFrame(rows), "belt": belt, "walking_summary": pl.DataFrame(walk)}
 
 
-def test_equal_campaigns_are_equivalent_a_planted_difference_is_seen():
-    def rows(b, *margin):
-        return {
-            label_of(row): row
-            for row in comparison_table(tables(), b, *margin).iter_rows(named=True)
-        }
+def compared(a, b, *margin):
+    """The rows of the comparison by their labels."""
+    table = comparison_table(a, b, *margin)
+    return {label_of(row): row for row in table.iter_rows(named=True)}
 
-    same, other = rows(tables(seed=2)), rows(tables(K=1.08, seed=2, conditions=7))
-    K, moved = same["impedance K, c"], other["impedance K, c"]
-    assert (K["verdict"], K["method"], K["n_A"], K["n_doubtful_B"]) == (
-        "undecided",
-        "paired, Student",
-        8,
-        1,
-    )
-    assert (moved["verdict"], moved["method"]) == ("different", "paired, Student")
-    assert (moved["mean_A"], moved["remark"]) == (None, "7 of 8 conditions are shared")
-    assert same["belt K_s"]["mean_A"] == pytest.approx(tables()["belt"]["K_s"].mean())
-    assert 7 < moved["relative_percent_low"] < 8 < moved["relative_percent_high"] < 9
-    whole = pl.col("amplitude_deg").is_null()
-    means = [scipy.stats.gmean(tables(seed=one)["impedance"].filter(whole)["K"]) for one in (1, 2)]
-    assert K["relative_percent"] == pytest.approx(100 * (means[1] / means[0] - 1))
-    # more friction on the second day, and no damping
-    rubs = tables()["impedance"].with_columns(B=pl.col("B") + 1.0)
-    both = {
-        label_of(row): row
-        for row in comparison_table(tables(), {"impedance": rubs}).iter_rows(named=True)
-    }
-    assert both["impedance B, c"]["difference"] == pytest.approx(1.0)
-    without = both["impedance B_viscous, c"]
-    known = (
-        {"impedance": one["impedance"].with_columns(B_se_bench=pl.lit(0.3))}
-        for one in (tables(), tables())
-    )
-    by_bench = {label_of(row): row for row in comparison_table(*known).iter_rows(named=True)}[
-        "impedance B_viscous, c"
-    ]
-    assert by_bench["difference_high"] == pytest.approx(1.96 * math.hypot(0.3, 0.3), rel=0.01), (
-        "the bench errs alike"
-    )
-    assert (without["n_A"], without["difference"]) == (
-        4,
-        pytest.approx(0.0),
-    ), "of trials whose friction is certain"
-    walk = other["walking K"]
-    known = pl.col("K") * 0.02  # which no scatter shows: the difference is known to 5.5 %
-    a, b = (
-        {"impedance": one["impedance"].with_columns(K_se_bench=known)}
-        for one in (tables(), tables(1.08, seed=2))
-    )
-    (by_bench,) = (
-        comparison_table(a, b, 0.05).filter(pl.col("condition").is_null(), quantity="K").to_dicts()
-    )
-    ratio, low = (
-        math.log1p(by_bench[name] / 100) for name in ("relative_percent", "relative_percent_low")
-    )
-    assert ratio - low == pytest.approx(1.96 * math.hypot(0.02, 0.02), rel=0.02)
-    assert (by_bench["verdict"], by_bench["method"]) == ("undecided", "paired, Student + bench")
+
+def of_impedance(*columns, seed=1, amplitude=2.0, **named):
+    """A campaign of impedance trials alone, with columns changed."""
+    table = tables(seed=seed, amplitude=amplitude)["impedance"]
+    return {"impedance": table.with_columns(*columns, **named)}
+
+
+def test_a_planted_difference_is_seen_with_its_interval():
+    rows = compared(tables(), tables(K=1.08, seed=2, conditions=7))
+
+    K, walk = rows["impedance K, c"], rows["walking K"]
+    assert (K["verdict"], K["method"]) == ("different", "paired, Student")
+    assert (K["mean_A"], K["remark"]) == (None, "7 of 8 conditions are shared")
+    assert 7 < K["relative_percent_low"] < 8 < K["relative_percent_high"] < 9
     assert (walk["mean_A"], walk["remark"]) == (300, "commanded 300 in A and 324 in B")
     log_low = math.log(1.08) - math.hypot(math.log(300 / 290), math.log(315 / 300))
     assert walk["relative_percent_low"] == pytest.approx(100 * math.expm1(log_low))
-    assert (same["impedance VAF, c"]["n_A"], same["belt K_s"]["verdict"]) == (8, "undecided")
-    assert same["impedance I, c"]["relative_percent"] is None
-    assert rows(tables(seed=2), 0.02)["belt K_s"]["verdict"] == "equivalent"
-    assert rows(tables(amplitude=6.0))["impedance K, c"]["method"] == "none: no condition in common"
-    assert rows({"belt": tables()["belt"]})["impedance K, c"]["remark"] == "only in A"
-    alone = comparison_table(
-        {"impedance": tables()["impedance"]}, {"impedance": tables(amplitude=6.0)["impedance"]}
-    )
-    assert "no ratio" in [text.get_text() for text in draw_comparison.draw(alone).axes[0].texts]
-    unnamed = {"K_d": pl.lit(None, pl.Float64), "trial": "b" + pl.col("trial")}
-    a, b = ({"impedance": tables(seed=one)["impedance"].with_columns(**unnamed)} for one in (1, 2))
-    b["impedance"] = b["impedance"].with_columns(trial="other " + pl.col("trial"))
+
+
+def test_equal_campaigns_differ_by_their_scatter():
+    a, b = tables(), tables(seed=2)
+
+    rows = compared(a, b)
+
+    K = rows["impedance K, c"]
+    assert (K["verdict"], K["method"]) == ("undecided", "paired, Student")
+    assert (K["n_A"], K["n_doubtful_B"]) == (8, 1)
+    whole = pl.col("amplitude_deg").is_null()
+    means = [scipy.stats.gmean(one["impedance"].filter(whole)["K"]) for one in (a, b)]
+    assert K["relative_percent"] == pytest.approx(100 * (means[1] / means[0] - 1))
+    assert rows["belt K_s"]["mean_A"] == pytest.approx(a["belt"]["K_s"].mean())
+    assert rows["impedance I, c"]["relative_percent"] is None
+
+
+def test_a_margin_makes_equal_campaigns_equivalent():
+    belts = [{"belt": tables(seed=seed)["belt"]} for seed in (1, 2)]
+
+    verdicts = [compared(*belts, *margin)["belt K_s"]["verdict"] for margin in ((), (0.02,))]
+
+    assert verdicts == ["undecided", "equivalent"]
+
+
+def test_a_bench_errs_alike_at_all_conditions():
+    """Which no scatter shows: a difference of K is known to 2 % of either."""
+    known = {"K_se_bench": 0.02 * pl.col("K"), "B_se_bench": pl.lit(0.3)}
+
+    rows = compared(of_impedance(**known), of_impedance(1.08 * pl.col("K"), **known))
+
+    K, B = rows["impedance K, c"], rows["impedance B_viscous, c"]
+    percents = [K[name] for name in ("relative_percent", "relative_percent_low")]
+    ratio, low = (math.log1p(percent / 100) for percent in percents)
+    assert ratio - low == pytest.approx(1.96 * math.hypot(0.02, 0.02), rel=0.02)
+    assert (K["verdict"], K["method"]) == ("undecided", "paired, Student + bench")
+    assert B["difference_high"] == pytest.approx(1.96 * math.hypot(0.3, 0.3), rel=0.01)
+
+
+def test_more_friction_is_no_more_viscous_damping():
+    rows = compared(of_impedance(), of_impedance(pl.col("B") + 1.0))
+
+    viscous = rows["impedance B_viscous, c"]
+    assert rows["impedance B, c"]["difference"] == pytest.approx(1.0)
+    assert viscous["difference"] == pytest.approx(0.0)
+    assert viscous["n_A"] == 4, "of trials whose friction is certain"
+
+
+def test_what_cannot_be_compared_says_why():
+    belt = {"belt": tables()["belt"]}
+    negative = {"belt": belt["belt"].with_columns(-pl.col("K_s"))}
+    other_motion = comparison_table(of_impedance(), of_impedance(amplitude=6.0))
+
+    assert compared(of_impedance(), belt)["impedance K, c"]["remark"] == "only in A"
+    assert "not above 0" in compared(belt, negative)["belt K_s"]["remark"]
+    assert other_motion["method"][0] == "none: no condition in common"
+    drawn = draw_comparison.draw(other_motion).axes[0]
+    assert "no ratio" in [text.get_text() for text in drawn.texts]
+
+
+def test_trials_without_K_d_are_repeats_unless_their_names_are_equal():
+    unnamed = {"K_d": pl.lit(None, pl.Float64)}
+    a = of_impedance(**unnamed)
+    b = of_impedance(seed=2, trial="other " + pl.col("trial"), **unnamed)
+
     assert "trials without K_d count as repeats" in comparison_table(a, b)["remark"][0]
-    assert not comparison_table(a, a)["remark"].str.contains("repeats").any(), (
-        "equal names tell which belong together"
-    )
-    assert (
-        "not above 0"
-        in rows({"belt": tables()["belt"].with_columns(-pl.col("K_s"))})["belt K_s"]["remark"]
-    )
+    assert not comparison_table(a, a)["remark"].str.contains("repeats").any()
 
 
 def test_a_change_at_one_of_two_conditions_is_seen_at_it():
@@ -244,6 +252,11 @@ def test_the_command_writes_table_and_figure_and_prints_every_verdict_or_one_lin
         )
         for table, frame in made.items():
             write_table(frame, tmp_path / name / f"tables/{table}.csv")
+        # what the bench's calibration adds is known beside the table
+        known = made["impedance"].with_columns(K_se_bench=0.002 * pl.col("K"))
+        keys = [key for key in OF_ROW if key in known.columns]
+        evidence = tmp_path / f"{name}/tables/impedance_evidence.csv"
+        write_table(known.select(*keys, "K_se_bench"), evidence)
         summary = to_json(about | {"version": name}, [number], {"findings": [line]})
         (tmp_path / name / "summary.json").write_text(summary)
     out = tmp_path / "out"
@@ -255,9 +268,9 @@ def test_the_command_writes_table_and_figure_and_prints_every_verdict_or_one_lin
     with monkeypatch.context() as broken:
         broken.setattr("osl_analysis.commands.report.draw_figure", lambda *_, **named: 1 / 0)
         assert (call("a", "b").exit_code, list(out.iterdir())) == (1, [])
+    monkeypatch.setattr("osl_analysis.commands.report.draw_figure", write_empty)
     done = call("a", "b", "--margin", "4%")
     assert {path.suffix for path in out.iterdir()} == {".csv", ".pdf", ".svg", ".png"}
-    monkeypatch.setattr("osl_analysis.commands.report.draw_figure", write_empty)
     table = read_table(out / "comparison.csv")
     assert set(table["verdict"]) == {"different", "equivalent", "undecided", None}
     for row in table.drop_nulls("verdict").iter_rows(named=True):
@@ -265,18 +278,8 @@ def test_the_command_writes_table_and_figure_and_prints_every_verdict_or_one_lin
             line for line in done.output.splitlines() if line.startswith(f"{label_of(row)}  ")
         ]
         assert row["verdict"] in line
-    for name in "ab":  # what the bench's calibration adds is known beside the table
-        known = read_table(tmp_path / f"{name}/tables/impedance.csv").with_columns(
-            K_se_bench=0.02 * pl.col("K")
-        )
-        keys = [one for one in OF_ROW if one in known.columns]
-        write_table(
-            known.select(*keys, "K_se_bench"), tmp_path / f"{name}/tables/impedance_evidence.csv"
-        )
-    assert call("a", "b").exit_code == 0
-    again = read_table(out / "comparison.csv").filter(experiment="impedance", quantity="K")
-    (K,) = again.filter(pl.col("condition").is_null()).to_dicts()
-    assert K["method"] == "paired, Student + bench"
+    of_K = table.filter(pl.col("condition").is_null(), experiment="impedance", quantity="K")
+    assert of_K["method"].to_list() == ["paired, Student + bench"]
     for said in ("A: doubtful in a: <friction>", "B: doubtful in b", "version: a in A, b in B"):
         assert said in done.output
     assert "different: impedance K, c (±4 %)" in done.output

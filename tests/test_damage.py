@@ -27,7 +27,7 @@ from osl_analysis.recording import End
 
 ROWS = 600
 RATE = 250  # Hz
-TEXT = (".csv", ".tsv", ".jsonl", ".mot", ".trc")
+TEXT = (".csv", ".jsonl", ".mot", ".trc")
 
 
 def signals(first: int) -> dict[str, np.ndarray]:
@@ -71,8 +71,8 @@ def write_numpy(path: Path, first: int) -> Path:
     return path
 
 
-def write_mat5(path: Path, first: int, **options: Any) -> Path:
-    savemat(path, {**signals(first), "other": np.arange(300.0)}, **options)
+def write_mat5(path: Path, first: int) -> Path:
+    savemat(path, {**signals(first), "other": np.arange(300.0)})
     return path
 
 
@@ -176,7 +176,6 @@ NEXUS = f"Trajectories\n{RATE}\n,,HEEL,,\nFrame,Sub Frame,X,Y,Z\n,,mm,mm,mm\n"
 COLUMN, NONE = by("column"), CompressionType.NONE
 KINDS = [
     Kind("csv", "a.csv", write_text, COLUMN),
-    Kind("tsv", "a.tsv", partial(write_text, head="t\ta\tf\n", sign="\t"), COLUMN),
     Kind("JSONL", "a.jsonl", partial(write_frame, write=pl.DataFrame.write_ndjson), by("field")),
     Kind("OpenSim", "a.mot", partial(write_text, head=MOT, sign="\t"), COLUMN),
     Kind("TRC", "a.trc", partial(write_text, head=TRC, sign="\t", begin="{one}\t{time:.6f}\t"),
@@ -189,14 +188,12 @@ KINDS = [
     Kind("npz", "a.npz", write_numpy, COLUMN),
     Kind("h5", "a.h5", write_h5, COLUMN),
     Kind("mat 5", "a.mat", write_mat5, by("variable")),
-    Kind("mat 5, packed", "a.mat", partial(write_mat5, do_compression=True), by("variable")),
     Kind("mat 7.3", "a.mat", lambda path, first: write_mat73(path, **signals(first)),
     by("variable")),
     Kind("tdms", "a.tdms", write_tdms, by("channel")),
     Kind("tdms, timed", "a.tdms", partial(write_tdms, timed=True), by("channel", {})),
     Kind("c3d", "a.c3d", write_capture, ANALOGS),
     Kind("mcap", "a.mcap", write_mcap, MESSAGES),
-    Kind("mcap, plain", "a.mcap", partial(write_mcap, compression=NONE), MESSAGES),
     Kind("mcap, no chunks", "a.mcap", partial(write_mcap, use_chunking=False), MESSAGES),
     Kind("mcap, no CRC", "a.mcap", partial(write_mcap, compression=NONE, enable_crcs=False),
     MESSAGES),
@@ -208,7 +205,7 @@ KINDS = [
 OF_CSV = known_formats()["csv"].source.model_validate({"format": "csv", **COLUMN})
 
 
-@pytest.mark.parametrize("share", [0.2, 0.5, 0.9])
+@pytest.mark.parametrize("share", [0.3, 0.9])
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
 def test_a_file_that_is_cut_off_is_refused_or_its_end_is_missing_or_not_known(
     kind: Kind, share: float, tmp_path: Path

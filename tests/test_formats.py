@@ -157,30 +157,6 @@ def test_any_error_of_a_reader_is_one_sentence_with_file_and_remedy(tmp_path: Pa
     assert str(caught.value).endswith("; copy the file again, or export it anew")
 
 
-@pytest.mark.parametrize(
-    ("error", "said"),
-    [
-        (OSError(28, "No space left on device"), "No space left on device"),
-        (ValueError("buffer is truncated"), "it is cut off, or its end is lost"),
-        (OSError("calamine error: Cannot detect file format"), "it is cut off, or its end is lost"),
-        (RuntimeError("zstd: bad frame"), "a packed part of it is damaged"),
-    ],
-)
-def test_an_error_of_a_library_is_told_by_what_it_means(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: Exception, said: str
-) -> None:
-    path = tmp_path / "a.csv"
-    path.write_text("t,a\n0,1\n1,2\n")
-
-    def failing(path: Path) -> bytes:
-        raise error
-
-    monkeypatch.setattr("osl_analysis.formats.csv_table.read_text", failing)
-
-    with pytest.raises(InputError, match=said):
-        formats.read(path)
-
-
 def test_an_empty_file_is_named(tmp_path: Path) -> None:
     (tmp_path / "a.c3d").touch()
 

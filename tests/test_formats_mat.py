@@ -236,18 +236,6 @@ def test_what_is_no_address_is_refused(text: str) -> None:
 TIME = np.arange(40) / 500
 
 
-def test_a_structure_with_time_of_simulink_has_its_signals_by_their_labels(
-    tmp_path: Path,
-) -> None:
-    both = {"values": np.column_stack([RISING, -RISING]), "label": "angle_deg, torque_Nm"}
-    logged = {"time": RISING[:, None], "signals": both}
-
-    recording = formats.read(write_mat(tmp_path / "a.mat", out=logged))
-
-    assert [one.name for one in recording.channels] == ["time", "angle_deg", "torque_Nm"]
-    np.testing.assert_array_equal(numbers_at(recording, "out.torque_Nm"), -RISING)
-
-
 def test_structures_that_simulink_logged_with_one_time_are_one_part(tmp_path: Path) -> None:
     def logged(values: np.ndarray, label: str) -> dict[str, Any]:
         return {"time": TIME[:, None], "signals": {"values": values[:, None], "label": label}}
@@ -261,29 +249,6 @@ def test_structures_that_simulink_logged_with_one_time_are_one_part(tmp_path: Pa
     assert [one.key for one in recording.channels] == ["a.time", "a.angle", "t.torque"]
     assert len({id(one.rows) for one in recording.channels}) == 1
     np.testing.assert_array_equal(numbers_at(recording, "t.torque"), np.cos(TIME))
-
-
-def test_structs_of_single_numbers_are_the_samples_of_columns(tmp_path: Path) -> None:
-    samples = np.zeros((1, TIME.size), [("t", "O"), ("angle", "O")])
-    for place, t in enumerate(TIME):
-        samples[0, place] = (t, np.sin(t))
-
-    recording = formats.read(write_mat(tmp_path / "a.mat", log=samples))
-
-    np.testing.assert_array_equal(numbers_at(recording, "log.t"), TIME)
-    np.testing.assert_array_equal(numbers_at(recording, "log.angle"), np.sin(TIME))
-
-
-def test_texts_in_a_cell_name_the_columns_of_the_only_matrix_of_their_number(
-    tmp_path: Path,
-) -> None:
-    matrix = np.column_stack([TIME, np.sin(TIME)])
-    names = np.array(["time_s", "torque [Nm]"], dtype=object)
-
-    recording = formats.read(write_mat(tmp_path / "a.mat", data=matrix, names=names))
-
-    shown = [(one.key, one.name, one.unit, one.likely_unit) for one in recording.channels]
-    assert shown == [("data(:,1)", "time_s", "", "s"), ("data(:,2)", "torque", "Nm", "")]
 
 
 def written_by_matio(path: Path, version: str) -> Path:

@@ -162,7 +162,7 @@ def test_wherever_a_log_is_cut_its_whole_chunks_are_read(tmp_path: Path, packing
     begin = len(MAGIC + HEAD + DECLARED)
     ends = begin + np.cumsum([len(part) for part in parts])
 
-    for cut in range(begin + len(parts[0]), len(content), 41):
+    for cut in range(begin + len(parts[0]), len(content), 97):
         recording = read(tmp_path, content[:cut])
 
         # the indexes behind the last chunk are not needed
@@ -449,7 +449,7 @@ def test_every_number_of_a_real_log_equals_the_reference_decoders(name: str) -> 
 
 
 @settings(
-    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 @given(contents=st.lists(mixed, min_size=1, max_size=8))
 def test_messages_of_any_shape_equal_the_reference_decoders(

@@ -1,8 +1,5 @@
 """Tables in formats of programs, and TDMS."""
 
-import datetime as dt
-import pickle
-import struct
 from pathlib import Path
 from typing import Any
 
@@ -16,15 +13,12 @@ from nptdms import ChannelObject, TdmsWriter
 
 from osl_analysis import formats
 from osl_analysis.errors import InputError
-from osl_analysis.formats.tdms import TdmsSource
-from osl_analysis.ingest.raw_files import read_converted
-from osl_analysis.recording import End, Kind, Recording
+from osl_analysis.recording import Recording
 
 TIME = np.arange(50) / 500  # s
 ANGLE = 5 * np.sin(9 * TIME)
 TORQUE = 30 * np.sin(9 * TIME + 0.3)
 FRAME = pl.DataFrame({"time_s": TIME, "ankle_angle_deg": ANGLE, "torque_Nm": TORQUE})
-START = dt.datetime(2024, 5, 1, 23, 59, 59, 990_000)
 
 
 def numbers(recording: Recording, name: str, key: str = "column") -> np.ndarray:
@@ -51,29 +45,6 @@ def write_frame(path: Path) -> Path:
     else:
         np.savez(path, **{name: FRAME[name].to_numpy() for name in FRAME.columns})
     return path
-
-
-@pytest.mark.parametrize("suffix", ["parquet", "feather", "arrows", "npy", "npz"])
-def test_columns_of_any_program_have_their_names_numbers_and_likely_units(
-    tmp_path: Path, suffix: str
-) -> None:
-    recording = formats.read(write_frame(tmp_path / f"a.{suffix}"))
-
-    shown = [(one.key, one.likely_unit) for one in recording.channels]
-    assert shown == [("time_s", "s"), ("ankle_angle_deg", "deg"), ("torque_Nm", "Nm")]
-    np.testing.assert_array_equal(numbers(recording, "time_s"), TIME)
-    assert_signals(recording, "ankle_angle_deg", "torque_Nm")
-    assert len({id(one.rows) for one in recording.channels}) == 1
-
-
-def test_dates_are_a_clock_in_ns(tmp_path: Path) -> None:
-    stamps = [START + dt.timedelta(milliseconds=2 * k) for k in range(50)]
-    FRAME.with_columns(pl.Series("time_s", stamps)).write_parquet(tmp_path / "a.parquet")
-
-    clock = formats.read(tmp_path / "a.parquet").find({"column": "time_s"})
-
-    assert (clock.kind, clock.unit) == (Kind.CLOCK, "ns")
-    assert set(np.diff(clock.read()).tolist()) == {2_000_000}
 
 
 def test_a_workbook_is_its_largest_sheet_by_the_rules_of_text(tmp_path: Path) -> None:
@@ -131,32 +102,6 @@ def test_what_was_never_written_is_no_value(tmp_path: Path) -> None:
     assert np.isnan(values).tolist() == [False] * 20 + [True] * 20
 
 
-@pytest.mark.parametrize("by", ["columns", "pandas", "npz"])
-def test_titles_beside_the_only_matrix_of_their_number_name_its_columns(
-    tmp_path: Path, by: str
-) -> None:
-    matrix = FRAME.to_numpy()
-    path = tmp_path / ("a.npz" if by == "npz" else "a.h5")
-    if by == "npz":
-        np.savez(path, data=matrix, columns=np.array(FRAME.columns))
-    else:
-        with h5py.File(path, "w") as file:
-            data = file.create_dataset("data", data=matrix)
-            if by == "columns":
-                data.attrs["columns"] = FRAME.columns
-            else:
-                data.attrs["values_block_0_kind"] = np.bytes_(pickle.dumps(FRAME.columns, 0))
-
-    assert_signals(formats.read(path), "ankle_angle_deg", "torque_Nm")
-
-
-def test_objects_of_python_are_never_run(tmp_path: Path) -> None:
-    np.save(tmp_path / "a.npy", np.array({"t": TIME}, dtype=object), allow_pickle=True)
-
-    with pytest.raises(InputError, match="objects of Python, which may run a program and are not"):
-        formats.read(tmp_path / "a.npy")
-
-
 def test_a_part_of_an_archive_that_does_not_match_its_checksum_is_refused(tmp_path: Path) -> None:
     path = write_frame(tmp_path / "a.npz")
     content = bytearray(path.read_bytes())
@@ -198,13 +143,6 @@ def write_tdms(path: Path, *segments: list[ChannelObject]) -> Path:
     return path
 
 
-def tdms_source(*channels: str, **time: Any) -> TdmsSource:
-    named = {
-        f"signal_{number}": {"channel": name, "unit": "1"} for number, name in enumerate(channels)
-    }
-    return TdmsSource.model_validate({"format": "tdms", "channels": named, "time": time})
-
-
 def test_channels_have_their_own_timing_and_share_rows_where_it_is_one(tmp_path: Path) -> None:
     late = BEGAN + np.timedelta64(250, "ms")
     path = write_tdms(
@@ -224,73 +162,6 @@ def test_channels_have_their_own_timing_and_share_rows_where_it_is_one(tmp_path:
     assert (emg.rows.rate_hz, emg.rows.start_s) == (2000.0, 0.25)
     np.testing.assert_array_equal(torque.read(), TORQUE)
     np.testing.assert_array_equal(angle.read(), ANGLE)
-
-
-def test_stamps_of_labview_are_a_clock_in_ns(tmp_path: Path) -> None:
-    stamps = BEGAN + 2_000_000 * np.arange(50)
-    path = write_tdms(
-        tmp_path / "a.tdms",
-        [ChannelObject("Data", "Time", stamps), ChannelObject("Data", "Torque", TORQUE)],
-    )
-
-    clock = formats.read(path).find({"channel": "Time"})
-
-    assert clock.kind == Kind.CLOCK
-    np.testing.assert_allclose(np.diff(clock.read()), 2_000_000, atol=1)  # 2**-64 s as ns
-
-
-def test_a_segment_that_is_cut_gives_what_is_before_the_cut(tmp_path: Path) -> None:
-    path = write_tdms(
-        tmp_path / "a.tdms", [timed("Torque", TORQUE[:25])], [timed("Torque", TORQUE[25:])]
-    )
-    path.write_bytes(path.read_bytes()[:-80])
-
-    recording = formats.read(path)
-
-    np.testing.assert_array_equal(numbers(recording, "Torque", "channel"), TORQUE[:40])
-    assert recording.loss.end == End.MISSING
-    assert "the last segment is not complete" in recording.loss.remarks[0]
-
-
-def test_a_recording_that_was_appended_to_another_is_refused(tmp_path: Path) -> None:
-    first = write_tdms(tmp_path / "a.tdms", [timed("Torque", TORQUE)])
-    again = BEGAN + np.timedelta64(60, "s")
-    second = write_tdms(tmp_path / "b.tdms", [timed("Torque", TORQUE, wf_start_time=again)])
-    first.write_bytes(first.read_bytes() + second.read_bytes())
-
-    with pytest.raises(InputError, match=r"starts anew behind byte .*: two recordings in one file"):
-        formats.read(first)
-
-
-def test_channels_of_one_timing_and_unequal_counts_are_refused(tmp_path: Path) -> None:
-    path = write_tdms(tmp_path / "a.tdms", [timed("Torque", TORQUE), timed("Angle", ANGLE[:49])])
-
-    with pytest.raises(InputError, match="has 49 values and 'Data/Torque' has 50 for one time"):
-        read_converted(path, tdms_source("Torque", "Angle"))
-
-
-def test_a_channel_that_cannot_be_a_signal_is_refused_with_what_it_holds(tmp_path: Path) -> None:
-    path = write_tdms(
-        tmp_path / "a.tdms",
-        [timed("Torque", TORQUE), ChannelObject("Data", "Note", ["a", "b"]),
-         ChannelObject("Data", "Bare", ANGLE)],
-    )  # fmt: skip
-    recording = formats.read(path)
-
-    with pytest.raises(InputError, match="channel 'Data/Note' holds text and no numbers"):
-        recording.find({"channel": "Note"})
-    with pytest.raises(InputError, match=r"no channel 'Torqe'; .* did you mean"):
-        recording.find({"channel": "Torqe"})
-    with pytest.raises(InputError, match="channel 'Bare' has no timing"):
-        read_converted(path, tdms_source("Bare"))
-    read_converted(path, tdms_source("Bare", rate=500))
-
-
-def test_an_index_is_not_taken_for_the_file_beside_it(tmp_path: Path) -> None:
-    (tmp_path / "a.tdms").write_bytes(b"TDSh" + struct.pack("<I", 14) + bytes(40))
-
-    with pytest.raises(InputError, match=r"the index of a TDMS file; name the \.tdms file"):
-        formats.read(tmp_path / "a.tdms")
 
 
 @pytest.mark.skipif(not REAL_DATA.is_dir(), reason="no recordings made by others here")

@@ -56,7 +56,6 @@ LVM = (
 )
 TEXTS = {
     "semicolons and commas": text(";", ["Tijd [s]", "Hoek [graden]", "Koppel [Nm]"], decimal=","),
-    "tabs": text("\t"), "blanks": text("   ", PLAIN),
     "whole seconds beside": text(
         head=["Time", *HEAD], t=[f"{at},{x}" for at, x in zip(since("%H:%M:%S"), T, strict=True)]),
     "blanks and commas": text(" ", PLAIN, decimal=","), "names with blanks": text("    ",
@@ -97,9 +96,6 @@ TEXTS = {
     t=[str(round(65000 + 1e3 * x) % 2**16) for x in TIME]),
     "counter of 32 bits": text(head=["t_us", *HEAD[1:]],
     t=[str(round(2**32 - 9e5 + 1e6 * x) % 2**32) for x in TIME]),
-    "stated rate": text(
-        ",", head=[*HEAD[1:], ""], above="# Fréquence d'échantillonnage = 0.5 kHz\n", t=A, a=M,
-        m=[""] * 700),
     "fs without Hz": text(",", head=[*HEAD[1:], ""], above="# fs = 500\n", t=A, a=M, m=[""] * 700),
     "LabVIEW without times": text(
         "\t", ["X_Value", *HEAD[1:], "Comment"], LVM[:-1] + "\t\n***End_of_Header***\t\n",
@@ -115,8 +111,6 @@ TEXTS = {
     t=[f"{round(1e6 * x - 9e5) % 2**32}" for x in TIME]),
     "Fs above samples": text(head=["Sample", *HEAD[1:]], above="Fs: 500 Hz\n",
     t=[str(k) for k in range(700)]),
-    "interval in ms": text(",", head=[*HEAD[1:], ""], above="# Sampling interval: 2 ms\n", t=A, a=M,
-    m=[""] * 700),
     "LabVIEW without times, with decimal commas": text("\t", HEAD[1:], LVM.replace(
         "0.002", "2,000000E-3") + "***End_of_Header***\t\n", t=A, a=M, m=[""] * 700, decimal=","),
     "Biodex": text("   ", ["   TIME", "POS (ANAT)", "TORQUE"], "Session : ankle\n\n", t=["mSec", *(
@@ -155,8 +149,6 @@ TEXTS = {
     "names and units in comments": text(";", [], "# time;angle;torque\n# s;deg;Nm\n"),
     "Shift-JIS": text(head=["時間[s]", "角度[deg]", "Torque トルク[N・m]"]).encode("cp932"),
     "units behind commas": text(",", ['"time,s"', '"angle,deg"', '"Ankle torque,Nm"']),
-    "feet and pounds": text(head=[*HEAD[:2], "Torque [ft-lb]"],
-    m=[f"{x / 1.3558179483314:.9f}" for x in TORQUE]),
 }  # fmt: skip
 
 
@@ -185,8 +177,6 @@ def made(path: Path, kind: str) -> Path:
     elif kind == "rate.h5":
         with h5py.File(path, "w") as file:
             file.attrs["fs"], file["angle_deg"], file["torque_Nm"] = 500, ANGLE, TORQUE
-    elif kind == "rate.npz":
-        np.savez(path, fs=500, **{name: frame[name].to_numpy() for name in frame.columns[1:]})
     elif kind == "h5":
         with h5py.File(path, "w") as file:
             for name, values in (
@@ -281,7 +271,7 @@ def test_a_table_of_text_is_read_by_the_draft_of_its_own_overview(tmp_path, dial
 
 
 @pytest.mark.parametrize("kind", [
-    "parquet", "feather", "arrows", "npy", "nested.npy", "npz", "rate.npz", "h5", "xlsx",
+    "parquet", "feather", "arrows", "npy", "nested.npy", "npz", "h5", "xlsx",
     "named.xls", "Simulink",
     "structs", "matrix.npz", "matrix.h5", "pandas.h5", "matrix.mat", "rate.mat", "rate.h5",
     "ControlDesk",
@@ -588,10 +578,9 @@ def test_the_line_of_every_row_is_told_however_far_below(tmp_path):
             trial_from_files({"trial": "a", "log": "a.csv", "log_source": "s"}, tmp_path, tmp_path)
 
 
-@pytest.mark.parametrize("columns", [20_000, 200_000])
-def test_a_table_with_more_columns_than_a_recording_has_is_refused_at_once(tmp_path, columns):
-    (tmp_path / "a.csv").write_text("\n".join(",".join(["0.5"] * columns) for _ in range(3)))
-    with pytest.raises(InputError, match=f"has {columns} columns, at most 10000 are read"):
+def test_a_table_with_more_columns_than_a_recording_has_is_refused(tmp_path):
+    (tmp_path / "a.csv").write_text("\n".join(",".join(["0.5"] * 10_001) for _ in range(3)))
+    with pytest.raises(InputError, match="has 10001 columns, at most 10000 are read"):
         inspect_file(tmp_path / "a.csv")
 
 

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import polars as pl
 import pytest
 import yaml
@@ -433,6 +432,7 @@ WRITERS = {
 }  # fmt: skip
 NO_TIME = {"opensim": {"column": None, "unit": None}}  # where a source file has a time of its own
 EVERY = pytest.mark.parametrize("what", WRITERS)
+OTHERS = [what for what in WRITERS if what != "csv"]
 
 
 def described(what, counter=None, **fields):
@@ -463,20 +463,21 @@ def test_a_log_gives_the_same_columns_in_every_format(tmp_path, what):
     assert recording.facts["rates_hz"]["log"] == pytest.approx(500)
 
 
-@EVERY
-@pytest.mark.parametrize(("name", "clock"), [
-    ("t", TIME), ("Date", 45_000 + TIME / 86_400), ("LabVIEW time", 3.8e9 + TIME),
-    ("count_time", (1e3 * TIME + 65_500) % 2**16),
-])  # fmt: skip
+CLOCKS = {
+    "t": TIME, "Date": 45_000 + TIME / 86_400, "LabVIEW time": 3.8e9 + TIME,
+    "count_time": (1e3 * TIME + 65_500) % 2**16,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("what", "name"), [*(("csv", name) for name in CLOCKS), *((what, "t") for what in OTHERS)]
+)
 def test_a_rate_that_a_clock_of_the_file_contradicts_is_refused_in_every_format(
-    tmp_path, what, name, clock
+    tmp_path, what, name
 ):
     """A rate of 1000 for a file of 500 Hz halves B, and no check objects."""
-    if what.startswith("mat") and " " in name:
-        name = name.replace(" ", "_")
-    path = WRITERS[what][2](
-        tmp_path / "log", {"angle": LOG["angle"], "torque": LOG["torque"], name: clock}
-    )
+    columns = {"angle": LOG["angle"], "torque": LOG["torque"], name: CLOCKS[name]}
+    path = WRITERS[what][2](tmp_path / "log", columns)
     read, other = read_converted, NO_TIME.get(what, {})
     assert "but " in (said := refusal_by(read, path, described(what, time={**other, "rate": 1000})))
     assert f"{name}' rises by" in said
@@ -486,8 +487,7 @@ def test_a_rate_that_a_clock_of_the_file_contradicts_is_refused_in_every_format(
 LATE = TIME > 0.039
 
 
-@EVERY
-@pytest.mark.parametrize(("changes", "counted", "told"), [
+NO_LOG = [
     ({"torque": np.where(LATE, np.nan, TORQUE)}, {}, "in 20 of 40 "),
     ({"torque": np.where(LATE, np.inf, TORQUE)}, {}, "inf"),
     ({"t": np.full(40, 3.0)}, {}, "time stands still at 3 in 40 of 40 "), ({"t": -TIME},
@@ -496,10 +496,17 @@ LATE = TIME > 0.039
     ({"t": np.r_[TIME[:30], TIME[20:30] + 1e-3]}, {}, "the recorder's clock was set back: cut"),
     ({"t": np.where(LATE, np.nan, TIME)}, {}, "no time in "), ({"angle": None, "angel": ANGLE},
      {}, "angel"),
-    ({}, {"counter": "angle"}, "is no count of samples, a whole number below"),
     ({"big": np.full(40, 2.0**53)},
      {"counter": "big"}, "is no count of samples, a whole number below 9.01e+15"),
-])  # fmt: skip
+    ({}, {"counter": "angle"}, "is no count of samples, a whole number below"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("what", "changes", "counted", "told"),
+    [*(("csv", *case) for case in NO_LOG), *((what, *NO_LOG[0]) for what in OTHERS),
+     *((what, *NO_LOG[-1]) for what in OTHERS)],
+)  # fmt: skip
 def test_what_cannot_be_a_log_is_refused_in_every_format(tmp_path, what, changes, counted, told):
     columns = {name: one for name, one in {**LOG, **changes}.items() if one is not None}
     path = WRITERS[what][2](tmp_path / "log", columns)
@@ -551,41 +558,6 @@ def test_a_matrix_is_a_part_whose_columns_are_signals(tmp_path):
         "D.run1"
     )
     np.testing.assert_allclose(read_converted(path, source).samples["theta"], ANGLE)
-
-
-# of its import
-@pytest.mark.filterwarnings("ignore:duration_to_mat", "ignore:The 'future.infer_string' option")
-def test_the_human_ankles_are_objects_and_a_timetable_tells_its_time_and_units(tmp_path):
-    from matio import save_to_mat
-    from matio.utils.matclass import MatlabOpaque
-    from matio.utils.matconvert import convert_py_to_mat
-
-    log = pd.DataFrame(
-        {"angle": np.rad2deg(ANGLE), "torque": -1e3 * TORQUE}, index=pd.to_timedelta(TIME, unit="s")
-    )
-    log = convert_py_to_mat(log, "timetable")
-    log.properties["any"][0, 0]["varUnits"] = np.array([["deg", "kNm"]], dtype=object)
-    both, slow = np.column_stack([ANGLE, TORQUE]), (2 * ANGLE).reshape(-1, 1)
-    objects = {
-        name: MatlabOpaque({"dataSet": values}, "nldat")
-        for name, values in (("io", both), ("sv", slow))
-    }
-    save_to_mat(tmp_path / "a.mat", {**objects, "log": log}, version="v7")
-    ankle = read_converted(
-        tmp_path / "a.mat", read_source(SOURCES / "human_ankle_pilot.yaml").of_part("io")
-    )
-    table = read_converted(
-        tmp_path / "a.mat", described("mat", time={"variable": "Time"}).of_part("log")
-    )
-    for column, first, second in (
-        ("theta", ANGLE, ANGLE),
-        ("torque", -TORQUE, TORQUE),
-        ("time", TIME / 2, TIME),
-    ):
-        np.testing.assert_allclose(ankle.samples[column], first, atol=1e-12)
-        np.testing.assert_allclose(table.samples[column], second, atol=1e-12)
-    np.testing.assert_allclose(ankle.samples["theta_slow"], 2 * ANGLE)
-    assert table.warnings == ["a.mat: torque is read in Nmm; the file says kNm"]
 
 
 @MATLAB

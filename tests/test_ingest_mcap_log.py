@@ -26,7 +26,6 @@ REAL_DATA, DEGREE, MILLISECOND = (
     1_000_000,
 )
 START, RADIANS = 1_700_000_000 * 10**9, {"theta": {"field": "angle", "unit": "rad"}}
-CHUNK, STATISTICS = 0x06, 0x0B  # kinds of records
 OTHER, COUNT = {"field": "angle", "unit": "rad", "topic": "/other"}, 200
 
 
@@ -112,7 +111,7 @@ def test_messages_in_any_file_order_come_in_the_order_of_their_sequence_numbers(
     )
 
 
-@pytest.mark.parametrize("by", [0.5, 5.0, 3600.0])
+@pytest.mark.parametrize("by", [0.5, 3600.0])
 @pytest.mark.parametrize("time", ["header", "log"])
 @pytest.mark.parametrize("numbered", [False, True])
 @pytest.mark.parametrize("is_sorted", [False, True])
@@ -148,30 +147,6 @@ def test_sequence_numbers_of_a_restarted_publisher_or_of_two_move_no_message(
     recording = read(write_log(tmp_path / "log.mcap", samples(), sequences=numbers), source(time))
     np.testing.assert_allclose(recording.samples["theta"], np.arange(50) * DEGREE)
     assert recording.facts["stamps"]["/lab"]["late"] == 0
-
-
-def test_missing_sequence_numbers_and_messages_that_no_checksum_covers_are_remarked(
-    tmp_path: Path,
-) -> None:
-    log, path = samples(), tmp_path / "log.mcap"
-    missing = (
-        "the sequence numbers of topic '/lab' say that 3 messages beside its 47 are not in the file"
-    )
-    unseen = "not verifiable: no checksum covers any of its 50 messages"
-    for messages, options, remarks in (
-        ([*log[:20], *log[23:]], {"sequences": [*range(20), *range(23, 50)]}, [missing]),
-        (log, {"sequences": list(range(0, 100, 2))}, []),
-        *((log, one, [unseen]) for one in ({"enable_crcs": False}, {"use_chunking": False})),
-        *(
-            (log, {**one, "enable_data_crcs": True}, [])
-            for one in ({"enable_crcs": False}, {"use_chunking": False})
-        ),
-    ):
-        recording = read(write_log(path, messages, **options), source())
-        assert recording.warnings == [f"log.mcap: {remark}" for remark in remarks]
-        assert recording.losses["crc"] == ("absent" if remarks == [unseen] else "checked")
-    path.write_bytes(path.read_bytes().replace(np.float32(13).tobytes(), np.float32(14).tobytes()))
-    assert "the checksum of the data section does not match" in refused(path, source())
 
 
 def test_a_topic_that_gives_no_samples_is_refused(tmp_path: Path) -> None:
@@ -218,37 +193,19 @@ def test_a_message_that_comes_late_is_put_in_the_order_of_the_stamps(tmp_path: P
     )
 
 
-@pytest.mark.parametrize(
-    "broken", ["cut", "cut, no statistics", "damaged, no statistics", "no end"]
-)
-def test_what_sequence_numbers_skip_is_lost_where_nothing_else_tells(tmp_path, broken):
-    """One chunk of many: it was read as `lost: 0`, but of a file that says how many messages it
-    had."""
-    whole = write_log(
+def test_more_than_the_stated_share_of_lost_messages_is_refused(tmp_path: Path) -> None:
+    path = write_log(
         tmp_path / "log.mcap", samples(60), chunk_size=400, compression=CompressionType.NONE
-    ).read_bytes()
-    records, at = list[tuple[int, int, int]](), 8
-    while at < len(whole) - 8:
-        end = at + 9 + int.from_bytes(whole[at + 1 : at + 9], "little")
-        records.append((whole[at], at, end))
-        at = end
-    # behind each its index, 16 bytes a message
-    places = [k for k, (kind, _, _) in enumerate(records) if kind == CHUNK]
-    chunks = [(records[k][1], records[k + 1][2]) for k in places]
-    gone = (records[places[2] + 1][2] - records[places[2] + 1][1] - 15) // 16
-    part = [whole[start:end] for start, end in chunks]
-    head, tail = whole[: chunks[0][0]], whole[chunks[-1][1] :]
-    if "statistics" in broken:
-        (start,) = (start - chunks[-1][1] for kind, start, _ in records if kind == STATISTICS)
-        tail = tail[:start] + bytes([0x7F]) + tail[start + 1 :]
-    # told by its index and by the numbers, once
-    wrong = part[2][:60] + bytes([part[2][60] ^ 1]) + part[2][61:]
-    part[2] = wrong if broken == "damaged, no statistics" else b""
-    (tmp_path / "log.mcap").write_bytes(head + b"".join(part) + tail * (broken != "no end"))
-    message = refused(tmp_path / "log.mcap", source())
-    assert f"{100 * gone / 60:.3g} % of topic '/lab' is lost, at most 1 % may be" in message
-    found = read(tmp_path / "log.mcap", source(loss=0.5)).losses
-    assert (found["lost"], found["read"]) == (None if broken == "no end" else gone, 60 - gone)
+    )
+    content = bytearray(path.read_bytes())
+    content[content.index(np.float32(30).tobytes())] ^= 1  # its chunk has another checksum
+    path.write_bytes(content)
+
+    read_count = read(path, source(loss=0.5)).losses["read"]
+
+    percent = 100 * (60 - read_count) / 60
+    assert 40 < read_count < 60
+    assert f"{percent:.3g} % of topic '/lab' is lost, at most 1 % may be" in refused(path, source())
 
 
 def test_a_message_that_is_repeated_counts_once(tmp_path: Path) -> None:

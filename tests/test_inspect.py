@@ -15,7 +15,7 @@ import yaml
 from any_motion import TRUE, made_trial, noise
 from c3d_builder import REAL_DATA, write_c3d
 from click.testing import CliRunner
-from mcap_builder import HEADER, stamped, write_log, write_payloads
+from mcap_builder import HEADER, stamped, write_log
 from test_ingest_assemble import WRITERS
 
 from osl_analysis.cli import main
@@ -62,7 +62,7 @@ def joint_log(path: Path, topic: str = "/joints", **options: Any) -> Path:
     return write_log(path, log, JOINTS + HEADER, "sensor_msgs/msg/JointState", topic, **options)
 
 
-def test_messages_are_listed_by_field_with_types_rates_gaps_and_damage_and_a_draft_reads_one(
+def test_messages_are_listed_by_field_with_type_rate_and_gaps(
     tmp_path: Path,
 ) -> None:
     path = joint_log(tmp_path / "a.mcap", chunk_size=1000)
@@ -83,23 +83,6 @@ def test_messages_are_listed_by_field_with_types_rates_gaps_and_damage_and_a_dra
     )
     theta = read_converted(path, read_source(tmp_path / "a.yaml")).samples["theta"]
     np.testing.assert_array_equal(theta, 0.2 * np.arange(50))
-    whole = bytearray(path.read_bytes())
-    path.write_bytes(whole[:-300])
-    assert "! no footer: the recorder did not finish" in module.overview_text(
-        module.inspect_file(path)
-    )
-    whole[len(whole) // 3] ^= 0xFF
-    path.write_bytes(whole)
-    overview = module.inspect_file(path)
-    assert "from byte 1581 on it cannot be read" in module.overview_text(overview)
-    assert 0 < int(overview.facts["messages lost"]) == 50 - int(overview.facts["messages"])
-    as_json = write_payloads(
-        tmp_path / "b.mcap", [b'{"a": {"b": 1.5}, "c": [1, 2], "d": "x"}'] * 5, "json"
-    )
-    assert [channel.address["field"] for channel in module.inspect_file(as_json).channels] == [
-        "a.b",
-        "c[0]",
-    ]
 
 
 BENCH = (
@@ -326,10 +309,10 @@ def bench(tmp_path):
 def write_joint(path, sign=1.0):
     """A log of an exact joint under a stepped sine, as a laboratory's own CSV: 1 and 3 Hz at 4 deg,
     250 Hz."""
-    time = np.arange(0, 34, 0.004)
+    time = np.arange(0, 17, 0.004)
     angle = np.zeros_like(time)
-    for start, frequency in ((2.0, 1.0), (24.0, 3.0)):
-        inside = (time >= start) & (time < start + 20 / frequency)
+    for start, frequency in ((1.0, 1.0), (12.0, 3.0)):
+        inside = (time >= start) & (time < start + 10 / frequency)
         angle[inside] = np.radians(4) * np.sin(2 * np.pi * frequency * (time[inside] - start))
     omega, noise = np.gradient(angle, time), np.random.default_rng(3).normal(0, 0.05, time.size)
     torque = STIFFNESS * angle + DAMPING * omega + INERTIA * np.gradient(omega, time) + noise
@@ -410,14 +393,15 @@ def test_what_was_refused_or_not_examined_before_a_restart_is_examined_then_and_
     assert watching.read_notes(bench.output / "examined.json") == {}
 
 
+@pytest.mark.usefixtures("without_inference")
 def test_a_fault_in_one_recording_does_not_end_the_watch(tmp_path, bench, monkeypatch):
     write_joint(path := tmp_path / "in/k120_b2.csv")
     # and no picture takes the numbers away
     bench.output.write_text("a file in place of the folder")
-    path.write_text(path.read_text() + "34.000")  # of which the reader warns
+    path.write_text(path.read_text() + "17.000")  # of which the reader warns
     said = watching.recording_line(path, tmp_path / "in", bench)[0]
     assert re.search(
-        r"\bK 1[12]\d.*k120_b2.csv: the last line, 8502, is cut off .*no picture: ", said
+        r"\bK 1[12]\d.*k120_b2.csv: the last line, 4252, is cut off .*no picture: ", said
     )
     monkeypatch.setattr(watching, "fit_of_row", lambda *_: 1 / 0)
     assert (
@@ -468,7 +452,7 @@ def test_a_recording_of_an_unknown_recorder_gives_its_joint(tmp_path, bench):
         watching.recording_line(path, tmp_path / "in", bench)[0] for path in paths
     )
     found = {name: float(value) for name, value in re.findall(r"\b([KBI]) (\S+) ±", sound)}
-    assert found == pytest.approx({"K": STIFFNESS, "B": DAMPING, "I": INERTIA}, rel=0.02)
+    assert found == pytest.approx({"K": STIFFNESS, "B": DAMPING, "I": INERTIA}, rel=0.03)
     assert 'channels are guessed: theta: {column: "ankle_angle_deg"' in sound
     assert (tmp_path / "pictures/k120_b2.png").stat().st_size > 10_000
     assert re.search(
@@ -492,6 +476,7 @@ def test_outside_of_a_campaign_nobody_stated_a_protocol_or_a_device(tmp_path, mo
     assert (bench.config.parameters, bench.config.dynamometer.amplitudes_deg) == (None, None)
 
 
+@pytest.mark.usefixtures("without_inference")
 def test_the_stated_source_file_decides(tmp_path):
     write_joint(tmp_path / "in/k120_b2.csv", sign=-1.0)
     theta, torque = (
@@ -541,6 +526,7 @@ def test_the_parameters_of_an_ankle_judge_no_knee(bench):
     assert [*found, watching.device_of_row({}, without)] == [None, device, device, None]
 
 
+@pytest.mark.usefixtures("without_inference")
 def test_what_no_recording_of_a_kind_has_is_said_once(tmp_path, bench):
     write_joint(tmp_path / "in/a.csv")
     write_joint(tmp_path / "in/b.csv")

@@ -8,9 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import walking_synthetic as walk
 from any_motion import chirp
-from c3d_builder import write_c3d
 from mcap_builder import HEADER, stamped, write_topics
 from nptdms import ChannelObject, TdmsWriter
 from scipy.interpolate import CubicSpline
@@ -23,12 +21,6 @@ from osl_analysis.commands import trials as module
 from osl_analysis.commands.trials import checked_trial
 from osl_analysis.commands.watch import fit_of_row, quality_text
 from osl_analysis.ingest.draft import draft_source
-from osl_analysis.walking.crossing import analyse_crossing
-from osl_analysis.walking.ensemble import group_headline
-from osl_analysis.walking.plate_model import identify_plate_model
-from osl_analysis.walking.poses import static_calibration
-from osl_analysis.walking.shared_motion import identify_platform
-from osl_analysis.walking.unperturbed_gait import unperturbed_gait
 
 pytestmark = pytest.mark.usefixtures("without_inference")
 TRUE = {"K": 80.0, "B": 1.5, "I": 0.03}  # N*m/rad, N*m*s/rad, kg*m^2
@@ -284,69 +276,6 @@ def test_a_log_of_an_actuator_that_is_known_and_a_load_cell(tmp_path, monkeypatc
     journey.states(torque="N*m")
     ((_, fit, _),) = journey.fits(monkeypatch)
     assert (is_right(fit), journey.edited()) == (True, 1)
-
-
-def test_a_walkway_of_vicon(tmp_path, monkeypatch):
-    journey, rig, ramp = Journey(tmp_path), walk.Rig(), walk.Ramp()
-    names = dict(
-        zip((f"FOOT{k}" for k in (1, 2, 3, 4)), ("RHEE", "RTOE", "R_FM1", "R_FM5"), strict=True)
-    )
-    names |= dict(
-        zip((f"SHANK{k}" for k in (1, 2, 3, 4)), ("RTIB", "R_SK1", "R_SK2", "R_SK3"), strict=True)
-    )
-    names |= {"ANKLE_MED": "RMMA", "ANKLE_LAT": "RANK"}
-
-    def record(name, trial):
-        columns = [c for c in trial.columns if c.startswith("marker_")]
-        labels = list(dict.fromkeys(c[7:-2] for c in columns))
-        frame = trial.samples.select(columns).drop_nulls().to_numpy() * 1e3
-        points = np.concatenate(
-            [frame.reshape(len(frame), -1, 3), np.zeros((len(frame), len(labels), 1))], axis=2
-        )
-        wrench = trial.samples.select("^plate1_.*$").to_numpy() * np.repeat([1.0, 1e3], 3)
-        corners = 250.0 * np.array([[1.0, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]])
-        plate = {
-            "USED": np.array([1]), "TYPE": np.array([2]), "ORIGIN": np.zeros((3, 1)),
-            "CORNERS": corners.T[:, :, None],
-            "CHANNEL": np.arange(1, 7)[:, None],
-        }  # fmt: skip
-        parameters = {f"FORCE_PLATFORM__{key}": value for key, value in plate.items()}
-        parameters |= {"POINT__LABELS": [names.get(label, label) for label in labels]}
-        parameters |= {"ANALOG__UNITS": ["N"] * 3 + ["Nmm"] * 3}
-        write_c3d(journey.recordings / name, points, wrench, rate=300.0, **parameters)
-
-    record("Static 01.c3d", walk.static_trial())
-    for k, trial in enumerate(walk.plate_trials(rig, ramp, 1, 3)):
-        record(f"Plate{k}.c3d", trial)
-    for k in range(6):
-        name = f"Perturbed{k:02d}.c3d" if k < 3 else f"Unperturbed{k:02d} walking.c3d"
-        record(name, walk.walked_over("x", ramp if k < 3 else None, rig, 40 + k))
-    journey.drafted()
-    # before the platform turns, the ankle of these steps is still: a refusal of their pace asks for
-    # this line
-    config = journey.made / "config.yaml"
-    config.write_text(
-        config.read_text().replace("  side: right", "  perturbed_stance: own\n  side: right")
-    )
-    of, chosen = {}, None
-    for _, row, trial, campaign in journey.opened(monkeypatch):
-        of.setdefault((row["experiment"], row["perturbed"]), []).append(trial)
-        chosen = campaign.walking.model_copy(update={"bootstrap_samples": 200})
-    assert {key: len(own) for key, own in of.items()} == {
-        ("static", None): 1, ("plate", None): 3, ("walking", True): 3, ("walking", False): 3,
-    }  # fmt: skip
-    static = static_calibration(*of["static", None], chosen)
-    plate = identify_plate_model([(trial, static) for trial in of["plate", None]], chosen)
-    platform = identify_platform([(trial, static) for trial in of["walking", True]], chosen)
-    walks = [(trial, p) for p in (True, False) for trial in of["walking", p]]
-    crossings = [analyse_crossing(trial, static, plate, p, chosen, platform) for trial, p in walks]
-    found = group_headline(crossings[:3], unperturbed_gait(crossings[3:], 3), chosen)
-    low, high = found.resampled.interval("K")
-    assert (low < 340 < high, found.ensemble.estimates()["K"]) == (
-        True,
-        pytest.approx(340, rel=0.1),
-    )
-    assert journey.edited() == 1
 
 
 @pytest.mark.parametrize("kind", ["tdms", "mat"])

@@ -539,18 +539,18 @@ def test_a_dot_in_the_name_of_a_folder_is_no_ending(name):
 # The end of `init`.
 
 
-def write_bench(path, amplitude_deg=4.0, frequencies_hz=(0.5, 1.0, 2.0, 4.0), torque="torque"):
+def write_bench(path, amplitude_deg=4.0, frequencies_hz=(1.0, 2.0, 4.0), torque="torque"):
     """A joint of K 150, B 3, I 0.05, moved by sines one after the other."""
     pieces = []
     for frequency in frequencies_hz:
-        time = np.arange(0, 8 / frequency, 0.002)
+        time = np.arange(0, 8 / frequency, 0.004)
         w = 2 * np.pi * frequency
         theta = np.radians(amplitude_deg) * np.sin(w * time)
         velocity = np.radians(amplitude_deg) * w * np.cos(w * time)
         pieces.append(np.stack([theta, 150 * theta + 3 * velocity - 0.05 * w**2 * theta]))
     theta, effort = np.hstack(pieces)
     rows = [
-        f"{k / 500:.3f},{angle:.9f},{moment:.9f}"
+        f"{k / 250:.3f},{angle:.9f},{moment:.9f}"
         for k, (angle, moment) in enumerate(zip(theta, effort, strict=True))
     ]
     path.write_text("\n".join([f"time_s,ankle_angle_rad,{torque}_Nm", *rows, ""]))
@@ -607,6 +607,7 @@ def test_a_log_and_a_capture_whose_clocks_are_not_aligned_are_a_question(tmp_pat
     assert "osl-analysis run" not in lines[-1]
 
 
+@pytest.mark.usefixtures("without_inference")
 def test_a_calibration_matrix_is_no_recording_and_one_line(tmp_path):
     (tmp_path / "rec").mkdir()
     write_bench(tmp_path / "rec/impedance_K150_B3.csv")

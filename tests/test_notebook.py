@@ -40,11 +40,12 @@ SHORT += "quality: {rate: {threshold: 123 Hz}}\n"
 CURVE = "torque_angle: {zero: none, desired: {line: {angle_deg: [-10, 10], torque: [-35, 35]}}}\n"
 
 
-@pytest.fixture
-def short(tmp_path):
+@pytest.fixture(scope="module")
+def short(tmp_path_factory):
     """A configuration with a short stepped sine, and a curve of torque over angle."""
-    (tmp_path / "short.yaml").write_text(SHORT + CURVE)
-    return tmp_path / "short.yaml"
+    path = tmp_path_factory.mktemp("settings") / "short.yaml"
+    path.write_text(SHORT + CURVE)
+    return path
 
 
 @cache
@@ -129,8 +130,6 @@ def test_the_fit_of_a_trial_is_the_row_of_the_campaign_to_the_last_digit(
             next(path for name, path in files.items() if name.endswith("curves")),
             tmp_path,
         )
-    from_file = FITS[experiment](str(tmp_path / "made.parquet"), str(short))
-    assert_frame_equal(pickle.loads(pickle.dumps(from_file)).table, fit.table, check_exact=True)
     # over all amplitudes
     last = fit.table.drop("doubtful", "not_checked", strict=False).to_dicts()[-1]
     assert {name: getattr(fit, name) for name in last} == last
@@ -138,6 +137,17 @@ def test_the_fit_of_a_trial_is_the_row_of_the_campaign_to_the_last_digit(
         assert getattr(fit, f"{name}_interval") == (last[f"{name}_low"], last[f"{name}_high"])
 
 
+def test_a_fit_of_a_file_is_that_of_its_trial_and_can_be_pickled(tmp_path, short):
+    trial = bench_trial("belt")
+    write_trial(trial, tmp_path / "made.parquet")
+
+    from_file = osl.fit_belt(str(tmp_path / "made.parquet"), str(short))
+
+    stored = pickle.loads(pickle.dumps(from_file))
+    assert_frame_equal(stored.table, osl.fit_belt(trial, short).table, check_exact=True)
+
+
+@pytest.mark.usefixtures("without_inference")
 def test_the_frequency_response_of_a_stepped_sine_is_that_of_the_campaign_and_of_fig_7(
     tmp_path, short
 ):
@@ -159,11 +169,8 @@ def test_the_frequency_response_of_a_stepped_sine_is_that_of_the_campaign_and_of
     assert isinstance(osl.plot_frequency_response(found), Figure)
 
 
-@pytest.mark.parametrize("experiment", ["any motion", "friction"])
-def test_the_frequency_response_of_any_motion_is_that_of_the_campaign(experiment, tmp_path, short):
-    files, limits = of_campaign(experiment, tmp_path, short), read_config(short).doubtful
-    found = osl.frequency_response(bench_trial(experiment), DESIRED, config=short)
-    assert ("friction" in found.table["doubtful"][0]) == (experiment == "friction")
+def test_the_frequency_response_of_any_motion_is_that_of_the_campaign(tmp_path, short):
+    files, limits = of_campaign("friction", tmp_path, short), read_config(short).doubtful
     path = tmp_path / "tables/response.csv"
     tables.gather(
         [files["response"]],
@@ -172,17 +179,27 @@ def test_the_frequency_response_of_any_motion_is_that_of_the_campaign(experiment
         [files["impedance"]],
         limits.of("impedance"),
     )
+
+    found = osl.frequency_response(bench_trial("friction"), DESIRED, config=short)
+
+    assert "friction" in found.table["doubtful"][0]
     assert_same(found.table, path, tmp_path)
-    assert not osl.frequency_response(
-        bench_trial(experiment), DESIRED, "10-25", short
-    ).table.equals(found.table)
-    assert osl.fit_impedance(
-        bench_trial(experiment), DESIRED, "10-25", short
-    ).fitted_s == pytest.approx(15, abs=0.8)
     lines = osl.plot_frequency_response(found).axes[0].lines
     assert any(line.get_ydata() == pytest.approx(found.plotted["magnitude"]) for line in lines)
     with pytest.raises(osl.InputError, match="trial made: no frequency response to draw"):
         osl.plot_frequency_response(replace(found, plotted=found.plotted.clear()))
+
+
+@pytest.mark.usefixtures("without_inference")
+def test_a_window_is_all_that_is_fitted(short):
+    trial = bench_trial("any motion")
+
+    whole = osl.frequency_response(trial, DESIRED, config=short)
+    part = osl.frequency_response(trial, DESIRED, "10-25", short)
+
+    assert not part.table.equals(whole.table)
+    fit = osl.fit_impedance(trial, DESIRED, "10-25", short)
+    assert fit.fitted_s == pytest.approx(15, abs=0.8)
 
 
 def test_the_check_of_a_trial_has_the_rows_of_the_campaign_and_accepts_nothing(tmp_path, short):

@@ -592,18 +592,6 @@ def test_a_joint_that_comes_to_rest_at_its_ends_is_not_clipped_though_its_torque
     assert samples_at_rail(trial, "theta", "torque") == 0
 
 
-@pytest.mark.parametrize("seed", [3, 4])
-def test_a_person_whose_reflex_answers_while_the_joint_stands_at_a_level_is_not_clipped(seed):
-    """The angle leaves its level within some samples, but from rest."""
-    time, step = np.arange(40_000) / 1000, 2 * np.pi / 2**14
-    command = np.repeat(np.sign(np.random.default_rng(seed).standard_normal(80)), 500)
-    theta = np.deg2rad(1.6) * signal.lfilter(*signal.zpk2tf([], [0.9] * 2, 0.1**2), command)
-    theta = step * np.rint(theta / step)
-    late = np.roll(np.maximum(np.gradient(theta, time), 0), 150)  # as slow muscle answers
-    torque = 100 * theta + 5 * signal.lfilter(*signal.butter(2, 3, fs=1000), late)
-    assert longest_clipped_angle(time, theta, (time, torque)) == 0
-
-
 def test_a_person_who_pushes_while_the_joint_is_held_at_coarse_steps_is_not_clipped():
     time, step = np.arange(20_000) / 1000, 2 * np.pi / 2**13
     rng = np.random.default_rng(3)

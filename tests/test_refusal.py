@@ -264,7 +264,7 @@ def test_a_rule_without_the_param_of_every_job_is_told_so(tmp_path):
 
 
 WORKERS = """
-import os, signal, sys
+import os, signal
 from osl_analysis.jobs import workers
 
 os.environ["OMP_NUM_THREADS"] = "64"
@@ -278,27 +278,20 @@ os.kill(first.process.pid, signal.SIGKILL)
 lives = second.call(os.getpid) == second.process.pid
 print([environment, same, session, "llvmlite" in mapped, lives, first.end()])
 workers.IDLE["bench"].append(second)
-if sys.argv[1:] == ["killed"]:
-    print(second.process.pid, flush=True)
-    os.kill(os.getpid(), signal.SIGKILL)
-workers.end_workers()
+print(second.process.pid, flush=True)
+os.kill(os.getpid(), signal.SIGKILL)
 """
 
 
-def test_a_worker_does_several_jobs_on_one_core_and_a_killed_one_takes_no_other_with_it():
+def test_a_worker_does_several_jobs_and_ends_with_snakemake_even_if_that_is_killed():
+    """On one core; and a killed worker takes no other with it."""
     told = subprocess.run([sys.executable, "-c", WORKERS], capture_output=True, text=True)
 
-    assert told.stdout == "['1', True, True, False, True, -9]\n", told.stderr
-    assert told.stderr == ""
-
-
-def test_workers_end_with_snakemake_also_if_that_is_killed():
-    told = subprocess.run([sys.executable, "-c", WORKERS, "killed"], capture_output=True, text=True)
-
-    assert told.returncode == -9
-    pid = int(told.stdout.split()[-1])
-    psutil.wait_procs([process for process in psutil.process_iter() if process.pid == pid], 20)
-    assert not psutil.pid_exists(pid)
+    facts, pid = told.stdout.splitlines()
+    assert facts == "['1', True, True, False, True, -9]", told.stderr
+    assert (told.returncode, told.stderr) == (-9, "")
+    left = [process for process in psutil.process_iter() if process.pid == int(pid)]
+    assert psutil.wait_procs(left, timeout=20)[1] == []
 
 
 @pytest.mark.parametrize(("reason", "remedy"), [

@@ -27,7 +27,6 @@ from osl_analysis.judge.finding import (
     Limits,
     Remedy,
     findings_frame,
-    read_findings,
 )
 from osl_analysis.judge.judging import judged, unchecked_in
 from osl_analysis.judge.limits import DoubtfulFits
@@ -246,30 +245,6 @@ def test_a_crossing_without_a_fit_is_neither_doubtful_nor_not():
     assert (table["doubtful"].to_list(), doubtful_count(table)) == ([None, "vaf"], (1, 1))
 
 
-def test_gathered_tables_carry_the_mark_and_the_end_of_the_run_says_so(tmp_path):
-    for trial, vaf in (("belt_1", 80.0), ("belt_2", 99.5), ("belt_3", 80.0)):
-        row = {"trial": [trial], "VAF": [vaf], "K_s_ratio": [1.0], "J_j_ratio": [1.0]}
-        write_table(pl.DataFrame(row), tmp_path / f"{trial}.csv")
-    rows = [tmp_path / f"belt_{k}.csv" for k in (1, 2, 3)]
-    limits = DoubtfulFits.model_validate({"belt": {"below": {"VAF": 99}}})
-    gather(rows, tmp_path / "belt.csv", limits.of("belt"))
-    gather(rows, tmp_path / "quality.csv")
-    misfit = "model that does not fit"
-    assert read_table(tmp_path / "belt.csv")["doubtful"].to_list() == [misfit, "", misfit]
-    assert "doubtful" not in read_table(tmp_path / "quality.csv").columns
-    write_table(NO_CHECKS, tmp_path / "verdicts.csv")
-    tables.write_findings(
-        {"belt": tmp_path / "belt.csv"},
-        tmp_path / "verdicts.csv",
-        limits,
-        tmp_path / "findings.csv",
-    )
-    belt = {"belt": read_table(tmp_path / "belt.csv")}
-    (finding,) = known_of(read_findings(tmp_path / "findings.csv"), belt, NO_CHECKS)
-    assert finding["line"].startswith(f"doubtful, 2 of 3 belt trials: {misfit}: ")
-    assert finding["line"].endswith(" [belt_1, belt_3]")
-
-
 def test_causes_and_trials_are_counted_and_not_the_rows_that_inherit_them():
     """Two of three trials have friction, one of them in four rows of two tables; one has a doubt of
     its own beside."""
@@ -317,28 +292,6 @@ def test_a_check_that_flags_trials_has_its_cause_and_its_value():
         ("doubtful", "model that does not fit", ["b"], "below 90"),
         ("flagged", "gap in the recording", ["b"], "above 0.05"),
     ]
-
-
-def test_a_finding_names_three_trials_or_those_that_it_spares():
-    for n, of, said in (
-        (4, 7, " [all but t4, t5, t6]"),
-        (4, 8, " [t0, t1, t2, ...]"),
-        (1, 4, " [t0]"),
-        (2, 2, ""),
-    ):
-        table = pl.DataFrame(
-            {
-                "trial": [f"t{k}" for k in range(of)],
-                "fault_probability": [None] * n + [0.0] * (of - n),
-            }
-        )
-        (found,) = known({"transmission": table.cast({"fault_probability": pl.Float64})}, {})
-        assert found["line"].endswith(f"of this bench{said}")
-        assert (found["trials"], found["n"], found["verdict"]) == (
-            [f"t{k}" for k in range(n)],
-            of,
-            "not checked",
-        )
 
 
 def test_the_limit_of_every_finding_reaches_table_and_summary_also_of_what_is_only_close_to_a_unit(
@@ -612,38 +565,23 @@ def test_a_campaign_without_numbers_of_the_draft_has_no_column_of_them():
     assert "| draft |" in headlines.to_table({"a": own, "b": own | {"draft": 2.0}}, True)
 
 
-def test_the_first_numbers_are_said_with_a_true_minus_and_none_that_its_interval_has_0_in():
-    tables = all_tables() | {"walking_summary": walked(K=338.0, I=-2e-6)}
-    numbers = written(headline_numbers(tables))["numbers"]
-    said = headlines.first_sentences([*numbers.values()])
-    of_both = "compensated; lowest to highest −3.0 to 1.0; n = 2", "uncompensated; n = 1, doubtful"
-    assert [part in said[0] for part in of_both] == [True, True]
-    assert [part in said[0].replace("\xa0", " ") for part in ("−1.00 % (", "−30.0 % (")] == [
-        True,
-        True,
-    ]
-    assert said[1].replace("\xa0", " ").endswith(" 338.0 N·m/rad (334.6 to 341.4; n = 10).")
-    assert headlines.number_texts(numbers["walking_I"])["text"] == "−2.000·10⁻⁶"
-    nothing = NOTHING | {
-        "value": 1e-4,
-        "low": -1e-5,
-        "high": 2e-4,
-        "interval": STUDENT,
-        "doubt": "late",
-    }
-    assert list(headlines.number_texts(nothing).values()) == [
-        "≈ 0", "−1·10⁻⁵ to 0.00020", STUDENT, "", "3, doubtful: late",
-    ]  # fmt: skip
-    assert headlines.number_texts(nothing | {"interval": RANGE})["text"] == "1.00·10⁻⁴", (
-        "a range has it by chance"
-    )
+def test_a_number_whose_interval_holds_zero_is_about_zero_unless_that_is_a_range():
+    number = NOTHING | {"value": 1e-4, "low": -1e-5, "high": 2e-4, "interval": STUDENT}
+
+    of_interval = headlines.number_texts(number)["text"]
+    of_range = headlines.number_texts(number | {"interval": RANGE})["text"]
+
+    assert (of_interval, of_range) == ("≈ 0", "1.00·10⁻⁴")
+
+
+def test_torque_over_angle_is_said_from_its_lowest_to_its_highest_stiffness():
     foot = headlines.LABELS["torque_angle"]["K"]
     stiffness = {"a": 5.0, "b": 4.0, "c": 9.0, "d": 6.0}
-    one = [headlines.of_group(replace(foot, value=K, n=3), trial) for trial, K in stiffness.items()]
-    (found,) = headlines.first_sentences([*written(one)["numbers"].values()])
-    assert found.replace("\xa0", " ").endswith(
-        " 4.00 N·m/rad (b; n = 3) to 9.00 N·m/rad (c; n = 3)."
-    )
+    each = [headlines.of_group(replace(foot, value=K, n=3), name) for name, K in stiffness.items()]
+
+    (said,) = headlines.first_sentences([*written(each)["numbers"].values()])
+
+    assert said.replace("\xa0", " ").endswith("4.00 N·m/rad (b; n = 3) to 9.00 N·m/rad (c; n = 3).")
 
 
 def test_only_a_campaign_of_the_draft_s_device_is_held_against_the_draft():

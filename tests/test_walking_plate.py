@@ -337,15 +337,6 @@ def test_an_unknown_plate_is_refused() -> None:
         model_of(unloaded("plate_1"), plate=2)
 
 
-def test_a_hidden_platform_is_refused() -> None:
-    blind = hidden(unloaded("plate_1"), ["PLAT1", "PLAT2"], 0, 3.0)
-
-    with pytest.raises(
-        InputError, match="trial plate_1: markers PLAT1, PLAT2, PLAT3, PLAT4 are seen together in 0"
-    ):
-        model_of(blind)
-
-
 def test_no_trial_of_the_plate_is_refused() -> None:
     with pytest.raises(InputError, match="experiment 'plate'"):
         model_of()

@@ -116,7 +116,7 @@ def exact_torque(time: Array, ramp: Ramp) -> Array:
 def torque_error(turned: "TurnedCrossings", heave: float = 0.0) -> float:
     """RMS error [N*m] of the torque in the windows of the first crossings."""
     errors = []
-    for trial, ramp in zip(turned.trials[:4], turned.ramps, strict=False):
+    for trial, ramp in zip(turned.trials[:2], turned.ramps, strict=False):
         crossing = perturbed(trial, plate(heave), turned.model)
         inside = (crossing.time >= ramp.onset) & (crossing.time < ramp.onset + 0.1)
         errors.append((crossing.torque - exact_torque(crossing.time, ramp))[inside])
@@ -150,20 +150,17 @@ def test_the_mass_of_a_heavy_plate_is_inside_its_interval(heave: float) -> None:
 def test_noise_that_the_low_pass_spread_into_rest_is_not_subtracted() -> None:
     """5 deg in 80 ms, 0.1 mm: noise that is read from columns in which the low-pass of 8 Hz spread
     the motion made the mass 25.06. Over 8 seeds it is 25.000 with a scatter of 0.014 (moment
-    0.0022, I_yy 0.0006); three of the mean of two here."""
+    0.0022, I_yy 0.0006): three of them here."""
     rig = replace(RIG, marker=1e-4)
     ramp = Ramp(angle=5, rise=0.08)
     I_yy = rig.mass * (rig.gyration[1] ** 2 + rig.com[0] ** 2 + rig.com[2] ** 2)
 
-    models = [
-        identify_plate_model(calibrated(plate_trials(rig, ramp, seed)), settings())
-        for seed in (1, 2)
-    ]
+    model = identify_plate_model(calibrated(plate_trials(rig, ramp, 1)), settings())
 
-    mass, moment, inertia = np.mean([model.parameters[[0, 3, 5]] for model in models], axis=0)
-    assert mass == pytest.approx(rig.mass, abs=0.03)
-    assert moment == pytest.approx(rig.mass * rig.com[2], abs=0.005)
-    assert inertia == pytest.approx(I_yy, abs=0.0014)
+    mass, moment, inertia = model.parameters[[0, 3, 5]]
+    assert mass == pytest.approx(rig.mass, abs=0.042)
+    assert moment == pytest.approx(rig.mass * rig.com[2], abs=0.0066)
+    assert inertia == pytest.approx(I_yy, abs=0.0018)
 
 
 def test_hidden_markers_of_a_resting_platform_are_no_motion() -> None:
@@ -225,14 +222,14 @@ def turned_crossings(
 
 def test_torque_and_onset_are_free_of_each_crossings_own_noise() -> None:
     """Own motions in six coordinates leave 1.6 N*m and 7 ms."""
-    turned = turned_crossings(seed=1, count=8)
+    turned = turned_crossings(seed=1, count=5)
 
     assert torque_error(turned) < 0.3
     assert np.std(turned.late_s) < 4e-4
     assert abs(np.mean(turned.late_s)) < 1e-3
     assert len(turned.model.template.axes) == 1
     assert not turned.model.template.scaled
-    assert platform_table(turned.model)["follows"].to_list() == [1] * 8
+    assert platform_table(turned.model)["follows"].to_list() == [1] * 5
 
 
 def test_a_platform_that_heaves_moves_along_two_directions() -> None:
@@ -244,7 +241,7 @@ def test_a_platform_that_heaves_moves_along_two_directions() -> None:
 
 
 def test_slower_ramps_are_the_same_shape_in_another_time() -> None:
-    turned = turned_crossings(seed=3, count=6, rise=0.12)
+    turned = turned_crossings(seed=3, count=4, rise=0.12)
 
     durations = platform_table(turned.model)["duration"]
     assert torque_error(turned) < 0.5
@@ -479,9 +476,9 @@ def tracks_of(count: int, seed: int, slower: float = 0.0) -> tuple[list[Platform
 
 @pytest.mark.parametrize("slower", [0.0, 0.2])
 def test_the_errors_of_the_starts_are_their_scatter(slower: float) -> None:
-    """33 free starts scatter by their errors to within 10 %, and where durations differ too."""
+    """22 free starts scatter by their errors to within 15 %, and where durations differ too."""
     scores = []
-    for seed in range(3):
+    for seed in range(2):
         tracks, onsets = tracks_of(12, seed, slower)
         template, alignments = platform_template(tracks, 0.1)
         errors = np.array([alignment.start for alignment in alignments]) - onsets
@@ -489,7 +486,7 @@ def test_the_errors_of_the_starts_are_their_scatter(slower: float) -> None:
         scores.append((errors - errors.mean()) / start_se)
 
     assert template.scaled == (slower > 0)
-    assert np.sqrt(np.sum(np.square(scores)) / 33) == pytest.approx(1, abs=0.2)
+    assert np.sqrt(np.sum(np.square(scores)) / 22) == pytest.approx(1, abs=0.3)
 
 
 def rise(degree: int, start: float) -> np.ndarray:
@@ -790,19 +787,6 @@ def test_a_moment_that_lifts_the_toes_in_late_stance_is_refused() -> None:
 def test_an_onset_whose_response_leaves_stance_is_refused(onset: float, message: str) -> None:
     with pytest.raises(InputError, match=message):
         check_onset(onset, True, Stance(0.93, 1.59), settings())
-
-
-def test_a_late_onset_of_a_recording_is_refused() -> None:
-    with pytest.raises(InputError, match=r"outside stance 0\.930-1\.59\d s"):
-        perturbed(walked_over("w", Ramp(onset=1.75), QUIET, 1))
-
-
-def test_a_perturbed_crossing_on_a_plate_without_moments_is_refused() -> None:
-    trial = walked_over("w", Ramp(), QUIET, 1)
-    plate_of_type_1 = {**trial.provenance["plates"][0], "type": 1}
-
-    with pytest.raises(InputError, match=r"type 1 \(centre of pressure\)"):
-        perturbed(replace(trial, provenance={"plates": [plate_of_type_1]}))
 
 
 def test_too_few_unperturbed_crossings_say_how_many_and_the_most_frequent_reason(

@@ -127,6 +127,8 @@ def stretches(text: str) -> list[tuple[float, float]]:
 
 
 NAME_KEY = "osl_analysis.trial"
+OWN_CLOCKS = "clocks_begin_anew"
+"""Fact of a log in the provenance: it is joined of logs whose order in time is not known."""
 PROVENANCE_KEY = "osl_analysis.provenance"
 CHECKSUM_KEY = "osl_analysis.checksum"
 

@@ -1,7 +1,7 @@
 """The actuator alone on its bench (Eqs. 1-2), turning or clamped."""
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from osl_analysis.bench.analysis import Analysis, analysed
 from osl_analysis.bench.bench_settings import ActuatorAnalysis
 from osl_analysis.bench.effects import Model
+from osl_analysis.bench.group_fit import GroupFit
+from osl_analysis.bench.group_interval import FEWEST_GROUPS
 from osl_analysis.bench.group_sums import gram_sums
 from osl_analysis.bench.plausibility import check_changes
 from osl_analysis.bench.record import Record
@@ -18,6 +20,7 @@ from osl_analysis.bench.row_groups import Groups, Stratum, stretches_of
 from osl_analysis.errors import InputError, naming
 from osl_analysis.signals import Motion, differentiate, runs
 from osl_analysis.signals.grid import UniformSignals, uniform_signals
+from osl_analysis.signals.plateaus import FEWEST_PLATEAUS, is_clamped, plateaus_of
 from osl_analysis.stats.regression import (
     INTERVAL_ENDS,
     Row,
@@ -25,7 +28,7 @@ from osl_analysis.stats.regression import (
     estimates_row,
     without,
 )
-from osl_analysis.trial import Array, Trial
+from osl_analysis.trial import OWN_CLOCKS, Array, Trial
 
 ACTUATOR_PARAMETERS = ("k_tau_n_m", "f_C", "f_G", "B_m", "J_m")
 """Torque per current k_tau n_m [N*m/A], Coulomb friction [N*m], gear friction [N*m/A], damping,
@@ -41,13 +44,14 @@ EDGE_PERIODS = 3.0  # of the cut-off at both ends, where the filter extrapolates
 SOUGHT_LAGS_S = np.arange(-60, 61) / 200  # s; of the current behind the torque
 FAR_BETTER = 0.5  # of what is left of the torque, with the current at another time
 MOST_TRIED = 10_000  # rows of the search for a late current
-FEWEST_LEVELS = 8  # fewest plateaus of the current, the interval's leave-one-out units
-LEVEL_S = 0.05  # s; averaging time of the current in the search for plateaus
-LEVEL_CHANGE = 0.02  # of the current's range, by which means of a plateau differ at most
-SHORTEST_LEVEL = 5  # changes between such means: a plateau of 0.3 s
-SETTLING, ENDING = 3, 1  # means left out: the torque settles, and the filter spreads the next step
 SLIDES = 0.7  # of the median of the torque's steps per step of the current: friction has reversed
-WITH_LOAD = 1.5  # times the fewest plateaus, to tell T_G beside T
+SMALLEST_STEP = 0.02  # of the current's range: a smaller one has no direction
+FEWEST_FOR_FRICTION = 5  # plateaus, to tell the friction that lags behind from the offset
+FEWEST_FOR_DRIFT = FEWEST_GROUPS  # plateaus, to tell the drift, and the interval by leaving out
+FEWEST_FOR_LOAD = 12  # plateaus, to tell T_G beside T
+HIGHEST_CUTOFF = 0.4  # of the sampling rate
+BY_PLATEAUS = "plateaus"
+SHORTENED = 0.8  # of the longest bridged gap, to which longer pauses are shortened
 
 
 def actuator_trial(trial: Trial, settings: ActuatorAnalysis) -> Analysis:
@@ -69,13 +73,60 @@ def actuator_trial(trial: Trial, settings: ActuatorAnalysis) -> Analysis:
         The motion cannot tell two parameters apart.
     """
     motion = [name for name in ("theta_m", "omega_m") if name in trial.samples.columns]
-    signals = uniform_signals(trial, (*motion[:1], "current", "torque_m"), settings.gap_limits)
+    columns = (*motion[:1], "current", "torque_m")
+    trial.check_columns(*columns)
     with naming(f"trial {trial.name}"):
+        without, pauses = without_pauses(trial, settings.gap_limits.longest_s)
+        signals = uniform_signals(without, columns, settings.gap_limits)
+        levels = levels_of(signals, settings.slowest)
+        if levels:
+            is_ordered = OWN_CLOCKS not in trial.provenance.get("log", {})
+            return clamped_of(signals, settings, levels, pauses, is_ordered)
+        if len(pauses.at):
+            signals = uniform_signals(trial, columns, settings.gap_limits)  # says which gap
         found = actuator_of(signals, settings)
         other = signals.other()
         if other is not None:
             found = replace(found, fits_with_other_stamps=actuator_of(other, settings).fits)
     return found
+
+
+@dataclass(frozen=True)
+class Pauses:
+    """Pauses of the logger, in which a clamped actuator shows nothing.
+
+    Attributes
+    ----------
+    at : Array
+        Ends (k,) [s] on the time without pauses.
+    cut : Array
+        What was cut off until then (k,) [s].
+    """
+
+    at: Array
+    cut: Array
+
+    def with_them(self, time: Array) -> Array:
+        """Times (n,) [s] on the clock of the log."""
+        number = np.searchsorted(self.at, time, "right")
+        return np.asarray(time + np.append(0.0, self.cut)[number])
+
+
+def without_pauses(trial: Trial, longest_s: float) -> tuple[Trial, Pauses]:
+    """The trial with pauses of the logger shortened, so that one grid bridges them."""
+    time = trial.arrays()[0]
+    steps = np.diff(time)
+    rows = np.flatnonzero(steps > longest_s)
+    shortened = SHORTENED * longest_s
+    cut = np.cumsum(steps[rows] - shortened)
+    shift = np.zeros(len(time))
+    shift[rows + 1] = steps[rows] - shortened
+    without = time - np.cumsum(shift)
+    pauses = Pauses(at=without[rows + 1], cut=cut)
+    if not len(rows):
+        return trial, pauses
+    samples = trial.samples.with_columns(time=pl.Series(without))
+    return Trial(trial.name, samples, trial.provenance), pauses
 
 
 def actuator_of(signals: UniformSignals, settings: ActuatorAnalysis) -> Analysis:
@@ -92,7 +143,12 @@ def actuator_of(signals: UniformSignals, settings: ActuatorAnalysis) -> Analysis
     low_pass = settings.low_pass
     moved = moved_by(signals)
     if moved is None or not np.ptp(signals[moved]):
-        return stalled_of(signals, settings, levels_of(current, rate, usable))
+        count = len(plateaus_of(time[usable], current[usable]))
+        raise InputError(
+            f"the actuator stands, and its current has {count} plateaus of 0.3 s or more,"
+            f" {FEWEST_PLATEAUS} are needed; step the current up and down, or drive the actuator"
+            " and name theta_m or omega_m in the source file"
+        )
     raw = signals[moved]
     smooth = differentiate(time, low_pass(raw, rate))
     omega, alpha = smooth.omega, smooth.alpha
@@ -100,11 +156,6 @@ def actuator_of(signals: UniformSignals, settings: ActuatorAnalysis) -> Analysis
         omega, alpha = smooth.theta, smooth.omega
 
     is_fast = np.abs(omega) > settings.slowest
-    levels = levels_of(current, rate, usable & ~is_fast)
-    rows_at_levels = sum(rows.stop - rows.start for rows in levels)
-    if len(levels) >= FEWEST_LEVELS and np.count_nonzero(is_fast) < rows_at_levels:
-        return stalled_of(signals, settings, levels)  # the shaft twitches between the steps
-
     direction = np.tanh(omega / settings.sign_width)
     columns = {
         "k_tau_n_m": low_pass(current, rate),
@@ -176,69 +227,80 @@ def check_prompt(
         )
 
 
-def levels_of(current: Array, rate_hz: float, usable: NDArray[np.bool_]) -> list[slice]:
-    """Rows of the plateaus of a stepped current (n,) [A].
-
-    Its means over `LEVEL_S` stay within 2 % of its range for 0.3 s or more. The first 0.15 s, where
-    the torque settles, and the last 0.1 s, into which the filter spreads the steps, are left out.
-    """
-    each = max(round(LEVEL_S * rate_hz), 1)
-    whole = len(current) // each * each
-    means = current[:whole].reshape(-1, each).mean(axis=1)
-    is_usable = np.asarray(usable[:whole].reshape(-1, each).all(axis=1))
-    is_steady = np.abs(np.diff(means)) < LEVEL_CHANGE * np.ptp(current)
-    both_usable = is_usable[1:] & is_usable[:-1]
-    found = []
-    for run in runs(np.asarray(both_usable & is_steady)):
-        if run.stop - run.start >= SHORTEST_LEVEL:
-            found.append(slice((run.start + SETTLING) * each, (run.stop - ENDING) * each))
-    return found
+def levels_of(signals: UniformSignals, slowest: float) -> list[slice]:
+    """Rows of the plateaus of a clamped actuator's current; none if it is driven, or has too
+    few."""
+    kept = np.flatnonzero(signals.usable)
+    time, current = signals.time[kept], signals["current"][kept]
+    moved = moved_by(signals)
+    motion = None if moved is None else signals[moved][kept]
+    levels = plateaus_of(time, current)
+    if not is_clamped(time, current, levels, motion, moved == "theta_m", slowest):
+        return []
+    return [slice(int(kept[rows.start]), int(kept[rows.stop - 1]) + 1) for rows in levels]
 
 
-def stalled_of(
-    signals: UniformSignals, settings: ActuatorAnalysis, levels: list[slice]
+def clamped_of(
+    signals: UniformSignals,
+    settings: ActuatorAnalysis,
+    levels: list[slice],
+    pauses: Pauses,
+    is_ordered: bool = True,
 ) -> Analysis:
     """k_tau n_m of an actuator at rest with a stepped current.
 
     Its torque in the plateaus (`levels_of`), which are the interval's units, is k_tau n_m I_q - (T
     + T_G |I_q|) s + offset + drift. T and T_G are the friction that lags behind steps up (s = 1)
     and down (s = -1); without them k_tau n_m would absorb it. They are left out if all steps go one
-    way.
+    way, or where few plateaus tell less; so is the drift, which logs without a common clock do not
+    tell. When stamps were taken matters to no plateau.
+
+    Raises
+    ------
+    InputError
+        The torque is constant.
+    IdentifiabilityError
+        The plateaus do not tell k_tau n_m from friction and offset.
     """
-    low_pass, rate, current = settings.low_pass, signals.rate_hz, signals["current"]
-    torque = signals["torque_m"]
-    if len(levels) < FEWEST_LEVELS:
-        raise InputError(
-            f"the actuator stands, and its current has {len(levels)} plateaus of 0.3 s or more,"
-            f" {FEWEST_LEVELS} are needed; step the current up and down, or drive the actuator and"
-            " name theta_m or omega_m in the source file"
-        )
+    current, torque = signals["current"], signals["torque_m"]
+    # a plateau is no motion: a log of few rows per second shows it as well
+    cutoff_hz = min(settings.cutoff_hz, HIGHEST_CUTOFF * signals.rate_hz)
+    low_pass = replace(settings.low_pass, cutoff_hz=cutoff_hz)
+    check_changes("torque_m", torque)
+    time = pauses.with_them(signals.time)
+    is_after_pause = np.searchsorted(pauses.at, [signals.time[rows.start] for rows in levels])
+    begins_anew = np.diff(is_after_pause, prepend=0) > 0
     means = np.array([current[rows].mean() for rows in levels])
     torques = np.array([torque[rows].mean() for rows in levels])
-    way, has_slid = steps_of_levels(means, torques, float(np.ptp(current)))
-    tells_load = int(has_slid.sum()) >= WITH_LOAD * FEWEST_LEVELS
+    before = currents_before(means, torques, begins_anew)
+    way, has_slid = steps_of_levels(means, torques, before)
+    tells_load = int(has_slid.sum()) >= FEWEST_FOR_LOAD
     if not tells_load:
         has_slid[:] = True
     levels = [rows for rows, is_used in zip(levels, has_slid, strict=True) if is_used]
-    means = means[has_slid]
+    way = way[has_slid]
 
     side = np.zeros_like(current)
-    for rows, up in zip(levels, way[has_slid], strict=True):
+    for rows, up in zip(levels, way, strict=True):
         side[rows] = -up
-    of_current = low_pass(current, rate)
+    # a mean at each plateau: noise of single rows would lower k_tau n_m
+    of_current = low_pass(current, signals.rate_hz)
+    for rows in levels:
+        of_current[rows] = of_current[rows].mean()
     columns = {
         "k_tau_n_m": of_current,
         "hysteresis": side,
         "one": np.ones_like(current),
         "load_hysteresis": side * np.abs(of_current),
-        "ramp": signals.time - signals.time.mean(),
+        "ramp": time - time.mean(),
     }
     model = {"k_tau_n_m": "k_tau_n_m", "offset": "one"}
-    goes_both_ways = np.ptp(np.sign(np.diff(means))) > 0
-    if goes_both_ways:
+    goes_both_ways = {-1.0, 1.0} <= set(way.tolist())
+    if goes_both_ways and len(levels) >= FEWEST_FOR_FRICTION:
         model["hysteresis"] = "hysteresis"
         if tells_load:
             model["load_hysteresis"] = "load_hysteresis"
+    if goes_both_ways and is_ordered and len(levels) >= FEWEST_FOR_DRIFT:
         model["drift"] = "ramp"
 
     groups = Groups(
@@ -251,28 +313,74 @@ def stalled_of(
     still = np.zeros_like(current)
     record = Record(
         name=signals.trial,
-        time=signals.time,
+        time=time,
         theta=still,
         torque=torque,
         motion=Motion(still, still, still),
-        filtered_torque=low_pass(torque, rate),
+        filtered_torque=low_pass(torque, signals.rate_hz),
         low_pass=low_pass,
         usable=signals.usable,
         groups=groups,
         uniform=signals,
         settings=settings,
     )
-    return analysed(record, gram_sums(record, columns, list(model.values())), model)
+    found = analysed(record, gram_sums(record, columns, list(model.values())), model)
+    if len(levels) >= FEWEST_GROUPS:
+        return found
+    fit = by_plateaus(found, levels)
+    return replace(found, fits=dict.fromkeys(found.fits, fit))
 
 
-def steps_of_levels(
-    means: Array, torques: Array, range_of_current: float
-) -> tuple[Array, NDArray[np.bool_]]:
+def by_plateaus(found: Analysis, levels: Sequence[slice]) -> GroupFit:
+    """The fit with the interval of a line through few plateaus, each of which is one reading.
+
+    Notes
+    -----
+    Weighted least squares: covariance s^2 (X' W X)^-1, where s^2 is the weighted square of the
+    residuals of the means over their degrees of freedom. Rows of one plateau share its error.
+    """
+    fit, record = found.whole, found.record
+    rows = np.array([level.stop - level.start for level in levels], dtype=float)
+    weights = rows / rows.mean()
+    residual = record.filtered_torque - found.modelled()
+    means = np.array([residual[level].mean() for level in levels])
+    columns = [found.fitted_column(column, None) for column in found.model.values()]
+    X = np.array([[column[level].mean() for column in columns] for level in levels])
+    freedom = len(levels) - X.shape[1]
+    variance = float(weights @ means**2) / freedom
+    covariance = variance * np.linalg.inv(X.T @ (weights[:, None] * X))
+    return replace(
+        fit,
+        covariance=covariance,
+        degrees_of_freedom=np.full(X.shape[1], float(freedom)),
+        interval_method=BY_PLATEAUS,
+    )
+
+
+def currents_before(means: Array, torques: Array, begins_anew: NDArray[np.bool_]) -> Array:
+    """Currents (m,) [A] before the step to each plateau, the one before or 0.
+
+    In a pause of the logger the drive may have been off. Of the two, the one is taken that leaves
+    less of the torques beside current, friction and offset.
+    """
+    before = np.append(0.0, means[:-1])
+    if not begins_anew.any():
+        return before
+    of_rest = np.where(begins_anew, 0.0, before)
+    left = []
+    for tried in (before, of_rest):
+        way = np.sign(means - tried)
+        X = np.column_stack([means, way, np.ones_like(means)])
+        left.append(np.sum((torques - X @ np.linalg.lstsq(X, torques)[0]) ** 2))
+    return of_rest if left[1] < left[0] else before
+
+
+def steps_of_levels(means: Array, torques: Array, before: Array) -> tuple[Array, NDArray[np.bool_]]:
     """Direction (m,) of the step to each plateau, and whether friction has reversed by then: after
     a turn the torque stays constant until it has."""
-    steps = np.diff(means, prepend=0.0)
+    steps = means - before
     # a start at 0 has none
-    way = np.where(np.abs(steps) > LEVEL_CHANGE * range_of_current, np.sign(steps), 0.0)
+    way = np.where(np.abs(steps) > SMALLEST_STEP * np.ptp(means), np.sign(steps), 0.0)
     sizes = np.maximum(np.abs(steps), np.finfo(float).tiny)
     follows = np.diff(torques, prepend=torques[0]) * way / sizes
     has_slid = (follows > SLIDES * np.median(follows)) | (way == 0)

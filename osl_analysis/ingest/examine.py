@@ -21,10 +21,14 @@ from osl_analysis.measured import factor_of, usual_size
 from osl_analysis.plates import beside, plate_axes
 from osl_analysis.signals import longest_run, run_at_extreme, run_edges, runs
 from osl_analysis.signals.grid import GapLimits, devices_of, origin, streams, uniform_signals
+from osl_analysis.signals.plateaus import is_clamped, plateaus_of
 from osl_analysis.signals.samples import take
 from osl_analysis.spectral.sine_runs import Run
 from osl_analysis.spectral.stepped_sine import Likeness, SteppedSineProtocol, stated_protocol
 from osl_analysis.trial import Array, Trial, plate_columns, unit_of
+
+STANDS = 0.5  # rad/s; an actuator's shaft that is slower stands, as `actuator.slowest` has it
+OF_CLAMPED = "the actuator stands, and its plateaus of current are analysed alone"
 
 
 @dataclass(frozen=True)
@@ -65,6 +69,23 @@ class Examined:
             if steps.size > 1:
                 found[first] = float(np.median(steps)), float(steps.mean()), float(steps.max())
         return found
+
+    @cached_property
+    def is_clamped(self) -> bool:
+        """Whether the recording is of an actuator that stands while its current is stepped: what
+        lies between its plateaus, and when exactly samples were taken, does not matter."""
+        if not self.experiment.may_stand:
+            return False
+        time, current = recorded(self.trial, "current")
+        if not np.isfinite(current).all():
+            return False
+        at, motion = recorded(self.trial, self.experiment.motion)
+        is_angle = bool(at.size)
+        if not is_angle:
+            at, motion = recorded(self.trial, "omega_m")
+        on_rows = np.interp(time, at, motion) if at.size else None
+        plateaus = plateaus_of(time, current)
+        return is_clamped(time, current, plateaus, on_rows, is_angle, STANDS)
 
 
 @dataclass(frozen=True)
@@ -115,6 +136,8 @@ def consecutive(time: Array, values: Array, seconds: float) -> Array:
 
 
 def measure_rate(examined: Examined) -> CheckResult:
+    if examined.is_clamped:
+        return not_applicable(OF_CLAMPED)
     rates = {column: 1 / (median or mean) for column, (median, mean, _) in examined.steps.items()}
     said = ", ".join(f"{column} {rate:.6g} Hz" for column, rate in rates.items())
     return (
@@ -128,6 +151,8 @@ def measure_jitter(examined: Examined) -> CheckResult:
     """Largest slow wander of a recorder's stamps about their line, in percent of a step. 0 if the
     signals or the source file decide how stamps are read (docs/time_base.md): scatter of any size
     then costs nothing."""
+    if examined.is_clamped:
+        return not_applicable(OF_CLAMPED)
     wander, remarks = {}, []
     columns = [
         column for column in examined.experiment.needed_columns if column in examined.trial.columns
@@ -146,6 +171,8 @@ def measure_jitter(examined: Examined) -> CheckResult:
 
 
 def measure_gap(examined: Examined) -> CheckResult:
+    if examined.is_clamped:
+        return not_applicable(OF_CLAMPED)
     steps = examined.steps.items()
     gaps = {
         column: most - usual if most > 1.5 * usual else 0.0 for column, (usual, _, most) in steps

@@ -20,6 +20,9 @@ ANGLE = r"(angle|position|pos|theta|encoder|winkel|hoek)"
 SPEED = r"(velocity|vel|speed|omega|geschwindigkeit|snelheid)"
 EFFORT = r"(torque|moment|tau|effort|drehmoment|koppel)"
 NO_SIGNAL = r"\b(temperature|temp|voltage|battery|supply|humidity|pressure)\b"
+NOISE = "it is noise"
+HELD_COLUMNS = ("current", "torque", "torque_m")  # which stand while an actuator is clamped
+HELD_LEVEL = 5.0  # standard deviations of the noise
 
 
 @dataclass(frozen=True)
@@ -229,7 +232,14 @@ def why_no_signal(channel: RecordedChannel) -> str:
     about = (known - known.mean()) / np.ptp(known)
     tells_next = about[1:] @ about[:-1] > 0.2 * (about @ about)
     is_level = np.unique(known).size == 2
-    return "" if tells_next or is_level else "it is noise"
+    return "" if tells_next or is_level else NOISE
+
+
+def is_held(channel: RecordedChannel) -> bool:
+    """Whether readings that are noise lie about a level far from zero, as of a current that is
+    held."""
+    known = readings(channel)
+    return bool(abs(known.mean()) > HELD_LEVEL * known.std())
 
 
 def made_of_current(channel: RecordedChannel, currents: Iterable[RecordedChannel]) -> str:
@@ -286,6 +296,8 @@ def guessed_columns(channels: Sequence[RecordedChannel]) -> list[Guess]:
     reasons: list[str] = []
     for channel, column in zip(channels, columns, strict=True):
         reason = why_no_signal(channel)
+        if reason == NOISE and column in HELD_COLUMNS and is_held(channel):
+            reason = ""
         if not reason and column in ("torque", "torque_m"):
             reason = made_of_current(channel, currents)
         if not reason and column:
@@ -329,7 +341,8 @@ def with_output_as_joint(channels: Sequence[RecordedChannel], columns: list[str]
 def as_actuator(channels: Sequence[RecordedChannel], guesses: list[Guess]) -> list[Guess]:
     """The guesses for an actuator alone, where no joint's angle is recorded: its torque is that at
     the actuator's output, and a speed beside a current and a torque is the actuator's, also where
-    it stands, so that its speed is noise."""
+    it stands, so that its speed is noise. One of which current and torque alone are sure is
+    clamped."""
     columns = {guess.column for guess in guesses}
     if "theta" in columns:
         return guesses
@@ -351,7 +364,8 @@ def as_actuator(channels: Sequence[RecordedChannel], guesses: list[Guess]) -> li
                 is_no_signal=False,
                 why="a guess: no angle is beside it",
             )
-    if not moves:
+    sure = {guess.column for guess in guesses if guess.is_sure}
+    if not moves and not {"current", "torque"} <= sure:
         return guesses
     return [
         replace(guess, column="torque_m") if guess.column == "torque" else guess

@@ -106,7 +106,8 @@ def convert_messages(recording: Recording, source: MessageSource) -> Converted:
         if count:
             warnings.append(f"{column} is missing in {count} of {len(joined)} rows")
     losses = losses_of(recording.loss, True, [*by_topic], contradicted)
-    return Converted(pl.DataFrame([time, *joined]), origins, facts, warnings, losses)
+    samples = pl.DataFrame([time, *joined])
+    return Converted(samples, origins, facts, warnings, losses, begins_s=start / SECOND_NS)
 
 
 def find_field(recording: Recording, setting: MessageChannel) -> Channel:

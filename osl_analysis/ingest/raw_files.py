@@ -20,6 +20,7 @@ from osl_analysis.ingest.capture import convert_capture
 from osl_analysis.ingest.checksums import SUMS, check_sums
 from osl_analysis.ingest.conversion import Converted
 from osl_analysis.ingest.guard import check_sizes
+from osl_analysis.ingest.joined_logs import join_logs, matching_files
 from osl_analysis.ingest.message_log import convert_messages
 from osl_analysis.ingest.placeholders import UNKNOWN, open_places
 from osl_analysis.ingest.table_log import convert_table
@@ -43,7 +44,11 @@ def suffixes() -> tuple[str, ...]:
 
 
 def recorded_files(path: Path) -> list[Path]:
-    """The files of a recording; a folder that is none stands for itself."""
+    """The files of a recording, or of all that a name with `*` stands for; a folder that is none
+    stands for itself."""
+    matching = matching_files(path)
+    if matching:
+        return [file for each in matching for file in recorded_files(each)]
     if path.is_dir():
         for one in formats.formats_of(path):
             with suppress(InputError):
@@ -289,6 +294,9 @@ def read_raw_file(
     source = raw_file.source
     if isinstance(source, LogSource):
         source = source.of_part(part)
+    paths = matching_files(raw_file.path) or [raw_file.path]
+    if len(paths) > 1 and not isinstance(source, LogSource):
+        raise InputError(f"{raw_file.name}: {len(paths)} captures, and a trial has one; name it")
     files = recorded_files(raw_file.path)
     before = [written_at(file) for file in files]
     identities = [identity_of(file) for file in files]
@@ -296,7 +304,8 @@ def read_raw_file(
     for file, identity in zip(files, identities, strict=True):
         remarks += check_sums(file, identity["sha256"], raw_folder)
     try:
-        converted = read_converted(raw_file.path, source)
+        logs = [read_converted(path, source) for path in paths]
+        converted = join_logs(logs, [path.name for path in paths])
     finally:  # also where it cannot be read: it may have changed in between
         for file, then in zip(files, before, strict=True):
             if not file.is_file() or written_at(file) != then:
@@ -305,7 +314,7 @@ def read_raw_file(
                     " copied, then run again"
                 )
     identity = identities[0]
-    if raw_file.path.is_dir():
+    if raw_file.path.is_dir() or len(paths) > 1:
         identity = identity_of_folder(identities)
     identity = {**identity, "path": raw_file.name, "source": raw_file.source_name}
     return replace(converted, warnings=[*converted.warnings, *remarks]), identity
@@ -341,6 +350,10 @@ def check_markers(trial: Trial, experiment: str | None) -> None:
 def check_file(path: Path) -> None:
     """Refuse a file that is missing or empty, and what is no recording: a device, a pipe, a folder
     without parts."""
+    for file in matching_files(path):
+        check_file(file)
+    if matching_files(path):
+        return
     if path.is_dir():
         folder_formats = formats.formats_of(path)
         if not folder_formats:

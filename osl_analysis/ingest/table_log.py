@@ -9,7 +9,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.asked_table import Table, read_table, with_own_rows
+from osl_analysis.ingest.asked_table import Table, clock_factor, read_table, with_own_rows
 from osl_analysis.ingest.conversion import (
     Converted,
     canonical_column,
@@ -118,7 +118,10 @@ def convert_table(recording: Recording, source: TableSource, file_name: str) -> 
         frame, plate_origins, facts["plates"] = with_plates(recording, source, table, frame, time)
         origins.update(plate_origins)
     losses = losses_of(recording.loss, of_messages=False)
-    return Converted(frame, origins, facts, warnings, losses)
+    begins_s = None
+    if clock is not None and source.time.rate is None:
+        begins_s = start * clock_factor(clock, source)
+    return Converted(frame, origins, facts, warnings, losses, begins_s)
 
 
 def check_loss(recording: Recording, source: TableSource) -> None:

@@ -1,0 +1,146 @@
+"""Plateaus of a stepped current, and whether the shaft stands meanwhile: a clamped actuator."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from osl_analysis.signals import runs
+from osl_analysis.trial import Array
+
+BIN_S = 0.05  # s; averaging time in the search for plateaus
+LONGER_BINS_S = (0.2, 0.5)  # s; the same for steps that noise hides
+FEWEST_ROWS = 1.5  # of the usual step in a bin, so that a slow log has a row in each
+LEVEL_CHANGE = 0.02  # of the current's range, by which means of a plateau differ at most
+NOISE_CHANGE = 5.0  # standard deviations of the change between means, if noise makes more
+LARGEST_CHANGE = 0.2  # of the range; a step is larger than any noise
+SHORTEST_LEVEL = 5  # changes between such means: a plateau of 0.3 s
+SETTLING, ENDING = 3, 1  # means left out: the torque settles, and the filter spreads the next step
+THIRD_DIFFERENCE = np.sqrt(20)  # times white noise: its third difference; slower motion is gone
+NORMAL_MEDIAN = 0.6745  # median of |x| in standard deviations of normal noise
+SPEED_BINS = 3  # over which a speed is averaged: 0.15 s, which hum and noise do not pass
+STEADY_RANGE = 12.0  # standard deviations of means between the largest and the smallest of a level
+FEWEST_PLATEAUS = 3  # that a line with an offset needs to have an interval
+LEAST_SPAN = 0.5  # of the current's range between plateaus; less are rests between two motions
+
+
+def plateaus_of(time: Array, current: Array) -> list[slice]:
+    """Find the plateaus of a stepped current.
+
+    Parameters
+    ----------
+    time : Array
+        Rising (n,) [s]; a bin of `BIN_S` without a row ends a plateau.
+    current : Array
+        (n,) [A].
+
+    Returns
+    -------
+    list of slice
+        Rows in which means over `BIN_S` change by less than 2 % of their range, or than noise
+        changes them, for 0.3 s or more. The first 0.15 s and the last 0.1 s are left out. Longer
+        means are taken if they show more plateaus, all times then are as much longer.
+    """
+    found = [steady_rows(time, current, width) for width in (BIN_S, *LONGER_BINS_S)]
+    return max(found, key=len)
+
+
+def steady_rows(time: Array, current: Array, width: float) -> list[slice]:
+    """Plateaus by means over `width` [s]; the rest is that of `plateaus_of`."""
+    begins, number = bins_of(time, width)
+    if len(begins) <= SHORTEST_LEVEL:
+        return []
+    stops = np.append(begins[1:], len(time))
+    means = np.add.reduceat(current, begins) / (stops - begins)
+    span = float(np.ptp(means))
+    noise = noise_of(current) / np.sqrt(np.median(stops - begins))
+    limit = max(LEVEL_CHANGE * span, NOISE_CHANGE * np.sqrt(2) * noise)
+    limit = min(limit, LARGEST_CHANGE * span)
+    is_steady = (np.abs(np.diff(means)) < limit) & (np.diff(number) == 1)
+
+    found = []
+    for run in runs(np.asarray(is_steady)):
+        if run.stop - run.start >= SHORTEST_LEVEL:
+            last = run.stop - 1 - ENDING  # the last mean of the run is number run.stop
+            found.append(slice(int(begins[run.start + SETTLING]), int(stops[last])))
+    return found
+
+
+def bins_of(time: Array, width: float = BIN_S) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """First rows (k,) of the bins of a width [s] of rising times (n,) [s], and their numbers."""
+    usual_step = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
+    width = max(width, FEWEST_ROWS * usual_step)
+    # a hundredth of a step, so that rounding does not move rows to the bin before
+    number = np.floor((time - time[0] + 0.01 * usual_step) / width).astype(np.intp)
+    begins = np.flatnonzero(np.diff(number, prepend=-1))
+    return begins, number[begins]
+
+
+def noise_of(values: Array) -> float:
+    """Standard deviation of white noise in (n,) values, by their third differences."""
+    if len(values) < 4:
+        return 0.0
+    leaps = np.abs(np.diff(values, 3))
+    return float(np.median(leaps) / NORMAL_MEDIAN / THIRD_DIFFERENCE)
+
+
+def is_clamped(
+    time: Array,
+    current: Array,
+    plateaus: Sequence[slice],
+    motion: Array | None,
+    is_angle: bool,
+    slowest: float,
+) -> bool:
+    """Whether a shaft stands at the plateaus of its current.
+
+    Parameters
+    ----------
+    time, current : Array
+        (n,) [s], [A].
+    plateaus : sequence of slice
+        Of the current (`plateaus_of`).
+    motion : Array or None
+        Angle (n,) [rad] or velocity [rad/s] of the shaft, which may be noisy; None: not recorded.
+    is_angle : bool
+        Which of the two it is.
+    slowest : float
+        Velocity [rad/s] below which the shaft stands.
+    """
+    if len(plateaus) < FEWEST_PLATEAUS:
+        return False
+    begins, _ = bins_of(time)
+    rows = np.diff(np.append(begins, len(time)))
+    levels = [current[level].mean() for level in plateaus]
+    span = np.ptp(np.add.reduceat(current, begins) / rows)
+    if np.ptp(levels) < LEAST_SPAN * span:
+        return False
+    if motion is None:
+        return True
+    at_levels = sum(level.stop - level.start for level in plateaus) / len(time)
+    return bool(fast_share(time, motion, is_angle, slowest) < at_levels)
+
+
+def fast_share(time: Array, motion: Array, is_angle: bool, slowest: float) -> float:
+    """Share of the time (n,) [s] in which the velocity of a shaft, averaged over 0.15 s, is above
+    `slowest` [rad/s]; the arguments are those of `is_clamped`."""
+    begins, _ = bins_of(time)
+    rows = np.diff(np.append(begins, len(time)))
+    means = np.add.reduceat(motion, begins) / rows
+    at = np.add.reduceat(time, begins) / rows
+    if len(means) <= SPEED_BINS:
+        return 0.0
+    if is_angle:
+        speeds = (means[SPEED_BINS:] - means[:-SPEED_BINS]) / (at[SPEED_BINS:] - at[:-SPEED_BINS])
+    else:
+        speeds = np.convolve(means, np.full(SPEED_BINS, 1 / SPEED_BINS), "valid")
+    return float(np.mean(np.abs(speeds) > slowest))
+
+
+def is_one_level(time: Array, current: Array) -> bool:
+    """Whether a current (n,) [A] is constant but for its noise, at times (n,) [s]."""
+    begins, _ = bins_of(time)
+    rows = np.diff(np.append(begins, len(time)))
+    means = np.add.reduceat(current, begins) / rows
+    noise = noise_of(current) / np.sqrt(np.median(rows))
+    return bool(np.ptp(means) <= STEADY_RANGE * noise)

@@ -20,7 +20,8 @@ from osl_analysis.bench.torque_angle_tables import (
     torque_angle_table,
 )
 from osl_analysis.campaign.configuration import read_config
-from osl_analysis.commands.bench import estimates_text, fit_torque_angle_trial
+from osl_analysis.commands.bench import fit_torque_angle_trial
+from osl_analysis.commands.estimates import estimates_text
 from osl_analysis.config.sheet import read_sheet
 from osl_analysis.dictionary import described_tables
 from osl_analysis.errors import InputError
@@ -414,7 +415,9 @@ def test_a_gap_at_the_tip_of_a_cycle_is_doubtful():
         "gaps in the recording"
         in marked(table, CONFIG.doubtful.of("torque_angle"), "torque_angle")["doubtful"][0]
     )
-    with pytest.raises(InputError, match=r"theta turns by .*recorded in deg and declared as rad"):
+    with pytest.raises(
+        InputError, match=r"theta turns by .*; state `unit: deg` of theta in .*: K 2"
+    ):
         fit_torque_angle_trial(trial_of(57.3 * FULL, torque), CONFIG.torque_angle)
 
 

@@ -377,6 +377,7 @@ def fit(
     late, and whether K is plausible."""
     from osl_analysis.bench.impedance import DesiredImpedance
     from osl_analysis.commands import bench as command
+    from osl_analysis.commands import estimates
     from osl_analysis.trial import read_trial
 
     parameters, desired = of_trial.pop("parameters"), None
@@ -409,7 +410,7 @@ def fit(
                 f"a fit of {model} has no modelled torque to draw; leave out --plot"
             )
         draw_table("torque", fitted.series, [plot])
-    told = command.rows_json if as_json else command.estimates_text
+    told = estimates.rows_json if as_json else estimates.estimates_text
     say(told(fitted.table, fitted.findings))
 
 
@@ -697,7 +698,7 @@ def select_gains(
     For one pair, a grid or a trajectory. The table also has the impedance that a fit will estimate,
     stability, passivity and the frequency up to which the desired impedance is rendered."""
     from osl_analysis.commands import gains as command
-    from osl_analysis.commands.bench import rows_json
+    from osl_analysis.commands.estimates import rows_json
     from osl_analysis.model.compensator import Weight
     from osl_analysis.table import write_table
     from osl_analysis.yaml_settings import validated
@@ -884,7 +885,7 @@ def design_walking(config_path: Path, as_json: bool, **chosen: Any) -> None:
     import numpy as np
 
     from osl_analysis.campaign.configuration import read_config
-    from osl_analysis.commands.bench import rows_json
+    from osl_analysis.commands.estimates import rows_json
     from osl_analysis.commands.walking import pilot_turn, planned_crossings
     from osl_analysis.figures.walking_figures import draw_half_widths
     from osl_analysis.walking.planned_turn import PlannedTurn

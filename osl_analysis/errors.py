@@ -1,8 +1,9 @@
 """Errors that the user can correct. Every message is one line with the cause and the remedy."""
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from difflib import get_close_matches
 from importlib import import_module
 from pathlib import Path
@@ -56,13 +57,25 @@ def unexpected(fault: BaseException) -> str:
     return printable(f"unexpected {type(fault).__name__}: {fault}")
 
 
+@dataclass(frozen=True)
+class Change:
+    """A change that may mend a recording. It is tried on the recording, and advised where it helps
+    (`commands/remedies.py`)."""
+
+    words: str  # what the user does
+    factors: Mapping[str, float] = field(default_factory=dict)  # of columns of the recording
+    settings: Mapping[str, Any] = field(default_factory=dict)  # of its analysis
+    experiment: str = ""  # as which it is analysed, if that is another one
+
+
 class OslAnalysisError(ValueError):
     """A mistake or a limit that the user can correct. The message is made printable. Up to the
     first semicolon outside brackets it is the `reason`, what is wrong. Behind that is the `remedy`,
-    what to do; it may be empty."""
+    what to do; it may be empty. The `changes` are tried, and those that help replace the remedy."""
 
-    def __init__(self, message: str) -> None:
+    def __init__(self, message: str, changes: Sequence[Change] = ()) -> None:
         super().__init__(printable(message))
+        self.changes = tuple(changes)
         self.reason, self.remedy = str(self), ""
         for found in re.finditer("; ", self.reason):
             before = self.reason[: found.start()]
@@ -80,7 +93,7 @@ def naming(what: object, behind: str = "") -> Iterator[None]:
     except OslAnalysisError as error:
         if isinstance(what, Path) and printable(str(what)) in str(error):
             raise
-        raise type(error)(f"{what}: {error}{behind}") from error
+        raise type(error)(f"{what}: {error}{behind}", error.changes) from error
 
 
 class InputError(OslAnalysisError):

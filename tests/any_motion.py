@@ -3,8 +3,7 @@ them."""
 
 import numpy as np
 import polars as pl
-from scipy.interpolate import CubicSpline, make_interp_spline
-from scipy.ndimage import gaussian_filter1d
+from scipy.interpolate import CubicSpline
 
 from osl_analysis.trial import Trial
 

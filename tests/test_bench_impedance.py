@@ -19,7 +19,8 @@ from osl_analysis.bench.phasors import phasor_table, phasors_of_record
 from osl_analysis.bench.recorded_motion import record_of_trial
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands import figure as plotted_numbers
-from osl_analysis.commands.bench import estimates_text, summarise
+from osl_analysis.commands.bench import summarise
+from osl_analysis.commands.estimates import estimates_text
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.figures.torque_over_time import draw_fig4
 from osl_analysis.judge.judging import LATENESS, unchecked_in

@@ -18,7 +18,7 @@ from osl_analysis.bench.joint_inference import joint_fit
 from osl_analysis.bench.record import signals_of
 from osl_analysis.bench.recorded_motion import record_of_trial
 from osl_analysis.campaign.configuration import read_section
-from osl_analysis.commands.bench import interval_text
+from osl_analysis.commands.estimates import interval_text
 from osl_analysis.errors import InputError
 from osl_analysis.inference import infer_impedance
 from osl_analysis.judge.finding import Grade
@@ -297,7 +297,7 @@ def test_a_torque_of_the_wrong_sign_is_refused():
     trial = made_trial(rng, noise(rng, (0.5, 8.0)), K=-300.0, B=-5.0, I=-0.02)
     record = record_of_trial(trial, SETTINGS.model_copy(update={"excitation": "any"}))
 
-    with pytest.raises(InputError, match="turn the `sign`"):
+    with pytest.raises(InputError, match="the torque drives the motion"):
         row_of(record)
 
 

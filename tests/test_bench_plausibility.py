@@ -129,12 +129,14 @@ KNOWN = DesiredImpedance("compensated", 200, 4)
     ("impedance", {"torque": -1}, "K = -200 is negative.*`sign`"),
     ("transmission", {"torque": -1}, "B_j = -0.4.* is negative.*`sign`"),
     ("belt", {"torque": -1}, "K_s = -68.* is negative.*`sign`"),
-    ("actuator", {"current": -1}, "k_tau_n_m = -1.02 N\\*m/A is negative.*`sign` of the current"),
-    ("actuator", {"torque_m": -1}, "is negative.*`sign` of the current, or of torque_m"),
+    ("actuator", {"current": -1}, "k_tau_n_m = -1.02, f_C = 0.*; turn the `sign` of current in"),
+    ("actuator", {"torque_m": -1}, "k_tau_n_m = -1.02, f_C = -0.*; turn the `sign` of torque_m in"),
+    ("actuator", {"theta_m": -1}, "k_tau_n_m = 1.02, f_C = -0.*; turn the `sign` of theta_m in"),
     ("impedance", {"torque": 4.4482}, "K = 8.* is larger than the belt's K_s = 685.6"),
     ("belt", {"theta": 57.3, "theta_m": 57.3},
-     "theta turns by .*rad.*recorded in deg and declared as rad"),
-    ("impedance", {"theta": 57.3}, "theta turns by .*rad.*recorded in deg and declared as rad"),
+     "theta turns by .*rad.*; state `unit: deg` of theta in .*: K_s 6"),
+    ("impedance", {"theta": 57.3}, "theta turns by .*rad.*; state `unit: deg` of theta in .*: K 2"),
+    ("impedance", {"torque": 1e3}, "torque reaches.*; state `unit: N\\*mm` of torque in .*: K 200"),
 ])  # fmt: skip
 def test_what_cannot_be_is_refused_with_its_cause(experiment, changes, words):
     with pytest.raises(InputError, match=words):
@@ -145,23 +147,21 @@ def test_what_cannot_be_is_refused_with_its_cause(experiment, changes, words):
         )
 
 
-def test_degrees_declared_as_radians_are_asked_for_where_rad_is_declared_alone_and_nothing_jumps():
+def test_other_units_of_an_angle_that_is_too_large_are_tried_where_nothing_jumps():
     time, turning = np.arange(1000) / 100, np.sin(np.arange(1000) / 10)
-    for turned, factor, said in (
-        (7 * turning, 1.0, "recorded in deg and declared as rad"),
-        (7 * turning, np.pi / 180, "no joint turns so far, is it another channel"),
-        (
-            turning % (2 * np.pi),
-            1.0,
-            "it jumps so far from a row to the next, as where an encoder begins anew",
-        ),
+    for turned, factor, said, tried in (
+        (7 * turning, 1.0, "is it another channel", [np.pi / 180, 1e-3]),
+        (7 * turning, np.pi / 180, "is it another channel", [180 / np.pi, 0.18 / np.pi]),
+        (turning % (2 * np.pi), 1.0, "as where an encoder begins anew", []),
     ):
         told = {"columns": {"theta": {"unit": "of the file", "factor": factor}}}
         trial = Trial(
             "made", pl.DataFrame({"time": time, "theta": turned, "torque": 9 * turned}), told
         )
-        with pytest.raises(InputError, match=said):
+        with pytest.raises(InputError, match=said) as refused:
             check_recording(trial, BENCH)
+        factors = [change.factors["theta"] for change in refused.value.changes]
+        assert factors == pytest.approx(tried)
 
 
 def test_the_weight_of_a_foot_is_a_column_of_the_transmission_and_a_doubt_about_its_inertia():

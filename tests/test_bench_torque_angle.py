@@ -20,6 +20,7 @@ from osl_analysis.bench.torque_angle_tables import (
     torque_angle_table,
 )
 from osl_analysis.campaign.configuration import read_config
+from osl_analysis.commands.bench import fit_torque_angle_trial
 from osl_analysis.config.sheet import read_sheet
 from osl_analysis.dictionary import described_tables
 from osl_analysis.errors import InputError
@@ -375,6 +376,15 @@ def test_a_gap_at_the_tip_of_a_cycle_is_doubtful():
         table.with_columns(saturated_samples=0), CONFIG.doubtful.of("torque_angle"), "torque_angle"
     )
     assert "gaps in the recording" in judged["doubtful"][0]
+
+
+def test_an_angle_in_degrees_read_as_radians_is_refused_with_the_k_that_the_unit_gives():
+    torque = K * FULL + 6 * LIFT - 20
+    in_degrees = trial_of(57.3 * FULL, torque)
+    with pytest.raises(
+        InputError, match=r"theta turns by .*; state `unit: deg` of theta in .*: K 2"
+    ):
+        fit_torque_angle_trial(in_degrees, CONFIG.torque_angle)
 
 
 def test_the_change_of_the_energy_with_speed_is_that_from_the_slowest_cycle_to_the_fastest():

@@ -457,10 +457,10 @@ def test_a_unit_that_nothing_but_the_size_of_readings_tells_is_to_be_stated(tmp_
     )
 
 
-def test_a_slow_triangle_is_torque_over_angle_and_its_counts_are_to_be_given_a_unit_and_begin_anew(
+def test_a_slow_triangle_or_sine_is_torque_over_angle_and_its_counts_are_to_be_given_a_unit_and_begin_anew(
     tmp_path,
 ):
-    """At 0.1 Hz; a triangle of 0.3 Hz and a slow sine are of an impedance trial."""
+    """At 0.1 Hz; a triangle of 0.3 Hz is of an impedance trial."""
     (tmp_path / "rec").mkdir()
     time = np.arange(4000) / 100
     triangle, sine = (1 - 2 * np.abs(2 * (0.1 * time % 1) - 1)), np.sin(0.2 * np.pi * time)
@@ -473,8 +473,9 @@ def test_a_slow_triangle_is_torque_over_angle_and_its_counts_are_to_be_given_a_u
         )
     draft = new_campaign(tmp_path / "mine", recordings=tmp_path / "rec")
     assert [cells["experiment"] for cells, _ in draft.trials] == [
+        *["torque_angle"] * 2,
+        "impedance",
         "torque_angle",
-        *["impedance"] * 3,
     ]
     assert [str(file) for file, said in draft.open if "2000 rows, 4000 in most" in said] == [
         "d.csv"

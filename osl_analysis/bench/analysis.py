@@ -14,7 +14,7 @@ from osl_analysis.bench.effects import Model, noise_of_angle, plain_sums, with_e
 from osl_analysis.bench.fit_tables import Series, timebase_table
 from osl_analysis.bench.group_fit import GroupFit, fit_groups, held_out_vaf
 from osl_analysis.bench.group_sums import Sums
-from osl_analysis.bench.identifiability import check_moves, check_told
+from osl_analysis.bench.identifiability import TAKE_TORQUE_ANGLE, check_moves, check_told
 from osl_analysis.bench.leg_belt import Fault
 from osl_analysis.bench.plausibility import check_stiffer
 from osl_analysis.bench.record import Record
@@ -280,7 +280,9 @@ def fitted_motion(
         analysis = analysed(record, sums, model, sums_of)
     except IdentifiabilityError as error:
         missing = missing_band(record, moving_s, error)
-        raise IdentifiabilityError(f"trial {record.name}: {missing}") from error
+        raise IdentifiabilityError(
+            f"trial {record.name}: {missing}", [TAKE_TORQUE_ANGLE]
+        ) from error
     if not record.is_stepped_sine:
         fit = with_error_of_inertia(analysis)
         analysis = replace(analysis, fits={None: fit})
@@ -297,15 +299,13 @@ def missing_band(record: Record, moving_s: float, error: IdentifiabilityError) -
         return (
             f"K and I cannot be told apart: the sines of {amplitudes} deg are of"
             f" {', '.join(f'{f:g}' for f in hz)} Hz alone, and at one frequency K - I w^2 is one"
-            f" number; the band below {hz[0] / 2:.2g} Hz or from {2 * hz[-1]:.2g} Hz is missing,"
-            " excite it as well"
+            f" number; excite it below {hz[0] / 2:.2g} Hz or from {2 * hz[-1]:.2g} Hz as well"
         )
     low_hz, high_hz = record.band_hz
     reason = error.reason
     return (
         f"the joint moves for {moving_s:.2g} of the {record.seconds:.3g} s that are fitted, at"
-        f" {low_hz:.2g} to {high_hz:.2g} Hz: {reason}; keep it moving by 0.5 to 6 Hz, or take the"
-        " stiffness alone by experiment 'torque_angle'"
+        f" {low_hz:.2g} to {high_hz:.2g} Hz: {reason}; keep it moving by 0.5 to 6 Hz"
     )
 
 

@@ -301,7 +301,7 @@ class TorqueAngleAnalysis(BenchAnalysis):
     zero: Literal["end", "start", "none"] | None
     """Where the torque's zero is: its mean over `rest_s` at the end or at the start of the
     recording, where the joint rests; none: the torque is as recorded; null: not stated, that of the
-    end is assumed."""
+    end is assumed, else that of the start, else none."""
     rest_s: Positive  # duration [s] of this rest
     # step [deg] of the angles at which the curves stand
     angle_step_deg: Annotated[float, Field(gt=0, le=10)]

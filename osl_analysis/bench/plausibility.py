@@ -1,16 +1,22 @@
 """What an estimate or a signal cannot be: negative where it resists, or beyond the belt or the
 bench in series with it."""
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 import polars as pl
 
 from osl_analysis.bench.bench_settings import BenchStiffness
-from osl_analysis.errors import InputError
+from osl_analysis.errors import Change, InputError
 from osl_analysis.measured import check_measured
 from osl_analysis.model.drivetrain import DrivetrainParameters
 from osl_analysis.trial import Array
 from osl_analysis.units import known_factor
 
+TURN_TORQUE = Change(
+    "turn the `sign` of the torque, or of all angles, in the source file", {"torque": -1.0}
+)
 BELT_TOLERANCE = 1.1  # times K_s of the parameter file, above which no motor renders a K
 
 
@@ -31,8 +37,8 @@ def check_resists(trial: str, symbol: str, value: float, high: float | None = No
     if value < 0 and (high is None or high < 0):
         raise InputError(
             f"trial {trial}: {symbol} = {value:.4g} is negative, so the torque drives the motion"
-            " instead of resisting it; turn the `sign` of the torque, or of the angle, in the"
-            " source file"
+            " instead of resisting it; check the channels of torque and angle in the source file",
+            [TURN_TORQUE],
         )
 
 
@@ -74,20 +80,39 @@ def plausible(
         The first estimate is negative, because torque, angle or current has the wrong sign.
     """
     last = table.row(-1, named=True)
-    if names[0] != "k_tau_n_m":
+    if names[0] == "k_tau_n_m":
+        check_drives(last)
+    else:
         check_resists(last["trial"], names[0], last[names[0]])
-    elif last["k_tau_n_m_high"] < 0:
-        raise InputError(
-            f"trial {last['trial']}: k_tau_n_m = {last['k_tau_n_m']:.4g} N*m/A is negative, a"
-            " positive current gives a negative torque; turn the `sign` of the current, or of"
-            " torque_m and theta_m, in the source file"
-        )
     ratios = []
     for name in names:
         known = None if p is None else parameter(p, name)
         ratio = pl.col(name) / pl.lit(known or None, pl.Float64)
         ratios.append(ratio.alias(f"{name}_ratio"))
     return table.with_columns(rails, *ratios)
+
+
+def check_drives(row: Mapping[str, Any]) -> None:
+    """Refuse an actuator's row with signs that no actuator has. A reversed torque turns the signs
+    of k_tau n_m and of all losses, a reversed current that of k_tau n_m alone, and a reversed
+    motion those of the losses alone."""
+    losses = [name for name in ("f_C", "B_m", "J_m") if row[name] is not None]
+    is_reversed = row["k_tau_n_m_high"] < 0
+    gains_energy = bool(losses) and all(row[f"{name}_high"] < 0 for name in losses)
+    if not is_reversed and not gains_energy:
+        return
+    columns = ["current", "torque_m"]
+    if losses:
+        columns.append(row["motion"])
+    estimates = [f"{name} = {row[name]:.3g}" for name in ("k_tau_n_m", *losses)]
+    raise InputError(
+        f"trial {row['trial']}: {', '.join(estimates)}: no actuator has these signs; check the"
+        f" channels of {', '.join(columns)} in the source file",
+        [
+            Change(f"turn the `sign` of {column} in the source file", {column: -1.0})
+            for column in columns
+        ],
+    )
 
 
 def parameter(p: DrivetrainParameters, name: str) -> float:

@@ -9,9 +9,10 @@ import scipy
 from numpy.typing import NDArray
 
 from osl_analysis.bench.bench_settings import ImpedanceAnalysis, SteppedSineAnalysis
+from osl_analysis.bench.identifiability import TAKE_TORQUE_ANGLE
 from osl_analysis.bench.record import Record, conditioned, joint_angle
 from osl_analysis.bench.row_groups import Groups, cycles_of, periods_of, stretches_of
-from osl_analysis.errors import IdentifiabilityError, InputError
+from osl_analysis.errors import Change, IdentifiabilityError, InputError, OslAnalysisError
 from osl_analysis.measured import visible_step
 from osl_analysis.signals import LowPass, Motion, filtered_angle, runs
 from osl_analysis.signals.grid import (
@@ -33,6 +34,7 @@ SPECTRUM_S = 8.0  # s; longest piece of a spectrum
 OUTSIDE_BAND = 0.01  # share of the power that lies below, or above, a band
 LATE_END_S = 1.0  # s by which a stated window may end after the record
 LARGE_DEG = 1.0  # deg, beyond the noise of any encoder
+TIME_IN_MS = Change("state `unit: ms` of `time` in the source file", {"time": 1e-3})
 NOT_MOVED = "the joint does not move; check the channel of theta in the source file"
 
 
@@ -107,11 +109,11 @@ def record_of_trial(
             second = conditioned(again.signals, settings, again.groups, again.band_hz)
             record = replace(record, with_other_stamps=second)
     except (InputError, IdentifiabilityError) as error:
-        words = str(error)
-        if is_auto and not is_other:
-            words = said_of_motion(words, known, signals)
-        words = said_of_noise(known, signals.rate_hz) or words
-        raise type(error)(f"trial {trial.name}: {words}") from error
+        words = said_of_noise(known, signals.rate_hz) or str(error)
+        changes: Sequence[Change] = error.changes
+        if is_auto and not is_other and not said_of_noise(known, signals.rate_hz):
+            words, changes = said_of_motion(error, known, signals)
+        raise type(error)(f"trial {trial.name}: {words}", changes) from error
     if is_auto and not is_other:
         check_is_sine(trial.name, known)
     assert record.uniform is not None
@@ -188,24 +190,27 @@ def said_of_noise(known: Likeness, rate_hz: float) -> str:
     )
 
 
-def said_of_motion(words: str, known: Likeness, signals: UniformSignals) -> str:
+def said_of_motion(
+    error: OslAnalysisError, known: Likeness, signals: UniformSignals
+) -> tuple[str, Sequence[Change]]:
     """The words of an error of a motion whose kind was to be read from the recording, with the
-    cause if it is known."""
+    cause if it is known, and what may mend it."""
     degrees = np.rad2deg(np.ptp(signals["theta"]))
     if known.moves:
-        return f"{words}; {advice_if_no_sine(known)}" if known.kind == "unclear" else words
+        words = f"{error}; {advice_if_no_sine(known)}" if known.kind == "unclear" else str(error)
+        return words, error.changes
     if degrees > LARGE_DEG:
         return (
             f"the joint moves too slowly: theta changes by {degrees:.3g} deg in all, but by no more"
             f" than {100 * stepped_sine.MOVING_SHARE:g} % of it, or its noise, within"
-            f" {stepped_sine.BIN_S:g} s; move it by 0.5 to 6 Hz, or take the stiffness alone by"
-            " experiment 'torque_angle', or correct the unit of `time`: it gives"
-            f" {signals.rate_hz:.3g} rows per second"
-        )
-    return (
+            f" {stepped_sine.BIN_S:g} s, at {signals.rate_hz:.3g} rows per second; move it by 0.5"
+            " to 6 Hz"
+        ), [TAKE_TORQUE_ANGLE, TIME_IN_MS]
+    words = (
         f"the joint does not move: theta turns by {degrees:.3g} deg in all; check the channel and"
         " the unit of theta in the source file, and that this is the recording of the trial"
     )
+    return words, ()
 
 
 def find_other_motion(

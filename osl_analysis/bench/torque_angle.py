@@ -8,7 +8,7 @@ it may be present."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Literal
 
 import numpy as np
 import polars as pl
@@ -19,18 +19,21 @@ from osl_analysis.bench.bench_settings import TorqueAngleAnalysis
 from osl_analysis.bench.branch_curve import branch_curve, straight_line
 from osl_analysis.bench.fit_tables import Series, timebase_table
 from osl_analysis.bench.loop_cycles import RESTS, Cycle, Cycles, between_rests, find_cycles
-from osl_analysis.bench.plausibility import check_changes, check_stiffer
+from osl_analysis.bench.plausibility import TURN_TORQUE, check_changes, check_stiffer
 from osl_analysis.bench.record import joint_angle
-from osl_analysis.errors import InputError, naming
+from osl_analysis.errors import Change, InputError, naming
 from osl_analysis.signals.grid import UniformSignals, uniform_signals
 from osl_analysis.stats.regression import Row, variance_accounted_for
 from osl_analysis.trial import Array, Trial
+
+ZeroAt = Literal["end", "start", "none"]
 
 FEWEST_ANGLES = 5  # of a curve
 LEAST_VAF = 50.0  # [percent] of the torque by its curve; below it the torque does not follow
 GAP_OF_FIRST_CYCLE = 3.0  # times the largest gap of later ones: a first cycle beyond is settling
 SMALLEST_GAP = 0.005  # of the range of torque: a first cycle that closes to within it is settled
-ASSUMED_ZERO: Final = "end"  # of the torque, where none is stated
+ASSUMED_ZEROS: tuple[ZeroAt, ...] = ("end", "start")
+"""Where the torque's zero is taken, if none is stated: the first at which the joint rests."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +60,7 @@ class TorqueAngleTrial:
     bench_theta: Array  # angle of the bench [rad]
     torque: Array  # resisting torque [N*m] from its zero
     zero: float  # torque [N*m] taken as zero
+    zero_at: ZeroAt  # where it was taken
     cycles: Cycles
     loading: Branch
     unloading: Branch
@@ -145,7 +149,10 @@ def torque_angle_of(
     filtered_torque = low_pass(signals["torque"], rate_hz)
     check_moves(bench_theta, settings)
 
-    zero = torque_zero(bench_theta, filtered_torque, rate_hz, settings)
+    zero_at = place_of_zero(bench_theta, rate_hz, settings)
+    zero = 0.0
+    if zero_at != "none":
+        zero = float(filtered_torque[rest_rows(zero_at, rate_hz, settings)].mean())
     torque = filtered_torque - zero
     theta = joint_angle(bench_theta, torque, compliance)
 
@@ -173,6 +180,7 @@ def torque_angle_of(
         bench_theta=bench_theta,
         torque=torque,
         zero=zero,
+        zero_at=zero_at,
         cycles=cycles,
         loading=Branch(loading, loading_curve),
         unloading=Branch(unloading, unloading_curve),
@@ -222,25 +230,33 @@ def common_angles_deg(
     return np.asarray(steps * step_deg, dtype=np.float64)
 
 
-def torque_zero(
-    theta: Array, torque: Array, rate_hz: float, settings: TorqueAngleAnalysis
-) -> float:
-    """Torque [N*m] at rest, by the rule of the settings; 0 if there is none. Raises InputError: the
-    joint moves."""
-    zero = settings.zero or ASSUMED_ZERO
-    if zero == "none":
-        return 0.0
+def place_of_zero(theta: Array, rate_hz: float, settings: TorqueAngleAnalysis) -> ZeroAt:
+    """Where the torque's zero is taken: as stated, else where the joint rests, else nowhere. Raises
+    InputError: the joint moves where it should rest."""
+    stated = settings.zero
+    if stated == "none":
+        return stated
+    places = (stated,) if stated else ASSUMED_ZEROS
+    for place in places:
+        rows = rest_rows(place, rate_hz, settings)
+        moved = float(np.ptp(theta[rows]))
+        is_shorter = rest_samples(rate_hz, settings) < len(theta)
+        if is_shorter and moved <= RESTS * np.ptp(theta):
+            return place
+    if not stated:
+        return "none"
+    others = [place for place in (*ASSUMED_ZEROS, "none") if place != stated]
+    raise InputError(
+        f"the joint does not rest at the {stated} of the recording: the angle moves by"
+        f" {np.rad2deg(moved):.2g} deg in {settings.rest_s:g} s; record a rest there",
+        [Change(f"write torque_angle.zero: {place}", settings={"zero": place}) for place in others],
+    )
+
+
+def rest_rows(place: ZeroAt, rate_hz: float, settings: TorqueAngleAnalysis) -> slice:
+    """The rows of the rest at the start or end of a recording."""
     count = rest_samples(rate_hz, settings)
-    rows = slice(-count, None) if zero == "end" else slice(count)
-    moved = float(np.ptp(theta[rows]))
-    if count >= len(theta) or moved > RESTS * np.ptp(theta):
-        other: Literal["start", "end"] = "start" if zero == "end" else "end"
-        raise InputError(
-            f"the joint does not rest at the {zero} of the recording: the angle moves by"
-            f" {np.rad2deg(moved):.2g} deg in {settings.rest_s:g} s; write `zero: {other}` under"
-            " torque_angle, or `zero: none` if the torque was zeroed before, or a shorter `rest_s`"
-        )
-    return float(torque[rows].mean())
+    return slice(-count, None) if place == "end" else slice(count)
 
 
 def rest_samples(rate_hz: float, settings: TorqueAngleAnalysis) -> int:
@@ -266,7 +282,8 @@ def check_slow(trial: TorqueAngleTrial) -> None:
         raise InputError(
             f"a cycle takes {shortest_s:.2g} s, which is not quasi-static: below"
             f" {trial.settings.shortest_cycle_s:g} s (shortest_cycle_s) inertia and damping are in"
-            " the torque; record it slower, or take experiment 'impedance'"
+            " the torque; record it slower",
+            [Change("take experiment 'impedance' in the sheet", experiment="impedance")],
         )
 
 
@@ -284,7 +301,8 @@ def check_followed(trial: TorqueAngleTrial) -> None:
     if slope < 0:
         raise InputError(
             f"K = {slope:.4g} N*m/rad is negative, so the torque drives the motion instead of"
-            " resisting it; turn the `sign` of the torque, or of the angle, in the source file"
+            " resisting it; check the channels of torque and angle in the source file",
+            [TURN_TORQUE],
         )
 
 
@@ -304,7 +322,7 @@ def zero_row(trial: TorqueAngleTrial, widest: float) -> Row:
     loop, not in its middle, to which friction relaxes at rest. If the joint rests at an end of the
     motion, the loop cannot tell; then a zero that is small against the loop does not matter.
     """
-    zero = trial.settings.zero or ASSUMED_ZERO
+    zero = trial.zero_at
     torque_range = float(np.ptp(trial.torque))
     middle = middle_of_loop_at_rest(trial, zero)
     if middle is None:
@@ -320,7 +338,7 @@ def zero_row(trial: TorqueAngleTrial, widest: float) -> Row:
             evidence = middle.torque
         zero_unsure = abs(evidence)
     return {
-        "torque_zero": trial.zero,
+        "torque_zero": None if zero == "none" and trial.settings.zero is None else trial.zero,
         "zero_off_middle": None if zero == "none" or middle is None else -middle.torque,
         "rest_change": change_between_rests(trial) if zero == "end" else None,
         "zero_unsure": zero_unsure,

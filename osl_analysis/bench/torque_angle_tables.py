@@ -224,7 +224,7 @@ def change_by_zero_row(trial: TorqueAngleTrial) -> Row:
         higher, lower = over_shift(trial, name, -step), over_shift(trial, name, step)
         row[f"{name}_per_zero"] = float((higher - lower).mean() / (2 * step))
     row["assumed_zero_share"] = None
-    if trial.settings.zero is None:
+    if trial.settings.zero is None and trial.zero_at != "none":
         as_load = over_shift(trial, "energy_stored", trial.zero).mean()
         as_zero = over_shift(trial, "energy_stored", 0.0).mean()
         row["assumed_zero_share"] = float(as_load / as_zero - 1)

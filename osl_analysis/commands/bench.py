@@ -1,11 +1,9 @@
 """The fits of bench trials, the same for the workflow, the command line, `watch` and notebooks; and
 the jobs on tables of the bench."""
 
-import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from importlib import import_module
-from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +33,8 @@ from osl_analysis.bench.record import Record, read_record, stored_record, with_a
 from osl_analysis.bench.recorded_motion import record_of_trial, sine_record
 from osl_analysis.bench.transmission import LOSSES, transmission_of, transmission_table
 from osl_analysis.campaign.configuration import Config, over_default, own_fields, read_section
+from osl_analysis.commands.estimates import estimated, estimates_text
+from osl_analysis.commands.remedies import remedies_tried
 from osl_analysis.config.experiments import EXPERIMENTS, FitJob
 from osl_analysis.errors import IdentifiabilityError, InputError, nearest, printable_lines
 from osl_analysis.files import shipped
@@ -42,7 +42,7 @@ from osl_analysis.ingest.examine import check_recording, saturated
 from osl_analysis.judge.finding import Finding, Grade
 from osl_analysis.judge.judging import judged, marked
 from osl_analysis.judge.limits import DoubtfulFits
-from osl_analysis.judge.words import finding_text, words_of
+from osl_analysis.judge.words import finding_text
 from osl_analysis.model.actuator_in_time import Controller
 from osl_analysis.model.compensator import Weight
 from osl_analysis.model.drivetrain import (
@@ -51,10 +51,11 @@ from osl_analysis.model.drivetrain import (
     joint_admittance,
     known_parameters,
 )
-from osl_analysis.table import finite_or_null, read_table, with_evidence, write_table
+from osl_analysis.table import read_table, with_evidence, write_table
 from osl_analysis.trial import Trial
 
 
+@remedies_tried
 def fit_belt_trial(
     trial: Trial, parameters: FileOrNone, settings: choices.BeltAnalysis
 ) -> FitTables:
@@ -72,6 +73,7 @@ def fit_belt_trial(
     )
 
 
+@remedies_tried
 def fit_transmission_trial(
     trial: Trial, parameters: FileOrNone, settings: choices.SteppedSineAnalysis
 ) -> FitTables:
@@ -88,6 +90,7 @@ def fit_transmission_trial(
     )
 
 
+@remedies_tried
 def fit_impedance_trial(
     trial: Trial,
     parameters: FileOrNone,
@@ -158,6 +161,7 @@ def record_with_actuator(
     return with_actuator(record_of_trial(trial, settings, windows), trial)
 
 
+@remedies_tried
 def fit_actuator_trial(
     trial: Trial, parameters: FileOrNone, settings: choices.ActuatorAnalysis
 ) -> FitTables:
@@ -173,6 +177,7 @@ def fit_actuator_trial(
     return tables_of_fit(series, lambda: {"timebase": actuator.time_base(fitted)}, actuator=table)
 
 
+@remedies_tried
 def fit_torque_angle_trial(
     trial: Trial, settings: choices.TorqueAngleAnalysis, condition: Mapping[str, Any] | None = None
 ) -> FitTables:
@@ -194,6 +199,7 @@ def fit_torque_angle_trial(
     )
 
 
+@remedies_tried
 def fit_calibration_trial(
     trial: Trial, settings: choices.ImpedanceAnalysis, condition: Mapping[str, Any] | None = None
 ) -> FitTables:
@@ -533,132 +539,3 @@ def fit_trial(
         curves=curves[0] if curves else None,
         findings=findings,
     )
-
-
-UNIT_OF = {
-    "K": "N·m/rad",
-    "B": "N·m·s/rad",
-    "B_viscous": "N·m·s/rad",
-    "I": "kg·m²",
-    "K_s": "N·m/rad",
-    "B_j": "N·m·s/rad",
-    "B_j_viscous": "N·m·s/rad",
-    "J_j": "kg·m²",
-    "T_C": "N·m",
-    "k_tau_n_m": "N·m/A",
-    "f_C": "N·m",
-    "f_G": "N·m/A",
-    "B_m": "N·m·s/rad",
-    "J_m": "kg·m²",
-    "offset": "N·m",
-    "drift": "N·m/s",
-    "K_secant": "N·m/rad",
-    "lag_s": "s",
-    "gain": "",
-    "inertia": "kg·m²",
-    "weight": "N·m/rad",
-    "K_unloading": "N·m/rad",
-    "energy_stored": "J",
-    "energy_returned": "J",
-    "energy_lost": "J",
-}
-
-
-def rows_json(table: pl.DataFrame, findings: Sequence[Sequence[Finding]] = ()) -> str:
-    """A table as JSON in SI units: an object per row, null for what is not finite, with its
-    `findings`."""
-    rows: list[dict[str, Any]] = [finite_or_null(row) for row in table.to_dicts()]
-    for row, of_row in zip(rows, findings, strict=False):
-        row["findings"] = [finding_json(finding, row) for finding in of_row]
-    return json.dumps(rows, indent=2)
-
-
-def finding_json(finding: Finding, row: Mapping[str, Any]) -> dict[str, Any]:
-    """A finding about a row as an object of JSON."""
-    return {
-        "grade": finding.grade.value,
-        "cause": finding.cause,
-        "sizes": dict(finding.sizes),
-        "without": dict(finding.without),
-        **words_of(finding, row)._asdict(),
-        "evidence": [finite_or_null(asdict(number)) for number in finding.evidence],
-    }
-
-
-def estimates_text(estimates: pl.DataFrame, findings: Sequence[Sequence[Finding]] = ()) -> str:
-    """The estimates as text: a line per fit and quantity, with 95 % interval and VAF, and the
-    doubts about each row."""
-    lines: list[str] = []
-    for row, of_row in zip_longest(estimates.to_dicts(), findings, fillvalue=()):
-        assert isinstance(row, dict)
-        quality = f"VAF {row['VAF']:.2f} %" if "VAF" in row else "no VAF"
-        if "R2" in row:
-            quality += f", R2 {row['R2']:.5f}, condition {row['condition_number']:.1f}"
-        lines.append(f"{row['trial']}, {fitted_motion(row)}: {quality}")
-        lines += [estimate_line(row, name) for name in estimated(row)]
-        for finding in of_row:
-            if finding.grade is Grade.DOUBTS:
-                lines.append(f"  doubtful: {finding_text(finding, row)}")
-    lines.append(
-        "± is the half-width of the 95 % interval, by the method that interval_method names"
-    )
-    return "\n".join(lines)
-
-
-def fitted_motion(row: Mapping[str, Any]) -> str:
-    """What of a trial is fitted: cycles, an amplitude, or a motion with its band."""
-    if "cycles" in row:
-        return cycles_text(row)
-    if row.get("amplitude_deg") is not None:
-        return f"{row['amplitude_deg']:g} deg"
-    if row.get("excitation") in (None, "stepped sine"):
-        return "all amplitudes"
-    kind = "periodic" if row["excitation"] == "periodic" else "any"
-    return (
-        f"{row['fitted_s']:.1f} s of {kind} motion, {row['band_low_hz']:.3g} to"
-        f" {row['band_high_hz']:.3g} Hz, {row['theta_rms_deg']:.2g} deg RMS"
-    )
-
-
-EVEN = 1.1  # ratio of an interval's sides below which it is printed with a ±
-LEFT_OUT_CYCLES = {"settled": "first", "smaller": "below 90 % of the range", "partial": "not whole"}
-"""Why cycles are left out, by the begin of the column with their number."""
-
-
-def cycles_text(row: Mapping[str, Any]) -> str:
-    left_out = []
-    for kind, reason in LEFT_OUT_CYCLES.items():
-        number = row.get(f"{kind}_cycles")
-        if number:
-            left_out.append(f"{number} {reason}")
-    text = f"mean of cycles: {row['cycles']}"
-    return f"{text} (left out: {', '.join(left_out)})" if left_out else text
-
-
-def estimate_line(row: Mapping[str, Any], name: str) -> str:
-    """One estimate with its interval and its range over single amplitudes."""
-    interval = interval_text(row[name], row.get(f"{name}_low"), row.get(f"{name}_high"))
-    line = f"  {name:<15}{row[name]:>12.5g} {interval:<12} {UNIT_OF.get(name, '')}"
-    lowest = row.get(f"{name}_amplitudes_low")
-    if lowest is not None:
-        highest = row[f"{name}_amplitudes_high"]
-        line += f", single amplitudes {lowest:.5g} to {highest:.5g}"
-    return line
-
-
-def interval_text(value: float, low: float | None, high: float | None) -> str:
-    """The half-width of an interval, or its ends where these lie at other distances."""
-    if low is None or high is None:
-        return ""
-    above = high - value
-    below = value - low
-    if max(above, below) > EVEN * min(above, below):
-        return f"({low:.4g} to {high:.4g})"
-    return f"± {above:.2g}"
-
-
-def estimated(row: Mapping[str, Any]) -> list[str]:
-    """The quantities that a fit estimates (a belt at a constant velocity has no B_j), or all its
-    numbers."""
-    quantities = [name for name in UNIT_OF if f"{name}_se" in row and row[name] is not None]
-    return quantities or [name for name, value in row.items() if isinstance(value, float)]

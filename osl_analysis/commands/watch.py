@@ -19,6 +19,7 @@ from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.campaign.campaign_trials import Campaign, open_campaign
 from osl_analysis.campaign.configuration import Config, read_config
 from osl_analysis.commands import bench as fits
+from osl_analysis.commands.estimates import UNIT_OF, estimated, estimates_text
 from osl_analysis.commands.trials import checked_trial, inspect_file
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.errors import InputError, OslAnalysisError, listing, printable, unexpected
@@ -83,7 +84,7 @@ def first_look(folder: Path, is_new: bool = False) -> Iterator[FirstLook]:
             except Exception as fault:
                 yield FirstLook(trial, experiment, [unexpected(fault)], is_refused=True)
             else:
-                text = fits.estimates_text(fitted.table, fitted.findings)
+                text = estimates_text(fitted.table, fitted.findings)
                 doubts = [
                     finding_text(finding, estimates)
                     for estimates, of_row in zip(
@@ -292,14 +293,14 @@ def examined(path: Path, folder: Path, bench: WatchedBench) -> Iterator[str]:
 
 
 def compared_in(estimates: Mapping[str, Any]) -> list[str]:
-    return [name for name in fits.estimated(estimates) if name not in ("offset", "drift")]
+    return [name for name in estimated(estimates) if name not in ("offset", "drift")]
 
 
 def estimates_said(estimates: Mapping[str, Any]) -> Iterator[str]:
     for name in compared_in(estimates):
         high = estimates.get(f"{name}_high")
         half = "" if high is None else f" ± {high - estimates[name]:.2g}"
-        yield f"{name} {estimates[name]:.4g}{half} {fits.UNIT_OF.get(name, '')}".rstrip()
+        yield f"{name} {estimates[name]:.4g}{half} {UNIT_OF.get(name, '')}".rstrip()
 
 
 def comparable(

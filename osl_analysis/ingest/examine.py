@@ -15,8 +15,8 @@ import polars as pl
 from numpy.typing import NDArray
 
 from osl_analysis.config.experiments import EXPERIMENTS, Experiment
-from osl_analysis.errors import InputError, listing
-from osl_analysis.ingest.guard import leaps_of_trial
+from osl_analysis.errors import Change, InputError, listing
+from osl_analysis.ingest.guard import leaps_of_trial, lost_rows
 from osl_analysis.measured import factor_of, usual_size
 from osl_analysis.plates import beside, plate_axes
 from osl_analysis.signals import longest_run, run_at_extreme, run_edges, runs
@@ -26,6 +26,7 @@ from osl_analysis.signals.samples import take
 from osl_analysis.spectral.sine_runs import Run
 from osl_analysis.spectral.stepped_sine import Likeness, SteppedSineProtocol, stated_protocol
 from osl_analysis.trial import Array, Trial, plate_columns, unit_of
+from osl_analysis.units import si_factor
 
 STANDS = 0.5  # rad/s; an actuator's shaft that is slower stands, as `actuator.slowest` has it
 OF_CLAMPED = "the actuator stands, and its plateaus of current are analysed alone"
@@ -634,14 +635,26 @@ def held(
 
 
 def measure_dropout(examined: Examined) -> CheckResult:
-    """Largest number of leaps of the angle or the torque off its curve (`guard.find_leaps`)."""
-    found = leaps_of_trial(examined.trial)
+    """Largest number of leaps of the angle or the torque off its curve (`guard.find_leaps`), or of
+    places where rows are missing and the stamps go on (`guard.lost_rows`)."""
+    trial = examined.trial
+    if "theta" in trial.columns:
+        lost = lost_rows(*trial.arrays("theta"))
+        if lost is not None:
+            return CheckResult(
+                float(lost.count),
+                f"rows are missing, first behind row {lost.row} ({lost.first_s:.3f} s): theta goes"
+                f" on by {lost.steps:.1f} steps in one, and the stamps were numbered after it",
+            )
+    found = leaps_of_trial(trial)
     if not found:
         return not_applicable("neither theta nor torque")
     most = max(found, key=lambda leaps: leaps.count)
     if most.first_s is None:
         return CheckResult(0.0)
-    return CheckResult(float(most.count), f"{most.column}, first at {most.first_s:.3f} s")
+    return CheckResult(
+        float(most.count), f"{most.column}, first in row {most.row} ({most.first_s:.3f} s)"
+    )
 
 
 # Zeros, turns, and markers.
@@ -788,6 +801,9 @@ def measure_pressure_travel(examined: Examined) -> CheckResult:
 
 # Recordings of a bench that are refused before a fit.
 
+ANGLES = ("theta", "theta_m", "theta_command")
+CONFUSED_UNITS = {"rad": ("rad", "deg", "mrad"), "N*m": ("N*m", "N*mm", "N*cm")}
+
 
 def check_own_torque(trial: Trial, torque: str = "torque") -> None:
     """Refuse a torque that is the motor's current times a constant: a fit to it would be
@@ -833,35 +849,54 @@ def check_recording(
             f"{said}; is this the channel of the load cell? Correct it in the source file"
         )
     if turn / 2 > limits.largest_angle:
-        cause = "is it recorded in deg and declared as rad? Correct its `unit` in the source file"
-        if origin(trial, angle or "").get("factor", 1) != 1:
-            cause = (
-                "no joint turns so far, is it another channel, or its scale another? Correct it in"
-                " the source file"
-            )
+        angles = [name for name in ANGLES if name in trial.columns]
+        too_large = [name for name in angles if half_range(trial, name) > limits.largest_angle]
+        changes = in_other_units(trial, too_large)
+        cause = "is it another channel, or of another unit or scale? Correct it in the source file"
         if measured.size and change / 2 < limits.largest_angle:
+            changes = []
             cause = (
                 f"{torque} has +-{change / 2:.2g} N*m only, are the two swapped? Correct them in"
                 " the source file"
             )
         if np.abs(np.diff(turned)).max() > 0.9 * turn:
+            changes = []
             cause = (
-                "it jumps so far from a row to the next, as where an encoder begins anew; state"
-                " after how much of its "
+                "it jumps so far from a row to the next, as where an encoder begins anew: state"
+                " after how much of its own unit, as `wraps_at: 360` or 65536, in the source file"
             )
-            cause += "own unit, as `wraps_at: 360` or 65536, in the source file"
         said = f"{who} {angle} turns by +-{turn / 2:.3g} rad ({math.degrees(turn / 2):.0f} deg)"
         limit = (
             f"more than the {limits.largest_angle:g} rad of `largest_angle` in the configuration"
         )
-        raise InputError(f"{said}, {limit}: {cause}")
+        raise InputError(f"{said}, {limit}; {cause}", changes)
     largest = float(np.abs(measured).max(initial=0.0))
     if limits.load_cell_range is not None and largest > limits.load_cell_range:
         raise InputError(
             f"{who} {torque} reaches {largest:.4g} N*m, more than the {limits.load_cell_range:g}"
             " N*m of `load_cell_range` in the configuration; correct its `unit` or `scale` in the"
-            " source file, or the range"
+            " source file, or the range",
+            in_other_units(trial, [torque]),
         )
+
+
+def half_range(trial: Trial, column: str) -> float:
+    """Half of the range of a column."""
+    values = recorded(trial, column)[1]
+    return float(np.ptp(values[np.isfinite(values)])) / 2
+
+
+def in_other_units(trial: Trial, columns: Sequence[str]) -> list[Change]:
+    """The changes that take columns for numbers of another unit than they are declared in."""
+    si_unit = unit_of(columns[0])
+    declared = float(origin(trial, columns[0]).get("factor", 1))
+    changes = []
+    for unit in CONFUSED_UNITS[si_unit]:
+        factor = si_factor(unit, si_unit) / declared
+        if not math.isclose(factor, 1):
+            words = f"state `unit: {unit}` of {' and '.join(columns)} in the source file"
+            changes.append(Change(words, dict.fromkeys(columns, factor)))
+    return changes
 
 
 MEASURES: dict[str, tuple[Callable[[Examined], CheckResult], str]] = {

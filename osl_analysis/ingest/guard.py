@@ -55,6 +55,12 @@ FEWEST_SAMPLES = 400  # of fewer, the four third differences of one leap would b
 
 LONGEST_STEP = 1.5  # of time, in usual steps: over a longer one rows are missing, a leap is due
 
+EVEN = 0.01  # of the usual step of time, by which no stamp of rows that were numbered is off
+LOST = 1.7  # steps of the angle in one of time, from which rows are missing
+USUAL_STEP = 0.3  # of a step, by which those beside it, or whole numbers of it, may be off
+OVER_NOISE = 10.0  # times the usual third difference, from which a step is motion
+FEWEST_LEVELS = 5.0  # smallest changes of an angle in a step that its rounding does not make
+
 MOST_GAPS = 0.01  # share of the steps that may be longer; if more are, the stamps scatter
 
 
@@ -65,6 +71,7 @@ class Leaps:
     column: str
     count: int  # a single wrong number is one leap, a block of them two
     first_s: float | None  # time of the first one; None without one
+    row: int = 0  # in which it stands among the samples of the channel, from 1
 
 
 def check_sizes(samples: pl.DataFrame, columns: Collection[str]) -> None:
@@ -135,7 +142,52 @@ def find_leaps(column: str, time: Array, values: Array) -> Leaps:
         return nothing
 
     # of the samples k to k + 3 of the largest third difference, k + 2 leaps, or the one before
-    return Leaps(column, leaps.size, float(time[leaps[0] + 2]))
+    first = int(leaps[0]) + 2
+    return Leaps(column, leaps.size, float(time[first]), int(np.flatnonzero(seen)[first]) + 1)
+
+
+@dataclass(frozen=True)
+class LostRows:
+    """Rows that are missing, although the stamps go on."""
+
+    count: int  # places
+    steps: float  # of the angle in one, at the first
+    row: int  # behind which the first are missing, from 1
+    first_s: float
+
+
+def lost_rows(time: Array, angle: Array) -> LostRows | None:
+    """Find places where the angle goes on by two or more of its steps, and the stamps by one: rows
+    were lost before they were numbered.
+
+    Parameters
+    ----------
+    time, angle : Array
+        Stamps [s] and angle of any unit, (n,).
+
+    Returns
+    -------
+    LostRows or None
+        None also where stamps scatter.
+    """
+    steps = np.diff(time)
+    if time.size < FEWEST_SAMPLES or np.abs(steps - np.median(steps)).max() > EVEN * steps.mean():
+        return None
+    turns = np.diff(angle)
+    beside = np.stack([turns[:-4], turns[1:-3], turns[3:-1], turns[4:]])
+    expected = beside.mean(axis=0)
+    size = np.abs(expected)
+    noise = float(np.median(np.abs(np.diff(angle, 3))))
+    changes = np.abs(turns[turns != 0])
+    least = max(OVER_NOISE * noise, FEWEST_LEVELS * float(changes.min(initial=np.inf)))
+    is_smooth = np.ptp(beside, axis=0) < USUAL_STEP * size
+    passed = turns[2:-2] / np.where(size > least, expected, np.inf)
+    is_whole = np.abs(passed - np.rint(passed)) < USUAL_STEP
+    places = np.flatnonzero(is_smooth & is_whole & (passed > LOST))
+    if not places.size:
+        return None
+    row = int(places[0]) + 3
+    return LostRows(places.size, float(passed[places[0]]), row, float(time[row - 1]))
 
 
 def spans_a_gap(time: Array) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:

@@ -80,6 +80,8 @@ FEWEST_READINGS = 100  # that show how a channel moves
 LARGEST_READING = 1e30  # a number beyond it is no reading
 SPRING = 0.9  # correlation with an angle: a fifth of the torque's power may be damping or friction
 FALLING = -0.5  # correlation below which a torque falls as the angle rises
+ONE_SINE = 0.9  # of an angle's power in one line, whose sides rests and ramps fill
+LINE_WIDTH = 3  # lines at each side of it
 TURN_UNITS = (2 * np.pi, 360.0, *2.0 ** np.arange(10, 25))  # ranges at which encoders wrap
 
 # of opensourceleg's logger: `knee[DephyActpack]:output_position`
@@ -423,16 +425,21 @@ def correlation(theta: RecordedChannel, torque: RecordedChannel) -> float:
 
 
 def turns_slowly(angle: RecordedChannel, clock: RecordedChannel) -> bool:
-    """Whether an angle goes to and fro at one speed, and turns less often than every two
-    seconds."""
+    """Whether an angle goes to and fro at one speed or in one sine, and turns less often than every
+    two seconds: it tells K, and not B and I."""
     known = readings(angle)
     if clock.numbers is None or known.size < FEWEST_READINGS:
         return False
+    second = (base_units(normalised(clock.unit or clock.likely_unit)) or (0.0, ""))[0]
+    seconds = second * float(np.ptp(clock.numbers))
+    power = np.abs(np.fft.rfft(known - known.mean())) ** 2
+    cycles = int(np.argmax(power))
+    in_one_line = power[max(cycles - LINE_WIDTH, 0) : cycles + LINE_WIDTH + 1].sum()
+    if in_one_line > ONE_SINE * power.sum():
+        return 1 <= cycles < seconds / 4
     at = np.linspace(0, known.size - 1, 150)
     speed = np.diff(np.interp(at, np.arange(known.size), known))
     usual = usual_size(speed)
     share_at_one_speed = float(np.mean(np.abs(np.abs(speed) - usual) < 0.25 * usual))
     turns = int(np.count_nonzero(np.diff(np.sign(speed))))
-    second = (base_units(normalised(clock.unit or clock.likely_unit)) or (0.0, ""))[0]
-    seconds = second * float(np.ptp(clock.numbers))
     return share_at_one_speed > 0.8 and 2 <= turns < seconds / 2

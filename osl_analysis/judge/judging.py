@@ -45,6 +45,7 @@ from osl_analysis.stats.repeats import DOUBTFUL
 
 LATENESS = "whether the torque is late"
 UNSTATED_DELAY = "how well the delay between angle and torque is known"
+NO_ZERO = "the torque's zero"
 ZERO = (
     "whether the torque at rest is the load cell's offset or what hysteresis leaves in the device"
 )
@@ -169,6 +170,8 @@ def unchecked_in_torque_angle(row: AnyRow) -> Iterator[str]:
         yield "cycles that are smaller than the largest"
     if row.get("zero_unsure") is not None:
         yield ZERO
+    if lacks(row, "torque_zero"):
+        yield NO_ZERO
     if lacks(row, "rate_change"):
         yield LATENESS
 

@@ -1,0 +1,144 @@
+"""Remedies that are tried on the recording before they are printed.
+
+An error names changes that may mend its recording (`errors.Change`). Each is made in memory, and
+the trial is fitted again. Those that help are the remedy, with what they give. This costs time only
+where a fit is refused."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import wraps
+from importlib import import_module
+from inspect import signature
+from itertools import groupby
+from typing import Any, ParamSpec, TypeVar, cast
+
+import polars as pl
+
+from osl_analysis.bench.fit_tables import FitTables
+from osl_analysis.campaign.configuration import Config, read_section
+from osl_analysis.commands.estimates import UNIT_OF, estimated, interval_text
+from osl_analysis.config.experiments import EXPERIMENTS
+from osl_analysis.errors import Change, OslAnalysisError
+from osl_analysis.files import default_config
+from osl_analysis.signals.grid import with_stamp_evidence
+from osl_analysis.trial import Trial
+
+MOST_TOLD = 5  # estimates that a remedy names
+NOT_TOLD = ("offset", "drift", "K_secant", "K_unloading", "energy_stored", "energy_returned")
+"""Estimates that do not show whether a change helps."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A change that helps, and the estimates that it gives."""
+
+    change: Change
+    row: Mapping[str, Any]
+
+    @property
+    def text(self) -> str:
+        """The estimates: the first with its interval and unit."""
+        first, *others = [name for name in estimated(self.row) if name not in NOT_TOLD][:MOST_TOLD]
+        value, high = self.row[first], self.row.get(f"{first}_high")
+        interval = interval_text(value, self.row.get(f"{first}_low"), high)
+        texts = [" ".join(filter(None, [f"{first} {value:.3g}", interval, UNIT_OF.get(first)]))]
+        texts += [f"{name} {self.row[name]:.2g}" for name in others]
+        return ", ".join(texts)
+
+
+P = ParamSpec("P")  # the arguments of a fit
+T = TypeVar("T")  # its tables
+
+
+def remedies_tried(fit: Callable[P, T]) -> Callable[P, T]:
+    """Decorate the fit of a trial: an error that names changes gets those that help as its
+    remedy."""
+
+    @wraps(fit)
+    def fitted(*args: P.args, **kwargs: P.kwargs) -> T:
+        try:
+            return fit(*args, **kwargs)
+        except OslAnalysisError as error:
+            if not error.changes:
+                raise
+            given = signature(fit).bind(*args, **kwargs).arguments
+            helpful = tried(fit, given, error.changes)
+            remedy = remedy_of(helpful) or error.remedy
+            raise type(error)(f"{error.reason}; {remedy}") from error
+
+    return fitted
+
+
+def tried(
+    fit: Callable[..., Any], given: Mapping[str, Any], changes: Sequence[Change]
+) -> list[Outcome]:
+    """Try changes on a recording.
+
+    Parameters
+    ----------
+    fit : callable
+        The fit that was refused, without remedies.
+    given : Mapping
+        Its arguments by name: `trial` and `settings` are changed.
+    changes : sequence of Change
+
+    Returns
+    -------
+    list of Outcome
+        Of the changes with which the trial can be fitted.
+    """
+    helpful: list[Outcome] = []
+    for change in changes:
+        arguments = {**given, "trial": changed(given["trial"], change)}
+        if change.settings:
+            arguments["settings"] = given["settings"].model_copy(update=change.settings)
+        fit_it = fit
+        if change.experiment:
+            fit_it, settings = fit_of(change.experiment)
+            arguments = {"trial": arguments["trial"], **settings}
+        try:
+            tables = fit_it(**arguments)
+        except OslAnalysisError:
+            continue
+        helpful.append(Outcome(change, last_row(tables)))
+    return helpful
+
+
+def changed(trial: Trial, change: Change) -> Trial:
+    """The recording with a change of its columns."""
+    if not change.factors:
+        return trial
+    columns = [pl.col(name) * factor for name, factor in change.factors.items()]
+    recording = replace(trial, samples=trial.samples.with_columns(columns), clocks={})
+    return with_stamp_evidence(recording) if "time" in change.factors else recording
+
+
+def fit_of(experiment: str) -> tuple[Callable[..., Any], dict[str, Any]]:
+    """The fit of another experiment, without remedies, and its settings by argument: the default
+    ones, since a job has those of its own experiment alone."""
+    job = EXPERIMENTS[experiment].fit
+    assert job is not None
+    settings: dict[str, Any] = {}
+    for argument, (section, _) in job.settings.items():
+        model: Any = Config.model_fields[section].annotation
+        settings[argument] = read_section(default_config(), section, model)
+    if job.parameters:
+        settings["parameters"] = None
+    if job.sheet:
+        settings["condition"] = None
+    module, _, name = job.job.partition(".")
+    fit = getattr(import_module(f"osl_analysis.commands.{module}"), name)
+    return cast(Callable[..., Any], fit.__wrapped__), settings
+
+
+def last_row(tables: FitTables | Mapping[str, pl.DataFrame]) -> Mapping[str, Any]:
+    """The estimates of all of a trial, in its first table."""
+    by_name = tables.estimates if isinstance(tables, FitTables) else tables
+    return next(iter(by_name.values())).row(-1, named=True)
+
+
+def remedy_of(helpful: Sequence[Outcome]) -> str:
+    """What helps and what it gives; changes that give the same stand together."""
+    alike = groupby(helpful, key=lambda outcome: outcome.text)
+    texts = [f"{' or '.join(one.change.words for one in same)}: {text}" for text, same in alike]
+    return "; or ".join(texts)

@@ -1,0 +1,87 @@
+"""Remedies are tried on the recording before they are printed."""
+
+import numpy as np
+import polars as pl
+import pytest
+
+from osl_analysis.campaign.configuration import read_config
+from osl_analysis.commands.bench import fit_actuator_trial, fit_torque_angle_trial
+from osl_analysis.commands.remedies import remedies_tried
+from osl_analysis.errors import Change, InputError
+from osl_analysis.files import default_config
+from osl_analysis.trial import Trial
+
+RATE = 100.0
+CONFIG = read_config(default_config())
+
+
+def slow_cycles(rest_s=0.0):
+    """A spring of 40 N*m/rad that is moved in a sine of 0.1 Hz, and rests before it."""
+    time = np.arange(0, 40, 1 / RATE)
+    theta = 0.3 * np.sin(0.2 * np.pi * np.maximum(time - rest_s, 0.0))
+    torque = 40 * theta + 0.01 * np.random.default_rng(2).standard_normal(time.size)
+    return Trial("slow", pl.DataFrame({"time": time, "theta": theta, "torque": torque}))
+
+
+def clamped(sign):
+    """A clamped actuator of 0.8 N*m/A whose current is stepped, with the torque's sign."""
+    rng = np.random.default_rng(4)
+    current = np.repeat([0.0, 1, -1, 2, -2, 3, -3, 4, -4, 2], 200)
+    time = np.arange(current.size) / RATE
+    measured = current + 0.01 * rng.standard_normal(time.size)
+    torque = sign * (0.8 * current + 0.01 * rng.standard_normal(time.size))
+    columns = {"time": time, "current": measured, "torque_m": torque}
+    return Trial("clamped", pl.DataFrame(columns))
+
+
+def test_a_change_is_advised_where_it_helps_with_what_it_gives():
+    @remedies_tried
+    def fit(trial, settings):
+        mean = trial.samples["theta"].mean()
+        if mean < 0 or settings.zero == "end":
+            changes = [
+                Change("turn theta", {"theta": -1.0}),
+                Change("start at the start", settings={"zero": "start"}),
+                Change("turn it and start", {"theta": -1.0}, {"zero": "start"}),
+            ]
+            raise InputError("the mean is negative; do something", changes)
+        row = {"K": 2 * mean, "K_se": 0.1, "K_low": 2 * mean - 0.2, "K_high": 2 * mean + 0.2}
+        return {"belt": pl.DataFrame([row])}
+
+    settings = CONFIG.torque_angle.model_copy(update={"zero": "end"})
+    trial = Trial("a", pl.DataFrame({"time": [0.0, 1.0], "theta": [-3.0, -5.0]}))
+
+    with pytest.raises(InputError) as refused:
+        fit(trial, settings=settings)
+
+    assert str(refused.value) == ("the mean is negative; turn it and start: K 8 ± 0.2 N·m/rad")
+
+
+def test_a_clamped_actuator_does_not_tell_whose_sign_is_wrong():
+    with pytest.raises(InputError) as refused:
+        fit_actuator_trial(clamped(-1), None, CONFIG.actuator)
+
+    assert "turn the `sign` of current in" in refused.value.remedy
+    assert (
+        "or turn the `sign` of torque_m in the source file: k_tau_n_m 0.8 " in refused.value.remedy
+    )
+
+
+def test_a_zero_that_does_not_help_is_not_advised():
+    settings = CONFIG.torque_angle.model_copy(update={"zero": "end"})
+
+    with pytest.raises(InputError) as refused:
+        fit_torque_angle_trial(slow_cycles(), settings)
+
+    assert refused.value.remedy.startswith("write torque_angle.zero: none: K 40 ± ")
+
+
+def test_without_a_stated_zero_the_torque_is_taken_from_where_the_joint_rests():
+    settings = CONFIG.torque_angle.model_copy(update={"zero": None})
+
+    moving = fit_torque_angle_trial(slow_cycles(), settings).estimates["torque_angle"]
+    resting = fit_torque_angle_trial(slow_cycles(5.0), settings).estimates["torque_angle"]
+
+    assert moving["torque_zero"][0] is None
+    assert resting["torque_zero"][0] == pytest.approx(0.0, abs=0.01)
+    assert moving["K"][0] == pytest.approx(40.0, abs=0.05)

@@ -133,8 +133,9 @@ KNOWN = DesiredImpedance("compensated", 200, 4)
     ("actuator", {"torque_m": -1}, "is negative.*`sign` of the current, or of torque_m"),
     ("impedance", {"torque": 4.4482}, "K = 8.* is larger than the belt's K_s = 685.6"),
     ("belt", {"theta": 57.3, "theta_m": 57.3},
-     "theta turns by .*rad.*recorded in deg and declared as rad"),
-    ("impedance", {"theta": 57.3}, "theta turns by .*rad.*recorded in deg and declared as rad"),
+     "theta turns by .*rad.*recorded in deg or mrad and declared as rad"),
+     ("impedance", {"theta": 57.3},
+      "theta turns by .*rad.*recorded in deg or mrad and declared as rad"),
 ])  # fmt: skip
 def test_what_cannot_be_is_refused_with_its_cause(experiment, changes, words):
     with pytest.raises(InputError, match=words):
@@ -148,7 +149,7 @@ def test_what_cannot_be_is_refused_with_its_cause(experiment, changes, words):
 def test_degrees_declared_as_radians_are_asked_for_where_rad_is_declared_alone_and_nothing_jumps():
     time, turning = np.arange(1000) / 100, np.sin(np.arange(1000) / 10)
     for turned, factor, said in (
-        (7 * turning, 1.0, "recorded in deg and declared as rad"),
+        (7 * turning, 1.0, "recorded in deg or mrad and declared as rad"),
         (7 * turning, np.pi / 180, "no joint turns so far, is it another channel"),
         (
             turning % (2 * np.pi),

@@ -414,7 +414,9 @@ def test_a_gap_at_the_tip_of_a_cycle_is_doubtful():
         "gaps in the recording"
         in marked(table, CONFIG.doubtful.of("torque_angle"), "torque_angle")["doubtful"][0]
     )
-    with pytest.raises(InputError, match=r"theta turns by .*recorded in deg and declared as rad"):
+    with pytest.raises(
+        InputError, match=r"theta turns by .*recorded in deg or mrad and declared as rad"
+    ):
         fit_torque_angle_trial(trial_of(57.3 * FULL, torque), CONFIG.torque_angle)
 
 

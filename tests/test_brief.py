@@ -36,6 +36,17 @@ def test_trials_are_counted_once_by_their_worst_verdict():
     assert first == "3 trials: 0 clear, 1 doubtful, 1 doubtful in part, 1 refused or excluded"
 
 
+def test_recordings_that_are_only_ingested_are_not_called_clear():
+    ingested = {"used": 1, "of": 1, "missing": {}}
+    of_both = {"impedance": {"used": 2, "of": 2, "missing": {}}, "ingest_only": ingested}
+
+    alone = brief_lines(summary() | {"trials": {"ingest_only": ingested}, "numbers": {}})
+    beside = brief_lines(summary() | {"trials": of_both})
+
+    assert alone == ["1 trial: 1 ingested and not judged"]
+    assert beside[0] == "3 trials: 2 clear, 1 ingested and not judged"
+
+
 def test_a_finding_on_groups_counts_no_trial():
     of_groups = finding(trials=["all"], table="walking_groups")
     assert brief_lines(summary(of_groups))[0] == "3 trials: 3 clear"

@@ -1185,7 +1185,6 @@ def test_the_commands_of_the_tutorial_print_what_it_shows_and_end_with_its_figur
     assert [command.split()[1] for command, _, _ in said] == [
         "record.py",
         "init",
-        "ingest",
         "fit",
         "run",
         "results",

@@ -29,6 +29,7 @@ from osl_analysis.judge.two_campaigns import (
 )
 from osl_analysis.refusal import Refusal, is_refused
 from osl_analysis.report import page, panels, trial_page
+from osl_analysis.report.brief import findings_lines
 from osl_analysis.report.decimal_places import digits_of, fixed
 from osl_analysis.report.headlines import aligned, missing_lines
 from osl_analysis.report.methods import methods_content, methods_text
@@ -306,8 +307,30 @@ def compared_cells(
         "B - A": number_text(row, "difference"),
         "B over A, less 1": f"{ratio} %" if ratio else "",
         "verdict": row["verdict"] or "",
-        "remark": row["remark"] or "",
+        "remark": row["remark"] or without_difference(row),
     }
+
+
+def without_difference(row: Mapping[str, Any]) -> str:
+    """Why a row of `comparison.csv` with numbers of both campaigns has no difference."""
+    method = str(row["method"] or "")
+    return method.removeprefix("none: ") if method.startswith("none: ") else ""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Two campaigns beside each other.
+
+    Attributes
+    ----------
+    table
+        The rows of `comparison.csv`.
+    text
+        What to print.
+    """
+
+    table: pl.DataFrame
+    text: str
 
 
 def number_text(row: Mapping[str, Any], name: str) -> str:
@@ -371,7 +394,9 @@ def both_summaries(folders: Sequence[Path]) -> list[dict[str, Any]]:
     return [a, b]
 
 
-def compare_campaigns(folders: Sequence[Path], output: Path, margin: float | None = None) -> str:
+def compare_campaigns(
+    folders: Sequence[Path], output: Path, margin: float | None = None
+) -> Comparison:
     """Compare the results of two campaigns.
 
     Parameters
@@ -385,8 +410,7 @@ def compare_campaigns(folders: Sequence[Path], output: Path, margin: float | Non
 
     Returns
     -------
-    str
-        What to print.
+    Comparison
 
     Raises
     ------
@@ -415,14 +439,14 @@ def compare_campaigns(folders: Sequence[Path], output: Path, margin: float | Non
         )
     cells = [compared_cells(row, a, b) for row in table.iter_rows(named=True)]
     rows = aligned([list(cells[0]), *(list(row.values()) for row in cells)])
-    lines = [verdicts_in_words(table), *remarks_on(a, b, tables), "", rows]
+    lines = [rows, "", *verdicts_in_words(table), *remarks_on(a, b, tables)]
     of_campaigns = {"A": a, "B": b}
     for name, summary in of_campaigns.items():
-        lines += [f"{name}: {finding['line']}" for finding in summary.get("findings", ())]
+        lines += [f"{name}: {line}" for line in findings_lines(summary.get("findings", ()))]
     for name, summary in of_campaigns.items():
         lines += [f"{name}: {line}" for line in missing_lines(summary, reasons=True)]
-    lines += [f"wrote {path}" for path in paths.values()]
-    return "\n".join(lines)
+    lines.append(f"wrote {', '.join(str(path) for path in paths.values())}")
+    return Comparison(table, "\n".join(lines))
 
 
 def units_of(comparison: pl.DataFrame) -> list[str]:

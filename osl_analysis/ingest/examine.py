@@ -26,6 +26,9 @@ from osl_analysis.spectral.sine_runs import Run
 from osl_analysis.spectral.stepped_sine import Likeness, SteppedSineProtocol, stated_protocol
 from osl_analysis.trial import Array, Trial, plate_columns, unit_of
 
+SMALLER_ANGLES = {"deg": math.pi / 180, "mrad": 1e-3}
+"""Units [rad] in which an angle may be recorded that is declared in rad and turns too far."""
+
 
 @dataclass(frozen=True)
 class Commanded:
@@ -806,7 +809,13 @@ def check_recording(
             f"{said}; is this the channel of the load cell? Correct it in the source file"
         )
     if turn / 2 > limits.largest_angle:
-        cause = "is it recorded in deg and declared as rad? Correct its `unit` in the source file"
+        likely = [
+            unit for unit, size in SMALLER_ANGLES.items() if turn / 2 * size < limits.largest_angle
+        ]
+        cause = (
+            f"is it recorded in {' or '.join(likely) or 'deg'} and declared as rad? Correct its"
+            " `unit` in the source file"
+        )
         if origin(trial, angle or "").get("factor", 1) != 1:
             cause = (
                 "no joint turns so far, is it another channel, or its scale another? Correct it in"

@@ -229,7 +229,7 @@ def why_no_signal(channel: RecordedChannel) -> str:
     about = (known - known.mean()) / np.ptp(known)
     tells_next = about[1:] @ about[:-1] > 0.2 * (about @ about)
     is_level = np.unique(known).size == 2
-    return "" if tells_next or is_level else "it is noise"
+    return "" if tells_next or is_level else "nothing but noise"
 
 
 def made_of_current(channel: RecordedChannel, currents: Iterable[RecordedChannel]) -> str:

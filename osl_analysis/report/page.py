@@ -318,7 +318,7 @@ def assumed_said(states: pl.DataFrame) -> str:
     rows = states.filter(state="assumed")
     has_none = any(states["state"].eq("none") & states["setting"].eq("parameters"))
     without = (
-        "Without a parameter file nothing is held against a device's gains or belt." * has_none
+        "Without a parameter file nothing is compared with a device's gains or belt." * has_none
     )
     said = [
         WORDS["settings"]

@@ -60,6 +60,15 @@ def test_errors_of_a_controller_have_their_intervals():
     )
 
 
+def test_a_line_that_would_be_too_long_ends_with_its_last_interval():
+    numbers = {
+        "K_bias_uncompensated": number(-20.9, -25.8, -16.01),
+        "B_error_uncompensated": number(1.04, 0.612, 1.47, "N*m*s/rad"),
+    }
+    (_, line) = brief_lines(summary() | {"numbers": numbers})
+    assert line.endswith("= 1.04 N*m*s/rad (0.61 to 1.47)")
+
+
 def test_a_bench_without_controllers_or_without_K_d_has_its_line():
     of_bench = {"K_bias_no_controller": number(-7.02, -7.04, -6.98)}
     of_spring = {"K_example": number(92.96, 92.83, 93.27, "N*m/rad")}

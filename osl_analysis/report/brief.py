@@ -105,7 +105,8 @@ def numbers_lines(numbers: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
 def numbers_line(
     what: str, names: Mapping[str, str], numbers: Mapping[str, Mapping[str, Any]]
 ) -> str:
-    """Some headline numbers with their intervals; `names` has their keys by symbol."""
+    """Some headline numbers with their intervals; `names` has their keys by symbol. Without the kind
+    of the intervals where the line would be too long."""
     parts = []
     kinds: set[str] = set()  # of the intervals
     for symbol, name in names.items():
@@ -117,7 +118,9 @@ def numbers_line(
             part += f" ({written.interval})"
             kinds.add("by trial" if numbers[name]["interval"] == RANGE else "95 %")
         parts.append(part)
-    return f"{what}: {', '.join(parts)} {' and '.join(sorted(kinds))}".rstrip()
+    line = f"{what}: {', '.join(parts)}"
+    with_kind = f"{line} {' and '.join(sorted(kinds))}".rstrip()
+    return with_kind if len(with_kind) <= WIDTH else line
 
 
 def finding_line(finding: Mapping[str, Any]) -> str:

@@ -105,8 +105,8 @@ def numbers_lines(numbers: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
 def numbers_line(
     what: str, names: Mapping[str, str], numbers: Mapping[str, Mapping[str, Any]]
 ) -> str:
-    """Some headline numbers with their intervals; `names` has their keys by symbol. Without the kind
-    of the intervals where the line would be too long."""
+    """Some headline numbers with their intervals; `names` has their keys by symbol. The kind of the
+    intervals is left out where the line would be too long."""
     parts = []
     kinds: set[str] = set()  # of the intervals
     for symbol, name in names.items():

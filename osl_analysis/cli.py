@@ -302,7 +302,8 @@ def ingest(sources: Path, output: Path, **given: Any) -> None:
 @file_option(
     "--draft", "draft_path", help="Write the draft of a source file here instead of printing it."
 )
-def inspect(file: Path, draft_path: Path | None) -> None:
+@option("--json", "as_json", is_flag=True, help="Print JSON instead of text.")
+def inspect(file: Path, draft_path: Path | None, as_json: bool) -> None:
     """List what a recording holds, an MCAP, C3D, CSV or MATLAB file: rates [Hz], units, gaps,
     damage. Draft a source file for it.
 
@@ -317,20 +318,21 @@ def inspect(file: Path, draft_path: Path | None) -> None:
                 "--draft describes one recording: name its file, or draft all of them by"
                 f" `osl-analysis init CAMPAIGN --from {shlex.quote(str(file))}`"
             )
-        say(command.folder_text(file))
+        say(command.folder_json(file) if as_json else command.folder_text(file))
         return
     overview = command.inspect_file(file)
-    say(command.overview_text(overview))
+    say(command.overview_json(overview) if as_json else command.overview_text(overview))
+    if as_json and draft_path is None:
+        return
     text = draft_source(overview, file.name)
     if draft_path is not None and draft_path.exists():
         raise click.UsageError(f"{draft_path} exists; name a new file")
     print_or_write(text if draft_path else f"\nA source file to start from:\n\n{text}", draft_path)
 
 
-@main.command(
-    epilog="Example: osl-analysis fit results/trials/belt_01.parquet --model belt --plot belt.png"
-)
+@main.command(epilog="Example: osl-analysis fit raw.csv --source source.yaml --plot fit.png")
 @argument("trial", type=FILE)
+@file_option("--source", help="Source file of a raw recording, which says what is what.")
 @option(
     "--model",
     type=click.Choice([name for name, facts in EXPERIMENTS.items() if facts.place == "bench"]),
@@ -368,9 +370,18 @@ def inspect(file: Path, draft_path: Path | None) -> None:
 @AS_JSON
 @file_option("--plot", help="Draw measured and modelled torque [N·m] to this file.")
 def fit(
-    trial: Path, model: str, config_path: Path, as_json: bool, plot: Path | None, **of_trial: Any
+    trial: Path,
+    source: Path | None,
+    model: str,
+    config_path: Path,
+    as_json: bool,
+    plot: Path | None,
+    **of_trial: Any,
 ) -> None:
-    """Fit one ingested TRIAL (Parquet) and print the estimates in SI units with 95 % intervals.
+    """Fit one TRIAL and print the estimates in SI units with 95 % intervals.
+
+    TRIAL is a raw recording with its --source (`inspect --draft` drafts one), or what `ingest` or
+    a campaign made of it (Parquet).
 
     The configuration may be a campaign's own, which overrides fields of the default. With
     --stiffness and --damping an impedance trial is judged as in a campaign: whether the torque is
@@ -378,8 +389,11 @@ def fit(
     from osl_analysis.bench.impedance import DesiredImpedance
     from osl_analysis.commands import bench as command
     from osl_analysis.commands import estimates
+    from osl_analysis.commands.trials import raw_trial
     from osl_analysis.trial import read_trial
 
+    if source is not None:
+        check_there(trial)
     parameters, desired = of_trial.pop("parameters"), None
     if {"K_d", "B_d", "controller"} & options_given():
         desired = DesiredImpedance(**of_trial)
@@ -391,17 +405,10 @@ def fit(
             raise click.UsageError(said)
     device = parameters or command.campaign_parameters(config_path)
     device = None if device == Path("none") else device
+    recorded = read_trial(trial) if source is None else raw_trial(trial, source, model)
     fitted = command.fit_trial(
-        model, read_trial(trial), device, *command.fit_settings(model, config_path), desired
+        model, recorded, device, *command.fit_settings(model, config_path), desired
     )
-    if model == "impedance" and desired is None:
-        said = (
-            "whether the torque is late or the bench's frame yields, and whether K is what the"
-            " gains should give"
-        )
-        say(f"not checked without --stiffness and --damping: {said}", err=True)
-    if fitted.not_checked:
-        say(fitted.not_checked, err=True)
     if plot is not None:
         from osl_analysis.commands.figure import draw_table
 
@@ -412,6 +419,14 @@ def fit(
         draw_table("torque", fitted.series, [plot])
     told = estimates.rows_json if as_json else estimates.estimates_text
     say(told(fitted.table, fitted.findings))
+    if model == "impedance" and desired is None:
+        said = (
+            "whether the torque is late or the bench's frame yields, and whether K is what the"
+            " gains should give"
+        )
+        say(f"not checked without --stiffness and --damping: {said}", err=True)
+    if fitted.not_checked:
+        say(fitted.not_checked, err=True)
 
 
 @main.command(epilog="Example: osl-analysis results results/mine --markdown")
@@ -490,15 +505,18 @@ def bundle(folder: Path, output: Path, licence: str, raw: bool) -> None:
 @option(
     "--output", type=FOLDER, default=Path("comparison"), help="Folder of the table and the figure."
 )
-def compare(a: Path, b: Path, margin: float | None, output: Path) -> None:
+@AS_JSON
+def compare(a: Path, b: Path, margin: float | None, output: Path, as_json: bool) -> None:
     """Compare the results in folders A and B: two devices, controllers or days, with 95 % intervals
     and verdicts.
 
     Equivalent: the interval of B over A lies within the margin. Different: it lies beyond it on one
     side."""
+    from osl_analysis.commands.estimates import rows_json
     from osl_analysis.commands.report import compare_campaigns
 
-    say(compare_campaigns((a, b), output, margin))
+    compared = compare_campaigns((a, b), output, margin)
+    say(rows_json(compared.table) if as_json else compared.text)
 
 
 @main.command(
@@ -626,6 +644,8 @@ def watch(folder: Path, source: Path | None, output: Path, config_path: Path) ->
     B_d) the line says whether it is like those before it: by their median, within four standard
     deviations (from the median absolute deviation, at least 1 % of an estimate and 5 % of duration,
     rate and range of the angle).
+
+    The numbers are in `measured.json` beside the pictures, too.
 
     Ctrl-C ends it. A recording is examined again when it changes; one that was refused, when watch
     is started again."""

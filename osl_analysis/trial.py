@@ -385,7 +385,6 @@ def told_as_parquet(path: Path) -> Iterator[None]:
     except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError, ValueError) as error:
         reason = str(error).splitlines()[0]
         raise InputError(
-            f"{path}: not what `ingest` wrote ({reason}); ingest the trial again, or make a"
-            f" campaign of recordings, as `osl-analysis init FOLDER --from {path.parent}`, which"
-            " `osl-analysis run` in that folder fits"
+            f"{path}: not what `ingest` wrote ({reason}); ingest it again, fit a raw recording with"
+            f" its `--source`, or make a campaign: `osl-analysis init FOLDER --from {path.parent}`"
         ) from error

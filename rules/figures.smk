@@ -185,6 +185,7 @@ rule report_page:
         output="<results>/report.html",
         methods_md="<results>/methods.md",
         methods_tex="<results>/methods.tex",
+        methods_bib="<results>/methods.bib",
     log:
         "<logs>/report.log",
     localrule: True
@@ -194,6 +195,7 @@ rule report_page:
             name: plain(getattr(CONFIG, name))
             for name in ("dynamometer", "actuator", "torque_angle", "walking", "overground")
         },
+        accuracy=plain(CONFIG.doubtful.accuracy),
         sheet={**CAMPAIGN.rows, **CAMPAIGN.unused},
         unnamed=UNNAMED,
         made_by=MADE_BY,

@@ -77,10 +77,6 @@ def chirp(rng, band=(0.5, 6.0), rms_deg=2.0, duration=30.0, rate=RATE):
     return time, faded(time, duration, tuple(np.deg2rad(rms_deg) * np.sqrt(2) * x for x in motion))
 
 
-
-
-
-
 def made_trial(
     rng, motion, torque_noise=0.05, angle_noise=0.0, bits=18, late=0.0, more=0.0, **impedance
 ):

@@ -290,8 +290,6 @@ def test_clocks_of_one_file_that_drift_apart_are_the_only_cause():
     assert doubts == {"change over time"}
 
 
-
-
 @pytest.mark.usefixtures("without_inference")
 @pytest.mark.parametrize("move", [multisine, noise])
 def test_a_spring_behind_a_damper_is_not_taken_for_friction_and_friction_beside_it_has_its_size(

@@ -36,6 +36,17 @@ def test_trials_are_counted_once_by_their_worst_verdict():
     assert first == "3 trials: 0 clear, 1 doubtful, 1 doubtful in part, 1 refused or excluded"
 
 
+def test_recordings_that_are_only_ingested_are_not_called_clear():
+    ingested = {"used": 1, "of": 1, "missing": {}}
+    of_both = {"impedance": {"used": 2, "of": 2, "missing": {}}, "ingest_only": ingested}
+
+    alone = brief_lines(summary() | {"trials": {"ingest_only": ingested}, "numbers": {}})
+    beside = brief_lines(summary() | {"trials": of_both})
+
+    assert alone == ["1 trial: 1 ingested and not judged"]
+    assert beside[0] == "3 trials: 2 clear, 1 ingested and not judged"
+
+
 def test_a_finding_on_groups_counts_no_trial():
     of_groups = finding(trials=["all"], table="walking_groups")
     assert brief_lines(summary(of_groups))[0] == "3 trials: 3 clear"
@@ -47,6 +58,15 @@ def test_errors_of_a_controller_have_their_intervals():
         "compensated: K/K_d - 1 = -0.88 % (-4.5 to 1.3), |B - B_d| = 0.763 N*m*s/rad (0.07 to 1.32)"
         " by trial"
     )
+
+
+def test_a_line_that_would_be_too_long_ends_with_its_last_interval():
+    numbers = {
+        "K_bias_uncompensated": number(-20.9, -25.8, -16.01),
+        "B_error_uncompensated": number(1.04, 0.612, 1.47, "N*m*s/rad"),
+    }
+    (_, line) = brief_lines(summary() | {"numbers": numbers})
+    assert line.endswith("= 1.04 N*m*s/rad (0.61 to 1.47)")
 
 
 def test_a_bench_without_controllers_or_without_K_d_has_its_line():

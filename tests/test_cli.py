@@ -100,6 +100,18 @@ def test_fit_prints_the_impedance_of_linear_theory_and_draws_it(folder, tmp_path
     assert (whole["K"], whole["B"]) == (pytest.approx(299, rel=0.03), pytest.approx(5.46, rel=0.15))
 
 
+def test_a_raw_recording_is_fitted_with_its_source_as_after_ingest(folder):
+    config = ("--config", folder / "config.yaml", "--json")
+    raw = folder / f"dynamometer/{TRIAL}.mcap"
+
+    of_raw = call("fit", raw, "--source", "config/sources/dynamometer.yaml", *config)
+    of_ingested = call("fit", folder / f"{TRIAL}.parquet", *config)
+
+    assert of_raw.exit_code == 0, of_raw.stderr
+    assert json.loads(of_raw.stdout) == json.loads(of_ingested.stdout)
+    assert "is YAML" in one_line(call("fit", raw, "--source", raw))
+
+
 def test_the_interval_of_a_belt_counts_the_drift_that_the_configuration_names(folder, tmp_path):
     """100 N*m/min, so that the noise of two trials cannot pass for it."""
     config, widths = yaml.safe_load((folder / "config.yaml").read_text()), []

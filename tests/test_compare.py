@@ -1,5 +1,6 @@
 """Two campaigns side by side: differences, their intervals, and the verdicts of equivalence."""
 
+import json
 import math
 import shutil
 from pathlib import Path
@@ -248,7 +249,13 @@ def test_the_command_writes_table_and_figure_and_prints_every_verdict_or_one_lin
     for name, made in (("a", tables()), ("b", tables(K=1.08, seed=2))):
         number, line = (
             Headline("K_s", "N*m/rad", None, "K", "belt", 685.0),
-            {"line": f"doubtful in {name}: <friction>"},
+            {
+                "verdict": "doubtful",
+                "cause": "<friction>",
+                "of": "trials",
+                "trials": [name],
+                "n": 2,
+            },
         )
         for table, frame in made.items():
             write_table(frame, tmp_path / name / f"tables/{table}.csv")
@@ -280,9 +287,14 @@ def test_the_command_writes_table_and_figure_and_prints_every_verdict_or_one_lin
         assert row["verdict"] in line
     of_K = table.filter(pl.col("condition").is_null(), experiment="impedance", quantity="K")
     assert of_K["method"].to_list() == ["paired, Student + bench"]
-    for said in ("A: doubtful in a: <friction>", "B: doubtful in b", "version: a in A, b in B"):
+    for said in ("A: ⚠ <friction>: 1 of 2 trials", "B: ⚠ <friction>", "version: a in A, b in B"):
         assert said in done.output
     assert "different: impedance K, c (±4 %)" in done.output
+    assert done.output.startswith("quantity ")
+    rows = json.loads(call("a", "b", "--json").output)
+    assert [row["quantity"] for row in rows] == read_table(out / "comparison.csv")[
+        "quantity"
+    ].to_list()
     shutil.copytree("b", "d")
     shutil.rmtree("d/tables")
     write_table(

@@ -422,7 +422,7 @@ def test_a_pilot_states_friction_and_what_no_longer_record_cures(tmp_path):
     assert plans[0]["friction_damping"] == plans[1]["friction_damping"]
     of_both = as_json("--from", tmp_path, "--cycles", "200")["estimates"]["K"]["se"]
     assert (found["K"]["se"], of_both) == pytest.approx((1.2, (1.2 + 9.0) / 2), rel=1e-3)
-    assert "no friction of trial 'c'" in call("--from", tmp_path, "--trial", "c").stderr
+    assert "no impedance trial 'c'" in call("--from", tmp_path, "--trial", "c").stderr
     assert "state the same friction" in call("--from", tmp_path, "--friction", "1").stderr
 
 

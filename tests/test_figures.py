@@ -883,15 +883,18 @@ def test_a_name_in_markdown_is_text_sign_by_sign(name, markdown):
 
 @pytest.mark.parametrize(("of", "said"), [
     ({"trial": [f"t_{k}" for k in range(12)], "doubtful": ["VAF 80"] * 10 + ["", None]},
-     r"10 of 11 (t\_0, t\_1, t\_2, t\_3, t\_4, t\_5 and 4 more), for VAF 80."),
+     r"10 of 11. For VAF 80: t\_0; t\_1; t\_2; t\_3; t\_4; t\_5; 4 more."),
     ({"trial": ["a", None, "a"], "group": "all", "doubtful": ["", "lag", ""]},
-     "1 of 2 (mean response of all), for lag."),
+     "1 of 2. For lag: mean response of all."),
     ({"trial": ["a", None, "b"], "group": "all", "doubtful": ["", "", "lag"]},
-     "1 of 2 (b), for lag."),
+     "1 of 2. For lag: b."),
     ({"trials": ["a, b", "c"], "doubtful": ["", ""]}, None),
     ({"trial": ["a"], "doubtful": [None]}, ""),
     ({"trial": ["a", "b", "c"], "doubtful": ["lag", "friction; lag", ""]},
-     "2 of 3 (a, b), for lag, friction."),
+     "2 of 3. For lag: a; b. For friction: b."),
+    ({"trial": ["a", "b", "c", "d"], "controller": ["p_1", "p_1", "q", "q"],
+      "K_d": [1.0, 2.0, 3.0, 3.0], "B_d": [0.0] * 4, "doubtful": ["lag", "lag", "lag", ""]},
+     r"3 of 4. For lag: all 2 p\_1; $K_d$ = 3 N·m/rad, $B_d$ = 0 N·m·s/rad, q, c."),
 ])  # fmt: skip
 def test_a_caption_names_the_doubtful_trials_and_groups_and_each_cause_once(of, said):
     expected = "No fit is doubtful." if said is None else said and f"Doubtful: {said}"

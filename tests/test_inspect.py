@@ -1,6 +1,7 @@
 """Inspect and watch: what files hold is listed, drafts become source files, recordings are examined
 as they come."""
 
+import json
 import os
 import re
 from dataclasses import replace
@@ -287,6 +288,18 @@ def test_a_folder_lists_what_each_recording_holds_or_why_it_is_refused(tmp_path:
     assert lines[0] == r"a\x1b[31m.csv: csv, 2 x column"
     assert lines[1].startswith("broken.mcap: refused: not an MCAP file")
     assert lines[2] == "walk.c3d: c3d, 1 x marker at 100 Hz"
+    as_json = json.loads(module.folder_json(tmp_path))
+    assert as_json["walk.c3d"]["channels"] == [
+        {
+            "kind": "marker",
+            "label": "a",
+            "unit": "mm",
+            "samples": 100,
+            "rate_hz": 100.0,
+            "note": None,
+        }
+    ]
+    assert as_json["broken.mcap"]["refused"].endswith(lines[1].partition("refused: ")[2])
     with pytest.raises(InputError, match=r"no recordings below it \(\.\w+, "):
         module.folder_text(tmp_path / "none")
 
@@ -419,7 +432,7 @@ def test_a_stiffness_far_from_the_desired_one_is_pointed_at(tmp_path, bench):
     drafted_campaign(tmp_path / "c", recordings=tmp_path / "in")
     (look,) = watching.first_look(tmp_path / "c")
     assert re.search(
-        f"(?s)first trial of experiment impedance, [^\n]*: LOOK AT IT\n.*{doubt}", look.text
+        f"(?s)first trial of experiment impedance, [^\n]*: doubtful\n.*{doubt}", look.text
     )
 
 

@@ -141,7 +141,7 @@ def test_a_bench_log_with_names_of_another_language(tmp_path, monkeypatch):
     said, source = journey.drafted()
     for line in (
         '# .*"Kanaal 5".*left out: it does not move',
-        '# .*"Kanaal 6".*left out: it is noise',
+        '# .*"Kanaal 6".*left out: nothing but noise',
         'theta: {column: "Stand arm", .*  # a guess: as a spring with "Koppel", r = [01]',
         'torque: {column: "Koppel", .*sign: -1}  # guessed from its name: it falls as the angle'
         ' rises',

@@ -3,7 +3,6 @@ the documentation."""
 
 import base64
 import hashlib
-import html
 import json
 import re
 import zlib
@@ -42,7 +41,7 @@ from osl_analysis.judge.finding import Beyond, Finding, Grade, findings_frame
 from osl_analysis.judge.limits import DoubtfulFits
 from osl_analysis.judge.words import WORDS, printed, words_of
 from osl_analysis.refusal import Refusal
-from osl_analysis.report import page, panels, trial_page
+from osl_analysis.report import methods, page, panels, trial_page
 from osl_analysis.report.headlines import Example, headline_numbers, to_json, to_tex
 from osl_analysis.report.panels import Pictures
 from osl_analysis.report.trial_page import ReportedTrial
@@ -101,6 +100,7 @@ FINDING = {
     "cause": HOSTILE,
 }
 SETTINGS = read_config(ROOT / "config/config.yaml").model_dump(mode="json")
+ACCURACY = {"K": 0.02, "B": 0.05, "I": 0.2}
 
 
 def fitted_rows():
@@ -159,7 +159,7 @@ def page_of(trials):
         "not_made": [],
         "sensitivity": [],
     }
-    content["methods"] = trial_page.methods_content(SETTINGS, {}, trials)
+    content["methods"] = written_methods(trials, {}, SETTINGS)
     content |= {"absent_figures": {"Response": "No trial has one."}, **STATED}
     packed = {one.name: (trial_page.trial_content(one), {}) for one in trials}
     return page.written_page(content, packed)
@@ -225,19 +225,21 @@ def test_names_from_files_are_text_and_no_script_runs_but_the_two_of_the_page():
     ]
 
 
-def methods_of(trials, tables, settings, **about):
-    """The text of the methods paragraph, and its BibTeX, as they are copied."""
-    content = trial_page.trials_content(trials) | {"about": ABOUT | about, "findings": [FINDING]}
-    text = page.template("methods.html.j2").render(
-        content, methods=trial_page.methods_content(settings, tables, trials)
-    )
-    found = re.findall(r'(?s)class="copied">(.*?)</(?:div|pre)>', text)
-    return [html.unescape(re.sub(r"\s+", " ", re.sub("<[^>]+>", "", part))) for part in found]
+def written_methods(trials, tables, settings):
+    """The methods text of some trials with the finding `FINDING`."""
+    facts = methods.methods_content(settings, ACCURACY, tables, trials, [FINDING])
+    return methods.methods_text(facts, ABOUT)
+
+
+def methods_of(trials, tables, settings):
+    """The methods text as Markdown on one line, and its BibTeX."""
+    text = written_methods(trials, tables, settings)
+    return " ".join(text.markdown().split()), text.bibtex()
 
 
 def sentences(said):
     """Of a text, parted where a word begins with a capital behind a full stop."""
-    return re.split(r"(?<=[.?!]) (?=[A-Zτ])", said.partition(" [1] ")[0])
+    return re.split(r"(?<=[.?!]) (?=[A-Zτ])", said.partition(" ## References ")[0])
 
 
 def test_the_methods_have_the_numbers_of_settings_sheet_and_tables_and_nothing_that_was_not_done():
@@ -245,7 +247,7 @@ def test_the_methods_have_the_numbers_of_settings_sheet_and_tables_and_nothing_t
     origin = {"files": {"log": {"path": "a/b.mcap", "source": "my_bench"}}}
     bench = [
         trial("a", quality=checks, provenance=origin),
-        trial("b", left_out=["gap 1 s; torque"]),
+        trial("b", left_out=["gap 1 s; torque"], left_out_for="gap in the recording"),
     ]
     table = {
         "excitation": ["stepped sine"] * 2,
@@ -287,20 +289,21 @@ def test_the_methods_have_the_numbers_of_settings_sheet_and_tables_and_nothing_t
                           "amplitude_deg": [None] * 3})  # fmt: skip
     for trials, made, chosen, shown, absent in (
         (bench, tables | {"belt": pl.DataFrame(schema=["group"])}, SETTINGS,
-         ("2 trials", "250 Hz", "MCAP", "2 and 7°", "1 and 4 Hz", "15 Hz", "gap 1 s, torque",
-          HOSTILE),
+         ("2 trials", "250 Hz", "2 and 7°", "1 and 4 Hz", "15 Hz",
+          "One of two trials was excluded: gap in the recording (1).", HOSTILE),
          "belt|transmission|actuator|walkway|platform|crossing|bootstrap|predicted|seven samples|"
          "my_bench|rendered|of this campaign|part of the period"),
         (bench, tables, other, ("12.5 Hz", "218 N·m"), "assumed to be rigid"),
         (bench, {"impedance": sines}, SETTINGS,
-         ("(1 trial, 0.5 to 8 Hz, 2° RMS, 60 s fitted)",
-          "(2 trials, 0.9 to 7.2 Hz, 2.1 to 2.4° RMS, 60 s fitted)"),
+         ("In 1 trial of impedance the joint was moved by a periodic motion (0.5 to 8 Hz, 2° RMS,"
+          " 60 s fitted per trial)",
+          "(0.9 to 7.2 Hz, 2.1 to 2.4° RMS, 60 s fitted per trial)"),
          "stepped"),
         (crossings, walked, other,
-         ("7 times", "3 times", "2 perturbed", "2 groups", "80 ms", "30 ms", "200 samples",
-         "by 2.5°, from a tenth to nine tenths of it in 63 ms (2 with toes up, 2 down)",
-         "markers at 300 Hz and",
-         "plates at 1200 Hz", "half the difference of both directions"),
+         ("7 times; in 3 crossings", "2 perturbed", "two groups", "80 ms", "30 ms", "200 samples",
+          "by 2.5° (10–90 % rise time 63 ms; 2 with toes up, 2 down)",
+          "Markers were recorded at 300 Hz and", "plates at 1200 Hz",
+          "half the difference of both directions"),
          "bench|belt|load cell|plate trials|Student|mean response"),
     ):  # fmt: skip
         said, sources = methods_of(trials, made, chosen)
@@ -308,7 +311,7 @@ def test_the_methods_have_the_numbers_of_settings_sheet_and_tables_and_nothing_t
         assert not re.search(absent, said), "this campaign has none"
         assert [one for one in sentences(said) if len(re.findall(r"\S*\w\S*", one)) > 30] == []
         assert len(re.findall(r"@\w+{(\w+),", sources)) == int(
-            re.findall(r"\n? ?\[(\d+)\] [A-Z]", said)[-1]
+            re.findall(r" (\d+)\. [A-Z]", said)[-1]
         )
     cff = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
     own = (
@@ -316,7 +319,23 @@ def test_the_methods_have_the_numbers_of_settings_sheet_and_tables_and_nothing_t
         ("title", cff["title"]),
         ("year", cff["date-released"].year),
     )
-    assert ", ".join(f"{field} = {{{value}}}" for field, value in own) in sources
+    entry = ",\n  ".join(f"{field} = {{{value}}}" for field, value in own)
+    assert entry in sources
+
+
+def test_the_methods_in_LaTeX_have_symbols_citations_and_the_names_of_users_as_TeX_reads_them():
+    marked = ["The 50 % of a_1 & ⟨τ = K_d θ̇⟩ at 15 Hz [@fornberg1988]."]
+    text = methods.MethodsText(marked, {"fornberg1988": methods.SOURCES["fornberg1988"]})
+
+    paragraph = text.latex().partition("\n\n")[2].strip()
+
+    assert paragraph == (
+        r"The 50~\% of a\_1 \& $\tau = K_{\mathrm{d}} \dot\theta$ at 15~Hz~\cite{fornberg1988}."
+    )
+    assert text.paragraphs == ["The 50 % of a_1 & τ = K_d θ̇ at 15 Hz [1]."]
+    assert text.references[0].endswith(
+        " 51, 699–706. 1988. https://doi.org/10.1090/S0025-5718-1988-0935077-0"
+    )
 
 
 def test_a_thinned_signal_keeps_the_ends_of_ranges():
@@ -582,7 +601,8 @@ def test_a_report_says_of_each_trial_what_became_of_it(tmp_path, monkeypatch):
         name: tmp_path / f"{name}.csv"
         for name in (*made, "series", "summary", "output", "findings", "states")
     }
-    given |= {f"methods_{form}": tmp_path / f"methods.{form}" for form in ("md", "tex")}
+    given |= {f"methods_{form}": tmp_path / f"methods.{form}" for form in ("md", "tex", "bib")}
+    given["accuracy"] = ACCURACY
     write_table(
         pl.DataFrame({"setting": ["walking.side"], "value": ["right"], "state": ["assumed"]}),
         given["states"],
@@ -604,21 +624,16 @@ def test_a_report_says_of_each_trial_what_became_of_it(tmp_path, monkeypatch):
         "flagged",
         "its recording: gap in the recording: samples are missing"[:40],
     )
-    assert seen[0]["methods"]["recorded"]["belt"] | {"rates": 0, "files": 0} == {
-        "n": 3, "used": 1, "perturbed": 0, "perturbed_used": 0, "rates": 0, "files": 0,
-        "plates": [], "turns": [],
-        "streams": {}, "grids": [],
-    }  # fmt: skip
     assert said == {"b_2": ("refused", "no footer"), "b_3": none, "w": none, "s": ("clear", "")}
     assert (seen[0]["claims"], seen[0]["not_made"]) == ([], [of_table])
-    in_md, in_tex = (given[f"methods_{form}"].read_text() for form in ("md", "tex"))
-    assert ("3 trials of belt" in in_md, "3 trials of belt" in in_tex, "transmission" in in_md) == (
-        True,
-        True,
-        False,
-    )
-    assert "tables/impedance.csv" not in in_md, "a table that is not there"
-    assert re.findall(r"(?<!\\)[%&_#]|[θτ·²°−–]", in_tex) == []
+    in_md, in_tex, in_bib = (given[f"methods_{form}"].read_text() for form in ("md", "tex", "bib"))
+    for text in (in_md, in_tex):
+        assert ("3 trials of belt" in text, "transmission" in text) == (True, False)
+    counted = "Three of five trials were excluded: for want of a trial that it is fitted with (2),"
+    assert f"{counted} recording that could not be analysed (1)." in in_md
+    words = re.sub(r"\$[^$]*\$|\\cite{\w+}", "", in_tex.partition("\n")[2])
+    assert re.findall(r"(?<!\\)[%&_#]|[θτ·²°−–]", words) == []
+    assert set(re.findall(r"\\cite{(\w+)}", in_tex)) == set(re.findall(r"@\w+{(\w+)", in_bib))
     assert seen[0]["assumed"] == "Assumed, since nobody stated it: the right leg."
     own, other = (seen[1][name][0] for name in ("b_1", "b_2"))
     assert (len(own["quality"]), other["quality"]) == (1, [])
@@ -849,19 +864,19 @@ def test_two_devices_are_told_with_their_rates_and_how_they_were_joined():
     )
     row = {"trial": "t", "experiment": "impedance"}
     one = ReportedTrial("t", row, {"impedance": fitted_rows(), "timebase": base})
-    found = trial_page.recorded_of([one])["impedance"]
+    found = methods.recorded_of([one])["impedance"]
     assert (found["streams"], found["grids"]) == (
         {"theta": [1000.0], "torque": [800.0]},
         [1000.0] * 2,
     )
     said, _ = methods_of([one], {}, SETTINGS)
-    assert "What was recorded apart was sampled at 1000 Hz (theta) and 800 Hz (torque)." in said
-    assert "Cubic splines brought it to one grid of 1000 Hz." in said
+    assert "Separate devices sampled joint angle at 1000 Hz and torque at 800 Hz." in said
+    assert "Cubic splines brought both to one grid of 1000 Hz." in said
     alike = ReportedTrial(
         "t", row, {"impedance": fitted_rows(), "timebase": base.with_columns(rate_hz=800.0)}
     )
     said, _ = methods_of([alike], {}, SETTINGS)
-    assert "recorded apart" not in said
+    assert "Separate devices" not in said
 
 
 def test_each_stated_condition_has_its_own_numbers_and_macros():
@@ -974,7 +989,7 @@ def test_a_claim_stands_with_its_limit_and_a_long_caption_is_folded_behind_two_s
     }
     content |= {"not_made": [], "sensitivity": [], "absent_figures": {}, **STATED}
     content["claims"] = page.claims_said(pl.DataFrame([number, near, own]))
-    content["methods"] = trial_page.methods_content(SETTINGS, {}, [trial()])
+    content["methods"] = written_methods([trial()], {}, SETTINGS)
     said = " ".join(Page(page.written_page(content, {})).text.split())
     assert [(one["claim"], one["where"], one["limit"]) for one in content["claims"]] == [
         ("it is negligible", "knee", "below 10 %"), ("z is 9", "knee", "9 ± 2 %"),
@@ -1026,14 +1041,15 @@ def test_a_trial_is_left_out_by_what_became_of_it():
     crossings = pl.DataFrame({"trial": ["walk"], "reason": ["no step"]})
     tables = {"walking": crossings.rename({"reason": "excluded"}), "walking_excluded": crossings}
     found = trial_page.left_out_trials(rows, tables, {"late": "again", "new": "why"})
+    not_analysed = "recording that could not be analysed"
     assert (found.pop("late"), found.pop("hung")) == (
-        (False, ["gap 1 s, threshold 0.5: theta"]),
-        (True, ["no footer"]),
+        (False, "gap in the recording", ["gap 1 s, threshold 0.5: theta"]),
+        (True, not_analysed, ["no footer"]),
     )
     assert found == {
-        "cut": (True, ["no footer"]),
-        "new": (True, ["why"]),
-        "walk": (False, ["no step"]),
+        "cut": (True, not_analysed, ["no footer"]),
+        "new": (True, not_analysed, ["why"]),
+        "walk": (False, not_analysed, ["no step"]),
     }
     assert list(found) == ["cut", "new", "walk"]
 
@@ -1169,7 +1185,6 @@ def test_the_commands_of_the_tutorial_print_what_it_shows_and_end_with_its_figur
     assert [command.split()[1] for command, _, _ in said] == [
         "record.py",
         "init",
-        "ingest",
         "fit",
         "run",
         "results",

@@ -71,6 +71,7 @@ def write_bundle(folder: Path, output: Path, licence: str, raw: bool) -> int:
             "report.html",
             "methods.md",
             "methods.tex",
+            "methods.bib",
             "summary.json",
             "numbers.tex",
         ):

@@ -27,7 +27,7 @@ from osl_analysis.bench.planned_motion import (
 )
 from osl_analysis.bench.precision import Precision, precision
 from osl_analysis.campaign.configuration import Config
-from osl_analysis.errors import IdentifiabilityError, InputError
+from osl_analysis.errors import IdentifiabilityError, InputError, nearest
 from osl_analysis.signals import LowPass
 from osl_analysis.table import finite_or_null, with_evidence, write_table
 from osl_analysis.trial import Array
@@ -335,12 +335,24 @@ def pilot_distortion(results: Path, trial: str | None) -> Distortion:
     names = ("f_C", *(f"{name}_se" for name in KBI))
     known = [rows[name].drop_nulls().to_list() if name in rows.columns else [] for name in names]
     if not all(known):
-        of = f"of trial '{trial}'" if trial else "of an impedance trial"
-        raise InputError(
-            f"{results}: no friction {of}; run the pilot to its end, or state --friction"
-        )
+        raise InputError(f"{results}: {no_friction_text(table, trial)}")
     friction, *errors = (float(np.median(values)) for values in known)
     return Distortion(max(friction, 0.0), pilot=tuple(se**2 for se in errors))
+
+
+def no_friction_text(table: pl.DataFrame, trial: str | None) -> str:
+    """Why a pilot's `impedance` table tells no friction, and what to do."""
+    names = table["trial"].unique().sort().to_list()
+    if trial is not None and trial not in names:
+        return f"no impedance trial '{trial}'{nearest(trial, names)}"
+    with_friction = []
+    if "f_C" in table.columns:
+        with_friction = table.drop_nulls("f_C")["trial"].unique().sort().to_list()
+    of_trial = f"of trial '{trial}' " if trial else ""
+    remedy = "state it by --friction"
+    if with_friction:
+        remedy = f"name another trial, as {with_friction[0]}, or {remedy}"
+    return f"the friction {of_trial}is not certain; {remedy}"
 
 
 def design_text(made: Design) -> str:

@@ -64,10 +64,15 @@ def finding_json(finding: Finding, row: Mapping[str, Any]) -> dict[str, Any]:
 
 def estimates_text(estimates: pl.DataFrame, findings: Sequence[Sequence[Finding]] = ()) -> str:
     """The estimates as text: a line per fit and quantity, with 95 % interval and VAF, and the
-    doubts about each row."""
+    doubts about each row. Of a single amplitude there is only the fit to the whole trial."""
+    rows = estimates.to_dicts()
+    amplitudes = [row for row in rows if row.get("amplitude_deg") is not None]
+    has_one_amplitude = len(amplitudes) == 1 and len(rows) > 1
     lines: list[str] = []
-    for row, of_row in zip_longest(estimates.to_dicts(), findings, fillvalue=()):
+    for row, of_row in zip_longest(rows, findings, fillvalue=()):
         assert isinstance(row, dict)
+        if has_one_amplitude and row.get("amplitude_deg") is not None:
+            continue
         quality = f"VAF {row['VAF']:.2f} %" if "VAF" in row else "no VAF"
         if "R2" in row:
             quality += f", R2 {row['R2']:.5f}, condition {row['condition_number']:.1f}"
@@ -88,6 +93,8 @@ def fitted_motion(row: Mapping[str, Any]) -> str:
         return cycles_text(row)
     if row.get("amplitude_deg") is not None:
         return f"{row['amplitude_deg']:g} deg"
+    if "amplitude_deg" not in row:
+        return "whole trial"
     if row.get("excitation") in (None, "stepped sine"):
         return "all amplitudes"
     kind = "periodic" if row["excitation"] == "periodic" else "any"

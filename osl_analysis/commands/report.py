@@ -3,7 +3,6 @@ page."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from copy import deepcopy
 from dataclasses import dataclass
 from os.path import realpath
 from pathlib import Path
@@ -30,10 +29,13 @@ from osl_analysis.judge.two_campaigns import (
 )
 from osl_analysis.refusal import Refusal, is_refused
 from osl_analysis.report import page, panels, trial_page
+from osl_analysis.report.brief import findings_lines
 from osl_analysis.report.decimal_places import digits_of, fixed
 from osl_analysis.report.headlines import aligned, missing_lines
+from osl_analysis.report.methods import methods_content, methods_text
 from osl_analysis.report.page import captions_by_title, inline_svg, written_page
 from osl_analysis.report.trial_page import (
+    FOR_WANT_OF_ANOTHER,
     LeftOut,
     ReportedTrial,
     left_out_trials,
@@ -48,6 +50,7 @@ def write_report(
     about: Mapping[str, str],
     sheet: Mapping[str, Mapping[str, Any]],
     settings: Mapping[str, Any],
+    accuracy: Mapping[str, float],
     trials: Mapping[str, Path],
     series: Mapping[str, Path],
     crossings: Mapping[str, Path],
@@ -61,6 +64,7 @@ def write_report(
     output: Path,
     methods_md: Path,
     methods_tex: Path,
+    methods_bib: Path,
     captions: Path | None = None,
     refused: Sequence[Refusal] = (),
     unnamed: str = "",
@@ -75,6 +79,8 @@ def write_report(
         The row of every trial of the sample sheet, also of those that it excludes.
     settings : Mapping
         The sections of the configuration by which the experiments are analysed.
+    accuracy : Mapping of str to float
+        The shares by which findings may move K, B and I without making them doubtful.
     trials, series, crossings : Mapping of str to Path
         The files of each trial that has them.
     tables : Mapping of str to Path
@@ -83,8 +89,8 @@ def write_report(
         SVG files, by name.
     verdicts, excluded, findings, states, summary : Path
         `quality.csv`, `excluded.csv`, `findings.csv`, `settings.csv`, `summary.json`.
-    output, methods_md, methods_tex : Path
-        `report.html`, `methods.md` and `methods.tex`.
+    output, methods_md, methods_tex, methods_bib : Path
+        `report.html`, `methods.md`, `methods.tex` and `methods.bib`.
     captions : Path or None
         Those of the figures.
     refused : Sequence of Refusal
@@ -115,14 +121,17 @@ def write_report(
     numbers = {} if is_refused(summary) else read_summary(summary)
     drawn, absent = drawn_figures(figures, read_captions(captions))
     claims = results.get("claims", pl.DataFrame(schema=["subject", "verdict"]))
+    overview = page.overview(reported, numbers, drawn, about)
+    facts = methods_content(settings, accuracy, results, reported, overview["findings"])
+    text = methods_text(facts, about)
     content = {
         "about": about,
         "made_of": sentence(about),
         **trial_page.trials_content(reported),
-        **page.overview(reported, numbers, drawn, about),
+        **overview,
         "intervals": numbers.get("intervals", ""),
         "claims": page.claims_said(claims),
-        "methods": trial_page.methods_content(settings, results, reported),
+        "methods": text,
         "absent_figures": absent,
         "unnamed": unnamed,
         "conditions": page.conditions(results, findings_by_trial),
@@ -131,10 +140,9 @@ def write_report(
         "sensitivity": results.get("walking_sensitivity", pl.DataFrame()).to_dicts(),
         "not_made": not_made,
     }
-    for path, form in ((methods_md, "md"), (methods_tex, "tex")):
-        # a copy, since each value that the template asks for is added to the methods
-        of_form = {**content, "methods": deepcopy(content["methods"]), "form": form}
-        write_text(path, page.template("methods.txt.j2").render(of_form))
+    write_text(methods_md, text.markdown())
+    write_text(methods_tex, text.latex())
+    write_text(methods_bib, text.bibtex())
     pages = {}
     for trial in reported:
         pages[trial.name] = (trial_content(trial), trial.pictures.tables)
@@ -219,9 +227,10 @@ def reported_trial(row: Mapping[str, Any], campaign: CampaignResults) -> Reporte
 
     is_walking = row["experiment"] == "walking"
     has_result = bool(tables) if experiment.fit else not is_walking or "crossing" in files
-    left_out = campaign.left_out.get(name, LeftOut(False, []))
+    left_out = campaign.left_out.get(name, LeftOut(False, "", []))
     if name not in campaign.left_out and not has_result:
-        left_out = LeftOut(True, [f"it has no result{because_of(list(campaign.left_out))}"])
+        reason = f"it has no result{because_of(list(campaign.left_out))}"
+        left_out = LeftOut(True, FOR_WANT_OF_ANOTHER, [reason])
     provenance: Mapping[str, Any] = {}
     if "trial" in files:
         _, provenance = metadata_of(files["trial"])
@@ -233,6 +242,7 @@ def reported_trial(row: Mapping[str, Any], campaign: CampaignResults) -> Reporte
         quality=campaign.checks.get((name,)),
         provenance=provenance,
         left_out=left_out.reasons,
+        left_out_for=left_out.cause,
         refused=left_out.by_job,
         pictures=pictures(row["experiment"], tables, files),
     )
@@ -297,8 +307,30 @@ def compared_cells(
         "B - A": number_text(row, "difference"),
         "B over A, less 1": f"{ratio} %" if ratio else "",
         "verdict": row["verdict"] or "",
-        "remark": row["remark"] or "",
+        "remark": row["remark"] or without_difference(row),
     }
+
+
+def without_difference(row: Mapping[str, Any]) -> str:
+    """Why a row of `comparison.csv` with numbers of both campaigns has no difference."""
+    method = str(row["method"] or "")
+    return method.removeprefix("none: ") if method.startswith("none: ") else ""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Two campaigns beside each other.
+
+    Attributes
+    ----------
+    table
+        The rows of `comparison.csv`.
+    text
+        What to print.
+    """
+
+    table: pl.DataFrame
+    text: str
 
 
 def number_text(row: Mapping[str, Any], name: str) -> str:
@@ -362,7 +394,9 @@ def both_summaries(folders: Sequence[Path]) -> list[dict[str, Any]]:
     return [a, b]
 
 
-def compare_campaigns(folders: Sequence[Path], output: Path, margin: float | None = None) -> str:
+def compare_campaigns(
+    folders: Sequence[Path], output: Path, margin: float | None = None
+) -> Comparison:
     """Compare the results of two campaigns.
 
     Parameters
@@ -376,8 +410,7 @@ def compare_campaigns(folders: Sequence[Path], output: Path, margin: float | Non
 
     Returns
     -------
-    str
-        What to print.
+    Comparison
 
     Raises
     ------
@@ -406,14 +439,14 @@ def compare_campaigns(folders: Sequence[Path], output: Path, margin: float | Non
         )
     cells = [compared_cells(row, a, b) for row in table.iter_rows(named=True)]
     rows = aligned([list(cells[0]), *(list(row.values()) for row in cells)])
-    lines = [verdicts_in_words(table), *remarks_on(a, b, tables), "", rows]
+    lines = [rows, "", *verdicts_in_words(table), *remarks_on(a, b, tables)]
     of_campaigns = {"A": a, "B": b}
     for name, summary in of_campaigns.items():
-        lines += [f"{name}: {finding['line']}" for finding in summary.get("findings", ())]
+        lines += [f"{name}: {line}" for line in findings_lines(summary.get("findings", ()))]
     for name, summary in of_campaigns.items():
         lines += [f"{name}: {line}" for line in missing_lines(summary, reasons=True)]
-    lines += [f"wrote {path}" for path in paths.values()]
-    return "\n".join(lines)
+    lines.append(f"wrote {', '.join(str(path) for path in paths.values())}")
+    return Comparison(table, "\n".join(lines))
 
 
 def units_of(comparison: pl.DataFrame) -> list[str]:

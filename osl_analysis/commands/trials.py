@@ -2,6 +2,7 @@
 examined while they are in memory; and what files of any laboratory hold. Texts from files are
 untrusted: they are escaped when they are printed."""
 
+import json
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -77,6 +78,25 @@ def ingest_and_check(
     )
 
 
+def raw_trial(recording: Path, source: Path, experiment: str) -> Trial:
+    """The trial of one raw recording by its source file, as a campaign would ingest it.
+
+    Raises
+    ------
+    InputError
+        As `checked_trial`, or the source file does not end with .yaml.
+    """
+    if source.suffix != ".yaml":
+        raise InputError(f"{source}: a source file is YAML; give one whose name ends with .yaml")
+    row = {
+        "trial": recording.stem,
+        "experiment": experiment,
+        "log": recording.name,
+        "log_source": source.stem,
+    }
+    return checked_trial(row, recording.parent, source.parent)
+
+
 def inspect_file(path: Path) -> Overview:
     """List what a recording holds. Raises InputError, which names the file."""
     raw_files.check_file(path)
@@ -93,6 +113,27 @@ def overview_text(overview: Overview) -> str:
     lines.append("")
     lines += [f"! {printable(remark)}" for remark in (*overview.remarks, *overview.open)]
     return "\n".join(lines).rstrip()
+
+
+def overview_json(overview: Overview) -> str:
+    """The facts on a file as JSON."""
+    return json.dumps(overview_facts(overview), indent=2, ensure_ascii=False)
+
+
+def overview_facts(overview: Overview) -> dict[str, Any]:
+    """The facts on a file for other programs, rates in Hz."""
+    channels = []
+    for channel in overview.channels:
+        facts: dict[str, Any] = {"kind": channel.kind, **channel.address}
+        facts["unit"] = channel.unit or None
+        facts |= {"samples": channel.count, "rate_hz": channel.rate, "note": channel.note or None}
+        channels.append(facts)
+    return {
+        "format": overview.format,
+        "facts": dict(overview.facts),
+        "channels": channels,
+        "remarks": [*overview.remarks, *overview.open],
+    }
 
 
 def channel_lines(overview: Overview) -> Iterator[str]:
@@ -138,19 +179,32 @@ def is_folder_of_recordings(path: Path) -> bool:
     return path.is_dir() and not formats_of(path)
 
 
-def folder_text(folder: Path) -> str:
-    """What each recording below a folder holds, with remarks, or why it is refused.
-
-    Raises
-    ------
-    InputError
-        There is no recording below the folder.
-    """
+def recordings_below(folder: Path) -> list[Path]:
+    """The recordings below a folder. Raises InputError: there is none."""
     paths = raw_files.recordings_in(folder)
     if not paths:
         endings = ", ".join(raw_files.suffixes())
         raise InputError(f"{folder}: no recordings below it ({endings}); name another folder")
+    return paths
+
+
+def folder_text(folder: Path) -> str:
+    """What each recording below a folder holds, with remarks, or why it is refused; errors as
+    `recordings_below`."""
+    paths = recordings_below(folder)
     return "\n".join(line for path in paths for line in recording_lines(path, folder))
+
+
+def folder_json(folder: Path) -> str:
+    """The same as JSON: by file, the facts on it, or why it is `refused`."""
+    found: dict[str, Any] = {}
+    for path in recordings_below(folder):
+        name = str(path.relative_to(folder))
+        try:
+            found[name] = overview_facts(inspect_file(path))
+        except InputError as error:
+            found[name] = {"refused": str(error)}
+    return json.dumps(found, indent=2, ensure_ascii=False)
 
 
 def recording_lines(path: Path, folder: Path) -> list[str]:

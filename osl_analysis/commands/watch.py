@@ -51,8 +51,8 @@ class FirstLook:
 
     @property
     def title(self) -> str:
-        """The trial, and whether it is to be looked at."""
-        result = "LOOK AT IT" if self.is_refused or self.doubts else "ok"
+        """The trial, and what became of it."""
+        result = "refused" if self.is_refused else "doubtful" if self.doubts else "ok"
         return f"first trial of experiment {self.experiment}, {self.trial}: {result}"
 
     @property

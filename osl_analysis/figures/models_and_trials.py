@@ -201,13 +201,13 @@ def chain_caption(table: pl.DataFrame) -> str:
         " what is expected of it. Bars: 95 % intervals."
     ]
     against = {
-        "command": r"The stiffness gain $K_1$ by the current of the log is held against the"
+        "command": r"The stiffness gain $K_1$ by the current of the log is compared with the"
         " programmed one.",
-        "motor": r"The motor's torque for a current, $k_\tau n_m$, is held against the parameter"
+        "motor": r"The motor's torque for a current, $k_\tau n_m$, is compared with the parameter"
         " file.",
-        "belt": "The belt's stiffness $K_s$ by torque, angle and motor angle is held against the"
+        "belt": "The belt's stiffness $K_s$ by torque, angle and motor angle is compared with the"
         " parameter file.",
-        "rendered": r"The joint's stiffness $\hat{K}$ is held against what the gains that ran"
+        "rendered": r"The joint's stiffness $\hat{K}$ is compared with what the gains that ran"
         " should give.",
     }
     said += [sentence for link, sentence in against.items() if names.has_values(table, link)]

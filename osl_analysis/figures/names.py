@@ -135,7 +135,9 @@ def condition_parts(
     return parts
 
 
-def trial_titles(table: pl.DataFrame, *, is_narrow: bool = False) -> dict[str, str]:
+def trial_titles(
+    table: pl.DataFrame, *, is_narrow: bool = False, written: Callable[[str], str] | None = None
+) -> dict[str, str]:
     """Name trials by their conditions.
 
     Parameters
@@ -144,6 +146,8 @@ def trial_titles(table: pl.DataFrame, *, is_narrow: bool = False) -> dict[str, s
         With `trial`, `controller`, `K_d` and `B_d`, and any number of rows for each trial.
     is_narrow : bool
         The title is for a third of a page: without units, and with the controller below.
+    written : callable, optional
+        How a name from a file is written; as in a figure by default.
 
     Returns
     -------
@@ -156,10 +160,12 @@ def trial_titles(table: pl.DataFrame, *, is_narrow: bool = False) -> dict[str, s
     trials = trials.with_columns(n_alike=pl.len().over(keys))
     titles = {}
     for trial, controller, K_d, B_d, n_alike in trials.iter_rows():
-        parts = condition_parts(controller, K_d, B_d, with_units=not is_narrow)
-        name = drawn_name(trial, 18 if is_narrow else 60)
+        parts = condition_parts(
+            controller, K_d, B_d, with_units=not is_narrow, written=written or drawn_name
+        )
+        name = written(trial) if written else drawn_name(trial, 18 if is_narrow else 60)
         if not parts:
-            titles[trial] = f"Trial {name}"
+            titles[trial] = name if written else f"Trial {name}"
             continue
         if n_alike > 1:
             parts.append(name)
@@ -304,12 +310,46 @@ def doubtful_said(table: pl.DataFrame) -> str:
     # a sound mean response is not counted among the trials
     counted = judged.filter(pl.coalesce(named).is_not_null() | IS_DOUBTFUL)
     of_all = f"{len(doubtful)} of {counted['owner'].n_unique()}"
-    causes: dict[str, None] = {}
-    for cell in doubtful["doubtful"]:
-        causes |= dict.fromkeys(cell.split(BETWEEN))
-    return (
-        f"Doubtful: {of_all} ({listed_text(doubtful['owner'])}), for {as_text(', '.join(causes))}."
-    )
+    by_cause: dict[str, list[str]] = {}
+    for owner, cell in doubtful.select("owner", "doubtful").iter_rows():
+        for cause in cell.split(BETWEEN):
+            by_cause.setdefault(cause, []).append(owner)
+    sentences = [f"Doubtful: {of_all}."]
+    for cause, of_cause in by_cause.items():
+        sentences.append(f"For {as_text(cause)}: {'; '.join(owner_texts(counted, of_cause))}.")
+    return " ".join(sentences)
+
+
+MOST_OWNERS = 6  # trials of one cause that a caption names
+
+
+def owner_texts(judged: pl.DataFrame, owners: Sequence[str]) -> list[str]:
+    """Name some trials, or mean responses, by their conditions in Markdown.
+
+    Parameters
+    ----------
+    judged : DataFrame
+        All of them, with `owner`, and `controller`, `K_d` and `B_d` where these are known.
+    owners : sequence of str
+        Those to name. All of one controller are named together; of more than `MOST_OWNERS` others
+        the first ones, and how many more.
+    """
+    table = completed(judged.with_columns(trial="owner"), ("controller", "K_d", "B_d"))
+    table = table.unique("trial", maintain_order=True)
+    texts = []
+    others = list(owners)
+    for (controller,), rows in table.partition_by(
+        "controller", as_dict=True, maintain_order=True
+    ).items():
+        of_controller = rows["trial"].to_list()
+        if controller is not None and len(rows) > 1 and set(of_controller) <= set(owners):
+            texts.append(f"all {len(rows)} {as_text(controller)}")
+            others = [owner for owner in others if owner not in of_controller]
+    titles = trial_titles(table, written=as_text)
+    texts += [titles[owner] for owner in others[:MOST_OWNERS]]
+    if len(others) > MOST_OWNERS:
+        texts.append(f"{len(others) - MOST_OWNERS} more")
+    return texts
 
 
 # The small line below a figure

@@ -28,10 +28,10 @@ def fig4_caption(table: pl.DataFrame) -> str:
     place = names.as_text(names.place_name(joint, side))
     title = f"{place}, trial" if place else "Trial"
     condition = names.condition_parts(controller, K_d, B_d, written=names.as_text)
-    stated = f": {', '.join(condition)}" if condition else ""
+    which = f"with {', '.join(condition)}" if condition else names.as_text(trial)
     why = f" ({names.as_text(chosen)})" if chosen else ""
     said = [
-        f"{title} {names.as_text(trial)}{stated}{why}.",
+        f"{title} {which}{why}.",
         "(a) Measured angle. (b) Torque: grey as measured, dashed the best fit of K, B and I. (c)"
         " Residual, the measured torque less the modelled.",
     ]

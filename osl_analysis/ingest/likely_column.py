@@ -20,7 +20,7 @@ ANGLE = r"(angle|position|pos|theta|encoder|winkel|hoek)"
 SPEED = r"(velocity|vel|speed|omega|geschwindigkeit|snelheid)"
 EFFORT = r"(torque|moment|tau|effort|drehmoment|koppel)"
 NO_SIGNAL = r"\b(temperature|temp|voltage|battery|supply|humidity|pressure)\b"
-NOISE = "it is noise"
+NOISE = "nothing but noise"
 HELD_COLUMNS = ("current", "torque", "torque_m")  # which stand while an actuator is clamped
 HELD_LEVEL = 5.0  # standard deviations of the noise
 

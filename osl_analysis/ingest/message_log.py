@@ -130,8 +130,8 @@ def check_losses(
         share = share_lost(loss, name)
         if share > source.largest_loss:
             raise InputError(
-                f"damaged or incomplete: {100 * share:.3g} % of topic '{name}' is lost, at most"
-                f" {100 * source.largest_loss:.3g} % may be (largest_loss in the source file):"
+                f"damaged or incomplete: {100 * share:.3g} % of topic '{name}' is lost, more"
+                f" than the {100 * source.largest_loss:.3g} % of `largest_loss` in the source file:"
                 f" {'; '.join(loss.remarks)}; record again"
             )
 

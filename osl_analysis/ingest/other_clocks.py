@@ -226,7 +226,7 @@ def check_rate(
     if is_confirmed or stated:
         return []
     return [
-        f"`rate: {rate:g}` of time is held against nothing: no clock and no rate stand in the"
+        f"`rate: {rate:g}` of time is compared with nothing: no clock and no rate stand in the"
         " file; by one that is 10 % wrong B is 10 % and I 21 % wrong"
     ]
 

@@ -470,9 +470,9 @@ def label_of(row: Mapping[str, Any]) -> str:
     return f"{label} ({row['condition']})" if row["condition"] else label
 
 
-def verdicts_in_words(table: pl.DataFrame) -> str:
-    """The verdicts of `comparison.csv` in a sentence, each with its quantities, and how many
-    quantities have none."""
+def verdicts_in_words(table: pl.DataFrame) -> list[str]:
+    """A line per verdict of `comparison.csv` with its quantities, one on how many have none, and
+    the rule of the means where a fit is doubtful."""
     parts = []
     for verdict in ("equivalent", "different", "undecided"):
         labels = []
@@ -491,7 +491,6 @@ def verdicts_in_words(table: pl.DataFrame) -> str:
         f"without a verdict: {without_verdict} of {len(quantities)} quantities, {in_one_campaign}"
         " of them in one campaign alone."
     )
-    text = "; ".join(parts)
     if any(table.select("n_doubtful_A", "n_doubtful_B").sum().row(0)):
-        text += f" {repeats.RULE_OF_MEANS}"
-    return text
+        parts.append(repeats.RULE_OF_MEANS)
+    return parts

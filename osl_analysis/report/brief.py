@@ -14,6 +14,8 @@ follow where the sheet states one."""
 ESTIMATES_OF_BENCH = {"K": "K_example", "B": "B_example"}
 """The same of one condition, where no K_d is stated."""
 WALKING = {"K": "walking_K", "B": "walking_B"}
+INGEST_ONLY = "ingest_only"
+"""The experiment whose trials are ingested and checked, and not fitted."""
 UNCHECKED = "not checked"
 IN_PART = "doubtful in part"
 MARKS = {"doubtful": "⚠", IN_PART: "⚠", "flagged": "⚠", "remark": "·"}
@@ -37,20 +39,26 @@ def brief_lines(summary: Mapping[str, Any]) -> list[str]:
         At most ten lines of at most 100 signs: trials that are clear, doubtful and left out; K and
         B with intervals; each finding with its size in the worst trial and what to do.
     """
-    findings = summary.get("findings", ())
-    marked = [finding for finding in findings if finding["verdict"] in MARKS]
-    unchecked = [finding for finding in findings if finding["verdict"] == UNCHECKED]
     lines = [trials_line(summary), *numbers_lines(summary["numbers"])]
-    lines += [finding_line(finding) for finding in marked[:MOST_FINDINGS]]
-    if len(marked) > MOST_FINDINGS:
-        lines.append(f"⚠ and {len(marked) - MOST_FINDINGS} more, which the page lists")
-    if unchecked:
-        lines.append(unchecked_line(unchecked))
+    lines += findings_lines(summary.get("findings", ()))
     return [shortened(line) for line in lines]
 
 
+def findings_lines(findings: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    """A line for each of the first findings, and one for all that could not be checked."""
+    marked = [finding for finding in findings if finding["verdict"] in MARKS]
+    unchecked = [finding for finding in findings if finding["verdict"] == UNCHECKED]
+    for finding in marked[:MOST_FINDINGS]:
+        yield finding_line(finding)
+    if len(marked) > MOST_FINDINGS:
+        yield f"⚠ and {len(marked) - MOST_FINDINGS} more, which the page lists"
+    if unchecked:
+        yield unchecked_line(unchecked)
+
+
 def trials_line(summary: Mapping[str, Any]) -> str:
-    """How many trials are clear, doubtful, doubtful in part, flagged, and left out."""
+    """How many trials are clear, doubtful, doubtful in part, flagged, left out, and ingested
+    without being judged."""
     by_verdict: dict[str, set[str]] = {"doubtful": set(), IN_PART: set(), "flagged": set()}
     for finding in summary.get("findings", ()):
         if finding["verdict"] in by_verdict and finding.get("table") != OF_GROUPS:
@@ -62,13 +70,20 @@ def trials_line(summary: Mapping[str, Any]) -> str:
         not_clear |= trials
         if further:
             parts.append(f"{len(further)} {verdict}")
-    experiments = summary.get("trials", {}).values()
-    number = sum(counts["of"] for counts in experiments)
-    left_out = sum(len(counts["missing"]) for counts in experiments)
+    number = left_out = ingested = 0
+    for experiment, counts in summary.get("trials", {}).items():
+        number += counts["of"]
+        left_out += len(counts["missing"])
+        if experiment == INGEST_ONLY:
+            ingested += counts["used"]
     if left_out:
         parts.append(f"{left_out} refused or excluded")
-    clear = number - left_out - len(not_clear)
-    return f"{number} trials: {', '.join([f'{clear} clear', *parts])}"
+    if ingested:
+        parts.append(f"{ingested} ingested and not judged")
+    clear = number - left_out - ingested - len(not_clear)
+    if clear or ingested + left_out < number:
+        parts.insert(0, f"{clear} clear")
+    return f"{number} trial{'s' if number != 1 else ''}: {', '.join(parts)}"
 
 
 def numbers_lines(numbers: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
@@ -90,7 +105,8 @@ def numbers_lines(numbers: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
 def numbers_line(
     what: str, names: Mapping[str, str], numbers: Mapping[str, Mapping[str, Any]]
 ) -> str:
-    """Some headline numbers with their intervals; `names` has their keys by symbol."""
+    """Some headline numbers with their intervals; `names` has their keys by symbol. The kind of the
+    intervals is left out where the line would be too long."""
     parts = []
     kinds: set[str] = set()  # of the intervals
     for symbol, name in names.items():
@@ -102,7 +118,9 @@ def numbers_line(
             part += f" ({written.interval})"
             kinds.add("by trial" if numbers[name]["interval"] == RANGE else "95 %")
         parts.append(part)
-    return f"{what}: {', '.join(parts)} {' and '.join(sorted(kinds))}".rstrip()
+    line = f"{what}: {', '.join(parts)}"
+    with_kind = f"{line} {' and '.join(sorted(kinds))}".rstrip()
+    return with_kind if len(with_kind) <= WIDTH else line
 
 
 def finding_line(finding: Mapping[str, Any]) -> str:

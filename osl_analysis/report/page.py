@@ -29,11 +29,11 @@ from osl_analysis.judge.finding import ESTIMATES, Grade
 from osl_analysis.judge.words import WORDS, printed, without_names
 from osl_analysis.report import TEMPLATES
 from osl_analysis.report.headlines import first_sentences, hold_bench_errors, number_texts
+from osl_analysis.report.methods import response_text
 from osl_analysis.report.trial_page import (
     STATES,
     ReportedTrial,
     full_numbers,
-    response_text,
     value_and_interval,
 )
 from osl_analysis.stats.repeats import (
@@ -318,7 +318,7 @@ def assumed_said(states: pl.DataFrame) -> str:
     rows = states.filter(state="assumed")
     has_none = any(states["state"].eq("none") & states["setting"].eq("parameters"))
     without = (
-        "Without a parameter file nothing is held against a device's gains or belt." * has_none
+        "Without a parameter file nothing is compared with a device's gains or belt." * has_none
     )
     said = [
         WORDS["settings"]

@@ -2,26 +2,24 @@
 campaign."""
 
 import math
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
 
-import numpy as np
 import polars as pl
 
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import apparent_inertia, described_tables_by_name
 from osl_analysis.judge.campaign import QUALITY, Entry
+from osl_analysis.judge.causes import TABLE
 from osl_analysis.judge.exclusions import exclusion_text
 from osl_analysis.judge.finding import Beyond, Grade
 from osl_analysis.judge.limits import NOT_APPLICABLE
 from osl_analysis.judge.words import WORDS, Words, printed, sentence_of
 from osl_analysis.report.decimal_places import digits_of, fixed
 from osl_analysis.report.panels import Pictures
-from osl_analysis.stats.repeats import sizes_said
-from osl_analysis.trial import Array
 
 NO_VALUE = "–"
 VERDICTS = ("clear", "doubtful in part", "flagged", "doubtful", "excluded", "refused")
@@ -36,10 +34,17 @@ STATES = {
 """The verdict that follows from a doubt, by its subject; the worst first."""
 
 
+CHECKED: Mapping[str, Mapping[str, Any]] = TABLE["checks"]
+NOT_ANALYSED = "recording that could not be analysed"
+UNLIKE_OTHERS = "crossing unlike the others under its conditions"
+FOR_WANT_OF_ANOTHER = "for want of a trial that it is fitted with"
+
+
 class LeftOut(NamedTuple):
     """Why a trial has no result."""
 
     by_job: bool  # whether a job refused or failed; else it was excluded
+    cause: str  # of the first reason, in a few words, as trials are counted by
     reasons: list[str]
 
 
@@ -64,25 +69,38 @@ def left_out_trials(
     """
     left_out: dict[str, LeftOut] = {}
 
-    def add(trial: str, by_job: bool, reason: str) -> None:
-        reasons = left_out.setdefault(trial, LeftOut(by_job, [])).reasons
+    def add(trial: str, by_job: bool, cause: str, reason: str) -> None:
+        reasons = left_out.setdefault(trial, LeftOut(by_job, cause, [])).reasons
         if reason not in reasons:
             reasons.append(reason)
 
     for row in excluded.iter_rows(named=True):
         # outcomes of a job, which are no checks
         by_job = row["check"] in ("refused", "failed")
-        add(row["trial"], by_job, row["remark"] if by_job else exclusion_text(row))
+        reason = row["remark"] if by_job else exclusion_text(row)
+        add(row["trial"], by_job, exclusion_cause(row), reason)
     of_table = set(left_out)
     for trial, reason in refused.items():
         if trial not in of_table:
-            add(trial, True, reason)
+            add(trial, True, NOT_ANALYSED, reason)
+    crossings = tables.get("walking_crossings", pl.DataFrame(schema=["trial", "status"]))
+    outliers = crossings.filter(pl.col("status") == "outlier")["trial"].to_list()
     for table, column in (("walking", "excluded"), ("walking_excluded", "reason")):
-        crossings = tables.get(table, pl.DataFrame(schema=["trial", column]))
-        for trial, reason in crossings.select("trial", column).rows():
+        not_used = tables.get(table, pl.DataFrame(schema=["trial", column]))
+        for trial, reason in not_used.select("trial", column).rows():
             if reason:
-                add(trial, False, reason)
+                cause = UNLIKE_OTHERS if trial in outliers else NOT_ANALYSED
+                add(trial, False, cause, reason)
     return left_out
+
+
+def exclusion_cause(row: Mapping[str, Any]) -> str:
+    """Why a trial is not used, in a few words, by a row of `excluded.csv`: what the sheet says, or
+    the cause that its check tells."""
+    if row["check"] == "sample sheet":
+        return str(row["remark"])
+    told = CHECKED.get(row["check"])
+    return str(told["cause"]) if told else NOT_ANALYSED
 
 
 @dataclass(frozen=True)
@@ -196,6 +214,8 @@ class ReportedTrial:
         Where its columns come from.
     left_out
         Why it has no result, or is excluded.
+    left_out_for
+        The cause of the first of these reasons, in a few words.
     refused
         Whether it is missing because a job refused or failed.
     """
@@ -207,6 +227,7 @@ class ReportedTrial:
     quality: pl.DataFrame | None = None
     provenance: Mapping[str, Any] = field(default_factory=dict)
     left_out: Sequence[str] = ()
+    left_out_for: str = ""
     refused: bool = False
     pictures: Pictures = field(default_factory=lambda: Pictures([], {}))
 
@@ -484,224 +505,6 @@ def trials_content(trials: Sequence[ReportedTrial]) -> dict[str, Any]:
         "left_out": left_out,
         "experiments": {name: facts.description for name, facts in EXPERIMENTS.items()},
     }
-
-
-VALUES_OF_METHODS = (
-    "excitation",
-    "commanded_deg",
-    "frequency_hz",
-    "band_low_hz",
-    "band_high_hz",
-    "controller",
-    "group",
-    "plate_inertia",
-    "K_d",
-    "B_d",
-    "B_viscous",
-    "direction",
-    "onset_phase",
-    "interval_method",
-    "theta_rms_deg",
-    "fitted_s",
-    "n_up",
-    "n_down",
-)
-"""Columns of result tables whose values the methods tell."""
-
-
-def methods_content(
-    config: Mapping[str, Any], tables: Mapping[str, pl.DataFrame], trials: Sequence[ReportedTrial]
-) -> dict[str, Any]:
-    """Gather the content of `methods.html.j2`.
-
-    Parameters
-    ----------
-    config : Mapping
-        The settings of the analysis.
-    tables : Mapping of str to polars.DataFrame
-        Result tables, by name.
-    trials : Sequence of ReportedTrial
-
-    Returns
-    -------
-    dict
-        `config`; the values of `tables`; facts on the recordings (`recorded`); by kind of motion
-        the number of impedance trials and values of their fits to all amplitudes (`motions`);
-        numbers of perturbations by `ways`; and which `response` is fitted while walking.
-    """
-    groups = tables.get("walking_groups", pl.DataFrame())
-    ways = {}
-    for way in ("up", "down"):
-        ways[way] = groups.get_column(f"n_{way}", default=pl.Series([0])).sum()
-    return {
-        "config": config,
-        "tables": values_of_tables(tables),
-        "recorded": recorded_of(trials),
-        "motions": motions_of(tables),
-        "ways": ways,
-        "response": response_text(groups),
-    }
-
-
-ValuesOfTables = defaultdict[str, defaultdict[str, list[Any]]]
-"""Values by table and column; empty where there are none, as the template asks for any."""
-
-
-def values_of_tables(tables: Mapping[str, pl.DataFrame]) -> ValuesOfTables:
-    """The values of `VALUES_OF_METHODS`, each once, upwards."""
-    values: ValuesOfTables = defaultdict(lambda: defaultdict(list))
-    for name, table in tables.items():
-        for column in VALUES_OF_METHODS:
-            if column in table.columns and len(table):
-                values[name][column] = table[column].drop_nulls().unique().sort().to_list()
-    if "impedance" in tables:
-        amplitudes = [f"{size:g}" for size in values["impedance"]["commanded_deg"]]
-        # where nobody stated what was commanded, all that moved, without a fit of its own too
-        if not amplitudes:
-            sines = tables.get("phasors", tables["impedance"])
-            amplitudes = sizes_said(sines["amplitude_deg"].cast(pl.Float64))
-        values["impedance"]["commanded_deg"] = amplitudes
-    frequencies = values["phasors"]["frequency_hz"]
-    if frequencies:
-        rounded = pl.Series(frequencies).round_sig_figs(3)
-        values["phasors"]["frequency_hz"] = rounded.unique().sort().to_list()
-    return values
-
-
-def motions_of(tables: Mapping[str, pl.DataFrame]) -> list[dict[str, Any]]:
-    """By kind of motion, the number `n` of impedance trials, and their band, angle and time."""
-    impedance = tables.get("impedance", pl.DataFrame(schema=["amplitude_deg", "excitation"]))
-    whole = impedance.filter(pl.col("amplitude_deg").is_null())
-    motions = []
-    for rows in whole.partition_by("excitation", maintain_order=True):
-        motion: dict[str, Any] = {"kind": rows["excitation"][0], "n": len(rows)}
-        for column in ("band_low_hz", "band_high_hz", "theta_rms_deg", "fitted_s"):
-            motion[column] = []
-            if column in rows.columns:
-                motion[column] = rows[column].drop_nulls().to_list()
-        motions.append(motion)
-    return motions
-
-
-@dataclass
-class RecordedFacts:
-    """Facts on the recordings of one experiment, which grow trial by trial.
-
-    Attributes
-    ----------
-    n, used, perturbed, perturbed_used
-        Numbers of trials.
-    rates
-        Lowest rate of each trial [Hz].
-    streams
-        Rates of each group of signals that was recorded apart [Hz].
-    grids
-        Rates of the grids to which these were brought [Hz].
-    files
-        Endings of the files' names.
-    plates
-        Rates of force plates [Hz].
-    turns
-        Size [deg] and rise time [ms] of each turn of the platform.
-    """
-
-    n: int = 0
-    used: int = 0
-    perturbed: int = 0
-    perturbed_used: int = 0
-    rates: list[float] = field(default_factory=list)
-    streams: dict[str, list[float]] = field(default_factory=dict)
-    grids: list[float] = field(default_factory=list)
-    files: list[str] = field(default_factory=list)
-    plates: list[float] = field(default_factory=list)
-    turns: list[tuple[float, float]] = field(default_factory=list)
-
-    def add(self, trial: ReportedTrial) -> None:
-        is_used = not trial.left_out
-        is_perturbed = bool(trial.row.get("perturbed"))
-        self.n += 1
-        self.used += is_used
-        self.perturbed += is_perturbed
-        self.perturbed_used += is_perturbed and is_used
-        if "timebase" in trial.tables:
-            self.add_time_base(trial.tables["timebase"])
-        if trial.quality is not None:
-            for check, value in trial.quality.select("check", "value").iter_rows():
-                if check == "rate" and value is not None:
-                    self.rates.append(value)
-        for file in trial.provenance.get("files", {}).values():
-            self.files.append(str(file["path"]).rpartition(".")[2].upper())
-        frames = trial.provenance.get("mocap") or {}
-        if trial.provenance.get("plates") and frames.get("samples_per_frame"):
-            self.plates.append(frames["frame_rate_hz"] * frames["samples_per_frame"])
-        crossing = trial.pictures.tables.get("crossing", pl.DataFrame())
-        if is_perturbed and is_used and "platform_deg" in crossing.columns:
-            self.turns.append(turn_of(crossing))
-
-    def add_time_base(self, time_base: pl.DataFrame) -> None:
-        for signals, rate_hz in time_base.select("signals", "rate_hz").iter_rows():
-            if signals is not None and rate_hz is not None:
-                self.streams.setdefault(signals, []).append(rate_hz)
-        self.grids += time_base["grid_rate_hz"].drop_nulls().to_list()
-
-    def rounded(self) -> "RecordedFacts":
-        """The facts with all rates to three digits, which of all at once takes less time."""
-        streams = {signals: three_digits(rates) for signals, rates in self.streams.items()}
-        return replace(
-            self, rates=three_digits(self.rates), grids=three_digits(self.grids), streams=streams
-        )
-
-
-def three_digits(values: Sequence[float]) -> list[float]:
-    """The values, rounded to three digits."""
-    return pl.Series(values, dtype=pl.Float64).round_sig_figs(3).to_list()
-
-
-def recorded_of(trials: Sequence[ReportedTrial]) -> dict[str, dict[str, Any]]:
-    """`RecordedFacts` by experiment, as the template reads them."""
-    by_experiment: dict[str, RecordedFacts] = {}
-    for trial in trials:
-        by_experiment.setdefault(trial.row["experiment"], RecordedFacts()).add(trial)
-    return {
-        experiment: asdict(recorded.rounded()) for experiment, recorded in by_experiment.items()
-    }
-
-
-def response_text(groups: pl.DataFrame) -> str:
-    """A text on which response is fitted in the `walking_groups`."""
-    mean, half_difference = "the mean response", "half the difference of both directions"
-    if not {"n_up", "n_down"} <= set(groups.columns):
-        return mean
-    has_both = groups.select((pl.col("n_up") > 0) & (pl.col("n_down") > 0)).to_series()
-    if has_both.all():
-        return half_difference if has_both.any() else ""
-    return f"{mean} or {half_difference}" if has_both.any() else mean
-
-
-REST_SHARE = 0.9  # of the largest angle: the platform has turned
-RISE = (0.1, 0.9)  # shares of a turn, between which its rise time lies
-
-
-def turn_of(crossing: pl.DataFrame) -> tuple[float, float]:
-    """Size [deg] of the platform's turn in a perturbed crossing, and its rise time [ms] from 10 to
-    90 %."""
-    time = crossing["time"].to_numpy()
-    angle = crossing["platform_deg"].fill_nan(None).fill_null(0.0).abs().to_numpy()
-    size = float(np.median(angle[angle >= REST_SHARE * angle.max()]))  # beside the noise of markers
-    begin, end = RISE
-    after_rise = int(np.argmax(angle > end * size))
-    before_rise = np.flatnonzero(angle[:after_rise] < begin * size)
-    last_before = int(before_rise[-1]) if len(before_rise) else 0
-    # between two samples, of which a turn of 50 ms may have ten
-    begins_s = time_between(angle, time, last_before, begin * size)
-    ends_s = time_between(angle, time, after_rise - 1, end * size)
-    return size, 1e3 * (ends_s - begins_s)
-
-
-def time_between(angle: Array, time: Array, sample: int, value: float) -> float:
-    """When an angle passes a value between a sample and the next one [s]."""
-    both = slice(sample, sample + 2)
-    return float(np.interp(value, angle[both], time[both]))
 
 
 def trial_row(trial: ReportedTrial, differing: Collection[str]) -> dict[str, Any]:

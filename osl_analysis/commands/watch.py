@@ -299,7 +299,7 @@ def estimates_said(estimates: Mapping[str, Any]) -> Iterator[str]:
     for name in compared_in(estimates):
         high = estimates.get(f"{name}_high")
         half = "" if high is None else f" ± {high - estimates[name]:.2g}"
-        yield f"{name} {estimates[name]:.4g}{half} {fits.UNIT_OF.get(name, '')}".rstrip()
+        yield f"{name} {estimates[name]:.4g}{half} {fits.printed_units().get(name, '')}".rstrip()
 
 
 def comparable(

@@ -38,8 +38,8 @@ from osl_analysis.errors import InputError
 from osl_analysis.model.drivetrain import read_parameters
 from osl_analysis.report.decimal_places import Bounds, decimals
 from osl_analysis.signals import differentiate
-from osl_analysis.stats.regression import estimates_row
 from osl_analysis.stats.repeats import over_repeats, summary_row
+from osl_analysis.stats.table_rows import estimates_row
 from osl_analysis.trial import Trial
 from osl_analysis.yaml_settings import parsed_yaml
 

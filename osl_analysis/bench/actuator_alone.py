@@ -18,13 +18,8 @@ from osl_analysis.bench.row_groups import Groups, Stratum, stretches_of
 from osl_analysis.errors import InputError, naming
 from osl_analysis.signals import Motion, differentiate, runs
 from osl_analysis.signals.grid import UniformSignals, uniform_signals
-from osl_analysis.stats.regression import (
-    INTERVAL_ENDS,
-    Row,
-    covariance_row,
-    estimates_row,
-    without,
-)
+from osl_analysis.stats.regression import without
+from osl_analysis.stats.table_rows import INTERVAL_ENDS, Row, covariance_row, estimates_row
 from osl_analysis.trial import Array, Trial
 
 ACTUATOR_PARAMETERS = ("k_tau_n_m", "f_C", "f_G", "B_m", "J_m")

@@ -12,6 +12,8 @@ arguments, but for these (`osl_analysis/outcomes/perform.py`):
 * `sizes`, `made_by`, `excluded`: params. Snakemake compares the first, every rule has the second,
   and the trials of the third are taken out of the inputs.
 
+A param is a value, or a function of `wildcards`: Snakemake does not compare a function of `input`.
+
 A recording that the function refuses leaves a table of reasons in place of each output. The longest
 jobs, and those before them, have a `priority`: at the end no core waits for them alone.
 """
@@ -95,7 +97,11 @@ PLACES = CAMPAIGN.places
 ABOUT = about(CAMPAIGN, SIMULATION_FILES)
 """Where the results come from, as figures and page say."""
 MADE_BY = made_by(CAMPAIGN)
-"""Version and sources of the package. All rules have it as a param: a change makes all again."""
+"""Version and sources of the package. All rules have it as a param: a change makes all again.
+
+A digest for each rule would have to follow its imports, which reach most packages. While you work,
+`snakemake --rerun-triggers mtime` leaves it out, and with it changed settings, which are params too.
+"""
 PARAMETERS = CONFIG.parameters or []
 TRAJECTORY = [CONFIG.impedance_trajectory] if CONFIG.impedance_trajectory else []
 UNNAMED = unnamed_recordings(CAMPAIGN)

@@ -1,5 +1,5 @@
-"""A new experiment: a toy of one file of its own and five entries goes through all of a copy of the
-project."""
+"""The five examples of CONTRIBUTING.md, which stand as patches in tests/changes: a rule, a fit, a
+format, a figure and a finding, applied together to a copy of the project."""
 
 import json
 import os
@@ -12,161 +12,139 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
+from bench_synthetic import unit_block
 from conftest import ROOT
 
-FIT = '''"""A joint that holds still under load: the mean torque."""
+from osl_analysis.spectral.stepped_sine import SteppedSineProtocol
 
-import polars as pl
-
-from osl_analysis.bench.bench_settings import FilterSettings
-from osl_analysis.trial import Trial
-
-
-def holding_table(trial: Trial, settings: FilterSettings) -> pl.DataFrame:
-    """One row of `holding.csv`: mean filtered torque [N*m]."""
-    time, _, torque = trial.signals("theta", "torque")
-    filtered = settings.low_pass(torque, 1 / (time[1] - time[0]))
-    return pl.DataFrame([{"trial": trial.name, "mean_torque": float(filtered.mean())}])
-'''
-ADDITIONS = {
-    "osl_analysis/config/experiments.py": (
-        '    "static": Experiment(',
-        """    "holding": on_dynamometer(
-        "a joint that holds still under load",
-        tables=(ResultTable("holding", derived={"holding_summary": "bench.summarise_holding"}),),
-        fit=FitJob("bench.fit_holding_trial", {"settings": ("dynamometer", "FilterSettings")}),
-    ),
-""",
-    ),
-    "osl_analysis/commands/bench.py": (
-        "def fit_belt_trial(",
-        """from osl_analysis.bench.holding import holding_table
-from osl_analysis.bench.bench_settings import FilterSettings
-
-
-def fit_holding_trial(trial: Trial, settings: FilterSettings) -> Mapping[str, pl.DataFrame]:
-    return {"holding": holding_table(trial, settings)}
-
-
-def summarise_holding(table: Path, output: Path) -> None:
-    write_table(read_table(table).select(pl.col("mean_torque").mean()), output)
-
-
-""",
-    ),
-    "rules/bench.smk": (
-        "rule fit_belt:",
-        """rule fit_holding:
-    input:
-        trial="<results>/trials/{trial}.parquet",
-    output:
-        holding="<results>/fits/holding/{trial}.csv",
-    params:
-        settings=CONFIG.dynamometer.part("FilterSettings"),
-        made_by=MADE_BY,
-    log:
-        "<logs>/holding/{trial}.log",
-    run:
-        job("bench.fit_holding_trial", input, output, params, log)
-
-
-""",
-    ),
-    "config/config.yaml": ("  belt:    ", "  holding: {above: {mean_torque: 5}}\n"),
-    "osl_analysis/dictionary/bench.yaml": (
-        "tables/belt:",
-        """tables/holding:
-  rows: one per holding trial
-  columns:
-    trial:
-    mean_torque: N*m | mean torque
-    doubtful:
-
-""",
-    ),
-}
-TORQUES = {"holding_1": 2.0, "holding_2": 6.0}
-OURS = (
-    "{campaign: holding, raw_data: ., sheet: trials.csv, simulation: null, impedance_trajectory:"
-    " null}"
-)
+CHANGES = sorted((ROOT / "tests/changes").glob("*.patch"))
+PARTS = ("Snakefile", "osl_analysis", "snakemake_logger_plugin_osl", "rules", "profiles", "config")
+DAMPING = {"damper_1": 3.0, "damper_2": 6.0}  # N*m*s/rad, by trial
+RATE, AMPLITUDE = 500, np.deg2rad(4)
+PROTOCOL = {"amplitudes_deg": [4], "frequencies_hz": [1, 2], "cycles": 4}
+OURS = f"""campaign: dampers
+raw_data: logs
+sheet: logs/trials.csv
+sources: logs
+simulation: null
+impedance_trajectory: null
+dynamometer: {json.dumps(PROTOCOL)}
+doubtful: {{damper: {{above: {{B_v: 5}}}}}}
+"""
+SOURCE = """format: xyz
+clock: master
+channels:
+  theta: {column: angle}
+  torque: {column: torque}
+  current: {column: current}
+"""
 
 
 @pytest.fixture(scope="module")
 def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A copy of the project with the toy experiment, and a campaign of two of its trials, as CSV
-    logs of 2 s."""
+    """A copy of the project with the examples, and two trials of a damper in the new format."""
     folder = tmp_path_factory.mktemp("project")
-    shutil.copy(ROOT / "Snakefile", folder)
-    for part in ("osl_analysis", "snakemake_logger_plugin_osl", "rules", "profiles", "config"):
+    for part in PARTS:
         # with the compiled modules, which the same dates keep valid, and not those that another
         # process just writes
-        shutil.copytree(ROOT / part, folder / part, ignore=shutil.ignore_patterns("*.pyc.*"))
-    (folder / "osl_analysis/bench/holding.py").write_text(FIT)
-    for name, (place, text) in ADDITIONS.items():
-        before = (folder / name).read_text()
-        assert before.count(place) == 1
-        (folder / name).write_text(before.replace(place, text + place))
-    time, noise = np.arange(1000) / 500, np.random.default_rng(1).standard_normal((2, 1000))
-    rows = ["trial,experiment,log,log_source"]
-    for name, torque in TORQUES.items():
-        columns = {
-            "time [s]": time,
-            "joint angle [deg]": 1e-3 * noise[0],
-            "actuator angle [deg]": 1e-3 * noise[0],
-        }
-        columns |= {
-            "load cell torque [N*m]": -torque + 0.01 * noise[1],
-            "motor current [A]": noise[1],
-        }
-        pl.DataFrame(columns).write_csv(folder / f"{name}.csv")
-        rows.append(f"{name},holding,{name}.csv,bench_csv")
-    (folder / "trials.csv").write_text("\n".join(rows) + "\n")
+        ignored = shutil.ignore_patterns("*.pyc.*")
+        if (ROOT / part).is_dir():
+            shutil.copytree(ROOT / part, folder / part, ignore=ignored)
+        else:
+            shutil.copy(ROOT / part, folder)
+    for change in CHANGES:
+        for name in re.findall(r"^--- a/((?:docs|tests)/.+)", change.read_text(), re.MULTILINE):
+            (folder / name).parent.mkdir(exist_ok=True)
+            shutil.copy(ROOT / name, folder / name)
+        applied = subprocess.run(
+            ["git", "apply", str(change)], cwd=folder, text=True, capture_output=True
+        )
+        assert applied.returncode == 0, f"write {change.name} anew: {applied.stderr}"
+
+    protocol = SteppedSineProtocol((AMPLITUDE,), tuple(PROTOCOL["frequencies_hz"]), 4)
+    rest = np.zeros(RATE)
+    angle = np.concatenate([rest, AMPLITUDE * unit_block(protocol, RATE), rest])
+    velocity = np.gradient(angle, 1 / RATE)
+    noise = np.random.default_rng(1).standard_normal(angle.size)
+    logs = folder / "logs"
+    logs.mkdir()
+    for trial, damping in DAMPING.items():
+        columns = [np.rad2deg(angle), damping * velocity + 0.01 * noise, np.full(angle.size, 2.0)]
+        columns[2] += 0.1 * noise
+        np.savetxt(
+            logs / f"{trial}.xyz",
+            np.column_stack(columns),
+            header=f"XYZ 1 rate={RATE} columns=angle[deg],torque[N*m],current[A]",
+            comments="",
+        )
+    rows = [f"{trial},damper,{trial}.xyz,bench_xyz,knee" for trial in DAMPING]
+    (logs / "trials.csv").write_text(
+        "\n".join(["trial,experiment,log,log_source,joint", *rows, ""])
+    )
+    (logs / "bench_xyz.yaml").write_text(SOURCE)
     (folder / "config.yaml").write_text(OURS)
     return folder
 
 
-def python(project: Path, *arguments: str) -> str:
-    """What a Python of the copy says."""
-    environment, command = os.environ | {"PYTHONPATH": str(project)}, [sys.executable, *arguments]
-    return subprocess.run(
-        command, cwd=project, env=environment, stdout=subprocess.PIPE, text=True, check=True
-    ).stdout
-
-
-DOORS = """
+IN_COPY = """
 import json
+from contextlib import suppress
 from pathlib import Path
+import polars as pl
+import snakemake.cli
 from click.testing import CliRunner
-from osl_analysis.cli import main
-from osl_analysis.commands.watch import WatchedBench, first_look, recording_line
-from osl_analysis.notebook import asked, fit_trial
 
-trial, ours = "results/trials/holding_2.parquet", Path("config.yaml")
-bench = WatchedBench(ours, None, Path())
-command = ["fit", trial, "--model", "holding", "--config", "config.yaml"]
-fit = [CliRunner().invoke(main, [*command, *more]).output for more in ([], ["--json"])]
-watched = recording_line(Path("holding_2.csv"), Path(), bench)[0]
-fitted = fit_trial(*asked("holding", trial, ours, None))
-print(json.dumps([*[look.text for look in first_look(Path())], *fit, watched, repr(fitted)]))
+targets = ["results/tables/damper.csv", "results/tables/heating.csv"]
+with suppress(SystemExit):
+    snakemake.cli.main([*targets, "--configfile", "config.yaml", "--cores", "1"])
+
+from osl_analysis.cli import main
+from osl_analysis.commands.watch import WatchedBench, recording_line
+from osl_analysis.figures import drawing_of
+from osl_analysis.judge.finding import Limits
+from osl_analysis.judge.judging import judged
+from osl_analysis.judge.words import finding_text
+from osl_analysis.notebook import asked, fit_trial
+from osl_analysis.table import read_table
+
+logs = Path("logs")
+trial, ours = "results/trials/damper_2.parquet", Path("config.yaml")
+command = ["fit", trial, "--model", "damper", "--config", "config.yaml"]
+vaf = drawing_of("vaf_over_amplitude")
+(ax,) = vaf.draw(vaf.points(read_table("tests/figure_tables/impedance.csv"))).axes
+belt = {"trial": "belt_1", "preload": 3.0}
+((finding,),) = judged(pl.DataFrame([belt]), Limits(above={"preload": 2.0}), "belt")
+answers = {
+    "command": CliRunner().invoke(main, command).output,
+    "watch": recording_line(logs / "damper_2.xyz", logs, WatchedBench(ours, None, logs))[0],
+    "notebook": repr(fit_trial(*asked("damper", trial, ours, None))),
+    "figure": ax.get_ylabel(),
+    "finding": finding_text(finding, belt),
+}
+Path("answers.json").write_text(json.dumps(answers))
 """
 
 
-def test_sheet_rules_tables_quality_control_and_every_door_know_it(project: Path):
-    made = ("results/tables/holding_summary.csv", "results/tables/quality.csv")
-    python(project, "-m", "snakemake", *made, "--configfile", "config.yaml")
-    table = pl.read_csv(project / "results/tables/holding.csv")
-    assert table["mean_torque"].to_list() == pytest.approx(list(TORQUES.values()), abs=0.01)
-    assert table["doubtful"].fill_null("").to_list() == ["", "mean_torque"]
-    assert pl.read_csv(project / made[0])["mean_torque"].item() == pytest.approx(4, abs=0.01)
-    checks = pl.read_csv(project / made[1]).filter(pl.col("check") == "saturation")
-    assert (checks["value"].null_count(), set(checks["trial"])) == (0, set(TORQUES))
-    row = table.row(-1, named=True)
-    first, text, as_json, *others = json.loads(python(project, "-c", DOORS))
-    assert re.search(rf"holding_1: ok\n.*\n +mean_torque +{table['mean_torque'][0]:.5g}", first), (
-        first
-    )
-    assert json.loads(as_json)[0]["mean_torque"] == row["mean_torque"]
-    for said in (text, *others):
-        assert re.search(rf"mean_torque +{row['mean_torque']:.4g}", said), said
-        assert row["doubtful"] in said
+def test_a_rule_a_fit_a_format_a_figure_and_a_finding_are_known_wherever_they_are_asked_for(
+    project: Path,
+) -> None:
+    environment = os.environ | {"PYTHONPATH": str(project)}
+    shutil.copytree(ROOT / "tests/figure_tables", project / "tests/figure_tables")
+
+    done = subprocess.run(
+        [sys.executable, "-c", IN_COPY],
+        cwd=project, env=environment, text=True, capture_output=True,
+    )  # fmt: skip
+    assert (project / "answers.json").is_file(), done.stdout + done.stderr
+    answers = json.loads((project / "answers.json").read_text())
+    damper = pl.read_csv(project / "results/tables/damper.csv").filter(scope="all")
+    heating = pl.read_csv(project / "results/tables/heating.csv")
+
+    assert damper["B_v"].to_list() == pytest.approx(list(DAMPING.values()), abs=0.01)
+    assert damper["doubtful"].fill_null("").to_list() == ["", "B_v"]
+    assert heating["mean_square_current"].to_list() == pytest.approx([4.01] * 2, abs=0.02)
+    assert heating["joint"].to_list() == ["knee"] * 2
+    for door in ("command", "watch", "notebook"):
+        assert re.search(rf"B_v +{damper['B_v'][1]:.4g}", answers[door]), answers[door]
+    assert answers["figure"] == "VAF (%)"
+    assert "the torque at rest is 3 N*m" in answers["finding"]

@@ -35,8 +35,8 @@ from osl_analysis.campaign.configuration import read_config
 from osl_analysis.commands.bench import fitted_trial
 from osl_analysis.errors import InputError
 from osl_analysis.signals import differentiate
-from osl_analysis.stats.regression import estimates_row
 from osl_analysis.stats.repeats import over_repeats, summary_row
+from osl_analysis.stats.table_rows import estimates_row
 from osl_analysis.trial import Trial
 from osl_analysis.yaml_settings import parsed_yaml
 

@@ -23,7 +23,8 @@ from osl_analysis.errors import OslAnalysisError
 from osl_analysis.signals import LowPass, Motion, differentiate, filtered_motion, sampling_rate
 from osl_analysis.spectral.stepped_sine import SteppedSineProtocol
 from osl_analysis.stats import regression, repeats
-from osl_analysis.stats.regression import linear_fit, whiteness_row
+from osl_analysis.stats.regression import linear_fit
+from osl_analysis.stats.table_rows import whiteness_row
 from osl_analysis.trial import Trial
 from osl_analysis.walking.ensemble import group_headline
 from osl_analysis.walking.group_checks import check_group, check_single, in_widths

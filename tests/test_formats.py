@@ -43,6 +43,14 @@ def test_every_module_is_a_format_with_a_model_of_its_source_files() -> None:
         assert one.source.model_fields.keys() & {"channels", "markers"}, one.name
 
 
+def test_the_page_of_files_has_every_format() -> None:
+    page = (Path(__file__).parents[1] / "docs/files.md").read_text()
+
+    unnamed = [name for name in known_formats() if f"`{name}`" not in page]
+
+    assert unnamed == [], "add its line to the first table of docs/files.md"
+
+
 def test_no_module_of_formats_is_named_in_another_room() -> None:
     """What is special of a format stands in its module."""
     package = Path(formats.__file__).parents[1]

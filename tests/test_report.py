@@ -1006,7 +1006,7 @@ def test_a_claim_stands_with_its_limit_and_a_long_caption_is_folded_behind_two_s
 def test_every_figure_says_in_two_or_three_sentences_how_to_read_it(name):
     reading = FIGURES[name].reading
 
-    assert re.search(r"\. Good: .+\. Bad: ", reading)
+    assert re.search(r"\. Good: .+\. Bad: ", reading), "write `What it is. Good: ... Bad: ...`"
     assert reading.endswith(".")
     assert len(reading.split()) <= 75
 

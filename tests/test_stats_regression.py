@@ -16,6 +16,18 @@ from osl_analysis.bench.group_interval import noise_of_scores
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.signals import LowPass
 from osl_analysis.stats import regression, repeats
+from osl_analysis.stats.covariance import (
+    between_cycles,
+    moving_sums,
+    products_between,
+    welch_satterthwaite,
+)
+from osl_analysis.stats.table_rows import (
+    diagnostics_row,
+    lag_damping_row,
+    thinned_rows,
+    whiteness_row,
+)
 from osl_analysis.walking.impedance_fit import impedance_columns
 
 T = np.linspace(0, 10, 2000, endpoint=False)
@@ -41,9 +53,9 @@ def test_recovers_the_impedance_that_made_the_torque():
 
 
 def test_a_lag_costs_damping_and_counts_where_it_is_certain():
-    certain = regression.lag_damping_row(2e-3, 0.9e-3, is_certain=True, K=300.0)
-    uncertain = regression.lag_damping_row(2e-3, 1.1e-3, is_certain=False, K=300.0)
-    no_lag = regression.lag_damping_row(None, None, is_certain=False, K=300.0)
+    certain = lag_damping_row(2e-3, 0.9e-3, is_certain=True, K=300.0)
+    uncertain = lag_damping_row(2e-3, 1.1e-3, is_certain=False, K=300.0)
+    no_lag = lag_damping_row(None, None, is_certain=False, K=300.0)
 
     assert certain["certain_lag_damping"] == pytest.approx(-0.6)
     assert uncertain["lag_damping"] == pytest.approx(-0.6)
@@ -56,7 +68,7 @@ def test_vaf_and_r_squared_read_what_they_should_when_the_fit_is_not_perfect():
     fit = regression.linear_fit(y, {"c": np.cos(20 * np.pi * T), "offset": np.ones_like(T)})
     assert (fit.vaf, fit.r_squared) == pytest.approx((80, 1 - 0.5 / (2 + 0.5 + 100)))
     assert (
-        regression.diagnostics_row(fit, fit.interval_method, 500.0, {})["correlation_s"]
+        diagnostics_row(fit, fit.interval_method, 500.0, {})["correlation_s"]
         == fit.correlation_samples / 500
     )
     assert replace(fit, covariance=0 * fit.covariance).correlation("c", "offset") == 0, (
@@ -126,18 +138,14 @@ RATE, LOW_PASS = 500.0, LowPass(15)
 def whiteness(residual):
     """Autocorrelation after one sample, Ljung and Box's statistic per lag, and its p, of a residual
     at `RATE`."""
-    return tuple(
-        regression.whiteness_row(
-            residual[regression.thinned_rows(len(residual), RATE, LOW_PASS)]
-        ).values()
-    )
+    return tuple(whiteness_row(residual[thinned_rows(len(residual), RATE, LOW_PASS)]).values())
 
 
 @pytest.mark.parametrize(("samples", "lags"), [(400, 10), (20, 4)])
 def test_ljung_box_is_statsmodels(samples, lags):
     theirs = importlib.import_module("statsmodels.stats.diagnostic").acorr_ljungbox
     residual = np.random.default_rng(3).standard_normal(400).cumsum()[:samples]
-    autocorrelation, per_lag, p = regression.whiteness_row(residual - residual.mean()).values()
+    autocorrelation, per_lag, p = whiteness_row(residual - residual.mean()).values()
     assert (lags * per_lag, p) == pytest.approx(
         tuple(theirs(residual - residual.mean(), lags=lags).iloc[-1])
     )
@@ -161,7 +169,7 @@ def test_a_slow_residual_is_not_white_and_too_short_a_one_is_not_judged():
     autocorrelation, per_lag, p = whiteness(white + np.sin(t))
     assert (autocorrelation > 0.7, per_lag > 100, p < 1e-6) == (True, True, True)
     assert whiteness(white[:300]) == whiteness(np.zeros(5000)) == (None, None, None)
-    assert set(regression.whiteness_row(white[:19]).values()) == {None}
+    assert set(whiteness_row(white[:19]).values()) == {None}
 
 
 CYCLE, COUNT = 50, 24
@@ -184,10 +192,10 @@ def with_spread(y, columns, stratum):
         np.column_stack(list(columns.values())),
         np.arange(COUNT) * CYCLE,
     )
-    scores = regression.products_between(X, fit.residual[:, None], first, first + CYCLE)[
+    scores = products_between(X, fit.residual[:, None], first, first + CYCLE)[
         ..., 0
     ] @ np.linalg.inv(X.T @ X)
-    covariance, freedom = regression.between_cycles(scores, stratum)
+    covariance, freedom = between_cycles(scores, stratum)
     return replace(fit, covariance=covariance, degrees_of_freedom=freedom)
 
 
@@ -209,7 +217,7 @@ def test_the_spread_of_cycles_covers_where_friction_fools_hac():
 def test_cycles_that_are_no_whole_rows_have_the_sums_that_their_integrals_have():
     turn, edges = 2 * np.pi * np.arange(800) / (250 / 3), 250 / 3 * np.arange(1, 9)
     X = np.column_stack([np.cos(turn), np.sin(turn), np.ones(800)])
-    found = regression.products_between(X, X, edges[:-1], edges[1:])
+    found = products_between(X, X, edges[:-1], edges[1:])
     assert found == pytest.approx(
         np.broadcast_to(np.diag([0.5, 0.5, 1.0]) * 250 / 3, found.shape), abs=2e-3
     )
@@ -230,13 +238,13 @@ def test_equal_strata_are_worth_the_sum_of_their_degrees_of_freedom_and_one_nois
         np.random.default_rng(6).standard_normal((4000, 1)),
         np.repeat(np.arange(2), 2000),
     )
-    assert regression.between_cycles(sums, stratum)[1][0] == pytest.approx(3998, rel=0.01)
+    assert between_cycles(sums, stratum)[1][0] == pytest.approx(3998, rel=0.01)
     sums[:2000] *= 1e-6
-    assert regression.between_cycles(sums, stratum)[1][0] == pytest.approx(1999, rel=0.01)
+    assert between_cycles(sums, stratum)[1][0] == pytest.approx(1999, rel=0.01)
 
 
 @pytest.mark.parametrize(
-    ("estimator", "n", "size"), [(regression.moving_sums, 600, 60), (noise_of_scores, 100, 0)]
+    ("estimator", "n", "size"), [(moving_sums, 600, 60), (noise_of_scores, 100, 0)]
 )
 def test_a_variance_of_white_scores_is_right_and_worth_as_many_degrees_of_freedom_as_it_says(
     estimator, n, size
@@ -251,17 +259,13 @@ def test_a_variance_of_white_scores_is_right_and_worth_as_many_degrees_of_freedo
 
 
 def test_degrees_of_freedom_of_a_sum_are_those_of_welch_and_satterthwaite():
-    assert regression.welch_satterthwaite([1.0, 1.0], [5, 5]) == pytest.approx(10)
-    assert regression.welch_satterthwaite([1.0, 2.0], [5, 10]) == pytest.approx(
-        9 / (1 / 5 + 4 / 10)
-    )
-    np.testing.assert_allclose(
-        regression.welch_satterthwaite([[1.0, 0.0], [0.0, 3.0]], [5, 90]), [5, 90]
-    )
-    np.testing.assert_array_equal(regression.welch_satterthwaite([[2.0, 0.0]], [5]), [5, np.inf])
+    assert welch_satterthwaite([1.0, 1.0], [5, 5]) == pytest.approx(10)
+    assert welch_satterthwaite([1.0, 2.0], [5, 10]) == pytest.approx(9 / (1 / 5 + 4 / 10))
+    np.testing.assert_allclose(welch_satterthwaite([[1.0, 0.0], [0.0, 3.0]], [5, 90]), [5, 90])
+    np.testing.assert_array_equal(welch_satterthwaite([[2.0, 0.0]], [5]), [5, np.inf])
     # a scatter that is rounding of a sum
-    assert regression.welch_satterthwaite([1e-40, 1.0], [5, np.inf]) == np.inf
-    assert regression.welch_satterthwaite([1e-4, 1.0], [5, np.inf]) == pytest.approx(5e8, rel=1e-3)
+    assert welch_satterthwaite([1e-40, 1.0], [5, np.inf]) == np.inf
+    assert welch_satterthwaite([1e-4, 1.0], [5, np.inf]) == pytest.approx(5e8, rel=1e-3)
     x = np.arange(12.0)
     fit = regression.linear_fit(x + np.cos(x), {"a": x})
     # as large as the error by chance

@@ -50,8 +50,11 @@ def said(row, above=None, below=None):
 
 def test_every_cause_and_check_says_what_is_wrong_and_what_to_do_and_no_word_is_of_none():
     causes = {*CAUSES, *(check.cause for check in CHECKS.values())}
-    assert causes == {*WORDS["causes"]}
-    assert {*WORDS["columns"]} <= {*EVIDENCE}
+    of_columns = {evidence.cause for evidence in EVIDENCE.values()}
+    assert of_columns - {*CAUSES} == set(), "no such cause under `causes` of causes.yaml"
+    assert causes - {*WORDS["causes"]} == set(), "write under `causes` of words.yaml what it does"
+    assert {*WORDS["causes"]} - causes == set(), "words of a cause that causes.yaml has not"
+    assert {*WORDS["columns"]} - {*EVIDENCE} == set(), "words of a column without a cause"
     assert {*WORDS["checks"]} == {*CHECKS}
     assert all(entry["says"] and entry["remedy"] for entry in WORDS["causes"].values())
     assert all(entry["says"] for entry in WORDS["unchecked"].values())  # in any table

@@ -7,7 +7,7 @@ from osl_analysis.bench.analysis import LITTLE, QUANTITIES, Analysis
 from osl_analysis.bench.group_interval import FEWEST_UNITS, combined
 from osl_analysis.bench.group_sums import estimates_of
 from osl_analysis.bench.row_groups import Label
-from osl_analysis.stats.regression import Row
+from osl_analysis.stats.table_rows import Row
 from osl_analysis.trial import Array
 
 

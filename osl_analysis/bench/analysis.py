@@ -22,15 +22,14 @@ from osl_analysis.bench.recorded_motion import SHORTEST_S
 from osl_analysis.bench.row_groups import Label
 from osl_analysis.errors import IdentifiabilityError
 from osl_analysis.spectral.stepped_sine import moving_bins
-from osl_analysis.stats.regression import (
-    LinearFit,
+from osl_analysis.stats.regression import LinearFit, with_shared_error
+from osl_analysis.stats.table_rows import (
     Row,
     covariance_row,
     diagnostics_row,
     estimates_row,
     thinned_rows,
     whiteness_row,
-    with_shared_error,
 )
 from osl_analysis.trial import Array
 

@@ -20,7 +20,7 @@ from osl_analysis.errors import InputError, naming
 from osl_analysis.model.drivetrain import DrivetrainParameters, belt_deflection
 from osl_analysis.signals import filtered_motion, runs
 from osl_analysis.signals.grid import BRIDGE_MORE, UniformSignals, uniform_signals
-from osl_analysis.stats.regression import Row, covariance_row, estimates_row
+from osl_analysis.stats.table_rows import Row, covariance_row, estimates_row
 from osl_analysis.trial import Array, Trial
 
 STRAIGHT: Model = {"K_s": "theta", "offset": "one"}

@@ -7,7 +7,7 @@ import numpy as np
 import scipy
 
 from osl_analysis.measured import check_finite
-from osl_analysis.stats import regression
+from osl_analysis.stats.covariance import welch_satterthwaite
 from osl_analysis.trial import Array
 
 COMPLEX_PARTS = ("re", "im", "var_re", "cov", "var_im", "degrees_of_freedom")
@@ -100,7 +100,7 @@ def with_errors(value: complex, errors: Sequence[IndependentError]) -> ComplexEs
     return ComplexEstimate(
         value,
         np.sum([error.covariance for error in errors], axis=0),
-        float(regression.welch_satterthwaite(traces, freedom)),
+        float(welch_satterthwaite(traces, freedom)),
     )
 
 

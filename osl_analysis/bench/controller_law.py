@@ -30,15 +30,9 @@ from osl_analysis.bench.record import Record
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.model.compensator import Gains
 from osl_analysis.model.drivetrain import DrivetrainParameters
-from osl_analysis.stats.regression import (
-    Covariance,
-    LinearFit,
-    estimates_row,
-    linear_fit,
-    thinned_rows,
-    with_shared_error,
-    without,
-)
+from osl_analysis.stats.covariance import Covariance
+from osl_analysis.stats.regression import LinearFit, linear_fit, with_shared_error, without
+from osl_analysis.stats.table_rows import estimates_row, thinned_rows
 from osl_analysis.trial import Array
 
 CHUNKS = 24  # parts of a recording; the covariance comes from the scatter of their scores

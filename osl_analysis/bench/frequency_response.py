@@ -31,7 +31,7 @@ from osl_analysis.spectral.response import (
     periodic_response,
     record_spectrum,
 )
-from osl_analysis.stats import regression
+from osl_analysis.stats.table_rows import Row
 from osl_analysis.trial import Array
 
 OF_TRIAL: dict[str, type[pl.DataType]] = {
@@ -89,7 +89,7 @@ def frequency_response_table(phasors: pl.DataFrame) -> pl.DataFrame:
     return pl.DataFrame(rows, schema=schema | MEAN_OVER_AMPLITUDES)
 
 
-def mean_over_amplitudes(amplitudes: pl.DataFrame) -> regression.Row:
+def mean_over_amplitudes(amplitudes: pl.DataFrame) -> Row:
     """The columns `MEAN_OVER_AMPLITUDES` of one trial and frequency, of a row per amplitude."""
     rows = list(amplitudes.iter_rows(named=True))
     compliance, gain, phase = (max(float(row[name]) for row in rows) for name in SHARED)
@@ -124,7 +124,7 @@ def admittance_of_row(row: Mapping[str, Any]) -> ComplexEstimate:
     return ComplexEstimate(value, covariance, row["Y_degrees_of_freedom"])
 
 
-def damping_row(Y: ComplexEstimate, frequency_hz: float) -> regression.Row:
+def damping_row(Y: ComplexEstimate, frequency_hz: float) -> Row:
     """The damping of a response, `damping` [N*m*s/rad], with its 95 % interval to first order.
 
     It is the real part of the impedance torque/velocity, Re(Z/(j w)) = Im(Z)/w with Z = 1/Y. It is

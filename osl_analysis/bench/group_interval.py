@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 
 from osl_analysis.bench.group_sums import SMALLEST_DIRECTION, NormalEquations, Sums, solved
 from osl_analysis.bench.row_groups import Groups, Label
-from osl_analysis.stats.regression import between_cycles, less, welch_satterthwaite
+from osl_analysis.stats.covariance import between_cycles, welch_satterthwaite, without_variances
 from osl_analysis.trial import Array
 
 FEWEST_UNITS = 4  # with fewer strata the groups are left out instead
@@ -157,7 +157,7 @@ def interval_of(
             products, equations, source, inverse, len(rich)
         )
         if source.tells_misfit:
-            misfit = less(misfit, of_scatter)
+            misfit = without_variances(misfit, of_scatter)
     covariance, freedom = combined(noise, freedom, misfit, source.units, of_rounding, draws)
     of_repeats = noise if source.noise is NoiseSource.REPEATS else None
     return Interval(covariance, freedom, of_repeats, source)
@@ -229,7 +229,7 @@ def rounding_covariances(
         in_noise = rounding_in_noise(products, equations.stratum, source, inverse, rich_columns)
     of_all_groups = products.sum(axis=0)
     change = inverse @ of_all_groups
-    covariance = less(change @ change.T / draws, in_noise)
+    covariance = without_variances(change @ change.T / draws, in_noise)
     if not source.tells_misfit:
         return covariance, np.zeros(len(inverse))
     left_out = jackknife(

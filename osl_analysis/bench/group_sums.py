@@ -24,7 +24,7 @@ from osl_analysis.bench.record import Record
 from osl_analysis.bench.row_groups import Groups, Label
 from osl_analysis.measured import check_measured
 from osl_analysis.stats import regression
-from osl_analysis.stats.regression import products_between
+from osl_analysis.stats.covariance import products_between
 from osl_analysis.trial import Array
 
 NEXT = {"theta": "omega", "omega": "alpha", "alpha": "jerk"}  # derivative of each column

@@ -34,7 +34,7 @@ from osl_analysis.model.compensator import CONTROLLERS, Gains, Weight, select_ga
 from osl_analysis.model.drivetrain import DrivetrainParameters, joint_admittance
 from osl_analysis.signals.clock_drift import NO_DRIFT
 from osl_analysis.spectral.periods import distinct
-from osl_analysis.stats.regression import Row, lag_damping_row
+from osl_analysis.stats.table_rows import Row, lag_damping_row
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from osl_analysis.stats.estimates import Estimate, Impedance
-from osl_analysis.stats.regression import INTERVAL_ENDS, Row
+from osl_analysis.stats.table_rows import INTERVAL_ENDS, Row
 
 
 def estimate_columns(name: str, estimate: Estimate | None) -> Row:

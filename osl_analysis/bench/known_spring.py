@@ -15,7 +15,7 @@ from osl_analysis.bench.late_torque import LateFit, late_fit
 from osl_analysis.bench.plausibility import check_resists
 from osl_analysis.bench.record import Record
 from osl_analysis.errors import InputError
-from osl_analysis.stats.regression import INTERVAL_ENDS, Row, estimates_row
+from osl_analysis.stats.table_rows import INTERVAL_ENDS, Row, estimates_row
 from osl_analysis.trial import Array
 
 SPRING_LOSS = 1e-3

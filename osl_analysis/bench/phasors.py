@@ -24,7 +24,14 @@ from osl_analysis.bench.row_groups import Stratum
 from osl_analysis.errors import InputError
 from osl_analysis.measured import check_finite, check_measured
 from osl_analysis.spectral.stepped_sine import whole_rows
-from osl_analysis.stats import regression
+from osl_analysis.stats.covariance import (
+    FEWEST_CYCLES,
+    between_cycles,
+    hac,
+    products_between,
+    without_variances,
+)
+from osl_analysis.stats.table_rows import Row
 from osl_analysis.trial import Array
 
 SHARED = ("Y_se_bench", "Y_gain_se_bench", "Y_phase_se_bench")
@@ -152,14 +159,12 @@ def fit_sinusoids(
         check_measured("the signal", signal)
         estimates = inverse @ (fitted.T @ signal[fitted_rows])
         residual = signal - columns @ estimates
-        if len(cycles.first) < regression.FEWEST_CYCLES:
-            covariance, freedom, method, _ = regression.hac(fitted, inverse, residual[fitted_rows])
+        if len(cycles.first) < FEWEST_CYCLES:
+            covariance, freedom, method, _ = hac(fitted, inverse, residual[fitted_rows])
         else:
-            products = regression.products_between(
-                columns, residual[:, None], cycles.first, cycles.stop
-            )
+            products = products_between(columns, residual[:, None], cycles.first, cycles.stop)
             scores = products[..., 0] @ inverse
-            covariance, freedom = regression.between_cycles(scores, of_one_stratum(scores))
+            covariance, freedom = between_cycles(scores, of_one_stratum(scores))
             method = "cycles"
         # a cos(wt) + b sin(wt) = Re((a - j b) exp(j w t))
         harmonics = estimates[1::2] - 1j * estimates[2::2]
@@ -248,16 +253,16 @@ def with_rounding(
     turn = np.exp(-2j * np.pi * frequency_hz * record.time[rows]) * 2 / cycles.samples
     inside = cycles.counted_from(rows.start)
     # effect of each draw on the phasor by each cycle, (cycles, 2, draws)
-    of_cycles = regression.products_between(
+    of_cycles = products_between(
         np.column_stack([turn.real, turn.imag]), np.array(draws).T, inside.first, inside.stop
     )
     effect = of_cycles.sum(axis=0)
     covariance = effect @ effect.T / len(draws)
-    if len(cycles.first) >= regression.FEWEST_CYCLES:
+    if len(cycles.first) >= FEWEST_CYCLES:
         flat = of_cycles.reshape(len(of_cycles), -1)
-        spread, _ = regression.between_cycles(flat, of_one_stratum(flat))
+        spread, _ = between_cycles(flat, of_one_stratum(flat))
         seen_in_spread = np.diag(spread).reshape(effect.shape).mean(axis=1)
-        covariance = regression.less(covariance, seen_in_spread)
+        covariance = without_variances(covariance, seen_in_spread)
     both = with_errors(
         phasor.value,
         [
@@ -285,7 +290,7 @@ class SegmentPhasors:
         changes Y by -c."""
         return self.bench_error.added_to(complex_quotient(self.theta, self.torque))
 
-    def to_row(self, trial: str) -> regression.Row:
+    def to_row(self, trial: str) -> Row:
         """The segment's row of `phasors.csv`."""
         Y = self.admittance
         return {

@@ -10,7 +10,7 @@ import numpy as np
 
 from osl_analysis.errors import InputError
 from osl_analysis.model.multisine import Multisine, odd_multisine
-from osl_analysis.stats.regression import FEWEST_CYCLES
+from osl_analysis.stats.covariance import FEWEST_CYCLES
 from osl_analysis.trial import Array
 
 LAST_CYCLES = 1  # of a segment, not fitted: the filter smears the next frequency into it

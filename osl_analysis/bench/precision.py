@@ -27,7 +27,7 @@ from osl_analysis.bench.planned_motion import (
 )
 from osl_analysis.bench.row_groups import STRETCH_S
 from osl_analysis.signals import LowPass
-from osl_analysis.stats.regression import welch_satterthwaite
+from osl_analysis.stats.covariance import welch_satterthwaite
 from osl_analysis.trial import Array
 
 MANY = 1e5  # degrees of freedom that count as infinite

@@ -31,7 +31,8 @@ from osl_analysis.bench.record import Record
 from osl_analysis.errors import InputError
 from osl_analysis.model.actuator_in_time import Controller, belt_responses
 from osl_analysis.model.drivetrain import DrivetrainParameters
-from osl_analysis.stats.regression import variance_accounted_for, welch_satterthwaite
+from osl_analysis.stats.covariance import welch_satterthwaite
+from osl_analysis.stats.regression import variance_accounted_for
 from osl_analysis.trial import Array
 
 QUANTITIES = ("K", "B", "I", "torque")  # of Eq. 15, and the RMS [N*m] of the torque

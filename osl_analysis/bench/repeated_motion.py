@@ -16,7 +16,8 @@ from osl_analysis.bench.group_sums import NEXT, Sums, solved
 from osl_analysis.bench.record import Record
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.signals.clock_drift import NO_DRIFT, drift_row
-from osl_analysis.stats.regression import Row, welch_satterthwaite
+from osl_analysis.stats.covariance import welch_satterthwaite
+from osl_analysis.stats.table_rows import Row
 from osl_analysis.trial import Array
 
 FEWEST_REPEATS = 3  # of one motion, by which a change with time differs from noise

@@ -23,7 +23,8 @@ from osl_analysis.bench.plausibility import TURN_TORQUE, check_changes, check_st
 from osl_analysis.bench.record import joint_angle
 from osl_analysis.errors import Change, InputError, naming
 from osl_analysis.signals.grid import UniformSignals, uniform_signals
-from osl_analysis.stats.regression import Row, variance_accounted_for
+from osl_analysis.stats.regression import variance_accounted_for
+from osl_analysis.stats.table_rows import Row
 from osl_analysis.trial import Array, Trial
 
 ZeroAt = Literal["end", "start", "none"]

@@ -17,8 +17,8 @@ from osl_analysis.bench.torque_angle import (
     torque_angle_of,
     zero_row,
 )
-from osl_analysis.stats.regression import Row
 from osl_analysis.stats.repeats import over_repeats
+from osl_analysis.stats.table_rows import Row
 from osl_analysis.table import Places
 from osl_analysis.trial import Array
 

@@ -12,7 +12,7 @@ from osl_analysis.bench.joint_inference import suspected_fault_of_losses
 from osl_analysis.bench.record import Record
 from osl_analysis.bench.repeated_motion import repeats_row
 from osl_analysis.stats.estimates import Estimate
-from osl_analysis.stats.regression import Row, estimates_row
+from osl_analysis.stats.table_rows import Row, estimates_row
 
 LOSSES = ("B_j", "J_j")
 

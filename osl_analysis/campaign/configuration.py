@@ -196,7 +196,12 @@ FOUND = {
     "dynamometer.amplitudes_deg": "amplitude_deg",
     "dynamometer.frequencies_hz": "frequency_hz",
 }
-OF_BENCH = ("belt", "transmission", "impedance", "calibration")
+# the experiments whose fit takes settings of the section `dynamometer`
+OF_BENCH = tuple(
+    name
+    for name, facts in EXPERIMENTS.items()
+    if facts.fit and any(section == "dynamometer" for section, _ in facts.fit.settings.values())
+)
 # Settings that are facts on a bench, device, laboratory or text, and filters and windows; each with
 # the experiments that it judges, labels or enters. All others are choices of the analysis.
 JUDGING: dict[str, tuple[str, ...]] = {

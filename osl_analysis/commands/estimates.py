@@ -3,42 +3,43 @@
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
+from functools import cache
 from itertools import zip_longest
 from typing import Any
 
 import polars as pl
 
+from osl_analysis.config.experiments import EXPERIMENTS
+from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.judge.finding import Finding, Grade
 from osl_analysis.judge.words import finding_text, words_of
 from osl_analysis.table import finite_or_null
 
-UNIT_OF = {
-    "K": "N·m/rad",
-    "B": "N·m·s/rad",
-    "B_viscous": "N·m·s/rad",
-    "I": "kg·m²",
-    "K_s": "N·m/rad",
-    "B_j": "N·m·s/rad",
-    "B_j_viscous": "N·m·s/rad",
-    "J_j": "kg·m²",
-    "T_C": "N·m",
-    "k_tau_n_m": "N·m/A",
-    "f_C": "N·m",
-    "f_G": "N·m/A",
-    "B_m": "N·m·s/rad",
-    "J_m": "kg·m²",
-    "offset": "N·m",
-    "drift": "N·m/s",
-    "K_secant": "N·m/rad",
-    "lag_s": "s",
-    "gain": "",
-    "inertia": "kg·m²",
-    "weight": "N·m/rad",
-    "K_unloading": "N·m/rad",
-    "energy_stored": "J",
-    "energy_returned": "J",
-    "energy_lost": "J",
-}
+# estimates in the order in which they are printed
+PRINTED = (
+    "K", "B", "B_viscous", "I", "K_s", "B_j", "B_j_viscous", "J_j", "T_C", "k_tau_n_m", "f_C",
+    "f_G", "B_m", "J_m", "offset", "drift", "K_secant", "lag_s", "gain", "inertia", "weight",
+    "K_unloading", "energy_stored", "energy_returned", "energy_lost",
+)  # fmt: skip
+
+
+@cache
+def printed_units() -> Mapping[str, str]:
+    """Unit of each estimate that is printed: of `PRINTED`, and what an experiment calls K, B and I.
+    Those with a standard error are estimates."""
+    units: dict[str, str] = dict.fromkeys(PRINTED, "")
+    for experiment in EXPERIMENTS.values():
+        units.update(dict.fromkeys(filter(None, experiment.impedance), ""))
+    for table in described_tables_by_name().values():
+        for name in units.keys() & table.columns.keys():
+            if f"{name}_se" in table.columns:
+                units[name] = in_print(table.columns[name].unit)
+    return units
+
+
+def in_print(unit: str) -> str:
+    """A unit of the dictionary as it is printed: `N·m/rad` of `N*m/rad`."""
+    return "" if unit == "1" else unit.replace("*", "·").replace("^2", "²")
 
 
 def rows_json(table: pl.DataFrame, findings: Sequence[Sequence[Finding]] = ()) -> str:
@@ -122,7 +123,7 @@ def cycles_text(row: Mapping[str, Any]) -> str:
 def estimate_line(row: Mapping[str, Any], name: str) -> str:
     """One estimate with its interval and its range over single amplitudes."""
     interval = interval_text(row[name], row.get(f"{name}_low"), row.get(f"{name}_high"))
-    line = f"  {name:<15}{row[name]:>12.5g} {interval:<12} {UNIT_OF.get(name, '')}"
+    line = f"  {name:<15}{row[name]:>12.5g} {interval:<12} {printed_units().get(name, '')}"
     lowest = row.get(f"{name}_amplitudes_low")
     if lowest is not None:
         highest = row[f"{name}_amplitudes_high"]
@@ -144,5 +145,5 @@ def interval_text(value: float, low: float | None, high: float | None) -> str:
 def estimated(row: Mapping[str, Any]) -> list[str]:
     """The quantities that a fit estimates (a belt at a constant velocity has no B_j), or all its
     numbers."""
-    quantities = [name for name in UNIT_OF if f"{name}_se" in row and row[name] is not None]
+    quantities = [name for name in printed_units() if f"{name}_se" in row and row[name] is not None]
     return quantities or [name for name, value in row.items() if isinstance(value, float)]

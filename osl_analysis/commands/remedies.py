@@ -16,7 +16,7 @@ import polars as pl
 
 from osl_analysis.bench.fit_tables import FitTables
 from osl_analysis.campaign.configuration import Config, read_section
-from osl_analysis.commands.estimates import UNIT_OF, estimated, interval_text
+from osl_analysis.commands.estimates import estimated, interval_text, printed_units
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import Change, OslAnalysisError
 from osl_analysis.files import default_config
@@ -41,7 +41,8 @@ class Outcome:
         first, *others = [name for name in estimated(self.row) if name not in NOT_TOLD][:MOST_TOLD]
         value, high = self.row[first], self.row.get(f"{first}_high")
         interval = interval_text(value, self.row.get(f"{first}_low"), high)
-        texts = [" ".join(filter(None, [f"{first} {value:.3g}", interval, UNIT_OF.get(first)]))]
+        unit = printed_units().get(first)
+        texts = [" ".join(filter(None, [f"{first} {value:.3g}", interval, unit]))]
         texts += [f"{name} {self.row[name]:.2g}" for name in others]
         return ", ".join(texts)
 

@@ -19,7 +19,7 @@ from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.campaign.campaign_trials import Campaign, open_campaign
 from osl_analysis.campaign.configuration import Config, read_config
 from osl_analysis.commands import bench as fits
-from osl_analysis.commands.estimates import UNIT_OF, estimated, estimates_text
+from osl_analysis.commands.estimates import estimated, estimates_text, printed_units
 from osl_analysis.commands.trials import checked_trial, inspect_file
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.errors import InputError, OslAnalysisError, listing, printable, unexpected
@@ -300,7 +300,7 @@ def estimates_said(estimates: Mapping[str, Any]) -> Iterator[str]:
     for name in compared_in(estimates):
         high = estimates.get(f"{name}_high")
         half = "" if high is None else f" ± {high - estimates[name]:.2g}"
-        yield f"{name} {estimates[name]:.4g}{half} {UNIT_OF.get(name, '')}".rstrip()
+        yield f"{name} {estimates[name]:.4g}{half} {printed_units().get(name, '')}".rstrip()
 
 
 def comparable(

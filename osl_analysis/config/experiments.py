@@ -2,7 +2,8 @@
 line read.
 
 A new experiment is an entry here, its fit (`bench/` or `walking/`), the call of it (`commands/`),
-its limits (`config/config.yaml`) and its test. There is no other list of experiments.
+its rule, its columns (`dictionary/`) and its test: CONTRIBUTING.md adds one as an example. There is
+no other list of experiments.
 """
 
 from collections.abc import Mapping
@@ -97,7 +98,7 @@ class Experiment:
     further_tables: tuple[str, ...] = ()
     judged_further: tuple[str, ...] = ()  # those of them whose rows have limits under `doubtful`
     fit: FitJob | None = None  # the job that fits one trial; None if separate rules do this
-    # columns of its first table that are these; empty: none
+    # columns of its first table that are these; empty: none. They are printed with their intervals
     impedance: tuple[str, str, str] = ("K", "B", "I")
 
     @property

@@ -101,8 +101,10 @@ class DoubtfulFits(Settings):
 
 def numeric_columns(table: str) -> list[str]:
     """The columns of a table that hold numbers."""
-    described = described_tables_by_name()[table].columns.values()
-    return [column.name for column in described if column.unit != "text"]
+    described = described_tables_by_name()
+    if table not in described:
+        raise LookupError(f"describe tables/{table} in osl_analysis/dictionary/")
+    return [column.name for column in described[table].columns.values() if column.unit != "text"]
 
 
 def on_columns(

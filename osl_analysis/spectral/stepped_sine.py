@@ -27,7 +27,7 @@ from osl_analysis.spectral.sine_runs import (
     upward_crossings,
 )
 from osl_analysis.spectral.sine_runs import noise_of as noise_of
-from osl_analysis.stats.regression import FEWEST_CYCLES
+from osl_analysis.stats.covariance import FEWEST_CYCLES
 from osl_analysis.trial import Array
 
 # Relative differences of a recorded sine from the commanded one

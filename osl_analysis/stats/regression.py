@@ -1,198 +1,22 @@
-"""Linear regression on rows: rank check, covariance for correlated residuals, diagnostics; and a
-fit as a row of a result table. The bench fits groups of rows by the same rules
-(bench/group_fit.py).
+"""Linear regression on rows: rank check, estimates with covariance, VAF.
 
-The covariance of estimates comes from their scores; a score is the part of the estimates' error due
-to one sample. It is computed from the spread between repeated cycles, whose edges may lie between
-two samples, or from the autocorrelation of the residuals, with a correction for the degrees of
-freedom that the fit uses up."""
+The bench fits groups of rows by the same rules (bench/group_fit.py)."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
-from typing import NamedTuple
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike, NDArray
 
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.measured import LARGEST_VARIANCE, check_finite, check_measured, rounding_of
-from osl_analysis.signals import LowPass
+from osl_analysis.measured import check_finite, check_measured, rounding_of
+from osl_analysis.stats.covariance import Covariance, hac
 from osl_analysis.trial import Array
 
-
-def products_between(X: Array, Y: Array, first: Array, stop: Array) -> Array:
-    """Sum the products of columns over stretches that may begin and end between two rows.
-
-    A fraction of a row is read from the cubic through the four cumulative sums around it, so that
-    all cycles of a fractional period have equal sums. Beyond the ends there is nothing to sum.
-
-    Parameters
-    ----------
-    X : Array (n, p)
-        Columns.
-    Y : Array (n, q)
-        Further columns.
-    first, stop : Array (m,)
-        Rows at which the m stretches begin and end.
-
-    Returns
-    -------
-    Array (m, p, q)
-        X'Y of each.
-    """
-    edges = np.stack([first, stop], axis=1).ravel()
-    row = np.clip(np.floor(edges + SAME_ROW).astype(np.intp), 0, len(Y))
-    of_whole_rows = np.array([X[a:b].T @ Y[a:b] for a, b in row.reshape(-1, 2)])
-
-    share = np.maximum(edges - row, 0.0)
-    x = np.where(share < SAME_ROW, 0.0, share)
-    around = row + np.array([[-1], [0], [1]])
-    inside = np.clip(around, 0, len(Y) - 1)
-    lagrange = np.array([x * (x - 1) * (x - 2), x * (x + 1) * (5 - 2 * x), x * (x + 1) * (x - 1)])
-    weights = lagrange / 6 * (around == inside)
-    of_parts = (weights[:, :, None] * X[inside]).transpose(1, 2, 0) @ Y[inside].transpose(1, 0, 2)
-    return np.asarray(of_whole_rows + of_parts[1::2] - of_parts[::2])
-
-
-SAME_ROW = 1e-9  # of a row, within which an edge lies on it
-FEWEST_CYCLES = 5  # smallest number of cycles at one frequency whose spread gives an interval
-LARGEST_AR1 = 0.9999  # autocorrelation of a residual after one sample, beyond which none is fitted
-
-
-class Covariance(NamedTuple):
-    """The covariance of p estimates, and where it comes from."""
-
-    matrix: Array  # (p, p)
-    degrees_of_freedom: Array  # of its variances (p,)
-    source: str  # as tables name it
-    correlation_samples: int  # over which the residual may be correlated
-
-
-def hac(X: Array, inverse: Array, residual: Array) -> Covariance:
-    """Find the covariance from the autocorrelation of the residual (Newey and West, Econometrica
-    55, 1987).
-
-    The window is Andrews' plug-in bandwidth for the Bartlett kernel from an AR(1) fit (Econometrica
-    59, 1991), at most an eighth of the samples. Low-pass filtered noise is no AR(1) at the sampling
-    rate: 30 ms of correlation give a window of 2.5 s.
-
-    Parameters
-    ----------
-    X : Array (n, p)
-        Columns.
-    inverse : Array (p, p)
-        X times it is the change of each estimate per sample of y.
-    residual : Array (n,)
-        What the fit leaves.
-
-    Raises
-    ------
-    InputError
-        A value is not finite or cannot be measured.
-    """
-    check_measured("the residual", residual)
-    n = len(residual)
-    power = float(residual[:-1] @ residual[:-1])
-    rho = float(residual[1:] @ residual[:-1]) / power if power > 0 else 0.0
-    rho = min(max(rho, 0.0), LARGEST_AR1)
-    alpha = 4 * rho**2 / (1 - rho**2) ** 2
-    window = int(np.clip(np.ceil(1.1447 * (alpha * n) ** (1 / 3)), 1, max(n // 8, 1)))
-    scores = X @ inverse * residual[:, None]
-    return Covariance(*moving_sums(scores, window), "HAC", window)
-
-
-def moving_sums(scores: Array, window: int) -> tuple[Array, Array]:
-    """Long-run covariance (p, p) of the scores (n, p), and the degrees of freedom (p,) of its
-    variances, after Newey and West: Bartlett weights 1 - lag/window. The sum over all lags equals
-    the sum of squares of moving sums over `window` samples (zeros beyond the ends) divided by
-    `window`, and is therefore positive semi-definite. It has 1.5 n/window degrees of freedom
-    (Priestley, Spectral Analysis and Time Series, 1981, table 6.2, at frequency zero). The fit uses
-    up p of the n samples."""
-    n, p = scores.shape
-    cumulative = np.concatenate([np.zeros((window, p)), np.cumsum(scores, axis=0)])
-    cumulative = np.concatenate([cumulative, np.repeat(cumulative[-1:], window - 1, axis=0)])
-    sums = cumulative[window:] - cumulative[:-window]
-    return sums.T @ sums / window * n / (n - p), np.full(p, max(1.5 * n / window - p, 1.0))
-
-
-def between_cycles(sums: Array, stratum: NDArray[np.intp]) -> tuple[Array, Array]:
-    """Find the covariance from the spread of repeated cycles.
-
-    A bootstrap that draws cycles within each stratum converges to it, apart from the factor m/(m -
-    1) for the mean that was estimated from the m cycles of the stratum, two or more.
-
-    Parameters
-    ----------
-    sums : Array (m, p)
-        Sums of scores of each cycle.
-    stratum : Array (m,)
-        Which cycles repeat one another; rising.
-
-    Returns
-    -------
-    covariance : Array (p, p)
-        From the spread about the mean of each stratum.
-    degrees_of_freedom : Array (p,)
-        Of its variances.
-    """
-    members = np.bincount(stratum).astype(float)
-    begins = np.flatnonzero(np.diff(stratum, prepend=-1))
-    mean = np.add.reduceat(sums, begins) / members[:, None]
-    for_mean = np.sqrt(members / (members - 1))
-    spread = (sums - mean[stratum]) * for_mean[stratum, None]
-    variances = np.add.reduceat(spread**2, begins)
-    return spread.T @ spread, welch_satterthwaite(variances, members - 1)
-
-
-def less(covariance: Array, variances: Array) -> Array:
-    """A covariance (p, p) less some of its variances (p,); correlations are kept."""
-    share = np.maximum(variances, 0.0) / np.maximum(np.diag(covariance), np.finfo(float).tiny)
-    left = np.sqrt(np.maximum(1 - share, 0.0))
-    return np.asarray(covariance * np.outer(left, left))
-
-
-def welch_satterthwaite(
-    variances: Sequence[ArrayLike] | Array, degrees_of_freedom: ArrayLike
-) -> Array:
-    """Find the degrees of freedom of a sum of k independent variances (Satterthwaite, Biometrics
-    Bulletin 2, 1946; Welch, Biometrika 34, 1947).
-
-    Parameters
-    ----------
-    variances : (k, ...)
-        The summands.
-    degrees_of_freedom : (k,) or (k, ...)
-        Of each.
-
-    Returns
-    -------
-    Array (...)
-        Infinite where all variances are zero, or the uncertain ones vanish beside the others: the
-        rounding of a sum would decide on more than `MOST_FREEDOM`.
-
-    Raises
-    ------
-    InputError
-        A variance is not finite or beyond `LARGEST_VARIANCE`.
-    """
-    summands = np.asarray(variances, dtype=float)
-    check_finite("the variance", summands, LARGEST_VARIANCE)
-    certainty = 1 / np.asarray(degrees_of_freedom, dtype=float)
-    if certainty.ndim < summands.ndim:
-        certainty = certainty.reshape(-1, *[1] * (summands.ndim - 1))
-    uncertainty = np.sum(certainty * summands**2, axis=0)
-    square_of_sum = np.sum(summands, axis=0) ** 2
-    is_finite = uncertainty > square_of_sum / MOST_FREEDOM
-    infinite = np.full_like(square_of_sum, np.inf)
-    return np.asarray(np.divide(square_of_sum, uncertainty, out=infinite, where=is_finite))
-
-
-MOST_FREEDOM = 1e12  # degrees of freedom
 CONDITION_LIMIT = 1e3
 """Largest scaled condition number that is accepted. At this limit an error of 0.1 % in a column can
 cause an error of 100 % in an estimate."""
+
 ROUNDED = 1e6  # condition number above which rounding destroys the inverse of the normal equations
 
 
@@ -394,95 +218,9 @@ def variance_accounted_for(y: Array, residual: Array) -> float:
     check_finite("the residual", residual)
     if not len(y):
         return float("nan")
-    left, varied = float(np.var(residual)), float(np.var(y))
+    residual_variance = float(np.var(residual))
+    variance = float(np.var(y))
     rounding = rounding_of(y)
-    if varied > rounding:
-        return 100 * (1 - left / varied)
-    return 100.0 if left <= rounding else 0.0
-
-
-# one row of a result table, by column. None becomes an empty field.
-Row = dict[str, float | str | None]
-
-
-def thinned_rows(samples: int, rate_hz: float, low_pass: LowPass) -> NDArray[np.intp]:
-    """The rows of a residual at `rate_hz` that are kept for its whiteness: at twice the noise
-    bandwidth of the filter that its signals passed. White noise that passed the filter is white
-    again at that rate; thinned to twice the cut-off, it would still have an autocorrelation of 0.1,
-    which the test detects in a thousand samples."""
-    step = max(rate_hz / (2 * low_pass.noise_bandwidth_hz), 1.0)
-    return np.asarray(np.rint(np.arange(0, samples - 0.5, step)), dtype=np.intp)
-
-
-FEWEST_FOR_WHITENESS = 20  # samples; of fewer, autocorrelations are uncertain by 0.2 and more
-
-
-def whiteness_row(thinned: Array) -> Row:
-    """How much a residual (n,), thinned by `thinned_rows`, is correlated with its own past: its
-    autocorrelation after one sample, and Ljung and Box's statistic per lag with its p (Biometrika
-    65, 1978): n (n + 2) sum_k r_k^2 / (n - k) over 10 lags, or a fifth of the samples if that is
-    fewer, is chi-squared. All null for a residual of zeros, and of fewer than 20 samples, whose
-    autocorrelations are uncertain by 0.2 and more."""
-    check_measured("the residual", thinned)
-    n = len(thinned)
-    power = float(thinned @ thinned)
-    if n < FEWEST_FOR_WHITENESS or power == 0:
-        return dict.fromkeys(("residual_autocorrelation", "ljung_box_per_lag", "ljung_box_p"))
-    lag = np.arange(1, min(10, n // 5) + 1)
-    r = np.array([float(thinned[k:] @ thinned[:-k]) for k in lag]) / power
-    Q = n * (n + 2) * float(np.sum(r**2 / (n - lag)))
-    p = float(scipy.special.chdtrc(len(lag), Q))
-    return {
-        "residual_autocorrelation": float(r[0]),
-        "ljung_box_per_lag": Q / len(lag),
-        "ljung_box_p": p,
-    }
-
-
-INTERVAL_ENDS = ("", "_se", "_low", "_high")
-"""Endings of the columns of an estimate: its value, standard error and 95 % interval."""
-
-
-def estimates_row(fit: LinearFit, *names: str) -> dict[str, float]:
-    """`name`, `name_se` and the bounds `name_low` and `name_high` of the 95 % interval for each
-    name, in SI units."""
-    row: dict[str, float] = {}
-    for name in names:
-        low, high = fit.interval(name)
-        row[name] = fit[name]
-        row[f"{name}_se"] = fit.se(name)
-        row[f"{name}_low"] = low
-        row[f"{name}_high"] = high
-    return row
-
-
-def covariance_row(fit: LinearFit, *names: str) -> dict[str, float]:
-    """`cov_A_B` for each pair of names, in the product of their units."""
-    return {f"cov_{a}_{b}": fit.cov(a, b) for a, b in combinations(names, 2)}
-
-
-def diagnostics_row(fit: LinearFit, interval_method: str, rate_hz: float, white: Row) -> Row:
-    """The diagnostics of a fit and its interval in all tables; `rate_hz` is the rate of the fitted
-    rows, `white` their whiteness. VAF in percent, R2 about zero, the correlation time in
-    seconds."""
-    return {
-        "interval_method": interval_method,
-        "VAF": fit.vaf,
-        "R2": fit.r_squared,
-        "condition_number": fit.condition_number,
-        "largest_correlation": fit.largest_correlation,
-        "samples": fit.samples,
-        "correlation_s": fit.correlation_samples / rate_hz,
-        **white,
-    }
-
-
-def lag_damping_row(lag: float | None, se: float | None, is_certain: bool, K: float) -> Row:
-    """Lag [s] of the torque behind the angle, its standard error, and what it adds to B: -K lag
-    [N*m*s/rad]; `certain_lag_damping` is 0 where the lag is not certain. All null without a lag."""
-    damping = None
-    certain = None
-    if lag is not None:
-        damping = -K * lag
-        certain = damping if is_certain else 0.0
-    return {"lag_s": lag, "lag_se_s": se, "lag_damping": damping, "certain_lag_damping": certain}
+    if variance > rounding:
+        return 100 * (1 - residual_variance / variance)
+    return 100.0 if residual_variance <= rounding else 0.0

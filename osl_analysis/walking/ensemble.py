@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 from osl_analysis.errors import InputError
 from osl_analysis.measured import EXACT_FIT_SHARE
 from osl_analysis.signals import Motion, differentiate
-from osl_analysis.stats.regression import LinearFit, welch_satterthwaite
+from osl_analysis.stats.covariance import welch_satterthwaite
+from osl_analysis.stats.regression import LinearFit
 from osl_analysis.stats.repeats import CommonError
 from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import DOWN, UP, Crossing

@@ -7,8 +7,8 @@ import numpy as np
 import polars as pl
 import scipy
 
-from osl_analysis.stats.regression import estimates_row
 from osl_analysis.stats.repeats import over_repeats
+from osl_analysis.stats.table_rows import estimates_row
 from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import DOWN, UP, Crossing
 from osl_analysis.walking.ensemble import (

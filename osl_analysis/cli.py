@@ -873,9 +873,7 @@ def design(config_path: Path, output: Path | None, as_json: bool, **chosen: Any)
         raise click.UsageError(f"--{of_walking[0]} is of --walking: give that too")
     made = designed(chosen, read_config(config_path))
     if output is not None:
-        write_command(
-            made.recommended[0] if made.recommended else made.plan, made.sensors.rate_hz, output
-        )
+        write_command(made.best_plan, chosen["rate"], output)
         say(f"wrote {output}", err=True)
     say(design_json(made) if as_json else design_text(made))
 

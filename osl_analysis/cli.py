@@ -744,12 +744,11 @@ def export(folder: Path, kind: str, output: Path, trials: str, config_path: Path
     'osl-analysis[mujoco]') turns its joint as in the recorded impedance trials, and its torque
     [N·m] is compared with the recorded one."""
     from osl_analysis.campaign.configuration import read_config
-    from osl_analysis.commands.gains import export_leg
+    from osl_analysis.commands.leg_export import export_leg
 
-    said = export_leg(
-        folder, kind, [one.strip() for one in trials.split(",")], read_config(config_path), output
-    )
-    say(f"wrote {output}; {said}")
+    patterns = [pattern.strip() for pattern in trials.split(",")]
+    proof = export_leg(folder, kind, patterns, read_config(config_path), output)
+    say(f"wrote {output}; {proof}")
 
 
 @main.command(

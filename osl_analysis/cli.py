@@ -765,12 +765,11 @@ def export(folder: Path, kind: str, output: Path, trials: str, config_path: Path
     'osl-analysis[mujoco]') turns its joint as in the recorded impedance trials, and its torque
     [N·m] is compared with the recorded one."""
     from osl_analysis.campaign.configuration import read_config
-    from osl_analysis.commands.gains import export_leg
+    from osl_analysis.commands.leg_export import export_leg
 
-    said = export_leg(
-        folder, kind, [one.strip() for one in trials.split(",")], read_config(config_path), output
-    )
-    say(f"wrote {output}; {said}")
+    patterns = [pattern.strip() for pattern in trials.split(",")]
+    proof = export_leg(folder, kind, patterns, read_config(config_path), output)
+    say(f"wrote {output}; {proof}")
 
 
 @main.command(
@@ -894,9 +893,7 @@ def design(config_path: Path, output: Path | None, as_json: bool, **chosen: Any)
         raise click.UsageError(f"--{of_walking[0]} is of --walking: give that too")
     made = designed(chosen, read_config(config_path))
     if output is not None:
-        write_command(
-            made.recommended[0] if made.recommended else made.plan, made.sensors.rate_hz, output
-        )
+        write_command(made.best_plan, chosen["rate"], output)
         say(f"wrote {output}", err=True)
     say(design_json(made) if as_json else design_text(made))
 

@@ -1,10 +1,11 @@
 """Figures: the numbers to be plotted from result tables, the drawn page from those numbers, and the
 captions."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from io import BytesIO
+from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import polars as pl
@@ -41,10 +42,14 @@ from osl_analysis.refusal import Refusal, read_refusals
 from osl_analysis.stats.repeats import DOUBTFUL
 from osl_analysis.table import read_table, with_evidence, write_table
 from osl_analysis.trial import read_trial
-from osl_analysis.walking.crossing import DOWN, UP
+from osl_analysis.walking.crossing import DOWN, UP, Crossing
 from osl_analysis.walking.result_tables import trajectory_points, walking_page_points
-from osl_analysis.walking.unperturbed_gait import unperturbed_gait
+from osl_analysis.walking.unperturbed_gait import UnperturbedGait, unperturbed_gait
 from osl_analysis.walking.walking_settings import TimingSettings
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from matplotlib.transforms import Bbox
 
 # Formats, each with the entries of its metadata for what the data are, and for the time: equal
 # numbers give equal files
@@ -69,13 +74,11 @@ def plot_numbers(
     """Write what figure `name` plots, from the one result table that it shows, or up to three.
     `option` is the value of the setting that the list of figures names; None: not set."""
     figure = drawing_of(name)
-    read = [
-        with_evidence(table, figure.needs),
-        *(read_table(path) for path in (second, third) if path),
-    ]
-    write_table(
-        figure.points(*read) if option is None else figure.points(*read, option), output, data
-    )
+    arguments: list[Any] = [with_evidence(table, figure.needs)]
+    arguments += [read_table(path) for path in (second, third) if path]
+    if option is not None:
+        arguments.append(option)
+    write_table(figure.points(*arguments), output, data)
 
 
 def draw_figure(
@@ -110,8 +113,7 @@ def draw_figure(
         figure = drawing_of(name)
         table = read_table(table_csv, required=figure.columns)
         if not table.is_empty():
-            missing = list(dict.fromkeys(cause.trial for cause in refused if cause.trial))
-            draw_table(name, table, outputs, missing, origin, footer)
+            draw_table(name, table, outputs, names_of_trials(refused), origin, footer)
             return
         causes = [("", str(table_csv), figure.nothing)]
     reasons = pl.DataFrame(causes, schema=("trial", "file", "reason"), orient="row")
@@ -119,6 +121,13 @@ def draw_figure(
     draw_table("not_drawn", reasons, outputs, origin=origin, footer=footer)
 
 
+def names_of_trials(refused: Iterable[Refusal]) -> list[str]:
+    """The refused trials, each once; some refusals are of no single trial."""
+    return list(dict.fromkeys(refusal.trial for refusal in refused if refusal.trial))
+
+
+CURVE_POINTS = 101  # of a response by a model
+SAME_AMPLITUDE_DEG = 1e-6  # difference of an amplitude that a CSV file rounds
 MOST_NAMED = 4  # refused trials below a figure; the caption names more, `excluded.csv` all
 PNG_EFFORT = 3  # of 9; lines hardly shrink by more
 
@@ -138,40 +147,43 @@ def draw_table(
                 f"{path}: figures are written as {', '.join(METADATA)}; choose one of these"
                 " suffixes"
             )
-    from osl_analysis.figures import style, svg_text  # matplotlib takes half a second
+    from osl_analysis.figures.style import lay_out  # matplotlib takes half a second
 
     if missing:
-        further = len(missing) - MOST_NAMED
-        named = ", ".join(missing[:MOST_NAMED]) + (f" and {further} more" if further > 0 else "")
-        without = f"Without {len(missing)} refused: {named}"
+        without = f"Without {len(missing)} refused: {', '.join(missing[:MOST_NAMED])}"
+        if len(missing) > MOST_NAMED:
+            without += f" and {len(missing) - MOST_NAMED} more"
         origin = f"{origin}. {without}" if origin else without
     figure = drawing_of(name).draw(table)
     page_box = names.write_footer(figure, origin) if origin and footer else None
-    style.lay_out(figure)
+    lay_out(figure)
     for path in outputs:
-        subject, date = METADATA[path.suffix]
-        metadata: dict[str, str | None] = {}
-        options: dict[str, Any] = {}
-        if path.suffix == ".png":
-            options["pil_kwargs"] = {"compress_level": PNG_EFFORT}
-        else:
-            metadata[date] = None  # the same numbers give the same file
-        if origin:
-            metadata[subject] = origin
-        page = BytesIO()  # a writer that the disk interrupts would leave its file open
-        with style.paper_style():
-            figure.savefig(
-                page,
-                format=path.suffix.removeprefix("."),
-                metadata=metadata,
-                bbox_inches=page_box,
-                **options,
-            )
-        content = page.getvalue()
-        if path.suffix == ".svg":
-            content = svg_text.with_readable_text(content.decode()).encode()
+        content = saved_figure(figure, path.suffix, origin, page_box)
         with atomic_path(path) as temporary:
             temporary.write_bytes(content)
+
+
+def saved_figure(figure: "Figure", suffix: str, origin: str, page_box: "Bbox | None") -> bytes:
+    """A figure in the format of a suffix; `page_box` is the part of the plane that is saved."""
+    from osl_analysis.figures import style, svg_text
+
+    subject, date = METADATA[suffix]
+    metadata: dict[str, str | None] = {}
+    options: dict[str, Any] = {}
+    if suffix == ".png":
+        options["pil_kwargs"] = {"compress_level": PNG_EFFORT}
+    else:
+        metadata[date] = None  # the same numbers give the same file
+    if origin:
+        metadata[subject] = origin
+    page = BytesIO()  # a writer that the disk interrupts would leave its file open
+    with style.paper_style():
+        figure.savefig(
+            page, format=suffix.removeprefix("."), metadata=metadata, bbox_inches=page_box,
+            **options,
+        )  # fmt: skip
+    content = page.getvalue()
+    return svg_text.with_readable_text(content.decode()).encode() if suffix == ".svg" else content
 
 
 def write_captions(
@@ -180,36 +192,34 @@ def write_captions(
     """Write a section per figure: its title, and its caption or why it is not drawn. `tables` are
     the plotted numbers by the name of the figure, `shown` the results of single trials that it
     shows; the refused ones are named."""
-    doubts = "Why a fit is doubtful stands in the column `doubtful` of the figure's CSV file."
-    said = [f"# Captions\n\n{names.as_text(footer)}. {doubts}\n"]
+    sections = [
+        f"# Captions\n\n{names.as_text(footer)}. Why a fit is doubtful stands in the column"
+        " `doubtful` of the figure's CSV file.\n"
+    ]
     for name, table in tables.items():
-        refused = (
-            cause.trial
-            for file in shown.get(name, ())
-            for cause in read_refusals(file)
-            if cause.trial
-        )
-        caption = caption_of(name, table, list(dict.fromkeys(refused)))
-        said.append(f"## {names.figure_title(name)}\n\n{caption}\n")
-    write_text(output, "\n".join(said))
+        refusals = chain.from_iterable(read_refusals(file) for file in shown.get(name, ()))
+        caption = caption_of(name, table, names_of_trials(refusals))
+        sections.append(f"## {names.figure_title(name)}\n\n{caption}\n")
+    write_text(output, "\n".join(sections))
 
 
 def caption_of(name: str, table_csv: Path, missing: Sequence[str] = ()) -> str:
     """The caption of one figure from its plotted numbers, with the trials that it lacks; or why it
     is not drawn."""
-    if causes := [
-        f"{cause.trial or cause.file}: {cause.reason}" for cause in read_refusals(table_csv)
-    ]:
+    causes = [f"{cause.trial or cause.file}: {cause.reason}" for cause in read_refusals(table_csv)]
+    if causes:
         return f"{UNDRAWN} {names.listed_text(causes)}."
     figure = drawing_of(name)
     table = read_table(table_csv, required=figure.columns)
     if table.is_empty():
         return f"{UNDRAWN} {names.as_text(figure.nothing[:1].upper() + figure.nothing[1:])}."
-    lacks = (
-        f" Without {names.count_of(len(missing), 'trial')} whose recordings or fits were refused: "
-    )
-    said = " ".join(part for part in (figure.caption(table), names.doubtful_said(table)) if part)
-    return f"{said}{f'{lacks}{names.listed_text(missing)}.' if missing else ''}"
+    sentences = [figure.caption(table), names.doubtful_said(table)]
+    if missing:
+        sentences.append(
+            f"Without {names.count_of(len(missing), 'trial')} whose recordings or fits were"
+            f" refused: {names.listed_text(missing)}."
+        )
+    return " ".join(filter(None, sentences))
 
 
 def fig3(curves: Sequence[Path], table: Path, summary: Path, output: Path, data: str = "") -> None:
@@ -253,21 +263,22 @@ def fig4(
     """
     record = record_of_trial(read_trial(trial), settings, windows)
     label = record.label_near(choice["amplitude_deg"])
-    amplitude, analysis = (
-        pl.col("amplitude_deg"),
-        analysed(record, plain_sums(record, IMPEDANCE), IMPEDANCE),
-    )
-    alone = isinstance(label, float) and label in analysis.fits
-    shown = (amplitude - label).abs() < 1e-6 if alone else amplitude.is_null()
+    analysis = analysed(record, plain_sums(record, IMPEDANCE), IMPEDANCE)
     series = analysis.last_seconds(label, choice["duration_s"])
+
     fits = read_table(fit)
-    doubtful = marked(fits, judged(fits, limits, "impedance"), "impedance").filter(shown)[
-        "doubtful"
-    ][0]
-    texts = {name: choice[name] or None for name in ("trial", "joint", "side", "chosen")}
-    texts |= {"controller": choice.get("controller"), "doubtful": doubtful}
-    texts["model"] = "second-order system"
-    constants = [pl.lit(value, pl.String).alias(name) for name, value in texts.items()]
+    fits = marked(fits, judged(fits, limits, "impedance"), "impedance")
+    amplitude = pl.col("amplitude_deg")
+    is_shown = amplitude.is_null()
+    if isinstance(label, float) and label in analysis.fits:  # this amplitude has a fit of its own
+        is_shown = (amplitude - label).abs() < SAME_AMPLITUDE_DEG
+    texts = {
+        **{name: choice[name] or None for name in ("trial", "joint", "side", "chosen")},
+        "controller": choice.get("controller"),
+        "doubtful": fits.filter(is_shown)["doubtful"][0],
+        "model": "second-order system",
+    }
+    constants = [pl.lit(text, pl.String).alias(name) for name, text in texts.items()]
     for name in ("K_d", "B_d"):
         constants.append(pl.lit(choice.get(name), pl.Float64).alias(name))
     write_table(series.with_columns(constants), output, data)
@@ -287,51 +298,53 @@ def fig7(
     have no responses."""
     responses = completed(read_table(table, required=draw_fig7.needs), PLACE)
     responses = responses.with_columns(look_numbers(responses["controller"]))
-    pairs = responses.group_by("K_d", "B_d", maintain_order=True).agg(pl.col("trial").n_unique())
-    counts = (ranked := pairs.sort("trial", descending=True, maintain_order=True))[
-        "trial"
-    ].to_list()
-    K_d, B_d = (
-        (choice.K_d, choice.B_d)
-        if choice
-        else (*ranked.select("K_d", "B_d").rows(), (None, None))[0]
-    )
+    if choice is not None:
+        K_d, B_d, why = choice.K_d, choice.B_d, None
+    else:
+        K_d, B_d, why = most_frequent_impedance(responses)
     shown = responses.filter(
         pl.col("K_d").eq_missing(pl.lit(K_d)), pl.col("B_d").eq_missing(pl.lit(B_d))
     )
-    first = (
-        "the first of the desired impedances"
-        if counts[1:2] == counts[:1]
-        else "the desired impedance"
-    )
-    chosen = None if choice else f"{first} with the most trials"
-    write_table(
-        beside_theory(shown, parameters, weight).with_columns(chosen=pl.lit(chosen, pl.String)),
-        output,
-        data,
-    )
+    points = beside_theory(shown, parameters, weight)
+    write_table(points.with_columns(chosen=pl.lit(why, pl.String)), output, data)
+
+
+def most_frequent_impedance(responses: pl.DataFrame) -> tuple[float | None, float | None, str]:
+    """K_d [N*m/rad] and B_d [N*m*s/rad] that most trials have, and in words why these; null where
+    there is no response."""
+    impedances = responses.group_by("K_d", "B_d", maintain_order=True)
+    counts = impedances.agg(n=pl.col("trial").n_unique())
+    counts = counts.sort("n", descending=True, maintain_order=True)
+    if counts.is_empty():
+        return None, None, "the desired impedance with the most trials"
+    K_d, B_d, most = counts.row(0)
+    is_one_of_several = counts.filter(n=most).height > 1
+    first = "the first of the desired impedances" if is_one_of_several else "the desired impedance"
+    return K_d, B_d, f"{first} with the most trials"
 
 
 def beside_theory(responses: pl.DataFrame, parameters: Path | None, weight: Weight) -> pl.DataFrame:
     """The same for measured responses of one desired impedance in memory, without the column
     `chosen`."""
-    shown, curves = responses.sort("frequency_hz", maintain_order=True), []
+    shown = responses.sort("frequency_hz", maintain_order=True)
+    curves = []
     for measured in shown.partition_by(PLACE, maintain_order=True):
         joint, side, K_d, B_d = measured.select(*PLACE, "K_d", "B_d").row(0)
-        p = read_parameters(parameters) if parameters and joint_of(parameters) == joint else None
-        f = np.linspace(
-            float(measured["frequency_hz"][0]), float(measured["frequency_hz"][-1]), 101
-        )
-        s = np.asarray(2j * np.pi * f, dtype=np.complex128)
+        low_hz, high_hz = measured["frequency_hz"][0], measured["frequency_hz"][-1]
+        frequency_hz = np.linspace(float(low_hz), float(high_hz), CURVE_POINTS)
+        s = np.asarray(2j * np.pi * frequency_hz, dtype=np.complex128)
+        place = (joint, side)
         if K_d is not None and B_d is not None:
-            curves.append(
-                response_curve(DESIRED, None, f, desired_admittance(K_d, B_d)(s), (joint, side))
-            )
-        for name in measured["controller"].unique(maintain_order=True) if p else ():
-            gains = DesiredImpedance(name, K_d, B_d).gains(p, weight)
-            if p and gains:
-                Y = joint_admittance(gains.K_1, gains.B_1, p, p.J_j)
-                curves.append(response_curve(LINEAR_MODEL, name, f, Y(s), (joint, side)))
+            desired = desired_admittance(K_d, B_d)(s)
+            curves.append(response_curve(DESIRED, None, frequency_hz, desired, place))
+        if parameters is None or joint_of(parameters) != joint:
+            continue
+        p = read_parameters(parameters)
+        for controller in measured["controller"].unique(maintain_order=True):
+            gains = DesiredImpedance(controller, K_d, B_d).gains(p, weight)
+            if gains is not None:
+                Y = joint_admittance(gains.K_1, gains.B_1, p, p.J_j)(s)
+                curves.append(response_curve(LINEAR_MODEL, controller, frequency_hz, Y, place))
     return draw_fig7.points(shown, curves)
 
 
@@ -354,26 +367,34 @@ def plot_walking_page(
     )
     doubtful = read_table(table, ["trial", DOUBTFUL]).select("trial", DOUBTFUL)
     isolated = isolated.join(doubtful, on="trial", how="left", maintain_order="left")
-    chosen, gaits = selected_crossings(crossings, selection), read_unperturbed_gaits(unperturbed)
+    selected = selected_crossings(crossings, selection)
+    gaits = read_unperturbed_gaits(unperturbed)
     gait_of = dict(read_table(selection, ["trial", "gait"]).select("trial", "gait").iter_rows())
     frames = []
-    for (group,), of_group in isolated.partition_by(
-        "group", maintain_order=True, as_dict=True
-    ).items():
-        perturbed = [crossing for crossing in chosen if crossing.name in set(of_group["trial"])]
-        gait = gaits[gait_of[perturbed[0].name]]
-        # whose mean is nobody's gait
-        ways = {c.sign: f"perturbed {DOWN if c.sign < 0 else UP}" for c in perturbed}
-        ways = ways if len(ways) > 1 else dict.fromkeys(ways, "perturbed")
-        shown = {
-            name: unperturbed_gait([c for c in perturbed if c.sign == sign], 1)
-            for sign, name in ways.items()
+    for of_group in isolated.partition_by("group", maintain_order=True):
+        trials = set(of_group["trial"])
+        perturbed = [crossing for crossing in selected if crossing.name in trials]
+        gait_curves = {
+            "unperturbed": gaits[gait_of[perturbed[0].name]],
+            **perturbed_gaits(perturbed),
         }
-        points = walking_page_points(
-            perturbed, {"unperturbed": gait, **shown}, of_group.drop("group"), settings
-        )
-        frames.append(points.with_columns(group=pl.lit(group)))
+        points = walking_page_points(perturbed, gait_curves, of_group.drop("group"), settings)
+        frames.append(points.with_columns(group=pl.lit(of_group["group"][0])))
     write_table(pl.concat(frames, how="diagonal"), output, data)
+
+
+def perturbed_gaits(perturbed: Sequence[Crossing]) -> dict[str, UnperturbedGait]:
+    """The mean perturbed gait; of turns in both directions one of each, since their mean is
+    nobody's gait."""
+    by_sign: dict[float, list[Crossing]] = {}
+    for crossing in perturbed:
+        by_sign.setdefault(crossing.sign, []).append(crossing)
+    if len(by_sign) == 1:
+        return {"perturbed": unperturbed_gait(perturbed, 1)}
+    return {
+        f"perturbed {DOWN if sign < 0 else UP}": unperturbed_gait(crossings, 1)
+        for sign, crossings in by_sign.items()
+    }
 
 
 def plot_over_stance(

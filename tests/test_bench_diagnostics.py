@@ -156,7 +156,7 @@ def leg(torque_late=0.0, theta_m_late=0.0, theta_late=0.0, B_j=P.B_j, move=multi
     """A drivetrain's trial from Eqs. 3-4 and a belt with hysteresis; the actuator moves as no
     second-order joint."""
     rng = np.random.default_rng(8)
-    time, (theta, omega, alpha) = move(rng, rate=500.0)
+    time, (theta, omega, alpha) = move(rng, rate=250.0)
     wound = 0.45 * theta + 6e-3 * omega + 4e-3 * np.tanh(omega / 0.05)
     slips = np.zeros_like(wound)
     for k, step in enumerate(np.diff(wound), 1):

@@ -88,6 +88,7 @@ RECORDED = {"torque_angle": None, "impedance": DesiredImpedance("compensated", 3
 OF_BENCH = {name: value for name, value in ASSUMED.items() if {*JUDGING[name]} & RECORDED.keys()}
 
 
+@pytest.mark.usefixtures("without_inference")
 def test_settings_that_nobody_stated_make_no_finding_on_a_sound_recording(with_default):
     """Whatever the default says of them: of a slow spring and of sines of a joint with a
     command."""

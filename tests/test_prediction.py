@@ -16,13 +16,10 @@ from scipy import stats
 from scipy.signal import butter, sosfiltfilt
 
 from osl_analysis.bench import prediction, prediction_causes
-from osl_analysis.bench.bench_settings import FilterSettings
 from osl_analysis.bench.condition_tables import compensation_table
-from osl_analysis.bench.controller_law import LAW_COLUMNS
 from osl_analysis.bench.impedance import DesiredImpedance, rendered_impedance, torque_error
 from osl_analysis.bench.measured_components import COMPONENTS, components_of
 from osl_analysis.bench.prediction import (
-    MISSES,
     Misses,
     model_variance,
     prediction_table,
@@ -30,14 +27,13 @@ from osl_analysis.bench.prediction import (
 )
 from osl_analysis.bench.record import read_record, record_of, stored_record
 from osl_analysis.bench.row_groups import stretches_of
-from osl_analysis.commands.bench import gather_predictions
 from osl_analysis.errors import InputError
 from osl_analysis.judge.campaign import campaign_findings, measured_over_predicted, misfits_of_joint
 from osl_analysis.judge.claims import Claims, claims_table, limit_verdict
 from osl_analysis.judge.finding import Beyond
 from osl_analysis.judge.limits import DoubtfulFits
 from osl_analysis.model.actuator_in_time import Controller, belt_responses
-from osl_analysis.model.compensator import PAPER_WEIGHT, select_gains
+from osl_analysis.model.compensator import select_gains
 from osl_analysis.model.drivetrain import read_parameters
 from osl_analysis.report.headlines import headline_numbers
 from osl_analysis.simulator.two_mass_drivetrain import IDEAL, simulate_drivetrain
@@ -98,47 +94,17 @@ def predictions(tables, p=P, **delays):
     return *prediction_table(terms, pl.DataFrame(fits, infer_schema_length=None), components), fits
 
 
-def test_a_record_that_was_kept_is_predicted_as_that_of_the_fit_and_without_components_it_is_said(
-    tmp_path,
-):
-    record, kept = (
-        replace(recording(300, 5, "compensated", P, 0), name="t_1"),
-        tmp_path / "t_1.parquet",
+def test_a_record_that_was_kept_is_predicted_as_that_of_the_fit(tmp_path):
+    record, path = recording(300, 5, "compensated"), tmp_path / "made.parquet"
+    write_table(stored_record(record), path)
+    law = law_of(300, 5, "compensated")
+
+    of_fit, of_kept = (
+        prediction_terms(each, law, EXACT) for each in (record, read_record(path, record.low_pass))
     )
-    write_table(stored_record(record), kept)
-    law, components = (
-        law_of(300, 5, "compensated"),
-        components_of(component_tables(TRUE), ("ankle", None), P),
-    )
-    made = (
-        prediction_terms(one, law, components)
-        for one in (record, read_record(kept, record.low_pass))
-    )
-    for of_record, of_kept in zip(*made, strict=True):
-        assert_frame_equal(of_record, of_kept, rel_tol=1e-9)
-    row = fitted(record, trial="t_1", **HERE, controller="compensated", K_d=300.0, B_d=5.0)
-    write_table(pl.DataFrame([row]), table := tmp_path / "impedance.csv")
-    settings, output = FilterSettings(cutoff_hz=15, order=4), tmp_path / "p.csv"
-    causes, frequencies = tmp_path / "c.csv", tmp_path / "f.csv"
-    device = ROOT / "config/parameters/default.yaml"
-    write_table(pl.DataFrame(schema=LAW_COLUMNS), law := tmp_path / "law.csv")
-    gather_predictions(
-        [kept],
-        table,
-        law,
-        {},
-        {},
-        PAPER_WEIGHT,
-        0.05,
-        settings,
-        output,
-        causes,
-        frequencies,
-        device,
-    )
-    assert "no actuator and no belt" in read_table(output)["missing_components"].item()
-    assert read_table(causes).is_empty()
-    assert {*MISSES} < {*read_table(frequencies).columns}
+
+    for terms, kept in zip(of_fit, of_kept, strict=True):
+        assert_frame_equal(terms, kept, rel_tol=1e-9)
 
 
 def test_an_inertia_that_is_not_predicted_is_missed_by_i_w2_times_the_rms_of_a_sine():
@@ -201,22 +167,25 @@ def test_components_are_means_with_the_scatter_of_their_trials_and_the_correlati
     of_fits = np.sqrt(np.mean(tables["actuator"]["f_C_se"].to_numpy() ** 2))
     assert found.se("f_C") == pytest.approx(max(f_C.std(ddof=1), of_fits) / 3**0.5)
     of = list(COMPONENTS).index
-    assert found.covariance[of("f_C"), of("J_m")] == pytest.approx(
-        0.5 * found.se("f_C") * found.se("J_m"), rel=2e-3
-    )
+    shared = found.covariance[of("f_C"), of("J_m")]
+    assert shared == pytest.approx(0.5 * found.se("f_C") * found.se("J_m"), rel=2e-3)
     assert (found.covariance[of("f_C"), of("K_s")], found.freedom["K_s"]) == (0, 2)
     assert (found.p.k_tau * P.n_m, found.p.n_T) == (pytest.approx(found.values["k_tau_n_m"]), P.n_T)
-    for wrong, side, said in (
-        ({"actuator": tables["actuator"]}, None, "no belt and no transmission trials"),
-        (tables, "left", "no actuator and no belt and no transmission"),
-        (
-            component_tables(TRUE | {"K_s": -TRUE["K_s"]}),
-            None,
-            r"belt.csv: K_s = -68\d.* is negative",
-        ),
-    ):
-        with pytest.raises(InputError, match=said):
-            components_of(wrong, ("ankle", side), P)
+
+
+@pytest.mark.parametrize(("tables", "side", "words"), [
+    ({"actuator": component_tables(TRUE)["actuator"]}, None,
+     "no belt and no transmission trials"),
+    (component_tables(TRUE), "left", "no actuator and no belt and no transmission"),
+    (component_tables(TRUE | {"K_s": -P.K_s}), None, r"belt.csv: K_s = -68\d.* is negative"),
+])  # fmt: skip
+def test_components_that_are_missing_or_negative_are_refused(tables, side, words):
+    with pytest.raises(InputError, match=words):
+        components_of(tables, ("ankle", side), P)
+
+
+def test_a_damping_of_the_actuator_that_is_negative_within_its_error_is_zero():
+    tables = component_tables(TRUE)
     doubtful = tables["actuator"].with_columns(B_m=pl.lit(-1e-5), B_m_se=pl.lit(1e-4))
     assert components_of({**tables, "actuator": doubtful}, ("ankle", None), P).p.B_m == 0
 
@@ -225,24 +194,20 @@ def test_the_components_of_a_leg_predict_its_torque_and_nothing_is_named():
     table, causes, fits = predictions(component_tables(TRUE))
     assert table["VAF"].min() > 99.9
     for symbol in "KB":
-        assert table[f"{symbol}_measured"].to_list() == pytest.approx(
-            [fit[symbol] for fit in fits], rel=2e-3
-        )
-        inside = table[f"{symbol}_measured"].is_between(
-            table[f"{symbol}_low"], table[f"{symbol}_high"]
-        )
+        measured = table[f"{symbol}_measured"]
+        assert measured.to_list() == pytest.approx([fit[symbol] for fit in fits], rel=2e-3)
+        inside = measured.is_between(table[f"{symbol}_low"], table[f"{symbol}_high"])
         assert inside.sum() >= 7
     assert (table["K_high"] - table["K_low"]).max() < 0.02 * 400
-    for K_d, B_d, outside in (
-        (150, 0, "K_d"),
-        (200, 9, "B_d"),
-        (150, 9, "K_d and B_d"),
-        (300, 5, None),
-    ):
-        trial = {"K_d": K_d, "B_d": B_d}
-        others = [{"K_d": 200, "B_d": 0}, {"K_d": 400, "B_d": 5}]
-        assert prediction.outside_of(trial, others) == outside
     assert not causes["named"].any()
+
+
+@pytest.mark.parametrize(("K_d", "B_d", "outside"), [
+    (150, 0, "K_d"), (200, 9, "B_d"), (150, 9, "K_d and B_d"), (300, 5, None),
+])  # fmt: skip
+def test_a_trial_outside_of_the_others_conditions_is_told(K_d, B_d, outside):
+    others = [{"K_d": 200, "B_d": 0}, {"K_d": 400, "B_d": 5}]
+    assert prediction.outside_of({"K_d": K_d, "B_d": B_d}, others) == outside
 
 
 def doubts_about(table, causes):
@@ -316,25 +281,23 @@ def test_the_standard_error_of_a_change_is_that_of_a_mean_where_the_change_is_a_
 def test_an_interval_is_learnt_from_the_other_trials():
     """What a trial itself measured does not change its own interval, and changes that of the
     others."""
-    tables = component_tables(TRUE)
-    components, record = components_of(tables, ("ankle", None), P), recording(300, 5, "compensated")
-    terms = {
-        f"t{k}": prediction_terms(record, law_of(300, 5, "compensated"), components)[0]
-        for k in range(6)
-    }
+    record = recording(300, 5, "compensated")
+    components = components_of(component_tables(TRUE), ("ankle", None), P)
+    learnt, _ = prediction_terms(record, law_of(300, 5, "compensated"), components)
+    terms = {f"t{k}": learnt for k in range(6)}
     fit = fitted(record, **HERE, controller="c", K_d=1.0, B_d=1.0)
     fits = pl.DataFrame([fit | {"trial": trial} for trial in terms])
-    wide = {
-        **terms,
-        "t0": (
-            terms["t0"].with_columns(K=pl.when(pl.col("term") == "left").then(30.0).otherwise("K"))
-        ),
-    }
-    before, after = (prediction_table(one, fits, components)[0] for one in (terms, wide))
-    width = [(one["K_high"] - one["K_low"]).to_numpy() for one in (before, after)]
-    assert width[0][0] == width[1][0]
-    assert (width[1][1:] > 5 * width[0][1:]).all()
-    alone, _ = prediction_table({"t0": terms["t0"]}, fits.head(1), components)
+    missed = learnt.with_columns(K=pl.when(pl.col("term") == "left").then(30.0).otherwise("K"))
+
+    before, after = (
+        prediction_table(each, fits, components)[0] for each in (terms, terms | {"t0": missed})
+    )
+    alone, _ = prediction_table({"t0": learnt}, fits.head(1), components)
+
+    width = (before["K_high"] - before["K_low"]).to_numpy()
+    widened = (after["K_high"] - after["K_low"]).to_numpy()
+    assert width[0] == widened[0]
+    assert (widened[1:] > 5 * width[1:]).all()
     assert alone.select("K_low", "K_high").row(0) == (None, None)
 
 

@@ -20,15 +20,19 @@ THETA = np.deg2rad(5.0) + STEP * np.arange(-30, 31)
 
 
 def test_several_cycles_have_the_interval_of_their_mean():
-    offsets = np.array([0.0, 0.3, -0.1])
-    cycles = [(THETA, K * THETA + offset) for offset in offsets]
+    offsets, stiffer = np.array([0.0, 0.3, -0.1]), np.array([2.0, -1.0, 5.0])
+    angle = THETA - np.deg2rad(5.0)
+    cycles = [(THETA, (K + d) * angle + a) for a, d in zip(offsets, stiffer, strict=True)]
 
     curve = branch_curve(cycles, AT_DEG, WINDOW, 1)
 
-    half = student.ppf(0.975, 2) * np.std(offsets, ddof=1) / np.sqrt(3)
-    mean = K * np.deg2rad(5.0) + np.mean(offsets)
-    assert curve["torque"][0] == pytest.approx(mean)
-    assert curve["torque_high"][0] - mean == pytest.approx(half)
+    of_mean = student.ppf(0.975, 2) / np.sqrt(3)
+    half = curve["torque_high"][0] - curve["torque"][0]
+    of_slope = curve["stiffness_high"][0] - curve["stiffness"][0]
+    assert curve["torque"][0] == pytest.approx(np.mean(offsets))
+    assert half == pytest.approx(of_mean * np.std(offsets, ddof=1))
+    assert curve["stiffness"][0] == pytest.approx(K + np.mean(stiffer))
+    assert of_slope == pytest.approx(of_mean * np.std(stiffer, ddof=1))
     assert curve["change"][0] == pytest.approx(-0.1)
 
 

@@ -173,46 +173,48 @@ def of_cycles(theta, torque, **stated):
     return torque_angle_table(found).row(0, named=True), curve
 
 
-def test_belts_and_quasi_static_cycles_have_it():
+def test_an_error_of_the_gain_is_in_the_estimates_of_a_belt():
     theta_s, torque = belt_cycle()
     rise = 1.01 * (torque - torque[0]) + torque[0]
-    plain, other, stated = (
-        of_belt(theta_s, torque),
-        of_belt(theta_s, rise),
-        of_belt(theta_s, torque, torque_gain=0.01),
-    )
+    plain, other = of_belt(theta_s, torque), of_belt(theta_s, rise)
+
+    stated = of_belt(theta_s, torque, torque_gain=0.01)
+
     for name in ("K_s", "unloading", "quadratic_K_s2", "hysteresis_area"):
+        change = abs(other[name] - plain[name])
         least = 1e-6 * plain["K_s"]
-        assert stated[f"{name}_se_bench"] == pytest.approx(
-            abs(other[name] - plain[name]), rel=1e-6, abs=least
-        ), name
+        assert stated[f"{name}_se_bench"] == pytest.approx(change, rel=1e-6, abs=least), name
+
+
+def test_a_loop_of_the_load_cell_is_in_the_area_of_a_belt():
+    theta_s, torque = belt_cycle()
     area = of_belt(theta_s, torque, hysteresis=0.01)["hysteresis_area_se_bench"]
     assert area == pytest.approx(0.01 / np.sqrt(12) * np.ptp(torque) * 2 * theta_s.max(), rel=0.1)
 
-    time = clock(3 * PERIOD)
-    theta, torque = A * np.sin(W * time), 200 * A * np.sin(W * time) + 30 * A * W * np.cos(W * time)
-    (plain, curve), (stated, wider) = (
-        of_cycles(theta, torque),
-        of_cycles(theta, torque, torque_gain=0.01),
-    )
+
+TURNS = W * clock(3 * PERIOD)
+CYCLED = A * np.sin(TURNS)
+OF_CYCLES = 200 * CYCLED + 30 * A * W * np.cos(TURNS)
+
+
+def test_an_error_of_the_gain_is_in_the_estimates_of_quasi_static_cycles():
+    plain, curve = of_cycles(CYCLED, OF_CYCLES)
+    stated, wider = of_cycles(CYCLED, OF_CYCLES, torque_gain=0.01)
     for name in ("K", "K_unloading", "energy_stored", "energy_lost"):
-        assert stated[f"{name}_se_bench"] == pytest.approx(0.01 * plain[name])
-        assert stated[f"{name}_se"] ** 2 == pytest.approx(
-            plain[f"{name}_se"] ** 2 + (0.01 * plain[name]) ** 2
-        )
-    half, before = (
-        wider["stiffness_high"] - wider["stiffness"],
-        curve["stiffness_high"] - curve["stiffness"],
-    )
-    assert half**2 == pytest.approx(before**2 + (1.96 * 0.01 * curve["stiffness"]) ** 2)
-    loop = 0.02 / np.sqrt(12) * np.ptp(torque) * 4 * A
-    assert of_cycles(theta, torque, hysteresis=0.02)[0]["energy_lost_se_bench"] == pytest.approx(
-        loop, rel=0.05
-    )
-    lost = 1e-3 * 200 * np.pi * A**2 * W  # K times the delay is a damping
-    assert of_cycles(theta, torque, delay=1e-3)[0]["energy_lost_se_bench"] == pytest.approx(
-        lost, rel=0.05
-    )
+        added = 0.01 * plain[name]
+        assert stated[f"{name}_se_bench"] == pytest.approx(added)
+        assert stated[f"{name}_se"] == pytest.approx(np.hypot(plain[f"{name}_se"], added))
+    half, before = (row["stiffness_high"] - row["stiffness"] for row in (wider, curve))
+    assert half == pytest.approx(np.hypot(before, 1.96 * 0.01 * curve["stiffness"]))
+
+
+@pytest.mark.parametrize(("stated", "lost"), [
+    ({"hysteresis": 0.02}, 0.02 / np.sqrt(12) * np.ptp(OF_CYCLES) * 4 * A),
+    ({"delay": 1e-3}, 1e-3 * 200 * np.pi * A**2 * W),  # K times the delay is a damping
+])  # fmt: skip
+def test_what_takes_part_in_a_loop_is_in_the_energy_that_it_loses(stated, lost):
+    row, _ = of_cycles(CYCLED, OF_CYCLES, **stated)
+    assert row["energy_lost_se_bench"] == pytest.approx(lost, rel=0.05)
 
 
 def test_the_error_of_the_bench_is_no_part_of_what_trials_average_out():

@@ -51,7 +51,7 @@ def test_distortion_is_the_share_of_the_harmonics():
 
 
 def test_few_cycles_cover_the_response_and_its_mean_over_amplitudes():
-    """95 % of 150 records of six cycles, amplitudes of unequal noise; a normal quantile would reach
+    """95 % of 200 records of six cycles, amplitudes of unequal noise; a normal quantile would reach
     90 %."""
     time, rng = np.arange(0, 6, 1e-2), np.random.default_rng(6)
     Y = 1 / (200 + 40j)
@@ -59,7 +59,7 @@ def test_few_cycles_cover_the_response_and_its_mean_over_amplitudes():
     torque = 0.05 / np.abs(Y) * np.sin(W * time - np.angle(Y))
     covered = []
 
-    for _ in range(150):
+    for _ in range(200):
         responses = []
         for noise in (0.5, 2.0):
             noisy = torque + rng.normal(0, noise, len(time))
@@ -70,8 +70,8 @@ def test_few_cycles_cover_the_response_and_its_mean_over_amplitudes():
             covered.append(row["magnitude_low"] <= np.abs(Y) <= row["magnitude_high"])
             covered.append(row["phase_deg_low"] <= phase_deg <= row["phase_deg_high"])
 
-    of_each = np.reshape(covered, (150, 4)).mean(axis=0)
-    assert ((of_each > 0.91) & (of_each < 0.99)).all(), of_each
+    of_each = np.reshape(covered, (200, 4)).mean(axis=0)
+    assert ((of_each > 0.91) & (of_each < 0.98)).all(), of_each
 
 
 @pytest.mark.parametrize(("seconds", "rate_hz", "frequency_hz", "message"), [

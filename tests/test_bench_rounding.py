@@ -20,7 +20,6 @@ from osl_analysis.bench.rounded_signals import before_rounding
 from osl_analysis.bench.row_groups import stretches_of
 from osl_analysis.measured import visible_step
 from osl_analysis.signals import LowPass
-from osl_analysis.spectral.stepped_sine import SteppedSineProtocol
 from osl_analysis.trial import Trial
 
 TRUTH = {"K": 300.0, "B": 5.0, "I": 0.02}
@@ -107,40 +106,30 @@ def test_intervals_cover_the_truth_and_are_as_wide_as_errors(
         ), name
 
 
-def test_both_kinds_of_groups_read_a_joint_alike_that_the_model_misses():
-    """Cycles of a stepped sine, or stretches of the same rows: friction that Eq. 15 lacks."""
-    protocol = SteppedSineProtocol((0.05, 0.1), FIVE, 20)
-    record = stepped_sine(lambda m: second_order(m) + 0.8 * np.sign(m.omega), 0.03, protocol)
-    other = replace(record, groups=stretches_of(record.pieces, record.rate_hz))
-    cycles, stretches = (
-        with_effects(plain_sums(one, IMPEDANCE), IMPEDANCE) for one in (record, other)
-    )
-    for name in TRUTH:
-        assert cycles[name] == pytest.approx(stretches[name], abs=0.3 * cycles.se(name))
-        assert 0.3 < cycles.se(name) / stretches.se(name) < 3
-    assert cycles.se("B") > 5 * cycles.repeat_se("B")
+VALUES = np.random.default_rng(1).normal(0, 0.1, 20_000)
 
 
-def test_a_step_is_stated_or_seen():
-    values = (rng := np.random.default_rng(1)).normal(0, 0.1, 20_000)
-    assert visible_step(0.003 * np.rint(values / 0.003) + 0.0007) == pytest.approx(0.003, rel=1e-6)
-    assert visible_step(values) is None
-    for few in (
-        np.zeros(100),
-        np.empty(0),
-        np.tile([0.0, np.nan, 1.0, 2.0], 9),
-        np.tile([0.0, 1.0], 9),
-    ):
-        assert visible_step(few) is None
-    irregular = 29 + np.cumsum(rng.uniform(1.6, 1.9, 20))  # some levels are no whole steps apart
+def test_a_step_is_seen_in_rounded_values():
+    rounded = 0.003 * np.rint(VALUES / 0.003) + 0.0007
+    assert visible_step(rounded) == pytest.approx(0.003, rel=1e-6)
     assert visible_step(np.repeat(np.arange(50.0), 10)) == 1
-    assert visible_step(np.repeat(np.append(np.arange(30.0), irregular), 10)) is None
-    made = trial(2, 500.0)
-    stated = Trial("made", made.samples, {"columns": {"theta": {"resolution": 1e-3}}})
-    assert (sine_record(stated, SETTINGS).steps, sine_record(made, SETTINGS).steps) == (
-        (1e-3, None),
-        (None, None),
-    )
+
+
+UNEVEN = 29 + np.cumsum(np.random.default_rng(1).uniform(1.6, 1.9, 20))
+
+
+@pytest.mark.parametrize("values", [
+    VALUES, np.zeros(100), np.empty(0), np.tile([0.0, np.nan, 1.0, 2.0], 9),
+    np.repeat(np.append(np.arange(30.0), UNEVEN), 10),
+], ids=["fine", "still", "none", "three levels", "uneven levels"])  # fmt: skip
+def test_values_without_a_common_step_have_none(values):
+    assert visible_step(values) is None
+
+
+def test_a_stated_step_is_used():
+    samples = trial(2, 500.0).samples
+    stated = Trial("made", samples, {"columns": {"theta": {"resolution": 1e-3}}})
+    assert sine_record(stated, SETTINGS).steps == (1e-3, None)
 
 
 def test_noise_of_the_angle_is_read_beyond_a_motion_that_is_faster_than_the_cut_off():

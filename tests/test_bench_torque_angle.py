@@ -22,7 +22,6 @@ from osl_analysis.bench.torque_angle_tables import (
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.commands.bench import fit_torque_angle_trial
 from osl_analysis.config.sheet import read_sheet
-from osl_analysis.dictionary import described_tables
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.examine import saturated
 from osl_analysis.ingest.raw_files import trial_from_files
@@ -74,28 +73,28 @@ def jenkins(theta, stiffness, limit, start=0.0):
 
 
 def test_an_elliptic_loop_has_the_energies_of_a_spring_with_damping():
-    time = clock(3 * PERIOD)
-    theta, torque = A * np.sin(W * time), K * A * np.sin(W * time) + B * A * W * np.cos(W * time)
-    row, single = row_of(theta, torque, **PLAIN), row_of(theta[:2001], torque[:2001], **PLAIN)
-    assert [single[name] for name in ("cycles", "interval_method", "K_low", "cycle_drift")] == [
-        1,
-        None,
-        None,
-        None,
-    ]
+    turns = W * clock(3 * PERIOD)
+    theta, torque = A * np.sin(turns), K * A * np.sin(turns) + B * A * W * np.cos(turns)
+    row = row_of(theta, torque, **PLAIN)
+    assert row["cycles"] == 3
+    assert row["energy_lost"] == pytest.approx(np.pi * B * W * A**2, rel=1e-4)
     size, lag = A * np.hypot(K, B * W), np.arctan2(B * W, K)
-    assert (row["cycles"], row["energy_lost"]) == (3, pytest.approx(np.pi * B * W * A**2, rel=1e-4))
     stored = size * A / 2 * (2 * np.cos(lag) + (np.pi + 2 * lag) * np.sin(lag))
     returned = size * A / 2 * (2 * np.cos(lag) - (np.pi - 2 * lag) * np.sin(lag))
-    assert (row["energy_stored"], row["energy_returned"]) == pytest.approx(
-        (stored, returned), rel=1e-3
-    )
+    assert row["energy_stored"] == pytest.approx(stored, rel=1e-3)
+    assert row["energy_returned"] == pytest.approx(returned, rel=1e-3)
     assert row["returned_share"] == pytest.approx(returned / stored, rel=1e-3)
     assert (row["K"], row["K_unloading"]) == pytest.approx((K, K), rel=1e-3)
     assert row["hysteresis_torque"] == pytest.approx(2 * B * A * W, rel=0.01)
-    assert (row["shortest_cycle_s"], row["speed_deg_s"]) == pytest.approx(
-        (PERIOD, 40 / PERIOD), rel=0.01
-    )
+    assert row["shortest_cycle_s"] == pytest.approx(PERIOD, rel=0.01)
+    assert row["speed_deg_s"] == pytest.approx(40 / PERIOD, rel=0.01)
+
+
+def test_one_cycle_has_no_interval():
+    theta = A * np.sin(W * clock(PERIOD))
+    row = row_of(theta, K * theta, **PLAIN)
+    assert row["cycles"] == 1
+    assert row["interval_method"] is row["K_low"] is row["cycle_drift"] is None
 
 
 def test_a_spring_with_a_slipping_one_beside_it_loses_four_times_force_by_slip():
@@ -114,39 +113,42 @@ def test_a_spring_with_a_slipping_one_beside_it_loses_four_times_force_by_slip()
     )
 
 
+STIFFENING, END = 3000.0, np.deg2rad(12)
+
+
+def cubic_spring():
+    """A fit to a spring that stiffens, turned without corners, which the filter would round."""
+    turns = 1 - np.cos(W * clock(2 * PERIOD))
+    theta = np.deg2rad(6) * np.concatenate([turns, np.zeros(250)])
+    return fitted(theta, K * theta + STIFFENING * theta**3 + 3.0)
+
+
 def test_the_curve_of_a_cubic_spring_and_its_slope_are_found_at_every_angle():
-    time = clock(2 * PERIOD)  # without corners, which the filter would round
-    stiffening, theta = (
-        3000.0,
-        np.deg2rad(6) * np.concatenate([1 - np.cos(W * time), np.zeros(250)]),
-    )
-    found = fitted(theta, K * theta + stiffening * theta**3 + 3.0)
-    row = torque_angle_table(found).row(0, named=True)
-    assert (row["cycles"], row["loading"]) == (2, "rising")
-    assert (row["torque_zero"], row["energy_lost"]) == (
-        pytest.approx(3, abs=1e-6),
-        pytest.approx(0, abs=1e-3),
-    )
-    end = np.deg2rad(12)
-    # a line over angle, whatever the speed
-    assert row["K"] == pytest.approx(K + 0.9 * stiffening * end**2, rel=1e-3)
-    assert row["energy_stored"] == pytest.approx(K * end**2 / 2 + stiffening * end**4 / 4, rel=1e-3)
-    curve, tables = curve_table(found), {one.place: one.columns for one in described_tables()}
-    assert set(row) <= set(tables["tables/torque_angle"]), "described in the dictionary"
-    assert set(curve.columns) <= set(tables["tables/torque_angle_curves"])
+    curve = curve_table(cubic_spring())
+
     loading = curve.filter(pl.col("branch") == "loading")
     assert loading["angle_deg"].to_list()[-23:] == list(np.arange(0.5, 12, 0.5))
-    assert (row["K_lowest"], row["K_highest"]) == (
-        loading["stiffness"].min(),
-        loading["stiffness"].max(),
-    )
-    angle, window = np.deg2rad(curve["angle_deg"].to_numpy()), 0.05 * end
-    inside = (angle > 1.2 * window) & (angle < end - 1.2 * window)
-    expected = (K * angle + stiffening * angle**3)[inside]
+    angle, window = np.deg2rad(curve["angle_deg"].to_numpy()), 0.05 * END
+    inside = (angle > 1.2 * window) & (angle < END - 1.2 * window)
+    expected = (K * angle + STIFFENING * angle**3)[inside]
     np.testing.assert_allclose(curve["torque"].to_numpy()[inside], expected, rtol=2e-3)
     # of a parabola through a cubic
-    slope = K + 3 * stiffening * angle**2 + 0.6 * stiffening * window**2
+    slope = K + 3 * STIFFENING * angle**2 + 0.6 * STIFFENING * window**2
     np.testing.assert_allclose(curve["stiffness"].to_numpy()[inside], slope[inside], rtol=2e-3)
+
+
+def test_a_cubic_spring_has_the_energy_and_the_slope_of_its_curve_and_no_loss():
+    found = cubic_spring()
+    row = torque_angle_table(found).row(0, named=True)
+    assert (row["cycles"], row["loading"]) == (2, "rising")
+    assert row["torque_zero"] == pytest.approx(3, abs=1e-6)
+    assert row["energy_lost"] == pytest.approx(0, abs=1e-3)
+    # a line over angle, whatever the speed
+    assert row["K"] == pytest.approx(K + 0.9 * STIFFENING * END**2, rel=1e-3)
+    assert row["energy_stored"] == pytest.approx(K * END**2 / 2 + STIFFENING * END**4 / 4, rel=1e-3)
+    loading = curve_table(found).filter(pl.col("branch") == "loading")
+    extremes = loading["stiffness"].min(), loading["stiffness"].max()
+    assert (row["K_lowest"], row["K_highest"]) == extremes
 
 
 def test_a_trial_the_other_way_round_has_the_same_stiffness_and_energies():
@@ -167,23 +169,25 @@ def test_a_trial_the_other_way_round_has_the_same_stiffness_and_energies():
     assert ours["angle_max_deg"] == pytest.approx(-mirrored["angle_min_deg"])
 
 
-def test_the_yielding_of_the_bench_is_taken_off_the_angle_and_its_error_widens_the_interval_of_k():
-    theta, bench = FULL, 12490.0
-    row = row_of(
-        theta + K * theta / bench,
-        K * theta,
-        bench_stiffness={"value": f"{np.deg2rad(bench)} N*m/deg"},
-    )
+def test_the_yielding_of_the_bench_is_taken_off_the_angle():
+    bench = 12490.0  # N*m/rad
+    stated = {"value": f"{np.deg2rad(bench)} N*m/deg"}
+    row = row_of(FULL + K * FULL / bench, K * FULL, bench_stiffness=stated)
     assert row["K"] == pytest.approx(K, rel=1e-6)
     assert row["K_uncorrected"] == pytest.approx(K / (1 + K / bench), rel=1e-6)
-    assert row["bench_angle_max_deg"] / row["angle_max_deg"] == pytest.approx(
-        1 + K / bench, rel=1e-3
-    )
-    theta, known = path(0, 10, 0, 10, 0, 10, 0), {"value": f"{np.deg2rad(4000)} Nm/deg"}
+    turned = row["bench_angle_max_deg"] / row["angle_max_deg"]
+    assert turned == pytest.approx(1 + K / bench, rel=1e-3)
+
+
+def test_an_error_of_the_bench_s_stiffness_widens_the_interval_of_k():
+    """dK = K^2 d(1/k)."""
+    theta = path(0, *(10, 0) * 3)
     torque = K * theta + 0.2 * np.random.default_rng(1).standard_normal(theta.size)
-    errors = {}, {"standard_error": "200 N*m/rad"}
-    narrow, wide = (row_of(theta, torque, bench_stiffness=known | error) for error in errors)
-    # of K by one standard error of 1/k: dK = K^2 d(1/k)
+    known = {"value": "4000 N*m/rad"}
+    narrow, wide = (
+        row_of(theta, torque, bench_stiffness=known | error)
+        for error in ({}, {"standard_error": "200 N*m/rad"})
+    )
     change = wide["K"] ** 2 * (1 / 3800 - 1 / 4000)
     assert wide["K_se"] == pytest.approx(np.hypot(narrow["K_se"], change), rel=0.1)
     assert wide["K_se"] > 3 * narrow["K_se"]
@@ -367,6 +371,18 @@ def test_a_drift_is_told_by_the_loop_and_from_cycle_to_cycle():
     assert (row["cycle_drift"], row["closure_torque"]) == pytest.approx(shares, rel=0.05)
 
 
+def test_the_weight_of_a_fixture_is_taken_off_the_torque():
+    torque = K * FULL + jenkins(FULL, 400, 2)
+    fixture = {"torque": {"fixture": {"weight": 2.0, "rest_deg": 30.0}}}
+    weighed = trial_of(FULL, torque + 2 * np.sin(FULL - np.deg2rad(30)), columns=fixture)
+    alone, found = (
+        torque_angle_table(torque_angle_trial(trial, CONFIG.torque_angle)).row(0, named=True)
+        for trial in (trial_of(FULL, torque), weighed)
+    )
+    for name in ("K", "energy_stored", "energy_lost", "torque_zero"):
+        assert found[name] == pytest.approx(alone[name], rel=1e-5, abs=1e-5)
+
+
 def test_a_gap_at_the_tip_of_a_cycle_is_doubtful():
     samples = trial_of(FULL, K * FULL + 0.01 * NOISE).samples
     tip = int(np.argmax(FULL))
@@ -398,48 +414,43 @@ def test_the_change_of_the_energy_with_speed_is_that_from_the_slowest_cycle_to_t
         assert row_of(like, K * like, rest_s=0.4)["rate_change"] is None
 
 
-def test_loops_of_several_speeds_show_a_late_torque_also_those_of_repeats():
-    """A torque that is late by 20 ms takes 20 ms times the integral of its rate times the velocity
-    off the loop."""
+LATE_S = 0.02
 
-    def table_of(name, speeds, late, amplitude=10, stiffness=K):
-        theta = np.concatenate([path(0, amplitude, 0, speed=speed) for speed in speeds])
-        torque = stiffness * theta + jenkins(theta, 400, 2)
-        torque = np.concatenate([np.zeros(late), torque[: len(torque) - late]])
-        changed = {"zero": "start", "shortest_cycle_s": 0.5}
-        return torque_angle_table(fitted(theta, torque, **changed)).with_columns(trial=pl.lit(name))
 
-    limits, late = CONFIG.doubtful.of("torque_angle"), round(0.02 * RATE)
-    sound, slow, fast = (
-        table_of(*one) for one in (("a", (4, 8, 16), 0), ("b", (4, 4), late), ("c", (12, 12), late))
-    )
-    single = table_of("d", (4, 8, 16), late)
-    assert abs(sound["rate_change"][0]) < 0.01
-    assert single["late_s"][0] == pytest.approx(0.02, rel=0.03)
-    whole = single["energy_lost"][0] + 20 * single["energy_per_ms"][0]
-    assert whole == pytest.approx(sound["energy_lost"][0], rel=0.02)
-    assert slow["rate_change"][0] is None
-    others = table_of("e", (12, 12), 0, stiffness=1.1 * K), table_of("f", (12, 12), 0, amplitude=11)
-    table = compared_with_repeats(pl.concat([slow, fast, *others], how="diagonal_relaxed"), {})
+def table_of_speeds(name, speeds, late_s=0.0, amplitude=10, stiffness=K):
+    """The table of a trial of cycles at these speeds [deg/s] with hysteresis, whose torque is
+    late."""
+    theta = np.concatenate([path(0, amplitude, 0, speed=speed) for speed in speeds])
+    torque = stiffness * theta + jenkins(theta, 400, 2)
+    rows = round(late_s * RATE)
+    late = np.concatenate([np.zeros(rows), torque[: len(torque) - rows]])
+    found = fitted(theta, late, zero="start", shortest_cycle_s=0.5)
+    return torque_angle_table(found).with_columns(trial=pl.lit(name))
+
+
+def test_cycles_of_several_speeds_show_a_late_torque_by_what_it_takes_off_the_loop():
+    """20 ms times the integral of the torque's rate times the velocity."""
+    sound = table_of_speeds("sound", (4, 8, 16)).row(0, named=True)
+    late = table_of_speeds("late", (4, 8, 16), LATE_S).row(0, named=True)
+
+    assert abs(sound["rate_change"]) < 0.01
+    assert late["late_s"] == pytest.approx(LATE_S, rel=0.03)
+    whole = late["energy_lost"] + 20 * late["energy_per_ms"]
+    assert whole == pytest.approx(sound["energy_lost"], rel=0.02)
+
+
+def test_repeats_at_other_speeds_show_a_late_torque_and_other_trials_do_not():
+    repeats = table_of_speeds("slow", (4, 4), LATE_S), table_of_speeds("fast", (12, 12), LATE_S)
+    stiffer = table_of_speeds("stiffer", (12, 12), stiffness=1.1 * K)
+
+    table = compared_with_repeats(pl.concat([*repeats, stiffer], how="diagonal_relaxed"), {})
+
+    limits = CONFIG.doubtful.of("torque_angle")
     doubts = marked(table.with_columns(saturated_samples=0), limits, "torque_angle")
-    assert table["late_s"].to_list()[:2] == pytest.approx([0.02] * 2, rel=0.03)
+    assert table["late_s"].to_list()[:2] == pytest.approx([LATE_S] * 2, rel=0.03)
     named = ["loss that falls with speed" in text.split("; ") for text in doubts["doubtful"]]
     unseen = [LATENESS in (text or "") for text in doubts["not_checked"]]
-    assert (named, unseen) == ([True, True, False, False], [False, False, True, True])
-
-
-def test_the_weight_of_a_fixture_is_taken_off_the_torque():
-    def of(trial):
-        return torque_angle_table(torque_angle_trial(trial, CONFIG.torque_angle)).row(0, named=True)
-
-    torque, weight = K * FULL + jenkins(FULL, 400, 2), 2 * np.sin(FULL - np.deg2rad(30))
-    stated = trial_of(
-        FULL, torque + weight, columns={"torque": {"fixture": {"weight": 2.0, "rest_deg": 30.0}}}
-    )
-    alone, found = of(trial_of(FULL, torque)), of(stated)
-    assert of(trial_of(FULL, torque + weight))["K"] - alone["K"] > 1.7
-    for name in ("K", "energy_stored", "energy_lost", "torque_zero"):
-        assert found[name] == pytest.approx(alone[name], rel=1e-5, abs=1e-5)
+    assert (named, unseen) == ([True, True, False], [False, False, True])
 
 
 def test_a_desired_curve_stands_beside_the_measured_one():

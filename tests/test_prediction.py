@@ -16,13 +16,10 @@ from scipy import stats
 from scipy.signal import butter, sosfiltfilt
 
 from osl_analysis.bench import prediction, prediction_causes
-from osl_analysis.bench.bench_settings import FilterSettings
 from osl_analysis.bench.condition_tables import compensation_table
-from osl_analysis.bench.controller_law import LAW_COLUMNS
 from osl_analysis.bench.impedance import DesiredImpedance, rendered_impedance, torque_error
 from osl_analysis.bench.measured_components import COMPONENTS, components_of
 from osl_analysis.bench.prediction import (
-    MISSES,
     Misses,
     model_variance,
     prediction_table,
@@ -30,16 +27,15 @@ from osl_analysis.bench.prediction import (
 )
 from osl_analysis.bench.record import read_record, record_of, stored_record
 from osl_analysis.bench.row_groups import stretches_of
-from osl_analysis.commands.bench import gather_predictions
 from osl_analysis.errors import InputError
 from osl_analysis.judge.campaign import campaign_findings, measured_over_predicted, misfits_of_joint
 from osl_analysis.judge.claims import Claims, claims_table, limit_verdict
 from osl_analysis.judge.finding import Beyond
 from osl_analysis.judge.limits import DoubtfulFits
 from osl_analysis.model.actuator_in_time import Controller, belt_responses
-from osl_analysis.model.compensator import PAPER_WEIGHT, select_gains
+from osl_analysis.model.compensator import select_gains
 from osl_analysis.model.drivetrain import read_parameters
-from osl_analysis.report.headlines import headline_numbers, to_tex
+from osl_analysis.report.headlines import headline_numbers
 from osl_analysis.simulator.two_mass_drivetrain import IDEAL, simulate_drivetrain
 from osl_analysis.table import read_table, write_table
 
@@ -54,6 +50,9 @@ ASKED = [(K, B, name) for name in PAIR for K, B in ((100, 5), (200, 2.5), (300, 
 FAULTS = {"K_s": 0.85, "f_C": 2.0, "J_m": 1.3, "torque_gain": 1.05}
 LINEAR = {"f_C": 0.25}  # relative error of a change that is taken for linear, where it is not
 TYPES = {"side": pl.String, "amplitude_deg": pl.Float64}
+
+
+EXACT = components_of(component_tables(TRUE, 1e-6), ("ankle", None), P)
 
 
 def law_of(K_d, B_d, controller, **delays):
@@ -95,75 +94,42 @@ def predictions(tables, p=P, **delays):
     return *prediction_table(terms, pl.DataFrame(fits, infer_schema_length=None), components), fits
 
 
-def test_a_record_that_was_kept_is_predicted_as_that_of_the_fit_and_without_components_it_is_said(
-    tmp_path,
-):
-    record, kept = (
-        replace(recording(300, 5, "compensated", P, 0), name="t_1"),
-        tmp_path / "t_1.parquet",
+def test_a_record_that_was_kept_is_predicted_as_that_of_the_fit(tmp_path):
+    record, path = recording(300, 5, "compensated"), tmp_path / "made.parquet"
+    write_table(stored_record(record), path)
+    law = law_of(300, 5, "compensated")
+
+    of_fit, of_kept = (
+        prediction_terms(each, law, EXACT) for each in (record, read_record(path, record.low_pass))
     )
-    write_table(stored_record(record), kept)
-    law, components = (
-        law_of(300, 5, "compensated"),
-        components_of(component_tables(TRUE), ("ankle", None), P),
-    )
-    made = (
-        prediction_terms(one, law, components)
-        for one in (record, read_record(kept, record.low_pass))
-    )
-    for of_record, of_kept in zip(*made, strict=True):
-        assert_frame_equal(of_record, of_kept, rel_tol=1e-9)
-    row = fitted(record, trial="t_1", **HERE, controller="compensated", K_d=300.0, B_d=5.0)
-    write_table(pl.DataFrame([row]), table := tmp_path / "impedance.csv")
-    settings, output = FilterSettings(cutoff_hz=15, order=4), tmp_path / "p.csv"
-    causes, frequencies = tmp_path / "c.csv", tmp_path / "f.csv"
-    device = ROOT / "config/parameters/default.yaml"
-    write_table(pl.DataFrame(schema=LAW_COLUMNS), law := tmp_path / "law.csv")
-    gather_predictions(
-        [kept],
-        table,
-        law,
-        {},
-        {},
-        PAPER_WEIGHT,
-        0.05,
-        settings,
-        output,
-        causes,
-        frequencies,
-        device,
-    )
-    assert "no actuator and no belt" in read_table(output)["missing_components"].item()
-    assert read_table(causes).is_empty()
-    assert {*MISSES} < {*read_table(frequencies).columns}
+
+    for terms, kept in zip(of_fit, of_kept, strict=True):
+        assert_frame_equal(terms, kept, rel_tol=1e-9)
 
 
-def test_what_a_prediction_misses_stands_at_the_frequency_at_which_it_misses_it():
-    """Of an inertia more than predicted, I w^2 times the RMS of a sine; of a gain, an equal share
-    at each frequency."""
-    law, more = law_of(300, 5, "compensated"), 0.05
-    components = components_of(component_tables(TRUE, 1e-6), ("ankle", None), P)
-    _, found = prediction_terms(
-        recording(300, 5, "compensated", replace(P, J_j=P.J_j + more)), law, components
-    )
+def test_an_inertia_that_is_not_predicted_is_missed_by_i_w2_times_the_rms_of_a_sine():
+    more = 0.05
+    heavier = recording(300, 5, "compensated", replace(P, J_j=P.J_j + more))
+    _, found = prediction_terms(heavier, law_of(300, 5, "compensated"), EXACT)
     assert found["frequency_hz"].to_list() == [1, 2, 3, 4, 5]
     size, w = np.sqrt(np.mean(np.square(FIVE.amplitudes)) / 2), 2 * np.pi * found["frequency_hz"]
     np.testing.assert_allclose(found["miss"], more * w**2 * size, rtol=0.01, atol=0.02)
     np.testing.assert_allclose(found["share"], 100 * found["miss"] / found["torque"])
-    rng = np.random.default_rng(3)
-    theta = sosfiltfilt(
-        butter(4, (0.5, 6), "band", fs=RATE, output="sos"), rng.standard_normal(round(60 * RATE))
-    )
-    motion = true_motion(time := np.arange(len(theta)) / RATE, 0.05 * theta / theta.std())
-    torque = 1.25 * (
-        belt_responses(motion.theta, RATE, [(law, P)])[0]
-        + P.B_j * motion.omega
-        + P.J_j * motion.alpha
-    )
+
+
+def test_of_a_gain_an_equal_share_is_missed_at_each_frequency_of_noise():
+    white = np.random.default_rng(3).standard_normal(round(60 * RATE))
+    theta = sosfiltfilt(butter(4, (0.5, 6), "band", fs=RATE, output="sos"), white)
+    time = np.arange(len(theta)) / RATE
+    motion = true_motion(time, 0.05 * theta / theta.std())
+    law = law_of(300, 5, "compensated")
+    belt = belt_responses(motion.theta, RATE, [(law, P)])[0]
+    torque = 1.25 * (belt + P.B_j * motion.omega + P.J_j * motion.alpha)
     rows = stretches_of([slice(500, len(time) - 500)], RATE)
-    _, found = prediction_terms(
-        record_of("noise", time, motion.theta, torque, LOW_PASS, rows), law, components
-    )
+    record = record_of("noise", time, motion.theta, torque, LOW_PASS, rows)
+
+    _, found = prediction_terms(record, law, EXACT)
+
     assert found["frequency_hz"].is_between(0.4, 8.5).all()
     assert len(found) > 10
     np.testing.assert_allclose(found["share"], 20, atol=0.3)
@@ -201,22 +167,25 @@ def test_components_are_means_with_the_scatter_of_their_trials_and_the_correlati
     of_fits = np.sqrt(np.mean(tables["actuator"]["f_C_se"].to_numpy() ** 2))
     assert found.se("f_C") == pytest.approx(max(f_C.std(ddof=1), of_fits) / 3**0.5)
     of = list(COMPONENTS).index
-    assert found.covariance[of("f_C"), of("J_m")] == pytest.approx(
-        0.5 * found.se("f_C") * found.se("J_m"), rel=2e-3
-    )
+    shared = found.covariance[of("f_C"), of("J_m")]
+    assert shared == pytest.approx(0.5 * found.se("f_C") * found.se("J_m"), rel=2e-3)
     assert (found.covariance[of("f_C"), of("K_s")], found.freedom["K_s"]) == (0, 2)
     assert (found.p.k_tau * P.n_m, found.p.n_T) == (pytest.approx(found.values["k_tau_n_m"]), P.n_T)
-    for wrong, side, said in (
-        ({"actuator": tables["actuator"]}, None, "no belt and no transmission trials"),
-        (tables, "left", "no actuator and no belt and no transmission"),
-        (
-            component_tables(TRUE | {"K_s": -TRUE["K_s"]}),
-            None,
-            r"belt.csv: K_s = -68\d.* is negative",
-        ),
-    ):
-        with pytest.raises(InputError, match=said):
-            components_of(wrong, ("ankle", side), P)
+
+
+@pytest.mark.parametrize(("tables", "side", "words"), [
+    ({"actuator": component_tables(TRUE)["actuator"]}, None,
+     "no belt and no transmission trials"),
+    (component_tables(TRUE), "left", "no actuator and no belt and no transmission"),
+    (component_tables(TRUE | {"K_s": -P.K_s}), None, r"belt.csv: K_s = -68\d.* is negative"),
+])  # fmt: skip
+def test_components_that_are_missing_or_negative_are_refused(tables, side, words):
+    with pytest.raises(InputError, match=words):
+        components_of(tables, ("ankle", side), P)
+
+
+def test_a_damping_of_the_actuator_that_is_negative_within_its_error_is_zero():
+    tables = component_tables(TRUE)
     doubtful = tables["actuator"].with_columns(B_m=pl.lit(-1e-5), B_m_se=pl.lit(1e-4))
     assert components_of({**tables, "actuator": doubtful}, ("ankle", None), P).p.B_m == 0
 
@@ -225,24 +194,20 @@ def test_the_components_of_a_leg_predict_its_torque_and_nothing_is_named():
     table, causes, fits = predictions(component_tables(TRUE))
     assert table["VAF"].min() > 99.9
     for symbol in "KB":
-        assert table[f"{symbol}_measured"].to_list() == pytest.approx(
-            [fit[symbol] for fit in fits], rel=2e-3
-        )
-        inside = table[f"{symbol}_measured"].is_between(
-            table[f"{symbol}_low"], table[f"{symbol}_high"]
-        )
+        measured = table[f"{symbol}_measured"]
+        assert measured.to_list() == pytest.approx([fit[symbol] for fit in fits], rel=2e-3)
+        inside = measured.is_between(table[f"{symbol}_low"], table[f"{symbol}_high"])
         assert inside.sum() >= 7
     assert (table["K_high"] - table["K_low"]).max() < 0.02 * 400
-    for K_d, B_d, outside in (
-        (150, 0, "K_d"),
-        (200, 9, "B_d"),
-        (150, 9, "K_d and B_d"),
-        (300, 5, None),
-    ):
-        trial = {"K_d": K_d, "B_d": B_d}
-        others = [{"K_d": 200, "B_d": 0}, {"K_d": 400, "B_d": 5}]
-        assert prediction.outside_of(trial, others) == outside
     assert not causes["named"].any()
+
+
+@pytest.mark.parametrize(("K_d", "B_d", "outside"), [
+    (150, 0, "K_d"), (200, 9, "B_d"), (150, 9, "K_d and B_d"), (300, 5, None),
+])  # fmt: skip
+def test_a_trial_outside_of_the_others_conditions_is_told(K_d, B_d, outside):
+    others = [{"K_d": 200, "B_d": 0}, {"K_d": 400, "B_d": 5}]
+    assert prediction.outside_of({"K_d": K_d, "B_d": B_d}, others) == outside
 
 
 def doubts_about(table, causes):
@@ -316,25 +281,23 @@ def test_the_standard_error_of_a_change_is_that_of_a_mean_where_the_change_is_a_
 def test_an_interval_is_learnt_from_the_other_trials():
     """What a trial itself measured does not change its own interval, and changes that of the
     others."""
-    tables = component_tables(TRUE)
-    components, record = components_of(tables, ("ankle", None), P), recording(300, 5, "compensated")
-    terms = {
-        f"t{k}": prediction_terms(record, law_of(300, 5, "compensated"), components)[0]
-        for k in range(6)
-    }
+    record = recording(300, 5, "compensated")
+    components = components_of(component_tables(TRUE), ("ankle", None), P)
+    learnt, _ = prediction_terms(record, law_of(300, 5, "compensated"), components)
+    terms = {f"t{k}": learnt for k in range(6)}
     fit = fitted(record, **HERE, controller="c", K_d=1.0, B_d=1.0)
     fits = pl.DataFrame([fit | {"trial": trial} for trial in terms])
-    wide = {
-        **terms,
-        "t0": (
-            terms["t0"].with_columns(K=pl.when(pl.col("term") == "left").then(30.0).otherwise("K"))
-        ),
-    }
-    before, after = (prediction_table(one, fits, components)[0] for one in (terms, wide))
-    width = [(one["K_high"] - one["K_low"]).to_numpy() for one in (before, after)]
-    assert width[0][0] == width[1][0]
-    assert (width[1][1:] > 5 * width[0][1:]).all()
-    alone, _ = prediction_table({"t0": terms["t0"]}, fits.head(1), components)
+    missed = learnt.with_columns(K=pl.when(pl.col("term") == "left").then(30.0).otherwise("K"))
+
+    before, after = (
+        prediction_table(each, fits, components)[0] for each in (terms, terms | {"t0": missed})
+    )
+    alone, _ = prediction_table({"t0": learnt}, fits.head(1), components)
+
+    width = (before["K_high"] - before["K_low"]).to_numpy()
+    widened = (after["K_high"] - after["K_low"]).to_numpy()
+    assert width[0] == widened[0]
+    assert (widened[1:] > 5 * width[1:]).all()
     assert alone.select("K_low", "K_high").row(0) == (None, None)
 
 
@@ -356,16 +319,6 @@ def test_the_interval_of_a_prediction_has_the_freedom_of_the_trials_that_teach_i
     half_width = stats.t.ppf(0.975, 3) * np.sqrt(np.mean(missed[1:] ** 2))
     assert found.high - 100.0 == pytest.approx(half_width)
     assert 100.0 - found.low == pytest.approx(half_width)
-
-
-def test_the_measured_torque_beside_a_prediction_is_that_of_the_recording():
-    record = replace(recording(300, 5, "compensated", P, 0), name="t_1")
-    components = components_of(component_tables(TRUE), ("ankle", None), P)
-
-    terms, _ = prediction_terms(record, law_of(300, 5, "compensated"), components)
-
-    predicted, left = terms["torque"].to_list()[:2]
-    assert predicted + left == pytest.approx(np.std(record.part(record.filtered_torque)))
 
 
 def test_what_the_equations_lack_has_the_variance_that_scatters_beyond_what_is_known():
@@ -427,60 +380,58 @@ def test_a_doubtful_trial_leaves_the_comparison_where_the_others_of_its_conditio
     assert compared.equals(compensation_table(sound))
 
 
-def test_compensation_is_compared_in_pairs_and_its_interval_counts_trials(tmp_path):
-    rng, rows = np.random.default_rng(3), []
+def conditions():
+    """Trials of two stiffnesses and two dampings by both controllers, with two amplitudes each."""
+    rng = np.random.default_rng(3)
+    rows = []
     for K, B, name, deg in product((100.0, 200.0), (0.0, 5.0), PAIR, (2.0, 4.0, None)):
-        row = {
-            **HERE,
-            "controller": name,
-            "K_d": K,
-            "B_d": B,
-            "commanded_deg": deg,
-            "K": K * rng.uniform(0.7, 1.3),
-        }
-        rows.append(
-            row
-            | {
-                "B": B + rng.normal(),
-                "VAF": rng.uniform(90, 99),
-                "torque_error": rng.uniform(1, 2),
-            }
-        )
-    table = pl.DataFrame(rows, schema_overrides={"side": pl.String})
-    found, whole, condition = (
-        compensation_table(table),
-        pl.col("commanded_deg").is_null(),
-        ["K_d", "B_d"],
-    )
-    wide = table.filter(whole).pivot("controller", index=condition, values=["K", "VAF"])
-    off = [100 * (wide[f"K_{name}"] / wide["K_d"] - 1).abs().to_numpy() for name in PAIR]
-    row = found.filter(by="trials", quantity="K_error").row(0, named=True)
+        asked = {"controller": name, "K_d": K, "B_d": B, "commanded_deg": deg}
+        fit = {"K": K * rng.uniform(0.7, 1.3), "B": B + rng.normal(), "VAF": rng.uniform(90, 99)}
+        rows.append({**HERE, **asked, **fit, "torque_error": rng.uniform(1, 2)})
+    return pl.DataFrame(rows, schema_overrides={"side": pl.String})
+
+
+def test_compensation_is_compared_in_pairs_of_trials():
+    table = conditions()
+    trials = table.filter(pl.col("commanded_deg").is_null())
+    pairs = trials.pivot("controller", index=["K_d", "B_d"], values="K")
+    off = [100 * (pairs[name] / pairs["K_d"] - 1).abs().to_numpy() for name in PAIR]
+
+    row = compensation_table(table).filter(by="trials", quantity="K_error").row(0, named=True)
+
     interval = stats.ttest_1samp(off[0] - off[1], 0).confidence_interval(0.95)
-    assert (row["difference_low"], row["difference_high"]) == pytest.approx(tuple(interval))
+    ends = row["difference_low"], row["difference_high"]
+    assert ends == pytest.approx((interval.low, interval.high))
     assert (row["pairs"], row["better"]) == (4, np.sum(off[0] < off[1]))
     assert row["compensated"] == pytest.approx(off[0].mean())
-    (better,) = found.filter(by="trials", quantity="VAF")["better"]
-    assert better == (wide["VAF_compensated"] > wide["VAF_uncompensated"]).sum()
-    single = found.filter(by="amplitudes", quantity="VAF").row(0, named=True)
-    by_trial = table.filter(~whole).pivot(
-        "controller", index=condition, values="VAF", aggregate_function="mean"
-    )
-    interval = stats.ttest_1samp(
-        by_trial["compensated"] - by_trial["uncompensated"], 0
-    ).confidence_interval(0.95)
-    assert (single["pairs"], single["difference_low"]) == (8, pytest.approx(interval.low))
-    assert found.filter(pl.col("by") == "commanded_deg")["at"].unique().sort().to_list() == [
-        2.0,
-        4.0,
-    ]
-    rubs = table.with_columns(B=pl.col("B") + 3, B_viscous="B")
-    assert compensation_table(rubs).equals(found), "friction is no damping that a gain asks for"
-    write_table(
-        compensation_table(table.filter(controller="compensated")), tmp_path / "compensation.csv"
-    )
-    assert claimed({"compensation": read_table(tmp_path / "compensation.csv")})[0].is_empty(), (
-        "no pair, no claim"
-    )
+
+
+def test_the_interval_over_amplitudes_counts_each_trial_once():
+    table = conditions()
+    single = table.filter(pl.col("commanded_deg").is_not_null())
+    means = single.group_by("controller", "K_d", "B_d").agg(pl.col("VAF").mean())
+    by_trial = means.pivot("controller", index=["K_d", "B_d"], values="VAF")
+
+    found = compensation_table(table)
+
+    differences = by_trial["compensated"] - by_trial["uncompensated"]
+    interval = stats.ttest_1samp(differences, 0).confidence_interval(0.95)
+    row = found.filter(by="amplitudes", quantity="VAF").row(0, named=True)
+    assert (row["pairs"], row["difference_low"]) == (8, pytest.approx(interval.low))
+    of_sizes = found.filter(pl.col("by") == "commanded_deg")["at"]
+    assert of_sizes.unique().sort().to_list() == [2.0, 4.0]
+
+
+def test_friction_is_no_damping_that_a_gain_asks_for():
+    table = conditions()
+    rubbing = table.with_columns(B=pl.col("B") + 3, B_viscous="B")
+    assert compensation_table(rubbing).equals(compensation_table(table))
+
+
+def test_one_controller_alone_makes_no_pair_and_no_claim(tmp_path):
+    alone = compensation_table(conditions().filter(controller="compensated"))
+    write_table(alone, path := tmp_path / "compensation.csv")
+    assert claimed({"compensation": read_table(path)})[0].is_empty()
 
 
 def claimed(tables, **settings):
@@ -493,76 +444,67 @@ def summary(se=0.01, **means):
     return pl.DataFrame(rows, schema_overrides={"side": pl.String})
 
 
-def test_claims_hold_fail_or_are_undecided_by_their_interval():
-    tables = {
-        "transmission_summary": summary(B_j=0.452, J_j=0.005),
-        "belt_summary": summary(K_s=685.6),
-    }
-    tables |= {"actuator_summary": summary(k_tau_n_m=1.02, f_C=0.377, f_G=0.0896)}
-    row = {
-        **HERE,
-        "trial": "k",
-        "controller": "compensated",
-        "amplitude_deg": None,
-        "K_d": 300.0,
-        "B_d": 5.0,
-    }
-    row |= {
-        "K": 300.0,
-        "K_low": 291.0,
-        "K_high": 309.0,
-        "B": 5.0,
-        "B_low": -4.0,
-        "B_high": 14.0,
-        "theta_rms_deg": 3.0,
-    }
-    tables["impedance"] = pl.DataFrame([row], schema_overrides=TYPES)
-    table, by = claimed(tables, B=1.0)
+IMPEDANCE = {
+    **HERE, "trial": "k", "controller": "compensated", "amplitude_deg": None,
+    "K_d": 300.0, "B_d": 5.0, "K": 300.0, "K_low": 291.0, "K_high": 309.0,
+    "B": 5.0, "B_low": -4.0, "B_high": 14.0, "theta_rms_deg": 3.0,
+}  # fmt: skip
+
+
+def impedance_table(**changes):
+    return pl.DataFrame([IMPEDANCE | changes], schema_overrides=TYPES)
+
+
+def test_claims_of_the_transmission_hold_or_fail_at_either_end_of_the_band():
+    _, by = claimed({"transmission_summary": summary(B_j=0.452, J_j=0.005)})
     slow, fast = by["inertia_at_lowest_frequency", None], by["inertia_at_highest_frequency", None]
     shares = [100 * 2 * np.pi * f * 0.005 / 0.452 for f in (1, 5)]
     assert [slow["value"], fast["value"]] == pytest.approx(shares)
     assert (slow["verdict"], fast["verdict"]) == ("holds", "fails")
     half = slow["value"] * 0.01 * 2**0.5 * stats.t.ppf(0.975, 4)
     assert slow["high"] - slow["value"] == pytest.approx(half)
+
+
+def test_a_claim_of_a_summary_without_scatter_has_no_verdict():
+    of_one = summary(B_j=0.452, J_j=0.005).with_columns(se=None)
+    _, by = claimed({"transmission_summary": of_one})
+    assert by["inertia_at_lowest_frequency", None]["verdict"] is None
+
+
+def test_shares_of_belt_and_load_are_those_at_the_highest_stiffness():
+    actuator = summary(k_tau_n_m=1.02, f_C=0.377, f_G=0.0896)
+    tables = {"belt_summary": summary(K_s=685.6), "actuator_summary": actuator}
+    _, by = claimed(tables | {"impedance": impedance_table()})
     load = 0.0896 * 300 * np.deg2rad(3) / (P.n_T * 1.02)
-    assert by["load_friction_at_highest_K_d", None]["value"] == pytest.approx(
-        100 * load / (0.377 + load)
-    )
+    share_of_load = by["load_friction_at_highest_K_d", None]["value"]
+    assert share_of_load == pytest.approx(100 * load / (0.377 + load))
     assert by["belt_at_highest_K_d", None]["value"] == pytest.approx(100 * 300 / 685.6)
+
+
+def test_an_impedance_is_the_desired_one_where_its_interval_is_within_the_margin():
+    table, by = claimed({"impedance": impedance_table()}, B=1.0)
     assert (by["K", "k"]["verdict"], by["B", "k"]["verdict"]) == ("equivalent", "undecided")
-    assert [by[f"{x}_equivalent", None][k] for x in "KB" for k in ("value", "verdict")] == [
-        1,
-        "holds",
-        0,
-        "undecided",
-    ]
-    rubs = {
-        "B": 9.0,
-        "B_low": 8.9,
-        "B_high": 9.1,
-        "B_viscous": 5.1,
-        "B_viscous_low": 5.0,
-        "B_viscous_high": 5.2,
-    }
-    without = claimed({"impedance": tables["impedance"].with_columns(**rubs)}, B=1.0)[1]["B", "k"]
-    assert (without["quantity"], without["value"], without["verdict"]) == (
-        "B_viscous",
-        5.1,
-        "equivalent",
-    )
-    numbers = headline_numbers({"claims": table})
-    assert {"inertia_at_lowest_frequency", "K_equivalent"} <= {one.name for one in numbers}
-    assert r"\newcommand{\oslInertiaAtHighestFrequencyVerdict}{fails}% verdict" in to_tex(
-        {}, numbers
-    )
-    scatterless = tables | {
-        "transmission_summary": tables["transmission_summary"].with_columns(se=None)
-    }
-    assert claimed(scatterless)[1]["inertia_at_lowest_frequency", None]["verdict"] is None
-    verdicts = [
-        limit_verdict(*ends, 10, "above") for ends in ((11, 12), (8, 9), (9, 11), (None, 1))
-    ]
-    assert verdicts == ["holds", "fails", "undecided", None]
+    assert by["K_equivalent", None]["value"] == 1
+    assert by["B_equivalent", None]["value"] == 0
+    names = {number.name for number in headline_numbers({"claims": table})}
+    assert "K_equivalent" in names
+
+
+def test_damping_without_friction_is_held_against_the_desired_one():
+    rubbing = {
+        "B": 9.0, "B_low": 8.9, "B_high": 9.1,
+        "B_viscous": 5.1, "B_viscous_low": 5.0, "B_viscous_high": 5.2,
+    }  # fmt: skip
+    of_B = claimed({"impedance": impedance_table(**rubbing)}, B=1.0)[1]["B", "k"]
+    told = (of_B["quantity"], of_B["value"], of_B["verdict"])
+    assert told == ("B_viscous", 5.1, "equivalent")
+
+
+@pytest.mark.parametrize(("low", "high", "verdict"), [
+    (11, 12, "holds"), (8, 9, "fails"), (9, 11, "undecided"), (None, 1, None),
+])  # fmt: skip
+def test_a_limit_decides_where_the_whole_interval_is_on_one_side(low, high, verdict):
+    assert limit_verdict(low, high, 10, "above") == verdict
 
 
 @pytest.mark.parametrize(("high", "verdict"), [(0.5, "undecided"), (-0.01, "fails")])

@@ -151,21 +151,6 @@ def test_the_planned_share_of_crossings_is_perturbed(setup):
     assert {row["direction"] for row in rows} == {None}, "there is one"
 
 
-def test_every_direction_is_planned_equally_often_in_no_simple_order(setup):
-    rows, conditions = crossings_of(with_conditions(setup, directions=("up", "down")).settings)
-
-    directions = [condition.direction for condition in conditions]
-    pairs = zip(directions[::2], directions[1::2], strict=True)
-    assert [sorted(pair) for pair in pairs] == 12 * [["down", "up"]]
-    assert 0 < directions[::2].count("up") < 12
-    stated = [row["direction"] for row in rows]
-    expected = [
-        condition.direction if row["perturbed"] else None
-        for row, condition in zip(rows, conditions, strict=True)
-    ]
-    assert stated == expected
-
-
 def test_what_the_sheet_states_is_simulated(setup):
     rows, _ = crossings_of(setup.settings)
 
@@ -198,16 +183,6 @@ def test_a_person_has_the_stated_mass_and_stance(two_persons, tmp_path):
     stance_ratio = np.ptp(light.stance) / np.ptp(heavy.stance)
     assert load_ratio == pytest.approx(60 / 90, rel=1e-3)
     assert stance_ratio == pytest.approx(0.6 / 0.8, abs=0.01)
-
-
-def test_a_file_names_the_person_who_stands_on_the_plate(two_persons, setup, tmp_path):
-    stated = parameters_of(two_persons, tmp_path, STATIC)
-    unnamed = parameters_of(setup, tmp_path, STATIC)
-    unloaded = {"trial": "plate_01", "experiment": "plate"}
-
-    assert stated["SUBJECTS"]["NAMES"]["value"] == ["A"]
-    assert "SUBJECTS" not in unnamed
-    assert "SUBJECTS" not in parameters_of(two_persons, tmp_path, unloaded)
 
 
 def test_half_a_person_stands_on_the_plate_in_the_static_trial(setup, tmp_path):
@@ -296,16 +271,6 @@ def test_the_leg_s_clock_has_an_offset_and_a_drift(recorded):
     assert 2.5 < offset < 7.5
     assert 0 < abs(drift) < 2e-4
     np.testing.assert_allclose(np.diff(recorded.log["time"]), 1 / 500, atol=1e-6)
-
-
-def test_both_recorders_see_the_same_irregular_edges(recorded):
-    """Irregular, so that a shift by a period shows."""
-    laboratory = np.flatnonzero(np.diff(recorded.analogs[6] > 2.5)) / 1500
-    leg = recorded.log_time[np.flatnonzero(np.diff(recorded.log["sync"]))]
-
-    assert len(leg) > 12
-    np.testing.assert_allclose(leg, laboratory, rtol=0, atol=1 / 500)
-    assert np.ptp(np.diff(laboratory)) > 0.05
 
 
 def test_the_leg_s_log_has_the_true_angle_in_steps_of_its_sensors(recorded, shipped):
@@ -441,13 +406,6 @@ def test_torque_and_load_are_those_of_level_walking(calm, shipped):
     assert 1.0 < upward[phase < 0.4].max() < 1.25
     assert upward[(phase > 0.4) & (phase < 0.6)].min() < 0.85
     assert not calm.reaction.force[(phase < 0) | (phase > 1)].any()
-
-
-@pytest.mark.parametrize("point", [gait.HEEL, gait.BALL])
-def test_the_foot_stays_above_the_floor(calm, shipped, point):
-    floor = shipped.walking.plate.centre_m[2]
-
-    assert calm.foot.point(point)[:, 2].min() > floor - 1e-3
 
 
 def drawn_features(step, walking):

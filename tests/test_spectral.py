@@ -407,7 +407,7 @@ def spectrum_of_noise_motion(seed, noise_sd, rate):
 
 @pytest.fixture(scope="module")
 def noise_spectra():
-    return [spectrum_of_noise_motion(seed, noise_sd=0.02, rate=256.0) for seed in (1, 2, 3, 4)]
+    return [spectrum_of_noise_motion(seed, noise_sd=0.02, rate=256.0) for seed in (1, 2)]
 
 
 def test_the_local_polynomial_method_finds_the_response_of_a_system_within_its_noise(
@@ -420,12 +420,12 @@ def test_the_local_polynomial_method_finds_the_response_of_a_system_within_its_n
         error = np.abs(Z - eq15(response["frequency_hz"]))
         squares.extend(error**2 / response["noise_sd"] ** 2)
 
-    assert len(squares) > 120
-    assert np.mean(squares) == pytest.approx(1, abs=0.3)  # 0.1 by theory
+    assert len(squares) > 60
+    assert np.mean(squares) == pytest.approx(1, abs=0.3)  # 0.14 by theory
 
 
 def test_the_local_polynomial_method_finds_the_noise_of_the_torque(noise_spectra):
     noise = [local_fit(spectrum).noise for spectrum in noise_spectra]
 
     samples = 30 * 256.0
-    assert np.mean(noise) == pytest.approx(4 * 0.02**2 / samples, rel=0.06)
+    assert np.mean(noise) == pytest.approx(4 * 0.02**2 / samples, rel=0.08)

@@ -88,6 +88,7 @@ RECORDED = {"torque_angle": None, "impedance": DesiredImpedance("compensated", 3
 OF_BENCH = {name: value for name, value in ASSUMED.items() if {*JUDGING[name]} & RECORDED.keys()}
 
 
+@pytest.mark.usefixtures("without_inference")
 def test_settings_that_nobody_stated_make_no_finding_on_a_sound_recording(with_default):
     """Whatever the default says of them: of a slow spring and of sines of a joint with a
     command."""
@@ -174,48 +175,49 @@ CHOICES = (
 )  # fmt: skip
 
 
-def test_every_setting_is_a_choice_or_a_fact_whose_state_is_told(tmp_path):
+def test_every_setting_is_a_choice_or_a_fact():
     """Who adds a setting decides which; facts that nobody stated are measured, none, or assumed,
     and said to be so."""
-    leaves = [
-        f"{name}.{field}" if isinstance(value, dict) else name
-        for name, value in read_mapping(default_config()).items()
-        for field in (value if isinstance(value, dict) and name != "gain_weight" else [""])
-    ]
-    facts = [
-        one.removesuffix(".")
-        for one in leaves
-        if not one.startswith(CHOICES) and one != "walking.baseline"
-    ]
-    assert {*facts} == {*JUDGING}
-    (tmp_path / "own.yaml").write_text(
-        "{campaign: own, simulation: null, dynamometer: {amplitudes_deg: [3]}}"
-    )
-    own, default = read_config(tmp_path / "own.yaml"), read_config(default_config())
+    facts = set()
+    for name, value in read_mapping(default_config()).items():
+        is_section = isinstance(value, dict) and name != "gain_weight"
+        settings = [f"{name}.{field}" for field in value] if is_section else [name]
+        facts |= {each for each in settings if not each.startswith(CHOICES)}
+    assert facts - {"walking.baseline"} == {*JUDGING}
+
+
+def test_the_default_campaign_states_every_fact():
+    default = read_config(default_config())
     assert {row["state"] for row in states_of(default, {}, EXPERIMENTS)} == {"stated"}
-    states = {
-        one["setting"]: one
-        for one in states_of(own, read_mapping(tmp_path / "own.yaml"), EXPERIMENTS)
-    }
-    assert [name for name, one in states.items() if one["state"] == "stated"] == [
-        "dynamometer.amplitudes_deg"
-    ]
-    known = {name for name, one in states.items() if one["state"] != "assumed"}
+
+
+def test_facts_that_nobody_stated_are_measured_none_or_assumed(tmp_path):
+    path = tmp_path / "own.yaml"
+    path.write_text("{campaign: own, simulation: null, dynamometer: {amplitudes_deg: [3]}}")
+
+    rows = states_of(read_config(path), read_mapping(path), EXPERIMENTS)
+
+    states = {row["setting"]: row["state"] for row in rows}
+    stated = [name for name, state in states.items() if state == "stated"]
+    assert stated == ["dynamometer.amplitudes_deg"]
+    known = {name for name, state in states.items() if state != "assumed"}
     assert known >= {*FACTS} & {*JUDGING} - {"torque_angle.zero"}
-    assert states["torque_angle.zero"]["value"] == "end"
-    said = assumed_said(pl.DataFrame([*states.values()], infer_schema_length=None))
-    assert all(
-        words in said
-        for words in ("at rest at the end", "a low-pass of 15 Hz", "0.1 s that are fitted")
-    )
-    number = {"setting": ["walking.cutoff_hz"], "value": [12.0], "state": ["assumed"]}
-    assert "12 Hz" in assumed_said(pl.DataFrame(number)), "a column of numbers alone"
-    # as a header alone is read
-    nothing = pl.DataFrame(schema=dict.fromkeys(("setting", "value", "state"), pl.Float64))
-    assert assumed_said(nothing) == "", "no setting judges what is read alone"
     # nothing is commanded over the gait cycle
-    assert states["figures.stance_share"]["state"] == "none"
-    assert "walking.side" not in {one["setting"] for one in states_of(own, {}, ["belt"])}
+    assert states["figures.stance_share"] == "none"
+
+
+def test_facts_of_an_experiment_that_was_not_recorded_are_not_told(tmp_path):
+    (tmp_path / "own.yaml").write_text("{campaign: own, simulation: null}")
+    own = read_config(tmp_path / "own.yaml")
+    assert "walking.side" not in {row["setting"] for row in states_of(own, {}, ["belt"])}
+
+
+def test_what_is_assumed_is_said_with_its_unit():
+    assumed = {"setting": ["walking.cutoff_hz"], "value": [12.0], "state": ["assumed"]}
+    assert "12 Hz" in assumed_said(pl.DataFrame(assumed)), "a column of numbers alone"
+    # as a header alone is read
+    nothing = pl.DataFrame(schema=dict.fromkeys(assumed, pl.Float64))
+    assert assumed_said(nothing) == ""
 
 
 def test_a_recording_that_no_row_names_is_told_once(tmp_path):

@@ -353,20 +353,6 @@ def test_every_missing_sample_is_found_at_its_place(lost, jitter, late):
     assert np.mean(count_from_stamps(stamps) != kept) <= SHARE_MISPLACED[late > 0, lost == 3000]
 
 
-@pytest.mark.parametrize("jitter", [0.0, 2e-5])
-def test_missing_samples_cost_nothing(jitter):
-    t, random = clock(1000.0), np.random.default_rng(31)
-    kept = np.sort(random.choice(len(t), len(t) - 240, replace=False))
-    stamps = np.sort(t + jitter * random.standard_normal(len(t)))[kept]
-    grid = one_time_base([log(stamps, stamps, random)])
-    (said,) = grid.streams
-    assert said["missing"] == kept[-1] - kept[0] + 1 - len(kept)
-    assert 200 < said["bridged"] <= 240
-    found = said["firm"], said["stamps"], said["marked"], grid.usable.all()
-    assert found == (True, "exact" if jitter else "even", 0, True)
-    assert_recovers_the_joint(grid)
-
-
 @pytest.mark.parametrize(("missing", "marked"), [(20, 0), (21, 1)])
 def test_a_gap_of_20_samples_is_data_and_a_longer_one_marked_with_three_periods_of_the_filter(
     missing, marked
@@ -552,35 +538,34 @@ def test_late_hosts_that_lose_nothing_are_right_at_any_rates_and_their_mean_wait
 # ---- Values that are missing from rows that are there
 
 
-@pytest.mark.parametrize("first", [False, True])
-@pytest.mark.parametrize(("within", "jitter"), [(0.0, 3e-4), (3e-4, 1e-6)])
-@pytest.mark.parametrize("sizes", [(8, 8), (1, 6)])
-def test_stamps_of_batches_are_firm_only_where_their_sizes_tell_which_sample_is_prompt(
-    sizes, jitter, within, first
-):
-    """The last or the first sample, all with its stamp or later as rows are written. A log of both
-    is as right."""
-    random, t = np.random.default_rng(3), clock(RATE)
-    last = np.minimum(np.cumsum(random.integers(sizes[0], sizes[1] + 1, len(t))) - 1, len(t) - 1)
+def stamps_of_batches(t, random, smallest, within, jitter, first):
+    """Stamps of batches of up to 8 samples, which have that of their last sample, or of their
+    first one, or later as rows are written."""
+    last = np.cumsum(random.integers(smallest, 9, len(t))) - 1
+    last = np.minimum(last, len(t) - 1)
     batch = np.searchsorted(last, np.arange(len(t)))
     begin = np.append(0, last + 1)[batch]
-    stamps = t[begin if first else last[batch]] + jitter * random.random(len(t))[batch]
-    stamps = np.maximum.accumulate(
-        stamps + within * (np.arange(len(t)) - begin)
-    ) + 1e-9 * np.arange(len(t))
-    grid, alone = (
-        one_time_base([joint(t, t), cell(stamps, t, random)]),
-        one_time_base([log(stamps, t, random)]),
-    )
-    assert grid.streams[1]["firm"] == (sizes[0] < sizes[1] and not within and not first)
-    assert (
-        "state `stamps: even`, with a `delay`" in grid.streams[1]["why"] or grid.streams[1]["firm"]
-    )
-    read = grid.other() if first else grid
-    if sizes != (1, 6) or not (first or within):
-        assert_recovers_the_joint(read)
-    for one in (alone, alone.other() or alone):
-        assert_recovers_the_joint(one)
+    stamped = t[begin if first else last[batch]] + jitter * random.random(len(t))[batch]
+    written = stamped + within * (np.arange(len(t)) - begin)
+    return np.maximum.accumulate(written) + 1e-9 * np.arange(len(t))
+
+
+@pytest.mark.parametrize("first", [False, True])
+@pytest.mark.parametrize(("within", "jitter"), [(0.0, 3e-4), (3e-4, 1e-6)])
+@pytest.mark.parametrize("smallest", [8, 1])
+def test_stamps_of_batches_are_firm_only_where_their_sizes_tell_which_sample_is_prompt(
+    smallest, jitter, within, first
+):
+    random, t = np.random.default_rng(3), clock(RATE)
+    stamps = stamps_of_batches(t, random, smallest, within, jitter, first)
+
+    grid = one_time_base([joint(t, t), cell(stamps, t, random)])
+
+    row = grid.streams[1]
+    assert row["firm"] == (smallest < 8 and not within and not first)
+    assert row["firm"] or "state `stamps: even`, with a `delay`" in row["why"]
+    if smallest == 8 or not (first or within):
+        assert_recovers_the_joint(grid.other() if first else grid)
 
 
 def test_a_clock_that_ticks_slower_than_the_samples_stamps_no_batches():

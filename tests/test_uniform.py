@@ -1,5 +1,5 @@
-"""Stamps and sensors as a source file states them give the right K, B, I of trials in closed form
-at 20 kHz."""
+"""Stamps and sensors as a source file states them give the right K, B, I of trials in closed
+form."""
 
 from dataclasses import replace
 
@@ -24,7 +24,7 @@ K = 300.0
 B = 5.0
 I = 0.02
 RATE = 1000  # [Hz] of the log
-FINE = 20  # steps of the simulation per sample
+FINE = 6  # steps of the simulation per sample
 CYCLES = 10
 FREQUENCIES = (2.0, 3.0, 5.0)
 AMPLITUDE = np.deg2rad(4)
@@ -124,7 +124,7 @@ def test_a_sensor_s_low_pass_starts_in_its_steady_state():
 
 @pytest.fixture(scope="module")
 def slow_torque():
-    """The torque behind a first-order low-pass of 100 Hz, by a second library's simulation at 20
+    """The torque behind a first-order low-pass of 100 Hz, by a second library's simulation at 6
     kHz that takes a torque for linear in between."""
     time_constant = 1 / (2 * np.pi * 100.0)
     fine = np.arange(len(TIMES) * FINE) / (RATE * FINE)

@@ -104,6 +104,21 @@ def without_inference(monkeypatch: pytest.MonkeyPatch) -> None:
     )
 
 
+@pytest.fixture(scope="session")
+def schemas_of_files() -> dict[str, dict[str, object]]:
+    from osl_analysis.commands.reference import schemas
+
+    return schemas()
+
+
+@pytest.fixture
+def schemas_made_once(
+    schemas_of_files: dict[str, dict[str, object]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of a test of new campaigns: to make the schemas of their files takes half the time."""
+    monkeypatch.setattr("osl_analysis.commands.reference.schemas", lambda: schemas_of_files)
+
+
 def multisine(
     *frequencies_hz: float, amplitude: float = 0.1, duration: float = 10.0, rate: float = 500.0
 ) -> Motion:

@@ -299,7 +299,7 @@ def test_every_number_of_a_figure_stands_in_its_panel_at_its_place(
         assert not apart.all(axis=1).any(), f"{column}: some of it is not drawn"
 
 
-def test_of_every_figure_a_row_says_what_it_shows_but_of_those_that_have_a_test_of_their_own():
+def test_every_figure_has_a_row_that_says_what_it_shows():
     assert {*FIGURES} - {name for name, *_ in SHOWN} == {"prediction", "chain"}
 
 
@@ -384,7 +384,7 @@ def test_a_figure_has_the_numbers_and_marks_of_what_is_drawn(name, table, change
     ) == ([], [])
 
 
-def test_belts_are_told_apart_where_they_end_and_doubtful_ones_and_the_mean_by_their_lines():
+def test_belts_are_told_apart_where_they_end_and_doubtful_ones_are_dashed():
     belts, loops = fig3.draw(
         both_branches().with_columns(-pl.col("theta_s_deg"), doubtful=DOUBT)
     ).axes
@@ -514,7 +514,7 @@ def test_errors_are_percent_of_k_d_and_differences_from_b_d():
     assert [ax.get_xlabel()[:17] for ax in only_stiffness.axes] == ["Desired stiffness"]
 
 
-def test_fig6_has_points_that_touch_no_other_and_a_perfect_fit_at_the_end_of_its_axis():
+def test_fig6_has_points_that_touch_no_other():
     ax = fig6.draw(fig6.points(stored("impedance").reverse())).axes[0]
     ax.figure.draw_without_rendering()
     for look in LOOKS.values():
@@ -662,7 +662,7 @@ def test_groups_have_a_page_each():
     assert windows == [[(26, 34), (40, 54)], [(-100, -40), (0, 100)]]
 
 
-def test_the_chain_shows_by_how_much_each_link_is_off_and_nothing_where_one_is_missing():
+def test_the_chain_shows_by_how_much_each_link_is_off():
     chain, gains = (
         drawing_of("chain"),
         {"K_1": (9.2, 9.1, 9.3, 10.0), "k_tau_n_m": (1.1, 1.0, 1.2, 1.0)},
@@ -791,16 +791,16 @@ def test_every_figure_fits_the_page_and_reads_at_8_points(name):
 
 def test_a_figure_is_the_same_whatever_the_users_matplotlib_settings(tmp_path):
     plain, other = ([tmp_path / f"{n}.{suffix}" for suffix in ("pdf", "svg")] for n in "ab")
-    draw_table("fig6", plotted("fig6"), plain)
+    draw_table("fig8", plotted("fig8"), plain)
 
     with mpl.rc_context({"font.size": 20, "pdf.fonttype": 3, "savefig.bbox": "tight"}):
-        draw_table("fig6", plotted("fig6"), other)
+        draw_table("fig8", plotted("fig8"), other)
 
     assert [path.read_bytes() for path in other] == [path.read_bytes() for path in plain]
     assert b"/Type3" not in plain[0].read_bytes()
 
 
-def test_a_figure_without_numbers_says_so_with_trial_and_reason_and_equal_files_each_time(tmp_path):
+def test_a_figure_without_numbers_says_so_with_trial_and_reason(tmp_path):
     lost = Refusal(
         "i_1", "raw/i_1.mcap", "ingest", "refused", "raw/i_1.mcap: $no$ such_file^", "copy it"
     )
@@ -853,7 +853,7 @@ def test_a_footer_stands_below_the_page_and_covers_nothing():
     assert box.y0 < 0
 
 
-def test_unknown_figures_and_formats_and_tables_without_a_column_that_a_figure_needs_are_refused(
+def test_unknown_figures_formats_and_missing_columns_are_refused(
     tmp_path,
 ):
     with pytest.raises(InputError, match=r"no figure 'fig2'; there are fig3"):
@@ -898,7 +898,7 @@ def test_a_caption_names_the_doubtful_trials_and_groups_and_each_cause_once(of, 
     assert doubtful_said(pl.DataFrame(of, schema_overrides={"doubtful": pl.String})) == expected
 
 
-def test_each_figure_has_a_section_a_missing_one_its_reason_and_the_kind_of_data_stands_there_once(
+def test_each_figure_has_a_section_and_a_missing_one_its_reason(
     tmp_path,
 ):
     lost = Refusal(
@@ -950,7 +950,7 @@ def test_a_caption_is_one_paragraph_in_which_no_name_of_a_file_is_markup(name, t
         draw_figure(name, tmp_path / "t.csv", [tmp_path / "f.pdf"])
 
 
-def test_ticks_are_round_a_single_frequency_is_in_the_middle_of_its_axis_and_0_on_one_of_phases():
+def test_ticks_are_round_and_0_stands_on_an_axis_of_phases():
     for low, high, most, expected in (
         (1, 5, 6, [1, 2, 5]), (0.5, 6, 8, [0.5, 1, 2, 5]), (0.01, 100, 5, [0.01, 0.1, 1, 10, 100]),
         (0.1, 15, 8, [0.1, 0.2, 0.5, 1, 2, 5, 10]), (1e-4, 1e5, 5, [1e-4, 1e-2, 1, 1e2, 1e4]),

@@ -233,7 +233,7 @@ def test_an_export_of_nexus_is_read_with_any_sign_in_utf_16(
     assert (marker.key, marker.unit, marker.rows.rate_hz) == ("Ann:LTOE", "mm", 100.0)
 
 
-def test_a_plate_that_nobody_stands_on_at_both_ends_has_the_decimal_sign_of_its_file(
+def test_a_decimal_comma_is_found_far_from_both_ends(
     tmp_path: Path,
 ) -> None:
     force = ["0"] * 500

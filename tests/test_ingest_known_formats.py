@@ -143,7 +143,7 @@ def dict_of_formats() -> dict[str, Format]:
     return known
 
 
-def test_a_file_is_recognised_by_its_content_and_where_that_says_nothing_by_its_name(
+def test_a_file_is_recognised_by_its_content_else_by_its_name(
     tmp_path: Path,
 ) -> None:
     table = b"a,b\n1,2\n"

@@ -42,7 +42,7 @@ LONGEST = (
     *RUNNING, "test_bench_any_excitation", "test_bench_joint_fit", "test_study", "test_figures",
     "test_walking_commands",
     "test_timebase", "test_walking_platform", "test_bench_rounding", "test_walking_groups",
-    "test_damage", "test_cli",
+    "test_cli",
     "test_adding",
 )  # fmt: skip
 """Modules that take more than 5 s of a core, the longest first."""

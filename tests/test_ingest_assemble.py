@@ -551,15 +551,6 @@ def test_a_part_of_a_matlab_file_is_a_trial_of_its_own(write, tmp_path):
     assert "as Slow.t, Fast.t; write one of these" in said or "as Fast.t, Slow.t; write" in said
 
 
-def test_a_matrix_is_a_part_whose_columns_are_signals(tmp_path):
-    path = write_mat(tmp_path / "a.mat", D={"run1": np.column_stack([TIME, ANGLE])})
-    columns = {"theta": {"variable": "(:,2)", "unit": "rad"}}
-    source = described("mat", time={"variable": "(:,1)", "unit": "s"}, channels=columns).of_part(
-        "D.run1"
-    )
-    np.testing.assert_allclose(read_converted(path, source).samples["theta"], ANGLE)
-
-
 @MATLAB
 def test_what_cannot_be_a_log_is_refused_by_its_variable(write, tmp_path):
     for torque, message in (

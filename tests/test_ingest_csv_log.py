@@ -402,6 +402,34 @@ def test_rows_that_stand_twice_are_read_once_as_the_refusal_says(
     assert len(ingested(tmp_path, rounded).samples) == 200
 
 
+def test_numbers_of_any_size_are_refused_and_numpy_warns_of_none(tmp_path: Path) -> None:
+    rows = [["t", "angle", "load"], *([f"{k / 100}", f"{k % 7}", f"{k % 5}"] for k in range(60))]
+    for place in range(3):
+        odd = [row.copy() for row in rows]
+        odd[30][place], odd[31][place] = "-1.7e308", "1.7e308"
+
+        refused(tmp_path, "\n".join(map(",".join, odd)) + "\n")
+
+        inspect_file(tmp_path / "log.csv")
+
+
+@pytest.mark.parametrize(("above", "complete", "end_missing"), [
+    ("Samples: 60\n", True, False), ("# Number of frames: 120\n", False, True),
+    ("Subject: 120\n", None, False), ("Samples,60,60\n", True, False),
+    ("Total samples=600\n", False, True), ("Samples: 1.5 s\n", None, False),
+])  # fmt: skip
+def test_a_number_of_samples_above_a_table_tells_that_its_end_is_missing(
+    tmp_path: Path, above: str, complete: bool | None, end_missing: bool
+) -> None:
+    rows = "".join(f"{k / 100},{k % 7},{k % 5}\n" for k in range(60))
+
+    damage = ingested(tmp_path, f"{above}t,angle,load\n{rows}").provenance.get("damage", {})
+
+    losses = damage.get("log", {"complete": True})
+    assert (losses["complete"], losses.get("end_missing", False)) == (complete, end_missing)
+    assert losses.get("lost") is None
+
+
 def load(**stated: object) -> dict[str, object]:
     """A source file's channel of the torque, of whose sensor something is stated."""
     return {"channels": {"torque": {"column": "load", "unit": "Nm", **stated}}}

@@ -14,6 +14,7 @@ from c3d_builder import write_c3d
 from click.testing import CliRunner
 from conftest import ROOT
 from jsonschema import Draft202012Validator
+from test_ingest_opensim import write_trc
 
 from osl_analysis.cli import main
 from osl_analysis.commands.doctor import Look, library, looked_at
@@ -604,32 +605,6 @@ def test_a_log_and_a_capture_whose_clocks_are_not_aligned_are_a_question(tmp_pat
     assert "osl-analysis run" not in lines[-1]
 
 
-@pytest.mark.usefixtures("without_inference")
-def test_a_calibration_matrix_is_no_recording_and_one_line(tmp_path):
-    (tmp_path / "rec").mkdir()
-    write_bench(tmp_path / "rec/impedance_K150_B3.csv")
-    np.savetxt(tmp_path / "rec/matrix.txt", np.arange(36.0).reshape(6, 6) + 0.5)
-    np.save(tmp_path / "rec/matrix.npy", np.arange(36.0).reshape(6, 6))
-
-    lines = said_by_init(tmp_path)
-
-    assert sum("and no recording (and 1 more files)" in line for line in lines) == 1
-    assert not list((tmp_path / "mine/sources").glob("table*.yaml"))
-
-
-@pytest.mark.usefixtures("without_inference")
-def test_init_tells_of_rows_that_were_left_out(tmp_path):
-    (tmp_path / "rec").mkdir()
-    write_bench(path := tmp_path / "rec/impedance_K150_B3.csv")
-    lines = path.read_text().splitlines()
-    lines[900] = "0.2,0,0"  # of a packet that waited
-    path.write_text("\n".join([*lines, ""]))
-
-    said = said_by_init(tmp_path)
-
-    assert any("line 901 is left out" in line for line in said)
-
-
 def test_the_output_of_an_actuator_beside_its_motor_is_the_joint(tmp_path):
     write_bench(path := tmp_path / "a.csv")
     rows = path.read_text().splitlines()[1:]
@@ -644,18 +619,6 @@ def test_the_output_of_an_actuator_beside_its_motor_is_the_joint(tmp_path):
 
     assert channels["theta"]["column"] == "output_position_rad"
     assert channels["torque"]["column"] == "reaction_torque_Nm"
-
-
-def test_a_recording_that_cannot_be_read_is_told_before_a_note(tmp_path):
-    (tmp_path / "rec").mkdir()
-    (tmp_path / "rec/a_note.txt").write_text('he said: "nothing')
-    capture(tmp_path / "rec/walk.c3d", LEG)
-    whole = (tmp_path / "rec/walk.c3d").read_bytes()
-    (tmp_path / "rec/walk.c3d").write_bytes(whole[: len(whole) // 2])
-
-    result = call("init", tmp_path / "mine", "--from", tmp_path / "rec")
-
-    assert "walk.c3d: truncated" in result.output
 
 
 @pytest.mark.parametrize("name", ["vicon", "nexus_csv", "bench_csv"])
@@ -702,23 +665,6 @@ def test_rotations_without_markers_are_a_question_before_a_run(tmp_path):
     assert not is_ready
 
 
-def write_trc(path, points):
-    """Markers (frames, markers, 3) [mm] as TRC."""
-    frames, markers, _ = points.shape
-    names = [f"M{number}" for number in range(markers)]
-    lines = [
-        f"PathFileType\t4\t(X/Y/Z)\t{path.name}",
-        "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits",
-        f"100\t100\t{frames}\t{markers}\tmm",
-        "Frame#\tTime\t" + "\t\t\t".join(names),
-        "\t\t" + "\t".join(f"{axis}{n + 1}" for n in range(markers) for axis in "XYZ"),
-    ]
-    for frame, row in enumerate(points.reshape(frames, -1)):
-        cells = "\t".join(f"{value:.3f}" for value in row)
-        lines.append(f"{frame + 1}\t{frame / 100:.2f}\t{cells}")
-    path.write_text("\n".join([*lines, ""]), encoding="utf-8")
-
-
 HEIGHTS = np.array([40.0, 80.0, 300.0, 450.0])  # of markers on a leg [mm]
 
 
@@ -750,42 +696,3 @@ def test_a_trc_that_tells_which_axis_points_up_drafts_the_axes_of_all(tmp_path):
     source = (tmp_path / "mine/sources/trc.yaml").read_text(encoding="utf-8")
     assert 'axes: ["x", "-z", "y"]' in source
     assert questions == []
-
-
-def test_markers_of_one_name_are_a_question_before_a_run(tmp_path):
-    (tmp_path / "rec").mkdir()
-    points = np.ones((80, 2, 4))
-    write_c3d(tmp_path / "rec/overground_1.c3d", points, POINT__LABELS=["RANK", "RANK"])
-
-    questions, is_ready = drafted_of(tmp_path)
-
-    assert "several markers are called RANK" in questions[0]
-    assert not is_ready
-
-
-def test_a_pulse_on_one_of_two_channels_of_one_name_is_drafted_by_its_number(tmp_path):
-    (tmp_path / "rec").mkdir()
-    analogs = np.zeros((400, 2))
-    analogs[(np.arange(400) // 20) % 2 == 1, 1] = 5.0
-    write_c3d(
-        tmp_path / "rec/static_1.c3d", np.ones((400, 2, 4)), analogs,
-        ANALOG__LABELS=["Sync", "Sync"],
-    )  # fmt: skip
-
-    new_campaign(tmp_path / "mine", recordings=tmp_path / "rec")
-
-    source = read_source(tmp_path / "mine/sources/c3d.yaml")
-    assert source.analogs["sync"].channel == "2"
-
-
-def test_a_walking_laboratory_is_drafted_without_the_subject_of_its_markers(tmp_path):
-    (tmp_path / "rec").mkdir()
-    of_anna = {f"Anna:{name}": place for name, place in {**LEG, **MALLEOLI}.items()}
-    platform = ("Anna:PLAT1", "Anna:PLAT2", "Anna:PLAT3")
-    capture(tmp_path / "rec/walk_pert_3.c3d", of_anna, force=800, platform=platform)
-
-    new_campaign(tmp_path / "mine", recordings=tmp_path / "rec")
-
-    written = yaml.safe_load((tmp_path / "mine/config.yaml").read_text())["walking"]
-    assert written["markers"]["ankle_medial"] == "R_TAM"
-    assert written["markers"]["platform"] == ["PLAT1", "PLAT2", "PLAT3"]

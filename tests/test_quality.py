@@ -588,21 +588,6 @@ def test_a_joint_that_comes_to_rest_at_its_ends_is_not_clipped():
     assert samples_at_rail(trial, "theta", "torque") == 0
 
 
-def test_a_joint_held_at_coarse_steps_under_a_push_is_not_clipped():
-    time, step = np.arange(20_000) / 1000, 2 * np.pi / 2**13
-    rng = np.random.default_rng(3)
-    way = np.sign(rng.standard_normal(80))
-    # at the value beside the extreme, mostly
-    held = np.deg2rad(1.5) * way - step * way * (rng.uniform(size=80) > 0.3)
-    theta = signal.sosfilt(signal.butter(1, 20, fs=1000, output="sos"), np.repeat(held, 250))
-    torque = 100 * theta + 2 * np.sin(9 * time) + 0.01 * rng.standard_normal(20_000)
-    found = []
-    for end in (np.inf, 0.8 * theta.max()):
-        rounded = step * np.rint(np.minimum(theta, end) / step)
-        found.append(longest_clipped_angle(time, rounded, (time, torque)))
-    assert found[0] == 0 < 200 < found[1]
-
-
 def test_a_command_at_its_level_is_no_rail_a_clipped_current_and_a_stated_end_are():
     time, levels = np.arange(2000) / 500.0, np.repeat([3.0, -2.0, 3.0, 1.0], 500)
     measured = np.minimum(

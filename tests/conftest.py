@@ -42,7 +42,7 @@ LONGEST = (
     *RUNNING, "test_bench_any_excitation", "test_bench_joint_fit", "test_study", "test_figures",
     "test_walking_commands",
     "test_timebase", "test_walking_platform", "test_bench_rounding", "test_walking_groups",
-    "test_damage", "test_cli",
+    "test_cli",
     "test_adding",
 )  # fmt: skip
 """Modules that take more than 5 s of a core, the longest first."""
@@ -102,6 +102,21 @@ def without_inference(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
         "osl_analysis.bench.transmission.suspected_fault_of_losses", lambda *_: None
     )
+
+
+@pytest.fixture(scope="session")
+def schemas_of_files() -> dict[str, dict[str, object]]:
+    from osl_analysis.commands.reference import schemas
+
+    return schemas()
+
+
+@pytest.fixture
+def schemas_made_once(
+    schemas_of_files: dict[str, dict[str, object]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of a test of new campaigns: to make the schemas of their files takes half the time."""
+    monkeypatch.setattr("osl_analysis.commands.reference.schemas", lambda: schemas_of_files)
 
 
 def multisine(

@@ -158,9 +158,7 @@ def test_fit_says_what_it_cannot_check_and_takes_a_campaign_s_overriding_file(fo
     assert [rows[-1][name] for name in ("K_d", "K_ratio", "K_predicted")] == [300, None, None]
 
 
-def test_ingest_says_that_a_log_has_lost_its_end_and_the_simulator_never_writes_over_recordings(
-    folder, tmp_path
-):
+def test_a_lost_end_is_told_and_no_recording_is_written_over(folder, tmp_path):
     log, output = tmp_path / "cut.mcap", tmp_path / "cut.parquet"
     log.write_bytes((folder / f"dynamometer/{TRIAL}.mcap").read_bytes()[:-20])
     result = call("ingest", "--log", log, "--log-source", "dynamometer", "--output", output)
@@ -176,7 +174,7 @@ def test_ingest_says_that_a_log_has_lost_its_end_and_the_simulator_never_writes_
     assert log.read_bytes() == b"a laboratory's own"
 
 
-def test_gains_of_a_pair_a_grid_and_a_trajectory_are_those_of_the_paper_and_are_drawn(tmp_path):
+def test_gains_of_a_pair_a_grid_and_a_trajectory_are_those_of_the_paper(tmp_path):
     drawn, table = tmp_path / "gains.svg", tmp_path / "gains.csv"
     said = call(*GAINS, "--plot", drawn).stdout
     assert all(
@@ -285,9 +283,7 @@ def test_the_matrix_library_has_one_thread_unless_the_user_states_more(
 
 
 @pytest.mark.parametrize("message", UNFIT)
-def test_a_call_that_does_not_fit_or_would_write_over_what_it_reads_is_refused_with_2(
-    message, tmp_path, monkeypatch
-):
+def test_a_call_that_does_not_fit_is_refused_and_writes_nothing(message, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "a.csv").write_text("precious")
     assert message in one_line(

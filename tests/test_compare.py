@@ -44,7 +44,7 @@ def samples(rng, conditions=6, spread=100.0):
     ]
 
 
-def test_paired_and_welch_intervals_are_those_of_scipy_and_repeats_count_as_their_mean():
+def test_paired_and_welch_intervals_are_those_of_scipy():
     a, b = samples(np.random.default_rng(1))
     (x, y), paired, welch = (
         (np.ravel([*one.values()]) for one in (a, b)),
@@ -242,9 +242,7 @@ def write_empty(name, table, outputs, **others):
         path.touch()
 
 
-def test_the_command_writes_table_and_figure_and_prints_every_verdict_or_one_line_and_nothing(
-    tmp_path, monkeypatch
-):
+def test_the_command_writes_table_and_figure_and_prints_every_verdict(tmp_path, monkeypatch):
     about = {"campaign": "a", "data": "simulated", "configuration": "c", "recorded": "r"}
     for name, made in (("a", tables()), ("b", tables(K=1.08, seed=2))):
         number, line = (

@@ -124,9 +124,7 @@ NUMBER = "write a number, without a unit, with a full stop as decimal sign"
      "line 2: inner.name: 1 is not allowed: write text, in quotes if it looks like a number, a"),
     ("a: 2026-13-45", "not YAML: "), ('"\\e31mkey": 3', "line 2: unknown field '\\x1b31mkey'"),
 ])  # fmt: skip
-def test_what_is_wrong_in_a_file_is_one_line_with_line_field_value_and_remedy_in_our_words(
-    tmp_path, text, said
-):
+def test_what_is_wrong_in_a_file_is_told_by_line_field_value_and_remedy(tmp_path, text, said):
     (tmp_path / "a.yaml").write_bytes(f"first: 1\n{text}".encode("latin-1"))
     with pytest.raises(InputError) as refusal:
         read_yaml(tmp_path / "a.yaml", Outer)
@@ -148,7 +146,7 @@ def test_a_file_without_fields_or_that_cannot_be_read_is_one_line(tmp_path, monk
             read(path)
 
 
-def test_truth_values_are_kept_where_they_are_allowed_and_keys_of_two_mappings_may_be_equal(
+def test_truth_values_are_kept_where_they_are_allowed(
     tmp_path,
 ):
     text = "first: 1\ninner: {either: true, limits: {K: null}}\nseveral: [{either: false}]"
@@ -392,9 +390,7 @@ def test_settings_at_their_bounds_and_two_dates_are_allowed(in_root):
     started(overriding(SHIPPED, own | {"doubtful": {"belt": {"above": {"VAF": None}}}}))
 
 
-def test_a_simulation_without_its_libraries_is_refused_before_any_job_but_where_all_is_recorded(
-    monkeypatch, in_root
-):
+def test_a_simulation_without_its_libraries_is_refused_before_any_job(monkeypatch, in_root):
     monkeypatch.setitem(sys.modules, "ezc3d", None)
     monkeypatch.setattr(Path, "exists", lambda path: path.suffix != ".c3d")
     with pytest.raises(
@@ -422,9 +418,7 @@ def test_seconds_per_frequency_replace_the_cycles():
 
 
 @pytest.mark.parametrize(("number", "way"), [("1:30", "sixties"), ("010", "eights")])
-def test_a_number_that_yaml_1_1_counts_is_text_or_plain_and_refused_where_snakemake_reads_it(
-    tmp_path, number, way
-):
+def test_a_number_that_yaml_counts_is_refused_where_snakemake_reads_it(tmp_path, number, way):
     """Snakemake hands over 90 and 8. YAML 1.2 has a text and 10."""
     path = tmp_path / "a.yaml"
     path.write_text(f"a:\n  b: [1, 2]\n  rate: [{number}]\n")
@@ -442,9 +436,7 @@ def test_a_number_that_yaml_1_1_counts_is_text_or_plain_and_refused_where_snakem
     assert read_mapping(path, by_snakemake=True) == yaml.safe_load(text)
 
 
-def test_a_section_that_is_wrong_is_named_with_its_key_and_line_where_it_alone_is_read(
-    tmp_path, in_root
-):
+def test_a_wrong_section_is_named_with_key_and_line(tmp_path, in_root):
     path = tmp_path / "own.yaml"
     path.write_text("campaign: own\ndynamometer:\n  cutoff_hz: .nan\n")
     with pytest.raises(
@@ -473,7 +465,7 @@ def edited(tmp_path, **changes):
     return path
 
 
-def test_the_shipped_files_have_the_numbers_of_hardware_text_table_and_later_publication():
+def test_the_shipped_parameters_are_those_of_hardware_and_publications():
     default, later = (
         read_parameters(PARAMETERS / f"{name}.yaml") for name in ("default", "osl-v2-published")
     )

@@ -77,9 +77,7 @@ def export(tmp_path, parameters):
     )
 
 
-def test_the_files_have_the_means_of_the_components_and_say_why_they_are_not_proven(
-    export, tmp_path, monkeypatch
-):
+def test_the_files_have_the_means_of_the_components(export, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "mujoco", None)
     files = {"mjcf": tmp_path / "leg.xml", "json": tmp_path / "leg.json"}
     for kind, file in files.items():

@@ -301,7 +301,7 @@ def test_every_number_of_a_figure_stands_in_its_panel_at_its_place(
         assert not apart.all(axis=1).any(), f"{column}: some of it is not drawn"
 
 
-def test_of_every_figure_a_row_says_what_it_shows_but_of_those_that_have_a_test_of_their_own():
+def test_every_figure_has_a_row_that_says_what_it_shows():
     without_row = {*FIGURES} - {name for name, *_ in SHOWN}
     assert without_row == {"prediction", "chain"}, "add a row to SHOWN for each panel"
 
@@ -387,7 +387,7 @@ def test_a_figure_has_the_numbers_and_marks_of_what_is_drawn(name, table, change
     ) == ([], [])
 
 
-def test_belts_are_told_apart_where_they_end_and_doubtful_ones_and_the_mean_by_their_lines():
+def test_belts_are_told_apart_where_they_end_and_doubtful_ones_are_dashed():
     belts, loops = fig3.draw(
         both_branches().with_columns(-pl.col("theta_s_deg"), doubtful=DOUBT)
     ).axes
@@ -517,28 +517,33 @@ def test_errors_are_percent_of_k_d_and_differences_from_b_d():
     assert [ax.get_xlabel()[:17] for ax in only_stiffness.axes] == ["Desired stiffness"]
 
 
-def test_fig6_has_points_that_touch_no_other_and_a_perfect_fit_at_the_end_of_its_axis():
+def test_fig6_has_points_that_touch_no_other():
     ax = fig6.draw(fig6.points(stored("impedance").reverse())).axes[0]
+
     ax.figure.draw_without_rendering()
     for look in LOOKS.values():
         printed = ax.transData.transform(scattered(ax, look.label)[0]) / ax.figure.dpi * 72
         distance = np.hypot(*(printed[:, None, :] - printed[None, :, :]).transpose(2, 0, 1))
         assert 4.8 < distance[np.triu_indices(48, 1)].min() < 6, "the largest and a small gap"
+
+
+def test_fig6_has_a_perfect_fit_at_the_end_of_its_axis():
     vaf = pl.Series([float("nan"), 99.99999999, 99.0, 97.0])
-    # as without a stepped sine
-    single = fig6.points(stored("impedance").filter(pl.col("amplitude_deg").is_null()))
-    assert (len(single), len(fig6.draw(single.head(1)).axes[0].get_yticks()) > 1) == (32, True)
-    table = fig6.points(stored("impedance").filter(amplitude_deg=2).head(4).with_columns(VAF=vaf))
-    ax = fig6.draw(table).axes[0]
-    np.testing.assert_allclose(scattered(ax, "Compensated")[0][:, 1], [1e-4, 1, 3], rtol=1e-6)
+    fits = stored("impedance").filter(amplitude_deg=2).head(4)
+
+    ax = fig6.draw(fig6.points(fits.with_columns(VAF=vaf))).axes[0]
+
+    heights = scattered(ax, "Compensated")[0][:, 1]
+    np.testing.assert_allclose(heights, [1e-4, 1, 3], rtol=1e-6)
     assert ax.get_ylim()[0] > 3 > 1e-4 > ax.get_ylim()[1]
-    assert [label.get_text() for label in ax.get_yticklabels()] == [
-        "≥ 99.9999",
-        "99.999",
-        "99.99",
-        "99.9",
-        "99",
-    ]
+    letters = [label.get_text() for label in ax.get_yticklabels()]
+    assert letters == ["≥ 99.9999", "99.999", "99.99", "99.9", "99"]
+
+
+def test_fig6_shows_fits_over_all_amplitudes_where_there_are_no_others():
+    whole = stored("impedance").filter(pl.col("amplitude_deg").is_null())
+
+    assert len(fig6.points(whole)) == 32
 
 
 @pytest.mark.parametrize(("name", "table", "message"), [
@@ -665,54 +670,49 @@ def test_groups_have_a_page_each():
     assert windows == [[(26, 34), (40, 54)], [(-100, -40), (0, 100)]]
 
 
-def test_the_chain_shows_by_how_much_each_link_is_off_and_nothing_where_one_is_missing():
-    chain, gains = (
-        drawing_of("chain"),
-        {"K_1": (9.2, 9.1, 9.3, 10.0), "k_tau_n_m": (1.1, 1.0, 1.2, 1.0)},
-    )
-    ends = ("", "_low", "_high", "_programmed")
+def chain_points(belt_ratio=0.5):
+    """Of a trial whose links are off by -8, 10, -50 and 1 %; the ratio of the belt, if it is
+    known."""
     law = {
-        f"{name}{end}": [value]
-        for name, values in gains.items()
-        for end, value in zip(ends, values, strict=True)
+        "trial": "a",
+        "joint": "ankle",
+        "controller": "compensated",
+        "K_d": 300.0,
+        "doubtful": "",
     }
-    law |= {
-        "trial": ["a"],
-        "joint": ["ankle"],
-        "controller": ["compensated"],
-        "K_d": [300.0],
-        "doubtful": [""],
-    }
-    amplitude = pl.Series([2.0, None])
-    fits = pl.DataFrame(
-        {"trial": "a", "amplitude_deg": amplitude, "K": [1.0, 303.0], "K_predicted": 300.0}
+    law |= {"K_1": 9.2, "K_1_low": 9.1, "K_1_high": 9.3, "K_1_programmed": 10.0}
+    law |= {"k_tau_n_m": 1.1, "k_tau_n_m_low": 1.0, "k_tau_n_m_high": 1.2}
+    law |= {"k_tau_n_m_programmed": 1.0}
+    fits = {"amplitude_deg": [2.0, None], "K": [1.0, 303.0]}
+    belt = {"amplitude_deg": [2.0, None], "K_s_ratio": [None, belt_ratio]}
+    kind = {"K_s_ratio": pl.Float64}
+    return drawing_of("chain").points(
+        pl.DataFrame(law),
+        pl.DataFrame(fits).with_columns(trial=pl.lit("a"), K_predicted=300.0),
+        pl.DataFrame(belt, schema_overrides=kind).with_columns(trial=pl.lit("a")),
     )
-    belt = pl.DataFrame({"trial": ["a", "a"], "amplitude_deg": amplitude, "K_s_ratio": [None, 0.5]})
-    table = chain.points(pl.DataFrame(law), fits, belt)
-    row = table.row(0, named=True)
-    assert [row[link] for link in ("command", "motor", "belt", "rendered")] == pytest.approx(
-        [-8, 10, -50, 1]
-    )
-    assert (row["command_low"], row["motor_high"], len(table)) == (
-        pytest.approx(-9),
-        pytest.approx(20),
-        1,
-    )
-    assert chain.points(pl.DataFrame(law), fits, belt.clear())["belt"].to_list() == [None]
-    figure = chain.draw(table)
-    heights = [scattered(ax, "Compensated")[0][0, 1] for ax in figure.axes]
+
+
+def test_the_chain_shows_by_how_much_each_link_is_off():
+    table = chain_points()
+
+    (row,) = table.to_dicts()
+    axes = drawing_of("chain").draw(table).axes
+    links = ("command", "motor", "belt", "rendered")
+    assert [row[link] for link in links] == pytest.approx([-8, 10, -50, 1])
+    assert (row["command_low"], row["motor_high"]) == pytest.approx((-9, 20))
+    heights = [scattered(ax, "Compensated")[0][0, 1] for ax in axes]
     assert heights == pytest.approx([-8, 10, -50, 1])
-    symbols = [ax.get_ylabel().partition(",")[0] for ax in figure.axes]
+    bars = [line[:, 1].tolist() for line, _ in segments(axes[0])]
+    assert bars == [pytest.approx([-9, -7])]
+    symbols = [ax.get_ylabel().partition(",")[0] for ax in axes]
     assert symbols == ["$K_1$", r"$k_\tau n_m$", "$K_s$", r"$\hat{K}$"]
-    assert [line[:, 1].tolist() for line, _ in segments(figure.axes[0])] == [
-        pytest.approx([-9, -7])
-    ]
-    without_belt = chain.draw(table.with_columns(belt=NONE))
-    assert [ax.get_title(loc="left")[4:] for ax in without_belt.axes] == [
-        "Command",
-        "Motor",
-        "Joint",
-    ]
+
+
+def test_a_link_that_nobody_knows_has_no_panel_in_the_chain():
+    figure = drawing_of("chain").draw(chain_points(belt_ratio=None))
+
+    assert [ax.get_title(loc="left")[4:] for ax in figure.axes] == ["Command", "Motor", "Joint"]
 
 
 def test_trials_of_one_desired_value_do_not_cover_one_another():
@@ -794,16 +794,16 @@ def test_every_figure_fits_the_page_and_reads_at_8_points(name):
 
 def test_a_figure_is_the_same_whatever_the_users_matplotlib_settings(tmp_path):
     plain, other = ([tmp_path / f"{n}.{suffix}" for suffix in ("pdf", "svg")] for n in "ab")
-    draw_table("fig6", plotted("fig6"), plain)
+    draw_table("fig8", plotted("fig8"), plain)
 
     with mpl.rc_context({"font.size": 20, "pdf.fonttype": 3, "savefig.bbox": "tight"}):
-        draw_table("fig6", plotted("fig6"), other)
+        draw_table("fig8", plotted("fig8"), other)
 
     assert [path.read_bytes() for path in other] == [path.read_bytes() for path in plain]
     assert b"/Type3" not in plain[0].read_bytes()
 
 
-def test_a_figure_without_numbers_says_so_with_trial_and_reason_and_equal_files_each_time(tmp_path):
+def test_a_figure_without_numbers_says_so_with_trial_and_reason(tmp_path):
     lost = Refusal(
         "i_1", "raw/i_1.mcap", "ingest", "refused", "raw/i_1.mcap: $no$ such_file^", "copy it"
     )
@@ -856,7 +856,7 @@ def test_a_footer_stands_below_the_page_and_covers_nothing():
     assert box.y0 < 0
 
 
-def test_unknown_figures_and_formats_and_tables_without_a_column_that_a_figure_needs_are_refused(
+def test_unknown_figures_formats_and_missing_columns_are_refused(
     tmp_path,
 ):
     with pytest.raises(InputError, match=r"no figure 'fig2'; there are fig3"):
@@ -904,7 +904,7 @@ def test_a_caption_names_the_doubtful_trials_and_groups_and_each_cause_once(of, 
     assert doubtful_said(pl.DataFrame(of, schema_overrides={"doubtful": pl.String})) == expected
 
 
-def test_each_figure_has_a_section_a_missing_one_its_reason_and_the_kind_of_data_stands_there_once(
+def test_each_figure_has_a_section_and_a_missing_one_its_reason(
     tmp_path,
 ):
     lost = Refusal(
@@ -956,7 +956,7 @@ def test_a_caption_is_one_paragraph_in_which_no_name_of_a_file_is_markup(name, t
         draw_figure(name, tmp_path / "t.csv", [tmp_path / "f.pdf"])
 
 
-def test_ticks_are_round_a_single_frequency_is_in_the_middle_of_its_axis_and_0_on_one_of_phases():
+def test_ticks_are_round_and_0_stands_on_an_axis_of_phases():
     for low, high, most, expected in (
         (1, 5, 6, [1, 2, 5]), (0.5, 6, 8, [0.5, 1, 2, 5]), (0.01, 100, 5, [0.01, 0.1, 1, 10, 100]),
         (0.1, 15, 8, [0.1, 0.2, 0.5, 1, 2, 5, 10]), (1e-4, 1e5, 5, [1e-4, 1e-2, 1, 1e2, 1e4]),

@@ -236,21 +236,6 @@ def test_what_is_no_address_is_refused(text: str) -> None:
 TIME = np.arange(40) / 500
 
 
-def test_structures_that_simulink_logged_with_one_time_are_one_part(tmp_path: Path) -> None:
-    def logged(values: np.ndarray, label: str) -> dict[str, Any]:
-        return {"time": TIME[:, None], "signals": {"values": values[:, None], "label": label}}
-
-    path = write_mat(
-        tmp_path / "a.mat", a=logged(np.sin(TIME), "angle"), t=logged(np.cos(TIME), "torque")
-    )
-
-    recording = formats.read(path)
-
-    assert [one.key for one in recording.channels] == ["a.time", "a.angle", "t.torque"]
-    assert len({id(one.rows) for one in recording.channels}) == 1
-    np.testing.assert_array_equal(numbers_at(recording, "t.torque"), np.cos(TIME))
-
-
 def written_by_matio(path: Path, version: str) -> Path:
     """Tables, timetables and other objects, as MATLAB stores them. mat-io writes the times of a
     timetable and no units: a rate, a step, units and what a time has below the ms are put in by
@@ -374,6 +359,14 @@ def test_a_file_that_is_cut_gives_the_variables_before_the_cut(tmp_path: Path) -
     np.testing.assert_array_equal(numbers_at(recording, "x"), RISING)
     assert recording.loss.end == End.MISSING
     assert any("its end is missing" in one for one in recording.loss.remarks)
+
+
+def test_a_file_of_version_7_3_that_is_cut_is_refused(tmp_path: Path) -> None:
+    path = write_mat73(tmp_path / "a.mat", x=RISING, y=np.arange(500.0))
+    path.write_bytes(path.read_bytes()[:-900])
+
+    with pytest.raises(InputError, match=r"a\.mat: .*; copy the file again"):
+        formats.read(path)
 
 
 def test_samples_that_were_never_written_are_no_values(tmp_path: Path) -> None:

@@ -234,7 +234,7 @@ def test_a_channel_whose_declaration_is_lost_is_known_by_the_summary(tmp_path: P
     assert "10 messages belong to channels that are not declared" in unknown.loss.remarks
 
 
-def test_a_record_that_cannot_be_read_ends_the_log_and_the_summary_tells_what_is_lost(
+def test_an_unreadable_record_ends_the_log_and_the_summary_counts_the_rest(
     tmp_path: Path,
 ) -> None:
     for odd in (bytes(20), struct.pack("<BQ", 6, 2**40)):

@@ -40,6 +40,10 @@ def write_frame(path: Path) -> Path:
         FRAME.write_ipc(path)
     elif path.suffix == ".arrows":
         FRAME.write_ipc_stream(path)
+    elif path.suffix == ".xlsx":
+        FRAME.write_excel(path)
+    elif path.suffix == ".h5":
+        write_hdf5(path)
     elif path.suffix == ".npy":
         np.save(path, FRAME.to_numpy(structured=True))
     else:
@@ -112,13 +116,9 @@ def test_a_part_of_an_archive_that_does_not_match_its_checksum_is_refused(tmp_pa
         formats.read(path)
 
 
-@pytest.mark.parametrize("suffix", ["parquet", "feather", "npz", "h5"])
+@pytest.mark.parametrize("suffix", ["parquet", "feather", "npy", "npz", "h5", "xlsx"])
 def test_a_file_that_is_cut_is_refused_in_one_sentence(tmp_path: Path, suffix: str) -> None:
-    path = tmp_path / f"a.{suffix}"
-    if suffix == "h5":
-        write_hdf5(path)
-    else:
-        write_frame(path)
+    path = write_frame(tmp_path / f"a.{suffix}")
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
 
     with pytest.raises(InputError, match=r"^[^\n]*a\.[^\n]*; copy the file again, or exp[^\n]*$"):

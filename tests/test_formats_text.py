@@ -103,15 +103,6 @@ def test_a_last_line_that_is_or_may_be_cut_off_is_left_out(tmp_path: Path) -> No
     assert whole.loss.end == End.UNKNOWN
 
 
-def test_a_stated_number_of_rows_tells_whether_the_end_is_there(tmp_path: Path) -> None:
-    whole = read(tmp_path, table(above="# samples: 900\n"))
-    cut = read(tmp_path, table(above="# samples: 1000\n"))
-
-    assert whole.loss.end == End.WHOLE
-    assert cut.loss.end == End.MISSING
-    assert "its text states 1000 samples, and 900 rows are there" in cut.loss.remarks[0]
-
-
 def test_rows_that_do_not_fit_are_refused_by_line_or_skipped_and_counted(tmp_path: Path) -> None:
     lines = table().splitlines(keepends=True)
     odd = "".join([*lines[:500], "0.5,1\n", *lines[500:]])
@@ -233,7 +224,7 @@ def test_an_export_of_nexus_is_read_with_any_sign_in_utf_16(
     assert (marker.key, marker.unit, marker.rows.rate_hz) == ("Ann:LTOE", "mm", 100.0)
 
 
-def test_a_plate_that_nobody_stands_on_at_both_ends_has_the_decimal_sign_of_its_file(
+def test_a_decimal_comma_is_found_far_from_both_ends(
     tmp_path: Path,
 ) -> None:
     force = ["0"] * 500

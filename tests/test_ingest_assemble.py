@@ -113,7 +113,7 @@ def refused(folder: Path, **fields: object) -> str:
     return str(caught.value)
 
 
-def test_the_leg_and_motion_capture_share_one_clock_and_the_provenance_names_every_file_and_channel(
+def test_log_and_capture_share_one_clock_and_provenance_names_their_files(
     laboratory,
 ):
     trial, speed = ingested(laboratory), np.radians(10 * 2 * np.pi * 0.7)
@@ -274,7 +274,7 @@ def test_a_mistake_is_told_and_leaves_nothing_behind(laboratory: Path, mistake: 
     assert told in refused(laboratory, **fields)
 
 
-def test_a_trial_file_keeps_null_and_nan_apart_and_every_bit_and_what_is_none_is_refused(
+def test_a_trial_file_keeps_every_bit_and_what_is_none_is_refused(
     tmp_path: Path,
 ) -> None:
     path = tmp_path / "t.parquet"
@@ -381,7 +381,7 @@ def test_values_that_nothing_can_reach_are_refused_by_file_column_value_and_reme
     assert not (tmp_path / "a.parquet").exists()
 
 
-def test_markers_that_were_never_seen_are_refused_where_they_are_needed_and_told_elsewhere(
+def test_unseen_markers_are_refused_where_they_are_needed(
     tmp_path: Path,
 ) -> None:
     hidden = seen()
@@ -549,15 +549,6 @@ def test_a_part_of_a_matlab_file_is_a_trial_of_its_own(write, tmp_path):
     said = refused_mat(path)
     assert "variable 't' occurs 2 times" in said
     assert "as Slow.t, Fast.t; write one of these" in said or "as Fast.t, Slow.t; write" in said
-
-
-def test_a_matrix_is_a_part_whose_columns_are_signals(tmp_path):
-    path = write_mat(tmp_path / "a.mat", D={"run1": np.column_stack([TIME, ANGLE])})
-    columns = {"theta": {"variable": "(:,2)", "unit": "rad"}}
-    source = described("mat", time={"variable": "(:,1)", "unit": "s"}, channels=columns).of_part(
-        "D.run1"
-    )
-    np.testing.assert_allclose(read_converted(path, source).samples["theta"], ANGLE)
 
 
 @MATLAB

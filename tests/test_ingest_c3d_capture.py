@@ -140,7 +140,7 @@ def test_the_subject_of_markers_is_left_out_where_there_is_one(
     assert [name for name in columns if name.endswith("_x")] == [f"marker_{n}_x" for n in names]
 
 
-def test_one_of_two_markers_of_one_name_is_read_by_the_number_that_the_refusal_tells(
+def test_a_marker_of_a_name_used_twice_is_read_by_its_number(
     tmp_path: Path,
 ) -> None:
     path = write_c3d(tmp_path / "a.c3d", points(), POINT__LABELS=["TOE", "HEEL", "TOE"])
@@ -334,7 +334,7 @@ SURFACE = np.array([0.004, -0.007, -0.045])
 
 
 @pytest.mark.parametrize("stored", [1, -1])
-def test_type_2_and_type_4_with_its_calibration_give_the_wrench_back_whichever_way_origin_points(
+def test_types_2_and_4_give_the_wrench_back_whichever_way_origin_points(
     stored: int,
 ) -> None:
     force, moment = IN_PLATE
@@ -602,7 +602,7 @@ def test_what_does_not_fit_is_refused_with_the_reason(tmp_path, text, fields, pr
     assert problem in refusal_by(read_converted, path, nexus_source(**fields))
 
 
-def test_an_export_keeps_its_first_frame_and_is_listed_by_sections_with_what_is_missing(
+def test_an_export_is_listed_by_sections_with_what_is_missing(
     tmp_path: Path,
 ) -> None:
     (path := tmp_path / "trial.csv").write_text(EXPORT)

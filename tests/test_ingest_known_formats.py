@@ -143,7 +143,7 @@ def dict_of_formats() -> dict[str, Format]:
     return known
 
 
-def test_a_file_is_recognised_by_its_content_and_where_that_says_nothing_by_its_name(
+def test_a_file_is_recognised_by_its_content_else_by_its_name(
     tmp_path: Path,
 ) -> None:
     table = b"a,b\n1,2\n"
@@ -222,30 +222,3 @@ def test_a_source_file_of_another_format_is_refused_with_the_format_of_the_file(
         with pytest.raises(InputError, match=said):
             ingested(tmp_path, "a.csv", content)
     assert ingested(tmp_path, "d.c3d", BENCH.encode())
-
-
-def test_a_row_is_read_or_refused_by_its_line_however_far_below(tmp_path: Path) -> None:
-    rows = ["", *(f"{place / 100},{place}" for place in range(400))]
-    for odd in (
-        "3.0 , 300 ",
-        '"3.0","300"',
-        "# pause, 1\n3.0,300",
-        "\n \n3.0,300",
-        "3.0,300\n,",
-        "3.0,",
-    ):
-        content = "\n".join(["t,angle", *rows[:301], odd, *rows[302:], ""]).encode()
-        expected = np.where(np.arange(400) == 300, np.nan if odd == "3.0," else 300, np.arange(400))
-        np.testing.assert_allclose(
-            ingested(tmp_path, "a.csv", content).samples["theta"], np.radians(expected)
-        )
-    for odd, told in (
-        ("3.5", "line 353 has 1 cells under 2 names, and 1 of 400 rows do not fit"),
-        ("3.5,x", "line 353, column 'angle': 'x' is not a number"),
-    ):
-        with pytest.raises(InputError, match=told):
-            ingested(
-                tmp_path,
-                "a.csv",
-                "\n".join(["t,angle", *rows[:351], odd, *rows[352:], ""]).encode(),
-            )

@@ -235,7 +235,7 @@ def test_stamps_that_stand_still_are_refused_and_are_not_taken_for_rounded(tmp_p
         )
 
 
-def test_of_messages_that_contradict_each_other_the_first_holds_as_long_as_they_are_few(
+def test_of_few_contradicting_messages_the_first_holds(
     tmp_path: Path,
 ) -> None:
     path = write_log(

@@ -119,7 +119,7 @@ def test_axes_that_do_not_point_up_are_doubted_and_drafted(tmp_path: Path) -> No
     assert note == "walk.trc: 1 names after the 3 markers have no positions, such as TOE"
 
 
-def test_a_header_that_contradicts_the_rows_and_rows_that_cannot_be_right_are_refused(
+def test_rows_that_contradict_the_header_or_one_another_are_refused(
     tmp_path: Path,
 ) -> None:
     path = tmp_path / "walk.trc"

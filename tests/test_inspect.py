@@ -91,7 +91,7 @@ BENCH = (
 )
 
 
-def test_a_csv_file_lists_columns_units_gaps_words_and_odd_rows_and_its_draft_reads_it(
+def test_a_csv_file_is_listed_and_its_draft_reads_it(
     tmp_path: Path,
 ) -> None:
     path = tmp_path / "a.csv"
@@ -192,7 +192,7 @@ def test_a_name_and_its_unit_tell_the_column(name: str, unit: str, column: str) 
     assert likely_column(RecordedChannel("column", {"column": name}, unit)) == column
 
 
-def test_a_draft_names_only_what_leaves_no_doubt_and_lists_the_rest_of_many_as_comments() -> None:
+def test_a_draft_names_only_what_leaves_no_doubt() -> None:
     units = {
         "ankle_angle": "rad",
         "joint_angle": "rad",
@@ -378,9 +378,7 @@ def test_a_file_that_grows_with_pauses_is_taken_for_complete_once_at_most(tmp_pa
     ], "it stays empty: a word, once"
 
 
-def test_what_was_refused_or_not_examined_before_a_restart_is_examined_then_and_no_more(
-    tmp_path, bench, monkeypatch
-):
+def test_a_restarted_watch_examines_what_was_not_and_no_more(tmp_path, bench, monkeypatch):
     """All that lay there was noted before the first was examined: after Ctrl-C the rest was
     lost."""
     (tmp_path / "in").mkdir()
@@ -472,6 +470,8 @@ def test_a_recording_of_an_unknown_recorder_gives_its_joint(tmp_path, bench):
         r"rec7.csv: K 1[12]\d.* channels are guessed: .*, torque: {[^}]*, sign: -1}", turned
     )
     assert re.search(r"x.csv: REFUSED: no rows", junk)
+    # what no recording of a kind has is told once
+    assert ["fixture's weight" in line for line in (sound, turned)] == [True, False]
     assert "\n" not in sound + turned + junk
     written = (
         tmp_path / f"pictures/{name}" for name in ("k120_b2.png", "rec7.png", "measured.json")
@@ -537,17 +537,6 @@ def test_the_parameters_of_an_ankle_judge_no_knee(bench):
         watching.device_of_row({"joint": joint}, bench.config) for joint in ("knee", "ankle", None)
     ]
     assert [*found, watching.device_of_row({}, without)] == [None, device, device, None]
-
-
-@pytest.mark.usefixtures("without_inference")
-def test_what_no_recording_of_a_kind_has_is_said_once(tmp_path, bench):
-    write_joint(tmp_path / "in/a.csv")
-    write_joint(tmp_path / "in/b.csv")
-    lines = [
-        watching.recording_line(tmp_path / f"in/{name}.csv", tmp_path / "in", bench)[0]
-        for name in "ab"
-    ]
-    assert ["fixture's weight" in line for line in lines] == [True, False]
 
 
 def test_a_failed_check_is_told_with_its_whole_remedy(

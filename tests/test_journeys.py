@@ -22,7 +22,7 @@ from osl_analysis.commands.trials import checked_trial
 from osl_analysis.commands.watch import fit_of_row, quality_text
 from osl_analysis.ingest.draft import draft_source
 
-pytestmark = pytest.mark.usefixtures("without_inference")
+pytestmark = pytest.mark.usefixtures("without_inference", "schemas_made_once")
 TRUE = {"K": 80.0, "B": 1.5, "I": 0.03}  # N*m/rad, N*m*s/rad, kg*m^2
 NOISE = np.random.default_rng(5).standard_normal((6, 20_000))
 
@@ -306,7 +306,7 @@ def test_a_dynamometer_with_a_protocol_of_its_own(tmp_path, monkeypatch, kind):
     assert quality == "quality ok", "no protocol is stated"
 
 
-def test_a_torque_has_the_sign_by_which_a_joint_resists_and_an_actuator_alone_has_its_own_torque(
+def test_a_torque_has_the_sign_by_which_a_joint_resists(
     tmp_path,
 ):
     time, theta, _, torque = sines([(1, 8), (3, 20)], 4)

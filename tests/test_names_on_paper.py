@@ -84,7 +84,7 @@ def test_trials_of_two_joints_share_neither_a_panel_nor_a_swarm():
     assert len(fig6.draw(fig6.points(both)).axes[0].get_xticks()) == 3
 
 
-def test_a_trial_without_k_d_stands_at_the_end_of_the_axis_without_a_line_at_a_desired_value():
+def test_a_trial_without_k_d_stands_at_the_end_of_the_axis():
     table = of_controllers("pd").with_columns(
         K_d=pl.col("K_d").replace_strict({100: 1, 200: 2, 300: 500, 400: None})
     )
@@ -140,7 +140,8 @@ def test_names_and_macros_of_any_controllers_are_letters_and_no_two_are_alike():
     """`PD 1` and `PD-1` have the same letters; a controller `xLow` has the letters of the lower
     bound of `x`."""
     names = ("PD 1", "PD-1", "α", "a_", "A", "脚", "no controller", None)
-    rows = of_controllers(*names, joint="knee", side=None).with_columns(doubtful=pl.lit(""))
+    rows = of_controllers(*names, joint="knee", side=None).filter(K_d=100)
+    rows = rows.with_columns(doubtful=pl.lit(""))
     ends = {f"{q}_amplitudes_{e}": pl.col(q) for q in "KB" for e in ("low", "high")}
     ends |= dict.fromkeys(("I", "B_viscous", "f_C"), pl.lit(None, pl.Float64))
     rows = rows.with_columns(**ends, interval_method=pl.lit("units"))
@@ -214,7 +215,7 @@ def test_examples_are_those_of_the_configuration_or_chosen_and_said(tmp_path):
         response_example(campaign(tmp_path, knee, figures=wrong))
 
 
-def test_the_hash_is_of_the_settings_and_the_files_that_they_name_and_not_of_where_results_are(
+def test_the_hash_is_of_the_settings_and_of_the_files_that_they_name(
     tmp_path,
 ):
     parameters = tmp_path / "p.yaml"
@@ -265,7 +266,7 @@ def test_responses_are_predicted_by_a_parameter_file_of_their_joint_alone(
     )
 
 
-def test_fig_7_shows_the_desired_impedance_with_the_most_trials_where_none_is_chosen(tmp_path):
+def test_fig_7_shows_the_desired_impedance_with_the_most_trials(tmp_path):
     table = stored("frequency_response")
     lone = table.filter(trial=table["trial"][0]).with_columns(
         trial=pl.lit("lone"), K_d=pl.lit(77.0)
@@ -279,7 +280,7 @@ def test_fig_7_shows_the_desired_impedance_with_the_most_trials_where_none_is_ch
     )
 
 
-def test_a_belt_without_parameters_needs_a_shaft_that_rests_and_a_table_says_last_what_its_data_are(
+def test_a_belt_without_parameters_needs_a_shaft_that_rests(
     tmp_path,
 ):
     theta = np.linspace(0, 0.1, 50)

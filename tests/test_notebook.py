@@ -148,9 +148,7 @@ def test_a_fit_of_a_file_is_that_of_its_trial_and_can_be_pickled(tmp_path, short
 
 
 @pytest.mark.usefixtures("without_inference")
-def test_the_frequency_response_of_a_stepped_sine_is_that_of_the_campaign_and_of_fig_7(
-    tmp_path, short
-):
+def test_the_response_of_a_stepped_sine_is_that_of_the_campaign_and_fig_7(tmp_path, short):
     files, config = of_campaign("impedance", tmp_path, short), read_config(short)
     phasors, response = tmp_path / "tables/phasors.csv", tmp_path / "tables/frequency_response.csv"
     limits = config.doubtful.of("phasors"), [files["impedance"]], config.doubtful.of("impedance")
@@ -236,7 +234,7 @@ def test_a_recording_is_read_as_ingest_reads_it(tmp_path):
         osl.read_recording(tmp_path / "a.csv", tmp_path / "mine.yaml", part="2")
 
 
-def test_a_fit_prints_and_shows_its_doubts_and_nothing_of_a_name_that_a_terminal_or_a_page_runs(
+def test_a_fit_shows_its_doubts_and_runs_nothing_of_a_name(
     short,
 ):
     doubtful = osl.fit_impedance(bench_trial("friction"), config=short)
@@ -272,7 +270,7 @@ def test_a_table_is_one_of_pandas_without_pyarrow():
     )
 
 
-def test_a_figure_shows_itself_in_the_style_of_the_paper_and_a_result_cannot_be_changed(short):
+def test_a_figure_is_in_the_paper_s_style_and_a_result_cannot_be_changed(short):
     fit = osl.fit_belt(bench_trial("belt"), short)
     drawn = osl.plot_torque(fit)
     assert (drawn._repr_png_()[:4], int.from_bytes(drawn._repr_png_()[16:20])) == (

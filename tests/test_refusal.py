@@ -121,7 +121,7 @@ def test_who_reads_a_record_for_a_result_is_told_the_reason(tmp_path, read):
         read(Path(record(tmp_path / "b_1.csv", LOST)))
 
 
-def test_a_trial_refused_in_one_list_is_missing_from_every_list_and_the_job_goes_on(tmp_path):
+def test_a_trial_refused_in_one_list_is_missing_from_every_list(tmp_path):
     good = [result(tmp_path / f"{folder}/b_2.csv") for folder in ("trials", "fits", "quality")]
     bad = [result(tmp_path / "trials/b_1.csv"), record(tmp_path / "fits/b_1.csv", LOST)]
     inputs = {"trials": [bad[0], good[0]], "fitted": [bad[1], good[1]], "quality": [good[2]]}
@@ -148,7 +148,7 @@ def ended(job):
     return read_log(job.log)["outcome"], read_refusals(job.files[-1])
 
 
-def test_a_job_that_refuses_its_input_leaves_reason_and_remedy_in_place_of_an_old_result(tmp_path):
+def test_a_refusal_replaces_an_old_result_by_reason_and_remedy(tmp_path):
     result(tmp_path / "tables/belt.csv")
     inputs = {"trial": str(tmp_path / "trials/b_1.parquet")}
     outcome, (cause,) = ended(job(tmp_path, "walking.analyse", inputs, settings={}, mistyped={}))
@@ -174,9 +174,7 @@ def test_a_job_that_lacks_an_input_passes_its_causes_on_and_is_no_cause_itself(t
     assert ended(job(tmp_path, "bench.summarise", inputs)) == ("skipped", causes)
 
 
-def test_ingest_and_quality_control_are_one_job_of_which_both_results_stand_or_none(
-    tmp_path, monkeypatch
-):
+def test_of_ingest_and_quality_control_both_results_stand_or_none(tmp_path, monkeypatch):
     trial, quality, limited = tmp_path / "trials/b_1.parquet", tmp_path / "quality/b_1.csv", []
 
     def refuse(*_):
@@ -204,9 +202,7 @@ def test_ingest_and_quality_control_are_one_job_of_which_both_results_stand_or_n
 
 
 @pytest.mark.parametrize("host", [platform.node(), "another"])
-def test_the_next_start_cleans_what_a_killed_run_on_this_machine_left_and_takes_its_lock(
-    tmp_path, monkeypatch, host
-):
+def test_the_next_start_cleans_what_a_killed_run_left(tmp_path, monkeypatch, host):
     monkeypatch.chdir(tmp_path)
     is_here = host == platform.node()
     ended = subprocess.Popen(["true"])
@@ -481,7 +477,7 @@ def test_an_excluded_trial_is_left_out_and_an_accepted_one_is_not(checked):
         assert [*exclusions(Judge(rules, {}).verdicts(checked))] == named
 
 
-def test_who_was_left_out_or_not_judged_is_listed_and_told_with_value_threshold_and_remedy(checked):
+def test_who_was_left_out_is_listed_with_value_threshold_and_remedy(checked):
     folder = checked[0].parent
     lost = Refusal(
         "plate_9", "p.c3d", "ingest.ingest_trial", "refused", "p.c3d: truncated", "export it again"
@@ -587,9 +583,7 @@ def test_a_run_is_idle_where_no_job_has_finished_whether_or_not_a_log_is_ours(
         ({"rows": ["fits/b_1.csv", "fits/b_2.csv"]}, "correct or exclude the trials behind it"),
     ],
 )
-def test_a_refusal_without_a_remedy_names_the_file_of_one_trial_or_the_trials_of_several(
-    inputs, remedy
-):
+def test_a_refusal_without_a_remedy_names_the_file_or_the_trials(inputs, remedy):
     refused = Job("tables.gather", inputs, {"output": "belt.csv"}, {}, Path("belt.log"))
 
     cause = refusal(refused, Ending("refused", "no fit"))

@@ -2,7 +2,6 @@
 sheet."""
 
 import itertools
-import shutil
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -38,9 +37,7 @@ def sheet(tmp_path, text):
 
 
 @pytest.mark.parametrize("mark", ["", "\ufeff"])
-def test_a_valid_sheet_has_numbers_truth_values_and_gaps_and_blanks_and_comments_say_nothing(
-    tmp_path, mark
-):
+def test_a_valid_sheet_is_typed_and_blanks_and_comments_say_nothing(tmp_path, mark):
     """A trial of experiment `belt ` was once dropped, and `uncompensated ` taken for
     compensated."""
     rows = (
@@ -193,81 +190,123 @@ v,walking,v.c3d,vicon,false,,b,
 """
 
 
-def test_a_crossing_and_a_plate_trial_have_the_side_of_their_static_trial_and_walking_needs_others(
-    tmp_path,
-):
-    config = read_config(ROOT / "config/config.yaml")
-    found = open_campaign(config, read_sheet(sheet(tmp_path, PLACED_TRIALS)))
+UNPERTURBED = "".join(f"u{k},walking,u{k}.c3d,vicon,false,,b,\n" for k in range(2))
+ENOUGH = PLACED_TRIALS + UNPERTURBED + "x,walking,x.c3d,vicon,true,,b,\n"
+CONFIG = read_config(ROOT / "config/config.yaml")
+
+
+def opened(tmp_path, text=ENOUGH, rows=None, **settings):
+    """The campaign of a sheet, with other rows by trial, and other settings."""
+    sheet_rows = read_sheet(sheet(tmp_path, text)) | (rows or {})
+    return open_campaign(CONFIG.model_copy(update=settings), sheet_rows)
+
+
+def cells(tmp_path, trial, **changes):
+    """The row of a trial of the sheet with enough crossings, with other cells."""
+    return {trial: read_sheet(sheet(tmp_path, ENOUGH))[trial] | changes}
+
+
+def test_a_crossing_and_a_plate_trial_have_the_side_of_their_static_trial(tmp_path):
+    campaign = opened(tmp_path, PLACED_TRIALS)
+
     sides = {"l": "left", "r": "right", "p": "right", "w": "left", "v": "right"}
-    assert found.places == {
-        trial: {"joint": "ankle", "side": side} for trial, side in sides.items()
-    }
-    assert found.statics == {"l": ["w"], "r": ["v"]}
-    assert (found.sources("w"), found.logs("w")) == (
-        [config.sources / "vicon.yaml"],
-        [config.raw_data / "w.c3d"],
-    )
+    places = {trial: {"joint": "ankle", "side": side} for trial, side in sides.items()}
+    assert campaign.places == places
+    assert campaign.statics == {"l": ["w"], "r": ["v"]}
+
+
+def test_a_trial_has_the_files_that_its_row_names(tmp_path):
+    campaign = opened(tmp_path, PLACED_TRIALS)
+
+    assert campaign.sources("w") == [CONFIG.sources / "vicon.yaml"]
+    assert campaign.logs("w") == [CONFIG.raw_data / "w.c3d"]
     used = ("trial", "experiment", "log", "log_source", "log_part", "mocap", "mocap_source")
-    assert found.recording("w") == {name: found.row("w")[name] for name in used}
-    with pytest.raises(
-        InputError, match="1 unperturbed crossings, walking needs 3 or more; add them, or exclude"
-    ):
-        check_campaign(found)
-    flat = "".join(f"u{k},walking,u{k}.c3d,vicon,false,,b,\n" for k in range(2))
-    with pytest.raises(InputError, match="1 perturbed crossings, walking needs 2 or more"):
-        check_campaign(open_campaign(config, read_sheet(sheet(tmp_path, PLACED_TRIALS + flat))))
-    enough = PLACED_TRIALS + flat + "x,walking,x.c3d,vicon,true,,b,\n"
-    check_campaign(open_campaign(config, whole := read_sheet(sheet(tmp_path, enough))))
-    with pytest.raises(
-        InputError, match=r"trials.csv: trial \w: no speed in the sheet, but other crossings state"
-    ):
-        check_campaign(open_campaign(config, whole | {"x": whole["x"] | {"speed": "fast"}}))
+    assert campaign.recording("w") == {name: campaign.row("w")[name] for name in used}
+
+
+@pytest.mark.parametrize(("text", "message"), [
+    (PLACED_TRIALS, "1 unperturbed crossings, walking needs 3 or more; add them, or exclude"),
+    (PLACED_TRIALS + UNPERTURBED, "1 perturbed crossings, walking needs 2 or more"),
+])  # fmt: skip
+def test_walking_needs_several_crossings_of_either_kind(tmp_path, text, message):
+    check_campaign(opened(tmp_path))
+    with pytest.raises(InputError, match=message):
+        check_campaign(opened(tmp_path, text))
+
+
+def test_a_condition_that_one_crossing_alone_states_is_refused(tmp_path):
+    said = r"trials.csv: trial \w: no speed in the sheet, but other crossings state"
+    with pytest.raises(InputError, match=said):
+        check_campaign(opened(tmp_path, rows=cells(tmp_path, "x", speed="fast")))
+
+
+def test_a_check_without_a_rule_is_refused(tmp_path):
     with pytest.raises(InputError, match="quality: no rule for the check 'rate'"):
-        check_campaign(
-            open_campaign(config.model_copy(update={"quality": type(config.quality)()}), whole)
-        )
-    of_log = [
-        {"experiment": "impedance", "log": "k.csv", "log_source": "s", "windows": one}
-        for one in ("1-4 6-9", "4-6")
-    ]
-    bench = {name: dict.fromkeys(whole["x"]) | row for name, row in zip("kj", of_log, strict=True)}
-    check_campaign(open_campaign(config, bench))
-    for windows in ("4-6.1", "0-99", None):
-        said = r"trial 'j': log 'k.csv' is that of trial 'k'; correct one, or give each it"
-        with pytest.raises(InputError, match=said):
-            check_campaign(open_campaign(config, bench | {"j": bench["j"] | {"windows": windows}}))
-    check_campaign(
-        open_campaign(config, bench | {"j": bench["j"] | {"windows": None, "log_part": "b"}})
-    )
-    copied = config.model_copy(update={"simulation": None, "raw_data": tmp_path})
-    bench |= {"j": bench["j"] | {"log": "j.csv", "windows": bench["k"]["windows"]}}
-    for name, content in (("k", b"1 2 4"), ("j", b"1 2 3")):
-        (tmp_path / f"{name}.csv").write_bytes(content)
-    check_campaign(open_campaign(copied, bench))
+        check_campaign(opened(tmp_path, quality=type(CONFIG.quality)()))
+
+
+IMPEDANCE = {"experiment": "impedance", "log": "k.csv", "log_source": "s", "mocap": None}
+
+
+def two_of_one_log(tmp_path, **second):
+    """Impedance trials `k`, of windows of a log, and `j`, of the same log."""
+    trials = {"k": {"windows": "1-4 6-9"}, "j": {"windows": "4-6"} | second}
+    of_bench = {}
+    for name, changes in trials.items():
+        empty = dict.fromkeys(cells(tmp_path, "x")["x"])
+        of_bench[name] = empty | IMPEDANCE | changes
+    return of_bench
+
+
+@pytest.mark.parametrize("second", [{}, {"windows": None, "log_part": "b"}])
+def test_two_trials_of_one_log_have_parts_or_windows_of_their_own(tmp_path, second):
+    check_campaign(opened(tmp_path, rows=two_of_one_log(tmp_path, **second)))
+
+
+@pytest.mark.parametrize("windows", ["4-6.1", "0-99", None])
+def test_two_trials_of_the_same_samples_are_refused(tmp_path, windows):
+    said = r"trial 'j': log 'k.csv' is that of trial 'k'; correct one, or give each it"
+    with pytest.raises(InputError, match=said):
+        check_campaign(opened(tmp_path, rows=two_of_one_log(tmp_path, windows=windows)))
+
+
+def test_a_copy_of_a_log_is_no_second_trial_of_its_experiment(tmp_path):
+    copy = {"log": "j.csv", "windows": "1-4 6-9"}
+    recorded = {"simulation": None, "raw_data": tmp_path}
+    (tmp_path / "j.csv").write_bytes(b"1 2 3")
+    (tmp_path / "k.csv").write_bytes(b"1 2 4")
+    check_campaign(opened(tmp_path, rows=two_of_one_log(tmp_path, **copy), **recorded))
+
     (tmp_path / "k.csv").write_bytes(b"1 2 3")
-    with pytest.raises(
-        InputError, match=r"trial 'j': .*j.csv is a copy of .*k.csv, the recording of trial 'k'"
-    ):
-        check_campaign(open_campaign(copied, bench))
-    check_campaign(open_campaign(copied, bench | {"j": bench["j"] | {"experiment": "belt"}}))
-    (tmp_path / "u0.c3d").write_bytes(b"1 2 3")
-    check_campaign(open_campaign(copied, whole))
-    shutil.copy(tmp_path / "u0.c3d", tmp_path / "u1.c3d")
-    with pytest.raises(
-        InputError, match=r"trial 'u1': .*u1.c3d is a copy of .*u0.c3d, the recording of trial 'u0'"
-    ):
-        check_campaign(open_campaign(copied, whole))
-    assert open_campaign(config, whole | {"w": whole["w"] | {"exclude": "he fell"}}).excluded == {
-        "w": "he fell"
-    }
-    with pytest.raises(
-        InputError,
-        match=r"trials.csv: every trial is excluded; clear `exclude` of those to analyse",
-    ):
-        open_campaign(config, {trial: row | {"exclude": "he fell"} for trial, row in whole.items()})
+
+    said = r"trial 'j': .*j.csv is a copy of .*k.csv, the recording of trial 'k'"
+    with pytest.raises(InputError, match=said):
+        check_campaign(opened(tmp_path, rows=two_of_one_log(tmp_path, **copy), **recorded))
+    belt = two_of_one_log(tmp_path, **copy, experiment="belt")
+    check_campaign(opened(tmp_path, rows=belt, **recorded))
 
 
-def test_a_campaign_has_the_trials_of_an_experiment_and_names_the_nearest_of_an_unknown_one():
+def test_a_copy_of_a_capture_is_no_second_crossing(tmp_path):
+    for name in ("u0", "u1"):
+        (tmp_path / f"{name}.c3d").write_bytes(b"1 2 3")
+
+    said = r"trial 'u1': .*u1.c3d is a copy of .*u0.c3d, the recording of trial 'u0'"
+    with pytest.raises(InputError, match=said):
+        check_campaign(opened(tmp_path, simulation=None, raw_data=tmp_path))
+
+
+def test_excluded_trials_have_their_reason_and_some_trial_must_be_left(tmp_path):
+    fell = cells(tmp_path, "w", exclude="he fell")
+    every = {trial: cells(tmp_path, trial, exclude="he fell")[trial] for trial in "lrpwvx"}
+    every |= {trial: cells(tmp_path, trial, exclude="he fell")[trial] for trial in ("u0", "u1")}
+
+    assert opened(tmp_path, rows=fell).excluded == {"w": "he fell"}
+    said = r"trials.csv: every trial is excluded; clear `exclude` of those to analyse"
+    with pytest.raises(InputError, match=said):
+        opened(tmp_path, rows=every)
+
+
+def test_an_unknown_trial_is_told_with_the_nearest_one():
     experiments = {
         "t_1": "belt",
         "t_10": "impedance",
@@ -301,7 +340,7 @@ def settings_with(tmp_path, place, value):
     return path
 
 
-def test_the_default_campaign_is_the_papers_with_about_half_of_its_crossings_perturbed():
+def test_the_default_campaign_is_that_of_the_paper():
     plan = plan_trials(read_yaml(DEFAULT, SimulationSettings))
     names = [f"belt_{i:02d}" for i in range(1, 11)] + [f"transmission_{i}" for i in range(1, 6)]
     names += [f"actuator_{i}" for i in range(1, 4)]

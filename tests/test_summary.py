@@ -28,7 +28,7 @@ from osl_analysis.judge.finding import (
     Remedy,
     findings_frame,
 )
-from osl_analysis.judge.judging import judged, unchecked_in
+from osl_analysis.judge.judging import judged
 from osl_analysis.judge.limits import DoubtfulFits
 from osl_analysis.outcomes.job_log import write_log
 from osl_analysis.refusal import Refusal
@@ -83,7 +83,7 @@ def test_a_fit_is_doubtful_for_every_limit_that_it_passes():
     ], "a lower limit is on the value, an upper on its size"
 
 
-def test_a_misfit_that_a_cause_explains_is_no_doubt_of_its_own_and_where_the_remedy_is():
+def test_a_misfit_that_a_cause_explains_is_no_doubt_of_its_own():
     row = {
         "coulomb_share": 0.6,
         "VAF": 80.0,
@@ -127,7 +127,7 @@ OF_UNIT_OR_SIGN = [name for name, one in EVIDENCE.items() if CAUSES[one.cause].f
 
 
 @pytest.mark.parametrize("column", OF_UNIT_OR_SIGN)
-def test_a_unit_or_a_sign_far_beyond_its_limit_is_named_before_what_it_may_have_caused(column):
+def test_a_unit_or_sign_far_off_is_named_before_what_it_may_cause(column):
     row = {"heterogeneity": 5.0, column: FAR}
     limits = Limits(above={"heterogeneity": 1.0, column: 1.0}, below={})
     of_column = CAUSES[EVIDENCE[column].cause].name
@@ -148,7 +148,7 @@ def test_beside_a_clipped_signal_nothing_that_makes_a_fit_worse_is_named():
     assert names == ["clipped signal", "several stiffnesses"]
 
 
-def test_a_misfit_belongs_to_the_cause_that_was_measured_and_not_to_harmonics_named_before_it():
+def test_a_misfit_belongs_to_the_cause_that_was_measured():
     row = {"torque_distortion": 0.3, "lag_share": 0.3, "VAF": 80.0}
     limits = Limits(above={"torque_distortion": 0.25, "lag_share": 0.05}, below={"VAF": 90})
 
@@ -179,25 +179,13 @@ def test_a_fault_of_the_recording_that_one_amplitude_alone_shows_accuses_nobody(
     assert causes_of(everywhere, limits) == [["late torque"]] * 3
 
 
-def test_a_certainly_negative_inertia_is_noted():
-    for table, name in (("impedance", "I"), ("transmission", "J_j")):
-        row = {"K_over_K_s": 0.4, "B_j_ratio": 1.0, "fault_probability": 0.0, "K_drift": 0.0}
-        for high, noted in ((-0.01, True), (0.01, False)):
-            notes = [
-                (one.cause, one.grade) for one in unchecked_in(table, row | {f"{name}_high": high})
-            ]
-            assert notes == [(f"{name} is certainly negative", Grade.NOTES)] * noted
-
-
 @pytest.mark.parametrize(("seconds", "noted"), [
     ([30.0, 60.0, 61.0, 60.0], ["a"]), ([30.0, 60.0, 90.0, 120.0], []), ([50.0, 60.0, 60.0, 60.0],
      []),
     ([30.0, 60.0], []), ([30.0, 60.0, 29.0, 60.0], []), ([60.0, 20.0, 60.0], ["b"]),
     ([60.0, 60.0, 120.0, 60.0], ["c"]),
 ])  # fmt: skip
-def test_a_recording_of_another_length_than_most_of_its_motion_is_noted_where_these_are_alike(
-    seconds, noted
-):
+def test_a_recording_of_another_length_than_its_like_is_noted(seconds, noted):
     motion = ["other"] * len(seconds) + ["stepped sine"]
     rows = {
         "trial": [*"abcde"][: len(motion)],
@@ -223,7 +211,7 @@ def test_a_factor_between_units_is_named_within_eight_percent():
     assert found == ["between lbf and N"] * 2 + [""] * 2
 
 
-def test_a_limit_on_what_is_no_column_of_numbers_or_no_table_is_one_line_that_names_it(tmp_path):
+def test_a_limit_on_no_column_of_numbers_is_refused_by_name(tmp_path):
     for column in ("VFA", "trial"):
         message = (
             rf"doubtful\.belt: the table has no column '{column}' of numbers; put the limit on one"
@@ -294,7 +282,7 @@ def test_a_check_that_flags_trials_has_its_cause_and_its_value():
     ]
 
 
-def test_the_limit_of_every_finding_reaches_table_and_summary_also_of_what_is_only_close_to_a_unit(
+def test_the_limit_of_every_finding_reaches_table_and_summary(
     tmp_path,
 ):
     belt = fits(K_s_ratio=[1.3558, 1.0], VAF=[99.0, 80.0], offset=[1.0, 9.0])
@@ -329,7 +317,7 @@ def test_the_limit_of_every_finding_reaches_table_and_summary_also_of_what_is_on
     assert summary["findings"][0]["line"] in format_results_table(summary)
 
 
-def test_a_mean_over_trials_leaves_out_doubtful_ones_while_half_are_sound_and_says_how_many():
+def test_a_mean_leaves_out_doubtful_trials_while_half_are_sound():
     two = fits(K_s=[700.0, 690.0], doubtful=["", "clipped"])
     third = two.tail(1).with_columns(trial=pl.lit("third"))
     for table, said in (
@@ -491,7 +479,7 @@ def test_a_headline_has_value_interval_number_and_the_draft_s_value(
     assert not {"VAF_median_uncompensated", "f_C_example_uncompensated"} & {*found}
 
 
-def test_the_example_says_how_far_the_single_amplitudes_spread_and_is_rounded_to_that():
+def test_the_example_says_how_far_single_amplitudes_spread():
     numbers = headline_numbers(all_tables())
     K = written(numbers)["numbers"]["K_example_compensated"]
     assert (K["amplitudes_low"], K["amplitudes_high"]) == pytest.approx((300.96, 304.06))
@@ -552,11 +540,6 @@ def test_trials_of_no_stated_condition_have_their_own_numbers():
 def test_no_number_reads_as_an_end_of_its_interval_or_as_beyond_it(value, low, high, said):
     number = NOTHING | {"value": value, "low": low, "high": high, "interval": STUDENT}
     assert headlines.written_number(number)[:2] == said
-
-
-def test_the_ends_of_a_range_have_no_more_digits_than_its_mean_bears_out():
-    number = NOTHING | {"value": -0.878, "low": -4.461, "high": 1.307, "interval": headlines.RANGE}
-    assert headlines.written_number(number)[:2] == ("-0.88", "-4.5 to 1.3")
 
 
 def test_a_campaign_without_numbers_of_the_draft_has_no_column_of_them():
@@ -625,7 +608,7 @@ def test_torque_against_angle_has_numbers_of_every_trial():
     assert ", n = 4, DOUBTFUL: loop that does not close\n" in to_tex(MADE, [fast])
 
 
-def test_every_line_of_the_macros_is_a_comment_or_one_definition_that_latex_accepts():
+def test_every_line_of_the_macros_is_a_comment_or_a_definition():
     number = r"-?\d+(\.\d+)?(\\times 10\^\{-\d+\})?"
     definition = (
         rf"\\newcommand\{{\\[A-Za-z]+\}}\{{({number}|\\ensuremath\{{{number}\}})\}}% [ -~]*"

@@ -830,7 +830,7 @@ def test_a_foot_that_left_before_is_no_second_one() -> None:
     assert reasons_of(steps(earlier, CONTACT, QTM)) == [None]
 
 
-def test_a_second_foot_without_markers_loads_the_plate_for_longer_than_the_first_rests() -> None:
+def test_an_unseen_second_foot_loads_the_plate_for_longer_than_the_first() -> None:
     (reason,) = reasons_of(steps(ONE_FOOT, LONG, QTM))
 
     assert reason == "heel and toe rest on the plate in 58 % of the contact: a second foot"
@@ -883,7 +883,7 @@ def mass_of(sheet: float | None, recorded: float | None, configured: float | Non
     [(70.0, 76.0, 50.0, 70.0), (None, 74.0, 50.0, 74.0), (None, None, 50.0, 50.0),
      (None, 0.0, None, None)],
 )  # fmt: skip
-def test_the_sheet_s_mass_comes_before_the_recording_s_and_that_before_the_campaign_s(
+def test_the_mass_is_the_sheet_s_else_the_recording_s_else_the_campaign_s(
     sheet: float | None, recorded: float | None, configured: float | None, mass: float | None
 ) -> None:
     assert mass_of(sheet, recorded, configured) == mass

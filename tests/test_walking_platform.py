@@ -320,7 +320,7 @@ def test_a_cluster_that_was_put_on_again_asks_for_a_static_trial() -> None:
         unperturbed(moved, plate())
 
 
-def test_the_errors_of_a_torque_hold_what_each_group_of_crossings_does_to_the_shape() -> None:
+def test_a_torque_s_errors_hold_what_each_group_does_to_the_shape() -> None:
     trials, model = three()
     alone = replace(plate(), leave_one_out=())
     of_groups = [replace(model, template=shape) for shape in model.leave_out]
@@ -512,11 +512,11 @@ def test_the_start_of_a_rise_in_two_directions_has_no_bias() -> None:
     """0.3 % of noise: a length in place of a displacement would start early."""
     random = np.random.default_rng(3)
     straight = rise(5, 0.0) @ np.array([[0.6, 0.8]])
-    noisy = [straight + random.normal(0, 1.2e-4, (len(GRID), 2)) for _ in range(60)]
+    noisy = [straight + random.normal(0, 1.2e-4, (len(GRID), 2)) for _ in range(30)]
 
     starts = np.array([start_of_rise(GRID, motion, 1.2e-4).start for motion in noisy])
 
-    assert abs(starts.mean()) < 0.4 * starts.std()  # 3 / sqrt(60)
+    assert abs(starts.mean()) < 0.55 * starts.std()  # 3 / sqrt(30)
 
 
 def test_a_start_that_noise_hides_has_the_change_by_other_steps() -> None:
@@ -572,7 +572,7 @@ def test_without_a_correction_no_static_trial_of_the_plate_is_needed(tmp_path: P
     ({"side": "left"}, {"s1": {"side": "right"}, "s2": {"side": "left"}}, "s2"),
     ({"subject": "A"}, {"s1": {}}, "s1"),
 ])  # fmt: skip
-def test_the_static_trial_is_the_named_one_else_that_of_the_subject_else_the_only_one(
+def test_the_static_trial_is_the_named_one_else_the_subject_s_else_the_only(
     cells: dict[str, str], statics: dict[str, dict[str, str]], own: str
 ) -> None:
     assert static_of("w", cells, statics) == own

@@ -48,7 +48,7 @@ def said(row, above=None, below=None):
     return finding_text(finding, row)
 
 
-def test_every_cause_and_check_says_what_is_wrong_and_what_to_do_and_no_word_is_of_none():
+def test_every_cause_and_check_says_what_is_wrong_and_what_to_do():
     causes = {*CAUSES, *(check.cause for check in CHECKS.values())}
     of_columns = {evidence.cause for evidence in EVIDENCE.values()}
     assert of_columns - {*CAUSES} == set(), "no such cause under `causes` of causes.yaml"
@@ -165,7 +165,7 @@ def test_each_number_that_a_text_names_is_a_column_or_is_computed():
     assert named - columns - {*COMPUTED, *OF_EVIDENCE} <= {"cutoff"}
 
 
-def test_components_that_would_explain_the_torque_are_said_with_the_direction_of_their_change():
+def test_components_that_explain_the_torque_are_told_with_their_direction():
     softer = {"component": "K_s", "value": 685.0, "change": -68.5, "change_se": 1.37}
     rougher = {"component": "f_C", "value": 0.4, "change": 0.1, "change_se": 0.01}
 

@@ -39,7 +39,8 @@ from osl_analysis.judge.limits import DoubtfulFits
 from osl_analysis.model.actuator_in_time import Controller, belt_responses
 from osl_analysis.model.compensator import PAPER_WEIGHT, select_gains
 from osl_analysis.model.drivetrain import read_parameters
-from osl_analysis.report.headlines import headline_numbers, to_tex
+from osl_analysis.report.headline_files import to_tex
+from osl_analysis.report.headlines import headline_numbers
 from osl_analysis.simulator.two_mass_drivetrain import IDEAL, simulate_drivetrain
 from osl_analysis.table import read_table, write_table
 

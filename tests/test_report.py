@@ -43,7 +43,9 @@ from osl_analysis.judge.limits import DoubtfulFits
 from osl_analysis.judge.words import WORDS, printed, words_of
 from osl_analysis.refusal import Refusal
 from osl_analysis.report import page, panels, trial_page
-from osl_analysis.report.headlines import Example, headline_numbers, to_json, to_tex
+from osl_analysis.report.headline import Example
+from osl_analysis.report.headline_files import to_json, to_tex
+from osl_analysis.report.headlines import headline_numbers
 from osl_analysis.report.panels import Pictures
 from osl_analysis.report.trial_page import ReportedTrial
 from osl_analysis.table import write_table

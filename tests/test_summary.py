@@ -33,15 +33,17 @@ from osl_analysis.judge.judging import judged, unchecked_in
 from osl_analysis.judge.limits import DoubtfulFits
 from osl_analysis.outcomes.job_log import write_log
 from osl_analysis.refusal import Refusal
-from osl_analysis.report import headlines
-from osl_analysis.report.headlines import (
-    BOOTSTRAP,
-    FOR_MOTION,
-    RANGE,
-    STUDENT,
-    headline_numbers,
-    to_tex,
+from osl_analysis.report.decimal_places import RANGE
+from osl_analysis.report.headline import LABELS, Example, Headline, of_group
+from osl_analysis.report.headline_files import to_json, to_tex
+from osl_analysis.report.headline_statistics import BOOTSTRAP, FEW, FOR_MOTION, STUDENT
+from osl_analysis.report.headline_text import (
+    first_sentences,
+    number_texts,
+    to_table,
+    written_number,
 )
+from osl_analysis.report.headlines import HEADLINE_ESTIMATOR, headline_numbers
 from osl_analysis.stats.repeats import counted, doubtful_count, summary_of_trials
 from osl_analysis.table import read_table, write_table
 from osl_analysis.units import known_factor
@@ -428,7 +430,7 @@ def summary_rows(**means):
     return pl.DataFrame(list(rows))
 
 
-def walked(estimator=headlines.HEADLINE_ESTIMATOR, **means):
+def walked(estimator=HEADLINE_ESTIMATOR, **means):
     return summary_rows(**means).with_columns(estimator=pl.lit(estimator), group=pl.lit("all"))
 
 
@@ -503,7 +505,7 @@ def by_name(tables, example=None):
 
 def written(numbers):
     """The summary as `summary.json` has it."""
-    return json.loads(headlines.to_json(MADE, list(numbers)))
+    return json.loads(to_json(MADE, list(numbers)))
 
 
 HEADLINES = [
@@ -569,7 +571,7 @@ def test_the_example_says_how_far_the_single_amplitudes_spread_and_is_rounded_to
     )
     K = written(headline_numbers({"impedance": few}))["numbers"]["K_example_compensated"]
     # not 303.00, as by the range
-    assert (K["interval"], headlines.written_number(K)[0]) == (headlines.FEW, "303.0")
+    assert (K["interval"], written_number(K)[0]) == (FEW, "303.0")
 
 
 def test_trials_of_no_stated_condition_have_their_own_numbers():
@@ -579,7 +581,7 @@ def test_trials_of_no_stated_condition_have_their_own_numbers():
         "controller": pl.lit(None, pl.String)
     }
     unstated = whole.with_columns(**none, trial=pl.Series(["a", "b", "c"]))
-    found = by_name({"impedance": unstated}, headlines.Example(None, None))
+    found = by_name({"impedance": unstated}, Example(None, None))
     K = {name: (one.value, one.low) for name, one in found.items() if name.startswith("K_example")}
     assert K == {
         f"K_example_no_controller ({name})": ends
@@ -598,24 +600,24 @@ def test_trials_of_no_stated_condition_have_their_own_numbers():
 ])  # fmt: skip
 def test_no_number_reads_as_an_end_of_its_interval_or_as_beyond_it(value, low, high, said):
     number = NOTHING | {"value": value, "low": low, "high": high, "interval": STUDENT}
-    assert headlines.written_number(number)[:2] == said
+    assert written_number(number)[:2] == said
 
 
 def test_the_ends_of_a_range_have_no_more_digits_than_its_mean_bears_out():
-    number = NOTHING | {"value": -0.878, "low": -4.461, "high": 1.307, "interval": headlines.RANGE}
-    assert headlines.written_number(number)[:2] == ("-0.88", "-4.5 to 1.3")
+    number = NOTHING | {"value": -0.878, "low": -4.461, "high": 1.307, "interval": RANGE}
+    assert written_number(number)[:2] == ("-0.88", "-4.5 to 1.3")
 
 
 def test_a_campaign_without_numbers_of_the_draft_has_no_column_of_them():
     own = NOTHING | {"value": 1.0, "interval": None}
-    assert "draft" not in headlines.to_table({"a": own}, False)
-    assert "| draft |" in headlines.to_table({"a": own, "b": own | {"draft": 2.0}}, True)
+    assert "draft" not in to_table({"a": own}, False)
+    assert "| draft |" in to_table({"a": own, "b": own | {"draft": 2.0}}, True)
 
 
 def test_the_first_numbers_are_said_with_a_true_minus_and_none_that_its_interval_has_0_in():
     tables = all_tables() | {"walking_summary": walked(K=338.0, I=-2e-6)}
     numbers = written(headline_numbers(tables))["numbers"]
-    said = headlines.first_sentences([*numbers.values()])
+    said = first_sentences([*numbers.values()])
     of_both = "compensated; lowest to highest −3.0 to 1.0; n = 2", "uncompensated; n = 1, doubtful"
     assert [part in said[0] for part in of_both] == [True, True]
     assert [part in said[0].replace("\xa0", " ") for part in ("−1.00 % (", "−30.0 % (")] == [
@@ -623,7 +625,7 @@ def test_the_first_numbers_are_said_with_a_true_minus_and_none_that_its_interval
         True,
     ]
     assert said[1].replace("\xa0", " ").endswith(" 338.0 N·m/rad (334.6 to 341.4; n = 10).")
-    assert headlines.number_texts(numbers["walking_I"])["text"] == "−2.000·10⁻⁶"
+    assert number_texts(numbers["walking_I"])["text"] == "−2.000·10⁻⁶"
     nothing = NOTHING | {
         "value": 1e-4,
         "low": -1e-5,
@@ -631,16 +633,16 @@ def test_the_first_numbers_are_said_with_a_true_minus_and_none_that_its_interval
         "interval": STUDENT,
         "doubt": "late",
     }
-    assert list(headlines.number_texts(nothing).values()) == [
+    assert list(number_texts(nothing).values()) == [
         "≈ 0", "−1·10⁻⁵ to 0.00020", STUDENT, "", "3, doubtful: late",
     ]  # fmt: skip
-    assert headlines.number_texts(nothing | {"interval": RANGE})["text"] == "1.00·10⁻⁴", (
+    assert number_texts(nothing | {"interval": RANGE})["text"] == "1.00·10⁻⁴", (
         "a range has it by chance"
     )
-    foot = headlines.LABELS["torque_angle"]["K"]
+    foot = LABELS["torque_angle"]["K"]
     stiffness = {"a": 5.0, "b": 4.0, "c": 9.0, "d": 6.0}
-    one = [headlines.of_group(replace(foot, value=K, n=3), trial) for trial, K in stiffness.items()]
-    (found,) = headlines.first_sentences([*written(one)["numbers"].values()])
+    one = [of_group(replace(foot, value=K, n=3), trial) for trial, K in stiffness.items()]
+    (found,) = first_sentences([*written(one)["numbers"].values()])
     assert found.replace("\xa0", " ").endswith(
         " 4.00 N·m/rad (b; n = 3) to 9.00 N·m/rad (c; n = 3)."
     )
@@ -720,7 +722,7 @@ def test_every_line_of_the_macros_is_a_comment_or_one_definition_that_latex_acce
 def test_values_are_rounded_to_two_digits_of_half_the_interval_or_to_three_digits(
     value, low, high, interval, text
 ):
-    headline = headlines.Headline("x", "1", None, "X", "a number", value, low, high, interval, 1)
+    headline = Headline("x", "1", None, "X", "a number", value, low, high, interval, 1)
     assert rf"\oslX}}{{{text}}}%" in to_tex(MADE, [headline])
 
 

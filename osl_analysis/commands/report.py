@@ -31,7 +31,7 @@ from osl_analysis.judge.two_campaigns import (
 from osl_analysis.refusal import Refusal, is_refused
 from osl_analysis.report import page, panels, trial_page
 from osl_analysis.report.decimal_places import digits_of, fixed
-from osl_analysis.report.headlines import aligned, missing_lines
+from osl_analysis.report.headline_text import aligned
 from osl_analysis.report.page import captions_by_title, inline_svg, written_page
 from osl_analysis.report.trial_page import (
     LeftOut,
@@ -39,6 +39,7 @@ from osl_analysis.report.trial_page import (
     left_out_trials,
     trial_content,
 )
+from osl_analysis.report.used_trials import missing_lines
 from osl_analysis.table import read_table, with_evidence, write_table
 from osl_analysis.trial import metadata_of, read_trial, unit_of
 

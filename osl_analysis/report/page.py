@@ -28,7 +28,8 @@ from osl_analysis.judge.campaign import Entry
 from osl_analysis.judge.finding import ESTIMATES, Grade
 from osl_analysis.judge.words import WORDS, printed, without_names
 from osl_analysis.report import TEMPLATES
-from osl_analysis.report.headlines import first_sentences, hold_bench_errors, number_texts
+from osl_analysis.report.headline_statistics import hold_bench_errors
+from osl_analysis.report.headline_text import first_sentences, number_texts
 from osl_analysis.report.trial_page import (
     STATES,
     ReportedTrial,

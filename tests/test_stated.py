@@ -25,7 +25,7 @@ from osl_analysis.ingest.examine import Commanded, examine, measured_table
 from osl_analysis.judge.finding import Grade
 from osl_analysis.judge.limits import judged_table
 from osl_analysis.judge.two_campaigns import comparison_table
-from osl_analysis.report.page import assumed_said
+from osl_analysis.report.page_text import assumed_text
 from osl_analysis.stats.repeats import sizes_said
 from osl_analysis.trial import Trial
 from osl_analysis.yaml_settings import read_mapping
@@ -214,16 +214,16 @@ def test_every_setting_is_a_choice_or_a_fact_whose_state_is_told(tmp_path):
     known = {name for name, one in states.items() if one["state"] != "assumed"}
     assert known >= {*FACTS} & {*JUDGING} - {"torque_angle.zero"}
     assert states["torque_angle.zero"]["value"] == "end"
-    said = assumed_said(pl.DataFrame([*states.values()], infer_schema_length=None))
+    said = assumed_text(pl.DataFrame([*states.values()], infer_schema_length=None))
     assert all(
         words in said
         for words in ("at rest at the end", "a low-pass of 15 Hz", "0.1 s that are fitted")
     )
     number = {"setting": ["walking.cutoff_hz"], "value": [12.0], "state": ["assumed"]}
-    assert "12 Hz" in assumed_said(pl.DataFrame(number)), "a column of numbers alone"
+    assert "12 Hz" in assumed_text(pl.DataFrame(number)), "a column of numbers alone"
     # as a header alone is read
     nothing = pl.DataFrame(schema=dict.fromkeys(("setting", "value", "state"), pl.Float64))
-    assert assumed_said(nothing) == "", "no setting judges what is read alone"
+    assert assumed_text(nothing) == "", "no setting judges what is read alone"
     # nothing is commanded over the gait cycle
     assert states["figures.stance_share"]["state"] == "none"
     assert "walking.side" not in {one["setting"] for one in states_of(own, {}, ["belt"])}

@@ -30,9 +30,11 @@ from osl_analysis.judge.two_campaigns import (
 )
 from osl_analysis.refusal import Refusal, is_refused
 from osl_analysis.report import page, panels, trial_page
+from osl_analysis.report.condition_rows import condition_rows
 from osl_analysis.report.decimal_places import digits_of, fixed
 from osl_analysis.report.headline_text import aligned
 from osl_analysis.report.page import captions_by_title, inline_svg, written_page
+from osl_analysis.report.page_text import assumed_text, method_text
 from osl_analysis.report.trial_page import (
     LeftOut,
     ReportedTrial,
@@ -122,13 +124,13 @@ def write_report(
         **trial_page.trials_content(reported),
         **page.overview(reported, numbers, drawn, about),
         "intervals": numbers.get("intervals", ""),
-        "claims": page.claims_said(claims),
+        "claims": page.claim_rows(claims),
         "methods": trial_page.methods_content(settings, results, reported),
         "absent_figures": absent,
         "unnamed": unnamed,
-        "conditions": page.conditions(results, findings_by_trial),
-        "method": page.method_said(settings, results),
-        "assumed": page.assumed_said(read_table(states)),
+        "conditions": condition_rows(results, findings_by_trial),
+        "method": method_text(settings, results),
+        "assumed": assumed_text(read_table(states)),
         "sensitivity": results.get("walking_sensitivity", pl.DataFrame()).to_dicts(),
         "not_made": not_made,
     }

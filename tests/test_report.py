@@ -22,8 +22,8 @@ from bench_synthetic import belt_record, second_order, stepped_sine
 from conftest import ROOT
 from markupsafe import Markup
 from numpy.testing import assert_allclose
-from test_bench_any_excitation import moving_record
 from test_bench_belt import belt_cycle
+from test_bench_recorded_motion import moving_record
 from tutorial_page import DOCS, FIGURE, LEFT_OUT, said_by_page
 
 from osl_analysis.bench.belt import belt_table, fit_branches

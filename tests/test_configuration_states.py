@@ -8,7 +8,7 @@ import polars as pl
 import pytest
 from bench_synthetic import sine_settings
 from conftest import ROOT
-from test_compare import tables
+from test_two_campaigns import tables
 from walking_crossings import Walk, run_jobs, several, walked
 
 from osl_analysis.bench.impedance import DesiredImpedance

@@ -47,6 +47,8 @@ from osl_analysis.report.condition_rows import condition_rows
 from osl_analysis.report.headline import Example
 from osl_analysis.report.headline_files import to_json, to_tex
 from osl_analysis.report.headlines import headline_numbers
+from osl_analysis.report.packed_tables import every_kth, packed_table
+from osl_analysis.report.page_figures import caption_html, captions_by_title, inline_svg
 from osl_analysis.report.page_text import method_text, verdicts_text
 from osl_analysis.report.panels import Pictures
 from osl_analysis.report.trial_page import ReportedTrial
@@ -76,7 +78,7 @@ def test_a_packed_signal_is_off_by_no_more_than_half_a_count_and_keeps_its_holes
     table = pl.DataFrame(
         {"time": 3 + np.arange(5000) / 66, "noisy": noisy, "flat": np.full(5000, 4.2)}
     ).fill_nan(None)
-    found = unpack(json.loads(json.dumps(page.packed_table(table))))
+    found = unpack(json.loads(json.dumps(packed_table(table))))
     for name, values in {"time": table["time"].to_numpy(), "noisy": noisy}.items():
         assert_allclose(
             found[name], values, rtol=0, atol=2**-15 * (np.nanmax(values) - np.nanmin(values))
@@ -85,7 +87,7 @@ def test_a_packed_signal_is_off_by_no_more_than_half_a_count_and_keeps_its_holes
     short = pl.DataFrame(
         {"a": [np.inf, -np.inf, np.nan, 1.25], "n": [1, 2, 3, 4], "none": [None] * 4}
     )
-    read = unpack(page.packed_table(short))
+    read = unpack(packed_table(short))
     assert_allclose(read["a"], [np.nan, np.nan, np.nan, 1.25], rtol=1e-8)
     assert (read["n"].tolist(), np.isnan(read["none"]).all()) == ([1, 2, 3, 4], True)
 
@@ -327,10 +329,10 @@ def test_a_thinned_signal_keeps_the_ends_of_ranges():
     table = pl.DataFrame({"time": np.arange(4000.0), "residual_low": 0.0, "residual_high": 0.0})
     table[1237, "residual_high"] = 5.0
     table[2001, "residual_low"] = -5.0
-    thinned = page.every_kth(table, 10)
+    thinned = every_kth(table, 10)
     assert thinned["time"].to_list() == list(range(0, 4000, 10))
     assert (thinned["residual_low"].min(), thinned["residual_high"].max()) == (-5.0, 5.0)
-    assert page.every_kth(table.head(399), 10).height == 399, "200 rows are left"
+    assert every_kth(table.head(399), 10).height == 399, "200 rows are left"
 
 
 def test_units_symbols_powers_and_minus_signs_are_set_in_one_way_and_names_are_left():
@@ -504,7 +506,7 @@ def test_a_figure_keeps_to_its_own_identifiers_and_opens_trials():
         ' id="c"/></defs><g clip-path="url(#c)"><use xlink:href="#p1"/></g><a'
         ' xlink:href="../report.html#trial=a%26b%3C" target="_blank"><path d="M0 0"/></a></svg>'
     )
-    found = page.inline_svg(svg, "fig5", "Fig. 5")
+    found = inline_svg(svg, "fig5", "Fig. 5")
     parts = (
         'id="fig5-p1"',
         'xlink:href="#fig5-p1"',
@@ -519,16 +521,16 @@ def test_a_figure_keeps_to_its_own_identifiers_and_opens_trials():
         True,
     )
     assert [
-        f'class="{word}"' in page.inline_svg(svg.replace("252", pt), "x", "")
+        f'class="{word}"' in inline_svg(svg.replace("252", pt), "x", "")
         for pt, word in (("252", "narrow"), ("515", "wide"))
     ] == [True] * 2
 
 
 def test_a_caption_is_text_with_indices():
     said = "<i>K<sub>d</sub></i> of &lt;img&gt; a_1, <i>K\u0302</i> &amp; <i>10<sup>-3</sup></i>"
-    assert page.caption_html(r"$K_d$ of \<img\> a\_1, $\hat{K}$ & $10^{-3}$") == said
+    assert caption_html(r"$K_d$ of \<img\> a\_1, $\hat{K}$ & $10^{-3}$") == said
     text = "# Captions\n\nx\n\n## Fig. 3\n\nOne.\n\n## Fig. 4\n\nTwo.\n"
-    assert page.captions_by_title(text) == {"Fig. 3": "One.", "Fig. 4": "Two."}
+    assert captions_by_title(text) == {"Fig. 3": "One.", "Fig. 4": "Two."}
 
 
 def test_the_model_of_a_series_is_that_of_the_fit_in_the_samples_that_the_fit_uses():

@@ -33,7 +33,8 @@ from osl_analysis.report import page, panels, trial_page
 from osl_analysis.report.condition_rows import condition_rows
 from osl_analysis.report.decimal_places import digits_of, fixed
 from osl_analysis.report.headline_text import aligned
-from osl_analysis.report.page import captions_by_title, inline_svg, written_page
+from osl_analysis.report.page import written_page
+from osl_analysis.report.page_figures import captions_by_title, inline_svg
 from osl_analysis.report.page_text import assumed_text, method_text
 from osl_analysis.report.trial_page import (
     LeftOut,

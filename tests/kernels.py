@@ -19,16 +19,16 @@ USES_A_FIT = re.compile(
 )
 """An import from a package that computes, other than of its settings."""
 LEFT_OUT = {
-    "test_config": "of a model it reads the settings",
+    "test_configuration": "of a model it reads the settings",
     "test_ingest_csv_log": "of the signals it asks for devices",
     "test_journeys": "campaigns from file to page, whose fits other modules test",
-    "test_quality": "counts and extremes, which no kernel computes",
+    "test_ingest_examine": "counts and extremes, which no kernel computes",
     "test_refusal": "messages",
     "test_report": "pages and figures of fits that other modules test",
     "test_sheet": "of a model it reads names",
-    "test_simulator_bench": "a simulator, which fits nothing",
+    "test_simulator_bench_trial": "a simulator, which fits nothing",
     "test_simulator_laboratory": "a simulator, which fits nothing",
-    "test_walking_perturbed_by": "whole campaigns, whose fits test_walking_response tests",
+    "test_walking_perturbed_by": "whole campaigns, whose fits test_walking_isolated_response tests",
 }
 """Modules that import from such a package and compare no estimate; each with its reason."""
 NAMES = ("scipy_openblas_get_corename64_", "scipy_openblas_get_corename", "openblas_get_corename")

@@ -1,6 +1,6 @@
 """How many decimal places a number has in print."""
 
-from osl_analysis.report.headlines import written_number
+from osl_analysis.report.headline_text import written_number
 
 ESTIMATE = {"value": 300.12, "low": 299.5, "high": 300.6, "interval": "95 %", "unit": "N*m/rad"}
 

@@ -23,7 +23,8 @@ from osl_analysis.errors import InputError
 from osl_analysis.figures import drawing_of
 from osl_analysis.figures.names import looks_in
 from osl_analysis.model.compensator import PAPER_WEIGHT
-from osl_analysis.report.headlines import ENDINGS, Example, headline_numbers
+from osl_analysis.report.headline import Example
+from osl_analysis.report.headlines import ENDINGS, headline_numbers
 from osl_analysis.table import read_table, with_places, write_table
 
 fig5, fig6, fig8 = map(drawing_of, ("fig5", "fig6", "fig8"))

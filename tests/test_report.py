@@ -21,8 +21,8 @@ from bench_synthetic import belt_record, second_order, stepped_sine
 from conftest import ROOT
 from markupsafe import Markup
 from numpy.testing import assert_allclose
-from test_bench_any_excitation import moving_record
 from test_bench_belt import belt_cycle
+from test_bench_recorded_motion import moving_record
 from tutorial_page import DOCS, FIGURE, LEFT_OUT, said_by_page
 
 from osl_analysis.bench.belt import belt_table, fit_branches
@@ -42,7 +42,13 @@ from osl_analysis.judge.limits import DoubtfulFits
 from osl_analysis.judge.words import WORDS, printed, words_of
 from osl_analysis.refusal import Refusal
 from osl_analysis.report import methods, page, panels, trial_page
-from osl_analysis.report.headlines import Example, headline_numbers, to_json, to_tex
+from osl_analysis.report.condition_rows import condition_rows
+from osl_analysis.report.headline import Example
+from osl_analysis.report.headline_files import to_json, to_tex
+from osl_analysis.report.headlines import headline_numbers
+from osl_analysis.report.packed_tables import every_kth, packed_table
+from osl_analysis.report.page_figures import caption_html, captions_by_title, inline_svg
+from osl_analysis.report.page_text import method_text, verdicts_text
 from osl_analysis.report.panels import Pictures
 from osl_analysis.report.trial_page import ReportedTrial
 from osl_analysis.table import write_table
@@ -71,7 +77,7 @@ def test_a_packed_signal_is_off_by_no_more_than_half_a_count_and_keeps_its_holes
     table = pl.DataFrame(
         {"time": 3 + np.arange(5000) / 66, "noisy": noisy, "flat": np.full(5000, 4.2)}
     ).fill_nan(None)
-    found = unpack(json.loads(json.dumps(page.packed_table(table))))
+    found = unpack(json.loads(json.dumps(packed_table(table))))
     for name, values in {"time": table["time"].to_numpy(), "noisy": noisy}.items():
         assert_allclose(
             found[name], values, rtol=0, atol=2**-15 * (np.nanmax(values) - np.nanmin(values))
@@ -80,7 +86,7 @@ def test_a_packed_signal_is_off_by_no_more_than_half_a_count_and_keeps_its_holes
     short = pl.DataFrame(
         {"a": [np.inf, -np.inf, np.nan, 1.25], "n": [1, 2, 3, 4], "none": [None] * 4}
     )
-    read = unpack(page.packed_table(short))
+    read = unpack(packed_table(short))
     assert_allclose(read["a"], [np.nan, np.nan, np.nan, 1.25], rtol=1e-8)
     assert (read["n"].tolist(), np.isnan(read["none"]).all()) == ([1, 2, 3, 4], True)
 
@@ -342,10 +348,10 @@ def test_a_thinned_signal_keeps_the_ends_of_ranges():
     table = pl.DataFrame({"time": np.arange(4000.0), "residual_low": 0.0, "residual_high": 0.0})
     table[1237, "residual_high"] = 5.0
     table[2001, "residual_low"] = -5.0
-    thinned = page.every_kth(table, 10)
+    thinned = every_kth(table, 10)
     assert thinned["time"].to_list() == list(range(0, 4000, 10))
     assert (thinned["residual_low"].min(), thinned["residual_high"].max()) == (-5.0, 5.0)
-    assert page.every_kth(table.head(399), 10).height == 399, "200 rows are left"
+    assert every_kth(table.head(399), 10).height == 399, "200 rows are left"
 
 
 def test_units_symbols_powers_and_minus_signs_are_set_in_one_way_and_names_are_left():
@@ -519,7 +525,7 @@ def test_a_figure_keeps_to_its_own_identifiers_and_opens_trials():
         ' id="c"/></defs><g clip-path="url(#c)"><use xlink:href="#p1"/></g><a'
         ' xlink:href="../report.html#trial=a%26b%3C" target="_blank"><path d="M0 0"/></a></svg>'
     )
-    found = page.inline_svg(svg, "fig5", "Fig. 5")
+    found = inline_svg(svg, "fig5", "Fig. 5")
     parts = (
         'id="fig5-p1"',
         'xlink:href="#fig5-p1"',
@@ -534,16 +540,16 @@ def test_a_figure_keeps_to_its_own_identifiers_and_opens_trials():
         True,
     )
     assert [
-        f'class="{word}"' in page.inline_svg(svg.replace("252", pt), "x", "")
+        f'class="{word}"' in inline_svg(svg.replace("252", pt), "x", "")
         for pt, word in (("252", "narrow"), ("515", "wide"))
     ] == [True] * 2
 
 
 def test_a_caption_is_text_with_indices():
     said = "<i>K<sub>d</sub></i> of &lt;img&gt; a_1, <i>K\u0302</i> &amp; <i>10<sup>-3</sup></i>"
-    assert page.caption_html(r"$K_d$ of \<img\> a\_1, $\hat{K}$ & $10^{-3}$") == said
+    assert caption_html(r"$K_d$ of \<img\> a\_1, $\hat{K}$ & $10^{-3}$") == said
     text = "# Captions\n\nx\n\n## Fig. 3\n\nOne.\n\n## Fig. 4\n\nTwo.\n"
-    assert page.captions_by_title(text) == {"Fig. 3": "One.", "Fig. 4": "Two."}
+    assert captions_by_title(text) == {"Fig. 3": "One.", "Fig. 4": "Two."}
 
 
 def test_the_model_of_a_series_is_that_of_the_fit_in_the_samples_that_the_fit_uses():
@@ -673,13 +679,13 @@ def test_every_condition_has_K_B_and_I_with_intervals_and_what_is_doubted():
     }
     late = replace(doubt(), without={"K": 290.0, "B": 4.5, "I": 0.02})
     unsure = Finding("impedance", "t", "whether the torque is late", Grade.UNCHECKED)
-    walk, several, alone = page.conditions(
+    walk, several, alone = condition_rows(
         tables, {"t": stored_findings(late, doubt(amplitude_deg=4.0), unsure, unsure)}
     )
     assert [one["unchecked"] for one in (walk, several, alone)] == [0, 0, 1]
     for stated in (0.0, 0.1):
         bench = {"impedance": tables["impedance"].with_columns(K_se_bench=pl.lit(stated))}
-        assert ("trials of the bench share are not" in page.method_said(SETTINGS, bench)) == (
+        assert ("trials of the bench share are not" in method_text(SETTINGS, bench)) == (
             stated == 0
         )
     half = scipy.stats.t.ppf(0.975, 1) * 2**0.5 / 2**0.5
@@ -691,7 +697,7 @@ def test_every_condition_has_K_B_and_I_with_intervals_and_what_is_doubted():
         "friction (with it in the fit K 290, B 4.5 and I 0.02)",
     )
     both = {name: stored_findings(replace(doubt(), subject=name)) for name in "ab"}
-    assert page.conditions(tables, both | {"b": []})[1]["doubt"] == "friction (1 of 2)"
+    assert condition_rows(tables, both | {"b": []})[1]["doubt"] == "friction (1 of 2)"
 
 
 def test_friction_stands_beside_B_and_a_doubt_names_the_B_that_it_leaves():
@@ -707,10 +713,10 @@ def test_friction_stands_beside_B_and_a_doubt_names_the_B_that_it_leaves():
         replace(doubt(cause), without={"B": 1.91}) for cause in ("torque path", "late torque")
     )
     for finding, said in ((path, "B_viscous 1.91"), (late, "B 1.91")):
-        (found,) = page.conditions({"impedance": rows}, {"t": stored_findings(finding)})
+        (found,) = condition_rows({"impedance": rows}, {"t": stored_findings(finding)})
         assert (found["B"][0], found["B_viscous"][0], found["f_C"][0]) == ("2.40", "1.900", "0.25")
         assert found["doubt"] == f"{finding.cause} (with it in the fit {said})"
-    (none,) = page.conditions(
+    (none,) = condition_rows(
         {"impedance": rows.with_columns(B_viscous=pl.lit(None, pl.Float64))},
         {"t": stored_findings(path)},
     )
@@ -753,7 +759,7 @@ def test_trials_of_no_stated_condition_are_one_only_where_they_repeat_each_other
         "B_d": pl.Float64,
     }
     table = pl.DataFrame([row | common for row in rows], schema_overrides=schema)
-    found = page.conditions({"impedance": table}, {})
+    found = condition_rows({"impedance": table}, {})
     if n > 8:
         assert [one["trials"] for one in found] == [[f"t{k}"] for k in range(n)], (
             "each K is another one"
@@ -765,7 +771,7 @@ def test_trials_of_no_stated_condition_are_one_only_where_they_repeat_each_other
         assert [one["trials"] for one in found] == [["t0", "t2"], ["t1", "t3"]]
         assert (found[0]["K"][0], found[1]["K"][0]) == ("62.00", "148.0"), "a mean"
         other = table.with_columns(B=pl.when(trial="t2").then(90.0).otherwise("B"))
-        assert [one["trials"] for one in page.conditions({"impedance": other}, {})] == [
+        assert [one["trials"] for one in condition_rows({"impedance": other}, {})] == [
             ["t0"],
             ["t1", "t3"],
             ["t2"],
@@ -778,7 +784,7 @@ def test_trials_of_no_stated_condition_are_one_only_where_they_repeat_each_other
     late = table.with_columns(
         doubtful=pl.when(trial="t2").then(pl.lit("late torque")).otherwise("doubtful")
     )
-    first, *_ = page.conditions({"impedance": late}, {})
+    first, *_ = condition_rows({"impedance": late}, {})
     expected = ("1 left out of the mean", ("62.0", "[61.0, 63.0]")) if n < 8 else ("", first["K"])
     assert (first["doubt"], first["K"]) == expected
     numbers = headline_numbers({"impedance": table}, Example(K_d=None, B_d=None))
@@ -821,7 +827,7 @@ def test_a_trial_with_certain_friction_repeats_none_without_and_gives_its_number
         "B_d": pl.Float64,
     }
     table = pl.DataFrame(rows, schema_overrides=schema)
-    assert [one["trials"] for one in page.conditions({"impedance": table}, {})] == [
+    assert [one["trials"] for one in condition_rows({"impedance": table}, {})] == [
         ["a", "c"],
         ["b"],
     ]
@@ -844,7 +850,7 @@ def test_a_cause_has_one_count_in_the_verdict_the_map_and_the_row_of_its_conditi
     """A trial that is flagged too is one of those that are doubtful in part."""
     part, flag = doubt("zero", amplitude_deg=2.0), doubt("frozen signal", "stuck", table="quality")
     trials = [trial("a", part), trial("b", part, flag), trial("c", part)]
-    assert page.state_of(trials, ()).startswith(
+    assert verdicts_text(trials, ()).startswith(
         "3 of 3 trials are doubtful in part: zero. 1 of 3 trials is flagged: frozen signal."
     )
     (cause, cells), *_ = page.check_map(trials)[0]["rows"]
@@ -854,7 +860,7 @@ def test_a_cause_has_one_count_in_the_verdict_the_map_and_the_row_of_its_conditi
     names = {"a": "stance that changes", "b": "", "c": None}  # c has no fit
     walked = pl.DataFrame({"trial": [*names], "group": ["all"] * 3, "doubtful": [*names.values()]})
     known = {"a": stored_findings(doubt("stance that changes", "stance_change", table="walking"))}
-    (row,) = page.conditions({"walking_summary": summary, "walking": walked}, known)
+    (row,) = condition_rows({"walking_summary": summary, "walking": walked}, known)
     assert row["doubt"] == "of 2 perturbations stance that changes (1)"
 
 
@@ -988,7 +994,7 @@ def test_a_claim_stands_with_its_limit_and_a_long_caption_is_folded_behind_two_s
         "intervals": "",
     }
     content |= {"not_made": [], "sensitivity": [], "absent_figures": {}, **STATED}
-    content["claims"] = page.claims_said(pl.DataFrame([number, near, own]))
+    content["claims"] = page.claim_rows(pl.DataFrame([number, near, own]))
     content["methods"] = written_methods([trial()], {}, SETTINGS)
     said = " ".join(Page(page.written_page(content, {})).text.split())
     assert [(one["claim"], one["where"], one["limit"]) for one in content["claims"]] == [

@@ -33,7 +33,7 @@ from osl_analysis.outcomes.perform import (
 )
 from osl_analysis.refusal import is_refused, read_refusals
 from osl_analysis.report.brief import brief_lines
-from osl_analysis.report.headlines import all_labels
+from osl_analysis.report.headline import all_labels
 
 TRIAL = "impedance_K300_B5.0_compensated"
 DYNAMOMETER = OVERRIDES["dynamometer"]

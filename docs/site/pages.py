@@ -12,7 +12,8 @@ from settings import settings_page
 import osl_analysis
 from osl_analysis.commands.reference import described_checks
 from osl_analysis.dictionary import described_tables, file_at
-from osl_analysis.report.headlines import all_labels, markdown_table
+from osl_analysis.report.headline import all_labels
+from osl_analysis.report.headline_text import markdown_table
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"

@@ -17,7 +17,8 @@ from osl_analysis.ingest.examine import UNITS
 from osl_analysis.judge.limits import CHECKS
 from osl_analysis.judge.words import WORDS
 from osl_analysis.model.drivetrain import ParameterFile
-from osl_analysis.report.headlines import aligned, all_labels
+from osl_analysis.report.headline import all_labels
+from osl_analysis.report.headline_text import aligned
 from osl_analysis.simulator.laboratory_settings import WalkingSettings
 from osl_analysis.simulator.simulation_settings import SimulationSettings
 

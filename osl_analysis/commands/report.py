@@ -30,10 +30,13 @@ from osl_analysis.judge.two_campaigns import (
 from osl_analysis.refusal import Refusal, is_refused
 from osl_analysis.report import page, panels, trial_page
 from osl_analysis.report.brief import findings_lines
+from osl_analysis.report.condition_rows import condition_rows
 from osl_analysis.report.decimal_places import digits_of, fixed
-from osl_analysis.report.headlines import aligned, missing_lines
+from osl_analysis.report.headline_text import aligned
 from osl_analysis.report.methods import methods_content, methods_text
-from osl_analysis.report.page import captions_by_title, inline_svg, written_page
+from osl_analysis.report.page import written_page
+from osl_analysis.report.page_figures import captions_by_title, inline_svg
+from osl_analysis.report.page_text import assumed_text, method_text
 from osl_analysis.report.trial_page import (
     FOR_WANT_OF_ANOTHER,
     LeftOut,
@@ -41,6 +44,7 @@ from osl_analysis.report.trial_page import (
     left_out_trials,
     trial_content,
 )
+from osl_analysis.report.used_trials import missing_lines
 from osl_analysis.table import read_table, with_evidence, write_table
 from osl_analysis.trial import metadata_of, read_trial, unit_of
 
@@ -130,13 +134,13 @@ def write_report(
         **trial_page.trials_content(reported),
         **overview,
         "intervals": numbers.get("intervals", ""),
-        "claims": page.claims_said(claims),
+        "claims": page.claim_rows(claims),
         "methods": text,
         "absent_figures": absent,
         "unnamed": unnamed,
-        "conditions": page.conditions(results, findings_by_trial),
-        "method": page.method_said(settings, results),
-        "assumed": page.assumed_said(read_table(states)),
+        "conditions": condition_rows(results, findings_by_trial),
+        "method": method_text(settings, results),
+        "assumed": assumed_text(read_table(states)),
         "sensitivity": results.get("walking_sensitivity", pl.DataFrame()).to_dicts(),
         "not_made": not_made,
     }

@@ -23,8 +23,13 @@ from osl_analysis.judge.limits import DoubtfulFits, QualityRules
 from osl_analysis.model.drivetrain import FileOrNone, joint_of, read_parameters
 from osl_analysis.outcomes.job_log import read_log
 from osl_analysis.refusal import Refusal, check_not_refused, refused_trials
-from osl_analysis.report import headlines
+from osl_analysis.report.headline import LABELS, Example
+from osl_analysis.report.headline_files import to_json, to_tex
+from osl_analysis.report.headline_statistics import intervals_text, rule_of_means
+from osl_analysis.report.headline_text import to_table
+from osl_analysis.report.headlines import headline_numbers
 from osl_analysis.report.paper_tables import PaperTable, components_table, conditions_table
+from osl_analysis.report.used_trials import missing_lines, used_and_missing
 from osl_analysis.stats.repeats import sizes_said
 from osl_analysis.table import OF_ROW, Places, read_table, with_evidence, with_places, write_table
 
@@ -203,7 +208,7 @@ def write_summary(
     verdicts: Path | None = None,
     findings: Path | None = None,
     refused: Sequence[Refusal] = (),
-    example: headlines.Example | None = None,
+    example: Example | None = None,
     beside_draft: bool = True,
 ) -> None:
     """Write headline numbers of a campaign, and what a reader must know of them.
@@ -227,32 +232,32 @@ def write_summary(
     beside_draft : bool
         Whether the numbers of the paper's draft stand beside them.
     """
-    needed = {*headlines.LABELS, *judged_tables(), "prediction_causes"}
+    needed = {*LABELS, *judged_tables(), "prediction_causes"}
     tables = {name: with_evidence(path) for name, path in table_paths.items() if name in needed}
-    numbers = headlines.headline_numbers(tables, example, beside_draft)
+    numbers = headline_numbers(tables, example, beside_draft)
     used_trials: Mapping[str, Any] = {}
     if excluded:
         columns = ("trial", "check", "value", "unit", "threshold", "remark")
-        used_trials = headlines.used_and_missing(trials or {}, read_table(excluded, columns))
+        used_trials = used_and_missing(trials or {}, read_table(excluded, columns))
     missing_results: dict[str, str] = {}
     for refusal in refused:
         if not refusal.trial:
             missing_results[refusal.file] = refusal.reason.removeprefix(f"{refusal.file}: ")
     all_findings = read_findings(findings) if findings else findings_frame()
     checks = read_table(verdicts) if verdicts else pl.DataFrame(schema=["check", "verdict"])
-    intervals = headlines.intervals_text(tables)
+    intervals = intervals_text(tables)
     content = {
         "trials": used_trials,
         "missing_results": missing_results,
         "intervals": intervals,
         "findings": known_of(all_findings, tables, checks),
     }
-    remarks = headlines.missing_lines(content, reasons=False)
+    remarks = missing_lines(content, reasons=False)
     if intervals:
         remarks.insert(0, intervals)
     with atomic_path(summary_json) as json_path, atomic_path(numbers_tex) as tex_path:
-        json_path.write_text(headlines.to_json(about, numbers, content), encoding="utf-8")
-        tex_path.write_text(headlines.to_tex(about, numbers, remarks), encoding="utf-8")
+        json_path.write_text(to_json(about, numbers, content), encoding="utf-8")
+        tex_path.write_text(to_tex(about, numbers, remarks), encoding="utf-8")
 
 
 def write_conditions(table: Path, about: Mapping[str, str], tex: Path, markdown: Path) -> None:
@@ -331,9 +336,9 @@ def format_results_table(summary: Mapping[str, Any], markdown: bool = True) -> s
     is missing."""
     lines = [summary.get("intervals")]
     lines += [finding["line"] for finding in summary.get("findings", ())]
-    lines.append(headlines.rule_of_means(summary["numbers"].values()))
-    lines += headlines.missing_lines(summary, reasons=True)
-    table = headlines.to_table(summary["numbers"], markdown)
+    lines.append(rule_of_means(summary["numbers"].values()))
+    lines += missing_lines(summary, reasons=True)
+    table = to_table(summary["numbers"], markdown)
     remarks = [f"{line}\n" for line in lines if line]
     return "\n".join([f"{sentence(summary)}\n\n{table}", *remarks])
 

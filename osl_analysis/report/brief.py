@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from osl_analysis.report.decimal_places import RANGE
-from osl_analysis.report.headlines import written_number
+from osl_analysis.report.headline_text import written_number
 
 WIDTH = 100  # signs of a line
 MOST_FINDINGS = 5  # lines on findings: with the others a run tells itself in ten

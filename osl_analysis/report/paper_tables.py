@@ -8,14 +8,10 @@ from typing import Any
 import polars as pl
 
 from osl_analysis.report.decimal_places import digits_of, fixed
-from osl_analysis.report.headlines import (
-    FOR_MOTION,
-    KIND_OF_FIT,
-    LABELS,
-    STUDENT,
-    in_latex,
-    markdown_table,
-)
+from osl_analysis.report.headline import LABELS
+from osl_analysis.report.headline_files import in_latex
+from osl_analysis.report.headline_statistics import FOR_MOTION, KIND_OF_FIT, STUDENT
+from osl_analysis.report.headline_text import markdown_table
 from osl_analysis.stats.repeats import DOUBTFUL, IS_DOUBTFUL, counted, summary_row
 
 

@@ -32,15 +32,17 @@ from osl_analysis.judge.judging import judged
 from osl_analysis.judge.limits import DoubtfulFits
 from osl_analysis.outcomes.job_log import write_log
 from osl_analysis.refusal import Refusal
-from osl_analysis.report import headlines
-from osl_analysis.report.headlines import (
-    BOOTSTRAP,
-    FOR_MOTION,
-    RANGE,
-    STUDENT,
-    headline_numbers,
-    to_tex,
+from osl_analysis.report.decimal_places import RANGE
+from osl_analysis.report.headline import LABELS, Example, Headline, of_group
+from osl_analysis.report.headline_files import to_json, to_tex
+from osl_analysis.report.headline_statistics import BOOTSTRAP, FEW, FOR_MOTION, STUDENT
+from osl_analysis.report.headline_text import (
+    first_sentences,
+    number_texts,
+    to_table,
+    written_number,
 )
+from osl_analysis.report.headlines import HEADLINE_ESTIMATOR, headline_numbers
 from osl_analysis.stats.repeats import counted, doubtful_count, summary_of_trials
 from osl_analysis.table import read_table, write_table
 from osl_analysis.units import known_factor
@@ -369,7 +371,7 @@ def summary_rows(**means):
     return pl.DataFrame(list(rows))
 
 
-def walked(estimator=headlines.HEADLINE_ESTIMATOR, **means):
+def walked(estimator=HEADLINE_ESTIMATOR, **means):
     return summary_rows(**means).with_columns(estimator=pl.lit(estimator), group=pl.lit("all"))
 
 
@@ -444,7 +446,7 @@ def by_name(tables, example=None):
 
 def written(numbers):
     """The summary as `summary.json` has it."""
-    return json.loads(headlines.to_json(MADE, list(numbers)))
+    return json.loads(to_json(MADE, list(numbers)))
 
 
 HEADLINES = [
@@ -510,7 +512,7 @@ def test_the_example_says_how_far_single_amplitudes_spread():
     )
     K = written(headline_numbers({"impedance": few}))["numbers"]["K_example_compensated"]
     # not 303.00, as by the range
-    assert (K["interval"], headlines.written_number(K)[0]) == (headlines.FEW, "303.0")
+    assert (K["interval"], written_number(K)[0]) == (FEW, "303.0")
 
 
 def test_trials_of_no_stated_condition_have_their_own_numbers():
@@ -520,7 +522,7 @@ def test_trials_of_no_stated_condition_have_their_own_numbers():
         "controller": pl.lit(None, pl.String)
     }
     unstated = whole.with_columns(**none, trial=pl.Series(["a", "b", "c"]))
-    found = by_name({"impedance": unstated}, headlines.Example(None, None))
+    found = by_name({"impedance": unstated}, Example(None, None))
     K = {name: (one.value, one.low) for name, one in found.items() if name.startswith("K_example")}
     assert K == {
         f"K_example_no_controller ({name})": ends
@@ -539,30 +541,30 @@ def test_trials_of_no_stated_condition_have_their_own_numbers():
 ])  # fmt: skip
 def test_no_number_reads_as_an_end_of_its_interval_or_as_beyond_it(value, low, high, said):
     number = NOTHING | {"value": value, "low": low, "high": high, "interval": STUDENT}
-    assert headlines.written_number(number)[:2] == said
+    assert written_number(number)[:2] == said
 
 
 def test_a_campaign_without_numbers_of_the_draft_has_no_column_of_them():
     own = NOTHING | {"value": 1.0, "interval": None}
-    assert "draft" not in headlines.to_table({"a": own}, False)
-    assert "| draft |" in headlines.to_table({"a": own, "b": own | {"draft": 2.0}}, True)
+    assert "draft" not in to_table({"a": own}, False)
+    assert "| draft |" in to_table({"a": own, "b": own | {"draft": 2.0}}, True)
 
 
 def test_a_number_whose_interval_holds_zero_is_about_zero_unless_that_is_a_range():
     number = NOTHING | {"value": 1e-4, "low": -1e-5, "high": 2e-4, "interval": STUDENT}
 
-    of_interval = headlines.number_texts(number)["text"]
-    of_range = headlines.number_texts(number | {"interval": RANGE})["text"]
+    of_interval = number_texts(number)["text"]
+    of_range = number_texts(number | {"interval": RANGE})["text"]
 
     assert (of_interval, of_range) == ("≈ 0", "1.00·10⁻⁴")
 
 
 def test_torque_over_angle_is_said_from_its_lowest_to_its_highest_stiffness():
-    foot = headlines.LABELS["torque_angle"]["K"]
+    foot = LABELS["torque_angle"]["K"]
     stiffness = {"a": 5.0, "b": 4.0, "c": 9.0, "d": 6.0}
-    each = [headlines.of_group(replace(foot, value=K, n=3), name) for name, K in stiffness.items()]
+    each = [of_group(replace(foot, value=K, n=3), name) for name, K in stiffness.items()]
 
-    (said,) = headlines.first_sentences([*written(each)["numbers"].values()])
+    (said,) = first_sentences([*written(each)["numbers"].values()])
 
     assert said.replace("\xa0", " ").endswith("4.00 N·m/rad (b; n = 3) to 9.00 N·m/rad (c; n = 3).")
 
@@ -641,7 +643,7 @@ def test_every_line_of_the_macros_is_a_comment_or_a_definition():
 def test_values_are_rounded_to_two_digits_of_half_the_interval_or_to_three_digits(
     value, low, high, interval, text
 ):
-    headline = headlines.Headline("x", "1", None, "X", "a number", value, low, high, interval, 1)
+    headline = Headline("x", "1", None, "X", "a number", value, low, high, interval, 1)
     assert rf"\oslX}}{{{text}}}%" in to_tex(MADE, [headline])
 
 

@@ -8,7 +8,7 @@ import polars as pl
 import pytest
 from bench_synthetic import sine_settings
 from conftest import ROOT
-from test_compare import tables
+from test_two_campaigns import tables
 from walking_crossings import Walk, run_jobs, several, walked
 
 from osl_analysis.bench.impedance import DesiredImpedance
@@ -25,7 +25,7 @@ from osl_analysis.ingest.examine import Commanded, examine, measured_table
 from osl_analysis.judge.finding import Grade
 from osl_analysis.judge.limits import judged_table
 from osl_analysis.judge.two_campaigns import comparison_table
-from osl_analysis.report.page import assumed_said
+from osl_analysis.report.page_text import assumed_text
 from osl_analysis.stats.repeats import sizes_said
 from osl_analysis.trial import Trial
 from osl_analysis.yaml_settings import read_mapping
@@ -214,10 +214,10 @@ def test_facts_of_an_experiment_that_was_not_recorded_are_not_told(tmp_path):
 
 def test_what_is_assumed_is_said_with_its_unit():
     assumed = {"setting": ["walking.cutoff_hz"], "value": [12.0], "state": ["assumed"]}
-    assert "12 Hz" in assumed_said(pl.DataFrame(assumed)), "a column of numbers alone"
+    assert "12 Hz" in assumed_text(pl.DataFrame(assumed)), "a column of numbers alone"
     # as a header alone is read
     nothing = pl.DataFrame(schema=dict.fromkeys(assumed, pl.Float64))
-    assert assumed_said(nothing) == ""
+    assert assumed_text(nothing) == ""
 
 
 def test_a_recording_that_no_row_names_is_told_once(tmp_path):

@@ -14,7 +14,8 @@ from click.testing import CliRunner
 from osl_analysis.cli import main
 from osl_analysis.figures.others import draw_comparison
 from osl_analysis.judge.two_campaigns import comparison_table, label_of
-from osl_analysis.report.headlines import Headline, to_json
+from osl_analysis.report.headline import Headline
+from osl_analysis.report.headline_files import to_json
 from osl_analysis.stats.repeats import difference, equivalence, of_intervals
 from osl_analysis.table import OF_ROW, read_table, write_table
 

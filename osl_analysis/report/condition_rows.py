@@ -1,0 +1,178 @@
+"""K, B and I of each condition, and of each group of crossings, as rows of the page."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import polars as pl
+
+from osl_analysis.errors import listing
+from osl_analysis.judge.campaign import Entry
+from osl_analysis.judge.finding import ESTIMATES, Grade
+from osl_analysis.judge.words import printed, without_names
+from osl_analysis.report.page_text import in_words
+from osl_analysis.report.trial_page import full_numbers, value_and_interval
+from osl_analysis.stats.repeats import DOUBTFUL, counted, repeating_trials, summary_row
+
+# ending of a fit's column, and column in a summary
+IN_SUMMARY = {"": "mean", "_low": "low", "_high": "high"}
+OF_CONDITION = ("joint", "side", "controller", "K_d", "B_d")
+OF_FRICTION = ("B_viscous", "f_C")  # shown where every trial has them
+
+
+def condition_rows(
+    tables: Mapping[str, pl.DataFrame], findings: Mapping[str, Sequence[Entry]]
+) -> list[dict[str, Any]]:
+    """K, B and I of each group of crossings, and of each condition (commanded impedance and joint),
+    with its trials and doubts.
+
+    It is the mean of several trials (`summary_row`). Trials without a stated K_d are grouped by
+    repetition (`repeating_trials`). `findings` are those on each trial.
+    """
+    rows = group_rows(tables, findings)
+    impedance = tables.get("impedance")
+    if impedance is None:
+        return rows
+    if "amplitude_deg" in impedance.columns:
+        impedance = impedance.filter(pl.col("amplitude_deg").is_null())
+
+    keys = []
+    for name in OF_CONDITION:
+        if name in impedance.columns and impedance[name].n_unique() > 1:
+            keys.append(name)
+    is_unstated = pl.lit(True)
+    if "K_d" in impedance.columns:
+        is_unstated = pl.col("K_d").is_null()
+    are_several = pl.len().over(*keys, pl.lit("all")) > 1
+    repeated = pl.lit(None, pl.String)
+    if not impedance.filter(is_unstated).is_empty():
+        repeated = pl.when(is_unstated & are_several).then(repeating_trials(impedance))
+    by_repeats = impedance.with_columns(repeated=repeated)
+    for fits in by_repeats.partition_by([*keys, "repeated"], maintain_order=True):
+        rows.append(condition_row(fits, keys, findings))
+    return rows
+
+
+def condition_row(
+    fits: pl.DataFrame, keys: Sequence[str], findings: Mapping[str, Sequence[Entry]]
+) -> dict[str, Any]:
+    """The row of one condition, whose fits agree in the columns `keys`."""
+    used = counted(fits)
+    trials = fits["trial"].to_list()
+    row = used.row(0, named=True)
+    symbols = list(ESTIMATES)
+    for name in OF_FRICTION:
+        if name in fits.columns and not fits[name].null_count():
+            symbols.append(name)
+    if len(used) > 1:
+        for symbol in symbols:
+            mean = summary_row(used, symbol)
+            for ending, column in IN_SUMMARY.items():
+                row[f"{symbol}{ending}"] = mean[column]
+
+    condition = []
+    for key in keys:
+        if row[key] is not None:
+            condition.append(f"{key} {row[key]:g}" if key in ("K_d", "B_d") else row[key])
+    if row["repeated"] is not None:
+        noun = "trial" if len(fits) == 1 else "trials"
+        condition += [f"{noun} {listing(trials, 3)}", motion_text(row)]
+
+    entries = [entry for trial in trials for entry in findings.get(trial, ())]
+    doubts = doubts_of_fits(entries, "impedance", row, len(trials))
+    n_left_out = len(fits) - len(used)
+    if n_left_out:
+        left_out = f"{n_left_out} left out of the mean"
+        doubts["doubt"] = "; ".join(filter(None, [doubts["doubt"], left_out]))
+    return {
+        "of": ", ".join(condition) or "all",
+        "trials": trials,
+        **doubts,
+        **estimates_in(row, symbols),
+    }
+
+
+def estimates_in(row: Mapping[str, Any], symbols: Sequence[str]) -> dict[str, Any]:
+    """The estimates of a row as the page shows them, and in `full`."""
+    shown: dict[str, Any] = {symbol: value_and_interval(row, symbol) for symbol in symbols}
+    full = {symbol: full_numbers(row, symbol) for symbol in symbols}
+    return {**shown, "full": full}
+
+
+def motion_text(row: Mapping[str, Any]) -> str:
+    """What moved the joint in a trial, as measured."""
+    kind = row.get("excitation") or "other"
+    parts = ["motion without a period" if kind == "other" else kind]
+    if row.get("band_low_hz") is not None:
+        parts.append(f"{row['band_low_hz']:.2g} to {row['band_high_hz']:.2g} Hz")
+    if row.get("theta_rms_deg") is not None:
+        parts.append(f"{row['theta_rms_deg']:.2g}° RMS")
+    return ", ".join(parts)
+
+
+def group_rows(
+    tables: Mapping[str, pl.DataFrame], findings: Mapping[str, Sequence[Entry]]
+) -> list[dict[str, Any]]:
+    """The rows of the groups of crossings, by their ensembles."""
+    summary = tables.get("walking_summary")
+    if summary is None:
+        return []
+    judged = pl.DataFrame(schema=["trial", "group"])
+    if "walking" in tables:
+        judged = tables["walking"].drop_nulls(DOUBTFUL)
+    rows = []
+    of_ensemble = summary.filter(estimator="ensemble")
+    for (group,), quantities in of_ensemble.group_by("group", maintain_order=True):
+        row = {}
+        for quantity in quantities.to_dicts():
+            for ending, column in IN_SUMMARY.items():
+                row[f"{quantity['quantity']}{ending}"] = quantity[column]
+        doubts = doubts_of_fits(findings.get(str(group), ()), "walking_groups", {})
+        crossings = judged.filter(group=group)["trial"].to_list()
+        entries = [entry for trial in crossings for entry in findings.get(trial, ())]
+        doubt = doubts_of_fits(entries, "walking", {}, 0)["doubt"]
+        if doubt:
+            of_crossings = f"of {len(crossings)} perturbations {doubt}"
+            doubts["doubt"] = "; ".join(filter(None, [doubts["doubt"], of_crossings]))
+        rows.append(
+            {
+                "of": "walking" if group == "all" else f"walking, {group}",
+                "trials": [],
+                **doubts,
+                **estimates_in(row, ESTIMATES),
+            }
+        )
+    return rows
+
+
+def doubts_of_fits(
+    entries: Sequence[Entry], table: str, row: Mapping[str, Any], n: int = 1
+) -> dict[str, Any]:
+    """The `doubt` about the fits of n trials in this table (of one trial by its `row`; 0: their
+    number is not written); the number of `unchecked`."""
+    of_table = [entry for entry in entries if entry["table"] == table and not entry["in_part"]]
+    doubts = [entry for entry in of_table if entry["grade"] == Grade.DOUBTS]
+    if n == 1:
+        texts = [doubt_text(entry, row) for entry in doubts]
+    else:
+        once_per_trial = {(entry["trial"], entry["cause"]) for entry in doubts}
+        by_cause = Counter(cause for _, cause in once_per_trial)
+        of_n = f" of {n}" if n else ""
+        texts = [printed(f"{cause} ({k}{of_n})") for cause, k in sorted(by_cause.items())]
+    unchecked = {entry["cause"] for entry in of_table if entry["grade"] == Grade.UNCHECKED}
+    return {"doubt": "; ".join(dict.fromkeys(texts)), "unchecked": len(unchecked)}
+
+
+def doubt_text(entry: Entry, row: Mapping[str, Any]) -> str:
+    """A cause of doubt about a row, with the estimates of its fit and their units."""
+    estimates = []
+    for name, symbol in without_names(entry["cause"], row, entry["table"]).items():
+        value = entry.get(f"{name}_without")
+        ends = [entry.get(f"{name}_without_low"), entry.get(f"{name}_without_high")]
+        numbers = [value] if None in ends else ends
+        texts = dict.fromkeys(f"{number:.3g}" for number in numbers if number is not None)
+        if texts:
+            estimates.append(f"{symbol} {' to '.join(texts)}")
+    if not estimates:
+        return printed(entry["cause"])
+    return printed(f"{entry['cause']} (with it in the fit {in_words(estimates)})")

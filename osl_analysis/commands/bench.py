@@ -51,6 +51,7 @@ from osl_analysis.model.drivetrain import (
     joint_admittance,
     known_parameters,
 )
+from osl_analysis.report.decimal_places import EVEN
 from osl_analysis.table import finite_or_null, read_table, with_evidence, write_table
 from osl_analysis.trial import Trial
 
@@ -627,7 +628,6 @@ def fitted_motion(row: Mapping[str, Any]) -> str:
     )
 
 
-EVEN = 1.1  # ratio of an interval's sides below which it is printed with a ±
 LEFT_OUT_CYCLES = {"settled": "first", "smaller": "below 90 % of the range", "partial": "not whole"}
 """Why cycles are left out, by the begin of the column with their number."""
 

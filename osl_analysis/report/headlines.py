@@ -337,19 +337,18 @@ def errors_of_controller(
 def numbers_of_conditions(
     fits: pl.DataFrame, example: Example, controller: str | None, is_only: bool
 ) -> Iterator[Headline]:
-    """The estimates of each desired impedance of one controller, the `example` first."""
+    """The estimates of each desired impedance of one controller, the `example` first. Its macros
+    also have the names of a condition like the others."""
     trials = fits.filter(pl.col("amplitude_deg").is_null())
     yield from numbers_of_condition(trials, example, controller, is_only, is_other=False)
     desired = trials.drop_nulls("K_d").select("K_d", "B_d").unique().sort("K_d", "B_d")
-    others = []
+    are_many = len(desired) > MOST_UNSTATED
     for K_d, B_d in desired.rows():
-        if (K_d, B_d) != (example.K_d, example.B_d):
-            others.append(Example(K_d, B_d))
-    are_many = len(others) >= MOST_UNSTATED
-    for condition in others:
+        is_example = (K_d, B_d) == (example.K_d, example.B_d)
+        condition = Example(K_d, B_d)
         numbers = numbers_of_condition(trials, condition, controller, is_only, is_other=True)
         for number in numbers:
-            yield replace(number, is_macro_only=are_many)
+            yield replace(number, is_macro_only=are_many or is_example)
 
 
 ESTIMATES_OF_CONDITION = ("K", "B", "I", "B_viscous", "f_C")

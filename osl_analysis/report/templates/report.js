@@ -349,7 +349,7 @@
       files.length ? table(["role", "file", "bytes", "SHA-256", "source file"], files, { caption: "files" }) : element("p", {}, "It was not ingested."),
       signals.length ? folded("Signals: which channel became which", table(["signal", "file", "channel and conversion"], signals, { caption: "signals" })) : null,
       facts.length ? folded("Clocks, stamps, decoding, software", table(["fact", "value"], facts, { caption: "facts" })) : null,
-      content.time_base.length ? folded("Time base of the fit", table([], content.time_base, { caption: "time base" })) : null,
+      content.time_base.length ? folded("Time base of the fit", table(content.time_base[0], content.time_base.slice(1), { caption: "time base" })) : null,
     );
   }
 

@@ -300,7 +300,7 @@ def test_a_trial_file_keeps_every_bit_and_what_is_none_is_refused(
     for content in (b"", b"time,theta\n", b"PAR1" + bytes(50) + b"PAR1", *changed):
         path.write_bytes(content)
         with pytest.raises(
-            InputError, match=r"t.parquet: not what `ingest` wrote .*; ingest the trial again"
+            InputError, match=r"t.parquet: not what `ingest` wrote .*; ingest it again"
         ):
             read_trial(path)
     pl.DataFrame({"time": [0.0]}).write_parquet(path)

@@ -54,7 +54,7 @@ def test_a_row_has_estimates_of_all_amplitudes_rounded_by_their_intervals():
         "n",
         "K [N·m/rad]",
         "B [N·m·s/rad]",
-        "I [kg·m²]",
+        "I [10⁻³ kg·m²]",
         "VAF [%]",
     ]
     assert rows == [
@@ -63,12 +63,19 @@ def test_a_row_has_estimates_of_all_amplitudes_rounded_by_their_intervals():
             "300",
             "5",
             "1",
-            "297.0 [295.0, 299.0]",
-            "5.40 [5.20, 5.60]",
-            "-0.0241 [-0.0318, -0.0165]",
+            "297.0 ± 2.0",
+            "5.40 ± 0.20",
+            "-24.1 ± 7.7",
             "99.5",
         ]
     ]
+
+
+def test_an_interval_that_is_not_even_has_its_ends_in_brackets():
+    table = conditions_table(fits({"K_low": 290.0}))
+
+    assert markdown_cells(table)[1][4] == "297.0 [290.0, 299.0]"
+    assert r"297.0 & [\num{290.0}, \num{299.0}] &" in table.to_tex(ORIGIN)
 
 
 def test_trials_of_one_condition_are_one_row_with_their_mean():
@@ -76,9 +83,9 @@ def test_trials_of_one_condition_are_one_row_with_their_mean():
 
     rows = markdown_cells(table)[1:]
 
-    assert [row[3] for row in rows] == ["2", "1"]
-    assert rows[0][4].startswith("299")
-    assert "95 % of the mean (Student), 95 % for another motion of this kind" in table.notes[0]
+    assert [row[1:4:2] for row in rows] == [["100", "1"], ["300", "2"]]
+    assert rows[1][4].startswith("299")
+    assert "95 % for another motion of this kind, 95 % of the mean (Student)" in table.notes[0]
 
 
 @pytest.mark.parametrize(
@@ -92,7 +99,7 @@ def test_trials_of_one_condition_are_one_row_with_their_mean():
 def test_it_is_said_for_what_an_interval_holds(method, kind):
     table = conditions_table(fits({"interval_method": method}))
 
-    assert table.notes == [f"n: trials. In brackets: 95 % {kind}."]
+    assert table.notes == [f"n: trials. Intervals, ± or in brackets: 95 % {kind}."]
 
 
 def test_trials_of_other_motions_have_no_common_mean():
@@ -100,7 +107,7 @@ def test_trials_of_other_motions_have_no_common_mean():
 
     rows = markdown_cells(conditions_table(fits(*motions)))
 
-    assert [row[0] for row in rows] == ["excitation", "stepped sine", "chirp"]
+    assert [row[1] for row in rows] == ["excitation", "stepped sine", "chirp"]
 
 
 def test_trials_without_a_stated_impedance_are_named():
@@ -114,7 +121,7 @@ def test_trials_without_a_stated_impedance_are_named():
 def test_a_doubtful_fit_is_marked_and_explained():
     table = conditions_table(fits({"doubtful": "friction"}, {"trial": "b", "K_d": 100.0}))
 
-    assert [row[3] for row in markdown_cells(table)[1:]] == ["1†", "1"]
+    assert [row[3] for row in markdown_cells(table)[1:]] == ["1", "1†"]
     assert "†: with a doubtful fit." in table.to_markdown(ORIGIN)
     assert r"& 1$^\dagger$ &" in table.to_tex(ORIGIN)
 
@@ -124,20 +131,23 @@ def test_a_doubtful_trial_leaves_the_mean_as_everywhere():
 
     (row,) = markdown_cells(table)[1:]
 
-    assert (row[3], row[4]) == ("1", "297.0 [295.0, 299.0]")
+    assert (row[3], row[4]) == ("1", "297.0 ± 2.0")
 
 
 def test_latex_has_as_many_cells_in_each_row_as_columns_and_says_where_it_is_from():
     tex = conditions_table(fits({}, {"trial": "b_1", "controller": "50 %"})).to_tex(ORIGIN)
 
+    assert (r"\multicolumn{10}{l}{\itshape 50 \%} \\" + "\n300 & 5 & 1 &") in tex
     (formats,) = re.findall(r"\\begin\{tabular\}\{(.*)\}", tex)
     columns = len(re.findall(r"S\[|(?<![A-Za-z])l\b", formats))
-    head, *rows = [line for line in tex.splitlines() if line.endswith(r"\\")]
+    head, units, *rows = [line for line in tex.splitlines() if line.endswith(r"\\")]
+    rows = [row for row in rows if "itshape" not in row]
     wide = head.count(r"\multicolumn{2}")
     assert head.count("&") + 1 + wide == columns
+    assert units.count("&") == head.count("&")
+    assert r"(\num{e-3} \unit{\kilogram\meter\squared})" in units
     assert {row.count("&") + 1 for row in rows} == {columns}
-    assert r"50 \% & 300 & 5" in rows[1]
-    assert r"& -0.0241 & [\num{-0.0318}, \num{-0.0165}] &" in rows[0]
+    assert r"& -24.1 & $\pm$ \num{7.7} &" in rows[0]
     assert tex.startswith(f"% {ORIGIN}\n")
 
 
@@ -170,8 +180,8 @@ def test_components_stand_beside_the_values_of_the_draft():
 
     assert markdown_cells(table) == [
         ["parameter", "value", "n", "draft"],
-        ["K_s [N·m/rad]", "684.4 [679.5, 689.2]", "3", "685.6"],
-        ["f_C [N·m]", "0.3772 [0.3763, 0.3781]", "3", "0.377"],
+        ["K_s [N·m/rad]", "684.4 ± 4.9", "3", "685.6"],
+        ["f_C [N·m]", "0.3772 ± 0.0009", "3", "0.377"],
     ]
     assert r"$f_\mathrm{C}$ / \unit{\newton\meter} & 0.3772 & " in table.to_tex(ORIGIN)
 

@@ -906,6 +906,7 @@ def test_each_stated_condition_has_its_own_numbers_and_macros():
     K = {one.meaning: (one.value, one.macro) for one in numbers if one.name.startswith("K_example")}
     assert K == {
         "K for K_d = 200, B_d = 2 (that of the first), c": (190.0, "CExampleStiffness"),
+        "K for K_d = 200, B_d = 2, c": (190.0, "CExampleStiffnessKdTwoZeroZeroBdTwo"),
         "K for K_d = 350, B_d = 2, c": (332.0, "CExampleStiffnessKdThreeFiveZeroBdTwo"),
     }
     many = pl.concat([table.with_columns(B_d=pl.lit(float(k))) for k in range(9)])
@@ -914,7 +915,7 @@ def test_each_stated_condition_has_its_own_numbers_and_macros():
     assert len([name for name in in_summary if name.startswith("K_example")]) == 1, (
         "a table tells of more"
     )
-    assert to_tex(ABOUT, said).count("ExampleStiffness") == 3 * 18  # with both ends
+    assert to_tex(ABOUT, said).count("ExampleStiffness") == 3 * 19  # with both ends
 
 
 def test_crossings_are_drawn_in_degrees_the_residual_is_measured_minus_model():

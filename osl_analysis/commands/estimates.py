@@ -13,6 +13,7 @@ from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.judge.finding import Finding, Grade
 from osl_analysis.judge.words import finding_text, words_of
+from osl_analysis.report.decimal_places import EVEN
 from osl_analysis.table import finite_or_null
 
 # estimates in the order in which they are printed
@@ -105,7 +106,6 @@ def fitted_motion(row: Mapping[str, Any]) -> str:
     )
 
 
-EVEN = 1.1  # ratio of an interval's sides below which it is printed with a ±
 LEFT_OUT_CYCLES = {"settled": "first", "smaller": "below 90 % of the range", "partial": "not whole"}
 """Why cycles are left out, by the begin of the column with their number."""
 

@@ -162,8 +162,8 @@ def canonical_column(
         share = share_above(count, values.size)
         raise InputError(
             f"{setting.title}: missing in {count} of {values.size} {rows.noun}s, first in {first};"
-            f" at most {source.most_missing:.1%} may be: repair the recording, or write"
-            f" `most_missing: {share:g}` in the source file"
+            f" more than the {source.most_missing:.1%} of `most_missing`: repair the recording, or"
+            f" write `most_missing: {share:g}` in the source file"
         )
     if setting.wraps_at is not None:
         known = ~(missing | lacking)

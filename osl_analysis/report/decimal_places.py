@@ -11,6 +11,7 @@ import numpy as np
 RANGE = "lowest to highest"  # kind of an interval that does not show the precision
 COUNT = "count"  # kind of a number without decimals
 
+EVEN = 1.1  # ratio of an interval's sides below which it is printed with a ±
 NO_WIDTH = 1e-9  # relative width below which an interval is only rounding
 FINEST_CALIBRATION = 1e-3  # of a number: no torque is calibrated better, whatever its interval is
 MOST_FURTHER_PLACES = 2  # beyond those of `decimals`, that keep a value between its ends

@@ -151,14 +151,16 @@ def tex_words(text: str) -> str:
 def reference_text(entry: Mapping[str, Any]) -> str:
     """A source as a list of references has it."""
     authors = "; ".join(entry["author"]).replace("; others", ", et al")
-    parts = [re.sub("[{}]", "", authors).rstrip("."), entry["title"]]
+    parts = [authors.rstrip("."), entry["title"]]
     if "journal" in entry:
         parts.append(f"{entry['journal']} {entry['volume']}, {entry['pages']}")
     for name in ("number", "year", "note"):
         if name in entry:
             parts.append(str(entry[name]))
     place = f"https://doi.org/{entry['doi']}" if "doi" in entry else entry.get("url", "")
-    return f"{'. '.join(parts)}. {place}".rstrip()
+    end = f" {place}" if place else ""
+    text = re.sub("[{}]", "", ". ".join(parts))
+    return text + end if text.startswith("http", text.rfind(" ") + 1) else f"{text}.{end}"
 
 
 def bibtex_entry(key: str, entry: Mapping[str, Any]) -> str:

@@ -1,13 +1,14 @@
 """Two tables for a paper, in LaTeX and in Markdown: K, B and I of each condition, and the
 components of the drivetrain, as in Table I."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import polars as pl
 
-from osl_analysis.report.decimal_places import digits_of, fixed
+from osl_analysis.report.decimal_places import EVEN, digits_of, fixed
 from osl_analysis.report.headline import LABELS
 from osl_analysis.report.headline_files import in_latex
 from osl_analysis.report.headline_statistics import FOR_MOTION, KIND_OF_FIT, STUDENT
@@ -23,6 +24,7 @@ class Symbol:
     in_text: str
     unit_in_tex: str  # of siunitx
     unit: str
+    scale: float = 1.0  # of a number in SI units, to the unit
 
     def tex(self) -> str:
         return f"${self.in_tex}$ / \\unit{{{self.unit_in_tex}}}"
@@ -34,6 +36,7 @@ class Symbol:
 STIFFNESS = (r"\newton\meter\per\radian", "N·m/rad")
 DAMPING = (r"\newton\meter\second\per\radian", "N·m·s/rad")
 INERTIA = (r"\kilogram\meter\squared", "kg·m²")
+SMALL_INERTIA = (r"\kilogram\meter\squared", "10⁻³ kg·m²", 1e3)
 TORQUE = (r"\newton\meter", "N·m")
 TORQUE_PER_CURRENT = (r"\newton\meter\per\ampere", "N·m/A")
 
@@ -46,7 +49,7 @@ ESTIMATED = {
     "K": Symbol("K", "K", *STIFFNESS),
     "B": Symbol("B", "B", *DAMPING),
     "B_viscous": Symbol(r"B_\mathrm{viscous}", "B_viscous", *DAMPING),
-    "I": Symbol("I", "I", *INERTIA),
+    "I": Symbol("I", "I", *SMALL_INERTIA),
     "VAF": Symbol(r"\mathrm{VAF}", "VAF", r"\percent", "%"),
 }
 """What was estimated, by column of `impedance.csv`."""
@@ -75,9 +78,12 @@ class Stated:
 
     value: float | None
 
-    def written(self) -> tuple[str, ...]:
-        """The value with all of its digits."""
-        return () if self.value is None else (f"{self.value:g}",)
+    def written(self) -> str:
+        """The value with all of its digits; empty for none."""
+        return "" if self.value is None else f"{self.value:g}"
+
+    def interval(self) -> tuple[str, ...]:
+        return ()
 
 
 @dataclass(frozen=True)
@@ -88,15 +94,23 @@ class Estimated:
     low: float | None = None
     high: float | None = None
 
-    def written(self) -> tuple[str, ...]:
-        """The value and the ends of its interval, rounded by the interval."""
+    def written(self) -> str:
+        """The value, rounded by its interval; empty for none."""
         if self.value is None:
+            return ""
+        return fixed(self.value, digits_of(self.value, self.low, self.high).value)
+
+    def interval(self) -> tuple[str, ...]:
+        """The half-width of an even interval, the ends of another, or nothing."""
+        if self.value is None or self.low is None or self.high is None:
             return ()
-        digits, digits_of_ends = digits_of(self.value, self.low, self.high)
-        value = fixed(self.value, digits)
-        if self.low is None or self.high is None:
-            return (value,)
-        return value, fixed(self.low, digits_of_ends), fixed(self.high, digits_of_ends)
+        digits = digits_of(self.value, self.low, self.high).ends
+        above = self.high - self.value
+        below = self.value - self.low
+        is_even = 0 < max(above, below) <= EVEN * min(above, below)
+        if is_even and "e" not in self.written():
+            return (f"{max(above, below):.{max(digits, 0)}f}",)
+        return fixed(self.low, digits), fixed(self.high, digits)
 
 
 @dataclass(frozen=True)
@@ -111,6 +125,9 @@ class Words:
 
     def head_tex(self) -> str:
         return f"{{{self.head}}}"
+
+    def unit_tex(self) -> str:
+        return ""
 
     def cells_tex(self) -> list[list[str]]:
         texts = []
@@ -134,66 +151,119 @@ class Numbers:
     cells: Sequence[Stated | Estimated]
 
     def has_intervals(self) -> bool:
-        return any(len(cell.written()) > 1 for cell in self.cells)
+        return any(cell.interval() for cell in self.cells)
 
     def values(self) -> list[str]:
-        return [cell.written()[0] if cell.written() else NO_NUMBER for cell in self.cells]
+        return [cell.written() or NO_NUMBER for cell in self.cells]
 
     def formats(self) -> str:
         of_values = f"S[table-format={table_format(self.values())}]"
         return rf"{of_values} @{{\ }}l" if self.has_intervals() else of_values
 
     def head_tex(self) -> str:
-        head = self.head.tex() if isinstance(self.head, Symbol) else self.head
-        return rf"\multicolumn{{2}}{{c}}{{{head}}}" if self.has_intervals() else f"{{{head}}}"
+        head = f"${self.head.in_tex}$" if isinstance(self.head, Symbol) else self.head
+        return self.over_columns(head)
+
+    def unit_tex(self) -> str:
+        """The unit, as it stands below the head. What was asked for has the units of what was
+        estimated."""
+        is_estimate = any(isinstance(cell, Estimated) for cell in self.cells)
+        if not isinstance(self.head, Symbol) or not is_estimate:
+            return self.over_columns("")
+        unit = rf"\unit{{{self.head.unit_in_tex}}}"
+        if self.head.scale != 1:
+            power = -round(math.log10(self.head.scale))
+            unit = rf"\num{{e{power}}} {unit}"
+        return self.over_columns(f"({unit})")
+
+    def over_columns(self, text: str) -> str:
+        """A text above the column of values and that of intervals."""
+        return rf"\multicolumn{{2}}{{c}}{{{text}}}" if self.has_intervals() else f"{{{text}}}"
 
     def cells_tex(self) -> list[list[str]]:
         if not self.has_intervals():
             return [self.values()]
         intervals = []
         for cell in self.cells:
-            ends = cell.written()[1:]
-            intervals.append(rf"[\num{{{ends[0]}}}, \num{{{ends[1]}}}]" if ends else "")
+            numbers = [rf"\num{{{number}}}" for number in cell.interval()]
+            intervals.append(rf"$\pm$ {numbers[0]}" if len(numbers) == 1 else in_brackets(numbers))
         return [self.values(), intervals]
 
     def markdown(self) -> list[str]:
         texts = [self.head.markdown() if isinstance(self.head, Symbol) else self.head]
         for cell in self.cells:
-            value, *ends = cell.written() or ("–",)
-            texts.append(f"{value} [{', '.join(ends)}]" if ends else value)
+            numbers = cell.interval()
+            interval = f"± {numbers[0]}" if len(numbers) == 1 else in_brackets(numbers)
+            texts.append(f"{cell.written() or '–'} {interval}".rstrip())
         return texts
+
+
+def in_brackets(ends: Sequence[str]) -> str:
+    """The ends of an interval; empty for none."""
+    return f"[{', '.join(ends)}]" if ends else ""
 
 
 @dataclass(frozen=True)
 class PaperTable:
-    """A table, and what is said below it."""
+    """A table, and what is said below it.
+
+    Attributes
+    ----------
+    columns
+        From left to right.
+    notes
+        Sentences for its caption.
+    parts
+        Words that many rows below one another share, as a column of the Markdown and as a line
+        above these rows in LaTeX, where a page has no room for them; None: there are none.
+    """
 
     columns: Sequence[Words | Numbers]
     notes: Sequence[str]
+    parts: Words | None = None
 
     def to_tex(self, origin: str) -> str:
         r"""The table as a `tabular` of booktabs and siunitx (version 3), to be `\input`."""
         formats = " ".join(column.formats() for column in self.columns)
-        head = " & ".join(column.head_tex() for column in self.columns)
-        cells = [texts for column in self.columns for texts in column.cells_tex()]
-        rows = [" & ".join(row) for row in zip(*cells, strict=True)]
+        heads = [" & ".join(column.head_tex() for column in self.columns)]
+        units = [column.unit_tex() for column in self.columns]
+        if any(r"\unit" in unit for unit in units):
+            heads.append(" & ".join(units))
         lines = [
             f"% {origin}",
-            r"% \usepackage{booktabs, siunitx}; \input this file in a table environment.",
+            r"% \usepackage{booktabs, siunitx}; \input this file in a table environment (table* in",
+            r"% two columns), with a caption that says:",
             *(f"% {note}" for note in self.notes),
+            r"\begingroup\footnotesize\setlength{\tabcolsep}{2pt}\sisetup{per-mode=symbol}%",
             rf"\begin{{tabular}}{{{formats}}}",
             r"\toprule",
-            rf"{head} \\",
+            *(rf"{head} \\" for head in heads),
             r"\midrule",
-            *(rf"{row} \\" for row in rows),
+            *(rf"{row} \\" for row in self.rows_tex()),
             r"\bottomrule",
-            r"\end{tabular}",
+            r"\end{tabular}\endgroup",
         ]
         return "\n".join(lines) + "\n"
 
+    def rows_tex(self) -> list[str]:
+        """The rows in LaTeX, with a line above those of each part."""
+        cells = [texts for column in self.columns for texts in column.cells_tex()]
+        rows = [" & ".join(row) for row in zip(*cells, strict=True)]
+        if self.parts is None:
+            return rows
+        lines: list[str] = []
+        last = ""
+        for (part,), row in zip(zip(*self.parts.cells_tex(), strict=True), rows, strict=True):
+            if part != last:
+                lines.append(rf"\multicolumn{{{len(cells)}}}{{l}}{{\itshape {part}}}")
+            lines.append(row)
+            last = part
+        return lines
+
     def to_markdown(self, origin: str) -> str:
         """The table in Markdown, with a number and its interval in one cell."""
-        rows = zip(*(column.markdown() for column in self.columns), strict=True)
+        columns = [*filter(None, [self.parts]), *self.columns]
+        rows = zip(*(column.markdown() for column in columns), strict=True)
         below = "".join(f"\n{note}\n" for note in (*self.notes, f"{origin}."))
         return markdown_table(list(rows)) + below
 
@@ -236,26 +306,47 @@ def conditions_table(impedance: pl.DataFrame) -> PaperTable:
     keys = [name for name in ("joint", "side", "excitation") if has_several(whole, name)]
     keys += [name for name in ("controller", *STATED) if has_any(whole, name)]
     groups = whole.partition_by([*keys, "alone"], maintain_order=True)
+    groups = [groups[place] for place in order_of(groups, keys)]
     used = [counted(rows) for rows in groups]
 
     columns: list[Words | Numbers] = []
+    parts = None
     if (whole["alone"] != "").any():
         columns.append(Words("trial", [rows["alone"][0] for rows in groups]))
     for name in keys:
         stated = [rows[name][0] for rows in groups]
         if name in STATED:
             columns.append(Numbers(STATED[name], [Stated(value) for value in stated]))
+        elif name == "controller":
+            parts = Words(name, [value or "–" for value in stated])
         else:
             columns.append(Words(name, [value or "–" for value in stated]))
     columns.append(Words("n", [f"{len(rows)}{doubtful_sign(rows)}" for rows in used]))
     for name, symbol in ESTIMATED.items():
         if has_any(whole, name):
-            columns.append(Numbers(symbol, [estimate_of(rows, name) for rows in used]))
+            estimates = [estimate_of(rows, name, symbol.scale) for rows in used]
+            columns.append(Numbers(symbol, estimates))
 
-    notes = [f"n: trials. In brackets: {', '.join(interval_kinds(used))}."]
+    notes = [f"n: trials. Intervals, ± or in brackets: {', '.join(interval_kinds(used))}."]
     if any(map(doubtful_sign, used)):
         notes.append(f"{DOUBTFUL_SIGN}: with a doubtful fit.")
-    return PaperTable(columns, notes)
+    return PaperTable(columns, notes, parts)
+
+
+def order_of(groups: Sequence[pl.DataFrame], keys: Sequence[str]) -> list[int]:
+    """The places of conditions in their order: by K_d and B_d upwards, within the order of the
+    others as they come, of which the controller is the last."""
+    firsts = [rows.row(0, named=True) for rows in groups]
+    others = [name for name in keys if name not in STATED]
+    seen = list(dict.fromkeys(tuple(row[name] for name in others) for row in firsts))
+
+    def rank(place: int) -> tuple[float, ...]:
+        row = firsts[place]
+        desired = [row[name] for name in STATED if name in keys]
+        first_seen = seen.index(tuple(row[name] for name in others))
+        return (first_seen, *(math.inf if value is None else value for value in desired))
+
+    return sorted(range(len(groups)), key=rank)
 
 
 def interval_kinds(used: Sequence[pl.DataFrame]) -> list[str]:
@@ -286,17 +377,22 @@ def doubtful_sign(rows: pl.DataFrame) -> str:
     return DOUBTFUL_SIGN if is_doubtful else ""
 
 
-def estimate_of(used: pl.DataFrame, name: str) -> Estimated:
-    """A quantity of one condition: that of its trial, or the mean of several."""
+def estimate_of(used: pl.DataFrame, name: str, scale: float) -> Estimated:
+    """A quantity of one condition: that of its trial, or the mean of several; times a `scale`."""
     if len(used) > 1:
-        return mean_of(summary_row(used, name))
+        return mean_of(summary_row(used, name), scale)
     row = used.row(0, named=True)
-    return Estimated(row[name], row.get(f"{name}_low"), row.get(f"{name}_high"))
+    return scaled((row[name], row.get(f"{name}_low"), row.get(f"{name}_high")), scale)
 
 
-def mean_of(row: Mapping[str, Any]) -> Estimated:
-    """The mean of a row of `summary_row`."""
-    return Estimated(row["mean"], row["low"], row["high"])
+def mean_of(row: Mapping[str, Any], scale: float = 1.0) -> Estimated:
+    """The mean of a row of `summary_row`, times a `scale`."""
+    return scaled((row["mean"], row["low"], row["high"]), scale)
+
+
+def scaled(numbers: Sequence[float | None], scale: float) -> Estimated:
+    """A value and the ends of its interval, times a `scale`."""
+    return Estimated(*(None if number is None else scale * number for number in numbers))
 
 
 def components_table(summaries: Mapping[str, pl.DataFrame], beside_draft: bool) -> PaperTable:
@@ -330,4 +426,4 @@ def components_table(summaries: Mapping[str, pl.DataFrame], beside_draft: bool) 
     columns.append(Words("n", [str(row["n"]) for row in measured]))
     if beside_draft:
         columns.append(Numbers("draft", [Stated(value) for value in printed]))
-    return PaperTable(columns, ["n: trials. In brackets: 95 % intervals of the mean."])
+    return PaperTable(columns, ["n: trials. Intervals, ± or in brackets: 95 % of the mean."])

@@ -338,7 +338,7 @@ def time_base_rows(time_base: pl.DataFrame) -> list[list[str]]:
     for column in time_base:
         cells = [column.name, *map(cell_text, column)]
         if column.name == "signals":
-            rows.insert(0, [*cells, ""])
+            rows.insert(0, [*cells, "meaning"])
         elif column.name not in ("trial", "joint", "side", "data") and column.count():
             rows.append([*cells, unit_and_meaning(column.name, "timebase")["meaning"]])
     return rows

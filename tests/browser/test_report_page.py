@@ -340,6 +340,28 @@ def test_on_paper_no_text_is_smaller_than_eight_points_and_no_figure_than_its_ow
     assert min(scales) >= 1, "a figure is drawn for its own size, with text of 8 pt"
 
 
+LETTERS_OF_AXES = """
+window.dispatchEvent(new Event("beforeprint"));
+const root = Bokeh.documents[0].roots()[0];
+const names = ["axis_label_text_font_size", "major_label_text_font_size"];
+const letters = names.map((name) => parseFloat(root.left[0][name]));
+const width = document.querySelector(".plots .on-paper").width / devicePixelRatio;
+window.dispatchEvent(new Event("afterprint"));
+return [...letters, width, parseFloat(root.left[0].major_label_text_font_size)];
+"""
+
+
+def test_on_paper_the_letters_of_a_trial_s_axes_have_seven_points(page):
+    page.execute_script("location.hash = 'trial=impedance_K300_B5.0_compensated'")
+    wait(page, lambda: page.execute_script("return Bokeh.documents.length"))
+
+    *letters, width, afterwards = page.execute_script(LETTERS_OF_AXES)
+
+    on_paper_pt = min(letters) * 680 / width * 72 / 96  # 680 px: A4 less its margins
+    assert on_paper_pt >= 7
+    assert afterwards == 11, "those of the screen are as before"
+
+
 def test_the_header_leaves_a_phone_its_screen(page):
     screen(page, 360, 740)
 

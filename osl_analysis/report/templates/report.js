@@ -239,10 +239,26 @@
     for (const frame of frames) frame.readings = new PlotReadings(frame, views.get(frame.plot));
   }
 
-  // on paper a plot is a picture of what the screen shows, as wide as the page
+  const LABELS = 13, NUMBERS = 11;  // px, of the letters of axes on the screen
+  const PAPER_WIDTH = 680;  // px, of A4 less its margins
+  const PAPER_LETTERS = 9.6;  // px: 7.2 pt
+
+  function sizeLetters(plot, labels, numbers) {
+    for (const axis of [...plot.below, ...plot.left]) {
+      axis.axis_label_text_font_size = `${labels}px`;
+      axis.major_label_text_font_size = `${numbers}px`;
+    }
+  }
+
+  // on paper a plot is a picture of what the screen shows, as wide as the page, with larger letters
   window.addEventListener("beforeprint", () => {
     for (const { plot, box } of drawn?.frames ?? []) {
-      const { canvas } = drawn.views.get(plot).export("png", true);
+      const view = drawn.views.get(plot);
+      const size = Math.round(PAPER_LETTERS * Math.max(1, box.clientWidth / PAPER_WIDTH));
+      sizeLetters(plot, Math.max(size, LABELS), Math.max(size, NUMBERS));
+      view.invalidate_layout();
+      view.paint();
+      const { canvas } = view.export("png", true);
       const picture = element("canvas", { class: "on-paper", width: canvas.width, height: canvas.height });
       picture.getContext("2d").drawImage(canvas, 0, 0);
       box.after(picture);
@@ -250,6 +266,7 @@
   });
   window.addEventListener("afterprint", () => {
     for (const picture of document.querySelectorAll(".on-paper")) picture.remove();
+    for (const { plot } of drawn?.frames ?? []) sizeLetters(plot, LABELS, NUMBERS);
   });
 
   // --- one trial
@@ -332,7 +349,7 @@
       files.length ? table(["role", "file", "bytes", "SHA-256", "source file"], files, { caption: "files" }) : element("p", {}, "It was not ingested."),
       signals.length ? folded("Signals: which channel became which", table(["signal", "file", "channel and conversion"], signals, { caption: "signals" })) : null,
       facts.length ? folded("Clocks, stamps, decoding, software", table(["fact", "value"], facts, { caption: "facts" })) : null,
-      content.time_base.length ? folded("Time base of the fit", table([], content.time_base, { caption: "time base" })) : null,
+      content.time_base.length ? folded("Time base of the fit", table(content.time_base[0], content.time_base.slice(1), { caption: "time base" })) : null,
     );
   }
 

@@ -150,6 +150,8 @@ def unchecked_in_impedance(row: AnyRow) -> Iterator[str]:
         yield "whether K changes while it is recorded"
     if (cell_number(row, "clocks") or 1) > 1 and lacks(row, "clock_drift_ppm"):
         yield "whether the clocks of angle and torque drift apart"
+    if lacks(row, "K_ratio") and not cell_number(row, "K_se_bench"):
+        yield "whether the gain of torque over angle is right"
     low, high = cell_number(row, "K_low"), cell_number(row, "K_high")
     if low is not None and high is not None and high - low < WEIGHT_IN_K:
         yield "whether a fixture's weight is in K"

@@ -791,3 +791,21 @@ def test_a_walking_laboratory_is_drafted_without_the_subject_of_its_markers(tmp_
     written = yaml.safe_load((tmp_path / "mine/config.yaml").read_text())["walking"]
     assert written["markers"]["ankle_medial"] == "R_TAM"
     assert written["markers"]["platform"] == ["PLAT1", "PLAT2", "PLAT3"]
+
+
+def test_a_fixture_alone_is_a_calibration_and_does_not_tell_the_sign_of_the_torque(tmp_path):
+    """Of its inertia alone, which comes first by its name, the torque falls as the angle rises."""
+    time = np.arange(2000) / 100
+    angle = 4 * np.sin(6 * time)
+    torque = {"fixture": -0.005 * angle, "impedance_K80": 1.4 * angle}
+    for name, values in torque.items():
+        rows = np.column_stack([time, angle, values])
+        header = "time [s],joint angle [deg],torque [Nm]"
+        np.savetxt(tmp_path / f"{name}.csv", rows, "%.5f", ",", header=header, comments="")
+
+    draft = draft_campaign(tmp_path)
+
+    cells = {trial.cells["trial"]: trial.cells for trial in draft.trials}
+    assert cells["fixture"]["experiment"] == "calibration"
+    assert cells["fixture"]["fixture"] == "alone"
+    assert "sign: -1" not in draft.sources["csv"]

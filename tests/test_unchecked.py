@@ -1,5 +1,7 @@
 """What is told to be unchecked in a row: only what could change K much."""
 
+import pytest
+
 from osl_analysis.judge.judging import unchecked_in
 from osl_analysis.judge.words import finding_text
 
@@ -50,7 +52,7 @@ GAIN = "whether the gain of torque over angle is right"
 
 
 def test_without_known_gains_of_a_controller_it_says_which_gain_of_the_bench_would_pass():
-    own = {"trial": "a", "K_ratio": None, "K_over_K_d": 0.9, "K_se_bench": 0.0}
+    own = {"trial": "a", "gain_error": None, "K_over_K_d": 0.9}
 
     (finding,) = (one for one in unchecked_in("impedance", own) if one.cause == GAIN)
     text = finding_text(finding, own)
@@ -61,7 +63,14 @@ def test_without_known_gains_of_a_controller_it_says_which_gain_of_the_bench_wou
 
 
 def test_a_gain_is_checked_by_a_device_or_by_its_stated_uncertainty():
-    own = {"trial": "a", "K_ratio": None, "K_over_K_d": 0.9, "K_se_bench": 0.0}
+    own = {"trial": "a", "gain_error": 0.0, "K_over_K_d": 0.9}
 
-    assert GAIN not in unchecked_causes("impedance", own | {"K_ratio": 1.0})
-    assert GAIN not in unchecked_causes("impedance", own | {"K_se_bench": 0.2})
+    assert GAIN not in unchecked_causes("impedance", own)
+
+
+@pytest.mark.parametrize("table", ["impedance", "transmission", "torque_angle"])
+def test_a_fixture_is_unchecked_until_something_of_it_is_taken_off(table):
+    cause = "what turns with the joint behind the load cell"
+
+    assert cause in unchecked_causes(table, {"trial": "a", "fixture": None})
+    assert cause not in unchecked_causes(table, {"trial": "a", "fixture": "inertia 0.01"})

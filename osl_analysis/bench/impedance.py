@@ -303,6 +303,8 @@ def fit_and_judge_impedance(
         None if predicted is None else predicted[0],
         None if desired is None else desired.K_d,
     )
+    if predicted is None and record.calibration.torque_gain:
+        table = table.with_columns(gain_error=pl.lit(0.0))  # a known spring holds it
 
     gap = pl.lit(None, pl.Float64)
     if predicted is not None and gains is not None and gains.cancels_friction:

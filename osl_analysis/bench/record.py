@@ -17,6 +17,7 @@ from osl_analysis.bench.bench_settings import (
     BenchAnalysis,
     BenchStiffness,
     Calibration,
+    Fixture,
     SteppedSineAnalysis,
 )
 from osl_analysis.bench.rounded_signals import drawn_roundings, repeated_share_of
@@ -109,6 +110,11 @@ class Record:
     def bench(self) -> BenchStiffness | None:
         """Stiffness of the bench; None: it is rigid."""
         return self.settings.bench_stiffness if self.settings else None
+
+    @property
+    def fixture(self) -> Fixture | None:
+        """The fixture of the settings; None without one."""
+        return self.settings.fixture if self.settings else None
 
     @property
     def calibration(self) -> Calibration:

@@ -123,7 +123,7 @@ rule fit_calibration:
         trial=one_of(CAMPAIGN.trials("calibration")),
     params:
         settings=CONFIG.dynamometer.part("ImpedanceAnalysis"),
-        condition=cells("known_K", "known_I", "known_percent"),
+        condition=cells("known_K", "known_I", "known_percent", "fixture"),
         made_by=MADE_BY,
     run:
         job("bench.fit_calibration_trial", input, output, params, log)

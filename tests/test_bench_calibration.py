@@ -22,14 +22,16 @@ from test_dictionary import described
 
 from osl_analysis.bench.analysis import analysed
 from osl_analysis.bench.belt import belt_table, fit_branches
-from osl_analysis.bench.bench_settings import BeltAnalysis, Calibration
+from osl_analysis.bench.bench_settings import BeltAnalysis, Calibration, Fixture
 from osl_analysis.bench.coulomb import coulomb_fits
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums, sums_of
+from osl_analysis.bench.fixture import fixture_of, with_fixture
 from osl_analysis.bench.frequency_response import frequency_response_table
 from osl_analysis.bench.group_fit import GroupFit
 from osl_analysis.bench.known_spring import Known, LateFits, bench_estimates
 from osl_analysis.bench.measured_components import covariance_of_means
 from osl_analysis.bench.phasors import phasor_table, phasors_of_record
+from osl_analysis.bench.recorded_motion import record_of_trial
 from osl_analysis.bench.torque_angle_tables import curve_table, torque_angle_table
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.commands.bench import fitted_trial
@@ -317,6 +319,52 @@ def test_a_known_inertia_tells_them_too_with_its_bearing_and_weight():
         InputError, match=r"spring: a calibration needs what is known; fill in known_K"
     ):
         calibrated(trial)
+
+
+@pytest.mark.parametrize(("weight", "rest_deg"), [(0.8, 0.0), (-0.8, 180.0)])
+def test_a_fixture_alone_gives_its_inertia_and_weight_and_what_to_write(weight, rest_deg):
+    """Upright, its weight drives the motion, and it hangs on the other side."""
+    trial = spring(K=0.0, weight=weight, I=0.012)
+
+    row = calibrated(trial, fixture="alone")
+
+    for name, true, within in (("inertia", 0.012, 3e-4), ("weight", 0.8, 0.05)):
+        assert abs(row[name] - true) < 4 * row[f"{name}_se"] < 2 * within, name
+        assert row[f"{name}_low"] < true < row[f"{name}_high"]
+    assert row["rest_deg"] == pytest.approx(rest_deg, abs=0.5)
+    assert (row["doubtful"], row["gain"], row["lag_s"]) == ("", None, None)
+    stated = parsed_yaml(row["to_state"])[1]["fixture"]
+    assert stated["inertia"] == pytest.approx(row["inertia"], rel=1e-3)
+    assert stated["weight_error"] == pytest.approx(row["weight_se"], rel=0.05)
+    assert {"trial", *row} == set(described("tables/calibration")) - {"joint", "side", "data"}
+
+
+def test_a_stated_fixture_is_taken_off_and_its_errors_are_in_the_intervals():
+    """By hand: its inertia's error is one of I, that of its weight, hanging, one of K."""
+    stated = {"inertia": 0.012, "weight": 0.8, "inertia_error": 5e-3, "weight_error": 5.0}
+    bench = CONFIG.dynamometer.model_copy(update={"fixture": Fixture(**stated)})
+    joint = spring(K=100.0, weight=0.8, I=0.042)
+
+    def fit_of(settings):
+        trial = with_fixture(joint, settings.fixture)
+        record = record_of_trial(trial, settings)
+        analysis = analysed(record, plain_sums(record, IMPEDANCE), IMPEDANCE)
+        return analysis.row(None, *TRUE)
+
+    row, plain = fit_of(bench), fit_of(CONFIG.dynamometer)
+
+    assert row["I"] == pytest.approx(0.030, abs=1e-3)
+    assert plain["K"] - row["K"] == pytest.approx(0.8, rel=0.01)
+    assert plain["I"] - row["I"] == pytest.approx(0.012, rel=0.01)
+    assert row["I_se_bench"] == pytest.approx(5e-3, rel=0.01)
+    assert row["K_se_bench"] == pytest.approx(5.0, rel=0.01)
+
+
+def test_a_fixture_of_the_sheet_comes_before_that_of_the_settings():
+    provenance = {"columns": {"torque": {"fixture": {"inertia": 0.02}}}}
+    trial = Trial("a", spring().samples, provenance)
+
+    assert fixture_of(with_fixture(trial, Fixture(inertia=0.012))) == {"inertia": 0.02}
 
 
 def test_the_error_of_a_fixtures_inertia_has_that_of_the_gain_and_their_covariance():

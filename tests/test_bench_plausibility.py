@@ -272,13 +272,52 @@ def test_a_stiffness_far_from_what_the_gains_should_give_is_doubtful(factor, sid
 
 
 @pytest.mark.usefixtures("without_inference")
-@pytest.mark.parametrize(("factor", "side"), [(1e-3, "below"), (1.86, "above"), (0.7, None)])
+@pytest.mark.parametrize(
+    ("factor", "side"),
+    [(1e-3, "below"), (1.86, "above"), (0.7, None), (1.1, "above"), (1.04, None)],
+)
 def test_a_stiffness_unlike_k_d_is_doubtful_where_the_gains_are_not_known(factor, side):
     asked = DesiredImpedance("own", 200, None)
     row = judged("impedance", changed("impedance", torque=factor), asked=asked)
     assert row["K_over_K_d"] == pytest.approx(factor, rel=0.02)
     assert row["beyond"].get("K_over_K_d") == side
     assert row["doubtful"].partition("; ")[0] == ("stiffness unlike K_d" if side else "")
+
+
+@pytest.mark.parametrize(
+    ("K", "K_without_friction", "gain_error"),
+    [
+        (200.0, None, 0.0),
+        (220.0, None, 220 / 200 / 1.06 - 1),
+        (180.0, None, 180 / 200 / 0.94 - 1),
+        (220.0, 205.0, 0.0),  # friction raised it
+        (200.0, 180.0, 180 / 200 / 0.94 - 1),  # friction hid it
+    ],
+)
+def test_a_gain_is_wrong_by_what_friction_and_a_sound_leg_do_not_explain(
+    K, K_without_friction, gain_error
+):
+    """By hand: linear theory gives 200 N*m/rad, and sound legs 0.94 to 1.06 of it."""
+    row = pl.DataFrame(
+        {
+            "trial": "a",
+            "amplitude_deg": [2.0, None],
+            "K": [K, 1.02 * K],
+            "K_without_friction": pl.Series([None, K_without_friction], dtype=pl.Float64),
+        }
+    )
+
+    found = plausible_impedance(row, pl.lit(0), LEG, predicted=200.0).row(-1, named=True)
+
+    assert found["gain_error"] == pytest.approx(gain_error, abs=1e-12)
+    assert found["K_ratio"] == pytest.approx(K / 200)
+
+
+@pytest.mark.usefixtures("without_inference")
+@pytest.mark.parametrize(("gain", "side"), [(0.9, "below"), (1.0, None), (1.1, "above")])
+def test_a_gain_that_is_10_percent_off_is_doubtful_beside_known_gains(gain, side):
+    row = judged("impedance", changed("impedance", torque=gain), asked=KNOWN)
+    assert row["beyond"].get("gain_error") == side
 
 
 @pytest.mark.usefixtures("without_inference")

@@ -1,6 +1,9 @@
 """What is told to be unchecked in a row: only what could change K much."""
 
+import pytest
+
 from osl_analysis.judge.judging import unchecked_in
+from osl_analysis.judge.words import finding_text
 
 WALKED = {"group": "all", "K": 300.0, "plate_K_per_m": 100.0}
 
@@ -43,3 +46,31 @@ def test_a_component_is_noted_if_it_is_10_percent_off_its_file():
 
     assert unchecked_causes("belt", near) == []
     assert unchecked_causes("belt", far) == ["K_s is not that of the parameter file"]
+
+
+GAIN = "whether the gain of torque over angle is right"
+
+
+def test_without_known_gains_of_a_controller_it_says_which_gain_of_the_bench_would_pass():
+    own = {"trial": "a", "gain_error": None, "K_over_K_d": 0.9}
+
+    (finding,) = (one for one in unchecked_in("impedance", own) if one.cause == GAIN)
+    text = finding_text(finding, own)
+
+    assert "the gain may be 0.85 to 1.36" in text  # 0.9 / 1.06, 0.9 / 0.66
+    unknown = own | {"K_over_K_d": None}
+    assert "any gain" in finding_text(finding, unknown)
+
+
+def test_a_gain_is_checked_by_a_device_or_by_its_stated_uncertainty():
+    own = {"trial": "a", "gain_error": 0.0, "K_over_K_d": 0.9}
+
+    assert GAIN not in unchecked_causes("impedance", own)
+
+
+@pytest.mark.parametrize("table", ["impedance", "transmission", "torque_angle"])
+def test_a_fixture_is_unchecked_until_something_of_it_is_taken_off(table):
+    cause = "what turns with the joint behind the load cell"
+
+    assert cause in unchecked_causes(table, {"trial": "a", "fixture": None})
+    assert cause not in unchecked_causes(table, {"trial": "a", "fixture": "inertia 0.01"})

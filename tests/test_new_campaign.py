@@ -697,3 +697,21 @@ def test_a_trc_that_tells_which_axis_points_up_drafts_the_axes_of_all(tmp_path):
     source = (tmp_path / "mine/sources/trc.yaml").read_text(encoding="utf-8")
     assert 'axes: ["x", "-z", "y"]' in source
     assert questions == []
+
+
+def test_a_fixture_alone_is_a_calibration_and_does_not_tell_the_sign_of_the_torque(tmp_path):
+    """Of its inertia alone, which comes first by its name, the torque falls as the angle rises."""
+    time = np.arange(2000) / 100
+    angle = 4 * np.sin(6 * time)
+    torque = {"fixture": -0.005 * angle, "impedance_K80": 1.4 * angle}
+    for name, values in torque.items():
+        rows = np.column_stack([time, angle, values])
+        header = "time [s],joint angle [deg],torque [Nm]"
+        np.savetxt(tmp_path / f"{name}.csv", rows, "%.5f", ",", header=header, comments="")
+
+    draft = draft_campaign(tmp_path)
+
+    cells = {trial.cells["trial"]: trial.cells for trial in draft.trials}
+    assert cells["fixture"]["experiment"] == "calibration"
+    assert cells["fixture"]["fixture"] == "alone"
+    assert "sign: -1" not in draft.sources["csv"]

@@ -121,7 +121,7 @@ class Analysis:
         }
 
     def calibrated(self, fit: GroupFit, label: Label = None) -> GroupFit:
-        """Add the stated errors of the bench's calibration to the intervals of a fit.
+        """Add the stated errors of the bench's calibration and fixture to the intervals of a fit.
 
         Comparisons within a trial do not include them.
 
@@ -134,7 +134,8 @@ class Analysis:
         """
         record = self.record
         stated = record.calibration
-        if stated == NOT_STATED:
+        fixture = record.fixture
+        if stated == NOT_STATED and fixture is None:
             return fit
         rows = record.rows(label)
         sign = record.low_pass(np.tanh(record.motion.omega / SIGN_WIDTH), record.rate_hz)
@@ -145,6 +146,11 @@ class Analysis:
         column_of = {**FURTHER_COLUMNS, **self.model}
         X = np.column_stack([columns[column_of.get(name, name)][rows] for name in names])
         torques = torque_errors(record.filtered_torque, record.rate_hz, rows, stated)[:, rows]
+        if fixture is not None:
+            theta, alpha = record.motion.theta[rows], record.motion.alpha[rows]
+            sine = np.sin(theta - np.deg2rad(fixture.rest_deg))
+            of_fixture = [fixture.inertia_error * alpha, fixture.weight_error * sine]
+            torques = np.vstack([torques, *of_fixture])
         by_torques = np.linalg.lstsq(X, torques.T)[0]
         by_torques = by_torques[[names.index(name) for name in fit.names]]
 

@@ -143,11 +143,28 @@ class Calibration(Settings):
 NOT_STATED = Calibration()
 
 
+class Fixture(Settings):
+    """What turns with the joint between it and the load cell, such as a clamp, as a calibration of
+    the fixture alone measures it. Its torque is taken off every trial of the bench."""
+
+    inertia: NotNegative = 0.0  # about the axis [kg*m^2]
+    weight: NotNegative = 0.0  # torque [N*m] with its centre level with the axis, m g r
+    rest_deg: Annotated[float, Field(ge=-180, le=360)] = 0.0  # angle [deg] at which it hangs
+    inertia_error: NotNegative = 0.0  # standard uncertainty [kg*m^2]; 0: not stated
+    weight_error: NotNegative = 0.0  # standard uncertainty [N*m]; 0: not stated
+
+    @property
+    def arguments(self) -> dict[str, float]:
+        """Those of `signals.grid.fixture_torque`."""
+        return {"inertia": self.inertia, "weight": self.weight, "rest_deg": self.rest_deg}
+
+
 class BenchAnalysis(FilterSettings):
     """What the fits of all trials on the dynamometer share."""
 
     bench_stiffness: BenchStiffness | None = None  # null: the bench does not yield
     calibration: Calibration = NOT_STATED  # what is not known of torque and angle
+    fixture: Fixture | None = None  # what turns with the joint behind the load cell; null: nothing
     # [rad] by which a joint turns at most, to each side
     largest_angle: Annotated[float, Field(gt=0, le=3.2)] = 1.2
     # largest torque [N*m] that the load cell measures; null: not stated

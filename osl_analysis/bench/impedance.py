@@ -17,6 +17,7 @@ from osl_analysis.bench.analysis import (
     share_of_inertia,
     without_lag,
 )
+from osl_analysis.bench.angle_drift import angle_drift_deg
 from osl_analysis.bench.effects import IMPEDANCE
 from osl_analysis.bench.group_fit import GroupFit
 from osl_analysis.bench.group_sums import Sums, estimates_of, solved
@@ -164,6 +165,7 @@ def impedance_table(
         **motion_row(record),
         **belt_row(belt, p),
         **change_row(record, s, fits[None].clock_drift),
+        "angle_drift_deg": angle_drift_deg(analysis),
     }
     over_amplitudes = amplitudes_row(analysis)
     rows: list[Row] = []
@@ -303,6 +305,8 @@ def fit_and_judge_impedance(
         None if predicted is None else predicted[0],
         None if desired is None else desired.K_d,
     )
+    if predicted is None and record.calibration.torque_gain:
+        table = table.with_columns(gain_error=pl.lit(0.0))  # a known spring holds it
 
     gap = pl.lit(None, pl.Float64)
     if predicted is not None and gains is not None and gains.cancels_friction:

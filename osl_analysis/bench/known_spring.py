@@ -9,6 +9,7 @@ import polars as pl
 from osl_analysis.bench import effects
 from osl_analysis.bench.analysis import QUANTITIES, Analysis, widened
 from osl_analysis.bench.effects import IMPEDANCE
+from osl_analysis.bench.fixture import fixture_row
 from osl_analysis.bench.group_fit import GroupFit
 from osl_analysis.bench.joint_inference import suspected_fault_of_losses
 from osl_analysis.bench.late_torque import LateFit, late_fit
@@ -30,6 +31,7 @@ class Known:
     stiffness: float | None  # [N*m/rad]
     inertia: float | None  # [kg*m^2]
     share: float = 0.0  # their relative standard uncertainty
+    is_fixture_alone: bool = False  # nothing else turns: its own inertia and weight are measured
 
 
 @dataclass(frozen=True)
@@ -84,16 +86,21 @@ def calibration_table(analysis: Analysis, known: Known) -> pl.DataFrame:
     Raises
     ------
     InputError
-        Nothing is known.
+        Nothing is known, and it is no fixture alone.
     IdentifiabilityError
         As `fit_groups`.
     """
     record = analysis.record
+    if known.is_fixture_alone:
+        absent: Row = dict.fromkeys(NOT_OF_A_FIXTURE)
+        row_of_fixture = {"trial": record.name, **absent, **fixture_row(analysis)}
+        return typed_table(row_of_fixture)
     of = known.stiffness or known.inertia
     if not of or of < 0:
         raise InputError(
             f"trial {record.name}: a calibration needs what is known; fill in known_K [N*m/rad] of"
-            " its spring, or known_I [kg*m^2] of its inertia, in the sample sheet"
+            " its spring, known_I [kg*m^2] of its inertia, or `alone` under fixture, in the sample"
+            " sheet"
         )
     fits = late_fits(record, known.stiffness is not None)
     fit = bench_estimates(record, fits, known, of)
@@ -110,6 +117,7 @@ def calibration_table(analysis: Analysis, known: Known) -> pl.DataFrame:
             fixture[f"{name}{ending}"] = None
     row: Row = {
         "trial": record.name,
+        "rest_deg": None,
         "known_K": known.stiffness,
         "known_I": known.inertia,
         "known_share": known.share,
@@ -126,7 +134,20 @@ def calibration_table(analysis: Analysis, known: Known) -> pl.DataFrame:
         **analysis.time_base_row(None, QUANTITIES),
         "explanations": explanations,
     }
-    table = pl.DataFrame([row], infer_schema_length=None)
+    return typed_table(row)
+
+
+NOT_OF_A_FIXTURE = (
+    "known_K", "known_I", "known_share", "certain_lag_s", "certain_gain_error", "explanations",
+    *(f"{name}{ending}" for name in ("lag_s", "gain", "B", "T_C") for ending in INTERVAL_ENDS),
+)  # fmt: skip
+"""Columns that a recording of the fixture alone does not fill."""
+
+
+def typed_table(row: Row) -> pl.DataFrame:
+    """A row of `calibration.csv`, whose numbers that are not known are null."""
+    texts = {"explanations": pl.String}
+    table = pl.DataFrame([row], schema_overrides=texts, infer_schema_length=None)
     return table.with_columns(pl.col(pl.Null).cast(pl.Float64))
 
 

@@ -18,6 +18,10 @@ TURN_TORQUE = Change(
     "turn the `sign` of the torque, or of all angles, in the source file", {"torque": -1.0}
 )
 BELT_TOLERANCE = 1.1  # times K_s of the parameter file, above which no motor renders a K
+RENDERED = (0.94, 1.06)
+"""K without friction over that of linear theory, from and to which a sound leg renders it. Legs of
+the default device: 0.98 to 1.01. The rest is two standard deviations, of 2 %, of a device from its
+parameter file."""
 
 
 def check_changes(column: str, values: Array) -> None:
@@ -149,12 +153,12 @@ def plausible_impedance(
         K by linear theory [N*m/rad]; None: the gains are not known.
     K_d
         The stated one [N*m/rad].
-
     Returns
     -------
     polars.DataFrame
         The table with `saturated_samples`, `K_over_K_s`, and `K_ratio`, K over the predicted one,
-        or `K_over_K_d`. These take K at the largest amplitude, where friction changes it least.
+        with `gain_error`, or `K_over_K_d`. These take K without friction where that is known, and
+        `K_ratio`, else, K at the largest amplitude, where friction changes it least.
 
     Raises
     ------
@@ -168,18 +172,30 @@ def plausible_impedance(
     none = pl.lit(None, pl.Float64)
     largest = pl.lit(table.sort("amplitude_deg", nulls_last=False)["K"][-1])
     over_predicted = none
+    gain_error = none
     over_K_d = none
     over_K_s = none
+    of_spring = largest
+    if last.get("K_without_friction") is not None:
+        of_spring = pl.lit(last["K_without_friction"])
     if predicted:
         over_predicted = largest / predicted
+        least, most = RENDERED
+        beyond_most = (of_spring / predicted / most - 1).clip(0, None)
+        below_least = (of_spring / predicted / least - 1).clip(None, 0)
+        gain_error = beyond_most + below_least
     elif K_d:
-        over_K_d = largest / K_d
+        over_K_d = of_spring / K_d
     if p is not None:
         over_K_s = pl.col("K") / p.K_s
         if not is_this_leg:
             over_K_s = pl.when(over_K_s > 1).then(over_K_s)
     return table.with_columns(
-        rails, K_over_K_s=over_K_s, K_ratio=over_predicted, K_over_K_d=over_K_d
+        rails,
+        K_over_K_s=over_K_s,
+        K_ratio=over_predicted,
+        gain_error=gain_error,
+        K_over_K_d=over_K_d,
     )
 
 

@@ -17,6 +17,7 @@ from osl_analysis.bench.bench_settings import (
     BenchAnalysis,
     BenchStiffness,
     Calibration,
+    Fixture,
     SteppedSineAnalysis,
 )
 from osl_analysis.bench.rounded_signals import drawn_roundings, repeated_share_of
@@ -38,6 +39,7 @@ COARSE_HZ, COARSE_CUTOFFS = 250.0, 8.0
 IDLE = 0.05  # share of the joint's angle (SD): backlash and errors of encoders reach that
 NEAR_AMPLITUDE = 0.25  # share by which an amplitude may differ from one that is asked for
 LITTLE_ROUNDING = 2.0  # standard errors of the residual over those by rounding: it is not drawn
+ONE_DRIFT = 0.99  # correlation of time and mean angle from which a drift of either explains both
 
 
 @dataclass(frozen=True)
@@ -109,6 +111,11 @@ class Record:
     def bench(self) -> BenchStiffness | None:
         """Stiffness of the bench; None: it is rigid."""
         return self.settings.bench_stiffness if self.settings else None
+
+    @property
+    def fixture(self) -> Fixture | None:
+        """The fixture of the settings; None without one."""
+        return self.settings.fixture if self.settings else None
 
     @property
     def calibration(self) -> Calibration:
@@ -504,7 +511,7 @@ def drift_rate(time: Array, motion: Motion, torque: Array, groups: Groups) -> fl
     their spread does not show it. Each label has its own mean torque: an asymmetric joint's grows
     with the amplitude, and amplitudes may grow with time. For sines only the means of cycles count.
     The drift is 0 if no label has the five groups that an interval needs: transients could pass for
-    drift.
+    drift. It is 0, too, where the angle itself drifts in time, which nothing tells from it.
     """
     members = np.array([np.count_nonzero(groups.of(label)) for label in groups.labels])
     if members.max() < FEWEST_CYCLES:
@@ -512,6 +519,8 @@ def drift_rate(time: Array, motion: Motion, torque: Array, groups: Groups) -> fl
     ramp = time - time.mean()
     if groups.kind == "cycles":
         columns, target = means_of_cycles(ramp, motion, torque, groups, members)
+        if drifts_alike(columns):
+            return 0.0
     else:
         of_motion = [motion.theta, motion.omega, motion.alpha]
         rows = np.concatenate([np.r_[piece] for piece in groups.pieces[None]])
@@ -521,6 +530,15 @@ def drift_rate(time: Array, motion: Motion, torque: Array, groups: Groups) -> fl
     scale[scale == 0] = 1.0
     slope = np.linalg.lstsq(columns / scale, target, rcond=1e-9)[0][0]
     return float(slope / scale[0])
+
+
+def drifts_alike(columns: Array) -> bool:
+    """Whether time and angle, the first two columns of `means_of_cycles`, are alike beside the
+    labels'."""
+    labels = columns[:, 2:]
+    time, angle = (columns[:, :2] - labels @ np.linalg.lstsq(labels, columns[:, :2])[0]).T
+    size = float(np.linalg.norm(time) * np.linalg.norm(angle))
+    return bool(size) and abs(float(time @ angle)) > ONE_DRIFT * size
 
 
 def means_of_cycles(

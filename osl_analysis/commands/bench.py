@@ -28,6 +28,7 @@ from osl_analysis.bench.belt import belt_curve, belt_table, belt_trial
 from osl_analysis.bench.component_summary import PLACE, part_summary
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums
 from osl_analysis.bench.fit_tables import FitTables, tables_of_fit
+from osl_analysis.bench.fixture import fixture_column, with_fixture
 from osl_analysis.bench.plausibility import plausible
 from osl_analysis.bench.record import Record, read_record, stored_record, with_actuator
 from osl_analysis.bench.recorded_motion import record_of_trial, sine_record
@@ -64,6 +65,7 @@ def fit_belt_trial(
     p = known_parameters(parameters)
     check_recording(trial, settings)
     rails = saturated(trial, "torque", "theta")
+    trial = with_fixture(trial, settings.fixture)
     belt = belt_trial(trial, p, settings)
     return tables_of_fit(
         replace(belt.series(), motion=belt.sums.columns["theta"]),  # against the deflection
@@ -81,8 +83,10 @@ def fit_transmission_trial(
     p = known_parameters(parameters)
     check_recording(trial, settings)
     rails = saturated(trial, "torque", "theta")
+    trial = with_fixture(trial, settings.fixture)
     analysis = transmission_of(sine_record(trial, settings))
     table = plausible(transmission_table(analysis), rails, p, "B_j", "J_j")
+    table = table.with_columns(fixture_column(trial))
     return tables_of_fit(
         analysis.series(),
         lambda: {"timebase": analysis.time_base(LOSSES)},
@@ -124,6 +128,7 @@ def fit_impedance_trial(
     p = known_parameters(parameters)
     check_recording(trial, settings)
     rails = saturated(trial, "torque", "theta")
+    trial = with_fixture(trial, settings.fixture)
     record = record_with_actuator(trial, settings, windows)
     stated = condition or impedance.DesiredImpedance(None, None, None)
     programmed = stated.gains(p, weight)
@@ -135,6 +140,7 @@ def fit_impedance_trial(
         cancels_friction = measured.cancels_friction and cancelled_friction == p
         gains = replace(measured, cancels_friction=cancels_friction)
     analysis, table = impedance.fit_and_judge_impedance(record, rails, p, condition, gains)
+    table = table.with_columns(fixture_column(trial))
 
     def others() -> dict[str, pl.DataFrame]:
         columns = stated.columns() if condition else {}
@@ -186,6 +192,7 @@ def fit_torque_angle_trial(
     desired = (condition or {}).get("desired")
     check_recording(trial, settings)
     rails = saturated(trial, "torque", "theta")
+    trial = with_fixture(trial, settings.fixture)
     cycles = torque_angle.torque_angle_trial(trial, settings)
     table = torque_angle_tables.torque_angle_table(cycles, desired)
     return tables_of_fit(
@@ -194,7 +201,7 @@ def fit_torque_angle_trial(
             "torque_angle_cycles": torque_angle_tables.cycle_table(cycles),
             "timebase": cycles.time_base(),
         },
-        torque_angle=table.with_columns(rails),
+        torque_angle=table.with_columns(rails, fixture_column(trial)),
         torque_angle_curves=torque_angle_tables.curve_table(cycles, desired),
     )
 
@@ -203,13 +210,19 @@ def fit_torque_angle_trial(
 def fit_calibration_trial(
     trial: Trial, settings: choices.ImpedanceAnalysis, condition: Mapping[str, Any] | None = None
 ) -> FitTables:
-    """What a bench reads of a spring or an inertia that is known; `condition` has the columns
-    `known_...`."""
+    """What a bench reads of a spring or an inertia that is known, or of its fixture alone;
+    `condition` has the columns `known_...` and `fixture`."""
     stated = condition or {}
     uncertainty = (stated.get("known_percent") or 0.0) / 100
-    known = known_spring.Known(stated.get("known_K"), stated.get("known_I"), uncertainty)
+    is_fixture_alone = bool(stated.get("fixture"))
+    known = known_spring.Known(
+        stated.get("known_K"), stated.get("known_I"), uncertainty, is_fixture_alone
+    )
     check_recording(trial, settings)
     rails = saturated(trial, "torque", "theta")
+    if is_fixture_alone:  # which nothing is taken off
+        settings = settings.model_copy(update={"fixture": None})
+    trial = with_fixture(trial, settings.fixture)
     record = record_of_trial(trial, settings)
     analysis = analysed(record, plain_sums(record, IMPEDANCE), IMPEDANCE)
     table = known_spring.calibration_table(analysis, known).with_columns(rails)

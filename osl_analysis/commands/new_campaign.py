@@ -30,7 +30,12 @@ from osl_analysis.ingest.draft import (
     pulse_channels,
     to_be_edited,
 )
-from osl_analysis.ingest.draft_sheet import UNNAMED, DraftedTrial, draft_trials
+from osl_analysis.ingest.draft_sheet import (
+    UNNAMED,
+    DraftedTrial,
+    draft_trials,
+    is_fixture_alone,
+)
 from osl_analysis.ingest.draft_walking import draft_walking
 from osl_analysis.ingest.likely_column import named_joint
 from osl_analysis.ingest.overview import FEWEST_READINGS, Overview
@@ -43,6 +48,7 @@ COLUMNS = (
     *("trial", "experiment", "controller", "K_d", "B_d", "perturbed"),
     *("log", "log_source", "mocap", "mocap_source", "exclude"),
 )
+SELDOM = ("joint", "fixture")  # columns of a drafted sheet only where a trial has them
 CHANNEL_KEYS = {"topic", "field", "column", "variable"}  # that name a channel of a log
 FEWEST_CHANNELS = 3  # of a shipped source file, by which its recorder is known
 MOST_SHOWN = 4  # files or trials of one kind in the text of `init`
@@ -89,13 +95,15 @@ class Described:
     log: DraftedLog | None  # None for a capture
 
     @property
-    def tells(self) -> tuple[int, int]:
-        """How much it tells: channels, and those that may be signals, or whether its markers tell
-        which axis points up."""
+    def tells(self) -> tuple[bool, int, int]:
+        """How much it tells: whether a joint turns, whose spring has the torque's sign, and no
+        fixture alone; channels; and those that may be signals, or whether its markers tell which
+        axis points up."""
+        is_joint = not is_fixture_alone(self.file)
         if self.log is None:
-            return len(self.overview.channels), int("axes" in self.overview.settings)
+            return is_joint, len(self.overview.channels), int("axes" in self.overview.settings)
         moving = sum(not guess.is_no_signal for guess in self.log.guesses)
-        return len(self.overview.channels), moving
+        return is_joint, len(self.overview.channels), moving
 
 
 def new_campaign(
@@ -195,9 +203,8 @@ def write_campaign(
     if draft is None:
         shutil.copy(shipped("config/new_campaign/simulation.yaml"), folder / "simulation.yaml")
         return
-    columns = [*COLUMNS]
-    if any("joint" in trial.cells for trial in draft.trials):
-        columns.append("joint")
+    told = {column for trial in draft.trials for column in trial.cells}
+    columns = [*COLUMNS, *(column for column in SELDOM if column in told)]
     with (folder / "trials.csv").open("w", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(file, columns, restval="", lineterminator="\n")
         writer.writeheader()

@@ -238,7 +238,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         fit=FitJob(
             job="bench.fit_calibration_trial",
             settings={"settings": ("dynamometer", "ImpedanceAnalysis")},
-            sheet=("known_K", "known_I", "known_percent"),
+            sheet=("known_K", "known_I", "known_percent", "fixture"),
         ),
         impedance=("", "", ""),
     ),

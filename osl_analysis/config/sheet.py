@@ -32,7 +32,7 @@ KNOWN_COLUMNS = ("known_K", "known_I", "known_percent")
 SHEET_COLUMNS = (
     "trial", "experiment", "controller", "K_d", "B_d", "perturbed", "log", "log_source", "mocap",
     "mocap_source", "log_part", "desired", "windows", "exclude", "accept", "joint", *CONDITIONS,
-    "body_mass_kg", "static", *FIXTURE, *KNOWN_COLUMNS,
+    "body_mass_kg", "static", *FIXTURE, "fixture", *KNOWN_COLUMNS,
 )  # fmt: skip
 NUMBER_COLUMNS = ("K_d", "B_d", "body_mass_kg", *FIXTURE, *KNOWN_COLUMNS)
 # largest values of columns whose values must be above 0
@@ -44,7 +44,7 @@ USERS = {
     "windows": ("impedance", "walking"),
     "desired": ("torque_angle",),
     "static": tuple(name for name, facts in EXPERIMENTS.items() if facts.place != "bench"),
-    **dict.fromkeys(KNOWN_COLUMNS, ("calibration",)),
+    **dict.fromkeys((*KNOWN_COLUMNS, "fixture"), ("calibration",)),
     **dict.fromkeys(
         FIXTURE, tuple(name for name, facts in EXPERIMENTS.items() if facts.motion == "theta")
     ),
@@ -60,6 +60,7 @@ FORMS = {
     "perturbed": ("(true|false)?", "must be true or false"),
     "side": ("((?-i:left|right))?", "must be left or right"),
     "direction": ("((?-i:up|down))?", "must be up or down"),
+    "fixture": ("(alone)?", "must be alone, for a calibration with nothing but the fixture"),
     **dict.fromkeys(("group", "subject", "session", "speed"), (r"[\w .%+/-]{0,40}",
         "must be up to 40 letters, digits, blanks and . % + / - _: it names a group")),
     **dict.fromkeys(("log_source", "mocap_source"), (r"(?!.*\.ya?ml$).*",
@@ -367,10 +368,10 @@ def unfit_for_the_experiment(row: Mapping[str, str]) -> Iterator[str]:
         if not row[column]:
             yield f"{column} is empty; a trial of experiment '{experiment}' needs it"
     has_standard = row["known_percent"] and (row["known_K"] or row["known_I"])
-    if experiment == "calibration" and not has_standard:
+    if experiment == "calibration" and not has_standard and not row["fixture"]:
         yield (
             "a calibration needs known_K [N*m/rad] or known_I [kg*m^2], and known_percent, its"
-            " standard uncertainty"
+            " standard uncertainty; or `alone` under fixture, of the fixture without a joint"
         )
     if experiment == "walking" and len(row["windows"].split()) > 1:
         yield (

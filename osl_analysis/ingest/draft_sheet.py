@@ -8,11 +8,12 @@ from typing import NamedTuple
 from osl_analysis.ingest.likely_column import parted_name
 from osl_analysis.ingest.raw_files import ENDINGS_OF_ANY, suffixes
 
+FIXTURE_ALONE = r"\bfixture\b"  # in the name of a recording of the fixture without a joint
 WORDS_OF_EXPERIMENTS = {
     "torque_angle": r"\b(torque angle|quasi ?static)\b",
     "plate": r"\b(plate|unloaded)\b",
     "static": r"(?<!quasi )\b(static|standing|stand|calibration|calib)\b",
-    "calibration": r"\b(calibration|calib)\b",
+    "calibration": rf"\b(calibration|calib)\b|{FIXTURE_ALONE}",
     "walking": (
         r"\b(walk|walking|cross|crossing|perturb|perturbed|perturbation|pert|unperturbed|unpert"
         r"|gait)\b"
@@ -115,6 +116,9 @@ def draft_trial(name: str, files: Recordings, moved: Mapping[Path, str]) -> Draf
         question = f"experiment: the name {which}; it stands as {UNNAMED}, which is not analysed"
         return DraftedTrial(cells, [question])
     experiment = telling[0]
+    if experiment == "calibration" and is_fixture_alone(path):
+        cells.update(experiment="calibration", fixture="alone")
+        return DraftedTrial(cells, [])
     if experiment == "calibration":
         question = (
             f"experiment: a calibration whose spring or inertia is not told stands as {UNNAMED}:"
@@ -143,6 +147,11 @@ def draft_trial(name: str, files: Recordings, moved: Mapping[Path, str]) -> Draf
                     f"{column}: the name does not tell; empty, nothing is compared with it"
                 )
     return DraftedTrial(cells, questions)
+
+
+def is_fixture_alone(path: Path) -> bool:
+    """Whether a file's name tells a recording of the fixture without a joint."""
+    return bool(re.search(FIXTURE_ALONE, parted_name(stem_of(path).replace("_", " "))))
 
 
 def stated_perturbation(words: str) -> str:

@@ -67,9 +67,6 @@ USUAL_DIFFERENCE = 0.1  # of a component from its parameter file; most differ by
 HIDDEN_SHARE = 0.1  # of J_j, by which a delay of two standard errors may change it
 WIDE = 3.0  # effect of a reflex that is seen on K, in widths of K's interval
 SEEN = 0.5  # the same of a reflex that may be hidden
-# Range of K [N*m/rad] within which a fixture's weight would matter: a weight of 1 N*m with its arm
-# level adds 1 to K
-WEIGHT_IN_K = 2
 LEAST_MOMENT_SHARE = 0.02  # of K, that a wrong gain of the plate's moments may change
 
 
@@ -97,6 +94,8 @@ def unchecked_in(table: str, row: AnyRow) -> Iterator[Finding]:
 
 def unchecked_causes(table: str, row: AnyRow) -> Iterator[str]:
     """What could not be checked of a row of a table."""
+    if lacks(row, "fixture"):
+        yield "what turns with the joint behind the load cell"
     if table == "impedance":
         yield from unchecked_in_impedance(row)
     elif table == "walking_groups":
@@ -151,9 +150,8 @@ def unchecked_in_impedance(row: AnyRow) -> Iterator[str]:
         yield "whether K changes while it is recorded"
     if (cell_number(row, "clocks") or 1) > 1 and lacks(row, "clock_drift_ppm"):
         yield "whether the clocks of angle and torque drift apart"
-    low, high = cell_number(row, "K_low"), cell_number(row, "K_high")
-    if low is not None and high is not None and high - low < WEIGHT_IN_K:
-        yield "whether a fixture's weight is in K"
+    if lacks(row, "gain_error"):
+        yield "whether the gain of torque over angle is right"
 
 
 def delay_may_hide(row: AnyRow) -> bool:

@@ -34,6 +34,10 @@ from osl_analysis.units import UNIT_FACTORS, known_factor
 WORDS: dict[str, dict[str, Any]] = own_yaml(Path(__file__).with_suffix(".yaml"))
 SYMMETRIC_SHARE = 1e-3  # of an interval's width: a middle this near to the estimate is the estimate
 
+RENDERED_OF_K_D = (0.66, 1.06)
+"""Shares of K_d that a device renders, beside its friction, whose gains are not known: a belt of
+770 N*m/rad in series leaves 0.66 of 400 N*m/rad."""
+
 
 class Words(NamedTuple):
     """What a finding says to a reader."""
@@ -311,6 +315,9 @@ OF_EVIDENCE: Mapping[str, Callable[[Beyond, AnyRow], str]] = {
     "rubs": friction_of_damping,
     "factor": unit_factor_text,
     "frame": frame_text,
+    "beside": lambda number, _: (
+        f"{percent(abs(number.value))} {'more' if number.value > 0 else 'less'}"
+    ),
 }
 
 
@@ -439,6 +446,18 @@ def unknown_gains(cells: Cells) -> str:
     return f"{' and '.join(absent)} {verb} not stated"
 
 
+def gains_unseen(cells: Cells) -> str:
+    """Which gains of torque over angle the stated stiffness would not show."""
+    ratio = cell_number(cells.row, "K_over_K_d")
+    if ratio is None:
+        return "no stiffness is known, so that any gain would pass unseen"
+    least, most = RENDERED_OF_K_D
+    return (
+        f"K is {ratio:.3g} times K_d, of which a controller renders {least:g} to {most:g}: the gain"
+        f" may be {ratio / most:.2f} to {ratio / least:.2f}"
+    )
+
+
 def motor_angle_direction(cells: Cells) -> str:
     return "late" if cells["certain_theta_m_lag_s"] > 0 else "early"
 
@@ -487,6 +506,7 @@ COMPUTED: Mapping[str, Callable[[Cells], str]] = {
     "known": calibration_text,
     "gap": damping_gap_text,
     "like": reaction_text,
+    "gains_unseen": gains_unseen,
     "unknown_gains": unknown_gains,
     "late_or_early": motor_angle_direction,
     "theta_m_ms": motor_angle_lag_ms,

@@ -1,0 +1,91 @@
+"""What stands behind the load cell and turns with the joint: a fixture, measured alone, and taken
+off the torque of every other trial."""
+
+from dataclasses import replace
+
+import numpy as np
+import polars as pl
+
+from osl_analysis.bench.analysis import QUANTITIES, Analysis
+from osl_analysis.bench.bench_settings import Fixture
+from osl_analysis.bench.group_fit import GroupFit
+from osl_analysis.bench.plausibility import check_resists
+from osl_analysis.signals.grid import origin
+from osl_analysis.stats.regression import Row, estimates_row
+from osl_analysis.trial import Trial
+
+
+def with_fixture(trial: Trial, fixture: Fixture | None) -> Trial:
+    """Let the time base take the fixture of the settings off the torque; one that the sheet states
+    for this trial comes first."""
+    if fixture is None or "torque" not in trial.columns or fixture_of(trial):
+        return trial
+    columns = dict(trial.provenance.get("columns", {}))
+    columns["torque"] = {**columns.get("torque", {}), "fixture": fixture.arguments}
+    return replace(trial, provenance={**trial.provenance, "columns": columns})
+
+
+def fixture_of(trial: Trial) -> dict[str, float]:
+    """Arguments of `signals.grid.fixture_torque` by which a trial's torque is corrected; empty
+    without a fixture."""
+    return dict(origin(trial, "torque").get("fixture") or {})
+
+
+def fixture_column(trial: Trial) -> pl.Expr:
+    """The column `fixture`: what is taken off the torque, in words; null if nothing is."""
+    parts = [f"{name} {value:g}" for name, value in fixture_of(trial).items() if value]
+    return pl.lit(", ".join(parts) or None, pl.String).alias("fixture")
+
+
+def fixture_alone(analysis: Analysis) -> tuple[GroupFit, float]:
+    """Inertia and weight of a fixture that turns alone, and the angle at which it hangs.
+
+    Parameters
+    ----------
+    analysis
+        Eq. 15 of the recording: K is the slope of the weight's torque in the middle of the motion.
+
+    Returns
+    -------
+    fit : GroupFit
+        Of `inertia` [kg*m^2] and `weight` [N*m].
+    rest_deg : float
+        The middle of the motion, or opposite to it, where the weight's torque falls with the
+        angle. No small motion tells it from another one with the same slope.
+
+    Raises
+    ------
+    InputError
+        The inertia is certainly negative.
+    """
+    fit, record = analysis.calibrated(analysis.whole), analysis.record
+    check_resists(record.name, "I", fit["I"], fit.interval("I")[1])
+    middle_deg = float(np.rad2deg(record.motion.theta[record.rows()].mean()))
+    at = [fit.names.index(name) for name in ("I", "K")]
+    way = np.array([1.0, 1.0 if fit["K"] >= 0 else -1.0])
+    rest_deg = middle_deg if fit["K"] >= 0 else middle_deg + 180
+    found = replace(
+        fit,
+        names=("inertia", "weight"),
+        estimates=way * fit.estimates[at],
+        covariance=np.outer(way, way) * fit.covariance[np.ix_(at, at)],
+        degrees_of_freedom=np.array([fit.freedom(name) for name in ("I", "K")]),
+    )
+    return found, rest_deg
+
+
+def fixture_row(analysis: Analysis) -> Row:
+    """The estimates of a fixture alone for its row of `calibration.csv`."""
+    fit, rest_deg = fixture_alone(analysis)
+    inertia, weight = max(fit["inertia"], 0.0), fit["weight"]
+    stated = (
+        f"fixture: {{inertia: {inertia:.4g}, weight: {weight:.4g}, rest_deg: {rest_deg:.3g},"
+        f" inertia_error: {fit.se('inertia'):.2g}, weight_error: {fit.se('weight'):.2g}}}"
+    )
+    return {
+        **estimates_row(fit, "inertia", "weight"),
+        "rest_deg": rest_deg,
+        "to_state": stated,
+        **analysis.judged(),
+        **analysis.time_base_row(None, QUANTITIES),
+    }

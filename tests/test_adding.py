@@ -39,7 +39,7 @@ ADDITIONS = {
 """,
     ),
     "osl_analysis/commands/bench.py": (
-        "def fit_belt_trial(",
+        "@remedies_tried\ndef fit_belt_trial(",
         """from osl_analysis.bench.holding import holding_table
 from osl_analysis.bench.bench_settings import FilterSettings
 

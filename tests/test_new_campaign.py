@@ -455,7 +455,7 @@ def test_a_unit_that_nothing_but_the_size_of_readings_tells_is_to_be_stated(tmp_
     )
 
 
-def test_a_slow_triangle_or_sine_is_torque_over_angle_and_its_counts_need_a_unit(
+def test_a_slow_triangle_or_sine_is_torque_over_angle_and_its_counts_begin_anew(
     tmp_path,
 ):
     """At 0.1 Hz; a triangle of 0.3 Hz is of an impedance trial."""

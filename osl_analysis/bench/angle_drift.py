@@ -4,7 +4,7 @@ import numpy as np
 from numpy.polynomial import legendre
 
 from osl_analysis.bench.analysis import Analysis
-from osl_analysis.stats.regression import products_between
+from osl_analysis.stats.covariance import products_between
 
 SAME_DRIFT = -0.9  # correlation of slow torque and slow angle from which one drift makes both
 NOT_FOLLOWED = (0.7, 1.3)  # of K, by which the torque falls short of an angle that drifts

@@ -11,7 +11,7 @@ from osl_analysis.bench.bench_settings import Fixture
 from osl_analysis.bench.group_fit import GroupFit
 from osl_analysis.bench.plausibility import check_resists
 from osl_analysis.signals.grid import origin
-from osl_analysis.stats.regression import Row, estimates_row
+from osl_analysis.stats.table_rows import Row, estimates_row
 from osl_analysis.trial import Trial
 
 

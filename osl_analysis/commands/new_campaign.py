@@ -227,6 +227,9 @@ def draft_campaign(folder: Path) -> Draft:
         )
     for one in described:
         draft.open += [(one.file, text) for text in one.overview.open]
+        if one.log is not None:
+            computed = [guess for guess in one.log.guesses if guess.formula]
+            draft.open += [(one.file, f"{guess.column}: {guess.formula}") for guess in computed]
     draft.open += cut_files(described)
     draft.sources = draft_sources(described)
     draft.trials = trials_of(described, draft.sources)

@@ -806,8 +806,17 @@ CONFUSED_UNITS = {"rad": ("rad", "deg", "mrad"), "N*m": ("N*m", "N*mm", "N*cm")}
 
 
 def check_own_torque(trial: Trial, torque: str = "torque") -> None:
-    """Refuse a torque that is the motor's current times a constant: a fit to it would be
-    circular."""
+    """Refuse a torque that is the motor's current times a constant, or another function of what the
+    log has: a fit to it would be circular."""
+    own = origin(trial, torque)
+    if own.get("computed_from"):
+        measured = [f"'{name}'" for name in own["measured_beside"]]
+        channel = " or ".join(measured) or "the channel of a load cell"
+        raise InputError(
+            f"trial {trial.name}: {torque} is {own['computed_from']} to within rounding: computed,"
+            f" not measured, and a fit gives the formula back; name {channel} as {torque} in the"
+            " source file, or write experiment ingest_only"
+        )
     both = trial.arrays(torque, "current")[1:] if {torque, "current"} <= set(trial.columns) else ()
     if both and (factor := factor_of(*both)) is not None:
         raise InputError(

@@ -6,11 +6,14 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import cast
 
 import numpy as np
 
 from osl_analysis.ingest.overview import RecordedChannel
+from osl_analysis.ingest.torque_formula import Kind, Signal, computed_from
 from osl_analysis.measured import factor_of, usual_size, varies
+from osl_analysis.recording import Channel
 from osl_analysis.trial import COLUMNS, Array
 from osl_analysis.units import base_units, dimension, name_and_ending, normalised
 
@@ -19,6 +22,7 @@ COMMAND = r"\b(command|commanded|cmd|desired|des|ref|reference|target|setpoint|g
 ANGLE = r"(angle|position|pos|theta|encoder|winkel|hoek)"
 SPEED = r"(velocity|vel|speed|omega|geschwindigkeit|snelheid)"
 EFFORT = r"(torque|moment|tau|effort|drehmoment|koppel)"
+KIND_WORDS: dict[Kind, str] = {"speed": SPEED, "angle": ANGLE, "current": r"(current|iq|i q)"}
 NO_SIGNAL = r"\b(temperature|temp|voltage|battery|supply|humidity|pressure)\b"
 NOISE = "nothing but noise"
 HELD_COLUMNS = ("current", "torque", "torque_m")  # which stand while an actuator is clamped
@@ -74,6 +78,7 @@ WORDS = {
 }
 """By column. The first that fits is the guess."""
 LEVELS = ("sync", "trigger")  # columns of volts, whose unit nobody states
+TORQUES = ("torque", "torque_m")
 COUNTS = ("", "dimensionless", "count")  # what may be of any quantity measures nothing, or this
 JOINTS = ("ankle", "knee", "hip")
 FEWEST_READINGS = 100  # that show how a channel moves
@@ -115,6 +120,8 @@ class Guess:
         Whether it stands still, is noise, or is computed from another one.
     wraps_at
         Range after which it wraps; 0 if it does not.
+    formula
+        By which a torque was computed, where no measured one is beside it; else empty.
     """
 
     column: str = ""
@@ -123,6 +130,7 @@ class Guess:
     sign: int = 1
     is_no_signal: bool = False
     wraps_at: float = 0.0
+    formula: str = ""
 
 
 def parted_name(name: str) -> str:
@@ -188,6 +196,21 @@ def likely_column(channel: RecordedChannel) -> str:
     if column != "current":
         tells_other = f"{tells_other}|{MOTOR}"
     return "" if re.search(tells_other, words) else column
+
+
+def kind_of(channel: Channel | RecordedChannel) -> Kind | None:
+    """What a channel may be by its unit, or else by its name."""
+    unit = base_units(normalised(channel.unit or channel.likely_unit))
+    by_unit = {dimension("rad"): "angle", dimension("rad/s"): "speed", dimension("A"): "current"}
+    if unit is not None and unit[1] in by_unit:
+        return cast(Kind, by_unit[unit[1]])
+    if unit is not None and unit[1]:
+        return None
+    words = parted_name(channel.name or " ".join(channel.address.values()))
+    for kind, pattern in KIND_WORDS.items():
+        if re.search(rf"\b{pattern}\b", words):
+            return kind
+    return None
 
 
 def readings(channel: RecordedChannel) -> Array:
@@ -260,6 +283,24 @@ def made_of_current(channel: RecordedChannel, currents: Iterable[RecordedChannel
     return ""
 
 
+def made_of_others(channel: RecordedChannel, others: Sequence[RecordedChannel]) -> str:
+    """Name the signals of which a torque was computed; empty if none."""
+    torque = channel.numbers
+    if torque is None:
+        return ""
+    signals: list[Signal] = []
+    for other in others:
+        kind = kind_of(other)
+        values = other.numbers
+        if other is channel or kind is None or values is None or other.group != channel.group:
+            continue
+        if values.shape == torque.shape:
+            is_command = bool(re.search(COMMAND, words_of(other)))
+            signals.append(Signal(name_of(other), kind, values, is_command))
+    found = computed_from(torque, signals)
+    return f"{found}, to within rounding: computed, no measured torque" if found else ""
+
+
 def copied_from(channel: RecordedChannel, others: Iterable[RecordedChannel]) -> str:
     """Name the channel of which another one is every second, fifth, ... reading; empty if none."""
     own = channel.numbers
@@ -300,16 +341,26 @@ def guessed_columns(channels: Sequence[RecordedChannel]) -> list[Guess]:
         reason = why_no_signal(channel)
         if reason == NOISE and column in HELD_COLUMNS and is_held(channel):
             reason = ""
-        if not reason and column in ("torque", "torque_m"):
+        if not reason and column in TORQUES:
             reason = made_of_current(channel, currents)
         if not reason and column:
             alike = [one for one, other in zip(channels, columns, strict=True) if other == column]
             reason = copied_from(channel, alike)
         reasons.append(reason)
+    computed = [
+        made_of_others(channel, channels) if column in TORQUES and not reason else ""
+        for channel, column, reason in zip(channels, columns, reasons, strict=True)
+    ]
+    for place, formula in enumerate(computed):
+        others = [k for k, column in enumerate(columns) if column == columns[place]]
+        if formula and any(not reasons[k] and not computed[k] for k in others):
+            reasons[place] = formula
     counts = Counter(column for column, reason in zip(columns, reasons, strict=True) if not reason)
     joint = named_joint(channels)
     guesses: list[Guess] = []
-    for channel, column, reason, at in zip(channels, columns, reasons, wraps, strict=True):
+    for channel, column, reason, formula, at in zip(
+        channels, columns, reasons, computed, wraps, strict=True
+    ):
         if reason:
             guesses.append(Guess(why=reason, is_no_signal=True))
             continue
@@ -322,6 +373,7 @@ def guessed_columns(channels: Sequence[RecordedChannel]) -> list[Guess]:
                 is_sure=is_certain and counts[column] == 1,
                 why="guessed from its name" if is_certain else "",
                 wraps_at=at,
+                formula=formula,
             )
         )
     guesses = as_actuator(channels, guesses)

@@ -1,0 +1,106 @@
+"""The torques of a recording that a program computed from other signals of its log."""
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from osl_analysis.ingest.likely_column import COMMAND, TORQUES, kind_of, parted_name
+from osl_analysis.ingest.torque_formula import Kind, Signal, computed_from
+from osl_analysis.measured import varies
+from osl_analysis.recording import Channel, Recording, Rows
+from osl_analysis.source_file import Addressed
+from osl_analysis.trial import Array
+from osl_analysis.units import base_units, dimension, normalised
+
+KIND_OF_COLUMN: dict[str, Kind] = {
+    "theta": "angle", "theta_m": "angle", "theta_command": "angle", "omega_m": "speed",
+    "current": "current",
+}  # fmt: skip
+MOST_SPEEDS = 3  # that the source file does not name
+
+
+def name_computed_torques(
+    recording: Recording, channels: Mapping[str, Addressed], origins: Mapping[str, dict[str, Any]]
+) -> None:
+    """Note in the provenance of a torque, `computed_from`, of which signals of the log it was
+    computed.
+
+    Parameters
+    ----------
+    channels
+        By canonical column, as the source file names them.
+    origins
+        Where each column comes from.
+    """
+    named = {
+        id(recording.find(setting.address)): column
+        for column, setting in channels.items()
+        if column in KIND_OF_COLUMN
+    }
+    for column in TORQUES:
+        if column not in channels:
+            continue
+        torque = recording.find(channels[column].address)
+        beside = [
+            other
+            for other in recording.channels
+            if other is not torque and are_same_rows(other.rows, torque.rows)
+        ]
+        signals = signals_beside(beside, named)
+        values = numbers_of(torque)
+        found = "" if values is None else computed_from(values, signals)
+        if found:
+            origins[column]["computed_from"] = found
+            origins[column]["measured_beside"] = measured_torques(beside, signals)
+
+
+def signals_beside(channels: Sequence[Channel], named: Mapping[int, str]) -> list[Signal]:
+    """The signals of which a torque may be computed: those that the source file names, with their
+    column by `id`, and few speeds that it does not, since every column takes time to read."""
+    signals: list[Signal] = []
+    speeds = 0
+    for channel in channels:
+        kind = KIND_OF_COLUMN.get(named.get(id(channel), ""))
+        if kind is None and speeds < MOST_SPEEDS and kind_of(channel) == "speed":
+            kind = "speed"
+            speeds += 1
+        values = None if kind is None else numbers_of(channel)
+        if kind is not None and values is not None:
+            is_command = bool(re.search(COMMAND, parted_name(channel.name or channel.key)))
+            signals.append(Signal(channel.name or channel.key, kind, values, is_command))
+    return signals
+
+
+def measured_torques(channels: Sequence[Channel], signals: Sequence[Signal]) -> list[str]:
+    """The channels in a unit of torque that move, and were not computed from the signals."""
+    found: list[str] = []
+    for channel in channels:
+        unit = base_units(normalised(channel.unit or channel.likely_unit))
+        values = numbers_of(channel)
+        if unit is None or unit[1] != dimension("N*m") or values is None:
+            continue
+        if varies(values[np.isfinite(values)]) and not computed_from(values, signals):
+            found.append(channel.name or channel.key)
+    return found
+
+
+def are_same_rows(rows: Rows, others: Rows) -> bool:
+    """Whether channels have the same instants."""
+    if rows is others:
+        return True
+    are_alike = (rows.count, rows.rate_hz, rows.start_s) == (
+        others.count,
+        others.rate_hz,
+        others.start_s,
+    )
+    return are_alike and rows.stamps_ns is None and others.stamps_ns is None
+
+
+def numbers_of(channel: Channel) -> Array | None:
+    """The readings of a channel (n,), NaN where one is missing; None where they are no numbers."""
+    values = channel.values
+    if values.ndim != 1 or values.dtype.kind not in "iuf":
+        return None
+    return np.ma.filled(np.ma.asarray(values).astype(np.float64), np.nan)

@@ -30,7 +30,7 @@ from osl_analysis.bench.prediction import (
 )
 from osl_analysis.bench.record import read_record, record_of, stored_record
 from osl_analysis.bench.row_groups import stretches_of
-from osl_analysis.commands.bench import gather_predictions
+from osl_analysis.commands.predictions import gather_predictions
 from osl_analysis.errors import InputError
 from osl_analysis.judge.campaign import campaign_findings, measured_over_predicted, misfits_of_joint
 from osl_analysis.judge.claims import Claims, claims_table, limit_verdict

@@ -25,30 +25,42 @@ from osl_analysis.errors import InputError, OslAnalysisError, printable, printab
 from osl_analysis.files import check_output, config_here, shipped, write_text
 from osl_analysis.memory import SET_TO_ONE, limited_memory
 
+MOST_NUMBERS = 300  # of a range
+
 
 def numbers(value: str) -> list[float]:
     """Numbers as 300, as 100,200 or as first:last:step."""
     try:
-        found = [float(part) for part in value.replace(":", ",").split(",")]
+        parts = [float(part) for part in value.replace(":", ",").split(",")]
     except ValueError:
-        said = f"'{value}' is neither a number nor a list like 100,200 or 100:400:50"
-        raise click.BadParameter(said) from None
-    if ":" not in value:
-        return found
-    first, last, step = found if len(found) == 3 else (math.inf, 0.0, 0.0)
-    if not (math.isfinite(last - first + step) and last >= first and step > 0):
         raise click.BadParameter(
-            f"'{value}' is not a range; write first:last:step, upwards, with a step above 0"
-        )
-    if (last - first) / step > 300:
-        raise click.BadParameter(f"'{value}' is more than 300 numbers; take a longer step")
-    return [first + step * k for k in range(int((last - first) / step + 1e-9) + 1)]
+            f"'{value}' is neither a number nor a list like 100,200 or 100:400:50"
+        ) from None
+    return numbers_of_range(value, parts) if ":" in value else parts
+
+
+def numbers_of_range(value: str, parts: list[float]) -> list[float]:
+    """The numbers of first:last:step, with the last one."""
+    if len(parts) == 3 and all(map(math.isfinite, parts)):
+        first, last, step = parts
+        if last >= first and step > 0:
+            n_steps = (last - first) / step
+            if n_steps > MOST_NUMBERS:
+                raise click.BadParameter(
+                    f"'{value}' is more than {MOST_NUMBERS} numbers; take a longer step"
+                )
+            # rounding must not take the last number off
+            return [first + step * k for k in range(int(n_steps + 1e-9) + 1)]
+    raise click.BadParameter(
+        f"'{value}' is not a range; write first:last:step, upwards, with a step above 0"
+    )
 
 
 def percent(value: str) -> float:
     """A share, as 1% or as 1: percent."""
     with suppress(ValueError):
-        if 0 < (share := float(value.strip().removesuffix("%")) / 100) < 1:
+        share = float(value.strip().removesuffix("%")) / 100
+        if 0 < share < 1:
             return share
     raise click.BadParameter(f"'{value}' is no percentage between 0 and 100; write 1%")
 
@@ -144,11 +156,8 @@ class KeepsItsInput(click.Command):
         files = {name: path for name, path in ctx.params.items() if isinstance(path, Path)}
         for name in files.keys() & {"output", "plot", "draft_path"}:
             path = files[name]
-            if any(
-                realpath(path) == realpath(other)
-                for others, other in files.items()
-                if others != name
-            ):
+            in_use = [realpath(files[other]) for other in files if other != name]
+            if realpath(path) in in_use:
                 raise click.UsageError(
                     f"{path} would be overwritten while it is used; name another file"
                 )
@@ -159,9 +168,8 @@ class KeepsItsInput(click.Command):
                     f"{path}: `{ctx.info_name}` writes {suffix} files; choose this suffix"
                 )
             check_output(path)
-        with limited_memory(
-            [files[name] for name in ("log", "mocap", "file", "trial") if name in files]
-        ):
+        read = [files[name] for name in ("log", "mocap", "file", "trial") if name in files]
+        with limited_memory(read):
             return super().invoke(ctx)
 
 
@@ -289,8 +297,8 @@ def ingest(sources: Path, output: Path, **given: Any) -> None:
         raise click.UsageError("give --log, --mocap or both")
     for path in filter(None, (given["log"], given["mocap"])):
         check_there(path)
-    files = {name: value and str(value) for name, value in given.items()}
-    row = {"trial": output.stem, "experiment": "ingest_only", **files}
+    cells = {name: None if value is None else str(value) for name, value in given.items()}
+    row = {"trial": output.stem, "experiment": "ingest_only", **cells}
     trial = ingest_trial(row=row, raw_folder=Path(), sources_folder=sources, output=output)
     for warning in trial.provenance.get("warnings", []):
         say(f"warning: {warning}", err=True)
@@ -394,21 +402,20 @@ def fit(
 
     if source is not None:
         check_there(trial)
-    parameters, desired = of_trial.pop("parameters"), None
+    device = of_trial.pop("parameters") or command.campaign_parameters(config_path)
+    if device == Path("none"):
+        device = None
+    desired = None
     if {"K_d", "B_d", "controller"} & options_given():
-        desired = DesiredImpedance(**of_trial)
         if model != "impedance":
-            said = (
+            raise click.UsageError(
                 "--stiffness, --damping and --controller are those of an impedance trial: give"
                 " --model impedance"
             )
-            raise click.UsageError(said)
-    device = parameters or command.campaign_parameters(config_path)
-    device = None if device == Path("none") else device
+        desired = DesiredImpedance(**of_trial)
+    settings, limits = command.fit_settings(model, config_path)
     recorded = read_trial(trial) if source is None else raw_trial(trial, source, model)
-    fitted = command.fit_trial(
-        model, recorded, device, *command.fit_settings(model, config_path), desired
-    )
+    fitted = command.fit_trial(model, recorded, device, settings, limits, desired)
     if plot is not None:
         from osl_analysis.commands.figure import draw_table
 
@@ -417,14 +424,16 @@ def fit(
                 f"a fit of {model} has no modelled torque to draw; leave out --plot"
             )
         draw_table("torque", fitted.series, [plot])
-    told = estimates.rows_json if as_json else estimates.estimates_text
-    say(told(fitted.table, fitted.findings))
+    if as_json:
+        say(estimates.rows_json(fitted.table, fitted.findings))
+    else:
+        say(estimates.estimates_text(fitted.table, fitted.findings))
     if model == "impedance" and desired is None:
-        said = (
-            "whether the torque is late or the bench's frame yields, and whether K is what the"
-            " gains should give"
+        say(
+            "not checked without --stiffness and --damping: whether the torque is late or the"
+            " bench's frame yields, and whether K is what the gains should give",
+            err=True,
         )
-        say(f"not checked without --stiffness and --damping: {said}", err=True)
     if fitted.not_checked:
         say(fitted.not_checked, err=True)
 
@@ -455,7 +464,8 @@ def results(
         say(columns_text())
         return
     if methods:
-        if not (path := folder / "methods.md").is_file():
+        path = folder / "methods.md"
+        if not path.is_file():
             raise InputError(f"{path}: no such file; run the campaign to its end")
         say(path.read_text(encoding="utf-8"))
         return
@@ -468,8 +478,9 @@ def results(
         say(f"{sentence(summary)}\n")
         say("\n".join(brief_lines(summary)))
         say("\nevery number, and findings in full: osl-analysis results --all")
-    if failed := later_failures(folder / "summary.json"):
-        say(failed, err=True)
+    failures = later_failures(folder / "summary.json")
+    if failures:
+        say(failures, err=True)
 
 
 @main.command(
@@ -612,15 +623,17 @@ def doctor(look: bool) -> None:
     except ImportError as error:  # a package of the workflow
         say(f"!! {error.name}: not installed; install osl-analysis again, with what it needs")
         sys.exit(1)
-    seen = list(looked_at(Path()))
-    width = max(len(thing.what) for thing in seen)
-    for thing in seen:
-        mark = "!!" if thing.remedy else "--" if thing.is_absent else "ok"
-        remedy = f": {thing.remedy}" if thing.remedy else ""
-        say(f"{mark} {thing.what:<{width}}  {thing.found}{remedy}")
+    looks = list(looked_at(Path()))
+    width = max(len(seen.what) for seen in looks)
+    for seen in looks:
+        line = f"{seen.what:<{width}}  {seen.found}"
+        if seen.remedy:
+            say(f"!! {line}: {seen.remedy}")
+        else:
+            say(f"{'--' if seen.is_absent else 'ok'} {line}")
     if look:
         print_first_look()
-    sys.exit(int(any(thing.remedy for thing in seen)))
+    sys.exit(int(any(seen.remedy for seen in looks)))
 
 
 @main.command(
@@ -873,29 +886,37 @@ def design(config_path: Path, output: Path | None, as_json: bool, **chosen: Any)
     from osl_analysis.campaign.configuration import read_config
     from osl_analysis.commands.design import design_json, design_text, designed, write_command
 
-    kind, given = chosen["excitation"], options_given()
-    unused = sorted(given & set().union(*OPTIONS.values()) - OPTIONS[kind])
-    if unused:
-        raise click.UsageError(f"a {kind} has no --{unused[0].replace('_', '-')}")
-    for one, other in (("rms", "peak"), ("encoder_bits", "encoder_step")):
-        if {one, other} <= given:
-            raise click.UsageError(
-                f"give --{one.replace('_', '-')} or --{other.replace('_', '-')}, not both"
-            )
+    given = options_given()
+    check_design_options(given, chosen)
+    chosen["pilot"] = chosen["folder"] if "folder" in given else None
+    planned = designed(chosen, read_config(config_path))
+    if output is not None:
+        write_command(planned.best_plan, chosen["rate"], output)
+        say(f"wrote {output}", err=True)
+    say(design_json(planned) if as_json else design_text(planned))
+
+
+def check_design_options(given: set[str], chosen: dict[str, Any]) -> None:
+    """Refuse options of `design` that do not go with the others that are given."""
+    kind = chosen["excitation"]
+    of_other_kinds = set().union(*OPTIONS.values()) - OPTIONS[kind]
+    for name in sorted(given & of_other_kinds):
+        raise click.UsageError(f"a {kind} has no --{name.replace('_', '-')}")
+    if {"rms", "peak"} <= given:
+        raise click.UsageError("give --rms or --peak, not both")
+    if {"encoder_bits", "encoder_step"} <= given:
+        raise click.UsageError("give --encoder-bits or --encoder-step, not both")
     if "trial" in given and "folder" not in given:
         raise click.UsageError("--trial is that of a pilot: give its results by --from too")
     if chosen["band"] is not None and len(chosen["band"]) != 2:
         raise click.UsageError("--band has the lowest and the highest frequency, as 0.5,6")
-    chosen["pilot"] = chosen["folder"] if "folder" in given else None
     if {"folder", "friction"} <= given:
         raise click.UsageError("--from and --friction state the same friction: give one of them")
-    if of_walking := sorted(given & {"crossings", "turn", "ramp", "phase", "both", "plot"}):
-        raise click.UsageError(f"--{of_walking[0]} is of --walking: give that too")
-    made = designed(chosen, read_config(config_path))
-    if output is not None:
-        write_command(made.best_plan, chosen["rate"], output)
-        say(f"wrote {output}", err=True)
-    say(design_json(made) if as_json else design_text(made))
+    for name in sorted(given & {"crossings", "turn", "ramp", "phase", "both", "plot"}):
+        raise click.UsageError(f"--{name} is of --walking: give that too")
+
+
+USUAL_CROSSINGS = (4, 6, 8, 12, 16, 20, 30, 40)  # perturbed ones, of `design --walking`
 
 
 def design_walking(config_path: Path, as_json: bool, **chosen: Any) -> None:
@@ -907,22 +928,18 @@ def design_walking(config_path: Path, as_json: bool, **chosen: Any) -> None:
     from osl_analysis.figures.walking_figures import draw_half_widths
     from osl_analysis.walking.planned_turn import PlannedTurn
 
-    config, counts = (
-        read_config(config_path),
-        [round(n) for n in chosen["crossings"] or (4, 6, 8, 12, 16, 20, 30, 40)],
-    )
-    joint = (chosen["stiffness"], chosen["damping"], chosen["inertia"])
-    turned = (
-        chosen["turn"] and float(np.deg2rad(chosen["turn"])),
-        chosen["ramp"] and 1e-3 * chosen["ramp"],
-    )
-    stated = (*turned, chosen["phase"])
-    usual = pilot_turn(chosen["folder"]) if None in stated else stated
-    size, ramp_s, phase = (
-        other if own is None else own for own, other in zip(stated, usual, strict=True)
-    )
+    config = read_config(config_path)
+    counts = [round(n) for n in chosen["crossings"] or USUAL_CROSSINGS]
+    K, B, I = joint = (chosen["stiffness"], chosen["damping"], chosen["inertia"])
+    phase = chosen["phase"]
+    if None in (chosen["turn"], chosen["ramp"], phase):
+        size, ramp_s, phase_of_pilot = pilot_turn(chosen["folder"])
+        phase = phase_of_pilot if phase is None else phase
+    if chosen["turn"] is not None:
+        size = float(np.deg2rad(chosen["turn"]))
+    if chosen["ramp"] is not None:
+        ramp_s = 1e-3 * chosen["ramp"]
     turn = PlannedTurn(size, ramp_s, phase, joint)
-    K, B, I = joint
     say(
         f"assumed: a turn of {np.rad2deg(size):.3g} deg in {1e3 * ramp_s:.3g} ms at"
         f" {100 * phase:.3g} % of stance, a joint of K {K:g} N·m/rad, B {B:g} N·m·s/rad, I {I:g}"

@@ -66,12 +66,13 @@ def asked(
     experiment: str, trial: Trial | File, config: File | None, parameters: File | None
 ) -> tuple[str, Trial, Path | None, dict[str, Any], DoubtfulFits]:
     """The arguments of `fit_trial`, from those of the functions below."""
-    file, device = (
-        Path(config or config_here()),
-        None if parameters is None else shipped(parameters),
-    )
-    device = campaign_parameters(file) if parameters == OF_CONFIG else device
-    return experiment, as_trial(trial), device, *fit_settings(experiment, file)
+    file = Path(config or config_here())
+    if parameters == OF_CONFIG:
+        device = campaign_parameters(file)
+    else:
+        device = None if parameters is None else shipped(parameters)
+    settings, limits = fit_settings(experiment, file)
+    return experiment, as_trial(trial), device, settings, limits
 
 
 def known(desired: DesiredImpedance | None) -> DesiredImpedance:
@@ -200,24 +201,24 @@ def frequency_response(
     from osl_analysis.figures.names import JOINT_SIDE, completed
 
     experiment, read, device, settings, limits = asked("impedance", trial, config, parameters)
-    fitted = fitted_trial(experiment, read, device, settings, known(desired), windows)
-    tables, found = fitted.everything(), {}
+    tables = fitted_trial(experiment, read, device, settings, known(desired), windows).everything()
     fits = tables[experiment]
-    of_fits = judged(fits, limits.of(experiment), experiment)
-    for name in {table.name for table in EXPERIMENTS[experiment].tables} & {"phasors", "response"}:
-        own = judged(tables[name], limits.of(name), name)
-        found[name] = marked(
-            tables[name], with_inherited(name, tables[name], own, fits, of_fits), name
-        )
-    if "phasors" not in found or found["phasors"].is_empty():  # the motion is no stepped sine
-        plotted = drawing_of("response").points(found["response"])
-        return Response(read.name, "response", found["response"], plotted)
-    table = frequency_response_table(found["phasors"])
+    findings_of_fits = judged(fits, limits.of(experiment), experiment)
+
+    def with_doubts(name: str) -> pl.DataFrame:
+        """A table of the trial, marked with its own doubts and with those of the fits."""
+        findings = judged(tables[name], limits.of(name), name)
+        findings = with_inherited(name, tables[name], findings, fits, findings_of_fits)
+        return marked(tables[name], findings, name)
+
+    if tables["phasors"].is_empty():  # the motion is no stepped sine
+        response = with_doubts("response")
+        plotted = drawing_of("response").points(response)
+        return Response(read.name, "response", response, plotted)
+    table = frequency_response_table(with_doubts("phasors"))
     joint = pl.lit(joint_of(device) if device else None, pl.String)
-    plotted = beside_theory(
-        completed(table.with_columns(joint=joint), JOINT_SIDE), device, settings["weight"]
-    )
-    return Response(read.name, "fig7", table, plotted)
+    rows = completed(table.with_columns(joint=joint), JOINT_SIDE)
+    return Response(read.name, "fig7", table, beside_theory(rows, device, settings["weight"]))
 
 
 def read_recording(
@@ -236,7 +237,7 @@ def read_recording(
     if not (described.suffix == ".yaml" and described.is_file()):
         described = shipped(Path("config/sources") / f"{source}.yaml")
     if not described.is_file():
-        known = sorted(one.stem for one in shipped("config/sources").glob("*.yaml"))
+        known = sorted(path.stem for path in shipped("config/sources").glob("*.yaml"))
         raise InputError(
             f"{source}: no such source file; give the path of a file that ends in .yaml, or one of"
             f" {', '.join(known)}{nearest(Path(source).stem, known)}"
@@ -349,8 +350,6 @@ def plot_torque_angle(*fits: Fit) -> "NotebookFigure":
         raise InputError(
             f"two fits are of trials of one name, {listing(names)}; name each trial differently"
         )
-    both = (
-        pl.concat(frames, how="diagonal_relaxed")
-        for frames in (curves, [fit.table for fit in fits])
-    )
-    return drawn("torque_angle", drawing_of("torque_angle").points(*both))
+    all_curves = pl.concat(curves, how="diagonal_relaxed")
+    all_rows = pl.concat([fit.table for fit in fits], how="diagonal_relaxed")
+    return drawn("torque_angle", drawing_of("torque_angle").points(all_curves, all_rows))

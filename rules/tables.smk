@@ -88,7 +88,7 @@ rule predict:
         settings=CONFIG.dynamometer.part("FilterSettings"),
         made_by=MADE_BY,
     run:
-        job("bench.gather_predictions", input, output, params, log)
+        job("predictions.gather_predictions", input, output, params, log)
 
 
 rule gains_table:

@@ -567,7 +567,7 @@ def test_a_recording_is_held_against_its_siblings_of_which_a_wrong_gain_is_told(
         provenance = {"columns": {"torque": {"sign": sign}}}
         estimates = {"K": K, "K_se": 1.0, "B": 5.0, "B_se": 0.1}
         numbers = watching.comparable(Trial(name, samples, provenance), row, estimates)
-        return list(watching.beside_siblings(name, kind, numbers, tmp_path / "measured.json"))
+        return [watching.beside_siblings(name, kind, numbers, tmp_path / "measured.json")]
 
     for k, (name, K) in enumerate((("a", 299.0), ("b", 301.0), ("c", 303.0))):
         assert said(name, K) == [f"{k} siblings to compare with, 3 are needed"]

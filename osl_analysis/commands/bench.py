@@ -16,42 +16,34 @@ from osl_analysis.bench import (
     frequency_response,
     impedance,
     known_spring,
-    measured_components,
     phasors,
-    prediction,
     torque_angle,
     torque_angle_tables,
 )
 from osl_analysis.bench.actuator_alone import ACTUATOR_PARAMETERS, actuator_table, actuator_trial
 from osl_analysis.bench.analysis import QUANTITIES, analysed
 from osl_analysis.bench.belt import belt_curve, belt_table, belt_trial
-from osl_analysis.bench.component_summary import PLACE, part_summary
+from osl_analysis.bench.component_summary import part_summary
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums
 from osl_analysis.bench.fit_tables import FitTables, tables_of_fit
 from osl_analysis.bench.fixture import fixture_column, with_fixture
 from osl_analysis.bench.plausibility import plausible
-from osl_analysis.bench.record import Record, read_record, stored_record, with_actuator
+from osl_analysis.bench.record import Record, stored_record, with_actuator
 from osl_analysis.bench.recorded_motion import record_of_trial, sine_record
 from osl_analysis.bench.transmission import LOSSES, transmission_of, transmission_table
 from osl_analysis.campaign.configuration import Config, over_default, own_fields, read_section
 from osl_analysis.commands.estimates import estimated, estimates_text
 from osl_analysis.commands.remedies import remedies_tried
 from osl_analysis.config.experiments import EXPERIMENTS, FitJob
-from osl_analysis.errors import IdentifiabilityError, InputError, nearest, printable_lines
+from osl_analysis.errors import InputError, nearest, printable_lines
 from osl_analysis.files import shipped
 from osl_analysis.ingest.examine import check_recording, saturated
 from osl_analysis.judge.finding import Finding, Grade
 from osl_analysis.judge.judging import judged, marked
 from osl_analysis.judge.limits import DoubtfulFits
 from osl_analysis.judge.words import finding_text
-from osl_analysis.model.actuator_in_time import Controller
 from osl_analysis.model.compensator import Weight
-from osl_analysis.model.drivetrain import (
-    DrivetrainParameters,
-    FileOrNone,
-    joint_admittance,
-    known_parameters,
-)
+from osl_analysis.model.drivetrain import FileOrNone, joint_admittance, known_parameters
 from osl_analysis.table import read_table, with_evidence, write_table
 from osl_analysis.trial import Trial
 
@@ -248,125 +240,11 @@ def summarise(table: Path, output: Path, data: str = "") -> None:
 def compare_controllers(table: Path, output: Path, data: str = "") -> None:
     """Compensated beside uncompensated trials of the same desired impedance."""
     needed = (
-        "commanded_deg",
-        "amplitude_deg",
-        "controller",
-        "K_d",
-        "B_d",
-        "K",
-        "B",
-        "VAF",
+        "commanded_deg", "amplitude_deg", "controller", "K_d", "B_d", "K", "B", "VAF",
         "torque_error",
-    )
-    write_table(condition_tables.compensation_table(read_table(table, needed)), output, data)
-
-
-def gather_predictions(
-    records: Sequence[Path],
-    table: Path,
-    law: Path,
-    components: Mapping[str, Path],
-    unpredicted: Mapping[str, str],
-    weight: Weight,
-    sign_width: float,
-    settings: choices.FilterSettings,
-    output: Path,
-    causes: Path,
-    frequencies: Path,
-    parameters: FileOrNone = None,
-    data: str = "",
-) -> None:
-    """Write the predictions of all trials with their intervals, what would explain what they leave,
-    and how much that is at each frequency.
-
-    Parameters
-    ----------
-    records
-        Those of the trials' fits.
-    table, law
-        `impedance.csv`, and `law.csv`: where other gains ran than were programmed, these count.
-    unpredicted
-        Why other trials with known gains have no prediction.
-    weight
-        W of Eq. 14.
-    sign_width
-        Over which the controller smooths the sign of the velocity [rad/s].
-    """
-    evidence = with_evidence(table)
-    fits = evidence.filter(pl.col("amplitude_deg").is_null())
-    p = known_parameters(parameters)
-    measured = {part: read_table(path) for part, path in components.items()}
-    laws = read_table(law)
-    record_of_trial = {path.stem: path for path in records}
-    without = dict(unpredicted)
-
-    def predicted_trial(
-        row: Mapping[str, Any], p: DrivetrainParameters, parts: measured_components.Components
-    ) -> PredictedTrial:
-        desired = impedance.DesiredImpedance(row["controller"], row["K_d"], row["B_d"])
-        gains = desired.gains(p, weight)
-        assert gains is not None  # of other trials no record is read
-        record = read_record(record_of_trial[row["trial"]], settings.low_pass)
-        of_trial = laws.filter(trial=row["trial"])
-        measured_gains, cancelled_friction = controller_law.law_that_ran(of_trial, gains, p)
-        controller = Controller(measured_gains, cancelled_friction, sign_width)
-        terms, misses = prediction.prediction_terms(record, controller, parts)
-        is_programmed = (measured_gains, cancelled_friction) == (gains, p)
-        return PredictedTrial(terms, misses, "programmed" if is_programmed else "measured")
-
-    predictions: list[pl.DataFrame] = []
-    of_components: list[pl.DataFrame] = []
-    misses = [pl.DataFrame(schema=prediction.MISSES)]
-    with_record = fits.filter(pl.col("trial").is_in(list(record_of_trial)))
-    for at_place in with_record.partition_by(PLACE, maintain_order=True):
-        assert p is not None  # without a parameter file no gains are known
-        predicted: dict[str, PredictedTrial] = {}
-        try:
-            parts = measured_components.components_of(measured, at_place.select(PLACE).row(0), p)
-        except (InputError, IdentifiabilityError) as error:
-            reason = f"components that predict a torque ({error})"
-            without.update(dict.fromkeys(at_place["trial"], reason))
-            continue
-        for row in at_place.to_dicts():
-            try:
-                predicted[row["trial"]] = predicted_trial(row, p, parts)
-            except (InputError, IdentifiabilityError) as error:
-                without[row["trial"]] = f"components that predict a torque ({error})"
-        if not predicted:
-            continue
-        misses += [trial.misses for trial in predicted.values()]
-        terms = {name: trial.terms for name, trial in predicted.items()}
-        law_names = {name: trial.law for name, trial in predicted.items()}
-        of_terms = at_place.filter(pl.col("trial").is_in(list(terms)))
-        rows, rows_of_components = prediction.prediction_table(terms, of_terms, parts)
-        law_of_trial = pl.col("trial").replace_strict(law_names)
-        predictions.append(rows.with_columns(law=law_of_trial))
-        of_components.append(rows_of_components)
-
-    why_missing = pl.col("trial").replace_strict(without, default=None, return_dtype=pl.String)
-    unknown = pl.DataFrame(schema=dict.fromkeys(prediction.NUMBERS, pl.Float64))
-    others = fits.filter(pl.col("trial").is_in(list(without))).select(
-        "trial", *PLACE, "controller", "K_d", "B_d", missing_components=why_missing
-    )
-    others = pl.concat([others, unknown], how="diagonal_relaxed")
-    others = others.with_columns(doubtful=pl.lit(None, pl.String))
-    write_table(pl.concat([others, *predictions], how="diagonal_relaxed"), output, data)
-
-    no_causes = pl.DataFrame(schema=[*PLACE, "component"])
-    write_table(pl.concat([no_causes, *of_components], how="diagonal_relaxed"), causes, data)
-
-    condition = fits.select("trial", *PLACE, "controller", "K_d", "B_d", "doubtful")
-    of_condition = condition.join(pl.concat(misses), on="trial", maintain_order="left")
-    write_table(of_condition, frequencies, data)
-
-
-@dataclass(frozen=True)
-class PredictedTrial:
-    """What one trial gives to the tables of predictions."""
-
-    terms: pl.DataFrame  # as `prediction_terms`
-    misses: pl.DataFrame  # as `miss_over_frequency`
-    law: str  # that its controller ran: programmed or measured
+    )  # fmt: skip
+    rows = read_table(table, needed)
+    write_table(condition_tables.compensation_table(rows), output, data)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -33,7 +33,13 @@ PROFILES = {
     "https://w3id.org/ro/wfrun/workflow/0.5": "Workflow Run Crate",
     "https://w3id.org/workflowhub/workflow-ro-crate/1.0": "Workflow RO-Crate",
 }
-RAW, MAIN = "raw", "workflow/Snakefile"  # in the bundle
+RAW = "raw"  # folder of the recordings in the bundle
+MAIN = "workflow/Snakefile"
+# what is published; fits, trials and notes of jobs are made again
+PUBLISHED = (
+    "tables", "figures", "report.html", "methods.md", "methods.tex", "methods.bib", "summary.json", "numbers.tex",
+)  # fmt: skip
+JSON_TYPES = {"Int": "integer", "Flo": "number", "Boo": "boolean"}  # by begin of polars' type
 README = """# {title}
 
 {about}
@@ -60,62 +66,65 @@ def write_bundle(folder: Path, output: Path, licence: str, raw: bool) -> int:
     library = optional_module("rocrate.rocrate", "a bundle")
     output = output.absolute()
     with chdir(folder), TemporaryDirectory() as scratch, atomic_path(output) as path:
-        config, crate = read_config(CAMPAIGN), Path(scratch) / "crate"
+        config = read_config(CAMPAIGN)
+        crate = Path(scratch) / "crate"
         summary = read_summary(config.results / "summary.json")
         copy_inputs(open_campaign(config, None), crate, raw)
-        given = [file for file in crate.rglob("*") if file.is_file()]
-        # what is published; fits, trials and notes of jobs are made again
-        for name in (
-            "tables",
-            "figures",
-            "report.html",
-            "methods.md",
-            "methods.tex",
-            "methods.bib",
-            "summary.json",
-            "numbers.tex",
-        ):
-            copy(config.results / name, crate / "results" / name)
-        current = {*described_tables_by_name(), *FIGURES, "captions"}
-        for file in (crate / "results").glob("*/*"):
-            if file.is_file() and file.stem not in current:  # an older release left it
-                file.unlink()
-        made = [file for file in (crate / "results").rglob("*") if file.is_file()]
+        inputs = files_below(crate)
+        copy_results(config.results, crate / "results")
+        results = files_below(crate / "results")
+
         title = f"Campaign {config.campaign}, analysed with osl-analysis {summary['version']}"
         about = ", ".join(str(summary[name]) for name in ("data", "recorded", "configuration"))
-        said = {
-            "title": title,
-            "about": about,
-            "python": platform.python_version(),
-            "version": summary["version"],
-            "recordings": WITHOUT * (not raw),
-        }
-        write_text(crate / "README.md", README.format(**said))
+        readme = README.format(
+            title=title,
+            about=about,
+            python=platform.python_version(),
+            version=summary["version"],
+            recordings="" if raw else WITHOUT,
+        )
+        write_text(crate / "README.md", readme)
         package = {
             "name": config.campaign.lower(),
             "title": title,
-            "resources": [*resources(crate)],
+            "resources": list(resources(crate)),
         }
-        write_text(
-            crate / "datapackage.json", json.dumps(package, indent=1, ensure_ascii=False) + "\n"
-        )
-        lock = sorted(
-            {f"{one.metadata['Name']}=={one.version}\n" for one in distributions()},
-            key=str.casefold,
-        )
-        write_text(crate / "requirements.txt", "".join(lock))
+        text = json.dumps(package, indent=1, ensure_ascii=False)
+        write_text(crate / "datapackage.json", f"{text}\n")
+        write_text(crate / "requirements.txt", installed_packages())
         # to be read: a run takes those of the package, with its job server
         for name in ("Snakefile", "rules"):
             copy(shipped(name), crate / "workflow" / name)
         whole = library.ROCrate(version="1.1")  # as the profiles ask
         whole.name, whole.description, whole.license = title, about, {"@id": licence}
-        describe(whole, crate, given, made)
+        describe(whole, crate, inputs, results)
         whole.metadata.write(crate)
         # with dates, by which results go
         with ZipFile(path, "w", ZIP_DEFLATED, strict_timestamps=False) as archive:
             for file in sorted(crate.rglob("*")):
                 archive.write(file, file.relative_to(crate))
-        return sum(file.is_file() for file in crate.rglob("*"))
+        return len(files_below(crate))
+
+
+def files_below(folder: Path) -> list[Path]:
+    """All files of a folder and of those in it."""
+    return [file for file in folder.rglob("*") if file.is_file()]
+
+
+def copy_results(results: Path, to: Path) -> None:
+    """Copy what is published of a campaign's results, without what an older release left there."""
+    for name in PUBLISHED:
+        copy(results / name, to / name)
+    current = {*described_tables_by_name(), *FIGURES, "captions"}
+    for file in to.glob("*/*"):
+        if file.is_file() and file.stem not in current:
+            file.unlink()
+
+
+def installed_packages() -> str:
+    """The installed packages with their versions, as `requirements.txt`."""
+    lines = {f"{package.metadata['Name']}=={package.version}\n" for package in distributions()}
+    return "".join(sorted(lines, key=str.casefold))
 
 
 def copy(file: Path, to: Path) -> None:
@@ -130,7 +139,8 @@ def copy(file: Path, to: Path) -> None:
 def copy_inputs(campaign: Campaign, crate: Path, raw: bool) -> None:
     """Configuration, sheet, source and parameter files, and the recordings or their hashes. The
     configuration names them where they are in the bundle."""
-    config, yaml = campaign.config, YAML()
+    config = campaign.config
+    yaml = YAML()
     content = yaml.load(CAMPAIGN.read_text(encoding="utf-8"))
     # the simulator writes the sheet beside its logs, and `truth`
     is_simulated = config.simulation is not None
@@ -156,71 +166,74 @@ def copy_recordings(campaign: Campaign, crate: Path, raw: bool) -> None:
     config = campaign.config
     recordings = sorted({file for trial in campaign.trials() for file in campaign.logs(trial)})
     hashes = {file.relative_to(config.raw_data).as_posix(): digest(file) for file in recordings}
-    if missing := [name for name, found in hashes.items() if found is None]:
-        raise InputError(
-            f"{config.raw_data / missing[0]}: cannot be read; a bundle needs every recording or its"
-            " hash"
-        )
-    write_text(
-        crate / "recordings.sha256",
-        "".join(f"{found}  {RAW}/{name}\n" for name, found in hashes.items()),
-    )
-    for file in recordings if raw else ():
+    for name, hash_ in hashes.items():
+        if hash_ is None:
+            raise InputError(
+                f"{config.raw_data / name}: cannot be read; a bundle needs every recording or its"
+                " hash"
+            )
+    lines = [f"{hash_}  {RAW}/{name}\n" for name, hash_ in hashes.items()]
+    write_text(crate / "recordings.sha256", "".join(lines))
+    if not raw:
+        return
+    for file in recordings:
         copy(file, crate / RAW / file.relative_to(config.raw_data))
-    if config.simulation is not None and raw:
+    if config.simulation is not None:
         copy(config.sheet.parent / TRUTH, crate / RAW / TRUTH)
 
 
 def resources(crate: Path) -> Iterator[dict[str, Any]]:
     """The tables as Frictionless resources, each column with type, unit and meaning."""
     known = {table.place: table for table in described_tables()}
-    kinds = {"Int": "integer", "Flo": "number", "Boo": "boolean"}
     for path in sorted((crate / "results" / "tables").glob("*.csv")):
         if is_refused(path):
             continue
-        table, described = read_table(path), known.get(f"tables/{path.stem}")
+        described = known.get(f"tables/{path.stem}")
+        written = pl.read_csv(path, n_rows=0).columns  # `read_table` may add a column `side`
         fields = []
-        # those that are written
-        for name, kind in table.select(pl.read_csv(path, n_rows=0).columns).schema.items():
-            field = {"name": name, "type": kinds.get(str(kind)[:3], "string")}
+        for name, kind in read_table(path).select(written).schema.items():
+            field = {"name": name, "type": JSON_TYPES.get(str(kind)[:3], "string")}
             column = described.columns.get(name) if described else None
-            fields.append(
-                field | ({"unit": column.unit, "description": column.meaning} if column else {})
-            )
-        place = {
+            if column is not None:
+                field["unit"] = column.unit
+                field["description"] = column.meaning
+            fields.append(field)
+        resource: dict[str, Any] = {
             "name": path.stem,
             "path": path.relative_to(crate).as_posix(),
             "profile": "tabular-data-resource",
         }
-        about = {"title": described.rows} if described else {}
-        yield place | about | {"format": "csv", "encoding": "utf-8", "schema": {"fields": fields}}
+        if described is not None:
+            resource["title"] = described.rows
+        resource["format"] = "csv"
+        resource["encoding"] = "utf-8"
+        resource["schema"] = {"fields": fields}
+        yield resource
 
 
-def describe(whole: Any, crate: Path, given: list[Path], made: list[Path]) -> None:
-    """Say in the crate what each file is, and that the workflow made the results of what was
-    given."""
+def describe(whole: Any, crate: Path, inputs: list[Path], results: list[Path]) -> None:
+    """Say in the crate what each file is, and that the workflow made the results of the inputs."""
     entity = optional_module("rocrate.model.contextentity", "a bundle").ContextEntity
     workflow = whole.add_workflow(crate / MAIN, MAIN, main=True, lang="snakemake")
     workflow["name"] = "osl-analysis"
     tool = entity(whole, "#osl-analysis", {"@type": "SoftwareApplication", "name": "osl-analysis"})
     tool["softwareVersion"] = version("osl-analysis")
     workflow["softwareRequirements"] = whole.add(tool)
-    every = {}
-    for file in (one for one in sorted(crate.rglob("*")) if one.is_file()):
-        if (name := file.relative_to(crate).as_posix()) != MAIN:
-            every[file] = whole.add_file(file, name, properties={"name": name})
-    profiles = [
-        whole.add(
-            entity(
-                whole, at, {"@type": "CreativeWork", "name": name, "version": at.rpartition("/")[2]}
-            )
-        )
-        for at, name in PROFILES.items()
-    ]
+    entity_of = {}
+    for file in sorted(files_below(crate)):
+        name = file.relative_to(crate).as_posix()
+        if name != MAIN:
+            entity_of[file] = whole.add_file(file, name, properties={"name": name})
+    profiles = []
+    for address, name in PROFILES.items():
+        number = address.rpartition("/")[2]
+        properties = {"@type": "CreativeWork", "name": name, "version": number}
+        profiles.append(whole.add(entity(whole, address, properties)))
     whole.root_dataset["conformsTo"] = profiles
     ended = (crate / "results" / "summary.json").stat().st_mtime
     run = entity(whole, "#run", {"@type": "CreateAction", "name": "osl-analysis run"})
     run["endTime"] = datetime.fromtimestamp(ended, UTC).isoformat(timespec="seconds")
     run["instrument"] = workflow
-    run["object"], run["result"] = ([every[one] for one in files] for files in (given, made))
+    run["object"] = [entity_of[file] for file in inputs]
+    run["result"] = [entity_of[file] for file in results]
     whole.root_dataset["mentions"] = [whole.add(run)]

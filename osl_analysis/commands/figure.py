@@ -2,10 +2,9 @@
 captions."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from io import BytesIO
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -27,6 +26,8 @@ from osl_analysis.errors import InputError
 from osl_analysis.figures import drawing_of, names
 from osl_analysis.figures.frequency import DESIRED, LINEAR_MODEL, draw_fig7, response_curve
 from osl_analysis.figures.names import completed, look_numbers
+from osl_analysis.figures.saved import METADATA, saved_figure
+from osl_analysis.figures.style import lay_out
 from osl_analysis.files import atomic_path, digest, write_text
 from osl_analysis.judge.finding import Limits
 from osl_analysis.judge.judging import judged, marked
@@ -46,18 +47,6 @@ from osl_analysis.walking.crossing import DOWN, UP, Crossing
 from osl_analysis.walking.result_tables import trajectory_points, walking_page_points
 from osl_analysis.walking.unperturbed_gait import UnperturbedGait, unperturbed_gait
 from osl_analysis.walking.walking_settings import TimingSettings
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-    from matplotlib.transforms import Bbox
-
-# Formats, each with the entries of its metadata for what the data are, and for the time: equal
-# numbers give equal files
-METADATA = {
-    ".pdf": ("Subject", "CreationDate"),
-    ".svg": ("Description", "Date"),
-    ".png": ("Description", "Date"),
-}
 
 UNDRAWN = "This figure is not drawn."  # how the caption of one begins that has nothing to show
 
@@ -129,7 +118,6 @@ def names_of_trials(refused: Iterable[Refusal]) -> list[str]:
 CURVE_POINTS = 101  # of a response by a model
 SAME_AMPLITUDE_DEG = 1e-6  # difference of an amplitude that a CSV file rounds
 MOST_NAMED = 4  # refused trials below a figure; the caption names more, `excluded.csv` all
-PNG_EFFORT = 3  # of 9; lines hardly shrink by more
 
 
 def draw_table(
@@ -147,8 +135,6 @@ def draw_table(
                 f"{path}: figures are written as {', '.join(METADATA)}; choose one of these"
                 " suffixes"
             )
-    from osl_analysis.figures.style import lay_out  # matplotlib takes half a second
-
     if missing:
         without = f"Without {len(missing)} refused: {', '.join(missing[:MOST_NAMED])}"
         if len(missing) > MOST_NAMED:
@@ -161,29 +147,6 @@ def draw_table(
         content = saved_figure(figure, path.suffix, origin, page_box)
         with atomic_path(path) as temporary:
             temporary.write_bytes(content)
-
-
-def saved_figure(figure: "Figure", suffix: str, origin: str, page_box: "Bbox | None") -> bytes:
-    """A figure in the format of a suffix; `page_box` is the part of the plane that is saved."""
-    from osl_analysis.figures import style, svg_text
-
-    subject, date = METADATA[suffix]
-    metadata: dict[str, str | None] = {}
-    options: dict[str, Any] = {}
-    if suffix == ".png":
-        options["pil_kwargs"] = {"compress_level": PNG_EFFORT}
-    else:
-        metadata[date] = None  # the same numbers give the same file
-    if origin:
-        metadata[subject] = origin
-    page = BytesIO()  # a writer that the disk interrupts would leave its file open
-    with style.paper_style():
-        figure.savefig(
-            page, format=suffix.removeprefix("."), metadata=metadata, bbox_inches=page_box,
-            **options,
-        )  # fmt: skip
-    content = page.getvalue()
-    return svg_text.with_readable_text(content.decode()).encode() if suffix == ".svg" else content
 
 
 def write_captions(

@@ -22,13 +22,15 @@ from osl_analysis.report.headline_text import aligned
 from osl_analysis.simulator.laboratory_settings import WalkingSettings
 from osl_analysis.simulator.simulation_settings import SimulationSettings
 
+DRAFT = "https://json-schema.org/draft/2020-12/schema"
+
 
 def columns_text() -> str:
     """Unit and meaning of every column of every table, of every check and of every headline
     number."""
     sections = []
     for table in described_tables():
-        columns = [(one.name, one.unit, one.meaning) for one in table.columns.values()]
+        columns = [(column.name, column.unit, column.meaning) for column in table.columns.values()]
         sections.append(f"{file_at(table.place)}: {table.rows}\n\n{aligned(columns)}")
     numbers = [(entry.name, entry.unit, entry.meaning) for entry in all_labels()]
     return "\n".join(
@@ -50,43 +52,48 @@ def described_checks() -> list[tuple[str, str, str]]:
 
 def schemas() -> dict[str, dict[str, Any]]:
     """The schema of each kind of file, by the name of its file without `.schema.json`."""
-    draft, found = "https://json-schema.org/draft/2020-12/schema", dict[str, dict[str, Any]]()
-    models: dict[str, type[BaseModel]] = {"config": Config, "parameters": ParameterFile}
-    models |= {"simulation": SimulationSettings, "gait_laboratory": WalkingSettings}
+    models: dict[str, type[BaseModel]] = {
+        "config": Config,
+        "parameters": ParameterFile,
+        "simulation": SimulationSettings,
+        "gait_laboratory": WalkingSettings,
+    }
+    schema_of: dict[str, dict[str, Any]] = {}
     for name, model in models.items():
-        top, definitions = definitions_of({name: model})
+        places, definitions = definitions_of({name: model})
         if model is Config:  # a campaign's overrides fields of the default, and needs none
-            for one in definitions.values():
-                one.pop("required", None)
-        found[name] = {"$schema": draft, "$ref": top[name], "$defs": definitions}
+            for definition in definitions.values():
+                definition.pop("required", None)
+        schema_of[name] = {"$schema": DRAFT, "$ref": places[name], "$defs": definitions}
+
     sources = {name: known.source for name, known in known_formats().items()}
-    top, definitions = definitions_of(sources)
-    found["source"] = {
-        "$schema": draft,
+    places, definitions = definitions_of(sources)
+    of_format = []
+    for name, place in places.items():
+        is_format = {"properties": {"format": {"const": name}}}
+        of_format.append({"if": is_format, "then": {"$ref": place}})
+    schema_of["source"] = {
+        "$schema": DRAFT,
         "type": "object",
         "required": ["format"],
         "properties": {"format": {"enum": list(known_formats())}},
-        "allOf": [
-            {"if": {"properties": {"format": {"const": n}}}, "then": {"$ref": at}}
-            for n, at in top.items()
-        ],
+        "allOf": of_format,
         "$defs": definitions,
     }
-    return found
+    return schema_of
 
 
 def definitions_of(models: Mapping[str, type[BaseModel]]) -> tuple[dict[str, str], dict[str, Any]]:
     """Where the definition of each model stands, and all definitions."""
-    each: list[tuple[type[BaseModel], Literal["validation"]]] = []
-    each += [(model, "validation") for model in dict.fromkeys(models.values())]
-    places, content = models_json_schema(each, ref_template="#/$defs/{model}")
-    return {name: places[model, "validation"]["$ref"] for name, model in models.items()}, content[
-        "$defs"
+    validated: list[tuple[type[BaseModel], Literal["validation"]]] = [
+        (model, "validation") for model in dict.fromkeys(models.values())
     ]
+    schema_of, content = models_json_schema(validated, ref_template="#/$defs/{model}")
+    places = {name: schema_of[model, "validation"]["$ref"] for name, model in models.items()}
+    return places, content["$defs"]
 
 
 def write_schemas(folder: Path) -> None:
     for name, schema in schemas().items():
-        write_text(
-            folder / f"{name}.schema.json", json.dumps(schema, indent=1, ensure_ascii=False) + "\n"
-        )
+        text = json.dumps(schema, indent=1, ensure_ascii=False)
+        write_text(folder / f"{name}.schema.json", f"{text}\n")

@@ -21,21 +21,19 @@ from osl_analysis.simulator.trial_plan import plan_trials
 from osl_analysis.yaml_settings import located, read_yaml, validated
 
 TRUTH = "truth"
-UNFOLLOWED = SharedChoices()  # No configuration to follow: the settings alone decide.
+UNFOLLOWED = SharedChoices()  # no configuration to follow: the settings alone decide
 
 
 def check_folder(folder: Path) -> None:
     """Refuse to simulate into a folder of real recordings, which has no folder `truth`."""
     if (folder / TRUTH).is_dir():
         return
-    held = (
-        p
-        for p in folder.rglob("*")
-        if p.suffix.lower() in (".mcap", ".c3d") or p.name == "trials.csv"
-    )
-    path = next((one for one in held if not is_refused(one)), None)
-    # another job makes it before its first log
-    if path is not None and not (folder / TRUTH).is_dir():
+    for path in folder.rglob("*"):
+        is_recording = path.suffix.lower() in (".mcap", ".c3d") or path.name == "trials.csv"
+        if not is_recording or is_refused(path):
+            continue
+        if (folder / TRUTH).is_dir():  # another job has made it meanwhile, before its first log
+            return
         raise InputError(
             f"{path}: the simulator did not make it (there is no folder '{TRUTH}' in {folder}); for"
             " real recordings write `simulation: null` in the configuration, for a simulation"
@@ -49,24 +47,23 @@ def planned_sheet(settings_path: Path, sheet: Path) -> SheetRows | None:
     check_folder(sheet.parent)
     with naming("simulation"):
         settings = read_yaml(settings_path, SimulationSettings)
-    kept = (
-        sheet.is_file()
-        and not is_refused(sheet)
-        and sheet.stat().st_mtime >= settings_path.stat().st_mtime
-    )
-    return None if kept else plan_trials(settings)
+    if sheet.is_file() and not is_refused(sheet):
+        is_newer = sheet.stat().st_mtime >= settings_path.stat().st_mtime
+        if is_newer:
+            return None
+    return plan_trials(settings)
 
 
 def write_sheet(settings_path: Path, sheet: Path) -> None:
     """Write the plan of a simulated campaign as its sample sheet."""
     check_folder(sheet.parent)
     check_output(sheet)
-    rows = plan_trials(read_yaml(settings_path, SimulationSettings)).values()
+    rows = plan_trials(read_yaml(settings_path, SimulationSettings))
     (sheet.parent / TRUTH).mkdir(parents=True, exist_ok=True)
     with atomic_path(sheet) as path, path.open("w", encoding="utf-8", newline="") as file:
-        csv.writer(file, lineterminator="\n").writerows(
-            [SHEET_COLUMNS, *(row.values() for row in rows)]
-        )
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(SHEET_COLUMNS)
+        writer.writerows(row.values() for row in rows.values())
 
 
 def settings_files(settings_path: Path, followed: SharedChoices = UNFOLLOWED) -> list[Path]:
@@ -76,11 +73,11 @@ def settings_files(settings_path: Path, followed: SharedChoices = UNFOLLOWED) ->
     laboratory = laboratory_of(settings, followed)
     # the jobs give the warnings
     with catch_warnings(action="ignore"), naming(f"{settings_path}: experiments"):
-        wanted, p = settings.experiments, read_parameters(settings.parameters)
-        rendered = (
-            wanted.K_d if "compensated" in wanted.controllers and settings.joint is None else ()
-        )
-        check_request(rendered, wanted.B_d, p)
+        wanted = settings.experiments
+        p = read_parameters(settings.parameters)
+        # K_s limits K_d only where a compensated controller renders it through the drivetrain
+        is_rendered = "compensated" in wanted.controllers and settings.joint is None
+        check_request(wanted.K_d if is_rendered else (), wanted.B_d, p)
     if laboratory is None or settings.walking is None:
         return [settings_path, settings.parameters]
     try:
@@ -98,11 +95,9 @@ def read_simulation(settings_path: Path, followed: SharedChoices) -> SimulationS
     chosen = followed.model_dump(include={"parameters", "gain_weight"}, exclude_none=True)
     if followed.protocol is not None:
         chosen["protocol"] = settings.protocol.model_dump() | followed.protocol
-    settings = (
-        validated(settings.model_dump() | chosen, SimulationSettings, settings_path)
-        if chosen
-        else settings
-    )
+    if chosen:
+        stated = {**settings.model_dump(), **chosen}
+        settings = validated(stated, SimulationSettings, settings_path)
     if settings.walking is not None and not settings.walking.is_file():
         raise InputError(
             f"{settings_path}: walking: {settings.walking} is no file; correct it, or write null"
@@ -144,13 +139,15 @@ def simulate_campaign(
 def row_of_trial(
     settings: SimulationSettings, settings_path: Path, trial: str
 ) -> Mapping[str, Any]:
-    if row := plan_trials(settings, trial).get(trial):
-        return row
-    rows = plan_trials(settings)
-    planned = (
-        f"it has {len(rows)}, from '{next(iter(rows))}' to '{next(reversed(rows))}': see trials.csv"
-    )
-    raise InputError(f"{settings_path}: plans no trial '{trial}'; {planned}")
+    """The row of the sheet of one trial of the plan. Raises InputError: it is not planned."""
+    row = plan_trials(settings, trial).get(trial)
+    if row is None:
+        names = list(plan_trials(settings))
+        raise InputError(
+            f"{settings_path}: plans no trial '{trial}'; it has {len(names)}, from '{names[0]}' to"
+            f" '{names[-1]}': see trials.csv"
+        )
+    return row
 
 
 def record_trial(

@@ -85,24 +85,25 @@ def first_look(folder: Path, is_new: bool = False) -> Iterator[FirstLook]:
                 yield FirstLook(trial, experiment, [unexpected(fault)], is_refused=True)
             else:
                 text = estimates_text(fitted.table, fitted.findings)
-                doubts = [
-                    finding_text(finding, estimates)
-                    for estimates, of_row in zip(
-                        fitted.table.to_dicts(), fitted.findings, strict=False
-                    )
-                    for finding in of_row
-                    if finding.grade is Grade.DOUBTS
-                ]
                 warnings = [f"warning: {text}" for text in recorded.provenance["warnings"]]
-                yield FirstLook(trial, experiment, text.splitlines(), doubts, warnings)
+                yield FirstLook(trial, experiment, text.splitlines(), doubts_of(fitted), warnings)
+
+
+def doubts_of(fitted: fits.Fit) -> list[str]:
+    """The doubts about each row of a fit, in words."""
+    doubts = []
+    for row, findings in zip(fitted.table.to_dicts(), fitted.findings, strict=False):
+        for finding in findings:
+            if finding.grade is Grade.DOUBTS:
+                doubts.append(finding_text(finding, row))
+    return doubts
 
 
 def first_trials(campaign: Campaign) -> list[tuple[str, str]]:
     """The first trial of each experiment on a bench and source file, with its experiment."""
     first: dict[tuple[str, str], str] = {}
-    for trial in campaign.trials(
-        *(name for name, facts in EXPERIMENTS.items() if facts.place == "bench")
-    ):
+    on_bench = [name for name, facts in EXPERIMENTS.items() if facts.place == "bench"]
+    for trial in campaign.trials(*on_bench):
         row = campaign.row(trial)
         first.setdefault((row["experiment"], row["log_source"] or row["mocap_source"]), trial)
     return [(trial, experiment) for (experiment, _), trial in first.items()]
@@ -115,15 +116,16 @@ def note_protocol(trial: Trial, config: Config) -> bool:
     known = Likeness(angle.time, angle["theta"], stated_protocol(None, None, None, None))
     if known.kind != "stepped sine":
         return False
-    found = sorted(find_segments(known), key=lambda one: one.frequency_hz)
-    sizes = sorted({round(np.rad2deg(one.commanded or 0.0), 1) for one in found})
-    cycles = {one.frequency_hz: one.cycles for one in found}
+    segments = sorted(find_segments(known), key=lambda segment: segment.frequency_hz)
+    cycles = {segment.frequency_hz: segment.cycles for segment in segments}
+    amplitudes = {round(np.rad2deg(segment.commanded or 0.0), 1) for segment in segments}
+    protocol = {
+        "amplitudes_deg": sorted(amplitudes),
+        "frequencies_hz": list(cycles),
+        "cycles": list(cycles.values()),
+    }
     lines = [f"# dynamometer:  # as {trial.name} was recorded"]
-    for name, values in (
-        ("amplitudes_deg", sizes),
-        ("frequencies_hz", cycles),
-        ("cycles", cycles.values()),
-    ):
+    for name, values in protocol.items():
         lines.append(f"#   {name}: [{', '.join(f'{value:.3g}' for value in values)}]")
     text = CAMPAIGN.read_text(encoding="utf-8")
     write_text(CAMPAIGN, text.replace("# dynamometer:\n", "\n".join([*lines, ""])))
@@ -144,6 +146,14 @@ def fit_of_row(trial: Trial, row: Mapping[str, Any], device: Path | None, config
 
 State = list[int]  # size [bytes] and date [ns] of a recording's files
 
+LOOKS_S = 0.5  # between two looks into the folder
+RESTS_S = 4.0  # for which a recording has not grown that is taken for complete
+LONG_REST_S = 20.0  # the same of one that is empty, or grew after it had rested before
+FEWEST_SIBLINGS = 3  # recordings of one kind with which another is compared
+FAR = 4.0  # standard deviations from the siblings' median
+LEAST_SHARE = 0.01  # standard deviation of an estimate, at least
+LEAST_SHARE_OF_EXTENT = 0.05  # the same of duration, rate and range of the angle
+
 
 @dataclass
 class Arrivals:
@@ -156,10 +166,9 @@ class Arrivals:
     growing: dict[str, tuple[State, float]] = field(default_factory=dict)
 
     def complete(self, now: float) -> list[tuple[Path, State]]:
-        """Recordings that are new, or other than when they were examined, and have rested for 4 s;
-        for 20 s if they are empty, or grew after they had rested before. The caller enters them in
-        `seen` once they are examined."""
-        found: list[tuple[Path, State]] = []
+        """Recordings that are new, or other than when they were examined, and have rested. The
+        caller enters them in `seen` once they are examined."""
+        complete: list[tuple[Path, State]] = []
         for path in recordings_in(self.folder):
             name = path.relative_to(self.folder).as_posix()
             try:
@@ -173,18 +182,19 @@ class Arrivals:
             if self.seen.get(name) == state:
                 continue
             before, since = self.growing.get(name, (None, now))
+            may_grow_again = name in self.seen or state[0] == 0
             if before != state:
                 self.growing[name] = (state, now)
-            elif now - since >= (20.0 if name in self.seen or not state[0] else 4.0):
-                found.append((path, state))
-        return found
+            elif now - since >= (LONG_REST_S if may_grow_again else RESTS_S):
+                complete.append((path, state))
+        return complete
 
 
 def read_notes(path: Path) -> dict[str, Any]:
     """What was noted of recordings that were examined before, by name; nothing without notes, or
     with damaged ones."""
     with suppress(OSError, ValueError, TypeError):
-        return {**json.loads(path.read_text(encoding="utf-8"))}
+        return dict(json.loads(path.read_text(encoding="utf-8")))
     return {}
 
 
@@ -195,14 +205,13 @@ class WatchedBench:
     what was examined."""
 
     def __init__(self, config_path: Path, source: Path | None, output: Path) -> None:
-        self.config_path, self.config, self.output = (
-            config_path,
-            read_config(config_path, of_any=True),
-            output,
-        )
-        self.source = None if source is None else source.stem
+        self.config_path = config_path
+        self.output = output
+        self.config = read_config(config_path, of_any=True)
+        self.source: str | None = None
         if source is not None:
             read_source(source)
+            self.source = source.stem
             self.config = self.config.model_copy(update={"sources": source.parent})
         # what is not checked on any recording of this kind, which the first one says
         self.told: set[str] = set()
@@ -216,19 +225,18 @@ def watched_lines(folder: Path, bench: WatchedBench) -> Iterator[str]:
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; name the one that the recorder writes to")
     notes = bench.output / "examined.json"
-    arrivals, noted = Arrivals(folder, read_notes(notes)), read_notes(notes)
+    arrivals = Arrivals(folder, read_notes(notes))
+    analysed = read_notes(notes)
     while True:
         for path, state in arrivals.complete(time.monotonic()):
-            (said, is_analysed), name = (
-                recording_line(path, folder, bench),
-                path.relative_to(folder).as_posix(),
-            )
+            line, is_analysed = recording_line(path, folder, bench)
+            name = path.relative_to(folder).as_posix()
             arrivals.seen[name] = state
             if is_analysed:  # a restart tries the others again
-                noted[name] = state
-                write_text(notes, json.dumps(noted, indent=1) + "\n")
-            yield said
-        time.sleep(0.5)
+                analysed[name] = state
+                write_text(notes, json.dumps(analysed, indent=1) + "\n")
+            yield line
+        time.sleep(LOOKS_S)
 
 
 def recording_line(path: Path, folder: Path, bench: WatchedBench) -> tuple[str, bool]:
@@ -245,184 +253,243 @@ def recording_line(path: Path, folder: Path, bench: WatchedBench) -> tuple[str, 
 
 
 def examined(path: Path, folder: Path, bench: WatchedBench) -> Iterator[str]:
+    """What is said of one recording, part by part; errors are the caller's."""
     with TemporaryDirectory() as place:
-        row, sources, said = row_of_recording(path, folder, bench, Path(place))
+        described = row_of_recording(path, folder, bench, Path(place))
+        row = described.row
+        experiment = str(row["experiment"])
         if not row["log"]:  # a capture, whose fits need all crossings of the campaign
-            yield (
-                f"{str(row['experiment']).replace('_', ' ')} capture, skipped: `osl-analysis run`"
-                " analyses it"
-            )
+            yield f"{experiment.replace('_', ' ')} capture, skipped: `osl-analysis run` analyses it"
             return
-        trial = checked_trial(row, path.parent, sources)
+        trial = checked_trial(row, path.parent, described.sources)
+    remarks = [*described.guesses]
+    remarks += [printable(text) for text in trial.provenance.get("warnings", [])]
     accepted = str(row.get("accept") or "").split()
-    warned = [printable(text) for text in trial.provenance.get("warnings", [])]
-    said = [*said, *warned, quality_text(trial, str(row["experiment"]), bench.config, accepted)]
-    if EXPERIMENTS[str(row["experiment"])].place != "bench":
-        yield from said
+    remarks.append(quality_text(trial, experiment, bench.config, accepted))
+    if EXPERIMENTS[experiment].place != "bench":
+        yield from remarks
         return
+
     fitted = fit_of_row(trial, row, device_of_row(row, bench.config), bench.config_path)
-    estimates = fitted.table.to_dicts()[-1]  # those of the fit to all data
-    yield ", ".join(estimates_said(estimates))
+    estimates = fitted.row
+    yield ", ".join(estimate_texts(estimates))
     if "VAF" in estimates:
         yield f"VAF {estimates['VAF']:.2f} %"
     yield from (f"DOUBTFUL: {text}" for text in fitted.sentences(Grade.DOUBTS))
-    kind = [
-        str(row[name]) if row.get(name) else ""
-        for name in ("experiment", "joint", "side", "controller")
-    ]
-    kind += ["" if row.get(name) is None else f"{float(row[name]):g}" for name in ("K_d", "B_d")]
-    name = path.relative_to(folder).as_posix()
-    yield from beside_siblings(
-        name, kind, comparable(trial, row, estimates), bench.output / "measured.json"
+    yield beside_siblings(
+        path.relative_to(folder).as_posix(),
+        kind_of(row),
+        comparable(trial, row, estimates),
+        bench.output / "measured.json",
     )
-    yield from said
-    for one in fitted.findings[-1] if fitted.findings else ():
-        if one.grade is Grade.UNCHECKED and one.cause not in bench.told:
-            bench.told.add(one.cause)
-            yield f"NOT CHECKED: {finding_text(one, fitted.row)}"
+    yield from remarks
+    yield from unchecked_texts(fitted, bench)
     yield from (f"REMARK: {text}" for text in fitted.sentences(Grade.NOTES))
     if not fitted.series.is_empty():
-        picture = bench.output / f"{row['trial']}.png"
-        try:
-            from osl_analysis.commands.figure import draw_table  # matplotlib takes half a second
+        yield drawn_picture(fitted, bench.output / f"{row['trial']}.png")
 
-            draw_table("torque", fitted.series, [picture])
-            yield str(picture)
-        except OslAnalysisError as error:
-            yield f"no picture: {error}"
+
+def kind_of(row: Mapping[str, Any]) -> list[str]:
+    """Experiment, joint, side, controller, K_d and B_d of a recording: of these equal ones are
+    compared."""
+    kind = [str(row.get(name) or "") for name in ("experiment", "joint", "side", "controller")]
+    for name in ("K_d", "B_d"):
+        kind.append("" if row.get(name) is None else f"{float(row[name]):g}")
+    return kind
+
+
+def unchecked_texts(fitted: fits.Fit, bench: WatchedBench) -> Iterator[str]:
+    """What could not be checked, as far as no earlier recording has told it."""
+    for finding in fitted.findings[-1] if fitted.findings else ():
+        if finding.grade is Grade.UNCHECKED and finding.cause not in bench.told:
+            bench.told.add(finding.cause)
+            yield f"NOT CHECKED: {finding_text(finding, fitted.row)}"
+
+
+def drawn_picture(fitted: fits.Fit, picture: Path) -> str:
+    """Draw measured and modelled torque; the name of the picture, or why there is none."""
+    from osl_analysis.commands.figure import draw_table  # matplotlib takes half a second
+
+    try:
+        draw_table("torque", fitted.series, [picture])
+    except OslAnalysisError as error:
+        return f"no picture: {error}"
+    return str(picture)
 
 
 def compared_in(estimates: Mapping[str, Any]) -> list[str]:
+    """The estimates that are told and compared: those of the joint, and none of the load cell."""
     return [name for name in estimated(estimates) if name not in ("offset", "drift")]
 
 
-def estimates_said(estimates: Mapping[str, Any]) -> Iterator[str]:
+def estimate_texts(estimates: Mapping[str, Any]) -> Iterator[str]:
+    """Each estimate with its interval and unit, as `K 300 ± 2 N·m/rad`."""
     for name in compared_in(estimates):
         high = estimates.get(f"{name}_high")
-        half = "" if high is None else f" ± {high - estimates[name]:.2g}"
-        yield f"{name} {estimates[name]:.4g}{half} {printed_units().get(name, '')}".rstrip()
+        half_width = "" if high is None else f" ± {high - estimates[name]:.2g}"
+        yield f"{name} {estimates[name]:.4g}{half_width} {printed_units().get(name, '')}".rstrip()
 
 
 def comparable(
     trial: Trial, row: Mapping[str, Any], estimates: Mapping[str, Any]
 ) -> dict[str, tuple[float, float]]:
     """Numbers that are alike in recordings of one kind, each with the smallest standard deviation
-    that it is granted: 1 % of an estimate or its standard error, 5 % of duration, rate and range;
-    and the signs of channels. Of impedance trials without K_d nothing is compared: any two of these
-    may have been asked for another."""
-    found = dict[str, tuple[float, float]]()
+    that it is granted: a share of an estimate or its standard error, a share of duration, rate and
+    range; and the signs of channels. Of impedance trials without K_d nothing is compared: any two
+    of these may have been asked for another."""
+    numbers: dict[str, tuple[float, float]] = {}
     if row.get("experiment") == "impedance" and row.get("K_d") is None:
-        return found
+        return numbers
     for name in compared_in(estimates):
-        value, se = float(estimates[name]), float(estimates.get(f"{name}_se") or 0.0)
-        found[name] = value, max(se, 0.01 * abs(value))
+        value = float(estimates[name])
+        se = float(estimates.get(f"{name}_se") or 0.0)
+        numbers[name] = (value, max(se, LEAST_SHARE * abs(value)))
     time_s = trial.samples["time"].to_numpy()
-    extents = {
-        "duration in s": time_s[-1] - time_s[0],
-        "rate in Hz": (len(time_s) - 1) / (time_s[-1] - time_s[0]),
-    }
+    duration_s = time_s[-1] - time_s[0]
+    extents = {"duration in s": duration_s, "rate in Hz": (len(time_s) - 1) / duration_s}
     if "theta" in trial.samples.columns:
         low, high = np.nanquantile(trial.samples["theta"].to_numpy(), (0.01, 0.99))
         extents["range of the angle in deg"] = np.rad2deg(high - low)
-    found |= {name: (float(value), 0.05 * float(value)) for name, value in extents.items()}
-    mapped = trial.provenance.get("columns", {})  # a guessed sign makes any torque resist
-    return found | {f"sign of {name}": (float(one["sign"]), 0.1) for name, one in mapped.items()}
+    for name, value in extents.items():
+        numbers[name] = (float(value), LEAST_SHARE_OF_EXTENT * float(value))
+    # a guessed sign makes any torque resist
+    for name, channel in trial.provenance.get("columns", {}).items():
+        numbers[f"sign of {name}"] = (float(channel["sign"]), 0.1)
+    return numbers
 
 
 def beside_siblings(
     name: str, kind: Sequence[str], numbers: Mapping[str, tuple[float, float]], notes: Path
-) -> Iterator[str]:
-    """Whether a recording is like three or more of its kind before it, joint, controller and what
-    was asked for, by median and median absolute deviation of each number. What it has is added to
-    the notes."""
+) -> str:
+    """Whether a recording is like those of its kind before it, joint, controller and what was asked
+    for, by median and median absolute deviation of each number. What it has is added to the
+    notes."""
     known = read_notes(notes)
     siblings = [
-        one["numbers"]
-        for other, one in known.items()
-        if other != name and one["kind"] == list(kind)
+        note["numbers"]
+        for other, note in known.items()
+        if other != name and note["kind"] == list(kind)
     ]
-    known[name] = {
-        "kind": list(kind),
-        "numbers": {key: value for key, (value, _) in numbers.items()},
-    }
+    values = {key: value for key, (value, _) in numbers.items()}
+    known[name] = {"kind": list(kind), "numbers": values}
     with suppress(OslAnalysisError):  # the picture says why nothing is written there
         write_text(notes, json.dumps(known, indent=1) + "\n")
-    far, most = list[str](), 0
-    for key, (value, least) in numbers.items():
-        others = [one[key] for one in siblings if key in one]
-        if len(others) >= 3:
-            most = max(most, len(others))
-            middle = float(np.median(others))
-            spread = max(scipy.stats.median_abs_deviation(others, scale="normal"), least)
-            if abs(value - middle) > 4 * spread:
-                far.append(f"{key} is {value:.3g}, theirs {middle:.3g} ± {spread:.1g}")
-    if far:
-        yield (
-            f"DIFFERS from its {most} siblings: {listing(far, 4)}: look for what changed on the"
-            " bench"
+
+    differences = []
+    most = 0
+    for key, (value, least_sd) in numbers.items():
+        of_siblings = [sibling[key] for sibling in siblings if key in sibling]
+        if len(of_siblings) < FEWEST_SIBLINGS:
+            continue
+        most = max(most, len(of_siblings))
+        median = float(np.median(of_siblings))
+        sd = max(scipy.stats.median_abs_deviation(of_siblings, scale="normal"), least_sd)
+        if abs(value - median) > FAR * sd:
+            differences.append(f"{key} is {value:.3g}, theirs {median:.3g} ± {sd:.1g}")
+    if differences:
+        return (
+            f"DIFFERS from its {most} siblings: {listing(differences, 4)}: look for what changed on"
+            " the bench"
         )
-    elif most:
-        yield f"like its {most} siblings"
-    else:
-        yield (
-            f"{len(siblings)} siblings to compare with, 3 are needed"
-            if numbers
-            else "no siblings: no K_d is stated"
-        )
+    if most:
+        return f"like its {most} siblings"
+    if not numbers:
+        return "no siblings: no K_d is stated"
+    return f"{len(siblings)} siblings to compare with, {FEWEST_SIBLINGS} are needed"
 
 
 def device_of_row(row: Mapping[str, Any], config: Config) -> Path | None:
     """The parameter file of the configuration where it is that of the row's joint, as for a
     campaign's trial."""
     device = config.parameters
-    return device if device is not None and row.get("joint") in (None, joint_of(device)) else None
+    if device is None or row.get("joint") not in (None, joint_of(device)):
+        return None
+    return device
+
+
+@dataclass(frozen=True)
+class DescribedRecording:
+    """How a recording is read."""
+
+    row: Mapping[str, Any]  # of a sample sheet
+    sources: Path  # folder of its source file
+    guesses: Sequence[str] = ()  # what of it is a guess, in words
 
 
 def row_of_recording(
     path: Path, folder: Path, bench: WatchedBench, place: Path
-) -> tuple[Mapping[str, Any], Path, list[str]]:
-    """A row for a recording, the folder of its source file, and what of it is a guess. The sheet
-    decides; else the stated source file; else one of the campaign's that fits; else a draft in
-    `place`."""
-    for named in bench.campaign.rows.values() if bench.campaign else ():
-        for role in ("log", "mocap"):
-            if named[role] and (bench.config.raw_data / named[role]).resolve() == path.resolve():
-                return {**named, role: path.name}, bench.config.sources, []
-    sources, source, said = bench.config.sources, bench.source, list[str]()
-    for file in sorted(sources.glob("*.yaml")) if bench.campaign and source is None else ():
-        with suppress(OslAnalysisError):
-            if read_source(file).format == recognise(path).name:
-                checked_trial(
-                    {"trial": path.stem, "log": path.name, "log_source": file.stem},
-                    path.parent,
-                    sources,
-                )
-                source = file.stem
-                break
+) -> DescribedRecording:
+    """Find how to read a recording.
+
+    The sheet decides; else the stated source file; else one of the campaign's that fits; else a
+    draft, which is written to `place`.
+
+    Raises
+    ------
+    InputError
+        The draft has open places.
+    """
+    stated = row_of_sheet(path, bench)
+    if stated is not None:
+        return DescribedRecording(stated, bench.config.sources)
+    sources = bench.config.sources
+    source = bench.source
+    guesses: list[str] = []
+    if source is None and bench.campaign is not None:
+        source = fitting_source(path, sources)
     if source is None:
-        overview = inspect_file(path)
-        text = draft_source(overview, path.name)
         sources = place
         source = "draft"
-        (place / "draft.yaml").write_text(text, encoding="utf-8")
-        still_open = to_be_edited(place / "draft.yaml")
-        if still_open:
-            asked = [f"open are {listing(still_open, 4)}", *overview.remarks, *overview.open]
-            questions = "; ".join(map(printable, asked))
-            raise InputError(
-                f"{path}: its channels cannot be guessed: {questions}; edit the draft of"
-                " `osl-analysis inspect`, and name it by --source"
-            )
-        guesses = [line.split("#")[0].strip() for line in guessed_lines(text)]
-        said = [f"channels are guessed: {listing(guesses, 4)}"] * bool(guesses)
-        said += [printable(one) for one in overview.open]
+        guesses = drafted_guesses(path, place / "draft.yaml")
     ((cells, _),) = draft_trials([(Path(path.name), source, False)])
-    row = dict.fromkeys(("log_part", "mocap", "mocap_source", "K_d", "B_d", "controller")) | cells
-    row["trial"] = trial_name(Path(path.relative_to(folder).as_posix().replace("/", "_")))
+    columns = ("log_part", "mocap", "mocap_source", "K_d", "B_d", "controller")
+    name = trial_name(Path(path.relative_to(folder).as_posix().replace("/", "_")))
+    row = {**dict.fromkeys(columns), **cells, "trial": name}
     # a recording with angle and torque whose name and sheet tell none
     if row["experiment"] == UNNAMED:
-        row["experiment"], said = "impedance", [*said, "taken for an impedance trial"]
-    return row, sources, said
+        row["experiment"] = "impedance"
+        guesses.append("taken for an impedance trial")
+    return DescribedRecording(row, sources, guesses)
+
+
+def row_of_sheet(path: Path, bench: WatchedBench) -> dict[str, Any] | None:
+    """The row of the campaign's sheet that names a recording; None without one."""
+    if bench.campaign is None:
+        return None
+    for row in bench.campaign.rows.values():
+        for role in ("log", "mocap"):
+            if row[role] and (bench.config.raw_data / row[role]).resolve() == path.resolve():
+                return {**row, role: path.name}
+    return None
+
+
+def fitting_source(path: Path, sources: Path) -> str | None:
+    """The first source file of a folder by which a recording can be read; None without one."""
+    for file in sorted(sources.glob("*.yaml")):
+        row = {"trial": path.stem, "log": path.name, "log_source": file.stem}
+        with suppress(OslAnalysisError):
+            if read_source(file).format == recognise(path).name:
+                checked_trial(row, path.parent, sources)
+                return file.stem
+    return None
+
+
+def drafted_guesses(path: Path, draft: Path) -> list[str]:
+    """Draft a source file for a recording, and tell what of it is a guess. Raises InputError: it
+    has open places."""
+    overview = inspect_file(path)
+    text = draft_source(overview, path.name)
+    draft.write_text(text, encoding="utf-8")
+    still_open = to_be_edited(draft)
+    if still_open:
+        questions = [f"open are {listing(still_open, 4)}", *overview.remarks, *overview.open]
+        raise InputError(
+            f"{path}: its channels cannot be guessed: {'; '.join(map(printable, questions))}; edit"
+            " the draft of `osl-analysis inspect`, and name it by --source"
+        )
+    channels = [line.split("#")[0].strip() for line in guessed_lines(text)]
+    guesses = [f"channels are guessed: {listing(channels, 4)}"] if channels else []
+    return guesses + [printable(question) for question in overview.open]
 
 
 def quality_text(trial: Trial, experiment: str, config: Config, accepted: Collection[str]) -> str:

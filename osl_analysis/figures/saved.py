@@ -1,0 +1,52 @@
+"""A drawn figure as the content of a PDF, SVG or PNG file."""
+
+from io import BytesIO
+from typing import Any
+
+from matplotlib.figure import Figure
+from matplotlib.transforms import Bbox
+
+from osl_analysis.figures.style import paper_style
+from osl_analysis.figures.svg_text import with_readable_text
+
+# Formats, each with the entries of its metadata for what the data are, and for the time: equal
+# numbers give equal files
+METADATA = {
+    ".pdf": ("Subject", "CreationDate"),
+    ".svg": ("Description", "Date"),
+    ".png": ("Description", "Date"),
+}
+PNG_EFFORT = 3  # of 9; lines hardly shrink by more
+
+
+def saved_figure(figure: Figure, suffix: str, origin: str, page_box: Bbox | None) -> bytes:
+    """Write a figure in a format of `METADATA`.
+
+    Parameters
+    ----------
+    figure : Figure
+    suffix : str
+        Of the format, as `.pdf`.
+    origin : str
+        What the data are, for the metadata of the file; empty: nothing.
+    page_box : Bbox or None
+        The part of the plane that is saved [in]; None: the figure.
+    """
+    subject, date = METADATA[suffix]
+    metadata: dict[str, str | None] = {}
+    options: dict[str, Any] = {}
+    if suffix == ".png":
+        options["pil_kwargs"] = {"compress_level": PNG_EFFORT}
+    else:
+        metadata[date] = None  # the same numbers give the same file
+    if origin:
+        metadata[subject] = origin
+    page = BytesIO()  # a writer that the disk interrupts would leave its file open
+    with paper_style():
+        figure.savefig(
+            page, format=suffix.removeprefix("."), metadata=metadata, bbox_inches=page_box,
+            **options,
+        )  # fmt: skip
+    if suffix == ".svg":
+        return with_readable_text(page.getvalue().decode()).encode()
+    return page.getvalue()

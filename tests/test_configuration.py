@@ -316,67 +316,63 @@ C3D = {"format": "c3d", "analogs": {"sync": {"channel": "Sync"}}}
 BY_ANGLE = {"shared": {"column": "torque", "markers": ["A", "B", "C"]}}
 
 
-@pytest.mark.parametrize(("log", "mocap", "plate", "said"), [
-    ({}, {}, 2,
-     "log.yaml, line 8: 'master' does not align the log with motion capture of this trial; write"),
-    ({"clock": "sync"}, {"analogs": {}}, 2, "line 8: 'sync' does not align"),
-    # the log has no torque
-    ({"clock": "sync"}, BY_ANGLE | {"analogs": {}}, 2, "line 8: 'sync' does not align"),
-    ({"clock": "sync"},
-     {}, 3, r"`walking\.plate` in the configuration: no force plate 3; .*/b\.c3d has 2, counted"),
-    ({"clock": "sync", "part": "b"},
-     {}, 2, r"csv: trial 'w0': log_part 'b': a log in csv holds one"),
-    ({"clock": "sync"},
-     {"plates": [1, 99]}, 2, r"`plates` in .*mocap\.yaml, line 5: no force plate 99; .* has 2, co"),
-    ({"clock": "sync"}, {}, 2, ""),
-])  # fmt: skip
-def test_a_wrong_source_file_concerns_its_trials_a_plate_of_no_capture_all(
-    in_root, tmp_path, log, mocap, plate, said
-):
-    """The first capture has no plate, the second has two: what one lacks alone is for its job to
-    tell."""
-    log, part = dict(log), log.get("part", "")
-    log.pop("part", None)
-    own = {
-        "raw_data": str(tmp_path),
-        "sheet": str(tmp_path / "trials.csv"),
-        "sources": str(tmp_path),
-    }
+def walkway(folder, log=None, mocap=None, part="", plate=2):
+    """Nine crossings `w0` ... of a log and a capture, and a static trial `s`, with other fields of
+    their source files. The first capture has no plate, the second has two, the third is none."""
+    described = {"log": {**CSV, "clock": "sync", **(log or {})}, "mocap": C3D | (mocap or {})}
+    for name, content in (described | {"bench": CSV}).items():
+        (folder / f"{name}.yaml").write_text(yaml.safe_dump(content))
+    write_c3d(folder / "a.c3d", np.ones((2, 1, 4)))
+    write_c3d(folder / "b.c3d", np.ones((2, 1, 4)), FORCE_PLATFORM__USED=np.array([2]))
+    (folder / "c.c3d").write_bytes(b"no capture")
+    rows = ["trial,experiment,perturbed,log,log_source,mocap,mocap_source,log_part"]
+    for n in range(9):
+        capture = f"{'abc'[n % 3]}.c3d"
+        rows.append(f"w{n},walking,{str(n > 5).lower()},{n}.csv,log,{capture},mocap,{part}")
+    rows.append("s,static,,,bench,a.c3d,mocap,")  # the source of a log, and no log
+    (folder / "trials.csv").write_text("\n".join(rows))
+    own = {"raw_data": str(folder), "sheet": str(folder / "trials.csv"), "sources": str(folder)}
     own |= {"simulation": None, "walking": {"plate": plate, "plate_inertia": "none"}}
-    for name, described in (("log", CSV | log), ("mocap", C3D | mocap), ("bench", CSV)):
-        (tmp_path / f"{name}.yaml").write_text(yaml.safe_dump(described))
-    write_c3d(tmp_path / "a.c3d", np.ones((2, 1, 4)))
-    write_c3d(tmp_path / "b.c3d", np.ones((2, 1, 4)), FORCE_PLATFORM__USED=np.array([2]))
-    (tmp_path / "c.c3d").write_bytes(b"no capture")
-    rows = [
-        f"w{n},walking,{str(n > 5).lower()},{n}.csv,log,{'abc'[n % 3]}.c3d,mocap,{part}"
-        for n in range(9)
-    ]
-    # whose cell of the log's source is filled in, but has no log
-    rows += ["s,static,,,bench,a.c3d,mocap,"]
-    head = "trial,experiment,perturbed,log,log_source,mocap,mocap_source,log_part"
-    (tmp_path / "trials.csv").write_text("\n".join([head, *rows]))
-    opened = open_campaign(campaign_config(overriding(SHIPPED, own), [SHIPPED_FILE]), None)
-    if not said:
-        check_start(opened)
-        gone = opened.config.model_copy(update={"raw_data": Path("gone")})
-        with pytest.raises(
-            InputError, match=r"^gone: no such folder; correct `raw_data` in the configuration$"
-        ):
-            check_start(replace(opened, config=gone))
-        return
-    if "walking" in said:
-        with pytest.raises(InputError, match=said):
-            check_start(opened)
-        return
-    problems = source_problems(opened)
-    assert ("s" in problems) == ("plates" in said), (
-        "the static trial goes on, but for plates that it lacks as well"
-    )
+    return open_campaign(campaign_config(overriding(SHIPPED, own), [SHIPPED_FILE]), None)
+
+
+@pytest.mark.parametrize(("changes", "said", "concerns_static"), [
+    ({"log": {"clock": "master"}}, "log.yaml, line 8: 'master' does not align the log with motion "
+     "capture of this trial; write", False),
+    ({"mocap": {"analogs": {}}}, "line 8: 'sync' does not align", False),
+    # the log has no torque
+    ({"mocap": BY_ANGLE | {"analogs": {}}}, "line 8: 'sync' does not align", False),
+    ({"part": "b"}, r"csv: trial 'w0': log_part 'b': a log in csv holds one", False),
+    ({"mocap": {"plates": [1, 99]}},
+     r"`plates` in .*mocap\.yaml, line 5: no force plate 99; .* has 2, co", True),
+])  # fmt: skip
+def test_a_wrong_source_file_concerns_its_trials(in_root, tmp_path, changes, said, concerns_static):
+    campaign = walkway(tmp_path, **changes)
+
+    problems = source_problems(campaign)
+
+    check_start(campaign)  # which leaves it to their jobs
     assert all(re.search(said, problems[f"w{n}"]) for n in range(9))
-    check_start(opened)
-    alone = {trial: row for trial, row in opened.rows.items() if trial in ("w0", "w3", "w6")}
-    assert source_problems(replace(opened, rows=alone)).keys() == alone.keys()
+    assert ("s" in problems) == concerns_static
+    some = {trial: campaign.rows[trial] for trial in ("w0", "w3", "w6")}
+    assert source_problems(replace(campaign, rows=some)).keys() == some.keys()
+
+
+def test_a_plate_of_no_capture_concerns_all(in_root, tmp_path):
+    """What one capture lacks alone is for its job to tell."""
+    said = r"`walking\.plate` in the configuration: no force plate 3; .*/b\.c3d has 2, counted"
+
+    with pytest.raises(InputError, match=said):
+        check_start(walkway(tmp_path, plate=3))
+
+
+def test_a_missing_folder_of_recordings_is_told_by_its_setting(in_root, tmp_path):
+    campaign = walkway(tmp_path)
+    check_start(campaign)
+    gone = campaign.config.model_copy(update={"raw_data": Path("gone")})
+
+    with pytest.raises(InputError, match=r"^gone: no such folder; correct `raw_data`"):
+        check_start(replace(campaign, config=gone))
 
 
 def test_settings_at_their_bounds_and_two_dates_are_allowed(in_root):

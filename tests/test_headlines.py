@@ -754,47 +754,65 @@ def test_the_error_of_the_damping_is_without_friction_where_this_is_certain():
     )
 
 
-def test_headline_means_say_how_many_doubtful_trials_they_leave_out_or_contain():
-    made = impedance()
-    whole = made.filter(pl.col("amplitude_deg").is_null() & (pl.col("controller") == "compensated"))
-    far = whole.head(1).with_columns(
-        K=pl.lit(600.0), B=pl.lit(60.0), K_d=pl.lit(200.0), doubtful=pl.lit("K_ratio 3")
-    )
-    found = by_name({"impedance": pl.concat([made, far])})
-    counts = {name: (h.n, h.n_doubtful, h.n_left_out) for name, h in found.items()}
-    assert (
-        by_name({"impedance": made.with_columns(doubtful=pl.lit("x"))})[
-            "K_example_compensated"
-        ].n_doubtful
-        == 1
-    )
-    assert found["K_bias_compensated"].value == pytest.approx((-1.0 - 1.0 + 200.0) / 3), (
-        "it is the only trial of its condition"
-    )
-    assert counts["K_bias_compensated"] == counts["B_error_compensated"] == (3, 1, 0)
-    repeated = far.with_columns(K_d=whole["K_d"][0])
-    found = by_name({"impedance": pl.concat([made, repeated])})
-    assert found["K_bias_compensated"].value == pytest.approx(-1.0), "a sound trial repeats it"
-    without_friction = found["B_error_compensated"].value  # of 5.2, and of 0.1 that has none
-    assert without_friction == pytest.approx(0.15)
-    assert (found["K_bias_compensated"].n, found["K_bias_compensated"].n_left_out) == (2, 1)
-    assert counts["K_bias_uncompensated"] == (1, 1, 0), "its only trial is doubtful"
-    assert counts["VAF_mean_compensated"] == (3, 1, 0)
-    # of another motion, or of one amplitude
-    alone = far.with_columns(trial=pl.lit("b"), VAF=pl.lit(97.0))
-    number = by_name({"impedance": pl.concat([made.with_columns(trial=pl.lit("a")), alone])})[
-        "VAF_mean_compensated"
-    ]
+def compensated():
+    """Fits over all amplitudes with one controller."""
+    return impedance().filter(pl.col("amplitude_deg").is_null(), controller="compensated")
+
+
+def far_off(**columns):
+    """A doubtful trial whose K is 600 and whose B is 60, of a condition of its own."""
+    found = {"K": 600.0, "B": 60.0, "K_d": 200.0, "doubtful": "K_ratio 3", **columns}
+    return compensated().head(1).with_columns(**{name: pl.lit(one) for name, one in found.items()})
+
+
+def counts_of(headline):
+    return headline.n, headline.n_doubtful, headline.n_left_out
+
+
+def test_a_doubtful_trial_is_in_the_mean_where_it_is_alone_in_its_condition():
+    found = by_name({"impedance": pl.concat([impedance(), far_off()])})
+
+    bias, error = found["K_bias_compensated"], found["B_error_compensated"]
+    assert bias.value == pytest.approx((-1.0 - 1.0 + 200.0) / 3)
+    assert counts_of(bias) == counts_of(error) == (3, 1, 0)
+    assert counts_of(found["K_bias_uncompensated"]) == (1, 1, 0)
+    assert counts_of(found["VAF_mean_compensated"]) == (3, 1, 0)
+
+
+def test_a_doubtful_trial_that_a_sound_one_repeats_is_left_out():
+    repeated = far_off(K_d=compensated()["K_d"][0])
+
+    found = by_name({"impedance": pl.concat([impedance(), repeated])})
+
+    bias = found["K_bias_compensated"]
+    assert bias.value == pytest.approx(-1.0)
+    assert (bias.n, bias.n_left_out) == (2, 1)
+    assert found["B_error_compensated"].value == pytest.approx(0.15)
+
+
+def test_a_vaf_of_another_motion_counts_beside_those_of_single_amplitudes():
+    fits = impedance().with_columns(trial=pl.lit("a"))
+    other = far_off(trial="b", VAF=97.0).select(fits.columns)
+
+    number = by_name({"impedance": pl.concat([fits, other])})["VAF_mean_compensated"]
+
     assert (number.n, number.value) == (4, 96.0)
-    belts = summary_rows(K_s=686.2).with_columns(
-        n_doubtful=pl.lit(2), n_left_out=pl.lit(2), doubt=pl.lit("late")
-    )
-    one = by_name({"belt_summary": belts})["K_s"]
-    assert (one.n_left_out, one.doubt) == (2, "late")
-    slow = by_name({"walking_summary": walked(K=3.0).with_columns(group=pl.lit("K_d 2"))})[
-        "walking_K (K_d 2)"
-    ]
-    assert (slow.draft, slow.macro[-5:], slow.meaning[-7:]) == (None, "KdTwo", ", K_d 2")
+
+
+def test_a_headline_has_the_doubts_of_its_summary():
+    doubts = {"n_doubtful": 2, "n_left_out": 2, "doubt": pl.lit("late")}
+
+    K_s = by_name({"belt_summary": summary_rows(K_s=686.2).with_columns(**doubts)})["K_s"]
+
+    assert (K_s.n_left_out, K_s.doubt) == (2, "late")
+
+
+def test_a_headline_of_a_group_is_named_by_it():
+    slow = walked(K=3.0).with_columns(group=pl.lit("K_d 2"))
+
+    K = by_name({"walking_summary": slow})["walking_K (K_d 2)"]
+
+    assert (K.draft, K.macro[-5:], K.meaning[-7:]) == (None, "KdTwo", ", K_d 2")
 
 
 def test_numbers_that_a_failed_run_left_behind_are_said_to_be_old(tmp_path):

@@ -393,7 +393,7 @@ def test_without_timing_the_file_is_refused_until_the_source_file_tells_it(tmp_p
         path, time={"rate": 400}, channels={"theta": {"channel": "Angle", "unit": "rad"}}
     )
     assert big.samples["theta"].to_list() == ANGLE.tolist()
-    assert ["`rate: 400` of time is held against nothing" in said for said in big.warnings] == [
+    assert ["`rate: 400` of time is compared with nothing" in said for said in big.warnings] == [
         True
     ]
 

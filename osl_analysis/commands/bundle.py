@@ -37,7 +37,8 @@ RAW = "raw"  # folder of the recordings in the bundle
 MAIN = "workflow/Snakefile"
 # what is published; fits, trials and notes of jobs are made again
 PUBLISHED = (
-    "tables", "figures", "report.html", "methods.md", "methods.tex", "methods.bib", "summary.json", "numbers.tex",
+    "tables", "figures", "report.html", "methods.md", "methods.tex", "methods.bib",
+    "summary.json", "numbers.tex",
 )  # fmt: skip
 JSON_TYPES = {"Int": "integer", "Flo": "number", "Boo": "boolean"}  # by begin of polars' type
 README = """# {title}

@@ -10,7 +10,7 @@ import stat
 import subprocess
 import sys
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout, suppress
 from pathlib import Path
 
 import h5py
@@ -35,8 +35,6 @@ from osl_analysis.trial import Trial, write_trial
 pytestmark = pytest.mark.usefixtures("in_root")
 TRIAL, GAINS = "impedance_K300_B5.0_compensated", ("gains", "--stiffness", "300", "--damping", "5")
 SYNTHETIC = "config/impedance/synthetic_walking.csv"
-IN_A_PROCESS = [sys.executable, "-c", "from osl_analysis.cli import main; main()"]
-LISTS_COLUMNS = [*IN_A_PROCESS, "results", "--columns"]
 
 
 def call(*arguments):
@@ -399,23 +397,24 @@ def test_an_odd_name_never_reaches_the_terminal_as_it_is(tmp_path):
     assert {sign for sign in seen.output if not sign.isprintable()} == {"\n"}
 
 
-def test_an_output_that_takes_nothing_is_one_line():
-    with Path("/dev/full").open("w") as full:
-        ended = subprocess.run(
-            LISTS_COLUMNS,
-            stdout=full,
-            stderr=subprocess.PIPE,
-            text=True,
-            check=False,
-        )
+def test_an_output_that_takes_nothing_is_one_line(capsys):
+    with (
+        suppress(OSError),  # of closing it
+        Path("/dev/full").open("w") as full,
+        pytest.raises(SystemExit) as ended,
+        redirect_stdout(full),
+    ):
+        main(["results", "--columns"])
 
-    assert (ended.returncode, ended.stderr.count("\n")) == (1, 1)
-    assert ended.stderr.startswith("error: the output: No space left on device; check")
+    said = capsys.readouterr().err
+    assert (ended.value.code, said.count("\n")) == (1, 1)
+    assert said.startswith("error: the output: No space left on device; check")
 
 
 def test_an_output_that_is_closed_ends_a_command_quietly():
+    code = "from osl_analysis.cli import main; main(['results', '--columns'])"
     with subprocess.Popen(
-        LISTS_COLUMNS,
+        [sys.executable, "-c", code],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

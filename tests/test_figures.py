@@ -952,9 +952,6 @@ def test_a_caption_is_one_paragraph_in_which_no_name_of_a_file_is_markup(name, t
     write_table(table, tmp_path / "t.csv")
     said = caption_of(name, tmp_path / "t.csv")
     assert re.findall(r"(?<!\\)[<>*]|\n|[^.]$", said) == [], said
-    write_table(table.drop(last := drawing_of(name).columns[-1]), tmp_path / "t.csv")
-    with pytest.raises(InputError, match=rf"t\.csv: no column '{last}'"):
-        draw_figure(name, tmp_path / "t.csv", [tmp_path / "f.pdf"])
 
 
 def test_ticks_are_round_and_0_stands_on_an_axis_of_phases():

@@ -310,7 +310,7 @@ def test_the_folder_of_a_ros_2_bag_is_one_recording(tmp_path: Path) -> None:
     assert not module.is_folder_of_recordings(tmp_path)
 
 
-pytestmark = pytest.mark.usefixtures("in_root")
+pytestmark = pytest.mark.usefixtures("in_root", "schemas_made_once")
 STIFFNESS, DAMPING, INERTIA = 120.0, 2.0, 0.02
 
 

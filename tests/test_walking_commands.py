@@ -259,14 +259,6 @@ def planned(folder: Path, *options: str) -> Plan:
     return Plan(*(float(number) for number in (*assumed.groups(), K_half_width)))
 
 
-def test_a_plan_assumes_the_turn_that_the_pilot_had(tmp_path: Path) -> None:
-    plan = planned(pilot(tmp_path, perturbed=3))
-
-    assert plan.turn_deg == pytest.approx(3, abs=0.01)
-    assert plan.ramp_ms == pytest.approx(120, rel=0.03)
-    assert plan.phase_percent == pytest.approx(30, abs=1)
-
-
 def test_a_plan_from_unperturbed_crossings_alone_assumes_the_usual_turn(tmp_path: Path) -> None:
     plot = tmp_path / "plan.png"
 
@@ -283,6 +275,9 @@ def test_a_plan_takes_what_is_stated_and_the_rest_from_the_pilot(tmp_path: Path)
     larger = planned(folder, "--turn", "6")
     stated = planned(folder, "--turn", "6", "--ramp", "50", "--phase", "45")
 
+    assert measured.turn_deg == pytest.approx(3, abs=0.01)
+    assert measured.ramp_ms == pytest.approx(120, rel=0.03)
+    assert measured.phase_percent == pytest.approx(30, abs=1)
     assert larger.turn_deg == 6
     assert larger.ramp_ms == measured.ramp_ms
     assert larger.phase_percent == measured.phase_percent

@@ -405,7 +405,7 @@ def test_six_unperturbed_crossings_predict_nothing() -> None:
 def test_the_settings_choose_the_baseline_of_the_headline() -> None:
     perturbed_crossings = [deviating(100 + k, True) for k in range(6)]
     gait = unperturbed_gait([deviating(seed) for seed in range(10)], 3)
-    chosen = settings(window_s=0.1, bootstrap_samples=100)
+    chosen = settings(window_s=0.1)
 
     mean, predicted = (
         group_headline(perturbed_crossings, gait, chosen.model_copy(update={"baseline": baseline}))
@@ -417,7 +417,7 @@ def test_the_settings_choose_the_baseline_of_the_headline() -> None:
     assert mean.ensemble.fit["K"] != predicted.ensemble.fit["K"]
 
 
-SETTINGS = settings(bootstrap_samples=200, window_s=0.1)
+SETTINGS = settings(window_s=0.1)
 USUAL = usual(2e-3, 8)
 
 

@@ -101,7 +101,7 @@ def three() -> tuple[list[Trial], PlatformModel]:
 
 @cache
 def plate(heave: float = 0.0) -> PlateModel:
-    return identify_plate_model(calibrated(plate_trials(RIG, Ramp(heave=heave), 3, 3)), settings())
+    return identify_plate_model(calibrated(plate_trials(RIG, Ramp(heave=heave), 3, 2)), settings())
 
 
 STAMPS = np.arange(3 * synthetic.PLATE_RATE) / synthetic.PLATE_RATE
@@ -263,7 +263,7 @@ def test_a_laboratory_turned_against_the_walkway_reads_the_same_angle_and_torque
     trials, model = three()
     turn = partial(headed, heading=np.pi / 6)
     static = static_calibration(turn(static_trial()), settings())
-    unloaded = [turn(trial) for trial in plate_trials(RIG, Ramp(), 3, 3)]
+    unloaded = [turn(trial) for trial in plate_trials(RIG, Ramp(), 3, 2)]
     turned = [turn(trial) for trial in trials]
     plate_there = identify_plate_model(calibrated(unloaded, static), settings())
     model_there = identify_platform(calibrated(turned, static), settings())
@@ -895,7 +895,7 @@ def test_the_change_by_a_late_plate_is_that_of_a_faulty_recording() -> None:
 
 
 def test_the_unloaded_plate_shows_the_height_of_its_corners_to_2_mm() -> None:
-    trials = [raised(trial, [0, 0, 0.02]) for trial in plate_trials(RIG, Ramp(), 3, 3)]
+    trials = [raised(trial, [0, 0, 0.02]) for trial in plate_trials(RIG, Ramp(), 3, 2)]
 
     high = identify_plate_model(calibrated(trials), settings())
 

@@ -304,18 +304,6 @@ def binary_steps(cutoff_hz=None, every=20, rate=1000.0):
     return pl.DataFrame({"time": time, "theta": theta, "torque": noisy})
 
 
-@pytest.mark.usefixtures("without_inference")
-@pytest.mark.parametrize(("rate", "band"), [(100.0, (0.5, 6.0)), (150.0, (0.3, 8.0))])
-def test_a_sweep_that_is_recorded_at_a_low_rate_is_fitted(rate, band):
-    row = row_of(
-        made_trial(
-            rng := np.random.default_rng(3), chirp(rng, band, duration=60.0, rate=rate), bits=14
-        )
-    )
-    for name, true in TRUE.items():
-        assert abs(row[name] - true) < 3 * row[f"{name}_se"]
-
-
 @pytest.mark.parametrize("steps", [{"every": 1}, {"cutoff_hz": 200.0}], ids=["plain", "low-pass"])
 def test_binary_steps_whose_acceleration_jumps_give_k_b_and_i_without_a_doubt(steps):
     """Without a low-pass the area of the torque's jumps is known to half a sample: by Eq. 15 alone
@@ -426,14 +414,6 @@ def test_a_torque_that_an_amplifier_clips_before_the_noise_is_named_and_its_b_an
     assert row["fault"] == "clipping"
     assert row["B_without_low"] < 5 < row["B_without_high"]
     assert row["I_without_low"] < 0.02 < row["I_without_high"]
-
-
-def test_the_interval_of_one_period_is_that_of_white_noise():
-    rng = np.random.default_rng(1)
-
-    analysis, _ = rendered_impedance(moving_record(made_trial(rng, multisine(rng, periods=1))))
-
-    assert analysis.whole.interval_method == "white noise"
 
 
 def rows_of_repeats(**changes):

@@ -16,7 +16,6 @@ from osl_analysis.bench.effects import IMPEDANCE, plain_sums, sums_of, with_effe
 from osl_analysis.bench.group_interval import combined, jackknife
 from osl_analysis.bench.record import Record, record_of
 from osl_analysis.bench.recorded_motion import record_of_trial, sine_record
-from osl_analysis.bench.rounded_signals import before_rounding
 from osl_analysis.bench.row_groups import stretches_of
 from osl_analysis.measured import visible_step
 from osl_analysis.signals import LowPass
@@ -51,16 +50,6 @@ def trial(seed, rate, step=0.0, settings=SETTINGS, friction=0.0):
     torque, read = torque + friction * np.tanh(omega / 0.01), theta + step * rng.random()
     read = step * np.rint(read / step) if step else read
     return Trial("made", pl.DataFrame({"time": time, "theta": read, "torque": torque}))
-
-
-def test_what_an_encoder_read_of_steps_is_told_to_a_part_of_its_step_also_where_they_come_to_rest():
-    """Behind a filter levels ring by some steps, and how a step comes to rest makes what every one
-    repeats."""
-    t, step = np.tile(np.arange(500) / 1000, 4), 1e-3
-    came, *_ = through_two_lags(0.3 * t)
-    angle = np.where(np.arange(2000) // 500 % 2, 1 - came, came) * 90.3 * step
-    off = np.abs(before_rounding(step * np.rint(angle / step), step) - angle) / step
-    assert (off.max() < 0.6, np.median(off[t < 0.1]) < 0.1) == (True, True)
 
 
 def through_two_lags(t):

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from any_motion import chirp
 from scipy.signal import lsim, lti
 
 from osl_analysis.bench.frequency_response import RESPONSE_COLUMNS, impedance_over_frequency
@@ -247,13 +248,7 @@ def test_the_models_stand_beside_the_response(of_two_motions, parameters):
 
 
 def test_a_motion_that_does_not_repeat_itself_has_the_local_polynomial_method():
-    """A chirp from 0.4 to 6.4 Hz."""
-    time = np.arange(round(30 * RATE)) / RATE
-    phase = 2 * np.pi * (0.4 * time + 0.1 * time**2)
-    w = 2 * np.pi * (0.4 + 0.2 * time)
-    theta = 0.05 * np.sin(phase)
-    omega = 0.05 * w * np.cos(phase)
-    alpha = -(w**2) * theta + 0.4 * np.pi * omega / w
+    time, (theta, omega, alpha) = chirp(np.random.default_rng(1), band=(0.4, 6.4))
     noise = 0.02 * np.random.default_rng(1).standard_normal(len(time))
     torque = K * theta + B * omega + I * alpha + noise
 
@@ -262,7 +257,7 @@ def test_a_motion_that_does_not_repeat_itself_has_the_local_polynomial_method():
     assert response.select("method", "odd_level").unique().rows() == [("local polynomial", None)]
     assert len(response) > 5
     magnitude = np.abs(eq15(response["frequency_hz"].to_numpy()))
-    assert response["magnitude"].to_numpy() == pytest.approx(magnitude, rel=0.05)
+    assert response["magnitude"].to_numpy() == pytest.approx(magnitude, rel=0.07)
 
 
 CHIRP = 0.05 * np.sin(2 * np.pi * (0.4 * T + 0.1 * T**2))[: round(30 * RATE)]

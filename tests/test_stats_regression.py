@@ -250,21 +250,22 @@ def test_a_variance_of_white_scores_is_right_and_worth_as_many_degrees_of_freedo
     assert 2 * np.mean(variances) ** 2 / np.var(variances) == pytest.approx(freedom + 1, rel=0.12)
 
 
-def test_degrees_of_freedom_of_a_sum_are_those_of_welch_and_satterthwaite():
-    assert regression.welch_satterthwaite([1.0, 1.0], [5, 5]) == pytest.approx(10)
-    assert regression.welch_satterthwaite([1.0, 2.0], [5, 10]) == pytest.approx(
-        9 / (1 / 5 + 4 / 10)
-    )
-    np.testing.assert_allclose(
-        regression.welch_satterthwaite([[1.0, 0.0], [0.0, 3.0]], [5, 90]), [5, 90]
-    )
-    np.testing.assert_array_equal(regression.welch_satterthwaite([[2.0, 0.0]], [5]), [5, np.inf])
-    # a scatter that is rounding of a sum
-    assert regression.welch_satterthwaite([1e-40, 1.0], [5, np.inf]) == np.inf
-    assert regression.welch_satterthwaite([1e-4, 1.0], [5, np.inf]) == pytest.approx(5e8, rel=1e-3)
+@pytest.mark.parametrize(("variances", "freedom", "of_sum"), [
+    ([1.0, 1.0], [5, 5], 10), ([1.0, 2.0], [5, 10], 9 / (1 / 5 + 4 / 10)),
+    ([[1.0, 0.0], [0.0, 3.0]], [5, 90], [5, 90]), ([[2.0, 0.0]], [5], [5, np.inf]),
+    ([1e-40, 1.0], [5, np.inf], np.inf),  # a scatter that is rounding of a sum
+    ([1e-4, 1.0], [5, np.inf], 5e8),
+])  # fmt: skip
+def test_degrees_of_freedom_of_a_sum_are_those_of_welch_and_satterthwaite(
+    variances, freedom, of_sum
+):
+    found = regression.welch_satterthwaite(variances, freedom)
+    np.testing.assert_allclose(found, of_sum, rtol=1e-3)
+
+
+def test_a_known_error_as_large_as_that_by_chance_doubles_the_variance():
     x = np.arange(12.0)
     fit = regression.linear_fit(x + np.cos(x), {"a": x})
-    # as large as the error by chance
     shared = regression.with_shared_error(fit, np.array([fit.se("a")]))
     assert shared.se("a") == pytest.approx(np.sqrt(2) * fit.se("a"))
     assert shared.degrees_of_freedom[0] == pytest.approx(4 * fit.degrees_of_freedom[0])

@@ -574,27 +574,33 @@ def test_a_clock_that_ticks_slower_than_the_samples_stamps_no_batches():
     assert DeviceClock(stamps, np.arange(len(stamps))).batches is None
 
 
-@pytest.mark.parametrize("lower", [False, True])
-@pytest.mark.parametrize("kind", ["even", "jitter"])
-def test_values_that_are_missing_cost_nothing_and_split_no_device(kind, lower):
-    """One percent of each signal, or two of three torques: a signal of a lower rate."""
+@pytest.mark.parametrize("jitter", [0.0, 2e-5])
+def test_values_that_are_missing_cost_nothing_and_split_no_device(jitter):
+    """One percent of each signal."""
     random, t = np.random.default_rng(7), clock(RATE)
-    scattered = jittered(t, 2e-5, random)
-    stamps = scattered if kind == "jitter" else t
+    stamps = jittered(t, jitter, random) if jitter else t
     recorded = log(stamps, stamps, random)
-    for name, values in recorded.signals.items():
-        if lower:
-            values[(np.arange(len(values)) % 3 > 0) & (name == "torque")] = np.nan
-        else:
-            values[random.random(len(values)) < 0.01] = np.nan
+    for values in recorded.signals.values():
+        values[random.random(len(values)) < 0.01] = np.nan
+
     grid = one_time_base([recorded])
-    angle, torque = grid.streams
+
     lacking = [int(np.isnan(values).sum()) for values in recorded.signals.values()]
-    assert [angle["empty"], torque["empty"]] == ([0, 0] if lower else lacking)
-    assert torque["error"] == pytest.approx(
-        81 * angle["error"] if lower else angle["error"], rel=1e-4
-    )
-    assert {angle["stamps"], torque["stamps"]} == {"exact" if kind == "jitter" else "even"}
+    assert [row["empty"] for row in grid.streams] == lacking
+    assert {row["stamps"] for row in grid.streams} == {"exact" if jitter else "even"}
+    assert_recovers_the_joint(grid)
+
+
+def test_a_signal_of_a_third_of_the_rate_has_the_error_of_its_own_steps():
+    random, t = np.random.default_rng(7), clock(RATE)
+    recorded = log(t, t, random)
+    recorded.signals["torque"][np.arange(len(t)) % 3 > 0] = np.nan
+
+    grid = one_time_base([recorded])
+
+    angle, torque = grid.streams
+    assert (angle["empty"], torque["empty"]) == (0, 0)
+    assert torque["error"] == pytest.approx(3**4 * angle["error"], rel=1e-4)
     assert_recovers_the_joint(grid)
 
 

@@ -3,8 +3,7 @@ them."""
 
 import numpy as np
 import polars as pl
-from scipy.interpolate import CubicSpline, make_interp_spline
-from scipy.ndimage import gaussian_filter1d
+from scipy.interpolate import CubicSpline
 
 from osl_analysis.trial import Trial
 
@@ -76,10 +75,6 @@ def chirp(rng, band=(0.5, 6.0), rms_deg=2.0, duration=30.0, rate=RATE):
         2 * np.pi * slope * np.cos(phase) - w**2 * np.sin(phase),
     )
     return time, faded(time, duration, tuple(np.deg2rad(rms_deg) * np.sqrt(2) * x for x in motion))
-
-
-
-
 
 
 def made_trial(

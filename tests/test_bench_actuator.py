@@ -146,9 +146,7 @@ def test_refuses_a_schedule_that_does_not_tell_two_parameters_apart_or_hardly_mo
         fit_log(t, size * theta, current, by_hand(omega, alpha, current))
 
 
-def test_a_bench_of_ones_own_gives_the_parameters_of_its_log_by_the_documented_commands(
-    tmp_path, monkeypatch
-):
+def test_the_documented_commands_give_the_parameters_of_a_bench_of_ones_own(tmp_path, monkeypatch):
     """Velocity in rpm before the 9:1 gear, as text: 0.1 % of the five, which is a tenth of their
     standard errors."""
     log, expected = simulated(duration_s=10.0)
@@ -223,7 +221,7 @@ def staircase(seed, levels=UP_AND_DOWN, friction=0.15, between=0.03, **angle):
     return Trial("stalled", pl.DataFrame(columns))
 
 
-def test_current_in_steps_at_standstill_gives_the_torque_per_current_alone_and_covers_it():
+def test_current_in_steps_at_standstill_gives_the_torque_per_current_alone():
     one_way = tuple(range(0, 20, 2))
     for made in ({}, {"levels": one_way, "friction": 0.0}):
         z = []

@@ -82,7 +82,7 @@ def looped(share):
         ({"hysteresis": 0.01}, {"torque": looped(0.01)}, np.sqrt(3), 0.03),
     ],
 )
-def test_an_error_of_the_bench_changes_estimates_by_what_its_interval_says(
+def test_an_error_of_the_bench_moves_estimates_as_its_interval_says(
     stated, other, standard, within
 ):
     changes, row, plain = changed_by(**other), row_of(**stated), row_of()
@@ -266,7 +266,7 @@ def calibrated(trial, **known):
     return marked(table, CONFIG.doubtful.of("calibration"), "calibration").row(0, named=True)
 
 
-def test_a_known_spring_tells_lateness_gain_and_the_fixture_and_what_to_write():
+def test_a_known_spring_tells_lateness_gain_fixture_and_what_to_write():
     row = calibrated(spring(1e-3, 1.02), known_K=300.0)
     assert {"trial", *row} == set(described("tables/calibration")) - {"joint", "side", "data"}
     for name, true, within in (
@@ -319,7 +319,7 @@ def test_a_known_inertia_tells_them_too_with_its_bearing_and_weight():
         calibrated(trial)
 
 
-def test_the_error_of_a_fixtures_inertia_has_that_of_the_gain_and_their_covariance():
+def test_the_error_of_a_fixture_s_inertia_has_that_of_the_gain():
     """By the derivatives of I K_known/K."""
     K, inertia = 290.0, 0.02
     correlation = np.array([[1.0, 0.6, 0.0], [0.6, 1.0, 0.0], [0.0, 0.0, 1.0]])

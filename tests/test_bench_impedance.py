@@ -29,7 +29,7 @@ from osl_analysis.trial import Trial, write_trial
 
 
 @pytest.mark.usefixtures("without_inference")
-def test_the_row_over_all_amplitudes_says_from_where_to_where_the_single_ones_read():
+def test_the_row_over_all_amplitudes_has_the_range_of_the_single_ones():
     """K falls from the small amplitude to the large one as Coulomb friction's share does in K
     theta^3."""
     record = stepped_sine(lambda m: second_order(m) + 2e3 * m.theta**3)
@@ -44,7 +44,7 @@ def test_the_row_over_all_amplitudes_says_from_where_to_where_the_single_ones_re
 
 
 @pytest.mark.usefixtures("without_inference")
-def test_the_model_of_fig4_is_the_fit_to_the_settled_cycles_and_has_no_torque_beyond_them():
+def test_the_model_of_fig4_is_the_fit_to_the_settled_cycles_alone():
     """Before the settled cycles the torque is three times as large, which a fit to all rows would
     take up."""
 
@@ -112,7 +112,7 @@ def record_of_steps(steps):
 
 
 @pytest.mark.usefixtures("without_inference")
-def test_an_amplitude_of_one_frequency_has_no_row_and_refuses_no_trial_that_tells():
+def test_an_amplitude_of_one_frequency_has_no_row_and_refuses_no_trial():
     """A drive with a limit of speed reaches less at high frequencies."""
     record = record_of_steps(((0.14, 0.5), (0.14, 1), (0.09, 2), (0.035, 4)))
     table = fit_and_judge_impedance(record, UNSATURATED, None, None)[1]
@@ -120,7 +120,7 @@ def test_an_amplitude_of_one_frequency_has_no_row_and_refuses_no_trial_that_tell
     assert table.row(-1, named=True)["K"] == pytest.approx(200, rel=1e-3)
 
 
-def test_two_amplitudes_of_one_frequency_are_refused_with_the_band_that_is_missing():
+def test_amplitudes_of_one_frequency_are_refused_with_what_is_missing():
     record = record_of_steps(((0.14, 2), (0.09, 2)))
     missing = r"sines of 8\.02, 5\.16 deg are of 2 Hz alone.*below 1 Hz or"
     with pytest.raises(IdentifiabilityError, match=missing):
@@ -133,7 +133,7 @@ def vaf(shown):
 
 
 @pytest.mark.usefixtures("without_inference")
-def test_where_amplitudes_nest_inside_frequencies_fig4_uses_one_amplitude_only(tmp_path):
+def test_where_amplitudes_nest_in_frequencies_fig4_uses_one_amplitude(tmp_path):
     """A fit to both amplitudes leaves several percent: the small one has half of the stiffness of
     the large one."""
     rest = np.zeros(round(2 * RATE))
@@ -168,7 +168,7 @@ def test_where_amplitudes_nest_inside_frequencies_fig4_uses_one_amplitude_only(t
         assert vaf(shown) > 99.95
 
 
-def test_phasors_keep_their_covariance_and_the_response_over_amplitudes_its_interval_and_its_doubts(
+def test_phasors_keep_their_covariance_and_their_mean_its_interval(
     tmp_path,
 ):
     condition = {"controller": pl.lit("compensated"), "K_d": pl.lit(200.0), "B_d": pl.lit(4.0)}
@@ -199,7 +199,7 @@ def test_phasors_keep_their_covariance_and_the_response_over_amplitudes_its_inte
     assert mean["doubtful"] == "amplitude_deg"
 
 
-def test_an_error_of_the_bench_s_stiffness_is_in_the_admittance_and_is_not_averaged_away():
+def test_an_error_of_the_bench_s_stiffness_is_not_averaged_away():
     """theta = theta_bench - torque/k: an error of 1/k is an error of Y, real and the same at every
     amplitude."""
     bench = BenchStiffness(value="3000 N*m/rad", standard_error="300 N*m/rad")
@@ -262,7 +262,7 @@ def test_a_lag_by_the_belt_makes_shares_of_b_and_i_if_it_is_certain():
     assert certain["lag_inertia_share"] == pytest.approx(share_of_I)
 
 
-def test_whether_the_torque_is_late_is_said_in_the_rows_that_cannot_tell_and_in_no_other():
+def test_rows_that_cannot_tell_a_late_torque_say_so_and_no_others_do():
     told = {
         "fault_probability": 0.0,
         "lag_s": None,

@@ -153,9 +153,7 @@ TURNING = np.sin(np.arange(1000) / 10)
     (7 * TURNING, np.pi / 180, "no joint turns so far, is it another channel"),
     (TURNING % (2 * np.pi), 1.0, "it jumps so far from a row to the next, as where an encoder"),
 ])  # fmt: skip
-def test_degrees_declared_as_radians_are_asked_for_where_rad_is_declared_alone_and_nothing_jumps(
-    theta, factor, words
-):
+def test_an_angle_beyond_a_joint_is_refused_with_its_likely_reason(theta, factor, words):
     stated = {"columns": {"theta": {"unit": "of the file", "factor": factor}}}
     samples = {"time": np.arange(1000) / 100, "theta": theta, "torque": 9 * theta}
     with pytest.raises(InputError, match=words):
@@ -163,7 +161,7 @@ def test_degrees_declared_as_radians_are_asked_for_where_rad_is_declared_alone_a
 
 
 @pytest.mark.usefixtures("without_inference")
-def test_the_weight_of_a_foot_is_a_column_of_the_transmission_and_a_doubt_about_its_inertia():
+def test_the_weight_of_a_foot_is_found_and_is_a_doubt_about_its_inertia():
     recording = dict(RECORDINGS["transmission"])
     sound = judged("transmission", recording)
     recording["torque"] = recording["torque"] + 1.5 * np.sin(recording["theta"])
@@ -177,7 +175,7 @@ def test_the_weight_of_a_foot_is_a_column_of_the_transmission_and_a_doubt_about_
 
 @pytest.mark.usefixtures("without_inference")
 @pytest.mark.parametrize("experiment", ["impedance", "transmission", "belt"])
-def test_inertia_and_weight_of_a_fixture_are_taken_off_the_torque_before_the_fit(experiment):
+def test_inertia_and_weight_of_a_fixture_are_taken_off_the_torque(experiment):
     """The estimates are those of the joint alone, to a thousandth of what the fixture adds to
     them."""
     recording, sound = dict(RECORDINGS[experiment]), judged(experiment, RECORDINGS[experiment])
@@ -269,7 +267,7 @@ def test_a_stiffness_far_from_what_the_gains_should_give_is_doubtful(factor, sid
 
 @pytest.mark.usefixtures("without_inference")
 @pytest.mark.parametrize(("factor", "side"), [(1e-3, "below"), (1.86, "above"), (0.7, None)])
-def test_a_stiffness_unlike_k_d_is_doubtful_where_the_gains_are_not_known(factor, side):
+def test_a_stiffness_unlike_k_d_is_doubtful_where_gains_are_not_known(factor, side):
     asked = DesiredImpedance("own", 200, None)
     row = judged("impedance", changed("impedance", torque=factor), asked=asked)
     assert row["K_over_K_d"] == pytest.approx(factor, rel=0.02)
@@ -278,7 +276,7 @@ def test_a_stiffness_unlike_k_d_is_doubtful_where_the_gains_are_not_known(factor
 
 
 @pytest.mark.usefixtures("without_inference")
-def test_an_impedance_trial_with_the_actuators_angle_holds_torque_and_angles_against_the_belt():
+def test_torque_and_angles_of_a_leg_are_held_against_its_belt():
     recording, p = RECORDINGS["impedance"], read_parameters(DEVICE)
     omega = np.gradient(recording["theta"], recording["time"])
     wound = driven()["torque"] - p.B_j * omega - p.J_j * np.gradient(omega, recording["time"])
@@ -362,7 +360,7 @@ def test_a_joint_without_stiffness_is_possible():
     assert abs(judged("impedance", slack)["K"]) < 0.2
 
 
-def test_an_unstated_joint_is_held_against_the_belt_only_where_no_leg_could_be_as_stiff():
+def test_an_unstated_joint_is_held_against_the_belt_where_no_leg_is_as_stiff():
     rows = rows_of_stiffness(amplitude_deg=[2.0, None], K=[0.9 * LEG.K_s, 1.9 * LEG.K_s])
     unstated = plausible_impedance(rows, pl.lit(0), LEG, False)
     assert unstated["K_over_K_s"].to_list() == [None, pytest.approx(1.9)]

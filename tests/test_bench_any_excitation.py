@@ -31,7 +31,6 @@ from osl_analysis.ingest import examine
 from osl_analysis.judge.limits import Limits
 from osl_analysis.model.compensator import PAPER_WEIGHT
 from osl_analysis.model.drivetrain import joint_admittance, read_parameters
-from osl_analysis.spectral.periods import periodic_motion
 from osl_analysis.trial import Trial
 
 CONFIG = ROOT / "config/config.yaml"
@@ -181,22 +180,30 @@ def test_a_motion_of_too_little_band_or_size_is_refused_with_what_lacks(motion, 
         row_of(moved(noise, 3, motion, **joint))
 
 
+def ramps(rng):
+    """Ramps between levels, over a minute."""
+    time = np.arange(15_000) / 250
+    levels, knots = np.deg2rad(rng.uniform(-8, 8, 60)), 1 + np.cumsum(rng.uniform(0.3, 1.0, 120))
+    corners = np.interp(time, knots, np.repeat(np.append(0.0, levels), 2)[1:-1])
+    spline = make_interp_spline(time, gaussian_filter1d(corners, 10), 5)
+    return time, tuple(spline(time, order) for order in range(3))
+
+
 def test_ramps_between_levels_tell_K():
     """0.1 % of the torque's RMS in the shape of the acceleration is 0.04 kg*m^2."""
-    rng, time = np.random.default_rng(3), np.arange(15_000) / 250
-    levels, knots = np.deg2rad(rng.uniform(-8, 8, 60)), 1 + np.cumsum(rng.uniform(0.3, 1.0, 120))
-    theta = gaussian_filter1d(
-        np.interp(time, knots, np.repeat(np.append(0.0, levels), 2)[1:-1]), 10
-    )
-    spline = make_interp_spline(time, theta, 5)
-    motion = theta, spline(time, 1), spline(time, 2)
-    row = row_of(made_trial(rng, (time, motion), torque_noise=0.01))
+    _, motion = ramps(np.random.default_rng(3))
     X = np.column_stack(motion)
     own = X[:, 2] - X[:, :2] @ np.linalg.lstsq(X[:, :2], X[:, 2])[0]
+
+    row = row_of(moved(ramps, 3, torque_noise=0.01))
+
     assert row["I_se"] == pytest.approx(1e-3 * np.std(X @ [*TRUE.values()]) / own.std(), rel=0.2)
     assert abs(row["K"] - 300) < 3 * row["K_se"] < 0.3
+
+
+def test_a_torque_of_a_thousand_times_the_size_is_asked_for_its_unit():
     with pytest.raises(IdentifiabilityError, match="check the units of theta and torque"):
-        row_of(made_trial(rng, (time, motion), K=3e5, B=5e3, I=20.0))
+        row_of(moved(ramps, 3, torque_noise=0.01, K=3e5, B=5e3, I=20.0))
 
 
 P = read_parameters(ROOT / "config/parameters/default.yaml")
@@ -322,12 +329,6 @@ def test_a_multisine_that_stops_within_a_period_tells_its_lag():
     assert (row["excitation"], row["periods"]) == ("periodic", 4)
     assert (row["fault_family"], row["fault_harm"] > 10) == ("path", True)
     assert row["B_without_low"] < 5 < row["B_without_high"]
-
-
-def test_an_angle_of_constant_acceleration_without_noise_has_no_period_and_is_no_fault():
-    t = np.arange(1250) / 250
-    turns = np.concatenate([np.zeros(500), 0.1 * np.abs(t / 0.4 % 2 - 1), np.full(500, 0.05)])
-    assert periodic_motion(turns, 300 * turns, 250.0, 22.5) is None
 
 
 @pytest.mark.parametrize(("move", "added"), [
@@ -565,29 +566,31 @@ def test_a_joint_that_rests_is_refused_as_any_motion(windows):
         moving_record(still, windows)
 
 
-@pytest.mark.parametrize("excitation", ["auto", "any"])
-def test_an_angle_of_noise_or_of_too_few_rows_is_refused_as_such(
-    excitation,
-):
-    def recorded(rate, turn=None):
-        time, (theta, *others) = noise(rng := np.random.default_rng(4), rate=rate)
-        trial = made_trial(
-            rng, (time, (theta if turn is None else turn * rng.standard_normal(time.size), *others))
-        )
-        return row_of(trial, excitation=excitation)
+@pytest.mark.parametrize("rate", [8, 25])
+def test_too_few_rows_per_second_are_no_slow_motion(rate):
+    words = rf"jumps from row to row .* or {rate} rows per second are too few .* 100 pe"
+    with pytest.raises(InputError, match=words):
+        row_of(moved(noise, 4, {"rate": rate}))
 
-    for rate in (8, 25):
-        few = rf"jumps from row to row .* or {rate} rows per second are too few .* 100 pe"
-        with pytest.raises(InputError, match=few):
-            recorded(rate)
-    noisy = r"jumps from row to row by 2\.[89] deg of its 2\.[89] deg RMS: it is noise, or"
-    with pytest.raises(InputError, match=noisy):
-        recorded(RATE, 0.05)
-    time, motion = noise(rng := np.random.default_rng(4), rate=45.0)
-    short = made_trial(rng, (time[200:240], tuple(x[200:240] for x in motion)))
+
+@pytest.mark.usefixtures("without_inference")
+def test_a_hundred_rows_per_second_are_enough():
+    assert row_of(moved(noise, 4, {"rate": 100.0}))["K"] == pytest.approx(300, rel=0.01)
+
+
+@pytest.mark.parametrize("excitation", ["auto", "any"])
+def test_an_angle_of_noise_is_refused_as_noise(excitation):
+    samples = moved(noise, 4).samples
+    white = 0.05 * np.random.default_rng(4).standard_normal(len(samples))
+    words = r"jumps from row to row by 2\.[89] deg of its 2\.[89] deg RMS: it is noise, or"
+    with pytest.raises(InputError, match=words):
+        row_of(Trial("made", samples.with_columns(theta=white)), excitation=excitation)
+
+
+def test_a_second_of_motion_is_too_short():
+    short = moved(noise, 4, {"rate": 45.0}).samples[200:240]
     with pytest.raises(InputError, match=r"nothing is left to fit: .*; record for longer"):
-        row_of(short, excitation="any")
-    assert recorded(100.0)["K"] == pytest.approx(TRUE["K"], rel=0.01)
+        row_of(Trial("made", short), excitation="any")
 
 
 def changing(motion, share):

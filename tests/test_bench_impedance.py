@@ -168,13 +168,13 @@ def test_where_amplitudes_nest_in_frequencies_fig4_uses_one_amplitude(tmp_path):
         assert vaf(shown) > 99.95
 
 
-def test_phasors_keep_their_covariance_and_their_mean_its_interval(
-    tmp_path,
-):
-    condition = {"controller": pl.lit("compensated"), "K_d": pl.lit(200.0), "B_d": pl.lit(4.0)}
-    table = phasor_table(
-        "made", phasors_of_record(stepped_sine(second_order, noise=0.5))
-    ).with_columns(**condition)
+def phasors_of(record, **more):
+    asked = {"controller": pl.lit("compensated"), "K_d": pl.lit(200.0), "B_d": pl.lit(4.0)}
+    return phasor_table("made", phasors_of_record(record)).with_columns(**asked, **more)
+
+
+def test_a_phasor_has_students_interval_of_its_cycles():
+    table = phasors_of(stepped_sine(second_order, noise=0.5))
     assert set(table["interval_method"]) == {"cycles"}
     assert (table["torque_var_re"] > 100 * table["theta_var_re"]).all()
     np.testing.assert_allclose(table["torque_degrees_of_freedom"], 5)
@@ -182,17 +182,21 @@ def test_phasors_keep_their_covariance_and_their_mean_its_interval(
     # Student's quantile for the five degrees of freedom of six cycles
     half = 2.5706 * first["Y_magnitude_se"]
     assert first["Y_magnitude_high"] - first["Y_magnitude"] == pytest.approx(half, rel=1e-3)
-    write_table(
-        marked(table, Limits(above={"amplitude_deg": 4}), "phasors"), tmp_path / "phasors.csv"
-    )
+
+
+def test_the_response_over_amplitudes_has_its_interval_its_range_and_its_doubts(tmp_path):
+    table = phasors_of(stepped_sine(second_order, noise=0.5))
+    judged = marked(table, Limits(above={"amplitude_deg": 4}), "phasors")
+    write_table(judged, tmp_path / "phasors.csv")
+
     summarise(tmp_path / "phasors.csv", tmp_path / "response.csv")
+
     mean = read_table(tmp_path / "response.csv").row(0, named=True)
     both = table.filter(pl.col("frequency_hz") == 1)
     for name in ("magnitude", "phase_deg"):
-        ends = both[f"Y_{name}"].min(), both[f"Y_{name}"].max()
-        assert (mean[f"{name}_amplitudes_low"], mean[f"{name}_amplitudes_high"]) == pytest.approx(
-            ends
-        )
+        of_single = both[f"Y_{name}"]
+        assert mean[f"{name}_amplitudes_low"] == pytest.approx(of_single.min())
+        assert mean[f"{name}_amplitudes_high"] == pytest.approx(of_single.max())
         assert mean[f"{name}_low"] < mean[name] < mean[f"{name}_high"]
     assert mean["Y_var_re"] == pytest.approx(both["Y_var_re"].sum() / 4)
     assert 4.99 <= mean["Y_degrees_of_freedom"] <= 10.5
@@ -205,16 +209,10 @@ def test_an_error_of_the_bench_s_stiffness_is_not_averaged_away():
     bench = BenchStiffness(value="3000 N*m/rad", standard_error="300 N*m/rad")
     stated = sine_settings([2], [1]).model_copy(update={"bench_stiffness": bench})
     record = replace(stepped_sine(second_order, noise=0.01), settings=stated)
-    table = phasor_table("made", phasors_of_record(record))
+    table = phasors_of(record, doubtful=pl.lit(""))
     assert table["Y_se_bench"].unique().to_list() == pytest.approx([300 / 3000**2])
     assert (table["Y_var_re"] > (300 / 3000**2) ** 2).all()
-    condition = {
-        "controller": pl.lit("compensated"),
-        "K_d": pl.lit(200.0),
-        "B_d": pl.lit(4.0),
-        "doubtful": pl.lit(""),
-    }
-    mean = frequency_response_table(table.with_columns(**condition)).row(0, named=True)
+    mean = frequency_response_table(table).row(0, named=True)
     assert np.sqrt(mean["Y_var_re"]) == pytest.approx(300 / 3000**2, rel=0.01)
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import polars as pl
 import pytest
 from any_motion import TRUE, made_trial
-from bench_synthetic import second_order, sine_settings, stepped_sine
+from bench_synthetic import sine_settings
 from conftest import multisine
 
 from osl_analysis.bench.analysis import analysed
@@ -218,23 +218,6 @@ def test_the_jackknife_is_that_of_fits_without_a_unit():
     scatter = np.diag(np.diag(covariance)) / 4
     _, freedom = combined(scatter, np.full(2, 100.0), covariance, 5)
     np.testing.assert_allclose(freedom, 1 / (0.25**2 / 100 + 0.75**2 / 4))
-
-
-def test_a_fit_to_one_amplitude_is_least_squares_about_its_middle_time():
-    """Against numpy on the rows themselves."""
-    record = stepped_sine(lambda m: second_order(m) + np.linspace(0, 3, len(m.theta)) ** 2, 0.03)
-    for label in record.groups.labels:
-        fit, rows = (
-            with_effects(plain_sums(record, IMPEDANCE), IMPEDANCE, (), label),
-            record.rows(label),
-        )
-        motion, time = record.motion[rows], record.time[rows]
-        theta = motion.theta - record.part(record.motion.theta).mean()
-        X = np.column_stack(
-            [theta, motion.omega, motion.alpha, np.ones(len(rows)), time - time.mean()]
-        )
-        expected = np.linalg.lstsq(X, record.filtered_torque[rows], rcond=None)[0]
-        np.testing.assert_allclose(fit.estimates, expected, rtol=2e-3, atol=2e-4)
 
 
 def test_rounding_changes_a_sine_by_as_much_as_its_interval_says():

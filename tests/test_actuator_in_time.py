@@ -97,9 +97,7 @@ def stiffness_by_sampled_data_theory(frequency_hz, gains, delay, cutoff_hz, upda
 
 @pytest.mark.parametrize(("delay", "updates"), [(0, 1), (1, 1), (4, 1), (0, 5), (6, 5)])
 @pytest.mark.parametrize("frequency_hz", [1, 5])
-def test_hold_delay_and_velocity_filter_shift_the_phase_as_sampled_data_theory_says(
-    delay, updates, frequency_hz
-):
+def test_delays_shift_the_phase_as_sampled_data_theory_says(delay, updates, frequency_hz):
     gains = compensator.uncompensated_gains(300, 5, P)
     effects = {
         **IDEAL,

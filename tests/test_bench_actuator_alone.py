@@ -16,15 +16,12 @@ from scipy.stats import linregress
 from osl_analysis.bench.actuator_alone import ACTUATOR_PARAMETERS as NAMES
 from osl_analysis.bench.actuator_alone import actuator_table, actuator_trial
 from osl_analysis.bench.bench_settings import ActuatorAnalysis, Calibration
-from osl_analysis.bench.component_summary import part_summary
-from osl_analysis.bench.measured_components import component_rows
 from osl_analysis.cli import main
 from osl_analysis.commands.bench import fit_actuator_trial, fit_settings, fit_trial
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.ingest.examine import Commanded, examine
 from osl_analysis.judge.judging import unchecked_in
 from osl_analysis.model.drivetrain import read_parameters
-from osl_analysis.report.headlines import headline_numbers
 from osl_analysis.simulator.bench_trial import simulate_bench_trial
 from osl_analysis.simulator.simulation_settings import RecorderSettings, SimulationSettings
 from osl_analysis.trial import Trial, read_trial
@@ -151,9 +148,7 @@ def test_refuses_a_schedule_that_does_not_tell_two_parameters_apart_or_hardly_mo
         fit_log(t, size * theta, current, by_hand(omega, alpha, current))
 
 
-def test_a_bench_of_ones_own_gives_the_parameters_of_its_log_by_the_documented_commands(
-    tmp_path, monkeypatch
-):
+def test_the_documented_commands_give_the_parameters_of_a_bench_of_ones_own(tmp_path, monkeypatch):
     """Velocity in rpm before the 9:1 gear, as text: 0.1 % of the five, which is a tenth of their
     standard errors."""
     log, expected = simulated(duration_s=10.0)
@@ -180,37 +175,33 @@ def test_a_bench_of_ones_own_gives_the_parameters_of_its_log_by_the_documented_c
     assert found["J_m_se"][0] == pytest.approx(expected.se("J_m"), rel=0.02)
 
 
-def test_of_angle_and_velocity_the_angle_is_used_and_a_bench_without_either_is_refused():
+def free_samples():
     t, theta, omega, alpha, current = schedule()
-    samples = pl.DataFrame(
-        {"time": t, "current": current, "torque_m": by_hand(omega, alpha, current)}
-    )
-    both = samples.with_columns(theta_m=theta, omega_m=7 * omega)
-    fit = actuator_trial(Trial("a", both), ANALYSIS)
-    row, rows = actuator_table(fit).row(0, named=True), fit.record.rows()
+    torque = by_hand(omega, alpha, current)
+    samples = pl.DataFrame({"time": t, "theta_m": theta, "omega_m": 7 * omega})
+    return samples.with_columns(current=current, torque_m=torque)
+
+
+def test_of_angle_and_velocity_the_angle_is_used():
+    row = actuator_table(actuator_trial(Trial("a", free_samples()), ANALYSIS)).row(0, named=True)
     assert (row["motion"], row["J_m"]) == ("theta_m", pytest.approx(TRUE["J_m"], rel=0.02))
-    assert row["correlation_k_f_G"] * row["k_tau_n_m_se"] * row["f_G_se"] == pytest.approx(
-        row["cov_k_tau_n_m_f_G"]
-    )
-    shown = fit_actuator_trial(Trial("a", both), DEVICE, ANALYSIS).everything()["series"][
-        "theta_deg"
-    ]
-    assert shown[2501] == pytest.approx(np.rad2deg(theta[5002]))
+    errors = row["k_tau_n_m_se"] * row["f_G_se"]
+    assert row["correlation_k_f_G"] * errors == pytest.approx(row["cov_k_tau_n_m_f_G"])
+
+
+def test_rows_near_the_ends_and_of_slow_motion_are_not_fitted():
+    rows = actuator_trial(Trial("a", free_samples()), ANALYSIS).record.rows()
+    omega = schedule()[2]
     # 3/15 s at both ends
-    assert (rows[0], rows[-1], np.abs(omega[rows]).min() > 0.45) == (200, len(t) - 201, True)
-    with pytest.raises(
-        InputError, match=r"trial b: the actuator stands, .*name theta_m or omega_m"
-    ):
-        actuator_trial(Trial("b", samples), ANALYSIS)
+    assert (rows[0], rows[-1]) == (200, len(omega) - 201)
+    assert np.abs(omega[rows]).min() > 0.45
 
 
-def test_actuator_trials_without_a_schedule_are_refused():
-    content = settings().model_dump()
-    content["experiments"]["actuator"] = 2
-    with pytest.raises(
-        ValueError, match="2 actuator trials are planned but 'actuator' has no schedule"
-    ):
-        SimulationSettings.model_validate(content | {"actuator": None})
+def test_a_bench_without_a_motion_is_refused():
+    still = free_samples().drop("theta_m", "omega_m")
+    words = r"trial b: the actuator stands, .*name theta_m or omega_m"
+    with pytest.raises(InputError, match=words):
+        actuator_trial(Trial("b", still), ANALYSIS)
 
 
 UP_AND_DOWN = (0, 2, 4, 6, 8, 10, 12, 10, 8, 6, 4, 2, 0, -2, -4, -6, -8, -6, -4, -2, 0)
@@ -232,7 +223,7 @@ def staircase(seed, levels=UP_AND_DOWN, friction=0.15, between=0.03, **angle):
     return Trial("stalled", pl.DataFrame(columns))
 
 
-def test_current_in_steps_at_standstill_gives_the_torque_per_current_alone_and_covers_it():
+def test_current_in_steps_at_standstill_gives_the_torque_per_current_alone():
     one_way = tuple(range(0, 20, 2))
     for made in ({}, {"levels": one_way, "friction": 0.0}):
         z = []
@@ -366,19 +357,6 @@ def test_a_shaft_that_twitches_between_the_steps_is_read_where_it_stands():
     ]
     assert "J_m" not in fits[1].names
     assert fits[1].interval("k_tau_n_m") == pytest.approx(fits[0].interval("k_tau_n_m"), abs=2e-3)
-
-
-def test_a_campaign_of_clamped_actuators_has_the_headlines_of_what_its_trials_have():
-    rows = [
-        fit_actuator_trial(staircase(seed), DEVICE, ANALYSIS).estimates["actuator"]
-        for seed in range(3)
-    ]
-    table = pl.concat(rows).with_columns(joint=pl.lit("ankle"), side=pl.lit(None, pl.String))
-    numbers = headline_numbers({"actuator_summary": part_summary("actuator", table)})
-    assert [(one.name, one.n) for one in numbers] == [("k_tau_n_m", 3)]
-    assert numbers[0].value == pytest.approx(0.648, abs=2e-3)
-    with pytest.raises(InputError, match="no actuator and no belt and no transmission trials"):
-        component_rows({"actuator": table}, ("ankle", None))
 
 
 def test_a_current_that_is_late_is_refused_for_it_and_not_for_its_sign():

@@ -26,7 +26,7 @@ def fitted(theta_s, torque, drift=0.0, rate=RATE):
 
 
 @pytest.mark.parametrize("sign", [-1, 1])
-def test_recovers_the_stiffness_of_the_belt_in_both_directions_without_the_rows_of_gaps(sign):
+def test_the_stiffness_of_a_belt_is_found_in_both_directions_beside_gaps(sign):
     theta_s, torque = belt_cycle(685.6)
     torque[700:760] += 40.0
     record = belt_record(sign * theta_s, sign * torque, unusable=range(690, 770))
@@ -50,7 +50,7 @@ def test_refuses_a_belt_that_hardly_moved_ends_loaded_or_has_gaps_all_along(
         belt_record(size * theta_s[:rows], torque[:rows], unusable=unusable)
 
 
-def test_a_locked_belt_on_a_bench_that_yields_has_its_stiffness_and_the_error_of_the_bench():
+def test_a_locked_belt_on_a_bench_that_yields_has_its_stiffness_and_error():
     theta_s, torque = belt_cycle(300.0)
     angle, time = theta_s + torque / 12000, np.arange(len(theta_s)) / RATE
     frame = {"value": "12000 N*m/rad", "standard_error": "600 N*m/rad"}
@@ -100,7 +100,7 @@ def test_a_belt_tells_what_a_straight_line_leaves_out():
     assert stiffening["stiffening"] == pytest.approx(2 * 14913 * 0.0873 / 876, rel=1e-6)
 
 
-def test_a_single_trial_covers_the_stiffness_of_its_belt_beside_the_damping_of_the_joint():
+def test_errors_of_a_belt_s_stiffness_are_as_large_as_they_say():
     """A joint that is turned by 5 deg in 3.5 s and back, at a constant velocity: errors over
     standard errors of 50 seeded trials of K_s 685.6, B_j 0.45 and 0.05 N*m of noise."""
     time = np.arange(10_000) / 1000

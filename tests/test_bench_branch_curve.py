@@ -36,7 +36,7 @@ def test_several_cycles_have_the_interval_of_their_mean():
     assert curve["change"][0] == pytest.approx(-0.1)
 
 
-def test_the_interval_of_one_cycle_has_the_mean_density_of_its_noise_not_the_median():
+def test_one_cycle_s_interval_has_the_mean_density_of_its_noise():
     """With 6 degrees of freedom the median of densities is 11 % below their mean."""
     freedom, noise = 6.0, 0.2
     densities = noise**2 * np.random.default_rng(1).chisquare(freedom, 20_000) / freedom

@@ -85,7 +85,7 @@ def beyond(row):
 @pytest.mark.parametrize(
     ("stiffer", "damped", "cancels"), [(1.0, 1.0, True), (0.92, 0.92, True), (1.0, 2.0, False)]
 )
-def test_the_gains_that_ran_are_measured_and_are_others_where_other_ones_were_programmed(
+def test_the_gains_that_ran_are_measured_and_told_from_the_programmed_ones(
     stiffer, damped, cancels
 ):
     programmed = Gains(20.0, 0.3, cancels)
@@ -121,9 +121,7 @@ def test_a_feedforward_of_friction_that_is_not_the_programmed_one_is_told(f_C, f
 @pytest.mark.parametrize(("planted", "column", "size"), [
     ({"late": 6e-3}, "loop_late_s", 6e-3), ({"reads": 1.1}, "current_error", 0.1),
 ])  # fmt: skip
-def test_a_late_loop_and_a_current_that_reads_too_much_leave_the_programmed_law(
-    planted, column, size
-):
+def test_a_late_loop_and_a_wrong_current_leave_the_programmed_law(planted, column, size):
     programmed = Gains(20.0, 0.3, True)
     table = told(programmed, programmed, **planted)
     assert beyond(table.row(0, named=True)) == {column}
@@ -132,7 +130,7 @@ def test_a_late_loop_and_a_current_that_reads_too_much_leave_the_programmed_law(
 
 
 @pytest.mark.parametrize("keep", [("theta", "theta_m", "torque"), ("theta", "current", "torque")])
-def test_without_current_or_angle_of_the_motor_no_law_is_measured_and_the_programmed_one_counts(
+def test_without_current_or_angle_of_the_motor_the_programmed_law_counts(
     keep,
 ):
     programmed = Gains(20.0, 0.3, True)

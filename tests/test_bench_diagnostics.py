@@ -144,7 +144,7 @@ def test_a_spring_that_softens_is_named_and_not_called_friction():
 
 
 @pytest.mark.usefixtures("without_inference")
-def test_a_change_of_a_small_damping_is_a_share_of_two_newton_metres_per_rad_per_second_too():
+def test_a_change_of_a_small_damping_is_a_share_of_2_newton_metre_seconds():
     """B is 0.8 at the small amplitude and 0.4 at the large one, in the second half."""
     *_, whole = rows(
         lambda m: (

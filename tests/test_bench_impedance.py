@@ -29,7 +29,7 @@ from osl_analysis.trial import Trial, write_trial
 
 
 @pytest.mark.usefixtures("without_inference")
-def test_the_row_over_all_amplitudes_says_from_where_to_where_the_single_ones_read():
+def test_the_row_over_all_amplitudes_has_the_range_of_the_single_ones():
     """K falls from the small amplitude to the large one as Coulomb friction's share does in K
     theta^3."""
     record = stepped_sine(lambda m: second_order(m) + 2e3 * m.theta**3)
@@ -44,7 +44,7 @@ def test_the_row_over_all_amplitudes_says_from_where_to_where_the_single_ones_re
 
 
 @pytest.mark.usefixtures("without_inference")
-def test_the_model_of_fig4_is_the_fit_to_the_settled_cycles_and_has_no_torque_beyond_them():
+def test_the_model_of_fig4_is_the_fit_to_the_settled_cycles_alone():
     """Before the settled cycles the torque is three times as large, which a fit to all rows would
     take up."""
 
@@ -112,7 +112,7 @@ def record_of_steps(steps):
 
 
 @pytest.mark.usefixtures("without_inference")
-def test_an_amplitude_of_one_frequency_has_no_row_and_refuses_no_trial_that_tells():
+def test_an_amplitude_of_one_frequency_has_no_row_and_refuses_no_trial():
     """A drive with a limit of speed reaches less at high frequencies."""
     record = record_of_steps(((0.14, 0.5), (0.14, 1), (0.09, 2), (0.035, 4)))
     table = fit_and_judge_impedance(record, UNSATURATED, None, None)[1]
@@ -120,7 +120,7 @@ def test_an_amplitude_of_one_frequency_has_no_row_and_refuses_no_trial_that_tell
     assert table.row(-1, named=True)["K"] == pytest.approx(200, rel=1e-3)
 
 
-def test_two_amplitudes_of_one_frequency_are_refused_with_the_band_that_is_missing():
+def test_amplitudes_of_one_frequency_are_refused_with_what_is_missing():
     record = record_of_steps(((0.14, 2), (0.09, 2)))
     missing = r"sines of 8\.02, 5\.16 deg are of 2 Hz alone.*below 1 Hz or"
     with pytest.raises(IdentifiabilityError, match=missing):
@@ -133,7 +133,7 @@ def vaf(shown):
 
 
 @pytest.mark.usefixtures("without_inference")
-def test_where_amplitudes_nest_inside_frequencies_fig4_uses_one_amplitude_only(tmp_path):
+def test_where_amplitudes_nest_in_frequencies_fig4_uses_one_amplitude(tmp_path):
     """A fit to both amplitudes leaves several percent: the small one has half of the stiffness of
     the large one."""
     rest = np.zeros(round(2 * RATE))
@@ -168,13 +168,13 @@ def test_where_amplitudes_nest_inside_frequencies_fig4_uses_one_amplitude_only(t
         assert vaf(shown) > 99.95
 
 
-def test_phasors_keep_their_covariance_and_the_response_over_amplitudes_its_interval_and_its_doubts(
-    tmp_path,
-):
-    condition = {"controller": pl.lit("compensated"), "K_d": pl.lit(200.0), "B_d": pl.lit(4.0)}
-    table = phasor_table(
-        "made", phasors_of_record(stepped_sine(second_order, noise=0.5))
-    ).with_columns(**condition)
+def phasors_of(record, **more):
+    asked = {"controller": pl.lit("compensated"), "K_d": pl.lit(200.0), "B_d": pl.lit(4.0)}
+    return phasor_table("made", phasors_of_record(record)).with_columns(**asked, **more)
+
+
+def test_a_phasor_has_students_interval_of_its_cycles():
+    table = phasors_of(stepped_sine(second_order, noise=0.5))
     assert set(table["interval_method"]) == {"cycles"}
     assert (table["torque_var_re"] > 100 * table["theta_var_re"]).all()
     np.testing.assert_allclose(table["torque_degrees_of_freedom"], 5)
@@ -182,39 +182,37 @@ def test_phasors_keep_their_covariance_and_the_response_over_amplitudes_its_inte
     # Student's quantile for the five degrees of freedom of six cycles
     half = 2.5706 * first["Y_magnitude_se"]
     assert first["Y_magnitude_high"] - first["Y_magnitude"] == pytest.approx(half, rel=1e-3)
-    write_table(
-        marked(table, Limits(above={"amplitude_deg": 4}), "phasors"), tmp_path / "phasors.csv"
-    )
+
+
+def test_the_response_over_amplitudes_has_its_interval_its_range_and_its_doubts(tmp_path):
+    table = phasors_of(stepped_sine(second_order, noise=0.5))
+    judged = marked(table, Limits(above={"amplitude_deg": 4}), "phasors")
+    write_table(judged, tmp_path / "phasors.csv")
+
     summarise(tmp_path / "phasors.csv", tmp_path / "response.csv")
+
     mean = read_table(tmp_path / "response.csv").row(0, named=True)
     both = table.filter(pl.col("frequency_hz") == 1)
     for name in ("magnitude", "phase_deg"):
-        ends = both[f"Y_{name}"].min(), both[f"Y_{name}"].max()
-        assert (mean[f"{name}_amplitudes_low"], mean[f"{name}_amplitudes_high"]) == pytest.approx(
-            ends
-        )
+        of_single = both[f"Y_{name}"]
+        assert mean[f"{name}_amplitudes_low"] == pytest.approx(of_single.min())
+        assert mean[f"{name}_amplitudes_high"] == pytest.approx(of_single.max())
         assert mean[f"{name}_low"] < mean[name] < mean[f"{name}_high"]
     assert mean["Y_var_re"] == pytest.approx(both["Y_var_re"].sum() / 4)
     assert 4.99 <= mean["Y_degrees_of_freedom"] <= 10.5
     assert mean["doubtful"] == "amplitude_deg"
 
 
-def test_an_error_of_the_bench_s_stiffness_is_in_the_admittance_and_is_not_averaged_away():
+def test_an_error_of_the_bench_s_stiffness_is_not_averaged_away():
     """theta = theta_bench - torque/k: an error of 1/k is an error of Y, real and the same at every
     amplitude."""
     bench = BenchStiffness(value="3000 N*m/rad", standard_error="300 N*m/rad")
     stated = sine_settings([2], [1]).model_copy(update={"bench_stiffness": bench})
     record = replace(stepped_sine(second_order, noise=0.01), settings=stated)
-    table = phasor_table("made", phasors_of_record(record))
+    table = phasors_of(record, doubtful=pl.lit(""))
     assert table["Y_se_bench"].unique().to_list() == pytest.approx([300 / 3000**2])
     assert (table["Y_var_re"] > (300 / 3000**2) ** 2).all()
-    condition = {
-        "controller": pl.lit("compensated"),
-        "K_d": pl.lit(200.0),
-        "B_d": pl.lit(4.0),
-        "doubtful": pl.lit(""),
-    }
-    mean = frequency_response_table(table.with_columns(**condition)).row(0, named=True)
+    mean = frequency_response_table(table).row(0, named=True)
     assert np.sqrt(mean["Y_var_re"]) == pytest.approx(300 / 3000**2, rel=0.01)
 
 
@@ -262,7 +260,7 @@ def test_a_lag_by_the_belt_makes_shares_of_b_and_i_if_it_is_certain():
     assert certain["lag_inertia_share"] == pytest.approx(share_of_I)
 
 
-def test_whether_the_torque_is_late_is_said_in_the_rows_that_cannot_tell_and_in_no_other():
+def test_rows_that_cannot_tell_a_late_torque_say_so_and_no_others_do():
     told = {
         "fault_probability": 0.0,
         "lag_s": None,

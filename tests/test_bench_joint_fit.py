@@ -147,7 +147,7 @@ def test_a_fault_is_doubted_by_its_cause(cause):
     assert causes_of(faulty_row(cause)) == [cause]
 
 
-def test_beside_a_late_torque_the_offered_impedance_holds_the_joint_and_the_recorded_does_not():
+def test_beside_a_late_torque_the_offered_impedance_holds_the_joint():
     row = faulty_row("torque path")
 
     assert "delay" in row["explanations"].split(", ")

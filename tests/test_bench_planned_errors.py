@@ -76,7 +76,7 @@ def test_a_narrow_filter_costs_what_weighted_least_squares_cost():
     np.testing.assert_allclose(found.se, np.sqrt(np.diag(by_hand)), rtol=1e-9)
 
 
-def test_realisations_scatter_by_friction_as_predicted_and_shift_b_by_its_equivalent_damping():
+def test_realisations_scatter_by_friction_as_predicted_and_shift_b():
     """100 realisations: 8 % in a ratio of standard deviations; B within 4 of its standard
     errors."""
     friction = Distortion(coulomb=1.0)
@@ -125,7 +125,7 @@ def test_one_realisation_has_the_interval_of_its_detection_lines():
 
 
 @pytest.mark.parametrize("rate", [50.0, 2000.0])
-def test_rounding_of_a_multisine_has_the_predicted_power_whatever_the_samples_per_step(rate):
+def test_rounding_of_a_multisine_has_the_predicted_power_at_any_rate(rate):
     """Mean over lines, both quadratures, 20 realisations and their zeros: 6 % by chance, 20 % for a
     normal velocity."""
     q, rng, found = np.deg2rad(0.5), np.random.default_rng(4), []
@@ -142,7 +142,7 @@ def test_rounding_of_a_multisine_has_the_predicted_power_whatever_the_samples_pe
     assert np.mean(found) == pytest.approx(np.mean(each), rel=0.25)
 
 
-def test_rounding_has_a_third_of_its_variance_in_phase_and_a_damper_turns_it_by_a_quarter():
+def test_rounding_has_a_third_of_its_variance_in_phase():
     """Of many samples per step."""
     sensors, w = Sensors(1e5, 0.0, encoder_step=1e-2), DRAFT.sines.w
     of_angle = sensors.rounding(DRAFT.sines).variance
@@ -201,7 +201,7 @@ def test_noise_of_the_torque_counts_in_its_own_band_alone():
     np.testing.assert_allclose(found.se, np.std(noise, axis=0), rtol=0.17)
 
 
-def test_drift_that_is_not_seen_changes_a_sine_by_two_slopes_over_its_frequency():
+def test_unseen_drift_changes_a_sine_by_two_slopes_over_its_frequency():
     """The integral of t sin wt over whole cycles; in a record the slope is known to 6 S/T^3."""
     sines, density = DRAFT.sines, 2 * 0.05**2 / 1000
     for seconds, slope in ((1e-3, 1e-4), (100.0, np.sqrt(6 * density / 100**3))):
@@ -212,7 +212,7 @@ def test_drift_that_is_not_seen_changes_a_sine_by_two_slopes_over_its_frequency(
         np.testing.assert_allclose(drift["load cell drift"][0], by_hand, rtol=1e-3)
 
 
-def test_friction_shifts_the_damping_of_a_stepped_sine_and_leaves_a_misfit_that_no_cycles_cure():
+def test_friction_shifts_damping_and_leaves_a_misfit_that_no_cycles_cure():
     """The describing function 4 T/pi in quadrature, fitted by numpy over amplitudes and
     frequencies."""
     friction, sines = Distortion(coulomb=0.3), DRAFT.sines
@@ -326,7 +326,7 @@ def test_the_configuration_s_protocol_is_the_default():
         assert said["lag_errors"][name] == pytest.approx(-cause * 1e-4, rel=0.1)
 
 
-def test_the_configuration_that_is_named_has_cycles_for_its_own_frequencies(
+def test_a_named_configuration_has_cycles_for_its_own_frequencies(
     tmp_path,
 ):
     own = ("--config", tmp_path / "c.yaml")
@@ -364,7 +364,7 @@ def test_json_says_null_where_the_freedom_is_infinite():
     assert certain["degrees_of_freedom"] is None
 
 
-def test_the_torque_to_expect_is_that_of_the_largest_sine_or_of_all_together():
+def test_the_torque_to_expect_is_that_of_the_largest_sine():
     """|300 - 0.02 w^2 + 5j w| times 6 deg at 5 Hz; of noise of 2 deg on a spring, four times
     300 N*m/rad."""
     w = 10 * np.pi
@@ -377,7 +377,7 @@ def test_the_torque_to_expect_is_that_of_the_largest_sine_or_of_all_together():
     assert f"torque about {4 * 300 * np.deg2rad(2):.3g} N·m" in said
 
 
-def test_what_is_asked_for_is_reached_and_the_recommended_multisine_is_written(tmp_path):
+def test_the_recommended_multisine_reaches_what_is_asked_for(tmp_path):
     output = tmp_path / "multisine.csv"
     asked = (
         "--friction",

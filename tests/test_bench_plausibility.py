@@ -167,7 +167,7 @@ def test_other_units_of_a_too_large_angle_are_tried_where_nothing_jumps(
 
 
 @pytest.mark.usefixtures("without_inference")
-def test_the_weight_of_a_foot_is_a_column_of_the_transmission_and_a_doubt_about_its_inertia():
+def test_the_weight_of_a_foot_is_found_and_is_a_doubt_about_its_inertia():
     recording = dict(RECORDINGS["transmission"])
     sound = judged("transmission", recording)
     recording["torque"] = recording["torque"] + 1.5 * np.sin(recording["theta"])
@@ -181,7 +181,7 @@ def test_the_weight_of_a_foot_is_a_column_of_the_transmission_and_a_doubt_about_
 
 @pytest.mark.usefixtures("without_inference")
 @pytest.mark.parametrize("experiment", ["impedance", "transmission", "belt"])
-def test_inertia_and_weight_of_a_fixture_are_taken_off_the_torque_before_the_fit(experiment):
+def test_inertia_and_weight_of_a_fixture_are_taken_off_the_torque(experiment):
     """The estimates are those of the joint alone, to a thousandth of what the fixture adds to
     them."""
     recording, sound = dict(RECORDINGS[experiment]), judged(experiment, RECORDINGS[experiment])
@@ -276,7 +276,7 @@ def test_a_stiffness_far_from_what_the_gains_should_give_is_doubtful(factor, sid
     ("factor", "side"),
     [(1e-3, "below"), (1.86, "above"), (0.7, None), (1.1, "above"), (1.04, None)],
 )
-def test_a_stiffness_unlike_k_d_is_doubtful_where_the_gains_are_not_known(factor, side):
+def test_a_stiffness_unlike_k_d_is_doubtful_where_gains_are_not_known(factor, side):
     asked = DesiredImpedance("own", 200, None)
     row = judged("impedance", changed("impedance", torque=factor), asked=asked)
     assert row["K_over_K_d"] == pytest.approx(factor, rel=0.02)
@@ -321,7 +321,7 @@ def test_a_gain_that_is_10_percent_off_is_doubtful_beside_known_gains(gain, side
 
 
 @pytest.mark.usefixtures("without_inference")
-def test_an_impedance_trial_with_the_actuators_angle_holds_torque_and_angles_against_the_belt():
+def test_torque_and_angles_of_a_leg_are_held_against_its_belt():
     recording, p = RECORDINGS["impedance"], read_parameters(DEVICE)
     omega = np.gradient(recording["theta"], recording["time"])
     wound = driven()["torque"] - p.B_j * omega - p.J_j * np.gradient(omega, recording["time"])
@@ -405,7 +405,7 @@ def test_a_joint_without_stiffness_is_possible():
     assert abs(judged("impedance", slack)["K"]) < 0.2
 
 
-def test_an_unstated_joint_is_held_against_the_belt_only_where_no_leg_could_be_as_stiff():
+def test_an_unstated_joint_is_held_against_the_belt_where_no_leg_is_as_stiff():
     rows = rows_of_stiffness(amplitude_deg=[2.0, None], K=[0.9 * LEG.K_s, 1.9 * LEG.K_s])
     unstated = plausible_impedance(rows, pl.lit(0), LEG, False)
     assert unstated["K_over_K_s"].to_list() == [None, pytest.approx(1.9)]

@@ -97,7 +97,7 @@ def test_one_cycle_has_no_interval():
     assert row["interval_method"] is row["K_low"] is row["cycle_drift"] is None
 
 
-def test_a_spring_with_a_slipping_one_beside_it_loses_four_times_force_by_slip():
+def test_a_slipping_spring_loses_four_times_force_by_slip():
     theta = path(-10, *(10, -10) * 3)
     slip, limit = 400.0, 10.0
     # begins where every later cycle does
@@ -123,7 +123,7 @@ def cubic_spring():
     return fitted(theta, K * theta + STIFFENING * theta**3 + 3.0)
 
 
-def test_the_curve_of_a_cubic_spring_and_its_slope_are_found_at_every_angle():
+def test_a_cubic_spring_has_its_curve_and_its_slope_at_every_angle():
     curve = curve_table(cubic_spring())
 
     loading = curve.filter(pl.col("branch") == "loading")
@@ -222,7 +222,7 @@ def test_cycles_begin_and_end_where_the_angle_comes_back(angles, counts):
     assert (len(cycles.analysed), cycles.smaller, cycles.partial) == counts
 
 
-def test_a_device_that_starts_from_rest_within_its_loop_is_judged_from_the_second_cycle_on():
+def test_a_device_that_starts_within_its_loop_is_judged_from_its_2nd_cycle():
     """Cycles of +-A lose 4 limit (A - limit/slip); on its way out the first one has not the torque
     of the others."""
     slip, limit, theta = 400.0, 4.0, path(0, *(10, -10) * 4, 0)
@@ -260,7 +260,7 @@ def test_a_zero_that_nobody_stated_says_what_it_may_do_to_the_energies():
     assert row_of(theta, torque, zero="end")["zero_unsure"] is None
 
 
-def test_a_torque_that_hysteresis_leaves_at_rest_is_not_taken_for_an_offset_without_a_word():
+def test_what_hysteresis_leaves_at_rest_is_no_offset_without_a_word():
     """A spring that slips keeps its limit at the end, half the width of the loop; before the motion
     it has none."""
     limit, theta = 4.0, path(0, *(10, -10) * 3, 0)
@@ -358,7 +358,7 @@ LIFT, MIXED = (
     (BOTH_WAYS, K * BOTH_WAYS + 5, PLAIN, "not_checked", ""), (FAR, K * FAR,
      {"zero": "start"}, "not_checked", ""),
 ])  # fmt: skip
-def test_drift_creep_clipping_speed_and_energy_from_nothing_are_doubtful(
+def test_drift_clipping_speed_and_energy_from_nothing_are_doubtful(
     theta, torque, changes, column, cause
 ):
     assert cause in row_of(theta, torque, **changes)[column].split("; ")
@@ -403,7 +403,7 @@ def test_an_angle_in_degrees_read_as_radians_is_refused_with_the_k_that_the_unit
         fit_torque_angle_trial(in_degrees, CONFIG.torque_angle)
 
 
-def test_the_change_of_the_energy_with_speed_is_that_from_the_slowest_cycle_to_the_fastest():
+def test_the_change_of_energy_is_that_from_slowest_to_fastest_cycle():
     """Damping loses energy in proportion to the speed: 1, 2, 4 times, so that a line over log speed
     gives 3 / (7/3)."""
     theta = np.concatenate([path(0, 10, 0, speed=speed) for speed in (2, 4, 8)])
@@ -428,7 +428,7 @@ def table_of_speeds(name, speeds, late_s=0.0, amplitude=10, stiffness=K):
     return torque_angle_table(found).with_columns(trial=pl.lit(name))
 
 
-def test_cycles_of_several_speeds_show_a_late_torque_by_what_it_takes_off_the_loop():
+def test_cycles_of_several_speeds_show_a_late_torque_by_their_loops():
     """20 ms times the integral of the torque's rate times the velocity."""
     sound = table_of_speeds("sound", (4, 8, 16)).row(0, named=True)
     late = table_of_speeds("late", (4, 8, 16), LATE_S).row(0, named=True)
@@ -491,7 +491,7 @@ REFERENCE = {
 
 
 @pytest.mark.skipif(not REAL_DATA.is_dir(), reason="no recordings made by others here")
-def test_the_tests_of_a_real_foot_give_what_an_independent_computation_finds_within_a_hundredth():
+def test_a_real_foot_has_what_an_independent_computation_finds():
     campaign = read_config(ROOT / "config/campaigns/desr/config.yaml")
     reference = REAL_DATA / "reference/desr_torque_angle.csv"
     expected = {row["test"]: row for row in csv.DictReader(reference.read_text().splitlines())}

@@ -60,9 +60,7 @@ def with_default(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("name", FACTS)
-def test_what_the_default_campaign_states_is_no_fact_on_recordings_of_others(
-    name, tmp_path, with_default
-):
+def test_what_the_default_campaign_states_is_no_fact_of_others(name, tmp_path, with_default):
     (tmp_path / "plain.yaml").write_text("{campaign: own, simulation: null}")
     alike, stated = read_config(tmp_path / "plain.yaml"), tmp_path / "stated.yaml"
     unstated, own = with_default({name: OTHERS[name]})
@@ -89,7 +87,7 @@ OF_BENCH = {name: value for name, value in ASSUMED.items() if {*JUDGING[name]} &
 
 
 @pytest.mark.usefixtures("without_inference")
-def test_settings_that_nobody_stated_make_no_finding_on_a_sound_recording(with_default):
+def test_unstated_settings_make_no_finding_on_a_sound_recording(with_default):
     """Whatever the default says of them: of a slow spring and of sines of a joint with a
     command."""
     own, _ = with_default(OF_BENCH)
@@ -120,7 +118,7 @@ OF_GAIT = {
 }
 
 
-def test_settings_that_nobody_stated_make_no_finding_on_sound_gait(tmp_path, with_default):
+def test_unstated_settings_make_no_finding_on_sound_gait(tmp_path, with_default):
     own, _ = with_default(OF_GAIT)
     config, turned = read_config(own), Walk(0.4)
     walks = several("u", 8, Walk()) | several("up", 4, turned) | several("down", 4, turned, sign=-1)
@@ -253,7 +251,7 @@ def sines(*amplitudes_deg, hz=(0.5, 1, 2, 4), cycles=8, rate=500.0):
     )
 
 
-def test_without_a_stated_protocol_the_recording_is_its_own_label_and_no_check_exists():
+def test_without_a_stated_protocol_the_recording_is_its_own_label():
     trial, none = sines(1.3, 4.97), {"amplitudes_deg": None, "frequencies_hz": None, "cycles": None}
     strata = record_of_trial(trial, sine_settings(**none)).groups.strata
     assert {(one.label, one.frequency_hz, one.commanded_deg) for one in strata} == {
@@ -288,7 +286,7 @@ def test_cycles_of_a_soft_start_were_commanded_too():
     assert [one["protocol"].value for one in found] == [0, 0, 1, 1]
 
 
-def test_campaigns_without_a_stated_condition_are_paired_by_the_names_of_trials():
+def test_campaigns_without_conditions_are_paired_by_names_of_trials():
     """A day that is 3 % stiffer is told though its joints are not alike; with names of its own it
     is not paired."""
     unstated = [pl.lit(None, pl.Float64).alias(name) for name in ("K_d", "B_d")]

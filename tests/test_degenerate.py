@@ -199,7 +199,7 @@ BENCH = [name for name, facts in EXPERIMENTS.items() if facts.place == "bench"]
 
 
 @pytest.mark.parametrize("experiment", BENCH)
-def test_a_degenerate_bench_trial_is_fitted_or_refused_in_one_sentence(experiment, in_root):
+def test_a_degenerate_bench_trial_is_fitted_or_refused(experiment, in_root):
     x = bench_angle(experiment)
     time = np.arange(len(x)) / BENCH_RATE
     y = 300 * x + 0.05 * np.random.default_rng(1).standard_normal(len(x))

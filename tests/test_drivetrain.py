@@ -132,9 +132,7 @@ def test_the_norm_is_the_integral_over_frequency(K_d, B_d, weight):
 
 
 @pytest.mark.parametrize(("K_d", "B_d", "weight", "with_inertia", "minima"), PROVED)
-def test_the_minima_are_those_that_were_proved_in_rational_arithmetic(
-    K_d, B_d, weight, with_inertia, minima
-):
+def test_minima_are_those_proved_in_rational_arithmetic(K_d, B_d, weight, with_inertia, minima):
     """The lowest of two; none where the error falls towards no damping at all."""
     J_j = P.J_j if with_inertia else 0.0
 
@@ -298,7 +296,7 @@ def test_the_delay_margin_is_where_a_pole_reaches_the_axis():
 
 
 @pytest.mark.parametrize(("B_d", "sign"), [(2.5, 1), (7.5, -1)])
-def test_the_apparent_inertia_of_the_method_page_is_that_of_eq_9_at_low_frequency(B_d, sign):
+def test_the_apparent_inertia_of_the_page_is_that_of_eq_9_when_slow(B_d, sign):
     gains = compensator.compensated_gains(300.0, B_d, P)
     x = P.B_m + gains.B_1
     kappa = gains.K_1 + P.K_s / P.n_T**2

@@ -154,7 +154,7 @@ KINDS = {"belt_01": 2, "actuator_1": 0, "impedance_K300_B5.0_compensated": 2, "w
 
 
 @pytest.mark.parametrize(("name", "channels"), KINDS.items())
-def test_a_sound_trial_of_every_kind_of_the_default_campaign_is_not_accused(
+def test_sound_trials_of_the_default_campaign_are_not_accused(
     name: str, channels: int, tmp_path: Path
 ) -> None:
     simulate_trial(DEFAULT, tmp_path, name)

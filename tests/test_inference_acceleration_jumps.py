@@ -63,7 +63,7 @@ def test_a_smooth_motion_has_no_jumps():
 
 
 @pytest.mark.parametrize("place", [1e-6, 0.5])
-def test_impedance_is_held_wherever_between_two_samples_the_acceleration_jumps(place):
+def test_impedance_is_held_wherever_the_acceleration_jumps(place):
     found = infer_impedance(signals(place))
 
     assert found.doubt is None

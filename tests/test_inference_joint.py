@@ -115,7 +115,7 @@ def test_stiffness_that_steps_is_named_by_time():
     assert step.parameters[0].value == pytest.approx(-30.0, abs=3.0)
 
 
-def test_rows_that_the_torque_lost_are_a_lag_that_steps_with_its_sign_and_size():
+def test_rows_that_the_torque_lost_are_a_lag_that_steps():
     torque = driven()[1]
     lost = 60  # rows after a third, from which the torque is early
     first = len(torque) // 3

@@ -199,7 +199,7 @@ def test_friction_does_not_count_what_it_gains_by_rounding_alone():
     assert evidence.block_gains[1].sum() == pytest.approx(-40.0 / 2 / 2.0)
 
 
-def test_rounding_is_compared_beside_the_same_friction_also_where_that_alone_is_impossible():
+def test_rounding_is_compared_beside_the_same_friction():
     """A late torque makes the friction beside Eq. 15 negative, so that only a delay has one."""
     late = SimpleNamespace(
         candidate=SimpleNamespace(hypothesis=SimpleNamespace(name="delay", family="path")),

@@ -164,7 +164,7 @@ def trials(*rows):
     return pl.DataFrame(rows, schema=columns, orient="row", strict=False)
 
 
-def test_a_doubtful_trial_leaves_where_half_of_its_condition_is_sound_and_no_condition_is_lost():
+def test_a_doubtful_trial_leaves_where_half_of_its_condition_is_sound():
     table = trials(
         ("a", 100.0, 99.0, ""), ("b", 100.0, 80.0, "friction"),
         ("c", 200.0, 190.0, "friction"), ("d", 200.0, 180.0, "friction"), ("e", 200.0, 199.0, ""),

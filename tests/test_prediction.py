@@ -107,7 +107,7 @@ def test_a_record_that_was_kept_is_predicted_as_that_of_the_fit(tmp_path):
         assert_frame_equal(terms, kept, rel_tol=1e-9)
 
 
-def test_an_inertia_that_is_not_predicted_is_missed_by_i_w2_times_the_rms_of_a_sine():
+def test_an_inertia_beyond_the_predicted_is_missed_by_i_w2_rms():
     more = 0.05
     heavier = recording(300, 5, "compensated", replace(P, J_j=P.J_j + more))
     _, found = prediction_terms(heavier, law_of(300, 5, "compensated"), EXACT)
@@ -135,7 +135,7 @@ def test_of_a_gain_an_equal_share_is_missed_at_each_frequency_of_noise():
     np.testing.assert_allclose(found["share"], 20, atol=0.3)
 
 
-def test_a_controller_that_acts_late_is_that_of_the_simulator_with_its_delay():
+def test_a_late_controller_is_that_of_the_simulator_with_its_delay():
     t, w = np.arange(4000) / 1000.0, 2 * np.pi * 3.0
     theta, omega, gains = (
         0.05 * (1 - np.cos(w * t)),
@@ -160,7 +160,7 @@ def test_a_controller_that_acts_late_is_that_of_the_simulator_with_its_delay():
     assert np.std(late - truth) < 0.25 * np.std(sharp - truth)
 
 
-def test_components_are_means_with_the_scatter_of_their_trials_and_the_correlations_of_their_fits():
+def test_components_are_means_with_scatter_of_trials_and_correlations():
     tables = component_tables(TRUE)
     found, f_C = components_of(tables, ("ankle", None), P), tables["actuator"]["f_C"].to_numpy()
     assert found.values["f_C"] == pytest.approx(f_C.mean())
@@ -266,7 +266,7 @@ def test_a_late_controller_is_named_with_its_delay_and_no_component_is():
     ]
 
 
-def test_the_standard_error_of_a_change_is_that_of_a_mean_where_the_change_is_a_mean():
+def test_the_standard_error_of_a_change_that_is_a_mean_is_the_mean_s():
     of_trials = np.array([0.04, 0.07, 0.05, 0.06])
     without_one = (of_trials.sum() - of_trials) / 3
     changes = {"torque_gain": np.array([of_trials.mean(), *without_one])}
@@ -301,7 +301,7 @@ def test_an_interval_is_learnt_from_the_other_trials():
     assert alone.select("K_low", "K_high").row(0) == (None, None)
 
 
-def test_the_interval_of_a_prediction_has_the_freedom_of_the_trials_that_teach_it():
+def test_a_prediction_s_interval_has_the_freedom_of_the_other_trials():
     """Without other errors it is Student's, of the mean square of what the others miss."""
     missed = np.array([9.0, 1.0, -2.0, 1.5, -0.5])
     nothing = np.zeros(5)
@@ -321,7 +321,7 @@ def test_the_interval_of_a_prediction_has_the_freedom_of_the_trials_that_teach_i
     assert 100.0 - found.low == pytest.approx(half_width)
 
 
-def test_what_the_equations_lack_has_the_variance_that_scatters_beyond_what_is_known():
+def test_what_equations_lack_has_the_scatter_beyond_what_is_known():
     rng = np.random.default_rng(2)
     known = rng.uniform(0.5, 2.0, 40_000)
     assert model_variance(
@@ -331,7 +331,7 @@ def test_what_the_equations_lack_has_the_variance_that_scatters_beyond_what_is_k
     assert model_variance(np.array([0.1, -0.1]), np.ones(2)) == 0
 
 
-def test_the_torque_error_is_what_an_offset_and_a_drift_leave_of_the_difference_to_what_was_asked():
+def test_the_torque_error_is_what_an_offset_and_a_drift_leave():
     record = recording(300, 5, "compensated")
     s, motion = rendered_impedance(record)[0].sums, record.motion
     ends = zip(np.ceil(s.groups.first), np.floor(s.groups.stop), strict=True)
@@ -361,7 +361,7 @@ def test_components_that_do_not_predict_are_told_with_how_far_k_and_b_are_off():
     assert measured_over_predicted(predicted, "B") == pytest.approx(-25)
 
 
-def test_a_doubtful_trial_leaves_the_comparison_where_the_others_of_its_condition_are_sound():
+def test_a_doubtful_trial_leaves_the_comparison_beside_sound_ones():
     rows = []
     for controller, K_d, repeat in product(PAIR, (100.0, 200.0), (1, 2, 3)):
         asked = {"controller": controller, "K_d": K_d, "B_d": 5.0, "amplitude_deg": None}
@@ -508,9 +508,7 @@ def test_a_limit_decides_where_the_whole_interval_is_on_one_side(low, high, verd
 
 
 @pytest.mark.parametrize(("high", "verdict"), [(0.5, "undecided"), (-0.01, "fails")])
-def test_a_joint_is_passive_where_the_real_part_of_its_impedance_is_for_certain_not_negative(
-    high, verdict
-):
+def test_a_joint_is_passive_where_its_damping_is_certainly_not_negative(high, verdict):
     row = {
         **HERE,
         "trial": "k",

@@ -146,7 +146,7 @@ def test_a_schedule_lasts_as_long_as_it_says(changes, duration):
 
 
 @pytest.mark.parametrize("kind", [*SMOOTH, "prbs", "ramps"])
-def test_an_excitation_has_its_length_and_size_and_rests_at_both_ends(kind):
+def test_an_excitation_has_its_length_and_size_and_rests_at_its_ends(kind):
     """5 s of rests and fades beside 20 s, or three periods of 4 s."""
     theta = excited(kind, band_hz=(1.0, 4.0), clock_s=0.125).theta
 
@@ -283,7 +283,7 @@ def test_the_belt_is_loaded_by_its_own_stiffness():
     assert 1e-4 < abs(stiffnesses[0] / stiffnesses[1] - 1) < 0.06
 
 
-def test_each_effect_of_the_load_cell_adds_what_the_truth_says_and_leaves_the_others_alone():
+def test_each_effect_of_the_load_cell_adds_what_the_truth_says():
     sizes = {
         "load_cell_offset": on(0.5, "N*m"),
         "load_cell_drift": on(0.05, "N*m/min"),
@@ -318,7 +318,7 @@ def test_true_jitter_leaves_each_sample_true(clean):
 
 
 @pytest.mark.parametrize(("f", "rows"), [(2, slice(1000, 2000)), (5, slice(2200, 2600))])
-def test_an_exact_joint_answers_by_eq_15_and_the_bench_follows_its_command(clean, f, rows):
+def test_an_exact_joint_answers_by_eq_15_to_what_the_bench_follows(clean, f, rows):
     """The bench has 30 Hz and a damping of 0.9; its transient is left."""
     w = 2 * np.pi * f
     kernel = np.exp(-1j * w * clean["time"][rows])
@@ -467,9 +467,7 @@ def test_a_wrong_imperfection_or_motion_is_refused(tmp_path, section, value, mes
         read_yaml(tmp_path / "settings.yaml", SimulationSettings)
 
 
-def test_without_a_compiler_nothing_is_simulated_and_one_line_says_what_to_install(
-    monkeypatch, tmp_path, in_root
-):
+def test_without_a_compiler_one_line_says_what_to_install(monkeypatch, tmp_path, in_root):
     monkeypatch.setattr("osl_analysis.model.compiled.HAS_COMPILER", False)
     message = r"needs numba, which is not installed; pip install 'osl-analysis\[simulator\]'"
 

@@ -221,7 +221,7 @@ def test_a_shift_turns_the_leg_over_the_platform(setup, tmp_path):
     np.testing.assert_allclose(turned, (x[0] - x[ramp]) / 0.9, atol=1e-5)
 
 
-def test_an_exact_analysis_of_the_recording_gives_back_angle_and_torque(shipped, tmp_path):
+def test_an_exact_analysis_of_a_recording_gives_angle_and_torque(shipped, tmp_path):
     """Gait varies, sensors are perfect and nothing but the foot has mass: what remains is rounding
     to float32."""
     exact = shipped.lacking("plate_inertia", "plate_lag", "foot_inertia", *SENSORS)
@@ -499,9 +499,7 @@ def test_the_leg_renders_what_linear_theory_says(setup):
 
 
 @pytest.mark.skipif(not REAL.exists(), reason="public sample recordings are not on this machine")
-def test_every_force_plate_parameter_of_a_nexus_file_is_there_with_its_type_and_sign(
-    setup, tmp_path
-):
+def test_every_force_plate_parameter_of_a_nexus_file_is_there(setup, tmp_path):
     ours = parameters_of(setup, tmp_path, STATIC)["FORCE_PLATFORM"]
     nexus = ezc3d.c3d(str(REAL))["parameters"]["FORCE_PLATFORM"]
 

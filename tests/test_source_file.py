@@ -161,7 +161,7 @@ def test_a_frame_that_yields_takes_shares_of_K_B_and_I(yielding):
 
 
 @pytest.mark.usefixtures("without_inference")
-def test_the_bench_s_yielding_is_taken_off_the_angle_and_its_error_is_in_the_intervals(yielding):
+def test_the_bench_s_yielding_is_taken_off_the_angle_with_its_error(yielding):
     frame = {"value": "3000 N*m/rad", "standard_error": "100 N*m/rad"}
 
     row = fitted(yielding, bench_stiffness=frame)
@@ -219,7 +219,7 @@ def test_stamps_that_cannot_be_decided_are_told_with_the_change_of_K(undecided):
     assert table["other_hypothesis"][0].startswith("K ")
 
 
-def test_intervals_reach_to_the_fit_with_the_other_reading_of_the_stamps(undecided):
+def test_intervals_reach_to_the_fit_with_other_stamps(undecided):
     one_reading = table_of(replace(undecided, with_other_stamps=None)).row(-1, named=True)
     other_reading = replace(undecided.with_other_stamps, steps=undecided.steps)
     other = table_of(other_reading).row(-1, named=True)

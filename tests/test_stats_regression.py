@@ -63,7 +63,7 @@ def test_a_lag_costs_damping_and_counts_where_it_is_certain():
     assert set(no_lag.values()) == {None}
 
 
-def test_vaf_and_r_squared_read_what_they_should_when_the_fit_is_not_perfect():
+def test_vaf_and_r_squared_are_those_of_an_imperfect_fit():
     y = 2 * np.cos(20 * np.pi * T) + np.cos(40 * np.pi * T) + 10
     fit = regression.linear_fit(y, {"c": np.cos(20 * np.pi * T), "offset": np.ones_like(T)})
     assert (fit.vaf, fit.r_squared) == pytest.approx((80, 1 - 0.5 / (2 + 0.5 + 100)))
@@ -152,7 +152,7 @@ def test_ljung_box_is_statsmodels(samples, lags):
     assert autocorrelation > 0.5
 
 
-def test_white_noise_through_the_filter_passes_as_white_five_times_in_hundred_it_does_not():
+def test_filtered_white_noise_is_refused_as_white_5_times_in_100():
     """95 % of 200 seeded records of 30 s, 800 samples each: a rate of twice the cut-off itself
     would refuse all."""
     rng = np.random.default_rng(4)
@@ -214,7 +214,7 @@ def test_the_spread_of_cycles_covers_where_friction_fools_hac():
     assert regression.linear_fit(y, columns).se("b") > 3 * fit.se("b")
 
 
-def test_cycles_that_are_no_whole_rows_have_the_sums_that_their_integrals_have():
+def test_cycles_of_no_whole_rows_have_the_sums_of_their_integrals():
     turn, edges = 2 * np.pi * np.arange(800) / (250 / 3), 250 / 3 * np.arange(1, 9)
     X = np.column_stack([np.cos(turn), np.sin(turn), np.ones(800)])
     found = products_between(X, X, edges[:-1], edges[1:])
@@ -233,7 +233,7 @@ def test_one_stratum_is_statsmodels_cluster_covariance():
     )
 
 
-def test_equal_strata_are_worth_the_sum_of_their_degrees_of_freedom_and_one_noisy_stratum_its_own():
+def test_equal_strata_add_their_freedom_and_a_noisy_one_has_its_own():
     sums, stratum = (
         np.random.default_rng(6).standard_normal((4000, 1)),
         np.repeat(np.arange(2), 2000),
@@ -246,9 +246,7 @@ def test_equal_strata_are_worth_the_sum_of_their_degrees_of_freedom_and_one_nois
 @pytest.mark.parametrize(
     ("estimator", "n", "size"), [(moving_sums, 600, 60), (noise_of_scores, 100, 0)]
 )
-def test_a_variance_of_white_scores_is_right_and_worth_as_many_degrees_of_freedom_as_it_says(
-    estimator, n, size
-):
+def test_a_variance_of_white_scores_scatters_as_its_freedom_says(estimator, n, size):
     """The scatter of a variance is 2/freedom of its square. In blocks of 60 scores, and by groups
     and neighbours."""
     rng = np.random.default_rng(7)
@@ -258,17 +256,20 @@ def test_a_variance_of_white_scores_is_right_and_worth_as_many_degrees_of_freedo
     assert 2 * np.mean(variances) ** 2 / np.var(variances) == pytest.approx(freedom + 1, rel=0.12)
 
 
-def test_degrees_of_freedom_of_a_sum_are_those_of_welch_and_satterthwaite():
-    assert welch_satterthwaite([1.0, 1.0], [5, 5]) == pytest.approx(10)
-    assert welch_satterthwaite([1.0, 2.0], [5, 10]) == pytest.approx(9 / (1 / 5 + 4 / 10))
-    np.testing.assert_allclose(welch_satterthwaite([[1.0, 0.0], [0.0, 3.0]], [5, 90]), [5, 90])
-    np.testing.assert_array_equal(welch_satterthwaite([[2.0, 0.0]], [5]), [5, np.inf])
-    # a scatter that is rounding of a sum
-    assert welch_satterthwaite([1e-40, 1.0], [5, np.inf]) == np.inf
-    assert welch_satterthwaite([1e-4, 1.0], [5, np.inf]) == pytest.approx(5e8, rel=1e-3)
+@pytest.mark.parametrize(("variances", "freedom", "of_sum"), [
+    ([1.0, 1.0], [5, 5], 10), ([1.0, 2.0], [5, 10], 9 / (1 / 5 + 4 / 10)),
+    ([[1.0, 0.0], [0.0, 3.0]], [5, 90], [5, 90]), ([[2.0, 0.0]], [5], [5, np.inf]),
+    ([1e-40, 1.0], [5, np.inf], np.inf),  # a scatter that is rounding of a sum
+    ([1e-4, 1.0], [5, np.inf], 5e8),
+])  # fmt: skip
+def test_freedom_of_a_sum_is_that_of_welch_and_satterthwaite(variances, freedom, of_sum):
+    found = welch_satterthwaite(variances, freedom)
+    np.testing.assert_allclose(found, of_sum, rtol=1e-3)
+
+
+def test_a_known_error_as_large_as_that_by_chance_doubles_the_variance():
     x = np.arange(12.0)
     fit = regression.linear_fit(x + np.cos(x), {"a": x})
-    # as large as the error by chance
     shared = regression.with_shared_error(fit, np.array([fit.se("a")]))
     assert shared.se("a") == pytest.approx(np.sqrt(2) * fit.se("a"))
     assert shared.degrees_of_freedom[0] == pytest.approx(4 * fit.degrees_of_freedom[0])
@@ -283,7 +284,7 @@ def test_what_repeats_have_in_common_widens_the_interval_of_their_mean():
 
 
 @pytest.mark.parametrize("between", [0.0, 3.0])
-def test_two_trials_that_agree_by_luck_have_an_interval_that_covers_as_often_as_others(between):
+def test_two_trials_that_agree_by_luck_are_covered_as_often_as_others(between):
     """Trials with own errors of 2 and scatter between them: mean and difference are independent, so
     that of those that agree Student's interval alone covers next to none."""
     draws = np.random.default_rng(5).standard_normal((1000, 2)) * np.hypot(2.0, between)
@@ -297,7 +298,7 @@ def test_two_trials_that_agree_by_luck_have_an_interval_that_covers_as_often_as_
     assert min(one.se for one in found) == pytest.approx(2 / np.sqrt(2))
 
 
-def test_kinds_of_trials_count_as_one_mean_each_and_their_difference_is_no_scatter():
+def test_kinds_of_trials_count_as_one_mean_each():
     """The mean of two means has the error sqrt(s1^2/n1 + s2^2/n2)/2; Welch's degrees of freedom, by
     SciPy's test."""
     first, second = [1.0, 2.0, 3.0, 6.0], [101.0, 103.0, 107.0]

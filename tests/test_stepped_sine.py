@@ -181,9 +181,7 @@ NOISE_ALONE = 1e-4 * np.random.default_rng(1).standard_normal(9000)
     (0.0 * stepped(), r"no sine was found: the joint angle moves by 0 deg"),
     (NOISE_ALONE, r"no sine was found: .* by 0\.0\d+ deg"),
 ], ids=["in degrees", "still", "noise"])  # fmt: skip
-def test_a_record_that_is_no_stepped_sine_of_these_amplitudes_is_refused_with_what_it_is(
-    theta, message
-):
+def test_a_record_without_the_commanded_sines_is_refused_with_what_it_is(theta, message):
     with pytest.raises(InputError, match=message):
         segments_of(theta)
 
@@ -245,7 +243,7 @@ def run_of(frequency, cycles):
     )
 
 
-def test_runs_of_nearly_one_frequency_have_the_mean_weighted_by_the_squares_of_their_cycles():
+def test_runs_of_nearly_one_frequency_have_their_weighted_mean():
     runs = [run_of(2.0098, 10), run_of(2.0102, 20)]
 
     assert common_frequencies(runs, PROTOCOL) == [2.01012, 2.01012]
@@ -366,7 +364,7 @@ TWO_SEGMENTS = [
 ]
 
 
-def test_cycles_with_a_row_that_was_not_measured_are_left_out_with_a_short_stretch_before():
+def test_cycles_near_a_gap_are_left_out_with_a_short_stretch_before():
     """Four cycles are before row 550, too few beside the five behind it. The first cycle of a
     segment begins at a whole row; the others are not rounded."""
     usable = ALL_ROWS.copy()
@@ -512,7 +510,7 @@ def test_a_damaged_stepped_sine_is_unclear_and_not_taken_for_another_motion(thet
 
 @pytest.mark.parametrize("move", [multisine, noise, chirp])
 @pytest.mark.parametrize("band", [(0.5, 3.0), (0.5, 10.0), (0.2, 2.0)])
-def test_multisine_noise_and_sweep_are_other_motions_at_the_commanded_amplitudes(move, band):
+def test_multisine_noise_and_sweep_are_other_motions(move, band):
     _, (theta, *_) = move(np.random.default_rng(1), band=band)
 
     assert kind_of(np.deg2rad(4) * theta / theta.max(), seed=1) == "other"

@@ -37,7 +37,7 @@ def ratio(table, size):
     return float(np.sqrt(np.mean(each)))
 
 
-def test_estimates_of_a_frequency_response_are_as_precise_as_they_say_and_can_be(study):
+def test_frequency_responses_are_as_precise_as_they_say_and_can_be(study):
     """Bounds are three Monte Carlo errors of a ratio and of a coverage, of half of all estimates,
     since the last cycle at a frequency is the next one's."""
     table = table_of(study.rows_of("frequency response", range(4)))
@@ -77,7 +77,7 @@ def test_bound_of_a_sinusoid_is_the_published_one(study):
     assert bound == pytest.approx({name: noise * each for name, each in expected.items()})
 
 
-def test_the_study_measures_bias_in_standard_deviations_and_coverage_as_a_share(study):
+def test_bias_is_measured_in_standard_deviations_and_coverage_as_a_share(study):
     rows = {
         "value": [1.0, 2.0, 3.0],
         "truth": [0.0] * 3,

@@ -56,7 +56,7 @@ def prediction_points(prediction: pl.DataFrame, frequencies: pl.DataFrame) -> pl
 
 def prediction_caption(table: pl.DataFrame) -> str:
     """What the figure `prediction` shows."""
-    said = [
+    sentences = [
         "What the components of the leg, each measured alone, predict of every impedance trial,"
         " against what was measured. Nothing is fitted to these trials. Markers: measured less"
         r" predicted (a) stiffness $\hat{K}$, (b) damping $\hat{B}$ and (c) standard deviation of"
@@ -65,11 +65,11 @@ def prediction_caption(table: pl.DataFrame) -> str:
         " trials.",
     ]
     if names.has_values(table, "share"):
-        said.append(
+        sentences.append(
             "(d) RMS of the torque that the prediction misses at each frequency, as a share of the"
             " recorded torque: median over the trials, their quartiles (thick) and range (thin)."
         )
-    return " ".join(said)
+    return " ".join(sentences)
 
 
 @style.drawing(
@@ -116,14 +116,14 @@ def draw_difference(ax: Axes, trials: pl.DataFrame, quantity: str) -> None:
     share = MARKER_SHARE * marker_share(rows, inches)
     ax.axhline(0, **ZERO_LINE)
     for controller, look in names.looks_in(rows).items():
-        own = names.of_controller(rows, controller)
-        predicted = own[quantity]
-        ax.vlines(
-            own["x"], own[f"{quantity}_low"] - predicted, own[f"{quantity}_high"] - predicted,
-            color=look.colour, alpha=PREDICTED_ALPHA, linewidth=style.THICK,
-        )  # fmt: skip
-        difference = own[f"{quantity}_measured"] - predicted
-        marks.draw_fits(ax, own, own["x"], difference, look, share, zorder=3)
+        of_controller = names.of_controller(rows, controller)
+        x = of_controller["x"]
+        predicted = of_controller[quantity]
+        below = of_controller[f"{quantity}_low"] - predicted
+        above = of_controller[f"{quantity}_high"] - predicted
+        ax.vlines(x, below, above, color=look.colour, alpha=PREDICTED_ALPHA, linewidth=style.THICK)
+        difference = of_controller[f"{quantity}_measured"] - predicted
+        marks.draw_fits(ax, of_controller, x, difference, look, share, zorder=3)
     label_desired_axis(ax, rows, symbol, inches)
     ax.set_ylabel(label)
 
@@ -180,12 +180,11 @@ def chain_points(
 
     is_whole = pl.col("amplitude_deg").is_null()
     joint = names.completed(impedance.filter(is_whole), ("K", "K_low", "K_high", "K_predicted"))
-    rendered = joint.select(
-        "trial",
-        rendered=100 * (pl.col("K") / pl.col("K_predicted") - 1),
-        rendered_low=100 * (pl.col("K_low") / pl.col("K_predicted") - 1),
-        rendered_high=100 * (pl.col("K_high") / pl.col("K_predicted") - 1),
-    )
+    deviations = []
+    for end in ("", "_low", "_high"):
+        deviation = 100 * (pl.col(f"K{end}") / pl.col("K_predicted") - 1)
+        deviations.append(deviation.alias(f"rendered{end}"))
+    rendered = joint.select("trial", *deviations)
     whole_evidence = names.completed(evidence.filter(is_whole), ("K_s_ratio",))
     belt = whole_evidence.select("trial", belt=100 * (pl.col("K_s_ratio") - 1))
     for of_link in (belt, rendered):
@@ -196,7 +195,7 @@ def chain_points(
 
 def chain_caption(table: pl.DataFrame) -> str:
     """What the figure `chain` shows."""
-    said = [
+    sentences = [
         "From the command to the torque of the joint, link by link: by how much each deviates from"
         " what is expected of it. Bars: 95 % intervals."
     ]
@@ -210,9 +209,9 @@ def chain_caption(table: pl.DataFrame) -> str:
         "rendered": r"The joint's stiffness $\hat{K}$ is held against what the gains that ran"
         " should give.",
     }
-    said += [sentence for link, sentence in against.items() if names.has_values(table, link)]
-    said.append("What one link misses is no fault of the next.")
-    return " ".join(said)
+    sentences += [sentence for link, sentence in against.items() if names.has_values(table, link)]
+    sentences.append("What one link misses is no fault of the next.")
+    return " ".join(sentences)
 
 
 @style.drawing(
@@ -226,7 +225,8 @@ def draw_chain(table: pl.DataFrame) -> Figure:
     """A panel per link of each joint: percent over K_d, with intervals. A link without a number has
     none."""
     parts = names.placed_rows(table)
-    shown, titles = [], []
+    shown = []
+    titles = []
     for place, (_, part) in zip(names.panel_titles(parts), parts, strict=True):
         for link, (name, _) in LINKS.items():
             if names.has_values(part, link):
@@ -255,10 +255,11 @@ def draw_link(ax: Axes, part: pl.DataFrame, link: str) -> None:
     share = MARKER_SHARE * marker_share(rows, inches)
     ax.axhline(0, **ZERO_LINE)
     for controller, look in names.looks_in(rows).items():
-        own = names.of_controller(rows, controller)
-        if f"{link}_low" in own.columns:
-            marks.draw_bars(ax, own, "x", link, look.colour, style.THICK)
-        marks.draw_fits(ax, own, own["x"], own[link], look, share, zorder=3)
+        of_controller = names.of_controller(rows, controller)
+        x = of_controller["x"]
+        if f"{link}_low" in rows.columns:
+            marks.draw_bars(ax, of_controller, "x", link, look.colour, style.THICK)
+        marks.draw_fits(ax, of_controller, x, of_controller[link], look, share, zorder=3)
     low, high = ax.get_ylim()
     ax.set_ylim(min(low, -SMALLEST_DEVIATION), max(high, SMALLEST_DEVIATION))
     label_desired_axis(ax, rows, "K", inches)

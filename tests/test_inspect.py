@@ -435,7 +435,7 @@ def test_a_stiffness_far_from_the_desired_one_is_pointed_at(tmp_path, bench):
     drafted_campaign(tmp_path / "c", recordings=tmp_path / "in")
     (look,) = watching.first_look(tmp_path / "c")
     assert re.search(
-        f"(?s)first trial of experiment impedance, [^\n]*: LOOK AT IT\n.*{doubt}", look.text
+        f"(?s)first trial of experiment impedance, [^\n]*: doubtful\n.*{doubt}", look.text
     )
 
 

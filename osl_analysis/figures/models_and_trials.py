@@ -38,8 +38,8 @@ COMPARED = {  # quantity: its axis, and the desired value over which it is drawn
 PREDICTED_ALPHA = 0.35  # of the bars behind the markers
 PREDICTED, QUARTILES, RANGE = (
     "95 % interval of the prediction",
-    "Missed torque: quartiles of trials",
-    "Missed torque: range of trials",
+    "Residual torque: quartiles of trials",
+    "Residual torque: range of trials",
 )
 DODGE = 0.012  # of two controllers at one frequency, as a share of the axis
 
@@ -66,8 +66,9 @@ def prediction_caption(table: pl.DataFrame) -> str:
     ]
     if names.has_values(table, "share"):
         sentences.append(
-            "(d) RMS of the torque that the prediction misses at each frequency, as a share of the"
-            " recorded torque: median over the trials, their quartiles (thick) and range (thin)."
+            "(d) RMS of the residual torque, recorded less predicted, at each frequency, as a share"
+            " of the recorded torque: median over the trials, their quartiles (thick) and range"
+            " (thin)."
         )
     return " ".join(sentences)
 
@@ -88,15 +89,15 @@ def draw_prediction(table: pl.DataFrame) -> Figure:
         style.DOUBLE_COLUMN, figure_height(2 * len(parts)), 2 * len(parts), COLUMNS, titles=titles
     )
     for number, (_, part) in enumerate(parts):
-        *differences, missed = axes[4 * number : 4 * number + 4]
+        *differences, residual = axes[4 * number : 4 * number + 4]
         trials = part.filter(pl.col("share").is_null())
         for ax, quantity in zip(differences, COMPARED, strict=True):
             draw_difference(ax, trials, quantity)
         of_frequencies = part.filter(pl.col("share").is_not_null())
         if of_frequencies.is_empty():
-            missed.remove()
+            residual.remove()
         else:
-            draw_missed_torque(missed, of_frequencies)
+            draw_residual_torque(residual, of_frequencies)
 
     entries = marks.controller_entries(names.looks_in(table).values())
     entries |= marks.bar_entry(PREDICTED, style.THICK, style.LIGHT_GREY)
@@ -128,8 +129,8 @@ def draw_difference(ax: Axes, trials: pl.DataFrame, quantity: str) -> None:
     ax.set_ylabel(label)
 
 
-def draw_missed_torque(ax: Axes, rows: pl.DataFrame) -> None:
-    """The share of the torque that the prediction misses [percent] over frequency [Hz]: median,
+def draw_residual_torque(ax: Axes, rows: pl.DataFrame) -> None:
+    """Residual torque of the predictions [percent of the recorded] over frequency [Hz]: median,
     quartiles and range of the trials of each controller."""
     looks = names.looks_in(rows)
     frequencies = rows["frequency_hz"].to_numpy()
@@ -154,7 +155,7 @@ def draw_missed_torque(ax: Axes, rows: pl.DataFrame) -> None:
     label_log_axis(ax.yaxis, ax.get_ylim(), most=6)
     label_frequency_axis(ax, rows["frequency_hz"], most=8, tested=frequencies.tolist())
     ax.set_xlabel("Frequency (Hz)")
-    ax.set_ylabel("Missed torque\n(% of RMS torque)")
+    ax.set_ylabel("Residual torque\n(% of RMS torque)")
 
 
 # chain
@@ -200,13 +201,13 @@ def chain_caption(table: pl.DataFrame) -> str:
         " what is expected of it. Bars: 95 % intervals."
     ]
     against = {
-        "command": r"The stiffness gain $K_1$ by the current of the log is held against the"
+        "command": r"The stiffness gain $K_1$ by the current of the log is compared with the"
         " programmed one.",
-        "motor": r"The motor's torque for a current, $k_\tau n_m$, is held against the parameter"
+        "motor": r"The motor's torque for a current, $k_\tau n_m$, is compared with the parameter"
         " file.",
-        "belt": "The belt's stiffness $K_s$ by torque, angle and motor angle is held against the"
+        "belt": "The belt's stiffness $K_s$ by torque, angle and motor angle is compared with the"
         " parameter file.",
-        "rendered": r"The joint's stiffness $\hat{K}$ is held against what the gains that ran"
+        "rendered": r"The joint's stiffness $\hat{K}$ is compared with what the gains that ran"
         " should give.",
     }
     sentences += [sentence for link, sentence in against.items() if names.has_values(table, link)]

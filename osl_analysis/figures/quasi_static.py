@@ -34,7 +34,7 @@ LOOP_WIDTH = 0.5  # of lines [pt]
 def fig3_caption(table: pl.DataFrame) -> str:
     """What Fig. 3 shows."""
     sentences = [
-        "Torque against deflection of the transmission, with the actuator locked. (a) The trials in"
+        "Torque against deflection of the belt, with the actuator locked. (a) The trials in"
         " grey and the mean slope while loading, dashed. (b) Torque of each trial minus that of the"
         " mean slope, solid while loading and dashed while unloading: the width of a loop is its"
         " hysteresis."
@@ -142,7 +142,7 @@ def draw_loops(ax: Axes, part: pl.DataFrame) -> None:
             line.set_url(marks.place_in_report(trial["trial"][0]))
     for area in part["hysteresis_area"].drop_nulls().head(1):
         ax.text(0.02, 0.04, f"Mean loop area {area:.3g} J", transform=ax.transAxes, va="bottom")
-    ax.set_xlabel(r"Transmission deflection $\theta_s$ (deg)")
+    ax.set_xlabel(r"Belt deflection $\theta_s$ (deg)")
     ax.set_ylabel("Torque minus\nmean slope (N·m)")
 
 

@@ -77,27 +77,12 @@ def main() -> None:
         folder = Path(name)
 
         def ingest(cycles: int, **options: int) -> tuple[float, float]:
-            return spent(
-                folder,
-                "ingest",
-                *SOURCES,
-                "--output",
-                f"{cycles}.parquet",
-                "--log",
-                f"{cycles}.mcap",
-                **options,
-            )
+            files = ("--output", f"{cycles}.parquet", "--log", f"{cycles}.mcap")
+            return spent(folder, "ingest", *SOURCES, *files, **options)
 
         def fit(cycles: int, **options: int) -> tuple[float, float]:
-            return spent(
-                folder,
-                "fit",
-                *DESIRED,
-                "--config",
-                f"{cycles}.yaml",
-                f"{cycles}.parquet",
-                **options,
-            )
+            files = ("--config", f"{cycles}.yaml", f"{cycles}.parquet")
+            return spent(folder, "fit", *DESIRED, *files, **options)
 
         simulated(folder, SMALL)  # which compiles the simulator
         if most is not None:

@@ -80,19 +80,20 @@ def write_campaign(folder: Path, number: int, recording: bytes) -> list[str]:
         log = raw / f"impedance_{trial:05d}.mcap"
         log.write_bytes(recording[: len(recording) - trial])
         lines.append(f"{log.stem},impedance,compensated,300,5,dynamometer/{log.name},dynamometer")
-    sheet, config = folder / "raw_data/trials.csv", folder / "own.yaml"
+    return write_sheet(folder, lines, RECORDED)
+
+
+def write_sheet(folder: Path, lines: list[str], settings: dict[str, Any]) -> list[str]:
+    """Write the sheet of a campaign, and a configuration with some settings; the arguments of
+    Snakemake for it."""
+    sheet = folder / "raw_data/trials.csv"
     sheet.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    own = {"simulation": None, "sheet": "raw_data/trials.csv", "raw_data": "raw_data", **RECORDED}
+    own = {"simulation": None, "sheet": "raw_data/trials.csv", "raw_data": "raw_data", **settings}
+    config = folder / "own.yaml"
     config.write_text(yaml.safe_dump(own), encoding="utf-8")
-    return [
-        "--snakefile",
-        str(ROOT / "Snakefile"),
-        "--configfile",
-        str(config),
-        "--cores",
-        "2",
-        "reproduce-all",
-    ]
+    snakefile = str(ROOT / "Snakefile")
+    arguments = ["--snakefile", snakefile, "--configfile", str(config), "--cores", "2"]
+    return [*arguments, "reproduce-all"]
 
 
 def write_crossings(folder: Path, number: int) -> list[str]:
@@ -105,23 +106,12 @@ def write_crossings(folder: Path, number: int) -> list[str]:
         if trial % PER_SUBJECT == 0:
             name = f"static_{trial // PER_SUBJECT}"
             lines.append(f"{name},static,,,,{name}.c3d,vicon,{trial // PER_SUBJECT}")
-        name, perturbed = f"walking_{trial:05d}", "true" if trial % 3 else "false"
+        name = f"walking_{trial:05d}"
+        perturbed = "true" if trial % 3 else "false"
         lines.append(
             f"{name},walking,{perturbed},{name}.mcap,leg,{name}.c3d,vicon,{trial // PER_SUBJECT}"
         )
-    sheet, config = folder / "raw_data/trials.csv", folder / "own.yaml"
-    sheet.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    own = {"simulation": None, "sheet": "raw_data/trials.csv", "raw_data": "raw_data"}
-    config.write_text(yaml.safe_dump(own | {"figures": RECORDED["figures"]}), encoding="utf-8")
-    return [
-        "--snakefile",
-        str(ROOT / "Snakefile"),
-        "--configfile",
-        str(config),
-        "--cores",
-        "2",
-        "reproduce-all",
-    ]
+    return write_sheet(folder, lines, {"figures": RECORDED["figures"]})
 
 
 def write_bare(folder: Path, number: int) -> list[str]:
@@ -133,11 +123,13 @@ def write_bare(folder: Path, number: int) -> list[str]:
 
 def snakemake(arguments: list[str], folder: Path, *options: str) -> tuple[float, float]:
     """CPU and wall time [s] of a run of Snakemake, with its children."""
-    before, begin = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    begin = time.perf_counter()
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     command = [sys.executable, "-m", "snakemake", "--quiet", "all", *options, *arguments]
     ended = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
-    wall, after = time.perf_counter() - begin, resource.getrusage(resource.RUSAGE_CHILDREN)
+    wall = time.perf_counter() - begin
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
     if ended.returncode:
         sys.exit(f"{' '.join(command)}\n{ended.stdout}{ended.stderr}")
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, wall
@@ -159,19 +151,19 @@ def plan(numbers: list[int], folder: Path) -> None:
         bare_cpu, bare_wall = snakemake(
             write_bare(place / "bare", number), place / "bare", "--dry-run"
         )
-        grown = (
-            [exponent(before[0], number, *of) for of in ((before[1], cpu), (before[2], bare_cpu))]
-            if before
-            else []
-        )
+        exponents = ""
+        if before:
+            few, cpu_of_few, bare_cpu_of_few = before
+            exponents = (
+                f"{exponent(few, number, cpu_of_few, cpu):>10.2f}"
+                f"{exponent(few, number, bare_cpu_of_few, bare_cpu):>6.2f}"
+            )
         print(
             f"{number:>6}{cpu:>9.2f}{wall:>9.2f}{bare_cpu:>9.2f}{bare_wall:>9.2f}"
-            f"{cpu / bare_cpu:>7.2f}"
-            f"{wall / bare_wall:>7.2f}"
-            + "".join(f"{p:>{width}.2f}" for p, width in zip(grown, (10, 6), strict=False)),
+            f"{cpu / bare_cpu:>7.2f}{wall / bare_wall:>7.2f}{exponents}",
             flush=True,
         )
-        before = number, cpu, bare_cpu
+        before = (number, cpu, bare_cpu)
 
 
 def plan_crossings(numbers: list[int], folder: Path) -> None:
@@ -196,10 +188,8 @@ def exponent(few: int, many: int, time_of_few: float, time_of_many: float) -> fl
 def run_and_plan_again(number: int, folder: Path, recording: bytes) -> int:
     """Run a campaign and a bare Snakefile, plan them again, print the times; the number of files in
     `results`."""
-    campaign, bare = (
-        write_campaign(folder / "campaign", number, recording),
-        write_bare(folder / "bare", number),
-    )
+    campaign = write_campaign(folder / "campaign", number, recording)
+    bare = write_bare(folder / "bare", number)
     snakemake(campaign, folder / "campaign")
     snakemake(bare, folder / "bare")
     nothing, _ = snakemake(campaign, folder / "campaign", "--dry-run")

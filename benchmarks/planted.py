@@ -107,10 +107,12 @@ def noise(rng: np.random.Generator, seconds: float = 60.0, highest: float = 6.0)
 
 def multisine(rng: np.random.Generator) -> Moved:
     """Eight periods of 8 s, odd lines to 6 Hz with random phases, 2.5 deg RMS."""
-    t, lines = np.arange(round(64 * RATE)) / RATE, np.arange(3, 49, 2)
+    t = np.arange(round(64 * RATE)) / RATE
+    lines = np.arange(3, 49, 2)
+    phases = rng.uniform(0, 7, 99)
     x = sum(
-        np.sin(2 * np.pi * k / 8 * t + p) / k**0.4
-        for k, p in zip(lines, rng.uniform(0, 7, 99), strict=False)
+        np.sin(2 * np.pi * line / 8 * t + phase) / line**0.4
+        for line, phase in zip(lines, phases, strict=False)
     )
     return smooth(2.5 * DEG * x / np.std(x))
 
@@ -551,37 +553,56 @@ SOUND = [
 ]
 
 
+USUAL_RECORDER = {
+    "bits": 14.0,  # of the encoder, per turn
+    "white": 0.05,  # SD of the load cell's noise [N*m]
+    "slow_noise": 0.0,  # SD of noise below 2 Hz [N*m]
+    "jitter": 0.0,  # SD of the sampling instants [s]
+    "kept_s": 0.0,  # length of the middle part that is kept [s]; 0: all
+}
+LOAD_CELL_OFFSET = 0.3  # [N*m]
+
+
 def recording(cause: Cause, size: float, motion: str, seed: int) -> dict[str, Any]:
     """Columns of a recording: `time` [s], `theta` [rad] and `torque` [N*m], each with a null where
     it has no sample."""
-    m, rng = moved(motion, seed), np.random.default_rng([seed, 11])
-    taken, of = (
-        cause.plant(m, cause.joint, size),
-        {"bits": 14.0, "white": 0.05, "slow_noise": 0.0, "jitter": 0.0, "kept_s": 0.0},
-    )
-    of |= cause.recorder
-    time, theta, torque = m.time, taken.theta, np.clip(taken.torque, -taken.clip, taken.clip)
-    if of["jitter"]:
-        time = np.sort(m.time + of["jitter"] * np.clip(rng.normal(size=len(m.time)), -3, 3))
-        theta, torque = (make_interp_spline(m.time, x, 5)(time) for x in (theta, torque))
-    torque = torque + 0.3 + of["white"] * rng.normal(size=len(time))
-    if of["slow_noise"]:
+    m = moved(motion, seed)
+    rng = np.random.default_rng([seed, 11])
+    taken = cause.plant(m, cause.joint, size)
+    recorder = {**USUAL_RECORDER, **cause.recorder}
+    time = m.time
+    theta = taken.theta
+    torque = np.clip(taken.torque, -taken.clip, taken.clip)
+    if recorder["jitter"]:
+        jitter = recorder["jitter"] * np.clip(rng.normal(size=len(m.time)), -3, 3)
+        time = np.sort(m.time + jitter)
+        theta = make_interp_spline(m.time, theta, 5)(time)
+        torque = make_interp_spline(m.time, torque, 5)(time)
+    torque = torque + LOAD_CELL_OFFSET + recorder["white"] * rng.normal(size=len(time))
+    if recorder["slow_noise"]:
         slow = lfilter([1.0], [1, -np.exp(-2 * np.pi * 2 / RATE)], rng.normal(size=len(time)))
-        torque = torque + of["slow_noise"] * slow / slow.std()
-    step = 2 * np.pi / 2 ** of["bits"]
+        torque = torque + recorder["slow_noise"] * slow / slow.std()
+    step = 2 * np.pi / 2 ** recorder["bits"]
     zero = rng.uniform(0, step)
     theta = np.round((theta + zero) / step) * step - zero
-    if of["kept_s"]:
-        kept = np.abs(time - time.mean()) < of["kept_s"] / 2
-        time, theta, torque = time[kept], theta[kept], torque[kept]
+    if recorder["kept_s"]:
+        is_kept = np.abs(time - time.mean()) < recorder["kept_s"] / 2
+        time = time[is_kept]
+        theta = theta[is_kept]
+        torque = torque[is_kept]
     if taken.torque_time is None:
         return {"time": time, "theta": theta, "torque": torque}
+
+    # two streams, each with its own stamps
     stamps = np.concatenate([time, taken.torque_time])
-    order, empty = np.argsort(stamps, kind="stable"), [None] * len(time)
-    columns = {"theta": [*theta.tolist(), *empty], "torque": [*empty, *torque.tolist()]}
+    order = np.argsort(stamps, kind="stable")
+    empty = [None] * len(time)
+    angles = [*theta.tolist(), *empty]
+    torques = [*empty, *torque.tolist()]
     return {
         "time": stamps[order],
-        **{name: [values[k] for k in order] for name, values in columns.items()},
+        "theta": [angles[k] for k in order],
+        "torque": [torques[k] for k in order],
     }
 
 
@@ -589,7 +610,8 @@ def plain_fit(theta: Array, torque: Array) -> Array:
     """K, B and I of the textbook: one low-pass of 15 Hz on both, central differences, least
     squares."""
     low_pass = butter(4, 15.0, fs=RATE, output="sos")
-    theta, torque = sosfiltfilt(low_pass, theta), sosfiltfilt(low_pass, torque)
+    theta = sosfiltfilt(low_pass, theta)
+    torque = sosfiltfilt(low_pass, torque)
     omega = np.gradient(theta, 1 / RATE)
     X = np.column_stack(
         [
@@ -610,9 +632,8 @@ def moves(cause: Cause, size: float, motion: str, half: Array) -> float:
     torque = np.clip(taken.torque, -taken.clip, taken.clip)
     if taken.torque_time is not None:
         torque = np.interp(m.time, taken.torque_time, torque)
-    return float(
-        np.abs((plain_fit(taken.theta, torque) - clean_fit(motion, cause.joint)) / half).max()
-    )
+    moved_by = plain_fit(taken.theta, torque) - clean_fit(motion, cause.joint)
+    return float(np.abs(moved_by / half).max())
 
 
 @cache
@@ -624,13 +645,17 @@ def clean_fit(motion: str, joint: Joint) -> Array:
 def size_that_moves(cause: Cause, motion: str, half: Array, times: float) -> float | None:
     """The size of a cause that moves an estimate by some half-widths, to a fifth of that; None
     where none does."""
-    size, power = cause.reported, 1.0
+    size = cause.reported
+    power = 1.0  # of the size, by which the estimate moves; learnt from two sizes
     at = moves(cause, size, motion, half)
     for _ in range(10):
         if at <= 0 or abs(np.log(at / times)) < 0.2:
             break
-        before, size = (size, at), size * float(np.clip((times / at) ** (1 / power), 0.02, 20))
+        size_before = size
+        at_before = at
+        size *= float(np.clip((times / at) ** (1 / power), 0.02, 20))
         at = moves(cause, size, motion, half)
-        if at > 0 and at != before[1]:
-            power = float(np.clip(np.log(at / before[1]) / np.log(size / before[0]), 0.4, 4))
+        if at > 0 and at != at_before:
+            slope = np.log(at / at_before) / np.log(size / size_before)
+            power = float(np.clip(slope, 0.4, 4))
     return size if at > 0 and abs(np.log(at / times)) < 0.3 else None

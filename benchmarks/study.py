@@ -549,9 +549,11 @@ def performance(rows: pl.DataFrame) -> dict[str, float]:
         pl.col("value", "truth", "se", "low", "high", "bound").cast(pl.Float64).fill_null(np.nan)
     )
     value, truth, se, low, high, bound = columns.to_numpy().T
-    n, error, covered = len(rows), value - truth, (low <= truth) & (truth <= high)
-    # Agresti and Coull: never 0
-    sd, share = float(np.std(error, ddof=1)), (covered.sum() + 2) / (n + 4)
+    n = len(rows)
+    error = value - truth
+    covered = (low <= truth) & (truth <= high)
+    sd = float(np.std(error, ddof=1))
+    share = (covered.sum() + 2) / (n + 4)  # Agresti and Coull: never 0
     return {
         "bias": float(np.mean(error)) / sd,
         "bias_mc": 1 / float(np.sqrt(n)),
@@ -565,38 +567,32 @@ def performance(rows: pl.DataFrame) -> dict[str, float]:
 def page_rows(estimates: pl.DataFrame) -> Iterator[Sequence[str]]:
     """A line for each experiment, estimator and interval."""
     signs = {"k_tau_n_m": "k_τ n_m", "magnitude": "\\|Y\\|", "phase": "arg Y"}
-    for key, rows in estimates.group_by(
-        "experiment", "estimator", "interval_method", maintain_order=True
-    ):
-        groups = {
-            str(name): group for (name,), group in rows.group_by("quantity", maintain_order=True)
-        }
-        found = [performance(group) for group in groups.values()]
-        each = {
-            name: ", ".join(
-                "–" if np.isnan(one[name]) else f"{scale * one[name]:{form}}" for one in found
-            )
-            for name, form, scale in (
-                ("bias", ".2f", 1), ("rmse_over_bound", ".2f", 1), ("se_over_sd", ".2f", 1),
-                ("coverage", ".1f", 100)
-            )
-        }  # fmt: skip
-        bias_mc, coverage_mc = (
-            max(one[name] for one in found) for name in ("bias_mc", "coverage_mc")
-        )
-        names = ", ".join(
-            signs.get(one, one) for one in (name.partition(",")[0] for name in groups)
-        )
-        numbers = f"{each['bias']} ± {bias_mc:.2f}", each["rmse_over_bound"], each["se_over_sd"]
-        covered = f"{each['coverage']} ± {100 * coverage_mc:.1f}"
+    keys = ("experiment", "estimator", "interval_method")
+    for rows in estimates.partition_by(keys, maintain_order=True):
+        experiment, estimator, method = rows.select(keys).row(0)
+        quantities = rows.partition_by("quantity", maintain_order=True)
+        found = pl.DataFrame([performance(of_quantity) for of_quantity in quantities])
+        symbols = []
+        for of_quantity in quantities:
+            name = str(of_quantity["quantity"][0]).partition(",")[0]
+            symbols.append(signs.get(name, name))
+        bias_mc = found["bias_mc"].to_numpy().max()
+        coverage_mc = 100 * found["coverage_mc"].to_numpy().max()
         yield (
-            str(key[0]),
-            f"{key[1]}, {key[2]}",
-            names,
-            str(len(rows) // len(groups)),
-            *numbers,
-            covered,
+            str(experiment),
+            f"{estimator}, {method}",
+            ", ".join(symbols),
+            str(len(rows) // len(quantities)),
+            f"{listed(found['bias'])} ± {bias_mc:.2f}",
+            listed(found["rmse_over_bound"]),
+            listed(found["se_over_sd"]),
+            f"{listed(100 * found['coverage'], digits=1)} ± {coverage_mc:.1f}",
         )
+
+
+def listed(numbers: pl.Series, digits: int = 2) -> str:
+    """Numbers with commas, a dash for one that is not known."""
+    return ", ".join("–" if np.isnan(number) else f"{number:.{digits}f}" for number in numbers)
 
 
 HEAD = (

@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from datetime import date
 from functools import lru_cache
-from itertools import pairwise
+from itertools import chain, pairwise
 from operator import attrgetter
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, TypeVar
@@ -61,10 +61,11 @@ class Settings(BaseModel):
             raise ValueError(
                 f"write its fields below it, as `name: value`; the known ones are {known}"
             )
-        allowed = cls.model_fields if cls.model_config.get("extra") == "forbid" else content
-        for name in (
-            (name for name in content if name not in allowed) if isinstance(content, dict) else ()
-        ):
+        if isinstance(content, BaseModel) or cls.model_config.get("extra") != "forbid":
+            return content
+        for name in content:
+            if name in cls.model_fields:
+                continue
             like = nearest(str(name), cls.model_fields)
             said = f"unknown field '{{field}}'; the known ones{cls.OF} are {known}{like}"
             if name in cls.REMOVED:
@@ -82,11 +83,9 @@ class Settings(BaseModel):
             return str(value).lower()
         if isinstance(value, dict):
             return {key: cls._truth_values_are_words(inner) for key, inner in value.items()}
-        return (
-            [cls._truth_values_are_words(inner) for inner in value]
-            if isinstance(value, list)
-            else value
-        )
+        if isinstance(value, list):
+            return [cls._truth_values_are_words(inner) for inner in value]
+        return value
 
     def part(self, base: str) -> dict[str, Any]:
         """The fields of one of this model's base classes, as JSON, for a job that uses only
@@ -140,24 +139,36 @@ def read_mapping(path: Path, by_snakemake: bool = False) -> dict[str, Any]:
         raise InputError(
             f"{path}: has no fields; write `name: value` lines as in the shipped files"
         )
-    for one in nodes_of(node):
-        line, keys = one.start_mark.line + 1, set[str]()
-        for key in (pair[0] for pair in one.value) if isinstance(one, yaml.MappingNode) else ():
-            if key.value in keys:
-                line = key.start_mark.line + 1
-                raise InputError(f"{path}: line {line}: key '{key.value}' stands twice; remove one")
-            keys.add(str(key.value))
-        plain = by_snakemake and isinstance(one, yaml.ScalarNode) and not one.style
-        in_sixties_or_eights = (
-            r"(?P<sixties>[-+]?[0-9][0-9_]*(:[0-5]?[0-9])+(\.[0-9_]*)?)|[-+]?0[0-7_]+"
-        )
-        # 1:30 is 90, 010 is 8
-        if plain and (counted := re.fullmatch(in_sixties_or_eights, one.value)):
-            said = f"YAML counts {one.value} in {'sixties' if counted['sixties'] else 'eights'}"
-            raise InputError(
-                f"{path}: line {line}: {said}; write a plain decimal number, or text in quotes"
-            )
+    for below in nodes_of(node):
+        if isinstance(below, yaml.MappingNode):
+            check_keys_once(path, below)
+        elif by_snakemake and isinstance(below, yaml.ScalarNode) and not below.style:
+            check_same_number(path, below)
     return content
+
+
+def check_keys_once(path: Path, node: yaml.MappingNode) -> None:
+    """Refuse a mapping with a key that stands twice."""
+    keys: set[str] = set()
+    for key, _ in node.value:
+        if key.value in keys:
+            line = key.start_mark.line + 1
+            raise InputError(f"{path}: line {line}: key '{key.value}' stands twice; remove one")
+        keys.add(str(key.value))
+
+
+IN_SIXTIES = r"[-+]?[0-9][0-9_]*(:[0-5]?[0-9])+(\.[0-9_]*)?"  # as 1:30, which YAML 1.1 takes for 90
+IN_EIGHTS = r"[-+]?0[0-7_]+"  # as 010, which it takes for 8
+
+
+def check_same_number(path: Path, node: yaml.ScalarNode) -> None:
+    """Refuse a text without quotes that is another number in YAML 1.1, which Snakemake reads."""
+    for form, base in ((IN_SIXTIES, "sixties"), (IN_EIGHTS, "eights")):
+        if re.fullmatch(form, node.value):
+            raise InputError(
+                f"{path}: line {node.start_mark.line + 1}: YAML counts {node.value} in {base};"
+                " write a plain decimal number, or text in quotes"
+            )
 
 
 def yaml_problem(error: Exception, text: str) -> str:
@@ -225,20 +236,21 @@ def parsed_yaml(text: str) -> tuple[yaml.Node | None, Any]:
         loader.dispose()
 
 
+MOST_NODES = 200_000  # of a file with its aliases written out
+
+
 def nodes_of(node: yaml.Node | None) -> list[yaml.Node]:
     """A node and all below it. Aliases may stand for millions; one of itself raises
     RecursionError."""
-    found = [] if node is None else [node]
-    for one in found:
-        found += (
-            [each for pair in one.value for each in pair]
-            if isinstance(one, yaml.MappingNode)
-            else []
-        )
-        found += one.value if isinstance(one, yaml.SequenceNode) else []
-        if len(found) > 200_000:  # of a file with its aliases written out
+    nodes = [] if node is None else [node]
+    for above in nodes:  # which grows meanwhile
+        if isinstance(above, yaml.MappingNode):
+            nodes.extend(chain.from_iterable(above.value))
+        elif isinstance(above, yaml.SequenceNode):
+            nodes.extend(above.value)
+        if len(nodes) > MOST_NODES:
             raise RecursionError
-    return found
+    return nodes
 
 
 def content_digest(path: Path) -> str | None:
@@ -334,27 +346,47 @@ def explain(error: ValidationError, content: Any, above: Place) -> tuple[str, Pl
     field's place. `above` are the keys that lead to `content` in its file. An unknown field comes
     before all other problems."""
     # by place: pydantic finds a problem for each kind of value that a field may have
-    found: dict[Place, list[Mapping[str, Any]]] = {}
-    for one in error.errors():
-        found.setdefault(problem_place(one, content), []).append(one)
-    deeper = {place[:n] for place in found for n in range(len(place))}
-    problems = [(place, each) for place, each in found.items() if place not in deeper or not place]
-    first, each = min(problems, key=lambda one: one[1][-1]["type"] != "unknown_field")
-    field, kind, value = dotted((*above, *first)) or "the file", each[-1]["type"], each[-1]["input"]
-    if kind == "unknown_field":
-        text = str(each[-1]["msg"]).replace("{field}", field)
-    elif kind == "missing":
-        text = f"field '{field}' is missing; add it"
-    else:
-        # questions last
-        reason, *others = sorted(dict.fromkeys(map(plain_reason, each)), key=lambda one: ";" in one)
-        reason = ", or ".join([reason, *(other.removeprefix("write ") for other in others)])
-        shown = "null" if value is None else str(value) if isinstance(value, date) else repr(value)
-        wrong = f" {shown if len(shown) <= 60 else f'{shown[:60]}...'} is not allowed:"
-        text = f"{field}:{'' if isinstance(value, dict | list | BaseModel) else wrong} {reason}"
-    further = len(problems) - 1
-    more = f" (and {further} more problem{'s' if further > 1 else ''})" if further else ""
-    return text + more, (*above, *first)
+    problems_at: dict[Place, list[Mapping[str, Any]]] = {}
+    for problem in error.errors():
+        problems_at.setdefault(problem_place(problem, content), []).append(problem)
+    # a problem of a field makes one of what is above it, which is not told
+    above_others = {place[:n] for place in problems_at for n in range(len(place))}
+    places = [place for place in problems_at if place not in above_others or not place]
+    unknown = [place for place in places if problems_at[place][-1]["type"] == "unknown_field"]
+    first = (unknown or places)[0]
+
+    text = problem_text(dotted((*above, *first)) or "the file", problems_at[first])
+    n_more = len(places) - 1
+    if n_more == 1:
+        text += " (and 1 more problem)"
+    elif n_more > 1:
+        text += f" (and {n_more} more problems)"
+    return text, (*above, *first)
+
+
+LONGEST_VALUE = 60  # signs of a wrong value that a message shows
+
+
+def problem_text(field: str, problems: Sequence[Mapping[str, Any]]) -> str:
+    """The problems of one field, of which one is enough to be mended, as one sentence."""
+    last = problems[-1]
+    if last["type"] == "unknown_field":
+        return str(last["msg"]).replace("{field}", field)
+    if last["type"] == "missing":
+        return f"field '{field}' is missing; add it"
+    reasons = dict.fromkeys(plain_reason(problem) for problem in problems)
+    # those that end with a question, as whether another name was meant, come last
+    reason, *others = sorted(reasons, key=lambda reason: ";" in reason)
+    reason = ", or ".join([reason, *(other.removeprefix("write ") for other in others)])
+    value = last["input"]
+    if isinstance(value, dict | list | BaseModel):
+        return f"{field}: {reason}"
+    shown = str(value) if isinstance(value, date) else repr(value)
+    if value is None:
+        shown = "null"
+    if len(shown) > LONGEST_VALUE:
+        shown = f"{shown[:LONGEST_VALUE]}..."
+    return f"{field}: {shown} is not allowed: {reason}"
 
 
 def problem_place(problem: Mapping[str, Any], content: Any) -> Place:
@@ -395,10 +427,9 @@ ADVICE = {
 
 
 def plain_reason(problem: Mapping[str, Any]) -> str:
-    kind, text = (
-        problem["type"],
-        str(problem["msg"]).removeprefix("Value error, ").replace("Input should be", "write"),
-    )
+    """What is to be written in place of what a problem of pydantic is about."""
+    kind = problem["type"]
+    text = str(problem["msg"]).removeprefix("Value error, ").replace("Input should be", "write")
     if kind == "literal_error":
         return text + nearest(str(problem["input"]), re.findall(r"'([^']+)'", text))
     with_unit = {

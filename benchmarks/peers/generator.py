@@ -46,32 +46,34 @@ class Case:
         return {"K": self.K * (1 - self.fall_of_K / 2), "B": self.B, "I": self.I}
 
 
-PERSON = {"K": 80.0, "B": 1.2, "I": 0.016, "reflex": 4.0, "will": 0.5, "highest_hz": 12.0}
-PERSON |= {"announce": "reflex", "known": {"person": 1.0}}
+PERSON = {
+    "K": 80.0,
+    "B": 1.2,
+    "I": 0.016,
+    "reflex": 4.0,
+    "will": 0.5,
+    "highest_hz": 12.0,
+    "announce": "reflex",
+    "known": {"person": 1.0},
+}
+CLOCKS = "clocks that drift apart"
 CASES = [
-    *(Case("exact joint", motion) for motion in ("multisine", "chirp")),
-    *(
-        Case("friction", motion, friction=0.3, announce="friction")
-        for motion in ("multisine", "chirp")
-    ),
-    *(
-        Case("late torque", motion, late=2e-3, announce="late torque")
-        for motion in ("multisine", "noise")
-    ),
-    *(
-        Case("two clocks", motion, drift=2e-4, announce="clocks that drift apart")
-        for motion in ("chirp", "noise")
-    ),
-    *(
-        Case("stale values", motion, held_hz=50.0, announce="held torque")
-        for motion in ("multisine", "hand")
-    ),
-    *(Case("14 bits", motion, bits=14) for motion in ("multisine", "hand")),
-    *(Case("human ankle", motion, **PERSON) for motion in ("noise", "multisine")),
-    *(
-        Case("varying K", motion, fall_of_K=0.2, announce="K changes")
-        for motion in ("multisine", "chirp")
-    ),
+    Case("exact joint", "multisine"),
+    Case("exact joint", "chirp"),
+    Case("friction", "multisine", friction=0.3, announce="friction"),
+    Case("friction", "chirp", friction=0.3, announce="friction"),
+    Case("late torque", "multisine", late=2e-3, announce="late torque"),
+    Case("late torque", "noise", late=2e-3, announce="late torque"),
+    Case("two clocks", "chirp", drift=2e-4, announce=CLOCKS),
+    Case("two clocks", "noise", drift=2e-4, announce=CLOCKS),
+    Case("stale values", "multisine", held_hz=50.0, announce="held torque"),
+    Case("stale values", "hand", held_hz=50.0, announce="held torque"),
+    Case("14 bits", "multisine", bits=14),
+    Case("14 bits", "hand", bits=14),
+    Case("human ankle", "noise", **PERSON),
+    Case("human ankle", "multisine", **PERSON),
+    Case("varying K", "multisine", fall_of_K=0.2, announce="K changes"),
+    Case("varying K", "chirp", fall_of_K=0.2, announce="K changes"),
 ]
 
 
@@ -82,17 +84,25 @@ def commanded(case, seconds, rng):
         f = 0.4 + (case.highest_hz - 0.4) * t / seconds
         x = np.sin(2 * np.pi * np.cumsum(f) * STEP / 2) / np.sqrt(1 + (f / 2.5) ** 2)
     elif case.motion == "hand":  # moves of least jerk between random angles
-        x, at, first = np.empty_like(t), 0.0, 0
+        x = np.empty_like(t)
+        angle = 0.0
+        first = 0
         while first < len(t):
-            to, n = rng.uniform(-1, 1), round(rng.uniform(0.15, 0.6) * 2 / STEP)
+            target = rng.uniform(-1, 1)
+            n = round(rng.uniform(0.15, 0.6) * 2 / STEP)
             u = np.arange(1, n + 1)[: len(t) - first] / n
-            x[first : first + n] = at + (to - at) * u**3 * (10 - 15 * u + 6 * u**2)
-            at, first = to, first + n
-    else:  # a multisine has odd lines of 8 s, noise all of the recording
-        lines = np.arange(3, 8 * case.highest_hz, 2) / 8 if case.motion == "multisine" else None
-        lines = np.arange(0.3, case.highest_hz, 1 / seconds) if lines is None else lines
-        sizes = 1 if case.motion == "multisine" else rng.rayleigh(size=len(lines))
-        phases, x = rng.uniform(0, 2 * np.pi, len(lines)), np.zeros_like(t)
+            x[first : first + n] = angle + (target - angle) * u**3 * (10 - 15 * u + 6 * u**2)
+            angle = target
+            first += n
+    else:
+        if case.motion == "multisine":  # odd lines of a period of 8 s
+            lines = np.arange(3, 8 * case.highest_hz, 2) / 8
+            sizes = 1
+        else:  # noise: all lines of the recording, with random sizes
+            lines = np.arange(0.3, case.highest_hz, 1 / seconds)
+            sizes = rng.rayleigh(size=len(lines))
+        phases = rng.uniform(0, 2 * np.pi, len(lines))
+        x = np.zeros_like(t)
         for f, size, phase in zip(lines, sizes * lines**-0.4, phases, strict=True):
             x += size * np.sin(2 * np.pi * f * t + phase)
     fade = np.clip(np.minimum(t, t[-1] - t), 0, 1)

@@ -126,7 +126,7 @@ def check_claims(
     parameters: FileOrNone = None,
     data: str = "",
 ) -> None:
-    """Write `claims.csv`: the paper's claims, held against the result `tables`. `midstance` is the
+    """Write `claims.csv`: the paper's claims beside the result `tables`. `midstance` is the
     commanded stiffness [N*m/rad]."""
     tables_by_name = {name: read_table(path) for name, path in tables.items()}
     ratios = {joint_of(parameters): read_parameters(parameters).n_T} if parameters else {}

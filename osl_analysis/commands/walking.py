@@ -80,6 +80,7 @@ ADAPTERS: dict[Any, TypeAdapter[Any]] = {
     kind: TypeAdapter(kind) for kind in (*WRITTEN_BY, Crossing)
 }
 """What reads and writes each kind of result: to make one takes as long as to use it."""
+FEWEST_FITS = 2  # of perturbations, for a scatter
 TOO_FEW = "perturbations can be used, expected 2 or more for a scatter; see the reasons in"
 NO_GAIT = (
     "no mean unperturbed gait under the same conditions: fewer unperturbed crossings than"
@@ -354,24 +355,13 @@ def group_result(
     try:
         if gait is None:
             raise InputError(NO_GAIT)
-        if len(fits) < 2:
+        if len(fits) < FEWEST_FITS:
             raise InputError(f"{len(fits)} {TOO_FEW} walking_excluded.csv, or record more")
         crossings = [read_crossing(files[trial]) for trial in fits["trial"]]
         headline = group_headline(crossings, gait, settings)
     except OslAnalysisError as error:
         warnings.warn(f"no result of {group}: {error}", stacklevel=2)
-        reason = str(error)
-        summary: list[dict[str, Any]] = []
-        for quantity in result_tables.GROUP_QUANTITIES:
-            summary.append({
-                "group": group,
-                "quantity": quantity,
-                "estimator": result_tables.ENSEMBLE,
-                "n": len(fits),
-                "mean": None,
-                "reason": reason,
-            })  # fmt: skip
-        return GroupResult(GroupOutcome(conditions, reason=reason), summary)
+        return result_without(conditions, len(fits), str(error))
 
     by_log = crossings[0].platform is None
     sensitivity = result_tables.sensitivity_table(group, headline, settings.uncertainty, by_log)
@@ -379,12 +369,10 @@ def group_result(
     stated_se: dict[str, float] = {}  # by what the errors of the laboratory are stated to be
     for name in ESTIMATED:
         stated_se[name] = float(np.linalg.norm((stated_share * sensitivity[name]).to_numpy()))
-    rows = result_tables.headline_rows(headline, fits, doubtful_row(fits), stated_se)
-    commanded = {name: conditions.cells.get(f"{name}_d") for name in ("K", "B")}
     summary = []
-    for row in rows:
-        of_quantity = commanded.get(str(row["quantity"]))
-        summary.append({"group": group, **row, "commanded": of_quantity, "reason": None})
+    for row in result_tables.headline_rows(headline, fits, doubtful_row(fits), stated_se):
+        commanded = conditions.cells.get(f"{row['quantity']}_d")  # K_d, B_d; no I is commanded
+        summary.append({"group": group, **row, "commanded": commanded, "reason": None})
     timing = conditions.timing
     fitted_phase = None
     if timing.onset_phase is not None and timing.stance_s is not None:
@@ -397,6 +385,22 @@ def group_result(
     )
     responses = result_tables.response_table(group, headline)
     return GroupResult(outcome, summary, responses, sensitivity)
+
+
+def result_without(conditions: GroupConditions, n: int, reason: str) -> GroupResult:
+    """What a group without a result, of n fits, adds to the tables: rows with the reason."""
+    summary: list[dict[str, Any]] = [
+        {
+            "group": conditions.group,
+            "quantity": quantity,
+            "estimator": result_tables.ENSEMBLE,
+            "n": n,
+            "mean": None,
+            "reason": reason,
+        }
+        for quantity in result_tables.GROUP_QUANTITIES
+    ]
+    return GroupResult(GroupOutcome(conditions, reason=reason), summary)
 
 
 def select_crossings(
@@ -460,7 +464,7 @@ def average_unperturbed(crossings: Paths, selection: Path, fewest: int, output: 
     for trial, cell in rows.select("trial", "gait").iter_rows():
         gaits_of_trial[trial] = (cell or "").split(SEPARATOR)
     reasons = dict(rows.drop_nulls("reason").select("trial", "reason").iter_rows())
-    names = [name for name in dict.fromkeys(chain(*gaits_of_trial.values())) if name]
+    names = [name for name in dict.fromkeys(chain.from_iterable(gaits_of_trial.values())) if name]
     gaits: dict[str, UnperturbedGait] = {}
     problems: list[str] = []
     for name in names or [ALL]:
@@ -472,7 +476,7 @@ def average_unperturbed(crossings: Paths, selection: Path, fewest: int, output: 
         try:
             gaits[name] = unperturbed_gait(of_gait, fewest, unused)
         except InputError as error:
-            problems.append(f"{error}" if name == ALL else f"{name}: {error}")
+            problems.append(str(error) if name == ALL else f"{name}: {error}")
     if not gaits:
         raise InputError("; ".join(problems))
     for problem in problems:
@@ -587,11 +591,12 @@ def summarise_perturbations(
     not_used = chosen.select("trial", "perturbed", "reason").drop_nulls("reason")
     write_table(with_places(not_used, places), excluded, data)
     fitted = fits.filter(pl.col(EXCLUDED).is_null())
-    if len(fitted) < 2:
-        why = next(iter(fits[EXCLUDED].drop_nulls()), "")
+    if len(fitted) < FEWEST_FITS:
+        exclusions = fits[EXCLUDED].drop_nulls()
+        first = exclusions[0] if len(exclusions) else ""
         raise InputError(
             f"{table}: {len(fitted)} of {len(fits)} {TOO_FEW} its column {EXCLUDED}, or record more"
-            f" ({why})"
+            f" ({first})"
         )
     gaits = read_unperturbed_gaits(unperturbed)
     files = {path.stem: path for path in crossings}
@@ -601,8 +606,8 @@ def summarise_perturbations(
         of_group = chosen.filter(pl.col("perturbed"), pl.col("group") == conditions.group)
         trials = of_group["trial"].to_list()
         sides = {places.get(trial, {}).get("side") for trial in trials}
-        side = sides.pop() if len(sides) == 1 else None
-        places_of_groups[conditions.group] = {"joint": JOINT, "side": side}
+        common_side = sides.pop() if len(sides) == 1 else None
+        places_of_groups[conditions.group] = {"joint": JOINT, "side": common_side}
         group_fits = fitted.filter(pl.col("trial").is_in(trials))
         gait = gaits.get(conditions.gait)
         results.append(group_result(conditions, group_fits, files, gait, settings))
@@ -614,25 +619,29 @@ def summarise_perturbations(
         raise InputError(
             f"{table}: no result from {len(fits)} perturbations: {reasons}; see {excluded.name}"
         )
-    group_table = pl.DataFrame(
-        group_rows([result.outcome for result in results]), infer_schema_length=None
-    )
-    verdicts = judged(group_table, limits or Limits(), "walking_groups")
-    group_table = marked(group_table, verdicts, "walking_groups")
+    outcomes = group_rows([result.outcome for result in results])
+    group_table = pl.DataFrame(outcomes, infer_schema_length=None)
+    findings = judged(group_table, limits or Limits(), "walking_groups")
+    group_table = marked(group_table, findings, "walking_groups")
+    tables = {
+        output: summary_with_doubts(results, group_table),
+        groups: group_table.drop("side"),
+        responses: pl.concat(response_tables),
+        sensitivity: pl.concat(sensitivity_tables),
+    }
+    for path, of_groups in tables.items():
+        write_table(with_places(of_groups, places_of_groups, "group"), path, data)
+
+
+def summary_with_doubts(results: Sequence[GroupResult], group_table: pl.DataFrame) -> pl.DataFrame:
+    """The rows of `walking_summary.csv`; the doubts about a group are about its ensemble fit."""
     doubts = dict(zip(group_table["group"], group_table[DOUBTFUL], strict=True))
     rows: list[dict[str, Any]] = []
     for result in results:
         for row in result.summary:
             is_judged = row["estimator"] == result_tables.ENSEMBLE
             rows.append({**row, "doubt": doubts[row["group"]] if is_judged else None})
-    written = {
-        output: pl.DataFrame(rows, infer_schema_length=None),
-        groups: group_table.drop("side"),
-        responses: pl.concat(response_tables),
-        sensitivity: pl.concat(sensitivity_tables),
-    }
-    for path, of_groups in written.items():
-        write_table(with_places(of_groups, places_of_groups, "group"), path, data)
+    return pl.DataFrame(rows, infer_schema_length=None)
 
 
 def with_reasons(selection: pl.DataFrame, fits: pl.DataFrame) -> pl.DataFrame:
@@ -646,7 +655,7 @@ def with_reasons(selection: pl.DataFrame, fits: pl.DataFrame) -> pl.DataFrame:
 def reason_text(outcome: GroupOutcome) -> str:
     """Why a group has no result, with its name if there are several."""
     group = outcome.conditions.group
-    return f"{outcome.reason}" if group == ALL else f"{group}: {outcome.reason}"
+    return str(outcome.reason) if group == ALL else f"{group}: {outcome.reason}"
 
 
 def selected_crossings(crossings: Paths, selection: Path) -> list[Crossing]:

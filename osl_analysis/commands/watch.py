@@ -51,8 +51,10 @@ class FirstLook:
 
     @property
     def title(self) -> str:
-        """The trial, and what became of it."""
-        result = "refused" if self.is_refused else "doubtful" if self.doubts else "ok"
+        """The trial, and whether it is refused or doubtful."""
+        result = "doubtful" if self.doubts else "ok"
+        if self.is_refused:
+            result = "refused"
         return f"first trial of experiment {self.experiment}, {self.trial}: {result}"
 
     @property

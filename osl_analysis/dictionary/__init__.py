@@ -14,7 +14,7 @@ here; a test fails where one is missing.
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
-from itertools import combinations
+from itertools import chain, combinations
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +38,8 @@ def apparent_inertia() -> str:
 
 @dataclass(frozen=True)
 class DescribedColumn:
+    """A column of a table."""
+
     name: str
     unit: str  # SI unit; 1 for a number without one, count, text, or what else the values are
     meaning: str
@@ -45,6 +47,8 @@ class DescribedColumn:
 
 @dataclass(frozen=True)
 class DescribedTable:
+    """A table that the pipeline writes."""
+
     # path below `results/` without the suffix .csv; * stands for a trial, and before it for an
     # experiment
     place: str
@@ -64,43 +68,44 @@ def file_at(place: str) -> str:
 @cache
 def described_tables() -> tuple[DescribedTable, ...]:
     """All tables, in the order of the page."""
-    files = [
-        HERE / name
-        for name in ("bench.yaml", "walking.yaml", "campaign.yaml", "../figures/figures.yaml")
-    ]
-    return tuple(table for path in files for table in described_in(path))
+    files = ("bench.yaml", "walking.yaml", "campaign.yaml", "../figures/figures.yaml")
+    return tuple(chain.from_iterable(described_in(HERE / name) for name in files))
 
 
 @cache
 def described_tables_by_name() -> dict[str, DescribedTable]:
     """The result tables of campaigns by name, each with the columns of its evidence."""
-    found = {
-        Path(one.place).name: one for one in described_tables() if one.place.startswith("tables/")
+    tables = {
+        Path(table.place).name: table
+        for table in described_tables()
+        if table.place.startswith("tables/")
     }
-    beside = {
-        name: found[f"{name}_evidence"].columns for name in found if f"{name}_evidence" in found
-    }
-    return {
-        name: replace(one, columns={**one.columns, **beside.get(name, {})})
-        for name, one in found.items()
-    }
+    with_evidence = {}
+    for name, table in tables.items():
+        evidence = tables.get(f"{name}_evidence")
+        columns = {} if evidence is None else evidence.columns
+        with_evidence[name] = replace(table, columns={**table.columns, **columns})
+    return with_evidence
 
 
 @cache
 def described_in(path: Path) -> tuple[DescribedTable, ...]:
     """The tables that one file describes."""
-    found = []
+    tables = []
     for place, table in own_yaml(path).items():
-        described: dict[str, DescribedColumn] = {}
-        for key, text in [*table["columns"].items(), ("data", None)]:
-            described |= {column.name: column for column in described_columns(key, text, described)}
+        lines: list[tuple[str, str | None]] = []
+        for key, text in table["columns"].items():
+            lines.append((key, text))
             if key == "trial" and place.startswith("tables/"):
-                described |= {
-                    column.name: column
-                    for column in described_columns("include place", None, described)
-                }
-        found.append(DescribedTable(place, table.get("also", ""), table["rows"], described))
-    return tuple(found)
+                lines.append(("include place", None))
+        lines.append(("data", None))
+
+        described: dict[str, DescribedColumn] = {}
+        for key, text in lines:
+            for column in described_columns(key, text, dict(described)):
+                described[column.name] = column
+        tables.append(DescribedTable(place, table.get("also", ""), table["rows"], described))
+    return tuple(tables)
 
 
 def described_columns(
@@ -122,6 +127,5 @@ def described_columns(
         unit, meaning = (text or shared["columns"][name]).split(" | ")
         yield DescribedColumn(name, unit, meaning)
         for ending in endings:
-            yield DescribedColumn(
-                name + ending, unit, shared["endings"][ending].replace("NAME", name)
-            )
+            meaning_of_ending = shared["endings"][ending].replace("NAME", name)
+            yield DescribedColumn(f"{name}{ending}", unit, meaning_of_ending)

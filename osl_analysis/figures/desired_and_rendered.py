@@ -2,6 +2,7 @@
 asked for."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import polars as pl
@@ -26,12 +27,23 @@ VISCOUS_MARK: dict[str, Any] = {"marker": "x", "mew": 0.8, "color": style.BLACK}
 MODEL_MARK: dict[str, Any] = {"marker": "_", "mew": 0.7}
 VISCOUS_SIZE, MODEL_SIZE = 3.2, 6.0  # of these marks [pt]
 PANEL_HEIGHT, LEGEND_HEIGHT = 1.75, 0.75  # [in]
+BESIDE_TRIALS = 0.8  # by which a desired value's line is longer than its trials on either side
 ENDS = ("", "_low", "_high", "_amplitudes_low", "_amplitudes_high")
 
 NO_WHOLE_FIT = (
     "the impedance table has no fit over all amplitudes (a row with empty amplitude_deg), which"
     " Fig. 5 draws; fit the trials again"
 )
+
+
+@dataclass(frozen=True)
+class TrialPanel:
+    """A panel over the desired K or B, and the trials that it shows."""
+
+    ax: Axes
+    symbol: str  # K or B
+    rows: pl.DataFrame  # the trials, with their places `x`
+    inches: float  # length of the horizontal axis [in]
 
 
 def fits_of_trials(impedance: pl.DataFrame) -> pl.DataFrame:
@@ -54,47 +66,47 @@ def fig5_points(impedance: pl.DataFrame) -> pl.DataFrame:
 
 def fig5_caption(table: pl.DataFrame) -> str:
     """What Fig. 5 shows."""
-    is_desired = names.has_values(table, "K_d") or names.has_values(table, "B_d")
-    said = [
-        r"Observed (a) stiffness $\hat{K}$ and (b) damping $\hat{B}$ of the joint"
-        + (" against the desired values $K_d$ and $B_d$." if is_desired else "."),
+    is_desired = names.has_desired(table)
+    against = " against the desired values $K_d$ and $B_d$" if is_desired else ""
+    sentences = [
+        rf"Observed (a) stiffness $\hat{{K}}$ and (b) damping $\hat{{B}}$ of the joint{against}.",
         "A marker is the fit of K, B and I to all of one trial's motion.",
     ]
     if is_desired:
-        said.append(
+        sentences.append(
             "Black: the desired value. Above one desired value stand all trials that were asked for"
             " it: of each controller from left to right by the other desired value."
         )
     if names.has_values(table, "B_viscous"):
-        said.append(
+        sentences.append(
             "Crosses: the viscous damping, without Coulomb friction, where friction is certain."
         )
-    said += bars_said(table)
-    return " ".join(said)
+    sentences += bar_sentences(table)
+    return " ".join(sentences)
 
 
-def bars_said(table: pl.DataFrame) -> list[str]:
+def bar_sentences(table: pl.DataFrame) -> list[str]:
     """What thick and thin bars mean, if there are any."""
-    said = []
+    sentences = []
     if names.has_values(table, "K_low"):
-        said.append(
+        sentences.append(
             "Thick bars, where they are longer than the markers: 95 % intervals, for another motion"
             " of this kind."
         )
     if names.has_values(table, "K_amplitudes_low"):
-        said.append("Thin bars: the range of the fits to single amplitudes.")
-    return said
+        sentences.append("Thin bars: the range of the fits to single amplitudes.")
+    return sentences
 
 
 @style.drawing(columns_of("fig5"), fig5_points, needs=(*NEEDED, *ESTIMATES), caption=fig5_caption)
 def draw_fig5(table: pl.DataFrame) -> Figure:
     """(a) stiffness over desired stiffness, (b) damping over desired damping, for each joint."""
-    figure, axes, placed = panels_of_trials(table, {"K": "K", "B": "B"})
-    for ax, (symbol, rows) in zip(axes, placed, strict=True):
-        draw_rendered(ax, rows, symbol)
+    figure, panels = panels_of_trials(table, {"K": "K", "B": "B"})
+    for panel in panels:
+        draw_rendered(panel)
 
     entries = marks.controller_entries(names.looks_in(table).values())
-    if names.has_values(table, "K_d") or names.has_values(table, "B_d"):
+    if names.has_desired(table):
         entries["Desired"] = marks.key("Desired", **DESIRED_LINE)
     entries |= viscous_entry(table)
     entries |= marks.bar_entries(table, "KB")
@@ -104,15 +116,15 @@ def draw_fig5(table: pl.DataFrame) -> Figure:
     return figure
 
 
-def draw_rendered(ax: Axes, rows: pl.DataFrame, symbol: str) -> None:
+def draw_rendered(panel: TrialPanel) -> None:
     """One quantity of the trials at their places `x`, and a black line at each desired value."""
-    inches = length_of(ax)
-    desired = f"{symbol}_d"
-    for group in rows.drop_nulls(desired).partition_by(desired, maintain_order=True):
-        ax.hlines(group[desired][0], group["x"][0] - 0.8, group["x"][-1] + 0.8, **DESIRED_LINE)
-    draw_trials(ax, rows, symbol, inches)
-    label_desired_axis(ax, rows, symbol, inches)
-    ax.set_ylabel(names.AXIS_LABELS[symbol])
+    desired = f"{panel.symbol}_d"
+    for group in panel.rows.drop_nulls(desired).partition_by(desired, maintain_order=True):
+        ends = (group["x"][0] - BESIDE_TRIALS, group["x"][-1] + BESIDE_TRIALS)
+        panel.ax.hlines(group[desired][0], *ends, **DESIRED_LINE)
+    draw_trials(panel, panel.symbol)
+    label_desired_axis(panel.ax, panel.rows, panel.symbol, panel.inches)
+    panel.ax.set_ylabel(names.AXIS_LABELS[panel.symbol])
 
 
 # errors
@@ -135,21 +147,21 @@ def error_points(impedance: pl.DataFrame) -> pl.DataFrame:
 
 def error_caption(table: pl.DataFrame) -> str:
     """What the figure `errors` shows."""
-    said = [
+    sentences = [
         r"Rendered less desired: (a) stiffness $\hat{K}$ in percent of $K_d$, (b) damping $\hat{B}$"
         " less $B_d$. Trials stand as in Fig. 5."
     ]
     if names.has_values(table, "K_error_predicted") or names.has_values(table, "B_error_predicted"):
-        said.append(
+        sentences.append(
             "Short lines: the linear model, which is the drivetrain with the controller's gains and"
             " without friction."
         )
     if names.has_values(table, "B_viscous_error"):
-        said.append(
+        sentences.append(
             "Crosses: the viscous damping, without Coulomb friction, where friction is certain."
         )
-    said += bars_said(table.rename(lambda name: name.replace("_error", "")))
-    return " ".join(said)
+    sentences += bar_sentences(table.rename(lambda name: name.replace("_error", "")))
+    return " ".join(sentences)
 
 
 @style.drawing(
@@ -161,9 +173,9 @@ def error_caption(table: pl.DataFrame) -> str:
 )
 def draw_errors(table: pl.DataFrame) -> Figure:
     """(a) error of the stiffness over K_d, (b) of the damping over B_d, for each joint."""
-    figure, axes, placed = panels_of_trials(table, {"K": "K_error", "B": "B_error"})
-    for ax, (symbol, rows) in zip(axes, placed, strict=True):
-        draw_error(ax, rows, symbol)
+    figure, panels = panels_of_trials(table, {"K": "K_error", "B": "B_error"})
+    for panel in panels:
+        draw_error(panel)
 
     entries = marks.controller_entries(names.looks_in(table).values())
     if names.has_values(table, "K_error_predicted") or names.has_values(table, "B_error_predicted"):
@@ -183,20 +195,20 @@ ERROR_LABELS = {
 }
 
 
-def draw_error(ax: Axes, rows: pl.DataFrame, symbol: str) -> None:
+def draw_error(panel: TrialPanel) -> None:
     """The error of one quantity, and what the linear model says of it, at the places `x`."""
-    inches = length_of(ax)
-    ax.axhline(0, **DESIRED_LINE, zorder=0)
-    share = marker_share(rows, inches)
-    for controller, look in names.looks_in(rows).items():
-        own = names.of_controller(rows, controller)
-        ax.plot(
-            own["x"], own[f"{symbol}_error_predicted"],
-            linestyle="", color=look.colour, markersize=MODEL_SIZE * share, **MODEL_MARK,
+    error = f"{panel.symbol}_error"
+    panel.ax.axhline(0, **DESIRED_LINE, zorder=0)
+    size = MODEL_SIZE * marker_share(panel.rows, panel.inches)
+    for controller, look in names.looks_in(panel.rows).items():
+        trials = names.of_controller(panel.rows, controller)
+        panel.ax.plot(
+            trials["x"], trials[f"{error}_predicted"],
+            linestyle="", color=look.colour, markersize=size, **MODEL_MARK,
         )  # fmt: skip
-    draw_trials(ax, rows, f"{symbol}_error", inches)
-    label_desired_axis(ax, rows, symbol, inches)
-    ax.set_ylabel(ERROR_LABELS[symbol])
+    draw_trials(panel, error)
+    label_desired_axis(panel.ax, panel.rows, panel.symbol, panel.inches)
+    panel.ax.set_ylabel(ERROR_LABELS[panel.symbol])
 
 
 # What both figures have
@@ -204,7 +216,7 @@ def draw_error(ax: Axes, rows: pl.DataFrame, symbol: str) -> None:
 
 def panels_of_trials(
     table: pl.DataFrame, quantities: Mapping[str, str]
-) -> tuple[Figure, list[Axes], list[tuple[str, pl.DataFrame]]]:
+) -> tuple[Figure, list[TrialPanel]]:
     """Make a panel for each joint and quantity: one above the other, and of several joints K and B
     side by side.
 
@@ -214,48 +226,41 @@ def panels_of_trials(
         A row per trial.
     quantities : mapping of str
         By `K` and `B` the column that is drawn. Nothing is drawn where it has no value.
-
-    Returns
-    -------
-    Figure
-    list of Axes
-    list of (str, DataFrame)
-        Of each panel `K` or `B`, and the trials with their places along its axis.
     """
-    placed, titles = [], []
+    symbols = []
+    placed = []
+    titles = []
     parts = names.placed_rows(table)
     for title, (_, part) in zip(names.panel_titles(parts), parts, strict=True):
         for symbol, column in quantities.items():
             if names.has_values(part, column):
-                placed.append((symbol, with_places(part, symbol)))
+                symbols.append(symbol)
+                placed.append(with_places(part, symbol))
                 titles.append(title)
     columns = 1 if len(parts) == 1 else 2
-    width = fitting_width([rows for _, rows in placed]) if columns == 1 else style.DOUBLE_COLUMN
+    width = fitting_width(placed) if columns == 1 else style.DOUBLE_COLUMN
     rows = -(-len(placed) // columns)
     height = min(LEGEND_HEIGHT + PANEL_HEIGHT * rows, style.TALLEST)
     figure, axes = style.panels(width, height, rows, columns, titles=titles)
     for unused in axes[len(placed) :]:
         unused.remove()
-    return figure, axes[: len(placed)], placed
+    inches = panel_inches(width, columns)
+    used = zip(axes, symbols, placed, strict=False)
+    return figure, [TrialPanel(ax, symbol, trials, inches) for ax, symbol, trials in used]
 
 
-def length_of(ax: Axes) -> float:
-    """Length of the horizontal axis of a panel of these figures [in]."""
-    place = ax.get_subplotspec()
-    columns = 1 if place is None else place.get_gridspec().ncols
-    return panel_inches(ax.figure.figure.get_figwidth(), columns)
-
-
-def draw_trials(ax: Axes, rows: pl.DataFrame, quantity: str, inches: float) -> None:
+def draw_trials(panel: TrialPanel, quantity: str) -> None:
     """Estimates with their bars, and the viscous damping beside the damping, at the places `x`."""
-    share = marker_share(rows, inches)
+    share = marker_share(panel.rows, panel.inches)
+    for controller, look in names.looks_in(panel.rows).items():
+        trials = names.of_controller(panel.rows, controller)
+        marks.draw_estimates(panel.ax, trials, "x", quantity, look, share)
     viscous = {"B": "B_viscous", "B_error": "B_viscous_error"}.get(quantity)
-    for controller, look in names.looks_in(rows).items():
-        own = names.of_controller(rows, controller)
-        marks.draw_estimates(ax, own, "x", quantity, look, share)
     if viscous:
-        size = VISCOUS_SIZE * share
-        ax.plot(rows["x"], rows[viscous], linestyle="", markersize=size, zorder=4, **VISCOUS_MARK)
+        panel.ax.plot(
+            panel.rows["x"], panel.rows[viscous],
+            linestyle="", markersize=VISCOUS_SIZE * share, zorder=4, **VISCOUS_MARK,
+        )  # fmt: skip
 
 
 def viscous_entry(table: pl.DataFrame, column: str = "B_viscous") -> dict[str, Any]:

@@ -13,7 +13,12 @@ import polars as pl
 from matplotlib.axes import Axes
 
 from osl_analysis.figures import names
-from osl_analysis.figures.style import DOUBLE_COLUMN, GRID_GREY, SINGLE_COLUMN
+from osl_analysis.figures.style import (
+    DOUBLE_COLUMN,
+    GRID_GREY,
+    LETTERS_PER_INCH,
+    SINGLE_COLUMN,
+)
 
 # distances of places: of trials of one controller, of two controllers, and of two desired values
 NEXT_TRIAL, NEXT_CONTROLLER, NEXT_VALUE = 1.0, 1.8, 3.2
@@ -23,7 +28,6 @@ FEWEST_PLACES = 8.0  # the axis has room for so many, that one trial does not st
 MARGIN = 0.55  # of a panel, for the labels of its vertical axis [in]
 WIDEST_MARKER = 4.6 / 72  # with its edge [in]
 SMALLEST_SHARE = 0.3  # of a marker's size
-LETTERS_PER_INCH = 17.0
 
 OTHER = {"K": "B_d", "B": "K_d"}  # desired value by which trials of one K_d, of one B_d are sorted
 
@@ -52,9 +56,8 @@ def with_places(trials: pl.DataFrame, symbol: str) -> pl.DataFrame:
     )
 
     places = [0.0]
-    for (value, number), (next_value, next_number) in pairwise(
-        rows.select(desired, "number").rows()
-    ):
+    conditions = rows.select(desired, "number").rows()
+    for (value, number), (next_value, next_number) in pairwise(conditions):
         if value != next_value:
             distance = NEXT_VALUE
         elif number != next_number:
@@ -118,11 +121,11 @@ def label_desired_axis(ax: Axes, placed: pl.DataFrame, symbol: str, inches: floa
     for group in groups:
         value, place = group[desired][0], float(group["x"].to_numpy().mean())
         label = "not stated" if value is None else f"{value:g}"
-        half = len(label) / LETTERS_PER_INCH / 2 / unit
-        if place - half >= free_from:
+        half_length = len(label) / LETTERS_PER_INCH / 2 / unit
+        if place - half_length >= free_from:
             places.append(place)
             labels.append(label)
-            free_from = place + half + NEXT_TRIAL / 2
+            free_from = place + half_length + NEXT_TRIAL / 2
     ax.set_xticks(places, labels)
     ax.set_xlabel(names.AXIS_LABELS[desired])
 

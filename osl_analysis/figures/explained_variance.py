@@ -20,7 +20,6 @@ HEIGHT, PANEL_HEIGHT = 3.0, 1.7  # of the figure, and of its panel at least [in]
 MARGIN = 0.75  # of the panel, for the labels of its vertical axis [in]
 POINT = 4.9 / 72  # diameter of a marker with a small gap [in]
 REACH, MEDIAN_REACH = 0.45, 0.3  # of a swarm and of its median to either side; swarms are 1 apart
-LETTERS_PER_INCH = 17
 MOST_IN_COLUMN = 2  # swarms in one column of the page
 
 NO_VAF = "the impedance table has no VAF of one amplitude, which Fig. 6 draws; fit the trials again"
@@ -44,17 +43,17 @@ def fig6_points(impedance: pl.DataFrame) -> pl.DataFrame:
 def fig6_caption(table: pl.DataFrame) -> str:
     """What Fig. 6 shows."""
     of_what = "trial and amplitude" if names.has_values(table, "amplitude_deg") else "trial"
-    said = [
+    sentences = [
         "Variance accounted for (VAF) by the best fit of K, B and I: a marker per"
         f" {of_what}. The axis is logarithmic in 100 − VAF, the share of the variance that the fit"
         " leaves unexplained."
     ]
     if not table.filter(pl.col("VAF") > 100 - LEAST_UNEXPLAINED).is_empty():
-        said.append(f"Larger VAFs than {100 - LEAST_UNEXPLAINED:g} % are drawn there.")
+        sentences.append(f"Larger VAFs than {100 - LEAST_UNEXPLAINED:g} % are drawn there.")
     if not table.filter(in_mean=0).is_empty():
-        said.append("Where most trials are sound, the median is of these alone.")
-    said.append("The place across a swarm has no meaning.")
-    return " ".join(said)
+        sentences.append("Where most trials are sound, the median is of these alone.")
+    sentences.append("The place across a swarm has no meaning.")
+    return " ".join(sentences)
 
 
 @style.drawing(
@@ -144,7 +143,7 @@ def written_below(rows: pl.DataFrame, controller: str, place: str, inches: float
 
     lines = []
     for line in told:
-        lines += textwrap.wrap(line, max(int(LETTERS_PER_INCH * inches), 6))
+        lines += textwrap.wrap(line, max(int(style.LETTERS_PER_INCH * inches), 6))
     return "\n".join(lines)
 
 

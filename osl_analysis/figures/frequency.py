@@ -96,23 +96,25 @@ def fig7_caption(table: pl.DataFrame) -> str:
     stated = names.condition_parts(None, K_d, B_d)
     why = f" ({names.as_text(chosen)})" if chosen is not None else ""
     of = f" for {', '.join(stated)}{why}" if stated else ""
-    said = [
+    sentences = [
         f"Frequency response of the joint, angle over torque{of}: (a) magnitude, (b) phase.",
         "Markers: measured phasors.",
     ]
     if marks.has_range(table, "magnitude_amplitudes"):
-        said.append("They are averages over amplitudes, thin bars the range over these.")
+        sentences.append("They are averages over amplitudes, thin bars the range over these.")
     if names.has_values(table, "magnitude_low"):
-        said.append("Thick bars, where they are longer than the markers: 95 % intervals of noise.")
+        sentences.append(
+            "Thick bars, where they are longer than the markers: 95 % intervals of noise."
+        )
     kinds = set(table["curve"])
     if DESIRED in kinds:
-        said.append("Black: the desired impedance.")
+        sentences.append("Black: the desired impedance.")
     if LINEAR_MODEL in kinds:
-        said.append(
+        sentences.append(
             "Broken lines: the linear model, which is the drivetrain with the controller's gains"
             " and without friction. Its apparent inertia I may be negative."
         )
-    return " ".join(said)
+    return " ".join(sentences)
 
 
 @style.drawing(
@@ -237,24 +239,30 @@ def response_caption(table: pl.DataFrame) -> str:
     """What the figure `response` shows."""
     has_distortion = names.has_values(table, "odd_level") or names.has_values(table, "even_level")
     levels = "the noise and distortion" if has_distortion else "the noise"
-    said = [
+    sentences = [
         "Impedance Z of the joint, torque over angle, over frequency. Each trial has three panels:"
         f" magnitude, phase, and below the misfit of the models (lines) beside {levels} of one"
         " realisation (markers)."
     ]
-    if names.has_values(table, "K_d") or names.has_values(table, "B_d"):
-        said.append("Above stands what was asked for, $K_d$ in N·m/rad and $B_d$ in N·m·s/rad.")
+    if names.has_desired(table):
+        sentences.append(
+            "Above stands what was asked for, $K_d$ in N·m/rad and $B_d$ in N·m·s/rad."
+        )
     if names.has_values(table, "magnitude_eq15"):
-        said.append("Magenta: the fit of K, B and I.")
+        sentences.append("Magenta: the fit of K, B and I.")
     if names.has_values(table, "magnitude_eq9"):
-        said.append("Dashed: the linear model, which is the drivetrain with its gains.")
+        sentences.append("Dashed: the linear model, which is the drivetrain with its gains.")
     if table["trial"].n_unique() > MOST_CONDITIONS:
-        said.append("Twelve trials are shown.")
+        sentences.append("Twelve trials are shown.")
     is_robust = names.has_values(table.filter(method="robust"), "total_sd")
-    said.append(f"Upright bars: 95 % intervals of noise{' and distortion' if is_robust else ''}.")
+    sentences.append(
+        f"Upright bars: 95 % intervals of noise{' and distortion' if is_robust else ''}."
+    )
     if not table.filter(method="local polynomial").is_empty():
-        said.append("Where the motion does not repeat itself, distortion is part of the noise.")
-    return " ".join(said)
+        sentences.append(
+            "Where the motion does not repeat itself, distortion is part of the noise."
+        )
+    return " ".join(sentences)
 
 
 @style.drawing(

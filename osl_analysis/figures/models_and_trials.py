@@ -38,8 +38,8 @@ COMPARED = {  # quantity: its axis, and the desired value over which it is drawn
 PREDICTED_ALPHA = 0.35  # of the bars behind the markers
 PREDICTED, QUARTILES, RANGE = (
     "95 % interval of the prediction",
-    "Missed torque: quartiles of trials",
-    "Missed torque: range of trials",
+    "Residual torque: quartiles of trials",
+    "Residual torque: range of trials",
 )
 DODGE = 0.012  # of two controllers at one frequency, as a share of the axis
 
@@ -56,7 +56,7 @@ def prediction_points(prediction: pl.DataFrame, frequencies: pl.DataFrame) -> pl
 
 def prediction_caption(table: pl.DataFrame) -> str:
     """What the figure `prediction` shows."""
-    said = [
+    sentences = [
         "What the components of the leg, each measured alone, predict of every impedance trial,"
         " against what was measured. Nothing is fitted to these trials. Markers: measured less"
         r" predicted (a) stiffness $\hat{K}$, (b) damping $\hat{B}$ and (c) standard deviation of"
@@ -65,11 +65,12 @@ def prediction_caption(table: pl.DataFrame) -> str:
         " trials.",
     ]
     if names.has_values(table, "share"):
-        said.append(
-            "(d) RMS of the torque that the prediction misses at each frequency, as a share of the"
-            " recorded torque: median over the trials, their quartiles (thick) and range (thin)."
+        sentences.append(
+            "(d) RMS of the residual torque, recorded less predicted, at each frequency, as a share"
+            " of the recorded torque: median over the trials, their quartiles (thick) and range"
+            " (thin)."
         )
-    return " ".join(said)
+    return " ".join(sentences)
 
 
 @style.drawing(
@@ -88,15 +89,15 @@ def draw_prediction(table: pl.DataFrame) -> Figure:
         style.DOUBLE_COLUMN, figure_height(2 * len(parts)), 2 * len(parts), COLUMNS, titles=titles
     )
     for number, (_, part) in enumerate(parts):
-        *differences, missed = axes[4 * number : 4 * number + 4]
+        *differences, residual = axes[4 * number : 4 * number + 4]
         trials = part.filter(pl.col("share").is_null())
         for ax, quantity in zip(differences, COMPARED, strict=True):
             draw_difference(ax, trials, quantity)
         of_frequencies = part.filter(pl.col("share").is_not_null())
         if of_frequencies.is_empty():
-            missed.remove()
+            residual.remove()
         else:
-            draw_missed_torque(missed, of_frequencies)
+            draw_residual_torque(residual, of_frequencies)
 
     entries = marks.controller_entries(names.looks_in(table).values())
     entries |= marks.bar_entry(PREDICTED, style.THICK, style.LIGHT_GREY)
@@ -116,20 +117,20 @@ def draw_difference(ax: Axes, trials: pl.DataFrame, quantity: str) -> None:
     share = MARKER_SHARE * marker_share(rows, inches)
     ax.axhline(0, **ZERO_LINE)
     for controller, look in names.looks_in(rows).items():
-        own = names.of_controller(rows, controller)
-        predicted = own[quantity]
-        ax.vlines(
-            own["x"], own[f"{quantity}_low"] - predicted, own[f"{quantity}_high"] - predicted,
-            color=look.colour, alpha=PREDICTED_ALPHA, linewidth=style.THICK,
-        )  # fmt: skip
-        difference = own[f"{quantity}_measured"] - predicted
-        marks.draw_fits(ax, own, own["x"], difference, look, share, zorder=3)
+        of_controller = names.of_controller(rows, controller)
+        x = of_controller["x"]
+        predicted = of_controller[quantity]
+        below = of_controller[f"{quantity}_low"] - predicted
+        above = of_controller[f"{quantity}_high"] - predicted
+        ax.vlines(x, below, above, color=look.colour, alpha=PREDICTED_ALPHA, linewidth=style.THICK)
+        difference = of_controller[f"{quantity}_measured"] - predicted
+        marks.draw_fits(ax, of_controller, x, difference, look, share, zorder=3)
     label_desired_axis(ax, rows, symbol, inches)
     ax.set_ylabel(label)
 
 
-def draw_missed_torque(ax: Axes, rows: pl.DataFrame) -> None:
-    """The share of the torque that the prediction misses [percent] over frequency [Hz]: median,
+def draw_residual_torque(ax: Axes, rows: pl.DataFrame) -> None:
+    """Residual torque of the predictions [percent of the recorded] over frequency [Hz]: median,
     quartiles and range of the trials of each controller."""
     looks = names.looks_in(rows)
     frequencies = rows["frequency_hz"].to_numpy()
@@ -154,7 +155,7 @@ def draw_missed_torque(ax: Axes, rows: pl.DataFrame) -> None:
     label_log_axis(ax.yaxis, ax.get_ylim(), most=6)
     label_frequency_axis(ax, rows["frequency_hz"], most=8, tested=frequencies.tolist())
     ax.set_xlabel("Frequency (Hz)")
-    ax.set_ylabel("Missed torque\n(% of RMS torque)")
+    ax.set_ylabel("Residual torque\n(% of RMS torque)")
 
 
 # chain
@@ -180,12 +181,11 @@ def chain_points(
 
     is_whole = pl.col("amplitude_deg").is_null()
     joint = names.completed(impedance.filter(is_whole), ("K", "K_low", "K_high", "K_predicted"))
-    rendered = joint.select(
-        "trial",
-        rendered=100 * (pl.col("K") / pl.col("K_predicted") - 1),
-        rendered_low=100 * (pl.col("K_low") / pl.col("K_predicted") - 1),
-        rendered_high=100 * (pl.col("K_high") / pl.col("K_predicted") - 1),
-    )
+    deviations = []
+    for end in ("", "_low", "_high"):
+        deviation = 100 * (pl.col(f"K{end}") / pl.col("K_predicted") - 1)
+        deviations.append(deviation.alias(f"rendered{end}"))
+    rendered = joint.select("trial", *deviations)
     whole_evidence = names.completed(evidence.filter(is_whole), ("K_s_ratio",))
     belt = whole_evidence.select("trial", belt=100 * (pl.col("K_s_ratio") - 1))
     for of_link in (belt, rendered):
@@ -196,7 +196,7 @@ def chain_points(
 
 def chain_caption(table: pl.DataFrame) -> str:
     """What the figure `chain` shows."""
-    said = [
+    sentences = [
         "From the command to the torque of the joint, link by link: by how much each deviates from"
         " what is expected of it. Bars: 95 % intervals."
     ]
@@ -210,9 +210,9 @@ def chain_caption(table: pl.DataFrame) -> str:
         "rendered": r"The joint's stiffness $\hat{K}$ is compared with what the gains that ran"
         " should give.",
     }
-    said += [sentence for link, sentence in against.items() if names.has_values(table, link)]
-    said.append("What one link misses is no fault of the next.")
-    return " ".join(said)
+    sentences += [sentence for link, sentence in against.items() if names.has_values(table, link)]
+    sentences.append("What one link misses is no fault of the next.")
+    return " ".join(sentences)
 
 
 @style.drawing(
@@ -226,7 +226,8 @@ def draw_chain(table: pl.DataFrame) -> Figure:
     """A panel per link of each joint: percent over K_d, with intervals. A link without a number has
     none."""
     parts = names.placed_rows(table)
-    shown, titles = [], []
+    shown = []
+    titles = []
     for place, (_, part) in zip(names.panel_titles(parts), parts, strict=True):
         for link, (name, _) in LINKS.items():
             if names.has_values(part, link):
@@ -255,10 +256,11 @@ def draw_link(ax: Axes, part: pl.DataFrame, link: str) -> None:
     share = MARKER_SHARE * marker_share(rows, inches)
     ax.axhline(0, **ZERO_LINE)
     for controller, look in names.looks_in(rows).items():
-        own = names.of_controller(rows, controller)
-        if f"{link}_low" in own.columns:
-            marks.draw_bars(ax, own, "x", link, look.colour, style.THICK)
-        marks.draw_fits(ax, own, own["x"], own[link], look, share, zorder=3)
+        of_controller = names.of_controller(rows, controller)
+        x = of_controller["x"]
+        if f"{link}_low" in rows.columns:
+            marks.draw_bars(ax, of_controller, "x", link, look.colour, style.THICK)
+        marks.draw_fits(ax, of_controller, x, of_controller[link], look, share, zorder=3)
     low, high = ax.get_ylim()
     ax.set_ylim(min(low, -SMALLEST_DEVIATION), max(high, SMALLEST_DEVIATION))
     label_desired_axis(ax, rows, "K", inches)

@@ -217,6 +217,11 @@ def has_values(table: pl.DataFrame, *columns: str) -> bool:
     return not table.drop_nulls(columns).is_empty()
 
 
+def has_desired(table: pl.DataFrame) -> bool:
+    """Whether a trial of the table states K_d or B_d."""
+    return has_values(table, "K_d") or has_values(table, "B_d")
+
+
 def look_numbers(controllers: pl.Series) -> pl.Series:
     """The number of each controller (n,) among those that are not the draft's; a campaign's colours
     mean one thing."""
@@ -271,23 +276,26 @@ def of_controller(table: pl.DataFrame, controller: str | None) -> pl.DataFrame:
 def as_text(name: str) -> str:
     """A name from a file, of which Markdown shows every sign. Some dialects join repeated hyphens
     and dots."""
+    # signs of Markdown; links, also of bare addresses; the second of two hyphens or dots
     special = r"[\\`*_{}\[\]<>#|~$&!^@\"']|:(?=//)|(?<=-)-|(?<=\.)\.|(?<=www)\."
     plain = " ".join(re.sub(r"[\x00-\x1f\x7f\u2028\u2029]", " ", name).split())
     return re.sub(special, lambda sign: f"\\{sign[0]}", plain)
 
 
-def listed_text(names: Iterable[str], most: int = 6) -> str:
-    """Names from files, each once; of more than `most` the first ones and how many more: the tables
-    have all."""
+MOST_LISTED = 6  # names in a caption; the tables have all
+
+
+def listed_text(names: Iterable[str]) -> str:
+    """Names from files, each once; of many the first ones, and how many more."""
     texts = [as_text(name) for name in dict.fromkeys(names)]
-    listed = ", ".join(texts[:most])
-    n_more = len(texts) - most
+    listed = ", ".join(texts[:MOST_LISTED])
+    n_more = len(texts) - MOST_LISTED
     return f"{listed} and {n_more} more" if n_more > 0 else listed
 
 
-def count_of(n: int, one: str, several: str = "") -> str:
+def count_of(n: int, noun: str) -> str:
     """A number of things, such as `1 trial` or `3 trials`."""
-    return f"{n} {one if n == 1 else several or one + 's'}"
+    return f"{n} {noun}" if n == 1 else f"{n} {noun}s"
 
 
 def doubtful_said(table: pl.DataFrame) -> str:
@@ -296,14 +304,14 @@ def doubtful_said(table: pl.DataFrame) -> str:
     if "doubtful" not in table.columns:
         return ""
     judged = table.drop_nulls("doubtful")
+    if judged.is_empty():
+        return ""
     named = [pl.col(name) for name in ("trial", "trials") if name in table.columns]
     owners = list(named)
     if "group" in table.columns:
         owners.append(pl.format("mean response of {}", "group"))
     judged = judged.with_columns(owner=pl.coalesce(owners))
     doubtful = judged.filter(IS_DOUBTFUL).unique("owner", maintain_order=True)
-    if judged.is_empty():
-        return ""
     if doubtful.is_empty():
         return "No fit is doubtful."
 

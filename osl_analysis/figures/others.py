@@ -34,15 +34,17 @@ def fig8_points(gains: pl.DataFrame, stance_share: float = 0.62) -> pl.DataFrame
 
 def fig8_caption(table: pl.DataFrame) -> str:
     """What Fig. 8 shows."""
-    said = [
+    sentences = [
         "Desired (a) stiffness $K_d$ and (b) damping $B_d$ of the joint over stance. An impedance"
         " is defined in stance only."
     ]
     if names.has_values(table, "trajectory"):
-        said.append("Above stands what the trajectory says of itself.")
+        sentences.append("Above stands what the trajectory says of itself.")
     if names.has_values(table, "K_1_joint"):
-        said.append("Dashed: the gains at the actuator's output that render it, times $n_T^2$.")
-    return " ".join(said)
+        sentences.append(
+            "Dashed: the gains at the actuator's output that render it, times $n_T^2$."
+        )
+    return " ".join(sentences)
 
 
 @style.drawing(columns_of("fig8"), fig8_points, needs=columns_of("fig8"), caption=fig8_caption)
@@ -91,12 +93,13 @@ GRID_SHADES = (style.BLACK, style.GREY, "#A8A8A8")
 def draw_gain_grid(table: pl.DataFrame) -> Figure:
     """B_1 n_T^2 over K_d, a line per B_d."""
     figure, (ax,) = style.panels(style.SINGLE_COLUMN, 2.7)
-    for number, (key, rows) in enumerate(table.group_by("B_d", maintain_order=True)):
+    for number, rows in enumerate(table.partition_by("B_d", maintain_order=True)):
+        rounds, dash = divmod(number, len(GRID_DASHES))
         ax.plot(
             rows["K_d"], rows["B_1_joint"],
-            linestyle=GRID_DASHES[number % 4], marker=GRID_MARKERS[number % 5],
-            color=GRID_SHADES[number // 4 % 3], markersize=2.8, linewidth=0.8,
-            label=f"{key[0]:g}",
+            linestyle=GRID_DASHES[dash], marker=GRID_MARKERS[number % len(GRID_MARKERS)],
+            color=GRID_SHADES[rounds % len(GRID_SHADES)], markersize=2.8, linewidth=0.8,
+            label=f"{rows['B_d'][0]:g}",
         )  # fmt: skip
     ax.set_xlabel(names.AXIS_LABELS["K_d"])
     ax.set_ylabel("Gain $B_1 n_T^2$ (N·m·s/rad)")
@@ -108,7 +111,7 @@ def draw_gain_grid(table: pl.DataFrame) -> Figure:
 
 # not_drawn
 
-LETTERS_PER_INCH, LINE = 17, 0.16  # of a text [in]
+LINE = 0.16  # height of a line of text [in]
 
 
 @style.drawing(("figure", "trial", "file", "reason"))
@@ -117,7 +120,7 @@ def draw_not_drawn(table: pl.DataFrame) -> Figure:
     lines: list[str] = []
     for trial, file, reason in table.select("trial", "file", "reason").iter_rows():
         cause = f"trial {trial}: {reason}" if trial else f"{file}: {reason}"
-        lines += textwrap.wrap(cause, int(style.DOUBLE_COLUMN * LETTERS_PER_INCH))
+        lines += textwrap.wrap(cause, int(style.DOUBLE_COLUMN * style.LETTERS_PER_INCH))
     figure = Figure(figsize=(style.DOUBLE_COLUMN, 0.6 + LINE * len(lines)))
     title = f"{names.figure_title(table['figure'][0])} is not drawn"
     figure.text(0.02, 0.95, title, color=style.BLACK, fontsize=11, va="top")

@@ -1,6 +1,7 @@
 """Fig. 3 and `torque_angle`: torque against angle of the belt, and of a joint that is moved
 slowly."""
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import matplotlib as mpl
@@ -32,18 +33,18 @@ LOOP_WIDTH = 0.5  # of lines [pt]
 
 def fig3_caption(table: pl.DataFrame) -> str:
     """What Fig. 3 shows."""
-    said = [
-        "Torque against deflection of the transmission, with the actuator locked. (a) The trials in"
+    sentences = [
+        "Torque against deflection of the belt, with the actuator locked. (a) The trials in"
         " grey and the mean slope while loading, dashed. (b) Torque of each trial minus that of the"
         " mean slope, solid while loading and dashed while unloading: the width of a loop is its"
         " hysteresis."
     ]
     if not table.filter(~IS_MEAN).is_empty():
-        said.append(
+        sentences.append(
             f"A loop that ends more than {OUTLYING:g} robust standard deviations from the median of"
             " the loops' ends is named."
         )
-    return " ".join(said)
+    return " ".join(sentences)
 
 
 @style.drawing(columns_of("fig3"), caption=fig3_caption)
@@ -57,8 +58,9 @@ def draw_fig3(table: pl.DataFrame) -> Figure:
     figure, axes = style.panels(width, 0.4 + 1.8 * rows, rows, across)
     titled = zip(names.panel_titles(parts), parts, strict=True)
     for number, (place, (_, part)) in enumerate(titled):
-        first = 2 * across * (number // across) + number % across
-        belts, loops = axes[first], axes[first + across]
+        down, column = divmod(number, across)  # two rows of panels for each row of joints
+        belts = axes[2 * down * across + column]
+        loops = axes[(2 * down + 1) * across + column]
         draw_belts(belts, part)
         draw_loops(loops, part)
         belts.tick_params(labelbottom=False)
@@ -121,18 +123,14 @@ def draw_loops(ax: Axes, part: pl.DataFrame) -> None:
     than `OUTLYING` standard deviations from the median. Each leads to its trial."""
     ax.axhline(0, **MEAN_LINE)
     trials = trials_of(part)
-    ends = [
-        trial.row(int(trial["theta_s_deg"].abs().arg_max() or 0), named=True) for trial in trials
-    ]
-    at_end = np.array([end["deviation"] for end in ends])
-    limit = OUTLYING * median_abs_deviation(at_end, scale="normal")
-    distances = np.abs(at_end - np.median(at_end))
-    for trial, end, distance in zip(trials, ends, distances, strict=True):
-        is_outlying = distance > limit > 0
+    ends = [end_of_loop(trial) for trial in trials]
+    for trial, end, is_outlying in zip(trials, ends, outlying(ends), strict=True):
         colour = style.ORANGE if is_outlying else style.GREY
         if is_outlying:
-            place, name = (end["theta_s_deg"], end["deviation"]), names.drawn_name(end["trial"], 12)
-            ax.annotate(name, place, (3, 0), textcoords="offset points", color=colour, va="center")
+            ax.annotate(
+                names.drawn_name(end["trial"], 12), (end["theta_s_deg"], end["deviation"]), (3, 0),
+                textcoords="offset points", color=colour, va="center",
+            )  # fmt: skip
         is_doubtful = marks.has_doubtful(trial)
         for branch, dash in BRANCHES.items():
             rows = trial.filter(pl.col("branch") == branch)
@@ -144,8 +142,21 @@ def draw_loops(ax: Axes, part: pl.DataFrame) -> None:
             line.set_url(marks.place_in_report(trial["trial"][0]))
     for area in part["hysteresis_area"].drop_nulls().head(1):
         ax.text(0.02, 0.04, f"Mean loop area {area:.3g} J", transform=ax.transAxes, va="bottom")
-    ax.set_xlabel(r"Transmission deflection $\theta_s$ (deg)")
+    ax.set_xlabel(r"Belt deflection $\theta_s$ (deg)")
     ax.set_ylabel("Torque minus\nmean slope (N·m)")
+
+
+def end_of_loop(trial: pl.DataFrame) -> dict[str, Any]:
+    """The row of a trial at its largest deflection."""
+    return trial.row(int(trial["theta_s_deg"].abs().arg_max() or 0), named=True)
+
+
+def outlying(ends: Sequence[Mapping[str, Any]]) -> list[bool]:
+    """Whether each loop ends more than `OUTLYING` robust standard deviations from the median."""
+    deviations = np.array([end["deviation"] for end in ends])
+    limit = OUTLYING * median_abs_deviation(deviations, scale="normal")
+    distances = np.abs(deviations - np.median(deviations))
+    return [bool(distance > limit > 0) for distance in distances]
 
 
 # torque_angle
@@ -159,7 +170,6 @@ OF_DESIRED = (style.MAGENTA, style.ORANGE, style.PURPLE, style.BROWN)
 DARK_ENOUGH = 0.6
 MOST_NAMED = 16  # trials in the legend; of more, none is named
 BAND = "95 % interval of the slope"
-BAND_ALPHA = 0.25
 
 
 def torque_angle_points(curves: pl.DataFrame, table: pl.DataFrame) -> pl.DataFrame:
@@ -172,13 +182,13 @@ def torque_angle_points(curves: pl.DataFrame, table: pl.DataFrame) -> pl.DataFra
 def torque_angle_caption(table: pl.DataFrame) -> str:
     """What the figure `torque_angle` shows."""
     band = "; shaded: its 95 % interval" if names.has_values(table, "stiffness_low") else ""
-    said = [
+    sentences = [
         "Torque against angle of trials that are moved slowly. (a) Torque, thick while loading and"
         f" thin while unloading. (b) Slope of torque over angle while loading{band}."
     ]
     if names.has_values(table, "desired"):
-        said.append("Dashed: the curves that the trials of this colour were designed for.")
-    return " ".join(said)
+        sentences.append("Dashed: the curves that the trials of this colour were designed for.")
+    return " ".join(sentences)
 
 
 @style.drawing(
@@ -221,27 +231,23 @@ def colours_of_trials(table: pl.DataFrame) -> dict[str, str]:
 
 def torque_angle_entries(table: pl.DataFrame, colours: dict[str, str]) -> dict[str, Any]:
     """The legend: what widths and dashes say, and the trials if they are few."""
-    entries: dict[str, Any] = {}
-
-    def add(label: str, **look: Any) -> None:
-        entries[label] = marks.key(label, **look)
-
+    thick = WIDTHS["loading"]
+    looks: dict[str, dict[str, Any]] = {}
     for branch, width in WIDTHS.items():
-        add(branch.capitalize(), color=style.BLACK, linewidth=width)
+        looks[branch.capitalize()] = {"color": style.BLACK, "linewidth": width}
+    black = {"color": style.BLACK, "linewidth": thick}
     if names.has_values(table, "desired_torque"):
-        add("Desired", color=style.BLACK, linewidth=WIDTHS["loading"], linestyle=style.DASHED)
+        looks["Desired"] = {**black, "linestyle": style.DASHED}
     if marks.has_doubtful(table):
-        add(
-            "Doubtful trial", color=style.BLACK, linewidth=WIDTHS["loading"], linestyle=style.DOTTED
-        )
+        looks["Doubtful trial"] = {**black, "linestyle": style.DOTTED}
     if marks.has_range(table, "stiffness"):
-        add(BAND, color=style.GREY, alpha=BAND_ALPHA, linewidth=6)
+        looks[BAND] = {"color": style.GREY, "alpha": style.BAND_ALPHA, "linewidth": 6}
     if len(colours) <= MOST_NAMED:
         for number, (trial, colour) in enumerate(colours.items(), start=1):
             name = names.drawn_name(trial.replace("_", " "), 18)
-            label = f"{name} ({number})" if name in entries else name  # two are shortened alike
-            add(label, color=colour, linewidth=WIDTHS["loading"])
-    return entries
+            label = f"{name} ({number})" if name in looks else name  # two are shortened alike
+            looks[label] = {"color": colour, "linewidth": thick}
+    return {label: marks.key(label, **look) for label, look in looks.items()}
 
 
 def draw_torque_curves(ax: Axes, part: pl.DataFrame, colours: dict[str, str]) -> None:
@@ -279,7 +285,7 @@ def draw_stiffness_curves(ax: Axes, part: pl.DataFrame, colours: dict[str, str])
         band = rows.drop_nulls(["stiffness_low", "stiffness_high"])
         ax.fill_between(
             band["angle_deg"], band["stiffness_low"], band["stiffness_high"],
-            color=colour, alpha=BAND_ALPHA, linewidth=0,
+            color=colour, alpha=style.BAND_ALPHA, linewidth=0,
         )  # fmt: skip
     label_angle_axes(ax, "Stiffness while loading (N·m/rad)")
 

@@ -24,6 +24,8 @@ ORANGE, PURPLE = "#E66100", "#5D3A9B"
 (58 and 32 of 100)."""
 BLUE, BROWN = "#3F8FBF", "#6B3A0A"  # third and fourth, if two are not enough
 
+LETTERS_PER_INCH = 17  # of the text on an axis
+BAND_ALPHA = 0.25  # opacity of a band around a curve
 HAIRLINE, THIN, THICK = 0.4, 0.7, 1.8  # widths [pt] of axes at 0, ranges, and intervals
 # line styles of doubtful fits, and of means and what is desired
 DOTTED, DASHED = (0, (1, 1.5)), (0, (3, 2))
@@ -70,10 +72,17 @@ def drawing(
         As the fields of `Drawing`.
     """
 
-    def made(draw: Callable[[pl.DataFrame], Figure]) -> Drawing:
-        return Drawing(columns, paper_style()(draw), points, needs, caption, nothing)
+    def decorated(draw: Callable[[pl.DataFrame], Figure]) -> Drawing:
+        return Drawing(
+            columns=columns,
+            draw=paper_style()(draw),
+            points=points,
+            needs=needs,
+            caption=caption,
+            nothing=nothing,
+        )
 
-    return made
+    return decorated
 
 
 @dataclass(frozen=True)
@@ -111,7 +120,6 @@ def panels(
     *,
     titles: Sequence[str] = (),
     share_x: bool = False,
-    share_y: bool = False,
 ) -> tuple[Figure, list[Axes]]:
     """Make a figure and its panels.
 
@@ -122,9 +130,9 @@ def panels(
     rows, columns : int
     titles : sequence of str
         Panel by panel what stands behind its letter; fewer than panels: nothing.
-    share_x, share_y : bool
-        Whether the panels of a column share the horizontal axis, and those of a row the vertical
-        one. Only the outer panels then have tick labels.
+    share_x : bool
+        Whether the panels of a column share the horizontal axis. Only the lowest then has tick
+        labels.
 
     Returns
     -------
@@ -133,19 +141,11 @@ def panels(
         Row by row. Several panels are lettered (a), (b) ...
     """
     figure = Figure(figsize=(width, height), layout="constrained")
-    grid = figure.subplots(
-        rows,
-        columns,
-        squeeze=False,
-        sharex="col" if share_x else False,
-        sharey="row" if share_y else False,
-    )
+    grid = figure.subplots(rows, columns, squeeze=False, sharex="col" if share_x else False)
     axes = list(grid.flat)
-    letters = [f"({letter})" for letter in ascii_lowercase[: len(axes)]]
-    if len(axes) == 1:
-        letters = [""]
-    behind = [*titles, *[""] * (len(axes) - len(titles))]
-    for ax, letter, title in zip(axes, letters, behind, strict=True):
+    for number, ax in enumerate(axes):
+        letter = f"({ascii_lowercase[number]})" if len(axes) > 1 else ""
+        title = titles[number] if number < len(titles) else ""
         # `y` is given so that matplotlib need not look for labels above the panel
         ax.set_title(f"{letter} {title}".strip(), loc="left", y=1)
     return figure, axes

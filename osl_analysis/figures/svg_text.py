@@ -97,15 +97,15 @@ def is_accent(letter: Element) -> bool:
     return any(unicodedata.combining(sign) for sign in letter.text or "")
 
 
-def goes_on(one: Element, other: Element) -> bool:
+def goes_on(letter: Element, following: Element) -> bool:
     """Whether two letters have one style and height, and neither is an accent."""
-    is_alike = all(one.get(name) == other.get(name) for name in ("y", "style"))
-    return is_alike and not is_accent(one) and not is_accent(other)
+    is_alike = all(letter.get(name) == following.get(name) for name in ("y", "style"))
+    return is_alike and not is_accent(letter) and not is_accent(following)
 
 
 def letters_by_font(root: Element) -> dict[Font, set[str]]:
     """The letters of an SVG, by the first font of their text that has them."""
-    found: defaultdict[Font, set[str]] = defaultdict(set)
+    letters_of: defaultdict[Font, set[str]] = defaultdict(set)
     for element in root.iter():
         style = element.get("style", "")
         if "font-family" not in style:
@@ -115,9 +115,9 @@ def letters_by_font(root: Element) -> dict[Font, set[str]]:
         for letter in element.text or "":
             for family in (name.strip(" '") for name in families):
                 if ord(letter) in letters_in(font_file(family, slant)):
-                    found[family, slant].add(letter)
+                    letters_of[family, slant].add(letter)
                     break
-    return found
+    return letters_of
 
 
 def font_file(family: str, slant: str) -> str:

@@ -83,7 +83,8 @@ def label_phase_axis(ax: Axes) -> None:
     """Make the vertical axis one of phases [deg]: 0 stands on it, with a line, and ticks at usual
     fractions of a turn."""
     low, high = ax.get_ylim()
-    margin = FREE_SHARE * max(high, 0.0, high - low, -low)
+    # the length of the axis once 0 stands on it
+    margin = FREE_SHARE * (max(high, 0.0) - min(low, 0.0))
     ax.set_ylim(min(low, -margin), max(high, margin))
     ax.axhline(0, color=BLACK, linewidth=HAIRLINE, zorder=0)
 

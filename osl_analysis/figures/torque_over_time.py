@@ -30,16 +30,16 @@ def fig4_caption(table: pl.DataFrame) -> str:
     condition = names.condition_parts(controller, K_d, B_d, written=names.as_text)
     which = f"with {', '.join(condition)}" if condition else names.as_text(trial)
     why = f" ({names.as_text(chosen)})" if chosen else ""
-    said = [
+    sentences = [
         f"{title} {which}{why}.",
         "(a) Measured angle. (b) Torque: grey as measured, dashed the best fit of K, B and I. (c)"
         " Residual, the measured torque less the modelled.",
     ]
     if table["torque_model"].null_count():
-        said.append(
+        sentences.append(
             "Grey ground: samples that the fit leaves out, such as the first cycles at a frequency."
         )
-    return " ".join(said)
+    return " ".join(sentences)
 
 
 @style.drawing(columns_of("fig4"), caption=fig4_caption)

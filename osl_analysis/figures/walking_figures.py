@@ -72,25 +72,25 @@ def fig9_points(
         perturbations = fits.filter(group=group).select(
             "group", "trial", "doubtful", pl.col(quantity).alias("estimate")
         )
+        row = {"group": group, "quantity": quantity, "n": len(perturbations)}
         mean = summary.get((group, "mean of perturbations", quantity))
-        ensemble = summary[group, "ensemble", quantity] if mean else {}
-        configured = commanded_K if quantity == "K" and len(groups) == 1 else None
-        commands = (ensemble.get("commanded"), configured, of_trajectory.get((group, quantity)))
-        known = [command for command in commands if command is not None]
-        rows.append(
-            {
-                "group": group,
-                "quantity": quantity,
-                "n": mean["n"] if mean else len(perturbations),
-                "mean": mean["mean"] if mean else None,
-                "sd": mean["sd"] if mean else None,
-                "ensemble": ensemble.get("mean"),
-                "ensemble_low": ensemble.get("low"),
-                "ensemble_high": ensemble.get("high"),
-                "commanded": known[0] if known else None,
-                "doubtful": ensemble.get("doubt"),
+        if mean is not None:  # a group that has a mean has an ensemble
+            ensemble = summary[group, "ensemble", quantity]
+            row |= {
+                "n": mean["n"],
+                "mean": mean["mean"],
+                "sd": mean["sd"],
+                "ensemble": ensemble["mean"],
+                "ensemble_low": ensemble["low"],
+                "ensemble_high": ensemble["high"],
+                "commanded": ensemble.get("commanded"),
+                "doubtful": ensemble.get("doubt"),  # not in a table that was not judged
             }
-        )
+        if row.get("commanded") is None and quantity == "K" and len(groups) == 1:
+            row["commanded"] = commanded_K
+        if row.get("commanded") is None:
+            row["commanded"] = of_trajectory.get((group, quantity))
+        rows.append(row)
         for perturbation in perturbations.iter_rows(named=True):
             rows.append({"quantity": quantity, **perturbation})
     types: dict[str, Any] = dict.fromkeys(columns_of("fig9"), pl.Float64)
@@ -101,25 +101,25 @@ def fig9_points(
 def fig9_caption(table: pl.DataFrame) -> str:
     """What Fig. 9 shows."""
     is_commanded = names.has_values(table, "commanded")
-    said = [
+    sentences = [
         r"(a) Stiffness $\hat{K}$, (b) damping $\hat{B}$ and (c) apparent inertia $\hat{I}$ of the"
         " ankle while walking."
     ]
     if is_commanded:
-        said.append(
+        sentences.append(
             "The actuator behind its gains adds to the joint's own inertia, or takes off it, so"
             r" that $\hat{I}$ may be negative."
         )
-    said.append(
+    sentences.append(
         "Points: one perturbation each. Squares: their mean ± one standard deviation, of both"
         " directions' means where the toes turn up and down. Diamonds: the fit to the mean response"
         " with its 95 % interval (bootstrap)."
     )
     if table["group"].n_unique() > 1:
-        said.append("In brackets: numbers of perturbations.")
+        sentences.append("In brackets: numbers of perturbations.")
     if is_commanded:
-        said.append("Dashed: what the walking controller commanded.")
-    return " ".join(said)
+        sentences.append("Dashed: what the walking controller commanded.")
+    return " ".join(sentences)
 
 
 # on the axis, from the middle of a group: the reach of its points, its mean, its ensemble, and the
@@ -129,7 +129,6 @@ BESIDE = 0.75  # free beside the first and the last group, half of it on either 
 MARGIN = 0.45  # of a panel, for the labels of its vertical axis [in]
 SWARM_HEIGHT, POINT = 1.2, 3.4 / 72  # over which the values of a panel spread; one point [in]
 DRAWN = ("estimate", "mean", "ensemble_low", "ensemble_high", "commanded")
-LETTERS_PER_INCH = 17
 PERTURBATION = style.Look(style.GREY, "o", 2.6, "One perturbation")
 MEAN_LABEL = "Mean ± SD"
 ENSEMBLE_LABEL = f"Fit to the {names.MEAN_RESPONSE}, 95 % interval"
@@ -225,7 +224,7 @@ def name_groups(ax: Axes, of_groups: pl.DataFrame, inches: float) -> None:
         for panel in ax.figure.axes:
             panel.set_xticks([])
         return
-    letters = max(int(LETTERS_PER_INCH * inches / len(of_groups)), 6)
+    letters = max(int(style.LETTERS_PER_INCH * inches / len(of_groups)), 6)
     places, labels = [], []
     for number, (group, n) in enumerate(of_groups.select("group", "n").iter_rows()):
         name = f"{names.drawn_name(group, 60)} ({n})"
@@ -250,7 +249,6 @@ SHADED: dict[str, dict[str, Any]] = {  # intervals of time
     "window": {"color": "#F5C09A", "alpha": 0.5, "label": "Fitted window"},
 }  # fmt: skip
 PAGE_HEIGHT = 4.4  # of a group [in]
-BAND_ALPHA = 0.25
 BAND_LABEL = "± SD of crossings"
 
 
@@ -259,7 +257,7 @@ def walking_page_caption(table: pl.DataFrame) -> str:
     has_both = "perturbed down" in table["curve"]
     bands = ", with turns of the toes up and down apart" if has_both else ""
     averaged = "half the difference of both directions" if has_both else "their mean"
-    said = [
+    sentences = [
         "From crossings to the responses that Fig. 9 fits.",
         f"(a) Ankle angle and (b) ankle torque over stance, mean ± SD of crossings{bands}.",
         "(c) Isolated angle and (d) isolated torque: every perturbed crossing minus the mean"
@@ -270,7 +268,7 @@ def walking_page_caption(table: pl.DataFrame) -> str:
         "In between, a crossing's own gait departs from the mean one, and the filter spreads the"
         " platform's motion to earlier times. The fit has no offset, so that both are in it.",
     ]
-    return " ".join(said)
+    return " ".join(sentences)
 
 
 @style.drawing(
@@ -286,10 +284,8 @@ def draw_walking_page(table: pl.DataFrame) -> Figure:
     for part, rows in zip(parts, groups, strict=True):
         if len(groups) > 1:
             part.suptitle(names.drawn_name(rows["group"][0], 60), fontsize=8)
-        (angle, torque), (isolated_angle, isolated_torque) = part.subplots(2, 2)
-        for ax, letter in zip(
-            (angle, torque, isolated_angle, isolated_torque), "abcd", strict=True
-        ):
+        angle, torque, isolated_angle, isolated_torque = axes = part.subplots(2, 2).ravel()
+        for ax, letter in zip(axes, "abcd", strict=True):
             ax.set_title(f"({letter})", loc="left", y=1)
 
         draw_gait(angle, rows, "angle")
@@ -333,7 +329,7 @@ def draw_gait(ax: Axes, rows: pl.DataFrame, panel: str) -> None:
             continue
         x, mean, sd = (points[column].to_numpy() for column in ("x", "mean", "sd"))
         ax.fill_between(
-            x, mean - sd, mean + sd, color=colour, alpha=BAND_ALPHA, linewidth=0,
+            x, mean - sd, mean + sd, color=colour, alpha=style.BAND_ALPHA, linewidth=0,
             label="" if has_band else BAND_LABEL,
         )  # fmt: skip
         has_band = True
@@ -400,16 +396,16 @@ STANCE_PANEL, STANCE_LEGEND = 1.5, 0.75  # heights [in]
 
 def over_stance_caption(table: pl.DataFrame) -> str:
     """What the figure `impedance_over_stance` shows."""
-    said = [
+    sentences = [
         "Impedance of the ankle over stance. A marker is the fit to the mean response of a group,"
         " at the phase that the fit reads. Upright bars: 95 % intervals. Level bars: the windows of"
         " the fits."
     ]
     if names.has_values(table.filter(pl.col("series") == COMMANDED), "commanded"):
-        said.append("Dashed: what the controller commands.")
+        sentences.append("Dashed: what the controller commands.")
     if names.has_values(table.filter(pl.col("series") != COMMANDED), "commanded"):
-        said.append("Short black lines: what it commands at the phase of a group.")
-    return " ".join(said)
+        sentences.append("Short black lines: what it commands at the phase of a group.")
+    return " ".join(sentences)
 
 
 @style.drawing(

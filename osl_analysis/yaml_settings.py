@@ -426,51 +426,43 @@ ADVICE = {
 """What to write, by pydantic's name of the problem."""
 
 
+WITH_UNIT = {
+    "delay": "2 ms", "cutoff": "100 Hz", "resolution": "0.02 deg", "range": "60 N*m",
+    "threshold": "0.05 s", "value": "12500 N*m/rad", "standard_error": "100 N*m/rad",
+}  # fmt: skip
+"""An example of fields that are a number with its unit."""
+UNIT_BY_ENDING = {
+    "_deg": "deg", "_hz": "Hz", "_s": "s", "_m": "m", "_mm": "mm", "_kg": "kg", "_n": "N",
+    "K_d": "N*m/rad", "largest_angle": "rad",
+}  # fmt: skip
+
+
+def unit_behind(place: Sequence[int | str]) -> str:
+    """The unit of a field with a blank before it, by the end of its name; empty for none."""
+    names = [name for name in place if isinstance(name, str)]
+    for ending, unit in UNIT_BY_ENDING.items():
+        if names and names[-1].endswith(ending):
+            return f" {unit}"
+    return ""
+
+
 def plain_reason(problem: Mapping[str, Any]) -> str:
     """What is to be written in place of what a problem of pydantic is about."""
     kind = problem["type"]
     text = str(problem["msg"]).removeprefix("Value error, ").replace("Input should be", "write")
     if kind == "literal_error":
         return text + nearest(str(problem["input"]), re.findall(r"'([^']+)'", text))
-    with_unit = {
-        "delay": "2 ms", "cutoff": "100 Hz", "resolution": "0.02 deg", "range": "60 N*m",
-        "threshold": "0.05 s",
-        "value": "12500 N*m/rad", "standard_error": "100 N*m/rad",
-    }  # fmt: skip
-    if (
-        kind == "string_type"
-        and (example := with_unit.get(str(problem["loc"][-1])))
-        and problem["input"] is not None
-    ):
-        return f"write a number with its unit, as `{example}`"
+    if kind == "string_type" and problem["input"] is not None:
+        example = WITH_UNIT.get(str(problem["loc"][-1]))
+        if example:
+            return f"write a number with its unit, as `{example}`"
     if kind == "string_pattern_mismatch":
-        return (
-            "write letters, digits, _ and - alone"
-            if "_-" in problem["ctx"]["pattern"]
-            else ("write letters and digits alone, a letter first, 31 at most")
-        )
+        if "_-" in problem["ctx"]["pattern"]:
+            return "write letters, digits, _ and - alone"
+        return "write letters and digits alone, a letter first, 31 at most"
     if kind.startswith(("greater_than", "less_than")):
-        name = next((str(one) for one in reversed(problem["loc"]) if isinstance(one, str)), "")
-        ends = {
-            "_deg": "deg",
-            "_hz": "Hz",
-            "_s": "s",
-            "_m": "m",
-            "_mm": "mm",
-            "_kg": "kg",
-            "_n": "N",
-            "K_d": "N*m/rad",
-        }
-        ends["largest_angle"] = "rad"
-        unit = next(
-            (
-                f" {unit}"
-                for end, unit in ends.items()
-                if name.endswith(end) and text.split()[-1] != "0"
-            ),
-            "",
-        )
-        return text.replace("write", "write a number") + unit
+        number = text.replace("write", "write a number")
+        return number if text.split()[-1] == "0" else f"{number}{unit_behind(problem['loc'])}"
     if kind == "too_short":
         return "name at least one"
     return f"write {ADVICE[kind]}" if kind in ADVICE else text

@@ -66,6 +66,7 @@ class Change:
     factors: Mapping[str, float] = field(default_factory=dict)  # of columns of the recording
     settings: Mapping[str, Any] = field(default_factory=dict)  # of its analysis
     experiment: str = ""  # as which it is analysed, if that is another one
+    windows: str = ""  # of the sheet [s]
 
 
 class OslAnalysisError(ValueError):

@@ -5,7 +5,7 @@ later (`judge`)."""
 import math
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Any
@@ -899,11 +899,17 @@ MEASURES: dict[str, tuple[Callable[[Examined], CheckResult], str]] = {
 UNITS = {name: unit for name, (_, unit) in MEASURES.items()}
 
 
-def examine(trial: Trial, experiment: str, commanded: Commanded) -> dict[str, CheckResult]:
+def examine(
+    trial: Trial, experiment: str, commanded: Commanded, windows: str = ""
+) -> dict[str, CheckResult]:
     """The result of every check on a trial, by name. `commanded` is the protocol of stepped-sine
-    experiments."""
-    examined = Examined(trial, EXPERIMENTS[experiment], commanded)
-    return {name: measure(examined) for name, (measure, _) in MEASURES.items()}
+    experiments; leaps outside of the `windows` [s] that are fitted do not count."""
+    facts = EXPERIMENTS[experiment]
+    examined = Examined(trial, facts, commanded)
+    results = {name: measure(examined) for name, (measure, _) in MEASURES.items()}
+    if windows and facts.fit is not None and facts.fit.windows:
+        results["dropout"] = measure_dropout(replace(examined, trial=trial.within(windows)))
+    return results
 
 
 def measured_table(trial: str, results: Mapping[str, CheckResult]) -> pl.DataFrame:

@@ -21,6 +21,7 @@ from osl_analysis.commands.estimates import UNIT_OF, estimated, interval_text
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import Change, OslAnalysisError
 from osl_analysis.files import default_config
+from osl_analysis.ingest.examine import in_other_units
 from osl_analysis.ingest.guard import leaps_of_trial
 from osl_analysis.signals.grid import with_stamp_evidence
 from osl_analysis.trial import Trial
@@ -93,7 +94,11 @@ def tried(
         Of the changes with which the trial can be fitted.
     """
     helpful: list[Outcome] = []
+    expanded: list[Change] = []
     for change in changes:
+        column = change.other_unit_of
+        expanded += in_other_units(given["trial"], [column]) if column else [change]
+    for change in expanded:
         arguments = {**given, "trial": changed(given["trial"], change)}
         if change.windows and "windows" in signature(fit).parameters:
             arguments["windows"] = change.windows

@@ -811,12 +811,12 @@ def check_recording(
     # microseconds.
     step = float(np.ptp(time)) / (len(time) - 1) if len(time) > 1 else 0.0
     if 0 < step < 1e-5:  # no recorder of a joint is faster than 100 kHz
-        said = f"{who} its samples are {step:.2g} s apart, {1 / step:.3g} in a second"
-        remedy = (
-            "is its time recorded in another unit than it is declared in? Correct the unit of"
-            " `time` in the source file"
+        larger = Change("take a 1000 times larger `unit` of `time` (s for ms)", {"time": 1e3})
+        raise InputError(
+            f"{who} its samples are {step:.2g} s apart, {1 / step:.3g} in a second; correct the"
+            " `unit` of `time` in the source file",
+            [larger],
         )
-        raise InputError(f"{said}: {remedy}")
     check_own_torque(trial, torque)
     turned, measured = (
         x[np.isfinite(x)] for x in (recorded(trial, angle)[1], recorded(trial, torque)[1])

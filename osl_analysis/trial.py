@@ -8,7 +8,7 @@ import re
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from functools import cached_property
 from itertools import pairwise
@@ -193,6 +193,15 @@ class Trial:
         """Mask (n,) of the rows in which a column was sampled. NaN counts as sampled."""
         self.check_columns(column)
         return self._sampled_rows[column].to_numpy()
+
+    def within(self, windows: str) -> "Trial":
+        """The samples within windows [s] after the first one, stated as `2-30 40-62`."""
+        time = self.samples["time"]
+        start = time[0]
+        is_inside = pl.zeros(len(time), pl.Boolean, eager=True)
+        for first, last in stretches(windows):
+            is_inside |= time.is_between(start + first, start + last)
+        return replace(self, samples=self.samples.filter(is_inside), clocks={})
 
     def sampled(self, *columns: str) -> pl.DataFrame:
         """Select the rows in which every named column has a sample (NaN counts as one), with `time`

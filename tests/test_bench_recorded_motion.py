@@ -541,7 +541,7 @@ def up_and_down(time, within_s):
      r"made: the joint moves for 0\.\d+ of the \d+.* s.*keep it moving"),
     (lambda t: up_and_down(t, 15.0), r"moves too slowly.*1\.\d deg RMS"),
     (lambda t: 0.1 * np.arcsin(np.sin(0.12 * t)),
-     r"too slowly.*by 18 deg in all.*at 250 rows per second"),
+     r"too slowly: of 18 deg.*at 250 rows per second"),
     (lambda t: 0 * t, r"trial made: the joint does not move: theta turns by 0 deg in all"),
     (
         lambda t: np.deg2rad(4) * np.sin(2 * np.pi * 1.7 * t) * (t > 2) * (t < 2 + 40 / 1.7),

@@ -799,3 +799,13 @@ def test_stamps_of_which_most_are_repeated_are_examined_by_their_mean_step():
         COMMANDED,
     )
     assert {"stuck", "rate"} <= checks.keys()
+
+
+def test_leaps_outside_of_the_windows_that_are_fitted_do_not_count():
+    trial = Trial("a", bench(torque=with_piece(TORQUE, 1000, 1001, 2e6)))
+    leap_s = 1000 / RATE
+
+    whole = examine(trial, "impedance", COMMANDED, f"0-{leap_s + 1}")
+    cut = examine(trial, "impedance", COMMANDED, f"{leap_s + 1}-{leap_s + 3}")
+
+    assert (whole["dropout"].value, cut["dropout"].value) == (1, 0)

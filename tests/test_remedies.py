@@ -85,3 +85,32 @@ def test_without_a_stated_zero_the_torque_is_taken_from_where_the_joint_rests():
     assert moving["torque_zero"][0] is None
     assert resting["torque_zero"][0] == pytest.approx(0.0, abs=0.01)
     assert moving["K"][0] == pytest.approx(40.0, abs=0.05)
+
+
+def test_a_part_without_the_samples_of_a_failed_sensor_is_advised():
+    trial = slow_cycles(5.0)
+    torque = trial.samples["torque"].to_numpy().copy()
+    torque[700:720] += 500.0
+    failed = Trial("slow", trial.samples.with_columns(torque=pl.Series(torque)))
+    settings = CONFIG.torque_angle.model_copy(update={"zero": None})
+
+    with pytest.raises(InputError) as refused:
+        fit_torque_angle_trial(failed, settings)
+
+    advice = "torque leaps in row 701: write windows `7.4-40.0` in the sheet: K 40"
+    assert refused.value.remedy.startswith(advice)
+
+
+@pytest.mark.parametrize(("column", "factor", "advice"), [
+    ("theta", 180 / np.pi, "state `unit: deg` of theta in the source file: K 40 ± "),
+    ("torque", -1.0, "turn the `sign` of the torque, or of all angles, in the source file: K 40 ±"),
+])  # fmt: skip
+def test_other_units_and_signs_are_tried(column, factor, advice):
+    trial = slow_cycles(5.0)
+    changed = Trial("slow", trial.samples.with_columns(pl.col(column) * factor))
+    settings = CONFIG.torque_angle.model_copy(update={"zero": None})
+
+    with pytest.raises(InputError) as refused:
+        fit_torque_angle_trial(changed, settings)
+
+    assert refused.value.remedy.startswith(advice)

@@ -119,7 +119,7 @@ def test_a_wrong_cell_is_named_with_line_and_remedy(tmp_path, line, message):
     f"side '{side}' must be left or right") for side in ("both", "Left")),
     *((f"trial,experiment,log,log_source,{name}\na,{kind},a,s,{cell}\n", said) for name, kind, cell,
     said in (
-        ("windows", "belt", "2-30", "it is for 'impedance' or 'walking' alone"),
+        ("windows", "static", "2-30", "it is for 'walking' or 'belt' or "),
         ("windows", "impedance", "2-", "are not from-to"),
         *((name, "calibration", "9", "needs known_K .* and known_percent") for name in ("known_K",
         "known_I")),

@@ -34,7 +34,10 @@ SPECTRUM_S = 8.0  # s; longest piece of a spectrum
 OUTSIDE_BAND = 0.01  # share of the power that lies below, or above, a band
 LATE_END_S = 1.0  # s by which a stated window may end after the record
 LARGE_DEG = 1.0  # deg, beyond the noise of any encoder
-TIME_IN_MS = Change("state `unit: ms` of `time` in the source file", {"time": 1e-3})
+SMALLER_UNITS_OF_TIME = (
+    Change("take a 1000 times smaller `unit` of `time` (ms for s)", {"time": 1e-3}),
+    Change("take a million times smaller `unit` of `time` (us for s)", {"time": 1e-6}),
+)
 NOT_MOVED = "the joint does not move; check the channel of theta in the source file"
 
 
@@ -201,11 +204,10 @@ def said_of_motion(
         return words, error.changes
     if degrees > LARGE_DEG:
         return (
-            f"the joint moves too slowly: theta changes by {degrees:.3g} deg in all, but by no more"
-            f" than {100 * stepped_sine.MOVING_SHARE:g} % of it, or its noise, within"
-            f" {stepped_sine.BIN_S:g} s, at {signals.rate_hz:.3g} rows per second; move it by 0.5"
-            " to 6 Hz"
-        ), [TAKE_TORQUE_ANGLE, TIME_IN_MS]
+            f"the joint moves too slowly: of {degrees:.3g} deg, theta changes by no more than"
+            f" {100 * stepped_sine.MOVING_SHARE:g} % within {stepped_sine.BIN_S:g} s, at"
+            f" {signals.rate_hz:.3g} rows per second; move it by 0.5 to 6 Hz"
+        ), [TAKE_TORQUE_ANGLE, *SMALLER_UNITS_OF_TIME]
     words = (
         f"the joint does not move: theta turns by {degrees:.3g} deg in all; check the channel and"
         " the unit of theta in the source file, and that this is the recording of the trial"

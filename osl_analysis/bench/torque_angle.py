@@ -226,7 +226,8 @@ def common_angles_deg(
         raise InputError(
             f"of the grid's angles {len(steps)} lie within the motion ({low_deg:.2f} to"
             f" {high_deg:.2f} deg), expected {FEWEST_ANGLES} or more; lower angle_step_deg from"
-            f" {step_deg:g} deg to {(high_deg - low_deg) / (2 * FEWEST_ANGLES):.2g} deg or less"
+            f" {step_deg:g} deg to {(high_deg - low_deg) / (2 * FEWEST_ANGLES):.2g} deg or less",
+            [Change("", other_unit_of="theta")],
         )
     return np.asarray(steps * step_deg, dtype=np.float64)
 
@@ -272,7 +273,8 @@ def check_moves(bench_theta: Array, settings: TorqueAngleAnalysis) -> None:
         raise InputError(
             f"the angle moves by {range_deg:.3g} deg in all, expected"
             f" {settings.smallest_motion_deg:g} deg or more (smallest_motion_deg); check the"
-            " channel of theta and its unit in the source file"
+            " channel of theta and its unit in the source file",
+            [Change("", other_unit_of="theta")],
         )
 
 

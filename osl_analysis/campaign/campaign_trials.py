@@ -153,8 +153,8 @@ class Campaign:
     def recording(self, trial: str) -> Mapping[str, Any]:
         """The cells of a trial's row that ingest uses."""
         row = self.row(trial)
-        fixture = [column for column in FIXTURE if row[column] is not None]
-        return {column: row[column] for column in (*INGESTED, *fixture)}
+        stated = [column for column in (*FIXTURE, "windows") if row[column] is not None]
+        return {column: row[column] for column in (*INGESTED, *stated)}
 
     def accepted(self, trial: str) -> list[str]:
         """The quality checks whose failure the sheet accepts for a trial."""

@@ -9,9 +9,10 @@ from dataclasses import dataclass, replace
 from functools import wraps
 from importlib import import_module
 from inspect import signature
-from itertools import groupby
+from itertools import groupby, pairwise
 from typing import Any, ParamSpec, TypeVar, cast
 
+import numpy as np
 import polars as pl
 
 from osl_analysis.bench.fit_tables import FitTables
@@ -20,9 +21,13 @@ from osl_analysis.commands.estimates import estimated, interval_text, printed_un
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import Change, OslAnalysisError
 from osl_analysis.files import default_config
+from osl_analysis.ingest.examine import in_other_units
+from osl_analysis.ingest.guard import leaps_of_trial
 from osl_analysis.signals.grid import with_stamp_evidence
 from osl_analysis.trial import Trial
 
+MOST_LEAPS = 4  # of a sensor that failed once or twice
+BESIDE_LEAP_S = 0.2  # left out at each side of a leap, which the filter spreads
 MOST_TOLD = 5  # estimates that a remedy names
 NOT_TOLD = ("offset", "drift", "K_secant", "K_unloading", "energy_stored", "energy_returned")
 """Estimates that do not show whether a change helps."""
@@ -52,20 +57,21 @@ T = TypeVar("T")  # its tables
 
 
 def remedies_tried(fit: Callable[P, T]) -> Callable[P, T]:
-    """Decorate the fit of a trial: an error that names changes gets those that help as its
-    remedy."""
+    """Decorate the fit of a trial: what is refused gets the changes that help as its
+    remedy: those that the error names, or else to leave out where a sensor failed."""
 
     @wraps(fit)
     def fitted(*args: P.args, **kwargs: P.kwargs) -> T:
         try:
             return fit(*args, **kwargs)
         except OslAnalysisError as error:
-            if not error.changes:
-                raise
             given = signature(fit).bind(*args, **kwargs).arguments
             helpful = tried(fit, given, error.changes)
-            remedy = remedy_of(helpful) or error.remedy
-            raise type(error)(f"{error.reason}; {remedy}") from error
+            if not helpful:
+                helpful = tried(fit, given, changes_by_leaps(given["trial"]))
+            if not helpful:
+                raise
+            raise type(error)(f"{error.reason}; {remedy_of(helpful)}") from error
 
     return fitted
 
@@ -89,8 +95,16 @@ def tried(
         Of the changes with which the trial can be fitted.
     """
     helpful: list[Outcome] = []
+    expanded: list[Change] = []
     for change in changes:
+        column = change.other_unit_of
+        expanded += in_other_units(given["trial"], [column]) if column else [change]
+    for change in expanded:
         arguments = {**given, "trial": changed(given["trial"], change)}
+        if change.windows and "windows" in signature(fit).parameters:
+            arguments["windows"] = change.windows
+        elif change.windows:
+            arguments["trial"] = arguments["trial"].within(change.windows)
         if change.settings:
             arguments["settings"] = given["settings"].model_copy(update=change.settings)
         fit_it = fit
@@ -103,6 +117,22 @@ def tried(
             continue
         helpful.append(Outcome(change, last_row(tables)))
     return helpful
+
+
+def changes_by_leaps(trial: Trial) -> list[Change]:
+    """The longest part of a recording without samples of angle or torque that leap off their
+    curve; none where none or many do."""
+    found = [leaps for leaps in leaps_of_trial(trial) if leaps.count]
+    if not 0 < sum(leaps.count for leaps in found) <= MOST_LEAPS:
+        return []
+    time = trial.samples["time"].to_numpy()
+    at = sorted(t - float(time[0]) for leaps in found for t in leaps.times)
+    parts = pairwise([-BESIDE_LEAP_S, *at, float(np.ptp(time)) + BESIDE_LEAP_S])
+    first, last = max(parts, key=lambda part: part[1] - part[0])
+    windows = f"{first + BESIDE_LEAP_S:.1f}-{last - BESIDE_LEAP_S:.1f}"
+    worst = found[0]
+    words = f"{worst.column} leaps in row {worst.row}: write windows `{windows}` in the sheet"
+    return [Change(words, windows=windows)]
 
 
 def changed(trial: Trial, change: Change) -> Trial:

@@ -47,10 +47,15 @@ def checked_trial(
     needed_columns: Sequence[str] = (),
 ) -> Trial:
     """The trial of one row of the sheet, from its files relative to `raw_folder`, with the
-    `needed_columns`."""
+    `needed_columns`; of a bench trial whose fit takes no windows, what lies within those of the
+    sheet."""
     trial = raw_files.trial_from_files(row, raw_folder, sources_folder)
     raw_files.check_columns(trial, row.get("experiment"), needed_columns)
     facts = EXPERIMENTS.get(str(row.get("experiment")))
+    windows = row.get("windows")
+    if windows and facts is not None and facts.place == "bench":
+        assert facts.fit is not None
+        trial = trial if facts.fit.windows else trial.within(windows)
     # those of the log tell all
     if facts is not None and facts.place == "walkway" and not needed_columns:
         raw_files.check_markers(trial, row["experiment"])
@@ -71,11 +76,8 @@ def ingest_and_check(
     """Write the trial of one row of the sheet, and to `quality` a row for each check, without
     limits and verdicts."""
     record = ingest_trial(row, raw_folder, sources_folder, trial, needed_columns)
-    write_table(
-        measured_table(record.name, examine(record, str(row["experiment"]), commanded)),
-        quality,
-        data,
-    )
+    found = examine(record, str(row["experiment"]), commanded, row.get("windows") or "")
+    write_table(measured_table(record.name, found), quality, data)
 
 
 def raw_trial(recording: Path, source: Path, experiment: str) -> Trial:

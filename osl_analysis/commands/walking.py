@@ -283,7 +283,7 @@ def analyse(
     static = None if calibration is None else read_model(calibration, StaticCalibration)
     model = None if plate is None else read_model(plate, PlateModel)
     if windows:
-        walked = in_window(walked, windows)
+        walked = walked.within(windows)
     try:
         if static is None or model is None:
             check_own_torque(walked)
@@ -301,14 +301,6 @@ def analyse(
         write_refusal(RefusedCrossing(walked.name, perturbed, reason), output)
     else:
         write_crossing(crossing, output)
-
-
-def in_window(trial: Trial, window: str) -> Trial:
-    """The samples of a trial within a window, from-to [s] after its first sample."""
-    first, last = window.split("-")
-    start = trial.samples["time"][0]
-    is_within = pl.col("time").is_between(start + float(first), start + float(last))
-    return replace(trial, samples=trial.samples.filter(is_within))
 
 
 def in_stated_direction(

@@ -41,7 +41,10 @@ LARGEST_K_D = 1e4  # [N*m/rad]
 LARGEST_B_D = 1e3  # [N*m*s/rad]
 # By column: the experiments whose trials have it
 USERS = {
-    "windows": ("impedance", "walking"),
+    "windows": (
+        "walking",
+        *(name for name, facts in EXPERIMENTS.items() if facts.place == "bench"),
+    ),
     "desired": ("torque_angle",),
     "static": tuple(name for name, facts in EXPERIMENTS.items() if facts.place != "bench"),
     **dict.fromkeys((*KNOWN_COLUMNS, "fixture"), ("calibration",)),

@@ -5,7 +5,7 @@ later (`judge`)."""
 import math
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Any
@@ -838,12 +838,12 @@ def check_recording(
     # microseconds.
     step = float(np.ptp(time)) / (len(time) - 1) if len(time) > 1 else 0.0
     if 0 < step < 1e-5:  # no recorder of a joint is faster than 100 kHz
-        said = f"{who} its samples are {step:.2g} s apart, {1 / step:.3g} in a second"
-        remedy = (
-            "is its time recorded in another unit than it is declared in? Correct the unit of"
-            " `time` in the source file"
+        larger = Change("take a 1000 times larger `unit` of `time` (s for ms)", {"time": 1e3})
+        raise InputError(
+            f"{who} its samples are {step:.2g} s apart, {1 / step:.3g} in a second; correct the"
+            " `unit` of `time` in the source file",
+            [larger],
         )
-        raise InputError(f"{said}: {remedy}")
     check_own_torque(trial, torque)
     turned, measured = (
         x[np.isfinite(x)] for x in (recorded(trial, angle)[1], recorded(trial, torque)[1])
@@ -926,11 +926,17 @@ MEASURES: dict[str, tuple[Callable[[Examined], CheckResult], str]] = {
 UNITS = {name: unit for name, (_, unit) in MEASURES.items()}
 
 
-def examine(trial: Trial, experiment: str, commanded: Commanded) -> dict[str, CheckResult]:
+def examine(
+    trial: Trial, experiment: str, commanded: Commanded, windows: str = ""
+) -> dict[str, CheckResult]:
     """The result of every check on a trial, by name. `commanded` is the protocol of stepped-sine
-    experiments."""
-    examined = Examined(trial, EXPERIMENTS[experiment], commanded)
-    return {name: measure(examined) for name, (measure, _) in MEASURES.items()}
+    experiments; leaps outside of the `windows` [s] that are fitted do not count."""
+    facts = EXPERIMENTS[experiment]
+    examined = Examined(trial, facts, commanded)
+    results = {name: measure(examined) for name, (measure, _) in MEASURES.items()}
+    if windows and facts.fit is not None and facts.fit.windows:
+        results["dropout"] = measure_dropout(replace(examined, trial=trial.within(windows)))
+    return results
 
 
 def measured_table(trial: str, results: Mapping[str, CheckResult]) -> pl.DataFrame:

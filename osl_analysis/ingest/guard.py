@@ -72,6 +72,7 @@ class Leaps:
     count: int  # a single wrong number is one leap, a block of them two
     first_s: float | None  # time of the first one; None without one
     row: int = 0  # in which it stands among the samples of the channel, from 1
+    times: tuple[float, ...] = ()  # of all [s]
 
 
 def check_sizes(samples: pl.DataFrame, columns: Collection[str]) -> None:
@@ -143,7 +144,9 @@ def find_leaps(column: str, time: Array, values: Array) -> Leaps:
 
     # of the samples k to k + 3 of the largest third difference, k + 2 leaps, or the one before
     first = int(leaps[0]) + 2
-    return Leaps(column, leaps.size, float(time[first]), int(np.flatnonzero(seen)[first]) + 1)
+    row = int(np.flatnonzero(seen)[first]) + 1
+    times = tuple(time[leaps + 2].tolist())
+    return Leaps(column, leaps.size, float(time[first]), row, times)
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,7 @@ from osl_analysis.ingest.conversion import (
 )
 from osl_analysis.ingest.likely_clock import rate_of
 from osl_analysis.ingest.stale_rows import find_stale_rows
+from osl_analysis.measured import varies
 from osl_analysis.recording import Channel, Loss, Recording, Rows
 from osl_analysis.signals import runs
 from osl_analysis.source_file import MessageChannel, MessageSource
@@ -360,11 +361,13 @@ def check_one_publisher(
                 continue
             told_by = [text for text in loss.remarks if "publisher" in text or "channels" in text]
             told_by = told_by or ["every second message, by stamps and values"]
+            moves = varies(values[of_other])
+            what = f"{setting.field} is off by {off:.3g} of a range of {span:.3g}"
+            or_other = f", or {number} for this one" if moves else ""
             raise InputError(
                 f"{of_other.size} of {rows.count} messages are of another publisher, whose"
-                f" {setting.field} is off by {off:.3g} of a range of {span:.3g}"
-                f" ({'; '.join(told_by)}); write `publishers: {{{setting.topic}: 1}}` in the source"
-                f" file to read the one with most messages, or {number} for this one"
+                f" {what if moves else f'{setting.field} does not move'} ({'; '.join(told_by)});"
+                f" write `publishers: {{{setting.topic}: 1}}` in the source file{or_other}"
             )
 
 

@@ -395,8 +395,8 @@ def fit(
     --stiffness and --damping an impedance trial is judged as in a campaign: whether the torque is
     late, and whether K is plausible."""
     from osl_analysis.bench.impedance import DesiredImpedance
-    from osl_analysis.commands import bench as command
     from osl_analysis.commands import estimates
+    from osl_analysis.commands import fit as command
     from osl_analysis.commands.trials import raw_trial
     from osl_analysis.trial import read_trial
 

@@ -19,7 +19,7 @@ from osl_analysis.bench.bench_settings import (
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.plausibility import plausible_impedance
 from osl_analysis.campaign.configuration import read_section
-from osl_analysis.commands.bench import fit_trial
+from osl_analysis.commands.fit import fit_trial
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.examine import check_recording
 from osl_analysis.judge.limits import DoubtfulFits

@@ -16,8 +16,8 @@ from osl_analysis.bench.recorded_motion import record_of_trial
 from osl_analysis.campaign import configuration
 from osl_analysis.campaign.campaign_trials import Campaign
 from osl_analysis.campaign.configuration import FACTS, JUDGING, overriding, read_config, states_of
-from osl_analysis.commands.bench import fit_settings, fit_trial
 from osl_analysis.commands.campaign_start import unnamed_recordings
+from osl_analysis.commands.fit import fit_settings, fit_trial
 from osl_analysis.commands.walking import write_crossing
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.files import default_config

@@ -18,7 +18,7 @@ import scipy
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.campaign.campaign_trials import Campaign, open_campaign
 from osl_analysis.campaign.configuration import Config, read_config
-from osl_analysis.commands import bench as fits
+from osl_analysis.commands import fit as fits
 from osl_analysis.commands.estimates import estimated, estimates_text, printed_units
 from osl_analysis.commands.trials import checked_trial, inspect_file
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL

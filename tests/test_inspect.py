@@ -548,7 +548,7 @@ def test_what_no_recording_of_a_kind_has_is_said_once(tmp_path, bench):
         watching.recording_line(tmp_path / f"in/{name}.csv", tmp_path / "in", bench)[0]
         for name in "ab"
     ]
-    assert ["fixture's weight" in line for line in lines] == [True, False]
+    assert ["behind the load cell" in line for line in lines] == [True, False]
 
 
 def test_a_failed_check_is_told_with_its_whole_remedy(

@@ -14,6 +14,7 @@ follow where the sheet states one."""
 ESTIMATES_OF_BENCH = {"K": "K_example", "B": "B_example"}
 """The same of one condition, where no K_d is stated."""
 WALKING = {"K": "walking_K", "B": "walking_B"}
+ACTUATOR = {"k_tau n_m": "k_tau_n_m"}  # of a campaign of actuators alone
 UNCHECKED = "not checked"
 IN_PART = "doubtful in part"
 MARKS = {"doubtful": "⚠", IN_PART: "⚠", "flagged": "⚠", "remark": "·"}
@@ -57,17 +58,18 @@ def trials_line(summary: Mapping[str, Any]) -> str:
             by_verdict[finding["verdict"]].update(finding["trials"])
     not_clear: set[str] = set()
     parts = []
+    experiments = summary.get("trials", {}).values()
+    left_out = {trial for counts in experiments for trial in counts["missing"]}
     for verdict, trials in by_verdict.items():
+        trials = trials - left_out
         further = trials - not_clear  # a trial counts with its worst verdict
         not_clear |= trials
         if further:
             parts.append(f"{len(further)} {verdict}")
-    experiments = summary.get("trials", {}).values()
     number = sum(counts["of"] for counts in experiments)
-    left_out = sum(len(counts["missing"]) for counts in experiments)
     if left_out:
-        parts.append(f"{left_out} refused or excluded")
-    clear = number - left_out - len(not_clear)
+        parts.append(f"{len(left_out)} refused or excluded")
+    clear = number - len(left_out) - len(not_clear)
     return f"{number} trials: {', '.join([f'{clear} clear', *parts])}"
 
 
@@ -85,6 +87,8 @@ def numbers_lines(numbers: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
             yield numbers_line(what, names, numbers)
     if "walking_K" in numbers:
         yield numbers_line("walking", WALKING, numbers)
+    elif "k_tau_n_m" in numbers and not any(name.startswith(begin_of_K) for name in numbers):
+        yield numbers_line("actuator", ACTUATOR, numbers)
 
 
 def numbers_line(

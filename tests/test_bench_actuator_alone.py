@@ -18,13 +18,14 @@ from osl_analysis.bench.actuator_alone import actuator_table, actuator_trial
 from osl_analysis.bench.bench_settings import ActuatorAnalysis, Calibration
 from osl_analysis.cli import main
 from osl_analysis.commands.bench import fit_actuator_trial, fit_settings, fit_trial
+from osl_analysis.commands.trials import raw_trial
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.ingest.examine import Commanded, examine
 from osl_analysis.judge.judging import unchecked_in
 from osl_analysis.model.drivetrain import read_parameters
 from osl_analysis.simulator.bench_trial import simulate_bench_trial
 from osl_analysis.simulator.simulation_settings import RecorderSettings, SimulationSettings
-from osl_analysis.trial import Trial, read_trial
+from osl_analysis.trial import Trial
 from osl_analysis.yaml_settings import read_yaml
 
 DEFAULT, DEVICE = ROOT / "config/simulation/default.yaml", ROOT / "config/parameters/default.yaml"
@@ -164,10 +165,9 @@ def test_the_documented_commands_give_the_parameters_of_a_bench_of_ones_own(tmp_
         said = CliRunner().invoke(main, command.split())
         assert said.exit_code == 0, said.output
     assert re.search(r"J_m +0\.009\d+ ± \S+ +kg·m²", said.output)
-    trial, asked = (
-        read_trial(Path("bench.parquet")),
-        fit_settings("actuator", ROOT / "config/config.yaml"),
-    )
+    source = Path("config/sources/actuator_bench_csv.yaml")
+    trial = raw_trial(Path("bench.csv"), source, "actuator")
+    asked = fit_settings("actuator", ROOT / "config/config.yaml")
     found = fit_trial("actuator", trial, DEVICE, *asked).table
     assert found["motion"][0] == "omega_m"
     assert "omega" in fit_actuator_trial(trial, DEVICE, ANALYSIS).everything()["series"].columns

@@ -33,6 +33,8 @@ COLUMNS: dict[str, str] = {
     "omega_m": "rad/s",
     # slow joint angle recorded beside theta; a person's stiffness changes with it
     "theta_slow": "rad",
+    # angle on the joint's side of the frame, recorded beside theta of the bench in a calibration
+    "theta_joint": "rad",
     "theta_command": "rad",  # [θ_j*] joint angle that the dynamometer was told to follow
     "current": "A",  # [I_q] q-axis motor current
     # [τ] resisting joint torque, -τ_j of Eq. 4; the internal plantarflexion moment

@@ -22,7 +22,12 @@ from test_dictionary import described
 
 from osl_analysis.bench.analysis import analysed
 from osl_analysis.bench.belt import belt_table, fit_branches
-from osl_analysis.bench.bench_settings import BeltAnalysis, Calibration, Fixture
+from osl_analysis.bench.bench_settings import (
+    BeltAnalysis,
+    BenchStiffness,
+    Calibration,
+    Fixture,
+)
 from osl_analysis.bench.coulomb import coulomb_fits
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums, sums_of
 from osl_analysis.bench.fixture import fixture_of, with_fixture
@@ -36,7 +41,7 @@ from osl_analysis.bench.torque_angle_tables import curve_table, torque_angle_tab
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.commands.fit import run_fit
 from osl_analysis.errors import InputError
-from osl_analysis.signals import differentiate
+from osl_analysis.signals import LowPass, differentiate
 from osl_analysis.stats.repeats import over_repeats, summary_row
 from osl_analysis.stats.table_rows import estimates_row
 from osl_analysis.trial import Trial
@@ -337,6 +342,35 @@ def test_a_fixture_alone_gives_its_inertia_and_weight_and_what_to_write(weight, 
     assert stated["inertia"] == pytest.approx(row["inertia"], rel=1e-3)
     assert stated["weight_error"] == pytest.approx(row["weight_se"], rel=0.05)
     assert {"trial", *row} == set(described("tables/calibration")) - {"joint", "side", "data"}
+
+
+def on_frame(trial, stiffness, noise_rad=2e-5):
+    """The same recording on a bench whose encoder stands before a frame [N*m/rad] that yields."""
+    joint, torque = trial.samples["theta"].to_numpy(), trial.samples["torque"].to_numpy()
+    noise = noise_rad * np.random.default_rng(3).standard_normal(len(joint))
+    wound = LowPass(30.0)(torque, 500.0) / stiffness
+    samples = trial.samples.with_columns(
+        theta=pl.Series(joint + wound), theta_joint=pl.Series(joint + noise)
+    )
+    return Trial("spring", samples)
+
+
+def test_angles_on_both_sides_of_a_frame_give_its_stiffness_and_the_gain_behind_it():
+    row = calibrated(on_frame(spring(), 3000.0), known_K=300.0)
+
+    assert row["frame_stiffness"] == pytest.approx(3000.0, rel=5e-3)
+    assert row["frame_stiffness_low"] < 3000.0 < row["frame_stiffness_high"]
+    assert row["gain"] == pytest.approx(1.0, abs=2e-3)  # in front of the frame 0.91
+    stated = parsed_yaml(row["to_state"])[1]["bench_stiffness"]
+    assert BenchStiffness(**stated).compliance == pytest.approx(1 / 3000.0, rel=5e-3)
+
+
+def test_of_a_rigid_frame_nothing_is_said_to_yield():
+    """A smallest stiffness of 1e9 N*m/rad, beside noise of both angles."""
+    row = calibrated(on_frame(spring(), 1e9), known_K=300.0)
+
+    assert row["frame_stiffness"] is None
+    assert "bench_stiffness" not in row["to_state"]
 
 
 def test_a_stated_fixture_is_taken_off_and_its_errors_are_in_the_intervals():

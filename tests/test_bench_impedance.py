@@ -276,9 +276,5 @@ def test_rows_that_cannot_tell_a_late_torque_say_so_and_no_others_do():
         ({"fault_probability": None, "lag_s": 0.0}, []),
         ({"K_over_K_s": None}, []), ({"K_over_K_s": None, "K_predicted": None}, []),
         ({"band_high_hz": 16.0, "cutoff_hz": 15.0}, ["what moves faster than the cut-off"]),
-        ({"K_predicted": None, "K_low": 299.9, "K_high": 300.1},
-         [*gains, "whether a fixture's weight is in K"]),
-        # gains are not as exact
-        ({"K_low": 299.9, "K_high": 300.1}, ["whether a fixture's weight is in K"]),
     ):  # fmt: skip
         assert [one.cause for one in unchecked_in("impedance", told | changes)] == expected

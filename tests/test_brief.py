@@ -47,6 +47,18 @@ def test_recordings_that_are_only_ingested_are_not_called_clear():
     assert beside[0] == "3 trials: 2 clear, 1 ingested and not judged"
 
 
+def test_a_refused_trial_that_is_flagged_counts_as_refused():
+    flagged = finding("flagged", trials=["c"])
+    first = brief_lines(summary(flagged, missing=["c"]))[0]
+    assert first == "3 trials: 2 clear, 1 refused or excluded"
+
+
+def test_a_campaign_of_actuators_alone_has_its_number():
+    of_actuator = {"k_tau_n_m": number(0.82, 0.81, 0.83, "N*m/A")}
+    line = brief_lines(summary() | {"numbers": of_actuator})[1]
+    assert line.startswith("actuator: k_tau n_m = 0.820 N*m/A (0.810 to 0.830)")
+
+
 def test_a_finding_on_groups_counts_no_trial():
     of_groups = finding(trials=["all"], table="walking_groups")
     assert brief_lines(summary(of_groups))[0] == "3 trials: 3 clear"

@@ -71,7 +71,9 @@ def test_a_draft_takes_logs_of_single_currents_for_one_trial(tmp_path):
     draft = draft_campaign(tmp_path)
 
     cells = [trial.cells for trial in draft.trials]
-    assert [(row["experiment"], row["log"]) for row in cells] == [("actuator", "level_*A.csv")]
+    (row,) = cells
+    assert (row["trial"], row["experiment"]) == ("level__A", "actuator")
+    assert row["log"] == "level_*A.csv"
 
 
 def test_a_draft_leaves_logs_of_whole_staircases_apart(tmp_path):

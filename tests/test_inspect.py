@@ -471,7 +471,7 @@ def test_a_recording_of_an_unknown_recorder_gives_its_joint(tmp_path, bench):
     )
     assert re.search(r"x.csv: REFUSED: no rows", junk)
     # what no recording of a kind has is told once
-    assert ["fixture's weight" in line for line in (sound, turned)] == [True, False]
+    assert ["behind the load cell" in line for line in (sound, turned)] == [True, False]
     assert "\n" not in sound + turned + junk
     written = (
         tmp_path / f"pictures/{name}" for name in ("k120_b2.png", "rec7.png", "measured.json")

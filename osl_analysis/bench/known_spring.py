@@ -8,6 +8,7 @@ import polars as pl
 
 from osl_analysis.bench import effects
 from osl_analysis.bench.analysis import QUANTITIES, Analysis, widened
+from osl_analysis.bench.bench_frame import NO_FRAME, Frame
 from osl_analysis.bench.effects import IMPEDANCE
 from osl_analysis.bench.fixture import fixture_row
 from osl_analysis.bench.group_fit import GroupFit
@@ -74,14 +75,14 @@ def late_fits(record: Record, is_spring: bool) -> LateFits:
     return LateFits(damped if is_damped else undamped, damped)
 
 
-def calibration_table(analysis: Analysis, known: Known) -> pl.DataFrame:
+def calibration_table(analysis: Analysis, known: Known, frame: Frame | None = None) -> pl.DataFrame:
     """The trial's row of `calibration.csv`: Eq. 15 of a known spring or inertia, with friction and
     a late torque, and what else than a delay may make the torque late.
 
     A spring has no damping beyond `SPRING_LOSS`, unless the fit that allows one, whose `B` is
     given, is certain of it: torque in phase with the velocity, beside friction, is a delay. For an
     inertia, higher derivatives tell a delay from the damping of its bearing. `gain` is the measured
-    K or I over the known one; the rest is the fixture's.
+    K or I over the known one; the rest is the fixture's. `frame` is what yields between two angles.
 
     Raises
     ------
@@ -92,7 +93,7 @@ def calibration_table(analysis: Analysis, known: Known) -> pl.DataFrame:
     """
     record = analysis.record
     if known.is_fixture_alone:
-        absent: Row = dict.fromkeys(NOT_OF_A_FIXTURE)
+        absent: Row = dict.fromkeys((*NOT_OF_A_FIXTURE, *NO_FRAME))
         row_of_fixture = {"trial": record.name, **absent, **fixture_row(analysis)}
         return typed_table(row_of_fixture)
     of = known.stiffness or known.inertia
@@ -118,6 +119,7 @@ def calibration_table(analysis: Analysis, known: Known) -> pl.DataFrame:
     row: Row = {
         "trial": record.name,
         "rest_deg": None,
+        **(frame.row() if frame else dict.fromkeys(NO_FRAME)),
         "known_K": known.stiffness,
         "known_I": known.inertia,
         "known_share": known.share,
@@ -128,13 +130,22 @@ def calibration_table(analysis: Analysis, known: Known) -> pl.DataFrame:
         **analysis.judged(),
         "certain_lag_s": certain_lag,
         "certain_gain_error": beyond_interval(fit, "gain", gain - 1),
-        "to_state": (
-            f"calibration: {{torque_gain: {fit.se('gain'):.2g}, delay: {fit.se('lag_s'):.2g}}}"
-        ),
+        "to_state": to_state(fit, frame),
         **analysis.time_base_row(None, QUANTITIES),
         "explanations": explanations,
     }
     return typed_table(row)
+
+
+def to_state(fit: GroupFit, frame: Frame | None) -> str:
+    """What the configuration should state of gain, delay and frame, once gain and delay are
+    corrected."""
+    text = f"calibration: {{torque_gain: {fit.se('gain'):.2g}, delay: {fit.se('lag_s'):.2g}}}"
+    stiffness = frame.stiffness if frame else None
+    if stiffness is None:
+        return text
+    value, error = stiffness.value, stiffness.standard_error
+    return f"{{{text}, bench_stiffness: {{value: {value}, standard_error: {error}}}}}"
 
 
 NOT_OF_A_FIXTURE = (

@@ -39,6 +39,7 @@ COARSE_HZ, COARSE_CUTOFFS = 250.0, 8.0
 IDLE = 0.05  # share of the joint's angle (SD): backlash and errors of encoders reach that
 NEAR_AMPLITUDE = 0.25  # share by which an amplitude may differ from one that is asked for
 LITTLE_ROUNDING = 2.0  # standard errors of the residual over those by rounding: it is not drawn
+LEAST_DRIFT = 0.01  # of the RMS of the angle; a smaller drift of it is a frame that yields
 ONE_DRIFT = 0.99  # correlation of time and mean angle from which a drift of either explains both
 
 
@@ -519,7 +520,7 @@ def drift_rate(time: Array, motion: Motion, torque: Array, groups: Groups) -> fl
     ramp = time - time.mean()
     if groups.kind == "cycles":
         columns, target = means_of_cycles(ramp, motion, torque, groups, members)
-        if drifts_alike(columns):
+        if drifts_alike(columns, float(motion.theta.std())):
             return 0.0
     else:
         of_motion = [motion.theta, motion.omega, motion.alpha]
@@ -532,13 +533,20 @@ def drift_rate(time: Array, motion: Motion, torque: Array, groups: Groups) -> fl
     return float(slope / scale[0])
 
 
-def drifts_alike(columns: Array) -> bool:
-    """Whether time and angle, the first two columns of `means_of_cycles`, are alike beside the
-    labels'."""
+def drifts_alike(columns: Array, theta_rms: float) -> bool:
+    """Whether the mean angle of cycles drifts like time, by more than a hundredth of the angle's
+    RMS [rad].
+
+    `columns` are those of `means_of_cycles`, of which time and angle come first. Means of the
+    labels are taken off.
+    """
     labels = columns[:, 2:]
     time, angle = (columns[:, :2] - labels @ np.linalg.lstsq(labels, columns[:, :2])[0]).T
+    weight = float(np.linalg.norm(labels))
+    if np.linalg.norm(angle) < LEAST_DRIFT * theta_rms * weight:
+        return False
     size = float(np.linalg.norm(time) * np.linalg.norm(angle))
-    return bool(size) and abs(float(time @ angle)) > ONE_DRIFT * size
+    return abs(float(time @ angle)) > ONE_DRIFT * size
 
 
 def means_of_cycles(

@@ -24,6 +24,7 @@ from osl_analysis.bench import (
 from osl_analysis.bench.actuator_alone import ACTUATOR_PARAMETERS, actuator_table, actuator_trial
 from osl_analysis.bench.analysis import QUANTITIES, analysed
 from osl_analysis.bench.belt import belt_curve, belt_table, belt_trial
+from osl_analysis.bench.bench_frame import measured_frame
 from osl_analysis.bench.component_summary import part_summary
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums
 from osl_analysis.bench.fit_tables import FitTables, tables_of_fit
@@ -208,8 +209,12 @@ def fit_calibration_trial(
         settings = settings.model_copy(update={"fixture": None})
     trial = with_fixture(trial, settings.fixture)
     record = record_of_trial(trial, settings)
+    frame = measured_frame(trial, settings, record.groups)
+    if frame is not None and settings.bench_stiffness is None:  # the spring is behind the frame
+        settings = settings.model_copy(update={"bench_stiffness": frame.stiffness})
+        record = record_of_trial(trial, settings)
     analysis = analysed(record, plain_sums(record, IMPEDANCE), IMPEDANCE)
-    table = known_spring.calibration_table(analysis, known).with_columns(rails)
+    table = known_spring.calibration_table(analysis, known, frame).with_columns(rails)
     return tables_of_fit(
         analysis.series(), lambda: {"timebase": analysis.time_base(QUANTITIES)}, calibration=table
     )

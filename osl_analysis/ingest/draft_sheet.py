@@ -55,6 +55,8 @@ def trial_name(path: Path) -> str:
     """A name for the trial of a file: that of the file without its ending, with `_` for what a name
     may not have."""
     name = re.sub(r"[^A-Za-z0-9_.-]+", "_", stem_of(path)).lstrip("_.-")
+    if "*" in path.name:  # of several files
+        name = name.rstrip("_.-")
     return name[:LONGEST_NAME] or "trial"
 
 

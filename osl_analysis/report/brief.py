@@ -16,6 +16,7 @@ ESTIMATES_OF_BENCH = {"K": "K_example", "B": "B_example"}
 WALKING = {"K": "walking_K", "B": "walking_B"}
 INGEST_ONLY = "ingest_only"
 """The experiment whose trials are ingested and checked, and not fitted."""
+ACTUATOR = {"k_tau n_m": "k_tau_n_m"}  # of a campaign of actuators alone
 UNCHECKED = "not checked"
 IN_PART = "doubtful in part"
 MARKS = {"doubtful": "⚠", IN_PART: "⚠", "flagged": "⚠", "remark": "·"}
@@ -65,23 +66,25 @@ def trials_line(summary: Mapping[str, Any]) -> str:
             by_verdict[finding["verdict"]].update(finding["trials"])
     not_clear: set[str] = set()
     parts = []
+    experiments = summary.get("trials", {}).values()
+    left_out = {trial for counts in experiments for trial in counts["missing"]}
     for verdict, trials in by_verdict.items():
+        trials = trials - left_out
         further = trials - not_clear  # a trial counts with its worst verdict
         not_clear |= trials
         if further:
             parts.append(f"{len(further)} {verdict}")
-    number = left_out = ingested = 0
+    number = ingested = 0
     for experiment, counts in summary.get("trials", {}).items():
         number += counts["of"]
-        left_out += len(counts["missing"])
         if experiment == INGEST_ONLY:
             ingested += counts["used"]
     if left_out:
-        parts.append(f"{left_out} refused or excluded")
+        parts.append(f"{len(left_out)} refused or excluded")
     if ingested:
         parts.append(f"{ingested} ingested and not judged")
-    clear = number - left_out - ingested - len(not_clear)
-    if clear or ingested + left_out < number:
+    clear = number - len(left_out) - ingested - len(not_clear)
+    if clear or ingested + len(left_out) < number:
         parts.insert(0, f"{clear} clear")
     return f"{number} trial{'s' if number != 1 else ''}: {', '.join(parts)}"
 
@@ -100,6 +103,8 @@ def numbers_lines(numbers: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
             yield numbers_line(what, names, numbers)
     if "walking_K" in numbers:
         yield numbers_line("walking", WALKING, numbers)
+    elif "k_tau_n_m" in numbers and not any(name.startswith(begin_of_K) for name in numbers):
+        yield numbers_line("actuator", ACTUATOR, numbers)
 
 
 def numbers_line(

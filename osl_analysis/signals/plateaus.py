@@ -21,6 +21,7 @@ NORMAL_MEDIAN = 0.6745  # median of |x| in standard deviations of normal noise
 SPEED_BINS = 3  # over which a speed is averaged: 0.15 s, which hum and noise do not pass
 STEADY_RANGE = 12.0  # standard deviations of means between the largest and the smallest of a level
 FEWEST_PLATEAUS = 3  # that a line with an offset needs to have an interval
+MOST_FAST = 0.5  # share of the time at plateaus in which noise may seem to move a shaft that stands
 LEAST_SPAN = 0.5  # of the current's range between plateaus; less are rests between two motions
 
 
@@ -92,7 +93,7 @@ def is_clamped(
     is_angle: bool,
     slowest: float,
 ) -> bool:
-    """Whether a shaft stands at the plateaus of its current.
+    """Whether a shaft stands at the plateaus of its current; it may twitch between them.
 
     Parameters
     ----------
@@ -117,8 +118,9 @@ def is_clamped(
         return False
     if motion is None:
         return True
-    at_levels = sum(level.stop - level.start for level in plateaus) / len(time)
-    return bool(fast_share(time, motion, is_angle, slowest) < at_levels)
+    at_plateaus = np.concatenate([np.r_[rows] for rows in plateaus])
+    share = fast_share(time[at_plateaus], motion[at_plateaus], is_angle, slowest)
+    return bool(share < MOST_FAST)
 
 
 def fast_share(time: Array, motion: Array, is_angle: bool, slowest: float) -> float:

@@ -26,7 +26,7 @@ from osl_analysis.judge.finding import Grade
 from osl_analysis.judge.limits import judged_table
 from osl_analysis.judge.two_campaigns import comparison_table
 from osl_analysis.report.page_text import assumed_text
-from osl_analysis.stats.repeats import sizes_said
+from osl_analysis.stats.repeats import size_texts
 from osl_analysis.trial import Trial
 from osl_analysis.yaml_settings import read_mapping
 
@@ -269,8 +269,8 @@ def test_without_a_stated_protocol_the_recording_is_its_own_label():
 def test_what_was_measured_is_said_with_its_spread():
     """Amplitudes that fall with the frequency are no single one; those that differ by rounding
     are."""
-    assert sizes_said(pl.Series([2.0, 6.0, None, 5.89, 5.59, 1.995])) == ["2", "5.59 to 6"]
-    assert sizes_said(pl.Series([], dtype=pl.Float64)) == []
+    assert size_texts(pl.Series([2.0, 6.0, None, 5.89, 5.59, 1.995])) == ["2", "5.59 to 6"]
+    assert size_texts(pl.Series([], dtype=pl.Float64)) == []
 
 
 def test_cycles_of_a_soft_start_were_commanded_too():

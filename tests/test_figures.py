@@ -26,7 +26,7 @@ from osl_analysis.commands.figure import (
 from osl_analysis.errors import InputError
 from osl_analysis.figures import FIGURES, drawing_of, names, others, style, ticks
 from osl_analysis.figures.frequency import DESIRED, LINEAR_MODEL, response_curve
-from osl_analysis.figures.names import as_text, doubtful_said, write_footer
+from osl_analysis.figures.names import as_text, doubtful_sentence, write_footer
 from osl_analysis.figures.quasi_static import MEAN_SLOPE
 from osl_analysis.figures.style import LOOKS, MAGENTA, ORANGE, SINGLE_COLUMN, paper_style
 from osl_analysis.refusal import Refusal, write_refusals
@@ -902,7 +902,7 @@ def test_a_name_in_markdown_is_text_sign_by_sign(name, markdown):
 ])  # fmt: skip
 def test_a_caption_names_the_doubtful_trials_and_groups_and_each_cause_once(of, said):
     expected = "No fit is doubtful." if said is None else said and f"Doubtful: {said}"
-    assert doubtful_said(pl.DataFrame(of, schema_overrides={"doubtful": pl.String})) == expected
+    assert doubtful_sentence(pl.DataFrame(of, schema_overrides={"doubtful": pl.String})) == expected
 
 
 def test_each_figure_has_a_section_and_a_missing_one_its_reason(

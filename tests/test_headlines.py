@@ -569,7 +569,7 @@ def test_torque_over_angle_is_said_from_its_lowest_to_its_highest_stiffness():
     assert said.replace("\xa0", " ").endswith("4.00 N·m/rad (b; n = 3) to 9.00 N·m/rad (c; n = 3).")
 
 
-def test_only_a_campaign_of_the_draft_s_device_is_held_against_the_draft():
+def test_only_a_campaign_of_the_draft_s_device_is_compared_with_the_draft():
     assert {one.draft for one in headline_numbers(all_tables(), beside_draft=False)} == {None}
     config = read_config(ROOT / "config/config.yaml")
     for changes, expected in (

@@ -556,7 +556,7 @@ def test_a_failed_check_is_told_with_its_whole_remedy(
     )
 
 
-def test_a_recording_is_held_against_its_siblings_of_which_a_wrong_gain_is_told(tmp_path):
+def test_a_recording_is_compared_with_its_siblings_of_which_a_wrong_gain_is_told(tmp_path):
     def said(name, K, kind=("impedance", "ankle", "", "pd", "300"), sign=1):
         row = (
             {"experiment": "impedance", "K_d": 300.0, "B_d": 5.0}

@@ -176,7 +176,7 @@ def caption_of(name: str, table_csv: Path, missing: Sequence[str] = ()) -> str:
     table = read_table(table_csv, required=figure.columns)
     if table.is_empty():
         return f"{UNDRAWN} {names.as_text(figure.nothing[:1].upper() + figure.nothing[1:])}."
-    sentences = [figure.caption(table), names.doubtful_said(table)]
+    sentences = [figure.caption(table), names.doubtful_sentence(table)]
     if missing:
         sentences.append(
             f"Without {names.count_of(len(missing), 'trial')} whose recordings or fits were"

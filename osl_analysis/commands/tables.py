@@ -30,8 +30,8 @@ from osl_analysis.report.headline_text import to_table
 from osl_analysis.report.headlines import headline_numbers
 from osl_analysis.report.paper_tables import PaperTable, components_table, conditions_table
 from osl_analysis.report.used_trials import missing_lines, used_and_missing
-from osl_analysis.stats.repeats import sizes_said
-from osl_analysis.table import OF_ROW, Places, read_table, with_evidence, with_places, write_table
+from osl_analysis.stats.repeats import size_texts
+from osl_analysis.table import ROW_KEYS, Places, read_table, with_evidence, with_places, write_table
 
 
 def gather(
@@ -85,7 +85,7 @@ def gather(
         in_evidence = [name for name in table.columns if name in evidence_columns]
         write_table(table.select(in_evidence), evidence, data)
         # both files tell of which row they are
-        further = [name for name in in_evidence if name not in OF_ROW]
+        further = [name for name in in_evidence if name not in ROW_KEYS]
         table = table.drop(further)
     write_table(table, output, data)
 
@@ -105,7 +105,7 @@ def write_settings(
         sines = read_table(phasors)
     measured_values: dict[str, str] = {}
     for setting, column in FOUND.items():
-        sizes = sizes_said(sines[column].cast(pl.Float64))
+        sizes = size_texts(sines[column].cast(pl.Float64))
         if sizes:
             measured_values[setting] = f"[{', '.join(sizes)}]"
     measured = pl.col("setting").replace_strict(

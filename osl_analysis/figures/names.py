@@ -298,7 +298,7 @@ def count_of(n: int, noun: str) -> str:
     return f"{n} {noun}" if n == 1 else f"{n} {noun}s"
 
 
-def doubtful_said(table: pl.DataFrame) -> str:
+def doubtful_sentence(table: pl.DataFrame) -> str:
     """Say which of the drawn trials, or groups of crossings, are doubtful, and why; empty where
     nothing was judged."""
     if "doubtful" not in table.columns:

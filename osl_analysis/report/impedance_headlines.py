@@ -23,7 +23,7 @@ from osl_analysis.report.headline_statistics import (
     with_interval,
 )
 from osl_analysis.stats.repeats import counted, doubtful_count, doubts_of_trials, repeating_trials
-from osl_analysis.table import held_against_desired
+from osl_analysis.table import with_viscous_damping
 
 # largest number of conditions, or of trials without a stated one, that the summary lists one by one
 MOST_UNSTATED = 8
@@ -71,7 +71,7 @@ def errors_of_controller(
     label_of_B = labels["B_error"]
     if used["B_viscous"].count():
         label_of_B = with_end(label_of_B, "viscous where friction is certain")
-    B_error = (held_against_desired(used)["B"] - used["B_d"]).abs()
+    B_error = (with_viscous_damping(used)["B"] - used["B_d"]).abs()
     yield from over_fits(label_of_B, B_error, np.mean, trials, used)
     if "torque_error" in used.columns:
         yield from over_fits(labels["torque_error"], used["torque_error"], np.mean, trials, used)

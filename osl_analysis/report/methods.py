@@ -19,7 +19,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from osl_analysis.dictionary import own_yaml
 from osl_analysis.judge.words import printed
 from osl_analysis.report.trial_page import ReportedTrial
-from osl_analysis.stats.repeats import sizes_said
+from osl_analysis.stats.repeats import size_texts
 from osl_analysis.trial import Array
 
 HERE = Path(__file__).parent
@@ -273,7 +273,7 @@ def values_of_tables(tables: Mapping[str, pl.DataFrame]) -> ValuesOfTables:
         # where nobody stated what was commanded, all that moved, without a fit of its own too
         if not amplitudes:
             sines = tables.get("phasors", tables["impedance"])
-            amplitudes = sizes_said(sines["amplitude_deg"].cast(pl.Float64))
+            amplitudes = size_texts(sines["amplitude_deg"].cast(pl.Float64))
         values["impedance"]["commanded_deg"] = amplitudes
     frequencies = values["phasors"]["frequency_hz"]
     if frequencies:

@@ -18,7 +18,7 @@ from osl_analysis.campaign.origin import ABOUT_MACROS
 from osl_analysis.commands import tables
 from osl_analysis.commands.tables import format_results_table, gather, read_summary, write_summary
 from osl_analysis.errors import InputError
-from osl_analysis.judge.campaign import campaign_findings, known_of
+from osl_analysis.judge.campaign import campaign_findings, causes_in_campaign
 from osl_analysis.judge.causes import CAUSES, EVIDENCE
 from osl_analysis.judge.finding import (
     Beyond,
@@ -66,7 +66,7 @@ def known(tables, limits, verdicts=NO_CHECKS):
     """The findings on a campaign as the summary has them."""
     limits = DoubtfulFits.model_validate(limits)
     marked_tables = {name: marked(table, limits.of(name), name) for name, table in tables.items()}
-    return known_of(campaign_findings(tables, verdicts, limits), marked_tables, verdicts)
+    return causes_in_campaign(campaign_findings(tables, verdicts, limits), marked_tables, verdicts)
 
 
 def test_a_fit_is_doubtful_for_every_limit_that_it_passes():

@@ -14,7 +14,7 @@ from osl_analysis.campaign.origin import sentence
 from osl_analysis.config.experiments import judged_tables
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path, write_text
-from osl_analysis.judge.campaign import campaign_findings, known_of
+from osl_analysis.judge.campaign import campaign_findings, causes_in_campaign
 from osl_analysis.judge.claims import Claims, claims_table
 from osl_analysis.judge.exclusions import Judge
 from osl_analysis.judge.finding import Limits, findings_frame, read_findings
@@ -250,7 +250,7 @@ def write_summary(
         "trials": used_trials,
         "missing_results": missing_results,
         "intervals": intervals,
-        "findings": known_of(all_findings, tables, checks),
+        "findings": causes_in_campaign(all_findings, tables, checks),
     }
     remarks = missing_lines(content, reasons=False)
     if intervals:

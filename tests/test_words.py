@@ -82,7 +82,7 @@ def test_a_finding_has_at_most_35_words():
      ["late torque: ", "the torque is late by 2 ms, which moves B by 10 % and I by 90 %"]),
     (LATE | {"lag_s": -2e-3}, {}, ["the angle is late by 2 ms"]),
     (HEARD, {"fault_harm": 1},
-     ["torque path: ", "explained by delay, moving mean", "B 4.9 to 5.1, nothing of I is"]),
+     ["torque path: ", "explained by delay, moving mean", "B 4.9 to 5.1, I not identifiable"]),
     (HEARD | {"B_viscous": 4.9}, {"fault_harm": 1}, ["B_viscous 4.9 to 5.1"]),
     (RUBS, {"coulomb_share": 0.5},
      ["B 2.26, viscous part 1.05 N*m*s/rad, friction 1.4 N*m"]),

@@ -175,4 +175,4 @@ def doubt_text(entry: Entry, row: Mapping[str, Any]) -> str:
             estimates.append(f"{symbol} {' to '.join(texts)}")
     if not estimates:
         return printed(entry["cause"])
-    return printed(f"{entry['cause']} (with it in the fit {in_words(estimates)})")
+    return printed(f"{entry['cause']} (with it in the model {in_words(estimates)})")

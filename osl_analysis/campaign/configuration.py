@@ -28,9 +28,9 @@ from osl_analysis.yaml_settings import (
     Settings,
     ShippedPath,
     Stiffness,
+    check_rising,
     read_mapping,
-    refused,
-    rising,
+    refuse_if,
     validated,
 )
 
@@ -43,7 +43,7 @@ def dates(value: date | str) -> date | str:
         text = value if isinstance(value, str) else value.isoformat()
         days = [date.fromisoformat(day) for day in text.split(" to ")]
         # tomorrow it is already today elsewhere
-        rising((EARLIEST_DATE - timedelta(1), *days, date.today() + timedelta(2)))
+        check_rising((EARLIEST_DATE - timedelta(1), *days, date.today() + timedelta(2)))
     except (ValueError, AttributeError) as error:
         raise ValueError(
             "write a date, 1990 to today, as 2026-03-14, or two, as 2026-03-14 to 2026-03-16"
@@ -139,13 +139,13 @@ class Config(Settings):
         "study": "the Monte Carlo study is a script, benchmarks/study.py; remove the section"
     }
 
-    _is_simulated = refused(
+    _is_simulated = refuse_if(
         lambda s: s.simulation and s.data == "measured",
         "data = measured, but the recordings are those of `simulation`; write data: null, or"
         " simulation: null",
         "data",
     )
-    _one_plate = refused(
+    _one_plate = refuse_if(
         lambda s: s.simulation and s.walking.plate != 1,
         "walking.plate = {s.walking.plate}: the simulated laboratory has one force plate; write 1",
         "walking.plate",

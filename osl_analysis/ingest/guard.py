@@ -158,6 +158,19 @@ class LostRows:
     row: int  # behind which the first are missing, from 1
     first_s: float
 
+    @property
+    def text(self) -> str:
+        """Where they are missing, for a message."""
+        return (
+            f"rows are missing, first behind row {self.row} ({self.first_s:.3f} s): theta goes on"
+            f" by {self.steps:.1f} steps in one, and the stamps were numbered after it"
+        )
+
+
+def lost_rows_of_trial(trial: Trial) -> LostRows | None:
+    """The places where rows of a trial were lost, by its angle; None for one without theta."""
+    return lost_rows(*trial.arrays("theta")) if "theta" in trial.columns else None
+
 
 def lost_rows(time: Array, angle: Array) -> LostRows | None:
     """Find places where the angle goes on by two or more of its steps, and the stamps by one: rows

@@ -104,3 +104,9 @@ def test_values_of_a_device_that_is_hardly_slower_than_its_log_are_no_doubled_ro
 
     assert (np.diff(twice) == 0).sum() > 30
     assert numbered_twice(TIME, table.drop("time")).size == 0
+
+
+def test_values_that_a_log_misses_of_a_device_that_is_hardly_faster_are_no_lost_rows():
+    read = np.floor(np.arange(1900) * 1.02).astype(int)
+
+    assert lost_rows(TIME[: read.size], ANGLE[read]) is None

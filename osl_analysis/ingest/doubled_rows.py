@@ -10,6 +10,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from osl_analysis.ingest.guard import are_paced
 from osl_analysis.measured import usual_size
 from osl_analysis.recording import Rows
 from osl_analysis.trial import Array
@@ -19,8 +20,6 @@ MOST_DOUBLED = 0.05  # share of the rows; more of them, and a device was read to
 USUAL_STEP = 0.3  # relative difference of a step from those beside it
 OVER_NOISE = 10.0  # times the usual third difference, from which a step is motion
 FEWEST_LEVELS = 5.0  # smallest changes of a signal in a step that its rounding does not make
-FEWEST_PACED = 4  # rows that show a pace
-PACED = 0.5  # scatter of their distances, over the mean; 1 of rows anywhere
 CHANCE = 0.1  # of the rows that repeat all values, as many may do so by chance
 
 
@@ -49,7 +48,7 @@ def numbered_twice(time: Array, values: pl.DataFrame) -> NDArray[np.intp]:
     if not 0 < is_equal.sum() < MOST_DOUBLED * time.size:
         return none
     places = np.flatnonzero(is_equal) + 1
-    if are_paced(places):
+    if are_paced(places):  # of a slower device (`signals/held_values.py`)
         return none
     inserted = np.zeros(places.size, bool)
     for column in values:
@@ -59,13 +58,6 @@ def numbered_twice(time: Array, values: pl.DataFrame) -> NDArray[np.intp]:
     others = repeats.filter(~pl.Series(is_equal))
     by_chance = min(int(column.sum()) for column in others)  # of the noisiest column
     return places if by_chance < CHANCE * places.size else places[inserted]
-
-
-def are_paced(places: NDArray[np.intp]) -> bool:
-    """Whether rows (k,) come at a pace: of a device that is hardly slower than the log, which reads
-    some of its values twice (`signals/held_values.py`)."""
-    apart = np.diff(places)
-    return places.size > FEWEST_PACED and float(np.std(apart)) < PACED * float(np.mean(apart))
 
 
 def goes_on_by_one(values: Array, places: NDArray[np.intp]) -> NDArray[np.bool_]:

@@ -67,6 +67,7 @@ class Change:
     settings: Mapping[str, Any] = field(default_factory=dict)  # of its analysis
     experiment: str = ""  # as which it is analysed, if that is another one
     windows: str = ""  # of the sheet [s]
+    delays: Mapping[str, float] = field(default_factory=dict)  # of columns [s]
     # column whose numbers may be of another unit than is declared; stands for a change per unit
     other_unit_of: str = ""
 

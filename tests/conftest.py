@@ -39,9 +39,10 @@ RUNNING = (
 )  # fmt: skip
 """Modules that run campaigns: in one worker, for which `snakemake_runs.py` imports once."""
 LONGEST = (
-    *RUNNING, "test_bench_recorded_motion", "test_bench_joint_fit", "test_study", "test_figures",
-    "test_walking_commands", "test_signals_grid", "test_walking_platform",
-    "test_bench_rounded_signals", "test_walking_groups", "test_cli", "test_adding",
+    *RUNNING, "test_figures", "test_walking_commands", "test_bench_recorded_motion",
+    "test_walking_platform", "test_walking_groups", "test_signals_grid", "test_notebook",
+    "test_bench_joint_fit", "test_degenerate", "test_bench_plausibility", "test_cli",
+    "test_adding",
 )  # fmt: skip
 """Modules that take more than 5 s of a core, the longest first."""
 

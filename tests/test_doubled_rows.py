@@ -96,3 +96,17 @@ def test_a_second_trial_behind_the_first_is_told_by_its_line(tmp_path):
         InputError, match=r"begins anew in line 2002.*cut the file before line 2002"
     ):
         read_table(tmp_path, columns)
+
+
+def test_values_of_a_device_that_is_hardly_slower_than_its_log_are_no_doubled_rows():
+    twice = np.floor(np.arange(TIME.size) * 0.98).astype(int)
+    table = pl.DataFrame(rows_at(twice))
+
+    assert (np.diff(twice) == 0).sum() > 30
+    assert numbered_twice(TIME, table.drop("time")).size == 0
+
+
+def test_values_that_a_log_misses_of_a_device_that_is_hardly_faster_are_no_lost_rows():
+    read = np.floor(np.arange(1900) * 1.02).astype(int)
+
+    assert lost_rows(TIME[: read.size], ANGLE[read]) is None

@@ -114,3 +114,33 @@ def test_other_units_and_signs_are_tried(column, factor, advice):
         fit_torque_angle_trial(changed, settings)
 
     assert refused.value.remedy.startswith(advice)
+
+
+def driven_actuator():
+    """An actuator of 0.8 N*m/A, f_C 0.3 N*m and J_m 0.008 kg*m^2, driven for 20 s."""
+    rng = np.random.default_rng(6)
+    time = np.arange(0, 20, 1 / 200)
+    omega = 6 * np.sin(2.0 * time) + 3 * np.sin(5.2 * time + 1)
+    alpha = 12 * np.cos(2.0 * time) + 15.6 * np.cos(5.2 * time + 1)
+    current = 4 * np.sin(1.4 * time + 0.4) + 3 * np.sin(3.8 * time + 1.7)
+    torque = 0.8 * current - 0.3 * np.tanh(omega / 0.05) - 0.02 * omega - 0.008 * alpha
+    noise = 0.01 * rng.standard_normal((3, time.size))
+    signals = {"current": current, "torque_m": torque, "omega_m": omega}
+    return {"time": time} | {
+        name: values + own for (name, values), own in zip(signals.items(), noise, strict=True)
+    }
+
+
+@pytest.mark.parametrize("late", [("current",), ("torque_m",), ("torque_m", "omega_m")])
+def test_the_channels_that_are_late_are_told_by_the_fit_without_their_delay(late):
+    recorded = driven_actuator()
+    rows = 20  # 100 ms
+    columns = {
+        name: values[:-rows] if name in late else values[rows:] for name, values in recorded.items()
+    }
+
+    with pytest.raises(InputError) as refused:
+        fit_actuator_trial(Trial("late", pl.DataFrame(columns)), None, CONFIG.actuator)
+
+    advice = f"state `delay: 100 ms` of {' and '.join(late)} in the source file: k_tau_n_m 0.8 "
+    assert refused.value.remedy.startswith(advice)

@@ -17,7 +17,7 @@ from osl_analysis.bench.group_sums import gram_sums
 from osl_analysis.bench.plausibility import check_changes
 from osl_analysis.bench.record import Record
 from osl_analysis.bench.row_groups import Groups, Stratum, stretches_of
-from osl_analysis.errors import InputError, naming
+from osl_analysis.errors import Change, InputError, naming
 from osl_analysis.signals import Motion, differentiate, runs
 from osl_analysis.signals.grid import UniformSignals, uniform_signals
 from osl_analysis.signals.plateaus import FEWEST_PLATEAUS, is_clamped, plateaus_of
@@ -187,7 +187,7 @@ def actuator_of(signals: UniformSignals, settings: ActuatorAnalysis) -> Analysis
     )
     found = analysed(record, gram_sums(record, columns, list(columns)), ACTUATOR_ALONE)
     fitted = np.flatnonzero(moving)
-    check_prompt(columns, record.filtered_torque, fitted, rate, found.whole["k_tau_n_m"])
+    check_prompt(columns, record.filtered_torque, fitted, rate, found.whole["k_tau_n_m"], moved)
     return found
 
 
@@ -197,9 +197,10 @@ def check_prompt(
     moving: NDArray[np.intp],
     rate_hz: float,
     k_tau_n_m: float,
+    moved: str,
 ) -> None:
     """Refuse a late or early current, which makes the torque per current too small, or negative
-    like a wrong sign."""
+    like a wrong sign. `moved` is the column of the motion."""
     rows = moving[:: max(len(moving) // MOST_TRIED, 1)]
     others = [columns[name] for name in ("f_C", "B_m", "J_m", "one", "ramp")]
     beside = without(np.stack(others, axis=1)[rows])
@@ -215,10 +216,18 @@ def check_prompt(
     lag_s = float(SOUGHT_LAGS_S[np.argmin(left)])
     if left.min() < FAR_BETTER * left[is_now]:
         found = "negative" if k_tau_n_m < 0 else f"{k_tau_n_m:.3g} N*m/A"
+        late = [("current",)] if lag_s > 0 else [("torque_m",), ("torque_m", moved)]
+        delay = f"`delay: {1e3 * abs(lag_s):.0f} ms`"
         raise InputError(
             f"k_tau_n_m is {found}, and the current fits far better {1e3 * abs(lag_s):.0f} ms"
-            f" {'earlier' if lag_s > 0 else 'later'}; state `delay: {1e3 * lag_s:.0f} ms` of the"
-            " current in the source file"
+            f" {'earlier' if lag_s > 0 else 'later'}; measure the delays of the channels",
+            [
+                Change(
+                    f"state {delay} of {' and '.join(columns)} in the source file",
+                    delays=dict.fromkeys(columns, abs(lag_s)),
+                )
+                for columns in late
+            ],
         )
 
 

@@ -28,6 +28,8 @@ from osl_analysis.trial import Trial
 
 MOST_LEAPS = 4  # of a sensor that failed once or twice
 BESIDE_LEAP_S = 0.2  # left out at each side of a leap, which the filter spreads
+FITS_WORSE = 2.0  # times what the best change leaves unexplained, from which one is no remedy
+LEAST_UNEXPLAINED = 1e-6  # percent; less is rounding
 MOST_TOLD = 5  # estimates that a remedy names
 NOT_TOLD = ("offset", "drift", "K_secant", "K_unloading", "energy_stored", "energy_returned")
 """Estimates that do not show whether a change helps."""
@@ -39,6 +41,12 @@ class Outcome:
 
     change: Change
     row: Mapping[str, Any]
+
+    @property
+    def unexplained(self) -> float:
+        """What the fit leaves of the torque's variance [percent]; the same for all without a
+        VAF."""
+        return max(100.0 - float(self.row.get("VAF") or 0.0), LEAST_UNEXPLAINED)
 
     @property
     def text(self) -> str:
@@ -92,7 +100,7 @@ def tried(
     Returns
     -------
     list of Outcome
-        Of the changes with which the trial can be fitted.
+        Of the changes with which the trial can be fitted, and fits about as well as with the best.
     """
     helpful: list[Outcome] = []
     expanded: list[Change] = []
@@ -116,7 +124,8 @@ def tried(
         except OslAnalysisError:
             continue
         helpful.append(Outcome(change, last_row(tables)))
-    return helpful
+    least = min((outcome.unexplained for outcome in helpful), default=0.0)
+    return [outcome for outcome in helpful if outcome.unexplained <= FITS_WORSE * least]
 
 
 def changes_by_leaps(trial: Trial) -> list[Change]:
@@ -137,6 +146,11 @@ def changes_by_leaps(trial: Trial) -> list[Change]:
 
 def changed(trial: Trial, change: Change) -> Trial:
     """The recording with a change of its columns."""
+    if change.delays:
+        origins = dict(trial.provenance.get("columns", {}))
+        for name, delay_s in change.delays.items():
+            origins[name] = {**origins.get(name, {}), "delay": delay_s}
+        trial = replace(trial, provenance={**trial.provenance, "columns": origins}, clocks={})
     if not change.factors:
         return trial
     columns = [pl.col(name) * factor for name, factor in change.factors.items()]

@@ -13,6 +13,7 @@ from osl_analysis.errors import InputError, printable
 from osl_analysis.formats import formats_of
 from osl_analysis.ingest import raw_files
 from osl_analysis.ingest.examine import Commanded, check_ranges, examine, measured_table
+from osl_analysis.ingest.guard import lost_rows_of_trial
 from osl_analysis.ingest.overview import (
     MOST_COLUMNS,
     Overview,
@@ -60,6 +61,9 @@ def checked_trial(
     if facts is not None and facts.place == "walkway" and not needed_columns:
         raw_files.check_markers(trial, row["experiment"])
     check_ranges(trial)
+    lost = lost_rows_of_trial(trial)
+    if lost is not None:
+        trial.provenance["warnings"].append(f"{lost.text}; B and I may be wrong")
     return with_stamp_evidence(trial)
 
 

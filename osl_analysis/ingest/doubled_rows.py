@@ -10,6 +10,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from osl_analysis.ingest.guard import are_paced
 from osl_analysis.measured import usual_size
 from osl_analysis.recording import Rows
 from osl_analysis.trial import Array
@@ -47,6 +48,8 @@ def numbered_twice(time: Array, values: pl.DataFrame) -> NDArray[np.intp]:
     if not 0 < is_equal.sum() < MOST_DOUBLED * time.size:
         return none
     places = np.flatnonzero(is_equal) + 1
+    if are_paced(places):  # of a slower device (`signals/held_values.py`)
+        return none
     inserted = np.zeros(places.size, bool)
     for column in values:
         inserted |= goes_on_by_one(column.to_numpy(), places)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from osl_analysis.config.experiments import EXPERIMENTS, Experiment
 from osl_analysis.errors import Change, InputError, listing
-from osl_analysis.ingest.guard import leaps_of_trial, lost_rows
+from osl_analysis.ingest.guard import leaps_of_trial, lost_rows_of_trial
 from osl_analysis.measured import factor_of, usual_size
 from osl_analysis.plates import beside, plate_axes
 from osl_analysis.signals import longest_run, run_at_extreme, run_edges, runs
@@ -638,14 +638,9 @@ def measure_dropout(examined: Examined) -> CheckResult:
     """Largest number of leaps of the angle or the torque off its curve (`guard.find_leaps`), or of
     places where rows are missing and the stamps go on (`guard.lost_rows`)."""
     trial = examined.trial
-    if "theta" in trial.columns:
-        lost = lost_rows(*trial.arrays("theta"))
-        if lost is not None:
-            return CheckResult(
-                float(lost.count),
-                f"rows are missing, first behind row {lost.row} ({lost.first_s:.3f} s): theta goes"
-                f" on by {lost.steps:.1f} steps in one, and the stamps were numbered after it",
-            )
+    lost = lost_rows_of_trial(trial)
+    if lost is not None:
+        return CheckResult(float(lost.count), lost.text)
     found = leaps_of_trial(trial)
     if not found:
         return not_applicable("neither theta nor torque")

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import polars as pl
+from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
 from osl_analysis.trial import Array, Trial, unit_of
@@ -60,6 +61,11 @@ LOST = 1.7  # steps of the angle in one of time, from which rows are missing
 USUAL_STEP = 0.3  # of a step, by which those beside it, or whole numbers of it, may be off
 OVER_NOISE = 10.0  # times the usual third difference, from which a step is motion
 FEWEST_LEVELS = 5.0  # smallest changes of an angle in a step that its rounding does not make
+
+FEWEST_PACED = 5  # rows that show a pace
+SHORTEST_PACE = 10  # rows; of rows anywhere, two are soon closer
+OFF_PACE = 0.2  # of the smallest distance, by which a row may be off its pace
+PACED = 0.8  # share of the distances that keep it; 0.4 of rows anywhere
 
 MOST_GAPS = 0.01  # share of the steps that may be longer; if more are, the stamps scatter
 
@@ -158,6 +164,19 @@ class LostRows:
     row: int  # behind which the first are missing, from 1
     first_s: float
 
+    @property
+    def text(self) -> str:
+        """Where they are missing, for a message."""
+        return (
+            f"rows are missing, first behind row {self.row} ({self.first_s:.3f} s): theta goes on"
+            f" by {self.steps:.1f} steps in one, and the stamps were numbered after it"
+        )
+
+
+def lost_rows_of_trial(trial: Trial) -> LostRows | None:
+    """The places where rows of a trial were lost, by its angle; None for one without theta."""
+    return lost_rows(*trial.arrays("theta")) if "theta" in trial.columns else None
+
 
 def lost_rows(time: Array, angle: Array) -> LostRows | None:
     """Find places where the angle goes on by two or more of its steps, and the stamps by one: rows
@@ -187,10 +206,20 @@ def lost_rows(time: Array, angle: Array) -> LostRows | None:
     passed = turns[2:-2] / np.where(size > least, expected, np.inf)
     is_whole = np.abs(passed - np.rint(passed)) < USUAL_STEP
     places = np.flatnonzero(is_smooth & is_whole & (passed > LOST))
-    if not places.size:
+    if not places.size or are_paced(places):
         return None
     row = int(places[0]) + 3
     return LostRows(places.size, float(passed[places[0]]), row, float(time[row - 1]))
+
+
+def are_paced(places: NDArray[np.intp]) -> bool:
+    """Whether rows (k,) come at a pace, as where a log reads a device that is hardly slower or
+    faster: most are whole multiples of the smallest distance apart."""
+    if places.size < FEWEST_PACED or np.diff(places).min() < SHORTEST_PACE:
+        return False
+    distances = np.diff(places) / np.diff(places).min()
+    is_whole = np.abs(distances - np.rint(distances)) < OFF_PACE
+    return float(np.mean(is_whole)) > PACED
 
 
 def spans_a_gap(time: Array) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:

@@ -9,8 +9,8 @@ from typing import Any
 import polars as pl
 
 from osl_analysis.bench.torque_angle_tables import compared_with_repeats
-from osl_analysis.campaign.configuration import FOUND
 from osl_analysis.campaign.origin import sentence
+from osl_analysis.campaign.setting_states import MEASURED_COLUMNS
 from osl_analysis.config.experiments import judged_tables
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path, write_text
@@ -100,11 +100,11 @@ def write_settings(
     """Write the settings that judge or label with their states. What was measured is that of
     `phasors.csv`, or none, also where that is `refused`."""
     table = pl.DataFrame(states, schema=dict.fromkeys(("setting", "value", "state"), pl.String))
-    sines = pl.DataFrame(schema=dict.fromkeys(FOUND.values(), pl.Float64))
+    sines = pl.DataFrame(schema=dict.fromkeys(MEASURED_COLUMNS.values(), pl.Float64))
     if phasors:
         sines = read_table(phasors)
     measured_values: dict[str, str] = {}
-    for setting, column in FOUND.items():
+    for setting, column in MEASURED_COLUMNS.items():
         sizes = size_texts(sines[column].cast(pl.Float64))
         if sizes:
             measured_values[setting] = f"[{', '.join(sizes)}]"

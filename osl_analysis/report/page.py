@@ -15,14 +15,14 @@ from bokeh.resources import Resources
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 from markupsafe import Markup
 
-from osl_analysis.judge.finding import Grade
+from osl_analysis.judge.finding import UNITS_OF_ESTIMATES, Grade
 from osl_analysis.judge.words import printed
 from osl_analysis.report import TEMPLATES
 from osl_analysis.report.headline_text import first_sentences, number_texts
 from osl_analysis.report.packed_tables import deflated, every_kth, packed_table
 from osl_analysis.report.page_text import WALKING_GROUPS, joints_of, verdicts_text, what_was_done
 from osl_analysis.report.trial_page import (
-    STATES,
+    VERDICT_BY_SUBJECT,
     ReportedTrial,
 )
 
@@ -121,7 +121,7 @@ def states_in(
     trial: ReportedTrial, known: Sequence[Mapping[str, Any]]
 ) -> Iterator[tuple[str, str]]:
     """Each cause of a trial with its state; of several states of a cause the first counts."""
-    for doubt in sorted(trial.doubts, key=lambda doubt: [*STATES].index(doubt.of)):
+    for doubt in sorted(trial.doubts, key=lambda doubt: [*VERDICT_BY_SUBJECT].index(doubt.of)):
         yield doubt.cause, doubt.verdict
     for entry in trial.unchecked:
         yield entry["cause"], "remark" if entry["grade"] == Grade.NOTES else "not checked"
@@ -145,19 +145,16 @@ def claim_rows(claims: pl.DataFrame) -> list[dict[str, Any]]:
     return found
 
 
-RESULT_UNITS = {"K": "N*m/rad", "B": "N*m*s/rad", "I": "kg*m^2"}
-
-
 def size_in_results(finding: Mapping[str, Any]) -> tuple[float, ...]:
     """By how much a finding changes K, B and I at worst, in their units; 0 where that is unknown.
     Findings are compared by K first, then by B, then by I."""
-    return tuple(abs(finding.get(f"{symbol}_size") or 0.0) for symbol in RESULT_UNITS)
+    return tuple(abs(finding.get(f"{symbol}_size") or 0.0) for symbol in UNITS_OF_ESTIMATES)
 
 
-def size_text(finding: Mapping[str, Any]) -> str:
+def changes_text(finding: Mapping[str, Any]) -> str:
     """`size_in_results` for a reader; empty if nothing is known of it."""
     texts = []
-    sizes = zip(RESULT_UNITS.items(), size_in_results(finding), strict=True)
+    sizes = zip(UNITS_OF_ESTIMATES.items(), size_in_results(finding), strict=True)
     for (symbol, unit), size in sizes:
         if size:
             texts.append(f"{symbol} by up to {size:.2g} {unit}")
@@ -182,7 +179,7 @@ def overview(
         for name in finding["trials"]:
             if name in names_of_trials:
                 of_trials.append((name, size_of_trial.get((finding["cause"], name), "")))
-        shown_findings.append({**finding, "named": of_trials, "changes": size_text(finding)})
+        shown_findings.append({**finding, "named": of_trials, "changes": changes_text(finding)})
     first = first_figure(trials, [figure["name"] for figure in figures])
     return {
         "joints": joints_of(trials),

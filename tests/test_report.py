@@ -635,7 +635,7 @@ def test_a_report_says_of_each_trial_what_became_of_it(tmp_path, monkeypatch):
     in_md, in_tex, in_bib = (given[f"methods_{form}"].read_text() for form in ("md", "tex", "bib"))
     for text in (in_md, in_tex):
         assert ("3 trials of belt" in text, "transmission" in text) == (True, False)
-    counted = "Three of five trials were excluded: needs another trial, which is missing (2),"
+    counted = "Three of five trials were excluded: missing trial that its fit needs (2),"
     assert f"{counted} recording that could not be analysed (1)." in in_md
     words = re.sub(r"\$[^$]*\$|\\cite{\w+}", "", in_tex.partition("\n")[2])
     assert re.findall(r"(?<!\\)[%&_#]|[θτ·²°−–]", words) == []

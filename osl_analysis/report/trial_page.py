@@ -38,7 +38,7 @@ The worst first."""
 CHECKED: Mapping[str, Mapping[str, Any]] = TABLE["checks"]
 NOT_ANALYSED = "recording that could not be analysed"
 UNLIKE_OTHERS = "crossing unlike the others under its conditions"
-LACKS_ANOTHER = "needs another trial, which is missing"
+LACKS_ANOTHER = "missing trial that its fit needs"
 
 
 class LeftOut(NamedTuple):

@@ -24,7 +24,7 @@ from osl_analysis.commands.figure import (
     write_captions,
 )
 from osl_analysis.errors import InputError
-from osl_analysis.figures import FIGURES, drawing_of, names, others, style, ticks
+from osl_analysis.figures import FIGURES, drawing_of, names, not_drawn, style, ticks
 from osl_analysis.figures.frequency import DESIRED, LINEAR_MODEL, response_curve
 from osl_analysis.figures.names import as_text, doubtful_sentence, write_footer
 from osl_analysis.figures.quasi_static import MEAN_SLOPE
@@ -815,7 +815,7 @@ def test_a_figure_without_numbers_says_so_with_trial_and_reason(tmp_path):
         found.append([path.read_bytes() for path in outputs])
     assert found[0] == found[1]
     rows = [("fig4", "i_1", "x", lost.reason), ("fig4", "", "t.csv", "empty")]
-    said = others.draw_not_drawn.draw(
+    said = not_drawn.draw_not_drawn.draw(
         pl.DataFrame(rows, ["figure", "trial", "file", "reason"], orient="row")
     )
     title, reason = (text.get_text() for text in said.texts)

@@ -12,7 +12,7 @@ import scipy
 from click.testing import CliRunner
 
 from osl_analysis.cli import main
-from osl_analysis.figures.others import draw_comparison
+from osl_analysis.figures.compared_campaigns import draw_comparison
 from osl_analysis.judge.two_campaigns import comparison_table, label_of
 from osl_analysis.report.headline import Headline
 from osl_analysis.report.headline_files import to_json

@@ -253,7 +253,7 @@ def response_caption(table: pl.DataFrame) -> str:
     if names.has_values(table, "magnitude_eq9"):
         sentences.append("Dashed: the linear model, which is the drivetrain with its gains.")
     if table["trial"].n_unique() > MOST_CONDITIONS:
-        sentences.append("Twelve trials are shown.")
+        sentences.append(f"The first {MOST_CONDITIONS} trials are shown.")
     is_robust = names.has_values(table.filter(method="robust"), "total_sd")
     sentences.append(
         f"Upright bars: 95 % intervals of noise{' and distortion' if is_robust else ''}."

@@ -480,7 +480,7 @@ def draw_series(ax: Axes, groups: pl.DataFrame, colour: str, marker: str, label:
     ax.plot(phase, groups["estimate"], marker, color=colour, markersize=3.5, mew=0, label=label)
 
 
-# of `osl-analysis walking-errors`
+# of `osl-analysis design --walking`
 
 
 @style.paper_style()

@@ -25,9 +25,10 @@ from osl_analysis.commands.figure import (
 )
 from osl_analysis.errors import InputError
 from osl_analysis.figures import FIGURES, drawing_of, names, not_drawn, style, ticks
+from osl_analysis.figures.captions import as_text, doubtful_sentence
 from osl_analysis.figures.frequency import DESIRED, LINEAR_MODEL, response_curve
-from osl_analysis.figures.names import as_text, doubtful_sentence, write_footer
 from osl_analysis.figures.quasi_static import MEAN_SLOPE
+from osl_analysis.figures.saved import write_footer
 from osl_analysis.figures.style import LOOKS, MAGENTA, ORANGE, SINGLE_COLUMN, paper_style
 from osl_analysis.refusal import Refusal, write_refusals
 from osl_analysis.table import read_table, write_table

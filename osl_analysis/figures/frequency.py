@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from osl_analysis.errors import InputError
-from osl_analysis.figures import columns_of, marks, names, style
+from osl_analysis.figures import captions, columns_of, marks, names, style
 from osl_analysis.figures.ticks import label_frequency_axis, label_log_axis, label_phase_axis
 from osl_analysis.trial import Array
 
@@ -94,7 +94,7 @@ def fig7_caption(table: pl.DataFrame) -> str:
     observed = names.completed(table.filter(pl.col("curve") == OBSERVED), ["chosen"])
     K_d, B_d, chosen = observed.select("K_d", "B_d", "chosen").row(0)
     stated = names.condition_parts(None, K_d, B_d)
-    why = f" ({names.as_text(chosen)})" if chosen is not None else ""
+    why = f" ({captions.as_text(chosen)})" if chosen is not None else ""
     of = f" for {', '.join(stated)}{why}" if stated else ""
     sentences = [
         f"Frequency response of the joint, angle over torque{of}: (a) magnitude, (b) phase.",

@@ -624,16 +624,16 @@ def doctor(look: bool) -> None:
         say(f"!! {error.name}: not installed; install osl-analysis again, with what it needs")
         sys.exit(1)
     looks = list(looked_at(Path()))
-    width = max(len(seen.what) for seen in looks)
-    for seen in looks:
-        line = f"{seen.what:<{width}}  {seen.found}"
-        if seen.remedy:
-            say(f"!! {line}: {seen.remedy}")
+    width = max(len(looked.subject) for looked in looks)
+    for looked in looks:
+        line = f"{looked.subject:<{width}}  {looked.state}"
+        if looked.remedy:
+            say(f"!! {line}: {looked.remedy}")
         else:
-            say(f"{'--' if seen.is_absent else 'ok'} {line}")
+            say(f"{'--' if looked.is_absent else 'ok'} {line}")
     if look:
         print_first_look()
-    sys.exit(int(any(seen.remedy for seen in looks)))
+    sys.exit(int(any(looked.remedy for looked in looks)))
 
 
 @main.command(

@@ -28,10 +28,10 @@ def fig4_caption(table: pl.DataFrame) -> str:
     place = captions.as_text(names.place_name(joint, side))
     title = f"{place}, trial" if place else "Trial"
     condition = names.condition_parts(controller, K_d, B_d, written=captions.as_text)
-    which = f"with {', '.join(condition)}" if condition else captions.as_text(trial)
+    named = f"with {', '.join(condition)}" if condition else captions.as_text(trial)
     why = f" ({captions.as_text(chosen)})" if chosen else ""
     sentences = [
-        f"{title} {which}{why}.",
+        f"{title} {named}{why}.",
         "(a) Measured angle. (b) Torque: grey as measured, dashed the best fit of K, B and I. (c)"
         " Residual, the measured torque less the modelled.",
     ]

@@ -361,9 +361,9 @@ def draw_isolated(ax: Axes, rows: pl.DataFrame, panel: str) -> None:
     ax.set_xlabel("Time from the platform’s onset (ms)")
 
 
-def draw_perturbations(ax: Axes, every: pl.DataFrame) -> None:
+def draw_perturbations(ax: Axes, responses: pl.DataFrame) -> None:
     """The responses of single perturbations, each of which leads to its trial."""
-    trials = every.partition_by("trial", maintain_order=True)
+    trials = responses.partition_by("trial", maintain_order=True)
     for number, trial in enumerate(trials):
         (line,) = ax.plot(
             trial["x"], trial["mean"],

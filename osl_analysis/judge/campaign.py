@@ -479,11 +479,11 @@ def by_cause(
 def named_trials(trials: Sequence[str], judged_trials: Sequence[str]) -> str:
     """Some of the trials with a cause, in brackets, or the few judged ones without it; empty where
     all have it."""
-    others = [trial for trial in judged_trials if trial not in trials]
-    if not others:
+    without_cause = [trial for trial in judged_trials if trial not in trials]
+    if not without_cause:
         return ""
-    are_nearly_all = len(others) <= MOST_NAMED < len(trials)
-    names = others if are_nearly_all else trials
+    are_nearly_all = len(without_cause) <= MOST_NAMED < len(trials)
+    names = without_cause if are_nearly_all else trials
     text = ", ".join(names[:MOST_NAMED])
     if len(names) > MOST_NAMED:
         text += ", ..."

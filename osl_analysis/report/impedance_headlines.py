@@ -101,11 +101,13 @@ def numbers_of_condition(
     than that of Fig. 4. Without a desired impedance, trials are listed one by one."""
     has_K_d = pl.col("K_d").eq_missing(pl.lit(example.K_d, pl.Float64))
     has_B_d = pl.col("B_d").eq_missing(pl.lit(example.B_d, pl.Float64))
-    shown = trials.filter(has_K_d, has_B_d)
+    of_condition = trials.filter(has_K_d, has_B_d)
     # trials that nobody stated to be alike have no common mean, unless they repeat one another
-    is_unstated = example.K_d is None and len(shown) > 1
-    repeated = repeating_trials(shown) if is_unstated else pl.lit("all")
-    parts = shown.with_columns(repeated=repeated).partition_by("repeated", maintain_order=True)
+    is_unstated = example.K_d is None and len(of_condition) > 1
+    repeated = repeating_trials(of_condition) if is_unstated else pl.lit("all")
+    parts = of_condition.with_columns(repeated=repeated).partition_by(
+        "repeated", maintain_order=True
+    )
     if len(parts) > MOST_UNSTATED:
         return
     counted_parts = [counted(part) for part in parts]

@@ -103,9 +103,9 @@ def methods_text(content: Mapping[str, Any], about: Mapping[str, str]) -> Method
     MethodsText
     """
     folder = FileSystemLoader(HERE / "templates")
-    known = Environment(loader=folder, autoescape=False, undefined=StrictUndefined)
-    known.filters["printed"] = printed
-    written = known.get_template("methods.txt.j2").render(content, about=about)
+    environment = Environment(loader=folder, autoescape=False, undefined=StrictUndefined)
+    environment.filters["printed"] = printed
+    written = environment.get_template("methods.txt.j2").render(content, about=about)
     paragraphs = [" ".join(part.split()) for part in written.split("¶")]
     paragraphs = [re.sub(r" (?=[.,;)])", "", part) for part in paragraphs if part]
     cited = dict.fromkeys(CITATION.findall(" ".join(paragraphs)))

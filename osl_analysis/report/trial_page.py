@@ -100,8 +100,8 @@ def exclusion_cause(row: Mapping[str, Any]) -> str:
     the cause that its check tells."""
     if row["check"] == "sample sheet":
         return str(row["remark"])
-    told = CHECKED.get(row["check"])
-    return str(told["cause"]) if told else NOT_ANALYSED
+    check = CHECKED.get(row["check"])
+    return str(check["cause"]) if check else NOT_ANALYSED
 
 
 @dataclass(frozen=True)
@@ -456,8 +456,10 @@ def provenance_content(provenance: Mapping[str, Any]) -> dict[str, Any]:
                 conversion[key] = value
         row = [signal, cell_text(origin.get("file")), fact_text(conversion)]
         signals.setdefault(signal, row)
-    others = {name: value for name, value in provenance.items() if name not in ("files", "columns")}
-    return {"files": files, "signals": list(signals.values()), "facts": facts(others)}
+    further = {
+        name: value for name, value in provenance.items() if name not in ("files", "columns")
+    }
+    return {"files": files, "signals": list(signals.values()), "facts": facts(further)}
 
 
 def fact_text(value: Any) -> str:

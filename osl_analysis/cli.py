@@ -826,7 +826,12 @@ def export(folder: Path, kind: str, output: Path, trials: str, config_path: Path
 )
 @option("--friction", type=NOT_NEGATIVE, help="Coulomb friction of the joint [N·m].")
 @option("--trial", help="The trial of the pilot.")
-@option("--lag", type=float, default=0.1, help="Lag of the torque whose effect is said [ms].")
+@option(
+    "--lag",
+    type=float,
+    default=0.1,
+    help="Lag of the torque whose effect on K, B and I is stated [ms].",
+)
 @option(
     "--stiffness-within",
     type=percent,

@@ -57,7 +57,7 @@ def test_without_known_gains_of_a_controller_it_says_which_gain_of_the_bench_wou
     (finding,) = (one for one in unchecked_in("impedance", own) if one.cause == GAIN)
     text = finding_text(finding, own)
 
-    assert "the gain may be 0.85 to 1.36" in text  # 0.9 / 1.06, 0.9 / 0.66
+    assert "the gain may be off by a factor of 0.85 to 1.36" in text  # 0.9 / 1.06, 0.9 / 0.66
     unknown = own | {"K_over_K_d": None}
     assert "any gain" in finding_text(finding, unknown)
 

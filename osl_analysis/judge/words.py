@@ -374,8 +374,8 @@ def energy_lost_by_lag(cells: Cells) -> str:
         return ""
     share = 100 * hidden_loss / abs(energy_lost + hidden_loss)
     return (
-        f"a torque late by {late_ms:.2g} ms would make it so, and take {share:.0f} % off the"
-        " energy lost"
+        f"a torque late by {late_ms:.2g} ms would explain it, and lower the energy lost by"
+        f" {share:.0f} %"
     )
 
 
@@ -408,7 +408,7 @@ def calibrated_lag_text(cells: Cells) -> str:
             f" of its data sheet, or else `delay: {1e3 * lag_s:.3g} ms`, and calibrate again"
         )
     else:
-        remedy = f"write `delay: {1e3 * lag_s:.3g} ms` more for it and `{to_state}`"
+        remedy = f"add {1e3 * lag_s:.3g} ms to its `delay` and write `{to_state}`"
     return f"the torque is late by {1e3 * lag_s:.3g} ± {1e3 * half_s:.2g} ms, {remedy}"
 
 
@@ -450,11 +450,11 @@ def gains_unseen(cells: Cells) -> str:
     """Which gains of torque over angle the stated stiffness would not show."""
     ratio = cell_number(cells.row, "K_over_K_d")
     if ratio is None:
-        return "no stiffness is known, so that any gain would pass unseen"
-    least, most = RENDERED_OF_K_D
+        return "no stiffness is known, so a wrong gain would not show"
+    low, high = RENDERED_OF_K_D
     return (
-        f"K is {ratio:.3g} times K_d, of which a controller renders {least:g} to {most:g}: the gain"
-        f" may be {ratio / most:.2f} to {ratio / least:.2f}"
+        f"K is {ratio:.3g} times K_d, and a controller renders {low:g} to {high:g} of it: the gain"
+        f" may be off by a factor of {ratio / high:.2f} to {ratio / low:.2f}"
     )
 
 

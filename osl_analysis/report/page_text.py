@@ -71,23 +71,37 @@ def verdicts_text(trials: Sequence[ReportedTrial], findings: Sequence[Mapping[st
     used = [trial for trial in trials if not trial.left_out]
     sentences = []
     for verdict in ("doubtful", "doubtful in part", "flagged"):
-        causes_of_trials = [trial.causes_of(verdict) for trial in used]
-        causes_of_trials = [causes for causes in causes_of_trials if causes]
-        n = len(causes_of_trials)
-        if not n:
-            continue
-        by_cause = Counter(cause for causes in causes_of_trials for cause in causes)
-        causes = []
-        for cause, n_of_cause in by_cause.most_common(MOST_CAUSES):
-            causes.append(cause if n_of_cause == n else f"{cause} ({n_of_cause})")
-        verb = "is" if n == 1 else "are"
-        sentences.append(f"{n} of {len(trials)} trials {verb} {verdict}: {', '.join(causes)}.")
-    if used and not sentences:
+        sentences.append(verdict_sentence(verdict, used, len(trials)))
+    if used and not any(sentences):
         sentences.append("No trial is doubtful.")
+    sentences += [left_out_sentence(trials), *finding_sentences(findings)]
+    return printed(" ".join(filter(None, sentences)))
 
-    lost = Counter(trial.verdict for trial in trials if trial.left_out)
-    left_out = [f"{n} {'was' if n == 1 else 'were'} {verdict}" for verdict, n in lost.items()]
-    sentences.append(f"{in_words(left_out)}." if left_out else "Nothing was refused or excluded.")
+
+def verdict_sentence(verdict: str, used: Sequence[ReportedTrial], n_trials: int) -> str:
+    """How many of the used trials have a verdict, and their most frequent causes; empty for
+    none."""
+    causes_of_trials = [trial.causes_of(verdict) for trial in used]
+    n = sum(bool(causes) for causes in causes_of_trials)
+    if not n:
+        return ""
+    by_cause = Counter(cause for causes in causes_of_trials for cause in causes)
+    causes = []
+    for cause, n_of_cause in by_cause.most_common(MOST_CAUSES):
+        causes.append(cause if n_of_cause == n else f"{cause} ({n_of_cause})")
+    verb = "is" if n == 1 else "are"
+    return f"{n} of {n_trials} trials {verb} {verdict}: {', '.join(causes)}."
+
+
+def left_out_sentence(trials: Sequence[ReportedTrial]) -> str:
+    """How many trials were refused, and how many excluded."""
+    by_verdict = Counter(trial.verdict for trial in trials if trial.left_out)
+    counts = [f"{n} {'was' if n == 1 else 'were'} {verdict}" for verdict, n in by_verdict.items()]
+    return f"{in_words(counts)}." if counts else "Nothing was refused or excluded."
+
+
+def finding_sentences(findings: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Why the K of walking is doubtful, and what could not be checked on any trial."""
     of_groups = []
     unchecked = []
     for finding in findings:
@@ -95,6 +109,7 @@ def verdicts_text(trials: Sequence[ReportedTrial], findings: Sequence[Mapping[st
             of_groups.append(finding["cause"])
         if finding["verdict"] == "not checked" and finding["cause"] not in unchecked:
             unchecked.append(finding["cause"])
+    sentences = []
     if of_groups:
         sentences.append(f"The walking K is doubtful: {', '.join(of_groups)}.")
     if len(unchecked) > MOST_CAUSES:
@@ -102,7 +117,7 @@ def verdicts_text(trials: Sequence[ReportedTrial], findings: Sequence[Mapping[st
         unchecked = [*unchecked[:MOST_CAUSES], f"{n_more} more"]
     if unchecked:
         sentences.append(f"Not checked, and in no interval: {in_words(unchecked)}.")
-    return printed(" ".join(sentences))
+    return sentences
 
 
 def method_text(settings: Mapping[str, Any], tables: Mapping[str, pl.DataFrame]) -> str:

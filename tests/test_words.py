@@ -21,28 +21,31 @@ from osl_analysis.judge.words import (
     words_of,
 )
 
-LATE = {
+LATE_TORQUE = {
     "trial": "a",
     "lag_s": 2e-3,
     "lag_share": 0.1,
     "lag_inertia_share": 0.9,
     "band_high_hz": 5.0,
 }
-HEARD = {
+TORQUE_PATH = {
     "trial": "a",
     "fault_harm": 20.0,
     "fault": "delay",
     "fault_family": "path",
     "explanations": "delay, moving mean",
+    "K_without": 300.0,
     "K_without_low": 300.0,
     "K_without_high": 300.01,
+    "B_without": 4.95,
+    "B_without_low": 4.9,
+    "B_without_high": 5.1,
+    "I_without": None,
 }
-HEARD |= {"K_without": 300.0, "B_without": 4.95, "B_without_low": 4.9, "B_without_high": 5.1}
-HEARD |= {"I_without": None}
-RUBS = {"trial": "a", "coulomb_share": 0.6, "B": 2.264, "B_viscous": 1.0465, "f_C": 1.4}
+FRICTION = {"trial": "a", "coulomb_share": 0.6, "B": 2.264, "B_viscous": 1.0465, "f_C": 1.4}
 
 
-def said(row, above=None, below=None):
+def finding_in_words(row, above=None, below=None):
     """The one finding about a row, in words."""
     (finding,) = findings_of(row, Limits(above=above or {}, below=below or {}), "phasors")
     return finding_text(finding, row)
@@ -78,15 +81,15 @@ def test_a_finding_has_at_most_35_words():
 
 
 @pytest.mark.parametrize(("row", "limits", "parts"), [
-    (LATE, {},
+    (LATE_TORQUE, {},
      ["late torque: ", "the torque is late by 2 ms, which moves B by 10 % and I by 90 %"]),
-    (LATE | {"lag_s": -2e-3}, {}, ["the angle is late by 2 ms"]),
-    (HEARD, {"fault_harm": 1},
+    (LATE_TORQUE | {"lag_s": -2e-3}, {}, ["the angle is late by 2 ms"]),
+    (TORQUE_PATH, {"fault_harm": 1},
      ["torque path: ", "explained by delay, moving mean", "B 4.9 to 5.1, I not identifiable"]),
-    (HEARD | {"B_viscous": 4.9}, {"fault_harm": 1}, ["B_viscous 4.9 to 5.1"]),
-    (RUBS, {"coulomb_share": 0.5},
+    (TORQUE_PATH | {"B_viscous": 4.9}, {"fault_harm": 1}, ["B_viscous 4.9 to 5.1"]),
+    (FRICTION, {"coulomb_share": 0.5},
      ["B 2.26, viscous part 1.05 N*m*s/rad, friction 1.4 N*m"]),
-    (RUBS | {"B_viscous": None}, {"coulomb_share": 0.5},
+    (FRICTION | {"B_viscous": None}, {"coulomb_share": 0.5},
      ["friction makes 1.4 N*m*s/rad of B = 2.26"]),
     ({"coulomb_share": 0.6}, {"coulomb_share": 0.5},
      ["it is 60 % of the damping", "[coulomb_share 0.6 is above 0.5]"]),
@@ -95,7 +98,7 @@ def test_a_finding_has_at_most_35_words():
     ({"x": 3.0}, {"x": 2.0}, ["x 3 is above 2"]),
 ])  # fmt: skip
 def test_a_finding_is_said_with_the_numbers_of_its_row(row, limits, parts):
-    text = said(row | {"J_j_ratio": 1.0}, limits)
+    text = finding_in_words(row | {"J_j_ratio": 1.0}, limits)
     assert [part for part in parts if part not in text] == [], text
 
 
@@ -127,7 +130,9 @@ def test_a_range_is_written_upwards_whatever_the_sign_of_what_it_makes():
 def test_a_delay_of_a_few_ms_explains_a_gap_in_damping_and_one_of_20_ms_does_not():
     row = {"trial": "a", "B": 4.0, "B_predicted": 5.0}
 
-    short, long = (said(row | {"B_gap_s": delay_s}, {"B_gap_s": 1e-3}) for delay_s in (3e-3, 21e-3))
+    short, long = (
+        finding_in_words(row | {"B_gap_s": delay_s}, {"B_gap_s": 1e-3}) for delay_s in (3e-3, 21e-3)
+    )
 
     assert "B is 4 N*m*s/rad and not 5, which a delay of 3 ms would explain" in short
     assert "would explain" not in long
@@ -141,15 +146,15 @@ def test_a_late_motor_angle_is_said_in_ms():
 
 
 def test_a_changed_word_changes_no_cause(monkeypatch):
-    before = findings_of(LATE, Limits(), "phasors")
+    before = findings_of(LATE_TORQUE, Limits(), "phasors")
     monkeypatch.setitem(
         WORDS["causes"], "late torque", {"says": "something else", "remedy": "nothing"}
     )
-    after = findings_of(LATE, Limits(), "phasors")
+    after = findings_of(LATE_TORQUE, Limits(), "phasors")
     assert before == after
-    assert finding_text(after[0], LATE).startswith("late torque: something else: ")
+    assert finding_text(after[0], LATE_TORQUE).startswith("late torque: something else: ")
     assert (
-        finding_text(replace(after[0], cause="no such cause"), LATE)
+        finding_text(replace(after[0], cause="no such cause"), LATE_TORQUE)
         == "lag_share 0.1 is above 0.05, lag_inertia_share 0.9 is above 0.2"
     )
 

@@ -35,7 +35,7 @@ from osl_analysis.refusal import Refusal
 from osl_analysis.report.decimal_places import RANGE
 from osl_analysis.report.headline import LABELS, Example, Headline, of_group
 from osl_analysis.report.headline_files import to_json, to_tex
-from osl_analysis.report.headline_statistics import BOOTSTRAP, FEW, FOR_MOTION, STUDENT
+from osl_analysis.report.headline_statistics import BOOTSTRAP, FOR_MOTION, FOR_REPETITION, STUDENT
 from osl_analysis.report.headline_text import (
     first_sentences,
     number_texts,
@@ -512,7 +512,7 @@ def test_the_example_says_how_far_single_amplitudes_spread():
     )
     K = written(headline_numbers({"impedance": few}))["numbers"]["K_example_compensated"]
     # not 303.00, as by the range
-    assert (K["interval"], written_number(K)[0]) == (FEW, "303.0")
+    assert (K["interval"], written_number(K)[0]) == (FOR_REPETITION, "303.0")
 
 
 def test_trials_of_no_stated_condition_have_their_own_numbers():

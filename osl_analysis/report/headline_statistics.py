@@ -17,9 +17,9 @@ from osl_analysis.trial import Array
 STUDENT = "95 % of the mean (Student)"
 OF_CYCLES = "95 % of the mean of cycles (Student)"
 FOR_MOTION = "95 % for another motion of this kind"
-FEW = "95 % for a repetition of this motion"
+FOR_REPETITION = "95 % for a repetition of this motion"
 OF_NOISE = "95 % of this recording's noise"
-KIND_OF_FIT = {"repeats": FEW, "white noise": OF_NOISE}
+KIND_OF_FIT = {"repeats": FOR_REPETITION, "white noise": OF_NOISE}
 """The interval of a fit by its `interval_method`; of any other it is `FOR_MOTION`."""
 
 BOOTSTRAP = "95 % (bootstrap)"
@@ -109,7 +109,7 @@ def rule_of_means(numbers: Iterable[Mapping[str, Any]]) -> str:
     return RULE_OF_MEANS if is_any_doubtful else ""
 
 
-def hold_bench_errors(tables: Mapping[str, pl.DataFrame]) -> bool | None:
+def include_bench_errors(tables: Mapping[str, pl.DataFrame]) -> bool | None:
     """Whether the intervals of the result tables include the stated errors of the bench; None
     without a bench."""
     largest_errors = []
@@ -123,7 +123,7 @@ def hold_bench_errors(tables: Mapping[str, pl.DataFrame]) -> bool | None:
 def intervals_text(tables: Mapping[str, pl.DataFrame]) -> str:
     """A text on which errors of calibration the intervals of a bench's tables include; empty
     without a bench."""
-    are_included = hold_bench_errors(tables)
+    are_included = include_bench_errors(tables)
     if are_included is None:
         return ""
     if are_included:

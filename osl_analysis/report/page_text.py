@@ -9,7 +9,7 @@ from typing import Any
 import polars as pl
 
 from osl_analysis.judge.words import WORDS, printed
-from osl_analysis.report.headline_statistics import hold_bench_errors
+from osl_analysis.report.headline_statistics import include_bench_errors
 from osl_analysis.report.methods import response_text
 from osl_analysis.report.trial_page import ReportedTrial
 from osl_analysis.stats.repeats import DOUBTFUL, RULE_OF_MEANS, doubtful_count
@@ -140,7 +140,7 @@ def method_text(settings: Mapping[str, Any], tables: Mapping[str, pl.DataFrame])
     if not sentences:
         return ""
     sentences.append("τ resists the motion. Brackets are intervals of 95 %.")
-    if hold_bench_errors(tables) is False:
+    if include_bench_errors(tables) is False:
         sentences.append("Errors that all trials of the bench share are not in them.")
     judged = [table for table in tables.values() if DOUBTFUL in table.columns]
     if any(doubtful_count(table)[0] for table in judged):

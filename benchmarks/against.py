@@ -171,7 +171,7 @@ def measured(python: str, tree: Path, short: bool) -> list[Spent]:
     return [*found, spent(python, tree, *table)]
 
 
-def jobs_said(tree: Path, folder: Path) -> list[str]:
+def longest_jobs(tree: Path, folder: Path) -> list[str]:
     """The kinds of jobs of a tree that took longest, with their number and mean wall time; and what
     Snakemake takes, in an empty folder, for as many jobs that do nothing."""
     logs = [log for path in (tree / "results/logs").rglob("*.log") if (log := read_log(path))]
@@ -218,7 +218,7 @@ def main() -> None:
         for _ in range(asked.rounds):
             for tree, python in pythons.items():
                 taken.setdefault(tree.name, []).append(measured(python, tree, asked.short))
-        said_of_jobs = jobs_said(now, Path(name, "empty"))
+        lines_on_jobs = longest_jobs(now, Path(name, "empty"))
     print(
         f"this checkout against {revision[:12]}, {asked.rounds} rounds; {os.cpu_count()} cores"
         f" ({platform.machine()}),"
@@ -239,7 +239,7 @@ def main() -> None:
         ]
         print(f"{what}: {'; '.join(said)}")
         worst = worst or new[1] / old[1]
-    print(*said_of_jobs, sep="\n")
+    print(*lines_on_jobs, sep="\n")
     if worst > asked.most:
         raise SystemExit(
             f"{worst:.2f} times the core-seconds of {asked.revision}; at most {asked.most:g} are"

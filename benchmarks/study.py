@@ -25,7 +25,7 @@ from causes import ROOT, markdown, write_between
 from osl_analysis.bench.bench_settings import ActuatorAnalysis, DynamometerAnalysis, ModelComparison
 from osl_analysis.bench.fit_tables import FitTables
 from osl_analysis.campaign.configuration import read_section
-from osl_analysis.commands.bench import fitted_trial, job_of
+from osl_analysis.commands.fit import job_of, run_fit
 from osl_analysis.errors import OslAnalysisError
 from osl_analysis.ingest.raw_files import trial_from_files
 from osl_analysis.model.compensator import compensated_gains
@@ -214,7 +214,7 @@ class StudyBench:
             name: sections[section]
             for name, (section, _) in job_of(self.experiment).settings.items()
         }
-        return fitted_trial(
+        return run_fit(
             self.experiment, self.trial(name, ideal), self.simulation.parameters, settings
         )
 

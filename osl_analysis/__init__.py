@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from osl_analysis.bench.impedance import DesiredImpedance
-    from osl_analysis.commands.bench import Fit
+    from osl_analysis.commands.fit import Fit
     from osl_analysis.errors import (
         IdentifiabilityError,
         InputError,

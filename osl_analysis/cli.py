@@ -395,8 +395,8 @@ def fit(
     --stiffness and --damping an impedance trial is judged as in a campaign: whether the torque is
     late, and whether K is plausible."""
     from osl_analysis.bench.impedance import DesiredImpedance
-    from osl_analysis.commands import bench as command
     from osl_analysis.commands import estimates
+    from osl_analysis.commands import fit as command
     from osl_analysis.commands.trials import raw_trial
     from osl_analysis.trial import read_trial
 
@@ -624,16 +624,16 @@ def doctor(look: bool) -> None:
         say(f"!! {error.name}: not installed; install osl-analysis again, with what it needs")
         sys.exit(1)
     looks = list(looked_at(Path()))
-    width = max(len(seen.what) for seen in looks)
-    for seen in looks:
-        line = f"{seen.what:<{width}}  {seen.found}"
-        if seen.remedy:
-            say(f"!! {line}: {seen.remedy}")
+    width = max(len(looked.subject) for looked in looks)
+    for looked in looks:
+        line = f"{looked.subject:<{width}}  {looked.state}"
+        if looked.remedy:
+            say(f"!! {line}: {looked.remedy}")
         else:
-            say(f"{'--' if seen.is_absent else 'ok'} {line}")
+            say(f"{'--' if looked.is_absent else 'ok'} {line}")
     if look:
         print_first_look()
-    sys.exit(int(any(seen.remedy for seen in looks)))
+    sys.exit(int(any(looked.remedy for looked in looks)))
 
 
 @main.command(

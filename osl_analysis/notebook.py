@@ -14,13 +14,7 @@ from osl_analysis.bench.frequency_response import frequency_response_table
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands import tables as tables_of_campaign
-from osl_analysis.commands.bench import (
-    Fit,
-    campaign_parameters,
-    fit_settings,
-    fit_trial,
-    fitted_trial,
-)
+from osl_analysis.commands.fit import Fit, campaign_parameters, fit_settings, fit_trial, run_fit
 from osl_analysis.commands.trials import checked_trial
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.errors import InputError, listing, nearest
@@ -62,7 +56,7 @@ def as_trial(trial: Trial | File) -> Trial:
     return trial
 
 
-def asked(
+def fit_arguments(
     experiment: str, trial: Trial | File, config: File | None, parameters: File | None
 ) -> tuple[str, Trial, Path | None, dict[str, Any], DoubtfulFits]:
     """The arguments of `fit_trial`, from those of the functions below."""
@@ -75,7 +69,7 @@ def asked(
     return experiment, as_trial(trial), device, settings, limits
 
 
-def known(desired: DesiredImpedance | None) -> DesiredImpedance:
+def checked_desired(desired: DesiredImpedance | None) -> DesiredImpedance:
     if not isinstance(desired, DesiredImpedance | None):
         raise InputError(
             f"desired: {desired!r} is none; write DesiredImpedance(controller, K_d, B_d)"
@@ -89,17 +83,17 @@ class ShownFit(Fit):
     modelled torque."""
 
     def _repr_html_(self) -> str:
-        shown = f"<pre>{escape(repr(self))}</pre>"
+        html = f"<pre>{escape(repr(self))}</pre>"
         if not self.series.is_empty():
             picture = b64encode(plot_torque(self)._repr_png_(100)).decode()
-            shown += (
+            html += (
                 '<img alt="Torque over time" style="max-width: 100%"'
                 f' src="data:image/png;base64,{picture}">'
             )
-        return shown
+        return html
 
 
-def fitted(*arguments: Any) -> ShownFit:
+def shown_fit(*arguments: Any) -> ShownFit:
     """What `fit_trial` returns, as a notebook shows it."""
     return ShownFit(**vars(fit_trial(*arguments)))
 
@@ -131,7 +125,8 @@ def fit_impedance(
     Raises InputError: the trial lacks a signal, does not move, or follows a damaged stepped sine;
     or a file is not valid. IdentifiabilityError: the motion cannot tell K, B and I apart.
     UnreachableImpedanceError: no gains."""
-    return fitted(*asked("impedance", trial, config, parameters), known(desired), windows)
+    arguments = fit_arguments("impedance", trial, config, parameters)
+    return shown_fit(*arguments, checked_desired(desired), windows)
 
 
 def fit_belt(
@@ -139,7 +134,7 @@ def fit_belt(
 ) -> Fit:
     """The belt's stiffness K_s [N*m/rad] (Fig. 3) from `theta`, `theta_m` [rad] and `torque` [N*m]:
     the row of `belt.csv`. The rest as in `fit_impedance`; it needs a parameter file, for n_T."""
-    return fitted(*asked("belt", trial, config, parameters))
+    return shown_fit(*fit_arguments("belt", trial, config, parameters))
 
 
 def fit_transmission(
@@ -148,7 +143,7 @@ def fit_transmission(
     """The transmission's damping B_j [N*m*s/rad] and inertia J_j [kg*m^2] (Eq. 4) from `theta`
     [rad] and `torque` [N*m] of a trial without motor: the rows of `transmission.csv`. The rest as
     in `fit_belt`."""
-    return fitted(*asked("transmission", trial, config, parameters))
+    return shown_fit(*fit_arguments("transmission", trial, config, parameters))
 
 
 def fit_actuator(
@@ -157,7 +152,7 @@ def fit_actuator(
     """The actuator (Eqs. 1-2) alone: k_tau n_m and f_G [N*m/A], f_C [N*m], B_m [N*m*s/rad], J_m
     [kg*m^2] from `current` [A], `torque_m` [N*m], and `theta_m` [rad] or `omega_m` [rad/s]: the row
     of `actuator.csv`. The rest as in `fit_belt`."""
-    return fitted(*asked("actuator", trial, config, parameters))
+    return shown_fit(*fit_arguments("actuator", trial, config, parameters))
 
 
 def fit_torque_angle(
@@ -167,7 +162,7 @@ def fit_torque_angle(
     hysteresis, from `theta` [rad] and `torque` [N*m]: the row of `torque_angle.csv`, and in
     `curves` those of `torque_angle_curves.csv`. `curve` names that of the configuration that the
     device was designed for."""
-    return fitted(*asked("torque_angle", trial, config, None), {"desired": curve})
+    return shown_fit(*fit_arguments("torque_angle", trial, config, None), {"desired": curve})
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,8 +195,10 @@ def frequency_response(
     from osl_analysis.commands.figure import beside_theory
     from osl_analysis.figures.names import JOINT_SIDE, completed
 
-    experiment, read, device, settings, limits = asked("impedance", trial, config, parameters)
-    tables = fitted_trial(experiment, read, device, settings, known(desired), windows).everything()
+    arguments = fit_arguments("impedance", trial, config, parameters)
+    experiment, recorded, device, settings, limits = arguments
+    fit = run_fit(experiment, recorded, device, settings, checked_desired(desired), windows)
+    tables = fit.everything()
     fits = tables[experiment]
     findings_of_fits = judged(fits, limits.of(experiment), experiment)
 
@@ -214,11 +211,11 @@ def frequency_response(
     if tables["phasors"].is_empty():  # the motion is no stepped sine
         response = with_doubts("response")
         plotted = drawing_of("response").points(response)
-        return Response(read.name, "response", response, plotted)
+        return Response(recorded.name, "response", response, plotted)
     table = frequency_response_table(with_doubts("phasors"))
     joint = pl.lit(joint_of(device) if device else None, pl.String)
     rows = completed(table.with_columns(joint=joint), JOINT_SIDE)
-    return Response(read.name, "fig7", table, beside_theory(rows, device, settings["weight"]))
+    return Response(recorded.name, "fig7", table, beside_theory(rows, device, settings["weight"]))
 
 
 def read_recording(
@@ -270,12 +267,15 @@ def check(
         raise InputError(
             f"no experiment '{experiment}'; it is one of {known}{nearest(experiment, EXPERIMENTS)}"
         )
-    read, path = as_trial(trial), Path(config or config_here())
+    recorded = as_trial(trial)
+    path = Path(config or config_here())
     rules = read_section(path, "quality", QualityRules)
     validate_rules(rules, UNITS)
     bench = read_section(path, "dynamometer", DynamometerAnalysis)
     commanded = Commanded(**{name: getattr(bench, name) for name in PROTOCOL})
-    return judged_table(measured_table(read.name, examine(read, experiment, commanded)), rules, {})
+    return judged_table(
+        measured_table(recorded.name, examine(recorded, experiment, commanded)), rules, {}
+    )
 
 
 def simulate_trial(

@@ -112,38 +112,38 @@ def read_refusals(path: Path | str) -> tuple[Refusal, ...]:
 def check_not_refused(path: Path) -> None:
     """If a file is a refusal, raise its reason as an InputError."""
     for refusal in read_refusals(path):
-        who = f"trial {refusal.trial}: " if refusal.trial else ""
-        raise InputError(f"{path}: there is no result: {who}{refusal.reason}; {refusal.remedy}")
+        of_trial = f"trial {refusal.trial}: " if refusal.trial else ""
+        raise InputError(
+            f"{path}: there is no result: {of_trial}{refusal.reason}; {refusal.remedy}"
+        )
 
 
 def distinct_causes(refusals: Iterable[Refusal]) -> tuple[Refusal, ...]:
     """Every cause once, in the order given: jobs that refuse the same trial for the same reason
     count once."""
-    found: dict[tuple[str, str], Refusal] = {}
-    for one in refusals:
-        found.setdefault((one.trial, one.reason), one)
-    return tuple(found.values())
+    causes: dict[tuple[str, str], Refusal] = {}
+    for refusal in refusals:
+        causes.setdefault((refusal.trial, refusal.reason), refusal)
+    return tuple(causes.values())
 
 
-def alike(text: str, trial: str) -> str:
+def without_particulars(text: str, trial: str) -> str:
     """A message without numbers and the trial's name: equal for all trials with this cause."""
-    own = (
-        re.sub(rf"(^|[/'(]|trial ){re.escape(trial)}(?![A-Za-z0-9_])", r"\1TRIAL", text)
-        if trial
-        else text
-    )
-    return re.sub(r"[-+]?\d[\d.,]*(e[-+]?\d+)?", "#", own)
+    if trial:
+        name = rf"(^|[/'(]|trial ){re.escape(trial)}(?![A-Za-z0-9_])"
+        text = re.sub(name, r"\1TRIAL", text)
+    return re.sub(r"[-+]?\d[\d.,]*(e[-+]?\d+)?", "#", text)
 
 
 def refused_trials(refusals: Sequence[Refusal]) -> dict[str, Refusal]:
     """The first cause of each trial, by trial."""
-    return {one.trial: one for one in reversed(refusals) if one.trial}
+    return {refusal.trial: refusal for refusal in reversed(refusals) if refusal.trial}
 
 
 def refusal_report(
     records: Collection[Path | str], recordings: Mapping[str, Sequence[str]], accept: bool
 ) -> str:
-    """Report what has no result: a line per cause, what is missing for want of it, what to do.
+    """Report what has no result: a line per cause, what is missing because of it, what to do.
 
     Parameters
     ----------
@@ -179,13 +179,13 @@ def refusal_report(
 def first_line(
     causes: Sequence[Refusal], trials_without: int, all_trials: int, results: int
 ) -> str:
-    """How much is missing; `trials_without` are those that lack a result for want of another."""
+    """How much is missing; `trials_without` are those whose result needs a refused one."""
     if all(cause.outcome == FAILED for cause in causes):
         return f"FAILED: {results} results that jobs should have made."
     refused = len(refused_trials(causes))
     first = f"{refused} of {all_trials} trials" if refused else "some results"
     if trials_without:
-        first += f", and for want of them {trials_without} more"
+        first += f", and {trials_without} more that need them"
     if 0 < refused + trials_without < all_trials:
         first += "; results are of the others"
     return f"NOT ANALYSED: {first}."
@@ -221,7 +221,7 @@ class CauseOfTrial:
     """A cause as a line of the report names it."""
 
     trial: str
-    who: str  # the trial and its file, or the result
+    subject: str  # the trial and its file, or the result
     text: str  # reason and remedy
 
 
@@ -238,20 +238,20 @@ def cause_lines(
             reason = reason.removeprefix(begin)
         text = f"{reason}; remedy: {cause.remedy}"
         if not cause.trial:
-            who = f"result {file}"
+            subject = f"result {file}"
             kind = (file, text)
         else:
-            who = f"trial {cause.trial}, file {file}"
+            subject = f"trial {cause.trial}, file {file}"
             if cause.outcome == FAILED:
                 text = f"{reason}; job {cause.job}; remedy: {cause.remedy}"
-            kind = (cause.outcome, alike(text.replace(file, "FILE"), cause.trial))
-        groups.setdefault(kind, []).append(CauseOfTrial(cause.trial, who, text))
+            kind = (cause.outcome, without_particulars(text.replace(file, "FILE"), cause.trial))
+        groups.setdefault(kind, []).append(CauseOfTrial(cause.trial, subject, text))
     for first, *same in groups.values():
         also = ""
         if same:
             names = listing([each.trial for each in same], MOST_TOLD)
             also = f", and {len(same)} more trials with the same cause, {names}"
-        yield f"  {first.who}{also}: {first.text}"
+        yield f"  {first.subject}{also}: {first.text}"
 
 
 def file_at_fault(cause: Refusal, recordings: Sequence[str]) -> str:

@@ -34,7 +34,7 @@ from osl_analysis.units import (
     quantity,
     si_factor,
 )
-from osl_analysis.yaml_settings import Settings, distinct, field_line, misplaced, one_of
+from osl_analysis.yaml_settings import Settings, check_distinct, check_known, field_line, misplaced
 
 SampleShare = Annotated[float, Field(ge=0, le=1)]
 LONGEST_DELAY_S = 0.2  # beyond it, K, B and I would be fitted to another motion
@@ -301,9 +301,11 @@ class SharedAngle(Settings):
     """An angle recorded by both log and motion capture. It aligns their clocks if there are no sync
     edges."""
 
-    column: Annotated[str, AfterValidator(partial(one_of, COLUMNS, "canonical column of a log"))]
+    column: Annotated[
+        str, AfterValidator(partial(check_known, COLUMNS, "canonical column of a log"))
+    ]
     """Column of the log with the angle. Its scale, sign and offset do not matter."""
-    markers: Annotated[tuple[str, str, str], AfterValidator(distinct)]
+    markers: Annotated[tuple[str, str, str], AfterValidator(check_distinct)]
     """Three markers of motion capture. The angle is at the second marker."""
 
 
@@ -325,7 +327,7 @@ def all_none_or_list(value: Any) -> Any:
         return ()
     if not isinstance(value, list | tuple):
         raise ValueError("write all, none or a list")
-    return distinct(tuple(value))
+    return check_distinct(tuple(value))
 
 
 def check_canonical(channels: Mapping[str, Conversion]) -> None:

@@ -16,7 +16,7 @@ from osl_analysis.refusal import check_not_refused
 if TYPE_CHECKING:
     import pandas
 
-SUFFIX = ".zip"  # of an archive of several tables
+ARCHIVE_SUFFIX = ".zip"  # of several tables in one file
 FIRST_ROWS = 1000  # from which the types of columns are inferred
 DATE_IN_ARCHIVE = (1980, 1, 1, 0, 0, 0)  # fixed, so that equal tables are an equal archive
 # a spreadsheet runs a text that begins so
@@ -32,7 +32,7 @@ TEXT_COLUMNS = (
     "fault_family", "explanations", "widened_because", "law",
 )  # fmt: skip
 # columns that identify a row of a table and of its evidence
-OF_ROW = ("trial", "joint", "side", "scope", "amplitude_deg")
+ROW_KEYS = ("trial", "joint", "side", "scope", "amplitude_deg")
 
 # `joint` and `side` by the name of a trial or group
 Places = Mapping[str, Mapping[str, str | None]]
@@ -70,7 +70,7 @@ def write_tables(tables: Mapping[Path, pl.DataFrame], data: str = "") -> None:
     """Write tables, with `data` in their last column. A path below an archive is a part of it."""
     archives: dict[Path, dict[str, str]] = {}
     for path, frame in tables.items():
-        if path.parent.suffix == SUFFIX:
+        if path.parent.suffix == ARCHIVE_SUFFIX:
             archives.setdefault(path.parent, {})[path.name] = marked_data(frame, data).write_csv()
         else:
             write_table(frame, path, data)
@@ -126,7 +126,7 @@ def read_table(path: Path | str, required: Sequence[str] = (), of: str = "") -> 
     check_not_refused(path)
     if not path.is_file():
         raise InputError(f"{path}: no such table; run the step that writes it, or check the path")
-    source = part_of_archive(path, of) if path.suffix == SUFFIX else path
+    source = part_of_archive(path, of) if path.suffix == ARCHIVE_SUFFIX else path
     try:
         table = typed_csv(source)
     except pl.exceptions.PolarsError as error:
@@ -210,17 +210,17 @@ def with_evidence(path: Path, required: Sequence[str] = ()) -> pl.DataFrame:
     evidence_path = path.with_stem(f"{path.stem}_evidence")
     if not evidence_path.is_file():
         return table
-    keys = [name for name in OF_ROW if name in table.columns]
+    keys = [name for name in ROW_KEYS if name in table.columns]
     evidence = read_table(evidence_path).drop("data", strict=False)
     evidence = evidence.with_columns(pl.col(name).cast(table.schema[name]) for name in keys)
     return table.join(evidence, on=keys, how="left", nulls_equal=True, maintain_order="left")
 
 
-def held_against_desired(fits: pl.DataFrame) -> pl.DataFrame:
-    """Replace B and its interval by those to compare with B_d.
+def with_viscous_damping(fits: pl.DataFrame) -> pl.DataFrame:
+    """Replace B and its interval by the viscous damping where friction is certain.
 
-    Where friction is certain, that is `B_viscous`: a desired damping has no friction. The range
-    over single amplitudes includes friction, so it is null there.
+    It is compared with B_d: a desired damping has no friction. The range over single amplitudes
+    includes friction, and has no viscous part; it is null there.
     """
     if "B_viscous" not in fits.columns:
         return fits

@@ -3,7 +3,7 @@ value and remedy."""
 
 import hashlib
 import re
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from datetime import date
 from functools import lru_cache
 from itertools import chain, pairwise
@@ -51,27 +51,28 @@ class Settings(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
     # removed fields, each with a sentence on what to write or do now
     REMOVED: ClassVar[Mapping[str, str]] = {}
-    OF: ClassVar[str] = ""  # words behind "the known ones" in messages, as ` of format csv`
+    # words behind "the known ones" in messages, as ` of format csv`
+    OF: ClassVar[str] = ""
 
     @model_validator(mode="before")
     @classmethod
     def _has_known_fields_alone(cls, content: Any) -> Any:
-        known = ", ".join(cls.model_fields) or "those of the shipped files in config/"
+        fields = ", ".join(cls.model_fields) or "those of the shipped files in config/"
         if not isinstance(content, dict | BaseModel):
             raise ValueError(
-                f"write its fields below it, as `name: value`; the known ones are {known}"
+                f"write its fields below it, as `name: value`; the known ones are {fields}"
             )
         if isinstance(content, BaseModel) or cls.model_config.get("extra") != "forbid":
             return content
         for name in content:
             if name in cls.model_fields:
                 continue
-            like = nearest(str(name), cls.model_fields)
-            said = f"unknown field '{{field}}'; the known ones{cls.OF} are {known}{like}"
+            suggestion = nearest(str(name), cls.model_fields)
+            reason = f"unknown field '{{field}}'; the known ones{cls.OF} are {fields}{suggestion}"
             if name in cls.REMOVED:
-                said = f"field '{{field}}' is gone: {cls.REMOVED[name]}"
+                reason = f"field '{{field}}' is gone: {cls.REMOVED[name]}"
             raise PydanticCustomError(
-                "unknown_field", "{reason}", {"reason": said, "place": (name,)}
+                "unknown_field", "{reason}", {"reason": reason, "place": (name,)}
             )
         return content
 
@@ -109,9 +110,11 @@ def read_mapping(path: Path, by_snakemake: bool = False) -> dict[str, Any]:
     the file is missing, is not YAML, or is no mapping; `by_snakemake`: a number differs in YAML
     1.1, which Snakemake reads."""
     if not path.is_file():
-        said = "no such file; check the path, which is relative to the working directory"
-        like = nearest(path.stem, (one.stem for one in path.parent.glob(f"*{path.suffix}")))
-        raise InputError(f"{path}: {said}{like}")
+        beside_it = (file.stem for file in path.parent.glob(f"*{path.suffix}"))
+        raise InputError(
+            f"{path}: no such file; check the path, which is relative to the working"
+            f" directory{nearest(path.stem, beside_it)}"
+        )
     try:
         text = path.read_text(encoding="utf-8-sig")
         node, content = parsed_yaml(text)
@@ -123,9 +126,11 @@ def read_mapping(path: Path, by_snakemake: bool = False) -> dict[str, Any]:
         line = error.object[: error.start].count(b"\n") + 1
         raise InputError(f"{path}: line {line} is not UTF-8; save the file as UTF-8") from error
     except RecursionError as error:
-        said = "its fields are nested too deeply, or its aliases (`*name`) stand for too many"
-        raise InputError(f"{path}: {said}; write them out as in the shipped files") from error
-    # of a wrong tag
+        raise InputError(
+            f"{path}: its fields are nested too deeply, or its aliases (`*name`) stand for too"
+            " many; write them out as in the shipped files"
+        ) from error
+    # the last five are of a wrong tag, as `!!float text`
     except (
         yaml.YAMLError,
         ValueError,
@@ -139,11 +144,11 @@ def read_mapping(path: Path, by_snakemake: bool = False) -> dict[str, Any]:
         raise InputError(
             f"{path}: has no fields; write `name: value` lines as in the shipped files"
         )
-    for below in nodes_of(node):
-        if isinstance(below, yaml.MappingNode):
-            check_keys_once(path, below)
-        elif by_snakemake and isinstance(below, yaml.ScalarNode) and not below.style:
-            check_same_number(path, below)
+    for inner in nodes_of(node):
+        if isinstance(inner, yaml.MappingNode):
+            check_keys_once(path, inner)
+        elif by_snakemake and isinstance(inner, yaml.ScalarNode) and not inner.style:
+            check_same_number(path, inner)
     return content
 
 
@@ -172,23 +177,29 @@ def check_same_number(path: Path, node: yaml.ScalarNode) -> None:
 
 
 def yaml_problem(error: Exception, text: str) -> str:
-    said = " ".join(str(error).split())
+    """What is wrong in a text that is no YAML, and how to write it; the caller ends the sentence by
+    `in quotes`."""
+    problem = " ".join(str(error).split())
     if isinstance(error, yaml.MarkedYAMLError):
-        marks = ((error.context, error.context_mark), (error.problem, error.problem_mark))
-        at = [
-            (what, f" in line {it.line + 1}, column {it.column + 1}" if it else "")
-            for what, it in marks
-            if what
-        ]
-        said = " ".join(what + place for what, place in at)
+        problem = " ".join(marked_parts(error))
     if re.search(r"(?m)^\s*//", text):
-        return f"{said}; begin comments with #, not with //, and put text with such signs"
-    if "cannot start any token" in said or "tab character" in said:
+        return f"{problem}; begin comments with #, not with //, and put text with such signs"
+    if "cannot start any token" in problem or "tab character" in problem:
         return (
-            f"{said}; indent with blanks, not with tabs, and put text that begins with a sign such"
-            " as % or @"
+            f"{problem}; indent with blanks, not with tabs, and put text that begins with a sign"
+            " such as % or @"
         )
-    return f"{said}; compare with the shipped files, and put text with signs such as : # *"
+    return f"{problem}; compare with the shipped files, and put text with signs such as : # *"
+
+
+def marked_parts(error: yaml.MarkedYAMLError) -> Iterator[str]:
+    """What a parser was reading and what it met, each with its line and column."""
+    parts = ((error.context, error.context_mark), (error.problem, error.problem_mark))
+    for part, mark in parts:
+        if part and mark:
+            yield f"{part} in line {mark.line + 1}, column {mark.column + 1}"
+        elif part:
+            yield part
 
 
 class Loader(yaml.CSafeLoader):
@@ -280,7 +291,9 @@ def in_order(content: Any) -> Any:
     """Nested mappings and lists with the keys of each mapping in order."""
     if isinstance(content, dict):
         return {key: in_order(content[key]) for key in sorted(content, key=repr)}
-    return [in_order(one) for one in content] if isinstance(content, list) else content
+    if isinstance(content, list):
+        return [in_order(entry) for entry in content]
+    return content
 
 
 def field_line(path: Path, place: Place) -> int | None:
@@ -310,13 +323,12 @@ def field_line(path: Path, place: Place) -> int | None:
 def located(files: Sequence[Path], place: Place) -> str:
     """`line 12: ` in the last of the files that has the field, with its name if there are several;
     empty if none."""
-    lines = ((file, field_line(file, place)) for file in reversed(files))
-    found = (
-        f"line {line}{f' of {file.name}' * (len(files) > 1)}: "
-        for file, line in lines
-        if line is not None
-    )
-    return next(found, "")
+    for file in reversed(files):
+        line = field_line(file, place)
+        if line is not None:
+            of_file = f" of {file.name}" if len(files) > 1 else ""
+            return f"line {line}{of_file}: "
+    return ""
 
 
 def dotted(place: Place) -> str:
@@ -376,17 +388,17 @@ def problem_text(field: str, problems: Sequence[Mapping[str, Any]]) -> str:
         return f"field '{field}' is missing; add it"
     reasons = dict.fromkeys(plain_reason(problem) for problem in problems)
     # those that end with a question, as whether another name was meant, come last
-    reason, *others = sorted(reasons, key=lambda reason: ";" in reason)
-    reason = ", or ".join([reason, *(other.removeprefix("write ") for other in others)])
+    first, *further = sorted(reasons, key=lambda reason: ";" in reason)
+    reason = ", or ".join([first, *(text.removeprefix("write ") for text in further)])
     value = last["input"]
     if isinstance(value, dict | list | BaseModel):
         return f"{field}: {reason}"
-    shown = str(value) if isinstance(value, date) else repr(value)
+    written = str(value) if isinstance(value, date) else repr(value)
     if value is None:
-        shown = "null"
-    if len(shown) > LONGEST_VALUE:
-        shown = f"{shown[:LONGEST_VALUE]}..."
-    return f"{field}: {shown} is not allowed: {reason}"
+        written = "null"
+    if len(written) > LONGEST_VALUE:
+        written = f"{written[:LONGEST_VALUE]}..."
+    return f"{field}: {written} is not allowed: {reason}"
 
 
 def problem_place(problem: Mapping[str, Any], content: Any) -> Place:
@@ -478,7 +490,7 @@ def misplaced(reason: str, *place: str) -> PydanticCustomError:
     return PydanticCustomError("misplaced", "{reason}", {"reason": reason, "place": place})
 
 
-def refused(wrong: Callable[[Any], Any], reason: str, field: str = "") -> Any:
+def refuse_if(wrong: Callable[[Any], Any], reason: str, field: str = "") -> Any:
     """A check that refuses settings if `wrong` holds for them. `{s.field}` in the `reason` is
     replaced by their value. `field` is the dotted name of the field to be corrected, if there is
     one."""
@@ -491,45 +503,57 @@ def refused(wrong: Callable[[Any], Any], reason: str, field: str = "") -> Any:
     return model_validator(mode="after")(check)
 
 
-def below(low: str, high: str, why: str, or_equal: bool = False) -> Any:
+ROUNDING = 1e-9  # of sums of settings
+
+
+def require_below(low: str, high: str, why: str, or_equal: bool = False) -> Any:
     """A check that a field, or a sum as `guard_s + window_s`, is below another, or equal; `why` is
     for the message."""
 
     def check(settings: Any) -> Any:
-        least, most = (
-            sum(attrgetter(one)(settings) for one in side.split(" + ")) for side in (low, high)
-        )
-        if least - most > (1e-9 if or_equal else -1e-9):
-            said = (
-                f"{low} = {least:g} is not below {high} = {most:g}, {why}; lower {low}, or raise"
-                f" {high}"
+        low_value = sum_of_fields(settings, low)
+        high_value = sum_of_fields(settings, high)
+        if low_value - high_value > (ROUNDING if or_equal else -ROUNDING):
+            reason = (
+                f"{low} = {low_value:g} is not below {high} = {high_value:g}, {why}; lower {low},"
+                f" or raise {high}"
             )
-            raise misplaced(said, *low.split(" + ")[0].split("."))
+            first_field = low.split(" + ")[0]
+            raise misplaced(reason, *first_field.split("."))
         return settings
 
     return model_validator(mode="after")(check)
 
 
-def rising(values: tuple[Any, ...]) -> tuple[Any, ...]:
+def sum_of_fields(settings: Any, names: str) -> float:
+    """The sum of fields by their dotted names, as of `guard_s + window_s`."""
+    total: float = sum(attrgetter(name)(settings) for name in names.split(" + "))
+    return total
+
+
+def check_rising(values: tuple[Any, ...]) -> tuple[Any, ...]:
     """A check that each value of a list, such as of two bounds, is below the next."""
-    if fallen := [(one, other) for one, other in pairwise(values) if one >= other]:
-        raise ValueError(
-            f"{fallen[0][1]} stands behind {fallen[0][0]}; write each once, from low to high"
-        )
+    for value, following in pairwise(values):
+        if value >= following:
+            raise ValueError(
+                f"{following} stands behind {value}; write each once, from low to high"
+            )
     return values
 
 
-def distinct(values: tuple[Any, ...]) -> tuple[Any, ...]:
-    names = [getattr(one, "name", one) for one in values]
-    if twice := [one for one in names if names.count(one) > 1]:
-        raise ValueError(f"'{twice[0]}' stands twice; name each once")
+def check_distinct(values: tuple[Any, ...]) -> tuple[Any, ...]:
+    """A check that no value of a list, or no name of its entries, stands twice."""
+    names = [getattr(value, "name", value) for value in values]
+    for name in names:
+        if names.count(name) > 1:
+            raise ValueError(f"'{name}' stands twice; name each once")
     return values
 
 
-def one_of(known: Collection[str], what: str, name: str) -> str:
-    """A check that a name is among the known ones; `what` describes them in the message."""
-    if name in known:
+def check_known(names: Collection[str], kind: str, name: str) -> str:
+    """A check that a name is among these; `kind` says in the message what they are."""
+    if name in names:
         return name
     raise InputError(
-        f"'{name}' is no {what}; write one of {listing([*known], 14)}{nearest(name, known)}"
+        f"'{name}' is no {kind}; write one of {listing([*names], 14)}{nearest(name, names)}"
     )

@@ -27,9 +27,10 @@ from operator import attrgetter
 from pathlib import Path
 
 from osl_analysis.campaign.campaign_trials import open_campaign
-from osl_analysis.campaign.configuration import campaign_config, over_default, states_of
+from osl_analysis.campaign.configuration import campaign_config, over_default
 from osl_analysis.campaign.figure_examples import matching, response_example, time_series_example
 from osl_analysis.campaign.origin import about, sentence
+from osl_analysis.campaign.setting_states import states_of
 from osl_analysis.commands.campaign_start import check_start, unnamed_recordings
 from osl_analysis.commands.killed_runs import begin_run
 from osl_analysis.commands.run import cancel_timers, check_profile, end_run

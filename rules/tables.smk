@@ -109,7 +109,7 @@ rule gains_table:
 
 
 rule check_claims:
-    """The claims of the paper's text, held against the campaign's numbers."""
+    """The claims of the paper's text, compared with the campaign's numbers."""
     input:
         tables=tables(*CLAIMED),
         parameters=PARAMETERS,

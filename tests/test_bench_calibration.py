@@ -39,7 +39,7 @@ from osl_analysis.bench.phasors import phasor_table, phasors_of_record
 from osl_analysis.bench.recorded_motion import record_of_trial
 from osl_analysis.bench.torque_angle_tables import curve_table, torque_angle_table
 from osl_analysis.campaign.configuration import read_config
-from osl_analysis.commands.bench import fitted_trial
+from osl_analysis.commands.fit import run_fit
 from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass, differentiate
 from osl_analysis.stats.repeats import over_repeats, summary_row
@@ -269,7 +269,7 @@ def spring(late_s=0.0, gain=1.0, K=300.0, damping=0.0, weight=0.0, I=0.004, seed
 
 def calibrated(trial, **known):
     settings = {"settings": CONFIG.dynamometer}
-    table = fitted_trial("calibration", trial, None, settings, known).estimates["calibration"]
+    table = run_fit("calibration", trial, None, settings, known).estimates["calibration"]
     return marked(table, CONFIG.doubtful.of("calibration"), "calibration").row(0, named=True)
 
 

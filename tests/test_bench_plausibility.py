@@ -19,7 +19,7 @@ from osl_analysis.bench.bench_settings import (
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.plausibility import plausible_impedance
 from osl_analysis.campaign.configuration import read_section
-from osl_analysis.commands.bench import fit_trial
+from osl_analysis.commands.fit import fit_trial
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.examine import check_recording
 from osl_analysis.judge.limits import DoubtfulFits
@@ -321,7 +321,7 @@ def test_a_gain_that_is_10_percent_off_is_doubtful_beside_known_gains(gain, side
 
 
 @pytest.mark.usefixtures("without_inference")
-def test_torque_and_angles_of_a_leg_are_held_against_its_belt():
+def test_torque_and_angles_of_a_leg_are_compared_with_its_belt():
     recording, p = RECORDINGS["impedance"], read_parameters(DEVICE)
     omega = np.gradient(recording["theta"], recording["time"])
     wound = driven()["torque"] - p.B_j * omega - p.J_j * np.gradient(omega, recording["time"])
@@ -393,7 +393,7 @@ def rows_of_stiffness(**columns):
     return pl.DataFrame({"trial": "a", **columns}).with_columns(K_high=1.0, B_low=1.0, I_high=1.0)
 
 
-def test_the_largest_amplitude_is_held_against_the_predicted_stiffness():
+def test_the_largest_amplitude_is_compared_with_the_predicted_stiffness():
     rows = rows_of_stiffness(amplitude_deg=[4.0, 2.0, None], K=[200.0, 100.0, 150.0])
     found = plausible_impedance(rows, pl.lit(0), None, predicted=400.0)
     assert set(found["K_ratio"]) == {0.5}
@@ -405,7 +405,7 @@ def test_a_joint_without_stiffness_is_possible():
     assert abs(judged("impedance", slack)["K"]) < 0.2
 
 
-def test_an_unstated_joint_is_held_against_the_belt_where_no_leg_is_as_stiff():
+def test_an_unstated_joint_is_compared_with_the_belt_where_no_leg_is_as_stiff():
     rows = rows_of_stiffness(amplitude_deg=[2.0, None], K=[0.9 * LEG.K_s, 1.9 * LEG.K_s])
     unstated = plausible_impedance(rows, pl.lit(0), LEG, False)
     assert unstated["K_over_K_s"].to_list() == [None, pytest.approx(1.9)]

@@ -245,7 +245,7 @@ def test_what_gains_should_give_is_what_the_linear_model_s_torque_gives():
 
 @pytest.mark.usefixtures("without_inference")
 @pytest.mark.parametrize("late_s", [0.0, 5e-3])
-def test_the_b_of_a_compensated_leg_is_held_against_that_of_its_gains(late_s):
+def test_the_b_of_a_compensated_leg_is_compared_with_that_of_its_gains(late_s):
     """A torque that is late by d loses K d of B: d K over torque per angle, in seconds."""
     motion = noise(np.random.default_rng(2), (0.5, 5.0))
     trial = trial_of_gains(COMPENSATED, motion, late_s)

@@ -3,7 +3,7 @@
 import pytest
 
 from osl_analysis.judge.words import WORDS, brief_remedy
-from osl_analysis.report.brief import WIDTH, brief_lines, finding_line, size_text
+from osl_analysis.report.brief import WIDTH, brief_lines, finding_line, largest_size_text
 
 
 def number(value, low, high, unit="%"):
@@ -106,9 +106,9 @@ def test_rows_that_are_doubtful_in_part_are_to_be_left_out():
 
 def test_the_size_is_of_the_estimate_that_is_moved_most():
     sizes = {"K_size": 9.4, "K_without": 157.5, "B_size": 1.68, "B_without": 0.503}
-    assert size_text(sizes) == "B by up to 1.7 N*m*s/rad"
-    assert size_text({"K_size": 9.4}) == "K by up to 9.4 N*m/rad"
-    assert size_text({}) == ""
+    assert largest_size_text(sizes) == "B by up to 1.7 N*m*s/rad"
+    assert largest_size_text({"K_size": 9.4}) == "K by up to 9.4 N*m/rad"
+    assert largest_size_text({}) == ""
 
 
 @pytest.mark.parametrize("cause", [*WORDS["causes"], *WORDS["misfits"]])

@@ -15,9 +15,10 @@ from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.recorded_motion import record_of_trial
 from osl_analysis.campaign import configuration
 from osl_analysis.campaign.campaign_trials import Campaign
-from osl_analysis.campaign.configuration import FACTS, JUDGING, overriding, read_config, states_of
-from osl_analysis.commands.bench import fit_settings, fit_trial
+from osl_analysis.campaign.configuration import FACTS_OF_DEFAULT, overriding, read_config
+from osl_analysis.campaign.setting_states import EXPERIMENTS_BY_SETTING, states_of
 from osl_analysis.commands.campaign_start import unnamed_recordings
+from osl_analysis.commands.fit import fit_settings, fit_trial
 from osl_analysis.commands.walking import write_crossing
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.files import default_config
@@ -26,7 +27,7 @@ from osl_analysis.judge.finding import Grade
 from osl_analysis.judge.limits import judged_table
 from osl_analysis.judge.two_campaigns import comparison_table
 from osl_analysis.report.page_text import assumed_text
-from osl_analysis.stats.repeats import sizes_said
+from osl_analysis.stats.repeats import size_texts
 from osl_analysis.trial import Trial
 from osl_analysis.yaml_settings import read_mapping
 
@@ -59,7 +60,7 @@ def with_default(tmp_path, monkeypatch):
     return made
 
 
-@pytest.mark.parametrize("name", FACTS)
+@pytest.mark.parametrize("name", FACTS_OF_DEFAULT)
 def test_what_the_default_campaign_states_is_no_fact_of_others(name, tmp_path, with_default):
     (tmp_path / "plain.yaml").write_text("{campaign: own, simulation: null}")
     alike, stated = read_config(tmp_path / "plain.yaml"), tmp_path / "stated.yaml"
@@ -83,7 +84,11 @@ RECORDED = {"torque_angle": None, "impedance": DesiredImpedance("compensated", 3
 """Experiments of sound recordings, with the condition of the sheet."""
 
 
-OF_BENCH = {name: value for name, value in ASSUMED.items() if {*JUDGING[name]} & RECORDED.keys()}
+OF_BENCH = {
+    name: value
+    for name, value in ASSUMED.items()
+    if {*EXPERIMENTS_BY_SETTING[name]} & RECORDED.keys()
+}
 
 
 @pytest.mark.usefixtures("without_inference")
@@ -114,7 +119,9 @@ def test_unstated_settings_make_no_finding_on_a_sound_recording(with_default):
 
 
 OF_GAIT = {
-    name: ASSUMED[name] for name, of in JUDGING.items() if "walking" in of and name in ASSUMED
+    name: ASSUMED[name]
+    for name, of in EXPERIMENTS_BY_SETTING.items()
+    if "walking" in of and name in ASSUMED
 }
 
 
@@ -181,7 +188,7 @@ def test_every_setting_is_a_choice_or_a_fact():
         is_section = isinstance(value, dict) and name != "gain_weight"
         settings = [f"{name}.{field}" for field in value] if is_section else [name]
         facts |= {each for each in settings if not each.startswith(CHOICES)}
-    assert facts - {"walking.baseline"} == {*JUDGING}
+    assert facts - {"walking.baseline"} == {*EXPERIMENTS_BY_SETTING}
 
 
 def test_the_default_campaign_states_every_fact():
@@ -199,7 +206,7 @@ def test_facts_that_nobody_stated_are_measured_none_or_assumed(tmp_path):
     stated = [name for name, state in states.items() if state == "stated"]
     assert stated == ["dynamometer.amplitudes_deg"]
     known = {name for name, state in states.items() if state != "assumed"}
-    assert known >= {*FACTS} & {*JUDGING} - {"torque_angle.zero"}
+    assert known >= {*FACTS_OF_DEFAULT} & {*EXPERIMENTS_BY_SETTING} - {"torque_angle.zero"}
     # nothing is commanded over the gait cycle
     assert states["figures.stance_share"] == "none"
 
@@ -269,8 +276,8 @@ def test_without_a_stated_protocol_the_recording_is_its_own_label():
 def test_what_was_measured_is_said_with_its_spread():
     """Amplitudes that fall with the frequency are no single one; those that differ by rounding
     are."""
-    assert sizes_said(pl.Series([2.0, 6.0, None, 5.89, 5.59, 1.995])) == ["2", "5.59 to 6"]
-    assert sizes_said(pl.Series([], dtype=pl.Float64)) == []
+    assert size_texts(pl.Series([2.0, 6.0, None, 5.89, 5.59, 1.995])) == ["2", "5.59 to 6"]
+    assert size_texts(pl.Series([], dtype=pl.Float64)) == []
 
 
 def test_cycles_of_a_soft_start_were_commanded_too():

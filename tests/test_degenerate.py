@@ -16,7 +16,7 @@ from walking_synthetic import settings
 
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.phasors import fit_sinusoids
-from osl_analysis.commands.bench import fit_settings, fit_trial
+from osl_analysis.commands.fit import fit_settings, fit_trial
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.errors import OslAnalysisError

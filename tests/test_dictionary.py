@@ -18,7 +18,7 @@ from osl_analysis.dictionary import HERE, described_tables, own_yaml
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path, check_working_folder, digest, file_state
 from osl_analysis.table import (
-    OF_ROW,
+    ROW_KEYS,
     TEXT_COLUMNS,
     finite_or_null,
     read_table,
@@ -62,7 +62,7 @@ def test_endings_covariances_and_shared_columns_are_written_out():
 
 def test_a_table_and_its_evidence_share_what_a_row_is_alone():
     both = (set(described(f"tables/impedance{end}")) for end in ("", "_evidence"))
-    assert set.intersection(*both) == {*OF_ROW, "data"}
+    assert set.intersection(*both) == {*ROW_KEYS, "data"}
 
 
 def test_the_tables_of_overground_trials_are_described():

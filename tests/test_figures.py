@@ -24,10 +24,11 @@ from osl_analysis.commands.figure import (
     write_captions,
 )
 from osl_analysis.errors import InputError
-from osl_analysis.figures import FIGURES, drawing_of, names, others, style, ticks
+from osl_analysis.figures import FIGURES, drawing_of, names, not_drawn, style, ticks
+from osl_analysis.figures.captions import as_text, doubtful_sentence
 from osl_analysis.figures.frequency import DESIRED, LINEAR_MODEL, response_curve
-from osl_analysis.figures.names import as_text, doubtful_said, write_footer
 from osl_analysis.figures.quasi_static import MEAN_SLOPE
+from osl_analysis.figures.saved import write_footer
 from osl_analysis.figures.style import LOOKS, MAGENTA, ORANGE, SINGLE_COLUMN, paper_style
 from osl_analysis.refusal import Refusal, write_refusals
 from osl_analysis.table import read_table, write_table
@@ -815,7 +816,7 @@ def test_a_figure_without_numbers_says_so_with_trial_and_reason(tmp_path):
         found.append([path.read_bytes() for path in outputs])
     assert found[0] == found[1]
     rows = [("fig4", "i_1", "x", lost.reason), ("fig4", "", "t.csv", "empty")]
-    said = others.draw_not_drawn.draw(
+    said = not_drawn.draw_not_drawn.draw(
         pl.DataFrame(rows, ["figure", "trial", "file", "reason"], orient="row")
     )
     title, reason = (text.get_text() for text in said.texts)
@@ -902,7 +903,7 @@ def test_a_name_in_markdown_is_text_sign_by_sign(name, markdown):
 ])  # fmt: skip
 def test_a_caption_names_the_doubtful_trials_and_groups_and_each_cause_once(of, said):
     expected = "No fit is doubtful." if said is None else said and f"Doubtful: {said}"
-    assert doubtful_said(pl.DataFrame(of, schema_overrides={"doubtful": pl.String})) == expected
+    assert doubtful_sentence(pl.DataFrame(of, schema_overrides={"doubtful": pl.String})) == expected
 
 
 def test_each_figure_has_a_section_and_a_missing_one_its_reason(

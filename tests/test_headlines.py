@@ -18,7 +18,7 @@ from osl_analysis.campaign.origin import ABOUT_MACROS
 from osl_analysis.commands import tables
 from osl_analysis.commands.tables import format_results_table, gather, read_summary, write_summary
 from osl_analysis.errors import InputError
-from osl_analysis.judge.campaign import campaign_findings, known_of
+from osl_analysis.judge.campaign import campaign_findings, causes_in_campaign
 from osl_analysis.judge.causes import CAUSES, EVIDENCE
 from osl_analysis.judge.finding import (
     Beyond,
@@ -66,7 +66,7 @@ def known(tables, limits, verdicts=NO_CHECKS):
     """The findings on a campaign as the summary has them."""
     limits = DoubtfulFits.model_validate(limits)
     marked_tables = {name: marked(table, limits.of(name), name) for name, table in tables.items()}
-    return known_of(campaign_findings(tables, verdicts, limits), marked_tables, verdicts)
+    return causes_in_campaign(campaign_findings(tables, verdicts, limits), marked_tables, verdicts)
 
 
 def test_a_fit_is_doubtful_for_every_limit_that_it_passes():
@@ -569,7 +569,7 @@ def test_torque_over_angle_is_said_from_its_lowest_to_its_highest_stiffness():
     assert said.replace("\xa0", " ").endswith("4.00 N·m/rad (b; n = 3) to 9.00 N·m/rad (c; n = 3).")
 
 
-def test_only_a_campaign_of_the_draft_s_device_is_held_against_the_draft():
+def test_only_a_campaign_of_the_draft_s_device_is_compared_with_the_draft():
     assert {one.draft for one in headline_numbers(all_tables(), beside_draft=False)} == {None}
     config = read_config(ROOT / "config/config.yaml")
     for changes, expected in (

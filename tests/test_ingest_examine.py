@@ -407,7 +407,7 @@ def test_clocks_that_fit_badly_and_a_damaged_log_are_told_from_the_provenance():
     (Commanded((2.0, 4.0), (2.0, 5.0), 3), 4, "2 deg at 2 Hz (3.0 cycles), commanded are 6"),
     (Commanded((2.0, 4.0), (2.0, 5.0), (6, 7)), 2, "4 deg at 5 Hz (7.0 cycles), commanded are 6"),
 ])  # fmt: skip
-def test_the_protocol_in_the_log_is_held_against_the_configured_one(really, missing, remark):
+def test_the_protocol_in_the_log_is_compared_with_the_configured_one(really, missing, remark):
     found = results(bench(stepped_sine(really)))["protocol"]
     assert found.value == missing
     assert remark in found.remark

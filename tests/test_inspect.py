@@ -424,7 +424,7 @@ def test_a_fault_in_one_recording_does_not_end_the_watch(tmp_path, bench, monkey
 @pytest.mark.usefixtures("without_inference")
 def test_a_stiffness_far_from_the_desired_one_is_pointed_at(tmp_path, bench):
     write_joint(path := tmp_path / "in/impedance_k300_b2.csv")
-    doubt = "K is far from the K_d .*: K is 0.4 times K_d. Check `unit`"
+    doubt = "K is farther from the K_d .*: K is 0.4 times K_d. Check `unit`"
     line, *_ = watching.recording_line(path, tmp_path / "in", bench)
     assert re.search(f"DOUBTFUL: stiffness unlike K_d: {doubt}", line)
     drafted_campaign(tmp_path / "c", recordings=tmp_path / "in")
@@ -556,7 +556,7 @@ def test_a_failed_check_is_told_with_its_whole_remedy(
     )
 
 
-def test_a_recording_is_held_against_its_siblings_of_which_a_wrong_gain_is_told(tmp_path):
+def test_a_recording_is_compared_with_its_siblings_of_which_a_wrong_gain_is_told(tmp_path):
     def said(name, K, kind=("impedance", "ankle", "", "pd", "300"), sign=1):
         row = (
             {"experiment": "impedance", "K_d": 300.0, "B_d": 5.0}

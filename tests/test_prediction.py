@@ -490,7 +490,7 @@ def test_an_impedance_is_the_desired_one_where_its_interval_is_within_the_margin
     assert "K_equivalent" in names
 
 
-def test_damping_without_friction_is_held_against_the_desired_one():
+def test_damping_without_friction_is_compared_with_the_desired_one():
     rubbing = {
         "B": 9.0, "B_low": 8.9, "B_high": 9.1,
         "B_viscous": 5.1, "B_viscous_low": 5.0, "B_viscous_high": 5.2,
@@ -525,7 +525,7 @@ def test_a_joint_is_passive_where_its_damping_is_certainly_not_negative(high, ve
 @pytest.mark.parametrize(
     ("commanded", "verdict"), [(None, "equivalent"), (300.0, "different"), (320.0, "undecided")]
 )
-def test_the_stiffness_while_walking_is_held_against_what_was_commanded(commanded, verdict):
+def test_the_stiffness_while_walking_is_compared_with_what_was_commanded(commanded, verdict):
     row = {
         "joint": "ankle",
         "side": "left",

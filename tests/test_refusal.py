@@ -40,12 +40,12 @@ from osl_analysis.outcomes.perform import Ending, Job, perform, refusal
 from osl_analysis.outcomes.used import without_excluded, without_refused
 from osl_analysis.refusal import (
     Refusal,
-    alike,
     failed_results,
     is_refused,
     read_refusals,
     refusal_report,
     refused_trials,
+    without_particulars,
     write_refusals,
 )
 from osl_analysis.table import read_table, write_table, write_tables
@@ -319,7 +319,10 @@ def test_the_same_cause_in_many_trials_is_one_line_and_another_its_own(tmp_path)
         f"  trial heel, file raw/heel.c3d{also}: 0.5 N in raw/heel.c3d; remedy: zero it",
         "  trial walk, file raw/walk.c3d: no plate; remedy: zero it",
     ]
-    same = {alike("a.csv: no 'knee' at 1.5e3", "knee"), alike("a.csv: no 'toe' at -2", "toe")}
+    same = {
+        without_particulars("a.csv: no 'knee' at 1.5e3", "knee"),
+        without_particulars("a.csv: no 'toe' at -2", "toe"),
+    }
     assert same == {"a.csv: no 'TRIAL' at #"}
 
 

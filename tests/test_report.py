@@ -635,7 +635,7 @@ def test_a_report_says_of_each_trial_what_became_of_it(tmp_path, monkeypatch):
     in_md, in_tex, in_bib = (given[f"methods_{form}"].read_text() for form in ("md", "tex", "bib"))
     for text in (in_md, in_tex):
         assert ("3 trials of belt" in text, "transmission" in text) == (True, False)
-    counted = "Three of five trials were excluded: for want of a trial that it is fitted with (2),"
+    counted = "Three of five trials were excluded: missing trial that its fit needs (2),"
     assert f"{counted} recording that could not be analysed (1)." in in_md
     words = re.sub(r"\$[^$]*\$|\\cite{\w+}", "", in_tex.partition("\n")[2])
     assert re.findall(r"(?<!\\)[%&_#]|[θτ·²°−–]", words) == []
@@ -694,7 +694,7 @@ def test_every_condition_has_K_B_and_I_with_intervals_and_what_is_doubted():
     assert several["K"] == ("100", f"[{100 - half:.0f}, {100 + half:.0f}]")
     assert (alone["B"][0], alone["doubt"]) == (
         "−5.00",
-        "friction (with it in the fit K 290, B 4.5 and I 0.02)",
+        "friction (with it in the model K 290, B 4.5 and I 0.02)",
     )
     both = {name: stored_findings(replace(doubt(), subject=name)) for name in "ab"}
     assert condition_rows(tables, both | {"b": []})[1]["doubt"] == "friction (1 of 2)"
@@ -715,14 +715,14 @@ def test_friction_stands_beside_B_and_a_doubt_names_the_B_that_it_leaves():
     for finding, said in ((path, "B_viscous 1.91"), (late, "B 1.91")):
         (found,) = condition_rows({"impedance": rows}, {"t": stored_findings(finding)})
         assert (found["B"][0], found["B_viscous"][0], found["f_C"][0]) == ("2.40", "1.900", "0.25")
-        assert found["doubt"] == f"{finding.cause} (with it in the fit {said})"
+        assert found["doubt"] == f"{finding.cause} (with it in the model {said})"
     (none,) = condition_rows(
         {"impedance": rows.with_columns(B_viscous=pl.lit(None, pl.Float64))},
         {"t": stored_findings(path)},
     )
     assert ("B_viscous" in none, none["doubt"]) == (
         False,
-        "torque path (with it in the fit B 1.91)",
+        "torque path (with it in the model B 1.91)",
     )
 
 

@@ -12,12 +12,12 @@ import scipy
 from click.testing import CliRunner
 
 from osl_analysis.cli import main
-from osl_analysis.figures.others import draw_comparison
+from osl_analysis.figures.compared_campaigns import draw_comparison
 from osl_analysis.judge.two_campaigns import comparison_table, label_of
 from osl_analysis.report.headline import Headline
 from osl_analysis.report.headline_files import to_json
 from osl_analysis.stats.repeats import difference, equivalence, of_intervals
-from osl_analysis.table import OF_ROW, read_table, write_table
+from osl_analysis.table import ROW_KEYS, read_table, write_table
 
 
 @pytest.mark.parametrize(("low", "high", "verdict"), [
@@ -260,7 +260,7 @@ def test_the_command_writes_table_and_figure_and_prints_every_verdict(tmp_path, 
             write_table(frame, tmp_path / name / f"tables/{table}.csv")
         # what the bench's calibration adds is known beside the table
         known = made["impedance"].with_columns(K_se_bench=0.002 * pl.col("K"))
-        keys = [key for key in OF_ROW if key in known.columns]
+        keys = [key for key in ROW_KEYS if key in known.columns]
         evidence = tmp_path / f"{name}/tables/impedance_evidence.csv"
         write_table(known.select(*keys, "K_se_bench"), evidence)
         summary = to_json(about | {"version": name}, [number], {"findings": [line]})

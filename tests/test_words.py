@@ -82,7 +82,7 @@ def test_a_finding_has_at_most_35_words():
      ["late torque: ", "the torque is late by 2 ms, which moves B by 10 % and I by 90 %"]),
     (LATE | {"lag_s": -2e-3}, {}, ["the angle is late by 2 ms"]),
     (HEARD, {"fault_harm": 1},
-     ["torque path: ", "explained by delay, moving mean", "B 4.9 to 5.1, nothing of I is"]),
+     ["torque path: ", "explained by delay, moving mean", "B 4.9 to 5.1, I not identifiable"]),
     (HEARD | {"B_viscous": 4.9}, {"fault_harm": 1}, ["B_viscous 4.9 to 5.1"]),
     (RUBS, {"coulomb_share": 0.5},
      ["B 2.26, viscous part 1.05 N*m*s/rad, friction 1.4 N*m"]),
@@ -104,7 +104,7 @@ def test_a_detail_whose_number_is_missing_is_left_out():
     assert words_of(finding, {"lag_share": 0.1}).size == ""
     late = Finding("impedance", "a", "whether the torque is late", Grade.UNCHECKED)
     full, empty = (words_of(late, row) for row in ({"K": 300.0, "B": 5.0, "I": 0.02}, {}))
-    assert "0.3 N*m*s/rad off B = 5 and 0.005 kg*m^2 off I = 0.02" in full.says
+    assert "lower B = 5 by 0.3 N*m*s/rad and I = 0.02 by 0.005 kg*m^2" in full.says
     assert (empty.says, empty.remedy) == ("", full.remedy)
 
 
@@ -137,7 +137,7 @@ def test_a_late_motor_angle_is_said_in_ms():
     finding = Finding("impedance", "a", "whether theta_m or B_j is wrong", Grade.UNCHECKED)
     row = {"certain_theta_m_lag_s": -3e-3, "lag_s": 1e-3}
 
-    assert "theta_m is early by 3 ms beside a torque 1 ms late" in words_of(finding, row).says
+    assert "theta_m is early by 3 ms and the torque 1 ms late" in words_of(finding, row).says
 
 
 def test_a_changed_word_changes_no_cause(monkeypatch):

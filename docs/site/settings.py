@@ -17,7 +17,7 @@ from typing import get_args
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
-from osl_analysis.campaign.configuration import FACTS, Config
+from osl_analysis.campaign.configuration import FACTS_OF_DEFAULT, Config
 from osl_analysis.files import default_config
 from osl_analysis.formats import known_formats
 from osl_analysis.formats._table import SheetSource
@@ -157,7 +157,7 @@ def other_files():
 def with_fact(row):
     """A row whose default, a fact on the default campaign's own bench, device or text, is null for
     other recordings."""
-    if row.name not in FACTS or row.default == "null":
+    if row.name not in FACTS_OF_DEFAULT or row.default == "null":
         return row
     said = f"{row.meaning} The default campaign states `{row.default}`, for itself alone."
     return replace(row, default="null", meaning=said)

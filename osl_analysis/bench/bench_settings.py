@@ -15,10 +15,10 @@ from osl_analysis.yaml_settings import (
     Positive,
     Seconds,
     Settings,
-    below,
+    check_rising,
     misplaced,
-    refused,
-    rising,
+    refuse_if,
+    require_below,
 )
 
 Angle = Annotated[float, Field(ge=-180, le=180)]
@@ -39,7 +39,7 @@ class TimeBase(Settings):
     trial is refused."""
     # drift [ppm] between the clocks of angle and torque beyond which it is refused
     largest_drift_ppm: Positive = 2.0
-    _bridges = refused(
+    _bridges = refuse_if(
         lambda s: 0.1 / s.highest_hz > s.longest_gap_s,
         "highest_hz = {s.highest_hz:g} bridges 0.1/highest_hz s, beyond longest_gap_s ="
         " {s.longest_gap_s:g}; raise one",
@@ -90,7 +90,7 @@ class BenchStiffness(Settings):
     # with its unit; null: not known, and not in the intervals
     standard_error: StiffnessText | None = None
 
-    _known = refused(
+    _known = refuse_if(
         lambda s: not s.compliance_error < s.compliance,
         "the standard error is not below the value; check the units",
     )
@@ -197,7 +197,7 @@ class SteppedSineAnalysis(BenchAnalysis):
     `cycles`."""
     settle_cycles: Annotated[int, Field(ge=0, le=10_000)]
     """Number of cycles at the start of each segment that are not fitted."""
-    _is_bridged = below(
+    _is_bridged = require_below(
         "time_base.highest_hz", "cutoff_hz", "and the filter takes out so fast a motion", True
     )
 
@@ -246,13 +246,13 @@ class ImpedanceAnalysis(SteppedSineAnalysis):
     rated_torque: Positive | None = None
     """Of the joint [N*m]: torque errors are given as shares of it; null: not stated."""
 
-    _passes = refused(
+    _passes = refuse_if(
         lambda s: s.excitation != "any" and max(s.frequencies_hz or (0,)) >= s.cutoff_hz,
         "cutoff_hz = {s.cutoff_hz:g} takes out some of frequencies_hz; raise it, or correct"
         " frequencies_hz",
         "cutoff_hz",
     )
-    _turns = refused(
+    _turns = refuse_if(
         lambda s: s.excitation != "any" and max(s.protocol.amplitudes, default=0) > s.largest_angle,
         "amplitudes_deg goes beyond largest_angle = {s.largest_angle:g} rad, where a recording is"
         " refused; correct it",
@@ -276,7 +276,7 @@ class ActuatorAnalysis(BenchAnalysis):
     # velocity [rad/s] over which its sign is smoothed: tanh(omega_m/sign_width)
     sign_width: Positive
     slowest: NotNegative  # velocity [rad/s] below which samples are not fitted; 0: all are
-    _sign_is_known = refused(
+    _sign_is_known = refuse_if(
         lambda s: 0 < s.slowest <= s.sign_width,
         "slowest = {s.slowest:g} is not above sign_width = {s.sign_width:g}, which smooths"
         " friction; correct one",
@@ -295,11 +295,11 @@ class DesiredCurve(Settings):
     """A torque-angle curve that a device was designed for, as points of a broken line."""
 
     # of the points [deg]
-    angle_deg: Annotated[tuple[Angle, ...], Field(min_length=2), AfterValidator(rising)]
+    angle_deg: Annotated[tuple[Angle, ...], Field(min_length=2), AfterValidator(check_rising)]
     # torques [N*m] there; they resist the motion
     torque: Annotated[tuple[float, ...], Field(min_length=2)]
 
-    _is_a_function = refused(
+    _is_a_function = refuse_if(
         lambda s: len(s.angle_deg) != len(s.torque),
         "angle_deg and torque differ in length; give one torque per angle",
         "angle_deg",
@@ -336,12 +336,12 @@ class TorqueAngleAnalysis(BenchAnalysis):
     desired: dict[str, DesiredCurve] = Field(default_factory=dict)
     """Desired curves by name. The column `desired` of the sample sheet says which one a trial
     should follow."""
-    _passes = refused(
+    _passes = refuse_if(
         lambda s: s.cutoff_hz * s.shortest_cycle_s <= 1,
         "cutoff_hz = {s.cutoff_hz:g} takes out cycles of shortest_cycle_s = {s.shortest_cycle_s:g};"
         " raise one of them",
         "cutoff_hz",
     )
-    _cycles_are_seen = below(
+    _cycles_are_seen = require_below(
         "time_base.longest_gap_s", "shortest_cycle_s", "and a gap would hide a cycle", True
     )

@@ -16,7 +16,7 @@ from osl_analysis.stats.repeats import (
     repeating_trials,
     summary_row,
 )
-from osl_analysis.table import held_against_desired
+from osl_analysis.table import with_viscous_damping
 
 OF_CONDITION = ("joint", "side", "controller", "K_d", "B_d", "group", "excitation")
 """Columns in which trials of one condition agree."""
@@ -121,7 +121,7 @@ def compensation_table(impedance: pl.DataFrame) -> pl.DataFrame:
     size = "commanded_deg" if impedance["commanded_deg"].is_not_null().any() else "amplitude_deg"
     used = counted(impedance)
     sizes = alike_sizes(used[size].cast(pl.Float64))
-    known = held_against_desired(used).with_columns(sizes)
+    known = with_viscous_damping(used).with_columns(sizes)
     known = known.drop_nulls(["K_d", "B_d"]).filter(pl.col("K_d") != 0)
     values = {name: value.mean() for name, (_, value) in COMPARED.items()}
     means = known.group_by(*ASKED, size, "controller").agg(**values)

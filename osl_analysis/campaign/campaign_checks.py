@@ -80,11 +80,11 @@ def check_not_used_twice(campaign: Campaign, trial: str, used: list[UsedPart]) -
     if not row["log"]:
         return
     for start, stop in stretches(row["windows"] or WHOLE_RECORDING):
-        for other in used:
-            if start < other.stop and other.start < stop:
+        for used_part in used:
+            if start < used_part.stop and used_part.start < stop:
                 raise InputError(
                     f"{campaign.config.sheet}: trial '{trial}': log '{row['log']}' is that of trial"
-                    f" '{other.trial}'; correct one, or give each its own `windows`"
+                    f" '{used_part.trial}'; correct one, or give each its own `windows`"
                 )
         used.append(UsedPart(start, stop, trial))
 
@@ -113,9 +113,9 @@ def check_no_copies(campaign: Campaign) -> None:
                 continue
             with suppress(OSError):
                 key = (row["experiment"], row["log_part"], row["windows"], *middle_of(file))
-                known = similar.setdefault(key, [])
-                check_is_no_copy(campaign, trial, file, known)
-                known.append((trial, file))
+                earlier = similar.setdefault(key, [])
+                check_is_no_copy(campaign, trial, file, earlier)
+                earlier.append((trial, file))
 
 
 def middle_of(file: Path) -> tuple[int, bytes]:
@@ -127,15 +127,15 @@ def middle_of(file: Path) -> tuple[int, bytes]:
 
 
 def check_is_no_copy(
-    campaign: Campaign, trial: str, file: Path, known: Sequence[tuple[str, Path]]
+    campaign: Campaign, trial: str, file: Path, earlier: Sequence[tuple[str, Path]]
 ) -> None:
-    """Refuse a file that equals one of the known ones."""
-    for other, known_file in known:
-        if known_file != file and filecmp.cmp(known_file, file, shallow=False):
+    """Refuse a file that equals that of an earlier trial."""
+    for other_trial, earlier_file in earlier:
+        if earlier_file != file and filecmp.cmp(earlier_file, file, shallow=False):
             raise InputError(
-                f"{campaign.config.sheet}: trial '{trial}': {file} is a copy of {known_file}, the"
-                f" recording of trial '{other}', and would count twice; exclude one, or name its"
-                " own"
+                f"{campaign.config.sheet}: trial '{trial}': {file} is a copy of {earlier_file}, the"
+                f" recording of trial '{other_trial}', and would count twice; exclude one, or name"
+                " its own"
             )
 
 

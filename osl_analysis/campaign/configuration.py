@@ -1,7 +1,6 @@
 """The configuration of a campaign: choices with units, validated when they are read."""
 
-import json
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from datetime import date, timedelta
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
@@ -17,7 +16,7 @@ from osl_analysis.bench.bench_settings import (
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.config.shared_choices import SharedChoices
 from osl_analysis.errors import InputError
-from osl_analysis.files import default_config, root
+from osl_analysis.files import default_config
 from osl_analysis.judge.claims import Claims
 from osl_analysis.judge.limits import DoubtfulFits, QualityRules
 from osl_analysis.model.compensator import Weight
@@ -28,9 +27,9 @@ from osl_analysis.yaml_settings import (
     Settings,
     ShippedPath,
     Stiffness,
+    check_rising,
     read_mapping,
-    refused,
-    rising,
+    refuse_if,
     validated,
 )
 
@@ -43,7 +42,7 @@ def dates(value: date | str) -> date | str:
         text = value if isinstance(value, str) else value.isoformat()
         days = [date.fromisoformat(day) for day in text.split(" to ")]
         # tomorrow it is already today elsewhere
-        rising((EARLIEST_DATE - timedelta(1), *days, date.today() + timedelta(2)))
+        check_rising((EARLIEST_DATE - timedelta(1), *days, date.today() + timedelta(2)))
     except (ValueError, AttributeError) as error:
         raise ValueError(
             "write a date, 1990 to today, as 2026-03-14, or two, as 2026-03-14 to 2026-03-16"
@@ -139,13 +138,13 @@ class Config(Settings):
         "study": "the Monte Carlo study is a script, benchmarks/study.py; remove the section"
     }
 
-    _is_simulated = refused(
+    _is_simulated = refuse_if(
         lambda s: s.simulation and s.data == "measured",
         "data = measured, but the recordings are those of `simulation`; write data: null, or"
         " simulation: null",
         "data",
     )
-    _one_plate = refused(
+    _one_plate = refuse_if(
         lambda s: s.simulation and s.walking.plate != 1,
         "walking.plate = {s.walking.plate}: the simulated laboratory has one force plate; write 1",
         "walking.plate",
@@ -185,145 +184,28 @@ def overriding(base: Any, override: Any) -> Any:
 
 # Settings in which the default configuration states facts on its own bench, device and text, and on
 # no other.
-FACTS = (
+FACTS_OF_DEFAULT = (
     "parameters", "impedance_trajectory", "dynamometer.amplitudes_deg",
     "dynamometer.frequencies_hz", "dynamometer.cycles", "figures.time_series.amplitude_deg",
     "figures.midstance_stiffness", "claims.K_percent", "torque_angle.zero",
 )  # fmt: skip
-# Settings of the stepped sine, and the columns of `phasors.csv` with the recorded values, used if
-# none is stated.
-FOUND = {
-    "dynamometer.amplitudes_deg": "amplitude_deg",
-    "dynamometer.frequencies_hz": "frequency_hz",
-}
-# the experiments whose fit takes settings of the section `dynamometer`
-OF_BENCH = tuple(
-    name
-    for name, facts in EXPERIMENTS.items()
-    if facts.fit and any(section == "dynamometer" for section, _ in facts.fit.settings.values())
-)
-# Settings that are facts on a bench, device, laboratory or text, and filters and windows; each with
-# the experiments that it judges, labels or enters. All others are choices of the analysis.
-JUDGING: dict[str, tuple[str, ...]] = {
-    "dynamometer.cutoff_hz": OF_BENCH,
-    "actuator.cutoff_hz": ("actuator",),
-    "torque_angle.cutoff_hz": ("torque_angle",),
-    "parameters": ("belt", "transmission", "actuator", "impedance"),
-    "gain_weight": ("impedance",),
-    "model_comparison.sign_width": ("impedance",),
-    "dynamometer.amplitudes_deg": ("transmission", "impedance"),
-    "dynamometer.frequencies_hz": ("transmission", "impedance"),
-    "dynamometer.cycles": ("transmission", "impedance"),
-    "dynamometer.load_cell_drift": ("belt",),
-    "dynamometer.calibration": OF_BENCH,
-    "dynamometer.bench_stiffness": OF_BENCH,
-    "dynamometer.fixture": OF_BENCH,
-    "dynamometer.windows": ("impedance",),
-    "actuator.calibration": ("actuator",),
-    "torque_angle.zero": ("torque_angle",),
-    "torque_angle.calibration": ("torque_angle",),
-    "torque_angle.bench_stiffness": ("torque_angle",),
-    "torque_angle.fixture": ("torque_angle",),
-    "claims.K_percent": ("impedance", "walking"),
-    "impedance_trajectory": ("walking",),
-    "figures.midstance_stiffness": ("walking",),
-    "figures.stance_share": ("walking",),
-    "walking.perturbed_by": ("walking",),
-    "walking.side": ("walking",),
-    "walking.plate": ("walking",),
-    "walking.markers": ("walking",),
-    "walking.cutoff_hz": ("walking",),
-    "walking.window_s": ("walking",),
-    "walking.baseline_s": ("walking",),
-    "walking.guard_s": ("walking",),
-}
-ASSUMED = {"torque_angle.zero": "end"}  # values used for null
-# settings that are not used without these files
-RESTS_ON = {
-    "gain_weight": "parameters",
-    "model_comparison.sign_width": "parameters",
-    "figures.stance_share": "impedance_trajectory",
-}
 
 
-def named_in(settings: Any, name: str) -> Any:
-    """A setting of nested mappings by its dotted name; None if there is none."""
-    value = settings
-    for key in name.split("."):
-        value = (value or {}).get(key)
-    return value
-
-
-def states_of(
-    config: Config, own: Mapping[str, Any], experiments: Collection[str]
-) -> list[dict[str, Any]]:
-    """Find value and state of every setting that judges or labels some experiments.
-
-    Parameters
-    ----------
-    config : Config
-    own : Mapping
-        The fields that the campaign's file states.
-    experiments : Collection of str
-
-    Returns
-    -------
-    list of dict
-        `setting`, `value` as JSON, and `state`: stated (by the configuration or its simulation),
-        measured (each recording has its own), assumed (the default), or none.
-    """
-    settings = config.model_dump(mode="json")
-    rows = []
-    for name, judged in JUDGING.items():
-        if not set(judged) & set(experiments):
-            continue
-        value = named_in(settings, name)
-        state = state_of(name, value, config, own)
-        rows.append({"setting": name, "value": shown_value(name, value, state), "state": state})
-    return rows
-
-
-def is_empty(value: Any) -> bool:
-    """Whether a setting is null, or a mapping of nothing but that."""
-    return not any(value.values()) if isinstance(value, dict) else value is None
-
-
-def state_of(name: str, value: Any, config: Config, own: Mapping[str, Any]) -> str:
-    """State of a setting, as `states_of` names it."""
-    if config.simulation is not None or named_in(own, name) is not None:
-        return "stated"
-    is_unused = name in RESTS_ON and getattr(config, RESTS_ON[name]) is None
-    if not is_empty(value) and not is_unused:
-        return "assumed"
-    if name in FOUND:
-        return "measured"
-    return "assumed" if name in ASSUMED else "none"
-
-
-def shown_value(name: str, value: Any, state: str) -> str | None:
-    """A setting as text; a shipped file is shown without its folder."""
-    if is_empty(value):
-        value = ASSUMED.get(name)
-    if value is None or state == "none":
-        return None
-    return json.dumps(value).strip('"').removeprefix(f"{root()}/")
-
-
-def over_default(own: Mapping[str, Any]) -> Any:
+def over_default(stated: Mapping[str, Any]) -> Any:
     """Replace fields of the default configuration by those of another.
 
-    Real recordings are not from the bench of the default campaign: for them, `FACTS` that are not
-    stated are null.
+    Real recordings are not from the bench of the default campaign: for them, `FACTS_OF_DEFAULT`
+    that are not stated are null.
     """
     default = read_mapping(default_config())
-    is_simulated = own.get("simulation", default["simulation"]) is not None
+    is_simulated = stated.get("simulation", default["simulation"]) is not None
     if default["simulation"] is None or is_simulated:
-        return overriding(default, own)
-    for name in FACTS:
+        return overriding(default, stated)
+    for name in FACTS_OF_DEFAULT:
         default = overriding(default, nested(name, None))
-    if own.get("gain_weight") is None:  # the damping that gains should give depends on it
+    if stated.get("gain_weight") is None:  # the damping that gains should give depends on it
         default = overriding(default, nested("doubtful.impedance.above.B_gap_s", None))
-    return overriding(default, own)
+    return overriding(default, stated)
 
 
 def nested(name: str, value: Any) -> Any:
@@ -358,8 +240,8 @@ def read_config(path: Path, of_any: bool = False) -> Config:
 
     Recordings `of_any` bench are not compared with what the shipped default states.
     """
-    own = own_fields(path) if of_any else read_mapping(path, by_snakemake=True)
-    return validated(over_default(own), Config, path)
+    stated = own_fields(path) if of_any else read_mapping(path, by_snakemake=True)
+    return validated(over_default(stated), Config, path)
 
 
 def campaign_config(content: Any, files: Sequence[Path]) -> Config:

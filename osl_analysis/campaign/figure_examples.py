@@ -70,11 +70,12 @@ def check_amplitude_is_analysed(campaign: Campaign, amplitude_deg: float | None)
     analysed = dynamometer.amplitudes_deg or ()
     if amplitude_deg is None or not analysed or dynamometer.excitation == "any":
         return
-    if not any(abs(one / amplitude_deg - 1) < NEAR_AMPLITUDE for one in analysed):
+    differences = [abs(amplitude / amplitude_deg - 1) for amplitude in analysed]
+    if min(differences) >= NEAR_AMPLITUDE:
+        amplitudes = ", ".join(f"{amplitude:g}" for amplitude in analysed)
         raise InputError(
             f"configuration: figures.time_series.amplitude_deg = {amplitude_deg:g} is none of"
-            f" dynamometer.amplitudes_deg ({', '.join(f'{one:g}' for one in analysed)}); choose one"
-            " of them, or null"
+            f" dynamometer.amplitudes_deg ({amplitudes}); choose one of them, or null"
         )
 
 

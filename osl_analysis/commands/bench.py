@@ -1,9 +1,10 @@
-"""The fits of bench trials, the same for the workflow, the command line, `watch` and notebooks; and
-the jobs on tables of the bench."""
+"""The jobs of the bench: the fit of each kind of trial, and what its tables tell together.
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from importlib import import_module
+`commands/fit.py` calls the same fits for the command line, `watch` and notebooks.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -32,17 +33,8 @@ from osl_analysis.bench.plausibility import plausible
 from osl_analysis.bench.record import Record, stored_record, with_actuator
 from osl_analysis.bench.recorded_motion import record_of_trial, sine_record
 from osl_analysis.bench.transmission import LOSSES, transmission_of, transmission_table
-from osl_analysis.campaign.configuration import Config, over_default, own_fields, read_section
-from osl_analysis.commands.estimates import estimated, estimates_text
 from osl_analysis.commands.remedies import remedies_tried
-from osl_analysis.config.experiments import EXPERIMENTS, FitJob
-from osl_analysis.errors import InputError, nearest, printable_lines
-from osl_analysis.files import shipped
 from osl_analysis.ingest.examine import check_recording, saturated
-from osl_analysis.judge.finding import Finding, Grade
-from osl_analysis.judge.judging import judged, marked
-from osl_analysis.judge.limits import DoubtfulFits
-from osl_analysis.judge.words import finding_text
 from osl_analysis.model.compensator import Weight
 from osl_analysis.model.drivetrain import FileOrNone, joint_admittance, known_parameters
 from osl_analysis.table import read_table, with_evidence, write_table
@@ -250,188 +242,3 @@ def compare_controllers(table: Path, output: Path, data: str = "") -> None:
     )  # fmt: skip
     rows = read_table(table, needed)
     write_table(condition_tables.compensation_table(rows), output, data)
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Fit:
-    """A fitted trial. Every column of its table is an attribute, with the value of the fit to all
-    data: `fit.K`, `fit.K_se`, `fit.VAF`; `fit.K_interval` is (low, high), the 95 % interval.
-    Meaning and unit of each are told by `osl-analysis results --columns`.
-
-    Attributes
-    ----------
-    experiment : str
-        It names the table that the fit has rows of in a campaign.
-    table : DataFrame
-        Those rows: one per amplitude, if there are several, and last the fit to all data.
-    series : DataFrame
-        `time` [s] from the start, `torque` and `torque_model` [N*m] of all samples that the fit
-        explains.
-    curves : DataFrame or None
-        Torque over angle, rows of `belt_curves` or `torque_angle_curves`; None for another
-        experiment.
-    findings : list
-        What was judged of each row: doubts, what could not be checked, notes.
-    """
-
-    experiment: str
-    table: pl.DataFrame
-    series: pl.DataFrame
-    curves: pl.DataFrame | None
-    findings: Sequence[Sequence[Finding]] = ()
-
-    @property
-    def row(self) -> Mapping[str, Any]:
-        """The fit to all data."""
-        return self.table.row(-1, named=True)
-
-    @property
-    def doubtful(self) -> str:
-        """Why the fit to all data is not to be trusted: what is beyond which limit, and what to do.
-        Empty: nothing."""
-        return "\n".join(self.sentences(Grade.DOUBTS))
-
-    @property
-    def not_checked(self) -> str:
-        """What could not be checked, and why, a line each, and what is to be known; empty if there
-        is nothing."""
-        lines = [f"not checked: {text}" for text in self.sentences(Grade.UNCHECKED)]
-        lines += [f"remark: {text}" for text in self.sentences(Grade.NOTES)]
-        return "\n".join(lines)
-
-    def sentences(self, *grades: Grade) -> list[str]:
-        """The findings of some grades about the fit to all data, in words."""
-        of_whole = self.findings[-1] if self.findings else ()
-        return [finding_text(finding, self.row) for finding in of_whole if finding.grade in grades]
-
-    def __getattr__(self, name: str) -> Any:
-        """A column of the table by name, of the fit to all data, or `NAME_interval`."""
-        if name.startswith("_"):  # also while a copy is made, which has no fields yet
-            raise AttributeError(name)
-        row = self.row
-        quantity = name.removesuffix("_interval")
-        if quantity != name and f"{quantity}_low" in row:
-            return row[f"{quantity}_low"], row[f"{quantity}_high"]
-        if name not in row:
-            known = ", ".join(estimated(row))
-            raise AttributeError(
-                f"a fit of {self.experiment} has no '{name}'{nearest(name, row)}; it has {known}"
-            )
-        return row[name]
-
-    def __dir__(self) -> list[str]:
-        intervals = [f"{name}_interval" for name in estimated(self.row)]
-        return sorted({*super().__dir__(), *self.row, *intervals})
-
-    def __repr__(self) -> str:
-        text = f"{self.experiment}, {estimates_text(self.table.tail(1), self.findings[-1:])}"
-        if self.not_checked:
-            text += f"\n{self.not_checked}"
-        return printable_lines(text)
-
-
-def job_of(experiment: str) -> FitJob:
-    """The fit of an experiment's trials. Raises InputError where it has none."""
-    fit = EXPERIMENTS[experiment].fit
-    if fit is None:
-        raise InputError(
-            f"a trial of '{experiment}' is not fitted alone; choose another experiment for it"
-        )
-    return fit
-
-
-def fit_settings(experiment: str, config: Path) -> tuple[dict[str, Any], DoubtfulFits]:
-    """Read the settings of an experiment's fit.
-
-    Parameters
-    ----------
-    experiment : str
-    config : Path
-        A configuration file, which may override fields of the default only.
-
-    Returns
-    -------
-    settings : dict
-        By the arguments of the fit's job.
-    limits : DoubtfulFits
-        Beyond which a fit is doubtful.
-    """
-    settings: dict[str, Any] = {}
-    for argument, (section, _) in job_of(experiment).settings.items():
-        model: Any = Config.model_fields[section].annotation
-        settings[argument] = read_section(config, section, model)
-    return settings, read_section(config, "doubtful", DoubtfulFits)
-
-
-def campaign_parameters(config: Path) -> Path | None:
-    """The parameter file that a configuration names, which may override fields of the default only;
-    None: null."""
-    name = over_default(own_fields(config))["parameters"]
-    return None if name is None else shipped(str(name))
-
-
-def fitted_trial(
-    experiment: str,
-    trial: Trial,
-    parameters: Path | None,
-    settings: Mapping[str, Any],
-    condition: Any = None,
-    windows: str | None = None,
-) -> FitTables:
-    """Fit a trial as the job of a campaign does.
-
-    Parameters
-    ----------
-    experiment : str
-    trial : Trial
-    parameters : Path or None
-        The device's file; None for a device without one.
-    settings : Mapping
-        By the arguments of the job, as of `fit_settings`.
-    condition : DesiredImpedance or Mapping or None
-        What the sheet states; a mapping has its cells by column.
-    windows : str or None
-        Those of the sheet [s].
-
-    Raises
-    ------
-    InputError
-        The experiment has no fit, or the recording cannot be fitted.
-    """
-    fit = job_of(experiment)
-    arguments = dict(settings)
-    if fit.parameters:
-        arguments["parameters"] = parameters
-    if fit.sheet:
-        arguments["condition"] = condition
-    if fit.windows:
-        arguments["windows"] = windows
-    module_name, _, function_name = fit.job.partition(".")
-    module = import_module(f"osl_analysis.commands.{module_name}")
-    fit_it: Callable[..., FitTables | Mapping[str, pl.DataFrame]] = getattr(module, function_name)
-    tables = fit_it(trial, **arguments)
-    return tables if isinstance(tables, FitTables) else FitTables(tables)
-
-
-def fit_trial(
-    experiment: str,
-    trial: Trial,
-    device: Path | None,
-    settings: Mapping[str, Any],
-    limits: DoubtfulFits,
-    *stated: Any,
-) -> Fit:
-    """Fit a trial and judge it; `fit_settings` gives `settings` and `limits`, the rest and errors
-    as `fitted_trial`."""
-    tables = fitted_trial(experiment, trial, device, settings, *stated).estimates
-    name = EXPERIMENTS[experiment].tables[0].name
-    findings = judged(tables[name], limits.of(name), name)
-    curves = [table for name, table in tables.items() if name.endswith("_curves")]
-    no_torque = pl.DataFrame(schema=dict.fromkeys(("time", "torque", "torque_model"), pl.Float64))
-    return Fit(
-        experiment=experiment,
-        table=marked(tables[name], findings, name),
-        series=tables.get("torque", no_torque),
-        curves=curves[0] if curves else None,
-        findings=findings,
-    )

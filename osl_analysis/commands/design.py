@@ -75,7 +75,7 @@ class Planned:
 class Design:
     """The plan that was asked for, what its intervals depend on, and what it will tell."""
 
-    asked: Planned
+    requested: Planned
     assumed: Assumptions
     lag_s: float  # lag [s] of the torque whose effect is stated
     lag_errors: Mapping[str, float]  # what it adds to K, B and I
@@ -88,7 +88,7 @@ class Design:
     @property
     def best_plan(self) -> Plan:
         """The plan to record: the recommended one, if there is one."""
-        return self.asked.plan if self.recommended is None else self.recommended.plan
+        return self.requested.plan if self.recommended is None else self.recommended.plan
 
 
 def designed(options: Mapping[str, Any], config: Config) -> Design:
@@ -124,11 +124,11 @@ def designed(options: Mapping[str, Any], config: Config) -> Design:
     )
     check_band(plan, assumed)
 
-    asked = Planned(plan, assumed.precision_of(plan))
+    requested = Planned(plan, assumed.precision_of(plan))
     if not isinstance(plan, SteppedSine):  # which the analysis judges otherwise
-        check_identifiable(asked, assumed.joint, bench.largest_inertia_error)
+        check_identifiable(requested, assumed.joint, bench.largest_inertia_error)
     peak_torque = largest_torque(plan, assumed)
-    warnings = list(plan_warnings(asked, assumed))
+    warnings = list(plan_warnings(requested, assumed))
     warnings += limit_warnings(plan, peak_torque, bench)
     recommended = None
     if within:
@@ -140,10 +140,10 @@ def designed(options: Mapping[str, Any], config: Config) -> Design:
 
     lag_s = 1e-3 * options["lag"]
     return Design(
-        asked=asked,
+        requested=requested,
         assumed=assumed,
         lag_s=lag_s,
-        lag_errors=errors_by_lag(asked, assumed.joint, lag_s),
+        lag_errors=errors_by_lag(requested, assumed.joint, lag_s),
         peak_torque=peak_torque,
         within=within,
         recommended=recommended,
@@ -403,15 +403,15 @@ def limit_warnings(plan: Plan, peak_torque: float, bench: DynamometerAnalysis) -
 
 def beyond_reach(longest: Planned, within: Mapping[str, float]) -> str:
     """What the longest plan that is searched gives, and what limits it."""
-    found = longest.precision
+    intervals = longest.precision
     reached = []
     for k, name in enumerate(KBI):
         if name not in within:
             continue
-        variance_by_cause = {cause: variance[k] for cause, variance in found.variance.items()}
+        variance_by_cause = {cause: variance[k] for cause, variance in intervals.variance.items()}
         cause, variance = max(variance_by_cause.items(), key=lambda item: item[1])
-        percent = 100 * found.half_width[k] / max(abs(found.expected[k]), TINY)
-        share_percent = 100 * variance / max(found.se[k] ** 2, TINY)
+        percent = 100 * intervals.half_width[k] / max(abs(intervals.expected[k]), TINY)
+        share_percent = 100 * variance / max(intervals.se[k] ** 2, TINY)
         reached.append(f"{name} ± {percent:.2g} % (variance by {cause} {share_percent:.0f} %)")
     return (
         "what is asked for is beyond the longest record that is searched,"
@@ -442,10 +442,10 @@ def plan_warnings(planned: Planned, assumed: Assumptions) -> Iterator[str]:
 
 def band_warnings(planned: Planned, low_pass: LowPass) -> Iterator[str]:
     """Whether the band hardly tells K from I, and by which octave to widen it."""
-    found = planned.precision
-    inertia = found.expected[2]
-    correlation = found.fit.correlation
-    is_wide = inertia != 0 and found.half_width[2] > LARGEST_INERTIA_SHARE * abs(inertia)
+    intervals = planned.precision
+    inertia = intervals.expected[2]
+    correlation = intervals.fit.correlation
+    is_wide = inertia != 0 and intervals.half_width[2] > LARGEST_INERTIA_SHARE * abs(inertia)
     if correlation <= LARGEST_CORRELATION and not is_wide:
         return
     low = float(planned.plan.sines.frequency_hz.min())
@@ -508,11 +508,11 @@ def encoder_warnings(planned: Planned, sensors: Sensors) -> Iterator[str]:
 
 def design_text(design: Design) -> str:
     """The plan, its intervals, what is not in them, and the recommended plan."""
-    asked = design.asked
-    lines = [asked.plan.words, *motion_lines(design), ""]
-    lines += interval_lines(asked.precision)
+    requested = design.requested
+    lines = [requested.plan.words, *motion_lines(design), ""]
+    lines += interval_lines(requested.precision)
     lines += ["", lag_line(design)]
-    added_damping = design.assumed.distortion.added_damping(asked.plan)
+    added_damping = design.assumed.distortion.added_damping(requested.plan)
     if added_damping:
         values = ", ".join(f"{value:.3g} ({name})" for name, value in added_damping.items())
         lines.append(
@@ -534,7 +534,7 @@ def design_text(design: Design) -> str:
 
 def motion_lines(design: Design) -> list[str]:
     """The extremes of the motion, and the errors of the sensors."""
-    plan = design.asked.plan
+    plan = design.requested.plan
     sensors = design.assumed.sensors
     low_pass = design.assumed.low_pass
     band = f"up to {sensors.noise_band_hz:g} Hz" if sensors.noise_band_hz else "white"
@@ -570,32 +570,32 @@ def seconds(duration_s: float) -> str:
     return f"{duration_s:.4g} s{minutes}"
 
 
-def interval_lines(found: Precision) -> Iterator[str]:
+def interval_lines(intervals: Precision) -> Iterator[str]:
     """A line per parameter, with what the variance is made of, and a line on the interval."""
     yield (
         f"{'':4}{'expected':>10}{'95 % interval ±':>18}{'in %':>10}{'by noise alone ±':>18}  "
         " variance by"
     )
     for k, (name, unit) in enumerate(UNITS.items()):
-        expected = found.expected[k]
-        half_width = found.half_width[k]
+        expected = intervals.expected[k]
+        half_width = intervals.half_width[k]
         percent = f"{100 * half_width / abs(expected):.3g}" if expected else "-"
         causes = []
-        for cause, variance in found.variance.items():
-            share_percent = 100 * variance[k] / max(found.se[k] ** 2, TINY)
+        for cause, variance in intervals.variance.items():
+            share_percent = 100 * variance[k] / max(intervals.se[k] ** 2, TINY)
             if share_percent >= SHOWN_SHARE_PERCENT:
                 causes.append(f"{cause} {share_percent:.0f} %")
         yield (
             f"{name:4}{expected:>10.4g}{half_width:>18.3g}{percent:>10}"
-            f"{found.half_width_of_noise[k]:>18.3g}   {', '.join(causes)} [{unit}]"
+            f"{intervals.half_width_of_noise[k]:>18.3g}   {', '.join(causes)} [{unit}]"
         )
-    freedom = ", ".join("∞" if np.isinf(d) else f"{d:.0f}" for d in found.degrees_of_freedom)
-    method = found.method
+    freedom = ", ".join("∞" if np.isinf(d) else f"{d:.0f}" for d in intervals.degrees_of_freedom)
+    method = intervals.method
     if method in (BY_UNITS, BY_REPEATS):
         method += ", as impedance.csv will name it"
     yield (
         f"interval from {method}, {freedom} degrees of freedom; correlation of K and I"
-        f" {found.fit.correlation:.2f}, condition number {found.fit.condition_number:.3g}"
+        f" {intervals.fit.correlation:.2f}, condition number {intervals.fit.condition_number:.3g}"
     )
 
 
@@ -603,8 +603,8 @@ def design_json(design: Design) -> str:
     """All of it as JSON, in SI units; null for numbers that are infinite or undefined."""
     recommended = design.recommended
     content = {
-        **planned_json(design.asked),
-        "friction_damping": design.assumed.distortion.added_damping(design.asked.plan),
+        **planned_json(design.requested),
+        "friction_damping": design.assumed.distortion.added_damping(design.requested.plan),
         "lag_s": design.lag_s,
         "lag_errors": design.lag_errors,
         "asked_within": design.within,
@@ -616,25 +616,27 @@ def design_json(design: Design) -> str:
 
 def planned_json(planned: Planned) -> dict[str, Any]:
     """A plan and its intervals for JSON."""
-    found = planned.precision
+    intervals = planned.precision
     columns = {
-        "expected": found.expected,
-        "half_width": found.half_width,
-        "half_width_of_noise": found.half_width_of_noise,
-        "se": found.se,
-        "degrees_of_freedom": found.degrees_of_freedom,
+        "expected": intervals.expected,
+        "half_width": intervals.half_width,
+        "half_width_of_noise": intervals.half_width_of_noise,
+        "se": intervals.se,
+        "degrees_of_freedom": intervals.degrees_of_freedom,
     }
     estimates = {}
     for k, name in enumerate(KBI):
         numbers: dict[str, Any] = {column: float(of_KBI[k]) for column, of_KBI in columns.items()}
-        numbers["variance"] = {cause: float(of_KBI[k]) for cause, of_KBI in found.variance.items()}
+        numbers["variance"] = {
+            cause: float(of_KBI[k]) for cause, of_KBI in intervals.variance.items()
+        }
         estimates[name] = numbers
     return {
         "protocol": planned.plan.words,
         "record_s": planned.plan.record_s,
         "peak_angle": planned.plan.peak.angle,
         "estimates": estimates,
-        "interval_method": found.method,
-        "correlation_K_I": found.fit.correlation,
-        "condition_number": found.fit.condition_number,
+        "interval_method": intervals.method,
+        "correlation_K_I": intervals.fit.correlation,
+        "condition_number": intervals.fit.condition_number,
     }

@@ -21,8 +21,8 @@ LEAST_FREE_GB = 2
 class Look(NamedTuple):
     """What `doctor` says of one thing."""
 
-    what: str
-    found: str
+    subject: str
+    state: str  # of the subject, as its version or what is wrong with it
     remedy: str = ""  # empty if nothing is to be done
     is_absent: bool = False  # an optional library that is not installed
 

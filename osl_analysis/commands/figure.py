@@ -23,10 +23,10 @@ from osl_analysis.commands.walking import (
     selected_crossings,
 )
 from osl_analysis.errors import InputError
-from osl_analysis.figures import drawing_of, names
+from osl_analysis.figures import captions, drawing_of, names
 from osl_analysis.figures.frequency import DESIRED, LINEAR_MODEL, draw_fig7, response_curve
 from osl_analysis.figures.names import completed, look_numbers
-from osl_analysis.figures.saved import METADATA, saved_figure
+from osl_analysis.figures.saved import METADATA, saved_figure, write_footer
 from osl_analysis.figures.style import lay_out
 from osl_analysis.files import atomic_path, digest, write_text
 from osl_analysis.judge.finding import Limits
@@ -141,7 +141,7 @@ def draw_table(
             without += f" and {len(missing) - MOST_NAMED} more"
         origin = f"{origin}. {without}" if origin else without
     figure = drawing_of(name).draw(table)
-    page_box = names.write_footer(figure, origin) if origin and footer else None
+    page_box = write_footer(figure, origin) if origin and footer else None
     lay_out(figure)
     for path in outputs:
         content = saved_figure(figure, path.suffix, origin, page_box)
@@ -156,7 +156,7 @@ def write_captions(
     the plotted numbers by the name of the figure, `shown` the results of single trials that it
     shows; the refused ones are named."""
     sections = [
-        f"# Captions\n\n{names.as_text(footer)}. Why a fit is doubtful stands in the column"
+        f"# Captions\n\n{captions.as_text(footer)}. Why a fit is doubtful stands in the column"
         " `doubtful` of the figure's CSV file.\n"
     ]
     for name, table in tables.items():
@@ -171,16 +171,16 @@ def caption_of(name: str, table_csv: Path, missing: Sequence[str] = ()) -> str:
     is not drawn."""
     causes = [f"{cause.trial or cause.file}: {cause.reason}" for cause in read_refusals(table_csv)]
     if causes:
-        return f"{UNDRAWN} {names.listed_text(causes)}."
+        return f"{UNDRAWN} {captions.listed_text(causes)}."
     figure = drawing_of(name)
     table = read_table(table_csv, required=figure.columns)
     if table.is_empty():
-        return f"{UNDRAWN} {names.as_text(figure.nothing[:1].upper() + figure.nothing[1:])}."
-    sentences = [figure.caption(table), names.doubtful_said(table)]
+        return f"{UNDRAWN} {captions.as_text(figure.nothing[:1].upper() + figure.nothing[1:])}."
+    sentences = [figure.caption(table), captions.doubtful_sentence(table)]
     if missing:
         sentences.append(
             f"Without {names.count_of(len(missing), 'trial')} whose recordings or fits were"
-            f" refused: {names.listed_text(missing)}."
+            f" refused: {captions.listed_text(missing)}."
         )
     return " ".join(filter(None, sentences))
 

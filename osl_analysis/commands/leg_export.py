@@ -187,7 +187,7 @@ def known_controllers(
 
 def gains_of_conditions(controllers: Mapping[str, KnownController]) -> list[dict[str, Any]]:
     """Each desired impedance once, with its gains."""
-    conditions = {known.desired: known.gains for known in controllers.values()}
+    conditions = {controller.desired: controller.gains for controller in controllers.values()}
     return [
         {**asdict(desired), "K_1": gains.K_1, "B_1": gains.B_1}
         for desired, gains in conditions.items()
@@ -209,8 +209,8 @@ def proof_of(
     if not controllers:
         return {"says": "not proven: the results have no impedance trial whose gains are known"}
     rows = []
-    for name, known in controllers.items():
-        rows.append(round_trip(folder / f"trials/{name}.parquet", known.law, config, p))
+    for name, controller in controllers.items():
+        rows.append(round_trip(folder / f"trials/{name}.parquet", controller.law, config, p))
     worst = min(rows, key=lambda row: row["VAF"])
     median = float(np.median([row["VAF"] for row in rows]))
     return {

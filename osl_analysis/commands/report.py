@@ -38,7 +38,7 @@ from osl_analysis.report.page import written_page
 from osl_analysis.report.page_figures import captions_by_title, inline_svg
 from osl_analysis.report.page_text import assumed_text, method_text
 from osl_analysis.report.trial_page import (
-    FOR_WANT_OF_ANOTHER,
+    LACKS_ANOTHER,
     LeftOut,
     ReportedTrial,
     left_out_trials,
@@ -234,7 +234,7 @@ def reported_trial(row: Mapping[str, Any], campaign: CampaignResults) -> Reporte
     left_out = campaign.left_out.get(name, LeftOut(False, "", []))
     if name not in campaign.left_out and not has_result:
         reason = f"it has no result{because_of(list(campaign.left_out))}"
-        left_out = LeftOut(True, FOR_WANT_OF_ANOTHER, [reason])
+        left_out = LeftOut(True, LACKS_ANOTHER, [reason])
     provenance: Mapping[str, Any] = {}
     if "trial" in files:
         _, provenance = metadata_of(files["trial"])

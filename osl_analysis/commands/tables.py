@@ -9,12 +9,12 @@ from typing import Any
 import polars as pl
 
 from osl_analysis.bench.torque_angle_tables import compared_with_repeats
-from osl_analysis.campaign.configuration import FOUND
 from osl_analysis.campaign.origin import sentence
+from osl_analysis.campaign.setting_states import MEASURED_COLUMNS
 from osl_analysis.config.experiments import judged_tables
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path, write_text
-from osl_analysis.judge.campaign import campaign_findings, known_of
+from osl_analysis.judge.campaign import campaign_findings, causes_in_campaign
 from osl_analysis.judge.claims import Claims, claims_table
 from osl_analysis.judge.exclusions import Judge
 from osl_analysis.judge.finding import Limits, findings_frame, read_findings
@@ -30,8 +30,8 @@ from osl_analysis.report.headline_text import to_table
 from osl_analysis.report.headlines import headline_numbers
 from osl_analysis.report.paper_tables import PaperTable, components_table, conditions_table
 from osl_analysis.report.used_trials import missing_lines, used_and_missing
-from osl_analysis.stats.repeats import sizes_said
-from osl_analysis.table import OF_ROW, Places, read_table, with_evidence, with_places, write_table
+from osl_analysis.stats.repeats import size_texts
+from osl_analysis.table import ROW_KEYS, Places, read_table, with_evidence, with_places, write_table
 
 
 def gather(
@@ -85,7 +85,7 @@ def gather(
         in_evidence = [name for name in table.columns if name in evidence_columns]
         write_table(table.select(in_evidence), evidence, data)
         # both files tell of which row they are
-        further = [name for name in in_evidence if name not in OF_ROW]
+        further = [name for name in in_evidence if name not in ROW_KEYS]
         table = table.drop(further)
     write_table(table, output, data)
 
@@ -100,12 +100,12 @@ def write_settings(
     """Write the settings that judge or label with their states. What was measured is that of
     `phasors.csv`, or none, also where that is `refused`."""
     table = pl.DataFrame(states, schema=dict.fromkeys(("setting", "value", "state"), pl.String))
-    sines = pl.DataFrame(schema=dict.fromkeys(FOUND.values(), pl.Float64))
+    sines = pl.DataFrame(schema=dict.fromkeys(MEASURED_COLUMNS.values(), pl.Float64))
     if phasors:
         sines = read_table(phasors)
     measured_values: dict[str, str] = {}
-    for setting, column in FOUND.items():
-        sizes = sizes_said(sines[column].cast(pl.Float64))
+    for setting, column in MEASURED_COLUMNS.items():
+        sizes = size_texts(sines[column].cast(pl.Float64))
         if sizes:
             measured_values[setting] = f"[{', '.join(sizes)}]"
     measured = pl.col("setting").replace_strict(
@@ -250,7 +250,7 @@ def write_summary(
         "trials": used_trials,
         "missing_results": missing_results,
         "intervals": intervals,
-        "findings": known_of(all_findings, tables, checks),
+        "findings": causes_in_campaign(all_findings, tables, checks),
     }
     remarks = missing_lines(content, reasons=False)
     if intervals:

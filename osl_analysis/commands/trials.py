@@ -80,8 +80,8 @@ def ingest_and_check(
     """Write the trial of one row of the sheet, and to `quality` a row for each check, without
     limits and verdicts."""
     record = ingest_trial(row, raw_folder, sources_folder, trial, needed_columns)
-    found = examine(record, str(row["experiment"]), commanded, row.get("windows") or "")
-    write_table(measured_table(record.name, found), quality, data)
+    measured = examine(record, str(row["experiment"]), commanded, row.get("windows") or "")
+    write_table(measured_table(record.name, measured), quality, data)
 
 
 def raw_trial(recording: Path, source: Path, experiment: str) -> Trial:
@@ -203,14 +203,14 @@ def folder_text(folder: Path) -> str:
 
 def folder_json(folder: Path) -> str:
     """The same as JSON: by file, the facts on it, or why it is `refused`."""
-    found: dict[str, Any] = {}
+    overviews: dict[str, Any] = {}
     for path in recordings_below(folder):
         name = str(path.relative_to(folder))
         try:
-            found[name] = overview_facts(inspect_file(path))
+            overviews[name] = overview_facts(inspect_file(path))
         except InputError as error:
-            found[name] = {"refused": str(error)}
-    return json.dumps(found, indent=2, ensure_ascii=False)
+            overviews[name] = {"refused": str(error)}
+    return json.dumps(overviews, indent=2, ensure_ascii=False)
 
 
 def recording_lines(path: Path, folder: Path) -> list[str]:

@@ -18,7 +18,7 @@ import scipy
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.campaign.campaign_trials import Campaign, open_campaign
 from osl_analysis.campaign.configuration import Config, read_config
-from osl_analysis.commands import bench as fits
+from osl_analysis.commands import fit as fits
 from osl_analysis.commands.estimates import estimated, estimates_text, printed_units
 from osl_analysis.commands.trials import checked_trial, inspect_file
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
@@ -366,35 +366,35 @@ def beside_siblings(
     """Whether a recording is like those of its kind before it, joint, controller and what was asked
     for, by median and median absolute deviation of each number. What it has is added to the
     notes."""
-    known = read_notes(notes)
+    noted = read_notes(notes)
     siblings = [
         note["numbers"]
-        for other, note in known.items()
-        if other != name and note["kind"] == list(kind)
+        for sibling_name, note in noted.items()
+        if sibling_name != name and note["kind"] == list(kind)
     ]
     values = {key: value for key, (value, _) in numbers.items()}
-    known[name] = {"kind": list(kind), "numbers": values}
+    noted[name] = {"kind": list(kind), "numbers": values}
     with suppress(OslAnalysisError):  # the picture says why nothing is written there
-        write_text(notes, json.dumps(known, indent=1) + "\n")
+        write_text(notes, json.dumps(noted, indent=1) + "\n")
 
     differences = []
-    most = 0
+    n_siblings = 0
     for key, (value, least_sd) in numbers.items():
         of_siblings = [sibling[key] for sibling in siblings if key in sibling]
         if len(of_siblings) < FEWEST_SIBLINGS:
             continue
-        most = max(most, len(of_siblings))
+        n_siblings = max(n_siblings, len(of_siblings))
         median = float(np.median(of_siblings))
         sd = max(scipy.stats.median_abs_deviation(of_siblings, scale="normal"), least_sd)
         if abs(value - median) > FAR * sd:
             differences.append(f"{key} is {value:.3g}, theirs {median:.3g} ± {sd:.1g}")
     if differences:
         return (
-            f"DIFFERS from its {most} siblings: {listing(differences, 4)}: look for what changed on"
-            " the bench"
+            f"DIFFERS from its {n_siblings} siblings: {listing(differences, 4)}: look for what"
+            " changed on the bench"
         )
-    if most:
-        return f"like its {most} siblings"
+    if n_siblings:
+        return f"like its {n_siblings} siblings"
     if not numbers:
         return "no siblings: no K_d is stated"
     return f"{len(siblings)} siblings to compare with, {FEWEST_SIBLINGS} are needed"

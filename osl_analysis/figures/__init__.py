@@ -34,10 +34,10 @@ DESCRIBED = Path(__file__).with_name("figures.yaml")
 
 def listed_figures() -> dict[str, CampaignFigure]:
     """The figures of `figures.yaml` by name."""
-    known = {field.name for field in fields(CampaignFigure)}
+    names = {field.name for field in fields(CampaignFigure)}
     figures = {}
     for place, entry in own_yaml(DESCRIBED).items():
-        facts = {key: value for key, value in entry.items() if key in known}
+        facts = {key: value for key, value in entry.items() if key in names}
         figures[place.removeprefix("figures/")] = CampaignFigure(**facts)
     return figures
 
@@ -45,9 +45,9 @@ def listed_figures() -> dict[str, CampaignFigure]:
 FIGURES = listed_figures()
 OTHER_FIGURES = {  # of no campaign: name and module
     "torque": "torque_over_time",
-    "comparison": "others",
-    "gain_grid": "others",
-    "not_drawn": "others",
+    "comparison": "compared_campaigns",
+    "gain_grid": "gain_curves",
+    "not_drawn": "not_drawn",
 }
 
 

@@ -139,10 +139,10 @@ def written_below(rows: pl.DataFrame, controller: str, place: str, inches: float
     median = median_vaf(rows)
     leading = int(np.floor(np.log10(max(100 - median, 1e-5))))
     digits = min(max(1 - leading, 2), 6)  # two of the unexplained share
-    told = (controller, place, fits, f"median {median:.{digits}f} %".replace("-", "−"))
+    parts = (controller, place, fits, f"median {median:.{digits}f} %".replace("-", "−"))
 
     lines = []
-    for line in told:
+    for line in parts:
         lines += textwrap.wrap(line, max(int(style.LETTERS_PER_INCH * inches), 6))
     return "\n".join(lines)
 

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from osl_analysis.errors import InputError
-from osl_analysis.figures import columns_of, marks, names, style
+from osl_analysis.figures import captions, columns_of, marks, names, style
 from osl_analysis.figures.ticks import label_frequency_axis, label_log_axis, label_phase_axis
 from osl_analysis.trial import Array
 
@@ -94,7 +94,7 @@ def fig7_caption(table: pl.DataFrame) -> str:
     observed = names.completed(table.filter(pl.col("curve") == OBSERVED), ["chosen"])
     K_d, B_d, chosen = observed.select("K_d", "B_d", "chosen").row(0)
     stated = names.condition_parts(None, K_d, B_d)
-    why = f" ({names.as_text(chosen)})" if chosen is not None else ""
+    why = f" ({captions.as_text(chosen)})" if chosen is not None else ""
     of = f" for {', '.join(stated)}{why}" if stated else ""
     sentences = [
         f"Frequency response of the joint, angle over torque{of}: (a) magnitude, (b) phase.",
@@ -253,7 +253,7 @@ def response_caption(table: pl.DataFrame) -> str:
     if names.has_values(table, "magnitude_eq9"):
         sentences.append("Dashed: the linear model, which is the drivetrain with its gains.")
     if table["trial"].n_unique() > MOST_CONDITIONS:
-        sentences.append("Twelve trials are shown.")
+        sentences.append(f"The first {MOST_CONDITIONS} trials are shown.")
     is_robust = names.has_values(table.filter(method="robust"), "total_sd")
     sentences.append(
         f"Upright bars: 95 % intervals of noise{' and distortion' if is_robust else ''}."
@@ -277,11 +277,11 @@ def response_caption(table: pl.DataFrame) -> str:
 def draw_response(table: pl.DataFrame) -> Figure:
     """Three panels of each trial: magnitude, phase, and what models miss beside noise and
     distortion."""
-    shown = table.partition_by("trial", maintain_order=True)[:MOST_CONDITIONS]
-    across = min(len(shown), MOST_ACROSS)
-    if len(shown) > MOST_ACROSS**2:
+    trials = table.partition_by("trial", maintain_order=True)[:MOST_CONDITIONS]
+    across = min(len(trials), MOST_ACROSS)
+    if len(trials) > MOST_ACROSS**2:
         across = MOST_ACROSS + 1
-    down = -(-len(shown) // across)
+    down = -(-len(trials) // across)
     width = style.SINGLE_COLUMN if across == 1 else style.DOUBLE_COLUMN
     height = LEGEND_HEIGHT + down * (len(PANELS) * PANEL_HEIGHT + AROUND_TRIAL)
     figure = Figure(figsize=(width, height), layout="constrained")
@@ -289,16 +289,16 @@ def draw_response(table: pl.DataFrame) -> Figure:
 
     titles = names.trial_titles(table, is_narrow=across > 1)
     entries: dict[str, Any] = {}
-    for number, rows in enumerate(shown):
+    for number, rows in enumerate(trials):
         row, column = divmod(number, across)
         first = len(PANELS) * row
         of_trial = list(axes[first : first + len(PANELS), column])
         entries |= draw_condition(of_trial, rows)
-        letter = f"({ascii_lowercase[number]}) " if len(shown) > 1 else ""
+        letter = f"({ascii_lowercase[number]}) " if len(trials) > 1 else ""
         of_trial[0].set_title(f"{letter}{titles[rows['trial'][0]]}", loc="left")
     for ax, label in zip(axes[:, 0], PANELS * down, strict=True):
         ax.set_ylabel(label)
-    n_in_last_row = len(shown) - across * (down - 1)
+    n_in_last_row = len(trials) - across * (down - 1)
     for unused in axes[-len(PANELS) :, n_in_last_row:].ravel():
         unused.remove()
 

@@ -226,20 +226,20 @@ def draw_chain(table: pl.DataFrame) -> Figure:
     """A panel per link of each joint: percent over K_d, with intervals. A link without a number has
     none."""
     parts = names.placed_rows(table)
-    shown = []
+    links = []
     titles = []
     for place, (_, part) in zip(names.panel_titles(parts), parts, strict=True):
         for link, (name, _) in LINKS.items():
             if names.has_values(part, link):
-                shown.append((link, part))
+                links.append((link, part))
                 titles.append(f"{place}: {name}" if place else name)
-    rows = -(-len(shown) // COLUMNS)
+    rows = -(-len(links) // COLUMNS)
     figure, axes = style.panels(
         style.DOUBLE_COLUMN, figure_height(rows), rows, COLUMNS, titles=titles
     )
-    for ax, (link, part) in zip(axes, shown, strict=False):
+    for ax, (link, part) in zip(axes, links, strict=False):
         draw_link(ax, part, link)
-    for unused in axes[len(shown) :]:
+    for unused in axes[len(links) :]:
         unused.remove()
 
     entries = marks.controller_entries(names.looks_in(table).values())

@@ -8,7 +8,7 @@ import polars as pl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from osl_analysis.figures import columns_of, marks, names, style
+from osl_analysis.figures import captions, columns_of, marks, names, style
 
 MEASURED_LINE: dict[str, Any] = {"color": style.LIGHT_GREY, "linewidth": 2.2}
 MODEL_LINE: dict[str, Any] = {
@@ -25,13 +25,13 @@ def fig4_caption(table: pl.DataFrame) -> str:
     joint, side, trial, chosen, controller, K_d, B_d = table.select(
         "joint", "side", "trial", "chosen", "controller", "K_d", "B_d"
     ).row(0)
-    place = names.as_text(names.place_name(joint, side))
+    place = captions.as_text(names.place_name(joint, side))
     title = f"{place}, trial" if place else "Trial"
-    condition = names.condition_parts(controller, K_d, B_d, written=names.as_text)
-    which = f"with {', '.join(condition)}" if condition else names.as_text(trial)
-    why = f" ({names.as_text(chosen)})" if chosen else ""
+    condition = names.condition_parts(controller, K_d, B_d, written=captions.as_text)
+    named = f"with {', '.join(condition)}" if condition else captions.as_text(trial)
+    why = f" ({captions.as_text(chosen)})" if chosen else ""
     sentences = [
-        f"{title} {which}{why}.",
+        f"{title} {named}{why}.",
         "(a) Measured angle. (b) Torque: grey as measured, dashed the best fit of K, B and I. (c)"
         " Residual, the measured torque less the modelled.",
     ]

@@ -361,9 +361,9 @@ def draw_isolated(ax: Axes, rows: pl.DataFrame, panel: str) -> None:
     ax.set_xlabel("Time from the platform’s onset (ms)")
 
 
-def draw_perturbations(ax: Axes, every: pl.DataFrame) -> None:
+def draw_perturbations(ax: Axes, responses: pl.DataFrame) -> None:
     """The responses of single perturbations, each of which leads to its trial."""
-    trials = every.partition_by("trial", maintain_order=True)
+    trials = responses.partition_by("trial", maintain_order=True)
     for number, trial in enumerate(trials):
         (line,) = ax.plot(
             trial["x"], trial["mean"],
@@ -480,7 +480,7 @@ def draw_series(ax: Axes, groups: pl.DataFrame, colour: str, marker: str, label:
     ax.plot(phase, groups["estimate"], marker, color=colour, markersize=3.5, mew=0, label=label)
 
 
-# of `osl-analysis walking-errors`
+# of `osl-analysis design --walking`
 
 
 @style.paper_style()

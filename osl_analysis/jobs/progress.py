@@ -18,7 +18,7 @@ from snakemake_interface_logger_plugins.common import LogEvent
 
 from osl_analysis.errors import printable
 from osl_analysis.outcomes.job_log import read_log
-from osl_analysis.refusal import alike
+from osl_analysis.refusal import without_particulars
 
 STAGES = {
     "simulate": ("simulate_", "trial_sheet"),
@@ -151,7 +151,7 @@ class LogHandler(LogHandlerBase):
             if job_log is None or job_log["outcome"] not in ("refused", "failed", "killed"):
                 continue
             text = "; ".join(filter(None, (job_log["error"], job_log.get("remedy"))))
-            cause = (job_log["outcome"], alike(text, log.stem))
+            cause = (job_log["outcome"], without_particulars(text, log.stem))
             if cause not in self.printed_causes:
                 self.printed_causes.add(cause)
                 self.print_line(f"{job_log['outcome']}: {log.stem}: {printable(text)}")

@@ -201,7 +201,7 @@ it concerns a single amplitude, frequency or result."""
 
 
 @dataclass(frozen=True)
-class KnownCause:
+class CauseInCampaign:
     """A cause, or a thing that could not be checked, with its trials, as `summary.json` has it.
 
     Attributes
@@ -273,7 +273,40 @@ def entries(findings: pl.DataFrame) -> list[Entry]:
     return list(by_number.values())
 
 
-def known_of(
+@dataclass(frozen=True)
+class JudgedTable:
+    """A result table with the column `DOUBTFUL`, and what its findings are about."""
+
+    name: str
+    subject: str  # of its doubts, such as `impedance trials`
+    subject_of_unchecked: str  # of what could not be checked, such as `phasors trials`
+    trials: Sequence[str]  # those that were judged, or groups
+    doubts_of: str  # the table of the same trials whose doubts its rows share; empty for none
+
+
+def judged_tables_of(tables: Mapping[str, pl.DataFrame]) -> Iterator[JudgedTable]:
+    """The judged tables of a campaign, in the order of the experiments."""
+    for experiment, facts in EXPERIMENTS.items():
+        origins = {table.name: table.doubts_of for table in facts.tables if table.judged}
+        of_groups = dict.fromkeys(facts.judged_further, "")
+        for name, origin in {**origins, **of_groups}.items():
+            rows = tables.get(name, pl.DataFrame())
+            if DOUBTFUL not in rows.columns:
+                continue
+            trials = subjects(rows.filter(pl.col(DOUBTFUL).is_not_null()))
+            title = name.replace("_", " ")
+            if name in of_groups:
+                yield JudgedTable(name, title, title, trials, origin)
+            else:
+                of_experiment = f"{experiment.replace('_', ' ')} trials"
+                yield JudgedTable(name, of_experiment, f"{title} trials", trials, origin)
+
+
+EntriesByTable = Mapping[tuple[str, str], Sequence[Entry]]
+"""Findings by table and grade; empty where there are none."""
+
+
+def causes_in_campaign(
     findings: pl.DataFrame, tables: Mapping[str, pl.DataFrame], verdicts: pl.DataFrame
 ) -> list[Entry]:
     """Gather what a reader must know of a campaign.
@@ -290,55 +323,26 @@ def known_of(
     Returns
     -------
     list of Entry
-        Each cause by experiment with its trials (`KnownCause`). Doubts come first, then failed
+        Each cause by experiment with its trials (`CauseInCampaign`). Doubts come first, then failed
         checks of trials that are used, then what could not be checked; in each, the most frequent
         cause first.
     """
     present = {*subjects(verdicts), *chain(*map(subjects, tables.values()))}
-    by_table: dict[tuple[str, str], list[Entry]] = defaultdict(list)  # by table and grade
+    by_table: dict[tuple[str, str], list[Entry]] = defaultdict(list)
     for entry in entries(findings):
         if not entry["inherited"] and entry["trial"] in present:
             by_table[entry["table"], entry["grade"]].append(entry)
-    doubts: list[KnownCause] = []
-    flags: list[KnownCause] = []
-    unchecked: list[KnownCause] = []
-    for experiment, facts in EXPERIMENTS.items():
-        origins = dict.fromkeys(facts.judged_further, "")
-        fitted = {table.name: table.doubts_of for table in facts.tables if table.judged}
-        for table, origin in [*fitted.items(), *origins.items()]:
-            rows = tables.get(table, pl.DataFrame())
-            if DOUBTFUL not in rows.columns:
-                continue
-            judged_trials = subjects(rows.filter(pl.col(DOUBTFUL).is_not_null()))
-            title = table.replace("_", " ")
-            if table in fitted:
-                where = f"{experiment.replace('_', ' ')} trials"
-                what = f"{title} trials"
-            else:
-                where = title
-                what = "walking groups"
-            of_table = by_table[table, Grade.DOUBTS]
-            if origin:
-                of_origin = by_table[origin, Grade.DOUBTS]
-                doubts += doubts_beside_origin(of_table, of_origin, where, title, judged_trials)
-            else:
-                doubts += doubts_by_cause(of_table, where, judged_trials)
-            for grade, verdict in ((Grade.UNCHECKED, "not checked"), (Grade.NOTES, "remark")):
-                of_whole = [entry for entry in by_table[table, grade] if not entry["in_part"]]
-                unchecked += by_cause(of_whole, verdict, what, judged_trials)
-    predicted = by_table[PREDICTION_TABLE, Grade.DOUBTS]
-    predicted_trials = list(dict.fromkeys(entry["trial"] for entry in predicted))
-    doubts += by_cause(predicted, "doubtful", "predicted trials", predicted_trials)
-    of_prediction = subjects(tables.get(PREDICTION_TABLE, pl.DataFrame()))
+
+    doubts: list[CauseInCampaign] = []
+    unchecked: list[CauseInCampaign] = []
+    for table in judged_tables_of(tables):
+        doubts += doubts_about_table(table, by_table)
+        unchecked += unchecked_in_table(table, by_table)
+    doubts += misfits_of_prediction(by_table)
+    predicted_trials = subjects(tables.get(PREDICTION_TABLE, pl.DataFrame()))
     not_predicted = by_table[PREDICTION_TABLE, Grade.UNCHECKED]
-    unchecked += by_cause(not_predicted, "not checked", "prediction trials", of_prediction)
-    for check in CHECKS.values():
-        failed = []
-        for entry in by_table[QUALITY, Grade.DOUBTS]:
-            if [number.column for number in entry["evidence"]] == [check.name]:
-                failed.append(entry)
-        checked = subjects(verdicts.filter(pl.col("check") == check.name))
-        flags += by_cause(failed, "flagged", "trials", checked)
+    unchecked += by_cause(not_predicted, "not checked", "prediction trials", predicted_trials)
+    flags = list(flags_by_check(by_table[QUALITY, Grade.DOUBTS], verdicts))
     ordered = [
         *most_frequent_first(doubts),
         *most_frequent_first(flags),
@@ -347,14 +351,49 @@ def known_of(
     return [cause.to_entry() for cause in ordered]
 
 
-def most_frequent_first(causes: Sequence[KnownCause]) -> list[KnownCause]:
+def doubts_about_table(table: JudgedTable, by_table: EntriesByTable) -> Iterator[CauseInCampaign]:
+    """The causes of doubt about the rows of a table, without those that it shares with the table of
+    the fits to the same trials."""
+    of_table = by_table[table.name, Grade.DOUBTS]
+    if table.doubts_of:
+        yield from doubts_beside_origin(table, of_table, by_table[table.doubts_of, Grade.DOUBTS])
+    else:
+        yield from doubts_by_cause(table, of_table)
+
+
+def unchecked_in_table(table: JudgedTable, by_table: EntriesByTable) -> Iterator[CauseInCampaign]:
+    """What could not be checked on the whole trials of a table, and what was noted of them."""
+    for grade, verdict in ((Grade.UNCHECKED, "not checked"), (Grade.NOTES, "remark")):
+        of_whole = [entry for entry in by_table[table.name, grade] if not entry["in_part"]]
+        yield from by_cause(of_whole, verdict, table.subject_of_unchecked, table.trials)
+
+
+def misfits_of_prediction(by_table: EntriesByTable) -> Iterator[CauseInCampaign]:
+    """The causes for which the components do not predict the torque."""
+    doubts = by_table[PREDICTION_TABLE, Grade.DOUBTS]
+    trials = list(dict.fromkeys(entry["trial"] for entry in doubts))
+    yield from by_cause(doubts, "doubtful", "predicted trials", trials)
+
+
+def flags_by_check(
+    failed_checks: Sequence[Entry], verdicts: pl.DataFrame
+) -> Iterator[CauseInCampaign]:
+    """The failed checks of trials that are used, in the order of the checks."""
+    for check in CHECKS.values():
+        failed = []
+        for entry in failed_checks:
+            if [number.column for number in entry["evidence"]] == [check.name]:
+                failed.append(entry)
+        checked_trials = subjects(verdicts.filter(pl.col("check") == check.name))
+        yield from by_cause(failed, "flagged", "trials", checked_trials)
+
+
+def most_frequent_first(causes: Sequence[CauseInCampaign]) -> list[CauseInCampaign]:
     """Causes by how many trials have them; in their order where these are as many."""
     return sorted(causes, key=lambda cause: -len(cause.trials))
 
 
-def doubts_by_cause(
-    doubts: Sequence[Entry], where: str, judged_trials: Sequence[str]
-) -> Iterator[KnownCause]:
+def doubts_by_cause(table: JudgedTable, doubts: Sequence[Entry]) -> Iterator[CauseInCampaign]:
     """Doubts about the rows of a table: those about whole trials, then those about single
     amplitudes, or about single results, of trials that are sound as a whole."""
     whole = {(entry["trial"], entry["cause"]) for entry in doubts if not entry["in_part"]}
@@ -365,24 +404,22 @@ def doubts_by_cause(
             of_whole.append(entry)
         else:
             of_part.append(entry)
-    yield from by_cause(of_whole, "doubtful", where, judged_trials)
+    yield from by_cause(of_whole, "doubtful", table.subject, table.trials)
+    subject = table.subject
     if all(entry["amplitude_deg"] is not None for entry in of_part):
-        where = f"{where}, at single amplitudes alone"
-    yield from by_cause(of_part, "doubtful in part", where, judged_trials)
+        subject = f"{subject}, at single amplitudes alone"
+    yield from by_cause(of_part, "doubtful in part", subject, table.trials)
 
 
 def doubts_beside_origin(
-    doubts: Sequence[Entry],
-    of_origin: Sequence[Entry],
-    where: str,
-    title: str,
-    judged_trials: Sequence[str],
-) -> Iterator[KnownCause]:
+    table: JudgedTable, doubts: Sequence[Entry], doubts_of_origin: Sequence[Entry]
+) -> Iterator[CauseInCampaign]:
     """Doubts about the rows of a table of single results, such as frequencies, that the table of
     the fits to the same trials does not have."""
-    in_origin = {(entry["trial"], entry["cause"]) for entry in of_origin}
-    others = [entry for entry in doubts if (entry["trial"], entry["cause"]) not in in_origin]
-    yield from by_cause(others, "doubtful in part", f"{where}, in {title} alone", judged_trials)
+    in_origin = {(entry["trial"], entry["cause"]) for entry in doubts_of_origin}
+    further = [entry for entry in doubts if (entry["trial"], entry["cause"]) not in in_origin]
+    subject = f"{table.subject}, in {table.name.replace('_', ' ')} alone"
+    yield from by_cause(further, "doubtful in part", subject, table.trials)
 
 
 def subjects(rows: pl.DataFrame) -> list[str]:
@@ -399,8 +436,8 @@ def largest_excess(entry: Entry) -> float:
 
 
 def by_cause(
-    findings: Sequence[Entry], verdict: str, of: str, judged_trials: Sequence[str]
-) -> Iterator[KnownCause]:
+    findings: Sequence[Entry], verdict: str, subject: str, judged_trials: Sequence[str]
+) -> Iterator[CauseInCampaign]:
     """What a reader must know of each cause, or of each thing that could not be checked, with its
     size in the worst trial. The last row of a trial counts, which is its fit to all."""
     causes: dict[str, dict[str, Entry]] = {}
@@ -413,19 +450,19 @@ def by_cause(
         if size and len(by_trial) > 1:
             size = f"{size}, most in {worst}"
         says = entry["says"]
-        if len({other["says"] for other in by_trial.values()}) > 1:
+        if len({of_trial["says"] for of_trial in by_trial.values()}) > 1:
             says = f"{says} (in {worst})"
         words = Words(says or "", size, entry["remedy"] or "")
         limits: dict[str, str] = {}  # by column
-        for other in by_trial.values():
-            for number in other["evidence"]:
+        for of_trial in by_trial.values():
+            for number in of_trial["evidence"]:
                 limits[number.column] = f"{number.side} {number.limit:g}"
         trials = list(by_trial)
-        counts = f"{len(trials)} of {len(judged_trials)} {of}"
+        counts = f"{len(trials)} of {len(judged_trials)} {subject}"
         trial_names = named_trials(trials, judged_trials)
-        yield KnownCause(
+        yield CauseInCampaign(
             verdict=verdict,
-            of=of,
+            of=subject,
             cause=cause,
             words=words,
             n=len(judged_trials),
@@ -442,11 +479,11 @@ def by_cause(
 def named_trials(trials: Sequence[str], judged_trials: Sequence[str]) -> str:
     """Some of the trials with a cause, in brackets, or the few judged ones without it; empty where
     all have it."""
-    others = [trial for trial in judged_trials if trial not in trials]
-    if not others:
+    without_cause = [trial for trial in judged_trials if trial not in trials]
+    if not without_cause:
         return ""
-    are_nearly_all = len(others) <= MOST_NAMED < len(trials)
-    names = others if are_nearly_all else trials
+    are_nearly_all = len(without_cause) <= MOST_NAMED < len(trials)
+    names = without_cause if are_nearly_all else trials
     text = ", ".join(names[:MOST_NAMED])
     if len(names) > MOST_NAMED:
         text += ", ..."

@@ -1,5 +1,5 @@
-"""The claims of the paper's text, held against numbers of the campaign: a row with number and
-verdict for each.
+"""The claims of the paper's text, each compared with a number of the campaign: a row with number
+and verdict for each.
 
 `equivalent`, `different` and `undecided` compare a number with its target (`stats.repeats`). That a
 number is beyond a limit `holds` if its whole interval is, `fails` if none of it is, and is
@@ -18,7 +18,7 @@ from pydantic import Field
 
 from osl_analysis.model.compensator import CONTROLLERS
 from osl_analysis.stats.repeats import equivalence
-from osl_analysis.table import held_against_desired
+from osl_analysis.table import with_viscous_damping
 from osl_analysis.yaml_settings import Positive, Settings
 
 WORDS_OF_CLAIM = ("joint", "side", "name", "subject", "claim", "quantity")
@@ -38,7 +38,7 @@ CLAIMED = (
     "frequency_response",
     "walking_summary",
 )
-"""The result tables that claims are held against."""
+"""The result tables with whose numbers claims are compared."""
 OF_FIT = "95 % for another motion of this kind"
 OF_MEAN = "95 % of the mean (Student)"
 OF_NOISE = "95 % of measurement noise"
@@ -263,7 +263,7 @@ def compensation_claims(compensation: pl.DataFrame) -> Iterator[Claim]:
 def rendered_claims(fits: pl.DataFrame, settings: Claims) -> Iterator[Claim]:
     """Whether each compensated trial renders K_d and B_d, and how many do; `fits` are the rows over
     all amplitudes."""
-    trials = held_against_desired(fits.filter(pl.col("controller") == CONTROLLERS[0]))
+    trials = with_viscous_damping(fits.filter(pl.col("controller") == CONTROLLERS[0]))
     for symbol, unit in (("K", "N*m/rad"), ("B", "N*m*s/rad")):
         of_trials = list(claims_of_trials(trials, symbol, unit, settings))
         if not of_trials:
@@ -397,7 +397,7 @@ def claims_table(
     midstance: float | None,
     ratios: Mapping[str, float],
 ) -> pl.DataFrame:
-    """Hold the claims of the paper's text against a campaign.
+    """Compare the claims of the paper's text with the numbers of a campaign.
 
     Parameters
     ----------

@@ -172,6 +172,7 @@ class Finding:
 
 
 ESTIMATES = ("K", "B", "I")
+UNITS_OF_ESTIMATES = {"K": "N*m/rad", "B": "N*m*s/rad", "I": "kg*m^2"}
 FINDING_NUMBERS = [
     f"{symbol}_{number}"
     for symbol, number in product(ESTIMATES, ("size", "without", "without_low", "without_high"))

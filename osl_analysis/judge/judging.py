@@ -391,11 +391,11 @@ def marked(table: pl.DataFrame, findings: RowFindings, name: str) -> pl.DataFram
     it."""
     is_fit = pl.col(EXCLUDED).is_null() if EXCLUDED in table.columns else pl.lit(True)
     doubts = pl.Series([cell_of_causes(row, True) for row in findings], dtype=pl.String)
-    others = pl.Series([cell_of_causes(row, False) for row in findings], dtype=pl.String)
+    other_causes = pl.Series([cell_of_causes(row, False) for row in findings], dtype=pl.String)
     table = table.with_columns(pl.when(is_fit).then(doubts).alias(DOUBTFUL))
     if name not in HAVE_UNCHECKED:
         return table
-    return table.with_columns(not_checked=others.replace("", None))
+    return table.with_columns(not_checked=other_causes.replace("", None))
 
 
 def with_inherited(

@@ -78,9 +78,9 @@ class DoubtfulFits(Settings):
             check_limit(limit, self.every_table, columns, "every_table", "any judged table")
         for name, limits in self.__pydantic_extra__.items():
             if name not in judged_tables():
-                known = ", ".join(judged_tables())
+                tables = ", ".join(judged_tables())
                 suggestion = nearest(name, judged_tables())
-                raise misplaced(f"unknown table; limits may stand on {known}{suggestion}", name)
+                raise misplaced(f"unknown table; limits may stand on {tables}{suggestion}", name)
             for limit in limits.stated():
                 check_limit(limit, limits, numeric_columns(name), name, f"tables/{name}.csv")
         return self

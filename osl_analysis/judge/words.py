@@ -150,7 +150,7 @@ def estimates_without_cause(finding: Finding, row: AnyRow) -> str:
         low = finding.without.get(f"{symbol}_low")
         high = finding.without.get(f"{symbol}_high")
         if symbol in finding.untold:
-            texts.append(f"nothing of {name} is told")
+            texts.append(f"{name} not identifiable")
         elif low is None or high is None:
             continue
         elif value is not None and is_symmetric(value, low, high):
@@ -158,7 +158,7 @@ def estimates_without_cause(finding: Finding, row: AnyRow) -> str:
         else:  # the range of rivals that cannot be told apart
             ends = dict.fromkeys([significant(low, 3), significant(high, 3)])
             texts.append(f"{name} {' to '.join(ends)}")
-    return f"with it in the fit {', '.join(texts)}" if texts else ""
+    return f"with it in the model {', '.join(texts)}" if texts else ""
 
 
 def is_symmetric(value: float, low: float, high: float) -> bool:

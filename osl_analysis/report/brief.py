@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from osl_analysis.judge.finding import UNITS_OF_ESTIMATES
 from osl_analysis.report.decimal_places import RANGE
 from osl_analysis.report.headline_text import written_number
 
@@ -23,7 +24,6 @@ MARKS = {"doubtful": "⚠", IN_PART: "⚠", "flagged": "⚠", "remark": "·"}
 """Marks of findings by verdict. What could not be checked has one line in all."""
 OF_GROUPS = "walking_groups"
 """The table whose findings are on groups of trials, not on trials."""
-UNITS = {"K": "N*m/rad", "B": "N*m*s/rad", "I": "kg*m^2"}
 
 
 def brief_lines(summary: Mapping[str, Any]) -> list[str]:
@@ -141,19 +141,19 @@ def finding_line(finding: Mapping[str, Any]) -> str:
     problem = f"{MARKS[finding['verdict']]} {cause}: {counts}"
     remedy = "leave out rows marked doubtful" if is_in_part else finding.get("brief", "")
     end = f" → {remedy}" if remedy else ""
-    size = size_text(finding)
+    size = largest_size_text(finding)
     if not size:
         return f"{problem}{end}"
     line = f"{problem}, {size}{end}"
     return line if len(line) <= WIDTH else f"{problem}{end}"
 
 
-def size_text(finding: Mapping[str, Any]) -> str:
+def largest_size_text(finding: Mapping[str, Any]) -> str:
     """By how much the finding moves that estimate of the worst trial which it moves most, as a
     share of the estimate without it; K where no such estimate is known."""
     largest_share = -1.0
     text = ""
-    for symbol, unit in UNITS.items():
+    for symbol, unit in UNITS_OF_ESTIMATES.items():
         size = finding.get(f"{symbol}_size")
         if size is None:
             continue

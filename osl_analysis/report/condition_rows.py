@@ -94,9 +94,9 @@ def condition_row(
 
 def estimates_in(row: Mapping[str, Any], symbols: Sequence[str]) -> dict[str, Any]:
     """The estimates of a row as the page shows them, and in `full`."""
-    shown: dict[str, Any] = {symbol: value_and_interval(row, symbol) for symbol in symbols}
+    texts: dict[str, Any] = {symbol: value_and_interval(row, symbol) for symbol in symbols}
     full = {symbol: full_numbers(row, symbol) for symbol in symbols}
-    return {**shown, "full": full}
+    return {**texts, "full": full}
 
 
 def motion_text(row: Mapping[str, Any]) -> str:
@@ -175,4 +175,4 @@ def doubt_text(entry: Entry, row: Mapping[str, Any]) -> str:
             estimates.append(f"{symbol} {' to '.join(texts)}")
     if not estimates:
         return printed(entry["cause"])
-    return printed(f"{entry['cause']} (with it in the fit {in_words(estimates)})")
+    return printed(f"{entry['cause']} (with it in the model {in_words(estimates)})")

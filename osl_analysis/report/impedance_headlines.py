@@ -23,7 +23,7 @@ from osl_analysis.report.headline_statistics import (
     with_interval,
 )
 from osl_analysis.stats.repeats import counted, doubtful_count, doubts_of_trials, repeating_trials
-from osl_analysis.table import held_against_desired
+from osl_analysis.table import with_viscous_damping
 
 # largest number of conditions, or of trials without a stated one, that the summary lists one by one
 MOST_UNSTATED = 8
@@ -71,7 +71,7 @@ def errors_of_controller(
     label_of_B = labels["B_error"]
     if used["B_viscous"].count():
         label_of_B = with_end(label_of_B, "viscous where friction is certain")
-    B_error = (held_against_desired(used)["B"] - used["B_d"]).abs()
+    B_error = (with_viscous_damping(used)["B"] - used["B_d"]).abs()
     yield from over_fits(label_of_B, B_error, np.mean, trials, used)
     if "torque_error" in used.columns:
         yield from over_fits(labels["torque_error"], used["torque_error"], np.mean, trials, used)
@@ -101,11 +101,13 @@ def numbers_of_condition(
     than that of Fig. 4. Without a desired impedance, trials are listed one by one."""
     has_K_d = pl.col("K_d").eq_missing(pl.lit(example.K_d, pl.Float64))
     has_B_d = pl.col("B_d").eq_missing(pl.lit(example.B_d, pl.Float64))
-    shown = trials.filter(has_K_d, has_B_d)
+    of_condition = trials.filter(has_K_d, has_B_d)
     # trials that nobody stated to be alike have no common mean, unless they repeat one another
-    is_unstated = example.K_d is None and len(shown) > 1
-    repeated = repeating_trials(shown) if is_unstated else pl.lit("all")
-    parts = shown.with_columns(repeated=repeated).partition_by("repeated", maintain_order=True)
+    is_unstated = example.K_d is None and len(of_condition) > 1
+    repeated = repeating_trials(of_condition) if is_unstated else pl.lit("all")
+    parts = of_condition.with_columns(repeated=repeated).partition_by(
+        "repeated", maintain_order=True
+    )
     if len(parts) > MOST_UNSTATED:
         return
     counted_parts = [counted(part) for part in parts]

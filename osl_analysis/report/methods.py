@@ -19,7 +19,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from osl_analysis.dictionary import own_yaml
 from osl_analysis.judge.words import printed
 from osl_analysis.report.trial_page import ReportedTrial
-from osl_analysis.stats.repeats import sizes_said
+from osl_analysis.stats.repeats import size_texts
 from osl_analysis.trial import Array
 
 HERE = Path(__file__).parent
@@ -103,9 +103,9 @@ def methods_text(content: Mapping[str, Any], about: Mapping[str, str]) -> Method
     MethodsText
     """
     folder = FileSystemLoader(HERE / "templates")
-    known = Environment(loader=folder, autoescape=False, undefined=StrictUndefined)
-    known.filters["printed"] = printed
-    written = known.get_template("methods.txt.j2").render(content, about=about)
+    environment = Environment(loader=folder, autoescape=False, undefined=StrictUndefined)
+    environment.filters["printed"] = printed
+    written = environment.get_template("methods.txt.j2").render(content, about=about)
     paragraphs = [" ".join(part.split()) for part in written.split("¶")]
     paragraphs = [re.sub(r" (?=[.,;)])", "", part) for part in paragraphs if part]
     cited = dict.fromkeys(CITATION.findall(" ".join(paragraphs)))
@@ -273,7 +273,7 @@ def values_of_tables(tables: Mapping[str, pl.DataFrame]) -> ValuesOfTables:
         # where nobody stated what was commanded, all that moved, without a fit of its own too
         if not amplitudes:
             sines = tables.get("phasors", tables["impedance"])
-            amplitudes = sizes_said(sines["amplitude_deg"].cast(pl.Float64))
+            amplitudes = size_texts(sines["amplitude_deg"].cast(pl.Float64))
         values["impedance"]["commanded_deg"] = amplitudes
     frequencies = values["phasors"]["frequency_hz"]
     if frequencies:

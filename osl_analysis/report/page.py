@@ -15,14 +15,14 @@ from bokeh.resources import Resources
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 from markupsafe import Markup
 
-from osl_analysis.judge.finding import Grade
+from osl_analysis.judge.finding import UNITS_OF_ESTIMATES, Grade
 from osl_analysis.judge.words import printed
 from osl_analysis.report import TEMPLATES
 from osl_analysis.report.headline_text import first_sentences, number_texts
 from osl_analysis.report.packed_tables import deflated, every_kth, packed_table
 from osl_analysis.report.page_text import WALKING_GROUPS, joints_of, verdicts_text, what_was_done
 from osl_analysis.report.trial_page import (
-    STATES,
+    VERDICT_BY_SUBJECT,
     ReportedTrial,
 )
 
@@ -80,17 +80,19 @@ def packed_trial(
     """What the page shows of one trial, with every k-th row of its tables."""
     text = json.dumps(content, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     packed = {name: packed_table(every_kth(table, every)) for name, table in tables.items()}
-    both = json.dumps({"content": deflated(text.encode()), "tables": packed}, allow_nan=False)
+    packed_content = json.dumps(
+        {"content": deflated(text.encode()), "tables": packed}, allow_nan=False
+    )
     # it cannot end the script element that holds it
-    return Markup(both.replace("<", "\\u003c"))
+    return Markup(packed_content.replace("<", "\\u003c"))
 
 
 def check_map(
-    trials: Sequence[ReportedTrial], known: Sequence[Mapping[str, Any]] = ()
+    trials: Sequence[ReportedTrial], findings: Sequence[Mapping[str, Any]] = ()
 ) -> list[dict[str, Any]]:
     """By experiment: `trials` with their verdicts, sorted by condition; and `rows`, one per cause
     that a trial does not pass or that could not be checked on it, with the state of every trial. A
-    finding on a walking group, `known` from a summary, counts for each of its trials."""
+    finding on a walking group, of the `findings` of a summary, counts for each of its trials."""
     by_experiment: dict[str, list[ReportedTrial]] = {}
     for trial in trials:
         by_experiment.setdefault(trial.row["experiment"], []).append(trial)
@@ -99,7 +101,7 @@ def check_map(
         ordered = sorted(of_experiment, key=by_condition)
         states_of_cause: dict[str, dict[str, str]] = {}
         for trial in ordered:
-            for cause, state in states_in(trial, known):
+            for cause, state in states_in(trial, findings):
                 states_of_cause.setdefault(cause, {}).setdefault(trial.name, state)
         rows = []
         for cause, states in states_of_cause.items():
@@ -118,17 +120,17 @@ def by_condition(trial: ReportedTrial) -> list[Any]:
 
 
 def states_in(
-    trial: ReportedTrial, known: Sequence[Mapping[str, Any]]
+    trial: ReportedTrial, findings: Sequence[Mapping[str, Any]]
 ) -> Iterator[tuple[str, str]]:
     """Each cause of a trial with its state; of several states of a cause the first counts."""
-    for doubt in sorted(trial.doubts, key=lambda doubt: [*STATES].index(doubt.of)):
+    for doubt in sorted(trial.doubts, key=lambda doubt: [*VERDICT_BY_SUBJECT].index(doubt.of)):
         yield doubt.cause, doubt.verdict
     for entry in trial.unchecked:
         yield entry["cause"], "remark" if entry["grade"] == Grade.NOTES else "not checked"
     if "group" not in trial.main.columns:
         return
     groups = {*trial.main["group"]}
-    for finding in known:
+    for finding in findings:
         if finding["of"] == WALKING_GROUPS and groups & {*finding["trials"]}:
             yield finding["cause"], finding["verdict"]
 
@@ -136,28 +138,25 @@ def states_in(
 def claim_rows(claims: pl.DataFrame) -> list[dict[str, Any]]:
     """The claims on the campaign, of the rows of `claims.csv`, each with its number and its limit
     for a reader."""
-    found = []
+    rows = []
     for row in claims.filter(pl.col("subject").is_null()).drop_nulls("verdict").to_dicts():
         margin = "" if row["margin"] is None else f" ± {row['margin']:g}"
         limit = " ".join(filter(None, [row["wanted"], f"{row['target']:g}{margin}", row["unit"]]))
         where = ", ".join(filter(None, [row["joint"], row["side"]]))
-        found.append({**row, **number_texts(row), "where": where, "limit": limit})
-    return found
-
-
-RESULT_UNITS = {"K": "N*m/rad", "B": "N*m*s/rad", "I": "kg*m^2"}
+        rows.append({**row, **number_texts(row), "where": where, "limit": limit})
+    return rows
 
 
 def size_in_results(finding: Mapping[str, Any]) -> tuple[float, ...]:
     """By how much a finding changes K, B and I at worst, in their units; 0 where that is unknown.
     Findings are compared by K first, then by B, then by I."""
-    return tuple(abs(finding.get(f"{symbol}_size") or 0.0) for symbol in RESULT_UNITS)
+    return tuple(abs(finding.get(f"{symbol}_size") or 0.0) for symbol in UNITS_OF_ESTIMATES)
 
 
-def size_text(finding: Mapping[str, Any]) -> str:
+def changes_text(finding: Mapping[str, Any]) -> str:
     """`size_in_results` for a reader; empty if nothing is known of it."""
     texts = []
-    sizes = zip(RESULT_UNITS.items(), size_in_results(finding), strict=True)
+    sizes = zip(UNITS_OF_ESTIMATES.items(), size_in_results(finding), strict=True)
     for (symbol, unit), size in sizes:
         if size:
             texts.append(f"{symbol} by up to {size:.2g} {unit}")
@@ -182,7 +181,7 @@ def overview(
         for name in finding["trials"]:
             if name in names_of_trials:
                 of_trials.append((name, size_of_trial.get((finding["cause"], name), "")))
-        shown_findings.append({**finding, "named": of_trials, "changes": size_text(finding)})
+        shown_findings.append({**finding, "named": of_trials, "changes": changes_text(finding)})
     first = first_figure(trials, [figure["name"] for figure in figures])
     return {
         "joints": joints_of(trials),
@@ -224,9 +223,9 @@ def first_figure(trials: Sequence[ReportedTrial], names: Sequence[str]) -> str:
 @cache
 def template(name: str) -> Template:
     """A template of this package, by its file's name."""
-    known = FileSystemLoader(TEMPLATES)
+    loader = FileSystemLoader(TEMPLATES)
     environment = Environment(
-        loader=known, autoescape=True, undefined=StrictUndefined, trim_blocks=True
+        loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True
     )
     environment.filters["printed"] = printed
     return environment.get_template(name)

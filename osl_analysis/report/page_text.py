@@ -65,9 +65,9 @@ def in_words(parts: Sequence[str]) -> str:
     return " and ".join(filter(None, [", ".join(parts[:-1]), *parts[-1:]]))
 
 
-def verdicts_text(trials: Sequence[ReportedTrial], known: Sequence[Mapping[str, Any]]) -> str:
+def verdicts_text(trials: Sequence[ReportedTrial], findings: Sequence[Mapping[str, Any]]) -> str:
     """A few sentences: how many trials are doubtful or not used, and why, and what could not be
-    checked. `known`: the findings of a summary on trials and walking groups."""
+    checked. `findings` are those of a summary on trials and walking groups."""
     used = [trial for trial in trials if not trial.left_out]
     sentences = []
     for verdict in ("doubtful", "doubtful in part", "flagged"):
@@ -86,11 +86,11 @@ def verdicts_text(trials: Sequence[ReportedTrial], known: Sequence[Mapping[str, 
         sentences.append("No trial is doubtful.")
 
     lost = Counter(trial.verdict for trial in trials if trial.left_out)
-    gone = [f"{n} {'was' if n == 1 else 'were'} {verdict}" for verdict, n in lost.items()]
-    sentences.append(f"{in_words(gone)}." if gone else "Nothing was refused or excluded.")
+    left_out = [f"{n} {'was' if n == 1 else 'were'} {verdict}" for verdict, n in lost.items()]
+    sentences.append(f"{in_words(left_out)}." if left_out else "Nothing was refused or excluded.")
     of_groups = []
     unchecked = []
-    for finding in known:
+    for finding in findings:
         if finding["of"] == WALKING_GROUPS and finding["verdict"] == "doubtful":
             of_groups.append(finding["cause"])
         if finding["verdict"] == "not checked" and finding["cause"] not in unchecked:

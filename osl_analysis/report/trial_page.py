@@ -25,19 +25,20 @@ NO_VALUE = "–"
 VERDICTS = ("clear", "doubtful in part", "flagged", "doubtful", "excluded", "refused")
 """Verdicts on a trial: `doubtful`: the fit to all of it is; `doubtful in part`: others are. The
 last two are unused."""
-STATES = {
+VERDICT_BY_SUBJECT = {
     "all": "doubtful",
     "recording": "flagged",
     "part": "doubtful in part",
     "other": "doubtful in part",
 }
-"""The verdict that follows from a doubt, by its subject; the worst first."""
+"""The verdict on a trial by what a doubt is about: all of it, its recording, a part, another table.
+The worst first."""
 
 
 CHECKED: Mapping[str, Mapping[str, Any]] = TABLE["checks"]
 NOT_ANALYSED = "recording that could not be analysed"
 UNLIKE_OTHERS = "crossing unlike the others under its conditions"
-FOR_WANT_OF_ANOTHER = "for want of a trial that it is fitted with"
+LACKS_ANOTHER = "missing trial that its fit needs"
 
 
 class LeftOut(NamedTuple):
@@ -99,8 +100,8 @@ def exclusion_cause(row: Mapping[str, Any]) -> str:
     the cause that its check tells."""
     if row["check"] == "sample sheet":
         return str(row["remark"])
-    told = CHECKED.get(row["check"])
-    return str(told["cause"]) if told else NOT_ANALYSED
+    check = CHECKED.get(row["check"])
+    return str(check["cause"]) if check else NOT_ANALYSED
 
 
 @dataclass(frozen=True)
@@ -112,7 +113,7 @@ class Doubt:
     where
         An amplitude and frequency, its recording, or another table.
     of
-        What it is about: a key of `STATES`.
+        What it is about: a key of `VERDICT_BY_SUBJECT`.
     numbers
         Evidence: column, value, limit and meaning of each.
     says, size, remedy, text
@@ -130,7 +131,7 @@ class Doubt:
 
     @property
     def verdict(self) -> str:
-        return STATES[self.of]
+        return VERDICT_BY_SUBJECT[self.of]
 
 
 def doubt_of(entry: Entry, main_table: str) -> Doubt:
@@ -266,7 +267,7 @@ class ReportedTrial:
         if self.left_out:
             return "refused" if self.refused else "excluded"
         verdicts = {doubt.verdict for doubt in self.doubts}
-        for verdict in STATES.values():
+        for verdict in VERDICT_BY_SUBJECT.values():
             if verdict in verdicts:
                 return verdict
         return "clear"
@@ -275,7 +276,7 @@ class ReportedTrial:
         """The causes of a verdict. Only the worst doubt of each cause counts, as in the map of
         trials and causes."""
         worst: dict[str, str] = {}
-        subjects = list(STATES)
+        subjects = list(VERDICT_BY_SUBJECT)
         for doubt in sorted(self.doubts, key=lambda doubt: subjects.index(doubt.of)):
             worst.setdefault(doubt.cause, doubt.verdict)
         return {cause for cause, worst_verdict in worst.items() if worst_verdict == verdict}
@@ -455,8 +456,10 @@ def provenance_content(provenance: Mapping[str, Any]) -> dict[str, Any]:
                 conversion[key] = value
         row = [signal, cell_text(origin.get("file")), fact_text(conversion)]
         signals.setdefault(signal, row)
-    others = {name: value for name, value in provenance.items() if name not in ("files", "columns")}
-    return {"files": files, "signals": list(signals.values()), "facts": facts(others)}
+    further = {
+        name: value for name, value in provenance.items() if name not in ("files", "columns")
+    }
+    return {"files": files, "signals": list(signals.values()), "facts": facts(further)}
 
 
 def fact_text(value: Any) -> str:

@@ -18,8 +18,8 @@ from osl_analysis.yaml_settings import (
     Seconds,
     Settings,
     ShippedPath,
-    below,
-    refused,
+    refuse_if,
+    require_below,
 )
 
 # from the ankle's centre, in the axes of foot and shank when standing [m]; the right leg's outer
@@ -95,13 +95,13 @@ class Rates(Settings):
     leg_hz: Rate  # of the leg's log
     controller_hz: Rate  # of the leg's controller
 
-    _c3d_can_hold_them = refused(
+    _c3d_can_hold_them = refuse_if(
         lambda s: s.analogs_hz % s.points_hz,
         "analogs_hz must be a multiple of points_hz ({s.points_hz}), not {s.analogs_hz}: C3D needs"
         " that",
         "analogs_hz",
     )
-    _are_computable = refused(
+    _are_computable = refuse_if(
         lambda s: s.motion_hz > FASTEST_MOTION_HZ,
         "controller_hz has with the others the least common multiple {s.motion_hz}; choose 100000"
         " or less, as of 1000",
@@ -123,7 +123,7 @@ class Gait(Settings):
     stance_s: Seconds  # duration of stance on the platform
     stride_m: Metres
 
-    _step_is_recorded = below(
+    _step_is_recorded = require_below(
         "heel_strike_s + stance_s", "recording_s", "and the step would not be recorded"
     )
 
@@ -143,7 +143,7 @@ class Perturbation(Settings):
     shift_mm: Positive | None = None
     """Distance by which the platform shifts in place of a turn: backward for `up`, which
     dorsiflexes the ankle, as the hip stays where it is. Null: it turns."""
-    _in_order = refused(
+    _in_order = refuse_if(
         lambda s: s.stance_phase[0] > s.stance_phase[1],
         "stance_phase falls; write the lower first",
         "stance_phase",
@@ -171,7 +171,7 @@ class MovingPlate(Body):
     # plate trial also shifts and tilts, to identify all inertial parameters; 0: none
     full_motion_every: Count
 
-    _lie_on_it = refused(
+    _lie_on_it = refuse_if(
         lambda s: any(
             2 * abs(x) > s.size_m[k % 2]
             for k, x in enumerate(s.nominal_ankle_m + s.sensor_offset_m)
@@ -194,7 +194,7 @@ class WalkingSettings(Settings):
     effects: WalkingEffects
     gain_weight: Weight = PAPER_WEIGHT  # that of the simulated campaign replaces it
 
-    _ramps_end_in_stance = refused(
+    _ramps_end_in_stance = refuse_if(
         lambda s: (
             s.perturbation.latency_s + s.perturbation.rise_s
             > (1 - s.perturbation.stance_phase[1]) * s.gait.stance_s

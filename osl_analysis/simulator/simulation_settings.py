@@ -22,11 +22,11 @@ from osl_analysis.yaml_settings import (
     Settings,
     ShippedPath,
     Stiffness,
-    below,
-    distinct,
+    check_distinct,
+    check_rising,
     misplaced,
-    refused,
-    rising,
+    refuse_if,
+    require_below,
 )
 
 LARGEST_SIZE = {"bit": 32, "rad": math.pi}  # of an effect, by its unit
@@ -126,7 +126,7 @@ class Conditions(Settings):
 
     # up: toes up, dorsiflexion
     directions: Annotated[tuple[Literal["up", "down"], ...], Field(min_length=1)] = ("up",)
-    subjects: Annotated[tuple[Subject, ...], AfterValidator(distinct)] = ()
+    subjects: Annotated[tuple[Subject, ...], AfterValidator(check_distinct)] = ()
 
 
 class Effects(Switches):
@@ -230,7 +230,7 @@ class ActuatorBench(Settings):
     velocity: Annotated[tuple[Tone, ...], Field(min_length=1)]  # of the output [rad/s]
     current: Annotated[tuple[Tone, ...], Field(min_length=1)]  # q-axis [A]
 
-    _fits = refused(
+    _fits = refuse_if(
         lambda s: s.duration_s < 4 * s.fade_s,
         "duration_s must be at least four times fade_s",
         "duration_s",
@@ -254,7 +254,7 @@ class NodeSettings(Switches):
     # share of samples that are missing, at drawn places
     dropped: Effect = effect("1", off=0, below_1=True)
 
-    _is_never_early = refused(
+    _is_never_early = refuse_if(
         lambda s: s.latency.enabled and s.latency.distribution == "normal",
         "latency is never negative; choose distribution: exponential",
         "latency",
@@ -278,7 +278,7 @@ class Excitation(Settings):
     name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9]{0,30}$")]
     kind: Literal["multisine", "chirp", "noise", "prbs", "ramps", "hand"]
     rms_deg: JointDegrees  # of a binary sequence half its step, of ramps a third of their range
-    band_hz: Annotated[tuple[Positive, Positive], AfterValidator(rising)] = (
+    band_hz: Annotated[tuple[Positive, Positive], AfterValidator(check_rising)] = (
         0.5,
         6.0,
     )  # a binary sequence and ramps have none
@@ -295,8 +295,10 @@ class Excitation(Settings):
     fade_s: Positive = 1.0
     rest_s: NotNegative = 1.5  # before and after each motion
 
-    _fades = below("fade_s + clock_s", "full_s", "and the motion would never be at full size")
-    _has_lines = refused(
+    _fades = require_below(
+        "fade_s + clock_s", "full_s", "and the motion would never be at full size"
+    )
+    _has_lines = refuse_if(
         lambda s: s.kind == "multisine" and not odd_lines(s.period_s, s.band_hz, 0), "no lines"
     )
 
@@ -359,8 +361,8 @@ class Experiments(Settings):
     transmission: Count
     actuator: Count = 0
     torque_angle: Count = 0  # of a passive foot
-    K_d: Annotated[tuple[Stiffness, ...], AfterValidator(distinct)]  # [N*m/rad]
-    B_d: Annotated[tuple[NotNegative, ...], AfterValidator(distinct)]  # [N*m*s/rad]
+    K_d: Annotated[tuple[Stiffness, ...], AfterValidator(check_distinct)]  # [N*m/rad]
+    B_d: Annotated[tuple[NotNegative, ...], AfterValidator(check_distinct)]  # [N*m*s/rad]
     controllers: tuple[Literal["compensated", "uncompensated"], ...]
     static: Count = 0
     plate: Count = 0  # a perturbation of the unloaded platform
@@ -369,7 +371,7 @@ class Experiments(Settings):
     perturbed_share: Annotated[float, Field(ge=0, le=1)] = 0.5
     conditions: Conditions = Conditions()
 
-    _some = refused(
+    _some = refuse_if(
         lambda s: (
             not any(
                 (s.belt, s.transmission, s.actuator, s.torque_angle, s.static, s.plate, s.walking)
@@ -397,7 +399,7 @@ class DrivetrainSettings(Settings):
     # deflection [rad] over which the belt's hysteresis changes sign after a reversal
     hysteresis_width: Positive
 
-    _even = refused(
+    _even = refuse_if(
         lambda s: s.substeps % s.control_updates,
         "control_updates must divide substeps",
         "control_updates",
@@ -420,7 +422,7 @@ class SimulationSettings(Settings):
     recorder: RecorderSettings = RecorderSettings()
     joint: SecondOrderJoint | None = None  # replaces the drivetrain in every impedance trial
     # motions in place of `protocol`
-    excitations: Annotated[tuple[Excitation, ...], AfterValidator(distinct)] = ()
+    excitations: Annotated[tuple[Excitation, ...], AfterValidator(check_distinct)] = ()
     actuator: ActuatorBench | None = None
     foot: PassiveFoot | None = None  # of torque-angle trials, and its motion
     walking: ShippedPath | None = None  # settings file of the gait laboratory

@@ -77,7 +77,7 @@ def alike_sizes(sizes: pl.Series, ratio: float = 1.15) -> pl.Series:
     )
 
 
-def sizes_said(sizes: pl.Series) -> list[str]:
+def size_texts(sizes: pl.Series) -> list[str]:
     """The measured amplitudes [deg] or frequencies [Hz] (n,) of each of `alike_sizes`, upwards: to
     three digits, and from the lowest to the highest where these are more than a hundredth apart."""
     labelled = pl.DataFrame({"size": sizes, "label": alike_sizes(sizes)}).drop_nulls()

@@ -95,7 +95,7 @@ def too_few_words(used: Sequence[str], fewest: int, lost: Mapping[str, str]) -> 
             f" {fewest} or more; record more, or exclude fewer in the sheet"
         )
     # Reasons that differ only in numbers or trial name are one
-    kinds = {trial: refusal.alike(reason, trial) for trial, reason in lost.items()}
+    kinds = {trial: refusal.without_particulars(reason, trial) for trial, reason in lost.items()}
     frequent_kind, count = Counter(kinds.values()).most_common(1)[0]
     trials = [trial for trial, kind in kinds.items() if kind == frequent_kind]
     reason = lost[trials[0]].removeprefix(f"trial {trials[0]}: ")

@@ -12,14 +12,14 @@ from osl_analysis.yaml_settings import (
     Positive,
     Seconds,
     Settings,
-    below,
-    distinct,
-    refused,
-    rising,
+    check_distinct,
+    check_rising,
+    refuse_if,
+    require_below,
 )
 
 Marker = Annotated[str, Field(min_length=1)]
-Names = Annotated[tuple[Marker, ...], AfterValidator(distinct)]
+Names = Annotated[tuple[Marker, ...], AfterValidator(check_distinct)]
 Cluster = Annotated[Names, Field(min_length=3)]
 Side = Literal["left", "right"]
 StanceSource = Literal["own", "unperturbed", "matched"]
@@ -48,8 +48,8 @@ class Markers(Settings):
 
     @model_validator(mode="after")
     def _are_apart(self) -> Self:
-        distinct((self.ankle_medial, self.ankle_lateral))
-        distinct((*self.foot, *self.shank, *self.platform))
+        check_distinct((self.ankle_medial, self.ankle_lateral))
+        check_distinct((*self.foot, *self.shank, *self.platform))
         return self
 
 
@@ -131,7 +131,7 @@ class PlatformSettings(MarkerSettings, WalkingFilter):
     # Longest gap [s] where the motion is fitted: after an onset, in an unloaded turn
     longest_fitted_gap_s: NotNegative
 
-    _gaps = below(
+    _gaps = require_below(
         "longest_fitted_gap_s", "longest_gap_s", "up to which gaps are interpolated at all", True
     )
 
@@ -178,8 +178,10 @@ class CrossingSettings(PlatformSettings, TimingSettings):
     # Null: the foot's weight and inertia stay in the torque, so that I includes them
     foot: FootSettings | None = None
 
-    _loads = below("load_off_n", "load_on_n", "and noise would end a stance in which it begins")
-    _fits = below(
+    _loads = require_below(
+        "load_off_n", "load_on_n", "and noise would end a stance in which it begins"
+    )
+    _fits = require_below(
         "window_s + baseline_s + guard_s",
         "shortest_stance_s",
         "which must hold a whole response",
@@ -193,7 +195,7 @@ class SelectionSettings(TimingSettings):
     # Rule by which crossings are compared and excluded; null: they are not compared
     outliers: OutlierRule | None
     # in single support, as a share of the weight
-    load_of_weight: Annotated[tuple[Load, Load], AfterValidator(rising)]
+    load_of_weight: Annotated[tuple[Load, Load], AfterValidator(check_rising)]
     # of a foot marker [m] from the plate while the foot is flat
     largest_outside_m: Annotated[float, Field(ge=0, le=1)]
     group_by: tuple[PoolKey | Literal["direction"], ...] = ()
@@ -204,7 +206,7 @@ class SelectionSettings(TimingSettings):
     # Largest SD of the onset, in shares of stance
     timing_scatter: Annotated[float, Field(gt=0, le=0.5)] = 0.05
 
-    _split_or_pooled = refused(
+    _split_or_pooled = refuse_if(
         lambda s: {*s.group_by} & {*s.pool},
         "group_by and pool share a condition; remove it from one of them",
         "group_by",
@@ -248,7 +250,7 @@ class WalkingAnalysis(
         """Whether the plate rests below a belt that perturbs."""
         return self.perturbed_by == "belt" and self.plate_inertia == "none"
 
-    _moving_plates_have_markers = refused(
+    _moving_plates_have_markers = refuse_if(
         lambda s: not (s.markers.platform or s.by_log or s.is_resting_belt),
         "markers.platform is empty; name the markers of the platform, or state perturbed_by: belt"
         " and plate_inertia: none, of a belt over a plate that rests",

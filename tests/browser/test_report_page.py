@@ -155,7 +155,7 @@ def test_the_overview_shows_figures_and_every_trial_and_names_from_files_are_tex
 def test_the_first_screen_says_what_was_done_and_found_beside_a_figure_and_nothing_is_wider(
     page, results, width, height, scheme
 ):
-    """Its pictures lie beside the results. The campaign simulates nothing: nothing is held against
+    """Its pictures lie beside the results. The campaign simulates nothing: nothing is compared with
     the draft."""
     screen = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 500}
     page.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", screen)

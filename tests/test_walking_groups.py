@@ -769,20 +769,29 @@ def test_witnesses_of_the_laboratory_s_errors_are_doubts(faulty_laboratory):
     assert "the height of the plate's corners and ORIGIN" not in not_checked
 
 
+@pytest.mark.parametrize("ways_deg", [(0, 0), (90, 90), (0, 180), (30, 210)])
 @pytest.mark.parametrize(("gain", "certain"), [(1.0, 0.0), (1.15, 0.11), (0.85, -0.11)])
 def test_moments_too_large_show_in_the_pressure_of_a_foot_that_stands_elsewhere(
-    gain: float, certain: float
+    gain: float, certain: float, ways_deg: tuple[float, float]
 ) -> None:
-    """Moments 15 % too large move the pressure by 1.15 times as much as the foot; the foot's own
-    scatter is 1 mm."""
+    """Moments 15 % too large move the pressure by 1.15 times as much as the foot, in whichever
+    direction it points; its own scatter is 1 mm, and the plate stands 10 mm elsewhere."""
     random = np.random.default_rng(2)
-    foot = 0.015 * random.standard_normal((20, 2))
+    heading = np.resize(ways_deg, 20)
+    cosine, sine = np.cos(np.deg2rad(heading)), np.sin(np.deg2rad(heading))
+    in_foot = np.array([[cosine, sine], [-sine, cosine]]).transpose(2, 0, 1)  # from the laboratory
+    foot = 0.015 * random.standard_normal((20, 2)) + [0.05, 0]
     within_foot = np.array([0.03, 0.0]) + 0.001 * random.standard_normal((20, 2))
-    pressure_from_ankle = gain * (foot + within_foot) - foot
+    of_place = in_foot @ [0.01, 0.0]
+    pressure_from_ankle = gain * (foot + within_foot) - foot + of_place
     table = pl.DataFrame(
         np.hstack([foot, pressure_from_ankle]),
         ["foot_forward_m", "foot_left_m", "pressure_ahead_m", "pressure_beside_m"],
-    ).with_columns(onset_phase=pl.lit(None, pl.Float64), reason=pl.lit(None, pl.String))
+    ).with_columns(
+        heading_deg=pl.Series(heading, dtype=pl.Float64),
+        onset_phase=pl.lit(None, pl.Float64),
+        reason=pl.lit(None, pl.String),
+    )
 
     error = moment_error(table)
 

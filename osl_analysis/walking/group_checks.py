@@ -47,6 +47,7 @@ CERTAIN_STANCE_SES = 3.0  # standard errors beyond which a change of stance is c
 CERTAIN_PROBABILITY = 0.999  # of Student's t, because several reactions are tried
 CERTAIN_MOMENT_SES = 4.0
 FEWEST_FOR_MOMENTS = 6  # crossings
+SMALLEST_TURN = 0.2  # of directions of walk, about 20 deg (SD), that tells the plate's place
 UNDISTURBED_PHASE = 0.38  # of stance, until which a crossing tells the error of the moments
 
 
@@ -514,22 +515,43 @@ class MomentError:
 def moment_error(crossings: pl.DataFrame) -> MomentError:
     """Compare where the foot stands with where the moments place its pressure.
 
-    The foot stands elsewhere in each crossing, and the centre of pressure must move with it.
+    The foot stands elsewhere in each crossing, and the centre of pressure must move with it. In the
+    foot's own axes, and with moments too large by a share e, it is seen from the ankle at
+
+        m + R d + e (a - c),
+
+    with its place m under the foot, the ankle a, the plate's centre c, and an error d of the
+    plate's place, which R turns into the foot's axes. So people may walk in any directions; d is
+    told from m where they walk in more than one.
 
     Six rows of `walking_crossings.csv` are needed that are undisturbed until 38 % of stance.
     """
-    columns = ["foot_forward_m", "foot_left_m", "pressure_ahead_m", "pressure_beside_m"]
+    places = ["foot_forward_m", "foot_left_m"]
+    pressures = ["pressure_ahead_m", "pressure_beside_m"]
+    columns = [*places, *pressures, "heading_deg"]
     if not {*columns, "onset_phase"} <= set(crossings.columns):
         return MomentError(None, None)
     undisturbed = pl.col("onset_phase").cast(pl.Float64).fill_null(1.0) > UNDISTURBED_PHASE
     used = crossings.filter(pl.col("reason").is_null(), undisturbed).drop_nulls(columns)
     if len(used) < FEWEST_FOR_MOMENTS:
         return MomentError(None, None)
-    values = used.select(columns).to_numpy()
-    foot, pressure = np.hsplit(values - values.mean(axis=0), 2)
-    square = float(np.sum(foot**2)) or 1.0
-    error = float(np.sum(foot * pressure)) / square
-    freedom = 2 * len(used) - 3
+
+    heading = np.deg2rad(used["heading_deg"].to_numpy())
+    cosine, sine = np.cos(heading), np.sin(heading)
+    one, none = np.ones(len(used)), np.zeros(len(used))
+    along_the_foot = np.column_stack([one, none, cosine, sine])
+    to_its_left = np.column_stack([none, one, -sine, cosine])
+    constants = np.vstack([along_the_foot, to_its_left])  # of m and d
+    vectors, sizes, _ = np.linalg.svd(constants, full_matrices=False)
+    basis = vectors[:, sizes > SMALLEST_TURN * sizes[0]]
+    foot = used.select(places).to_numpy().T.ravel()
+    pressure = used.select(pressures).to_numpy().T.ravel()
+    foot = foot - basis @ (basis.T @ foot)
+    pressure = pressure - basis @ (basis.T @ pressure)
+
+    square = float(foot @ foot) or 1.0
+    error = float(foot @ pressure) / square
+    freedom = len(foot) - basis.shape[1] - 1
     se = float(np.sqrt(np.sum((pressure - error * foot) ** 2) / freedom / square))
     certain = max(abs(error) - CERTAIN_MOMENT_SES * se, 0.0)
     return MomentError(float(np.sign(error) * certain), 2 * se)

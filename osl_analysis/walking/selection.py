@@ -313,6 +313,7 @@ def crossing_row(comparison: Comparison, reason: str | None, place: Place) -> di
         "reason": reason,
         "stance_s": crossing.stance.duration,
         "onset_s": crossing.onset,
+        "heading_deg": quality.heading_deg,
         "foot_forward_m": quality.foot_forward_m,
         "foot_left_m": quality.foot_left_m,
         "gait_deviation_deg": value_of.get("angle before the onset"),

@@ -597,7 +597,8 @@ def test_a_row_has_the_features_of_its_crossing() -> None:
 
 def test_another_load_and_a_second_foot_are_named() -> None:
     assert "load" in reasons(loaded_session(share=0.7))["w10"]
-    assert "pressure beside the ankle" in reasons(loaded_session(left=0.06))["w10"]
+    assert "pressure beside the ankle" in reasons(loaded_session(left=0.04))["w10"]
+    assert "another foot stands on the plate from" in reasons(loaded_session(left=0.1))["w10"]
 
 
 def test_four_of_twelve_do_not_hide_in_the_scatter_that_they_make() -> None:

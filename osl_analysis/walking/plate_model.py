@@ -152,6 +152,9 @@ def identify_plate_model(
         )
     recordings = [unloaded_recording(trial, calibration, settings) for trial, calibration in pairs]
     usable = [recording for recording in recordings if not recording.unusable]
+    used_pairs = [
+        pair for pair, recording in zip(pairs, recordings, strict=True) if not recording.unusable
+    ]
     if not usable:
         first = recordings[0]
         raise InputError(
@@ -172,8 +175,13 @@ def identify_plate_model(
     if settings.correct_plate_lag:
         for i, recording in enumerate(usable):
             with naming(f"trial {recording.track.name}"):
-                lags[i] = plate_lag(motions[i].motion, recording.wrench_at, recording.smooth)
+                try:
+                    lags[i] = plate_lag(motions[i].motion, recording.wrench_at, recording.smooth)
+                except InputError:
+                    check_other_plates(*used_pairs[i], settings)
+                    raise
         if not np.isfinite(lags).any():
+            check_other_plates(*used_pairs[0], settings)
             lag_reason = "the unloaded plate is too light to show it"
     else:
         lag_reason = "not estimated: correct_plate_lag is false"
@@ -201,6 +209,30 @@ def identify_plate_model(
         for i in range(len(usable))
     ]
     return replace(model, leave_one_out=tuple(without_each))
+
+
+def check_other_plates(
+    trial: Trial, calibration: StaticCalibration, settings: PlateModelSettings
+) -> None:
+    """Refuse a plate that does not feel the platform's motion in an unloaded trial where another
+    one does."""
+    for plate in trial.provenance.get("plates", []):
+        number = plate["plate"]
+        if number == settings.plate:
+            continue
+        try:
+            recording = unloaded_recording(
+                trial, calibration, settings.model_copy(update={"plate": number})
+            )
+            motion = unloaded_motions([recording])[0].motion
+            lag = plate_lag(motion, recording.wrench_at, recording.smooth)
+        except (InputError, IdentifiabilityError):
+            continue
+        if np.isfinite(lag):
+            raise InputError(
+                f"force plate {settings.plate} does not feel the platform's motion, force plate"
+                f" {number} does; write `walking.plate: {number}`"
+            )
 
 
 @dataclass(frozen=True)

@@ -224,9 +224,3 @@ def test_gates_that_no_angle_tells_apart_are_refused() -> None:
         gate_fit(gate_pulses(), CAPTURE)
     with pytest.raises(InputError, match="hardly better than that at"):
         gate_fit(gate_pulses(), CAPTURE, lambda: (log, (CAPTURE, seen)))
-
-
-def test_a_level_that_stands_with_noise_has_no_edge() -> None:
-    noise = 0.01 * np.random.default_rng(0).standard_normal(CAPTURE.size)
-
-    assert find_edges(CAPTURE, 4.93 + noise)[0].size == 0

@@ -652,6 +652,55 @@ def test_captures_of_standing_and_overground_are_not_asked_for_segments(tmp_path
     assert is_ready
 
 
+def test_who_walks_over_plates_that_nothing_moves_is_overground(tmp_path):
+    rec = tmp_path / "rec"
+    rec.mkdir()
+    for name in ("walk_1", "gait_2"):
+        capture(rec / f"{name}.c3d", LEG, force=800, platform=())
+    fixed = {cells["trial"]: cells["experiment"] for cells, _ in draft_campaign(rec).trials}
+
+    capture(rec / "walk_pert_3.c3d", LEG, force=800, platform=())
+    treadmill = {cells["trial"]: cells["experiment"] for cells, _ in draft_campaign(rec).trials}
+
+    assert fixed == {"walk_1": "overground", "gait_2": "overground"}
+    assert treadmill == {"walk_1": "ingest_only", "gait_2": "ingest_only", "walk_pert_3": "walking"}
+
+
+def test_a_laboratory_with_names_of_its_own_is_drafted_without_a_question(tmp_path):
+    """Subjects before the names of markers, `noload`, `nom`, and the leg's log beside captures."""
+    rec = tmp_path / "rec"
+    rec.mkdir()
+    leg = {f"P07:{name}": place for name, place in {**LEG, **MALLEOLI}.items()}
+    platform = [f"hexapod:PLAT{k}" for k in range(3)]
+    capture(rec / "static_01.c3d", leg, platform=platform)
+    capture(rec / "hex_noload01_fwd.c3d", {}, platform=platform)
+    for name in ("hex_trip01_nom_rev", "hex_trip02_pert_fwd"):
+        capture(rec / f"{name}.c3d", leg, force=800, platform=platform)
+        turn = 0.2 * np.sin(np.arange(400) / 40)
+        rows = [f"{k / 400},{turn[k]:.6f},{k // 30 % 2}" for k in range(400)]
+        (rec / f"{name}.csv").write_text(
+            "\n".join(["loop_time,ankle.output_position,sync_in", *rows])
+        )
+
+    questions, is_ready = drafted_of(tmp_path)
+
+    assert questions == []
+    assert is_ready
+    sheet = pl.read_csv(tmp_path / "mine/trials.csv")
+    assert dict(sheet.select("trial", "experiment").iter_rows()) == {
+        "hex_noload01_fwd": "plate", "hex_trip01_nom_rev": "walking",
+        "hex_trip02_pert_fwd": "walking", "static_01": "static",
+    }  # fmt: skip
+    written = yaml.safe_load((tmp_path / "mine/config.yaml").read_text())["walking"]
+    assert written["markers"]["platform"] == ["PLAT0", "PLAT1", "PLAT2"]
+    log = yaml.safe_load((tmp_path / "mine/sources/csv.yaml").read_text())
+    assert log["clock"] == "sync"
+    assert log["channels"]["theta"] == {"column": "ankle.output_position", "unit": "rad"}
+    text = (tmp_path / "mine/sources/c3d.yaml").read_text()
+    assert "6 more are read as plate 1" in text
+    assert "Fx" not in text
+
+
 def test_rotations_without_markers_are_a_question_before_a_run(tmp_path):
     (tmp_path / "rec").mkdir()
     analogs = np.ones((80, 6))

@@ -35,8 +35,9 @@ from osl_analysis.ingest.draft_sheet import (
     DraftedTrial,
     draft_trials,
     is_fixture_alone,
+    states_perturbation,
 )
-from osl_analysis.ingest.draft_walking import draft_walking
+from osl_analysis.ingest.draft_walking import draft_walking, segment_of
 from osl_analysis.ingest.likely_column import named_joint
 from osl_analysis.ingest.overview import FEWEST_READINGS, Overview
 from osl_analysis.ingest.placeholders import UNKNOWN
@@ -325,7 +326,7 @@ def trials_of(described: Sequence[Described], sources: Mapping[str, str]) -> lis
         elif one.log is not None and one.source in actuators:
             moved[one.file] = "actuator"
     files = joined_actuators(described, moved)
-    trials = draft_trials(files, moved)
+    trials = draft_trials(files, moved, has_fixed_plates(described))
     named: dict[str, set[str]] = {}
     for one in described:
         if one.source in joints:
@@ -335,6 +336,17 @@ def trials_of(described: Sequence[Described], sources: Mapping[str, str]) -> lis
         if len(joint) == 1:
             trial.cells["joint"] = next(iter(joint))
     return trials
+
+
+def has_fixed_plates(described: Sequence[Described]) -> bool:
+    """Whether captures have plates, but no platform's markers and no name of a perturbation."""
+    captures = [one for one in described if one.log is None]
+    if any(states_perturbation(one.file) for one in captures):
+        return False
+    channels = [channel for one in captures for channel in one.overview.channels]
+    has_plates = any(channel.kind == "plate" for channel in channels)
+    markers = [channel for channel in channels if channel.kind == "marker"]
+    return has_plates and not any(segment_of(one.key)[1] == "platform" for one in markers)
 
 
 def joined_actuators(

@@ -767,3 +767,21 @@ def test_a_plate_rings_if_most_of_its_trials_do(
     monkeypatch.setattr(plate_model, "ringing", lambda *_: next(rings))
 
     assert model_of(*(unloaded(f"plate_{k}") for k in range(3))).ringing_hz == hz
+
+
+@pytest.mark.parametrize(("threshold", "zeroed"), [(0.0, False), (3.0, True)])
+def test_readings_below_a_threshold_of_the_export_are_counted(
+    threshold: float, zeroed: bool
+) -> None:
+    trial = unloaded("plate_1")
+    is_small = pl.col("plate1_force_z").abs() < threshold
+    columns = [name for name in trial.samples.columns if name.startswith("plate1_")]
+    samples = trial.samples.with_columns(
+        pl.when(is_small).then(0.0).otherwise(pl.col(name)).alias(name) for name in columns
+    )
+    share = samples.select(is_small.mean()).item()
+
+    model = model_of(replace(trial, samples=samples))
+
+    assert model.zeroed == pytest.approx(share if zeroed else 0.0)
+    assert (model.zeroed > 0.2) == zeroed

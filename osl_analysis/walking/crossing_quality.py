@@ -38,6 +38,7 @@ class CrossingQuality:
     plate_height_m: float | None = None
     plate_ringing_hz: float | None = None
     plate_unexplained: float | None = None
+    plate_zeroed: float | None = None
     pressure_ahead_m: float | None = None
     pressure_beside_m: float | None = None
     pressure_outside_m: float | None = None
@@ -98,6 +99,7 @@ def crossing_quality(
         plate_height_m=unloaded.certain_height,
         plate_ringing_hz=unloaded.ringing_hz,
         plate_unexplained=unloaded.unexplained,
+        plate_zeroed=unloaded.zeroed,
         pressure_ahead_m=float(mean_from_ankle @ forward),
         pressure_beside_m=float(mean_from_ankle @ left),
         pressure_outside_m=pressure_outside(pressure, markers),

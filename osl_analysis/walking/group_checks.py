@@ -433,6 +433,7 @@ class WitnessChecks:
     plate_height_m: float | None
     plate_ringing_hz: float | None
     plate_unexplained: float | None
+    plate_zeroed: float | None
     pressure_outside_m: float | None
     filled_share: float | None
     filled_fitted: float | None
@@ -479,6 +480,7 @@ def check_witnesses(
         plate_height_m=height,
         plate_ringing_hz=mean_quality(crossings, "plate_ringing_hz"),
         plate_unexplained=unexplained,
+        plate_zeroed=mean_quality(crossings, "plate_zeroed"),
         pressure_outside_m=mean_quality(crossings, "pressure_outside_m"),
         filled_share=mean_quality(crossings, "filled_share"),
         filled_fitted=mean_quality(crossings, "filled_fitted"),

@@ -776,14 +776,14 @@ def test_moments_too_large_show_in_the_pressure_of_a_foot_that_stands_elsewhere(
     gain: float, certain: float, ways_deg: tuple[float, float]
 ) -> None:
     """Moments 15 % too large move the pressure by 1.15 times as much as the foot, in whichever
-    direction it points; its own scatter is 1 mm, and the plate stands 10 mm elsewhere."""
+    direction it points; its own scatter is 1 mm, and the plate stands 80 mm elsewhere."""
     random = np.random.default_rng(2)
     heading = np.resize(ways_deg, 20)
     cosine, sine = np.cos(np.deg2rad(heading)), np.sin(np.deg2rad(heading))
     in_foot = np.array([[cosine, sine], [-sine, cosine]]).transpose(2, 0, 1)  # from the laboratory
     foot = 0.015 * random.standard_normal((20, 2)) + [0.05, 0]
     within_foot = np.array([0.03, 0.0]) + 0.001 * random.standard_normal((20, 2))
-    of_place = in_foot @ [0.01, 0.0]
+    of_place = in_foot @ [0.08, 0.0]
     pressure_from_ankle = gain * (foot + within_foot) - foot + of_place
     table = pl.DataFrame(
         np.hstack([foot, pressure_from_ankle]),

@@ -770,10 +770,10 @@ def test_witnesses_of_the_laboratory_s_errors_are_doubts(faulty_laboratory):
     assert "the height of the plate's corners and ORIGIN" not in not_checked
 
 
-@pytest.mark.parametrize("ways_deg", [(0, 0), (90, 90), (0, 180), (30, 210)])
+@pytest.mark.parametrize("ways_deg", [(90,), (0, 180), (0, 100, 210)])
 @pytest.mark.parametrize(("gain", "certain"), [(1.0, 0.0), (1.15, 0.11), (0.85, -0.11)])
 def test_moments_too_large_show_in_the_pressure_of_a_foot_that_stands_elsewhere(
-    gain: float, certain: float, ways_deg: tuple[float, float]
+    gain: float, certain: float, ways_deg: tuple[float, ...]
 ) -> None:
     """Moments 15 % too large move the pressure by 1.15 times as much as the foot, in whichever
     direction it points; its own scatter is 1 mm, and the plate stands 80 mm elsewhere."""

@@ -30,6 +30,7 @@ from osl_analysis.ingest.draft import (
     pulse_channels,
     to_be_edited,
 )
+from osl_analysis.ingest.draft_session import gate_lengths, is_gated, with_session_log
 from osl_analysis.ingest.draft_sheet import (
     UNNAMED,
     DraftedTrial,
@@ -234,6 +235,7 @@ def draft_campaign(folder: Path) -> Draft:
     draft.open += cut_files(described)
     draft.sources = draft_sources(described)
     draft.trials = trials_of(described, draft.sources)
+    join_session_log(draft, described)
     align_by_pulses(draft.sources, draft.trials)
     captures = [one for one in described if one.log is None]
     may_walk = any(
@@ -408,6 +410,34 @@ def draft_sources(described: Sequence[Described]) -> dict[str, str]:
         own = shipped(f"config/sources/{name}.yaml")
         texts[name] = with_known(own.read_text(encoding="utf-8"), text) if own.is_file() else text
     return texts
+
+
+def join_session_log(draft: Draft, described: Sequence[Described]) -> None:
+    """Give the log of a whole session to every capture of one who walks, where its sync line has a
+    pulse as long as each of them."""
+    logs = {one.file.as_posix(): one for one in described if one.log is not None}
+    captures = {one.file.as_posix(): one for one in described if one.log is None}
+    alone = [trial for trial in draft.trials if "mocap" not in trial.cells]
+    walks = [
+        trial
+        for trial in draft.trials
+        if trial.cells["experiment"] == "walking" and "log" not in trial.cells
+    ]
+    if len(alone) != 1 or len(walks) < 2 or alone[0].cells["log"] not in logs:
+        return
+    session = logs[alone[0].cells["log"]]
+    assert session.log is not None
+    lengths = gate_lengths(session.log)
+    of_walks = [captures[trial.cells["mocap"]] for trial in walks]
+    is_of_all = all(is_gated(capture.overview, lengths) for capture in of_walks)
+    if len(lengths) < len(walks) or not is_of_all:
+        return
+    for trial in walks:
+        trial.cells.update(log=alone[0].cells["log"], log_source=session.source)
+    draft.trials.remove(alone[0])
+    for name in {capture.source for capture in of_walks}:
+        capture = next(one for one in of_walks if one.source == name)
+        draft.sources[name] = with_session_log(draft.sources[name], capture.overview)
 
 
 def align_by_pulses(sources: dict[str, str], trials: Sequence[DraftedTrial]) -> None:

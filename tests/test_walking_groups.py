@@ -36,7 +36,7 @@ from osl_analysis.table import read_table
 from osl_analysis.walking.crossing import Crossing, platform_turn
 from osl_analysis.walking.crossing_quality import CrossingQuality
 from osl_analysis.walking.ensemble import group_headline
-from osl_analysis.walking.group_checks import moment_error
+from osl_analysis.walking.group_checks import load_error, moment_error
 from osl_analysis.walking.group_table import (
     SMALLEST_DIFFERENCES,
     TimingPoint,
@@ -48,6 +48,7 @@ from osl_analysis.walking.group_table import (
 from osl_analysis.walking.groups import places, split_keys, timings
 from osl_analysis.walking.impedance_fit import fit_response
 from osl_analysis.walking.planned_turn import PlannedTurn, half_widths, scatter_of_one
+from osl_analysis.walking.poses import StaticCalibration
 from osl_analysis.walking.result_tables import headline_rows, with_trajectory
 from osl_analysis.walking.selection import crossing_features, selection_rows
 from osl_analysis.walking.stance import Stance
@@ -799,6 +800,21 @@ def test_moments_too_large_show_in_the_pressure_of_a_foot_that_stands_elsewhere(
     assert error.certain_moment_error == pytest.approx(certain, abs=0.03)
     assert 0 < error.moment_error_half < 0.05
     assert moment_error(table[:5]).certain_moment_error is None
+
+
+@pytest.mark.parametrize(("others", "error"), [(0.0, 0.15), (-3.0, 0.15), (200.0, None)])
+def test_the_static_trial_tells_the_plate_s_gain_by_the_body_mass(
+    others: float, error: float | None
+) -> None:
+    """The plate reads 15 % more than 70 kg, unless the person stands on another one, too."""
+    statics = StaticCalibration({}, np.zeros(3), np.array([0.0, 1.0, 0.0]), {1: others, 2: 789.4})
+    quality = CrossingQuality(standing_N=statics.standing_load(2))
+    known = replace(session()[0], quality=quality, body_mass=70.0)
+
+    found = load_error([known, replace(known, body_mass=None)])
+
+    assert found == (None if error is None else pytest.approx(error, abs=1e-3))
+    assert load_error([replace(known, body_mass=None)]) is None
 
 
 def test_a_slope_of_k_between_timings_tells_the_damping_without_it() -> None:

@@ -39,6 +39,7 @@ class CrossingQuality:
     plate_ringing_hz: float | None = None
     plate_unexplained: float | None = None
     plate_zeroed: float | None = None
+    standing_N: float | None = None
     pressure_ahead_m: float | None = None
     pressure_beside_m: float | None = None
     pressure_outside_m: float | None = None
@@ -100,6 +101,7 @@ def crossing_quality(
         plate_ringing_hz=unloaded.ringing_hz,
         plate_unexplained=unloaded.unexplained,
         plate_zeroed=unloaded.zeroed,
+        standing_N=calibration.standing_load(settings.plate),
         pressure_ahead_m=float(mean_from_ankle @ forward),
         pressure_beside_m=float(mean_from_ankle @ left),
         pressure_outside_m=pressure_outside(pressure, markers),

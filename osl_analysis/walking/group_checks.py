@@ -28,6 +28,7 @@ from osl_analysis.walking.ensemble import (
 )
 from osl_analysis.walking.impedance_fit import compare_offset, fit_response, gait_torque
 from osl_analysis.walking.isolated_response import PerturbationResponse
+from osl_analysis.walking.poses import FREE_FALL
 from osl_analysis.walking.reactions import (
     RAMP,
     REACTIONS,
@@ -434,6 +435,7 @@ class WitnessChecks:
     plate_ringing_hz: float | None
     plate_unexplained: float | None
     plate_zeroed: float | None
+    load_error: float | None
     pressure_outside_m: float | None
     filled_share: float | None
     filled_fitted: float | None
@@ -481,6 +483,7 @@ def check_witnesses(
         plate_ringing_hz=mean_quality(crossings, "plate_ringing_hz"),
         plate_unexplained=unexplained,
         plate_zeroed=mean_quality(crossings, "plate_zeroed"),
+        load_error=load_error(crossings),
         pressure_outside_m=mean_quality(crossings, "pressure_outside_m"),
         filled_share=mean_quality(crossings, "filled_share"),
         filled_fitted=mean_quality(crossings, "filled_fitted"),
@@ -497,6 +500,18 @@ def check_witnesses(
         moment_K_per_percent=moments["K"] if moments else None,
         stiff_shoe_K=shoe["K"] if shoe else None,
     )
+
+
+def load_error(crossings: Sequence[Crossing]) -> float | None:
+    """By what share the plate reads more than the weight of who stands on it in the static trial;
+    None where either is not known."""
+    errors: list[float] = []
+    for crossing in crossings:
+        load = crossing.quality.standing_N
+        if load is not None and crossing.body_mass is not None:
+            weight = crossing.body_mass * float(np.linalg.norm(FREE_FALL))
+            errors.append(load / weight - 1)
+    return float(np.mean(errors)) if errors else None
 
 
 def mean_quality(crossings: Sequence[Crossing], column: str) -> float | None:

@@ -379,6 +379,7 @@ def crossing_row(comparison: Comparison, reason: str | None, place: Place) -> di
         "plate_ringing_hz": quality.plate_ringing_hz,
         "plate_unexplained": quality.plate_unexplained,
         "plate_zeroed": quality.plate_zeroed,
+        "standing_N": quality.standing_N,
         "pressure_ahead_m": quality.pressure_ahead_m,
         "pressure_beside_m": quality.pressure_beside_m,
         "pressure_outside_m": quality.pressure_outside_m,

@@ -815,6 +815,8 @@ def test_the_static_trial_tells_the_plate_s_gain_by_the_body_mass(
 
     assert found == (None if error is None else pytest.approx(error, abs=1e-3))
     assert load_error([replace(known, body_mass=None)]) is None
+    one_foot = replace(known, quality=CrossingQuality(standing_N=390.0))
+    assert load_error([one_foot]) is None
 
 
 def test_a_slope_of_k_between_timings_tells_the_damping_without_it() -> None:

@@ -49,6 +49,7 @@ CERTAIN_PROBABILITY = 0.999  # of Student's t, because several reactions are tri
 CERTAIN_MOMENT_SES = 4.0
 FEWEST_FOR_MOMENTS = 6  # crossings
 SMALLEST_TURN = 0.2  # of directions of walk, about 20 deg (SD), that tells the plate's place
+LARGEST_LOAD_ERROR = 0.25  # of a plate on which both feet stand; one foot carries half
 UNDISTURBED_PHASE = 0.38  # of stance, until which a crossing tells the error of the moments
 
 
@@ -503,15 +504,18 @@ def check_witnesses(
 
 
 def load_error(crossings: Sequence[Crossing]) -> float | None:
-    """By what share the plate reads more than the weight of who stands on it in the static trial;
-    None where either is not known."""
+    """By what share the plate reads more than the weight of who stands on it in the static trial.
+
+    None where either is not known, or so far off that the other foot may be on the floor.
+    """
     errors: list[float] = []
     for crossing in crossings:
         load = crossing.quality.standing_N
         if load is not None and crossing.body_mass is not None:
             weight = crossing.body_mass * float(np.linalg.norm(FREE_FALL))
             errors.append(load / weight - 1)
-    return float(np.mean(errors)) if errors else None
+    error = float(np.mean(errors)) if errors else None
+    return None if error is None or abs(error) > LARGEST_LOAD_ERROR else error
 
 
 def mean_quality(crossings: Sequence[Crossing], column: str) -> float | None:

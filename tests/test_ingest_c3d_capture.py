@@ -125,8 +125,8 @@ def test_a_name_that_the_file_lacks_has_twice_or_a_unit_that_cannot_be_is_refuse
     ("labels", "names"),
     [
         (["P07:RANK", "P07:LANK", "*3"], ["RANK", "LANK"]),
-        (["P07:RANK", "P08:RANK", "P08:LANK"], ["P07:RANK", "P08:RANK", "P08:LANK"]),
-        (["P07:RANK", "P08:LANK", "M3"], ["P07:RANK", "P08:LANK", "M3"]),
+        (["P07:RANK", "P08:RANK", "P08:LANK"], ["P07:RANK", "P08:RANK", "LANK"]),
+        (["P07:RANK", "plate:P00", "M3"], ["RANK", "P00", "M3"]),
         (["P07:RANK", "RANK", "M3"], ["P07:RANK", "RANK", "M3"]),
     ],
 )

@@ -6,7 +6,7 @@ import pytest
 from scipy.interpolate import make_interp_spline
 
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.clock import Edges, correlate_clocks, find_edges, fit_clock
+from osl_analysis.ingest.clock import Edges, correlate_clocks, find_edges, fit_clock, gate_fit
 
 OFFSET = -3.2  # [s] of the logger's clock
 DRIFT = 50e-6  # of the logger's clock
@@ -181,3 +181,46 @@ ONCE = np.exp(-(((WITHIN - 10) / 1) ** 2)) * MOVEMENT(WITHIN)
 def test_signals_that_do_not_show_the_same_movement_throughout_are_refused(strange, seen, message):
     with pytest.raises(InputError, match=message):
         correlate_clocks((np.arange(strange.size) / CAMERA_RATE, strange), (WITHIN, seen))
+
+
+GATE_S = 4.0  # of each capture
+GATES = np.array([5.0, 15.0, 30.0])  # starts in the log
+
+
+def gate_pulses() -> Edges:
+    time = np.arange(0, 40, 1 / SLAVE_RATE)
+    is_high = [(time >= start) & (time < start + GATE_S) for start in GATES]
+    return find_edges(time, np.any(is_high, axis=0).astype(float))
+
+
+def steps_of(size: float) -> tuple[np.ndarray, np.ndarray]:
+    """An angle that moves alike in each capture, and by `size` more in each further one."""
+    time = np.arange(0, 40, 1 / SLAVE_RATE)
+    local = [np.clip(time - start, 0, GATE_S) for start in GATES]
+    each = [np.sin(np.pi * at / 2) + size * k * np.sin(np.pi * at) for k, at in enumerate(local)]
+    return time, np.sum(each, axis=0)
+
+
+CAPTURE = np.arange(0, GATE_S, 1 / MASTER_RATE)
+
+
+def test_a_gate_is_the_pulse_whose_angle_the_capture_has() -> None:
+    log = steps_of(size=0.1)
+    noise = 0.01 * np.random.default_rng(0).standard_normal(CAPTURE.size)
+    seen = 30 - 2 * np.interp(GATES[1] + CAPTURE, *log) + noise
+
+    fit = gate_fit(gate_pulses(), CAPTURE, lambda: (log, (CAPTURE, seen)))
+
+    assert fit.offset == pytest.approx(-GATES[1], abs=1 / SLAVE_RATE)
+    assert fit.method == "gate"
+
+
+def test_gates_that_no_angle_tells_apart_are_refused() -> None:
+    log = steps_of(size=0.0)
+    noise = 0.01 * np.random.default_rng(0).standard_normal(CAPTURE.size)
+    seen = np.interp(GATES[1] + CAPTURE, *log) + noise
+
+    with pytest.raises(InputError, match="3 pulses of the log are as long as the capture"):
+        gate_fit(gate_pulses(), CAPTURE)
+    with pytest.raises(InputError, match="hardly better than that at"):
+        gate_fit(gate_pulses(), CAPTURE, lambda: (log, (CAPTURE, seen)))

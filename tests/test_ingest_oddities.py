@@ -289,7 +289,7 @@ def test_noise_of_a_steady_level_is_no_edge() -> None:
     level = (session % 10 > 5).astype(float)
     noise = 0.01 * np.random.default_rng(1).standard_normal(5000)
 
-    with pytest.raises(InputError, match=r"has no edge: it is a gate, .* `clock: shared`"):
+    with pytest.raises(InputError, match=r"has no edge: it is a gate, .* 5 pulses .* `shared`"):
         aligned_clock(
             recorded(session, level), recorded(np.arange(5000) / 1000, 4.93 + noise), shared=None
         )

@@ -172,7 +172,7 @@ def test_an_empty_campaign_names_what_is_to_be_done(tmp_path, monkeypatch):
     assert call("init", tmp_path / "mine", "--recorder", "opensourceleg").exit_code == 0
     assert read_source(tmp_path / "mine/sources/opensourceleg.yaml").format == "csv"
     monkeypatch.chdir(tmp_path / "mine")
-    (said,) = [look.found for look in looked_at(Path()) if look.what == "campaign"]
+    (said,) = [look.state for look in looked_at(Path()) if look.subject == "campaign"]
     assert "no trials; add one row per trial" in said
     assert (call("doctor").exit_code, "!! campaign" in call("doctor").output) == (1, True)
     Path("recordings/a.csv").touch()  # the log is there, the capture is not
@@ -307,7 +307,9 @@ STEP = (FRAMES > 90) & (FRAMES < 160)
 PULSES = ["Sync.1", "Voltage.Trigger"]
 
 
-def capture(path, of_leg, force=0.0, platform=("PLAT1", "PLAT2", "PLAT3"), labels=PULSES):
+def capture(
+    path, of_leg, force=0.0, platform=("PLAT1", "PLAT2", "PLAT3"), labels=PULSES, is_gated=False
+):
     """A capture whose leg walks over a plate, which it loads for a step."""
     tracks = {name: np.add(place, WALK) for name, place in of_leg.items()}
     for name, place in zip(platform, [(200, 200), (-200, 200), (200, -200)], strict=False):
@@ -316,6 +318,8 @@ def capture(path, of_leg, force=0.0, platform=("PLAT1", "PLAT2", "PLAT3"), label
     points[:, :, :3] = np.stack(list(tracks.values()), axis=1)
     analogs = np.zeros((480, 8))
     analogs[:, 2], analogs[::50, 6:] = -force * np.repeat(STEP, 2), 5.0
+    if is_gated:
+        analogs[:, 6:] = [4.9, 0.0]
     corners = np.array([[300.0, 250, 0], [-300, 250, 0], [-300, -250, 0], [300, -250, 0]])
     plates = {"USED": np.array([1]), "TYPE": np.array([2]), "ORIGIN": np.zeros((3, 1))}
     plates |= {"CORNERS": corners.T[:, :, None], "CHANNEL": np.arange(1, 7)[:, None]}
@@ -650,6 +654,89 @@ def test_captures_of_standing_and_overground_are_not_asked_for_segments(tmp_path
 
     assert questions == []
     assert is_ready
+
+
+def test_who_walks_over_plates_that_nothing_moves_is_overground(tmp_path):
+    rec = tmp_path / "rec"
+    rec.mkdir()
+    for name in ("walk_1", "gait_2"):
+        capture(rec / f"{name}.c3d", LEG, force=800, platform=())
+    fixed = {cells["trial"]: cells["experiment"] for cells, _ in draft_campaign(rec).trials}
+
+    capture(rec / "walk_pert_3.c3d", LEG, force=800, platform=())
+    treadmill = {cells["trial"]: cells["experiment"] for cells, _ in draft_campaign(rec).trials}
+
+    assert fixed == {"walk_1": "overground", "gait_2": "overground"}
+    assert treadmill == {"walk_1": "ingest_only", "gait_2": "ingest_only", "walk_pert_3": "walking"}
+
+
+def test_a_laboratory_with_names_of_its_own_is_drafted_without_a_question(tmp_path):
+    """Subjects before the names of markers, `noload`, `nom`, and the leg's log beside captures."""
+    rec = tmp_path / "rec"
+    rec.mkdir()
+    leg = {f"P07:{name}": place for name, place in {**LEG, **MALLEOLI}.items()}
+    platform = [f"hexapod:PLAT{k}" for k in range(3)]
+    capture(rec / "static_01.c3d", leg, platform=platform)
+    capture(rec / "hex_noload01_fwd.c3d", {}, platform=platform)
+    for name in ("hex_trip01_nom_rev", "hex_trip02_pert_fwd"):
+        capture(rec / f"{name}.c3d", leg, force=800, platform=platform)
+        turn = 0.2 * np.sin(np.arange(400) / 40)
+        rows = [f"{k / 400},{turn[k]:.6f},{k // 30 % 2}" for k in range(400)]
+        (rec / f"{name}.csv").write_text(
+            "\n".join(["loop_time,ankle.output_position,sync_in", *rows])
+        )
+
+    questions, is_ready = drafted_of(tmp_path)
+
+    assert questions == []
+    assert is_ready
+    sheet = pl.read_csv(tmp_path / "mine/trials.csv")
+    assert dict(sheet.select("trial", "experiment").iter_rows()) == {
+        "hex_noload01_fwd": "plate", "hex_trip01_nom_rev": "walking",
+        "hex_trip02_pert_fwd": "walking", "static_01": "static",
+    }  # fmt: skip
+    written = yaml.safe_load((tmp_path / "mine/config.yaml").read_text())["walking"]
+    assert written["markers"]["platform"] == ["PLAT0", "PLAT1", "PLAT2"]
+    log = yaml.safe_load((tmp_path / "mine/sources/csv.yaml").read_text())
+    assert log["clock"] == "sync"
+    assert log["channels"]["theta"] == {"column": "ankle.output_position", "unit": "rad"}
+    text = (tmp_path / "mine/sources/c3d.yaml").read_text()
+    assert "6 more are read as plate 1" in text
+    assert "Fx" not in text
+
+
+def draft_of_session(tmp_path, pulse_s):
+    """Two captures of 2.4 s, and one log with a pulse for each."""
+    rec = tmp_path / "rec"
+    rec.mkdir()
+    leg = {**LEG, **MALLEOLI, "R_KNE": (0, 0, 450)}
+    for name in ("trip1_nom", "trip2_pert"):
+        capture(rec / f"{name}.c3d", leg, force=800, labels=["Gate", "EMG1"], is_gated=True)
+    time = np.arange(0, 20, 0.0025)
+    is_high = [(time > start) & (time < start + pulse_s) for start in (3, 11)]
+    values = np.column_stack([time, 0.2 * np.sin(time), np.any(is_high, axis=0)])
+    rows = [f"{t:.4f},{angle:.5f},{sync:.0f}" for t, angle, sync in values]
+    (rec / "leg.csv").write_text("\n".join(["loop_time,ankle.output_position,sync_in", *rows]))
+    return draft_campaign(rec)
+
+
+def test_one_log_of_a_session_is_that_of_each_capture_by_its_gate(tmp_path):
+    draft = draft_of_session(tmp_path, pulse_s=2.4)
+
+    assert {cells["trial"]: cells["log"] for cells, _ in draft.trials} == {
+        "trip1_nom": "leg.csv", "trip2_pert": "leg.csv",
+    }  # fmt: skip
+    source = yaml.safe_load(draft.sources["c3d"])
+    assert source["analogs"] == {"sync": {"channel": "Gate", "unit": "V"}}
+    assert source["shared"] == {"column": "theta", "markers": ["R_KNE", "R_FAL", "R_FM1"]}
+    assert yaml.safe_load(draft.sources["csv"])["clock"] == "sync"
+
+
+def test_a_log_with_other_pulses_is_of_no_capture(tmp_path):
+    draft = draft_of_session(tmp_path, pulse_s=2.0)
+
+    assert [cells["trial"] for cells, _ in draft.trials if "log" in cells] == ["leg"]
+    assert yaml.safe_load(draft.sources["csv"])["clock"] == "master"
 
 
 def test_rotations_without_markers_are_a_question_before_a_run(tmp_path):

@@ -819,6 +819,18 @@ def test_the_ankle_alone_shows_a_second_foot() -> None:
     assert "the right foot stands" in reasons_of(steps(BOTH_FEET, LONG, "?ANK"))[0]
 
 
+def test_a_foot_rests_on_a_plate_that_is_higher_than_the_floor() -> None:
+    trial = steps(ONE_FOOT, CONTACT, QTM)
+    x = pl.col("marker_L_FCC_x")
+    floor = [
+        pl.when(x.abs() < 0.5).then(pl.col(name)).otherwise(pl.col(name) - 0.2).alias(name)
+        for name in trial.samples.columns
+        if name.startswith("marker_L_") and name.endswith("_z")
+    ]
+
+    assert reasons_of(replace(trial, samples=trial.samples.with_columns(floor))) == [None]
+
+
 def test_a_foot_that_left_before_is_no_second_one() -> None:
     earlier = ONE_FOOT | {"R": (-0.15, 0.2, 0.7)}
 

@@ -36,7 +36,7 @@ from osl_analysis.table import read_table
 from osl_analysis.walking.crossing import Crossing, platform_turn
 from osl_analysis.walking.crossing_quality import CrossingQuality
 from osl_analysis.walking.ensemble import group_headline
-from osl_analysis.walking.group_checks import moment_error
+from osl_analysis.walking.group_checks import load_error, moment_error
 from osl_analysis.walking.group_table import (
     SMALLEST_DIFFERENCES,
     TimingPoint,
@@ -48,6 +48,7 @@ from osl_analysis.walking.group_table import (
 from osl_analysis.walking.groups import places, split_keys, timings
 from osl_analysis.walking.impedance_fit import fit_response
 from osl_analysis.walking.planned_turn import PlannedTurn, half_widths, scatter_of_one
+from osl_analysis.walking.poses import StaticCalibration
 from osl_analysis.walking.result_tables import headline_rows, with_trajectory
 from osl_analysis.walking.selection import crossing_features, selection_rows
 from osl_analysis.walking.stance import Stance
@@ -597,7 +598,8 @@ def test_a_row_has_the_features_of_its_crossing() -> None:
 
 def test_another_load_and_a_second_foot_are_named() -> None:
     assert "load" in reasons(loaded_session(share=0.7))["w10"]
-    assert "pressure beside the ankle" in reasons(loaded_session(left=0.06))["w10"]
+    assert "pressure beside the ankle" in reasons(loaded_session(left=0.04))["w10"]
+    assert "another foot stands on the plate from" in reasons(loaded_session(left=0.1))["w10"]
 
 
 def test_four_of_twelve_do_not_hide_in_the_scatter_that_they_make() -> None:
@@ -769,26 +771,52 @@ def test_witnesses_of_the_laboratory_s_errors_are_doubts(faulty_laboratory):
     assert "the height of the plate's corners and ORIGIN" not in not_checked
 
 
+@pytest.mark.parametrize("ways_deg", [(90,), (0, 180), (0, 100, 210)])
 @pytest.mark.parametrize(("gain", "certain"), [(1.0, 0.0), (1.15, 0.11), (0.85, -0.11)])
 def test_moments_too_large_show_in_the_pressure_of_a_foot_that_stands_elsewhere(
-    gain: float, certain: float
+    gain: float, certain: float, ways_deg: tuple[float, ...]
 ) -> None:
-    """Moments 15 % too large move the pressure by 1.15 times as much as the foot; the foot's own
-    scatter is 1 mm."""
+    """Moments 15 % too large move the pressure by 1.15 times as much as the foot, in whichever
+    direction it points; its own scatter is 1 mm, and the plate stands 80 mm elsewhere."""
     random = np.random.default_rng(2)
-    foot = 0.015 * random.standard_normal((20, 2))
+    heading = np.resize(ways_deg, 20)
+    cosine, sine = np.cos(np.deg2rad(heading)), np.sin(np.deg2rad(heading))
+    in_foot = np.array([[cosine, sine], [-sine, cosine]]).transpose(2, 0, 1)  # from the laboratory
+    foot = 0.015 * random.standard_normal((20, 2)) + [0.05, 0]
     within_foot = np.array([0.03, 0.0]) + 0.001 * random.standard_normal((20, 2))
-    pressure_from_ankle = gain * (foot + within_foot) - foot
+    of_place = in_foot @ [0.08, 0.0]
+    pressure_from_ankle = gain * (foot + within_foot) - foot + of_place
     table = pl.DataFrame(
         np.hstack([foot, pressure_from_ankle]),
         ["foot_forward_m", "foot_left_m", "pressure_ahead_m", "pressure_beside_m"],
-    ).with_columns(onset_phase=pl.lit(None, pl.Float64), reason=pl.lit(None, pl.String))
+    ).with_columns(
+        heading_deg=pl.Series(heading, dtype=pl.Float64),
+        onset_phase=pl.lit(None, pl.Float64),
+        reason=pl.lit(None, pl.String),
+    )
 
     error = moment_error(table)
 
     assert error.certain_moment_error == pytest.approx(certain, abs=0.03)
     assert 0 < error.moment_error_half < 0.05
     assert moment_error(table[:5]).certain_moment_error is None
+
+
+@pytest.mark.parametrize(("others", "error"), [(0.0, 0.15), (-3.0, 0.15), (200.0, None)])
+def test_the_static_trial_tells_the_plate_s_gain_by_the_body_mass(
+    others: float, error: float | None
+) -> None:
+    """The plate reads 15 % more than 70 kg, unless the person stands on another one, too."""
+    statics = StaticCalibration({}, np.zeros(3), np.array([0.0, 1.0, 0.0]), {1: others, 2: 789.4})
+    quality = CrossingQuality(standing_N=statics.standing_load(2))
+    known = replace(session()[0], quality=quality, body_mass=70.0)
+
+    found = load_error([known, replace(known, body_mass=None)])
+
+    assert found == (None if error is None else pytest.approx(error, abs=1e-3))
+    assert load_error([replace(known, body_mass=None)]) is None
+    one_foot = replace(known, quality=CrossingQuality(standing_N=390.0))
+    assert load_error([one_foot]) is None
 
 
 def test_a_slope_of_k_between_timings_tells_the_damping_without_it() -> None:

@@ -337,6 +337,27 @@ def test_an_unknown_plate_is_refused() -> None:
         model_of(unloaded("plate_1"), plate=2)
 
 
+@pytest.mark.parametrize("noise", [0.0, 2.0])
+def test_a_plate_beside_the_platform_names_the_one_that_moves(noise: float) -> None:
+    """Plate 2 is the one on the platform; plate 1 reads noise [N, N*m]."""
+    trial = unloaded("plate_1")
+    random = np.random.default_rng(5)
+    quiet = {
+        name: noise * random.standard_normal(len(trial.samples))
+        for name in trial.samples.columns
+        if name.startswith("plate1_")
+    }
+    moving = [pl.col(name).alias(name.replace("plate1", "plate2")) for name in quiet]
+    samples = trial.samples.with_columns(*moving).with_columns(
+        pl.Series(name, values) for name, values in quiet.items()
+    )
+    (plate,) = trial.provenance["plates"]
+    plates = {**trial.provenance, "plates": [plate, {**plate, "plate": 2}]}
+
+    with pytest.raises(InputError, match=r"plate 1 does not feel .* write `walking.plate: 2`"):
+        model_of(replace(trial, samples=samples, provenance=plates))
+
+
 def test_no_trial_of_the_plate_is_refused() -> None:
     with pytest.raises(InputError, match="experiment 'plate'"):
         model_of()
@@ -746,3 +767,21 @@ def test_a_plate_rings_if_most_of_its_trials_do(
     monkeypatch.setattr(plate_model, "ringing", lambda *_: next(rings))
 
     assert model_of(*(unloaded(f"plate_{k}") for k in range(3))).ringing_hz == hz
+
+
+@pytest.mark.parametrize(("threshold", "zeroed"), [(0.0, False), (3.0, True)])
+def test_readings_below_a_threshold_of_the_export_are_counted(
+    threshold: float, zeroed: bool
+) -> None:
+    trial = unloaded("plate_1")
+    is_small = pl.col("plate1_force_z").abs() < threshold
+    columns = [name for name in trial.samples.columns if name.startswith("plate1_")]
+    samples = trial.samples.with_columns(
+        pl.when(is_small).then(0.0).otherwise(pl.col(name)).alias(name) for name in columns
+    )
+    share = samples.select(is_small.mean()).item()
+
+    model = model_of(replace(trial, samples=samples))
+
+    assert model.zeroed == pytest.approx(share if zeroed else 0.0)
+    assert (model.zeroed > 0.2) == zeroed

@@ -30,13 +30,15 @@ from osl_analysis.ingest.draft import (
     pulse_channels,
     to_be_edited,
 )
+from osl_analysis.ingest.draft_session import gate_lengths, is_gated, with_session_log
 from osl_analysis.ingest.draft_sheet import (
     UNNAMED,
     DraftedTrial,
     draft_trials,
     is_fixture_alone,
+    states_perturbation,
 )
-from osl_analysis.ingest.draft_walking import draft_walking
+from osl_analysis.ingest.draft_walking import draft_walking, segment_of
 from osl_analysis.ingest.likely_column import named_joint
 from osl_analysis.ingest.overview import FEWEST_READINGS, Overview
 from osl_analysis.ingest.placeholders import UNKNOWN
@@ -233,6 +235,7 @@ def draft_campaign(folder: Path) -> Draft:
     draft.open += cut_files(described)
     draft.sources = draft_sources(described)
     draft.trials = trials_of(described, draft.sources)
+    join_session_log(draft, described)
     align_by_pulses(draft.sources, draft.trials)
     captures = [one for one in described if one.log is None]
     may_walk = any(
@@ -325,7 +328,7 @@ def trials_of(described: Sequence[Described], sources: Mapping[str, str]) -> lis
         elif one.log is not None and one.source in actuators:
             moved[one.file] = "actuator"
     files = joined_actuators(described, moved)
-    trials = draft_trials(files, moved)
+    trials = draft_trials(files, moved, has_fixed_plates(described))
     named: dict[str, set[str]] = {}
     for one in described:
         if one.source in joints:
@@ -335,6 +338,17 @@ def trials_of(described: Sequence[Described], sources: Mapping[str, str]) -> lis
         if len(joint) == 1:
             trial.cells["joint"] = next(iter(joint))
     return trials
+
+
+def has_fixed_plates(described: Sequence[Described]) -> bool:
+    """Whether captures have plates, but no platform's markers and no name of a perturbation."""
+    captures = [one for one in described if one.log is None]
+    if any(states_perturbation(one.file) for one in captures):
+        return False
+    channels = [channel for one in captures for channel in one.overview.channels]
+    has_plates = any(channel.kind == "plate" for channel in channels)
+    markers = [channel for channel in channels if channel.kind == "marker"]
+    return has_plates and not any(segment_of(one.key)[1] == "platform" for one in markers)
 
 
 def joined_actuators(
@@ -396,6 +410,34 @@ def draft_sources(described: Sequence[Described]) -> dict[str, str]:
         own = shipped(f"config/sources/{name}.yaml")
         texts[name] = with_known(own.read_text(encoding="utf-8"), text) if own.is_file() else text
     return texts
+
+
+def join_session_log(draft: Draft, described: Sequence[Described]) -> None:
+    """Give the log of a whole session to every capture of one who walks, where its sync line has a
+    pulse as long as each of them."""
+    logs = {one.file.as_posix(): one for one in described if one.log is not None}
+    captures = {one.file.as_posix(): one for one in described if one.log is None}
+    alone = [trial for trial in draft.trials if "mocap" not in trial.cells]
+    walks = [
+        trial
+        for trial in draft.trials
+        if trial.cells["experiment"] == "walking" and "log" not in trial.cells
+    ]
+    if len(alone) != 1 or len(walks) < 2 or alone[0].cells["log"] not in logs:
+        return
+    session = logs[alone[0].cells["log"]]
+    assert session.log is not None
+    lengths = gate_lengths(session.log)
+    of_walks = [captures[trial.cells["mocap"]] for trial in walks]
+    is_of_all = all(is_gated(capture.overview, lengths) for capture in of_walks)
+    if len(lengths) < len(walks) or not is_of_all:
+        return
+    for trial in walks:
+        trial.cells.update(log=alone[0].cells["log"], log_source=session.source)
+    draft.trials.remove(alone[0])
+    for name in {capture.source for capture in of_walks}:
+        capture = next(one for one in of_walks if one.source == name)
+        draft.sources[name] = with_session_log(draft.sources[name], capture.overview)
 
 
 def align_by_pulses(sources: dict[str, str], trials: Sequence[DraftedTrial]) -> None:

@@ -7,6 +7,7 @@ ignores UNSIGNED, and is silent about a cut file. Tests compare.
 import math
 import re
 import struct
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -602,14 +603,14 @@ def _analog_labels(header: Header) -> list[str]:
 
 
 def _names_of(labels: Sequence[str]) -> list[str]:
-    """Names of points: behind `P07:`, where all that have a subject have the same one.
+    """Names of points: what stands behind the subject, or rigid body, in `P07:RANK`.
 
-    Of several subjects, or rigid bodies, `P07:RANK` and `P08:RANK` stay as they are.
+    Those that several have, as `P07:RANK` and `P08:RANK`, stay as they are. So a marker has one
+    name in all recordings, whoever else is seen in them.
     """
-    subjects = {label.rpartition(":")[0] for label in labels if ":" in label}
-    names = [label.rpartition(":")[2] for label in labels]
-    clash = len(set(names)) < len(set(labels))
-    return list(labels) if len(subjects) != 1 or clash else names
+    behind = {label: label.rpartition(":")[2] for label in labels}
+    uses = Counter(behind.values())  # each label once
+    return [behind[label] if uses[behind[label]] == 1 else label for label in labels]
 
 
 def read(path: Path, source: C3dSource | None) -> Recording:

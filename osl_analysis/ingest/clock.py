@@ -2,7 +2,9 @@
 of a pulse train that both recorded; or else by the correlation of a joint's encoder with an angle
 between markers, whose scale, offset and sign may differ."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +17,7 @@ from osl_analysis.trial import Array, marker_columns
 MINIMUM_EDGES = 6
 LARGEST_DRIFT = 500e-6  # between two crystal clocks
 LEAST_CERTAIN = 0.5  # share of samples of a pulse near its two levels; of noise it is a twentieth
+LEAST_RIVAL = 1.5  # misfit of the shared angle at any other pulse, as a multiple of the smallest
 GATE_STEPS = 3.0  # sampling intervals by which a gate may be longer or shorter than its capture
 
 
@@ -40,6 +43,7 @@ class ClockFit:
 # edges of a pulse train: times (n,) [s], whether the level rises (n,), and the recorder's sampling
 # interval [s]
 Edges = tuple[Array, NDArray[np.bool_], float]
+Signal = tuple[Array, Array]  # rising times [s] and values, (n,) each
 
 
 def find_edges(time: Array, level: Array) -> Edges:
@@ -166,10 +170,10 @@ ONE_SIGNAL = 0.5  # smallest correlation of two recordings of one signal
 QUIET_SHARE = 0.05  # share of the recording's variance below which a section is not used
 
 
-def correlate_clocks(slave: tuple[Array, Array], master: tuple[Array, Array]) -> ClockFit:
-    """Offset from the highest peak of the correlation of a signal (rising times [s] and values,
-    (n,) each); drift from the lags of twelve sections of the recording. In the result, `edges`
-    counts the used sections, `excluded_edges` those that were quiet or did not fit."""
+def correlate_clocks(slave: Signal, master: Signal) -> ClockFit:
+    """Offset from the highest peak of the correlation of a signal; drift from the lags of twelve
+    sections of the recording. In the result, `edges` counts the used sections, `excluded_edges`
+    those that were quiet or did not fit."""
     if min(slave[0].size, master[0].size) < 4 * SECTIONS:
         raise InputError(f"fewer than {4 * SECTIONS} samples of the shared signal; record longer")
     step, limit = sorted(float(np.median(np.diff(time))) for time, _ in (slave, master))
@@ -302,17 +306,17 @@ def aligned_clock(
         pulses = values_of(log, "sync", f"log: {missing}")
         level = values_of(mocap, "sync", f"motion capture: {missing}")
         edges = find_edges(*level)
-        if not edges[0].size:
-            return gate_fit(find_edges(*pulses), level[0]), []
-        return fit_clock(find_edges(*pulses), edges), []
+        if edges[0].size:
+            return fit_clock(find_edges(*pulses), edges), []
+        angles = None if shared is None else partial(shared_angles, log, mocap, shared)
+        return gate_fit(find_edges(*pulses), level[0], angles), []
     except InputError as error:
         if shared is None:
             raise
         refused = error
     what = f"'{shared.column}' and the angle at marker {shared.markers[1]}"
     try:
-        ours = values_of(log, shared.column, "log; map the channel in its source file")
-        fit = correlate_clocks(ours, marker_angle(mocap, shared))
+        fit = correlate_clocks(*shared_angles(log, mocap, shared))
     except InputError as error:
         raise InputError(
             f"{refused}; cross-correlation of {what} does not align them either: {error}"
@@ -322,9 +326,12 @@ def aligned_clock(
     ]
 
 
-def gate_fit(pulses: Edges, time: Array) -> ClockFit:
+def gate_fit(
+    pulses: Edges, time: Array, angles: Callable[[], tuple[Signal, Signal]] | None = None
+) -> ClockFit:
     """Fit a clock by a gate, which is high while the other recorder records: the log has a pulse
-    that is as long as the capture.
+    that is as long as the capture. The log of a whole session has one for each capture; an angle
+    that both recorded tells which is this one's.
 
     Parameters
     ----------
@@ -332,11 +339,13 @@ def gate_fit(pulses: Edges, time: Array) -> ClockFit:
         Edges in the log.
     time
         Of the capture's samples (n,) [s], the first at 0.
+    angles
+        Reads the angle in the log and in the capture.
 
     Raises
     ------
     InputError
-        No pulse, or several pulses of the log are as long as the capture.
+        No pulse, or several pulses of the log are as long as the capture, and no angle tells which.
     """
     edges, rising, step = pulses
     capture_step = float(np.median(np.diff(time))) if time.size > 1 else 0.0
@@ -346,17 +355,55 @@ def gate_fit(pulses: Edges, time: Array) -> ClockFit:
     for begin, end, is_rise in zip(edges[:-1], edges[1:], rising[:-1], strict=True):
         if is_rise and abs(end - begin - length) <= slack:
             starts.append(float(begin))
+    if len(starts) > 1 and angles is not None:
+        starts = [likeliest_start(starts, *angles())]
     if len(starts) != 1:
+        remedy = "align the clocks by an angle that both recorded: `clock: shared`"
+        if starts:
+            remedy = "name the angle that both recorded, `shared` in the capture's source file"
         raise InputError(
             "the sync line of motion capture has no edge: it is a gate, or nothing is connected,"
             f" and {len(starts)} pulses of the log are as long as the capture ({length:.3f} s);"
-            " align the clocks by an angle that both recorded: `clock: shared`"
+            f" {remedy}"
         )
     residual = float(np.hypot(step, capture_step)) / np.sqrt(12)
     return ClockFit(-starts[0], 0.0, residual / length, residual, edges=2, method="gate")
 
 
-def marker_angle(mocap: Converted, shared: SharedAngle) -> tuple[Array, Array]:
+def likeliest_start(starts: Sequence[float], ours: Signal, theirs: Signal) -> float:
+    """Choose the time [s] in the log, of two or more, at which a capture began.
+
+    It is where the angle of the log, scaled and shifted, is nearest to that of the capture.
+
+    Raises
+    ------
+    InputError
+        It is almost as near elsewhere.
+    """
+    time, angle = theirs
+    misfits: list[float] = []
+    for start in starts:
+        in_log = np.interp(start + time, *ours)
+        columns = np.column_stack([in_log, np.ones_like(in_log)])
+        residual = angle - columns @ np.linalg.lstsq(columns, angle, rcond=None)[0]
+        misfits.append(float(np.rad2deg(np.sqrt(np.mean(residual**2)))))
+    best, second = np.argsort(misfits)[:2].tolist()
+    if misfits[second] < LEAST_RIVAL * misfits[best]:
+        raise InputError(
+            f"the shared angle fits the pulse at {starts[best]:.1f} s of the log (RMS"
+            f" {misfits[best]:.2g} deg) hardly better than that at {starts[second]:.1f} s"
+            f" ({misfits[second]:.2g} deg); write a log for each capture, or let the gate pulse"
+        )
+    return float(starts[best])
+
+
+def shared_angles(log: Converted, mocap: Converted, shared: SharedAngle) -> tuple[Signal, Signal]:
+    """The angle that both recorded, in the log and in the capture."""
+    in_log = values_of(log, shared.column, "log; map the channel in its source file")
+    return in_log, marker_angle(mocap, shared)
+
+
+def marker_angle(mocap: Converted, shared: SharedAngle) -> Signal:
     """Times [s] and the angle [rad] at the second of three markers, (n,) each, where all are
     seen."""
     columns: list[str] = []

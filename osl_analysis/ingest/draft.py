@@ -195,7 +195,8 @@ def draft_source(
 
 
 def capture_lines(overview: Overview) -> Iterator[str]:
-    """All markers; analog channels and model outputs as comments, for the user to name."""
+    """All markers; analog channels that are of no plate, and model outputs, as comments, for the
+    user to name."""
     labels = [json.dumps(one.key) for one in overview.channels if one.kind == "marker"]
     yield from (f"# {text}" for text in overview.open)
     yield "markers: all"
@@ -213,9 +214,16 @@ def capture_lines(overview: Overview) -> Iterator[str]:
             yield channel_line(
                 0, with_number(channel, channels), Guess(column, is_sure=True, why=why)
             )
+        of_plates = [one.group for one in channels if one.group]
         for number, channel in enumerate(channels, start=1):
-            if not any(channel is pulse for pulse in named.values()):
-                yield f"# {channel_line(number, channel, Guess())}"
+            if channel.group or any(channel is pulse for pulse in named.values()):
+                continue
+            addressed = with_number(channel, channels)
+            label = Guess(why=channel.key) if addressed is not channel else Guess()
+            yield f"# {channel_line(number, addressed, label)}"
+        if of_plates:
+            plates = ", ".join(dict.fromkeys(of_plates))
+            yield f"#   {len(of_plates)} more are read as {plates}"
 
 
 def with_number(channel: RecordedChannel, channels: Sequence[RecordedChannel]) -> RecordedChannel:

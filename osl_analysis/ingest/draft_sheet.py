@@ -11,7 +11,7 @@ from osl_analysis.ingest.raw_files import ENDINGS_OF_ANY, suffixes
 FIXTURE_ALONE = r"\bfixture\b"  # in the name of a recording of the fixture without a joint
 WORDS_OF_EXPERIMENTS = {
     "torque_angle": r"\b(torque angle|quasi ?static)\b",
-    "plate": r"\b(plate|unloaded)\b",
+    "plate": r"\b(plate|unloaded|no ?load)\b",
     "static": r"(?<!quasi )\b(static|standing|stand|calibration|calib)\b",
     "calibration": rf"\b(calibration|calib)\b|{FIXTURE_ALONE}",
     "walking": (
@@ -29,7 +29,7 @@ OF_CAPTURES = ("static", "plate", "overground")  # experiments that need motion 
 UNNAMED = "ingest_only"  # the experiment of a trial whose name tells none
 LONGEST_NAME = 90  # signs of a trial's name
 SMALLEST_K = 10.0  # N*m/rad; `K1` is the number of a file
-UNPERTURBED = r"\b(unperturbed|unpert|baseline|normal|level|free|no ?pert)\b"
+UNPERTURBED = r"\b(unperturbed|unpert|baseline|normal|nominal|nom|level|free|no ?pert)\b"
 PERTURBED = r"\b(perturb|perturbed|perturbation|pert)\b"
 CONTROLLER = re.compile(r"(?<![A-Za-z])(un|non[-_]?)?comp(?:ensated)?(?![A-Za-z])", re.IGNORECASE)
 
@@ -63,6 +63,7 @@ def trial_name(path: Path) -> str:
 def draft_trials(
     recordings: Iterable[tuple[Path, str, bool]],
     moved: Mapping[Path, str] | None = None,
+    has_fixed_plates: bool = False,
 ) -> list[DraftedTrial]:
     """Draft the trials that recordings are, by what the words of their names tell.
 
@@ -76,6 +77,8 @@ def draft_trials(
         whether it comes from motion capture.
     moved
         The experiment of a log by what moves in it, where its name tells none.
+    has_fixed_plates
+        Whether nobody is perturbed: a capture alone of one who walks is then `overground`.
 
     Returns
     -------
@@ -92,10 +95,14 @@ def draft_trials(
             number += 1
             free = f"{name}_{number}"
         by_name.setdefault(free, {})[role] = (path, source)
-    return [draft_trial(name, files, moved or {}) for name, files in by_name.items()]
+    return [
+        draft_trial(name, files, moved or {}, has_fixed_plates) for name, files in by_name.items()
+    ]
 
 
-def draft_trial(name: str, files: Recordings, moved: Mapping[Path, str]) -> DraftedTrial:
+def draft_trial(
+    name: str, files: Recordings, moved: Mapping[Path, str], has_fixed_plates: bool
+) -> DraftedTrial:
     """Draft one trial."""
     path = next(iter(files.values()))[0]
     stem = stem_of(path)
@@ -118,6 +125,8 @@ def draft_trial(name: str, files: Recordings, moved: Mapping[Path, str]) -> Draf
         question = f"experiment: the name {which}; it stands as {UNNAMED}, which is not analysed"
         return DraftedTrial(cells, [question])
     experiment = telling[0]
+    if experiment == "walking" and has_fixed_plates and "log" not in files:
+        experiment = "overground"
     if experiment == "calibration" and is_fixture_alone(path):
         cells.update(experiment="calibration", fixture="alone")
         return DraftedTrial(cells, [])
@@ -163,6 +172,11 @@ def stated_perturbation(words: str) -> str:
     return "true" if re.search(PERTURBED, words) else ""
 
 
+def states_perturbation(path: Path) -> bool:
+    """Whether the name of a file tells a perturbed crossing."""
+    return stated_perturbation(parted_name(stem_of(path).replace("_", " "))) == "true"
+
+
 def stated_impedance(name: str) -> dict[str, str]:
     """K_d and B_d as a name states them, once each: `K300_B2.5`."""
     stated: dict[str, str] = {}
@@ -195,4 +209,6 @@ def experiments_in(words: str, files: Recordings, states_K: bool) -> list[str]:
     is_other = bool({"walking", "impedance"} & set(telling))
     if states_K and "impedance" in possible and not is_other:
         telling.append("impedance")
+    if not telling and "mocap" in files and stated_perturbation(words):
+        telling.append("walking")
     return telling

@@ -72,8 +72,8 @@ WORDS = {
     "theta": ColumnWords(
         rf"\b({ANGLE}|ankle|knee|hip|joint)\b",
         rf"{COMMAND}|{MOTOR}|\b{SPEED}\b",
-        "ankle foot joint shaft angle position pos theta encoder flexion winkel hoek measured"
-        " meas name",
+        "ankle foot joint shaft output angle position pos theta encoder flexion winkel hoek"
+        " measured meas name",
     ),
 }
 """By column. The first that fits is the guess."""
@@ -89,8 +89,11 @@ ONE_SINE = 0.9  # of an angle's power in one line, whose sides rests and ramps f
 LINE_WIDTH = 3  # lines at each side of it
 TURN_UNITS = (2 * np.pi, 360.0, *2.0 ** np.arange(10, 25))  # ranges at which encoders wrap
 
-# of opensourceleg's logger: `knee[DephyActpack]:output_position`
-ATTRIBUTE = re.compile(r"(?P<part>\w+)\[(?P<driver>[\w ]+)\]:(?P<attribute>\w+)")
+# of opensourceleg's logger: `knee[DephyActpack]:output_position`; or `knee.output_position`
+ATTRIBUTE = re.compile(
+    r"(?P<part>\w+)(?:\[(?P<driver>[\w ]+)\]:|\.(?=(?:motor|output|joint)_position))"
+    r"(?P<attribute>\w+)"
+)
 ATTRIBUTE_UNITS = {
     "position": "rad",
     "velocity": "rad/s",
@@ -163,6 +166,9 @@ def with_known_unit(channel: RecordedChannel) -> RecordedChannel:
     if attribute is None or channel.unit:
         return channel
     unit = ATTRIBUTE_UNITS.get(attribute["attribute"].rpartition("_")[2], "")
+    known = readings(channel)
+    if attribute["driver"] is None and known.size and np.ptp(known) > 2 * np.pi:
+        return channel  # of another logger, and as of degrees
     return replace(channel, likely_unit=unit or channel.likely_unit)
 
 
@@ -384,10 +390,13 @@ def guessed_columns(channels: Sequence[RecordedChannel]) -> list[Guess]:
 
 def with_output_as_joint(channels: Sequence[RecordedChannel], columns: list[str]) -> list[str]:
     """The columns, with the angle of an actuator's output as that of the joint where the motor's
-    own angle is beside it."""
+    own angle is beside it, or no current and torque: the log is then of a joint that markers
+    follow."""
     angles = [place for place, column in enumerate(columns) if column == "theta_m"]
     outputs = [place for place in angles if "output" in words_of(channels[place]).split()]
-    if "theta" in columns or len(outputs) != 1 or len(angles) < 2:
+    if "theta" in columns or len(outputs) != 1:
+        return columns
+    if len(angles) < 2 and {"current", *TORQUES} & {*columns}:
         return columns
     return ["theta" if place in outputs else column for place, column in enumerate(columns)]
 

@@ -258,12 +258,18 @@ def facts_of(recording: Recording) -> dict[str, str]:
 
 def overview_of_capture(recording: Recording) -> Overview:
     """List markers, model outputs, analog channels and plates."""
+    plate_of = {
+        id(channel): f"plate {plate.number}"
+        for plate in recording.plates
+        for channel in plate.channels
+    }
     channels: list[RecordedChannel] = []
     for channel in recording.channels:
         if channel.kind in (Kind.MARKER, Kind.MODEL_OUTPUT):
             channels.append(describe_positions(channel))
         else:
-            channels.append(describe_channel(channel, "analog"))
+            described = describe_channel(channel, "analog")
+            channels.append(replace(described, group=plate_of.get(id(channel), "")))
     channels += [describe_plate(plate) for plate in recording.plates]
     settings = dict(recording.settings)
     markers = [one for one in recording.channels if one.kind == Kind.MARKER]

@@ -212,6 +212,8 @@ def cause_of(name: str, value: float, row: AnyRow) -> Cause:
         return CAUSES["another unit"]
     if name == "residual_over_gait" and cell_number(row, "plate_ringing_hz"):
         return CAUSES["plate that rings"]
+    if name == "plate_unexplained" and cell_number(row, "plate_zeroed"):
+        return CAUSES["plate with a threshold"]
     if name == "rate_change" and value < 0:
         return CAUSES["loss that falls with speed"]
     if name == "fault_harm":

@@ -196,6 +196,8 @@ def unchecked_in_walking(row: AnyRow) -> Iterator[str]:
     moment_effect = 100 * (cell_number(row, "moment_error_half") or 0.0) * K_per_percent
     if abs(moment_effect) > LEAST_MOMENT_SHARE * abs(K):
         yield "whether the plate's moments are right"
+    if lacks(row, "load_error") and not has_no_plate:
+        yield "whether the plate's gain is right"
     if lacks(row, "plate_height_m") and not has_no_plate:
         yield "the height of the plate's corners and ORIGIN"
     if lacks(row, "filled_share") and not has_no_plate:

@@ -11,7 +11,7 @@ from osl_analysis.plates import furthest_outside
 from osl_analysis.signals import LowPass, sampling_rate
 from osl_analysis.signals.grid import GapLimits, uniform_signals
 from osl_analysis.trial import Array, Trial
-from osl_analysis.walking.ankle import Ankle, LoadOnFoot
+from osl_analysis.walking.ankle import VERTICAL, Ankle, LoadOnFoot
 from osl_analysis.walking.passage import Passage, followed_segments
 from osl_analysis.walking.plate_model import PlateModel
 from osl_analysis.walking.poses import StaticCalibration
@@ -27,6 +27,7 @@ NEWTON_STEPS = 8
 class CrossingQuality:
     """Measures of one crossing; None where unknown. The dictionary says what each is."""
 
+    heading_deg: float | None = None
     foot_forward_m: float | None = None
     foot_left_m: float | None = None
     foot_outside_m: float | None = None
@@ -37,6 +38,8 @@ class CrossingQuality:
     plate_height_m: float | None = None
     plate_ringing_hz: float | None = None
     plate_unexplained: float | None = None
+    plate_zeroed: float | None = None
+    standing_N: float | None = None
     pressure_ahead_m: float | None = None
     pressure_beside_m: float | None = None
     pressure_outside_m: float | None = None
@@ -73,19 +76,22 @@ def crossing_quality(
     """Measure the quality of a crossing that markers and plate recorded."""
     flat = phases_between(passage.stance.phase(passage.time), FLAT)
     foot = passage.poses["foot"][flat]
-    middle = passage.corners.mean(axis=0)
-    place = foot.point(calibration.ankle_centre).mean(axis=0) - middle  # of the ankle on the plate
+    plate_centre = passage.corners.mean(axis=0)
+    from_plate = foot.point(calibration.ankle_centre).mean(axis=0) - plate_centre
+    forward = unit_vector(ankle.forward[flat].mean(axis=0))
+    left = np.cross(VERTICAL, forward)
     labels = followed_segments(settings)
     markers = foot.points(calibration.positions(labels["foot"], "static"))
 
     from_ankle = load.forward[:, None] * ankle.forward + load.left[:, None] * ankle.axis
-    mean_pressure = from_ankle[flat].mean(axis=0)
+    mean_from_ankle = from_ankle[flat].mean(axis=0)
     pressure = (ankle.centre + from_ankle)[flat]
     residuals = {segment: residual_mm(passage, segment) for segment in labels}
     filled = filled_shares(passage, settings)
     return CrossingQuality(
-        foot_forward_m=float(place[0]),
-        foot_left_m=float(place[1]),
+        heading_deg=float(np.rad2deg(np.arctan2(forward[1], forward[0]))),
+        foot_forward_m=float(from_plate @ forward),
+        foot_left_m=float(from_plate @ left),
         foot_outside_m=furthest_outside(markers.reshape(-1, 3), passage.corners),
         foot_residual_mm=residuals.get("foot"),
         platform_residual_mm=residuals.get("platform"),
@@ -94,8 +100,10 @@ def crossing_quality(
         plate_height_m=unloaded.certain_height,
         plate_ringing_hz=unloaded.ringing_hz,
         plate_unexplained=unloaded.unexplained,
-        pressure_ahead_m=float(mean_pressure[0]),
-        pressure_beside_m=float(mean_pressure[1]),
+        plate_zeroed=unloaded.zeroed,
+        standing_N=calibration.standing_load(settings.plate),
+        pressure_ahead_m=float(mean_from_ankle @ forward),
+        pressure_beside_m=float(mean_from_ankle @ left),
         pressure_outside_m=pressure_outside(pressure, markers),
         filled_share=filled.in_stance,
         filled_fitted=filled.fitted,
@@ -104,6 +112,10 @@ def crossing_quality(
         encoder_rms_deg=None if encoder is None else encoder.rms_deg,
         shoe_compliance=None if encoder is None else encoder.shoe_compliance,
     )
+
+
+def unit_vector(vector: Array) -> Array:
+    return np.asarray(vector / np.linalg.norm(vector))
 
 
 def pressure_outside(pressure: Array, markers: Array) -> float:

@@ -28,6 +28,7 @@ from osl_analysis.walking.ensemble import (
 )
 from osl_analysis.walking.impedance_fit import compare_offset, fit_response, gait_torque
 from osl_analysis.walking.isolated_response import PerturbationResponse
+from osl_analysis.walking.poses import FREE_FALL
 from osl_analysis.walking.reactions import (
     RAMP,
     REACTIONS,
@@ -47,6 +48,8 @@ CERTAIN_STANCE_SES = 3.0  # standard errors beyond which a change of stance is c
 CERTAIN_PROBABILITY = 0.999  # of Student's t, because several reactions are tried
 CERTAIN_MOMENT_SES = 4.0
 FEWEST_FOR_MOMENTS = 6  # crossings
+SMALLEST_TURN = 0.2  # of directions of walk, about 20 deg (SD), that tells the plate's place
+LARGEST_LOAD_ERROR = 0.25  # of a plate on which both feet stand; one foot carries half
 UNDISTURBED_PHASE = 0.38  # of stance, until which a crossing tells the error of the moments
 
 
@@ -432,6 +435,8 @@ class WitnessChecks:
     plate_height_m: float | None
     plate_ringing_hz: float | None
     plate_unexplained: float | None
+    plate_zeroed: float | None
+    load_error: float | None
     pressure_outside_m: float | None
     filled_share: float | None
     filled_fitted: float | None
@@ -478,6 +483,8 @@ def check_witnesses(
         plate_height_m=height,
         plate_ringing_hz=mean_quality(crossings, "plate_ringing_hz"),
         plate_unexplained=unexplained,
+        plate_zeroed=mean_quality(crossings, "plate_zeroed"),
+        load_error=load_error(crossings),
         pressure_outside_m=mean_quality(crossings, "pressure_outside_m"),
         filled_share=mean_quality(crossings, "filled_share"),
         filled_fitted=mean_quality(crossings, "filled_fitted"),
@@ -494,6 +501,21 @@ def check_witnesses(
         moment_K_per_percent=moments["K"] if moments else None,
         stiff_shoe_K=shoe["K"] if shoe else None,
     )
+
+
+def load_error(crossings: Sequence[Crossing]) -> float | None:
+    """By what share the plate reads more than the weight of who stands on it in the static trial.
+
+    None where either is not known, or so far off that the other foot may be on the floor.
+    """
+    errors: list[float] = []
+    for crossing in crossings:
+        load = crossing.quality.standing_N
+        if load is not None and crossing.body_mass is not None:
+            weight = crossing.body_mass * float(np.linalg.norm(FREE_FALL))
+            errors.append(load / weight - 1)
+    error = float(np.mean(errors)) if errors else None
+    return None if error is None or abs(error) > LARGEST_LOAD_ERROR else error
 
 
 def mean_quality(crossings: Sequence[Crossing], column: str) -> float | None:
@@ -514,22 +536,43 @@ class MomentError:
 def moment_error(crossings: pl.DataFrame) -> MomentError:
     """Compare where the foot stands with where the moments place its pressure.
 
-    The foot stands elsewhere in each crossing, and the centre of pressure must move with it.
+    The foot stands elsewhere in each crossing, and the centre of pressure must move with it. In the
+    foot's own axes, and with moments too large by a share e, it is seen from the ankle at
+
+        m + R d + e (a - c),
+
+    with its place m under the foot, the ankle a, the plate's centre c, and an error d of the
+    plate's place, which R turns into the foot's axes. So people may walk in any directions; d is
+    told from m where they walk in more than one.
 
     Six rows of `walking_crossings.csv` are needed that are undisturbed until 38 % of stance.
     """
-    columns = ["foot_forward_m", "foot_left_m", "pressure_ahead_m", "pressure_beside_m"]
+    places = ["foot_forward_m", "foot_left_m"]
+    pressures = ["pressure_ahead_m", "pressure_beside_m"]
+    columns = [*places, *pressures, "heading_deg"]
     if not {*columns, "onset_phase"} <= set(crossings.columns):
         return MomentError(None, None)
     undisturbed = pl.col("onset_phase").cast(pl.Float64).fill_null(1.0) > UNDISTURBED_PHASE
     used = crossings.filter(pl.col("reason").is_null(), undisturbed).drop_nulls(columns)
     if len(used) < FEWEST_FOR_MOMENTS:
         return MomentError(None, None)
-    values = used.select(columns).to_numpy()
-    foot, pressure = np.hsplit(values - values.mean(axis=0), 2)
-    square = float(np.sum(foot**2)) or 1.0
-    error = float(np.sum(foot * pressure)) / square
-    freedom = 2 * len(used) - 3
+
+    heading = np.deg2rad(used["heading_deg"].to_numpy())
+    cosine, sine = np.cos(heading), np.sin(heading)
+    one, none = np.ones(len(used)), np.zeros(len(used))
+    along_the_foot = np.column_stack([one, none, cosine, sine])
+    to_its_left = np.column_stack([none, one, -sine, cosine])
+    constants = np.vstack([along_the_foot, to_its_left])  # of m and d
+    vectors, sizes, _ = np.linalg.svd(constants, full_matrices=False)
+    basis = vectors[:, sizes > SMALLEST_TURN * sizes[0]]
+    foot = used.select(places).to_numpy().T.ravel()
+    pressure = used.select(pressures).to_numpy().T.ravel()
+    foot = foot - basis @ (basis.T @ foot)
+    pressure = pressure - basis @ (basis.T @ pressure)
+
+    square = float(foot @ foot) or 1.0
+    error = float(foot @ pressure) / square
+    freedom = len(foot) - basis.shape[1] - 1
     se = float(np.sqrt(np.sum((pressure - error * foot) ** 2) / freedom / square))
     certain = max(abs(error) - CERTAIN_MOMENT_SES * se, 0.0)
     return MomentError(float(np.sign(error) * certain), 2 * se)

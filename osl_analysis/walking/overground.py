@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from osl_analysis.errors import InputError, listing
+from osl_analysis.plates import plate_axes
 from osl_analysis.trial import Array, Trial, marker_columns
 from osl_analysis.walking.ankle import VERTICAL, ankle_torque
 from osl_analysis.walking.plate import (
@@ -32,7 +33,8 @@ CURVES = ("time_s", "phase", "moment", "reference_moment")  # (n,) each, of a ro
 
 SHORTEST_CONTACT_S = 0.3
 LARGEST_STANDING_SPEED = 0.5  # [m/s] of a marker on the ground; none in the air is so slow
-LARGEST_STANDING_HEIGHT_M = 0.05  # above the lowest 2 % of a marker's track
+LOWEST_PERCENT = 2.0  # of a marker's track over a plate, in which it is at its lowest
+LARGEST_STANDING_HEIGHT_M = 0.05  # above that
 STRIDE_S = 0.75  # before and after a frame, over which its way is read
 SHORTEST_STRIDE_M = 0.3  # that has a direction
 FEWEST_FRAMES = 3
@@ -51,12 +53,20 @@ class Foot:
     points: Array  # all its markers (n, m, 3) [m]
     is_whole: bool  # whether heel and toe are among them
 
-    def standing(self) -> Mask:
-        """Which markers (n, m) rest on the ground: slow and low."""
-        height = self.points[..., 2]
+    def standing_on(self, corners: Array) -> Mask:
+        """Which markers (n, m) rest on a plate: slow, and low above its surface.
+
+        A plate may stand higher than the floor, or slope.
+        """
+        is_over = over(self.points, corners)
+        height = (self.points - corners.mean(axis=0)) @ plate_axes(corners)[:, 2]
         speed = np.linalg.norm(np.gradient(self.points, self.time, axis=0), axis=2)
-        low = height < np.nanpercentile(height, 2, axis=0) + LARGEST_STANDING_HEIGHT_M
-        return np.asarray((speed < LARGEST_STANDING_SPEED) & low)
+        stands = np.zeros_like(is_over)
+        for marker in np.flatnonzero(is_over.any(axis=0)):
+            rows = is_over[:, marker]
+            lowest = np.percentile(height[rows, marker], LOWEST_PERCENT)
+            stands[:, marker] = rows & (height[:, marker] < lowest + LARGEST_STANDING_HEIGHT_M)
+        return np.asarray(stands & (speed < LARGEST_STANDING_SPEED))
 
 
 @dataclass(frozen=True)
@@ -278,10 +288,7 @@ def contacts_of_stance(
     time = next(iter(feet.values())).time
     corners = recorded_corners(trial, plate)
     inside = (time > stance.heel_strike) & (time < stance.toe_off)
-    rests = {
-        side: np.any(foot.standing() & over(foot.points, corners), axis=1)
-        for side, foot in feet.items()
-    }
+    rests = {side: np.any(foot.standing_on(corners), axis=1) for side, foot in feet.items()}
     resting_share = {side: float(rested[inside].mean()) for side, rested in rests.items()}
     stated_foot = recorded_plate(trial, plate).get("foot")
 

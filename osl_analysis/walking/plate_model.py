@@ -62,6 +62,8 @@ LARGEST_HEIGHT_SE_M = 0.005  # of a height that is reported
 CERTAIN_SES = 4.0  # standard errors beyond which a height is certain
 SMALLEST_HEIGHT_COLUMN = 0.02  # share of its column that no other explains
 
+SMALLEST_ZEROED = 0.05  # share of samples; of a plate with noise, hardly any force is exactly 0
+
 LOWEST_RINGING_HZ = 25.0  # above the motions of a platform
 RINGING_GROWTH = 500.0  # ratio of power beyond which a plate rings
 SHORTEST_REST_S = 0.15  # in which a frequency can be read
@@ -93,6 +95,8 @@ class PlateModel:
     height_se: float | None = None  # its standard error [m]
     # At which the unloaded plate rings after it was turned; None if it does not
     ringing_hz: float | None = None
+    # Share of the unloaded plate's samples that are 0 throughout, as below a threshold
+    zeroed: float = 0.0
 
     @property
     def certain_height(self) -> float | None:
@@ -152,6 +156,9 @@ def identify_plate_model(
         )
     recordings = [unloaded_recording(trial, calibration, settings) for trial, calibration in pairs]
     usable = [recording for recording in recordings if not recording.unusable]
+    used_pairs = [
+        pair for pair, recording in zip(pairs, recordings, strict=True) if not recording.unusable
+    ]
     if not usable:
         first = recordings[0]
         raise InputError(
@@ -172,17 +179,24 @@ def identify_plate_model(
     if settings.correct_plate_lag:
         for i, recording in enumerate(usable):
             with naming(f"trial {recording.track.name}"):
-                lags[i] = plate_lag(motions[i].motion, recording.wrench_at, recording.smooth)
+                try:
+                    lags[i] = plate_lag(motions[i].motion, recording.wrench_at, recording.smooth)
+                except InputError:
+                    check_other_plates(*used_pairs[i], settings)
+                    raise
         if not np.isfinite(lags).any():
+            check_other_plates(*used_pairs[0], settings)
             lag_reason = "the unloaded plate is too light to show it"
     else:
         lag_reason = "not estimated: correct_plate_lag is false"
 
     hz, growth = np.median([recording.rings for recording in usable], axis=0).tolist()
+    zeroed = float(np.mean([recording.zeroed for recording in usable]))
     model = replace(
         plate_model(usable, lags),
         lag_reason=lag_reason,
         ringing_hz=hz if growth > RINGING_GROWTH else None,
+        zeroed=zeroed if zeroed > SMALLEST_ZEROED else 0.0,
     )
     if len(usable) == 1:
         return model
@@ -201,6 +215,30 @@ def identify_plate_model(
         for i in range(len(usable))
     ]
     return replace(model, leave_one_out=tuple(without_each))
+
+
+def check_other_plates(
+    trial: Trial, calibration: StaticCalibration, settings: PlateModelSettings
+) -> None:
+    """Refuse a plate that does not feel the platform's motion in an unloaded trial where another
+    one does."""
+    for plate in trial.provenance.get("plates", []):
+        number = plate["plate"]
+        if number == settings.plate:
+            continue
+        try:
+            recording = unloaded_recording(
+                trial, calibration, settings.model_copy(update={"plate": number})
+            )
+            motion = unloaded_motions([recording])[0].motion
+            lag = plate_lag(motion, recording.wrench_at, recording.smooth)
+        except (InputError, IdentifiabilityError):
+            continue
+        if np.isfinite(lag):
+            raise InputError(
+                f"force plate {settings.plate} does not feel the platform's motion, force plate"
+                f" {number} does; write `walking.plate: {number}`"
+            )
 
 
 @dataclass(frozen=True)
@@ -223,6 +261,7 @@ class UnloadedRecording:
     plate_low_pass: LowPass
     unusable: str  # why the trial shows nothing of the plate, for a message; empty if it does
     rings: tuple[float, float]  # frequency [Hz] and growth, as of `ringing`
+    zeroed: float  # share of the samples whose force is exactly 0
 
     def smooth(self, values: Array) -> Array:
         """Pass values (n, ...) in the track's frames through the low-pass of the identification."""
@@ -322,6 +361,7 @@ def unloaded_recording(
         plate_low_pass=settings.plate_low_pass,
         unusable=unusable,
         rings=ringing(frames, read(0.0), track),
+        zeroed=float(np.mean((wrench[:, :3] == 0).all(axis=1))),
     )
 
 
@@ -699,6 +739,7 @@ def plate_table(model: PlateModel) -> pl.DataFrame:
                 "height_m": model.height,
                 "height_se_m": model.height_se,
                 "ringing_hz": model.ringing_hz,
+                "zeroed": model.zeroed,
             }
         )
     return pl.DataFrame(rows)

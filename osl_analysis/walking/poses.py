@@ -10,7 +10,7 @@ every segment's axes are the laboratory's (z up).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from math import lgamma
 from typing import Annotated
@@ -22,7 +22,7 @@ from pydantic import PlainSerializer, PlainValidator
 
 from osl_analysis.errors import InputError, nearest
 from osl_analysis.signals import differentiate
-from osl_analysis.trial import Array, Trial, marker_columns
+from osl_analysis.trial import Array, Trial, marker_columns, plate_columns
 from osl_analysis.walking.walking_settings import CalibrationSettings, MarkerSettings
 
 Mask = NDArray[np.bool_]
@@ -37,6 +37,8 @@ SEGMENTS = ("foot", "shank", "platform")
 FREE_FALL = np.array([0.0, 0.0, -9.80665])  # acceleration [m/s^2] in laboratory axes, z up
 FEWEST_MARKERS = 3  # that determine an orientation
 SMALLEST_WIDTH = 0.1  # of a cluster beside its longest line, as a share of its length
+LEAST_STANDING_N = 100.0  # of a person; smaller loads are offsets
+MOST_BESIDE = 0.02  # of the load, on all other plates
 HIGHEST_FOOT_M = 0.05  # of the foot's markers above the shank's; standing, they are 0.1 m below
 
 # A filled frame has no noise of its own (docs/walking.md, "Gaps stay gaps")
@@ -102,6 +104,15 @@ class StaticCalibration:
     markers: dict[str, StoredArray]  # position (3,) [m] of each marker of the clusters, by name
     ankle_centre: StoredArray  # point (3,) [m] that belongs to the foot and to the shank
     ankle_axis: StoredArray  # unit vector (3,) to the subject's left, the same for foot and shank
+    # Mean vertical force [N] of each plate, by its number
+    plate_loads: dict[int, float] = field(default_factory=dict)
+
+    def standing_load(self, plate: int) -> float | None:
+        """Vertical force [N] of a plate on which alone somebody stands; None if nobody does."""
+        load = self.plate_loads.get(plate, 0.0)
+        others = sum(abs(other) for number, other in self.plate_loads.items() if number != plate)
+        is_on_it_alone = load > LEAST_STANDING_N and others < MOST_BESIDE * load
+        return load if is_on_it_alone else None
 
     def positions(self, names: Sequence[str], trial: str) -> Array:
         """Positions (m, 3) [m] of the named markers; `trial` is for messages."""
@@ -154,7 +165,18 @@ def static_calibration(trial: Trial, settings: CalibrationSettings) -> StaticCal
         markers={**foot, **shank, **clusters.get("platform", {})},
         ankle_centre=(medial + lateral) / 2,
         ankle_axis=to_left / np.linalg.norm(to_left),
+        plate_loads=plate_loads(trial),
     )
+
+
+def plate_loads(trial: Trial) -> dict[int, float]:
+    """Mean vertical force [N] of each plate of a trial, by its number."""
+    loads: dict[int, float] = {}
+    for facts in trial.provenance.get("plates", []):
+        vertical = plate_columns(facts["plate"], "force")[2]
+        if vertical in trial.columns:
+            loads[facts["plate"]] = float(np.nanmean(trial.signals(vertical)[1]))
+    return loads
 
 
 def mean_positions(trial: Trial, names: Sequence[str]) -> dict[str, Array]:

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from osl_analysis.trial import Array
+from osl_analysis.walking.ankle import PRESSED_N
 from osl_analysis.walking.crossing import Crossing, RefusedCrossing
 from osl_analysis.walking.groups import Place, Sheet, places, split_keys
 from osl_analysis.walking.poses import FREE_FALL, Mask
@@ -15,6 +16,7 @@ from osl_analysis.walking.unperturbed_gait import PHASES, signal_at, stance_time
 from osl_analysis.walking.walking_settings import OutlierRule, SelectionSettings
 
 MAD_TO_SD = 1.4826  # from the median absolute deviation to the standard deviation of normal noise
+BESIDE_M = 0.05  # of the pressure from that of other crossings, by which feet walk apart
 MUCH_BRIDGED = 0.05  # share of stance, from which hidden markers may be the cause of an outlier
 
 
@@ -51,6 +53,8 @@ class Comparison:
     crossing: Crossing
     features: Sequence[Feature]  # of all of them; empty if they are not compared
     index: int  # of the crossing in the features
+    # Times (from, to) [s] in which the pressure lies far beside that of others, and how far [m]
+    pressed_beside: tuple[float, float, float] | None = None
 
     @property
     def furthest(self) -> Feature | None:
@@ -120,9 +124,45 @@ def compare_crossings(
     comparisons = []
     for same_conditions in by_condition.values():
         features = crossing_features(same_conditions, settings, settings.outliers)
+        beside = pressures_beside(same_conditions)
         for index, crossing in enumerate(same_conditions):
-            comparisons.append(Comparison(crossing, features, index))
+            pressed = far_beside(crossing, beside[index])
+            comparisons.append(Comparison(crossing, features, index, pressed))
     return comparisons
+
+
+def pressures_beside(crossings: Sequence[Crossing]) -> Array:
+    """Distance [m] of the centre of pressure beside that of the median crossing.
+
+    Returns
+    -------
+    Array
+        (n, k) at `PHASES`; 0 where either is hardly loaded or a load is not known.
+    """
+    loads = [crossing.load for crossing in crossings if crossing.load is not None]
+    if len(loads) < len(crossings):
+        return np.zeros((len(crossings), len(PHASES)))
+    times = [stance_times(crossing, PHASES) for crossing in crossings]
+    force, left = (
+        np.array(
+            [
+                signal_at(crossing, load[row], time)
+                for crossing, load, time in zip(crossings, loads, times, strict=True)
+            ]
+        )
+        for row in (0, 1)
+    )
+    is_loaded = (force > PRESSED_N) & (np.median(force, axis=0) > PRESSED_N)
+    return np.where(is_loaded, np.abs(left - np.median(left, axis=0)), 0.0)
+
+
+def far_beside(crossing: Crossing, beside: Array) -> tuple[float, float, float] | None:
+    """When and how far (k,) [m] the pressure of a crossing lies beside that of others."""
+    far = np.flatnonzero(beside > BESIDE_M)
+    if not len(far):
+        return None
+    first, last = stance_times(crossing, PHASES[far[[0, -1]]])
+    return float(first), float(last), float(beside.max())
 
 
 def crossing_features(
@@ -282,6 +322,13 @@ def exclusion_reason(comparison: Comparison, settings: SelectionSettings) -> str
     distance = comparison.distance(furthest)
     if not distance > settings.outliers.limit:
         return None
+    if comparison.pressed_beside is not None:
+        first_s, last_s, beside_m = comparison.pressed_beside
+        return (
+            f"another foot stands on the plate from {first_s:.2f} to {last_s:.2f} s: the pressure"
+            f" lies up to {100 * beside_m:.0f} cm beside that of other crossings, expected"
+            f" {100 * BESIDE_M:.0f} cm or less"
+        )
     unit = furthest.unit
     value = furthest.values[comparison.index]
     median = furthest.median[comparison.index]
@@ -313,6 +360,7 @@ def crossing_row(comparison: Comparison, reason: str | None, place: Place) -> di
         "reason": reason,
         "stance_s": crossing.stance.duration,
         "onset_s": crossing.onset,
+        "heading_deg": quality.heading_deg,
         "foot_forward_m": quality.foot_forward_m,
         "foot_left_m": quality.foot_left_m,
         "gait_deviation_deg": value_of.get("angle before the onset"),
@@ -330,6 +378,8 @@ def crossing_row(comparison: Comparison, reason: str | None, place: Place) -> di
         "plate_height_m": quality.plate_height_m,
         "plate_ringing_hz": quality.plate_ringing_hz,
         "plate_unexplained": quality.plate_unexplained,
+        "plate_zeroed": quality.plate_zeroed,
+        "standing_N": quality.standing_N,
         "pressure_ahead_m": quality.pressure_ahead_m,
         "pressure_beside_m": quality.pressure_beside_m,
         "pressure_outside_m": quality.pressure_outside_m,

@@ -25,8 +25,10 @@ DESIRED_LINE: dict[str, Any] = {"color": style.BLACK, "linewidth": 0.8}
 # black, because it may stand on a marker
 VISCOUS_MARK: dict[str, Any] = {"marker": "x", "mew": 0.8, "color": style.BLACK}
 MODEL_MARK: dict[str, Any] = {"marker": "_", "mew": 0.7}
-VISCOUS_SIZE, MODEL_SIZE = 3.2, 6.0  # of these marks [pt]
-PANEL_HEIGHT, LEGEND_HEIGHT = 1.75, 0.75  # [in]
+VISCOUS_SIZE = 3.2  # of the first mark [pt]
+MODEL_SIZE = 6.0  # of the second [pt]
+PANEL_HEIGHT = 1.75  # [in]
+LEGEND_HEIGHT = 0.75  # [in]
 BESIDE_TRIALS = 0.8  # by which a desired value's line is longer than its trials on either side
 ENDS = ("", "_low", "_high", "_amplitudes_low", "_amplitudes_high")
 

@@ -20,8 +20,10 @@ from osl_analysis.figures.style import (
     SINGLE_COLUMN,
 )
 
-# distances of places: of trials of one controller, of two controllers, and of two desired values
-NEXT_TRIAL, NEXT_CONTROLLER, NEXT_VALUE = 1.0, 1.8, 3.2
+# distances of the places of two neighbouring trials
+NEXT_TRIAL = 1.0  # of one controller
+NEXT_CONTROLLER = 1.8  # of two controllers
+NEXT_VALUE = 3.2  # of two desired values
 EDGE = 1.2  # free at either end
 FEWEST_PLACES = 8.0  # the axis has room for so many, that one trial does not stand in its middle
 

@@ -16,10 +16,12 @@ from osl_analysis.trial import Array
 
 LEAST_UNEXPLAINED = 1e-4  # smaller unexplained shares are drawn here [percent]
 MEDIAN_LINE: dict[str, Any] = {"color": style.BLACK, "linewidth": 1.2}
-HEIGHT, PANEL_HEIGHT = 3.0, 1.7  # of the figure, and of its panel at least [in]
+HEIGHT = 3.0  # of the figure [in]
+PANEL_HEIGHT = 1.7  # of its panel, at least [in]
 MARGIN = 0.75  # of the panel, for the labels of its vertical axis [in]
 POINT = 4.9 / 72  # diameter of a marker with a small gap [in]
-REACH, MEDIAN_REACH = 0.45, 0.3  # of a swarm and of its median to either side; swarms are 1 apart
+REACH = 0.45  # of a swarm to either side; swarms are 1 apart
+MEDIAN_REACH = 0.3  # of the line at its median to either side
 MOST_IN_COLUMN = 2  # swarms in one column of the page
 
 NO_VAF = "the impedance table has no VAF of one amplitude, which Fig. 6 draws; fit the trials again"

@@ -21,7 +21,8 @@ from osl_analysis.trial import Array
 FIG7_COLUMNS = [name for name in columns_of("fig7") if name != "chosen"]
 OBSERVED, DESIRED, LINEAR_MODEL = "observed", "desired", "linear model"  # kinds of `curve`
 PARTS = ("magnitude", "phase_deg")
-MOST_TICKS, MOST_TICKS_NARROW = 8, 5  # of frequency, of one joint and of several side by side
+MOST_TICKS = 8  # of frequency, in the panel of one joint
+MOST_TICKS_NARROW = 5  # in those of several joints side by side
 
 
 def fig7_points(response: pl.DataFrame, curves: Sequence[pl.DataFrame]) -> pl.DataFrame:
@@ -192,10 +193,11 @@ def draw_response_of(
 
 # response
 
-MOST_CONDITIONS, MOST_ACROSS = 12, 3
-"""Trials that one page shows at most (the table has all), and those side by side; one more if they
-are so many."""
-PANEL_HEIGHT, AROUND_TRIAL, LEGEND_HEIGHT = 0.84, 0.4, 0.45  # [in]
+MOST_CONDITIONS = 12  # trials that one page shows; the table has all
+MOST_ACROSS = 3  # trials side by side; four if there are more than nine
+PANEL_HEIGHT = 0.84  # [in]
+AROUND_TRIAL = 0.4  # height between the panels of two trials, with their labels [in]
+LEGEND_HEIGHT = 0.45  # [in]
 SIZE = 2.2  # size [pt] of the markers
 NORMAL_97_5 = 1.96  # quantile of the normal distribution, for the 95 % interval
 

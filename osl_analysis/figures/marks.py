@@ -15,7 +15,9 @@ from osl_analysis.figures.style import GREY, THICK, THIN, WHITE, Look
 from osl_analysis.stats.repeats import IS_DOUBTFUL
 from osl_analysis.trial import Array
 
-INTERVAL, AMPLITUDES = "95 % interval", "Range over amplitudes"  # bars, in legends
+# bars, in legends
+INTERVAL = "95 % interval"
+AMPLITUDES = "Range over amplitudes"
 BAR_LENGTH = 8.0  # of a bar in a legend [pt]
 TOUCHING = 1e-9  # relative difference of two places that are one, by rounding
 

@@ -18,7 +18,8 @@ from osl_analysis.figures.desired_axis import (
 from osl_analysis.figures.ticks import label_frequency_axis, label_log_axis
 
 COLUMNS = 2  # panels side by side
-PANEL_HEIGHT, LEGEND_HEIGHT = 1.85, 0.6  # [in]
+PANEL_HEIGHT = 1.85  # [in]
+LEGEND_HEIGHT = 0.6  # [in]
 MARKER_SHARE = 0.9  # of the usual size
 ZERO_LINE: dict[str, Any] = {"color": style.BLACK, "linewidth": 0.6, "zorder": 0}
 

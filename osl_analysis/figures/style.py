@@ -13,8 +13,8 @@ import polars as pl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-# widths [in] of one column and of the text block of an IEEE two-column page
-SINGLE_COLUMN, DOUBLE_COLUMN = 3.5, 7.16
+SINGLE_COLUMN = 3.5  # width of a column of an IEEE two-column page [in]
+DOUBLE_COLUMN = 7.16  # width of its text block [in]
 TALLEST = 9.4  # figure that fits this block [in]
 
 BLACK, WHITE, GREY, MAGENTA = "#000000", "#FFFFFF", "#6E6E6E", "#C2127F"
@@ -26,9 +26,11 @@ BLUE, BROWN = "#3F8FBF", "#6B3A0A"  # third and fourth, if two are not enough
 
 LETTERS_PER_INCH = 17  # of the text on an axis
 BAND_ALPHA = 0.25  # opacity of a band around a curve
-HAIRLINE, THIN, THICK = 0.4, 0.7, 1.8  # widths [pt] of axes at 0, ranges, and intervals
-# line styles of doubtful fits, and of means and what is desired
-DOTTED, DASHED = (0, (1, 1.5)), (0, (3, 2))
+HAIRLINE = 0.4  # width of an axis at 0 [pt]
+THIN = 0.7  # of the bar of a range [pt]
+THICK = 1.8  # of the bar of an interval [pt]
+DOTTED = (0, (1, 1.5))  # line style of doubtful fits
+DASHED = (0, (3, 2))  # of means and of what is desired
 
 PAPER = mpl.rc_params_from_file(Path(__file__).with_suffix(".mplstyle"), use_default_template=False)
 Dash = Literal["-", ""] | tuple[float, tuple[float, ...]]  # a line style as matplotlib takes it

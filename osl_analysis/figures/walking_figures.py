@@ -122,12 +122,15 @@ def fig9_caption(table: pl.DataFrame) -> str:
     return " ".join(sentences)
 
 
-# on the axis, from the middle of a group: the reach of its points, its mean, its ensemble, and the
-# next group
-REACH, MEAN_AT, ENSEMBLE_AT, NEXT_GROUP = 0.32, 0.55, 0.85, 1.8
+# distances on the axis from the middle of a group
+REACH = 0.32  # of its points, to either side
+MEAN_AT = 0.55  # its mean
+ENSEMBLE_AT = 0.85  # its ensemble
+NEXT_GROUP = 1.8  # the middle of the next group
 BESIDE = 0.75  # free beside the first and the last group, half of it on either side
 MARGIN = 0.45  # of a panel, for the labels of its vertical axis [in]
-SWARM_HEIGHT, POINT = 1.2, 3.4 / 72  # over which the values of a panel spread; one point [in]
+SWARM_HEIGHT = 1.2  # over which the values of a panel spread [in]
+POINT = 3.4 / 72  # diameter of a point with a small gap [in]
 DRAWN = ("estimate", "mean", "ensemble_low", "ensemble_high", "commanded")
 PERTURBATION = style.Look(style.GREY, "o", 2.6, "One perturbation")
 MEAN_LABEL = "Mean ± SD"
@@ -390,8 +393,10 @@ SERIES_LOOKS = (  # colours and markers
     (style.BROWN, "^"),
 )
 COMMANDED = "commanded"  # the series of the trajectory; all others are estimates
-INTERVAL_WIDTH, WINDOW_WIDTH = 1.2, 0.6  # of lines [pt]
-STANCE_PANEL, STANCE_LEGEND = 1.5, 0.75  # heights [in]
+INTERVAL_WIDTH = 1.2  # of the bar of an interval [pt]
+WINDOW_WIDTH = 0.6  # of the bar of a fitted window [pt]
+STANCE_PANEL = 1.5  # height of a panel [in]
+STANCE_LEGEND = 0.75  # height of the legend [in]
 
 
 def over_stance_caption(table: pl.DataFrame) -> str:

@@ -472,7 +472,7 @@ CAUSES = [
         "torque × 1.1",
         on_torque(stretched),
         0.1,
-        ("unlikely size", "another unit"),
+        ("wrong gain", "unlikely size", "another unit"),
         "of 1",
         needs_gains=True,
     ),

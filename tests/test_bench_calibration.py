@@ -15,7 +15,7 @@ from bench_synthetic import (
     sine_settings,
     stepped_sine,
 )
-from conftest import ROOT, marked
+from conftest import ROOT, findings_of, marked
 from test_bench_belt import belt_cycle
 from test_bench_torque_angle import PERIOD, A, W, clock, fitted
 from test_dictionary import described
@@ -41,6 +41,7 @@ from osl_analysis.bench.torque_angle_tables import curve_table, torque_angle_tab
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.commands.fit import run_fit
 from osl_analysis.errors import InputError
+from osl_analysis.judge.words import finding_text
 from osl_analysis.signals import LowPass, differentiate
 from osl_analysis.stats.repeats import over_repeats, summary_row
 from osl_analysis.stats.table_rows import estimates_row
@@ -267,8 +268,8 @@ def spring(late_s=0.0, gain=1.0, K=300.0, damping=0.0, weight=0.0, I=0.004, seed
     return Trial("spring", pl.DataFrame({"time": time, "theta": angle, "torque": torque}))
 
 
-def calibrated(trial, **known):
-    settings = {"settings": CONFIG.dynamometer}
+def calibrated(trial, bench=CONFIG.dynamometer, **known):
+    settings = {"settings": bench}
     table = run_fit("calibration", trial, None, settings, known).estimates["calibration"]
     return marked(table, CONFIG.doubtful.of("calibration"), "calibration").row(0, named=True)
 
@@ -293,6 +294,20 @@ def test_a_known_spring_tells_lateness_gain_fixture_and_what_to_write():
     assert loose["inertia"] == pytest.approx(row["inertia"] - 0.003)
     assert loose["gain_se"] == pytest.approx(0.01 * 1.02, rel=1e-3)
     assert (loose["lag_s"], loose["lag_s_se"]) == (row["lag_s"], row["lag_s_se"])
+
+
+def test_a_gain_that_a_fixture_s_weight_explains_asks_for_the_fixture_first():
+    """1.6 N*m beside 80 N*m/rad are 2 %; stated, nothing is wrong."""
+    trial = spring(K=80.0, weight=1.6)
+    weighed = CONFIG.dynamometer.model_copy(update={"fixture": Fixture(weight=1.6)})
+
+    row, stated = calibrated(trial, known_K=80.0), calibrated(trial, weighed, known_K=80.0)
+
+    findings = findings_of(row, CONFIG.doubtful.of("calibration"), "calibration")
+    (gain,) = [finding for finding in findings if finding.cause == "wrong gain"]
+    assert "or a fixture weighs +1.6 N*m" in finding_text(gain, row)
+    assert stated["fixture"] == "weight 1.6"
+    assert (stated["doubtful"], stated["gain"]) == ("", pytest.approx(1.0, abs=2e-3))
 
 
 def test_a_sound_bench_is_not_accused():

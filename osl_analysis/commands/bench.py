@@ -214,7 +214,8 @@ def fit_calibration_trial(
         settings = settings.model_copy(update={"bench_stiffness": frame.stiffness})
         record = record_of_trial(trial, settings)
     analysis = analysed(record, plain_sums(record, IMPEDANCE), IMPEDANCE)
-    table = known_spring.calibration_table(analysis, known, frame).with_columns(rails)
+    table = known_spring.calibration_table(analysis, known, frame)
+    table = table.with_columns(rails, fixture_column(trial))
     return tables_of_fit(
         analysis.series(), lambda: {"timebase": analysis.time_base(QUANTITIES)}, calibration=table
     )

@@ -389,9 +389,13 @@ def calibration_text(cells: Cells) -> str:
         return calibrated_lag_text(cells)
     gain = cells["gain"]
     half = cells["gain_high"] - gain
+    error = f"torque over angle is {100 * (gain - 1):+.3g} ± {100 * half:.2g} % off"
+    first = ""
+    if "known_K" in cells and "fixture" not in cells:
+        weight = (gain - 1) * cells["known_K"]
+        first = f" or a fixture weighs {weight:+.2g} N*m: state it (`fixture`) and run again, else"
     return (
-        f"torque over angle is {100 * (gain - 1):+.3g} ± {100 * half:.2g} % off, divide the"
-        f" torque's `scale` by {gain:.5g} and write `{cells['to_state']}`"
+        f"{error},{first} divide the torque's `scale` by {gain:.5g} and write `{cells['to_state']}`"
     )
 
 

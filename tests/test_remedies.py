@@ -4,10 +4,11 @@ import numpy as np
 import polars as pl
 import pytest
 
+from osl_analysis.bench.identifiability import check_told
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.commands.bench import fit_actuator_trial, fit_torque_angle_trial
 from osl_analysis.commands.remedies import remedies_tried
-from osl_analysis.errors import Change, InputError
+from osl_analysis.errors import Change, IdentifiabilityError, InputError
 from osl_analysis.files import default_config
 from osl_analysis.trial import Trial
 
@@ -114,6 +115,20 @@ def test_other_units_and_signs_are_tried(column, factor, advice):
         fit_torque_angle_trial(changed, settings)
 
     assert refused.value.remedy.startswith(advice)
+
+
+@pytest.mark.parametrize(("K", "tried"), [(200.0, []), (11_000.0, ["theta", "torque"])])
+def test_of_a_narrow_band_units_are_tried_where_no_joint_is_so_stiff(K, tried):
+    w = 2 * np.pi * 2.0
+    time = np.arange(0, 20, 1 / RATE)
+    theta, omega, alpha = (0.02 * w**n * np.sin(w * time + n * np.pi / 2) for n in range(3))
+    motion = np.array([theta, omega, alpha])
+
+    with pytest.raises(IdentifiabilityError) as refused:
+        check_told("made", (2.0, 2.1), motion, K * 0.014, (K, 0.1), 0.01)
+
+    units = [change.other_unit_of for change in refused.value.changes if change.other_unit_of]
+    assert units == tried
 
 
 def driven_actuator():

@@ -14,6 +14,8 @@ TAKE_TORQUE_ANGLE = Change(
     "take experiment 'torque_angle' in the sheet, for the stiffness alone",
     experiment="torque_angle",
 )
+OTHER_UNITS = (Change("", other_unit_of="theta"), Change("", other_unit_of="torque"))
+STIFFEST_JOINT = 5e3  # N*m/rad; ankles and prosthetic feet have up to 1500
 USUAL_ERROR = 1e-3  # of the torque's RMS, as calibrations and models leave
 # RMS of the angle over that of its part orthogonal to omega and alpha; below, K hardly depends on I
 OWN_ANGLE = 1.25
@@ -86,7 +88,7 @@ def check_told(
             f" `largest_inertia_error` in the configuration; the band from {high_hz:.2g} to about"
             f" {needed_hz:.2g} Hz is missing, excite it as well, or check the units of theta and"
             f" torque, by which K would be {K:.3g} N*m/rad",
-            [TAKE_TORQUE_ANGLE],
+            [TAKE_TORQUE_ANGLE, *(OTHER_UNITS if abs(K) > STIFFEST_JOINT else ())],
         )
     # without stiffness a tenth of K is no limit
     changes_K = error_of_K > max(LARGE_CHANGE_OF_K * abs(K), K_se)

@@ -111,6 +111,14 @@ def job_of(experiment: str) -> FitJob:
     return fit
 
 
+def function_of(job: FitJob) -> Callable[..., FitTables | Mapping[str, pl.DataFrame]]:
+    """The function of `commands` that a job of a fit names."""
+    module_name, _, function_name = job.job.partition(".")
+    module = import_module(f"osl_analysis.commands.{module_name}")
+    fit: Callable[..., FitTables | Mapping[str, pl.DataFrame]] = getattr(module, function_name)
+    return fit
+
+
 def fit_settings(experiment: str, config: Path) -> tuple[dict[str, Any], DoubtfulFits]:
     """Read the settings of an experiment's fit.
 
@@ -177,10 +185,7 @@ def run_fit(
         arguments["condition"] = condition
     if job.windows:
         arguments["windows"] = windows
-    module_name, _, function_name = job.job.partition(".")
-    module = import_module(f"osl_analysis.commands.{module_name}")
-    fit: Callable[..., FitTables | Mapping[str, pl.DataFrame]] = getattr(module, function_name)
-    tables = fit(trial, **arguments)
+    tables = function_of(job)(trial, **arguments)
     return tables if isinstance(tables, FitTables) else FitTables(tables)
 
 

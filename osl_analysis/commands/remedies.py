@@ -7,7 +7,6 @@ where a fit is refused."""
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import wraps
-from importlib import import_module
 from inspect import signature
 from itertools import groupby, pairwise
 from typing import Any, ParamSpec, TypeVar, cast
@@ -16,9 +15,8 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.bench.fit_tables import FitTables
-from osl_analysis.campaign.configuration import Config, read_section
 from osl_analysis.commands.estimates import estimated, interval_text, printed_units
-from osl_analysis.config.experiments import EXPERIMENTS
+from osl_analysis.commands.fit import fit_settings, function_of, job_of
 from osl_analysis.errors import Change, OslAnalysisError
 from osl_analysis.files import default_config
 from osl_analysis.ingest.examine import in_other_units
@@ -161,18 +159,13 @@ def changed(trial: Trial, change: Change) -> Trial:
 def fit_of(experiment: str) -> tuple[Callable[..., Any], dict[str, Any]]:
     """The fit of another experiment, without remedies, and its settings by argument: the default
     ones, since a job has those of its own experiment alone."""
-    job = EXPERIMENTS[experiment].fit
-    assert job is not None
-    settings: dict[str, Any] = {}
-    for argument, (section, _) in job.settings.items():
-        model: Any = Config.model_fields[section].annotation
-        settings[argument] = read_section(default_config(), section, model)
+    job = job_of(experiment)
+    settings, _ = fit_settings(experiment, default_config())
     if job.parameters:
         settings["parameters"] = None
     if job.sheet:
         settings["condition"] = None
-    module, _, name = job.job.partition(".")
-    fit = getattr(import_module(f"osl_analysis.commands.{module}"), name)
+    fit: Any = function_of(job)
     return cast(Callable[..., Any], fit.__wrapped__), settings
 
 

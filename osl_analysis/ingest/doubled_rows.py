@@ -10,16 +10,11 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from osl_analysis.ingest.guard import are_paced
-from osl_analysis.measured import usual_size
+from osl_analysis.ingest.guard import EVEN, USUAL_STEP, are_paced, smallest_motion
 from osl_analysis.recording import Rows
 from osl_analysis.trial import Array
 
-EVEN = 0.01  # of the usual step of time, by which no stamp of rows that were numbered is off
 MOST_DOUBLED = 0.05  # share of the rows; more of them, and a device was read too often
-USUAL_STEP = 0.3  # relative difference of a step from those beside it
-OVER_NOISE = 10.0  # times the usual third difference, from which a step is motion
-FEWEST_LEVELS = 5.0  # smallest changes of a signal in a step that its rounding does not make
 CHANCE = 0.1  # of the rows that repeat all values, as many may do so by chance
 
 
@@ -64,11 +59,7 @@ def goes_on_by_one(values: Array, places: NDArray[np.intp]) -> NDArray[np.bool_]
     """Whether a signal (n,), which repeats its value at these places (k,), moves there, and goes on
     by a usual step."""
     steps = np.diff(values)
-    changes = np.abs(steps[steps != 0])
-    if not changes.size:
-        return np.zeros(places.size, bool)
-    noise = usual_size(np.diff(values, 3))
-    least = max(OVER_NOISE * noise, FEWEST_LEVELS * float(changes.min()))
+    least = smallest_motion(values)
     inside = (places > 1) & (places < steps.size - 1)
     at = places[inside]
     before, after, second = steps[at - 2], steps[at], steps[at + 1]

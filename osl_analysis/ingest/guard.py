@@ -12,6 +12,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
+from osl_analysis.measured import usual_size
 from osl_analysis.trial import Array, Trial, unit_of
 
 LARGEST_MEASURED = {  # largest possible size of a value, by its SI unit
@@ -199,9 +200,7 @@ def lost_rows(time: Array, angle: Array) -> LostRows | None:
     beside = np.stack([turns[:-4], turns[1:-3], turns[3:-1], turns[4:]])
     expected = beside.mean(axis=0)
     size = np.abs(expected)
-    noise = float(np.median(np.abs(np.diff(angle, 3))))
-    changes = np.abs(turns[turns != 0])
-    least = max(OVER_NOISE * noise, FEWEST_LEVELS * float(changes.min(initial=np.inf)))
+    least = smallest_motion(angle)
     is_smooth = np.ptp(beside, axis=0) < USUAL_STEP * size
     passed = turns[2:-2] / np.where(size > least, expected, np.inf)
     is_whole = np.abs(passed - np.rint(passed)) < USUAL_STEP
@@ -210,6 +209,15 @@ def lost_rows(time: Array, angle: Array) -> LostRows | None:
         return None
     row = int(places[0]) + 3
     return LostRows(places.size, float(passed[places[0]]), row, float(time[row - 1]))
+
+
+def smallest_motion(values: Array) -> float:
+    """The step of a signal (n,) from which it is motion, and neither noise nor rounding; infinite
+    where nothing changes."""
+    steps = np.diff(values)
+    changes = np.abs(steps[steps != 0])
+    noise = usual_size(np.diff(values, 3))
+    return max(OVER_NOISE * noise, FEWEST_LEVELS * float(changes.min(initial=np.inf)))
 
 
 def are_paced(places: NDArray[np.intp]) -> bool:

@@ -31,6 +31,7 @@ from osl_analysis.ingest.placeholders import NAME_OF_TIME, UNKNOWN, open_places
 from osl_analysis.ingest.raw_files import is_capture
 from osl_analysis.signals.plateaus import (
     MOST_FAST,
+    STANDS,
     fast_share,
     is_clamped,
     is_one_level,
@@ -43,7 +44,6 @@ from osl_analysis.yaml_settings import read_mapping
 NAMED_ALWAYS = ("theta", "torque", *LEVELS)  # columns that a draft names without a unit
 BETWEEN_LEVELS = 0.25  # share of its swing beside the middle, in which a pulse seldom is
 MOST_BETWEEN = 0.02  # share of the samples that may be there
-STANDS = 0.5  # rad/s; an actuator's shaft that is slower stands
 FEWEST_TIMES = 4  # readings of a log that is looked at
 MOST_OF_CLAMP = 0.05  # rad, by which a clamp yields under an actuator's torque
 LEAST_AT_PLATEAUS = 0.5  # share of the readings: a stepped current changes seldom

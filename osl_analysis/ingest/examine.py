@@ -21,14 +21,13 @@ from osl_analysis.measured import factor_of, usual_size
 from osl_analysis.plates import beside, plate_axes
 from osl_analysis.signals import longest_run, run_at_extreme, run_edges, runs
 from osl_analysis.signals.grid import GapLimits, devices_of, origin, streams, uniform_signals
-from osl_analysis.signals.plateaus import is_clamped, plateaus_of
+from osl_analysis.signals.plateaus import STANDS, is_clamped, plateaus_of
 from osl_analysis.signals.samples import take
 from osl_analysis.spectral.sine_runs import Run
 from osl_analysis.spectral.stepped_sine import Likeness, SteppedSineProtocol, stated_protocol
 from osl_analysis.trial import Array, Trial, plate_columns, unit_of
 from osl_analysis.units import si_factor
 
-STANDS = 0.5  # rad/s; an actuator's shaft that is slower stands, as `actuator.slowest` has it
 OF_CLAMPED = "the actuator stands, and its plateaus of current are analysed alone"
 
 

@@ -1,10 +1,12 @@
 """Plateaus of a stepped current, and whether the shaft stands meanwhile: a clamped actuator."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from osl_analysis.measured import usual_size
 from osl_analysis.signals import runs
 from osl_analysis.trial import Array
 
@@ -16,13 +18,14 @@ NOISE_CHANGE = 5.0  # standard deviations of the change between means, if noise 
 LARGEST_CHANGE = 0.2  # of the range; a step is larger than any noise
 SHORTEST_LEVEL = 5  # changes between such means: a plateau of 0.3 s
 SETTLING, ENDING = 3, 1  # means left out: the torque settles, and the filter spreads the next step
-THIRD_DIFFERENCE = np.sqrt(20)  # times white noise: its third difference; slower motion is gone
+THIRD_DIFFERENCE = math.sqrt(20)  # times white noise: its third difference; slower motion is gone
 NORMAL_MEDIAN = 0.6745  # median of |x| in standard deviations of normal noise
 SPEED_BINS = 3  # over which a speed is averaged: 0.15 s, which hum and noise do not pass
 STEADY_RANGE = 12.0  # standard deviations of means between the largest and the smallest of a level
 FEWEST_PLATEAUS = 3  # that a line with an offset needs to have an interval
 MOST_FAST = 0.5  # share of the time at plateaus in which noise may seem to move a shaft that stands
 LEAST_SPAN = 0.5  # of the current's range between plateaus; less are rests between two motions
+STANDS = 0.5  # rad/s; an actuator's shaft that is slower stands, where nobody stated `slowest`
 
 
 def plateaus_of(time: Array, current: Array) -> list[slice]:
@@ -52,7 +55,7 @@ def steady_rows(time: Array, current: Array, width: float) -> list[slice]:
     if len(begins) <= SHORTEST_LEVEL:
         return []
     stops = np.append(begins[1:], len(time))
-    means = np.add.reduceat(current, begins) / (stops - begins)
+    means = means_from(begins, current)
     span = float(np.ptp(means))
     noise = noise_of(current) / np.sqrt(np.median(stops - begins))
     limit = max(LEVEL_CHANGE * span, NOISE_CHANGE * np.sqrt(2) * noise)
@@ -77,12 +80,17 @@ def bins_of(time: Array, width: float = BIN_S) -> tuple[NDArray[np.intp], NDArra
     return begins, number[begins]
 
 
+def means_from(begins: NDArray[np.intp], values: Array) -> Array:
+    """Means (k,) of values (n,) over bins that begin at these rows (k,)."""
+    rows = np.diff(np.append(begins, len(values)))
+    return np.asarray(np.add.reduceat(values, begins) / rows)
+
+
 def noise_of(values: Array) -> float:
     """Standard deviation of white noise in (n,) values, by their third differences."""
     if len(values) < 4:
         return 0.0
-    leaps = np.abs(np.diff(values, 3))
-    return float(np.median(leaps) / NORMAL_MEDIAN / THIRD_DIFFERENCE)
+    return usual_size(np.diff(values, 3)) / NORMAL_MEDIAN / THIRD_DIFFERENCE
 
 
 def is_clamped(
@@ -111,10 +119,8 @@ def is_clamped(
     if len(plateaus) < FEWEST_PLATEAUS:
         return False
     begins, _ = bins_of(time)
-    rows = np.diff(np.append(begins, len(time)))
     levels = [current[level].mean() for level in plateaus]
-    span = np.ptp(np.add.reduceat(current, begins) / rows)
-    if np.ptp(levels) < LEAST_SPAN * span:
+    if np.ptp(levels) < LEAST_SPAN * np.ptp(means_from(begins, current)):
         return False
     if motion is None:
         return True
@@ -127,9 +133,8 @@ def fast_share(time: Array, motion: Array, is_angle: bool, slowest: float) -> fl
     """Share of the time (n,) [s] in which the velocity of a shaft, averaged over 0.15 s, is above
     `slowest` [rad/s]; the arguments are those of `is_clamped`."""
     begins, _ = bins_of(time)
-    rows = np.diff(np.append(begins, len(time)))
-    means = np.add.reduceat(motion, begins) / rows
-    at = np.add.reduceat(time, begins) / rows
+    means = means_from(begins, motion)
+    at = means_from(begins, time)
     if len(means) <= SPEED_BINS:
         return 0.0
     if is_angle:
@@ -143,6 +148,5 @@ def is_one_level(time: Array, current: Array) -> bool:
     """Whether a current (n,) [A] is constant but for its noise, at times (n,) [s]."""
     begins, _ = bins_of(time)
     rows = np.diff(np.append(begins, len(time)))
-    means = np.add.reduceat(current, begins) / rows
     noise = noise_of(current) / np.sqrt(np.median(rows))
-    return bool(np.ptp(means) <= STEADY_RANGE * noise)
+    return bool(np.ptp(means_from(begins, current)) <= STEADY_RANGE * noise)

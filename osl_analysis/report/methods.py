@@ -18,6 +18,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from osl_analysis.dictionary import own_yaml
 from osl_analysis.judge.words import printed
+from osl_analysis.report.headline_files import in_latex
 from osl_analysis.report.trial_page import ReportedTrial
 from osl_analysis.stats.repeats import size_texts
 from osl_analysis.trial import Array
@@ -32,8 +33,6 @@ LOW_PASS = ("order", "cutoff_hz")
 PLAIN_SIGNS = {"τ_0": "τ₀"}
 TEX_SYMBOLS = {"θ̇": r"\dot\theta", "θ̈": r"\ddot\theta", "θ": r"\theta", "τ": r"\tau"}
 TEX_SIGNS = {
-    "\\": r"\textbackslash{}", "{": r"\{", "}": r"\}", "%": r"\%", "&": r"\&", "_": r"\_",
-    "#": r"\#", "$": r"\$", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}",
     "θ": r"$\theta$", "·": r"$\cdot$", "²": "$^2$", "°": r"$^\circ$", "−": "$-$", "–": "--",
 }  # fmt: skip
 BIBTEX_FIELDS = (
@@ -144,7 +143,7 @@ def tex_symbols(text: str) -> str:
 
 def tex_words(text: str) -> str:
     """Words in LaTeX: each sign by itself, since what it becomes has signs of its own."""
-    words = "".join(TEX_SIGNS.get(sign, sign) for sign in text)
+    words = "".join(TEX_SIGNS.get(sign) or in_latex(sign) for sign in text)
     return re.sub(rf"(\d) (?=(?:\\?)(?:{UNITS})(?![a-z]))", r"\1~", words)
 
 

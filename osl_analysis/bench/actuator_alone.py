@@ -71,8 +71,8 @@ def actuator_trial(trial: Trial, settings: ActuatorAnalysis) -> Analysis:
     columns = (*motion[:1], "current", "torque_m")
     trial.check_columns(*columns)
     with naming(f"trial {trial.name}"):
-        without, pauses = without_pauses(trial, settings.gap_limits.longest_s)
-        signals = uniform_signals(without, columns, settings.gap_limits)
+        gapless, pauses = without_pauses(trial, settings.gap_limits.longest_s)
+        signals = uniform_signals(gapless, columns, settings.gap_limits)
         levels = levels_of(signals, settings.slowest)
         if levels:
             is_ordered = OWN_CLOCKS not in trial.provenance.get("log", {})
@@ -112,15 +112,14 @@ def without_pauses(trial: Trial, longest_s: float) -> tuple[Trial, Pauses]:
     time = trial.arrays()[0]
     steps = np.diff(time)
     rows = np.flatnonzero(steps > longest_s)
-    shortened = SHORTENED * longest_s
-    cut = np.cumsum(steps[rows] - shortened)
+    cut_off = steps[rows] - SHORTENED * longest_s
     shift = np.zeros(len(time))
-    shift[rows + 1] = steps[rows] - shortened
-    without = time - np.cumsum(shift)
-    pauses = Pauses(at=without[rows + 1], cut=cut)
+    shift[rows + 1] = cut_off
+    shortened_time = time - np.cumsum(shift)
+    pauses = Pauses(at=shortened_time[rows + 1], cut=np.cumsum(cut_off))
     if not len(rows):
         return trial, pauses
-    samples = trial.samples.with_columns(time=pl.Series(without))
+    samples = trial.samples.with_columns(time=pl.Series(shortened_time))
     return Trial(trial.name, samples, trial.provenance), pauses
 
 

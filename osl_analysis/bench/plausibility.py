@@ -153,6 +153,7 @@ def plausible_impedance(
         K by linear theory [N*m/rad]; None: the gains are not known.
     K_d
         The stated one [N*m/rad].
+
     Returns
     -------
     polars.DataFrame

@@ -106,7 +106,7 @@ def draft_trial(
     """Draft one trial."""
     path = next(iter(files.values()))[0]
     stem = stem_of(path)
-    words = parted_name(stem.replace("_", " "))
+    words = words_of_name(stem)
     stated = stated_impedance(stem)
     cells = {"trial": name, "experiment": UNNAMED}
     for role, (file, source) in files.items():
@@ -160,9 +160,14 @@ def draft_trial(
     return DraftedTrial(cells, questions)
 
 
+def words_of_name(stem: str) -> str:
+    """The words of the name of a file, without its ending."""
+    return parted_name(stem.replace("_", " "))
+
+
 def is_fixture_alone(path: Path) -> bool:
     """Whether a file's name tells a recording of the fixture without a joint."""
-    return bool(re.search(FIXTURE_ALONE, parted_name(stem_of(path).replace("_", " "))))
+    return bool(re.search(FIXTURE_ALONE, words_of_name(stem_of(path))))
 
 
 def stated_perturbation(words: str) -> str:
@@ -174,7 +179,7 @@ def stated_perturbation(words: str) -> str:
 
 def states_perturbation(path: Path) -> bool:
     """Whether the name of a file tells a perturbed crossing."""
-    return stated_perturbation(parted_name(stem_of(path).replace("_", " "))) == "true"
+    return stated_perturbation(words_of_name(stem_of(path))) == "true"
 
 
 def stated_impedance(name: str) -> dict[str, str]:

@@ -307,6 +307,11 @@ def frame_text(number: Beyond, _: AnyRow) -> str:
     return " (state `bench_stiffness` in the configuration if the bench's frame yields)"
 
 
+def more_or_less(number: Beyond, row: AnyRow) -> str:
+    """By how much something is above or below what it should be."""
+    return f"{percent(abs(number.value))} {'more' if number.value > 0 else 'less'}"
+
+
 OF_EVIDENCE: Mapping[str, Callable[[Beyond, AnyRow], str]] = {
     "percent": lambda number, _: percent(number.value),
     "value": lambda number, _: significant(number.value, 3),
@@ -315,9 +320,7 @@ OF_EVIDENCE: Mapping[str, Callable[[Beyond, AnyRow], str]] = {
     "rubs": friction_of_damping,
     "factor": unit_factor_text,
     "frame": frame_text,
-    "beside": lambda number, _: (
-        f"{percent(abs(number.value))} {'more' if number.value > 0 else 'less'}"
-    ),
+    "beside": more_or_less,
 }
 
 
@@ -390,12 +393,12 @@ def calibration_text(cells: Cells) -> str:
     gain = cells["gain"]
     half = cells["gain_high"] - gain
     error = f"torque over angle is {100 * (gain - 1):+.3g} ± {100 * half:.2g} % off"
-    first = ""
+    rival = ""
     if "known_K" in cells and "fixture" not in cells:
         weight = (gain - 1) * cells["known_K"]
-        first = f" or a fixture weighs {weight:+.2g} N*m: state it (`fixture`) and run again, else"
+        rival = f" or a fixture weighs {weight:+.2g} N*m: state it (`fixture`) and run again, else"
     return (
-        f"{error},{first} divide the torque's `scale` by {gain:.5g} and write `{cells['to_state']}`"
+        f"{error},{rival} divide the torque's `scale` by {gain:.5g} and write `{cells['to_state']}`"
     )
 
 

@@ -15,7 +15,13 @@ from osl_analysis.commands.simulate import (
     row_of_trial,
     simulate_trial,
 )
-from osl_analysis.ingest.guard import LARGEST_BEND, Leaps, find_leaps, leaps_of_trial
+from osl_analysis.ingest.guard import (
+    LARGEST_BEND,
+    Leaps,
+    find_leaps,
+    leaps_of_trial,
+    smallest_motion,
+)
 from osl_analysis.ingest.raw_files import read_source, trial_from_files
 from osl_analysis.trial import Array, Trial
 
@@ -201,3 +207,13 @@ def test_a_sound_public_capture_is_read_without_a_doubt(name: str) -> None:
     recording = read_recognised(REAL_DATA / name)
 
     assert (recording.warnings, recording.losses) == ([], {})
+
+
+def test_a_step_is_motion_beyond_both_noise_and_rounding():
+    """By hand: third differences of white noise of SD 1 have a median size of 0.67 sqrt(20)."""
+    noise = np.random.default_rng(3).standard_normal(20_000)
+    rounded = np.floor(np.arange(20_000) / 50.0)  # whose third differences are mostly 0
+
+    assert smallest_motion(noise) == pytest.approx(10 * 0.6745 * np.sqrt(20), rel=0.03)
+    assert smallest_motion(rounded) == 5.0
+    assert smallest_motion(np.zeros(100)) == np.inf

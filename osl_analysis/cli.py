@@ -14,7 +14,7 @@ from contextlib import suppress
 from functools import partial
 from os.path import realpath
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 from click import argument, option
@@ -24,6 +24,9 @@ from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError, OslAnalysisError, printable, printable_lines
 from osl_analysis.files import check_output, config_here, shipped, write_text
 from osl_analysis.memory import SET_TO_ONE, limited_memory
+
+if TYPE_CHECKING:
+    from osl_analysis.trial import Trial
 
 MOST_NUMBERS = 300  # of a range
 
@@ -138,6 +141,12 @@ def check_there(path: Path, kind: str = "file") -> None:
     second."""
     if not path.exists():
         raise InputError(f"{path}: no such {kind}; correct its name, or copy the {kind} there")
+
+
+def tell_warnings(trial: "Trial") -> None:
+    """Print what was remarkable while a recording was read."""
+    for warning in trial.provenance.get("warnings", []):
+        say(f"warning: {warning}", err=True)
 
 
 def print_or_write(text: str, output: Path | None) -> None:
@@ -300,8 +309,7 @@ def ingest(sources: Path, output: Path, **given: Any) -> None:
     cells = {name: None if value is None else str(value) for name, value in given.items()}
     row = {"trial": output.stem, "experiment": "ingest_only", **cells}
     trial = ingest_trial(row=row, raw_folder=Path(), sources_folder=sources, output=output)
-    for warning in trial.provenance.get("warnings", []):
-        say(f"warning: {warning}", err=True)
+    tell_warnings(trial)
     say(f"wrote {output}")
 
 
@@ -414,7 +422,11 @@ def fit(
             )
         desired = DesiredImpedance(**of_trial)
     settings, limits = command.fit_settings(model, config_path)
-    recorded = read_trial(trial) if source is None else raw_trial(trial, source, model)
+    if source is None:
+        recorded = read_trial(trial)
+    else:
+        recorded = raw_trial(trial, source, model)
+        tell_warnings(recorded)
     fitted = command.fit_trial(model, recorded, device, settings, limits, desired)
     if plot is not None:
         from osl_analysis.commands.figure import draw_table

@@ -98,6 +98,27 @@ def test_fit_prints_the_impedance_of_linear_theory_and_draws_it(folder, tmp_path
     assert (whole["K"], whole["B"]) == (pytest.approx(299, rel=0.03), pytest.approx(5.46, rel=0.15))
 
 
+def test_a_fit_of_a_raw_recording_says_what_was_remarkable_in_its_file(tmp_path, in_root):
+    seconds = np.arange(0, 60, 0.02)
+    angle = 10 * np.sin(0.2 * np.pi * np.minimum(seconds, 50))  # then it rests
+    torque = 0.7 * angle + 0.01 * np.random.default_rng(5).standard_normal(len(angle))
+    columns = zip(seconds, angle, torque, strict=True)
+    rows = [f"{t:.2f},{x:.4f},{y:.4f}" for t, x, y in columns]
+    (tmp_path / "spring.csv").write_text("\n".join(["time,angle,torque", *rows])[:-9])
+    source = {
+        "format": "csv", "clock": "master", "time": {"column": "time", "unit": "s"},
+        "channels": {"theta": {"column": "angle", "unit": "deg"},
+                     "torque": {"column": "torque", "unit": "N*m"}},
+    }  # fmt: skip
+    (tmp_path / "spring.yaml").write_text(yaml.safe_dump(source))
+
+    arguments = ("--source", tmp_path / "spring.yaml", "--model", "torque_angle")
+    result = call("fit", tmp_path / "spring.csv", *arguments)
+
+    assert result.exit_code == 0, result.stderr
+    assert "warning: spring.csv: the last line, 3001, is cut off and was skipped" in result.stderr
+
+
 def test_a_raw_recording_is_fitted_with_its_source_as_after_ingest(folder):
     config = ("--config", folder / "config.yaml", "--json")
     raw = folder / f"dynamometer/{TRIAL}.mcap"

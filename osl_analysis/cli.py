@@ -628,8 +628,18 @@ def run_campaign(arguments: tuple[str, ...]) -> None:
 @option(
     "--look", is_flag=True, help="Also ingest and fit the first bench trial of each source file."
 )
-def doctor(look: bool) -> None:
+@option(
+    "--upgrade",
+    is_flag=True,
+    help="First rewrite config.yaml of a campaign of an earlier release, and say what went.",
+)
+def doctor(look: bool, upgrade: bool) -> None:
     """Say whether this machine, and the campaign in this folder, can run, and what is missing."""
+    if upgrade:
+        from osl_analysis.commands.upgrade import upgraded_fields
+
+        for line in upgraded_fields(config_here()):
+            say(line)
     try:
         from osl_analysis.commands.doctor import looked_at
     except ImportError as error:  # a package of the workflow

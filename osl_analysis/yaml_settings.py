@@ -4,6 +4,7 @@ value and remedy."""
 import hashlib
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from datetime import date
 from functools import lru_cache
 from itertools import chain, pairwise
@@ -23,7 +24,7 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
-from osl_analysis.errors import InputError, listing, nearest
+from osl_analysis.errors import InputError, Removal, RemovedFieldError, listing, nearest
 from osl_analysis.files import digest, shipped
 
 Positive = Annotated[float, Field(gt=0)]  # A number above zero.
@@ -68,9 +69,9 @@ class Settings(BaseModel):
             if name in cls.model_fields:
                 continue
             suggestion = nearest(str(name), cls.model_fields)
-            reason = f"unknown field '{{field}}'; the known ones{cls.OF} are {fields}{suggestion}"
             if name in cls.REMOVED:
-                reason = f"field '{{field}}' is gone: {cls.REMOVED[name]}"
+                raise removed(cls.REMOVED[name], name)
+            reason = f"unknown field '{{field}}'; the known ones{cls.OF} are {fields}{suggestion}"
             raise PydanticCustomError(
                 "unknown_field", "{reason}", {"reason": reason, "place": (name,)}
             )
@@ -348,15 +349,26 @@ def validated(
     try:
         return model.model_validate(content)
     except ValidationError as error:
-        text, place = explain(error, content, above)
-        line = located([Path(path)] if files is None else files, place) if place else ""
-        raise InputError(f"{path}: {line}{text}") from error
+        first = first_problem(error, content, above)
+        line = located([Path(path)] if files is None else files, first.place) if first.place else ""
+        message = f"{path}: {line}{first.text}"
+        if first.removal:
+            raise RemovedFieldError(message, (), first.removal) from error
+        raise InputError(message) from error
 
 
-def explain(error: ValidationError, content: Any, above: Place) -> tuple[str, Place]:
-    """The first problem of a validation error as one sentence with field, value and remedy, and the
-    field's place. `above` are the keys that lead to `content` in its file. An unknown field comes
-    before all other problems."""
+@dataclass(frozen=True)
+class Problem:
+    """What is wrong with a field of a configuration file."""
+
+    text: str  # one sentence with field, value and remedy
+    place: Place  # of the field in its file
+    removal: Removal | None  # if an earlier release had the field
+
+
+def first_problem(error: ValidationError, content: Any, above: Place) -> Problem:
+    """The first problem of a validation error. `above` are the keys that lead to `content` in its
+    file. A removed field comes before an unknown one, and that before all other problems."""
     # by place: pydantic finds a problem for each kind of value that a field may have
     problems_at: dict[Place, list[Mapping[str, Any]]] = {}
     for problem in error.errors():
@@ -364,8 +376,8 @@ def explain(error: ValidationError, content: Any, above: Place) -> tuple[str, Pl
     # a problem of a field makes one of what is above it, which is not told
     above_others = {place[:n] for place in problems_at for n in range(len(place))}
     places = [place for place in problems_at if place not in above_others or not place]
-    unknown = [place for place in places if problems_at[place][-1]["type"] == "unknown_field"]
-    first = (unknown or places)[0]
+    by_type = {problems_at[place][-1]["type"]: place for place in reversed(places)}
+    first = by_type.get("removed_field") or by_type.get("unknown_field") or places[0]
 
     text = problem_text(dotted((*above, *first)) or "the file", problems_at[first])
     n_more = len(places) - 1
@@ -373,7 +385,12 @@ def explain(error: ValidationError, content: Any, above: Place) -> tuple[str, Pl
         text += " (and 1 more problem)"
     elif n_more > 1:
         text += f" (and {n_more} more problems)"
-    return text, (*above, *first)
+    place = (*above, *first)
+    last = problems_at[first][-1]
+    removal = None
+    if last["type"] == "removed_field":
+        removal = Removal(place, last["ctx"]["instead"], last["ctx"]["new_name"])
+    return Problem(text, place, removal)
 
 
 LONGEST_VALUE = 60  # signs of a wrong value that a message shows
@@ -382,7 +399,7 @@ LONGEST_VALUE = 60  # signs of a wrong value that a message shows
 def problem_text(field: str, problems: Sequence[Mapping[str, Any]]) -> str:
     """The problems of one field, of which one is enough to be mended, as one sentence."""
     last = problems[-1]
-    if last["type"] == "unknown_field":
+    if last["type"] in ("unknown_field", "removed_field"):
         return str(last["msg"]).replace("{field}", field)
     if last["type"] == "missing":
         return f"field '{field}' is missing; add it"
@@ -488,6 +505,26 @@ def misplaced(reason: str, *place: str) -> PydanticCustomError:
     """An error of a check that sees several fields; `place` is the field below them that is
     wrong."""
     return PydanticCustomError("misplaced", "{reason}", {"reason": reason, "place": place})
+
+
+def removed(instead: str, *place: str, new_name: str = "") -> PydanticCustomError:
+    """An error for a field that an earlier release had.
+
+    Parameters
+    ----------
+    instead : str
+        What does without the field now; empty if it only has another name.
+    *place : str
+        Keys that lead to the field from the settings that find it.
+    new_name : str
+        Its name in this release, if it has one.
+    """
+    does_it = "as `osl-analysis doctor --upgrade` does"
+    reason = f"field '{{field}}' is gone: {instead}; remove the line, {does_it}"
+    if new_name:
+        reason = f"field '{{field}}' has another name; write {new_name}, {does_it}"
+    context = {"reason": reason, "place": place, "instead": instead, "new_name": new_name}
+    return PydanticCustomError("removed_field", "{reason}", context)
 
 
 def refuse_if(wrong: Callable[[Any], Any], reason: str, field: str = "") -> Any:

@@ -344,11 +344,15 @@ def full_disk(room=1000):
     """No file may grow beyond `room` bytes: the system's error is EFBIG, as ENOSPC on a full
     disk."""
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    writes_bytecode = sys.dont_write_bytecode
+    # a module that is imported here would leave half of its bytecode in the package
+    sys.dont_write_bytecode = True
     resource.setrlimit(resource.RLIMIT_FSIZE, (room, hard))
     try:
         yield
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+        sys.dont_write_bytecode = writes_bytecode
 
 
 PAIRS = {"K_d": [float(k // 30) for k in range(900)], "B_d": [k % 30 / 2 for k in range(900)]}

@@ -50,7 +50,7 @@ BENCH, Cycles = SHIPPED["dynamometer"], Annotated[int, Field(ge=1, le=100)]
 class Inner(Settings):
     """Of every kind of field with numbers, and others."""
 
-    REMOVED: ClassVar = {"gone": "no recording needed it; delete the line"}
+    REMOVED: ClassVar = {"gone": "no recording needed it"}
     rate: float = 1.0
     name: str = ""
     sign: Literal[1, -1] = 1
@@ -75,7 +75,8 @@ NUMBER = "write a number, without a unit, with a full stop as decimal sign"
 
 @pytest.mark.parametrize(("text", "said"), [
     ("inner: {gone: true}",
-     "line 2: field 'inner.gone' is gone: no recording needed it; delete the line"),
+     "line 2: field 'inner.gone' is gone: no recording needed it; remove the line,"
+     " as `osl-analysis doctor --upgrade` does"),
     ("inner: {rate: a}\nseveral: [{nam: a}]",
      "line 3: unknown field 'several.0.nam'; the known ones are rate, "
      "name, sign, cycles, vector, limits, either, plates; did you mean 'name'? "
@@ -182,7 +183,7 @@ def test_truth_values_are_kept_where_they_are_allowed(
     ("campaign", "a b", r"campaign: 'a b' is not allowed: write letters, digits, _ and - alone"),
     ("figures", {}, "field 'figures.midstance_stiffness' is missing; add it"),
     ("study",
-     {"trials": 5}, "field 'study' is gone: .* a script, benchmarks/study.py; remove the section"),
+     {"trials": 5}, "field 'study' is gone: .* a script, benchmarks/study.py; remove the line"),
 ])  # fmt: skip
 def test_a_configuration_that_cannot_be_run_is_one_line_before_any_job(
     in_root, section, change, message

@@ -264,9 +264,9 @@ class DynamometerAnalysis(ImpedanceAnalysis, BeltAnalysis):
     """Choices for all trials of the dynamometer."""
 
     REMOVED: ClassVar = {
-        "compare_estimators": "so are the estimators that it compared; remove the line",
+        "compare_estimators": "so are the estimators that it compared",
         "human": "a reflex is weighed in every trial of experiment `impedance`, which a person's"
-        " joint has, too; remove the line",
+        " joint has, too",
     }
 
 

@@ -89,7 +89,7 @@ class FigureChoices(Settings):
 class ReportChoices(Settings):
     """The page `report.html` of a run."""
 
-    REMOVED: ClassVar = {"largest_mb": "the page is never thinned out; remove the line"}
+    REMOVED: ClassVar = {"largest_mb": "the page is never thinned out"}
 
     beside_draft: bool | None = None
     """Whether the paper's draft stands beside the campaign's numbers; null: if it simulates the
@@ -134,9 +134,7 @@ class Config(Settings):
     quality: QualityRules  # Thresholds of quality control.
     figures: FigureChoices  # What the figures show.
     report: ReportChoices = ReportChoices()  # The page `report.html`.
-    REMOVED: ClassVar = {
-        "study": "the Monte Carlo study is a script, benchmarks/study.py; remove the section"
-    }
+    REMOVED: ClassVar = {"study": "the Monte Carlo study is a script, benchmarks/study.py"}
 
     _is_simulated = refuse_if(
         lambda s: s.simulation and s.data == "measured",

@@ -18,7 +18,7 @@ from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.errors import InputError, nearest
 from osl_analysis.judge.causes import EVIDENCE, TABLE
 from osl_analysis.judge.finding import Accuracy, ColumnLimits, Limit, Limits
-from osl_analysis.yaml_settings import Settings, misplaced
+from osl_analysis.yaml_settings import Settings, misplaced, removed
 
 
 class Rule(Settings):
@@ -47,6 +47,7 @@ class QualityRules(Settings):
         names = list(content) if isinstance(content, Mapping) else []
         for name in names:
             if name not in CHECKS:
+                check_is_of_this_release(str(name))
                 raise misplaced(unknown_check(str(name)), name)
         return content
 
@@ -78,6 +79,7 @@ class DoubtfulFits(Settings):
             check_limit(limit, self.every_table, columns, "every_table", "any judged table")
         for name, limits in self.__pydantic_extra__.items():
             if name not in judged_tables():
+                check_is_of_this_release(name)
                 tables = ", ".join(judged_tables())
                 suggestion = nearest(name, judged_tables())
                 raise misplaced(f"unknown table; limits may stand on {tables}{suggestion}", name)
@@ -142,8 +144,9 @@ def check_limit(
     side = "ratio" if name in limits.ratio else limit.side
     instead = decided_elsewhere(name)
     if instead:
-        raise misplaced(f"this limit is gone: {instead}; remove the line", section, side, name)
+        raise removed(instead, section, side, name)
     if name not in columns:
+        check_is_of_this_release(section, side, name)
         message = f"{table} has no number of this name; correct it{nearest(name, columns)}"
         raise misplaced(message, section, side, name)
     if value is None:
@@ -184,6 +187,33 @@ def decided_elsewhere(column: str) -> str:
     if evidence.decided_by == "sign":
         return "what cannot be negative and certainly is, is doubtful anyway"
     return ""
+
+
+WEIGHED = "explanations are weighed by prediction (column `explanations`)"
+REMOVED_LIMITS = {
+    **dict.fromkeys(
+        (
+            "alias_share", "backlash_share", "drift_inertia_share", "even_harmonics", "lag_shift",
+            "odd_harmonics", "reflex_gain_p", "reflex_p", "response_models", "torque_at_peaks",
+            "untold_share",
+        ),
+        WEIGHED,
+    ),
+    **dict.fromkeys(("outside_interval", "slope_share"), "its column is gone"),
+    "unzeroed_load_cell": "an offset of the torque is fitted",
+}  # fmt: skip
+"""Columns, tables and checks that could have a limit in release 0.4.0, and why they have none."""
+RENAMED_LIMITS = {"Y_phase_se_deg": "Y_phase_deg_se"}
+"""Columns of release 0.4.0 with another name since."""
+
+
+def check_is_of_this_release(*place: str) -> None:
+    """Refuse a limit that an earlier release could have, as a field that is gone or renamed."""
+    name = place[-1]
+    if name in RENAMED_LIMITS:
+        raise removed("", *place, new_name=RENAMED_LIMITS[name])
+    if name in REMOVED_LIMITS:
+        raise removed(REMOVED_LIMITS[name], *place)
 
 
 TOLERANCE = 1e-3  # of a threshold: clocks of 100 Hz that nobody set run at 99.99 Hz

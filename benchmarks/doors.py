@@ -277,7 +277,7 @@ def show_hour(folder: Path) -> None:
     ours = product(folder, "ingest", *SIMULATED, *files, repeats=1)
     show("an hour of MCAP: ingest", ours.seconds, allowed="3 s", memory_mb=ours.memory_mb)
     fit = product(folder, "fit", *DESIRED, "--config", f"{HOUR}.yaml", "hour.parquet", repeats=1)
-    show("  and its fit, a leg at 2 kHz", fit.seconds, memory_mb=fit.memory_mb)
+    show("  and its fit, a leg", fit.seconds, memory_mb=fit.memory_mb)
 
 
 def show_figures(folder: Path) -> None:

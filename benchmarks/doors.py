@@ -1,120 +1,359 @@
-"""Processor time and peak memory of single commands, each in a process of its own.
+"""What the product costs beside a student's script: one table.
 
-    python benchmarks/doors.py [--most MB]
+    python benchmarks/doors.py [PART ...] [--recordings N ...] [--trials N ...] [--most MB]
 
-Commands on an impedance trial of 42 s: the least of three runs, imports included, and what imports
-alone take. Then one trial of 142 s at 1 kHz as the workflow simulates it, imports apart; and a
-recording of an hour at 1 kHz with six channels. With `--most`, as CI runs it, only what ingest and
-fit of 20 minutes of that recording need: it ends with exit code 1 where that is more.
+| part | rows |
+|---|---|
+| `fit` | 150 s at 1 kHz: fit, and read and fit, in a warm process; commands with their imports |
+| `run` | `osl-analysis run` of recordings of 60 s, from an empty folder, beside the script on all |
+| `hour` | ingest of an hour: CSV at 1 kHz of six channels beside polars, MCAP of the bench |
+| `figures` | a figure in PDF, SVG and PNG, the mean of those of `tests/figure_tables` |
+| `page` | the page of a campaign of 1,000 recordings of 8 s |
+| `planning` | `snakemake --dry-run` of campaigns |
+
+Without a part all but the last two, which take a quarter of an hour. Columns are processor seconds
+of the product with all of its processes, those of the script (`student.py`: pandas, filtfilt,
+lstsq), their ratio, what is allowed, and the largest memory of a process. Everything has one
+thread. With `--most`, as CI runs it, only the memory of ingest and fit of 20 minutes is measured:
+the command ends with exit code 1 where that is more.
 """
 
 import argparse
+import ctypes
 import os
 import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import yaml
 
 from osl_analysis.jobs.workers import ENVIRONMENT
 
-SETTINGS, TRIAL = Path("config/simulation/default.yaml"), "impedance_K300_B5.0_compensated"
-SOURCES = ("--log-source", "dynamometer_nodes", "--sources", str(Path("config/sources").resolve()))
-DESIRED = ("--stiffness", "300", "--damping", "5")
-LIBRARIES = "click, numpy, polars, pydantic, scipy.signal, yaml"  # which `fit` needs
+ROOT = Path(__file__).resolve().parents[1]
+HERE = ROOT / "benchmarks"
+STUDENT = (sys.executable, str(HERE / "student.py"))
 COMMAND = (sys.executable, "-c", "from osl_analysis.cli import main; main()")
-SIMULATE = """import sys, time
-from pathlib import Path
-from osl_analysis.commands.simulate import simulate_trial
-for _ in range(2):
-    before = time.process_time()
-    simulate_trial(Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3])
+SETTINGS = ROOT / "config/simulation/default.yaml"
+TRIAL = "impedance_K300_B5.0_compensated"
+SIMULATED = (
+    *("--log-source", "dynamometer_nodes"),
+    *("--sources", str(ROOT / "config/sources")),
+)
+DESIRED = ("--stiffness", "300", "--damping", "5")
+ADOPT_ORPHANS = 36
+"""PR_SET_CHILD_SUBREAPER of Linux: workers are forked from a process that ends after its parent."""
+PARTS = ("fit", "run", "hour", "figures", "page", "planning")
+USUAL_PARTS = PARTS[:4]
+CYCLES_150_S, CYCLES_60_S, CYCLES_8_S = 22, 9, 1  # of `planted.stepped_sine`
+SMALL, THIRD, HOUR = 6, 173, 520  # cycles of the simulated bench at each frequency
+HOUR_ROWS = 3_600_000
+CSV_SOURCE = """\
+format: csv
+time: {column: Time}
+channels:
+  theta: {column: Ankle angle, unit: deg}
+  torque: {column: Torque, unit: Nm}
+"""
+
+WRITE_RECORDING = """import sys
+import numpy as np, polars as pl
+sys.path.insert(0, sys.argv[1])
+from planted import Joint, stepped_sine
+for number in range(int(sys.argv[4])):
+    rng = np.random.default_rng(number)
+    moved = stepped_sine(rng, cycles=int(sys.argv[3]))
+    torque = moved.torque(Joint(K=300 + number % 7)) + 0.3 + rng.normal(0, 0.05, len(moved.time))
+    step = 360 / 2**16
+    columns = {
+        "Time [s]": moved.time.round(6),
+        "Ankle angle [deg]": (np.round(np.rad2deg(moved.theta) / step) * step).round(5),
+        "Torque [Nm]": torque.round(4),
+    }
+    pl.DataFrame(columns).write_csv(f"{sys.argv[2]}_{number:04d}.csv")
+"""
+WRITE_HOUR = """import sys
+import numpy as np, polars as pl
+time = np.arange(int(sys.argv[2])) / 1000
+columns = {"Time [s]": time.round(3)}
+names = ("Ankle angle [deg]", "Torque [Nm]", "Current [A]", "Motor angle [deg]", "A", "B")
+for number, name in enumerate(names):
+    columns[name] = (5 * np.sin(3 * time + number)).round(5)
+pl.DataFrame(columns).write_csv(sys.argv[1])
+"""
+READ_BY_POLARS = """import sys, time
+import polars as pl
+before = time.process_time()
+pl.read_csv(sys.argv[1])
 print(time.process_time() - before)
 """
-SMALL, USUAL, THIRD, HOUR = 6, 20, 173, 520  # cycles at each frequency
-
-
-def spent(
-    folder: Path, *words: str, repeats: int = 3, command: tuple[str, ...] = COMMAND
-) -> tuple[float, float]:
-    """Least processor time [s], and peak memory [MB], of a command."""
+WARM = """import sys, time
+from collections.abc import Callable
+sys.path.insert(0, sys.argv[1])
+import student
+import osl_analysis as osl
+def least(call: Callable[[], object]) -> float:
     times = []
-    for _ in range(repeats):
-        process = subprocess.Popen([*command, *words], cwd=folder, stdout=subprocess.DEVNULL)
-        _, status, used = os.wait4(process.pid, 0)
-        process.returncode = os.waitstatus_to_exitcode(status)
-        if process.returncode:
-            raise SystemExit(f"osl-analysis {' '.join(words)} ended with {process.returncode}")
-        times.append(used.ru_utime + used.ru_stime)
-    return min(times), used.ru_maxrss / 1024
+    for _ in range(9):
+        before = time.process_time()
+        call()
+        times.append(time.process_time() - before)
+    return min(times)
+stored, recording, source = sys.argv[2:]
+def fit(trial: osl.Trial) -> None:
+    osl.fit_impedance(trial, parameters=None)
+trial, columns = osl.read_trial(stored), student.read(recording)
+print(
+    least(lambda: fit(trial)),
+    least(lambda: student.fit(*columns)),
+    least(lambda: fit(osl.read_trial(stored))),
+    least(lambda: fit(osl.read_recording(recording, source))),
+    least(lambda: student.fit(*student.read(recording))),
+)
+"""
+DRAW = """import sys, time
+from pathlib import Path
+from osl_analysis.commands.figure import draw_figure
+from osl_analysis.figures import FIGURES
+folder = Path(sys.argv[2])
+tables = [path for path in sorted(Path(sys.argv[1]).glob("*.csv")) if path.stem in FIGURES]
+for again in range(2):  # the first time imports and finds fonts
+    before = time.process_time()
+    for path in tables:
+        files = [folder / f"{path.stem}.{ending}" for ending in ("pdf", "svg", "png")]
+        draw_figure(path.stem, path, files)
+print((time.process_time() - before) / len(tables))
+"""
+SIMULATE = """import sys
+from pathlib import Path
+from osl_analysis.commands.simulate import simulate_trial
+simulate_trial(Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3])
+"""
 
 
-def simulated(folder: Path, cycles: int) -> float:
-    """Processor time [s], of the second time, in which a trial with so many cycles at each
-    frequency is simulated, as `CYCLES.mcap`, with `CYCLES.yaml` for its fit. This process imports
-    no library: a child's peak memory begins with that of its parent."""
+@dataclass(frozen=True)
+class Spent:
+    """What a command took, with all processes that it started."""
+
+    seconds: float
+    memory_mb: float
+    printed: str = ""
+
+
+def spent(folder: Path, *command: str) -> Spent:
+    """Run a command in a folder, with one thread; its processor time and largest memory.
+
+    Raises
+    ------
+    SystemExit
+        It ended with another exit code than 0.
+    """
+    environment = os.environ | ENVIRONMENT | {"PYTHONPATH": str(ROOT)}
+    with tempfile.TemporaryFile() as output:
+        process = subprocess.Popen(
+            command, cwd=folder, env=environment, stdout=output, stderr=output
+        )
+        seconds = memory_kb = 0.0
+        while True:  # the command, and those of its processes that outlive it
+            try:
+                number, status, used = os.wait3(0)
+            except ChildProcessError:
+                break
+            if number == process.pid:
+                process.returncode = os.waitstatus_to_exitcode(status)
+            seconds += used.ru_utime + used.ru_stime
+            memory_kb = max(memory_kb, used.ru_maxrss)
+        output.seek(0)
+        printed = output.read().decode()
+    if process.returncode:
+        raise SystemExit(f"{' '.join(command)} ended with {process.returncode}:\n{printed[-3000:]}")
+    return Spent(seconds, memory_kb / 1024, printed)
+
+
+def least(folder: Path, *command: str, repeats: int = 3) -> Spent:
+    """The least of a few runs of a command."""
+    return min((spent(folder, *command) for _ in range(repeats)), key=lambda each: each.seconds)
+
+
+def product(folder: Path, *words: str, repeats: int = 3) -> Spent:
+    """The least of a few runs of `osl-analysis`."""
+    return least(folder, *COMMAND, *words, repeats=repeats)
+
+
+def python(folder: Path, code: str, *words: object) -> Spent:
+    """Run code with arguments."""
+    return spent(folder, sys.executable, "-c", code, *map(str, words))
+
+
+def show(
+    what: str,
+    seconds: float,
+    script: float | None = None,
+    allowed: str = "",
+    memory_mb: float | None = None,
+) -> None:
+    """Print a row of the table."""
+    beside = f"{script:9.3f}{seconds / script:8.1f}" if script else f"{'':17}"
+    memory = "" if memory_mb is None else f"{memory_mb:.0f} MB"
+    print(f"{what:42}{seconds:9.3f}{beside}  {allowed:14}{memory:>8}", flush=True)
+
+
+# --- parts of the table ---------------------------------------------------------------------------
+
+
+def write_recordings(folder: Path, cycles: int, number: int) -> list[Path]:
+    """Write recordings of stepped sines at 1 kHz, of one joint with other noises."""
+    folder.mkdir(exist_ok=True)
+    python(folder, WRITE_RECORDING, HERE, "joint", cycles, number)
+    return sorted(folder.glob("joint_*.csv"))
+
+
+def show_fit(folder: Path) -> None:
+    """150 s at 1 kHz: in a warm process, and by commands."""
+    (recording,) = write_recordings(folder / "fit", CYCLES_150_S, 1)
+    (folder / "csv.yaml").write_text(CSV_SOURCE, encoding="utf-8")
+    ingest = ("ingest", "--log", str(recording), "--log-source", "csv", "--sources", str(folder))
+    cold_ingest = product(folder, *ingest, "--output", "trial.parquet")
+    warm = python(folder, WARM, HERE, folder / "trial.parquet", recording, folder / "csv.yaml")
+    fit, of_student, stored, read, read_by_student = map(float, warm.printed.split()[-5:])
+    show("150 s at 1 kHz, warm: fit", fit, of_student, "0.10 s")
+    show("  read the trial (Parquet) and fit", stored, None, "0.15 s")
+    show("  read the recording (CSV) and fit", read, read_by_student)
+
+    student = least(folder, *STUDENT, str(recording))
+    show("  cold: osl-analysis ingest", cold_ingest.seconds, memory_mb=cold_ingest.memory_mb)
+    cold = product(folder, "fit", "--parameters", "none", "trial.parquet")
+    show("  cold: osl-analysis fit", cold.seconds, student.seconds, "1.2 s", cold.memory_mb)
+    for words in (("--help",), ("doctor",), ("inspect", str(recording))):
+        command = product(folder, *words)
+        show(f"osl-analysis {words[0]}", command.seconds, memory_mb=command.memory_mb)
+
+
+def new_campaign(folder: Path, cycles: int, number: int) -> list[Path]:
+    """Draft a campaign of recordings in a folder; the recordings."""
+    recordings = write_recordings(folder.with_name(f"{folder.name}_raw"), cycles, number)
+    product(folder.parent, "init", folder.name, "--from", str(recordings[0].parent), repeats=1)
+    return recordings
+
+
+def show_runs(folder: Path, numbers: Sequence[int]) -> None:
+    """Campaigns of a few and of many recordings, from empty folders."""
+    for number in numbers:
+        campaign = folder / f"run_{number}"
+        recordings = new_campaign(campaign, CYCLES_60_S, number)
+        run = product(campaign, "run", "--cores", "2", repeats=1)
+        script = spent(campaign, *STUDENT, *map(str, recordings))
+        allowed = "5 x" if number <= 16 else "6 x"
+        show(f"run, {number} of 60 s", run.seconds, script.seconds, allowed, run.memory_mb)
+
+
+def simulate(folder: Path, cycles: int) -> Path:
+    """Simulate a trial of the bench with so many cycles at each frequency; its log."""
     settings = yaml.safe_load(SETTINGS.read_text(encoding="utf-8"))
     settings["protocol"]["cycles"] = cycles
     (folder / "simulation.yaml").write_text(yaml.safe_dump(settings), encoding="utf-8")
     (folder / f"{cycles}.yaml").write_text(f"dynamometer: {{cycles: {cycles}}}\n", encoding="utf-8")
-    run = [sys.executable, "-c", SIMULATE, str(folder / "simulation.yaml"), str(folder), TRIAL]
-    kept = os.environ | ENVIRONMENT
-    took = float(
-        subprocess.run(run, env=kept, stdout=subprocess.PIPE, text=True, check=True).stdout
+    python(folder, SIMULATE, folder / "simulation.yaml", folder, TRIAL)
+    return next(folder.rglob(f"{TRIAL}.mcap")).rename(folder / f"{cycles}.mcap")
+
+
+def show_hour(folder: Path) -> None:
+    """Ingest of an hour at 1 kHz."""
+    table = folder / "hour.csv"
+    python(folder, WRITE_HOUR, table, HOUR_ROWS)
+    (folder / "csv.yaml").write_text(CSV_SOURCE, encoding="utf-8")
+    files = ("--log", str(table), "--output", "hour.parquet")
+    ours = product(
+        folder, "ingest", *files, "--log-source", "csv", "--sources", str(folder), repeats=1
     )
-    next(folder.rglob(f"{TRIAL}.mcap")).rename(folder / f"{cycles}.mcap")
-    return took
+    by_polars = float(python(folder, READ_BY_POLARS, table).printed.splitlines()[-1])
+    table.unlink()
+    show("an hour of CSV, six channels: ingest", ours.seconds, by_polars, "4 x", ours.memory_mb)
+
+    log = simulate(folder, HOUR)
+    files = ("--log", str(log), "--output", "hour.parquet")
+    ours = product(folder, "ingest", *SIMULATED, *files, repeats=1)
+    show("an hour of MCAP: ingest", ours.seconds, allowed="3 s", memory_mb=ours.memory_mb)
+    fit = product(folder, "fit", *DESIRED, "--config", f"{HOUR}.yaml", "hour.parquet", repeats=1)
+    show("  and its fit, a leg", fit.seconds, memory_mb=fit.memory_mb)
+
+
+def show_figures(folder: Path) -> None:
+    """Figures in three formats."""
+    drawn = folder / "drawn"
+    drawn.mkdir()
+    seconds = float(python(folder, DRAW, ROOT / "tests/figure_tables", drawn).printed.split()[-1])
+    show("a figure in three formats, warm", seconds, allowed="0.5 s")
+
+
+def show_page(folder: Path, number: int) -> None:
+    """The page of a campaign of many short recordings."""
+    campaign = folder / "page"
+    new_campaign(campaign, CYCLES_8_S, number)
+    run = product(campaign, "run", "--cores", "2", repeats=1)
+    show(f"run, {number} of 8 s", run.seconds, memory_mb=run.memory_mb)
+    log = yaml.safe_load((campaign / "results/logs/report.log").read_text(encoding="utf-8"))
+    show(f"  its page, {number} trials (wall time)", log["seconds"], allowed="10 s")
+
+
+def show_planning(numbers: Sequence[int]) -> None:
+    """Plans of campaigns, by `planning.py`."""
+    code = (
+        "import planning, sys, tempfile\n"
+        "from pathlib import Path\n"
+        "numbers = [int(word) for word in sys.argv[1:]]\n"
+        "with tempfile.TemporaryDirectory() as folder:\n"
+        "    planning.plan(numbers, Path(folder))\n"
+    )
+    environment = os.environ | ENVIRONMENT | {"PYTHONPATH": f"{ROOT}{os.pathsep}{HERE}"}
+    command = [sys.executable, "-c", code, *map(str, numbers)]
+    subprocess.run(command, env=environment, check=True, cwd=ROOT)
+
+
+def check_memory(folder: Path, most_mb: float) -> None:
+    """Raise SystemExit where ingest or fit of 20 minutes takes more memory than that [MB]."""
+    log = simulate(folder, THIRD)
+    files = ("--output", "third.parquet", "--log", str(log))
+    ingest = product(folder, "ingest", *SIMULATED, *files, repeats=1).memory_mb
+    settings = ("--config", f"{THIRD}.yaml")
+    fit = product(folder, "fit", *DESIRED, *settings, "third.parquet", repeats=1).memory_mb
+    print(f"20 minutes: ingest {ingest:.0f} MB, fit {fit:.0f} MB")
+    if max(ingest, fit) > most_mb:
+        raise SystemExit(f"at most {most_mb:g} MB are allowed")
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="Single commands.")
-    parser.add_argument(
-        "--most", type=float, help="largest memory of 20 minutes [MB], which alone are measured"
-    )
-    most = parser.parse_args().most
+    """Print the table."""
+    parser = argparse.ArgumentParser(description="The product beside a student's script.")
+    parser.add_argument("parts", nargs="*", metavar="PART", help=", ".join(PARTS))
+    parser.add_argument("--recordings", type=int, nargs="+", default=[16, 120], metavar="N")
+    parser.add_argument("--trials", type=int, nargs="+", default=[117, 1000, 10000], metavar="N")
+    parser.add_argument("--most", type=float, metavar="MB", help="largest memory of 20 minutes")
+    asked = parser.parse_args()
+    ctypes.CDLL(None).prctl(ADOPT_ORPHANS, 1, 0, 0, 0)
+    parts = asked.parts or USUAL_PARTS
+    if unknown := set(parts) - set(PARTS):
+        parser.error(f"no part is named {', '.join(sorted(unknown))}")
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-
-        def ingest(cycles: int, **options: int) -> tuple[float, float]:
-            files = ("--output", f"{cycles}.parquet", "--log", f"{cycles}.mcap")
-            return spent(folder, "ingest", *SOURCES, *files, **options)
-
-        def fit(cycles: int, **options: int) -> tuple[float, float]:
-            files = ("--config", f"{cycles}.yaml", f"{cycles}.parquet")
-            return spent(folder, "fit", *DESIRED, *files, **options)
-
-        simulated(folder, SMALL)  # which compiles the simulator
-        if most is not None:
-            simulated(folder, THIRD)
-            needed = {"ingest": ingest(THIRD, repeats=1)[1], "fit": fit(THIRD, repeats=1)[1]}
-            print(
-                "20 minutes at 1 kHz:",
-                ", ".join(f"{what} {memory:.0f} MB" for what, memory in needed.items()),
-            )
-            raise SystemExit(
-                f"at most {most:g} MB are allowed" if max(needed.values()) > most else 0
-            )
-        simulate = min(simulated(folder, USUAL) for _ in range(3))
-        simulated(folder, HOUR)
-        ingest(SMALL, repeats=1)
-        found = {
-            "osl-analysis --help": spent(folder, "--help"),
-            "osl-analysis doctor": spent(folder, "doctor"),
-            "osl-analysis inspect": spent(folder, "inspect", f"{SMALL}.mcap"),
-            "osl-analysis fit": fit(SMALL),
-            "  its libraries alone": spent(
-                folder, f"import {LIBRARIES}", command=(sys.executable, "-c")
-            ),
-            "snakemake, imported": spent(
-                folder, "import snakemake.cli", command=(sys.executable, "-c")
-            ),
-            "an hour: ingest": ingest(HOUR, repeats=1),
-            "an hour: fit": fit(HOUR, repeats=1),
-        }
-    for what, (seconds, memory) in found.items():
-        print(f"{what:22} {seconds:.2f} s, {memory:.0f} MB")
-    print(f"simulate 142 s at 1 kHz, without imports and compilation: {simulate:.2f} s")
+        if asked.most is not None:
+            check_memory(folder, asked.most)
+            return
+        print(f"{'processor seconds':42}{'product':>9}{'script':>9}{'ratio':>8}  allowed")
+        if "fit" in parts:
+            show_fit(folder)
+        if "run" in parts:
+            show_runs(folder, asked.recordings)
+        if "hour" in parts:
+            show_hour(folder)
+        if "figures" in parts:
+            show_figures(folder)
+        if "page" in parts:
+            show_page(folder, 1000)
+        if "planning" in parts:
+            show_planning(asked.trials)
 
 
 if __name__ == "__main__":

@@ -405,7 +405,6 @@ def fit(
     from osl_analysis.bench.impedance import DesiredImpedance
     from osl_analysis.commands import estimates
     from osl_analysis.commands import fit as command
-    from osl_analysis.commands.trials import raw_trial
     from osl_analysis.trial import read_trial
 
     if source is not None:
@@ -425,6 +424,8 @@ def fit(
     if source is None:
         recorded = read_trial(trial)
     else:
+        from osl_analysis.commands.trials import raw_trial
+
         recorded = raw_trial(trial, source, model)
         tell_warnings(recorded)
     fitted = command.fit_trial(model, recorded, device, settings, limits, desired)

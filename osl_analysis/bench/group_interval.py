@@ -33,7 +33,12 @@ from numpy.typing import NDArray
 
 from osl_analysis.bench.group_sums import SMALLEST_DIRECTION, NormalEquations, Sums, solved
 from osl_analysis.bench.row_groups import Groups, Label
-from osl_analysis.stats.covariance import between_cycles, welch_satterthwaite, without_variances
+from osl_analysis.stats.covariance import (
+    between_cycles,
+    spread_about_means,
+    welch_satterthwaite,
+    without_variances,
+)
 from osl_analysis.trial import Array
 
 FEWEST_UNITS = 4  # with fewer strata the groups are left out instead
@@ -247,13 +252,13 @@ def rounding_in_noise(
 ) -> Array:
     """Variances (p,) of the estimates that rounding has among those of noise: the scatter of its
     own scores, the mean over the draws. The arguments are those of `rounding_covariances`."""
-    variances = []
-    for scores in np.moveaxis(inverse @ products, 2, 0):
-        if source.noise is NoiseSource.REPEATS:
-            covariance, _ = between_cycles(scores, stratum)
-        else:
-            covariance, _ = noise_of_scores(scores, rich_columns)
-        variances.append(np.diag(covariance))
+    scores = inverse @ products
+    if source.noise is NoiseSource.REPEATS:
+        spread = spread_about_means(scores, stratum)
+        return np.asarray(np.sum(spread**2, axis=0).mean(axis=1))
+    variances = [
+        np.diag(noise_of_scores(of_draw, rich_columns)[0]) for of_draw in np.moveaxis(scores, 2, 0)
+    ]
     return np.asarray(np.mean(variances, axis=0))
 
 

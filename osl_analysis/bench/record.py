@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import polars as pl
-import scipy
 from numpy.typing import NDArray
 
 from osl_analysis.bench.bench_settings import (
@@ -27,6 +26,7 @@ from osl_analysis.inference import BenchSignals
 from osl_analysis.refusal import check_not_refused
 from osl_analysis.signals import LowPass, Motion, filtered_angle, filtered_motion, runs
 from osl_analysis.signals.grid import UniformSignals, devices_of, resampled, uniform_signals
+from osl_analysis.signals.power_density import power_density
 from osl_analysis.spectral.periods import PeriodicMotion
 from osl_analysis.stats.covariance import FEWEST_CYCLES, products_between
 from osl_analysis.trial import Array, Trial
@@ -155,8 +155,12 @@ class Record:
         length = min(round(self.rate_hz), self.samples)
 
         def removed(raw: Array, smooth: Array) -> tuple[Array, Array]:
-            return scipy.signal.welch(
-                self.part(raw - smooth), self.rate_hz, nperseg=length, noverlap=0, detrend=False
+            return power_density(
+                self.part(raw - smooth),
+                self.rate_hz,
+                length,
+                has_overlap=False,
+                takes_off_mean=False,
             )
 
         frequency, of_angle = removed(self.theta, self.motion.theta)

@@ -5,7 +5,6 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from osl_analysis.bench.bench_settings import ImpedanceAnalysis, SteppedSineAnalysis
@@ -22,6 +21,7 @@ from osl_analysis.signals.grid import (
     origin,
     uniform_signals,
 )
+from osl_analysis.signals.power_density import power_density
 from osl_analysis.spectral import stepped_sine
 from osl_analysis.spectral.periods import PeriodicMotion, lines_of, periodic_motion
 from osl_analysis.spectral.stepped_sine import Likeness
@@ -333,7 +333,7 @@ def band_of(motion: Motion, rate_hz: float, stretches: Sequence[slice]) -> tuple
     for part in stretches:
         weight = part.stop - part.start
         for total, signal in ((of_angle, motion.theta), (of_acceleration, motion.alpha)):
-            frequency, power = scipy.signal.welch(signal[part], rate_hz, nperseg=length)
+            frequency, power = power_density(signal[part], rate_hz, length)
             total += weight * power
     below, up_to = np.cumsum(of_angle[1:]), np.cumsum(of_acceleration[1:])
     if not below[-1] > 0 or not up_to[-1] > 0:

@@ -92,8 +92,10 @@ def read_text(path: Path) -> Text:
     InputError
         It holds zero bytes.
     """
-    data = decoded(path.read_bytes()).encode()
-    data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n").replace(MINUS.encode(), b"-")
+    data = path.read_bytes()
+    if not data.isascii() or UTF_16.match(data):
+        data = decoded(data).encode().replace(MINUS.encode(), b"-")
+    data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     if any(sign.encode() in data for sign in BETWEEN_THOUSANDS):  # as in Switzerland and France
         separators = rf"(?<=\d)[{BETWEEN_THOUSANDS}](?=\d{{3}}(?!\d))"
         data = re.sub(separators, "", data.decode()).encode()

@@ -140,22 +140,26 @@ def _table_of_alike_lines(
 def _alike_rows(text: bytes, table: Table, layout: Layout) -> pl.DataFrame | None:
     """The cells of lines that all have a cell for each name; None if a line differs."""
     has_comments = any(sign.encode() in text for sign in layout.comment_signs)
-    if has_comments or b'"' in text or b"\n\n" in text:
+    if has_comments or b'"' in text:
         return None
     delimiter = table.delimiter
     if delimiter == " ":
         text = re.sub(rb"(?m)^[ \t]+|[ \t]+$", b"", text)
         text = re.sub(rb"[ \t]+", b"\t", text)
         delimiter = "\t"
-    signs = np.frombuffer(text, np.uint8)
-    delimiters = np.flatnonzero(signs == ord(delimiter))
-    breaks = np.flatnonzero(signs == ord("\n"))
-    per_line = np.diff(np.searchsorted(delimiters, breaks), prepend=0)
-    if (per_line != len(table.names) - 1).any():
+    # polars refuses a line with more cells than the first one, so that as many cells in all as
+    # names times lines say that no line has fewer
+    lines = text.count(b"\n")
+    if text.count(delimiter.encode()) != lines * (len(table.names) - 1):
         return None
-    rows = pl.read_csv(
-        text, has_header=False, separator=delimiter, quote_char=None, infer_schema=False
-    )
+    try:
+        rows = pl.read_csv(
+            text, has_header=False, separator=delimiter, quote_char=None, infer_schema=False
+        )
+    except pl.exceptions.PolarsError:
+        return None
+    if rows.shape != (lines, len(table.names)):
+        return None
     rows = rows.with_columns(pl.all().fill_null("").str.strip_chars())
     rows.columns = table.body.columns
     has_empty_rows = rows.select(pl.all_horizontal(pl.all() == "").any()).item()

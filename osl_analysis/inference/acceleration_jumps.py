@@ -112,6 +112,8 @@ def acceleration_jumps(spectra: Spectra) -> Jumps:
     whole = third_derivative_between(spectra, low_hz, high_hz)
     noise = noise_of_jerk(spectra, whole.gain)
     at = largest_rows(spectra, np.abs(whole.jerk), JUMP_ABOVE_NOISE * noise)
+    if len(at) < BLOCKS:
+        return NO_JUMPS
 
     middle_hz = float(np.sqrt(low_hz * high_hz))
     lower_half = third_derivative_between(spectra, low_hz, middle_hz)
@@ -162,6 +164,8 @@ def largest_rows(spectra: Spectra, size: Array, least: float) -> NDArray[np.intp
 
 def impulses(spectra: Spectra, at: Array, areas: Array) -> Spectrum:
     """The working spectra (..., f) of impulses of some areas (..., j) at rows and parts of rows."""
+    if not len(at):
+        return np.zeros((*areas.shape[:-1], len(spectra.frequency)), np.complex128)
     signal = np.zeros((*areas.shape[:-1], spectra.padded_rows))
     row = np.floor(at).astype(np.intp)
     later = at - row

@@ -109,7 +109,7 @@ class Search:
 
     def fit(self, columns: Array, torque: Array | None = None) -> tuple[float, Array]:
         """Residual sum of squares and coefficients (k,) of columns (k, m)."""
-        if torque is None:
+        if torque is None or torque is self.data.torque:
             return self._beside.fit_rest(columns, self._rest)
         return self._beside.fit(columns, torque)
 
@@ -195,12 +195,33 @@ class Hypothesis(ABC):
         return Candidate(self, columns, self.data.torque, impedance_matrices=matrices)
 
 
+class Linear(Hypothesis):
+    """Eq. 15 with further columns that have no parameter: one candidate for every kind of joint."""
+
+    def candidates(self, search: Search) -> list[Candidate]:
+        return [self.candidate]
+
+    @cached_property
+    def candidate(self) -> Candidate:
+        """That candidate."""
+        return self.plain(*self.added(), matrices=self.matrices())
+
+    @abstractmethod
+    def added(self) -> Sequence[Array]:
+        """The further columns (p,), at the product rate."""
+
+    def matrices(self) -> tuple[Array, ...]:
+        """Those of `Candidate.impedance_matrices`."""
+        return ()
+
+
 class OneParameter(Hypothesis):
     """A hypothesis with one parameter of its own, sought on a grid and then refined."""
 
     def __init__(self, data: Whitened) -> None:
         super().__init__(data)
-        self._grid = frozenset(self.grid().tolist())
+        self._values = self.grid()
+        self._grid = frozenset(self._values.tolist())
         self._known: dict[float, Array] = {}
 
     @abstractmethod
@@ -232,7 +253,7 @@ class OneParameter(Hypothesis):
         return self.columns_at(value), search.data.torque
 
     def candidates(self, search: Search) -> list[Candidate]:
-        grid = self.grid()
+        grid = self._values
 
         def left(value: float) -> float:
             return search.fit(*self.model(value, search))[0]

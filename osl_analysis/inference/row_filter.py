@@ -46,6 +46,8 @@ class RowFilter:
 
     def of_rows_one_by_one(self, columns: Array) -> Array:
         """The same of columns (k, m), of which all at once would be the peak of memory."""
+        if self.gain is None:
+            return columns
         filtered = np.empty_like(columns)
         for k, column in enumerate(columns):
             filtered[k] = self.of_rows(column)

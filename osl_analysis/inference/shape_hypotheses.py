@@ -1,13 +1,15 @@
 """Speed, size, direction, clipping: what depends on the motion or on the torque itself."""
 
 from collections.abc import Sequence
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from osl_analysis.inference.constants import FEWEST_STEPS, PLAYS
-from osl_analysis.inference.hypothesis import Candidate, Hypothesis, OneParameter, Search
+from osl_analysis.inference.hypothesis import Candidate, Hypothesis, Linear, OneParameter, Search
 from osl_analysis.inference.least_squares import solve_scaled
+from osl_analysis.inference.row_filter import contiguous
 from osl_analysis.inference.whitening import Whitened
 from osl_analysis.trial import Array
 
@@ -21,7 +23,7 @@ MOST_FOLLOWING = 0.5
 LAST_STEP = 1e-9  # relative change of K, B and I below which a step is the last one
 
 
-class QuadraticDamping(Hypothesis):
+class QuadraticDamping(Linear):
     """A damping that grows with the speed."""
 
     family = "speed"
@@ -29,9 +31,9 @@ class QuadraticDamping(Hypothesis):
     term = "damping that depends on speed"
     parameters = (("quadratic damping", "N*m*s^2/rad^2"),)
 
-    def candidates(self, search: Search) -> list[Candidate]:
+    def added(self) -> list[Array]:
         omega = self.data.spectra.omega
-        return [self.plain(omega * np.abs(omega))]
+        return [omega * np.abs(omega)]
 
 
 class Play(OneParameter):
@@ -64,7 +66,7 @@ def gaps(data: Whitened) -> Array:
     return np.geomspace(least, max(PLAYS[1], 2 * least), 8)
 
 
-class Hardening(Hypothesis):
+class Hardening(Linear):
     """A spring whose stiffness changes with the angle, about any centre."""
 
     family = "size"
@@ -72,12 +74,12 @@ class Hardening(Hypothesis):
     term = "spring that is not linear"
     parameters = (("quadratic stiffness", "N*m/rad^2"), ("cubic stiffness", "N*m/rad^3"))
 
-    def candidates(self, search: Search) -> list[Candidate]:
+    def added(self) -> list[Array]:
         angle = self.data.spectra.angle
-        return [self.plain(angle**2, angle**3)]
+        return [angle**2, angle**3]
 
 
-class StiffnessBySide(Hypothesis):
+class StiffnessBySide(Linear):
     """A spring with another stiffness on either side of the middle."""
 
     family = "size"
@@ -85,9 +87,11 @@ class StiffnessBySide(Hypothesis):
     term = "asymmetric torque"
     parameters = (("half the difference of K", "N*m/rad"),)
 
-    def candidates(self, search: Search) -> list[Candidate]:
-        matrices = self.matrices_with_shares([[1.0], [0.0], [0.0]], (0.0, 1.0, -1.0))
-        return [self.plain(np.abs(self.data.spectra.angle), matrices=matrices)]
+    def added(self) -> list[Array]:
+        return [np.abs(self.data.spectra.angle)]
+
+    def matrices(self) -> tuple[Array, ...]:
+        return self.matrices_with_shares([[1.0], [0.0], [0.0]], (0.0, 1.0, -1.0))
 
 
 class EndStop(OneParameter):
@@ -127,7 +131,7 @@ class DeadZone(OneParameter):
         return self.data.of_product(beyond[None])
 
 
-class DampingByDirection(Hypothesis):
+class DampingByDirection(Linear):
     """Another damping in each direction of motion."""
 
     family = "direction"
@@ -135,12 +139,14 @@ class DampingByDirection(Hypothesis):
     term = "asymmetric torque"
     parameters = (("half the difference of B", "N*m*s/rad"),)
 
-    def candidates(self, search: Search) -> list[Candidate]:
-        matrices = self.matrices_with_shares([[0.0], [1.0], [0.0]], (0.0, 1.0, -1.0))
-        return [self.plain(np.abs(self.data.spectra.omega), matrices=matrices)]
+    def added(self) -> list[Array]:
+        return [np.abs(self.data.spectra.omega)]
+
+    def matrices(self) -> tuple[Array, ...]:
+        return self.matrices_with_shares([[0.0], [1.0], [0.0]], (0.0, 1.0, -1.0))
 
 
-class StiffnessByDirection(Hypothesis):
+class StiffnessByDirection(Linear):
     """Another stiffness in each direction of motion."""
 
     family = "direction"
@@ -148,9 +154,11 @@ class StiffnessByDirection(Hypothesis):
     term = "asymmetric torque"
     parameters = (("half the difference of K", "N*m/rad"),)
 
-    def candidates(self, search: Search) -> list[Candidate]:
-        matrices = self.matrices_with_shares([[1.0], [0.0], [0.0]], (0.0, 1.0, -1.0))
-        return [self.plain(self.data.spectra.angle * self.data.sign, matrices=matrices)]
+    def added(self) -> list[Array]:
+        return [self.data.spectra.angle * self.data.sign]
+
+    def matrices(self) -> tuple[Array, ...]:
+        return self.matrices_with_shares([[1.0], [0.0], [0.0]], (0.0, 1.0, -1.0))
 
 
 class Clipping(Hypothesis):
@@ -166,30 +174,30 @@ class Clipping(Hypothesis):
 
     def candidates(self, search: Search) -> list[Candidate]:
         spectra = self.data.spectra
-        recorded = spectra.recorded_torque
-        low, high = np.quantile(recorded[spectra.inside], OUTERMOST)
+        inside = contiguous(spectra.inside)
+        recorded = spectra.recorded_torque[inside]
+        low, high = np.quantile(recorded, OUTERMOST)
         motion = self.data.motion_at_product_rate().copy()
         motion[0] = spectra.angle
-        # Eq. 15 of a cut torque hardly passes its ends: begin with the rows that are surely not cut
-        ends = np.quantile(recorded[spectra.inside], [(1 - UNCLIPPED) / 2, (1 + UNCLIPPED) / 2])
-        small = spectra.inside & (recorded > ends[0]) & (recorded < ends[1])
-        beside = np.vstack([motion, np.ones_like(recorded), spectra.relative_time])
-        coefficients = solve_scaled(beside[:, small], recorded[small])[: len(motion)]
         torque = self.data.torque
+        coefficients = self.coefficients_of_unclipped
         for _ in range(CLIPPING_STEPS):
             ends_before = (low, high)
             coefficients_before = coefficients
-            modelled = coefficients @ motion
-            size = np.abs(modelled - np.median(modelled[spectra.inside]))
-            small = spectra.inside & (size <= np.quantile(size[spectra.inside], UNCLIPPED))
-            modelled = modelled + np.median((recorded - modelled)[small])
-            above = spectra.inside & (modelled > high)
-            below = spectra.inside & (modelled < low)
+            with_padding = coefficients @ motion
+            modelled = with_padding[inside]
+            size = np.abs(modelled - np.median(modelled))
+            small = size <= np.quantile(size, UNCLIPPED)
+            offset = np.median((recorded - modelled)[small])
+            with_padding = with_padding + offset
+            modelled = modelled + offset
+            above = modelled > high
+            below = modelled < low
             if above.any():
                 high = float(np.median(recorded[above]))
             if below.any():
                 low = float(np.median(recorded[below]))
-            missing = modelled - np.clip(modelled, low, high)
+            missing = with_padding - np.clip(with_padding, low, high)
             torque = self.data.torque + self.data.of_product(missing)
             coefficients = search.fit(self.data.motion, torque)[1]
             change = np.abs(coefficients - coefficients_before)
@@ -200,6 +208,20 @@ class Clipping(Hypothesis):
         if slope_beyond_ends(recorded, modelled, beyond) > MOST_FOLLOWING:
             return []
         return [Candidate(self, self.data.motion, torque)]
+
+    @cached_property
+    def coefficients_of_unclipped(self) -> Array:
+        """Coefficients of the motion, by the rows that are surely not cut: Eq. 15 of a cut torque
+        hardly passes its ends."""
+        spectra = self.data.spectra
+        recorded = spectra.recorded_torque
+        motion = self.data.motion_at_product_rate().copy()
+        motion[0] = spectra.angle
+        share = [(1 - UNCLIPPED) / 2, (1 + UNCLIPPED) / 2]
+        ends = np.quantile(recorded[contiguous(spectra.inside)], share)
+        small = spectra.inside & (recorded > ends[0]) & (recorded < ends[1])
+        beside = np.vstack([motion, np.ones_like(recorded), spectra.relative_time])
+        return solve_scaled(beside[:, small], recorded[small])[: len(motion)]
 
 
 def slope_beyond_ends(

@@ -2,6 +2,7 @@
 
 from abc import abstractmethod
 from collections.abc import Sequence
+from functools import cached_property
 
 import numpy as np
 import scipy
@@ -11,6 +12,7 @@ from osl_analysis.inference.hypothesis import (
     REFINEMENTS,
     Candidate,
     Hypothesis,
+    Linear,
     OneParameter,
     Search,
 )
@@ -38,17 +40,21 @@ class GrowingLag(Hypothesis):
     family = "time"
 
     @abstractmethod
-    def shape(self, search: Search) -> Array:
+    def shape(self) -> Array:
         """Lag (w,) of each working row for a parameter of 1; nowhere above 1."""
 
-    def candidates(self, search: Search) -> list[Candidate]:
-        shape = self.shape(search)
+    @cached_property
+    def terms(self) -> Array:
+        """Columns (4 k, m) of the series: the k columns of the motion, and their derivatives."""
+        shape = self.shape()
         terms = [self.data.motion]
         for order, factor in enumerate((1.0, 2.0, 6.0), start=1):
             added = self.data.motion_at_working_rate(order) * (-shape) ** order / factor
             terms.append(self.data.windowed(added))
-        of_all_terms = np.concatenate(terms)
+        return np.concatenate(terms)
 
+    def candidates(self, search: Search) -> list[Candidate]:
+        of_all_terms = self.terms
         # columns and slope are sums of the terms' columns, whose products are enough to fit them
         products = search.products(of_all_terms)
         lag = 0.0
@@ -88,7 +94,7 @@ class DriftingClocks(GrowingLag):
     term = "clocks that drift apart"
     parameters = (("lag at the end", "s"),)
 
-    def shape(self, search: Search) -> Array:
+    def shape(self) -> Array:
         return np.clip(self.data.spectra.relative_time_at_working_rate, 0.0, 1.0)
 
 
@@ -197,7 +203,7 @@ def best_moment(search: Search, changing: Array) -> tuple[float, float]:
     return on_grid, on_grid_left[best]
 
 
-class StiffnessDrift(Hypothesis):
+class StiffnessDrift(Linear):
     """A stiffness that changes evenly, as of a warming spring."""
 
     family = "time"
@@ -205,11 +211,12 @@ class StiffnessDrift(Hypothesis):
     term = "stiffness that changes"
     parameters = (("change of K", "N*m/rad"),)
 
-    def candidates(self, search: Search) -> list[Candidate]:
+    def added(self) -> list[Array]:
         spectra = self.data.spectra
-        matrices = self.matrices_with_shares([[1.0], [0.0], [0.0]], (0.0, -0.5, 0.5))
-        added = spectra.theta * (spectra.relative_time - 0.5)
-        return [self.plain(added, matrices=matrices)]
+        return [spectra.theta * (spectra.relative_time - 0.5)]
+
+    def matrices(self) -> tuple[Array, ...]:
+        return self.matrices_with_shares([[1.0], [0.0], [0.0]], (0.0, -0.5, 0.5))
 
 
 class StiffnessStep(Hypothesis):

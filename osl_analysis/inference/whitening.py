@@ -29,6 +29,7 @@ from osl_analysis.inference.least_squares import BesideShared, solve_scaled
 from osl_analysis.inference.reflex import Reflex, half_waves, muscle_answers
 from osl_analysis.inference.row_filter import RowFilter
 from osl_analysis.inference.spectra import Spectra, Spectrum
+from osl_analysis.signals.power_density import power_density
 from osl_analysis.trial import Array
 
 ROUNDS = 2  # the second one weighs the rich model by the spectrum that the first one found
@@ -205,8 +206,8 @@ def whitening_gain(spectra: Spectra, rich: Spectrum) -> Array:
         torque = whitening.of_rows(plain_torque)
         estimates = solve_scaled(columns, torque)
         residual = plain_torque - estimates @ plain_columns
-        frequency, power = scipy.signal.welch(
-            residual, spectra.working_rate_hz, nperseg=segment, detrend=False
+        frequency, power = power_density(
+            residual, spectra.working_rate_hz, segment, takes_off_mean=False
         )
         passed = np.interp(frequency, spectra.frequency, spectra.roll_off) ** 2
         power = power / np.maximum(passed, LEAST_GAIN)

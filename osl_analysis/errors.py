@@ -70,6 +70,8 @@ class Change:
     delays: Mapping[str, float] = field(default_factory=dict)  # of columns [s]
     # column whose numbers may be of another unit than is declared; stands for a change per unit
     other_unit_of: str = ""
+    swapped: tuple[str, str] | None = None  # columns that change places
+    rank: int = 0  # tried only where no change of a lower rank helps
 
 
 class OslAnalysisError(ValueError):

@@ -5,7 +5,7 @@ import pytest
 from bench_synthetic import FIVE, record_of_sines, second_order, stepped_sine
 
 from osl_analysis.bench.analysis import analysed
-from osl_analysis.bench.angle_drift import angle_drift_deg
+from osl_analysis.bench.angle_drift import angle_drift_deg, steady_drift
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums
 from osl_analysis.judge.causes import EVIDENCE
 
@@ -39,3 +39,21 @@ def test_a_steady_drift_of_the_angle_is_no_drift_of_the_load_cell():
 
     assert abs(60 * record.drift) < 0.5  # N*m/min; the least squares of both alike gave hundreds
     assert EVIDENCE["angle_drift_deg"].cause == "angle that drifts"
+
+
+def test_a_steady_drift_of_slow_cycles_is_told_where_the_torque_comes_back():
+    time = np.linspace(0.0, 40.0, 2000)
+    theta = 0.2 * np.sin(0.6 * time)
+    noise = 0.05 * np.random.default_rng(3).standard_normal(time.size)
+    drift = np.linspace(0.0, 0.07, time.size)
+
+    assert steady_drift(theta + drift, 60 * theta + noise) == pytest.approx(0.07, rel=0.02)
+    assert steady_drift(theta + drift, 60 * (theta + drift) + noise) == 0.0
+    assert steady_drift(theta, 60 * theta + noise) == 0.0
+
+
+def test_an_angle_that_wanders_is_told_as_one_that_drifts():
+    steps = np.random.default_rng(8).standard_normal(SOUND.time.size)
+    walk = np.cumsum(steps) / np.sqrt(steps.size) * np.deg2rad(2.0)
+
+    assert drift_of(SOUND.theta + walk, SOUND.torque) > 0.5

@@ -52,7 +52,7 @@ def test_rows_that_were_lost_before_they_were_numbered_are_told_by_their_row():
     found = lost_rows(TIME[: kept.size], ANGLE[kept])
 
     assert found is not None
-    assert (found.count, found.row) == (2, 1000)
+    assert (found.count, found.rows[0]) == (2, 1000)
     assert found.steps == pytest.approx(2.0, abs=0.05)
 
 

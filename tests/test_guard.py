@@ -19,10 +19,10 @@ from osl_analysis.ingest.guard import (
     LARGEST_BEND,
     Leaps,
     find_leaps,
-    leaps_of_trial,
     smallest_motion,
 )
 from osl_analysis.ingest.raw_files import read_source, trial_from_files
+from osl_analysis.ingest.row_faults import find_row_faults
 from osl_analysis.trial import Array, Trial
 
 REAL_DATA = ROOT.parent / "shared/real_data"
@@ -42,7 +42,7 @@ def trial_of(**columns: Array) -> Trial:
 
 
 def accused(trial: Trial) -> list[Leaps]:
-    return [leaps for leaps in leaps_of_trial(trial) if leaps.count]
+    return [leaps for leaps in find_row_faults(trial).leaps if leaps.count]
 
 
 def with_number(values: Array, row: int, number: float) -> Array:
@@ -52,9 +52,9 @@ def with_number(values: Array, row: int, number: float) -> Array:
 
 
 def test_a_sound_trial_is_looked_at_in_angle_and_torque_and_not_accused() -> None:
-    found = leaps_of_trial(trial_of())
+    found = find_row_faults(trial_of())
 
-    assert found == [Leaps("theta", 0, None), Leaps("torque", 0, None)]
+    assert found.leaps == (Leaps("theta"), Leaps("torque"))
 
 
 def test_a_bit_that_flips_in_the_exponent_is_told_with_its_time() -> None:
@@ -64,7 +64,7 @@ def test_a_bit_that_flips_in_the_exponent_is_told_with_its_time() -> None:
     (leaps,) = accused(trial_of(torque=bits.view(np.float64)))
 
     assert (leaps.column, leaps.count) == ("torque", 1)
-    assert leaps.first_s == pytest.approx(3.5, abs=1.01 / RATE_HZ)
+    assert leaps.times[0] == pytest.approx(3.5, abs=1.01 / RATE_HZ)
 
 
 @pytest.mark.parametrize("column", ["theta", "torque"])
@@ -76,7 +76,7 @@ def test_a_leap_of_one_sample_is_told_in_either_channel(column: str) -> None:
     (leaps,) = accused(trial_of(**{column: leaping}))
 
     assert leaps.column == column
-    assert leaps.first_s == pytest.approx(3.5, abs=1.01 / RATE_HZ)
+    assert leaps.times[0] == pytest.approx(3.5, abs=1.01 / RATE_HZ)
 
 
 def test_a_leap_below_the_limit_is_not_told() -> None:
@@ -101,7 +101,7 @@ def test_a_block_that_was_zeroed_or_is_of_another_place_is_told_at_its_borders()
     elsewhere[700:760] = THETA[990:1050]
 
     (leaps,) = accused(trial_of(torque=zeroed))
-    assert (leaps.count, leaps.first_s) == (2, 3.5)
+    assert (leaps.count, leaps.times[0]) == (2, 3.5)
     assert [leaps.column for leaps in accused(trial_of(theta=elsewhere))] == ["theta"]
 
 
@@ -136,7 +136,7 @@ def test_readings_that_failed_are_no_leap() -> None:
 def test_of_a_few_samples_nothing_is_said(rows: int) -> None:
     leaping = with_number(TORQUE, 150, 1e6)[:rows]
 
-    assert find_leaps("torque", TIME[:rows], leaping) == Leaps("torque", 0, None)
+    assert find_leaps("torque", TIME[:rows], leaping) == Leaps("torque")
 
 
 def test_rows_that_are_missing_are_a_gap_and_no_leap() -> None:
@@ -167,7 +167,7 @@ def test_sound_trials_of_the_default_campaign_are_not_accused(
     row = row_of_trial(read_simulation(DEFAULT, UNFOLLOWED), DEFAULT, name)
     trial = trial_from_files(row, tmp_path, ROOT / "config/sources")
 
-    found = leaps_of_trial(trial)
+    found = find_row_faults(trial).leaps
 
     assert [leaps.count for leaps in found] == [0] * channels
 

@@ -168,8 +168,10 @@ BARE, STOOD_ON = (
     ("saturation", bench(torque=with_piece(TORQUE, 1000, 1009, 40.0)), "impedance", 9, "torque"),
     ("dropout", bench(torque=with_piece(TORQUE, 1000, 1001, 2e6)), "impedance", 1, None),
     ("dropout", bench(torque=with_piece(TORQUE, BEYOND.start, BEYOND.start + 20, 0.0)), "impedance",
-     2, f"torque, first in row {BEYOND.start + 1} ({BEYOND.start / RATE:.3f} s)"),
-    ("dropout", bench(ANGLE + 0.02 * AWAY), "impedance", 2, "theta, first in row 2002 (2.001 s)"),
+     2, f"torque leaps in row {BEYOND.start + 1} ({BEYOND.start / RATE:.3f} s) and is back in row"
+     f" {BEYOND.start + 21}: values of no sensor"),
+    ("dropout", bench(ANGLE + 0.02 * AWAY), "impedance", 2, "theta and torque leap in row 2002"
+     " (2.001 s) and 1 more, and go on elsewhere: rows were lost"),
     ("dropout", actuator_bench(), "actuator", None, "not applicable: neither theta nor torque"),
     ("stuck", bench(torque=with_piece(TORQUE, 2000, 3000)), "impedance", 0.999, "torque"),
     ("stuck", bench(with_piece(ANGLE, 1000, 2000), theta_command=ANGLE), "impedance", 0.999,

@@ -2,7 +2,7 @@
 
 import pytest
 
-from osl_analysis.judge.judging import unchecked_in
+from osl_analysis.judge.judging import GAIN, unchecked_in
 from osl_analysis.judge.words import finding_text
 
 WALKED = {"group": "all", "K": 300.0, "plate_K_per_m": 100.0}
@@ -40,15 +40,27 @@ def test_a_seen_reflex_matters_from_3_widths_of_K_and_a_hidden_one_from_half_a_w
     ]
 
 
-def test_a_component_is_noted_if_it_is_10_percent_off_its_file():
-    near = {"trial": "a", "K_s_ratio": 1.09}
-    far = {"trial": "a", "K_s_ratio": 0.89}
+@pytest.mark.parametrize(("table", "name", "near", "far"), [
+    ("belt", "K_s", 1.04, 0.94),
+    ("actuator", "k_tau_n_m", 0.96, 1.06),
+    ("transmission", "B_j", 1.09, 0.89),  # losses differ by more
+])  # fmt: skip
+def test_a_component_is_noted_if_it_is_unusually_far_off_its_file(table, name, near, far):
+    known = {"trial": "a", "fault_probability": 0.0}
 
-    assert unchecked_causes("belt", near) == []
-    assert unchecked_causes("belt", far) == ["K_s is not that of the parameter file"]
+    assert unchecked_causes(table, known | {f"{name}_ratio": near}) == []
+    assert unchecked_causes(table, known | {f"{name}_ratio": far}) == [
+        f"{name} is not that of the parameter file"
+    ]
 
 
-GAIN = "whether the gain of torque over angle is right"
+@pytest.mark.parametrize(("table", "name"), [("belt", "K_s"), ("actuator", "k_tau_n_m")])
+def test_a_component_without_a_file_tells_no_gain(table, name):
+    row = {"trial": "a", f"{name}_ratio": None}
+
+    (finding,) = unchecked_in(table, row)
+
+    assert "so a wrong gain would not show" in finding_text(finding, row)
 
 
 def test_without_known_gains_of_a_controller_it_says_which_gain_of_the_bench_would_pass():

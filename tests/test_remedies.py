@@ -4,10 +4,12 @@ import numpy as np
 import polars as pl
 import pytest
 
+from osl_analysis.bench.fit_tables import FitTables
 from osl_analysis.bench.identifiability import check_told
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.commands.bench import fit_actuator_trial, fit_torque_angle_trial
-from osl_analysis.commands.remedies import remedies_tried
+from osl_analysis.commands.fit import fit_settings, fit_trial
+from osl_analysis.commands.remedies import OF_ROWS, remedies_tried
 from osl_analysis.errors import Change, IdentifiabilityError, InputError
 from osl_analysis.files import default_config
 from osl_analysis.trial import Trial
@@ -98,8 +100,8 @@ def test_a_part_without_the_samples_of_a_failed_sensor_is_advised():
     with pytest.raises(InputError) as refused:
         fit_torque_angle_trial(failed, settings)
 
-    advice = "torque leaps in row 701: write windows `7.4-40.0` in the sheet: K 40"
-    assert refused.value.remedy.startswith(advice)
+    assert "torque leaps in row 701 (7.000 s) and is back in row 721" in refused.value.reason
+    assert refused.value.remedy.startswith("write windows `7.4-40.0` in the sheet: K 40")
 
 
 @pytest.mark.parametrize(("column", "factor", "advice"), [
@@ -158,4 +160,67 @@ def test_the_channels_that_are_late_are_told_by_the_fit_without_their_delay(late
         fit_actuator_trial(Trial("late", pl.DataFrame(columns)), None, CONFIG.actuator)
 
     advice = f"state `delay: 100 ms` of {' and '.join(late)} in the source file: k_tau_n_m 0.8 "
+    assert refused.value.remedy.startswith(advice)
+
+
+def joint_recording(rows, stiffness=150.0):
+    """Rows of a joint's recording at 200 Hz, moved by many sines, numbered anew."""
+    time = np.arange(5200) / 200.0
+    turn = 2 * np.pi * time
+    amplitudes = {0.7: 0.03, 1.9: 0.02, 3.1: 0.01, 4.7: 0.01}
+    angles = [size * np.sin(hz * turn + hz) for hz, size in amplitudes.items()]
+    speeds = [2 * np.pi * hz * s * np.cos(hz * turn + hz) for hz, s in amplitudes.items()]
+    alphas = [-((2 * np.pi * hz) ** 2) * x for hz, x in zip(amplitudes, angles, strict=True)]
+    noise = 0.03 * np.random.default_rng(6).standard_normal(time.size)
+    torque = stiffness * sum(angles) + 2.4 * sum(speeds) + 0.02 * sum(alphas) + noise
+    columns = {"time": time[: len(rows)], "theta": sum(angles)[rows], "torque": torque[rows]}
+    return Trial("joint", pl.DataFrame(columns))
+
+
+def slope_fit(trial, windows=None):
+    """A fit that is doubtful where both halves of a recording have another stiffness."""
+    samples = trial.within(windows).samples if windows else trial.samples
+    theta, torque = (samples[name].to_numpy() for name in ("theta", "torque"))
+    half = theta.size // 2
+    halves = [
+        np.polyfit(theta[part], torque[part], 1)[0] for part in (slice(half), slice(half, None))
+    ]
+    K = float(np.mean(halves))
+    row = {"K": K, "K_se": 1.0, "K_low": K - 1, "K_high": K + 1}
+    row["fault_harm"] = abs(halves[1] - halves[0]) / 20
+    return FitTables({"impedance": pl.DataFrame([row])})
+
+
+def test_rows_of_two_trials_are_told_before_a_stiffness_that_steps():
+    first = joint_recording(np.arange(2400)).samples
+    second = joint_recording(np.arange(2600, 5000), stiffness=230.0).samples
+    joined = pl.concat([first, second]).with_columns(time=np.arange(4800) / 200.0)
+
+    tables = remedies_tried(slope_fit)(Trial("joint", joined))
+
+    row = tables.estimates["impedance"].row(0, named=True)
+    assert row["row_harm"] == row["fault_harm"]
+    assert row["row_fault"].startswith("theta and torque leap in row 2401 (12.000 s) and go on")
+    assert row["mended"].startswith("write windows `0.0-11.8` in the sheet: K 1")
+    assert "; or write windows `12.2-24.0` in the sheet: K 2" in row["mended"]
+
+
+def test_a_doubt_that_leaving_rows_out_does_not_clear_is_no_doubt_about_rows():
+    bent = joint_recording(np.delete(np.arange(5200), slice(600, 640)))
+    bent = Trial("joint", bent.samples.with_columns(pl.col("torque") * (1 + pl.col("time"))))
+
+    tables = remedies_tried(slope_fit)(bent)
+
+    assert tables.estimates["impedance"].select(*OF_ROWS).row(0) == (None, None, None)
+
+
+def test_of_swapped_channels_the_remedy_is_tried():
+    sound = joint_recording(np.arange(2400))
+    swapped = sound.samples.rename({"theta": "torque", "torque": "theta"})
+    settings, limits = fit_settings("impedance", default_config())
+
+    with pytest.raises(InputError) as refused:
+        fit_trial("impedance", Trial("joint", swapped), None, settings, limits)
+
+    advice = "swap the channels of theta and torque in the source file: K 150 "
     assert refused.value.remedy.startswith(advice)

@@ -1,17 +1,16 @@
 """Remedies that are tried on the recording before they are printed.
 
-An error names changes that may mend its recording (`errors.Change`). Each is made in memory, and
-the trial is fitted again. Those that help are the remedy, with what they give. This costs time only
-where a fit is refused."""
+A refused or doubtful fit is made again with each change that may mend its recording
+(`errors.Change`), in memory. Those that help are the remedy, with what they give. Rows that were
+lost, joined or wrong are tried first. This costs time only where something is wrong."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import wraps
 from inspect import signature
-from itertools import groupby, pairwise
+from itertools import groupby
 from typing import Any, ParamSpec, TypeVar, cast
 
-import numpy as np
 import polars as pl
 
 from osl_analysis.bench.fit_tables import FitTables
@@ -20,17 +19,22 @@ from osl_analysis.commands.fit import fit_settings, function_of, job_of
 from osl_analysis.errors import Change, OslAnalysisError
 from osl_analysis.files import default_config
 from osl_analysis.ingest.examine import in_other_units
-from osl_analysis.ingest.guard import leaps_of_trial
+from osl_analysis.ingest.row_faults import row_faults_of
 from osl_analysis.signals.grid import with_stamp_evidence
 from osl_analysis.trial import Trial
 
-MOST_LEAPS = 4  # of a sensor that failed once or twice
-BESIDE_LEAP_S = 0.2  # left out at each side of a leap, which the filter spreads
+MOST_PARTS = 5  # between rows that are wrong; of more, the sensor is another one
 FITS_WORSE = 2.0  # times what the best change leaves unexplained, from which one is no remedy
 LEAST_UNEXPLAINED = 1e-6  # percent; less is rounding
 MOST_TOLD = 5  # estimates that a remedy names
 NOT_TOLD = ("offset", "drift", "K_secant", "K_unloading", "energy_stored", "energy_returned")
 """Estimates that do not show whether a change helps."""
+HARM = 1.0  # of a fault, from which a fit is doubtful (`judge.causes.LEAST_EFFECT`)
+LEAST_VAF = 90.0  # percent in the band of the motion, as `doubtful.impedance.below.VAF_in_band`
+OF_ROWS: Mapping[str, pl.DataType] = {
+    "row_harm": pl.Float64(), "row_fault": pl.String(), "mended": pl.String(),
+}  # fmt: skip
+"""Columns of a table whose fits are tried again where they are doubtful."""
 
 
 @dataclass(frozen=True)
@@ -68,78 +72,133 @@ def remedies_tried(fit: Callable[P, T]) -> Callable[P, T]:
 
     @wraps(fit)
     def fitted(*args: P.args, **kwargs: P.kwargs) -> T:
+        given = signature(fit).bind(*args, **kwargs).arguments
         try:
-            return fit(*args, **kwargs)
+            tables = fit(*args, **kwargs)
         except OslAnalysisError as error:
-            given = signature(fit).bind(*args, **kwargs).arguments
-            helpful = tried(fit, given, error.changes)
+            helpful = tried(fit, given, changes_of_rows(given["trial"]))
             if not helpful:
-                helpful = tried(fit, given, changes_by_leaps(given["trial"]))
+                helpful = tried(fit, given, error.changes)
             if not helpful:
                 raise
-            raise type(error)(f"{error.reason}; {remedy_of(helpful)}") from error
+            reason = error.reason
+            if helpful[0].change.windows:
+                reason += f", and {row_faults_of(given['trial']).texts[0]}"
+            raise type(error)(f"{reason}; {remedy_of(helpful)}") from error
+        return with_remedy(fit, given, tables)
 
     return fitted
 
 
+def with_remedy(fit: Callable[..., T], given: Mapping[str, Any], tables: T) -> T:
+    """The tables of a fit; a doubtful one with what is wrong with its rows, if without these it is
+    sound."""
+    if not isinstance(tables, FitTables):
+        return tables
+    name, table = next(iter(tables.estimates.items()))
+    if "fault_harm" not in table.columns:
+        return tables
+    told: dict[str, Any] = dict.fromkeys(OF_ROWS)
+    harm = harm_in(last_row(tables))
+    if harm > HARM:
+        outcomes = tried(fit, given, changes_of_rows(given["trial"]), is_harmed)
+        if outcomes:
+            faults = row_faults_of(given["trial"])
+            told["row_harm"] = harm
+            told["row_fault"] = faults.texts[0]
+            told["mended"] = remedy_of(outcomes)
+    columns = [pl.lit(told[column], dtype).alias(column) for column, dtype in OF_ROWS.items()]
+    estimates = {**tables.estimates, name: table.with_columns(columns)}
+    return cast(T, replace(tables, estimates=estimates))
+
+
+def harm_in(row: Mapping[str, Any]) -> float:
+    """By how much a fault moves the estimates of a fit, or the model misses the recording, in
+    multiples of what is doubtful."""
+    vaf = row.get("VAF_in_band")
+    missed = 0.0 if vaf is None else (100.0 - vaf) / (100.0 - LEAST_VAF)
+    return max(float(row.get("fault_harm") or 0.0), missed)
+
+
+def is_harmed(row: Mapping[str, Any]) -> bool:
+    return harm_in(row) > HARM
+
+
 def tried(
-    fit: Callable[..., Any], given: Mapping[str, Any], changes: Sequence[Change]
+    fit: Callable[..., Any],
+    given: Mapping[str, Any],
+    changes: Sequence[Change],
+    is_no_remedy: Callable[[Mapping[str, Any]], bool] = lambda row: False,
 ) -> list[Outcome]:
     """Try changes on a recording.
 
     Parameters
     ----------
     fit : callable
-        The fit that was refused, without remedies.
+        The fit that was refused or is doubtful, without remedies.
     given : Mapping
         Its arguments by name: `trial` and `settings` are changed.
     changes : sequence of Change
+    is_no_remedy : callable
+        Whether a fit, by its row, is as bad as before.
 
     Returns
     -------
     list of Outcome
-        Of the changes with which the trial can be fitted, and fits about as well as with the best.
+        Of the changes of the lowest rank with which the trial can be fitted, and fits about as well
+        as with the best.
     """
-    helpful: list[Outcome] = []
     expanded: list[Change] = []
     for change in changes:
         column = change.other_unit_of
         expanded += in_other_units(given["trial"], [column]) if column else [change]
-    for change in expanded:
-        arguments = {**given, "trial": changed(given["trial"], change)}
-        if change.windows and "windows" in signature(fit).parameters:
-            arguments["windows"] = change.windows
-        elif change.windows:
-            arguments["trial"] = arguments["trial"].within(change.windows)
-        if change.settings:
-            arguments["settings"] = given["settings"].model_copy(update=change.settings)
-        fit_it = fit
-        if change.experiment:
-            fit_it, settings = fit_of(change.experiment)
-            arguments = {"trial": arguments["trial"], **settings}
-        try:
-            tables = fit_it(**arguments)
-        except OslAnalysisError:
-            continue
-        helpful.append(Outcome(change, last_row(tables)))
-    least = min((outcome.unexplained for outcome in helpful), default=0.0)
-    return [outcome for outcome in helpful if outcome.unexplained <= FITS_WORSE * least]
+    for _, of_rank in groupby(sorted(expanded, key=rank_of), key=rank_of):
+        outcomes = [outcome_of(fit, given, change) for change in of_rank]
+        helpful = [each for each in outcomes if each is not None and not is_no_remedy(each.row)]
+        if helpful:
+            least = min(outcome.unexplained for outcome in helpful)
+            return [
+                each
+                for each in helpful
+                if each.change.windows or each.unexplained <= FITS_WORSE * least
+            ]
+    return []
 
 
-def changes_by_leaps(trial: Trial) -> list[Change]:
-    """The longest part of a recording without samples of angle or torque that leap off their
-    curve; none where none or many do."""
-    found = [leaps for leaps in leaps_of_trial(trial) if leaps.count]
-    if not 0 < sum(leaps.count for leaps in found) <= MOST_LEAPS:
+def rank_of(change: Change) -> int:
+    return change.rank
+
+
+def outcome_of(fit: Callable[..., Any], given: Mapping[str, Any], change: Change) -> Outcome | None:
+    """What the fit gives with a change; None where it is refused."""
+    arguments = {**given, "trial": changed(given["trial"], change)}
+    if change.windows and "windows" in signature(fit).parameters:
+        arguments["windows"] = change.windows
+    elif change.windows:
+        arguments["trial"] = arguments["trial"].within(change.windows)
+    if change.settings:
+        arguments["settings"] = given["settings"].model_copy(update=change.settings)
+    if change.experiment:
+        fit, settings = fit_of(change.experiment)
+        arguments = {"trial": arguments["trial"], **settings}
+    try:
+        return Outcome(change, last_row(fit(**arguments)))
+    except OslAnalysisError:
+        return None
+
+
+def changes_of_rows(trial: Trial) -> list[Change]:
+    """To leave out the rows that are wrong, or, where that does not help, all parts between them
+    but one; none where no rows or too many are."""
+    faults = row_faults_of(trial)
+    parts = [f"{first:.1f}-{last:.1f}" for first, last in faults.windows(trial)]
+    if not faults.count or not 0 < len(parts) <= MOST_PARTS:
         return []
-    time = trial.samples["time"].to_numpy()
-    at = sorted(t - float(time[0]) for leaps in found for t in leaps.times)
-    parts = pairwise([-BESIDE_LEAP_S, *at, float(np.ptp(time)) + BESIDE_LEAP_S])
-    first, last = max(parts, key=lambda part: part[1] - part[0])
-    windows = f"{first + BESIDE_LEAP_S:.1f}-{last - BESIDE_LEAP_S:.1f}"
-    worst = found[0]
-    words = f"{worst.column} leaps in row {worst.row}: write windows `{windows}` in the sheet"
-    return [Change(words, windows=windows)]
+    return [windows_stated(" ".join(parts)), *(windows_stated(part, rank=1) for part in parts)]
+
+
+def windows_stated(windows: str, rank: int = 0) -> Change:
+    return Change(f"write windows `{windows}` in the sheet", windows=windows, rank=rank)
 
 
 def changed(trial: Trial, change: Change) -> Trial:
@@ -149,6 +208,9 @@ def changed(trial: Trial, change: Change) -> Trial:
         for name, delay_s in change.delays.items():
             origins[name] = {**origins.get(name, {}), "delay": delay_s}
         trial = replace(trial, provenance={**trial.provenance, "columns": origins}, clocks={})
+    if change.swapped is not None:
+        one, other = change.swapped
+        trial = replace(trial, samples=trial.samples.rename({one: other, other: one}), clocks={})
     if not change.factors:
         return trial
     columns = [pl.col(name) * factor for name, factor in change.factors.items()]

@@ -13,13 +13,13 @@ from osl_analysis.errors import InputError, printable
 from osl_analysis.formats import formats_of
 from osl_analysis.ingest import raw_files
 from osl_analysis.ingest.examine import Commanded, check_ranges, examine, measured_table
-from osl_analysis.ingest.guard import lost_rows_of_trial
 from osl_analysis.ingest.overview import (
     MOST_COLUMNS,
     Overview,
     RecordedChannel,
     inspect_recording,
 )
+from osl_analysis.ingest.row_faults import with_row_faults
 from osl_analysis.signals.grid import with_stamp_evidence
 from osl_analysis.table import write_table
 from osl_analysis.trial import Trial, write_trial
@@ -61,9 +61,8 @@ def checked_trial(
     if facts is not None and facts.place == "walkway" and not needed_columns:
         raw_files.check_markers(trial, row["experiment"])
     check_ranges(trial)
-    lost = lost_rows_of_trial(trial)
-    if lost is not None:
-        trial.provenance["warnings"].append(f"{lost.text}; B and I may be wrong")
+    if facts is None or facts.place == "bench":
+        trial = with_row_faults(trial)
     return with_stamp_evidence(trial)
 
 

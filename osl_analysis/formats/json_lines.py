@@ -28,6 +28,7 @@ LINES_TRIED = 1000  # by which it is told whether a field may be a clock
 NAME_A_NUMBER = (
     "name a number as `field` in the source file; for time, or state the rate: `time: {rate: 1000}`"
 )
+FEW_FIELDS = 16  # all of which are read, since a line is decoded as a whole
 LISTED_LINES = 2000  # of a long file, by which its fields are listed
 
 
@@ -140,14 +141,16 @@ class Lines:
 
 
 def read(path: Path, source: JsonSource | None) -> Recording:
-    """Read a file of JSON lines: what a source file asks for and what may be a clock, or all."""
+    """Read a file of JSON lines: what a source file asks for and, of many fields, what may be a
+    clock, or all."""
     lines = Lines(path)
     fields = lines.fields()
     wanted = list(fields)
     asked: list[str] = []
     if source is not None:
         asked = _asked(source, fields)
-        wanted = list(dict.fromkeys([*asked, *_clocks_in(lines, fields)]))
+        beside = list(fields) if len(fields) <= FEW_FIELDS else _clocks_in(lines, fields)
+        wanted = list(dict.fromkeys([*asked, *beside]))
     columns = lines.decode(wanted, asked)
     numbers = np.delete(np.array(lines.numbers), lines.unusable)
     if not numbers.size:

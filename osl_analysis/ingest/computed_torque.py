@@ -6,10 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from osl_analysis.ingest.likely_column import COMMAND, TORQUES, kind_of, parted_name
+from osl_analysis.ingest.likely_column import COMMAND, EFFORT, TORQUES, kind_of, parted_name
 from osl_analysis.ingest.torque_formula import Kind, Signal, computed_from
 from osl_analysis.measured import varies
 from osl_analysis.recording import Channel, Recording, Rows
+from osl_analysis.recording import Kind as ChannelKind
 from osl_analysis.source_file import Addressed
 from osl_analysis.trial import Array
 from osl_analysis.units import base_units, dimension, normalised
@@ -18,7 +19,9 @@ KIND_OF_COLUMN: dict[str, Kind] = {
     "theta": "angle", "theta_m": "angle", "theta_command": "angle", "omega_m": "speed",
     "current": "current",
 }  # fmt: skip
-MOST_SPEEDS = 3  # that the source file does not name
+MOST_UNNAMED = 6  # channels that the source file does not name
+LOAD_CELL = rf"\b({EFFORT}|load|cell|force|strain|gauge|bridge|raw|volts?|[fm] ?[xyz])\b"
+ALIKE = 0.9  # correlation with the torque
 
 
 def name_computed_torques(
@@ -48,29 +51,62 @@ def name_computed_torques(
             for other in recording.channels
             if other is not torque and are_same_rows(other.rows, torque.rows)
         ]
-        signals = signals_beside(beside, named)
         values = numbers_of(torque)
-        found = "" if values is None else computed_from(values, signals)
+        if values is None:
+            continue
+        signals = signals_beside(values, beside, named)
+        found = computed_from(values, signals)
         if found:
             origins[column]["computed_from"] = found
             origins[column]["measured_beside"] = measured_torques(beside, signals)
 
 
-def signals_beside(channels: Sequence[Channel], named: Mapping[int, str]) -> list[Signal]:
+def signals_beside(
+    torque: Array, channels: Sequence[Channel], named: Mapping[int, str]
+) -> list[Signal]:
     """The signals of which a torque may be computed: those that the source file names, with their
-    column by `id`, and few speeds that it does not, since every column takes time to read."""
+    column by `id`, and a few others, since every column takes time to read."""
     signals: list[Signal] = []
-    speeds = 0
+    of_others: list[tuple[Channel, Kind]] = []
     for channel in channels:
         kind = KIND_OF_COLUMN.get(named.get(id(channel), ""))
-        if kind is None and speeds < MOST_SPEEDS and kind_of(channel) == "speed":
-            kind = "speed"
-            speeds += 1
-        values = None if kind is None else numbers_of(channel)
-        if kind is not None and values is not None:
-            is_command = bool(re.search(COMMAND, parted_name(channel.name or channel.key)))
-            signals.append(Signal(channel.name or channel.key, kind, values, is_command))
+        if kind is not None:
+            signals += signal_of(channel, kind)
+        elif id(channel) not in named and channel.kind is ChannelKind.SIGNAL:
+            of_others.append((channel, kind_of(channel) or "other"))
+    of_others.sort(key=lambda each: each[1] == "other")
+    for channel, kind in of_others[:MOST_UNNAMED]:
+        if kind == "other" and may_be_load_cell(channel):
+            continue
+        for signal in signal_of(channel, kind):
+            if kind != "other" or not is_alike(signal.values, torque):
+                signals.append(signal)
     return signals
+
+
+def signal_of(channel: Channel, kind: Kind) -> list[Signal]:
+    """A channel as a signal; none where its readings are no numbers."""
+    values = numbers_of(channel)
+    if values is None:
+        return []
+    name = channel.name or channel.key
+    is_command = bool(re.search(COMMAND, parted_name(name)))
+    return [Signal(name, kind, values, is_command)]
+
+
+def may_be_load_cell(channel: Channel) -> bool:
+    """Whether a channel has a unit or a name that a load cell's own readings have."""
+    if base_units(normalised(channel.unit or channel.likely_unit)):
+        return True
+    return bool(re.search(LOAD_CELL, parted_name(channel.name or channel.key)))
+
+
+def is_alike(values: Array, torque: Array) -> bool:
+    """Whether readings (n,) follow a torque, as the raw readings of its load cell do."""
+    is_known = np.isfinite(values) & np.isfinite(torque)
+    if not varies(values[is_known]):
+        return True
+    return bool(abs(np.corrcoef(values[is_known], torque[is_known])[0, 1]) > ALIKE)
 
 
 def measured_torques(channels: Sequence[Channel], signals: Sequence[Signal]) -> list[str]:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from osl_analysis.config.experiments import EXPERIMENTS, Experiment
 from osl_analysis.errors import Change, InputError, listing
-from osl_analysis.ingest.guard import leaps_of_trial, lost_rows_of_trial
+from osl_analysis.ingest.row_faults import row_faults_of
 from osl_analysis.measured import factor_of, usual_size
 from osl_analysis.plates import beside, plate_axes
 from osl_analysis.signals import longest_run, run_at_extreme, run_edges, runs
@@ -636,19 +636,10 @@ def held(
 def measure_dropout(examined: Examined) -> CheckResult:
     """Largest number of leaps of the angle or the torque off its curve (`guard.find_leaps`), or of
     places where rows are missing and the stamps go on (`guard.lost_rows`)."""
-    trial = examined.trial
-    lost = lost_rows_of_trial(trial)
-    if lost is not None:
-        return CheckResult(float(lost.count), lost.text)
-    found = leaps_of_trial(trial)
-    if not found:
+    found = row_faults_of(examined.trial)
+    if not found.leaps:
         return not_applicable("neither theta nor torque")
-    most = max(found, key=lambda leaps: leaps.count)
-    if most.first_s is None:
-        return CheckResult(0.0)
-    return CheckResult(
-        float(most.count), f"{most.column}, first in row {most.row} ({most.first_s:.3f} s)"
-    )
+    return CheckResult(float(found.count), "; ".join(found.texts))
 
 
 # Zeros, turns, and markers.
@@ -797,6 +788,8 @@ def measure_pressure_travel(examined: Examined) -> CheckResult:
 
 ANGLES = ("theta", "theta_m", "theta_command")
 CONFUSED_UNITS = {"rad": ("rad", "deg", "mrad"), "N*m": ("N*m", "N*mm", "N*cm")}
+"""By SI unit, the most usual ones first."""
+SMALLEST_MOTION = math.radians(0.5)  # of an angle's range; no recording of a joint has less
 
 
 def check_own_torque(trial: Trial, torque: str = "torque") -> None:
@@ -853,11 +846,17 @@ def check_recording(
         )
     if turn / 2 > limits.largest_angle:
         angles = [name for name in ANGLES if name in trial.columns]
+        assert angle is not None
         too_large = [name for name in angles if half_range(trial, name) > limits.largest_angle]
         changes = in_other_units(trial, too_large)
         cause = "is it another channel, or of another unit or scale? Correct it in the source file"
         if measured.size and change / 2 < limits.largest_angle:
-            changes = []
+            words = f"swap the channels of {angle} and {torque} in the source file"
+            in_deg = f"{words}, and state `unit: deg` of {angle}"
+            changes = [
+                Change(words, swapped=(angle, torque)),
+                Change(in_deg, {angle: math.radians(1)}, swapped=(angle, torque), rank=1),
+            ]
             cause = (
                 f"{torque} has +-{change / 2:.2g} N*m only, are the two swapped? Correct them in"
                 " the source file"
@@ -890,15 +889,18 @@ def half_range(trial: Trial, column: str) -> float:
 
 
 def in_other_units(trial: Trial, columns: Sequence[str]) -> list[Change]:
-    """The changes that take columns for numbers of another unit than they are declared in."""
+    """The changes that take columns for numbers of another unit than they are declared in, the more
+    usual unit first. A unit with which the joint hardly moves is none of them."""
     si_unit = unit_of(columns[0])
     declared = float(origin(trial, columns[0]).get("factor", 1))
-    changes = []
+    turn = 2 * half_range(trial, "theta") if "theta" in trial.columns else math.inf
+    changes: list[Change] = []
     for unit in CONFUSED_UNITS[si_unit]:
         factor = si_factor(unit, si_unit) / declared
-        if not math.isclose(factor, 1):
+        moves = turn * (factor if "theta" in columns else 1) > SMALLEST_MOTION
+        if moves and not math.isclose(factor, 1):
             words = f"state `unit: {unit}` of {' and '.join(columns)} in the source file"
-            changes.append(Change(words, dict.fromkeys(columns, factor)))
+            changes.append(Change(words, dict.fromkeys(columns, factor), rank=len(changes)))
     return changes
 
 

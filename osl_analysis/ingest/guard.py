@@ -1,5 +1,6 @@
 """The guard of a trial's numbers after ingest. Sizes that nothing can reach are refused. Samples of
-the joint's angle and torque that leap off the curve of their neighbours are counted.
+the joint's angle and torque that leap off the curve of their neighbours are counted, and places
+where rows are missing.
 
 A flipped bit, a lost or an exchanged block of a file without checksums, and a sensor that fails
 look alike in the samples. What did it, no file tells; so the guard only says where to look."""
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
 from osl_analysis.measured import usual_size
-from osl_analysis.trial import Array, Trial, unit_of
+from osl_analysis.trial import Array, unit_of
 
 LARGEST_MEASURED = {  # largest possible size of a value, by its SI unit
     "m": 1e3,  # no laboratory is a kilometre long
@@ -76,10 +77,13 @@ class Leaps:
     """Samples of a channel that leap off the curve of their neighbours."""
 
     column: str
-    count: int  # a single wrong number is one leap, a block of them two
-    first_s: float | None  # time of the first one; None without one
-    row: int = 0  # in which it stands among the samples of the channel, from 1
-    times: tuple[float, ...] = ()  # of all [s]
+    rows: tuple[int, ...] = ()  # in which they stand among the samples of the channel, from 1
+    times: tuple[float, ...] = ()  # [s]
+
+    @property
+    def count(self) -> int:
+        """Number of leaps: a single wrong number is one, a block of them two."""
+        return len(self.times)
 
 
 def check_sizes(samples: pl.DataFrame, columns: Collection[str]) -> None:
@@ -99,12 +103,6 @@ def check_sizes(samples: pl.DataFrame, columns: Collection[str]) -> None:
                 " nothing here can be so large; correct its unit or scale in the source file, or"
                 " repair the recording or the byte order it states"
             )
-
-
-def leaps_of_trial(trial: Trial) -> list[Leaps]:
-    """Count the leaps of each guarded channel that a trial has."""
-    columns = [column for column in GUARDED if column in trial.columns]
-    return [find_leaps(column, *trial.arrays(column)) for column in columns]
 
 
 def find_leaps(column: str, time: Array, values: Array) -> Leaps:
@@ -127,7 +125,7 @@ def find_leaps(column: str, time: Array, values: Array) -> Leaps:
     Leaps
         Without a count if the channel is short or hardly ever moves.
     """
-    nothing = Leaps(column, 0, None)
+    nothing = Leaps(column)
     seen = np.isfinite(values)
     time, values = time[seen], values[seen]
     if values.size < FEWEST_SAMPLES:
@@ -150,33 +148,30 @@ def find_leaps(column: str, time: Array, values: Array) -> Leaps:
         return nothing
 
     # of the samples k to k + 3 of the largest third difference, k + 2 leaps, or the one before
-    first = int(leaps[0]) + 2
-    row = int(np.flatnonzero(seen)[first]) + 1
-    times = tuple(time[leaps + 2].tolist())
-    return Leaps(column, leaps.size, float(time[first]), row, times)
+    places = leaps + 2
+    rows = np.flatnonzero(seen)[places] + 1
+    return Leaps(column, tuple(rows.tolist()), tuple(time[places].tolist()))
 
 
 @dataclass(frozen=True)
 class LostRows:
-    """Rows that are missing, although the stamps go on."""
+    """Places where rows are missing, although the stamps go on."""
 
-    count: int  # places
+    rows: tuple[int, ...]  # behind which they are missing, from 1
+    times: tuple[float, ...]  # of these rows [s]
     steps: float  # of the angle in one, at the first
-    row: int  # behind which the first are missing, from 1
-    first_s: float
+
+    @property
+    def count(self) -> int:
+        return len(self.rows)
 
     @property
     def text(self) -> str:
         """Where they are missing, for a message."""
         return (
-            f"rows are missing, first behind row {self.row} ({self.first_s:.3f} s): theta goes on"
-            f" by {self.steps:.1f} steps in one, and the stamps were numbered after it"
+            f"rows are missing, first behind row {self.rows[0]} ({self.times[0]:.3f} s): theta goes"
+            f" on by {self.steps:.1f} steps in one, and the stamps were numbered after it"
         )
-
-
-def lost_rows_of_trial(trial: Trial) -> LostRows | None:
-    """The places where rows of a trial were lost, by its angle; None for one without theta."""
-    return lost_rows(*trial.arrays("theta")) if "theta" in trial.columns else None
 
 
 def lost_rows(time: Array, angle: Array) -> LostRows | None:
@@ -207,8 +202,9 @@ def lost_rows(time: Array, angle: Array) -> LostRows | None:
     places = np.flatnonzero(is_smooth & is_whole & (passed > LOST))
     if not places.size or are_paced(places):
         return None
-    row = int(places[0]) + 3
-    return LostRows(places.size, float(passed[places[0]]), row, float(time[row - 1]))
+    rows = places + 3
+    times = tuple(time[rows - 1].tolist())
+    return LostRows(tuple(rows.tolist()), times, float(passed[places[0]]))
 
 
 def smallest_motion(values: Array) -> float:

@@ -13,7 +13,7 @@ import numpy as np
 from osl_analysis.measured import factor_of, rms, varies, visible_step
 from osl_analysis.trial import Array
 
-Kind = Literal["angle", "speed", "current"]
+Kind = Literal["angle", "speed", "current", "other"]
 MOST_ROWS = 2000  # that are compared
 FEWEST_ROWS = 200
 MOST_SIGNALS = 8
@@ -126,6 +126,8 @@ def terms_of(signals: Sequence[Signal], signs: Sequence[Signal] | None = None) -
     for place, signal in enumerate(signals):
         x = signal.values
         terms.append(Term((place,), x, is_linear=True))
+        if signal.kind == "other":
+            continue
         if signal.kind == "angle":
             terms += [Term((place,), x**power) for power in range(2, HIGHEST_POWER + 1)]
         else:
@@ -182,7 +184,7 @@ def rounding_step(values: Array) -> float:
 
 def formula(signals: Sequence[Signal], terms: Sequence[Term], factors: Array, least: float) -> str:
     """The terms of at least this size in words; empty where they are the deflection of a spring,
-    between two encoders."""
+    between two encoders, or of other signals alone, which may be a load cell's own channels."""
     used = [
         (factor, term)
         for factor, term in zip(factors, terms, strict=True)
@@ -194,7 +196,7 @@ def formula(signals: Sequence[Signal], terms: Sequence[Term], factors: Array, le
         for place in places
         if signals[place].kind == "angle" and not signals[place].is_command
     ]
-    if len(encoders) > 1:
+    if len(encoders) > 1 or all(signals[place].kind == "other" for place in places):
         return ""
     if not all(term.is_linear for _, term in used):
         return f"a function of {' and '.join(repr(signals[place].name) for place in places)}"

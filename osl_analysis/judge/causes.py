@@ -216,6 +216,8 @@ def cause_of(name: str, value: float, row: AnyRow) -> Cause:
         return CAUSES["plate with a threshold"]
     if name == "rate_change" and value < 0:
         return CAUSES["loss that falls with speed"]
+    if name == "fault_harm" and cell_number(row, "row_harm"):
+        return CAUSES["lost or joined rows"]
     if name == "fault_harm":
         hypothesis, family = str(row.get("fault")), str(row.get("fault_family"))
         return CAUSES[HYPOTHESES.get(hypothesis) or HYPOTHESES[family]]

@@ -64,7 +64,8 @@ def words_of(finding: Finding, row: AnyRow) -> Words:
     remedy = entry.get(finding.remedy.value) or entry[Remedy.WHOLE.value]
     if finding.grade is Grade.NOTES:
         remedy = WORDS["remarks"]["within_accuracy"]
-    return Words(entry["says"], size_text(finding, row), capital(remedy))
+    cells = Cells(row)
+    return Words(entry["says"], size_text(finding, row), capital(filled(remedy, cells)))
 
 
 def unchecked_words(finding: Finding, row: AnyRow) -> Words:
@@ -368,6 +369,25 @@ def lag_text(cells: Cells) -> str:
     return f"{signal} is late by {lag_ms} ms, which moves {' and '.join(effects)}"
 
 
+def late_remedy(cells: Cells) -> str:
+    """What to state of a late channel; nothing where the size of the cause tells it."""
+    if "certain_lag_s" in cells:
+        return ""
+    lag_s = cell_number(cells.row, "lag_s")
+    if lag_s is None:
+        return "measure the delay by a known spring (`calibration`), and state it"
+    signal = "angle" if lag_s < 0 else "torque"
+    return (
+        f"add {significant(1e3 * abs(lag_s), 3)} ms to the `delay` of the {signal} in the source"
+        " file, or state its `low_pass` there"
+    )
+
+
+def explained(cells: Cells) -> str:
+    """The hypotheses that explain a recording, where its rows do not."""
+    return "" if "row_fault" in cells else f"explained by {cells['explanations']}"
+
+
 def energy_lost_by_lag(cells: Cells) -> str:
     """How late a torque would make the energy lost depend on the speed."""
     late_ms = 1e3 * cells["late_s"]
@@ -416,7 +436,8 @@ def calibrated_lag_text(cells: Cells) -> str:
         )
     else:
         remedy = f"add {1e3 * lag_s:.3g} ms to its `delay` and write `{to_state}`"
-    return f"the torque is late by {1e3 * lag_s:.3g} ± {1e3 * half_s:.2g} ms, {remedy}"
+    way = "early" if lag_s < 0 else "late"
+    return f"the torque is {way} by {1e3 * abs(lag_s):.3g} ± {1e3 * half_s:.2g} ms, {remedy}"
 
 
 LONGEST_DELAY_S = 0.02  # of a controller; a longer one is not what takes damping off
@@ -508,7 +529,9 @@ def range_of_hidden_damping(cells: Cells) -> str:
 
 
 COMPUTED: Mapping[str, Callable[[Cells], str]] = {
+    "explained": explained,
     "late": lag_text,
+    "late_remedy": late_remedy,
     "loop": energy_lost_by_lag,
     "known": calibration_text,
     "gap": damping_gap_text,

@@ -1,0 +1,78 @@
+"""Rows that were lost, joined, wrong or written twice are told by their row, and once."""
+
+import numpy as np
+import polars as pl
+import pytest
+
+from osl_analysis.ingest.row_faults import find_row_faults, row_faults_of, with_row_faults
+from osl_analysis.trial import Trial
+
+RATE_HZ = 500.0
+TIME = np.arange(6000) / RATE_HZ
+TURN = 2 * np.pi * TIME
+THETA = 0.06 * np.sin(0.9 * TURN) + 0.02 * np.sin(2.7 * TURN)
+TORQUE = 150 * THETA + 0.04 * np.random.default_rng(1).standard_normal(TIME.size)
+
+
+def trial_of(rows) -> Trial:
+    """The sound recording's rows, in this order and numbered anew."""
+    time = np.arange(len(rows)) / RATE_HZ
+    columns = {"time": time, "theta": THETA[rows], "torque": TORQUE[rows]}
+    return Trial("a", pl.DataFrame(columns), {"warnings": []})
+
+
+def test_a_sound_recording_has_no_fault():
+    faults = find_row_faults(trial_of(np.arange(6000)))
+
+    assert (faults.count, faults.texts) == (0, [])
+
+
+def test_lost_rows_are_told_by_the_row_behind_them():
+    trial = with_row_faults(trial_of(np.delete(np.arange(6000), slice(3000, 3090))))
+
+    (warning,) = trial.provenance["warnings"]
+    assert warning.startswith("theta and torque leap in row 3001 (6.000 s) and go on elsewhere:")
+
+
+def test_values_that_come_back_are_told_as_such_and_are_no_lost_rows():
+    rows = np.arange(6000)
+    rows[3000:3004] = 1450
+
+    faults = find_row_faults(trial_of(rows))
+
+    assert faults.breaks == []
+    assert "is back in row 3005: values of no sensor" in faults.texts[0]
+
+
+def test_a_block_that_stands_twice_is_left_out_and_what_follows_is_numbered_anew():
+    rows = np.concatenate([np.arange(3000), np.arange(2800, 6000)])
+
+    trial = with_row_faults(trial_of(rows))
+
+    assert trial.provenance["warnings"][0].startswith("rows 3001 to 3200 repeat the 200 rows")
+    assert trial.samples.equals(trial_of(np.arange(6000)).samples)
+    assert len(trial.provenance["warnings"]) == 1
+
+
+def test_a_block_of_a_motion_that_repeats_itself_stands_once():
+    period = 1000
+    columns = {"theta": np.tile(THETA[:period], 6), "torque": np.tile(TORQUE[:period], 6)}
+    trial = Trial("a", pl.DataFrame({"time": TIME, **columns}))
+
+    assert len(with_row_faults(trial).samples) == len(trial.samples)
+
+
+@pytest.mark.parametrize(("windows", "count"), [("0-5", 0), ("5-9", 1)])
+def test_what_ingest_noted_counts_where_its_rows_are_analysed(windows, count):
+    trial = with_row_faults(trial_of(np.delete(np.arange(6000), slice(3000, 3090))))
+
+    assert row_faults_of(trial.within(windows)).count == count
+
+
+def test_the_parts_between_faults_are_what_can_be_analysed():
+    trial = trial_of(np.delete(np.arange(6000), slice(3000, 3090)))
+
+    first, second = find_row_faults(trial).windows(trial)
+
+    assert first == pytest.approx((0.0, 5.8))
+    assert second == pytest.approx((6.2, TIME[5909]))

@@ -375,6 +375,20 @@ def test_a_walking_laboratory_is_drafted_from_the_names_of_captures_and_markers(
         read_source(tmp_path / f"mine/sources/{name}.yaml")
 
 
+def test_the_leg_whose_foot_is_on_the_loaded_plate_is_the_one_that_steps_on_the_platform(tmp_path):
+    rec = tmp_path / "rec"
+    rec.mkdir()
+    left = {f"L{name[1:]}": place for name, place in LEG.items()}
+    right_ahead = {name: np.add(place, (600, 0, 0)) for name, place in LEG.items()}
+    capture(rec / "static_1.c3d", {**LEG, **left}, force=800)
+    capture(rec / "walk_pert_2.c3d", {**right_ahead, **left}, force=800)
+
+    draft = new_campaign(tmp_path / "mine", recordings=rec)
+
+    assert yaml.safe_load(draft.walking)["walking"]["side"] == "left"
+    assert "its foot is on the plate in 1 of 1 captures" in draft.walking
+
+
 def test_what_the_captures_of_walking_do_not_tell_is_unknown_and_to_be_edited(tmp_path):
     (tmp_path / "rec").mkdir()
     capture(

@@ -38,7 +38,7 @@ from osl_analysis.ingest.draft_sheet import (
     is_fixture_alone,
     states_perturbation,
 )
-from osl_analysis.ingest.draft_walking import draft_walking, segment_of
+from osl_analysis.ingest.draft_walking import draft_walking, segment_of, stepping_leg
 from osl_analysis.ingest.likely_column import named_joint
 from osl_analysis.ingest.overview import FEWEST_READINGS, Overview
 from osl_analysis.ingest.placeholders import UNKNOWN
@@ -435,9 +435,10 @@ def join_session_log(draft: Draft, described: Sequence[Described]) -> None:
     for trial in walks:
         trial.cells.update(log=alone[0].cells["log"], log_source=session.source)
     draft.trials.remove(alone[0])
+    side = stepping_leg([capture.overview for capture in of_walks]).side
     for name in {capture.source for capture in of_walks}:
         capture = next(one for one in of_walks if one.source == name)
-        draft.sources[name] = with_session_log(draft.sources[name], capture.overview)
+        draft.sources[name] = with_session_log(draft.sources[name], capture.overview, side)
 
 
 def align_by_pulses(sources: dict[str, str], trials: Sequence[DraftedTrial]) -> None:

@@ -38,16 +38,17 @@ def is_gated(capture: Overview, lengths: Array) -> bool:
     return False
 
 
-def with_session_log(source: str, capture: Overview) -> str:
+def with_session_log(source: str, capture: Overview, side: str) -> str:
     """The drafted source file of captures, with the gate as `sync` and the angle that the log has,
-    too, where the names of channels and markers tell them."""
+    too, where the names of channels and markers tell them. `side`, R or L, is the leg's with the
+    log; empty if markers have none."""
     analogs = [one for one in capture.channels if one.kind == "analog"]
     gates = [one for one in analogs if is_high_throughout(one)]
     if len(gates) == 1 and "\n# analogs:\n" in source:
         address = json.dumps(with_number(gates[0], analogs).key)
         line = f'  sync: {{channel: {address}, unit: "V"}}  # a guess: it is high throughout'
         source = source.replace("\n# analogs:\n", f"\nanalogs:\n{line}\n")
-    markers = angle_markers([one for one in capture.channels if one.kind == "marker"])
+    markers = angle_markers([one for one in capture.channels if one.kind == "marker"], side)
     if markers:
         listed = ", ".join(json.dumps(name) for name in markers)
         source += f"shared: {{column: theta, markers: [{listed}]}}  # a guess, by their names\n"
@@ -63,12 +64,11 @@ def is_high_throughout(channel: RecordedChannel) -> bool:
     return level > HIGH_V and float(np.std(channel.numbers)) < MOST_NOISE * level
 
 
-def angle_markers(channels: Sequence[RecordedChannel]) -> list[str]:
-    """Markers of knee, ankle and forefoot of the leg that steps on the platform; empty if the names
-    do not tell one of each."""
+def angle_markers(channels: Sequence[RecordedChannel], side: str) -> list[str]:
+    """Markers of knee, ankle and forefoot of the leg of a side; empty if the names do not tell one
+    of each."""
     names = list(dict.fromkeys(one.name or one.key for one in channels))
     places = {name: segment_of(name) for name in names}
-    side = max((side for side, segment in places.values() if segment == "foot"), default="")
     knees = [
         name for name in names if re.fullmatch(rf"{side}[._ ]?(LAT[._ ]?)?KNEE?", name.upper())
     ]

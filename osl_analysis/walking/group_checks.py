@@ -62,32 +62,53 @@ class SingleChecks:
     stance_change: float | None  # None if no stance is known
 
 
-def check_single(response: PerturbationResponse, fit: LinearFit) -> SingleChecks:
-    """Compare residual and offset of one fit with those that ordinary gait causes."""
+def check_single(
+    response: PerturbationResponse, fit: LinearFit, plate_unexplained: float | None = None
+) -> SingleChecks:
+    """Compare residual and offset of one fit with those that ordinary gait and the plate cause.
+
+    `plate_unexplained` is the share of the plate's own wrench that its model leaves: that is one
+    cause in all crossings, and judged as such.
+    """
     motion = response.fitted_motion
     torque = response.fitted_torque
     of_gait = gait_torque(response, fit)[:, response.window]
+    of_plate = torque_of_plate(response, plate_unexplained or 0.0)
     offset = compare_offset(motion, torque, fit["K"])
     columns = np.column_stack([motion.columns, np.ones_like(motion.theta)])
-    gait_offsets = np.linalg.lstsq(columns, of_gait.T, rcond=None)[0][-1]
-    scatter = float(np.std(gait_offsets, ddof=1))
+    causes = np.vstack([of_gait, of_plate])
+    *gait_offsets, plate_offset = np.linalg.lstsq(columns, causes.T, rcond=None)[0][-1]
+    scatter = float(np.hypot(np.std(gait_offsets, ddof=1), plate_offset))
     changes_K = abs(offset.lowers_K) > SMALLEST_OFFSET_SHARE
     return SingleChecks(
-        residual_over_gait=residual_over_gait(motion, torque, of_gait),
+        residual_over_gait=residual_over_gait(motion, torque, of_gait, of_plate),
         offset_over_gait=abs(offset.offset) / scatter if changes_K and scatter > 0 else None,
         stance_change=response.stance_change if np.isfinite(response.stance_change) else None,
     )
 
 
-def residual_over_gait(motion: Motion, torque: Array, of_gait: Array) -> float | None:
-    """RMS residual of Eq. 15 over that of ordinary gait (crossings, k).
+def torque_of_plate(response: PerturbationResponse, share: float) -> Array:
+    """Torque (window,) [N*m] of a share of the plate's own wrench."""
+    row = [*LABORATORY_ERRORS].index("plate_inertia")
+    if not share or len(response.lab_errors) <= row:  # of a log: no plate
+        return np.zeros_like(response.fitted_torque)
+    size = LABORATORY_ERRORS["plate_inertia"].size / 100
+    return np.asarray(share / size * response.lab_errors[row, response.window])
+
+
+def residual_over_gait(
+    motion: Motion, torque: Array, of_gait: Array, of_plate: Array | None = None
+) -> float | None:
+    """RMS residual of Eq. 15 over that of ordinary gait (crossings, k) and of the plate (k,).
 
     None below 3 % of the torque, or over 0.
     """
     residual = unexplained_rms(motion.columns, torque[None])
-    gait_residual = unexplained_rms(motion.columns, of_gait)
-    if residual > SMALLEST_RESIDUAL_SHARE * rms(torque) and gait_residual > 0:
-        return residual / gait_residual
+    usual = unexplained_rms(motion.columns, of_gait)
+    if of_plate is not None:
+        usual = float(np.hypot(usual, unexplained_rms(motion.columns, of_plate[None])))
+    if residual > SMALLEST_RESIDUAL_SHARE * rms(torque) and usual > 0:
+        return residual / usual
     return None
 
 

@@ -36,7 +36,12 @@ from osl_analysis.table import read_table
 from osl_analysis.walking.crossing import Crossing, platform_turn
 from osl_analysis.walking.crossing_quality import CrossingQuality
 from osl_analysis.walking.ensemble import group_headline
-from osl_analysis.walking.group_checks import load_error, moment_error
+from osl_analysis.walking.group_checks import (
+    SetUpDifference,
+    load_error,
+    moment_error,
+    set_up_difference,
+)
 from osl_analysis.walking.group_table import (
     SMALLEST_DIFFERENCES,
     TimingPoint,
@@ -817,6 +822,18 @@ def test_the_static_trial_tells_the_plate_s_gain_by_the_body_mass(
     assert load_error([replace(known, body_mass=None)]) is None
     one_foot = replace(known, quality=CrossingQuality(standing_N=390.0))
     assert load_error([one_foot]) is None
+
+
+def test_a_difference_from_the_static_trial_counts_where_half_of_a_kind_of_crossings_have_it() -> (
+    None
+):
+    rows = pl.DataFrame({
+        "perturbed": [True, True, False, False, False, False],
+        "different": ["a marker", "corners", "corners", "corners", "ankle", "a marker"],
+        "different_mm": [1.0, 2.0, 20.0, 30.0, 90.0, 40.0],
+    })  # fmt: skip
+
+    assert set_up_difference(rows) == SetUpDifference("corners", 25.0)
 
 
 def test_a_slope_of_k_between_timings_tells_the_damping_without_it() -> None:

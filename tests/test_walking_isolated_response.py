@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
+import scipy.stats
 from scipy.interpolate import make_interp_spline
 from scipy.stats import norm, t
 from walking_crossings import LEAD, RISE, TURN, crossing
@@ -35,6 +36,7 @@ from osl_analysis.walking.group_checks import (
     check_group,
     check_reflex,
     check_single,
+    normal_scatters,
 )
 from osl_analysis.walking.impedance_fit import (
     compare_offset,
@@ -804,6 +806,17 @@ def test_a_single_fit_is_judged_by_what_ordinary_gait_leaves() -> None:
     assert judged(sound).offset_over_gait is None
     assert judged(dropped).residual_over_gait > 6
     assert judged(hurried(sound)).stance_change == pytest.approx(-0.08, abs=0.03)
+
+
+@pytest.mark.parametrize("crossings", [3, 14, 500])
+def test_a_ratio_to_the_scatter_of_few_crossings_is_as_rare_as_its_normal_deviate(
+    crossings: int,
+) -> None:
+    t = 4.0 / np.sqrt(1 + 1 / crossings)
+
+    found = normal_scatters(4.0, crossings)
+
+    assert scipy.stats.norm.sf(found) == pytest.approx(scipy.stats.t.sf(t, crossings - 1))
 
 
 def test_what_the_plate_leaves_in_every_crossing_is_no_doubt_of_a_single_one() -> None:

@@ -49,6 +49,8 @@ class CrossingQuality:
     encoder_delay_ms: float | None = None
     encoder_rms_deg: float | None = None
     shoe_compliance: float | None = None
+    different: str | None = None
+    different_mm: float | None = None
 
 
 @dataclass(frozen=True)

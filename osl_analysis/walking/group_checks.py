@@ -79,12 +79,24 @@ def check_single(
     causes = np.vstack([of_gait, of_plate])
     *gait_offsets, plate_offset = np.linalg.lstsq(columns, causes.T, rcond=None)[0][-1]
     scatter = float(np.hypot(np.std(gait_offsets, ddof=1), plate_offset))
-    changes_K = abs(offset.lowers_K) > SMALLEST_OFFSET_SHARE
+    offset_over_gait = None
+    if abs(offset.lowers_K) > SMALLEST_OFFSET_SHARE and scatter > 0:
+        offset_over_gait = normal_scatters(abs(offset.offset) / scatter, len(gait_offsets))
     return SingleChecks(
         residual_over_gait=residual_over_gait(motion, torque, of_gait, of_plate),
-        offset_over_gait=abs(offset.offset) / scatter if changes_K and scatter > 0 else None,
+        offset_over_gait=offset_over_gait,
         stance_change=response.stance_change if np.isfinite(response.stance_change) else None,
     )
+
+
+def normal_scatters(ratio: float, crossings: int) -> float:
+    """What a ratio to the SD of some crossings is in SDs of as rare a normal deviate.
+
+    The SD of few crossings is uncertain: a further one is Student-distributed about their mean.
+    """
+    t = ratio / np.sqrt(1 + 1 / crossings)
+    rarity = scipy.special.stdtr(crossings - 1, -t)
+    return float(-scipy.special.ndtri(max(rarity, np.finfo(float).tiny)))
 
 
 def torque_of_plate(response: PerturbationResponse, share: float) -> Array:
@@ -544,6 +556,28 @@ def mean_quality(crossings: Sequence[Crossing], column: str) -> float | None:
     values = [getattr(crossing.quality, column) for crossing in crossings]
     present = [value for value in values if value is not None]
     return float(np.mean(present)) if present else None
+
+
+@dataclass(frozen=True)
+class SetUpDifference:
+    """What stands most otherwise in the crossings than in the static trial; None if unknown."""
+
+    different: str | None
+    different_mm: float | None  # mean over the crossings in which it is the largest difference
+
+
+def set_up_difference(crossings: pl.DataFrame) -> SetUpDifference:
+    """Find the largest difference that half of the perturbed, or of the unperturbed, crossings have
+    in rows of `walking_crossings.csv`."""
+    if "different" not in crossings.columns:
+        return SetUpDifference(None, None)
+    largest = SetUpDifference(None, None)
+    for of_kind in crossings.drop_nulls("different").partition_by("perturbed"):
+        for of_what in of_kind.partition_by("different"):
+            mean_mm = float(of_what["different_mm"].cast(pl.Float64).mean())  # type: ignore[arg-type]
+            if 2 * len(of_what) >= len(of_kind) and mean_mm > (largest.different_mm or 0.0):
+                largest = SetUpDifference(of_what["different"][0], mean_mm)
+    return largest
 
 
 @dataclass(frozen=True)

@@ -389,5 +389,7 @@ def crossing_row(comparison: Comparison, reason: str | None, place: Place) -> di
         "encoder_delay_ms": quality.encoder_delay_ms,
         "encoder_rms_deg": quality.encoder_rms_deg,
         "shoe_compliance": quality.shoe_compliance,
+        "different": quality.different,
+        "different_mm": quality.different_mm,
         **place.columns(),
     }

@@ -153,7 +153,9 @@ def analyse_crossing(
     shear = np.array([np.sum(force * ankle.axis, axis=1), np.sum(force * ankle.forward, axis=1)])
     check_roll(phase, load, shear, torque if passage.onset is None else None)
     encoder = compare_encoder(trial, passage.time, ankle.theta, torque, settings.low_pass)
-    quality = crossing_quality(passage, ankle, load, unloaded, calibration, encoder, settings)
+    quality = crossing_quality(
+        trial, passage, ankle, load, unloaded, calibration, encoder, settings
+    )
     unlike_static = differences(trial, passage, ankle, calibration, settings)
     different = max(unlike_static, key=lambda what: unlike_static[what])
     quality = replace(quality, different=different, different_mm=1e3 * unlike_static[different])

@@ -28,7 +28,7 @@ from osl_analysis.walking.ensemble import (
 )
 from osl_analysis.walking.impedance_fit import compare_offset, fit_response, gait_torque
 from osl_analysis.walking.isolated_response import PerturbationResponse
-from osl_analysis.walking.poses import FREE_FALL
+from osl_analysis.walking.plate_gain import KnownLoads, check_gain, weight_of
 from osl_analysis.walking.reactions import (
     RAMP,
     REACTIONS,
@@ -49,7 +49,6 @@ CERTAIN_PROBABILITY = 0.999  # of Student's t, because several reactions are tri
 CERTAIN_MOMENT_SES = 4.0
 FEWEST_FOR_MOMENTS = 6  # crossings
 SMALLEST_TURN = 0.2  # of directions of walk, about 20 deg (SD), that tells the plate's place
-LARGEST_LOAD_ERROR = 0.25  # of a plate on which both feet stand; one foot carries half
 UNDISTURBED_PHASE = 0.38  # of stance, until which a crossing tells the error of the moments
 
 
@@ -470,6 +469,7 @@ class WitnessChecks:
     plate_unexplained: float | None
     plate_zeroed: float | None
     load_error: float | None
+    load_judged_by: str | None
     pressure_outside_m: float | None
     filled_share: float | None
     filled_fitted: float | None
@@ -506,6 +506,7 @@ def check_witnesses(
     K_per_m = None  # of the corners' height
     if late is None:
         K_per_m = 100 * high["K"] if high else 0.0
+    gain = check_gain(known_loads(crossings))
     by_unexplained: dict[str, float] = {}
     if of_plate is not None and unexplained is not None:
         # the row is of 1 % of the plate's wrench
@@ -517,7 +518,8 @@ def check_witnesses(
         plate_ringing_hz=mean_quality(crossings, "plate_ringing_hz"),
         plate_unexplained=unexplained,
         plate_zeroed=mean_quality(crossings, "plate_zeroed"),
-        load_error=load_error(crossings),
+        load_error=gain.load_error,
+        load_judged_by=gain.load_judged_by,
         pressure_outside_m=mean_quality(crossings, "pressure_outside_m"),
         filled_share=mean_quality(crossings, "filled_share"),
         filled_fitted=mean_quality(crossings, "filled_fitted"),
@@ -536,19 +538,17 @@ def check_witnesses(
     )
 
 
-def load_error(crossings: Sequence[Crossing]) -> float | None:
-    """By what share the plate reads more than the weight of who stands on it in the static trial.
-
-    None where either is not known, or so far off that the other foot may be on the floor.
-    """
-    errors: list[float] = []
-    for crossing in crossings:
-        load = crossing.quality.standing_N
-        if load is not None and crossing.body_mass is not None:
-            weight = crossing.body_mass * float(np.linalg.norm(FREE_FALL))
-            errors.append(load / weight - 1)
-    error = float(np.mean(errors)) if errors else None
-    return None if error is None or abs(error) > LARGEST_LOAD_ERROR else error
+def known_loads(crossings: Sequence[Crossing]) -> KnownLoads:
+    """Mean loads over crossings, which tell the gain of the platform's plate."""
+    weights = [weight_of(crossing.body_mass) for crossing in crossings]
+    known_weights = [weight for weight in weights if weight is not None]
+    return KnownLoads(
+        weight=float(np.mean(known_weights)) if known_weights else None,
+        standing=mean_quality(crossings, "standing_N"),
+        standing_beside=mean_quality(crossings, "standing_beside_N"),
+        stride=mean_quality(crossings, "stride_N"),
+        stride_beside=mean_quality(crossings, "stride_beside_N"),
+    )
 
 
 def mean_quality(crossings: Sequence[Crossing], column: str) -> float | None:

@@ -111,9 +111,19 @@ class StaticCalibration:
     def standing_load(self, plate: int) -> float | None:
         """Vertical force [N] of a plate on which alone somebody stands; None if nobody does."""
         load = self.plate_loads.get(plate, 0.0)
-        others = sum(abs(other) for number, other in self.plate_loads.items() if number != plate)
-        is_on_it_alone = load > LEAST_STANDING_N and others < MOST_BESIDE * load
+        is_on_it_alone = load > LEAST_STANDING_N and self.load_beside(plate) < MOST_BESIDE * load
         return load if is_on_it_alone else None
+
+    def standing_load_beside(self, plate: int) -> float | None:
+        """Vertical force [N] of the other plates, while nobody stands on this one; None if nobody
+        stands on them."""
+        beside = self.load_beside(plate)
+        is_empty = abs(self.plate_loads.get(plate, 0.0)) < MOST_BESIDE * beside
+        return beside if beside > LEAST_STANDING_N and is_empty else None
+
+    def load_beside(self, plate: int) -> float:
+        """Sum of the sizes of the vertical forces [N] of all other plates."""
+        return sum(abs(load) for number, load in self.plate_loads.items() if number != plate)
 
     def positions(self, names: Sequence[str], trial: str) -> Array:
         """Positions (m, 3) [m] of the named markers; `trial` is for messages."""

@@ -472,11 +472,17 @@ def marker_angle(mocap: Converted, shared: SharedAngle) -> Signal:
             )
         columns += names
     seen = mocap.samples.select("time", *columns).fill_nan(None).drop_nulls()
-    first, vertex, last = seen.select(columns).to_numpy().reshape(-1, 3, 3).transpose(1, 0, 2)
+    return seen["time"].to_numpy(), angle_at(
+        *seen.select(columns).to_numpy().reshape(-1, 3, 3).swapaxes(0, 1)
+    )
+
+
+def angle_at(first: Array, vertex: Array, last: Array) -> Array:
+    """Angle (n,) [rad] at the second of three points, (n, 3) each."""
     one = first - vertex
     other = last - vertex
     sine = np.linalg.norm(np.cross(one, other), axis=1)
-    return seen["time"].to_numpy(), np.arctan2(sine, (one * other).sum(axis=1))
+    return np.asarray(np.arctan2(sine, (one * other).sum(axis=1)))
 
 
 def values_of(recording: Converted, column: str, advice: str) -> tuple[Array, Array]:

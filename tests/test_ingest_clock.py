@@ -110,6 +110,9 @@ def test_edges_are_found_between_samples_and_noise_at_the_mid_level_makes_none()
     logic = find_edges(np.array([0.0, 2.0, 4.0, 6.0]), np.array([0.0, 0.0, 1.0, 0.0]))
     assert (logic[0].tolist(), logic[1].tolist()) == ([3.0, 5.0], [True, False])
     assert find_edges(np.arange(5.0), np.full(5, 3.3))[0].size == 0
+    last_bit = 0.0024 * np.random.default_rng(0).integers(0, 2, 200)
+    assert find_edges(np.arange(200.0), 4.93 + last_bit)[0].size == 0
+    assert find_edges(np.arange(200.0), last_bit)[0].size == 0
     noisy = find_edges(np.arange(9.0), np.array([0, 0, 3.4, 1.6, 2.4, 2.7, 5, 5, 5]))
     assert (noisy[0].tolist(), noisy[1].tolist()) == ([pytest.approx(4 + 1 / 3)], [True])
 
@@ -173,7 +176,7 @@ ONCE = np.exp(-(((WITHIN - 10) / 1) ** 2)) * MOVEMENT(WITHIN)
     (np.zeros(9000), MOVEMENT(WITHIN), "is constant"),
     (np.zeros(40), MOVEMENT(WITHIN), "fewer than 48 samples"),
     (np.sin(2 * np.pi * WITHIN), np.sin(2 * np.pi * WITHIN + 1),
-     r"fits in two places \(correlation 1.00 and 1.00"),
+     r"fits elsewhere, \S*[1-9]\d* s from the best, 1 times as likely"),
     (ONCE, ONCE, r"moves in . of 12 sections of the recording, at least 6 are needed"),
     (MOVEMENT(WITHIN + 0.02 * np.sin(WITHIN / 2)), MOVEMENT(WITHIN),
      "the lags of the shared signal scatter by"),
@@ -181,6 +184,30 @@ ONCE = np.exp(-(((WITHIN - 10) / 1) ** 2)) * MOVEMENT(WITHIN)
 def test_signals_that_do_not_show_the_same_movement_throughout_are_refused(strange, seen, message):
     with pytest.raises(InputError, match=message):
         correlate_clocks((np.arange(strange.size) / CAMERA_RATE, strange), (WITHIN, seen))
+
+
+def strides(duration: float, variability: float) -> tuple[np.ndarray, np.ndarray]:
+    """An angle of which each second is like the others, but for what varies."""
+    time = np.arange(0, duration, 1 / CAMERA_RATE)
+    return time, np.sin(2 * np.pi * time) + variability * MOVEMENT(time)
+
+
+def test_strides_that_differ_a_little_are_told_apart_by_their_likelihood() -> None:
+    """Their correlation one stride later is 0.99 of that at the right place."""
+    time, angle = strides(30.0, variability=0.05)
+    noise = 0.01 * np.random.default_rng(2).standard_normal(6000)
+
+    fit = correlate_clocks((time, angle), (time[:6000], angle[1500:7500] + noise))
+
+    assert fit.offset == pytest.approx(-1500 / CAMERA_RATE, abs=0.1 / CAMERA_RATE)
+
+
+def test_strides_that_hardly_differ_are_refused_with_what_would_tell_them() -> None:
+    time, angle = strides(5.0, variability=0.004)
+    noise = 0.05 * np.random.default_rng(2).standard_normal(time.size)
+
+    with pytest.raises(InputError, match=r"record \d+\.\d times as long, or add one movement"):
+        correlate_clocks((time, angle), (time, angle + noise))
 
 
 GATE_S = 4.0  # of each capture
@@ -222,5 +249,5 @@ def test_gates_that_no_angle_tells_apart_are_refused() -> None:
 
     with pytest.raises(InputError, match="3 pulses of the log are as long as the capture"):
         gate_fit(gate_pulses(), CAPTURE)
-    with pytest.raises(InputError, match="hardly better than that at"):
+    with pytest.raises(InputError, match=r"s of the log in place of .* times as likely"):
         gate_fit(gate_pulses(), CAPTURE, lambda: (log, (CAPTURE, seen)))

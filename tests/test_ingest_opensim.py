@@ -19,7 +19,7 @@ from osl_analysis.formats import known_formats
 from osl_analysis.ingest.capture import vertical_axis
 from osl_analysis.ingest.draft import draft_source
 from osl_analysis.ingest.raw_files import check_clocks, trial_from_files
-from osl_analysis.recording import Channel, Rows
+from osl_analysis.recording import Channel, Plate, Rows
 from osl_analysis.trial import Array
 
 FRAMES, LABELS, HEIGHTS = 40, ["HEAD", "HIP", "KNEE", "TOE"], np.array([1700.0, 900.0, 500.0, 50.0])
@@ -146,9 +146,17 @@ def test_rows_that_contradict_the_header_or_one_another_are_refused(
         assert reason in refused(path)
     path.write_text("\n".join(lines[:5]))
     assert "holds no frames" in refused(path)
-    # of four markers at least
+
+
+def test_plates_tell_the_axis_that_points_up_or_else_four_markers_of_a_walker() -> None:
+    corners = np.array([[1.0, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]])
+    level = Plate(1, 2, corners, np.zeros(3), [], "mm")
+    stands = walk()[:1] + 0.2 * np.random.default_rng(0).standard_normal(walk().shape)
+
     assert vertical_axis(as_markers(walk() / 1000)) == "y"
     assert vertical_axis(as_markers(walk()[:, :3])) == ""
+    assert vertical_axis(as_markers(stands)) == ""
+    assert vertical_axis(as_markers(walk()), [level]) == "z"
 
 
 def as_markers(positions: Array) -> list[Channel]:

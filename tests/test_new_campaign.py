@@ -29,8 +29,12 @@ from osl_analysis.commands.reference import schemas
 from osl_analysis.commands.run import snakemake_arguments
 from osl_analysis.errors import InputError
 from osl_analysis.files import shipped
+from osl_analysis.ingest.draft import DraftedLog
+from osl_analysis.ingest.draft_session import with_angle_unit
 from osl_analysis.ingest.draft_sheet import draft_trials
 from osl_analysis.ingest.draft_walking import segment_of
+from osl_analysis.ingest.likely_column import Guess
+from osl_analysis.ingest.overview import Overview, RecordedChannel
 from osl_analysis.ingest.placeholders import open_places
 from osl_analysis.ingest.raw_files import read_source, recordings_in
 from osl_analysis.units import base_units, name_and_ending, normalised
@@ -373,6 +377,20 @@ def test_a_walking_laboratory_is_drafted_from_the_names_of_captures_and_markers(
     ] == ["c3d_2"]
     for name in draft.sources:
         read_source(tmp_path / f"mine/sources/{name}.yaml")
+
+
+def test_the_leg_whose_foot_is_on_the_loaded_plate_is_the_one_that_steps_on_the_platform(tmp_path):
+    rec = tmp_path / "rec"
+    rec.mkdir()
+    left = {f"L{name[1:]}": place for name, place in LEG.items()}
+    right_ahead = {name: np.add(place, (600, 0, 0)) for name, place in LEG.items()}
+    capture(rec / "static_1.c3d", {**LEG, **left}, force=800)
+    capture(rec / "walk_pert_2.c3d", {**right_ahead, **left}, force=800)
+
+    draft = new_campaign(tmp_path / "mine", recordings=rec)
+
+    assert yaml.safe_load(draft.walking)["walking"]["side"] == "left"
+    assert "its foot is on the plate in 1 of 1 captures" in draft.walking
 
 
 def test_what_the_captures_of_walking_do_not_tell_is_unknown_and_to_be_edited(tmp_path):
@@ -730,6 +748,23 @@ def test_one_log_of_a_session_is_that_of_each_capture_by_its_gate(tmp_path):
     assert source["analogs"] == {"sync": {"channel": "Gate", "unit": "V"}}
     assert source["shared"] == {"column": "theta", "markers": ["R_KNE", "R_FAL", "R_FM1"]}
     assert yaml.safe_load(draft.sources["csv"])["clock"] == "sync"
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(-1.1, "rad"), (60.0, "deg"), (9.0, "UNKNOWN")])
+def test_the_unit_of_an_angle_is_that_in_which_it_moves_as_the_markers_do(factor, unit):
+    bend = 1.8 + 0.3 * np.sin(np.arange(200) / 30)  # [rad]
+    toe = np.stack([np.sin(bend), 0 * bend, np.cos(bend)], axis=1)
+    knee = np.tile([0.0, 0.0, 1.0], (200, 1))
+    places = {"R_KNE": knee, "R_FAL": 0 * knee, "R_FM1": toe}
+    markers = [RecordedChannel("marker", {"label": n}, numbers=p) for n, p in places.items()]
+    encoder = RecordedChannel("column", {"column": "ankle"}, numbers=factor * bend + 3)
+    log = DraftedLog([encoder], [Guess("theta", is_sure=True)], None)
+    drafted = '\nchannels:\n  theta: {column: "ankle", unit: "UNKNOWN"}  # no unit is stated\n'
+
+    text = with_angle_unit(drafted, log, Overview("c3d", {}, markers), "R")
+
+    assert f'unit: "{unit}"' in text
+    assert ("guessed from the markers" in text) == (unit != "UNKNOWN")
 
 
 def test_a_log_with_other_pulses_is_of_no_capture(tmp_path):

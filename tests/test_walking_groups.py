@@ -36,7 +36,12 @@ from osl_analysis.table import read_table
 from osl_analysis.walking.crossing import Crossing, platform_turn
 from osl_analysis.walking.crossing_quality import CrossingQuality
 from osl_analysis.walking.ensemble import group_headline
-from osl_analysis.walking.group_checks import load_error, moment_error
+from osl_analysis.walking.group_checks import (
+    SetUpDifference,
+    known_loads,
+    moment_error,
+    set_up_difference,
+)
 from osl_analysis.walking.group_table import (
     SMALLEST_DIFFERENCES,
     TimingPoint,
@@ -48,6 +53,7 @@ from osl_analysis.walking.group_table import (
 from osl_analysis.walking.groups import places, split_keys, timings
 from osl_analysis.walking.impedance_fit import fit_response
 from osl_analysis.walking.planned_turn import PlannedTurn, half_widths, scatter_of_one
+from osl_analysis.walking.plate_gain import check_gain
 from osl_analysis.walking.poses import StaticCalibration
 from osl_analysis.walking.result_tables import headline_rows, with_trajectory
 from osl_analysis.walking.selection import crossing_features, selection_rows
@@ -811,12 +817,22 @@ def test_the_static_trial_tells_the_plate_s_gain_by_the_body_mass(
     quality = CrossingQuality(standing_N=statics.standing_load(2))
     known = replace(session()[0], quality=quality, body_mass=70.0)
 
-    found = load_error([known, replace(known, body_mass=None)])
+    found = check_gain(known_loads([known, replace(known, body_mass=None)])).load_error
 
     assert found == (None if error is None else pytest.approx(error, abs=1e-3))
-    assert load_error([replace(known, body_mass=None)]) is None
-    one_foot = replace(known, quality=CrossingQuality(standing_N=390.0))
-    assert load_error([one_foot]) is None
+    assert known_loads([replace(known, body_mass=None)]).weight is None
+
+
+def test_a_difference_from_the_static_trial_counts_where_half_of_a_kind_of_crossings_have_it() -> (
+    None
+):
+    rows = pl.DataFrame({
+        "perturbed": [True, True, False, False, False, False],
+        "different": ["a marker", "corners", "corners", "corners", "ankle", "a marker"],
+        "different_mm": [1.0, 2.0, 20.0, 30.0, 90.0, 40.0],
+    })  # fmt: skip
+
+    assert set_up_difference(rows) == SetUpDifference("corners", 25.0)
 
 
 def test_a_slope_of_k_between_timings_tells_the_damping_without_it() -> None:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
+import scipy.stats
 from scipy.interpolate import make_interp_spline
 from scipy.stats import norm, t
 from walking_crossings import LEAD, RISE, TURN, crossing
@@ -35,6 +36,7 @@ from osl_analysis.walking.group_checks import (
     check_group,
     check_reflex,
     check_single,
+    normal_scatters,
 )
 from osl_analysis.walking.impedance_fit import (
     compare_offset,
@@ -55,6 +57,7 @@ from osl_analysis.walking.reactions import (
 )
 from osl_analysis.walking.result_tables import headline_rows, response_table, walking_page_points
 from osl_analysis.walking.stance import Stance, find_stances
+from osl_analysis.walking.torque_errors import LABORATORY_ERRORS
 from osl_analysis.walking.unperturbed_gait import (
     PHASES,
     UnperturbedGait,
@@ -803,6 +806,32 @@ def test_a_single_fit_is_judged_by_what_ordinary_gait_leaves() -> None:
     assert judged(sound).offset_over_gait is None
     assert judged(dropped).residual_over_gait > 6
     assert judged(hurried(sound)).stance_change == pytest.approx(-0.08, abs=0.03)
+
+
+@pytest.mark.parametrize("crossings", [3, 14, 500])
+def test_a_ratio_to_the_scatter_of_few_crossings_is_as_rare_as_its_normal_deviate(
+    crossings: int,
+) -> None:
+    t = 4.0 / np.sqrt(1 + 1 / crossings)
+
+    found = normal_scatters(4.0, crossings)
+
+    assert scipy.stats.norm.sf(found) == pytest.approx(scipy.stats.t.sf(t, crossings - 1))
+
+
+def test_what_the_plate_leaves_in_every_crossing_is_no_doubt_of_a_single_one() -> None:
+    sound = perturbed(1)[0]
+    dropped = replace(sound, torque=sound.torque - 20.0 * (sound.time > ONSET + 0.05))
+    response = isolate_response(dropped, USUAL, SETTINGS)
+    of_plate = np.zeros((len(LABORATORY_ERRORS), len(response.time)))
+    of_plate[[*LABORATORY_ERRORS].index("plate_inertia")] = -0.4 * (response.time > 0.05)  # of 1 %
+    response = replace(response, lab_errors=of_plate)
+
+    of_gait_alone = check_single(response, fit_response(response))
+    with_plate = check_single(response, fit_response(response), plate_unexplained=0.5)
+
+    assert of_gait_alone.residual_over_gait > 6
+    assert with_plate.residual_over_gait == pytest.approx(1.0, abs=0.2)
 
 
 def trapezoid(start: float, end: float) -> np.ndarray:

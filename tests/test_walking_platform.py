@@ -137,6 +137,41 @@ def unperturbed(trial: Trial, model: PlateModel = NO_CORRECTION, **choices: Any)
     return analyse_crossing(trial, CALIBRATION, model, False, settings(**choices))
 
 
+def moved(trial: Trial, *markers: str, by: float = 0.01) -> Trial:
+    """The trial with markers [m] further to the left."""
+    return changed(trial, *[pl.col(f"marker_{marker}_y") + by for marker in markers])
+
+
+def with_corners(trial: Trial, ahead: float) -> Trial:
+    corners = np.add(synthetic.CORNERS, (ahead, 0.0, 0.0)).tolist()
+    plates = [{**plate, "corners": corners} for plate in trial.provenance["plates"]]
+    return replace(trial, provenance={**trial.provenance, "plates": plates})
+
+
+@pytest.mark.parametrize(
+    ("trial", "what", "distance_mm"),
+    [
+        (moved(WALK, "SHANK2", by=0.008), "marker SHANK2 of the shank", 8.0),
+        (moved(WALK, *[f"SHANK{k}" for k in (1, 2, 3, 4)]), "the ankle between foot and shank", 10),
+        (moved(WALK, *[f"PLAT{k}" for k in (1, 2, 3, 4)]), "the platform at rest", 10.0),
+        (with_corners(WALK, 0.03), "the corners of force plate 1", 30.0),
+    ],
+)
+def test_what_is_not_where_it_was_in_the_static_trial_is_named_by_itself(
+    trial: Trial, what: str, distance_mm: float
+) -> None:
+    quality = unperturbed(trial).quality
+
+    assert quality.different == what
+    assert quality.different_mm == pytest.approx(distance_mm, abs=0.5)
+    assert unperturbed(WALK).quality.different_mm < 0.5
+
+
+def test_a_cluster_beyond_its_limit_is_refused_with_its_marker() -> None:
+    with pytest.raises(InputError, match="throughout stance, SHANK2 most, by 25 mm"):
+        unperturbed(moved(WALK, "SHANK2", by=0.025))
+
+
 @pytest.mark.parametrize("heave", [0.0, HEAVE])
 def test_the_mass_of_a_heavy_plate_is_inside_its_interval(heave: float) -> None:
     """25 kg, 0.3 mm, 2.5 deg: all six coordinates at 8 Hz read 22.9 +- 0.2 kg. Over 12 seeds -0.02

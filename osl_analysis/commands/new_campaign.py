@@ -30,7 +30,12 @@ from osl_analysis.ingest.draft import (
     pulse_channels,
     to_be_edited,
 )
-from osl_analysis.ingest.draft_session import gate_lengths, is_gated, with_session_log
+from osl_analysis.ingest.draft_session import (
+    gate_lengths,
+    is_gated,
+    with_angle_unit,
+    with_session_log,
+)
 from osl_analysis.ingest.draft_sheet import (
     UNNAMED,
     DraftedTrial,
@@ -38,7 +43,7 @@ from osl_analysis.ingest.draft_sheet import (
     is_fixture_alone,
     states_perturbation,
 )
-from osl_analysis.ingest.draft_walking import draft_walking, segment_of
+from osl_analysis.ingest.draft_walking import draft_walking, segment_of, stepping_leg
 from osl_analysis.ingest.likely_column import named_joint
 from osl_analysis.ingest.overview import FEWEST_READINGS, Overview
 from osl_analysis.ingest.placeholders import UNKNOWN
@@ -237,6 +242,7 @@ def draft_campaign(folder: Path) -> Draft:
     draft.trials = trials_of(described, draft.sources)
     join_session_log(draft, described)
     align_by_pulses(draft.sources, draft.trials)
+    state_units_of_angles(draft, described)
     captures = [one for one in described if one.log is None]
     may_walk = any(
         trial.cells["experiment"] == "walking"
@@ -435,9 +441,10 @@ def join_session_log(draft: Draft, described: Sequence[Described]) -> None:
     for trial in walks:
         trial.cells.update(log=alone[0].cells["log"], log_source=session.source)
     draft.trials.remove(alone[0])
+    side = stepping_leg([capture.overview for capture in of_walks]).side
     for name in {capture.source for capture in of_walks}:
         capture = next(one for one in of_walks if one.source == name)
-        draft.sources[name] = with_session_log(draft.sources[name], capture.overview)
+        draft.sources[name] = with_session_log(draft.sources[name], capture.overview, side)
 
 
 def align_by_pulses(sources: dict[str, str], trials: Sequence[DraftedTrial]) -> None:
@@ -451,6 +458,23 @@ def align_by_pulses(sources: dict[str, str], trials: Sequence[DraftedTrial]) -> 
         have_pulses = [has_columns(sources.get(capture, ""), "sync") for capture in captures]
         if has_columns(text, "sync") and any(have_pulses):
             sources[name] = text.replace('\nclock: "master"\n', '\nclock: "sync"\n')
+
+
+def state_units_of_angles(draft: Draft, described: Sequence[Described]) -> None:
+    """State the unit of the angle of logs beside captures, where the markers tell it."""
+    by_file = {one.file.as_posix(): one for one in described}
+    captures = [one.overview for one in described if one.log is None]
+    for trial in draft.trials:
+        if trial.cells["experiment"] != "walking" or "log" not in trial.cells:
+            continue
+        log = by_file.get(trial.cells["log"])
+        capture = by_file.get(trial.cells.get("mocap", ""))
+        if log is None or log.log is None or capture is None:
+            continue
+        text = draft.sources[log.source]
+        if f'unit: "{UNKNOWN}"' in text:
+            side = stepping_leg(captures).side
+            draft.sources[log.source] = with_angle_unit(text, log.log, capture.overview, side)
 
 
 def with_known(known: str, drafted: str) -> str:

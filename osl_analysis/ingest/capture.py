@@ -25,10 +25,14 @@ from osl_analysis.ingest.force_plates import (
     convert_plate,
     unloaded_samples,
 )
-from osl_analysis.recording import Channel, Kind, Recording, Rows
+from osl_analysis.plates import own_axes
+from osl_analysis.recording import Channel, Kind, Plate, Recording, Rows
 from osl_analysis.source_file import LaboratorySource, MarkerSource
 from osl_analysis.trial import AXES, Array, marker_columns, unit_of
 from osl_analysis.units import si_factor
+
+LEAST_LEVEL = 0.9  # of a plate's normal along the vertical axis
+LEAST_MOVED = 0.1  # of what lies between markers, by which those of a walker move
 
 
 @dataclass
@@ -245,7 +249,7 @@ def remarks_on(
     """Say where the axes seem to be others, and where no marker was seen."""
     if source.axes == ("x", "y", "z"):
         up = str(recording.facts.get("vertical_on_screen", ""))
-        if not up and vertical_axis(markers) == "y":
+        if not up and vertical_axis(markers, recording.plates) == "y":
             up = "y"
         if up.upper().lstrip("+-") not in ("", "Z"):
             axes = "`axes: [x, -z, y]`" if up.upper().lstrip("+") == "Y" else "`axes`"
@@ -257,11 +261,16 @@ def remarks_on(
         )
 
 
-def vertical_axis(markers: Sequence[Channel]) -> str:
-    """Tell the axis along which markers keep their order: up, for somebody who stands or walks.
+def vertical_axis(markers: Sequence[Channel], plates: Sequence[Plate] = ()) -> str:
+    """Tell the axis that points up: across the force plates; else that along which markers keep
+    their order, for somebody who walks.
 
-    Empty where the markers do not tell: there are few, or they stay where they are.
+    Empty where nothing tells: plates slope, markers are few, or they stay where they are.
     """
+    normals = np.abs([own_axes(plate.corners)[:, 2] for plate in plates])
+    if normals.size and np.isfinite(normals).all():
+        normal = normals.mean(axis=0)
+        return "xyz"[int(np.argmax(normal))] if normal.max() > LEAST_LEVEL else ""
     whole = [one.values for one in markers if not np.isnan(one.values).any()]
     if len(whole) < 4:
         return ""
@@ -270,6 +279,7 @@ def vertical_axis(markers: Sequence[Channel]) -> str:
     moved = np.median(positions.std(axis=0), axis=0)
     # along a vertical axis the markers move by less than half of what lies between them
     candidates = np.flatnonzero((apart == apart.max()) & (moved < 0.5 * apart))
-    if candidates.size and moved.max() > moved[candidates[0]]:
+    walks = moved.max() > LEAST_MOVED * apart.max()
+    if candidates.size and walks and moved.max() > moved[candidates[0]]:
         return "xyz"[candidates[0]]
     return ""

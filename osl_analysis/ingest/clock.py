@@ -17,7 +17,11 @@ from osl_analysis.trial import Array, marker_columns
 MINIMUM_EDGES = 6
 LARGEST_DRIFT = 500e-6  # between two crystal clocks
 LEAST_CERTAIN = 0.5  # share of samples of a pulse near its two levels; of noise it is a twentieth
-LEAST_RIVAL = 1.5  # misfit of the shared angle at any other pulse, as a multiple of the smallest
+LEAST_SWING = 0.05  # of a line's largest level; less is the last bit of one level
+MOST_EDGES = 0.2  # per sample; of the last bit of a level near 0 every second sample is one
+LEAST_ODDS = 1000.0  # of the best place of a shared angle, over any other
+MOST_LONGER = 10.0  # times as long a recording, for it to be a remedy
+LEAST_MISFIT = 1e-3  # of the angle's SD: no two sensors of it agree better
 GATE_STEPS = 3.0  # sampling intervals by which a gate may be longer or shorter than its capture
 
 
@@ -49,15 +53,19 @@ Signal = tuple[Array, Array]  # rising times [s] and values, (n,) each
 def find_edges(time: Array, level: Array) -> Edges:
     """Edges of a two-level signal: times, interpolated, at which it crosses its mid-level. It must
     then pass three quarters of its range, or falling one quarter, so that noise at the mid-level
-    makes no edges. A level that has no two values has none."""
+    makes no edges. A level that has no two values has none, nor one whose last bit changes."""
     swing = float(np.ptp(level))
     middle = float(level.min()) + 0.5 * swing
     step = float(np.median(np.diff(time))) if time.size > 1 else 0.0
+    none = np.zeros(0), np.zeros(0, bool), step
     certain = np.flatnonzero(abs(level - middle) > 0.25 * swing)
-    if certain.size < LEAST_CERTAIN * level.size:
-        return np.zeros(0), np.zeros(0, bool), step
+    is_one_level = swing < LEAST_SWING * float(np.abs(level).max(initial=0.0))
+    if is_one_level or certain.size < LEAST_CERTAIN * level.size:
+        return none
     state = level[certain] > middle
     after = certain[1:][state[1:] != state[:-1]]
+    if after.size > max(MOST_EDGES * level.size, MINIMUM_EDGES):
+        return none
     crossings = np.flatnonzero(np.diff(level > middle))
     before = crossings[np.searchsorted(crossings, after) - 1]
     fraction = (middle - level[before]) / (level[before + 1] - level[before])
@@ -186,7 +194,7 @@ def correlate_clocks(slave: Signal, master: Signal) -> ClockFit:
         raise InputError(
             "the shared signal of one recorder is constant; check the channel and its sensor"
         )
-    first, second = section_lags(ours, theirs, whole_lag(ours, theirs))
+    first, second = section_lags(ours, theirs, whole_lag(ours, theirs, step))
     if first.size < MINIMUM_EDGES:
         said = f"the shared signal moves in {first.size} of {SECTIONS} sections of the recording"
         raise InputError(f"{said}, at least {MINIMUM_EDGES} are needed; move the joint throughout")
@@ -203,9 +211,9 @@ def correlate_clocks(slave: Signal, master: Signal) -> ClockFit:
     return replace(line, excluded_edges=SECTIONS - line.edges, method="correlation")
 
 
-def whole_lag(ours: Array, theirs: Array) -> int:
-    """Samples by which `theirs` (m,) lags `ours` (n,): at the highest absolute correlation with
-    enough overlap."""
+def whole_lag(ours: Array, theirs: Array, step: float) -> int:
+    """Samples, `step` [s] apart, by which `theirs` (m,) lags `ours` (n,): at the highest absolute
+    correlation with enough overlap."""
     from scipy.signal import fftconvolve  # half a second, which other trials need not wait for
 
     def over_overlap(x: Array, y: Array) -> Array:
@@ -233,18 +241,74 @@ def whole_lag(ours: Array, theirs: Array) -> int:
             f" {ONE_SIGNAL} is needed"
         )
         raise InputError(f"{said}; check that both channels show the same thing")
+    lags = np.flatnonzero(enough) - (ours.size - 1)
+    lag = int(lags[best])
     low = np.flatnonzero(score < 0.5 * score[best])
     before, after = low[low < best].max(initial=-1), low[low > best].min(initial=score.size)
-    rival = max(score[: before + 1].max(initial=0.0), score[after:].max(initial=0.0))
-    if rival > 0.8 * score[best]:
-        said = (
-            f"the shared signal fits in two places (correlation {score[best]:.2f} and {rival:.2f})"
-        )
-        raise InputError(
-            f"{said}: it repeats itself; add one movement that does not, such as a single stamp at"
-            " the beginning"
-        )
-    return int(np.flatnonzero(enough)[best]) - (ours.size - 1)
+    elsewhere = score.copy()
+    elsewhere[before + 1 : after] = 0.0
+    second = int(np.argmax(elsewhere))
+    if elsewhere[second] > 0:
+        best_misfit, second_misfit = np.sqrt(1 - np.minimum(score[[best, second]], 1.0) ** 2)
+        where = f"{step * (lags[second] - lag):+.2f} s from the best"
+        check_only_place(residual_at(lag, ours, theirs), best_misfit, second_misfit, where)
+    return lag
+
+
+def residual_at(lag: int, ours: Array, theirs: Array) -> Array:
+    """What a line through `theirs` (m,), that many samples behind, leaves of `ours` (n,)."""
+    begin = max(0, -lag)
+    end = min(ours.size, theirs.size - lag)
+    return without_line(ours[begin:end], theirs[begin + lag : end + lag])
+
+
+def without_line(angle: Array, other: Array) -> Array:
+    """What another angle (n,), scaled and shifted, leaves of an angle (n,)."""
+    columns = np.column_stack([other, np.ones_like(other)])
+    return np.asarray(angle - columns @ np.linalg.lstsq(columns, angle, rcond=None)[0])
+
+
+def independent_samples(residual: Array) -> float:
+    """Number of independent samples whose mean square scatters as that of a residual (n,).
+
+    It is n over the sum of the squares of its autocorrelation over all lags.
+
+    References
+    ----------
+    Bartlett, J. R. Stat. Soc. Suppl. 8 (1946) 27.
+    """
+    n = residual.size
+    power = np.abs(np.fft.rfft(residual - residual.mean(), 2 * n)) ** 2
+    covariance = np.fft.irfft(power)[:n]
+    if not covariance[0] > 0:
+        return 1.0
+    return float(n / (2 * np.sum((covariance / covariance[0]) ** 2) - 1))
+
+
+def check_only_place(residual: Array, misfit: float, other_misfit: float, where: str) -> None:
+    """Refuse a shared angle that fits elsewhere almost as likely as where it fits best.
+
+    Parameters
+    ----------
+    residual
+        At the best place (n,).
+    misfit, other_misfit
+        RMS of the residuals at the best and at the other place, as shares of the angle's SD.
+    where
+        The other place, for the message.
+    """
+    ratio = max(other_misfit, LEAST_MISFIT) / max(misfit, LEAST_MISFIT)
+    log_odds = independent_samples(residual) * float(np.log(ratio))
+    if log_odds >= np.log(LEAST_ODDS):
+        return
+    remedy = "add one movement that does not repeat"
+    longer = float(np.log(LEAST_ODDS)) / log_odds if log_odds > 0 else np.inf
+    if longer < MOST_LONGER:
+        remedy = f"record {longer:.1f} times as long, or {remedy}"
+    raise InputError(
+        f"the shared angle fits elsewhere, {where}, {np.exp(-max(log_odds, 0)):.2g} times as likely"
+        f" (misfits {other_misfit:.2g} and {misfit:.2g} of its SD); {remedy}"
+    )
 
 
 def section_lags(ours: Array, theirs: Array, lag: int) -> tuple[Array, Array]:
@@ -378,22 +442,14 @@ def likeliest_start(starts: Sequence[float], ours: Signal, theirs: Signal) -> fl
     Raises
     ------
     InputError
-        It is almost as near elsewhere.
+        Another one is not far less likely.
     """
     time, angle = theirs
-    misfits: list[float] = []
-    for start in starts:
-        in_log = np.interp(start + time, *ours)
-        columns = np.column_stack([in_log, np.ones_like(in_log)])
-        residual = angle - columns @ np.linalg.lstsq(columns, angle, rcond=None)[0]
-        misfits.append(float(np.rad2deg(np.sqrt(np.mean(residual**2)))))
+    residuals = [without_line(angle, np.interp(start + time, *ours)) for start in starts]
+    misfits = np.std(residuals, axis=1) / max(float(np.std(angle)), np.finfo(float).tiny)
     best, second = np.argsort(misfits)[:2].tolist()
-    if misfits[second] < LEAST_RIVAL * misfits[best]:
-        raise InputError(
-            f"the shared angle fits the pulse at {starts[best]:.1f} s of the log (RMS"
-            f" {misfits[best]:.2g} deg) hardly better than that at {starts[second]:.1f} s"
-            f" ({misfits[second]:.2g} deg); write a log for each capture, or let the gate pulse"
-        )
+    where = f"at {starts[second]:.1f} s of the log in place of {starts[best]:.1f} s"
+    check_only_place(residuals[best], misfits[best], misfits[second], where)
     return float(starts[best])
 
 
@@ -416,11 +472,17 @@ def marker_angle(mocap: Converted, shared: SharedAngle) -> Signal:
             )
         columns += names
     seen = mocap.samples.select("time", *columns).fill_nan(None).drop_nulls()
-    first, vertex, last = seen.select(columns).to_numpy().reshape(-1, 3, 3).transpose(1, 0, 2)
+    return seen["time"].to_numpy(), angle_at(
+        *seen.select(columns).to_numpy().reshape(-1, 3, 3).swapaxes(0, 1)
+    )
+
+
+def angle_at(first: Array, vertex: Array, last: Array) -> Array:
+    """Angle (n,) [rad] at the second of three points, (n, 3) each."""
     one = first - vertex
     other = last - vertex
     sine = np.linalg.norm(np.cross(one, other), axis=1)
-    return seen["time"].to_numpy(), np.arctan2(sine, (one * other).sum(axis=1))
+    return np.asarray(np.arctan2(sine, (one * other).sum(axis=1)))
 
 
 def values_of(recording: Converted, column: str, advice: str) -> tuple[Array, Array]:

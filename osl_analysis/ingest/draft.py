@@ -359,7 +359,7 @@ def guessed_lines(draft: str) -> list[str]:
 
 def to_be_edited(path: Path) -> list[str]:
     """The places of a drafted source file that are to be edited, with the column that no channel is
-    like."""
+    like, unless the log stands beside captures."""
     text = path.read_text(encoding="utf-8")
     content = read_mapping(path)
     places = [".".join(place).removeprefix("channels.") for place in open_places(content)]
@@ -370,6 +370,7 @@ def to_be_edited(path: Path) -> list[str]:
         for column in ("theta", "torque")
         if not re.search(rf"\n  ({column}: |NAME.*# {column}\?)", text)
     ]
-    if places and len(lacking) == 1 and "\n  torque_m: " not in text:
+    is_alone = content.get("clock", "master") == "master"
+    if places and is_alone and len(lacking) == 1 and "\n  torque_m: " not in text:
         places.append(f"{lacking[0]} (no channel is like it: name one, as of the comments)")
     return places

@@ -274,7 +274,7 @@ def overview_of_capture(recording: Recording) -> Overview:
     settings = dict(recording.settings)
     markers = [one for one in recording.channels if one.kind == Kind.MARKER]
     is_told = bool(recording.facts.get("vertical_on_screen"))
-    if not is_told and vertical_axis(markers) == "y":
+    if not is_told and vertical_axis(markers, recording.plates) == "y":
         settings["axes"] = Y_UP
     return Overview(
         format=recording.format,

@@ -3,7 +3,7 @@
 The crossing is recorded by markers and a force plate, or by the log of a boot or leg.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy
@@ -13,6 +13,7 @@ from osl_analysis.measured import check_measured
 from osl_analysis.signals.grid import GapLimits, uniform_signals
 from osl_analysis.trial import Array, Trial, plate_columns
 from osl_analysis.walking import poses as rigid
+from osl_analysis.walking.alike import differences
 from osl_analysis.walking.ankle import Ankle, ankle_between, load_on_foot, moment_of_foot
 from osl_analysis.walking.crossing_quality import (
     CrossingQuality,
@@ -152,7 +153,12 @@ def analyse_crossing(
     shear = np.array([np.sum(force * ankle.axis, axis=1), np.sum(force * ankle.forward, axis=1)])
     check_roll(phase, load, shear, torque if passage.onset is None else None)
     encoder = compare_encoder(trial, passage.time, ankle.theta, torque, settings.low_pass)
-    quality = crossing_quality(passage, ankle, load, unloaded, calibration, encoder, settings)
+    quality = crossing_quality(
+        trial, passage, ankle, load, unloaded, calibration, encoder, settings
+    )
+    unlike_static = differences(trial, passage, ankle, calibration, settings)
+    different = max(unlike_static, key=lambda what: unlike_static[what])
+    quality = replace(quality, different=different, different_mm=1e3 * unlike_static[different])
     clusters = passage.recorded.values()
     bridged = np.any([pose.bridged[passage.rows] for pose in clusters], axis=0)
 

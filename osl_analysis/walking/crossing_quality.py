@@ -13,6 +13,7 @@ from osl_analysis.signals.grid import GapLimits, uniform_signals
 from osl_analysis.trial import Array, Trial
 from osl_analysis.walking.ankle import VERTICAL, Ankle, LoadOnFoot
 from osl_analysis.walking.passage import Passage, followed_segments
+from osl_analysis.walking.plate_gain import stride_load, stride_load_beside, stride_time
 from osl_analysis.walking.plate_model import PlateModel
 from osl_analysis.walking.poses import StaticCalibration
 from osl_analysis.walking.setup_checks import FLAT, phases_between
@@ -40,6 +41,9 @@ class CrossingQuality:
     plate_unexplained: float | None = None
     plate_zeroed: float | None = None
     standing_N: float | None = None
+    standing_beside_N: float | None = None
+    stride_N: float | None = None
+    stride_beside_N: float | None = None
     pressure_ahead_m: float | None = None
     pressure_beside_m: float | None = None
     pressure_outside_m: float | None = None
@@ -49,6 +53,8 @@ class CrossingQuality:
     encoder_delay_ms: float | None = None
     encoder_rms_deg: float | None = None
     shoe_compliance: float | None = None
+    different: str | None = None
+    different_mm: float | None = None
 
 
 @dataclass(frozen=True)
@@ -65,6 +71,7 @@ class EncoderComparison:
 
 
 def crossing_quality(
+    trial: Trial,
     passage: Passage,
     ankle: Ankle,
     load: LoadOnFoot,
@@ -88,6 +95,12 @@ def crossing_quality(
     pressure = (ankle.centre + from_ankle)[flat]
     residuals = {segment: residual_mm(passage, segment) for segment in labels}
     filled = filled_shares(passage, settings)
+    stance = passage.stance
+    stride_s = stride_time(passage.frames, passage.recorded["foot"].position, stance)
+    stride_N, stride_beside_N = None, None
+    if stride_s is not None:
+        stride_N = stride_load(passage.time, load.vertical, stance, stride_s)
+        stride_beside_N = stride_load_beside(trial, stance, stride_s, settings)
     return CrossingQuality(
         heading_deg=float(np.rad2deg(np.arctan2(forward[1], forward[0]))),
         foot_forward_m=float(from_plate @ forward),
@@ -102,6 +115,9 @@ def crossing_quality(
         plate_unexplained=unloaded.unexplained,
         plate_zeroed=unloaded.zeroed,
         standing_N=calibration.standing_load(settings.plate),
+        standing_beside_N=calibration.standing_load_beside(settings.plate),
+        stride_N=stride_N,
+        stride_beside_N=stride_beside_N,
         pressure_ahead_m=float(mean_from_ankle @ forward),
         pressure_beside_m=float(mean_from_ankle @ left),
         pressure_outside_m=pressure_outside(pressure, markers),

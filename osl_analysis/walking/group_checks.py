@@ -28,7 +28,7 @@ from osl_analysis.walking.ensemble import (
 )
 from osl_analysis.walking.impedance_fit import compare_offset, fit_response, gait_torque
 from osl_analysis.walking.isolated_response import PerturbationResponse
-from osl_analysis.walking.poses import FREE_FALL
+from osl_analysis.walking.plate_gain import KnownLoads, check_gain, weight_of
 from osl_analysis.walking.reactions import (
     RAMP,
     REACTIONS,
@@ -49,7 +49,6 @@ CERTAIN_PROBABILITY = 0.999  # of Student's t, because several reactions are tri
 CERTAIN_MOMENT_SES = 4.0
 FEWEST_FOR_MOMENTS = 6  # crossings
 SMALLEST_TURN = 0.2  # of directions of walk, about 20 deg (SD), that tells the plate's place
-LARGEST_LOAD_ERROR = 0.25  # of a plate on which both feet stand; one foot carries half
 UNDISTURBED_PHASE = 0.38  # of stance, until which a crossing tells the error of the moments
 
 
@@ -62,32 +61,65 @@ class SingleChecks:
     stance_change: float | None  # None if no stance is known
 
 
-def check_single(response: PerturbationResponse, fit: LinearFit) -> SingleChecks:
-    """Compare residual and offset of one fit with those that ordinary gait causes."""
+def check_single(
+    response: PerturbationResponse, fit: LinearFit, plate_unexplained: float | None = None
+) -> SingleChecks:
+    """Compare residual and offset of one fit with those that ordinary gait and the plate cause.
+
+    `plate_unexplained` is the share of the plate's own wrench that its model leaves: that is one
+    cause in all crossings, and judged as such.
+    """
     motion = response.fitted_motion
     torque = response.fitted_torque
     of_gait = gait_torque(response, fit)[:, response.window]
+    of_plate = torque_of_plate(response, plate_unexplained or 0.0)
     offset = compare_offset(motion, torque, fit["K"])
     columns = np.column_stack([motion.columns, np.ones_like(motion.theta)])
-    gait_offsets = np.linalg.lstsq(columns, of_gait.T, rcond=None)[0][-1]
-    scatter = float(np.std(gait_offsets, ddof=1))
-    changes_K = abs(offset.lowers_K) > SMALLEST_OFFSET_SHARE
+    causes = np.vstack([of_gait, of_plate])
+    *gait_offsets, plate_offset = np.linalg.lstsq(columns, causes.T, rcond=None)[0][-1]
+    scatter = float(np.hypot(np.std(gait_offsets, ddof=1), plate_offset))
+    offset_over_gait = None
+    if abs(offset.lowers_K) > SMALLEST_OFFSET_SHARE and scatter > 0:
+        offset_over_gait = normal_scatters(abs(offset.offset) / scatter, len(gait_offsets))
     return SingleChecks(
-        residual_over_gait=residual_over_gait(motion, torque, of_gait),
-        offset_over_gait=abs(offset.offset) / scatter if changes_K and scatter > 0 else None,
+        residual_over_gait=residual_over_gait(motion, torque, of_gait, of_plate),
+        offset_over_gait=offset_over_gait,
         stance_change=response.stance_change if np.isfinite(response.stance_change) else None,
     )
 
 
-def residual_over_gait(motion: Motion, torque: Array, of_gait: Array) -> float | None:
-    """RMS residual of Eq. 15 over that of ordinary gait (crossings, k).
+def normal_scatters(ratio: float, crossings: int) -> float:
+    """What a ratio to the SD of some crossings is in SDs of as rare a normal deviate.
+
+    The SD of few crossings is uncertain: a further one is Student-distributed about their mean.
+    """
+    t = ratio / np.sqrt(1 + 1 / crossings)
+    rarity = scipy.special.stdtr(crossings - 1, -t)
+    return float(-scipy.special.ndtri(max(rarity, np.finfo(float).tiny)))
+
+
+def torque_of_plate(response: PerturbationResponse, share: float) -> Array:
+    """Torque (window,) [N*m] of a share of the plate's own wrench."""
+    row = [*LABORATORY_ERRORS].index("plate_inertia")
+    if not share or len(response.lab_errors) <= row:  # of a log: no plate
+        return np.zeros_like(response.fitted_torque)
+    size = LABORATORY_ERRORS["plate_inertia"].size / 100
+    return np.asarray(share / size * response.lab_errors[row, response.window])
+
+
+def residual_over_gait(
+    motion: Motion, torque: Array, of_gait: Array, of_plate: Array | None = None
+) -> float | None:
+    """RMS residual of Eq. 15 over that of ordinary gait (crossings, k) and of the plate (k,).
 
     None below 3 % of the torque, or over 0.
     """
     residual = unexplained_rms(motion.columns, torque[None])
-    gait_residual = unexplained_rms(motion.columns, of_gait)
-    if residual > SMALLEST_RESIDUAL_SHARE * rms(torque) and gait_residual > 0:
-        return residual / gait_residual
+    usual = unexplained_rms(motion.columns, of_gait)
+    if of_plate is not None:
+        usual = float(np.hypot(usual, unexplained_rms(motion.columns, of_plate[None])))
+    if residual > SMALLEST_RESIDUAL_SHARE * rms(torque) and usual > 0:
+        return residual / usual
     return None
 
 
@@ -437,6 +469,7 @@ class WitnessChecks:
     plate_unexplained: float | None
     plate_zeroed: float | None
     load_error: float | None
+    load_judged_by: str | None
     pressure_outside_m: float | None
     filled_share: float | None
     filled_fitted: float | None
@@ -473,6 +506,7 @@ def check_witnesses(
     K_per_m = None  # of the corners' height
     if late is None:
         K_per_m = 100 * high["K"] if high else 0.0
+    gain = check_gain(known_loads(crossings))
     by_unexplained: dict[str, float] = {}
     if of_plate is not None and unexplained is not None:
         # the row is of 1 % of the plate's wrench
@@ -484,7 +518,8 @@ def check_witnesses(
         plate_ringing_hz=mean_quality(crossings, "plate_ringing_hz"),
         plate_unexplained=unexplained,
         plate_zeroed=mean_quality(crossings, "plate_zeroed"),
-        load_error=load_error(crossings),
+        load_error=gain.load_error,
+        load_judged_by=gain.load_judged_by,
         pressure_outside_m=mean_quality(crossings, "pressure_outside_m"),
         filled_share=mean_quality(crossings, "filled_share"),
         filled_fitted=mean_quality(crossings, "filled_fitted"),
@@ -503,19 +538,17 @@ def check_witnesses(
     )
 
 
-def load_error(crossings: Sequence[Crossing]) -> float | None:
-    """By what share the plate reads more than the weight of who stands on it in the static trial.
-
-    None where either is not known, or so far off that the other foot may be on the floor.
-    """
-    errors: list[float] = []
-    for crossing in crossings:
-        load = crossing.quality.standing_N
-        if load is not None and crossing.body_mass is not None:
-            weight = crossing.body_mass * float(np.linalg.norm(FREE_FALL))
-            errors.append(load / weight - 1)
-    error = float(np.mean(errors)) if errors else None
-    return None if error is None or abs(error) > LARGEST_LOAD_ERROR else error
+def known_loads(crossings: Sequence[Crossing]) -> KnownLoads:
+    """Mean loads over crossings, which tell the gain of the platform's plate."""
+    weights = [weight_of(crossing.body_mass) for crossing in crossings]
+    known_weights = [weight for weight in weights if weight is not None]
+    return KnownLoads(
+        weight=float(np.mean(known_weights)) if known_weights else None,
+        standing=mean_quality(crossings, "standing_N"),
+        standing_beside=mean_quality(crossings, "standing_beside_N"),
+        stride=mean_quality(crossings, "stride_N"),
+        stride_beside=mean_quality(crossings, "stride_beside_N"),
+    )
 
 
 def mean_quality(crossings: Sequence[Crossing], column: str) -> float | None:
@@ -523,6 +556,28 @@ def mean_quality(crossings: Sequence[Crossing], column: str) -> float | None:
     values = [getattr(crossing.quality, column) for crossing in crossings]
     present = [value for value in values if value is not None]
     return float(np.mean(present)) if present else None
+
+
+@dataclass(frozen=True)
+class SetUpDifference:
+    """What stands most otherwise in the crossings than in the static trial; None if unknown."""
+
+    different: str | None
+    different_mm: float | None  # mean over the crossings in which it is the largest difference
+
+
+def set_up_difference(crossings: pl.DataFrame) -> SetUpDifference:
+    """Find the largest difference that half of the perturbed, or of the unperturbed, crossings have
+    in rows of `walking_crossings.csv`."""
+    if "different" not in crossings.columns:
+        return SetUpDifference(None, None)
+    largest = SetUpDifference(None, None)
+    for of_kind in crossings.drop_nulls("different").partition_by("perturbed"):
+        for of_what in of_kind.partition_by("different"):
+            mean_mm = float(of_what["different_mm"].cast(pl.Float64).mean())  # type: ignore[arg-type]
+            if 2 * len(of_what) >= len(of_kind) and mean_mm > (largest.different_mm or 0.0):
+                largest = SetUpDifference(of_what["different"][0], mean_mm)
+    return largest
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,10 @@ from osl_analysis.walking.ensemble import GroupHeadline
 from osl_analysis.walking.group_checks import (
     GroupChecks,
     MomentError,
+    SetUpDifference,
     WitnessChecks,
     moment_error,
+    set_up_difference,
 )
 from osl_analysis.walking.groups import ALL, SEPARATOR, STATED, Cells, Sheet, cell_listing
 from osl_analysis.walking.unperturbed_gait import UnperturbedGait
@@ -60,6 +62,7 @@ class GroupConditions:
     pooled: str | None  # the columns with several values
     timing: GroupTiming
     moments: MomentError
+    set_up: SetUpDifference
     left_out_share: float | None  # of perturbed or unperturbed crossings, whichever is more
     left_out_by: str | None  # what parts them from the used ones
 
@@ -74,6 +77,7 @@ class GroupConditions:
             "pooled": self.pooled,
             **asdict(self.timing),
             **asdict(self.moments),
+            **asdict(self.set_up),
             "left_out_share": self.left_out_share,
             "left_out_by": self.left_out_by,
         }
@@ -145,6 +149,7 @@ def conditions_of(
         pooled=pooled_words(rows) if len(used) else None,
         timing=group_timing(used, stances, window),
         moments=moment_error(of_gait),
+        set_up=set_up_difference(of_gait),
         left_out_share=shares["reason"].max(),  # type: ignore[arg-type]
         left_out_by=parted_by(of_gait.filter(is_used), left_out, sheet) if len(left_out) else None,
     )

@@ -103,7 +103,8 @@ def recorded_passage(
 
     onset = onset_of(trial, frames, recorded, stance, perturbed, settings, shared)
     for segment, pose in recorded.items():
-        check_cluster(segment, frames, pose, stance, settings)
+        check_same_cluster(segment, trial, frames, pose, stance, reference[segment], settings)
+        check_followed(segment, frames, pose, stance)
 
     rows = rows_about_stance(frames, recorded, stance)
     rate = sampling_rate(frames)
@@ -120,22 +121,37 @@ def followed_segments(settings: CrossingSettings) -> dict[str, tuple[str, ...]]:
     return {segment: names for segment, names in labels.items() if names}
 
 
-def check_cluster(
-    segment: str, frames: Array, pose: Poses, stance: Stance, settings: CrossingSettings
+def check_same_cluster(
+    segment: str,
+    trial: Trial,
+    frames: Array,
+    pose: Poses,
+    stance: Stance,
+    reference: Array,
+    settings: CrossingSettings,
 ) -> None:
-    """Refuse a cluster that was put on again since the static trial, or is hidden in stance."""
+    """Refuse a cluster that was put on again since the static trial, where its markers were at
+    `reference` (m, 3) [m]."""
     inside = in_stance(frames, stance)
     in_stance_residual = pose.residual[inside & np.isfinite(pose.residual)]
     residual_mm = 1e3 * float(np.median(np.r_[0.0, in_stance_residual]))
-    if residual_mm > settings.largest_residual_mm:
-        raise InputError(
-            f"the {segment} markers stand {residual_mm:.0f} mm (RMS) otherwise than in the static"
-            f" trial throughout stance, expected {settings.largest_residual_mm:g} mm or less:"
-            " they were put on again, or carry other labels; record a static trial after the"
-            " change and name it in the column static, correct the labels, or exclude the"
-            " trial"
-        )
-    hidden = np.flatnonzero(inside & ~pose.seen())
+    if residual_mm <= settings.largest_residual_mm:
+        return
+    labels = followed_segments(settings)[segment]
+    tracks = poses.marker_tracks(trial, labels)[1][inside]
+    moved = poses.moved_marker(reference, tracks, poses.cluster_poses(reference, tracks))
+    raise InputError(
+        f"the {segment} markers stand {residual_mm:.0f} mm (RMS) otherwise than in the static trial"
+        f" throughout stance, {labels[moved.index]} most, by {1e3 * moved.distance_m:.0f} mm,"
+        f" expected {settings.largest_residual_mm:g} mm or less: they were put on again, or carry"
+        " other labels; record a static trial after the change and name it in the column static,"
+        " correct the labels, or exclude the trial"
+    )
+
+
+def check_followed(segment: str, frames: Array, pose: Poses, stance: Stance) -> None:
+    """Refuse a cluster that is hidden in stance."""
+    hidden = np.flatnonzero(in_stance(frames, stance) & ~pose.seen())
     if len(hidden):
         raise InputError(
             f"the {segment} markers cannot be followed at {frames[hidden[0]]:.3f} s, in"

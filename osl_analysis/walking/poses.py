@@ -104,15 +104,26 @@ class StaticCalibration:
     markers: dict[str, StoredArray]  # position (3,) [m] of each marker of the clusters, by name
     ankle_centre: StoredArray  # point (3,) [m] that belongs to the foot and to the shank
     ankle_axis: StoredArray  # unit vector (3,) to the subject's left, the same for foot and shank
-    # Mean vertical force [N] of each plate, by its number
+    # By number of the plate: its mean vertical force [N], and its corners (4, 3) [m]
     plate_loads: dict[int, float] = field(default_factory=dict)
+    corners: dict[int, StoredArray] = field(default_factory=dict)
 
     def standing_load(self, plate: int) -> float | None:
         """Vertical force [N] of a plate on which alone somebody stands; None if nobody does."""
         load = self.plate_loads.get(plate, 0.0)
-        others = sum(abs(other) for number, other in self.plate_loads.items() if number != plate)
-        is_on_it_alone = load > LEAST_STANDING_N and others < MOST_BESIDE * load
+        is_on_it_alone = load > LEAST_STANDING_N and self.load_beside(plate) < MOST_BESIDE * load
         return load if is_on_it_alone else None
+
+    def standing_load_beside(self, plate: int) -> float | None:
+        """Vertical force [N] of the other plates, while nobody stands on this one; None if nobody
+        stands on them."""
+        beside = self.load_beside(plate)
+        is_empty = abs(self.plate_loads.get(plate, 0.0)) < MOST_BESIDE * beside
+        return beside if beside > LEAST_STANDING_N and is_empty else None
+
+    def load_beside(self, plate: int) -> float:
+        """Sum of the sizes of the vertical forces [N] of all other plates."""
+        return sum(abs(load) for number, load in self.plate_loads.items() if number != plate)
 
     def positions(self, names: Sequence[str], trial: str) -> Array:
         """Positions (m, 3) [m] of the named markers; `trial` is for messages."""
@@ -166,6 +177,11 @@ def static_calibration(trial: Trial, settings: CalibrationSettings) -> StaticCal
         ankle_centre=(medial + lateral) / 2,
         ankle_axis=to_left / np.linalg.norm(to_left),
         plate_loads=plate_loads(trial),
+        corners={
+            facts["plate"]: np.array(facts["corners"])
+            for facts in trial.provenance.get("plates", [])
+            if facts.get("corners")
+        },
     )
 
 
@@ -358,6 +374,47 @@ def cluster_poses(reference: Array, observed: Array, largest_residual: float = n
     rotation[wrong] = np.nan
     position[wrong] = np.nan
     return Poses(rotation, position, origin, residual, np.zeros(n, dtype=bool))
+
+
+@dataclass(frozen=True)
+class MovedMarker:
+    """The marker of a cluster that stands most otherwise than in the static trial, and how far."""
+
+    index: int
+    distance_m: float
+
+
+def moved_marker(reference: Array, tracks: Array, poses: Poses) -> MovedMarker:
+    """Compare the mean form of a cluster with that of the static trial.
+
+    With four markers or more, the others tell where each should be; the moved one is that without
+    which they agree best.
+
+    Parameters
+    ----------
+    reference : Array
+        Positions (m, 3) [m] in the static trial.
+    tracks : Array
+        Positions (n, m, 3) [m], NaN where hidden.
+    poses : Poses
+        In the same n frames.
+    """
+    in_cluster = np.einsum("nji,nmj->nmi", poses.rotation, tracks - poses.position[:, None])
+    form = np.array([np.nanmean(in_cluster, axis=0)]) + poses.origin
+    offsets = np.linalg.norm(form[0] - reference, axis=1)
+    best_residual = np.inf
+    moved = MovedMarker(int(np.nanargmax(offsets)), float(np.nanmax(offsets)))
+    for index in range(len(reference)):
+        others = np.arange(len(reference)) != index
+        if not spans_a_plane(reference[others]):
+            continue
+        of_others = cluster_poses(reference[others], form[:, others])
+        residual = float(of_others.residual[0])
+        if residual < best_residual:
+            best_residual = residual
+            expected = of_others.point(reference[index])[0]
+            moved = MovedMarker(index, float(np.linalg.norm(form[0, index] - expected)))
+    return moved
 
 
 def spans_a_plane(points: Array) -> bool:

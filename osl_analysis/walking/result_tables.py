@@ -53,7 +53,7 @@ def perturbation_row(
         "phase_stance_s": response.stance,
         "bridged": crossing.bridged,
         **estimates_row(fit, *ESTIMATED),
-        **asdict(check_single(response, fit)),
+        **asdict(check_single(response, fit, crossing.quality.plate_unexplained)),
         "encoder_rms_deg": crossing.quality.encoder_rms_deg,
         "filled_fitted": crossing.quality.filled_fitted,
         "interval_method": fit.interval_method,

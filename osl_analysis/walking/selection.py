@@ -380,6 +380,9 @@ def crossing_row(comparison: Comparison, reason: str | None, place: Place) -> di
         "plate_unexplained": quality.plate_unexplained,
         "plate_zeroed": quality.plate_zeroed,
         "standing_N": quality.standing_N,
+        "standing_beside_N": quality.standing_beside_N,
+        "stride_N": quality.stride_N,
+        "stride_beside_N": quality.stride_beside_N,
         "pressure_ahead_m": quality.pressure_ahead_m,
         "pressure_beside_m": quality.pressure_beside_m,
         "pressure_outside_m": quality.pressure_outside_m,
@@ -389,5 +392,7 @@ def crossing_row(comparison: Comparison, reason: str | None, place: Place) -> di
         "encoder_delay_ms": quality.encoder_delay_ms,
         "encoder_rms_deg": quality.encoder_rms_deg,
         "shoe_compliance": quality.shoe_compliance,
+        "different": quality.different,
+        "different_mm": quality.different_mm,
         **place.columns(),
     }

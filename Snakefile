@@ -2,7 +2,8 @@
 
 `snakemake reproduce-all` runs the campaign of config/config.yaml; `--configfile FILE` overrides
 fields of it, as does the `config` of a workflow that has this one as a module. Read rules/bench.smk
-first. Names in capitals are made in rules/common.smk; `<results>` and `<logs>` are its `pathvars`.
+first. Names in capitals that several files use are made in rules/common.smk; `<results>` and
+`<logs>` are its `pathvars`.
 """
 
 from snakemake.utils import min_version
@@ -27,10 +28,10 @@ rule complete:
     input:
         recordings=SIMULATED_FILES,
         trials=expand("<results>/trials/{trial}.parquet", trial=TRIALS),
-        fits=FITS,
-        tables=TABLES,
-        tables_for_paper=PAPER_TABLES,
-        figures=FIGURE_FILES,
+        fits=FILES.fits,
+        tables=FILES.all_tables,
+        tables_for_paper=FILES.tables_for_paper,
+        figures=FILES.figures,
         settings="<results>/tables/settings.csv",
         summary="<results>/summary.json",
         report="<results>/report.html",
@@ -49,7 +50,8 @@ onerror:
     cancel_timers()
 
 
+REPORT = RunReport(CAMPAIGN, JUDGE, UNNAMED)
 ACCEPT = CONFIG.failed_trials == "accept"
 # It says what was made and sets the exit code. `onsuccess` and `onerror` are not called where
 # nothing is left to do
-atexit.register(end_run, workflow, CONFIG.results, report_of, ACCEPT)
+atexit.register(end_run, workflow, CONFIG.results, REPORT.text, ACCEPT)

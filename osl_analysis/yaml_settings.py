@@ -100,6 +100,11 @@ class Settings(BaseModel):
 AnySettings = TypeVar("AnySettings", bound=Settings)
 
 
+def as_json(setting: Any) -> Any:
+    """A section of a configuration as JSON, for a job; a single setting as it is."""
+    return setting.model_dump(mode="json") if isinstance(setting, BaseModel) else setting
+
+
 def read_yaml(path: Path, model: type[AnySettings]) -> AnySettings:
     """A YAML file as a model. InputError: as `read_mapping`; a field is unknown, absent or of a
     wrong value."""

@@ -17,7 +17,7 @@ rule fit_belt:
     log:
         "<logs>/belt/{trial}.log",
     wildcard_constraints:
-        trial=one_of(CAMPAIGN.trials("belt")),
+        trial=name_pattern(CAMPAIGN.trials("belt")),
     params:
         settings=CONFIG.dynamometer.part("BeltAnalysis"),
         made_by=MADE_BY,
@@ -36,7 +36,7 @@ rule fit_transmission:
     log:
         "<logs>/transmission/{trial}.log",
     wildcard_constraints:
-        trial=one_of(CAMPAIGN.trials("transmission")),
+        trial=name_pattern(CAMPAIGN.trials("transmission")),
     priority: 2
     params:
         settings=CONFIG.dynamometer.part("SteppedSineAnalysis"),
@@ -56,7 +56,7 @@ rule fit_actuator:
     log:
         "<logs>/actuator/{trial}.log",
     wildcard_constraints:
-        trial=one_of(CAMPAIGN.trials("actuator")),
+        trial=name_pattern(CAMPAIGN.trials("actuator")),
     params:
         settings=CONFIG.actuator.part("ActuatorAnalysis"),
         made_by=MADE_BY,
@@ -78,11 +78,11 @@ rule fit_impedance:
     log:
         "<logs>/impedance/{trial}.log",
     wildcard_constraints:
-        trial=one_of(CAMPAIGN.trials("impedance")),
+        trial=name_pattern(CAMPAIGN.trials("impedance")),
     priority: 2
     params:
         settings=CONFIG.dynamometer.part("ImpedanceAnalysis"),
-        weight=plain(CONFIG.gain_weight),
+        weight=as_json(CONFIG.gain_weight),
         models=CONFIG.model_comparison.part("ModelComparison"),
         condition=cells("controller", "K_d", "B_d"),
         windows=cell("windows"),
@@ -101,7 +101,7 @@ rule fit_torque_angle:
     log:
         "<logs>/torque_angle/{trial}.log",
     wildcard_constraints:
-        trial=one_of(CAMPAIGN.trials("torque_angle")),
+        trial=name_pattern(CAMPAIGN.trials("torque_angle")),
     params:
         settings=CONFIG.torque_angle.part("TorqueAngleAnalysis"),
         condition=cells("desired"),
@@ -120,7 +120,7 @@ rule fit_calibration:
     log:
         "<logs>/calibration/{trial}.log",
     wildcard_constraints:
-        trial=one_of(CAMPAIGN.trials("calibration")),
+        trial=name_pattern(CAMPAIGN.trials("calibration")),
     params:
         settings=CONFIG.dynamometer.part("ImpedanceAnalysis"),
         condition=cells("known_K", "known_I", "known_percent", "fixture"),

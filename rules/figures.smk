@@ -1,23 +1,27 @@
 """Tables -> the numbers that a figure plots (CSV) -> the figure; all of it -> `report.html`."""
 
+OWN_NUMBERS = ("fig3", "fig4", "fig7", "walking_page", "impedance_over_stance")
+"""Figures whose numbers have a rule of their own; each of the others shows one to three tables."""
+NUMBERS_OF_FIGURES = {name: f"{CONFIG.results}/figures/{name}.csv" for name in FILES.figure_names}
+
 
 rule plot_numbers:
     """What a figure plots that shows one table, or up to three."""
     input:
         table=lambda wildcards: f"<results>/tables/{FIGURES[wildcards.figure].table}.csv",
-        evidence=lambda wildcards: evidence_of(FIGURES[wildcards.figure].table),
-        second=table_beside(0),
-        third=table_beside(1),
+        evidence=lambda wildcards: FILES.evidence_of(FIGURES[wildcards.figure].table),
+        second=lambda wildcards: FILES.tables_beside(wildcards.figure)[:1],
+        third=lambda wildcards: FILES.tables_beside(wildcards.figure)[1:2],
     output:
         "<results>/figures/{figure}.csv",
     log:
         "<logs>/figures/{figure}_numbers.log",
     wildcard_constraints:
-        figure="|".join(figure for figure in FIGURES if figure not in OWN_NUMBERS),
+        figure=name_pattern(figure for figure in FIGURES if figure not in OWN_NUMBERS),
     localrule: True
     params:
         name="{figure}",
-        option=option,
+        option=figure_setting,
         made_by=MADE_BY,
     run:
         job("figure.plot_numbers", input, output, params, log)
@@ -26,17 +30,17 @@ rule plot_numbers:
 rule fig3_numbers:
     """Torque against deflection of the belt, by trial."""
     input:
-        curves=rows("belt_curves"),
+        curves=FILES.rows("belt_curves"),
         table="<results>/tables/belt.csv",
         summary="<results>/tables/belt_summary.csv",
-        quality=checks(CAMPAIGN.trials("belt")),
+        quality=FILES.checks(CAMPAIGN.trials("belt")),
     output:
         "<results>/figures/fig3.csv",
     log:
         "<logs>/figures/fig3_numbers.log",
     localrule: True
     params:
-        excluded=lambda wildcards: excluded(CAMPAIGN.trials("belt")),
+        excluded=excluded(CAMPAIGN.trials("belt")),
         made_by=MADE_BY,
     run:
         job("figure.fig3", input, output, params, log)
@@ -48,8 +52,8 @@ if TIME_SERIES:
         """The last seconds of one impedance trial, measured and modelled."""
         input:
             trial=f"<results>/trials/{TIME_SERIES['trial']}.parquet",
-            fit=rows("impedance", [TIME_SERIES["trial"]]),
-            quality=checks([TIME_SERIES["trial"]]),
+            fit=FILES.rows("impedance", [TIME_SERIES["trial"]]),
+            quality=FILES.checks([TIME_SERIES["trial"]]),
         output:
             "<results>/figures/fig4.csv",
         log:
@@ -60,7 +64,7 @@ if TIME_SERIES:
             choice=TIME_SERIES,
             limits=limits("impedance"),
             windows=CAMPAIGN.row(TIME_SERIES["trial"])["windows"],
-            excluded=lambda wildcards: excluded([TIME_SERIES["trial"]]),
+            excluded=excluded([TIME_SERIES["trial"]]),
             made_by=MADE_BY,
         run:
             job("figure.fig4", input, output, params, log)
@@ -77,8 +81,8 @@ rule fig7_numbers:
         "<logs>/figures/fig7_numbers.log",
     localrule: True
     params:
-        weight=plain(CONFIG.gain_weight),
-        choice=plain(RESPONSE),
+        weight=as_json(CONFIG.gain_weight),
+        choice=as_json(response_example(CAMPAIGN)),
         made_by=MADE_BY,
     run:
         job("figure.fig7", input, output, params, log)
@@ -91,8 +95,8 @@ rule walking_page_numbers:
         responses="<results>/tables/walking_responses.csv",
         selection="<results>/tables/walking_crossings.csv",
         unperturbed="<results>/fits/unperturbed.parquet",
-        crossings=expand("<results>/crossings/{trial}.parquet", trial=PERTURBED),
-        quality=checks(PERTURBED),
+        crossings=FILES.crossings(PERTURBED),
+        quality=FILES.checks(PERTURBED),
     output:
         "<results>/figures/walking_page.csv",
     log:
@@ -100,7 +104,7 @@ rule walking_page_numbers:
     localrule: True
     params:
         settings=CONFIG.walking.part("TimingSettings"),
-        excluded=lambda wildcards: excluded(PERTURBED),
+        excluded=excluded(PERTURBED),
         made_by=MADE_BY,
     run:
         job("figure.plot_walking_page", input, output, params, log)
@@ -128,7 +132,7 @@ rule draw_figure:
     """The figure as PDF, SVG and PNG, or a page that says why it is not drawn."""
     input:
         table_csv="<results>/figures/{figure}.csv",
-        fitted=lambda wildcards: shown(wildcards.figure),
+        fitted=lambda wildcards: FILES.results_in_figure(wildcards.figure),
     output:
         "<results>/figures/{figure}.pdf",
         report("<results>/figures/{figure}.svg", category="Figures"),
@@ -149,8 +153,8 @@ rule captions:
     """A caption for each figure, or why it is not drawn."""
     input:
         fitted=[
-            *expand("<results>/figures/{figure}.csv", figure=FIGURE_NAMES),
-            *(file for figure in FIGURE_NAMES for file in shown(figure)),
+            *NUMBERS_OF_FIGURES.values(),
+            *(file for name in FILES.figure_names for file in FILES.results_in_figure(name)),
         ],
     output:
         "<results>/figures/captions.md",
@@ -158,8 +162,8 @@ rule captions:
         "<logs>/figures/captions.log",
     localrule: True
     params:
-        tables={figure: place(f"<results>/figures/{figure}.csv") for figure in FIGURE_NAMES},
-        shown={figure: [place(file) for file in shown(figure)] for figure in FIGURE_NAMES},
+        tables=NUMBERS_OF_FIGURES,
+        shown={name: FILES.results_in_figure(name) for name in FILES.figure_names},
         footer=sentence(ABOUT),
         made_by=MADE_BY,
     run:
@@ -170,12 +174,12 @@ rule report_page:
     """The page of the run: every number, figure and trial; and the text of its methods."""
     input:
         trials=expand("<results>/trials/{trial}.parquet", trial=TRIALS),
-        series=rows("series"),
-        crossings=expand("<results>/crossings/{trial}.parquet", trial=list(WALKED)),
-        tables=TABLES + (["<results>/tables/walking_responses.csv"] if WALKED else []),
-        figures=expand("<results>/figures/{figure}.svg", figure=FIGURE_NAMES),
-        numbers=expand("<results>/figures/{figure}.csv", figure=FIGURE_NAMES),
-        captions=CAPTIONS,
+        series=FILES.rows("series"),
+        crossings=FILES.crossings(WALKED),
+        tables=FILES.all_tables + (["<results>/tables/walking_responses.csv"] if WALKED else []),
+        figures=expand("<results>/figures/{figure}.svg", figure=FILES.figure_names),
+        numbers=NUMBERS_OF_FIGURES.values(),
+        captions=["<results>/figures/captions.md"] if FILES.figure_names else [],
         verdicts=QUALITY,
         excluded="<results>/tables/excluded.csv",
         findings="<results>/tables/findings.csv",
@@ -192,10 +196,10 @@ rule report_page:
     params:
         about=ABOUT,
         settings={
-            name: plain(getattr(CONFIG, name))
+            name: as_json(getattr(CONFIG, name))
             for name in ("dynamometer", "actuator", "torque_angle", "walking", "overground")
         },
-        accuracy=plain(CONFIG.doubtful.accuracy),
+        accuracy=as_json(CONFIG.doubtful.accuracy),
         sheet={**CAMPAIGN.rows, **CAMPAIGN.unused},
         unnamed=UNNAMED,
         made_by=MADE_BY,

@@ -1,6 +1,8 @@
 """Recordings of a simulated campaign, where the configuration names a `simulation`."""
 
+SIMULATED_FILES = []
 if CONFIG.simulation:
+    SIMULATED_FILES += [CONFIG.sheet, *(file for trial in TRIALS for file in CAMPAIGN.logs(trial))]
 
     rule trial_sheet:
         """The sample sheet: a row for each trial."""
@@ -26,12 +28,12 @@ if CONFIG.simulation:
         log:
             "<logs>/simulate/{trial}.log",
         wildcard_constraints:
-            trial=one_of(logged_in("dynamometer")),
+            trial=name_pattern(CAMPAIGN.logged_in("dynamometer")),
         priority: 1
         params:
             campaign_folder=lambda wildcards: str(CONFIG.raw_data),
             trial="{trial}",
-            followed=followed,
+            followed=lambda wildcards: as_json(CAMPAIGN.choices_to_simulate(wildcards.trial)),
             made_by=MADE_BY,
         run:
             job("simulate.simulate_trial", input, output, params, log)
@@ -40,18 +42,18 @@ if CONFIG.simulation:
         output:
             log="<raw>/actuator/{trial}.mcap",
         wildcard_constraints:
-            trial=one_of(logged_in("actuator")),
+            trial=name_pattern(CAMPAIGN.logged_in("actuator")),
 
     use rule simulate_dynamometer as simulate_capture with:
         output:
             mocap="<raw>/vicon/{trial}.c3d",
         wildcard_constraints:
-            trial=one_of(CAMPAIGN.trials("static", "plate")),
+            trial=name_pattern(CAMPAIGN.trials("static", "plate")),
 
     use rule simulate_dynamometer as simulate_crossing with:
         output:
             log="<raw>/leg/{trial}.mcap",
             mocap="<raw>/vicon/{trial}.c3d",
         wildcard_constraints:
-            trial=one_of(CAMPAIGN.trials("walking")),
+            trial=name_pattern(CAMPAIGN.trials("walking")),
         priority: 0

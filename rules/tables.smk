@@ -4,21 +4,21 @@
 rule table:
     """A table from the rows of single trials, with the doubts about each row."""
     input:
-        rows=lambda wildcards: rows(wildcards.table),
-        fits=lambda wildcards: rows(doubts_of(wildcards.table)),
-        quality=lambda wildcards: checks(list(places_in(wildcards.table))),
+        rows=lambda wildcards: FILES.rows(wildcards.table),
+        fits=lambda wildcards: FILES.rows(FILES.doubts_of(wildcards.table)),
+        quality=lambda wildcards: FILES.checks(FILES.places_in(wildcards.table)),
     output:
         "<results>/tables/{table}.csv",
     log:
         "<logs>/tables/{table}.log",
     wildcard_constraints:
-        table=one_of(table for table in GATHERED if table != "impedance"),
+        table=name_pattern(name for name in FILES.gathered_tables if name != "impedance"),
     localrule: True
     params:
         limits=lambda wildcards: limits(wildcards.table),
-        limits_of_fits=lambda wildcards: limits(doubts_of(wildcards.table)),
-        places=lambda wildcards: places_in(wildcards.table),
-        excluded=lambda wildcards: excluded(places_in(wildcards.table)),
+        limits_of_fits=lambda wildcards: limits(FILES.doubts_of(wildcards.table)),
+        places=lambda wildcards: FILES.places_in(wildcards.table),
+        excluded=excluded(lambda wildcards: FILES.places_in(wildcards.table)),
         made_by=MADE_BY,
     run:
         job("tables.gather", input, output, params, log)
@@ -27,8 +27,8 @@ rule table:
 rule impedance_tables:
     """K, B, I of the impedance trials; their evidence stands in a table of its own."""
     input:
-        rows=rows("impedance"),
-        quality=checks(CAMPAIGN.trials("impedance")),
+        rows=FILES.rows("impedance"),
+        quality=FILES.checks(CAMPAIGN.trials("impedance")),
     output:
         output="<results>/tables/impedance.csv",
         evidence="<results>/tables/impedance_evidence.csv",
@@ -38,9 +38,9 @@ rule impedance_tables:
     localrule: True
     params:
         limits=limits("impedance"),
-        places=places_in("impedance"),
+        places=FILES.places_in("impedance"),
         evidence_columns=list(described_tables_by_name()["impedance_evidence"].columns),
-        excluded=lambda wildcards: excluded(CAMPAIGN.trials("impedance")),
+        excluded=excluded(CAMPAIGN.trials("impedance")),
         made_by=MADE_BY,
     run:
         job("tables.gather", input, output, params, log)
@@ -49,29 +49,29 @@ rule impedance_tables:
 rule summary_table:
     """A table that is computed from another one alone."""
     input:
-        table=lambda wildcards: f"<results>/tables/{DERIVED[wildcards.table][0]}.csv",
-        evidence=lambda wildcards: evidence_of(DERIVED[wildcards.table][0]),
+        table=lambda wildcards: f"<results>/tables/{DERIVED[wildcards.table].source}.csv",
+        evidence=lambda wildcards: FILES.evidence_of(DERIVED[wildcards.table].source),
     output:
         "<results>/tables/{table}.csv",
     log:
         "<logs>/tables/{table}.log",
     wildcard_constraints:
-        table=one_of(DERIVED),
+        table=name_pattern(DERIVED),
     localrule: True
     params:
         made_by=MADE_BY,
     run:
-        job(DERIVED[wildcards.table][1], input, output, params, log)
+        job(DERIVED[wildcards.table].command, input, output, params, log)
 
 
 rule predict:
     """The impedance that the measured components predict, beside the measured one."""
     input:
-        records=rows("record", PREDICTED),
+        records=FILES.rows("record", FILES.predicted_trials),
         table="<results>/tables/impedance.csv",
         evidence="<results>/tables/impedance_evidence.csv",
         law="<results>/tables/law.csv",
-        components=tables(*PARTS) if PREDICTED else [],
+        components=FILES.tables(*COMPONENTS) if FILES.predicted_trials else [],
         parameters=PARAMETERS,
     output:
         output="<results>/tables/prediction.csv",
@@ -82,8 +82,8 @@ rule predict:
     priority: 3
     localrule: True
     params:
-        unpredicted=UNPREDICTED,
-        weight=plain(CONFIG.gain_weight),
+        unpredicted=FILES.unpredicted_trials,
+        weight=as_json(CONFIG.gain_weight),
         sign_width=CONFIG.model_comparison.sign_width,
         settings=CONFIG.dynamometer.part("FilterSettings"),
         made_by=MADE_BY,
@@ -102,7 +102,7 @@ rule gains_table:
         "<logs>/tables/gains.log",
     localrule: True
     params:
-        weight=plain(CONFIG.gain_weight),
+        weight=as_json(CONFIG.gain_weight),
         made_by=MADE_BY,
     run:
         job("gains.select_trajectory", input, output, params, log)
@@ -111,7 +111,7 @@ rule gains_table:
 rule check_claims:
     """The claims of the paper's text, compared with the campaign's numbers."""
     input:
-        tables=tables(*CLAIMED),
+        tables=FILES.tables(*CLAIMED),
         parameters=PARAMETERS,
     output:
         "<results>/tables/claims.csv",
@@ -119,7 +119,7 @@ rule check_claims:
         "<logs>/tables/claims.log",
     localrule: True
     params:
-        settings=plain(CONFIG.claims),
+        settings=as_json(CONFIG.claims),
         frequencies_hz=CONFIG.dynamometer.frequencies_hz or (),
         midstance=CONFIG.figures.midstance_stiffness,
         made_by=MADE_BY,
@@ -130,7 +130,7 @@ rule check_claims:
 rule settings_table:
     """The settings that judge or label results: which are stated, assumed or measured."""
     input:
-        phasors=tables("phasors"),
+        phasors=FILES.tables("phasors"),
     output:
         "<results>/tables/settings.csv",
     log:
@@ -146,7 +146,7 @@ rule settings_table:
 rule excluded_trials:
     """Every trial that is not used, and why."""
     input:
-        fitted=RESULTS_OF_TRIALS,
+        fitted=FILES.of_single_trials,
         verdicts=QUALITY,
     output:
         "<results>/tables/excluded.csv",
@@ -164,8 +164,8 @@ rule excluded_trials:
 rule findings:
     """What was found on all trials, as values and in words."""
     input:
-        tables=tables(*judged_tables(), *JUDGED_FURTHER),
-        evidence=evidence_of("impedance"),
+        tables=FILES.tables(*judged_tables(), *JUDGED_FURTHER),
+        evidence=FILES.evidence_of("impedance"),
         verdicts=QUALITY,
     output:
         "<results>/tables/findings.csv",
@@ -173,7 +173,7 @@ rule findings:
         "<logs>/tables/findings.log",
     localrule: True
     params:
-        limits=plain(CONFIG.doubtful),
+        limits=as_json(CONFIG.doubtful),
         places=PLACES,
         made_by=MADE_BY,
     run:
@@ -183,7 +183,7 @@ rule findings:
 rule headline_numbers:
     """The numbers of the paper's text, for programs and for LaTeX."""
     input:
-        table_paths=TABLES,
+        table_paths=FILES.all_tables,
         excluded="<results>/tables/excluded.csv",
         findings="<results>/tables/findings.csv",
         verdicts=QUALITY,
@@ -195,7 +195,7 @@ rule headline_numbers:
     localrule: True
     params:
         about=ABOUT,
-        example=example,
+        example=DESIRED_OF_EXAMPLE,
         trials={name: CAMPAIGN.trials(name) for name in EXPERIMENTS if CAMPAIGN.trials(name)},
         beside_draft=CAMPAIGN.beside_draft,
         made_by=MADE_BY,
@@ -203,7 +203,7 @@ rule headline_numbers:
         job("tables.write_summary", input, output, params, log)
 
 
-if "impedance" in TABLE_NAMES:
+if "impedance" in FILES.table_names:
 
     rule conditions_for_paper:
         """K, B and I of each condition, as a table for a paper."""
@@ -223,12 +223,12 @@ if "impedance" in TABLE_NAMES:
             job("tables.write_conditions", input, output, params, log)
 
 
-if COMPONENT_SUMMARIES:
+if FILES.component_summaries:
 
     rule components_for_paper:
         """The measured components, as a table for a paper."""
         input:
-            summaries=COMPONENT_SUMMARIES,
+            summaries=FILES.component_summaries,
         output:
             tex="<results>/tables/latex/components.tex",
             markdown="<results>/tables/markdown/components.md",

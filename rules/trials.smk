@@ -4,7 +4,7 @@
 rule ingest:
     """The trial of a recording, in SI units on one clock, and what is measured for each check."""
     input:
-        recordings=recordings,
+        recordings=lambda wildcards: CAMPAIGN.readable_logs(wildcards.trial),
         sources=lambda wildcards: CAMPAIGN.sources(wildcards.trial),
     output:
         trial="<results>/trials/{trial}.parquet",
@@ -17,8 +17,8 @@ rule ingest:
         raw_folder=str(CONFIG.raw_data),
         sources_folder=str(CONFIG.sources),
         needed_columns=lambda wildcards: CAMPAIGN.needed_columns(wildcards.trial),
-        commanded=commanded,
-        sizes=sizes,
+        commanded=lambda wildcards: CAMPAIGN.commanded(wildcards.trial),
+        sizes=lambda wildcards: CAMPAIGN.log_sizes(wildcards.trial),
         made_by=MADE_BY,
     run:
         job("trials.ingest_and_check", input, output, params, log)
@@ -27,14 +27,14 @@ rule ingest:
 rule judge:
     """The verdict on every recording, by the thresholds of the configuration."""
     input:
-        rows=checks(TRIALS),
+        rows=FILES.checks(TRIALS),
     output:
         QUALITY,
     log:
         "<logs>/tables/quality.log",
     localrule: True
     params:
-        rules=plain(CONFIG.quality),
+        rules=as_json(CONFIG.quality),
         accept={trial: CAMPAIGN.accepted(trial) for trial in TRIALS},
         places=PLACES,
         made_by=MADE_BY,

@@ -3,22 +3,28 @@
 And the ankle moment of overground gait.
 """
 
+WALKED = {trial: PLACES[trial] for trial in CAMPAIGN.trials("walking")}
+"""Joint and side of every crossing."""
+PERTURBED = CAMPAIGN.crossings(perturbed=True)
+UNPERTURBED = CAMPAIGN.crossings(perturbed=False)
+PLATE_TRIALS = CAMPAIGN.plate_trials()
+
 
 rule calibrate_markers:
     """Marker clusters, ankle centre and axis of a static trial."""
     input:
         trial="<results>/trials/{static}.parquet",
-        quality=lambda wildcards: checks([wildcards.static]),
+        quality=lambda wildcards: FILES.checks([wildcards.static]),
     output:
         "<results>/fits/calibration/{static}.json",
     log:
         "<logs>/calibration/{static}.log",
     wildcard_constraints:
-        static=one_of(CAMPAIGN.trials("static")),
+        static=name_pattern(CAMPAIGN.trials("static")),
     localrule: True
     params:
         settings=lambda wildcards: CAMPAIGN.calibration_settings(wildcards.static),
-        excluded=lambda wildcards: excluded([wildcards.static]),
+        excluded=excluded(lambda wildcards: [wildcards.static]),
         made_by=MADE_BY,
     run:
         job("walking.calibrate", input, output, params, log)
@@ -28,8 +34,8 @@ rule identify_plate:
     """Inertia and lag of the force plate, from trials of the unloaded plate."""
     input:
         trials=expand("<results>/trials/{trial}.parquet", trial=PLATE_TRIALS),
-        calibrations=calibrations(PLATE_TRIALS),
-        quality=checks(PLATE_TRIALS),
+        calibrations=FILES.calibrations(PLATE_TRIALS),
+        quality=FILES.checks(PLATE_TRIALS),
     output:
         output="<results>/fits/plate.json",
         comparison="<results>/tables/plate.csv",
@@ -37,9 +43,9 @@ rule identify_plate:
         "<logs>/walking/plate.log",
     localrule: True
     params:
-        statics=statics(PLATE_TRIALS),
+        statics=CAMPAIGN.static_trials(PLATE_TRIALS),
         settings=CONFIG.walking.part("PlateModelSettings"),
-        excluded=lambda wildcards: excluded(PLATE_TRIALS),
+        excluded=excluded(PLATE_TRIALS),
         made_by=MADE_BY,
     run:
         job("walking.identify_plate", input, output, params, log)
@@ -49,8 +55,8 @@ rule measure_platform:
     """The motion that the platform's perturbations share."""
     input:
         trials=expand("<results>/trials/{trial}.parquet", trial=PERTURBED),
-        calibrations=calibrations(PERTURBED),
-        quality=checks(PERTURBED),
+        calibrations=FILES.calibrations(PERTURBED),
+        quality=FILES.checks(PERTURBED),
     output:
         output="<results>/fits/platform.json",
         comparison="<results>/tables/platform.csv",
@@ -58,10 +64,10 @@ rule measure_platform:
         "<logs>/walking/platform.log",
     localrule: True
     params:
-        statics=statics(PERTURBED),
+        statics=CAMPAIGN.static_trials(PERTURBED),
         settings=CONFIG.walking.part("CrossingSettings"),
         places=WALKED,
-        excluded=lambda wildcards: excluded(PERTURBED),
+        excluded=excluded(PERTURBED),
         made_by=MADE_BY,
     run:
         job("walking.measure_platform", input, output, params, log)
@@ -71,7 +77,7 @@ rule analyse_crossing:
     """Ankle angle and torque over the stance of one crossing."""
     input:
         trial="<results>/trials/{trial}.parquet",
-        calibration=calibration_of_crossing,
+        calibration=lambda wildcards: FILES.calibration_of_crossing(wildcards.trial),
         plate=[] if CONFIG.walking.by_log else "<results>/fits/plate.json",
         platform=[] if CONFIG.walking.by_log else "<results>/fits/platform.json",
     output:
@@ -79,7 +85,7 @@ rule analyse_crossing:
     log:
         "<logs>/crossings/{trial}.log",
     wildcard_constraints:
-        trial=one_of(WALKED),
+        trial=name_pattern(WALKED),
     params:
         settings=CONFIG.walking.part("CrossingSettings"),
         perturbed=cell("perturbed"),
@@ -94,8 +100,8 @@ rule analyse_crossing:
 rule select_crossings:
     """Which crossings are used, and why the others are not."""
     input:
-        crossings=expand("<results>/crossings/{trial}.parquet", trial=list(WALKED)),
-        quality=checks(list(WALKED)),
+        crossings=FILES.crossings(WALKED),
+        quality=FILES.checks(WALKED),
     output:
         "<results>/tables/walking_crossings.csv",
     log:
@@ -105,7 +111,7 @@ rule select_crossings:
         settings=CONFIG.walking.part("SelectionSettings"),
         sheet=CAMPAIGN.conditions(),
         places=WALKED,
-        excluded=lambda wildcards: excluded(WALKED),
+        excluded=excluded(WALKED),
         made_by=MADE_BY,
     run:
         job("walking.select_crossings", input, output, params, log)
@@ -114,9 +120,9 @@ rule select_crossings:
 rule average_unperturbed:
     """The mean unperturbed gait of each group."""
     input:
-        crossings=expand("<results>/crossings/{trial}.parquet", trial=UNPERTURBED),
+        crossings=FILES.crossings(UNPERTURBED),
         selection="<results>/tables/walking_crossings.csv",
-        quality=checks(UNPERTURBED),
+        quality=FILES.checks(UNPERTURBED),
     output:
         "<results>/fits/unperturbed.parquet",
     log:
@@ -124,7 +130,7 @@ rule average_unperturbed:
     localrule: True
     params:
         fewest=CONFIG.walking.fewest_unperturbed,
-        excluded=lambda wildcards: excluded(UNPERTURBED),
+        excluded=excluded(UNPERTURBED),
         made_by=MADE_BY,
     run:
         job("walking.average_unperturbed", input, output, params, log)
@@ -141,7 +147,7 @@ rule fit_perturbation:
     log:
         "<logs>/walking/{trial}.log",
     wildcard_constraints:
-        trial=one_of(PERTURBED),
+        trial=name_pattern(PERTURBED),
     params:
         settings=CONFIG.walking.part("ResponseSettings"),
         made_by=MADE_BY,
@@ -153,10 +159,10 @@ rule summarise_walking:
     """K, B, I of each group of perturbations, and their responses."""
     input:
         table="<results>/tables/walking.csv",
-        crossings=expand("<results>/crossings/{trial}.parquet", trial=PERTURBED),
+        crossings=FILES.crossings(PERTURBED),
         selection="<results>/tables/walking_crossings.csv",
         unperturbed="<results>/fits/unperturbed.parquet",
-        quality=checks(PERTURBED),
+        quality=FILES.checks(PERTURBED),
     output:
         output="<results>/tables/walking_summary.csv",
         responses="<results>/tables/walking_responses.csv",
@@ -171,7 +177,7 @@ rule summarise_walking:
         limits=limits("walking_groups"),
         sheet=CAMPAIGN.conditions(),
         places=WALKED,
-        excluded=lambda wildcards: excluded(PERTURBED),
+        excluded=excluded(PERTURBED),
         made_by=MADE_BY,
     run:
         job("walking.summarise_perturbations", input, output, params, log)
@@ -206,7 +212,7 @@ rule compare_ankle_moment:
     log:
         "<logs>/overground/{trial}.log",
     wildcard_constraints:
-        trial=one_of(CAMPAIGN.trials("overground")),
+        trial=name_pattern(CAMPAIGN.trials("overground")),
     params:
         settings=CONFIG.overground.part("OvergroundAnalysis"),
         condition=cells("body_mass_kg"),

@@ -27,7 +27,7 @@ HOUSE = {
     "judge": {"config", "dictionary", "model", "stats"}, "figures": {"dictionary", "judge",
     "stats"},
     "outcomes": {"config", "judge"}, "jobs": {"outcomes"},
-    "campaign": {"bench", "config", "formats", "ingest", "judge", "model", "walking"},
+    "campaign": {"bench", "config", "figures", "formats", "ingest", "judge", "model", "walking"},
     "report": {"campaign", "config", "dictionary", "judge", "model", "stats"},
 }  # fmt: skip
 """What a package imports beside itself and the ground, from the lowest floor up."""

@@ -25,7 +25,8 @@ from snakemake_interface_logger_plugins.common import LogEvent
 
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands import killed_runs, trials
-from osl_analysis.commands.run import end_run, left_behind_report
+from osl_analysis.commands.run import end_run
+from osl_analysis.commands.run_report import left_behind_report
 from osl_analysis.commands.tables import gather, judge, list_excluded, read_summary
 from osl_analysis.commands.walking import read_crossing_file, read_model, read_unperturbed_gaits
 from osl_analysis.errors import InputError, MemoryLimitError, WriteError

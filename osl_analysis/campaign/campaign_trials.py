@@ -1,13 +1,15 @@
 """A campaign: the trials of its sample sheet, and what the rules ask about each of them."""
 
-from collections.abc import Mapping
+import os
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from osl_analysis.campaign.configuration import Config
-from osl_analysis.config.experiments import EXPERIMENTS, ResultTable
+from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL, ResultTable
+from osl_analysis.config.shared_choices import SharedChoices
 from osl_analysis.config.sheet import FIXTURE, SheetRows, read_sheet
 from osl_analysis.errors import InputError, naming, nearest
 from osl_analysis.files import shipped
@@ -73,6 +75,11 @@ class Campaign:
         statics = {name: self.row(name) for name in self.trials("static")}
         with naming(self.config.sheet):
             return static_of(trial, self.row(trial), statics)
+
+    def static_trials(self, trials: Iterable[str]) -> dict[str, str]:
+        """The static trial that calibrates each of these trials; none if the leg's log has angle
+        and torque."""
+        return {trial: self.static(trial) for trial in trials if self.statics}
 
     def plate_trials(self) -> list[str]:
         """Names of the plate trials from which the plate's inertia is identified; none if it is
@@ -150,6 +157,17 @@ class Campaign:
             return ("theta", "torque")
         return EXPERIMENTS[experiment].needed_columns
 
+    def commanded(self, trial: str) -> dict[str, Any]:
+        """The stepped sine that was asked for, with which quality control compares the motion."""
+        dynamometer = self.config.dynamometer
+        if EXPERIMENTS[self.row(trial)["experiment"]].stepped_sine:
+            return {name: getattr(dynamometer, name) for name in PROTOCOL}
+        return {"amplitudes_deg": [], "frequencies_hz": [], "cycles": 1}
+
+    def choices_to_simulate(self, trial: str) -> SharedChoices:
+        """What the configuration decides for the simulator of a trial."""
+        return self.config.shared(self.row(trial)["experiment"])
+
     def recording(self, trial: str) -> Mapping[str, Any]:
         """The cells of a trial's row that ingest uses."""
         row = self.row(trial)
@@ -165,6 +183,23 @@ class Campaign:
         row = self.row(trial)
         named = [row[column] for column in ("log", "mocap") if row[column]]
         return [file for name in named for file in recorded_files(self.config.raw_data / name)]
+
+    def logged_in(self, folder: str) -> list[str]:
+        """Names of the trials whose log stands in a folder of the raw data."""
+        logs = {trial: row["log"] for trial, row in self.rows.items()}
+        return [trial for trial, log in logs.items() if log and Path(log).parent.name == folder]
+
+    def readable_logs(self, trial: str) -> list[Path]:
+        """The recorded files of a trial, but those that cannot be read: its ingest refuses them.
+
+        A simulated one may not be made yet."""
+        is_simulated = self.config.simulation is not None
+        return [log for log in self.logs(trial) if is_simulated or os.access(log, os.R_OK)]
+
+    def log_sizes(self, trial: str) -> list[int]:
+        """The sizes of the recorded files [bytes]: another one is seen even if its date is
+        older."""
+        return [log.stat().st_size for log in self.readable_logs(trial) if log.exists()]
 
     def sources(self, trial: str) -> list[Path]:
         """The source files of a trial."""

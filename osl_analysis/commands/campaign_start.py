@@ -1,12 +1,15 @@
 """What is refused, or said, of a campaign before its first job."""
 
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 from osl_analysis.campaign.campaign_checks import check_campaign
-from osl_analysis.campaign.campaign_trials import Campaign
+from osl_analysis.campaign.campaign_trials import Campaign, open_campaign
+from osl_analysis.campaign.configuration import campaign_config, over_default
+from osl_analysis.campaign.figure_examples import response_example, time_series_example
 from osl_analysis.errors import (
     EXTRAS,
     InputError,
@@ -15,6 +18,7 @@ from osl_analysis.errors import (
     naming,
     not_installed,
 )
+from osl_analysis.files import check_working_folder, default_config
 from osl_analysis.ingest.overview import inspect_recording
 from osl_analysis.ingest.raw_files import (
     check_clocks,
@@ -30,6 +34,43 @@ MOST_LISTED = 5
 """Recordings that are named in one message."""
 COMPARED_CAPTURES = 3
 """Captures of one session whose plates are compared with its source file: they have the same."""
+
+
+def start_campaign(stated: Mapping[str, Any], files: Sequence[Path]) -> tuple[Campaign, list[Path]]:
+    """Open the campaign that Snakemake runs.
+
+    Parameters
+    ----------
+    stated : Mapping
+        The fields of the configuration that Snakemake merged from files.
+    files : Sequence of Path
+        These files; later ones override earlier ones.
+
+    Returns
+    -------
+    Campaign
+    list of Path
+        The files with the settings of its simulation; none for real recordings.
+
+    Raises
+    ------
+    InputError
+        A file is wrong; what `check_start` refuses; an example of a figure is not in the campaign.
+    """
+    config = campaign_config(over_default(stated), [default_config(), *files])
+    planned = None
+    simulation_files: list[Path] = []
+    if config.simulation is not None:
+        from osl_analysis.commands.simulate import planned_sheet, settings_files
+
+        planned = planned_sheet(config.simulation, config.sheet)
+        simulation_files = settings_files(config.simulation, config.shared())
+    campaign = open_campaign(config, planned)
+    check_working_folder(config.results)
+    check_start(campaign)
+    time_series_example(campaign)
+    response_example(campaign)
+    return campaign, simulation_files
 
 
 def check_start(campaign: Campaign) -> None:

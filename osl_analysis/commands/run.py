@@ -8,7 +8,7 @@ import shutil
 import sys
 import threading
 import traceback
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from importlib.metadata import version
 from itertools import pairwise
 from pathlib import Path
@@ -28,8 +28,6 @@ CONFIGURED_BY = ("--configfile", "--configfiles")
 """Options of Snakemake that name configurations."""
 PROFILE = "--workflow-profile"
 NOTHING_DONE = "Nothing to be done: every result that was asked for is up to date"
-MOST_UNKNOWN = 12
-"""Trials that are named in the line on files that are left of an earlier sheet."""
 
 
 def snakemake_arguments(arguments: Sequence[str]) -> list[str]:
@@ -184,18 +182,6 @@ def not_made(files: Sequence[str]) -> str:
     if older:
         text += f"; {older} results that depend on them are those of an earlier run"
     return f"{text}; run again, what is finished stays"
-
-
-def left_behind_report(stored: Iterable[Path], trials: Collection[str]) -> str:
-    """A line on trials with `stored` files that are not in the sheet, as after a renaming; empty if
-    there are none."""
-    unknown = sorted({path.stem for path in stored} - set(trials))
-    if not unknown:
-        return ""
-    return (
-        f"not in the sample sheet, and in no table or figure: {listing(unknown, MOST_UNKNOWN)};"
-        " files of theirs are left below the results; delete them, or enter the trials again"
-    )
 
 
 def made_by(campaign: Campaign) -> dict[str, str]:

@@ -1,0 +1,59 @@
+"""What a user must know at the end of a run."""
+
+import json
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from osl_analysis.campaign.campaign_trials import Campaign
+from osl_analysis.campaign.result_files import ResultFiles
+from osl_analysis.errors import listing
+from osl_analysis.judge.campaign import exclusion_report
+from osl_analysis.judge.exclusions import Judge
+from osl_analysis.refusal import refusal_report
+from osl_analysis.report.brief import brief_lines
+
+MOST_UNKNOWN = 12
+"""Trials that are named in the line on files that are left of an earlier sheet."""
+
+
+@dataclass(frozen=True)
+class RunReport:
+    """The report of a run of a campaign."""
+
+    campaign: Campaign
+    judge: Judge
+    unnamed: str  # on recordings that no row of the sheet names
+
+    def text(self, files: Sequence[str], refused: Sequence[str]) -> str:
+        """The report, from all `files` of the run, and those of them that are `refused`."""
+        campaign = self.campaign
+        results = campaign.config.results
+        trials = campaign.trials()
+        checks = ResultFiles(campaign).checks(trials)
+        verdicts = self.judge.verdicts(Path(file) for file in checks)
+        stored = (results / "trials").glob("*.parquet")
+        recordings = {trial: [str(log) for log in campaign.logs(trial)] for trial in trials}
+        is_accepted = campaign.config.failed_trials == "accept"
+        lines = [
+            exclusion_report(verdicts, campaign.excluded),
+            self.unnamed,
+            left_behind_report(stored, [*trials, *campaign.excluded]),
+            refusal_report(refused, recordings, is_accepted),
+        ]
+        summary = results / "summary.json"
+        if str(summary) in files and str(summary) not in refused:
+            lines = [*brief_lines(json.loads(summary.read_text())), *lines]
+        return "\n".join(line for line in lines if line)
+
+
+def left_behind_report(stored: Iterable[Path], trials: Collection[str]) -> str:
+    """A line on trials with `stored` files that are not in the sheet, as after a renaming; empty if
+    there are none."""
+    unknown = sorted({path.stem for path in stored} - set(trials))
+    if not unknown:
+        return ""
+    return (
+        f"not in the sample sheet, and in no table or figure: {listing(unknown, MOST_UNKNOWN)};"
+        " files of theirs are left below the results; delete them, or enter the trials again"
+    )

@@ -40,6 +40,7 @@ class GainCheck:
 
     load_error: float | None = None
     load_judged_by: str | None = None
+    load_slack: float | None = None  # what gait may explain, as a share
 
 
 @dataclass(frozen=True)
@@ -58,7 +59,8 @@ def check_gain(loads: KnownLoads) -> GainCheck:
         return GainCheck()
     error = best.ratio - 1
     beyond = max(abs(error) - best.slack, 0.0)
-    return GainCheck(float(np.copysign(beyond, error)) if beyond else 0.0, best.by)
+    signed = float(np.copysign(beyond, error)) if beyond else 0.0
+    return GainCheck(signed, best.by, best.slack)
 
 
 def gain_estimates(loads: KnownLoads) -> Iterator[GainEstimate]:

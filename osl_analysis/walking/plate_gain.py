@@ -19,6 +19,8 @@ OPPOSITE_STEP = (0.35, 0.65)  # of a stride, between heel strikes of both feet
 LARGEST_STANDING_ERROR = 0.25  # of a plate on which both feet stand; one foot carries half
 PLAUSIBLE_SHARES = (0.3, 0.7)  # of the weight over a stride, for a foot
 LARGEST_ASYMMETRY = 0.06  # of a foot's load over a stride from half of the weight, as a share
+FORCE_UNITS = {"kN": 1e-3, "kgf": 1 / 9.80665, "lbf": 1 / 4.4482216}  # [1/N]
+NEAR_UNIT = 0.1  # of a ratio to that of a unit
 LARGEST_UNSTEADINESS = 0.02  # by which walkers who speed up or slow down miss their weight
 
 
@@ -60,7 +62,9 @@ def check_gain(loads: KnownLoads) -> GainCheck:
     error = best.ratio - 1
     beyond = max(abs(error) - best.slack, 0.0)
     signed = float(np.copysign(beyond, error)) if beyond else 0.0
-    return GainCheck(signed, best.by, best.slack)
+    units = [unit for unit, f in FORCE_UNITS.items() if abs(best.ratio / f - 1) < NEAR_UNIT]
+    judged_by = f"{best.by} (as of {units[0]} in place of N)" if units else best.by
+    return GainCheck(signed, judged_by, best.slack)
 
 
 def gain_estimates(loads: KnownLoads) -> Iterator[GainEstimate]:

@@ -170,6 +170,8 @@ def stride_load_beside(
             continue
         time, force = trial.signals(column)
         is_bare = np.abs(force - np.median(force)) < settings.load_off_n
+        if not is_bare.any():  # noise of tens of newtons
+            continue
         force = force - np.mean(force[is_bare])
         for step in find_stances(
             time, force, settings.load_on_n, settings.load_off_n, settings.shortest_stance_s

@@ -237,6 +237,29 @@ def test_an_absurd_header_a_pointer_past_a_record_or_other_counts_are_refused(
     assert formats.read(path).loss.share == 0
 
 
+@pytest.mark.parametrize(("stated_hz", "is_told"), [(360.0, True), (400.1, False)])
+def test_another_rate_than_that_of_the_samples_in_the_frames_is_told(
+    tmp_path: Path, stated_hz: float, is_told: bool
+) -> None:
+    path = write_c3d(
+        tmp_path / "a.c3d", points(200), analogs(800), ANALOG__RATE=np.array([stated_hz])
+    )
+
+    remarks = " ".join(formats.read(path).loss.remarks)
+
+    assert ("4 samples in each frame at 100 Hz are 400 Hz" in remarks) == is_told
+
+
+def test_a_capture_of_more_frames_than_its_header_counts_is_whole(tmp_path: Path) -> None:
+    positions = np.zeros((70_000, 1, 4))
+    positions[:, 0, 0] = np.arange(70_000)
+    path = write_c3d(tmp_path / "a.c3d", positions, POINT__FRAMES=np.array([70_000.0]))
+
+    (marker,) = formats.read(path).channels
+
+    assert marker.values[-1, 0] == 69_999
+
+
 PLATES_THAT_CANNOT_BE: list[tuple[dict[str, Any], dict[str, Any], str]] = [
     ({"ANALOG__SCALE": [1, 1, np.nan, 1, 1, 1.0]},
      {}, "plate 1: nan in sample 1 of analog channel 'A3'"),

@@ -200,6 +200,7 @@ def test_strides_that_differ_a_little_are_told_apart_by_their_likelihood() -> No
     fit = correlate_clocks((time, angle), (time[:6000], angle[1500:7500] + noise))
 
     assert fit.offset == pytest.approx(-1500 / CAMERA_RATE, abs=0.1 / CAMERA_RATE)
+    assert 0 <= fit.second_place < 1e-3
 
 
 def test_strides_that_hardly_differ_are_refused_with_what_would_tell_them() -> None:

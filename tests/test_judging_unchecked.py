@@ -27,6 +27,15 @@ def test_moments_are_unchecked_if_they_may_change_K_by_more_than_2_percent():
     assert little == []
 
 
+def test_a_plate_s_gain_is_unchecked_where_nothing_tells_it_or_gait_may_explain_6_percent():
+    gain = ["whether the plate's gain is right"]
+    judged = WALKED | {"load_error": 0.0}
+
+    assert unchecked_causes("walking_groups", judged | {"load_slack": 0.02}) == []
+    assert unchecked_causes("walking_groups", judged | {"load_slack": 0.06}) == gain
+    assert unchecked_causes("walking_groups", WALKED | {"load_error": None}) == gain
+
+
 def test_a_seen_reflex_matters_from_3_widths_of_K_and_a_hidden_one_from_half_a_width():
     seen = WALKED | {"reflex_delay_ms": 50.0}
 

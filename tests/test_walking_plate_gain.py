@@ -61,6 +61,29 @@ def test_who_has_a_foot_on_the_floor_is_judged_by_strides() -> None:
     assert check_gain(replace(one_foot, stride=None)).load_error is None
 
 
+@pytest.mark.parametrize("names", [("standing", "stride"), ("standing_beside", "stride_beside")])
+def test_who_walks_with_a_fifth_more_is_not_who_stood_there(names: tuple[str, str]) -> None:
+    standing, stride = names
+    heavier = replace(EVERY, **{stride: 1.2 * getattr(EVERY, standing) / 2}, weight=None)
+    other = {"standing", "standing_beside"} - {standing}
+    heavier = replace(heavier, **dict.fromkeys(other))
+
+    found = check_gain(heavier)
+
+    assert found.weight_change == pytest.approx(0.2 - 0.06)
+    assert found.load_judged_by == "another plate, by both feet"
+    assert check_gain(EVERY).weight_change == 0.0
+
+
+def test_a_plate_in_pounds_beside_one_in_newtons_is_named() -> None:
+    in_pounds = replace(known("standing_beside", "stride", "stride_beside"), stride=74.0)
+
+    found = check_gain(in_pounds)
+
+    assert found.load_judged_by == "another plate, by strides (as of lbf in place of N)"
+    assert found.load_error == pytest.approx(0.225 - 1 + 0.02, abs=0.01)
+
+
 FRAMES = np.arange(0, 4, 0.005)
 STANCE = Stance(1.5, 2.2)
 # The foot's middle of swing lies at 1.2 and at 2.35 s

@@ -167,6 +167,17 @@ def test_what_is_not_where_it_was_in_the_static_trial_is_named_by_itself(
     assert unperturbed(WALK).quality.different_mm < 0.5
 
 
+def test_corners_of_the_trials_of_the_plate_are_compared_with_the_static_trial_too() -> None:
+    trials = [with_corners(trial, 0.02) for trial in plate_trials(RIG, Ramp(), 3, 2)]
+    model = identify_plate_model(calibrated(trials), settings())
+
+    quality = unperturbed(WALK, model).quality
+
+    assert quality.different == "the corners of force plate 1 in trials of the plate"
+    assert quality.different_mm == pytest.approx(20.0, abs=0.1)
+    assert unperturbed(WALK, plate()).quality.different_mm < 0.5
+
+
 def test_a_cluster_beyond_its_limit_is_refused_with_its_marker() -> None:
     with pytest.raises(InputError, match="throughout stance, SHANK2 most, by 25 mm"):
         unperturbed(moved(WALK, "SHANK2", by=0.025))

@@ -31,6 +31,7 @@ from osl_analysis.walking.poses import (
     bridge_gaps,
     cluster_poses,
     filled_frames,
+    moved_marker,
     static_calibration,
 )
 
@@ -85,6 +86,22 @@ def test_a_cluster_on_a_line_has_no_pose() -> None:
     line = np.array([[0.0, 0, 0], [0.1, 0, 0], [0.2, 0.001, 0]])
 
     assert not cluster_poses(line, np.tile(line, (3, 1, 1))).seen().any()
+
+
+@pytest.mark.parametrize(("hidden", "distance"), [(None, 0.02), (3, 0.013)])
+def test_a_moved_marker_is_that_without_which_the_others_agree(
+    hidden: int | None, distance: float
+) -> None:
+    """Of three that are left, the misfit is shared: the largest part is told."""
+    foot = moving_foot()
+    moved = foot.tracks + 0.02 * foot.rotation[:, :, 0][:, None] * (np.arange(4) == 0)[:, None]
+    if hidden is not None:
+        moved[:, hidden] = np.nan
+
+    found = moved_marker(FOOT, moved, cluster_poses(FOOT, moved))
+
+    assert found.index == 0
+    assert found.distance_m == pytest.approx(distance, abs=2e-3)
 
 
 def test_a_bridged_gap_of_a_resting_cluster_has_little_noise() -> None:

@@ -8,7 +8,7 @@ import math
 import re
 import struct
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -37,6 +37,7 @@ from osl_analysis.yaml_settings import Settings, misplaced
 
 BLOCK = 512  # bytes
 LARGEST_FRAME_NUMBER = 0xFFFF  # of the header
+OTHER_RATE = 1e-3  # share by which ANALOG:RATE is another one, and no rounded one
 # number format by the processor's code, and NumPy's sign of its byte order
 PROCESSORS = {84: "Intel", 85: "DEC", 86: "MIPS"}
 BYTE_ORDER = {"Intel": "<", "DEC": "<", "MIPS": ">"}
@@ -228,14 +229,17 @@ def _long_frames(header: Header) -> int:
     """Frames of a file with more than the header can count; 0 where no parameter tells them.
 
     Vicon and Qualisys write first and last frame as two 16-bit words, low word first, others
-    LONG_FRAMES.
+    LONG_FRAMES, or FRAMES as a real (C3D manual).
     """
     first = header.numbers("TRIAL:ACTUAL_START_FIELD") % 65536
     last = header.numbers("TRIAL:ACTUAL_END_FIELD") % 65536
     if first.size == last.size == 2:
         return int((last - first) @ [1, 65536]) + 1
-    long = header.numbers("POINT:LONG_FRAMES")
-    return int(long[0]) if long.size and np.isfinite(long[0]) else 0
+    for name in ("POINT:LONG_FRAMES", "POINT:FRAMES"):
+        long = header.numbers(name)[:1]
+        if long.size and np.isfinite(long[0]) and long[0] > LARGEST_FRAME_NUMBER:
+            return int(long[0])
+    return 0
 
 
 def parse_parameters(data: bytes, position: int, end: int, processor: str) -> Parameters:
@@ -613,6 +617,18 @@ def _names_of(labels: Sequence[str]) -> list[str]:
     return [behind[label] if uses[behind[label]] == 1 else label for label in labels]
 
 
+def remarks_on_rate(header: Header, rate_hz: float) -> Iterator[str]:
+    """Say where the rate that the file states for its analog channels is not that of the samples in
+    its frames [Hz]."""
+    stated = header.numbers("ANALOG:RATE")[:1]
+    is_other = stated.size > 0 and abs(stated[0] / rate_hz - 1) > OTHER_RATE
+    if header.channels and is_other:
+        yield (
+            f"ANALOG:RATE is {stated[0]:g} Hz, and {header.samples_per_frame} samples in each frame"
+            f" at {header.rate_hz:g} Hz are {rate_hz:g} Hz: they are read at the latter"
+        )
+
+
 def read(path: Path, source: C3dSource | None) -> Recording:
     """Read a C3D file. Frame 0 and analog sample 0 are at 0 s."""
     data = path.read_bytes()
@@ -636,6 +652,7 @@ def read(path: Path, source: C3dSource | None) -> Recording:
     fast = Rows(len(analogs), "analogs", fast_rate_hz, noun="sample")
     analog_channels = _analog_channels(header, analogs, fast)
     plates, remarks = plates_of(header, analog_channels, length_unit, source)
+    remarks += remarks_on_rate(header, fast_rate_hz)
     bytes_behind = len(data) - header.data_start - header.frames * header.frame_bytes
     if bytes_behind > 2 * BLOCK:
         remarks.append(f"{bytes_behind} bytes stand behind its last frame, and are not read")

@@ -38,6 +38,8 @@ class ClockFit:
     excluded_edges: int = 0
     # `edges`, `gate`, `correlation` of a signal, or `common`: the files share one time
     method: str = "edges"
+    # Likelihood of the second-best place of a shared angle, over that of the best; 0 for edges
+    second_place: float = 0.0
 
     def to_master(self, time: Array) -> Array:
         """Times [s] of the slave on the master's clock [s]."""
@@ -194,7 +196,8 @@ def correlate_clocks(slave: Signal, master: Signal) -> ClockFit:
         raise InputError(
             "the shared signal of one recorder is constant; check the channel and its sensor"
         )
-    first, second = section_lags(ours, theirs, whole_lag(ours, theirs, step))
+    lag, second_place = whole_lag(ours, theirs, step)
+    first, second = section_lags(ours, theirs, lag)
     if first.size < MINIMUM_EDGES:
         said = f"the shared signal moves in {first.size} of {SECTIONS} sections of the recording"
         raise InputError(f"{said}, at least {MINIMUM_EDGES} are needed; move the joint throughout")
@@ -208,12 +211,17 @@ def correlate_clocks(slave: Signal, master: Signal) -> ClockFit:
             f" {1e3 * limit:.2f} ms is needed"
         )
         raise InputError(f"{said}; check that both channels show the same thing")
-    return replace(line, excluded_edges=SECTIONS - line.edges, method="correlation")
+    return replace(
+        line,
+        excluded_edges=SECTIONS - line.edges,
+        method="correlation",
+        second_place=second_place,
+    )
 
 
-def whole_lag(ours: Array, theirs: Array, step: float) -> int:
+def whole_lag(ours: Array, theirs: Array, step: float) -> tuple[int, float]:
     """Samples, `step` [s] apart, by which `theirs` (m,) lags `ours` (n,): at the highest absolute
-    correlation with enough overlap."""
+    correlation with enough overlap. And the likelihood of the second-best place, over that."""
     from scipy.signal import fftconvolve  # half a second, which other trials need not wait for
 
     def over_overlap(x: Array, y: Array) -> Array:
@@ -248,11 +256,13 @@ def whole_lag(ours: Array, theirs: Array, step: float) -> int:
     elsewhere = score.copy()
     elsewhere[before + 1 : after] = 0.0
     second = int(np.argmax(elsewhere))
+    second_place = 0.0
     if elsewhere[second] > 0:
         best_misfit, second_misfit = np.sqrt(1 - np.minimum(score[[best, second]], 1.0) ** 2)
         where = f"{step * (lags[second] - lag):+.2f} s from the best"
-        check_only_place(residual_at(lag, ours, theirs), best_misfit, second_misfit, where)
-    return lag
+        residual = residual_at(lag, ours, theirs)
+        second_place = likelihood_elsewhere(residual, best_misfit, second_misfit, where)
+    return lag, second_place
 
 
 def residual_at(lag: int, ours: Array, theirs: Array) -> Array:
@@ -285,8 +295,8 @@ def independent_samples(residual: Array) -> float:
     return float(n / (2 * np.sum((covariance / covariance[0]) ** 2) - 1))
 
 
-def check_only_place(residual: Array, misfit: float, other_misfit: float, where: str) -> None:
-    """Refuse a shared angle that fits elsewhere almost as likely as where it fits best.
+def likelihood_elsewhere(residual: Array, misfit: float, other_misfit: float, where: str) -> float:
+    """Tell how likely a shared angle is at another place, over that at the best one.
 
     Parameters
     ----------
@@ -296,18 +306,24 @@ def check_only_place(residual: Array, misfit: float, other_misfit: float, where:
         RMS of the residuals at the best and at the other place, as shares of the angle's SD.
     where
         The other place, for the message.
+
+    Raises
+    ------
+    InputError
+        It is not far less likely.
     """
     ratio = max(other_misfit, LEAST_MISFIT) / max(misfit, LEAST_MISFIT)
     log_odds = independent_samples(residual) * float(np.log(ratio))
-    if log_odds >= np.log(LEAST_ODDS):
-        return
+    likelihood = float(np.exp(-max(log_odds, 0.0)))
+    if likelihood <= 1 / LEAST_ODDS:
+        return likelihood
     remedy = "add one movement that does not repeat"
     longer = float(np.log(LEAST_ODDS)) / log_odds if log_odds > 0 else np.inf
     if longer < MOST_LONGER:
         remedy = f"record {longer:.1f} times as long, or {remedy}"
     raise InputError(
-        f"the shared angle fits elsewhere, {where}, {np.exp(-max(log_odds, 0)):.2g} times as likely"
-        f" (misfits {other_misfit:.2g} and {misfit:.2g} of its SD); {remedy}"
+        f"the shared angle fits elsewhere, {where}, {likelihood:.2g} times as likely (misfits"
+        f" {other_misfit:.2g} and {misfit:.2g} of its SD); {remedy}"
     )
 
 
@@ -386,7 +402,8 @@ def aligned_clock(
             f"{refused}; cross-correlation of {what} does not align them either: {error}"
         ) from error
     return fit, [
-        f"clocks aligned by cross-correlation of {what}, because of the sync edges: {refused}"
+        f"clocks aligned by cross-correlation of {what}, elsewhere {fit.second_place:.1g} times as"
+        f" likely, because of the sync edges: {refused}"
     ]
 
 
@@ -419,8 +436,10 @@ def gate_fit(
     for begin, end, is_rise in zip(edges[:-1], edges[1:], rising[:-1], strict=True):
         if is_rise and abs(end - begin - length) <= slack:
             starts.append(float(begin))
+    second_place = 0.0
     if len(starts) > 1 and angles is not None:
-        starts = [likeliest_start(starts, *angles())]
+        start, second_place = likeliest_start(starts, *angles())
+        starts = [start]
     if len(starts) != 1:
         remedy = "align the clocks by an angle that both recorded: `clock: shared`"
         if starts:
@@ -431,11 +450,15 @@ def gate_fit(
             f" {remedy}"
         )
     residual = float(np.hypot(step, capture_step)) / np.sqrt(12)
-    return ClockFit(-starts[0], 0.0, residual / length, residual, edges=2, method="gate")
+    return ClockFit(
+        -starts[0], 0.0, residual / length, residual, edges=2, method="gate",
+        second_place=second_place,
+    )  # fmt: skip
 
 
-def likeliest_start(starts: Sequence[float], ours: Signal, theirs: Signal) -> float:
-    """Choose the time [s] in the log, of two or more, at which a capture began.
+def likeliest_start(starts: Sequence[float], ours: Signal, theirs: Signal) -> tuple[float, float]:
+    """Choose the time [s] in the log, of two or more, at which a capture began, and tell how likely
+    the second-best one is, over it.
 
     It is where the angle of the log, scaled and shifted, is nearest to that of the capture.
 
@@ -449,8 +472,8 @@ def likeliest_start(starts: Sequence[float], ours: Signal, theirs: Signal) -> fl
     misfits = np.std(residuals, axis=1) / max(float(np.std(angle)), np.finfo(float).tiny)
     best, second = np.argsort(misfits)[:2].tolist()
     where = f"at {starts[second]:.1f} s of the log in place of {starts[best]:.1f} s"
-    check_only_place(residuals[best], misfits[best], misfits[second], where)
-    return float(starts[best])
+    second_place = likelihood_elsewhere(residuals[best], misfits[best], misfits[second], where)
+    return float(starts[best]), second_place
 
 
 def shared_angles(log: Converted, mocap: Converted, shared: SharedAngle) -> tuple[Signal, Signal]:

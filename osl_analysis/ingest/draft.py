@@ -197,7 +197,7 @@ def draft_source(
 def capture_lines(overview: Overview) -> Iterator[str]:
     """All markers; analog channels that are of no plate, and model outputs, as comments, for the
     user to name."""
-    labels = [json.dumps(one.key) for one in overview.channels if one.kind == "marker"]
+    labels = [json.dumps(one.key) for one in overview.channels if one.kind == "marker" and one.key]
     yield from (f"# {text}" for text in overview.open)
     yield "markers: all"
     yield f"# or some: markers: [{', '.join(dict.fromkeys(labels))}]"

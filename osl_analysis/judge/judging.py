@@ -71,6 +71,7 @@ HIDDEN_SHARE = 0.1  # of J_j, by which a delay of two standard errors may change
 WIDE = 3.0  # effect of a reflex that is seen on K, in widths of K's interval
 SEEN = 0.5  # the same of a reflex that may be hidden
 LEAST_MOMENT_SHARE = 0.02  # of K, that a wrong gain of the plate's moments may change
+ROUGH_GAIN = 0.05  # share by which a plate of the right gain may seem wrong
 
 
 def unchecked_in(table: str, row: AnyRow) -> Iterator[Finding]:
@@ -201,7 +202,8 @@ def unchecked_in_walking(row: AnyRow) -> Iterator[str]:
     moment_effect = 100 * (cell_number(row, "moment_error_half") or 0.0) * K_per_percent
     if abs(moment_effect) > LEAST_MOMENT_SHARE * abs(K):
         yield "whether the plate's moments are right"
-    if lacks(row, "load_error") and not has_no_plate:
+    is_gain_told = (cell_number(row, "load_slack") or 0.0) < ROUGH_GAIN
+    if (lacks(row, "load_error") or not is_gain_told) and not has_no_plate:
         yield "whether the plate's gain is right"
     if lacks(row, "plate_height_m") and not has_no_plate:
         yield "the height of the plate's corners and ORIGIN"

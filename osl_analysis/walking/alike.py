@@ -1,5 +1,5 @@
-"""What stays the same from the static trial to a crossing, compared directly: the markers of each
-cluster, the ankle between foot and shank, the pose at rest of the platform, the plate's corners.
+"""What stays the same from the static trial on, compared directly: the markers of each cluster, the
+ankle between foot and shank, the platform at rest and the corners of the plate.
 
 What differs is named by itself, whatever it does to the torque.
 """
@@ -16,7 +16,7 @@ from osl_analysis.walking.poses import (
     marker_tracks,
     moved_marker,
 )
-from osl_analysis.walking.walking_settings import CrossingSettings
+from osl_analysis.walking.walking_settings import CrossingSettings, PlatformSettings
 
 FEWEST_FRAMES = 10  # at rest, that tell where the platform stands
 
@@ -54,18 +54,36 @@ def differences(
     in_foot = np.einsum("nji,nj->ni", passage.poses["foot"].rotation[inside], apart)
     found["the ankle between foot and shank"] = float(np.linalg.norm(in_foot.mean(axis=0)))
 
+    rests = passage.frames < passage.stance.heel_strike
+    platform = passage.recorded["platform"][rests]
+    return {**found, **fixed_differences(trial, platform, calibration, settings)}
+
+
+def fixed_differences(
+    trial: Trial,
+    platform: Poses,
+    calibration: StaticCalibration,
+    settings: PlatformSettings,
+) -> dict[str, float]:
+    """Tell by how much [m] corners of the plate, and platform at rest, stand otherwise than in the
+    static trial.
+
+    Parameters
+    ----------
+    platform : Poses
+        In frames in which it rests.
+    """
+    found = {}
     in_static = calibration.corners.get(settings.plate)
-    in_crossing = recorded_plate(trial, settings.plate).get("corners")
-    if in_static is not None and in_crossing is not None:
-        shift = np.asarray(in_crossing) - in_static
+    in_trial = recorded_plate(trial, settings.plate).get("corners")
+    if in_static is not None and in_trial is not None:
+        shift = np.asarray(in_trial) - in_static
         found[f"the corners of force plate {settings.plate}"] = root_mean_square(shift)
-    if settings.markers.platform and settings.perturbed_by == "platform":
-        names = settings.markers.platform
-        platform = passage.recorded["platform"]
-        rests = platform.seen() & (passage.frames < passage.stance.heel_strike)
-        if rests.sum() >= FEWEST_FRAMES:
-            reference = calibration.positions(names, trial.name)
-            found["the platform at rest"] = distance_at_rest(platform[rests], reference)
+    names = settings.markers.platform
+    rests = platform.seen()
+    if names and settings.perturbed_by == "platform" and rests.sum() >= FEWEST_FRAMES:
+        reference = calibration.positions(names, trial.name)
+        found["the platform at rest"] = distance_at_rest(platform[rests], reference)
     return found
 
 

@@ -156,7 +156,10 @@ def analyse_crossing(
     quality = crossing_quality(
         trial, passage, ankle, load, unloaded, calibration, encoder, settings
     )
-    unlike_static = differences(trial, passage, ankle, calibration, settings)
+    unlike_static = {
+        **differences(trial, passage, ankle, calibration, settings),
+        **unloaded.differences,
+    }
     different = max(unlike_static, key=lambda what: unlike_static[what])
     quality = replace(quality, different=different, different_mm=1e3 * unlike_static[different])
     clusters = passage.recorded.values()

@@ -470,6 +470,8 @@ class WitnessChecks:
     plate_zeroed: float | None
     load_error: float | None
     load_judged_by: str | None
+    load_slack: float | None
+    weight_change: float | None
     pressure_outside_m: float | None
     filled_share: float | None
     filled_fitted: float | None
@@ -520,6 +522,8 @@ def check_witnesses(
         plate_zeroed=mean_quality(crossings, "plate_zeroed"),
         load_error=gain.load_error,
         load_judged_by=gain.load_judged_by,
+        load_slack=gain.load_slack,
+        weight_change=gain.weight_change,
         pressure_outside_m=mean_quality(crossings, "pressure_outside_m"),
         filled_share=mean_quality(crossings, "filled_share"),
         filled_fitted=mean_quality(crossings, "filled_fitted"),

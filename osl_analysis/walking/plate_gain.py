@@ -17,8 +17,10 @@ from osl_analysis.walking.walking_settings import CrossingSettings
 
 OPPOSITE_STEP = (0.35, 0.65)  # of a stride, between heel strikes of both feet
 LARGEST_STANDING_ERROR = 0.25  # of a plate on which both feet stand; one foot carries half
-PLAUSIBLE_SHARES = (0.3, 0.7)  # of the weight over a stride, for a foot
+PLAUSIBLE_SHARES = (0.44, 0.56)  # of the weight over a stride, for a foot of who stood there, too
 LARGEST_ASYMMETRY = 0.06  # of a foot's load over a stride from half of the weight, as a share
+FORCE_UNITS = {"kN": 1e-3, "kgf": 1 / 9.80665, "lbf": 1 / 4.4482216}  # [1/N]
+NEAR_UNIT = 0.1  # of a ratio to that of a unit
 LARGEST_UNSTEADINESS = 0.02  # by which walkers who speed up or slow down miss their weight
 
 
@@ -40,6 +42,9 @@ class GainCheck:
 
     load_error: float | None = None
     load_judged_by: str | None = None
+    load_slack: float | None = None  # what gait may explain, as a share
+    # By what share who walks is heavier than who stood on the same plate, beyond what gait explains
+    weight_change: float | None = None
 
 
 @dataclass(frozen=True)
@@ -53,12 +58,31 @@ class GainEstimate:
 
 def check_gain(loads: KnownLoads) -> GainCheck:
     """Judge the gain of the platform's plate by the estimate that may be off least."""
+    change = weight_change(loads)
     best = min(gain_estimates(loads), key=lambda estimate: estimate.slack, default=None)
     if best is None:
-        return GainCheck()
-    error = best.ratio - 1
-    beyond = max(abs(error) - best.slack, 0.0)
-    return GainCheck(float(np.copysign(beyond, error)) if beyond else 0.0, best.by)
+        return GainCheck(weight_change=change)
+    units = [unit for unit, f in FORCE_UNITS.items() if abs(best.ratio / f - 1) < NEAR_UNIT]
+    judged_by = f"{best.by} (as of {units[0]} in place of N)" if units else best.by
+    error = beyond_slack(best.ratio - 1, best.slack)
+    return GainCheck(error, judged_by, best.slack, change)
+
+
+def beyond_slack(error: float, slack: float) -> float:
+    """The part of an error, with its sign, beyond what its slack explains."""
+    return error - float(np.clip(error, -slack, slack))
+
+
+def weight_change(loads: KnownLoads) -> float | None:
+    """Compare the weight over strides with that of who stood on the same plate in the static trial,
+    by a share; None if nobody did."""
+    for standing, stride in (
+        (loads.standing, loads.stride),
+        (loads.standing_beside, loads.stride_beside),
+    ):
+        if standing and stride:
+            return beyond_slack(2 * stride / standing - 1, LARGEST_ASYMMETRY)
+    return None
 
 
 def gain_estimates(loads: KnownLoads) -> Iterator[GainEstimate]:
@@ -146,6 +170,8 @@ def stride_load_beside(
             continue
         time, force = trial.signals(column)
         is_bare = np.abs(force - np.median(force)) < settings.load_off_n
+        if not is_bare.any():  # noise of tens of newtons
+            continue
         force = force - np.mean(force[is_bare])
         for step in find_stances(
             time, force, settings.load_on_n, settings.load_off_n, settings.shortest_stance_s

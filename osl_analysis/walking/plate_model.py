@@ -26,6 +26,7 @@ from osl_analysis.signals import LowPass, longest_run, runs, sampling_rate
 from osl_analysis.trial import Array, Trial
 from osl_analysis.walking import platform
 from osl_analysis.walking import poses as rigid
+from osl_analysis.walking.alike import fixed_differences
 from osl_analysis.walking.plate import (
     WrenchReader,
     check_type_on_platform,
@@ -36,6 +37,7 @@ from osl_analysis.walking.plate import (
 from osl_analysis.walking.poses import (
     FREE_FALL,
     BodyMotion,
+    Mask,
     Poses,
     StaticCalibration,
     StoredArray,
@@ -61,6 +63,8 @@ SPREAD_FRAMES = 30  # by which the low-pass of the identification spreads a moti
 LARGEST_HEIGHT_SE_M = 0.005  # of a height that is reported
 CERTAIN_SES = 4.0  # standard errors beyond which a height is certain
 SMALLEST_HEIGHT_COLUMN = 0.02  # share of its column that no other explains
+
+RISE_S = 0.2  # until a motion passes its threshold
 
 SMALLEST_ZEROED = 0.05  # share of samples; of a plate with noise, hardly any force is exactly 0
 
@@ -97,6 +101,8 @@ class PlateModel:
     ringing_hz: float | None = None
     # Share of the unloaded plate's samples that are 0 throughout, as below a threshold
     zeroed: float = 0.0
+    # By how much [m] each thing stands otherwise in these trials than in the static trial
+    differences: dict[str, float] = field(default_factory=dict)
 
     @property
     def certain_height(self) -> float | None:
@@ -197,6 +203,12 @@ def identify_plate_model(
         lag_reason=lag_reason,
         ringing_hz=hz if growth > RINGING_GROWTH else None,
         zeroed=zeroed if zeroed > SMALLEST_ZEROED else 0.0,
+        differences={
+            f"{what} in trials of the plate": float(
+                np.mean([recording.differences.get(what, 0.0) for recording in usable])
+            )
+            for what in usable[0].differences
+        },
     )
     if len(usable) == 1:
         return model
@@ -262,6 +274,7 @@ class UnloadedRecording:
     unusable: str  # why the trial shows nothing of the plate, for a message; empty if it does
     rings: tuple[float, float]  # frequency [Hz] and growth, as of `ringing`
     zeroed: float  # share of the samples whose force is exactly 0
+    differences: dict[str, float]  # [m] from the static trial, by what stands otherwise
 
     def smooth(self, values: Array) -> Array:
         """Pass values (n, ...) in the track's frames through the low-pass of the identification."""
@@ -362,7 +375,17 @@ def unloaded_recording(
         unusable=unusable,
         rings=ringing(frames, read(0.0), track),
         zeroed=float(np.mean((wrench[:, :3] == 0).all(axis=1))),
+        differences=fixed_differences(
+            trial, poses[before_motion(frames, displacement)], calibration, settings
+        ),
     )
+
+
+def before_motion(frames: Array, displacement: platform.Displacement) -> Mask:
+    """Frames (n,) in which the platform rests before it first moves."""
+    moves = np.nan_to_num(displacement.size) > displacement.threshold
+    first_s = frames[np.argmax(moves)] if moves.any() else frames[-1]
+    return np.asarray(frames < first_s - RISE_S)
 
 
 def still_platform(trial: str, largest: float, settings: PlateModelSettings) -> InputError:

@@ -400,12 +400,15 @@ def moved_marker(reference: Array, tracks: Array, poses: Poses) -> MovedMarker:
         In the same n frames.
     """
     in_cluster = np.einsum("nji,nmj->nmi", poses.rotation, tracks - poses.position[:, None])
-    form = np.array([np.nanmean(in_cluster, axis=0)]) + poses.origin
-    offsets = np.linalg.norm(form[0] - reference, axis=1)
+    frames = np.isfinite(in_cluster).all(axis=2).sum(axis=0)
+    form = np.full((1, len(reference), 3), np.nan)  # as of one frame; NaN where never seen
+    seen = np.flatnonzero(frames)
+    form[0, seen] = np.nansum(in_cluster[:, seen], axis=0) / frames[seen, None] + poses.origin
+    offsets = np.linalg.norm(form[0, seen] - reference[seen], axis=1)
+    moved = MovedMarker(int(seen[np.argmax(offsets)]), float(np.max(offsets)))
     best_residual = np.inf
-    moved = MovedMarker(int(np.nanargmax(offsets)), float(np.nanmax(offsets)))
-    for index in range(len(reference)):
-        others = np.arange(len(reference)) != index
+    for index in seen.tolist():
+        others = np.isin(np.arange(len(reference)), seen) & (np.arange(len(reference)) != index)
         if not spans_a_plane(reference[others]):
             continue
         of_others = cluster_poses(reference[others], form[:, others])

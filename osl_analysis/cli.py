@@ -693,7 +693,7 @@ def watch(folder: Path, source: Path | None, output: Path, config_path: Path) ->
 
 
 def print_first_look() -> None:
-    from osl_analysis.commands.watch import first_look
+    from osl_analysis.commands.first_look import first_look
 
     try:
         for look in first_look(Path()):

@@ -14,7 +14,7 @@ import numpy as np
 import planted
 import polars as pl
 from causes import ROOT, markdown, write_between
-from planted import MOTIONS, NOTHING, Cause, recording
+from planted import MOTIONS, Cause, nothing, recording
 
 from osl_analysis.bench.bench_settings import DynamometerAnalysis
 from osl_analysis.bench.complex_estimate import polar_row
@@ -37,7 +37,7 @@ def held(kind: str, seeds: int, settings: DynamometerAnalysis) -> dict[str, list
     """Whether the interval of each number holds the truth, by its name."""
     motion, recorder, every = KINDS[kind]
     cause, found = (
-        Cause(kind, NOTHING, 0.0, (), recorder=recorder),
+        Cause(kind, nothing, 0.0, (), recorder=recorder),
         defaultdict[str, list[bool]](list),
     )
     truth = {name: getattr(cause.joint, name) for name in "KBI"}

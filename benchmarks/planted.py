@@ -119,28 +119,29 @@ def multisine(rng: np.random.Generator) -> Moved:
 
 def hand(rng: np.random.Generator, seconds: float = 60.0) -> Moved:
     """Moves of least jerk between random angles, each in 0.15 to 0.6 s."""
-    parts, at = [np.zeros(1)], 0.0
+    parts = [np.zeros(1)]
+    at = 0.0
     while sum(map(len, parts)) < seconds * RATE:
-        to, n = rng.uniform(-6, 6) * DEG, round(rng.uniform(0.15, 0.6) * RATE)
+        target = rng.uniform(-6, 6) * DEG
+        n = round(rng.uniform(0.15, 0.6) * RATE)
         u = np.arange(1, n + 1) / n
-        parts.append(at + (to - at) * u**3 * (10 - 15 * u + 6 * u**2))
-        at = to
+        parts.append(at + (target - at) * u**3 * (10 - 15 * u + 6 * u**2))
+        at = target
     return smooth(gaussian_filter1d(np.concatenate(parts), 15.0, mode="nearest"))
 
 
 def ramps(rng: np.random.Generator, seconds: float = 60.0) -> Moved:
     """Ramps between random levels, with short holds."""
-    at, knots = 0.0, [(0.0, 0.0)]
-    while knots[-1][0] < seconds:
-        start, at = knots[-1][0], rng.uniform(-6, 6) * DEG
-        knots += [(start + rng.uniform(0.15, 0.5), at)]
-        knots += [(knots[-1][0] + rng.uniform(0.05, 0.3), at)]
-    t, x = np.array(knots).T
-    return smooth(
-        gaussian_filter1d(
-            np.interp(np.arange(round(seconds * RATE)) / RATE, t, x), 10.0, mode="nearest"
-        )
-    )
+    corner_times = [0.0]
+    corner_angles = [0.0]
+    while corner_times[-1] < seconds:
+        level = rng.uniform(-6, 6) * DEG
+        for shortest_s, longest_s in ((0.15, 0.5), (0.05, 0.3)):  # of the ramp, of the hold
+            corner_times.append(corner_times[-1] + rng.uniform(shortest_s, longest_s))
+            corner_angles.append(level)
+    time = np.arange(round(seconds * RATE)) / RATE
+    angle = np.interp(time, corner_times, corner_angles)
+    return smooth(gaussian_filter1d(angle, 10.0, mode="nearest"))
 
 
 def binary(
@@ -148,7 +149,8 @@ def binary(
 ) -> Moved:
     """Random steps between -2.5 and 2.5 deg through equal lags, exact at the samples. Behind two
     lags the acceleration jumps; behind four it is smooth."""
-    n, w = round(seconds * RATE), 2 * np.pi * corner * (1.0 if order == 2 else 1.6)
+    n = round(seconds * RATE)
+    w = 2 * np.pi * corner * (1.0 if order == 2 else 1.6)
     holds = rng.integers(125, 500, n // 125)
     u = np.repeat(2.5 * DEG * np.where(rng.random(len(holds)) < 0.5, -1.0, 1.0), holds)[:n]
     A = w * (np.eye(order, k=-1) - np.eye(order))
@@ -157,7 +159,8 @@ def binary(
     for k in range(1, n):
         x[k] = step[:order, :order] @ x[k - 1] + step[:order, order] * u[k - 1]
     before = np.column_stack([u, x])
-    theta, omega = before[:, -1], w * (before[:, -2] - before[:, -1])
+    theta = before[:, -1]
+    omega = w * (before[:, -2] - before[:, -1])
     alpha = w**2 * (before[:, -3] - 2 * before[:, -2] + before[:, -1])
     return Moved(np.arange(n) / RATE, theta, omega, alpha, smooth=order > 2)
 
@@ -195,31 +198,68 @@ class Taken:
     clip: float = np.inf  # N*m, beyond which the load cell stands still, before its noise
 
 
-def late(m: Moved, torque: Array, by: Array | float) -> Array:
-    """A torque late by some time [s]."""
-    return np.asarray(make_interp_spline(m.time, torque, 5)(np.clip(m.time - by, 0, m.time[-1])))
+Plant = Callable[[Moved, Joint, float], Taken]
+"""What a cause of some size makes of a motion of a joint."""
 
 
-def slipping(x: Array, width: float) -> Array:
-    """Play with hysteresis: what follows x when it has taken up a gap of some width."""
-    y, at = np.empty_like(x), 0.0
-    for k, v in enumerate(x.tolist()):
-        at = min(max(at, v - width / 2), v + width / 2)
-        y[k] = at
-    return y
+def changed_torque(change: Callable[[Moved, Array, float], Array]) -> Plant:
+    """A cause that makes another torque of the joint's, by motion, torque and size."""
+    return lambda motion, joint, size: Taken(
+        motion.theta, change(motion, motion.torque(joint), size)
+    )
 
 
-def bristle(x: Array, width: float = 1e-4) -> Array:
-    """Friction of 1 N*m that a bristle winds up over a width [rad] before it slides, and that stays
-    at rest (Dahl)."""
-    torque = [0.0]
-    for step in np.diff(x).tolist():
-        slides = float(np.sign(step))
-        torque.append(slides + (torque[-1] - slides) * float(np.exp(-abs(step) / width)))
-    return np.array(torque)
+def added_torque(part: Callable[[Moved, float], Array]) -> Plant:
+    """A cause that adds to the joint's torque, by motion and size."""
+    return lambda motion, joint, size: Taken(
+        motion.theta, motion.torque(joint) + part(motion, size)
+    )
 
 
-def through(
+@changed_torque
+def nothing(motion: Moved, torque: Array, size: float) -> Array:
+    """No cause."""
+    return torque
+
+
+# Torque or angle that is late, or behind a filter
+
+
+def delayed(motion: Moved, torque: Array, delay_s: Array | float) -> Array:
+    """A torque that is late by some time [s]."""
+    before = np.clip(motion.time - delay_s, 0, motion.time[-1])
+    return np.asarray(make_interp_spline(motion.time, torque, 5)(before))
+
+
+late_torque = changed_torque(delayed)
+
+
+@changed_torque
+def late_angle(motion: Moved, torque: Array, delay_s: float) -> Array:
+    """The angle is late by some time [s]: the torque is early."""
+    return delayed(motion, torque, -delay_s)
+
+
+@changed_torque
+def late_in_second_half(motion: Moved, torque: Array, delay_s: float) -> Array:
+    """The torque is late by some time [s] from the middle of the recording on."""
+    return delayed(motion, torque, delay_s * from_share_on(motion, 0.5))
+
+
+@changed_torque
+def one_clock_fast(motion: Moved, torque: Array, ppm: float) -> Array:
+    """The torque's stamps are those of the angle, and its clock gains."""
+    return delayed(motion, torque, 1e-6 * ppm * motion.time)
+
+
+def two_clocks(motion: Moved, joint: Joint, ppm: float) -> Taken:
+    """The torque is sampled 0.31 ms after the angle, by a clock that gains."""
+    after_theta = np.minimum(motion.time + 0.31e-3, motion.time[-1])
+    torque = make_interp_spline(motion.time, motion.torque(joint), 5)(after_theta)
+    return Taken(motion.theta, torque, (motion.time + 0.31e-3) * (1 + 1e-6 * ppm))
+
+
+def filtered(
     torque: Array, response: Callable[[NDArray[np.complex128]], NDArray[np.complex128]]
 ) -> Array:
     """Torque behind a filter of the path, of which the response at s [rad/s] is given; the ends are
@@ -229,74 +269,184 @@ def through(
     return np.asarray(np.fft.irfft(np.fft.rfft(around) * response(s), len(around))[3000:-3000])
 
 
-def first_order(m: Moved, torque: Array, seconds: float) -> Array:
-    return through(torque, lambda s: 1 / (1 + seconds * s))
+@changed_torque
+def first_order(motion: Moved, torque: Array, time_constant_s: float) -> Array:
+    """A low-pass of first order."""
+    return filtered(torque, lambda s: 1 / (1 + time_constant_s * s))
 
 
-def averaged(m: Moved, torque: Array, seconds: float) -> Array:
+@changed_torque
+def moving_average(motion: Moved, torque: Array, seconds: float) -> Array:
     """The mean of the last seconds."""
-    return through(
-        torque, lambda s: np.exp(-seconds * s / 2) * np.sinc(seconds * s.imag / (2 * np.pi))
-    )
+
+    def response(s: NDArray[np.complex128]) -> NDArray[np.complex128]:
+        return np.exp(-seconds * s / 2) * np.sinc(seconds * s.imag / (2 * np.pi))
+
+    return filtered(torque, response)
 
 
-def resonating(m: Moved, torque: Array, period: float, damping: float = 0.1) -> Array:
-    """A path that resonates with some period [s]."""
-    return through(
-        torque, lambda s: 1 / (1 + damping / np.pi * period * s + (period * s / (2 * np.pi)) ** 2)
-    )
+@changed_torque
+def resonating_path(motion: Moved, torque: Array, period_s: float) -> Array:
+    """A path that resonates with some period [s], with a tenth of the critical damping over pi."""
+
+    def response(s: NDArray[np.complex128]) -> NDArray[np.complex128]:
+        return 1 / (1 + 0.1 / np.pi * period_s * s + (period_s * s / (2 * np.pi)) ** 2)
+
+    return filtered(torque, response)
 
 
-def held(m: Moved, torque: Array, hz: float) -> Array:
-    rows = np.arange(len(torque))
-    return np.asarray(torque[np.floor(np.floor(rows * hz / RATE) * RATE / hz + 1e-6).astype(int)])
+@changed_torque
+def held_torque(motion: Moved, torque: Array, hz: float) -> Array:
+    """The recorder holds the values of a source at `hz`."""
+    samples = np.floor(np.arange(len(torque)) * hz / RATE)
+    return np.asarray(torque[np.floor(samples * RATE / hz + 1e-6).astype(int)])
 
 
-Plant = Callable[[Moved, Joint, float], Taken]
+@changed_torque
+def larger_torque(motion: Moved, torque: Array, share: float) -> Array:
+    """The torque is larger by a share."""
+    return torque * (1 + share)
 
 
-def on_torque(change: Callable[[Moved, Array, float], Array]) -> Plant:
-    return lambda m, joint, x: Taken(m.theta, change(m, m.torque(joint), x))
+@changed_torque
+def negative_torque(motion: Moved, torque: Array, size: float) -> Array:
+    """The torque has the wrong sign."""
+    return -torque
 
 
-def beside(part: Callable[[Moved, float], Array]) -> Plant:
-    return lambda m, joint, x: Taken(m.theta, m.torque(joint) + part(m, x))
-
-
-def in_series(m: Moved, joint: Joint, compliance: float) -> Taken:
-    """The bench's angle is the joint's and what the torque winds up in the spring."""
-    return Taken(m.theta + compliance * m.torque(joint), m.torque(joint))
-
-
-def with_stiffness(share: Callable[[Moved], Array]) -> Plant:
-    return beside(lambda m, x: 300.0 * x * share(m) * m.theta)
-
-
-def two_clocks(m: Moved, joint: Joint, ppm: float) -> Taken:
-    """The torque is sampled 0.31 ms after the angle, by a clock that gains."""
-    after_theta = np.minimum(m.time + 0.31e-3, m.time[-1])
-    torque = make_interp_spline(m.time, m.torque(joint), 5)(after_theta)
-    return Taken(m.theta, torque, (m.time + 0.31e-3) * (1 + 1e-6 * ppm))
-
-
-def reflex(m: Moved, gain: float) -> Array:
-    before = np.interp(m.time - 0.04, m.time, np.maximum(m.omega, 0.0))
-    return gain * np.asarray(lfilter(*butter(2, 6.0, fs=RATE), before))
-
-
-def after(m: Moved, share: float) -> Array:
-    """1 from a share of the recording on."""
-    return np.where(m.time > share * m.time[-1], 1.0, 0.0)
-
-
-def clipped(m: Moved, joint: Joint, share: float) -> Taken:
+def clipped(motion: Moved, joint: Joint, share: float) -> Taken:
     """The largest share of the torque's range is missing, on both sides."""
-    torque = m.torque(joint)
-    return Taken(m.theta, torque, clip=(1 - share) * float(np.abs(torque).max()))
+    torque = motion.torque(joint)
+    return Taken(motion.theta, torque, clip=(1 - share) * float(np.abs(torque).max()))
 
 
-def growing(m: Moved) -> Array:
-    return np.asarray(m.time / m.time[-1])
+def in_series(motion: Moved, joint: Joint, compliance: float) -> Taken:
+    """The bench's angle is the joint's and what the torque winds up in a spring [rad/(N*m)]."""
+    torque = motion.torque(joint)
+    return Taken(motion.theta + compliance * torque, torque)
+
+
+# Friction and play
+
+
+SIGN_WIDTH = 2e-3  # rad/s, in which Coulomb friction turns its sign
+
+
+@added_torque
+def coulomb_friction(motion: Moved, size: float) -> Array:
+    """Coulomb friction [N*m]."""
+    return size * np.tanh(motion.omega / SIGN_WIDTH)
+
+
+@added_torque
+def bristle_friction(motion: Moved, size: float) -> Array:
+    """Friction [N*m] that a bristle winds up over 0.1 mrad before it slides, and that stays at rest
+    (Dahl)."""
+    torque = [0.0]
+    for step in np.diff(motion.theta).tolist():
+        slides = float(np.sign(step))
+        torque.append(slides + (torque[-1] - slides) * float(np.exp(-abs(step) / 1e-4)))
+    return size * np.array(torque)
+
+
+def with_spring_at(motion: Moved, joint: Joint, angle: Array) -> Taken:
+    """A joint whose stiffness feels another angle (n,) than its damping and inertia."""
+    without_spring = motion.torque(replace(joint, K=0.0))
+    return Taken(motion.theta, without_spring + joint.K * angle)
+
+
+def play(motion: Moved, joint: Joint, gap: float) -> Taken:
+    """A gap [rad] about zero within which the spring gives no torque."""
+    return with_spring_at(motion, joint, motion.theta - np.clip(motion.theta, -gap / 2, gap / 2))
+
+
+def play_with_hysteresis(motion: Moved, joint: Joint, gap: float) -> Taken:
+    """The spring follows the angle when that has taken up a gap [rad]."""
+    followed = np.empty_like(motion.theta)
+    at = 0.0
+    for k, theta in enumerate(motion.theta.tolist()):
+        at = min(max(at, theta - gap / 2), theta + gap / 2)
+        followed[k] = at
+    return with_spring_at(motion, joint, followed)
+
+
+# Springs and dampers that are not linear, or change
+
+
+@added_torque
+def hardening_spring(motion: Moved, size: float) -> Array:
+    """A torque with the third power of the angle [N*m/rad^3]."""
+    return size * motion.theta**3
+
+
+@added_torque
+def quadratic_damping(motion: Moved, size: float) -> Array:
+    """A torque with the square of the velocity [N*m*s^2/rad^2]."""
+    return size * motion.omega * np.abs(motion.omega)
+
+
+@added_torque
+def stiffness_by_direction(motion: Moved, share: float) -> Array:
+    """K of positive and negative angles differ by a share."""
+    return 300.0 * share / 2 * np.abs(motion.theta)
+
+
+@added_torque
+def damping_by_direction(motion: Moved, share: float) -> Array:
+    """B of positive and negative velocities differ by a share."""
+    return 5.0 * share / 2 * np.abs(motion.omega)
+
+
+@added_torque
+def warming_spring(motion: Moved, share: float) -> Array:
+    """K falls steadily by a share."""
+    return 300.0 * share * -(motion.time / motion.time[-1]) * motion.theta
+
+
+@added_torque
+def stepping_spring(motion: Moved, share: float) -> Array:
+    """K falls by a share at 60 % of the recording."""
+    return 300.0 * share * -from_share_on(motion, 0.6) * motion.theta
+
+
+def from_share_on(motion: Moved, share: float) -> Array:
+    """1 from a share of the recording on, 0 before (n,)."""
+    return np.where(motion.time > share * motion.time[-1], 1.0, 0.0)
+
+
+# What else acts on the joint or the load cell
+
+
+@added_torque
+def gravity(motion: Moved, size: float) -> Array:
+    """The weight of a fixture [N*m], which turns with the joint."""
+    return size * np.sin(motion.theta)
+
+
+@added_torque
+def reflex(motion: Moved, gain: float) -> Array:
+    """A muscle that resists the stretch of 40 ms before [N*m*s/rad]."""
+    stretch = np.interp(motion.time - 0.04, motion.time, np.maximum(motion.omega, 0.0))
+    return gain * np.asarray(lfilter(*butter(2, 6.0, fs=RATE), stretch))
+
+
+@added_torque
+def drifting_load_cell(motion: Moved, size: float) -> Array:
+    """An offset of 3 N*m that dies away in 20 s."""
+    return 3 * np.exp(-motion.time / 20)
+
+
+@added_torque
+def leaning_person(motion: Moved, size: float) -> Array:
+    """A person leans on the bench to and fro, slowly, from 12 s on."""
+    to_and_fro = np.sign(np.sin(2 * np.pi * motion.time / 23)) * (motion.time > 12)
+    return 2.0 * gaussian_filter1d(to_and_fro, 600.0)
+
+
+@added_torque
+def little_friction(motion: Moved, size: float) -> Array:
+    """Coulomb friction of 0.15 N*m."""
+    return 0.15 * np.tanh(motion.omega / SIGN_WIDTH)
 
 
 @dataclass(frozen=True)
@@ -317,10 +467,6 @@ class Cause:
     joint: Joint = Joint()
 
 
-def stretched(m: Moved, torque: Array, share: float) -> Array:
-    return torque * (1 + share)
-
-
 LATE = (
     "late torque",
     "late torque or yielding bench",
@@ -335,14 +481,12 @@ WEIGHT = "what turns with the joint behind the load cell"
 LATENESS = "whether the torque is late"
 UNTOLD = "how much of B is friction"
 CAUSES = [
-    Cause("late torque", on_torque(late), 2e-3, PATH, "s", told=LATENESS),
-    Cause("late angle", on_torque(lambda m, y, x: late(m, y, -x)), 2e-3, PATH, "s", told=LATENESS),
-    Cause(
-        "late torque, slow noise", on_torque(late), 5e-3, PATH, "s", recorder=SLOW, told=LATENESS
-    ),
+    Cause("late torque", late_torque, 2e-3, PATH, "s", told=LATENESS),
+    Cause("late angle", late_angle, 2e-3, PATH, "s", told=LATENESS),
+    Cause("late torque, slow noise", late_torque, 5e-3, PATH, "s", recorder=SLOW, told=LATENESS),
     Cause(
         "low-pass, first order",
-        on_torque(first_order),
+        first_order,
         8e-3,
         PATH,
         "s",
@@ -350,7 +494,7 @@ CAUSES = [
     ),
     Cause(
         "moving average",
-        on_torque(averaged),
+        moving_average,
         20e-3,
         PATH,
         "s",
@@ -358,27 +502,27 @@ CAUSES = [
     ),
     Cause("frame in series", in_series, 1 / 3000, PATH, "rad/(N*m)"),
     Cause("belt in series", in_series, 1 / 685, PATH, "rad/(N*m)", sized=False),
-    Cause("resonance of the path", on_torque(resonating), 1 / 15, PATH, "s"),
+    Cause("resonance of the path", resonating_path, 1 / 15, PATH, "s"),
     Cause("clocks apart, two streams", two_clocks, 50.0, (*TIME, "refused"), "ppm"),
     Cause(
         "clocks apart, one file",
-        on_torque(lambda m, y, x: late(m, y, 1e-6 * x * m.time)),
+        one_clock_fast,
         200.0,
         TIME,
         "ppm",
     ),
-    Cause("K warms up", with_stiffness(lambda m: -growing(m)), 0.05, TIME, "of K"),
-    Cause("K steps", with_stiffness(lambda m: -after(m, 0.6)), 0.15, TIME, "of K"),
+    Cause("K warms up", warming_spring, 0.05, TIME, "of K"),
+    Cause("K steps", stepping_spring, 0.15, TIME, "of K"),
     Cause(
         "late from half on",
-        on_torque(lambda m, y, x: late(m, y, x * after(m, 0.5))),
+        late_in_second_half,
         2e-3,
         (*TIME, *LATE),
         "s",
     ),
     Cause(
         "Coulomb friction",
-        beside(lambda m, x: x * np.tanh(m.omega / 2e-3)),
+        coulomb_friction,
         0.5,
         FRICTION,
         "N*m",
@@ -386,7 +530,7 @@ CAUSES = [
     ),
     Cause(
         "bristle friction",
-        beside(lambda m, x: x * bristle(m.theta)),
+        bristle_friction,
         0.3,
         FRICTION,
         "N*m",
@@ -395,28 +539,21 @@ CAUSES = [
     ),
     Cause(
         "play, no hysteresis",
-        lambda m, joint, x: Taken(
-            m.theta,
-            m.torque(replace(joint, K=0.0)) + joint.K * (m.theta - np.clip(m.theta, -x / 2, x / 2)),
-        ),
+        play,
         0.1 * DEG,
         ("backlash", "spring that is not linear", *FRICTION),
         "rad",
     ),
     Cause(
         "play with hysteresis",
-        lambda m, joint, x: Taken(
-            m.theta, m.torque(replace(joint, K=0.0)) + joint.K * slipping(m.theta, x)
-        ),
+        play_with_hysteresis,
         0.15 * DEG,
         ("backlash", "play or speed", *FRICTION),
         "rad",
     ),
     Cause(
         "play with hysteresis, slow noise",
-        lambda m, joint, x: Taken(
-            m.theta, m.torque(replace(joint, K=0.0)) + joint.K * slipping(m.theta, x)
-        ),
+        play_with_hysteresis,
         6e-3,
         ("backlash", "play or speed", *FRICTION),
         "rad",
@@ -425,14 +562,14 @@ CAUSES = [
     ),
     Cause(
         "hardening spring",
-        beside(lambda m, x: x * m.theta**3),
+        hardening_spring,
         2200.0,
         ("spring that is not linear",),
         "N*m/rad^3",
     ),
     Cause(
         "hardening spring, slow noise",
-        beside(lambda m, x: x * m.theta**3),
+        hardening_spring,
         2200.0,
         ("spring that is not linear",),
         "N*m/rad^3",
@@ -447,30 +584,30 @@ CAUSES = [
     ),
     Cause(
         "quadratic damping",
-        beside(lambda m, x: x * m.omega * np.abs(m.omega)),
+        quadratic_damping,
         1.5,
         ("damping that depends on speed", "play or speed"),
         "N*m*s^2/rad^2",
     ),
     Cause(
         "K by direction",
-        beside(lambda m, x: 300.0 * x / 2 * np.abs(m.theta)),
+        stiffness_by_direction,
         0.3,
         ("asymmetric torque", "spring that is not linear"),
         "of K",
     ),
     Cause(
         "B by direction",
-        beside(lambda m, x: 5.0 * x / 2 * np.abs(m.omega)),
+        damping_by_direction,
         0.3,
         ("asymmetric torque",),
         "of B",
     ),
-    Cause("torque held at 50 Hz", on_torque(held), 50.0, PATH, "Hz", sized=False),
-    Cause("torque held at 333 Hz", on_torque(held), 333.0, PATH, "Hz", sized=False),
+    Cause("torque held at 50 Hz", held_torque, 50.0, PATH, "Hz", sized=False),
+    Cause("torque held at 333 Hz", held_torque, 333.0, PATH, "Hz", sized=False),
     Cause(
         "torque × 1.1",
-        on_torque(stretched),
+        larger_torque,
         0.1,
         ("wrong gain", "unlikely size", "another unit"),
         "of 1",
@@ -478,28 +615,26 @@ CAUSES = [
     ),
     Cause(
         "torque × 1.3558",
-        on_torque(stretched),
+        larger_torque,
         0.3558,
         ("unlikely size", "another unit"),
         "of 1",
         sized=False,
         needs_gains=True,
     ),
-    Cause(
-        "torque of the wrong sign", on_torque(lambda m, y, x: -y), 1.0, ("refused",), sized=False
-    ),
+    Cause("torque of the wrong sign", negative_torque, 1.0, ("refused",), sized=False),
     Cause(
         "gravity of a fixture",
-        beside(lambda m, x: x * np.sin(m.theta)),
+        gravity,
         1.0,
         ("weight on the joint",),
         "N*m",
         told=WEIGHT,
     ),
-    Cause("reflex", beside(reflex), 1.0, ("reflex",), "N*m*s/rad"),
+    Cause("reflex", reflex, 1.0, ("reflex",), "N*m*s/rad"),
     Cause(
         "acceleration that jumps",
-        on_torque(lambda m, y, x: y),
+        nothing,
         0.0,
         PATH,
         sized=False,
@@ -507,7 +642,7 @@ CAUSES = [
     ),
     Cause(
         "friction, noise to 20 Hz",
-        beside(lambda m, x: x * np.tanh(m.omega / 2e-3)),
+        coulomb_friction,
         0.5,
         FRICTION,
         "N*m",
@@ -515,42 +650,34 @@ CAUSES = [
         motions=("noise to 20 Hz",),
     ),
 ]
-NOTHING: Plant = on_torque(lambda m, y, x: y)
 SOUND = [
-    Cause("sound", NOTHING, 0.0, ()),
-    Cause("sound, 18 bits", NOTHING, 0.0, (), recorder={"bits": 18}),
-    Cause("sound, 50 µs of true jitter", NOTHING, 0.0, (), recorder={"jitter": 50e-6}),
-    Cause("sound, 300 µs of true jitter", NOTHING, 0.0, (), recorder={"jitter": 300e-6}),
-    Cause("sound, slow noise of the torque", NOTHING, 0.0, (), recorder=SLOW),
+    Cause("sound", nothing, 0.0, ()),
+    Cause("sound, 18 bits", nothing, 0.0, (), recorder={"bits": 18}),
+    Cause("sound, 50 µs of true jitter", nothing, 0.0, (), recorder={"jitter": 50e-6}),
+    Cause("sound, 300 µs of true jitter", nothing, 0.0, (), recorder={"jitter": 300e-6}),
+    Cause("sound, slow noise of the torque", nothing, 0.0, (), recorder=SLOW),
     Cause(
-        "sound, begins and ends in motion", NOTHING, 0.0, (), recorder={"bits": 18, "kept_s": 20.0}
+        "sound, begins and ends in motion", nothing, 0.0, (), recorder={"bits": 18, "kept_s": 20.0}
     ),
-    Cause(
-        "sound, load cell drifts by 3 N·m", beside(lambda m, x: 3 * np.exp(-m.time / 20)), 0.0, ()
-    ),
+    Cause("sound, load cell drifts by 3 N·m", drifting_load_cell, 0.0, ()),
     Cause(
         "sound, a person leans on the bench",
-        beside(
-            lambda m, x: (
-                2.0
-                * gaussian_filter1d(np.sign(np.sin(2 * np.pi * m.time / 23)) * (m.time > 12), 600.0)
-            )
-        ),
+        leaning_person,
         0.0,
         (),
     ),
     Cause(
         "sound, Coulomb friction of 0.15 N·m",
-        beside(lambda m, x: 0.15 * np.tanh(m.omega / 2e-3)),
+        little_friction,
         0.0,
         (),
     ),
-    Cause("sound, pure damper", NOTHING, 0.0, (), joint=Joint(0.0, 5.0, 0.02)),
-    Cause("sound, K = -50", NOTHING, 0.0, (), joint=Joint(-50.0, 5.0, 0.02)),
-    Cause("sound, K = 2000", NOTHING, 0.0, (), joint=Joint(2000.0, 10.0, 0.02)),
-    Cause("sound, K = 20", NOTHING, 0.0, (), joint=Joint(20.0, 0.5, 0.02)),
-    Cause("sound, slow sine and ramps", NOTHING, 0.0, (), motions=("slow sine", "ramps")),
-    Cause("sound, two sines", NOTHING, 0.0, (), motions=("two sines",), recorder={"bits": 18}),
+    Cause("sound, pure damper", nothing, 0.0, (), joint=Joint(0.0, 5.0, 0.02)),
+    Cause("sound, K = -50", nothing, 0.0, (), joint=Joint(-50.0, 5.0, 0.02)),
+    Cause("sound, K = 2000", nothing, 0.0, (), joint=Joint(2000.0, 10.0, 0.02)),
+    Cause("sound, K = 20", nothing, 0.0, (), joint=Joint(20.0, 0.5, 0.02)),
+    Cause("sound, slow sine and ramps", nothing, 0.0, (), motions=("slow sine", "ramps")),
+    Cause("sound, two sines", nothing, 0.0, (), motions=("two sines",), recorder={"bits": 18}),
 ]
 
 
@@ -567,18 +694,18 @@ LOAD_CELL_OFFSET = 0.3  # [N*m]
 def recording(cause: Cause, size: float, motion: str, seed: int) -> dict[str, Any]:
     """Columns of a recording: `time` [s], `theta` [rad] and `torque` [N*m], each with a null where
     it has no sample."""
-    m = moved(motion, seed)
+    course = moved(motion, seed)
     rng = np.random.default_rng([seed, 11])
-    taken = cause.plant(m, cause.joint, size)
+    taken = cause.plant(course, cause.joint, size)
     recorder = {**USUAL_RECORDER, **cause.recorder}
-    time = m.time
+    time = course.time
     theta = taken.theta
     torque = np.clip(taken.torque, -taken.clip, taken.clip)
     if recorder["jitter"]:
-        jitter = recorder["jitter"] * np.clip(rng.normal(size=len(m.time)), -3, 3)
-        time = np.sort(m.time + jitter)
-        theta = make_interp_spline(m.time, theta, 5)(time)
-        torque = make_interp_spline(m.time, torque, 5)(time)
+        jitter = recorder["jitter"] * np.clip(rng.normal(size=len(course.time)), -3, 3)
+        time = np.sort(course.time + jitter)
+        theta = make_interp_spline(course.time, theta, 5)(time)
+        torque = make_interp_spline(course.time, torque, 5)(time)
     torque = torque + LOAD_CELL_OFFSET + recorder["white"] * rng.normal(size=len(time))
     if recorder["slow_noise"]:
         slow = lfilter([1.0], [1, -np.exp(-2 * np.pi * 2 / RATE)], rng.normal(size=len(time)))
@@ -628,19 +755,19 @@ def plain_fit(theta: Array, torque: Array) -> Array:
 
 def moves(cause: Cause, size: float, motion: str, half: Array) -> float:
     """By how many half-widths (3,) a cause moves K, B or I, whichever it moves most."""
-    m = moved(motion, 0)
-    taken = cause.plant(m, cause.joint, size)
+    course = moved(motion, 0)
+    taken = cause.plant(course, cause.joint, size)
     torque = np.clip(taken.torque, -taken.clip, taken.clip)
     if taken.torque_time is not None:
-        torque = np.interp(m.time, taken.torque_time, torque)
+        torque = np.interp(course.time, taken.torque_time, torque)
     moved_by = plain_fit(taken.theta, torque) - clean_fit(motion, cause.joint)
     return float(np.abs(moved_by / half).max())
 
 
 @cache
 def clean_fit(motion: str, joint: Joint) -> Array:
-    m = moved(motion, 0)
-    return plain_fit(m.theta, m.torque(joint))
+    course = moved(motion, 0)
+    return plain_fit(course.theta, course.torque(joint))
 
 
 def size_that_moves(cause: Cause, motion: str, half: Array, times: float) -> float | None:

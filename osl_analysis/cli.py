@@ -59,6 +59,14 @@ def numbers_of_range(value: str, parts: list[float]) -> list[float]:
     )
 
 
+def band(value: str) -> list[float]:
+    """Lowest and highest frequency [Hz]."""
+    frequencies = numbers(value)
+    if len(frequencies) != 2:
+        raise click.BadParameter(f"'{value}' is no lowest and highest frequency; write 0.5,6")
+    return frequencies
+
+
 def percent(value: str) -> float:
     """A share, as 1% or as 1: percent."""
     with suppress(ValueError):
@@ -96,6 +104,7 @@ SECTIONS = {
         "fit": "fit one trial and print its estimates",
         "ingest": "convert the raw logs of one trial into one file",
         "design": "intervals of K, B and I to expect from a protocol",
+        "design-walking": "the same from numbers of perturbed crossings",
         "gains": "control gains that render a stiffness and a damping",
         "simulate": "simulate a campaign",
     },
@@ -695,7 +704,7 @@ def watch(folder: Path, source: Path | None, output: Path, config_path: Path) ->
 
 
 def print_first_look() -> None:
-    from osl_analysis.commands.watch import first_look
+    from osl_analysis.commands.first_look import first_look
 
     try:
         for look in first_look(Path()):
@@ -704,6 +713,9 @@ def print_first_look() -> None:
         say(f"no first look: {error}")
 
 
+STIFFNESS = option("--stiffness", type=POSITIVE, default=300.0, help="Expected K [N·m/rad].")
+DAMPING = option("--damping", type=NOT_NEGATIVE, default=5.0, help="Expected B [N·m·s/rad].")
+INERTIA = option("--inertia", type=NOT_NEGATIVE, default=0.02, help="Expected I [kg·m²].")
 OF_BAND = {"band", "rms", "peak"}
 OPTIONS = {
     "stepped-sine": {"frequencies", "amplitudes", "cycles"},
@@ -822,7 +834,7 @@ def export(folder: Path, kind: str, output: Path, trials: str, config_path: Path
     type=click.IntRange(1, 10_000),
     help="At each frequency; default: the configuration's.",
 )
-@option("--band", type=numbers, help="Lowest and highest frequency [Hz]; default: 0.5,6.")
+@option("--band", type=band, help="Lowest and highest frequency [Hz]; default: 0.5,6.")
 @option("--rms", type=POSITIVE, help="Root mean square of the angle [deg]; default: 2.")
 @option("--peak", type=POSITIVE, help="Largest angle [deg], instead of --rms.")
 @option("--period", type=click.FloatRange(0.1, 600), default=8.0, help="Of a multisine [s].")
@@ -832,9 +844,9 @@ def export(folder: Path, kind: str, output: Path, trials: str, config_path: Path
 @option(
     "--duration", type=click.FloatRange(1, 100_000), default=60.0, help="Of a chirp or noise [s]."
 )
-@option("--stiffness", type=POSITIVE, default=300.0, help="Expected K [N·m/rad].")
-@option("--damping", type=NOT_NEGATIVE, default=5.0, help="Expected B [N·m·s/rad].")
-@option("--inertia", type=NOT_NEGATIVE, default=0.02, help="Expected I [kg·m²].")
+@STIFFNESS
+@DAMPING
+@INERTIA
 @option("--rate", type=POSITIVE, default=1000.0, help="Sampling rate [Hz].")
 @option("--torque-noise", type=NOT_NEGATIVE, default=0.05, help="SD [N·m].")
 @option("--noise-band", type=POSITIVE, help="Bandwidth of this noise [Hz]; default: half the rate.")
@@ -862,124 +874,99 @@ def export(folder: Path, kind: str, output: Path, trials: str, config_path: Path
 )
 @option("--damping-within", type=percent, help="The same of B.")
 @option("--inertia-within", type=percent, help="The same of I.")
-@option(
-    "--walking",
-    is_flag=True,
-    help="Instead: how many crossings of the walkway, from a pilot's unperturbed ones.",
-)
-@option(
-    "--from",
-    "folder",
-    type=FOLDER,
-    default=Path("results"),
-    help="A pilot's results: friction, or walking.",
-)
-@option(
-    "--crossings", type=numbers, help="Of --walking: numbers of perturbed ones; default: 4 to 40."
-)
-@option(
-    "--turn",
-    type=POSITIVE,
-    help="Of --walking: size of the turn [deg]; default: the pilot's, or 5.",
-)
-@option(
-    "--ramp",
-    type=click.FloatRange(10, 1000),
-    help="Of --walking: its duration [ms]; default: the pilot's, or 80.",
-)
-@option(
-    "--phase",
-    type=percent,
-    help="Of --walking: its onset [percent of stance]; default: the pilot's, or 40.",
-)
-@option(
-    "--both", is_flag=True, help="Of --walking: turns in both directions, of half their difference."
-)
-@file_option("--plot", help="Of --walking: draw the half-widths to this file (.pdf, .svg or .png).")
+@option("--from", "pilot", type=FOLDER, help="Results of a pilot, whose friction is taken.")
 @file_option(
     "--write", "output", help="Write the multisine (the recommended one) to this CSV file."
 )
 @CONFIG
 @AS_JSON
-def design(config_path: Path, output: Path | None, as_json: bool, **chosen: Any) -> None:
+def design(config_path: Path, output: Path | None, as_json: bool, **requested: Any) -> None:
     """Say what 95 % intervals of K, B and I to expect from a protocol, and how long to record.
 
     For a stepped sine, an odd random-phase multisine, a chirp or band-limited noise, with the noise
     of the load cell, the rounding of the encoder, and the distortion of a joint that is not linear.
-    With --walking for perturbed crossings of the walkway, from the scatter of a pilot's unperturbed
-    ones."""
-    if chosen["walking"]:
-        design_walking(config_path, as_json, **chosen)
-        return
+    `design-walking` plans perturbed crossings of the walkway."""
     from osl_analysis.campaign.configuration import read_config
-    from osl_analysis.commands.design import design_json, design_text, designed, write_command
+    from osl_analysis.commands.design import designed, write_command
+    from osl_analysis.commands.design_request import DesignRequest
+    from osl_analysis.commands.design_text import design_json, design_text
 
-    given = options_given()
-    check_design_options(given, chosen)
-    chosen["pilot"] = chosen["folder"] if "folder" in given else None
-    planned = designed(chosen, read_config(config_path))
+    check_design_options(options_given(), requested["excitation"])
+    planned = designed(DesignRequest(**requested), read_config(config_path))
     if output is not None:
-        write_command(planned.best_plan, chosen["rate"], output)
+        write_command(planned.best_plan, planned.assumed.sensors.rate_hz, output)
         say(f"wrote {output}", err=True)
     say(design_json(planned) if as_json else design_text(planned))
 
 
-def check_design_options(given: set[str], chosen: dict[str, Any]) -> None:
+def check_design_options(given: set[str], excitation: str) -> None:
     """Refuse options of `design` that do not go with the others that are given."""
-    kind = chosen["excitation"]
-    of_other_kinds = set().union(*OPTIONS.values()) - OPTIONS[kind]
+    of_other_kinds = set().union(*OPTIONS.values()) - OPTIONS[excitation]
     for name in sorted(given & of_other_kinds):
-        raise click.UsageError(f"a {kind} has no --{name.replace('_', '-')}")
+        raise click.UsageError(f"a {excitation} has no --{name.replace('_', '-')}")
     if {"rms", "peak"} <= given:
         raise click.UsageError("give --rms or --peak, not both")
     if {"encoder_bits", "encoder_step"} <= given:
         raise click.UsageError("give --encoder-bits or --encoder-step, not both")
-    if "trial" in given and "folder" not in given:
+    if "trial" in given and "pilot" not in given:
         raise click.UsageError("--trial is that of a pilot: give its results by --from too")
-    if chosen["band"] is not None and len(chosen["band"]) != 2:
-        raise click.UsageError("--band has the lowest and the highest frequency, as 0.5,6")
-    if {"folder", "friction"} <= given:
+    if {"pilot", "friction"} <= given:
         raise click.UsageError("--from and --friction state the same friction: give one of them")
-    for name in sorted(given & {"crossings", "turn", "ramp", "phase", "both", "plot"}):
-        raise click.UsageError(f"--{name} is of --walking: give that too")
 
 
-USUAL_CROSSINGS = (4, 6, 8, 12, 16, 20, 30, 40)  # perturbed ones, of `design --walking`
+@main.command(
+    "design-walking",
+    epilog="Example: osl-analysis design-walking pilot/results --crossings 8,16 --turn 5",
+)
+@argument("folder", type=FOLDER, default=Path("results"))
+@option(
+    "--crossings",
+    type=numbers,
+    default="4,6,8,12,16,20,30,40",
+    help="Numbers of perturbed crossings.",
+)
+@option("--turn", "turn_deg", type=POSITIVE, help="Size [deg]; default: the pilot's, or 5.")
+@option(
+    "--ramp",
+    "ramp_ms",
+    type=click.FloatRange(10, 1000),
+    help="Duration of the turn [ms]; default: the pilot's, or 80.",
+)
+@option(
+    "--phase",
+    type=percent,
+    help="Onset of the turn [percent of stance]; default: the pilot's, or 40.",
+)
+@option("--both", is_flag=True, help="Turns in both directions, of half their difference.")
+@STIFFNESS
+@DAMPING
+@INERTIA
+@file_option("--plot", help="Draw the half-widths to this file (.pdf, .svg or .png).")
+@CONFIG
+@AS_JSON
+def design_walking(
+    folder: Path,
+    crossings: list[float],
+    both: bool,
+    plot: Path | None,
+    config_path: Path,
+    as_json: bool,
+    **turn: Any,
+) -> None:
+    """Say what 95 % intervals of K, B and I to expect from numbers of perturbed crossings.
 
-
-def design_walking(config_path: Path, as_json: bool, **chosen: Any) -> None:
-    import numpy as np
-
+    From the scatter of the unperturbed crossings of a pilot, whose results are in FOLDER."""
     from osl_analysis.campaign.configuration import read_config
+    from osl_analysis.commands import walking_plan
     from osl_analysis.commands.estimates import rows_json
-    from osl_analysis.commands.walking import pilot_turn, planned_crossings
-    from osl_analysis.figures.walking_figures import draw_half_widths
-    from osl_analysis.walking.planned_turn import PlannedTurn
 
-    config = read_config(config_path)
-    counts = [round(n) for n in chosen["crossings"] or USUAL_CROSSINGS]
-    K, B, I = joint = (chosen["stiffness"], chosen["damping"], chosen["inertia"])
-    phase = chosen["phase"]
-    if None in (chosen["turn"], chosen["ramp"], phase):
-        size, ramp_s, phase_of_pilot = pilot_turn(chosen["folder"])
-        phase = phase_of_pilot if phase is None else phase
-    if chosen["turn"] is not None:
-        size = float(np.deg2rad(chosen["turn"]))
-    if chosen["ramp"] is not None:
-        ramp_s = 1e-3 * chosen["ramp"]
-    turn = PlannedTurn(size, ramp_s, phase, joint)
-    say(
-        f"assumed: a turn of {np.rad2deg(size):.3g} deg in {1e3 * ramp_s:.3g} ms at"
-        f" {100 * phase:.3g} % of stance, a joint of K {K:g} N·m/rad, B {B:g} N·m·s/rad, I {I:g}"
-        " kg·m²",
-        err=as_json,
+    counts = [round(count) for count in crossings]
+    planned = walking_plan.requested_turn(folder, **turn)
+    say(walking_plan.turn_text(planned), err=as_json)
+    table = walking_plan.planned_crossings(
+        folder, counts, planned, both, read_config(config_path).walking
     )
-    table = planned_crossings(chosen["folder"], counts, turn, chosen["both"], config.walking)
-    if chosen["plot"] is not None:
-        draw_half_widths(table).savefig(chosen["plot"])
-        say(f"wrote {chosen['plot']}", err=True)
-    lines = ["n perturbed  unperturbed  K ± [N·m/rad]  B ± [N·m·s/rad]  I ± [kg·m²]"]
-    for row in table.iter_rows(named=True):
-        numbers_of_row = f"{row['K']:>13.3g}  {row['B']:>15.2g}  {row['I']:>11.2g}"
-        lines.append(f"{row['n']:>11}  {row['n_unperturbed']:>11}  {numbers_of_row}  {row['gait']}")
-    say(rows_json(table) if as_json else "\n".join(lines))
+    if plot is not None:
+        walking_plan.draw_plan(table, plot)
+        say(f"wrote {plot}", err=True)
+    say(rows_json(table) if as_json else walking_plan.plan_text(table))

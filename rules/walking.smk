@@ -180,7 +180,7 @@ rule summarise_walking:
         excluded=excluded(PERTURBED),
         made_by=MADE_BY,
     run:
-        job("walking.summarise_perturbations", input, output, params, log)
+        job("walking_summary.summarise_perturbations", input, output, params, log)
 
 
 rule tabulate_over_stance:
@@ -199,7 +199,7 @@ rule tabulate_over_stance:
         data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
-        job("walking.tabulate_over_stance", input, output, params, log)
+        job("walking_summary.tabulate_over_stance", input, output, params, log)
 
 
 rule compare_ankle_moment:

@@ -19,7 +19,7 @@ from osl_analysis.bench.planned_motion import (
 )
 from osl_analysis.bench.precision import precision
 from osl_analysis.cli import main
-from osl_analysis.commands import design, walking
+from osl_analysis.commands import design, walking_plan
 from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass
 from osl_analysis.spectral.periods import periodic_motion
@@ -493,6 +493,6 @@ def test_the_duration_of_a_minimum_jerk_turn_is_told_from_its_rise_time():
     share = np.clip((time - 0.5) / 0.08, 0.0, 1.0)
     turn = np.deg2rad(5.0) * (10 * share**3 - 15 * share**4 + 6 * share**5)
 
-    duration = walking.ramp_duration(time, 0.01 - turn, onset=0.5)
+    duration = walking_plan.ramp_duration(time, 0.01 - turn, onset=0.5)
 
     assert duration == pytest.approx(0.08, rel=5e-3)

@@ -19,7 +19,7 @@ from osl_analysis.campaign.configuration import FACTS_OF_DEFAULT, overriding, re
 from osl_analysis.campaign.setting_states import EXPERIMENTS_BY_SETTING, states_of
 from osl_analysis.commands.campaign_start import unnamed_recordings
 from osl_analysis.commands.fit import fit_settings, fit_trial
-from osl_analysis.commands.walking import write_crossing
+from osl_analysis.commands.walking_files import write_crossing
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.files import default_config
 from osl_analysis.ingest.examine import Commanded, examine, measured_table

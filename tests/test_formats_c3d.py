@@ -123,6 +123,29 @@ def test_a_file_without_padding_whose_last_sub_frame_is_zero_is_read_and_told(
     assert any("last sample of all analog channels" in text for text in recording.loss.remarks)
 
 
+@pytest.mark.parametrize("first_zero", [47, 96])
+def test_a_c3d_file_that_ends_in_zeros_is_whole(tmp_path: Path, first_zero: int) -> None:
+    """A joint at rest; a single sub-frame of zeros is one that was not recorded."""
+    analogs = np.random.default_rng(2).normal(0, 1, (100, 4))
+    analogs[first_zero:] = 0.0
+
+    recording = formats.read(write_c3d(tmp_path / "a.c3d", np.ones((50, 3, 4)), analogs))
+
+    assert recording.loss.lost == 0
+    samples = [part.values for part in recording.channels if "channel" in part.address]
+    np.testing.assert_allclose(np.column_stack(samples), analogs, rtol=1e-6)
+
+
+def test_what_fills_the_last_block_of_a_c3d_file_is_not_looked_at(tmp_path: Path) -> None:
+    """Some writers leave there what their memory held."""
+    path = write_c3d(tmp_path / "a.c3d", np.ones((50, 3, 4)))
+    content = path.read_bytes()
+    assert content.endswith(bytes(16))
+    path.write_bytes(content[:-16] + b"left in a buffer")
+
+    assert formats.read(path).loss.lost == 0
+
+
 def test_a_second_parameter_goes_on_with_the_labels_of_the_first(tmp_path: Path) -> None:
     path = write_c3d(
         tmp_path / "a.c3d", seen_points(points=3),

@@ -143,7 +143,7 @@ SLOW = (
 @pytest.mark.parametrize(("modules", "more"), [
     ("cli", ["numpy", "polars", "pydantic", "yaml"]), ("trial table", ["pydantic", "scipy"]),
     ("notebook commands.watch commands.run commands.doctor commands.simulate commands.tables"
-     " commands.bench commands.fit commands.walking", []),
+     " commands.bench commands.fit commands.walking commands.walking_summary", []),
 ])  # fmt: skip
 def test_a_door_opens_without_what_only_some_of_its_rooms_need(modules, more):
     """What takes tenths of a second to import is imported where it is used."""

@@ -22,6 +22,7 @@ from test_ingest_assemble import WRITERS
 from osl_analysis.cli import main
 from osl_analysis.commands import trials as module
 from osl_analysis.commands import watch as watching
+from osl_analysis.commands.first_look import first_look
 from osl_analysis.commands.new_campaign import new_campaign as drafted_campaign
 from osl_analysis.errors import InputError
 from osl_analysis.files import config_here, default_config
@@ -428,7 +429,7 @@ def test_a_stiffness_far_from_the_desired_one_is_pointed_at(tmp_path, bench):
     line, *_ = watching.recording_line(path, tmp_path / "in", bench)
     assert re.search(f"DOUBTFUL: stiffness unlike K_d: {doubt}", line)
     drafted_campaign(tmp_path / "c", recordings=tmp_path / "in")
-    (look,) = watching.first_look(tmp_path / "c")
+    (look,) = first_look(tmp_path / "c")
     assert re.search(
         f"(?s)first trial of experiment impedance, [^\n]*: doubtful\n.*{doubt}", look.text
     )

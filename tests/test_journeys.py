@@ -18,8 +18,9 @@ from osl_analysis.campaign.campaign_trials import open_campaign
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.commands import new_campaign as drafting
 from osl_analysis.commands import trials as module
+from osl_analysis.commands.first_look import fit_of_row
 from osl_analysis.commands.trials import checked_trial
-from osl_analysis.commands.watch import fit_of_row, quality_text
+from osl_analysis.commands.watch import quality_text
 from osl_analysis.ingest.draft import draft_source
 
 pytestmark = pytest.mark.usefixtures("without_inference", "schemas_made_once")

@@ -28,7 +28,11 @@ from osl_analysis.commands import killed_runs, trials
 from osl_analysis.commands.run import end_run
 from osl_analysis.commands.run_report import left_behind_report
 from osl_analysis.commands.tables import gather, judge, list_excluded, read_summary
-from osl_analysis.commands.walking import read_crossing_file, read_model, read_unperturbed_gaits
+from osl_analysis.commands.walking_files import (
+    read_crossing_file,
+    read_model,
+    read_unperturbed_gaits,
+)
 from osl_analysis.errors import InputError, MemoryLimitError, WriteError
 from osl_analysis.ingest.examine import Commanded, examine, measured_table
 from osl_analysis.jobs import progress, workers

@@ -31,7 +31,7 @@ from walking_synthetic import (
 )
 
 from osl_analysis.cli import main
-from osl_analysis.commands import walking as jobs
+from osl_analysis.commands import walking, walking_files
 from osl_analysis.commands.figure import plot_walking_page
 from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.errors import InputError
@@ -68,7 +68,7 @@ class Session:
         return self.folder / f"crossings/{name}.parquet"
 
     def read(self, names: list[str]) -> list[Crossing]:
-        return [jobs.read_crossing(self.crossing(name)) for name in names]
+        return [walking_files.read_crossing(self.crossing(name)) for name in names]
 
     def truth(self, name: str) -> dict[str, Any]:
         return dict(json.loads((self.folder / f"truth/{name}.json").read_text()))
@@ -83,7 +83,7 @@ class Session:
         )
         platform = shared if shared.exists() else None
         files = (trial, calibration, plate, perturbed, self.chosen, output)
-        jobs.analyse(*files, *direction, platform=platform)
+        walking.analyse(*files, *direction, platform=platform)
 
     def share(self, job: Any, names: list[str], output: str) -> None:
         """What several trials tell together."""
@@ -94,10 +94,10 @@ class Session:
 
     def analysed(self) -> "Session":
         """Run every step."""
-        jobs.calibrate(self.trial("static_1"), self.chosen, self.folder / "calibration.json")
-        self.share(jobs.identify_plate, self.unloaded, "plate")
+        walking.calibrate(self.trial("static_1"), self.chosen, self.folder / "calibration.json")
+        self.share(walking.identify_plate, self.unloaded, "plate")
         if len(self.perturbed) > 2:
-            self.share(jobs.measure_platform, self.perturbed, "platform")
+            self.share(walking.measure_platform, self.perturbed, "platform")
         for name in (*self.perturbed, *self.unperturbed):
             self.analyse(self.trial(name), name in self.perturbed, self.crossing(name))
         self.summarised()
@@ -157,11 +157,11 @@ def refused(output: Path, reason: str) -> Iterator[None]:
     """The crossing is refused for a reason like this, with a warning, and its file says so."""
     with pytest.warns(UserWarning, match=reason), suppress(InputError):
         yield
-    crossing = jobs.read_crossing_file(output)
+    crossing = walking_files.read_crossing_file(output)
     assert isinstance(crossing, RefusedCrossing)
     assert re.search(reason, crossing.reason)
     with pytest.raises(InputError, match="was refused"):
-        jobs.read_crossing(output)
+        walking_files.read_crossing(output)
 
 
 def test_a_turn_of_the_toes_down_has_its_sign(ideal: Session, tmp_path: Path) -> None:
@@ -171,7 +171,7 @@ def test_a_turn_of_the_toes_down_has_its_sign(ideal: Session, tmp_path: Path) ->
 
     ideal.analyse(trial, True, tmp_path / "down.parquet", "down")
 
-    down = jobs.read_crossing(tmp_path / "down.parquet")
+    down = walking_files.read_crossing(tmp_path / "down.parquet")
     assert np.rad2deg(down.turn) == pytest.approx(-5, abs=0.1)
     assert {crossing.sign for crossing in ideal.read(ideal.perturbed)} == {1}
     contradiction = r"walking_77: the platform turned by -5\.\d deg .* expected 'down'"
@@ -231,7 +231,7 @@ def pilot(folder: Path, perturbed: int) -> Path:
         if crossing.onset is not None:
             turn = np.deg2rad(3) * step(crossing.time, crossing.onset, 0.12)[0]
             crossing = replace(crossing, platform=turn, turn=np.deg2rad(3))
-        jobs.write_crossing(crossing, folder / f"crossings/{name}.parquet")
+        walking_files.write_crossing(crossing, folder / f"crossings/{name}.parquet")
     rows = [{"trial": name, "perturbed": walk.phase is not None} for name, walk in walks.items()]
     table = pl.DataFrame(rows).with_columns(reason=None, gait=None)
     write_table(table, folder / "tables/walking_crossings.csv")
@@ -240,7 +240,7 @@ def pilot(folder: Path, perturbed: int) -> Path:
 
 @dataclass(frozen=True)
 class Plan:
-    """What `design --walking` assumes, and what it promises."""
+    """What `design-walking` assumes, and what it promises."""
 
     turn_deg: float
     ramp_ms: float
@@ -249,9 +249,9 @@ class Plan:
 
 
 def planned(folder: Path, *options: str) -> Plan:
-    arguments = ["--walking", "--from", str(folder), "--crossings", "8", *options]
+    arguments = [str(folder), "--crossings", "8", *options]
     config = ["--config", str(ROOT / "config/config.yaml")]
-    done = CliRunner().invoke(main, ["design", *arguments, *config], catch_exceptions=False)
+    done = CliRunner().invoke(main, ["design-walking", *arguments, *config], catch_exceptions=False)
     assert done.exit_code == 0, done.output
     assumed = re.search(r"a turn of (\S+) deg in (\S+) ms at (\S+) % of stance", done.stdout)
     assert assumed is not None
@@ -361,7 +361,7 @@ def test_what_cannot_be_used_is_listed_and_the_rest_goes_on(real: Session, tmp_p
             real.analyse(tmp_path / "trial.parquet", name != cut, session.crossing(name))
     (outlier,) = session.read([elsewhere])
     moved = replace(outlier, quality=replace(outlier.quality, foot_forward_m=0.2))
-    jobs.write_crossing(moved, session.crossing(elsewhere))
+    walking_files.write_crossing(moved, session.crossing(elsewhere))
 
     tables = session.summarised()
 
@@ -395,7 +395,7 @@ def test_the_page_shows_each_direction_apart(real: Session, tmp_path: Path) -> N
     """A mean of a single crossing has no scatter."""
     session = real.copied(tmp_path)
     (turned,) = session.read(session.perturbed[:1])
-    jobs.write_crossing(replace(turned, turn=-turned.turn), session.crossing(turned.name))
+    walking_files.write_crossing(replace(turned, turn=-turned.turn), session.crossing(turned.name))
 
     page = page_of(session, real.folder).filter(panel="angle").drop_nulls("n")
 
@@ -420,7 +420,7 @@ class Hiding:
         write_trial(trial, self.folder / "hidden.parquet")
         perturbed = name in self.session.perturbed
         self.session.analyse(self.folder / "hidden.parquet", perturbed, self.output)
-        return jobs.read_crossing(self.output)
+        return walking_files.read_crossing(self.output)
 
 
 def test_a_cluster_that_is_hidden_for_30_ms_is_bridged(ideal: Session, tmp_path: Path) -> None:
@@ -462,14 +462,16 @@ def test_while_the_perturbation_is_fitted_7_ms_are_bridged_and_30_ms_refused(
 def test_a_crossing_knows_what_each_trial_of_the_plate_does_to_its_torque(
     real: Session, tmp_path: Path
 ) -> None:
-    plate = jobs.read_model(real.folder / "plate.json", PlateModel)
+    plate = walking_files.read_model(real.folder / "plate.json", PlateModel)
     files = (real.trial(real.perturbed[0]), real.folder / "calibration.json")
 
     def crossing_with(model: PlateModel) -> Crossing:
-        jobs.write_model(model, tmp_path / "plate.json")
+        walking_files.write_model(model, tmp_path / "plate.json")
         output = tmp_path / "crossing.parquet"
-        jobs.analyse(*files, tmp_path / "plate.json", True, real.chosen, output, body_mass_kg=77.0)
-        return jobs.read_crossing(output)
+        walking.analyse(
+            *files, tmp_path / "plate.json", True, real.chosen, output, body_mass_kg=77.0
+        )
+        return walking_files.read_crossing(output)
 
     crossing = crossing_with(plate)
     without = crossing_with(plate.leave_one_out[1])
@@ -485,7 +487,7 @@ def test_a_crossing_knows_what_each_trial_of_the_plate_does_to_its_torque(
 def test_the_stored_gait_has_the_errors_of_the_plate(real: Session) -> None:
     expected = unperturbed_gait(real.read(real.unperturbed), 3)
 
-    (gait,) = jobs.read_unperturbed_gaits(real.folder / "gait.parquet").values()
+    (gait,) = walking_files.read_unperturbed_gaits(real.folder / "gait.parquet").values()
 
     np.testing.assert_array_equal(gait.plate_errors, expected.plate_errors)
 
@@ -522,9 +524,9 @@ def test_what_contradicts_sheet_markers_or_calibration_is_refused_by_name(
     files = (tmp_path / "t.parquet", calibration, ideal.folder / "plate.json")
 
     with refused(output, f"trial {name}: {reason}"):
-        jobs.analyse(*files, perturbed, ideal.chosen, output)
+        walking.analyse(*files, perturbed, ideal.chosen, output)
 
-    assert jobs.read_crossing_file(output).perturbed == perturbed
+    assert walking_files.read_crossing_file(output).perturbed == perturbed
 
 
 def test_each_trial_has_the_static_calibration_that_it_names(
@@ -536,7 +538,7 @@ def test_each_trial_has_the_static_calibration_that_it_names(
     named = {first: "other", second: "calibration", "absent": "unread"}
     trials = [ideal.trial(second), ideal.trial(first)]
 
-    pairs = jobs.calibrated_trials(trials, [calibration, other], named)
+    pairs = walking.calibrated_trials(trials, [calibration, other], named)
 
     has_marker = {trial.name: "FOOT2" in static.markers for trial, static in pairs}
     assert has_marker == {second: True, first: False}
@@ -556,9 +558,9 @@ def test_a_missing_file_between_the_steps_names_the_step(ideal: Session, tmp_pat
     with pytest.raises(
         InputError, match=r"plate\.json: no such file; run the step 'identify-plate'"
     ):
-        jobs.read_model(tmp_path / "plate.json", PlateModel)
+        walking_files.read_model(tmp_path / "plate.json", PlateModel)
     with pytest.raises(InputError, match="no such file; run the step 'average-unperturbed'"):
-        jobs.fit_perturbation(
+        walking.fit_perturbation(
             crossing, selection, tmp_path / "n.parquet", ideal.chosen, tmp_path / "fit.csv"
         )
 
@@ -568,12 +570,12 @@ def test_a_damaged_model_names_the_step(tmp_path: Path, content: str) -> None:
     (tmp_path / "plate.json").write_text(content)
 
     with pytest.raises(InputError, match=r"plate\.json: not what .* run the step 'identify-plate'"):
-        jobs.read_model(tmp_path / "plate.json", PlateModel)
+        walking_files.read_model(tmp_path / "plate.json", PlateModel)
 
 
 def test_a_trial_in_place_of_a_crossing_is_refused(ideal: Session) -> None:
     with pytest.raises(InputError, match="a trial without events"):
-        jobs.read_crossing(ideal.trial(ideal.unperturbed[0]))
+        walking_files.read_crossing(ideal.trial(ideal.unperturbed[0]))
 
 
 def test_a_window_of_fewer_samples_than_parameters_is_listed(
@@ -583,7 +585,7 @@ def test_a_window_of_fewer_samples_than_parameters_is_listed(
     tables = (ideal.folder / "selection.csv", ideal.folder / "gait.parquet")
 
     with pytest.warns(UserWarning, match="excluded: trial walking_01: 3 samples cannot determine"):
-        jobs.fit_perturbation(crossing, *tables, settings(window_s=0.009), tmp_path / "fit.csv")
+        walking.fit_perturbation(crossing, *tables, settings(window_s=0.009), tmp_path / "fit.csv")
 
     (row,) = read_table(tmp_path / "fit.csv").to_dicts()
     assert row["K"] is None
@@ -665,7 +667,7 @@ def test_moments_are_compared_where_both_are_known() -> None:
 
 
 def test_the_moment_is_per_kilogram_of_the_sheet() -> None:
-    tables = jobs.compare_ankle_moment(gait_trial(), KNOWN, {"body_mass_kg": 60.0})
+    tables = walking.compare_ankle_moment(gait_trial(), KNOWN, {"body_mass_kg": 60.0})
 
     moment = tables["ankle_moment"]["moment_at_peak"][0]
     assert moment == pytest.approx(PEAK * MASS / 60, rel=2e-3)
@@ -784,7 +786,7 @@ def test_a_right_foot_has_the_same_moment() -> None:
 
 
 def test_the_curve_over_stance_has_the_moment_of_each_frame() -> None:
-    tables = jobs.compare_ankle_moment(steps(ONE_FOOT, CONTACT, QTM), KNOWN)
+    tables = walking.compare_ankle_moment(steps(ONE_FOOT, CONTACT, QTM), KNOWN)
 
     curves = tables["ankle_moment_curves"]
     middle = curves.filter(pl.col("phase").is_between(0.2, 0.8))["moment"].to_numpy()
@@ -807,7 +809,7 @@ def test_two_feet_on_one_plate_are_excluded_with_a_warning() -> None:
     trial = steps(BOTH_FEET, LONG, QTM)
 
     with warnings.catch_warnings(record=True, action="always") as caught:
-        tables = jobs.compare_ankle_moment(trial, KNOWN)
+        tables = walking.compare_ankle_moment(trial, KNOWN)
 
     assert tables["ankle_moment"]["excluded"][0] == reason
     assert tables["ankle_moment"]["peak_moment"][0] is None
@@ -872,7 +874,7 @@ def test_a_moment_unlike_walking_is_doubtful(factor: float, side: str | None) ->
     trial = steps(ONE_FOOT, CONTACT, "?ANK ?MED")
     scaled = changed(trial, *(pl.col(name) * factor for name in plate_columns(1, "moment")))
 
-    table = jobs.compare_ankle_moment(scaled, KNOWN)["ankle_moment"]
+    table = walking.compare_ankle_moment(scaled, KNOWN)["ankle_moment"]
 
     late = table.with_columns(peak_phase=pl.lit(0.8)).row(0, named=True)
     doubts = findings_of(late, limits, "ankle_moment")
@@ -930,7 +932,9 @@ def test_agrees_with_plug_in_gait_as_the_published_reference_does(plug_in_gait: 
     move by below 1 %."""
     reference = pl.read_csv(REAL / "reference/ankle_moment.csv").sort("side", "plate")
 
-    table = jobs.compare_ankle_moment(plug_in_gait, UNKNOWN)["ankle_moment"].sort("side", "plate")
+    table = walking.compare_ankle_moment(plug_in_gait, UNKNOWN)["ankle_moment"].sort(
+        "side", "plate"
+    )
 
     same = reference.select(pl.col("plate") + 1, body_mass_kg="mass_kg", frames="n_frames")
     assert table.select(same.columns).rows() == same.rows()
@@ -953,8 +957,8 @@ def test_fewer_markers_cost_accuracy_but_the_reference_is_not_used(
 ) -> None:
     fewer = without_columns(plug_in_gait, f"^marker_({lost})_[xyz]$")
 
-    compared = jobs.compare_ankle_moment(fewer, UNKNOWN)["ankle_moment"]
-    alone = jobs.compare_ankle_moment(without_columns(fewer, "^reference_.*$"), UNKNOWN)
+    compared = walking.compare_ankle_moment(fewer, UNKNOWN)["ankle_moment"]
+    alone = walking.compare_ankle_moment(without_columns(fewer, "^reference_.*$"), UNKNOWN)
 
     assert compared["excluded"].null_count() == 3
     assert (compared["correlation"] > 0.998).all()

@@ -29,7 +29,8 @@ from walking_crossings import (
 from walking_synthetic import bump, pose, settings
 
 from osl_analysis.commands.figure import plot_over_stance
-from osl_analysis.commands.walking import tabulate_over_stance, write_crossing
+from osl_analysis.commands.walking_files import write_crossing
+from osl_analysis.commands.walking_summary import tabulate_over_stance
 from osl_analysis.errors import InputError
 from osl_analysis.judge.finding import Limits
 from osl_analysis.table import read_table

@@ -18,7 +18,7 @@ from walking_synthetic import changed, settings, static_trial
 from osl_analysis.campaign.campaign_checks import check_campaign
 from osl_analysis.campaign.campaign_trials import open_campaign
 from osl_analysis.campaign.configuration import read_config
-from osl_analysis.commands import walking as jobs
+from osl_analysis.commands import walking, walking_files
 from osl_analysis.config.sheet import read_sheet
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.raw_files import read_source
@@ -225,9 +225,9 @@ def test_the_sheet_names_the_direction_and_cuts_a_log_to_one_stride(
     output = tmp_path / "crossing.parquet"
     files = (tmp_path / "w.parquet", None, None, True, BOOT, output)
 
-    jobs.analyse(*files, direction=stated, windows=f"{STRIDE}-{2 * STRIDE}")
+    walking.analyse(*files, direction=stated, windows=f"{STRIDE}-{2 * STRIDE}")
 
-    crossing = jobs.read_crossing(output)
+    crossing = walking_files.read_crossing(output)
     assert crossing.direction == (stated or "up")
     assert crossing.sign == sign
     assert crossing.onset == pytest.approx(STRIDE + 0.8, abs=1.5e-3)

@@ -30,13 +30,8 @@ from walking_synthetic import (
 from osl_analysis.campaign.campaign_checks import check_walking
 from osl_analysis.campaign.campaign_trials import Campaign, open_campaign
 from osl_analysis.campaign.configuration import campaign_config
-from osl_analysis.commands.walking import (
-    average_unperturbed,
-    identify_plate,
-    read_model,
-    write_model,
-    write_refusal,
-)
+from osl_analysis.commands.walking import average_unperturbed, identify_plate
+from osl_analysis.commands.walking_files import read_model, write_model, write_refusal
 from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass
 from osl_analysis.table import read_table, write_table

@@ -11,7 +11,7 @@ import numpy as np
 import polars as pl
 from walking_synthetic import RATE, bump, settings
 
-from osl_analysis.commands import walking as jobs
+from osl_analysis.commands import walking, walking_files, walking_summary
 from osl_analysis.commands.tables import gather
 from osl_analysis.judge.finding import Limits
 from osl_analysis.table import read_table
@@ -128,13 +128,13 @@ def run_jobs(
     gait = folder / "gait.parquet"
     table = folder / "walking.csv"
 
-    jobs.select_crossings([file_of[name] for name in sheet], chosen, selection, sheet)
-    jobs.average_unperturbed(at_rest, selection, chosen.fewest_unperturbed, gait)
+    walking.select_crossings([file_of[name] for name in sheet], chosen, selection, sheet)
+    walking.average_unperturbed(at_rest, selection, chosen.fewest_unperturbed, gait)
     fits = [folder / f"fits/{name}.csv" for name in perturbed]
     for file, fit in zip(turned, fits, strict=True):
-        jobs.fit_perturbation(file, selection, gait, chosen, fit)
+        walking.fit_perturbation(file, selection, gait, chosen, fit)
     gather(fits, table, limits)
-    jobs.summarise_perturbations(
+    walking_summary.summarise_perturbations(
         crossings=turned,
         settings=chosen,
         sheet=sheet,
@@ -161,7 +161,7 @@ def campaign(
     """Write crossings and run every job on them. `cells` are conditions in the sheet, by trial."""
     sheet = {}
     for name, walk in walks.items():
-        jobs.write_crossing(walked(name, walk), folder / f"crossings/{name}.parquet")
+        walking_files.write_crossing(walked(name, walk), folder / f"crossings/{name}.parquet")
         conditions = (cells or {}).get(name, {})
         sheet[name] = {"perturbed": walk.phase is not None, **conditions}
     perturbed = [name for name, walk in walks.items() if walk.phase is not None]

@@ -17,11 +17,8 @@ from osl_analysis.bench.effects import IMPEDANCE, plain_sums
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.recorded_motion import record_of_trial
 from osl_analysis.campaign.configuration import FrequencyResponseFigure
-from osl_analysis.commands.walking import (
-    commanded_over_stance,
-    read_unperturbed_gaits,
-    selected_crossings,
-)
+from osl_analysis.commands.walking_files import read_unperturbed_gaits, selected_crossings
+from osl_analysis.commands.walking_summary import commanded_over_stance
 from osl_analysis.errors import InputError
 from osl_analysis.figures import captions, drawing_of, names
 from osl_analysis.figures.frequency import DESIRED, LINEAR_MODEL, draw_fig7, response_curve

@@ -15,8 +15,8 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import yaml
 
+from osl_analysis.commands.first_look import FirstLook, first_look
 from osl_analysis.commands.trials import inspect_file
-from osl_analysis.commands.watch import FirstLook, first_look
 from osl_analysis.errors import InputError, OslAnalysisError, listing, nearest, printable
 from osl_analysis.files import CAMPAIGN, shipped
 from osl_analysis.formats import TEXT_PRIORITY, formats_of, known_formats

@@ -1,29 +1,34 @@
-"""A look at recordings: at the first ones of a new campaign, and at each as it comes.
+"""A look at each recording of a folder as it comes.
 
 Texts from files are untrusted: they are escaped when they are printed."""
 
 import json
 import time
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from contextlib import chdir, suppress
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-import numpy as np
 import polars as pl
-import scipy
 
-from osl_analysis.bench.impedance import DesiredImpedance
-from osl_analysis.campaign.campaign_trials import Campaign, open_campaign
+from osl_analysis.campaign.campaign_trials import open_campaign
 from osl_analysis.campaign.configuration import Config, read_config
 from osl_analysis.commands import fit as fits
-from osl_analysis.commands.estimates import estimated, estimates_text, printed_units
+from osl_analysis.commands.estimates import printed_units
+from osl_analysis.commands.first_look import fit_of_row
+from osl_analysis.commands.siblings import (
+    beside_siblings,
+    comparable,
+    compared_in,
+    kind_of,
+    read_notes,
+)
 from osl_analysis.commands.trials import checked_trial, inspect_file
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.errors import InputError, OslAnalysisError, listing, printable, unexpected
-from osl_analysis.files import CAMPAIGN, write_text
+from osl_analysis.files import write_text
 from osl_analysis.formats import recognise
 from osl_analysis.ingest.draft import draft_source, guessed_lines, to_be_edited
 from osl_analysis.ingest.draft_sheet import UNNAMED, draft_trials, trial_name
@@ -33,128 +38,12 @@ from osl_analysis.judge.finding import Grade
 from osl_analysis.judge.limits import CHECKS, judged_table
 from osl_analysis.judge.words import check_words, finding_text
 from osl_analysis.model.drivetrain import joint_of
-from osl_analysis.signals.grid import uniform_signals
-from osl_analysis.spectral.stepped_sine import Likeness, find_segments, stated_protocol
 from osl_analysis.trial import Trial
 
-
-@dataclass(frozen=True)
-class FirstLook:
-    """What the first trial of an experiment and source file gives."""
-
-    trial: str
-    experiment: str
-    lines: Sequence[str]  # its estimates and findings, or why it is refused
-    doubts: Sequence[str] = ()
-    warnings: Sequence[str] = ()  # of its recordings, as rows that were left out
-    is_refused: bool = False
-
-    @property
-    def title(self) -> str:
-        """The trial, and whether it is refused or doubtful."""
-        result = "doubtful" if self.doubts else "ok"
-        if self.is_refused:
-            result = "refused"
-        return f"first trial of experiment {self.experiment}, {self.trial}: {result}"
-
-    @property
-    def text(self) -> str:
-        """All of it."""
-        return "\n  ".join([self.title, *self.lines, *self.warnings])
-
-
-def first_look(folder: Path, is_new: bool = False) -> Iterator[FirstLook]:
-    """What the first trial of each experiment and source file of a folder's campaign gives.
-
-    Of a new campaign, the stepped sine of the first trial that has one goes into the configuration
-    as a comment. Nothing else is left behind.
-    """
-    with chdir(folder):
-        config = read_config(CAMPAIGN)
-        campaign = open_campaign(config, None)
-        for trial, experiment in first_trials(campaign):
-            try:
-                recorded = checked_trial(campaign.recording(trial), config.raw_data, config.sources)
-                if is_new and EXPERIMENTS[experiment].stepped_sine:
-                    with suppress(OslAnalysisError):  # the fit says why
-                        is_new = not note_protocol(recorded, config)
-                row = campaign.row(trial)
-                fitted = fit_of_row(recorded, row, campaign.device(trial), CAMPAIGN)
-            except OslAnalysisError as error:
-                yield FirstLook(trial, experiment, [str(error)], is_refused=True)
-            # a fault of the program in one recording must not hide the others
-            except Exception as fault:
-                yield FirstLook(trial, experiment, [unexpected(fault)], is_refused=True)
-            else:
-                text = estimates_text(fitted.table, fitted.findings)
-                warnings = [f"warning: {text}" for text in recorded.provenance["warnings"]]
-                yield FirstLook(trial, experiment, text.splitlines(), doubts_of(fitted), warnings)
-
-
-def doubts_of(fitted: fits.Fit) -> list[str]:
-    """The doubts about each row of a fit, in words."""
-    doubts = []
-    for row, findings in zip(fitted.table.to_dicts(), fitted.findings, strict=False):
-        for finding in findings:
-            if finding.grade is Grade.DOUBTS:
-                doubts.append(finding_text(finding, row))
-    return doubts
-
-
-def first_trials(campaign: Campaign) -> list[tuple[str, str]]:
-    """The first trial of each experiment on a bench and source file, with its experiment."""
-    first: dict[tuple[str, str], str] = {}
-    on_bench = [name for name, facts in EXPERIMENTS.items() if facts.place == "bench"]
-    for trial in campaign.trials(*on_bench):
-        row = campaign.row(trial)
-        first.setdefault((row["experiment"], row["log_source"] or row["mocap_source"]), trial)
-    return [(trial, experiment) for (experiment, _), trial in first.items()]
-
-
-def note_protocol(trial: Trial, config: Config) -> bool:
-    """Write the stepped sine of a trial into the configuration, as a comment; whether it has
-    one."""
-    angle = uniform_signals(trial, ["theta"], config.dynamometer.gap_limits)
-    known = Likeness(angle.time, angle["theta"], stated_protocol(None, None, None, None))
-    if known.kind != "stepped sine":
-        return False
-    segments = sorted(find_segments(known), key=lambda segment: segment.frequency_hz)
-    cycles = {segment.frequency_hz: segment.cycles for segment in segments}
-    amplitudes = {round(np.rad2deg(segment.commanded or 0.0), 1) for segment in segments}
-    protocol = {
-        "amplitudes_deg": sorted(amplitudes),
-        "frequencies_hz": list(cycles),
-        "cycles": list(cycles.values()),
-    }
-    lines = [f"# dynamometer:  # as {trial.name} was recorded"]
-    for name, values in protocol.items():
-        lines.append(f"#   {name}: [{', '.join(f'{value:.3g}' for value in values)}]")
-    text = CAMPAIGN.read_text(encoding="utf-8")
-    write_text(CAMPAIGN, text.replace("# dynamometer:\n", "\n".join([*lines, ""])))
-    return True
-
-
-def fit_of_row(trial: Trial, row: Mapping[str, Any], device: Path | None, config: Path) -> fits.Fit:
-    """The fit of a trial in memory, by its row of a sheet, as in the workflow. `device` is its
-    parameter file."""
-    experiment = str(row["experiment"])
-    condition: Any = {column: row.get(column) for column in fits.job_of(experiment).sheet}
-    if experiment == "impedance":
-        K_d, B_d = (None if row[name] is None else float(row[name]) for name in ("K_d", "B_d"))
-        condition = DesiredImpedance(row["controller"], K_d, B_d)
-    chosen = fits.fit_settings(experiment, config)
-    return fits.fit_trial(experiment, trial, device, *chosen, condition, row.get("windows"))
-
-
 State = list[int]  # size [bytes] and date [ns] of a recording's files
-
 LOOKS_S = 0.5  # between two looks into the folder
 RESTS_S = 4.0  # for which a recording has not grown that is taken for complete
 LONG_REST_S = 20.0  # the same of one that is empty, or grew after it had rested before
-FEWEST_SIBLINGS = 3  # recordings of one kind with which another is compared
-FAR = 4.0  # standard deviations from the siblings' median
-LEAST_SHARE = 0.01  # standard deviation of an estimate, at least
-LEAST_SHARE_OF_EXTENT = 0.05  # the same of duration, rate and range of the angle
 
 
 @dataclass
@@ -190,14 +79,6 @@ class Arrivals:
             elif now - since >= (LONG_REST_S if may_grow_again else RESTS_S):
                 complete.append((path, state))
         return complete
-
-
-def read_notes(path: Path) -> dict[str, Any]:
-    """What was noted of recordings that were examined before, by name; nothing without notes, or
-    with damaged ones."""
-    with suppress(OSError, ValueError, TypeError):
-        return dict(json.loads(path.read_text(encoding="utf-8")))
-    return {}
 
 
 class WatchedBench:
@@ -291,15 +172,6 @@ def examined(path: Path, folder: Path, bench: WatchedBench) -> Iterator[str]:
         yield drawn_picture(fitted, bench.output / f"{row['trial']}.png")
 
 
-def kind_of(row: Mapping[str, Any]) -> list[str]:
-    """Experiment, joint, side, controller, K_d and B_d of a recording: of these equal ones are
-    compared."""
-    kind = [str(row.get(name) or "") for name in ("experiment", "joint", "side", "controller")]
-    for name in ("K_d", "B_d"):
-        kind.append("" if row.get(name) is None else f"{float(row[name]):g}")
-    return kind
-
-
 def unchecked_texts(fitted: fits.Fit, bench: WatchedBench) -> Iterator[str]:
     """What could not be checked, as far as no earlier recording has told it."""
     for finding in fitted.findings[-1] if fitted.findings else ():
@@ -319,85 +191,12 @@ def drawn_picture(fitted: fits.Fit, picture: Path) -> str:
     return str(picture)
 
 
-def compared_in(estimates: Mapping[str, Any]) -> list[str]:
-    """The estimates that are told and compared: those of the joint, and none of the load cell."""
-    return [name for name in estimated(estimates) if name not in ("offset", "drift")]
-
-
 def estimate_texts(estimates: Mapping[str, Any]) -> Iterator[str]:
     """Each estimate with its interval and unit, as `K 300 ± 2 N·m/rad`."""
     for name in compared_in(estimates):
         high = estimates.get(f"{name}_high")
         half_width = "" if high is None else f" ± {high - estimates[name]:.2g}"
         yield f"{name} {estimates[name]:.4g}{half_width} {printed_units().get(name, '')}".rstrip()
-
-
-def comparable(
-    trial: Trial, row: Mapping[str, Any], estimates: Mapping[str, Any]
-) -> dict[str, tuple[float, float]]:
-    """Numbers that are alike in recordings of one kind, each with the smallest standard deviation
-    that it is granted: a share of an estimate or its standard error, a share of duration, rate and
-    range; and the signs of channels. Of impedance trials without K_d nothing is compared: any two
-    of these may have been asked for another."""
-    numbers: dict[str, tuple[float, float]] = {}
-    if row.get("experiment") == "impedance" and row.get("K_d") is None:
-        return numbers
-    for name in compared_in(estimates):
-        value = float(estimates[name])
-        se = float(estimates.get(f"{name}_se") or 0.0)
-        numbers[name] = (value, max(se, LEAST_SHARE * abs(value)))
-    time_s = trial.samples["time"].to_numpy()
-    duration_s = time_s[-1] - time_s[0]
-    extents = {"duration in s": duration_s, "rate in Hz": (len(time_s) - 1) / duration_s}
-    if "theta" in trial.samples.columns:
-        low, high = np.nanquantile(trial.samples["theta"].to_numpy(), (0.01, 0.99))
-        extents["range of the angle in deg"] = np.rad2deg(high - low)
-    for name, value in extents.items():
-        numbers[name] = (float(value), LEAST_SHARE_OF_EXTENT * float(value))
-    # a guessed sign makes any torque resist
-    for name, channel in trial.provenance.get("columns", {}).items():
-        numbers[f"sign of {name}"] = (float(channel["sign"]), 0.1)
-    return numbers
-
-
-def beside_siblings(
-    name: str, kind: Sequence[str], numbers: Mapping[str, tuple[float, float]], notes: Path
-) -> str:
-    """Whether a recording is like those of its kind before it, joint, controller and what was asked
-    for, by median and median absolute deviation of each number. What it has is added to the
-    notes."""
-    noted = read_notes(notes)
-    siblings = [
-        note["numbers"]
-        for sibling_name, note in noted.items()
-        if sibling_name != name and note["kind"] == list(kind)
-    ]
-    values = {key: value for key, (value, _) in numbers.items()}
-    noted[name] = {"kind": list(kind), "numbers": values}
-    with suppress(OslAnalysisError):  # the picture says why nothing is written there
-        write_text(notes, json.dumps(noted, indent=1) + "\n")
-
-    differences = []
-    n_siblings = 0
-    for key, (value, least_sd) in numbers.items():
-        of_siblings = [sibling[key] for sibling in siblings if key in sibling]
-        if len(of_siblings) < FEWEST_SIBLINGS:
-            continue
-        n_siblings = max(n_siblings, len(of_siblings))
-        median = float(np.median(of_siblings))
-        sd = max(scipy.stats.median_abs_deviation(of_siblings, scale="normal"), least_sd)
-        if abs(value - median) > FAR * sd:
-            differences.append(f"{key} is {value:.3g}, theirs {median:.3g} ± {sd:.1g}")
-    if differences:
-        return (
-            f"DIFFERS from its {n_siblings} siblings: {listing(differences, 4)}: look for what"
-            " changed on the bench"
-        )
-    if n_siblings:
-        return f"like its {n_siblings} siblings"
-    if not numbers:
-        return "no siblings: no K_d is stated"
-    return f"{len(siblings)} siblings to compare with, {FEWEST_SIBLINGS} are needed"
 
 
 def device_of_row(row: Mapping[str, Any], config: Config) -> Path | None:

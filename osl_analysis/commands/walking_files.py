@@ -1,0 +1,173 @@
+"""The files of the walkway between its jobs: calibrations, models, crossings and mean gaits."""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+import polars as pl
+from pydantic import TypeAdapter
+
+from osl_analysis.errors import InputError
+from osl_analysis.files import atomic_path, write_text
+from osl_analysis.refusal import check_not_refused
+from osl_analysis.table import read_table
+from osl_analysis.trial import (
+    NAME_KEY,
+    PROVENANCE_KEY,
+    Array,
+    Trial,
+    metadata_of,
+    read_trial,
+    write_trial,
+)
+from osl_analysis.walking.crossing import Crossing, RefusedCrossing
+from osl_analysis.walking.plate_model import PlateModel
+from osl_analysis.walking.poses import StaticCalibration
+from osl_analysis.walking.shared_motion import PlatformModel
+from osl_analysis.walking.unperturbed_gait import PHASES, UnperturbedGait
+
+# The step that writes each model
+WRITTEN_BY = {
+    StaticCalibration: "calibrate",
+    PlateModel: "identify-plate",
+    PlatformModel: "measure-platform",
+}
+ADAPTERS: dict[Any, TypeAdapter[Any]] = {
+    kind: TypeAdapter(kind) for kind in (*WRITTEN_BY, Crossing)
+}
+"""What reads and writes each kind of result: to make one takes as long as to use it."""
+NO_GAIT = (
+    "no mean unperturbed gait under the same conditions: fewer unperturbed crossings than"
+    " fewest_unperturbed are used; record more, or leave the condition empty in the sheet where"
+    " unperturbed crossings serve every value"
+)
+Kind = TypeVar("Kind")
+Paths = Sequence[Path]
+SheetCells = Mapping[str, Mapping[str, Any]]  # Cells of the sheet of each crossing
+
+
+def write_model(model: Any, path: Path) -> None:
+    """Write a calibration, the plate's model or the platform's as JSON; arrays are lists, NaN is
+    null."""
+    write_text(path, ADAPTERS[type(model)].dump_json(model, indent=1).decode() + "\n")
+
+
+def read_model(path: Path, kind: type[Kind]) -> Kind:
+    """Read what `write_model` wrote. Raises InputError where it is missing or is of another
+    kind."""
+    check_not_refused(path)
+    step = f"run the step '{WRITTEN_BY[kind]}'"
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; {step} first")
+    try:
+        model: Kind = ADAPTERS[kind].validate_json(path.read_bytes())
+    except ValueError as error:
+        why = " ".join(str(error).split())
+        raise InputError(
+            f"{path}: not what this step writes ({why}); delete it and {step}"
+        ) from error
+    return model
+
+
+def write_crossing(crossing: Crossing, path: Path) -> None:
+    """Write a crossing as a trial: arrays (..., n) as columns beside the phase of stance, the rest
+    as provenance."""
+    columns: dict[str, Array] = {
+        "time": crossing.time,
+        "phase": crossing.stance.phase(crossing.time),
+    }
+    provenance: dict[str, Any] = {}
+    for name, value in ADAPTERS[Crossing].dump_python(crossing).items():
+        if isinstance(value, np.ndarray):
+            columns[name] = value.T
+        else:
+            provenance[name] = value
+    write_trial(Trial(crossing.name, pl.DataFrame(columns), provenance), path)
+
+
+def write_refusal(refused: RefusedCrossing, path: Path) -> None:
+    """Write a crossing's file without rows, with the reason in its provenance, so that other
+    crossings are analysed."""
+    reason = json.dumps({"refused": refused.reason, "perturbed": refused.perturbed})
+    empty = pl.DataFrame(schema=dict.fromkeys(("time", "phase", "theta", "torque"), pl.Float64))
+    with atomic_path(path) as temporary:
+        empty.write_parquet(temporary, metadata={NAME_KEY: refused.name, PROVENANCE_KEY: reason})
+
+
+def read_crossing(path: Path) -> Crossing:
+    """A crossing that was not refused."""
+    crossing = read_crossing_file(path)
+    if isinstance(crossing, RefusedCrossing):
+        raise InputError(f"{path}: the crossing was refused: {crossing.reason}")
+    return crossing
+
+
+def read_crossing_file(path: Path) -> Crossing | RefusedCrossing:
+    """Read what `write_crossing` or `write_refusal` wrote."""
+    name, facts = metadata_of(path)
+    if "refused" in facts:
+        return RefusedCrossing(name, facts["perturbed"], facts["refused"])
+    trial = read_trial(path)
+    if "stance" not in trial.provenance:
+        raise InputError(
+            f"{path}: a trial without events; run the step 'analyse' and use its crossing"
+        )
+    fields: dict[str, Any] = dict(trial.provenance)
+    for column in trial.samples.columns:
+        if column != "phase":
+            fields[column] = trial.samples[column].to_numpy().T
+    crossing: Crossing = ADAPTERS[Crossing].validate_python(fields)
+    return crossing
+
+
+def selected_crossings(crossings: Paths, selection: Path) -> list[Crossing]:
+    """The crossings that the table `selection` does not exclude."""
+    excluded = read_table(selection, ["trial", "reason"]).drop_nulls("reason")["trial"].to_list()
+    return [read_crossing(path) for path in crossings if path.stem not in excluded]
+
+
+def write_unperturbed_gaits(gaits: Mapping[str, UnperturbedGait], path: Path) -> None:
+    """Write mean unperturbed gaits, by name, with a row per crossing and phase of stance."""
+    with atomic_path(path) as temporary:
+        frames = [gait_frame(name, gait) for name, gait in gaits.items()]
+        pl.concat(frames).write_parquet(temporary)
+
+
+def gait_frame(name: str, gait: UnperturbedGait) -> pl.DataFrame:
+    """A gait as a table with a row per crossing and phase of stance."""
+    crossings, phases = len(gait.names), len(PHASES)
+    rows = crossings * phases
+    return pl.DataFrame({
+        "gait": [name] * rows,
+        "trial": np.repeat(gait.names, phases).tolist(),
+        "theta": gait.theta.ravel(),
+        "torque": gait.torque.ravel(),
+        # (errors, crossings, phases) as (rows, errors)
+        "plate_errors": gait.plate_errors.reshape(-1, rows).T,
+        "lab_errors": gait.lab_errors.reshape(-1, rows).T,
+        "stance_s": np.repeat(gait.stance, phases),
+        "phase": np.tile(PHASES, crossings),
+    })  # fmt: skip
+
+
+def read_unperturbed_gaits(path: Path) -> dict[str, UnperturbedGait]:
+    """Read what `average_unperturbed` wrote: gaits with fewer crossings than the least are not
+    among them."""
+    check_not_refused(path)
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; run the step 'average-unperturbed' first")
+    gaits: dict[str, UnperturbedGait] = {}
+    for frame in pl.read_parquet(path).partition_by("gait", maintain_order=True):
+        names = frame["trial"].unique(maintain_order=True).to_list()
+        shape = (len(names), len(frame) // len(names))  # crossings, phases of stance
+        gaits[str(frame["gait"][0])] = UnperturbedGait(
+            names=tuple(names),
+            theta=frame["theta"].to_numpy().reshape(shape),
+            torque=frame["torque"].to_numpy().reshape(shape),
+            stance=frame["stance_s"].to_numpy().reshape(shape)[:, 0],
+            plate_errors=frame["plate_errors"].to_numpy().T.reshape(-1, *shape),
+            lab_errors=frame["lab_errors"].to_numpy().T.reshape(-1, *shape),
+        )
+    return gaits

@@ -1,0 +1,338 @@
+"""K, B and I of groups of perturbed crossings (Fig. 9), and over stance."""
+
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from osl_analysis.commands.walking_files import (
+    NO_GAIT,
+    Paths,
+    SheetCells,
+    read_crossing,
+    read_unperturbed_gaits,
+)
+from osl_analysis.config.impedance_trajectory import SYNTHETIC, read_impedance_trajectory
+from osl_analysis.config.sheet import JOINT
+from osl_analysis.errors import InputError, OslAnalysisError
+from osl_analysis.judge.finding import Limits
+from osl_analysis.judge.judging import EXCLUDED, judged, marked
+from osl_analysis.stats.repeats import DOUBTFUL, doubtful_row
+from osl_analysis.table import MEASURED, Places, read_table, with_places, write_table
+from osl_analysis.trial import Array
+from osl_analysis.walking import result_tables
+from osl_analysis.walking import walking_settings as choices
+from osl_analysis.walking.ensemble import ESTIMATED, group_headline
+from osl_analysis.walking.group_checks import check_group, check_witnesses
+from osl_analysis.walking.group_table import (
+    GroupConditions,
+    GroupOutcome,
+    fitted_time,
+    group_conditions,
+    group_rows,
+)
+from osl_analysis.walking.groups import ALL
+from osl_analysis.walking.unperturbed_gait import UnperturbedGait
+
+FEWEST_FITS = 2  # of perturbations, for a scatter
+TOO_FEW = "perturbations can be used, expected 2 or more for a scatter; see the reasons in"
+
+
+@dataclass(frozen=True)
+class GroupResult:
+    """What a group adds to each table; without a result it has a reason, and no curves."""
+
+    outcome: GroupOutcome
+    summary: list[dict[str, Any]]  # rows of `walking_summary.csv`
+    responses: pl.DataFrame | None = None  # rows of `walking_responses.csv`
+    sensitivity: pl.DataFrame | None = None  # rows of `walking_sensitivity.csv`
+
+    @property
+    def group(self) -> str:
+        """Name of the group."""
+        return self.outcome.conditions.group
+
+
+@dataclass(frozen=True)
+class Perturbations:
+    """The perturbed crossings of a campaign, as the jobs before have left them."""
+
+    fits: pl.DataFrame  # `walking.csv`
+    selection: pl.DataFrame  # `walking_crossings.csv`, with the reason of those without a fit
+    gaits: Mapping[str, UnperturbedGait]
+    files: Mapping[str, Path]  # of the crossings, by trial
+
+    @property
+    def fitted(self) -> pl.DataFrame:
+        """The fits that are not excluded."""
+        return self.fits.filter(pl.col(EXCLUDED).is_null())
+
+    @property
+    def not_used(self) -> pl.DataFrame:
+        """The crossings that are not used, with the reason."""
+        return self.selection.select("trial", "perturbed", "reason").drop_nulls("reason")
+
+    def trials_of(self, group: str) -> list[str]:
+        """The perturbed crossings of a group."""
+        of_group = self.selection.filter(pl.col("perturbed"), pl.col("group") == group)
+        return of_group["trial"].to_list()
+
+
+def read_perturbations(
+    table: Path, crossings: Paths, selection: Path, unperturbed: Path
+) -> Perturbations:
+    """Read what `fit_perturbation`, `select_crossings` and `average_unperturbed` wrote."""
+    fits = read_table(table, ["trial"])
+    selected = read_table(selection, ["trial", "reason", "gait", "group"])
+    return Perturbations(
+        fits=fits,
+        selection=with_reasons(selected, fits),
+        gaits=read_unperturbed_gaits(unperturbed),
+        files={path.stem: path for path in crossings},
+    )
+
+
+def summarise_perturbations(
+    *,
+    table: Path,
+    crossings: Paths,
+    selection: Path,
+    unperturbed: Path,
+    settings: choices.EnsembleSettings,
+    output: Path,
+    responses: Path,
+    excluded: Path,
+    groups: Path,
+    sensitivity: Path,
+    sheet: SheetCells,
+    limits: Limits | None = None,
+    places: Places | None = None,
+    data: str = "",
+) -> None:
+    """Summarise the perturbations of each group.
+
+    Parameters
+    ----------
+    table : Path
+        `walking.csv`, with the fits to single perturbations.
+    crossings : Sequence of Path
+        The perturbed ones.
+    selection, unperturbed : Path
+        What `select_crossings` and `average_unperturbed` wrote.
+    settings : EnsembleSettings
+    output : Path
+        The mean over perturbations, and the ensemble fit.
+    responses : Path
+        Responses in their window.
+    excluded : Path
+        The crossings that are not used, with the reason.
+    groups : Path
+        The conditions of each group.
+    sensitivity : Path
+        What errors of the laboratory would change.
+    sheet : Mapping
+        Cells of the sample sheet of each crossing.
+    limits : Limits or None
+        Beyond which a group is doubtful.
+    places : Places or None
+        Joint and side of each crossing.
+    data : str
+        Whether the recordings are simulated or measured.
+
+    Raises
+    ------
+    InputError
+        Fewer than two perturbations can be used, or no group has a result.
+    """
+    places = places or {}
+    perturbations = read_perturbations(table, crossings, selection, unperturbed)
+    write_table(with_places(perturbations.not_used, places), excluded, data)
+    check_enough_fits(perturbations, table)
+    results = group_results(perturbations, sheet, settings)
+    check_any_result(results, table, excluded)
+
+    group_table = judged_groups(results, limits or Limits())
+    places_of_groups = {
+        result.group: common_place(perturbations.trials_of(result.group), places)
+        for result in results
+    }
+    tables = {
+        output: summary_with_doubts(results, group_table),
+        groups: group_table.drop("side"),
+        responses: pl.concat(r.responses for r in results if r.responses is not None),
+        sensitivity: pl.concat(r.sensitivity for r in results if r.sensitivity is not None),
+    }
+    for path, of_groups in tables.items():
+        write_table(with_places(of_groups, places_of_groups, "group"), path, data)
+
+
+def check_enough_fits(perturbations: Perturbations, table: Path) -> None:
+    """Refuse fewer perturbations than a scatter needs; `table` has their fits."""
+    fits = perturbations.fits
+    n_fitted = len(perturbations.fitted)
+    if n_fitted < FEWEST_FITS:
+        exclusions = fits[EXCLUDED].drop_nulls()
+        first = exclusions[0] if len(exclusions) else ""
+        raise InputError(
+            f"{table}: {n_fitted} of {len(fits)} {TOO_FEW} its column {EXCLUDED}, or record more"
+            f" ({first})"
+        )
+
+
+def group_results(
+    perturbations: Perturbations, sheet: SheetCells, settings: choices.EnsembleSettings
+) -> list[GroupResult]:
+    """The result of each group of perturbations."""
+    results = []
+    gaits = perturbations.gaits
+    for conditions in group_conditions(perturbations.selection, sheet, gaits, settings.window_s):
+        trials = perturbations.trials_of(conditions.group)
+        fits = perturbations.fitted.filter(pl.col("trial").is_in(trials))
+        gait = gaits.get(conditions.gait)
+        results.append(group_result(conditions, fits, perturbations.files, gait, settings))
+    return results
+
+
+def check_any_result(results: Sequence[GroupResult], table: Path, excluded: Path) -> None:
+    """Refuse a campaign none of whose groups has a result."""
+    if all(result.responses is None for result in results):
+        reasons = "; ".join(reason_text(result.outcome) for result in results)
+        raise InputError(f"{table}: no result of any group: {reasons}; see {excluded.name}")
+
+
+def judged_groups(results: Sequence[GroupResult], limits: Limits) -> pl.DataFrame:
+    """The rows of `walking_groups.csv`, with the doubts beyond these limits."""
+    outcomes = group_rows([result.outcome for result in results])
+    table = pl.DataFrame(outcomes, infer_schema_length=None)
+    return marked(table, judged(table, limits, "walking_groups"), "walking_groups")
+
+
+def common_place(trials: Sequence[str], places: Places) -> dict[str, str | None]:
+    """Joint of the walkway, and the side of these crossings if they have the same."""
+    sides = {places.get(trial, {}).get("side") for trial in trials}
+    return {"joint": JOINT, "side": sides.pop() if len(sides) == 1 else None}
+
+
+def with_reasons(selection: pl.DataFrame, fits: pl.DataFrame) -> pl.DataFrame:
+    """The selection of crossings, with the reason of those without a fit, which are in no group."""
+    of_fits = fits.select("trial", EXCLUDED)
+    chosen = selection.join(of_fits, on="trial", how="left", maintain_order="left")
+    chosen = chosen.with_columns(reason=pl.coalesce("reason", EXCLUDED))
+    return chosen.with_columns(group=pl.when(pl.col("reason").is_null()).then("group"))
+
+
+def group_result(
+    conditions: GroupConditions,
+    fits: pl.DataFrame,
+    files: Mapping[str, Path],
+    gait: UnperturbedGait | None,
+    settings: choices.EnsembleSettings,
+) -> GroupResult:
+    """Compute the result of a group from its rows `fits` of `walking.csv`.
+
+    Without a result there is a warning.
+    """
+    group = conditions.group
+    try:
+        if gait is None:
+            raise InputError(NO_GAIT)
+        if len(fits) < FEWEST_FITS:
+            raise InputError(f"{len(fits)} {TOO_FEW} walking_excluded.csv, or record more")
+        crossings = [read_crossing(files[trial]) for trial in fits["trial"]]
+        headline = group_headline(crossings, gait, settings)
+    except OslAnalysisError as error:
+        warnings.warn(f"no result of {group}: {error}", stacklevel=2)
+        return result_without(conditions, len(fits), str(error))
+
+    by_log = crossings[0].platform is None
+    sensitivity = result_tables.sensitivity_table(group, headline, settings.uncertainty, by_log)
+    stated_share = sensitivity["stated"] / sensitivity["size"]
+    stated_se: dict[str, float] = {}  # by what the errors of the laboratory are stated to be
+    for name in ESTIMATED:
+        stated_se[name] = float(np.linalg.norm((stated_share * sensitivity[name]).to_numpy()))
+    summary = []
+    for row in result_tables.headline_rows(headline, fits, doubtful_row(fits), stated_se):
+        commanded = conditions.cells.get(f"{row['quantity']}_d")  # K_d, B_d; no I is commanded
+        summary.append({"group": group, **row, "commanded": commanded, "reason": None})
+    timing = conditions.timing
+    fitted_phase = None
+    if timing.onset_phase is not None and timing.stance_s is not None:
+        fitted_phase = float(timing.onset_phase + fitted_time(headline) / timing.stance_s)
+    outcome = GroupOutcome(
+        conditions,
+        fitted_phase=fitted_phase,
+        checks=check_group(headline),
+        witnesses=check_witnesses(crossings, headline.ensemble.fit["K"], sensitivity),
+    )
+    responses = result_tables.response_table(group, headline)
+    return GroupResult(outcome, summary, responses, sensitivity)
+
+
+def result_without(conditions: GroupConditions, n: int, reason: str) -> GroupResult:
+    """What a group without a result, of n fits, adds to the tables: rows with the reason."""
+    summary: list[dict[str, Any]] = [
+        {
+            "group": conditions.group,
+            "quantity": quantity,
+            "estimator": result_tables.ENSEMBLE,
+            "n": n,
+            "mean": None,
+            "reason": reason,
+        }
+        for quantity in result_tables.GROUP_QUANTITIES
+    ]
+    return GroupResult(GroupOutcome(conditions, reason=reason), summary)
+
+
+def summary_with_doubts(results: Sequence[GroupResult], group_table: pl.DataFrame) -> pl.DataFrame:
+    """The rows of `walking_summary.csv`; the doubts about a group are about its ensemble fit."""
+    doubts = dict(zip(group_table["group"], group_table[DOUBTFUL], strict=True))
+    rows: list[dict[str, Any]] = []
+    for result in results:
+        for row in result.summary:
+            is_judged = row["estimator"] == result_tables.ENSEMBLE
+            rows.append({**row, "doubt": doubts[row["group"]] if is_judged else None})
+    return pl.DataFrame(rows, infer_schema_length=None)
+
+
+def reason_text(outcome: GroupOutcome) -> str:
+    """Why a group has no result, with its name if there are several."""
+    group = outcome.conditions.group
+    return str(outcome.reason) if group == ALL else f"{group}: {outcome.reason}"
+
+
+def tabulate_over_stance(
+    summary: Path,
+    groups: Path,
+    output: Path,
+    stance_share: float,
+    trajectory: Paths = (),
+    data: str = "",
+) -> None:
+    """K, B and I of every group at the phase of stance that its fit reads, with interval and
+    commanded value, from the file of a `trajectory` over the gait cycle, if there is one; stance is
+    the first `stance_share` of it."""
+    columns = ("group", "quantity", "estimator", "n", "mean", "se", "low", "high", "commanded")
+    estimates = read_table(summary, columns)
+    conditions = read_table(groups, result_tables.OVER_STANCE_COLUMNS)
+    table = result_tables.impedance_over_stance(estimates, conditions)
+    for curves in commanded_over_stance(trajectory, data, stance_share):
+        table = result_tables.with_trajectory(table, *curves)
+    write_table(table, output, data)
+
+
+def commanded_over_stance(
+    trajectory: Paths, data: str, stance_share: float
+) -> Iterator[tuple[Array, Array, Array]]:
+    """Phases of stance (n,), K_d [N*m/rad] and B_d [N*m*s/rad] of each trajectory that the leg was
+    commanded: no measured leg (`data`) was commanded a synthetic one."""
+    phases = np.linspace(0, 1, 101)
+    for path in trajectory:
+        desired = read_impedance_trajectory(path)
+        if data != MEASURED or desired.kind != SYNTHETIC:
+            cycle = phases * stance_share
+            yield phases, desired.at(desired.K_d, cycle), desired.at(desired.B_d, cycle)

@@ -6,6 +6,7 @@ A fit refuses a number that no sensor can give, before it overflows, underflows 
 import math
 
 import numpy as np
+import polars as pl
 from numpy.typing import ArrayLike, NDArray
 
 from osl_analysis.errors import InputError
@@ -189,10 +190,10 @@ def visible_step(values: Array) -> float | None:
     """
     if not len(values) or not np.isfinite(values).all():
         return None
-    distinct = np.unique(values)
+    distinct = pl.Series(values).unique()  # by hashes: only the few of a rounded signal are sorted
     if not 2 <= len(distinct) <= len(values) // 2:
         return None
-    differences = np.diff(distinct)
+    differences = np.diff(distinct.sort().to_numpy())
     differences = differences[differences > SAME_VALUE_SHARE * np.ptp(values)]
     if len(differences) < 2:
         return None

@@ -115,6 +115,25 @@ def test_rows_that_do_not_fit_are_refused_by_line_or_skipped_and_counted(tmp_pat
     np.testing.assert_allclose(column(skipped, "Torque"), TORQUE, atol=1e-9)
 
 
+def test_blanks_about_the_cells_of_a_long_text_are_no_part_of_them(tmp_path: Path) -> None:
+    lines = table().splitlines(keepends=True)
+    words = ["state\n", *["true\n", " true \n"] * (TIME.size // 2)]
+    padded = "".join(line[:-1] + "," + word for line, word in zip(lines, words, strict=True))
+
+    state = column(read(tmp_path, padded), "state")
+
+    assert state.tolist() == [True] * TIME.size
+
+
+def test_a_short_line_is_not_made_up_for_by_a_long_one(tmp_path: Path) -> None:
+    lines = table().splitlines(keepends=True)
+    odd = "".join([*lines[:400], "0.5,1\n", *lines[400:500], "0.5,1,2,3\n", *lines[500:]])
+
+    said = refusal(tmp_path, odd, **csv_source())
+
+    assert "line 401 has 2 cells under 3 names, and 2 of 902 rows do not fit" in said
+
+
 def test_of_a_long_text_about_the_first_rows_are_listed_and_all_are_read(tmp_path: Path) -> None:
     count = 205_000
     content = "t,a\n" + "".join(f"{k},{k % 7}\n" for k in range(count))

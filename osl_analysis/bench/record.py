@@ -26,9 +26,9 @@ from osl_analysis.inference import BenchSignals
 from osl_analysis.refusal import check_not_refused
 from osl_analysis.signals import LowPass, Motion, filtered_angle, filtered_motion, runs
 from osl_analysis.signals.grid import UniformSignals, devices_of, resampled, uniform_signals
-from osl_analysis.signals.power_density import power_density
 from osl_analysis.spectral.periods import PeriodicMotion
 from osl_analysis.stats.covariance import FEWEST_CYCLES, products_between
+from osl_analysis.stats.power_density import power_density
 from osl_analysis.trial import Array, Trial
 
 # cut-offs of the low-pass for the velocity's sign, and for draws of the rounding of steps

@@ -21,10 +21,10 @@ from osl_analysis.signals.grid import (
     origin,
     uniform_signals,
 )
-from osl_analysis.signals.power_density import power_density
 from osl_analysis.spectral import stepped_sine
 from osl_analysis.spectral.periods import PeriodicMotion, lines_of, periodic_motion
 from osl_analysis.spectral.stepped_sine import Likeness
+from osl_analysis.stats.power_density import power_density
 from osl_analysis.trial import Array, Trial, stretches
 
 SHORTEST_S = 1.0  # s; the shortest stretch that is fitted

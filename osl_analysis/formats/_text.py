@@ -96,7 +96,8 @@ def read_text(path: Path) -> Text:
     if not data.isascii() or UTF_16.match(data):
         data = decoded(data).encode().replace(MINUS.encode(), b"-")
     data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
-    if any(sign.encode() in data for sign in BETWEEN_THOUSANDS):  # as in Switzerland and France
+    signs = [sign.encode() for sign in BETWEEN_THOUSANDS if sign.isascii() or not data.isascii()]
+    if any(sign in data for sign in signs):  # as in Switzerland and France
         separators = rf"(?<=\d)[{BETWEEN_THOUSANDS}](?=\d{{3}}(?!\d))"
         data = re.sub(separators, "", data.decode()).encode()
     data = data.rstrip(b"\x1a")

@@ -40,6 +40,7 @@ FIRST_LINES = 300  # of a long text, from which its header is found
 LAST_LINES = 60  # of a long text, among which its footer is
 MOST_LISTED = 200_000  # rows of a long text that are read to list what it holds
 LABVIEW = b"LabVIEW Measurement"
+BLANKS = (b" ", b"\t", b"\v", b"\f")  # of ASCII
 END_OF_HEADER = "***End_of_Header***"
 
 
@@ -160,7 +161,10 @@ def _alike_rows(text: bytes, table: Table, layout: Layout) -> pl.DataFrame | Non
         return None
     if rows.shape != (lines, len(table.names)):
         return None
-    rows = rows.with_columns(pl.all().fill_null("").str.strip_chars())
+    rows = rows.fill_null("")
+    blanks = (sign for sign in BLANKS if sign != delimiter.encode())
+    if not text.isascii() or any(sign in text for sign in blanks):
+        rows = rows.with_columns(pl.all().str.strip_chars())
     rows.columns = table.body.columns
     has_empty_rows = rows.select(pl.all_horizontal(pl.all() == "").any()).item()
     return None if has_empty_rows else rows

@@ -7,8 +7,7 @@ import numpy as np
 from osl_analysis.trial import Array
 
 RIDGE = 1e-11  # of scaled columns: far below any that a recording tells, keeps equal ones apart
-
-
+EPSILON = np.finfo(float).eps
 TINY = 1e-150  # length of a column of zeros, whose square is a number, too
 
 
@@ -105,14 +104,15 @@ class BesideShared:
         estimates : Array (k,)
             Coefficients of the columns.
         """
-        scale = np.sqrt(np.diag(products.columns)) + TINY
+        scale = np.sqrt(products.columns.diagonal()) + TINY
         of_shared = products.shared / scale[:, None]
-        normal = products.columns / np.outer(scale, scale)
+        normal = products.columns / (scale[:, None] * scale)
         normal -= of_shared @ self._inverse @ of_shared.T
         # a column that the shared ones make up has nothing left but the rounding of its products
-        left_of_columns = np.maximum(np.diag(normal), np.finfo(float).eps)
+        left_of_columns = np.maximum(normal.diagonal(), EPSILON)
         unit = np.sqrt(left_of_columns)
-        normal = normal / np.outer(unit, unit) + RIDGE * np.eye(len(scale))
+        normal /= unit[:, None] * unit
+        normal += RIDGE * np.eye(len(scale))
         length = scale * unit
         product = products.rest / length
         estimates = np.linalg.solve(normal, product)

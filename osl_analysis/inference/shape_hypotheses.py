@@ -188,7 +188,7 @@ class Clipping(Hypothesis):
             modelled = with_padding[inside]
             size = np.abs(modelled - np.median(modelled))
             small = size <= np.quantile(size, UNCLIPPED)
-            offset = np.median((recorded - modelled)[small])
+            offset = np.median(recorded[small] - modelled[small])
             with_padding = with_padding + offset
             modelled = modelled + offset
             above = modelled > high

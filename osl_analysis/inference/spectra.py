@@ -24,7 +24,7 @@ from osl_analysis.inference.constants import (
     VISIBLE_ABOVE_NOISE,
 )
 from osl_analysis.measured import check_finite
-from osl_analysis.signals.power_density import power_density
+from osl_analysis.stats.power_density import power_density
 from osl_analysis.trial import Array
 
 Spectrum = NDArray[np.complex128]

@@ -142,6 +142,7 @@ class LagStepAt(OneParameter):
     def __init__(self, data: Whitened, moment: float, may_be_large: bool) -> None:
         self._may_be_large = may_be_large
         self._is_after = data.spectra.relative_time_at_working_rate > moment
+        self._early = data.motion_at_working_rate()
         super().__init__(data)
 
     def grid(self) -> Array:
@@ -159,9 +160,8 @@ class LagStepAt(OneParameter):
         return self.columns(value)  # those of another moment serve nobody
 
     def columns(self, value: float) -> Array:
-        early = self.data.motion_at_working_rate()
         late = self.data.motion_at_working_rate(delay=value)
-        return self.data.windowed(np.where(self._is_after, late, early))
+        return self.data.windowed(np.where(self._is_after, late, self._early))
 
 
 def left_by_first(candidates: Sequence[Candidate], search: Search) -> float:

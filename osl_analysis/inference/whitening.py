@@ -29,7 +29,7 @@ from osl_analysis.inference.least_squares import BesideShared, solve_scaled
 from osl_analysis.inference.reflex import Reflex, half_waves, muscle_answers
 from osl_analysis.inference.row_filter import RowFilter
 from osl_analysis.inference.spectra import Spectra, Spectrum
-from osl_analysis.signals.power_density import power_density
+from osl_analysis.stats.power_density import power_density
 from osl_analysis.trial import Array
 
 ROUNDS = 2  # the second one weighs the rich model by the spectrum that the first one found

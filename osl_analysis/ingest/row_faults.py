@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from osl_analysis.ingest.guard import EVEN, GUARDED, Leaps, LostRows, find_leaps, lost_rows
+from osl_analysis.ingest.guard import EVEN, Leaps, LostRows, find_leaps, lost_rows
 from osl_analysis.trial import Array, Trial
 
 KEY = "row_faults"  # of the provenance
@@ -70,7 +70,8 @@ class RowFaults:
             if row <= LONGEST_FAILURE:
                 text += ": the rows before it are of another time"
             elif len(self.breaks) == 1:
-                text += f" and {goes} on elsewhere: rows were lost, or another trial was joined"
+                text += f" and {goes} on elsewhere: rows were lost, another trial joined, or a"
+                text += " sensor failed"
             else:
                 text += f" and {len(self.breaks) - 1} more, and {goes} on elsewhere: rows were lost"
             texts.append(text)
@@ -94,10 +95,13 @@ class RowFaults:
 
 
 def find_row_faults(trial: Trial) -> RowFaults:
-    """Look for them in the samples of a trial."""
-    columns = [column for column in GUARDED if column in trial.columns]
+    """Look for them in the angle and the torque of a joint, which it moves both smoothly; of an
+    actuator alone in its angle, since its torque follows steps of the current."""
+    guarded = ("theta", "torque") if "theta" in trial.columns else ("theta_m", "torque")
+    columns = [column for column in guarded if column in trial.columns]
     leaps = tuple(find_leaps(column, *trial.arrays(column)) for column in columns)
-    return RowFaults(lost_rows(*trial.arrays("theta")) if "theta" in columns else None, leaps)
+    has_angle = guarded[0] in columns
+    return RowFaults(lost_rows(*trial.arrays(guarded[0])) if has_angle else None, leaps)
 
 
 def row_faults_of(trial: Trial) -> RowFaults:

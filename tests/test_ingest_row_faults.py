@@ -94,3 +94,14 @@ def test_a_trial_that_is_cut_to_its_windows_begins_with_the_first():
 
     assert (cut.samples["time"][0], cut.samples["time"][-1]) == (2.0, 9.0)
     assert cut.within(windows).samples.equals(trial.within("2-5.004 7-9").samples)
+
+
+def test_a_gap_parts_a_recording_as_well():
+    rows = np.delete(np.arange(6000), slice(3000, 3600))
+    columns = {"time": TIME[rows], "theta": THETA[rows], "torque": TORQUE[rows]}
+    trial = Trial("a", pl.DataFrame(columns))
+
+    found = find_row_faults(trial)
+
+    assert found.count == 0
+    assert found.windows(trial) == [(0.0, TIME[2999]), (TIME[3600], TIME[5999])]

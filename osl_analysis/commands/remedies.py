@@ -77,8 +77,9 @@ def remedies_tried(fit: Callable[P, T]) -> Callable[P, T]:
             if not helpful:
                 raise
             reason = error.reason
-            if helpful[0].change.windows:
-                reason += f", and {row_faults_of(given['trial']).texts[0]}"
+            faults = row_faults_of(given["trial"])
+            if helpful[0].change.windows and faults.texts:
+                reason += f", and {faults.texts[0]}"
             raise type(error)(f"{reason}; {remedy_of(helpful)}") from error
         return with_remedy(fit, given, tables)
 
@@ -96,7 +97,8 @@ def with_remedy(fit: Callable[..., T], given: Mapping[str, Any], tables: T) -> T
     told: dict[str, Any] = dict.fromkeys(OF_ROWS)
     changes = changes_of_rows(given["trial"])
     before = last_row(tables)
-    if changes and ("fault_harm" not in before or is_harmed(before)):
+    has_faults = bool(changes) and row_faults_of(given["trial"]).count > 0
+    if has_faults and ("fault_harm" not in before or is_harmed(before)):
         outcomes = tried(fit, given, changes, lambda row: not is_better(row, before))
         if outcomes:
             told["row_harm"] = harm_in(before) or unexplained(before) / unexplained(outcomes[0].row)
@@ -197,11 +199,12 @@ def outcome_of(fit: Callable[..., Any], given: Mapping[str, Any], change: Change
 
 
 def changes_of_rows(trial: Trial) -> list[Change]:
-    """To leave out the rows that are wrong, or, where that does not help, all parts between them
-    but one; none where no rows or too many are."""
+    """To leave out the rows that are wrong or lie in gaps, or, where that does not help, all parts
+    between them but one; none where no rows or too many are."""
     faults = row_faults_of(trial)
     parts = [f"{first:.1f}-{last:.1f}" for first, last in faults.windows(trial)]
-    if not faults.count or not 0 < len(parts) <= MOST_PARTS:
+    is_parted = len(parts) > 1
+    if not (faults.count or is_parted) or not 0 < len(parts) <= MOST_PARTS:
         return []
     return [windows_stated(" ".join(parts)), *(windows_stated(part, rank=1) for part in parts)]
 

@@ -15,6 +15,7 @@ from osl_analysis.trial import Array, Trial
 KEY = "row_faults"  # of the provenance
 LONGEST_FAILURE = 50  # rows after which a channel that leapt is back, if a sensor failed
 BESIDE_LEAP_S = 0.2  # left out at each side of a leap, which the filter spreads
+LONGEST_GAP_S = 0.5  # of those that are bridged (`time_base.longest_gap_s`)
 SHORTEST_PART_S = 2.0  # of a recording that is analysed without its leaps
 FEWEST_REPEATED = 10  # rows of a block that stands twice
 
@@ -84,13 +85,16 @@ class RowFaults:
         return texts
 
     def windows(self, trial: Trial) -> list[tuple[float, float]]:
-        """The parts of a trial between the leaps, from and to [s] after its start."""
-        time = trial.samples["time"]
-        start, end = float(time[0]), float(time[-1])
+        """The parts of a trial between the leaps and the gaps, from and to [s] after its start."""
+        time = trial.samples["time"].to_numpy() - trial.samples["time"][0]
+        start = float(trial.samples["time"][0])
         lost = self.lost.times if self.lost else ()
-        at = sorted(t - start for t in (*lost, *(t for one in self.leaps for t in one.times)))
-        ends = pairwise([-BESIDE_LEAP_S, *at, end - start + BESIDE_LEAP_S])
-        parts = [(first + BESIDE_LEAP_S, last - BESIDE_LEAP_S) for first, last in ends]
+        leaps = [at - start for at in (*lost, *(at for one in self.leaps for at in one.times))]
+        borders = [(at - BESIDE_LEAP_S, at + BESIDE_LEAP_S) for at in leaps]
+        gaps = np.flatnonzero(np.diff(time) > LONGEST_GAP_S).tolist()
+        borders += [(float(time[row]), float(time[row + 1])) for row in gaps]
+        ends = [0.0, *(at for border in sorted(borders) for at in border), float(time[-1])]
+        parts = list(zip(ends[::2], ends[1::2], strict=True))
         return [(first, last) for first, last in parts if last - first >= SHORTEST_PART_S]
 
 

@@ -106,6 +106,7 @@ def test_a_part_without_the_samples_of_a_failed_sensor_is_advised():
 
 @pytest.mark.parametrize(("column", "factor", "advice"), [
     ("theta", 180 / np.pi, "state `unit: deg` of theta in the source file: K 40 ± "),
+    ("torque", 1000.0, "state `unit: N*mm` of torque in the source file: K 40 ± "),
     ("torque", -1.0, "turn the `sign` of the torque, or of all angles, in the source file: K 40 ±"),
 ])  # fmt: skip
 def test_other_units_and_signs_are_tried(column, factor, advice):
@@ -117,6 +118,7 @@ def test_other_units_and_signs_are_tried(column, factor, advice):
         fit_torque_angle_trial(changed, settings)
 
     assert refused.value.remedy.startswith(advice)
+    assert "; or " not in refused.value.remedy
 
 
 @pytest.mark.parametrize(("K", "tried"), [(200.0, []), (11_000.0, ["theta", "torque"])])

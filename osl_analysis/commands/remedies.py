@@ -203,8 +203,7 @@ def changes_of_rows(trial: Trial) -> list[Change]:
     between them but one; none where no rows or too many are."""
     faults = row_faults_of(trial)
     parts = [f"{first:.1f}-{last:.1f}" for first, last in faults.windows(trial)]
-    is_parted = len(parts) > 1
-    if not (faults.count or is_parted) or not 0 < len(parts) <= MOST_PARTS:
+    if not faults.part(trial) or not 0 < len(parts) <= MOST_PARTS:
         return []
     return [windows_stated(" ".join(parts)), *(windows_stated(part, rank=1) for part in parts)]
 

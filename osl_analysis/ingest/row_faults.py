@@ -84,6 +84,10 @@ class RowFaults:
             )
         return texts
 
+    def part(self, trial: Trial) -> bool:
+        """Whether a trial is to be analysed in parts: rows are wrong, or lie in a gap."""
+        return self.count > 0 or len(self.windows(trial)) > 1
+
     def windows(self, trial: Trial) -> list[tuple[float, float]]:
         """The parts of a trial between the leaps and the gaps, from and to [s] after its start."""
         time = trial.samples["time"].to_numpy() - trial.samples["time"][0]
@@ -145,7 +149,13 @@ def with_row_faults(trial: Trial) -> Trial:
         faults = find_row_faults(trial)
     warnings += faults.texts
     told = [*trial.provenance.get("warnings", []), *warnings]
-    return replace(trial, provenance={**trial.provenance, "warnings": told, KEY: asdict(faults)})
+    noted = asdict(faults, dict_factory=with_lists)
+    return replace(trial, provenance={**trial.provenance, "warnings": told, KEY: noted})
+
+
+def with_lists(fields: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Fields by name, as JSON has them."""
+    return {name: list(value) if isinstance(value, tuple) else value for name, value in fields}
 
 
 def repeated_blocks(trial: Trial, faults: RowFaults) -> Iterator[tuple[int, int]]:

@@ -391,6 +391,7 @@ def inspect(file: Path, draft_path: Path | None, as_json: bool) -> None:
     "--parameters",
     help="Parameter file of the device, or `none`. Default: that of the configuration.",
 )
+@option("--windows", help="Parts of the trial that are fitted [s], as `2-30 40-62`.")
 @CONFIG
 @AS_JSON
 @file_option("--plot", help="Draw measured and modelled torque [N·m] to this file.")
@@ -398,6 +399,7 @@ def fit(
     trial: Path,
     source: Path | None,
     model: str,
+    windows: str | None,
     config_path: Path,
     as_json: bool,
     plot: Path | None,
@@ -437,7 +439,9 @@ def fit(
 
         recorded = raw_trial(trial, source, model)
         tell_warnings(recorded)
-    fitted = command.fit_trial(model, recorded, device, settings, limits, desired)
+    if windows and not command.job_of(model).windows:
+        recorded = recorded.within(windows)
+    fitted = command.fit_trial(model, recorded, device, settings, limits, desired, windows)
     if plot is not None:
         from osl_analysis.commands.figure import draw_table
 

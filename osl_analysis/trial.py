@@ -128,6 +128,7 @@ def stretches(text: str) -> list[tuple[float, float]]:
     return windows
 
 
+LATE_END_S = 1.0  # s by which a stated window may end after the recording
 NAME_KEY = "osl_analysis.trial"
 OWN_CLOCKS = "clocks_begin_anew"
 """Fact of a log in the provenance: it is joined of logs whose order in time is not known."""
@@ -204,6 +205,19 @@ class Trial:
         for first, last in stretches(windows):
             is_inside |= time.is_between(start + first, start + last)
         return replace(self, samples=self.samples.filter(is_inside), clocks={})
+
+    def cut_to(self, windows: str) -> "tuple[Trial, str]":
+        """The samples from the first window to the end of the last one, as stated for `within`, and
+        the windows [s] after the first of these samples. All where they lie beyond the trial."""
+        parts = stretches(windows)
+        first, last = parts[0][0], parts[-1][1]
+        time = self.samples["time"]
+        if last > time[-1] - time[0] + LATE_END_S:
+            return self, windows
+        cut = self.within(f"{first:.9f}-{last:.9f}")
+        start = cut.samples["time"][0] - time[0]
+        shifted = [f"{max(begin - start, 0):.9f}-{end - start:.9f}" for begin, end in parts]
+        return cut, " ".join(shifted)
 
     def sampled(self, *columns: str) -> pl.DataFrame:
         """Select the rows in which every named column has a sample (NaN counts as one), with `time`

@@ -118,6 +118,9 @@ def test_a_fit_of_a_raw_recording_says_what_was_remarkable_in_its_file(tmp_path,
     assert result.exit_code == 0, result.stderr
     assert "warning: spring.csv: the last line, 3001, is cut off and was skipped" in result.stderr
 
+    part = call("fit", tmp_path / "spring.csv", *arguments, "--windows", "20-60")
+    assert ("cycles: 5" in result.stdout, "cycles: 3" in part.stdout) == (True, True)
+
 
 def test_a_raw_recording_is_fitted_with_its_source_as_after_ingest(folder):
     config = ("--config", folder / "config.yaml", "--json")

@@ -41,6 +41,34 @@ def test_a_function_of_the_log_to_within_rounding_is_found_and_no_other(torque, 
     assert computed_from(torque, [ANGLE, SPEED, DRIVE]) == found
 
 
+@pytest.mark.parametrize(("torque", "found"), [
+    (np.round(150 * THETA + 3 * OMEGA, 4), "150 * 'angle' + 3 * 'dq'"),
+    (2.5 * SPEED.values, ""),  # as of a load cell's own channel
+])  # fmt: skip
+def test_of_a_signal_of_unknown_kind_alone_no_torque_is_computed(torque, found):
+    assert computed_from(torque, [ANGLE, Signal("dq", "other", SPEED.values)]) == found
+
+
+@pytest.mark.parametrize(("name", "values", "refused"), [
+    ("motor_A", np.round(CURRENT, 3), True),
+    ("ch1", np.round(CURRENT, 3), False),  # may be the load cell's
+    ("cell_V", np.round(CURRENT, 3), False),
+])  # fmt: skip
+def test_columns_that_no_source_file_names_are_candidates(tmp_path, name, values, refused):
+    torque = 1.31 * values - 2 * ANGLE.values  # as without a weight on the joint
+    table = {"time": TIME, "angle": ANGLE.values, "torque": torque, name: values}
+    pl.DataFrame(table).write_csv(tmp_path / "log.csv")
+    (tmp_path / "csv.yaml").write_text(
+        "{format: csv, clock: master, time: {column: time, unit: s}, channels: {theta: {column:"
+        " angle, unit: rad}, torque: {column: torque, unit: N*m}}}"
+    )
+    row = {"trial": "a", "log": "log.csv", "log_source": "csv"}
+
+    trial = trial_from_files(row, tmp_path, tmp_path)
+
+    assert ("computed_from" in trial.provenance["columns"]["torque"]) is refused
+
+
 def test_the_deflection_of_a_spring_between_two_encoders_is_a_measurement():
     motor = np.round(THETA + 0.02 * np.sin(1.3 * TURN), 5)
     deflection = 600 * (motor - ANGLE.values)

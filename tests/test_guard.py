@@ -155,7 +155,7 @@ def test_stamps_that_scatter_hide_no_leap() -> None:
 
 
 DEFAULT = ROOT / "config/simulation/default.yaml"
-KINDS = {"belt_01": 2, "actuator_1": 0, "impedance_K300_B5.0_compensated": 2, "walking_01": 1}
+KINDS = {"belt_01": 2, "actuator_1": 1, "impedance_K300_B5.0_compensated": 2, "walking_01": 1}
 """Trials by how many of the guarded channels they have."""
 
 

@@ -172,7 +172,7 @@ BARE, STOOD_ON = (
      f" {BEYOND.start + 21}: values of no sensor"),
     ("dropout", bench(ANGLE + 0.02 * AWAY), "impedance", 2, "theta and torque leap in row 2002"
      " (2.001 s) and 1 more, and go on elsewhere: rows were lost"),
-    ("dropout", actuator_bench(), "actuator", None, "not applicable: neither theta nor torque"),
+    ("dropout", actuator_bench(), "actuator", 0.0, ""),
     ("stuck", bench(torque=with_piece(TORQUE, 2000, 3000)), "impedance", 0.999, "torque"),
     ("stuck", bench(with_piece(ANGLE, 1000, 2000), theta_command=ANGLE), "impedance", 0.999,
      "theta"),

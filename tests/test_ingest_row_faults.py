@@ -76,3 +76,32 @@ def test_the_parts_between_faults_are_what_can_be_analysed():
 
     assert first == pytest.approx((0.0, 5.8))
     assert second == pytest.approx((6.2, TIME[5909]))
+
+
+def test_an_actuator_alone_is_told_by_its_angle():
+    rows = np.delete(np.arange(6000), slice(3000, 3090))
+    samples = trial_of(rows).samples.rename({"theta": "theta_m", "torque": "torque_m"})
+
+    faults = find_row_faults(Trial("a", samples))
+
+    assert [leaps.rows for leaps in faults.leaps] == [(3001,)]
+
+
+def test_a_trial_that_is_cut_to_its_windows_begins_with_the_first():
+    trial = trial_of(np.arange(6000))
+
+    cut, windows = trial.cut_to("2-5.004 7-9")
+
+    assert (cut.samples["time"][0], cut.samples["time"][-1]) == (2.0, 9.0)
+    assert cut.within(windows).samples.equals(trial.within("2-5.004 7-9").samples)
+
+
+def test_a_gap_parts_a_recording_as_well():
+    rows = np.delete(np.arange(6000), slice(3000, 3600))
+    columns = {"time": TIME[rows], "theta": THETA[rows], "torque": TORQUE[rows]}
+    trial = Trial("a", pl.DataFrame(columns))
+
+    found = find_row_faults(trial)
+
+    assert found.count == 0
+    assert found.windows(trial) == [(0.0, TIME[2999]), (TIME[3600], TIME[5999])]

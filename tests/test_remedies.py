@@ -106,6 +106,7 @@ def test_a_part_without_the_samples_of_a_failed_sensor_is_advised():
 
 @pytest.mark.parametrize(("column", "factor", "advice"), [
     ("theta", 180 / np.pi, "state `unit: deg` of theta in the source file: K 40 ± "),
+    ("torque", 1000.0, "state `unit: N*mm` of torque in the source file: K 40 ± "),
     ("torque", -1.0, "turn the `sign` of the torque, or of all angles, in the source file: K 40 ±"),
 ])  # fmt: skip
 def test_other_units_and_signs_are_tried(column, factor, advice):
@@ -117,6 +118,7 @@ def test_other_units_and_signs_are_tried(column, factor, advice):
         fit_torque_angle_trial(changed, settings)
 
     assert refused.value.remedy.startswith(advice)
+    assert "; or " not in refused.value.remedy
 
 
 @pytest.mark.parametrize(("K", "tried"), [(200.0, []), (11_000.0, ["theta", "torque"])])
@@ -186,7 +188,7 @@ def slope_fit(trial, windows=None):
         np.polyfit(theta[part], torque[part], 1)[0] for part in (slice(half), slice(half, None))
     ]
     K = float(np.mean(halves))
-    row = {"K": K, "K_se": 1.0, "K_low": K - 1, "K_high": K + 1}
+    row = {"VAF": 99.0, "K": K, "K_se": 1.0, "K_low": K - 1, "K_high": K + 1}
     row["fault_harm"] = abs(halves[1] - halves[0]) / 20
     return FitTables({"impedance": pl.DataFrame([row])})
 
@@ -224,3 +226,25 @@ def test_of_swapped_channels_the_remedy_is_tried():
 
     advice = "swap the channels of theta and torque in the source file: K 150 "
     assert refused.value.remedy.startswith(advice)
+
+
+def test_an_actuator_is_tried_without_its_lost_rows():
+    """Without an inference it is the torque that is left that tells."""
+    sound = joint_recording(np.arange(5200)).samples["theta"].to_numpy()
+    rows = np.delete(np.arange(5200), slice(2600, 2700))
+    bends = np.gradient(np.gradient(sound[rows])) * 4e4
+    torque = 0.02 * np.gradient(np.gradient(sound))[rows] * 4e4
+    columns = {"time": np.arange(rows.size) / 200.0, "theta_m": sound[rows], "torque_m": torque}
+
+    def inertia_fit(trial):
+        time, _ = trial.arrays("theta_m")
+        alpha, measured = bends[np.rint(time * 200).astype(int)], trial.arrays("torque_m")[1]
+        J_m = float(alpha @ measured / (alpha @ alpha))
+        vaf = 100 * (1 - np.var(measured - J_m * alpha) / np.var(measured))
+        return FitTables({"actuator": pl.DataFrame([{"J_m": J_m, "J_m_se": 0.0, "VAF": vaf}])})
+
+    tables = remedies_tried(inertia_fit)(Trial("drive", pl.DataFrame(columns)))
+
+    row = tables.estimates["actuator"].row(0, named=True)
+    assert row["mended"].startswith("write windows `0.0-12.8 13.2-25.5` in the sheet: J_m 0.02")
+    assert row["row_harm"] > 2

@@ -138,6 +138,21 @@ def test_a_delay_of_a_few_ms_explains_a_gap_in_damping_and_one_of_20_ms_does_not
     assert "would explain" not in long
 
 
+@pytest.mark.parametrize(("row", "remedy"), [
+    ({"lag_s": 4.21e-4}, "Add 0.421 ms to the `delay` of the torque in"),
+    ({"lag_s": -4.21e-4}, "Add 0.421 ms to the `delay` of the angle in"),
+    ({}, "Measure the delay by a known spring"),
+    ({"lag_s": 4e-4, "certain_lag_s": 3e-4}, ""),  # its size says what to state
+])  # fmt: skip
+def test_the_delay_that_is_advised_is_the_one_that_was_found(row, remedy):
+    late = Finding("impedance", "a", "late torque", Grade.DOUBTS)
+
+    advised = words_of(late, row).remedy
+
+    assert advised.startswith(remedy)
+    assert bool(advised) is bool(remedy)
+
+
 def test_a_late_motor_angle_is_said_in_ms():
     finding = Finding("impedance", "a", "whether theta_m or B_j is wrong", Grade.UNCHECKED)
     row = {"certain_theta_m_lag_s": -3e-3, "lag_s": 1e-3}

@@ -25,14 +25,13 @@ from osl_analysis.spectral import stepped_sine
 from osl_analysis.spectral.periods import PeriodicMotion, lines_of, periodic_motion
 from osl_analysis.spectral.stepped_sine import Likeness
 from osl_analysis.stats.power_density import power_density
-from osl_analysis.trial import Array, Trial, stretches
+from osl_analysis.trial import LATE_END_S, Array, Trial, stretches
 
 SHORTEST_S = 1.0  # s; the shortest stretch that is fitted
 EDGE_PERIODS = 2.0  # of the cut-off at each end, where the filter depends on padding
 LINES_UP_TO = 1.5  # cut-offs up to which lines of a periodic motion are sought
 SPECTRUM_S = 8.0  # s; longest piece of a spectrum
 OUTSIDE_BAND = 0.01  # share of the power that lies below, or above, a band
-LATE_END_S = 1.0  # s by which a stated window may end after the record
 LARGE_DEG = 1.0  # deg, beyond the noise of any encoder
 SMALLER_UNITS_OF_TIME = (
     Change("take a 1000 times smaller `unit` of `time` (ms for s)", {"time": 1e-3}),

@@ -35,6 +35,7 @@ from osl_analysis.bench.recorded_motion import record_of_trial, sine_record
 from osl_analysis.bench.transmission import LOSSES, transmission_of, transmission_table
 from osl_analysis.commands.remedies import remedies_tried
 from osl_analysis.ingest.examine import check_recording, saturated
+from osl_analysis.ingest.row_faults import row_faults_of
 from osl_analysis.model.compensator import Weight
 from osl_analysis.model.drivetrain import FileOrNone, joint_admittance, known_parameters
 from osl_analysis.table import read_table, with_evidence, write_table
@@ -147,8 +148,11 @@ def record_with_actuator(
     trial: Trial, settings: choices.ImpedanceAnalysis, windows: str | None
 ) -> Record:
     """The record of a trial with its actuator's signals. The clocks of the devices, which take
-    0.4 GB of an hour, are found for it alone."""
+    0.4 GB of an hour, are found for it alone. Of a trial with wrong rows or gaps, what lies before
+    or behind the windows is cut off, since an angle that slipped there would look like play."""
     trial = replace(trial, clocks={})
+    if windows and row_faults_of(trial).part(trial):
+        trial, windows = trial.cut_to(windows)
     return with_actuator(record_of_trial(trial, settings, windows), trial)
 
 

@@ -26,6 +26,7 @@ from osl_analysis.trial import Trial
 MOST_PARTS = 5  # between rows that are wrong; of more, the sensor is another one
 FITS_WORSE = 2.0  # times what the best change leaves unexplained, from which one is no remedy
 LEAST_UNEXPLAINED = 1e-6  # percent; less is rounding
+WORTH_TELLING = 0.1  # percent; wrong rows that leave less move no estimate
 MOST_TOLD = 5  # estimates that a remedy names
 NOT_TOLD = ("offset", "drift", "K_secant", "K_unloading", "energy_stored", "energy_returned")
 """Estimates that do not show whether a change helps."""
@@ -43,12 +44,6 @@ class Outcome:
 
     change: Change
     row: Mapping[str, Any]
-
-    @property
-    def unexplained(self) -> float:
-        """What the fit leaves of the torque's variance [percent]; the same for all without a
-        VAF."""
-        return max(100.0 - float(self.row.get("VAF") or 0.0), LEAST_UNEXPLAINED)
 
     @property
     def text(self) -> str:
@@ -82,8 +77,9 @@ def remedies_tried(fit: Callable[P, T]) -> Callable[P, T]:
             if not helpful:
                 raise
             reason = error.reason
-            if helpful[0].change.windows:
-                reason += f", and {row_faults_of(given['trial']).texts[0]}"
+            faults = row_faults_of(given["trial"])
+            if helpful[0].change.windows and faults.texts:
+                reason += f", and {faults.texts[0]}"
             raise type(error)(f"{reason}; {remedy_of(helpful)}") from error
         return with_remedy(fit, given, tables)
 
@@ -91,25 +87,40 @@ def remedies_tried(fit: Callable[P, T]) -> Callable[P, T]:
 
 
 def with_remedy(fit: Callable[..., T], given: Mapping[str, Any], tables: T) -> T:
-    """The tables of a fit; a doubtful one with what is wrong with its rows, if without these it is
-    sound."""
+    """The tables of a fit; one that rows make doubtful with what is wrong with them, and what
+    leaving them out gives."""
     if not isinstance(tables, FitTables):
         return tables
     name, table = next(iter(tables.estimates.items()))
-    if "fault_harm" not in table.columns:
+    if "VAF" not in table.columns or "known_K" in table.columns:
         return tables
     told: dict[str, Any] = dict.fromkeys(OF_ROWS)
-    harm = harm_in(last_row(tables))
-    if harm > HARM:
-        outcomes = tried(fit, given, changes_of_rows(given["trial"]), is_harmed)
+    changes = changes_of_rows(given["trial"])
+    before = last_row(tables)
+    has_faults = bool(changes) and row_faults_of(given["trial"]).count > 0
+    if has_faults and ("fault_harm" not in before or is_harmed(before)):
+        outcomes = tried(fit, given, changes, lambda row: not is_better(row, before))
         if outcomes:
-            faults = row_faults_of(given["trial"])
-            told["row_harm"] = harm
-            told["row_fault"] = faults.texts[0]
+            told["row_harm"] = harm_in(before) or unexplained(before) / unexplained(outcomes[0].row)
+            told["row_fault"] = row_faults_of(given["trial"]).texts[0]
             told["mended"] = remedy_of(outcomes)
     columns = [pl.lit(told[column], dtype).alias(column) for column, dtype in OF_ROWS.items()]
     estimates = {**tables.estimates, name: table.with_columns(columns)}
     return cast(T, replace(tables, estimates=estimates))
+
+
+def is_better(row: Mapping[str, Any], before: Mapping[str, Any]) -> bool:
+    """Whether a fit is sound that was not before; without an inference, whether it leaves much less
+    of the torque."""
+    if "fault_harm" in before:
+        return not is_harmed(row)
+    left = unexplained(before)
+    return left > WORTH_TELLING and left > FITS_WORSE * unexplained(row)
+
+
+def unexplained(row: Mapping[str, Any]) -> float:
+    """What a fit leaves of the torque's variance [percent]; the same for all without a VAF."""
+    return max(100.0 - float(row.get("VAF") or 0.0), LEAST_UNEXPLAINED)
 
 
 def harm_in(row: Mapping[str, Any]) -> float:
@@ -156,11 +167,11 @@ def tried(
         outcomes = [outcome_of(fit, given, change) for change in of_rank]
         helpful = [each for each in outcomes if each is not None and not is_no_remedy(each.row)]
         if helpful:
-            least = min(outcome.unexplained for outcome in helpful)
+            least = min(unexplained(outcome.row) for outcome in helpful)
             return [
                 each
                 for each in helpful
-                if each.change.windows or each.unexplained <= FITS_WORSE * least
+                if each.change.windows or unexplained(each.row) <= FITS_WORSE * least
             ]
     return []
 
@@ -188,11 +199,11 @@ def outcome_of(fit: Callable[..., Any], given: Mapping[str, Any], change: Change
 
 
 def changes_of_rows(trial: Trial) -> list[Change]:
-    """To leave out the rows that are wrong, or, where that does not help, all parts between them
-    but one; none where no rows or too many are."""
+    """To leave out the rows that are wrong or lie in gaps, or, where that does not help, all parts
+    between them but one; none where no rows or too many are."""
     faults = row_faults_of(trial)
     parts = [f"{first:.1f}-{last:.1f}" for first, last in faults.windows(trial)]
-    if not faults.count or not 0 < len(parts) <= MOST_PARTS:
+    if not faults.part(trial) or not 0 < len(parts) <= MOST_PARTS:
         return []
     return [windows_stated(" ".join(parts)), *(windows_stated(part, rank=1) for part in parts)]
 

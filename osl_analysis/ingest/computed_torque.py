@@ -2,10 +2,12 @@
 
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
 
+from osl_analysis.errors import InputError
 from osl_analysis.ingest.likely_column import COMMAND, EFFORT, TORQUES, kind_of, parted_name
 from osl_analysis.ingest.torque_formula import Kind, Signal, computed_from
 from osl_analysis.measured import varies
@@ -136,7 +138,9 @@ def are_same_rows(rows: Rows, others: Rows) -> bool:
 
 def numbers_of(channel: Channel) -> Array | None:
     """The readings of a channel (n,), NaN where one is missing; None where they are no numbers."""
-    values = channel.values
+    values = np.empty(0, object)
+    with suppress(InputError):  # of a column of texts that nobody asked for
+        values = channel.values
     if values.ndim != 1 or values.dtype.kind not in "iuf":
         return None
     return np.ma.filled(np.ma.asarray(values).astype(np.float64), np.nan)

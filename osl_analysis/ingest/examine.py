@@ -638,7 +638,7 @@ def measure_dropout(examined: Examined) -> CheckResult:
     places where rows are missing and the stamps go on (`guard.lost_rows`)."""
     found = row_faults_of(examined.trial)
     if not found.leaps:
-        return not_applicable("neither theta nor torque")
+        return not_applicable("no angle and no torque")
     return CheckResult(float(found.count), "; ".join(found.texts))
 
 

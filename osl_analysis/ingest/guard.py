@@ -32,7 +32,6 @@ LARGEST_MEASURED = {  # largest possible size of a value, by its SI unit
     "1": 1e9,  # counts of a converter
 }
 
-GUARDED = ("theta", "torque")  # K, B and I are fitted to these two; a joint moves both smoothly
 
 LARGEST_BEND = 10.0
 """Largest third difference of a sound channel, in units of its usual one. Sound benches, walking
@@ -169,8 +168,9 @@ class LostRows:
     def text(self) -> str:
         """Where they are missing, for a message."""
         return (
-            f"rows are missing, first behind row {self.rows[0]} ({self.times[0]:.3f} s): theta goes"
-            f" on by {self.steps:.1f} steps in one, and the stamps were numbered after it"
+            f"rows are missing, first behind row {self.rows[0]} ({self.times[0]:.3f} s): the"
+            f" angle goes on by {self.steps:.1f} steps in one, and the stamps were numbered after"
+            " it"
         )
 
 
@@ -186,10 +186,12 @@ def lost_rows(time: Array, angle: Array) -> LostRows | None:
     Returns
     -------
     LostRows or None
-        None also where stamps scatter.
+        None also where stamps scatter, or the angle has gaps.
     """
     steps = np.diff(time)
-    if time.size < FEWEST_SAMPLES or np.abs(steps - np.median(steps)).max() > EVEN * steps.mean():
+    if time.size < FEWEST_SAMPLES or not np.isfinite(angle).all():
+        return None
+    if np.abs(steps - np.median(steps)).max() > EVEN * steps.mean():
         return None
     turns = np.diff(angle)
     beside = np.stack([turns[:-4], turns[1:-3], turns[3:-1], turns[4:]])

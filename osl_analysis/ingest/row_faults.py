@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from osl_analysis.ingest.guard import EVEN, GUARDED, Leaps, LostRows, find_leaps, lost_rows
+from osl_analysis.ingest.guard import EVEN, Leaps, LostRows, find_leaps, lost_rows
 from osl_analysis.trial import Array, Trial
 
 KEY = "row_faults"  # of the provenance
 LONGEST_FAILURE = 50  # rows after which a channel that leapt is back, if a sensor failed
 BESIDE_LEAP_S = 0.2  # left out at each side of a leap, which the filter spreads
+LONGEST_GAP_S = 0.5  # of those that are bridged (`time_base.longest_gap_s`)
 SHORTEST_PART_S = 2.0  # of a recording that is analysed without its leaps
 FEWEST_REPEATED = 10  # rows of a block that stands twice
 
@@ -70,7 +71,8 @@ class RowFaults:
             if row <= LONGEST_FAILURE:
                 text += ": the rows before it are of another time"
             elif len(self.breaks) == 1:
-                text += f" and {goes} on elsewhere: rows were lost, or another trial was joined"
+                text += f" and {goes} on elsewhere: rows were lost, another trial joined, or a"
+                text += " sensor failed"
             else:
                 text += f" and {len(self.breaks) - 1} more, and {goes} on elsewhere: rows were lost"
             texts.append(text)
@@ -82,22 +84,32 @@ class RowFaults:
             )
         return texts
 
+    def part(self, trial: Trial) -> bool:
+        """Whether a trial is to be analysed in parts: rows are wrong, or lie in a gap."""
+        return self.count > 0 or len(self.windows(trial)) > 1
+
     def windows(self, trial: Trial) -> list[tuple[float, float]]:
-        """The parts of a trial between the leaps, from and to [s] after its start."""
-        time = trial.samples["time"]
-        start, end = float(time[0]), float(time[-1])
+        """The parts of a trial between the leaps and the gaps, from and to [s] after its start."""
+        time = trial.samples["time"].to_numpy() - trial.samples["time"][0]
+        start = float(trial.samples["time"][0])
         lost = self.lost.times if self.lost else ()
-        at = sorted(t - start for t in (*lost, *(t for one in self.leaps for t in one.times)))
-        ends = pairwise([-BESIDE_LEAP_S, *at, end - start + BESIDE_LEAP_S])
-        parts = [(first + BESIDE_LEAP_S, last - BESIDE_LEAP_S) for first, last in ends]
+        leaps = [at - start for at in (*lost, *(at for one in self.leaps for at in one.times))]
+        borders = [(at - BESIDE_LEAP_S, at + BESIDE_LEAP_S) for at in leaps]
+        gaps = np.flatnonzero(np.diff(time) > LONGEST_GAP_S).tolist()
+        borders += [(float(time[row]), float(time[row + 1])) for row in gaps]
+        ends = [0.0, *(at for border in sorted(borders) for at in border), float(time[-1])]
+        parts = list(zip(ends[::2], ends[1::2], strict=True))
         return [(first, last) for first, last in parts if last - first >= SHORTEST_PART_S]
 
 
 def find_row_faults(trial: Trial) -> RowFaults:
-    """Look for them in the samples of a trial."""
-    columns = [column for column in GUARDED if column in trial.columns]
+    """Look for them in the angle and the torque of a joint, which it moves both smoothly; of an
+    actuator alone in its angle, since its torque follows steps of the current."""
+    guarded = ("theta", "torque") if "theta" in trial.columns else ("theta_m", "torque")
+    columns = [column for column in guarded if column in trial.columns]
     leaps = tuple(find_leaps(column, *trial.arrays(column)) for column in columns)
-    return RowFaults(lost_rows(*trial.arrays("theta")) if "theta" in columns else None, leaps)
+    has_angle = guarded[0] in columns
+    return RowFaults(lost_rows(*trial.arrays(guarded[0])) if has_angle else None, leaps)
 
 
 def row_faults_of(trial: Trial) -> RowFaults:
@@ -137,7 +149,13 @@ def with_row_faults(trial: Trial) -> Trial:
         faults = find_row_faults(trial)
     warnings += faults.texts
     told = [*trial.provenance.get("warnings", []), *warnings]
-    return replace(trial, provenance={**trial.provenance, "warnings": told, KEY: asdict(faults)})
+    noted = asdict(faults, dict_factory=with_lists)
+    return replace(trial, provenance={**trial.provenance, "warnings": told, KEY: noted})
+
+
+def with_lists(fields: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Fields by name, as JSON has them."""
+    return {name: list(value) if isinstance(value, tuple) else value for name, value in fields}
 
 
 def repeated_blocks(trial: Trial, faults: RowFaults) -> Iterator[tuple[int, int]]:

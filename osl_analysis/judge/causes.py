@@ -272,10 +272,10 @@ def causes_in(
             cause = misfit_by
         causes.setdefault(cause.name, cause)
         evidence.setdefault(cause.name, []).append(number)
-    are_spoilt = any(cause.spoils for cause in causes.values())
+    spoiler = next((cause for cause in causes.values() if cause.spoils), None)
     in_row = []
     for name, cause in causes.items():
-        is_effect = are_spoilt and cause.explains and not cause.spoils
+        is_effect = spoiler is not None and cause.explains and cause is not spoiler
         if not is_effect:
             in_row.append(CauseInRow(cause, evidence[name]))
     return in_row

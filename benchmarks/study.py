@@ -80,10 +80,8 @@ def on(size: float, unit: str) -> Mapping[str, Any]:
 
 LATER = on(3e-4, "s")  # how much later the node of the torque samples
 RECORDINGS: Mapping[str, tuple[Mapping[str, Any], float, int | None]] = {
-    "jitter of 1 us": ({"node": {"jitter": on(1e-6, "s")}}, 1000, None),
     "jitter of 50 us": ({"node": {"jitter": on(50e-6, "s")}}, 1000, None),
     "four decimals at 300 Hz": ({"node": {"decimals": on(4, "decimal")}}, 300, None),
-    "four decimals at 1024 Hz": ({"node": {"decimals": on(4, "decimal")}}, 1024, None),
     "missing samples": ({"node": {"dropped": on(1e-3, "1")}}, 1000, None),
     "two nodes": ({"node": {}, "torque_node": {"phase": LATER}}, 1000, None),
     "333 Hz and 1 kHz": (
@@ -92,7 +90,6 @@ RECORDINGS: Mapping[str, tuple[Mapping[str, Any], float, int | None]] = {
         None,
     ),
     "14 bits": ({}, 1000, 14),
-    "14 bits and 50 us": ({"node": {"jitter": on(50e-6, "s")}}, 1000, 14),
     "250 Hz": ({}, 250, None),
 }
 """Recordings of the exact joint: the recorder's nodes, the bench's rate [Hz], the bits of the

@@ -295,6 +295,16 @@ def test_the_models_without_a_trial_know_nothing_of_it() -> None:
     assert np.abs(inertial_columns(motion) @ difference).max() < 0.02 * np.abs(wrench).max()
 
 
+def test_noise_at_the_ends_of_a_recording_does_not_change_the_lag() -> None:
+    """A low-pass passes more of it there."""
+    sound = unloaded("plate_0", lag=0.002)
+    time = sound.samples["time"]
+    at_ends = (time < time[0] + 0.003) | (time > time[-1] - 0.003)
+    noisy = changed(sound, pl.col("plate1_force_z") + 30.0 * at_ends)
+
+    assert model_of(noisy).lag == pytest.approx(model_of(sound).lag, abs=1e-6)
+
+
 def test_one_trial_has_no_jackknife() -> None:
     assert model_of(unloaded("plate_0")).leave_one_out == ()
 

@@ -16,7 +16,6 @@ from osl_analysis.signals import Motion, differentiate, sampling_rate
 from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import Crossing
 from osl_analysis.walking.unperturbed_gait import (
-    BEFORE_ONSET_S,
     PHASES,
     UnperturbedGait,
     aligned_gait,
@@ -100,7 +99,7 @@ def isolate_response(
             f"trial {crossing.name}: no onset, expected a perturbed crossing; mark it as"
             " unperturbed in the sheet"
         )
-    aligned = aligned_gait(crossing, gait, perturbed_stance)
+    aligned = aligned_gait(crossing, gait, perturbed_stance, timing.guard_s)
 
     # Time from the onset, and phase on the mean gait
     rate = sampling_rate(crossing.time)
@@ -137,7 +136,7 @@ def isolate_response(
         torques=zeroed(torques, baseline),
         plate_errors=zeroed(plate_errors, baseline),
         lab_errors=zeroed(lab_errors, baseline),
-        behaviour=behaviour_before(time, thetas, torques),
+        behaviour=behaviour_before(time, thetas, torques, timing.guard_s),
         window=window,
         sign=crossing.sign,
         stance=aligned.stance,
@@ -159,9 +158,9 @@ def zeroed(curves: Array, baseline: slice) -> Array:
     return np.asarray(curves - curves[..., baseline].mean(axis=-1, keepdims=True))
 
 
-def behaviour_before(time: Array, thetas: Array, torques: Array) -> Array:
+def behaviour_before(time: Array, thetas: Array, torques: Array, guard_s: float) -> Array:
     """`BEHAVIOUR` (4, crossings) of curves (crossings, k) until the filter spreads the response."""
-    rows = time <= -BEFORE_ONSET_S
+    rows = time <= -guard_s
     centred_time = time[rows] - time[rows].mean()
     curves = np.array([thetas, torques])[..., rows]
     square = max(float(centred_time @ centred_time), np.finfo(float).tiny)

@@ -675,15 +675,18 @@ def plate_lag(
     lags = np.arange(-LARGEST_LAG_S, LARGEST_LAG_S + LAG_STEP_S / 2, LAG_STEP_S)
     wrenches = [wrench_at(float(lag)) for lag in lags]
     directions = identify_plate_inertia([(motion, wrenches[len(lags) // 2])], smooth).directions
-    columns = stacked_columns(without_mean(smooth(inertial_columns(motion))))
+    # At the ends of a recording a low-pass passes more noise, and how much depends on the lag
+    moves = np.any(motion.alpha != 0, axis=1) | np.any(motion.acceleration != 0, axis=1)
+    rows = scipy.ndimage.binary_dilation(moves, iterations=SPREAD_FRAMES)
+    columns = stacked_columns(without_mean(smooth(inertial_columns(motion))[rows]))
     basis = np.linalg.qr(columns @ directions)[0]
     misfit = []  # weighted mean square of what no parameters explain
     for wrench in wrenches:
-        stacked = (without_mean(wrench) * WEIGHT).T.ravel()
+        stacked = (without_mean(wrench[rows]) * WEIGHT).T.ravel()
         misfit.append(float(6 * np.mean((stacked - basis @ (basis.T @ stacked)) ** 2)))
 
     best = int(np.argmin(misfit))
-    square = float(np.sum((column_rms(without_mean(wrenches[best])) * WEIGHT) ** 2))
+    square = float(np.sum((column_rms(without_mean(wrenches[best][rows])) * WEIGHT) ** 2))
     if square < LIGHT**2:
         return float("nan")
     if misfit[best] > LARGEST_LAG_MISFIT * square or best in (0, len(lags) - 1):

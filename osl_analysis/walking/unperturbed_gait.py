@@ -23,7 +23,6 @@ from osl_analysis.walking.walking_settings import StanceSource
 
 # Phases of stance at which crossings are sampled, finer than the frames
 PHASES = np.linspace(0.0, 1.0, 401)
-BEFORE_ONSET_S = 0.03  # that matching leaves out: the filter spreads the response into it
 FEWEST_PHASES = 20  # between heel strike and onset, 5 % of stance, in which a pace can be read
 MATCHED_STEP = 4  # every fourth phase is enough after a low-pass of 20 Hz
 
@@ -212,7 +211,9 @@ class AlignedGait:
         return np.array(curves)
 
 
-def aligned_gait(crossing: Crossing, gait: UnperturbedGait, source: StanceSource) -> AlignedGait:
+def aligned_gait(
+    crossing: Crossing, gait: UnperturbedGait, source: StanceSource, guard_s: float
+) -> AlignedGait:
     """Align a perturbed crossing with the mean unperturbed gait.
 
     Parameters
@@ -220,6 +221,8 @@ def aligned_gait(crossing: Crossing, gait: UnperturbedGait, source: StanceSource
     source : str
         Which duration of stance converts its time to phase: `matched`, `own` or `unperturbed`
         (docs/walking.md, "Stance and phase").
+    guard_s : float
+        Time [s] before the onset into which the filter spreads the response.
 
     Raises
     ------
@@ -227,7 +230,7 @@ def aligned_gait(crossing: Crossing, gait: UnperturbedGait, source: StanceSource
         The duration is to be matched, and no pace fits.
     """
     own_stance = crossing.stance.duration
-    scale, gait_scales = matched_pace(crossing, gait)
+    scale, gait_scales = matched_pace(crossing, gait, guard_s)
     expected = own_stance / scale * float(gait_scales.mean())
     if source == "own":
         return AlignedGait(own_stance, np.ones(len(gait.names)), expected)
@@ -243,11 +246,15 @@ def aligned_gait(crossing: Crossing, gait: UnperturbedGait, source: StanceSource
     return AlignedGait(own_stance / scale, gait_scales, expected)
 
 
-def matched_pace(crossing: Crossing, gait: UnperturbedGait) -> tuple[float, Array]:
-    """Scales of the crossing, and of each unperturbed one (crossings,); NaN if no pace fits."""
+def matched_pace(crossing: Crossing, gait: UnperturbedGait, guard_s: float) -> tuple[float, Array]:
+    """Scales of the crossing, and of each unperturbed one (crossings,); NaN if no pace fits.
+
+    They are matched until the guard. With a guard of 30 ms, what a filter of 20 Hz spreads of a
+    turn of 4 deg changes the pace by 0.15 %, and K by 0.3 %.
+    """
     unknown = np.nan, np.full(len(gait.names), np.nan)
     onset = crossing.stance.toe_off if crossing.onset is None else crossing.onset
-    known_until = onset - BEFORE_ONSET_S - crossing.stance.heel_strike  # [s] of stance
+    known_until = onset - guard_s - crossing.stance.heel_strike  # [s] of stance
     phase = PHASES[known_until / crossing.stance.duration >= PHASES]
     if len(phase) < FEWEST_PHASES:
         return unknown

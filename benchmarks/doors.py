@@ -255,8 +255,9 @@ def simulate(folder: Path, cycles: int) -> Path:
     settings["protocol"]["cycles"] = cycles
     (folder / "simulation.yaml").write_text(yaml.safe_dump(settings), encoding="utf-8")
     (folder / f"{cycles}.yaml").write_text(f"dynamometer: {{cycles: {cycles}}}\n", encoding="utf-8")
-    python(folder, SIMULATE, folder / "simulation.yaml", folder, TRIAL)
-    return next(folder.rglob(f"{TRIAL}.mcap")).rename(folder / f"{cycles}.mcap")
+    simulated = folder / f"simulated_{cycles}"
+    python(folder, SIMULATE, folder / "simulation.yaml", simulated, TRIAL)
+    return next(simulated.rglob(f"{TRIAL}.mcap")).rename(folder / f"{cycles}.mcap")
 
 
 def show_hour(folder: Path) -> None:

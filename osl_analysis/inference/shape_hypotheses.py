@@ -177,14 +177,12 @@ class Clipping(Hypothesis):
         inside = contiguous(spectra.inside)
         recorded = spectra.recorded_torque[inside]
         low, high = np.quantile(recorded, OUTERMOST)
-        motion = self.data.motion_at_product_rate().copy()
-        motion[0] = spectra.angle
         torque = self.data.torque
         coefficients = self.coefficients_of_unclipped
         for _ in range(CLIPPING_STEPS):
             ends_before = (low, high)
             coefficients_before = coefficients
-            with_padding = coefficients @ motion
+            with_padding = coefficients @ self.motion
             modelled = with_padding[inside]
             size = np.abs(modelled - np.median(modelled))
             small = size <= np.quantile(size, UNCLIPPED)
@@ -210,18 +208,23 @@ class Clipping(Hypothesis):
         return [Candidate(self, self.data.motion, torque)]
 
     @cached_property
+    def motion(self) -> Array:
+        """The columns of the motion (3, p) or (4, p), with the angle about its mean."""
+        motion = self.data.motion_at_product_rate().copy()
+        motion[0] = self.data.spectra.angle
+        return motion
+
+    @cached_property
     def coefficients_of_unclipped(self) -> Array:
         """Coefficients of the motion, by the rows that are surely not cut: Eq. 15 of a cut torque
         hardly passes its ends."""
         spectra = self.data.spectra
         recorded = spectra.recorded_torque
-        motion = self.data.motion_at_product_rate().copy()
-        motion[0] = spectra.angle
         share = [(1 - UNCLIPPED) / 2, (1 + UNCLIPPED) / 2]
         ends = np.quantile(recorded[contiguous(spectra.inside)], share)
         small = spectra.inside & (recorded > ends[0]) & (recorded < ends[1])
-        beside = np.vstack([motion, np.ones_like(recorded), spectra.relative_time])
-        return solve_scaled(beside[:, small], recorded[small])[: len(motion)]
+        beside = np.vstack([self.motion, np.ones_like(recorded), spectra.relative_time])
+        return solve_scaled(beside[:, small], recorded[small])[: len(self.motion)]
 
 
 def slope_beyond_ends(

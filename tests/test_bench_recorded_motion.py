@@ -100,8 +100,12 @@ def test_any_motion_about_any_zero_gives_the_impedance_of_the_torque(
 ):
     """Bias and spread of 0.03, 0.05 and 0.3 % are claimed for 60 s at 1 kHz; here a quarter of the
     samples."""
-    row = row_of(trial := moved(move))
-    turned = row_of(Trial("made", trial.samples.with_columns(pl.col("theta") + 0.5)))
+    trial = moved(move)
+    about_another_zero = Trial("made", trial.samples.with_columns(pl.col("theta") + 0.5))
+
+    row = row_of(trial)
+    turned = row_of(about_another_zero)
+
     for column in ("K_se", "condition_number", "largest_correlation", "theta_rms_deg"):
         assert turned[column] == pytest.approx(row[column], rel=1e-3), column
     assert row["K"] == pytest.approx(300, rel=4e-4)
@@ -117,7 +121,9 @@ def test_any_motion_about_any_zero_gives_the_impedance_of_the_torque(
 @pytest.mark.usefixtures("without_inference")
 def test_a_multisine_has_its_period_and_a_band_of_its_lines():
     row = row_of(moved(multisine))
-    assert (row["realisations"], row["interval_method"]) == (1, "units")
+
+    assert row["realisations"] == 1
+    assert row["interval_method"] == "units"
     assert row["periods"] >= 4
     assert row["period_s"] == pytest.approx(6.0, rel=1e-5)
     sixths = [6 * row[f"band_{end}_hz"] for end in ("low", "high")]
@@ -128,9 +134,11 @@ def test_a_multisine_has_its_period_and_a_band_of_its_lines():
 
 def disturbed_trial():
     """Of 40 s, from 15 to 25 s disturbed."""
-    motion = noise(rng := np.random.default_rng(1), duration=40.0)
-    disturbed = np.where((motion[0] > 15) & (motion[0] < 25), 30 * np.sin(9 * motion[0]), 0.0)
-    return made_trial(rng, motion, more=disturbed)
+    rng = np.random.default_rng(1)
+    motion = noise(rng, duration=40.0)
+    time = motion[0]
+    disturbance = np.where((time > 15) & (time < 25), 30 * np.sin(9 * time), 0.0)
+    return made_trial(rng, motion, more=disturbance)
 
 
 EDGES_S = 4 / 15  # of a window, which the filter needs
@@ -139,11 +147,14 @@ EDGES_S = 4 / 15  # of a window, which the filter needs
 @pytest.mark.usefixtures("without_inference")
 def test_windows_are_fitted_and_nothing_else():
     trial = disturbed_trial()
+
     row = row_of(trial, "0.1-1.2 2-14.5 25.5-40")  # less than 1 s is left of the first
-    assert [row[k] for k in TRUE] == pytest.approx(list(TRUE.values()), rel=0.01)
+    whole = row_of(trial, excitation="any")
+
+    assert [row[name] for name in TRUE] == pytest.approx(list(TRUE.values()), rel=0.01)
     assert row["fitted_s"] == pytest.approx(12.5 + 14.5 - 2 * EDGES_S, abs=0.02)
-    assert abs(row_of(trial)["K"] / 300 - 1) > 0.004
-    assert row_of(trial, excitation="any")["fitted_s"] == pytest.approx(40, abs=0.8)
+    assert abs(whole["K"] / 300 - 1) > 0.004
+    assert whole["fitted_s"] == pytest.approx(40, abs=0.8)
 
 
 def test_windows_of_the_trial_replace_those_of_the_settings():
@@ -322,12 +333,17 @@ def test_binary_steps_whose_acceleration_jumps_give_k_b_and_i_without_a_doubt(st
 
 
 def test_a_multisine_that_stops_within_a_period_tells_its_lag():
-    time, (theta, omega, alpha) = multisine(rng := np.random.default_rng(3))
-    ends = time < LEAD + 27.3
-    motion = time[ends], tuple(one[ends] for one in (theta, omega, alpha))
+    rng = np.random.default_rng(3)
+    time, derivatives = multisine(rng)
+    kept = time < LEAD + 27.3
+    motion = time[kept], tuple(derivative[kept] for derivative in derivatives)
+
     row = row_of(made_trial(rng, motion, bits=14, late=2e-3))
-    assert (row["excitation"], row["periods"]) == ("periodic", 4)
-    assert (row["fault_family"], row["fault_harm"] > 10) == ("path", True)
+
+    assert row["excitation"] == "periodic"
+    assert row["periods"] == 4
+    assert row["fault_family"] == "path"
+    assert row["fault_harm"] > 10
     assert row["B_without_low"] < 5 < row["B_without_high"]
 
 
@@ -342,27 +358,38 @@ def test_what_differs_between_the_directions_at_once_is_no_reflex(move, added):
     assert (row["reflex_probability"] or 0.0) < 0.05
 
 
-@pytest.mark.parametrize(("move", "seconds", "made", "seeds", "low", "high"), [
-    (noise, {"duration": 10.0}, {}, 25, 1 - 4 * 0.08, 1 + 4 * 0.08),  # RMS of z, within 4 SE
-    (multisine, {}, {"bits": 14, "torque_noise": 0.01}, 8, 0.4, 1 + 4 * 0.14),
-])  # fmt: skip
-def test_intervals_cover_the_truth_where_periods_repeat_their_rounding(
-    move, seconds, made, seeds, low, high
-):
-    """Periods of whole samples, 14 bits: beside noise alone z has an RMS of 8. 95 +- 2 % needs
-    hundreds of records."""
-    z, noise_alone = [], []
+def standardised_errors(move, seeds, motion, **made):
+    """Errors of K, B and I over their standard errors, and over those of noise alone, of records
+    with these seeds."""
+    errors = []
+    errors_of_noise = []
     for seed in range(seeds):
-        record = moving_record(
-            made_trial(rng := np.random.default_rng(seed), move(rng, **seconds), **made)
-        )
+        rng = np.random.default_rng(seed)
+        record = moving_record(made_trial(rng, move(rng, **motion), **made))
         fit = analysed(record, plain_sums(record, IMPEDANCE), IMPEDANCE).whole
-        z += [(fit[k] - true) / fit.se(k) for k, true in TRUE.items()]
-        noise_alone += [
-            (fit[k] - true) / (fit.repeat_se(k) or fit.se(k)) for k, true in TRUE.items()
-        ]
-    assert low < np.sqrt(np.mean(np.square(z))) < high
-    assert move is not multisine or np.sqrt(np.mean(np.square(noise_alone))) > 1.8
+        for name, true in TRUE.items():
+            errors.append((fit[name] - true) / fit.se(name))
+            errors_of_noise.append((fit[name] - true) / (fit.repeat_se(name) or fit.se(name)))
+    return np.array(errors), np.array(errors_of_noise)
+
+
+def root_mean_square(values):
+    return np.sqrt(np.mean(np.square(values)))
+
+
+def test_intervals_of_noise_cover_the_truth():
+    """Within 4 standard errors of an RMS of 75 numbers; 95 +- 2 % needs hundreds of records."""
+    errors, _ = standardised_errors(noise, 25, {"duration": 10.0})
+
+    assert root_mean_square(errors) == pytest.approx(1, abs=4 * 0.08)
+
+
+def test_intervals_cover_the_truth_where_periods_repeat_their_rounding():
+    """Periods of whole samples, 14 bits: beside noise alone the errors have an RMS of 8."""
+    errors, of_noise = standardised_errors(multisine, 8, {}, bits=14, torque_noise=0.01)
+
+    assert 0.4 < root_mean_square(errors) < 1 + 4 * 0.14
+    assert root_mean_square(of_noise) > 1.8
 
 
 def two_devices(trial, ppm, every=1):
@@ -391,10 +418,15 @@ def test_clocks_that_drift_apart_are_seen_in_periods_or_beside_friction(
 
 def test_what_else_changes_with_time_is_no_drift_of_clocks():
     """A K that steps by 15 % in a recording of two devices whose clocks agree."""
-    time, (theta, *_) = motion = noise(np.random.default_rng(6), rate=500.0)
-    trial = made_trial(np.random.default_rng(6), motion, more=-45 * (time > 0.6 * time[-1]) * theta)
+    motion = noise(np.random.default_rng(6), rate=500.0)
+    time, (theta, *_) = motion
+    step = -45 * (time > 0.6 * time[-1]) * theta
+    trial = made_trial(np.random.default_rng(6), motion, more=step)
+
     row = row_of(two_devices(trial, 0.0, 2))
-    assert (row["fault"], row["fault_harm"] > 1) == ("K steps", True)
+
+    assert row["fault"] == "K steps"
+    assert row["fault_harm"] > 1
     assert row["certain_clock_drift_ppm"] is None
 
 

@@ -34,8 +34,11 @@ from osl_analysis.refusal import Refusal, write_refusals
 from osl_analysis.table import read_table, write_table
 
 fig3, fig4, fig5, fig6, fig7, fig8, fig9 = (drawing_of(f"fig{number}") for number in range(3, 10))
-OTHERS = ("errors", "impedance_over_stance", "response", "torque_angle", "walking_page")
-errors, impedance_over_stance, response, torque_angle, walking_page = map(drawing_of, OTHERS)
+errors = drawing_of("errors")
+impedance_over_stance = drawing_of("impedance_over_stance")
+response = drawing_of("response")
+torque_angle = drawing_of("torque_angle")
+walking_page = drawing_of("walking_page")
 BELTS = [f"belt_{number:02d}" for number in range(1, 11)]
 
 
@@ -57,15 +60,11 @@ def time_series():
 
 
 def response_table():
-    curves, f, Y = (
-        [(DESIRED, None), *((LINEAR_MODEL, name) for name in LOOKS)],
-        np.arange(1.0, 6.0),
-        3.5e-3 - 2e-3j,
-    )
-    return fig7.points(
-        stored("frequency_response"),
-        [response_curve(*one, f, np.full(5, Y), PLACE) for one in curves],
-    )
+    frequency_hz = np.arange(1.0, 6.0)
+    admittance = np.full(5, 3.5e-3 - 2e-3j)
+    labels = [(DESIRED, None), *((LINEAR_MODEL, controller) for controller in LOOKS)]
+    curves = [response_curve(*label, frequency_hz, admittance, PLACE) for label in labels]
+    return fig7.points(stored("frequency_response"), curves)
 
 
 def torque_angle_table():
@@ -75,7 +74,8 @@ def torque_angle_table():
     )
 
 
-PLACE, CAMS = (None, None), [f"both_cams_{5 * number:02d}mm" for number in range(11)]
+PLACE = (None, None)  # joint and side
+CAMS = [f"both_cams_{5 * number:02d}mm" for number in range(11)]
 PLOTTED = {
     "fig4": time_series, "torque": time_series, "fig7": response_table,
     "torque_angle": torque_angle_table,
@@ -101,8 +101,8 @@ def texts(figure):
 
 def scattered(ax, label):
     """Places (n, 2), faces (n, 4) and links (n,) of the points with that label."""
-    (found,) = [artist for artist in ax.collections if artist.get_label() == label]
-    return np.asarray(found.get_offsets()), found.get_facecolor(), found.get_urls()
+    (points,) = [artist for artist in ax.collections if artist.get_label() == label]
+    return np.asarray(points.get_offsets()), points.get_facecolor(), points.get_urls()
 
 
 def links_to(trials):
@@ -276,30 +276,34 @@ def test_every_number_of_a_figure_stands_in_its_panel_at_its_place(
     name, table, panel, rows, x, columns
 ):
     numbers, figure = drawn_once(name, table)
-    axes = figure.axes
-    shown, some = numbers.filter(rows), axes[panel].collections
-    # every place (x, y) at which something is drawn in a panel: of lines, points, bars and edges of
-    # areas
-    parts = [
-        path.vertices
-        for one in some
-        if not np.size(one.get_offsets()) > 2
-        for path in one.get_paths()
-    ]
-    lines = [line.get_xydata() for line in axes[panel].lines]
-    drawn = np.concatenate([*lines, *(np.asarray(one.get_offsets()) for one in some), *parts])
-    drawn = drawn[~np.isnan(drawn).any(axis=1)]  # what is not drawn is no place
+
+    drawn = places_in(figure.axes[panel])
+
+    rows_of_panel = numbers.filter(rows)
     for column in columns:
-        wanted = shown.select(x=pl.lit(0.0) if x is None else x, y=column).drop_nulls().to_numpy()
+        place = {"x": pl.lit(0.0) if x is None else x, "y": column}
+        wanted = rows_of_panel.select(**place).drop_nulls().to_numpy()
         assert len(wanted) or column is not columns[0]
-        apart = np.abs(drawn[None, :, 1] - wanted[:, None, 1]) > 1e-9 * (
-            1 + np.abs(wanted[:, None, 1])
-        )
+        is_there = is_near(drawn[:, 1], wanted[:, 1])
         if x is not None:
-            apart |= np.abs(drawn[None, :, 0] - wanted[:, None, 0]) > 1e-9 * (
-                1 + np.abs(wanted[:, None, 0])
-            )
-        assert not apart.all(axis=1).any(), f"{column}: some of it is not drawn"
+            is_there &= is_near(drawn[:, 0], wanted[:, 0])
+        assert is_there.any(axis=1).all(), f"{column}: some of it is not drawn"
+
+
+def places_in(ax):
+    """Every place (n, 2) at which something is drawn: of lines, points, bars and edges of areas."""
+    places = [line.get_xydata() for line in ax.lines]
+    for part in ax.collections:
+        places.append(np.asarray(part.get_offsets()))
+        if np.size(part.get_offsets()) <= 2:  # no points
+            places += [path.vertices for path in part.get_paths()]
+    drawn = np.concatenate(places)
+    return drawn[~np.isnan(drawn).any(axis=1)]  # what is not drawn is no place
+
+
+def is_near(drawn, wanted):
+    """Whether each of the wanted numbers (m,) is each of the drawn ones (n,), as (m, n)."""
+    return np.isclose(drawn[None, :], wanted[:, None], rtol=1e-9, atol=1e-9)
 
 
 def test_every_figure_has_a_row_that_says_what_it_shows():
@@ -345,8 +349,8 @@ NONE, NOTE = pl.lit(None, pl.Float64), pl.lit("x")
 DOUBT = pl.when(pl.col("trial").is_in(["belt_02", "belt_07", "w2"])).then(
     pl.lit("VAF 80 is below 90")
 )
-SAID = [
-    # figure, table, what changes, and which numbers and marks stand in the figure, and which do not
+LETTERING = [
+    # figure, table, what changes, which numbers and marks stand in the figure, and which do not
     ("fig3", strays, {}, ["belt_05"], ["belt_07"]),
     ("fig3", both_branches, {}, ["95 % interval 682.9 to 688.3 N·m/rad", "loop area 0.0451 J"],
      ["Doubtful"]),
@@ -378,15 +382,14 @@ SAID = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("name", "table", "changes", "said", "unsaid"), SAID)
-def test_a_figure_has_the_numbers_and_marks_of_what_is_drawn(name, table, changes, said, unsaid):
-    found = texts(
-        drawing_of(name).draw((table() if table else plotted(name)).with_columns(**changes))
-    )
-    assert (
-        [part for part in said if part not in found],
-        [part for part in unsaid if part in found],
-    ) == ([], [])
+@pytest.mark.parametrize(("name", "table", "changes", "present", "absent"), LETTERING)
+def test_a_figure_has_the_numbers_and_marks_of_what_is_drawn(name, table, changes, present, absent):
+    numbers = table() if table else plotted(name)
+
+    lettering = texts(drawing_of(name).draw(numbers.with_columns(**changes)))
+
+    assert [part for part in present if part not in lettering] == []
+    assert [part for part in absent if part in lettering] == []
 
 
 def test_belts_are_told_apart_where_they_end_and_doubtful_ones_are_dashed():
@@ -456,11 +459,11 @@ def check_markers(ax, look, table):
 
 def segments(ax):
     """The lines (2, 2) that bars of a panel are made of, with their widths."""
-    found = []
-    for one in ax.collections:
-        if hasattr(one, "get_segments"):
-            found += [(segment, one.get_linewidth()[0]) for segment in one.get_segments()]
-    return found
+    lines = []
+    for bars in ax.collections:
+        if hasattr(bars, "get_segments"):
+            lines += [(segment, bars.get_linewidth()[0]) for segment in bars.get_segments()]
+    return lines
 
 
 @pytest.mark.parametrize(("panel", "symbol", "other"), [(0, "K", "B"), (1, "B", "K")])
@@ -858,19 +861,23 @@ def test_a_footer_stands_below_the_page_and_covers_nothing():
     assert box.y0 < 0
 
 
-def test_unknown_figures_formats_and_missing_columns_are_refused(
-    tmp_path,
-):
+def test_an_unknown_figure_is_refused_with_those_that_there_are(tmp_path):
     with pytest.raises(InputError, match=r"no figure 'fig2'; there are fig3"):
         draw_figure("fig2", tmp_path / "t.csv", [])
+
+
+def test_a_figure_is_written_in_three_formats_alone(tmp_path):
     with pytest.raises(InputError, match=r"f\.jpg: figures are written as \.pdf, \.svg, \.png"):
         draw_table("fig8", plotted("fig8"), [tmp_path / "f.jpg"])
-    for name in ("fig5", "fig7", "fig8", "torque_angle"):
-        write_table(
-            pl.DataFrame(dict.fromkeys(drawing_of(name).needs[:-1], 1.0)), tmp_path / "t.csv"
-        )
-        with pytest.raises(InputError, match=rf"t\.csv: no column '{drawing_of(name).needs[-1]}'"):
-            plot_numbers(name, tmp_path / "t.csv", tmp_path / "f.csv")
+
+
+@pytest.mark.parametrize("name", ["fig5", "fig7", "fig8", "torque_angle"])
+def test_a_table_without_a_column_that_a_figure_needs_is_refused(name, tmp_path):
+    *columns, missing = drawing_of(name).needs
+    write_table(pl.DataFrame(dict.fromkeys(columns, 1.0)), tmp_path / "t.csv")
+
+    with pytest.raises(InputError, match=rf"t\.csv: no column '{missing}'"):
+        plot_numbers(name, tmp_path / "t.csv", tmp_path / "f.csv")
 
 
 # Captions say what the figures show, and what is doubtful, with names as text.
@@ -955,42 +962,61 @@ def test_a_caption_is_one_paragraph_in_which_no_name_of_a_file_is_markup(name, t
     assert re.findall(r"(?<!\\)[<>*]|\n|[^.]$", said) == [], said
 
 
-def test_ticks_are_round_and_0_stands_on_an_axis_of_phases():
-    for low, high, most, expected in (
-        (1, 5, 6, [1, 2, 5]), (0.5, 6, 8, [0.5, 1, 2, 5]), (0.01, 100, 5, [0.01, 0.1, 1, 10, 100]),
-        (0.1, 15, 8, [0.1, 0.2, 0.5, 1, 2, 5, 10]), (1e-4, 1e5, 5, [1e-4, 1e-2, 1, 1e2, 1e4]),
-        (2.9, 3.11, 5, [2.9, 3.0, 3.1]),
-    ):  # fmt: skip
-        axis = Figure().subplots().xaxis
-        ticks.label_log_axis(axis, (low, high), most)
-        assert axis.get_ticklocs() == pytest.approx(expected)
-    for phases in ([-10, -70], [12, 80], [0, 0]):
-        ax = Figure().subplots()
-        ax.plot(phases)
-        ticks.label_frequency_axis(ax, pl.Series([3.0]), 6)
-        ticks.label_phase_axis(ax)
-        (low, high), (lowest, highest) = ax.get_xlim(), ax.get_ylim()
-        assert 1 < 3 / low == pytest.approx(high / 3)
-        assert lowest < 0 < highest
-        assert lowest <= min(phases) <= max(phases) <= highest
-        assert 3.0 in ax.get_xticks()
-        assert 0 in np.round(ax.get_yticks(), 9)
+@pytest.mark.parametrize(("low", "high", "most", "expected"), [
+    (1, 5, 6, [1, 2, 5]), (0.5, 6, 8, [0.5, 1, 2, 5]), (0.01, 100, 5, [0.01, 0.1, 1, 10, 100]),
+    (0.1, 15, 8, [0.1, 0.2, 0.5, 1, 2, 5, 10]), (1e-4, 1e5, 5, [1e-4, 1e-2, 1, 1e2, 1e4]),
+    (2.9, 3.11, 5, [2.9, 3.0, 3.1]),
+])  # fmt: skip
+def test_ticks_of_a_logarithmic_axis_are_round(low, high, most, expected):
+    axis = Figure().subplots().xaxis
+
+    ticks.label_log_axis(axis, (low, high), most)
+
+    assert axis.get_ticklocs() == pytest.approx(expected)
 
 
-def test_no_two_controllers_look_alike_and_one_has_the_same_look_in_every_figure():
+@pytest.mark.parametrize("phases", [[-10, -70], [12, 80], [0, 0]])
+def test_0_stands_on_an_axis_of_phases(phases):
+    ax = Figure().subplots()
+    ax.plot(phases)
+
+    ticks.label_phase_axis(ax)
+
+    lowest, highest = ax.get_ylim()
+    assert lowest < 0 < highest
+    assert lowest <= min(phases) <= max(phases) <= highest
+    assert 0 in np.round(ax.get_yticks(), 9)
+
+
+def test_a_single_frequency_stands_in_the_middle_of_its_axis():
+    ax = Figure().subplots()
+    ax.plot([0, 0])
+
+    ticks.label_frequency_axis(ax, pl.Series([3.0]), 6)
+
+    low, high = ax.get_xlim()
+    assert 1 < 3 / low == pytest.approx(high / 3)
+    assert 3.0 in ax.get_xticks()
+
+
+def test_no_two_controllers_look_alike():
     controllers = ["compensated", "uncompensated", *(f"c{number}" for number in range(12)), None]
     numbers = pl.Series("look", [None, None, *range(12), None], dtype=pl.Int64)
+
     looks = names.looks_in(pl.DataFrame({"controller": controllers}).with_columns(numbers))
-    assert len({(look.colour, look.marker) for look in looks.values()}) == 15, (
-        "more controllers than colours"
-    )
-    assert names.looks_in(pl.DataFrame({"controller": ["c1"], "look": [1]}))["c1"] == looks["c1"]
-    assert names.look_numbers(pl.Series(["pd", "compensated", "a", None])).to_list() == [
-        1,
-        None,
-        0,
-        None,
-    ]
+
+    assert len({(look.colour, look.marker) for look in looks.values()}) == 15
+    alone = names.looks_in(pl.DataFrame({"controller": ["c1"], "look": [1]}))
+    assert alone["c1"] == looks["c1"], "the same in every figure"
+
+
+def test_looks_are_numbered_by_the_names_of_further_controllers():
+    numbers = names.look_numbers(pl.Series(["pd", "compensated", "a", None]))
+
+    assert numbers.to_list() == [1, None, 0, None]
+
+
+def test_a_long_name_is_drawn_with_its_beginning_and_end():
     assert names.drawn_name(20 * "a" + 20 * "b") == 18 * "a" + "…" + 9 * "b"
 
 

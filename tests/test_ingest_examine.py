@@ -107,25 +107,25 @@ def actuator_bench(**changed):
 def with_piece(values, first, last, new=None):
     """The values with one value from `first` to `last`, that which they have there or another
     one."""
-    made = values.copy()
-    made[first:last] = made[first] if new is None else new
-    return made
+    changed = values.copy()
+    changed[first:last] = values[first] if new is None else new
+    return changed
 
 
 def results(samples, experiment="impedance", **provenance):
     return examine(Trial("t", samples, provenance), experiment, COMMANDED)
 
 
-def judged(found, *accepted):
+def judged(checks, *accepted):
     """The verdicts of the shipped rules."""
-    return judged_table(measured_table("t", found), RULES, {"t": accepted})
+    return judged_table(measured_table("t", checks), RULES, {"t": accepted})
 
 
-def failed(found):
+def failed(checks):
     """Names of the checks that the shipped thresholds do not pass."""
     return {
         name
-        for name, result in found.items()
+        for name, result in checks.items()
         if CHECKS[name].failed(result.value, RULES.by_check[name].limit)
     }
 
@@ -226,10 +226,11 @@ BARE, STOOD_ON = (
 def test_a_fault_is_measured_where_it_is_and_fails_its_own_check_alone(
     check, samples, experiment, value, remark
 ):
-    found = results(samples, experiment)
+    checks = results(samples, experiment)
+
     slack = 0.5 if check == "unzeroed_plate" else 1e-9
-    assert found[check].value == pytest.approx(value, abs=slack)
-    assert remark is None or found[check].remark == remark
+    assert checks[check].value == pytest.approx(value, abs=slack)
+    assert remark is None or checks[check].remark == remark
     limit = RULES.by_check[check].limit
     fails = value is not None and (
         value < limit if CHECKS[check].fails == "below" else value > limit
@@ -238,7 +239,7 @@ def test_a_fault_is_measured_where_it_is_and_fails_its_own_check_alone(
         expected = {check} if fails else set()
         if (check, value) in ALSO_LEAP:
             expected.add("dropout")
-        assert failed(found) - {"protocol"} == expected
+        assert failed(checks) - {"protocol"} == expected
 
 
 def test_jitter_passes_where_the_signals_decide_and_a_gap_is_not_jitter():
@@ -247,9 +248,9 @@ def test_jitter_passes_where_the_signals_decide_and_a_gap_is_not_jitter():
         samples["time"].to_numpy()
         + 0.3 / RATE * np.random.default_rng(2).standard_normal(samples.height)
     )
-    found = results(samples.with_columns(time=pl.Series(noise)))
-    assert (found["jitter"].value, failed(found)) == (0, set())
-    assert " % of scatter, even: theta g = 0.00" in found["jitter"].remark
+    checks = results(samples.with_columns(time=pl.Series(noise)))
+    assert (checks["jitter"].value, failed(checks)) == (0, set())
+    assert " % of scatter, even: theta g = 0.00" in checks["jitter"].remark
     late = results(
         samples.with_columns(
             time=pl.col("time") + pl.when(pl.col("time") > 3).then(0.2).otherwise(0)
@@ -263,9 +264,9 @@ def test_jitter_is_the_wander_of_stamps_about_which_nothing_decides():
     resting = bench(1e-5 * np.random.default_rng(3).standard_normal(10_000))
     resting = resting.with_columns(torque=0.05 * np.random.default_rng(4).standard_normal(10_000))
     wander = 0.5 / RATE * np.sin(2 * np.pi * np.arange(10_000) / 3000)
-    found = results(resting.with_columns(time=pl.col("time") + pl.Series(wander)))["jitter"]
-    assert found.value == pytest.approx(50 / np.sqrt(2), rel=0.1)
-    assert "undecided, true" in found.remark
+    jitter = results(resting.with_columns(time=pl.col("time") + pl.Series(wander)))["jitter"]
+    assert jitter.value == pytest.approx(50 / np.sqrt(2), rel=0.1)
+    assert "undecided, true" in jitter.remark
 
 
 LOADED = np.where(NUMBERS < 800, 700 + np.sin(NUMBERS), 0.0)
@@ -349,51 +350,56 @@ def test_the_torque_of_every_experiment_is_checked(experiment):
 
 
 @pytest.mark.parametrize(
-    ("level", "what", "told"), [(-736, "static", 1), (-150, "static", 0), (-736, "plate", 0)]
+    ("level", "experiment", "is_weight"),
+    [(-736, "static", True), (-150, "static", False), (-736, "plate", False)],
 )
-def test_a_persons_weight_of_the_wrong_sign_is_told_from_an_offset(level, what, told):
+def test_a_persons_weight_of_the_wrong_sign_is_told_from_an_offset(level, experiment, is_weight):
     force = level + np.random.default_rng(1).standard_normal(2000)
-    remark = results(laboratory(plate1_force_z=force), what)["unzeroed_plate"].remark
-    assert (
-        "N, a person's weight with the wrong sign: correct the plate's `sign` or" in remark
-    ) == told
+
+    unzeroed = results(laboratory(plate1_force_z=force), experiment)["unzeroed_plate"]
+
+    remedy = "N, a person's weight with the wrong sign: correct the plate's `sign` or"
+    assert (remedy in unzeroed.remark) == is_weight
 
 
-def test_clocks_that_fit_badly_and_a_damaged_log_are_told_from_the_provenance():
+def test_clocks_that_fit_badly_are_told_with_drift_edges_and_rows():
     clock = {
-        "drift": 5e-5,
-        "drift_error": 1e-6,
-        "residual": 2.5e-3,
-        "edges": 20,
-        "excluded_edges": 1,
+        "drift": 5e-5, "drift_error": 1e-6, "residual": 2.5e-3, "edges": 20, "excluded_edges": 1,
         "rows_before": 3,
-    }
-    damage = {
-        "complete": False,
-        "end_missing": True,
-        "crc": "checked",
-        "lost": 130,
-        "share_lost": 0.04,
-    }
-    damage |= {"remarks": ["chunk 3"], "chunks_lost": 2}
-    found = results(bench(), clock=clock, damage={"log": damage})
-    assert failed(found) == {"clock_residual", "damage", "truncated"}
-    drifts = "drift 50.0 +- 1.0 ppm; 20 matched and 1 excluded by edges; 3 and 0 rows"
-    assert found["clock_residual"].remark.startswith(drifts)
-    said = CheckResult(
-        4.0, "2 chunks lost; 130 lost; the file is not complete; CRC checked; chunk 3"
-    )
-    assert found["damage"] == said
-    frames = {
-        "complete": False,
-        "end_missing": False,
-        "lost": 3,
-        "share_lost": 0.05,
+    }  # fmt: skip
+
+    checks = results(bench(), clock=clock)
+
+    assert failed(checks) == {"clock_residual"}
+    drift = "drift 50.0 +- 1.0 ppm; 20 matched and 1 excluded by edges; 3 and 0 rows"
+    assert checks["clock_residual"].remark.startswith(drift)
+
+
+DAMAGED_LOG = {
+    "complete": False, "end_missing": True, "crc": "checked", "lost": 130, "share_lost": 0.04,
+    "remarks": ["chunk 3"], "chunks_lost": 2,
+}  # fmt: skip
+DAMAGE_OF_LOG = "2 chunks lost; 130 lost; the file is not complete; CRC checked; chunk 3"
+
+
+def test_the_damage_of_a_log_is_its_lost_share_and_a_missing_end_is_told():
+    checks = results(bench(), damage={"log": DAMAGED_LOG})
+
+    assert failed(checks) == {"damage", "truncated"}
+    assert checks["damage"] == CheckResult(4.0, DAMAGE_OF_LOG)
+
+
+def test_the_damage_of_two_files_is_that_of_the_worse_one():
+    capture = {
+        "complete": False, "end_missing": False, "lost": 3, "share_lost": 0.05,
         "remarks": ["no numbers"],
-    }
-    both = results(bench(), damage={"log": damage, "mocap": frames})
-    told = f"log: {said.remark}; mocap: 3 lost; the file is not complete; no numbers"
-    assert (both["damage"], both["truncated"].value) == (CheckResult(5.0, told), 1.0)
+    }  # fmt: skip
+
+    checks = results(bench(), damage={"log": DAMAGED_LOG, "mocap": capture})
+
+    both = f"log: {DAMAGE_OF_LOG}; mocap: 3 lost; the file is not complete; no numbers"
+    assert checks["damage"] == CheckResult(5.0, both)
+    assert checks["truncated"].value == 1.0
 
 
 @pytest.mark.parametrize(("really", "missing", "remark"), [
@@ -410,9 +416,10 @@ def test_clocks_that_fit_badly_and_a_damaged_log_are_told_from_the_provenance():
     (Commanded((2.0, 4.0), (2.0, 5.0), (6, 7)), 2, "4 deg at 5 Hz (7.0 cycles), commanded are 6"),
 ])  # fmt: skip
 def test_the_protocol_in_the_log_is_compared_with_the_configured_one(really, missing, remark):
-    found = results(bench(stepped_sine(really)))["protocol"]
-    assert found.value == missing
-    assert remark in found.remark
+    protocol = results(bench(stepped_sine(really)))["protocol"]
+
+    assert protocol.value == missing
+    assert remark in protocol.remark
 
 
 def test_a_time_per_frequency_may_be_commanded_in_place_of_cycles_or_any_motion():
@@ -448,14 +455,14 @@ def test_a_time_per_frequency_may_be_commanded_in_place_of_cycles_or_any_motion(
 
 
 def test_a_failure_flags_or_excludes_by_its_rule_and_the_sheet_accepts_it_by_name():
-    found = {
+    checks = {
         "gap": CheckResult(0.2, "theta"),
         "unzeroed_plate": CheckResult(700.0, "plate1 -700 N"),
     }
-    table = judged(found | {"rate": CheckResult(None)})
+    table = judged(checks | {"rate": CheckResult(None)})
     assert table["verdict"].to_list() == ["flag", "exclude", "not applicable"]
     assert table.row(1) == ("t", "unzeroed_plate", 700.0, "N", 20.0, "exclude", "plate1 -700 N")
-    accepted = judged(found, "unzeroed_plate")
+    accepted = judged(checks, "unzeroed_plate")
     assert accepted["verdict"].to_list() == ["flag", "pass"]
     assert accepted["remark"][1] == "accepted in the sheet; plate1 -700 N"
 
@@ -469,9 +476,9 @@ def test_a_trial_of_few_rows_or_empty_columns_is_judged_without_an_error(rows, e
         samples,
         samples.with_columns(theta=nothing, torque=nothing, marker_A_x=nothing),
     ):
-        found = results(changed, experiment)
-        assert all(f.value is None or np.isfinite(f.value) for f in found.values())
-        assert judged(found)["check"].to_list() == list(CHECKS)
+        checks = results(changed, experiment)
+        assert all(check.value is None or np.isfinite(check.value) for check in checks.values())
+        assert judged(checks)["check"].to_list() == list(CHECKS)
 
 
 @pytest.mark.parametrize(("name", "value", "fails"), [
@@ -677,53 +684,67 @@ def checked(trial: Trial, experiment: str = "walking") -> dict[str, CheckResult]
     return examine(trial, experiment, Commanded((2,), (1,), 3))
 
 
-def test_a_sound_plate_passes_and_a_clipped_raw_channel_is_named_with_its_time(
-    tmp_path: Path,
-) -> None:
-    channels = np.hstack(force_and_moment())
-    found = checked(plate_trial(tmp_path / "a.c3d", channels))
-    assert ((found["saturation"].value or 0) < 5, (found["stuck"].value or 0) < 0.05) == (
-        True,
-        True,
-    )
-    assert found["pressure_centre"] == CheckResult(0.0, "")
-    far = channels + 1e3 * np.outer(
-        np.isin(np.arange(TIME.size), (150, 250, 350)) * 3, [0, 0, 0, 0, 1, 0]
-    )
-    assert checked(plate_trial(tmp_path / "a.c3d", far))["pressure_centre"].value == 0.0, (
-        "of 300, 3 do not count"
-    )
+def test_a_sound_plate_passes(tmp_path: Path) -> None:
+    checks = checked(plate_trial(tmp_path / "a.c3d", np.hstack(force_and_moment())))
+
+    assert (checks["saturation"].value or 0) < 5
+    assert (checks["stuck"].value or 0) < 0.05
+    assert checks["pressure_centre"] == CheckResult(0.0, "")
     # 5th to 95th percentile of a steady roll of 0.22 m
-    assert found["pressure_travel"].value == pytest.approx(0.9 * 0.22, rel=0.08)
+    assert checks["pressure_travel"].value == pytest.approx(0.9 * 0.22, rel=0.08)
+
+
+def test_3_samples_of_300_put_no_centre_of_pressure_outside(tmp_path: Path) -> None:
+    channels = np.hstack(force_and_moment())
+    channels[[150, 250, 350], 4] += 3e3
+
+    checks = checked(plate_trial(tmp_path / "a.c3d", channels))
+
+    assert checks["pressure_centre"].value == 0.0
+
+
+def test_a_clipped_raw_channel_is_named_with_its_time(tmp_path: Path) -> None:
+    channels = np.hstack(force_and_moment())
     channels[:, 4] = np.clip(channels[:, 4], -60.0, 60.0)
     trial = plate_trial(tmp_path / "a.c3d", channels)
-    result = checked(trial)["saturation"]
-    assert (result.remark, (result.value or 0) > 20) == ("plate1 channel A5", True)
+
+    saturation = checked(trial)["saturation"]
+
+    assert saturation.remark == "plate1 channel A5"
+    assert saturation.value > 20
     facts = trial.provenance["plates"][0]["channels"][4]
     assert abs(facts["clipped_at"]) == 60.0
     assert 0.2 < facts["clipped_from_s"] < facts["clipped_to_s"] < 0.8
-    assert facts["clipped_to_s"] - facts["clipped_from_s"] == pytest.approx(
-        (facts["clipped_samples"] - 1) / PLATE_RATE
-    )
+    clipped_s = facts["clipped_to_s"] - facts["clipped_from_s"]
+    assert clipped_s == pytest.approx((facts["clipped_samples"] - 1) / PLATE_RATE)
 
 
 def test_a_raw_channel_that_stands_while_the_plate_is_loaded_is_stuck(tmp_path: Path) -> None:
     channels = np.hstack(force_and_moment())
     channels[:, 4] = 37.5
-    found = checked(plate_trial(tmp_path / "a.c3d", channels))
-    assert (found["stuck"].value, found["stuck"].remark) == (
-        pytest.approx(TIME[-1], abs=1e-9),
-        "plate1 channel A5",
-    )
-    # a fifth, and 50 N
-    for top, change, told in ((1000, 150, 0), (1000, 250, 250), (100, 40, 0), (100, 60, 600)):
-        channels = np.outer(np.linspace(0, top, TIME.size), [1e-4, 1e-4, -1, 1e-4, 1e-4, 1e-4])
-        channels[: TIME.size * change // top, 4] = 5.0
-        facts = plate_trial(tmp_path / "b.c3d", channels).provenance["plates"][0]["channels"][4]
-        assert (facts["stands_samples"], facts["stands_to_s"]) == (
-            told,
-            (told - 1) / PLATE_RATE if told else None,
-        )
+
+    stuck = checked(plate_trial(tmp_path / "a.c3d", channels))["stuck"]
+
+    assert stuck.value == pytest.approx(TIME[-1], abs=1e-9)
+    assert stuck.remark == "plate1 channel A5"
+
+
+@pytest.mark.parametrize(
+    ("highest", "change", "samples"),
+    [(1000, 150, 0), (1000, 250, 250), (100, 40, 0), (100, 60, 600)],
+)
+def test_a_channel_stands_where_the_load_changes_by_a_fifth_and_50_newtons(
+    tmp_path: Path, highest: int, change: int, samples: int
+) -> None:
+    load = np.linspace(0, highest, TIME.size)
+    channels = np.outer(load, [1e-4, 1e-4, -1, 1e-4, 1e-4, 1e-4])
+    channels[: TIME.size * change // highest, 4] = 5.0
+
+    trial = plate_trial(tmp_path / "a.c3d", channels)
+
+    facts = trial.provenance["plates"][0]["channels"][4]
+    assert facts["stands_samples"] == samples
+    assert facts["stands_to_s"] == ((samples - 1) / PLATE_RATE if samples else None)
 
 
 def test_dead_moments_put_the_centre_of_pressure_outside_or_at_rest(
@@ -787,9 +808,9 @@ def test_real_plates_pass() -> None:
         recording = read_converted(
             REAL_DATA / "c3d" / name, known_formats()["c3d"].source(format="c3d", markers=())
         )
-        found = checked(Trial(name, recording.samples, recording.facts), "overground")
-        assert found["pressure_centre"].value == pytest.approx(0, abs=0.01), name
-        assert (found["saturation"].value or 0) < 5, name
+        checks = checked(Trial(name, recording.samples, recording.facts), "overground")
+        assert checks["pressure_centre"].value == pytest.approx(0, abs=0.01), name
+        assert (checks["saturation"].value or 0) < 5, name
 
 
 def test_stamps_of_which_most_are_repeated_are_examined_by_their_mean_step():

@@ -42,11 +42,11 @@ from osl_analysis.table import read_table, write_table
 P = read_parameters(ROOT / "config/parameters/default.yaml")
 TRUE = {"k_tau_n_m": P.k_tau * P.n_m, **vars(P)}
 HERE = {"joint": "ankle", "side": None}
-PAIR, NONE = (
-    ("compensated", "uncompensated"),
-    pl.DataFrame(schema={"check": pl.String, "verdict": pl.String}),
-)
-ASKED = [(K, B, name) for name in PAIR for K, B in ((100, 5), (200, 2.5), (300, 5), (400, 7.5))]
+PAIR = ("compensated", "uncompensated")
+NO_VERDICTS = pl.DataFrame(schema={"check": pl.String, "verdict": pl.String})
+CONDITIONS = [
+    (K, B, name) for name in PAIR for K, B in ((100, 5), (200, 2.5), (300, 5), (400, 7.5))
+]
 FAULTS = {"K_s": 0.85, "f_C": 2.0, "J_m": 1.3, "torque_gain": 1.05}
 LINEAR = {"f_C": 0.25}  # relative error of a change that is taken for linear, where it is not
 TYPES = {"side": pl.String, "amplitude_deg": pl.Float64}
@@ -80,17 +80,15 @@ def fitted(record, **asked):
 
 def predictions(tables, p=P, **delays):
     """`prediction.csv` and its causes of the leg p, as the component tables predict it."""
-    components, terms, fits = components_of(tables, ("ankle", None), P), {}, []
-    for seed, (K_d, B_d, controller) in enumerate(ASKED):
-        name, record = f"K{K_d}_{controller}", recording(K_d, B_d, controller, p, seed, **delays)
-        terms[name], _ = prediction_terms(
-            replace(record, name=name), law_of(K_d, B_d, controller), components
-        )
-        fits.append(
-            fitted(
-                record, trial=name, **HERE, controller=controller, K_d=float(K_d), B_d=float(B_d)
-            )
-        )
+    components = components_of(tables, ("ankle", None), P)
+    terms = {}
+    fits = []
+    for seed, (K_d, B_d, controller) in enumerate(CONDITIONS):
+        name = f"K{K_d}_{controller}"
+        record = replace(recording(K_d, B_d, controller, p, seed, **delays), name=name)
+        terms[name], _ = prediction_terms(record, law_of(K_d, B_d, controller), components)
+        condition = {"controller": controller, "K_d": float(K_d), "B_d": float(B_d)}
+        fits.append(fitted(record, trial=name, **HERE, **condition))
     return *prediction_table(terms, pl.DataFrame(fits, infer_schema_length=None), components), fits
 
 
@@ -108,13 +106,18 @@ def test_a_record_that_was_kept_is_predicted_as_that_of_the_fit(tmp_path):
 
 
 def test_an_inertia_beyond_the_predicted_is_missed_by_i_w2_rms():
-    more = 0.05
-    heavier = recording(300, 5, "compensated", replace(P, J_j=P.J_j + more))
-    _, found = prediction_terms(heavier, law_of(300, 5, "compensated"), EXACT)
-    assert found["frequency_hz"].to_list() == [1, 2, 3, 4, 5]
-    size, w = np.sqrt(np.mean(np.square(FIVE.amplitudes)) / 2), 2 * np.pi * found["frequency_hz"]
-    np.testing.assert_allclose(found["miss"], more * w**2 * size, rtol=0.01, atol=0.02)
-    np.testing.assert_allclose(found["share"], 100 * found["miss"] / found["torque"])
+    added_inertia = 0.05
+    heavier = recording(300, 5, "compensated", replace(P, J_j=P.J_j + added_inertia))
+
+    _, missed = prediction_terms(heavier, law_of(300, 5, "compensated"), EXACT)
+
+    assert missed["frequency_hz"].to_list() == [1, 2, 3, 4, 5]
+    w = 2 * np.pi * missed["frequency_hz"]
+    rms_angle = np.sqrt(np.mean(np.square(FIVE.amplitudes)) / 2)
+    np.testing.assert_allclose(
+        missed["miss"], added_inertia * w**2 * rms_angle, rtol=0.01, atol=0.02
+    )
+    np.testing.assert_allclose(missed["share"], 100 * missed["miss"] / missed["torque"])
 
 
 def test_of_a_gain_an_equal_share_is_missed_at_each_frequency_of_noise():
@@ -128,49 +131,51 @@ def test_of_a_gain_an_equal_share_is_missed_at_each_frequency_of_noise():
     rows = stretches_of([slice(500, len(time) - 500)], RATE)
     record = record_of("noise", time, motion.theta, torque, LOW_PASS, rows)
 
-    _, found = prediction_terms(record, law, EXACT)
+    _, missed = prediction_terms(record, law, EXACT)
 
-    assert found["frequency_hz"].is_between(0.4, 8.5).all()
-    assert len(found) > 10
-    np.testing.assert_allclose(found["share"], 20, atol=0.3)
+    assert missed["frequency_hz"].is_between(0.4, 8.5).all()
+    assert len(missed) > 10
+    np.testing.assert_allclose(missed["share"], 20, atol=0.3)
 
 
 def test_a_late_controller_is_that_of_the_simulator_with_its_delay():
-    t, w = np.arange(4000) / 1000.0, 2 * np.pi * 3.0
-    theta, omega, gains = (
-        0.05 * (1 - np.cos(w * t)),
-        0.05 * w * np.sin(w * t),
-        select_gains("compensated", 300, 5, P),
-    )
-    law = IDEAL | {
-        "friction": True,
-        "cancels_friction": True,
-        "sign_width": 0.05,
-        "control_updates": 20,
-    }
+    t = np.arange(4000) / 1000.0
+    w = 2 * np.pi * 3.0
+    theta = 0.05 * (1 - np.cos(w * t))
+    omega = 0.05 * w * np.sin(w * t)
+    gains = select_gains("compensated", 300, 5, P)
     commands = np.array([[gains.K_1], [gains.B_1], [0.0]])
-    # 4 ms
-    truth = simulate_drivetrain(1000.0, theta, omega, commands, law | {"control_delay": 80}, P)[
-        "belt_torque"
-    ]
-    legs = [
-        (law_of(300, 5, "compensated", angle_delay=one, velocity_delay=one), P) for one in (4e-3, 0)
-    ]
-    late, sharp = belt_responses(theta, 1000.0, legs)
-    assert np.std(late - truth) < 0.25 * np.std(sharp - truth)
+    simulated = IDEAL | {
+        "friction": True, "cancels_friction": True, "sign_width": 0.05,
+        "control_updates": 20, "control_delay": 80,  # 4 ms
+    }  # fmt: skip
+    truth = simulate_drivetrain(1000.0, theta, omega, commands, simulated, P)["belt_torque"]
+    late_law = law_of(300, 5, "compensated", angle_delay=4e-3, velocity_delay=4e-3)
+
+    late, prompt = belt_responses(
+        theta, 1000.0, [(late_law, P), (law_of(300, 5, "compensated"), P)]
+    )
+
+    assert np.std(late - truth) < 0.25 * np.std(prompt - truth)
 
 
 def test_components_are_means_with_scatter_of_trials_and_correlations():
     tables = component_tables(TRUE)
-    found, f_C = components_of(tables, ("ankle", None), P), tables["actuator"]["f_C"].to_numpy()
-    assert found.values["f_C"] == pytest.approx(f_C.mean())
-    of_fits = np.sqrt(np.mean(tables["actuator"]["f_C_se"].to_numpy() ** 2))
-    assert found.se("f_C") == pytest.approx(max(f_C.std(ddof=1), of_fits) / 3**0.5)
-    of = list(COMPONENTS).index
-    shared = found.covariance[of("f_C"), of("J_m")]
-    assert shared == pytest.approx(0.5 * found.se("f_C") * found.se("J_m"), rel=2e-3)
-    assert (found.covariance[of("f_C"), of("K_s")], found.freedom["K_s"]) == (0, 2)
-    assert (found.p.k_tau * P.n_m, found.p.n_T) == (pytest.approx(found.values["k_tau_n_m"]), P.n_T)
+    f_C = tables["actuator"]["f_C"].to_numpy()
+    se_of_fits = np.sqrt(np.mean(tables["actuator"]["f_C_se"].to_numpy() ** 2))
+
+    components = components_of(tables, ("ankle", None), P)
+
+    se = {name: components.se(name) for name in ("f_C", "J_m")}
+    assert components.values["f_C"] == pytest.approx(f_C.mean())
+    assert se["f_C"] == pytest.approx(max(f_C.std(ddof=1), se_of_fits) / np.sqrt(3))
+    row, same_bench, other_bench = (list(COMPONENTS).index(name) for name in ("f_C", "J_m", "K_s"))
+    shared = components.covariance[row, same_bench]
+    assert shared == pytest.approx(0.5 * se["f_C"] * se["J_m"], rel=2e-3)
+    assert components.covariance[row, other_bench] == 0
+    assert components.freedom["K_s"] == 2
+    assert components.p.k_tau * P.n_m == pytest.approx(components.values["k_tau_n_m"])
+    assert components.p.n_T == P.n_T
 
 
 @pytest.mark.parametrize(("tables", "side", "words"), [
@@ -213,7 +218,7 @@ def test_a_trial_outside_of_the_others_conditions_is_told(K_d, B_d, outside):
 def doubts_about(table, causes):
     tables = {"prediction": table, "prediction_causes": causes}
     return (
-        campaign_findings(tables, NONE, DoubtfulFits())
+        campaign_findings(tables, NO_VERDICTS, DoubtfulFits())
         .filter(grade="doubts")
         .select("cause", "evidence")
         .rows()

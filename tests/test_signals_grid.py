@@ -340,34 +340,60 @@ SHARE_MISPLACED = {(False, False): 0, (False, True): 5e-5, (True, False): 5e-3, 
 @pytest.mark.parametrize(("jitter", "late"), [(0.0, 0.0), (1e-4, 0.0), (0.0, 1e-4)])
 @pytest.mark.parametrize("lost", [30, 3000])
 def test_every_missing_sample_is_found_at_its_place(lost, jitter, late):
-    random, t = np.random.default_rng(lost), clock(1000.0, 60.0)
+    random = np.random.default_rng(lost)
+    t = clock(1000.0, 60.0)
     inner = np.sort(random.choice(np.arange(200, len(t) - 200), len(t) - 400 - lost, replace=False))
     kept = np.r_[:200, inner, len(t) - 200 : len(t)]
-    stamps = (waits(t, late, random) if late else t + jitter * random.standard_normal(len(t)))[kept]
-    assert np.mean(count_from_stamps(stamps) != kept) <= SHARE_MISPLACED[late > 0, lost == 3000]
+    stamps = waits(t, late, random) if late else t + jitter * random.standard_normal(len(t))
+
+    count = count_from_stamps(stamps[kept])
+
+    assert np.mean(count != kept) <= SHARE_MISPLACED[late > 0, lost == 3000]
 
 
-@pytest.mark.parametrize(("missing", "marked"), [(20, 0), (21, 1)])
-def test_a_gap_of_20_samples_is_bridged_and_a_longer_one_marked(missing, marked):
-    t, random = clock(1000.0), np.random.default_rng(40)
-    gone = np.arange(20_001, 20_001 + missing)
-    grid = one_time_base([log(np.delete(t, gone), np.delete(t, gone), random)])
-    said, left_out = grid.streams[0], grid.time[~grid.usable]
-    assert (said["bridged"], said["marked"], said["missing"]) == (1 - marked, marked, missing)
-    assert (len(grid.time), grid.farthest_s) == (
-        len(t),
-        pytest.approx(0.01 * (1 - marked), abs=1e-9),
-    )
-    if marked:
-        assert left_out[[0, -1]] == pytest.approx([20.0 - 0.2, 20.022 + 0.2], abs=1.1e-3)
-        assert len(left_out) == pytest.approx(423, abs=1)
-    else:
-        assert grid.usable.all()
-        assert said["bridge_error"] == pytest.approx(4.93e-4, rel=0.02)
-    lacking = log(t, t, random)  # rows that are there, without a value
-    lacking.signals["torque"][gone] = np.nan
-    _, said = one_time_base([lacking]).streams
-    assert (said["empty"], said["bridged"], said["marked"]) == (missing, 1 - marked, marked)
+def log_without(n, first=20_001):
+    """A log of 1000 Hz from which n samples are gone, and the number of samples of the whole."""
+    t = clock(1000.0)
+    left = np.delete(t, np.arange(first, first + n))
+    return log(left, left, np.random.default_rng(40)), len(t)
+
+
+def test_a_gap_of_20_samples_is_bridged():
+    recording, samples = log_without(20)
+
+    grid = one_time_base([recording])
+
+    row = grid.streams[0]
+    assert (row["bridged"], row["marked"], row["missing"]) == (1, 0, 20)
+    assert row["bridge_error"] == pytest.approx(4.93e-4, rel=0.02)
+    assert grid.farthest_s == pytest.approx(0.01, abs=1e-9)
+    assert len(grid.time) == samples
+    assert grid.usable.all()
+
+
+def test_a_gap_of_21_samples_is_left_out_with_its_surroundings():
+    recording, samples = log_without(21)
+
+    grid = one_time_base([recording])
+
+    row = grid.streams[0]
+    left_out = grid.time[~grid.usable]
+    assert (row["bridged"], row["marked"], row["missing"]) == (0, 1, 21)
+    assert grid.farthest_s == pytest.approx(0, abs=1e-9)
+    assert len(grid.time) == samples
+    assert left_out[[0, -1]] == pytest.approx([20.0 - 0.2, 20.022 + 0.2], abs=1.1e-3)
+    assert len(left_out) == pytest.approx(423, abs=1)
+
+
+@pytest.mark.parametrize(("empty", "marked"), [(20, 0), (21, 1)])
+def test_rows_without_a_value_are_a_gap_of_their_channel(empty, marked):
+    t = clock(1000.0)
+    recording = log(t, t, np.random.default_rng(40))
+    recording.signals["torque"][20_001 : 20_001 + empty] = np.nan
+
+    _, row = one_time_base([recording]).streams
+
+    assert (row["empty"], row["bridged"], row["marked"]) == (empty, 1 - marked, marked)
 
 
 # ---- Refusals: channel, time, value, remedy
@@ -469,33 +495,32 @@ def test_a_host_so_late_that_it_hides_its_rhythm_is_refused():
         one_time_base(two_nodes(np.random.default_rng(1), (0.0, 7e-3)))
 
 
+@pytest.mark.parametrize(("drift_ppm", "certain_ppm"), [(12.5, 12.5), (12.0, 0.0)])
+def test_a_drift_is_certain_beyond_the_quantile_of_four_standard_errors(drift_ppm, certain_ppm):
+    """Of Student's distribution with 5 degrees of freedom: t.isf(3.167e-5, 5) = 12.28."""
+    assert drift_row(drift_ppm, 1.0, 5.0, 20.0)["certain_clock_drift_ppm"] == certain_ppm
+
+
 def test_certain_drift_is_refused_beyond_what_b_and_i_bear():
-    """From a Student quantile on that is as rare as four exact standard errors: t.isf(3.167e-5, 5)
-    = 12.28."""
-    assert [drift_row(d, 1.0, 5.0, 20.0)["certain_clock_drift_ppm"] for d in (12.5, 12.0)] == [
-        12.5,
-        0.0,
-    ]
-    drift_row(-5.0, 4.0, np.inf, 2.0)
-    with pytest.raises(
-        InputError, match=r"drift apart by -2\.10 \+- 0\.10 ppm, more than 2: .*synchronise"
-    ):
+    told = r"drift apart by -2\.10 \+- 0\.10 ppm, more than 2: .*synchronise"
+    with pytest.raises(InputError, match=told):
         drift_row(-2.1, 0.1, np.inf, 2.0)
+    drift_row(-5.0, 4.0, np.inf, 2.0)  # which is not certain
 
 
 @pytest.mark.parametrize(("wait", "one_in"), [(2e-4, (0, 50)), (2e-3, (300, 300))])
 def test_regular_losses_behind_a_late_host_are_refused(wait, one_in):
-    random, waiting = (
-        np.random.default_rng(one_in[1] + int(1e6 * wait)),
-        tuple(wait if n else 0.0 for n in one_in),
-    )
-    true = DURATION * RATE / max(one_in)
-    with pytest.raises(
-        InputError, match=r"about \d+ samples are missing.* nothing tells which.* counter"
-    ) as refused:
-        one_time_base(two_nodes(random, waiting, one_in))
-    assert int(str(refused.value).split("about ")[1].split()[0]) == pytest.approx(
-        true, rel=0.05, abs=1.1
+    random = np.random.default_rng(one_in[1] + int(1e6 * wait))
+    waiting = tuple(wait if every else 0.0 for every in one_in)
+    nodes = two_nodes(random, waiting, one_in)
+
+    told = r"about (\d+) samples are missing.* nothing tells which.* counter"
+    with pytest.raises(InputError, match=told) as refusal:
+        one_time_base(nodes)
+
+    missing = DURATION * RATE / max(one_in)
+    assert int(str(refusal.value).split("about ")[1].split()[0]) == pytest.approx(
+        missing, rel=0.05, abs=1.1
     )
 
 
@@ -598,18 +623,19 @@ def test_a_signal_of_a_third_of_the_rate_has_the_error_of_its_own_steps():
 
 
 def test_each_device_keeps_its_own_clock_and_a_counter_counts():
-    t, later = clock(100, 10), clock(70, 10, first=0.0031)
+    t = clock(100, 10)
+    later = clock(70, 10, first=0.0031)
+    counter = 2 * np.arange(t.size)
     counted = pl.DataFrame(
-        {"time": t, "theta": np.sin(t), counter_column("theta"): 2 * np.arange(t.size), "torque": t}
+        {"time": t, "theta": np.sin(t), counter_column("theta"): counter, "torque": t}
     )
-    both = pl.concat(
-        [counted, pl.DataFrame({"time": later, "current": later})], how="diagonal"
-    ).sort("time")
-    trial = Trial("two devices", both)
-    for _ in range(2):  # as found, and as kept
-        found = {
-            name: take(streams(trial, [[name]]))[0].clock.step
-            for name in ("theta", "torque", "current")
-        }
-        assert found == pytest.approx({"theta": 0.005, "torque": 0.01, "current": 1 / 70})
+    current = pl.DataFrame({"time": later, "current": later})
+    trial = Trial("two devices", pl.concat([counted, current], how="diagonal").sort("time"))
+    steps = {"theta": 0.005, "torque": 0.01, "current": 1 / 70}
+
+    computed = {name: take(streams(trial, [[name]]))[0].clock.step for name in steps}
+    cached = {name: take(streams(trial, [[name]]))[0].clock.step for name in steps}
+
+    assert computed == pytest.approx(steps)
+    assert cached == pytest.approx(steps)
     assert len(trial.clocks) == 3

@@ -28,7 +28,7 @@ TEXT_COLUMNS = (
     "motion", "group", "gait", "direction", "subject", "session", "side", "speed", "pooled",
     "series", "group_stated", "not_checked", "excitation", "desired", "loading", "method", "joint",
     "data", "chosen", "trajectory", "axis_from", "missing_components", "table", "grade",
-    "cause", "inherited", "evidence", "side", "says", "size", "remedy", "reaction", "fault",
+    "name", "cause", "inherited", "evidence", "says", "size", "remedy", "reaction", "fault",
     "fault_family", "explanations", "widened_because", "law",
 )  # fmt: skip
 # columns that identify a row of a table and of its evidence

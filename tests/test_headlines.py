@@ -18,18 +18,21 @@ from osl_analysis.campaign.origin import ABOUT_MACROS
 from osl_analysis.commands import tables
 from osl_analysis.commands.tables import format_results_table, gather, read_summary, write_summary
 from osl_analysis.errors import InputError
-from osl_analysis.judge.campaign import campaign_findings, causes_in_campaign
-from osl_analysis.judge.causes import CAUSES, EVIDENCE
+from osl_analysis.judge.campaign import campaign_findings
 from osl_analysis.judge.finding import (
     Beyond,
     Finding,
     Grade,
     Limits,
     Remedy,
+    WordedFinding,
+    Words,
     findings_frame,
 )
 from osl_analysis.judge.judging import judged
+from osl_analysis.judge.known_findings import EVIDENCE, FINDINGS
 from osl_analysis.judge.limits import DoubtfulFits
+from osl_analysis.judge.summary_findings import causes_in_campaign
 from osl_analysis.outcomes.job_log import write_log
 from osl_analysis.refusal import Refusal
 from osl_analysis.report.decimal_places import RANGE
@@ -66,7 +69,8 @@ def known(tables, limits, verdicts=NO_CHECKS):
     """The findings on a campaign as the summary has them."""
     limits = DoubtfulFits.model_validate(limits)
     marked_tables = {name: marked(table, limits.of(name), name) for name, table in tables.items()}
-    return causes_in_campaign(campaign_findings(tables, verdicts, limits), marked_tables, verdicts)
+    findings = campaign_findings(tables, verdicts, limits)
+    return [one.to_json() for one in causes_in_campaign(findings, marked_tables, verdicts)]
 
 
 def test_a_fit_is_doubtful_for_every_limit_that_it_passes():
@@ -125,14 +129,14 @@ def test_a_misfit_that_a_cause_explains_is_no_doubt_of_its_own():
 
 FAR, NEAR = 1.3, 1.1
 """A number beyond its limit by these factors: a cause of others precedes them from 1.15 on."""
-OF_UNIT_OR_SIGN = [name for name, one in EVIDENCE.items() if CAUSES[one.cause].first]
+OF_UNIT_OR_SIGN = [name for name, one in EVIDENCE.items() if FINDINGS[one.finding].causes_others]
 
 
 @pytest.mark.parametrize("column", OF_UNIT_OR_SIGN)
 def test_a_unit_or_sign_far_off_is_named_before_what_it_may_cause(column):
     row = {"heterogeneity": 5.0, column: FAR}
     limits = Limits(above={"heterogeneity": 1.0, column: 1.0}, below={})
-    of_column = CAUSES[EVIDENCE[column].cause].name
+    of_column = FINDINGS[EVIDENCE[column].finding].title
 
     far = [one.cause for one in findings_of(row, limits, "phasors")]
     near = [one.cause for one in findings_of(row | {column: NEAR}, limits, "phasors")]
@@ -259,9 +263,8 @@ def test_causes_and_trials_are_counted_and_not_the_rows_that_inherit_them():
     ]  # fmt: skip
     said = found[0]["worst"], found[0]["measure"], found[0]["limit"]
     assert said == ("b", "coulomb_share, VAF", "above 0.5, below 90")
-    inherited = campaign_findings(tables, NO_CHECKS, DoubtfulFits.model_validate(limits)).filter(
-        table="phasors"
-    )
+    findings = campaign_findings(tables, NO_CHECKS, DoubtfulFits.model_validate(limits))
+    inherited = findings_frame(findings).filter(table="phasors")
     assert inherited.select("trial", "cause", "inherited").unique().rows() == [
         ("a", "friction", "impedance")
     ]
@@ -838,16 +841,16 @@ def test_a_finding_in_the_table_is_the_finding_that_was_made():
         for way, end in enumerate(("", "_low", "_high"))
     }
     finding = Finding(
+        "late_torque",
         "impedance",
         "t",
-        "late torque",
         Grade.DOUBTS,
         evidence,
         4.0,
         sizes={"B": 0.5},
         without=without,
     )
-    table = findings_frame([(finding, ("says", "size", "remedy"))])
+    table = findings_frame([WordedFinding(finding, Words("says", "size", "remedy"))])
     numbers = ("evidence", "value", "limit", "side")
     assert table.select(numbers).rows() == [
         (one.column, one.value, one.limit, one.side) for one in evidence

@@ -2,7 +2,7 @@
 
 import pytest
 
-from osl_analysis.judge.judging import unchecked_in
+from osl_analysis.judge.unchecked import unchecked_in
 from osl_analysis.judge.words import finding_text
 
 WALKED = {"group": "all", "K": 300.0, "plate_K_per_m": 100.0}

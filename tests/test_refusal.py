@@ -34,6 +34,7 @@ from osl_analysis.jobs import progress, workers
 from osl_analysis.jobs.progress import LogHandler
 from osl_analysis.judge.campaign import campaign_findings, exclusion_report
 from osl_analysis.judge.exclusions import Judge, exclusions
+from osl_analysis.judge.finding import findings_frame
 from osl_analysis.judge.limits import DoubtfulFits, QualityRules
 from osl_analysis.outcomes.job_log import read_log, write_log
 from osl_analysis.outcomes.perform import Ending, Job, perform, refusal
@@ -365,7 +366,8 @@ def test_a_trial_that_is_used_without_its_end_is_named_at_the_end_of_a_run():
         for n, verdict in enumerate(("flag", "pass", "exclude"))
     ]
     for some, named in ((rows, ["b_0"]), (rows[1:], [])):
-        found = campaign_findings({}, pl.DataFrame(some), DoubtfulFits()).filter(grade="doubts")
+        findings = findings_frame(campaign_findings({}, pl.DataFrame(some), DoubtfulFits()))
+        found = findings.filter(grade="doubts")
         assert found.select("trial", "cause").rows() == [
             (trial, "log without its end") for trial in named
         ]

@@ -36,10 +36,19 @@ from osl_analysis.cli import main
 from osl_analysis.commands import report
 from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.figures import FIGURES
-from osl_analysis.judge.campaign import QUALITY, campaign_findings, entries
-from osl_analysis.judge.finding import Beyond, Finding, Grade, findings_frame
+from osl_analysis.judge.campaign import QUALITY, campaign_findings
+from osl_analysis.judge.finding import (
+    Beyond,
+    Finding,
+    Grade,
+    WordedFinding,
+    findings_frame,
+    findings_of_frame,
+)
+from osl_analysis.judge.known_findings import CHECKS, FINDINGS
 from osl_analysis.judge.limits import DoubtfulFits
-from osl_analysis.judge.words import WORDS, printed, words_of
+from osl_analysis.judge.summary_findings import findings_in_summary
+from osl_analysis.judge.words import words_of
 from osl_analysis.refusal import Refusal
 from osl_analysis.report import methods, page, panels, trial_page
 from osl_analysis.report.condition_rows import condition_rows
@@ -50,7 +59,8 @@ from osl_analysis.report.packed_tables import every_kth, packed_table
 from osl_analysis.report.page_figures import caption_html, captions_by_title, inline_svg
 from osl_analysis.report.page_text import method_text, verdicts_text
 from osl_analysis.report.panels import Pictures
-from osl_analysis.report.trial_page import ReportedTrial
+from osl_analysis.report.trial_page import ReportedTrial, Scope
+from osl_analysis.report.typography import printed
 from osl_analysis.table import write_table
 from osl_analysis.yaml_settings import read_mapping
 
@@ -122,16 +132,17 @@ def fitted_rows():
 
 
 def doubt(
-    cause="friction", column="coulomb_share", value=0.3, limit=0.25, table="impedance", **place
+    name="friction", column="coulomb_share", value=0.3, limit=0.25, table="impedance", **place
 ):
     return Finding(
-        table, "t", cause, Grade.DOUBTS, (Beyond(column, value, limit, "above"),), **place
+        name, table, "t", Grade.DOUBTS, (Beyond(column, value, limit, "above"),), **place
     )
 
 
 def stored_findings(*findings):
     """The findings as the page reads them from `findings.csv`."""
-    return entries(findings_frame((one, words_of(one, {})) for one in findings))
+    worded = [WordedFinding(one, words_of(one, {})) for one in findings]
+    return findings_of_frame(findings_frame(worded))
 
 
 def trial(name="t", *findings, **facts):
@@ -233,7 +244,8 @@ def test_names_from_files_are_text_and_no_script_runs_but_the_two_of_the_page():
 
 def written_methods(trials, tables, settings):
     """The methods text of some trials with the finding `FINDING`."""
-    facts = methods.methods_content(settings, ACCURACY, tables, trials, [FINDING])
+    findings = findings_in_summary({"findings": [FINDING]})
+    facts = methods.methods_content(settings, ACCURACY, tables, trials, findings)
     return methods.methods_text(facts, ABOUT)
 
 
@@ -367,7 +379,7 @@ def test_units_symbols_powers_and_minus_signs_are_set_in_one_way_and_names_are_l
 
 
 def test_verdicts_and_counts_sorting_by_the_unrounded_value_and_conditions_that_differ():
-    gap = doubt("gap in the recording", "gap", 0.095, 0.05, QUALITY)
+    gap = doubt("gap_in_recording", "gap", 0.095, 0.05, QUALITY)
     trials = [
         trial("a"), trial("e", gap), trial("b", doubt(), gap),
         trial("c", left_out=["gap 1 s"]), trial("d", left_out=["x"], refused=True),
@@ -378,7 +390,7 @@ def test_verdicts_and_counts_sorting_by_the_unrounded_value_and_conditions_that_
     assert [row["verdict"] for row in content["trials"]] == kinds[::-1], "the worst first"
     *_, doubtful, flagged, _ = content["trials"]
     assert (flagged["causes"], doubtful["causes"]) == (["gap in the recording"], ["friction"])
-    assert trials[1].doubts[0].numbers == [["gap", "0.095", "above 0.05", WORDS["checks"]["gap"]]]
+    assert trials[1].doubts[0].numbers == [["gap", "0.095", "above 0.05", CHECKS["gap"].meaning]]
     number = {"text": "299.5", "interval": "[299.2, 299.8]", "column": "K"}
     number["full"] = [299.5123, 299.2, 299.8]
     assert (doubtful["numbers"][1], [one["name"] for one in content["left_out"]]) == (
@@ -412,7 +424,7 @@ def test_the_page_begins_with_what_was_done_its_verdict_and_the_figure_that_matt
     assert found["answers"] == ["It is 2.00\xa0% (n = 4)."]
     drawn = [[one["name"] for one in found[key]] for key in ("first", "figures")]
     assert drawn == [["fig5"], ["fig3", "walking_page"]]
-    assert found["findings"][0]["named"] == [("t", "it is 30 % of the damping")]
+    assert found["findings"][0].trials == [("t", "it is 30 % of the damping")]
     unsure = [
         {"verdict": "not checked", "of": "trials", "trials": ["t"], "cause": cause}
         for cause in "abcdd"
@@ -439,15 +451,17 @@ def test_findings_stand_by_what_they_change_the_largest_first_and_those_of_no_si
 
     found = page.overview([trial()], {"findings": findings}, [], ABOUT)["findings"]
 
-    assert [one["cause"] for one in found] == ["3", "2", "1", "0"]
-    assert [one["changes"] for one in found] == [
+    assert [one.finding.cause for one in found] == ["3", "2", "1", "0"]
+    assert [one.changes for one in found] == [
         "K by up to 10 N*m/rad", "K by up to 2 N*m/rad", "B by up to 3 N*m*s/rad", "",
     ]  # fmt: skip
 
 
 def test_the_map_has_a_row_for_each_cause_that_a_trial_does_not_pass():
-    gap = doubt("gap in the recording", "gap", 0.2, 0.05, QUALITY)
-    note = Finding("impedance", "t", "I is certainly negative", Grade.NOTES)
+    gap = doubt("gap_in_recording", "gap", 0.2, 0.05, QUALITY)
+    note = Finding(
+        "negative_inertia", "impedance", "t", Grade.NOTES, title="I is certainly negative"
+    )
     of_phasors = doubt(table="phasors", frequency_hz=3.0)
     trials = [trial("b", of_phasors, gap), trial("a", doubt(), doubt(amplitude_deg=4.0), note)]
     trials[0] = replace(trials[0], row=trials[0].row | {"K_d": 400.0})
@@ -464,12 +478,12 @@ def test_the_map_has_a_row_for_each_cause_that_a_trial_does_not_pass():
     }
     walks = [replace(trial(name), tables=tables) for name, tables in groups.items()]
     known = [{"of": "walking groups", "verdict": "not checked", "cause": "x", "trials": ["B", "C"]}]
-    (group,) = page.check_map(walks, known)
+    (group,) = page.check_map(walks, findings_in_summary({"findings": known}))
     assert group["rows"] == [("x", [("u", "passed"), ("v", "not checked")])]
 
 
 def test_doubts_say_whether_they_are_about_the_whole_trial_and_with_which_numbers():
-    part = doubt("model that does not fit", "R2", 0.1, 0.9, amplitude_deg=4.0)
+    part = doubt("model_misfit", "R2", 0.1, 0.9, amplitude_deg=4.0)
     numbers = Beyond("B_change", 0.291, 0.25, "above"), Beyond("coulomb_share", 1.03, 0.5, "above")
     own, inherited = (
         doubt("x", "x", 2, 1, "phasors", amplitude_deg=2.0, frequency_hz=3.0),
@@ -477,11 +491,12 @@ def test_doubts_say_whether_they_are_about_the_whole_trial_and_with_which_number
     )
     findings = stored_findings(part, replace(doubt(), evidence=numbers), own, inherited)
     found = replace(trial(), findings=findings).doubts
-    assert [(one.where, one.of, one.cause) for one in found] == [
-        ("4 deg", "part", "model that does not fit"), ("all amplitudes", "all", "friction"),
-        ("phasors, 2 deg, 3 Hz", "other", "x"),
-    ]  # fmt: skip
-    assert found[1].says == WORDS["causes"]["friction"]["says"]
+    assert [(one.where, one.scope, one.cause) for one in found] == [
+        ("4 deg", Scope.PART_OF_FIT, "model that does not fit"),
+        ("all amplitudes", Scope.WHOLE_FIT, "friction"),
+        ("phasors, 2 deg, 3 Hz", Scope.OTHER_TABLE, "x"),
+    ]
+    assert found[1].says == FINDINGS["friction"].says
     meanings = [IMPEDANCE.columns[name].meaning for name in ("B_change", "coulomb_share")]
     limits = ("B_change", "0.291", "above 0.25"), ("coulomb_share", "1.03", "above 0.5")
     assert found[1].numbers == [
@@ -615,7 +630,7 @@ def test_a_report_says_of_each_trial_what_became_of_it(tmp_path, monkeypatch):
     )
     given |= {"series": {"b_1": given["series"]}, "tables": {"belt": given.pop("belt")}}
     found = campaign_findings({}, pl.DataFrame([gap]), DoubtfulFits())
-    write_table(found, given["findings"])
+    write_table(findings_frame(found), given["findings"])
     of_table, seen = Refusal("", "t.csv", "j", "refused", "why", "what"), []
     given |= {"trials": {}, "crossings": {}, "figures": {}, "about": ABOUT, "settings": SETTINGS}
     given["refused"] = [of_table, replace(of_table, trial="b_2")]
@@ -678,7 +693,7 @@ def test_every_condition_has_K_B_and_I_with_intervals_and_what_is_doubted():
         "walking_summary": pl.DataFrame(walking),
     }
     late = replace(doubt(), without={"K": 290.0, "B": 4.5, "I": 0.02})
-    unsure = Finding("impedance", "t", "whether the torque is late", Grade.UNCHECKED)
+    unsure = Finding("late_torque_unseen", "impedance", "t", Grade.UNCHECKED)
     walk, several, alone = condition_rows(
         tables, {"t": stored_findings(late, doubt(amplitude_deg=4.0), unsure, unsure)}
     )
@@ -710,7 +725,7 @@ def test_friction_stands_beside_B_and_a_doubt_names_the_B_that_it_leaves():
         f_C=pl.lit(0.25),
     )  # fmt: skip
     path, late = (
-        replace(doubt(cause), without={"B": 1.91}) for cause in ("torque path", "late torque")
+        replace(doubt(cause), without={"B": 1.91}) for cause in ("torque_path", "late_torque")
     )
     for finding, said in ((path, "B_viscous 1.91"), (late, "B 1.91")):
         (found,) = condition_rows({"impedance": rows}, {"t": stored_findings(finding)})
@@ -848,7 +863,7 @@ def test_a_trial_with_certain_friction_repeats_none_without_and_gives_its_number
 
 def test_a_cause_has_one_count_in_the_verdict_the_map_and_the_row_of_its_condition():
     """A trial that is flagged too is one of those that are doubtful in part."""
-    part, flag = doubt("zero", amplitude_deg=2.0), doubt("frozen signal", "stuck", table="quality")
+    part, flag = doubt("zero", amplitude_deg=2.0), doubt("frozen_signal", "stuck", table="quality")
     trials = [trial("a", part), trial("b", part, flag), trial("c", part)]
     assert verdicts_text(trials, ()).startswith(
         "3 of 3 trials are doubtful in part: zero. 1 of 3 trials is flagged: frozen signal."

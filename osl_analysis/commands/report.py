@@ -19,8 +19,8 @@ from osl_analysis.errors import InputError, listing
 from osl_analysis.figures import FIGURES
 from osl_analysis.figures.names import figure_title
 from osl_analysis.files import atomic_path, write_text
-from osl_analysis.judge.campaign import Entry, entries
-from osl_analysis.judge.finding import read_findings
+from osl_analysis.judge.finding import WordedFinding, read_findings
+from osl_analysis.judge.summary_findings import findings_in_summary
 from osl_analysis.judge.two_campaigns import (
     COMPARED_QUANTITIES,
     comparison_table,
@@ -103,9 +103,9 @@ def write_report(
         Tells recordings without a row.
     """
     results = {name: with_evidence(path) for name, path in tables.items()}
-    findings_by_trial: dict[str, list[Entry]] = {}
-    for entry in entries(read_findings(findings)):
-        findings_by_trial.setdefault(entry["trial"], []).append(entry)
+    findings_by_trial: dict[str, list[WordedFinding]] = {}
+    for worded in read_findings(findings):
+        findings_by_trial.setdefault(worded.finding.subject, []).append(worded)
     refusals: dict[str, str] = {}
     not_made: list[Refusal] = []
     for refusal in refused:
@@ -126,7 +126,8 @@ def write_report(
     drawn, absent = drawn_figures(figures, read_captions(captions))
     claims = results.get("claims", pl.DataFrame(schema=["subject", "verdict"]))
     overview = page.overview(reported, numbers, drawn, about)
-    facts = methods_content(settings, accuracy, results, reported, overview["findings"])
+    shown_findings = [shown.finding for shown in overview["findings"]]
+    facts = methods_content(settings, accuracy, results, reported, shown_findings)
     text = methods_text(facts, about)
     content = {
         "about": about,
@@ -212,7 +213,7 @@ class CampaignResults:
 
     files: Mapping[str, Mapping[str, Path]]
     rows: Mapping[str, RowsOfTrials]
-    findings: Mapping[str, Sequence[Entry]]
+    findings: Mapping[str, Sequence[WordedFinding]]
     checks: RowsOfTrials
     left_out: Mapping[str, LeftOut]
 
@@ -446,7 +447,7 @@ def compare_campaigns(
     lines = [rows, "", *verdicts_in_words(table), *remarks_on(a, b, tables)]
     of_campaigns = {"A": a, "B": b}
     for name, summary in of_campaigns.items():
-        lines += [f"{name}: {line}" for line in findings_lines(summary.get("findings", ()))]
+        lines += [f"{name}: {line}" for line in findings_lines(findings_in_summary(summary))]
     for name, summary in of_campaigns.items():
         lines += [f"{name}: {line}" for line in missing_lines(summary, reasons=True)]
     lines.append(f"wrote {', '.join(str(path) for path in paths.values())}")

@@ -14,12 +14,13 @@ from osl_analysis.campaign.setting_states import MEASURED_COLUMNS
 from osl_analysis.config.experiments import judged_tables
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path, write_text
-from osl_analysis.judge.campaign import campaign_findings, causes_in_campaign
+from osl_analysis.judge.campaign import campaign_findings
 from osl_analysis.judge.claims import Claims, claims_table
 from osl_analysis.judge.exclusions import Judge
 from osl_analysis.judge.finding import Limits, findings_frame, read_findings
 from osl_analysis.judge.judging import judged, marked, with_inherited
 from osl_analysis.judge.limits import DoubtfulFits, QualityRules
+from osl_analysis.judge.summary_findings import causes_in_campaign
 from osl_analysis.model.drivetrain import FileOrNone, joint_of, read_parameters
 from osl_analysis.outcomes.job_log import read_log
 from osl_analysis.refusal import Refusal, check_not_refused, refused_trials
@@ -163,7 +164,7 @@ def write_findings(
     verdicts on recordings."""
     tables_by_name = {name: with_evidence(path) for name, path in tables.items()}
     findings = campaign_findings(tables_by_name, read_table(verdicts), limits)
-    write_table(with_places(findings, places or {}), output, data)
+    write_table(with_places(findings_frame(findings), places or {}), output, data)
 
 
 def refused_rows(refused: Sequence[Refusal]) -> pl.DataFrame:
@@ -243,14 +244,16 @@ def write_summary(
     for refusal in refused:
         if not refusal.trial:
             missing_results[refusal.file] = refusal.reason.removeprefix(f"{refusal.file}: ")
-    all_findings = read_findings(findings) if findings else findings_frame()
+    all_findings = read_findings(findings) if findings else []
     checks = read_table(verdicts) if verdicts else pl.DataFrame(schema=["check", "verdict"])
     intervals = intervals_text(tables)
     content = {
         "trials": used_trials,
         "missing_results": missing_results,
         "intervals": intervals,
-        "findings": causes_in_campaign(all_findings, tables, checks),
+        "findings": [
+            finding.to_json() for finding in causes_in_campaign(all_findings, tables, checks)
+        ],
     }
     remarks = missing_lines(content, reasons=False)
     if intervals:

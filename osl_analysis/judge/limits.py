@@ -7,7 +7,6 @@ only judges again.
 
 import math
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
 from typing import Any, Literal, Self
 
 import polars as pl
@@ -16,8 +15,8 @@ from pydantic import ConfigDict, Field, model_validator
 from osl_analysis.config.experiments import judged_tables
 from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.errors import InputError, nearest
-from osl_analysis.judge.causes import EVIDENCE, TABLE
 from osl_analysis.judge.finding import Accuracy, ColumnLimits, Limit, Limits
+from osl_analysis.judge.known_findings import CHECKS, EVIDENCE
 from osl_analysis.yaml_settings import Settings, misplaced
 
 
@@ -175,7 +174,7 @@ def decided_elsewhere(column: str) -> str:
         return ""
     evidence = EVIDENCE[column]
     if evidence.decided_by == "accuracy":
-        return f"state the accuracy that you need as doubtful.accuracy.{evidence.size}"
+        return f"state the accuracy that you need as doubtful.accuracy.{evidence.share_of}"
     if evidence.decided_by == "effect":
         return (
             "its effect on the estimates decides; state the accuracy that you need as"
@@ -186,30 +185,7 @@ def decided_elsewhere(column: str) -> str:
     return ""
 
 
-TOLERANCE = 1e-3  # of a threshold: clocks of 100 Hz that nobody set run at 99.99 Hz
-
-
-@dataclass(frozen=True)
-class Check:
-    """A check of recordings, whose threshold stands in the configuration."""
-
-    name: str
-    cause: str
-    fails: Literal["above", "below"] = "above"  # the side of its threshold on which it fails
-
-    def failed(self, value: float | None, limit: float) -> bool:
-        """Whether a value is beyond its threshold by more than `TOLERANCE`; NaN fails, None (not
-        applicable) does not."""
-        if value is None:
-            return False
-        tolerance = TOLERANCE * limit
-        if self.fails == "below":
-            return not value >= limit - tolerance
-        return not value <= limit + tolerance
-
-
 NOT_APPLICABLE = "not applicable"  # a verdict
-CHECKS = {name: Check(name, **facts) for name, facts in TABLE["checks"].items()}
 
 
 def unknown_check(name: str) -> str:

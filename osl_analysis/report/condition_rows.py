@@ -7,11 +7,11 @@ from typing import Any
 import polars as pl
 
 from osl_analysis.errors import listing
-from osl_analysis.judge.campaign import Entry
-from osl_analysis.judge.finding import ESTIMATES, Grade
-from osl_analysis.judge.words import printed, without_names
+from osl_analysis.judge.finding import ESTIMATES, Finding, Grade, WordedFinding
+from osl_analysis.judge.words import without_names
 from osl_analysis.report.page_text import in_words
 from osl_analysis.report.trial_page import full_numbers, value_and_interval
+from osl_analysis.report.typography import printed
 from osl_analysis.stats.repeats import DOUBTFUL, counted, repeating_trials, summary_row
 
 # ending of a fit's column, and column in a summary
@@ -21,7 +21,7 @@ OF_FRICTION = ("B_viscous", "f_C")  # shown where every trial has them
 
 
 def condition_rows(
-    tables: Mapping[str, pl.DataFrame], findings: Mapping[str, Sequence[Entry]]
+    tables: Mapping[str, pl.DataFrame], findings: Mapping[str, Sequence[WordedFinding]]
 ) -> list[dict[str, Any]]:
     """K, B and I of each group of crossings, and of each condition (commanded impedance and joint),
     with its trials and doubts.
@@ -54,7 +54,7 @@ def condition_rows(
 
 
 def condition_row(
-    fits: pl.DataFrame, keys: Sequence[str], findings: Mapping[str, Sequence[Entry]]
+    fits: pl.DataFrame, keys: Sequence[str], findings: Mapping[str, Sequence[WordedFinding]]
 ) -> dict[str, Any]:
     """The row of one condition, whose fits agree in the columns `keys`."""
     used = counted(fits)
@@ -78,8 +78,8 @@ def condition_row(
         noun = "trial" if len(fits) == 1 else "trials"
         condition += [f"{noun} {listing(trials, 3)}", motion_text(row)]
 
-    entries = [entry for trial in trials for entry in findings.get(trial, ())]
-    doubts = doubts_of_fits(entries, "impedance", row, len(trials))
+    of_trials = [worded for trial in trials for worded in findings.get(trial, ())]
+    doubts = doubts_of_fits(of_trials, "impedance", row, len(trials))
     n_left_out = len(fits) - len(used)
     if n_left_out:
         left_out = f"{n_left_out} left out of the mean"
@@ -111,7 +111,7 @@ def motion_text(row: Mapping[str, Any]) -> str:
 
 
 def group_rows(
-    tables: Mapping[str, pl.DataFrame], findings: Mapping[str, Sequence[Entry]]
+    tables: Mapping[str, pl.DataFrame], findings: Mapping[str, Sequence[WordedFinding]]
 ) -> list[dict[str, Any]]:
     """The rows of the groups of crossings, by their ensembles."""
     summary = tables.get("walking_summary")
@@ -129,8 +129,8 @@ def group_rows(
                 row[f"{quantity['quantity']}{ending}"] = quantity[column]
         doubts = doubts_of_fits(findings.get(str(group), ()), "walking_groups", {})
         crossings = judged.filter(group=group)["trial"].to_list()
-        entries = [entry for trial in crossings for entry in findings.get(trial, ())]
-        doubt = doubts_of_fits(entries, "walking", {}, 0)["doubt"]
+        of_trials = [worded for trial in crossings for worded in findings.get(trial, ())]
+        doubt = doubts_of_fits(of_trials, "walking", {}, 0)["doubt"]
         if doubt:
             of_crossings = f"of {len(crossings)} perturbations {doubt}"
             doubts["doubt"] = "; ".join(filter(None, [doubts["doubt"], of_crossings]))
@@ -146,33 +146,36 @@ def group_rows(
 
 
 def doubts_of_fits(
-    entries: Sequence[Entry], table: str, row: Mapping[str, Any], n: int = 1
+    findings: Sequence[WordedFinding], table: str, row: Mapping[str, Any], n: int = 1
 ) -> dict[str, Any]:
     """The `doubt` about the fits of n trials in this table (of one trial by its `row`; 0: their
     number is not written); the number of `unchecked`."""
-    of_table = [entry for entry in entries if entry["table"] == table and not entry["in_part"]]
-    doubts = [entry for entry in of_table if entry["grade"] == Grade.DOUBTS]
+    of_table = []
+    for worded in findings:
+        if worded.finding.table == table and not worded.finding.is_of_part:
+            of_table.append(worded.finding)
+    doubts = [finding for finding in of_table if finding.grade is Grade.DOUBTS]
     if n == 1:
-        texts = [doubt_text(entry, row) for entry in doubts]
+        texts = [doubt_text(finding, row) for finding in doubts]
     else:
-        once_per_trial = {(entry["trial"], entry["cause"]) for entry in doubts}
+        once_per_trial = {(finding.subject, finding.cause) for finding in doubts}
         by_cause = Counter(cause for _, cause in once_per_trial)
         of_n = f" of {n}" if n else ""
         texts = [printed(f"{cause} ({k}{of_n})") for cause, k in sorted(by_cause.items())]
-    unchecked = {entry["cause"] for entry in of_table if entry["grade"] == Grade.UNCHECKED}
+    unchecked = {finding.name for finding in of_table if finding.grade is Grade.UNCHECKED}
     return {"doubt": "; ".join(dict.fromkeys(texts)), "unchecked": len(unchecked)}
 
 
-def doubt_text(entry: Entry, row: Mapping[str, Any]) -> str:
+def doubt_text(finding: Finding, row: Mapping[str, Any]) -> str:
     """A cause of doubt about a row, with the estimates of its fit and their units."""
     estimates = []
-    for name, symbol in without_names(entry["cause"], row, entry["table"]).items():
-        value = entry.get(f"{name}_without")
-        ends = [entry.get(f"{name}_without_low"), entry.get(f"{name}_without_high")]
+    for symbol, name in without_names(finding.name, row, finding.table).items():
+        value = finding.without.get(symbol)
+        ends = [finding.without.get(f"{symbol}_low"), finding.without.get(f"{symbol}_high")]
         numbers = [value] if None in ends else ends
         texts = dict.fromkeys(f"{number:.3g}" for number in numbers if number is not None)
         if texts:
-            estimates.append(f"{symbol} {' to '.join(texts)}")
+            estimates.append(f"{name} {' to '.join(texts)}")
     if not estimates:
-        return printed(entry["cause"])
-    return printed(f"{entry['cause']} (with it in the model {in_words(estimates)})")
+        return printed(finding.cause)
+    return printed(f"{finding.cause} (with it in the model {in_words(estimates)})")

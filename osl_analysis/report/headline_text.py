@@ -3,8 +3,8 @@
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from osl_analysis.judge.words import printed
 from osl_analysis.report.decimal_places import COUNT, RANGE, fixed, places_of
+from osl_analysis.report.typography import printed
 
 
 class WrittenNumber(NamedTuple):

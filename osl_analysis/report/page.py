@@ -6,6 +6,7 @@ import json
 import math
 from base64 import b64encode
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
@@ -16,15 +17,13 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 from markupsafe import Markup
 
 from osl_analysis.judge.finding import UNITS_OF_ESTIMATES, Grade
-from osl_analysis.judge.words import printed
+from osl_analysis.judge.summary_findings import CampaignFinding, findings_in_summary
 from osl_analysis.report import TEMPLATES
 from osl_analysis.report.headline_text import first_sentences, number_texts
 from osl_analysis.report.packed_tables import deflated, every_kth, packed_table
 from osl_analysis.report.page_text import WALKING_GROUPS, joints_of, verdicts_text, what_was_done
-from osl_analysis.report.trial_page import (
-    VERDICT_BY_SUBJECT,
-    ReportedTrial,
-)
+from osl_analysis.report.trial_page import ReportedTrial
+from osl_analysis.report.typography import printed
 
 FIRST_FIGURES = ("fig5", "walking_page", "torque_angle", "response", "fig3")
 """The first of these figures that the campaign has is on the first screen; Fig. 5 only if an
@@ -88,11 +87,11 @@ def packed_trial(
 
 
 def check_map(
-    trials: Sequence[ReportedTrial], findings: Sequence[Mapping[str, Any]] = ()
+    trials: Sequence[ReportedTrial], findings: Sequence[CampaignFinding] = ()
 ) -> list[dict[str, Any]]:
     """By experiment: `trials` with their verdicts, sorted by condition; and `rows`, one per cause
     that a trial does not pass or that could not be checked on it, with the state of every trial. A
-    finding on a walking group, of the `findings` of a summary, counts for each of its trials."""
+    finding on a walking group, of the campaign's `findings`, counts for each of its trials."""
     by_experiment: dict[str, list[ReportedTrial]] = {}
     for trial in trials:
         by_experiment.setdefault(trial.row["experiment"], []).append(trial)
@@ -120,19 +119,20 @@ def by_condition(trial: ReportedTrial) -> list[Any]:
 
 
 def states_in(
-    trial: ReportedTrial, findings: Sequence[Mapping[str, Any]]
+    trial: ReportedTrial, findings: Sequence[CampaignFinding]
 ) -> Iterator[tuple[str, str]]:
     """Each cause of a trial with its state; of several states of a cause the first counts."""
-    for doubt in sorted(trial.doubts, key=lambda doubt: [*VERDICT_BY_SUBJECT].index(doubt.of)):
+    for doubt in trial.doubts_worst_first:
         yield doubt.cause, doubt.verdict
-    for entry in trial.unchecked:
-        yield entry["cause"], "remark" if entry["grade"] == Grade.NOTES else "not checked"
+    for worded in trial.unchecked:
+        is_remark = worded.finding.grade is Grade.NOTES
+        yield worded.finding.cause, "remark" if is_remark else "not checked"
     if "group" not in trial.main.columns:
         return
     groups = {*trial.main["group"]}
     for finding in findings:
-        if finding["of"] == WALKING_GROUPS and groups & {*finding["trials"]}:
-            yield finding["cause"], finding["verdict"]
+        if finding.subject == WALKING_GROUPS and groups & {*finding.trials}:
+            yield finding.cause, finding.verdict
 
 
 def claim_rows(claims: pl.DataFrame) -> list[dict[str, Any]]:
@@ -147,13 +147,13 @@ def claim_rows(claims: pl.DataFrame) -> list[dict[str, Any]]:
     return rows
 
 
-def size_in_results(finding: Mapping[str, Any]) -> tuple[float, ...]:
+def size_in_results(finding: CampaignFinding) -> tuple[float, ...]:
     """By how much a finding changes K, B and I at worst, in their units; 0 where that is unknown.
     Findings are compared by K first, then by B, then by I."""
-    return tuple(abs(finding.get(f"{symbol}_size") or 0.0) for symbol in UNITS_OF_ESTIMATES)
+    return tuple(abs(finding.numbers.get(f"{symbol}_size", 0.0)) for symbol in UNITS_OF_ESTIMATES)
 
 
-def changes_text(finding: Mapping[str, Any]) -> str:
+def changes_text(finding: CampaignFinding) -> str:
     """`size_in_results` for a reader; empty if nothing is known of it."""
     texts = []
     sizes = zip(UNITS_OF_ESTIMATES.items(), size_in_results(finding), strict=True)
@@ -161,6 +161,15 @@ def changes_text(finding: Mapping[str, Any]) -> str:
         if size:
             texts.append(f"{symbol} by up to {size:.2g} {unit}")
     return ", ".join(texts)
+
+
+@dataclass(frozen=True)
+class ShownFinding:
+    """A finding on the first screen."""
+
+    finding: CampaignFinding
+    trials: Sequence[tuple[str, str]]  # the names of those on the page, and how large it is there
+    changes: str  # by how much it changes K, B and I; empty: unknown
 
 
 def overview(
@@ -171,17 +180,17 @@ def overview(
 ) -> dict[str, Any]:
     """The content of the first screen: the main figure, the numbers of a `summary`, its findings by
     trial."""
-    findings = summary.get("findings", ())
+    findings = findings_in_summary(summary)
     numbers = list(summary.get("numbers", {}).values())
     size_of_trial = sizes_by_cause_and_trial(trials)
     names_of_trials = {trial.name for trial in trials}
     shown_findings = []
     for finding in sorted(findings, key=size_in_results, reverse=True):
         of_trials = []
-        for name in finding["trials"]:
+        for name in finding.trials:
             if name in names_of_trials:
-                of_trials.append((name, size_of_trial.get((finding["cause"], name), "")))
-        shown_findings.append({**finding, "named": of_trials, "changes": changes_text(finding)})
+                of_trials.append((name, size_of_trial.get((finding.cause, name), "")))
+        shown_findings.append(ShownFinding(finding, of_trials, changes_text(finding)))
     first = first_figure(trials, [figure["name"] for figure in figures])
     return {
         "joints": joints_of(trials),
@@ -200,9 +209,9 @@ def sizes_by_cause_and_trial(trials: Sequence[ReportedTrial]) -> dict[tuple[str,
     """How large each finding on a trial is; of several, that of the whole trial rather than that of
     a part."""
     sizes: dict[tuple[str, str], str] = {}
-    entries = [entry for trial in trials for entry in trial.findings]
-    for entry in sorted(entries, key=lambda entry: not entry["in_part"]):
-        sizes[entry["cause"], entry["trial"]] = entry["size"] or ""
+    findings = [worded for trial in trials for worded in trial.findings]
+    for worded in sorted(findings, key=lambda worded: not worded.finding.is_of_part):
+        sizes[worded.finding.cause, worded.finding.subject] = worded.words.size
     return sizes
 
 

@@ -5,6 +5,7 @@ import math
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from enum import StrEnum
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -12,30 +13,39 @@ import polars as pl
 
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import apparent_inertia, described_tables_by_name
-from osl_analysis.judge.campaign import QUALITY, Entry
-from osl_analysis.judge.causes import TABLE
+from osl_analysis.judge.campaign import QUALITY
 from osl_analysis.judge.exclusions import exclusion_text
-from osl_analysis.judge.finding import Beyond, Grade
+from osl_analysis.judge.finding import Beyond, Finding, Grade, WordedFinding, Words
+from osl_analysis.judge.known_findings import CHECKS, FINDINGS
 from osl_analysis.judge.limits import NOT_APPLICABLE
-from osl_analysis.judge.words import WORDS, Words, printed, sentence_of
+from osl_analysis.judge.words import sentence_of
 from osl_analysis.report.decimal_places import digits_of, fixed
 from osl_analysis.report.panels import Pictures
+from osl_analysis.report.typography import printed
 
 NO_VALUE = "–"
 VERDICTS = ("clear", "doubtful in part", "flagged", "doubtful", "excluded", "refused")
 """Verdicts on a trial: `doubtful`: the fit to all of it is; `doubtful in part`: others are. The
 last two are unused."""
-VERDICT_BY_SUBJECT = {
-    "all": "doubtful",
-    "recording": "flagged",
-    "part": "doubtful in part",
-    "other": "doubtful in part",
+
+
+class Scope(StrEnum):
+    """What of a trial a doubt is about; `report.js` sorts doubts by it. The worst first."""
+
+    WHOLE_FIT = "whole fit"
+    RECORDING = "recording"
+    PART_OF_FIT = "part of the fit"
+    OTHER_TABLE = "other table"
+
+
+VERDICT_BY_SCOPE = {
+    Scope.WHOLE_FIT: "doubtful",
+    Scope.RECORDING: "flagged",
+    Scope.PART_OF_FIT: "doubtful in part",
+    Scope.OTHER_TABLE: "doubtful in part",
 }
-"""The verdict on a trial by what a doubt is about: all of it, its recording, a part, another table.
-The worst first."""
+"""The verdict on a trial that a doubt leads to."""
 
-
-CHECKED: Mapping[str, Mapping[str, Any]] = TABLE["checks"]
 NOT_ANALYSED = "recording that could not be analysed"
 UNLIKE_OTHERS = "crossing unlike the others under its conditions"
 LACKS_ANOTHER = "missing trial that its fit needs"
@@ -100,8 +110,8 @@ def exclusion_cause(row: Mapping[str, Any]) -> str:
     the cause that its check tells."""
     if row["check"] == "sample sheet":
         return str(row["remark"])
-    check = CHECKED.get(row["check"])
-    return str(check["cause"]) if check else NOT_ANALYSED
+    check = CHECKS.get(row["check"])
+    return FINDINGS[check.finding].title if check else NOT_ANALYSED
 
 
 @dataclass(frozen=True)
@@ -112,8 +122,8 @@ class Doubt:
     ----------
     where
         An amplitude and frequency, its recording, or another table.
-    of
-        What it is about: a key of `VERDICT_BY_SUBJECT`.
+    scope
+        What of the trial it is about.
     numbers
         Evidence: column, value, limit and meaning of each.
     says, size, remedy, text
@@ -121,7 +131,7 @@ class Doubt:
     """
 
     where: str
-    of: str
+    scope: Scope
     cause: str
     numbers: list[list[str]]
     says: str
@@ -131,51 +141,51 @@ class Doubt:
 
     @property
     def verdict(self) -> str:
-        return VERDICT_BY_SUBJECT[self.of]
+        return VERDICT_BY_SCOPE[self.scope]
 
 
-def doubt_of(entry: Entry, main_table: str) -> Doubt:
+def doubt_of(worded: WordedFinding, main_table: str) -> Doubt:
     """A finding as a doubt about a trial; `main_table` is that of the trial's fit."""
-    table = entry["table"]
-    place = place_of(entry)
-    if table == QUALITY:
+    finding = worded.finding
+    place = place_of(finding)
+    if finding.table == QUALITY:
         where = "its recording"
-        of = "recording"
-    elif table != main_table:
-        where = f"{table.replace('_', ' ')}, {place}"
-        of = "other"
+        scope = Scope.RECORDING
+    elif finding.table != main_table:
+        where = f"{finding.table.replace('_', ' ')}, {place}"
+        scope = Scope.OTHER_TABLE
     else:
         where = place
-        of = "part" if entry["in_part"] else "all"
-    words = Words(*(printed(entry[name] or "") for name in Words._fields))
+        scope = Scope.PART_OF_FIT if finding.is_of_part else Scope.WHOLE_FIT
+    words = Words(*map(printed, worded.words))
     return Doubt(
         where=where,
-        of=of,
-        cause=entry["cause"],
-        numbers=[number_cells(number, table) for number in entry["evidence"]],
+        scope=scope,
+        cause=finding.cause,
+        numbers=[number_cells(number, finding.table) for number in finding.evidence],
         says=words.says,
         size=words.size,
         remedy=words.remedy,
-        text=sentence_of(words, entry["cause"]),
+        text=sentence_of(words, finding.cause),
     )
 
 
-def place_of(entry: Entry) -> str:
+def place_of(finding: Finding) -> str:
     """The amplitude and the frequency that a finding is about, or all of them."""
     parts = []
-    if entry["amplitude_deg"] is not None:
-        parts.append(f"{entry['amplitude_deg']:g} deg")
-    if entry["frequency_hz"] is not None:
-        parts.append(f"{entry['frequency_hz']:g} Hz")
+    if finding.amplitude_deg is not None:
+        parts.append(f"{finding.amplitude_deg:g} deg")
+    if finding.frequency_hz is not None:
+        parts.append(f"{finding.frequency_hz:g} Hz")
     if parts:
         return ", ".join(parts)
-    return "all amplitudes" if entry["table"] == "impedance" else "whole trial"
+    return "all amplitudes" if finding.table == "impedance" else "whole trial"
 
 
 def number_cells(number: Beyond, table: str) -> list[str]:
     """Column, value, limit and meaning of a number beyond its limit."""
     if table == QUALITY:
-        meaning = WORDS["checks"][number.column]
+        meaning = CHECKS[number.column].meaning
     else:
         meaning = unit_and_meaning(number.column, table)["meaning"]
     sides = {"nan": "not a number", "near": "near a factor between units"}
@@ -224,7 +234,7 @@ class ReportedTrial:
     name: str
     row: Mapping[str, Any]
     tables: Mapping[str, pl.DataFrame] = field(default_factory=dict)
-    findings: Sequence[Entry] = ()
+    findings: Sequence[WordedFinding] = ()
     quality: pl.DataFrame | None = None
     provenance: Mapping[str, Any] = field(default_factory=dict)
     left_out: Sequence[str] = ()
@@ -243,23 +253,30 @@ class ReportedTrial:
         return next(iter(self.tables), "")
 
     @property
-    def unchecked(self) -> list[Entry]:
+    def unchecked(self) -> list[WordedFinding]:
         """Findings on the fit to all of it that could not be checked, and remarks."""
         unchecked = []
-        for entry in self.findings:
-            is_of_whole_fit = entry["table"] == self.main_table and not entry["in_part"]
-            if is_of_whole_fit and entry["grade"] in (Grade.UNCHECKED, Grade.NOTES):
-                unchecked.append(entry)
+        for worded in self.findings:
+            finding = worded.finding
+            is_of_whole_fit = finding.table == self.main_table and not finding.is_of_part
+            if is_of_whole_fit and finding.grade in (Grade.UNCHECKED, Grade.NOTES):
+                unchecked.append(worded)
         return unchecked
 
     @cached_property
     def doubts(self) -> list[Doubt]:
         """Each doubt about it. Doubts that other tables only repeat are left out."""
         doubts = []
-        for entry in self.findings:
-            if entry["grade"] == Grade.DOUBTS and not entry["inherited"]:
-                doubts.append(doubt_of(entry, self.main_table))
+        for worded in self.findings:
+            if worded.finding.grade is Grade.DOUBTS and not worded.finding.inherited:
+                doubts.append(doubt_of(worded, self.main_table))
         return doubts
+
+    @property
+    def doubts_worst_first(self) -> list[Doubt]:
+        """The doubts about it in the order of `Scope`."""
+        scopes = list(Scope)
+        return sorted(self.doubts, key=lambda doubt: scopes.index(doubt.scope))
 
     @property
     def verdict(self) -> str:
@@ -267,7 +284,7 @@ class ReportedTrial:
         if self.left_out:
             return "refused" if self.refused else "excluded"
         verdicts = {doubt.verdict for doubt in self.doubts}
-        for verdict in VERDICT_BY_SUBJECT.values():
+        for verdict in VERDICT_BY_SCOPE.values():
             if verdict in verdicts:
                 return verdict
         return "clear"
@@ -276,8 +293,7 @@ class ReportedTrial:
         """The causes of a verdict. Only the worst doubt of each cause counts, as in the map of
         trials and causes."""
         worst: dict[str, str] = {}
-        subjects = list(VERDICT_BY_SUBJECT)
-        for doubt in sorted(self.doubts, key=lambda doubt: subjects.index(doubt.of)):
+        for doubt in self.doubts_worst_first:
             worst.setdefault(doubt.cause, doubt.verdict)
         return {cause for cause, worst_verdict in worst.items() if worst_verdict == verdict}
 
@@ -307,9 +323,9 @@ def trial_content(trial: ReportedTrial) -> dict[str, Any]:
             columns.append([column, cell_text(value), *unit_and_meaning(column, name).values()])
             column_values.append([None, full_numbers(fit_to_all, column)[:1]])
     not_checked = []
-    for entry in trial.unchecked:
-        words = Words(entry["says"] or "", "", entry["remedy"] or "")
-        not_checked.append(printed(sentence_of(words, entry["cause"])))
+    for worded in trial.unchecked:
+        words = worded.words._replace(size="")
+        not_checked.append(printed(sentence_of(words, worded.finding.cause)))
     experiment = trial.row["experiment"]
     return {
         "name": trial.name,
@@ -352,7 +368,7 @@ def quality_rows(verdicts: pl.DataFrame) -> list[list[str]]:
     for row in verdicts.iter_rows(named=True):
         if row["verdict"] == NOT_APPLICABLE:
             continue
-        cells = [row["check"], WORDS["checks"][row["check"]]]
+        cells = [row["check"], CHECKS[row["check"]].meaning]
         unit = printed(row["unit"] or "")
         for name in ("value", "threshold"):
             unit_of_cell = "" if row[name] is None else unit

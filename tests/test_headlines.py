@@ -9,7 +9,7 @@ from dataclasses import replace
 import polars as pl
 import pytest
 import yaml
-from conftest import ROOT, beyond_in, findings_of, marked
+from conftest import ROOT, beyond_in, facts_of, findings_of, marked
 
 import osl_analysis
 from osl_analysis.campaign.campaign_trials import Campaign
@@ -36,7 +36,15 @@ from osl_analysis.judge.summary_findings import causes_in_campaign
 from osl_analysis.outcomes.job_log import write_log
 from osl_analysis.refusal import Refusal
 from osl_analysis.report.decimal_places import RANGE
-from osl_analysis.report.headline import LABELS, Example, Headline, of_group
+from osl_analysis.report.headline import (
+    LABELS,
+    Estimate,
+    Example,
+    Headline,
+    HeadlineLabel,
+    headlines_in_summary,
+    of_group,
+)
 from osl_analysis.report.headline_files import to_json, to_tex
 from osl_analysis.report.headline_statistics import BOOTSTRAP, FOR_MOTION, FOR_REPETITION, STUDENT
 from osl_analysis.report.headline_text import (
@@ -444,7 +452,12 @@ def all_tables():
 
 
 def by_name(tables, example=None):
-    return {h.name: h for h in headline_numbers(tables, example)}
+    return {one.name: one for one in facts_of(headline_numbers(tables, example))}
+
+
+def of_json(number):
+    """A headline number of `summary.json`."""
+    return headlines_in_summary({"numbers": {"x": number}})["x"]
 
 
 def written(numbers):
@@ -476,7 +489,7 @@ def test_a_headline_has_value_interval_number_and_the_draft_s_value(
     name, value, low, high, n, draft, interval
 ):
     found = by_name(all_tables())
-    row = written(found.values())["numbers"][name]
+    row = written(headline_numbers(all_tables()))["numbers"][name]
     assert [row[key] for key in ("value", "low", "high", "draft")] == pytest.approx(
         [value, low, high, draft]
     )
@@ -515,7 +528,7 @@ def test_the_example_says_how_far_single_amplitudes_spread():
     )
     K = written(headline_numbers({"impedance": few}))["numbers"]["K_example_compensated"]
     # not 303.00, as by the range
-    assert (K["interval"], written_number(K)[0]) == (FOR_REPETITION, "303.0")
+    assert (K["interval"], written_number(of_json(K).estimate).value) == (FOR_REPETITION, "303.0")
 
 
 def test_trials_of_no_stated_condition_have_their_own_numbers():
@@ -543,21 +556,21 @@ def test_trials_of_no_stated_condition_have_their_own_numbers():
     (3.0, 3.0, 3.4, ("3.00", "3.00 to 3.40")),
 ])  # fmt: skip
 def test_no_number_reads_as_an_end_of_its_interval_or_as_beyond_it(value, low, high, said):
-    number = NOTHING | {"value": value, "low": low, "high": high, "interval": STUDENT}
-    assert written_number(number)[:2] == said
+    assert written_number(Estimate(value, low, high, STUDENT))[:2] == said
 
 
 def test_a_campaign_without_numbers_of_the_draft_has_no_column_of_them():
-    own = NOTHING | {"value": 1.0, "interval": None}
-    assert "draft" not in to_table({"a": own}, False)
-    assert "| draft |" in to_table({"a": own, "b": own | {"draft": 2.0}}, True)
+    own = of_json(NOTHING | {"value": 1.0, "interval": None})
+    drafted = replace(own, label=replace(own.label, draft=2.0))
+    assert "draft" not in to_table([own], False)
+    assert "| draft |" in to_table([own, drafted], True)
 
 
 def test_a_number_whose_interval_holds_zero_is_about_zero_unless_that_is_a_range():
-    number = NOTHING | {"value": 1e-4, "low": -1e-5, "high": 2e-4, "interval": STUDENT}
+    estimate = Estimate(1e-4, -1e-5, 2e-4, STUDENT)
 
-    of_interval = number_texts(number)["text"]
-    of_range = number_texts(number | {"interval": RANGE})["text"]
+    of_interval = number_texts(estimate, "1").value
+    of_range = number_texts(replace(estimate, interval=RANGE), "1").value
 
     assert (of_interval, of_range) == ("≈ 0", "1.00·10⁻⁴")
 
@@ -565,15 +578,15 @@ def test_a_number_whose_interval_holds_zero_is_about_zero_unless_that_is_a_range
 def test_torque_over_angle_is_said_from_its_lowest_to_its_highest_stiffness():
     foot = LABELS["torque_angle"]["K"]
     stiffness = {"a": 5.0, "b": 4.0, "c": 9.0, "d": 6.0}
-    each = [of_group(replace(foot, value=K, n=3), name) for name, K in stiffness.items()]
+    each = [Headline(of_group(foot, name), Estimate(K, n=3)) for name, K in stiffness.items()]
 
-    (said,) = first_sentences([*written(each)["numbers"].values()])
+    (said,) = first_sentences(each)
 
     assert said.replace("\xa0", " ").endswith("4.00 N·m/rad (b; n = 3) to 9.00 N·m/rad (c; n = 3).")
 
 
 def test_only_a_campaign_of_the_draft_s_device_is_compared_with_the_draft():
-    assert {one.draft for one in headline_numbers(all_tables(), beside_draft=False)} == {None}
+    assert {one.label.draft for one in headline_numbers(all_tables(), beside_draft=False)} == {None}
     config = read_config(ROOT / "config/config.yaml")
     for changes, expected in (
         ({}, True),
@@ -610,7 +623,8 @@ def test_torque_against_angle_has_numbers_of_every_trial():
         "J",
     )
     assert (slow.macro, fast.macro) == ("TorqueAngleStiffnessSlowOne", "EnergyLostFast")
-    assert ", n = 4, DOUBTFUL: loop that does not close\n" in to_tex(MADE, [fast])
+    tex = to_tex(MADE, headline_numbers({"torque_angle": pl.DataFrame(rows)}))
+    assert ", n = 4, DOUBTFUL: loop that does not close\n" in tex
 
 
 def test_every_line_of_the_macros_is_a_comment_or_a_definition():
@@ -646,7 +660,8 @@ def test_every_line_of_the_macros_is_a_comment_or_a_definition():
 def test_values_are_rounded_to_two_digits_of_half_the_interval_or_to_three_digits(
     value, low, high, interval, text
 ):
-    headline = Headline("x", "1", None, "X", "a number", value, low, high, interval, 1)
+    label = HeadlineLabel("x", "1", None, "X", "a number")
+    headline = Headline(label, Estimate(value, low, high, interval, 1))
     assert rf"\oslX}}{{{text}}}%" in to_tex(MADE, [headline])
 
 
@@ -895,7 +910,7 @@ def test_predictions_are_off_by_medians_in_percent_of_K_and_in_units_of_B():
         "B": [2.0, 3.0, 4.0], "B_measured": [2.5, 3.1, 3.8],
     })  # fmt: skip
 
-    numbers = {number.name: number.value for number in headline_numbers({"prediction": predicted})}
+    numbers = {name: number.value for name, number in by_name({"prediction": predicted}).items()}
 
     assert numbers == {
         "prediction_VAF": 95.0,

@@ -482,7 +482,7 @@ def test_an_impedance_is_the_desired_one_where_its_interval_is_within_the_margin
     assert (by["K", "k"]["verdict"], by["B", "k"]["verdict"]) == ("equivalent", "undecided")
     assert by["K_equivalent", None]["value"] == 1
     assert by["B_equivalent", None]["value"] == 0
-    names = {number.name for number in headline_numbers({"claims": table})}
+    names = {number.label.name for number in headline_numbers({"claims": table})}
     assert "K_equivalent" in names
 
 

@@ -18,7 +18,7 @@ import scipy
 import yaml
 from any_motion import made_trial, noise
 from bench_synthetic import belt_record, second_order, stepped_sine
-from conftest import ROOT
+from conftest import ROOT, facts_of
 from markupsafe import Markup
 from numpy.testing import assert_allclose
 from test_bench_belt import belt_cycle
@@ -802,8 +802,8 @@ def test_trials_of_no_stated_condition_are_one_only_where_they_repeat_each_other
     first, *_ = condition_rows({"impedance": late}, {})
     expected = ("1 left out of the mean", ("62.0", "[61.0, 63.0]")) if n < 8 else ("", first["K"])
     assert (first["doubt"], first["K"]) == expected
-    numbers = headline_numbers({"impedance": table}, Example(K_d=None, B_d=None))
-    own = [(one.value, one.of) for one in numbers if one.name.startswith("K_example")]
+    numbers = facts_of(headline_numbers({"impedance": table}, Example(K_d=None, B_d=None)))
+    own = [(one.value, one.subject) for one in numbers if one.name.startswith("K_example")]
     assert own == [
         (62.0, "t0, mean with 1 that repeat it"),
         (148.0, "t1, mean with 1 that repeat it"),
@@ -847,15 +847,17 @@ def test_a_trial_with_certain_friction_repeats_none_without_and_gives_its_number
         ["b"],
     ]
     assert repeated_trials_table(table).filter(quantity="B")["n"].to_list() == [2]
-    numbers = headline_numbers({"impedance": table}, Example(K_d=None, B_d=None))
-    said = {(one.of, one.n) for one in numbers if "_example" in one.name}
+    numbers = facts_of(headline_numbers({"impedance": table}, Example(K_d=None, B_d=None)))
+    said = {(one.subject, one.n) for one in numbers if "_example" in one.name}
     assert said == {("a, mean with 1 that repeat it", 2), ("b", 1)}
-    assert [(one.value, one.of) for one in numbers if one.name.startswith("f_C")] == [(0.35, "b")]
+    assert [(one.value, one.subject) for one in numbers if one.name.startswith("f_C")] == [
+        (0.35, "b")
+    ]
     late = table.with_columns(
         doubtful=pl.when(trial="a").then(pl.lit("late torque")).otherwise("doubtful")
     )
-    numbers = headline_numbers({"impedance": late}, Example(K_d=None, B_d=None))
-    assert [one.of for one in numbers if one.name.startswith("K_example")] == [
+    numbers = facts_of(headline_numbers({"impedance": late}, Example(K_d=None, B_d=None)))
+    assert [one.subject for one in numbers if one.name.startswith("K_example")] == [
         "c",
         "b",
     ], "a is left out"
@@ -917,7 +919,8 @@ def test_each_stated_condition_has_its_own_numbers_and_macros():
         "VAF": 99.0,
     }
     table = pl.DataFrame(rows).with_columns(**ends, **more, amplitude_deg=pl.lit(None, pl.Float64))
-    numbers = headline_numbers({"impedance": table}, Example(200.0, 2.0, "the first"))
+    example = Example(200.0, 2.0, "the first")
+    numbers = facts_of(headline_numbers({"impedance": table}, example))
     K = {one.meaning: (one.value, one.macro) for one in numbers if one.name.startswith("K_example")}
     assert K == {
         "K for K_d = 200, B_d = 2 (that of the first), c": (190.0, "CExampleStiffness"),
@@ -980,7 +983,7 @@ def test_the_fitted_line_of_phasors_is_the_admittance_of_a_second_order_system()
 
 
 def test_a_claim_stands_with_its_limit_and_a_long_caption_is_folded_behind_two_sentences():
-    number = NUMBER | {"n": 5, "low": 6.0, "high": 7.0, "interval": "95 %", "value": 6.5}
+    number = NUMBER | {"n": 5.0, "low": 6.0, "high": 7.0, "interval": "95 %", "value": 6.5}
     number |= {
         "claim": "it is negligible",
         "quantity": "x/y",
@@ -1013,11 +1016,11 @@ def test_a_claim_stands_with_its_limit_and_a_long_caption_is_folded_behind_two_s
     content["claims"] = page.claim_rows(pl.DataFrame([number, near, own]))
     content["methods"] = written_methods([trial()], {}, SETTINGS)
     said = " ".join(Page(page.written_page(content, {})).text.split())
-    assert [(one["claim"], one["where"], one["limit"]) for one in content["claims"]] == [
+    assert [(one.claim, one.where, one.limit) for one in content["claims"]] == [
         ("it is negligible", "knee", "below 10 %"), ("z is 9", "knee", "9 ± 2 %"),
     ]  # fmt: skip
     assert re.search(
-        r"It is negligible \(knee\) ?x/y 6.50 %.{,40} ?below 10 % ?holds ?Z is 9", said
+        r"It is negligible \(knee\) ?x/y 6.50 %.{,40}n\s=\s5 ?below 10 % ?holds ?Z is 9", said
     )
     said = said.replace("\xa0", " ")
     assert "By Eq. 15 this. That. More about it, and its numbersLong. Long." in said

@@ -24,7 +24,7 @@ from osl_analysis.judge.summary_findings import causes_in_campaign
 from osl_analysis.model.drivetrain import FileOrNone, joint_of, read_parameters
 from osl_analysis.outcomes.job_log import read_log
 from osl_analysis.refusal import Refusal, check_not_refused, refused_trials
-from osl_analysis.report.headline import LABELS, Example
+from osl_analysis.report.headline import LABELS, Example, headlines_in_summary
 from osl_analysis.report.headline_files import to_json, to_tex
 from osl_analysis.report.headline_statistics import intervals_text, rule_of_means
 from osl_analysis.report.headline_text import to_table
@@ -339,9 +339,10 @@ def format_results_table(summary: Mapping[str, Any], markdown: bool = True) -> s
     is missing."""
     lines = [summary.get("intervals")]
     lines += [finding["line"] for finding in summary.get("findings", ())]
-    lines.append(rule_of_means(summary["numbers"].values()))
+    numbers = headlines_in_summary(summary).values()
+    lines.append(rule_of_means(numbers))
     lines += missing_lines(summary, reasons=True)
-    table = to_table(summary["numbers"], markdown)
+    table = to_table(numbers, markdown)
     remarks = [f"{line}\n" for line in lines if line]
     return "\n".join([f"{sentence(summary)}\n\n{table}", *remarks])
 

@@ -6,6 +6,7 @@ from typing import Any
 from osl_analysis.judge.finding import UNITS_OF_ESTIMATES
 from osl_analysis.judge.summary_findings import CampaignFinding, findings_in_summary
 from osl_analysis.report.decimal_places import RANGE
+from osl_analysis.report.headline import Headline, headlines_in_summary
 from osl_analysis.report.headline_text import written_number
 
 WIDTH = 100  # signs of a line
@@ -41,7 +42,7 @@ def brief_lines(summary: Mapping[str, Any]) -> list[str]:
         At most ten lines of at most 100 signs: trials that are clear, doubtful and left out; K and
         B with intervals; each finding with its size in the worst trial and what to do.
     """
-    lines = [trials_line(summary), *numbers_lines(summary["numbers"])]
+    lines = [trials_line(summary), *numbers_lines(headlines_in_summary(summary))]
     lines += findings_lines(findings_in_summary(summary))
     return [shortened(line) for line in lines]
 
@@ -90,7 +91,7 @@ def trials_line(summary: Mapping[str, Any]) -> str:
     return f"{number} trial{'s' if number != 1 else ''}: {', '.join(parts)}"
 
 
-def numbers_lines(numbers: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
+def numbers_lines(numbers: Mapping[str, Headline]) -> Iterator[str]:
     """Errors of K and B by controller, and K and B of walking, with their intervals."""
     has_errors = any(name.startswith("K_bias") for name in numbers)
     begins = ERRORS_OF_BENCH if has_errors else ESTIMATES_OF_BENCH
@@ -108,9 +109,7 @@ def numbers_lines(numbers: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
         yield numbers_line("actuator", ACTUATOR, numbers)
 
 
-def numbers_line(
-    what: str, names: Mapping[str, str], numbers: Mapping[str, Mapping[str, Any]]
-) -> str:
+def numbers_line(what: str, names: Mapping[str, str], numbers: Mapping[str, Headline]) -> str:
     """Some headline numbers with their intervals; `names` has their keys by symbol. The kind of the
     intervals is left out where the line would be too long."""
     parts = []
@@ -118,11 +117,12 @@ def numbers_line(
     for symbol, name in names.items():
         if name not in numbers:
             continue
-        written = written_number(numbers[name])
-        part = f"{symbol} = {written.value} {numbers[name]['unit']}"
+        estimate = numbers[name].estimate
+        written = written_number(estimate)
+        part = f"{symbol} = {written.value} {numbers[name].label.unit}"
         if written.interval:
             part += f" ({written.interval})"
-            kinds.add("by trial" if numbers[name]["interval"] == RANGE else "95 %")
+            kinds.add("by trial" if estimate.interval == RANGE else "95 %")
         parts.append(part)
     line = f"{what}: {', '.join(parts)}"
     with_kind = f"{line} {' and '.join(sorted(kinds))}".rstrip()

@@ -19,7 +19,13 @@ from markupsafe import Markup
 from osl_analysis.judge.finding import UNITS_OF_ESTIMATES, Grade
 from osl_analysis.judge.summary_findings import CampaignFinding, findings_in_summary
 from osl_analysis.report import TEMPLATES
-from osl_analysis.report.headline_text import first_sentences, number_texts
+from osl_analysis.report.headline import (
+    Estimate,
+    Headline,
+    HeadlineLabel,
+    headlines_in_summary,
+)
+from osl_analysis.report.headline_text import NumberTexts, first_sentences, number_texts
 from osl_analysis.report.packed_tables import deflated, every_kth, packed_table
 from osl_analysis.report.page_text import WALKING_GROUPS, joints_of, verdicts_text, what_was_done
 from osl_analysis.report.trial_page import ReportedTrial
@@ -135,16 +141,49 @@ def states_in(
             yield finding.cause, finding.verdict
 
 
-def claim_rows(claims: pl.DataFrame) -> list[dict[str, Any]]:
-    """The claims on the campaign, of the rows of `claims.csv`, each with its number and its limit
-    for a reader."""
-    rows = []
+@dataclass(frozen=True)
+class ShownClaim:
+    """A claim of the paper's text with the number that decides on it."""
+
+    claim: str
+    where: str  # joint and side; empty for all
+    quantity: str
+    estimate: Estimate
+    texts: NumberTexts
+    limit: str
+    verdict: str
+
+
+def claim_rows(claims: pl.DataFrame) -> list[ShownClaim]:
+    """The claims on the campaign, of the rows of `claims.csv`."""
+    shown = []
     for row in claims.filter(pl.col("subject").is_null()).drop_nulls("verdict").to_dicts():
+        n = int(row["n"] or 0)
+        estimate = Estimate(row["value"], row["low"], row["high"], row["interval"], n)
         margin = "" if row["margin"] is None else f" ± {row['margin']:g}"
-        limit = " ".join(filter(None, [row["wanted"], f"{row['target']:g}{margin}", row["unit"]]))
-        where = ", ".join(filter(None, [row["joint"], row["side"]]))
-        rows.append({**row, **number_texts(row), "where": where, "limit": limit})
-    return rows
+        shown.append(
+            ShownClaim(
+                claim=row["claim"],
+                where=", ".join(filter(None, [row["joint"], row["side"]])),
+                quantity=row["quantity"],
+                estimate=estimate,
+                texts=number_texts(estimate, row["unit"]),
+                limit=" ".join(
+                    filter(None, [row["wanted"], f"{row['target']:g}{margin}", row["unit"]])
+                ),
+                verdict=row["verdict"],
+            )
+        )
+    return shown
+
+
+@dataclass(frozen=True)
+class ShownNumber:
+    """A headline number on the page."""
+
+    label: HeadlineLabel
+    estimate: Estimate
+    texts: NumberTexts
 
 
 def size_in_results(finding: CampaignFinding) -> tuple[float, ...]:
@@ -161,6 +200,11 @@ def changes_text(finding: CampaignFinding) -> str:
         if size:
             texts.append(f"{symbol} by up to {size:.2g} {unit}")
     return ", ".join(texts)
+
+
+def shown_number(number: Headline) -> ShownNumber:
+    texts = number_texts(number.estimate, number.label.unit)
+    return ShownNumber(number.label, number.estimate, texts)
 
 
 @dataclass(frozen=True)
@@ -181,7 +225,7 @@ def overview(
     """The content of the first screen: the main figure, the numbers of a `summary`, its findings by
     trial."""
     findings = findings_in_summary(summary)
-    numbers = list(summary.get("numbers", {}).values())
+    numbers = headlines_in_summary(summary).values()
     size_of_trial = sizes_by_cause_and_trial(trials)
     names_of_trials = {trial.name for trial in trials}
     shown_findings = []
@@ -198,7 +242,7 @@ def overview(
         "state": verdicts_text(trials, findings),
         "map": check_map(trials, findings),
         "answers": first_sentences(numbers),
-        "numbers": [{**number, **number_texts(number)} for number in numbers],
+        "numbers": [shown_number(number) for number in numbers],
         "findings": shown_findings,
         "first": [figure for figure in figures if figure["name"] == first],
         "figures": [figure for figure in figures if figure["name"] != first],

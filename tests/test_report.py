@@ -56,7 +56,12 @@ from osl_analysis.report.headline import Example
 from osl_analysis.report.headline_files import to_json, to_tex
 from osl_analysis.report.headlines import headline_numbers
 from osl_analysis.report.packed_tables import every_kth, packed_table
-from osl_analysis.report.page_figures import caption_html, captions_by_title, inline_svg
+from osl_analysis.report.page_figures import (
+    ShownFigure,
+    caption_html,
+    captions_by_title,
+    inline_svg,
+)
 from osl_analysis.report.page_text import method_text, verdicts_text
 from osl_analysis.report.panels import Pictures
 from osl_analysis.report.trial_page import ReportedTrial, Scope
@@ -106,7 +111,33 @@ ABOUT = dict(
 )
 
 
-STATED = {"unnamed": "", "assumed": "", "conditions": [], "method": "", "claims": []}
+def report_with(trials, **changes):
+    """The content of a page, which has nothing beside its trials but `changes`."""
+    nothing = {
+        "about": ABOUT,
+        "made_of": sentence(ABOUT),
+        "overview": page.overview(trials, {}, [], ABOUT),
+        "trials": trial_page.trial_table(trials),
+        "conditions": [],
+        "claims": [],
+        "methods": written_methods(trials, {}, SETTINGS),
+        "equation": "",
+        "assumed": "",
+        "intervals": "",
+        "unnamed": "",
+        "sensitivity": [],
+        "absent_figures": {},
+        "not_made": [],
+    }
+    return page.Report(**(nothing | changes))
+
+
+def figure(name, **facts):
+    return ShownFigure(
+        **({"title": "", "caption": "", "drawing": "", "reading": ""} | facts), name=name
+    )
+
+
 NUMBER = dict.fromkeys(("low", "high", "interval", "draft", "doubt")) | {"unit": "%"}
 FINDING = {
     "verdict": "doubtful",
@@ -169,15 +200,11 @@ def page_of(trials):
         "n": 2,
     }
     summary = {"findings": [{**facts, "trials": [one.name for one in trials]}]}
-    content = {"about": ABOUT, "made_of": sentence(ABOUT), **trial_page.trials_content(trials)}
-    content |= {
-        **page.overview(trials, summary, [], ABOUT),
-        "intervals": "",
-        "not_made": [],
-        "sensitivity": [],
-    }
-    content["methods"] = written_methods(trials, {}, SETTINGS)
-    content |= {"absent_figures": {"Response": "No trial has one."}, **STATED}
+    content = report_with(
+        trials,
+        overview=page.overview(trials, summary, [], ABOUT),
+        absent_figures={"Response": "No trial has one."},
+    )
     packed = {one.name: (trial_page.trial_content(one), {}) for one in trials}
     return page.written_page(content, packed)
 
@@ -384,25 +411,23 @@ def test_verdicts_and_counts_sorting_by_the_unrounded_value_and_conditions_that_
         trial("a"), trial("e", gap), trial("b", doubt(), gap),
         trial("c", left_out=["gap 1 s"]), trial("d", left_out=["x"], refused=True),
     ]  # fmt: skip
-    content = trial_page.trials_content(trials)
+    table = trial_page.trial_table(trials)
     kinds = ["clear", "flagged", "doubtful", "excluded", "refused"]
-    assert content["counts"] == dict.fromkeys(kinds, 1) | {"doubtful in part": 0}
-    assert [row["verdict"] for row in content["trials"]] == kinds[::-1], "the worst first"
-    *_, doubtful, flagged, _ = content["trials"]
-    assert (flagged["causes"], doubtful["causes"]) == (["gap in the recording"], ["friction"])
+    assert table.counts == dict.fromkeys(kinds, 1) | {"doubtful in part": 0}
+    assert [row.verdict for row in table.rows] == kinds[::-1], "the worst first"
+    *_, doubtful, flagged, _ = table.rows
+    assert (flagged.causes, doubtful.causes) == (["gap in the recording"], ["friction"])
     assert trials[1].doubts[0].numbers == [["gap", "0.095", "above 0.05", CHECKS["gap"].meaning]]
-    number = {"text": "299.5", "interval": "[299.2, 299.8]", "column": "K"}
-    number["full"] = [299.5123, 299.2, 299.8]
-    assert (doubtful["numbers"][1], [one["name"] for one in content["left_out"]]) == (
-        number,
-        ["c", "d"],
+    assert doubtful.estimates[1] == trial_page.ShownEstimate(
+        "K", "299.5", "[299.2, 299.8]", [299.5123, 299.2, 299.8]
     )
-    assert (trials[2].condition(), doubtful["condition"]) == (f"controller {HOSTILE}, K_d 300", "")
+    assert [one.name for one in table.left_out] == ["c", "d"]
+    assert (trials[2].condition(), doubtful.condition) == (f"controller {HOSTILE}, K_d 300", "")
     assert (
         replace(trials[0], row={"perturbed": False, "part": 2}).condition() == "unperturbed, part 2"
     )
     two = [replace(trials[0], row=trials[0].row | {"K_d": K_d}) for K_d in (1.0, 2.0)]
-    assert [row["condition"] for row in trial_page.trials_content(two)["trials"]] == [
+    assert [row.condition for row in trial_page.trial_table(two).rows] == [
         "K_d 1",
         "K_d 2",
     ]
@@ -412,19 +437,19 @@ def test_the_page_begins_with_what_was_done_its_verdict_and_the_figure_that_matt
     row = {"experiment": "walking", "joint": "knee", "log": "a.mcap", "mocap": "a.c3d"}
     walks = [ReportedTrial(f"w{up}", {"trial": f"w{up}", "perturbed": up, **row}) for up in (0, 1)]
     trials = [*walks, trial("t", doubt()), trial("r", left_out=["x"], refused=True)]
-    figures = [{"name": name} for name in ("fig3", "fig5", "walking_page")]
+    figures = [figure(name) for name in ("fig3", "fig5", "walking_page")]
     number = NUMBER | {"n": 4, "value": 2.0, "of": "", "meaning": "x", "begins": "It is"}
     line = {"cause": "friction", "says": "it does", "remedy": "use it", "trials": ["t", "all"]}
     line |= {"verdict": "doubtful", "of": "impedance trials"}
     found = page.overview(trials, {"numbers": {"K": number}, "findings": [line]}, figures, ABOUT)
-    assert found["done"].startswith(
+    assert found.what_was_done.startswith(
         "4 simulated trials of the knee: 2 walking (1 perturbed) and 2 impedance (MCAP and"
     )
-    assert found["state"] == "1 of 4 trials is doubtful: friction. 1 was refused."
-    assert found["answers"] == ["It is 2.00\xa0% (n = 4)."]
-    drawn = [[one["name"] for one in found[key]] for key in ("first", "figures")]
-    assert drawn == [["fig5"], ["fig3", "walking_page"]]
-    assert found["findings"][0].trials == [("t", "it is 30 % of the damping")]
+    assert found.verdicts == "1 of 4 trials is doubtful: friction. 1 was refused."
+    assert found.answers == ["It is 2.00\xa0% (n = 4)."]
+    assert [one.name for one in found.main_figures] == ["fig5"]
+    assert [one.name for one in found.further_figures] == ["fig3", "walking_page"]
+    assert found.findings[0].trials == [("t", "it is 30 % of the damping")]
     unsure = [
         {"verdict": "not checked", "of": "trials", "trials": ["t"], "cause": cause}
         for cause in "abcdd"
@@ -436,12 +461,12 @@ def test_the_page_begins_with_what_was_done_its_verdict_and_the_figure_that_matt
         "cause": "person reacts",
     }
     walking = page.overview(walks, {"findings": [of_group, *unsure]}, figures, ABOUT)
-    assert walking["first"][0]["name"] == "walking_page", "nothing was desired"
+    assert walking.main_figures[0].name == "walking_page", "nothing was desired"
     said = (
         "The walking K is doubtful: person reacts. Not checked, and in no interval: a, b, c and 1"
         " more."
     )
-    assert said in walking["state"]
+    assert said in walking.verdicts
 
 
 def test_findings_stand_by_what_they_change_the_largest_first_and_those_of_no_size_last():
@@ -449,7 +474,7 @@ def test_findings_stand_by_what_they_change_the_largest_first_and_those_of_no_si
     sizes = [{}, {"B_size": 3.0}, {"K_size": 2.0}, {"K_size": -10.0, "I_size": None}]
     findings = [line | size | {"cause": str(k)} for k, size in enumerate(sizes)]
 
-    found = page.overview([trial()], {"findings": findings}, [], ABOUT)["findings"]
+    found = page.overview([trial()], {"findings": findings}, [], ABOUT).findings
 
     assert [one.finding.cause for one in found] == ["3", "2", "1", "0"]
     assert [one.changes for one in found] == [
@@ -466,8 +491,8 @@ def test_the_map_has_a_row_for_each_cause_that_a_trial_does_not_pass():
     trials = [trial("b", of_phasors, gap), trial("a", doubt(), doubt(amplitude_deg=4.0), note)]
     trials[0] = replace(trials[0], row=trials[0].row | {"K_d": 400.0})
     (group,) = page.check_map([*trials, trial("c", left_out=["x"])])
-    assert group["trials"] == [("a", "doubtful"), ("c", "excluded"), ("b", "flagged")]
-    assert {cause: [state for _, state in row] for cause, row in group["rows"]} == {
+    assert group.trials == [("a", "doubtful"), ("c", "excluded"), ("b", "flagged")]
+    assert {cause: [state for _, state in row] for cause, row in group.rows} == {
         "friction": ["doubtful", "passed", "doubtful in part"],
         "gap in the recording": ["passed", "passed", "flagged"],
         "I is certainly negative": ["remark", "passed", "passed"],
@@ -479,7 +504,7 @@ def test_the_map_has_a_row_for_each_cause_that_a_trial_does_not_pass():
     walks = [replace(trial(name), tables=tables) for name, tables in groups.items()]
     known = [{"of": "walking groups", "verdict": "not checked", "cause": "x", "trials": ["B", "C"]}]
     (group,) = page.check_map(walks, findings_in_summary({"findings": known}))
-    assert group["rows"] == [("x", [("u", "passed"), ("v", "not checked")])]
+    assert group.rows == [("x", [("u", "passed"), ("v", "not checked")])]
 
 
 def test_doubts_say_whether_they_are_about_the_whole_trial_and_with_which_numbers():
@@ -639,14 +664,14 @@ def test_a_report_says_of_each_trial_what_became_of_it(tmp_path, monkeypatch):
     report.write_report(
         sheet={name: {"trial": name, "experiment": kind} for name, kind in kinds.items()}, **given
     )
-    said = {row["name"]: (row["verdict"], row["doubt"][:40]) for row in seen[0]["trials"]}
+    said = {row.name: (row.verdict, row.doubt[:40]) for row in seen[0].trials.rows}
     none = ("refused", "it has no result, because b_2 was refuse")
     assert said.pop("b_1") == (
         "flagged",
         "its recording: gap in the recording: samples are missing"[:40],
     )
     assert said == {"b_2": ("refused", "no footer"), "b_3": none, "w": none, "s": ("clear", "")}
-    assert (seen[0]["claims"], seen[0]["not_made"]) == ([], [of_table])
+    assert (seen[0].claims, seen[0].not_made) == ([], [of_table])
     in_md, in_tex, in_bib = (given[f"methods_{form}"].read_text() for form in ("md", "tex", "bib"))
     for text in (in_md, in_tex):
         assert ("3 trials of belt" in text, "transmission" in text) == (True, False)
@@ -655,12 +680,17 @@ def test_a_report_says_of_each_trial_what_became_of_it(tmp_path, monkeypatch):
     words = re.sub(r"\$[^$]*\$|\\cite{\w+}", "", in_tex.partition("\n")[2])
     assert re.findall(r"(?<!\\)[%&_#]|[θτ·²°−–]", words) == []
     assert set(re.findall(r"\\cite{(\w+)}", in_tex)) == set(re.findall(r"@\w+{(\w+)", in_bib))
-    assert seen[0]["assumed"] == "Assumed, since nobody stated it: the right leg."
+    assert seen[0].assumed == "Assumed, since nobody stated it: the right leg."
     own, other = (seen[1][name][0] for name in ("b_1", "b_2"))
     assert (len(own["quality"]), other["quality"]) == (1, [])
     (left,) = own["panels"][1]["drawn"]
     assert (left["y"], left["high"], left["kind"]) == ("residual_low", "residual_high", "range")
     assert [one["where"] for one in own["panels"][3]["drawn"]] == ["", ""], "the whole loop"
+
+
+def shown(row, symbol):
+    """An estimate of a condition as the page shows it, and its interval."""
+    return row.estimates[symbol].text, row.estimates[symbol].interval
 
 
 def test_every_condition_has_K_B_and_I_with_intervals_and_what_is_doubted():
@@ -697,22 +727,22 @@ def test_every_condition_has_K_B_and_I_with_intervals_and_what_is_doubted():
     walk, several, alone = condition_rows(
         tables, {"t": stored_findings(late, doubt(amplitude_deg=4.0), unsure, unsure)}
     )
-    assert [one["unchecked"] for one in (walk, several, alone)] == [0, 0, 1]
+    assert [one.n_unchecked for one in (walk, several, alone)] == [0, 0, 1]
     for stated in (0.0, 0.1):
         bench = {"impedance": tables["impedance"].with_columns(K_se_bench=pl.lit(stated))}
         assert ("trials of the bench share are not" in method_text(SETTINGS, bench)) == (
             stated == 0
         )
     half = scipy.stats.t.ppf(0.975, 1) * 2**0.5 / 2**0.5
-    assert (walk["of"], walk["K"]) == ("walking", ("340", "[330, 350]"))
-    assert (several["of"], several["trials"], several["doubt"]) == ("K_d 100", ["a", "b"], "")
-    assert several["K"] == ("100", f"[{100 - half:.0f}, {100 + half:.0f}]")
-    assert (alone["B"][0], alone["doubt"]) == (
+    assert (walk.condition, shown(walk, "K")) == ("walking", ("340", "[330, 350]"))
+    assert (several.condition, several.trials, several.doubt) == ("K_d 100", ["a", "b"], "")
+    assert shown(several, "K") == ("100", f"[{100 - half:.0f}, {100 + half:.0f}]")
+    assert (alone.estimates["B"].text, alone.doubt) == (
         "−5.00",
         "friction (with it in the model K 290, B 4.5 and I 0.02)",
     )
     both = {name: stored_findings(replace(doubt(), subject=name)) for name in "ab"}
-    assert condition_rows(tables, both | {"b": []})[1]["doubt"] == "friction (1 of 2)"
+    assert condition_rows(tables, both | {"b": []})[1].doubt == "friction (1 of 2)"
 
 
 def test_friction_stands_beside_B_and_a_doubt_names_the_B_that_it_leaves():
@@ -729,13 +759,17 @@ def test_friction_stands_beside_B_and_a_doubt_names_the_B_that_it_leaves():
     )
     for finding, said in ((path, "B_viscous 1.91"), (late, "B 1.91")):
         (found,) = condition_rows({"impedance": rows}, {"t": stored_findings(finding)})
-        assert (found["B"][0], found["B_viscous"][0], found["f_C"][0]) == ("2.40", "1.900", "0.25")
-        assert found["doubt"] == f"{finding.cause} (with it in the model {said})"
+        assert [found.estimates[name].text for name in ("B", "B_viscous", "f_C")] == [
+            "2.40",
+            "1.900",
+            "0.25",
+        ]
+        assert found.doubt == f"{finding.cause} (with it in the model {said})"
     (none,) = condition_rows(
         {"impedance": rows.with_columns(B_viscous=pl.lit(None, pl.Float64))},
         {"t": stored_findings(path)},
     )
-    assert ("B_viscous" in none, none["doubt"]) == (
+    assert ("B_viscous" in none.estimates, none.doubt) == (
         False,
         "torque path (with it in the model B 1.91)",
     )
@@ -776,17 +810,19 @@ def test_trials_of_no_stated_condition_are_one_only_where_they_repeat_each_other
     table = pl.DataFrame([row | common for row in rows], schema_overrides=schema)
     found = condition_rows({"impedance": table}, {})
     if n > 8:
-        assert [one["trials"] for one in found] == [[f"t{k}"] for k in range(n)], (
+        assert [one.trials for one in found] == [[f"t{k}"] for k in range(n)], (
             "each K is another one"
         )
     else:
-        assert [one["of"] for one in found] == [
+        assert [one.condition for one in found] == [
             f"trials {of}, multisine, 0.1 to 5 Hz" for of in ("t0, t2", "t1, t3")
         ]
-        assert [one["trials"] for one in found] == [["t0", "t2"], ["t1", "t3"]]
-        assert (found[0]["K"][0], found[1]["K"][0]) == ("62.00", "148.0"), "a mean"
+        assert [one.trials for one in found] == [["t0", "t2"], ["t1", "t3"]]
+        assert (found[0].estimates["K"].text, found[1].estimates["K"].text) == ("62.00", "148.0"), (
+            "a mean"
+        )
         other = table.with_columns(B=pl.when(trial="t2").then(90.0).otherwise("B"))
-        assert [one["trials"] for one in condition_rows({"impedance": other}, {})] == [
+        assert [one.trials for one in condition_rows({"impedance": other}, {})] == [
             ["t0"],
             ["t1", "t3"],
             ["t2"],
@@ -800,8 +836,10 @@ def test_trials_of_no_stated_condition_are_one_only_where_they_repeat_each_other
         doubtful=pl.when(trial="t2").then(pl.lit("late torque")).otherwise("doubtful")
     )
     first, *_ = condition_rows({"impedance": late}, {})
-    expected = ("1 left out of the mean", ("62.0", "[61.0, 63.0]")) if n < 8 else ("", first["K"])
-    assert (first["doubt"], first["K"]) == expected
+    expected = (
+        ("1 left out of the mean", ("62.0", "[61.0, 63.0]")) if n < 8 else ("", shown(first, "K"))
+    )
+    assert (first.doubt, shown(first, "K")) == expected
     numbers = facts_of(headline_numbers({"impedance": table}, Example(K_d=None, B_d=None)))
     own = [(one.value, one.subject) for one in numbers if one.name.startswith("K_example")]
     assert own == [
@@ -842,7 +880,7 @@ def test_a_trial_with_certain_friction_repeats_none_without_and_gives_its_number
         "B_d": pl.Float64,
     }
     table = pl.DataFrame(rows, schema_overrides=schema)
-    assert [one["trials"] for one in condition_rows({"impedance": table}, {})] == [
+    assert [one.trials for one in condition_rows({"impedance": table}, {})] == [
         ["a", "c"],
         ["b"],
     ]
@@ -870,7 +908,7 @@ def test_a_cause_has_one_count_in_the_verdict_the_map_and_the_row_of_its_conditi
     assert verdicts_text(trials, ()).startswith(
         "3 of 3 trials are doubtful in part: zero. 1 of 3 trials is flagged: frozen signal."
     )
-    (cause, cells), *_ = page.check_map(trials)[0]["rows"]
+    (cause, cells), *_ = page.check_map(trials)[0].rows
     assert (cause, [state for _, state in cells]) == ("zero", ["doubtful in part"] * 3)
     groups = {"estimator": ["ensemble"] * 3, "group": ["all"] * 3, "quantity": ["K", "B", "I"]}
     summary = pl.DataFrame(groups).with_columns(mean=300.0, low=290.0, high=310.0)
@@ -878,7 +916,7 @@ def test_a_cause_has_one_count_in_the_verdict_the_map_and_the_row_of_its_conditi
     walked = pl.DataFrame({"trial": [*names], "group": ["all"] * 3, "doubtful": [*names.values()]})
     known = {"a": stored_findings(doubt("stance that changes", "stance_change", table="walking"))}
     (row,) = condition_rows({"walking_summary": summary, "walking": walked}, known)
-    assert row["doubt"] == "of 2 perturbations stance that changes (1)"
+    assert row.doubt == "of 2 perturbations stance that changes (1)"
 
 
 def test_two_devices_are_told_with_their_rates_and_how_they_were_joined():
@@ -1001,22 +1039,19 @@ def test_a_claim_stands_with_its_limit_and_a_long_caption_is_folded_behind_two_s
         "margin": 2.0,
     }
     own = {**number, "claim": "of a trial", "subject": "t"}
-    figure = {"name": "fig5", "title": "Fig. 5", "drawing": ""}
-    figure |= {"reading": "Good: on it. Bad: <beside> it."}
-    figure |= {"caption": Markup("By Eq. 15 this. That. " + 99 * "Long. ")}
-    found = page.overview([trial()], {}, [figure], ABOUT)
-    content = {
-        "about": ABOUT,
-        "made_of": "",
-        **trial_page.trials_content([trial()]),
-        **found,
-        "intervals": "",
-    }
-    content |= {"not_made": [], "sensitivity": [], "absent_figures": {}, **STATED}
-    content["claims"] = page.claim_rows(pl.DataFrame([number, near, own]))
-    content["methods"] = written_methods([trial()], {}, SETTINGS)
+    fig5 = figure(
+        "fig5",
+        title="Fig. 5",
+        reading="Good: on it. Bad: <beside> it.",
+        caption=Markup("By Eq. 15 this. That. " + 99 * "Long. "),
+    )
+    content = report_with(
+        [trial()],
+        overview=page.overview([trial()], {}, [fig5], ABOUT),
+        claims=page.claim_rows(pl.DataFrame([number, near, own])),
+    )
     said = " ".join(Page(page.written_page(content, {})).text.split())
-    assert [(one.claim, one.where, one.limit) for one in content["claims"]] == [
+    assert [(one.claim, one.where, one.limit) for one in content.claims] == [
         ("it is negligible", "knee", "below 10 %"), ("z is 9", "knee", "9 ± 2 %"),
     ]  # fmt: skip
     assert re.search(

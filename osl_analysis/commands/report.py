@@ -28,14 +28,14 @@ from osl_analysis.judge.two_campaigns import (
     verdicts_in_words,
 )
 from osl_analysis.refusal import Refusal, is_refused
-from osl_analysis.report import page, panels, trial_page
+from osl_analysis.report import page, panels
 from osl_analysis.report.brief import findings_lines
 from osl_analysis.report.condition_rows import condition_rows
 from osl_analysis.report.decimal_places import digits_of, fixed
 from osl_analysis.report.headline_text import aligned
 from osl_analysis.report.methods import methods_content, methods_text
-from osl_analysis.report.page import written_page
-from osl_analysis.report.page_figures import captions_by_title, inline_svg
+from osl_analysis.report.page import Report, written_page
+from osl_analysis.report.page_figures import ShownFigure, captions_by_title, inline_svg
 from osl_analysis.report.page_text import assumed_text, method_text
 from osl_analysis.report.trial_page import (
     LACKS_ANOTHER,
@@ -43,6 +43,7 @@ from osl_analysis.report.trial_page import (
     ReportedTrial,
     left_out_trials,
     trial_content,
+    trial_table,
 )
 from osl_analysis.report.used_trials import missing_lines
 from osl_analysis.table import read_table, with_evidence, write_table
@@ -126,25 +127,25 @@ def write_report(
     drawn, absent = drawn_figures(figures, read_captions(captions))
     claims = results.get("claims", pl.DataFrame(schema=["subject", "verdict"]))
     overview = page.overview(reported, numbers, drawn, about)
-    shown_findings = [shown.finding for shown in overview["findings"]]
+    shown_findings = [shown.finding for shown in overview.findings]
     facts = methods_content(settings, accuracy, results, reported, shown_findings)
     text = methods_text(facts, about)
-    content = {
-        "about": about,
-        "made_of": sentence(about),
-        **trial_page.trials_content(reported),
-        **overview,
-        "intervals": numbers.get("intervals", ""),
-        "claims": page.claim_rows(claims),
-        "methods": text,
-        "absent_figures": absent,
-        "unnamed": unnamed,
-        "conditions": condition_rows(results, findings_by_trial),
-        "method": method_text(settings, results),
-        "assumed": assumed_text(read_table(states)),
-        "sensitivity": results.get("walking_sensitivity", pl.DataFrame()).to_dicts(),
-        "not_made": not_made,
-    }
+    content = Report(
+        about=about,
+        made_of=sentence(about),
+        overview=overview,
+        trials=trial_table(reported),
+        conditions=condition_rows(results, findings_by_trial),
+        claims=page.claim_rows(claims),
+        methods=text,
+        equation=method_text(settings, results),
+        assumed=assumed_text(read_table(states)),
+        intervals=numbers.get("intervals", ""),
+        unnamed=unnamed,
+        sensitivity=results.get("walking_sensitivity", pl.DataFrame()).to_dicts(),
+        absent_figures=absent,
+        not_made=not_made,
+    )
     write_text(methods_md, text.markdown())
     write_text(methods_tex, text.latex())
     write_text(methods_bib, text.bibtex())
@@ -176,9 +177,9 @@ def read_captions(path: Path | None) -> Mapping[str, Any]:
 
 def drawn_figures(
     figures: Mapping[str, Path], captions: Mapping[str, Any]
-) -> tuple[list[dict[str, Any]], dict[str, str]]:
+) -> tuple[list[ShownFigure], dict[str, str]]:
     """The figures with their captions, and, by title, why each of the others is not drawn."""
-    drawn: list[dict[str, Any]] = []
+    drawn: list[ShownFigure] = []
     absent: dict[str, str] = {}
     for name, path in figures.items():
         title = figure_title(name)
@@ -188,8 +189,7 @@ def drawn_figures(
             absent[title] = str(caption).removeprefix(UNDRAWN).strip()
             continue
         drawing = inline_svg(path.read_text(encoding="utf-8"), name, title)
-        facts = {"name": name, "title": title, "caption": caption, "drawing": drawing}
-        drawn.append({**facts, "reading": FIGURES[name].reading})
+        drawn.append(ShownFigure(name, title, caption, drawing, FIGURES[name].reading))
     return drawn, absent
 
 

@@ -16,9 +16,13 @@ from bokeh.resources import Resources
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 from markupsafe import Markup
 
+from osl_analysis.config.experiments import EXPERIMENTS
+from osl_analysis.dictionary import apparent_inertia
 from osl_analysis.judge.finding import UNITS_OF_ESTIMATES, Grade
 from osl_analysis.judge.summary_findings import CampaignFinding, findings_in_summary
+from osl_analysis.refusal import Refusal
 from osl_analysis.report import TEMPLATES
+from osl_analysis.report.condition_rows import ConditionRow
 from osl_analysis.report.headline import (
     Estimate,
     Headline,
@@ -26,9 +30,11 @@ from osl_analysis.report.headline import (
     headlines_in_summary,
 )
 from osl_analysis.report.headline_text import NumberTexts, first_sentences, number_texts
+from osl_analysis.report.methods import MethodsText
 from osl_analysis.report.packed_tables import deflated, every_kth, packed_table
+from osl_analysis.report.page_figures import ShownFigure
 from osl_analysis.report.page_text import WALKING_GROUPS, joints_of, verdicts_text, what_was_done
-from osl_analysis.report.trial_page import ReportedTrial
+from osl_analysis.report.trial_page import ReportedTrial, TrialTable
 from osl_analysis.report.typography import printed
 
 FIRST_FIGURES = ("fig5", "walking_page", "torque_angle", "response", "fig3")
@@ -40,12 +46,64 @@ SCRIPTS = ("elements.js", "tables.js", "readings.js", "loops.js", "report.js")
 TRIALS_WITH_ALL_SAMPLES = 250  # whose series take some 15 MB
 
 
+@dataclass(frozen=True, kw_only=True)
+class Report:
+    """What `report.html.j2` shows of a campaign.
+
+    Attributes
+    ----------
+    about, made_of
+        What the numbers are made of, as facts and in a sentence.
+    overview
+        The first screen.
+    trials
+        The table of trials, and which are left out.
+    conditions
+        K, B and I of each condition.
+    claims
+        The paper's claims.
+    methods
+        The text of a methods section.
+    equation
+        Which equation is fitted, and how, in a few sentences.
+    assumed
+        Which settings nobody stated.
+    intervals
+        What the intervals contain.
+    unnamed
+        Tells recordings without a row; empty for none.
+    sensitivity
+        Rows of `walking_sensitivity.csv`.
+    absent_figures
+        By title, why a figure is not drawn.
+    not_made
+        Results that were refused.
+    """
+
+    about: Mapping[str, str]
+    made_of: str
+    overview: "Overview"
+    trials: TrialTable
+    conditions: Sequence[ConditionRow]
+    claims: Sequence["ShownClaim"]
+    methods: MethodsText
+    equation: str
+    assumed: str
+    intervals: str
+    unnamed: str
+    sensitivity: Sequence[Mapping[str, Any]]
+    absent_figures: Mapping[str, str]
+    not_made: Sequence[Refusal]
+
+
+TablesOfTrial = Mapping[str, pl.DataFrame]
+"""What the panels of one trial draw, by name."""
+
+
 def written_page(
-    content: Mapping[str, Any],
-    trials: Mapping[str, tuple[Mapping[str, Any], Mapping[str, pl.DataFrame]]],
+    report: Report, trials: Mapping[str, tuple[Mapping[str, Any], TablesOfTrial]]
 ) -> str:
-    """The HTML of the report, from the names in `report.html.j2` and each trial's content and
-    tables."""
+    """The HTML of a report, with the content and the tables of each trial."""
     bokeh = Resources(mode="inline", log_level="warn", components=["bokeh", "bokeh-api"])
     bokeh_js = "\n".join(bokeh.js_raw)
     report_js = "\n".join((TEMPLATES / name).read_text(encoding="utf-8") for name in SCRIPTS)
@@ -55,7 +113,9 @@ def written_page(
     for name, (content_of_trial, tables) in trials.items():
         packed[name] = packed_trial(content_of_trial, tables, every)
     return template("report.html.j2").render(
-        **content,
+        report=report,
+        experiments={name: facts.description for name, facts in EXPERIMENTS.items()},
+        apparent_inertia=apparent_inertia(),
         bokeh_version=bokeh_version,
         policy=policy_of(bokeh_js, report_js),
         bokeh_js=Markup(bokeh_js),
@@ -92,12 +152,22 @@ def packed_trial(
     return Markup(packed_content.replace("<", "\\u003c"))
 
 
+@dataclass(frozen=True)
+class ChecksOfExperiment:
+    """A part of the map of trials and causes. Each row has all trials, sorted by condition."""
+
+    experiment: str
+    trials: Sequence[tuple[str, str]]  # name and verdict
+    rows: Sequence[tuple[str, Sequence[tuple[str, str]]]]
+    """Of each cause that a trial does not pass, or that could not be checked on it: name and state
+    of every trial."""
+
+
 def check_map(
     trials: Sequence[ReportedTrial], findings: Sequence[CampaignFinding] = ()
-) -> list[dict[str, Any]]:
-    """By experiment: `trials` with their verdicts, sorted by condition; and `rows`, one per cause
-    that a trial does not pass or that could not be checked on it, with the state of every trial. A
-    finding on a walking group, of the campaign's `findings`, counts for each of its trials."""
+) -> list[ChecksOfExperiment]:
+    """The map of trials and causes. A finding on a walking group, of the campaign's `findings`,
+    counts for each of its trials."""
     by_experiment: dict[str, list[ReportedTrial]] = {}
     for trial in trials:
         by_experiment.setdefault(trial.row["experiment"], []).append(trial)
@@ -114,7 +184,7 @@ def check_map(
                 (cause, [(trial.name, states.get(trial.name, "passed")) for trial in ordered])
             )
         verdicts = [(trial.name, trial.verdict) for trial in ordered]
-        maps.append({"experiment": experiment, "trials": verdicts, "rows": rows})
+        maps.append(ChecksOfExperiment(experiment, verdicts, rows))
     return maps
 
 
@@ -216,14 +286,46 @@ class ShownFinding:
     changes: str  # by how much it changes K, B and I; empty: unknown
 
 
+@dataclass(frozen=True)
+class Overview:
+    """The first screen of the page.
+
+    Attributes
+    ----------
+    joints
+        With their sides; empty where nobody states them.
+    what_was_done
+        The campaign in a sentence.
+    answers
+        A sentence per quantity that is asked for first.
+    verdicts
+        How many trials are doubtful or not used, and why.
+    checks
+        The map of trials and causes.
+    numbers, findings
+        Those of the summary; findings by what they change, the largest first.
+    main_figures, further_figures
+        The figure of the first screen, if there is one, and all others.
+    """
+
+    joints: str
+    what_was_done: str
+    answers: Sequence[str]
+    verdicts: str
+    checks: Sequence[ChecksOfExperiment]
+    numbers: Sequence[ShownNumber]
+    findings: Sequence[ShownFinding]
+    main_figures: Sequence[ShownFigure]
+    further_figures: Sequence[ShownFigure]
+
+
 def overview(
     trials: Sequence[ReportedTrial],
     summary: Mapping[str, Any],
-    figures: Sequence[Mapping[str, Any]],
+    figures: Sequence[ShownFigure],
     about: Mapping[str, str],
-) -> dict[str, Any]:
-    """The content of the first screen: the main figure, the numbers of a `summary`, its findings by
-    trial."""
+) -> Overview:
+    """Gather the first screen from trials, the content of `summary.json`, and figures."""
     findings = findings_in_summary(summary)
     numbers = headlines_in_summary(summary).values()
     size_of_trial = sizes_by_cause_and_trial(trials)
@@ -235,18 +337,18 @@ def overview(
             if name in names_of_trials:
                 of_trials.append((name, size_of_trial.get((finding.cause, name), "")))
         shown_findings.append(ShownFinding(finding, of_trials, changes_text(finding)))
-    first = first_figure(trials, [figure["name"] for figure in figures])
-    return {
-        "joints": joints_of(trials),
-        "done": what_was_done(trials, about),
-        "state": verdicts_text(trials, findings),
-        "map": check_map(trials, findings),
-        "answers": first_sentences(numbers),
-        "numbers": [shown_number(number) for number in numbers],
-        "findings": shown_findings,
-        "first": [figure for figure in figures if figure["name"] == first],
-        "figures": [figure for figure in figures if figure["name"] != first],
-    }
+    main_figure = first_figure(trials, [figure.name for figure in figures])
+    return Overview(
+        joints=joints_of(trials),
+        what_was_done=what_was_done(trials, about),
+        answers=first_sentences(numbers),
+        verdicts=verdicts_text(trials, findings),
+        checks=check_map(trials, findings),
+        numbers=[shown_number(number) for number in numbers],
+        findings=shown_findings,
+        main_figures=[figure for figure in figures if figure.name == main_figure],
+        further_figures=[figure for figure in figures if figure.name != main_figure],
+    )
 
 
 def sizes_by_cause_and_trial(trials: Sequence[ReportedTrial]) -> dict[tuple[str, str], str]:

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import polars as pl
 
 from osl_analysis.config.experiments import EXPERIMENTS
-from osl_analysis.dictionary import apparent_inertia, described_tables_by_name
+from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.judge.campaign import QUALITY
 from osl_analysis.judge.exclusions import exclusion_text
 from osl_analysis.judge.finding import Beyond, Finding, Grade, WordedFinding, Words
@@ -321,7 +321,7 @@ def trial_content(trial: ReportedTrial) -> dict[str, Any]:
     for column, value in fit_to_all.items():
         if value not in (None, ""):
             columns.append([column, cell_text(value), *unit_and_meaning(column, name).values()])
-            column_values.append([None, full_numbers(fit_to_all, column)[:1]])
+            column_values.append([None, shown_estimate(fit_to_all, column).full[:1]])
     not_checked = []
     for worded in trial.unchecked:
         words = worded.words._replace(size="")
@@ -396,28 +396,32 @@ def unit_and_meaning(column: str, table: str) -> dict[str, str]:
     return {"unit": printed(described.unit), "meaning": described.meaning}
 
 
-def value_and_interval(row: Mapping[str, Any], column: str) -> tuple[str, str]:
-    """A value with as many digits as its interval allows, and the interval; empty where it has
-    none."""
-    value = row.get(column)
-    low, high = row.get(f"{column}_low"), row.get(f"{column}_high")
-    if value is None or not math.isfinite(value):
-        return NO_VALUE, ""
+@dataclass(frozen=True)
+class ShownEstimate:
+    """A number of a result table with its interval, as the page shows it and in full."""
+
+    column: str
+    text: str  # with as many digits as its interval allows
+    interval: str  # empty where it has none
+    full: Sequence[float | None]  # value and ends of the interval; None where one is missing
+
+
+def shown_estimate(row: Mapping[str, Any], column: str) -> ShownEstimate:
+    """A column of a row, with the ends `_low` and `_high` of its interval."""
+    full: list[float | None] = []
+    for name in (column, f"{column}_low", f"{column}_high"):
+        number = row.get(name)
+        is_number = isinstance(number, int | float) and math.isfinite(number)
+        full.append(number if is_number else None)
+    value, low, high = row.get(column), row.get(f"{column}_low"), row.get(f"{column}_high")
+    if value is None or (isinstance(value, float) and not math.isfinite(value)):
+        return ShownEstimate(column, NO_VALUE, "", full)
     if low is None or high is None:
-        return f"{value:.4g}", ""
+        text = f"{value:.4g}" if full[0] is not None else cell_text(value)
+        return ShownEstimate(column, text, "", full)
     places = digits_of(value, low, high)
     interval = f"[{fixed(low, places.ends)}, {fixed(high, places.ends)}]"
-    return printed(fixed(value, places.value)), printed(interval)
-
-
-def full_numbers(row: Mapping[str, Any], column: str) -> list[float | None]:
-    """A value and the ends of its interval in full precision; None where one is missing."""
-    numbers: list[float | None] = []
-    for name in (column, f"{column}_low", f"{column}_high"):
-        value = row.get(name)
-        is_number = isinstance(value, int | float) and math.isfinite(value)
-        numbers.append(value if is_number else None)
-    return numbers
+    return ShownEstimate(column, printed(fixed(value, places.value)), printed(interval), full)
 
 
 def estimate_rows(table: pl.DataFrame, of: str) -> dict[str, Any]:
@@ -436,14 +440,15 @@ def estimate_rows(table: pl.DataFrame, of: str) -> dict[str, Any]:
     values = []
     for row in table.iter_rows(named=True):
         cells = []
-        numbers: list[list[float | None] | None] = []
+        numbers: list[Sequence[float | None] | None] = []
         if has_amplitudes:
             amplitude = row["amplitude_deg"]
             cells.append("all" if amplitude is None else f"{amplitude:g}")
             numbers.append(None)
         for name in estimates:
-            cells.append(" ".join(value_and_interval(row, name)).strip())
-            numbers.append(full_numbers(row, name))
+            shown = shown_estimate(row, name)
+            cells.append(f"{shown.text} {shown.interval}".strip())
+            numbers.append(shown.full)
         rows.append(cells)
         values.append(numbers)
     names = ["amplitude_deg", *estimates] if has_amplitudes else estimates
@@ -498,8 +503,63 @@ def facts(content: Mapping[str, Any], place: str = "") -> list[list[str]]:
     return rows
 
 
-def trials_content(trials: Sequence[ReportedTrial]) -> dict[str, Any]:
-    """The template's content on all trials; only conditions that differ."""
+@dataclass(frozen=True)
+class TrialRow:
+    """A trial in the page's table of trials.
+
+    Attributes
+    ----------
+    condition
+        Those of its conditions that differ between trials.
+    doubt
+        Why it is left out, or doubtful.
+    causes
+        Of its verdict, each once.
+    estimates
+        VAF, stiffness, damping and inertia of the fit to all of it.
+    """
+
+    name: str
+    experiment: str
+    condition: str
+    verdict: str
+    doubt: str
+    causes: Sequence[str]
+    estimates: Sequence[ShownEstimate]
+
+
+class LeftOutTrial(NamedTuple):
+    """A reason why a trial is not used."""
+
+    name: str
+    verdict: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class TrialTable:
+    """What the page shows of all trials.
+
+    Attributes
+    ----------
+    rows
+        The worst verdict first.
+    counts
+        Number of trials by verdict.
+    choices
+        Experiments and verdicts that the table can be filtered by.
+    left_out
+        Why trials are not used.
+    """
+
+    rows: Sequence[TrialRow]
+    counts: Mapping[str, int]
+    choices: Mapping[str, Sequence[str]]
+    left_out: Sequence[LeftOutTrial]
+
+
+def trial_table(trials: Sequence[ReportedTrial]) -> TrialTable:
+    """The page's table of trials, and which are left out."""
     differing = set()
     for trial in trials:
         for name, value in trial.row.items():
@@ -511,31 +571,24 @@ def trials_content(trials: Sequence[ReportedTrial]) -> dict[str, Any]:
     left_out = []
     for trial in trials:
         for reason in trial.left_out:
-            left_out.append({"name": trial.name, "verdict": trial.verdict, "reason": reason})
-    return {
-        "counts": {verdict: counts[verdict] for verdict in VERDICTS},
-        "choices": {
+            left_out.append(LeftOutTrial(trial.name, trial.verdict, reason))
+    return TrialTable(
+        rows=[trial_row(trial, differing) for trial in worst_first],
+        counts={verdict: counts[verdict] for verdict in VERDICTS},
+        choices={
             "experiment": list(experiments),
             "verdict": [verdict for verdict in VERDICTS if counts[verdict]],
         },
-        "quantities": ["VAF", "K", "B", "I"],
-        "apparent_inertia": apparent_inertia(),
-        "trials": [trial_row(trial, differing) for trial in worst_first],
-        "left_out": left_out,
-        "experiments": {name: facts.description for name, facts in EXPERIMENTS.items()},
-    }
+        left_out=left_out,
+    )
 
 
-def trial_row(trial: ReportedTrial, differing: Collection[str]) -> dict[str, Any]:
+def trial_row(trial: ReportedTrial, differing: Collection[str]) -> TrialRow:
     """A row of the page's table of trials; of its conditions those that `differ` between trials."""
     fit_to_all = trial.main.row(-1, named=True) if len(trial.main) else {}
-    numbers = []
+    estimates = []
     for column in ("VAF", *EXPERIMENTS[trial.row["experiment"]].impedance):
-        full = full_numbers(fit_to_all, column)
-        text, interval = NO_VALUE, ""
-        if full[0] is not None:
-            text, interval = value_and_interval(fit_to_all, column)
-        numbers.append({"column": column, "full": full, "text": text, "interval": interval})
+        estimates.append(shown_estimate(fit_to_all, column))
     # the text of the last row, which is of all of the trial, and where
     text_of: dict[str, str] = {}
     places_of: dict[str, list[str]] = {}
@@ -544,12 +597,12 @@ def trial_row(trial: ReportedTrial, differing: Collection[str]) -> dict[str, Any
             text_of[doubt.cause] = doubt.text
             places_of.setdefault(doubt.cause, []).append(doubt.where)
     doubts = [f"{', '.join(places_of[cause])}: {text}" for cause, text in text_of.items()]
-    return {
-        "name": trial.name,
-        "experiment": trial.row["experiment"],
-        "condition": trial.condition(differing),
-        "verdict": trial.verdict,
-        "doubt": trial.left_out[0] if trial.left_out else "; ".join(doubts),
-        "causes": list(text_of),
-        "numbers": numbers,
-    }
+    return TrialRow(
+        name=trial.name,
+        experiment=trial.row["experiment"],
+        condition=trial.condition(differing),
+        verdict=trial.verdict,
+        doubt=trial.left_out[0] if trial.left_out else "; ".join(doubts),
+        causes=list(text_of),
+        estimates=estimates,
+    )

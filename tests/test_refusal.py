@@ -390,7 +390,7 @@ def test_an_archive_of_tables_holds_what_was_written_completely_or_not_at_all(tm
     write_tables({path / f"{name}.csv": table for name, table in TABLES.items()})
     before = path.read_bytes()
     for name, table in TABLES.items():
-        assert read_table(path, of=name).equals(table, null_equal=True)
+        assert read_table(path, name=name).equals(table, null_equal=True)
     with zipfile.ZipFile(path) as archive:
         assert archive.testzip() is None
         # the same tables make the same archive
@@ -401,7 +401,7 @@ def test_an_archive_of_tables_holds_what_was_written_completely_or_not_at_all(tm
     with pytest.raises(
         InputError, match=r"t_1\.zip/response\.csv: no such table .*run the step that writes it"
     ):
-        read_table(path, of="response")
+        read_table(path, name="response")
 
 
 def test_a_table_is_not_made_of_nothing(tmp_path):

@@ -22,6 +22,7 @@ from osl_analysis.judge.limits import DoubtfulFits, QualityRules
 from osl_analysis.model.compensator import Weight
 from osl_analysis.walking.walking_settings import OvergroundAnalysis, WalkingAnalysis
 from osl_analysis.yaml_settings import (
+    FILE_NAME,
     AnySettings,
     Degrees,
     Settings,
@@ -102,7 +103,7 @@ class Config(Settings):
     `config/parameters/default.yaml`."""
 
     # Name of the campaign, as written in its summary.
-    campaign: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+$")]
+    campaign: Annotated[str, Field(pattern=FILE_NAME)]
     raw_data: Path  # Folder of the recordings.
     sheet: Path  # The sample sheet.
     results: Path  # Folder of the results.

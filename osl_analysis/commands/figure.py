@@ -187,7 +187,7 @@ def caption_of(name: str, table_csv: Path, missing: Sequence[str] = ()) -> str:
 
 def fig3(curves: Sequence[Path], table: Path, summary: Path, output: Path, data: str = "") -> None:
     """The numbers of Fig. 3, from the trials' curves, `belt.csv` and `belt_summary.csv`."""
-    drawn = pl.concat([read_table(path, of="belt_curves") for path in curves])
+    drawn = pl.concat([read_table(path, name="belt_curves") for path in curves])
     judged = read_table(table, ["trial", *PLACE, "doubtful"])
     write_table(belt_figure_points(drawn, judged, read_table(summary)), output, data)
 

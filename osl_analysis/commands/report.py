@@ -275,7 +275,7 @@ def pictures(
     if "crossing" in files:
         crossing = pl.read_parquet(files["crossing"])
     if "series" in files:
-        series = read_table(files["series"], of="series")
+        series = read_table(files["series"], name="series")
         motion = MOVING.get(experiment, "Joint angle")
         drawn.append(panels.bench_pictures(series, motion, experiment == "belt"))
     elif len(crossing):

@@ -71,7 +71,7 @@ def gather(
     """
     if not rows:
         raise InputError(f"{output}: no trials fill this table; add some to the sample sheet")
-    table = pl.concat([read_table(path, of=output.stem) for path in rows], how="diagonal_relaxed")
+    table = pl.concat([read_table(path, name=output.stem) for path in rows], how="diagonal_relaxed")
     if output.stem == "torque_angle":
         table = compared_with_repeats(table, places or {})
     if limits is not None:

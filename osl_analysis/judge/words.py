@@ -276,12 +276,12 @@ def more_or_less(number: Beyond, row: AnyRow) -> str:
 OF_EVIDENCE: Mapping[str, Callable[[Beyond, AnyRow], str]] = {
     "percent": lambda number, _: percent(number.value),
     "value": lambda number, _: significant(number.value, 3),
-    "moves": rise_text,
+    "rise": rise_text,
     "symbol": symbol_of_ratio,
-    "rubs": friction_of_damping,
-    "factor": unit_factor_text,
-    "frame": frame_text,
-    "beside": more_or_less,
+    "friction_in_damping": friction_of_damping,
+    "unit_factor": unit_factor_text,
+    "yielding_frame": frame_text,
+    "deviation": more_or_less,
 }
 
 
@@ -397,7 +397,7 @@ def damping_gap_text(cells: Cells) -> str:
 def reaction_text(cells: Cells) -> str:
     """What sets in within the window of a perturbation, and K without it."""
     kind = f"it is like {cells['reaction']}"
-    with_reflex = filled("{with_reflex}", cells)
+    with_reflex = filled("{K_with_reflex_text}", cells)
     return f"{kind}. {capital(with_reflex)}" if with_reflex else kind
 
 
@@ -469,18 +469,18 @@ def range_of_hidden_damping(cells: Cells) -> str:
 
 
 COMPUTED: Mapping[str, Callable[[Cells], str]] = {
-    "late": lag_text,
-    "loop": energy_lost_by_lag,
-    "known": calibration_text,
-    "gap": damping_gap_text,
-    "like": reaction_text,
+    "lag": lag_text,
+    "late_torque_of_loss": energy_lost_by_lag,
+    "calibration": calibration_text,
+    "damping_gap": damping_gap_text,
+    "reaction_and_K": reaction_text,
     "gains_unseen": gains_unseen,
     "unknown_gains": unknown_gains,
-    "late_or_early": motor_angle_direction,
-    "theta_m_ms": motor_angle_lag_ms,
-    "of_file": ratio_to_file,
-    "moment_short": moment_effect_on_K,
-    "with_reflex": K_with_reflex,
+    "theta_m_direction": motor_angle_direction,
+    "theta_m_lag_ms": motor_angle_lag_ms,
+    "ratio_to_file": ratio_to_file,
+    "moment_effect": moment_effect_on_K,
+    "K_with_reflex_text": K_with_reflex,
     "reflex_remedy": reflex_remedy,
-    "slope_B": range_of_hidden_damping,
+    "hidden_damping": range_of_hidden_damping,
 }

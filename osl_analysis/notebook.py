@@ -24,7 +24,8 @@ from osl_analysis.files import config_here, shipped
 from osl_analysis.ingest.examine import UNITS, Commanded, examine, measured_table
 from osl_analysis.ingest.raw_files import read_source
 from osl_analysis.judge.judging import judged, marked, with_inherited
-from osl_analysis.judge.limits import DoubtfulFits, QualityRules, judged_table, validate_rules
+from osl_analysis.judge.limits import DoubtfulFits
+from osl_analysis.judge.recording_checks import QualityRules, judged_table, validate_rules
 from osl_analysis.model.drivetrain import joint_of
 from osl_analysis.source_file import MarkerSource
 from osl_analysis.table import read_table as read_table

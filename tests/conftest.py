@@ -28,7 +28,8 @@ from xdist.remote import Producer
 from xdist.scheduler import LoadScopeScheduling
 
 from osl_analysis.judge import judging
-from osl_analysis.judge.finding import Finding, Limits
+from osl_analysis.judge.finding import Finding
+from osl_analysis.judge.limits import Limits
 from osl_analysis.model.drivetrain import DrivetrainParameters, read_parameters
 from osl_analysis.signals import LowPass, Motion
 from osl_analysis.trial import Array

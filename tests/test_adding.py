@@ -106,7 +106,7 @@ with suppress(SystemExit):
 
 from osl_analysis.cli import main
 from osl_analysis.figures import drawing_of
-from osl_analysis.judge.finding import Limits
+from osl_analysis.judge.limits import Limits
 from osl_analysis.judge.judging import judged
 from osl_analysis.judge.words import finding_text
 from osl_analysis.notebook import fit_arguments, shown_fit

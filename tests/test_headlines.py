@@ -23,7 +23,6 @@ from osl_analysis.judge.finding import (
     Beyond,
     Finding,
     Grade,
-    Limits,
     Remedy,
     WordedFinding,
     Words,
@@ -31,7 +30,7 @@ from osl_analysis.judge.finding import (
 )
 from osl_analysis.judge.judging import judged
 from osl_analysis.judge.known_findings import EVIDENCE, FINDINGS
-from osl_analysis.judge.limits import DoubtfulFits
+from osl_analysis.judge.limits import DoubtfulFits, Limits
 from osl_analysis.judge.summary_findings import causes_in_campaign
 from osl_analysis.outcomes.job_log import write_log
 from osl_analysis.refusal import Refusal

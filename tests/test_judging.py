@@ -5,10 +5,10 @@ import pytest
 
 from osl_analysis.judge.campaign import campaign_findings
 from osl_analysis.judge.causes import numbers_beyond
-from osl_analysis.judge.finding import Accuracy, Beyond, Grade, Limits, findings_frame
+from osl_analysis.judge.finding import Beyond, Grade, findings_frame
 from osl_analysis.judge.judging import judged, marked
 from osl_analysis.judge.known_findings import CHECKS, FINDINGS
-from osl_analysis.judge.limits import DoubtfulFits
+from osl_analysis.judge.limits import Accuracy, DoubtfulFits, Limits
 from osl_analysis.judge.moved_estimates import Correction, shares_moved
 from osl_analysis.judge.words import finding_text
 from osl_analysis.stats.repeats import counted, doubts_of_trials

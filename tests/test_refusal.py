@@ -35,7 +35,8 @@ from osl_analysis.jobs.progress import LogHandler
 from osl_analysis.judge.campaign import campaign_findings, exclusion_report
 from osl_analysis.judge.exclusions import Judge, exclusions
 from osl_analysis.judge.finding import findings_frame
-from osl_analysis.judge.limits import DoubtfulFits, QualityRules
+from osl_analysis.judge.limits import DoubtfulFits
+from osl_analysis.judge.recording_checks import QualityRules
 from osl_analysis.outcomes.job_log import read_log, write_log
 from osl_analysis.outcomes.perform import Ending, Job, perform, refusal
 from osl_analysis.outcomes.used import without_excluded, without_refused

@@ -11,8 +11,9 @@ from conftest import ROOT, findings_of
 
 from osl_analysis.dictionary import described_tables
 from osl_analysis.judge import unchecked
-from osl_analysis.judge.finding import Finding, Grade, Limits
+from osl_analysis.judge.finding import Finding, Grade
 from osl_analysis.judge.known_findings import CHECKS, CONTENT, EVIDENCE, FINDINGS
+from osl_analysis.judge.limits import Limits
 from osl_analysis.judge.words import (
     COMPUTED,
     OF_EVIDENCE,

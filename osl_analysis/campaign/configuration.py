@@ -18,7 +18,8 @@ from osl_analysis.config.shared_choices import SharedChoices
 from osl_analysis.errors import InputError
 from osl_analysis.files import default_config
 from osl_analysis.judge.claims import Claims
-from osl_analysis.judge.limits import DoubtfulFits, QualityRules
+from osl_analysis.judge.limits import DoubtfulFits
+from osl_analysis.judge.recording_checks import QualityRules
 from osl_analysis.model.compensator import Weight
 from osl_analysis.walking.walking_settings import OvergroundAnalysis, WalkingAnalysis
 from osl_analysis.yaml_settings import (

@@ -29,8 +29,8 @@ from osl_analysis.figures.names import completed, look_numbers
 from osl_analysis.figures.saved import METADATA, saved_figure, write_footer
 from osl_analysis.figures.style import lay_out
 from osl_analysis.files import atomic_path, digest, write_text
-from osl_analysis.judge.finding import Limits
 from osl_analysis.judge.judging import judged, marked
+from osl_analysis.judge.limits import Limits
 from osl_analysis.model.compensator import Weight
 from osl_analysis.model.drivetrain import (
     FileOrNone,

@@ -17,8 +17,8 @@ from osl_analysis.config.sheet import JOINT
 from osl_analysis.errors import InputError, OslAnalysisError
 from osl_analysis.files import atomic_path, write_text
 from osl_analysis.ingest.examine import check_own_torque
-from osl_analysis.judge.finding import Limits
 from osl_analysis.judge.judging import EXCLUDED, judged, marked
+from osl_analysis.judge.limits import Limits
 from osl_analysis.refusal import check_not_refused
 from osl_analysis.stats.repeats import DOUBTFUL, doubtful_row
 from osl_analysis.table import MEASURED, Places, read_table, with_places, write_table

@@ -31,7 +31,7 @@ from osl_analysis.ingest.examine import Commanded, examine, measured_table
 from osl_analysis.ingest.raw_files import read_source, recorded_files, recordings_in
 from osl_analysis.judge.finding import Grade
 from osl_analysis.judge.known_findings import CHECKS, FINDINGS
-from osl_analysis.judge.limits import judged_table
+from osl_analysis.judge.recording_checks import judged_table
 from osl_analysis.judge.words import finding_text
 from osl_analysis.model.drivetrain import joint_of
 from osl_analysis.signals.grid import uniform_signals

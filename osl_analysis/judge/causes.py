@@ -5,7 +5,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from osl_analysis.judge.finding import AnyRow, Beyond, Limit, Limits, cell_number
+from osl_analysis.judge.finding import AnyRow, Beyond, cell_number
 from osl_analysis.judge.known_findings import (
     EVIDENCE,
     FINDINGS,
@@ -13,6 +13,7 @@ from osl_analysis.judge.known_findings import (
     KnownFinding,
     known_finding,
 )
+from osl_analysis.judge.limits import Limit, Limits
 from osl_analysis.units import known_factor
 
 

@@ -6,19 +6,15 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from itertools import product
 from pathlib import Path
-from typing import Annotated, Literal, NamedTuple
+from typing import NamedTuple
 
 import polars as pl
-from pydantic import Field
 
 from osl_analysis.judge.known_findings import known_finding
 from osl_analysis.refusal import is_refused
 from osl_analysis.table import read_table
-from osl_analysis.yaml_settings import NotNegative, Settings
 
 AnyRow = Mapping[str, object]  # a row of a result table
-Share = Annotated[float, Field(gt=0, lt=1)]  # A part of a whole; a larger number is in percent.
-Factor = Annotated[float, Field(gt=1)]  # How many times a number may be another one.
 
 
 class Grade(StrEnum):
@@ -39,60 +35,6 @@ class Remedy(StrEnum):
     FREQUENCY = "of_frequency"  # a row of one frequency
     DOUBTED = "if_doubtful"  # for what was not checked, or is noted, in a doubtful row
     NONE = "none"  # it moves the estimates by less than their accuracy
-
-
-class Accuracy(Settings):
-    """How well K, B and I have to be known, each as a share of itself.
-
-    A finding that may move an estimate by more makes it doubtful; one that moves every estimate by
-    less is a remark.
-    """
-
-    K: Share = 0.02  # Of stiffnesses; benches that agree on one spring differ by 1 to 2 %.
-    B: Share = 0.05  # Of dampings; loads and temperatures change a joint's damping by as much.
-    I: Share = 0.2  # Of inertias, which are hardly seen below 5 Hz.
-
-    def of(self, estimate: str) -> float:
-        """Share of K, B or I that a finding may move it by."""
-        return {"K": self.K, "B": self.B, "I": self.I}[estimate]
-
-
-@dataclass(frozen=True)
-class Limit:
-    """The limit of one column."""
-
-    column: str
-    side: Literal["above", "below"]  # on which a number is beyond it
-    value: float | None  # in the unit of the column; None: no limit
-
-
-class ColumnLimits(Settings):
-    """Limits of one table, by column. Null: no limit."""
-
-    above: dict[str, NotNegative | None] = Field(default_factory=dict)
-    """Upper limits, by column. A fit is doubtful if the absolute value is above its limit."""
-    below: dict[str, float | None] = Field(default_factory=dict)
-    """Lower limits, by column. A fit is doubtful if the value is below its limit."""
-    ratio: dict[str, Factor | None] = Field(default_factory=dict)
-    """Limits of ratios to a known value, by column. A fit is doubtful if the ratio is above its
-    limit, or below 1 over it."""
-
-    def stated(self) -> list[Limit]:
-        """Each limit: those above, of ratios, and below."""
-        limits = [Limit(column, "above", value) for column, value in self.above.items()]
-        for column, factor in self.ratio.items():
-            limits.append(Limit(column, "above", factor))
-        for column, factor in self.ratio.items():
-            limits.append(Limit(column, "below", None if factor is None else 1 / factor))
-        for column, value in self.below.items():
-            limits.append(Limit(column, "below", value))
-        return limits
-
-
-class Limits(ColumnLimits):
-    """Limits of one table, and the accuracy that its estimates need."""
-
-    accuracy: Accuracy = Accuracy()
 
 
 @dataclass(frozen=True)

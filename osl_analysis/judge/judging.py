@@ -13,17 +13,16 @@ import polars as pl
 from osl_analysis.errors import InputError
 from osl_analysis.judge.causes import BETWEEN, CauseInRow, causes_in, explaining, numbers_beyond
 from osl_analysis.judge.finding import (
-    Accuracy,
     AnyRow,
     Beyond,
     Finding,
     Grade,
-    Limits,
     Remedy,
     cell_number,
     subject_of,
 )
 from osl_analysis.judge.known_findings import EVIDENCE, FINDINGS, KnownFinding
+from osl_analysis.judge.limits import Accuracy, Limits
 from osl_analysis.judge.moved_estimates import (
     corrections,
     estimate_column,

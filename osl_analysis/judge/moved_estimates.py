@@ -4,8 +4,9 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from osl_analysis.judge.finding import ESTIMATES, Accuracy, AnyRow, Beyond, cell_number
+from osl_analysis.judge.finding import ESTIMATES, AnyRow, Beyond, cell_number
 from osl_analysis.judge.known_findings import EVIDENCE, KnownFinding
+from osl_analysis.judge.limits import Accuracy
 
 NAMES_IN_TABLE: Mapping[str, Mapping[str, str]] = {
     "belt": {"K": "K_s"},

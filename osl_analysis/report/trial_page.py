@@ -17,7 +17,7 @@ from osl_analysis.judge.campaign import QUALITY
 from osl_analysis.judge.exclusions import exclusion_text
 from osl_analysis.judge.finding import Beyond, Finding, Grade, WordedFinding, Words
 from osl_analysis.judge.known_findings import CHECKS, FINDINGS
-from osl_analysis.judge.limits import NOT_APPLICABLE
+from osl_analysis.judge.recording_checks import NOT_APPLICABLE
 from osl_analysis.judge.words import sentence_of
 from osl_analysis.report.decimal_places import digits_of, fixed
 from osl_analysis.report.panels import Pictures

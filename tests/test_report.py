@@ -50,7 +50,16 @@ from osl_analysis.judge.limits import DoubtfulFits
 from osl_analysis.judge.summary_findings import findings_in_summary
 from osl_analysis.judge.words import words_of
 from osl_analysis.refusal import Refusal
-from osl_analysis.report import methods, page, panels, trial_page
+from osl_analysis.report import (
+    left_out,
+    methods,
+    page,
+    panels,
+    provenance,
+    shown_numbers,
+    trial_page,
+    trial_table,
+)
 from osl_analysis.report.condition_rows import condition_rows
 from osl_analysis.report.headline import Example
 from osl_analysis.report.headline_files import to_json, to_tex
@@ -64,7 +73,7 @@ from osl_analysis.report.page_figures import (
 )
 from osl_analysis.report.page_text import method_text, verdicts_text
 from osl_analysis.report.panels import Pictures
-from osl_analysis.report.trial_page import ReportedTrial, Scope
+from osl_analysis.report.reported_trial import ReportedTrial, Scope
 from osl_analysis.report.typography import printed
 from osl_analysis.table import write_table
 from osl_analysis.yaml_settings import read_mapping
@@ -117,7 +126,7 @@ def report_with(trials, **changes):
         "about": ABOUT,
         "made_of": sentence(ABOUT),
         "overview": page.overview(trials, {}, [], ABOUT),
-        "trials": trial_page.trial_table(trials),
+        "trials": trial_table.trial_table(trials),
         "conditions": [],
         "claims": [],
         "methods": written_methods(trials, {}, SETTINGS),
@@ -411,14 +420,14 @@ def test_verdicts_and_counts_sorting_by_the_unrounded_value_and_conditions_that_
         trial("a"), trial("e", gap), trial("b", doubt(), gap),
         trial("c", left_out=["gap 1 s"]), trial("d", left_out=["x"], refused=True),
     ]  # fmt: skip
-    table = trial_page.trial_table(trials)
+    table = trial_table.trial_table(trials)
     kinds = ["clear", "flagged", "doubtful", "excluded", "refused"]
     assert table.counts == dict.fromkeys(kinds, 1) | {"doubtful in part": 0}
     assert [row.verdict for row in table.rows] == kinds[::-1], "the worst first"
     *_, doubtful, flagged, _ = table.rows
     assert (flagged.causes, doubtful.causes) == (["gap in the recording"], ["friction"])
     assert trials[1].doubts[0].numbers == [["gap", "0.095", "above 0.05", CHECKS["gap"].meaning]]
-    assert doubtful.estimates[1] == trial_page.ShownEstimate(
+    assert doubtful.estimates[1] == shown_numbers.ShownEstimate(
         "K", "299.5", "[299.2, 299.8]", [299.5123, 299.2, 299.8]
     )
     assert [one.name for one in table.left_out] == ["c", "d"]
@@ -427,7 +436,7 @@ def test_verdicts_and_counts_sorting_by_the_unrounded_value_and_conditions_that_
         replace(trials[0], row={"perturbed": False, "part": 2}).condition() == "unperturbed, part 2"
     )
     two = [replace(trials[0], row=trials[0].row | {"K_d": K_d}) for K_d in (1.0, 2.0)]
-    assert [row.condition for row in trial_page.trial_table(two).rows] == [
+    assert [row.condition for row in trial_table.trial_table(two).rows] == [
         "K_d 1",
         "K_d 2",
     ]
@@ -544,7 +553,7 @@ def test_provenance_says_file_hash_channel_and_conversion():
     columns |= {f"marker_A_{axis}": marker | {"component": axis} for axis in "xyz"}
     files = {"log": {"path": "a.mcap", "bytes": 12, "sha256": "ff", "source": "mine"}}
     clock = {"offset": 0.5, "edges": 18, "nothing": None, "parts": [{"a": 1, "b": 2}, {"a": 3}]}
-    found = trial_page.provenance_content({"files": files, "columns": columns, "clock": clock})
+    found = provenance.provenance_content({"files": files, "columns": columns, "clock": clock})
     assert found["files"] == [["log", "a.mcap", "12", "ff", "mine"]]
     assert found["signals"] == [
         ["torque", "log",
@@ -1100,7 +1109,7 @@ def test_a_trial_is_left_out_by_what_became_of_it():
     )
     crossings = pl.DataFrame({"trial": ["walk"], "reason": ["no step"]})
     tables = {"walking": crossings.rename({"reason": "excluded"}), "walking_excluded": crossings}
-    found = trial_page.left_out_trials(rows, tables, {"late": "again", "new": "why"})
+    found = left_out.left_out_trials(rows, tables, {"late": "again", "new": "why"})
     not_analysed = "recording that could not be analysed"
     assert (found.pop("late"), found.pop("hung")) == (
         (False, "gap in the recording", ["gap 1 s, threshold 0.5: theta"]),

@@ -33,18 +33,14 @@ from osl_analysis.report.brief import findings_lines
 from osl_analysis.report.condition_rows import condition_rows
 from osl_analysis.report.decimal_places import digits_of, fixed
 from osl_analysis.report.headline_text import aligned
+from osl_analysis.report.left_out import LACKS_ANOTHER, LeftOut, left_out_trials
 from osl_analysis.report.methods import methods_content, methods_text
 from osl_analysis.report.page import Report, written_page
 from osl_analysis.report.page_figures import ShownFigure, captions_by_title, inline_svg
 from osl_analysis.report.page_text import assumed_text, method_text
-from osl_analysis.report.trial_page import (
-    LACKS_ANOTHER,
-    LeftOut,
-    ReportedTrial,
-    left_out_trials,
-    trial_content,
-    trial_table,
-)
+from osl_analysis.report.reported_trial import ReportedTrial
+from osl_analysis.report.trial_page import trial_content
+from osl_analysis.report.trial_table import trial_table
 from osl_analysis.report.used_trials import missing_lines
 from osl_analysis.table import read_table, with_evidence, write_table
 from osl_analysis.trial import metadata_of, read_trial, unit_of

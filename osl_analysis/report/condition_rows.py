@@ -11,7 +11,7 @@ from osl_analysis.errors import listing
 from osl_analysis.judge.finding import ESTIMATES, Finding, Grade, WordedFinding
 from osl_analysis.judge.words import without_names
 from osl_analysis.report.page_text import in_words
-from osl_analysis.report.trial_page import ShownEstimate, shown_estimate
+from osl_analysis.report.shown_numbers import ShownEstimate, shown_estimate
 from osl_analysis.report.typography import printed
 from osl_analysis.stats.repeats import DOUBTFUL, counted, repeating_trials, summary_row
 

@@ -19,7 +19,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from osl_analysis.dictionary import own_yaml
 from osl_analysis.judge.summary_findings import CampaignFinding
 from osl_analysis.report.headline_files import in_latex
-from osl_analysis.report.trial_page import ReportedTrial
+from osl_analysis.report.reported_trial import ReportedTrial
 from osl_analysis.report.typography import printed
 from osl_analysis.stats.repeats import size_texts
 from osl_analysis.trial import Array

@@ -34,7 +34,8 @@ from osl_analysis.report.methods import MethodsText
 from osl_analysis.report.packed_tables import deflated, every_kth, packed_table
 from osl_analysis.report.page_figures import ShownFigure
 from osl_analysis.report.page_text import WALKING_GROUPS, joints_of, verdicts_text, what_was_done
-from osl_analysis.report.trial_page import ReportedTrial, TrialTable
+from osl_analysis.report.reported_trial import ReportedTrial
+from osl_analysis.report.trial_table import TrialTable
 from osl_analysis.report.typography import printed
 
 FIRST_FIGURES = ("fig5", "walking_page", "torque_angle", "response", "fig3")

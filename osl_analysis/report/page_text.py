@@ -12,7 +12,7 @@ from osl_analysis.dictionary import own_yaml
 from osl_analysis.judge.summary_findings import CampaignFinding
 from osl_analysis.report.headline_statistics import include_bench_errors
 from osl_analysis.report.methods import response_text
-from osl_analysis.report.trial_page import ReportedTrial
+from osl_analysis.report.reported_trial import ReportedTrial
 from osl_analysis.report.typography import printed
 from osl_analysis.stats.repeats import DOUBTFUL, RULE_OF_MEANS, doubtful_count
 

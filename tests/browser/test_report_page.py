@@ -16,7 +16,7 @@ from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.support.ui import Select, WebDriverWait
 from test_workflow import Workspace
 
-from osl_analysis.report.trial_page import VERDICTS
+from osl_analysis.report.reported_trial import VERDICTS
 from osl_analysis.table import read_table
 
 pytestmark, DRIVER = pytest.mark.browser, shutil.which("chromedriver")

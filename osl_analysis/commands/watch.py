@@ -506,7 +506,7 @@ def quality_text(trial: Trial, experiment: str, config: Config, accepted: Collec
         return "quality ok"
     named = []
     for row in failed.to_dicts():  # key, cause, what was found, and what to do
-        known = FINDINGS[CHECKS[row["check"]].finding]
-        what_to_do = ", ".join(filter(None, [row["remark"], known.remedy]))
-        named.append(f"{row['verdict']} {row['check']}: {known.title}, {what_to_do}")
+        kind = FINDINGS[CHECKS[row["check"]].finding]
+        what_to_do = ", ".join(filter(None, [row["remark"], kind.remedy]))
+        named.append(f"{row['verdict']} {row['check']}: {kind.title}, {what_to_do}")
     return f"QUALITY {', '.join(named)}"

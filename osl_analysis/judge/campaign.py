@@ -195,11 +195,11 @@ def exclusion_report(verdicts: pl.DataFrame, by_sheet: Mapping[str, str]) -> str
     failed = verdicts.filter(is_excluded).unique("trial", keep="first", maintain_order=True)
     reasons = exclusions(verdicts)
     for (check,), rows in failed.group_by("check", maintain_order=True):
-        known = FINDINGS[CHECKS[str(check)].finding]
+        kind = FINDINGS[CHECKS[str(check)].finding]
         trials = listing([f"{trial} ({reasons[trial]})" for trial in rows["trial"]], MOST_NAMED)
         lines.append(
             f"excluded from tables and figures by quality control: {trials}:"
-            f" {known.title}, {known.says}; {known.remedy}"
+            f" {kind.title}, {kind.says}; {kind.remedy}"
         )
     if len(failed):
         lines.append(f"to change that: {HOW_TO_USE}")

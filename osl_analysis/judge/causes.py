@@ -37,15 +37,15 @@ FAR_BEYOND = 1.15  # of a limit: a cause of others that is farther beyond it pre
 
 
 BETWEEN = "; "  # titles of findings in a cell
-FINDINGS_BY_TITLE = {known.title: known for known in FINDINGS.values()}
+FINDINGS_BY_TITLE = {kind.title: kind for kind in FINDINGS.values()}
 
 
 def doubts_of_result(titles: str, result: str) -> str:
     """Those findings in a cell of the column `DOUBTFUL` that concern one result of the fit."""
     concerning = []
     for title in titles.split(BETWEEN):
-        known = FINDINGS_BY_TITLE.get(title)
-        if known is None or not known.concerns or result in known.concerns:
+        kind = FINDINGS_BY_TITLE.get(title)
+        if kind is None or not kind.concerns or result in kind.concerns:
             concerning.append(title)
     return BETWEEN.join(concerning)
 

@@ -52,15 +52,15 @@ def words_of(finding: Finding, row: AnyRow) -> Words:
     row : AnyRow
         The row of its table that it is about, or other numbers that its sentences show.
     """
-    known = FINDINGS.get(finding.name)
-    if known is None:  # a limit on a column that is not in EVIDENCE
+    kind = FINDINGS.get(finding.name)
+    if kind is None:  # a limit on a column that is not in EVIDENCE
         return Words(evidence_text(finding), "", "")
-    known = replace(known, **known.in_table.get(finding.table, {}))
+    kind = replace(kind, **kind.in_table.get(finding.table, {}))
     remedy = WITHIN_ACCURACY
     if finding.remedy is not Remedy.NONE:
-        remedy = getattr(known, finding.remedy.value) or known.remedy
+        remedy = getattr(kind, finding.remedy.value) or kind.remedy
     cells = Cells(row)
-    return Words(filled(known.says, cells), size_text(finding, row), capital(filled(remedy, cells)))
+    return Words(filled(kind.says, cells), size_text(finding, row), capital(filled(remedy, cells)))
 
 
 def size_text(finding: Finding, row: AnyRow) -> str:

@@ -89,11 +89,12 @@ class Settings(BaseModel):
         return value
 
     def part(self, base: str) -> dict[str, Any]:
-        """The fields of one of this model's base classes, as JSON, for a job that uses only
-        these."""
-        bases = (model for model in type(self).__mro__ if issubclass(model, Settings))
-        (model,) = (model for model in bases if model.__name__ == base)
-        return self.model_dump(mode="json", include=set(model.model_fields))
+        """The fields of the base class of this name, as JSON, for a job that uses only these: a
+        rule of Snakemake imports no settings model."""
+        bases = {
+            model.__name__: model for model in type(self).__mro__ if issubclass(model, Settings)
+        }
+        return self.model_dump(mode="json", include=set(bases[base].model_fields))
 
 
 AnySettings = TypeVar("AnySettings", bound=Settings)

@@ -670,9 +670,8 @@ def test_a_report_says_of_each_trial_what_became_of_it(tmp_path, monkeypatch):
     given["refused"] = [of_table, replace(of_table, trial="b_2")]
     monkeypatch.setattr(report, "written_page", lambda *content: seen.extend(content) or "")
     kinds = {"b_1": "belt", "b_2": "belt", "b_3": "belt", "w": "walking", "s": "static"}
-    report.write_report(
-        sheet={name: {"trial": name, "experiment": kind} for name, kind in kinds.items()}, **given
-    )
+    sheet = {name: {"trial": name, "experiment": kind} for name, kind in kinds.items()}
+    report.write_report(report.ReportFiles(sheet=sheet, **given))
     said = {row.name: (row.verdict, row.doubt[:40]) for row in seen[0].trials.rows}
     none = ("refused", "it has no result, because b_2 was refuse")
     assert said.pop("b_1") == (

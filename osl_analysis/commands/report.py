@@ -46,109 +46,115 @@ from osl_analysis.table import read_table, with_evidence, write_table
 from osl_analysis.trial import metadata_of, read_trial, unit_of
 
 
-def write_report(
-    *,
-    about: Mapping[str, str],
-    sheet: Mapping[str, Mapping[str, Any]],
-    settings: Mapping[str, Any],
-    accuracy: Mapping[str, float],
-    trials: Mapping[str, Path],
-    series: Mapping[str, Path],
-    crossings: Mapping[str, Path],
-    tables: Mapping[str, Path],
-    figures: Mapping[str, Path],
-    verdicts: Path,
-    excluded: Path,
-    findings: Path,
-    states: Path,
-    summary: Path,
-    output: Path,
-    methods_md: Path,
-    methods_tex: Path,
-    methods_bib: Path,
-    captions: Path | None = None,
-    refused: Sequence[Refusal] = (),
-    unnamed: str = "",
-) -> None:
-    """Write the page of a run, and the text of its methods.
+@dataclass(frozen=True, kw_only=True)
+class ReportFiles:
+    """What the page of a run is made of, and the files that are written.
 
-    Parameters
+    Attributes
     ----------
-    about : Mapping of str to str
+    about
         What the numbers are made of.
-    sheet : Mapping
+    sheet
         The row of every trial of the sample sheet, also of those that it excludes.
-    settings : Mapping
+    settings
         The sections of the configuration by which the experiments are analysed.
-    accuracy : Mapping of str to float
+    accuracy
         The shares by which findings may move K, B and I without making them doubtful.
-    trials, series, crossings : Mapping of str to Path
+    trials, series, crossings
         The files of each trial that has them.
-    tables : Mapping of str to Path
+    tables
         Result tables, by name.
-    figures : Mapping of str to Path
+    figures
         SVG files, by name.
-    verdicts, excluded, findings, states, summary : Path
+    verdicts, excluded, findings, states, summary
         `quality.csv`, `excluded.csv`, `findings.csv`, `settings.csv`, `summary.json`.
-    output, methods_md, methods_tex, methods_bib : Path
-        `report.html`, `methods.md`, `methods.tex` and `methods.bib`.
-    captions : Path or None
+    captions
         Those of the figures.
-    refused : Sequence of Refusal
+    refused
         The causes of all that is missing.
-    unnamed : str
+    unnamed
         Tells recordings without a row.
+    output, methods_md, methods_tex, methods_bib
+        `report.html`, `methods.md`, `methods.tex` and `methods.bib`, which are written.
     """
-    results = {name: with_evidence(path) for name, path in tables.items()}
+
+    about: Mapping[str, str]
+    sheet: Mapping[str, Mapping[str, Any]]
+    settings: Mapping[str, Any]
+    accuracy: Mapping[str, float]
+    trials: Mapping[str, Path]
+    series: Mapping[str, Path]
+    crossings: Mapping[str, Path]
+    tables: Mapping[str, Path]
+    figures: Mapping[str, Path]
+    verdicts: Path
+    excluded: Path
+    findings: Path
+    states: Path
+    summary: Path
+    output: Path
+    methods_md: Path
+    methods_tex: Path
+    methods_bib: Path
+    captions: Path | None = None
+    refused: Sequence[Refusal] = ()
+    unnamed: str = ""
+
+
+def write_report(files: ReportFiles) -> None:
+    """Write the page of a run, and the text of its methods."""
+    results = {name: with_evidence(path) for name, path in files.tables.items()}
     findings_by_trial: dict[str, list[WordedFinding]] = {}
-    for worded in read_findings(findings):
+    for worded in read_findings(files.findings):
         findings_by_trial.setdefault(worded.finding.subject, []).append(worded)
     refusals: dict[str, str] = {}
     not_made: list[Refusal] = []
-    for refusal in refused:
+    for refusal in files.refused:
         if refusal.trial:
             refusals[refusal.trial] = f"{refusal.reason}; {refusal.remedy}"
         else:
             not_made.append(refusal)
-    checks = read_table(verdicts).filter(pl.col("verdict") != "refused")
+    checks = read_table(files.verdicts).filter(pl.col("verdict") != "refused")
     campaign = CampaignResults(
-        files={"trial": trials, "series": series, "crossing": crossings},
+        files={"trial": files.trials, "series": files.series, "crossing": files.crossings},
         rows=rows_by_trial(results),
         findings=findings_by_trial,
         checks=checks.partition_by("trial", as_dict=True),
-        left_out=left_out_trials(read_table(excluded), results, refusals),
+        left_out=left_out_trials(read_table(files.excluded), results, refusals),
     )
-    reported = [reported_trial(row, campaign) for row in sheet.values()]
-    numbers = {} if is_refused(summary) else read_summary(summary)
-    drawn, absent = drawn_figures(figures, read_captions(captions))
-    claims = results.get("claims", pl.DataFrame(schema=["subject", "verdict"]))
-    overview = page.overview(reported, numbers, drawn, about)
+    reported = [reported_trial(row, campaign) for row in files.sheet.values()]
+
+    numbers = {} if is_refused(files.summary) else read_summary(files.summary)
+    drawn, absent = drawn_figures(files.figures, read_captions(files.captions))
+    overview = page.overview(reported, numbers, drawn, files.about)
     shown_findings = [shown.finding for shown in overview.findings]
-    facts = methods_content(settings, accuracy, results, reported, shown_findings)
-    text = methods_text(facts, about)
-    content = Report(
-        about=about,
-        made_of=sentence(about),
+    facts = methods_content(files.settings, files.accuracy, results, reported, shown_findings)
+    methods = methods_text(facts, files.about)
+    write_text(files.methods_md, methods.markdown())
+    write_text(files.methods_tex, methods.latex())
+    write_text(files.methods_bib, methods.bibtex())
+
+    claims = results.get("claims", pl.DataFrame(schema=["subject", "verdict"]))
+    report = Report(
+        about=files.about,
+        made_of=sentence(files.about),
         overview=overview,
         trials=trial_table(reported),
         conditions=condition_rows(results, findings_by_trial),
         claims=page.claim_rows(claims),
-        methods=text,
-        equation=method_text(settings, results),
-        assumed=assumed_text(read_table(states)),
+        methods=methods,
+        equation=method_text(files.settings, results),
+        assumed=assumed_text(read_table(files.states)),
         intervals=numbers.get("intervals", ""),
-        unnamed=unnamed,
+        unnamed=files.unnamed,
         sensitivity=results.get("walking_sensitivity", pl.DataFrame()).to_dicts(),
         absent_figures=absent,
         not_made=not_made,
     )
-    write_text(methods_md, text.markdown())
-    write_text(methods_tex, text.latex())
-    write_text(methods_bib, text.bibtex())
     pages = {}
     for trial in reported:
         pages[trial.name] = (trial_content(trial), trial.pictures.tables)
-    write_text(output, written_page(content, pages))
+    write_text(files.output, written_page(report, pages))
 
 
 RowsOfTrials = Mapping[tuple[Any, ...], pl.DataFrame]

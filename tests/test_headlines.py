@@ -27,6 +27,7 @@ from osl_analysis.judge.finding import (
     WordedFinding,
     Words,
     findings_frame,
+    findings_of_frame,
 )
 from osl_analysis.judge.judging import judged
 from osl_analysis.judge.known_findings import EVIDENCE, FINDINGS
@@ -268,6 +269,7 @@ def test_causes_and_trials_are_counted_and_not_the_rows_that_inherit_them():
          ["b"], 3, "impedance trials"),
         ("distorted motion", ["c"], 2, "impedance trials, in phasors alone"),
     ]  # fmt: skip
+    assert (found[0]["name"], found[0]["brief"]) == ("friction", "report the viscous damping")
     said = found[0]["worst"], found[0]["measure"], found[0]["limit"]
     assert said == ("b", "coulomb_share, VAF", "above 0.5, below 90")
     findings = campaign_findings(tables, NO_CHECKS, DoubtfulFits.model_validate(limits))
@@ -845,6 +847,24 @@ def test_numbers_that_a_failed_run_left_behind_are_said_to_be_old(tmp_path):
         os.utime(log, (summary.stat().st_mtime + later,) * 2)
         said = "1 jobs were refused or failed, first ingest.after: b_1.mcap: no such file"
         assert (said in tables.later_failures(summary)) == old
+
+
+def test_a_finding_that_is_read_is_the_finding_that_was_written():
+    finding = Finding(
+        name="friction",
+        table="impedance",
+        subject="t",
+        grade=Grade.DOUBTS,
+        evidence=(Beyond("coulomb_share", 0.6, 0.05, "above"), Beyond("VAF", 80.0, 98.0, "below")),
+        amplitude_deg=2.0,
+        sizes={"B": 0.5},
+        without={"B": 1.0, "B_low": 0.9, "B_high": 1.1},
+        title="friction",
+    )
+    unchecked = Finding("shoe_stiffness", "walking_groups", "all", Grade.UNCHECKED, title="shoe")
+    written = [WordedFinding(one, Words("says", "", "do")) for one in (finding, unchecked)]
+
+    assert findings_of_frame(findings_frame(written)) == written
 
 
 def test_a_finding_in_the_table_is_the_finding_that_was_made():

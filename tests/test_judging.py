@@ -2,6 +2,7 @@
 
 import polars as pl
 import pytest
+from conftest import findings_of
 
 from osl_analysis.judge.campaign import campaign_findings
 from osl_analysis.judge.causes import numbers_beyond
@@ -191,6 +192,16 @@ def test_a_remark_on_a_cause_is_in_the_table_of_findings():
     findings = findings_frame(campaign_findings({"impedance": table}, quality, DoubtfulFits()))
 
     assert ("torque path", "notes") in findings.select("cause", "grade").rows()
+
+
+def test_what_a_doubt_covers_is_not_told_as_unchecked_too():
+    rest = {"trial": "a", "assumed_zero_share": 0.5, "zero_unsure": 0.1}
+
+    without = findings_of(rest, Limits(), "torque_angle")
+    covered = findings_of(rest, Limits(above={"assumed_zero_share": 0.1}), "torque_angle")
+
+    assert [finding.name for finding in without] == ["rest_torque"]
+    assert [finding.name for finding in covered] == ["assumed_zero"]
 
 
 def test_other_time_stamps_move_an_estimate_by_half_widths_of_its_interval():

@@ -149,6 +149,14 @@ def test_a_detail_whose_number_is_missing_is_left_out():
     assert (empty.says, empty.remedy) == ("", full.remedy)
 
 
+def test_a_table_may_say_a_finding_otherwise():
+    of_transmission = Finding("late_torque_unseen", "transmission", "a", Grade.UNCHECKED)
+
+    says = words_of(of_transmission, {"J_j": 0.005, "B_j": 0.45}).says
+
+    assert "Each ms of delay would lower J_j = 0.005 by 0.00045 kg*m^2" in says
+
+
 def test_a_range_is_written_upwards_whatever_the_sign_of_what_it_makes():
     finding = Finding("slope_unseen", "walking_groups", "all", Grade.UNCHECKED)
     row = {

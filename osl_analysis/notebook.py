@@ -2,6 +2,7 @@
 They call what the jobs of a campaign call: their numbers are those of its tables."""
 
 from base64 import b64encode
+from collections.abc import Mapping
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
@@ -23,7 +24,8 @@ from osl_analysis.files import config_here, shipped
 from osl_analysis.ingest.examine import UNITS, Commanded, examine, measured_table
 from osl_analysis.ingest.raw_files import read_source
 from osl_analysis.judge.judging import judged, marked, with_inherited
-from osl_analysis.judge.limits import DoubtfulFits, QualityRules, judged_table, validate_rules
+from osl_analysis.judge.limits import DoubtfulFits
+from osl_analysis.judge.recording_checks import QualityRules, judged_table, validate_rules
 from osl_analysis.model.drivetrain import joint_of
 from osl_analysis.source_file import MarkerSource
 from osl_analysis.table import read_table as read_table
@@ -56,9 +58,20 @@ def as_trial(trial: Trial | File) -> Trial:
     return trial
 
 
+@dataclass(frozen=True)
+class FitArguments:
+    """Arguments of `fit_trial`, by their names there."""
+
+    experiment: str
+    trial: Trial
+    parameters: Path | None  # the device's file
+    settings: Mapping[str, Any]
+    limits: DoubtfulFits
+
+
 def fit_arguments(
     experiment: str, trial: Trial | File, config: File | None, parameters: File | None
-) -> tuple[str, Trial, Path | None, dict[str, Any], DoubtfulFits]:
+) -> FitArguments:
     """The arguments of `fit_trial`, from those of the functions below."""
     file = Path(config or config_here())
     if parameters == OF_CONFIG:
@@ -66,7 +79,7 @@ def fit_arguments(
     else:
         device = None if parameters is None else shipped(parameters)
     settings, limits = fit_settings(experiment, file)
-    return experiment, as_trial(trial), device, settings, limits
+    return FitArguments(experiment, as_trial(trial), device, settings, limits)
 
 
 def checked_desired(desired: DesiredImpedance | None) -> DesiredImpedance:
@@ -93,9 +106,12 @@ class ShownFit(Fit):
         return html
 
 
-def shown_fit(*arguments: Any) -> ShownFit:
+def shown_fit(
+    arguments: FitArguments, condition: Any = None, windows: str | None = None
+) -> ShownFit:
     """What `fit_trial` returns, as a notebook shows it."""
-    return ShownFit(**vars(fit_trial(*arguments)))
+    fit = fit_trial(**vars(arguments), condition=condition, windows=windows)
+    return ShownFit(**vars(fit))
 
 
 def fit_impedance(
@@ -126,7 +142,7 @@ def fit_impedance(
     or a file is not valid. IdentifiabilityError: the motion cannot tell K, B and I apart.
     UnreachableImpedanceError: no gains."""
     arguments = fit_arguments("impedance", trial, config, parameters)
-    return shown_fit(*arguments, checked_desired(desired), windows)
+    return shown_fit(arguments, checked_desired(desired), windows)
 
 
 def fit_belt(
@@ -134,7 +150,7 @@ def fit_belt(
 ) -> Fit:
     """The belt's stiffness K_s [N*m/rad] (Fig. 3) from `theta`, `theta_m` [rad] and `torque` [N*m]:
     the row of `belt.csv`. The rest as in `fit_impedance`; it needs a parameter file, for n_T."""
-    return shown_fit(*fit_arguments("belt", trial, config, parameters))
+    return shown_fit(fit_arguments("belt", trial, config, parameters))
 
 
 def fit_transmission(
@@ -143,7 +159,7 @@ def fit_transmission(
     """The transmission's damping B_j [N*m*s/rad] and inertia J_j [kg*m^2] (Eq. 4) from `theta`
     [rad] and `torque` [N*m] of a trial without motor: the rows of `transmission.csv`. The rest as
     in `fit_belt`."""
-    return shown_fit(*fit_arguments("transmission", trial, config, parameters))
+    return shown_fit(fit_arguments("transmission", trial, config, parameters))
 
 
 def fit_actuator(
@@ -152,7 +168,7 @@ def fit_actuator(
     """The actuator (Eqs. 1-2) alone: k_tau n_m and f_G [N*m/A], f_C [N*m], B_m [N*m*s/rad], J_m
     [kg*m^2] from `current` [A], `torque_m` [N*m], and `theta_m` [rad] or `omega_m` [rad/s]: the row
     of `actuator.csv`. The rest as in `fit_belt`."""
-    return shown_fit(*fit_arguments("actuator", trial, config, parameters))
+    return shown_fit(fit_arguments("actuator", trial, config, parameters))
 
 
 def fit_torque_angle(
@@ -162,7 +178,7 @@ def fit_torque_angle(
     hysteresis, from `theta` [rad] and `torque` [N*m]: the row of `torque_angle.csv`, and in
     `curves` those of `torque_angle_curves.csv`. `curve` names that of the configuration that the
     device was designed for."""
-    return shown_fit(*fit_arguments("torque_angle", trial, config, None), {"desired": curve})
+    return shown_fit(fit_arguments("torque_angle", trial, config, None), {"desired": curve})
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,12 +211,16 @@ def frequency_response(
     from osl_analysis.commands.figure import beside_theory
     from osl_analysis.figures.names import JOINT_SIDE, completed
 
-    arguments = fit_arguments("impedance", trial, config, parameters)
-    experiment, recorded, device, settings, limits = arguments
-    fit = run_fit(experiment, recorded, device, settings, checked_desired(desired), windows)
+    name_of_fits = "impedance"
+    arguments = fit_arguments(name_of_fits, trial, config, parameters)
+    recorded = arguments.trial
+    device = arguments.parameters
+    settings = arguments.settings
+    limits = arguments.limits
+    fit = run_fit(name_of_fits, recorded, device, settings, checked_desired(desired), windows)
     tables = fit.everything()
-    fits = tables[experiment]
-    findings_of_fits = judged(fits, limits.of(experiment), experiment)
+    fits = tables[name_of_fits]
+    findings_of_fits = judged(fits, limits.of(name_of_fits), name_of_fits)
 
     def with_doubts(name: str) -> pl.DataFrame:
         """A table of the trial, marked with its own doubts and with those of the fits."""

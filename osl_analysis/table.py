@@ -28,7 +28,7 @@ TEXT_COLUMNS = (
     "motion", "group", "gait", "direction", "subject", "session", "side", "speed", "pooled",
     "series", "group_stated", "not_checked", "excitation", "desired", "loading", "method", "joint",
     "data", "chosen", "trajectory", "axis_from", "missing_components", "table", "grade",
-    "cause", "inherited", "evidence", "side", "says", "size", "remedy", "reaction", "fault",
+    "name", "cause", "inherited", "evidence", "says", "size", "remedy", "reaction", "fault",
     "fault_family", "explanations", "widened_because", "law",
 )  # fmt: skip
 # columns that identify a row of a table and of its evidence
@@ -98,7 +98,7 @@ def with_places(table: pl.DataFrame, places: Places, by: str = "trial") -> pl.Da
     return table.select(*table.columns[:behind], *columns, *table.columns[behind:])
 
 
-def read_table(path: Path | str, required: Sequence[str] = (), of: str = "") -> pl.DataFrame:
+def read_table(path: Path | str, required: Sequence[str] = (), name: str = "") -> pl.DataFrame:
     """Read a result table of a campaign, such as `results/tables/impedance.csv`; `osl-analysis
     results --columns` explains it.
 
@@ -108,7 +108,7 @@ def read_table(path: Path | str, required: Sequence[str] = (), of: str = "") -> 
         CSV file, or an archive of several.
     required : Sequence of str
         Columns that must exist and hold numbers, except `TEXT_COLUMNS`.
-    of : str
+    name : str
         The table's name if `path` is an archive.
 
     Returns
@@ -126,7 +126,7 @@ def read_table(path: Path | str, required: Sequence[str] = (), of: str = "") -> 
     check_not_refused(path)
     if not path.is_file():
         raise InputError(f"{path}: no such table; run the step that writes it, or check the path")
-    source = part_of_archive(path, of) if path.suffix == ARCHIVE_SUFFIX else path
+    source = part_of_archive(path, name) if path.suffix == ARCHIVE_SUFFIX else path
     try:
         table = typed_csv(source)
     except pl.exceptions.PolarsError as error:
@@ -135,9 +135,9 @@ def read_table(path: Path | str, required: Sequence[str] = (), of: str = "") -> 
             f"{path}: not a CSV table ({reason}); rewrite it with the step that makes it"
         ) from error
     empty = [
-        name
-        for name in table.columns
-        if name not in TEXT_COLUMNS and table[name].null_count() == len(table)
+        column.name
+        for column in table
+        if column.name not in TEXT_COLUMNS and column.null_count() == len(table)
     ]
     texts = pl.col(pl.String).exclude(empty)
     table = table.with_columns(texts.str.strip_prefix("'"), pl.col(empty).cast(pl.Float64))

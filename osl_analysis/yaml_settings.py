@@ -90,11 +90,12 @@ class Settings(BaseModel):
         return value
 
     def part(self, base: str) -> dict[str, Any]:
-        """The fields of one of this model's base classes, as JSON, for a job that uses only
-        these."""
-        bases = (model for model in type(self).__mro__ if issubclass(model, Settings))
-        (model,) = (model for model in bases if model.__name__ == base)
-        return self.model_dump(mode="json", include=set(model.model_fields))
+        """The fields of the base class of this name, as JSON, for a job that uses only these: a
+        rule of Snakemake imports no settings model."""
+        bases = {
+            model.__name__: model for model in type(self).__mro__ if issubclass(model, Settings)
+        }
+        return self.model_dump(mode="json", include=set(bases[base].model_fields))
 
 
 AnySettings = TypeVar("AnySettings", bound=Settings)
@@ -145,7 +146,7 @@ def read_mapping(path: Path, by_snakemake: bool = False) -> dict[str, Any]:
         TypeError,
         OverflowError,
     ) as error:
-        raise InputError(f"{path}: not YAML: {yaml_problem(error, text)} in quotes") from error
+        raise InputError(f"{path}: not YAML: {yaml_problem(error, text)}") from error
     if not isinstance(content, dict):
         raise InputError(
             f"{path}: has no fields; write `name: value` lines as in the shipped files"
@@ -183,19 +184,20 @@ def check_same_number(path: Path, node: yaml.ScalarNode) -> None:
 
 
 def yaml_problem(error: Exception, text: str) -> str:
-    """What is wrong in a text that is no YAML, and how to write it; the caller ends the sentence by
-    `in quotes`."""
+    """What is wrong in a text that is no YAML, and how to write it."""
     problem = " ".join(str(error).split())
     if isinstance(error, yaml.MarkedYAMLError):
         problem = " ".join(marked_parts(error))
     if re.search(r"(?m)^\s*//", text):
-        return f"{problem}; begin comments with #, not with //, and put text with such signs"
+        return (
+            f"{problem}; begin comments with #, not with //, and put text with such signs in quotes"
+        )
     if "cannot start any token" in problem or "tab character" in problem:
         return (
             f"{problem}; indent with blanks, not with tabs, and put text that begins with a sign"
-            " such as % or @"
+            " such as % or @ in quotes"
         )
-    return f"{problem}; compare with the shipped files, and put text with signs such as : # *"
+    return f"{problem}; compare with the shipped files, and put text with signs as : # * in quotes"
 
 
 def marked_parts(error: yaml.MarkedYAMLError) -> Iterator[str]:
@@ -460,6 +462,13 @@ ADVICE = {
 """What to write, by pydantic's name of the problem."""
 
 
+FILE_NAME = r"^[A-Za-z0-9_-]+$"
+IDENTIFIER = r"^[A-Za-z][A-Za-z0-9]{0,30}$"
+ADVICE_BY_PATTERN = {
+    FILE_NAME: "letters, digits, _ and - alone",
+    IDENTIFIER: "letters and digits alone, a letter first, 31 at most",
+}
+"""What to write, by the pattern of a field of text."""
 WITH_UNIT = {
     "delay": "2 ms", "cutoff": "100 Hz", "resolution": "0.02 deg", "range": "60 N*m",
     "threshold": "0.05 s", "value": "12500 N*m/rad", "standard_error": "100 N*m/rad",
@@ -491,9 +500,7 @@ def plain_reason(problem: Mapping[str, Any]) -> str:
         if example:
             return f"write a number with its unit, as `{example}`"
     if kind == "string_pattern_mismatch":
-        if "_-" in problem["ctx"]["pattern"]:
-            return "write letters, digits, _ and - alone"
-        return "write letters and digits alone, a letter first, 31 at most"
+        return f"write {ADVICE_BY_PATTERN[problem['ctx']['pattern']]}"
     if kind.startswith(("greater_than", "less_than")):
         number = text.replace("write", "write a number")
         return number if text.split()[-1] == "0" else f"{number}{unit_behind(problem['loc'])}"

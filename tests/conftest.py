@@ -4,7 +4,10 @@ hand."""
 import gc
 import os
 import sys
+from dataclasses import asdict
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 # One thread per process, as in the jobs of a campaign, before numpy is imported: the tests
 # themselves take all cores.
@@ -25,7 +28,8 @@ from xdist.remote import Producer
 from xdist.scheduler import LoadScopeScheduling
 
 from osl_analysis.judge import judging
-from osl_analysis.judge.finding import Finding, Limits
+from osl_analysis.judge.finding import Finding
+from osl_analysis.judge.limits import Limits
 from osl_analysis.model.drivetrain import DrivetrainParameters, read_parameters
 from osl_analysis.signals import LowPass, Motion
 from osl_analysis.trial import Array
@@ -144,6 +148,11 @@ def marked(table: pl.DataFrame, limits: Limits, name: str) -> pl.DataFrame:
 def findings_of(row: dict[str, object], limits: Limits, name: str) -> list[Finding]:
     """The findings about one row of a table."""
     return judging.judged(pl.DataFrame([row], infer_schema_length=None), limits, name)[0]
+
+
+def facts_of(headlines: list[Any]) -> list[SimpleNamespace]:
+    """Label and estimate of each headline number as one value."""
+    return [SimpleNamespace(**asdict(one.label), **asdict(one.estimate)) for one in headlines]
 
 
 def beyond_in(findings: list[Finding]) -> dict[str, str]:

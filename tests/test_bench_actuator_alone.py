@@ -22,7 +22,7 @@ from osl_analysis.commands.fit import fit_settings, fit_trial
 from osl_analysis.commands.trials import raw_trial
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.ingest.examine import Commanded, examine
-from osl_analysis.judge.judging import unchecked_in
+from osl_analysis.judge.unchecked import unchecked_in
 from osl_analysis.model.drivetrain import read_parameters
 from osl_analysis.simulator.bench_trial import simulate_bench_trial
 from osl_analysis.simulator.simulation_settings import RecorderSettings, SimulationSettings

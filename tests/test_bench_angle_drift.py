@@ -7,7 +7,7 @@ from bench_synthetic import FIVE, record_of_sines, second_order, stepped_sine
 from osl_analysis.bench.analysis import analysed
 from osl_analysis.bench.angle_drift import angle_drift_deg, steady_drift
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums
-from osl_analysis.judge.causes import EVIDENCE
+from osl_analysis.judge.known_findings import EVIDENCE
 
 SOUND = stepped_sine(second_order, 0.05, FIVE)  # K = 200 N*m/rad
 SHARE = np.linspace(0.0, 1.0, len(SOUND.time))  # of the recording
@@ -38,7 +38,7 @@ def test_a_steady_drift_of_the_angle_is_no_drift_of_the_load_cell():
     record = record_of_sines(SOUND.time, SOUND.theta + DRIFTS["steady"], SOUND.torque, FIVE)
 
     assert abs(60 * record.drift) < 0.5  # N*m/min; the least squares of both alike gave hundreds
-    assert EVIDENCE["angle_drift_deg"].cause == "angle that drifts"
+    assert EVIDENCE["angle_drift_deg"].finding == "angle_drift"
 
 
 def test_a_steady_drift_of_slow_cycles_is_told_where_the_torque_comes_back():

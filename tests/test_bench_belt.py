@@ -10,8 +10,10 @@ from osl_analysis.bench import belt as belt_fits
 from osl_analysis.bench import transmission
 from osl_analysis.bench.bench_settings import BeltAnalysis
 from osl_analysis.errors import InputError
-from osl_analysis.judge.judging import LATENESS, unchecked_in
+from osl_analysis.judge.unchecked import unchecked_in
 from osl_analysis.trial import Trial
+
+LATENESS = "whether the torque is late"
 
 
 def belt_cycle(K_s=685.6, K_s2=0.0, coulomb=0.0, peak=0.0873):

@@ -28,11 +28,12 @@ from osl_analysis.bench.recorded_motion import record_of_trial
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.errors import IdentifiabilityError
 from osl_analysis.ingest.examine import saturated
-from osl_analysis.judge.judging import LATENESS
 from osl_analysis.judge.limits import DoubtfulFits, Limits
 from osl_analysis.model.drivetrain import read_parameters
 from osl_analysis.spectral.stepped_sine import SteppedSineProtocol
 from osl_analysis.trial import Trial
+
+LATENESS = "whether the torque is late"
 
 ENDS = ("", "_low", "_high")
 P = read_parameters(ROOT / "config/parameters/default.yaml")

@@ -21,11 +21,13 @@ from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands import figure as plotted_numbers
 from osl_analysis.commands.bench import summarise
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.judge.judging import LATENESS, unchecked_in
 from osl_analysis.judge.limits import DoubtfulFits, Limits
+from osl_analysis.judge.unchecked import unchecked_in
 from osl_analysis.spectral.stepped_sine import SteppedSineProtocol, unit_sines
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import Trial, write_trial
+
+LATENESS = "whether the torque is late"
 
 
 @pytest.mark.usefixtures("without_inference")

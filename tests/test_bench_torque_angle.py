@@ -25,8 +25,9 @@ from osl_analysis.config.sheet import read_sheet
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.examine import saturated
 from osl_analysis.ingest.raw_files import trial_from_files
-from osl_analysis.judge.judging import LATENESS
 from osl_analysis.trial import Trial
+
+LATENESS = "whether the torque is late"
 
 CONFIG, RATE, PERIOD, A = read_config(ROOT / "config/config.yaml"), 250.0, 8.0, np.deg2rad(10)
 K, B, W, PLAIN = 200.0, 30.0, 2 * np.pi / PERIOD, {"zero": "none"}

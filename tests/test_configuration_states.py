@@ -24,7 +24,7 @@ from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.files import default_config
 from osl_analysis.ingest.examine import Commanded, examine, measured_table
 from osl_analysis.judge.finding import Grade
-from osl_analysis.judge.limits import judged_table
+from osl_analysis.judge.recording_checks import judged_table
 from osl_analysis.judge.two_campaigns import comparison_table
 from osl_analysis.report.page_text import assumed_text
 from osl_analysis.stats.repeats import size_texts

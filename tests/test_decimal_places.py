@@ -1,13 +1,16 @@
 """How many decimal places a number has in print."""
 
+from dataclasses import replace
+
+from osl_analysis.report.headline import Estimate
 from osl_analysis.report.headline_text import written_number
 
-ESTIMATE = {"value": 300.12, "low": 299.5, "high": 300.6, "interval": "95 %", "unit": "N*m/rad"}
+ESTIMATE = Estimate(300.12, 299.5, 300.6, "95 %")
 
 
 def test_a_wider_range_over_amplitudes_leaves_a_number_fewer_places_than_its_interval():
-    wide = ESTIMATE | {"amplitudes_low": 280.0, "amplitudes_high": 320.0}
-    narrow = ESTIMATE | {"amplitudes_low": 300.0, "amplitudes_high": 300.2}
+    wide = replace(ESTIMATE, amplitudes_low=280.0, amplitudes_high=320.0)
+    narrow = replace(ESTIMATE, amplitudes_low=300.0, amplitudes_high=300.2)
 
     assert written_number(ESTIMATE).value == "300.1"
     assert written_number(narrow).value == "300.1"

@@ -9,7 +9,7 @@ from dataclasses import replace
 import polars as pl
 import pytest
 import yaml
-from conftest import ROOT, beyond_in, findings_of, marked
+from conftest import ROOT, beyond_in, facts_of, findings_of, marked
 
 import osl_analysis
 from osl_analysis.campaign.campaign_trials import Campaign
@@ -18,22 +18,33 @@ from osl_analysis.campaign.origin import ABOUT_MACROS
 from osl_analysis.commands import tables
 from osl_analysis.commands.tables import format_results_table, gather, read_summary, write_summary
 from osl_analysis.errors import InputError
-from osl_analysis.judge.campaign import campaign_findings, causes_in_campaign
-from osl_analysis.judge.causes import CAUSES, EVIDENCE
+from osl_analysis.judge.campaign import campaign_findings
 from osl_analysis.judge.finding import (
     Beyond,
     Finding,
     Grade,
-    Limits,
     Remedy,
+    WordedFinding,
+    Words,
     findings_frame,
+    findings_of_frame,
 )
 from osl_analysis.judge.judging import judged
-from osl_analysis.judge.limits import DoubtfulFits
+from osl_analysis.judge.known_findings import EVIDENCE, FINDINGS
+from osl_analysis.judge.limits import DoubtfulFits, Limits
+from osl_analysis.judge.summary_findings import causes_in_campaign
 from osl_analysis.outcomes.job_log import write_log
 from osl_analysis.refusal import Refusal
 from osl_analysis.report.decimal_places import RANGE
-from osl_analysis.report.headline import LABELS, Example, Headline, of_group
+from osl_analysis.report.headline import (
+    LABELS,
+    Estimate,
+    Example,
+    Headline,
+    HeadlineLabel,
+    headlines_in_summary,
+    of_group,
+)
 from osl_analysis.report.headline_files import to_json, to_tex
 from osl_analysis.report.headline_statistics import BOOTSTRAP, FOR_MOTION, FOR_REPETITION, STUDENT
 from osl_analysis.report.headline_text import (
@@ -66,7 +77,8 @@ def known(tables, limits, verdicts=NO_CHECKS):
     """The findings on a campaign as the summary has them."""
     limits = DoubtfulFits.model_validate(limits)
     marked_tables = {name: marked(table, limits.of(name), name) for name, table in tables.items()}
-    return causes_in_campaign(campaign_findings(tables, verdicts, limits), marked_tables, verdicts)
+    findings = campaign_findings(tables, verdicts, limits)
+    return [one.to_json() for one in causes_in_campaign(findings, marked_tables, verdicts)]
 
 
 def test_a_fit_is_doubtful_for_every_limit_that_it_passes():
@@ -125,14 +137,14 @@ def test_a_misfit_that_a_cause_explains_is_no_doubt_of_its_own():
 
 FAR, NEAR = 1.3, 1.1
 """A number beyond its limit by these factors: a cause of others precedes them from 1.15 on."""
-OF_UNIT_OR_SIGN = [name for name, one in EVIDENCE.items() if CAUSES[one.cause].first]
+OF_UNIT_OR_SIGN = [name for name, one in EVIDENCE.items() if FINDINGS[one.finding].causes_others]
 
 
 @pytest.mark.parametrize("column", OF_UNIT_OR_SIGN)
 def test_a_unit_or_sign_far_off_is_named_before_what_it_may_cause(column):
     row = {"heterogeneity": 5.0, column: FAR}
     limits = Limits(above={"heterogeneity": 1.0, column: 1.0}, below={})
-    of_column = CAUSES[EVIDENCE[column].cause].name
+    of_column = FINDINGS[EVIDENCE[column].finding].title
 
     far = [one.cause for one in findings_of(row, limits, "phasors")]
     near = [one.cause for one in findings_of(row | {column: NEAR}, limits, "phasors")]
@@ -257,11 +269,11 @@ def test_causes_and_trials_are_counted_and_not_the_rows_that_inherit_them():
          ["b"], 3, "impedance trials"),
         ("distorted motion", ["c"], 2, "impedance trials, in phasors alone"),
     ]  # fmt: skip
+    assert (found[0]["name"], found[0]["brief"]) == ("friction", "report the viscous damping")
     said = found[0]["worst"], found[0]["measure"], found[0]["limit"]
     assert said == ("b", "coulomb_share, VAF", "above 0.5, below 90")
-    inherited = campaign_findings(tables, NO_CHECKS, DoubtfulFits.model_validate(limits)).filter(
-        table="phasors"
-    )
+    findings = campaign_findings(tables, NO_CHECKS, DoubtfulFits.model_validate(limits))
+    inherited = findings_frame(findings).filter(table="phasors")
     assert inherited.select("trial", "cause", "inherited").unique().rows() == [
         ("a", "friction", "impedance")
     ]
@@ -441,7 +453,12 @@ def all_tables():
 
 
 def by_name(tables, example=None):
-    return {h.name: h for h in headline_numbers(tables, example)}
+    return {one.name: one for one in facts_of(headline_numbers(tables, example))}
+
+
+def of_json(number):
+    """A headline number of `summary.json`."""
+    return headlines_in_summary({"numbers": {"x": number}})["x"]
 
 
 def written(numbers):
@@ -473,7 +490,7 @@ def test_a_headline_has_value_interval_number_and_the_draft_s_value(
     name, value, low, high, n, draft, interval
 ):
     found = by_name(all_tables())
-    row = written(found.values())["numbers"][name]
+    row = written(headline_numbers(all_tables()))["numbers"][name]
     assert [row[key] for key in ("value", "low", "high", "draft")] == pytest.approx(
         [value, low, high, draft]
     )
@@ -512,7 +529,7 @@ def test_the_example_says_how_far_single_amplitudes_spread():
     )
     K = written(headline_numbers({"impedance": few}))["numbers"]["K_example_compensated"]
     # not 303.00, as by the range
-    assert (K["interval"], written_number(K)[0]) == (FOR_REPETITION, "303.0")
+    assert (K["interval"], written_number(of_json(K).estimate).value) == (FOR_REPETITION, "303.0")
 
 
 def test_trials_of_no_stated_condition_have_their_own_numbers():
@@ -540,21 +557,21 @@ def test_trials_of_no_stated_condition_have_their_own_numbers():
     (3.0, 3.0, 3.4, ("3.00", "3.00 to 3.40")),
 ])  # fmt: skip
 def test_no_number_reads_as_an_end_of_its_interval_or_as_beyond_it(value, low, high, said):
-    number = NOTHING | {"value": value, "low": low, "high": high, "interval": STUDENT}
-    assert written_number(number)[:2] == said
+    assert written_number(Estimate(value, low, high, STUDENT))[:2] == said
 
 
 def test_a_campaign_without_numbers_of_the_draft_has_no_column_of_them():
-    own = NOTHING | {"value": 1.0, "interval": None}
-    assert "draft" not in to_table({"a": own}, False)
-    assert "| draft |" in to_table({"a": own, "b": own | {"draft": 2.0}}, True)
+    own = of_json(NOTHING | {"value": 1.0, "interval": None})
+    drafted = replace(own, label=replace(own.label, draft=2.0))
+    assert "draft" not in to_table([own], False)
+    assert "| draft |" in to_table([own, drafted], True)
 
 
 def test_a_number_whose_interval_holds_zero_is_about_zero_unless_that_is_a_range():
-    number = NOTHING | {"value": 1e-4, "low": -1e-5, "high": 2e-4, "interval": STUDENT}
+    estimate = Estimate(1e-4, -1e-5, 2e-4, STUDENT)
 
-    of_interval = number_texts(number)["text"]
-    of_range = number_texts(number | {"interval": RANGE})["text"]
+    of_interval = number_texts(estimate, "1").value
+    of_range = number_texts(replace(estimate, interval=RANGE), "1").value
 
     assert (of_interval, of_range) == ("≈ 0", "1.00·10⁻⁴")
 
@@ -562,15 +579,15 @@ def test_a_number_whose_interval_holds_zero_is_about_zero_unless_that_is_a_range
 def test_torque_over_angle_is_said_from_its_lowest_to_its_highest_stiffness():
     foot = LABELS["torque_angle"]["K"]
     stiffness = {"a": 5.0, "b": 4.0, "c": 9.0, "d": 6.0}
-    each = [of_group(replace(foot, value=K, n=3), name) for name, K in stiffness.items()]
+    each = [Headline(of_group(foot, name), Estimate(K, n=3)) for name, K in stiffness.items()]
 
-    (said,) = first_sentences([*written(each)["numbers"].values()])
+    (said,) = first_sentences(each)
 
     assert said.replace("\xa0", " ").endswith("4.00 N·m/rad (b; n = 3) to 9.00 N·m/rad (c; n = 3).")
 
 
 def test_only_a_campaign_of_the_draft_s_device_is_compared_with_the_draft():
-    assert {one.draft for one in headline_numbers(all_tables(), beside_draft=False)} == {None}
+    assert {one.label.draft for one in headline_numbers(all_tables(), beside_draft=False)} == {None}
     config = read_config(ROOT / "config/config.yaml")
     for changes, expected in (
         ({}, True),
@@ -607,7 +624,8 @@ def test_torque_against_angle_has_numbers_of_every_trial():
         "J",
     )
     assert (slow.macro, fast.macro) == ("TorqueAngleStiffnessSlowOne", "EnergyLostFast")
-    assert ", n = 4, DOUBTFUL: loop that does not close\n" in to_tex(MADE, [fast])
+    tex = to_tex(MADE, headline_numbers({"torque_angle": pl.DataFrame(rows)}))
+    assert ", n = 4, DOUBTFUL: loop that does not close\n" in tex
 
 
 def test_every_line_of_the_macros_is_a_comment_or_a_definition():
@@ -643,7 +661,8 @@ def test_every_line_of_the_macros_is_a_comment_or_a_definition():
 def test_values_are_rounded_to_two_digits_of_half_the_interval_or_to_three_digits(
     value, low, high, interval, text
 ):
-    headline = Headline("x", "1", None, "X", "a number", value, low, high, interval, 1)
+    label = HeadlineLabel("x", "1", None, "X", "a number")
+    headline = Headline(label, Estimate(value, low, high, interval, 1))
     assert rf"\oslX}}{{{text}}}%" in to_tex(MADE, [headline])
 
 
@@ -830,6 +849,24 @@ def test_numbers_that_a_failed_run_left_behind_are_said_to_be_old(tmp_path):
         assert (said in tables.later_failures(summary)) == old
 
 
+def test_a_finding_that_is_read_is_the_finding_that_was_written():
+    finding = Finding(
+        name="friction",
+        table="impedance",
+        subject="t",
+        grade=Grade.DOUBTS,
+        evidence=(Beyond("coulomb_share", 0.6, 0.05, "above"), Beyond("VAF", 80.0, 98.0, "below")),
+        amplitude_deg=2.0,
+        sizes={"B": 0.5},
+        without={"B": 1.0, "B_low": 0.9, "B_high": 1.1},
+        title="friction",
+    )
+    unchecked = Finding("shoe_stiffness", "walking_groups", "all", Grade.UNCHECKED, title="shoe")
+    written = [WordedFinding(one, Words("says", "", "do")) for one in (finding, unchecked)]
+
+    assert findings_of_frame(findings_frame(written)) == written
+
+
 def test_a_finding_in_the_table_is_the_finding_that_was_made():
     evidence = (Beyond("lag_share", 0.1, 0.05, "above"), Beyond("VAF", 90.0, 98.0, "below"))
     without = {
@@ -838,16 +875,16 @@ def test_a_finding_in_the_table_is_the_finding_that_was_made():
         for way, end in enumerate(("", "_low", "_high"))
     }
     finding = Finding(
+        "late_torque",
         "impedance",
         "t",
-        "late torque",
         Grade.DOUBTS,
         evidence,
         4.0,
         sizes={"B": 0.5},
         without=without,
     )
-    table = findings_frame([(finding, ("says", "size", "remedy"))])
+    table = findings_frame([WordedFinding(finding, Words("says", "size", "remedy"))])
     numbers = ("evidence", "value", "limit", "side")
     assert table.select(numbers).rows() == [
         (one.column, one.value, one.limit, one.side) for one in evidence
@@ -892,7 +929,7 @@ def test_predictions_are_off_by_medians_in_percent_of_K_and_in_units_of_B():
         "B": [2.0, 3.0, 4.0], "B_measured": [2.5, 3.1, 3.8],
     })  # fmt: skip
 
-    numbers = {number.name: number.value for number in headline_numbers({"prediction": predicted})}
+    numbers = {name: number.value for name, number in by_name({"prediction": predicted}).items()}
 
     assert numbers == {
         "prediction_VAF": 95.0,

@@ -39,7 +39,8 @@ from osl_analysis.ingest.examine import (
     without_rests,
 )
 from osl_analysis.ingest.raw_files import read_converted
-from osl_analysis.judge.limits import CHECKS, QualityRules, judged_table, validate_rules
+from osl_analysis.judge.known_findings import CHECKS
+from osl_analysis.judge.recording_checks import QualityRules, judged_table, validate_rules
 from osl_analysis.signals import longest_run, run_at_extreme
 from osl_analysis.source_file import Conversion
 from osl_analysis.trial import Array, Trial

@@ -2,12 +2,14 @@
 
 import polars as pl
 import pytest
+from conftest import findings_of
 
 from osl_analysis.judge.campaign import campaign_findings
-from osl_analysis.judge.causes import CAUSES, numbers_beyond
-from osl_analysis.judge.finding import Accuracy, Beyond, Grade, Limits
+from osl_analysis.judge.causes import numbers_beyond
+from osl_analysis.judge.finding import Beyond, Grade, findings_frame
 from osl_analysis.judge.judging import judged, marked
-from osl_analysis.judge.limits import CHECKS, DoubtfulFits
+from osl_analysis.judge.known_findings import CHECKS, FINDINGS
+from osl_analysis.judge.limits import Accuracy, DoubtfulFits, Limits
 from osl_analysis.judge.moved_estimates import Correction, shares_moved
 from osl_analysis.judge.words import finding_text
 from osl_analysis.stats.repeats import counted, doubts_of_trials
@@ -97,7 +99,7 @@ def test_shares_of_an_estimate_that_is_not_told_from_zero_are_of_its_half_width(
     row = {**KNEE, "I": 0.0, "I_low": -0.01, "I_high": 0.01, "I_without": 0.001}
     row = {**row, "I_without_low": -0.009, "I_without_high": 0.011}
 
-    shares = shares_moved("impedance", row, CAUSES["torque path"], ())
+    shares = shares_moved("impedance", row, FINDINGS["torque_path"], ())
 
     assert shares["I"] == pytest.approx(0.1)
 
@@ -187,15 +189,25 @@ def test_a_remark_on_a_cause_is_in_the_table_of_findings():
     quality = pl.DataFrame(schema=["trial", "check", "verdict"])
     table = pl.DataFrame([{**KNEE, "amplitude_deg": None}])
 
-    findings = campaign_findings({"impedance": table}, quality, DoubtfulFits())
+    findings = findings_frame(campaign_findings({"impedance": table}, quality, DoubtfulFits()))
 
     assert ("torque path", "notes") in findings.select("cause", "grade").rows()
+
+
+def test_what_a_doubt_covers_is_not_told_as_unchecked_too():
+    rest = {"trial": "a", "assumed_zero_share": 0.5, "zero_unsure": 0.1}
+
+    without = findings_of(rest, Limits(), "torque_angle")
+    covered = findings_of(rest, Limits(above={"assumed_zero_share": 0.1}), "torque_angle")
+
+    assert [finding.name for finding in without] == ["rest_torque"]
+    assert [finding.name for finding in covered] == ["assumed_zero"]
 
 
 def test_other_time_stamps_move_an_estimate_by_half_widths_of_its_interval():
     row = {"K": 300.0, "K_low": 297.0, "K_high": 303.0}
     two_half_widths = [Beyond("time_base_shift", 2.0, 1.0, "above")]
 
-    moved = shares_moved("impedance", row, CAUSES["undecided time stamps"], two_half_widths)
+    moved = shares_moved("impedance", row, FINDINGS["undecided_time_stamps"], two_half_widths)
 
     assert moved == pytest.approx({"K": 6.0 / 300.0})

@@ -2,9 +2,11 @@
 
 import pytest
 
-from osl_analysis.judge.judging import GAIN, unchecked_in
+from osl_analysis.judge.known_findings import known_finding
+from osl_analysis.judge.unchecked import unchecked_in
 from osl_analysis.judge.words import finding_text
 
+GAIN = known_finding("wrong_gain_unseen").title
 WALKED = {"group": "all", "K": 300.0, "plate_K_per_m": 100.0}
 
 
@@ -75,7 +77,7 @@ def test_a_component_without_a_file_tells_no_gain(table, name):
 def test_without_known_gains_of_a_controller_it_says_which_gain_of_the_bench_would_pass():
     own = {"trial": "a", "gain_error": None, "K_over_K_d": 0.9}
 
-    (finding,) = (one for one in unchecked_in("impedance", own) if one.cause == GAIN)
+    (finding,) = (one for one in unchecked_in("impedance", own) if one.name == "wrong_gain_unseen")
     text = finding_text(finding, own)
 
     assert "the gain may be off by a factor of 0.85 to 1.36" in text  # 0.9 / 1.06, 0.9 / 0.66

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
+from conftest import facts_of
 from test_figures import stored, texts
 
 from osl_analysis.bench.belt import belt_figure_points, check_locked
@@ -115,12 +116,12 @@ def test_means_are_of_one_joint_and_so_are_their_headlines():
     summary = part_summary("belt", belts)
     found = {
         h.name: (h.value, h.n, h.draft, h.macro)
-        for h in headline_numbers({"belt_summary": summary})
+        for h in facts_of(headline_numbers({"belt_summary": summary}))
     }
     assert found["K_s (ankle)"] == (650, 2, 685.6, "BeltStiffnessAnkle")
     assert found["K_s (knee)"] == (1000, 1, None, "BeltStiffnessKnee")
     alone = [
-        headline_numbers({"belt_summary": summary.filter(joint=name)})[0]
+        headline_numbers({"belt_summary": summary.filter(joint=name)})[0].label
         for name in ("ankle", "knee")
     ]
     assert [(one.meaning.endswith(", knee"), one.draft) for one in alone] == [
@@ -146,7 +147,7 @@ def test_names_and_macros_of_any_controllers_are_letters_and_no_two_are_alike():
     ends = {f"{q}_amplitudes_{e}": pl.col(q) for q in "KB" for e in ("low", "high")}
     ends |= dict.fromkeys(("I", "B_viscous", "f_C"), pl.lit(None, pl.Float64))
     rows = rows.with_columns(**ends, interval_method=pl.lit("units"))
-    found = headline_numbers({"impedance": rows}, example=Example(100.0, 0.0))
+    found = facts_of(headline_numbers({"impedance": rows}, example=Example(100.0, 0.0)))
     macros = [h.macro + ending for h in found for ending in ENDINGS]
     assert (len(macros), len(found)) == (len(set(macros)), len({h.name for h in found}))
     assert all(macro.isascii() and macro.isalpha() for macro in macros)

@@ -30,7 +30,7 @@ from osl_analysis.bench.row_groups import stretches_of
 from osl_analysis.errors import InputError
 from osl_analysis.judge.campaign import campaign_findings, measured_over_predicted, misfits_of_joint
 from osl_analysis.judge.claims import Claims, claims_table, limit_verdict
-from osl_analysis.judge.finding import Beyond
+from osl_analysis.judge.finding import Beyond, findings_frame
 from osl_analysis.judge.limits import DoubtfulFits
 from osl_analysis.model.actuator_in_time import Controller, belt_responses
 from osl_analysis.model.compensator import select_gains
@@ -217,12 +217,8 @@ def test_a_trial_outside_of_the_others_conditions_is_told(K_d, B_d, outside):
 
 def doubts_about(table, causes):
     tables = {"prediction": table, "prediction_causes": causes}
-    return (
-        campaign_findings(tables, NO_VERDICTS, DoubtfulFits())
-        .filter(grade="doubts")
-        .select("cause", "evidence")
-        .rows()
-    )
+    findings = findings_frame(campaign_findings(tables, NO_VERDICTS, DoubtfulFits()))
+    return findings.filter(grade="doubts").select("cause", "evidence").rows()
 
 
 @pytest.mark.parametrize(("name", "factor"), FAULTS.items())
@@ -360,8 +356,8 @@ def test_components_that_do_not_predict_are_told_with_how_far_k_and_b_are_off():
 
     (misfit,) = misfits_of_joint(pl.DataFrame(delays), predicted)
 
-    assert misfit.cause == "components that do not predict"
-    assert misfit.evidence == (Beyond("left", 3.0, 1.0, "above"),)
+    assert misfit.finding.cause == "components that do not predict"
+    assert misfit.finding.evidence == (Beyond("left", 3.0, 1.0, "above"),)
     assert measured_over_predicted(predicted, "K") == pytest.approx(10)
     assert measured_over_predicted(predicted, "B") == pytest.approx(-25)
 
@@ -491,7 +487,7 @@ def test_an_impedance_is_the_desired_one_where_its_interval_is_within_the_margin
     assert (by["K", "k"]["verdict"], by["B", "k"]["verdict"]) == ("equivalent", "undecided")
     assert by["K_equivalent", None]["value"] == 1
     assert by["B_equivalent", None]["value"] == 0
-    names = {number.name for number in headline_numbers({"claims": table})}
+    names = {number.label.name for number in headline_numbers({"claims": table})}
     assert "K_equivalent" in names
 
 

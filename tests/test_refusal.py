@@ -39,7 +39,9 @@ from osl_analysis.jobs import progress, workers
 from osl_analysis.jobs.progress import LogHandler
 from osl_analysis.judge.campaign import campaign_findings, exclusion_report
 from osl_analysis.judge.exclusions import Judge, exclusions
-from osl_analysis.judge.limits import DoubtfulFits, QualityRules
+from osl_analysis.judge.finding import findings_frame
+from osl_analysis.judge.limits import DoubtfulFits
+from osl_analysis.judge.recording_checks import QualityRules
 from osl_analysis.outcomes.job_log import read_log, write_log
 from osl_analysis.outcomes.perform import Ending, Job, perform, refusal
 from osl_analysis.outcomes.used import without_excluded, without_refused
@@ -370,7 +372,8 @@ def test_a_trial_that_is_used_without_its_end_is_named_at_the_end_of_a_run():
         for n, verdict in enumerate(("flag", "pass", "exclude"))
     ]
     for some, named in ((rows, ["b_0"]), (rows[1:], [])):
-        found = campaign_findings({}, pl.DataFrame(some), DoubtfulFits()).filter(grade="doubts")
+        findings = findings_frame(campaign_findings({}, pl.DataFrame(some), DoubtfulFits()))
+        found = findings.filter(grade="doubts")
         assert found.select("trial", "cause").rows() == [
             (trial, "log without its end") for trial in named
         ]
@@ -393,7 +396,7 @@ def test_an_archive_of_tables_holds_what_was_written_completely_or_not_at_all(tm
     write_tables({path / f"{name}.csv": table for name, table in TABLES.items()})
     before = path.read_bytes()
     for name, table in TABLES.items():
-        assert read_table(path, of=name).equals(table, null_equal=True)
+        assert read_table(path, name=name).equals(table, null_equal=True)
     with zipfile.ZipFile(path) as archive:
         assert archive.testzip() is None
         # the same tables make the same archive
@@ -404,7 +407,7 @@ def test_an_archive_of_tables_holds_what_was_written_completely_or_not_at_all(tm
     with pytest.raises(
         InputError, match=r"t_1\.zip/response\.csv: no such table .*run the step that writes it"
     ):
-        read_table(path, of="response")
+        read_table(path, name="response")
 
 
 def test_a_table_is_not_made_of_nothing(tmp_path):

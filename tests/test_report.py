@@ -18,7 +18,7 @@ import scipy
 import yaml
 from any_motion import made_trial, noise
 from bench_synthetic import belt_record, second_order, stepped_sine
-from conftest import ROOT
+from conftest import ROOT, facts_of
 from markupsafe import Markup
 from numpy.testing import assert_allclose
 from test_bench_belt import belt_cycle
@@ -36,21 +36,45 @@ from osl_analysis.cli import main
 from osl_analysis.commands import report
 from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.figures import FIGURES
-from osl_analysis.judge.campaign import QUALITY, campaign_findings, entries
-from osl_analysis.judge.finding import Beyond, Finding, Grade, findings_frame
+from osl_analysis.judge.campaign import QUALITY, campaign_findings
+from osl_analysis.judge.finding import (
+    Beyond,
+    Finding,
+    Grade,
+    WordedFinding,
+    findings_frame,
+    findings_of_frame,
+)
+from osl_analysis.judge.known_findings import CHECKS, FINDINGS
 from osl_analysis.judge.limits import DoubtfulFits
-from osl_analysis.judge.words import WORDS, printed, words_of
+from osl_analysis.judge.summary_findings import findings_in_summary
+from osl_analysis.judge.words import words_of
 from osl_analysis.refusal import Refusal
-from osl_analysis.report import methods, page, panels, trial_page
+from osl_analysis.report import (
+    left_out,
+    methods,
+    page,
+    panels,
+    provenance,
+    shown_numbers,
+    trial_page,
+    trial_table,
+)
 from osl_analysis.report.condition_rows import condition_rows
 from osl_analysis.report.headline import Example
 from osl_analysis.report.headline_files import to_json, to_tex
 from osl_analysis.report.headlines import headline_numbers
 from osl_analysis.report.packed_tables import every_kth, packed_table
-from osl_analysis.report.page_figures import caption_html, captions_by_title, inline_svg
+from osl_analysis.report.page_figures import (
+    ShownFigure,
+    caption_html,
+    captions_by_title,
+    inline_svg,
+)
 from osl_analysis.report.page_text import method_text, verdicts_text
 from osl_analysis.report.panels import Pictures
-from osl_analysis.report.trial_page import ReportedTrial
+from osl_analysis.report.reported_trial import ReportedTrial, Scope
+from osl_analysis.report.typography import printed
 from osl_analysis.table import write_table
 from osl_analysis.yaml_settings import read_mapping
 
@@ -96,7 +120,33 @@ ABOUT = dict(
 )
 
 
-STATED = {"unnamed": "", "assumed": "", "conditions": [], "method": "", "claims": []}
+def report_with(trials, **changes):
+    """The content of a page, which has nothing beside its trials but `changes`."""
+    nothing = {
+        "about": ABOUT,
+        "made_of": sentence(ABOUT),
+        "overview": page.overview(trials, {}, [], ABOUT),
+        "trials": trial_table.trial_table(trials),
+        "conditions": [],
+        "claims": [],
+        "methods": written_methods(trials, {}, SETTINGS),
+        "equation": "",
+        "assumed": "",
+        "intervals": "",
+        "unnamed": "",
+        "sensitivity": [],
+        "absent_figures": {},
+        "not_made": [],
+    }
+    return page.Report(**(nothing | changes))
+
+
+def figure(name, **facts):
+    return ShownFigure(
+        **({"title": "", "caption": "", "drawing": "", "reading": ""} | facts), name=name
+    )
+
+
 NUMBER = dict.fromkeys(("low", "high", "interval", "draft", "doubt")) | {"unit": "%"}
 FINDING = {
     "verdict": "doubtful",
@@ -122,16 +172,17 @@ def fitted_rows():
 
 
 def doubt(
-    cause="friction", column="coulomb_share", value=0.3, limit=0.25, table="impedance", **place
+    name="friction", column="coulomb_share", value=0.3, limit=0.25, table="impedance", **place
 ):
     return Finding(
-        table, "t", cause, Grade.DOUBTS, (Beyond(column, value, limit, "above"),), **place
+        name, table, "t", Grade.DOUBTS, (Beyond(column, value, limit, "above"),), **place
     )
 
 
 def stored_findings(*findings):
     """The findings as the page reads them from `findings.csv`."""
-    return entries(findings_frame((one, words_of(one, {})) for one in findings))
+    worded = [WordedFinding(one, words_of(one, {})) for one in findings]
+    return findings_of_frame(findings_frame(worded))
 
 
 def trial(name="t", *findings, **facts):
@@ -158,15 +209,11 @@ def page_of(trials):
         "n": 2,
     }
     summary = {"findings": [{**facts, "trials": [one.name for one in trials]}]}
-    content = {"about": ABOUT, "made_of": sentence(ABOUT), **trial_page.trials_content(trials)}
-    content |= {
-        **page.overview(trials, summary, [], ABOUT),
-        "intervals": "",
-        "not_made": [],
-        "sensitivity": [],
-    }
-    content["methods"] = written_methods(trials, {}, SETTINGS)
-    content |= {"absent_figures": {"Response": "No trial has one."}, **STATED}
+    content = report_with(
+        trials,
+        overview=page.overview(trials, summary, [], ABOUT),
+        absent_figures={"Response": "No trial has one."},
+    )
     packed = {one.name: (trial_page.trial_content(one), {}) for one in trials}
     return page.written_page(content, packed)
 
@@ -233,7 +280,8 @@ def test_names_from_files_are_text_and_no_script_runs_but_the_two_of_the_page():
 
 def written_methods(trials, tables, settings):
     """The methods text of some trials with the finding `FINDING`."""
-    facts = methods.methods_content(settings, ACCURACY, tables, trials, [FINDING])
+    findings = findings_in_summary({"findings": [FINDING]})
+    facts = methods.methods_content(settings, ACCURACY, tables, trials, findings)
     return methods.methods_text(facts, ABOUT)
 
 
@@ -367,30 +415,28 @@ def test_units_symbols_powers_and_minus_signs_are_set_in_one_way_and_names_are_l
 
 
 def test_verdicts_and_counts_sorting_by_the_unrounded_value_and_conditions_that_differ():
-    gap = doubt("gap in the recording", "gap", 0.095, 0.05, QUALITY)
+    gap = doubt("gap_in_recording", "gap", 0.095, 0.05, QUALITY)
     trials = [
         trial("a"), trial("e", gap), trial("b", doubt(), gap),
         trial("c", left_out=["gap 1 s"]), trial("d", left_out=["x"], refused=True),
     ]  # fmt: skip
-    content = trial_page.trials_content(trials)
+    table = trial_table.trial_table(trials)
     kinds = ["clear", "flagged", "doubtful", "excluded", "refused"]
-    assert content["counts"] == dict.fromkeys(kinds, 1) | {"doubtful in part": 0}
-    assert [row["verdict"] for row in content["trials"]] == kinds[::-1], "the worst first"
-    *_, doubtful, flagged, _ = content["trials"]
-    assert (flagged["causes"], doubtful["causes"]) == (["gap in the recording"], ["friction"])
-    assert trials[1].doubts[0].numbers == [["gap", "0.095", "above 0.05", WORDS["checks"]["gap"]]]
-    number = {"text": "299.5", "interval": "[299.2, 299.8]", "column": "K"}
-    number["full"] = [299.5123, 299.2, 299.8]
-    assert (doubtful["numbers"][1], [one["name"] for one in content["left_out"]]) == (
-        number,
-        ["c", "d"],
+    assert table.counts == dict.fromkeys(kinds, 1) | {"doubtful in part": 0}
+    assert [row.verdict for row in table.rows] == kinds[::-1], "the worst first"
+    *_, doubtful, flagged, _ = table.rows
+    assert (flagged.causes, doubtful.causes) == (["gap in the recording"], ["friction"])
+    assert trials[1].doubts[0].numbers == [["gap", "0.095", "above 0.05", CHECKS["gap"].meaning]]
+    assert doubtful.estimates[1] == shown_numbers.ShownEstimate(
+        "K", "299.5", "[299.2, 299.8]", [299.5123, 299.2, 299.8]
     )
-    assert (trials[2].condition(), doubtful["condition"]) == (f"controller {HOSTILE}, K_d 300", "")
+    assert [one.name for one in table.left_out] == ["c", "d"]
+    assert (trials[2].condition(), doubtful.condition) == (f"controller {HOSTILE}, K_d 300", "")
     assert (
         replace(trials[0], row={"perturbed": False, "part": 2}).condition() == "unperturbed, part 2"
     )
     two = [replace(trials[0], row=trials[0].row | {"K_d": K_d}) for K_d in (1.0, 2.0)]
-    assert [row["condition"] for row in trial_page.trials_content(two)["trials"]] == [
+    assert [row.condition for row in trial_table.trial_table(two).rows] == [
         "K_d 1",
         "K_d 2",
     ]
@@ -400,19 +446,19 @@ def test_the_page_begins_with_what_was_done_its_verdict_and_the_figure_that_matt
     row = {"experiment": "walking", "joint": "knee", "log": "a.mcap", "mocap": "a.c3d"}
     walks = [ReportedTrial(f"w{up}", {"trial": f"w{up}", "perturbed": up, **row}) for up in (0, 1)]
     trials = [*walks, trial("t", doubt()), trial("r", left_out=["x"], refused=True)]
-    figures = [{"name": name} for name in ("fig3", "fig5", "walking_page")]
+    figures = [figure(name) for name in ("fig3", "fig5", "walking_page")]
     number = NUMBER | {"n": 4, "value": 2.0, "of": "", "meaning": "x", "begins": "It is"}
     line = {"cause": "friction", "says": "it does", "remedy": "use it", "trials": ["t", "all"]}
     line |= {"verdict": "doubtful", "of": "impedance trials"}
     found = page.overview(trials, {"numbers": {"K": number}, "findings": [line]}, figures, ABOUT)
-    assert found["done"].startswith(
+    assert found.what_was_done.startswith(
         "4 simulated trials of the knee: 2 walking (1 perturbed) and 2 impedance (MCAP and"
     )
-    assert found["state"] == "1 of 4 trials is doubtful: friction. 1 was refused."
-    assert found["answers"] == ["It is 2.00\xa0% (n = 4)."]
-    drawn = [[one["name"] for one in found[key]] for key in ("first", "figures")]
-    assert drawn == [["fig5"], ["fig3", "walking_page"]]
-    assert found["findings"][0]["named"] == [("t", "it is 30 % of the damping")]
+    assert found.verdicts == "1 of 4 trials is doubtful: friction. 1 was refused."
+    assert found.answers == ["It is 2.00\xa0% (n = 4)."]
+    assert [one.name for one in found.main_figures] == ["fig5"]
+    assert [one.name for one in found.further_figures] == ["fig3", "walking_page"]
+    assert found.findings[0].trials == [("t", "it is 30 % of the damping")]
     unsure = [
         {"verdict": "not checked", "of": "trials", "trials": ["t"], "cause": cause}
         for cause in "abcdd"
@@ -424,12 +470,12 @@ def test_the_page_begins_with_what_was_done_its_verdict_and_the_figure_that_matt
         "cause": "person reacts",
     }
     walking = page.overview(walks, {"findings": [of_group, *unsure]}, figures, ABOUT)
-    assert walking["first"][0]["name"] == "walking_page", "nothing was desired"
+    assert walking.main_figures[0].name == "walking_page", "nothing was desired"
     said = (
         "The walking K is doubtful: person reacts. Not checked, and in no interval: a, b, c and 1"
         " more."
     )
-    assert said in walking["state"]
+    assert said in walking.verdicts
 
 
 def test_findings_stand_by_what_they_change_the_largest_first_and_those_of_no_size_last():
@@ -437,23 +483,25 @@ def test_findings_stand_by_what_they_change_the_largest_first_and_those_of_no_si
     sizes = [{}, {"B_size": 3.0}, {"K_size": 2.0}, {"K_size": -10.0, "I_size": None}]
     findings = [line | size | {"cause": str(k)} for k, size in enumerate(sizes)]
 
-    found = page.overview([trial()], {"findings": findings}, [], ABOUT)["findings"]
+    found = page.overview([trial()], {"findings": findings}, [], ABOUT).findings
 
-    assert [one["cause"] for one in found] == ["3", "2", "1", "0"]
-    assert [one["changes"] for one in found] == [
+    assert [one.finding.cause for one in found] == ["3", "2", "1", "0"]
+    assert [one.changes for one in found] == [
         "K by up to 10 N*m/rad", "K by up to 2 N*m/rad", "B by up to 3 N*m*s/rad", "",
     ]  # fmt: skip
 
 
 def test_the_map_has_a_row_for_each_cause_that_a_trial_does_not_pass():
-    gap = doubt("gap in the recording", "gap", 0.2, 0.05, QUALITY)
-    note = Finding("impedance", "t", "I is certainly negative", Grade.NOTES)
+    gap = doubt("gap_in_recording", "gap", 0.2, 0.05, QUALITY)
+    note = Finding(
+        "negative_inertia", "impedance", "t", Grade.NOTES, title="I is certainly negative"
+    )
     of_phasors = doubt(table="phasors", frequency_hz=3.0)
     trials = [trial("b", of_phasors, gap), trial("a", doubt(), doubt(amplitude_deg=4.0), note)]
     trials[0] = replace(trials[0], row=trials[0].row | {"K_d": 400.0})
     (group,) = page.check_map([*trials, trial("c", left_out=["x"])])
-    assert group["trials"] == [("a", "doubtful"), ("c", "excluded"), ("b", "flagged")]
-    assert {cause: [state for _, state in row] for cause, row in group["rows"]} == {
+    assert group.trials == [("a", "doubtful"), ("c", "excluded"), ("b", "flagged")]
+    assert {cause: [state for _, state in row] for cause, row in group.rows} == {
         "friction": ["doubtful", "passed", "doubtful in part"],
         "gap in the recording": ["passed", "passed", "flagged"],
         "I is certainly negative": ["remark", "passed", "passed"],
@@ -464,12 +512,12 @@ def test_the_map_has_a_row_for_each_cause_that_a_trial_does_not_pass():
     }
     walks = [replace(trial(name), tables=tables) for name, tables in groups.items()]
     known = [{"of": "walking groups", "verdict": "not checked", "cause": "x", "trials": ["B", "C"]}]
-    (group,) = page.check_map(walks, known)
-    assert group["rows"] == [("x", [("u", "passed"), ("v", "not checked")])]
+    (group,) = page.check_map(walks, findings_in_summary({"findings": known}))
+    assert group.rows == [("x", [("u", "passed"), ("v", "not checked")])]
 
 
 def test_doubts_say_whether_they_are_about_the_whole_trial_and_with_which_numbers():
-    part = doubt("model that does not fit", "R2", 0.1, 0.9, amplitude_deg=4.0)
+    part = doubt("model_misfit", "R2", 0.1, 0.9, amplitude_deg=4.0)
     numbers = Beyond("B_change", 0.291, 0.25, "above"), Beyond("coulomb_share", 1.03, 0.5, "above")
     own, inherited = (
         doubt("x", "x", 2, 1, "phasors", amplitude_deg=2.0, frequency_hz=3.0),
@@ -477,11 +525,12 @@ def test_doubts_say_whether_they_are_about_the_whole_trial_and_with_which_number
     )
     findings = stored_findings(part, replace(doubt(), evidence=numbers), own, inherited)
     found = replace(trial(), findings=findings).doubts
-    assert [(one.where, one.of, one.cause) for one in found] == [
-        ("4 deg", "part", "model that does not fit"), ("all amplitudes", "all", "friction"),
-        ("phasors, 2 deg, 3 Hz", "other", "x"),
-    ]  # fmt: skip
-    assert found[1].says == WORDS["causes"]["friction"]["says"]
+    assert [(one.where, one.scope, one.cause) for one in found] == [
+        ("4 deg", Scope.PART_OF_FIT, "model that does not fit"),
+        ("all amplitudes", Scope.WHOLE_FIT, "friction"),
+        ("phasors, 2 deg, 3 Hz", Scope.OTHER_TABLE, "x"),
+    ]
+    assert found[1].says == FINDINGS["friction"].says
     meanings = [IMPEDANCE.columns[name].meaning for name in ("B_change", "coulomb_share")]
     limits = ("B_change", "0.291", "above 0.25"), ("coulomb_share", "1.03", "above 0.5")
     assert found[1].numbers == [
@@ -504,7 +553,7 @@ def test_provenance_says_file_hash_channel_and_conversion():
     columns |= {f"marker_A_{axis}": marker | {"component": axis} for axis in "xyz"}
     files = {"log": {"path": "a.mcap", "bytes": 12, "sha256": "ff", "source": "mine"}}
     clock = {"offset": 0.5, "edges": 18, "nothing": None, "parts": [{"a": 1, "b": 2}, {"a": 3}]}
-    found = trial_page.provenance_content({"files": files, "columns": columns, "clock": clock})
+    found = provenance.provenance_content({"files": files, "columns": columns, "clock": clock})
     assert found["files"] == [["log", "a.mcap", "12", "ff", "mine"]]
     assert found["signals"] == [
         ["torque", "log",
@@ -615,23 +664,22 @@ def test_a_report_says_of_each_trial_what_became_of_it(tmp_path, monkeypatch):
     )
     given |= {"series": {"b_1": given["series"]}, "tables": {"belt": given.pop("belt")}}
     found = campaign_findings({}, pl.DataFrame([gap]), DoubtfulFits())
-    write_table(found, given["findings"])
+    write_table(findings_frame(found), given["findings"])
     of_table, seen = Refusal("", "t.csv", "j", "refused", "why", "what"), []
     given |= {"trials": {}, "crossings": {}, "figures": {}, "about": ABOUT, "settings": SETTINGS}
     given["refused"] = [of_table, replace(of_table, trial="b_2")]
     monkeypatch.setattr(report, "written_page", lambda *content: seen.extend(content) or "")
     kinds = {"b_1": "belt", "b_2": "belt", "b_3": "belt", "w": "walking", "s": "static"}
-    report.write_report(
-        sheet={name: {"trial": name, "experiment": kind} for name, kind in kinds.items()}, **given
-    )
-    said = {row["name"]: (row["verdict"], row["doubt"][:40]) for row in seen[0]["trials"]}
+    sheet = {name: {"trial": name, "experiment": kind} for name, kind in kinds.items()}
+    report.write_report(report.ReportFiles(sheet=sheet, **given))
+    said = {row.name: (row.verdict, row.doubt[:40]) for row in seen[0].trials.rows}
     none = ("refused", "it has no result, because b_2 was refuse")
     assert said.pop("b_1") == (
         "flagged",
         "its recording: gap in the recording: samples are missing"[:40],
     )
     assert said == {"b_2": ("refused", "no footer"), "b_3": none, "w": none, "s": ("clear", "")}
-    assert (seen[0]["claims"], seen[0]["not_made"]) == ([], [of_table])
+    assert (seen[0].claims, seen[0].not_made) == ([], [of_table])
     in_md, in_tex, in_bib = (given[f"methods_{form}"].read_text() for form in ("md", "tex", "bib"))
     for text in (in_md, in_tex):
         assert ("3 trials of belt" in text, "transmission" in text) == (True, False)
@@ -640,12 +688,17 @@ def test_a_report_says_of_each_trial_what_became_of_it(tmp_path, monkeypatch):
     words = re.sub(r"\$[^$]*\$|\\cite{\w+}", "", in_tex.partition("\n")[2])
     assert re.findall(r"(?<!\\)[%&_#]|[θτ·²°−–]", words) == []
     assert set(re.findall(r"\\cite{(\w+)}", in_tex)) == set(re.findall(r"@\w+{(\w+)", in_bib))
-    assert seen[0]["assumed"] == "Assumed, since nobody stated it: the right leg."
+    assert seen[0].assumed == "Assumed, since nobody stated it: the right leg."
     own, other = (seen[1][name][0] for name in ("b_1", "b_2"))
     assert (len(own["quality"]), other["quality"]) == (1, [])
     (left,) = own["panels"][1]["drawn"]
     assert (left["y"], left["high"], left["kind"]) == ("residual_low", "residual_high", "range")
     assert [one["where"] for one in own["panels"][3]["drawn"]] == ["", ""], "the whole loop"
+
+
+def shown(row, symbol):
+    """An estimate of a condition as the page shows it, and its interval."""
+    return row.estimates[symbol].text, row.estimates[symbol].interval
 
 
 def test_every_condition_has_K_B_and_I_with_intervals_and_what_is_doubted():
@@ -678,26 +731,26 @@ def test_every_condition_has_K_B_and_I_with_intervals_and_what_is_doubted():
         "walking_summary": pl.DataFrame(walking),
     }
     late = replace(doubt(), without={"K": 290.0, "B": 4.5, "I": 0.02})
-    unsure = Finding("impedance", "t", "whether the torque is late", Grade.UNCHECKED)
+    unsure = Finding("late_torque_unseen", "impedance", "t", Grade.UNCHECKED)
     walk, several, alone = condition_rows(
         tables, {"t": stored_findings(late, doubt(amplitude_deg=4.0), unsure, unsure)}
     )
-    assert [one["unchecked"] for one in (walk, several, alone)] == [0, 0, 1]
+    assert [one.n_unchecked for one in (walk, several, alone)] == [0, 0, 1]
     for stated in (0.0, 0.1):
         bench = {"impedance": tables["impedance"].with_columns(K_se_bench=pl.lit(stated))}
         assert ("trials of the bench share are not" in method_text(SETTINGS, bench)) == (
             stated == 0
         )
     half = scipy.stats.t.ppf(0.975, 1) * 2**0.5 / 2**0.5
-    assert (walk["of"], walk["K"]) == ("walking", ("340", "[330, 350]"))
-    assert (several["of"], several["trials"], several["doubt"]) == ("K_d 100", ["a", "b"], "")
-    assert several["K"] == ("100", f"[{100 - half:.0f}, {100 + half:.0f}]")
-    assert (alone["B"][0], alone["doubt"]) == (
+    assert (walk.condition, shown(walk, "K")) == ("walking", ("340", "[330, 350]"))
+    assert (several.condition, several.trials, several.doubt) == ("K_d 100", ["a", "b"], "")
+    assert shown(several, "K") == ("100", f"[{100 - half:.0f}, {100 + half:.0f}]")
+    assert (alone.estimates["B"].text, alone.doubt) == (
         "−5.00",
         "friction (with it in the model K 290, B 4.5 and I 0.02)",
     )
     both = {name: stored_findings(replace(doubt(), subject=name)) for name in "ab"}
-    assert condition_rows(tables, both | {"b": []})[1]["doubt"] == "friction (1 of 2)"
+    assert condition_rows(tables, both | {"b": []})[1].doubt == "friction (1 of 2)"
 
 
 def test_friction_stands_beside_B_and_a_doubt_names_the_B_that_it_leaves():
@@ -710,17 +763,21 @@ def test_friction_stands_beside_B_and_a_doubt_names_the_B_that_it_leaves():
         f_C=pl.lit(0.25),
     )  # fmt: skip
     path, late = (
-        replace(doubt(cause), without={"B": 1.91}) for cause in ("torque path", "late torque")
+        replace(doubt(cause), without={"B": 1.91}) for cause in ("torque_path", "late_torque")
     )
     for finding, said in ((path, "B_viscous 1.91"), (late, "B 1.91")):
         (found,) = condition_rows({"impedance": rows}, {"t": stored_findings(finding)})
-        assert (found["B"][0], found["B_viscous"][0], found["f_C"][0]) == ("2.40", "1.900", "0.25")
-        assert found["doubt"] == f"{finding.cause} (with it in the model {said})"
+        assert [found.estimates[name].text for name in ("B", "B_viscous", "f_C")] == [
+            "2.40",
+            "1.900",
+            "0.25",
+        ]
+        assert found.doubt == f"{finding.cause} (with it in the model {said})"
     (none,) = condition_rows(
         {"impedance": rows.with_columns(B_viscous=pl.lit(None, pl.Float64))},
         {"t": stored_findings(path)},
     )
-    assert ("B_viscous" in none, none["doubt"]) == (
+    assert ("B_viscous" in none.estimates, none.doubt) == (
         False,
         "torque path (with it in the model B 1.91)",
     )
@@ -761,17 +818,19 @@ def test_trials_of_no_stated_condition_are_one_only_where_they_repeat_each_other
     table = pl.DataFrame([row | common for row in rows], schema_overrides=schema)
     found = condition_rows({"impedance": table}, {})
     if n > 8:
-        assert [one["trials"] for one in found] == [[f"t{k}"] for k in range(n)], (
+        assert [one.trials for one in found] == [[f"t{k}"] for k in range(n)], (
             "each K is another one"
         )
     else:
-        assert [one["of"] for one in found] == [
+        assert [one.condition for one in found] == [
             f"trials {of}, multisine, 0.1 to 5 Hz" for of in ("t0, t2", "t1, t3")
         ]
-        assert [one["trials"] for one in found] == [["t0", "t2"], ["t1", "t3"]]
-        assert (found[0]["K"][0], found[1]["K"][0]) == ("62.00", "148.0"), "a mean"
+        assert [one.trials for one in found] == [["t0", "t2"], ["t1", "t3"]]
+        assert (found[0].estimates["K"].text, found[1].estimates["K"].text) == ("62.00", "148.0"), (
+            "a mean"
+        )
         other = table.with_columns(B=pl.when(trial="t2").then(90.0).otherwise("B"))
-        assert [one["trials"] for one in condition_rows({"impedance": other}, {})] == [
+        assert [one.trials for one in condition_rows({"impedance": other}, {})] == [
             ["t0"],
             ["t1", "t3"],
             ["t2"],
@@ -785,10 +844,12 @@ def test_trials_of_no_stated_condition_are_one_only_where_they_repeat_each_other
         doubtful=pl.when(trial="t2").then(pl.lit("late torque")).otherwise("doubtful")
     )
     first, *_ = condition_rows({"impedance": late}, {})
-    expected = ("1 left out of the mean", ("62.0", "[61.0, 63.0]")) if n < 8 else ("", first["K"])
-    assert (first["doubt"], first["K"]) == expected
-    numbers = headline_numbers({"impedance": table}, Example(K_d=None, B_d=None))
-    own = [(one.value, one.of) for one in numbers if one.name.startswith("K_example")]
+    expected = (
+        ("1 left out of the mean", ("62.0", "[61.0, 63.0]")) if n < 8 else ("", shown(first, "K"))
+    )
+    assert (first.doubt, shown(first, "K")) == expected
+    numbers = facts_of(headline_numbers({"impedance": table}, Example(K_d=None, B_d=None)))
+    own = [(one.value, one.subject) for one in numbers if one.name.startswith("K_example")]
     assert own == [
         (62.0, "t0, mean with 1 that repeat it"),
         (148.0, "t1, mean with 1 that repeat it"),
@@ -827,20 +888,22 @@ def test_a_trial_with_certain_friction_repeats_none_without_and_gives_its_number
         "B_d": pl.Float64,
     }
     table = pl.DataFrame(rows, schema_overrides=schema)
-    assert [one["trials"] for one in condition_rows({"impedance": table}, {})] == [
+    assert [one.trials for one in condition_rows({"impedance": table}, {})] == [
         ["a", "c"],
         ["b"],
     ]
     assert repeated_trials_table(table).filter(quantity="B")["n"].to_list() == [2]
-    numbers = headline_numbers({"impedance": table}, Example(K_d=None, B_d=None))
-    said = {(one.of, one.n) for one in numbers if "_example" in one.name}
+    numbers = facts_of(headline_numbers({"impedance": table}, Example(K_d=None, B_d=None)))
+    said = {(one.subject, one.n) for one in numbers if "_example" in one.name}
     assert said == {("a, mean with 1 that repeat it", 2), ("b", 1)}
-    assert [(one.value, one.of) for one in numbers if one.name.startswith("f_C")] == [(0.35, "b")]
+    assert [(one.value, one.subject) for one in numbers if one.name.startswith("f_C")] == [
+        (0.35, "b")
+    ]
     late = table.with_columns(
         doubtful=pl.when(trial="a").then(pl.lit("late torque")).otherwise("doubtful")
     )
-    numbers = headline_numbers({"impedance": late}, Example(K_d=None, B_d=None))
-    assert [one.of for one in numbers if one.name.startswith("K_example")] == [
+    numbers = facts_of(headline_numbers({"impedance": late}, Example(K_d=None, B_d=None)))
+    assert [one.subject for one in numbers if one.name.startswith("K_example")] == [
         "c",
         "b",
     ], "a is left out"
@@ -848,12 +911,12 @@ def test_a_trial_with_certain_friction_repeats_none_without_and_gives_its_number
 
 def test_a_cause_has_one_count_in_the_verdict_the_map_and_the_row_of_its_condition():
     """A trial that is flagged too is one of those that are doubtful in part."""
-    part, flag = doubt("zero", amplitude_deg=2.0), doubt("frozen signal", "stuck", table="quality")
+    part, flag = doubt("zero", amplitude_deg=2.0), doubt("frozen_signal", "stuck", table="quality")
     trials = [trial("a", part), trial("b", part, flag), trial("c", part)]
     assert verdicts_text(trials, ()).startswith(
         "3 of 3 trials are doubtful in part: zero. 1 of 3 trials is flagged: frozen signal."
     )
-    (cause, cells), *_ = page.check_map(trials)[0]["rows"]
+    (cause, cells), *_ = page.check_map(trials)[0].rows
     assert (cause, [state for _, state in cells]) == ("zero", ["doubtful in part"] * 3)
     groups = {"estimator": ["ensemble"] * 3, "group": ["all"] * 3, "quantity": ["K", "B", "I"]}
     summary = pl.DataFrame(groups).with_columns(mean=300.0, low=290.0, high=310.0)
@@ -861,7 +924,7 @@ def test_a_cause_has_one_count_in_the_verdict_the_map_and_the_row_of_its_conditi
     walked = pl.DataFrame({"trial": [*names], "group": ["all"] * 3, "doubtful": [*names.values()]})
     known = {"a": stored_findings(doubt("stance that changes", "stance_change", table="walking"))}
     (row,) = condition_rows({"walking_summary": summary, "walking": walked}, known)
-    assert row["doubt"] == "of 2 perturbations stance that changes (1)"
+    assert row.doubt == "of 2 perturbations stance that changes (1)"
 
 
 def test_two_devices_are_told_with_their_rates_and_how_they_were_joined():
@@ -902,7 +965,8 @@ def test_each_stated_condition_has_its_own_numbers_and_macros():
         "VAF": 99.0,
     }
     table = pl.DataFrame(rows).with_columns(**ends, **more, amplitude_deg=pl.lit(None, pl.Float64))
-    numbers = headline_numbers({"impedance": table}, Example(200.0, 2.0, "the first"))
+    example = Example(200.0, 2.0, "the first")
+    numbers = facts_of(headline_numbers({"impedance": table}, example))
     K = {one.meaning: (one.value, one.macro) for one in numbers if one.name.startswith("K_example")}
     assert K == {
         "K for K_d = 200, B_d = 2 (that of the first), c": (190.0, "CExampleStiffness"),
@@ -965,7 +1029,7 @@ def test_the_fitted_line_of_phasors_is_the_admittance_of_a_second_order_system()
 
 
 def test_a_claim_stands_with_its_limit_and_a_long_caption_is_folded_behind_two_sentences():
-    number = NUMBER | {"n": 5, "low": 6.0, "high": 7.0, "interval": "95 %", "value": 6.5}
+    number = NUMBER | {"n": 5.0, "low": 6.0, "high": 7.0, "interval": "95 %", "value": 6.5}
     number |= {
         "claim": "it is negligible",
         "quantity": "x/y",
@@ -983,26 +1047,23 @@ def test_a_claim_stands_with_its_limit_and_a_long_caption_is_folded_behind_two_s
         "margin": 2.0,
     }
     own = {**number, "claim": "of a trial", "subject": "t"}
-    figure = {"name": "fig5", "title": "Fig. 5", "drawing": ""}
-    figure |= {"reading": "Good: on it. Bad: <beside> it."}
-    figure |= {"caption": Markup("By Eq. 15 this. That. " + 99 * "Long. ")}
-    found = page.overview([trial()], {}, [figure], ABOUT)
-    content = {
-        "about": ABOUT,
-        "made_of": "",
-        **trial_page.trials_content([trial()]),
-        **found,
-        "intervals": "",
-    }
-    content |= {"not_made": [], "sensitivity": [], "absent_figures": {}, **STATED}
-    content["claims"] = page.claim_rows(pl.DataFrame([number, near, own]))
-    content["methods"] = written_methods([trial()], {}, SETTINGS)
+    fig5 = figure(
+        "fig5",
+        title="Fig. 5",
+        reading="Good: on it. Bad: <beside> it.",
+        caption=Markup("By Eq. 15 this. That. " + 99 * "Long. "),
+    )
+    content = report_with(
+        [trial()],
+        overview=page.overview([trial()], {}, [fig5], ABOUT),
+        claims=page.claim_rows(pl.DataFrame([number, near, own])),
+    )
     said = " ".join(Page(page.written_page(content, {})).text.split())
-    assert [(one["claim"], one["where"], one["limit"]) for one in content["claims"]] == [
+    assert [(one.claim, one.where, one.limit) for one in content.claims] == [
         ("it is negligible", "knee", "below 10 %"), ("z is 9", "knee", "9 ± 2 %"),
     ]  # fmt: skip
     assert re.search(
-        r"It is negligible \(knee\) ?x/y 6.50 %.{,40} ?below 10 % ?holds ?Z is 9", said
+        r"It is negligible \(knee\) ?x/y 6.50 %.{,40}n\s=\s5 ?below 10 % ?holds ?Z is 9", said
     )
     said = said.replace("\xa0", " ")
     assert "By Eq. 15 this. That. More about it, and its numbersLong. Long." in said
@@ -1047,7 +1108,7 @@ def test_a_trial_is_left_out_by_what_became_of_it():
     )
     crossings = pl.DataFrame({"trial": ["walk"], "reason": ["no step"]})
     tables = {"walking": crossings.rename({"reason": "excluded"}), "walking_excluded": crossings}
-    found = trial_page.left_out_trials(rows, tables, {"late": "again", "new": "why"})
+    found = left_out.left_out_trials(rows, tables, {"late": "again", "new": "why"})
     not_analysed = "recording that could not be analysed"
     assert (found.pop("late"), found.pop("hung")) == (
         (False, "gap in the recording", ["gap 1 s, threshold 0.5: theta"]),

@@ -35,7 +35,7 @@ from osl_analysis.commands import walking, walking_files
 from osl_analysis.commands.figure import plot_walking_page
 from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.errors import InputError
-from osl_analysis.judge.finding import Limits
+from osl_analysis.judge.limits import Limits
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import Trial, plate_columns, read_trial, write_trial
 from osl_analysis.walking.crossing import Crossing, RefusedCrossing

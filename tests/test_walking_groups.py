@@ -32,7 +32,7 @@ from osl_analysis.commands.figure import plot_over_stance
 from osl_analysis.commands.walking_files import write_crossing
 from osl_analysis.commands.walking_summary import tabulate_over_stance
 from osl_analysis.errors import InputError
-from osl_analysis.judge.finding import Limits
+from osl_analysis.judge.limits import Limits
 from osl_analysis.table import read_table
 from osl_analysis.walking.crossing import Crossing, platform_turn
 from osl_analysis.walking.crossing_quality import CrossingQuality

@@ -16,7 +16,7 @@ from walking_crossings import LEAD, RISE, TURN, crossing
 from walking_synthetic import RATE, bump, settings, step
 
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.judge.judging import SEEN, WIDE
+from osl_analysis.judge.unchecked import SEEN, WIDE
 from osl_analysis.signals import Motion
 from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import Crossing

@@ -3,19 +3,20 @@ nothing."""
 
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 import yaml
-from conftest import findings_of
+from conftest import ROOT, findings_of
 
 from osl_analysis.dictionary import described_tables
-from osl_analysis.judge.causes import CAUSES, EVIDENCE
-from osl_analysis.judge.finding import Finding, Grade, Limits
-from osl_analysis.judge.limits import CHECKS
+from osl_analysis.judge import unchecked
+from osl_analysis.judge.finding import Finding, Grade
+from osl_analysis.judge.known_findings import CHECKS, CONTENT, EVIDENCE, FINDINGS
+from osl_analysis.judge.limits import Limits
 from osl_analysis.judge.words import (
     COMPUTED,
     OF_EVIDENCE,
-    WORDS,
     component_changes_text,
     finding_text,
     words_of,
@@ -51,31 +52,68 @@ def finding_in_words(row, above=None, below=None):
     return finding_text(finding, row)
 
 
-def test_every_cause_and_check_says_what_is_wrong_and_what_to_do():
-    causes = {*CAUSES, *(check.cause for check in CHECKS.values())}
-    of_columns = {evidence.cause for evidence in EVIDENCE.values()}
-    assert of_columns - {*CAUSES} == set(), "no such cause under `causes` of causes.yaml"
-    assert causes - {*WORDS["causes"]} == set(), "write under `causes` of words.yaml what it does"
-    assert {*WORDS["causes"]} - causes == set(), "words of a cause that causes.yaml has not"
-    assert {*WORDS["columns"]} - {*EVIDENCE} == set(), "words of a column without a cause"
-    assert {*WORDS["checks"]} == {*CHECKS}
-    assert all(entry["says"] and entry["remedy"] for entry in WORDS["causes"].values())
-    assert all(entry["says"] for entry in WORDS["unchecked"].values())  # in any table
+DOUBTS = {
+    *(evidence.finding for evidence in EVIDENCE.values()),
+    *(check.finding for check in CHECKS.values()),
+}
+"""Findings that have evidence."""
+WITHOUT_LIMIT = {"f_G_ratio", "B_m_ratio", "R2", "residual_autocorrelation"}
+"""Columns on which a user may set a limit, and the default configuration has none."""
 
 
-def texts_of(entry):
-    """An entry of the words, and those that it has by table."""
-    return [entry, *(text for text in entry.values() if isinstance(text, dict))]
+def test_every_doubt_says_what_is_wrong_and_what_to_do():
+    silent = [name for name in DOUBTS if not (FINDINGS[name].remedy and FINDINGS[name].brief)]
+
+    assert silent == []
+    assert all(known.says for known in FINDINGS.values())
+    assert all(check.meaning for check in CHECKS.values())
+
+
+def test_no_two_findings_have_one_title():
+    titles = [known.title for known in FINDINGS.values()]
+    assert len(titles) == len(set(titles))
+
+
+def test_a_finding_without_evidence_is_not_taken_for_a_limit_on_a_column_of_its_name():
+    columns = {name for table in described_tables() for name in table.columns}
+    assert (FINDINGS.keys() - DOUBTS) & columns == set()
+
+
+def test_what_could_not_be_checked_is_described():
+    code = Path(unchecked.__file__).read_text(encoding="utf-8")
+    named = set(re.findall(r'(?:yield |finding_in_row\()"(\w+)"', code))
+    assert len(named) > 20
+    assert named - FINDINGS.keys() == set(), "describe it under `findings` of findings.yaml"
+
+
+def test_every_column_that_the_configuration_decides_has_a_limit_there():
+    """A forgotten limit would never be told: the number would be beyond nothing."""
+    sections = yaml.safe_load((ROOT / "config/config.yaml").read_text())["doubtful"]
+    limited = set()
+    for name, sides in sections.items():
+        if name != "accuracy":
+            for columns in sides.values():
+                limited |= columns.keys()
+    by_configuration = {
+        name for name, evidence in EVIDENCE.items() if evidence.decided_by == "configuration"
+    }
+    assert by_configuration - limited == WITHOUT_LIMIT, "state its limit under `doubtful`"
+
+
+def texts_of(known):
+    """Says and remedy of a finding, and those that it has by table."""
+    yield known.says, known.remedy
+    for text in known.in_table.values():
+        yield text["says"], text.get("remedy", "")
 
 
 def test_a_finding_has_at_most_35_words():
     too_long = []
-    for part in ("causes", "unchecked", "misfits"):
-        for cause, entry in WORDS[part].items():
-            for text in texts_of(entry):
-                words = f"{text['says']} {text.get('remedy', '')}".split()
-                if len(words) > 35:
-                    too_long.append((cause, len(words)))
+    for known in FINDINGS.values():
+        for says, remedy in texts_of(known):
+            words = f"{says} {remedy}".split()
+            if len(words) > 35:
+                too_long.append((known.name, len(words)))
 
     assert too_long == []
 
@@ -105,16 +143,22 @@ def test_a_finding_is_said_with_the_numbers_of_its_row(row, limits, parts):
 def test_a_detail_whose_number_is_missing_is_left_out():
     (finding,) = findings_of({"lag_share": 0.1}, Limits(above={"lag_share": 0.05}), "phasors")
     assert words_of(finding, {"lag_share": 0.1}).size == ""
-    late = Finding("impedance", "a", "whether the torque is late", Grade.UNCHECKED)
+    late = Finding("late_torque_unseen", "impedance", "a", Grade.UNCHECKED)
     full, empty = (words_of(late, row) for row in ({"K": 300.0, "B": 5.0, "I": 0.02}, {}))
     assert "lower B = 5 by 0.3 N*m*s/rad and I = 0.02 by 0.005 kg*m^2" in full.says
     assert (empty.says, empty.remedy) == ("", full.remedy)
 
 
+def test_a_table_may_say_a_finding_otherwise():
+    of_transmission = Finding("late_torque_unseen", "transmission", "a", Grade.UNCHECKED)
+
+    says = words_of(of_transmission, {"J_j": 0.005, "B_j": 0.45}).says
+
+    assert "Each ms of delay would lower J_j = 0.005 by 0.00045 kg*m^2" in says
+
+
 def test_a_range_is_written_upwards_whatever_the_sign_of_what_it_makes():
-    finding = Finding(
-        "walking_groups", "all", "whether B holds a change of K with stance", Grade.UNCHECKED
-    )
+    finding = Finding("slope_unseen", "walking_groups", "all", Grade.UNCHECKED)
     row = {
         "hidden_slope_low": -330.0,
         "hidden_slope_high": 1100.0,
@@ -154,7 +198,7 @@ def test_the_delay_that_is_advised_is_the_one_that_was_found(row, remedy):
 
 
 def test_a_late_motor_angle_is_said_in_ms():
-    finding = Finding("impedance", "a", "whether theta_m or B_j is wrong", Grade.UNCHECKED)
+    finding = Finding("motor_angle_delay", "impedance", "a", Grade.UNCHECKED)
     row = {"certain_theta_m_lag_s": -3e-3, "lag_s": 1e-3}
 
     assert "theta_m is early by 3 ms and the torque 1 ms late" in words_of(finding, row).says
@@ -162,14 +206,13 @@ def test_a_late_motor_angle_is_said_in_ms():
 
 def test_a_changed_word_changes_no_cause(monkeypatch):
     before = findings_of(LATE_TORQUE, Limits(), "phasors")
-    monkeypatch.setitem(
-        WORDS["causes"], "late torque", {"says": "something else", "remedy": "nothing"}
-    )
+    reworded = replace(FINDINGS["late_torque"], says="something else", remedy="nothing")
+    monkeypatch.setitem(FINDINGS, "late_torque", reworded)
     after = findings_of(LATE_TORQUE, Limits(), "phasors")
     assert before == after
     assert finding_text(after[0], LATE_TORQUE).startswith("late torque: something else: ")
     assert (
-        finding_text(replace(after[0], cause="no such cause"), LATE_TORQUE)
+        finding_text(replace(after[0], name="no_such_finding"), LATE_TORQUE)
         == "lag_share 0.1 is above 0.05, lag_inertia_share 0.9 is above 0.2"
     )
 
@@ -177,12 +220,11 @@ def test_a_changed_word_changes_no_cause(monkeypatch):
 def test_each_number_that_a_text_names_is_a_column_or_is_computed():
     """A misspelt name would leave its sentence out without a word."""
     columns = {name for table in described_tables() for name in table.columns}
-    texts = yaml.safe_dump(
-        {part: texts for part, texts in WORDS.items() if part != "misfits"}, width=10_000
-    )
-    named = set(re.findall(r"(?<!\w: )\{([A-Za-z_]+)[:.}]", texts))
-    # which is typed into a source file
-    assert named - columns - {*COMPUTED, *OF_EVIDENCE} <= {"cutoff"}
+    texts = yaml.safe_dump(CONTENT, width=10_000)
+    named = set(re.findall(r"(?<!\w: )(?<!\{)\{([A-Za-z_]+)[:.}]", texts))
+    of_campaign = {"component_changes", "angle_ms", "velocity_ms", "usual_s", "about"}
+    of_campaign |= {"K_percent", "B_percent"}
+    assert named - columns - {*COMPUTED, *OF_EVIDENCE} == of_campaign
 
 
 def test_components_that_explain_the_torque_are_told_with_their_direction():

@@ -2,7 +2,6 @@
 on it, no more."""
 
 import csv
-import inspect
 import json
 import os
 import re
@@ -30,6 +29,7 @@ from osl_analysis.outcomes.perform import (
     ONLY_MADE,
     ONLY_WAITED_FOR,
     TABLES_OF_FIT,
+    arguments_of,
 )
 from osl_analysis.refusal import is_refused, read_refusals
 from osl_analysis.report.brief import brief_lines
@@ -240,7 +240,7 @@ def test_what_a_rule_names_are_the_arguments_of_its_function_and_none_is_left_ou
         inputs = {*job["input"]} - {*ONLY_WAITED_FOR, *ONLY_CHECKED}
         params = {*job["params"]} - {*ONLY_COMPARED, *OF_EVERY_JOB}
         given = inputs | params | outputs
-        arguments = {*inspect.signature(function).parameters}
+        arguments = {*arguments_of(function)}
         of_perform = {"refused", "data"}  # which `call` gives to whoever has them
         assert given - arguments == set(), rule
         assert arguments - given - of_perform <= NOT_GIVEN.get(name, set()), rule

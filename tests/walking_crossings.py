@@ -13,7 +13,7 @@ from walking_synthetic import RATE, bump, settings
 
 from osl_analysis.commands import walking, walking_files, walking_summary
 from osl_analysis.commands.tables import gather
-from osl_analysis.judge.finding import Limits
+from osl_analysis.judge.limits import Limits
 from osl_analysis.table import read_table
 from osl_analysis.walking.crossing import Crossing
 from osl_analysis.walking.crossing_quality import CrossingQuality

@@ -12,7 +12,8 @@ from osl_analysis.campaign.configuration import Config
 from osl_analysis.config.impedance_trajectory import read_impedance_trajectory
 from osl_analysis.errors import InputError, listing, naming, nearest
 from osl_analysis.ingest.examine import UNITS
-from osl_analysis.judge.limits import CHECKS, unknown_check, validate_rules
+from osl_analysis.judge.known_findings import CHECKS
+from osl_analysis.judge.recording_checks import unknown_check, validate_rules
 from osl_analysis.model.drivetrain import known_parameters
 from osl_analysis.trial import stretches
 from osl_analysis.walking.groups import split_keys

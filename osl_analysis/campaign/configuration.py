@@ -18,10 +18,12 @@ from osl_analysis.config.shared_choices import SharedChoices
 from osl_analysis.errors import InputError
 from osl_analysis.files import default_config
 from osl_analysis.judge.claims import Claims
-from osl_analysis.judge.limits import DoubtfulFits, QualityRules
+from osl_analysis.judge.limits import DoubtfulFits
+from osl_analysis.judge.recording_checks import QualityRules
 from osl_analysis.model.compensator import Weight
 from osl_analysis.walking.walking_settings import OvergroundAnalysis, WalkingAnalysis
 from osl_analysis.yaml_settings import (
+    FILE_NAME,
     AnySettings,
     Degrees,
     Settings,
@@ -102,7 +104,7 @@ class Config(Settings):
     `config/parameters/default.yaml`."""
 
     # Name of the campaign, as written in its summary.
-    campaign: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+$")]
+    campaign: Annotated[str, Field(pattern=FILE_NAME)]
     raw_data: Path  # Folder of the recordings.
     sheet: Path  # The sample sheet.
     results: Path  # Folder of the results.

@@ -56,6 +56,7 @@ def finding_json(finding: Finding, row: Mapping[str, Any]) -> dict[str, Any]:
     """A finding about a row as an object of JSON."""
     return {
         "grade": finding.grade.value,
+        "name": finding.name,
         "cause": finding.cause,
         "sizes": dict(finding.sizes),
         "without": dict(finding.without),

@@ -26,8 +26,8 @@ from osl_analysis.figures.names import completed, look_numbers
 from osl_analysis.figures.saved import METADATA, saved_figure, write_footer
 from osl_analysis.figures.style import lay_out
 from osl_analysis.files import atomic_path, digest, write_text
-from osl_analysis.judge.finding import Limits
 from osl_analysis.judge.judging import judged, marked
+from osl_analysis.judge.limits import Limits
 from osl_analysis.model.compensator import Weight
 from osl_analysis.model.drivetrain import (
     FileOrNone,
@@ -184,7 +184,7 @@ def caption_of(name: str, table_csv: Path, missing: Sequence[str] = ()) -> str:
 
 def fig3(curves: Sequence[Path], table: Path, summary: Path, output: Path, data: str = "") -> None:
     """The numbers of Fig. 3, from the trials' curves, `belt.csv` and `belt_summary.csv`."""
-    drawn = pl.concat([read_table(path, of="belt_curves") for path in curves])
+    drawn = pl.concat([read_table(path, name="belt_curves") for path in curves])
     judged = read_table(table, ["trial", *PLACE, "doubtful"])
     write_table(belt_figure_points(drawn, judged, read_table(summary)), output, data)
 

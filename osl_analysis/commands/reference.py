@@ -14,8 +14,7 @@ from osl_analysis.dictionary import described_tables, file_at
 from osl_analysis.files import write_text
 from osl_analysis.formats import known_formats
 from osl_analysis.ingest.examine import UNITS
-from osl_analysis.judge.limits import CHECKS
-from osl_analysis.judge.words import WORDS
+from osl_analysis.judge.known_findings import CHECKS
 from osl_analysis.model.drivetrain import ParameterFile
 from osl_analysis.report.headline import all_labels
 from osl_analysis.report.headline_text import aligned
@@ -45,7 +44,7 @@ def columns_text() -> str:
 def described_checks() -> list[tuple[str, str, str]]:
     """Name, unit and meaning of every check of quality control."""
     return [
-        (name, UNITS[name], f"{WORDS['checks'][name]}. Fails {check.fails} its threshold")
+        (name, UNITS[name], f"{check.meaning}. Fails {check.fails} its threshold")
         for name, check in CHECKS.items()
     ]
 

@@ -19,8 +19,8 @@ from osl_analysis.errors import InputError, listing
 from osl_analysis.figures import FIGURES
 from osl_analysis.figures.names import figure_title
 from osl_analysis.files import atomic_path, write_text
-from osl_analysis.judge.campaign import Entry, entries
-from osl_analysis.judge.finding import read_findings
+from osl_analysis.judge.finding import WordedFinding, read_findings
+from osl_analysis.judge.summary_findings import findings_in_summary
 from osl_analysis.judge.two_campaigns import (
     COMPARED_QUANTITIES,
     comparison_table,
@@ -28,129 +28,133 @@ from osl_analysis.judge.two_campaigns import (
     verdicts_in_words,
 )
 from osl_analysis.refusal import Refusal, is_refused
-from osl_analysis.report import page, panels, trial_page
+from osl_analysis.report import page, panels
 from osl_analysis.report.brief import findings_lines
 from osl_analysis.report.condition_rows import condition_rows
 from osl_analysis.report.decimal_places import digits_of, fixed
 from osl_analysis.report.headline_text import aligned
+from osl_analysis.report.left_out import LACKS_ANOTHER, LeftOut, left_out_trials
 from osl_analysis.report.methods import methods_content, methods_text
-from osl_analysis.report.page import written_page
-from osl_analysis.report.page_figures import captions_by_title, inline_svg
+from osl_analysis.report.page import Report, written_page
+from osl_analysis.report.page_figures import ShownFigure, captions_by_title, inline_svg
 from osl_analysis.report.page_text import assumed_text, method_text
-from osl_analysis.report.trial_page import (
-    LACKS_ANOTHER,
-    LeftOut,
-    ReportedTrial,
-    left_out_trials,
-    trial_content,
-)
+from osl_analysis.report.reported_trial import ReportedTrial
+from osl_analysis.report.trial_page import trial_content
+from osl_analysis.report.trial_table import trial_table
 from osl_analysis.report.used_trials import missing_lines
 from osl_analysis.table import read_table, with_evidence, write_table
 from osl_analysis.trial import metadata_of, read_trial, unit_of
 
 
-def write_report(
-    *,
-    about: Mapping[str, str],
-    sheet: Mapping[str, Mapping[str, Any]],
-    settings: Mapping[str, Any],
-    accuracy: Mapping[str, float],
-    trials: Mapping[str, Path],
-    series: Mapping[str, Path],
-    crossings: Mapping[str, Path],
-    tables: Mapping[str, Path],
-    figures: Mapping[str, Path],
-    verdicts: Path,
-    excluded: Path,
-    findings: Path,
-    states: Path,
-    summary: Path,
-    output: Path,
-    methods_md: Path,
-    methods_tex: Path,
-    methods_bib: Path,
-    captions: Path | None = None,
-    refused: Sequence[Refusal] = (),
-    unnamed: str = "",
-) -> None:
-    """Write the page of a run, and the text of its methods.
+@dataclass(frozen=True, kw_only=True)
+class ReportFiles:
+    """What the page of a run is made of, and the files that are written.
 
-    Parameters
+    Attributes
     ----------
-    about : Mapping of str to str
+    about
         What the numbers are made of.
-    sheet : Mapping
+    sheet
         The row of every trial of the sample sheet, also of those that it excludes.
-    settings : Mapping
+    settings
         The sections of the configuration by which the experiments are analysed.
-    accuracy : Mapping of str to float
+    accuracy
         The shares by which findings may move K, B and I without making them doubtful.
-    trials, series, crossings : Mapping of str to Path
+    trials, series, crossings
         The files of each trial that has them.
-    tables : Mapping of str to Path
+    tables
         Result tables, by name.
-    figures : Mapping of str to Path
+    figures
         SVG files, by name.
-    verdicts, excluded, findings, states, summary : Path
+    verdicts, excluded, findings, states, summary
         `quality.csv`, `excluded.csv`, `findings.csv`, `settings.csv`, `summary.json`.
-    output, methods_md, methods_tex, methods_bib : Path
-        `report.html`, `methods.md`, `methods.tex` and `methods.bib`.
-    captions : Path or None
+    captions
         Those of the figures.
-    refused : Sequence of Refusal
+    refused
         The causes of all that is missing.
-    unnamed : str
+    unnamed
         Tells recordings without a row.
+    output, methods_md, methods_tex, methods_bib
+        `report.html`, `methods.md`, `methods.tex` and `methods.bib`, which are written.
     """
-    results = {name: with_evidence(path) for name, path in tables.items()}
-    findings_by_trial: dict[str, list[Entry]] = {}
-    for entry in entries(read_findings(findings)):
-        findings_by_trial.setdefault(entry["trial"], []).append(entry)
+
+    about: Mapping[str, str]
+    sheet: Mapping[str, Mapping[str, Any]]
+    settings: Mapping[str, Any]
+    accuracy: Mapping[str, float]
+    trials: Mapping[str, Path]
+    series: Mapping[str, Path]
+    crossings: Mapping[str, Path]
+    tables: Mapping[str, Path]
+    figures: Mapping[str, Path]
+    verdicts: Path
+    excluded: Path
+    findings: Path
+    states: Path
+    summary: Path
+    output: Path
+    methods_md: Path
+    methods_tex: Path
+    methods_bib: Path
+    captions: Path | None = None
+    refused: Sequence[Refusal] = ()
+    unnamed: str = ""
+
+
+def write_report(files: ReportFiles) -> None:
+    """Write the page of a run, and the text of its methods."""
+    results = {name: with_evidence(path) for name, path in files.tables.items()}
+    findings_by_trial: dict[str, list[WordedFinding]] = {}
+    for worded in read_findings(files.findings):
+        findings_by_trial.setdefault(worded.finding.subject, []).append(worded)
     refusals: dict[str, str] = {}
     not_made: list[Refusal] = []
-    for refusal in refused:
+    for refusal in files.refused:
         if refusal.trial:
             refusals[refusal.trial] = f"{refusal.reason}; {refusal.remedy}"
         else:
             not_made.append(refusal)
-    checks = read_table(verdicts).filter(pl.col("verdict") != "refused")
+    checks = read_table(files.verdicts).filter(pl.col("verdict") != "refused")
     campaign = CampaignResults(
-        files={"trial": trials, "series": series, "crossing": crossings},
+        files={"trial": files.trials, "series": files.series, "crossing": files.crossings},
         rows=rows_by_trial(results),
         findings=findings_by_trial,
         checks=checks.partition_by("trial", as_dict=True),
-        left_out=left_out_trials(read_table(excluded), results, refusals),
+        left_out=left_out_trials(read_table(files.excluded), results, refusals),
     )
-    reported = [reported_trial(row, campaign) for row in sheet.values()]
-    numbers = {} if is_refused(summary) else read_summary(summary)
-    drawn, absent = drawn_figures(figures, read_captions(captions))
+    reported = [reported_trial(row, campaign) for row in files.sheet.values()]
+
+    numbers = {} if is_refused(files.summary) else read_summary(files.summary)
+    drawn, absent = drawn_figures(files.figures, read_captions(files.captions))
+    overview = page.overview(reported, numbers, drawn, files.about)
+    shown_findings = [shown.finding for shown in overview.findings]
+    facts = methods_content(files.settings, files.accuracy, results, reported, shown_findings)
+    methods = methods_text(facts, files.about)
+    write_text(files.methods_md, methods.markdown())
+    write_text(files.methods_tex, methods.latex())
+    write_text(files.methods_bib, methods.bibtex())
+
     claims = results.get("claims", pl.DataFrame(schema=["subject", "verdict"]))
-    overview = page.overview(reported, numbers, drawn, about)
-    facts = methods_content(settings, accuracy, results, reported, overview["findings"])
-    text = methods_text(facts, about)
-    content = {
-        "about": about,
-        "made_of": sentence(about),
-        **trial_page.trials_content(reported),
-        **overview,
-        "intervals": numbers.get("intervals", ""),
-        "claims": page.claim_rows(claims),
-        "methods": text,
-        "absent_figures": absent,
-        "unnamed": unnamed,
-        "conditions": condition_rows(results, findings_by_trial),
-        "method": method_text(settings, results),
-        "assumed": assumed_text(read_table(states)),
-        "sensitivity": results.get("walking_sensitivity", pl.DataFrame()).to_dicts(),
-        "not_made": not_made,
-    }
-    write_text(methods_md, text.markdown())
-    write_text(methods_tex, text.latex())
-    write_text(methods_bib, text.bibtex())
+    report = Report(
+        about=files.about,
+        made_of=sentence(files.about),
+        overview=overview,
+        trials=trial_table(reported),
+        conditions=condition_rows(results, findings_by_trial),
+        claims=page.claim_rows(claims),
+        methods=methods,
+        equation=method_text(files.settings, results),
+        assumed=assumed_text(read_table(files.states)),
+        intervals=numbers.get("intervals", ""),
+        unnamed=files.unnamed,
+        sensitivity=results.get("walking_sensitivity", pl.DataFrame()).to_dicts(),
+        absent_figures=absent,
+        not_made=not_made,
+    )
     pages = {}
     for trial in reported:
         pages[trial.name] = (trial_content(trial), trial.pictures.tables)
-    write_text(output, written_page(content, pages))
+    write_text(files.output, written_page(report, pages))
 
 
 RowsOfTrials = Mapping[tuple[Any, ...], pl.DataFrame]
@@ -175,9 +179,9 @@ def read_captions(path: Path | None) -> Mapping[str, Any]:
 
 def drawn_figures(
     figures: Mapping[str, Path], captions: Mapping[str, Any]
-) -> tuple[list[dict[str, Any]], dict[str, str]]:
+) -> tuple[list[ShownFigure], dict[str, str]]:
     """The figures with their captions, and, by title, why each of the others is not drawn."""
-    drawn: list[dict[str, Any]] = []
+    drawn: list[ShownFigure] = []
     absent: dict[str, str] = {}
     for name, path in figures.items():
         title = figure_title(name)
@@ -187,8 +191,7 @@ def drawn_figures(
             absent[title] = str(caption).removeprefix(UNDRAWN).strip()
             continue
         drawing = inline_svg(path.read_text(encoding="utf-8"), name, title)
-        facts = {"name": name, "title": title, "caption": caption, "drawing": drawing}
-        drawn.append({**facts, "reading": FIGURES[name].reading})
+        drawn.append(ShownFigure(name, title, caption, drawing, FIGURES[name].reading))
     return drawn, absent
 
 
@@ -212,7 +215,7 @@ class CampaignResults:
 
     files: Mapping[str, Mapping[str, Path]]
     rows: Mapping[str, RowsOfTrials]
-    findings: Mapping[str, Sequence[Entry]]
+    findings: Mapping[str, Sequence[WordedFinding]]
     checks: RowsOfTrials
     left_out: Mapping[str, LeftOut]
 
@@ -274,7 +277,7 @@ def pictures(
     if "crossing" in files:
         crossing = pl.read_parquet(files["crossing"])
     if "series" in files:
-        series = read_table(files["series"], of="series")
+        series = read_table(files["series"], name="series")
         motion = MOVING.get(experiment, "Joint angle")
         drawn.append(panels.bench_pictures(series, motion, experiment == "belt"))
     elif len(crossing):
@@ -446,7 +449,7 @@ def compare_campaigns(
     lines = [rows, "", *verdicts_in_words(table), *remarks_on(a, b, tables)]
     of_campaigns = {"A": a, "B": b}
     for name, summary in of_campaigns.items():
-        lines += [f"{name}: {line}" for line in findings_lines(summary.get("findings", ()))]
+        lines += [f"{name}: {line}" for line in findings_lines(findings_in_summary(summary))]
     for name, summary in of_campaigns.items():
         lines += [f"{name}: {line}" for line in missing_lines(summary, reasons=True)]
     lines.append(f"wrote {', '.join(str(path) for path in paths.values())}")

@@ -14,16 +14,18 @@ from osl_analysis.campaign.setting_states import MEASURED_COLUMNS
 from osl_analysis.config.experiments import judged_tables
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path, write_text
-from osl_analysis.judge.campaign import campaign_findings, causes_in_campaign
+from osl_analysis.judge.campaign import campaign_findings
 from osl_analysis.judge.claims import Claims, claims_table
 from osl_analysis.judge.exclusions import Judge
-from osl_analysis.judge.finding import Limits, findings_frame, read_findings
+from osl_analysis.judge.finding import findings_frame, read_findings
 from osl_analysis.judge.judging import judged, marked, with_inherited
-from osl_analysis.judge.limits import DoubtfulFits, QualityRules
+from osl_analysis.judge.limits import DoubtfulFits, Limits
+from osl_analysis.judge.recording_checks import QualityRules
+from osl_analysis.judge.summary_findings import causes_in_campaign
 from osl_analysis.model.drivetrain import FileOrNone, joint_of, read_parameters
 from osl_analysis.outcomes.job_log import read_log
 from osl_analysis.refusal import Refusal, check_not_refused, refused_trials
-from osl_analysis.report.headline import LABELS, Example
+from osl_analysis.report.headline import LABELS, Example, headlines_in_summary
 from osl_analysis.report.headline_files import to_json, to_tex
 from osl_analysis.report.headline_statistics import intervals_text, rule_of_means
 from osl_analysis.report.headline_text import to_table
@@ -70,7 +72,7 @@ def gather(
     """
     if not rows:
         raise InputError(f"{output}: no trials fill this table; add some to the sample sheet")
-    table = pl.concat([read_table(path, of=output.stem) for path in rows], how="diagonal_relaxed")
+    table = pl.concat([read_table(path, name=output.stem) for path in rows], how="diagonal_relaxed")
     if output.stem == "torque_angle":
         table = compared_with_repeats(table, places or {})
     if limits is not None:
@@ -163,7 +165,7 @@ def write_findings(
     verdicts on recordings."""
     tables_by_name = {name: with_evidence(path) for name, path in tables.items()}
     findings = campaign_findings(tables_by_name, read_table(verdicts), limits)
-    write_table(with_places(findings, places or {}), output, data)
+    write_table(with_places(findings_frame(findings), places or {}), output, data)
 
 
 def refused_rows(refused: Sequence[Refusal]) -> pl.DataFrame:
@@ -243,14 +245,16 @@ def write_summary(
     for refusal in refused:
         if not refusal.trial:
             missing_results[refusal.file] = refusal.reason.removeprefix(f"{refusal.file}: ")
-    all_findings = read_findings(findings) if findings else findings_frame()
+    all_findings = read_findings(findings) if findings else []
     checks = read_table(verdicts) if verdicts else pl.DataFrame(schema=["check", "verdict"])
     intervals = intervals_text(tables)
     content = {
         "trials": used_trials,
         "missing_results": missing_results,
         "intervals": intervals,
-        "findings": causes_in_campaign(all_findings, tables, checks),
+        "findings": [
+            finding.to_json() for finding in causes_in_campaign(all_findings, tables, checks)
+        ],
     }
     remarks = missing_lines(content, reasons=False)
     if intervals:
@@ -336,9 +340,10 @@ def format_results_table(summary: Mapping[str, Any], markdown: bool = True) -> s
     is missing."""
     lines = [summary.get("intervals")]
     lines += [finding["line"] for finding in summary.get("findings", ())]
-    lines.append(rule_of_means(summary["numbers"].values()))
+    numbers = headlines_in_summary(summary).values()
+    lines.append(rule_of_means(numbers))
     lines += missing_lines(summary, reasons=True)
-    table = to_table(summary["numbers"], markdown)
+    table = to_table(numbers, markdown)
     remarks = [f"{line}\n" for line in lines if line]
     return "\n".join([f"{sentence(summary)}\n\n{table}", *remarks])
 

@@ -35,8 +35,9 @@ from osl_analysis.ingest.draft_sheet import UNNAMED, draft_trials, trial_name
 from osl_analysis.ingest.examine import Commanded, examine, measured_table
 from osl_analysis.ingest.raw_files import read_source, recorded_files, recordings_in
 from osl_analysis.judge.finding import Grade
-from osl_analysis.judge.limits import CHECKS, judged_table
-from osl_analysis.judge.words import check_words, finding_text
+from osl_analysis.judge.known_findings import CHECKS, FINDINGS
+from osl_analysis.judge.recording_checks import judged_table
+from osl_analysis.judge.words import finding_text
 from osl_analysis.model.drivetrain import joint_of
 from osl_analysis.trial import Trial
 
@@ -175,8 +176,8 @@ def examined(path: Path, folder: Path, bench: WatchedBench) -> Iterator[str]:
 def unchecked_texts(fitted: fits.Fit, bench: WatchedBench) -> Iterator[str]:
     """What could not be checked, as far as no earlier recording has told it."""
     for finding in fitted.findings[-1] if fitted.findings else ():
-        if finding.grade is Grade.UNCHECKED and finding.cause not in bench.told:
-            bench.told.add(finding.cause)
+        if finding.grade is Grade.UNCHECKED and finding.name not in bench.told:
+            bench.told.add(finding.name)
             yield f"NOT CHECKED: {finding_text(finding, fitted.row)}"
 
 
@@ -304,7 +305,7 @@ def quality_text(trial: Trial, experiment: str, config: Config, accepted: Collec
         return "quality ok"
     named = []
     for row in failed.to_dicts():  # key, cause, what was found, and what to do
-        cause = CHECKS[row["check"]].cause
-        what_to_do = ", ".join(filter(None, [row["remark"], check_words(cause).remedy]))
-        named.append(f"{row['verdict']} {row['check']}: {cause}, {what_to_do}")
+        kind = FINDINGS[CHECKS[row["check"]].finding]
+        what_to_do = ", ".join(filter(None, [row["remark"], kind.remedy]))
+        named.append(f"{row['verdict']} {row['check']}: {kind.title}, {what_to_do}")
     return f"QUALITY {', '.join(named)}"

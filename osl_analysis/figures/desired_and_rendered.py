@@ -256,7 +256,7 @@ def draw_trials(panel: TrialPanel, quantity: str) -> None:
     share = marker_share(panel.rows, panel.inches)
     for controller, look in names.looks_in(panel.rows).items():
         trials = names.of_controller(panel.rows, controller)
-        marks.draw_estimates(panel.ax, trials, "x", quantity, look, share)
+        marks.draw_estimates(panel.ax, trials, "x", quantity, look.smaller(share))
     viscous = {"B": "B_viscous", "B_error": "B_viscous_error"}.get(quantity)
     if viscous:
         panel.ax.plot(

@@ -122,7 +122,7 @@ def draw_swarm(ax: Axes, rows: pl.DataFrame, place: int, look: style.Look, inche
     shares = unexplained(rows)
     heights = (high - np.log10(shares)) / (high - low) * PANEL_HEIGHT
     x = place + marks.swarm_offsets(heights, POINT, inches, REACH)
-    marks.draw_fits(ax, rows, x, shares, look)
+    marks.draw_fits(ax, rows, x, shares, look, marks.BEHIND_LINES)
     median = max(100 - median_vaf(rows), LEAST_UNEXPLAINED)
     ax.hlines(median, place - MEDIAN_REACH, place + MEDIAN_REACH, **MEDIAN_LINE, zorder=0.5)
 

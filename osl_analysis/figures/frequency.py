@@ -19,7 +19,10 @@ from osl_analysis.trial import Array
 # Fig. 7
 
 FIG7_COLUMNS = [name for name in columns_of("fig7") if name != "chosen"]
-OBSERVED, DESIRED, LINEAR_MODEL = "observed", "desired", "linear model"  # kinds of `curve`
+# kinds of `curve`
+OBSERVED = "observed"
+DESIRED = "desired"
+LINEAR_MODEL = "linear model"
 PARTS = ("magnitude", "phase_deg")
 MOST_TICKS = 8  # of frequency, in the panel of one joint
 MOST_TICKS_NARROW = 5  # in those of several joints side by side

@@ -32,15 +32,13 @@ def place_in_report(trial: str) -> str:
     return f"../report.html#trial={quote(trial, safe='')}"
 
 
+# matplotlib's zorder of markers; bars and lines have 2
+BEFORE_BARS = 3
+BEHIND_LINES = 1
+
+
 def draw_fits(
-    ax: Axes,
-    rows: pl.DataFrame,
-    x: ArrayLike,
-    y: ArrayLike,
-    look: Look,
-    share: float = 1.0,
-    linewidth: float = 0.8,
-    zorder: float | None = None,
+    ax: Axes, rows: pl.DataFrame, x: ArrayLike, y: ArrayLike, look: Look, zorder: int = BEFORE_BARS
 ) -> None:
     """Draw a marker for each fit, which leads to its trial.
 
@@ -52,21 +50,15 @@ def draw_fits(
     x, y : (n,)
         Places of the markers, in units of the axes.
     look : Look
-    share : float
-        Size of the markers, as a share of the look's.
-    linewidth : float
-        Of their edges [pt].
-    zorder : float or None
-        As matplotlib takes it; None: its own.
+    zorder : int
+        `BEFORE_BARS` or `BEHIND_LINES`.
     """
     faces = [
         WHITE if doubtful else look.colour for doubtful in rows.select(IS_DOUBTFUL).to_series()
     ]
-    order: dict[str, Any] = {} if zorder is None else {"zorder": zorder}
     drawn = ax.scatter(
-        x, y, (share * look.size) ** 2,
-        marker=look.marker, label=look.label, facecolors=faces, edgecolors=look.colour,
-        linewidths=linewidth, **order,
+        x, y, look.size**2, marker=look.marker, label=look.label, facecolors=faces,
+        edgecolors=look.colour, linewidths=look.edge, zorder=zorder,
     )  # fmt: skip
     drawn.set_urls([place_in_report(trial) for trial in rows["trial"]])
 
@@ -78,14 +70,12 @@ def draw_bars(ax: Axes, rows: pl.DataFrame, x: str, y: str, colour: str, width: 
     ax.vlines(known[x], known[low], known[high], color=colour, linewidth=width)
 
 
-def draw_estimates(
-    ax: Axes, rows: pl.DataFrame, x: str, y: str, look: Look, share: float = 1.0
-) -> None:
+def draw_estimates(ax: Axes, rows: pl.DataFrame, x: str, y: str, look: Look) -> None:
     """Draw the column `y` over `x` as `draw_fits`, before thin bars for the range over single
     amplitudes and thick ones for the 95 % interval."""
     draw_bars(ax, rows, x, f"{y}_amplitudes", look.colour, THIN)
     draw_bars(ax, rows, x, y, look.colour, THICK)
-    draw_fits(ax, rows, rows[x], rows[y], look, share, zorder=3)
+    draw_fits(ax, rows, rows[x], rows[y], look)
 
 
 # Legends

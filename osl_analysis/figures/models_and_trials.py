@@ -37,11 +37,10 @@ COMPARED = {  # quantity: its axis, and the desired value over which it is drawn
     "torque": ("Measured − predicted\nSD of torque (N·m)", "K"),
 }
 PREDICTED_ALPHA = 0.35  # of the bars behind the markers
-PREDICTED, QUARTILES, RANGE = (
-    "95 % interval of the prediction",
-    "Residual torque: quartiles of trials",
-    "Residual torque: range of trials",
-)
+# names in the legend
+PREDICTED = "95 % interval of the prediction"
+QUARTILES = "Residual torque: quartiles of trials"
+RANGE = "Residual torque: range of trials"
 DODGE = 0.012  # of two controllers at one frequency, as a share of the axis
 
 
@@ -125,7 +124,7 @@ def draw_difference(ax: Axes, trials: pl.DataFrame, quantity: str) -> None:
         above = of_controller[f"{quantity}_high"] - predicted
         ax.vlines(x, below, above, color=look.colour, alpha=PREDICTED_ALPHA, linewidth=style.THICK)
         difference = of_controller[f"{quantity}_measured"] - predicted
-        marks.draw_fits(ax, of_controller, x, difference, look, share, zorder=3)
+        marks.draw_fits(ax, of_controller, x, difference, look.smaller(share))
     label_desired_axis(ax, rows, symbol, inches)
     ax.set_ylabel(label)
 
@@ -261,7 +260,7 @@ def draw_link(ax: Axes, part: pl.DataFrame, link: str) -> None:
         x = of_controller["x"]
         if f"{link}_low" in rows.columns:
             marks.draw_bars(ax, of_controller, "x", link, look.colour, style.THICK)
-        marks.draw_fits(ax, of_controller, x, of_controller[link], look, share, zorder=3)
+        marks.draw_fits(ax, of_controller, x, of_controller[link], look.smaller(share))
     low, high = ax.get_ylim()
     ax.set_ylim(min(low, -SMALLEST_DEVIATION), max(high, SMALLEST_DEVIATION))
     label_desired_axis(ax, rows, "K", inches)

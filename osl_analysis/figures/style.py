@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
 from string import ascii_lowercase
@@ -17,12 +17,18 @@ SINGLE_COLUMN = 3.5  # width of a column of an IEEE two-column page [in]
 DOUBLE_COLUMN = 7.16  # width of its text block [in]
 TALLEST = 9.4  # figure that fits this block [in]
 
-BLACK, WHITE, GREY, MAGENTA = "#000000", "#FFFFFF", "#6E6E6E", "#C2127F"
-LIGHT_GREY, GRID_GREY = "#B4B4B4", "#E4E4E4"  # of data behind others; of grids, bands and grounds
-ORANGE, PURPLE = "#E66100", "#5D3A9B"
+BLACK = "#000000"
+WHITE = "#FFFFFF"
+GREY = "#6E6E6E"
+MAGENTA = "#C2127F"
+LIGHT_GREY = "#B4B4B4"  # of data behind others
+GRID_GREY = "#E4E4E4"  # of grids, bands and grounds
+ORANGE = "#E66100"
+PURPLE = "#5D3A9B"
 """Orange and purple differ for every common kind of colour vision, and in greyscale by lightness
 (58 and 32 of 100)."""
-BLUE, BROWN = "#3F8FBF", "#6B3A0A"  # third and fourth, if two are not enough
+BLUE = "#3F8FBF"  # the third, if two are not enough
+BROWN = "#6B3A0A"  # the fourth
 
 LETTERS_PER_INCH = 17  # of the text on an axis
 BAND_ALPHA = 0.25  # opacity of a band around a curve
@@ -96,6 +102,11 @@ class Look:
     size: float  # of the marker [pt]
     label: str  # name in the legend
     dash: Dash = "-"
+    edge: float = 0.8  # width of the marker's edge [pt]
+
+    def smaller(self, share: float) -> "Look":
+        """This look with markers of a share of their size."""
+        return replace(self, size=share * self.size)
 
 
 LOOKS = {  # of the controllers of the draft

@@ -132,7 +132,7 @@ MARGIN = 0.45  # of a panel, for the labels of its vertical axis [in]
 SWARM_HEIGHT = 1.2  # over which the values of a panel spread [in]
 POINT = 3.4 / 72  # diameter of a point with a small gap [in]
 DRAWN = ("estimate", "mean", "ensemble_low", "ensemble_high", "commanded")
-PERTURBATION = style.Look(style.GREY, "o", 2.6, "One perturbation")
+PERTURBATION = style.Look(style.GREY, "o", 2.6, "One perturbation", edge=0.6)
 MEAN_LABEL = "Mean ± SD"
 ENSEMBLE_LABEL = f"Fit to the {names.MEAN_RESPONSE}, 95 % interval"
 COMMANDED_LABEL = "Commanded"
@@ -182,7 +182,7 @@ def draw_groups(ax: Axes, rows: pl.DataFrame, unit: float) -> None:
         fits = rows.filter(group=row["group"]).drop_nulls("trial")
         heights = fits["estimate"].to_numpy() / spread * SWARM_HEIGHT
         x = place + marks.swarm_offsets(heights, POINT, unit, REACH)
-        marks.draw_fits(ax, fits, x, fits["estimate"], PERTURBATION, linewidth=0.6)
+        marks.draw_fits(ax, fits, x, fits["estimate"], PERTURBATION, marks.BEHIND_LINES)
         if row["commanded"] is not None:
             ends = [place - REACH - 0.1, place + ENSEMBLE_AT + 0.15]
             ax.plot(

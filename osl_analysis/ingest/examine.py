@@ -132,7 +132,7 @@ def consecutive(time: Array, values: Array, seconds: float) -> Array:
     return values[..., : time.size // length * length].reshape(*values.shape[:-1], -1, length)
 
 
-# Sampling, clocks and damage. `judge/words.yaml` says what each check measures.
+# Sampling, clocks and damage. `judge/findings.yaml` says what each check measures.
 
 
 def measure_rate(examined: Examined) -> CheckResult:
@@ -917,8 +917,9 @@ MEASURES: dict[str, tuple[Callable[[Examined], CheckResult], str]] = {
     "truncated": (measure_truncation, "logs"),
     "protocol": (measure_protocol, "segments"),
 }  # fmt: skip
-"""Every check by name: its function and the unit of its value. A new check also needs its cause in
-`judge/causes.yaml`, its words, its rule under `quality` in config/config.yaml, and a test."""
+"""Every check by name: its function and the unit of its value. A new check also needs its
+entry and its finding in `judge/findings.yaml`, its rule under `quality` in config/config.yaml, and
+a test."""
 UNITS = {name: unit for name, (_, unit) in MEASURES.items()}
 
 

@@ -1,2 +1,20 @@
-"""Evidence to findings: `causes` and `judging` decide by values, `words` has the sentences,
-`campaign` makes views."""
+"""Numbers of a fit become findings, and findings become sentences.
+
+The way of one number, the share of Coulomb friction in the damping of a trial, to the page:
+
+1. `bench` measures it: the column `coulomb_share` of `impedance.csv`, here 0.31.
+2. `findings.yaml` says under `columns` that it is evidence of the finding `friction`, a share of B
+   that the `accuracy` decides. `causes.limits_in` gives its limit, 0.05 (`doubtful.accuracy.B`).
+3. `causes.numbers_beyond` compares: `Beyond("coulomb_share", 0.31, 0.05, "above")`.
+4. `causes.causes_in` gathers the numbers of a row by what they are evidence of.
+5. `judging.judged` makes of them `Finding("friction", "impedance", trial, Grade.DOUBTS, ...)`; of
+   what the row could not show, `unchecked.unchecked_in` does.
+6. `words.words_of` fills the sentences that `findings.yaml` has under `findings`: what is wrong,
+   how large it is, what to do.
+7. `judging.marked` writes its title into the column `doubtful` of the table.
+   `campaign.campaign_findings` gathers all findings for `findings.csv`, from which
+   `summary_findings.causes_in_campaign` counts trials for `summary.json`, and
+   `report.trial_page` shows each trial its own.
+
+The code says `friction`; readers see the title of `findings.yaml`. Words decide nothing.
+"""

@@ -1,101 +1,29 @@
-"""Which cause a number beyond its limit is evidence of. Values decide here; words stand in
+"""Which finding a number beyond its limit is evidence of. Values decide here; words stand in
 `words.py`."""
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any, Literal
+from collections.abc import Mapping
+from dataclasses import dataclass
 
-from osl_analysis.dictionary import own_yaml
-from osl_analysis.judge.finding import AnyRow, Beyond, Limit, Limits, cell_number
+from osl_analysis.judge.finding import AnyRow, Beyond, cell_number
+from osl_analysis.judge.known_findings import (
+    EVIDENCE,
+    FINDINGS,
+    HYPOTHESES,
+    KnownFinding,
+    known_finding,
+)
+from osl_analysis.judge.limits import Limit, Limits
 from osl_analysis.units import known_factor
-
-TABLE: dict[str, dict[str, Any]] = own_yaml(Path(__file__).with_suffix(".yaml"))
-
-
-@dataclass(frozen=True)
-class Cause:
-    """A cause of numbers beyond their limits.
-
-    Attributes
-    ----------
-    name
-        Its name in every table, message and document.
-    explains
-        Whether it makes a fit worse, so that the misfit of the same trial is no cause of its own.
-    of_recording
-        Whether it is a fault of the recording, which does not depend on amplitude: the fit to all
-        of a trial must show it, too.
-    first
-        Whether it causes others, as a wrong unit or sign does.
-    of
-        Results that it concerns; empty: all.
-    spoils
-        Whether no estimate can be told beside it: other causes of a worse fit may be its effect.
-    without
-        Columns of the estimates by K, B and I, from the same fit with this cause as a column of the
-        regression.
-    """
-
-    name: str
-    explains: bool = False
-    of_recording: bool = False
-    first: bool = False
-    of: Sequence[str] = ()
-    spoils: bool = False
-    without: Mapping[str, str] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class Evidence:
-    """A column of result tables.
-
-    Attributes
-    ----------
-    cause
-        The cause of a number beyond its limit.
-    misfit
-        Whether a cause that explains the trial's misfit takes this column, too.
-    size
-        The estimate (K, B, I) of which the number is a share; empty: none.
-    of
-        Signals whose units scale this ratio to a known value.
-    second_ratio
-        Column of another ratio that tells a unit from another device; its own name: none is needed;
-        empty: the number is no such ratio.
-    decided_by
-        What decides whether it is a doubt: a limit of the configuration; the accuracy that the
-        estimate `size` needs; by how much the estimates with the cause in the fit differ; or that
-        it is certainly below zero.
-    tables
-        In which it counts; empty: in all.
-    """
-
-    column: str
-    cause: str
-    misfit: bool = False
-    size: str = ""
-    of: Sequence[str] = ("torque", "angle")
-    second_ratio: str = ""
-    decided_by: Literal["configuration", "accuracy", "effect", "sign"] = "configuration"
-    tables: Sequence[str] = ()
 
 
 @dataclass(frozen=True)
 class CauseInRow:
-    """A cause with its numbers beyond their limits in one row."""
+    """A cause of doubt with its numbers beyond their limits in one row."""
 
-    cause: Cause
-    numbers: Sequence[Beyond]
+    cause: KnownFinding
+    numbers: tuple[Beyond, ...]
 
-
-BETWEEN = "; "  # names of causes in a cell
-CAUSES = {name: Cause(name, **fields) for name, fields in TABLE["causes"].items()}
-HYPOTHESES: dict[str, str] = TABLE["hypotheses"]
-"""Causes by hypothesis of the inference, or by its family."""
-EVIDENCE = {name: Evidence(name, **fields) for name, fields in TABLE["columns"].items()}
-"""The evidence by column. Any other column may have a limit, too: its cause is then its name."""
 
 # Limit of what is decided by its effect. `fault_harm` is a multiple of what is worth telling;
 # `certain_lag_damping` is in N*m*s/rad: one sample at 300 Hz and K = 300 N*m/rad
@@ -108,13 +36,17 @@ LARGEST_UNCERTAINTY = 1.05  # upper end over estimate, above which a ratio tells
 FAR_BEYOND = 1.15  # of a limit: a cause of others that is farther beyond it precedes them
 
 
-def doubts_of_result(names: str, result: str) -> str:
-    """Those causes in a cell of the column `DOUBTFUL` that concern one result of the fit."""
+BETWEEN = "; "  # titles of findings in a cell
+FINDINGS_BY_TITLE = {kind.title: kind for kind in FINDINGS.values()}
+
+
+def doubts_of_result(titles: str, result: str) -> str:
+    """Those findings in a cell of the column `DOUBTFUL` that concern one result of the fit."""
     concerning = []
-    for name in names.split(BETWEEN):
-        results = CAUSES[name].of if name in CAUSES else ()
-        if not results or result in results:
-            concerning.append(name)
+    for title in titles.split(BETWEEN):
+        kind = FINDINGS_BY_TITLE.get(title)
+        if kind is None or not kind.concerns or result in kind.concerns:
+            concerning.append(title)
     return BETWEEN.join(concerning)
 
 
@@ -131,7 +63,7 @@ def limits_in(table: str, row: AnyRow, limits: Limits) -> list[Limit]:
         if evidence.decided_by == "effect":
             by_accuracy.append(Limit(name, "above", LEAST_EFFECT))
         elif evidence.decided_by == "accuracy":
-            by_accuracy.append(Limit(name, "above", limits.accuracy.of(evidence.size)))
+            by_accuracy.append(Limit(name, "above", limits.accuracy.of(evidence.share_of)))
         elif evidence.decided_by == "sign":
             by_sign.append(Limit(name, "below", 0.0))
     return [*by_accuracy, *configured, *by_sign]
@@ -183,7 +115,7 @@ def suspected_unit(name: str, ratio: float, row: AnyRow) -> str:
     if evidence is None or not evidence.second_ratio:
         return ""
     second_ratio = cell_number(row, evidence.second_ratio)
-    if not second_ratio:
+    if not second_ratio or not ratio:
         return ""
     symbol = name.removesuffix("_ratio")
     estimate = cell_number(row, symbol)
@@ -194,7 +126,7 @@ def suspected_unit(name: str, ratio: float, row: AnyRow) -> str:
     are_others_likely = abs(second_ratio / ratio - 1) < NEAR_SECOND_RATIO
     of_current: list[str] = []
     of_others: list[str] = []
-    for signal in evidence.of:
+    for signal in evidence.signals:
         if signal == "current" and is_current_likely:
             of_current.append(signal)
         if signal != "current" and are_others_likely:
@@ -204,34 +136,34 @@ def suspected_unit(name: str, ratio: float, row: AnyRow) -> str:
     return factor_name
 
 
-def cause_of(name: str, value: float, row: AnyRow) -> Cause:
+def cause_of(name: str, value: float, row: AnyRow) -> KnownFinding:
     """The cause of a number beyond its limit; for an unknown column its name."""
     if name not in EVIDENCE:
-        return Cause(name)
+        return known_finding(name)
     if suspected_unit(name, value, row):
-        return CAUSES["another unit"]
+        return FINDINGS["wrong_unit"]
     if name == "residual_over_gait" and cell_number(row, "plate_ringing_hz"):
-        return CAUSES["plate that rings"]
+        return FINDINGS["ringing_plate"]
     if name == "plate_unexplained" and cell_number(row, "plate_zeroed"):
-        return CAUSES["plate with a threshold"]
+        return FINDINGS["plate_threshold"]
     if name == "rate_change" and value < 0:
-        return CAUSES["loss that falls with speed"]
+        return FINDINGS["loss_falling_with_speed"]
     if name == "fault_harm" and cell_number(row, "row_harm"):
-        return CAUSES["lost or joined rows"]
+        return FINDINGS["wrong_rows"]
     if name == "fault_harm":
         hypothesis, family = str(row.get("fault")), str(row.get("fault_family"))
-        return CAUSES[HYPOTHESES.get(hypothesis) or HYPOTHESES[family]]
+        return FINDINGS[HYPOTHESES.get(hypothesis) or HYPOTHESES[family]]
     if name == "K_change" and (value > 0 or row.get("fault_family") == "size"):
-        return CAUSES["spring that is not linear"]
-    return CAUSES[EVIDENCE[name].cause]
+        return FINDINGS["nonlinear_spring"]
+    return FINDINGS[EVIDENCE[name].finding]
 
 
-def explaining(row: AnyRow, numbers: Mapping[str, Beyond]) -> Cause | None:
+def explaining(row: AnyRow, numbers: Mapping[str, Beyond]) -> KnownFinding | None:
     """The first cause in a row that makes its fit worse; harmonics alone count as friction."""
     columns = [name for name in numbers if name in EVIDENCE]
-    for name in sorted(columns, key=lambda name: EVIDENCE[name].misfit):
+    for name in sorted(columns, key=lambda name: EVIDENCE[name].is_misfit):
         cause = cause_of(name, numbers[name].value, row)
-        if cause.explains:
+        if cause.explains_misfit:
             return cause
     return None
 
@@ -240,12 +172,12 @@ def rank_of(number: Beyond) -> int:
     """The place of evidence among that of its row: causes of others first, unknown ones last."""
     if number.column not in EVIDENCE:
         return 2
-    causes_others = CAUSES[EVIDENCE[number.column].cause].first
+    causes_others = FINDINGS[EVIDENCE[number.column].finding].causes_others
     return 0 if causes_others and number.excess > FAR_BEYOND else 1
 
 
 def causes_in(
-    row: AnyRow, numbers: Mapping[str, Beyond], misfit_by: Cause | None
+    row: AnyRow, numbers: Mapping[str, Beyond], misfit_by: KnownFinding | None
 ) -> list[CauseInRow]:
     """Order the numbers of a row by their causes.
 
@@ -254,7 +186,7 @@ def causes_in(
     row : AnyRow
     numbers : Mapping of str to Beyond
         Its numbers beyond their limits, by column.
-    misfit_by : Cause or None
+    misfit_by : KnownFinding or None
         What explains the misfit of the trial, which takes the columns that show it.
 
     Returns
@@ -263,19 +195,18 @@ def causes_in(
         Causes of others first, unknown ones last. Beside a cause that spoils all estimates, no
         other that makes the fit worse is named.
     """
-    causes: dict[str, Cause] = {}
-    evidence: dict[str, list[Beyond]] = {}
+    numbers_of: dict[str, list[Beyond]] = {}
     for number in sorted(numbers.values(), key=rank_of):
-        is_misfit = number.column in EVIDENCE and EVIDENCE[number.column].misfit
+        is_misfit = number.column in EVIDENCE and EVIDENCE[number.column].is_misfit
         cause = cause_of(number.column, number.value, row)
         if misfit_by is not None and is_misfit:
             cause = misfit_by
-        causes.setdefault(cause.name, cause)
-        evidence.setdefault(cause.name, []).append(number)
-    spoiler = next((cause for cause in causes.values() if cause.spoils), None)
+        numbers_of.setdefault(cause.name, []).append(number)
+    causes = [known_finding(name) for name in numbers_of]
+    spoiler = next((cause for cause in causes if cause.spoils_estimates), None)
     in_row = []
-    for name, cause in causes.items():
-        is_effect = spoiler is not None and cause.explains and cause is not spoiler
+    for cause in causes:
+        is_effect = spoiler is not None and cause.explains_misfit and cause is not spoiler
         if not is_effect:
-            in_row.append(CauseInRow(cause, evidence[name]))
+            in_row.append(CauseInRow(cause, tuple(numbers_of[cause.name])))
     return in_row

@@ -9,7 +9,7 @@ from typing import Any
 import polars as pl
 
 from osl_analysis.files import file_state
-from osl_analysis.judge.limits import QualityRules, judged_table
+from osl_analysis.judge.recording_checks import QualityRules, judged_table
 from osl_analysis.refusal import is_refused
 
 HOW_TO_USE = (

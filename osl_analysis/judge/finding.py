@@ -6,18 +6,15 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from itertools import product
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import NamedTuple
 
 import polars as pl
-from pydantic import Field
 
+from osl_analysis.judge.known_findings import known_finding
 from osl_analysis.refusal import is_refused
 from osl_analysis.table import read_table
-from osl_analysis.yaml_settings import NotNegative, Settings
 
 AnyRow = Mapping[str, object]  # a row of a result table
-Share = Annotated[float, Field(gt=0, lt=1)]  # A part of a whole; a larger number is in percent.
-Factor = Annotated[float, Field(gt=1)]  # How many times a number may be another one.
 
 
 class Grade(StrEnum):
@@ -30,67 +27,14 @@ class Grade(StrEnum):
 
 
 class Remedy(StrEnum):
-    """Which remedy helps, given what else of the trial is sound: keys of `words.yaml`."""
+    """Which remedy helps, given what else of the trial is sound: fields of `KnownFinding`."""
 
     WHOLE = "remedy"  # the fit to all of the trial is doubtful
-    ALONE = "otherwise"  # the same, where there are no rows of single amplitudes
+    ALONE = "without_amplitudes"  # the same, where there are no rows of single amplitudes
     AMPLITUDE = "of_amplitude"  # only the fit to one amplitude is doubtful
     FREQUENCY = "of_frequency"  # a row of one frequency
-    DOUBTED = "doubted"  # for what was not checked, or is noted, in a doubtful row
-
-
-class Accuracy(Settings):
-    """How well K, B and I have to be known, each as a share of itself.
-
-    A finding that may move an estimate by more makes it doubtful; one that moves every estimate by
-    less is a remark.
-    """
-
-    K: Share = 0.02  # Of stiffnesses; benches that agree on one spring differ by 1 to 2 %.
-    B: Share = 0.05  # Of dampings; loads and temperatures change a joint's damping by as much.
-    I: Share = 0.2  # Of inertias, which are hardly seen below 5 Hz.
-
-    def of(self, estimate: str) -> float:
-        """Share of K, B or I that a finding may move it by."""
-        return {"K": self.K, "B": self.B, "I": self.I}[estimate]
-
-
-@dataclass(frozen=True)
-class Limit:
-    """The limit of one column."""
-
-    column: str
-    side: Literal["above", "below"]  # on which a number is beyond it
-    value: float | None  # in the unit of the column; None: no limit
-
-
-class ColumnLimits(Settings):
-    """Limits of one table, by column. Null: no limit."""
-
-    above: dict[str, NotNegative | None] = Field(default_factory=dict)
-    """Upper limits, by column. A fit is doubtful if the absolute value is above its limit."""
-    below: dict[str, float | None] = Field(default_factory=dict)
-    """Lower limits, by column. A fit is doubtful if the value is below its limit."""
-    ratio: dict[str, Factor | None] = Field(default_factory=dict)
-    """Limits of ratios to a known value, by column. A fit is doubtful if the ratio is above its
-    limit, or below 1 over it."""
-
-    def stated(self) -> list[Limit]:
-        """Each limit: those above, of ratios, and below."""
-        limits = [Limit(column, "above", value) for column, value in self.above.items()]
-        for column, factor in self.ratio.items():
-            limits.append(Limit(column, "above", factor))
-        for column, factor in self.ratio.items():
-            limits.append(Limit(column, "below", None if factor is None else 1 / factor))
-        for column, value in self.below.items():
-            limits.append(Limit(column, "below", value))
-        return limits
-
-
-class Limits(ColumnLimits):
-    """Limits of one table, and the accuracy that its estimates need."""
-
-    accuracy: Accuracy = Accuracy()
+    DOUBTED = "if_doubtful"  # for what was not checked, or is noted, in a doubtful row
+    NONE = "none"  # it moves the estimates by less than their accuracy
 
 
 @dataclass(frozen=True)
@@ -117,18 +61,25 @@ class Beyond:
 
 @dataclass(frozen=True)
 class Finding:
-    """One cause, or one thing that could not be checked, in a row of a table.
+    """One thing that was found in a row of a table: a cause of doubt, something that could not be
+    checked, or a remark.
 
     Attributes
     ----------
+    name
+        Its short name, a key of `findings.yaml`; a column that has none there is its own.
     table
         The name of the table.
     subject
         The trial or the group.
+    grade
+        Its verdict: what it does to the trial or fit.
     evidence
         Numbers beyond their limits; none for what could not be checked.
     amplitude_deg, frequency_hz
         Those of the row; None: all.
+    remedy
+        Which remedy helps.
     inherited
         Table of the same trial that it comes from; empty: the row itself.
     sizes
@@ -138,11 +89,14 @@ class Finding:
         recorded ones: K, B, I, with `_low` and `_high`.
     untold
         Those of K, B and I of which nothing is told beside this cause.
+    title
+        Its title where this names a part of the device, such as `component K_s`; empty: that of its
+        name.
     """
 
+    name: str
     table: str
     subject: str
-    cause: str
     grade: Grade = Grade.DOUBTS
     evidence: tuple[Beyond, ...] = ()
     amplitude_deg: float | None = None
@@ -152,27 +106,50 @@ class Finding:
     sizes: Mapping[str, float] = field(default_factory=dict)
     without: Mapping[str, float] = field(default_factory=dict)
     untold: tuple[str, ...] = ()
+    title: str = ""
 
-    def to_row(self) -> dict[str, object]:
-        """Its columns of `findings.csv` without number, words and evidence."""
-        row: dict[str, object] = {
-            "table": self.table,
-            "trial": self.subject,
-            "amplitude_deg": self.amplitude_deg,
-            "frequency_hz": self.frequency_hz,
-            "grade": self.grade.value,
-            "cause": self.cause,
-            "inherited": self.inherited or None,
-        }
-        for name in ESTIMATES:
-            row[f"{name}_size"] = self.sizes.get(name)
-            for end in ("", "_low", "_high"):
-                row[f"{name}_without{end}"] = self.without.get(f"{name}{end}")
-        return row
+    @property
+    def cause(self) -> str:
+        """What users call it in every table and on the page."""
+        return self.title or known_finding(self.name).title
+
+    @property
+    def is_of_part(self) -> bool:
+        """Whether it concerns a single amplitude, frequency or result."""
+        is_of_row = self.amplitude_deg is not None or self.frequency_hz is not None
+        return is_of_row or bool(known_finding(self.name).concerns)
+
+    def numbers_by_column(self) -> dict[str, float]:
+        """Its effect and the estimates without it, by column of `findings.csv`."""
+        numbers: dict[str, float] = {}
+        for symbol in ESTIMATES:
+            if symbol in self.sizes:
+                numbers[f"{symbol}_size"] = self.sizes[symbol]
+            for end in ENDS:
+                if f"{symbol}{end}" in self.without:
+                    numbers[f"{symbol}_without{end}"] = self.without[f"{symbol}{end}"]
+        return numbers
+
+
+class Words(NamedTuple):
+    """What a finding says to a reader."""
+
+    says: str  # what is wrong, and what it does to the results
+    size: str  # how large it is in this row; empty if not known
+    remedy: str  # what to do; empty for nothing
+
+
+@dataclass(frozen=True)
+class WordedFinding:
+    """A finding with its words, as `findings.csv` has it."""
+
+    finding: Finding
+    words: Words
 
 
 ESTIMATES = ("K", "B", "I")
 UNITS_OF_ESTIMATES = {"K": "N*m/rad", "B": "N*m*s/rad", "I": "kg*m^2"}
+ENDS = ("", "_low", "_high")  # of the column of an estimate
 FINDING_NUMBERS = [
     f"{symbol}_{number}"
     for symbol, number in product(ESTIMATES, ("size", "without", "without_low", "without_high"))
@@ -181,7 +158,7 @@ FINDING_COLUMNS: dict[str, type[pl.DataType]] = {
     "finding": pl.Int64,
     **dict.fromkeys(("table", "trial"), pl.String),
     **dict.fromkeys(("amplitude_deg", "frequency_hz"), pl.Float64),
-    **dict.fromkeys(("grade", "cause", "inherited", "evidence"), pl.String),
+    **dict.fromkeys(("grade", "name", "cause", "inherited", "evidence"), pl.String),
     **dict.fromkeys(("value", "limit"), pl.Float64),
     "side": pl.String,
     **dict.fromkeys(FINDING_NUMBERS, pl.Float64),
@@ -191,33 +168,79 @@ FINDING_COLUMNS: dict[str, type[pl.DataType]] = {
 `finding`."""
 
 
-def findings_frame(
-    findings: Iterable[tuple[Finding, tuple[str, str, str]]] = (),
-) -> pl.DataFrame:
-    """`findings.csv` from findings with their words: what is wrong, how large, and what to do."""
+def findings_frame(findings: Iterable[WordedFinding] = ()) -> pl.DataFrame:
+    """`findings.csv` from findings with their words."""
     rows: list[dict[str, object]] = []
-    for number, (finding, (says, size, remedy)) in enumerate(findings, start=1):
-        words = {"says": says or None, "size": size or None, "remedy": remedy or None}
-        shared = {"finding": number, **finding.to_row(), **words}
-        if not finding.evidence:
+    for number, worded in enumerate(findings, start=1):
+        shared = {"finding": number, **finding_row(worded)}
+        if not worded.finding.evidence:
             rows.append(shared)
-        for number_beyond in finding.evidence:
+        for beyond in worded.finding.evidence:
             evidence = {
-                "evidence": number_beyond.column,
-                "value": number_beyond.value,
-                "limit": number_beyond.limit,
-                "side": number_beyond.side,
+                "evidence": beyond.column,
+                "value": beyond.value,
+                "limit": beyond.limit,
+                "side": beyond.side,
             }
             rows.append({**shared, **evidence})
     return pl.DataFrame(rows, schema=FINDING_COLUMNS)
 
 
-def read_findings(path: Path) -> pl.DataFrame:
-    """`findings.csv`; an empty table where it was refused or is not there."""
+def finding_row(worded: WordedFinding) -> dict[str, object]:
+    """The columns of `findings.csv` that all rows of a finding share, without its number."""
+    finding = worded.finding
+    row: dict[str, object] = {
+        "table": finding.table,
+        "trial": finding.subject,
+        "amplitude_deg": finding.amplitude_deg,
+        "frequency_hz": finding.frequency_hz,
+        "grade": finding.grade.value,
+        "name": finding.name,
+        "cause": finding.cause,
+        "inherited": finding.inherited or None,
+    }
+    words = {part: text or None for part, text in worded.words._asdict().items()}
+    return {**row, **finding.numbers_by_column(), **words}
+
+
+def read_findings(path: Path) -> list[WordedFinding]:
+    """The findings of `findings.csv`; none where it was refused or is not there."""
     if not path.is_file() or is_refused(path):
-        return findings_frame()
+        return []
     columns = [pl.col(name).cast(dtype) for name, dtype in FINDING_COLUMNS.items()]
-    return read_table(path, ["finding"]).select(columns)
+    return findings_of_frame(read_table(path, ["finding"]).select(columns))
+
+
+def findings_of_frame(frame: pl.DataFrame) -> list[WordedFinding]:
+    """The findings of a table as `findings_frame` makes it."""
+    findings = []
+    for rows in frame.partition_by("finding", maintain_order=True):
+        numbers = rows.drop_nulls("evidence").select("evidence", "value", "limit", "side")
+        row = rows.row(0, named=True)
+        sizes: dict[str, float] = {}
+        without: dict[str, float] = {}
+        for symbol in ESTIMATES:
+            if row[f"{symbol}_size"] is not None:
+                sizes[symbol] = row[f"{symbol}_size"]
+            for end in ENDS:
+                if row[f"{symbol}_without{end}"] is not None:
+                    without[f"{symbol}{end}"] = row[f"{symbol}_without{end}"]
+        finding = Finding(
+            name=row["name"],
+            table=row["table"],
+            subject=row["trial"],
+            grade=Grade(row["grade"]),
+            evidence=tuple(Beyond(*number) for number in numbers.iter_rows()),
+            amplitude_deg=row["amplitude_deg"],
+            frequency_hz=row["frequency_hz"],
+            inherited=row["inherited"] or "",
+            sizes=sizes,
+            without=without,
+            title=row["cause"],
+        )
+        words = Words(row["says"] or "", row["size"] or "", row["remedy"] or "")
+        findings.append(WordedFinding(finding, words))
+    return findings
 
 
 def cell_number(row: AnyRow, name: str) -> float | None:

@@ -1,59 +1,74 @@
-"""The limits of the configuration: thresholds of the checks of recordings, verdicts by them on the
-measured values (`ingest/examine.py`), and limits on columns of result tables.
+"""The limits of the configuration on columns of result tables, and the accuracy that estimates
+need."""
 
-Measuring needs samples and no limits; judging needs a few numbers and no samples. A changed limit
-only judges again.
-"""
-
-import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal, Self
+from typing import Annotated, Literal, Self
 
-import polars as pl
 from pydantic import ConfigDict, Field, model_validator
 
 from osl_analysis.config.experiments import judged_tables
 from osl_analysis.dictionary import described_tables_by_name
-from osl_analysis.errors import InputError, nearest
-from osl_analysis.judge.causes import EVIDENCE, TABLE
-from osl_analysis.judge.finding import Accuracy, ColumnLimits, Limit, Limits
-from osl_analysis.yaml_settings import Settings, misplaced, removed
+from osl_analysis.errors import nearest
+from osl_analysis.judge.known_findings import EVIDENCE
+from osl_analysis.yaml_settings import NotNegative, Settings, misplaced, removed
+
+Share = Annotated[float, Field(gt=0, lt=1)]  # A part of a whole; a larger number is in percent.
+Factor = Annotated[float, Field(gt=1)]  # How many times a number may be another one.
 
 
-class Rule(Settings):
-    """The threshold of one check, and what happens to a trial beyond it."""
+class Accuracy(Settings):
+    """How well K, B and I have to be known, each as a share of itself.
 
-    threshold: str  # Number and unit, as in `20 N`.
-    on_failure: Literal["flag", "exclude"]
-    """`flag` says so in the table of quality; `exclude` keeps the trial out of every other table
-    and figure, too."""
+    A finding that may move an estimate by more makes it doubtful; one that moves every estimate by
+    less is a remark.
+    """
 
-    @property
-    def limit(self) -> float:
-        """The threshold without its unit."""
-        return float(self.threshold.split(maxsplit=1)[0])
+    K: Share = 0.02  # Of stiffnesses; benches that agree on one spring differ by 1 to 2 %.
+    B: Share = 0.05  # Of dampings; loads and temperatures change a joint's damping by as much.
+    I: Share = 0.2  # Of inertias, which are hardly seen below 5 Hz.
+
+    def of(self, estimate: str) -> float:
+        """Share of K, B or I that a finding may move it by."""
+        return {"K": self.K, "B": self.B, "I": self.I}[estimate]
 
 
-class QualityRules(Settings):
-    """A rule per check, under the check's name."""
+@dataclass(frozen=True)
+class Limit:
+    """The limit of one column."""
 
-    model_config = ConfigDict(extra="allow")
-    __pydantic_extra__: dict[str, Rule] = Field(init=False)
+    column: str
+    side: Literal["above", "below"]  # on which a number is beyond it
+    value: float | None  # in the unit of the column; None: no limit
 
-    @model_validator(mode="before")
-    @classmethod
-    def _checks_are_known(cls, content: Any) -> Any:
-        names = list(content) if isinstance(content, Mapping) else []
-        for name in names:
-            if name not in CHECKS:
-                check_is_of_this_release(str(name))
-                raise misplaced(unknown_check(str(name)), name)
-        return content
 
-    @property
-    def by_check(self) -> dict[str, Rule]:
-        return self.__pydantic_extra__
+class ColumnLimits(Settings):
+    """Limits of one table, by column. Null: no limit."""
+
+    above: dict[str, NotNegative | None] = Field(default_factory=dict)
+    """Upper limits, by column. A fit is doubtful if the absolute value is above its limit."""
+    below: dict[str, float | None] = Field(default_factory=dict)
+    """Lower limits, by column. A fit is doubtful if the value is below its limit."""
+    ratio: dict[str, Factor | None] = Field(default_factory=dict)
+    """Limits of ratios to a known value, by column. A fit is doubtful if the ratio is above its
+    limit, or below 1 over it."""
+
+    def stated(self) -> list[Limit]:
+        """Each limit: those above, of ratios, and below."""
+        limits = [Limit(column, "above", value) for column, value in self.above.items()]
+        for column, factor in self.ratio.items():
+            limits.append(Limit(column, "above", factor))
+        for column, factor in self.ratio.items():
+            limits.append(Limit(column, "below", None if factor is None else 1 / factor))
+        for column, value in self.below.items():
+            limits.append(Limit(column, "below", value))
+        return limits
+
+
+class Limits(ColumnLimits):
+    """Limits of one table, and the accuracy that its estimates need."""
+
+    accuracy: Accuracy = Accuracy()
 
 
 LARGEST_VALUES = {"VAF": 100, "R2": 1, "correlation": 1, "coherence": 1}
@@ -178,7 +193,7 @@ def decided_elsewhere(column: str) -> str:
         return ""
     evidence = EVIDENCE[column]
     if evidence.decided_by == "accuracy":
-        return f"state the accuracy that you need as doubtful.accuracy.{evidence.size}"
+        return f"state the accuracy that you need as doubtful.accuracy.{evidence.share_of}"
     if evidence.decided_by == "effect":
         return (
             "its effect on the estimates decides; state the accuracy that you need as"
@@ -214,114 +229,3 @@ def check_is_of_this_release(*place: str) -> None:
         raise removed("", *place, new_name=RENAMED_LIMITS[name])
     if name in REMOVED_LIMITS:
         raise removed(REMOVED_LIMITS[name], *place)
-
-
-TOLERANCE = 1e-3  # of a threshold: clocks of 100 Hz that nobody set run at 99.99 Hz
-
-
-@dataclass(frozen=True)
-class Check:
-    """A check of recordings, whose threshold stands in the configuration."""
-
-    name: str
-    cause: str
-    fails: Literal["above", "below"] = "above"  # the side of its threshold on which it fails
-
-    def failed(self, value: float | None, limit: float) -> bool:
-        """Whether a value is beyond its threshold by more than `TOLERANCE`; NaN fails, None (not
-        applicable) does not."""
-        if value is None:
-            return False
-        tolerance = TOLERANCE * limit
-        if self.fails == "below":
-            return not value >= limit - tolerance
-        return not value <= limit + tolerance
-
-
-NOT_APPLICABLE = "not applicable"  # a verdict
-CHECKS = {name: Check(name, **facts) for name, facts in TABLE["checks"].items()}
-
-
-def unknown_check(name: str) -> str:
-    return (
-        f"'{name}' is no quality check; the checks are {', '.join(CHECKS)}{nearest(name, CHECKS)}"
-    )
-
-
-def validate_rules(rules: QualityRules, units: Mapping[str, str]) -> None:
-    """Refuse rules that lack a check, or have a threshold in another unit than that of `units`, by
-    check, with InputError."""
-    for name in CHECKS:
-        if name not in rules.by_check:
-            raise InputError(
-                f"configuration, quality: no rule for the check '{name}'; add it as in"
-                " config/config.yaml"
-            )
-        threshold = rules.by_check[name].threshold
-        if not is_threshold(threshold, units[name]):
-            raise InputError(
-                f"configuration, quality.{name}: threshold '{threshold}' must be a number from 0"
-                f" and its unit, as in '1 {units[name]}'"
-            )
-
-
-def is_threshold(text: str, unit: str) -> bool:
-    """Whether a text is a number from 0 and this unit."""
-    number, _, written_unit = text.partition(" ")
-    try:
-        return written_unit.strip() == unit and 0 <= float(number) < math.inf
-    except ValueError:
-        return False
-
-
-VERDICT_COLUMNS = {
-    "trial": pl.String,
-    "check": pl.String,
-    "value": pl.Float64,
-    "unit": pl.String,
-    "threshold": pl.Float64,
-    "verdict": pl.String,
-    "remark": pl.String,
-}
-
-
-def judged_table(
-    measured: pl.DataFrame, rules: QualityRules, accept: Mapping[str, Collection[str]]
-) -> pl.DataFrame:
-    """Judge what was measured of recordings.
-
-    Parameters
-    ----------
-    measured : polars.DataFrame
-        `measured_table` of trials. Rows of checks of an older release are left out: their trials
-        are ingested again.
-    rules : QualityRules
-    accept : Mapping of str to Collection of str
-        Checks that the sheet accepts, by trial.
-
-    Returns
-    -------
-    polars.DataFrame
-        With thresholds and verdicts, as in `quality.csv`.
-    """
-    rows: list[dict[str, Any]] = []
-    of_known_checks = measured.filter(pl.col("check").is_in(list(rules.by_check)))
-    for trial, name, value, unit, remark in of_known_checks.iter_rows():
-        rule = rules.by_check[name]
-        remarks = [remark] if remark else []
-        verdict = NOT_APPLICABLE if value is None else "pass"
-        if CHECKS[name].failed(value, rule.limit):
-            if name in accept.get(trial, ()):
-                remarks.insert(0, "accepted in the sheet")
-            else:
-                verdict = rule.on_failure
-        rows.append({
-            "trial": trial,
-            "check": name,
-            "value": value,
-            "unit": unit,
-            "threshold": rule.limit,
-            "verdict": verdict,
-            "remark": "; ".join(remarks),
-        })  # fmt: skip
-    return pl.DataFrame(rows, VERDICT_COLUMNS)

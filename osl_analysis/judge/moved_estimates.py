@@ -4,8 +4,9 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from osl_analysis.judge.causes import EVIDENCE, Cause
-from osl_analysis.judge.finding import ESTIMATES, Accuracy, AnyRow, Beyond, cell_number
+from osl_analysis.judge.finding import ESTIMATES, AnyRow, Beyond, cell_number
+from osl_analysis.judge.known_findings import EVIDENCE, KnownFinding
+from osl_analysis.judge.limits import Accuracy
 
 NAMES_IN_TABLE: Mapping[str, Mapping[str, str]] = {
     "belt": {"K": "K_s"},
@@ -42,10 +43,10 @@ def corrected_column(table: str, symbol: str, column: str) -> str:
     return f"{estimate_column(table, symbol)}{column.removeprefix(symbol)}"
 
 
-def corrections(table: str, cause: Cause, row: AnyRow) -> list[Correction]:
+def corrections(table: str, cause: KnownFinding, row: AnyRow) -> list[Correction]:
     """The estimates beside a cause, as far as the row has their columns."""
     without_cause: list[Correction] = []
-    for symbol, column_of_impedance in cause.without.items():
+    for symbol, column_of_impedance in cause.estimates_without.items():
         column = corrected_column(table, symbol, column_of_impedance)
         if column not in row:
             continue
@@ -93,7 +94,7 @@ def size_of(row: AnyRow, column: str) -> float:
 
 
 def shares_moved(
-    table: str, row: AnyRow, cause: Cause, evidence: Sequence[Beyond]
+    table: str, row: AnyRow, cause: KnownFinding, evidence: Sequence[Beyond]
 ) -> dict[str, float]:
     """By which share of itself a cause may move each of K, B and I that the row has; empty where
     the row does not tell."""
@@ -123,7 +124,7 @@ def shares_of_half_widths(table: str, row: AnyRow, half_widths: float) -> dict[s
 
 
 def is_within_accuracy(
-    table: str, row: AnyRow, cause: Cause, evidence: Sequence[Beyond], accuracy: Accuracy
+    table: str, row: AnyRow, cause: KnownFinding, evidence: Sequence[Beyond], accuracy: Accuracy
 ) -> bool:
     """Whether a cause certainly moves K, B and I by less than their accuracy: the row tells by how
     much, and no other number of its evidence is beyond a limit of its own."""

@@ -131,11 +131,12 @@ class Comparison:
 
 @dataclass(frozen=True)
 class Ratio:
-    """B over A, less 1 [percent], with the ends of its 95 % interval and the verdict on it."""
+    """B over A, less 1 [percent], with the ends of its 95 % interval and the verdict on it, as the
+    fields of `Comparison`."""
 
-    percent: float | None
-    low: float | None
-    high: float | None
+    relative_percent: float | None
+    relative_percent_low: float | None
+    relative_percent_high: float | None
     margin_percent: float | None
     method: str
     verdict: str | None
@@ -320,8 +321,7 @@ def compare_quantity(rows_a: Rows, rows_b: Rows, quantity: str, margin: float | 
     """Compare one quantity at one place. If one campaign has none, there is no difference, and the
     remark says so."""
     a, b = estimates(rows_a, quantity), estimates(rows_b, quantity)
-    conditions_a, conditions_b = set(a.sample), set(b.sample)
-    shared = conditions_a & conditions_b
+    shared = set(a.sample) & set(b.sample)
     are_pooled = is_pooled(a.sample) or is_pooled(b.sample)
     # calibration errors of the benches, which the scatter of trials does not show
     benches: list[Rows] = [rows_a, rows_b]
@@ -350,8 +350,9 @@ def compare_quantity(rows_a: Rows, rows_b: Rows, quantity: str, margin: float | 
             "trials without K_d count as repeats of one condition; state K_d, or name like trials"
             " alike"
         )
-    if shared and conditions_a != conditions_b:
-        remarks.append(f"{len(shared)} of {len(conditions_a | conditions_b)} conditions are shared")
+    either = set(a.sample) | set(b.sample)
+    if 0 < len(shared) < len(either):
+        remarks.append(f"{len(shared)} of {len(either)} conditions are shared")
     if is_ensemble(rows_a) or is_ensemble(rows_b):
         commanded = [*a.sample, *b.sample]
         if None not in commanded and len(set(commanded)) > 1:
@@ -371,15 +372,7 @@ def compare_quantity(rows_a: Rows, rows_b: Rows, quantity: str, margin: float | 
         if min(chain.from_iterable([*a.sample.values(), *b.sample.values()])) > 0:
             relative_se = bench_error(benches, quantity, as_share=True)
             ratio = ratio_of(a.sample, b.sample, subtract, relative_se, margin)
-            comparison = replace(
-                comparison,
-                relative_percent=ratio.percent,
-                relative_percent_low=ratio.low,
-                relative_percent_high=ratio.high,
-                margin_percent=ratio.margin_percent,
-                verdict=ratio.verdict,
-                method=ratio.method,
-            )
+            comparison = replace(comparison, **asdict(ratio))
         else:
             remarks.append("no ratio: an estimate, or an end of its interval, is not above 0")
     return replace(comparison, remark="; ".join(remarks) or None)
@@ -442,9 +435,9 @@ def ratio_of(
     low, high = percent_of(of_logarithms.low), percent_of(of_logarithms.high)
     margin_percent = None if margin is None else 100 * margin
     return Ratio(
-        percent=percent_of(of_logarithms.estimate),
-        low=low,
-        high=high,
+        relative_percent=percent_of(of_logarithms.estimate),
+        relative_percent_low=low,
+        relative_percent_high=high,
         margin_percent=margin_percent,
         method=of_logarithms.method,
         verdict=repeats.equivalence(low, high, 0.0, margin_percent or 0.0),

@@ -1,21 +1,19 @@
 """The words of findings: the only place where they become sentences. Nothing here decides, and
 nothing reads them back.
 
-The sentences stand in `words.yaml`, with names in braces for numbers. A name is a column of the row
-that the finding is about, or one of `OF_EVIDENCE` or `COMPUTED`. A detail whose numbers the row
+The sentences stand in `findings.yaml`, with names in braces for numbers. A name is a column of the
+row that the finding is about, or one of `OF_EVIDENCE` or `COMPUTED`. A detail whose numbers the row
 does not have is left out.
 """
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from functools import cache
-from pathlib import Path
+from dataclasses import replace
 from string import Formatter
-from typing import Any, NamedTuple
+from typing import Any
 
-from osl_analysis.dictionary import own_yaml
 from osl_analysis.errors import nearest
-from osl_analysis.judge.causes import CAUSES, EVIDENCE, cause_of, suspected_unit
+from osl_analysis.judge.causes import cause_of, suspected_unit
 from osl_analysis.judge.finding import (
     ESTIMATES,
     AnyRow,
@@ -23,28 +21,26 @@ from osl_analysis.judge.finding import (
     Finding,
     Grade,
     Remedy,
+    Words,
     cell_number,
 )
-from osl_analysis.judge.judging import MEASURED_BY
+from osl_analysis.judge.known_findings import EVIDENCE, FINDINGS, known_finding
 from osl_analysis.judge.moved_estimates import estimate_column
+from osl_analysis.judge.unchecked import MEASURED_BY
 from osl_analysis.measured import significant
 from osl_analysis.model.compensator import CONTROLLERS
 from osl_analysis.units import UNIT_FACTORS, known_factor
 
-WORDS: dict[str, dict[str, Any]] = own_yaml(Path(__file__).with_suffix(".yaml"))
 SYMMETRIC_SHARE = 1e-3  # of an interval's width: a middle this near to the estimate is the estimate
 
 RENDERED_OF_K_D = (0.66, 1.06)
 """Shares of K_d that a device renders, beside its friction, whose gains are not known: a belt of
 770 N*m/rad in series leaves 0.66 of 400 N*m/rad."""
 
-
-class Words(NamedTuple):
-    """What a finding says to a reader."""
-
-    says: str  # what is wrong, and what it does to the results
-    size: str  # how large it is in this row; empty if not known
-    remedy: str  # what to do; empty for nothing
+WITHIN_ACCURACY = (
+    "nothing to do: it changes K, B and I by less than the accuracy that they need"
+    " (`doubtful.accuracy`)"
+)
 
 
 def words_of(finding: Finding, row: AnyRow) -> Words:
@@ -54,51 +50,36 @@ def words_of(finding: Finding, row: AnyRow) -> Words:
     ----------
     finding : Finding
     row : AnyRow
-        The row of its table that it is about, whose numbers the sentences show.
+        The row of its table that it is about, or other numbers that its sentences show.
     """
-    if finding.cause in WORDS["unchecked"] and finding.grade is not Grade.DOUBTS:
-        return unchecked_words(finding, row)
-    entry = WORDS["causes"].get(finding.cause)
-    if entry is None:  # a limit on a column that is not in EVIDENCE
+    kind = FINDINGS.get(finding.name)
+    if kind is None:  # a limit on a column that is not in EVIDENCE
         return Words(evidence_text(finding), "", "")
-    remedy = entry.get(finding.remedy.value) or entry[Remedy.WHOLE.value]
-    if finding.grade is Grade.NOTES:
-        remedy = WORDS["remarks"]["within_accuracy"]
+    kind = replace(kind, **kind.in_table.get(finding.table, {}))
+    remedy = WITHIN_ACCURACY
+    if finding.remedy is not Remedy.NONE:
+        remedy = getattr(kind, finding.remedy.value) or kind.remedy
     cells = Cells(row)
-    return Words(entry["says"], size_text(finding, row), capital(filled(remedy, cells)))
-
-
-def unchecked_words(finding: Finding, row: AnyRow) -> Words:
-    """The words on what could not be checked, or is to be known."""
-    entry = WORDS["unchecked"][finding.cause]
-    entry = entry.get(finding.table, entry)
-    remedy = entry.get(finding.remedy.value, entry.get("remedy", ""))
-    cells = Cells(row)
-    return Words(filled(entry["says"], cells), "", capital(filled(remedy, cells)))
+    return Words(filled(kind.says, cells), size_text(finding, row), capital(filled(remedy, cells)))
 
 
 def size_text(finding: Finding, row: AnyRow) -> str:
     """How large a cause is in this row: its numbers, and the estimates without it."""
     details: list[str] = []
-    by_friction = friction_text(row) if finding.cause == "friction" else ""
+    by_friction = friction_text(row) if finding.name == "friction" else ""
     details.append(by_friction)
     for number in finding.evidence:
         # a misfit that another cause explains is told by that cause
-        if cause_of(number.column, number.value, row).name == finding.cause:
-            template = WORDS["columns"].get(number.column, "")
-            details.append(filled(template, Cells(row, number)))
+        if cause_of(number.column, number.value, row).name != finding.name:
+            continue
+        if number.column in EVIDENCE:
+            details.append(filled(EVIDENCE[number.column].says, Cells(row, number)))
     if not by_friction:  # which tells the estimates without it already
         details.append(estimates_without_cause(finding, row))
     details = [detail for detail in dict.fromkeys(details) if detail]
     if not details:
         return ""
     return ". ".join([details[0], *map(capital, details[1:])])
-
-
-def brief_remedy(cause: str) -> str:
-    """What to do about a cause, in a few words; `component K_s` has those of every component."""
-    phrases: Mapping[str, str] = WORDS["brief"]
-    return phrases.get(cause) or phrases.get(cause.partition(" ")[0], "")
 
 
 def sentence_of(words: Words, cause: str = "") -> str:
@@ -111,7 +92,7 @@ def finding_text(finding: Finding, row: AnyRow) -> str:
     """A finding about a row in one sentence or two, with the numbers that decided. Those of a
     remark are not beyond the accuracy that the user needs, and would contradict it."""
     words = words_of(finding, row)
-    if finding.cause not in WORDS["causes"] and finding.grade is Grade.DOUBTS:
+    if finding.name not in FINDINGS:
         return words.says
     sentence = sentence_of(words, finding.cause)
     if not finding.evidence or finding.grade is Grade.NOTES:
@@ -132,11 +113,11 @@ def beyond_text(number: Beyond) -> str:
     return f"{number.column} {number.value:.3g} is {number.side} {number.limit:g}"
 
 
-def without_names(cause: str, row: AnyRow, table: str) -> dict[str, str]:
+def without_names(name: str, row: AnyRow, table: str) -> dict[str, str]:
     """What K, B and I without a cause are called in a table. Certain friction is a column of the
     regression beside the cause, so the damping is the viscous one."""
     names = {symbol: estimate_column(table, symbol) for symbol in ESTIMATES}
-    is_hypothesis = cause in CAUSES and CAUSES[cause].without.get("B") == "B_without"
+    is_hypothesis = known_finding(name).estimates_without.get("B") == "B_without"
     if is_hypothesis and row.get(f"{names['B']}_viscous") is not None:
         names["B"] += "_viscous"
     return names
@@ -146,7 +127,7 @@ def estimates_without_cause(finding: Finding, row: AnyRow) -> str:
     """The estimates of the same fit with this cause as a column of the regression, where they are
     better than the recorded ones."""
     texts: list[str] = []
-    for symbol, name in without_names(finding.cause, row, finding.table).items():
+    for symbol, name in without_names(finding.name, row, finding.table).items():
         value = finding.without.get(symbol)
         low = finding.without.get(f"{symbol}_low")
         high = finding.without.get(f"{symbol}_high")
@@ -170,27 +151,6 @@ def is_symmetric(value: float, low: float, high: float) -> bool:
 def capital(text: str) -> str:
     """A text that begins with a capital letter; a symbol, as `f_C`, keeps its case."""
     return text if re.match(r"\w_", text) else text[:1].upper() + text[1:]
-
-
-@cache
-def printed(text: str) -> str:
-    """A text with units, symbols, powers and minus signs as the page sets them; empty for the unit
-    1."""
-    for pattern, sign in WORDS["signs"].items():
-        text = re.sub(pattern, sign, text)
-    return "" if text == "1" else text
-
-
-def check_words(cause: str) -> Words:
-    """What is wrong with a recording that does not pass a check of this cause, and what to do."""
-    entry = WORDS["causes"][cause]
-    return Words(entry["says"], "", entry["remedy"])
-
-
-def misfit_words(cause: str, **numbers: Any) -> Words:
-    """What explains the residuals of all predictions; the `numbers` fill the sentence."""
-    entry = WORDS["misfits"][cause]
-    return Words(entry["says"].format(**numbers), "", entry["remedy"])
 
 
 def component_changes_text(components: Sequence[Mapping[str, Any]]) -> str:
@@ -266,7 +226,7 @@ def filled(template: str, cells: Cells) -> str:
     return template.format(**values)
 
 
-# What a number of evidence says, by its name in `words.yaml`.
+# What a number of evidence says, by its name in `findings.yaml`.
 
 
 def percent(value: float) -> str:
@@ -297,7 +257,7 @@ def unit_factor_text(number: Beyond, row: AnyRow) -> str:
                 factor = factors[name]
                 break
     else:
-        name, factor = known_factor(number.value, EVIDENCE[number.column].of)
+        name, factor = known_factor(number.value, EVIDENCE[number.column].signals)
     return f", {factor:.3g} is the factor {name}" if name else ""
 
 
@@ -316,12 +276,12 @@ def more_or_less(number: Beyond, row: AnyRow) -> str:
 OF_EVIDENCE: Mapping[str, Callable[[Beyond, AnyRow], str]] = {
     "percent": lambda number, _: percent(number.value),
     "value": lambda number, _: significant(number.value, 3),
-    "moves": rise_text,
+    "rise": rise_text,
     "symbol": symbol_of_ratio,
-    "rubs": friction_of_damping,
-    "factor": unit_factor_text,
-    "frame": frame_text,
-    "beside": more_or_less,
+    "friction_in_damping": friction_of_damping,
+    "unit_factor": unit_factor_text,
+    "yielding_frame": frame_text,
+    "deviation": more_or_less,
 }
 
 
@@ -347,7 +307,7 @@ def friction_text(row: AnyRow) -> str:
     return ""
 
 
-# What is computed from a row, by its name in `words.yaml`.
+# What is computed from a row, by its name in `findings.yaml`.
 
 
 def lag_text(cells: Cells) -> str:
@@ -457,7 +417,7 @@ def damping_gap_text(cells: Cells) -> str:
 def reaction_text(cells: Cells) -> str:
     """What sets in within the window of a perturbation, and K without it."""
     kind = f"it is like {cells['reaction']}"
-    with_reflex = filled("{with_reflex}", cells)
+    with_reflex = filled("{K_with_reflex_text}", cells)
     return f"{kind}. {capital(with_reflex)}" if with_reflex else kind
 
 
@@ -530,19 +490,19 @@ def range_of_hidden_damping(cells: Cells) -> str:
 
 COMPUTED: Mapping[str, Callable[[Cells], str]] = {
     "explained": explained,
-    "late": lag_text,
+    "lag": lag_text,
     "late_remedy": late_remedy,
-    "loop": energy_lost_by_lag,
-    "known": calibration_text,
-    "gap": damping_gap_text,
-    "like": reaction_text,
+    "late_torque_of_loss": energy_lost_by_lag,
+    "calibration": calibration_text,
+    "damping_gap": damping_gap_text,
+    "reaction_and_K": reaction_text,
     "gains_unseen": gains_unseen,
     "unknown_gains": unknown_gains,
-    "late_or_early": motor_angle_direction,
-    "theta_m_ms": motor_angle_lag_ms,
-    "of_file": ratio_to_file,
-    "moment_short": moment_effect_on_K,
-    "with_reflex": K_with_reflex,
+    "theta_m_direction": motor_angle_direction,
+    "theta_m_lag_ms": motor_angle_lag_ms,
+    "ratio_to_file": ratio_to_file,
+    "moment_effect": moment_effect_on_K,
+    "K_with_reflex_text": K_with_reflex,
     "reflex_remedy": reflex_remedy,
-    "slope_B": range_of_hidden_damping,
+    "hidden_damping": range_of_hidden_damping,
 }

@@ -12,7 +12,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, get_origin
 
-from pydantic import ConfigDict, validate_call
+from pydantic import ConfigDict, TypeAdapter, validate_call
 
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import (
@@ -164,15 +164,15 @@ def log_end(job: Job, ending: Ending, **further: Any) -> None:
 def call(job: Job) -> Sequence[Refusal]:
     """Call the command of a job.
 
-    Its arguments are the inputs, outputs and params of the rule by their names, each converted to
-    the type that the command declares. A mapping of files gets them by their stems. A command with
-    an argument `refused` is told the causes of what is missing. Any other is not called if it needs
-    something that is missing: these causes are returned. The fit of an experiment takes a trial and
-    returns tables, which are written here. A command that writes tables has an argument `data`,
-    which their last column says.
+    Its arguments, or the fields of the one dataclass that it takes, are the inputs, outputs and
+    params of the rule by their names, each converted to the declared type. A mapping of files gets
+    them by their stems. A command with an argument `refused` is told the causes of what is missing.
+    Any other is not called if it needs something that is missing: these causes are returned. The
+    fit of an experiment takes a trial and returns tables, which are written here. A command that
+    writes tables has an argument `data`, which their last column says.
     """
     function = command_of(job)
-    arguments = inspect.signature(function).parameters
+    arguments = arguments_of(function)
     takes_refusals = "refused" in arguments
     inputs = {
         name: files
@@ -214,8 +214,24 @@ def call(job: Job) -> Sequence[Refusal]:
             write_tables({place_of(table, job): fitted[table] for table in tables}, data)
         else:
             outputs = {name: at for name, at in job.outputs.items() if name not in ONLY_MADE}
-            CONVERTING(function)(**given, **outputs, **params)
+            values = {**given, **outputs, **params}
+            made_of = dataclass_of(function)
+            if made_of is None:
+                CONVERTING(function)(**values)
+            else:
+                function(TypeAdapter(made_of).validate_python(values))
     return ()
+
+
+def dataclass_of(function: Callable[..., Any]) -> Any:
+    """The dataclass that a command takes as its only argument, `files`; None for other commands."""
+    arguments = inspect.signature(function).parameters
+    return arguments["files"].annotation if list(arguments) == ["files"] else None
+
+
+def arguments_of(function: Callable[..., Any]) -> Mapping[str, inspect.Parameter]:
+    """What a rule gives to a command by name: its arguments, or the fields of its dataclass."""
+    return inspect.signature(dataclass_of(function) or function).parameters
 
 
 def takes_many(arguments: Mapping[str, inspect.Parameter], name: str) -> bool:

@@ -1,8 +1,9 @@
 """The report of a run: one page that shows every trial behind the figures, from result tables and
 thinned signals.
 
-`trial_page` selects the content on trials and campaign, `page` writes it. The page draws a trial
-when the reader asks for it (`templates/report.js`), with the JavaScript of the package Bokeh."""
+`trial_page`, `trial_table` and `condition_rows` select what is shown, `page` writes it. The page
+draws a trial when the reader asks for it (`templates/report.js`), with the JavaScript of the
+package Bokeh."""
 
 from pathlib import Path
 

@@ -4,7 +4,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from osl_analysis.judge.finding import UNITS_OF_ESTIMATES
+from osl_analysis.judge.summary_findings import CampaignFinding, findings_in_summary
 from osl_analysis.report.decimal_places import RANGE
+from osl_analysis.report.headline import Headline, headlines_in_summary
 from osl_analysis.report.headline_text import written_number
 
 WIDTH = 100  # signs of a line
@@ -40,15 +42,15 @@ def brief_lines(summary: Mapping[str, Any]) -> list[str]:
         At most ten lines of at most 100 signs: trials that are clear, doubtful and left out; K and
         B with intervals; each finding with its size in the worst trial and what to do.
     """
-    lines = [trials_line(summary), *numbers_lines(summary["numbers"])]
-    lines += findings_lines(summary.get("findings", ()))
+    lines = [trials_line(summary), *numbers_lines(headlines_in_summary(summary))]
+    lines += findings_lines(findings_in_summary(summary))
     return [shortened(line) for line in lines]
 
 
-def findings_lines(findings: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+def findings_lines(findings: Sequence[CampaignFinding]) -> Iterator[str]:
     """A line for each of the first findings, and one for all that could not be checked."""
-    marked = [finding for finding in findings if finding["verdict"] in MARKS]
-    unchecked = [finding for finding in findings if finding["verdict"] == UNCHECKED]
+    marked = [finding for finding in findings if finding.verdict in MARKS]
+    unchecked = [finding for finding in findings if finding.verdict == UNCHECKED]
     for finding in marked[:MOST_FINDINGS]:
         yield finding_line(finding)
     if len(marked) > MOST_FINDINGS:
@@ -61,9 +63,9 @@ def trials_line(summary: Mapping[str, Any]) -> str:
     """How many trials are clear, doubtful, doubtful in part, flagged, left out, and ingested
     without being judged."""
     by_verdict: dict[str, set[str]] = {"doubtful": set(), IN_PART: set(), "flagged": set()}
-    for finding in summary.get("findings", ()):
-        if finding["verdict"] in by_verdict and finding.get("table") != OF_GROUPS:
-            by_verdict[finding["verdict"]].update(finding["trials"])
+    for finding in findings_in_summary(summary):
+        if finding.verdict in by_verdict and finding.table != OF_GROUPS:
+            by_verdict[finding.verdict].update(finding.trials)
     not_clear: set[str] = set()
     parts = []
     experiments = summary.get("trials", {}).values()
@@ -89,7 +91,7 @@ def trials_line(summary: Mapping[str, Any]) -> str:
     return f"{number} trial{'s' if number != 1 else ''}: {', '.join(parts)}"
 
 
-def numbers_lines(numbers: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
+def numbers_lines(numbers: Mapping[str, Headline]) -> Iterator[str]:
     """Errors of K and B by controller, and K and B of walking, with their intervals."""
     has_errors = any(name.startswith("K_bias") for name in numbers)
     begins = ERRORS_OF_BENCH if has_errors else ESTIMATES_OF_BENCH
@@ -107,9 +109,7 @@ def numbers_lines(numbers: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
         yield numbers_line("actuator", ACTUATOR, numbers)
 
 
-def numbers_line(
-    what: str, names: Mapping[str, str], numbers: Mapping[str, Mapping[str, Any]]
-) -> str:
+def numbers_line(what: str, names: Mapping[str, str], numbers: Mapping[str, Headline]) -> str:
     """Some headline numbers with their intervals; `names` has their keys by symbol. The kind of the
     intervals is left out where the line would be too long."""
     parts = []
@@ -117,47 +117,47 @@ def numbers_line(
     for symbol, name in names.items():
         if name not in numbers:
             continue
-        written = written_number(numbers[name])
-        part = f"{symbol} = {written.value} {numbers[name]['unit']}"
+        estimate = numbers[name].estimate
+        written = written_number(estimate)
+        part = f"{symbol} = {written.value} {numbers[name].label.unit}"
         if written.interval:
             part += f" ({written.interval})"
-            kinds.add("by trial" if numbers[name]["interval"] == RANGE else "95 %")
+            kinds.add("by trial" if estimate.interval == RANGE else "95 %")
         parts.append(part)
     line = f"{what}: {', '.join(parts)}"
     with_kind = f"{line} {' and '.join(sorted(kinds))}".rstrip()
     return with_kind if len(with_kind) <= WIDTH else line
 
 
-def finding_line(finding: Mapping[str, Any]) -> str:
+def finding_line(finding: CampaignFinding) -> str:
     """`⚠ friction: 16 of 32 impedance trials, B by up to 1.7 N*m*s/rad → report the viscous
     damping`.
 
     Without the size where the line would be too long.
     """
-    is_in_part = finding["verdict"] == IN_PART
-    cause = f"{finding['cause']}, in some rows" if is_in_part else finding["cause"]
-    kind, _, _ = finding["of"].partition(",")
-    counts = f"{len(finding['trials'])} of {finding['n']} {kind}"
-    problem = f"{MARKS[finding['verdict']]} {cause}: {counts}"
-    remedy = "leave out rows marked doubtful" if is_in_part else finding.get("brief", "")
+    is_in_part = finding.verdict == IN_PART
+    cause = f"{finding.cause}, in some rows" if is_in_part else finding.cause
+    counts = f"{len(finding.trials)} of {finding.n} {finding.kind}"
+    problem = f"{MARKS[finding.verdict]} {cause}: {counts}"
+    remedy = "leave out rows marked doubtful" if is_in_part else finding.brief
     end = f" → {remedy}" if remedy else ""
-    size = largest_size_text(finding)
+    size = largest_size_text(finding.numbers)
     if not size:
         return f"{problem}{end}"
     line = f"{problem}, {size}{end}"
     return line if len(line) <= WIDTH else f"{problem}{end}"
 
 
-def largest_size_text(finding: Mapping[str, Any]) -> str:
-    """By how much the finding moves that estimate of the worst trial which it moves most, as a
-    share of the estimate without it; K where no such estimate is known."""
+def largest_size_text(numbers: Mapping[str, float]) -> str:
+    """By how much a finding with these numbers moves that estimate which it moves most, as a share
+    of the estimate without it; K where no such estimate is known."""
     largest_share = -1.0
     text = ""
     for symbol, unit in UNITS_OF_ESTIMATES.items():
-        size = finding.get(f"{symbol}_size")
+        size = numbers.get(f"{symbol}_size")
         if size is None:
             continue
-        without = finding.get(f"{symbol}_without")
+        without = numbers.get(f"{symbol}_without")
         share = size / abs(without) if without else 0.0
         if share > largest_share:
             largest_share = share
@@ -165,9 +165,9 @@ def largest_size_text(finding: Mapping[str, Any]) -> str:
     return text
 
 
-def unchecked_line(findings: Sequence[Mapping[str, Any]]) -> str:
+def unchecked_line(findings: Sequence[CampaignFinding]) -> str:
     """The most frequent thing that could not be checked, and how many others there are."""
-    causes = list(dict.fromkeys(finding["cause"] for finding in findings))
+    causes = list(dict.fromkeys(finding.cause for finding in findings))
     if len(causes) == 1:
         return f"not checked: {causes[0]}"
     return f"not checked: {causes[0]}; and {len(causes) - 1} more on the page"

@@ -2,16 +2,17 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import polars as pl
 
 from osl_analysis.errors import listing
-from osl_analysis.judge.campaign import Entry
-from osl_analysis.judge.finding import ESTIMATES, Grade
-from osl_analysis.judge.words import printed, without_names
+from osl_analysis.judge.finding import ESTIMATES, Finding, Grade, WordedFinding
+from osl_analysis.judge.words import without_names
 from osl_analysis.report.page_text import in_words
-from osl_analysis.report.trial_page import full_numbers, value_and_interval
+from osl_analysis.report.shown_numbers import ShownEstimate, shown_estimate
+from osl_analysis.report.typography import printed
 from osl_analysis.stats.repeats import DOUBTFUL, counted, repeating_trials, summary_row
 
 # ending of a fit's column, and column in a summary
@@ -20,9 +21,34 @@ OF_CONDITION = ("joint", "side", "controller", "K_d", "B_d")
 OF_FRICTION = ("B_viscous", "f_C")  # shown where every trial has them
 
 
+@dataclass(frozen=True)
+class ConditionRow:
+    """A row of the page's table of conditions.
+
+    Attributes
+    ----------
+    condition
+        Commanded impedance and joint, or the group of crossings.
+    trials
+        Names; none of a group.
+    doubt
+        Causes of doubt about its fits; empty for none.
+    n_unchecked
+        Number of things that could not be checked on them.
+    estimates
+        By symbol: K, B and I, and friction where every trial has it.
+    """
+
+    condition: str
+    trials: Sequence[str]
+    doubt: str
+    n_unchecked: int
+    estimates: Mapping[str, ShownEstimate]
+
+
 def condition_rows(
-    tables: Mapping[str, pl.DataFrame], findings: Mapping[str, Sequence[Entry]]
-) -> list[dict[str, Any]]:
+    tables: Mapping[str, pl.DataFrame], findings: Mapping[str, Sequence[WordedFinding]]
+) -> list[ConditionRow]:
     """K, B and I of each group of crossings, and of each condition (commanded impedance and joint),
     with its trials and doubts.
 
@@ -54,8 +80,8 @@ def condition_rows(
 
 
 def condition_row(
-    fits: pl.DataFrame, keys: Sequence[str], findings: Mapping[str, Sequence[Entry]]
-) -> dict[str, Any]:
+    fits: pl.DataFrame, keys: Sequence[str], findings: Mapping[str, Sequence[WordedFinding]]
+) -> ConditionRow:
     """The row of one condition, whose fits agree in the columns `keys`."""
     used = counted(fits)
     trials = fits["trial"].to_list()
@@ -78,25 +104,19 @@ def condition_row(
         noun = "trial" if len(fits) == 1 else "trials"
         condition += [f"{noun} {listing(trials, 3)}", motion_text(row)]
 
-    entries = [entry for trial in trials for entry in findings.get(trial, ())]
-    doubts = doubts_of_fits(entries, "impedance", row, len(trials))
+    of_trials = [worded for trial in trials for worded in findings.get(trial, ())]
+    of_table = findings_in(of_trials, "impedance")
+    doubts = [doubts_text(of_table, row, len(trials))]
     n_left_out = len(fits) - len(used)
     if n_left_out:
-        left_out = f"{n_left_out} left out of the mean"
-        doubts["doubt"] = "; ".join(filter(None, [doubts["doubt"], left_out]))
-    return {
-        "of": ", ".join(condition) or "all",
-        "trials": trials,
-        **doubts,
-        **estimates_in(row, symbols),
-    }
-
-
-def estimates_in(row: Mapping[str, Any], symbols: Sequence[str]) -> dict[str, Any]:
-    """The estimates of a row as the page shows them, and in `full`."""
-    texts: dict[str, Any] = {symbol: value_and_interval(row, symbol) for symbol in symbols}
-    full = {symbol: full_numbers(row, symbol) for symbol in symbols}
-    return {**texts, "full": full}
+        doubts.append(f"{n_left_out} left out of the mean")
+    return ConditionRow(
+        condition=", ".join(condition) or "all",
+        trials=trials,
+        doubt="; ".join(filter(None, doubts)),
+        n_unchecked=number_unchecked(of_table),
+        estimates={symbol: shown_estimate(row, symbol) for symbol in symbols},
+    )
 
 
 def motion_text(row: Mapping[str, Any]) -> str:
@@ -111,8 +131,8 @@ def motion_text(row: Mapping[str, Any]) -> str:
 
 
 def group_rows(
-    tables: Mapping[str, pl.DataFrame], findings: Mapping[str, Sequence[Entry]]
-) -> list[dict[str, Any]]:
+    tables: Mapping[str, pl.DataFrame], findings: Mapping[str, Sequence[WordedFinding]]
+) -> list[ConditionRow]:
     """The rows of the groups of crossings, by their ensembles."""
     summary = tables.get("walking_summary")
     if summary is None:
@@ -127,52 +147,63 @@ def group_rows(
         for quantity in quantities.to_dicts():
             for ending, column in IN_SUMMARY.items():
                 row[f"{quantity['quantity']}{ending}"] = quantity[column]
-        doubts = doubts_of_fits(findings.get(str(group), ()), "walking_groups", {})
+        of_group = findings_in(findings.get(str(group), ()), "walking_groups")
         crossings = judged.filter(group=group)["trial"].to_list()
-        entries = [entry for trial in crossings for entry in findings.get(trial, ())]
-        doubt = doubts_of_fits(entries, "walking", {}, 0)["doubt"]
-        if doubt:
-            of_crossings = f"of {len(crossings)} perturbations {doubt}"
-            doubts["doubt"] = "; ".join(filter(None, [doubts["doubt"], of_crossings]))
+        of_crossings = [worded for trial in crossings for worded in findings.get(trial, ())]
+        doubts = [doubts_text(of_group, {}, 1)]
+        doubt_of_crossings = doubts_text(findings_in(of_crossings, "walking"), {}, 0)
+        if doubt_of_crossings:
+            doubts.append(f"of {len(crossings)} perturbations {doubt_of_crossings}")
         rows.append(
-            {
-                "of": "walking" if group == "all" else f"walking, {group}",
-                "trials": [],
-                **doubts,
-                **estimates_in(row, ESTIMATES),
-            }
+            ConditionRow(
+                condition="walking" if group == "all" else f"walking, {group}",
+                trials=[],
+                doubt="; ".join(filter(None, doubts)),
+                n_unchecked=number_unchecked(of_group),
+                estimates={symbol: shown_estimate(row, symbol) for symbol in ESTIMATES},
+            )
         )
     return rows
 
 
-def doubts_of_fits(
-    entries: Sequence[Entry], table: str, row: Mapping[str, Any], n: int = 1
-) -> dict[str, Any]:
-    """The `doubt` about the fits of n trials in this table (of one trial by its `row`; 0: their
-    number is not written); the number of `unchecked`."""
-    of_table = [entry for entry in entries if entry["table"] == table and not entry["in_part"]]
-    doubts = [entry for entry in of_table if entry["grade"] == Grade.DOUBTS]
+def findings_in(findings: Sequence[WordedFinding], table: str) -> list[Finding]:
+    """The findings about whole rows of a table."""
+    of_table = []
+    for worded in findings:
+        if worded.finding.table == table and not worded.finding.is_of_part:
+            of_table.append(worded.finding)
+    return of_table
+
+
+def number_unchecked(findings: Sequence[Finding]) -> int:
+    """How many things could not be checked."""
+    return len({finding.name for finding in findings if finding.grade is Grade.UNCHECKED})
+
+
+def doubts_text(findings: Sequence[Finding], row: Mapping[str, Any], n: int) -> str:
+    """The doubts about the fits of n trials (of one trial by its `row`; 0: their number is not
+    written)."""
+    doubts = [finding for finding in findings if finding.grade is Grade.DOUBTS]
     if n == 1:
-        texts = [doubt_text(entry, row) for entry in doubts]
+        texts = [doubt_text(finding, row) for finding in doubts]
     else:
-        once_per_trial = {(entry["trial"], entry["cause"]) for entry in doubts}
+        once_per_trial = {(finding.subject, finding.cause) for finding in doubts}
         by_cause = Counter(cause for _, cause in once_per_trial)
         of_n = f" of {n}" if n else ""
         texts = [printed(f"{cause} ({k}{of_n})") for cause, k in sorted(by_cause.items())]
-    unchecked = {entry["cause"] for entry in of_table if entry["grade"] == Grade.UNCHECKED}
-    return {"doubt": "; ".join(dict.fromkeys(texts)), "unchecked": len(unchecked)}
+    return "; ".join(dict.fromkeys(texts))
 
 
-def doubt_text(entry: Entry, row: Mapping[str, Any]) -> str:
+def doubt_text(finding: Finding, row: Mapping[str, Any]) -> str:
     """A cause of doubt about a row, with the estimates of its fit and their units."""
     estimates = []
-    for name, symbol in without_names(entry["cause"], row, entry["table"]).items():
-        value = entry.get(f"{name}_without")
-        ends = [entry.get(f"{name}_without_low"), entry.get(f"{name}_without_high")]
+    for symbol, name in without_names(finding.name, row, finding.table).items():
+        value = finding.without.get(symbol)
+        ends = [finding.without.get(f"{symbol}_low"), finding.without.get(f"{symbol}_high")]
         numbers = [value] if None in ends else ends
         texts = dict.fromkeys(f"{number:.3g}" for number in numbers if number is not None)
         if texts:
-            estimates.append(f"{symbol} {' to '.join(texts)}")
+            estimates.append(f"{name} {' to '.join(texts)}")
     if not estimates:
-        return printed(entry["cause"])
-    return printed(f"{entry['cause']} (with it in the model {in_words(estimates)})")
+        return printed(finding.cause)
+    return printed(f"{finding.cause} (with it in the model {in_words(estimates)})")

@@ -2,9 +2,8 @@
 amplitudes, or the scatter of trials allows."""
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -42,20 +41,6 @@ class Places(NamedTuple):
 
     value: int  # of a number
     ends: int  # of the ends of its interval
-
-
-def places_of(number: Mapping[str, Any]) -> Places:
-    """Decimal places of a number of a summary. It is rounded by the range over single amplitudes if
-    this is wider than the interval, else by the interval."""
-    low, high = number["low"], number["high"]
-    scatter = number.get("sd")
-    lowest, highest = number.get("amplitudes_low"), number.get("amplitudes_high")
-    bounds = Bounds(low, high, number["interval"], scatter)
-    if lowest is None or highest is None:
-        return places_between(number["value"], low, high, bounds)
-    if low is None or high - low <= highest - lowest:
-        bounds = Bounds(lowest, highest, None, scatter)
-    return places_between(number["value"], low, high, bounds)
 
 
 def digits_of(value: float, low: float | None, high: float | None) -> Places:

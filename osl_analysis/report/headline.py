@@ -3,20 +3,21 @@
 import math
 import re
 import unicodedata
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
 from osl_analysis.model.compensator import CONTROLLERS
+from osl_analysis.report.decimal_places import Bounds, Places, places_between
 from osl_analysis.yaml_settings import read_mapping
 
 LONGEST_CONTROLLER = 32  # letters of its name in a macro
 
 
 @dataclass(frozen=True)
-class Headline:
-    """A number with its label; in `LABELS` only the label. The summary has the fields in this
-    order.
+class HeadlineLabel:
+    """What a headline number is called.
 
     Attributes
     ----------
@@ -26,8 +27,29 @@ class Headline:
         The value that the paper's draft prints; None if it prints none.
     macro
         Its LaTeX macro without the prefix, letters only.
+    subject
+        Controller, group or joint, with which `meaning` ends; empty: all.
+    sentence_begin
+        Begin of the page's first sentence with this number; empty: there is none.
+    """
+
+    name: str
+    unit: str
+    draft: float | None
+    macro: str
+    meaning: str
+    subject: str = ""
+    sentence_begin: str = ""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """The value of a headline number. The summary has the fields in this order.
+
+    Attributes
+    ----------
     value, low, high
-        In `unit`; None where there is no interval.
+        In the unit of the label; None where there is no interval.
     interval
         Kind of the interval; None if there is none.
     n
@@ -42,20 +64,9 @@ class Headline:
         On the paper's claim about this number; None without a claim.
     amplitudes_low, amplitudes_high
         Lowest and highest result of the fits to single amplitudes; None if there are none.
-    of
-        Controller, group or joint, with which `meaning` ends; empty: all.
-    begins
-        Begin of the page's first sentence with this number; empty: there is none.
-    is_macro_only
-        Whether it stands in `numbers.tex` alone, as one of many conditions, which are in a table.
     """
 
-    name: str
-    unit: str
-    draft: float | None
-    macro: str
-    meaning: str
-    value: float = math.nan
+    value: float
     low: float | None = None
     high: float | None = None
     interval: str | None = None
@@ -67,9 +78,65 @@ class Headline:
     verdict: str | None = None
     amplitudes_low: float | None = None
     amplitudes_high: float | None = None
-    of: str = ""
-    begins: str = ""
+
+    def with_interval(self, low: float | None, high: float | None, kind: str | None) -> "Estimate":
+        """This estimate with its interval, or without one where a bound is missing (a single trial
+        has no scatter)."""
+        if low is None or high is None or not (math.isfinite(low) and math.isfinite(high)):
+            return self
+        return replace(self, low=low, high=high, interval=kind)
+
+    @property
+    def places(self) -> Places:
+        """Its decimal places: it is rounded by the range over single amplitudes if this is wider
+        than the interval, else by the interval."""
+        low, high = self.low, self.high
+        lowest, highest = self.amplitudes_low, self.amplitudes_high
+        bounds = Bounds(low, high, self.interval, self.sd)
+        if lowest is None or highest is None:
+            return places_between(self.value, low, high, bounds)
+        if low is None or high is None or high - low <= highest - lowest:
+            bounds = Bounds(lowest, highest, None, self.sd)
+        return places_between(self.value, low, high, bounds)
+
+
+@dataclass(frozen=True)
+class Headline:
+    """A headline number with its label."""
+
+    label: HeadlineLabel
+    estimate: Estimate
     is_macro_only: bool = False
+    """Whether it stands in `numbers.tex` alone, as one of many conditions, which are in a table."""
+
+    def to_json(self) -> dict[str, Any]:
+        """Its object under `numbers` of `summary.json`."""
+        return {
+            "unit": self.label.unit,
+            "draft": self.label.draft,
+            "meaning": self.label.meaning,
+            **asdict(self.estimate),
+            "of": self.label.subject,
+            "begins": self.label.sentence_begin,
+        }
+
+
+def headlines_in_summary(summary: Mapping[str, Any]) -> dict[str, Headline]:
+    """The numbers of a `summary.json` by name; those of an older one lack some fields."""
+    headlines = {}
+    for name, number in summary.get("numbers", {}).items():
+        label = HeadlineLabel(
+            name=name,
+            unit=number["unit"],
+            draft=number.get("draft"),
+            macro="",
+            meaning=number.get("meaning", ""),
+            subject=number.get("of", ""),
+            sentence_begin=number.get("begins", ""),
+        )
+        names = [field.name for field in fields(Estimate) if field.name in number]
+        headlines[name] = Headline(label, Estimate(**{key: number[key] for key in names}))
+    return headlines
 
 
 @dataclass(frozen=True)
@@ -97,15 +164,15 @@ class Example:
 ENTRIES: dict[str, Any] = read_mapping(Path(__file__).with_name("headlines.yaml"))
 
 LABELS = {
-    table: {quantity: Headline(**fields) for quantity, fields in labels.items()}
+    table: {quantity: HeadlineLabel(**facts) for quantity, facts in labels.items()}
     for table, labels in ENTRIES.items()
 }
 """The labels by table and quantity, in the order of the summary."""
 
 
 def with_controller(
-    label: Headline, controller: str | None, example: Example, is_only: bool = False
-) -> Headline:
+    label: HeadlineLabel, controller: str | None, example: Example, is_only: bool = False
+) -> HeadlineLabel:
     """The label of one controller, which is not named if it is the only one and no trial states
     it."""
     controller_name = controller or "no controller"
@@ -120,21 +187,20 @@ def with_controller(
     return with_end(named, controller or "controller not stated")
 
 
-def of_group(number: Headline, group: str) -> Headline:
-    """The number with the name of its group, such as of crossings; unchanged if the campaign has
-    one group only."""
+def of_group(label: HeadlineLabel, group: str) -> HeadlineLabel:
+    """The label of a group, such as of crossings; unchanged if the campaign has one group only."""
     if group == "all":
-        return number
+        return label
     named = replace(
-        number, name=f"{number.name} ({group})", draft=None, macro=number.macro + letters(group)
+        label, name=f"{label.name} ({group})", draft=None, macro=label.macro + letters(group)
     )
     return with_end(named, group)
 
 
-def with_end(number: Headline, end: str) -> Headline:
-    """The number with an addition to its meaning."""
-    of = f"{number.of}, {end}" if number.of else end
-    return replace(number, meaning=f"{number.meaning}, {end}", of=of)
+def with_end(label: HeadlineLabel, end: str) -> HeadlineLabel:
+    """The label with an addition to its meaning."""
+    subject = f"{label.subject}, {end}" if label.subject else end
+    return replace(label, meaning=f"{label.meaning}, {end}", subject=subject)
 
 
 DIGITS = ("Zero", "One", "Two", "Three", "Four", "Five", "Six", "Seven", "Eight", "Nine")
@@ -150,10 +216,10 @@ def letters(text: str) -> str:
     return macro or "Unnamed"
 
 
-def all_labels() -> list[Headline]:
+def all_labels() -> list[HeadlineLabel]:
     """Every number that the summary of the draft's campaign can have, and those of a trial of
     torque against angle."""
-    labels: list[Headline] = []
+    labels: list[HeadlineLabel] = []
     for table, by_quantity in LABELS.items():
         for label in by_quantity.values():
             if table == "impedance":

@@ -2,11 +2,10 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from typing import Any
 
 from osl_analysis.campaign.origin import ABOUT_MACROS, ABOUT_MEANING, sentence
-from osl_analysis.report.decimal_places import fixed, places_of
+from osl_analysis.report.decimal_places import fixed
 from osl_analysis.report.headline import Headline
 from osl_analysis.report.headline_text import trials_text
 
@@ -30,12 +29,8 @@ def to_json(
     """
     numbers: dict[str, dict[str, Any]] = {}
     for headline in headlines:
-        if headline.is_macro_only:
-            continue
-        fields = asdict(headline)
-        for name in ("name", "macro", "is_macro_only"):
-            del fields[name]
-        numbers[headline.name] = fields
+        if not headline.is_macro_only:
+            numbers[headline.label.name] = headline.to_json()
     content = {**about, **(missing or {}), "numbers": numbers}
     return json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
@@ -85,23 +80,24 @@ def to_tex(
 def tex_macros(headline: Headline) -> list[str]:
     """The macros of one number: its value, the ends of its interval and of the fits to single
     amplitudes, its verdict."""
-    fields = asdict(headline)
-    places = places_of(fields)
-    comment = f"{headline.unit}, {headline.meaning}"
-    if headline.n_doubtful or headline.doubt:
-        comment += f", n = {trials_text(fields)}"
-    kind = headline.interval
+    label = headline.label
+    estimate = headline.estimate
+    places = estimate.places
+    comment = f"{label.unit}, {label.meaning}"
+    if estimate.n_doubtful or estimate.doubt:
+        comment += f", n = {trials_text(estimate)}"
+    kind = estimate.interval
     numbers = {
-        "": (headline.value, places.value, comment),
-        "Low": (headline.low, places.ends, f"low end: {kind}"),
-        "High": (headline.high, places.ends, f"high end: {kind}"),
+        "": (estimate.value, places.value, comment),
+        "Low": (estimate.low, places.ends, f"low end: {kind}"),
+        "High": (estimate.high, places.ends, f"high end: {kind}"),
         "AmplitudesLow": (
-            headline.amplitudes_low,
+            estimate.amplitudes_low,
             places.value,
             "lowest of the fits to single amplitudes",
         ),
         "AmplitudesHigh": (
-            headline.amplitudes_high,
+            estimate.amplitudes_high,
             places.value,
             "highest of the fits to single amplitudes",
         ),
@@ -109,9 +105,9 @@ def tex_macros(headline: Headline) -> list[str]:
     lines = []
     for ending, (number, digits, remark) in numbers.items():
         if number is not None:
-            lines.append(tex_macro(f"{headline.macro}{ending}", tex_number(number, digits), remark))
-    if headline.verdict:
-        lines.append(tex_macro(f"{headline.macro}Verdict", headline.verdict, "verdict"))
+            lines.append(tex_macro(f"{label.macro}{ending}", tex_number(number, digits), remark))
+    if estimate.verdict:
+        lines.append(tex_macro(f"{label.macro}Verdict", estimate.verdict, "verdict"))
     return lines
 
 

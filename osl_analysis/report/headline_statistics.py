@@ -3,14 +3,13 @@
 import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import polars as pl
 
 from osl_analysis.errors import InputError
 from osl_analysis.report.decimal_places import RANGE
-from osl_analysis.report.headline import Headline
+from osl_analysis.report.headline import Estimate, Headline, HeadlineLabel
 from osl_analysis.stats.repeats import RULE_OF_MEANS, doubtful_count
 from osl_analysis.trial import Array
 
@@ -25,18 +24,8 @@ KIND_OF_FIT = {"repeats": FOR_REPETITION, "white noise": OF_NOISE}
 BOOTSTRAP = "95 % (bootstrap)"
 
 
-def with_interval(
-    number: Headline, low: float | None, high: float | None, kind: str | None
-) -> Headline:
-    """A number with its interval, or without one where a bound is missing (a single trial has no
-    scatter)."""
-    if low is None or high is None or not np.isfinite([low, high]).all():
-        return number
-    return replace(number, low=low, high=high, interval=kind)
-
-
 def over_fits(
-    label: Headline,
+    label: HeadlineLabel,
     values: pl.Series,
     middle: Callable[[Array], np.floating] = np.mean,
     candidates: pl.DataFrame | None = None,
@@ -46,7 +35,7 @@ def over_fits(
 
     Parameters
     ----------
-    label : Headline
+    label : HeadlineLabel
     values : polars.Series
         One per fit, in the unit of the label; those that are not finite do not count.
     middle : Callable
@@ -65,18 +54,18 @@ def over_fits(
     finite = not_null.filter(not_null.is_finite()).to_numpy()
     if not len(finite):
         return []
-    number = replace(label, value=float(middle(finite)), n=len(finite))
+    estimate = Estimate(float(middle(finite)), n=len(finite))
     if candidates is not None:
-        number = replace(number, n_doubtful=doubtful_count(candidates)[0])
+        estimate = replace(estimate, n_doubtful=doubtful_count(candidates)[0])
         if used is not None:
-            number = replace(number, n_left_out=len(candidates) - len(used))
+            estimate = replace(estimate, n_left_out=len(candidates) - len(used))
     if len(finite) > 1:
-        number = with_interval(number, float(finite.min()), float(finite.max()), RANGE)
-    return [number]
+        estimate = estimate.with_interval(float(finite.min()), float(finite.max()), RANGE)
+    return [Headline(label, estimate)]
 
 
 def summary_means(
-    table: pl.DataFrame, labels: Mapping[str, Headline], interval: str = STUDENT
+    table: pl.DataFrame, labels: Mapping[str, HeadlineLabel], interval: str = STUDENT
 ) -> list[Headline]:
     """The means of a summary table with their intervals, for the labelled quantities."""
     rows = {row["quantity"]: row for row in table.drop_nulls("mean").iter_rows(named=True)}
@@ -90,8 +79,7 @@ def summary_means(
                 f"summary table: the mean of '{quantity}' is {row['mean']}; look for a fit without"
                 " a result in its trials"
             )
-        number = replace(
-            label,
+        estimate = Estimate(
             value=row["mean"],
             n=int(row["n"]),
             sd=row.get("sd"),
@@ -99,13 +87,14 @@ def summary_means(
             n_left_out=int(row.get("n_left_out") or 0),
             doubt=row.get("doubt") or None,
         )
-        numbers.append(with_interval(number, row["low"], row["high"], interval))
+        estimate = estimate.with_interval(row["low"], row["high"], interval)
+        numbers.append(Headline(label, estimate))
     return numbers
 
 
-def rule_of_means(numbers: Iterable[Mapping[str, Any]]) -> str:
+def rule_of_means(numbers: Iterable[Headline]) -> str:
     """The sentence on which doubtful trials a mean counts; empty where none is doubtful."""
-    is_any_doubtful = any(int(number.get("n_doubtful") or 0) for number in numbers)
+    is_any_doubtful = any(number.estimate.n_doubtful for number in numbers)
     return RULE_OF_MEANS if is_any_doubtful else ""
 
 

@@ -1,10 +1,11 @@
 """Headline numbers as text: rounded, in sentences, in tables."""
 
-from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Collection, Iterable, Sequence
+from typing import NamedTuple
 
-from osl_analysis.judge.words import printed
-from osl_analysis.report.decimal_places import COUNT, RANGE, fixed, places_of
+from osl_analysis.report.decimal_places import COUNT, RANGE, fixed
+from osl_analysis.report.headline import Estimate, Headline
+from osl_analysis.report.typography import printed
 
 
 class WrittenNumber(NamedTuple):
@@ -15,12 +16,12 @@ class WrittenNumber(NamedTuple):
     single_amplitudes: str  # the range over single amplitudes; empty: there is none
 
 
-def written_number(number: Mapping[str, Any]) -> WrittenNumber:
+def written_number(estimate: Estimate) -> WrittenNumber:
     """Write a number of a summary with as many digits as its interval allows."""
-    places = places_of(number)
-    interval = range_text(number["low"], number["high"], places.ends)
-    single = range_text(number.get("amplitudes_low"), number.get("amplitudes_high"), places.value)
-    return WrittenNumber(fixed(number["value"], places.value), interval, single)
+    places = estimate.places
+    interval = range_text(estimate.low, estimate.high, places.ends)
+    single = range_text(estimate.amplitudes_low, estimate.amplitudes_high, places.value)
+    return WrittenNumber(fixed(estimate.value, places.value), interval, single)
 
 
 def range_text(low: float | None, high: float | None, digits: int) -> str:
@@ -29,60 +30,63 @@ def range_text(low: float | None, high: float | None, digits: int) -> str:
     return f"{fixed(low, digits)} to {fixed(high, digits)}"
 
 
-def number_texts(number: Mapping[str, Any]) -> dict[str, str]:
-    """`text`, `unit` and `ends` of a number for a reader, the `kind` of these, and the trials
-    `behind` it. No digits if 0 is in the interval."""
-    written = written_number(number)
-    low, high = number["low"], number["high"]
+class NumberTexts(NamedTuple):
+    """A number as the page prints it."""
+
+    value: str  # without digits if 0 is in the interval
+    unit: str
+    ends: str  # of the interval, or of the range over single amplitudes
+    kind: str  # of these ends
+    trials: str  # behind it
+
+
+def number_texts(estimate: Estimate, unit: str) -> NumberTexts:
+    """A number and its interval for a reader."""
+    written = written_number(estimate)
+    low, high = estimate.low, estimate.high
     value = written.value
-    is_confidence_interval = number["interval"] not in (None, RANGE, COUNT)
-    if is_confidence_interval and low is not None and low <= 0 <= high:
+    is_confidence_interval = estimate.interval not in (None, RANGE, COUNT)
+    if is_confidence_interval and low is not None and high is not None and low <= 0 <= high:
         value = "≈ 0"
     ends = written.interval
-    kind = number["interval"] or ""
+    kind = estimate.interval or ""
     if not ends:
         ends = written.single_amplitudes
         kind = "single amplitudes" if ends else ""
-    return {
-        "text": printed(value),
-        "ends": printed(ends),
-        "kind": kind,
-        "unit": printed(number["unit"]),
-        "behind": trials_text(number).replace("DOUBTFUL", "doubtful"),
-    }
+    trials = trials_text(estimate).replace("DOUBTFUL", "doubtful")
+    return NumberTexts(printed(value), printed(unit), printed(ends), kind, trials)
 
 
-def trials_text(number: Mapping[str, Any]) -> str:
+def trials_text(estimate: Estimate) -> str:
     """Number of trials or fits behind a number, doubtful ones in it or left out, and why it is
     doubtful itself."""
-    if number.get("doubt"):
-        return f"{number['n']}, DOUBTFUL: {number['doubt']}"
-    n = int(number.get("n") or 0)
-    n_doubtful = int(number.get("n_doubtful") or 0)
-    n_left_out = int(number.get("n_left_out") or 0)
+    n = estimate.n
+    n_left_out = estimate.n_left_out
+    if estimate.doubt:
+        return f"{n}, DOUBTFUL: {estimate.doubt}"
     if n_left_out:
         return f"{n} of {n + n_left_out}, {n_left_out} doubtful left out"
-    if not n_doubtful:
+    if not estimate.n_doubtful:
         return str(n)
-    return f"{n}, {n_doubtful} of them doubtful" if n > 1 else f"{n}, doubtful"
+    return f"{n}, {estimate.n_doubtful} of them doubtful" if n > 1 else f"{n}, doubtful"
 
 
 MOST_IN_SENTENCE = 3  # numbers; of more only the two extremes are written
 
 
-def first_sentences(numbers: Sequence[Mapping[str, Any]]) -> list[str]:
-    """A sentence per `begins`, with each number and its `of`; of many numbers, only the two
-    extremes."""
-    by_begin: dict[str, list[Mapping[str, Any]]] = {}
+def first_sentences(numbers: Iterable[Headline]) -> list[str]:
+    """A sentence per `sentence_begin`, with each number and its subject; of many numbers, only the
+    two extremes."""
+    by_begin: dict[str, list[Headline]] = {}
     for number in numbers:
-        if number["begins"]:
-            by_begin.setdefault(number["begins"], []).append(number)
+        if number.label.sentence_begin:
+            by_begin.setdefault(number.label.sentence_begin, []).append(number)
     sentences = []
     for begins, of_sentence in by_begin.items():
         separator = ", "
         if len(of_sentence) > MOST_IN_SENTENCE:
-            lowest = min(of_sentence, key=lambda number: float(number["value"]))
-            highest = max(of_sentence, key=lambda number: float(number["value"]))
+            lowest = min(of_sentence, key=lambda number: number.estimate.value)
+            highest = max(of_sentence, key=lambda number: number.estimate.value)
             of_sentence = [lowest, highest]
             separator = " to "
         parts = [number_in_sentence(number) for number in of_sentence]
@@ -90,33 +94,35 @@ def first_sentences(numbers: Sequence[Mapping[str, Any]]) -> list[str]:
     return sentences
 
 
-def number_in_sentence(number: Mapping[str, Any]) -> str:
+def number_in_sentence(number: Headline) -> str:
     """A number with unit, and in brackets what it is of, its interval and its trials."""
-    texts = number_texts(number)
-    ends = texts["ends"]
-    if number["interval"] == RANGE:
+    texts = number_texts(number.estimate, number.label.unit)
+    ends = texts.ends
+    if number.estimate.interval == RANGE:
         ends = f"{RANGE} {ends}"
-    remarks = filter(None, [number["of"], ends, f"n = {texts['behind']}"])
-    return f"{texts['text']}\N{NO-BREAK SPACE}{texts['unit']} ({'; '.join(remarks)})"
+    remarks = filter(None, [number.label.subject, ends, f"n = {texts.trials}"])
+    return f"{texts.value}\N{NO-BREAK SPACE}{texts.unit} ({'; '.join(remarks)})"
 
 
-def to_table(numbers: Mapping[str, Mapping[str, Any]], markdown: bool) -> str:
-    """The numbers of a summary, as `to_json` writes them, in Markdown or aligned columns: meaning,
-    value, interval, trials, the draft's value."""
+def to_table(numbers: Collection[Headline], markdown: bool) -> str:
+    """The numbers of a summary in Markdown or aligned columns: meaning, value, interval, trials,
+    the draft's value."""
     rows: list[tuple[str, ...]] = [("quantity", "value", "interval", "n", "draft")]
-    beside_draft = any(number["draft"] is not None for number in numbers.values())
-    for number in numbers.values():
-        written = written_number(number)
+    beside_draft = any(number.label.draft is not None for number in numbers)
+    for number in numbers:
+        label = number.label
+        estimate = number.estimate
+        written = written_number(estimate)
         interval = ""
         if written.interval:
-            interval = f"{written.interval}, {number['interval']}"
+            interval = f"{written.interval}, {estimate.interval}"
         if written.single_amplitudes:
             interval += f"; single amplitudes {written.single_amplitudes}"
-        if number.get("verdict"):
-            interval += f"{'; ' if interval else ''}{number['verdict']}"
-        draft = "" if number["draft"] is None else f"{number['draft']:g}"
-        value = f"{written.value} {number['unit']}"
-        rows.append((number["meaning"], value, interval, trials_text(number), draft))
+        if estimate.verdict:
+            interval += f"{'; ' if interval else ''}{estimate.verdict}"
+        draft = "" if label.draft is None else f"{label.draft:g}"
+        value = f"{written.value} {label.unit}"
+        rows.append((label.meaning, value, interval, trials_text(estimate), draft))
     if not beside_draft:
         rows = [row[:-1] for row in rows]
     return markdown_table(rows) if markdown else aligned(rows)

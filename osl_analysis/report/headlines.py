@@ -10,13 +10,21 @@ import polars as pl
 from osl_analysis.campaign.origin import ABOUT_MACROS
 from osl_analysis.judge.causes import doubts_of_result
 from osl_analysis.report.decimal_places import COUNT
-from osl_analysis.report.headline import LABELS, Example, Headline, letters, of_group, with_end
+from osl_analysis.report.headline import (
+    LABELS,
+    Estimate,
+    Example,
+    Headline,
+    HeadlineLabel,
+    letters,
+    of_group,
+    with_end,
+)
 from osl_analysis.report.headline_statistics import (
     BOOTSTRAP,
     OF_CYCLES,
     over_fits,
     summary_means,
-    with_interval,
 )
 from osl_analysis.report.impedance_headlines import impedance_headlines
 from osl_analysis.stats.repeats import DOUBTFUL
@@ -62,12 +70,14 @@ def headline_numbers(
         if table not in tables:
             continue
         for number in placed_numbers(table, tables[table], example or Example()):
-            name = free_name(number.name, names)
-            macro = free_macro(number.macro, macros)
+            label = number.label
+            name = free_name(label.name, names)
+            macro = free_macro(label.macro, macros)
             names.add(name)
             macros.update(macros_of(macro))
-            draft = number.draft if beside_draft else None
-            numbers.append(replace(number, name=name, macro=macro, draft=draft))
+            draft = label.draft if beside_draft else None
+            label = replace(label, name=name, macro=macro, draft=draft)
+            numbers.append(replace(number, label=label))
     return numbers
 
 
@@ -85,12 +95,13 @@ def placed_numbers(name: str, table: pl.DataFrame, example: Example) -> Iterator
         joint = joint or DRAFT_JOINT
         place = place_text(joint, side)
         for number in numbers_of(name, part, example):
-            draft = number.draft if joint == DRAFT_JOINT else None
+            label = number.label
+            draft = label.draft if joint == DRAFT_JOINT else None
             if len(parts) > 1:
-                number = of_group(number, place)
+                label = of_group(label, place)
             elif place != DRAFT_JOINT:
-                number = with_end(number, place)
-            yield replace(number, draft=draft)
+                label = with_end(label, place)
+            yield replace(number, label=replace(label, draft=draft))
 
 
 def place_text(joint: str | None, side: str | None) -> str:
@@ -125,13 +136,11 @@ def torque_angle_headlines(table: pl.DataFrame) -> Iterator[Headline]:
     for row in table.drop_nulls(list(labels)).iter_rows(named=True):
         for quantity, label in labels.items():
             doubt = doubts_of_result(row[DOUBTFUL] or "", quantity)
-            number = replace(
-                of_group(label, row["trial"]),
-                value=row[quantity],
-                n=int(row.get("cycles", 1)),
-                doubt=doubt or None,
-            )
-            yield with_interval(number, row[f"{quantity}_low"], row[f"{quantity}_high"], OF_CYCLES)
+            cycles = int(row.get("cycles", 1))
+            estimate = Estimate(row[quantity], n=cycles, doubt=doubt or None)
+            low, high = row[f"{quantity}_low"], row[f"{quantity}_high"]
+            estimate = estimate.with_interval(low, high, OF_CYCLES)
+            yield Headline(of_group(label, row["trial"]), estimate)
 
 
 def walking_headlines(table: pl.DataFrame) -> Iterator[Headline]:
@@ -145,7 +154,7 @@ def walking_headlines(table: pl.DataFrame) -> Iterator[Headline]:
         for estimator, labels in labels_of_estimator.items():
             of_estimator = rows.filter(pl.col("estimator") == estimator)
             for number in summary_means(of_estimator, labels, BOOTSTRAP):
-                yield of_group(number, rows["group"][0])
+                yield replace(number, label=of_group(number.label, rows["group"][0]))
 
 
 def claim_headlines(table: pl.DataFrame) -> Iterator[Headline]:
@@ -153,7 +162,7 @@ def claim_headlines(table: pl.DataFrame) -> Iterator[Headline]:
     `claims.csv`."""
     claims = table.filter(pl.col("subject").is_null())
     for row in claims.drop_nulls("value").iter_rows(named=True):
-        label = Headline(
+        label = HeadlineLabel(
             name=row["name"],
             unit=row["unit"],
             draft=None,
@@ -162,14 +171,13 @@ def claim_headlines(table: pl.DataFrame) -> Iterator[Headline]:
         )
         if len(claims.filter(name=row["name"])) > 1:
             label = of_group(label, place_text(row["joint"], row["side"]))
-        number = replace(
-            label,
+        estimate = Estimate(
             value=row["value"],
+            interval=row["interval"],
             n=int(row["n"] or 0),
             verdict=row["verdict"],
-            interval=row["interval"],
         )
-        yield with_interval(number, row["low"], row["high"], row["interval"])
+        yield Headline(label, estimate.with_interval(row["low"], row["high"], row["interval"]))
 
 
 def prediction_headlines(table: pl.DataFrame) -> Iterator[Headline]:
@@ -180,7 +188,7 @@ def prediction_headlines(table: pl.DataFrame) -> Iterator[Headline]:
         return
     yield from over_fits(labels["VAF"], predicted["VAF"], np.median, predicted)
     better = float((predicted["VAF"] > predicted["VAF_fitted"]).sum())
-    yield replace(labels["better"], value=better, interval=COUNT, n=len(predicted))
+    yield Headline(labels["better"], Estimate(better, interval=COUNT, n=len(predicted)))
     K_error = (predicted["K"] - predicted["K_measured"]).abs()
     K_error_percent = 100 * K_error / predicted["K_measured"].abs()
     yield from over_fits(labels["K"], K_error_percent, np.median)

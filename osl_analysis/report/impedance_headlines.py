@@ -10,8 +10,10 @@ import polars as pl
 from osl_analysis.model.compensator import CONTROLLERS
 from osl_analysis.report.headline import (
     LABELS,
+    Estimate,
     Example,
     Headline,
+    HeadlineLabel,
     of_group,
     with_controller,
     with_end,
@@ -20,7 +22,6 @@ from osl_analysis.report.headline_statistics import (
     FOR_MOTION,
     KIND_OF_FIT,
     over_fits,
-    with_interval,
 )
 from osl_analysis.stats.repeats import counted, doubtful_count, doubts_of_trials, repeating_trials
 from osl_analysis.table import with_viscous_damping
@@ -130,11 +131,10 @@ def numbers_of_condition(
             yield from over_fits(label, used[symbol], np.mean, candidates, used)
 
 
-def number_of_trial(label: Headline, trial: pl.DataFrame, symbol: str) -> Headline:
+def number_of_trial(label: HeadlineLabel, trial: pl.DataFrame, symbol: str) -> Headline:
     """An estimate of the only trial of a condition, with its own interval."""
     row = trial.row(0, named=True)
-    number = replace(
-        label,
+    estimate = Estimate(
         value=row[symbol],
         n=1,
         n_doubtful=doubtful_count(trial)[0],
@@ -142,4 +142,5 @@ def number_of_trial(label: Headline, trial: pl.DataFrame, symbol: str) -> Headli
         amplitudes_high=row.get(f"{symbol}_amplitudes_high"),
     )
     kind = KIND_OF_FIT.get(row["interval_method"], FOR_MOTION)
-    return with_interval(number, row[f"{symbol}_low"], row[f"{symbol}_high"], kind)
+    estimate = estimate.with_interval(row[f"{symbol}_low"], row[f"{symbol}_high"], kind)
+    return Headline(label, estimate)

@@ -17,9 +17,10 @@ import polars as pl
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from osl_analysis.dictionary import own_yaml
-from osl_analysis.judge.words import printed
+from osl_analysis.judge.summary_findings import CampaignFinding
 from osl_analysis.report.headline_files import in_latex
-from osl_analysis.report.trial_page import ReportedTrial
+from osl_analysis.report.reported_trial import ReportedTrial
+from osl_analysis.report.typography import printed
 from osl_analysis.stats.repeats import size_texts
 from osl_analysis.trial import Array
 
@@ -199,7 +200,7 @@ def methods_content(
     accuracy: Mapping[str, float],
     tables: Mapping[str, pl.DataFrame],
     trials: Sequence[ReportedTrial],
-    findings: Sequence[Mapping[str, Any]],
+    findings: Sequence[CampaignFinding],
 ) -> dict[str, Any]:
     """Gather the content of `methods.txt.j2`.
 
@@ -212,8 +213,7 @@ def methods_content(
     tables : Mapping of str to polars.DataFrame
         Result tables, by name.
     trials : Sequence of ReportedTrial
-    findings : Sequence of Mapping
-        Those on the campaign, as in `summary.json`.
+    findings : Sequence of CampaignFinding
 
     Returns
     -------
@@ -231,9 +231,8 @@ def methods_content(
     left_out = Counter(trial.left_out_for for trial in trials if trial.left_out)
     doubts: dict[str, list[str]] = {}
     for finding in findings:
-        kind, _, _ = finding["of"].partition(",")
-        count = f"{finding['cause']} ({len(finding['trials'])} of {finding['n']} {kind})"
-        doubts.setdefault(finding["verdict"], []).append(count)
+        count = f"{finding.cause} ({len(finding.trials)} of {finding.n} {finding.kind})"
+        doubts.setdefault(finding.verdict, []).append(count)
     return {
         "config": config,
         "accuracy": accuracy,

@@ -6,6 +6,7 @@ import json
 import math
 from base64 import b64encode
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
@@ -15,16 +16,27 @@ from bokeh.resources import Resources
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 from markupsafe import Markup
 
+from osl_analysis.config.experiments import EXPERIMENTS
+from osl_analysis.dictionary import apparent_inertia
 from osl_analysis.judge.finding import UNITS_OF_ESTIMATES, Grade
-from osl_analysis.judge.words import printed
+from osl_analysis.judge.summary_findings import CampaignFinding, findings_in_summary
+from osl_analysis.refusal import Refusal
 from osl_analysis.report import TEMPLATES
-from osl_analysis.report.headline_text import first_sentences, number_texts
-from osl_analysis.report.packed_tables import deflated, every_kth, packed_table
-from osl_analysis.report.page_text import WALKING_GROUPS, joints_of, verdicts_text, what_was_done
-from osl_analysis.report.trial_page import (
-    VERDICT_BY_SUBJECT,
-    ReportedTrial,
+from osl_analysis.report.condition_rows import ConditionRow
+from osl_analysis.report.headline import (
+    Estimate,
+    Headline,
+    HeadlineLabel,
+    headlines_in_summary,
 )
+from osl_analysis.report.headline_text import NumberTexts, first_sentences, number_texts
+from osl_analysis.report.methods import MethodsText
+from osl_analysis.report.packed_tables import deflated, every_kth, packed_table
+from osl_analysis.report.page_figures import ShownFigure
+from osl_analysis.report.page_text import WALKING_GROUPS, joints_of, verdicts_text, what_was_done
+from osl_analysis.report.reported_trial import ReportedTrial
+from osl_analysis.report.trial_table import TrialTable
+from osl_analysis.report.typography import printed
 
 FIRST_FIGURES = ("fig5", "walking_page", "torque_angle", "response", "fig3")
 """The first of these figures that the campaign has is on the first screen; Fig. 5 only if an
@@ -35,12 +47,64 @@ SCRIPTS = ("elements.js", "tables.js", "readings.js", "loops.js", "report.js")
 TRIALS_WITH_ALL_SAMPLES = 250  # whose series take some 15 MB
 
 
+@dataclass(frozen=True, kw_only=True)
+class Report:
+    """What `report.html.j2` shows of a campaign.
+
+    Attributes
+    ----------
+    about, made_of
+        What the numbers are made of, as facts and in a sentence.
+    overview
+        The first screen.
+    trials
+        The table of trials, and which are left out.
+    conditions
+        K, B and I of each condition.
+    claims
+        The paper's claims.
+    methods
+        The text of a methods section.
+    equation
+        Which equation is fitted, and how, in a few sentences.
+    assumed
+        Which settings nobody stated.
+    intervals
+        What the intervals contain.
+    unnamed
+        Tells recordings without a row; empty for none.
+    sensitivity
+        Rows of `walking_sensitivity.csv`.
+    absent_figures
+        By title, why a figure is not drawn.
+    not_made
+        Results that were refused.
+    """
+
+    about: Mapping[str, str]
+    made_of: str
+    overview: "Overview"
+    trials: TrialTable
+    conditions: Sequence[ConditionRow]
+    claims: Sequence["ShownClaim"]
+    methods: MethodsText
+    equation: str
+    assumed: str
+    intervals: str
+    unnamed: str
+    sensitivity: Sequence[Mapping[str, Any]]
+    absent_figures: Mapping[str, str]
+    not_made: Sequence[Refusal]
+
+
+TablesOfTrial = Mapping[str, pl.DataFrame]
+"""What the panels of one trial draw, by name."""
+
+
 def written_page(
-    content: Mapping[str, Any],
-    trials: Mapping[str, tuple[Mapping[str, Any], Mapping[str, pl.DataFrame]]],
+    report: Report, trials: Mapping[str, tuple[Mapping[str, Any], TablesOfTrial]]
 ) -> str:
-    """The HTML of the report, from the names in `report.html.j2` and each trial's content and
-    tables."""
+    """The HTML of a report, with the content and the tables of each trial."""
     bokeh = Resources(mode="inline", log_level="warn", components=["bokeh", "bokeh-api"])
     bokeh_js = "\n".join(bokeh.js_raw)
     report_js = "\n".join((TEMPLATES / name).read_text(encoding="utf-8") for name in SCRIPTS)
@@ -50,7 +114,9 @@ def written_page(
     for name, (content_of_trial, tables) in trials.items():
         packed[name] = packed_trial(content_of_trial, tables, every)
     return template("report.html.j2").render(
-        **content,
+        report=report,
+        experiments={name: facts.description for name, facts in EXPERIMENTS.items()},
+        apparent_inertia=apparent_inertia(),
         bokeh_version=bokeh_version,
         policy=policy_of(bokeh_js, report_js),
         bokeh_js=Markup(bokeh_js),
@@ -87,12 +153,22 @@ def packed_trial(
     return Markup(packed_content.replace("<", "\\u003c"))
 
 
+@dataclass(frozen=True)
+class ChecksOfExperiment:
+    """A part of the map of trials and causes. Each row has all trials, sorted by condition."""
+
+    experiment: str
+    trials: Sequence[tuple[str, str]]  # name and verdict
+    rows: Sequence[tuple[str, Sequence[tuple[str, str]]]]
+    """Of each cause that a trial does not pass, or that could not be checked on it: name and state
+    of every trial."""
+
+
 def check_map(
-    trials: Sequence[ReportedTrial], findings: Sequence[Mapping[str, Any]] = ()
-) -> list[dict[str, Any]]:
-    """By experiment: `trials` with their verdicts, sorted by condition; and `rows`, one per cause
-    that a trial does not pass or that could not be checked on it, with the state of every trial. A
-    finding on a walking group, of the `findings` of a summary, counts for each of its trials."""
+    trials: Sequence[ReportedTrial], findings: Sequence[CampaignFinding] = ()
+) -> list[ChecksOfExperiment]:
+    """The map of trials and causes. A finding on a walking group, of the campaign's `findings`,
+    counts for each of its trials."""
     by_experiment: dict[str, list[ReportedTrial]] = {}
     for trial in trials:
         by_experiment.setdefault(trial.row["experiment"], []).append(trial)
@@ -109,7 +185,7 @@ def check_map(
                 (cause, [(trial.name, states.get(trial.name, "passed")) for trial in ordered])
             )
         verdicts = [(trial.name, trial.verdict) for trial in ordered]
-        maps.append({"experiment": experiment, "trials": verdicts, "rows": rows})
+        maps.append(ChecksOfExperiment(experiment, verdicts, rows))
     return maps
 
 
@@ -120,40 +196,74 @@ def by_condition(trial: ReportedTrial) -> list[Any]:
 
 
 def states_in(
-    trial: ReportedTrial, findings: Sequence[Mapping[str, Any]]
+    trial: ReportedTrial, findings: Sequence[CampaignFinding]
 ) -> Iterator[tuple[str, str]]:
     """Each cause of a trial with its state; of several states of a cause the first counts."""
-    for doubt in sorted(trial.doubts, key=lambda doubt: [*VERDICT_BY_SUBJECT].index(doubt.of)):
+    for doubt in trial.doubts_worst_first:
         yield doubt.cause, doubt.verdict
-    for entry in trial.unchecked:
-        yield entry["cause"], "remark" if entry["grade"] == Grade.NOTES else "not checked"
+    for worded in trial.unchecked:
+        is_remark = worded.finding.grade is Grade.NOTES
+        yield worded.finding.cause, "remark" if is_remark else "not checked"
     if "group" not in trial.main.columns:
         return
     groups = {*trial.main["group"]}
     for finding in findings:
-        if finding["of"] == WALKING_GROUPS and groups & {*finding["trials"]}:
-            yield finding["cause"], finding["verdict"]
+        if finding.subject == WALKING_GROUPS and groups & {*finding.trials}:
+            yield finding.cause, finding.verdict
 
 
-def claim_rows(claims: pl.DataFrame) -> list[dict[str, Any]]:
-    """The claims on the campaign, of the rows of `claims.csv`, each with its number and its limit
-    for a reader."""
-    rows = []
+@dataclass(frozen=True)
+class ShownClaim:
+    """A claim of the paper's text with the number that decides on it."""
+
+    claim: str
+    where: str  # joint and side; empty for all
+    quantity: str
+    estimate: Estimate
+    texts: NumberTexts
+    limit: str
+    verdict: str
+
+
+def claim_rows(claims: pl.DataFrame) -> list[ShownClaim]:
+    """The claims on the campaign, of the rows of `claims.csv`."""
+    shown = []
     for row in claims.filter(pl.col("subject").is_null()).drop_nulls("verdict").to_dicts():
+        n = int(row["n"] or 0)
+        estimate = Estimate(row["value"], row["low"], row["high"], row["interval"], n)
         margin = "" if row["margin"] is None else f" ± {row['margin']:g}"
-        limit = " ".join(filter(None, [row["wanted"], f"{row['target']:g}{margin}", row["unit"]]))
-        where = ", ".join(filter(None, [row["joint"], row["side"]]))
-        rows.append({**row, **number_texts(row), "where": where, "limit": limit})
-    return rows
+        shown.append(
+            ShownClaim(
+                claim=row["claim"],
+                where=", ".join(filter(None, [row["joint"], row["side"]])),
+                quantity=row["quantity"],
+                estimate=estimate,
+                texts=number_texts(estimate, row["unit"]),
+                limit=" ".join(
+                    filter(None, [row["wanted"], f"{row['target']:g}{margin}", row["unit"]])
+                ),
+                verdict=row["verdict"],
+            )
+        )
+    return shown
 
 
-def size_in_results(finding: Mapping[str, Any]) -> tuple[float, ...]:
+@dataclass(frozen=True)
+class ShownNumber:
+    """A headline number on the page."""
+
+    label: HeadlineLabel
+    estimate: Estimate
+    texts: NumberTexts
+
+
+def size_in_results(finding: CampaignFinding) -> tuple[float, ...]:
     """By how much a finding changes K, B and I at worst, in their units; 0 where that is unknown.
     Findings are compared by K first, then by B, then by I."""
-    return tuple(abs(finding.get(f"{symbol}_size") or 0.0) for symbol in UNITS_OF_ESTIMATES)
+    return tuple(abs(finding.numbers.get(f"{symbol}_size", 0.0)) for symbol in UNITS_OF_ESTIMATES)
 
 
-def changes_text(finding: Mapping[str, Any]) -> str:
+def changes_text(finding: CampaignFinding) -> str:
     """`size_in_results` for a reader; empty if nothing is known of it."""
     texts = []
     sizes = zip(UNITS_OF_ESTIMATES.items(), size_in_results(finding), strict=True)
@@ -163,46 +273,92 @@ def changes_text(finding: Mapping[str, Any]) -> str:
     return ", ".join(texts)
 
 
+def shown_number(number: Headline) -> ShownNumber:
+    texts = number_texts(number.estimate, number.label.unit)
+    return ShownNumber(number.label, number.estimate, texts)
+
+
+@dataclass(frozen=True)
+class ShownFinding:
+    """A finding on the first screen."""
+
+    finding: CampaignFinding
+    trials: Sequence[tuple[str, str]]  # the names of those on the page, and how large it is there
+    changes: str  # by how much it changes K, B and I; empty: unknown
+
+
+@dataclass(frozen=True)
+class Overview:
+    """The first screen of the page.
+
+    Attributes
+    ----------
+    joints
+        With their sides; empty where nobody states them.
+    what_was_done
+        The campaign in a sentence.
+    answers
+        A sentence per quantity that is asked for first.
+    verdicts
+        How many trials are doubtful or not used, and why.
+    checks
+        The map of trials and causes.
+    numbers, findings
+        Those of the summary; findings by what they change, the largest first.
+    main_figures, further_figures
+        The figure of the first screen, if there is one, and all others.
+    """
+
+    joints: str
+    what_was_done: str
+    answers: Sequence[str]
+    verdicts: str
+    checks: Sequence[ChecksOfExperiment]
+    numbers: Sequence[ShownNumber]
+    findings: Sequence[ShownFinding]
+    main_figures: Sequence[ShownFigure]
+    further_figures: Sequence[ShownFigure]
+
+
 def overview(
     trials: Sequence[ReportedTrial],
     summary: Mapping[str, Any],
-    figures: Sequence[Mapping[str, Any]],
+    figures: Sequence[ShownFigure],
     about: Mapping[str, str],
-) -> dict[str, Any]:
-    """The content of the first screen: the main figure, the numbers of a `summary`, its findings by
-    trial."""
-    findings = summary.get("findings", ())
-    numbers = list(summary.get("numbers", {}).values())
+) -> Overview:
+    """Gather the first screen from trials, the content of `summary.json`, and figures."""
+    findings = findings_in_summary(summary)
+    numbers = headlines_in_summary(summary).values()
     size_of_trial = sizes_by_cause_and_trial(trials)
     names_of_trials = {trial.name for trial in trials}
     shown_findings = []
     for finding in sorted(findings, key=size_in_results, reverse=True):
         of_trials = []
-        for name in finding["trials"]:
+        for name in finding.trials:
             if name in names_of_trials:
-                of_trials.append((name, size_of_trial.get((finding["cause"], name), "")))
-        shown_findings.append({**finding, "named": of_trials, "changes": changes_text(finding)})
-    first = first_figure(trials, [figure["name"] for figure in figures])
-    return {
-        "joints": joints_of(trials),
-        "done": what_was_done(trials, about),
-        "state": verdicts_text(trials, findings),
-        "map": check_map(trials, findings),
-        "answers": first_sentences(numbers),
-        "numbers": [{**number, **number_texts(number)} for number in numbers],
-        "findings": shown_findings,
-        "first": [figure for figure in figures if figure["name"] == first],
-        "figures": [figure for figure in figures if figure["name"] != first],
-    }
+                of_trials.append((name, size_of_trial.get((finding.cause, name), "")))
+        shown_findings.append(ShownFinding(finding, of_trials, changes_text(finding)))
+    main_figure = first_figure(trials, [figure.name for figure in figures])
+    return Overview(
+        joints=joints_of(trials),
+        what_was_done=what_was_done(trials, about),
+        answers=first_sentences(numbers),
+        verdicts=verdicts_text(trials, findings),
+        checks=check_map(trials, findings),
+        numbers=[shown_number(number) for number in numbers],
+        findings=shown_findings,
+        main_figures=[figure for figure in figures if figure.name == main_figure],
+        further_figures=[figure for figure in figures if figure.name != main_figure],
+    )
 
 
 def sizes_by_cause_and_trial(trials: Sequence[ReportedTrial]) -> dict[tuple[str, str], str]:
     """How large each finding on a trial is; of several, that of the whole trial rather than that of
     a part."""
     sizes: dict[tuple[str, str], str] = {}
-    entries = [entry for trial in trials for entry in trial.findings]
-    for entry in sorted(entries, key=lambda entry: not entry["in_part"]):
-        sizes[entry["cause"], entry["trial"]] = entry["size"] or ""
+    findings = [worded for trial in trials for worded in trial.findings]
+    for worded in sorted(findings, key=lambda worded: not worded.finding.is_of_part):
+        sizes[worded.finding.cause, worded.finding.subject] = worded.words.size
     return sizes
 
 

@@ -1,6 +1,7 @@
 """Figures and captions of a run as parts of the page."""
 
 import re
+from dataclasses import dataclass
 from html import escape
 from urllib.parse import unquote
 from xml.etree import ElementTree
@@ -13,6 +14,17 @@ HREF = f"{XLINK}href"
 WIDE = 300  # pt; a narrower figure is shown whole on a phone
 PIXELS_PER_POINT = 1.6
 LETTERS = {"theta": "θ", "tau": "τ", "pm": "±"}  # of mathematics in captions
+
+
+@dataclass(frozen=True)
+class ShownFigure:
+    """A figure on the page."""
+
+    name: str
+    title: str
+    caption: Markup | str
+    drawing: Markup  # SVG
+    reading: str  # how to read it, good and bad
 
 
 def inline_svg(text: str, name: str, label: str) -> Markup:

@@ -8,15 +8,18 @@ from typing import Any
 
 import polars as pl
 
-from osl_analysis.judge.words import WORDS, printed
+from osl_analysis.dictionary import own_yaml
+from osl_analysis.judge.summary_findings import CampaignFinding
 from osl_analysis.report.headline_statistics import include_bench_errors
 from osl_analysis.report.methods import response_text
-from osl_analysis.report.trial_page import ReportedTrial
+from osl_analysis.report.reported_trial import ReportedTrial
+from osl_analysis.report.typography import printed
 from osl_analysis.stats.repeats import DOUBTFUL, RULE_OF_MEANS, doubtful_count
 
 WALKING_GROUPS = "walking groups"  # subject of a finding in a summary that is not on a trial
 MOST_CAUSES = 3  # in a sentence
 LAW = "τ = Kθ + Bθ̇ + Iθ̈"
+ASSUMED_SETTINGS: dict[str, str] = own_yaml(Path(__file__).with_name("assumed_settings.yaml"))
 NO_DEVICE = "Without a parameter file nothing is compared with a device's gains or belt."
 
 
@@ -65,7 +68,7 @@ def in_words(parts: Sequence[str]) -> str:
     return " and ".join(filter(None, [", ".join(parts[:-1]), *parts[-1:]]))
 
 
-def verdicts_text(trials: Sequence[ReportedTrial], findings: Sequence[Mapping[str, Any]]) -> str:
+def verdicts_text(trials: Sequence[ReportedTrial], findings: Sequence[CampaignFinding]) -> str:
     """A few sentences: how many trials are doubtful or not used, and why, and what could not be
     checked. `findings` are those of a summary on trials and walking groups."""
     used = [trial for trial in trials if not trial.left_out]
@@ -100,15 +103,15 @@ def left_out_sentence(trials: Sequence[ReportedTrial]) -> str:
     return f"{in_words(counts)}." if counts else "Nothing was refused or excluded."
 
 
-def finding_sentences(findings: Sequence[Mapping[str, Any]]) -> list[str]:
+def finding_sentences(findings: Sequence[CampaignFinding]) -> list[str]:
     """Why the K of walking is doubtful, and what could not be checked on any trial."""
     of_groups = []
     unchecked = []
     for finding in findings:
-        if finding["of"] == WALKING_GROUPS and finding["verdict"] == "doubtful":
-            of_groups.append(finding["cause"])
-        if finding["verdict"] == "not checked" and finding["cause"] not in unchecked:
-            unchecked.append(finding["cause"])
+        if finding.subject == WALKING_GROUPS and finding.verdict == "doubtful":
+            of_groups.append(finding.cause)
+        if finding.verdict == "not checked" and finding.cause not in unchecked:
+            unchecked.append(finding.cause)
     sentences = []
     if of_groups:
         sentences.append(f"The walking K is doubtful: {', '.join(of_groups)}.")
@@ -156,7 +159,7 @@ def assumed_text(states: pl.DataFrame) -> str:
     assumed = []
     for name, value in states.filter(state="assumed")["setting", "value"].iter_rows():
         without_words = name if value.startswith("{") else f"{name} {value}"
-        text = WORDS["settings"].get(name, without_words)
+        text = ASSUMED_SETTINGS.get(name, without_words)
         assumed.append(text.format(value=value.removesuffix(".0")))
     sentences = []
     if assumed:

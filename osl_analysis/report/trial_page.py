@@ -1,298 +1,19 @@
-"""The page's content on each trial (conditions, verdict, estimates, doubts, provenance) and on the
-campaign."""
+"""The page's content on each trial: conditions, verdict, estimates, doubts, provenance."""
 
-import math
-from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
-from functools import cached_property
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import Any
 
 import polars as pl
 
 from osl_analysis.config.experiments import EXPERIMENTS
-from osl_analysis.dictionary import apparent_inertia, described_tables_by_name
-from osl_analysis.judge.campaign import QUALITY, Entry
-from osl_analysis.judge.causes import TABLE
-from osl_analysis.judge.exclusions import exclusion_text
-from osl_analysis.judge.finding import Beyond, Grade
-from osl_analysis.judge.limits import NOT_APPLICABLE
-from osl_analysis.judge.words import WORDS, Words, printed, sentence_of
-from osl_analysis.report.decimal_places import digits_of, fixed
-from osl_analysis.report.panels import Pictures
-
-NO_VALUE = "–"
-VERDICTS = ("clear", "doubtful in part", "flagged", "doubtful", "excluded", "refused")
-"""Verdicts on a trial: `doubtful`: the fit to all of it is; `doubtful in part`: others are. The
-last two are unused."""
-VERDICT_BY_SUBJECT = {
-    "all": "doubtful",
-    "recording": "flagged",
-    "part": "doubtful in part",
-    "other": "doubtful in part",
-}
-"""The verdict on a trial by what a doubt is about: all of it, its recording, a part, another table.
-The worst first."""
-
-
-CHECKED: Mapping[str, Mapping[str, Any]] = TABLE["checks"]
-NOT_ANALYSED = "recording that could not be analysed"
-UNLIKE_OTHERS = "crossing unlike the others under its conditions"
-LACKS_ANOTHER = "missing trial that its fit needs"
-
-
-class LeftOut(NamedTuple):
-    """Why a trial has no result."""
-
-    by_job: bool  # whether a job refused or failed; else it was excluded
-    cause: str  # of the first reason, in a few words, as trials are counted by
-    reasons: list[str]
-
-
-def left_out_trials(
-    excluded: pl.DataFrame, tables: Mapping[str, pl.DataFrame], refused: Mapping[str, str]
-) -> dict[str, LeftOut]:
-    """Gather the trials that are left out.
-
-    Parameters
-    ----------
-    excluded : polars.DataFrame
-        `excluded.csv`.
-    tables : Mapping of str to polars.DataFrame
-        Result tables by name, of which those of walking name excluded crossings.
-    refused : Mapping of str to str
-        The reason of each refused trial.
-
-    Returns
-    -------
-    dict of str to LeftOut
-        By trial; each reason once.
-    """
-    left_out: dict[str, LeftOut] = {}
-
-    def add(trial: str, by_job: bool, cause: str, reason: str) -> None:
-        reasons = left_out.setdefault(trial, LeftOut(by_job, cause, [])).reasons
-        if reason not in reasons:
-            reasons.append(reason)
-
-    for row in excluded.iter_rows(named=True):
-        # outcomes of a job, which are no checks
-        by_job = row["check"] in ("refused", "failed")
-        reason = row["remark"] if by_job else exclusion_text(row)
-        add(row["trial"], by_job, exclusion_cause(row), reason)
-    of_table = set(left_out)
-    for trial, reason in refused.items():
-        if trial not in of_table:
-            add(trial, True, NOT_ANALYSED, reason)
-    crossings = tables.get("walking_crossings", pl.DataFrame(schema=["trial", "status"]))
-    outliers = crossings.filter(pl.col("status") == "outlier")["trial"].to_list()
-    for table, column in (("walking", "excluded"), ("walking_excluded", "reason")):
-        not_used = tables.get(table, pl.DataFrame(schema=["trial", column]))
-        for trial, reason in not_used.select("trial", column).rows():
-            if reason:
-                cause = UNLIKE_OTHERS if trial in outliers else NOT_ANALYSED
-                add(trial, False, cause, reason)
-    return left_out
-
-
-def exclusion_cause(row: Mapping[str, Any]) -> str:
-    """Why a trial is not used, in a few words, by a row of `excluded.csv`: what the sheet says, or
-    the cause that its check tells."""
-    if row["check"] == "sample sheet":
-        return str(row["remark"])
-    check = CHECKED.get(row["check"])
-    return str(check["cause"]) if check else NOT_ANALYSED
-
-
-@dataclass(frozen=True)
-class Doubt:
-    """A doubt about a trial, for a reader.
-
-    Attributes
-    ----------
-    where
-        An amplitude and frequency, its recording, or another table.
-    of
-        What it is about: a key of `VERDICT_BY_SUBJECT`.
-    numbers
-        Evidence: column, value, limit and meaning of each.
-    says, size, remedy, text
-        Its words, and all of them in a sentence.
-    """
-
-    where: str
-    of: str
-    cause: str
-    numbers: list[list[str]]
-    says: str
-    size: str
-    remedy: str
-    text: str
-
-    @property
-    def verdict(self) -> str:
-        return VERDICT_BY_SUBJECT[self.of]
-
-
-def doubt_of(entry: Entry, main_table: str) -> Doubt:
-    """A finding as a doubt about a trial; `main_table` is that of the trial's fit."""
-    table = entry["table"]
-    place = place_of(entry)
-    if table == QUALITY:
-        where = "its recording"
-        of = "recording"
-    elif table != main_table:
-        where = f"{table.replace('_', ' ')}, {place}"
-        of = "other"
-    else:
-        where = place
-        of = "part" if entry["in_part"] else "all"
-    words = Words(*(printed(entry[name] or "") for name in Words._fields))
-    return Doubt(
-        where=where,
-        of=of,
-        cause=entry["cause"],
-        numbers=[number_cells(number, table) for number in entry["evidence"]],
-        says=words.says,
-        size=words.size,
-        remedy=words.remedy,
-        text=sentence_of(words, entry["cause"]),
-    )
-
-
-def place_of(entry: Entry) -> str:
-    """The amplitude and the frequency that a finding is about, or all of them."""
-    parts = []
-    if entry["amplitude_deg"] is not None:
-        parts.append(f"{entry['amplitude_deg']:g} deg")
-    if entry["frequency_hz"] is not None:
-        parts.append(f"{entry['frequency_hz']:g} Hz")
-    if parts:
-        return ", ".join(parts)
-    return "all amplitudes" if entry["table"] == "impedance" else "whole trial"
-
-
-def number_cells(number: Beyond, table: str) -> list[str]:
-    """Column, value, limit and meaning of a number beyond its limit."""
-    if table == QUALITY:
-        meaning = WORDS["checks"][number.column]
-    else:
-        meaning = unit_and_meaning(number.column, table)["meaning"]
-    sides = {"nan": "not a number", "near": "near a factor between units"}
-    limit = sides.get(number.side, f"{number.side} {number.limit:g}")
-    return [printed(number.column), printed(f"{number.value:.3g}"), printed(limit), meaning]
-
-
-NO_CONDITIONS = (
-    "trial",
-    "experiment",
-    "log",
-    "log_source",
-    "mocap",
-    "mocap_source",
-    "log_part",
-    "exclude",
-    "accept",
-)
-"""Columns of the sample sheet that are no conditions of a trial."""
-
-
-@dataclass(frozen=True)
-class ReportedTrial:
-    """One trial with its results.
-
-    Attributes
-    ----------
-    row
-        Its row of the sample sheet.
-    tables
-        Its rows of each table, that of its fit first.
-    findings
-        Those of `findings.csv` about it.
-    quality
-        Verdicts on it; None if it was never examined.
-    provenance
-        Where its columns come from.
-    left_out
-        Why it has no result, or is excluded.
-    left_out_for
-        The cause of the first of these reasons, in a few words.
-    refused
-        Whether it is missing because a job refused or failed.
-    """
-
-    name: str
-    row: Mapping[str, Any]
-    tables: Mapping[str, pl.DataFrame] = field(default_factory=dict)
-    findings: Sequence[Entry] = ()
-    quality: pl.DataFrame | None = None
-    provenance: Mapping[str, Any] = field(default_factory=dict)
-    left_out: Sequence[str] = ()
-    left_out_for: str = ""
-    refused: bool = False
-    pictures: Pictures = field(default_factory=lambda: Pictures([], {}))
-
-    @property
-    def main(self) -> pl.DataFrame:
-        """The rows of its fit; an empty table if it has none."""
-        return next(iter(self.tables.values()), pl.DataFrame())
-
-    @property
-    def main_table(self) -> str:
-        """The name of the table of its fit; empty if it has none."""
-        return next(iter(self.tables), "")
-
-    @property
-    def unchecked(self) -> list[Entry]:
-        """Findings on the fit to all of it that could not be checked, and remarks."""
-        unchecked = []
-        for entry in self.findings:
-            is_of_whole_fit = entry["table"] == self.main_table and not entry["in_part"]
-            if is_of_whole_fit and entry["grade"] in (Grade.UNCHECKED, Grade.NOTES):
-                unchecked.append(entry)
-        return unchecked
-
-    @cached_property
-    def doubts(self) -> list[Doubt]:
-        """Each doubt about it. Doubts that other tables only repeat are left out."""
-        doubts = []
-        for entry in self.findings:
-            if entry["grade"] == Grade.DOUBTS and not entry["inherited"]:
-                doubts.append(doubt_of(entry, self.main_table))
-        return doubts
-
-    @property
-    def verdict(self) -> str:
-        """One of `VERDICTS`: the worst that follows from its doubts."""
-        if self.left_out:
-            return "refused" if self.refused else "excluded"
-        verdicts = {doubt.verdict for doubt in self.doubts}
-        for verdict in VERDICT_BY_SUBJECT.values():
-            if verdict in verdicts:
-                return verdict
-        return "clear"
-
-    def causes_of(self, verdict: str) -> set[str]:
-        """The causes of a verdict. Only the worst doubt of each cause counts, as in the map of
-        trials and causes."""
-        worst: dict[str, str] = {}
-        subjects = list(VERDICT_BY_SUBJECT)
-        for doubt in sorted(self.doubts, key=lambda doubt: subjects.index(doubt.of)):
-            worst.setdefault(doubt.cause, doubt.verdict)
-        return {cause for cause, worst_verdict in worst.items() if worst_verdict == verdict}
-
-    def condition(self, columns: Collection[str] | None = None) -> str:
-        """Its conditions in one line; with `columns`, only those in these columns of the sheet."""
-        texts = []
-        for name, value in self.row.items():
-            is_asked = columns is None or name in columns
-            if name in NO_CONDITIONS or value is None or not is_asked:
-                continue
-            if name == "perturbed":
-                texts.append("perturbed" if value else "unperturbed")
-            else:
-                texts.append(f"{name} {cell_text(value)}")
-        return ", ".join(texts)
+from osl_analysis.judge.known_findings import CHECKS
+from osl_analysis.judge.recording_checks import NOT_APPLICABLE
+from osl_analysis.judge.words import sentence_of
+from osl_analysis.report.provenance import provenance_content
+from osl_analysis.report.reported_trial import ReportedTrial
+from osl_analysis.report.shown_numbers import cell_text, shown_estimate, unit_and_meaning
+from osl_analysis.report.typography import printed
 
 
 def trial_content(trial: ReportedTrial) -> dict[str, Any]:
@@ -305,11 +26,11 @@ def trial_content(trial: ReportedTrial) -> dict[str, Any]:
     for column, value in fit_to_all.items():
         if value not in (None, ""):
             columns.append([column, cell_text(value), *unit_and_meaning(column, name).values()])
-            column_values.append([None, full_numbers(fit_to_all, column)[:1]])
+            column_values.append([None, shown_estimate(fit_to_all, column).full[:1]])
     not_checked = []
-    for entry in trial.unchecked:
-        words = Words(entry["says"] or "", "", entry["remedy"] or "")
-        not_checked.append(printed(sentence_of(words, entry["cause"])))
+    for worded in trial.unchecked:
+        words = worded.words._replace(size="")
+        not_checked.append(printed(sentence_of(words, worded.finding.cause)))
     experiment = trial.row["experiment"]
     return {
         "name": trial.name,
@@ -352,56 +73,13 @@ def quality_rows(verdicts: pl.DataFrame) -> list[list[str]]:
     for row in verdicts.iter_rows(named=True):
         if row["verdict"] == NOT_APPLICABLE:
             continue
-        cells = [row["check"], WORDS["checks"][row["check"]]]
+        cells = [row["check"], CHECKS[row["check"]].meaning]
         unit = printed(row["unit"] or "")
         for name in ("value", "threshold"):
             unit_of_cell = "" if row[name] is None else unit
             cells.append(f"{cell_text(row[name])} {unit_of_cell}".strip())
         rows.append([*cells, row["verdict"], row["remark"] or ""])
     return rows
-
-
-def cell_text(value: Any) -> str:
-    """A cell of a table as the page has it: numbers with six digits, text as it is."""
-    if value is None:
-        return NO_VALUE
-    if not isinstance(value, float):
-        return str(value)
-    # the blank behind it tells the end of a power
-    return printed(f"{value:.6g} ").rstrip() if math.isfinite(value) else NO_VALUE
-
-
-def unit_and_meaning(column: str, table: str) -> dict[str, str]:
-    """`unit` and `meaning` of a column of a result table; empty if it is not described."""
-    tables = described_tables_by_name()
-    if table not in tables or column not in tables[table].columns:
-        return {"unit": "", "meaning": ""}
-    described = tables[table].columns[column]
-    return {"unit": printed(described.unit), "meaning": described.meaning}
-
-
-def value_and_interval(row: Mapping[str, Any], column: str) -> tuple[str, str]:
-    """A value with as many digits as its interval allows, and the interval; empty where it has
-    none."""
-    value = row.get(column)
-    low, high = row.get(f"{column}_low"), row.get(f"{column}_high")
-    if value is None or not math.isfinite(value):
-        return NO_VALUE, ""
-    if low is None or high is None:
-        return f"{value:.4g}", ""
-    places = digits_of(value, low, high)
-    interval = f"[{fixed(low, places.ends)}, {fixed(high, places.ends)}]"
-    return printed(fixed(value, places.value)), printed(interval)
-
-
-def full_numbers(row: Mapping[str, Any], column: str) -> list[float | None]:
-    """A value and the ends of its interval in full precision; None where one is missing."""
-    numbers: list[float | None] = []
-    for name in (column, f"{column}_low", f"{column}_high"):
-        value = row.get(name)
-        is_number = isinstance(value, int | float) and math.isfinite(value)
-        numbers.append(value if is_number else None)
-    return numbers
 
 
 def estimate_rows(table: pl.DataFrame, of: str) -> dict[str, Any]:
@@ -420,120 +98,17 @@ def estimate_rows(table: pl.DataFrame, of: str) -> dict[str, Any]:
     values = []
     for row in table.iter_rows(named=True):
         cells = []
-        numbers: list[list[float | None] | None] = []
+        numbers: list[Sequence[float | None] | None] = []
         if has_amplitudes:
             amplitude = row["amplitude_deg"]
             cells.append("all" if amplitude is None else f"{amplitude:g}")
             numbers.append(None)
         for name in estimates:
-            cells.append(" ".join(value_and_interval(row, name)).strip())
-            numbers.append(full_numbers(row, name))
+            shown = shown_estimate(row, name)
+            cells.append(f"{shown.text} {shown.interval}".strip())
+            numbers.append(shown.full)
         rows.append(cells)
         values.append(numbers)
     names = ["amplitude_deg", *estimates] if has_amplitudes else estimates
     columns = [{"name": name, **unit_and_meaning(name, of)} for name in names]
     return {"columns": columns, "rows": rows, "values": values}
-
-
-USUAL_CONVERSION = {"sign": 1, "scale": 1, "offset": 0}  # is not told
-
-
-def provenance_content(provenance: Mapping[str, Any]) -> dict[str, Any]:
-    """The provenance of a trial as `files`, `signals` (file, channel, conversion; the axes of a
-    marker or plate are one signal) and further `facts`."""
-    files = []
-    for role, file in provenance.get("files", {}).items():
-        cells = [cell_text(file.get(key)) for key in ("path", "bytes", "sha256", "source")]
-        files.append([role, *cells])
-    signals: dict[str, list[str]] = {}
-    for name, origin in provenance.get("columns", {}).items():
-        is_axis = "component" in origin or "plate" in origin
-        signal = name.rpartition("_")[0] if is_axis else name
-        conversion = {}
-        for key, value in origin.items():
-            is_usual = not value or value == USUAL_CONVERSION.get(key)
-            if key not in ("file", "component") and not is_usual:
-                conversion[key] = value
-        row = [signal, cell_text(origin.get("file")), fact_text(conversion)]
-        signals.setdefault(signal, row)
-    further = {
-        name: value for name, value in provenance.items() if name not in ("files", "columns")
-    }
-    return {"files": files, "signals": list(signals.values()), "facts": facts(further)}
-
-
-def fact_text(value: Any) -> str:
-    """A fact of the provenance, with all of its parts, as text."""
-    if isinstance(value, dict):  # as JSON has it; to ask for a Mapping takes ten times as long
-        return ", ".join(f"{name} {fact_text(part)}" for name, part in value.items())
-    if isinstance(value, list):
-        return "; ".join(map(fact_text, value))
-    return cell_text(value)
-
-
-def facts(content: Mapping[str, Any], place: str = "") -> list[list[str]]:
-    """Every other fact with its path: clocks, stamps, rates, damage, versions, warnings."""
-    rows: list[list[str]] = []
-    for name, value in content.items():
-        if isinstance(value, dict):
-            rows += facts(value, f"{place}{name} ")
-        elif value not in (None, "", []):
-            rows.append([f"{place}{name}", fact_text(value)])
-    return rows
-
-
-def trials_content(trials: Sequence[ReportedTrial]) -> dict[str, Any]:
-    """The template's content on all trials; only conditions that differ."""
-    differing = set()
-    for trial in trials:
-        for name, value in trial.row.items():
-            if value != trials[0].row.get(name):
-                differing.add(name)
-    counts = Counter(trial.verdict for trial in trials)
-    worst_first = sorted(trials, key=lambda trial: -VERDICTS.index(trial.verdict))
-    experiments = dict.fromkeys(cell_text(trial.row["experiment"]) for trial in trials)
-    left_out = []
-    for trial in trials:
-        for reason in trial.left_out:
-            left_out.append({"name": trial.name, "verdict": trial.verdict, "reason": reason})
-    return {
-        "counts": {verdict: counts[verdict] for verdict in VERDICTS},
-        "choices": {
-            "experiment": list(experiments),
-            "verdict": [verdict for verdict in VERDICTS if counts[verdict]],
-        },
-        "quantities": ["VAF", "K", "B", "I"],
-        "apparent_inertia": apparent_inertia(),
-        "trials": [trial_row(trial, differing) for trial in worst_first],
-        "left_out": left_out,
-        "experiments": {name: facts.description for name, facts in EXPERIMENTS.items()},
-    }
-
-
-def trial_row(trial: ReportedTrial, differing: Collection[str]) -> dict[str, Any]:
-    """A row of the page's table of trials; of its conditions those that `differ` between trials."""
-    fit_to_all = trial.main.row(-1, named=True) if len(trial.main) else {}
-    numbers = []
-    for column in ("VAF", *EXPERIMENTS[trial.row["experiment"]].impedance):
-        full = full_numbers(fit_to_all, column)
-        text, interval = NO_VALUE, ""
-        if full[0] is not None:
-            text, interval = value_and_interval(fit_to_all, column)
-        numbers.append({"column": column, "full": full, "text": text, "interval": interval})
-    # the text of the last row, which is of all of the trial, and where
-    text_of: dict[str, str] = {}
-    places_of: dict[str, list[str]] = {}
-    for doubt in trial.doubts:
-        if doubt.verdict == trial.verdict:
-            text_of[doubt.cause] = doubt.text
-            places_of.setdefault(doubt.cause, []).append(doubt.where)
-    doubts = [f"{', '.join(places_of[cause])}: {text}" for cause, text in text_of.items()]
-    return {
-        "name": trial.name,
-        "experiment": trial.row["experiment"],
-        "condition": trial.condition(differing),
-        "verdict": trial.verdict,
-        "doubt": trial.left_out[0] if trial.left_out else "; ".join(doubts),
-        "causes": list(text_of),
-        "numbers": numbers,
-    }

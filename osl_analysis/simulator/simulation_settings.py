@@ -15,6 +15,7 @@ from pydantic import AfterValidator, Field, ValidationInfo, field_validator, mod
 from osl_analysis.model.compensator import PAPER_WEIGHT, Weight
 from osl_analysis.model.multisine import odd_lines
 from osl_analysis.yaml_settings import (
+    IDENTIFIER,
     Degrees,
     JointDegrees,
     NotNegative,
@@ -275,7 +276,7 @@ class Excitation(Settings):
     noise that wanders in size."""
 
     # a part of the names of its trials
-    name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9]{0,30}$")]
+    name: Annotated[str, Field(pattern=IDENTIFIER)]
     kind: Literal["multisine", "chirp", "noise", "prbs", "ramps", "hand"]
     rms_deg: JointDegrees  # of a binary sequence half its step, of ramps a third of their range
     band_hz: Annotated[tuple[Positive, Positive], AfterValidator(check_rising)] = (

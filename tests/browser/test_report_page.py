@@ -16,7 +16,7 @@ from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.support.ui import Select, WebDriverWait
 from test_workflow import Workspace
 
-from osl_analysis.report.trial_page import VERDICTS
+from osl_analysis.report.reported_trial import VERDICTS
 from osl_analysis.table import read_table
 
 pytestmark, DRIVER = pytest.mark.browser, shutil.which("chromedriver")
@@ -453,7 +453,7 @@ def test_the_numbers_and_signals_of_a_trial_are_those_of_the_results(page, resul
             ):
                 # four digits
                 assert shown == pytest.approx(true, abs=max(0.06 * half, 5e-4 * abs(row[quantity])))
-    series = read_table(results / f"fits/impedance/{name}.zip", of="series")
+    series = read_table(results / f"fits/impedance/{name}.zip", name="series")
     label = page.find_element(By.CSS_SELECTOR, '#trial .plot [role="img"]').get_attribute(
         "aria-label"
     )
@@ -477,7 +477,7 @@ def numbers_in(text):
 
 def test_pointing_at_a_signal_shows_its_sample_with_units(page, results):
     name = "impedance_K300_B5.0_compensated"
-    series = read_table(results / f"fits/impedance/{name}.zip", of="series")
+    series = read_table(results / f"fits/impedance/{name}.zip", name="series")
     open_trial(page, name)
     torque = page.find_element(By.CSS_SELECTOR, "#trial .readable")
 
@@ -554,7 +554,7 @@ return chosen;
 
 def test_the_loop_of_one_frequency_and_amplitude_is_drawn_alone(page, results):
     name = "impedance_K300_B5.0_compensated"
-    series = read_table(results / f"fits/impedance/{name}.zip", of="series")
+    series = read_table(results / f"fits/impedance/{name}.zip", name="series")
     phasors = read_table(results / "tables/phasors.csv").filter(pl.col("trial") == name)
     step = phasors.sort("amplitude_deg", "frequency_hz").row(-1, named=True)
     open_trial(page, name)

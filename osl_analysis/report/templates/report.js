@@ -277,7 +277,7 @@
   function doubtList(doubts) {
     return element("ul", { class: "doubts" }, ...doubts.map((doubt) => {
       const numbers = table(["number", "value", "beyond", "what it is"], doubt.numbers, { caption: "limits", hasTools: false });
-      const about = doubt.of === "all" ? null : element("span", { class: "where" }, `At ${doubt.where}: `);
+      const about = doubt.scope === "whole fit" ? null : element("span", { class: "where" }, `At ${doubt.where}: `);
       const line = (name, text) => (text ? element("p", {}, element("b", {}, `${name}: `), sentence(text)) : null);
       return element(
         "li", {}, element("p", { class: "cause" }, about, element("b", {}, sentence(doubt.cause).replace(/\.$/, ""))),
@@ -299,7 +299,7 @@
 
   function verdict(content) {
     const { doubts } = content;
-    const [whole, flags, single, other] = ["all", "recording", "part", "other"].map((of) => doubts.filter((doubt) => doubt.of === of));
+    const [whole, flags, single, other] = ["whole fit", "recording", "part of the fit", "other table"].map((scope) => doubts.filter((doubt) => doubt.scope === scope));
     const partly = content.verdict === "doubtful in part";
     const parts = [single.length ? "fits to single amplitudes" : null, other.length ? "other tables of it" : null].filter((part) => part);
     return element(

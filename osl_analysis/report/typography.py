@@ -1,0 +1,18 @@
+"""How a text is set on the page: units, symbols, powers, minus signs."""
+
+import re
+from functools import cache
+from pathlib import Path
+
+from osl_analysis.dictionary import own_yaml
+
+SIGNS: dict[str, str] = own_yaml(Path(__file__).with_suffix(".yaml"))
+
+
+@cache
+def printed(text: str) -> str:
+    """A text with units, symbols, powers and minus signs as the page sets them; empty for the unit
+    1."""
+    for pattern, sign in SIGNS.items():
+        text = re.sub(pattern, sign, text)
+    return "" if text == "1" else text

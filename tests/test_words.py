@@ -189,7 +189,7 @@ def test_a_delay_of_a_few_ms_explains_a_gap_in_damping_and_one_of_20_ms_does_not
     ({"lag_s": 4e-4, "certain_lag_s": 3e-4}, ""),  # its size says what to state
 ])  # fmt: skip
 def test_the_delay_that_is_advised_is_the_one_that_was_found(row, remedy):
-    late = Finding("impedance", "a", "late torque", Grade.DOUBTS)
+    late = Finding("late_torque", "impedance", "a", Grade.DOUBTS)
 
     advised = words_of(late, row).remedy
 

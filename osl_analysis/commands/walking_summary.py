@@ -19,8 +19,8 @@ from osl_analysis.commands.walking_files import (
 from osl_analysis.config.impedance_trajectory import SYNTHETIC, read_impedance_trajectory
 from osl_analysis.config.sheet import JOINT
 from osl_analysis.errors import InputError, OslAnalysisError
-from osl_analysis.judge.limits import Limits
 from osl_analysis.judge.judging import EXCLUDED, judged, marked
+from osl_analysis.judge.limits import Limits
 from osl_analysis.stats.repeats import DOUBTFUL, doubtful_row
 from osl_analysis.table import MEASURED, Places, read_table, with_places, write_table
 from osl_analysis.trial import Array

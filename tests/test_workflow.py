@@ -102,37 +102,57 @@ def every_job(workspace):
     return workspace.jobs("reproduce-all")
 
 
-def test_every_figure_table_and_headline_number_is_there_and_nothing_is_left_to_do(workspace):
-    results, drawn = (
-        workspace.folder / "results",
-        FIGURES.keys() - {"torque_angle"},
-    )
-    files = {f"{name}.{suffix}" for name in drawn for suffix in ("csv", "pdf", "svg", "png")}
-    assert {path.name for path in (results / "figures").iterdir()} == files | {"captions.md"}
-    captions = (results / "figures/captions.md").read_text(encoding="utf-8")
-    assert captions.count("\n## ") == len(drawn)
-    summary = json.loads((results / "summary.json").read_text())
-    assert {"K_s", "B_j", "k_tau_n_m", "walking_K"} <= set(summary["numbers"])
-    assert "open results/report.html in a browser: every number" in workspace.said
-    assert "\n".join(brief_lines(summary)) in workspace.said
+def test_every_figure_is_there_with_its_numbers_and_caption(workspace):
+    figures = workspace.folder / "results/figures"
+    names = FIGURES.keys() - {"torque_angle"}  # no trial of this campaign
+
+    captions = (figures / "captions.md").read_text(encoding="utf-8")
+
+    files = {f"{name}.{suffix}" for name in names for suffix in ("csv", "pdf", "svg", "png")}
+    assert {path.name for path in figures.iterdir()} == files | {"captions.md"}
+    assert captions.count("\n## ") == len(names)
+
+
+def test_fig4_shows_the_configured_seconds_and_amplitude(workspace):
+    table = pl.read_csv(workspace.folder / "results/figures/fig4.csv")
+
+    seconds, range_deg = np.ptp(table.select("time", "theta_deg").to_numpy(), axis=0)
+
+    assert seconds == pytest.approx(2, abs=0.2)
+    assert range_deg == pytest.approx(2 * 4, abs=0.2)
+
+
+def test_every_table_and_figure_says_that_its_data_are_simulated(workspace):
+    results = workspace.folder / "results"
+
     for path in (*(results / "tables").glob("*.csv"), *(results / "figures").glob("*.csv")):
         table = pl.read_csv(path, infer_schema_length=None)
-        assert (table.columns[-1], {*table["data"]} - {"simulated"}) == ("data", set()), path
-    drawings = [path.read_text(encoding="utf-8") for path in (results / "figures").glob("*.svg")]
-    assert all("Simulated data: campaign small, osl-analysis" in drawing for drawing in drawings)
-    assert (len(workspace.table("walking_crossings")), len(workspace.table("impedance"))) == (
-        8,
-        4 * 3,
-    )
-    assert workspace.table("impedance").columns[:3] == [
-        "trial",
-        "joint",
-        "scope",
-    ], "nobody stated a side"
-    shown = pl.read_csv(results / "figures/fig4.csv").select("time", "theta_deg")
-    assert np.ptp(shown.to_numpy(), axis=0) == pytest.approx((2, 8), abs=0.2)
+        assert table.columns[-1] == "data", path
+        assert {*table["data"]} <= {"simulated"}, path
+    for path in (results / "figures").glob("*.svg"):
+        drawing = path.read_text(encoding="utf-8")
+        assert "Simulated data: campaign small, osl-analysis" in drawing, path
+
+
+def test_every_trial_is_used_and_has_its_rows(workspace):
+    impedance = workspace.table("impedance")
+
+    assert len(workspace.table("walking_crossings")) == 8
+    assert len(impedance) == 4 * 3  # trials; two amplitudes, and all of them
+    assert impedance.columns[:3] == ["trial", "joint", "scope"], "nobody stated a side"
     assert {*workspace.table("quality")["verdict"]} == {"pass", "not applicable"}
     assert workspace.table("excluded").is_empty()
+
+
+def test_a_run_ends_with_its_headline_numbers_and_the_page(workspace):
+    summary = json.loads((workspace.folder / "results/summary.json").read_text())
+
+    assert {"K_s", "B_j", "k_tau_n_m", "walking_K"} <= set(summary["numbers"])
+    assert "\n".join(brief_lines(summary)) in workspace.said
+    assert "open results/report.html in a browser: every number" in workspace.said
+
+
+def test_after_a_run_nothing_is_left_to_do(workspace):
     assert workspace.planned("reproduce-all") == {}
 
 
@@ -195,21 +215,23 @@ def leaves(value, place=()):
     """Every value in nested mappings, by its place."""
     if not isinstance(value, dict):
         return {place: value}
-    return {
-        at: one for name, part in value.items() for at, one in leaves(part, (*place, name)).items()
-    }
+    by_place = {}
+    for name, part in value.items():
+        by_place.update(leaves(part, (*place, name)))
+    return by_place
 
 
 def commands_of_rules():
     """The command of each rule that names one in its `run:`; the simulation's others share one."""
     texts = [path.read_text() for path in sorted((ROOT / "rules").glob("*.smk"))]
-    found = dict.fromkeys(
-        ("simulate_actuator", "simulate_capture", "simulate_crossing"), "simulate.simulate_trial"
-    )
+    others = ("simulate_actuator", "simulate_capture", "simulate_crossing")
+    commands = dict.fromkeys(others, "simulate.simulate_trial")
     for text in re.split(r"^ *(?:use )?rule ", "\n".join(texts), flags=re.MULTILINE)[1:]:
-        if command := re.search(r'job\(\s*"([\w.]+)"', text):
-            found[re.match(r"\w+", text)[0]] = command[1]
-    return found
+        command = re.search(r'job\(\s*"([\w.]+)"', text)
+        if command is not None:
+            rule = re.match(r"\w+", text)[0]
+            commands[rule] = command[1]
+    return commands
 
 
 def test_a_rule_calls_the_fit_of_every_experiment():
@@ -279,10 +301,10 @@ def test_belt_transmission_impedance_and_walking_are_those_that_made_the_recordi
     def truth(trial):
         return json.loads((workspace.folder / f"raw_data/small/truth/{trial}.json").read_text())
 
-    belt, walking = workspace.table("belt"), workspace.table("walking")
-    assert belt["K_s"].to_list() == pytest.approx(
-        [truth(one)["parameters"]["K_s"] for one in belt["trial"]], rel=0.003
-    )
+    belt = workspace.table("belt")
+    walking = workspace.table("walking")
+    true_K_s = [truth(trial)["parameters"]["K_s"] for trial in belt["trial"]]
+    assert belt["K_s"].to_list() == pytest.approx(true_K_s, rel=0.003)
     lossy = workspace.table("transmission").filter(pl.col("amplitude_deg").is_null())
     assert (np.abs(lossy["B_j"].to_numpy() - 0.452) < 4 * lossy["B_j_se"].to_numpy()).all()
     whole = workspace.table("impedance").filter(

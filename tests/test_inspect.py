@@ -546,12 +546,9 @@ def test_a_failed_check_is_told_with_its_whole_remedy(
     rng = np.random.default_rng(1)
     trial = made_trial(rng, noise(rng, duration=20.0))
     spoilt = replace(trial, samples=trial.samples.with_columns(torque=pl.col("torque").clip(-4, 4)))
-    said, cause = (
-        watching.quality_text(spoilt, "impedance", bench.config, ()),
-        watching.CHECKS["saturation"].cause,
-    )
-    assert said.startswith("QUALITY flag saturation: ")
-    assert said.endswith(watching.check_words(cause).remedy)
+    told = watching.quality_text(spoilt, "impedance", bench.config, ())
+    assert told.startswith("QUALITY flag saturation: ")
+    assert told.endswith(watching.FINDINGS["clipped_signal"].remedy)
     assert "saturation" not in watching.quality_text(
         spoilt, "impedance", bench.config, ("saturation",)
     )

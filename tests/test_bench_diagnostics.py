@@ -18,7 +18,7 @@ from osl_analysis.bench.coulomb import coulomb_fits, with_friction, without_fric
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums, with_effects
 from osl_analysis.bench.impedance import (
     DesiredImpedance,
-    fit_and_judge_impedance,
+    impedance_with_evidence,
     impedance_table,
     rendered_impedance,
 )
@@ -232,7 +232,7 @@ def test_the_belt_shows_which_channel_of_a_leg_is_late(fault, lag, of_theta_m):
     """Eq. 15 misses so much of a leg that it passes for a delay of 10 ms; a belt stays a spring."""
     trial = leg(**fault)
     saturation = saturated(trial, "torque", "theta")
-    _, table, *_ = fit_and_judge_impedance(record_of_leg(trial), saturation, P, UNKNOWN)
+    _, table, *_ = impedance_with_evidence(record_of_leg(trial), saturation, P, UNKNOWN)
     row = table.row(0, named=True)
 
     assert row["lag_s"] == pytest.approx(lag, abs=1.5e-4)

@@ -13,7 +13,7 @@ from osl_analysis.bench.analysis import analysed
 from osl_analysis.bench.bench_settings import BenchStiffness
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums
 from osl_analysis.bench.frequency_response import frequency_response_table
-from osl_analysis.bench.impedance import DesiredImpedance, fit_and_judge_impedance, lag_row
+from osl_analysis.bench.impedance import DesiredImpedance, impedance_with_evidence, lag_row
 from osl_analysis.bench.leg_belt import Fault
 from osl_analysis.bench.phasors import phasor_table, phasors_of_record
 from osl_analysis.bench.recorded_motion import record_of_trial
@@ -117,7 +117,7 @@ def record_of_steps(steps):
 def test_an_amplitude_of_one_frequency_has_no_row_and_refuses_no_trial():
     """A drive with a limit of speed reaches less at high frequencies."""
     record = record_of_steps(((0.14, 0.5), (0.14, 1), (0.09, 2), (0.035, 4)))
-    table = fit_and_judge_impedance(record, UNSATURATED, None, None)[1]
+    table = impedance_with_evidence(record, UNSATURATED, None, None)[1]
     assert table["amplitude_deg"].to_list() == [8.02, None]
     assert table.row(-1, named=True)["K"] == pytest.approx(200, rel=1e-3)
 
@@ -126,7 +126,7 @@ def test_amplitudes_of_one_frequency_are_refused_with_what_is_missing():
     record = record_of_steps(((0.14, 2), (0.09, 2)))
     missing = r"sines of 8\.02, 5\.16 deg are of 2 Hz alone.*below 1 Hz or"
     with pytest.raises(IdentifiabilityError, match=missing):
-        fit_and_judge_impedance(record, UNSATURATED, None, None)
+        impedance_with_evidence(record, UNSATURATED, None, None)
 
 
 def vaf(shown):
@@ -153,7 +153,7 @@ def test_where_amplitudes_nest_in_frequencies_fig4_uses_one_amplitude(tmp_path):
     degrees = [round(float(np.rad2deg(a)), 9) for a in PROTOCOL.amplitudes]
     settings = sine_settings(degrees, (1, 3, 5), 9)
     record = record_of_trial(trial, settings)
-    table = fit_and_judge_impedance(record, UNSATURATED, None, None)[1]
+    table = impedance_with_evidence(record, UNSATURATED, None, None)[1]
     assert table["K"].to_list()[:2] == pytest.approx([100, 200], rel=1e-3)
 
     write_trial(trial, tmp_path / "made.parquet")
@@ -225,7 +225,7 @@ UNSATURATED, UNKNOWN = pl.lit(0).alias("saturated_samples"), DesiredImpedance("o
 def judged(torque_of, protocol=FIVE, noise=0.01, seed=1):
     record = stepped_sine(torque_of, noise, protocol, seed)
     return marked(
-        fit_and_judge_impedance(record, UNSATURATED, None, UNKNOWN)[1], LIMITS, "impedance"
+        impedance_with_evidence(record, UNSATURATED, None, UNKNOWN)[1], LIMITS, "impedance"
     )
 
 

@@ -20,7 +20,7 @@ from osl_analysis.bench.effects import IMPEDANCE, plain_sums, with_effects
 from osl_analysis.bench.frequency_response import impedance_over_frequency
 from osl_analysis.bench.impedance import (
     DesiredImpedance,
-    fit_and_judge_impedance,
+    impedance_with_evidence,
     impedance_table,
     rendered_impedance,
 )
@@ -236,7 +236,7 @@ def trial_of_gains(desired, motion, late_s=0.0, seed=3):
 
 def row_beside_gains(trial, desired):
     saturation, gains = examine.saturated(trial), desired.gains(P, PAPER_WEIGHT)
-    _, table, *_ = fit_and_judge_impedance(moving_record(trial), saturation, P, desired, gains)
+    _, table, *_ = impedance_with_evidence(moving_record(trial), saturation, P, desired, gains)
     return table.row(0, named=True)
 
 

@@ -23,7 +23,8 @@ KNEE = {
     "B_without": 2.97, "B_without_low": 2.94, "B_without_high": 3.0,
     "I_without": 0.0301, "I_without_low": 0.03, "I_without_high": 0.0302,
 }  # fmt: skip
-"""A sound knee: K is known to 0.1 %, and a torque path would move it by 0.06 %."""
+"""A sound knee: K is known to 0.1 %, and a torque path would move it by 0.06 %. It is judged as a
+row of `law`, of which no other number is asked."""
 
 
 def grades(row, **accuracy):

@@ -86,6 +86,13 @@ def test_what_could_not_be_checked_is_described():
     assert named - FINDINGS.keys() == set(), "describe it under `findings` of findings.yaml"
 
 
+def test_evidence_is_a_column_of_a_result_table():
+    columns = set()
+    for table in judged_tables():
+        columns |= described_tables_by_name()[table].columns.keys()
+    assert EVIDENCE.keys() - columns == set(), "describe the column in osl_analysis/dictionary/"
+
+
 def test_every_column_that_the_configuration_decides_has_a_limit_there():
     """A forgotten limit would never be told: the number would be beyond nothing."""
     sections = yaml.safe_load((ROOT / "config/config.yaml").read_text())["doubtful"]

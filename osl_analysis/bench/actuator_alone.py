@@ -413,7 +413,7 @@ def actuator_table(actuator: Analysis) -> pl.DataFrame:
     row.update(covariance_row(fit, *told))
     for name in ACTUATOR_PARAMETERS:
         row[f"{name}_se_bench"] = fit.se_bench(name) if name in told else None
-    row.update(actuator.judged())
+    row.update(actuator.diagnostics())
     row["correlation_k_f_G"] = fit.correlation("k_tau_n_m", "f_G") if "f_G" in told else None
     row.update(actuator.time_base_row(None, told))
     table = pl.DataFrame(

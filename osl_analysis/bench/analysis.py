@@ -57,7 +57,8 @@ class Analysis:
     record, sums, model
         What was fitted.
     fits : Mapping
-        By label. The intervals include the error of the bench's stiffness; offsets are at angle 0.
+        By label. The intervals include the error of the bench's stiffness; offsets are at angle 0
+        and in the middle of the fitted rows.
     fits_with_other_stamps : Mapping
         The same with the other reading of undecided stamps; empty: all are decided.
     label
@@ -117,7 +118,7 @@ class Analysis:
             **covariances,
             **{f"{name}_se_bench": fit.se_bench(name) for name in names},
             **{f"{name}_repeat_se": fit.repeat_se(name) for name in names},
-            **self.judged(label, other),
+            **self.diagnostics(label, other),
         }
 
     def calibrated(self, fit: GroupFit, label: Label = None) -> GroupFit:
@@ -161,7 +162,7 @@ class Analysis:
             fit = widened(fit, change, of_bench=True)
         return fit
 
-    def judged(self, label: Label = None, other: str | None = None) -> Row:
+    def diagnostics(self, label: Label = None, other: str | None = None) -> Row:
         """The diagnostics of a fit, and where its interval is from: the fit, or `other`."""
         record = self.record
         rows = record.rows(label)

@@ -258,7 +258,7 @@ def belt_table(belt: Analysis) -> pl.DataFrame:
         **covariance_row(loading, "K_s", "offset"),
         "K_s_se_bench": loading.se_bench("K_s"),
         **damping,
-        **belt.judged("loading"),
+        **belt.diagnostics("loading"),
         "unloading": unloading["K_s"],
         "unloading_se": unloading.se("K_s"),
         "unloading_se_bench": unloading.se_bench("K_s"),

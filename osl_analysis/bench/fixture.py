@@ -86,6 +86,6 @@ def fixture_row(analysis: Analysis) -> Row:
         **estimates_row(fit, "inertia", "weight"),
         "rest_deg": rest_deg,
         "to_state": stated,
-        **analysis.judged(),
+        **analysis.diagnostics(),
         **analysis.time_base_row(None, QUANTITIES),
     }

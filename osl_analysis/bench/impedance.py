@@ -264,14 +264,14 @@ def lag_row(lag: Fault | None, fit: GroupFit) -> Row:
     }
 
 
-def fit_and_judge_impedance(
+def impedance_with_evidence(
     record: Record,
     rails: pl.Expr,
     p: DrivetrainParameters | None,
     desired: DesiredImpedance | None,
     gains: Gains | None = None,
 ) -> tuple[Analysis, pl.DataFrame]:
-    """Fit Eq. 15 to a record, and put beside its rows all that judges them.
+    """Fit Eq. 15 to a record, and put beside its rows all that the verdicts on them need.
 
     Parameters
     ----------

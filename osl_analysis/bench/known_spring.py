@@ -127,7 +127,7 @@ def calibration_table(analysis: Analysis, known: Known, frame: Frame | None = No
         **estimates_row(fit, *fit.names),
         **estimates_row(fits.damped, "B"),
         **estimates_row(fits.counted, "T_C"),
-        **analysis.judged(),
+        **analysis.diagnostics(),
         "certain_lag_s": certain_lag,
         "certain_gain_error": beyond_interval(fit, "gain", gain - 1),
         "to_state": to_state(fit, frame),

@@ -125,7 +125,7 @@ def fit_impedance_trial(
         measured, cancelled_friction = controller_law.law_that_ran(law, programmed, p)
         cancels_friction = measured.cancels_friction and cancelled_friction == p
         gains = replace(measured, cancels_friction=cancels_friction)
-    analysis, table = impedance.fit_and_judge_impedance(record, rails, p, condition, gains)
+    analysis, table = impedance.impedance_with_evidence(record, rails, p, condition, gains)
     table = table.with_columns(fixture_column(trial))
 
     def others() -> dict[str, pl.DataFrame]:

@@ -1,5 +1,6 @@
-"""The fit of one trial, by the job of its experiment, and judged as in a campaign: for the command
-line, `watch` and notebooks."""
+"""The fit of one trial, by the job of its experiment, and judged by the limits of a campaign: for
+the command line, `watch` and notebooks. Its recording is checked by `watch` alone, and predictions
+need the other trials of a campaign."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

@@ -147,6 +147,7 @@ def walking_headlines(table: pl.DataFrame) -> Iterator[Headline]:
     """K, B and I of each group of crossings, and by how much turns up differ from turns down."""
     labels_of_estimator = {
         HEADLINE_ESTIMATOR: LABELS["walking_summary"],
+        # rows of walking_summary, too: no table has this name
         "up minus down": LABELS["walking_symmetry"],
     }
     with_mean = table.filter(pl.col("mean").is_not_null())

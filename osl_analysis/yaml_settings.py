@@ -80,7 +80,8 @@ class Settings(BaseModel):
     @field_validator("*", mode="before")
     @classmethod
     def _truth_values_are_words(cls, value: Any) -> Any:
-        """Refuse `true` as a number: pydantic would make 1 of it."""
+        """Turn a truth value into text, which fields of numbers refuse: pydantic would make 1 of
+        it."""
         if isinstance(value, bool):
             return str(value).lower()
         if isinstance(value, dict):

@@ -18,8 +18,8 @@ from osl_analysis.bench.coulomb import coulomb_fits, with_friction, without_fric
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums, with_effects
 from osl_analysis.bench.impedance import (
     DesiredImpedance,
-    impedance_with_evidence,
     impedance_table,
+    impedance_with_evidence,
     rendered_impedance,
 )
 from osl_analysis.bench.leg_belt import belt_of_leg, is_leg

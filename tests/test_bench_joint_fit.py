@@ -185,7 +185,7 @@ def test_a_reflex_is_a_note_and_no_doubt():
     found = findings_of(reflexive_row(), OF_FAULTS, "impedance")
     grades = {finding.cause: finding.grade for finding in found}
 
-    assert grades["K, B and I are beside a reflex"] is Grade.NOTES
+    assert grades["K, B and I fitted together with a reflex"] is Grade.NOTES
 
 
 def test_a_device_has_no_reflex():

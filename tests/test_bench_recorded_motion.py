@@ -20,8 +20,8 @@ from osl_analysis.bench.effects import IMPEDANCE, plain_sums, with_effects
 from osl_analysis.bench.frequency_response import impedance_over_frequency
 from osl_analysis.bench.impedance import (
     DesiredImpedance,
-    impedance_with_evidence,
     impedance_table,
+    impedance_with_evidence,
     rendered_impedance,
 )
 from osl_analysis.bench.recorded_motion import record_of_trial, stated_windows

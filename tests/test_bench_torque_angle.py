@@ -252,7 +252,7 @@ def test_a_zero_that_nobody_stated_says_what_it_may_do_to_the_energies():
     assert (stated["zero_unsure"], stated["assumed_zero_share"]) == (None, None)
     # of K (A^2 + (5/K)^2)
     assert assumed["assumed_zero_share"] == pytest.approx((5 / (K * A)) ** 2, rel=0.03)
-    assert assumed["doubtful"] == "zero that nobody stated"
+    assert assumed["doubtful"] == "torque zero not stated"
     assert assumed["K"] == pytest.approx(stated["K"], rel=1e-9), "a slope has no zero"
     # trapezoids of K theta + 5 and K theta, from its zero
     for name in ("energy_stored", "energy_returned"):
@@ -351,7 +351,8 @@ LIFT, MIXED = (
     (FULL, 1e3 * K * FULL, {}, "doubtful", "unlikely size"),
     (path(0, 10, 0.3), K * path(0, 10, 0.3), {}, "doubtful", "loop that does not close"),
     (MIXED, K * MIXED + 20 * np.gradient(MIXED) * RATE, {}, "doubtful", "speed that matters"),
-    (FULL, np.roll(K * FULL, 30) + 0.01 * NOISE, {}, "doubtful", "energy from nothing"),
+    (FULL, np.roll(K * FULL, 30) + 0.01 * NOISE,
+     {}, "doubtful", "more energy returned than stored"),
     (path(*SMALLER), K * path(*SMALLER),
      {}, "not_checked", "cycles that are smaller than the largest"),
     # no offset beside a wide loop

@@ -322,9 +322,9 @@ def test_a_stiffness_is_drawn_as_doubtful_where_the_doubt_concerns_it():
         ]
 
     assert dashes("") == [{"-"}, {"-"}]
-    torque, stiffness = dashes("zero that nobody stated")
+    torque, stiffness = dashes("torque zero not stated")
     assert (torque == {"-"}, stiffness) == (False, {"-"})
-    assert dashes("zero that nobody stated; hysteresis")[1] != {"-"}
+    assert dashes("torque zero not stated; hysteresis")[1] != {"-"}
 
 
 def test_levels_within_a_decade_have_numbers_on_their_axis():

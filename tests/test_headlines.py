@@ -309,7 +309,7 @@ def test_the_limit_of_every_finding_reaches_table_and_summary(
     tables.write_findings({"belt": paths["belt"]}, paths["quality"], limits, paths["findings"])
     rows = (
         read_table(paths["findings"])
-        .select("trial", "cause", "evidence", "value", "limit", "side")
+        .select("trial", "cause", "evidence", "value", "limit", "limit_side")
         .rows()
     )
     assert rows == [
@@ -885,7 +885,7 @@ def test_a_finding_in_the_table_is_the_finding_that_was_made():
         without=without,
     )
     table = findings_frame([WordedFinding(finding, Words("says", "size", "remedy"))])
-    numbers = ("evidence", "value", "limit", "side")
+    numbers = ("evidence", "value", "limit", "limit_side")
     assert table.select(numbers).rows() == [
         (one.column, one.value, one.limit, one.side) for one in evidence
     ]
@@ -917,7 +917,7 @@ def test_what_a_doubt_condemns_is_not_recommended_by_a_note_on_the_same_row():
     )
     for limit, remedy in ((1.0, Remedy.DOUBTED), (30.0, Remedy.WHOLE)):
         (found,) = judged(row, Limits(above={"fault_harm": limit}), "impedance")
-        notes = [one.remedy for one in found if one.cause == "I is certainly negative"]
+        notes = [one.remedy for one in found if one.cause == "I is significantly negative"]
         assert notes == [remedy]
 
 

@@ -467,13 +467,13 @@ def test_the_page_begins_with_what_was_done_its_verdict_and_the_figure_that_matt
         "verdict": "doubtful",
         "of": "walking groups",
         "trials": ["all"],
-        "cause": "person reacts",
+        "cause": "reflex or voluntary response",
     }
     walking = page.overview(walks, {"findings": [of_group, *unsure]}, figures, ABOUT)
     assert walking.main_figures[0].name == "walking_page", "nothing was desired"
     said = (
-        "The walking K is doubtful: person reacts. Not checked, and in no interval: a, b, c and 1"
-        " more."
+        "The walking K is doubtful: reflex or voluntary response. Not checked, and in no interval:"
+        " a, b, c and 1 more."
     )
     assert said in walking.verdicts
 
@@ -494,7 +494,7 @@ def test_findings_stand_by_what_they_change_the_largest_first_and_those_of_no_si
 def test_the_map_has_a_row_for_each_cause_that_a_trial_does_not_pass():
     gap = doubt("gap_in_recording", "gap", 0.2, 0.05, QUALITY)
     note = Finding(
-        "negative_inertia", "impedance", "t", Grade.NOTES, title="I is certainly negative"
+        "negative_inertia", "impedance", "t", Grade.NOTES, title="I is significantly negative"
     )
     of_phasors = doubt(table="phasors", frequency_hz=3.0)
     trials = [trial("b", of_phasors, gap), trial("a", doubt(), doubt(amplitude_deg=4.0), note)]
@@ -504,7 +504,7 @@ def test_the_map_has_a_row_for_each_cause_that_a_trial_does_not_pass():
     assert {cause: [state for _, state in row] for cause, row in group.rows} == {
         "friction": ["doubtful", "passed", "doubtful in part"],
         "gap in the recording": ["passed", "passed", "flagged"],
-        "I is certainly negative": ["remark", "passed", "passed"],
+        "I is significantly negative": ["remark", "passed", "passed"],
     }
     groups = {
         name: {"walking": pl.DataFrame({"group": [of]})}

@@ -94,7 +94,7 @@ def test_half_the_difference_of_directions_is_free_of_what_follows_either_turn(o
 
     assert K["mean"] == pytest.approx(340, abs=6)
     assert B["mean"] == pytest.approx(5, abs=0.2)
-    assert I["mean"] == pytest.approx(0.03, abs=0.2)
+    assert I["mean"] == pytest.approx(0.03, abs=0.02)
     assert abs(K["mean"] - 340.0) < 4 * K["se"] < 20
 
 

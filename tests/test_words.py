@@ -9,7 +9,8 @@ import pytest
 import yaml
 from conftest import ROOT, findings_of
 
-from osl_analysis.dictionary import described_tables
+from osl_analysis.config.experiments import judged_tables
+from osl_analysis.dictionary import described_tables, described_tables_by_name
 from osl_analysis.judge import unchecked
 from osl_analysis.judge.finding import Finding, Grade
 from osl_analysis.judge.known_findings import CHECKS, CONTENT, EVIDENCE, FINDINGS

@@ -110,7 +110,8 @@ def draw_belts(ax: Axes, part: pl.DataFrame) -> None:
     ax.plot(mean["theta_s_deg"], mean["torque"], **MEAN_LINE)
     ax.set_ylabel("Joint torque (N·m)")
 
-    for K_s, low, high in mean.select("K_s", "K_s_low", "K_s_high").head(1).iter_rows():
+    if not mean.is_empty():
+        K_s, low, high = mean.select("K_s", "K_s_low", "K_s_high").row(0)
         text = rf"$\hat{{K}}_s$ = {K_s:.1f} N·m/rad"
         if low is not None and high is not None:
             text += f"\n95 % interval {low:.1f} to {high:.1f} N·m/rad"
@@ -140,7 +141,9 @@ def draw_loops(ax: Axes, part: pl.DataFrame) -> None:
                 linestyle=style.DOTTED if is_doubtful else dash,
             )  # fmt: skip
             line.set_url(marks.place_in_report(trial["trial"][0]))
-    for area in part["hysteresis_area"].drop_nulls().head(1):
+    areas = part["hysteresis_area"].drop_nulls()
+    if not areas.is_empty():
+        area = areas[0]
         ax.text(0.02, 0.04, f"Mean loop area {area:.3g} J", transform=ax.transAxes, va="bottom")
     ax.set_xlabel(r"Belt deflection $\theta_s$ (deg)")
     ax.set_ylabel("Torque minus\nmean slope (N·m)")

@@ -49,7 +49,7 @@ BETTER = {
     "VAF": "K, B and I explain more of the torque",
 }
 """What compensation improves, by the quantity of `compensation.csv`."""
-Side = Literal["above", "below"]
+Direction = Literal["above", "below"]
 
 
 class Claims(Settings):
@@ -100,7 +100,7 @@ class Claim:
     low: float | None = None
     high: float | None = None
     interval: str | None = None
-    wanted: Side | None = None
+    wanted: Direction | None = None
     target: float | None = None
     margin: float | None = None
     n: float | None = None
@@ -127,7 +127,7 @@ def share_claim(
     quantity: str,
     share: float,
     parts: Sequence[Mapping[str, Any]],
-    wanted: Side,
+    wanted: Direction,
     limit_percent: float,
     sensitivity: float = 1.0,
 ) -> Claim:
@@ -150,8 +150,8 @@ def share_claim(
     high = None
     if freedom > 0 and all(part["se"] is not None for part in parts):
         relative_error = np.linalg.norm([part["se"] / part["mean"] for part in parts])
-        quantile = float(relative_error * scipy.special.stdtrit(freedom, 0.975))
-        half_width = percent * sensitivity * quantile
+        relative_half_width = float(relative_error * scipy.special.stdtrit(freedom, 0.975))
+        half_width = percent * sensitivity * relative_half_width
         low = percent - half_width
         high = percent + half_width
     return Claim(
@@ -242,7 +242,7 @@ def compensation_claims(compensation: pl.DataFrame) -> Iterator[Claim]:
         if name in of_amplitudes:
             single = of_amplitudes[name]
             counts += f" and {single['better']} of {single['pairs']} of amplitudes"
-        wanted: Side = "above" if name == "VAF" else "below"
+        wanted: Direction = "above" if name == "VAF" else "below"
         low, high = row["difference_low"], row["difference_high"]
         yield Claim(
             name=f"compensation_{name}",

@@ -160,7 +160,7 @@ FINDING_COLUMNS: dict[str, type[pl.DataType]] = {
     **dict.fromkeys(("amplitude_deg", "frequency_hz"), pl.Float64),
     **dict.fromkeys(("grade", "name", "cause", "inherited", "evidence"), pl.String),
     **dict.fromkeys(("value", "limit"), pl.Float64),
-    "side": pl.String,
+    "limit_side": pl.String,
     **dict.fromkeys(FINDING_NUMBERS, pl.Float64),
     **dict.fromkeys(("says", "size", "remedy"), pl.String),
 }
@@ -180,7 +180,7 @@ def findings_frame(findings: Iterable[WordedFinding] = ()) -> pl.DataFrame:
                 "evidence": beyond.column,
                 "value": beyond.value,
                 "limit": beyond.limit,
-                "side": beyond.side,
+                "limit_side": beyond.side,
             }
             rows.append({**shared, **evidence})
     return pl.DataFrame(rows, schema=FINDING_COLUMNS)
@@ -215,7 +215,7 @@ def findings_of_frame(frame: pl.DataFrame) -> list[WordedFinding]:
     """The findings of a table as `findings_frame` makes it."""
     findings = []
     for rows in frame.partition_by("finding", maintain_order=True):
-        numbers = rows.drop_nulls("evidence").select("evidence", "value", "limit", "side")
+        numbers = rows.drop_nulls("evidence").select("evidence", "value", "limit", "limit_side")
         row = rows.row(0, named=True)
         sizes: dict[str, float] = {}
         without: dict[str, float] = {}

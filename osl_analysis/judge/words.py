@@ -1,5 +1,5 @@
-"""The words of findings: the only place where they become sentences. Nothing here decides, and
-nothing reads them back.
+"""The words of findings: the only place where they become sentences. Nothing here decides whether
+something is a doubt, and nothing reads the words back. A remedy may depend on the numbers.
 
 The sentences stand in `findings.yaml`, with names in braces for numbers. A name is a column of the
 row that the finding is about, or one of `OF_EVIDENCE` or `COMPUTED`. A detail whose numbers the row
@@ -233,9 +233,12 @@ def percent(value: float) -> str:
     return f"{significant(100 * abs(value))} %"
 
 
-def rise_text(number: Beyond, _: AnyRow) -> str:
-    direction = "rises" if number.value > 0 else "falls"
-    return f"{direction} by {100 * abs(number.value):.0f} %"
+def rises_or_falls(number: Beyond, _: AnyRow) -> str:
+    return "rises" if number.value > 0 else "falls"
+
+
+def rise_text(number: Beyond, row: AnyRow) -> str:
+    return f"{rises_or_falls(number, row)} by {100 * abs(number.value):.0f} %"
 
 
 def symbol_of_ratio(number: Beyond, _: AnyRow) -> str:
@@ -277,6 +280,7 @@ OF_EVIDENCE: Mapping[str, Callable[[Beyond, AnyRow], str]] = {
     "percent": lambda number, _: percent(number.value),
     "value": lambda number, _: significant(number.value, 3),
     "rise": rise_text,
+    "rises_or_falls": rises_or_falls,
     "symbol": symbol_of_ratio,
     "friction_in_damping": friction_of_damping,
     "unit_factor": unit_factor_text,
@@ -387,7 +391,8 @@ def calibrated_lag_text(cells: Cells) -> str:
     lag_s = cells["lag_s"]
     half_s = cells["lag_s_high"] - lag_s
     explanations = cells.get("explanations") or "delay"
-    if half_s > UNCERTAIN_LAG_SHARE * lag_s:  # or early, which no load cell is
+    is_early = lag_s < 0  # which no load cell is
+    if is_early or half_s > UNCERTAIN_LAG_SHARE * lag_s:
         remedy = "as with a spring that loses energy: measure it with a known inertia"
     elif explanations != "delay":
         remedy = (
@@ -396,7 +401,7 @@ def calibrated_lag_text(cells: Cells) -> str:
         )
     else:
         remedy = f"add {1e3 * lag_s:.3g} ms to its `delay` and write `{to_state}`"
-    way = "early" if lag_s < 0 else "late"
+    way = "early" if is_early else "late"
     return f"the torque is {way} by {1e3 * abs(lag_s):.3g} ± {1e3 * half_s:.2g} ms, {remedy}"
 
 

@@ -49,6 +49,7 @@ CERTAIN_PROBABILITY = 0.999  # of Student's t, because several reactions are tri
 CERTAIN_MOMENT_SES = 4.0
 FEWEST_FOR_MOMENTS = 6  # crossings
 SMALLEST_TURN = 0.2  # of directions of walk, about 20 deg (SD), that tells the plate's place
+HEIGHT_ERROR_M = 0.01  # of `corners_height` (`LABORATORY_ERRORS`)
 UNDISTURBED_PHASE = 0.38  # of stance, until which a crossing tells the error of the moments
 
 
@@ -497,7 +498,7 @@ def check_witnesses(
     """
     changes = {row["error"]: row for row in sensitivity.rows(named=True)}
     late = changes.get(LOG_ERRORS["torque_lag"].words)
-    high = changes.get(LABORATORY_ERRORS["corners_height"].words)
+    height_error = changes.get(LABORATORY_ERRORS["corners_height"].words)
     moments = changes.get(LABORATORY_ERRORS["moments"].words)
     of_plate = changes.get(LABORATORY_ERRORS["plate_inertia"].words)
     shoe = changes.get(LABORATORY_ERRORS["shoe"].words)
@@ -507,7 +508,7 @@ def check_witnesses(
     unexplained = mean_quality(crossings, "plate_unexplained")
     K_per_m = None  # of the corners' height
     if late is None:
-        K_per_m = 100 * high["K"] if high else 0.0
+        K_per_m = height_error["K"] / HEIGHT_ERROR_M if height_error else 0.0
     gain = check_gain(known_loads(crossings))
     by_unexplained: dict[str, float] = {}
     if of_plate is not None and unexplained is not None:

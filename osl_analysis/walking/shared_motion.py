@@ -39,6 +39,8 @@ MISFIT_SDS = 4.0  # above the mean square of noise, up to which a crossing follo
 FADE_S = 0.025  # in which the shape gives way to the measured motion, at its end
 MOST_GROUPS = 10  # of crossings that are left out of the shape, one at a time
 
+SHARE_OF_RISE = 0.3  # of the duration of a smooth step: from 10 to 50 % of its height
+SHORT_RISE_S = 0.05  # first guess of the duration where one frame holds the rise
 RISE_SHARE = 0.7  # of the rise that the step is fitted to; the end may overshoot
 USUAL_STEP = 3  # minimum jerk
 FAR_MORE_LIKELY = 30.0  # decrease of chi-square for which another step replaces the usual one
@@ -527,10 +529,12 @@ def start_of_rise(time: Array, coordinates: Array, noise: float) -> RiseStart:
     moved = coordinates @ coordinates[largest] / size[largest]  # along the largest displacement
     height = float(moved[moved > 0.95 * moved[largest]].mean())
 
-    # A first guess: from 10 to 50 % of the rise a smooth step takes 0.3 of its duration
+    # A first guess from the part of the rise between 10 and 50 % of it
     half = int(np.argmax(moved >= height / 2))
     tenth = int(np.flatnonzero(np.r_[True, moved[1:half] < height / 10])[-1])
-    duration = 2 * float(time[half] - time[tenth]) / 0.6 or 0.05
+    duration = float(time[half] - time[tenth]) / SHARE_OF_RISE
+    if duration == 0.0:
+        duration = SHORT_RISE_S
     guess = np.array([time[half] - duration / 2, duration, 0.0])  # start, duration, level
 
     end = int(np.argmax(moved >= RISE_SHARE * height)) + 1

@@ -250,7 +250,7 @@ def parsed_yaml(text: str) -> tuple[yaml.Node | None, Any]:
     loader = Loader(text)
     try:
         node = loader.get_single_node()
-        nodes_of(node)
+        nodes_of(node)  # refuses a file whose aliases stand for too many
         return node, loader.construct_document(node) if node is not None else None
     finally:
         loader.dispose()

@@ -27,7 +27,7 @@ class Grade(StrEnum):
 
 
 class Remedy(StrEnum):
-    """Which remedy helps, given what else of the trial is sound: fields of `KnownFinding`."""
+    """Which remedy helps, given what else of the trial is sound."""
 
     WHOLE = "remedy"  # the fit to all of the trial is doubtful
     ALONE = "without_amplitudes"  # the same, where there are no rows of single amplitudes

@@ -24,7 +24,7 @@ from osl_analysis.judge.finding import (
     Words,
     cell_number,
 )
-from osl_analysis.judge.known_findings import EVIDENCE, FINDINGS, known_finding
+from osl_analysis.judge.known_findings import EVIDENCE, FINDINGS, HYPOTHESES, KnownFinding
 from osl_analysis.judge.moved_estimates import estimate_column
 from osl_analysis.judge.unchecked import MEASURED_BY
 from osl_analysis.measured import significant
@@ -56,11 +56,22 @@ def words_of(finding: Finding, row: AnyRow) -> Words:
     if kind is None:  # a limit on a column that is not in EVIDENCE
         return Words(evidence_text(finding), "", "")
     kind = replace(kind, **kind.in_table.get(finding.table, {}))
-    remedy = WITHIN_ACCURACY
-    if finding.remedy is not Remedy.NONE:
-        remedy = getattr(kind, finding.remedy.value) or kind.remedy
+    remedy = remedy_that_helps(kind, finding.remedy)
     cells = Cells(row)
     return Words(filled(kind.says, cells), size_text(finding, row), capital(filled(remedy, cells)))
+
+
+def remedy_that_helps(kind: KnownFinding, remedy: Remedy) -> str:
+    """The remedy of a finding where only so much of its trial is doubtful."""
+    if remedy is Remedy.NONE:
+        return WITHIN_ACCURACY
+    others = {
+        Remedy.ALONE: kind.without_amplitudes,
+        Remedy.AMPLITUDE: kind.of_amplitude,
+        Remedy.FREQUENCY: kind.of_frequency,
+        Remedy.DOUBTED: kind.if_doubtful,
+    }
+    return others.get(remedy) or kind.remedy
 
 
 def size_text(finding: Finding, row: AnyRow) -> str:
@@ -117,7 +128,7 @@ def without_names(name: str, row: AnyRow, table: str) -> dict[str, str]:
     """What K, B and I without a cause are called in a table. Certain friction is a column of the
     regression beside the cause, so the damping is the viscous one."""
     names = {symbol: estimate_column(table, symbol) for symbol in ESTIMATES}
-    is_hypothesis = known_finding(name).estimates_without.get("B") == "B_without"
+    is_hypothesis = name in HYPOTHESES.values()
     if is_hypothesis and row.get(f"{names['B']}_viscous") is not None:
         names["B"] += "_viscous"
     return names

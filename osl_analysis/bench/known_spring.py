@@ -23,6 +23,10 @@ from osl_analysis.trial import Array
 SPRING_LOSS = 1e-3
 """Half-width of the loss factor of a spring, tan(phase), about 0: steel and clamps have 1e-4 to
 1e-3."""
+LEAST_INERTIA_SHARE = 0.01
+"""Torque of the inertia over that of the spring, at the fastest motion, from which damping is told
+from a delay. They differ by the inertia's torque alone, and 0.001 of the torque are usually
+wrong."""
 
 
 @dataclass(frozen=True)
@@ -43,12 +47,12 @@ class LateFits:
     ----------
     counted : GroupFit
         The fit that counts: of a spring without damping, unless this is certain.
-    damped : GroupFit
-        The fit that allows damping.
+    damped : GroupFit or None
+        The fit that allows damping; None for a spring with too little inertia to tell it.
     """
 
     counted: GroupFit
-    damped: GroupFit
+    damped: GroupFit | None
 
 
 def late_fits(record: Record, is_spring: bool) -> LateFits:
@@ -63,6 +67,9 @@ def late_fits(record: Record, is_spring: bool) -> LateFits:
 
     undamped_model = {name: column for name, column in model.items() if name != "B"}
     undamped = fit_late(model=undamped_model).fit
+    fastest = 2 * np.pi * record.band_hz[1]
+    if abs(undamped["I"]) * fastest**2 < LEAST_INERTIA_SHARE * undamped["K"]:
+        return LateFits(undamped, None)
 
     def is_unlikely(late: LateFit) -> bool:
         """Whether the search has not ended, or ended in the false minimum of a delay, beside a
@@ -112,6 +119,9 @@ def calibration_table(analysis: Analysis, known: Known, frame: Frame | None = No
         fault = suspected_fault_of_losses(record)
         explanations = fault.explanations if fault else None
 
+    damping: Row = {f"B{ending}": None for ending in INTERVAL_ENDS}
+    if fits.damped is not None:
+        damping = estimates_row(fits.damped, "B")
     fixture: Row = {}
     for name in ("inertia", "weight"):
         for ending in INTERVAL_ENDS:
@@ -125,7 +135,7 @@ def calibration_table(analysis: Analysis, known: Known, frame: Frame | None = No
         "known_share": known.share,
         **fixture,
         **estimates_row(fit, *fit.names),
-        **estimates_row(fits.damped, "B"),
+        **damping,
         **estimates_row(fits.counted, "T_C"),
         **analysis.judged(),
         "certain_lag_s": certain_lag,

@@ -9,8 +9,9 @@ import polars as pl
 from osl_analysis.bench import effects
 from osl_analysis.bench.analysis import QUANTITIES, Analysis, widened
 from osl_analysis.bench.bench_frame import NO_FRAME, Frame
+from osl_analysis.bench.bench_settings import Fixture
 from osl_analysis.bench.effects import IMPEDANCE
-from osl_analysis.bench.fixture import fixture_row
+from osl_analysis.bench.fixture import NOT_COMPARED, fixture_row
 from osl_analysis.bench.group_fit import GroupFit
 from osl_analysis.bench.joint_inference import suspected_fault_of_losses
 from osl_analysis.bench.late_torque import LateFit, late_fit
@@ -82,14 +83,17 @@ def late_fits(record: Record, is_spring: bool) -> LateFits:
     return LateFits(damped if is_damped else undamped, damped)
 
 
-def calibration_table(analysis: Analysis, known: Known, frame: Frame | None = None) -> pl.DataFrame:
+def calibration_table(
+    analysis: Analysis, known: Known, frame: Frame | None = None, stated: Fixture | None = None
+) -> pl.DataFrame:
     """The trial's row of `calibration.csv`: Eq. 15 of a known spring or inertia, with friction and
     a late torque, and what else than a delay may make the torque late.
 
     A spring has no damping beyond `SPRING_LOSS`, unless the fit that allows one, whose `B` is
     given, is certain of it: torque in phase with the velocity, beside friction, is a delay. For an
     inertia, higher derivatives tell a delay from the damping of its bearing. `gain` is the measured
-    K or I over the known one; the rest is the fixture's. `frame` is what yields between two angles.
+    K or I over the known one; the rest is the fixture's. `frame` is what yields between two angles,
+    and `stated` the fixture that one alone is compared with.
 
     Raises
     ------
@@ -101,7 +105,7 @@ def calibration_table(analysis: Analysis, known: Known, frame: Frame | None = No
     record = analysis.record
     if known.is_fixture_alone:
         absent: Row = dict.fromkeys((*NOT_OF_A_FIXTURE, *NO_FRAME))
-        row_of_fixture = {"trial": record.name, **absent, **fixture_row(analysis)}
+        row_of_fixture = {"trial": record.name, **absent, **fixture_row(analysis, stated)}
         return typed_table(row_of_fixture)
     of = known.stiffness or known.inertia
     if not of or of < 0:
@@ -134,6 +138,7 @@ def calibration_table(analysis: Analysis, known: Known, frame: Frame | None = No
         "known_I": known.inertia,
         "known_share": known.share,
         **fixture,
+        **NOT_COMPARED,
         **estimates_row(fit, *fit.names),
         **damping,
         **estimates_row(fits.counted, "T_C"),

@@ -6,6 +6,7 @@ row that the finding is about, or one of `OF_EVIDENCE` or `COMPUTED`. A detail w
 does not have is left out.
 """
 
+import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -26,7 +27,7 @@ from osl_analysis.judge.finding import (
 )
 from osl_analysis.judge.known_findings import EVIDENCE, FINDINGS, known_finding
 from osl_analysis.judge.moved_estimates import estimate_column
-from osl_analysis.judge.unchecked import MEASURED_BY
+from osl_analysis.judge.unchecked import MEASURED_BY, damping_ratio, weight_by_rest
 from osl_analysis.measured import significant
 from osl_analysis.model.compensator import CONTROLLERS
 from osl_analysis.units import UNIT_FACTORS, known_factor
@@ -488,7 +489,10 @@ def range_of_hidden_damping(cells: Cells) -> str:
     return f"{significant(min(ends))} to {significant(max(ends))}"
 
 
-COMPUTED: Mapping[str, Callable[[Cells], str]] = {
+COMPUTED: Mapping[str, Callable[[Cells], Any]] = {
+    "zero_deg": lambda cells: Number(math.degrees(-cells["offset"] / cells["K"])),
+    "K_by_rest": lambda cells: Number(weight_by_rest(cells.row)),
+    "B_over_B_d": lambda cells: Number(damping_ratio(cells.row) or 1.0),
     "explained": explained,
     "lag": lag_text,
     "late_remedy": late_remedy,

@@ -14,7 +14,7 @@ from string import Formatter
 from typing import Any
 
 from osl_analysis.errors import nearest
-from osl_analysis.judge.causes import cause_of, suspected_unit
+from osl_analysis.judge.causes import NEAR_UNIT_OF_CURVE, cause_of, suspected_unit
 from osl_analysis.judge.finding import (
     ESTIMATES,
     AnyRow,
@@ -33,6 +33,9 @@ from osl_analysis.model.compensator import CONTROLLERS
 from osl_analysis.units import UNIT_FACTORS, known_factor
 
 SYMMETRIC_SHARE = 1e-3  # of an interval's width: a middle this near to the estimate is the estimate
+
+SMALL_FACTOR = 2.0  # between units; other devices and gains are as far off, so it must be met well
+NEAR_LARGE_FACTOR = 0.08  # relative difference from a larger one
 
 RENDERED_OF_K_D = (0.66, 1.06)
 """Shares of K_d that a device renders, beside its friction, whose gains are not known: a belt of
@@ -258,7 +261,9 @@ def unit_factor_text(number: Beyond, row: AnyRow) -> str:
                 factor = factors[name]
                 break
     else:
-        name, factor = known_factor(number.value, EVIDENCE[number.column].signals)
+        size = max(abs(number.value), 1 / abs(number.value))
+        near = NEAR_LARGE_FACTOR if size > SMALL_FACTOR else NEAR_UNIT_OF_CURVE
+        name, factor = known_factor(number.value, EVIDENCE[number.column].signals, near)
     return f", {factor:.3g} is the factor {name}" if name else ""
 
 
@@ -345,8 +350,8 @@ def late_remedy(cells: Cells) -> str:
 
 
 def explained(cells: Cells) -> str:
-    """The hypotheses that explain a recording, where its rows do not."""
-    return "" if "row_fault" in cells else f"explained by {cells['explanations']}"
+    """The hypotheses that explain a recording, where nothing that was tried does."""
+    return "" if "mended" in cells else f"explained by {cells['explanations']}"
 
 
 def energy_lost_by_lag(cells: Cells) -> str:

@@ -70,7 +70,10 @@ class Change:
     delays: Mapping[str, float] = field(default_factory=dict)  # of columns [s]
     # column whose numbers may be of another unit than is declared; stands for a change per unit
     other_unit_of: str = ""
-    swapped: tuple[str, str] | None = None  # columns that change places
+    renamed: Mapping[str, str] = field(default_factory=dict)  # columns
+    sheet: Mapping[str, Any] = field(default_factory=dict)  # cells of its row
+    drift_ppm: float = 0.0  # of the torque's clock against the angle's
+    recording: Any = None  # a trial of other channels of the same file
     rank: int = 0  # tried only where no change of a lower rank helps
 
 

@@ -6,7 +6,7 @@ Here stands the nomenclature: name, unit and sign of each column.
 import json
 import re
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
@@ -19,7 +19,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from osl_analysis.errors import InputError, listing
+from osl_analysis.errors import Change, InputError, listing
 from osl_analysis.files import atomic_path
 from osl_analysis.refusal import check_not_refused
 
@@ -164,6 +164,8 @@ class Trial:
         Where each column comes from; all of it is JSON.
     clocks : dict
         Cache of the devices' clocks, by their stamps. `signals.samples.take` fills it.
+    other_channels : callable
+        Reads other channels of its file as angle or torque, to be tried where a fit is wrong.
 
     Raises
     ------
@@ -175,6 +177,7 @@ class Trial:
     samples: pl.DataFrame
     provenance: Mapping[str, Any] = field(default_factory=dict)
     clocks: dict[bytes, Any] = field(default_factory=dict, repr=False, compare=False)
+    other_channels: Callable[[], Sequence[Change]] = field(default=list, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         given: Any = self.samples

@@ -37,6 +37,12 @@ def fixture_column(trial: Trial) -> pl.Expr:
     return pl.lit(", ".join(parts) or None, pl.String).alias("fixture")
 
 
+def fixture_weight_column(trial: Trial) -> pl.Expr:
+    """The column `fixture_weight` [N*m]: what is taken off the torque with the fixture level."""
+    weight = fixture_of(trial).get("weight")
+    return pl.lit(weight or None, pl.Float64).alias("fixture_weight")
+
+
 def fixture_alone(analysis: Analysis) -> tuple[GroupFit, float]:
     """Inertia and weight of a fixture that turns alone, and the angle at which it hangs.
 
@@ -74,18 +80,39 @@ def fixture_alone(analysis: Analysis) -> tuple[GroupFit, float]:
     return found, rest_deg
 
 
-def fixture_row(analysis: Analysis) -> Row:
-    """The estimates of a fixture alone for its row of `calibration.csv`."""
+SAME_FIXTURE = 0.02  # share by which a stated fixture may differ, as rounding does
+NOT_COMPARED: Row = dict.fromkeys(("inertia_off", "weight_off", "fixture_error"))
+
+
+def compared(fit: GroupFit, stated: Fixture) -> Row:
+    """How far a stated fixture is from the measured one, in its units, and at most in multiples of
+    what the intervals of both, or `SAME_FIXTURE`, leave open."""
+    row: Row = {}
+    multiples = []
+    errors = {"inertia": stated.inertia_error, "weight": stated.weight_error}
+    for name, error in errors.items():
+        off = getattr(stated, name) - fit[name]
+        half_width = fit.interval(name)[1] - fit[name]
+        open_by = max(np.hypot(half_width, 2 * error), SAME_FIXTURE * abs(fit[name]))
+        row[f"{name}_off"] = off
+        multiples.append(abs(off) / open_by)
+    return {**row, "fixture_error": max(multiples)}
+
+
+def fixture_row(analysis: Analysis, stated: Fixture | None = None) -> Row:
+    """The estimates of a fixture alone for its row of `calibration.csv`, and how far the fixture
+    that is `stated` is from them."""
     fit, rest_deg = fixture_alone(analysis)
     inertia, weight = max(fit["inertia"], 0.0), fit["weight"]
-    stated = (
+    to_state = (
         f"fixture: {{inertia: {inertia:.4g}, weight: {weight:.4g}, rest_deg: {rest_deg:.3g},"
         f" inertia_error: {fit.se('inertia'):.2g}, weight_error: {fit.se('weight'):.2g}}}"
     )
     return {
         **estimates_row(fit, "inertia", "weight"),
         "rest_deg": rest_deg,
-        "to_state": stated,
+        "to_state": to_state,
+        **(compared(fit, stated) if stated else NOT_COMPARED),
         **analysis.diagnostics(),
         **analysis.time_base_row(None, QUANTITIES),
     }

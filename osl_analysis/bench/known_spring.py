@@ -9,8 +9,9 @@ import polars as pl
 from osl_analysis.bench import effects
 from osl_analysis.bench.analysis import QUANTITIES, Analysis, widened
 from osl_analysis.bench.bench_frame import NO_FRAME, Frame
+from osl_analysis.bench.bench_settings import Fixture
 from osl_analysis.bench.effects import IMPEDANCE
-from osl_analysis.bench.fixture import fixture_row
+from osl_analysis.bench.fixture import NOT_COMPARED, fixture_row
 from osl_analysis.bench.group_fit import GroupFit
 from osl_analysis.bench.joint_inference import suspected_fault_of_losses
 from osl_analysis.bench.late_torque import LateFit, late_fit
@@ -23,6 +24,10 @@ from osl_analysis.trial import Array
 SPRING_LOSS = 1e-3
 """Half-width of the loss factor of a spring, tan(phase), about 0: steel and clamps have 1e-4 to
 1e-3."""
+LEAST_INERTIA_SHARE = 0.01
+"""Torque of the inertia over that of the spring, at the fastest motion, from which damping is told
+from a delay. They differ by the inertia's torque alone, and 0.001 of the torque are usually
+wrong."""
 
 
 @dataclass(frozen=True)
@@ -43,12 +48,12 @@ class LateFits:
     ----------
     counted : GroupFit
         The fit that counts: of a spring without damping, unless this is certain.
-    damped : GroupFit
-        The fit that allows damping.
+    damped : GroupFit or None
+        The fit that allows damping; None for a spring with too little inertia to tell it.
     """
 
     counted: GroupFit
-    damped: GroupFit
+    damped: GroupFit | None
 
 
 def late_fits(record: Record, is_spring: bool) -> LateFits:
@@ -63,6 +68,9 @@ def late_fits(record: Record, is_spring: bool) -> LateFits:
 
     undamped_model = {name: column for name, column in model.items() if name != "B"}
     undamped = fit_late(model=undamped_model).fit
+    fastest = 2 * np.pi * record.band_hz[1]
+    if abs(undamped["I"]) * fastest**2 < LEAST_INERTIA_SHARE * undamped["K"]:
+        return LateFits(undamped, None)
 
     def is_unlikely(late: LateFit) -> bool:
         """Whether the search has not ended, or ended in the false minimum of a delay, beside a
@@ -75,14 +83,17 @@ def late_fits(record: Record, is_spring: bool) -> LateFits:
     return LateFits(damped if is_damped else undamped, damped)
 
 
-def calibration_table(analysis: Analysis, known: Known, frame: Frame | None = None) -> pl.DataFrame:
+def calibration_table(
+    analysis: Analysis, known: Known, frame: Frame | None = None, stated: Fixture | None = None
+) -> pl.DataFrame:
     """The trial's row of `calibration.csv`: Eq. 15 of a known spring or inertia, with friction and
     a late torque, and what else than a delay may make the torque late.
 
     A spring has no damping beyond `SPRING_LOSS`, unless the fit that allows one, whose `B` is
     given, is certain of it: torque in phase with the velocity, beside friction, is a delay. For an
     inertia, higher derivatives tell a delay from the damping of its bearing. `gain` is the measured
-    K or I over the known one; the rest is the fixture's. `frame` is what yields between two angles.
+    K or I over the known one; the rest is the fixture's. `frame` is what yields between two angles,
+    and `stated` the fixture that one alone is compared with.
 
     Raises
     ------
@@ -94,7 +105,7 @@ def calibration_table(analysis: Analysis, known: Known, frame: Frame | None = No
     record = analysis.record
     if known.is_fixture_alone:
         absent: Row = dict.fromkeys((*NOT_OF_A_FIXTURE, *NO_FRAME))
-        row_of_fixture = {"trial": record.name, **absent, **fixture_row(analysis)}
+        row_of_fixture = {"trial": record.name, **absent, **fixture_row(analysis, stated)}
         return typed_table(row_of_fixture)
     of = known.stiffness or known.inertia
     if not of or of < 0:
@@ -112,6 +123,9 @@ def calibration_table(analysis: Analysis, known: Known, frame: Frame | None = No
         fault = suspected_fault_of_losses(record)
         explanations = fault.explanations if fault else None
 
+    damping: Row = {f"B{ending}": None for ending in INTERVAL_ENDS}
+    if fits.damped is not None:
+        damping = estimates_row(fits.damped, "B")
     fixture: Row = {}
     for name in ("inertia", "weight"):
         for ending in INTERVAL_ENDS:
@@ -124,8 +138,9 @@ def calibration_table(analysis: Analysis, known: Known, frame: Frame | None = No
         "known_I": known.inertia,
         "known_share": known.share,
         **fixture,
+        **NOT_COMPARED,
         **estimates_row(fit, *fit.names),
-        **estimates_row(fits.damped, "B"),
+        **damping,
         **estimates_row(fits.counted, "T_C"),
         **analysis.diagnostics(),
         "certain_lag_s": certain_lag,

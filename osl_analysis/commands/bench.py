@@ -28,7 +28,7 @@ from osl_analysis.bench.bench_frame import measured_frame
 from osl_analysis.bench.component_summary import part_summary
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums
 from osl_analysis.bench.fit_tables import FitTables, tables_of_fit
-from osl_analysis.bench.fixture import fixture_column, with_fixture
+from osl_analysis.bench.fixture import fixture_column, fixture_weight_column, with_fixture
 from osl_analysis.bench.plausibility import plausible
 from osl_analysis.bench.record import Record, stored_record, with_actuator
 from osl_analysis.bench.recorded_motion import record_of_trial, sine_record
@@ -126,7 +126,7 @@ def fit_impedance_trial(
         cancels_friction = measured.cancels_friction and cancelled_friction == p
         gains = replace(measured, cancels_friction=cancels_friction)
     analysis, table = impedance.impedance_with_evidence(record, rails, p, condition, gains)
-    table = table.with_columns(fixture_column(trial))
+    table = table.with_columns(fixture_column(trial), fixture_weight_column(trial))
 
     def others() -> dict[str, pl.DataFrame]:
         columns = stated.columns() if condition else {}
@@ -209,6 +209,7 @@ def fit_calibration_trial(
     )
     check_recording(trial, settings)
     rails = saturated(trial, "torque", "theta")
+    stated_fixture = settings.fixture
     if is_fixture_alone:  # which nothing is taken off
         settings = settings.model_copy(update={"fixture": None})
     trial = with_fixture(trial, settings.fixture)
@@ -218,7 +219,7 @@ def fit_calibration_trial(
         settings = settings.model_copy(update={"bench_stiffness": frame.stiffness})
         record = record_of_trial(trial, settings)
     analysis = analysed(record, plain_sums(record, IMPEDANCE), IMPEDANCE)
-    table = known_spring.calibration_table(analysis, known, frame)
+    table = known_spring.calibration_table(analysis, known, frame, stated_fixture)
     table = table.with_columns(rails, fixture_column(trial))
     return tables_of_fit(
         analysis.series(), lambda: {"timebase": analysis.time_base(QUANTITIES)}, calibration=table

@@ -11,7 +11,9 @@ from inspect import signature
 from itertools import groupby
 from typing import Any, ParamSpec, TypeVar, cast
 
+import numpy as np
 import polars as pl
+import scipy
 
 from osl_analysis.bench.fit_tables import FitTables
 from osl_analysis.commands.estimates import estimated, interval_text, printed_units
@@ -21,8 +23,13 @@ from osl_analysis.files import default_config
 from osl_analysis.ingest.examine import in_other_units
 from osl_analysis.ingest.row_faults import row_faults_of
 from osl_analysis.signals.grid import with_stamp_evidence
-from osl_analysis.trial import Trial
+from osl_analysis.trial import Trial, stretches
 
+OTHER_EXPERIMENT = 9  # rank of a change that takes another one
+SMOOTHED_S = 0.05  # of the angle, whose derivatives are taken
+LARGEST_LAG_S = 0.3  # at the end, of clocks that drift
+LAG_STEP_S = 0.005  # of those that are tried
+LEFT_BY_DRIFT = 0.1  # share of the power left without a drift, below which it is believed
 MOST_PARTS = 5  # between rows that are wrong; of more, the sensor is another one
 FITS_WORSE = 2.0  # times what the best change leaves unexplained, from which one is no remedy
 LEAST_UNEXPLAINED = 1e-6  # percent; less is rounding
@@ -30,10 +37,17 @@ WORTH_TELLING = 0.1  # percent; wrong rows that leave less move no estimate
 MOST_TOLD = 5  # estimates that a remedy names
 NOT_TOLD = ("offset", "drift", "K_secant", "K_unloading", "energy_stored", "energy_returned")
 """Estimates that do not show whether a change helps."""
+OF_K_D = (0.66, 1.06)
+"""Times K_d, that a remedy may give; what a controller renders (`words.RENDERED_OF_K_D`)."""
+DOUBTFUL_OF_K_D = (0.5, 1.5)  # beyond which channels, units and experiment are tried otherwise
+LEAST_OF_JOINT = 0.1  # times K_d; of less, what is recorded may be the fixture alone
+CHANGES_OF_STIFFNESS = ("K steps", "K drifts")  # hypotheses by which parts may be sound
+PARTS = ((0.0, 0.3), (0.35, 0.65), (0.7, 1.0))  # of a recording that are tried then
 HARM = 1.0  # of a fault, from which a fit is doubtful (`judge.causes.LEAST_EFFECT`)
 LEAST_VAF = 90.0  # percent in the band of the motion, as `doubtful.impedance.below.VAF_in_band`
 OF_ROWS: Mapping[str, pl.DataType] = {
     "row_harm": pl.Float64(), "row_fault": pl.String(), "mended": pl.String(),
+    "mended_fault": pl.String(),
 }  # fmt: skip
 """Columns of a table whose fits are tried again where they are doubtful."""
 
@@ -71,13 +85,16 @@ def remedies_tried(fit: Callable[P, T]) -> Callable[P, T]:
         try:
             tables = fit(*args, **kwargs)
         except OslAnalysisError as error:
-            helpful = tried(fit, given, changes_of_rows(given["trial"]))
+            trial = given["trial"]
+            helpful = tried(fit, given, changes_of_rows(trial), is_impossible)
             if not helpful:
-                helpful = tried(fit, given, error.changes)
+                helpful = tried(fit, given, error.changes, is_impossible)
+            if not helpful:
+                helpful = tried(fit, given, other_readings(given, {}), is_unlike_stated)
             if not helpful:
                 raise
             reason = error.reason
-            faults = row_faults_of(given["trial"])
+            faults = row_faults_of(trial)
             if helpful[0].change.windows and faults.texts:
                 reason += f", and {faults.texts[0]}"
             raise type(error)(f"{reason}; {remedy_of(helpful)}") from error
@@ -104,9 +121,132 @@ def with_remedy(fit: Callable[..., T], given: Mapping[str, Any], tables: T) -> T
             told["row_harm"] = harm_in(before) or unexplained(before) / unexplained(outcomes[0].row)
             told["row_fault"] = row_faults_of(given["trial"]).texts[0]
             told["mended"] = remedy_of(outcomes)
+    if told["mended"] is None:
+        fault, outcomes = mended_otherwise(fit, given, before)
+        if outcomes:
+            told["mended"] = remedy_of(outcomes)
+            told["mended_fault"] = fault
     columns = [pl.lit(told[column], dtype).alias(column) for column, dtype in OF_ROWS.items()]
     estimates = {**tables.estimates, name: table.with_columns(columns)}
     return cast(T, replace(tables, estimates=estimates))
+
+
+def mended_otherwise(
+    fit: Callable[..., Any], given: Mapping[str, Any], before: Mapping[str, Any]
+) -> tuple[str, list[Outcome]]:
+    """What makes a doubtful fit sound whose rows are right: the finding (`findings.yaml`), and the
+    changes that help."""
+    trial = given["trial"]
+    if not is_between(before.get("K_over_K_d"), DOUBTFUL_OF_K_D):
+        return "wrong_reading", tried(fit, given, other_readings(given, before), is_unlike_stated)
+    if not is_harmed(before):
+        return "", []
+    if before.get("fault") in CHANGES_OF_STIFFNESS:
+        parts = parts_of(trial, given.get("windows"))
+        changes = [windows_stated(part) for part in parts]
+        return "held_joint", tried(fit, given, changes, is_harmed)
+    if before.get("fault_family") in ("path", "time"):
+        drift_ppm = clock_drift_ppm(trial)
+        if drift_ppm:
+            words = f"record both with one device. Without a drift of {drift_ppm:.3g} ppm"
+            return "drifting_logger", tried(fit, given, [Change(words, drift_ppm=drift_ppm)])
+    return "", []
+
+
+def is_between(value: Any, ends: tuple[float, float]) -> bool:
+    """Whether a number lies between both ends; also of none."""
+    return value is None or ends[0] <= value <= ends[1]
+
+
+def is_impossible(row: Mapping[str, Any]) -> bool:
+    """Whether a fit gives what no joint has: a first estimate that is not told from 0, a negative
+    damping, or a K far from K_d."""
+    first = estimated(row)[0]
+    if first in ("K", "K_s"):
+        low, high = row.get(f"{first}_low"), row.get(f"{first}_high")
+        if low is not None and high is not None and low <= 0 <= high:
+            return True
+    if (row.get("B_high") or 0.0) < 0:
+        return True
+    return not is_between(row.get("K_over_K_d"), DOUBTFUL_OF_K_D)
+
+
+def is_unlike_stated(row: Mapping[str, Any]) -> bool:
+    """Whether a fit is no better reading of a recording: impossible, not of the K_d that is stated,
+    or far from its torque."""
+    vaf = row.get("VAF_in_band") or row.get("VAF") or 0.0
+    return is_impossible(row) or not is_between(row.get("K_over_K_d"), OF_K_D) or vaf < LEAST_VAF
+
+
+def other_readings(given: Mapping[str, Any], before: Mapping[str, Any]) -> list[Change]:
+    """Other channels, units and experiments by which a recording may be right. Channels and units
+    need a stated K_d that tells which is."""
+    trial = given["trial"]
+    changes: list[Change] = []
+    if not {"theta", "torque"} <= set(trial.columns):
+        return changes
+    condition = given.get("condition")
+    K_d = (
+        condition.get("K_d") if isinstance(condition, Mapping) else getattr(condition, "K_d", None)
+    )
+    if K_d:
+        changes += trial.other_channels()
+        changes += in_other_units(trial, ["theta"]) + in_other_units(trial, ["torque"])
+    if "current" in trial.columns:
+        changes.append(
+            Change(
+                "take experiment 'actuator', with theta named theta_m and torque torque_m in the"
+                " source file",
+                renamed={"theta": "theta_m", "torque": "torque_m"},
+                experiment="actuator",
+                rank=OTHER_EXPERIMENT,
+            )
+        )
+    has_no_damping = (before.get("B_low") or 0.0) <= 0 <= (before.get("B_high") or -1.0)
+    if has_no_damping and (before.get("K_over_K_d") or 1.0) < LEAST_OF_JOINT:
+        changes.append(
+            Change(
+                "take experiment 'calibration', with `alone` under fixture in the sheet",
+                experiment="calibration",
+                sheet={"fixture": "alone"},
+                rank=OTHER_EXPERIMENT,
+            )
+        )
+    return changes
+
+
+def parts_of(trial: Trial, windows: str | None) -> list[str]:
+    """Parts of a recording that may each be sound: the windows of the sheet, or its beginning,
+    middle and end."""
+    stated = (windows or "").split()
+    if len(stated) > 1:
+        return stated
+    first, last = stretches(stated[0])[0] if stated else (0.0, float(np.ptp(trial.arrays()[0])))
+    length = last - first
+    return [f"{first + length * begin:.1f}-{first + length * end:.1f}" for begin, end in PARTS]
+
+
+def clock_drift_ppm(trial: Trial) -> float | None:
+    """The drift of the torque's clock against the angle's with which K, B and I describe the torque
+    much better; None where none does. The inference finds a lag that stays below some 30 ms."""
+    time, theta, torque = trial.arrays("theta", "torque")
+    step = float(np.ptp(time)) / (len(time) - 1)
+    window = max(2 * round(SMOOTHED_S / step / 2) + 1, 5)
+    motion = [
+        scipy.signal.savgol_filter(theta, window, 3, deriv=order, delta=step) for order in range(3)
+    ]
+    X = np.column_stack([*motion, np.ones_like(theta)])
+
+    def left(drift: float) -> float:
+        late = np.interp(time + drift * (time - time[0]), time, torque)
+        return float(np.sum((late - X @ np.linalg.lstsq(X, late)[0]) ** 2))
+
+    seconds = float(np.ptp(time))
+    drifts = np.arange(-LARGEST_LAG_S, LARGEST_LAG_S + LAG_STEP_S, LAG_STEP_S) / seconds
+    best = drifts[np.argmin([left(drift) for drift in drifts])]
+    ends = (best - LAG_STEP_S / seconds, best + LAG_STEP_S / seconds)
+    found = scipy.optimize.minimize_scalar(left, bounds=ends, method="bounded")
+    return 1e6 * float(found.x) if found.fun < LEFT_BY_DRIFT * left(0.0) else None
 
 
 def is_better(row: Mapping[str, Any], before: Mapping[str, Any]) -> bool:
@@ -190,7 +330,7 @@ def outcome_of(fit: Callable[..., Any], given: Mapping[str, Any], change: Change
     if change.settings:
         arguments["settings"] = given["settings"].model_copy(update=change.settings)
     if change.experiment:
-        fit, settings = fit_of(change.experiment)
+        fit, settings = fit_of(change)
         arguments = {"trial": arguments["trial"], **settings}
     try:
         return Outcome(change, last_row(fit(**arguments)))
@@ -213,15 +353,22 @@ def windows_stated(windows: str, rank: int = 0) -> Change:
 
 
 def changed(trial: Trial, change: Change) -> Trial:
-    """The recording with a change of its columns."""
+    """The recording with a change of its columns, or another one."""
+    if change.recording is not None:
+        trial = change.recording
     if change.delays:
         origins = dict(trial.provenance.get("columns", {}))
         for name, delay_s in change.delays.items():
             origins[name] = {**origins.get(name, {}), "delay": delay_s}
         trial = replace(trial, provenance={**trial.provenance, "columns": origins}, clocks={})
-    if change.swapped is not None:
-        one, other = change.swapped
-        trial = replace(trial, samples=trial.samples.rename({one: other, other: one}), clocks={})
+    if change.renamed:
+        trial = replace(trial, samples=trial.samples.rename(dict(change.renamed)), clocks={})
+    if change.drift_ppm:
+        time, torque = trial.arrays("torque")
+        stamps = trial.samples["time"].to_numpy()
+        then = stamps + 1e-6 * change.drift_ppm * (stamps - stamps[0])
+        at_angle = pl.Series("torque", np.interp(then, time, torque))
+        trial = replace(trial, samples=trial.samples.with_columns(at_angle), clocks={})
     if not change.factors:
         return trial
     columns = [pl.col(name) * factor for name, factor in change.factors.items()]
@@ -229,15 +376,15 @@ def changed(trial: Trial, change: Change) -> Trial:
     return with_stamp_evidence(recording) if "time" in change.factors else recording
 
 
-def fit_of(experiment: str) -> tuple[Callable[..., Any], dict[str, Any]]:
+def fit_of(change: Change) -> tuple[Callable[..., Any], dict[str, Any]]:
     """The fit of another experiment, without remedies, and its settings by argument: the default
     ones, since a job has those of its own experiment alone."""
-    job = job_of(experiment)
-    settings, _ = fit_settings(experiment, default_config())
+    job = job_of(change.experiment)
+    settings, _ = fit_settings(change.experiment, default_config())
     if job.parameters:
         settings["parameters"] = None
     if job.sheet:
-        settings["condition"] = None
+        settings["condition"] = change.sheet or None
     fit: Any = function_of(job)
     return cast(Callable[..., Any], fit.__wrapped__), settings
 

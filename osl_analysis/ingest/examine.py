@@ -852,10 +852,11 @@ def check_recording(
         cause = "is it another channel, or of another unit or scale? Correct it in the source file"
         if measured.size and change / 2 < limits.largest_angle:
             words = f"swap the channels of {angle} and {torque} in the source file"
+            swapped = {angle: torque, torque: angle}
             in_deg = f"{words}, and state `unit: deg` of {angle}"
             changes = [
-                Change(words, swapped=(angle, torque)),
-                Change(in_deg, {angle: math.radians(1)}, swapped=(angle, torque), rank=1),
+                Change(words, renamed=swapped),
+                Change(in_deg, {angle: math.radians(1)}, renamed=swapped, rank=1),
             ]
             cause = (
                 f"{torque} has +-{change / 2:.2g} N*m only, are the two swapped? Correct them in"

@@ -63,6 +63,9 @@ USUAL_STEP = 0.3  # of a step, by which those beside it, or whole numbers of it,
 OVER_NOISE = 10.0  # times the usual third difference, from which a step is motion
 FEWEST_LEVELS = 5.0  # smallest changes of an angle in a step that its rounding does not make
 
+FEWEST_FROZEN = 20  # equal values of a channel that stands, as of a loose cable
+USUALLY_CHANGES = 0.2  # share of the rows in which a channel changes; a coarse one does in fewer
+
 FEWEST_PACED = 5  # rows that show a pace
 SHORTEST_PACE = 10  # rows; of rows anywhere, two are soon closer
 OFF_PACE = 0.2  # of the smallest distance, by which a row may be off its pace
@@ -78,6 +81,7 @@ class Leaps:
     column: str
     rows: tuple[int, ...] = ()  # in which they stand among the samples of the channel, from 1
     times: tuple[float, ...] = ()  # [s]
+    frozen: tuple[int, ...] = ()  # number of equal values right before each; 0 of a few
 
     @property
     def count(self) -> int:
@@ -149,7 +153,19 @@ def find_leaps(column: str, time: Array, values: Array) -> Leaps:
     # of the samples k to k + 3 of the largest third difference, k + 2 leaps, or the one before
     places = leaps + 2
     rows = np.flatnonzero(seen)[places] + 1
-    return Leaps(column, tuple(rows.tolist()), tuple(time[places].tolist()))
+    frozen = tuple(equal_before(values, place) for place in places.tolist())
+    return Leaps(column, tuple(rows.tolist()), tuple(time[places].tolist()), frozen)
+
+
+def equal_before(values: Array, place: int) -> int:
+    """How many values (n,) right before a leap are one and the same, and then follow others; 0 of
+    fewer than `FEWEST_FROZEN`, and of a channel that often stands."""
+    for end in (place, place - 1):
+        changes = np.flatnonzero(np.diff(values[:end]))
+        count = end - 1 - int(changes[-1]) if changes.size else 0
+        if count >= FEWEST_FROZEN and changes.size > USUALLY_CHANGES * end:
+            return count
+    return 0
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@ notes them in the provenance: what explains rows is told before any physical cau
 
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
-from itertools import pairwise
+from itertools import compress, pairwise, zip_longest
 from typing import Any
 
 import numpy as np
@@ -68,7 +68,11 @@ class RowFaults:
             columns, row, time = self.breaks[0]
             leaps, goes = ("leaps", "goes") if len(columns) == 1 else ("leap", "go")
             text = f"{' and '.join(sorted(columns))} {leaps} in row {row} ({time:.3f} s)"
-            if row <= LONGEST_FAILURE:
+            frozen = self.frozen_before(row)
+            if frozen:
+                text = f"{columns[0]} repeats one value in {frozen} rows before row {row}"
+                text += f" ({time:.3f} s): it is frozen, as with a loose cable"
+            elif row <= LONGEST_FAILURE:
                 text += ": the rows before it are of another time"
             elif len(self.breaks) == 1:
                 text += f" and {goes} on elsewhere: rows were lost, another trial joined, or a"
@@ -84,6 +88,16 @@ class RowFaults:
             )
         return texts
 
+    def frozen_before(self, row: int) -> int:
+        """The number of rows in which a channel stands before it leaps in a row."""
+        counts = [
+            count
+            for one in self.leaps
+            for at, count in zip(one.rows, one.frozen, strict=False)
+            if at == row
+        ]
+        return max(counts, default=0)
+
     def part(self, trial: Trial) -> bool:
         """Whether a trial is to be analysed in parts: rows are wrong, or lie in a gap."""
         return self.count > 0 or len(self.windows(trial)) > 1
@@ -93,8 +107,12 @@ class RowFaults:
         time = trial.samples["time"].to_numpy() - trial.samples["time"][0]
         start = float(trial.samples["time"][0])
         lost = self.lost.times if self.lost else ()
-        leaps = [at - start for at in (*lost, *(at for one in self.leaps for at in one.times))]
-        borders = [(at - BESIDE_LEAP_S, at + BESIDE_LEAP_S) for at in leaps]
+        step = float(time[-1]) / max(len(time) - 1, 1)
+        borders = [(at - start - BESIDE_LEAP_S, at - start + BESIDE_LEAP_S) for at in lost]
+        for one in self.leaps:
+            for at, count in zip_longest(one.times, one.frozen, fillvalue=0):
+                first = at - start - count * step
+                borders.append((first - BESIDE_LEAP_S, at - start + BESIDE_LEAP_S))
         gaps = np.flatnonzero(np.diff(time) > LONGEST_GAP_S).tolist()
         borders += [(float(time[row]), float(time[row + 1])) for row in gaps]
         ends = [0.0, *(at for border in sorted(borders) for at in border), float(time[-1])]
@@ -121,10 +139,12 @@ def row_faults_of(trial: Trial) -> RowFaults:
 
     def kept(fault: Mapping[str, Any]) -> dict[str, Any]:
         is_kept = np.isin(fault["times"], time).tolist()
-        pairs = zip(fault["rows"], fault["times"], is_kept, strict=True)
-        places = [(row, at) for row, at, is_there in pairs if is_there]
-        rows, times = (tuple(each) for each in zip(*places, strict=True)) if places else ((), ())
-        return {**fault, "rows": rows, "times": times}
+        by_place = {
+            name: tuple(compress(values, is_kept))
+            for name, values in fault.items()
+            if name in ("rows", "times", "frozen")
+        }
+        return {**fault, **by_place}
 
     lost = LostRows(**kept(noted["lost"])) if noted["lost"] else None
     leaps = tuple(Leaps(**kept(each)) for each in noted["leaps"])

@@ -28,6 +28,7 @@ from osl_analysis.ingest.table_time import with_time
 from osl_analysis.recording import Channel, End, Recording
 from osl_analysis.source_file import LEVEL_UNIT, InAxes, TableSource
 from osl_analysis.trial import Array, counter_column, unit_of
+from osl_analysis.units import si_factor
 
 MOST_NOTES = 100  # lines of a file's own text that the provenance keeps
 MOST_COPIED_SHARE = 0.1  # of rows that repeat the row before; more were read twice
@@ -96,7 +97,7 @@ def convert_table(recording: Recording, source: TableSource, file_name: str) -> 
             warnings.append(f"{column} is missing in {count} of {time.size} {table.rows.noun}s")
     for column, channel in channels.items():
         unit = source.channels[column].unit
-        if unit and channel.unit and unit != channel.unit:
+        if unit and channel.unit and is_other_unit(unit, channel.unit, unit_of(column)):
             warnings.append(f"{column} is read in {unit}; the file says {channel.unit}")
 
     frame = pl.DataFrame(samples)
@@ -238,3 +239,11 @@ def with_plates(
         origins.update(load.origins)
         facts.append(load.facts)
     return frame, origins, facts
+
+
+def is_other_unit(stated: str, in_file: str, si_unit: str) -> bool:
+    """Whether a stated unit is another one than the file's, and not another spelling of it."""
+    try:
+        return si_factor(stated, si_unit) != si_factor(in_file, si_unit)
+    except InputError:
+        return True

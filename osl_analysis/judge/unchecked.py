@@ -8,6 +8,7 @@ from osl_analysis.judge.causes import suspected_unit
 from osl_analysis.judge.finding import AnyRow, Finding, Grade, cell_number, subject_of
 from osl_analysis.judge.known_findings import known_finding
 
+HAVE_STIFFNESS = ("impedance", "torque_angle")
 HAVE_INERTIA = ("impedance", "transmission", "walking_groups")
 MEASURED_BY = {"belt": "K_s", "transmission": "B_j", "actuator": "k_tau_n_m"}
 """What a component trial measures. `NAME_ratio` is its ratio to the parameter file's value."""
@@ -18,6 +19,8 @@ HIDDEN_SHARE = 0.1  # of J_j, by which a delay of two standard errors may change
 WIDE = 3.0  # effect of a reflex that is seen on K, in widths of K's interval
 SEEN = 0.5  # the same of a reflex that may be hidden
 LEAST_MOMENT_SHARE = 0.02  # of K, that a wrong gain of the plate's moments may change
+LEAST_REST_SHARE = 0.02  # of K, that a weight about another angle may change
+USUAL_DAMPING = (0.5, 1.5)  # times B_d, that a controller renders beside friction and delays
 ROUGH_GAIN = 0.05  # share by which a plate of the right gain may seem wrong
 
 
@@ -54,8 +57,11 @@ def finding_in_row(name: str, table: str, row: AnyRow, grade: Grade, about: str 
 
 def unchecked_names(table: str, row: AnyRow) -> Iterator[str]:
     """What could not be checked of a row of a table, by name."""
-    if lacks(row, "fixture"):
+    is_fixture_alone = row.get("rest_deg") is not None
+    if lacks(row, "fixture") and not is_fixture_alone:
         yield "fixture_inertia"
+    elif table in HAVE_STIFFNESS and row.get("fixture"):
+        yield "cross_talk"
     if table == "impedance":
         yield from unchecked_in_impedance(row)
     elif table == "walking_groups":
@@ -114,6 +120,29 @@ def unchecked_in_impedance(row: AnyRow) -> Iterator[str]:
         yield "clock_drift_unseen"
     if lacks(row, "gain_error"):
         yield "wrong_gain_unseen"
+    if weight_by_rest(row) > LEAST_REST_SHARE * abs(cell_number(row, "K") or 0.0):
+        yield "zeros_disagree"
+    low, high = USUAL_DAMPING
+    ratio = damping_ratio(row)
+    if ratio is not None and not low < ratio < high:
+        yield "damping_unlike_B_d"
+
+
+def weight_by_rest(row: AnyRow) -> float:
+    """By how much K changes [N*m/rad] if the constant torque of the fit is that of the fixture's
+    weight about another angle than is stated: of weight sin(angle), 1 - cos(angle) is not seen."""
+    weight, offset = cell_number(row, "fixture_weight"), cell_number(row, "offset")
+    if not weight or offset is None:
+        return 0.0
+    return weight - math.sqrt(max(weight**2 - offset**2, 0.0))
+
+
+def damping_ratio(row: AnyRow) -> float | None:
+    """B over the B_d of the sheet, where K is told by K_d; None where B_d is not stated, or 0."""
+    B, B_d = cell_number(row, "B"), cell_number(row, "B_d")
+    if row.get("K_over_K_d") is None or B is None or not B_d:
+        return None
+    return B / B_d
 
 
 def delay_may_hide(row: AnyRow) -> bool:

@@ -6,6 +6,7 @@ row that the finding is about, or one of `OF_EVIDENCE` or `COMPUTED`. A detail w
 does not have is left out.
 """
 
+import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -13,7 +14,7 @@ from string import Formatter
 from typing import Any
 
 from osl_analysis.errors import nearest
-from osl_analysis.judge.causes import cause_of, suspected_unit
+from osl_analysis.judge.causes import NEAR_UNIT_OF_CURVE, cause_of, suspected_unit
 from osl_analysis.judge.finding import (
     ESTIMATES,
     AnyRow,
@@ -26,12 +27,15 @@ from osl_analysis.judge.finding import (
 )
 from osl_analysis.judge.known_findings import EVIDENCE, FINDINGS, HYPOTHESES, KnownFinding
 from osl_analysis.judge.moved_estimates import estimate_column
-from osl_analysis.judge.unchecked import MEASURED_BY
+from osl_analysis.judge.unchecked import MEASURED_BY, damping_ratio, weight_by_rest
 from osl_analysis.measured import significant
 from osl_analysis.model.compensator import CONTROLLERS
 from osl_analysis.units import UNIT_FACTORS, known_factor
 
 SYMMETRIC_SHARE = 1e-3  # of an interval's width: a middle this near to the estimate is the estimate
+
+SMALL_FACTOR = 2.0  # between units; other devices and gains are as far off, so it must be met well
+NEAR_LARGE_FACTOR = 0.08  # relative difference from a larger one
 
 RENDERED_OF_K_D = (0.66, 1.06)
 """Shares of K_d that a device renders, beside its friction, whose gains are not known: a belt of
@@ -271,7 +275,9 @@ def unit_factor_text(number: Beyond, row: AnyRow) -> str:
                 factor = factors[name]
                 break
     else:
-        name, factor = known_factor(number.value, EVIDENCE[number.column].signals)
+        size = max(abs(number.value), 1 / abs(number.value))
+        near = NEAR_LARGE_FACTOR if size > SMALL_FACTOR else NEAR_UNIT_OF_CURVE
+        name, factor = known_factor(number.value, EVIDENCE[number.column].signals, near)
     return f", {factor:.3g} is the factor {name}" if name else ""
 
 
@@ -359,8 +365,8 @@ def late_remedy(cells: Cells) -> str:
 
 
 def explained(cells: Cells) -> str:
-    """The hypotheses that explain a recording, where its rows do not."""
-    return "" if "row_fault" in cells else f"explained by {cells['explanations']}"
+    """The hypotheses that explain a recording, where nothing that was tried does."""
+    return "" if "mended" in cells else f"explained by {cells['explanations']}"
 
 
 def energy_lost_by_lag(cells: Cells) -> str:
@@ -504,7 +510,10 @@ def range_of_hidden_damping(cells: Cells) -> str:
     return f"{significant(min(ends))} to {significant(max(ends))}"
 
 
-COMPUTED: Mapping[str, Callable[[Cells], str]] = {
+COMPUTED: Mapping[str, Callable[[Cells], Any]] = {
+    "zero_deg": lambda cells: Number(math.degrees(-cells["offset"] / cells["K"])),
+    "K_by_rest": lambda cells: Number(weight_by_rest(cells.row)),
+    "B_over_B_d": lambda cells: Number(damping_ratio(cells.row) or 1.0),
     "explained": explained,
     "lag": lag_text,
     "late_remedy": late_remedy,

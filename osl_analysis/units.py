@@ -31,6 +31,17 @@ EXAMPLES: dict[str, dict[str, float]] = {
     "N*m/kg": {"N*m/kg": 1.0, "Nm/kg": 1.0, "N*mm/kg": 1e-3},
 }  # fmt: skip
 
+# what pint calls the base units of each of these
+BASES = {
+    "1": "dimensionless", "s": "second", "Hz": "1 / second", "rad": "radian",
+    "rad/s": "radian / second", "m": "meter", "A": "ampere",
+    "V": "kilogram * meter ** 2 / ampere / second ** 3",
+    "N": "kilogram * meter / second ** 2", "N*m": "kilogram * meter ** 2 / second ** 2",
+    "N*m/rad": "kilogram * meter ** 2 / radian / second ** 2",
+    "N*m*s/rad": "kilogram * meter ** 2 / radian / second",
+    "N*m/kg": "meter ** 2 / second ** 2",
+}  # fmt: skip
+
 # spellings that pint does not know, or reads as another unit: `Nm` as a textile count, `nt` as a
 # nanotonne, `amps` as a velocity, `rads` as a dose
 ALIASES = {
@@ -236,6 +247,9 @@ def part_spelled(part: str) -> str:
 def base_units(spelling: str) -> tuple[float, str] | None:
     """Factor to base units, and their product as text; None if the text is not a unit. `10*us` are
     ticks of 10 us."""
+    for canonical, factors in EXAMPLES.items():
+        if spelling in factors:
+            return factors[spelling], BASES[canonical]
     ticks = TICKS.fullmatch(spelling)
     if ticks:
         of_tick = base_units(ticks[2])

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pint
 import pytest
 import yaml
 from click.testing import CliRunner
@@ -23,7 +24,14 @@ from osl_analysis.ingest.draft import draft_source
 from osl_analysis.ingest.raw_files import read_converted, read_source, trial_from_files
 from osl_analysis.signals.grid import devices_of
 from osl_analysis.trial import Trial
-from osl_analysis.units import EXAMPLES, base_units, dimension, normalised, si_factor
+from osl_analysis.units import (
+    EXAMPLES,
+    base_units,
+    dimension,
+    name_for_pint,
+    normalised,
+    si_factor,
+)
 
 SOURCE: dict[str, Any] = {
     "format": "csv", "time": {"column": "t", "unit": "s"},
@@ -525,6 +533,14 @@ def test_every_canonical_unit_is_its_own_si_unit() -> None:
     for expected, units in EXAMPLES.items():
         found = {unit: base_units(normalised(unit)) for unit in units}
         assert found == {unit: (factor, dimension(expected)) for unit, factor in units.items()}
+
+
+def test_the_listed_units_are_those_of_pint() -> None:
+    for units in EXAMPLES.values():
+        for unit in units:
+            text = "".join(name_for_pint(part) for part in re.split(r"([*/])", unit))
+            of_pint = pint.application_registry.Quantity(1.0, text).to_base_units()
+            assert base_units(unit) == (of_pint.magnitude, str(of_pint.units))
 
 
 @pytest.mark.parametrize(("unit", "expected", "told"), [

@@ -95,17 +95,32 @@ class Log:
         self.statistics: Statistics | None = None
         self.end = End.MISSING
         self.remarks: list[str] = []
-        # by the checksum of the data section, which covers every message
+        # by the checksum of the data section, where no other one covers some of its messages
         self.is_data_wrong = False
         self.is_data_right = False
         self._chunk: IndexedChunk | None = None
 
     def walk(self) -> None:
-        """Read the records of the top level."""
-        data = self.data
-        second_log = data.find(MAGIC + bytes([Opcode.HEADER]), 1)
+        """Read the file; of one that cannot be read from end to end, say if it holds two logs.
+
+        A sound file is not searched, which takes a second for an hour.
+        """
+        try:
+            self._take_file()
+        except Exception:
+            self._check_one_log()
+            raise
+        if self.remarks:
+            self._check_one_log()
+
+    def _check_one_log(self) -> None:
+        second_log = self.data.find(MAGIC + bytes([Opcode.HEADER]), 1)
         if second_log > 0:
             raise _two_logs(second_log)
+
+    def _take_file(self) -> None:
+        """Read the records of the top level."""
+        data = self.data
         has_footer = self._take_summary()
         position = len(MAGIC)
         has_data_end = False
@@ -126,9 +141,10 @@ class Log:
             elif opcode == Opcode.DATA_END and not has_data_end:
                 has_data_end = True
                 checksum = DataEnd.read(_stream(data[start:end])).data_section_crc
-                is_right = bool(checksum) and zlib.crc32(data[:position]) == checksum
-                self.is_data_wrong = bool(checksum) and not is_right
-                self.is_data_right = is_right
+                if checksum and self.checked < self.read.total():
+                    is_right = zlib.crc32(data[:position]) == checksum
+                    self.is_data_wrong = not is_right
+                    self.is_data_right = is_right
             elif opcode == Opcode.FOOTER:
                 self._take_footer(end)
             position = end
@@ -442,7 +458,7 @@ def read_log(
         )
     log.walk()
     log.data = b""
-    if log.is_data_wrong and log.checked < log.read.total():
+    if log.is_data_wrong:
         raise InputError(
             "the checksum of the data section does not match, and no other covers its messages;"
             " copy the file again, or record again"

@@ -3,16 +3,25 @@
 import numpy as np
 import polars as pl
 import pytest
+import yaml
 
 from osl_analysis.bench.fit_tables import FitTables
 from osl_analysis.bench.identifiability import check_told
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.commands.bench import fit_actuator_trial, fit_torque_angle_trial
 from osl_analysis.commands.fit import fit_settings, fit_trial
-from osl_analysis.commands.remedies import OF_ROWS, remedies_tried
+from osl_analysis.commands.remedies import (
+    OF_ROWS,
+    clock_drift_ppm,
+    is_unlike_stated,
+    other_readings,
+    remedies_tried,
+    tried,
+)
+from osl_analysis.commands.trials import raw_trial
 from osl_analysis.errors import Change, IdentifiabilityError, InputError
 from osl_analysis.files import default_config
-from osl_analysis.trial import Trial
+from osl_analysis.trial import Trial, unit_of
 
 RATE = 100.0
 CONFIG = read_config(default_config())
@@ -213,7 +222,7 @@ def test_a_doubt_that_leaving_rows_out_does_not_clear_is_no_doubt_about_rows():
 
     tables = remedies_tried(slope_fit)(bent)
 
-    assert tables.estimates["impedance"].select(*OF_ROWS).row(0) == (None, None, None)
+    assert tables.estimates["impedance"].select(*OF_ROWS).row(0) == (None,) * 4
 
 
 def test_of_swapped_channels_the_remedy_is_tried():
@@ -248,3 +257,66 @@ def test_an_actuator_is_tried_without_its_lost_rows():
     row = tables.estimates["actuator"].row(0, named=True)
     assert row["mended"].startswith("write windows `0.0-12.8 13.2-25.5` in the sheet: J_m 0.02")
     assert row["row_harm"] > 2
+
+
+def test_an_actuator_is_tried_where_a_recording_is_no_joint_s():
+    actuator = clamped(1).samples.rename({"torque_m": "torque"})
+    rest = 0.3 + 1e-3 * np.random.default_rng(5).standard_normal(len(actuator))
+    settings, limits = fit_settings("impedance", default_config())
+    trial = Trial("stair", actuator.with_columns(theta=pl.Series(rest)))
+
+    with pytest.raises(InputError) as refused:
+        fit_trial("impedance", trial, None, settings, limits)
+
+    assert refused.value.remedy.startswith("take experiment 'actuator', with theta named theta_m")
+    assert "k_tau_n_m 0.8 " in refused.value.remedy
+
+
+def test_a_change_that_gives_an_impossible_estimate_is_not_advised():
+    @remedies_tried
+    def fit(trial):
+        mean = trial.samples["theta"].mean()
+        if mean < 0:
+            raise InputError("the mean is negative; do something", [Change("a", {"theta": -1.0})])
+        row = {"K": mean, "K_se": 1.0, "K_low": mean - 2, "K_high": mean + 2, "K_over_K_d": mean}
+        return {"impedance": pl.DataFrame([row])}
+
+    for mean in (-1.0, -6.0):  # not told from 0; six times K_d
+        with pytest.raises(InputError) as refused:
+            fit(Trial("a", pl.DataFrame({"time": [0.0, 1.0], "theta": [mean, mean]})))
+        assert refused.value.remedy == "do something"
+
+
+def test_a_torque_whose_clock_drifts_is_told_by_how_much():
+    samples = joint_recording(np.arange(5200)).samples
+    time = samples["time"].to_numpy()
+    late = np.interp(time * (1 - 2e-3), time, samples["torque"].to_numpy())
+    drifting = Trial("joint", samples.with_columns(torque=pl.Series(late)))
+
+    assert clock_drift_ppm(drifting) == pytest.approx(2e3, rel=0.01)
+    assert clock_drift_ppm(joint_recording(np.arange(5200))) is None
+
+
+def test_other_channels_of_the_file_are_tried_where_K_is_not_K_d(tmp_path):
+    """The motor's angle, and a torque of another axis, in place of the joint's."""
+    joint = joint_recording(np.arange(1200)).samples
+    turned = joint.with_columns(motor=9 * pl.col("theta"), side=0.1 * pl.col("torque"))
+    turned.write_csv(tmp_path / "log.csv")
+    own = {"theta": "motor", "torque": "torque"}
+    channels = {name: {"column": column, "unit": unit_of(name)} for name, column in own.items()}
+    source = {"format": "csv", "clock": "master", "time": {"column": "time", "unit": "s"}}
+    text = yaml.safe_dump({**source, "channels": channels})
+    (tmp_path / "source.yaml").write_text(text)
+
+    trial = raw_trial(tmp_path / "log.csv", tmp_path / "source.yaml", "impedance")
+    given = {"trial": trial, "condition": {"K_d": 150.0}}
+    outcomes = tried(known_slope_fit, given, other_readings(given, {}), is_unlike_stated)
+
+    advice = "name 'theta' as theta in the source file"
+    assert [outcome.change.words for outcome in outcomes] == [advice]
+
+
+def known_slope_fit(trial, condition):
+    row = slope_fit(trial).estimates["impedance"].row(0, named=True)
+    ratio = row["K"] / condition["K_d"]
+    return FitTables({"impedance": pl.DataFrame([row | {"K_over_K_d": ratio}])})

@@ -192,7 +192,7 @@ def other_readings(given: Mapping[str, Any], before: Mapping[str, Any]) -> list[
     if K_d:
         changes += trial.other_channels()
         changes += in_other_units(trial, ["theta"]) + in_other_units(trial, ["torque"])
-    if "current" in trial.columns:
+    if "current" in trial.columns and not {"theta_m", "torque_m"} & set(trial.columns):
         changes.append(
             Change(
                 "take experiment 'actuator', with theta named theta_m and torque torque_m in the"

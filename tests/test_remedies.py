@@ -1,5 +1,7 @@
 """Remedies are tried on the recording before they are printed."""
 
+from dataclasses import replace
+
 import numpy as np
 import polars as pl
 import pytest
@@ -12,6 +14,7 @@ from osl_analysis.commands.bench import fit_actuator_trial, fit_torque_angle_tri
 from osl_analysis.commands.fit import fit_settings, fit_trial
 from osl_analysis.commands.remedies import (
     OF_ROWS,
+    changed,
     clock_drift_ppm,
     is_unlike_stated,
     other_readings,
@@ -293,16 +296,24 @@ def test_a_torque_whose_clock_drifts_is_told_by_how_much():
     late = np.interp(time * (1 - 2e-3), time, samples["torque"].to_numpy())
     drifting = Trial("joint", samples.with_columns(torque=pl.Series(late)))
 
-    assert clock_drift_ppm(drifting) == pytest.approx(2e3, rel=0.01)
+    found_ppm = clock_drift_ppm(drifting)
+    assert found_ppm == pytest.approx(2e3, rel=0.01)
+    mended = changed(drifting, Change("", drift_ppm=found_ppm)).samples["torque"].to_numpy()
+    inside = slice(100, -100)
+    np.testing.assert_allclose(mended[inside], samples["torque"].to_numpy()[inside], atol=0.3)
     assert clock_drift_ppm(joint_recording(np.arange(5200))) is None
 
 
-def test_other_channels_of_the_file_are_tried_where_K_is_not_K_d(tmp_path):
-    """The motor's angle, and a torque of another axis, in place of the joint's."""
+@pytest.mark.parametrize(("own", "advice"), [
+    ({"theta": "motor", "torque": "torque"}, "name 'theta' as theta in the source file"),
+    ({"theta": "theta", "torque": "side"}, "name 'torque' as torque in the source file"),
+    ({"theta": "torque", "torque": "theta"},
+     "exchange the channels of theta and torque in the source file"),
+])  # fmt: skip
+def test_other_channels_of_the_file_are_tried_where_K_is_not_K_d(own, advice, tmp_path):
     joint = joint_recording(np.arange(1200)).samples
     turned = joint.with_columns(motor=9 * pl.col("theta"), side=0.1 * pl.col("torque"))
     turned.write_csv(tmp_path / "log.csv")
-    own = {"theta": "motor", "torque": "torque"}
     channels = {name: {"column": column, "unit": unit_of(name)} for name, column in own.items()}
     source = {"format": "csv", "clock": "master", "time": {"column": "time", "unit": "s"}}
     text = yaml.safe_dump({**source, "channels": channels})
@@ -312,7 +323,6 @@ def test_other_channels_of_the_file_are_tried_where_K_is_not_K_d(tmp_path):
     given = {"trial": trial, "condition": {"K_d": 150.0}}
     outcomes = tried(known_slope_fit, given, other_readings(given, {}), is_unlike_stated)
 
-    advice = "name 'theta' as theta in the source file"
     assert [outcome.change.words for outcome in outcomes] == [advice]
 
 
@@ -337,3 +347,16 @@ def test_where_the_stiffness_changes_the_parts_that_are_sound_are_tried():
     assert row["mended_fault"] == "held_joint"
     assert row["mended"].startswith("write windows `0.0-7.8` in the sheet: K 1")
     assert "write windows `18.2-26.0` in the sheet: K 2" in row["mended"]
+
+
+@pytest.mark.parametrize(("K_d", "VAF", "is_tried"), [
+    (150.0, 99.0, True), (None, 1.0, True), (None, 99.0, False),
+])  # fmt: skip
+def test_other_channels_need_something_that_tells_which_is_right(K_d, VAF, is_tried):
+    sound = joint_recording(np.arange(1200))
+    trial = replace(sound, other_channels=lambda: [Change("name another")])
+    given = {"trial": trial, "condition": {"K_d": K_d}}
+
+    words = [change.words for change in other_readings(given, {"VAF_in_band": VAF})]
+
+    assert ("name another" in words) == is_tried

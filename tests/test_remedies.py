@@ -332,19 +332,24 @@ def known_slope_fit(trial, condition):
     return FitTables({"impedance": pl.DataFrame([row | {"K_over_K_d": ratio}])})
 
 
-def test_where_the_stiffness_changes_the_parts_that_are_sound_are_tried():
-    """A hand that holds the joint from 12 s on, first softly."""
+@pytest.mark.parametrize(("VAF_of_part", "is_advised"), [(99.99, True), (95.0, False)])
+def test_where_the_stiffness_changes_the_parts_that_are_sound_are_tried(VAF_of_part, is_advised):
+    """A hand that holds the joint from 12 s on, first softly. In a part that it holds, too, more of
+    the torque is left."""
     samples = joint_recording(np.arange(5200)).samples
     held = 1 + 0.5 * np.clip((samples["time"].to_numpy() - 12) / 3, 0, 1)
     trial = Trial("joint", samples.with_columns(torque=pl.col("torque") * held))
 
     def fit(trial, windows=None):
         row = slope_fit(trial, windows).estimates["impedance"].row(0, named=True)
-        return FitTables({"impedance": pl.DataFrame([row | {"fault": "K steps"}])})
+        told = {"fault": "K steps", "VAF": VAF_of_part if windows else 90.0}
+        return FitTables({"impedance": pl.DataFrame([row | told])})
 
     row = remedies_tried(fit)(trial).estimates["impedance"].row(0, named=True)
 
-    assert row["mended_fault"] == "held_joint"
+    assert row["mended_fault"] == ("held_joint" if is_advised else None)
+    if not is_advised:
+        return
     assert row["mended"].startswith("write windows `0.0-7.8` in the sheet: K 1")
     assert "write windows `18.2-26.0` in the sheet: K 2" in row["mended"]
 

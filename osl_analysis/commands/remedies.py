@@ -29,7 +29,7 @@ OTHER_EXPERIMENT = 9  # rank of a change that takes another one
 SMOOTHED_S = 0.05  # of the angle, whose derivatives are taken
 LARGEST_LAG_S = 0.3  # at the end, of clocks that drift
 LAG_STEP_S = 0.005  # of those that are tried
-LEFT_BY_DRIFT = 0.1  # share of the power left without a drift, below which it is believed
+LEFT_BY_CAUSE = 0.1  # share of the power left as recorded, below which a drift or part is believed
 MOST_PARTS = 5  # between rows that are wrong; of more, the sensor is another one
 FITS_WORSE = 2.0  # times what the best change leaves unexplained, from which one is no remedy
 LEAST_UNEXPLAINED = 1e-6  # percent; less is rounding
@@ -147,7 +147,13 @@ def mended_otherwise(
     if before.get("fault") in CHANGES_OF_STIFFNESS:
         parts = parts_of(trial, given.get("windows"))
         changes = [windows_stated(part) for part in parts]
-        return "held_joint", tried(fit, given, changes, is_harmed)
+        most_left = LEFT_BY_CAUSE * unexplained(before)
+
+        def is_held_too(row: Mapping[str, Any]) -> bool:
+            """Whether a part is doubtful, or leaves what a person adds."""
+            return is_harmed(row) or unexplained(row) > most_left
+
+        return "held_joint", tried(fit, given, changes, is_held_too)
     if before.get("fault_family") in ("path", "time"):
         drift_ppm = clock_drift_ppm(trial)
         if drift_ppm:
@@ -255,7 +261,7 @@ def clock_drift_ppm(trial: Trial) -> float | None:
     best = drifts[np.argmin([left(drift) for drift in drifts])]
     ends = (best - LAG_STEP_S / seconds, best + LAG_STEP_S / seconds)
     found = scipy.optimize.minimize_scalar(left, bounds=ends, method="bounded")
-    return 1e6 * float(found.x) if found.fun < LEFT_BY_DRIFT * left(0.0) else None
+    return 1e6 * float(found.x) if found.fun < LEFT_BY_CAUSE * left(0.0) else None
 
 
 def is_better(row: Mapping[str, Any], before: Mapping[str, Any]) -> bool:

@@ -324,6 +324,30 @@ def test_a_bench_that_is_late_by_8_ms_has_its_lag():
     assert abs(row["lag_s"] - 8e-3) < 4 * row["lag_s_se"] < 4e-4
 
 
+def test_a_spring_without_inertia_tells_its_gain_and_no_damping():
+    """As where the stated fixture takes all of it off; a delay and damping then look alike."""
+    row = calibrated(spring(I=2e-5), known_K=300.0)
+
+    assert row["gain"] == pytest.approx(1.0, abs=2e-3)
+    assert (row["doubtful"], row["B"]) == ("", None)
+    assert abs(row["lag_s"]) < 3e-4
+
+
+@pytest.mark.parametrize(("stated", "doubt"), [
+    ({"inertia": 0.012, "weight": 0.8, "weight_error": 0.05}, ""),
+    ({"inertia": 0.014, "weight": 0.8, "weight_error": 0.05}, "fixture unlike the stated one"),
+    ({"inertia": 0.012, "weight": 1.6, "weight_error": 0.05}, "fixture unlike the stated one"),
+])  # fmt: skip
+def test_a_stated_fixture_is_compared_with_the_recorded_one(stated, doubt):
+    bench = CONFIG.dynamometer.model_copy(update={"fixture": Fixture(**stated)})
+
+    row = calibrated(spring(K=0.0, weight=0.8, I=0.012), bench, fixture="alone")
+
+    assert row["doubtful"] == doubt
+    assert row["inertia_off"] == pytest.approx(stated["inertia"] - 0.012, abs=3e-4)
+    assert row["weight_off"] == pytest.approx(stated["weight"] - 0.8, abs=0.05)
+
+
 def test_a_damping_of_the_spring_is_no_lag():
     row = calibrated(spring(damping=3.0), known_K=300.0)
     assert abs(row["B"] - 3) < 4 * row["B_se"] < 0.5

@@ -210,6 +210,8 @@ def test_the_shipped_source_file_reads_what_the_logger_of_opensourceleg_wrote(
      "log.csv: the last line, 5, has no line break, may be cut in a number and was skipped"),
     (LOG.replace("angle,load", "angle [deg],load [Nm]"),
      "log.csv: theta is read in rad; the file says deg"),
+    (LOG.replace("angle,load", "angle [deg],load [N.m]"),
+     "log.csv: theta is read in rad; the file says deg"),
 ])  # fmt: skip
 def test_a_cut_last_line_and_an_overruled_unit_are_told(tmp_path, text, warning):
     trial = ingested(tmp_path, text)

@@ -105,3 +105,18 @@ def test_a_gap_parts_a_recording_as_well():
 
     assert found.count == 0
     assert found.windows(trial) == [(0.0, TIME[2999]), (TIME[3600], TIME[5999])]
+
+
+def test_a_channel_that_stands_is_told_as_frozen_and_left_out_as_long_as_it_stands():
+    torque = TORQUE.copy()
+    torque[3000:3700] = torque[3000]
+    torque[3700:] += 2.0  # so that it leaps where it moves on
+    trial = Trial("a", trial_of(np.arange(6000)).samples.with_columns(torque=pl.Series(torque)))
+
+    faults = find_row_faults(trial)
+
+    (text,) = faults.texts
+    assert text.startswith("torque repeats one value in 700 rows before row 3701 (7.400 s)")
+    first, second = faults.windows(trial)
+    assert first[1] == pytest.approx(5.8, abs=0.01)
+    assert second[0] == pytest.approx(7.6, abs=0.01)

@@ -97,3 +97,34 @@ def test_a_fixture_is_unchecked_until_something_of_it_is_taken_off(table):
 
     assert cause in unchecked_causes(table, {"trial": "a", "fixture": None})
     assert cause not in unchecked_causes(table, {"trial": "a", "fixture": "inertia 0.01"})
+
+
+def test_beside_a_stated_fixture_and_of_one_alone_nobody_asks_for_it():
+    cause = "what turns with the joint behind the load cell"
+    stated = {"trial": "a", "fixture": "inertia 0.01"}
+
+    assert "cross-talk of the load cell" in unchecked_causes("impedance", stated)
+    alone = {"trial": "a", "fixture": None, "rest_deg": 0.1}
+    assert cause not in unchecked_causes("calibration", alone)
+
+
+def test_a_constant_torque_tells_that_a_fixture_may_hang_about_another_angle():
+    """By hand: 5.2 N*m about an angle 60 deg off leave 4.503 N*m, and add 2.6 N*m/rad to K."""
+    row = {"trial": "a", "K": 60.6, "offset": 4.503, "fixture_weight": 5.2}
+
+    (finding,) = (each for each in unchecked_in("impedance", row) if each.name == "zeros_disagree")
+
+    text = finding_text(finding, row)
+    assert "torque is zero at -4.3 deg" in text
+    assert "by up to 2.6 N*m/rad" in text
+    of_load_cell = {each.name for each in unchecked_in("impedance", row | {"offset": 2.0})}
+    assert "zeros_disagree" not in of_load_cell  # 0.4 N*m/rad
+
+
+@pytest.mark.parametrize(("B", "is_told"), [(6.1, True), (3.1, False), (1.4, True)])
+def test_a_damping_unlike_B_d_beside_a_K_of_K_d_is_told(B, is_told):
+    row = {"trial": "a", "K_over_K_d": 1.01, "B": B, "B_d": 3.0}
+
+    names = {finding.name for finding in unchecked_in("impedance", row)}
+
+    assert ("damping_unlike_B_d" in names) == is_told

@@ -1,18 +1,30 @@
 """Remedies are tried on the recording before they are printed."""
 
+from dataclasses import replace
+
 import numpy as np
 import polars as pl
 import pytest
+import yaml
 
 from osl_analysis.bench.fit_tables import FitTables
 from osl_analysis.bench.identifiability import check_told
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.commands.bench import fit_actuator_trial, fit_torque_angle_trial
 from osl_analysis.commands.fit import fit_settings, fit_trial
-from osl_analysis.commands.remedies import OF_ROWS, remedies_tried
+from osl_analysis.commands.remedies import (
+    OF_ROWS,
+    changed,
+    clock_drift_ppm,
+    is_unlike_stated,
+    other_readings,
+    remedies_tried,
+    tried,
+)
+from osl_analysis.commands.trials import raw_trial
 from osl_analysis.errors import Change, IdentifiabilityError, InputError
 from osl_analysis.files import default_config
-from osl_analysis.trial import Trial
+from osl_analysis.trial import Trial, unit_of
 
 RATE = 100.0
 CONFIG = read_config(default_config())
@@ -213,7 +225,7 @@ def test_a_doubt_that_leaving_rows_out_does_not_clear_is_no_doubt_about_rows():
 
     tables = remedies_tried(slope_fit)(bent)
 
-    assert tables.estimates["impedance"].select(*OF_ROWS).row(0) == (None, None, None)
+    assert tables.estimates["impedance"].select(*OF_ROWS).row(0) == (None,) * 4
 
 
 def test_of_swapped_channels_the_remedy_is_tried():
@@ -248,3 +260,108 @@ def test_an_actuator_is_tried_without_its_lost_rows():
     row = tables.estimates["actuator"].row(0, named=True)
     assert row["mended"].startswith("write windows `0.0-12.8 13.2-25.5` in the sheet: J_m 0.02")
     assert row["row_harm"] > 2
+
+
+def test_an_actuator_is_tried_where_a_recording_is_no_joint_s():
+    actuator = clamped(1).samples.rename({"torque_m": "torque"})
+    rest = 0.3 + 1e-3 * np.random.default_rng(5).standard_normal(len(actuator))
+    settings, limits = fit_settings("impedance", default_config())
+    trial = Trial("stair", actuator.with_columns(theta=pl.Series(rest)))
+
+    with pytest.raises(InputError) as refused:
+        fit_trial("impedance", trial, None, settings, limits)
+
+    assert refused.value.remedy.startswith("take experiment 'actuator', with theta named theta_m")
+    assert "k_tau_n_m 0.8 " in refused.value.remedy
+
+
+def test_a_change_that_gives_an_impossible_estimate_is_not_advised():
+    @remedies_tried
+    def fit(trial):
+        mean = trial.samples["theta"].mean()
+        if mean < 0:
+            raise InputError("the mean is negative; do something", [Change("a", {"theta": -1.0})])
+        row = {"K": mean, "K_se": 1.0, "K_low": mean - 2, "K_high": mean + 2, "K_over_K_d": mean}
+        return {"impedance": pl.DataFrame([row])}
+
+    for mean in (-1.0, -6.0):  # not told from 0; six times K_d
+        with pytest.raises(InputError) as refused:
+            fit(Trial("a", pl.DataFrame({"time": [0.0, 1.0], "theta": [mean, mean]})))
+        assert refused.value.remedy == "do something"
+
+
+def test_a_torque_whose_clock_drifts_is_told_by_how_much():
+    samples = joint_recording(np.arange(5200)).samples
+    time = samples["time"].to_numpy()
+    late = np.interp(time * (1 - 2e-3), time, samples["torque"].to_numpy())
+    drifting = Trial("joint", samples.with_columns(torque=pl.Series(late)))
+
+    found_ppm = clock_drift_ppm(drifting)
+    assert found_ppm == pytest.approx(2e3, rel=0.01)
+    mended = changed(drifting, Change("", drift_ppm=found_ppm)).samples["torque"].to_numpy()
+    inside = slice(100, -100)
+    np.testing.assert_allclose(mended[inside], samples["torque"].to_numpy()[inside], atol=0.3)
+    assert clock_drift_ppm(joint_recording(np.arange(5200))) is None
+
+
+@pytest.mark.parametrize(("own", "advice"), [
+    ({"theta": "motor", "torque": "torque"}, "name 'theta' as theta in the source file"),
+    ({"theta": "theta", "torque": "side"}, "name 'torque' as torque in the source file"),
+    ({"theta": "torque", "torque": "theta"},
+     "exchange the channels of theta and torque in the source file"),
+])  # fmt: skip
+def test_other_channels_of_the_file_are_tried_where_K_is_not_K_d(own, advice, tmp_path):
+    joint = joint_recording(np.arange(1200)).samples
+    turned = joint.with_columns(motor=9 * pl.col("theta"), side=0.1 * pl.col("torque"))
+    turned.write_csv(tmp_path / "log.csv")
+    channels = {name: {"column": column, "unit": unit_of(name)} for name, column in own.items()}
+    source = {"format": "csv", "clock": "master", "time": {"column": "time", "unit": "s"}}
+    text = yaml.safe_dump({**source, "channels": channels})
+    (tmp_path / "source.yaml").write_text(text)
+
+    trial = raw_trial(tmp_path / "log.csv", tmp_path / "source.yaml", "impedance")
+    given = {"trial": trial, "condition": {"K_d": 150.0}}
+    outcomes = tried(known_slope_fit, given, other_readings(given, {}), is_unlike_stated)
+
+    assert [outcome.change.words for outcome in outcomes] == [advice]
+
+
+def known_slope_fit(trial, condition):
+    row = slope_fit(trial).estimates["impedance"].row(0, named=True)
+    ratio = row["K"] / condition["K_d"]
+    return FitTables({"impedance": pl.DataFrame([row | {"K_over_K_d": ratio}])})
+
+
+@pytest.mark.parametrize(("VAF_of_part", "is_advised"), [(99.99, True), (95.0, False)])
+def test_where_the_stiffness_changes_the_parts_that_are_sound_are_tried(VAF_of_part, is_advised):
+    """A hand that holds the joint from 12 s on, first softly. In a part that it holds, too, more of
+    the torque is left."""
+    samples = joint_recording(np.arange(5200)).samples
+    held = 1 + 0.5 * np.clip((samples["time"].to_numpy() - 12) / 3, 0, 1)
+    trial = Trial("joint", samples.with_columns(torque=pl.col("torque") * held))
+
+    def fit(trial, windows=None):
+        row = slope_fit(trial, windows).estimates["impedance"].row(0, named=True)
+        told = {"fault": "K steps", "VAF": VAF_of_part if windows else 90.0}
+        return FitTables({"impedance": pl.DataFrame([row | told])})
+
+    row = remedies_tried(fit)(trial).estimates["impedance"].row(0, named=True)
+
+    assert row["mended_fault"] == ("held_joint" if is_advised else None)
+    if not is_advised:
+        return
+    assert row["mended"].startswith("write windows `0.0-7.8` in the sheet: K 1")
+    assert "write windows `18.2-26.0` in the sheet: K 2" in row["mended"]
+
+
+@pytest.mark.parametrize(("K_d", "VAF", "is_tried"), [
+    (150.0, 99.0, True), (None, 1.0, True), (None, 99.0, False),
+])  # fmt: skip
+def test_other_channels_need_something_that_tells_which_is_right(K_d, VAF, is_tried):
+    sound = joint_recording(np.arange(1200))
+    trial = replace(sound, other_channels=lambda: [Change("name another")])
+    given = {"trial": trial, "condition": {"K_d": K_d}}
+
+    words = [change.words for change in other_readings(given, {"VAF_in_band": VAF})]
+
+    assert ("name another" in words) == is_tried

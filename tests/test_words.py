@@ -141,11 +141,23 @@ def test_a_finding_has_at_most_35_words():
      ["it is 60 % of the damping", "[coulomb_share 0.6 is above 0.5]"]),
     ({"K_s_ratio": 1.3558}, {"K_s_ratio": 1.5},
      ["1.36 is the factor between lbf*ft and N*m", "is close to it]"]),
+    (TORQUE_PATH | {"mended": "exchange them: K 300", "mended_fault": "wrong_reading"},
+     {"fault_harm": 1}, ["recording read wrongly: ", "Exchange them: K 300 [fault_harm"]),
+    ({"k_tau_n_m_ratio": 0.8}, {"k_tau_n_m_ratio": 0.7},
+     ["k_tau n_m is 0.8 times that of the parameter file. "]),
     ({"x": 3.0}, {"x": 2.0}, ["x 3 is above 2"]),
 ])  # fmt: skip
 def test_a_finding_is_said_with_the_numbers_of_its_row(row, limits, parts):
     text = finding_in_words(row | {"J_j_ratio": 1.0}, limits)
     assert [part for part in parts if part not in text] == [], text
+
+
+def test_a_fixture_that_is_stated_is_not_asked_for_beside_a_wrong_gain():
+    gain = Finding("wrong_gain", "calibration", "a", Grade.DOUBTS)
+    stated = {"fixture": "weight 1.6"}
+
+    assert words_of(gain, {}).remedy.startswith("State the fixture first (`fixture`), then correct")
+    assert words_of(gain, stated).remedy.startswith("Correct the `scale`")
 
 
 def test_a_detail_whose_number_is_missing_is_left_out():

@@ -125,7 +125,7 @@ def calibration_table(
 
     damping: Row = {f"B{ending}": None for ending in INTERVAL_ENDS}
     if fits.damped is not None:
-        damping = estimates_row(fits.damped, "B")
+        damping.update(estimates_row(fits.damped, "B"))
     fixture: Row = {}
     for name in ("inertia", "weight"):
         for ending in INTERVAL_ENDS:

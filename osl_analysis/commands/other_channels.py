@@ -95,4 +95,4 @@ def correlation(values: Any, others: Any) -> float:
     pair = pair[:, np.isfinite(pair).all(axis=0)]
     if pair.shape[1] < 2 or not np.ptp(pair, axis=1).all():
         return 0.0
-    return float(abs(np.corrcoef(pair)[0, 1]))
+    return abs(float(np.asarray(np.corrcoef(pair))[0, 1]))

@@ -29,7 +29,7 @@ OTHER_EXPERIMENT = 9  # rank of a change that takes another one
 SMOOTHED_S = 0.05  # of the angle, whose derivatives are taken
 LARGEST_LAG_S = 0.3  # at the end, of clocks that drift
 LAG_STEP_S = 0.005  # of those that are tried
-LEFT_BY_DRIFT = 0.1  # share of the power left without a drift, below which it is believed
+LEFT_BY_CAUSE = 0.1  # share of the power left as recorded, below which a drift or part is believed
 MOST_PARTS = 5  # between rows that are wrong; of more, the sensor is another one
 FITS_WORSE = 2.0  # times what the best change leaves unexplained, from which one is no remedy
 LEAST_UNEXPLAINED = 1e-6  # percent; less is rounding
@@ -44,6 +44,7 @@ LEAST_OF_JOINT = 0.1  # times K_d; of less, what is recorded may be the fixture 
 CHANGES_OF_STIFFNESS = ("K steps", "K drifts")  # hypotheses by which parts may be sound
 PARTS = ((0.0, 0.3), (0.35, 0.65), (0.7, 1.0))  # of a recording that are tried then
 HARM = 1.0  # of a fault, from which a fit is doubtful (`judge.causes.LEAST_EFFECT`)
+OF_ANOTHER_JOINT = 50.0  # percent in the band, below which the channels may be others
 LEAST_VAF = 90.0  # percent in the band of the motion, as `doubtful.impedance.below.VAF_in_band`
 OF_ROWS: Mapping[str, pl.DataType] = {
     "row_harm": pl.Float64(), "row_fault": pl.String(), "mended": pl.String(),
@@ -137,18 +138,26 @@ def mended_otherwise(
     """What makes a doubtful fit sound whose rows are right: the finding (`findings.yaml`), and the
     changes that help."""
     trial = given["trial"]
-    if not is_between(before.get("K_over_K_d"), DOUBTFUL_OF_K_D):
-        return "wrong_reading", tried(fit, given, other_readings(given, before), is_unlike_stated)
+    if not is_between(before.get("K_over_K_d"), DOUBTFUL_OF_K_D) or is_misfit(before):
+        outcomes = tried(fit, given, other_readings(given, before), is_unlike_stated)
+        if outcomes:
+            return "wrong_reading", outcomes
     if not is_harmed(before):
         return "", []
     if before.get("fault") in CHANGES_OF_STIFFNESS:
         parts = parts_of(trial, given.get("windows"))
         changes = [windows_stated(part) for part in parts]
-        return "held_joint", tried(fit, given, changes, is_harmed)
+        most_left = LEFT_BY_CAUSE * unexplained(before)
+
+        def is_held_too(row: Mapping[str, Any]) -> bool:
+            """Whether a part is doubtful, or leaves what a person adds."""
+            return is_harmed(row) or unexplained(row) > most_left
+
+        return "held_joint", tried(fit, given, changes, is_held_too)
     if before.get("fault_family") in ("path", "time"):
         drift_ppm = clock_drift_ppm(trial)
         if drift_ppm:
-            words = f"record both with one device. Without a drift of {drift_ppm:.3g} ppm"
+            words = f"record both with one device. Without a drift of {drift_ppm:.0f} ppm"
             return "drifting_logger", tried(fit, given, [Change(words, drift_ppm=drift_ppm)])
     return "", []
 
@@ -171,6 +180,12 @@ def is_impossible(row: Mapping[str, Any]) -> bool:
     return not is_between(row.get("K_over_K_d"), DOUBTFUL_OF_K_D)
 
 
+def is_misfit(row: Mapping[str, Any]) -> bool:
+    """Whether the motion does not make the torque, as that of another joint."""
+    vaf = row.get("VAF_in_band")
+    return vaf is not None and vaf < OF_ANOTHER_JOINT
+
+
 def is_unlike_stated(row: Mapping[str, Any]) -> bool:
     """Whether a fit is no better reading of a recording: impossible, not of the K_d that is stated,
     or far from its torque."""
@@ -180,7 +195,7 @@ def is_unlike_stated(row: Mapping[str, Any]) -> bool:
 
 def other_readings(given: Mapping[str, Any], before: Mapping[str, Any]) -> list[Change]:
     """Other channels, units and experiments by which a recording may be right. Channels and units
-    need a stated K_d that tells which is."""
+    need a stated K_d, or a torque that the motion does not make, that tells which is."""
     trial = given["trial"]
     changes: list[Change] = []
     if not {"theta", "torque"} <= set(trial.columns):
@@ -189,10 +204,10 @@ def other_readings(given: Mapping[str, Any], before: Mapping[str, Any]) -> list[
     K_d = (
         condition.get("K_d") if isinstance(condition, Mapping) else getattr(condition, "K_d", None)
     )
-    if K_d:
+    if K_d or is_misfit(before):
         changes += trial.other_channels()
         changes += in_other_units(trial, ["theta"]) + in_other_units(trial, ["torque"])
-    if "current" in trial.columns:
+    if "current" in trial.columns and not {"theta_m", "torque_m"} & set(trial.columns):
         changes.append(
             Change(
                 "take experiment 'actuator', with theta named theta_m and torque torque_m in the"
@@ -246,7 +261,7 @@ def clock_drift_ppm(trial: Trial) -> float | None:
     best = drifts[np.argmin([left(drift) for drift in drifts])]
     ends = (best - LAG_STEP_S / seconds, best + LAG_STEP_S / seconds)
     found = scipy.optimize.minimize_scalar(left, bounds=ends, method="bounded")
-    return 1e6 * float(found.x) if found.fun < LEFT_BY_DRIFT * left(0.0) else None
+    return 1e6 * float(found.x) if found.fun < LEFT_BY_CAUSE * left(0.0) else None
 
 
 def is_better(row: Mapping[str, Any], before: Mapping[str, Any]) -> bool:

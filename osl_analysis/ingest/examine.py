@@ -884,9 +884,10 @@ def check_recording(
 
 
 def half_range(trial: Trial, column: str) -> float:
-    """Half of the range of a column."""
+    """Half of the range of a column; 0 of one without readings."""
     values = recorded(trial, column)[1]
-    return float(np.ptp(values[np.isfinite(values)])) / 2
+    finite = values[np.isfinite(values)]
+    return float(np.ptp(finite)) / 2 if finite.size else 0.0
 
 
 def in_other_units(trial: Trial, columns: Sequence[str]) -> list[Change]:

@@ -510,7 +510,16 @@ def range_of_hidden_damping(cells: Cells) -> str:
     return f"{significant(min(ends))} to {significant(max(ends))}"
 
 
+def gain_remedy(cells: Cells) -> str:
+    """What to do about a wrong gain; what the fixture weighs comes first, unless it is stated."""
+    correct = "correct the `scale` of torque or angle in the source file"
+    if cells.row.get("fixture"):
+        return correct
+    return f"state the fixture first (`fixture`), then {correct}"
+
+
 COMPUTED: Mapping[str, Callable[[Cells], Any]] = {
+    "gain_remedy": gain_remedy,
     "zero_deg": lambda cells: Number(math.degrees(-cells["offset"] / cells["K"])),
     "K_by_rest": lambda cells: Number(weight_by_rest(cells.row)),
     "B_over_B_d": lambda cells: Number(damping_ratio(cells.row) or 1.0),

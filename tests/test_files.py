@@ -5,11 +5,12 @@ import re
 
 import polars as pl
 import pytest
+from polars.testing import assert_frame_equal
 
 from osl_analysis.errors import InputError, WriteError
 from osl_analysis.files import atomic_path
 from osl_analysis.memory import VARIABLE, allowed_memory, named_files
-from osl_analysis.table import read_table
+from osl_analysis.table import read_table, read_tables
 
 
 def files_in(folder):
@@ -81,6 +82,33 @@ def test_a_full_disk_is_told_with_the_file_that_was_to_be_written(tmp_path, fail
 def test_an_error_of_another_file_within_the_block_stays_as_it_is(tmp_path):
     with pytest.raises(FileNotFoundError), atomic_path(tmp_path / "table.csv"):
         (tmp_path / "recording.csv").read_text()
+
+
+def test_tables_are_read_below_one_another_as_each_of_them(tmp_path):
+    contents = {
+        "a": "trial,K,note\n01,1,'=x\n",
+        "b": 'trial,K,note\n02,2.5,"two\nlines"',  # no break behind the last line
+        "none": "trial,K,note\n",
+        "other": "trial,B\n03,4\n",
+        "again": "trial,K,note\n04,,\n",
+    }
+    paths = [tmp_path / f"{name}.csv" for name in contents]
+    for path, content in zip(paths, contents.values(), strict=True):
+        path.write_text(content)
+
+    together = read_tables(paths)
+
+    one_by_one = pl.concat([read_table(path) for path in paths], how="diagonal_relaxed")
+    assert_frame_equal(together, one_by_one)
+    assert together["trial"].to_list() == ["01", "02", "03", "04"]
+
+
+def test_of_tables_that_are_read_together_the_wrong_one_is_named(tmp_path):
+    (tmp_path / "a.csv").write_text("K,B\n1,2\n")
+    (tmp_path / "b.csv").write_text("K,B\n1,2,3\n")
+
+    with pytest.raises(InputError, match=r"b\.csv: not a CSV table"):
+        read_tables([tmp_path / "a.csv", tmp_path / "b.csv"])
 
 
 @pytest.mark.parametrize("empty_cells", [10, 1000])

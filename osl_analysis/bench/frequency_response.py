@@ -2,7 +2,7 @@
 (Fig. 7), of any other motion the impedance at the lines of its spectrum (`response.csv`)."""
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -78,20 +78,22 @@ def frequency_response_table(phasors: pl.DataFrame) -> pl.DataFrame:
         jumps at 180 degrees. The intervals contain the noise of the phasors and the error of the
         bench, not how much Y depends on the amplitude. `doubtful` lists causes of doubt.
     """
-    rows = []
     keys = list(OF_TRIAL)
     if len(phasors):
         keys = [key for key in OF_TRIAL if key in phasors.columns]
-        for values, amplitudes in phasors.group_by(keys, maintain_order=True):
-            of_trial = dict(zip(keys, values, strict=True))
-            rows.append({**of_trial, **mean_over_amplitudes(amplitudes)})
+    amplitudes_of: dict[tuple[Any, ...], list[Row]] = {}
+    for row in phasors.iter_rows(named=True):
+        amplitudes_of.setdefault(tuple(row[key] for key in keys), []).append(row)
+    rows = []
+    for values, amplitudes in amplitudes_of.items():
+        of_trial = dict(zip(keys, values, strict=True))
+        rows.append({**of_trial, **mean_over_amplitudes(amplitudes)})
     schema: dict[str, Any] = {key: phasors.schema.get(key, OF_TRIAL[key]) for key in keys}
     return pl.DataFrame(rows, schema=schema | MEAN_OVER_AMPLITUDES)
 
 
-def mean_over_amplitudes(amplitudes: pl.DataFrame) -> Row:
+def mean_over_amplitudes(rows: Sequence[Row]) -> Row:
     """The columns `MEAN_OVER_AMPLITUDES` of one trial and frequency, of a row per amplitude."""
-    rows = list(amplitudes.iter_rows(named=True))
     compliance, gain, phase = (max(float(row[name]) for row in rows) for name in SHARED)
     bench_error = BenchError(compliance, gain, phase)
     # all amplitudes share the bench's error: averaging does not lessen it
@@ -102,12 +104,12 @@ def mean_over_amplitudes(amplitudes: pl.DataFrame) -> Row:
         float(np.rad2deg(mean.phase + np.angle(response.value / mean.value)))
         for response in responses
     ]
-    doubts = amplitudes["doubtful"].drop_nulls().unique(maintain_order=True).to_list()
+    doubts = dict.fromkeys(row["doubtful"] for row in rows)
     return {
         **polar_row(mean),
         **complex_row("Y", mean),
         **damping_row(mean, rows[0]["frequency_hz"]),
-        "interval_method": " and ".join(amplitudes["interval_method"].unique().sort()),
+        "interval_method": " and ".join(sorted({row["interval_method"] for row in rows})),
         "magnitude_amplitudes_low": min(sizes),
         "magnitude_amplitudes_high": max(sizes),
         "phase_deg_amplitudes_low": min(phases_deg),

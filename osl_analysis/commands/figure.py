@@ -38,7 +38,7 @@ from osl_analysis.model.drivetrain import (
 )
 from osl_analysis.refusal import Refusal, read_refusals
 from osl_analysis.stats.repeats import DOUBTFUL
-from osl_analysis.table import read_table, with_evidence, write_table
+from osl_analysis.table import read_table, read_tables, with_evidence, write_table
 from osl_analysis.trial import read_trial
 from osl_analysis.walking.crossing import DOWN, UP, Crossing
 from osl_analysis.walking.result_tables import trajectory_points, walking_page_points
@@ -184,7 +184,7 @@ def caption_of(name: str, table_csv: Path, missing: Sequence[str] = ()) -> str:
 
 def fig3(curves: Sequence[Path], table: Path, summary: Path, output: Path, data: str = "") -> None:
     """The numbers of Fig. 3, from the trials' curves, `belt.csv` and `belt_summary.csv`."""
-    drawn = pl.concat([read_table(path, name="belt_curves") for path in curves])
+    drawn = read_tables(curves, "belt_curves")
     judged = read_table(table, ["trial", *PLACE, "doubtful"])
     write_table(belt_figure_points(drawn, judged, read_table(summary)), output, data)
 

@@ -33,7 +33,15 @@ from osl_analysis.report.headlines import headline_numbers
 from osl_analysis.report.paper_tables import PaperTable, components_table, conditions_table
 from osl_analysis.report.used_trials import missing_lines, used_and_missing
 from osl_analysis.stats.repeats import size_texts
-from osl_analysis.table import ROW_KEYS, Places, read_table, with_evidence, with_places, write_table
+from osl_analysis.table import (
+    ROW_KEYS,
+    Places,
+    read_table,
+    read_tables,
+    with_evidence,
+    with_places,
+    write_table,
+)
 
 
 def gather(
@@ -72,13 +80,13 @@ def gather(
     """
     if not rows:
         raise InputError(f"{output}: no trials fill this table; add some to the sample sheet")
-    table = pl.concat([read_table(path, name=output.stem) for path in rows], how="diagonal_relaxed")
+    table = read_tables(rows, output.stem)
     if output.stem == "torque_angle":
         table = compared_with_repeats(table, places or {})
     if limits is not None:
         findings = judged(table, limits, output.stem)
         if limits_of_fits is not None and fits:
-            origin = pl.concat([read_table(path) for path in fits], how="diagonal_relaxed")
+            origin = read_tables(fits)
             findings_of_fits = judged(origin, limits_of_fits, fits[0].parent.name)
             findings = with_inherited(output.stem, table, findings, origin, findings_of_fits)
         table = marked(table, findings, output.stem)

@@ -39,7 +39,6 @@ class Explanation:
     probability: float  # given that one of the hypotheses is right
     gain: float  # nats by which it predicts better than the best sound joint
     has_friction: bool
-    impedance: Impedance
     parameters: tuple[Parameter, ...]
 
 

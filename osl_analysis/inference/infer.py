@@ -211,7 +211,6 @@ def explained(each: Weighed) -> Explanation:
         probability=each.weight,
         gain=each.gain,
         has_friction=fit.kind.has_friction,
-        impedance=impedance_of(each.parts),
         parameters=parameters,
     )
 

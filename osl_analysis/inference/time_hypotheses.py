@@ -25,6 +25,8 @@ LONGEST_LAG_STEP = 0.15  # s; 60 lost rows of 500 Hz are 0.12 s
 # nats that a change of the whole motion must gain beside a small lag before large ones are tried,
 # which take time (a choice, not varied)
 WORTH_A_STEP = 8.0
+# share of that gain which the grid of moments must show: between two of them it is hardly twice
+WORTH_REFINING_MOMENT = 0.25
 LAGS_IN_A_PERIOD = 10  # steps of a lag that are tried in a period of the motion
 NEWTON_STEPS = 8  # it doubles the digits of a lag in each
 MOMENTS_AT_ONCE = 2  # two rows fill a processor's vector; more take memory only
@@ -109,13 +111,17 @@ class LagStep(Hypothesis):
     def candidates(self, search: Search) -> list[Candidate]:
         # after a small lag the torque differs by its slope
         slope = search.coefficients @ self.data.motion_at_working_rate(1)
-        moment, left = best_moment(search, slope[None])
+        moment, left = MomentSearch(search, slope[None]).refined()
         small = LagStepAt(self.data, moment, may_be_large=False).candidates(search)
         # after a large one it is another; where no hypothesis explains the torque, what is left
         # counts as noise
         noise = max(search.left / self.data.spectra.freedom, 1.0)
-        moment, left_by_motion = best_moment(search, self.data.motion_at_working_rate())
-        if left - left_by_motion <= 2 * WORTH_A_STEP * noise:
+        worth = 2 * WORTH_A_STEP * noise
+        of_motion = MomentSearch(search, self.data.motion_at_working_rate())
+        if left - min(of_motion.on_grid) <= WORTH_REFINING_MOMENT * worth:
+            return small
+        moment, left_by_motion = of_motion.refined()
+        if left - left_by_motion <= worth:
             return small
         large = LagStepAt(self.data, moment, may_be_large=True).candidates(search)
         return min(small, large, key=lambda tried: left_by_first(tried, search))
@@ -169,38 +175,53 @@ def left_by_first(candidates: Sequence[Candidate], search: Search) -> float:
     return search.fit(candidates[0].columns)[0] if candidates else np.inf
 
 
-def best_moment(search: Search, changing: Array) -> tuple[float, float]:
-    """The moment [share of the recording] after which torques (k, w) best explain the rest, and the
-    sum of squares that they leave."""
-    data = search.data
-    share = data.spectra.relative_time_at_working_rate
-    # the motion's columns are the same at every moment: they are shared, too
-    beside = BesideShared(np.concatenate([data.shared(search.kind), data.motion]))
-    rest = beside.rest(data.torque)
+class MomentSearch:
+    """Search for the moment after which torques (k, w) best explain the rest.
 
-    def left(moment: float) -> float:
-        return beside.fit_rest(data.windowed(changing * (share > moment)), rest)[0]
+    Attributes
+    ----------
+    on_grid : list of float
+        Sums of squares that they leave at each of the `MOMENTS`.
+    """
 
-    # a few moments at once: transforms of many rows cost less than one by one, and more memory
-    on_grid_left = []
-    for first in range(0, len(MOMENTS), MOMENTS_AT_ONCE):
-        moments = np.array(MOMENTS[first : first + MOMENTS_AT_ONCE])
-        after = share > moments[:, None, None]
-        on_grid_left += [
-            beside.fit_rest(columns, rest)[0] for columns in data.windowed(changing * after)
-        ]
-    best = int(np.argmin(on_grid_left))
-    on_grid = MOMENTS[best]
-    step = MOMENTS[1] - MOMENTS[0]
-    refined = scipy.optimize.minimize_scalar(
-        left,
-        bounds=(on_grid - step, on_grid + step),
-        method="bounded",
-        options={"maxiter": REFINEMENTS},
-    )
-    if refined.fun < on_grid_left[best]:
-        return float(refined.x), float(refined.fun)
-    return on_grid, on_grid_left[best]
+    def __init__(self, search: Search, changing: Array) -> None:
+        self._data = search.data
+        self._changing = changing
+        self._share = self._data.spectra.relative_time_at_working_rate
+        # the motion's columns are the same at every moment: they are shared, too
+        shared = np.concatenate([self._data.shared(search.kind), self._data.motion])
+        self._beside = BesideShared(shared)
+        self._rest = self._beside.rest(self._data.torque)
+
+        # a few moments at once: transforms of many rows cost less than one by one, and more memory
+        self.on_grid: list[float] = []
+        for first in range(0, len(MOMENTS), MOMENTS_AT_ONCE):
+            moments = np.array(MOMENTS[first : first + MOMENTS_AT_ONCE])
+            after = self._share > moments[:, None, None]
+            self.on_grid += [
+                self._beside.fit_rest(columns, self._rest)[0]
+                for columns in self._data.windowed(changing * after)
+            ]
+
+    def left(self, moment: float) -> float:
+        """Sum of squares that they leave after a moment [share of the recording]."""
+        columns = self._data.windowed(self._changing * (self._share > moment))
+        return self._beside.fit_rest(columns, self._rest)[0]
+
+    def refined(self) -> tuple[float, float]:
+        """The best moment [share of the recording], and the sum of squares that it leaves."""
+        best = int(np.argmin(self.on_grid))
+        on_grid = MOMENTS[best]
+        step = MOMENTS[1] - MOMENTS[0]
+        refined = scipy.optimize.minimize_scalar(
+            self.left,
+            bounds=(on_grid - step, on_grid + step),
+            method="bounded",
+            options={"maxiter": REFINEMENTS},
+        )
+        if refined.fun < self.on_grid[best]:
+            return float(refined.x), float(refined.fun)
+        return on_grid, self.on_grid[best]
 
 
 class StiffnessDrift(Linear):
@@ -233,7 +254,7 @@ class StiffnessStep(Hypothesis):
         changing = np.array([spectra.theta, np.ones_like(spectra.theta)])
         at_working_rate = self.data.motion_at_working_rate()[0]
         both = np.array([at_working_rate, np.ones_like(at_working_rate)])
-        moment, _ = best_moment(search, both)
+        moment, _ = MomentSearch(search, both).refined()
         after = spectra.relative_time > moment
         matrices = self.matrices_with_shares([[1.0, 0.0], [0.0, 0.0], [0.0, 0.0]], (0.0, 1.0))
         return [self.plain(*(changing * after), matrices=matrices)]

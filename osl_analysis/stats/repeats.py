@@ -212,8 +212,8 @@ def counted(table: pl.DataFrame) -> pl.DataFrame:
 
     Trials without a stated K_d are of one condition if they repeat each other
     (`repeating_trials`)."""
-    if DOUBTFUL not in table.columns or table.is_empty():
-        return table
+    if DOUBTFUL not in table.columns or not table.select(IS_DOUBTFUL.any()).item():
+        return table  # none leaves
     judged = doubts_of_trials(table).with_columns(is_doubtful=IS_DOUBTFUL)
     if "trial" not in judged.columns:
         judged = judged.with_row_index("trial")

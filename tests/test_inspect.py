@@ -425,7 +425,7 @@ def test_a_fault_in_one_recording_does_not_end_the_watch(tmp_path, bench, monkey
 @pytest.mark.usefixtures("without_inference")
 def test_a_stiffness_far_from_the_desired_one_is_pointed_at(tmp_path, bench):
     write_joint(path := tmp_path / "in/impedance_k300_b2.csv")
-    doubt = "K is farther from the K_d .*: K is 0.4 times K_d. Check `unit`"
+    doubt = "K is farther from the K_d .*: K is 0.4 times K_d. Check K_d"
     line, *_ = watching.recording_line(path, tmp_path / "in", bench)
     assert re.search(f"DOUBTFUL: stiffness unlike K_d: {doubt}", line)
     drafted_campaign(tmp_path / "c", recordings=tmp_path / "in")

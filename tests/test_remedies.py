@@ -365,3 +365,17 @@ def test_other_channels_need_something_that_tells_which_is_right(K_d, VAF, is_tr
     words = [change.words for change in other_readings(given, {"VAF_in_band": VAF})]
 
     assert ("name another" in words) == is_tried
+
+
+@pytest.mark.parametrize(("turn", "is_tried"), [(1e-3, True), (0.3, False), (4.0, True)])
+def test_an_actuator_is_tried_only_where_the_angle_is_not_that_of_a_joint(turn, is_tried):
+    recorded = clamped(1).samples.rename({"torque_m": "torque"})
+    theta = np.linspace(-turn, turn, len(recorded))
+    given = {
+        "trial": Trial("a", recorded.with_columns(theta=pl.Series(theta))),
+        "settings": CONFIG.dynamometer,
+    }
+
+    experiments = [change.experiment for change in other_readings(given, {})]
+
+    assert ("actuator" in experiments) == is_tried

@@ -20,7 +20,7 @@ from osl_analysis.commands.estimates import estimated, interval_text, printed_un
 from osl_analysis.commands.fit import fit_settings, function_of, job_of
 from osl_analysis.errors import Change, OslAnalysisError
 from osl_analysis.files import default_config
-from osl_analysis.ingest.examine import in_other_units
+from osl_analysis.ingest.examine import SMALLEST_MOTION, half_range, in_other_units
 from osl_analysis.ingest.row_faults import row_faults_of
 from osl_analysis.signals.grid import with_stamp_evidence
 from osl_analysis.trial import Trial, stretches
@@ -158,7 +158,8 @@ def mended_otherwise(
         drift_ppm = clock_drift_ppm(trial)
         if drift_ppm:
             words = f"record both with one device. Without a drift of {drift_ppm:.0f} ppm"
-            return "drifting_logger", tried(fit, given, [Change(words, drift_ppm=drift_ppm)])
+            change = Change(words, drift_ppm=drift_ppm)
+            return "drifting_logger", tried(fit, given, [change], is_harmed)
     return "", []
 
 
@@ -207,7 +208,11 @@ def other_readings(given: Mapping[str, Any], before: Mapping[str, Any]) -> list[
     if K_d or is_misfit(before):
         changes += trial.other_channels()
         changes += in_other_units(trial, ["theta"]) + in_other_units(trial, ["torque"])
-    if "current" in trial.columns and not {"theta_m", "torque_m"} & set(trial.columns):
+    of_shaft = {"theta_m", "torque_m"} & set(trial.columns)
+    turn = 2 * half_range(trial, "theta")
+    largest_turn = 2 * getattr(given.get("settings"), "largest_angle", np.inf)
+    is_joint = SMALLEST_MOTION <= turn <= largest_turn
+    if "current" in trial.columns and not of_shaft and not is_joint:
         changes.append(
             Change(
                 "take experiment 'actuator', with theta named theta_m and torque torque_m in the"

@@ -81,7 +81,7 @@ def frequency_response_table(phasors: pl.DataFrame) -> pl.DataFrame:
     keys = list(OF_TRIAL)
     if len(phasors):
         keys = [key for key in OF_TRIAL if key in phasors.columns]
-    amplitudes_of: dict[tuple[Any, ...], list[Row]] = {}
+    amplitudes_of: dict[tuple[Any, ...], list[Mapping[str, Any]]] = {}
     for row in phasors.iter_rows(named=True):
         amplitudes_of.setdefault(tuple(row[key] for key in keys), []).append(row)
     rows = []
@@ -92,7 +92,7 @@ def frequency_response_table(phasors: pl.DataFrame) -> pl.DataFrame:
     return pl.DataFrame(rows, schema=schema | MEAN_OVER_AMPLITUDES)
 
 
-def mean_over_amplitudes(rows: Sequence[Row]) -> Row:
+def mean_over_amplitudes(rows: Sequence[Mapping[str, Any]]) -> Row:
     """The columns `MEAN_OVER_AMPLITUDES` of one trial and frequency, of a row per amplitude."""
     compliance, gain, phase = (max(float(row[name]) for row in rows) for name in SHARED)
     bench_error = BenchError(compliance, gain, phase)

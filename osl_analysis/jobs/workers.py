@@ -96,6 +96,7 @@ def serve(connection: Connection) -> None:
     jobs end; without it there is no more to do."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=end_with_snakemake, daemon=True).start()
+    gc.freeze()  # to look for garbage in all that is imported takes a twentieth of a fit
     while True:
         try:
             function, given = connection.recv()

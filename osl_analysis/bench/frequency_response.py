@@ -81,7 +81,7 @@ def frequency_response_table(phasors: pl.DataFrame) -> pl.DataFrame:
     keys = list(OF_TRIAL)
     if len(phasors):
         keys = [key for key in OF_TRIAL if key in phasors.columns]
-    amplitudes_of: dict[tuple[Any, ...], list[Row]] = {}
+    amplitudes_of: dict[tuple[Any, ...], list[Mapping[str, Any]]] = {}
     for row in phasors.iter_rows(named=True):
         amplitudes_of.setdefault(tuple(row[key] for key in keys), []).append(row)
     rows = []

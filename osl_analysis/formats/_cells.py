@@ -54,7 +54,7 @@ def is_number_cell(cell: str) -> bool:
 
 
 def _number(cell: str) -> float:
-    return float(re.sub("[dD]", "e", cell))  # Fortran writes `1.0D-3`
+    return float(cell.replace("d", "e").replace("D", "e"))  # Fortran writes `1.0D-3`
 
 
 def is_value(cell: str) -> bool:

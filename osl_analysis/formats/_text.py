@@ -201,8 +201,10 @@ def split_rows(lines: Sequence[Line], delimiter: str) -> list[Row]:
 
 def unpadded(cells: Sequence[str], width: int = 0) -> list[str]:
     """Leave out empty cells at the end, beyond a width: some programs pad lines with them."""
-    last = max((place for place, cell in enumerate(cells, start=1) if cell), default=0)
-    return list(cells[: max(last, width)])
+    last = len(cells)
+    while last > width and not cells[last - 1]:
+        last -= 1
+    return list(cells[:last])
 
 
 def check_last_line(is_ended: bool, rows: Sequence[Row]) -> None:

@@ -28,7 +28,7 @@ ENVIRONMENT = dict.fromkeys((*SET_TO_ONE, "POLARS_MAX_THREADS", "NUMBA_NUM_THREA
 PRELOADED = [
     "osl_analysis.outcomes.perform",
     "scipy.signal",
-    *(f"osl_analysis.commands.{module}" for module in ("trials", "bench", "tables")),
+    *(f"osl_analysis.commands.{module}" for module in ("trials", "bench", "tables", "figure")),
 ]
 """What workers share: the process from which they are forked imports it once."""
 CRASHES = ("SIGSEGV", "SIGBUS", "SIGABRT", "SIGILL", "SIGFPE")
@@ -77,12 +77,9 @@ class Worker:
         return exit_code
 
 
-IDLE: defaultdict[str, list[Worker]] = defaultdict(list)
-"""Workers without a job, by the module of the commands that they do: one that simulates has
-imported 200 MB that a fit does without. Threads of Snakemake take one, and put it back."""
-SAME_WORKERS = {"report": "figure"}
-"""Modules that share the workers of another one, because they import much of the same: matplotlib,
-half a second."""
+IDLE: defaultdict[bool, list[Worker]] = defaultdict(list)
+"""Workers without a job, by whether they simulate: one that does has imported 200 MB that all
+others do without. Threads of Snakemake take one, and put it back."""
 
 
 def end_workers() -> None:
@@ -99,6 +96,7 @@ def serve(connection: Connection) -> None:
     jobs end; without it there is no more to do."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=end_with_snakemake, daemon=True).start()
+    gc.freeze()  # to look for garbage in all that is imported takes a twentieth of a fit
     while True:
         try:
             function, given = connection.recv()
@@ -163,8 +161,7 @@ def job(command: str, input: Any, output: Any, params: Any, log: Any) -> None:
 def do_in_worker(given: tuple[Any, ...]) -> str:
     """Do a job in a worker; returns what killed the worker, if it was killed before the end."""
     command, _, outputs, *_ = given
-    module = command.partition(".")[0]
-    idle = IDLE[SAME_WORKERS.get(module, module)]
+    idle = IDLE[command.startswith("simulate.")]
     worker = idle.pop() if idle else Worker()
     try:
         worker.call(do, *given)

@@ -58,6 +58,7 @@ def test_who_has_a_foot_on_the_floor_is_judged_by_strides() -> None:
     one_foot = replace(known("weight", "standing", "stride"), standing=0.5 * WEIGHT)
 
     assert check_gain(one_foot).load_judged_by == "the body mass of who walks over it"
+    assert check_gain(one_foot).weight_change is None
     assert check_gain(replace(one_foot, stride=None)).load_error is None
 
 

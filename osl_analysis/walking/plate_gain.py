@@ -21,6 +21,7 @@ PLAUSIBLE_SHARES = (0.44, 0.56)  # of the weight over a stride, for a foot of wh
 LARGEST_ASYMMETRY = 0.06  # of a foot's load over a stride from half of the weight, as a share
 FORCE_UNITS = {"kN": 1e-3, "kgf": 1 / 9.80665, "lbf": 1 / 4.4482216}  # [1/N]
 NEAR_UNIT = 0.1  # of a ratio to that of a unit
+ONE_FOOT = 1.5  # weight over load, above which who stands has one foot beside the plate
 LARGEST_UNSTEADINESS = 0.02  # by which walkers who speed up or slow down miss their weight
 
 
@@ -80,8 +81,11 @@ def weight_change(loads: KnownLoads) -> float | None:
         (loads.standing, loads.stride),
         (loads.standing_beside, loads.stride_beside),
     ):
-        if standing and stride:
-            return beyond_slack(2 * stride / standing - 1, LARGEST_ASYMMETRY)
+        if not standing or not stride:
+            continue
+        ratio = 2 * stride / standing
+        if ratio < ONE_FOOT:
+            return beyond_slack(ratio - 1, LARGEST_ASYMMETRY)
     return None
 
 

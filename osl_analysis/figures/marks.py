@@ -24,7 +24,7 @@ TOUCHING = 1e-9  # relative difference of two places that are one, by rounding
 
 def has_doubtful(table: pl.DataFrame) -> bool:
     """Whether a fit of a table is doubtful."""
-    return not table.filter(IS_DOUBTFUL).is_empty()
+    return bool(table.select(IS_DOUBTFUL.any()).item())
 
 
 def place_in_report(trial: str) -> str:

@@ -29,6 +29,7 @@ from osl_analysis.ingest.examine import (
     UNITS,
     CheckResult,
     Commanded,
+    beyond_sampling,
     check_ranges,
     examine,
     held,
@@ -374,6 +375,19 @@ def test_clocks_that_fit_badly_are_told_with_drift_edges_and_rows():
     assert failed(checks) == {"clock_residual"}
     drift = "drift 50.0 +- 1.0 ppm; 20 matched and 1 excluded by edges; 3 and 0 rows"
     assert checks["clock_residual"].remark.startswith(drift)
+
+
+def test_edges_in_the_steps_of_a_slow_log_do_not_doubt_its_clock():
+    rng = np.random.default_rng(3)
+    edges_s = np.sort(rng.uniform(0, 60, 400))
+    step_s = 1 / 333
+    late_s = np.ceil(edges_s / step_s) * step_s - edges_s
+    residual_s = float(np.std(late_s))  # 0.87 ms
+
+    assert residual_s > 0.8e-3
+    assert beyond_sampling(residual_s, [333.0]) < 0.2e-3
+    assert beyond_sampling(2e-3, [333.0]) == pytest.approx(1.8e-3, rel=0.01)
+    assert beyond_sampling(2e-3, []) == 2e-3
 
 
 DAMAGED_LOG = {

@@ -795,3 +795,13 @@ def test_readings_below_a_threshold_of_the_export_are_counted(
 
     assert model.zeroed == pytest.approx(share if zeroed else 0.0)
     assert (model.zeroed > 0.2) == zeroed
+
+
+def test_a_threshold_above_all_readings_of_the_unloaded_plate_leaves_all_of_it() -> None:
+    trial = unloaded("plate_1")
+    columns = [name for name in trial.samples.columns if name.startswith("plate1_")]
+    silent = trial.samples.with_columns(pl.lit(0.0).alias(name) for name in columns)
+
+    model = model_of(replace(trial, samples=silent))
+
+    assert model.unexplained == 1.0

@@ -4,7 +4,7 @@ later (`judge`)."""
 
 import math
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -194,9 +194,16 @@ def measure_clock(examined: Examined) -> CheckResult:
         f" {clock.get('method', 'edges')}"
     )
     return CheckResult(
-        clock["residual"],
+        beyond_sampling(clock["residual"], logged.get("rates_hz", {}).values()),
         f"drift {ppm:.1f} +- {error:.1f} ppm; {matched}; {outside} motion capture",
     )
+
+
+def beyond_sampling(residual_s: float, rates_hz: Iterable[float]) -> float:
+    """The RMS [s] of sync edges beyond that of sampling: an edge lies anywhere in a step of the
+    log, whose rectangular distribution has the standard deviation step / sqrt(12)."""
+    step_s = 1 / min(rates_hz, default=math.inf)
+    return math.sqrt(max(residual_s**2 - step_s**2 / 12, 0.0))
 
 
 def measure_damage(examined: Examined) -> CheckResult:

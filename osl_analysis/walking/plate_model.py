@@ -126,12 +126,14 @@ class PlateModel:
 
     @property
     def unexplained(self) -> float | None:
-        """Share of the plate's wrench that the model leaves, beyond noise; None if too light."""
+        """Share of the plate's wrench that the model leaves, beyond noise; None if the plate is too
+        light."""
         before = float(np.linalg.norm(self.rms_before * WEIGHT))
         after = float(np.linalg.norm(self.rms_after * WEIGHT))
         noise = float(np.linalg.norm(self.rms_at_rest * WEIGHT))
         if not before > LIGHT:
-            return None
+            # readings that a threshold set to 0 tell nothing of the plate's inertia
+            return 1.0 if self.zeroed else None
         return float(np.sqrt(max(after**2 - noise**2, 0.0))) / before
 
 

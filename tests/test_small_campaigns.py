@@ -36,6 +36,7 @@ import sys
 
 sys.modules["fcntl"] = None  # an import of it fails, as where there is none
 del os.fork, os.forkpty, os.sched_getaffinity
+os.process_cpu_count = os.cpu_count  # as Python 3.13 has it on such a system
 """
 TABLE = "results/tables/torque_angle.csv"
 # its jobs are done in new processes; one in which this runs shows that the page can be made, too

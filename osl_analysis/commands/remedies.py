@@ -22,6 +22,8 @@ from osl_analysis.errors import Change, OslAnalysisError
 from osl_analysis.files import default_config
 from osl_analysis.ingest.examine import SMALLEST_MOTION, half_range, in_other_units
 from osl_analysis.ingest.row_faults import row_faults_of
+from osl_analysis.judge.causes import LEAST_EFFECT
+from osl_analysis.judge.words import RENDERED_OF_K_D
 from osl_analysis.signals.grid import with_stamp_evidence
 from osl_analysis.trial import Trial, stretches
 
@@ -37,13 +39,10 @@ WORTH_TELLING = 0.1  # percent; wrong rows that leave less move no estimate
 MOST_TOLD = 5  # estimates that a remedy names
 NOT_TOLD = ("offset", "drift", "K_secant", "K_unloading", "energy_stored", "energy_returned")
 """Estimates that do not show whether a change helps."""
-OF_K_D = (0.66, 1.06)
-"""Times K_d, that a remedy may give; what a controller renders (`words.RENDERED_OF_K_D`)."""
 DOUBTFUL_OF_K_D = (0.5, 1.5)  # beyond which channels, units and experiment are tried otherwise
 LEAST_OF_JOINT = 0.1  # times K_d; of less, what is recorded may be the fixture alone
 CHANGES_OF_STIFFNESS = ("K steps", "K drifts")  # hypotheses by which parts may be sound
 PARTS = ((0.0, 0.3), (0.35, 0.65), (0.7, 1.0))  # of a recording that are tried then
-HARM = 1.0  # of a fault, from which a fit is doubtful (`judge.causes.LEAST_EFFECT`)
 OF_ANOTHER_JOINT = 50.0  # percent in the band, below which the channels may be others
 LEAST_VAF = 90.0  # percent in the band of the motion, as `doubtful.impedance.below.VAF_in_band`
 OF_ROWS: Mapping[str, pl.DataType] = {
@@ -191,7 +190,11 @@ def is_unlike_stated(row: Mapping[str, Any]) -> bool:
     """Whether a fit is no better reading of a recording: impossible, not of the K_d that is stated,
     or far from its torque."""
     vaf = row.get("VAF_in_band") or row.get("VAF") or 0.0
-    return is_impossible(row) or not is_between(row.get("K_over_K_d"), OF_K_D) or vaf < LEAST_VAF
+    return (
+        is_impossible(row)
+        or not is_between(row.get("K_over_K_d"), RENDERED_OF_K_D)
+        or vaf < LEAST_VAF
+    )
 
 
 def other_readings(given: Mapping[str, Any], before: Mapping[str, Any]) -> list[Change]:
@@ -292,7 +295,7 @@ def harm_in(row: Mapping[str, Any]) -> float:
 
 
 def is_harmed(row: Mapping[str, Any]) -> bool:
-    return harm_in(row) > HARM
+    return harm_in(row) > LEAST_EFFECT
 
 
 def tried(

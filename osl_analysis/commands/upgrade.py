@@ -70,6 +70,6 @@ def rewrite_field(path: Path, removal: Removal) -> None:
         round_trip.dump(content, file)
 
 
-def written_null(representer: Any, _nothing: None) -> Any:
+def written_null(representer: Any, _value: None) -> Any:
     """`null` as YAML has it."""
     return representer.represent_scalar("tag:yaml.org,2002:null", "null")

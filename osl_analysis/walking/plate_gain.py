@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from osl_analysis.trial import Array, Trial, plate_columns
+from osl_analysis.units import si_factor
 from osl_analysis.walking.poses import FREE_FALL
 from osl_analysis.walking.stance import Stance, find_stances
 from osl_analysis.walking.walking_settings import CrossingSettings
@@ -19,7 +20,7 @@ OPPOSITE_STEP = (0.35, 0.65)  # of a stride, between heel strikes of both feet
 LARGEST_STANDING_ERROR = 0.25  # of a plate on which both feet stand; one foot carries half
 PLAUSIBLE_SHARES = (0.44, 0.56)  # of the weight over a stride, for a foot of who stood there, too
 LARGEST_ASYMMETRY = 0.06  # of a foot's load over a stride from half of the weight, as a share
-FORCE_UNITS = {"kN": 1e-3, "kgf": 1 / 9.80665, "lbf": 1 / 4.4482216}  # [1/N]
+FORCE_UNITS = ("kN", "kgf", "lbf")  # in which a plate may read
 NEAR_UNIT = 0.1  # of a ratio to that of a unit
 ONE_FOOT = 1.5  # weight over load, above which who stands has one foot beside the plate
 LARGEST_UNSTEADINESS = 0.02  # by which walkers who speed up or slow down miss their weight
@@ -63,10 +64,20 @@ def check_gain(loads: KnownLoads) -> GainCheck:
     best = min(gain_estimates(loads), key=lambda estimate: estimate.slack, default=None)
     if best is None:
         return GainCheck(weight_change=change)
-    units = [unit for unit, f in FORCE_UNITS.items() if abs(best.ratio / f - 1) < NEAR_UNIT]
-    judged_by = f"{best.by} (as of {units[0]} in place of N)" if units else best.by
     error = beyond_slack(best.ratio - 1, best.slack)
+    judged_by = best.by
+    unit = other_unit(best.ratio) if error else ""
+    if unit:
+        judged_by += f" (as of {unit} in place of N)"
     return GainCheck(error, judged_by, best.slack, change)
+
+
+def other_unit(ratio: float) -> str:
+    """The unit in which a plate reads so many times the newtons; empty for none."""
+    for unit in FORCE_UNITS:
+        if abs(ratio * si_factor(unit, "N") - 1) < NEAR_UNIT:
+            return unit
+    return ""
 
 
 def beyond_slack(error: float, slack: float) -> float:

@@ -2,10 +2,10 @@
 
 from dataclasses import replace
 
-from osl_analysis.report.headline import Estimate
+from osl_analysis.report.headline import HeadlineValue
 from osl_analysis.report.headline_text import written_number
 
-ESTIMATE = Estimate(300.12, 299.5, 300.6, "95 %")
+ESTIMATE = HeadlineValue(300.12, 299.5, 300.6, "95 %")
 
 
 def test_a_wider_range_over_amplitudes_leaves_a_number_fewer_places_than_its_interval():

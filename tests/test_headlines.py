@@ -38,10 +38,10 @@ from osl_analysis.refusal import Refusal
 from osl_analysis.report.decimal_places import RANGE
 from osl_analysis.report.headline import (
     LABELS,
-    Estimate,
     Example,
     Headline,
     HeadlineLabel,
+    HeadlineValue,
     headlines_in_summary,
     of_group,
 )
@@ -557,7 +557,7 @@ def test_trials_of_no_stated_condition_have_their_own_numbers():
     (3.0, 3.0, 3.4, ("3.00", "3.00 to 3.40")),
 ])  # fmt: skip
 def test_no_number_reads_as_an_end_of_its_interval_or_as_beyond_it(value, low, high, said):
-    assert written_number(Estimate(value, low, high, STUDENT))[:2] == said
+    assert written_number(HeadlineValue(value, low, high, STUDENT))[:2] == said
 
 
 def test_a_campaign_without_numbers_of_the_draft_has_no_column_of_them():
@@ -568,7 +568,7 @@ def test_a_campaign_without_numbers_of_the_draft_has_no_column_of_them():
 
 
 def test_a_number_whose_interval_holds_zero_is_about_zero_unless_that_is_a_range():
-    estimate = Estimate(1e-4, -1e-5, 2e-4, STUDENT)
+    estimate = HeadlineValue(1e-4, -1e-5, 2e-4, STUDENT)
 
     of_interval = number_texts(estimate, "1").value
     of_range = number_texts(replace(estimate, interval=RANGE), "1").value
@@ -579,7 +579,7 @@ def test_a_number_whose_interval_holds_zero_is_about_zero_unless_that_is_a_range
 def test_torque_over_angle_is_said_from_its_lowest_to_its_highest_stiffness():
     foot = LABELS["torque_angle"]["K"]
     stiffness = {"a": 5.0, "b": 4.0, "c": 9.0, "d": 6.0}
-    each = [Headline(of_group(foot, name), Estimate(K, n=3)) for name, K in stiffness.items()]
+    each = [Headline(of_group(foot, name), HeadlineValue(K, n=3)) for name, K in stiffness.items()]
 
     (said,) = first_sentences(each)
 
@@ -662,7 +662,7 @@ def test_values_are_rounded_to_two_digits_of_half_the_interval_or_to_three_digit
     value, low, high, interval, text
 ):
     label = HeadlineLabel("x", "1", None, "X", "a number")
-    headline = Headline(label, Estimate(value, low, high, interval, 1))
+    headline = Headline(label, HeadlineValue(value, low, high, interval, 1))
     assert rf"\oslX}}{{{text}}}%" in to_tex(MADE, [headline])
 
 

@@ -16,7 +16,7 @@ from osl_analysis.commands.remedies import (
     OF_ROWS,
     changed,
     clock_drift_ppm,
-    is_unlike_stated,
+    is_as_stated,
     other_readings,
     remedies_tried,
     tried,
@@ -321,7 +321,7 @@ def test_other_channels_of_the_file_are_tried_where_K_is_not_K_d(own, advice, tm
 
     trial = raw_trial(tmp_path / "log.csv", tmp_path / "source.yaml", "impedance")
     given = {"trial": trial, "condition": {"K_d": 150.0}}
-    outcomes = tried(known_slope_fit, given, other_readings(given, {}), is_unlike_stated)
+    outcomes = tried(known_slope_fit, given, other_readings(given, {}), is_as_stated)
 
     assert [outcome.change.words for outcome in outcomes] == [advice]
 

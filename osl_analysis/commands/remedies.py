@@ -86,11 +86,11 @@ def remedies_tried(fit: Callable[P, T]) -> Callable[P, T]:
             tables = fit(*args, **kwargs)
         except OslAnalysisError as error:
             trial = given["trial"]
-            helpful = tried(fit, given, changes_of_rows(trial), is_impossible)
+            helpful = tried(fit, given, changes_of_rows(trial), is_possible)
             if not helpful:
-                helpful = tried(fit, given, error.changes, is_impossible)
+                helpful = tried(fit, given, error.changes, is_possible)
             if not helpful:
-                helpful = tried(fit, given, other_readings(given, {}), is_unlike_stated)
+                helpful = tried(fit, given, other_readings(given, {}), is_as_stated)
             if not helpful:
                 raise
             reason = error.reason
@@ -116,7 +116,7 @@ def with_remedy(fit: Callable[..., T], given: Mapping[str, Any], tables: T) -> T
     before = last_row(tables)
     has_faults = bool(changes) and row_faults_of(given["trial"]).count > 0
     if has_faults and ("fault_harm" not in before or is_harmed(before)):
-        outcomes = tried(fit, given, changes, lambda row: not is_better(row, before))
+        outcomes = tried(fit, given, changes, lambda row: is_better(row, before))
         if outcomes:
             told["row_harm"] = harm_in(before) or unexplained(before) / unexplained(outcomes[0].row)
             told["row_fault"] = row_faults_of(given["trial"]).texts[0]
@@ -138,7 +138,7 @@ def mended_otherwise(
     changes that help."""
     trial = given["trial"]
     if not is_between(before.get("K_over_K_d"), DOUBTFUL_OF_K_D) or is_misfit(before):
-        outcomes = tried(fit, given, other_readings(given, before), is_unlike_stated)
+        outcomes = tried(fit, given, other_readings(given, before), is_as_stated)
         if outcomes:
             return "wrong_reading", outcomes
     if not is_harmed(before):
@@ -148,17 +148,17 @@ def mended_otherwise(
         changes = [windows_stated(part) for part in parts]
         most_left = LEFT_BY_CAUSE * unexplained(before)
 
-        def is_held_too(row: Mapping[str, Any]) -> bool:
-            """Whether a part is doubtful, or leaves what a person adds."""
-            return is_harmed(row) or unexplained(row) > most_left
+        def is_without_person(row: Mapping[str, Any]) -> bool:
+            """Whether a part is sound, and does not leave what a person adds."""
+            return not is_harmed(row) and unexplained(row) <= most_left
 
-        return "held_joint", tried(fit, given, changes, is_held_too)
+        return "held_joint", tried(fit, given, changes, is_without_person)
     if before.get("fault_family") in ("path", "time"):
         drift_ppm = clock_drift_ppm(trial)
         if drift_ppm:
             words = f"record both with one device. Without a drift of {drift_ppm:.0f} ppm"
             change = Change(words, drift_ppm=drift_ppm)
-            return "drifting_logger", tried(fit, given, [change], is_harmed)
+            return "drifting_logger", tried(fit, given, [change], is_sound)
     return "", []
 
 
@@ -167,17 +167,17 @@ def is_between(value: Any, ends: tuple[float, float]) -> bool:
     return value is None or ends[0] <= value <= ends[1]
 
 
-def is_impossible(row: Mapping[str, Any]) -> bool:
-    """Whether a fit gives what no joint has: a first estimate that is not told from 0, a negative
-    damping, or a K far from K_d."""
+def is_possible(row: Mapping[str, Any]) -> bool:
+    """Whether a fit gives what a joint can have: a stiffness that is told from 0, no negative
+    damping, and a K near K_d."""
     first = estimated(row)[0]
     if first in ("K", "K_s"):
         low, high = row.get(f"{first}_low"), row.get(f"{first}_high")
         if low is not None and high is not None and low <= 0 <= high:
-            return True
+            return False
     if (row.get("B_high") or 0.0) < 0:
-        return True
-    return not is_between(row.get("K_over_K_d"), DOUBTFUL_OF_K_D)
+        return False
+    return is_between(row.get("K_over_K_d"), DOUBTFUL_OF_K_D)
 
 
 def is_misfit(row: Mapping[str, Any]) -> bool:
@@ -186,14 +186,12 @@ def is_misfit(row: Mapping[str, Any]) -> bool:
     return vaf is not None and vaf < OF_ANOTHER_JOINT
 
 
-def is_unlike_stated(row: Mapping[str, Any]) -> bool:
-    """Whether a fit is no better reading of a recording: impossible, not of the K_d that is stated,
-    or far from its torque."""
+def is_as_stated(row: Mapping[str, Any]) -> bool:
+    """Whether a fit reads a recording as its laboratory states it: possible, of the K_d that is
+    stated, and near its torque."""
     vaf = row.get("VAF_in_band") or row.get("VAF") or 0.0
     return (
-        is_impossible(row)
-        or not is_between(row.get("K_over_K_d"), RENDERED_OF_K_D)
-        or vaf < LEAST_VAF
+        is_possible(row) and is_between(row.get("K_over_K_d"), RENDERED_OF_K_D) and vaf >= LEAST_VAF
     )
 
 
@@ -276,7 +274,7 @@ def is_better(row: Mapping[str, Any], before: Mapping[str, Any]) -> bool:
     """Whether a fit is sound that was not before; without an inference, whether it leaves much less
     of the torque."""
     if "fault_harm" in before:
-        return not is_harmed(row)
+        return is_sound(row)
     left = unexplained(before)
     return left > WORTH_TELLING and left > FITS_WORSE * unexplained(row)
 
@@ -298,11 +296,15 @@ def is_harmed(row: Mapping[str, Any]) -> bool:
     return harm_in(row) > LEAST_EFFECT
 
 
+def is_sound(row: Mapping[str, Any]) -> bool:
+    return not is_harmed(row)
+
+
 def tried(
     fit: Callable[..., Any],
     given: Mapping[str, Any],
     changes: Sequence[Change],
-    is_no_remedy: Callable[[Mapping[str, Any]], bool] = lambda row: False,
+    helps: Callable[[Mapping[str, Any]], bool] = lambda row: True,
 ) -> list[Outcome]:
     """Try changes on a recording.
 
@@ -313,8 +315,8 @@ def tried(
     given : Mapping
         Its arguments by name: `trial` and `settings` are changed.
     changes : sequence of Change
-    is_no_remedy : callable
-        Whether a fit, by its row, is as bad as before.
+    helps : callable
+        Whether a fit with a change, by its row, is what is looked for.
 
     Returns
     -------
@@ -328,7 +330,7 @@ def tried(
         expanded += in_other_units(given["trial"], [column]) if column else [change]
     for _, of_rank in groupby(sorted(expanded, key=rank_of), key=rank_of):
         outcomes = [outcome_of(fit, given, change) for change in of_rank]
-        helpful = [each for each in outcomes if each is not None and not is_no_remedy(each.row)]
+        helpful = [each for each in outcomes if each is not None and helps(each.row)]
         if helpful:
             least = min(unexplained(outcome.row) for outcome in helpful)
             return [

@@ -4,7 +4,7 @@ tables with them.
 What a known cause explains, such as a low VAF due to friction, is no finding of its own.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -72,7 +72,7 @@ class JudgedRow:
     """A row of a result table with its numbers beyond their limits."""
 
     row: AnyRow
-    numbers: dict[str, Beyond]  # by column
+    numbers: Mapping[str, Beyond]  # by column
     is_fit: bool
 
     @property
@@ -128,15 +128,8 @@ def judged(table: pl.DataFrame, limits: Limits, name: str) -> RowFindings:
         rows.append(JudgedRow(cells, numbers_beyond(name, cells, limits), has_fit))
     of_whole = {row.trial: row.numbers for row in rows if of_whole_trial(row.row)}
     with_amplitudes = {row.trial for row in rows if row.row.get("amplitude_deg") is not None}
-    explained_by: dict[object, KnownFinding | None] = {}  # by trial
-    # the fits to whole trials first
-    for row in sorted(rows, key=lambda row: not of_whole_trial(row.row)):
-        for column in list(row.numbers):
-            # a trial whose table has no row of the whole is judged by its rows alone
-            numbers_of_whole = of_whole.get(row.trial, row.numbers)
-            if is_of_recording(column) and column not in numbers_of_whole:
-                del row.numbers[column]  # at one amplitude friction looks the same
-        explained_by[row.trial] = explained_by.get(row.trial) or explaining(row.row, row.numbers)
+    rows = [shown_by_whole(row, of_whole) for row in rows]
+    misfit_of_trial = misfits_by_trial(rows)
     findings: RowFindings = []
     for row in rows:
         if not row.is_fit:
@@ -144,10 +137,44 @@ def judged(table: pl.DataFrame, limits: Limits, name: str) -> RowFindings:
             continue
         is_whole_sound = row.trial in of_whole and not of_whole[row.trial]
         remedy = remedy_of(row, row.trial in with_amplitudes, is_whole_sound)
-        misfit_by = explaining(row.row, row.numbers) or explained_by[row.trial]
+        misfit_by = explaining(row.row, row.numbers) or misfit_of_trial[row.trial]
         causes = causes_in(row.row, row.numbers, misfit_by)
         findings.append(findings_of_row(name, row.row, causes, remedy, limits.accuracy))
     return findings
+
+
+def shown_by_whole(row: JudgedRow, of_whole: Mapping[object, Mapping[str, Beyond]]) -> JudgedRow:
+    """A row without evidence of a fault of the recording that the fit to the whole trial does not
+    show: at one amplitude friction looks the same.
+
+    Parameters
+    ----------
+    row
+        A row of a table.
+    of_whole
+        By trial, the numbers of the fit to all of it. A trial without such a row is judged by its
+        rows alone.
+    """
+    if row.trial not in of_whole:
+        return row
+    numbers_of_whole = of_whole[row.trial]
+    shown = {
+        column: number
+        for column, number in row.numbers.items()
+        if column in numbers_of_whole or not is_of_recording(column)
+    }
+    return replace(row, numbers=shown)
+
+
+def misfits_by_trial(rows: Sequence[JudgedRow]) -> dict[object, KnownFinding | None]:
+    """What explains the misfit of each trial: as the fit to the whole trial says, or else the first
+    of its rows that says anything."""
+    of_whole: dict[object, KnownFinding | None] = {}
+    of_rows: dict[object, KnownFinding | None] = {}
+    for row in rows:
+        by_trial = of_whole if of_whole_trial(row.row) else of_rows
+        by_trial[row.trial] = by_trial.get(row.trial) or explaining(row.row, row.numbers)
+    return {row.trial: of_whole.get(row.trial) or of_rows.get(row.trial) for row in rows}
 
 
 def findings_of_row(

@@ -43,7 +43,7 @@ class HeadlineLabel:
 
 
 @dataclass(frozen=True)
-class Estimate:
+class HeadlineValue:
     """The value of a headline number. The summary has the fields in this order.
 
     Attributes
@@ -79,7 +79,9 @@ class Estimate:
     amplitudes_low: float | None = None
     amplitudes_high: float | None = None
 
-    def with_interval(self, low: float | None, high: float | None, kind: str | None) -> "Estimate":
+    def with_interval(
+        self, low: float | None, high: float | None, kind: str | None
+    ) -> "HeadlineValue":
         """This estimate with its interval, or without one where a bound is missing (a single trial
         has no scatter)."""
         if low is None or high is None or not (math.isfinite(low) and math.isfinite(high)):
@@ -105,7 +107,7 @@ class Headline:
     """A headline number with its label."""
 
     label: HeadlineLabel
-    estimate: Estimate
+    estimate: HeadlineValue
     is_macro_only: bool = False
     """Whether it stands in `numbers.tex` alone, as one of many conditions, which are in a table."""
 
@@ -134,8 +136,8 @@ def headlines_in_summary(summary: Mapping[str, Any]) -> dict[str, Headline]:
             subject=number.get("of", ""),
             sentence_begin=number.get("begins", ""),
         )
-        names = [field.name for field in fields(Estimate) if field.name in number]
-        headlines[name] = Headline(label, Estimate(**{key: number[key] for key in names}))
+        names = [field.name for field in fields(HeadlineValue) if field.name in number]
+        headlines[name] = Headline(label, HeadlineValue(**{key: number[key] for key in names}))
     return headlines
 
 

@@ -9,7 +9,7 @@ import polars as pl
 
 from osl_analysis.errors import InputError
 from osl_analysis.report.decimal_places import RANGE
-from osl_analysis.report.headline import Estimate, Headline, HeadlineLabel
+from osl_analysis.report.headline import Headline, HeadlineLabel, HeadlineValue
 from osl_analysis.stats.repeats import RULE_OF_MEANS, doubtful_count
 from osl_analysis.trial import Array
 
@@ -54,7 +54,7 @@ def over_fits(
     finite = not_null.filter(not_null.is_finite()).to_numpy()
     if not len(finite):
         return []
-    estimate = Estimate(float(middle(finite)), n=len(finite))
+    estimate = HeadlineValue(float(middle(finite)), n=len(finite))
     if candidates is not None:
         estimate = replace(estimate, n_doubtful=doubtful_count(candidates)[0])
         if used is not None:
@@ -79,7 +79,7 @@ def summary_means(
                 f"summary table: the mean of '{quantity}' is {row['mean']}; look for a fit without"
                 " a result in its trials"
             )
-        estimate = Estimate(
+        estimate = HeadlineValue(
             value=row["mean"],
             n=int(row["n"]),
             sd=row.get("sd"),

@@ -4,7 +4,7 @@ from collections.abc import Collection, Iterable, Sequence
 from typing import NamedTuple
 
 from osl_analysis.report.decimal_places import COUNT, RANGE, fixed
-from osl_analysis.report.headline import Estimate, Headline
+from osl_analysis.report.headline import Headline, HeadlineValue
 from osl_analysis.report.typography import printed
 
 
@@ -16,7 +16,7 @@ class WrittenNumber(NamedTuple):
     single_amplitudes: str  # the range over single amplitudes; empty: there is none
 
 
-def written_number(estimate: Estimate) -> WrittenNumber:
+def written_number(estimate: HeadlineValue) -> WrittenNumber:
     """Write a number of a summary with as many digits as its interval allows."""
     places = estimate.places
     interval = range_text(estimate.low, estimate.high, places.ends)
@@ -40,7 +40,7 @@ class NumberTexts(NamedTuple):
     trials: str  # behind it
 
 
-def number_texts(estimate: Estimate, unit: str) -> NumberTexts:
+def number_texts(estimate: HeadlineValue, unit: str) -> NumberTexts:
     """A number and its interval for a reader."""
     written = written_number(estimate)
     low, high = estimate.low, estimate.high
@@ -57,7 +57,7 @@ def number_texts(estimate: Estimate, unit: str) -> NumberTexts:
     return NumberTexts(printed(value), printed(unit), printed(ends), kind, trials)
 
 
-def trials_text(estimate: Estimate) -> str:
+def trials_text(estimate: HeadlineValue) -> str:
     """Number of trials or fits behind a number, doubtful ones in it or left out, and why it is
     doubtful itself."""
     n = estimate.n

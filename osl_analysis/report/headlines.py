@@ -12,10 +12,10 @@ from osl_analysis.judge.causes import doubts_of_result
 from osl_analysis.report.decimal_places import COUNT
 from osl_analysis.report.headline import (
     LABELS,
-    Estimate,
     Example,
     Headline,
     HeadlineLabel,
+    HeadlineValue,
     letters,
     of_group,
     with_end,
@@ -137,7 +137,7 @@ def torque_angle_headlines(table: pl.DataFrame) -> Iterator[Headline]:
         for quantity, label in labels.items():
             doubt = doubts_of_result(row[DOUBTFUL] or "", quantity)
             cycles = int(row.get("cycles", 1))
-            estimate = Estimate(row[quantity], n=cycles, doubt=doubt or None)
+            estimate = HeadlineValue(row[quantity], n=cycles, doubt=doubt or None)
             low, high = row[f"{quantity}_low"], row[f"{quantity}_high"]
             estimate = estimate.with_interval(low, high, OF_CYCLES)
             yield Headline(of_group(label, row["trial"]), estimate)
@@ -172,7 +172,7 @@ def claim_headlines(table: pl.DataFrame) -> Iterator[Headline]:
         )
         if len(claims.filter(name=row["name"])) > 1:
             label = of_group(label, place_text(row["joint"], row["side"]))
-        estimate = Estimate(
+        estimate = HeadlineValue(
             value=row["value"],
             interval=row["interval"],
             n=int(row["n"] or 0),
@@ -189,7 +189,7 @@ def prediction_headlines(table: pl.DataFrame) -> Iterator[Headline]:
         return
     yield from over_fits(labels["VAF"], predicted["VAF"], np.median, predicted)
     better = float((predicted["VAF"] > predicted["VAF_fitted"]).sum())
-    yield Headline(labels["better"], Estimate(better, interval=COUNT, n=len(predicted)))
+    yield Headline(labels["better"], HeadlineValue(better, interval=COUNT, n=len(predicted)))
     K_error = (predicted["K"] - predicted["K_measured"]).abs()
     K_error_percent = 100 * K_error / predicted["K_measured"].abs()
     yield from over_fits(labels["K"], K_error_percent, np.median)

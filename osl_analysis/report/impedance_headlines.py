@@ -10,10 +10,10 @@ import polars as pl
 from osl_analysis.model.compensator import CONTROLLERS
 from osl_analysis.report.headline import (
     LABELS,
-    Estimate,
     Example,
     Headline,
     HeadlineLabel,
+    HeadlineValue,
     of_group,
     with_controller,
     with_end,
@@ -134,7 +134,7 @@ def numbers_of_condition(
 def number_of_trial(label: HeadlineLabel, trial: pl.DataFrame, symbol: str) -> Headline:
     """An estimate of the only trial of a condition, with its own interval."""
     row = trial.row(0, named=True)
-    estimate = Estimate(
+    estimate = HeadlineValue(
         value=row[symbol],
         n=1,
         n_doubtful=doubtful_count(trial)[0],

@@ -24,9 +24,9 @@ from osl_analysis.refusal import Refusal
 from osl_analysis.report import TEMPLATES
 from osl_analysis.report.condition_rows import ConditionRow
 from osl_analysis.report.headline import (
-    Estimate,
     Headline,
     HeadlineLabel,
+    HeadlineValue,
     headlines_in_summary,
 )
 from osl_analysis.report.headline_text import NumberTexts, first_sentences, number_texts
@@ -219,7 +219,7 @@ class ShownClaim:
     claim: str
     where: str  # joint and side; empty for all
     quantity: str
-    estimate: Estimate
+    estimate: HeadlineValue
     texts: NumberTexts
     limit: str
     verdict: str
@@ -230,7 +230,7 @@ def claim_rows(claims: pl.DataFrame) -> list[ShownClaim]:
     shown = []
     for row in claims.filter(pl.col("subject").is_null()).drop_nulls("verdict").to_dicts():
         n = int(row["n"] or 0)
-        estimate = Estimate(row["value"], row["low"], row["high"], row["interval"], n)
+        estimate = HeadlineValue(row["value"], row["low"], row["high"], row["interval"], n)
         margin = "" if row["margin"] is None else f" ± {row['margin']:g}"
         shown.append(
             ShownClaim(
@@ -253,7 +253,7 @@ class ShownNumber:
     """A headline number on the page."""
 
     label: HeadlineLabel
-    estimate: Estimate
+    estimate: HeadlineValue
     texts: NumberTexts
 
 

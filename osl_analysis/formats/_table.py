@@ -690,10 +690,7 @@ def column_finder(
             )
         if places:
             return channels[places[0]]
-        advice = (
-            nearest(wanted, titles)
-            or "; correct the name in the source file, or state `time: {rate: HZ}` if it is time"
-        )
+        advice = nearest(wanted, titles) or "; correct the name in the source file"
         if len(titles) == 1:
             advice = "; state `delimiter` if these are several columns"
         raise InputError(

@@ -9,7 +9,13 @@ import polars as pl
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.asked_table import Table, clock_factor, read_table, with_own_rows
+from osl_analysis.ingest.asked_table import (
+    STATE_RATE,
+    Table,
+    clock_factor,
+    read_table,
+    with_own_rows,
+)
 from osl_analysis.ingest.conversion import (
     Converted,
     canonical_column,
@@ -35,6 +41,23 @@ MOST_COPIED_SHARE = 0.1  # of rows that repeat the row before; more were read tw
 FEWEST_COPIED = 20  # such rows that are refused
 
 
+def time_channel(recording: Recording, source: TableSource) -> Channel | None:
+    """The column of time; None where the source file names none. A table without one may have a
+    constant rate.
+
+    Raises
+    ------
+    InputError
+        The file has no such column.
+    """
+    if not source.time.name:
+        return None
+    try:
+        return recording.find(source.time.address)
+    except InputError as error:
+        raise InputError(f"{error}; or {STATE_RATE}") from error
+
+
 def convert_table(recording: Recording, source: TableSource, file_name: str) -> Converted:
     """Convert the channels of a table that a source file asks for.
 
@@ -55,7 +78,7 @@ def convert_table(recording: Recording, source: TableSource, file_name: str) -> 
         them are missing than the source file allows.
     """
     check_loss(recording, source)
-    clock = recording.find(source.time.address) if source.time.name else None
+    clock = time_channel(recording, source)
     channels = {
         column: recording.find(setting.address) for column, setting in source.channels.items()
     }

@@ -23,6 +23,7 @@ RECORDING = ("experiment", "log", "log_source", "log_part", "mocap")
 WHOLE_RECORDING = "0-1000000"  # [s] as windows
 COMPARED_BYTES = 4096  # in the middle of two files; they differ for most files of equal size
 FEWEST_PERTURBED = 2
+MARGINS_OF_STRIDES_S = 0.6  # 0.3 s before heel strike and after toe-off, as docs/walking.md asks
 
 
 class UsedPart(NamedTuple):
@@ -31,6 +32,7 @@ class UsedPart(NamedTuple):
     start: float  # [s]
     stop: float  # [s]
     trial: str
+    is_window: bool  # of the sheet; else all of the recording
 
 
 class NeededTrials(NamedTuple):
@@ -76,18 +78,27 @@ def check_accepted(campaign: Campaign, trial: str) -> None:
 
 def check_not_used_twice(campaign: Campaign, trial: str, used: list[UsedPart]) -> None:
     """Refuse a log of which another trial uses the same part; adds the parts of this trial to the
-    `used` ones."""
+    `used` ones. The windows of two strides may share what is before one and after the other."""
     row = campaign.row(trial)
     if not row["log"]:
         return
+    most_shared_s = MARGINS_OF_STRIDES_S if row["experiment"] == "walking" else 0.0
     for start, stop in stretches(row["windows"] or WHOLE_RECORDING):
         for used_part in used:
-            if start < used_part.stop and used_part.start < stop:
+            shared_s = min(stop, used_part.stop) - max(start, used_part.start)
+            if shared_s <= most_shared_s:
+                continue
+            where = f"{campaign.config.sheet}: trial '{trial}'"
+            if row["windows"] and used_part.is_window:
                 raise InputError(
-                    f"{campaign.config.sheet}: trial '{trial}': log '{row['log']}' is that of trial"
-                    f" '{used_part.trial}'; correct one, or give each its own `windows`"
+                    f"{where}: its `windows` overlap those of trial '{used_part.trial}' by"
+                    f" {shared_s:.3g} s; let them overlap by {most_shared_s:g} s at most"
                 )
-        used.append(UsedPart(start, stop, trial))
+            raise InputError(
+                f"{where}: log '{row['log']}' is that of trial '{used_part.trial}'; correct one, or"
+                " give each its own `windows`"
+            )
+        used.append(UsedPart(start, stop, trial, bool(row["windows"])))
 
 
 def check_desired_curve(campaign: Campaign, trial: str) -> None:

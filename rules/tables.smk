@@ -223,6 +223,25 @@ if "impedance" in FILES.table_names:
             job("tables.write_conditions", input, output, params, log)
 
 
+if "walking_summary" in FILES.table_names:
+
+    rule walking_for_paper:
+        """K, B and I of each group of crossings, as a table for a paper."""
+        input:
+            table="<results>/tables/walking_summary.csv",
+        output:
+            tex="<results>/tables/latex/walking.tex",
+            markdown="<results>/tables/markdown/walking.md",
+        log:
+            "<logs>/tables/walking.log",
+        localrule: True
+        params:
+            about=ABOUT,
+            made_by=MADE_BY,
+        run:
+            job("tables.write_walking", input, output, params, log)
+
+
 if FILES.component_summaries:
 
     rule components_for_paper:

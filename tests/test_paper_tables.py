@@ -5,7 +5,12 @@ import re
 import polars as pl
 import pytest
 
-from osl_analysis.report.paper_tables import components_table, conditions_table, table_format
+from osl_analysis.report.paper_tables import (
+    components_table,
+    conditions_table,
+    table_format,
+    walking_table,
+)
 
 ORIGIN = "Measured data: campaign test"
 
@@ -66,7 +71,7 @@ def test_a_row_has_estimates_of_all_amplitudes_rounded_by_their_intervals():
             "297.0 ± 2.0",
             "5.40 ± 0.20",
             "-24.1 ± 7.7",
-            "99.5",
+            "99.46",
         ]
     ]
 
@@ -76,6 +81,19 @@ def test_an_interval_that_is_not_even_has_its_ends_in_brackets():
 
     assert markdown_cells(table)[1][4] == "297.0 [290.0, 299.0]"
     assert r"297.0 & [\num{290.0}, \num{299.0}] &" in table.to_tex(ORIGIN)
+
+
+def test_a_column_writes_all_intervals_alike():
+    table = conditions_table(fits({"K_low": 290.0}, {"trial": "b", "K_d": 100.0}))
+
+    rows = markdown_cells(table)[1:]
+
+    assert {row[4] for row in rows} == {"297.0 [290.0, 299.0]", "297.0 [295.0, 299.0]"}
+    assert {row[5] for row in rows} == {"5.40 ± 0.20"}
+
+
+def test_a_variance_that_is_nearly_accounted_for_is_not_all_of_it():
+    assert markdown_cells(conditions_table(fits({"VAF": 99.987})))[1][7] == "99.99"
 
 
 def test_trials_of_one_condition_are_one_row_with_their_mean():
@@ -192,4 +210,24 @@ def test_components_of_another_device_stand_alone():
     assert markdown_cells(table) == [
         ["parameter", "value", "n"],
         ["K_s [N·m/rad]", "300", "3"],
+    ]
+
+
+def test_each_group_of_crossings_is_a_row_by_all_perturbations_together():
+    def of(group, quantity, mean, estimator="ensemble", doubt=""):
+        return {
+            "group": group, "joint": "ankle", "side": "right", "quantity": quantity, "n": 30,
+            "estimator": estimator, "mean": mean, "low": 0.9 * mean, "high": 1.1 * mean,
+            "doubt": doubt,
+        }  # fmt: skip
+
+    summary = pl.DataFrame([
+        of("slow", "K", 300.0, doubt="friction"), of("slow", "I", 0.02),
+        of("slow", "K", 310.0, "mean of perturbations"), of("fast", "K", 400.0),
+    ])  # fmt: skip
+
+    assert markdown_cells(walking_table(summary)) == [
+        ["group", "n", "K [N·m/rad]", "I [10⁻³ kg·m²]"],
+        ["slow", "30†", "300 ± 30", "20.0 ± 2.0"],
+        ["fast", "30", "400 ± 40", "–"],
     ]

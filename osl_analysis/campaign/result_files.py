@@ -151,6 +151,8 @@ class ResultFiles:
         names = []
         if "impedance" in self.table_names:
             names.append("conditions")
+        if "walking_summary" in self.table_names:
+            names.append("walking")
         if self.component_summaries:
             names.append("components")
         folders = {"latex": "tex", "markdown": "md"}

@@ -30,7 +30,12 @@ from osl_analysis.report.headline_files import to_json, to_tex
 from osl_analysis.report.headline_statistics import intervals_text, rule_of_means
 from osl_analysis.report.headline_text import to_table
 from osl_analysis.report.headlines import headline_numbers
-from osl_analysis.report.paper_tables import PaperTable, components_table, conditions_table
+from osl_analysis.report.paper_tables import (
+    PaperTable,
+    components_table,
+    conditions_table,
+    walking_table,
+)
 from osl_analysis.report.used_trials import missing_lines, used_and_missing
 from osl_analysis.stats.repeats import size_texts
 from osl_analysis.table import (
@@ -275,6 +280,11 @@ def write_summary(
 def write_conditions(table: Path, about: Mapping[str, str], tex: Path, markdown: Path) -> None:
     """Write K, B and I of each condition in `impedance.csv` as a table for a paper."""
     write_paper_table(conditions_table(with_evidence(table)), about, tex, markdown)
+
+
+def write_walking(table: Path, about: Mapping[str, str], tex: Path, markdown: Path) -> None:
+    """Write K, B and I of each group in `walking_summary.csv` as a table for a paper."""
+    write_paper_table(walking_table(read_table(table)), about, tex, markdown)
 
 
 def write_components(

@@ -1,9 +1,9 @@
-"""Two tables for a paper, in LaTeX and in Markdown: K, B and I of each condition, and the
-components of the drivetrain, as in Table I."""
+"""Tables for a paper, in LaTeX and in Markdown: K, B and I of each condition on the bench and of
+each group of crossings, and the components of the drivetrain, as in Table I."""
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import polars as pl
@@ -13,6 +13,7 @@ from osl_analysis.report.headline import LABELS
 from osl_analysis.report.headline_files import in_latex
 from osl_analysis.report.headline_statistics import FOR_MOTION, KIND_OF_FIT, STUDENT
 from osl_analysis.report.headline_text import markdown_table
+from osl_analysis.report.headlines import HEADLINE_ESTIMATOR
 from osl_analysis.stats.repeats import DOUBTFUL, IS_DOUBTFUL, counted, summary_row
 
 
@@ -68,6 +69,7 @@ COMPONENT_SYMBOLS = {
     },
 }
 """The parameters of Eqs. 1 to 4, by table and its `quantity`."""
+DECIMALS_OF_VAF = 2  # with which 99.99 % is not 100 %
 DOUBTFUL_SIGN = "†"
 NO_NUMBER = "{--}"  # in braces, so that siunitx takes it for text
 
@@ -82,8 +84,23 @@ class Stated:
         """The value with all of its digits; empty for none."""
         return "" if self.value is None else f"{self.value:g}"
 
-    def interval(self) -> tuple[str, ...]:
-        return ()
+    def interval(self) -> "WrittenInterval | None":
+        return None
+
+
+@dataclass(frozen=True)
+class WrittenInterval:
+    """An interval with its digits, in both ways of writing it."""
+
+    low: str
+    high: str
+    half_width: str | None  # None where the interval is not even
+
+    def numbers(self, has_half_width: bool) -> tuple[str, ...]:
+        """The half-width alone, or both ends."""
+        if has_half_width and self.half_width is not None:
+            return (self.half_width,)
+        return self.low, self.high
 
 
 @dataclass(frozen=True)
@@ -93,24 +110,31 @@ class Estimated:
     value: float | None
     low: float | None = None
     high: float | None = None
+    decimals: int | None = None  # of a value without an interval; None: three digits
 
     def written(self) -> str:
         """The value, rounded by its interval; empty for none."""
         if self.value is None:
             return ""
+        if self.decimals is not None and self.interval() is None:
+            return fixed(self.value, self.decimals)
         return fixed(self.value, digits_of(self.value, self.low, self.high).value)
 
-    def interval(self) -> tuple[str, ...]:
-        """The half-width of an even interval, the ends of another, or nothing."""
+    def interval(self) -> WrittenInterval | None:
+        """The interval as it may be written; None for none."""
         if self.value is None or self.low is None or self.high is None:
-            return ()
-        digits = digits_of(self.value, self.low, self.high).ends
+            return None
+        places = digits_of(self.value, self.low, self.high)
         above = self.high - self.value
         below = self.value - self.low
         is_even = 0 < max(above, below) <= EVEN * min(above, below)
-        if is_even and "e" not in self.written():
-            return (f"{max(above, below):.{max(digits, 0)}f}",)
-        return fixed(self.low, digits), fixed(self.high, digits)
+        has_power = "e" in fixed(self.value, places.value)
+        half_width = None
+        if is_even and not has_power:
+            half_width = f"{max(above, below):.{max(places.ends, 0)}f}"
+        return WrittenInterval(
+            fixed(self.low, places.ends), fixed(self.high, places.ends), half_width
+        )
 
 
 @dataclass(frozen=True)
@@ -153,6 +177,13 @@ class Numbers:
     def has_intervals(self) -> bool:
         return any(cell.interval() for cell in self.cells)
 
+    def intervals(self) -> list[tuple[str, ...]]:
+        """The numbers of each cell's interval, empty for none: half-widths if all intervals of the
+        column are even, else ends."""
+        written = [cell.interval() for cell in self.cells]
+        are_even = all(interval is None or interval.half_width for interval in written)
+        return [() if interval is None else interval.numbers(are_even) for interval in written]
+
     def values(self) -> list[str]:
         return [cell.written() or NO_NUMBER for cell in self.cells]
 
@@ -184,15 +215,14 @@ class Numbers:
         if not self.has_intervals():
             return [self.values()]
         intervals = []
-        for cell in self.cells:
-            numbers = [rf"\num{{{number}}}" for number in cell.interval()]
+        for written in self.intervals():
+            numbers = [rf"\num{{{number}}}" for number in written]
             intervals.append(rf"$\pm$ {numbers[0]}" if len(numbers) == 1 else in_brackets(numbers))
         return [self.values(), intervals]
 
     def markdown(self) -> list[str]:
         texts = [self.head.markdown() if isinstance(self.head, Symbol) else self.head]
-        for cell in self.cells:
-            numbers = cell.interval()
+        for cell, numbers in zip(self.cells, self.intervals(), strict=True):
             interval = f"± {numbers[0]}" if len(numbers) == 1 else in_brackets(numbers)
             texts.append(f"{cell.written() or '–'} {interval}".rstrip())
         return texts
@@ -382,17 +412,62 @@ def estimate_of(used: pl.DataFrame, name: str, scale: float) -> Estimated:
     if len(used) > 1:
         return mean_of(summary_row(used, name), scale)
     row = used.row(0, named=True)
-    return scaled((row[name], row.get(f"{name}_low"), row.get(f"{name}_high")), scale)
+    estimate = scaled((row[name], row.get(f"{name}_low"), row.get(f"{name}_high")), scale)
+    return replace(estimate, decimals=DECIMALS_OF_VAF) if name == "VAF" else estimate
 
 
 def mean_of(row: Mapping[str, Any], scale: float = 1.0) -> Estimated:
-    """The mean of a row of `summary_row`, times a `scale`."""
+    """The mean of a row of a summary, times a `scale`."""
     return scaled((row["mean"], row["low"], row["high"]), scale)
 
 
 def scaled(numbers: Sequence[float | None], scale: float) -> Estimated:
     """A value and the ends of its interval, times a `scale`."""
-    return Estimated(*(None if number is None else scale * number for number in numbers))
+    value, low, high = (None if number is None else scale * number for number in numbers)
+    return Estimated(value, low, high)
+
+
+def walking_table(summary: pl.DataFrame) -> PaperTable:
+    """K, B and I under each group of crossings, of all perturbations together.
+
+    Parameters
+    ----------
+    summary
+        `walking_summary.csv`.
+    """
+    rows = summary.filter(pl.col("estimator") == HEADLINE_ESTIMATOR, pl.col("mean").is_not_null())
+    groups = rows.partition_by("group", maintain_order=True)
+    columns: list[Words | Numbers] = [Words("group", [of_group["group"][0] for of_group in groups])]
+    for name in ("joint", "side"):
+        if has_several(rows, name):
+            columns.append(Words(name, [of_group[name][0] or "–" for of_group in groups]))
+    signs = [doubtful_sign_of_group(of_group) for of_group in groups]
+    columns.append(
+        Words(
+            "n", [f"{of_group['n'][0]}{sign}" for of_group, sign in zip(groups, signs, strict=True)]
+        )
+    )
+    for name, symbol in ESTIMATED.items():
+        if name not in rows["quantity"]:
+            continue
+        estimates = []
+        for of_group in groups:
+            of_quantity = of_group.filter(quantity=name).to_dicts()
+            estimates.append(
+                mean_of(of_quantity[0], symbol.scale) if of_quantity else Estimated(None)
+            )
+        columns.append(Numbers(symbol, estimates))
+
+    notes = ["n: perturbations, fitted together. Intervals, ± or in brackets: 95 % (bootstrap)."]
+    if any(signs):
+        notes.append(f"{DOUBTFUL_SIGN}: doubtful.")
+    return PaperTable(columns, notes)
+
+
+def doubtful_sign_of_group(rows: pl.DataFrame) -> str:
+    """The sign behind a group of which some estimate is doubtful."""
+    has_doubt = "doubt" in rows.columns and (rows["doubt"].fill_null("") != "").any()
+    return DOUBTFUL_SIGN if has_doubt else ""
 
 
 def components_table(summaries: Mapping[str, pl.DataFrame], beside_draft: bool) -> PaperTable:

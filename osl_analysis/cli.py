@@ -575,7 +575,8 @@ def compare(a: Path, b: Path, margin: float | None, output: Path, as_json: bool)
         " and try the first."
     ),
 )
-@option("--example", is_flag=True, help="A small simulated campaign, which runs in about a minute.")
+@option("--example", is_flag=True, help="A small simulated bench, which runs in about a minute.")
+@option("--example-walking", is_flag=True, help="A small simulated walkway with perturbations.")
 @option(
     "--checksums",
     is_flag=True,
@@ -589,26 +590,32 @@ def init(
     recorders: tuple[str, ...],
     recordings: Path | None,
     example: bool,
+    example_walking: bool,
     checksums: bool,
 ) -> None:
     """Make the folder of a new campaign: configuration, sample sheet, source files and their JSON
     schemas."""
     from osl_analysis.commands import new_campaign as command
 
-    if example and (recorders or recordings):
-        raise click.UsageError("--example has recordings of its own; leave --recorder and --from")
+    if example and example_walking:
+        raise click.UsageError("a campaign is one example; leave --example or --example-walking")
+    chosen: command.Example | None = None
+    if example or example_walking:
+        chosen = "walking" if example_walking else "bench"
+    if chosen and (recorders or recordings):
+        raise click.UsageError("an example has recordings of its own; leave --recorder and --from")
     if checksums and recordings is None:
         raise click.UsageError("--checksums are those of recordings: name their folder with --from")
-    draft = command.new_campaign(folder, recorders, recordings, example, checksums)
+    draft = command.new_campaign(folder, recorders, recordings, chosen, checksums)
     if recordings is not None:
         if checksums:
             say(command.sums_text(recordings))
         say(command.campaign_text(folder, draft))
         return
     place = shlex.quote(str(folder))
-    kind = "simulation.yaml" if example else "trials.csv"
+    kind = "simulation.yaml" if chosen else "trials.csv"
     say(f"made {folder} with config.yaml, {kind}, sources/ and schemas/")
-    if example:
+    if chosen:
         say(f"then: cd {place} && osl-analysis run")
         return
     say("put recordings into recordings/, and a row for each into trials.csv")

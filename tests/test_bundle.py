@@ -47,7 +47,7 @@ def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
     )
     rows = [f"{x:.4f},{y:.6f},{z:.5f}" for x, y, z in zip(t, angle, torque, strict=True)]
     (top / "day/sines.csv").write_text("\n".join(["time [s],angle [deg],torque [Nm]", *rows, ""]))
-    new_campaign(top / "mine", (), top / "day", example=False)
+    new_campaign(top / "mine", (), top / "day")
     with pytest.raises(InputError, match="no such summary"):
         write_bundle(top / "mine", top / "early.zip", LICENCE, raw=True)
     assert not (top / "early.zip").exists()
@@ -155,7 +155,7 @@ def test_without_the_recordings_it_has_their_hashes(campaign: Path, tmp_path: Pa
 def test_a_simulated_campaign_stays_one_that_the_simulator_made(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, raw: bool
 ) -> None:
-    new_campaign(tmp_path / "demo", (), None, example=True)
+    new_campaign(tmp_path / "demo", example="bench")
     monkeypatch.chdir(tmp_path / "demo")
     Path("recordings/truth").mkdir()
     for name in ("truth/b.json", "b.mcap"):

@@ -272,7 +272,7 @@ UNFIT = {
     "`design` writes .csv": ("design", "--write", "m.txt"), "`gains` writes .csv": (*GAINS,
     "--output", "x.txt"),
     "a.csv would be overwritten while": ("fit", "a.csv", "--plot", "../{}/a.csv"),
-    "--example has recordings of its own": ("init", "new", "--example", "--from", "."),
+    "an example has recordings of its own": ("init", "new", "--example", "--from", "."),
     "'5:1:0' is not a range": of_gains("5:1:0", 5), "'1:2' is not a range": of_gains("1:2", 5),
 }  # fmt: skip
 

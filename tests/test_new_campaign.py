@@ -27,6 +27,7 @@ from osl_analysis.commands.new_campaign import (
 )
 from osl_analysis.commands.reference import schemas
 from osl_analysis.commands.run import snakemake_arguments
+from osl_analysis.commands.simulate import planned_sheet, settings_files
 from osl_analysis.errors import InputError
 from osl_analysis.files import shipped
 from osl_analysis.ingest.draft import DraftedLog
@@ -42,7 +43,7 @@ from osl_analysis.units import base_units, name_and_ending, normalised
 pytestmark = pytest.mark.usefixtures("schemas_made_once")
 KINDS = {
     "config": "config/config.yaml config/campaigns/*/config.yaml config/new_campaign/[ce]*.yaml",
-    "simulation": "config/simulation/[!w]*.yaml config/new_campaign/simulation.yaml",
+    "simulation": "config/simulation/[!w]*.yaml config/new_campaign/simulation_*.yaml",
     "gait_laboratory": "config/simulation/walking.yaml", "parameters": "config/parameters/*.yaml",
     "source": "config/sources/*.yaml",
 }  # fmt: skip
@@ -837,3 +838,16 @@ def test_a_fixture_alone_is_a_calibration_and_does_not_tell_the_sign_of_the_torq
     assert cells["fixture"]["experiment"] == "calibration"
     assert cells["fixture"]["fixture"] == "alone"
     assert "sign: -1" not in draft.sources["csv"]
+
+
+def test_the_example_of_a_walkway_simulates_all_that_its_analysis_needs(tmp_path, monkeypatch):
+    new_campaign(tmp_path / "walkway", example="walking")
+    monkeypatch.chdir(tmp_path / "walkway")
+
+    settings_files(Path("simulation.yaml"))  # refuses what is inconsistent
+    sheet = planned_sheet(Path("simulation.yaml"), Path("recordings/trials.csv"))
+
+    planned = [row["experiment"] for row in sheet.values()]
+    assert {name: planned.count(name) for name in set(planned)} == {
+        "static": 1, "plate": 3, "walking": 24,
+    }  # fmt: skip

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from itertools import compress
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Literal
 
 import numpy as np
 import yaml
@@ -113,11 +114,19 @@ class Described:
         return is_joint, len(self.overview.channels), moving
 
 
+Example = Literal["bench", "walking"]
+RECORDERS: Mapping[Example, Sequence[str]] = {
+    "bench": ("dynamometer", "dynamometer_nodes"),
+    "walking": ("leg", "vicon"),
+}
+"""Source files of what the simulator records, by example."""
+
+
 def new_campaign(
     folder: Path,
     recorders: Sequence[str] = (),
     recordings: Path | None = None,
-    example: bool = False,
+    example: Example | None = None,
     with_sums: bool = False,
 ) -> Draft:
     """Make a folder with a campaign, and say what was drafted.
@@ -131,7 +140,7 @@ def new_campaign(
     recordings
         A folder of recordings, for which sheet and source files are drafted. They stay there.
     example
-        A small simulated campaign instead.
+        A small simulated campaign instead, of the bench or of a walkway.
     with_sums
         Whether `SHA256SUMS` of the recordings is written beside them.
     """
@@ -146,7 +155,7 @@ def new_campaign(
                 f"no source file for a recorder '{name}'; there are"
                 f" {', '.join(known)}{nearest(name, known)}"
             )
-    names = ("dynamometer", "dynamometer_nodes") if example else recorders
+    names = RECORDERS[example] if example else recorders
     texts = {
         name: shipped(f"config/sources/{name}.yaml").read_text(encoding="utf-8") for name in names
     }
@@ -166,7 +175,7 @@ def new_campaign(
         with TemporaryDirectory(dir=folder, prefix=".campaign.") as place:
             made = Path(place) / "campaign"
             sources = {**draft.sources, **texts}
-            write_campaign(made, name, raw_data, sources, None if example else draft)
+            write_campaign(made, name, raw_data, sources, example or draft)
             # the configuration comes last: a folder without it is no campaign
             for part in sorted(made.iterdir(), key=lambda path: path.name == CAMPAIGN.name):
                 part.rename(folder / part.name)
@@ -178,12 +187,14 @@ def new_campaign(
 
 
 def write_campaign(
-    folder: Path, name: str, raw_data: Path, sources: Mapping[str, str], draft: Draft | None
+    folder: Path, name: str, raw_data: Path, sources: Mapping[str, str], content: Draft | Example
 ) -> None:
-    """Write the files of a campaign; without a draft those of the example.
+    """Write the files of a campaign.
 
     Parameters
     ----------
+    content
+        What was drafted, or the name of an example.
     sources
         Texts of source files by name.
     """
@@ -192,11 +203,11 @@ def write_campaign(
     path = raw_data.as_posix()
     if re.search(r"[^\w/.-]", path):
         path = "'" + path.replace("'", "''") + "'"  # a text in YAML's quotes
-    kind = "config" if draft else "example"
+    kind = "config" if isinstance(content, Draft) else f"example_{content}"
     template = shipped(f"config/new_campaign/{kind}.yaml").read_text(encoding="utf-8")
     config = template.format(name=allowed, raw_data=path)
-    if draft is not None:
-        config += draft.walking
+    if isinstance(content, Draft):
+        config += content.walking
     (folder / "config.yaml").write_text(config, encoding="utf-8")
     # it knows the settings of all commands
     from osl_analysis.commands.reference import write_schemas
@@ -204,18 +215,19 @@ def write_campaign(
     write_schemas(folder / "schemas")
     if not raw_data.is_absolute() and ".." not in raw_data.parts:
         (folder / raw_data).mkdir(parents=True)
-    for source, content in sources.items():
-        text = f"# yaml-language-server: $schema=../schemas/source.schema.json\n{content}"
+    for source, described in sources.items():
+        text = f"# yaml-language-server: $schema=../schemas/source.schema.json\n{described}"
         (folder / f"sources/{source}.yaml").write_text(text, encoding="utf-8")
-    if draft is None:
-        shutil.copy(shipped("config/new_campaign/simulation.yaml"), folder / "simulation.yaml")
+    if not isinstance(content, Draft):
+        simulation = shipped(f"config/new_campaign/simulation_{content}.yaml")
+        shutil.copy(simulation, folder / "simulation.yaml")
         return
-    told = {column for trial in draft.trials for column in trial.cells}
+    told = {column for trial in content.trials for column in trial.cells}
     columns = [*COLUMNS, *(column for column in SELDOM if column in told)]
     with (folder / "trials.csv").open("w", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(file, columns, restval="", lineterminator="\n")
         writer.writeheader()
-        writer.writerows(trial.cells for trial in draft.trials)
+        writer.writerows(trial.cells for trial in content.trials)
 
 
 def draft_campaign(folder: Path) -> Draft:

@@ -224,10 +224,10 @@ def test_snakemake_is_given_the_campaign_of_the_folder(tmp_path, monkeypatch):
     snakefile = str(ROOT / "Snakefile")
     assert snakemake_arguments(["-n"]) == [
         "-n",
-        "--snakefile",
-        snakefile,
         "--configfile",
         "config.yaml",
+        "--snakefile",
+        snakefile,
     ]
     assert snakemake_arguments(["--configfile", "config.yaml"])[-1] == snakefile
     assert snakemake_arguments(["--workflow-profile", "none"])[:2] == ["--workflow-profile", "none"]
@@ -247,6 +247,17 @@ def test_snakemake_is_given_the_campaign_of_the_folder(tmp_path, monkeypatch):
     said = call("run")
     assert (said.exit_code, said.output.count("\n")) == (1, 1)
     assert "error: config.yaml: not YAML: mapping values are not allowed" in said.output
+
+
+@pytest.mark.parametrize("named", [["--configfile", "b.yaml"], ["--configfiles=b.yaml"]])
+def test_a_named_configuration_overrides_that_of_the_campaign(tmp_path, monkeypatch, named):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "config.yaml").write_text("campaign: mine\n")
+    (tmp_path / "b.yaml").write_text("results: results_b\n")
+
+    given = snakemake_arguments(["a.csv", *named, "-n"])
+
+    assert given[:5] == ["a.csv", "-n", "--configfile", "config.yaml", "b.yaml"]
 
 
 def test_a_file_of_the_campaign_goes_before_the_shipped_one(tmp_path, monkeypatch):

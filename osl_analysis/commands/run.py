@@ -34,7 +34,8 @@ def snakemake_arguments(arguments: Sequence[str]) -> list[str]:
     """The arguments of Snakemake for the campaign in the working folder.
 
     Those of the user stand first: options of Snakemake that take lists also take what stands behind
-    them.
+    them. A configuration that the user names overrides the campaign's own, as it overrides that of
+    a clone.
 
     Raises
     ------
@@ -50,13 +51,27 @@ def snakemake_arguments(arguments: Sequence[str]) -> list[str]:
             " campaign, or make one: `osl-analysis init FOLDER`"
         )
     check_working_folder()
-    configured = []
-    if CAMPAIGN.is_file() and not is_configured:
-        configured = ["--configfile", str(CAMPAIGN)]
-    for file in configuration_files([*arguments, *configured]):
+    if CAMPAIGN.is_file():
+        arguments = with_configuration(CAMPAIGN, arguments)
+    for file in configuration_files(arguments):
         read_mapping(file)  # of one that cannot be read, Snakemake shows a traceback
     snakefile = ["--snakefile", str(shipped("Snakefile"))]
-    return [*with_shipped_profile(arguments), *snakefile, *configured]
+    return [*with_shipped_profile(arguments), *snakefile]
+
+
+def with_configuration(file: Path, arguments: Sequence[str]) -> list[str]:
+    """The arguments with a configuration that those which they name override."""
+    named = [str(path) for path in configuration_files(arguments)]
+    if str(file) in named:
+        return list(arguments)
+    others: list[str] = []
+    takes_files = False
+    for argument in arguments:
+        if argument.startswith("-"):
+            takes_files = argument.partition("=")[0] in CONFIGURED_BY
+        if not takes_files:
+            others.append(argument)
+    return [*others, CONFIGURED_BY[0], str(file), *named]
 
 
 def configuration_files(arguments: Iterable[str]) -> Iterator[Path]:

@@ -116,6 +116,7 @@ class Removal:
     place: tuple[str | int, ...]  # keys that lead to it in its file, from the outermost
     instead: str  # what does without it now
     new_name: str  # in this release; empty if it is gone
+    old_name_works: bool = False  # until the release that `renamed.NewName` states
 
 
 NO_REMOVAL = Removal((), "", "")

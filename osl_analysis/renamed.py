@@ -5,6 +5,7 @@ on it is an error that names the new one. CONTRIBUTING.md says what is stable.
 """
 
 import warnings
+from collections.abc import Mapping
 from importlib.metadata import version
 from typing import NamedTuple
 
@@ -20,6 +21,13 @@ class NewName(NamedTuple):
     @property
     def old_one_works(self) -> bool:
         return minor_release(version("osl-analysis")) < minor_release(self.goes_in)
+
+
+# of `osl_analysis`, by old name
+PUBLIC_NAMES = {"Response": NewName("FrequencyResponse", "1.1")}
+# columns of result tables, by table and old name
+RENAMED_COLUMNS: Mapping[str, Mapping[str, NewName]] = {}
+# a field of a configuration stands in `RENAMED` of its model, one of limits in `judge/limits.py`
 
 
 class RenamedWarning(FutureWarning):

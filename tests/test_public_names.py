@@ -150,8 +150,9 @@ def test_a_table_of_another_release_is_told():
 
 @pytest.mark.usefixtures("laboratory")
 def test_a_trial_of_a_newer_release_is_refused(monkeypatch, names_of_examples):
-    monkeypatch.setattr("osl_analysis.trial.SCHEMA", SCHEMA + 1)
-    write_trial(names_of_examples["belt_trial"], Path("new.parquet"))
+    with monkeypatch.context() as newer:
+        newer.setattr("osl_analysis.trial.SCHEMA", SCHEMA + 1)
+        write_trial(names_of_examples["belt_trial"], Path("new.parquet"))
 
     with pytest.raises(osl.InputError, match=rf"new\.parquet: columns of schema {SCHEMA + 1}"):
         osl.read_trial("new.parquet")

@@ -97,7 +97,7 @@ def test_a_mistake_is_left_to_its_author(config):
 class Bench(Settings):
     rate_hz: float
     note: str = ""
-    RENAMED: ClassVar = {"frequency": NewName("rate_hz", "1.1")}
+    RENAMED: ClassVar = {"frequency": NewName("rate_hz", "1.2")}
 
 
 class Laboratory(Settings):
@@ -126,7 +126,7 @@ def release(monkeypatch):
     return lambda text: monkeypatch.setattr(osl_analysis.renamed, "version", lambda _: text)
 
 
-@pytest.mark.parametrize("version", ["0.4.0", "1.0.3"])
+@pytest.mark.parametrize("version", ["0.4.0", "1.1.3"])
 def test_an_old_name_works_until_its_release_with_a_warning_that_names_both(
     tmp_path, release, version
 ):
@@ -134,15 +134,15 @@ def test_an_old_name_works_until_its_release_with_a_warning_that_names_both(
     path = tmp_path / "laboratory.yaml"
     path.write_text("bench: {note: ours, frequency: 100}")
 
-    with pytest.warns(RenamedWarning, match=r"line 1: field 'bench.frequency'.*rate_hz.* 1\.1"):
+    with pytest.warns(RenamedWarning, match=r"line 1: field 'bench.frequency'.*rate_hz.* 1\.2"):
         settings = read_yaml(path, Laboratory)
     assert settings == Laboratory(bench=Bench(rate_hz=100, note="ours"))
 
-    with pytest.warns(RenamedWarning, match=r"Response is called Answer now; .* 1\.1"):
-        assert current_name("Response", NewName("Answer", "1.1")) == "Answer"
+    with pytest.warns(RenamedWarning, match=r"Response is called Answer now; .* 1\.2"):
+        assert current_name("Response", NewName("Answer", "1.2")) == "Answer"
 
 
-@pytest.mark.parametrize("version", ["1.1.0", "1.10.0", "2.0.0rc1"])
+@pytest.mark.parametrize("version", ["1.2.0", "1.10.0", "2.0.0rc1"])
 def test_from_its_release_on_an_old_name_is_an_error_that_names_the_new_one(
     tmp_path, release, version
 ):
@@ -155,4 +155,4 @@ def test_from_its_release_on_an_old_name_is_an_error_that_names_the_new_one(
     ):
         read_yaml(path, Laboratory)
     with pytest.raises(AttributeError, match="write Answer"):
-        current_name("Response", NewName("Answer", "1.1"), AttributeError)
+        current_name("Response", NewName("Answer", "1.2"), AttributeError)

@@ -5,6 +5,7 @@ import hashlib
 import re
 import warnings
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from datetime import date
 from functools import lru_cache
@@ -377,10 +378,10 @@ def validated(
         content = with_new_name(content, first.removal.place[len(above) :], first.removal.new_name)
 
 
-def with_new_name(content: Any, place: Place, new_name: str) -> dict[Any, Any]:
+def with_new_name(content: Any, place: Place, new_name: str) -> Any:
     """Nested settings in which the field at a place has another name."""
     name, *below = place
-    copied = dict(content)
+    copied = copy(content)
     if below:
         copied[name] = with_new_name(copied[name], tuple(below), new_name)
     else:

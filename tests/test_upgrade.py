@@ -102,6 +102,7 @@ class Bench(Settings):
 
 class Laboratory(Settings):
     bench: Bench
+    others: tuple[Bench, ...] = ()
     REMOVED: ClassVar = {"person": "nobody needs it"}
 
 
@@ -120,6 +121,15 @@ def test_a_field_of_lines_goes_with_its_lines_alone(tmp_path):
     assert path.read_bytes() == b"\r\n# bench\r\nbench: {rate_hz: 1}"
 
 
+def test_a_field_in_a_list_is_left_to_its_author(tmp_path):
+    path = tmp_path / "laboratory.yaml"
+    path.write_text(text := "bench: {rate_hz: 1}\nothers: [{frequency: 50}]\n")
+
+    with pytest.raises(InputError, match=r"line 2: field 'others\.0\.frequency' has another"):
+        list(upgraded_fields(path, lambda file: read_yaml(file, Laboratory)))
+    assert [path.read_text(), *tmp_path.iterdir()] == [text, path]
+
+
 @pytest.fixture
 def release(monkeypatch):
     """Sets the version that is installed."""
@@ -132,11 +142,16 @@ def test_an_old_name_works_until_its_release_with_a_warning_that_names_both(
 ):
     release(version)
     path = tmp_path / "laboratory.yaml"
-    path.write_text("bench: {note: ours, frequency: 100}")
+    path.write_text("bench: {note: ours, frequency: 100}\nothers: [{frequency: 50}]")
 
-    with pytest.warns(RenamedWarning, match=r"line 1: field 'bench.frequency'.*rate_hz.* 1\.2"):
+    first, second = (
+        pytest.warns(RenamedWarning, match=rf"field '{field}\.frequency'.*rate_hz.* 1\.2")
+        for field in (r"bench", r"others\.0")
+    )
+    with first, second:
         settings = read_yaml(path, Laboratory)
-    assert settings == Laboratory(bench=Bench(rate_hz=100, note="ours"))
+    ours = Bench(rate_hz=100, note="ours")
+    assert settings == Laboratory(bench=ours, others=(Bench(rate_hz=50),))
 
     with pytest.warns(RenamedWarning, match=r"Response is called Answer now; .* 1\.2"):
         assert current_name("Response", NewName("Answer", "1.2")) == "Answer"

@@ -75,7 +75,7 @@ def upgraded_fields(path: Path, read: Callable[[Path], Any]) -> Iterator[str]:
         removal = told.removal
         text = path.read_bytes().decode("utf-8-sig")
         sections = sections_to(text, removal)
-        if not sections:  # it stands in an alias
+        if not sections:  # it stands in a list, or in an alias
             raise InputError(str(told)) from told
         if not before.exists():
             shutil.copy2(path, before)

@@ -11,50 +11,75 @@ For notebooks and scripts that need no workflow (docs/notebook.md):
     fit = osl.fit_impedance(trial)
     osl.plot_torque(fit)
 
-The names of `__all__` are all that there is to use; the other modules may change. They stand in
-`notebook`."""
-
-# ruff: noqa: F405
+The names of `__all__` are all that there is to use; the other modules may change.
+"""
 
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from osl_analysis.bench.impedance import DesiredImpedance
-    from osl_analysis.commands.fit import Fit
+    from osl_analysis.commands.fit_results import (
+        ActuatorFit,
+        BeltFit,
+        Fit,
+        ImpedanceFit,
+        TorqueAngleFit,
+        TransmissionFit,
+    )
     from osl_analysis.errors import (
         IdentifiabilityError,
         InputError,
         OslAnalysisError,
         UnreachableImpedanceError,
     )
-    from osl_analysis.notebook import *  # noqa: F403
-    from osl_analysis.trial import Trial
+    from osl_analysis.judge.finding import Finding
+    from osl_analysis.notebook import (
+        FrequencyResponse,
+        check,
+        fit_actuator,
+        fit_belt,
+        fit_impedance,
+        fit_torque_angle,
+        fit_transmission,
+        frequency_response,
+        plot_figure,
+        plot_frequency_response,
+        plot_torque,
+        plot_torque_angle,
+        read_recording,
+        read_summary,
+        simulate_trial,
+    )
+    from osl_analysis.schema import read_table
+    from osl_analysis.table import to_pandas
+    from osl_analysis.trial import Trial, read_trial
 
 __all__ = [
-    "DesiredImpedance", "Fit", "IdentifiabilityError", "InputError", "OslAnalysisError", "Response",
-    "Trial",
-    "UnreachableImpedanceError", "check", "fit_actuator", "fit_belt", "fit_impedance",
-    "fit_torque_angle",
-    "fit_transmission", "frequency_response", "plot_frequency_response", "plot_torque",
-    "plot_torque_angle",
-    "read_recording", "read_summary", "read_table", "read_trial", "simulate_trial", "to_pandas",
+    "ActuatorFit", "BeltFit", "DesiredImpedance", "Finding", "Fit", "FrequencyResponse",
+    "IdentifiabilityError", "ImpedanceFit", "InputError", "OslAnalysisError", "TorqueAngleFit",
+    "TransmissionFit", "Trial", "UnreachableImpedanceError", "check", "fit_actuator", "fit_belt",
+    "fit_impedance", "fit_torque_angle", "fit_transmission", "frequency_response", "plot_figure",
+    "plot_frequency_response", "plot_torque", "plot_torque_angle", "read_recording", "read_summary",
+    "read_table", "read_trial", "simulate_trial", "to_pandas",
 ]  # fmt: skip
 
-HOMES = {
-    **dict.fromkeys(("Trial", "read_trial"), "trial"),
-    **dict.fromkeys(("read_table", "to_pandas"), "table"),
-}
+HOMES = {"Trial": "trial", "read_trial": "trial", "read_table": "schema", "to_pandas": "table"}
 """Modules of public names that can be imported without the fits."""
 
+if not TYPE_CHECKING:  # so that a type checker knows the names, and no others
 
-def __getattr__(name: str) -> Any:
-    """A public name, imported at its first use: so the command line, which imports this package,
-    starts at once."""
-    if name not in __all__:
-        raise AttributeError(f"module 'osl_analysis' has no attribute '{name}'")
-    home = "errors" if name.endswith("Error") else HOMES.get(name, "notebook")
-    return getattr(import_module(f"osl_analysis.{home}"), name)
+    def __getattr__(name):
+        """A public name, imported at its first use: so the command line, which imports this
+        package, starts at once."""
+        if name not in __all__:
+            from osl_analysis.renamed import PUBLIC_NAMES, current_name
+
+            if name not in PUBLIC_NAMES:
+                raise AttributeError(f"module 'osl_analysis' has no attribute '{name}'")
+            name = current_name(f"osl_analysis.{name}", PUBLIC_NAMES[name], AttributeError)
+        home = "errors" if name.endswith("Error") else HOMES.get(name, "notebook")
+        return getattr(import_module(f"osl_analysis.{home}"), name)
 
 
 def __dir__() -> list[str]:

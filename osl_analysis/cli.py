@@ -652,14 +652,14 @@ def run_campaign(arguments: tuple[str, ...]) -> None:
 @option(
     "--upgrade",
     is_flag=True,
-    help="First rewrite config.yaml of a campaign of an earlier release, and say what went.",
+    help="First rewrite the settings of a campaign of an earlier release, and say what went.",
 )
 def doctor(look: bool, upgrade: bool) -> None:
     """Say whether this machine, and the campaign in this folder, can run, and what is missing."""
     if upgrade:
-        from osl_analysis.commands.upgrade import upgraded_fields
+        from osl_analysis.commands.upgrade import upgraded_campaign
 
-        for line in upgraded_fields(config_here()):
+        for line in upgraded_campaign(config_here()):
             say(line)
     try:
         from osl_analysis.commands.doctor import looked_at

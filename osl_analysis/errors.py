@@ -78,9 +78,20 @@ class Change:
 
 
 class OslAnalysisError(ValueError):
-    """A mistake or a limit that the user can correct. The message is made printable. Up to the
-    first semicolon outside brackets it is the `reason`, what is wrong. Behind that is the `remedy`,
-    what to do; it may be empty. The `changes` are tried, and those that help replace the remedy."""
+    """A mistake or a limit that the user can correct.
+
+    The message is made printable. Up to the first semicolon outside brackets it is the `reason`,
+    what is wrong. Behind that is the `remedy`, what to do; it may be empty. The `changes` are
+    tried, and those that help replace the remedy.
+
+    Examples
+    --------
+    >>> try:
+    ...     osl.read_trial("none.parquet")
+    ... except osl.OslAnalysisError as error:
+    ...     print(error.reason)
+    none.parquet: no such trial
+    """
 
     def __init__(self, message: str, changes: Sequence[Change] = ()) -> None:
         super().__init__(printable(message))
@@ -106,7 +117,14 @@ def naming(what: object, behind: str = "") -> Iterator[None]:
 
 
 class InputError(OslAnalysisError):
-    """A file, channel, field or value is not as expected."""
+    """A file, channel, field or value is not as expected.
+
+    Examples
+    --------
+    >>> osl.fit_belt("none.parquet")
+    Traceback (most recent call last):
+    osl_analysis.errors.InputError: none.parquet: no such trial; ingest it first ...
+    """
 
 
 @dataclass(frozen=True)
@@ -116,6 +134,7 @@ class Removal:
     place: tuple[str | int, ...]  # keys that lead to it in its file, from the outermost
     instead: str  # what does without it now
     new_name: str  # in this release; empty if it is gone
+    old_name_works: bool = False  # until the release that `renamed.NewName` states
 
 
 NO_REMOVAL = Removal((), "", "")
@@ -173,8 +192,23 @@ def not_installed(what: str, library: str) -> InputError:
 
 
 class IdentifiabilityError(OslAnalysisError):
-    """The data cannot tell the requested parameters apart."""
+    """The data cannot tell the requested parameters apart.
+
+    Examples
+    --------
+    >>> osl.fit_impedance(slow_trial)
+    Traceback (most recent call last):
+    osl_analysis.errors.IdentifiabilityError: ...
+    """
 
 
 class UnreachableImpedanceError(OslAnalysisError):
-    """No control gains render the requested impedance."""
+    """No control gains render the requested impedance.
+
+    Examples
+    --------
+    >>> desired = osl.DesiredImpedance("compensated", K_d=3000, B_d=5)
+    >>> osl.fit_impedance(trial, desired, parameters="config/parameters/default.yaml")
+    Traceback (most recent call last):
+    osl_analysis.errors.UnreachableImpedanceError: ...
+    """

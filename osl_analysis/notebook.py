@@ -1,12 +1,10 @@
 """The functions of `import osl_analysis as osl`, for notebooks and scripts that need no workflow.
 They call what the jobs of a campaign call: their numbers are those of its tables."""
 
-from base64 import b64encode
 from collections.abc import Mapping
 from dataclasses import dataclass
-from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import polars as pl
 
@@ -15,27 +13,37 @@ from osl_analysis.bench.frequency_response import frequency_response_table
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands import tables as tables_of_campaign
-from osl_analysis.commands.fit import Fit, campaign_parameters, fit_settings, fit_trial, run_fit
+from osl_analysis.commands.fit import campaign_parameters, fit_settings, fit_trial, run_fit
+from osl_analysis.commands.fit_results import (
+    ActuatorFit,
+    BeltFit,
+    Fit,
+    ImpedanceFit,
+    TorqueAngleFit,
+    TransmissionFit,
+)
 from osl_analysis.commands.trials import checked_trial
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.errors import InputError, listing, nearest
-from osl_analysis.figures import drawing_of
+from osl_analysis.figures import drawing_of, drawn
 from osl_analysis.files import config_here, shipped
 from osl_analysis.ingest.examine import UNITS, Commanded, examine, measured_table
 from osl_analysis.ingest.raw_files import read_source
+from osl_analysis.judge.finding import Finding as Finding
 from osl_analysis.judge.judging import judged, marked, with_inherited
 from osl_analysis.judge.limits import DoubtfulFits
 from osl_analysis.judge.recording_checks import QualityRules, judged_table, validate_rules
 from osl_analysis.model.drivetrain import joint_of
+from osl_analysis.schema import read_table
 from osl_analysis.source_file import MarkerSource
-from osl_analysis.table import read_table as read_table
 from osl_analysis.table import to_pandas as to_pandas
 from osl_analysis.trial import Trial
 from osl_analysis.trial import read_trial as read_trial
 
 if TYPE_CHECKING:
-    from osl_analysis.figures.style import NotebookFigure
+    from osl_analysis.figures.style import Figure
 
+AnyFit = TypeVar("AnyFit", bound=Fit)
 File = str | Path
 OF_CONFIG = "of the configuration"  # stands for the parameter file that the configuration names
 
@@ -90,28 +98,14 @@ def checked_desired(desired: DesiredImpedance | None) -> DesiredImpedance:
     return desired or DesiredImpedance(None, None, None)
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class ShownFit(Fit):
-    """A `Fit` that a notebook shows: its text, which is escaped, and the picture of measured and
-    modelled torque."""
-
-    def _repr_html_(self) -> str:
-        html = f"<pre>{escape(repr(self))}</pre>"
-        if not self.series.is_empty():
-            picture = b64encode(plot_torque(self)._repr_png_(100)).decode()
-            html += (
-                '<img alt="Torque over time" style="max-width: 100%"'
-                f' src="data:image/png;base64,{picture}">'
-            )
-        return html
-
-
-def shown_fit(
-    arguments: FitArguments, condition: Any = None, windows: str | None = None
-) -> ShownFit:
-    """What `fit_trial` returns, as a notebook shows it."""
-    fit = fit_trial(**vars(arguments), condition=condition, windows=windows)
-    return ShownFit(**vars(fit))
+def fitted(
+    fit_type: type[AnyFit],
+    arguments: FitArguments,
+    condition: Any = None,
+    windows: str | None = None,
+) -> AnyFit:
+    """What `fit_trial` returns of the experiment whose fits are of this type."""
+    return cast(AnyFit, fit_trial(**vars(arguments), condition=condition, windows=windows))
 
 
 def fit_impedance(
@@ -120,79 +114,210 @@ def fit_impedance(
     windows: str | None = None,
     config: File | None = None,
     parameters: File | None = OF_CONFIG,
-) -> Fit:
-    """K [N*m/rad], B [N*m*s/rad] and I [kg*m^2] of Eq. 15, torque = K theta + B omega + I alpha +
-    offset.
+) -> ImpedanceFit:
+    """Fit K, B and I of Eq. 15, torque = K theta + B omega + I alpha + offset.
 
-    The rows are those of `impedance.csv`: one per amplitude of a stepped sine, and one over all of
-    them.
+    Parameters
+    ----------
+    trial : Trial or Path or str
+        With `theta` [rad] and the resisting `torque` [N*m], or its Parquet file.
+    desired : DesiredImpedance or None
+        What the leg was asked to render. With it the fit is judged by what the gains should give.
+        None: `not_checked` says what is not judged.
+    windows : str or None
+        What of the trial is fitted [s], as in the column `windows` of a sample sheet, "2-30 40-62".
+        None: all that moves.
+    config : Path or str or None
+        A configuration file, which states what differs from the default. None: `config.yaml` in
+        the working folder, else the shipped one.
+    parameters : Path or str or None
+        The parameter file of the device; default: that of the configuration. None: a device without
+        one.
 
-    * `trial`: a trial with `theta` [rad] and the resisting `torque` [N*m], or its file.
-    * `desired`: what the leg was asked to render, `DesiredImpedance("compensated", K_d=300,
-      B_d=5)`. With it the fit is judged by what the gains should give. Without it `not_checked`
-      says what is not judged.
-    * `windows`: what of the trial is fitted [s], as in the column `windows` of a sample sheet;
-      default: all that moves.
-    * `config`: a configuration file, which states what differs from the default; default:
-      `config.yaml` in the working folder, else the shipped one.
-    * `parameters`: the parameter file of the device; default: that of the configuration; None: a
-      device without one.
+    Returns
+    -------
+    ImpedanceFit
+        Its rows are those of `impedance.csv`: one per amplitude of a stepped sine, and one over all
+        of them. K in N*m/rad, B in N*m*s/rad, I in kg*m^2.
 
-    Raises InputError: the trial lacks a signal, does not move, or follows a damaged stepped sine;
-    or a file is not valid. IdentifiabilityError: the motion cannot tell K, B and I apart.
-    UnreachableImpedanceError: no gains."""
+    Raises
+    ------
+    InputError
+        The trial lacks a signal, does not move, or follows a damaged stepped sine; or a file is not
+        valid.
+    IdentifiabilityError
+        The motion cannot tell K, B and I apart.
+    UnreachableImpedanceError
+        No gains render `desired`.
+
+    Examples
+    --------
+    >>> fit = osl.fit_impedance(trial, osl.DesiredImpedance("compensated", K_d=300, B_d=5))
+    >>> print(f"K {fit.K:.0f} N*m/rad")
+    K 300 N*m/rad
+    """
     arguments = fit_arguments("impedance", trial, config, parameters)
-    return shown_fit(arguments, checked_desired(desired), windows)
+    return fitted(ImpedanceFit, arguments, checked_desired(desired), windows)
 
 
 def fit_belt(
     trial: Trial | File, config: File | None = None, parameters: File | None = OF_CONFIG
-) -> Fit:
-    """The belt's stiffness K_s [N*m/rad] (Fig. 3) from `theta`, `theta_m` [rad] and `torque` [N*m]:
-    the row of `belt.csv`. The rest as in `fit_impedance`; it needs a parameter file, for n_T."""
-    return shown_fit(fit_arguments("belt", trial, config, parameters))
+) -> BeltFit:
+    """Fit the belt's stiffness K_s (Fig. 3).
+
+    Parameters
+    ----------
+    trial : Trial or Path or str
+        With `theta`, `theta_m` [rad] and `torque` [N*m], or its file.
+    config, parameters
+        As in `fit_impedance`; it needs a parameter file, for n_T.
+
+    Returns
+    -------
+    BeltFit
+        The row of `belt.csv`; K_s in N*m/rad.
+
+    Raises
+    ------
+    InputError
+        As `fit_impedance`.
+    IdentifiabilityError
+        The belt is not loaded enough.
+
+    Examples
+    --------
+    >>> fit = osl.fit_belt(belt_trial)
+    >>> print(f"K_s {fit.K_s:.0f} N*m/rad")
+    K_s 686 N*m/rad
+    """
+    return fitted(BeltFit, fit_arguments("belt", trial, config, parameters))
 
 
 def fit_transmission(
     trial: Trial | File, config: File | None = None, parameters: File | None = OF_CONFIG
-) -> Fit:
-    """The transmission's damping B_j [N*m*s/rad] and inertia J_j [kg*m^2] (Eq. 4) from `theta`
-    [rad] and `torque` [N*m] of a trial without motor: the rows of `transmission.csv`. The rest as
-    in `fit_belt`."""
-    return shown_fit(fit_arguments("transmission", trial, config, parameters))
+) -> TransmissionFit:
+    """Fit the transmission's damping B_j and inertia J_j (Eq. 4) to a trial without motor.
+
+    Parameters
+    ----------
+    trial : Trial or Path or str
+        With `theta` [rad] and `torque` [N*m], or its file.
+    config, parameters
+        As in `fit_impedance`.
+
+    Returns
+    -------
+    TransmissionFit
+        The rows of `transmission.csv`; B_j in N*m*s/rad, J_j in kg*m^2.
+
+    Raises
+    ------
+    InputError, IdentifiabilityError
+        As `fit_impedance`.
+
+    Examples
+    --------
+    >>> fit = osl.fit_transmission(motorless_trial)
+    >>> print(f"B_j {fit.B_j:.1f} N*m*s/rad")
+    B_j 0.5 N*m*s/rad
+    """
+    return fitted(TransmissionFit, fit_arguments("transmission", trial, config, parameters))
 
 
 def fit_actuator(
     trial: Trial | File, config: File | None = None, parameters: File | None = OF_CONFIG
-) -> Fit:
-    """The actuator (Eqs. 1-2) alone: k_tau n_m and f_G [N*m/A], f_C [N*m], B_m [N*m*s/rad], J_m
-    [kg*m^2] from `current` [A], `torque_m` [N*m], and `theta_m` [rad] or `omega_m` [rad/s]: the row
-    of `actuator.csv`. The rest as in `fit_belt`."""
-    return shown_fit(fit_arguments("actuator", trial, config, parameters))
+) -> ActuatorFit:
+    """Fit the actuator alone (Eqs. 1-2), at its output.
+
+    Parameters
+    ----------
+    trial : Trial or Path or str
+        With `current` [A], `torque_m` [N*m], and `theta_m` [rad] or `omega_m` [rad/s], or its file.
+    config, parameters
+        As in `fit_impedance`.
+
+    Returns
+    -------
+    ActuatorFit
+        The row of `actuator.csv`; k_tau_n_m and f_G in N*m/A, f_C in N*m, B_m in N*m*s/rad, J_m in
+        kg*m^2.
+
+    Raises
+    ------
+    InputError, IdentifiabilityError
+        As `fit_impedance`.
+
+    Examples
+    --------
+    >>> fit = osl.fit_actuator(actuator_trial)
+    >>> print(f"k_tau n_m {fit.k_tau_n_m:.2f} N*m/A")
+    k_tau n_m 1.02 N*m/A
+    """
+    return fitted(ActuatorFit, fit_arguments("actuator", trial, config, parameters))
 
 
 def fit_torque_angle(
     trial: Trial | File, curve: str | None = None, config: File | None = None
-) -> Fit:
-    """Torque over angle of a passive foot or a spring in slow cycles, K [N*m/rad], energies [J] and
-    hysteresis, from `theta` [rad] and `torque` [N*m]: the row of `torque_angle.csv`, and in
-    `curves` those of `torque_angle_curves.csv`. `curve` names that of the configuration that the
-    device was designed for."""
-    return shown_fit(fit_arguments("torque_angle", trial, config, None), {"desired": curve})
+) -> TorqueAngleFit:
+    """Fit torque over angle of a passive foot or a spring in slow cycles.
+
+    Parameters
+    ----------
+    trial : Trial or Path or str
+        With `theta` [rad] and `torque` [N*m], or its file.
+    curve : str or None
+        Name of the curve of the configuration that the device was designed for.
+    config
+        As in `fit_impedance`.
+
+    Returns
+    -------
+    TorqueAngleFit
+        The row of `torque_angle.csv`, and in `curves` those of `torque_angle_curves.csv`; K in
+        N*m/rad, energies in J.
+
+    Raises
+    ------
+    InputError
+        As `fit_impedance`; or the cycles are too fast, or none is whole.
+
+    Examples
+    --------
+    >>> fit = osl.fit_torque_angle(foot)
+    >>> print(f"K {fit.K:.0f} N*m/rad")
+    K 200 N*m/rad
+    """
+    arguments = fit_arguments("torque_angle", trial, config, None)
+    return fitted(TorqueAngleFit, arguments, {"desired": curve})
 
 
 @dataclass(frozen=True, eq=False)
-class Response:
+class FrequencyResponse:
     """The frequency response of one trial.
 
-    * `table`: a row per frequency. Of a stepped sine those of `frequency_response.csv`, the
-      admittance Y, angle over torque [rad/(N*m)], averaged over amplitudes. Of any other motion
-      those of `response.csv`, the impedance Z, torque over angle [N*m/rad], with noise and
-      distortion.
-    * `plotted`: the numbers that `plot_frequency_response` draws"""
+    Attributes
+    ----------
+    trial : str
+        Name of the trial.
+    figure : str
+        Figure that `plot_frequency_response` draws: `fig7`, or `response` of any other motion than
+        a stepped sine.
+    table : polars.DataFrame
+        A row per frequency. Of a stepped sine those of `frequency_response.csv`, the admittance Y,
+        angle over torque [rad/(N*m)], averaged over amplitudes. Of any other motion those of
+        `response.csv`, the impedance Z, torque over angle [N*m/rad], with noise and distortion.
+    plotted : polars.DataFrame
+        The numbers that are drawn.
+
+    Examples
+    --------
+    >>> response = osl.frequency_response(trial)
+    >>> response.figure
+    'response'
+    """
 
     trial: str
-    figure: str  # fig7, or response of any other motion than a stepped sine
+    figure: str
     table: pl.DataFrame
     plotted: pl.DataFrame
 
@@ -203,11 +328,35 @@ def frequency_response(
     windows: str | None = None,
     config: File | None = None,
     parameters: File | None = OF_CONFIG,
-) -> Response:
-    """The frequency response of an impedance trial, with 95 % intervals of noise; arguments and
-    errors as in `fit_impedance`. With `desired` the desired response (Eq. 11), and with the gains
-    of a controller of the draft that of the drivetrain without friction (Eq. 9), are plotted
-    too."""
+) -> FrequencyResponse:
+    """Compute the frequency response of an impedance trial, with 95 % intervals of noise.
+
+    Parameters
+    ----------
+    trial
+        As in `fit_impedance`.
+    desired : DesiredImpedance or None
+        With it the desired response (Eq. 11), and with the gains of a controller of the draft that
+        of the drivetrain without friction (Eq. 9), are plotted too.
+    windows, config, parameters
+        As in `fit_impedance`.
+
+    Returns
+    -------
+    FrequencyResponse
+        Magnitude [rad/(N*m) or N*m/rad] and phase [deg] over frequency [Hz].
+
+    Raises
+    ------
+    InputError, IdentifiabilityError, UnreachableImpedanceError
+        As `fit_impedance`.
+
+    Examples
+    --------
+    >>> response = osl.frequency_response(trial)
+    >>> response.table["frequency_hz"].is_sorted()
+    True
+    """
     from osl_analysis.commands.figure import beside_theory
     from osl_analysis.figures.names import JOINT_SIDE, completed
 
@@ -231,25 +380,47 @@ def frequency_response(
     if tables["phasors"].is_empty():  # the motion is no stepped sine
         response = with_doubts("response")
         plotted = drawing_of("response").points(response)
-        return Response(recorded.name, "response", response, plotted)
+        return FrequencyResponse(recorded.name, "response", response, plotted)
     table = frequency_response_table(with_doubts("phasors"))
     joint = pl.lit(joint_of(device) if device else None, pl.String)
     rows = completed(table.with_columns(joint=joint), JOINT_SIDE)
-    return Response(recorded.name, "fig7", table, beside_theory(rows, device, settings["weight"]))
+    return FrequencyResponse(
+        recorded.name, "fig7", table, beside_theory(rows, device, settings["weight"])
+    )
 
 
 def read_recording(
     path: File, source: File, part: str | None = None, name: str | None = None
 ) -> Trial:
-    """A trial from the raw log, or the capture, of one recorder, converted to SI units by its
-    source file.
+    """Read the raw log, or the capture, of one recorder, converted to SI units by its source file.
 
-    path: the recording, or the folder of a split ROS 2 bag.
-    source: the source file (YAML), or the name of a shipped one, such as "opensourceleg".
-    part: the part of a log that holds several trials, such as a struct of a MATLAB file.
-    name: name of the trial; default: that of the file.
+    Parameters
+    ----------
+    path : Path or str
+        The recording, or the folder of a split ROS 2 bag.
+    source : Path or str
+        The source file (YAML), or the name of a shipped one, such as "opensourceleg".
+    part : str or None
+        The part of a log that holds several trials, such as a struct of a MATLAB file.
+    name : str or None
+        Name of the trial; None: that of the file.
 
-    Raises InputError: a file is missing, or the recording is not what the source file says."""
+    Returns
+    -------
+    Trial
+        Its samples have the columns that the source file names, in SI units.
+
+    Raises
+    ------
+    InputError
+        A file is missing, or the recording is not what the source file says.
+
+    Examples
+    --------
+    >>> trial = osl.read_recording("bench.csv", "bench.yaml", name="day 1")
+    >>> trial.name, trial.samples.columns
+    ('day 1', ['time', 'theta', 'torque'])
+    """
     file, described = Path(path), Path(source)
     if not (described.suffix == ".yaml" and described.is_file()):
         described = shipped(Path("config/sources") / f"{source}.yaml")
@@ -277,11 +448,32 @@ def read_recording(
 def check(
     trial: Trial | File, experiment: str = "impedance", config: File | None = None
 ) -> pl.DataFrame:
-    """The quality of a trial, and whether it has what `experiment` needs: a row per check, as in
-    `quality.csv`.
+    """Check the quality of a trial, and whether it has what an experiment needs.
 
-    The section `quality` of `config` has the thresholds. Raises InputError: as `read_trial`; no
-    such experiment; or the configuration is not valid."""
+    Parameters
+    ----------
+    trial : Trial or Path or str
+    experiment : str
+        As in the column `experiment` of a sample sheet.
+    config : Path or str or None
+        A configuration, whose section `quality` has the thresholds; None: as in `fit_impedance`.
+
+    Returns
+    -------
+    polars.DataFrame
+        A row per check, as in `quality.csv`: `check`, `value`, `unit`, `threshold`, `verdict`, ...
+
+    Raises
+    ------
+    InputError
+        As `read_trial`; no such experiment; or the configuration is not valid.
+
+    Examples
+    --------
+    >>> quality = osl.check(trial)
+    >>> quality.filter(check="gap")["verdict"].item()
+    'pass'
+    """
     if experiment not in EXPERIMENTS:
         known = ", ".join(EXPERIMENTS)
         raise InputError(
@@ -301,12 +493,34 @@ def check(
 def simulate_trial(
     folder: File, trial: str, settings: File = "config/simulation/default.yaml"
 ) -> tuple[Path, str]:
-    """Simulate one bench trial into a folder: its log, and the name of its source file.
+    """Simulate one bench trial into a folder.
 
-    `trial` is a name of the plan, such as "impedance_K300_B5.0_compensated", and `settings` a file
-    of the simulator. `read_recording(*simulate_trial(...))` is the trial. What is true of it is in
-    `truth/TRIAL.json`. Raises InputError: the settings plan no such trial, it is not of a bench, or
-    the folder has recordings that the simulator did not make.
+    Parameters
+    ----------
+    folder : Path or str
+        What is true of the trial is written there to `truth/TRIAL.json`.
+    trial : str
+        A name of the plan, such as "impedance_K300_B5.0_compensated".
+    settings : Path or str
+        A file of the simulator.
+
+    Returns
+    -------
+    (Path, str)
+        Its log, and the name of its source file: `read_recording(*simulate_trial(...))` is the
+        trial.
+
+    Raises
+    ------
+    InputError
+        The settings plan no such trial, it is not of a bench, or the folder has recordings that the
+        simulator did not make.
+
+    Examples
+    --------
+    >>> log, source = osl.simulate_trial("example", "belt_01", "tiny.yaml")
+    >>> log.name, source
+    ('belt_01.mcap', 'dynamometer')
     """
     from osl_analysis.commands import simulate  # half a second, which only this needs
 
@@ -322,32 +536,77 @@ def simulate_trial(
 
 
 def read_summary(folder: File = "results") -> pl.DataFrame:
-    """The headline numbers of a campaign from the folder of its results, walking among them: a row
-    per number with its `unit`, 95 % interval `low` to `high`, and what else `summary.json` says of
-    it. Raises InputError where there is no summary, or it is damaged."""
+    """Read the headline numbers of a campaign, walking among them.
+
+    Parameters
+    ----------
+    folder : Path or str
+        Of its results.
+
+    Returns
+    -------
+    polars.DataFrame
+        A row per number: `quantity`, `value` in its `unit`, 95 % interval `low` to `high`, and what
+        else `summary.json` says of it.
+
+    Raises
+    ------
+    InputError
+        There is no summary, it is damaged, or of a newer release.
+
+    Examples
+    --------
+    >>> numbers = osl.read_summary("results")
+    >>> numbers.filter(quantity="K_s").select("value", "unit").row(0)
+    (685.6, 'N*m/rad')
+    """
     numbers = tables_of_campaign.read_summary(Path(folder, "summary.json"))["numbers"]
     return pl.DataFrame(
         [{"quantity": name, **entry} for name, entry in numbers.items()], infer_schema_length=None
     )
 
 
-def drawn(name: str, table: pl.DataFrame) -> "NotebookFigure":
-    from osl_analysis.figures.style import NotebookFigure  # matplotlib takes half a second
+def plot_torque(fit: Fit) -> "Figure":
+    """Draw measured and modelled torque [N*m] of a fit over time [s], and below the residual.
 
-    figure = drawing_of(name).draw(table)
-    figure.__class__ = NotebookFigure
-    return cast(NotebookFigure, figure)
+    Parameters
+    ----------
+    fit : Fit
+        Of any experiment.
 
+    Returns
+    -------
+    matplotlib.figure.Figure
+        It saves itself in the style of the paper.
 
-def plot_torque(fit: Fit) -> "NotebookFigure":
-    """Measured and modelled torque [N*m] of a fit over time [s], and below the residual: a
-    matplotlib `Figure`."""
+    Examples
+    --------
+    >>> osl.plot_torque(osl.fit_belt(belt_trial)).savefig("torque.pdf")
+    """
     return drawn("torque", fit.series)
 
 
-def plot_frequency_response(response: Response) -> "NotebookFigure":
-    """Magnitude and phase over frequency [Hz] with 95 % intervals: Fig. 7, or the figure
-    `response`, with noise and distortion, of any other motion than a stepped sine."""
+def plot_frequency_response(response: FrequencyResponse) -> "Figure":
+    """Draw magnitude and phase [deg] over frequency [Hz] with 95 % intervals: Fig. 7, or the figure
+    `response`, with noise and distortion, of any other motion than a stepped sine.
+
+    Parameters
+    ----------
+    response : FrequencyResponse
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    InputError
+        There is no frequency to draw.
+
+    Examples
+    --------
+    >>> figure = osl.plot_frequency_response(osl.frequency_response(trial))
+    """
     if response.plotted.is_empty():
         raise InputError(
             f"trial {response.trial}: no frequency response to draw; move the joint further, or for"
@@ -356,9 +615,28 @@ def plot_frequency_response(response: Response) -> "NotebookFigure":
     return drawn(response.figure, response.plotted)
 
 
-def plot_torque_angle(*fits: Fit) -> "NotebookFigure":
-    """Torque [N*m] over angle [deg], loading and unloading, and stiffness [N*m/rad] over angle, of
-    several trials."""
+def plot_torque_angle(*fits: TorqueAngleFit) -> "Figure":
+    """Draw torque [N*m] over angle [deg], loading and unloading, and stiffness [N*m/rad] over
+    angle.
+
+    Parameters
+    ----------
+    *fits : TorqueAngleFit
+        Of trials of different names.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    InputError
+        There is no fit, one is of another experiment, or two have one name.
+
+    Examples
+    --------
+    >>> figure = osl.plot_torque_angle(osl.fit_torque_angle(foot))
+    """
     curves = [
         fit.curves for fit in fits if fit.experiment == "torque_angle" and fit.curves is not None
     ]
@@ -373,3 +651,35 @@ def plot_torque_angle(*fits: Fit) -> "NotebookFigure":
     all_curves = pl.concat(curves, how="diagonal_relaxed")
     all_rows = pl.concat([fit.table for fit in fits], how="diagonal_relaxed")
     return drawn("torque_angle", drawing_of("torque_angle").points(all_curves, all_rows))
+
+
+def plot_figure(numbers: File) -> "Figure":
+    """Draw a figure of a campaign, of the bench or of walking, to change it.
+
+    Parameters
+    ----------
+    numbers : Path or str
+        Its plotted numbers, such as `results/figures/fig5.csv`; the name of the file says which
+        figure it is.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    InputError
+        The file is missing or was refused, there is no such figure, or it shows nothing.
+
+    Examples
+    --------
+    >>> figure = osl.plot_figure("results/figures/torque.csv")
+    >>> figure.axes[0].set_title("Day 1")
+    Text(0.5, 1.0, 'Day 1')
+    """
+    path = Path(numbers)
+    figure = drawing_of(path.stem)
+    table = read_table(path, figure.columns)
+    if table.is_empty():
+        raise InputError(f"{path}: {figure.nothing}; run the campaign with trials that it shows")
+    return drawn(path.stem, table)

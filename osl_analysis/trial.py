@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from osl_analysis.errors import Change, InputError, listing
 from osl_analysis.files import atomic_path
 from osl_analysis.refusal import check_not_refused
+from osl_analysis.schema import SCHEMA, check_schema
 
 # unit of each canonical column; symbols of the paper in brackets
 COLUMNS: dict[str, str] = {
@@ -134,6 +135,7 @@ OWN_CLOCKS = "clocks_begin_anew"
 """Fact of a log in the provenance: it is joined of logs whose order in time is not known."""
 PROVENANCE_KEY = "osl_analysis.provenance"
 CHECKSUM_KEY = "osl_analysis.checksum"
+SCHEMA_KEY = "osl_analysis.schema"
 
 
 def as_polars(name: str, samples: Any) -> pl.DataFrame:
@@ -176,6 +178,13 @@ class Trial:
     ------
     InputError
         No rows, no `time`, or a time that goes back or is not finite.
+
+    Examples
+    --------
+    >>> import polars as pl
+    >>> samples = pl.DataFrame({"time": [0.0, 0.01], "theta": [0.0, 0.1], "torque": [0.0, 30.0]})
+    >>> osl.Trial("step", samples).columns
+    ['time', 'theta', 'torque']
     """
 
     name: str
@@ -356,6 +365,7 @@ def write_trial(trial: Trial, path: Path) -> None:
         NAME_KEY: trial.name,
         PROVENANCE_KEY: provenance,
         CHECKSUM_KEY: checksum_of(trial.samples, trial.name, provenance),
+        SCHEMA_KEY: str(SCHEMA),
     }
     with atomic_path(path) as temporary:
         trial.samples.write_parquet(temporary, compression="lz4", metadata=metadata)
@@ -387,7 +397,13 @@ def read_trial(path: Path | str) -> Trial:
     Raises
     ------
     InputError
-        The file is missing, is not Parquet that ingest wrote, or has changed since.
+        The file is missing, is not Parquet that ingest wrote, has changed since, or is of a newer
+        release.
+
+    Examples
+    --------
+    >>> osl.read_trial("results/trials/belt_01.parquet").name
+    'belt_01'
     """
     path = Path(path)
     name, provenance = metadata_of(path)
@@ -409,6 +425,8 @@ def metadata_of(path: Path) -> tuple[str, dict[str, Any]]:
         provenance = json.loads(metadata.get(PROVENANCE_KEY, "null"))
         if provenance is None or NAME_KEY not in metadata:
             raise ValueError("Parquet without provenance")
+        schema = int(metadata.get(SCHEMA_KEY, SCHEMA))  # 0.4.0 states none, and has these columns
+    check_schema(schema, path)
     return metadata[NAME_KEY], provenance
 
 

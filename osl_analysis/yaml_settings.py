@@ -3,8 +3,10 @@ value and remedy."""
 
 import hashlib
 import re
+import warnings
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, replace
 from datetime import date
 from functools import lru_cache
 from itertools import chain, pairwise
@@ -26,6 +28,7 @@ from pydantic_core import PydanticCustomError
 
 from osl_analysis.errors import InputError, Removal, RemovedFieldError, listing, nearest
 from osl_analysis.files import digest, shipped
+from osl_analysis.renamed import NewName, RenamedWarning
 
 Positive = Annotated[float, Field(gt=0)]  # A number above zero.
 NotNegative = Annotated[float, Field(ge=0)]  # A number of zero or more.
@@ -52,6 +55,8 @@ class Settings(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
     # removed fields, each with a sentence on what to write or do now
     REMOVED: ClassVar[Mapping[str, str]] = {}
+    # fields that have another name
+    RENAMED: ClassVar[Mapping[str, NewName]] = {}
     # words behind "the known ones" in messages, as ` of format csv`
     OF: ClassVar[str] = ""
 
@@ -71,6 +76,8 @@ class Settings(BaseModel):
             suggestion = nearest(str(name), cls.model_fields)
             if name in cls.REMOVED:
                 raise removed(cls.REMOVED[name], name)
+            if name in cls.RENAMED:
+                raise renamed(cls.RENAMED[name], name)
             reason = f"unknown field '{{field}}'; the known ones{cls.OF} are {fields}{suggestion}"
             raise PydanticCustomError(
                 "unknown_field", "{reason}", {"reason": reason, "place": (name,)}
@@ -353,16 +360,33 @@ def validated(
     above: Place = (),
 ) -> AnySettings:
     """The content of a configuration file as a model; for messages `path`, `files` with lines, and
-    keys `above` it."""
-    try:
-        return model.model_validate(content)
-    except ValidationError as error:
-        first = first_problem(error, content, above)
-        line = located([Path(path)] if files is None else files, first.place) if first.place else ""
-        message = f"{path}: {line}{first.text}"
-        if first.removal:
-            raise RemovedFieldError(message, (), first.removal) from error
-        raise InputError(message) from error
+    keys `above` it. A field by its old name counts, with a warning, until that name goes."""
+    while True:
+        try:
+            return model.model_validate(content)
+        except ValidationError as error:
+            first = first_problem(error, content, above)
+            line = ""
+            if first.place:
+                line = located([Path(path)] if files is None else files, first.place)
+            message = f"{path}: {line}{first.text}"
+            if first.removal is None:
+                raise InputError(message) from error
+            if not first.removal.old_name_works:
+                raise RemovedFieldError(message, (), first.removal) from error
+        warnings.warn(RenamedWarning(message, first.removal), stacklevel=2)
+        content = with_new_name(content, first.removal.place[len(above) :], first.removal.new_name)
+
+
+def with_new_name(content: Any, place: Place, new_name: str) -> Any:
+    """Nested settings in which the field at a place has another name."""
+    name, *below = place
+    copied = copy(content)
+    if below:
+        copied[name] = with_new_name(copied[name], tuple(below), new_name)
+    else:
+        copied[new_name] = copied.pop(name)
+    return copied
 
 
 @dataclass(frozen=True)
@@ -397,7 +421,7 @@ def first_problem(error: ValidationError, content: Any, above: Place) -> Problem
     last = problems_at[first][-1]
     removal = None
     if last["type"] == "removed_field":
-        removal = Removal(place, last["ctx"]["instead"], last["ctx"]["new_name"])
+        removal = replace(last["ctx"]["removal"], place=place)
     return Problem(text, place, removal)
 
 
@@ -520,23 +544,35 @@ def misplaced(reason: str, *place: str) -> PydanticCustomError:
     return PydanticCustomError("misplaced", "{reason}", {"reason": reason, "place": place})
 
 
-def removed(instead: str, *place: str, new_name: str = "") -> PydanticCustomError:
+def removed(instead: str, *place: str) -> PydanticCustomError:
     """An error for a field that an earlier release had.
 
     Parameters
     ----------
     instead : str
-        What does without the field now; empty if it only has another name.
+        What does without the field now.
     *place : str
         Keys that lead to the field from the settings that find it.
-    new_name : str
-        Its name in this release, if it has one.
     """
-    does_it = "as `osl-analysis doctor --upgrade` does"
-    reason = f"field '{{field}}' is gone: {instead}; remove the line, {does_it}"
-    if new_name:
-        reason = f"field '{{field}}' has another name; write {new_name}, {does_it}"
-    context = {"reason": reason, "place": place, "instead": instead, "new_name": new_name}
+    reason = f"field '{{field}}' is gone: {instead}; remove the line, {AS_UPGRADE_DOES}"
+    return of_earlier_release(reason, Removal(place, instead, ""))
+
+
+def renamed(new: NewName, *place: str) -> PydanticCustomError:
+    """An error, as `removed`, for a field that has another name; `validated` makes a warning of it
+    as long as the old one works."""
+    reason = f"field '{{field}}' has another name; write {new.name}, {AS_UPGRADE_DOES}"
+    if new.old_one_works:
+        reason += f": the old one goes in release {new.goes_in}"
+    return of_earlier_release(reason, Removal(place, "", new.name, new.old_one_works))
+
+
+AS_UPGRADE_DOES = "as `osl-analysis doctor --upgrade` does"
+
+
+def of_earlier_release(reason: str, removal: Removal) -> PydanticCustomError:
+    """The error of `removed` and `renamed`, from which `first_problem` has the `removal`."""
+    context = {"reason": reason, "place": removal.place, "removal": removal}
     return PydanticCustomError("removed_field", "{reason}", context)
 
 

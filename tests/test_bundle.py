@@ -21,6 +21,7 @@ from osl_analysis.commands.new_campaign import new_campaign
 from osl_analysis.commands.simulate import check_folder
 from osl_analysis.errors import InputError
 from osl_analysis.files import CAMPAIGN
+from osl_analysis.schema import SCHEMA
 
 rocrate = pytest.importorskip("rocrate")
 LICENCE, PROFILE = "https://spdx.org/licenses/CC-BY-4.0", "workflow-run-crate-0.5"
@@ -119,8 +120,9 @@ def test_another_library_finds_its_tables_as_the_data_package_describes_them(
     frictionless = pytest.importorskip("frictionless")
     report = frictionless.validate(str(unpacked / "datapackage.json"))
     assert report.valid, report.flatten(["rowNumber", "fieldName", "message"])[:3]
-    resources = json.loads((unpacked / "datapackage.json").read_text())["resources"]
-    tables = {one["path"]: one["schema"]["fields"] for one in resources}
+    package = json.loads((unpacked / "datapackage.json").read_text())
+    assert package["tables_schema"] == SCHEMA
+    tables = {one["path"]: one["schema"]["fields"] for one in package["resources"]}
     assert {"results/tables/impedance.csv", "results/tables/findings.csv"} <= set(tables)
     stiffness = next(one for one in tables["results/tables/impedance.csv"] if one["name"] == "K")
     assert (stiffness["type"], stiffness["unit"]) == ("number", "N*m/rad")

@@ -89,7 +89,7 @@ def test_every_package_stands_above_all_that_it_imports():
 
 
 @pytest.mark.parametrize(("name", "known_to"), [
-    ("simulator", {f"commands/{name}.py" for name in ("simulate", "reference")}),
+    ("simulator", {f"commands/{name}.py" for name in ("simulate", "reference", "upgrade")}),
     ("commands", {"cli.py", "notebook.py", "__init__.py"}),
     ("notebook", {"__init__.py"}),
 ])  # fmt: skip

@@ -68,7 +68,7 @@ def export(tmp_path, parameters):
         tmp_path / "tables/impedance.csv"
     )
     (tmp_path / "summary.json").write_text(
-        '{"campaign": "made", "data": "simulated", "numbers": {}}'
+        '{"campaign": "made", "data": "simulated", "tables_schema": 1, "numbers": {}}'
     )
     (config := tmp_path / "config.yaml").write_text(CONFIG)
     given = ("export", str(tmp_path), "--config", str(config), "--to")

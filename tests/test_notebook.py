@@ -134,7 +134,10 @@ def test_the_fit_of_a_trial_is_the_row_of_the_campaign_to_the_last_digit(
     last = fit.table.drop("doubtful", "not_checked", strict=False).to_dicts()[-1]
     assert {name: getattr(fit, name) for name in last} == last
     for name in (one for one in last if f"{one}_low" in last):
-        assert getattr(fit, f"{name}_interval") == (last[f"{name}_low"], last[f"{name}_high"])
+        ends = [
+            np.nan if end is None else end for end in (last[f"{name}_low"], last[f"{name}_high"])
+        ]
+        assert getattr(fit, f"{name}_interval") == pytest.approx(ends, abs=0, nan_ok=True)
 
 
 def test_a_fit_of_a_file_is_that_of_its_trial_and_can_be_pickled(tmp_path, short):

@@ -75,6 +75,7 @@ from osl_analysis.report.page_text import method_text, verdicts_text
 from osl_analysis.report.panels import Pictures
 from osl_analysis.report.reported_trial import ReportedTrial, Scope
 from osl_analysis.report.typography import printed
+from osl_analysis.schema import SCHEMA
 from osl_analysis.table import write_table
 from osl_analysis.yaml_settings import read_mapping
 
@@ -631,7 +632,7 @@ def test_the_model_of_a_series_is_that_of_the_fit_in_the_samples_that_the_fit_us
 def test_a_report_says_of_each_trial_what_became_of_it(tmp_path, monkeypatch):
     """One is flagged, one refused, one has no result though a fit belongs to it, as one has no
     crossing; one stood."""
-    (tmp_path / "summary.csv").write_text(json.dumps({"numbers": {}}))
+    (tmp_path / "summary.csv").write_text(json.dumps({"tables_schema": SCHEMA, "numbers": {}}))
     lost = dict.fromkeys(("value", "unit", "threshold")) | {
         "trial": "b_2",
         "check": "refused",

@@ -40,13 +40,27 @@ from osl_analysis.stats.table_rows import Row, lag_damping_row
 
 @dataclass(frozen=True)
 class DesiredImpedance:
-    """What the leg was asked to render in a trial, as far as it is known."""
+    """What the leg was asked to render in a trial, as far as it is known.
+
+    Attributes
+    ----------
+    controller : str or None
+        Any name; `compensated` and `uncompensated` are those of the draft. None: none, or not
+        known.
+    K_d : float or None
+        Desired stiffness [N*m/rad]; None: not known.
+    B_d : float or None
+        Desired damping [N*m*s/rad]; None: not known.
+
+    Examples
+    --------
+    >>> osl.DesiredImpedance("compensated", K_d=300, B_d=5)
+    DesiredImpedance(controller='compensated', K_d=300, B_d=5)
+    """
 
     controller: str | None
-    """Any name; `compensated` and `uncompensated` are those of the draft. None: none, or not
-    known."""
-    K_d: float | None  # desired stiffness [N*m/rad]; None: not known
-    B_d: float | None  # desired damping [N*m*s/rad]; None: not known
+    K_d: float | None
+    B_d: float | None
 
     def gains(self, p: DrivetrainParameters | None, weight: Weight) -> Gains | None:
         """Select the gains of a device with these parameters.

@@ -26,6 +26,7 @@ from osl_analysis.errors import InputError, optional_module
 from osl_analysis.figures import FIGURES
 from osl_analysis.files import CAMPAIGN, atomic_path, digest, root, shipped, write_text
 from osl_analysis.refusal import is_refused
+from osl_analysis.schema import SCHEMA_FIELD
 from osl_analysis.table import read_table
 
 PROFILES = {
@@ -88,6 +89,7 @@ def write_bundle(folder: Path, output: Path, licence: str, raw: bool) -> int:
         package = {
             "name": config.campaign.lower(),
             "title": title,
+            SCHEMA_FIELD: summary.get(SCHEMA_FIELD),
             "resources": list(resources(crate)),
         }
         text = json.dumps(package, indent=1, ensure_ascii=False)

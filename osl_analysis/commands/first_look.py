@@ -13,6 +13,7 @@ from osl_analysis.campaign.campaign_trials import Campaign, open_campaign
 from osl_analysis.campaign.configuration import Config, read_config
 from osl_analysis.commands import fit as fits
 from osl_analysis.commands.estimates import estimates_text
+from osl_analysis.commands.fit_results import Fit
 from osl_analysis.commands.trials import checked_trial
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import OslAnalysisError, unexpected
@@ -77,7 +78,7 @@ def first_look(folder: Path, is_new: bool = False) -> Iterator[FirstLook]:
                 yield FirstLook(trial, experiment, text.splitlines(), doubts_of(fitted), warnings)
 
 
-def doubts_of(fitted: fits.Fit) -> list[str]:
+def doubts_of(fitted: Fit) -> list[str]:
     """The doubts about each row of a fit, in words."""
     doubts = []
     for row, findings in zip(fitted.table.to_dicts(), fitted.findings, strict=False):
@@ -120,7 +121,7 @@ def note_protocol(trial: Trial, config: Config) -> bool:
     return True
 
 
-def fit_of_row(trial: Trial, row: Mapping[str, Any], device: Path | None, config: Path) -> fits.Fit:
+def fit_of_row(trial: Trial, row: Mapping[str, Any], device: Path | None, config: Path) -> Fit:
     """The fit of a trial in memory, by its row of a sheet, as in the workflow. `device` is its
     parameter file."""
     experiment = str(row["experiment"])

@@ -2,8 +2,7 @@
 the command line, `watch` and notebooks. Its recording is checked by `watch` alone, and predictions
 need the other trials of a campaign."""
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -12,94 +11,13 @@ import polars as pl
 
 from osl_analysis.bench.fit_tables import FitTables
 from osl_analysis.campaign.configuration import Config, over_default, own_fields, read_section
-from osl_analysis.commands.estimates import estimated, estimates_text
+from osl_analysis.commands.fit_results import FIT_TYPES, Fit
 from osl_analysis.config.experiments import EXPERIMENTS, FitJob
-from osl_analysis.errors import InputError, nearest, printable_lines
+from osl_analysis.errors import InputError
 from osl_analysis.files import shipped
-from osl_analysis.judge.finding import Finding, Grade
 from osl_analysis.judge.judging import judged, marked
 from osl_analysis.judge.limits import DoubtfulFits
-from osl_analysis.judge.words import finding_text
 from osl_analysis.trial import Trial
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Fit:
-    """A fitted trial. Every column of its table is an attribute, with the value of the fit to all
-    data: `fit.K`, `fit.K_se`, `fit.VAF`; `fit.K_interval` is (low, high), the 95 % interval.
-    Meaning and unit of each are told by `osl-analysis results --columns`.
-
-    Attributes
-    ----------
-    experiment : str
-        It names the table that the fit has rows of in a campaign.
-    table : DataFrame
-        Those rows: one per amplitude, if there are several, and last the fit to all data.
-    series : DataFrame
-        `time` [s] from the start, `torque` and `torque_model` [N*m] of all samples that the fit
-        explains.
-    curves : DataFrame or None
-        Torque over angle, rows of `belt_curves` or `torque_angle_curves`; None for another
-        experiment.
-    findings : list
-        What was judged of each row: doubts, what could not be checked, notes.
-    """
-
-    experiment: str
-    table: pl.DataFrame
-    series: pl.DataFrame
-    curves: pl.DataFrame | None
-    findings: Sequence[Sequence[Finding]] = ()
-
-    @property
-    def row(self) -> Mapping[str, Any]:
-        """The fit to all data."""
-        return self.table.row(-1, named=True)
-
-    @property
-    def doubtful(self) -> str:
-        """Why the fit to all data is not to be trusted: what is beyond which limit, and what to do.
-        Empty: nothing."""
-        return "\n".join(self.sentences(Grade.DOUBTS))
-
-    @property
-    def not_checked(self) -> str:
-        """What could not be checked, and why, a line each, and what is to be known; empty if there
-        is nothing."""
-        lines = [f"not checked: {text}" for text in self.sentences(Grade.UNCHECKED)]
-        lines += [f"remark: {text}" for text in self.sentences(Grade.NOTES)]
-        return "\n".join(lines)
-
-    def sentences(self, *grades: Grade) -> list[str]:
-        """The findings of some grades about the fit to all data, in words."""
-        of_whole = self.findings[-1] if self.findings else ()
-        return [finding_text(finding, self.row) for finding in of_whole if finding.grade in grades]
-
-    def __getattr__(self, name: str) -> Any:
-        """A column of the table by name, of the fit to all data, or `NAME_interval`."""
-        if name.startswith("_"):  # also while a copy is made, which has no fields yet
-            raise AttributeError(name)
-        row = self.row
-        quantity = name.removesuffix("_interval")
-        if quantity != name and f"{quantity}_low" in row:
-            return row[f"{quantity}_low"], row[f"{quantity}_high"]
-        if name not in row:
-            estimates = ", ".join(estimated(row))
-            raise AttributeError(
-                f"a fit of {self.experiment} has no '{name}'{nearest(name, row)}; it has"
-                f" {estimates}"
-            )
-        return row[name]
-
-    def __dir__(self) -> list[str]:
-        intervals = [f"{name}_interval" for name in estimated(self.row)]
-        return sorted({*super().__dir__(), *self.row, *intervals})
-
-    def __repr__(self) -> str:
-        text = f"{self.experiment}, {estimates_text(self.table.tail(1), self.findings[-1:])}"
-        if self.not_checked:
-            text += f"\n{self.not_checked}"
-        return printable_lines(text)
 
 
 def job_of(experiment: str) -> FitJob:
@@ -206,7 +124,7 @@ def fit_trial(
     findings = judged(tables[name], limits.of(name), name)
     curves = [table for name, table in tables.items() if name.endswith("_curves")]
     no_torque = pl.DataFrame(schema=dict.fromkeys(("time", "torque", "torque_model"), pl.Float64))
-    return Fit(
+    return FIT_TYPES.get(experiment, Fit)(
         experiment=experiment,
         table=marked(tables[name], findings, name),
         series=tables.get("torque", no_torque),

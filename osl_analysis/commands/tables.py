@@ -37,6 +37,7 @@ from osl_analysis.report.paper_tables import (
     walking_table,
 )
 from osl_analysis.report.used_trials import missing_lines, used_and_missing
+from osl_analysis.schema import SCHEMA_FIELD, check_schema
 from osl_analysis.stats.repeats import size_texts
 from osl_analysis.table import (
     ROW_KEYS,
@@ -308,8 +309,8 @@ def write_paper_table(
 
 
 def read_summary(summary_json: Path) -> dict[str, Any]:
-    """Read the summary that `write_summary` wrote. Raises InputError where it is missing or is
-    none."""
+    """Read the summary that `write_summary` wrote. Raises InputError where it is missing, is none,
+    or is of a newer release; one of an older release is told as a warning."""
     check_not_refused(summary_json)
     if not summary_json.is_file():
         raise InputError(
@@ -325,6 +326,7 @@ def read_summary(summary_json: Path) -> dict[str, Any]:
         raise InputError(
             f"{summary_json}: not a summary ({reason}); delete it and run `snakemake reproduce-all`"
         ) from error
+    check_schema(content.get(SCHEMA_FIELD), summary_json, content.get("version"))
     return content
 
 

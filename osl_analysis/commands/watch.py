@@ -15,9 +15,9 @@ import polars as pl
 
 from osl_analysis.campaign.campaign_trials import open_campaign
 from osl_analysis.campaign.configuration import Config, read_config
-from osl_analysis.commands import fit as fits
 from osl_analysis.commands.estimates import printed_units
 from osl_analysis.commands.first_look import fit_of_row
+from osl_analysis.commands.fit_results import Fit
 from osl_analysis.commands.siblings import (
     beside_siblings,
     comparable,
@@ -173,7 +173,7 @@ def examined(path: Path, folder: Path, bench: WatchedBench) -> Iterator[str]:
         yield drawn_picture(fitted, bench.output / f"{row['trial']}.png")
 
 
-def unchecked_texts(fitted: fits.Fit, bench: WatchedBench) -> Iterator[str]:
+def unchecked_texts(fitted: Fit, bench: WatchedBench) -> Iterator[str]:
     """What could not be checked, as far as no earlier recording has told it."""
     for finding in fitted.findings[-1] if fitted.findings else ():
         if finding.grade is Grade.UNCHECKED and finding.name not in bench.told:
@@ -181,7 +181,7 @@ def unchecked_texts(fitted: fits.Fit, bench: WatchedBench) -> Iterator[str]:
             yield f"NOT CHECKED: {finding_text(finding, fitted.row)}"
 
 
-def drawn_picture(fitted: fits.Fit, picture: Path) -> str:
+def drawn_picture(fitted: Fit, picture: Path) -> str:
     """Draw measured and modelled torque; the name of the picture, or why there is none."""
     from osl_analysis.commands.figure import draw_table  # matplotlib takes half a second
 

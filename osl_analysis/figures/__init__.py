@@ -8,13 +8,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from osl_analysis.dictionary import described_in, own_yaml
 from osl_analysis.errors import InputError
 
 if TYPE_CHECKING:
-    from osl_analysis.figures.style import Drawing
+    import polars as pl
+
+    from osl_analysis.figures.style import Drawing, NotebookFigure
 
 
 @dataclass(frozen=True)
@@ -78,3 +80,12 @@ def drawing_of(name: str) -> "Drawing":
     module = import_module(f"osl_analysis.figures.{modules[name]}")
     drawing: Drawing = getattr(module, f"draw_{name}")
     return drawing
+
+
+def drawn(name: str, table: "pl.DataFrame") -> "NotebookFigure":
+    """Draw a figure of its plotted numbers, for a notebook; raises as `drawing_of`."""
+    from osl_analysis.figures.style import NotebookFigure
+
+    figure = drawing_of(name).draw(table)
+    figure.__class__ = NotebookFigure
+    return cast(NotebookFigure, figure)

@@ -11,7 +11,7 @@ from typing import Any, Literal
 import matplotlib as mpl
 import polars as pl
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure as Figure
 
 SINGLE_COLUMN = 3.5  # width of a column of an IEEE two-column page [in]
 DOUBLE_COLUMN = 7.16  # width of its text block [in]

@@ -92,6 +92,12 @@ class Finding:
     title
         Its title where this names a part of the device, such as `component K_s`; empty: that of its
         name.
+
+    Examples
+    --------
+    >>> fit = osl.fit_impedance(trial)
+    >>> [finding.name for finding in fit.findings[-1] if finding.grade == "doubts"]
+    []
     """
 
     name: str

@@ -11,7 +11,8 @@ from osl_analysis.config.experiments import judged_tables
 from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.errors import nearest
 from osl_analysis.judge.known_findings import EVIDENCE
-from osl_analysis.yaml_settings import NotNegative, Settings, misplaced, removed
+from osl_analysis.renamed import NewName
+from osl_analysis.yaml_settings import NotNegative, Settings, misplaced, removed, renamed
 
 Share = Annotated[float, Field(gt=0, lt=1)]  # A part of a whole; a larger number is in percent.
 Factor = Annotated[float, Field(gt=1)]  # How many times a number may be another one.
@@ -218,7 +219,7 @@ REMOVED_LIMITS = {
     "unzeroed_load_cell": "an offset of the torque is fitted",
 }  # fmt: skip
 """Columns, tables and checks that could have a limit in release 0.4.0, and why they have none."""
-RENAMED_LIMITS = {"Y_phase_se_deg": "Y_phase_deg_se"}
+RENAMED_LIMITS = {"Y_phase_se_deg": NewName("Y_phase_deg_se", "1.1")}
 """Columns of release 0.4.0 with another name since."""
 
 
@@ -226,6 +227,6 @@ def check_is_of_this_release(*place: str) -> None:
     """Refuse a limit that an earlier release could have, as a field that is gone or renamed."""
     name = place[-1]
     if name in RENAMED_LIMITS:
-        raise removed("", *place, new_name=RENAMED_LIMITS[name])
+        raise renamed(RENAMED_LIMITS[name], *place)
     if name in REMOVED_LIMITS:
         raise removed(REMOVED_LIMITS[name], *place)

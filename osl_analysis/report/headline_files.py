@@ -8,6 +8,7 @@ from osl_analysis.campaign.origin import ABOUT_MACROS, ABOUT_MEANING, sentence
 from osl_analysis.report.decimal_places import fixed
 from osl_analysis.report.headline import Headline
 from osl_analysis.report.headline_text import trials_text
+from osl_analysis.schema import SCHEMA, SCHEMA_FIELD
 
 
 def to_json(
@@ -31,7 +32,7 @@ def to_json(
     for headline in headlines:
         if not headline.is_macro_only:
             numbers[headline.label.name] = headline.to_json()
-    content = {**about, **(missing or {}), "numbers": numbers}
+    content = {**about, SCHEMA_FIELD: SCHEMA, **(missing or {}), "numbers": numbers}
     return json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 

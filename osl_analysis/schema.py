@@ -1,0 +1,100 @@
+"""The version of the columns of all result tables. Results state it, and readers check it."""
+
+import json
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+
+from osl_analysis import table
+from osl_analysis.errors import InputError
+
+# of names, units and types of columns; tests/table_columns.txt lists them, CONTRIBUTING.md says
+# when it is raised
+SCHEMA = 1
+SCHEMA_FIELD = "tables_schema"  # of `summary.json` and `datapackage.json`
+BEFORE_SCHEMAS = 0  # of results that state none: release 0.4.0
+
+
+def check_schema(stated: object, path: Path, release: object = None) -> None:
+    """Compare the schema that a file of results states with that of this release.
+
+    Parameters
+    ----------
+    stated : object
+        What the file has; None where it has none.
+    path : Path
+        The file, for the message.
+    release : object
+        Version of osl-analysis that wrote it; None: not known.
+
+    Raises
+    ------
+    InputError
+        It is newer, so that columns may mean something else. One that is older is told as a
+        warning.
+    """
+    schema = BEFORE_SCHEMAS if stated is None else stated
+    if schema == SCHEMA:
+        return
+    writer = "another release" if release is None else f"osl-analysis {release}"
+    about = f"{path}: columns of schema {schema}, by {writer}; this release"
+    if not isinstance(schema, int) or schema > SCHEMA:
+        raise InputError(
+            f"{about} reads up to {SCHEMA}: pip install --upgrade osl-analysis, or make it again"
+        )
+    warnings.warn(
+        f"{about} has {SCHEMA}: names and units may differ, make it again (osl-analysis run)",
+        stacklevel=3,
+    )
+
+
+def read_table(path: Path | str, required: Sequence[str] = (), name: str = "") -> pl.DataFrame:
+    """Read a result table of a campaign, such as `results/tables/impedance.csv`.
+
+    `osl-analysis results --columns` says what each column is, and in which unit.
+
+    Parameters
+    ----------
+    path : Path or str
+        CSV file, or an archive of several.
+    required : Sequence of str
+        Columns that must exist and hold numbers, or text where they are text.
+    name : str
+        The table's name if `path` is an archive.
+
+    Returns
+    -------
+    polars.DataFrame
+        A row per trial, amplitude, frequency or group. Columns are in SI units, or that of their
+        ending (`_deg`, `_hz`). One without entries is Float64 null.
+
+    Raises
+    ------
+    InputError
+        The table is missing, is no CSV, was refused, lacks a column, or is of a newer release. One
+        of an older release is told as a warning.
+
+    Examples
+    --------
+    >>> table = osl.read_table("results/tables/belt.csv", ["K_s"])
+    >>> table["K_s"].round(1).to_list()
+    [685.6]
+    """
+    path = Path(path)
+    about = summary_beside(path)
+    if about:
+        check_schema(about.get(SCHEMA_FIELD), path, about.get("version"))
+    return table.read_table(path, required, name)
+
+
+def summary_beside(path: Path) -> dict[str, Any]:
+    """What `summary.json` says of the results that a table is of; empty without one."""
+    try:
+        content = json.loads((path.parent.parent / "summary.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    is_summary = isinstance(content, dict) and "numbers" in content  # and no refusal
+    return content if is_summary else {}

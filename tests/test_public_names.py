@@ -1,0 +1,158 @@
+"""The names of `osl_analysis`: each has its docstring, whose example runs, and its types."""
+
+import ast
+import dataclasses
+import doctest
+import inspect
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+from any_motion import made_trial, multisine
+from conftest import ROOT
+from test_bench_plausibility import RECORDINGS
+
+import osl_analysis as osl
+from osl_analysis.renamed import PUBLIC_NAMES, RenamedWarning
+from osl_analysis.schema import SCHEMA
+from osl_analysis.table import write_table
+from osl_analysis.trial import write_trial
+
+FUNCTIONS = [name for name in osl.__all__ if inspect.isfunction(getattr(osl, name))]
+TYPES = [name for name in osl.__all__ if dataclasses.is_dataclass(getattr(osl, name))]
+ERRORS = [name for name in osl.__all__ if name.endswith("Error")]
+SOURCE = "format: csv\nclock: master\ntime: {column: t, unit: s}\nchannels:\n"
+SOURCE += "  theta: {column: a, unit: deg}\n  torque: {column: m, unit: 'N*m'}\n"
+
+
+def test_a_public_name_is_a_function_a_frozen_type_or_an_error():
+    assert sorted([*FUNCTIONS, *TYPES, *ERRORS]) == sorted(osl.__all__)
+    for name in TYPES:
+        assert getattr(osl, name).__dataclass_params__.frozen, name
+
+
+@pytest.mark.parametrize("name", [*FUNCTIONS, *TYPES])
+def test_a_docstring_names_all_that_comes_in_and_goes_out(name):
+    thing = getattr(osl, name)
+    text = inspect.getdoc(thing)
+    if inspect.isfunction(thing):
+        section = "Parameters"
+        names = list(inspect.signature(thing).parameters)
+        assert "\nReturns\n---" in text
+        assert inspect.signature(thing).return_annotation is not inspect.Signature.empty
+    else:
+        section = "Attributes"
+        own = set(inspect.get_annotations(thing))
+        names = [field.name for field in dataclasses.fields(thing) if field.name in own]
+    told = re.search(rf"\n{section}\n-+\n(.*?)(\n\n\w+\n---|$)", text, re.DOTALL)[1]
+    heads = re.findall(r"(?m)^(\S.*?)(?: :|$)", told)
+    assert names == [one.strip("*") for head in heads for one in head.split(", ")]
+
+
+def test_the_typed_script_uses_every_public_name():
+    """`mypy` checks it; a name that is not there would have no type."""
+    tree = ast.parse((ROOT / "tests/typed_script.py").read_text())
+    used = {node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
+    assert set(osl.__all__) - used == set()
+    assert (ROOT / "osl_analysis/py.typed").is_file()
+
+
+@pytest.fixture(scope="module")
+def names_of_examples():
+    """Trials by the names that examples give them."""
+    rng = np.random.default_rng(3)
+    time = np.arange(0, 22, 0.01)
+    theta = np.deg2rad(10) * np.sin(2 * np.pi * np.clip(time - 2, 0, 18) / 6)
+    torque = 200 * theta + 2 * np.tanh(50 * np.gradient(theta, time))
+    slow = 300 * theta + 0.05 * rng.standard_normal(len(time))
+    made = {name: osl.Trial(name, pl.DataFrame(RECORDINGS[name])) for name in RECORDINGS}
+    foot = pl.DataFrame({"time": time, "theta": theta, "torque": torque})
+    return {
+        "osl": osl,
+        "trial": made_trial(rng, multisine(rng)),
+        "belt_trial": made["belt"],
+        "motorless_trial": made["transmission"],
+        "actuator_trial": made["actuator"],
+        "foot": osl.Trial("foot", foot),
+        "slow_trial": osl.Trial("slow", foot.with_columns(torque=slow)),
+    }
+
+
+@pytest.fixture
+def laboratory(tmp_path, monkeypatch, names_of_examples):
+    """A folder with the files that examples read, and the shipped configuration."""
+    write_trial(
+        replace(names_of_examples["belt_trial"], name="belt_01"),
+        tmp_path / "results/trials/belt_01.parquet",
+    )
+    write_table(
+        pl.DataFrame({"trial": ["a"], "K_s": [685.6]}), tmp_path / "results/tables/belt.csv"
+    )
+    series = pl.DataFrame({"time": [0.0, 1, 2], "torque": [0.0, 1, 0], "torque_model": [0.0, 1, 0]})
+    write_table(series, tmp_path / "results/figures/torque.csv")
+    number = dict.fromkeys(("low", "high", "interval", "draft", "n_doubtful", "n_left_out"))
+    number |= {"value": 685.6, "unit": "N*m/rad", "n": 3, "meaning": "stiffness of the belt"}
+    summary = {"tables_schema": SCHEMA, "numbers": {"K_s": number}}
+    (tmp_path / "results/summary.json").write_text(json.dumps(summary))
+    (tmp_path / "bench.yaml").write_text(SOURCE)
+    rows = "".join(f"{k / 100},{k % 7},{k}\n" for k in range(200))
+    (tmp_path / "bench.csv").write_text(f"t,a,m\n{rows}")
+    tiny = (ROOT / "tests/tiny_simulation.yaml").read_text()
+    (tmp_path / "tiny.yaml").write_text(tiny)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.usefixtures("without_inference", "laboratory")
+@pytest.mark.parametrize("name", osl.__all__)
+def test_the_example_of_a_docstring_runs(name, names_of_examples):
+    found = doctest.DocTestFinder(recurse=False).find(
+        getattr(osl, name), name, module=False, globs=names_of_examples
+    )
+    (example,) = found
+    assert example.examples
+    told = []
+    runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS, verbose=False)
+    runner.run(example, out=told.append)
+    assert not told, "".join(told)
+
+
+def test_a_renamed_name_works_with_a_warning_and_an_unknown_one_is_none():
+    for old, new in PUBLIC_NAMES.items():
+        with pytest.warns(RenamedWarning, match=f"osl_analysis.{old} is called {new.name} now"):
+            assert getattr(osl, old) is getattr(osl, new.name)
+        assert old not in osl.__all__
+    assert not hasattr(osl, "fit_impedence")
+
+
+@pytest.mark.usefixtures("laboratory")
+def test_a_table_of_another_release_is_told():
+    summary = Path("results/summary.json")
+    content = json.loads(summary.read_text())
+    about = {**content, "version": "9.1"}
+
+    summary.write_text(json.dumps({**about, "tables_schema": SCHEMA + 1}))
+    for read in (lambda: osl.read_table("results/tables/belt.csv"), osl.read_summary):
+        with pytest.raises(
+            osl.InputError, match=rf"schema {SCHEMA + 1}, by .*9\.1.* up to {SCHEMA}"
+        ):
+            read()
+
+    del about["tables_schema"]  # as 0.4.0 wrote it
+    summary.write_text(json.dumps(about))
+    with pytest.warns(UserWarning, match=r"schema 0, by osl-analysis 9\.1; this release has"):
+        assert osl.read_table("results/tables/belt.csv")["K_s"].item() == 685.6
+
+
+@pytest.mark.usefixtures("laboratory")
+def test_a_trial_of_a_newer_release_is_refused(monkeypatch, names_of_examples):
+    with monkeypatch.context() as newer:
+        newer.setattr("osl_analysis.trial.SCHEMA", SCHEMA + 1)
+        write_trial(names_of_examples["belt_trial"], Path("new.parquet"))
+
+    with pytest.raises(osl.InputError, match=rf"new\.parquet: columns of schema {SCHEMA + 1}"):
+        osl.read_trial("new.parquet")

@@ -135,7 +135,6 @@ SLOW = (
     "numba",
     "pint",
     "pandas",
-    "bokeh",
     "snakemake",
 )
 

@@ -198,6 +198,13 @@ class OneLineErrors(click.Group):
 
     command_class = KeepsItsInput
 
+    def main(self, *args: Any, **extra: Any) -> Any:
+        """Call a command. Letters that an output of Windows has no code for, as Greek ones in a
+        pipe, are written as escapes."""
+        if isinstance(sys.stdout, io.TextIOWrapper):
+            sys.stdout.reconfigure(errors="backslashreplace")
+        return super().main(*args, **extra)
+
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         for section, commands in SECTIONS.items():
             with formatter.section(section):

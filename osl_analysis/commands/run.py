@@ -142,7 +142,7 @@ def end_run(
     try:
         unfinished = [str(file) for job in workflow.dag.needrun_jobs() for file in job.output]
         page = results / "report.html"
-        if str(page) in unfinished:
+        if page.as_posix() in unfinished:
             page.unlink(missing_ok=True)
         files = [str(file) for job in workflow.dag.jobs for file in job.output]
         refused = [file for file in files if is_refused(file)]
@@ -158,7 +158,7 @@ def end_run(
         # a later run makes them: by then the fault may be mended, or memory be enough
         for file in failed_results(refused):
             file.unlink(missing_ok=True)
-        if str(page) in files and page.is_file():
+        if page.as_posix() in files and page.is_file():
             lines.append(f"open {page} in a browser: every number, figure and trial")
         print("\n".join(filter(None, lines)), file=sys.stderr, flush=True)
         failed = bool(refused) and not accept

@@ -42,8 +42,10 @@ class RunReport:
             refusal_report(refused, recordings, is_accepted),
         ]
         summary = results / "summary.json"
-        if str(summary) in files and str(summary) not in refused:
-            lines = [*brief_lines(json.loads(summary.read_text())), *lines]
+        name = summary.as_posix()
+        if name in files and name not in refused:
+            content = json.loads(summary.read_text(encoding="utf-8"))
+            lines = [*brief_lines(content), *lines]
         return "\n".join(line for line in lines if line)
 
 

@@ -10,6 +10,7 @@ import threading
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from importlib.metadata import version
+from importlib.util import find_spec
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ from typing import Any
 import psutil
 
 from osl_analysis.campaign.campaign_trials import Campaign
-from osl_analysis.errors import InputError, listing, nearest
+from osl_analysis.errors import InputError, listing, nearest, not_installed
 from osl_analysis.files import CAMPAIGN, PACKAGE, check_working_folder, shipped
 from osl_analysis.jobs.workers import end_workers
 from osl_analysis.outcomes.job_log import run_report
@@ -104,6 +105,29 @@ def profile(name: str) -> str:
         f"{PROFILE} {name}: no such folder; correct it: there are"
         f" {', '.join(known)}{nearest(name, known)}"
     )
+
+
+def check_submission(arguments: Sequence[str]) -> None:
+    """Refuse a profile of SLURM where nothing can be submitted: Snakemake would wait without an
+    end.
+
+    Parameters
+    ----------
+    arguments
+        As `snakemake_arguments` gives them.
+    """
+    for argument in arguments:
+        folder = argument.removeprefix(f"{PROFILE}=")
+        file = Path(folder) / "profile.yaml"
+        if not file.is_file() or read_mapping(file).get("executor") != "slurm":
+            continue
+        if find_spec("snakemake_executor_plugin_slurm") is None:
+            raise not_installed(folder, "snakemake-executor-plugin-slurm")
+        if shutil.which("sbatch") is None:
+            raise InputError(
+                f"{folder}: there is no `sbatch` here; start the run where you submit jobs, as on"
+                " the head node"
+            )
 
 
 def cancel_timers() -> None:

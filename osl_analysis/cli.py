@@ -198,6 +198,13 @@ class OneLineErrors(click.Group):
 
     command_class = KeepsItsInput
 
+    def main(self, *args: Any, **extra: Any) -> Any:
+        """Call a command. Letters that an output of Windows has no code for, as Greek ones in a
+        pipe, are written as escapes."""
+        if isinstance(sys.stdout, io.TextIOWrapper):
+            sys.stdout.reconfigure(errors="backslashreplace")
+        return super().main(*args, **extra)
+
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         for section, commands in SECTIONS.items():
             with formatter.section(section):
@@ -637,9 +644,10 @@ def run_campaign(arguments: tuple[str, ...]) -> None:
     from snakemake.cli import main as snakemake
 
     from osl_analysis.commands.killed_runs import take_over_lock
-    from osl_analysis.commands.run import snakemake_arguments
+    from osl_analysis.commands.run import check_submission, snakemake_arguments
 
     given = snakemake_arguments(arguments)
+    check_submission(given)
     if take_over_lock():
         say("the last run here was killed; its lock is taken over", err=True)
     snakemake(given)

@@ -166,8 +166,9 @@ class MemoryLimitError(WriteError):
 
 EXTRAS = {
     "ezc3d": "simulator", "fastexcel": "excel", "h5py": "mat73", "mat-io": "matlab",
-    "mujoco": "mujoco",
+    "mcap-protobuf-support": "protobuf", "mujoco": "mujoco",
     "nptdms": "tdms", "numba": "simulator", "rocrate": "bundle", "rosbags": "ros",
+    "snakemake-executor-plugin-slurm": "cluster",
 }  # fmt: skip
 """The extra of the package that installs a library which most campaigns do not need."""
 

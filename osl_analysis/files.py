@@ -74,9 +74,19 @@ def reason_of_disk(error: BaseException, temporary: Path) -> str | None:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a file of text in UTF-8. Raises as `atomic_path`."""
+    """Write a file of text in UTF-8, with the same bytes on every system. Raises as
+    `atomic_path`."""
     with atomic_path(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+        temporary.write_text(text, encoding="utf-8", newline="\n")
+
+
+def seen_from(folder: Path, path: Path) -> Path:
+    """A path relative to a folder; on another drive of Windows, where there is none, from the
+    root."""
+    try:
+        return Path(os.path.relpath(path.resolve(), folder.resolve()))
+    except ValueError:
+        return path.resolve()
 
 
 def check_working_folder(results: Path = Path(".snakemake")) -> None:

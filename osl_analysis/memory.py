@@ -40,27 +40,27 @@ def limited_memory(files: Sequence[Path | str]) -> Iterator[None]:
     InputError
         The variable is no number of megabytes.
     """
-    if sys.platform != "linux":
-        yield
-        return
-    import resource
+    if sys.platform == "linux":
+        import resource
 
-    soft, hard = resource.getrlimit(resource.RLIMIT_DATA)
-    limits = [int(allowed_memory()), sys.maxsize]
-    limits.extend(known for known in (soft, hard) if known != resource.RLIM_INFINITY)
-    limit = min(limits)
-    resource.setrlimit(resource.RLIMIT_DATA, (limit, hard))
-    try:
+        soft, hard = resource.getrlimit(resource.RLIMIT_DATA)
+        limits = [int(allowed_memory()), sys.maxsize]
+        limits.extend(known for known in (soft, hard) if known != resource.RLIM_INFINITY)
+        limit = min(limits)
+        resource.setrlimit(resource.RLIMIT_DATA, (limit, hard))
+        try:
+            yield
+        except MemoryError as error:
+            resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))  # the message needs some, too
+            raise MemoryLimitError(
+                f"{named_files(files)}not enough memory, a job may have {limit / 1e6:.0f} MB here;"
+                f" cut the recording, or ask for fewer samples, or allow more by {VARIABLE} or on a"
+                " larger machine"
+            ) from error
+        finally:
+            resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
+    else:
         yield
-    except MemoryError as error:
-        resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))  # the message needs some, too
-        raise MemoryLimitError(
-            f"{named_files(files)}not enough memory, a job may have {limit / 1e6:.0f} MB here; cut"
-            f" the recording, or ask for fewer samples, or allow more by {VARIABLE} or on a larger"
-            " machine"
-        ) from error
-    finally:
-        resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
 
 
 def allowed_memory() -> float:
@@ -78,7 +78,9 @@ def allowed_memory() -> float:
 
 def memory_limits() -> list[int]:
     """Memory [bytes] of the machine, and of the control groups of a container or batch job."""
-    limits = [os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")]
+    limits = [sys.maxsize]
+    if sys.platform == "linux":
+        limits.append(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
     with suppress(OSError, ValueError):
         for line in Path("/proc/self/cgroup").read_text(encoding="utf-8").splitlines():
             group = Path("/sys/fs/cgroup", line.split(":", 2)[2].lstrip("/"))

@@ -53,7 +53,9 @@ def write_refusals(refusals: Iterable[Refusal], path: Path) -> None:
             with zipfile.ZipFile(temporary, "w") as archive:
                 archive.writestr(zipfile.ZipInfo(f"{MARK}.csv"), csv_text(causes))
         elif path.suffix == ".json":
-            temporary.write_text(json.dumps({MARK: [asdict(cause) for cause in causes]}))
+            temporary.write_text(
+                json.dumps({MARK: [asdict(cause) for cause in causes]}), encoding="utf-8"
+            )
         else:
             temporary.write_text(csv_text(causes), encoding="utf-8")
 

@@ -19,7 +19,6 @@ jobs, and those before them, have a `priority`: at the end no core waits for the
 """
 
 import atexit
-import os
 import sys
 from operator import attrgetter
 from pathlib import Path
@@ -36,13 +35,14 @@ from osl_analysis.config.experiments import EXPERIMENTS, judged_tables
 from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.errors import OslAnalysisError
 from osl_analysis.figures import FIGURES
+from osl_analysis.files import seen_from
 from osl_analysis.jobs.workers import job
 from osl_analysis.judge.campaign import JUDGED_FURTHER
 from osl_analysis.judge.claims import CLAIMED
 from osl_analysis.judge.exclusions import Judge
 from osl_analysis.yaml_settings import as_json
 
-CONFIG_FILES = [Path(os.path.relpath(file)) for file in reversed(workflow.configfiles)]
+CONFIG_FILES = [seen_from(Path(), Path(file)) for file in reversed(workflow.configfiles)]
 try:  # what is wrong in a file of the campaign is one line, without a traceback
     check_profile(sys.argv)
     CAMPAIGN, SIMULATION_FILES = start_campaign(config, CONFIG_FILES)
@@ -52,9 +52,9 @@ CONFIG = CAMPAIGN.config
 
 
 pathvars:
-    results=str(CONFIG.results),
-    logs=f"{CONFIG.results}/logs",
-    raw=str(CONFIG.raw_data),
+    results=CONFIG.results.as_posix(),
+    logs=f"{CONFIG.results.as_posix()}/logs",
+    raw=CONFIG.raw_data.as_posix(),
 
 
 wildcard_constraints:

@@ -1,14 +1,16 @@
 """Files that are written completely or not at all; limits of memory."""
 
 import errno
+import ntpath
 import re
+from pathlib import Path
 
 import polars as pl
 import pytest
 from polars.testing import assert_frame_equal
 
 from osl_analysis.errors import InputError, WriteError
-from osl_analysis.files import atomic_path
+from osl_analysis.files import atomic_path, seen_from
 from osl_analysis.memory import VARIABLE, allowed_memory, named_files
 from osl_analysis.table import read_table, read_tables
 
@@ -140,3 +142,13 @@ def test_a_message_names_three_files_at_most():
     assert named_files([]) == ""
     assert named_files(["a", "b"]) == "a, b: "
     assert named_files(["a", "b", "c", "d"]) == "a, b, c ...: "
+
+
+def test_a_folder_on_another_drive_of_windows_is_named_from_the_root(monkeypatch, tmp_path):
+    recordings = tmp_path / "recordings"
+    assert seen_from(tmp_path / "campaign", recordings) == Path("../recordings")
+
+    monkeypatch.setattr(
+        "os.path.relpath", lambda *_: ntpath.relpath("D:/recordings", "C:/campaign")
+    )
+    assert seen_from(tmp_path / "campaign", recordings) == recordings

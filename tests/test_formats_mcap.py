@@ -2,6 +2,7 @@
 
 import json
 import struct
+import sys
 import zlib
 from collections.abc import Callable, Sequence
 from io import BytesIO
@@ -788,6 +789,16 @@ def test_what_google_wrote_is_read(
     path = write_protobuf(tmp_path, [kind(**content) for content, _ in contents])
 
     assert_decoded(path, "/lab", [expected for _, expected in contents])
+
+
+def test_without_the_library_of_protobuf_the_extra_that_brings_it_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write_protobuf(tmp_path, [Timestamp(seconds=5)] * 3)
+    monkeypatch.setitem(sys.modules, "mcap_protobuf", None)
+
+    with pytest.raises(InputError, match=r"'/lab'.*; pip install 'osl-analysis\[protobuf\]'$"):
+        column(formats.read(path, source("seconds")), "seconds")
 
 
 def test_a_message_that_google_refuses_is_lost(tmp_path: Path) -> None:

@@ -120,11 +120,23 @@ def test_a_library_of_an_extra_is_imported_where_one_line_says_what_to_install()
         extra: {re.match(r"[\w-]+", one)[0].lower() for one in needs}
         for extra, needs in asked.items()
     }
-    assert {
-        extra: named[extra] for extra in named.keys() - {"cluster", "dev", "docs", "peers"}
-    } == of_extra
+    assert {extra: named[extra] for extra in named.keys() - {"dev", "docs", "peers"}} == of_extra
     plain = re.compile(rf"^\s*(?:import|from) (?:{'|'.join(EXTRAS)})\b", re.MULTILINE)
     assert [path for path in PACKAGE.rglob("*.py") if plain.search(path.read_text())] == []
+
+
+def test_the_container_has_the_lock_and_all_that_the_package_is_built_from():
+    """What it copies exists, and is what `pyproject.toml` and its build name."""
+    copied = set()
+    for line in re.findall(r"(?m)^COPY (.*) \S+$", (ROOT / "Containerfile").read_text()):
+        copied.update(line.split())
+    assert [name for name in copied if not (ROOT / name).exists()] == []
+
+    described = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    wheel = described["tool"]["hatch"]["build"]["targets"]["wheel"]
+    project = described["project"]
+    built_from = {*wheel["packages"], *wheel["force-include"], *project["license-files"]}
+    assert copied == built_from | {project["readme"], "pyproject.toml", "requirements.lock"}
 
 
 SLOW = (
@@ -135,7 +147,6 @@ SLOW = (
     "numba",
     "pint",
     "pandas",
-    "bokeh",
     "snakemake",
 )
 

@@ -26,7 +26,7 @@ from osl_analysis.commands.new_campaign import (
     with_known,
 )
 from osl_analysis.commands.reference import schemas
-from osl_analysis.commands.run import snakemake_arguments
+from osl_analysis.commands.run import check_submission, snakemake_arguments
 from osl_analysis.commands.simulate import planned_sheet, settings_files
 from osl_analysis.errors import InputError
 from osl_analysis.files import shipped
@@ -214,6 +214,18 @@ def test_doctor_calls_nothing_ok_that_is_not_installed(monkeypatch):
 
     assert library("numpy") == Look("numpy", "1.0")
     assert re.search(r"(?m)^-- numba +not installed, optional", call("doctor").stdout)
+
+
+def test_nothing_is_submitted_where_there_is_no_slurm(monkeypatch):
+    arguments = ["-n", f"--workflow-profile={ROOT}/profiles/slurm"]
+    monkeypatch.setenv("PATH", "")
+    monkeypatch.setattr("osl_analysis.commands.run.find_spec", lambda name: None)
+    with pytest.raises(InputError, match=r"pip install 'osl-analysis\[cluster\]'"):
+        check_submission(arguments)
+
+    monkeypatch.setattr("osl_analysis.commands.run.find_spec", lambda name: name)
+    with pytest.raises(InputError, match="no `sbatch` here; start the run where you submit jobs"):
+        check_submission(arguments)
 
 
 def test_snakemake_is_given_the_campaign_of_the_folder(tmp_path, monkeypatch):

@@ -9,7 +9,7 @@ import zlib
 from dataclasses import replace
 from html.parser import HTMLParser
 from importlib import import_module
-from importlib.metadata import version
+from importlib.metadata import distribution, version
 
 import numpy as np
 import polars as pl
@@ -51,6 +51,7 @@ from osl_analysis.judge.summary_findings import findings_in_summary
 from osl_analysis.judge.words import words_of
 from osl_analysis.refusal import Refusal
 from osl_analysis.report import (
+    BOKEH,
     left_out,
     methods,
     page,
@@ -237,6 +238,14 @@ class Page(HTMLParser):
             self.scripts.append(data)
         else:
             self.text += data
+
+
+@pytest.mark.parametrize("name", page.BOKEH_SCRIPTS)
+def test_plots_are_drawn_by_the_files_of_the_package_bokeh(name):
+    of_package = distribution("bokeh").locate_file(f"bokeh/server/static/js/{name}")
+
+    assert (BOKEH / name).read_bytes() == of_package.read_bytes(), f"cp {of_package} {BOKEH}"
+    assert distribution("bokeh").version == page.BOKEH_VERSION
 
 
 def test_names_from_files_are_text_and_no_script_runs_but_the_two_of_the_page():

@@ -36,6 +36,8 @@ class Run:
             began: float = psutil.Process(self.pid).create_time()
         except psutil.NoSuchProcess:
             return False
+        except psutil.AccessDenied:  # on Windows and macOS, to a process of another user
+            return True
         return abs(began - self.began) < SAME_START_S
 
 

@@ -19,7 +19,7 @@ import yaml
 from osl_analysis.commands.first_look import FirstLook, first_look
 from osl_analysis.commands.trials import inspect_file
 from osl_analysis.errors import InputError, OslAnalysisError, listing, nearest, printable
-from osl_analysis.files import CAMPAIGN, shipped
+from osl_analysis.files import CAMPAIGN, seen_from, shipped
 from osl_analysis.formats import TEXT_PRIORITY, formats_of, known_formats
 from osl_analysis.ingest import raw_files
 from osl_analysis.ingest.checksums import SUMS, write_sums
@@ -161,7 +161,7 @@ def new_campaign(
     }
     raw_data = Path("recordings")
     if recordings is not None:
-        raw_data = Path(os.path.relpath(recordings.resolve(), folder.resolve()))
+        raw_data = seen_from(folder, recordings)
     if with_sums and recordings is not None:
         files = [
             file

@@ -10,6 +10,7 @@ import threading
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from importlib.metadata import version
+from importlib.util import find_spec
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ from typing import Any
 import psutil
 
 from osl_analysis.campaign.campaign_trials import Campaign
-from osl_analysis.errors import InputError, listing, nearest
+from osl_analysis.errors import InputError, listing, nearest, not_installed
 from osl_analysis.files import CAMPAIGN, PACKAGE, check_working_folder, shipped
 from osl_analysis.jobs.workers import end_workers
 from osl_analysis.outcomes.job_log import run_report
@@ -121,6 +122,29 @@ def profile(name: str) -> str:
     )
 
 
+def check_submission(arguments: Sequence[str]) -> None:
+    """Refuse a profile of SLURM where nothing can be submitted: Snakemake would wait without an
+    end.
+
+    Parameters
+    ----------
+    arguments
+        As `snakemake_arguments` gives them.
+    """
+    for argument in arguments:
+        folder = argument.removeprefix(f"{PROFILE}=")
+        file = Path(folder) / "profile.yaml"
+        if not file.is_file() or read_mapping(file).get("executor") != "slurm":
+            continue
+        if find_spec("snakemake_executor_plugin_slurm") is None:
+            raise not_installed(folder, "snakemake-executor-plugin-slurm")
+        if shutil.which("sbatch") is None:
+            raise InputError(
+                f"{folder}: there is no `sbatch` here; start the run where you submit jobs, as on"
+                " the head node"
+            )
+
+
 def cancel_timers() -> None:
     """Cancel what still waits to look for further jobs when there are none left: Snakemake would
     end only after the last of these waits (`max-jobs-per-timespan` of the profile)."""
@@ -157,7 +181,7 @@ def end_run(
     try:
         unfinished = [str(file) for job in workflow.dag.needrun_jobs() for file in job.output]
         page = results / "report.html"
-        if str(page) in unfinished:
+        if page.as_posix() in unfinished:
             page.unlink(missing_ok=True)
         files = [str(file) for job in workflow.dag.jobs for file in job.output]
         refused = [file for file in files if is_refused(file)]
@@ -173,7 +197,7 @@ def end_run(
         # a later run makes them: by then the fault may be mended, or memory be enough
         for file in failed_results(refused):
             file.unlink(missing_ok=True)
-        if str(page) in files and page.is_file():
+        if page.as_posix() in files and page.is_file():
             lines.append(f"open {page} in a browser: every number, figure and trial")
         print("\n".join(filter(None, lines)), file=sys.stderr, flush=True)
         failed = bool(refused) and not accept

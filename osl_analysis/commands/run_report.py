@@ -44,9 +44,11 @@ class RunReport:
             shared_source_report(sources, trials_to_mend_by_source(refused)),
         ]
         summary = results / "summary.json"
-        was_made = str(summary) in files and summary.exists()  # not where the run was ended before
-        if was_made and str(summary) not in refused:
-            lines = [*brief_lines(json.loads(summary.read_text())), *lines]
+        name = summary.as_posix()
+        was_made = name in files and summary.exists()  # not where the run was ended before
+        if was_made and name not in refused:
+            content = json.loads(summary.read_text(encoding="utf-8"))
+            lines = [*brief_lines(content), *lines]
         return "\n".join(line for line in lines if line)
 
 

@@ -9,13 +9,14 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
+from importlib.util import find_spec
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from osl_analysis.errors import InputError, listing
+from osl_analysis.errors import InputError, listing, not_installed
 from osl_analysis.formats._objects import (
     FieldDescription,
     fields_in,
@@ -167,6 +168,8 @@ class Topic:
                 f"topic '{self.name}' is encoded as {self.encoding} ({schema}); read are cdr"
                 " (ros2msg), ros1 (ros1msg), protobuf (protobuf) and json: convert the log"
             )
+        if self.encoding == "protobuf" and find_spec("mcap_protobuf") is None:
+            raise not_installed(f"topic '{self.name}' in protobuf", "mcap-protobuf-support")
         try:
             if self.encoding == "protobuf":
                 return _protobuf_decoder(self.schema)

@@ -8,6 +8,7 @@ import gc
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 from collections import defaultdict
 from collections.abc import Callable
@@ -45,8 +46,11 @@ class Worker:
 
     def __init__(self) -> None:
         os.environ.update(ENVIRONMENT)
-        context: Any = multiprocessing.get_context("forkserver" if hasattr(os, "fork") else "spawn")
-        context.set_forkserver_preload(PRELOADED)
+        # libraries of macOS crash in forked processes
+        can_fork = hasattr(os, "fork") and sys.platform != "darwin"
+        context: Any = multiprocessing.get_context("forkserver" if can_fork else "spawn")
+        if can_fork:
+            context.set_forkserver_preload(PRELOADED)
         self.connection, far_end = context.Pipe()
         self.process = context.Process(target=serve, args=(far_end,), daemon=True)
         with ASKING:

@@ -11,8 +11,6 @@ from functools import cache
 from typing import Any
 
 import polars as pl
-from bokeh import __version__ as bokeh_version
-from bokeh.resources import Resources
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 from markupsafe import Markup
 
@@ -21,7 +19,7 @@ from osl_analysis.dictionary import apparent_inertia
 from osl_analysis.judge.finding import UNITS_OF_ESTIMATES, Grade
 from osl_analysis.judge.summary_findings import CampaignFinding, findings_in_summary
 from osl_analysis.refusal import Refusal
-from osl_analysis.report import TEMPLATES
+from osl_analysis.report import BOKEH, TEMPLATES
 from osl_analysis.report.condition_rows import ConditionRow
 from osl_analysis.report.headline import (
     Headline,
@@ -44,6 +42,8 @@ impedance was desired."""
 
 SCRIPTS = ("elements.js", "tables.js", "readings.js", "loops.js", "report.js")
 """The page's own scripts, in the order in which they are one."""
+BOKEH_VERSION = "3.9.2"  # of the files in `bokeh`, which draw plots
+BOKEH_SCRIPTS = ("bokeh.min.js", "bokeh-api.min.js")
 TRIALS_WITH_ALL_SAMPLES = 250  # whose series take some 15 MB
 
 
@@ -105,8 +105,8 @@ def written_page(
     report: Report, trials: Mapping[str, tuple[Mapping[str, Any], TablesOfTrial]]
 ) -> str:
     """The HTML of a report, with the content and the tables of each trial."""
-    bokeh = Resources(mode="inline", log_level="warn", components=["bokeh", "bokeh-api"])
-    bokeh_js = "\n".join(bokeh.js_raw)
+    bokeh_parts = [(BOKEH / name).read_text(encoding="utf-8") for name in BOKEH_SCRIPTS]
+    bokeh_js = "\n".join([*bokeh_parts, 'Bokeh.set_log_level("warn");'])
     report_js = "\n".join((TEMPLATES / name).read_text(encoding="utf-8") for name in SCRIPTS)
     style = (TEMPLATES / "report.css").read_text(encoding="utf-8")
     every = max(math.ceil(len(trials) / TRIALS_WITH_ALL_SAMPLES), 1)
@@ -117,7 +117,7 @@ def written_page(
         report=report,
         experiments={name: facts.description for name, facts in EXPERIMENTS.items()},
         apparent_inertia=apparent_inertia(),
-        bokeh_version=bokeh_version,
+        bokeh_version=BOKEH_VERSION,
         policy=policy_of(bokeh_js, report_js),
         bokeh_js=Markup(bokeh_js),
         report_js=Markup(report_js),

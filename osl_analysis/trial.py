@@ -375,8 +375,8 @@ def checksum_of(samples: pl.DataFrame, *texts: str) -> str:
     """CRC-32 of texts, column names and values. Parquet itself does not detect a changed value."""
     value = zlib.crc32("\n".join([*texts, *samples.columns]).encode())
     for column in samples.iter_columns():
-        values = np.ascontiguousarray(column.to_numpy())
-        value = zlib.crc32(values.view(np.uint8).data, value)
+        # without a name, so that the numbers of one column are dropped before the next ones
+        value = zlib.crc32(np.ascontiguousarray(column.to_numpy()).view(np.uint8).data, value)
     return f"{value:08x}"
 
 

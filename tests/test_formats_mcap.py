@@ -474,6 +474,19 @@ def numbers_of(text: str, payload: bytes, *paths: str) -> list[Any]:
     return [shape.read(leaf, rows)[0].item() for leaf in leaves if leaf is not None]
 
 
+@pytest.mark.parametrize("letter", range(5))
+def test_names_that_differ_in_any_letter_make_another_shape(letter: int) -> None:
+    name = bytearray(b"shank\0")
+    payload = b"\0\1\0\0" + struct.pack("<II", 1, 6) + name + bytes(2) + bytes(8)
+    name[letter] += 1
+    other = b"\0\1\0\0" + struct.pack("<II", 1, 6) + name + bytes(2) + bytes(8)
+    shape = shape_of(kind_of("string[] name\nfloat64[1] position"), payload)
+
+    fits = shape.fits(np.frombuffer(payload + other, f"V{len(payload)}"))
+
+    assert fits.tolist() == [True, False]
+
+
 @pytest.mark.parametrize(
     ("text", "payload", "expected"),
     [

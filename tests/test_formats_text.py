@@ -134,6 +134,28 @@ def test_a_short_line_is_not_made_up_for_by_a_long_one(tmp_path: Path) -> None:
     assert "line 401 has 2 cells under 3 names, and 2 of 902 rows do not fit" in said
 
 
+def test_a_number_that_stands_for_a_failed_reading_is_missing_amid_a_long_text(
+    tmp_path: Path,
+) -> None:
+    text = table().replace(f"{ANGLE[450]:.9f}", "-999")
+
+    recording = read(tmp_path, text, **csv_source(missing=["-999"]))
+
+    assert np.flatnonzero(np.isnan(column(recording, "Ankle angle"))).tolist() == [450]
+
+
+@pytest.mark.parametrize("amid", ["-7", "-7.5"])
+def test_whole_numbers_of_a_long_text_keep_their_last_digit(tmp_path: Path, amid: str) -> None:
+    stamps = [str(1_700_000_000_000_000_000 + 2_000_001 * row) for row in range(900)]
+    other = ["8"] * 450 + [amid] + ["8"] * 449
+    rows = [f"{stamp},{number}\n" for stamp, number in zip(stamps, other, strict=True)]
+
+    recording = read(tmp_path, "Time [ns],Level\n" + "".join(rows), **csv_source())
+
+    assert column(recording, "Time").tolist() == [int(stamp) for stamp in stamps]
+    assert column(recording, "Level")[449:452].tolist() == [8, float(amid), 8]
+
+
 def test_of_a_long_text_about_the_first_rows_are_listed_and_all_are_read(tmp_path: Path) -> None:
     count = 205_000
     content = "t,a\n" + "".join(f"{k},{k % 7}\n" for k in range(count))

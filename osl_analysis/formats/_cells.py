@@ -31,6 +31,7 @@ WHOLE_THOUSANDS = {
     ".": re.compile(r"[+-]?[1-9]\d{0,2}(\.\d{3})+"),
 }
 SMALL_WHOLE = re.compile(r"[+-]?\d{1,3}")
+WHOLE = r"^[+-]?\d+$"
 TRUTHS = ("true", "false")  # in any case, as loggers in Python write them
 CLOCK = (
     r"(?:(\d+) days?,? )?\+?(\d{1,3}):(\d{2})(?::(\d{1,2}))?(?:[.,:](\d{1,9}))?\d*(?:"
@@ -168,7 +169,8 @@ def cell_values(cells: pl.Series, missing: Collection[str], decimal: str) -> NDA
     """
     if cells.dtype == pl.Boolean and not cells.null_count():
         return cells.to_numpy()
-    if cells.dtype.is_integer() and not cells.null_count():
+    is_number = cells.dtype == pl.Float64 or cells.dtype.is_integer()
+    if is_number and not cells.null_count():
         return cells.to_numpy()
     if cells.dtype != pl.String:
         return cells.cast(pl.Float64).fill_null(np.nan).to_numpy()
@@ -178,7 +180,7 @@ def cell_values(cells: pl.Series, missing: Collection[str], decimal: str) -> NDA
         if (words.is_in(TRUTHS).fill_null(False).to_numpy() | is_missing).all():
             truths: NDArray[np.bool_] = (words == "true").fill_null(False).to_numpy()
             return np.ma.array(truths, mask=is_missing) if is_missing.any() else truths
-    if cells[:FIRST_TRIED].str.contains(r"^[+-]?\d+$").fill_null(False).all():
+    if cells[:FIRST_TRIED].str.contains(WHOLE).fill_null(False).all():
         # floats would round nanoseconds since 1970
         whole_numbers = cells.cast(pl.Int64, strict=False)
         if not whole_numbers.null_count():

@@ -26,6 +26,7 @@ from osl_analysis.formats._objects import (
     number_at,
 )
 from osl_analysis.formats._ros_shapes import (
+    Leaf,
     MessageType,
     NoNumberError,
     Shape,
@@ -80,6 +81,15 @@ class Messages:
         """Bytes of one message."""
         start = int(self.starts[row])
         return self.buffer[start : start + int(self.lengths[row])]
+
+
+@dataclass(frozen=True)
+class _KnownShape:
+    """A shape of a topic's messages, with the wanted numbers in it."""
+
+    shape: Shape
+    leaves: Mapping[str, Leaf]  # by path; a path that is missing has no number in it
+    writer: int
 
 
 @dataclass
@@ -146,7 +156,7 @@ class Topic:
     _log_times_ns: list[NDArray[np.int64]] = field(default_factory=list)
     _sequence: list[NDArray[np.uint32]] = field(default_factory=list)
     _decoded: list[_Decoded] = field(default_factory=list)
-    _shapes: dict[int, list[Shape]] = field(default_factory=dict)  # by length of the message
+    _shapes: dict[int, list[_KnownShape]] = field(default_factory=dict)  # by length of the message
 
     @cached_property
     def type(self) -> MessageType | Decoder:
@@ -224,25 +234,26 @@ class Topic:
         while places.size:
             if tried == len(shapes):  # the first message of a shape tells it
                 try:
-                    shapes.append(shape_of(kind, rows[0].tobytes()))
+                    shapes.append(self._known(shape_of(kind, rows[0].tobytes())))
                 except (InputError, RecursionError) as error:
                     self._count_misfit(error)
                     places = places[1:]
                     rows = rows[1:]
                     continue
-            shape = shapes[tried]
-            fits = shape.fits(rows)
+            known = shapes[tried]
+            fits = known.shape.fits(rows)
             if fits.all():
-                self._take(shape, places, rows)
+                self._take(known, places, rows)
                 return
             if fits.any():
-                self._take(shape, places[fits], rows[fits])
+                self._take(known, places[fits], rows[fits])
                 places = places[~fits]
                 rows = rows[~fits]
             tried += 1
 
-    def _take(self, shape: Shape, places: NDArray[np.int64], rows: NDArray[np.void]) -> None:
-        values: dict[str, NDArray[Any]] = {}
+    def _known(self, shape: Shape) -> _KnownShape:
+        """Find the wanted numbers of a new shape, and its writer."""
+        leaves: dict[str, Leaf] = {}
         for path in self.wanted or ():
             try:
                 leaf = shape.leaf_at(path)
@@ -250,11 +261,15 @@ class Topic:
                 self.no_number.setdefault(path, str(error))
                 continue
             if leaf is not None:
-                values[path] = shape.read(leaf, rows)
+                leaves[path] = leaf
         names = shape.names()
         if names not in self.names_by_writer:
             self.names_by_writer.append(names)
-        self._decoded.append(_Decoded(places, values, self.names_by_writer.index(names)))
+        return _KnownShape(shape, leaves, self.names_by_writer.index(names))
+
+    def _take(self, known: _KnownShape, places: NDArray[np.int64], rows: NDArray[np.void]) -> None:
+        values = {path: known.shape.read(leaf, rows) for path, leaf in known.leaves.items()}
+        self._decoded.append(_Decoded(places, values, known.writer))
 
     def _add_objects(self, messages: Messages, decode: Decoder) -> None:
         """Decode messages that become objects, one by one."""
@@ -372,9 +387,12 @@ class Topic:
         numbers = self._numbers
         if (numbers[1:] - numbers[:-1] == 1).all():
             return 0
-        steps = np.diff(np.sort(numbers, kind="stable").astype(np.int64))
-        is_counted = bool((steps > 0).all()) and np.median(steps) == 1
-        return int((steps - 1).sum()) if is_counted else 0
+        if (numbers[1:] < numbers[:-1]).any():
+            numbers = np.sort(numbers, kind="stable")
+        if (numbers[1:] == numbers[:-1]).any():
+            return 0
+        steps = np.diff(numbers.astype(np.int64))
+        return int((steps - 1).sum()) if np.median(steps) == 1 else 0
 
 
 def _concatenated(parts: list[NDArray[Any]]) -> NDArray[Any]:

@@ -95,7 +95,8 @@ def read_text(path: Path) -> Text:
     data = path.read_bytes()
     if not data.isascii() or UTF_16.match(data):
         data = decoded(data).encode().replace(MINUS.encode(), b"-")
-    data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    if b"\r" in data:
+        data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     signs = [sign.encode() for sign in BETWEEN_THOUSANDS if sign.isascii() or not data.isascii()]
     if any(sign in data for sign in signs):  # as in Switzerland and France
         separators = rf"(?<=\d)[{BETWEEN_THOUSANDS}](?=\d{{3}}(?!\d))"

@@ -1,7 +1,8 @@
 """Tables of numbers in text files of any program: CSV, TSV, LabVIEW's LVM, printed columns.
 
 By hand: `polars.read_csv` and `pandas.read_csv` find neither header nor units, decimal sign or
-footer. Polars splits the lines where all are alike, which takes an eighth of the time.
+footer. Polars reads the lines where all are alike, which takes an eighth of the time; where all of
+their cells are plain numbers, without a text of each cell.
 """
 
 import re
@@ -15,6 +16,7 @@ import polars as pl
 
 from osl_analysis.errors import InputError
 from osl_analysis.formats import TEXT_PRIORITY
+from osl_analysis.formats._cells import WHOLE, is_number_cell
 from osl_analysis.formats._table import (
     Layout,
     SheetSource,
@@ -40,6 +42,7 @@ FIRST_LINES = 300  # of a long text, from which its header is found
 LAST_LINES = 60  # of a long text, among which its footer is
 MOST_LISTED = 200_000  # rows of a long text that are read to list what it holds
 LABVIEW = b"LabVIEW Measurement"
+IN_NUMBERS = set("+-.0123456789eE")  # signs of a plain number
 BLANKS = (b" ", b"\t", b"\v", b"\f")  # of ASCII
 END_OF_HEADER = "***End_of_Header***"
 
@@ -94,12 +97,13 @@ def _table_of_lines(lines: Sequence[Line], layout: Layout, is_ended: bool) -> Ta
 
 @dataclass(frozen=True)
 class _Parts:
-    """A long text in three parts."""
+    """The first and last lines of a long text, and where those between stand in it."""
 
     begin: bytes
-    middle: bytes
     end: bytes
     end_line: int  # number of the first line of the end
+    between: slice
+    lines_between: int
 
 
 def _parts_of(data: bytes, count: int, most_rows: int | None) -> _Parts:
@@ -109,32 +113,88 @@ def _parts_of(data: bytes, count: int, most_rows: int | None) -> _Parts:
     last = len(data)
     for _ in range(LAST_LINES):
         last = data.rindex(b"\n", 0, last)
-    middle = data[first : last + 1]
-    if most_rows is not None and count > most_rows:
-        about = most_rows * len(middle) // count
-        middle = middle[: middle.rfind(b"\n", 0, about) + 1]
     # `last` is the break before the last lines; as many lines stand before it, with it
     breaks_before = count - LAST_LINES + 1
-    return _Parts(data[:first], middle, data[last + 1 :], end_line=breaks_before + 1)
+    stop = last + 1
+    lines = breaks_before - FIRST_LINES
+    if most_rows is not None and count > most_rows:
+        about = first + most_rows * (stop - first) // count
+        stop = data.rfind(b"\n", first, about) + 1
+        lines = data.count(b"\n", first, stop)
+    return _Parts(data[:first], data[last + 1 :], breaks_before + 1, slice(first, stop), lines)
 
 
 def _table_of_alike_lines(
     data: bytes, count: int, is_ended: bool, layout: Layout, most_rows: int | None
 ) -> Table | None:
-    """Find the table by the first and last lines, and split those between at one go; None if one
+    """Find the table by the first and last lines, and read those between at one go; None if one
     of these differs."""
     parts = _parts_of(data, count, most_rows)
     lines = [*numbered(parts.begin), *numbered(parts.end, parts.end_line)]
     table = _table_of_lines(lines, layout, is_ended)
-    middle = _alike_rows(parts.middle, table, layout)
-    if middle is None or table.skipped:
+    if table.skipped:
         return None
+    numbers = _rows_of_numbers(data, parts.lines_between, table, layout)
+    if numbers is not None:
+        outer, middle = numbers
+    else:
+        outer = table.body
+        alike = _alike_rows(data[parts.between], table, layout)
+        if alike is None:
+            return None
+        middle = alike
     above = int((table.lines <= FIRST_LINES).sum())
     between = FIRST_LINES + 1 + np.arange(len(middle))
     return replace(
         table,
         lines=np.concatenate([table.lines[:above], between, table.lines[above:]]),
-        body=pl.concat([table.body[:above], middle, table.body[above:]]),
+        body=pl.concat([outer[:above], middle, outer[above:]], rechunk=True),
+    )
+
+
+def _rows_of_numbers(
+    data: bytes, rows: int, table: Table, layout: Layout
+) -> tuple[pl.DataFrame, pl.DataFrame] | None:
+    """Read the first and last rows, which are the table's, and those between as numbers; None if a
+    cell is no plain number.
+
+    Polars refuses words, quotes, blanks behind a number and lines with more cells; a line with
+    fewer, or of none, lacks a number.
+    """
+    are_ambiguous = any(set(sign) <= IN_NUMBERS for sign in layout.comment_signs)
+    are_ambiguous |= any(map(is_number_cell, layout.missing))
+    if are_ambiguous or table.decimal != ".":
+        return None
+    kinds = pl.Schema(
+        {name: _kind_of_numbers(cells) for name, cells in table.body.to_dict().items()}
+    )
+    outer = table.body.cast(kinds, strict=False)
+    if not _are_finite(outer):
+        return None
+    try:
+        middle = pl.read_csv(
+            data,
+            has_header=False,
+            separator=table.delimiter,
+            quote_char=None,
+            schema=kinds,
+            skip_lines=FIRST_LINES,
+            n_rows=rows,
+        )
+    except pl.exceptions.PolarsError:
+        return None
+    return (outer, middle) if len(middle) == rows and _are_finite(middle) else None
+
+
+def _kind_of_numbers(cells: pl.Series) -> type[pl.Int64 | pl.Float64]:
+    """The type of a column: floats would round nanoseconds since 1970."""
+    return pl.Int64 if cells.str.contains(WHOLE).all() else pl.Float64
+
+
+def _are_finite(numbers: pl.DataFrame) -> bool:
+    """Tell whether no number lacks, or is infinite."""
+    return not any(
+        column.has_nulls() or not column.is_finite().all() for column in numbers.iter_columns()
     )
 
 

@@ -12,7 +12,7 @@ import struct
 import zlib
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from io import BytesIO
 from itertools import pairwise
 from pathlib import Path
@@ -23,7 +23,7 @@ import numpy as np
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, DataEnd, Statistics
+from mcap.records import Channel, DataEnd, Statistics
 from mcap.records import Schema as SchemaRecord
 from numpy.typing import NDArray
 
@@ -39,6 +39,10 @@ MAGIC = b"\x89MCAP0\r\n"
 RECORD = struct.Struct("<BQ")  # opcode, length of the content [bytes]
 # opcode, length, where the summary and its offsets begin, its checksum
 FOOTER = struct.Struct("<BQQQI")
+# times of the first and the last message, size of the records [bytes], their checksum, length
+# [bytes] of the name of the compression, which follows
+CHUNK_HEAD = struct.Struct("<QQQII")
+CHUNK_LENGTH = struct.Struct("<Q")  # of the records that follow, as they are compressed [bytes]
 INDEX_HEAD = struct.Struct("<HI")  # channel, size of the entries [bytes]
 INDEX_ENTRY = 16  # bytes: log time, place in the chunk
 MESSAGE = np.dtype(
@@ -63,7 +67,7 @@ class IndexedChunk(NamedTuple):
     """A chunk with what the message indexes behind it list."""
 
     start: int  # first byte of its content in the file
-    content: bytes
+    content: memoryview
     counts: Counter[int]  # messages of each channel
     places: list[NDArray[np.int64]]  # of messages in the chunk [bytes]
 
@@ -99,6 +103,7 @@ class Log:
         self.is_data_wrong = False
         self.is_data_right = False
         self._chunk: IndexedChunk | None = None
+        self._decompressor = zstandard.ZstdDecompressor()
 
     def walk(self) -> None:
         """Read the file; of one that cannot be read from end to end, say if it holds two logs.
@@ -121,6 +126,7 @@ class Log:
     def _take_file(self) -> None:
         """Read the records of the top level."""
         data = self.data
+        view = memoryview(data)
         has_footer = self._take_summary()
         position = len(MAGIC)
         has_data_end = False
@@ -133,7 +139,7 @@ class Log:
             if opcode != Opcode.MESSAGE_INDEX:
                 self._take_chunk()
             if opcode == Opcode.CHUNK:
-                self._chunk = IndexedChunk(start, data[start:end], Counter(), [])
+                self._chunk = IndexedChunk(start, view[start:end], Counter(), [])
             elif opcode == Opcode.MESSAGE_INDEX:
                 self._take_index(start)
             elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE):
@@ -209,11 +215,8 @@ class Log:
         if chunk is None:
             return
         try:
-            record = Chunk.read(_stream(chunk.content))
-            content = unpacked(record)
-            self._take_records(
-                content, 0, in_chunk=True, index=chunk, is_checked=bool(record.uncompressed_crc)
-            )
+            content, is_checked = self._unpacked(chunk.content)
+            self._take_records(content, 0, in_chunk=True, index=chunk, is_checked=is_checked)
         except (DamagedChunkError, struct.error, UnicodeDecodeError) as error:
             self.chunks_lost += 1
             self.lost += chunk.counts
@@ -221,6 +224,43 @@ class Log:
             self.remarks.append(f"the chunk at byte {chunk.start} is damaged: it {reason}")
         else:
             self.chunks += 1
+
+    def _unpacked(self, chunk: memoryview) -> tuple[bytes, bool]:
+        """Decompress the records of a chunk, check them, and tell whether a checksum covers them.
+
+        Raises
+        ------
+        DamagedChunkError
+            They cannot be decompressed, or do not match their size or checksum.
+        struct.error
+            The chunk is too short.
+        """
+        _, _, size, checksum, name_length = CHUNK_HEAD.unpack_from(chunk)
+        if size > LARGEST_CHUNK:
+            raise DamagedChunkError(f"declares {size / 1e9:.3g} GB, at most 1 GB is read")
+        begin = CHUNK_HEAD.size + name_length
+        compression = bytes(chunk[CHUNK_HEAD.size : begin]).decode()
+        (packed_length,) = CHUNK_LENGTH.unpack_from(chunk, begin)
+        begin += CHUNK_LENGTH.size
+        packed = chunk[begin : begin + packed_length]
+        try:
+            if compression == "zstd":
+                content = self._decompressor.decompress(packed, size) if size else b""
+            elif compression == "lz4":
+                content = lz4.frame.decompress(packed)
+            elif compression:
+                raise DamagedChunkError(
+                    f"is compressed with {compression[:20]!a}; zstd and lz4 are read"
+                )
+            else:
+                content = bytes(packed)
+        except (zstandard.ZstdError, RuntimeError, OSError, EOFError, ValueError) as error:
+            raise DamagedChunkError("cannot be decompressed") from error
+        if len(content) != size:
+            raise DamagedChunkError(f"holds {len(content)} of {size} bytes")
+        if checksum and zlib.crc32(content) != checksum:
+            raise DamagedChunkError("does not match its checksum")
+        return content, bool(checksum)
 
     def _take_records(
         self,
@@ -234,17 +274,18 @@ class Log:
 
         Messages that an index lists are passed at one go.
         """
-        runs: dict[int, tuple[NDArray[np.int64], int]] = {}
+        indexed = no_messages()
         if index is not None and index.places:
-            runs = runs_of_messages(content, np.concatenate(index.places))
-        passed: list[NDArray[np.int64]] = []
+            indexed = messages_at(content, np.concatenate(index.places))
+        runs = indexed.runs()
+        is_passed = np.zeros(indexed.places.size, bool)
         single: list[int] = []
         declarations: list[tuple[int, bytes]] = []
         position = begin
         while position + RECORD.size <= len(content):
             if position in runs:
-                places, position = runs[position]
-                passed.append(places)
+                run, position = runs[position]
+                is_passed[run] = True
                 continue
             opcode, length = RECORD.unpack_from(content, position)
             start = position + RECORD.size
@@ -264,12 +305,16 @@ class Log:
             )
         for opcode, record in declarations:
             self._declare(opcode, record)
-        places = np.sort(np.concatenate([np.array(single, np.int64), *passed]), kind="stable")
-        self._take_messages(content, places, is_checked)
+        messages = indexed
+        if single or not is_passed.all():
+            passed = indexed.places[is_passed]
+            messages = messages_at(content, np.concatenate([np.array(single, np.int64), passed]))
+        self._take_messages(content, messages, is_checked)
         return position
 
-    def _take_messages(self, content: bytes, places: NDArray[np.int64], is_checked: bool) -> None:
-        heads = rows_at(content, places, MESSAGE.itemsize).view(MESSAGE)
+    def _take_messages(self, content: bytes, messages: "MessagesAt", is_checked: bool) -> None:
+        places = messages.places
+        heads = messages.heads
         channel = heads["channel"].astype(np.int64)
         lengths = heads["length"].astype(np.int64) - MESSAGE_HEAD
         log_times_ns = heads["log_time"].astype(np.int64)
@@ -362,71 +407,42 @@ def _stream(content: bytes) -> Any:
     return ReadDataStream(BytesIO(content))
 
 
-def unpacked(chunk: Chunk) -> bytes:
-    """Decompress the records of a chunk, and check them.
+@dataclass(frozen=True)
+class MessagesAt:
+    """Messages in a chunk, by their places."""
 
-    Raises
-    ------
-    DamagedChunkError
-        They cannot be decompressed, or do not match their size or checksum.
-    """
-    if chunk.uncompressed_size > LARGEST_CHUNK:
-        raise DamagedChunkError(
-            f"declares {chunk.uncompressed_size / 1e9:.3g} GB, at most 1 GB is read"
-        )
-    content = chunk.data
-    try:
-        if chunk.compression == "zstd":
-            content = b""
-            if chunk.uncompressed_size:
-                decompressor = zstandard.ZstdDecompressor()
-                content = decompressor.decompress(chunk.data, chunk.uncompressed_size)
-        elif chunk.compression == "lz4":
-            content = lz4.frame.decompress(chunk.data)
-        elif chunk.compression:
-            raise DamagedChunkError(
-                f"is compressed with {chunk.compression[:20]!a}; zstd and lz4 are read"
-            )
-    except (zstandard.ZstdError, RuntimeError, OSError, EOFError, ValueError) as error:
-        raise DamagedChunkError("cannot be decompressed") from error
-    if len(content) != chunk.uncompressed_size:
-        raise DamagedChunkError(f"holds {len(content)} of {chunk.uncompressed_size} bytes")
-    if chunk.uncompressed_crc and zlib.crc32(content) != chunk.uncompressed_crc:
-        raise DamagedChunkError("does not match its checksum")
-    return content
+    places: NDArray[np.int64]  # (n,) rising [bytes]
+    heads: NDArray[Any]  # (n,) of `MESSAGE`
+
+    def runs(self) -> dict[int, tuple[slice, int]]:
+        """Runs of messages that follow one another to the byte: by the place of the first, which
+        they are, and where the last one ends."""
+        ends = self.places + RECORD.size + self.heads["length"].astype(np.int64)
+        begins_run = np.flatnonzero(self.places[1:] != ends[:-1]) + 1
+        cuts = [0, *begins_run.tolist(), self.places.size]
+        return {
+            int(self.places[first]): (slice(first, last), int(ends[last - 1]))
+            for first, last in pairwise(cuts)
+            if last > first
+        }
 
 
-def runs_of_messages(
-    content: bytes, places: NDArray[np.int64]
-) -> dict[int, tuple[NDArray[np.int64], int]]:
-    """Group messages that follow one another to the byte.
+def no_messages() -> MessagesAt:
+    return MessagesAt(np.zeros(0, np.int64), np.zeros(0, MESSAGE))
 
-    Parameters
-    ----------
-    places
-        Where an index says that messages stand [bytes], (n,). Those that hold something else are
-        left out.
 
-    Returns
-    -------
-    dict
-        By the place of the first message of a run: the places of all, and where the last one ends.
-    """
+def messages_at(content: bytes, places: NDArray[np.int64]) -> MessagesAt:
+    """Take the messages at places (n,) [bytes], without those that hold something else."""
     is_inside = (places >= 0) & (places <= len(content) - MESSAGE.itemsize)
     places = np.sort(places[is_inside], kind="stable")
     heads = rows_at(content, places, MESSAGE.itemsize).view(MESSAGE)
     lengths = heads["length"].astype(np.int64)
     fits = (lengths >= MESSAGE_HEAD) & (lengths <= len(content) - RECORD.size - places)
     is_message = fits & (heads["opcode"] == Opcode.MESSAGE)
-    places = places[is_message]
-    ends = places + RECORD.size + lengths[is_message]
-    begins_run = np.flatnonzero(places[1:] != ends[:-1]) + 1
-    cuts = [0, *begins_run.tolist(), places.size]
-    return {
-        int(places[first]): (places[first:last], int(ends[last - 1]))
-        for first, last in pairwise(cuts)
-        if last > first
-    }
+    if not is_message.all():
+        places = places[is_message]
+        heads = heads[is_message]
+    return MessagesAt(places, heads)
 
 
 def _joined(what: str, number: int, name: str, other_name: str) -> InputError:

@@ -148,7 +148,7 @@ def without_empty_rows(table: Table) -> Table:
     that is not asked, or lines of another device."""
     columns = [*table.values.values()]
     if table.clock is not None:
-        columns.append(table.clock)
+        columns.insert(0, table.clock)
     is_masked = np.ones(table.rows.count, bool)
     is_empty = np.ones(table.rows.count, bool)
     for values in columns:
@@ -158,7 +158,9 @@ def without_empty_rows(table: Table) -> Table:
         if readings.dtype.kind == "f":
             mask = mask | np.isnan(readings)
         is_empty &= mask
-    if is_empty.all() or not is_empty.any():
+        if not is_empty.any():
+            return table
+    if is_empty.all():
         return table
     last = int(np.flatnonzero(~is_empty)[-1])
     kept = ~is_masked

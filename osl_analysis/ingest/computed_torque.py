@@ -1,5 +1,6 @@
 """The torques of a recording that a program computed from other signals of its log."""
 
+import math
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -106,9 +107,15 @@ def may_be_load_cell(channel: Channel) -> bool:
 def is_alike(values: Array, torque: Array) -> bool:
     """Whether readings (n,) follow a torque, as the raw readings of its load cell do."""
     is_known = np.isfinite(values) & np.isfinite(torque)
-    if not varies(values[is_known]):
+    if not is_known.all():
+        values = values[is_known]
+        torque = torque[is_known]
+    if not varies(values):
         return True
-    return bool(abs(np.corrcoef(values[is_known], torque[is_known])[0, 1]) > ALIKE)
+    values = values - values.mean()
+    torque = torque - torque.mean()
+    squares = float(values @ values) * float(torque @ torque)
+    return abs(float(values @ torque)) > ALIKE * math.sqrt(squares)
 
 
 def measured_torques(channels: Sequence[Channel], signals: Sequence[Signal]) -> list[str]:
@@ -143,4 +150,6 @@ def numbers_of(channel: Channel) -> Array | None:
         values = channel.values
     if values.ndim != 1 or values.dtype.kind not in "iuf":
         return None
-    return np.ma.filled(np.ma.asarray(values).astype(np.float64), np.nan)
+    numbers = np.ma.getdata(values).astype(np.float64, copy=False)
+    mask = np.ma.getmaskarray(values)
+    return np.where(mask, np.nan, numbers) if mask.any() else numbers

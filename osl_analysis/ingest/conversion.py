@@ -61,7 +61,9 @@ def to_si(
     factor = si_factor(unit, si_unit)
     gain = conversion.sign * conversion.scale * factor
     with np.errstate(over="ignore"):  # infinite values are refused later, by name
-        return np.asarray(gain * (raw + conversion.offset))
+        values = np.asarray(raw + conversion.offset)
+        values *= gain
+    return values
 
 
 def origin_of(conversion: Conversion, column: str, unit_of_file: str = "") -> dict[str, Any]:
@@ -153,10 +155,11 @@ def canonical_column(
             " the source file"
         )
     with np.errstate(invalid="ignore"):  # a signalling NaN is a missing value, too
-        values = np.where(lacking, 0.0, readings.astype(np.float64))
+        values = readings.astype(np.float64)
+    values[lacking] = 0.0
     missing = np.isnan(values)
-    check_finite_values(setting.title, np.where(missing, 0.0, values), time)
     count = int(missing.sum())
+    check_finite_values(setting.title, np.where(missing, 0.0, values) if count else values, time)
     if count > source.most_missing * values.size:
         first = rows.place(int(np.argmax(missing)))
         share = share_above(count, values.size)

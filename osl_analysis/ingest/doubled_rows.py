@@ -36,7 +36,7 @@ def numbered_twice(time: Array, values: pl.DataFrame) -> NDArray[np.intp]:
     none = np.zeros(0, np.intp)
     steps = np.diff(time)
     usual = float(np.median(steps))
-    if time.size < 5 or np.abs(steps - usual).max() > EVEN * usual:
+    if time.size < 5 or max(steps.max() - usual, usual - steps.min()) > EVEN * usual:
         return none
     repeats = pl.DataFrame([column[1:] == column[:-1] for column in values])
     is_equal = repeats.select(pl.all_horizontal(pl.all().fill_null(False))).to_series().to_numpy()

@@ -93,7 +93,10 @@ def check_sizes(samples: pl.DataFrame, columns: Collection[str]) -> None:
     """Refuse values beyond `LARGEST_MEASURED`, and infinite ones. NaN passes: it marks a value that
     was not seen."""
     time = samples["time"].to_numpy()
-    sizes = samples.select(pl.col(*columns).abs().max())
+    sizes = samples.select(
+        pl.max_horizontal(pl.col(column).max(), -pl.col(column).min()).alias(column)
+        for column in columns
+    )
     for column, largest in sizes.row(0, named=True).items():
         bound = LARGEST_MEASURED[unit_of(column)]
         if (largest or 0.0) > bound:

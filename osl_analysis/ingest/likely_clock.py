@@ -77,6 +77,8 @@ def unwrapped(readings: NDArray[Any]) -> tuple[NDArray[Any], int, int]:
     turns
         How often it overflowed.
     """
+    if not (readings[1:] < readings[:-1]).any():
+        return readings, 0, 0
     steps = np.diff(readings.astype(np.float64))
     goes_back = steps < 0
     are_counts = bool((readings == np.rint(readings)).all())

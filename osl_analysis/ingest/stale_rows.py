@@ -73,6 +73,10 @@ def _before_the_recording(readings: NDArray[Any], least: float) -> NDArray[np.in
     if readings.size < FEWEST_ROWS:
         return np.zeros(0, np.int64)
     steps = np.diff(readings)
+    longest = float(steps[:LONGEST_STALE_RUN].max())
+    # counted, since the median of an hour takes ten times as long
+    if 2 * np.count_nonzero(steps < longest / FAR_STEPS) < steps.size:
+        return np.zeros(0, np.int64)
     far = max(least, FAR_STEPS * float(np.median(steps)))
     is_far = steps[:LONGEST_STALE_RUN] > far
     if not far > 0 or not is_far.any():

@@ -147,7 +147,8 @@ def convert_table(recording: Recording, source: TableSource, file_name: str) -> 
     facts.update(recording.facts)
     if recording.notes:
         facts["comments"] = list(recording.notes[:MOST_NOTES])
-    frame = frame.filter(pl.Series(kept))
+    if not kept.all():
+        frame = frame.filter(pl.Series(kept))
     if recording.plates:
         frame, plate_origins, facts["plates"] = with_plates(recording, source, table, frame, time)
         origins.update(plate_origins)

@@ -12,7 +12,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.signals.device_clock import DeviceClock
 from osl_analysis.signals.held_values import HeldValues, held_values
 from osl_analysis.signals.sample_count import missing_by_rhythm, places_of_samples
-from osl_analysis.signals.stamp_evidence import StampEvidence, evidence_of
+from osl_analysis.signals.stamp_evidence import StampEvidence, evidence_by_signal
 from osl_analysis.signals.stamp_reading import Reading, reading_of
 from osl_analysis.signals.stream import Stream
 from osl_analysis.trial import Array
@@ -155,10 +155,12 @@ def take_stream(recorded: Stream) -> list[Taken]:
     decided = list[Taken]()
     if own_rows:
         decided = decide(replace(stream, signals=own_rows) if held else stream, clock)
-    row_times = decided[0].times if decided else stream.stamps
-    of_held = [
-        held_taken(stream, name, values, row_times, clock.step) for name, values in held.items()
-    ]
+    of_held = list[Taken]()
+    if held:
+        row_times = decided[0].times if decided else stream.stamps
+        of_held = [
+            held_taken(stream, name, values, row_times, clock.step) for name, values in held.items()
+        ]
     of_rows = [
         replace(part, signals=names, repeated=repeated, delay=stream.delays.get(names[0], 0.0))
         for part in decided
@@ -280,7 +282,7 @@ def decide(stream: Stream, clock: DeviceClock) -> list[Taken]:
     if without_evidence is not None:
         return [without_evidence]
 
-    evidence = evidence_by_signal(stream, clock)
+    evidence = known_and_new_evidence(stream, clock)
     readings = reading_by_signal(stream, clock, evidence)
     decisions = []
     for even, age in sorted({(reading.even, reading.age) for reading in readings.values()}):
@@ -338,19 +340,18 @@ def decide_by_stamps(stream: Stream, clock: DeviceClock) -> Taken | None:
     return None
 
 
-def evidence_by_signal(stream: Stream, clock: DeviceClock) -> dict[str, StampEvidence]:
+def known_and_new_evidence(stream: Stream, clock: DeviceClock) -> dict[str, StampEvidence]:
     """The evidence of each signal that tells; that which ingest saw is not computed again."""
+    heard = {name: signal for name, signal in stream.signals.items() if name not in stream.silent}
+    new = evidence_by_signal(
+        {name: signal for name, signal in heard.items() if name not in stream.measured}, clock
+    )
     by_signal = {}
-    for name, signal in stream.signals.items():
-        if name in stream.silent:
-            continue
-        if name not in stream.measured:
-            evidence = evidence_of(signal, clock)
-        else:
-            known = stream.measured[name]
-            evidence = StampEvidence(*known) if known else None
-        if evidence is not None:
-            by_signal[name] = evidence
+    for name in heard:
+        if name in new:
+            by_signal[name] = new[name]
+        elif known := stream.measured.get(name):
+            by_signal[name] = StampEvidence(*known)
     return by_signal
 
 
@@ -385,8 +386,9 @@ def check_countable(taken: Taken, fastest_hz: float) -> None:
     best = taken.clearest_evidence
     seems_even = best is not None and best.g <= 0.5
     is_even = taken.even or (not taken.firm and seems_even)
-    is_countable = stream.counter is not None or clock.usual <= COUNTABLE * clock.step
-    if not is_even or taken.held or is_countable:
+    if not is_even or taken.held:
+        return
+    if stream.counter is not None or clock.usual <= COUNTABLE * clock.step:
         return
 
     late = f"the host's stamps are late by {clock.usual * 1e3:.2f} ms (SD)"

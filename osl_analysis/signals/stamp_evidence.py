@@ -11,6 +11,7 @@ age between them. One-sided scatter does not decide: a loop with absolute deadli
 early, and its stamps are true.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations_with_replacement
@@ -29,6 +30,7 @@ from osl_analysis.trial import Array
 
 # lags k, in rows, of the stamps that the sampling time of a value may follow
 LAGS = np.arange(-1, 3)
+MOST_BEFORE, MOST_BEHIND = int(LAGS[-1]), int(-LAGS[0])
 AGES = np.linspace(0, 2, 21)  # loops
 # Expected responses g_k (22, 4) at `LAGS`: of an even device, then of values of each of the `AGES`.
 HYPOTHESES = np.vstack(
@@ -41,6 +43,7 @@ SLOPE_HALF_WINDOW_S = 0.02  # the slope x' is that of a polynomial over 40 ms
 FEWEST_IN_WINDOW = 7
 MOTION_DEGREE = 5  # of the polynomial that takes the smooth motion out of a block
 FEWEST_BLOCKS = 60
+BLOCKS_AT_ONCE = 1000  # which the processor's cache holds; of an hour each lag would take 30 MB
 SLOWEST_RATE = 0.2  # of the usual rate; a pause does not make a slope infinite
 FASTEST_RATE = 3.0
 PAUSE_STEPS = 1.6  # a longer step is a pause, unless the next one is shorter than `CATCHING_UP`
@@ -85,161 +88,186 @@ class StampEvidence:
         return np.asarray(np.einsum("hi,ij,hj->h", deviation, self.weight, deviation))
 
 
-def evidence_of(values: Array, clock: DeviceClock) -> StampEvidence | None:
-    """Estimate the response of one signal's sampling times to the scatter of its stamps.
+@dataclass(frozen=True)
+class StampsOfValues:
+    """What the stamps do in the rows in which signals have values, and blocks of these rows."""
+
+    rows: slice | NDArray[np.bool_]  # of the clock; a slice avoids copies of an hour's rows
+    count: SampleCount  # (m,)
+    fast: Array  # (m,) [s] fast part of the stamps
+    local_step: Array  # (m,) [s] of the stamps without their fast part
+    # (k,) of blocks of `size` rows without missing samples, pauses or far-off stamps
+    numbers: NDArray[np.intp]
+    size: int
+
+
+def evidence_by_signal(
+    signals: Mapping[str, Array], clock: DeviceClock
+) -> dict[str, StampEvidence]:
+    """Estimate the responses of signals' sampling times to the scatter of their stamps.
 
     Parameters
     ----------
-    values : Array
-        (n,), NaN where the row has no value.
+    signals : Mapping
+        (n,) each, NaN where the row has no value.
     clock : DeviceClock
         Of the stamps (n,).
 
     Returns
     -------
-    StampEvidence or None
-        None if the signal does not tell: too few blocks, stamps that hardly scatter, or noise in
-        more than a fifth of the mean square of x'.
+    dict
+        By signal, without those that do not tell: too few blocks, stamps that hardly scatter, or
+        noise in more than a fifth of the mean square of x'.
+    """
+    by_signal = dict[str, StampEvidence]()
+    stamps_of_all: StampsOfValues | None = None  # what they do is the same for complete signals
+    for name, values in signals.items():
+        has_value = ~np.isnan(values)
+        if np.count_nonzero(has_value) < FEWEST_BLOCKS * clock.block:
+            continue
+        if not has_value.all():
+            evidence = evidence_of(values[has_value], clock, stamps_of_values(clock, has_value))
+        else:
+            stamps_of_all = stamps_of_all or stamps_of_values(clock, slice(None))
+            evidence = evidence_of(values, clock, stamps_of_all)
+        if evidence is not None:
+            by_signal[name] = evidence
+    return by_signal
+
+
+def evidence_of(values: Array, clock: DeviceClock, stamps: StampsOfValues) -> StampEvidence | None:
+    """Estimate the response of one signal's sampling times to the scatter of its stamps.
+
+    Parameters
+    ----------
+    values : Array
+        (m,), in the rows of `stamps`.
 
     Notes
     -----
-    Least squares in blocks of 80 ms. Polynomials of degree 5 take the smooth motion out of each
-    block. The variance q^2/12 of stamps rounded to q is taken off the normal matrix.
+    Least squares in blocks of 80 ms. Orthonormal polynomials Q of degree 5 take the smooth motion
+    out of each: of blocks X remains X (I - Q Q'). As I - Q Q' is its own square, in a product of
+    two such remainders one may be left as it is. The variance q^2/12 of stamps rounded to q is
+    taken off the normal matrix.
     """
-    size = clock.block
-    if np.count_nonzero(~np.isnan(values)) < FEWEST_BLOCKS * size:
-        return None
-    signal = signal_at_stamps(values, clock)
-    first_rows = telling_blocks(signal, size)
-    if len(first_rows) < FEWEST_BLOCKS:
+    size = stamps.size
+    window = max(2 * round(SLOPE_HALF_WINDOW_S / clock.step) + 1, FEWEST_IN_WINDOW)
+    degree = 3 if window > 11 else 5
+    slope = savitzky_golay(values, stamps.count, window, 1, degree) / stamps.local_step
+    # a signal that stands does not tell when it was sampled
+    power = np.mean(blocks_of(slope, stamps.numbers, size) ** 2, axis=1)
+    numbers = stamps.numbers[power > STANDING * np.mean(slope**2)]
+    if len(numbers) < FEWEST_BLOCKS:
         return None
 
-    smooth = np.linalg.qr(np.vander(np.linspace(-1, 1, size), MOTION_DEGREE + 1))[0]
-    without_motion = np.eye(size) - smooth @ smooth.T
-    fluctuations = blocks_of(signal.values, first_rows, size) @ without_motion
+    polynomials = np.linalg.qr(np.vander(np.linspace(-1, 1, size), MOTION_DEGREE + 1))[0]
+    without_motion = np.eye(size) - polynomials @ polynomials.T
+    fluctuations = blocks_of(values, numbers, size) @ without_motion
     largest = np.abs(fluctuations).max(axis=1)
     is_smooth = largest < CORNER * np.median(largest) + 1e-12
-    fluctuations = fluctuations[is_smooth]
-    first_rows = first_rows[is_smooth]
+    if not is_smooth.all():
+        fluctuations = fluctuations[is_smooth]
+        numbers = numbers[is_smooth]
 
-    slopes = blocks_of(signal.slope, first_rows, size)
-    moved = np.empty((len(LAGS), *slopes.shape))
-    # one lag at a time: each takes 0.1 GB for an hour
-    for number, lag in enumerate(LAGS.tolist()):
-        fast = blocks_of(signal.fast, first_rows - lag, size)
-        np.matmul(slopes * fast, without_motion, out=moved[number])
-    columns = moved.reshape(len(LAGS), -1)
+    # by chunk: the normal matrix of what the stamps move, and its products with what the signal
+    # does
+    normals = np.zeros((CHUNKS, len(LAGS), len(LAGS)))
+    products = np.zeros((CHUNKS, len(LAGS)))
+    slope_products = np.zeros((size, size))
+    for chunk, rows in enumerate(np.array_split(np.arange(len(numbers)), CHUNKS)):
+        for part in np.array_split(rows, 1 + len(rows) // BLOCKS_AT_ONCE):
+            slopes = blocks_of(slope, numbers[part], size)
+            slope_products += slopes.T @ slopes
+            moved = np.empty((len(LAGS), *slopes.shape))
+            for number, lag in enumerate(LAGS.tolist()):
+                fast = blocks_of(stamps.fast, numbers[part], size, lag)
+                np.multiply(slopes, fast, out=moved[number])
+            moved -= (moved @ polynomials) @ polynomials.T
+            columns = moved.reshape(len(LAGS), -1)
+            normals[chunk] += columns @ columns.T
+            products[chunk] += columns @ fluctuations[part].ravel()
 
-    normal = normal_matrix(columns, slopes, without_motion, clock.decimal)
+    normal = normal_matrix(normals.sum(axis=0), slope_products, without_motion, clock.decimal)
     if normal is None:
         return None
     inverse = np.linalg.inv(normal)
-    response = inverse @ (columns @ fluctuations.ravel())
-    residual = fluctuations - np.tensordot(response, moved, 1)
+    response = inverse @ products.sum(axis=0)
+    # what is left of the signal: its square, and its products by chunk
+    squares = np.vdot(fluctuations, fluctuations)
+    squares += (normals @ response - 2 * products).sum(axis=0) @ response
+    scores = products - normals @ response
 
-    slope_weights = polynomial_rows(signal.window, signal.degree, 1)[signal.window // 2]
-    residual_variance = np.mean(residual**2) * size / (size - (MOTION_DEGREE + 1))
+    slope_weights = polynomial_rows(window, degree, 1)[window // 2]
+    residual_variance = squares / fluctuations.size * size / (size - (MOTION_DEGREE + 1))
     slope_noise = residual_variance * np.sum(slope_weights**2) / clock.step**2
-    if not slope_noise <= MOST_NOISE * np.mean(slopes**2):
+    if not slope_noise <= MOST_NOISE * np.trace(slope_products) / fluctuations.size:
         return None
-
-    moved *= residual
-    chunks = np.array_split(moved, CHUNKS, axis=1)
-    scores = np.array([chunk.sum(axis=(1, 2)) for chunk in chunks])
     covariance = inverse @ (scores.T @ scores) @ inverse * CHUNKS / (CHUNKS - 1)
     return StampEvidence(response, covariance)
 
 
-@dataclass(frozen=True)
-class SignalAtStamps:
-    """A signal where it has values, with what its stamps do there."""
-
-    values: Array  # (m,)
-    slope: Array  # (m,) of the values, per second
-    fast: Array  # (m,) [s] fast part of the stamps
-    steps: Array  # (m - 1,) of the stamps, in usual steps at the local rate
-    count: SampleCount  # (m,)
-    window: int  # samples of the polynomial that gives the slope
-    degree: int  # of this polynomial
-
-
-def signal_at_stamps(values: Array, clock: DeviceClock) -> SignalAtStamps:
-    """Take the slope of a signal (n,) where it has a value, and the fast part of its stamps."""
-    has_value = ~np.isnan(values)
-    is_complete = bool(has_value.all())
-    # a slice avoids copies, 0.1 GB for an hour
-    rows = slice(None) if is_complete else has_value
-    x = values[rows]
+def stamps_of_values(clock: DeviceClock, rows: slice | NDArray[np.bool_]) -> StampsOfValues:
+    """Take the fast part and the local step of the stamps in some rows, all or (n,), and the blocks
+    that tell."""
     stamps = clock.stamps[rows]
     count = clock.count[rows]
-    if is_complete:
-        fast = clock.fast
-    else:
-        fast = without_smooth(stamps - clock.slow.stamps[rows], count, clock.block)
+    size = clock.block
+    fast = clock.fast
+    if not isinstance(rows, slice):
+        fast = without_smooth(stamps - clock.slow.stamps[rows], count, size)
 
-    window = max(2 * round(SLOPE_HALF_WINDOW_S / clock.step) + 1, FEWEST_IN_WINDOW)
-    degree = 3 if window > 11 else 5
     # local step of the stamps without their fast part, in usual steps
-    local_step = np.gradient(stamps - fast, count) / clock.step
-    slope_per_step = savitzky_golay(x, count, window, 1, degree)
-    return SignalAtStamps(
-        values=x,
-        slope=slope_per_step / np.maximum(local_step, SLOWEST_RATE) / clock.step,
-        fast=fast,
-        steps=np.diff(stamps) / clock.step / np.clip(local_step[1:], SLOWEST_RATE, FASTEST_RATE),
-        count=count,
-        window=window,
-        degree=degree,
-    )
+    rate = np.gradient(stamps - fast, count) / clock.step
+    steps = np.diff(stamps) / clock.step / np.clip(rate[1:], SLOWEST_RATE, FASTEST_RATE)
+    first_rows = np.arange(MOST_BEFORE, len(stamps) - MOST_BEHIND - size, size)
+    begins = first_rows - MOST_BEFORE
+    ends = first_rows + size - 1 + MOST_BEHIND
+    is_whole = count[ends] - count[begins] == ends - begins
 
-
-def blocks_of(values: Array, first_rows: NDArray[np.intp], size: int) -> Array:
-    """Blocks (k, size) of values (n,) from these first rows (k,)."""
-    return np.asarray(np.lib.stride_tricks.sliding_window_view(values, size)[first_rows])
-
-
-def telling_blocks(signal: SignalAtStamps, size: int) -> NDArray[np.intp]:
-    """First rows (k,) of blocks without missing samples, pauses or far-off stamps, in which the
-    signal moves."""
-    most_before = int(LAGS[-1])
-    most_behind = int(-LAGS[0])
-    first_rows = np.arange(most_before, len(signal.values) - most_behind - size, size)
-    begins = first_rows - most_before
-    ends = first_rows + size - 1 + most_behind
-    is_whole = signal.count[ends] - signal.count[begins] == ends - begins
-
-    is_pause = np.zeros(len(signal.values), dtype=bool)
+    is_pause = np.zeros(len(stamps), dtype=bool)
     # a pause that no short step makes up for
-    is_pause[1:-1] = (signal.steps[:-1] > PAUSE_STEPS) & (signal.steps[1:] > CATCHING_UP)
+    is_pause[1:-1] = (steps[:-1] > PAUSE_STEPS) & (steps[1:] > CATCHING_UP)
     if np.mean(is_pause) < MOST_PAUSES:
         pauses = np.cumsum(is_pause)
         is_whole = is_whole & (pauses[ends] == pauses[begins])
 
-    largest = np.abs(blocks_of(signal.fast, first_rows, size)).max(axis=1)
-    is_near = largest < FAR_OFF_STAMP * np.sqrt(np.mean(signal.fast**2)) + 1e-12
-    first_rows = first_rows[is_whole & is_near]
+    numbers = np.arange(len(first_rows))
+    largest = np.abs(blocks_of(fast, numbers, size)).max(axis=1)
+    is_near = largest < FAR_OFF_STAMP * np.sqrt(np.mean(fast**2)) + 1e-12
+    local_step = np.maximum(rate, SLOWEST_RATE) * clock.step
+    return StampsOfValues(rows, count, fast, local_step, numbers[is_whole & is_near], size)
 
-    # a signal that stands does not tell when it was sampled
-    slope_power = np.mean(blocks_of(signal.slope, first_rows, size) ** 2, axis=1)
-    moves = slope_power > STANDING * np.mean(signal.slope**2)
-    return np.asarray(first_rows[moves])
+
+def blocks_of(values: Array, numbers: NDArray[np.intp], size: int, lag: int = 0) -> Array:
+    """Blocks (k, size) of values (n,) by their numbers (k,), or of the values `lag` rows before."""
+    first = MOST_BEFORE - lag
+    count = (len(values) - first) // size
+    blocks = values[first : first + count * size].reshape(count, size)
+    if len(numbers) and numbers[-1] - numbers[0] + 1 == len(numbers):  # without a copy
+        return np.asarray(blocks[numbers[0] : numbers[-1] + 1])
+    return np.asarray(blocks[numbers])
 
 
 def normal_matrix(
-    columns: Array, slopes: Array, without_motion: Array, decimal: float
+    plain: Array, slope_products: Array, without_motion: Array, decimal: float
 ) -> Array | None:
-    """Normal matrix (4, 4) of the lags' columns (4, m), without the part of rounded stamps.
+    """Normal matrix (4, 4) of the lags, without the part of rounded stamps.
 
     None if the stamps hardly scatter by more than their rounding to `decimal` [s].
+
+    Parameters
+    ----------
+    plain : Array
+        (4, 4), with that part.
+    slope_products : Array
+        (size, size), sums over blocks of the products of their slopes.
+    without_motion : Array
+        (size, size), what takes the motion out of a block.
     """
-    plain = columns @ columns.T
     normal = plain.copy()
-    size = slopes.shape[1]
     if decimal:
         for i, j in combinations_with_replacement(range(len(LAGS)), 2):
-            lag = j - i
-            products = (slopes[:, : size - lag] * slopes[:, lag:]).sum(axis=0)
-            shared = np.diagonal(without_motion, lag) * products
+            shared = np.diagonal(without_motion, j - i) * np.diagonal(slope_products, j - i)
             normal[i, j] = plain[i, j] - decimal**2 / 12 * shared.sum()
             normal[j, i] = normal[i, j]
     smallest = np.linalg.eigvalsh(normal)[0]

@@ -90,7 +90,9 @@ def main() -> None:
     if not shutil.which("sbatch"):
         raise SystemExit("no SLURM here: begin with tests/slurm/one_node.sh")
     batches = ("--group-components", f"trials={asked.batch}")
-    resources = ("--default-resources", "mem_mb=1500", "runtime=60")
+    # without `--cores` a submission asks for as many processors and as much memory as all of its
+    # trials take at once
+    resources = ("--cores", "2", "--default-resources", "mem_mb=1500", "runtime=1")
     with tempfile.TemporaryDirectory(dir=ROOT / "build") as name:
         campaign = Path(name) / "campaign"
         new_campaign(campaign, CYCLES_8_S, asked.number)

@@ -189,19 +189,23 @@ def lay_out(figure: Figure) -> None:
     is drawn once."""
     figure.set_dpi(PAPER["savefig.dpi"])
     renderer = FigureCanvasAgg(figure).get_renderer()  # type: ignore[no-untyped-call]
+    every_axis = [axis for ax in figure.axes for axis in (ax.xaxis, ax.yaxis)]
+    for axis in every_axis:
+        if not axis.get_label_text():
+            fix_label(axis)
     engine = figure.get_layout_engine()
     if engine is not None:
         engine.execute(figure)
     figure.set_layout_engine(None)  # with any engine, `savefig` draws once more in vain
-    for ax in figure.axes:
-        for axis in (ax.xaxis, ax.yaxis):
-            axis.get_tightbbox(renderer)  # this places its label
+    for axis in every_axis:
+        if axis.get_label_text():
+            axis.get_tightbbox(renderer)  # this places the label
             fix_label(axis)
 
 
 def fix_label(axis: Axis) -> None:
-    """Keep the label of an axis where it is: at each drawing, matplotlib measures all numbers at an
-    axis in order to place its label beside them."""
+    """Keep the label of an axis where it is: whenever it is measured or drawn, matplotlib measures
+    all numbers at the axis in order to place the label beside them, even one without a text."""
     label = axis.get_label()
     place = label.get_transform().transform(label.get_position())  # [pixels]
     axis.set_label_coords(*axis.axes.transAxes.inverted().transform(place))

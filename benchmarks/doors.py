@@ -1,6 +1,6 @@
 """What the product costs beside a student's script: one table.
 
-    python benchmarks/doors.py [PART ...] [--recordings N ...] [--trials N ...] [--most MB]
+    python benchmarks/doors.py [PART ... | all] [--recordings N ...] [--trials N ...] [--most MB]
 
 | part | rows |
 |---|---|
@@ -8,10 +8,12 @@
 | `run` | `osl-analysis run` of recordings of 60 s, from an empty folder, beside the script on all |
 | `hour` | ingest of an hour: CSV at 1 kHz of six channels beside polars, MCAP of the bench |
 | `figures` | a figure in PDF, SVG and PNG, the mean of those of `tests/figure_tables` |
-| `page` | the page of a campaign of 1,000 recordings of 8 s |
-| `planning` | `snakemake --dry-run` of campaigns |
+| `page` | the page of a campaign of 1,000 recordings of 8 s, and its opening in headless Chromium |
+| `planning` | `snakemake --dry-run` of campaigns, beside bare Snakefiles of as many jobs |
+| `release` | the default campaign beside release 0.4.0, by `against.py` |
+| `cluster` | 1,000 recordings through a SLURM of this machine, by `submissions.py` (as root) |
 
-Without a part all but the last two, which take a quarter of an hour. Columns are processor seconds
+Without a part the first four; the others take an hour. Columns are processor seconds
 of the product with all of its processes, those of the script (`student.py`: pandas, filtfilt,
 lstsq), their ratio, what is allowed, and the largest memory of a process. Everything has one
 thread. With `--most`, as CI runs it, only the memory of ingest and fit of 20 minutes is measured:
@@ -21,6 +23,7 @@ the command ends with exit code 1 where that is more.
 import argparse
 import ctypes
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -45,11 +48,12 @@ SIMULATED = (
 DESIRED = ("--stiffness", "300", "--damping", "5")
 ADOPT_ORPHANS = 36
 """PR_SET_CHILD_SUBREAPER of Linux: workers are forked from a process that ends after its parent."""
-PARTS = ("fit", "run", "hour", "figures", "page", "planning")
+PARTS = ("fit", "run", "hour", "figures", "page", "planning", "release", "cluster")
 USUAL_PARTS = PARTS[:4]
 CYCLES_150_S, CYCLES_60_S, CYCLES_8_S = 22, 9, 1  # of `planted.stepped_sine`
 SMALL, THIRD, HOUR = 6, 173, 520  # cycles of the simulated bench at each frequency
 HOUR_ROWS = 3_600_000
+RELEASE = "ad572fd6"  # 0.4.0
 CSV_SOURCE = """\
 format: csv
 time: {column: Time}
@@ -112,6 +116,29 @@ print(
     least(lambda: fit(osl.read_recording(recording, source))),
     least(lambda: student.fit(*student.read(recording))),
 )
+"""
+OPEN = """import shutil, sys
+from selenium import webdriver
+from selenium.webdriver.chrome.service import Service
+from selenium.webdriver.support.ui import WebDriverWait
+options = webdriver.ChromeOptions()
+for flag in ("headless=new", "no-sandbox", "disable-gpu", "disable-dev-shm-usage"):
+    options.add_argument(f"--{flag}")
+options.page_load_strategy = "none"  # the driver's own wait hangs on a busy machine
+driver = webdriver.Chrome(options=options, service=Service(shutil.which("chromedriver")))
+loaded = (
+    "return location.protocol === 'file:'"
+    " && performance.getEntriesByType('navigation')[0].loadEventEnd"
+)
+times = []
+for _ in range(3):
+    driver.get("about:blank")
+    WebDriverWait(driver, 60).until(lambda there: there.current_url == "about:blank")
+    driver.get(f"file://{sys.argv[1]}")
+    loaded_ms = WebDriverWait(driver, 60).until(lambda there: there.execute_script(loaded))
+    times.append(loaded_ms / 1000)
+driver.quit()
+print(min(times))
 """
 DRAW = """import sys, time
 from pathlib import Path
@@ -297,20 +324,45 @@ def show_page(folder: Path, number: int) -> None:
     show(f"run, {number} of 8 s", run.seconds, memory_mb=run.memory_mb)
     log = yaml.safe_load((campaign / "results/logs/report.log").read_text(encoding="utf-8"))
     show(f"  its page, {number} trials (wall time)", log["seconds"], allowed="10 s")
+    page = campaign / "results/report.html"
+    if shutil.which("chromedriver") is None:
+        print("  its opening was not measured: Debian's chromium and chromium-driver are not here")
+        return
+    opened = float(python(folder, OPEN, page).printed.split()[-1])
+    megabytes = page.stat().st_size / 1e6
+    show(f"  opened in Chromium, {megabytes:.0f} MB (wall time)", opened, allowed="2 s")
 
 
-def show_planning(numbers: Sequence[int]) -> None:
-    """Plans of campaigns, by `planning.py`."""
-    code = (
-        "import planning, sys, tempfile\n"
-        "from pathlib import Path\n"
-        "numbers = [int(word) for word in sys.argv[1:]]\n"
-        "with tempfile.TemporaryDirectory() as folder:\n"
-        "    planning.plan(numbers, Path(folder))\n"
-    )
-    environment = os.environ | ENVIRONMENT | {"PYTHONPATH": f"{ROOT}{os.pathsep}{HERE}"}
-    command = [sys.executable, "-c", code, *map(str, numbers)]
-    subprocess.run(command, env=environment, check=True, cwd=ROOT)
+def show_planning(folder: Path, numbers: Sequence[int]) -> None:
+    """Plans of campaigns beside those of bare Snakefiles, and how the time of a trial grows."""
+    import planning  # it imports Snakemake's and the simulator's parts
+
+    before: tuple[int, float] | None = None
+    for number in numbers:
+        place = folder / f"planned_{number}"
+        campaign = planning.write_campaign(place / "campaign", number, bytes(2 * number))
+        cpu_s, _ = planning.snakemake(campaign, place / "campaign", "--dry-run")
+        bare = planning.write_bare(place / "bare", number)
+        bare_cpu_s, _ = planning.snakemake(bare, place / "bare", "--dry-run")
+        show(f"planning {number} trials; a bare Snakefile", cpu_s, bare_cpu_s)
+        if before is not None:
+            few, per_trial = before
+            show(f"  a trial of {number} beside one of {few}", cpu_s / number, per_trial, "1.2 x")
+        before = number, cpu_s / number
+
+
+def run_script(*command: str) -> None:
+    """Run another benchmark, which prints its own table.
+
+    Raises
+    ------
+    SystemExit
+        It ended with another exit code than 0.
+    """
+    paths = os.pathsep.join(map(str, (ROOT, ROOT / "build/cluster")))
+    ended = subprocess.run(command, cwd=ROOT, env=os.environ | {"PYTHONPATH": paths})
+    if ended.returncode:
+        raise SystemExit(f"{' '.join(command)} ended with {ended.returncode}")
 
 
 def check_memory(folder: Path, most_mb: float) -> None:
@@ -334,7 +386,7 @@ def main() -> None:
     parser.add_argument("--most", type=float, metavar="MB", help="largest memory of 20 minutes")
     asked = parser.parse_args()
     ctypes.CDLL(None).prctl(ADOPT_ORPHANS, 1, 0, 0, 0)
-    parts = asked.parts or USUAL_PARTS
+    parts = PARTS if asked.parts == ["all"] else asked.parts or USUAL_PARTS
     if unknown := set(parts) - set(PARTS):
         parser.error(f"no part is named {', '.join(sorted(unknown))}")
     with tempfile.TemporaryDirectory() as name:
@@ -354,7 +406,12 @@ def main() -> None:
         if "page" in parts:
             show_page(folder, 1000)
         if "planning" in parts:
-            show_planning(asked.trials)
+            show_planning(folder, asked.trials)
+        if "release" in parts:
+            run_script(sys.executable, "benchmarks/against.py", RELEASE, "--rounds", "1")
+        if "cluster" in parts:
+            submissions = (sys.executable, "benchmarks/submissions.py")
+            run_script("tests/slurm/one_node.sh", *submissions)
 
 
 if __name__ == "__main__":

@@ -182,13 +182,14 @@ def table_of(path: Path, content: bytes) -> pl.DataFrame:
         raise InputError(
             f"{path}: not a CSV table ({reason}); rewrite it with the step that makes it"
         ) from error
-    empty = [
-        column.name
-        for column in table
-        if column.name not in TEXT_COLUMNS and column.null_count() == len(table)
-    ]
-    texts = pl.col(pl.String).exclude(empty)
-    table = table.with_columns(texts.str.strip_prefix("'"), pl.col(empty).cast(pl.Float64))
+    changed = []
+    for column in table:
+        if column.name not in TEXT_COLUMNS and column.null_count() == len(table):
+            changed.append(pl.col(column.name).cast(pl.Float64))
+        elif column.dtype == pl.String:
+            changed.append(pl.col(column.name).str.strip_prefix("'"))
+    if changed:
+        table = table.with_columns(changed)
     if "joint" in table.columns and "side" not in table.columns:
         side = pl.lit(None, pl.String).alias("side")
         table.insert_column(table.columns.index("joint") + 1, side)

@@ -9,15 +9,13 @@ inputs and params by their names, and writes the tables that it returns.
 rule fit_belt:
     """K_s of the belt, with the input shaft locked (Fig. 3)."""
     input:
-        trial="<results>/trials/{trial}.parquet",
+        trial=of_trials(CAMPAIGN.trials("belt")),
         parameters=device,
     output:
         belt="<results>/fits/belt/{trial}.csv",
         others="<results>/fits/belt/{trial}.zip",
     log:
         "<logs>/belt/{trial}.log",
-    wildcard_constraints:
-        trial=name_pattern(CAMPAIGN.trials("belt")),
     params:
         settings=CONFIG.dynamometer.part("BeltAnalysis"),
         made_by=MADE_BY,
@@ -28,15 +26,13 @@ rule fit_belt:
 rule fit_transmission:
     """B_j and J_j of the transmission, with the motor detached."""
     input:
-        trial="<results>/trials/{trial}.parquet",
+        trial=of_trials(CAMPAIGN.trials("transmission")),
         parameters=device,
     output:
         transmission="<results>/fits/transmission/{trial}.csv",
         others="<results>/fits/transmission/{trial}.zip",
     log:
         "<logs>/transmission/{trial}.log",
-    wildcard_constraints:
-        trial=name_pattern(CAMPAIGN.trials("transmission")),
     priority: 2
     params:
         settings=CONFIG.dynamometer.part("SteppedSineAnalysis"),
@@ -48,15 +44,13 @@ rule fit_transmission:
 rule fit_actuator:
     """k_tau n_m, f_C, f_G, B_m and J_m of the actuator alone (Table I)."""
     input:
-        trial="<results>/trials/{trial}.parquet",
+        trial=of_trials(CAMPAIGN.trials("actuator")),
         parameters=device,
     output:
         actuator="<results>/fits/actuator/{trial}.csv",
         others="<results>/fits/actuator/{trial}.zip",
     log:
         "<logs>/actuator/{trial}.log",
-    wildcard_constraints:
-        trial=name_pattern(CAMPAIGN.trials("actuator")),
     params:
         settings=CONFIG.actuator.part("ActuatorAnalysis"),
         made_by=MADE_BY,
@@ -69,7 +63,7 @@ rule fit_impedance:
 
     Of a leg by least squares, of any other joint by the inference: docs/method.md."""
     input:
-        trial="<results>/trials/{trial}.parquet",
+        trial=of_trials(CAMPAIGN.trials("impedance")),
         parameters=device,
     output:
         impedance="<results>/fits/impedance/{trial}.csv",
@@ -77,8 +71,6 @@ rule fit_impedance:
         others="<results>/fits/impedance/{trial}.zip",
     log:
         "<logs>/impedance/{trial}.log",
-    wildcard_constraints:
-        trial=name_pattern(CAMPAIGN.trials("impedance")),
     priority: 2
     params:
         settings=CONFIG.dynamometer.part("ImpedanceAnalysis"),
@@ -94,14 +86,12 @@ rule fit_impedance:
 rule fit_torque_angle:
     """Stiffness over angle, energy and hysteresis of slow cycles."""
     input:
-        trial="<results>/trials/{trial}.parquet",
+        trial=of_trials(CAMPAIGN.trials("torque_angle")),
     output:
         torque_angle="<results>/fits/torque_angle/{trial}.csv",
         others="<results>/fits/torque_angle/{trial}.zip",
     log:
         "<logs>/torque_angle/{trial}.log",
-    wildcard_constraints:
-        trial=name_pattern(CAMPAIGN.trials("torque_angle")),
     params:
         settings=CONFIG.torque_angle.part("TorqueAngleAnalysis"),
         condition=cells("desired"),
@@ -113,14 +103,12 @@ rule fit_torque_angle:
 rule fit_calibration:
     """Delay and gains that the bench reads of a spring or an inertia that is known."""
     input:
-        trial="<results>/trials/{trial}.parquet",
+        trial=of_trials(CAMPAIGN.trials("calibration")),
     output:
         calibration="<results>/fits/calibration/{trial}.csv",
         others="<results>/fits/calibration/{trial}.zip",
     log:
         "<logs>/calibration/{trial}.log",
-    wildcard_constraints:
-        trial=name_pattern(CAMPAIGN.trials("calibration")),
     params:
         settings=CONFIG.dynamometer.part("ImpedanceAnalysis"),
         condition=cells("known_K", "known_I", "known_percent", "fixture"),

@@ -33,7 +33,7 @@ from osl_analysis.commands.run import cancel_timers, check_profile, end_run, mad
 from osl_analysis.commands.run_report import RunReport
 from osl_analysis.config.experiments import EXPERIMENTS, judged_tables
 from osl_analysis.dictionary import described_tables_by_name
-from osl_analysis.errors import OslAnalysisError
+from osl_analysis.errors import InputError, OslAnalysisError, listing
 from osl_analysis.figures import FIGURES
 from osl_analysis.files import seen_from
 from osl_analysis.jobs.workers import job
@@ -86,6 +86,25 @@ UNNAMED = unnamed_recordings(CAMPAIGN)
 """What is to be said of recordings that no row of the sheet names."""
 QUALITY = "<results>/tables/quality.csv"
 JUDGE = Judge(CONFIG.quality, {trial: CAMPAIGN.accepted(trial) for trial in TRIALS})
+
+
+def of_trials(trials, file="<results>/trials/{trial}.parquet"):
+    """An input: the file of the job's trial, which is one of these trials.
+
+    A `wildcard_constraints` of their names would not do: Snakemake reads it anew for each file of
+    each job, so that planning would take a time that grows with the square of their number.
+    """
+    names = frozenset(trials)
+
+    def file_of_trial(wildcards):
+        if wildcards.trial not in names:
+            raise InputError(
+                f"trial {wildcards.trial} is none that this rule analyses: ask for one of these:"
+                f" {listing(sorted(names), 3)}"
+            )
+        return file.format(trial=wildcards.trial)
+
+    return file_of_trial
 
 
 def device(wildcards):

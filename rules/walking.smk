@@ -13,18 +13,16 @@ PLATE_TRIALS = CAMPAIGN.plate_trials()
 rule calibrate_markers:
     """Marker clusters, ankle centre and axis of a static trial."""
     input:
-        trial="<results>/trials/{static}.parquet",
-        quality=lambda wildcards: FILES.checks([wildcards.static]),
+        trial=of_trials(CAMPAIGN.trials("static")),
+        quality=lambda wildcards: FILES.checks([wildcards.trial]),
     output:
-        "<results>/fits/calibration/{static}.json",
+        "<results>/fits/calibration/{trial}.json",
     log:
-        "<logs>/calibration/{static}.log",
-    wildcard_constraints:
-        static=name_pattern(CAMPAIGN.trials("static")),
+        "<logs>/calibration/{trial}.log",
     localrule: True
     params:
-        settings=lambda wildcards: CAMPAIGN.calibration_settings(wildcards.static),
-        excluded=excluded(lambda wildcards: [wildcards.static]),
+        settings=lambda wildcards: CAMPAIGN.calibration_settings(wildcards.trial),
+        excluded=excluded(lambda wildcards: [wildcards.trial]),
         made_by=MADE_BY,
     run:
         job("walking.calibrate", input, output, params, log)
@@ -76,7 +74,7 @@ rule measure_platform:
 rule analyse_crossing:
     """Ankle angle and torque over the stance of one crossing."""
     input:
-        trial="<results>/trials/{trial}.parquet",
+        trial=of_trials(WALKED),
         calibration=lambda wildcards: FILES.calibration_of_crossing(wildcards.trial),
         plate=[] if CONFIG.walking.by_log else "<results>/fits/plate.json",
         platform=[] if CONFIG.walking.by_log else "<results>/fits/platform.json",
@@ -84,8 +82,6 @@ rule analyse_crossing:
         "<results>/crossings/{trial}.parquet",
     log:
         "<logs>/crossings/{trial}.log",
-    wildcard_constraints:
-        trial=name_pattern(WALKED),
     params:
         settings=CONFIG.walking.part("CrossingSettings"),
         perturbed=cell("perturbed"),
@@ -139,15 +135,13 @@ rule average_unperturbed:
 rule fit_perturbation:
     """K, B, I of one perturbed crossing."""
     input:
-        crossing="<results>/crossings/{trial}.parquet",
+        crossing=of_trials(PERTURBED, "<results>/crossings/{trial}.parquet"),
         selection="<results>/tables/walking_crossings.csv",
         unperturbed="<results>/fits/unperturbed.parquet",
     output:
         "<results>/fits/walking/{trial}.csv",
     log:
         "<logs>/walking/{trial}.log",
-    wildcard_constraints:
-        trial=name_pattern(PERTURBED),
     params:
         settings=CONFIG.walking.part("ResponseSettings"),
         made_by=MADE_BY,
@@ -205,14 +199,12 @@ rule tabulate_over_stance:
 rule compare_ankle_moment:
     """The ankle moment of an overground trial beside that of the laboratory."""
     input:
-        trial="<results>/trials/{trial}.parquet",
+        trial=of_trials(CAMPAIGN.trials("overground")),
     output:
         ankle_moment="<results>/fits/ankle_moment/{trial}.csv",
         others="<results>/fits/ankle_moment/{trial}.zip",
     log:
         "<logs>/overground/{trial}.log",
-    wildcard_constraints:
-        trial=name_pattern(CAMPAIGN.trials("overground")),
     params:
         settings=CONFIG.overground.part("OvergroundAnalysis"),
         condition=cells("body_mass_kg"),

@@ -24,7 +24,7 @@ from osl_analysis.figures import captions, drawing_of, names
 from osl_analysis.figures.frequency import DESIRED, LINEAR_MODEL, draw_fig7, response_curve
 from osl_analysis.figures.names import completed, look_numbers
 from osl_analysis.figures.saved import METADATA, saved_figure, write_footer
-from osl_analysis.figures.style import lay_out
+from osl_analysis.figures.style import lay_out, without_collecting
 from osl_analysis.files import atomic_path, digest, write_text
 from osl_analysis.judge.judging import judged, marked
 from osl_analysis.judge.limits import Limits
@@ -117,6 +117,7 @@ SAME_AMPLITUDE_DEG = 1e-6  # difference of an amplitude that a CSV file rounds
 MOST_NAMED = 4  # refused trials below a figure; the caption names more, `excluded.csv` all
 
 
+@without_collecting()
 def draw_table(
     name: str,
     table: pl.DataFrame,

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from itertools import product
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import polars as pl
 
@@ -219,10 +219,17 @@ def read_findings(path: Path) -> list[WordedFinding]:
 
 def findings_of_frame(frame: pl.DataFrame) -> list[WordedFinding]:
     """The findings of a table as `findings_frame` makes it."""
+    rows_of_finding: dict[object, list[dict[str, Any]]] = {}
+    for row in frame.iter_rows(named=True):
+        rows_of_finding.setdefault(row["finding"], []).append(row)
     findings = []
-    for rows in frame.partition_by("finding", maintain_order=True):
-        numbers = rows.drop_nulls("evidence").select("evidence", "value", "limit", "limit_side")
-        row = rows.row(0, named=True)
+    for rows in rows_of_finding.values():
+        evidence = []
+        for row in rows:
+            if row["evidence"] is not None:
+                numbers = (row["value"], row["limit"], row["limit_side"])
+                evidence.append(Beyond(row["evidence"], *numbers))
+        row = rows[0]
         sizes: dict[str, float] = {}
         without: dict[str, float] = {}
         for symbol in ESTIMATES:
@@ -236,7 +243,7 @@ def findings_of_frame(frame: pl.DataFrame) -> list[WordedFinding]:
             table=row["table"],
             subject=row["trial"],
             grade=Grade(row["grade"]),
-            evidence=tuple(Beyond(*number) for number in numbers.iter_rows()),
+            evidence=tuple(evidence),
             amplitude_deg=row["amplitude_deg"],
             frequency_hz=row["frequency_hz"],
             inherited=row["inherited"] or "",

@@ -335,7 +335,7 @@ class RecordedFacts:
         if "timebase" in trial.tables:
             self.add_time_base(trial.tables["timebase"])
         if trial.quality is not None:
-            for check, value in trial.quality.select("check", "value").iter_rows():
+            for check, value in trial.quality[["check", "value"]].iter_rows():
                 if check == "rate" and value is not None:
                     self.rates.append(value)
         frames = trial.provenance.get("mocap") or {}
@@ -346,7 +346,7 @@ class RecordedFacts:
             self.turns.append(turn_of(crossing))
 
     def add_time_base(self, time_base: pl.DataFrame) -> None:
-        for signals, rate_hz in time_base.select("signals", "rate_hz").iter_rows():
+        for signals, rate_hz in time_base[["signals", "rate_hz"]].iter_rows():
             if signals is not None and rate_hz is not None:
                 self.streams.setdefault(signals, []).append(rate_hz)
         self.grids += time_base["grid_rate_hz"].drop_nulls().to_list()

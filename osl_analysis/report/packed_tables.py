@@ -12,7 +12,7 @@ FEWEST_ROWS = 200  # of a thinned table
 STEPS_OF_RANGE = 2**14  # at least
 SMALLEST_RANGE = 1e-4  # of the largest number: of a column that hardly varies
 NOT_FINITE = -(2.0**31)  # count of steps of a number that is not finite
-COMPRESSION = 7  # of 9
+COMPRESSION = 3  # of 9: 7 takes thrice the time for 6 % less
 
 
 def every_kth(table: pl.DataFrame, k: int) -> pl.DataFrame:
@@ -21,12 +21,17 @@ def every_kth(table: pl.DataFrame, k: int) -> pl.DataFrame:
     step = min(k, len(table) // FEWEST_ROWS)
     if step <= 1:
         return table
-    groups = (pl.int_range(pl.len()) // step).alias("k_th")
-    lowest = pl.col("^.*_low$").min()
-    highest = pl.col("^.*_high$").max()
-    others = pl.exclude("^.*_low$", "^.*_high$").first()
-    thinned = table.group_by(groups, maintain_order=True).agg(others, lowest, highest)
-    return thinned.select(table.columns)
+    begins = np.arange(0, len(table), step)
+    thinned = {}
+    for column in table:
+        values = column.cast(pl.Float64).to_numpy()
+        if column.name.endswith("_low"):
+            thinned[column.name] = np.fmin.reduceat(values, begins)
+        elif column.name.endswith("_high"):
+            thinned[column.name] = np.fmax.reduceat(values, begins)
+        else:
+            thinned[column.name] = values[begins]
+    return pl.DataFrame(thinned)
 
 
 def packed_table(table: pl.DataFrame) -> dict[str, Any]:

@@ -280,5 +280,5 @@ def together(*pictures: Pictures) -> Pictures:
             for key in ("x", "y", "low", "high", "where"):
                 if drawn[key]:
                     columns[drawn[key]] = None
-    used = {name: tables[name].select(list(columns)) for name, columns in columns_of.items()}
+    used = {name: tables[name][list(columns)] for name, columns in columns_of.items()}
     return Pictures(panels, used, "; ".join(remarks))

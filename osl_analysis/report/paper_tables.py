@@ -403,7 +403,7 @@ def has_several(table: pl.DataFrame, name: str) -> bool:
 
 def doubtful_sign(rows: pl.DataFrame) -> str:
     """The sign behind a row of the table, if one of these fits is doubtful."""
-    is_doubtful = DOUBTFUL in rows.columns and not rows.filter(IS_DOUBTFUL).is_empty()
+    is_doubtful = DOUBTFUL in rows.columns and rows.select(IS_DOUBTFUL.any()).item()
     return DOUBTFUL_SIGN if is_doubtful else ""
 
 

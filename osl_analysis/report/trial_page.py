@@ -57,13 +57,18 @@ def time_base_rows(time_base: pl.DataFrame) -> list[list[str]]:
     """What is known of the time base of each group of signals: column, a value per group, meaning;
     the names of the signals first."""
     rows: list[list[str]] = []
-    for column in time_base:
-        cells = [column.name, *map(cell_text, column)]
-        if column.name == "signals":
+    for name, values in time_base.to_dict(as_series=False).items():
+        cells = [name, *map(cell_text, values)]
+        if name == "signals":
             rows.insert(0, [*cells, "meaning"])
-        elif column.name not in ("trial", "joint", "side", "data") and column.count():
-            rows.append([*cells, unit_and_meaning(column.name, "timebase")["meaning"]])
+        elif name not in ("trial", "joint", "side", "data") and is_known(values):
+            rows.append([*cells, unit_and_meaning(name, "timebase")["meaning"]])
     return rows
+
+
+def is_known(values: Sequence[object]) -> bool:
+    """Whether a column has a value in a row."""
+    return any(value is not None for value in values)
 
 
 def quality_rows(verdicts: pl.DataFrame) -> list[list[str]]:
@@ -85,10 +90,11 @@ def quality_rows(verdicts: pl.DataFrame) -> list[list[str]]:
 def estimate_rows(table: pl.DataFrame, of: str) -> dict[str, Any]:
     """The estimates of one trial from the table named `of`: `columns` with unit and meaning, and
     per fit texts (`rows`) and the numbers behind them (`values`)."""
-    present = set(table.columns)
+    columns_of_table = table.to_dict(as_series=False)
+    present = columns_of_table.keys()
     estimates = []
-    for name in table.columns:
-        if {f"{name}_low", f"{name}_high"} <= present and table[name].count():
+    for name, column in columns_of_table.items():
+        if {f"{name}_low", f"{name}_high"} <= present and is_known(column):
             estimates.append(name)
     for name in ("VAF", "R2"):  # without an interval
         if name in present:

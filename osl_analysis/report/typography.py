@@ -7,12 +7,15 @@ from pathlib import Path
 from osl_analysis.dictionary import own_yaml
 
 SIGNS: dict[str, str] = own_yaml(Path(__file__).with_suffix(".yaml"))
+ANY_SIGN = re.compile("|".join(SIGNS))  # few of a page's numbers have one
 
 
 @cache
 def printed(text: str) -> str:
     """A text with units, symbols, powers and minus signs as the page sets them; empty for the unit
     1."""
+    if ANY_SIGN.search(text) is None:
+        return "" if text == "1" else text
     for pattern, sign in SIGNS.items():
         text = re.sub(pattern, sign, text)
-    return "" if text == "1" else text
+    return text

@@ -6,7 +6,6 @@ import hashlib
 import os
 import shutil
 import sys
-import threading
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from importlib.metadata import version
@@ -104,14 +103,6 @@ def profile(name: str) -> str:
         f"{PROFILE} {name}: no such folder; correct it: there are"
         f" {', '.join(known)}{nearest(name, known)}"
     )
-
-
-def cancel_timers() -> None:
-    """Cancel what still waits to look for further jobs when there are none left: Snakemake would
-    end only after the last of these waits (`max-jobs-per-timespan` of the profile)."""
-    for thread in threading.enumerate():
-        if isinstance(thread, threading.Timer):
-            thread.cancel()
 
 
 def end_run(

@@ -82,6 +82,17 @@ IDLE: defaultdict[bool, list[Worker]] = defaultdict(list)
 others do without. Threads of Snakemake take one, and put it back."""
 
 
+def cancel_timers() -> None:
+    """Cancel what waits to make Snakemake look for further jobs: the end of each job does so.
+
+    Each look begins another such wait (`max-jobs-per-timespan` of the profile), at whose end is the
+    next look, so that they become more with each job; and Snakemake ends only after the last one.
+    """
+    for thread in threading.enumerate():
+        if isinstance(thread, threading.Timer):
+            thread.cancel()
+
+
 def end_workers() -> None:
     """End the workers, if there are any, and free what they shared with this process."""
     for workers in IDLE.values():
@@ -142,6 +153,7 @@ def job(command: str, input: Any, output: Any, params: Any, log: Any) -> None:
     WriteError
         There is no result, not even a refusal: the worker was killed, or cannot write.
     """
+    cancel_timers()
     named = dict(params.items())
     if "made_by" not in named:
         raise InputError(

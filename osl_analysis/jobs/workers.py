@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from osl_analysis.errors import InputError
-from osl_analysis.files import temporary_path
+from osl_analysis.files import PACKAGE, temporary_path
 from osl_analysis.memory import SET_TO_ONE
 
 ENVIRONMENT = dict.fromkeys((*SET_TO_ONE, "POLARS_MAX_THREADS", "NUMBA_NUM_THREADS"), "1") | {
@@ -29,6 +29,10 @@ PRELOADED = [
     "osl_analysis.outcomes.perform",
     "scipy.signal",
     *(f"osl_analysis.commands.{module}" for module in ("trials", "bench", "tables", "figure")),
+    *(
+        f"osl_analysis.formats.{module.stem}"
+        for module in sorted(PACKAGE.glob("formats/[a-z]*.py"))
+    ),
 ]
 """What workers share: the process from which they are forked imports it once."""
 CRASHES = ("SIGSEGV", "SIGBUS", "SIGABRT", "SIGILL", "SIGFPE")

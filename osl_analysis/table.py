@@ -47,14 +47,22 @@ MEASURED = "measured"
 def marked_data(frame: pl.DataFrame, data: str = "") -> pl.DataFrame:
     """A table as it is written: with a last column `data` (`SIMULATED` or `MEASURED`; none if
     empty), without a `side` that is all null, and safe from spreadsheet formulas."""
+    left_out = ["data"] if data else []
     has_place = "joint" in frame.columns and "side" in frame.columns
     if has_place and frame["side"].null_count() == len(frame):
-        frame = frame.drop("side")
+        left_out.append("side")
+    columns = []
+    for name, dtype in frame.schema.items():
+        if name in left_out:
+            continue
+        column = pl.col(name)
+        if dtype == pl.String:
+            # a ' before it prevents that a spreadsheet runs a text
+            column = column.str.replace(FORMULA, "'$1")
+        columns.append(column)
     if data:
-        frame = frame.drop("data", strict=False)
-        frame = frame.with_columns(pl.lit(data, pl.String).alias("data"))
-    # a ' before it prevents that a spreadsheet runs a text
-    return frame.with_columns(pl.col(pl.String).str.replace(FORMULA, "'$1"))
+        columns.append(pl.lit(data, pl.String).alias("data"))
+    return frame.select(columns)
 
 
 def with_old_names(frame: pl.DataFrame, table: str) -> pl.DataFrame:

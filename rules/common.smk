@@ -29,14 +29,14 @@ from osl_analysis.campaign.result_files import COMPONENTS, DERIVED, ResultFiles,
 from osl_analysis.campaign.setting_states import states_of
 from osl_analysis.commands.campaign_start import start_campaign, unnamed_recordings
 from osl_analysis.commands.killed_runs import begin_run
-from osl_analysis.commands.run import cancel_timers, check_profile, end_run, made_by
+from osl_analysis.commands.run import check_profile, end_run, made_by
 from osl_analysis.commands.run_report import RunReport
 from osl_analysis.config.experiments import EXPERIMENTS, judged_tables
 from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.errors import InputError, OslAnalysisError, listing
 from osl_analysis.figures import FIGURES
 from osl_analysis.files import seen_from
-from osl_analysis.jobs.workers import job
+from osl_analysis.jobs.workers import cancel_timers, job
 from osl_analysis.judge.campaign import JUDGED_FURTHER
 from osl_analysis.judge.claims import CLAIMED
 from osl_analysis.judge.exclusions import Judge

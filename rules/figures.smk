@@ -152,10 +152,8 @@ rule draw_figure:
 rule captions:
     """A caption for each figure, or why it is not drawn."""
     input:
-        fitted=[
-            *NUMBERS_OF_FIGURES.values(),
-            *(file for name in FILES.figure_names for file in FILES.results_in_figure(name)),
-        ],
+        numbers=NUMBERS_OF_FIGURES.values(),
+        fitted=FILES.results_in_figures,
     output:
         "<results>/figures/captions.md",
     log:

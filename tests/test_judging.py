@@ -5,7 +5,7 @@ import pytest
 from conftest import findings_of
 
 from osl_analysis.judge.campaign import campaign_findings
-from osl_analysis.judge.causes import numbers_beyond
+from osl_analysis.judge.causes import limits_in, numbers_beyond
 from osl_analysis.judge.finding import Beyond, Grade, findings_frame
 from osl_analysis.judge.judging import judged, marked
 from osl_analysis.judge.known_findings import CHECKS, FINDINGS
@@ -105,11 +105,15 @@ def test_shares_of_an_estimate_that_is_not_told_from_zero_are_of_its_half_width(
     assert shares["I"] == pytest.approx(0.1)
 
 
+def beyond(table, row, limits):
+    return numbers_beyond(row, limits_in(table, row.keys(), limits))
+
+
 def test_friction_is_doubted_from_the_accuracy_of_the_damping_on():
-    assert not numbers_beyond("impedance", {"coulomb_share": 0.049}, Limits())
-    assert "coulomb_share" in numbers_beyond("impedance", {"coulomb_share": 0.051}, Limits())
+    assert not beyond("impedance", {"coulomb_share": 0.049}, Limits())
+    assert "coulomb_share" in beyond("impedance", {"coulomb_share": 0.051}, Limits())
     wide = Limits(accuracy=Accuracy(B=0.2))
-    assert not numbers_beyond("impedance", {"coulomb_share": 0.19}, wide)
+    assert not beyond("impedance", {"coulomb_share": 0.19}, wide)
 
 
 @pytest.mark.parametrize(("low", "high", "is_better"), [(99, 103, False), (101, 103, True)])
@@ -148,9 +152,9 @@ def test_a_clock_of_99_99_hz_passes_a_limit_of_100_hz_and_99_does_not():
 def test_a_ratio_has_one_limit_for_both_sides():
     limits = Limits(ratio={"some_ratio": 2})
 
-    assert "some_ratio" in numbers_beyond("belt", {"some_ratio": 2.1}, limits)
-    assert "some_ratio" in numbers_beyond("belt", {"some_ratio": 0.49}, limits)
-    assert not numbers_beyond("belt", {"some_ratio": 0.51}, limits)
+    assert "some_ratio" in beyond("belt", {"some_ratio": 2.1}, limits)
+    assert "some_ratio" in beyond("belt", {"some_ratio": 0.49}, limits)
+    assert not beyond("belt", {"some_ratio": 0.51}, limits)
 
 
 def test_limits_of_every_table_stand_on_the_columns_that_a_table_has():

@@ -6,7 +6,6 @@ import hashlib
 import os
 import shutil
 import sys
-import threading
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from importlib.metadata import version
@@ -143,14 +142,6 @@ def check_submission(arguments: Sequence[str]) -> None:
                 f"{folder}: there is no `sbatch` here; start the run where you submit jobs, as on"
                 " the head node"
             )
-
-
-def cancel_timers() -> None:
-    """Cancel what still waits to look for further jobs when there are none left: Snakemake would
-    end only after the last of these waits (`max-jobs-per-timespan` of the profile)."""
-    for thread in threading.enumerate():
-        if isinstance(thread, threading.Timer):
-            thread.cancel()
 
 
 def end_run(

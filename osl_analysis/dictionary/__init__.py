@@ -23,6 +23,7 @@ import yaml
 from osl_analysis.renamed import RENAMED_COLUMNS
 
 HERE = Path(__file__).parent
+SHARED = HERE / "shared.yaml"
 
 
 @cache
@@ -35,7 +36,7 @@ def own_yaml(path: Path) -> dict[str, Any]:
 
 def apparent_inertia() -> str:
     """What I is called wherever it may be negative; docs/method.md derives it from Eq. 9."""
-    return str(own_yaml(HERE / "shared.yaml")["columns"]["I"].partition(" | ")[2])
+    return str(own_yaml(SHARED)["columns"]["I"].partition(" | ")[2])
 
 
 @dataclass(frozen=True)
@@ -94,6 +95,7 @@ def described_tables_by_name() -> dict[str, DescribedTable]:
 def described_in(path: Path) -> tuple[DescribedTable, ...]:
     """The tables that one file describes."""
     tables = []
+    shared = own_yaml(SHARED)
     for place, table in own_yaml(path).items():
         lines: list[tuple[str, str | None]] = []
         for key, text in table["columns"].items():
@@ -104,7 +106,7 @@ def described_in(path: Path) -> tuple[DescribedTable, ...]:
 
         described: dict[str, DescribedColumn] = {}
         for key, text in lines:
-            for column in described_columns(key, text, dict(described)):
+            for column in described_columns(key, text, described, shared):
                 described[column.name] = column
         for old, new in RENAMED_COLUMNS.get(Path(place).name, {}).items():
             if new.old_one_works:
@@ -115,15 +117,14 @@ def described_in(path: Path) -> tuple[DescribedTable, ...]:
 
 
 def described_columns(
-    key: str, text: str | None, before: Mapping[str, DescribedColumn]
+    key: str, text: str | None, before: Mapping[str, DescribedColumn], shared: Mapping[str, Any]
 ) -> Iterator[DescribedColumn]:
     """The columns that one line of the dictionary describes; `before` are those of the same table
-    above it."""
-    shared = own_yaml(HERE / "shared.yaml")
+    above it, `shared` the content of `shared.yaml`."""
     word, _, rest = key.partition(" ")
     if word == "include":
         for name, described in shared["groups"][rest].items():
-            yield from described_columns(name, described, before)
+            yield from described_columns(name, described, before, shared)
     elif word == "cov":
         for a, b in combinations(rest.split(), 2):
             unit = f"({before[a].unit}) * ({before[b].unit})"

@@ -60,9 +60,9 @@ def _number(cell: str) -> float:
 
 def is_value(cell: str) -> bool:
     """Tell whether a cell may be one of a column of numbers or times."""
-    if cell in MISSING or cell.casefold() in TRUTHS:
-        return True
     if is_number_cell(cell.replace(",", ".", 1)):
+        return True
+    if cell in MISSING or cell.casefold() in TRUTHS:
         return True
     if any(pattern.fullmatch(cell) for pattern in THOUSANDS.values()):
         return True

@@ -77,13 +77,11 @@ def _table_of_lines(lines: Sequence[Line], layout: Layout, is_ended: bool) -> Ta
     content: list[Line] = []
     for line in lines:
         text = line.text.strip()
-        sign = next(
-            (beginning for beginning in layout.comment_signs if text.startswith(beginning)), None
-        )
-        if sign is None:
+        if not text.startswith(layout.comment_signs):
             content.append(line)
-        else:
-            comments.append(Line(line.number, text[len(sign) :].strip()))
+            continue
+        sign = next(sign for sign in layout.comment_signs if text.startswith(sign))
+        comments.append(Line(line.number, text[len(sign) :].strip()))
     if content:
         of_excel = re.fullmatch(r"sep=(.)", content[0].text.strip())  # as Excel reads it
         if of_excel:

@@ -376,8 +376,10 @@ def _begins(begin: bytes) -> bool:
     """Tell whether the header of a section stands in the beginning."""
     if not is_text(begin):
         return False
-    lines = decoded(begin).casefold().replace('"', "").splitlines()
-    return any(line.startswith("frame") and "sub frame" in line for line in lines)
+    text = decoded(begin).casefold().replace('"', "")
+    if "sub frame" not in text:
+        return False
+    return any(line.startswith("frame") and "sub frame" in line for line in text.splitlines())
 
 
 FORMAT = Format(

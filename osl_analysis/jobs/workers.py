@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from osl_analysis.errors import InputError
-from osl_analysis.files import temporary_path
+from osl_analysis.files import PACKAGE, temporary_path
 from osl_analysis.memory import SET_TO_ONE
 
 ENVIRONMENT = dict.fromkeys((*SET_TO_ONE, "POLARS_MAX_THREADS", "NUMBA_NUM_THREADS"), "1") | {
@@ -30,6 +30,10 @@ PRELOADED = [
     "osl_analysis.outcomes.perform",
     "scipy.signal",
     *(f"osl_analysis.commands.{module}" for module in ("trials", "bench", "tables", "figure")),
+    *(
+        f"osl_analysis.formats.{module.stem}"
+        for module in sorted(PACKAGE.glob("formats/[a-z]*.py"))
+    ),
 ]
 """What workers share: the process from which they are forked imports it once."""
 CRASHES = ("SIGSEGV", "SIGBUS", "SIGABRT", "SIGILL", "SIGFPE")
@@ -84,6 +88,17 @@ class Worker:
 IDLE: defaultdict[bool, list[Worker]] = defaultdict(list)
 """Workers without a job, by whether they simulate: one that does has imported 200 MB that all
 others do without. Threads of Snakemake take one, and put it back."""
+
+
+def cancel_timers() -> None:
+    """Cancel what waits to make Snakemake look for further jobs: the end of each job does so.
+
+    Each look begins another such wait (`max-jobs-per-timespan` of the profile), at whose end is the
+    next look, so that they become more with each job; and Snakemake ends only after the last one.
+    """
+    for thread in threading.enumerate():
+        if isinstance(thread, threading.Timer):
+            thread.cancel()
 
 
 def end_workers() -> None:
@@ -146,6 +161,7 @@ def job(command: str, input: Any, output: Any, params: Any, log: Any) -> None:
     WriteError
         There is no result, not even a refusal: the worker was killed, or cannot write.
     """
+    cancel_timers()
     named = dict(params.items())
     if "made_by" not in named:
         raise InputError(

@@ -2,7 +2,7 @@
 `words.py`."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 
 from osl_analysis.judge.finding import AnyRow, Beyond, cell_number
@@ -50,15 +50,19 @@ def doubts_of_result(titles: str, result: str) -> str:
     return BETWEEN.join(concerning)
 
 
-def limits_in(table: str, row: AnyRow, limits: Limits) -> list[Limit]:
-    """The limits of a row of a table: those that follow from the accuracy of its estimates, those
-    of the configuration, and that nothing is below zero that cannot be."""
+def limits_in(table: str, columns: Collection[str], limits: Limits) -> list[Limit]:
+    """The limits on the columns of a table: those that follow from the accuracy of its estimates,
+    those of the configuration, and that nothing is below zero that cannot be."""
     configured = limits.stated()
     stated = {limit.column for limit in configured}
     by_accuracy: list[Limit] = []
     by_sign: list[Limit] = []
     for name, evidence in EVIDENCE.items():
-        if name not in row or name in stated or (evidence.tables and table not in evidence.tables):
+        if (
+            name not in columns
+            or name in stated
+            or (evidence.tables and table not in evidence.tables)
+        ):
             continue
         if evidence.decided_by == "effect":
             by_accuracy.append(Limit(name, "above", LEAST_EFFECT))
@@ -69,17 +73,15 @@ def limits_in(table: str, row: AnyRow, limits: Limits) -> list[Limit]:
     return [*by_accuracy, *configured, *by_sign]
 
 
-def numbers_beyond(table: str, row: AnyRow, limits: Limits) -> dict[str, Beyond]:
+def numbers_beyond(row: AnyRow, limits: Iterable[Limit]) -> dict[str, Beyond]:
     """Find the numbers of a row that are beyond their limits.
 
     Parameters
     ----------
-    table : str
-        Its name.
     row : AnyRow
         A null is not checked.
-    limits : Limits
-        Accuracy and limits of the table.
+    limits : iterable of Limit
+        Those of its table (`limits_in`).
 
     Returns
     -------
@@ -87,7 +89,7 @@ def numbers_beyond(table: str, row: AnyRow, limits: Limits) -> dict[str, Beyond]
         By column; NaN is beyond any limit, and a ratio near a unit's factor is `near`.
     """
     numbers: dict[str, Beyond] = {}
-    for limit in limits_in(table, row, limits):
+    for limit in limits:
         name = limit.column
         value = cell_number(row, name)
         if limit.value is None or value is None:

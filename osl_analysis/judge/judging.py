@@ -11,7 +11,14 @@ from typing import Any
 import polars as pl
 
 from osl_analysis.errors import InputError
-from osl_analysis.judge.causes import BETWEEN, CauseInRow, causes_in, explaining, numbers_beyond
+from osl_analysis.judge.causes import (
+    BETWEEN,
+    CauseInRow,
+    causes_in,
+    explaining,
+    limits_in,
+    numbers_beyond,
+)
 from osl_analysis.judge.finding import (
     AnyRow,
     Beyond,
@@ -123,9 +130,10 @@ def judged(table: pl.DataFrame, limits: Limits, name: str) -> RowFindings:
         is_fit = table[EXCLUDED].is_null().to_list()
     if any(is_fit):
         check_limits(table, limits, name)
+    on_columns = limits_in(name, table.columns, limits)
     rows: list[JudgedRow] = []
     for cells, has_fit in zip(table.to_dicts(), is_fit, strict=True):
-        rows.append(JudgedRow(cells, numbers_beyond(name, cells, limits), has_fit))
+        rows.append(JudgedRow(cells, numbers_beyond(cells, on_columns), has_fit))
     of_whole = {row.trial: row.numbers for row in rows if of_whole_trial(row.row)}
     with_amplitudes = {row.trial for row in rows if row.row.get("amplitude_deg") is not None}
     rows = [shown_by_whole(row, of_whole) for row in rows]

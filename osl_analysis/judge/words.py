@@ -59,7 +59,8 @@ def words_of(finding: Finding, row: AnyRow) -> Words:
     kind = FINDINGS.get(finding.name)
     if kind is None:  # a limit on a column that is not in EVIDENCE
         return Words(evidence_text(finding), "", "")
-    kind = replace(kind, **kind.in_table.get(finding.table, {}))
+    if finding.table in kind.in_table:
+        kind = replace(kind, **kind.in_table[finding.table])
     remedy = remedy_that_helps(kind, finding.remedy)
     cells = Cells(row)
     return Words(filled(kind.says, cells), size_text(finding, row), capital(filled(remedy, cells)))
@@ -196,20 +197,23 @@ class Number(float):
         return f"+{text}" if digits.startswith("+") and value > 0 else text
 
 
-class Cells(dict[str, Any]):
+class Cells:
     """The cells of a row that are filled, by column, and the number that a finding is about.
 
     A name that is not among them raises KeyError, whereupon `filled` leaves the detail out."""
 
     def __init__(self, row: AnyRow, evidence: Beyond | None = None) -> None:
-        super().__init__()
         self.row = row
         self.evidence = evidence
-        for name, cell in row.items():
-            if isinstance(cell, int | float):
-                self[name] = Number(cell)
-            elif cell is not None:
-                self[name] = cell
+
+    def __contains__(self, name: str) -> bool:
+        return self.row.get(name) is not None
+
+    def __getitem__(self, name: str) -> Any:
+        cell = self.row.get(name)
+        if cell is None:
+            raise KeyError(name)
+        return Number(cell) if isinstance(cell, int | float) else cell
 
 
 def value_in_text(name: str, cells: Cells) -> Any:
@@ -407,7 +411,7 @@ def calibrated_lag_text(cells: Cells) -> str:
     to_state = cells["to_state"]
     lag_s = cells["lag_s"]
     half_s = cells["lag_s_high"] - lag_s
-    explanations = cells.get("explanations") or "delay"
+    explanations = cells.row.get("explanations") or "delay"
     is_early = lag_s < 0  # which no load cell is
     if is_early or half_s > UNCERTAIN_LAG_SHARE * lag_s:
         remedy = "as with a spring that loses energy: measure it with a known inertia"

@@ -27,7 +27,7 @@ from osl_analysis.inference.constants import (
     SETTLING,
     SLIDING,
 )
-from osl_analysis.inference.friction_shapes import slipping_spring
+from osl_analysis.inference.friction_shapes import slipping_springs
 from osl_analysis.inference.least_squares import RIDGE, lengths_of
 from osl_analysis.inference.spectra import Spectra, Spectrum
 from osl_analysis.trial import Array
@@ -109,7 +109,7 @@ def equation_of_sliding(spectra: Spectra) -> Array:
     load = np.zeros_like(sign)
     if spectra.signals.load is not None:
         load = np.abs(spectra.resampled(spectra.signals.load))
-    hysteresis = slipping_spring(spectra.sliding, FRICTION_WINDS[-1])
+    hysteresis = slipping_springs(spectra.sliding, FRICTION_WINDS[-1:])[0]
     offset, drift = np.ones_like(sign), spectra.relative_time - 0.5
     motion = [angle, velocity, acceleration]
     return np.array([*motion, sign, sign * load, hysteresis, offset, drift, spectra.angle])

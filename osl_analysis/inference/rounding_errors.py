@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from osl_analysis.inference.acceleration_jumps import jump_errors
 from osl_analysis.inference.constants import DWELL_PERIODS, ROUNDING_DRAWS, SMALLEST_SIZE
-from osl_analysis.inference.spectra import Spectra
+from osl_analysis.inference.spectra import Spectra, roll_off
 from osl_analysis.inference.whitening import Whitened
 from osl_analysis.trial import Array
 
@@ -99,7 +99,7 @@ def before_encoder(spectra: Spectra, read: Array) -> tuple[Array, Array]:
     end = min(
         round(SMOOTH_BANDS * spectra.band_hz * spectra.padded_seconds), len(spectra.raw_angle)
     )
-    gain = 1 / (1 + (np.arange(len(spectra.raw_angle)) / end) ** 8)
+    gain = roll_off(np.arange(float(len(spectra.raw_angle))), end)
     low_passed = scipy.fft.irfft(spectra.raw_angle * gain, spectra.padded_rows) + spectra.line
     smooth = np.asarray(low_passed) / spectra.signals.encoder_step
 

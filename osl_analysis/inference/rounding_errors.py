@@ -17,6 +17,7 @@ from osl_analysis.inference.whitening import Whitened
 from osl_analysis.trial import Array
 
 SMOOTH_BANDS = 4.0  # bands of the low-pass that gives the angle before its rounding
+DRAWS_AT_ONCE = 2  # two rows fill a processor's vector in a transform
 LEAST_REPEATED = 0.05  # share of the rounding that noise leaves, below which it is noise
 
 
@@ -58,16 +59,23 @@ def rounding_torques(data: Whitened, impedance: Array) -> Array:
     largest = float(np.abs(halfway - halfway.mean()).max())
     of_error = impedance @ spectra.s ** np.arange(3)[:, None]
     to_working = spectra.working_rows / spectra.padded_rows
-    found = []
-    for draw in range(ROUNDING_DRAWS):
-        zero = (draw + 0.5) / ROUNDING_DRAWS
-        # sizes in another order than zeros, so that both are spread evenly
-        growth = ((5 * draw) % ROUNDING_DRAWS + 0.5) / ROUNDING_DRAWS - 0.5
-        which = draw % 2
-        true = drawn_from[which] + centred[which] * (growth * size / largest) + zero
-        error = scipy.fft.rfft(np.rint(true) - true)[: len(spectra.frequency)]
-        found.append(of_error * error * (to_working * step * repeated))
-    return data.column(np.array(found) + of_jumps)
+    found = np.empty((ROUNDING_DRAWS, len(spectra.frequency)), np.complex128)
+    for first in range(0, ROUNDING_DRAWS, DRAWS_AT_ONCE):
+        draws = range(first, first + DRAWS_AT_ONCE)
+        errors = np.empty((DRAWS_AT_ONCE, spectra.padded_rows))
+        for error, draw in zip(errors, draws, strict=True):
+            zero = (draw + 0.5) / ROUNDING_DRAWS
+            # sizes in another order than zeros, so that both are spread evenly
+            growth = ((5 * draw) % ROUNDING_DRAWS + 0.5) / ROUNDING_DRAWS - 0.5
+            which = draw % 2
+            true = centred[which] * (growth * size / largest)
+            true += drawn_from[which]
+            true += zero
+            np.subtract(np.rint(true), true, out=error)
+        of_draws = scipy.fft.rfft(errors)[:, : len(spectra.frequency)]
+        found[first : first + DRAWS_AT_ONCE] = of_error * of_draws
+    found *= to_working * step * repeated
+    return data.column(found + of_jumps)
 
 
 def repeated_share(spectra: Spectra) -> float:

@@ -38,6 +38,7 @@ LARGEST_SLIP = 2e-3  # cycles by which a run may slip against the commanded freq
 OTHER_UNIT = 10  # an amplitude so many times larger or smaller is in another unit
 
 LONGEST_REST = 0.3  # cycles between two runs of one amplitude that follow each other
+COARSE_PLACES = 12  # in half a period of the fastest sine, which has one place that agrees best
 # A run of whole cycles that begins at its centre and rises
 WHOLE_CYCLES = 0.15  # cycles that it may differ from a whole number
 BEGINS_AT_CENTRE = 0.5  # rad of its phase at the start
@@ -189,7 +190,9 @@ def settled_cycles(segment: Segment, settle_cycles: int, usable: NDArray[np.bool
     number = np.arange(segment.cycles - before - after)
     first = np.rint(segment.start + before * period) + period * number
     edges = np.stack([first, first + period], axis=1)
-    is_free = np.array([bool(usable[whole_rows(a, b)].all()) for a, b in edges.tolist()])
+    is_free = np.ones(len(edges), np.bool_)
+    if not usable.all():
+        is_free = np.array([bool(usable[whole_rows(a, b)].all()) for a, b in edges.tolist()])
     if not is_free.any():
         raise InputError(
             f"no cycle of {np.rad2deg(segment.amplitude):.3g} deg at {segment.frequency_hz:g} Hz is"
@@ -297,13 +300,25 @@ def aligned_segments(
     low = max(round(begin) - reach, 0)
     near = deviation[low : round(begin) + reach + len(template)]
     if len(near) >= len(template):
-        begin = float(low + np.argmax(np.correlate(near, template, "valid")))
+        begin = float(low + best_place(near, template, max(reach // COARSE_PLACES, 1)))
     lengths = [segment.stop - segment.start for segment in segments]
     edges = (begin + np.cumsum([0.0, *lengths])).tolist()
     return [
         replace(segment, start=start, stop=stop)
         for segment, (start, stop) in zip(segments, pairwise(edges), strict=True)
     ]
+
+
+def best_place(signal: Array, template: Array, stride: int) -> int:
+    """Row of a signal (n,) from which it agrees best with a template (k,): first of every few rows,
+    then of those about the best one."""
+
+    def agreement(row: int) -> float:
+        return float(signal[row : row + len(template)] @ template)
+
+    rows = range(len(signal) - len(template) + 1)
+    best = max(rows[::stride], key=agreement)
+    return max(rows[max(best - stride, 0) : best + stride + 1], key=agreement)
 
 
 def meant_runs(likeness: "Likeness") -> list[MeantRun]:

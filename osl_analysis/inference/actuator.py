@@ -15,6 +15,7 @@ whatever holds it: those rows tell nothing and are left out.
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import scipy
@@ -134,11 +135,10 @@ def sliding_fits(spectra: Spectra, columns: Array, share: float) -> tuple[Array,
 
     length = lengths_of(columns)
     unit = columns / length[:, None]
-    of_block = np.minimum((spectra.relative_time * BLOCKS).astype(np.intp), BLOCKS - 1)
-    blocks = []
-    for k in range(BLOCKS):
-        rows = unit[:, slides & (of_block == k)]
-        blocks.append(rows @ rows.T)
+    sliding = unit[:, slides]
+    edges = np.searchsorted(spectra.relative_time[slides] * BLOCKS, np.arange(BLOCKS + 1))
+    edges[-1] = sliding.shape[1]
+    blocks = [sliding[:, first:stop] @ sliding[:, first:stop].T for first, stop in pairwise(edges)]
     total = np.sum(blocks, axis=0)
     normal = np.concatenate([total[None], total - np.array(blocks)])
     ridge = RIDGE * np.eye(len(unit) - 1)

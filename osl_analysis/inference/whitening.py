@@ -153,8 +153,11 @@ class Whitened:
         """The columns of `motion` before whitening (3, w) or (4, w), `order` times derived, and
         delayed [s]."""
         spectra = self.spectra
-        changed = spectra.s**order * np.exp(-delay * spectra.s) * spectra.roll_off
-        spectrum = self._motion_spectra() * changed
+        spectrum = self._motion_spectra() * spectra.roll_off
+        if order:
+            spectrum *= spectra.s**order
+        if delay:
+            spectrum *= np.exp(-delay * spectra.s)
         return np.asarray(scipy.fft.irfft(spectrum, spectra.working_rows))
 
     def _motion_spectra(self) -> Spectrum:

@@ -431,9 +431,14 @@ class Likeness:
         return np.asarray(self.recorded - self.recorded[0])
 
     @cached_property
+    def noise(self) -> float:
+        """Standard deviation of the angle's noise [rad]."""
+        return noise_of(self.theta)
+
+    @cached_property
     def moving(self) -> NDArray[np.bool_]:
         """Rows (n,) in which the joint moves."""
-        return moving_bins(self.time, self.theta)
+        return moving_bins(self.time, self.theta, self.noise)
 
     @property
     def moves(self) -> bool:
@@ -442,7 +447,7 @@ class Likeness:
     @cached_property
     def crossings(self) -> Array:
         """Times [s] at which the angle rises through its centre."""
-        return upward_crossings(self.time, self.theta)
+        return upward_crossings(self.time, self.theta, self.noise)
 
     @cached_property
     def runs(self) -> list[Run]:
@@ -526,13 +531,15 @@ def is_pure(run: Run) -> bool:
     return run.misfit < PURE_SINE * run.amplitude / math.sqrt(2)
 
 
-def moving_bins(time: Array, theta: Array) -> NDArray[np.bool_]:
+def moving_bins(time: Array, theta: Array, noise: float | None = None) -> NDArray[np.bool_]:
     """Find the rows in which a joint moves, in bins of `BIN_S`.
 
     Parameters
     ----------
     time, theta : Array
         (n,) [s] and (n,) [rad].
+    noise : float, optional
+        `noise_of` the angle [rad], where it is known.
 
     Returns
     -------
@@ -542,5 +549,6 @@ def moving_bins(time: Array, theta: Array) -> NDArray[np.bool_]:
     bins = np.floor((time - time[0]) / BIN_S)
     first_rows = np.flatnonzero(np.concatenate([[True], bins[1:] != bins[:-1]]))
     turn = np.maximum.reduceat(theta, first_rows) - np.minimum.reduceat(theta, first_rows)
-    moves = turn > max(MOVING_SHARE * float(np.ptp(theta)), MOVING_NOISES * noise_of(theta))
+    noise = noise_of(theta) if noise is None else noise
+    moves = turn > max(MOVING_SHARE * float(np.ptp(theta)), MOVING_NOISES * noise)
     return np.asarray(np.repeat(moves, np.diff(np.append(first_rows, len(theta)))))

@@ -25,8 +25,6 @@ class RowFilter:
     def __init__(self, spectra: Spectra, gain: Array | None = None) -> None:
         self.spectra = spectra
         self.gain = gain
-        self._kept = contiguous(spectra.rows)
-        self._number = int(np.count_nonzero(spectra.rows))
 
     def column(self, spectrum: Spectrum) -> Array:
         """Rows (..., m) of the signals with these working spectra (..., f)."""
@@ -51,7 +49,8 @@ class RowFilter:
 
         def everywhere(part: Array) -> Array:
             x = np.zeros((len(part), self.spectra.working_rows))
-            x[:, self._kept] = part
+            for of_all, of_rows in self.spectra.pieces:
+                x[:, of_all] = part[:, of_rows]
             return x
 
         return self._rows(rows, everywhere)
@@ -59,7 +58,7 @@ class RowFilter:
     def _rows(self, signals: NDArray[Any], windowed: Callable[[NDArray[Any]], Array]) -> Array:
         """Rows (..., m) of signals (..., n), a few at once, that are made windowed ones (k, w)."""
         one_by_one = signals.reshape(-1, signals.shape[-1])
-        rows = np.empty((len(one_by_one), self._number))
+        rows = np.empty((len(one_by_one), self.spectra.fitted_rows))
         for first in range(0, len(rows), SIGNALS_AT_ONCE):
             part = slice(first, first + SIGNALS_AT_ONCE)
             x = windowed(one_by_one[part])
@@ -67,13 +66,5 @@ class RowFilter:
                 spectrum = scipy.fft.rfft(x)
                 spectrum *= self.gain
                 x = scipy.fft.irfft(spectrum, self.spectra.working_rows)
-            rows[part] = x[:, self._kept]
-        return rows.reshape(*signals.shape[:-1], self._number)
-
-
-def contiguous(rows: NDArray[np.bool_]) -> slice | NDArray[np.bool_]:
-    """Rows (w,) of a recording without gaps as a slice, which copies nothing."""
-    at = np.flatnonzero(rows)
-    if len(at) and at[-1] - at[0] + 1 == len(at):
-        return slice(int(at[0]), int(at[-1]) + 1)
-    return rows
+            rows[part] = self.spectra.fitted(x)
+        return rows.reshape(*signals.shape[:-1], self.spectra.fitted_rows)

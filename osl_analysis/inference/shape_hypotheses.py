@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from osl_analysis.inference.hypothesis import Candidate, Hypothesis, Linear, OneParameter, Search
 from osl_analysis.inference.least_squares import solve_scaled
-from osl_analysis.inference.row_filter import contiguous
 from osl_analysis.trial import Array
 
 STOPS = np.linspace(0.05, 0.95, 10)  # quantiles of the angle at which a stop may be
@@ -198,9 +197,10 @@ class Clipping(Hypothesis):
         return [Candidate(self, self.data.motion, torque)]
 
     @cached_property
-    def inside(self) -> slice | NDArray[np.bool_]:
-        """Rows of the recording (p,)."""
-        return contiguous(self.data.spectra.inside)
+    def inside(self) -> slice:
+        """Product rows of the recording, without its padding."""
+        rows = np.flatnonzero(self.data.spectra.inside)
+        return slice(int(rows[0]), int(rows[-1]) + 1)
 
     @cached_property
     def recorded(self) -> Array:

@@ -6,6 +6,7 @@ relation of samples, torque = K theta + B omega + I alpha, survives both.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy
@@ -258,6 +259,33 @@ class Spectra:
         self.actuator_derivatives = np.array(self._at_product_rate(raw_actuator, 3))
         with_line = self.actuator_derivatives[0] + np.linspace(line[0], line[-1], self.product_rows)
         self.sliding = self._belt_deflection(with_line)
+
+    @cached_property
+    def pieces(self) -> list[tuple[slice, slice]]:
+        """Pieces of the working rows that are fitted, and where they stand among the fitted rows.
+
+        To take them by a mask takes as long as a transform.
+        """
+        edges = np.flatnonzero(np.diff(self.rows, prepend=False, append=False)).reshape(-1, 2)
+        pieces = []
+        first = 0
+        for begin, end in edges.tolist():
+            stop = first + end - begin
+            pieces.append((slice(begin, end), slice(first, stop)))
+            first = stop
+        return pieces
+
+    @property
+    def fitted_rows(self) -> int:
+        """Number m of the fitted rows."""
+        return self.pieces[-1][1].stop if self.pieces else 0
+
+    def fitted(self, x: Array) -> Array:
+        """The fitted rows (k, m) of signals (k, w)."""
+        rows = np.empty((len(x), self.fitted_rows))
+        for of_all, of_rows in self.pieces:
+            rows[:, of_rows] = x[:, of_all]
+        return rows
 
     @property
     def first_row(self) -> int:

@@ -177,14 +177,15 @@ def check_keys_once(path: Path, node: yaml.MappingNode) -> None:
         keys.add(str(key.value))
 
 
-IN_SIXTIES = r"[-+]?[0-9][0-9_]*(:[0-5]?[0-9])+(\.[0-9_]*)?"  # as 1:30, which YAML 1.1 takes for 90
-IN_EIGHTS = r"[-+]?0[0-7_]+"  # as 010, which it takes for 8
+# as 1:30, which YAML 1.1 takes for 90
+IN_SIXTIES = re.compile(r"[-+]?[0-9][0-9_]*(:[0-5]?[0-9])+(\.[0-9_]*)?")
+IN_EIGHTS = re.compile(r"[-+]?0[0-7_]+")  # as 010, which it takes for 8
 
 
 def check_same_number(path: Path, node: yaml.ScalarNode) -> None:
     """Refuse a text without quotes that is another number in YAML 1.1, which Snakemake reads."""
     for form, base in ((IN_SIXTIES, "sixties"), (IN_EIGHTS, "eights")):
-        if re.fullmatch(form, node.value):
+        if form.fullmatch(node.value):
             raise InputError(
                 f"{path}: line {node.start_mark.line + 1}: YAML counts {node.value} in {base};"
                 " write a plain decimal number, or text in quotes"

@@ -10,13 +10,13 @@ import statsmodels.api as sm
 from osl_analysis.errors import InputError
 from osl_analysis.inference import BenchSignals, constants
 from osl_analysis.inference.cross_validation import (
+    Predictor,
     all_columns,
     block_edges,
     normal_matrices,
-    predict_blocks,
 )
 from osl_analysis.inference.estimates import Parameter
-from osl_analysis.inference.friction_shapes import slipping_spring
+from osl_analysis.inference.friction_shapes import slipping_springs
 from osl_analysis.inference.hypotheses import Nothing
 from osl_analysis.inference.hypothesis import Search
 from osl_analysis.inference.least_squares import BesideShared, solve_scaled
@@ -80,9 +80,8 @@ def test_whitened_fit_is_that_of_statsmodels_gls():
     model = sm.GLSAR(((TRUE @ motion) + coloured())[rows], X, rho=1)
     gls = model.iterative_fit(4)
 
-    fit = predict_blocks(
-        data, Nothing(data).candidates(None)[0], JointKind(), np.empty((0, 1)), 1000.0
-    )
+    predictor = Predictor(data, JointKind(), np.empty((0, len(data.torque))))
+    fit = predictor.predict(Nothing(data).candidates(None)[0])
 
     # two estimators of one noise: they agree within a part of their common error
     assert np.all(np.abs(fit.impedances[0] - gls.params[:3]) < gls.bse[:3])
@@ -120,7 +119,7 @@ def test_each_block_is_predicted_by_a_fit_that_has_not_seen_it():
     data = whitened(white())
     candidate = Nothing(data).candidates(None)[0]
 
-    fit = predict_blocks(data, candidate, JointKind(), np.empty((0, 1)), 1000.0)
+    fit = Predictor(data, JointKind(), np.empty((0, len(data.torque)))).predict(candidate)
 
     columns = all_columns(data, candidate, JointKind())
     first, stop = block_edges(columns.shape[1])[[5, 6]]
@@ -137,7 +136,7 @@ def test_blocks_hold_every_row_once():
     edges = block_edges(1001)
     columns = np.ones((1, 1001))
 
-    blocks = normal_matrices(columns, np.zeros(1001))
+    blocks = normal_matrices(columns, columns)
 
     assert edges[0] == 0
     assert edges[-1] == 1001
@@ -151,7 +150,7 @@ def test_slipping_spring_follows_prandtl_step_by_step():
     for step in np.diff(angle):
         torque.append(float(np.clip(torque[-1] + step / 2.0, -1, 1)))
 
-    assert slipping_spring(angle, 2.0) == pytest.approx(np.array(torque), abs=1e-12)
+    assert slipping_springs(angle, [2.0])[0] == pytest.approx(np.array(torque), abs=1e-12)
 
 
 def test_quantiles_of_one_part_are_students():

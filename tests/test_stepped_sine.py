@@ -267,7 +267,7 @@ SIX_SECONDS = np.arange(3000) / RATE
 def test_crossings_lie_between_samples():
     sine = np.sin(2 * np.pi * 2.3 * SIX_SECONDS - 0.5)
 
-    crossings = sine_runs.upward_crossings(SIX_SECONDS, sine)
+    crossings = sine_runs.upward_crossings(SIX_SECONDS, sine, 0.0)
 
     assert np.diff(crossings) == pytest.approx(1 / 2.3, abs=1e-6)
 
@@ -276,7 +276,7 @@ def test_noise_adds_no_crossings():
     noise = 0.05 * np.random.default_rng(1).standard_normal(3000)
     sine = np.sin(2 * np.pi * 2.3 * SIX_SECONDS - 0.5)
 
-    assert len(sine_runs.upward_crossings(SIX_SECONDS, sine + noise)) == 14
+    assert len(sine_runs.upward_crossings(SIX_SECONDS, sine + noise, float(noise.std()))) == 14
 
 
 @pytest.mark.parametrize(("harmonic", "is_sine"), [(0.0, True), (0.29, True), (0.31, False)])
@@ -320,7 +320,7 @@ def test_a_run_ends_where_the_next_begins():
     """The frequency changes within a cycle, at 3.125 s."""
     after = np.maximum(SIX_SECONDS - 3.125, 0)
     theta = np.sin(4 * np.pi * SIX_SECONDS + np.pi * after)
-    crossings = sine_runs.upward_crossings(SIX_SECONDS, theta)
+    crossings = sine_runs.upward_crossings(SIX_SECONDS, theta, 0.0)
 
     first, second = sine_runs.find_runs(SIX_SECONDS, theta, crossings, fewest=3)
 

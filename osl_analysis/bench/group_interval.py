@@ -144,22 +144,24 @@ def interval_of(
     """
     source = scatter_source(s.groups, equations.stratum)
     noise, freedom = noise_covariance(s, equations, source, estimates, inverse, rich, keep)
-    misfit = np.zeros_like(inverse)
-    if source.tells_misfit:
-        misfit = jackknife(
+    right_sides = equations.right_sides[:, :, None]
+    if s.rounded is not None:
+        right_sides = np.concatenate([right_sides, draw_products(s, equations)], axis=2)
+    draws = right_sides.shape[2] - 1
+    by_units = np.zeros((1 + draws, *inverse.shape))
+    if source.tells_misfit:  # of the torque and of each draw, which have the same left sides
+        by_units = jackknife(
             equations.left_sides,
-            equations.right_sides,
+            right_sides,
             equations.left_side,
-            equations.right_side,
+            right_sides.sum(axis=0),
             source.unit,
         )
+    misfit = by_units[0]
     of_rounding = np.zeros_like(inverse)
-    draws = 0
-    if s.rounded is not None:
-        products = draw_products(s, equations)
-        draws = products.shape[2]
+    if draws:
         of_rounding, of_scatter = rounding_covariances(
-            products, equations, source, inverse, len(rich)
+            right_sides[:, :, 1:], by_units[1:], equations, source, inverse, len(rich)
         )
         if source.tells_misfit:
             misfit = without_variances(misfit, of_scatter)
@@ -202,6 +204,7 @@ def draw_products(s: Sums, equations: NormalEquations) -> Array:
 
 def rounding_covariances(
     products: Array,
+    by_units: Array,
     equations: NormalEquations,
     source: ScatterSource,
     inverse: Array,
@@ -216,6 +219,8 @@ def rounding_covariances(
     ----------
     products : Array (m, p, k)
         `draw_products` of k draws.
+    by_units : Array (k, p, p)
+        What `jackknife` makes of them.
     equations, source, inverse
         As `interval_of` has them.
     rich_columns : int
@@ -237,10 +242,7 @@ def rounding_covariances(
     covariance = without_variances(change @ change.T / draws, in_noise)
     if not source.tells_misfit:
         return covariance, np.zeros(len(inverse))
-    left_out = jackknife(
-        equations.left_sides, products, equations.left_side, of_all_groups, source.unit
-    )
-    return covariance, np.diag(left_out.mean(axis=0)) - in_noise
+    return covariance, np.diag(by_units.mean(axis=0)) - in_noise
 
 
 def rounding_in_noise(

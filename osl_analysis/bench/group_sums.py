@@ -14,7 +14,7 @@ Words of this and the modules that use it:
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -109,18 +109,8 @@ def gram_sums(
     InputError
         A column cannot be measured.
     """
-    names = [*(f"column '{name}'" for name in columns), "column 'y'", "the torque"]
-    rows = np.array([*columns.values(), record.filtered_torque, record.torque])
-    for name, row in zip(names, rows, strict=True):
-        check_measured(name, row)
-
+    rows = measured_rows(record, columns)
     groups = record.groups
-    products_with_rounded = None
-    if rounded is not None:
-        every = -(-len(record.time) // rounded.shape[1])
-        thinned = rows[: len(columns), ::every].T
-        edges = groups.first / every, groups.stop / every
-        products_with_rounded = every * products_between(thinned, rounded.T, *edges)
     return Sums(
         names=tuple(columns),
         gram=products_between(rows.T, rows.T, groups.first, groups.stop),
@@ -131,8 +121,66 @@ def gram_sums(
         centre=centre,
         columns=columns,
         independent=max(record.rate_hz / (2 * record.low_pass.noise_bandwidth_hz), 1.0),
-        rounded=products_with_rounded,
+        rounded=products_with_rounded(rows[: len(columns)], rounded, groups),
     )
+
+
+def measured_rows(record: Record, columns: Mapping[str, Array]) -> Array:
+    """Columns, filtered and raw torque (q + 2, n). InputError: one of them cannot be measured."""
+    names = [*(f"column '{name}'" for name in columns), "column 'y'", "the torque"]
+    rows = np.array([*columns.values(), record.filtered_torque, record.torque])
+    for name, row in zip(names, rows, strict=True):
+        check_measured(name, row)
+    return rows
+
+
+def products_with_rounded(rows: Array, rounded: Array | None, groups: Groups) -> Array | None:
+    """Products (m, q, k) of columns (q, n) with rounded torques (k, n), which may be thinned."""
+    if rounded is None:
+        return None
+    every = -(-rows.shape[1] // rounded.shape[1])
+    thinned = np.ascontiguousarray(rows[:, ::every]).T
+    edges = groups.first / every, groups.stop / every
+    return np.asarray(every * products_between(thinned, rounded.T, *edges))
+
+
+def with_torque(
+    s: Sums, record: Record, further: Mapping[str, Array], rounded: Array | None = None
+) -> Sums:
+    """The sums of the same columns and of `further` ones (n,), with another torque.
+
+    Only products with what is new are summed.
+
+    Parameters
+    ----------
+    s : Sums
+        Of another torque, with its columns.
+    record : Record
+        The record with the other torque (n,).
+    further : Mapping of Array (n,)
+        Columns by name.
+    rounded : Array (k, n), optional
+        That of `s`.
+
+    Raises
+    ------
+    InputError
+        A column cannot be measured.
+    """
+    known = len(s.names)
+    columns = {**s.columns, **further}
+    rows = measured_rows(record, columns)
+    with_new = products_between(rows.T, rows[known:].T, s.groups.first, s.groups.stop)
+    gram = np.empty((len(with_new), len(rows), len(rows)))
+    gram[:, :known, :known] = s.gram[:, :known, :known]
+    gram[:, :, known:] = with_new
+    gram[:, known:, :known] = np.swapaxes(with_new[:, :known], 1, 2)
+    of_rounded = s.rounded
+    if of_rounded is not None and further:
+        of_further = products_with_rounded(rows[known:-2], rounded, s.groups)
+        assert of_further is not None
+        of_rounded = np.concatenate([of_rounded, of_further], axis=1)
+    return replace(s, names=tuple(columns), gram=gram, columns=columns, rounded=of_rounded)
 
 
 def solved(A: Array, b: Array) -> tuple[Array, Array]:

@@ -8,7 +8,7 @@ import scipy
 
 from osl_analysis.bench.effects import Model
 from osl_analysis.bench.group_fit import GroupFit, fit_groups
-from osl_analysis.bench.group_sums import EFFECTS_LIMIT, NEXT, gram_sums
+from osl_analysis.bench.group_sums import EFFECTS_LIMIT, NEXT, gram_sums, with_torque
 from osl_analysis.bench.record import Record
 from osl_analysis.trial import Array
 
@@ -79,6 +79,7 @@ def late_fit(
     derivatives = {
         name: columns[NEXT[column]] for name, column in model.items() if NEXT.get(column) in columns
     }
+    sums = gram_sums(few, columns, list(columns), centre, rounded=rounded)
     fit: GroupFit | None = None
     step_s = 0.0
     for _ in range(MOST_STEPS):
@@ -94,13 +95,11 @@ def late_fit(
             terms = [fit[name] * column for name, column in derivatives.items()]
             slope = np.sum(terms, axis=0)
         if slope is None:
-            sums = gram_sums(target, columns, list(columns), centre, rounded=rounded)
-            fit = fit_groups(sums, model, limit=EFFECTS_LIMIT)
+            fit = fit_groups(with_torque(sums, target, {}), model, limit=EFFECTS_LIMIT)
             continue
 
-        with_late = {**columns, "late": -slope}
-        sums = gram_sums(target, with_late, list(columns), centre, rounded=rounded)
-        fit = fit_groups(sums, {**model, "lag_s": "late"}, limit=EFFECTS_LIMIT)
+        with_late = with_torque(sums, target, {"late": -slope}, rounded)
+        fit = fit_groups(with_late, {**model, "lag_s": "late"}, limit=EFFECTS_LIMIT)
         step_s = fit["lag_s"]
         lag_s = float(np.clip(lag_s + step_s, -LONGEST_LAG, LONGEST_LAG))
         if abs(step_s) < LAG_CONVERGED:

@@ -11,7 +11,7 @@ from osl_analysis.bench.group_fit import GroupFit
 from osl_analysis.bench.late_torque import LateFit, late_fit
 from osl_analysis.bench.record import Record, actuator_turns
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.inference.friction_shapes import slipping_spring
+from osl_analysis.inference.friction_shapes import slipping_springs
 from osl_analysis.model.drivetrain import DrivetrainParameters, belt_deflection
 from osl_analysis.trial import Array
 
@@ -99,7 +99,7 @@ def belt_columns(few: Record, wound: Array) -> dict[str, Array]:
     columns, _ = columns_of(few)
     del columns["theta"], columns["alpha"]
     columns["wound"] = wound - wound.mean()
-    slips = np.array([slipping_spring(wound, width) for width in WOUND_UP])
+    slips = slipping_springs(wound, WOUND_UP)
     for k, column in enumerate(few.low_pass(slips.T, few.rate_hz).T):
         columns[f"slips_{k}"] = column
     return columns

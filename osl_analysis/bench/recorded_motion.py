@@ -181,7 +181,7 @@ def advice_if_no_sine(known: Likeness) -> str:
 def said_of_noise(known: Likeness, rate_hz: float) -> str:
     """Words on an angle too noisy for its motion to count as such; empty for any other. Motion up
     to 6 Hz at 50 rows per second jumps by a tenth, and counts for half of the time."""
-    noise = np.rad2deg(stepped_sine.noise_of(known.theta))
+    noise = np.rad2deg(known.noise)
     size = np.rad2deg(known.theta.std())
     if size < 0.5 or noise < 0.1 * size or known.moving.mean() > 0.5:
         return ""

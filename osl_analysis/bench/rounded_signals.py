@@ -133,5 +133,8 @@ def drawn_roundings(
     spread = max(concentration, SIZES_OF_SINE if is_sine else 0.0)
     sizes = spread * DRAWS[ORDER_OF_SIZES] / largest
     for k, (zero, size) in enumerate(zip(DRAWS, sizes, strict=True)):
-        true = in_steps[k % len(in_steps)] * (1 + size) + zero
-        yield share * step * (true - np.rint(true))
+        true = in_steps[k % len(in_steps)] * (1 + size)
+        true += zero
+        true -= np.rint(true)  # in place: new memory takes as long as the arithmetic
+        true *= share * step
+        yield true

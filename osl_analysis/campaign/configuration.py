@@ -225,7 +225,13 @@ def own_fields(path: Path) -> Mapping[str, Any]:
 def read_section(path: Path, section: str, model: type[AnySettings]) -> AnySettings:
     """Read one section of a campaign's configuration, whose file overrides fields of the default
     configuration."""
-    content = over_default(own_fields(path))
+    return section_of(over_default(own_fields(path)), path, section, model)
+
+
+def section_of(
+    content: Mapping[str, Any], path: Path, section: str, model: type[AnySettings]
+) -> AnySettings:
+    """One section of a configuration that `over_default` gave, read from a file."""
     unknown = [name for name in content if name not in Config.model_fields]
     if unknown:
         raise InputError(

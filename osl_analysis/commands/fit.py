@@ -10,7 +10,7 @@ from typing import Any
 import polars as pl
 
 from osl_analysis.bench.fit_tables import FitTables
-from osl_analysis.campaign.configuration import Config, over_default, own_fields, read_section
+from osl_analysis.campaign.configuration import Config, over_default, own_fields, section_of
 from osl_analysis.commands.fit_results import FIT_TYPES, Fit
 from osl_analysis.config.experiments import EXPERIMENTS, FitJob
 from osl_analysis.errors import InputError
@@ -55,10 +55,11 @@ def fit_settings(experiment: str, config: Path) -> tuple[dict[str, Any], Doubtfu
         Beyond which a fit is doubtful.
     """
     settings: dict[str, Any] = {}
+    content = over_default(own_fields(config))
     for argument, (section, _) in job_of(experiment).settings.items():
         model: Any = Config.model_fields[section].annotation
-        settings[argument] = read_section(config, section, model)
-    return settings, read_section(config, "doubtful", DoubtfulFits)
+        settings[argument] = section_of(content, config, section, model)
+    return settings, section_of(content, config, "doubtful", DoubtfulFits)
 
 
 def campaign_parameters(config: Path) -> Path | None:

@@ -15,6 +15,7 @@ whatever holds it: those rows tell nothing and are left out.
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import scipy
@@ -27,7 +28,7 @@ from osl_analysis.inference.constants import (
     SETTLING,
     SLIDING,
 )
-from osl_analysis.inference.friction_shapes import slipping_spring
+from osl_analysis.inference.friction_shapes import slipping_springs
 from osl_analysis.inference.least_squares import RIDGE, lengths_of
 from osl_analysis.inference.spectra import Spectra, Spectrum
 from osl_analysis.trial import Array
@@ -109,7 +110,7 @@ def equation_of_sliding(spectra: Spectra) -> Array:
     load = np.zeros_like(sign)
     if spectra.signals.load is not None:
         load = np.abs(spectra.resampled(spectra.signals.load))
-    hysteresis = slipping_spring(spectra.sliding, FRICTION_WINDS[-1])
+    hysteresis = slipping_springs(spectra.sliding, FRICTION_WINDS[-1:])[0]
     offset, drift = np.ones_like(sign), spectra.relative_time - 0.5
     motion = [angle, velocity, acceleration]
     return np.array([*motion, sign, sign * load, hysteresis, offset, drift, spectra.angle])
@@ -134,11 +135,10 @@ def sliding_fits(spectra: Spectra, columns: Array, share: float) -> tuple[Array,
 
     length = lengths_of(columns)
     unit = columns / length[:, None]
-    of_block = np.minimum((spectra.relative_time * BLOCKS).astype(np.intp), BLOCKS - 1)
-    blocks = []
-    for k in range(BLOCKS):
-        rows = unit[:, slides & (of_block == k)]
-        blocks.append(rows @ rows.T)
+    sliding = unit[:, slides]
+    edges = np.searchsorted(spectra.relative_time[slides] * BLOCKS, np.arange(BLOCKS + 1))
+    edges[-1] = sliding.shape[1]
+    blocks = [sliding[:, first:stop] @ sliding[:, first:stop].T for first, stop in pairwise(edges)]
     total = np.sum(blocks, axis=0)
     normal = np.concatenate([total[None], total - np.array(blocks)])
     ridge = RIDGE * np.eye(len(unit) - 1)
@@ -157,5 +157,5 @@ def projected(spectra: Spectra, coefficients: Array) -> Array:
 
 def rows_of(spectra: Spectra, spectrum: Spectrum) -> Array:
     """Signals (k, m) of working spectra (k, f) in the fitted rows, less their means."""
-    in_time = scipy.fft.irfft(spectrum * spectra.roll_off, spectra.working_rows)[:, spectra.rows]
+    in_time = spectra.fitted(scipy.fft.irfft(spectrum * spectra.roll_off, spectra.working_rows))
     return np.asarray(in_time - in_time.mean(axis=1, keepdims=True))

@@ -12,7 +12,7 @@ import numpy as np
 
 from osl_analysis.inference.constants import BLOCKS
 from osl_analysis.inference.hypothesis import Candidate
-from osl_analysis.inference.least_squares import RIDGE, lengths_of
+from osl_analysis.inference.least_squares import RIDGE, TINY, lengths_of
 from osl_analysis.inference.whitening import JointKind, Whitened
 from osl_analysis.trial import Array
 
@@ -126,13 +126,10 @@ def all_columns(data: Whitened, candidate: Candidate, kind: JointKind) -> Array:
     return np.concatenate([*parts, data.shared(kind)])
 
 
-def normal_matrices(columns: Array, torque: Array) -> Array:
-    """Normal matrices (BLOCKS, c + 1, c + 1) of columns (c, m); the torque (m,) is the last one."""
-    matrices = []
-    for first, stop in pairwise(block_edges(len(torque)).tolist()):
-        rows = np.concatenate([columns[:, first:stop], torque[None, first:stop]])
-        matrices.append(rows @ rows.T)
-    return np.array(matrices)
+def normal_matrices(columns: Array, others: Array) -> Array:
+    """Products (BLOCKS, c, d) of columns (c, m) and others (d, m) in each block."""
+    edges = pairwise(block_edges(columns.shape[1]).tolist())
+    return np.array([columns[:, first:stop] @ others[:, first:stop].T for first, stop in edges])
 
 
 @dataclass(frozen=True)
@@ -181,106 +178,139 @@ class BlockFit:
         return np.asarray(self.inverse * variance * np.outer(factor, factor))
 
 
-def fit_blocks(columns: Array, length: Array, torque: Array) -> BlockFit:
-    """Fit columns (c, m) of some lengths (c,) to a torque (m,)."""
-    # the matrices are scaled and not the columns, of which an hour has hundreds of megabytes
-    scale = np.append(length, 1.0)
-    blocks = normal_matrices(columns, torque) / np.outer(scale, scale)
-    total = blocks.sum(axis=0)
-    inverse = np.linalg.inv(total[:-1, :-1] + RIDGE * np.eye(len(columns)))
-    estimates = inverse @ total[:-1, -1]
-    left = float(total[-1, -1] - estimates @ total[:-1, -1])
-    return BlockFit(blocks, inverse, estimates, left)
-
-
-def by_rounding(
-    columns: Array, length: Array, inverse: Array, rounding: Array
-) -> tuple[Array, float]:
-    """What rounding alone does to the estimates of columns (c, m) that are scaled to length 1.
+def fit_blocks(matrices: Array) -> tuple[BlockFit, Array]:
+    """Fit the columns that have these normal matrices (BLOCKS, c + 1, c + 1); the torque is last.
 
     Returns
     -------
-    covariance : Array (c, c)
-        Of the estimates.
-    left : float
-        Sum of squares that the columns leave of rounding, the mean over its draws (d, m).
+    fit : BlockFit
+        Of columns that are scaled to length 1.
+    length : Array (c,)
+        Their lengths.
     """
-    if not len(rounding):
-        return np.zeros_like(inverse), 0.0
-    projections = rounding @ columns.T / length
-    errors = projections @ inverse
-    # sum(rounding (rounding - errors @ columns/length))
-    unexplained = np.vdot(rounding, rounding) - np.sum(errors * projections)
-    return errors.T @ errors / len(rounding), float(unexplained / len(rounding))
+    # the matrices are scaled and not the columns, of which an hour has hundreds of megabytes
+    length = np.sqrt(matrices.sum(axis=0).diagonal()[:-1]) + TINY
+    scale = np.append(length, 1.0)
+    blocks = matrices / np.outer(scale, scale)
+    total = blocks.sum(axis=0)
+    inverse = np.linalg.inv(total[:-1, :-1] + RIDGE * np.eye(len(length)))
+    estimates = inverse @ total[:-1, -1]
+    left = float(total[-1, -1] - estimates @ total[:-1, -1])
+    return BlockFit(blocks, inverse, estimates, left), length
 
 
-def predict_blocks(
-    data: Whitened, candidate: Candidate, kind: JointKind, rounding: Array, freedom: float
-) -> Predicted:
-    """Fit a candidate, and predict each block by the fit to the others.
+class Predictor:
+    """Fits candidates for one kind of joint, and predicts each block by the fit to the others.
+
+    What all candidates share is multiplied once.
 
     Parameters
     ----------
     data : Whitened
         The recording.
-    candidate : Candidate
-        Its columns (k, m) and the torque (m,) that they explain.
     kind : JointKind
-        Whether the shapes of dry friction, and of a reflex, are beside them.
+        Whether the shapes of dry friction, and of a reflex, are beside the candidates' columns.
     rounding : Array (draws, m)
         Torques that rounding alone makes.
-    freedom : float
-        Number of independent rows.
     """
-    columns = all_columns(data, candidate, kind)
-    length = lengths_of(columns)
-    fit = fit_blocks(columns, length, candidate.torque)
-    of_rounding, rounding_left = by_rounding(columns, length, fit.inverse, rounding)
-    estimates = fit.estimates / length
-    covariance = (fit.covariance(freedom) + of_rounding) / np.outer(length, length)
 
-    at = layout_of(data, candidate, kind)
-    of_own = covariance[at.own, at.own]
-    parameter_sd = np.nan
-    if at.slope is not None:
-        parameter_variance = covariance[at.slope, at.slope]
-        parameter_sd = float(np.sqrt(parameter_variance))
-        if candidate.profile:
-            # the profile has the part that the parameter's error makes, so that this is the
-            # covariance given the parameter q: C(x|q) = C(x) - c(x, q) c(q, x)/C(q)
-            with_parameter = covariance[at.own, at.slope]
-            of_own = of_own - np.outer(with_parameter, with_parameter) / parameter_variance
-    coefficients = estimates[at.own] if candidate.estimates is None else candidate.estimates
-    matrices = candidate.to_impedance(len(candidate.columns))
-    covariances = np.array([matrix @ of_own @ matrix.T for matrix in matrices])
-    if data.actuator is not None and len(coefficients) > 3:
-        covariances = covariances + coefficients[3] ** 2 * data.actuator.covariance
+    def __init__(self, data: Whitened, kind: JointKind, rounding: Array) -> None:
+        self.data, self.kind = data, kind
+        self._rounding = rounding
+        self._square_of_rounding = float(np.sum(rounding**2))
+        self._shared = data.shared(kind)
+        self._with_torque = np.vstack([self._shared, data.torque])
+        self._shared_matrices = normal_matrices(self._with_torque, self._with_torque)
+        self._shared_rounding = rounding @ self._shared.T
 
-    friction_torque = 0.0
-    if kind.has_friction:
-        friction_torque = float(estimates[at.friction] @ data.mean_friction)
-    reflex_gains = reflex_deviations = np.empty(0)
-    reflex_evidence = 0.0
-    if kind.has_reflex:
-        of_reflex = estimates[at.reflex], covariance[at.reflex, at.reflex]
-        reflex_gains, reflex_deviations = data.reflex.gains(*of_reflex)
-        reflex_evidence = data.reflex.rectified_evidence(*of_reflex)
-    return Predicted(
-        candidate=candidate,
-        kind=kind,
-        squares=fit.squares_of_unseen(),
-        impedances=np.array([matrix @ coefficients for matrix in matrices]),
-        covariances=covariances,
-        coefficients=np.asarray(coefficients),
-        deviations=np.sqrt(np.maximum(np.diag(of_own), 0.0)),
-        parameter_sd=parameter_sd,
-        friction_torque=friction_torque,
-        reflex_gains=reflex_gains,
-        reflex_deviations=reflex_deviations,
-        reflex_evidence=reflex_evidence,
-        left=fit.left,
-        rounding_left=rounding_left,
-    )
+    def matrices(self, own: Array, torque: Array) -> Array:
+        """Normal matrices (BLOCKS, c + 1, c + 1) of own columns (k, m), the shared ones, and a
+        torque (m,)."""
+        with_torque, of_shared = self._with_torque, self._shared_matrices
+        if torque is not self.data.torque:
+            with_torque = np.vstack([self._shared, torque])
+            of_shared = normal_matrices(with_torque, with_torque)
+        k, size = len(own), len(own) + len(with_torque)
+        matrices = np.empty((BLOCKS, size, size))
+        matrices[:, :k, :k] = normal_matrices(own, own)
+        matrices[:, :k, k:] = normal_matrices(own, with_torque)
+        matrices[:, k:, :k] = np.swapaxes(matrices[:, :k, k:], 1, 2)
+        matrices[:, k:, k:] = of_shared
+        return matrices
+
+    def by_rounding(self, own: Array, length: Array, inverse: Array) -> tuple[Array, float]:
+        """What rounding alone does to the estimates of columns that are scaled to length 1.
+
+        Returns
+        -------
+        covariance : Array (c, c)
+            Of the estimates.
+        left : float
+            Sum of squares that the columns leave of rounding, the mean over its draws.
+        """
+        draws = len(self._rounding)
+        if not draws:
+            return np.zeros_like(inverse), 0.0
+        projections = np.hstack([self._rounding @ own.T, self._shared_rounding]) / length
+        errors = projections @ inverse
+        # sum(rounding (rounding - errors @ columns/length))
+        unexplained = self._square_of_rounding - np.sum(errors * projections)
+        return errors.T @ errors / draws, float(unexplained / draws)
+
+    def predict(self, candidate: Candidate) -> Predicted:
+        """Fit a candidate, and predict each block by the fit to the others."""
+        data, kind = self.data, self.kind
+        own = candidate.columns
+        if candidate.slope is not None:
+            own = np.vstack([own, candidate.slope])
+        fit, length = fit_blocks(self.matrices(own, candidate.torque))
+        of_rounding, rounding_left = self.by_rounding(own, length, fit.inverse)
+        estimates = fit.estimates / length
+        of_noise = fit.covariance(data.spectra.freedom)
+        covariance = (of_noise + of_rounding) / np.outer(length, length)
+
+        at = layout_of(data, candidate, kind)
+        of_own = covariance[at.own, at.own]
+        parameter_sd = np.nan
+        if at.slope is not None:
+            parameter_variance = covariance[at.slope, at.slope]
+            parameter_sd = float(np.sqrt(parameter_variance))
+            if candidate.profile:
+                # the profile has the part that the parameter's error makes, so that this is the
+                # covariance given the parameter q: C(x|q) = C(x) - c(x, q) c(q, x)/C(q)
+                with_parameter = covariance[at.own, at.slope]
+                of_own = of_own - np.outer(with_parameter, with_parameter) / parameter_variance
+        coefficients = estimates[at.own] if candidate.estimates is None else candidate.estimates
+        matrices = candidate.to_impedance(len(candidate.columns))
+        covariances = np.array([matrix @ of_own @ matrix.T for matrix in matrices])
+        if data.actuator is not None and len(coefficients) > 3:
+            covariances = covariances + coefficients[3] ** 2 * data.actuator.covariance
+
+        friction_torque = 0.0
+        if kind.has_friction:
+            friction_torque = float(estimates[at.friction] @ data.mean_friction)
+        reflex_gains = reflex_deviations = np.empty(0)
+        reflex_evidence = 0.0
+        if kind.has_reflex:
+            of_reflex = estimates[at.reflex], covariance[at.reflex, at.reflex]
+            reflex_gains, reflex_deviations = data.reflex.gains(*of_reflex)
+            reflex_evidence = data.reflex.rectified_evidence(*of_reflex)
+        return Predicted(
+            candidate=candidate,
+            kind=kind,
+            squares=fit.squares_of_unseen(),
+            impedances=np.array([matrix @ coefficients for matrix in matrices]),
+            covariances=covariances,
+            coefficients=np.asarray(coefficients),
+            deviations=np.sqrt(np.maximum(np.diag(of_own), 0.0)),
+            parameter_sd=parameter_sd,
+            friction_torque=friction_torque,
+            reflex_gains=reflex_gains,
+            reflex_deviations=reflex_deviations,
+            reflex_evidence=reflex_evidence,
+            left=fit.left,
+            rounding_left=rounding_left,
+        )
 
 
 def vaf_of_unseen_blocks(data: Whitened, fit: Predicted) -> float:
@@ -293,12 +323,13 @@ def vaf_of_unseen_blocks(data: Whitened, fit: Predicted) -> float:
     columns = all_columns(data, fit.candidate, fit.kind)
     length = lengths_of(columns)
     columns = columns / length[:, None]
-    blocks = normal_matrices(columns, fit.candidate.torque)
+    with_torque = np.vstack([columns, fit.candidate.torque])
+    blocks = normal_matrices(with_torque, with_torque)
     ridge = RIDGE * np.eye(len(columns))
     of_all = blocks.sum(axis=0)
     of_all_blocks = np.linalg.solve(of_all[:-1, :-1] + ridge, of_all[:-1, -1])
 
-    in_time = data.unwhitened(np.vstack([columns, fit.candidate.torque]))
+    in_time = data.unwhitened(with_torque)
     slow = layout_of(data, fit.candidate, fit.kind).slow
     moving = np.delete(np.arange(len(columns)), slow)
     torque_in_time = in_time[-1] - of_all_blocks[slow] @ in_time[slow]

@@ -6,6 +6,8 @@ Control 40, 1995). Which of these a joint has nobody knows beforehand: all are c
 what they are together must oppose the motion.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from osl_analysis.inference.constants import FRICTION_WINDS, SIGN_WIDTH
@@ -16,34 +18,44 @@ WIDER = 5.0  # times the first width, over which the second sign changes
 SLOWEST = 1e-6  # rad/s, so that no width is 0
 
 
-def slipping_spring(angle: Array, width: float) -> Array:
-    """Compute the torque of a spring that slips at +-1 (Prandtl's stop operator).
+def slipping_springs(angle: Array, widths: Sequence[float]) -> Array:
+    """Compute the torques of springs that slip at +-1 (Prandtl's stop operator).
 
     Parameters
     ----------
     angle : Array (n,)
-        Angle that winds the spring up [rad].
-    width : float
-        Angle from slack to the limit [rad].
+        Angle that winds the springs up [rad].
+    widths : sequence of float
+        Angle from slack to the limit [rad] of each of k springs.
 
     Returns
     -------
-    Array (n,)
-        Torque over its limit; 0 in the first row.
+    Array (k, n)
+        Torques over their limits; 0 in the first row.
     """
     rising = np.diff(angle) >= 0
     reversals = np.flatnonzero(rising[1:] != rising[:-1]) + 1
     turns = np.concatenate([[0], reversals, [len(angle) - 1]])
+    rows_of_turn = np.diff(turns)
+    since_turn = angle[:-1] - np.repeat(angle[turns[:-1]], rows_of_turn)
+    ways = np.diff(angle[turns])
 
-    # between two turning points the motion has one direction, so that one clip is enough
-    wound = [0.0]
-    for way in (np.diff(angle[turns]) / width).tolist():
-        wound.append(min(max(wound[-1] + way, -1.0), 1.0))
-
-    last_turn = np.repeat(np.arange(len(turns) - 1), np.diff(turns))
-    since_turn = (angle[:-1] - angle[turns][last_turn]) / width
-    within = np.clip(np.array(wound)[last_turn] + since_turn, -1.0, 1.0)
-    return np.append(within, wound[-1])
+    torques = np.empty((len(widths), len(angle)))
+    for torque, width in zip(torques, widths, strict=True):
+        # between two turning points the motion has one direction, so that one clip is enough
+        level = 0.0
+        wound = [level]
+        for way in (ways / width).tolist():
+            level += way
+            if level > 1.0:
+                level = 1.0
+            elif level < -1.0:
+                level = -1.0
+            wound.append(level)
+        unclipped = np.repeat(wound[:-1], rows_of_turn) + since_turn / width
+        np.clip(unclipped, -1.0, 1.0, out=torque[:-1])
+        torque[-1] = level
+    return torques
 
 
 def sliding_velocity(spectra: Spectra) -> tuple[Array, float]:
@@ -67,8 +79,7 @@ def friction_torques(spectra: Spectra) -> Array:
     velocity, width = sliding_velocity(spectra)
     slides = np.tanh(velocity / width)
     wider = np.tanh(velocity / (WIDER * width))
-    rests = [slipping_spring(spectra.sliding, wind) for wind in FRICTION_WINDS]
-    columns = [slides, wider, *rests]
+    columns = [slides, wider, *slipping_springs(spectra.sliding, FRICTION_WINDS)]
     if spectra.signals.load is not None and spectra.actuator_spectrum is None:
         columns.append(slides * np.abs(spectra.resampled(spectra.signals.load)))
     return np.array(columns)

@@ -71,7 +71,7 @@ class Drivetrain(Hypothesis):
         spectra = self.data.spectra
         columns = self.data.higher_motion
         in_time = scipy.fft.irfft(spectra.derivatives * spectra.roll_off, spectra.working_rows)
-        rows = in_time[:, spectra.rows]
+        rows = spectra.fitted(in_time)
         rows = rows - rows.mean(axis=1, keepdims=True)
         projection = np.linalg.lstsq(rows[:3].T, rows[3:].T)[0]
         matrix = np.hstack([self.data.impedance_matrix, projection])

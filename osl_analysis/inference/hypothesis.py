@@ -12,7 +12,7 @@ the delayed angle, velocity and acceleration. `hypotheses.py` lists all of them.
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar, Literal
 
@@ -28,6 +28,7 @@ Family = Literal["", "path", "time", "speed", "size", "direction", "clipping"]
 # alone is negative, which a path may explain although it gains nothing
 WORTH_REFINING = 2.0
 PROFILE = np.linspace(-3.0, 3.0, 9)  # standard deviations at which a likelihood is tabulated
+VALUES_AT_ONCE = 4  # of a parameter: transforms of more rows cost as much, and take memory
 REFINEMENTS = 12  # evaluations of Brent's method about a minimum of the grid
 
 
@@ -104,7 +105,9 @@ class Search:
         self.data, self.kind = data, kind
         self._beside = BesideShared(data.shared(kind))
         self._rest = self._beside.rest(data.torque)
-        self.left, self.coefficients = self.fit(data.motion)
+        self._of_motion = self.products(data.motion)
+        left, self.coefficients = self.fit_products(self._of_motion)
+        self.left = float(left)
         self.impedance = data.impedance_matrix @ self.coefficients
 
     def fit(self, columns: Array, torque: Array | None = None) -> tuple[float, Array]:
@@ -113,12 +116,33 @@ class Search:
             return self._beside.fit_rest(columns, self._rest)
         return self._beside.fit(columns, torque)
 
+    def coefficients_for(self, torque: Array) -> Array:
+        """Coefficients of the motion's columns for another torque (m,)."""
+        rest = self._beside.rest(torque)
+        of_motion = replace(self._of_motion, rest=self.data.motion @ rest)
+        return self.fit_products(of_motion)[1]
+
     def rest(self, columns: Array, torque: Array) -> Array:
         """What columns (k, m) and the shared ones leave of a torque (m,)."""
         rest = self._beside.rest(torque)
         estimates = self._beside.fit_rest(columns, rest)[1]
         of_columns = np.array([self._beside.rest(column) for column in columns])
         return np.asarray(rest - estimates @ of_columns)
+
+    @cached_property
+    def beside_motion(self) -> BesideShared:
+        """Fits beside the motion's columns, too."""
+        return BesideShared(np.concatenate([self.data.shared(self.kind), self.data.motion]))
+
+    @cached_property
+    def rest_of_motion(self) -> Array:
+        """What Eq. 15 leaves of the torque (m,)."""
+        return self.beside_motion.rest(self.data.torque)
+
+    @cached_property
+    def steps(self) -> Products:
+        """Products of `Whitened.steps` for `beside_motion`."""
+        return self.beside_motion.products(self.data.steps, self.rest_of_motion)
 
     @cached_property
     def may_be_path(self) -> bool:
@@ -132,20 +156,25 @@ class Search:
         """Whether B and I of Eq. 15 alone are positive."""
         return float(self.impedance[1:].min()) > 0.0
 
+    def left_by_each(self, columns: Array) -> Array:
+        """Residual sums of squares (v,) of each of some sets of columns (v, k, m)."""
+        return self.fit_products(self.products(columns))[0]
+
     def products(self, columns: Array) -> Products:
-        """Products of columns (k, m), whose sums `fit_products` fits."""
+        """Products of columns (..., k, m), whose sums `fit_products` fits."""
         return self._beside.products(columns, self._rest)
 
-    def fit_products(self, products: Products) -> tuple[float, Array]:
-        """Residual sum of squares and coefficients (k,) of columns with these products."""
+    def fit_products(self, products: Products) -> tuple[Array, Array]:
+        """Residual sums of squares (...,) and coefficients (..., k) of columns with these
+        products."""
         return self._beside.fit_products(products)
 
-    def minima(self, left: Callable[[float], float], grid: Array) -> list[float]:
-        """Up to two minima of what is left over a parameter, the lower one first.
+    def minima(self, left: Callable[[float], float], grid: Array, values: Array) -> list[float]:
+        """Up to two minima of what is left over a parameter, the lower one first; `values` (g,) are
+        those on its grid (g,).
 
         A delay has a false minimum beside the true one.
         """
-        values = np.array([left(x) for x in grid.tolist()])
         if self.is_body and self.left - values.min() < 2 * WORTH_REFINING:
             return []
         found = []
@@ -218,47 +247,53 @@ class Linear(Hypothesis):
 class OneParameter(Hypothesis):
     """A hypothesis with one parameter of its own, sought on a grid and then refined."""
 
-    def __init__(self, data: Whitened) -> None:
-        super().__init__(data)
-        self._values = self.grid()
-        self._grid = frozenset(self._values.tolist())
-        self._known: dict[float, Array] = {}
-
     @abstractmethod
     def grid(self) -> Array:
         """Values (g,) of the parameter, ascending."""
 
-    def columns_at(self, value: float) -> Array:
-        """Whitened columns (k, m) at a value of the parameter. What depends on it is kept for the
-        values of the grid, which serve every kind of joint."""
-        if value in self._known:
-            return self.with_others(self._known[value])
-        columns = self.columns(value)
-        if value in self._grid:
-            self._known[value] = columns
-        return self.with_others(columns)
-
-    def columns(self, value: float) -> Array:
-        """Those whitened columns that depend on the parameter."""
+    def columns(self, values: Array) -> Array:
+        """Those whitened columns (v, j, m) that depend on the parameter, at values (v,) of it."""
         raise NotImplementedError
 
+    @cached_property
+    def values_on_grid(self) -> Array:
+        """The `grid`."""
+        return self.grid()
+
+    @cached_property
+    def columns_on_grid(self) -> Array:
+        """The `columns` (g, j, m) at the values of the grid, which serve every kind of joint."""
+        values = self.values_on_grid
+        parts = [
+            self.columns(values[first : first + VALUES_AT_ONCE])
+            for first in range(0, len(values), VALUES_AT_ONCE)
+        ]
+        return np.concatenate(parts)
+
     def with_others(self, columns: Array) -> Array:
-        """All columns (k, m): those that depend on the parameter stand in place of the first ones
-        of the motion."""
-        others = self.data.motion[len(columns) :]
-        return np.vstack([columns, others]) if len(others) else columns
+        """All columns (v, k, m): those that depend on the parameter stand in place of the first
+        ones of the motion."""
+        of_all = np.empty((len(columns), *self.data.motion.shape))
+        of_all[:] = self.data.motion
+        of_all[:, : columns.shape[1]] = columns
+        return of_all
 
     def model(self, value: float, search: Search) -> tuple[Array, Array]:
         """Columns (k, m) at a value, and the torque (m,) that they explain."""
-        return self.columns_at(value), search.data.torque
+        return self.with_others(self.columns(np.array([value])))[0], search.data.torque
+
+    def left_on_grid(self, search: Search) -> Array:
+        """What the model leaves of the torque at each value of the grid (g,)."""
+        return search.left_by_each(self.with_others(self.columns_on_grid))
 
     def candidates(self, search: Search) -> list[Candidate]:
-        grid = self._values
+        grid = self.values_on_grid
 
         def left(value: float) -> float:
             return search.fit(*self.model(value, search))[0]
 
-        return [self._candidate(value, grid, search) for value in search.minima(left, grid)]
+        minima = search.minima(left, grid, self.left_on_grid(search))
+        return [self._candidate(value, grid, search) for value in minima]
 
     def _candidate(self, value: float, grid: Array, search: Search) -> Candidate:
         columns, torque = self.model(value, search)

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from osl_analysis.inference.constants import HARM_FLOOR, HARM_SHARE, KNOWN_DELAY, LIKELY
-from osl_analysis.inference.cross_validation import Predicted, predict_blocks, vaf_of_unseen_blocks
+from osl_analysis.inference.cross_validation import Predicted, Predictor, vaf_of_unseen_blocks
 from osl_analysis.inference.estimates import (
     Explanation,
     ImpedanceInference,
@@ -116,18 +116,17 @@ def fit_all(data: Whitened) -> tuple[list[Predicted], Predicted | None, Array]:
     rounding : Array (draws, m)
         Torques that rounding alone makes.
     """
-    freedom = data.spectra.freedom
     hypotheses = hypotheses_for(data)
     searches = [Search(data, JointKind(has_friction)) for has_friction in (False, True)]
     rounding = rounding_torques(data, searches[0].coefficients[:3])
 
     def predicted(searches: Sequence[Search]) -> list[Predicted]:
-        return [
-            predict_blocks(data, candidate, search.kind, rounding, freedom)
-            for search in searches
-            for hypothesis in hypotheses
-            for candidate in hypothesis.candidates(search)
-        ]
+        found = []
+        for search in searches:
+            predictor = Predictor(data, search.kind, rounding)
+            for hypothesis in hypotheses:
+                found += [predictor.predict(each) for each in hypothesis.candidates(search)]
+        return found
 
     fits, memory = predicted(searches), None
     if reflex_may_gain(data, fits):
@@ -142,7 +141,7 @@ def with_linear_memory(data: Whitened, best: Predicted, rounding: Array) -> Pred
     candidate = best.candidate
     columns = np.concatenate([candidate.columns, data.reflex.unrectified])
     remembered = Candidate(candidate.hypothesis, columns, candidate.torque)
-    return predict_blocks(data, remembered, best.kind, rounding, data.spectra.freedom)
+    return Predictor(data, best.kind, rounding).predict(remembered)
 
 
 def best_possible(fits: Sequence[Predicted]) -> Predicted:

@@ -18,26 +18,26 @@ def lengths_of(columns: Array) -> Array:
 
 def solve_scaled(columns: Array, torque: Array) -> Array:
     """Estimate the coefficients (k,) of columns (k, m) for a torque (m,)."""
-    length = lengths_of(columns)
-    unit = columns / length[:, None]
-    normal = unit @ unit.T + RIDGE * np.eye(len(unit))
-    estimates = np.linalg.solve(normal, unit @ torque)
+    products = columns @ columns.T
+    length = np.sqrt(products.diagonal()) + TINY
+    normal = products / np.outer(length, length) + RIDGE * np.eye(len(length))
+    estimates = np.linalg.solve(normal, columns @ torque / length) / length
     # one step of refinement takes off what rounding of the normal matrix has added
-    estimates += np.linalg.solve(normal, unit @ (torque - estimates @ unit))
-    return np.asarray(estimates / length)
+    left = torque - estimates @ columns
+    return np.asarray(estimates + np.linalg.solve(normal, columns @ left / length) / length)
 
 
 @dataclass(frozen=True)
 class Products:
-    """All that least squares beside shared columns needs of k columns.
+    """All that least squares beside shared columns needs of k columns, or of each of some sets.
 
     Attributes
     ----------
-    columns : Array (k, k)
+    columns : Array (..., k, k)
         Products of the columns with each other.
-    shared : Array (k, s)
+    shared : Array (..., k, s)
         Their products with the shared ones, which have length 1.
-    rest : Array (k,)
+    rest : Array (..., k)
         Their products with what the shared ones leave of the torque.
     square : float
         Square of that rest.
@@ -53,7 +53,7 @@ class Products:
         return Products(
             columns=factors @ self.columns @ factors.T,
             shared=factors @ self.shared,
-            rest=factors @ self.rest,
+            rest=self.rest @ factors.T,
             square=self.square,
         )
 
@@ -83,38 +83,40 @@ class BesideShared:
 
     def fit_rest(self, columns: Array, rest: Array) -> tuple[float, Array]:
         """Fit columns (k, m) to what the shared ones leave of a torque, `rest` (m,)."""
-        return self.fit_products(self.products(columns, rest))
+        left, estimates = self.fit_products(self.products(columns, rest))
+        return float(left), estimates
 
     def products(self, columns: Array, rest: Array) -> Products:
-        """Multiply columns (k, m) by each other, by the shared ones, and by a `rest` (m,)."""
+        """Multiply columns (..., k, m) by each other, by the shared ones, and by a `rest` (m,)."""
         return Products(
-            columns=columns @ columns.T,
+            columns=columns @ np.swapaxes(columns, -1, -2),
             shared=columns @ self._shared.T,
             rest=columns @ rest,
             square=float(rest @ rest),
         )
 
-    def fit_products(self, products: Products) -> tuple[float, Array]:
+    def fit_products(self, products: Products) -> tuple[Array, Array]:
         """Fit the columns that have these products.
 
         Returns
         -------
-        left : float
+        left : Array (...,)
             Residual sum of squares.
-        estimates : Array (k,)
+        estimates : Array (..., k)
             Coefficients of the columns.
         """
-        scale = np.sqrt(products.columns.diagonal()) + TINY
-        of_shared = products.shared / scale[:, None]
-        normal = products.columns / (scale[:, None] * scale)
-        normal -= of_shared @ self._inverse @ of_shared.T
+        diagonal = np.arange(products.columns.shape[-1])
+        scale = np.sqrt(products.columns[..., diagonal, diagonal]) + TINY
+        of_shared = products.shared / scale[..., None]
+        normal = products.columns / (scale[..., :, None] * scale[..., None, :])
+        normal -= of_shared @ self._inverse @ np.swapaxes(of_shared, -1, -2)
         # a column that the shared ones make up has nothing left but the rounding of its products
-        left_of_columns = np.maximum(normal.diagonal(), EPSILON)
+        left_of_columns = np.maximum(normal[..., diagonal, diagonal], EPSILON)
         unit = np.sqrt(left_of_columns)
-        normal /= unit[:, None] * unit
-        normal += RIDGE * np.eye(len(scale))
+        normal /= unit[..., :, None] * unit[..., None, :]
+        normal[..., diagonal, diagonal] += RIDGE
         length = scale * unit
         product = products.rest / length
-        estimates = np.linalg.solve(normal, product)
-        left = float(products.square - estimates @ product)
+        estimates = np.linalg.solve(normal, product[..., None])[..., 0]
+        left = products.square - np.sum(estimates * product, axis=-1)
         return left, np.asarray(estimates / length)

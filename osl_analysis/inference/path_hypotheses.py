@@ -29,8 +29,9 @@ class Filter(Path):
     def response(self, value: float) -> Spectrum:
         """Response of the path (f,)."""
 
-    def columns(self, value: float) -> Array:
-        return self.data.column(self.data.spectra.derivatives[:3] * self.response(value))
+    def columns(self, values: Array) -> Array:
+        responses = np.array([self.response(value) for value in values.tolist()])
+        return self.data.column(self.data.spectra.derivatives[:3] * responses[:, None])
 
 
 class Delay(Filter):
@@ -111,6 +112,10 @@ class SeriesSpring(Path):
 
     def grid(self) -> Array:
         return np.geomspace(*COMPLIANCES, 9)
+
+    def left_on_grid(self, search: Search) -> Array:
+        models = [self.model(value, search) for value in self.values_on_grid.tolist()]
+        return np.array([search.fit(columns, torque)[0] for columns, torque in models])
 
     def model(self, value: float, search: Search) -> tuple[Array, Array]:
         spectra = self.data.spectra

@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 
 from osl_analysis.inference.acceleration_jumps import jump_errors
 from osl_analysis.inference.constants import DWELL_PERIODS, ROUNDING_DRAWS, SMALLEST_SIZE
-from osl_analysis.inference.spectra import Spectra
+from osl_analysis.inference.spectra import Spectra, roll_off
 from osl_analysis.inference.whitening import Whitened
 from osl_analysis.trial import Array
 
 SMOOTH_BANDS = 4.0  # bands of the low-pass that gives the angle before its rounding
+DRAWS_AT_ONCE = 2  # two rows fill a processor's vector in a transform
 LEAST_REPEATED = 0.05  # share of the rounding that noise leaves, below which it is noise
 
 
@@ -53,21 +54,29 @@ def rounding_torques(data: Whitened, impedance: Array) -> Array:
     size = min(max(levels, SMALLEST_SIZE), 1.0)
     # a level is read as one step; halfway between two of them there would be none
     drawn_from = [smooth, halfway] if levels > 0.5 else [smooth, smooth]
-
-    centred = [x - x.mean() for x in drawn_from]
-    largest = float(np.abs(halfway - halfway.mean()).max())
+    means = [float(x.mean()) for x in drawn_from]
+    middle = float(halfway.mean())
+    largest = max(float(halfway.max()) - middle, middle - float(halfway.min()))
+    del angle, read, smooth, halfway  # an hour has 30 MB of each
     of_error = impedance @ spectra.s ** np.arange(3)[:, None]
     to_working = spectra.working_rows / spectra.padded_rows
-    found = []
-    for draw in range(ROUNDING_DRAWS):
-        zero = (draw + 0.5) / ROUNDING_DRAWS
-        # sizes in another order than zeros, so that both are spread evenly
-        growth = ((5 * draw) % ROUNDING_DRAWS + 0.5) / ROUNDING_DRAWS - 0.5
-        which = draw % 2
-        true = drawn_from[which] + centred[which] * (growth * size / largest) + zero
-        error = scipy.fft.rfft(np.rint(true) - true)[: len(spectra.frequency)]
-        found.append(of_error * error * (to_working * step * repeated))
-    return data.column(np.array(found) + of_jumps)
+    found = np.empty((ROUNDING_DRAWS, len(spectra.frequency)), np.complex128)
+    for first in range(0, ROUNDING_DRAWS, DRAWS_AT_ONCE):
+        draws = range(first, first + DRAWS_AT_ONCE)
+        errors = np.empty((DRAWS_AT_ONCE, spectra.padded_rows))
+        for error, draw in zip(errors, draws, strict=True):
+            zero = (draw + 0.5) / ROUNDING_DRAWS
+            # sizes in another order than zeros, so that both are spread evenly
+            growth = ((5 * draw) % ROUNDING_DRAWS + 0.5) / ROUNDING_DRAWS - 0.5
+            which = draw % 2
+            share = growth * size / largest  # by which the motion is larger, about its mean
+            np.multiply(drawn_from[which], 1 + share, out=error)
+            error += zero - share * means[which]
+            np.subtract(np.rint(error), error, out=error)
+        of_draws = scipy.fft.rfft(errors)[:, : len(spectra.frequency)]
+        found[first : first + DRAWS_AT_ONCE] = of_error * of_draws
+    found *= to_working * step * repeated
+    return data.column(found + of_jumps)
 
 
 def repeated_share(spectra: Spectra) -> float:
@@ -99,7 +108,7 @@ def before_encoder(spectra: Spectra, read: Array) -> tuple[Array, Array]:
     end = min(
         round(SMOOTH_BANDS * spectra.band_hz * spectra.padded_seconds), len(spectra.raw_angle)
     )
-    gain = 1 / (1 + (np.arange(len(spectra.raw_angle)) / end) ** 8)
+    gain = roll_off(np.arange(float(len(spectra.raw_angle))), end)
     low_passed = scipy.fft.irfft(spectra.raw_angle * gain, spectra.padded_rows) + spectra.line
     smooth = np.asarray(low_passed) / spectra.signals.encoder_step
 

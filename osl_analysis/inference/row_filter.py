@@ -1,10 +1,13 @@
 """The fitted rows of a recording's signals, behind a filter."""
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from osl_analysis.inference.spectra import Spectra, Spectrum
+from osl_analysis.inference.spectra import SIGNALS_AT_ONCE, Spectra, Spectrum
 from osl_analysis.trial import Array
 
 
@@ -22,45 +25,46 @@ class RowFilter:
     def __init__(self, spectra: Spectra, gain: Array | None = None) -> None:
         self.spectra = spectra
         self.gain = gain
-        self._kept = contiguous(spectra.rows)
 
     def column(self, spectrum: Spectrum) -> Array:
         """Rows (..., m) of the signals with these working spectra (..., f)."""
         spectra = self.spectra
-        return self.windowed(scipy.fft.irfft(spectrum * spectra.roll_off, spectra.working_rows))
+
+        def windowed(part: Spectrum) -> Array:
+            x = scipy.fft.irfft(part * spectra.roll_off, spectra.working_rows)
+            x *= spectra.window  # in place, since new memory takes as long as a transform
+            return np.asarray(x)
+
+        return self._rows(spectrum, windowed)
 
     def windowed(self, x: Array) -> Array:
         """Rows (..., m) of signals (..., w) at the working rate."""
-        x = x * self.spectra.window
-        if self.gain is None:
-            return np.asarray(x[..., self._kept])
-        return self._filtered(x, self.gain)
+        window = self.spectra.window
+        return self._rows(x, lambda part: part * window)
 
     def of_rows(self, rows: Array) -> Array:
         """Rows (..., m) of signals that are given by such rows, and are 0 elsewhere."""
         if self.gain is None:
             return rows
-        everywhere = np.zeros((*rows.shape[:-1], self.spectra.working_rows))
-        everywhere[..., self._kept] = rows
-        return self._filtered(everywhere, self.gain)
 
-    def of_rows_one_by_one(self, columns: Array) -> Array:
-        """The same of columns (k, m), of which all at once would be the peak of memory."""
-        if self.gain is None:
-            return columns
-        filtered = np.empty_like(columns)
-        for k, column in enumerate(columns):
-            filtered[k] = self.of_rows(column)
-        return filtered
+        def everywhere(part: Array) -> Array:
+            x = np.zeros((len(part), self.spectra.working_rows))
+            for of_all, of_rows in self.spectra.pieces:
+                x[:, of_all] = part[:, of_rows]
+            return x
 
-    def _filtered(self, x: Array, gain: Array) -> Array:
-        filtered = scipy.fft.irfft(scipy.fft.rfft(x) * gain, self.spectra.working_rows)
-        return np.asarray(filtered[..., self._kept])
+        return self._rows(rows, everywhere)
 
-
-def contiguous(rows: NDArray[np.bool_]) -> slice | NDArray[np.bool_]:
-    """Rows (w,) of a recording without gaps as a slice, which copies nothing."""
-    at = np.flatnonzero(rows)
-    if len(at) and at[-1] - at[0] + 1 == len(at):
-        return slice(int(at[0]), int(at[-1]) + 1)
-    return rows
+    def _rows(self, signals: NDArray[Any], windowed: Callable[[NDArray[Any]], Array]) -> Array:
+        """Rows (..., m) of signals (..., n), a few at once, that are made windowed ones (k, w)."""
+        one_by_one = signals.reshape(-1, signals.shape[-1])
+        rows = np.empty((len(one_by_one), self.spectra.fitted_rows))
+        for first in range(0, len(rows), SIGNALS_AT_ONCE):
+            part = slice(first, first + SIGNALS_AT_ONCE)
+            x = windowed(one_by_one[part])
+            if self.gain is not None:
+                spectrum = scipy.fft.rfft(x)
+                spectrum *= self.gain
+                x = scipy.fft.irfft(spectrum, self.spectra.working_rows)
+            rows[part] = self.spectra.fitted(x)
+        return rows.reshape(*signals.shape[:-1], self.spectra.fitted_rows)

@@ -6,11 +6,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from osl_analysis.inference.constants import FEWEST_STEPS, PLAYS
 from osl_analysis.inference.hypothesis import Candidate, Hypothesis, Linear, OneParameter, Search
 from osl_analysis.inference.least_squares import solve_scaled
-from osl_analysis.inference.row_filter import contiguous
-from osl_analysis.inference.whitening import Whitened
 from osl_analysis.trial import Array
 
 STOPS = np.linspace(0.05, 0.95, 10)  # quantiles of the angle at which a stop may be
@@ -45,10 +42,14 @@ class Play(OneParameter):
     parameters = (("play", "rad"),)
 
     def grid(self) -> Array:
-        return gaps(self.data)
+        return self.data.gap_widths
 
-    def columns(self, value: float) -> Array:
-        return self.data.behind_gap(value, is_kept=value in self._grid)[:1]
+    def columns(self, values: Array) -> Array:
+        return self.data.behind_gaps(values)[:, :1]
+
+    @cached_property
+    def columns_on_grid(self) -> Array:
+        return self.data.behind_tried_gaps[:, :1]
 
 
 class PlayBeforeDamper(Play):
@@ -56,14 +57,12 @@ class PlayBeforeDamper(Play):
 
     name = "play before spring and damper"
 
-    def columns(self, value: float) -> Array:
-        return self.data.behind_gap(value, is_kept=value in self._grid)
+    def columns(self, values: Array) -> Array:
+        return self.data.behind_gaps(values)
 
-
-def gaps(data: Whitened) -> Array:
-    """Widths (8,) of a gap [rad], from what rounding cannot be."""
-    least = max(PLAYS[0], FEWEST_STEPS * data.spectra.signals.encoder_step)
-    return np.geomspace(least, max(PLAYS[1], 2 * least), 8)
+    @cached_property
+    def columns_on_grid(self) -> Array:
+        return self.data.behind_tried_gaps
 
 
 class Hardening(Linear):
@@ -76,7 +75,7 @@ class Hardening(Linear):
 
     def added(self) -> list[Array]:
         angle = self.data.spectra.angle
-        return [angle**2, angle**3]
+        return [angle**2, angle**2 * angle]  # a power of 3 takes as long as a transform
 
 
 class StiffnessBySide(Linear):
@@ -106,12 +105,16 @@ class EndStop(OneParameter):
         spectra = self.data.spectra
         return np.asarray(np.quantile(spectra.angle[spectra.inside], STOPS))
 
-    def columns(self, value: float) -> Array:
-        beyond = np.maximum(self.data.spectra.angle - value, 0.0)
-        return self.data.of_product(beyond[None])
+    def columns(self, values: Array) -> Array:
+        beyond = np.maximum(self.data.spectra.angle - values[:, None], 0.0)
+        return self.data.of_product(beyond)[:, None]
 
     def with_others(self, columns: Array) -> Array:
-        return np.vstack([self.data.motion, columns])
+        number, rows = self.data.motion.shape
+        of_all = np.empty((len(columns), number + 1, rows))
+        of_all[:, :number] = self.data.motion
+        of_all[:, number:] = columns
+        return of_all
 
 
 class DeadZone(OneParameter):
@@ -123,12 +126,13 @@ class DeadZone(OneParameter):
     parameters = (("dead zone", "rad"),)
 
     def grid(self) -> Array:
-        return gaps(self.data)
+        return self.data.gap_widths
 
-    def columns(self, value: float) -> Array:
+    def columns(self, values: Array) -> Array:
         spectra = self.data.spectra
-        beyond = spectra.theta - np.clip(spectra.angle, -value / 2, value / 2)
-        return self.data.of_product(beyond[None])
+        half = values[:, None] / 2
+        beyond = spectra.theta - np.clip(spectra.angle, -half, half)
+        return self.data.of_product(beyond)[:, None]
 
 
 class DampingByDirection(Linear):
@@ -173,39 +177,66 @@ class Clipping(Hypothesis):
     term = "clipped signal"
 
     def candidates(self, search: Search) -> list[Candidate]:
-        spectra = self.data.spectra
-        inside = contiguous(spectra.inside)
-        recorded = spectra.recorded_torque[inside]
-        low, high = np.quantile(recorded, OUTERMOST)
         torque = self.data.torque
+        ends = self.outermost
         coefficients = self.coefficients_of_unclipped
         for _ in range(CLIPPING_STEPS):
-            ends_before = (low, high)
-            coefficients_before = coefficients
-            with_padding = coefficients @ self.motion
-            modelled = with_padding[inside]
-            size = np.abs(modelled - np.median(modelled))
-            small = size <= np.quantile(size, UNCLIPPED)
-            offset = np.median(recorded[small] - modelled[small])
-            with_padding = with_padding + offset
-            modelled = modelled + offset
-            above = modelled > high
-            below = modelled < low
-            if above.any():
-                high = float(np.median(recorded[above]))
-            if below.any():
-                low = float(np.median(recorded[below]))
-            missing = with_padding - np.clip(with_padding, low, high)
+            ends_before, coefficients_before = ends, coefficients
+            with_padding = self.modelled(coefficients)
+            modelled = with_padding[self.inside]
+            ends = self.next_ends(modelled, ends)
+            missing = with_padding - np.clip(with_padding, *ends)
             torque = self.data.torque + self.data.of_product(missing)
-            coefficients = search.fit(self.data.motion, torque)[1]
+            coefficients = search.coefficients_for(torque)
             change = np.abs(coefficients - coefficients_before)
             has_moved = bool((change > LAST_STEP * np.abs(coefficients)).any())
-            if (low, high) == ends_before and not has_moved:
+            if ends == ends_before and not has_moved:
                 break
-        beyond = [rows for rows in (above, below) if rows.any()]
-        if slope_beyond_ends(recorded, modelled, beyond) > MOST_FOLLOWING:
+        if self.slope_beyond(modelled, ends_before) > MOST_FOLLOWING:
             return []
         return [Candidate(self, self.data.motion, torque)]
+
+    @cached_property
+    def inside(self) -> slice:
+        """Product rows of the recording, without its padding."""
+        rows = np.flatnonzero(self.data.spectra.inside)
+        return slice(int(rows[0]), int(rows[-1]) + 1)
+
+    @cached_property
+    def recorded(self) -> Array:
+        """The recorded torque (i,) in these rows."""
+        return np.asarray(self.data.spectra.recorded_torque[self.inside])
+
+    @cached_property
+    def outermost(self) -> tuple[float, float]:
+        """Its ends beside noise [N*m]."""
+        low, high = np.quantile(self.recorded, OUTERMOST)
+        return float(low), float(high)
+
+    def modelled(self, coefficients: Array) -> Array:
+        """Torque (p,) of the motion, with the offset of its smaller half, in which nothing is
+        cut."""
+        with_padding = coefficients @ self.motion
+        modelled = with_padding[self.inside]
+        size = np.abs(modelled - np.median(modelled))
+        small = size <= np.median(size)  # the `UNCLIPPED` half
+        return np.asarray(with_padding + np.median((self.recorded - modelled)[small]))
+
+    def next_ends(self, modelled: Array, ends: tuple[float, float]) -> tuple[float, float]:
+        """Medians of what is recorded beyond ends; an end beyond which no model is stays."""
+        low, high = ends
+        above, below = modelled > high, modelled < low
+        if above.any():
+            high = float(np.median(self.recorded[above]))
+        if below.any():
+            low = float(np.median(self.recorded[below]))
+        return low, high
+
+    def slope_beyond(self, modelled: Array, ends: tuple[float, float]) -> float:
+        """`slope_beyond_ends` of some ends."""
+        low, high = ends
+        beyond = [rows for rows in (modelled > high, modelled < low) if rows.any()]
+        return slope_beyond_ends(self.recorded, modelled, beyond)
 
     @cached_property
     def motion(self) -> Array:
@@ -221,7 +252,7 @@ class Clipping(Hypothesis):
         spectra = self.data.spectra
         recorded = spectra.recorded_torque
         share = [(1 - UNCLIPPED) / 2, (1 + UNCLIPPED) / 2]
-        ends = np.quantile(recorded[contiguous(spectra.inside)], share)
+        ends = np.quantile(self.recorded, share)
         small = spectra.inside & (recorded > ends[0]) & (recorded < ends[1])
         beside = np.vstack([self.motion, np.ones_like(recorded), spectra.relative_time])
         return solve_scaled(beside[:, small], recorded[small])[: len(self.motion)]

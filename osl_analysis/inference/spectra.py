@@ -6,6 +6,7 @@ relation of samples, torque = K theta + B omega + I alpha, survives both.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy
@@ -28,10 +29,11 @@ from osl_analysis.stats.power_density import power_density
 from osl_analysis.trial import Array
 
 Spectrum = NDArray[np.complex128]
-ROLL_OFF_ORDER = 8  # of the gain 1/(1 + (f/band)^8), which ends the band without ringing
 WORKING_RATE = 3.4  # bands; there the roll-off has taken all but 1.4 % of a signal
 VISIBLE_BENEATH = 2.0  # power over noise at which motion and noise are equal
 REST = 0.02  # SD of the angle that a joint at rest does not leave
+# of a transform: two fill a processor's vector, and more leave its cache
+SIGNALS_AT_ONCE = 4
 DERIVATIVES = 5  # angle and its derivatives up to the fourth
 
 
@@ -207,13 +209,16 @@ class Spectra:
         self.working_rate_hz = self.working_rows / self.padded_seconds
         self.frequency = np.arange(self.working_rows // 2 + 1) / self.padded_seconds
         self.s = np.asarray(2j * np.pi * self.frequency, np.complex128)
-        self.roll_off = 1 / (1 + (self.frequency / self.band_hz) ** ROLL_OFF_ORDER)
+        self.roll_off = roll_off(self.frequency, self.band_hz)
         to_working = self.working_rows / self.padded_rows
         angle = self.raw_angle[: len(self.frequency)] * to_working
         self.torque: Spectrum = np.asarray(
             raw_torque[: len(self.frequency)] * to_working, np.complex128
         )
-        self.derivatives = np.array([self.s**k * angle for k in range(DERIVATIVES)], np.complex128)
+        self.derivatives = np.empty((DERIVATIVES, len(angle)), np.complex128)
+        for order in range(DERIVATIVES):
+            self.derivatives[order] = angle
+            angle = angle * self.s
         rows = np.arange(self.working_rows) * self.padded_seconds / self.working_rows
         self.relative_time_at_working_rate = (rows - self._padding / rate) / self.seconds
         self.window = self._window()
@@ -255,6 +260,33 @@ class Spectra:
         with_line = self.actuator_derivatives[0] + np.linspace(line[0], line[-1], self.product_rows)
         self.sliding = self._belt_deflection(with_line)
 
+    @cached_property
+    def pieces(self) -> list[tuple[slice, slice]]:
+        """Pieces of the working rows that are fitted, and where they stand among the fitted rows.
+
+        To take them by a mask takes as long as a transform.
+        """
+        edges = np.flatnonzero(np.diff(self.rows, prepend=False, append=False)).reshape(-1, 2)
+        pieces = []
+        first = 0
+        for begin, end in edges.tolist():
+            stop = first + end - begin
+            pieces.append((slice(begin, end), slice(first, stop)))
+            first = stop
+        return pieces
+
+    @property
+    def fitted_rows(self) -> int:
+        """Number m of the fitted rows."""
+        return self.pieces[-1][1].stop if self.pieces else 0
+
+    def fitted(self, x: Array) -> Array:
+        """The fitted rows (k, m) of signals (k, w)."""
+        rows = np.empty((len(x), self.fitted_rows))
+        for of_all, of_rows in self.pieces:
+            rows[:, of_rows] = x[:, of_all]
+        return rows
+
     @property
     def first_row(self) -> int:
         """The first row of the recording in its padded signals."""
@@ -274,14 +306,13 @@ class Spectra:
         """A signal and its derivatives, `number` in all, at the product rate."""
         kept = min(self.product_rows // 2 + 1, len(spectrum))
         frequency = np.arange(kept) / self.padded_seconds
-        gain = 1 / (1 + (frequency / self.product_band_hz) ** ROLL_OFF_ORDER)
+        gain = roll_off(frequency, self.product_band_hz) * (self.product_rows / self.padded_rows)
         filled = np.zeros(self.product_rows // 2 + 1, dtype=np.complex128)
+        filled[:kept] = spectrum[:kept] * gain
         found = []
-        for order in range(number):
-            filled[:kept] = (2j * np.pi * frequency) ** order * spectrum[:kept] * gain
-            found.append(
-                scipy.fft.irfft(filled, self.product_rows) * (self.product_rows / self.padded_rows)
-            )
+        for _ in range(number):
+            found.append(scipy.fft.irfft(filled, self.product_rows))
+            filled[:kept] *= 2j * np.pi * frequency
         return found
 
     def resampled(self, x: Array) -> Array:
@@ -316,13 +347,28 @@ class Spectra:
 
     def spectrum_of(self, x: Array) -> Spectrum:
         """The working spectrum (..., f) of signals (..., p) at the product rate."""
-        spectrum = scipy.fft.rfft(x)[..., : len(self.frequency)] * (
-            self.working_rows / self.product_rows
-        )
-        lacking = len(self.frequency) - spectrum.shape[-1]
-        if lacking == 0:
-            return np.asarray(spectrum)
-        return np.pad(spectrum, [(0, 0)] * (x.ndim - 1) + [(0, lacking)])
+        one_by_one = x.reshape(-1, x.shape[-1])
+        spectrum = np.zeros((len(one_by_one), len(self.frequency)), np.complex128)
+        for first in range(0, len(spectrum), SIGNALS_AT_ONCE):
+            part = slice(first, first + SIGNALS_AT_ONCE)
+            of_part = scipy.fft.rfft(one_by_one[part])[:, : len(self.frequency)]
+            spectrum[part, : of_part.shape[1]] = of_part
+        spectrum *= self.working_rows / self.product_rows
+        return spectrum.reshape(*x.shape[:-1], len(self.frequency))
+
+
+def roll_off(frequency: Array, end_hz: float) -> Array:
+    """Gain 1/(1 + (f/end)^8), which ends a band without ringing."""
+    square = (frequency / end_hz) ** 2
+    return np.asarray(1 / (1 + (square**2) ** 2))  # a power of 8 takes as long as a transform
+
+
+def less_line(x: Array) -> Array:
+    """A signal (n,) less the least-squares line through it; `scipy.signal.detrend` takes five times
+    as long."""
+    time = np.arange(len(x)) - (len(x) - 1) / 2
+    slope = float(time @ x) / float(time @ time)
+    return np.asarray(x - x.mean() - slope * time)
 
 
 def noise_and_band(theta: Array, rate_hz: float) -> tuple[float, float, float]:
@@ -335,7 +381,7 @@ def noise_and_band(theta: Array, rate_hz: float) -> tuple[float, float, float]:
     `VISIBLE_ABOVE_NOISE` times the noise.
     """
     length = min(round(2 * rate_hz), len(theta))
-    frequency, power = power_density(scipy.signal.detrend(theta), rate_hz, length)
+    frequency, power = power_density(less_line(theta), rate_hz, length)
     if rate_hz < 300.0:
         highest = frequency > 0.35 * rate_hz
     else:

@@ -16,7 +16,6 @@ from osl_analysis.inference.hypothesis import (
     OneParameter,
     Search,
 )
-from osl_analysis.inference.least_squares import BesideShared
 from osl_analysis.inference.whitening import Whitened
 from osl_analysis.trial import Array
 
@@ -29,7 +28,9 @@ WORTH_A_STEP = 8.0
 WORTH_REFINING_MOMENT = 0.25
 LAGS_IN_A_PERIOD = 10  # steps of a lag that are tried in a period of the motion
 NEWTON_STEPS = 8  # it doubles the digits of a lag in each
-MOMENTS_AT_ONCE = 2  # two rows fill a processor's vector; more take memory only
+# which of `Whitened.step_signals` change with the whole motion, and with a stiffness
+MOTION_AFTER = np.eye(5)[:3]
+ANGLE_AND_ONE_AFTER = np.eye(5)[[0, 4]]
 
 
 class GrowingLag(Hypothesis):
@@ -110,15 +111,15 @@ class LagStep(Hypothesis):
 
     def candidates(self, search: Search) -> list[Candidate]:
         # after a small lag the torque differs by its slope
-        slope = search.coefficients @ self.data.motion_at_working_rate(1)
-        moment, left = MomentSearch(search, slope[None]).refined()
+        slope = np.array([[0.0, *search.coefficients, 0.0]])
+        moment, left = MomentSearch(search, slope).refined()
         small = LagStepAt(self.data, moment, may_be_large=False).candidates(search)
         # after a large one it is another; where no hypothesis explains the torque, what is left
         # counts as noise
         noise = max(search.left / self.data.spectra.freedom, 1.0)
         worth = 2 * WORTH_A_STEP * noise
-        of_motion = MomentSearch(search, self.data.motion_at_working_rate())
-        if left - min(of_motion.on_grid) <= WORTH_REFINING_MOMENT * worth:
+        of_motion = MomentSearch(search, MOTION_AFTER)
+        if left - of_motion.on_grid.min() <= WORTH_REFINING_MOMENT * worth:
             return small
         moment, left_by_motion = of_motion.refined()
         if left - left_by_motion <= worth:
@@ -162,11 +163,8 @@ class LagStepAt(OneParameter):
         later = np.concatenate([SMALL_LAGS, larger])
         return np.concatenate([-later[::-1], [0.0], later])
 
-    def columns_at(self, value: float) -> Array:
-        return self.columns(value)  # those of another moment serve nobody
-
-    def columns(self, value: float) -> Array:
-        late = self.data.motion_at_working_rate(delay=value)
+    def columns(self, values: Array) -> Array:
+        late = np.array([self.data.motion_at_working_rate(delay=lag) for lag in values.tolist()])
         return self.data.windowed(np.where(self._is_after, late, self._early))
 
 
@@ -176,32 +174,28 @@ def left_by_first(candidates: Sequence[Candidate], search: Search) -> float:
 
 
 class MomentSearch:
-    """Search for the moment after which torques (k, w) best explain the rest.
+    """Search for the moment after which torques best explain the rest.
+
+    Parameters
+    ----------
+    search : Search
+        The joint beside which they change.
+    factors : Array (k, 5)
+        The torques as sums of `Whitened.step_signals`.
 
     Attributes
     ----------
-    on_grid : list of float
+    on_grid : Array (g,)
         Sums of squares that they leave at each of the `MOMENTS`.
     """
 
-    def __init__(self, search: Search, changing: Array) -> None:
+    def __init__(self, search: Search, factors: Array) -> None:
         self._data = search.data
-        self._changing = changing
+        self._changing = factors @ self._data.step_signals
         self._share = self._data.spectra.relative_time_at_working_rate
         # the motion's columns are the same at every moment: they are shared, too
-        shared = np.concatenate([self._data.shared(search.kind), self._data.motion])
-        self._beside = BesideShared(shared)
-        self._rest = self._beside.rest(self._data.torque)
-
-        # a few moments at once: transforms of many rows cost less than one by one, and more memory
-        self.on_grid: list[float] = []
-        for first in range(0, len(MOMENTS), MOMENTS_AT_ONCE):
-            moments = np.array(MOMENTS[first : first + MOMENTS_AT_ONCE])
-            after = self._share > moments[:, None, None]
-            self.on_grid += [
-                self._beside.fit_rest(columns, self._rest)[0]
-                for columns in self._data.windowed(changing * after)
-            ]
+        self._beside, self._rest = search.beside_motion, search.rest_of_motion
+        self.on_grid = self._beside.fit_products(search.steps.of_sums(factors))[0]
 
     def left(self, moment: float) -> float:
         """Sum of squares that they leave after a moment [share of the recording]."""
@@ -221,7 +215,7 @@ class MomentSearch:
         )
         if refined.fun < self.on_grid[best]:
             return float(refined.x), float(refined.fun)
-        return on_grid, self.on_grid[best]
+        return on_grid, float(self.on_grid[best])
 
 
 class StiffnessDrift(Linear):
@@ -252,9 +246,7 @@ class StiffnessStep(Hypothesis):
         spectra = self.data.spectra
         # about the spring's own zero, which nobody knows, so that the torque steps, too
         changing = np.array([spectra.theta, np.ones_like(spectra.theta)])
-        at_working_rate = self.data.motion_at_working_rate()[0]
-        both = np.array([at_working_rate, np.ones_like(at_working_rate)])
-        moment, _ = MomentSearch(search, both).refined()
+        moment, _ = MomentSearch(search, ANGLE_AND_ONE_AFTER).refined()
         after = spectra.relative_time > moment
         matrices = self.matrices_with_shares([[1.0, 0.0], [0.0, 0.0], [0.0, 0.0]], (0.0, 1.0))
         return [self.plain(*(changing * after), matrices=matrices)]

@@ -17,13 +17,15 @@ from osl_analysis.inference.acceleration_jumps import acceleration_jumps, jump_c
 from osl_analysis.inference.actuator import frictionless_actuator
 from osl_analysis.inference.constants import (
     COLOUR_SEGMENT,
+    FEWEST_STEPS,
     MOMENTS,
+    PLAYS,
     REFLEX_DELAYS,
 )
 from osl_analysis.inference.friction_shapes import (
     friction_torques,
     sliding_velocity,
-    slipping_spring,
+    slipping_springs,
 )
 from osl_analysis.inference.least_squares import BesideShared, solve_scaled
 from osl_analysis.inference.reflex import Reflex, half_waves, muscle_answers
@@ -79,7 +81,6 @@ class Whitened:
 
     def __init__(self, spectra: Spectra) -> None:
         self.spectra = spectra
-        self._behind_gaps: dict[float, Array] = {}
         velocity, width = sliding_velocity(spectra)
         self.sign = np.tanh(velocity / width)
         self._half_waves = spectra.spectrum_of(half_waves(spectra))
@@ -123,6 +124,23 @@ class Whitened:
         """Whitened angle and its first four derivatives (5, m)."""
         return self.column(self.spectra.derivatives)
 
+    @cached_property
+    def step_signals(self) -> Array:
+        """What may change at a moment, before whitening: angle, velocity, acceleration, jerk and a
+        constant torque, (5, w)."""
+        angle, derivatives = self.motion_at_working_rate()[:1], self.motion_at_working_rate(1)[:3]
+        return np.concatenate([angle, derivatives, np.ones_like(angle)])
+
+    @cached_property
+    def steps(self) -> Array:
+        """The `step_signals` whitened, each 0 before one of the `MOMENTS` (g, 5, m)."""
+        spectra = self.spectra
+        steps = np.empty((len(MOMENTS), len(self.step_signals), len(self.torque)))
+        for step, moment in zip(steps, MOMENTS, strict=True):  # all at once take memory only
+            is_after = spectra.relative_time_at_working_rate > moment
+            step[:] = self.windowed(self.step_signals * is_after)
+        return steps
+
     def motion_at_product_rate(self) -> Array:
         """The columns of `motion` before whitening, (3, p) or (4, p)."""
         spectra = self.spectra
@@ -135,8 +153,11 @@ class Whitened:
         """The columns of `motion` before whitening (3, w) or (4, w), `order` times derived, and
         delayed [s]."""
         spectra = self.spectra
-        changed = spectra.s**order * np.exp(-delay * spectra.s) * spectra.roll_off
-        spectrum = self._motion_spectra() * changed
+        spectrum = self._motion_spectra() * spectra.roll_off
+        if order:
+            spectrum *= spectra.s**order
+        if delay:
+            spectrum *= np.exp(-delay * spectra.s)
         return np.asarray(scipy.fft.irfft(spectrum, spectra.working_rows))
 
     def _motion_spectra(self) -> Spectrum:
@@ -162,18 +183,25 @@ class Whitened:
         """Whiten signals (..., w) at the working rate; returns rows (..., m)."""
         return self._whitening.windowed(x)
 
-    def behind_gap(self, width: float, is_kept: bool) -> Array:
-        """Whitened angle and velocity (2, m) behind a gap of some width [rad], which follow the
-        joint's when the gap is taken up; kept where another hypothesis tries the same width."""
-        if width in self._behind_gaps:
-            return self._behind_gaps[width]
+    @cached_property
+    def gap_widths(self) -> Array:
+        """Widths (g,) of a gap that are tried [rad], from what rounding cannot be."""
+        least = max(PLAYS[0], FEWEST_STEPS * self.spectra.signals.encoder_step)
+        return np.geomspace(least, max(PLAYS[1], 2 * least), 8)
+
+    @cached_property
+    def behind_tried_gaps(self) -> Array:
+        """`behind_gaps` of the `gap_widths`, which serve several hypotheses."""
+        return self.behind_gaps(self.gap_widths)
+
+    def behind_gaps(self, widths: Array) -> Array:
+        """Whitened angle and velocity (g, 2, m) behind gaps of some widths (g,) [rad], which follow
+        the joint's when the gap is taken up."""
         spectra = self.spectra
-        wound = width / 2 * slipping_spring(spectra.angle, width / 2)
+        half = widths / 2
+        wound = half[:, None] * slipping_springs(spectra.angle, half.tolist())
         spectrum = spectra.spectrum_of(spectra.theta - wound)
-        columns = self.column(np.array([spectrum, spectra.s * spectrum]))
-        if is_kept:
-            self._behind_gaps[width] = columns
-        return columns
+        return self.column(np.stack([spectrum, spectra.s * spectrum], axis=1))
 
     def of_product(self, x: Array) -> Array:
         """Whiten signals (..., p) at the product rate; returns rows (..., m)."""
@@ -182,7 +210,7 @@ class Whitened:
     def unwhitened(self, rows: Array) -> Array:
         """Take the whitening off rows (k, m); near ends and gaps a part of it stays."""
         assert self._whitening.gain is not None
-        return RowFilter(self.spectra, 1 / self._whitening.gain).of_rows_one_by_one(rows)
+        return RowFilter(self.spectra, 1 / self._whitening.gain).of_rows(rows)
 
 
 def whitening_gain(spectra: Spectra, rich: Spectrum) -> Array:
@@ -202,7 +230,7 @@ def whitening_gain(spectra: Spectra, rich: Spectrum) -> Array:
 
     whitening = plain
     for _ in range(ROUNDS):
-        columns = whitening.of_rows_one_by_one(plain_columns)
+        columns = whitening.of_rows(plain_columns)
         torque = whitening.of_rows(plain_torque)
         estimates = solve_scaled(columns, torque)
         residual = plain_torque - estimates @ plain_columns
@@ -242,7 +270,7 @@ def rich_columns(
     nonlinear = [
         omega * np.abs(omega),
         angle**2,
-        angle**3,
+        angle**2 * angle,
         np.abs(angle),
         np.abs(omega),
         angle * sign,

@@ -43,6 +43,8 @@ USUAL_BEND = 0.99
 zero for a channel that mostly rests, or is coarse. What leaps more often is the channel's own, as a
 stepper's steps."""
 
+OFTEN = 0.05  # share of large third differences from which the usual one is large, beside all gaps
+
 SMALLEST_BEND = 1e-3
 """Smallest third difference of a leap, in units of the channel's range. Smaller ones change no K.
 Without noise, as in a simulation, the usual third difference may be that of rounding, and each turn
@@ -138,12 +140,17 @@ def find_leaps(column: str, time: Array, values: Array) -> Leaps:
         return nothing
 
     bends = np.diff(values, 3)
+    sizes = np.abs(bends)
+    # hardly a sound channel passes this, and the quantile takes ten times as long
+    if np.mean(LARGEST_BEND * sizes > sizes.max()) > OFTEN:
+        return nothing
     bends[spans_a_gap(time)] = 0.0
-    usual = np.quantile(np.abs(bends), USUAL_BEND)
+    sizes = np.abs(bends)
+    usual = np.quantile(sizes, USUAL_BEND)
     if usual == 0.0:
         return nothing
     limit = max(LARGEST_BEND * usual, SMALLEST_BEND * np.ptp(values))
-    far = np.flatnonzero(np.abs(bends) > limit)
+    far = np.flatnonzero(sizes > limit)
 
     five_around = np.pad(bends, 2)[far[:, None] + np.arange(5)]
     turns = np.cumsum(five_around, axis=1).sum(axis=1)  # change of slope over five samples
@@ -213,19 +220,25 @@ def lost_rows(time: Array, angle: Array) -> LostRows | None:
     if np.abs(steps - np.median(steps)).max() > EVEN * steps.mean():
         return None
     turns = np.diff(angle)
-    beside = np.stack([turns[:-4], turns[1:-3], turns[3:-1], turns[4:]])
+    four_beside = turns[:-4] + turns[1:-3] + turns[3:-1] + turns[4:]
+    # few pass this, to within rounding, and what follows takes ten times as long
+    places = np.flatnonzero(4.1 * np.abs(turns[2:-2]) > LOST * np.abs(four_beside))
+    beside = turns[places + np.array([[0], [1], [3], [4]])]
     expected = beside.mean(axis=0)
     size = np.abs(expected)
-    least = smallest_motion(angle)
     is_smooth = np.ptp(beside, axis=0) < USUAL_STEP * size
-    passed = turns[2:-2] / np.where(size > least, expected, np.inf)
+    places, expected, size = places[is_smooth], expected[is_smooth], size[is_smooth]
+    if not places.size:
+        return None
+    passed = turns[places + 2] / np.where(size > smallest_motion(angle), expected, np.inf)
     is_whole = np.abs(passed - np.rint(passed)) < USUAL_STEP
-    places = np.flatnonzero(is_smooth & is_whole & (passed > LOST))
+    is_lost = is_whole & (passed > LOST)
+    places, passed = places[is_lost], passed[is_lost]
     if not places.size or are_paced(places):
         return None
     rows = places + 3
     times = tuple(time[rows - 1].tolist())
-    return LostRows(tuple(rows.tolist()), times, float(passed[places[0]]))
+    return LostRows(tuple(rows.tolist()), times, float(passed[0]))
 
 
 def smallest_motion(values: Array) -> float:

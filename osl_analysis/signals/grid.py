@@ -289,6 +289,10 @@ def why_unusable(stamps: Array, time: Array, limits: GapLimits) -> str:
 
 def distance_to_samples(time: Array, sampled: Array, step: float) -> Array:
     """Distance (m,) [s] from each row of the grid to the nearest sample of (k,) [s]."""
+    if len(time) == len(sampled):
+        distance = np.abs(time - sampled)
+        if distance.max() < step / 4:  # no other sample is as near
+            return distance
     behind = np.searchsorted(sampled, time + ON_GRID * step, "right").clip(1, len(sampled) - 1)
     before = behind - 1
     since = np.abs(time - sampled[before])

@@ -52,15 +52,16 @@ def noise_of(theta: Array) -> float:
     return float(usual_size(np.diff(theta, 2)) / SECOND_DIFFERENCE)
 
 
-def upward_crossings(time: Array, theta: Array) -> Array:
+def upward_crossings(time: Array, theta: Array, noise: float) -> Array:
     """Times [s] at which the angle rises through its centre, from below a dead band to above it.
 
     The band is 2 % of the largest angle, so that rests and noise stay within. The centre is the
     median angle while it changes measurably in 20 ms: it may rest elsewhere, and for longer.
+    `noise` is the `noise_of` the angle.
     """
     x = theta - centre_of_motion(time, theta)
     largest = max(float(x.max()), -float(x.min()))
-    dead = max(DEAD_BAND * largest, DEAD_BAND_NOISES * noise_of(theta))
+    dead = max(DEAD_BAND * largest, DEAD_BAND_NOISES * noise)
     high = run_edges(x > dead)
     low = run_edges(x < -dead)
 

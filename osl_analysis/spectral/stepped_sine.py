@@ -38,6 +38,7 @@ LARGEST_SLIP = 2e-3  # cycles by which a run may slip against the commanded freq
 OTHER_UNIT = 10  # an amplitude so many times larger or smaller is in another unit
 
 LONGEST_REST = 0.3  # cycles between two runs of one amplitude that follow each other
+COARSE_PLACES = 12  # in half a period of the fastest sine, which has one place that agrees best
 # A run of whole cycles that begins at its centre and rises
 WHOLE_CYCLES = 0.15  # cycles that it may differ from a whole number
 BEGINS_AT_CENTRE = 0.5  # rad of its phase at the start
@@ -189,7 +190,9 @@ def settled_cycles(segment: Segment, settle_cycles: int, usable: NDArray[np.bool
     number = np.arange(segment.cycles - before - after)
     first = np.rint(segment.start + before * period) + period * number
     edges = np.stack([first, first + period], axis=1)
-    is_free = np.array([bool(usable[whole_rows(a, b)].all()) for a, b in edges.tolist()])
+    is_free = np.ones(len(edges), np.bool_)
+    if not usable.all():
+        is_free = np.array([bool(usable[whole_rows(a, b)].all()) for a, b in edges.tolist()])
     if not is_free.any():
         raise InputError(
             f"no cycle of {np.rad2deg(segment.amplitude):.3g} deg at {segment.frequency_hz:g} Hz is"
@@ -297,13 +300,25 @@ def aligned_segments(
     low = max(round(begin) - reach, 0)
     near = deviation[low : round(begin) + reach + len(template)]
     if len(near) >= len(template):
-        begin = float(low + np.argmax(np.correlate(near, template, "valid")))
+        begin = float(low + best_place(near, template, max(reach // COARSE_PLACES, 1)))
     lengths = [segment.stop - segment.start for segment in segments]
     edges = (begin + np.cumsum([0.0, *lengths])).tolist()
     return [
         replace(segment, start=start, stop=stop)
         for segment, (start, stop) in zip(segments, pairwise(edges), strict=True)
     ]
+
+
+def best_place(signal: Array, template: Array, stride: int) -> int:
+    """Row of a signal (n,) from which it agrees best with a template (k,): first of every few rows,
+    then of those about the best one."""
+
+    def agreement(row: int) -> float:
+        return float(signal[row : row + len(template)] @ template)
+
+    rows = range(len(signal) - len(template) + 1)
+    best = max(rows[::stride], key=agreement)
+    return max(rows[max(best - stride, 0) : best + stride + 1], key=agreement)
 
 
 def meant_runs(likeness: "Likeness") -> list[MeantRun]:
@@ -416,9 +431,14 @@ class Likeness:
         return np.asarray(self.recorded - self.recorded[0])
 
     @cached_property
+    def noise(self) -> float:
+        """Standard deviation of the angle's noise [rad]."""
+        return noise_of(self.theta)
+
+    @cached_property
     def moving(self) -> NDArray[np.bool_]:
         """Rows (n,) in which the joint moves."""
-        return moving_bins(self.time, self.theta)
+        return moving_bins(self.time, self.theta, self.noise)
 
     @property
     def moves(self) -> bool:
@@ -427,7 +447,7 @@ class Likeness:
     @cached_property
     def crossings(self) -> Array:
         """Times [s] at which the angle rises through its centre."""
-        return upward_crossings(self.time, self.theta)
+        return upward_crossings(self.time, self.theta, self.noise)
 
     @cached_property
     def runs(self) -> list[Run]:
@@ -511,13 +531,15 @@ def is_pure(run: Run) -> bool:
     return run.misfit < PURE_SINE * run.amplitude / math.sqrt(2)
 
 
-def moving_bins(time: Array, theta: Array) -> NDArray[np.bool_]:
+def moving_bins(time: Array, theta: Array, noise: float | None = None) -> NDArray[np.bool_]:
     """Find the rows in which a joint moves, in bins of `BIN_S`.
 
     Parameters
     ----------
     time, theta : Array
         (n,) [s] and (n,) [rad].
+    noise : float, optional
+        `noise_of` the angle [rad], where it is known.
 
     Returns
     -------
@@ -527,5 +549,6 @@ def moving_bins(time: Array, theta: Array) -> NDArray[np.bool_]:
     bins = np.floor((time - time[0]) / BIN_S)
     first_rows = np.flatnonzero(np.concatenate([[True], bins[1:] != bins[:-1]]))
     turn = np.maximum.reduceat(theta, first_rows) - np.minimum.reduceat(theta, first_rows)
-    moves = turn > max(MOVING_SHARE * float(np.ptp(theta)), MOVING_NOISES * noise_of(theta))
+    noise = noise_of(theta) if noise is None else noise
+    moves = turn > max(MOVING_SHARE * float(np.ptp(theta)), MOVING_NOISES * noise)
     return np.asarray(np.repeat(moves, np.diff(np.append(first_rows, len(theta)))))

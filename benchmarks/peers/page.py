@@ -91,16 +91,18 @@ def name_of(method):
 
 def overview(scores):
     """A row per method, over all cases."""
-    head = ["", "version", "silent", "announced", "false alarms", "not answered"]
-    head += ["intervals that hold, %", "half-width", "s", "MB"]
+    trials = scores.filter(group="all")["trials"][0]
+    head = ["", "version", f"silent, of {trials}", "announced", "false alarms", "not answered"]
+    head += ["intervals that hold, %", "half-width", "s"]
     rows = []
     for method in methods_of(scores):
         is_row = (col("method") == method) & (col("group") == "all")
         row = scores.row(by_predicate=is_row, named=True)
-        counts = [row["announced"], row["false_alarms"], row["trials"] - row["answered"]]
-        sizes = [row[name] for name in ("coverage", "half_width", "seconds", "megabytes")]
-        cells = [name_of(method), row["version"] or "–", f"{row['silent']} of {row['trials']}"]
-        rows.append([*cells, *map(str, counts), *map(rounded, sizes)])
+        counts = [row[name] for name in ("silent", "announced", "false_alarms")]
+        counts.append(row["trials"] - row["answered"])
+        sizes = [row[name] for name in ("coverage", "half_width", "seconds")]
+        named_version = [name_of(method), row["version"] or "–"]
+        rows.append([*named_version, *map(str, counts), *map(rounded, sizes)])
     return table(head, rows)
 
 

@@ -1,7 +1,7 @@
 """The tables of docs/peers.md and its figure: python benchmarks/peers/page.py [FOLDER]
 
-Without a folder recordings and answers are made anew in build/peers, which takes a quarter of an
-hour of one core. The answers that laboratories have sent, `sent/*.csv`, are scored beside them.
+Without a folder recordings and answers are made anew in build/peers, which takes half an hour of
+one core. The answers that laboratories have sent, `sent/*.csv`, are scored beside them.
 """
 
 import sys

@@ -38,7 +38,7 @@ pictures: reproduce-all
 	$(BIN)/python docs/make_pictures.py
 
 # Recordings with known truth, the answers of other packages, which have an environment of their own, and the tables and the
-# figure of docs/peers.md. Ten minutes of one core.
+# figure of docs/peers.md. Half an hour of one core.
 peers: $(READY)
 	$(PYTHON) -m venv --clear build/peers_venv
 	$(BIN)/uv pip install --quiet --python build/peers_venv --editable '.[simulator,peers]'

@@ -5,6 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import polars as pl
 import pytest
 
@@ -14,6 +15,8 @@ from osl_analysis.table import read_table
 PEERS = Path(__file__).parents[1] / "benchmarks/peers"
 TOY = """
 import numpy as np
+
+PACKAGES = ("pytest", "numpy")
 
 def estimate(t, theta, torque, rate_hz, bits, person=0, **known):
     if person:
@@ -26,7 +29,9 @@ def estimate(t, theta, torque, rate_hz, bits, person=0, **known):
     intervals = {"K": (0.99 * K, 1.01 * K), "B": (0.99 * B, 1.01 * B)}
     return K, B, I, intervals, ["coarse"] if bits < 16 else []
 """
-HEAD = "method,trial,K,K_low,K_high,B,B_low,B_high,I,I_low,I_high,doubtful,seconds,megabytes\n"
+HEAD = (
+    "method,trial,K,K_low,K_high,B,B_low,B_high,I,I_low,I_high,doubtful,seconds,megabytes,version\n"
+)
 TRUTH = "trial,group,K,B,I,cause\na,one,300,5,0.02,\nb,one,300,5,0.02,friction\n"
 RIGHT = "300,299,301,5,4.9,5.1,0.02,0.019,0.021"
 OFF = "300,299,301,6,5.9,6.1,0.02,0.019,0.021"
@@ -44,7 +49,8 @@ def scored(tmp_path):
 
     def scores(*lines):
         (tmp_path / "truth.csv").write_text(TRUTH)
-        (tmp_path / "answers.csv").write_text(HEAD + "".join(f"{one}\n" for one in lines))
+        texts = "\n".join(lines).splitlines()
+        (tmp_path / "answers.csv").write_text(HEAD + "".join(f"{text},1.10\n" for text in texts))
         return score_answers(tmp_path / "answers.csv", tmp_path / "truth.csv").row(0, named=True)
 
     return scores
@@ -89,6 +95,7 @@ def test_a_method_of_one_file_and_one_function_is_compared(tmp_path):
         "not applicable: a person's joint"
     ]
     assert answers["megabytes"].min() > 10
+    assert set(answers["version"]) == {f"pytest {pytest.__version__}, numpy {np.__version__}"}
 
 
 @pytest.mark.parametrize(("line", "expected"), [
@@ -108,6 +115,9 @@ def test_a_method_of_one_file_and_one_function_is_compared(tmp_path):
     ("m,a,300,,,NaN,NaN,NaN,0.03,,,,,", {"answered": 1, "silent": 1, "bias_B": None}),
     # its interval says that B may be 5
     ("m,a,300,,,6,4,8,0.02,,,,,", {"silent": 0, "coverage": 100}),
+    # b, without a line, is not answered; B of ±2 % is as wide as what is off
+    (f"m,a,{RIGHT},,,",
+     {"trials": 2, "answered": 1, "half_width": pytest.approx(1), "version": "1.10"}),
 ])  # fmt: skip
 def test_a_miss_is_off_beyond_the_interval_and_silent_without_a_doubt(scored, line, expected):
     assert {name: scored(line)[name] for name in expected} == expected
@@ -120,7 +130,33 @@ def test_a_miss_is_off_beyond_the_interval_and_silent_without_a_doubt(scored, li
      "line 3: column 'trial' holds 'a', which m has answered before; delete a line"),
     ([f"m,a,{RIGHT},,,", "m,b,fast,,,5,,,0.02,,,,,"],
      "line 3: column 'K' holds 'fast', expected numbers; correct"),
+    ([f"m,a,{RIGHT},,,", "m,b,300,,,6,8,4,0.02,,,,,"],
+     "line 3: column 'B_low' holds 8, above 'B_high', 4; exchange them"),
 ])  # fmt: skip
 def test_an_answer_that_cannot_be_judged_is_refused_with_its_line(scored, lines, said):
     with pytest.raises(InputError, match=said):
         scored(*lines)
+
+
+def test_the_page_says_where_a_peer_is_better_and_by_how_much(tmp_path):
+    from page import better, scores_of, worst_errors
+
+    (tmp_path / "truth.csv").write_text(TRUTH.replace("b,one", "b,two"))
+    lines = [f"osl_analysis_fit,a,{OFF},late,2,,", f"osl_analysis_fit,b,{RIGHT},,2,,"]
+    lines += [f"lmfit_simulated,a,{RIGHT},,0.5,,", f"lmfit_simulated,b,{OFF},,0.5,,"]
+    lines += [f"sippy_subspace,a,{OFF},,1.5,,", f"sippy_subspace,b,{OFF},,1.5,,"]
+    (tmp_path / "answers.csv").write_text(HEAD + "".join(f"{one}\n" for one in lines))
+    (tmp_path / "sent.csv").write_text(HEAD + f"m,a,{RIGHT},,0.5,,\n")  # answers half of them
+    files, truth = [tmp_path / "answers.csv", tmp_path / "sent.csv"], tmp_path / "truth.csv"
+    scores = scores_of(files, truth)
+
+    rows = better(scores, worst_errors(files, truth)).splitlines()[2:]
+
+    assert rows == [
+        "| one (1) | K, B or I off | all but sippy | 0 | 1, 0 silent |",
+        "| one (1) | worst error | all but sippy | 0 | 10 |",
+        "| one (1) | intervals that hold, % | all but sippy | 100 | 67 |",
+        "| all (2) | s | lmfit | 0.5 | 2 |",
+    ]
+    with pytest.raises(InputError, match="method 'm' stands in two files; rename it"):
+        scores_of([*files, tmp_path / "sent.csv"], truth)

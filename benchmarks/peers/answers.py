@@ -4,8 +4,9 @@ python benchmarks/peers/answers.py FOLDER [METHOD.py ...]
 A method is a file with `estimate(t, theta, torque, **known) -> K, B, I, intervals, doubts`. Arrays
 are (n,), in s, rad and N*m; `intervals` has (low, high) of 95 % by name, as far as the method
 states any; `doubts` are texts. What it cannot do it refuses by an exception; NotImplementedError is
-"not applicable". Each answers in a process of its own. Seconds are the processor's, the first
-recording is done twice, megabytes are the peak of the process with its imports.
+"not applicable". PACKAGES are the distributions that it uses, whose installed versions are written.
+Each answers in a process of its own. Seconds are the processor's, the first recording is done
+twice, megabytes are the peak of the process with its imports.
 """
 
 import contextlib
@@ -17,13 +18,14 @@ import os
 import sys
 import time
 import warnings
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
 
 METHODS = Path(__file__).with_name("methods")
 ESTIMATES = [f"{name}{end}" for name in "KBI" for end in ("", "_low", "_high")]
-COLUMNS = ["method", "trial", *ESTIMATES, "doubtful", "seconds", "megabytes"]
+COLUMNS = ["method", "trial", *ESTIMATES, "doubtful", "seconds", "megabytes", "version"]
 
 
 def answered(estimate, data, known):
@@ -50,6 +52,11 @@ def peak_megabytes():
     return f"{int(said[0]) / 1024:.0f}" if said else ""
 
 
+def versions(packages):
+    """The packages with their installed versions."""
+    return ", ".join(f"{package} {version(package)}" for package in packages)
+
+
 def answers_of(method, folder):
     """The rows of one method."""
     spec = importlib.util.spec_from_file_location(method.stem, method)
@@ -61,6 +68,7 @@ def answers_of(method, folder):
     ):
         warnings.simplefilter("ignore")
         spec.loader.exec_module(module)
+        used = versions(getattr(module, "PACKAGES", ()))
         for row in csv.DictReader((folder / "truth.csv").open(newline="")):
             data = np.loadtxt(folder / f"{row['trial']}.csv", delimiter=",", skiprows=1).T
             known = {
@@ -72,7 +80,8 @@ def answers_of(method, folder):
             began = time.process_time()
             found = answered(module.estimate, data, known)
             cost = {"seconds": f"{time.process_time() - began:.4f}", "megabytes": peak_megabytes()}
-            rows.append({"method": method.stem, "trial": row["trial"], **found, **cost})
+            told = {"method": method.stem, "trial": row["trial"], "version": used}
+            rows.append({**told, **found, **cost})
     return rows
 
 

@@ -1,10 +1,12 @@
 """The tables of docs/peers.md and its figure: python benchmarks/peers/page.py [FOLDER]
 
-Without a folder recordings and answers are made anew in build/peers, which takes ten minutes of one
-core.
+Without a folder recordings and answers are made anew in build/peers, which takes half an hour of
+one core. The answers that laboratories have sent, `sent/*.csv`, are scored beside them.
 """
 
 import sys
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import answers
@@ -15,22 +17,47 @@ from matplotlib.lines import Line2D
 from polars import col
 from score import LARGEST_ERRORS, score_answers
 
+from osl_analysis.errors import InputError
 from osl_analysis.table import read_table
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE, FIGURE = ROOT / "docs/peers.md", ROOT / "docs/peers.png"
+SENT = Path(__file__).with_name("sent")
 OURS = "osl_analysis_fit"
 NAMES = {
     OURS: "osl-analysis",
-    "osl_analysis_without": "osl-analysis, as its doubt says",
+    "osl_analysis_without": "osl-analysis, corrected",
     "filtered_least_squares": "usual script",
-    "pandas_curve_fit": "pandas, curve_fit",
-    "statsmodels_hac": "statsmodels HAC",
-    "lmfit_simulated": "lmfit, simulated",
+    "pandas_curve_fit": "curve_fit",
+    "statsmodels_hac": "statsmodels",
+    "lmfit_simulated": "lmfit",
     "mujoco_sysid": "mujoco.sysid",
-    "sysidentpy_nfir": "sysidentpy NFIR",
-    "sippy_subspace": "sippy N4SID",
+    "sysidentpy_nfir": "sysidentpy",
+    "sippy_subspace": "sippy",
 }
+NEARER = 0.5  # times our median error or seconds, from which a peer is called better
+HOLDS_MORE = 10.0  # percent more intervals that hold, from which a peer is called better
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """What a peer may be better in."""
+
+    text: str
+    column: str
+    is_better: Callable[[float, float], bool]  # of the peer's value and ours
+    where: str = ""  # "all": over all recordings alone
+
+
+QUANTITIES = [
+    Quantity("K, B or I off", "missed", lambda theirs, ours: theirs < ours),
+    Quantity("false alarms", "false_alarms", lambda theirs, ours: theirs < ours),
+    Quantity("worst error", "worst", lambda theirs, ours: theirs < NEARER * ours),
+    Quantity(
+        "intervals that hold, %", "coverage", lambda theirs, ours: theirs >= ours + HOLDS_MORE
+    ),
+    Quantity("s", "seconds", lambda theirs, ours: theirs < NEARER * ours, "all"),
+]
 
 
 def line(cells):
@@ -38,11 +65,16 @@ def line(cells):
     return f"| {' | '.join(cells)} |"
 
 
+def table(head, rows):
+    """A Markdown table."""
+    return "\n".join(map(line, [head, ["---"] * len(head), *rows]))
+
+
 def rounded(value):
     """Two or three digits, with signs that are read; a dash where a method states nothing."""
     if value is None:
         return "–"
-    text = f"{value:,.0f}" if abs(value) >= 100 else f"{value:.2g}" if abs(value) >= 0.005 else "0"
+    text = f"{value:,.0f}" if abs(value) >= 100 else f"{value:.2g}" if abs(value) >= 0.001 else "0"
     return text.replace("-", "−")
 
 
@@ -53,111 +85,110 @@ def methods_of(scores):
     )
 
 
+def name_of(method):
+    return NAMES.get(method, method)
+
+
 def overview(scores):
     """A row per method, over all cases."""
-    head = [
-        "",
-        "silent",
-        "announced",
-        "false alarms",
-        "not answered",
-        "intervals that hold, %",
-        "s",
-        "MB",
-    ]
-    rows = [line(head), line(["---"] * len(head))]
+    trials = scores.filter(group="all")["trials"][0]
+    head = ["", "version", f"silent, of {trials}", "announced", "false alarms", "not answered"]
+    head += ["intervals that hold, %", "half-width", "s"]
+    rows = []
     for method in methods_of(scores):
-        row = scores.row(
-            by_predicate=(col("method") == method) & (col("group") == "all"), named=True
-        )
-        n = [row["silent"], row["announced"], row["false_alarms"], row["trials"] - row["answered"]]
-        cells = [f"{one} of {row['trials']}" if k == 0 else str(one) for k, one in enumerate(n)]
-        cells += [rounded(row["coverage"]), f"{row['seconds']:.2g}", f"{row['megabytes']:.0f}"]
-        rows.append(line([NAMES.get(method, method), *cells]))
-    return "\n".join(rows)
+        is_row = (col("method") == method) & (col("group") == "all")
+        row = scores.row(by_predicate=is_row, named=True)
+        counts = [row[name] for name in ("silent", "announced", "false_alarms")]
+        counts.append(row["trials"] - row["answered"])
+        sizes = [row[name] for name in ("coverage", "half_width", "seconds")]
+        named_version = [name_of(method), row["version"] or "–"]
+        rows.append([*named_version, *map(str, counts), *map(rounded, sizes)])
+    return table(head, rows)
 
 
-def by_case(scores, cell):
-    """A row per case, with a cell per method."""
-    names, cases = methods_of(scores), sorted(set(scores["group"]) - {"all"})
-    rows = [
-        line(["", *(NAMES.get(name, name) for name in names)]),
-        line(["---"] * (len(names) + 1)),
-    ]
-    for case in cases:
-        found = {
-            row["method"]: row for row in scores.filter(col("group") == case).iter_rows(named=True)
-        }
-        rows.append(
-            line([f"{case} ({found[names[0]]['trials']})", *(cell(found[name]) for name in names)])
-        )
-    return "\n".join(rows)
+def by_case(scores):
+    """A row per case, with the misses of each method."""
+    methods = methods_of(scores)
+    rows = []
+    for case in sorted(set(scores["group"]) - {"all"}):
+        of_case = scores.filter(col("group") == case)
+        row_of = {row["method"]: row for row in of_case.iter_rows(named=True)}
+        trials = row_of[methods[0]]["trials"]
+        rows.append([f"{case} ({trials})", *(misses(row_of[method]) for method in methods)])
+    return table(["", *map(name_of, methods)], rows)
 
 
 def misses(row):
-    """Silent misses, announced ones in brackets, false alarms after a plus."""
-    return f"{row['silent']} ({row['announced']})" + f" + {row['false_alarms']}" * bool(
-        row["false_alarms"]
-    )
+    """Silent misses, announced ones behind a stroke, false alarms after a plus."""
+    alarms = f"+{row['false_alarms']}" if row["false_alarms"] else ""
+    return f"{row['silent']}/{row['announced']}{alarms}"
 
 
 def better(scores, worst):
-    """Sentences: where a peer misses less, doubts less without a cause, or is nearer or quicker,
-    than we are."""
+    """A table of what peers are better in than we are, by case, with the size of both."""
     nearest = worst.group_by("method", "group").agg(col("worst").median())
-    joined = scores.filter(~col("method").str.starts_with("osl_") | (col("method") == OURS))
-    joined = joined.join(nearest, on=["method", "group"], how="left")
-    rows, said = {(row["group"], row["method"]): row for row in joined.iter_rows(named=True)}, {}
-    for (case, method), row in sorted(
-        rows.items(), key=lambda item: (item[0][0] == "all", item[0])
-    ):
-        ours = rows[case, OURS]
-        missed, of_us = row["silent"] + row["announced"], ours["silent"] + ours["announced"]
-        if case == "all":
-            about = (
-                f"less than half of our {ours['seconds']:.2g} s"
-                if row["seconds"] < ours["seconds"] / 2
-                else None
-            )
-        elif row["silent"] < ours["silent"]:
-            about = (
-                f"silently wrong on {row['silent']} of {row['trials']} recordings, we on"
-                f" {ours['silent']}"
-            )
-        elif missed < of_us and row["answered"] >= ours["answered"]:
-            about = (
-                f"K, B or I off in {missed} of {row['trials']} recordings, ours in {of_us}"
-                f" ({ours['silent']} silent)"
-            )
-        elif row["false_alarms"] < ours["false_alarms"]:
-            about = f"{row['false_alarms']} false alarms, we {ours['false_alarms']}"
-        elif (
-            row["worst"] is not None and row["worst"] < 0.5 * ours["worst"] and ours["worst"] > 0.5
+    joined = scores.join(nearest, on=["method", "group"], how="left")
+    joined = joined.with_columns(missed=col("silent") + col("announced"))
+    peers = [method for method in methods_of(scores) if not method.startswith("osl_")]
+    rows = []
+    for case in [*sorted(set(scores["group"]) - {"all"}), "all"]:
+        of_case = joined.filter(col("group") == case).iter_rows(named=True)
+        row_of = {row["method"]: row for row in of_case}
+        ours = row_of[OURS]
+        for quantity in QUANTITIES:
+            if (quantity.where == "all") == (case == "all"):
+                found = those_better(quantity, row_of, peers)
+                if found:
+                    text = quantity.text
+                    of_us = rounded(ours[quantity.column])
+                    if quantity.column == "missed":
+                        of_us += f", {ours['silent']} silent"
+                    theirs = [row_of[method][quantity.column] for method in found]
+                    size = " to ".join(dict.fromkeys(map(rounded, (min(theirs), max(theirs)))))
+                    rows.append(
+                        [f"{case} ({ours['trials']})", text, named(found, peers), size, of_us]
+                    )
+    head = ["recordings", "in", "better", "theirs", "ours"]
+    return table(head, rows) if rows else "Nowhere."
+
+
+def those_better(quantity, row_of, peers):
+    """The peers that are better in a quantity, of those that answer as much as we do."""
+    ours = row_of[OURS]
+    found = []
+    for method in peers:
+        theirs = row_of[method]
+        both = theirs[quantity.column], ours[quantity.column]
+        if (
+            None not in both
+            and theirs["answered"] >= ours["answered"]
+            and quantity.is_better(*both)
         ):
-            about = "nearer, by half or more"
-        else:
-            about = None
-        if about:
-            said.setdefault((case.replace("all", "time"), about), []).append(
-                NAMES.get(method, method)
-            )
-    return (
-        "\n".join(
-            f"* {case}: {'; '.join(names)}: {about}." for (case, about), names in said.items()
-        )
-        or "* Nowhere."
-    )
+            found.append(method)
+    return found
 
 
-def worst_errors(folder):
+def named(methods, peers):
+    """Methods by name; of many those that are missing."""
+    missing = [name_of(method) for method in peers if method not in methods]
+    if not missing:
+        return "all"
+    if len(missing) < len(methods):
+        return f"all but {', '.join(missing)}"
+    return ", ".join(map(name_of, methods))
+
+
+def worst_errors(files, truth):
     """A row per answer: its largest error, as a multiple of what counts as a miss, and whether it
     is doubted."""
-    given = read_table(folder / "answers.csv", [*LARGEST_ERRORS, "doubtful"])
-    rows = given.join(
-        read_table(folder / "truth.csv", [*LARGEST_ERRORS]), on="trial", suffix="_true"
-    )
+    columns = ["method", "trial", "doubtful", *LARGEST_ERRORS]
+    given = pl.concat(
+        [read_table(file).select(columns).cast(dict.fromkeys(LARGEST_ERRORS, pl.Float64))
+         for file in files]
+    )  # fmt: skip
+    rows = given.join(read_table(truth, [*LARGEST_ERRORS]), on="trial", suffix="_true")
     errors = [
-        100 * (col(name) / col(f"{name}_true") - 1).abs() / most
+        100 * (col(name).fill_nan(None) / col(f"{name}_true") - 1).abs() / most
         for name, most in LARGEST_ERRORS.items()
     ]
     return rows.with_columns(worst=pl.max_horizontal(errors)).drop_nulls("worst")
@@ -178,7 +209,7 @@ def figure(scores, worst):
             yticks=range(len(names)),
             ylim=(len(names) - 0.5, -0.5),
         )
-        axis.set_yticklabels([NAMES.get(name, name) for name in names])
+        axis.set_yticklabels(map(name_of, names))
         for level, name in enumerate(names):
             own = worst.filter((col("group") == case) & (col("method") == name))
             doubted = (own["doubtful"].fill_null("") != "").to_numpy()
@@ -198,19 +229,26 @@ def figure(scores, worst):
     return drawn
 
 
+def scores_of(files, truth):
+    """The scores of all files of answers, each method of one file."""
+    scores = pl.concat([score_answers(file, truth) for file in files], how="vertical_relaxed")
+    twice = scores.filter(scores.select("method", "group").is_duplicated())["method"]
+    if len(twice):
+        raise InputError(f"{files[-1]}: method '{twice[0]}' stands in two files; rename it")
+    return scores
+
+
 def main():
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / "build/peers"
     if len(sys.argv) == 1:
         recordings.write(folder)
         answers.write(folder, sorted(answers.METHODS.glob("*.py")))
-    scores, worst = (
-        score_answers(folder / "answers.csv", folder / "truth.csv"),
-        worst_errors(folder),
-    )
+    files, truth = [folder / "answers.csv", *sorted(SENT.glob("*.csv"))], folder / "truth.csv"
+    scores, worst = scores_of(files, truth), worst_errors(files, truth)
     tables = {
         "better": better(scores, worst),
         "overview": overview(scores),
-        "misses": by_case(scores, misses),
+        "misses": by_case(scores),
     }
     text = PAGE.read_text(encoding="utf-8")
     for mark, made in tables.items():

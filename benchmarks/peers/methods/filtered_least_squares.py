@@ -8,6 +8,8 @@ https://numpy.org/doc/stable/reference/generated/numpy.linalg.lstsq.html
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
+PACKAGES = ("scipy",)
+
 
 def estimate(t, theta, torque, rate_hz=500.0, **known):
     low_pass = butter(4, 15.0, fs=rate_hz, output="sos")

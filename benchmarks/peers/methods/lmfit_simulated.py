@@ -10,6 +10,8 @@ import lmfit
 import numpy as np
 from scipy.signal import bilinear, lfilter
 
+PACKAGES = ("lmfit",)
+
 
 def simulated(parameters, torque, rate_hz):
     K, B, I, offset = (parameters[name].value for name in ("K", "B", "I", "offset"))

@@ -14,18 +14,19 @@ for k = 1:height(truth)
     theta = interp1(data(:, 1), data(:, 2), even);
     torque = interp1(data(:, 1), data(:, 3), even);
     if license('test', 'Identification_Toolbox')
-        rows(end + 1, :) = timed("matlab_greyest", truth.trial(k), @() grey_box(theta, torque, rate)); %#ok<AGROW>
+        used = "System Identification Toolbox " + ver('ident').Version;
+        rows(end + 1, :) = timed("matlab_greyest", truth.trial(k), used, @() grey_box(theta, torque, rate)); %#ok<AGROW>
     end
     if exist('nlident', 'file')
-        rows(end + 1, :) = timed("matlab_nlid", truth.trial(k), @() nlid(theta, torque, rate)); %#ok<AGROW>
+        rows(end + 1, :) = timed("matlab_nlid", truth.trial(k), "NLID", @() nlid(theta, torque, rate)); %#ok<AGROW>
     end
 end
 names = {'method', 'trial', 'K', 'K_low', 'K_high', 'B', 'B_low', 'B_high', 'I', 'I_low', 'I_high', 'doubtful', ...
-    'seconds', 'megabytes'};
+    'seconds', 'megabytes', 'version'};
 writetable(cell2table(rows, 'VariableNames', names), fullfile(folder, 'answers_matlab.csv'));
 end
 
-function row = timed(method, trial, estimate)
+function row = timed(method, trial, version, estimate)
 began = cputime;
 try
     [found, half, doubt] = estimate();
@@ -33,7 +34,7 @@ catch problem
     [found, half, doubt] = deal(nan(1, 3), nan(1, 3), "refused: " + problem.message);
 end
 ends = [found; found - half; found + half];
-row = [{method, trial}, num2cell(ends(:)'), {doubt, cputime - began, nan}];
+row = [{method, trial}, num2cell(ends(:)'), {doubt, cputime - began, nan, version}];
 end
 
 function [found, half, doubt] = grey_box(theta, torque, rate)

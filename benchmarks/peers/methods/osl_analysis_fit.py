@@ -8,6 +8,8 @@ import polars as pl
 import osl_analysis as osl
 from osl_analysis.judge.finding import Grade
 
+PACKAGES = ("osl-analysis",)
+
 
 def fitted(t, theta, torque, person):
     """K, B and I with their ends by column, and the findings that doubt them."""

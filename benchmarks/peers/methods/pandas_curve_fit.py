@@ -10,6 +10,8 @@ import numpy as np
 import pandas as pd
 from scipy.optimize import curve_fit
 
+PACKAGES = ("pandas", "scipy")
+
 
 def joint(motion, K, B, I, offset):
     theta, omega, alpha = motion

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.signal import decimate
 from sippy_unipi import system_identification
 
+PACKAGES = ("sippy-unipi",)
 LATE = 2  # samples
 
 

@@ -12,6 +12,8 @@ import statsmodels.api as sm
 from scipy.signal import savgol_filter
 from statsmodels.stats.diagnostic import linear_reset
 
+PACKAGES = ("statsmodels",)
+
 
 def estimate(t, theta, torque, rate_hz=500.0, **known):
     even = np.arange(t[0], t[-1], 1 / rate_hz)

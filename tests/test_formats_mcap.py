@@ -28,6 +28,7 @@ from mcap_ros2.decoder import DecoderFactory
 from osl_analysis import formats
 from osl_analysis.errors import InputError
 from osl_analysis.formats import mcap
+from osl_analysis.formats._messages import JOINED_AT_ONCE, Messages, Schema, Topic
 from osl_analysis.formats._ros_shapes import (
     MessageType,
     message_type,
@@ -659,6 +660,21 @@ SHAPES: list[tuple[Any, dict[str, float]]] = [
     ({"b": {"c": -(2**50), "a": 9}, "d": []}, {"b.c": -(2**50)}),
     ({"a": -7, "b": None, "d": [None, 4], "e": False}, {"a": -7, "d[1]": 4, "e": False}),
 ]
+
+
+def test_messages_whose_lengths_alternate_stay_in_order_over_many_parts() -> None:
+    count = 4 * JOINED_AT_ONCE  # four messages make two parts: all parts are joined
+    topic = Topic("/lab", "cdr", Schema("l/S", "ros2msg", b"string label\nfloat64 a"), ["a"])
+    labels = (struct.pack("<I4s", 4, b"abc"), struct.pack("<I12s", 12, b"abcdefgh"))
+    payloads = [b"\0\1\0\0" + labels[i % 2] + struct.pack("<d", i) for i in range(count)]
+
+    for first in range(0, count, 4):
+        four = payloads[first : first + 4]
+        lengths = np.array([len(payload) for payload in four])
+        starts = np.cumsum(lengths) - lengths
+        topic.add(Messages(b"".join(four), starts, lengths, np.arange(first, first + 4)))
+
+    assert topic.table().columns["a"].tolist() == list(range(count))
 
 
 def test_objects_of_different_shapes_stay_in_order_with_what_each_has(tmp_path: Path) -> None:

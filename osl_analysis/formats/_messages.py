@@ -41,6 +41,7 @@ from osl_analysis.units import name_and_ending
 Decoder = Callable[[bytes], Any]  # makes an object of a message
 
 ROWS_AT_ONCE = 1 << 16  # messages of one shape that are copied at a time
+JOINED_AT_ONCE = 64  # parts of a topic
 SECOND_NS = 1_000_000_000
 # seconds and nanoseconds of a stamp: ROS 2, protobuf, Foxglove's JSON, ROS 1
 STAMP_PARTS = (("sec", "nanosec"), ("seconds", "nanos"), ("sec", "nsec"), ("secs", "nsecs"))
@@ -156,6 +157,7 @@ class Topic:
     _log_times_ns: list[NDArray[np.int64]] = field(default_factory=list)
     _sequence: list[NDArray[np.uint32]] = field(default_factory=list)
     _decoded: list[_Decoded] = field(default_factory=list)
+    _waiting: int = 0  # parts that were not joined
     _shapes: dict[int, list[_KnownShape]] = field(default_factory=dict)  # by length of the message
 
     @cached_property
@@ -270,6 +272,23 @@ class Topic:
     def _take(self, known: _KnownShape, places: NDArray[np.int64], rows: NDArray[np.void]) -> None:
         values = {path: known.shape.read(leaf, rows) for path, leaf in known.leaves.items()}
         self._decoded.append(_Decoded(places, values, known.writer))
+        self._waiting += 1
+        if self._waiting == JOINED_AT_ONCE:
+            self._join_last()
+
+    def _join_last(self) -> None:
+        """Join the last parts where they are alike: small arrays of an hour would leave 0.2 GB of
+        memory in pieces too small for its columns."""
+        parts = self._decoded[-self._waiting :]
+        self._waiting = 0
+        first = parts[0]
+        are_alike = len({(part.writer, *part.values) for part in parts}) == 1
+        if are_alike and are_in_order(parts):
+            places = np.concatenate([part.places for part in parts])
+            values = {
+                path: joined_columns([part.values[path] for part in parts]) for path in first.values
+            }
+            self._decoded[-len(parts) :] = [_Decoded(places, values, first.writer)]
 
     def _add_objects(self, messages: Messages, decode: Decoder) -> None:
         """Decode messages that become objects, one by one."""
@@ -336,10 +355,7 @@ class Topic:
         log_times_ns = _concatenated(self._log_times_ns)
         places = None
         order = None
-        is_in_order = all(
-            part.places[-1] < next_part.places[0] for part, next_part in pairwise(self._decoded)
-        )
-        if self.misfits or self.undecodable or not is_in_order:
+        if self.misfits or self.undecodable or not are_in_order(self._decoded):
             places = _concatenated([part.places for part in self._decoded])
             order = np.argsort(places, kind="stable")
             places = places[order]
@@ -402,6 +418,11 @@ def _concatenated(parts: list[NDArray[Any]]) -> NDArray[Any]:
     whole = np.concatenate(parts) if parts else np.zeros(0, np.int64)
     parts.clear()
     return whole
+
+
+def are_in_order(parts: Sequence[_Decoded]) -> bool:
+    """Tell whether the messages of each part stand behind those of the part before."""
+    return all(part.places[-1] < next_part.places[0] for part, next_part in pairwise(parts))
 
 
 def absent_column(rows: int) -> NDArray[Any]:

@@ -526,14 +526,15 @@ def join_on_stamp(tables: Sequence[pl.DataFrame]) -> pl.DataFrame:
     if len(tables) == 1:
         return tables[0]
     are_rounded = any(has_equal(table["stamp"]) for table in tables)
-    together = pl.concat([table["stamp"] for table in tables])
-    order = np.argsort(together.to_numpy(), kind="stable")
-    stamps = together.gather(order)
+    stamps = pl.concat([table["stamp"] for table in tables])
+    # of the type that polars takes, which it would else make for each column
+    order = pl.Series(np.argsort(stamps.to_numpy(), kind="stable"), dtype=pl.get_index_type())
+    stamps = stamps.gather(order)
     if are_rounded or not has_equal(stamps):
         columns = [stamps]
         before = 0
         for table in tables:
-            behind = order.size - before - len(table)
+            behind = len(order) - before - len(table)
             for name in table.columns[1:]:  # one by one saves 0.5 GB for an hour's rows
                 own = table.drop_in_place(name)
                 whole = pl.concat([own.clear(before), own, own.clear(behind)])

@@ -92,6 +92,29 @@ def check_profile(arguments: Sequence[str]) -> None:
     list(with_shipped_profile(arguments))
 
 
+def check_submission(arguments: Sequence[str]) -> None:
+    """Refuse a profile of SLURM where nothing can be submitted: Snakemake would wait without an
+    end.
+
+    Parameters
+    ----------
+    arguments
+        As `snakemake_arguments` gives them.
+    """
+    for argument in arguments:
+        folder = argument.removeprefix(f"{PROFILE}=")
+        file = Path(folder) / "profile.yaml"
+        if not file.is_file() or read_mapping(file).get("executor") != "slurm":
+            continue
+        if find_spec("snakemake_executor_plugin_slurm") is None:
+            raise not_installed(folder, "snakemake-executor-plugin-slurm")
+        if shutil.which("sbatch") is None:
+            raise InputError(
+                f"{folder}: there is no `sbatch` here; start the run where you submit jobs, as on"
+                " the head node"
+            )
+
+
 def with_shipped_profile(arguments: Sequence[str]) -> Iterator[str]:
     """The arguments, with the folder of a shipped profile where it is named, as `profiles/slurm`,
     and none here has its name.
@@ -119,29 +142,6 @@ def profile(name: str) -> str:
         f"{PROFILE} {name}: no such folder; correct it: there are"
         f" {', '.join(known)}{nearest(name, known)}"
     )
-
-
-def check_submission(arguments: Sequence[str]) -> None:
-    """Refuse a profile of SLURM where nothing can be submitted: Snakemake would wait without an
-    end.
-
-    Parameters
-    ----------
-    arguments
-        As `snakemake_arguments` gives them.
-    """
-    for argument in arguments:
-        folder = argument.removeprefix(f"{PROFILE}=")
-        file = Path(folder) / "profile.yaml"
-        if not file.is_file() or read_mapping(file).get("executor") != "slurm":
-            continue
-        if find_spec("snakemake_executor_plugin_slurm") is None:
-            raise not_installed(folder, "snakemake-executor-plugin-slurm")
-        if shutil.which("sbatch") is None:
-            raise InputError(
-                f"{folder}: there is no `sbatch` here; start the run where you submit jobs, as on"
-                " the head node"
-            )
 
 
 def end_run(

@@ -40,10 +40,10 @@ FIRST_FIGURES = ("fig5", "walking_page", "torque_angle", "response", "fig3")
 """The first of these figures that the campaign has is on the first screen; Fig. 5 only if an
 impedance was desired."""
 
-SCRIPTS = ("elements.js", "tables.js", "readings.js", "loops.js", "report.js")
-"""The page's own scripts, in the order in which they are one."""
 BOKEH_VERSION = "3.9.2"  # of the files in `bokeh`, which draw plots
 BOKEH_SCRIPTS = ("bokeh.min.js", "bokeh-api.min.js")
+SCRIPTS = ("elements.js", "tables.js", "readings.js", "loops.js", "report.js")
+"""The page's own scripts, in the order in which they are one."""
 TRIALS_WITH_ALL_SAMPLES = 150  # of more, fewer: so that a page of 1,000 opens in 2 s
 
 

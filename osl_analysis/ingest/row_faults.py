@@ -138,7 +138,8 @@ def row_faults_of(trial: Trial) -> RowFaults:
     time = trial.samples["time"].to_numpy()
 
     def kept(fault: Mapping[str, Any]) -> dict[str, Any]:
-        is_kept = np.isin(fault["times"], time).tolist()
+        times = fault["times"]
+        is_kept = np.isin(times, time).tolist() if times else []  # which sorts all stamps
         by_place = {
             name: tuple(compress(values, is_kept))
             for name, values in fault.items()
@@ -181,11 +182,12 @@ def with_lists(fields: list[tuple[str, Any]]) -> dict[str, Any]:
 def repeated_blocks(trial: Trial, faults: RowFaults) -> Iterator[tuple[int, int]]:
     """First row, from 0, and length of blocks that repeat the rows before them, the last one first.
     They begin where a channel leaps, and the stamps were numbered after that."""
-    time = trial.samples["time"].to_numpy()
-    steps = np.diff(time)
+    if not faults.breaks:
+        return
+    steps = np.diff(trial.samples["time"].to_numpy())
     samples = trial.samples.drop("time")
     has_gaps = any(column.has_nulls() for column in samples)
-    if not faults.breaks or has_gaps or np.abs(steps - steps[0]).max() > EVEN * steps[0]:
+    if has_gaps or np.abs(steps - steps[0]).max() > EVEN * steps[0]:
         return
     values = samples.select(pl.all().cast(pl.Float64)).to_numpy()
     for _, row, _ in reversed(faults.breaks):

@@ -271,6 +271,23 @@ def drawn_once(name, table=None):
     return numbers, figure
 
 
+def test_the_label_of_an_axis_stays_where_matplotlib_draws_it():
+    """At the resolution of the layout, beside the numbers of the axis."""
+    figure = drawing_of("fig8").draw(plotted("fig8"))
+    by_matplotlib = drawing_of("fig8").draw(plotted("fig8"))
+
+    style.lay_out(figure)
+    with paper_style():
+        by_matplotlib.set_dpi(style.PAPER["savefig.dpi"])
+        by_matplotlib.draw_without_rendering()
+
+    places = []
+    for drawn in (figure, by_matplotlib):
+        labels = [axis.get_label() for ax in drawn.axes for axis in (ax.xaxis, ax.yaxis)]
+        places.append([label.get_window_extent().bounds for label in labels if label.get_text()])
+    np.testing.assert_allclose(places[0], places[1], rtol=0, atol=0.01)
+
+
 @pytest.mark.parametrize(("name", "table", "panel", "rows", "x", "columns"), SHOWN)
 def test_every_number_of_a_figure_stands_in_its_panel_at_its_place(
     name, table, panel, rows, x, columns

@@ -1,5 +1,6 @@
 """Which results a campaign has, and from which files each is made."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -59,6 +60,15 @@ def test_without_any_component_nothing_is_predicted_and_nothing_missing(tmp_path
 
     assert files.unpredicted_trials == {}
     assert "prediction" not in files.table_names
+
+
+def test_no_rule_has_all_trials_in_a_pattern_which_is_read_anew_for_each_of_their_files() -> None:
+    """But those that simulate: a simulated campaign has a hundred trials."""
+    with_all = []
+    for path in (ROOT / "rules").glob("*.smk"):
+        if re.search(r"\b(trial|static)=name_pattern\(", path.read_text(encoding="utf-8")):
+            with_all.append(path.name)
+    assert with_all == ["simulate.smk"]
 
 
 def test_a_wildcard_of_no_name_matches_nothing() -> None:

@@ -70,11 +70,23 @@ class Campaign:
             for trial in self.trials("walking")
         }
 
+    @cached_property
+    def static_rows(self) -> dict[str, Mapping[str, Any]]:
+        """The rows of the static trials, by name."""
+        return {name: self.row(name) for name in self.trials("static")}
+
+    @cached_property
+    def static_by_trial(self) -> dict[str, str]:
+        """What `static` has found: several rules ask for each trial."""
+        return {}
+
     def static(self, trial: str) -> str:
         """The static trial that calibrates a crossing or plate trial."""
-        statics = {name: self.row(name) for name in self.trials("static")}
-        with naming(self.config.sheet):
-            return static_of(trial, self.row(trial), statics)
+        if trial not in self.static_by_trial:
+            with naming(self.config.sheet):
+                found = static_of(trial, self.row(trial), self.static_rows)
+            self.static_by_trial[trial] = found
+        return self.static_by_trial[trial]
 
     def static_trials(self, trials: Iterable[str]) -> dict[str, str]:
         """The static trial that calibrates each of these trials; none if the leg's log has angle

@@ -14,7 +14,7 @@ from osl_analysis.bench.analysis import analysed
 from osl_analysis.bench.bench_settings import BenchStiffness
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums, sums_of, with_effects
 from osl_analysis.bench.group_interval import combined, jackknife
-from osl_analysis.bench.record import Record, record_of
+from osl_analysis.bench.record import Record, record_of, sums_about
 from osl_analysis.bench.recorded_motion import record_of_trial, sine_record
 from osl_analysis.bench.row_groups import stretches_of
 from osl_analysis.measured import visible_step
@@ -270,3 +270,14 @@ def test_rounding_of_the_angle_counts_less_that_of_the_torque(
     np.testing.assert_allclose(
         made(angle, torque), made(angle, none) - made(none, torque), atol=1e-9
     )
+
+
+@pytest.mark.parametrize("every", [1, 3, 4])
+def test_sums_about_coarse_rows_are_those_of_the_rows_between(every: int) -> None:
+    x = np.arange(50.0) ** 2
+    number = -(-len(x) // every)
+    first = np.maximum(np.arange(number) * every - every // 2, 0)
+
+    sums = sums_about(x, every, number)
+
+    assert sums == pytest.approx(np.add.reduceat(x, first), rel=1e-14)

@@ -67,7 +67,7 @@ def line(cells):
 
 def table(head, rows):
     """A Markdown table."""
-    return "\n".join(map(line, [head, ["---"] * len(head), *rows]))
+    return "\n".join([line(head), "|---" * len(head) + "|", *map(line, rows)])
 
 
 def rounded(value):

@@ -13,7 +13,7 @@
 | `release` | the default campaign beside release 0.4.0, by `against.py` |
 | `cluster` | 1,000 recordings through a SLURM of this machine, by `submissions.py` (as root) |
 
-Without a part the first four; the others take an hour. Columns are processor seconds
+Without a part the first four; the others take hours. Columns are processor seconds
 of the product with all of its processes, those of the script (`student.py`: pandas, filtfilt,
 lstsq), their ratio, what is allowed, and the largest memory of a process. Everything has one
 thread. With `--most`, as CI runs it, only the memory of ingest and fit of 20 minutes is measured:

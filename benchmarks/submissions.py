@@ -7,7 +7,8 @@ As root, on Debian, after `make build/cluster`: `one_node.sh` starts a SLURM of 
 this command alone. A campaign of N recordings of 8 s is fitted twice from empty folders: by two
 cores of this node, and by `profiles/slurm`, whose groups submit so many trials at once as
 `--batch` says. Wall time and processor time [s], for all and for each trial. Processor time is that
-of all processes of the node, so that those of SLURM itself count.
+of all processes of the node, so that those of SLURM itself count. Each job of a submission starts a
+Snakemake of its own: 1,000 trials take an hour or two.
 """
 
 import argparse

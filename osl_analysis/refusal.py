@@ -212,7 +212,9 @@ def what_to_do(causes: Sequence[Refusal], accept: bool) -> list[str]:
     if all(cause.outcome == FAILED for cause in causes):
         return ["The next run tries again what failed."]
     return [
-        "Correct these and run again. To go on without a trial, give a reason under `exclude`"
+        "Correct these and run again. To change a source file for some of its trials, change a"
+        " copy, and name that in the sample sheet. To go on without a trial, give a reason under"
+        " `exclude`"
         " in the sample sheet; without all of these, write `failed_trials: accept` in the"
         " configuration."
     ]

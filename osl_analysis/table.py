@@ -31,7 +31,7 @@ TEXT_COLUMNS = (
     "series", "group_stated", "not_checked", "excitation", "desired", "loading", "method", "joint",
     "data", "chosen", "trajectory", "axis_from", "missing_components", "table", "grade",
     "name", "cause", "inherited", "evidence", "says", "size", "remedy", "reaction", "fault",
-    "fault_family", "explanations", "widened_because", "law", "version",
+    "fault_family", "explanations", "widened_because", "law",
 )  # fmt: skip
 # columns that identify a row of a table and of its evidence
 ROW_KEYS = ("trial", "joint", "side", "scope", "amplitude_deg")

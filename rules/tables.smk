@@ -233,7 +233,7 @@ if "walking_summary" in FILES.table_names:
             tex="<results>/tables/latex/walking.tex",
             markdown="<results>/tables/markdown/walking.md",
         log:
-            "<logs>/tables/walking.log",
+            "<logs>/tables/walking_for_paper.log",
         localrule: True
         params:
             about=ABOUT,

@@ -527,7 +527,7 @@ def test_a_trial_of_the_sheet_is_fitted_in_its_windows_and_against_its_curve(mon
     assert [found[name] for name in TRUE] == pytest.approx(list(TRUE.values()), rel=0.01)
     assert (found["controller"], found["K_d"]) == ("mine", 250.0)
     assert "gains" not in found["not_checked"]  # of a device that nobody stated
-    monkeypatch.setattr(watching.fits, "fit_trial", lambda *given: given[-2]["desired"])
+    monkeypatch.setattr("osl_analysis.commands.fit.fit_trial", lambda *given: given[-2]["desired"])
     row = {"experiment": "torque_angle", "desired": "foot"}
     assert watching.fit_of_row(trial, row, None, default_config()) == "foot"
 

@@ -50,7 +50,7 @@ def scored(tmp_path):
     def scores(*lines):
         (tmp_path / "truth.csv").write_text(TRUTH)
         texts = "\n".join(lines).splitlines()
-        (tmp_path / "answers.csv").write_text(HEAD + "".join(f"{text},1.10\n" for text in texts))
+        (tmp_path / "answers.csv").write_text(HEAD + "".join(f"{text},mine 1.10\n" for text in texts))
         return score_answers(tmp_path / "answers.csv", tmp_path / "truth.csv").row(0, named=True)
 
     return scores
@@ -117,7 +117,7 @@ def test_a_method_of_one_file_and_one_function_is_compared(tmp_path):
     ("m,a,300,,,6,4,8,0.02,,,,,", {"silent": 0, "coverage": 100}),
     # b, without a line, is not answered; B of ±2 % is as wide as what is off
     (f"m,a,{RIGHT},,,",
-     {"trials": 2, "answered": 1, "half_width": pytest.approx(1), "version": "1.10"}),
+     {"trials": 2, "answered": 1, "half_width": pytest.approx(1), "version": "mine 1.10"}),
 ])  # fmt: skip
 def test_a_miss_is_off_beyond_the_interval_and_silent_without_a_doubt(scored, line, expected):
     assert {name: scored(line)[name] for name in expected} == expected

@@ -26,11 +26,7 @@ from snakemake_interface_logger_plugins.common import LogEvent
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands import killed_runs, trials
 from osl_analysis.commands.run import end_run
-from osl_analysis.commands.run_report import (
-    left_behind_report,
-    shared_source_report,
-    trials_to_mend_by_source,
-)
+from osl_analysis.commands.run_report import left_behind_report
 from osl_analysis.commands.tables import gather, judge, list_excluded, read_summary
 from osl_analysis.commands.walking_files import (
     read_crossing_file,
@@ -604,18 +600,3 @@ def test_a_refusal_without_a_remedy_names_the_file_or_the_trials(inputs, remedy)
     cause = refusal(refused, Ending("refused", "no fit"))
 
     assert cause.remedy.startswith(remedy)
-
-
-def test_a_source_file_of_other_trials_is_to_be_copied_before_it_is_changed(tmp_path):
-    refused = Refusal("k350", "k350.csv", "j", "refused", "K < 0", "turn it in the source file")
-    missing = Refusal("k250", "k250.csv", "j", "refused", "no torque", "record it")
-    to_mend = trials_to_mend_by_source([record(tmp_path / "a.csv", refused, missing)])
-    csv, mat = Path("csv.yaml"), Path("mat.yaml")
-
-    told = shared_source_report({"k350": [csv], "k250": [csv], "m": [mat]}, to_mend)
-
-    assert told == (
-        "csv.yaml is the source file of k250, too. To change it for k350 alone, change a copy, and"
-        " name the copy in the sample sheet."
-    )
-    assert shared_source_report({"k350": [csv], "m": [mat]}, to_mend) == ""

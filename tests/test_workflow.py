@@ -386,7 +386,8 @@ def test_a_threshold_that_excludes_nobody_makes_only_the_judgement_again(workspa
     space = Workspace(tmp_path, workspace)
     space.configure({"quality": {"gap": {"threshold": "0.06 s", "on_failure": "exclude"}}})
     judgement = {"judge", "excluded_trials", "findings", "headline_numbers", "report_page"}
-    named = {"captions", "conditions_for_paper", "components_for_paper"}  # the configuration
+    for_paper = {"conditions_for_paper", "components_for_paper", "walking_for_paper"}
+    named = {"captions", *for_paper}  # the configuration
     assert space.planned().keys() <= judgement | named
 
 

@@ -23,6 +23,7 @@ RECORDING = ("experiment", "log", "log_source", "log_part", "mocap")
 WHOLE_RECORDING = "0-1000000"  # [s] as windows
 COMPARED_BYTES = 4096  # in the middle of two files; they differ for most files of equal size
 FEWEST_PERTURBED = 2
+ROUNDING_S = 1e-6  # of differences of times that are written with milliseconds
 MARGINS_OF_STRIDES_S = 0.6  # 0.3 s before heel strike and after toe-off, as docs/walking.md asks
 
 
@@ -86,7 +87,7 @@ def check_not_used_twice(campaign: Campaign, trial: str, used: list[UsedPart]) -
     for start, stop in stretches(row["windows"] or WHOLE_RECORDING):
         for used_part in used:
             shared_s = min(stop, used_part.stop) - max(start, used_part.start)
-            if shared_s <= most_shared_s:
+            if shared_s <= most_shared_s + ROUNDING_S:
                 continue
             where = f"{campaign.config.sheet}: trial '{trial}'"
             if row["windows"] and used_part.is_window:

@@ -189,7 +189,8 @@ def is_misfit(row: Mapping[str, Any]) -> bool:
 def is_as_stated(row: Mapping[str, Any]) -> bool:
     """Whether a fit reads a recording as its laboratory states it: possible, of the K_d that is
     stated, and near its torque."""
-    vaf = row.get("VAF_in_band") or row.get("VAF") or 0.0
+    in_band = row.get("VAF_in_band")
+    vaf = (row.get("VAF") or 0.0) if in_band is None else in_band
     return (
         is_possible(row) and is_between(row.get("K_over_K_d"), RENDERED_OF_K_D) and vaf >= LEAST_VAF
     )
@@ -223,7 +224,8 @@ def other_readings(given: Mapping[str, Any], before: Mapping[str, Any]) -> list[
                 rank=OTHER_EXPERIMENT,
             )
         )
-    has_no_damping = (before.get("B_low") or 0.0) <= 0 <= (before.get("B_high") or -1.0)
+    B_low, B_high = before.get("B_low"), before.get("B_high")
+    has_no_damping = B_low is not None and B_high is not None and B_low <= 0 <= B_high
     if has_no_damping and (before.get("K_over_K_d") or 1.0) < LEAST_OF_JOINT:
         changes.append(
             Change(
@@ -250,7 +252,8 @@ def parts_of(trial: Trial, windows: str | None) -> list[str]:
 def clock_drift_ppm(trial: Trial) -> float | None:
     """The drift of the torque's clock against the angle's with which K, B and I describe the torque
     much better; None where none does. The inference finds a lag that stays below some 30 ms."""
-    time, theta, torque = trial.arrays("theta", "torque")
+    time, theta = trial.arrays("theta")
+    torque_time, torque = trial.arrays("torque")  # two loggers may have no row in common
     step = float(np.ptp(time)) / (len(time) - 1)
     window = max(2 * round(SMOOTHED_S / step / 2) + 1, 5)
     motion = [
@@ -259,7 +262,7 @@ def clock_drift_ppm(trial: Trial) -> float | None:
     X = np.column_stack([*motion, np.ones_like(theta)])
 
     def left(drift: float) -> float:
-        late = np.interp(time + drift * (time - time[0]), time, torque)
+        late = np.interp(time + drift * (time - time[0]), torque_time, torque)
         return float(np.sum((late - X @ np.linalg.lstsq(X, late)[0]) ** 2))
 
     seconds = float(np.ptp(time))

@@ -60,7 +60,8 @@ def snakemake_arguments(arguments: Sequence[str]) -> list[str]:
 
 
 def with_configuration(file: Path, arguments: Sequence[str]) -> list[str]:
-    """The arguments with a configuration that those which they name override."""
+    """The arguments with `file` before the configurations that they name: later ones override
+    earlier ones."""
     named = [str(path) for path in configuration_files(arguments)]
     if str(file) in named:
         return list(arguments)
@@ -68,7 +69,11 @@ def with_configuration(file: Path, arguments: Sequence[str]) -> list[str]:
     takes_files = False
     for argument in arguments:
         if argument.startswith("-"):
-            takes_files = argument.partition("=")[0] in CONFIGURED_BY
+            option, _, value = argument.partition("=")
+            names_files = option in CONFIGURED_BY
+            takes_files = names_files and not value
+            if names_files:
+                continue
         if not takes_files:
             others.append(argument)
     return [*others, CONFIGURED_BY[0], str(file), *named]
@@ -79,12 +84,13 @@ def configuration_files(arguments: Iterable[str]) -> Iterator[Path]:
     takes_files = False
     for argument in arguments:
         if argument.startswith("-"):
-            option, _, file = argument.partition("=")
-            takes_files = option in CONFIGURED_BY
-        else:
-            file = argument
-        if takes_files and file:
-            yield Path(file)
+            option, _, value = argument.partition("=")
+            names_files = option in CONFIGURED_BY
+            takes_files = names_files and not value  # what stands behind a `=` is one file
+            if names_files and value:
+                yield Path(value)
+        elif takes_files:
+            yield Path(argument)
 
 
 def check_profile(arguments: Sequence[str]) -> None:

@@ -1,7 +1,7 @@
 """What a user must know at the end of a run."""
 
 import json
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,7 +10,7 @@ from osl_analysis.campaign.result_files import ResultFiles
 from osl_analysis.errors import listing
 from osl_analysis.judge.campaign import exclusion_report
 from osl_analysis.judge.exclusions import Judge
-from osl_analysis.refusal import distinct_causes, read_refusals, refusal_report
+from osl_analysis.refusal import refusal_report
 from osl_analysis.report.brief import brief_lines
 
 MOST_TOLD = 12
@@ -34,14 +34,12 @@ class RunReport:
         verdicts = self.judge.verdicts(Path(file) for file in checks)
         stored = (results / "trials").glob("*.parquet")
         recordings = {trial: [str(log) for log in campaign.logs(trial)] for trial in trials}
-        sources = {trial: campaign.sources(trial) for trial in trials}
         is_accepted = campaign.config.failed_trials == "accept"
         lines = [
             exclusion_report(verdicts, campaign.excluded),
             self.unnamed,
             left_behind_report(stored, [*trials, *campaign.excluded]),
             refusal_report(refused, recordings, is_accepted),
-            shared_source_report(sources, trials_to_mend_by_source(refused)),
         ]
         summary = results / "summary.json"
         name = summary.as_posix()
@@ -50,38 +48,6 @@ class RunReport:
             content = json.loads(summary.read_text(encoding="utf-8"))
             lines = [*brief_lines(content), *lines]
         return "\n".join(line for line in lines if line)
-
-
-def trials_to_mend_by_source(refused: Iterable[str]) -> list[str]:
-    """The trials whose remedy is a change of their source file."""
-    causes = distinct_causes(refusal for file in refused for refusal in read_refusals(file))
-    trials = {cause.trial for cause in causes if cause.trial and "source file" in cause.remedy}
-    return sorted(trials)
-
-
-def shared_source_report(sources: Mapping[str, Sequence[Path]], to_mend: Sequence[str]) -> str:
-    """Lines on source files that other trials have, too, which the change for a refused trial would
-    refuse; empty if there are none.
-
-    Parameters
-    ----------
-    sources
-        The source files of each trial.
-    to_mend
-        Trials whose remedy is a change of their source file.
-    """
-    lines = []
-    for source in dict.fromkeys(file for files in sources.values() for file in files):
-        trials = [trial for trial, files in sources.items() if source in files]
-        of_source = [trial for trial in trials if trial in to_mend]
-        others = [trial for trial in trials if trial not in to_mend]
-        if of_source and others:
-            lines.append(
-                f"{source.name} is the source file of {listing(others, MOST_TOLD)}, too. To change"
-                f" it for {listing(of_source, MOST_TOLD)} alone, change a copy, and name the copy"
-                " in the sample sheet."
-            )
-    return "\n".join(lines)
 
 
 def left_behind_report(stored: Iterable[Path], trials: Collection[str]) -> str:

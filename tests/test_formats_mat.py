@@ -361,6 +361,14 @@ def test_a_file_that_is_cut_gives_the_variables_before_the_cut(tmp_path: Path) -
     assert any("its end is missing" in one for one in recording.loss.remarks)
 
 
+def test_a_file_that_is_cut_within_its_first_variable_is_refused(tmp_path: Path) -> None:
+    path = write_mat(tmp_path / "a.mat", y=np.random.default_rng(1).random(500))
+    path.write_bytes(path.read_bytes()[:-900])
+
+    with pytest.raises(InputError, match=r"cut off within its first variable, at byte \d+; copy"):
+        formats.read(path)
+
+
 def test_a_file_of_version_7_3_that_is_cut_is_refused(tmp_path: Path) -> None:
     path = write_mat73(tmp_path / "a.mat", x=RISING, y=np.arange(500.0))
     path.write_bytes(path.read_bytes()[:-900])

@@ -177,8 +177,9 @@ def test_an_empty_campaign_names_what_is_to_be_done(tmp_path, monkeypatch):
     assert call("init", tmp_path / "mine", "--recorder", "opensourceleg").exit_code == 0
     assert read_source(tmp_path / "mine/sources/opensourceleg.yaml").format == "csv"
     monkeypatch.chdir(tmp_path / "mine")
-    (said,) = [look.state for look in looked_at(Path()) if look.subject == "campaign"]
-    assert "no trials; add one row per trial" in said
+    (said,) = [look for look in looked_at(Path()) if look.subject == "campaign"]
+    assert "no trials" in said.state
+    assert "add one row per trial" in said.remedy
     assert (call("doctor").exit_code, "!! campaign" in call("doctor").output) == (1, True)
     Path("recordings/a.csv").touch()  # the log is there, the capture is not
     columns = "trial,experiment,log,log_source,mocap,mocap_source,accept"

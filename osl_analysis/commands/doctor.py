@@ -81,7 +81,7 @@ def campaign(path: Path) -> Look:
         problems = list(dict.fromkeys(source_problems(opened).values()))
         left_out = unnamed_recordings(opened)
     except OslAnalysisError as error:
-        return Look("campaign", str(error), "correct it")
+        return Look("campaign", error.reason, error.remedy or "correct it")
     if problems:
         remedy = "correct it" if len(problems) == 1 else "correct them"
         return Look("campaign", " | ".join(problems), remedy)

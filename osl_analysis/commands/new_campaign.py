@@ -61,6 +61,7 @@ CHANNEL_KEYS = {"topic", "field", "column", "variable"}  # that name a channel o
 FEWEST_CHANNELS = 3  # of a shipped source file, by which its recorder is known
 MOST_SHOWN = 4  # files or trials of one kind in the text of `init`
 MOST_LINES = 15  # of the text of `init`
+MOST_REFUSED = 3  # files that were not read, in the text of `init`
 MOST_QUESTIONS = 4  # in the text of `init`; the files have all of them
 MOST_OF_SOURCES = 4  # lines on source files in the text of `init`
 MOST_WARNINGS = 2  # of the recordings of a trial
@@ -621,8 +622,10 @@ def campaign_text(folder: Path, draft: Draft) -> str:
     texts = [f"{name}: {listing(trials, MOST_SHOWN)}" for name, trials in by_experiment.items()]
     lines.append(f"trials.csv: {'; '.join(texts)}")
     if draft.refused:
-        more = f" (and {len(draft.refused) - 1} more files)" if len(draft.refused) > 1 else ""
-        lines.append(f"not read: {printable(draft.refused[0])}{more}")
+        lines += [f"not read: {printable(why)}" for why in draft.refused[:MOST_REFUSED]]
+        if len(draft.refused) > MOST_REFUSED:
+            more = len(draft.refused) - MOST_REFUSED
+            lines.append(f"and {more} more files that were not read, which `inspect` tells")
     is_ready = is_complete(folder, draft)
     is_refused = False
     if is_ready:

@@ -91,6 +91,11 @@ def read(path: Path, source: MatSource | None) -> Recording:
     with warnings.catch_warnings(action="ignore"):  # of the library's import, and of odd objects
         if cut:
             end = End.MISSING
+            if cut == HEADER:
+                raise InputError(
+                    f"the file is cut off within its first variable, at byte {path.stat().st_size};"
+                    " copy it again from the recorder, or exclude the trial"
+                )
             raw, remarks = _load_beginning(path, cut)
         else:
             raw, remarks = _load(path)

@@ -250,7 +250,7 @@ def facts_of(recording: Recording) -> dict[str, str]:
         lost = recording.loss.lost
         facts["messages lost"] = "the file does not tell" if lost is None else str(lost)
     if recording.loss.end == End.UNKNOWN:
-        facts["end"] = "not told by the file: whether rows are missing there is not known"
+        facts["end"] = "unknown: the file does not tell whether rows are missing there"
     for number, text in enumerate(recording.notes[:MOST_NOTES], start=1):
         facts[f"comment {number}"] = text
     return facts

@@ -354,7 +354,8 @@ def test_the_methods_have_the_numbers_of_settings_sheet_and_tables_and_nothing_t
           "(0.9 to 7.2 Hz, 2.1 to 2.4° RMS, 60 s fitted per trial)"),
          "stepped"),
         (crossings, walked, other,
-         ("7 times; in 3 crossings", "2 perturbed", "two groups", "80 ms", "30 ms", "200 samples",
+         ("7 times; 6 crossings were used, and in 2 of them", "2 perturbed",
+          "two groups", "80 ms", "30 ms", "200 samples",
           "by 2.5° (10–90 % rise time 63 ms; 2 with toes up, 2 down)",
           "Markers were recorded at 300 Hz and", "plates at 1200 Hz",
           "half the difference of both directions"),
@@ -1106,9 +1107,14 @@ def test_a_trial_is_left_out_by_what_became_of_it():
     rows = pl.DataFrame(
         [cut, late, late, cut | {"trial": "hung", "check": "failed"}], infer_schema_length=None
     )
-    crossings = pl.DataFrame({"trial": ["walk"], "reason": ["no step"]})
-    tables = {"walking": crossings.rename({"reason": "excluded"}), "walking_excluded": crossings}
-    found = left_out.left_out_trials(rows, tables, {"late": "again", "new": "why"})
+    crossings = pl.DataFrame(
+        {"trial": ["walk", "fine", "lacks"], "status": "used", "reason": ["no step", None, None]}
+    )
+    fits = pl.DataFrame({"trial": ["fine"], "excluded": [None]})
+    tables = {"walking": fits, "walking_crossings": crossings}
+    row = {"experiment": "walking", "perturbed": True}
+    sheet = dict.fromkeys(("late", "hung", "cut", "new", "walk", "fine", "lacks"), row)
+    found = left_out.left_out_trials(sheet, rows, tables, {"late": "again", "new": "why"})
     not_analysed = "recording that could not be analysed"
     assert (found.pop("late"), found.pop("hung")) == (
         (False, "gap in the recording", ["gap 1 s, threshold 0.5: theta"]),
@@ -1118,8 +1124,12 @@ def test_a_trial_is_left_out_by_what_became_of_it():
         "cut": (True, not_analysed, ["no footer"]),
         "new": (True, not_analysed, ["why"]),
         "walk": (False, not_analysed, ["no step"]),
+        "lacks": (
+            True,
+            "missing trial that its fit needs",
+            ["it has no result, because cut, late, hung, ... (5 in all) were refused or excluded"],
+        ),
     }
-    assert list(found) == ["cut", "new", "walk"]
 
 
 @pytest.mark.parametrize("most", [7, 10_000])

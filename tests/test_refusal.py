@@ -28,8 +28,9 @@ from osl_analysis.commands import killed_runs, trials
 from osl_analysis.commands.run import end_run
 from osl_analysis.commands.run_report import (
     left_behind_report,
+    shared_log_report,
     shared_source_report,
-    trials_to_mend_by_source,
+    trials_by_remedy,
 )
 from osl_analysis.commands.tables import gather, judge, list_excluded, read_summary
 from osl_analysis.commands.walking_files import (
@@ -609,7 +610,7 @@ def test_a_refusal_without_a_remedy_names_the_file_or_the_trials(inputs, remedy)
 def test_a_source_file_of_other_trials_is_to_be_copied_before_it_is_changed(tmp_path):
     refused = Refusal("k350", "k350.csv", "j", "refused", "K < 0", "turn it in the source file")
     missing = Refusal("k250", "k250.csv", "j", "refused", "no torque", "record it")
-    to_mend = trials_to_mend_by_source([record(tmp_path / "a.csv", refused, missing)])
+    to_mend = trials_by_remedy([record(tmp_path / "a.csv", refused, missing)], "source file")
     csv, mat = Path("csv.yaml"), Path("mat.yaml")
 
     told = shared_source_report({"k350": [csv], "k250": [csv], "m": [mat]}, to_mend)
@@ -619,3 +620,11 @@ def test_a_source_file_of_other_trials_is_to_be_copied_before_it_is_changed(tmp_
         " name the copy in the sample sheet."
     )
     assert shared_source_report({"k350": [csv], "m": [mat]}, to_mend) == ""
+
+
+def test_a_log_that_does_not_fit_its_capture_is_named_with_the_other_trials_that_have_it():
+    recordings = {"w1": ["w1.mcap", "w1.c3d"], "w2": ["w1.mcap", "w2.c3d"], "w3": ["w3.mcap"]}
+
+    told = shared_log_report(recordings, ["w2", "w3"])
+
+    assert told == "w1.mcap of w2 is also that of w1: see whose it is"

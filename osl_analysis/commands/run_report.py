@@ -41,7 +41,8 @@ class RunReport:
             self.unnamed,
             left_behind_report(stored, [*trials, *campaign.excluded]),
             refusal_report(refused, recordings, is_accepted),
-            shared_source_report(sources, trials_to_mend_by_source(refused)),
+            shared_source_report(sources, trials_by_remedy(refused, "source file")),
+            shared_log_report(recordings, trials_by_remedy(refused, "the log is this capture's")),
         ]
         summary = results / "summary.json"
         was_made = str(summary) in files and summary.exists()  # not where the run was ended before
@@ -50,11 +51,26 @@ class RunReport:
         return "\n".join(line for line in lines if line)
 
 
-def trials_to_mend_by_source(refused: Iterable[str]) -> list[str]:
-    """The trials whose remedy is a change of their source file."""
+def trials_by_remedy(refused: Iterable[str], words: str) -> list[str]:
+    """The refused trials whose remedy has these words."""
     causes = distinct_causes(refusal for file in refused for refusal in read_refusals(file))
-    trials = {cause.trial for cause in causes if cause.trial and "source file" in cause.remedy}
-    return sorted(trials)
+    return sorted({cause.trial for cause in causes if cause.trial and words in cause.remedy})
+
+
+def shared_log_report(recordings: Mapping[str, Sequence[str]], to_check: Sequence[str]) -> str:
+    """Lines on recordings of the trials `to_check` that other trials have, too; empty if there are
+    none. `recordings` are the files of each trial."""
+    lines = []
+    for trial in to_check:
+        for file in recordings.get(trial, ()):
+            others = [other for other, files in recordings.items() if file in files]
+            others.remove(trial)
+            if others:
+                lines.append(
+                    f"{file} of {trial} is also that of {listing(others, MOST_TOLD)}: see whose"
+                    " it is"
+                )
+    return "\n".join(lines)
 
 
 def shared_source_report(sources: Mapping[str, Sequence[Path]], to_mend: Sequence[str]) -> str:

@@ -481,6 +481,16 @@ def test_the_page_begins_with_what_was_done_its_verdict_and_the_figure_that_matt
     assert said in walking.verdicts
 
 
+def test_the_page_begins_with_the_crossings_that_are_used():
+    row = {"experiment": "walking", "joint": "ankle"}
+    walks = [ReportedTrial(f"w{k}", {**row, "perturbed": k < 2}) for k in range(3)]
+    lost = ReportedTrial("w3", {**row, "perturbed": True}, left_out=["far"])
+
+    text = page.overview([*walks, lost, trial("t")], {}, [], ABOUT).what_was_done
+
+    assert "4 walking (3 used, 2 of them perturbed) and 1 impedance" in text
+
+
 def test_findings_stand_by_what_they_change_the_largest_first_and_those_of_no_size_last():
     line = FINDING | {"says": "", "size": "", "remedy": "", "trials": []}
     sizes = [{}, {"B_size": 3.0}, {"K_size": 2.0}, {"K_size": -10.0, "I_size": None}]

@@ -196,7 +196,7 @@ rule headline_numbers:
     params:
         about=ABOUT,
         example=DESIRED_OF_EXAMPLE,
-        trials={name: CAMPAIGN.trials(name) for name in EXPERIMENTS if CAMPAIGN.trials(name)},
+        sheet={**CAMPAIGN.rows, **CAMPAIGN.unused},
         beside_draft=CAMPAIGN.beside_draft,
         made_by=MADE_BY,
     run:

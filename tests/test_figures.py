@@ -982,7 +982,8 @@ def test_a_caption_is_one_paragraph_in_which_no_name_of_a_file_is_markup(name, t
 @pytest.mark.parametrize(("low", "high", "most", "expected"), [
     (1, 5, 6, [1, 2, 5]), (0.5, 6, 8, [0.5, 1, 2, 5]), (0.01, 100, 5, [0.01, 0.1, 1, 10, 100]),
     (0.1, 15, 8, [0.1, 0.2, 0.5, 1, 2, 5, 10]), (1e-4, 1e5, 5, [1e-4, 1e-2, 1, 1e2, 1e4]),
-    (2.9, 3.11, 5, [2.9, 3.0, 3.1]),
+    (2.9, 3.11, 5, [2.9, 3.0, 3.1]), (0.012, 0.8, 4, [0.03, 0.1, 0.3]),
+    (0.029, 3.1, 4, [0.1, 1]),
 ])  # fmt: skip
 def test_ticks_of_a_logarithmic_axis_are_round(low, high, most, expected):
     axis = Figure().subplots().xaxis

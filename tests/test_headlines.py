@@ -691,9 +691,8 @@ def test_files_are_written_from_the_tables_that_exist_and_read_back(tmp_path):
     ]
 
 
-def test_missing_trials_are_counted_with_the_reason_in_the_summary(tmp_path):
-    """A belt trial is refused, an impedance trial excluded by a check, another by the sheet: that
-    is not missing."""
+def test_missing_trials_are_counted_with_the_reason_in_the_summary(tmp_path, monkeypatch):
+    """A belt trial is refused, an impedance trial excluded by a check, another by the sheet."""
     lost = Refusal(
         "b_1", "raw/b_1.mcap", "ingest", "refused", "raw/b_1.mcap: no such file", "copy it there"
     )
@@ -716,13 +715,26 @@ def test_missing_trials_are_counted_with_the_reason_in_the_summary(tmp_path):
     )
     ends = {"summary_json": "s.json", "numbers_tex": "n.tex", "excluded": "excluded.csv"}
     files = {name: tmp_path / file for name, file in ends.items()}
-    trials = {"belt": ["b_1", "b_2"], "impedance": ["i_1", "i_2", "i_3"], "static": ["s"]}
-    write_summary(about=MADE, table_paths={}, trials=trials, refused=[lost, walking], **files)
+    experiments = {"b": "belt", "i": "impedance", "s": "static"}
+    names = ("b_1", "b_2", "i_1", "i_2", "i_3", "i_9", "s")
+    sheet = {name: {"trial": name, "experiment": experiments[name[0]]} for name in names}
+    fitted = {"belt": ["b_2"], "impedance": ["i_1", "i_3"]}
+    for name, of_table in fitted.items():
+        write_table(pl.DataFrame({"trial": of_table}), tmp_path / f"{name}.csv")
+    table_paths = {name: tmp_path / f"{name}.csv" for name in fitted}
+    monkeypatch.setattr(tables, "headline_numbers", lambda *_: {})
+    write_summary(
+        about=MADE, table_paths=table_paths, sheet=sheet, refused=[lost, walking], **files
+    )
     summary = read_summary(tmp_path / "s.json")
     counts = {
         name: (one["used"], one["of"], [*one["missing"]]) for name, one in summary["trials"].items()
     }
-    assert counts == {"belt": (1, 2, ["b_1"]), "impedance": (2, 3, ["i_2"]), "static": (1, 1, [])}
+    assert counts == {
+        "belt": (1, 2, ["b_1"]),
+        "impedance": (2, 4, ["i_2", "i_9"]),
+        "static": (1, 1, []),
+    }
     assert (
         summary["trials"]["impedance"]["missing"]["i_2"]
         == "gap 0.071 s, threshold 0.05: theta, late"

@@ -81,6 +81,7 @@ def test_without_known_gains_of_a_controller_it_says_which_gain_of_the_bench_wou
     text = finding_text(finding, own)
 
     assert "the gain may be off by a factor of 0.85 to 1.36" in text  # 0.9 / 1.06, 0.9 / 0.66
+    assert "Assumed that 0.66 to 1.06 of it are rendered, as by the shipped ankle" in text
     unknown = own | {"K_over_K_d": None}
     assert "a wrong gain would not show" in finding_text(finding, unknown)
 

@@ -74,9 +74,11 @@ from osl_analysis.report.page_figures import (
 )
 from osl_analysis.report.page_text import method_text, verdicts_text
 from osl_analysis.report.panels import Pictures
+from osl_analysis.report.paper_tables import conditions_table
 from osl_analysis.report.reported_trial import ReportedTrial, Scope
 from osl_analysis.report.typography import printed
 from osl_analysis.schema import SCHEMA
+from osl_analysis.stats.repeats import counted
 from osl_analysis.table import write_table
 from osl_analysis.yaml_settings import read_mapping
 
@@ -364,7 +366,8 @@ def test_the_methods_have_the_numbers_of_settings_sheet_and_tables_and_nothing_t
           "(0.9 to 7.2 Hz, 2.1 to 2.4° RMS, 60 s fitted per trial)"),
          "stepped"),
         (crossings, walked, other,
-         ("7 times; in 3 crossings", "2 perturbed", "two groups", "80 ms", "30 ms", "200 samples",
+         ("7 times; 6 crossings were used, and in 2 of them", "2 perturbed",
+          "two groups", "80 ms", "30 ms", "200 samples",
           "by 2.5° (10–90 % rise time 63 ms; 2 with toes up, 2 down)",
           "Markers were recorded at 300 Hz and", "plates at 1200 Hz",
           "half the difference of both directions"),
@@ -486,6 +489,16 @@ def test_the_page_begins_with_what_was_done_its_verdict_and_the_figure_that_matt
         " a, b, c and 1 more."
     )
     assert said in walking.verdicts
+
+
+def test_the_page_begins_with_the_crossings_that_are_used():
+    row = {"experiment": "walking", "joint": "ankle"}
+    walks = [ReportedTrial(f"w{k}", {**row, "perturbed": k < 2}) for k in range(3)]
+    lost = ReportedTrial("w3", {**row, "perturbed": True}, left_out=["far"])
+
+    text = page.overview([*walks, lost, trial("t")], {}, [], ABOUT).what_was_done
+
+    assert "4 walking (3 used, 2 of them perturbed) and 1 impedance" in text
 
 
 def test_findings_stand_by_what_they_change_the_largest_first_and_those_of_no_size_last():
@@ -794,129 +807,48 @@ def test_friction_stands_beside_B_and_a_doubt_names_the_B_that_it_leaves():
 
 
 @pytest.mark.parametrize("n", [4, 20])
-def test_trials_of_no_stated_condition_are_one_only_where_they_repeat_each_other(
-    n,
-):
-    """Else neither a row of the first screen nor a headline number may be their mean, which no
-    joint has."""
+def test_a_trial_without_a_stated_condition_is_alone_everywhere(n):
+    """Trials whose estimates are equal may each have been asked for another impedance."""
     common = {
         "amplitude_deg": None,
         "controller": None,
         "K_d": None,
         "B_d": None,
         "excitation": "multisine",
-    }
-    common |= {
         "band_low_hz": 0.1,
         "band_high_hz": 5.0,
         "VAF": 99.0,
         "interval_method": "units",
-        "doubtful": "",
+        "B_viscous": None,
+        "f_C": None,
     }
-    common |= {"B_viscous": None, "f_C": None}
-    rows = [
-        {"trial": f"t{k}"}
-        | {f"{x}{end}": K + by for x in "KBI" for end, by in (("", 0), ("_low", -1), ("_high", 1))}
-        for k, K in enumerate(np.resize([62.0, 148.0], n) if n < 8 else np.linspace(62, 148, n))
-    ]
-    schema = {
-        "amplitude_deg": pl.Float64,
-        "controller": pl.String,
-        "K_d": pl.Float64,
-        "B_d": pl.Float64,
-    }
-    table = pl.DataFrame([row | common for row in rows], schema_overrides=schema)
-    found = condition_rows({"impedance": table}, {})
-    if n > 8:
-        assert [one.trials for one in found] == [[f"t{k}"] for k in range(n)], (
-            "each K is another one"
-        )
-    else:
-        assert [one.condition for one in found] == [
-            f"trials {of}, multisine, 0.1 to 5 Hz" for of in ("t0, t2", "t1, t3")
-        ]
-        assert [one.trials for one in found] == [["t0", "t2"], ["t1", "t3"]]
-        assert (found[0].estimates["K"].text, found[1].estimates["K"].text) == ("62.00", "148.0"), (
-            "a mean"
-        )
-        other = table.with_columns(B=pl.when(trial="t2").then(90.0).otherwise("B"))
-        assert [one.trials for one in condition_rows({"impedance": other}, {})] == [
-            ["t0"],
-            ["t1", "t3"],
-            ["t2"],
-        ]
-    repeats = repeated_trials_table(table).filter(quantity="K")
-    assert repeats["mean", "n"].rows() == ([(62.0, 2), (148.0, 2)] if n < 8 else []), (
-        "what the page calls repeats"
-    )
-    assert repeated_trials_table(table.with_columns(K_d=pl.lit(100.0)))["n"].to_list() == [n] * 3
-    late = table.with_columns(
-        doubtful=pl.when(trial="t2").then(pl.lit("late torque")).otherwise("doubtful")
-    )
-    first, *_ = condition_rows({"impedance": late}, {})
-    expected = (
-        ("1 left out of the mean", ("62.0", "[61.0, 63.0]")) if n < 8 else ("", shown(first, "K"))
-    )
-    assert (first.doubt, shown(first, "K")) == expected
-    numbers = facts_of(headline_numbers({"impedance": table}, Example(K_d=None, B_d=None)))
-    own = [(one.value, one.subject) for one in numbers if one.name.startswith("K_example")]
-    assert own == [
-        (62.0, "t0, mean with 1 that repeat it"),
-        (148.0, "t1, mean with 1 that repeat it"),
-    ] * (n <= 8)
-
-
-def test_a_trial_with_certain_friction_repeats_none_without_and_gives_its_numbers_to_no_other():
-    """Their B is another quantity, and the mean of one trial's friction is no mean."""
-    common = {
-        "amplitude_deg": None,
-        "controller": None,
-        "K_d": None,
-        "B_d": None,
-        "excitation": "multisine",
-    }
-    common |= {
-        "band_low_hz": 0.1,
-        "band_high_hz": 5.0,
-        "VAF": 99.0,
-        "interval_method": "units",
-        "doubtful": "",
-    }
-    common |= {
-        f"{x}{end}": 140.0 + k for x in "KBI" for k, end in ((0, ""), (-1, "_low"), (1, "_high"))
-    }
-    f_C = {"a": None, "b": 0.35, "c": None}
-    rows = [{"trial": name, "B_viscous": x and 130.0, "f_C": x} | common for name, x in f_C.items()]
-    rows = [
-        row | {f"{x}{end}": row[x] for x in ("B_viscous", "f_C") for end in ("_low", "_high")}
-        for row in rows
-    ]
-    schema = {
-        "amplitude_deg": pl.Float64,
-        "controller": pl.String,
-        "K_d": pl.Float64,
-        "B_d": pl.Float64,
-    }
+    for symbol in "KBI":
+        common |= {symbol: 62.0, f"{symbol}_low": 61.0, f"{symbol}_high": 63.0}
+    trials = [f"t{k}" for k in range(n)]
+    rows = [{"trial": trial, "doubtful": "", **common} for trial in trials]
+    rows[2]["doubtful"] = "late torque"
+    texts = ("amplitude_deg", "K_d", "B_d", "B_viscous", "f_C")
+    schema = {"controller": pl.String, **dict.fromkeys(texts, pl.Float64)}
     table = pl.DataFrame(rows, schema_overrides=schema)
-    assert [one.trials for one in condition_rows({"impedance": table}, {})] == [
-        ["a", "c"],
-        ["b"],
-    ]
-    assert repeated_trials_table(table).filter(quantity="B")["n"].to_list() == [2]
+
+    conditions = condition_rows({"impedance": table}, {})
     numbers = facts_of(headline_numbers({"impedance": table}, Example(K_d=None, B_d=None)))
-    said = {(one.subject, one.n) for one in numbers if "_example" in one.name}
-    assert said == {("a, mean with 1 that repeat it", 2), ("b", 1)}
-    assert [(one.value, one.subject) for one in numbers if one.name.startswith("f_C")] == [
-        (0.35, "b")
-    ]
-    late = table.with_columns(
-        doubtful=pl.when(trial="a").then(pl.lit("late torque")).otherwise("doubtful")
-    )
-    numbers = facts_of(headline_numbers({"impedance": late}, Example(K_d=None, B_d=None)))
-    assert [one.subject for one in numbers if one.name.startswith("K_example")] == [
-        "c",
-        "b",
-    ], "a is left out"
+    named = [(one.subject, one.n) for one in numbers if one.name.startswith("K_example")]
+
+    assert [one.trials for one in conditions] == [[trial] for trial in trials]
+    assert conditions[0].condition == "trial t0, multisine, 0.1 to 5 Hz"
+    assert named == ([(trial, 1) for trial in trials] if n < 8 else [])
+    assert repeated_trials_table(table).is_empty()
+    assert len(counted(table)) == n, "the doubtful one is no repeat of a sound one"
+    paper = conditions_table(table).to_markdown("made")
+    assert all(f"| {trial} |" in paper for trial in trials)
+
+
+def test_trials_of_one_stated_condition_are_repeats():
+    row = {"controller": "c", "K_d": 60.0, "B_d": 1.0, "amplitude_deg": None, "doubtful": ""}
+    rows = [{"trial": f"t{k}", "K": 62.0 + k, "band_low_hz": 1.0, **row} for k in range(3)]
+    table = pl.DataFrame([{**row, "band_high_hz": 5.0} for row in rows])
+    assert repeated_trials_table(table)["quantity", "mean", "n"].rows() == [("K", 63.0, 3)]
 
 
 def test_a_cause_has_one_count_in_the_verdict_the_map_and_the_row_of_its_condition():
@@ -1116,9 +1048,14 @@ def test_a_trial_is_left_out_by_what_became_of_it():
     rows = pl.DataFrame(
         [cut, late, late, cut | {"trial": "hung", "check": "failed"}], infer_schema_length=None
     )
-    crossings = pl.DataFrame({"trial": ["walk"], "reason": ["no step"]})
-    tables = {"walking": crossings.rename({"reason": "excluded"}), "walking_excluded": crossings}
-    found = left_out.left_out_trials(rows, tables, {"late": "again", "new": "why"})
+    crossings = pl.DataFrame(
+        {"trial": ["walk", "fine", "lacks"], "status": "used", "reason": ["no step", None, None]}
+    )
+    fits = pl.DataFrame({"trial": ["fine"], "excluded": [None]})
+    tables = {"walking": fits, "walking_crossings": crossings}
+    row = {"experiment": "walking", "perturbed": True}
+    sheet = dict.fromkeys(("late", "hung", "cut", "new", "walk", "fine", "lacks"), row)
+    found = left_out.left_out_trials(sheet, rows, tables, {"late": "again", "new": "why"})
     not_analysed = "recording that could not be analysed"
     assert (found.pop("late"), found.pop("hung")) == (
         (False, "gap in the recording", ["gap 1 s, threshold 0.5: theta"]),
@@ -1128,8 +1065,12 @@ def test_a_trial_is_left_out_by_what_became_of_it():
         "cut": (True, not_analysed, ["no footer"]),
         "new": (True, not_analysed, ["why"]),
         "walk": (False, not_analysed, ["no step"]),
+        "lacks": (
+            True,
+            "missing trial that its fit needs",
+            ["it has no result, because cut, late, hung, ... (5 in all) were refused or excluded"],
+        ),
     }
-    assert list(found) == ["cut", "new", "walk"]
 
 
 @pytest.mark.parametrize("most", [7, 10_000])

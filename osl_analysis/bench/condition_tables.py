@@ -13,7 +13,7 @@ from osl_analysis.stats.repeats import (
     counted,
     doubtful_row,
     over_repeats,
-    repeating_trials,
+    own_condition,
     summary_row,
 )
 from osl_analysis.table import with_viscous_damping
@@ -43,8 +43,7 @@ def repeated_trials_table(impedance: pl.DataFrame) -> pl.DataFrame:
     Each trial counts with its fit to all of its motion. The interval contains all that differs from
     trial to trial, such as the distortion by friction of another realisation of a random motion,
     which the interval of a single trial may not. Doubtful fits are left out if half of the trials
-    or more are sound. Trials without a stated K_d may each have been asked for another, so that
-    only `repeating_trials` of them are repeats.
+    or more are sound. A trial without a stated K_d repeats none (`own_condition`).
     """
     whole = impedance
     if "amplitude_deg" in impedance.columns:
@@ -52,14 +51,10 @@ def repeated_trials_table(impedance: pl.DataFrame) -> pl.DataFrame:
     keys = [name for name in OF_CONDITION if name in whole.columns]
     sizes = [name for name in OF_MOTION if name in whole.columns]
     quantities = whole.select("^(K|B|I|B_viscous|f_C)$").columns
-    repeats_of = pl.lit("")
-    if "K_d" in whole.columns:
-        repeats_of = pl.when(pl.col("K_d").is_null()).then(repeating_trials(whole))
 
     rows = list[dict[str, object]]()
-    of_first_repeat = whole.with_columns(first_repeat=repeats_of)
-    conditions = of_first_repeat.group_by([*keys, "first_repeat"], maintain_order=True)
-    for (*key, _first_repeat), condition in conditions:
+    whole = whole.with_columns(own=own_condition(whole))
+    for (*key, _own), condition in whole.group_by([*keys, "own"], maintain_order=True):
         alike = [
             alike_sizes(condition[name].cast(pl.Float64)).alias(f"{name}_alike") for name in sizes
         ]

@@ -15,7 +15,7 @@ from osl_analysis.commands.figure import UNDRAWN, draw_figure
 from osl_analysis.commands.tables import read_summary
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import described_tables
-from osl_analysis.errors import InputError, listing
+from osl_analysis.errors import InputError
 from osl_analysis.figures import FIGURES
 from osl_analysis.figures.names import figure_title
 from osl_analysis.files import atomic_path, write_text
@@ -33,7 +33,7 @@ from osl_analysis.report.brief import findings_lines
 from osl_analysis.report.condition_rows import condition_rows
 from osl_analysis.report.decimal_places import digits_of, fixed
 from osl_analysis.report.headline_text import aligned
-from osl_analysis.report.left_out import LACKS_ANOTHER, LeftOut, left_out_trials
+from osl_analysis.report.left_out import LeftOut, left_out_trials
 from osl_analysis.report.methods import methods_content, methods_text
 from osl_analysis.report.page import Report, written_page
 from osl_analysis.report.page_figures import ShownFigure, captions_by_title, inline_svg
@@ -120,7 +120,7 @@ def write_report(files: ReportFiles) -> None:
         rows=rows_by_trial(results),
         findings=findings_by_trial,
         checks=checks.partition_by("trial", as_dict=True),
-        left_out=left_out_trials(read_table(files.excluded), results, refusals),
+        left_out=left_out_trials(files.sheet, read_table(files.excluded), results, refusals),
     )
     reported = [reported_trial(row, campaign) for row in files.sheet.values()]
 
@@ -232,12 +232,7 @@ def reported_trial(row: Mapping[str, Any], campaign: CampaignResults) -> Reporte
         if rows is not None:
             tables[table] = rows
 
-    is_walking = row["experiment"] == "walking"
-    has_result = bool(tables) if experiment.fit else not is_walking or "crossing" in files
     left_out = campaign.left_out.get(name, LeftOut(False, "", []))
-    if name not in campaign.left_out and not has_result:
-        reason = f"it has no result{because_of(list(campaign.left_out))}"
-        left_out = LeftOut(True, LACKS_ANOTHER, [reason])
     provenance: Mapping[str, Any] = {}
     if "trial" in files:
         _, provenance = metadata_of(files["trial"])
@@ -253,14 +248,6 @@ def reported_trial(row: Mapping[str, Any], campaign: CampaignResults) -> Reporte
         refused=left_out.by_job,
         pictures=pictures(row["experiment"], tables, files),
     )
-
-
-def because_of(left_out: Sequence[str]) -> str:
-    """Which other trials are missing, that a result may need; empty if none are."""
-    if not left_out:
-        return ""
-    verb = "was" if len(left_out) == 1 else "were"
-    return f", because {listing(list(left_out), 3)} {verb} refused or excluded"
 
 
 MOVING = {"belt": "Belt deflection", "actuator": "Motor motion"}

@@ -30,6 +30,7 @@ from osl_analysis.report.headline_files import to_json, to_tex
 from osl_analysis.report.headline_statistics import intervals_text, rule_of_means
 from osl_analysis.report.headline_text import to_table
 from osl_analysis.report.headlines import headline_numbers
+from osl_analysis.report.left_out import TABLES_OF_TRIALS, left_out_trials
 from osl_analysis.report.paper_tables import (
     PaperTable,
     components_table,
@@ -219,7 +220,7 @@ def write_summary(
     table_paths: Mapping[str, Path],
     summary_json: Path,
     numbers_tex: Path,
-    trials: Mapping[str, Sequence[str]] | None = None,
+    sheet: Mapping[str, Mapping[str, Any]] | None = None,
     excluded: Path | None = None,
     verdicts: Path | None = None,
     findings: Path | None = None,
@@ -237,8 +238,8 @@ def write_summary(
         The result tables that the campaign has, by name.
     summary_json, numbers_tex : Path
         The files to write, both or none.
-    trials : Mapping of str to Sequence of str or None
-        Those of each experiment.
+    sheet : Mapping of str to Mapping or None
+        The row of every trial of the sample sheet, also of those that it excludes.
     excluded, verdicts, findings : Path or None
         `excluded.csv`, `quality.csv` and `findings.csv`.
     refused : Sequence of Refusal
@@ -248,13 +249,14 @@ def write_summary(
     beside_draft : bool
         Whether the numbers of the paper's draft stand beside them.
     """
-    needed = {*LABELS, *judged_tables(), "prediction_causes"}
+    needed = {*LABELS, *judged_tables(), *TABLES_OF_TRIALS, "prediction_causes"}
     tables = {name: with_evidence(path) for name, path in table_paths.items() if name in needed}
     numbers = headline_numbers(tables, example, beside_draft)
     used_trials: Mapping[str, Any] = {}
     if excluded:
         columns = ("trial", "check", "value", "unit", "threshold", "remark")
-        used_trials = used_and_missing(trials or {}, read_table(excluded, columns))
+        left_out = left_out_trials(sheet or {}, read_table(excluded, columns), tables, {})
+        used_trials = used_and_missing(sheet or {}, left_out)
     missing_results: dict[str, str] = {}
     for refusal in refused:
         if not refusal.trial:

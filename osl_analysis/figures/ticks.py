@@ -15,9 +15,11 @@ PHASE_STEPS = (0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 45, 90)  # usual fractions of
 MOST_PHASES = 5  # steps of phase on an axis
 LEAST_DISTANCE = 0.07  # share of an axis between two tested frequencies whose labels do not touch
 
+LEAST_SHARE = 0.5  # of an axis over its most ticks, between two ticks whose numbers do not touch
+
 
 def label_log_axis(axis: Axis, limits: tuple[float, float], most: int, scale: float = 1.0) -> None:
-    """Give a logarithmic axis three to `most` ticks with numbers.
+    """Give a logarithmic axis three to `most` ticks with numbers, or two.
 
     Parameters
     ----------
@@ -25,18 +27,34 @@ def label_log_axis(axis: Axis, limits: tuple[float, float], most: int, scale: fl
     limits : (float, float)
         Ends of the axis, in its unit.
     most : int
-        Ticks at most. They are at 1, 2 and 5 of each decade, else at decades, else even.
+        Ticks at most. They are at 1, 2 and 5 of each decade, else at decades, else at 1 and 3, else
+        even.
     scale : float
         The numbers that are written are those of the axis times this.
     """
     low, high = limits
-    even = MaxNLocator(nbins=most - 1, steps=[1, 2, 2.5, 5, 10])
-    for locator in (LogLocator(subs=(1, 2, 5), numticks=99), LogLocator(numticks=most), even):
+    locators = (
+        LogLocator(subs=(1, 2, 5), numticks=99),
+        LogLocator(numticks=most),
+        LogLocator(subs=(1, 3), numticks=99),
+        MaxNLocator(nbins=most - 1, steps=[1, 2, 2.5, 5, 10]),
+    )
+    chosen: list[float] = []
+    for locator in locators:
         candidates = locator.tick_values(low, high)
         ticks = [tick for tick in candidates if low * (1 - 1e-9) <= tick <= high * (1 + 1e-9)]
-        if 3 <= len(ticks) <= most:
+        is_readable = len(ticks) <= most and are_apart(ticks, limits, most)
+        if is_readable and len(ticks) > len(chosen):
+            chosen = ticks
+        if len(chosen) >= 3:
             break
-    set_log_ticks(axis, limits, ticks or [low], scale)
+    set_log_ticks(axis, limits, chosen or [low], scale)
+
+
+def are_apart(ticks: Sequence[float], limits: tuple[float, float], most: int) -> bool:
+    """Whether these ticks of a logarithmic axis with room for `most` do not touch."""
+    span = np.log(limits[1] / limits[0])
+    return bool(np.all(np.diff(np.log(ticks)) >= LEAST_SHARE * span / most))
 
 
 def set_log_ticks(

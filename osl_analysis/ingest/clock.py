@@ -136,9 +136,9 @@ def first_pairs(slave: Edges, master: Edges) -> tuple[Array, Array]:
             chosen = time[rows], master[0][columns]
     if best < MINIMUM_EDGES or rival > best // 2:
         raise InputError(
-            f"{best} sync edges agree on one offset between the clocks and {rival} on another; at"
-            f" least {MINIMUM_EDGES} and twice as many are needed: let the pulses vary in length,"
-            " or record longer"
+            f"{best} sync edges agree on one offset and {rival} on another, {MINIMUM_EDGES} and"
+            " twice as many are needed; see whether the log is this capture's, let the pulses vary"
+            " in length, or record longer"
         )
     return chosen
 

@@ -38,8 +38,8 @@ SMALL_FACTOR = 2.0  # between units; other devices and gains are as far off, so 
 NEAR_LARGE_FACTOR = 0.08  # relative difference from a larger one
 
 RENDERED_OF_K_D = (0.66, 1.06)
-"""Shares of K_d that a device renders, beside its friction, whose gains are not known: a belt of
-770 N*m/rad in series leaves 0.66 of 400 N*m/rad."""
+"""Shares of K_d that the shipped ankle renders, beside its friction: a belt of 770 N*m/rad in
+series leaves 0.66 of 400 N*m/rad. Of another device it is an assumption, and said to be one."""
 
 WITHIN_ACCURACY = (
     "nothing to do: it changes K, B and I by less than the accuracy that they need"
@@ -467,8 +467,9 @@ def gains_unseen(cells: Cells) -> str:
         return "no stiffness is known, so a wrong gain would not show"
     low, high = RENDERED_OF_K_D
     return (
-        f"K is {ratio:.3g} times K_d, and a controller renders {low:g} to {high:g} of it: the gain"
-        f" may be off by a factor of {ratio / high:.2f} to {ratio / low:.2f}"
+        f"K is {ratio:.3g} times K_d. Assumed that {low:g} to {high:g} of it are rendered, as by"
+        f" the shipped ankle, the gain may be off by a factor of {ratio / high:.2f} to"
+        f" {ratio / low:.2f}"
     )
 
 

@@ -7,13 +7,12 @@ from typing import Any
 
 import polars as pl
 
-from osl_analysis.errors import listing
 from osl_analysis.judge.finding import ESTIMATES, Finding, Grade, WordedFinding
 from osl_analysis.judge.words import without_names
 from osl_analysis.report.page_text import in_words
 from osl_analysis.report.shown_numbers import ShownEstimate, shown_estimate
 from osl_analysis.report.typography import printed
-from osl_analysis.stats.repeats import DOUBTFUL, counted, repeating_trials, summary_row
+from osl_analysis.stats.repeats import DOUBTFUL, counted, own_condition, summary_row
 
 # ending of a fit's column, and column in a summary
 IN_SUMMARY = {"": "mean", "_low": "low", "_high": "high"}
@@ -52,8 +51,8 @@ def condition_rows(
     """K, B and I of each group of crossings, and of each condition (commanded impedance and joint),
     with its trials and doubts.
 
-    It is the mean of several trials (`summary_row`). Trials without a stated K_d are grouped by
-    repetition (`repeating_trials`). `findings` are those on each trial.
+    It is the mean of several trials (`summary_row`). A trial without a stated K_d has a row of its
+    own (`own_condition`). `findings` are those on each trial.
     """
     rows = group_rows(tables, findings)
     impedance = tables.get("impedance")
@@ -66,15 +65,10 @@ def condition_rows(
     for name in OF_CONDITION:
         if name in impedance.columns and impedance[name].n_unique() > 1:
             keys.append(name)
-    is_unstated = pl.lit(True)
-    if "K_d" in impedance.columns:
-        is_unstated = pl.col("K_d").is_null()
     are_several = pl.len().over(*keys, pl.lit("all")) > 1
-    repeated = pl.lit(None, pl.String)
-    if not impedance.filter(is_unstated).is_empty():
-        repeated = pl.when(is_unstated & are_several).then(repeating_trials(impedance))
-    by_repeats = impedance.with_columns(repeated=repeated)
-    for fits in by_repeats.partition_by([*keys, "repeated"], maintain_order=True):
+    own = pl.when(are_several).then(own_condition(impedance)).otherwise(pl.lit(""))
+    impedance = impedance.with_columns(own=own)
+    for fits in impedance.partition_by([*keys, "own"], maintain_order=True):
         rows.append(condition_row(fits, keys, findings))
     return rows
 
@@ -100,9 +94,8 @@ def condition_row(
     for key in keys:
         if row[key] is not None:
             condition.append(f"{key} {row[key]:g}" if key in ("K_d", "B_d") else row[key])
-    if row["repeated"] is not None:
-        noun = "trial" if len(fits) == 1 else "trials"
-        condition += [f"{noun} {listing(trials, 3)}", motion_text(row)]
+    if row["own"]:
+        condition += [f"trial {row['own']}", motion_text(row)]
 
     of_trials = [worded for trial in trials for worded in findings.get(trial, ())]
     of_table = findings_in(of_trials, "impedance")

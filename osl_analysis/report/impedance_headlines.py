@@ -23,7 +23,7 @@ from osl_analysis.report.headline_statistics import (
     KIND_OF_FIT,
     over_fits,
 )
-from osl_analysis.stats.repeats import counted, doubtful_count, doubts_of_trials, repeating_trials
+from osl_analysis.stats.repeats import counted, doubtful_count, doubts_of_trials, own_condition
 from osl_analysis.table import with_viscous_damping
 
 # largest number of conditions, or of trials without a stated one, that the summary lists one by one
@@ -103,12 +103,10 @@ def numbers_of_condition(
     has_K_d = pl.col("K_d").eq_missing(pl.lit(example.K_d, pl.Float64))
     has_B_d = pl.col("B_d").eq_missing(pl.lit(example.B_d, pl.Float64))
     of_condition = trials.filter(has_K_d, has_B_d)
-    # trials that nobody stated to be alike have no common mean, unless they repeat one another
+    # trials that nobody stated to be alike have no common mean
     is_unstated = example.K_d is None and len(of_condition) > 1
-    repeated = repeating_trials(of_condition) if is_unstated else pl.lit("all")
-    parts = of_condition.with_columns(repeated=repeated).partition_by(
-        "repeated", maintain_order=True
-    )
+    own = own_condition(of_condition)
+    parts = of_condition.with_columns(own=own).partition_by("own", maintain_order=True)
     if len(parts) > MOST_UNSTATED:
         return
     counted_parts = [counted(part) for part in parts]
@@ -121,10 +119,8 @@ def numbers_of_condition(
         if is_other:
             stated = [f"{name} {value:g}" for name, value in example.stated().items()]
             label = replace(of_group(label, ", ".join(stated)), meaning=label.meaning)
-        if is_unstated and len(used):
-            label = of_group(label, used["trial"][0])
-        if is_unstated and len(used) > 1:
-            label = with_end(label, f"mean with {len(used) - 1} that repeat it")
+        if is_unstated:
+            label = of_group(label, part["trial"][0])
         if len(candidates) == 1:
             yield number_of_trial(label, candidates, symbol)
         else:

@@ -5,12 +5,21 @@ from typing import Any, NamedTuple
 
 import polars as pl
 
+from osl_analysis.config.experiments import EXPERIMENTS
+from osl_analysis.errors import listing
 from osl_analysis.judge.exclusions import exclusion_text
 from osl_analysis.judge.known_findings import CHECKS, FINDINGS
 
 NOT_ANALYSED = "recording that could not be analysed"
 UNLIKE_OTHERS = "crossing unlike the others under its conditions"
 LACKS_ANOTHER = "missing trial that its fit needs"
+REASONS_OF_CROSSINGS = {"walking_crossings": "reason", "walking": "excluded"}
+"""Columns of result tables that tell why a crossing is not used."""
+TABLES_OF_TRIALS = {
+    *REASONS_OF_CROSSINGS,
+    *(table.name for experiment in EXPERIMENTS.values() for table in experiment.tables),
+}
+"""The tables by which `left_out_trials` knows of which trials there are results."""
 
 
 class LeftOut(NamedTuple):
@@ -22,16 +31,21 @@ class LeftOut(NamedTuple):
 
 
 def left_out_trials(
-    excluded: pl.DataFrame, tables: Mapping[str, pl.DataFrame], refused: Mapping[str, str]
+    sheet: Mapping[str, Mapping[str, Any]],
+    excluded: pl.DataFrame,
+    tables: Mapping[str, pl.DataFrame],
+    refused: Mapping[str, str],
 ) -> dict[str, LeftOut]:
-    """Gather the trials that are left out.
+    """Gather the trials that are left out. All that counts trials counts by them.
 
     Parameters
     ----------
+    sheet : Mapping of str to Mapping
+        The row of every trial of the sample sheet, also of those that it excludes.
     excluded : polars.DataFrame
         `excluded.csv`.
     tables : Mapping of str to polars.DataFrame
-        Result tables by name, of which those of walking name excluded crossings.
+        Result tables by name, with those of `TABLES_OF_TRIALS` that the campaign has.
     refused : Mapping of str to str
         The reason of each refused trial.
 
@@ -58,13 +72,46 @@ def left_out_trials(
             add(trial, True, NOT_ANALYSED, reason)
     crossings = tables.get("walking_crossings", pl.DataFrame(schema=["trial", "status"]))
     outliers = crossings.filter(pl.col("status") == "outlier")["trial"].to_list()
-    for table, column in (("walking", "excluded"), ("walking_excluded", "reason")):
+    for table, column in REASONS_OF_CROSSINGS.items():
         not_used = tables.get(table, pl.DataFrame(schema=["trial", column]))
         for trial, reason in not_used.select("trial", column).rows():
             if reason:
                 cause = UNLIKE_OTHERS if trial in outliers else NOT_ANALYSED
                 add(trial, False, cause, reason)
+    lacking = f"it has no result{because_of(left_out)}"
+    for trial in trials_without_result(sheet, tables):
+        if trial not in left_out:
+            add(trial, True, LACKS_ANOTHER, lacking)
     return left_out
+
+
+def trials_without_result(
+    sheet: Mapping[str, Mapping[str, Any]], tables: Mapping[str, pl.DataFrame]
+) -> list[str]:
+    """The trials that lack a row of a table that their fit fills."""
+    trials_of: dict[str, set[str]] = {}
+    for name, table in tables.items():
+        if name in TABLES_OF_TRIALS:
+            trials_of[name] = set(table["trial"])
+    without = []
+    for trial, row in sheet.items():
+        experiment = EXPERIMENTS[row["experiment"]]
+        filled = [experiment.tables[0].name] if experiment.fit else []
+        if row["experiment"] == "walking":
+            filled.append("walking_crossings")
+            if row.get("perturbed"):
+                filled.append("walking")
+        if any(trial not in trials_of.get(name, ()) for name in filled):
+            without.append(trial)
+    return without
+
+
+def because_of(left_out: Mapping[str, LeftOut]) -> str:
+    """Which other trials are missing, that a result may need; empty if none are."""
+    if not left_out:
+        return ""
+    verb = "was" if len(left_out) == 1 else "were"
+    return f", because {listing(list(left_out), 3)} {verb} refused or excluded"
 
 
 def exclusion_cause(row: Mapping[str, Any]) -> str:

@@ -301,7 +301,7 @@ class RecordedFacts:
 
     Attributes
     ----------
-    n, used, perturbed, perturbed_used
+    n, used, perturbed_used
         Numbers of trials.
     rates
         Lowest rate of each trial [Hz].
@@ -317,7 +317,6 @@ class RecordedFacts:
 
     n: int = 0
     used: int = 0
-    perturbed: int = 0
     perturbed_used: int = 0
     rates: list[float] = field(default_factory=list)
     streams: dict[str, list[float]] = field(default_factory=dict)
@@ -330,7 +329,6 @@ class RecordedFacts:
         is_perturbed = bool(trial.row.get("perturbed"))
         self.n += 1
         self.used += is_used
-        self.perturbed += is_perturbed
         self.perturbed_used += is_perturbed and is_used
         if "timebase" in trial.tables:
             self.add_time_base(trial.tables["timebase"])

@@ -27,15 +27,11 @@ def what_was_done(trials: Sequence[ReportedTrial], about: Mapping[str, str]) -> 
     """The campaign in a sentence: numbers of trials by joint and experiment."""
     rows = [trial.row for trial in trials]
     numbers = Counter(row["experiment"] for row in rows)
-    n_perturbed = 0
-    for row in rows:
-        if row["experiment"] == "walking" and row.get("perturbed"):
-            n_perturbed += 1
     counts = []
     for experiment, n in numbers.items():
         text = f"{n} {experiment.replace('_', ' ')}"
-        if experiment == "walking" and 0 < n_perturbed < n:
-            text += f" ({n_perturbed} perturbed)"
+        if experiment == "walking":
+            text += crossings_text(trials, n)
         counts.append(text)
 
     suffixes = dict.fromkeys(
@@ -53,6 +49,15 @@ def what_was_done(trials: Sequence[ReportedTrial], about: Mapping[str, str]) -> 
         by_experiment = ""
     what = f"{len(trials)} {about['data']} {experiment}{noun}{of_joints}"
     return f"{what}{by_experiment} ({made_of})."
+
+
+def crossings_text(trials: Sequence[ReportedTrial], n: int) -> str:
+    """How many of the `n` crossings are used and perturbed; empty if all are of one kind."""
+    used = [t for t in trials if t.row["experiment"] == "walking" and not t.left_out]
+    n_perturbed = sum(bool(trial.row.get("perturbed")) for trial in used)
+    if len(used) < n:
+        return f" ({len(used)} used, {n_perturbed} of them perturbed)"
+    return f" ({n_perturbed} perturbed)" if 0 < n_perturbed < n else ""
 
 
 def joints_of(trials: Sequence[ReportedTrial]) -> str:

@@ -14,7 +14,13 @@ from osl_analysis.report.headline_files import in_latex
 from osl_analysis.report.headline_statistics import FOR_MOTION, KIND_OF_FIT, STUDENT
 from osl_analysis.report.headline_text import markdown_table
 from osl_analysis.report.headlines import HEADLINE_ESTIMATOR
-from osl_analysis.stats.repeats import DOUBTFUL, IS_DOUBTFUL, counted, summary_row
+from osl_analysis.stats.repeats import (
+    DOUBTFUL,
+    IS_DOUBTFUL,
+    counted,
+    own_condition,
+    summary_row,
+)
 
 
 @dataclass(frozen=True)
@@ -331,8 +337,7 @@ def conditions_table(impedance: pl.DataFrame) -> PaperTable:
         `impedance.csv` with its evidence.
     """
     whole = impedance.filter(pl.col("amplitude_deg").is_null())
-    is_stated = pl.col("K_d").is_not_null() if "K_d" in whole.columns else pl.lit(False)
-    whole = whole.with_columns(alone=pl.when(is_stated).then(pl.lit("")).otherwise(pl.col("trial")))
+    whole = whole.with_columns(alone=own_condition(whole))
     keys = [name for name in ("joint", "side", "excitation") if has_several(whole, name)]
     keys += [name for name in ("controller", *STATED) if has_any(whole, name)]
     groups = whole.partition_by([*keys, "alone"], maintain_order=True)

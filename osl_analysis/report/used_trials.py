@@ -1,26 +1,24 @@
 """The trials behind the numbers, and those that are missing."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
-import polars as pl
-
-from osl_analysis.judge.exclusions import exclusion_text
+from osl_analysis.config.experiments import EXPERIMENTS
+from osl_analysis.report.left_out import LeftOut
 
 
 def used_and_missing(
-    trials: Mapping[str, Sequence[str]], excluded: pl.DataFrame
+    sheet: Mapping[str, Mapping[str, Any]], left_out: Mapping[str, LeftOut]
 ) -> dict[str, dict[str, Any]]:
-    """By experiment: number `of` trials, number `used`, and why others are `missing`, unless
-    excluded in the sheet."""
-    reasons: dict[str, str] = {}
-    for row in excluded.filter(pl.col("check") != "sample sheet").iter_rows(named=True):
-        reasons.setdefault(row["trial"], exclusion_text(row))
+    """By experiment: number `of` trials in the sheet, number `used`, and why others are
+    `missing`."""
     by_experiment: dict[str, dict[str, Any]] = {}
-    for experiment, names in trials.items():
-        missing = {name: reasons[name] for name in names if name in reasons}
-        used = len(names) - len(missing)
-        by_experiment[experiment] = {"used": used, "of": len(names), "missing": missing}
+    for experiment in EXPERIMENTS:
+        trials = [trial for trial, row in sheet.items() if row["experiment"] == experiment]
+        missing = {trial: left_out[trial].reasons[0] for trial in trials if trial in left_out}
+        used = len(trials) - len(missing)
+        if trials:
+            by_experiment[experiment] = {"used": used, "of": len(trials), "missing": missing}
     return by_experiment
 
 

@@ -36,32 +36,14 @@ class Repeats:
 
 
 NORMAL_97_5 = 1.96  # quantile of the normal distribution, for the 95 % interval
-REPEATS_WITHIN = {
-    "band_high_hz": 1.15,
-    "period_s": 1.15,
-    "theta_rms_deg": 1.15,
-    "K": 1.03,
-    "B": 1.15,
-}
-"""Largest ratios between two trials of one excitation, without stated conditions, that repeat each
-other."""
 
 
-def repeating_trials(table: pl.DataFrame) -> pl.Series:
-    """The name of the first trial that each trial of a table (n,) repeats, by all measured values;
-    most repeat only themselves. A trial with certain friction (`B_viscous`) repeats none
-    without."""
-    labels = []
-    for name, ratio in REPEATS_WITHIN.items():
-        if name in table.columns:
-            labels.append(alike_sizes(table[name].cast(pl.Float64), ratio).alias(name))
-    if "B_viscous" in table.columns:
-        labels.append(table["B_viscous"].is_null())
-    names = [label.name for label in labels]
-    if "excitation" in table.columns:
-        names.insert(0, "excitation")
-    first = pl.col("trial").first().over(*names)
-    return table.with_columns(*labels).select(first)["trial"]
+def own_condition(table: pl.DataFrame) -> pl.Expr:
+    """The names of trials without a stated K_d, each of which is a condition of its own: it may
+    have been asked for another K than trials that are like it. Empty for other trials."""
+    if not {"trial", "K_d"} <= set(table.columns):
+        return pl.lit("")
+    return pl.when(pl.col("K_d").is_null()).then(pl.col("trial")).otherwise(pl.lit(""))
 
 
 def alike_sizes(sizes: pl.Series, ratio: float = 1.15) -> pl.Series:
@@ -210,8 +192,7 @@ def counted(table: pl.DataFrame) -> pl.DataFrame:
     """Rows of the trials that a mean counts, by the `RULE_OF_MEANS`: no condition is left without a
     trial, and the only trial of a condition counts, doubtful or not.
 
-    Trials without a stated K_d are of one condition if they repeat each other
-    (`repeating_trials`)."""
+    A trial without a stated K_d is a condition of its own (`own_condition`)."""
     if DOUBTFUL not in table.columns or not table.select(IS_DOUBTFUL.any()).item():
         return table  # none leaves
     judged = doubts_of_trials(table).with_columns(is_doubtful=IS_DOUBTFUL)
@@ -222,11 +203,9 @@ def counted(table: pl.DataFrame) -> pl.DataFrame:
         whole = judged.filter(pl.col("amplitude_deg").is_null())
         trials = whole if len(whole) else trials
     condition = [name for name in CONDITION if name in trials.columns]
-    repeats = pl.lit(None, pl.String)
-    if "K_d" in trials.columns and trials["K_d"].has_nulls():
-        repeats = pl.when(pl.col("K_d").is_null()).then(repeating_trials(trials))
-    share = pl.col("is_doubtful").mean().over([*condition, "repeats"])
-    leaves = trials.with_columns(repeats=repeats).filter(pl.col("is_doubtful") & (share <= 0.5))
+    share = pl.col("is_doubtful").mean().over([*condition, "own"])
+    trials = trials.with_columns(own=own_condition(trials))
+    leaves = trials.filter(pl.col("is_doubtful") & (share <= 0.5))
     return table.filter(~judged["trial"].is_in(leaves["trial"].to_list()))
 
 

@@ -22,6 +22,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.formats import recognise
 from osl_analysis.ingest.draft import draft_source
 from osl_analysis.ingest.raw_files import read_converted, read_source, trial_from_files
+from osl_analysis.ingest.table_log import is_contradicted
 from osl_analysis.signals.grid import devices_of
 from osl_analysis.trial import Trial
 from osl_analysis.units import (
@@ -225,6 +226,21 @@ def test_a_cut_last_line_and_an_overruled_unit_are_told(tmp_path, text, warning)
     assert_log(
         ingested(tmp_path, "// Xsens\nt,angle,load\n10.0,0,1.00\n10.5,90,2.00\n11.0,-180,3.50")
     )
+
+
+@pytest.mark.parametrize(("conversion", "in_file", "is_wrong"), [
+    ({"unit": "lbf*in"}, "N*m", True),
+    ({"unit": "N*m"}, "Nm", False),
+    ({"unit": "N*m", "scale": 1.03}, "Nm", False),
+    ({"unit": "N*m", "scale": 0.001}, "mNm", False),
+    ({"unit": "N*m"}, "mNm", True),
+    ({"unit": "N*m", "scale": 12.5}, "V", False),
+])  # fmt: skip
+def test_a_unit_that_contradicts_the_file_is_told_from_a_calibration(conversion, in_file, is_wrong):
+    factor = si_factor(conversion["unit"], "N*m")
+    origin = {"si_unit": "N*m", "factor": factor, **conversion}
+
+    assert is_contradicted(origin, in_file) == is_wrong
 
 
 def test_what_is_stated_of_a_sensor_is_in_si_units_in_the_provenance(

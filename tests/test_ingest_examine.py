@@ -404,6 +404,15 @@ def test_the_damage_of_a_log_is_its_lost_share_and_a_missing_end_is_told():
     assert checks["damage"] == CheckResult(4.0, DAMAGE_OF_LOG)
 
 
+def test_a_channel_in_another_unit_than_its_file_states_is_told():
+    columns = {"torque": {"unit": "lbf*in", "unit_of_file": "N*m"}, "theta": {"unit": "deg"}}
+
+    checks = results(bench(), columns=columns)
+
+    assert failed(checks) == {"unit"}
+    assert checks["unit"] == CheckResult(1.0, "torque is read in lbf*in, not N*m")
+
+
 def test_the_damage_of_two_files_is_that_of_the_worse_one():
     capture = {
         "complete": False, "end_missing": False, "lost": 3, "share_lost": 0.05,

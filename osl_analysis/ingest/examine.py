@@ -239,6 +239,15 @@ def measure_truncation(examined: Examined) -> CheckResult:
     return CheckResult(0.0) if reports else not_applicable("no damage report")
 
 
+def measure_unit(examined: Examined) -> CheckResult:
+    """Number of channels that the source file converts from another unit than their file states."""
+    remarks = []
+    for column, facts in examined.trial.provenance.get("columns", {}).items():
+        if "unit_of_file" in facts:
+            remarks.append(f"{column} is read in {facts['unit']}, not {facts['unit_of_file']}")
+    return CheckResult(float(len(remarks)), "; ".join(remarks))
+
+
 # The motion that was commanded.
 
 
@@ -923,7 +932,7 @@ MEASURES: dict[str, tuple[Callable[[Examined], CheckResult], str]] = {
     "pressure_centre": (measure_pressure_centre, "m"), "pressure_travel": (measure_pressure_travel,
     "m"),
     "clock_residual": (measure_clock, "s"), "damage": (measure_damage, "%"),
-    "truncated": (measure_truncation, "logs"),
+    "truncated": (measure_truncation, "logs"), "unit": (measure_unit, "channels"),
     "protocol": (measure_protocol, "segments"),
 }  # fmt: skip
 """Every check by name: its function and the unit of its value. A new check also needs its

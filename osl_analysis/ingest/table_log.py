@@ -38,6 +38,7 @@ from osl_analysis.units import si_factor
 
 MOST_NOTES = 100  # lines of a file's own text that the provenance keeps
 MOST_COPIED_SHARE = 0.1  # of rows that repeat the row before; more were read twice
+LARGEST_CALIBRATION = 0.1  # by which a `scale` corrects a channel that is in the file's unit
 FEWEST_COPIED = 20  # such rows that are refused
 
 
@@ -122,6 +123,8 @@ def convert_table(recording: Recording, source: TableSource, file_name: str) -> 
         unit = source.channels[column].unit
         if unit and channel.unit and is_other_unit(unit, channel.unit, unit_of(column)):
             warnings.append(f"{column} is read in {unit}; the file says {channel.unit}")
+            if is_contradicted(origins[column], channel.unit):
+                origins[column]["unit_of_file"] = channel.unit
 
     frame = pl.DataFrame(samples)
     doubled = numbered_twice(time, frame.drop("time"))
@@ -263,6 +266,17 @@ def with_plates(
         origins.update(load.origins)
         facts.append(load.facts)
     return frame, origins, facts
+
+
+def is_contradicted(origin: Mapping[str, Any], in_file: str) -> bool:
+    """Whether a channel is converted by another factor than that of the file's unit. A unit that is
+    not known, as of the raw channel that `scale` converts, contradicts nothing."""
+    try:
+        factor = si_factor(in_file, origin["si_unit"])
+    except InputError:
+        return False
+    ratio = float(origin["factor"] * origin.get("scale", 1.0) / factor)
+    return abs(ratio - 1) > LARGEST_CALIBRATION
 
 
 def is_other_unit(stated: str, in_file: str, si_unit: str) -> bool:

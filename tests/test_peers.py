@@ -50,7 +50,9 @@ def scored(tmp_path):
     def scores(*lines):
         (tmp_path / "truth.csv").write_text(TRUTH)
         texts = "\n".join(lines).splitlines()
-        (tmp_path / "answers.csv").write_text(HEAD + "".join(f"{text},mine 1.10\n" for text in texts))
+        (tmp_path / "answers.csv").write_text(
+            HEAD + "".join(f"{text},mine 1.10\n" for text in texts)
+        )
         return score_answers(tmp_path / "answers.csv", tmp_path / "truth.csv").row(0, named=True)
 
     return scores

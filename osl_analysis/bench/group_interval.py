@@ -43,6 +43,7 @@ from osl_analysis.trial import Array
 
 FEWEST_UNITS = 4  # with fewer strata the groups are left out instead
 FEWEST_GROUPS = 8  # fewest groups without repeats whose scores give an interval
+LEAST_VARIANCE = 1e-300  # so that estimates without scatter are not divided by 0
 NEIGHBOURS_WEIGHT = 0.5  # of products of neighbouring scores
 BY_UNITS = "units"
 BY_REPEATS = "repeats"
@@ -369,7 +370,7 @@ def noise_of_scores(scores: Array, columns: int) -> tuple[Array, Array]:
     used = min(columns, m - 2)
     neighbours = scores[1:].T @ scores[:-1]
     covariance = scores.T @ scores + NEIGHBOURS_WEIGHT * (neighbours + neighbours.T)
-    size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    size = np.sqrt(np.maximum(np.diag(covariance), LEAST_VARIANCE))
     values, vectors = np.linalg.eigh(covariance / np.outer(size, size))
     raised = m / max(m - used / 2, 1.0)
     positive = (vectors * np.maximum(values, 0.0)) @ vectors.T * np.outer(size, size) * raised

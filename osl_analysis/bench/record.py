@@ -208,7 +208,11 @@ class Record:
         )
 
     def coarse_roundings(self, channel: int) -> Iterator[Array]:
-        """The `roundings` of all rows, through the fit's filter, in the rows of `coarse`."""
+        """The `roundings` of all rows, through the fit's filter, in the rows of `coarse`.
+
+        The first and the last row need not be whole parts: their sums over `every` are then less
+        than means.
+        """
         few = self.coarse
         every = round(self.rate_hz / few.rate_hz)
         for error in self.roundings(channel):
@@ -347,7 +351,10 @@ class Record:
 
 
 def sums_about(x: Array, every: int, number: int) -> Array:
-    """Sums (number,) of a signal (n,) about each `every`-th row; the last one has what is left."""
+    """Sums (number,) of a signal (n,) about each `every`-th row, as [2, 4, 4] of ones by 4.
+
+    The first part has only about half as many rows, from row 0 on, and the last one what is left.
+    """
     first = every - every // 2
     last = first + (number - 2) * every
     whole = x[first:last]

@@ -36,6 +36,9 @@ from osl_analysis.trial import Array
 
 ROUNDS = 2  # the second one weighs the rich model by the spectrum that the first one found
 LEAST_GAIN = 0.03  # of the roll-off's power, below which the spectrum is not divided by it
+# variance of the noise over the torque's mean square: a torque without noise has rounding, which is
+# not divided by, since its spectrum says nothing
+LEAST_NOISE = 1e-20
 SLOW_POWERS = 4  # offset and drift: powers of time from 0
 
 
@@ -240,8 +243,8 @@ def whitening_gain(spectra: Spectra, rich: Spectrum) -> Array:
         passed = np.interp(frequency, spectra.frequency, spectra.roll_off) ** 2
         power = power / np.maximum(passed, LEAST_GAIN)
         smooth = np.convolve(np.pad(power, 1, mode="edge"), np.ones(3) / 3, "valid")
-        # per row of the working rate; a torque without noise has the rounding of its numbers
-        least = 1e-20 * max(float(np.mean(plain_torque**2)), np.finfo(float).tiny)
+        # per row of the working rate
+        least = LEAST_NOISE * max(float(np.mean(plain_torque**2)), np.finfo(float).tiny)
         variance = np.maximum(smooth * spectra.working_rate_hz / 2, least)
         log_variance = np.interp(spectra.frequency, frequency, np.log(variance))
         gain = np.exp(-0.5 * log_variance)
@@ -276,6 +279,7 @@ def rich_columns(
         angle * sign,
     ]
     drifting = [x * centred_time for x in (spectra.theta, omega, alpha)]
+    # five of them, an eighth of the recording apart: each adds two columns to every rich model
     later = [spectra.relative_time > moment for moment in MOMENTS[::3]]
     stepping = [x * after for x in (spectra.theta, omega) for after in later]
     products = spectra.spectrum_of(np.array([*nonlinear, *drifting, *stepping]))

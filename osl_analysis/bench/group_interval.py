@@ -301,11 +301,13 @@ def jackknife(A_g: Array, b_g: Array, A: Array, b: Array, unit: NDArray[np.intp]
     ----------
     Miller, Biometrika 61, 1974.
     """
-    units, p = int(unit.max()) + 1, len(b)
+    units = int(unit.max()) + 1
+    p = len(b)
     belongs = np.asarray(unit == np.arange(units)[:, None], dtype=np.float64)
     of_units = (belongs @ A_g.reshape(len(unit), -1)).reshape(units, p, p)
     right_sides = (belongs @ b_g.reshape(len(unit), -1)).reshape(units, *b.shape)
-    A_without, b_without = A - of_units, (b - right_sides).reshape(units, p, -1)
+    A_without = A - of_units
+    b_without = (b - right_sides).reshape(units, p, -1)
     scale = np.sqrt(np.diag(A))
     scaled = A_without / np.outer(scale, scale) + SMALLEST_DIRECTION * np.eye(p)
     estimates = np.linalg.solve(scaled, b_without / scale[:, None]) / scale[:, None]

@@ -299,11 +299,13 @@ def normal_equations(
     kept = keep if isinstance(keep, np.ndarray) else s.groups.of(keep)
     groups = np.flatnonzero(kept)
     used = np.array([*s.index(columns), s.torque, s.torque + 1])
-    p, offset = len(columns), columns.index("one")
+    p = len(columns)
+    offset = columns.index("one")
     centring = np.eye(p + 2)
     products = s.gram[:, used[:, None], used][groups]
     if "ramp" in columns:
-        along, ramp = products[:, offset].sum(axis=0), columns.index("ramp")
+        along = products[:, offset].sum(axis=0)
+        ramp = columns.index("ramp")
         centring[offset, ramp] = -along[ramp] / along[offset]
         products = centring.T @ products @ centring
 

@@ -63,8 +63,8 @@ class Outcome:
     def text(self) -> str:
         """The estimates: the first with its interval and unit."""
         first, *others = [name for name in estimated(self.row) if name not in NOT_TOLD][:MOST_TOLD]
-        value, high = self.row[first], self.row.get(f"{first}_high")
-        interval = interval_text(value, self.row.get(f"{first}_low"), high)
+        value = self.row[first]
+        interval = interval_text(value, self.row.get(f"{first}_low"), self.row.get(f"{first}_high"))
         unit = printed_units().get(first)
         texts = [" ".join(filter(None, [f"{first} {value:.3g}", interval, unit]))]
         texts += [f"{name} {self.row[name]:.2g}" for name in others]

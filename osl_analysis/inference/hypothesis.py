@@ -179,7 +179,7 @@ class Search:
         """
         if self.is_body and self.left - values.min() < SQUARES_WORTH_REFINING:
             return []
-        found = []
+        minima = []
         for k in np.argsort(values).tolist():
             before, after = max(k - 1, 0), min(k + 1, len(grid) - 1)
             if values[k] > min(values[before], values[after]):
@@ -191,8 +191,8 @@ class Search:
                 method="bounded",
                 options={"maxiter": REFINEMENTS, "xatol": 1e-4 * (ends[1] - ends[0])},
             )
-            found.append((float(refined.fun), float(refined.x)))
-        return [parameter for _, parameter in sorted(found)[:2]]
+            minima.append((float(refined.fun), float(refined.x)))
+        return [parameter for _, parameter in sorted(minima)[:2]]
 
 
 class Hypothesis(ABC):

@@ -131,7 +131,8 @@ class Whitened:
     def step_signals(self) -> Array:
         """What may change at a moment, before whitening: angle, velocity, acceleration, jerk and a
         constant torque, (5, w)."""
-        angle, derivatives = self.motion_at_working_rate()[:1], self.motion_at_working_rate(1)[:3]
+        angle = self.motion_at_working_rate()[:1]
+        derivatives = self.motion_at_working_rate(1)[:3]
         return np.concatenate([angle, derivatives, np.ones_like(angle)])
 
     @cached_property

@@ -140,7 +140,8 @@ class Whitened:
         """The `step_signals` whitened, each 0 before one of the `MOMENTS` (g, 5, m)."""
         spectra = self.spectra
         steps = np.empty((len(MOMENTS), len(self.step_signals), len(self.torque)))
-        for step, moment in zip(steps, MOMENTS, strict=True):  # all at once take memory only
+        # all 13 at once took as long (1 ms for 22 s of recording), with 13 times the work space
+        for step, moment in zip(steps, MOMENTS, strict=True):
             is_after = spectra.relative_time_at_working_rate > moment
             step[:] = self.windowed(self.step_signals * is_after)
         return steps

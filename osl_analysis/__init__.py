@@ -64,22 +64,48 @@ __all__ = [
     "read_table", "read_trial", "simulate_trial", "to_pandas",
 ]  # fmt: skip
 
-HOMES = {"Trial": "trial", "read_trial": "trial", "read_table": "schema", "to_pandas": "table"}
-"""Modules of public names that can be imported without the fits."""
+MODULES = {
+    "DesiredImpedance": "bench.impedance",
+    "Finding": "judge.finding",
+    **dict.fromkeys(
+        (
+            "ActuatorFit", "BeltFit", "Fit", "ImpedanceFit", "TorqueAngleFit", "TransmissionFit",
+        ),
+        "commands.fit_results",
+    ),
+    **dict.fromkeys(
+        (
+            "IdentifiabilityError", "InputError", "OslAnalysisError", "UnreachableImpedanceError",
+        ),
+        "errors",
+    ),
+    **dict.fromkeys(
+        (
+            "FrequencyResponse", "check", "fit_actuator", "fit_belt", "fit_impedance",
+            "fit_torque_angle", "fit_transmission", "frequency_response", "plot_figure",
+            "plot_frequency_response", "plot_torque", "plot_torque_angle", "read_recording",
+            "read_summary", "simulate_trial",
+        ),
+        "notebook",
+    ),
+    "read_table": "schema",
+    "to_pandas": "table",
+    **dict.fromkeys(("Trial", "read_trial"), "trial"),
+}  # fmt: skip
+"""Module of each public name."""
 
 if not TYPE_CHECKING:  # so that a type checker knows the names, and no others
 
     def __getattr__(name):
         """A public name, imported at its first use: so the command line, which imports this
         package, starts at once."""
-        if name not in __all__:
+        if name not in MODULES:
             from osl_analysis.renamed import PUBLIC_NAMES, current_name
 
             if name not in PUBLIC_NAMES:
                 raise AttributeError(f"module 'osl_analysis' has no attribute '{name}'")
             name = current_name(f"osl_analysis.{name}", PUBLIC_NAMES[name], AttributeError)
-        home = "errors" if name.endswith("Error") else HOMES.get(name, "notebook")
-        return getattr(import_module(f"osl_analysis.{home}"), name)
+        return getattr(import_module(f"osl_analysis.{MODULES[name]}"), name)
 
 
 def __dir__() -> list[str]:

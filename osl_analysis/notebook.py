@@ -4,7 +4,7 @@ They call what the jobs of a campaign call: their numbers are those of its table
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, cast
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import polars as pl
 
@@ -29,16 +29,13 @@ from osl_analysis.figures import drawing_of, drawn
 from osl_analysis.files import config_here, shipped
 from osl_analysis.ingest.examine import UNITS, Commanded, examine, measured_table
 from osl_analysis.ingest.raw_files import read_source
-from osl_analysis.judge.finding import Finding as Finding
 from osl_analysis.judge.judging import judged, marked, with_inherited
 from osl_analysis.judge.limits import DoubtfulFits
 from osl_analysis.judge.recording_checks import QualityRules, judged_table, validate_rules
 from osl_analysis.model.drivetrain import joint_of
 from osl_analysis.schema import read_table
 from osl_analysis.source_file import MarkerSource
-from osl_analysis.table import to_pandas as to_pandas
-from osl_analysis.trial import Trial
-from osl_analysis.trial import read_trial as read_trial
+from osl_analysis.trial import Trial, read_trial
 
 if TYPE_CHECKING:
     from osl_analysis.figures.style import Figure
@@ -93,7 +90,8 @@ def fit_arguments(
 def checked_desired(desired: DesiredImpedance | None) -> DesiredImpedance:
     if not isinstance(desired, DesiredImpedance | None):
         raise InputError(
-            f"desired: {desired!r} is none; write DesiredImpedance(controller, K_d, B_d)"
+            f"desired is of type {type(desired).__name__}, not a DesiredImpedance; write"
+            " DesiredImpedance(controller, K_d, B_d)"
         )
     return desired or DesiredImpedance(None, None, None)
 
@@ -104,8 +102,19 @@ def fitted(
     condition: Any = None,
     windows: str | None = None,
 ) -> AnyFit:
-    """What `fit_trial` returns of the experiment whose fits are of this type."""
-    return cast(AnyFit, fit_trial(**vars(arguments), condition=condition, windows=windows))
+    """Fit a trial of the experiment whose fits are of this type."""
+    fit = fit_trial(
+        experiment=arguments.experiment,
+        trial=arguments.trial,
+        parameters=arguments.parameters,
+        settings=arguments.settings,
+        limits=arguments.limits,
+        condition=condition,
+        windows=windows,
+    )
+    if not isinstance(fit, fit_type):
+        raise TypeError(f"a fit of {arguments.experiment} is no {fit_type.__name__}")
+    return fit
 
 
 def fit_impedance(
@@ -333,11 +342,11 @@ def frequency_response(
 
     Parameters
     ----------
-    trial
+    trial : Trial or Path or str
         As in `fit_impedance`.
     desired : DesiredImpedance or None
-        With it the desired response (Eq. 11), and with the gains of a controller of the draft that
-        of the drivetrain without friction (Eq. 9), are plotted too.
+        With it the desired response (Eq. 11) is plotted too. If it names a controller of the draft,
+        so is the response that its gains give to the drivetrain without friction (Eq. 9).
     windows, config, parameters
         As in `fit_impedance`.
 
@@ -384,9 +393,9 @@ def frequency_response(
     table = frequency_response_table(with_doubts("phasors"))
     joint = pl.lit(joint_of(device) if device else None, pl.String)
     rows = completed(table.with_columns(joint=joint), JOINT_SIDE)
-    return FrequencyResponse(
-        recorded.name, "fig7", table, beside_theory(rows, device, settings["weight"])
-    )
+    gain_weight = settings["weight"]  # W of Eq. 14, a low-pass of a cut-off [Hz], chooses the gains
+    plotted = beside_theory(rows, device, gain_weight)
+    return FrequencyResponse(recorded.name, "fig7", table, plotted)
 
 
 def read_recording(
@@ -421,7 +430,8 @@ def read_recording(
     >>> trial.name, trial.samples.columns
     ('day 1', ['time', 'theta', 'torque'])
     """
-    file, described = Path(path), Path(source)
+    file = Path(path)
+    described = Path(source)
     if not (described.suffix == ".yaml" and described.is_file()):
         described = shipped(Path("config/sources") / f"{source}.yaml")
     if not described.is_file():
@@ -524,7 +534,8 @@ def simulate_trial(
     """
     from osl_analysis.commands import simulate  # half a second, which only this needs
 
-    path, place = shipped(settings), Path(folder)
+    path = shipped(settings)
+    place = Path(folder)
     row = simulate.row_of_trial(simulate.read_simulation(path, simulate.UNFOLLOWED), path, trial)
     if EXPERIMENTS[row["experiment"]].place != "bench":
         raise InputError(

@@ -4,12 +4,18 @@ The old name works, with a `RenamedWarning`, until the release that its `NewName
 on it is an error that names the new one. CONTRIBUTING.md says what is stable.
 """
 
+import os
+import re
+import sys
 import warnings
 from collections.abc import Mapping
 from importlib.metadata import version
+from pathlib import Path
 from typing import NamedTuple
 
 from osl_analysis.errors import NO_REMOVAL, InputError, Removal
+
+PACKAGE = f"{Path(__file__).parent}{os.sep}"  # how the paths of its files begin
 
 
 class NewName(NamedTuple):
@@ -39,9 +45,25 @@ class RenamedWarning(FutureWarning):
 
 
 def minor_release(text: str) -> tuple[int, int]:
-    """The first two numbers of a version."""
-    major, minor, *_ = text.split(".")
+    """The first two numbers of a version, also of one as "1.1rc1"."""
+    numbers = re.match(r"(\d+)\.(\d+)", text)
+    if numbers is None:
+        raise ValueError(f"'{text}' is no version; write one as 1.1")
+    major, minor = numbers.groups()
     return int(major), int(minor)
+
+
+def warn_caller(warning: Warning) -> None:
+    """Warn, and point at the line outside of this package that led here: the user's own.
+
+    `skip_file_prefixes` does it, but needs Python 3.12.
+    """
+    stacklevel = 2  # of who calls this function
+    frame = sys._getframe(1)
+    while frame.f_back is not None and frame.f_code.co_filename.startswith(PACKAGE):
+        frame = frame.f_back
+        stacklevel += 1
+    warnings.warn(warning, stacklevel=stacklevel)
 
 
 def current_name(old: str, new: NewName, error: type[Exception] = InputError) -> str:
@@ -49,8 +71,5 @@ def current_name(old: str, new: NewName, error: type[Exception] = InputError) ->
     gone, as an error of this type."""
     if not new.old_one_works:
         raise error(f"{old} is called {new.name} since an earlier release; write {new.name}")
-    warnings.warn(
-        RenamedWarning(f"{old} is called {new.name} now; it goes in release {new.goes_in}"),
-        stacklevel=3,  # where the name is used
-    )
+    warn_caller(RenamedWarning(f"{old} is called {new.name} now; it goes in release {new.goes_in}"))
     return new.name

@@ -1,7 +1,7 @@
-"""The version of the columns of all result tables. Results state it, and readers check it."""
+"""The version of the columns of result tables and of stored trials. They state it, and readers
+check it."""
 
 import json
-import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -10,6 +10,7 @@ import polars as pl
 
 from osl_analysis import table
 from osl_analysis.errors import InputError
+from osl_analysis.renamed import warn_caller
 
 # of names, units and types of columns; tests/table_columns.txt lists them, CONTRIBUTING.md says
 # when it is raised
@@ -45,9 +46,10 @@ def check_schema(stated: object, path: Path, release: object = None) -> None:
         raise InputError(
             f"{about} reads up to {SCHEMA}: pip install --upgrade osl-analysis, or make it again"
         )
-    warnings.warn(
-        f"{about} has {SCHEMA}: names and units may differ, make it again (osl-analysis run)",
-        stacklevel=3,
+    warn_caller(
+        UserWarning(
+            f"{about} has {SCHEMA}: names and units may differ, make it again (osl-analysis run)"
+        )
     )
 
 
@@ -93,8 +95,9 @@ def read_table(path: Path | str, required: Sequence[str] = (), name: str = "") -
 def summary_beside(path: Path) -> dict[str, Any]:
     """What `summary.json` says of the results that a table is of; empty without one."""
     try:
-        content = json.loads((path.parent.parent / "summary.json").read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        results = path.resolve().parents[1]  # also of "belt.csv" within results/tables
+        content = json.loads((results / "summary.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError, IndexError):
         return {}
     is_summary = isinstance(content, dict) and "numbers" in content  # and no refusal
     return content if is_summary else {}

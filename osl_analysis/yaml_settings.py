@@ -3,7 +3,6 @@ value and remedy."""
 
 import hashlib
 import re
-import warnings
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
@@ -28,7 +27,7 @@ from pydantic_core import PydanticCustomError
 
 from osl_analysis.errors import InputError, Removal, RemovedFieldError, listing, nearest
 from osl_analysis.files import digest, shipped
-from osl_analysis.renamed import NewName, RenamedWarning
+from osl_analysis.renamed import NewName, RenamedWarning, warn_caller
 
 Positive = Annotated[float, Field(gt=0)]  # A number above zero.
 NotNegative = Annotated[float, Field(ge=0)]  # A number of zero or more.
@@ -373,10 +372,37 @@ def validated(
             message = f"{path}: {line}{first.text}"
             if first.removal is None:
                 raise InputError(message) from error
+            if first.removal.new_name:
+                check_has_one_name([Path(path)] if files is None else files, first.removal)
             if not first.removal.old_name_works:
                 raise RemovedFieldError(message, (), first.removal) from error
-        warnings.warn(RenamedWarning(message, first.removal), stacklevel=2)
+        warn_caller(RenamedWarning(message, first.removal))
         content = with_new_name(content, first.removal.place[len(above) :], first.removal.new_name)
+
+
+def check_has_one_name(files: Sequence[Path], removal: Removal) -> None:
+    """Refuse a field that has both its old and its new name, in one file or the new one in a later
+    file: one of the two values would be lost in silence."""
+    new_place = (*removal.place[:-1], removal.new_name)
+    has_old_name = False
+    for file in files:
+        has_old_name = has_old_name or is_stated(file, removal.place)
+        if has_old_name and is_stated(file, new_place):
+            raise InputError(
+                f"{file}: field '{dotted(removal.place)}' is called {removal.new_name} now, and"
+                " that stands there too; remove the line of the wrong value"
+            )
+
+
+def is_stated(path: Path, place: Place) -> bool:
+    """Whether a YAML file has a field."""
+    try:
+        _, content = parsed_yaml(path.read_text(encoding="utf-8-sig"))
+        for name in place:
+            content = content[name]
+    except (OSError, ValueError, RecursionError, yaml.YAMLError, LookupError, TypeError):
+        return False
+    return True
 
 
 def with_new_name(content: Any, place: Place, new_name: str) -> Any:

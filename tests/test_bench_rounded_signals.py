@@ -14,6 +14,7 @@ from osl_analysis.bench.analysis import analysed
 from osl_analysis.bench.bench_settings import BenchStiffness
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums, sums_of, with_effects
 from osl_analysis.bench.group_interval import combined, jackknife
+from osl_analysis.bench.group_sums import gram_sums, with_torque
 from osl_analysis.bench.record import Record, record_of, sums_about
 from osl_analysis.bench.recorded_motion import record_of_trial, sine_record
 from osl_analysis.bench.row_groups import stretches_of
@@ -270,6 +271,21 @@ def test_rounding_of_the_angle_counts_less_that_of_the_torque(
     np.testing.assert_allclose(
         made(angle, torque), made(angle, none) - made(none, torque), atol=1e-9
     )
+
+
+def test_columns_beside_rounded_torques_need_these_again():
+    rate_hz = 500.0
+    time = np.arange(1000) / rate_hz
+    theta = 0.1 * np.sin(2 * np.pi * 2 * time)
+    groups = stretches_of([slice(0, len(time))], rate_hz)
+    record = record_of("made", time, theta, 300 * theta, LowPass(15), groups)
+    sums = gram_sums(record, {"one": np.ones_like(time)}, ["one"], rounded=theta[None])
+
+    with_theta = with_torque(sums, record, {"theta": theta}, theta[None])
+
+    assert with_theta.rounded.sum(axis=0)[1, 0] == pytest.approx(theta @ theta)
+    with pytest.raises(ValueError, match="give the same ones as `rounded`"):
+        with_torque(sums, record, {"theta": theta})
 
 
 @pytest.mark.parametrize("every", [1, 3, 4])

@@ -301,7 +301,7 @@ REFUSED = {
     "trial a: no column 'time'; map one in the source": lambda t: osl.Trial("a",
     t.samples.drop("time")),
     "did you mean 'impedance'": lambda t: osl.check(t, "impedence"),
-    "write DesiredImpedance": lambda t: osl.fit_impedance(t, "compensated"),
+    "desired is of type str, not a DesiredImpedance": lambda t: osl.fit_impedance(t, "compensated"),
     "did you mean 'opensourceleg'": lambda t: osl.read_recording("README.md", "opensourcelegs"),
     "has no part '2'": lambda t: osl.read_recording("README.md", "vicon", part="2"),
     r"no\.csv: no such file; name the recording": lambda t: osl.read_recording("no.csv",

@@ -8,9 +8,9 @@ import pytest
 import osl_analysis.renamed
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.commands.upgrade import upgraded_campaign, upgraded_fields
-from osl_analysis.errors import InputError, RemovedFieldError
+from osl_analysis.errors import InputError, Removal, RemovedFieldError
 from osl_analysis.renamed import NewName, RenamedWarning, current_name
-from osl_analysis.yaml_settings import Settings, read_yaml
+from osl_analysis.yaml_settings import Settings, check_has_one_name, read_yaml
 
 CONFIG_OF_0_4_0 = """\
 campaign: pilot  # of March
@@ -130,13 +130,43 @@ def test_a_field_in_a_list_is_left_to_its_author(tmp_path):
     assert [path.read_text(), *tmp_path.iterdir()] == [text, path]
 
 
+@pytest.mark.parametrize("version", ["1.1.0", "1.2.0"])
+def test_a_field_with_its_old_and_its_new_name_is_refused_before_anything_is_written(
+    tmp_path, release, version
+):
+    release(version)
+    path = tmp_path / "laboratory.yaml"
+    path.write_text(text := "bench: {rate_hz: 1, frequency: 2}\n")
+    refused = pytest.raises(
+        InputError, match=r"'bench\.frequency' is called rate_hz now, and that stands there too"
+    )
+
+    with refused:
+        read_yaml(path, Laboratory)
+    with refused:
+        list(upgraded_fields(path, lambda file: read_yaml(file, Laboratory)))
+
+    assert [path.read_text(), *tmp_path.iterdir()] == [text, path]
+
+
+def test_of_two_files_the_later_one_may_have_an_old_name_and_no_earlier_one(tmp_path):
+    files = [tmp_path / "default.yaml", tmp_path / "ours.yaml"]
+    for file, name in zip(files, ("rate_hz", "frequency"), strict=True):
+        file.write_text(f"bench: {{{name}: 1}}")
+    removal = Removal(("bench", "frequency"), "", "rate_hz")
+
+    check_has_one_name(files, removal)
+    with pytest.raises(InputError, match=r"default\.yaml: field 'bench\.frequency'"):
+        check_has_one_name(files[::-1], removal)
+
+
 @pytest.fixture
 def release(monkeypatch):
     """Sets the version that is installed."""
     return lambda text: monkeypatch.setattr(osl_analysis.renamed, "version", lambda _: text)
 
 
-@pytest.mark.parametrize("version", ["0.4.0", "1.1.3"])
+@pytest.mark.parametrize("version", ["0.4.0", "1.1rc1", "1.1.3"])
 def test_an_old_name_works_until_its_release_with_a_warning_that_names_both(
     tmp_path, release, version
 ):
@@ -157,7 +187,7 @@ def test_an_old_name_works_until_its_release_with_a_warning_that_names_both(
         assert current_name("Response", NewName("Answer", "1.2")) == "Answer"
 
 
-@pytest.mark.parametrize("version", ["1.2.0", "1.10.0", "2.0.0rc1"])
+@pytest.mark.parametrize("version", ["1.2rc1", "1.2.0", "1.10.0", "2.0.0rc1"])
 def test_from_its_release_on_an_old_name_is_an_error_that_names_the_new_one(
     tmp_path, release, version
 ):

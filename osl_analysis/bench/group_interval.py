@@ -43,6 +43,7 @@ from osl_analysis.trial import Array
 
 FEWEST_UNITS = 4  # with fewer strata the groups are left out instead
 FEWEST_GROUPS = 8  # fewest groups without repeats whose scores give an interval
+LEAST_VARIANCE = 1e-300  # so that estimates without scatter are not divided by 0
 NEIGHBOURS_WEIGHT = 0.5  # of products of neighbouring scores
 BY_UNITS = "units"
 BY_REPEATS = "repeats"
@@ -300,11 +301,13 @@ def jackknife(A_g: Array, b_g: Array, A: Array, b: Array, unit: NDArray[np.intp]
     ----------
     Miller, Biometrika 61, 1974.
     """
-    units, p = int(unit.max()) + 1, len(b)
+    units = int(unit.max()) + 1
+    p = len(b)
     belongs = np.asarray(unit == np.arange(units)[:, None], dtype=np.float64)
     of_units = (belongs @ A_g.reshape(len(unit), -1)).reshape(units, p, p)
     right_sides = (belongs @ b_g.reshape(len(unit), -1)).reshape(units, *b.shape)
-    A_without, b_without = A - of_units, (b - right_sides).reshape(units, p, -1)
+    A_without = A - of_units
+    b_without = (b - right_sides).reshape(units, p, -1)
     scale = np.sqrt(np.diag(A))
     scaled = A_without / np.outer(scale, scale) + SMALLEST_DIRECTION * np.eye(p)
     estimates = np.linalg.solve(scaled, b_without / scale[:, None]) / scale[:, None]
@@ -369,7 +372,7 @@ def noise_of_scores(scores: Array, columns: int) -> tuple[Array, Array]:
     used = min(columns, m - 2)
     neighbours = scores[1:].T @ scores[:-1]
     covariance = scores.T @ scores + NEIGHBOURS_WEIGHT * (neighbours + neighbours.T)
-    size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    size = np.sqrt(np.maximum(np.diag(covariance), LEAST_VARIANCE))
     values, vectors = np.linalg.eigh(covariance / np.outer(size, size))
     raised = m / max(m - used / 2, 1.0)
     positive = (vectors * np.maximum(values, 0.0)) @ vectors.T * np.outer(size, size) * raised

@@ -13,6 +13,7 @@ Words of this and the modules that use it:
   few.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -29,6 +30,9 @@ from osl_analysis.trial import Array
 
 NEXT = {"theta": "omega", "omega": "alpha", "alpha": "jerk"}  # derivative of each column
 SMALLEST_DIRECTION = 1e-13  # eigenvalue over the largest one, below which it is rounding
+# of the largest one: rounding can make the smallest 0 or negative; its condition number is then
+# 1e15, above every limit
+LEAST_EIGENVALUE = 1e-30
 # largest scaled condition number with effects, whose columns may be nearly collinear
 EFFECTS_LIMIT = 1e5
 
@@ -138,7 +142,7 @@ def products_with_rounded(rows: Array, rounded: Array | None, groups: Groups) ->
     """Products (m, q, k) of columns (q, n) with rounded torques (k, n), which may be thinned."""
     if rounded is None:
         return None
-    every = -(-rows.shape[1] // rounded.shape[1])
+    every = math.ceil(rows.shape[1] / rounded.shape[1])
     thinned = np.ascontiguousarray(rows[:, ::every]).T
     edges = groups.first / every, groups.stop / every
     return np.asarray(every * products_between(thinned, rounded.T, *edges))
@@ -160,12 +164,14 @@ def with_torque(
     further : Mapping of Array (n,)
         Columns by name.
     rounded : Array (k, n), optional
-        That of `s`.
+        Rounded torques that `s` was made with; needed if `s` has any and columns are added.
 
     Raises
     ------
     InputError
         A column cannot be measured.
+    ValueError
+        `rounded` is missing.
     """
     known = len(s.names)
     columns = {**s.columns, **further}
@@ -178,7 +184,8 @@ def with_torque(
     of_rounded = s.rounded
     if of_rounded is not None and further:
         of_further = products_with_rounded(rows[known:-2], rounded, s.groups)
-        assert of_further is not None
+        if of_further is None:
+            raise ValueError("`s` was made with rounded torques; give the same ones as `rounded`")
         of_rounded = np.concatenate([of_rounded, of_further], axis=1)
     return replace(s, names=tuple(columns), gram=gram, columns=columns, rounded=of_rounded)
 
@@ -292,11 +299,13 @@ def normal_equations(
     kept = keep if isinstance(keep, np.ndarray) else s.groups.of(keep)
     groups = np.flatnonzero(kept)
     used = np.array([*s.index(columns), s.torque, s.torque + 1])
-    p, offset = len(columns), columns.index("one")
+    p = len(columns)
+    offset = columns.index("one")
     centring = np.eye(p + 2)
     products = s.gram[:, used[:, None], used][groups]
     if "ramp" in columns:
-        along, ramp = products[:, offset].sum(axis=0), columns.index("ramp")
+        along = products[:, offset].sum(axis=0)
+        ramp = columns.index("ramp")
         centring[offset, ramp] = -along[ramp] / along[offset]
         products = centring.T @ products @ centring
 
@@ -357,7 +366,7 @@ def identified(
     about_means = inverse[np.ix_(varies, varies)]
     scale = np.sqrt(regression.check_not_zero(tuple(model), np.diag(A)))
     values, vectors = np.linalg.eigh(A / np.outer(scale, scale))
-    condition = float(np.sqrt(values[-1] / max(values[0], 1e-30 * values[-1])))
+    condition = float(np.sqrt(values[-1] / max(values[0], LEAST_EIGENVALUE * values[-1])))
     if len(about_means) > 1 and condition < regression.ROUNDED:
         condition = regression.scaled_condition(about_means)
     if condition > limit:

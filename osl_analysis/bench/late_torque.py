@@ -15,7 +15,9 @@ from osl_analysis.trial import Array
 LONGEST_LAG = 0.02  # s; the largest lag that is sought
 LAG_FOUND = 1e-6  # s; last step of a search that has come to its end
 LAG_CONVERGED = 1e-9  # s; the step after it would be a thousand times smaller
-MOST_STEPS = 6  # of a search for a lag
+# Of a search for a lag: one without it, and four that shrink from 20 ms below `LAG_CONVERGED`, as
+# each is about a thousandth of the one before; one is to spare.
+MOST_STEPS = 6
 
 
 @dataclass(frozen=True)
@@ -94,7 +96,7 @@ def late_fit(
         elif fit is not None:
             terms = [fit[name] * column for name, column in derivatives.items()]
             slope = np.sum(terms, axis=0)
-        if slope is None:
+        if slope is None:  # in the first step: the next one takes the slope of this fit
             fit = fit_groups(with_torque(sums, target, {}), model, limit=EFFECTS_LIMIT)
             continue
 

@@ -34,8 +34,9 @@ from osl_analysis.trial import Array, Trial
 # cut-offs of the low-pass for the velocity's sign, and for draws of the rounding of steps
 QUICK = 4.0
 BEYOND = 1.1  # cut-offs above which the band's end is motion, not the tail of a faster step
-COARSE_HZ, COARSE_CUTOFFS = 250.0, 8.0
-"""Rate of a coarse record: what the filter passes contains nothing faster than eight cut-offs."""
+# rate of a coarse record: what the filter passes contains nothing faster than eight cut-offs
+COARSE_HZ = 250.0
+COARSE_CUTOFFS = 8.0
 IDLE = 0.05  # share of the joint's angle (SD): backlash and errors of encoders reach that
 NEAR_AMPLITUDE = 0.25  # share by which an amplitude may differ from one that is asked for
 LITTLE_ROUNDING = 2.0  # standard errors of the residual over those by rounding: it is not drawn
@@ -180,13 +181,13 @@ class Record:
     def repeated_steps(self) -> list[tuple[float, float]]:
         """Steps of angle [rad] and torque [N*m], and the share of their rounding error that all
         cycles repeat."""
-        found = []
+        steps = []
         for step, density, raw in zip(
             self.steps, self.noise, (self.theta, self.torque), strict=True
         ):
             share = repeated_share_of(self.part(raw), step, density, self.rate_hz)
-            found.append((step or 0.0, share))
-        return found
+            steps.append((step or 0.0, share))
+        return steps
 
     def roundings(self, channel: int, rows: slice = slice(None)) -> Iterator[Array]:
         """Rounding errors (n,) of angle [rad] (0) or torque [N*m] (1) in some rows, one per draw of
@@ -208,7 +209,11 @@ class Record:
         )
 
     def coarse_roundings(self, channel: int) -> Iterator[Array]:
-        """The `roundings` of all rows, through the fit's filter, in the rows of `coarse`."""
+        """The `roundings` of all rows, through the fit's filter, in the rows of `coarse`.
+
+        The first and the last row need not be whole parts: their sums over `every` are then less
+        than means.
+        """
         few = self.coarse
         every = round(self.rate_hz / few.rate_hz)
         for error in self.roundings(channel):
@@ -238,17 +243,18 @@ class Record:
         if left / independent >= LITTLE_ROUNDING**2 * by_rounding:
             return None
 
-        thetas, torques = list(self.coarse_roundings(0)), list(self.coarse_roundings(1))
+        thetas = list(self.coarse_roundings(0))
+        torques = list(self.coarse_roundings(1))
         if not thetas:
             return np.array(torques) if torques else None
-        made = np.empty((len(thetas), len(few.time)))
+        rounded = np.empty((len(thetas), len(few.time)))
         # one at a time: together they take 0.4 GB per hour
-        for row, theta in zip(made, thetas, strict=True):
+        for row, theta in zip(rounded, thetas, strict=True):
             omega = np.gradient(theta, 1 / few.rate_hz)
             row[:] = K * theta + B * omega + I * np.gradient(omega, 1 / few.rate_hz)
-        for row, error in zip(made, torques, strict=False):
+        for row, error in zip(rounded, torques, strict=False):
             row -= error
-        return made
+        return rounded
 
     @cached_property
     def pieces(self) -> tuple[slice, ...]:
@@ -269,8 +275,10 @@ class Record:
         filtered one."""
         if step == 1:
             return self
-        rows, groups = slice(None, None, step), self.groups
-        first, stop = groups.first / step, np.minimum(groups.stop / step, len(self.time[rows]))
+        rows = slice(None, None, step)
+        groups = self.groups
+        first = groups.first / step
+        stop = np.minimum(groups.stop / step, len(self.time[rows]))
         return replace(
             self,
             time=self.time[rows],
@@ -296,7 +304,8 @@ class Record:
         """Velocity [rad/s] in the rows of `coarse`, for the sign of friction. If the motion exceeds
         the fit's cut-off, the filter is one that passes it: the sign of a slower signal changes at
         other times."""
-        few, highest = self.coarse, self.band_hz[1]
+        few = self.coarse
+        highest = self.band_hz[1]
         if not highest > BEYOND * self.low_pass.cutoff_hz:
             return few.motion.omega
         swift = replace(self.low_pass, cutoff_hz=min(2 * highest, 0.2 * self.rate_hz))
@@ -347,7 +356,10 @@ class Record:
 
 
 def sums_about(x: Array, every: int, number: int) -> Array:
-    """Sums (number,) of a signal (n,) about each `every`-th row; the last one has what is left."""
+    """Sums (number,) of a signal (n,) about each `every`-th row, as [2, 4, 4] of ones by 4.
+
+    The first part has only about half as many rows, from row 0 on, and the last one what is left.
+    """
     first = every - every // 2
     last = first + (number - 2) * every
     whole = x[first:last]
@@ -438,8 +450,8 @@ def joint_angle(theta: Array, torque: Array, compliance: float) -> Array:
 def with_actuator(record: Record, trial: Trial) -> Record:
     """The record with the trial's actuator signals, if they come to a time base with angle and
     torque."""
-    same, rate = record.low_pass, record.rate_hz
-    wide_band = replace(same, cutoff_hz=min(QUICK * same.cutoff_hz, 0.2 * rate))
+    same = record.low_pass
+    wide_band = replace(same, cutoff_hz=min(QUICK * same.cutoff_hz, 0.2 * record.rate_hz))
     of_angle = {"theta_m": ("theta_m", same), "wide_band_theta_m": ("theta_m", wide_band)}
     with_current = {**of_angle, "current": ("current", same)}
     for wanted in (with_current, of_angle):
@@ -462,18 +474,18 @@ def logged(
     """
     assert record.settings is not None
     columns = [column for column, _ in wanted.values()]
-    found = dict[str, Array]()
+    signals = dict[str, Array]()
     for device in devices_of(trial, list(dict.fromkeys(("theta", *columns, "torque")))):
         of_device = {name: each for name, each in wanted.items() if each[0] in device}
         if not of_device:
             continue
-        made = uniform_signals(trial, device, record.settings.gap_limits, wanted=columns)
+        uniform = uniform_signals(trial, device, record.settings.gap_limits, wanted=columns)
         filtered = {
-            name: low_pass(made[column], made.rate_hz)
+            name: low_pass(uniform[column], uniform.rate_hz)
             for name, (column, low_pass) in of_device.items()
         }
-        found.update(resampled(made.time, filtered, record.time, 1 / made.rate_hz))
-    return found
+        signals.update(resampled(uniform.time, filtered, record.time, 1 / uniform.rate_hz))
+    return signals
 
 
 def conditioned(

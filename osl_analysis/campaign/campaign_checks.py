@@ -124,7 +124,7 @@ def check_no_copies(campaign: Campaign) -> None:
             # two bags may have equal descriptions
             if not file.is_file() or file.suffix == ".yaml" or not file.stat().st_size:
                 continue
-            with suppress(OSError):
+            with suppress(OSError):  # the job of its trial says why a file cannot be read
                 key = (row["experiment"], row["log_part"], row["windows"], *middle_of(file))
                 earlier = similar.setdefault(key, [])
                 check_is_no_copy(campaign, trial, file, earlier)

@@ -26,9 +26,11 @@ class Fit:
     their own type.
 
     Every column of its table is an attribute, with the value of the fit to all data: `fit.K_se`,
-    `fit.VAF`. `fit.K_interval` is (low, high), the 95 % interval, NaN where there is none. Meaning
-    and unit of each are told by `osl-analysis results --columns`. A notebook shows its text and
-    picture.
+    `fit.VAF`. An absent value is None, as in the table. `fit.K_interval` is (low, high), the 95 %
+    interval. An absent one is (NaN, NaN), so that there are always two numbers to compute and to
+    plot with. Meaning and unit of each are told by `osl-analysis results --columns`. `trial`,
+    `doubtful` and `not_checked` are texts: the trial's name, and sentences of its findings. A
+    notebook shows text and picture.
 
     Attributes
     ----------
@@ -97,12 +99,15 @@ class Fit:
         AttributeError for another name."""
         row = self.row
         quantity = name.removesuffix("_interval")
-        if quantity != name and f"{quantity}_low" in row:
+        is_interval = quantity != name
+        new = RENAMED_COLUMNS.get(self.experiment, {}).get(quantity)
+        if new is not None:
+            quantity = current_name(quantity, new, AttributeError)
+        if is_interval and f"{quantity}_low" in row:
             ends = (row[f"{quantity}_low"], row[f"{quantity}_high"])
             return tuple(math.nan if end is None else end for end in ends)
-        new = RENAMED_COLUMNS.get(self.experiment, {}).get(name)
-        if new is not None:
-            name = current_name(name, new, AttributeError)
+        if not is_interval:
+            name = quantity
         if name not in row:
             estimates = ", ".join(estimated(row))
             raise AttributeError(

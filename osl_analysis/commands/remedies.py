@@ -5,7 +5,7 @@ A refused or doubtful fit is made again with each change that may mend its recor
 lost, joined or wrong are tried first. This costs time only where something is wrong."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import wraps
 from inspect import signature
 from itertools import groupby
@@ -63,12 +63,22 @@ class Outcome:
     def text(self) -> str:
         """The estimates: the first with its interval and unit."""
         first, *others = [name for name in estimated(self.row) if name not in NOT_TOLD][:MOST_TOLD]
-        value, high = self.row[first], self.row.get(f"{first}_high")
-        interval = interval_text(value, self.row.get(f"{first}_low"), high)
+        value = self.row[first]
+        interval = interval_text(value, self.row.get(f"{first}_low"), self.row.get(f"{first}_high"))
         unit = printed_units().get(first)
         texts = [" ".join(filter(None, [f"{first} {value:.3g}", interval, unit]))]
         texts += [f"{name} {self.row[name]:.2g}" for name in others]
         return ", ".join(texts)
+
+
+@dataclass(frozen=True)
+class RowRemedy:
+    """What helps a doubtful fit: the values of its columns `OF_ROWS`, None where nothing does."""
+
+    row_harm: float | None = None  # multiples of what is doubtful, or of what is left unexplained
+    row_fault: str | None = None  # what is wrong with rows
+    mended: str | None = None  # the changes that help, and what they give
+    mended_fault: str | None = None  # finding of `findings.yaml` that a change of no rows mends
 
 
 P = ParamSpec("P")  # the arguments of a fit
@@ -76,8 +86,12 @@ T = TypeVar("T")  # its tables
 
 
 def remedies_tried(fit: Callable[P, T]) -> Callable[P, T]:
-    """Decorate the fit of a trial: what is refused gets the changes that help as its
-    remedy: those that the error names, or else to leave out where a sensor failed."""
+    """Decorate the fit of a trial.
+
+    The error of a refused fit gets the changes that help as its remedy. Tried are, until one helps:
+    to leave out wrong rows, then the changes that the error names, then other readings of the
+    recording. A fit that is doubtful gets its remedy from `with_remedy`.
+    """
 
     @wraps(fit)
     def fitted(*args: P.args, **kwargs: P.kwargs) -> T:
@@ -104,29 +118,34 @@ def remedies_tried(fit: Callable[P, T]) -> Callable[P, T]:
 
 
 def with_remedy(fit: Callable[..., T], given: Mapping[str, Any], tables: T) -> T:
-    """The tables of a fit; one that rows make doubtful with what is wrong with them, and what
-    leaving them out gives."""
+    """Add the columns `OF_ROWS` to the first table of a fit.
+
+    They say of a doubtful fit which of its rows are wrong, and what a fit without them gives; or,
+    where its rows are right, what another change gives. They are null if nothing helps.
+    """
     if not isinstance(tables, FitTables):
         return tables
     name, table = next(iter(tables.estimates.items()))
     if "VAF" not in table.columns or "known_K" in table.columns:
         return tables
-    told: dict[str, Any] = dict.fromkeys(OF_ROWS)
+    remedy = RowRemedy()
     changes = changes_of_rows(given["trial"])
     before = last_row(tables)
     has_faults = bool(changes) and row_faults_of(given["trial"]).count > 0
     if has_faults and ("fault_harm" not in before or is_harmed(before)):
         outcomes = tried(fit, given, changes, lambda row: is_better(row, before))
         if outcomes:
-            told["row_harm"] = harm_in(before) or unexplained(before) / unexplained(outcomes[0].row)
-            told["row_fault"] = row_faults_of(given["trial"]).texts[0]
-            told["mended"] = remedy_of(outcomes)
-    if told["mended"] is None:
-        fault, outcomes = mended_otherwise(fit, given, before)
+            harm = harm_in(before)
+            if harm == 0.0:  # a fit without inference and band: only its misfit tells
+                harm = unexplained(before) / unexplained(outcomes[0].row)
+            fault = row_faults_of(given["trial"]).texts[0]
+            remedy = RowRemedy(row_harm=harm, row_fault=fault, mended=remedy_of(outcomes))
+    if remedy.mended is None:
+        finding, outcomes = mended_otherwise(fit, given, before)
         if outcomes:
-            told["mended"] = remedy_of(outcomes)
-            told["mended_fault"] = fault
-    columns = [pl.lit(told[column], dtype).alias(column) for column, dtype in OF_ROWS.items()]
+            remedy = RowRemedy(mended=remedy_of(outcomes), mended_fault=finding)
+    values = asdict(remedy)
+    columns = [pl.lit(values[column], dtype).alias(column) for column, dtype in OF_ROWS.items()]
     estimates = {**tables.estimates, name: table.with_columns(columns)}
     return cast(T, replace(tables, estimates=estimates))
 
@@ -266,11 +285,12 @@ def clock_drift_ppm(trial: Trial) -> float | None:
         return float(np.sum((late - X @ np.linalg.lstsq(X, late)[0]) ** 2))
 
     seconds = float(np.ptp(time))
-    drifts = np.arange(-LARGEST_LAG_S, LARGEST_LAG_S + LAG_STEP_S, LAG_STEP_S) / seconds
+    n_steps = round(2 * LARGEST_LAG_S / LAG_STEP_S)
+    drifts = np.linspace(-LARGEST_LAG_S, LARGEST_LAG_S, n_steps + 1) / seconds
     best = drifts[np.argmin([left(drift) for drift in drifts])]
     ends = (best - LAG_STEP_S / seconds, best + LAG_STEP_S / seconds)
-    found = scipy.optimize.minimize_scalar(left, bounds=ends, method="bounded")
-    return 1e6 * float(found.x) if found.fun < LEFT_BY_CAUSE * left(0.0) else None
+    refined = scipy.optimize.minimize_scalar(left, bounds=ends, method="bounded")
+    return 1e6 * float(refined.x) if refined.fun < LEFT_BY_CAUSE * left(0.0) else None
 
 
 def is_better(row: Mapping[str, Any], before: Mapping[str, Any]) -> bool:
@@ -333,13 +353,13 @@ def tried(
         expanded += in_other_units(given["trial"], [column]) if column else [change]
     for _, of_rank in groupby(sorted(expanded, key=rank_of), key=rank_of):
         outcomes = [outcome_of(fit, given, change) for change in of_rank]
-        helpful = [each for each in outcomes if each is not None and helps(each.row)]
+        helpful = [outcome for outcome in outcomes if outcome is not None and helps(outcome.row)]
         if helpful:
             least = min(unexplained(outcome.row) for outcome in helpful)
             return [
-                each
-                for each in helpful
-                if each.change.windows or unexplained(each.row) <= FITS_WORSE * least
+                outcome
+                for outcome in helpful
+                if outcome.change.windows or unexplained(outcome.row) <= FITS_WORSE * least
             ]
     return []
 
@@ -426,5 +446,7 @@ def last_row(tables: FitTables | Mapping[str, pl.DataFrame]) -> Mapping[str, Any
 def remedy_of(helpful: Sequence[Outcome]) -> str:
     """What helps and what it gives; changes that give the same stand together."""
     alike = groupby(helpful, key=lambda outcome: outcome.text)
-    texts = [f"{' or '.join(one.change.words for one in same)}: {text}" for text, same in alike]
+    texts = [
+        f"{' or '.join(outcome.change.words for outcome in same)}: {text}" for text, same in alike
+    ]
     return "; or ".join(texts)

@@ -65,31 +65,32 @@ def upgraded_fields(path: Path, read: Callable[[Path], Any]) -> Iterator[str]:
     Raises
     ------
     InputError
-        The file has another mistake, which only its author can correct.
+        The file has another mistake, such as a field with both its old and its new name, which only
+        its author can correct.
     """
     before = path.with_name(f"{path.name}.before-{version('osl-analysis')}")
     while True:
-        told = field_of_earlier_release(path, read)
-        if told is None:
+        problem = field_of_earlier_release(path, read)
+        if problem is None:
             return
-        removal = told.removal
+        removal = problem.removal
         text = path.read_bytes().decode("utf-8-sig")
         sections = sections_to(text, removal)
         if not sections:  # it stands in a list, or in an alias
-            raise InputError(str(told)) from told
+            raise InputError(str(problem)) from problem
         if not before.exists():
             shutil.copy2(path, before)
             yield f"{path.name}: what it was stays as {before.name}"
         field = f"{path.name}: {dotted(removal.place)}"
         if removal.new_name:
             text = with_key(text, sections[-1].key, removal.new_name)
-            told_change = f"{field}: renamed to {removal.new_name}"
+            change = f"{field}: renamed to {removal.new_name}"
         else:
             text = without_field(text, sections)
-            told_change = f"{field}: removed; {removal.instead}"
+            change = f"{field}: removed; {removal.instead}"
         with atomic_path(path) as temporary:
             temporary.write_bytes(text.encode())
-        yield told_change
+        yield change
 
 
 def field_of_earlier_release(
@@ -100,8 +101,8 @@ def field_of_earlier_release(
         warnings.simplefilter("error", RenamedWarning)
         try:
             read(path)
-        except (RemovedFieldError, RenamedWarning) as told:
-            return told
+        except (RemovedFieldError, RenamedWarning) as problem:
+            return problem
     return None
 
 
@@ -118,16 +119,16 @@ def sections_to(text: str, removal: Removal) -> list[Field]:
     """The sections on the way to a field, from the outermost, and last the field itself; none if it
     is not written there."""
     node, _ = parsed_yaml(text)
-    found = []
+    sections = []
     for name in removal.place:
         if not isinstance(node, yaml.MappingNode):
             return []
         pair = next((pair for pair in node.value if pair[0].value == name), None)
         if pair is None:
             return []
-        found.append(Field(node, *pair))
+        sections.append(Field(node, *pair))
         node = pair[1]
-    return found
+    return sections
 
 
 def with_key(text: str, key: yaml.Node, new_name: str) -> str:

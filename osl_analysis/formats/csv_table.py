@@ -105,21 +105,31 @@ class _Parts:
 
 
 def _parts_of(data: bytes, count: int, most_rows: int | None) -> _Parts:
-    first = 0
+    """Part a text of `count` line breaks; of the lines between at most about `most_rows`."""
+    begin_of_between = 0
     for _ in range(FIRST_LINES):
-        first = data.index(b"\n", first) + 1
-    last = len(data)
+        begin_of_between = data.index(b"\n", begin_of_between) + 1
+
+    break_before_end = len(data)
     for _ in range(LAST_LINES):
-        last = data.rindex(b"\n", 0, last)
-    # `last` is the break before the last lines; as many lines stand before it, with it
-    breaks_before = count - LAST_LINES + 1
-    stop = last + 1
-    lines = breaks_before - FIRST_LINES
+        break_before_end = data.rindex(b"\n", 0, break_before_end)
+    begin_of_end = break_before_end + 1
+    lines_before_end = count - LAST_LINES + 1  # as many as breaks, since each of them has its own
+
+    end_of_between = begin_of_end
+    lines_between = lines_before_end - FIRST_LINES
     if most_rows is not None and count > most_rows:
-        about = first + most_rows * (stop - first) // count
-        stop = data.rfind(b"\n", first, about) + 1
-        lines = data.count(b"\n", first, stop)
-    return _Parts(data[:first], data[last + 1 :], breaks_before + 1, slice(first, stop), lines)
+        share_of_bytes = most_rows * (begin_of_end - begin_of_between) // count
+        last_break = data.rfind(b"\n", begin_of_between, begin_of_between + share_of_bytes)
+        end_of_between = last_break + 1
+        lines_between = data.count(b"\n", begin_of_between, end_of_between)
+    return _Parts(
+        begin=data[:begin_of_between],
+        end=data[begin_of_end:],
+        end_line=lines_before_end + 1,
+        between=slice(begin_of_between, end_of_between),
+        lines_between=lines_between,
+    )
 
 
 def _table_of_alike_lines(

@@ -305,6 +305,8 @@ class Log:
             )
         for opcode, record in declarations:
             self._declare(opcode, record)
+        # Mostly every message is in the index. Otherwise the heads are read again, by the places of
+        # the messages that stand there: of some the index has none, or a wrong one.
         messages = indexed
         if single or not is_passed.all():
             passed = indexed.places[is_passed]
@@ -415,8 +417,11 @@ class MessagesAt:
     heads: NDArray[Any]  # (n,) of `MESSAGE`
 
     def runs(self) -> dict[int, tuple[slice, int]]:
-        """Runs of messages that follow one another to the byte: by the place of the first, which
-        they are, and where the last one ends."""
+        """Runs of messages that follow one another to the byte.
+
+        By the first message's place: the slice of the run in `places`, and the byte after its last
+        message.
+        """
         ends = self.places + RECORD.size + self.heads["length"].astype(np.int64)
         begins_run = np.flatnonzero(self.places[1:] != ends[:-1]) + 1
         cuts = [0, *begins_run.tolist(), self.places.size]

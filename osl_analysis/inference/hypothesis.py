@@ -27,6 +27,8 @@ Family = Literal["", "path", "time", "speed", "size", "direction", "clipping"]
 # nats that a grid must gain: below it a weight stays near its small prior, unless B or I of Eq. 15
 # alone is negative, which a path may explain although it gains nothing
 WORTH_REFINING = 2.0
+# residual sum of squares of white noise of variance 1 that it is: nats are half a sum of squares
+SQUARES_WORTH_REFINING = 2 * WORTH_REFINING
 PROFILE = np.linspace(-3.0, 3.0, 9)  # standard deviations at which a likelihood is tabulated
 VALUES_AT_ONCE = 4  # of a parameter: transforms of more rows cost as much, and take memory
 REFINEMENTS = 12  # evaluations of Brent's method about a minimum of the grid
@@ -149,7 +151,7 @@ class Search:
         """Whether jerk and snap beside the motion gain anything, as they do for any path: to first
         order in its delay or compliance a path adds multiples of them to Eq. 15."""
         left, _ = self.fit(self.data.higher_motion)
-        return not self.is_body or self.left - left >= 2 * WORTH_REFINING
+        return not self.is_body or self.left - left >= SQUARES_WORTH_REFINING
 
     @property
     def is_body(self) -> bool:
@@ -175,9 +177,9 @@ class Search:
 
         A delay has a false minimum beside the true one.
         """
-        if self.is_body and self.left - values.min() < 2 * WORTH_REFINING:
+        if self.is_body and self.left - values.min() < SQUARES_WORTH_REFINING:
             return []
-        found = []
+        minima = []
         for k in np.argsort(values).tolist():
             before, after = max(k - 1, 0), min(k + 1, len(grid) - 1)
             if values[k] > min(values[before], values[after]):
@@ -189,8 +191,8 @@ class Search:
                 method="bounded",
                 options={"maxiter": REFINEMENTS, "xatol": 1e-4 * (ends[1] - ends[0])},
             )
-            found.append((float(refined.fun), float(refined.x)))
-        return [parameter for _, parameter in sorted(found)[:2]]
+            minima.append((float(refined.fun), float(refined.x)))
+        return [parameter for _, parameter in sorted(minima)[:2]]
 
 
 class Hypothesis(ABC):

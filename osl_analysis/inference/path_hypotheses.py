@@ -121,7 +121,8 @@ class SeriesSpring(Path):
         spectra = self.data.spectra
         powers = spectra.s ** np.arange(3)[:, None]
         impedance = search.impedance
-        columns, torque = self.data.motion, self.data.torque
+        columns = self.data.motion
+        torque = self.data.torque
         for _ in range(4):
             of_joint = impedance @ powers
             gain = 1 / (1 + value * of_joint)

@@ -152,8 +152,8 @@ def judged(table: pl.DataFrame, limits: Limits, name: str) -> RowFindings:
 
 
 def shown_by_whole(row: JudgedRow, of_whole: Mapping[object, Mapping[str, Beyond]]) -> JudgedRow:
-    """A row without evidence of a fault of the recording that the fit to the whole trial does not
-    show: at one amplitude friction looks the same.
+    """Drop from a row the evidence of a recording's fault that the fit to the whole trial does not
+    show. At one amplitude friction looks like such a fault; over all amplitudes it does not.
 
     Parameters
     ----------

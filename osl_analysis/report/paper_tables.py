@@ -24,54 +24,62 @@ from osl_analysis.stats.repeats import (
 
 
 @dataclass(frozen=True)
+class Unit:
+    """The unit in which a quantity is printed."""
+
+    in_tex: str  # of siunitx
+    in_text: str
+    scale: float = 1.0  # of a number in SI units, to this unit
+
+
+@dataclass(frozen=True)
 class Symbol:
     """A quantity with its unit, at the head of a column or a row."""
 
     in_tex: str  # in mathematics
     in_text: str
-    unit_in_tex: str  # of siunitx
-    unit: str
-    scale: float = 1.0  # of a number in SI units, to the unit
+    unit: Unit
 
     def tex(self) -> str:
-        return f"${self.in_tex}$ / \\unit{{{self.unit_in_tex}}}"
+        return f"${self.in_tex}$ / \\unit{{{self.unit.in_tex}}}"
 
     def markdown(self) -> str:
-        return f"{self.in_text} [{self.unit}]"
+        return f"{self.in_text} [{self.unit.in_text}]"
 
 
-STIFFNESS = (r"\newton\meter\per\radian", "N·m/rad")
-DAMPING = (r"\newton\meter\second\per\radian", "N·m·s/rad")
-INERTIA = (r"\kilogram\meter\squared", "kg·m²")
-SMALL_INERTIA = (r"\kilogram\meter\squared", "10⁻³ kg·m²", 1e3)
-TORQUE = (r"\newton\meter", "N·m")
-TORQUE_PER_CURRENT = (r"\newton\meter\per\ampere", "N·m/A")
+STIFFNESS = Unit(r"\newton\meter\per\radian", "N·m/rad")
+DAMPING = Unit(r"\newton\meter\second\per\radian", "N·m·s/rad")
+INERTIA = Unit(r"\kilogram\meter\squared", "kg·m²")
+SMALL_INERTIA = Unit(r"\kilogram\meter\squared", "10⁻³ kg·m²", scale=1e3)
+TORQUE = Unit(r"\newton\meter", "N·m")
+TORQUE_PER_CURRENT = Unit(r"\newton\meter\per\ampere", "N·m/A")
+PERCENT = Unit(r"\percent", "%")
 
 STATED = {
-    "K_d": Symbol(r"K_\mathrm{d}", "K_d", *STIFFNESS),
-    "B_d": Symbol(r"B_\mathrm{d}", "B_d", *DAMPING),
+    "K_d": Symbol(r"K_\mathrm{d}", "K_d", unit=STIFFNESS),
+    "B_d": Symbol(r"B_\mathrm{d}", "B_d", unit=DAMPING),
 }
 """What the controller was asked for, by column of `impedance.csv`."""
 ESTIMATED = {
-    "K": Symbol("K", "K", *STIFFNESS),
-    "B": Symbol("B", "B", *DAMPING),
-    "B_viscous": Symbol(r"B_\mathrm{viscous}", "B_viscous", *DAMPING),
-    "I": Symbol("I", "I", *SMALL_INERTIA),
-    "VAF": Symbol(r"\mathrm{VAF}", "VAF", r"\percent", "%"),
+    "K": Symbol("K", "K", unit=STIFFNESS),
+    "B": Symbol("B", "B", unit=DAMPING),
+    "B_viscous": Symbol(r"B_\mathrm{viscous}", "B_viscous", unit=DAMPING),
+    "I": Symbol("I", "I", unit=SMALL_INERTIA),
+    "VAF": Symbol(r"\mathrm{VAF}", "VAF", unit=PERCENT),
 }
 """What was estimated, by column of `impedance.csv`."""
 COMPONENT_SYMBOLS = {
-    "belt_summary": {"K_s": Symbol(r"K_\mathrm{s}", "K_s", *STIFFNESS)},
+    "belt_summary": {"K_s": Symbol(r"K_\mathrm{s}", "K_s", unit=STIFFNESS)},
     "transmission_summary": {
-        "B_j": Symbol(r"B_\mathrm{j}", "B_j", *DAMPING),
-        "J_j": Symbol(r"J_\mathrm{j}", "J_j", *INERTIA),
+        "B_j": Symbol(r"B_\mathrm{j}", "B_j", unit=DAMPING),
+        "J_j": Symbol(r"J_\mathrm{j}", "J_j", unit=INERTIA),
     },
     "actuator_summary": {
-        "k_tau_n_m": Symbol(r"k_\tau n_\mathrm{m}", "k_τ n_m", *TORQUE_PER_CURRENT),
-        "f_C": Symbol(r"f_\mathrm{C}", "f_C", *TORQUE),
-        "f_G": Symbol(r"f_\mathrm{G}", "f_G", *TORQUE_PER_CURRENT),
-        "B_m": Symbol(r"B_\mathrm{m}", "B_m", *DAMPING),
-        "J_m": Symbol(r"J_\mathrm{m}", "J_m", *INERTIA),
+        "k_tau_n_m": Symbol(r"k_\tau n_\mathrm{m}", "k_τ n_m", unit=TORQUE_PER_CURRENT),
+        "f_C": Symbol(r"f_\mathrm{C}", "f_C", unit=TORQUE),
+        "f_G": Symbol(r"f_\mathrm{G}", "f_G", unit=TORQUE_PER_CURRENT),
+        "B_m": Symbol(r"B_\mathrm{m}", "B_m", unit=DAMPING),
+        "J_m": Symbol(r"J_\mathrm{m}", "J_m", unit=INERTIA),
     },
 }
 """The parameters of Eqs. 1 to 4, by table and its `quantity`."""
@@ -207,9 +215,9 @@ class Numbers:
         is_estimate = any(isinstance(cell, Estimated) for cell in self.cells)
         if not isinstance(self.head, Symbol) or not is_estimate:
             return self.over_columns("")
-        unit = rf"\unit{{{self.head.unit_in_tex}}}"
-        if self.head.scale != 1:
-            power = -round(math.log10(self.head.scale))
+        unit = rf"\unit{{{self.head.unit.in_tex}}}"
+        if self.head.unit.scale != 1:
+            power = -round(math.log10(self.head.unit.scale))
             unit = rf"\num{{e{power}}} {unit}"
         return self.over_columns(f"({unit})")
 
@@ -289,7 +297,8 @@ class PaperTable:
             return rows
         lines: list[str] = []
         last = ""
-        for (part,), row in zip(zip(*self.parts.cells_tex(), strict=True), rows, strict=True):
+        (part_of_rows,) = self.parts.cells_tex()  # words fill one column
+        for part, row in zip(part_of_rows, rows, strict=True):
             if part != last:
                 lines.append(rf"\multicolumn{{{len(cells)}}}{{l}}{{\itshape {part}}}")
             lines.append(row)
@@ -359,7 +368,7 @@ def conditions_table(impedance: pl.DataFrame) -> PaperTable:
     columns.append(Words("n", [f"{len(rows)}{doubtful_sign(rows)}" for rows in used]))
     for name, symbol in ESTIMATED.items():
         if has_any(whole, name):
-            estimates = [estimate_of(rows, name, symbol.scale) for rows in used]
+            estimates = [estimate_of(rows, name, symbol.unit.scale) for rows in used]
             columns.append(Numbers(symbol, estimates))
 
     notes = [f"n: trials. Intervals, ± or in brackets: {', '.join(interval_kinds(used))}."]
@@ -459,7 +468,7 @@ def walking_table(summary: pl.DataFrame) -> PaperTable:
         for of_group in groups:
             of_quantity = of_group.filter(quantity=name).to_dicts()
             estimates.append(
-                mean_of(of_quantity[0], symbol.scale) if of_quantity else Estimated(None)
+                mean_of(of_quantity[0], symbol.unit.scale) if of_quantity else Estimated(None)
             )
         columns.append(Numbers(symbol, estimates))
 

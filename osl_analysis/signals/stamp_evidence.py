@@ -41,6 +41,11 @@ NOT_LINEAR = 0.05
 
 SLOPE_HALF_WINDOW_S = 0.02  # the slope x' is that of a polynomial over 40 ms
 FEWEST_IN_WINDOW = 7
+# rows; below some 275 Hz they are far apart, and the motion bends more from one to the next
+LONGEST_SHORT_WINDOW = 11
+DEGREE_OF_SHORT_WINDOW = 5
+DEGREE_OF_LONG_WINDOW = 3  # which averages more of the noise
+ABOVE_ZERO = 1e-12  # [s, rad, N*m] added to a limit of which 0 must be below, also where it is 0
 MOTION_DEGREE = 5  # of the polynomial that takes the smooth motion out of a block
 FEWEST_BLOCKS = 60
 BLOCKS_AT_ONCE = 1000  # which the processor's cache holds; of an hour each lag would take 30 MB
@@ -146,13 +151,12 @@ def evidence_of(values: Array, clock: DeviceClock, stamps: StampsOfValues) -> St
     Notes
     -----
     Least squares in blocks of 80 ms. Orthonormal polynomials Q of degree 5 take the smooth motion
-    out of each: of blocks X remains X (I - Q Q'). As I - Q Q' is its own square, in a product of
-    two such remainders one may be left as it is. The variance q^2/12 of stamps rounded to q is
+    out of each: of blocks X remains X (I - Q Q'). The variance q^2/12 of stamps rounded to q is
     taken off the normal matrix.
     """
     size = stamps.size
     window = max(2 * round(SLOPE_HALF_WINDOW_S / clock.step) + 1, FEWEST_IN_WINDOW)
-    degree = 3 if window > 11 else 5
+    degree = DEGREE_OF_LONG_WINDOW if window > LONGEST_SHORT_WINDOW else DEGREE_OF_SHORT_WINDOW
     slope = savitzky_golay(values, stamps.count, window, 1, degree) / stamps.local_step
     # a signal that stands does not tell when it was sampled
     power = np.mean(blocks_of(slope, stamps.numbers, size) ** 2, axis=1)
@@ -164,7 +168,7 @@ def evidence_of(values: Array, clock: DeviceClock, stamps: StampsOfValues) -> St
     without_motion = np.eye(size) - polynomials @ polynomials.T
     fluctuations = blocks_of(values, numbers, size) @ without_motion
     largest = np.abs(fluctuations).max(axis=1)
-    is_smooth = largest < CORNER * np.median(largest) + 1e-12
+    is_smooth = largest < CORNER * np.median(largest) + ABOVE_ZERO
     if not is_smooth.all():
         fluctuations = fluctuations[is_smooth]
         numbers = numbers[is_smooth]
@@ -233,7 +237,7 @@ def stamps_of_values(clock: DeviceClock, rows: slice | NDArray[np.bool_]) -> Sta
 
     numbers = np.arange(len(first_rows))
     largest = np.abs(blocks_of(fast, numbers, size)).max(axis=1)
-    is_near = largest < FAR_OFF_STAMP * np.sqrt(np.mean(fast**2)) + 1e-12
+    is_near = largest < FAR_OFF_STAMP * np.sqrt(np.mean(fast**2)) + ABOVE_ZERO
     local_step = np.maximum(rate, SLOWEST_RATE) * clock.step
     return StampsOfValues(rows, count, fast, local_step, numbers[is_whole & is_near], size)
 
@@ -253,7 +257,9 @@ def normal_matrix(
 ) -> Array | None:
     """Normal matrix (4, 4) of the lags, without the part of rounded stamps.
 
-    None if the stamps hardly scatter by more than their rounding to `decimal` [s].
+    None if the stamps hardly scatter by more than their rounding to `decimal` [s]. As I - Q Q' is
+    its own square, a product of two remainders X (I - Q Q') is that of one of them with the other X
+    as it is: here `without_motion` stands once, beside plain products of the slopes.
 
     Parameters
     ----------

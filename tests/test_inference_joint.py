@@ -149,8 +149,11 @@ def test_reflex_is_named_although_nobody_says_that_it_is_a_person():
     found = inferred(driven()[1] + 2.0 * scipy.signal.lfilter(*muscle, before))
 
     assert found.reflex is not None
-    assert found.reflex.rising.value == pytest.approx(2.0, rel=0.1)
-    assert abs(found.reflex.falling.value) < 0.2
+    assert found.reflex.rising.value == pytest.approx(2.0, rel=0.02)
+    assert abs(found.reflex.falling.value) < 0.04
+    assert found.impedance.K.holds(K)
+    assert found.impedance.B.holds(B)
+    assert found.impedance.I.holds(I)
 
 
 def test_gap_is_left_out():

@@ -46,8 +46,8 @@ README = """# {title}
 
 {about}
 
-Run again what `results` has, with Python {python} and the wheel of osl-analysis {version},
-which its release has:
+Run again what `results` has, with Python {python} and the wheel of osl-analysis {version}. Its
+release has it, and `pip wheel --no-deps ./osl-analysis` makes it from a clone:
 
     python -m pip install --no-deps osl_analysis-{version}-py3-none-any.whl -r requirements.txt
     osl-analysis run

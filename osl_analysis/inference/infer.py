@@ -41,7 +41,9 @@ from osl_analysis.trial import Array
 INTERVAL = (0.025, 0.5, 0.975)  # a 95 % interval and its median
 NAMED_PART = 0.05  # share of a hypothesis above which a value of its own parameter counts as harm
 NAMED_FAMILY = 0.1  # the same of all faults, for a hypothesis
-REFLEX_WORTH = 12.0  # nats that a reflex must gain in the fit to compete: its ten columns take five
+# nats that a reflex must gain in the fit to compete: half of chi-squared with six degrees of
+# freedom, its columns that no linear memory has, exceeds this once in 4500 times
+REFLEX_WORTH = 13.0
 
 
 def infer_impedance(

@@ -6,6 +6,7 @@ is a sum of critically damped low-passes of second order, whose corners cover th
 measured.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -67,8 +68,11 @@ def half_waves(spectra: Spectra) -> Array:
     return np.array([np.maximum(spectra.omega, 0.0), np.minimum(spectra.omega, 0.0)])
 
 
-def muscle_answers(spectra: Spectra, waves: Spectrum, delay: float) -> Spectrum:
-    """Spectra (2 c, f) of the answers to half-waves (2, f), of muscles with a gain of 1."""
+def muscle_answers(
+    spectra: Spectra, waves: Spectrum, delay: float, corners: Sequence[float] = MUSCLE_CORNERS
+) -> Spectrum:
+    """Spectra (2 c, f) of the answers to half-waves (2, f), of muscles with a gain of 1 and corners
+    (c,) [Hz]."""
     late = np.exp(-delay * spectra.s)
-    muscles = [late / (1 + spectra.s / (2 * np.pi * hz)) ** 2 for hz in MUSCLE_CORNERS]
+    muscles = [late / (1 + spectra.s / (2 * np.pi * hz)) ** 2 for hz in corners]
     return np.concatenate([wave * np.array(muscles) for wave in waves])

@@ -269,7 +269,7 @@ def walking_page_caption(table: pl.DataFrame) -> str:
         " shaded window.",
         "Each response is zero on average over the hatched baseline, and not at the onset.",
         "In between, a crossing's own gait departs from the mean one, and the filter spreads the"
-        " platform's motion to earlier times. The fit has no offset, so that both are in it.",
+        " perturbation to earlier times. The fit has no offset, so that both are in it.",
     ]
     return " ".join(sentences)
 
@@ -361,7 +361,7 @@ def draw_isolated(ax: Axes, rows: pl.DataFrame, panel: str) -> None:
     ax.axvline(0, color=style.BLACK, linewidth=style.HAIRLINE)
     times: Array = curve(rows, panel, "each")["x"].to_numpy()
     ax.set_xlim(float(times.min()), float(times.max()))
-    ax.set_xlabel("Time from the platform’s onset (ms)")
+    ax.set_xlabel("Time from the perturbation’s onset (ms)")
 
 
 def draw_perturbations(ax: Axes, responses: pl.DataFrame) -> None:

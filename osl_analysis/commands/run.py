@@ -8,6 +8,7 @@ import shutil
 import sys
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from importlib.metadata import version
 from importlib.util import find_spec
 from itertools import pairwise
@@ -43,54 +44,52 @@ def snakemake_arguments(arguments: Sequence[str]) -> list[str]:
         There is no campaign, the folder cannot be written to, or a configuration or profile is
         missing.
     """
-    is_configured = any(argument.split("=")[0] in CONFIGURED_BY for argument in arguments)
+    given = given_arguments(arguments)
+    configurations = given.configurations
     is_clone = Path("Snakefile").is_file() and Path("config/config.yaml").is_file()
-    if not (is_configured or CAMPAIGN.is_file() or is_clone):
+    if not (configurations or CAMPAIGN.is_file() or is_clone):
         raise InputError(
             f"{Path.cwd()}: no campaign here, which has a {CAMPAIGN}; change to the folder of a"
             " campaign, or make one: `osl-analysis init FOLDER`"
         )
     check_working_folder()
-    if CAMPAIGN.is_file():
-        arguments = with_configuration(CAMPAIGN, arguments)
-    for file in configuration_files(arguments):
+    if CAMPAIGN.is_file() and CAMPAIGN not in configurations:
+        configurations = [CAMPAIGN, *configurations]  # later ones override earlier ones
+    for file in configurations:
         read_mapping(file)  # of one that cannot be read, Snakemake shows a traceback
+    configured: list[str] = []
+    if configurations:
+        configured = [CONFIGURED_BY[0], *map(str, configurations)]
     snakefile = ["--snakefile", str(shipped("Snakefile"))]
-    return [*with_shipped_profile(arguments), *snakefile]
+    return [*with_shipped_profile(given.others), *configured, *snakefile]
 
 
-def with_configuration(file: Path, arguments: Sequence[str]) -> list[str]:
-    """The arguments with `file` before the configurations that they name: later ones override
-    earlier ones."""
-    named = [str(path) for path in configuration_files(arguments)]
-    if str(file) in named:
-        return list(arguments)
-    others: list[str] = []
+@dataclass(frozen=True)
+class GivenArguments:
+    """Arguments of Snakemake as a user gives them."""
+
+    configurations: list[Path]  # of `--configfile=FILE` or `--configfiles FILE FILE`
+    others: list[str]
+
+
+def given_arguments(arguments: Iterable[str]) -> GivenArguments:
+    """Take the configurations out of the arguments."""
+    given = GivenArguments([], [])
     takes_files = False
     for argument in arguments:
+        option, _, file_behind = argument.partition("=")
+        if option in CONFIGURED_BY:
+            takes_files = not file_behind  # what stands behind a `=` is one file
+            if file_behind:
+                given.configurations.append(Path(file_behind))
+            continue
         if argument.startswith("-"):
-            option, _, value = argument.partition("=")
-            names_files = option in CONFIGURED_BY
-            takes_files = names_files and not value
-            if names_files:
-                continue
-        if not takes_files:
-            others.append(argument)
-    return [*others, CONFIGURED_BY[0], str(file), *named]
-
-
-def configuration_files(arguments: Iterable[str]) -> Iterator[Path]:
-    """The configurations that options name, as `--configfile=FILE` or `--configfiles FILE FILE`."""
-    takes_files = False
-    for argument in arguments:
-        if argument.startswith("-"):
-            option, _, value = argument.partition("=")
-            names_files = option in CONFIGURED_BY
-            takes_files = names_files and not value  # what stands behind a `=` is one file
-            if names_files and value:
-                yield Path(value)
-        elif takes_files:
-            yield Path(argument)
+            takes_files = False
+        if takes_files:
+            given.configurations.append(Path(argument))
+        else:
+            given.others.append(argument)
+    return given
 
 
 def check_profile(arguments: Sequence[str]) -> None:

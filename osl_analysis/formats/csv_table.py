@@ -169,9 +169,9 @@ def _rows_of_numbers(
     Polars refuses words, quotes, blanks behind a number and lines with more cells; a line with
     fewer, or of none, lacks a number.
     """
-    are_ambiguous = any(set(sign) <= IN_NUMBERS for sign in layout.comment_signs)
-    are_ambiguous |= any(map(is_number_cell, layout.missing))
-    if are_ambiguous or table.decimal != ".":
+    is_comment_number = any(set(sign) <= IN_NUMBERS for sign in layout.comment_signs)
+    is_missing_number = any(map(is_number_cell, layout.missing))
+    if is_comment_number or is_missing_number or table.decimal != ".":
         return None
     kinds = pl.Schema(
         {name: _kind_of_numbers(cells) for name, cells in table.body.to_dict().items()}

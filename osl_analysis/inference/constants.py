@@ -308,7 +308,7 @@ MUSCLE_CORNERS = constant(
     (1.4, 2.3, 3.7, 6.1, 9.9, 16.0),
     "Hz",
     "corners of the low-passes of second order whose sum is a muscle",
-    "18 made ankles, 3.2 Hz: K off by 0.26 % (RMS); octaves 0.77 %, nine corners 1.1 %",
+    "18 generated ankles, corner 3.2 Hz: K off by 0.26 % (RMS); octaves 0.77 %, nine corners 1.1 %",
 )
 FRICTION_WINDS = constant(
     "FRICTION_WINDS",

@@ -215,7 +215,8 @@ class Predictor:
     """
 
     def __init__(self, data: Whitened, kind: JointKind, rounding: Array) -> None:
-        self.data, self.kind = data, kind
+        self.data = data
+        self.kind = kind
         self._rounding = rounding
         self._square_of_rounding = float(np.sum(rounding**2))
         self._shared = data.shared(kind)
@@ -226,11 +227,13 @@ class Predictor:
     def matrices(self, own: Array, torque: Array) -> Array:
         """Normal matrices (BLOCKS, c + 1, c + 1) of own columns (k, m), the shared ones, and a
         torque (m,)."""
-        with_torque, of_shared = self._with_torque, self._shared_matrices
+        with_torque = self._with_torque
+        of_shared = self._shared_matrices
         if torque is not self.data.torque:
             with_torque = np.vstack([self._shared, torque])
             of_shared = normal_matrices(with_torque, with_torque)
-        k, size = len(own), len(own) + len(with_torque)
+        k = len(own)
+        size = k + len(with_torque)
         matrices = np.empty((BLOCKS, size, size))
         matrices[:, :k, :k] = normal_matrices(own, own)
         matrices[:, :k, k:] = normal_matrices(own, with_torque)
@@ -259,7 +262,8 @@ class Predictor:
 
     def predict(self, candidate: Candidate) -> Predicted:
         """Fit a candidate, and predict each block by the fit to the others."""
-        data, kind = self.data, self.kind
+        data = self.data
+        kind = self.kind
         own = candidate.columns
         if candidate.slope is not None:
             own = np.vstack([own, candidate.slope])

@@ -181,7 +181,8 @@ class Clipping(Hypothesis):
         ends = self.outermost
         coefficients = self.coefficients_of_unclipped
         for _ in range(CLIPPING_STEPS):
-            ends_before, coefficients_before = ends, coefficients
+            ends_before = ends
+            coefficients_before = coefficients
             with_padding = self.modelled(coefficients)
             modelled = with_padding[self.inside]
             ends = self.next_ends(modelled, ends)
@@ -225,7 +226,8 @@ class Clipping(Hypothesis):
     def next_ends(self, modelled: Array, ends: tuple[float, float]) -> tuple[float, float]:
         """Medians of what is recorded beyond ends; an end beyond which no model is stays."""
         low, high = ends
-        above, below = modelled > high, modelled < low
+        above = modelled > high
+        below = modelled < low
         if above.any():
             high = float(np.median(self.recorded[above]))
         if below.any():

@@ -194,7 +194,8 @@ class MomentSearch:
         self._changing = factors @ self._data.step_signals
         self._share = self._data.spectra.relative_time_at_working_rate
         # the motion's columns are the same at every moment: they are shared, too
-        self._beside, self._rest = search.beside_motion, search.rest_of_motion
+        self._beside = search.beside_motion
+        self._rest = search.rest_of_motion
         self.on_grid = self._beside.fit_products(search.steps.of_sums(factors))[0]
 
     def left(self, moment: float) -> float:

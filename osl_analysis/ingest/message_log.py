@@ -298,9 +298,9 @@ def header_stamps(recording: Recording, source: MessageSource, rows: Rows) -> ND
     field = source.time.field
     address = {"topic": rows.name, "field": field}
     stamp = next((one for one in recording.channels if one.address == address), None)
-    stamps = (
-        np.empty(0) if stamp is None else stamp.read()
-    )  # once: not kept, as its values would be
+    stamps = np.empty(0)
+    if stamp is not None:
+        stamps = stamp.read()  # once: not kept, as its values would be
     if stamps.dtype.kind != "i":
         raise InputError(
             f"it has no field '{field}' with seconds and nanoseconds; correct time.field in the"

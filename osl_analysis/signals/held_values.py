@@ -70,10 +70,10 @@ def hardly_slower_source(signal: Array, first_rows: NDArray[np.intp]) -> HeldVal
     if np.ptp(np.diff(some)) > 2 * WITHIN_A_ROW:
         return None
     number = np.arange(len(first_rows))
-    # a line within which all lie to 1.2 rows leaves the one through both ends by 2.4 at most
+    # of a line within which all lie so, the one through both ends is off by twice as much at most
     some = number[:: max(len(number) // 100, 1)]
     between_ends = (first_rows[-1] - first_rows[0]) / number[-1]
-    if np.abs(first_rows[some] - first_rows[0] - between_ends * some).max() > 2.4:
+    if np.abs(first_rows[some] - first_rows[0] - between_ends * some).max() > 2 * WITHIN_A_ROW:
         return None
     period = line_through(number, first_rows.astype(np.float64)).step
     is_even = np.ptp(first_rows - period * number) < WITHIN_A_ROW

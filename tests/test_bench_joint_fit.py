@@ -13,7 +13,7 @@ from scipy.signal import butter, lfilter
 from osl_analysis.bench.bench_settings import Calibration, DynamometerAnalysis
 from osl_analysis.bench.coulomb import CoulombFit
 from osl_analysis.bench.impedance import impedance_table, rendered_impedance
-from osl_analysis.bench.joint_fit import FrictionFit, ImpedanceFit
+from osl_analysis.bench.joint_fit import FrictionFit, JointFit
 from osl_analysis.bench.joint_inference import joint_fit
 from osl_analysis.bench.record import signals_of
 from osl_analysis.bench.recorded_motion import record_of_trial
@@ -100,7 +100,7 @@ def test_friction_whose_size_is_not_certain_is_not_taken_off_b():
     inferred = infer_impedance(signals_of(record))
     uncertain = CoulombFit(torque=0.5, damping=0.3, share=0.05, certain=None)
 
-    least_squares = ImpedanceFit(Impedance.of_fit(analysis.whole))
+    least_squares = JointFit(Impedance.of_fit(analysis.whole))
 
     fit = joint_fit(least_squares, inferred, uncertain, NO_ERRORS, record)
 
@@ -262,8 +262,8 @@ def estimates(value):
 
 
 def test_a_widened_estimate_holds_both_intervals_and_keeps_its_value():
-    fit = ImpedanceFit(estimates(10.0), FrictionFit(0.0, 0.0, 0.0, None, estimates(9.0)))
-    other = ImpedanceFit(estimates(15.0), FrictionFit(0.0, 0.0, 0.0, None, estimates(4.0)))
+    fit = JointFit(estimates(10.0), FrictionFit(0.0, 0.0, 0.0, None, estimates(9.0)))
+    other = JointFit(estimates(15.0), FrictionFit(0.0, 0.0, 0.0, None, estimates(4.0)))
 
     widened = fit.widened_to_include(other, because="a reason")
 

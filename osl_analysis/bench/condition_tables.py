@@ -53,8 +53,8 @@ def repeated_trials_table(impedance: pl.DataFrame) -> pl.DataFrame:
     quantities = whole.select("^(K|B|I|B_viscous|f_C)$").columns
 
     rows = list[dict[str, object]]()
-    whole = whole.with_columns(own=own_condition(whole))
-    for (*key, _own), condition in whole.group_by([*keys, "own"], maintain_order=True):
+    whole = whole.with_columns(own_condition=own_condition(whole))
+    for (*key, _), condition in whole.group_by([*keys, "own_condition"], maintain_order=True):
         alike = [
             alike_sizes(condition[name].cast(pl.Float64)).alias(f"{name}_alike") for name in sizes
         ]

@@ -215,7 +215,7 @@ MIXTURE_BESIDE_FRICTION = "mixture of hypotheses, B by Eq. 15"  # B holds certai
 
 
 @dataclass(frozen=True)
-class ImpedanceFit:
+class JointFit:
     """K, B and I of a recording or of one of its amplitudes, and what else it tells.
 
     Attributes
@@ -252,19 +252,19 @@ class ImpedanceFit:
     estimator: str | None = None
     widened_because: tuple[str, ...] = ()
 
-    def widened_to_include(self, other: "ImpedanceFit", because: str) -> "ImpedanceFit":
+    def widened_to_include(self, other: "JointFit", because: str) -> "JointFit":
         """The fit with intervals that hold those of another fit of the same recording.
 
         Parameters
         ----------
-        other : ImpedanceFit
+        other : JointFit
             The same recording, read in another way.
         because : str
             Why neither can be excluded.
 
         Returns
         -------
-        ImpedanceFit
+        JointFit
             Estimates of this fit; its intervals, and those beside friction, hold both.
         """
         friction = self.friction

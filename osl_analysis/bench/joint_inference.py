@@ -20,7 +20,7 @@ from osl_analysis.bench.joint_fit import (
     MIXTURE_BESIDE_FRICTION,
     ClockDrift,
     FrictionFit,
-    ImpedanceFit,
+    JointFit,
     ReflexFit,
     SuspectedFault,
     UnstatedDelay,
@@ -39,7 +39,7 @@ CLOCKS = "clocks"  # the hypothesis of a lag that grows
 UNDECIDED_STAMPS = "the time stamps can be read in two ways"
 
 
-def impedance_fits(analysis: Analysis, s: Sums, is_leg: bool) -> dict[Label, ImpedanceFit]:
+def impedance_fits(analysis: Analysis, s: Sums, is_leg: bool) -> dict[Label, JointFit]:
     """Fit K, B and I to all of a recording (None) and to each amplitude [deg].
 
     Parameters
@@ -60,7 +60,7 @@ def impedance_fits(analysis: Analysis, s: Sums, is_leg: bool) -> dict[Label, Imp
     coulomb = coulomb_fits(s, analysis, friction_is_certain)
 
     equation_15 = Impedance.of_fit(analysis.calibrated(analysis.whole))
-    least_squares = ImpedanceFit(
+    least_squares = JointFit(
         equation_15, by_coulomb(coulomb.get(None)), VAF_in_band=analysis.whole.vaf
     )
     whole = whole_fit(least_squares, inferred, coulomb.get(None), errors, is_leg, record)
@@ -71,12 +71,12 @@ def impedance_fits(analysis: Analysis, s: Sums, is_leg: bool) -> dict[Label, Imp
         other = whole_fit(least_squares, again, coulomb.get(None), errors, is_leg, record)
         whole = whole.widened_to_include(other, because=UNDECIDED_STAMPS)
 
-    fits: dict[Label, ImpedanceFit] = {}
+    fits: dict[Label, JointFit] = {}
     for label, fit in analysis.fits.items():
         if label is None:
             fits[label] = whole
             continue
-        fits[label] = ImpedanceFit(
+        fits[label] = JointFit(
             impedance=Impedance.of_fit(analysis.calibrated(fit, label)),
             friction=by_coulomb(coulomb.get(label)),
             reflex=whole.reflex,
@@ -102,18 +102,18 @@ def read_otherwise(record: Record) -> Record:
 
 
 def whole_fit(
-    least_squares: ImpedanceFit,
+    least_squares: JointFit,
     inferred: ImpedanceInference | None,
     coulomb: CoulombFit | None,
     known_errors: Mapping[str, float],
     is_leg: bool,
     record: Record,
-) -> ImpedanceFit:
+) -> JointFit:
     """Choose what gives K, B and I of a whole recording.
 
     Parameters
     ----------
-    least_squares : ImpedanceFit
+    least_squares : JointFit
         Eq. 15, with what is stated of the bench in its intervals.
     inferred : ImpedanceInference or None
         The inference; None where the recording is too short for one.
@@ -128,7 +128,7 @@ def whole_fit(
 
     Returns
     -------
-    ImpedanceFit
+    JointFit
         Least squares of a leg, and of a recording that is too short; else the mixture.
     """
     if inferred is None:
@@ -139,11 +139,11 @@ def whole_fit(
 
 
 def leg_fit(
-    least_squares: ImpedanceFit,
+    least_squares: JointFit,
     inferred: ImpedanceInference,
     coulomb: CoulombFit | None,
     known_errors: Mapping[str, float],
-) -> ImpedanceFit:
+) -> JointFit:
     """Eq. 15 by least squares, as the paper has it, with what the inference tells of the friction
     in the actuator. The arguments are those of `whole_fit`."""
     without = None
@@ -154,12 +154,12 @@ def leg_fit(
 
 
 def joint_fit(
-    least_squares: ImpedanceFit,
+    least_squares: JointFit,
     inferred: ImpedanceInference,
     coulomb: CoulombFit | None,
     known_errors: Mapping[str, float],
     record: Record,
-) -> ImpedanceFit:
+) -> JointFit:
     """The mixture of the hypotheses; the arguments are those of `whole_fit`.
 
     Where a fault does harm, the mixture would hold what the fault makes of K, B and I: they are
@@ -184,7 +184,7 @@ def joint_fit(
     delay = None
     if not path_is_found and not is_delay_stated(record):
         delay = unstated_delay(inferred)
-    return ImpedanceFit(
+    return JointFit(
         impedance=impedance,
         friction=friction,
         reflex=reflex_fit(inferred),

@@ -43,6 +43,7 @@ USUAL_BEND = 0.99
 zero for a channel that mostly rests, or is coarse. What leaps more often is the channel's own, as a
 stepper's steps."""
 
+FOUR_TURNS = 4.1  # a turn against the sum of four, and a little more for rounding
 OFTEN = 0.05  # share of large third differences from which the usual one is large, beside all gaps
 
 SMALLEST_BEND = 1e-3
@@ -222,18 +223,21 @@ def lost_rows(time: Array, angle: Array) -> LostRows | None:
     turns = np.diff(angle)
     four_beside = turns[:-4] + turns[1:-3] + turns[3:-1] + turns[4:]
     # few pass this, to within rounding, and what follows takes ten times as long
-    places = np.flatnonzero(4.1 * np.abs(turns[2:-2]) > LOST * np.abs(four_beside))
+    places = np.flatnonzero(FOUR_TURNS * np.abs(turns[2:-2]) > LOST * np.abs(four_beside))
     beside = turns[places + np.array([[0], [1], [3], [4]])]
     expected = beside.mean(axis=0)
     size = np.abs(expected)
     is_smooth = np.ptp(beside, axis=0) < USUAL_STEP * size
-    places, expected, size = places[is_smooth], expected[is_smooth], size[is_smooth]
+    places = places[is_smooth]
+    expected = expected[is_smooth]
+    size = size[is_smooth]
     if not places.size:
         return None
     passed = turns[places + 2] / np.where(size > smallest_motion(angle), expected, np.inf)
     is_whole = np.abs(passed - np.rint(passed)) < USUAL_STEP
     is_lost = is_whole & (passed > LOST)
-    places, passed = places[is_lost], passed[is_lost]
+    places = places[is_lost]
+    passed = passed[is_lost]
     if not places.size or are_paced(places):
         return None
     rows = places + 3

@@ -66,9 +66,9 @@ def condition_rows(
         if name in impedance.columns and impedance[name].n_unique() > 1:
             keys.append(name)
     are_several = pl.len().over(*keys, pl.lit("all")) > 1
-    own = pl.when(are_several).then(own_condition(impedance)).otherwise(pl.lit(""))
-    impedance = impedance.with_columns(own=own)
-    for fits in impedance.partition_by([*keys, "own"], maintain_order=True):
+    alone = pl.when(are_several).then(own_condition(impedance)).otherwise(pl.lit(""))
+    impedance = impedance.with_columns(own_condition=alone)
+    for fits in impedance.partition_by([*keys, "own_condition"], maintain_order=True):
         rows.append(condition_row(fits, keys, findings))
     return rows
 
@@ -94,8 +94,8 @@ def condition_row(
     for key in keys:
         if row[key] is not None:
             condition.append(f"{key} {row[key]:g}" if key in ("K_d", "B_d") else row[key])
-    if row["own"]:
-        condition += [f"trial {row['own']}", motion_text(row)]
+    if row["own_condition"]:
+        condition += [f"trial {row['own_condition']}", motion_text(row)]
 
     of_trials = [worded for trial in trials for worded in findings.get(trial, ())]
     of_table = findings_in(of_trials, "impedance")

@@ -105,8 +105,8 @@ def numbers_of_condition(
     of_condition = trials.filter(has_K_d, has_B_d)
     # trials that nobody stated to be alike have no common mean
     is_unstated = example.K_d is None and len(of_condition) > 1
-    own = own_condition(of_condition)
-    parts = of_condition.with_columns(own=own).partition_by("own", maintain_order=True)
+    of_condition = of_condition.with_columns(own_condition=own_condition(of_condition))
+    parts = of_condition.partition_by("own_condition", maintain_order=True)
     if len(parts) > MOST_UNSTATED:
         return
     counted_parts = [counted(part) for part in parts]

@@ -346,17 +346,17 @@ def conditions_table(impedance: pl.DataFrame) -> PaperTable:
         `impedance.csv` with its evidence.
     """
     whole = impedance.filter(pl.col("amplitude_deg").is_null())
-    whole = whole.with_columns(alone=own_condition(whole))
+    whole = whole.with_columns(own_condition=own_condition(whole))
     keys = [name for name in ("joint", "side", "excitation") if has_several(whole, name)]
     keys += [name for name in ("controller", *STATED) if has_any(whole, name)]
-    groups = whole.partition_by([*keys, "alone"], maintain_order=True)
+    groups = whole.partition_by([*keys, "own_condition"], maintain_order=True)
     groups = [groups[place] for place in order_of(groups, keys)]
     used = [counted(rows) for rows in groups]
 
     columns: list[Words | Numbers] = []
     parts = None
-    if (whole["alone"] != "").any():
-        columns.append(Words("trial", [rows["alone"][0] for rows in groups]))
+    if (whole["own_condition"] != "").any():
+        columns.append(Words("trial", [rows["own_condition"][0] for rows in groups]))
     for name in keys:
         stated = [rows[name][0] for rows in groups]
         if name in STATED:

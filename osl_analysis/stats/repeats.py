@@ -203,8 +203,8 @@ def counted(table: pl.DataFrame) -> pl.DataFrame:
         whole = judged.filter(pl.col("amplitude_deg").is_null())
         trials = whole if len(whole) else trials
     condition = [name for name in CONDITION if name in trials.columns]
-    share = pl.col("is_doubtful").mean().over([*condition, "own"])
-    trials = trials.with_columns(own=own_condition(trials))
+    share = pl.col("is_doubtful").mean().over([*condition, "own_condition"])
+    trials = trials.with_columns(own_condition=own_condition(trials))
     leaves = trials.filter(pl.col("is_doubtful") & (share <= 0.5))
     return table.filter(~judged["trial"].is_in(leaves["trial"].to_list()))
 

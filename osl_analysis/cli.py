@@ -476,14 +476,13 @@ def fit(
 @option("--all", "everything", is_flag=True, help="Every headline number, and findings in full.")
 @option("--markdown", is_flag=True, help="The same as a Markdown table.")
 @option("--json", "as_json", is_flag=True, help="summary.json, for other programs.")
-@option("--methods", is_flag=True, help="The text of a methods section in place of the numbers.")
 @option(
     "--columns",
     is_flag=True,
     help="Unit and meaning of every column of every table in place of the numbers.",
 )
 def results(
-    folder: Path, everything: bool, markdown: bool, as_json: bool, methods: bool, columns: bool
+    folder: Path, everything: bool, markdown: bool, as_json: bool, columns: bool
 ) -> None:
     """Print what the results in FOLDER are: trials that are clear, doubtful and left out, K and B
     with intervals, and each doubt with what to do; with --all every number, and the draft's."""
@@ -495,12 +494,6 @@ def results(
         from osl_analysis.commands.reference import columns_text
 
         say(columns_text())
-        return
-    if methods:
-        path = folder / "methods.md"
-        if not path.is_file():
-            raise InputError(f"{path}: no such file; run the campaign to its end")
-        say(path.read_text(encoding="utf-8"))
         return
     summary = read_summary(folder / "summary.json")
     if as_json:

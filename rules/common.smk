@@ -79,9 +79,6 @@ PARAMETERS = CONFIG.parameters or []
 TRAJECTORY = [CONFIG.impedance_trajectory] if CONFIG.impedance_trajectory else []
 TIME_SERIES = time_series_example(CAMPAIGN)
 """The trial of Fig. 4; None without one."""
-DESIRED_OF_EXAMPLE = None
-if TIME_SERIES is not None:
-    DESIRED_OF_EXAMPLE = {name: TIME_SERIES[name] for name in ("K_d", "B_d", "chosen")}
 UNNAMED = unnamed_recordings(CAMPAIGN)
 """What is to be said of recordings that no row of the sheet names."""
 QUALITY = "<results>/tables/quality.csv"

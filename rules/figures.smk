@@ -169,35 +169,23 @@ rule captions:
 
 
 rule report_page:
-    """The page of the run: every number, figure and trial; and the text of its methods."""
+    """The page of the run: numbers, findings, trials and figures."""
     input:
-        trials=expand("<results>/trials/{trial}.parquet", trial=TRIALS),
-        series=FILES.rows("series"),
-        crossings=FILES.crossings(WALKED),
-        tables=FILES.all_tables + (["<results>/tables/walking_responses.csv"] if WALKED else []),
+        tables=FILES.all_tables,
         figures=expand("<results>/figures/{figure}.svg", figure=FILES.figure_names),
         numbers=NUMBERS_OF_FIGURES.values(),
         captions=["<results>/figures/captions.md"] if FILES.figure_names else [],
-        verdicts=QUALITY,
         excluded="<results>/tables/excluded.csv",
         findings="<results>/tables/findings.csv",
         states="<results>/tables/settings.csv",
         summary="<results>/summary.json",
     output:
         output="<results>/report.html",
-        methods_md="<results>/methods.md",
-        methods_tex="<results>/methods.tex",
-        methods_bib="<results>/methods.bib",
     log:
         "<logs>/report.log",
     localrule: True
     params:
         about=ABOUT,
-        settings={
-            name: as_json(getattr(CONFIG, name))
-            for name in ("dynamometer", "actuator", "torque_angle", "walking", "overground")
-        },
-        accuracy=as_json(CONFIG.doubtful.accuracy),
         sheet={**CAMPAIGN.rows, **CAMPAIGN.unused},
         unnamed=UNNAMED,
         made_by=MADE_BY,

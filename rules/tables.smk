@@ -195,7 +195,6 @@ rule headline_numbers:
     localrule: True
     params:
         about=ABOUT,
-        example=DESIRED_OF_EXAMPLE,
         sheet={**CAMPAIGN.rows, **CAMPAIGN.unused},
         beside_draft=CAMPAIGN.beside_draft,
         made_by=MADE_BY,

@@ -12,8 +12,8 @@ from settings import settings_page
 import osl_analysis
 from osl_analysis.commands.reference import described_checks
 from osl_analysis.dictionary import described_tables, file_at
-from osl_analysis.report.headline import all_labels
-from osl_analysis.report.headline_text import markdown_table
+from osl_analysis.report.numbers import ENTRIES
+from osl_analysis.report.text_tables import markdown_table
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -91,7 +91,7 @@ def described_tables_page():
         sections.append(f"## `{file_at(table.place)}`\n\nRows: {table.rows}.{gathered}")
         sections.append(markdown_table([("column", "unit", "meaning"), *columns]))
     checks = [(f"`{name}`", unit, meaning) for name, unit, meaning in described_checks()]
-    entries = [(f"`{one.name}`", one.unit, one.meaning) for one in all_labels()]
+    entries = [(f"`{one.name}`", one.unit, one.meaning) for one in ENTRIES]
     return "\n\n".join(
         [
             *sections,

@@ -22,7 +22,7 @@ from osl_analysis.files import default_config
 from osl_analysis.formats import known_formats
 from osl_analysis.formats._table import SheetSource
 from osl_analysis.model.drivetrain import ParameterFile
-from osl_analysis.report.headline_text import markdown_table
+from osl_analysis.report.text_tables import markdown_table
 from osl_analysis.simulator.laboratory_settings import WalkingSettings
 from osl_analysis.simulator.simulation_settings import Effect, SimulationSettings
 from osl_analysis.source_file import (

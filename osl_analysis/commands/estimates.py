@@ -13,9 +13,9 @@ from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.judge.finding import Finding, Grade
 from osl_analysis.judge.words import finding_text, words_of
-from osl_analysis.report.decimal_places import EVEN
 from osl_analysis.table import finite_or_null
 
+EVEN = 1.1  # ratio of the sides of an interval below which it is printed with a ±
 # estimates in the order in which they are printed
 PRINTED = (
     "K", "B", "B_viscous", "I", "K_s", "B_j", "B_j_viscous", "J_j", "T_C", "k_tau_n_m", "f_C",

@@ -16,8 +16,8 @@ from osl_analysis.formats import known_formats
 from osl_analysis.ingest.examine import UNITS
 from osl_analysis.judge.known_findings import CHECKS
 from osl_analysis.model.drivetrain import ParameterFile
-from osl_analysis.report.headline import all_labels
-from osl_analysis.report.headline_text import aligned
+from osl_analysis.report.numbers import ENTRIES
+from osl_analysis.report.text_tables import aligned
 from osl_analysis.simulator.laboratory_settings import WalkingSettings
 from osl_analysis.simulator.simulation_settings import SimulationSettings
 
@@ -31,7 +31,7 @@ def columns_text() -> str:
     for table in described_tables():
         columns = [(column.name, column.unit, column.meaning) for column in table.columns.values()]
         sections.append(f"{file_at(table.place)}: {table.rows}\n\n{aligned(columns)}")
-    numbers = [(entry.name, entry.unit, entry.meaning) for entry in all_labels()]
+    numbers = [(entry.name, entry.unit, entry.meaning) for entry in ENTRIES]
     return "\n".join(
         [
             *sections,

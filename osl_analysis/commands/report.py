@@ -8,18 +8,18 @@ from os.path import realpath
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 import polars as pl
 
 from osl_analysis.campaign.origin import sentence
 from osl_analysis.commands.figure import UNDRAWN, draw_figure
 from osl_analysis.commands.tables import read_summary
-from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import described_tables
 from osl_analysis.errors import InputError
 from osl_analysis.figures import FIGURES
 from osl_analysis.figures.names import figure_title
 from osl_analysis.files import atomic_path, write_text
-from osl_analysis.judge.finding import WordedFinding, read_findings
+from osl_analysis.judge.finding import read_findings
 from osl_analysis.judge.summary_findings import findings_in_summary
 from osl_analysis.judge.two_campaigns import (
     COMPARED_QUANTITIES,
@@ -28,157 +28,79 @@ from osl_analysis.judge.two_campaigns import (
     verdicts_in_words,
 )
 from osl_analysis.refusal import Refusal, is_refused
-from osl_analysis.report import page, panels
 from osl_analysis.report.brief import findings_lines
-from osl_analysis.report.condition_rows import condition_rows
-from osl_analysis.report.decimal_places import digits_of, fixed
-from osl_analysis.report.headline_text import aligned
-from osl_analysis.report.left_out import LeftOut, left_out_trials
-from osl_analysis.report.methods import methods_content, methods_text
-from osl_analysis.report.page import Report, written_page
-from osl_analysis.report.page_figures import ShownFigure, captions_by_title, inline_svg
-from osl_analysis.report.page_text import assumed_text, method_text
-from osl_analysis.report.reported_trial import ReportedTrial
-from osl_analysis.report.trial_page import trial_content
-from osl_analysis.report.trial_table import trial_table
+from osl_analysis.report.left_out import left_out_trials
+from osl_analysis.report.numbers import numbers_in_summary
+from osl_analysis.report.page import Page, ShownFigure, trials_table, written_page
+from osl_analysis.report.paper_tables import conditions_table
+from osl_analysis.report.rounding import written
+from osl_analysis.report.text_tables import aligned
 from osl_analysis.report.used_trials import missing_lines
 from osl_analysis.table import read_table, with_evidence, write_table
-from osl_analysis.trial import metadata_of, read_trial, unit_of
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReportFiles:
-    """What the page of a run is made of, and the files that are written.
-
-    Attributes
-    ----------
-    about
-        What the numbers are made of.
-    sheet
-        The row of every trial of the sample sheet, also of those that it excludes.
-    settings
-        The sections of the configuration by which the experiments are analysed.
-    accuracy
-        The shares by which findings may move K, B and I without making them doubtful.
-    trials, series, crossings
-        The files of each trial that has them.
-    tables
-        Result tables, by name.
-    figures
-        SVG files, by name.
-    verdicts, excluded, findings, states, summary
-        `quality.csv`, `excluded.csv`, `findings.csv`, `settings.csv`, `summary.json`.
-    captions
-        Those of the figures.
-    refused
-        The causes of all that is missing.
-    unnamed
-        Tells recordings without a row.
-    output, methods_md, methods_tex, methods_bib
-        `report.html`, `methods.md`, `methods.tex` and `methods.bib`, which are written.
-    """
+    """What the page of a run is made of, and where it is written."""
 
     about: Mapping[str, str]
-    sheet: Mapping[str, Mapping[str, Any]]
-    settings: Mapping[str, Any]
-    accuracy: Mapping[str, float]
-    trials: Mapping[str, Path]
-    series: Mapping[str, Path]
-    crossings: Mapping[str, Path]
-    tables: Mapping[str, Path]
-    figures: Mapping[str, Path]
-    verdicts: Path
+    sheet: Mapping[str, Mapping[str, Any]]  # rows of the sample sheet, also of excluded trials
+    tables: Mapping[str, Path]  # result tables, by name
+    figures: Mapping[str, Path]  # SVG files, by name
     excluded: Path
     findings: Path
-    states: Path
+    states: Path  # `settings.csv`
     summary: Path
     output: Path
-    methods_md: Path
-    methods_tex: Path
-    methods_bib: Path
     captions: Path | None = None
     refused: Sequence[Refusal] = ()
-    unnamed: str = ""
+    unnamed: str = ""  # tells recordings without a row
 
 
 def write_report(files: ReportFiles) -> None:
-    """Write the page of a run, and the text of its methods."""
+    """Write the page of a run."""
     results = {name: with_evidence(path) for name, path in files.tables.items()}
-    findings_by_trial: dict[str, list[WordedFinding]] = {}
-    for worded in read_findings(files.findings):
-        findings_by_trial.setdefault(worded.finding.subject, []).append(worded)
-    refusals: dict[str, str] = {}
-    not_made: list[Refusal] = []
-    for refusal in files.refused:
-        if refusal.trial:
-            refusals[refusal.trial] = f"{refusal.reason}; {refusal.remedy}"
-        else:
-            not_made.append(refusal)
-    checks = read_table(files.verdicts).filter(pl.col("verdict") != "refused")
-    campaign = CampaignResults(
-        files={"trial": files.trials, "series": files.series, "crossing": files.crossings},
-        rows=rows_by_trial(results),
-        findings=findings_by_trial,
-        checks=checks.partition_by("trial", as_dict=True),
-        left_out=left_out_trials(files.sheet, read_table(files.excluded), results, refusals),
+    summary = read_summary(files.summary)
+    refusals = {cause.trial: f"{cause.reason}; {cause.remedy}" for cause in files.refused}
+    left_out = left_out_trials(
+        files.sheet, read_table(files.excluded), results, {t: r for t, r in refusals.items() if t}
     )
-    reported = [reported_trial(row, campaign) for row in files.sheet.values()]
-
-    numbers = {} if is_refused(files.summary) else read_summary(files.summary)
+    findings = read_findings(files.findings)
+    tables = {"Trials": trials_table(files.sheet, results, findings, left_out)}
+    if "impedance" in results:
+        tables = {"Conditions": conditions_table(results["impedance"]), **tables}
+    for heading, name in {
+        "Claims of the paper": "claims",
+        "What errors of the laboratory would change": "walking_sensitivity",
+    }.items():
+        if name in results:
+            tables[heading] = pd.DataFrame(results[name].to_dicts())
+    tables["Settings"] = pd.DataFrame(read_table(files.states).to_dicts())
     drawn, absent = drawn_figures(files.figures, read_captions(files.captions))
-    overview = page.overview(reported, numbers, drawn, files.about)
-    shown_findings = [shown.finding for shown in overview.findings]
-    facts = methods_content(files.settings, files.accuracy, results, reported, shown_findings)
-    methods = methods_text(facts, files.about)
-    write_text(files.methods_md, methods.markdown())
-    write_text(files.methods_tex, methods.latex())
-    write_text(files.methods_bib, methods.bibtex())
-
-    claims = results.get("claims", pl.DataFrame(schema=["subject", "verdict"]))
-    report = Report(
-        about=files.about,
+    page = Page(
+        title=f"Campaign {files.about['campaign']}",
         made_of=sentence(files.about),
-        overview=overview,
-        trials=trial_table(reported),
-        conditions=condition_rows(results, findings_by_trial),
-        claims=page.claim_rows(claims),
-        methods=methods,
-        equation=method_text(files.settings, results),
-        assumed=assumed_text(read_table(files.states)),
-        intervals=numbers.get("intervals", ""),
-        unnamed=files.unnamed,
-        sensitivity=results.get("walking_sensitivity", pl.DataFrame()).to_dicts(),
+        intervals=" ".join(filter(None, [summary["intervals"], files.unnamed])),
+        numbers=numbers_in_summary(summary),
+        findings=findings_in_summary(summary),
+        tables=tables,
+        figures=drawn,
         absent_figures=absent,
-        not_made=not_made,
     )
-    pages = {}
-    for trial in reported:
-        pages[trial.name] = (trial_content(trial), trial.pictures.tables)
-    write_text(files.output, written_page(report, pages))
+    write_text(files.output, written_page(page))
 
 
-RowsOfTrials = Mapping[tuple[Any, ...], pl.DataFrame]
-"""The rows of a table by `(trial,)`."""
-
-
-def rows_by_trial(results: Mapping[str, pl.DataFrame]) -> dict[str, RowsOfTrials]:
-    """The rows of each trial in each table that has trials."""
-    rows: dict[str, RowsOfTrials] = {}
-    for name, table in results.items():
-        if "trial" in table.columns:
-            rows[name] = table.partition_by("trial", as_dict=True)
-    return rows
-
-
-def read_captions(path: Path | None) -> Mapping[str, Any]:
+def read_captions(path: Path | None) -> Mapping[str, str]:
     """The captions of figures by title; none where they were not written."""
     if path is None or is_refused(path):
         return {}
-    return captions_by_title(path.read_text(encoding="utf-8"))
+    sections = f"\n{path.read_text(encoding='utf-8')}".split("\n## ")[1:]
+    parts = (section.partition("\n") for section in sections)
+    return {title.strip(): body.strip().replace("\\", "") for title, _, body in parts}
 
 
 def drawn_figures(
-    figures: Mapping[str, Path], captions: Mapping[str, Any]
+    figures: Mapping[str, Path], captions: Mapping[str, str]
 ) -> tuple[list[ShownFigure], dict[str, str]]:
     """The figures with their captions, and, by title, why each of the others is not drawn."""
     drawn: list[ShownFigure] = []
@@ -188,103 +110,11 @@ def drawn_figures(
         caption = captions.get(title, "")
         plotted_numbers = path.with_suffix(".csv")
         if is_refused(plotted_numbers) or read_table(plotted_numbers).is_empty():
-            absent[title] = str(caption).removeprefix(UNDRAWN).strip()
-            continue
-        drawing = inline_svg(path.read_text(encoding="utf-8"), name, title)
-        drawn.append(ShownFigure(name, title, caption, drawing, FIGURES[name].reading))
+            absent[title] = caption.removeprefix(UNDRAWN).strip()
+        else:
+            reading = FIGURES[name].reading
+            drawn.append(ShownFigure(name, title, caption, reading, path.read_bytes()))
     return drawn, absent
-
-
-@dataclass(frozen=True)
-class CampaignResults:
-    """What a campaign has of its trials.
-
-    Attributes
-    ----------
-    files
-        By role (trial, series, crossing) and trial.
-    rows
-        Of the result tables, by table and `(trial,)`.
-    findings
-        By trial.
-    checks
-        Verdicts on recordings, by `(trial,)`.
-    left_out
-        Trials that are not used.
-    """
-
-    files: Mapping[str, Mapping[str, Path]]
-    rows: Mapping[str, RowsOfTrials]
-    findings: Mapping[str, Sequence[WordedFinding]]
-    checks: RowsOfTrials
-    left_out: Mapping[str, LeftOut]
-
-
-def reported_trial(row: Mapping[str, Any], campaign: CampaignResults) -> ReportedTrial:
-    """A trial of the sample sheet from its row there, its files, its rows of the tables, and why it
-    has no result."""
-    name = row["trial"]
-    experiment = EXPERIMENTS[row["experiment"]]
-    files = {role: paths[name] for role, paths in campaign.files.items() if name in paths}
-    tables: dict[str, pl.DataFrame] = {}
-    for table in [*(table.name for table in experiment.tables), "walking_responses"]:
-        rows = campaign.rows.get(table, {}).get((name,))
-        if rows is not None:
-            tables[table] = rows
-
-    left_out = campaign.left_out.get(name, LeftOut(False, "", []))
-    provenance: Mapping[str, Any] = {}
-    if "trial" in files:
-        _, provenance = metadata_of(files["trial"])
-    return ReportedTrial(
-        name=name,
-        row=row,
-        tables=tables,
-        findings=campaign.findings.get(name, []),
-        quality=campaign.checks.get((name,)),
-        provenance=provenance,
-        left_out=left_out.reasons,
-        left_out_for=left_out.cause,
-        refused=left_out.by_job,
-        pictures=pictures(row["experiment"], tables, files),
-    )
-
-
-MOVING = {"belt": "Belt deflection", "actuator": "Motor motion"}
-"""What moves in an experiment; in any other it is the joint."""
-
-
-def pictures(
-    experiment: str, tables: Mapping[str, pl.DataFrame], files: Mapping[str, Path]
-) -> panels.Pictures:
-    """What is drawn of a trial: the fit, the crossing with its isolated response, or else the
-    recording."""
-    drawn: list[panels.Pictures] = []
-    crossing = pl.DataFrame()
-    if "crossing" in files:
-        crossing = pl.read_parquet(files["crossing"])
-    if "series" in files:
-        series = read_table(files["series"], name="series")
-        motion = MOVING.get(experiment, "Joint angle")
-        drawn.append(panels.bench_pictures(series, motion, experiment == "belt"))
-    elif len(crossing):
-        drawn.append(panels.crossing_pictures(crossing))
-    elif "trial" in files:
-        samples = read_trial(files["trial"]).samples
-        units: dict[str, str] = {}
-        for name in samples.columns:
-            unit = unit_of(name)
-            if name != "time" and unit:
-                units[name] = unit
-        drawn.append(panels.recorded_pictures(samples, units))
-    if "walking_responses" in tables:
-        drawn.append(panels.isolated_pictures(tables["walking_responses"]))
-    if "phasors" in tables and "impedance" in tables:
-        fit_to_all = tables["impedance"].row(-1, named=True)
-        drawn.append(panels.phasor_pictures(tables["phasors"], fit_to_all))
-    if "response" in tables:
-        drawn.append(panels.response_pictures(tables["response"]))
-    return panels.together(*drawn)
 
 
 def compared_cells(
@@ -329,14 +159,9 @@ class Comparison:
 
 def number_text(row: Mapping[str, Any], name: str) -> str:
     """A number of a row with its interval in brackets; empty if it has none."""
-    value, low, high = row[name], row.get(f"{name}_low"), row.get(f"{name}_high")
-    if value is None:
+    if row[name] is None:
         return ""
-    places = digits_of(value, low, high)
-    text = fixed(value, places.value)
-    if low is None or high is None:
-        return text
-    return f"{text} [{fixed(low, places.ends)}, {fixed(high, places.ends)}]"
+    return written(row[name], row.get(f"{name}_low"), row.get(f"{name}_high"))
 
 
 def tables_to_compare(folder: Path) -> dict[str, pl.DataFrame]:

@@ -6,6 +6,7 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 import polars as pl
 
 from osl_analysis.bench.torque_angle_tables import compared_with_repeats
@@ -25,18 +26,22 @@ from osl_analysis.judge.summary_findings import causes_in_campaign
 from osl_analysis.model.drivetrain import FileOrNone, joint_of, read_parameters
 from osl_analysis.outcomes.job_log import read_log
 from osl_analysis.refusal import Refusal, check_not_refused, refused_trials
-from osl_analysis.report.headline import LABELS, Example, headlines_in_summary
-from osl_analysis.report.headline_files import to_json, to_tex
-from osl_analysis.report.headline_statistics import intervals_text, rule_of_means
-from osl_analysis.report.headline_text import to_table
-from osl_analysis.report.headlines import headline_numbers
 from osl_analysis.report.left_out import TABLES_OF_TRIALS, left_out_trials
+from osl_analysis.report.numbers import (
+    ENTRIES,
+    headline_numbers,
+    numbers_in_summary,
+    to_json,
+    to_tex,
+)
 from osl_analysis.report.paper_tables import (
-    PaperTable,
     components_table,
     conditions_table,
+    to_markdown,
     walking_table,
 )
+from osl_analysis.report.paper_tables import to_tex as table_tex
+from osl_analysis.report.text_tables import aligned, markdown_table
 from osl_analysis.report.used_trials import missing_lines, used_and_missing
 from osl_analysis.schema import SCHEMA_FIELD, check_schema
 from osl_analysis.stats.repeats import size_texts
@@ -225,7 +230,6 @@ def write_summary(
     verdicts: Path | None = None,
     findings: Path | None = None,
     refused: Sequence[Refusal] = (),
-    example: Example | None = None,
     beside_draft: bool = True,
 ) -> None:
     """Write headline numbers of a campaign, and what a reader must know of them.
@@ -244,14 +248,12 @@ def write_summary(
         `excluded.csv`, `quality.csv` and `findings.csv`.
     refused : Sequence of Refusal
         The causes of missing tables.
-    example : Example or None
-        The desired impedance of Fig. 4.
     beside_draft : bool
         Whether the numbers of the paper's draft stand beside them.
     """
-    needed = {*LABELS, *judged_tables(), *TABLES_OF_TRIALS, "prediction_causes"}
+    needed = {*(entry.table for entry in ENTRIES), *judged_tables(), *TABLES_OF_TRIALS, "prediction_causes"}
     tables = {name: with_evidence(path) for name, path in table_paths.items() if name in needed}
-    numbers = headline_numbers(tables, example, beside_draft)
+    numbers = list(headline_numbers(tables, beside_draft))
     used_trials: Mapping[str, Any] = {}
     if excluded:
         columns = ("trial", "check", "value", "unit", "threshold", "remark")
@@ -272,12 +274,9 @@ def write_summary(
             finding.to_json() for finding in causes_in_campaign(all_findings, tables, checks)
         ],
     }
-    remarks = missing_lines(content, reasons=False)
-    if intervals:
-        remarks.insert(0, intervals)
     with atomic_path(summary_json) as json_path, atomic_path(numbers_tex) as tex_path:
         json_path.write_text(to_json(about, numbers, content), encoding="utf-8")
-        tex_path.write_text(to_tex(about, numbers, remarks), encoding="utf-8")
+        tex_path.write_text(to_tex(about, numbers), encoding="utf-8")
 
 
 def write_conditions(table: Path, about: Mapping[str, str], tex: Path, markdown: Path) -> None:
@@ -304,10 +303,23 @@ def write_components(
 
 
 def write_paper_table(
-    table: PaperTable, about: Mapping[str, str], tex: Path, markdown: Path
+    table: pd.DataFrame, about: Mapping[str, str], tex: Path, markdown: Path
 ) -> None:
-    write_text(tex, table.to_tex(sentence(about)))
-    write_text(markdown, table.to_markdown(sentence(about)))
+    write_text(tex, table_tex(table, sentence(about)))
+    write_text(markdown, to_markdown(table, sentence(about)))
+
+
+def intervals_text(tables: Mapping[str, pl.DataFrame]) -> str:
+    """Which errors of calibration the intervals of a bench's tables include."""
+    errors = [
+        table[name].max()
+        for table in tables.values()
+        for name in table.columns
+        if name.endswith("_se_bench")
+    ]
+    if any(errors):
+        return "Intervals on the bench contain what is stated of its errors."
+    return "Intervals on the bench have no errors that all trials share." if errors else ""
 
 
 def read_summary(summary_json: Path) -> dict[str, Any]:
@@ -360,14 +372,14 @@ def check_number(name: str, number: Mapping[str, Any]) -> None:
 def format_results_table(summary: Mapping[str, Any], markdown: bool = True) -> str:
     """What a summary is made of, its numbers as Markdown or aligned, what to know of them, and what
     is missing."""
-    lines = [summary.get("intervals")]
-    lines += [finding["line"] for finding in summary.get("findings", ())]
-    numbers = headlines_in_summary(summary).values()
-    lines.append(rule_of_means(numbers))
+    rows = [("quantity", "value", "interval", "n", "draft")]
+    for number in numbers_in_summary(summary):
+        draft = "" if number.draft is None else f"{number.draft:g}"
+        rows.append((number.meaning, number.text, number.interval or "", str(number.n), draft))
+    table = markdown_table(rows) if markdown else aligned(rows)
+    lines = [summary["intervals"], *(finding["line"] for finding in summary["findings"])]
     lines += missing_lines(summary, reasons=True)
-    table = to_table(numbers, markdown)
-    remarks = [f"{line}\n" for line in lines if line]
-    return "\n".join([f"{sentence(summary)}\n\n{table}", *remarks])
+    return "\n\n".join([sentence(summary), table, *filter(None, lines)])
 
 
 def later_failures(summary_json: Path) -> str:

@@ -104,7 +104,6 @@ SECTIONS = {
         "fit": "fit one trial and print its estimates",
         "ingest": "convert the raw logs of one trial into one file",
         "design": "intervals of K, B and I to expect from a protocol",
-        "design-walking": "the same from numbers of perturbed crossings",
         "gains": "control gains that render a stiffness and a damping",
         "simulate": "simulate a campaign",
     },
@@ -481,9 +480,7 @@ def fit(
     is_flag=True,
     help="Unit and meaning of every column of every table in place of the numbers.",
 )
-def results(
-    folder: Path, everything: bool, markdown: bool, as_json: bool, columns: bool
-) -> None:
+def results(folder: Path, everything: bool, markdown: bool, as_json: bool, columns: bool) -> None:
     """Print what the results in FOLDER are: trials that are clear, doubtful and left out, K and B
     with intervals, and each doubt with what to do; with --all every number, and the draft's."""
     from osl_analysis.campaign.origin import sentence
@@ -924,61 +921,3 @@ def check_design_options(given: set[str], excitation: str) -> None:
         raise click.UsageError("--trial is that of a pilot: give its results by --from too")
     if {"pilot", "friction"} <= given:
         raise click.UsageError("--from and --friction state the same friction: give one of them")
-
-
-@main.command(
-    "design-walking",
-    epilog="Example: osl-analysis design-walking pilot/results --crossings 8,16 --turn 5",
-)
-@argument("folder", type=FOLDER, default=Path("results"))
-@option(
-    "--crossings",
-    type=numbers,
-    default="4,6,8,12,16,20,30,40",
-    help="Numbers of perturbed crossings.",
-)
-@option("--turn", "turn_deg", type=POSITIVE, help="Size [deg]; default: the pilot's, or 5.")
-@option(
-    "--ramp",
-    "ramp_ms",
-    type=click.FloatRange(10, 1000),
-    help="Duration of the turn [ms]; default: the pilot's, or 80.",
-)
-@option(
-    "--phase",
-    type=percent,
-    help="Onset of the turn [percent of stance]; default: the pilot's, or 40.",
-)
-@option("--both", is_flag=True, help="Turns in both directions, of half their difference.")
-@STIFFNESS
-@DAMPING
-@INERTIA
-@file_option("--plot", help="Draw the half-widths to this file (.pdf, .svg or .png).")
-@CONFIG
-@AS_JSON
-def design_walking(
-    folder: Path,
-    crossings: list[float],
-    both: bool,
-    plot: Path | None,
-    config_path: Path,
-    as_json: bool,
-    **turn: Any,
-) -> None:
-    """Say what 95 % intervals of K, B and I to expect from numbers of perturbed crossings.
-
-    From the scatter of the unperturbed crossings of a pilot, whose results are in FOLDER."""
-    from osl_analysis.campaign.configuration import read_config
-    from osl_analysis.commands import walking_plan
-    from osl_analysis.commands.estimates import rows_json
-
-    counts = [round(count) for count in crossings]
-    planned = walking_plan.requested_turn(folder, **turn)
-    say(walking_plan.turn_text(planned), err=as_json)
-    table = walking_plan.planned_crossings(
-        folder, counts, planned, both, read_config(config_path).walking
-    )
-    if plot is not None:
-        walking_plan.draw_plan(table, plot)
-        say(f"wrote {plot}", err=True)
-    say(rows_json(table) if as_json else walking_plan.plan_text(table))

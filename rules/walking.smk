@@ -1,6 +1,4 @@
 """Ankle impedance of a walking person, from perturbed and unperturbed crossings (Fig. 9).
-
-And the ankle moment of overground gait.
 """
 
 WALKED = {trial: PLACES[trial] for trial in CAMPAIGN.trials("walking")}
@@ -49,35 +47,12 @@ rule identify_plate:
         job("walking.identify_plate", input, output, params, log)
 
 
-rule measure_platform:
-    """The motion that the platform's perturbations share."""
-    input:
-        trials=expand("<results>/trials/{trial}.parquet", trial=PERTURBED),
-        calibrations=FILES.calibrations(PERTURBED),
-        quality=FILES.checks(PERTURBED),
-    output:
-        output="<results>/fits/platform.json",
-        comparison="<results>/tables/platform.csv",
-    log:
-        "<logs>/walking/platform.log",
-    localrule: True
-    params:
-        statics=CAMPAIGN.static_trials(PERTURBED),
-        settings=CONFIG.walking.part("CrossingSettings"),
-        places=WALKED,
-        excluded=excluded(PERTURBED),
-        made_by=MADE_BY,
-    run:
-        job("walking.measure_platform", input, output, params, log)
-
-
 rule analyse_crossing:
     """Ankle angle and torque over the stance of one crossing."""
     input:
         trial=of_trials(WALKED),
         calibration=lambda wildcards: FILES.calibration_of_crossing(wildcards.trial),
-        plate=[] if CONFIG.walking.by_log else "<results>/fits/plate.json",
-        platform=[] if CONFIG.walking.by_log else "<results>/fits/platform.json",
+        plate="<results>/fits/plate.json",
     output:
         "<results>/crossings/{trial}.parquet",
     log:
@@ -87,7 +62,6 @@ rule analyse_crossing:
         perturbed=cell("perturbed"),
         direction=cell("direction"),
         body_mass_kg=cell("body_mass_kg"),
-        windows=cell("windows"),
         made_by=MADE_BY,
     run:
         job("walking.analyse", input, output, params, log)
@@ -162,7 +136,6 @@ rule summarise_walking:
         responses="<results>/tables/walking_responses.csv",
         excluded="<results>/tables/walking_excluded.csv",
         groups="<results>/tables/walking_groups.csv",
-        sensitivity="<results>/tables/walking_sensitivity.csv",
     log:
         "<logs>/walking/summary.log",
     localrule: True
@@ -194,20 +167,3 @@ rule tabulate_over_stance:
         made_by=MADE_BY,
     run:
         job("walking_summary.tabulate_over_stance", input, output, params, log)
-
-
-rule compare_ankle_moment:
-    """The ankle moment of an overground trial beside that of the laboratory."""
-    input:
-        trial=of_trials(CAMPAIGN.trials("overground")),
-    output:
-        ankle_moment="<results>/fits/ankle_moment/{trial}.csv",
-        others="<results>/fits/ankle_moment/{trial}.zip",
-    log:
-        "<logs>/overground/{trial}.log",
-    params:
-        settings=CONFIG.overground.part("OvergroundAnalysis"),
-        condition=cells("body_mass_kg"),
-        made_by=MADE_BY,
-    run:
-        job("walking.compare_ankle_moment", input, output, params, log)

@@ -209,20 +209,11 @@ def check_walking(campaign: Campaign) -> None:
 
 
 def check_files_of_crossing(campaign: Campaign, trial: str) -> None:
-    """Refuse a crossing without the file that its analysis needs, or with windows that cut
-    nothing."""
-    walking = campaign.config.walking
-    row = campaign.row(trial)
-    where = f"{campaign.config.sheet}: trial '{trial}'"
-    file = "log" if walking.by_log else "mocap"
-    if row[file] is None:
+    """Refuse a crossing without its capture."""
+    if campaign.row(trial)["mocap"] is None:
         raise InputError(
-            f"{where}: {file} is empty; a trial of experiment 'walking' needs it (perturbed_by:"
-            f" {walking.perturbed_by})"
-        )
-    if row["windows"] and not walking.by_command:
-        raise InputError(
-            f"{where}: windows cut no capture with a moving platform; export each crossing alone"
+            f"{campaign.config.sheet}: trial '{trial}': mocap is empty; a trial of experiment"
+            " 'walking' needs it"
         )
 
 
@@ -233,9 +224,8 @@ def trials_for_walking(campaign: Campaign) -> list[NeededTrials]:
     if campaign.config.simulation is not None:
         add += ", or correct experiments.walking or perturbed_share of the simulation"
     needed = []
-    if not walking.by_log:
-        statics = campaign.trials("static")
-        needed.append(NeededTrials(statics, "trial of experiment 'static'", 1, add))
+    statics = campaign.trials("static")
+    needed.append(NeededTrials(statics, "trial of experiment 'static'", 1, add))
     needed.append(
         NeededTrials(
             trials=campaign.crossings(perturbed=False),
@@ -246,7 +236,7 @@ def trials_for_walking(campaign: Campaign) -> list[NeededTrials]:
     )
     perturbed = campaign.crossings(perturbed=True)
     needed.append(NeededTrials(perturbed, "perturbed crossings", FEWEST_PERTURBED, add))
-    if walking.plate_inertia == "identified" and not walking.by_log:
+    if walking.plate_inertia == "identified":
         needed.append(
             NeededTrials(
                 trials=campaign.trials("plate"),

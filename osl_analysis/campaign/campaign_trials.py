@@ -21,8 +21,6 @@ from osl_analysis.walking.groups import STATED, side_of, static_of
 
 # Cells of a row that ingest uses. A change of other cells does not cause a new ingest.
 INGESTED = ("trial", "experiment", "log", "log_source", "log_part", "mocap", "mocap_source")
-# Tables of a moving force plate, which a campaign of the leg's logs alone does not have
-OF_THE_PLATE = ("plate", "platform")
 
 
 @dataclass(frozen=True)
@@ -96,8 +94,7 @@ class Campaign:
     def plate_trials(self) -> list[str]:
         """Names of the plate trials from which the plate's inertia is identified; none if it is
         not."""
-        walking = self.config.walking
-        if walking.plate_inertia != "identified" or walking.by_log:
+        if self.config.walking.plate_inertia != "identified":
             return []
         return self.trials("plate")
 
@@ -105,8 +102,6 @@ class Campaign:
     def statics(self) -> dict[str, list[str]]:
         """The crossings that each static trial in use calibrates, by static trial, in the order of
         the sheet."""
-        if self.config.walking.by_log:
-            return {}
         static_of_crossing = {trial: self.static(trial) for trial in self.trials("walking")}
         used = {*static_of_crossing.values(), *map(self.static, self.plate_trials())}
         return {
@@ -165,8 +160,6 @@ class Campaign:
     def needed_columns(self, trial: str) -> tuple[str, ...]:
         """The columns that a trial must have."""
         experiment = self.row(trial)["experiment"]
-        if experiment == "walking" and self.config.walking.by_log:
-            return ("theta", "torque")
         return EXPERIMENTS[experiment].needed_columns
 
     def commanded(self, trial: str) -> dict[str, Any]:
@@ -233,8 +226,6 @@ class Campaign:
         for experiment, facts in EXPERIMENTS.items():
             if self.trials(experiment):
                 tables.extend(facts.further_tables)
-        if self.config.walking.by_log:
-            return [table for table in tables if table not in OF_THE_PLATE]
         return tables
 
     @property

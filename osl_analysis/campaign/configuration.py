@@ -21,7 +21,7 @@ from osl_analysis.judge.claims import Claims
 from osl_analysis.judge.limits import DoubtfulFits
 from osl_analysis.judge.recording_checks import QualityRules
 from osl_analysis.model.compensator import Weight
-from osl_analysis.walking.walking_settings import OvergroundAnalysis, WalkingAnalysis
+from osl_analysis.walking.walking_settings import WalkingAnalysis
 from osl_analysis.yaml_settings import (
     FILE_NAME,
     AnySettings,
@@ -130,7 +130,6 @@ class Config(Settings):
     """CSV file of the impedance over the gait cycle, for Fig. 8; null: no Fig. 8."""
     gain_weight: Weight  # W of Eq. 14.
     walking: WalkingAnalysis  # Analysis of the crossings.
-    overground: OvergroundAnalysis  # Comparison of the ankle moment in overground gait.
     failed_trials: Literal["refuse", "accept"]
     """Whether a run in which something was refused, or failed, ends with exit code 1 or 0."""
     quality: QualityRules  # Thresholds of quality control.

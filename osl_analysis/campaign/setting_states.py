@@ -49,7 +49,6 @@ EXPERIMENTS_BY_SETTING: dict[str, tuple[str, ...]] = {
     "impedance_trajectory": ("walking",),
     "figures.midstance_stiffness": ("walking",),
     "figures.stance_share": ("walking",),
-    "walking.perturbed_by": ("walking",),
     "walking.side": ("walking",),
     "walking.plate": ("walking",),
     "walking.markers": ("walking",),

@@ -94,12 +94,11 @@ def check_start(campaign: Campaign) -> None:
     is_wrong_for_all = len(problems) == len(campaign.trials()) and len(set(problems.values())) == 1
     if is_wrong_for_all:
         raise InputError(next(iter(problems.values())))
-    if not config.walking.by_log:
-        on_plate = campaign.trials("walking", "plate")
-        sound = [trial for trial in on_plate if trial not in problems]
-        if sound:
-            source = read_source(campaign.sources(sound[0])[-1])
-            check_plates(source, captures(campaign, on_plate), config.walking.plate)
+    on_plate = campaign.trials("walking", "plate")
+    sound = [trial for trial in on_plate if trial not in problems]
+    if sound:
+        source = read_source(campaign.sources(sound[0])[-1])
+        check_plates(source, captures(campaign, on_plate), config.walking.plate)
 
 
 def has_to_simulate(campaign: Campaign) -> bool:

@@ -69,12 +69,8 @@ def write_report(files: ReportFiles) -> None:
     tables = {"Trials": trials_table(files.sheet, results, findings, left_out)}
     if "impedance" in results:
         tables = {"Conditions": conditions_table(results["impedance"]), **tables}
-    for heading, name in {
-        "Claims of the paper": "claims",
-        "What errors of the laboratory would change": "walking_sensitivity",
-    }.items():
-        if name in results:
-            tables[heading] = pd.DataFrame(results[name].to_dicts())
+    if "claims" in results:
+        tables["Claims of the paper"] = pd.DataFrame(results["claims"].to_dicts())
     tables["Settings"] = pd.DataFrame(read_table(files.states).to_dicts())
     drawn, absent = drawn_figures(files.figures, read_captions(files.captions))
     page = Page(

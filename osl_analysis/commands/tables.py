@@ -251,7 +251,12 @@ def write_summary(
     beside_draft : bool
         Whether the numbers of the paper's draft stand beside them.
     """
-    needed = {*(entry.table for entry in ENTRIES), *judged_tables(), *TABLES_OF_TRIALS, "prediction_causes"}
+    needed = {
+        *(entry.table for entry in ENTRIES),
+        *judged_tables(),
+        *TABLES_OF_TRIALS,
+        "prediction_causes",
+    }
     tables = {name: with_evidence(path) for name, path in table_paths.items() if name in needed}
     numbers = list(headline_numbers(tables, beside_draft))
     used_trials: Mapping[str, Any] = {}

@@ -25,7 +25,6 @@ from osl_analysis.commands.walking_files import (
     write_unperturbed_gaits,
 )
 from osl_analysis.errors import InputError, OslAnalysisError
-from osl_analysis.ingest.examine import check_own_torque
 from osl_analysis.judge.judging import EXCLUDED
 from osl_analysis.table import Places, read_table, with_places, write_table
 from osl_analysis.trial import (
@@ -35,14 +34,11 @@ from osl_analysis.trial import (
 from osl_analysis.walking import result_tables
 from osl_analysis.walking import walking_settings as choices
 from osl_analysis.walking.crossing import (
-    UP,
     Crossing,
     RefusedCrossing,
     analyse_crossing,
-    crossing_of_log,
 )
 from osl_analysis.walking.groups import ALL, SEPARATOR, cell_listing, split_keys
-from osl_analysis.walking.overground import CURVES, overground_contacts
 from osl_analysis.walking.plate_model import (
     NO_CORRECTION,
     NOT_REMOVED,
@@ -53,12 +49,6 @@ from osl_analysis.walking.plate_model import (
 from osl_analysis.walking.poses import StaticCalibration, static_calibration
 from osl_analysis.walking.selection import selection_rows
 from osl_analysis.walking.setup_checks import body_mass
-from osl_analysis.walking.shared_motion import (
-    NO_SHARED_MOTION,
-    PlatformModel,
-    identify_platform,
-    platform_table,
-)
 from osl_analysis.walking.unperturbed_gait import UnperturbedGait, unperturbed_gait
 
 # The static trial of each trial, which names the file of its calibration
@@ -107,35 +97,15 @@ def identify_plate(
     write_table(table.with_columns(plate_inertia=pl.lit(settings.plate_inertia)), comparison, data)
 
 
-def measure_platform(
-    trials: Paths,
-    calibrations: Paths,
-    statics: Statics,
-    settings: choices.CrossingSettings,
-    output: Path,
-    comparison: Path,
-    places: Places | None = None,
-    data: str = "",
-) -> None:
-    """The motion that the platform's perturbations share, to a JSON file. The table `comparison`
-    shows when each crossing's perturbation starts, and whether it follows the shared motion;
-    `places` has joint and side of each."""
-    model = identify_platform(calibrated_trials(trials, calibrations, statics), settings)
-    write_model(model, output)
-    write_table(with_places(platform_table(model), places or {}), comparison, data)
-
-
 def analyse(
     trial: Path,
-    calibration: Path | None,
-    plate: Path | None,
+    calibration: Path,
+    plate: Path,
     perturbed: bool,
     settings: choices.CrossingSettings,
     output: Path,
     direction: str | None = None,
     body_mass_kg: float | None = None,
-    platform: Path | None = None,
-    windows: str | None = None,
 ) -> None:
     """Write angle and torque of one crossing, with its events, or, with a warning, why there are
     none.
@@ -144,30 +114,21 @@ def analyse(
     ----------
     trial : Path
         The recording.
-    calibration, plate : Path or None
-        Those of its static trial and of the plate; without both the log is analysed.
-    perturbed, direction, body_mass_kg, windows
-        What the sheet states; windows as from-to [s].
+    calibration, plate : Path
+        Those of its static trial and of the plate.
+    perturbed, direction, body_mass_kg
+        What the sheet states.
     settings : CrossingSettings
     output : Path
         A Parquet file.
-    platform : Path or None
-        The motion that perturbed crossings share.
     """
     walked = read_trial(trial)
-    shared = NO_SHARED_MOTION if platform is None else read_model(platform, PlatformModel)
-    static = None if calibration is None else read_model(calibration, StaticCalibration)
-    model = None if plate is None else read_model(plate, PlateModel)
-    if windows:
-        walked = walked.within(windows)
+    static = read_model(calibration, StaticCalibration)
+    model = read_model(plate, PlateModel)
     try:
-        if static is None or model is None:
-            check_own_torque(walked)
-            crossing = crossing_of_log(walked, perturbed, settings)
-        else:
-            crossing = analyse_crossing(walked, static, model, perturbed, settings, shared)
+        crossing = analyse_crossing(walked, static, model, perturbed, settings)
         if direction is not None:
-            crossing = in_stated_direction(crossing, direction, settings)
+            check_direction(crossing, direction)
         crossing = replace(crossing, body_mass=body_mass(walked, body_mass_kg))
     except OslAnalysisError as error:
         reason = str(error)
@@ -179,23 +140,14 @@ def analyse(
         write_crossing(crossing, output)
 
 
-def in_stated_direction(
-    crossing: Crossing, direction: str, settings: choices.CrossingSettings
-) -> Crossing:
-    """The crossing with the sign of its turn by the sheet where that is a command, not measured.
-    Raises InputError where the measured direction is another one."""
-    if crossing.turn and settings.by_command:
-        size = abs(crossing.turn)
-        crossing = replace(crossing, turn=size if direction == UP else -size)
-    if crossing.direction in (None, direction):
-        return crossing
-    is_belt = settings.perturbed_by == "belt"
-    what = "shift turned the ankle" if is_belt else "platform turned"
-    raise InputError(
-        f"trial {crossing.name}: the {what} by {np.rad2deg(crossing.turn or 0.0):.1f} deg"
-        f" (positive: toes up), but the sheet says direction '{direction}', expected"
-        f" '{crossing.direction}'; correct the sheet, or exclude the trial"
-    )
+def check_direction(crossing: Crossing, direction: str) -> None:
+    """Refuse a turn in another direction than the sheet states."""
+    if crossing.direction not in (None, direction):
+        raise InputError(
+            f"trial {crossing.name}: the platform turned by"
+            f" {np.rad2deg(crossing.turn or 0.0):.1f} deg (positive: toes up), but the sheet says"
+            f" direction '{direction}'; correct the sheet, or exclude the trial"
+        )
 
 
 def select_crossings(
@@ -307,24 +259,3 @@ def fit_perturbation(
             warnings.warn(f"excluded: {reason}", stacklevel=2)
     place = {"trial": crossing.stem, "group": selected["group"], "direction": selected["direction"]}
     write_table(pl.DataFrame([{**place, **row, EXCLUDED: reason}]), output, data)
-
-
-def compare_ankle_moment(
-    trial: Trial,
-    settings: choices.OvergroundAnalysis,
-    condition: Mapping[str, float | None] | None = None,
-) -> Mapping[str, pl.DataFrame]:
-    """Our ankle moment, and the laboratory's, of each stance, and over it; `condition` may state
-    `body_mass_kg`."""
-    contacts = overground_contacts(trial, settings, (condition or {}).get("body_mass_kg"))
-    table = pl.DataFrame([contact.row() for contact in contacts], infer_schema_length=None)
-    for row in table.drop_nulls("excluded").iter_rows(named=True):
-        warnings.warn(
-            f"trial {trial.name}: the {row['side']} stance at {row['heel_strike_s']:.2f} s on plate"
-            f" {row['plate']} is excluded: {row['excluded']}",
-            stacklevel=2,
-        )
-    used = table.filter(pl.col("excluded").is_null())
-    used = used.with_columns(pl.col(CURVES).cast(pl.List(pl.Float64)))
-    curves = used.select("trial", "side", "plate", "heel_strike_s", *CURVES).explode(CURVES)
-    return {"ankle_moment": table.drop(CURVES), "ankle_moment_curves": curves.fill_nan(None)}

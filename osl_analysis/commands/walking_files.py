@@ -25,14 +25,12 @@ from osl_analysis.trial import (
 from osl_analysis.walking.crossing import Crossing, RefusedCrossing
 from osl_analysis.walking.plate_model import PlateModel
 from osl_analysis.walking.poses import StaticCalibration
-from osl_analysis.walking.shared_motion import PlatformModel
 from osl_analysis.walking.unperturbed_gait import PHASES, UnperturbedGait
 
 # The step that writes each model
 WRITTEN_BY = {
     StaticCalibration: "calibrate",
     PlateModel: "identify-plate",
-    PlatformModel: "measure-platform",
 }
 ADAPTERS: dict[Any, TypeAdapter[Any]] = {
     kind: TypeAdapter(kind) for kind in (*WRITTEN_BY, Crossing)
@@ -146,7 +144,6 @@ def gait_frame(name: str, gait: UnperturbedGait) -> pl.DataFrame:
         "torque": gait.torque.ravel(),
         # (errors, crossings, phases) as (rows, errors)
         "plate_errors": gait.plate_errors.reshape(-1, rows).T,
-        "lab_errors": gait.lab_errors.reshape(-1, rows).T,
         "stance_s": np.repeat(gait.stance, phases),
         "phase": np.tile(PHASES, crossings),
     })  # fmt: skip
@@ -168,6 +165,5 @@ def read_unperturbed_gaits(path: Path) -> dict[str, UnperturbedGait]:
             torque=frame["torque"].to_numpy().reshape(shape),
             stance=frame["stance_s"].to_numpy().reshape(shape)[:, 0],
             plate_errors=frame["plate_errors"].to_numpy().T.reshape(-1, *shape),
-            lab_errors=frame["lab_errors"].to_numpy().T.reshape(-1, *shape),
         )
     return gaits

@@ -26,8 +26,8 @@ from osl_analysis.table import MEASURED, Places, read_table, with_places, write_
 from osl_analysis.trial import Array
 from osl_analysis.walking import result_tables
 from osl_analysis.walking import walking_settings as choices
-from osl_analysis.walking.ensemble import ESTIMATED, group_headline
-from osl_analysis.walking.group_checks import check_group, check_witnesses
+from osl_analysis.walking.ensemble import group_headline
+from osl_analysis.walking.group_checks import check_fit
 from osl_analysis.walking.group_table import (
     GroupConditions,
     GroupOutcome,
@@ -49,7 +49,6 @@ class GroupResult:
     outcome: GroupOutcome
     summary: list[dict[str, Any]]  # rows of `walking_summary.csv`
     responses: pl.DataFrame | None = None  # rows of `walking_responses.csv`
-    sensitivity: pl.DataFrame | None = None  # rows of `walking_sensitivity.csv`
 
     @property
     def group(self) -> str:
@@ -107,7 +106,6 @@ def summarise_perturbations(
     responses: Path,
     excluded: Path,
     groups: Path,
-    sensitivity: Path,
     sheet: SheetCells,
     limits: Limits | None = None,
     places: Places | None = None,
@@ -132,8 +130,6 @@ def summarise_perturbations(
         The crossings that are not used, with the reason.
     groups : Path
         The conditions of each group.
-    sensitivity : Path
-        What errors of the laboratory would change.
     sheet : Mapping
         Cells of the sample sheet of each crossing.
     limits : Limits or None
@@ -164,7 +160,6 @@ def summarise_perturbations(
         output: summary_with_doubts(results, group_table),
         groups: group_table.drop("side"),
         responses: pl.concat(r.responses for r in results if r.responses is not None),
-        sensitivity: pl.concat(r.sensitivity for r in results if r.sensitivity is not None),
     }
     for path, of_groups in tables.items():
         write_table(with_places(of_groups, places_of_groups, "group"), path, data)
@@ -248,14 +243,8 @@ def group_result(
         warnings.warn(f"no result of {group}: {error}", stacklevel=2)
         return result_without(conditions, len(fits), str(error))
 
-    by_log = crossings[0].platform is None
-    sensitivity = result_tables.sensitivity_table(group, headline, settings.uncertainty, by_log)
-    stated_share = sensitivity["stated"] / sensitivity["size"]
-    stated_se: dict[str, float] = {}  # by what the errors of the laboratory are stated to be
-    for name in ESTIMATED:
-        stated_se[name] = float(np.linalg.norm((stated_share * sensitivity[name]).to_numpy()))
     summary = []
-    for row in result_tables.headline_rows(headline, fits, doubtful_row(fits), stated_se):
+    for row in result_tables.headline_rows(headline, fits, doubtful_row(fits), {}):
         commanded = conditions.cells.get(f"{row['quantity']}_d")  # K_d, B_d; no I is commanded
         summary.append({"group": group, **row, "commanded": commanded, "reason": None})
     timing = conditions.timing
@@ -265,11 +254,10 @@ def group_result(
     outcome = GroupOutcome(
         conditions,
         fitted_phase=fitted_phase,
-        checks=check_group(headline),
-        witnesses=check_witnesses(crossings, headline.ensemble.fit["K"], sensitivity),
+        checks=check_fit(headline),
     )
     responses = result_tables.response_table(group, headline)
-    return GroupResult(outcome, summary, responses, sensitivity)
+    return GroupResult(outcome, summary, responses)
 
 
 def result_without(conditions: GroupConditions, n: int, reason: str) -> GroupResult:

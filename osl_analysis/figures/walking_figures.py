@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from osl_analysis.errors import InputError
 from osl_analysis.figures import columns_of, marks, names, style
-from osl_analysis.figures.ticks import label_in_thousandths, label_log_axis
+from osl_analysis.figures.ticks import label_in_thousandths
 from osl_analysis.trial import Array
 
 # Fig. 9
@@ -483,24 +483,3 @@ def draw_series(ax: Axes, groups: pl.DataFrame, colour: str, marker: str, label:
         fmt="none", color=colour, linewidth=WINDOW_WIDTH, capsize=1.5,
     )  # fmt: skip
     ax.plot(phase, groups["estimate"], marker, color=colour, markersize=3.5, mew=0, label=label)
-
-
-# of `osl-analysis design --walking`
-
-
-@style.paper_style()
-def draw_half_widths(table: pl.DataFrame) -> Figure:
-    """Half of the 95 % interval of K, B and I that is expected, against the number of perturbed
-    crossings, by gait."""
-    figure, axes = style.panels(style.DOUBLE_COLUMN, 2.4, columns=3)
-    for ax, quantity in zip(axes, "KBI", strict=True):
-        for gait, rows in table.group_by("gait", maintain_order=True):
-            label = names.drawn_name(str(gait[0]))
-            ax.loglog(rows["n"], rows[quantity], "o-", markersize=3, label=label)
-        ax.set_xlabel("Perturbed crossings")
-        ax.set_ylabel(f"Half of the 95 % interval,\n{names.AXIS_LABELS[quantity]}")
-        if quantity == "I":
-            label_log_axis(ax.yaxis, ax.get_ylim(), most=6, scale=1e3)
-    if table["gait"].n_unique() > 1:
-        marks.legend_above(figure, marks.legend_entries(axes), 4)
-    return figure

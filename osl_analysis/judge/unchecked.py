@@ -64,8 +64,6 @@ def unchecked_names(table: str, row: AnyRow) -> Iterator[str]:
         yield "cross_talk"
     if table == "impedance":
         yield from unchecked_in_impedance(row)
-    elif table == "walking_groups":
-        yield from unchecked_in_walking(row)
     elif table == "transmission":
         if delay_may_hide(row):
             yield "late_torque_unseen"
@@ -172,34 +170,3 @@ def unchecked_in_prediction(row: AnyRow) -> Iterator[str]:
         yield "no_prediction_interval"
     elif row.get("outside") is not None:
         yield "prediction_outside_range"
-
-
-def unchecked_in_walking(row: AnyRow) -> Iterator[str]:
-    if row.get("K") is None:
-        return
-    K = cell_number(row, "K") or 0.0
-    has_no_plate = lacks(row, "plate_K_per_m")  # the torque is the log's
-    if has_no_plate:
-        yield "late_torque_unseen"
-    elif lacks(row, "shoe_share"):
-        yield "shoe_stiffness"
-    K_per_percent = cell_number(row, "moment_K_per_percent") or 0.0
-    moment_effect = 100 * (cell_number(row, "moment_error_half") or 0.0) * K_per_percent
-    if abs(moment_effect) > LEAST_MOMENT_SHARE * abs(K):
-        yield "plate_moments"
-    is_gain_told = (cell_number(row, "load_slack") or 0.0) < ROUGH_GAIN
-    if (lacks(row, "load_error") or not is_gain_told) and not has_no_plate:
-        yield "plate_gain_unseen"
-    if lacks(row, "plate_height_m") and not has_no_plate:
-        yield "plate_height_unseen"
-    if lacks(row, "filled_share") and not has_no_plate:
-        yield "filled_markers_unseen"
-    reflex_effect = cell_number(row, "reflex_K_widths") or 0.0
-    if row.get("reflex_delay_ms") is not None and reflex_effect > WIDE:
-        yield "reflex_in_K"
-    if (cell_number(row, "hidden_reflex_K_widths") or 0.0) > SEEN:
-        yield "reflex_unseen"
-    if row.get("hidden_slope_low") is not None:
-        yield "slope_unseen"
-    if lacks(row, "common_K"):
-        yield "common_torque"

@@ -3,42 +3,33 @@
 The crossing is recorded by markers and a force plate, or by the log of a boot or leg.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 import scipy
 
 from osl_analysis.errors import InputError
 from osl_analysis.measured import check_measured
-from osl_analysis.signals.grid import GapLimits, uniform_signals
-from osl_analysis.trial import Array, Trial, plate_columns
+from osl_analysis.trial import Array, Trial
 from osl_analysis.walking import poses as rigid
-from osl_analysis.walking.alike import differences
 from osl_analysis.walking.ankle import Ankle, ankle_between, load_on_foot, moment_of_foot
 from osl_analysis.walking.crossing_quality import (
     CrossingQuality,
     compare_encoder,
     crossing_quality,
 )
-from osl_analysis.walking.passage import Passage, find_command, in_stance, recorded_passage
+from osl_analysis.walking.passage import Passage, recorded_passage
 from osl_analysis.walking.plate_model import PlateModel
 from osl_analysis.walking.platform import rotation_from_rest
 from osl_analysis.walking.poses import Poses, StaticCalibration, StoredArray
-from osl_analysis.walking.setup_checks import check_onset, check_roll, check_side
-from osl_analysis.walking.shared_motion import NO_SHARED_MOTION, PlatformModel
-from osl_analysis.walking.stance import Stance, only_stance
-from osl_analysis.walking.torque_errors import LOG_ERRORS, ankle_torques, moving_plate
+from osl_analysis.walking.setup_checks import check_roll, check_side
+from osl_analysis.walking.stance import Stance
+from osl_analysis.walking.torque_errors import ankle_torques, moving_plate
 from osl_analysis.walking.walking_settings import CrossingSettings, FootSettings
 
 # Directions of a perturbation in sheet and tables: toes up (dorsiflexion), and toes down
 UP, DOWN = "up", "down"
 FEWEST_SAMPLES = 6  # for a quintic spline
-LOG_RATE_HZ = 300.0  # one for all logs, whose rates differ a little; enough after 20 Hz
-LOG_SPARE_S = 0.1  # before and after stance
-ONE_STRIDE = (
-    "cut the log to one by `windows` in the sheet, one row per stride; check load_on_n and"
-    " load_off_n"
-)
 
 
 @dataclass(frozen=True)
@@ -55,8 +46,6 @@ class Crossing:
     bridged: float  # fraction of the frames in stance in which a hidden cluster was interpolated
     # Changes (m, n) [N*m] of the torque without the i-th of m plate trials; m = 0 with one
     plate_errors: StoredArray = field(default_factory=lambda: np.zeros((0, 0)))
-    # The same (e, n) [N*m] by each of `LABORATORY_ERRORS`, or of `LOG_ERRORS`
-    lab_errors: StoredArray = field(default_factory=lambda: np.zeros((0, 0)))
     quality: CrossingQuality = field(default_factory=CrossingQuality)
     # Vertical force [N], and centre of pressure [m] to the left of the ankle and before it: (3, n)
     load: StoredArray | None = None  # None if it is not known
@@ -66,9 +55,8 @@ class Crossing:
     body_mass: float | None = None  # [kg]; None if nobody states it
 
     def __post_init__(self) -> None:
-        for errors in ("plate_errors", "lab_errors"):
-            if not getattr(self, errors).size:
-                object.__setattr__(self, errors, np.zeros((0, len(self.time))))
+        if not self.plate_errors.size:
+            object.__setattr__(self, "plate_errors", np.zeros((0, len(self.time))))
         for signal in ("time", "theta", "torque", "plate_errors"):
             check_measured(f"trial {self.name}: {signal}", getattr(self, signal))
         if len(self.time) < FEWEST_SAMPLES or not (np.diff(self.time) > 0).all():
@@ -108,7 +96,6 @@ def analyse_crossing(
     unloaded: PlateModel,
     perturbed: bool,
     settings: CrossingSettings,
-    shared: PlatformModel = NO_SHARED_MOTION,
 ) -> Crossing:
     """Compute angle and torque of a crossing, through one low-pass at one rate.
 
@@ -120,9 +107,6 @@ def analyse_crossing(
         Inertia and lag of the plate, which are removed.
     perturbed : bool
         What the sheet says.
-    shared : PlatformModel
-        What the motions of the platform have in common; without it, motion and onset are the
-        crossing's own.
 
     Raises
     ------
@@ -130,7 +114,7 @@ def analyse_crossing(
         The recording, or the laboratory's set-up, does not allow it.
     """
     # Poses, stance and onset
-    passage = recorded_passage(trial, calibration, unloaded.lag or 0.0, perturbed, settings, shared)
+    passage = recorded_passage(trial, calibration, unloaded.lag or 0.0, perturbed, settings)
     foot, shank = passage.poses["foot"], passage.poses["shank"]
     phase = passage.stance.phase(passage.time)
 
@@ -139,8 +123,8 @@ def analyse_crossing(
     check_side(phase, shank.position - ankle.centre, ankle.axis)
 
     # Torque
-    plate = moving_plate(passage, ankle, shared, calibration, settings)
-    torques = ankle_torques(plate, unloaded, shared)
+    plate = moving_plate(passage, ankle, calibration, settings)
+    torques = ankle_torques(plate, unloaded)
     torque = torques.torque
     if settings.foot is not None:
         torque = torque + torque_of_foot(
@@ -156,12 +140,6 @@ def analyse_crossing(
     quality = crossing_quality(
         trial, passage, ankle, load, unloaded, calibration, encoder, settings
     )
-    unlike_static = {
-        **differences(trial, passage, ankle, calibration, settings),
-        **unloaded.differences,
-    }
-    different = max(unlike_static, key=lambda what: unlike_static[what])
-    quality = replace(quality, different=different, different_mm=1e3 * unlike_static[different])
     clusters = passage.recorded.values()
     bridged = np.any([pose.bridged[passage.rows] for pose in clusters], axis=0)
 
@@ -175,10 +153,9 @@ def analyse_crossing(
         onset=passage.onset,
         bridged=float(np.mean(bridged[passage.inside])),
         plate_errors=torques.plate_errors,
-        lab_errors=torques.lab_errors,
         quality=quality,
         load=np.array([load.vertical, load.left, load.forward]),
-        turn=perturbing_turn(trial, passage, ankle, settings),
+        turn=perturbing_turn(passage, ankle, settings),
     )
 
 
@@ -190,24 +167,13 @@ def torque_of_foot(
     return moment_of_foot(motion, ankle.centre, ankle.axis, inertia.mass_kg, inertia.inertia_kg_m2)
 
 
-def perturbing_turn(
-    trial: Trial, passage: Passage, ankle: Ankle, settings: CrossingSettings
-) -> float | None:
+def perturbing_turn(passage: Passage, ankle: Ankle, settings: CrossingSettings) -> float | None:
     """Turn [rad] by the perturbation in the window, toes up; None without one."""
     if passage.onset is None:
         return None
     plate = passage.poses["platform"]
     end = passage.onset + settings.window_s
-    if settings.perturbed_by != "belt":
-        return platform_turn(passage.time, plate, ankle.axis, (passage.onset, end))
-
-    first, last = np.searchsorted(passage.time, (passage.onset, end))
-    if settings.by_command:
-        sign = find_command(trial, passage.stance).sign
-    else:
-        shift = np.diff(plate.position[[first, last]], axis=0) @ ankle.forward[first]
-        sign = -1 if shift > 0 else 1  # a belt that goes backward turns the toes up
-    return sign * float(np.ptp(ankle.theta[first:last]))
+    return platform_turn(passage.time, plate, ankle.axis, (passage.onset, end))
 
 
 def platform_turn(time: Array, turned: Poses, axis: Array, window: tuple[float, float]) -> float:
@@ -231,73 +197,3 @@ def platform_turn(time: Array, turned: Poses, axis: Array, window: tuple[float, 
     vectors = scipy.spatial.transform.Rotation.from_matrix(since_start).as_rotvec()
     turns = -vectors @ axis[start]
     return float(turns[np.argmax(np.abs(turns))])
-
-
-def crossing_of_log(trial: Trial, perturbed: bool, settings: CrossingSettings) -> Crossing:
-    """Read a crossing that a boot or the leg perturbs from its log.
-
-    Parameters
-    ----------
-    trial : Trial
-        With columns `theta` [rad], `torque` [N*m], the command `trigger`, and `load` [N]; without
-        `load`, a plate gives the vertical force. The command's direction is the perturbation's
-        sign.
-
-    Raises
-    ------
-    InputError
-        Stance, angle and torque are not known, or the sheet contradicts the command.
-    """
-    log = uniform_signals(trial, ("theta", "torque"), GapLimits(cutoff_hz=settings.cutoff_hz))
-    load_column = column_of_load(trial, settings)
-    stamps, force = trial.signals(load_column)
-    stance = only_stance(stamps, force, settings, f"in '{load_column}'", ONE_STRIDE)
-
-    inside = in_stance(log.time, stance)
-    missing_s = max(log.time[0] - stance.heel_strike, stance.toe_off - log.time[-1])
-    if missing_s > 1 / log.rate_hz or not log.usable[inside].all():
-        raise InputError(
-            "theta and torque are not known throughout stance,"
-            f" {stance.heel_strike:.3f}-{stance.toe_off:.3f} s; cut the log 0.3 s before and after"
-            " it, or exclude the trial"
-        )
-    command = find_command(trial, stance)
-    check_onset(command.onset, perturbed, stance, settings)
-
-    first = max(stance.heel_strike - LOG_SPARE_S, log.time[0])
-    last = min(stance.toe_off + LOG_SPARE_S, log.time[-1])
-    time = first + np.arange(int((last - first) * LOG_RATE_HZ) + 1) / LOG_RATE_HZ
-    low_passed = np.column_stack(
-        [settings.low_pass(log[name], log.rate_hz) for name in ("theta", "torque")]
-    )
-    theta, torque = scipy.interpolate.make_interp_spline(log.time, low_passed, k=3)(time).T
-    turn = None
-    if command.onset is not None:
-        window = (time >= command.onset) & (time <= command.onset + settings.window_s)
-        turn = command.sign * float(np.ptp(theta[window]))
-    late = 1e-3 * LOG_ERRORS["torque_lag"].size
-    share = LOG_ERRORS["torque"].size / 100
-    return Crossing(
-        trial.name,
-        time,
-        theta,
-        torque,
-        platform=None,
-        stance=stance,
-        onset=command.onset,
-        bridged=0.0,
-        lab_errors=np.array([-late * np.gradient(torque, time), share * torque]),
-        turn=turn,
-    )
-
-
-def column_of_load(trial: Trial, settings: CrossingSettings) -> str:
-    """The column that tells when the foot is on the ground: `load`, or a plate's vertical force."""
-    for column in ("load", plate_columns(settings.plate, "force")[2]):
-        if column in trial.columns:
-            return column
-    raise InputError(
-        "neither a column 'load' nor a force plate tells when the foot is on the ground; map"
-        " the leg's load cell, insole or contact switch to 'load' in the source file, a switch"
-        " with a `scale` of 100 N"
-    )

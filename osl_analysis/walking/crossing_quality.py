@@ -13,7 +13,6 @@ from osl_analysis.signals.grid import GapLimits, uniform_signals
 from osl_analysis.trial import Array, Trial
 from osl_analysis.walking.ankle import VERTICAL, Ankle, LoadOnFoot
 from osl_analysis.walking.passage import Passage, followed_segments
-from osl_analysis.walking.plate_gain import stride_load, stride_load_beside, stride_time
 from osl_analysis.walking.plate_model import PlateModel
 from osl_analysis.walking.poses import StaticCalibration
 from osl_analysis.walking.setup_checks import FLAT, phases_between
@@ -36,25 +35,11 @@ class CrossingQuality:
     platform_residual_mm: float | None = None
     shank_residual_mm: float | None = None
     plate_zero_N: float | None = None
-    plate_height_m: float | None = None
-    plate_ringing_hz: float | None = None
     plate_unexplained: float | None = None
-    plate_zeroed: float | None = None
-    standing_N: float | None = None
-    standing_beside_N: float | None = None
-    stride_N: float | None = None
-    stride_beside_N: float | None = None
-    pressure_ahead_m: float | None = None
-    pressure_beside_m: float | None = None
-    pressure_outside_m: float | None = None
-    filled_share: float | None = None
     filled_fitted: float | None = None
     encoder_offset_deg: float | None = None
     encoder_delay_ms: float | None = None
     encoder_rms_deg: float | None = None
-    shoe_compliance: float | None = None
-    different: str | None = None
-    different_mm: float | None = None
 
 
 @dataclass(frozen=True)
@@ -67,7 +52,6 @@ class EncoderComparison:
     offset_deg: float
     delay_ms: float
     rms_deg: float  # of the residual
-    shoe_compliance: float  # [rad/(N*m)]
 
 
 def crossing_quality(
@@ -90,17 +74,8 @@ def crossing_quality(
     labels = followed_segments(settings)
     markers = foot.points(calibration.positions(labels["foot"], "static"))
 
-    from_ankle = load.forward[:, None] * ankle.forward + load.left[:, None] * ankle.axis
-    mean_from_ankle = from_ankle[flat].mean(axis=0)
-    pressure = (ankle.centre + from_ankle)[flat]
     residuals = {segment: residual_mm(passage, segment) for segment in labels}
     filled = filled_shares(passage, settings)
-    stance = passage.stance
-    stride_s = stride_time(passage.frames, passage.recorded["foot"].position, stance)
-    stride_N, stride_beside_N = None, None
-    if stride_s is not None:
-        stride_N = stride_load(passage.time, load.vertical, stance, stride_s)
-        stride_beside_N = stride_load_beside(trial, stance, stride_s, settings)
     return CrossingQuality(
         heading_deg=float(np.rad2deg(np.arctan2(forward[1], forward[0]))),
         foot_forward_m=float(from_plate @ forward),
@@ -110,48 +85,16 @@ def crossing_quality(
         platform_residual_mm=residuals.get("platform"),
         shank_residual_mm=residuals.get("shank"),
         plate_zero_N=passage.wrench.zero,
-        plate_height_m=unloaded.certain_height,
-        plate_ringing_hz=unloaded.ringing_hz,
         plate_unexplained=unloaded.unexplained,
-        plate_zeroed=unloaded.zeroed,
-        standing_N=calibration.standing_load(settings.plate),
-        standing_beside_N=calibration.standing_load_beside(settings.plate),
-        stride_N=stride_N,
-        stride_beside_N=stride_beside_N,
-        pressure_ahead_m=float(mean_from_ankle @ forward),
-        pressure_beside_m=float(mean_from_ankle @ left),
-        pressure_outside_m=pressure_outside(pressure, markers),
-        filled_share=filled.in_stance,
         filled_fitted=filled.fitted,
         encoder_offset_deg=None if encoder is None else encoder.offset_deg,
         encoder_delay_ms=None if encoder is None else encoder.delay_ms,
         encoder_rms_deg=None if encoder is None else encoder.rms_deg,
-        shoe_compliance=None if encoder is None else encoder.shoe_compliance,
     )
 
 
 def unit_vector(vector: Array) -> Array:
     return np.asarray(vector / np.linalg.norm(vector))
-
-
-def pressure_outside(pressure: Array, markers: Array) -> float:
-    """Mean distance [m] of the centre of pressure (n, 3) [m] from the area between foot markers.
-
-    Both are seen from above, the markers (n, m, 3) [m] at their mean place.
-    """
-    corners = markers.mean(axis=0)[:, :2]
-    on_mean_foot = (pressure - markers.mean(axis=1) + markers.mean(axis=(0, 1)))[:, :2]
-    hull = scipy.spatial.ConvexHull(corners)
-    start = corners[hull.vertices]  # of each edge
-    edges = np.roll(start, -1, axis=0) - start
-    from_start = on_mean_foot[:, None] - start  # (n, edges, 2)
-    along = np.sum(from_start * edges, axis=2) / np.sum(edges**2, axis=1)
-    share = np.clip(along, 0.0, 1.0)
-    distance = np.linalg.norm(from_start - share[..., None] * edges, axis=2).min(axis=1)
-    normals = hull.equations[:, :2]
-    offsets = hull.equations[:, 2]
-    outside = (on_mean_foot @ normals.T + offsets > 0).any(axis=1)
-    return float(np.mean(np.where(outside, distance, 0.0)))
 
 
 def residual_mm(passage: Passage, segment: str) -> float:
@@ -250,11 +193,8 @@ def compare_encoder(
             )
 
     residual = spline(time[rows] + delay) - theta[rows] - offset
-    columns = np.column_stack([np.ones(len(residual)), spline(time[rows] + delay, 1), torque[rows]])
-    by_torque = float(np.linalg.lstsq(columns, residual, rcond=None)[0][2])
     return EncoderComparison(
         offset_deg=float(np.rad2deg(offset)),
         delay_ms=1e3 * delay,
         rms_deg=float(np.rad2deg(np.sqrt(np.mean(residual**2)))),
-        shoe_compliance=-by_torque,
     )

@@ -36,7 +36,6 @@ from osl_analysis.walking.isolated_response import (
     PerturbationResponse,
     isolate_response,
 )
-from osl_analysis.walking.reactions import Reactions, fit_reactions
 from osl_analysis.walking.unperturbed_gait import UnperturbedGait
 from osl_analysis.walking.walking_settings import EnsembleSettings
 
@@ -239,15 +238,6 @@ class Ensemble:
             fitted_draws(motion, curves.torque[self.window]), curves.degrees_of_freedom
         )
 
-    def reactions(self, mean: EnsembleResponse, curves: ResampledCurves) -> Reactions:
-        """Fit what the mean response holds beyond Eq. 15."""
-        return fit_reactions(
-            self.time,
-            self.window,
-            np.column_stack([mean.motion.theta, curves.theta]),
-            np.column_stack([mean.torque, curves.torque]),
-        )
-
 
 def check_stackable(responses: Sequence[PerturbationResponse]) -> None:
     """Refuse responses that cannot be joined."""
@@ -405,7 +395,6 @@ class GroupHeadline:
     predicted_share: float
     ensemble: EnsembleResponse  # with the baseline that the settings name
     resampled: Bootstrap
-    reactions: Reactions
     other_baseline: ResampledEstimate  # that they do not name
 
 
@@ -452,7 +441,6 @@ def group_headline(
         predicted_share=chosen.share,
         ensemble=ensemble,
         resampled=stacked.bootstrap(curves),
-        reactions=stacked.reactions(ensemble, curves),
         other_baseline=ResampledEstimate(
             other_name, other.estimates(), stacked.bootstrap(other_curves), other.n
         ),

@@ -12,29 +12,10 @@ from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import DOWN
 from osl_analysis.walking.ensemble import GroupHeadline
 from osl_analysis.walking.group_checks import (
-    GroupChecks,
-    MomentError,
-    SetUpDifference,
-    WitnessChecks,
-    moment_error,
-    set_up_difference,
+    FitChecks,
 )
 from osl_analysis.walking.groups import ALL, SEPARATOR, STATED, Cells, Sheet, cell_listing
 from osl_analysis.walking.unperturbed_gait import UnperturbedGait
-
-SMALLEST_DIFFERENCES = {
-    "stance_s": 0.01,
-    "load_of_weight": 0.03,
-    "foot_forward_m": 0.01,
-    "foot_left_m": 0.01,
-    "gait_deviation_deg": 0.5,
-    "torque_deviation": 2.0,
-}
-"""Columns of `walking_crossings.csv` that may separate used from left-out crossings, with the least
-difference."""
-FEWEST_TO_PART = 3  # crossings on each side
-PARTED_SHARE = 0.9  # of each, on its side of the middle
-CERTAIN_SLOPE_SES = 2.0  # standard errors beyond which a slope of K is certain
 
 
 @dataclass(frozen=True)
@@ -61,10 +42,7 @@ class GroupConditions:
     cells: Mapping[str, object]  # of the sheet, by `STATED`; None where crossings differ
     pooled: str | None  # the columns with several values
     timing: GroupTiming
-    moments: MomentError
-    set_up: SetUpDifference
     left_out_share: float | None  # of perturbed or unperturbed crossings, whichever is more
-    left_out_by: str | None  # what parts them from the used ones
 
     def columns(self) -> dict[str, object]:
         stated = {
@@ -76,10 +54,7 @@ class GroupConditions:
             **stated,
             "pooled": self.pooled,
             **asdict(self.timing),
-            **asdict(self.moments),
-            **asdict(self.set_up),
             "left_out_share": self.left_out_share,
-            "left_out_by": self.left_out_by,
         }
 
 
@@ -90,8 +65,7 @@ class GroupOutcome:
     conditions: GroupConditions
     fitted_phase: float | None = None  # of stance, that the fit reads
     reason: str | None = None  # why there is no result
-    checks: GroupChecks | None = None
-    witnesses: WitnessChecks | None = None
+    checks: FitChecks | None = None
 
 
 def group_conditions(
@@ -137,8 +111,6 @@ def conditions_of(
     gait = members["gait"][0]
     used = members.drop_nulls("group")
     of_gait = selection.filter(pl.col("gait").str.split(SEPARATOR).list.contains(gait))
-    is_used = pl.col("reason").is_null()
-    left_out = of_gait.filter(~is_used)
     shares = of_gait.group_by("perturbed").agg(pl.col("reason").count() / pl.len())
     rows = [sheet[trial] for trial in members["trial"]]
     stances = gaits[gait].stance if gait in gaits else np.zeros(0)
@@ -148,10 +120,7 @@ def conditions_of(
         cells=shared_cells(rows),
         pooled=pooled_words(rows) if len(used) else None,
         timing=group_timing(used, stances, window),
-        moments=moment_error(of_gait),
-        set_up=set_up_difference(of_gait),
         left_out_share=shares["reason"].max(),  # type: ignore[arg-type]
-        left_out_by=parted_by(of_gait.filter(is_used), left_out, sheet) if len(left_out) else None,
     )
 
 
@@ -217,33 +186,6 @@ def group_timing(used: pl.DataFrame, stances: Array, window: float) -> GroupTimi
     )
 
 
-def parted_by(used: pl.DataFrame, left_out: pl.DataFrame, sheet: Sheet) -> str:
-    """Say what parts the crossings that are left out from the used ones.
-
-    It is a column of the sheet, or the first of `SMALLEST_DIFFERENCES` in which nine tenths of each
-    lie on their side of the middle of both medians.
-    """
-    for key in STATED:
-        used_values = {sheet[trial].get(key) for trial in used["trial"]}
-        left_values = {sheet[trial].get(key) for trial in left_out["trial"]}
-        if used_values and left_values and not used_values & left_values:
-            return f"{key}, {cell_listing(used_values)} and {cell_listing(left_values)}"
-    for column, smallest in SMALLEST_DIFFERENCES.items():
-        of_used = used[column].drop_nulls().cast(pl.Float64).to_numpy()
-        of_left = left_out[column].drop_nulls().cast(pl.Float64).to_numpy()
-        if min(len(of_used), len(of_left)) < FEWEST_TO_PART:
-            continue
-        used_median, left_median = float(np.median(of_used)), float(np.median(of_left))
-        middle = (used_median + left_median) / 2
-        direction = np.sign(left_median - used_median)
-        used_share = np.mean(direction * (middle - of_used) > 0)
-        left_share = np.mean(direction * (of_left - middle) > 0)
-        is_parted = min(used_share, left_share) >= PARTED_SHARE
-        if abs(left_median - used_median) > smallest and is_parted:
-            return f"{column}, {used_median:.3g} and {left_median:.3g}"
-    return "no column"
-
-
 def fitted_time(headline: GroupHeadline) -> float:
     """Time [s] after the onset at which the fit reads a stiffness that changes linearly.
 
@@ -261,78 +203,16 @@ def series_of(group: str) -> str:
     return re.sub(r"timing [-\d]+ %(, )?", "", group).removesuffix(", ") or ALL
 
 
-@dataclass(frozen=True)
-class TimingPoint:
-    """K and B of one group at the phase that its fit reads."""
-
-    series: str  # of groups that differ in their timing only
-    phase: float
-    K: float
-    K_se: float
-    B: float
-    B_per_slope: float  # what a slope of K over stance makes of B
-
-
-@dataclass(frozen=True)
-class TimingSlope:
-    """The slope of K over stance between timings, and the share of B that it makes."""
-
-    K_slope_timings: float | None = None
-    slope_share_timings: float | None = None  # None where the slope is not certain
-    B_without_slope: float | None = None
-
-
-def timing_slope(point: TimingPoint, points: Sequence[TimingPoint]) -> TimingSlope:
-    """Compute the slope of K between the neighbours of a point in its series."""
-    in_series = [candidate for candidate in points if candidate.series == point.series]
-    series = sorted(in_series, key=lambda candidate: candidate.phase)
-    index = series.index(point)
-    before, after = series[max(index - 1, 0)], series[min(index + 1, len(series) - 1)]
-    span = after.phase - before.phase
-    if not span > 0:
-        return TimingSlope()
-    slope = (after.K - before.K) / span
-    se = np.hypot(before.K_se, after.K_se) / max(span, 1e-9)
-    if abs(slope) <= CERTAIN_SLOPE_SES * se or not point.B:
-        return TimingSlope(slope)
-    share = slope * point.B_per_slope / point.B
-    # a share of exactly 0 leaves nothing to take off
-    return TimingSlope(slope, share, point.B * (1 - share) if share else share)
-
-
-def timing_point(outcome: GroupOutcome) -> TimingPoint | None:
-    """The point of a group; None without a result."""
-    if outcome.checks is None or outcome.fitted_phase is None:
-        return None
-    fit = outcome.checks.fit
-    return TimingPoint(
-        series_of(outcome.conditions.group),
-        outcome.fitted_phase,
-        K=fit.K,
-        K_se=fit.K * (fit.K_se_share or 0.0),
-        B=fit.B,
-        B_per_slope=outcome.checks.slope.B_per_slope,
-    )
-
-
 def group_rows(outcomes: Sequence[GroupOutcome]) -> list[dict[str, Any]]:
     """Make the rows of `walking_groups.csv`."""
-    points = [timing_point(outcome) for outcome in outcomes]
-    known_points = [point for point in points if point is not None]
     rows = []
-    for outcome, point in zip(outcomes, points, strict=True):
+    for outcome in outcomes:
         row = {
             **outcome.conditions.columns(),
             "fitted_phase": outcome.fitted_phase,
             "reason": outcome.reason,
         }
-        if outcome.checks is not None and outcome.witnesses is not None and point is not None:
-            slope = timing_slope(point, known_points)
-            row = {
-                **row,
-                **outcome.checks.columns(),
-                **asdict(outcome.witnesses),
-                **asdict(slope),
-            }
+        if outcome.checks is not None:
+            row = {**row, **asdict(outcome.checks)}
         rows.append(row)
     return rows

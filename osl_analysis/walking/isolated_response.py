@@ -44,7 +44,6 @@ class PerturbationResponse:
     torques: Array  # (crossings, k) [N*m]
     # Changes (m, k) [N*m] of the torque without each of m plate trials in the plate's model
     plate_errors: Array
-    lab_errors: Array  # changes (e, k) [N*m] of the torque by each of `LABORATORY_ERRORS`
     # (4, crossings): `BEHAVIOUR` before the onset minus that of each unperturbed crossing
     behaviour: Array
     # Samples of the fitted window, from the onset, without its end: 30 for 0.1 s at 300 Hz
@@ -121,11 +120,9 @@ def isolate_response(
     theta = signal_at(crossing, crossing.theta, crossing_time)
     torque = signal_at(crossing, crossing.torque, crossing_time)
     plate_errors = signal_at(crossing, crossing.plate_errors, crossing_time)
-    lab_errors = signal_at(crossing, crossing.lab_errors, crossing_time)
     thetas = theta - aligned.curves(gait.theta, phase)
     torques = torque - aligned.curves(gait.torque, phase)
     plate_errors = plate_errors - mean_at(gait.plate_errors, phase)
-    lab_errors = lab_errors - mean_at(gait.lab_errors, phase)
 
     baseline = slice(MARGIN, MARGIN + round(timing.baseline_s * rate))
     window = slice(before, before + round(timing.window_s * rate))
@@ -135,7 +132,6 @@ def isolate_response(
         thetas=zeroed(thetas, baseline),
         torques=zeroed(torques, baseline),
         plate_errors=zeroed(plate_errors, baseline),
-        lab_errors=zeroed(lab_errors, baseline),
         behaviour=behaviour_before(time, thetas, torques, timing.guard_s),
         window=window,
         sign=crossing.sign,

@@ -18,13 +18,10 @@ from osl_analysis.walking.plate import (
 )
 from osl_analysis.walking.poses import SEGMENTS, Mask, Poses, StaticCalibration
 from osl_analysis.walking.setup_checks import check_onset, check_vertical
-from osl_analysis.walking.shared_motion import PlatformModel
 from osl_analysis.walking.stance import Stance, only_stance
 from osl_analysis.walking.walking_settings import CrossingSettings
 
 SPARE_S = 0.1  # before and after stance, for the low-pass
-COMMAND_LEAD_S = 0.25  # before heel strike, from which a command must rest
-SMALLEST_COMMAND = 0.5  # by which a command leaves its rest, in its own unit
 ONE_CROSSING = (
     "check the plate's number, zero and load thresholds, cut the recording to one crossing"
 )
@@ -67,7 +64,6 @@ def recorded_passage(
     lag: float,
     perturbed: bool,
     settings: CrossingSettings,
-    shared: PlatformModel,
 ) -> Passage:
     """Find poses, stance and onset of a crossing.
 
@@ -77,8 +73,6 @@ def recorded_passage(
         Of the plate behind the markers [s].
     perturbed : bool
         Whether the sheet says so.
-    shared : PlatformModel
-        What the motions of the platform have in common.
 
     Raises
     ------
@@ -97,11 +91,8 @@ def recorded_passage(
     stance = only_stance(frames, force[:, 2], settings, "on the plate", ONE_CROSSING)
     check_plate(trial, settings.plate, stance, force[:, 2])
     corners = recorded_corners(trial, settings.plate)
-    if "platform" not in recorded:  # the plate below a belt rests
-        reference["platform"] = corners
-        recorded["platform"] = poses.cluster_poses(corners, np.tile(corners, (len(frames), 1, 1)))
 
-    onset = onset_of(trial, frames, recorded, stance, perturbed, settings, shared)
+    onset = onset_of(trial, frames, recorded, stance, perturbed, settings)
     for segment, pose in recorded.items():
         check_same_cluster(segment, trial, frames, pose, stance, reference[segment], settings)
         check_followed(segment, frames, pose, stance)
@@ -175,7 +166,6 @@ def onset_of(
     stance: Stance,
     perturbed: bool,
     settings: CrossingSettings,
-    shared: PlatformModel,
 ) -> float | None:
     """Find the onset [s] of the perturbation; None without one.
 
@@ -184,25 +174,13 @@ def onset_of(
     InputError
         Sheet, stance, plate or markers forbid it.
     """
-    platform_poses = recorded["platform"]
-    if settings.markers.platform:
-        displacement = platform.displacement_from_rest(platform_poses, settings)
-        moves = "turns" if settings.perturbed_by == "platform" else "shifts"
-        onset = platform.find_onset(
-            time, displacement.size, displacement.threshold, f"the platform {moves}"
-        )
-    else:
-        onset = find_command(trial, stance).onset
-    if onset is not None:
-        onset = shared.onset(trial.name, onset)
-    elif settings.perturbed_by == "platform":
-        check_shift(time, platform_poses, stance, settings)
+    displacement = platform.displacement_from_rest(recorded["platform"], settings)
+    onset = platform.find_onset(time, displacement.size, displacement.threshold)
     check_onset(onset, perturbed, stance, settings)
     if onset is None:
         return None
 
-    if settings.markers.platform:
-        check_type_on_platform(trial, settings.plate)
+    check_type_on_platform(trial, settings.plate)
     window = (time >= onset) & (time <= onset + settings.window_s)
     for segment in ("foot", "platform"):  # the shank carries the body and moves as in any stance
         pose = recorded[segment]
@@ -216,49 +194,3 @@ def onset_of(
                 " longest_fitted_gap_s, or exclude the trial"
             )
     return onset
-
-
-def check_shift(
-    time: Array, platform_poses: Poses, stance: Stance, settings: CrossingSettings
-) -> None:
-    """Refuse a platform that does not turn but shifts in stance."""
-    seen = platform_poses.seen()
-    centre = platform_poses.position
-    inside = seen & in_stance(time, stance)
-    if not inside.any():
-        return
-    before = seen & (time >= stance.heel_strike - SPARE_S) & (time < stance.heel_strike)
-    # from its mean before stance, or if it was hidden then, from its start
-    rest_position = centre[before].mean(axis=0) if before.any() else centre[inside][0]
-    shift_mm = 1e3 * float(np.linalg.norm(centre[inside] - rest_position, axis=1).max())
-    if shift_mm > settings.largest_shift_mm:
-        raise InputError(
-            f"the platform shifts by {shift_mm:.0f} mm in stance without a turn, expected"
-            f" {settings.largest_shift_mm:g} mm or less: a translation is neither an"
-            " unperturbed crossing nor a turn of the ankle; state perturbed_by: belt if shifts"
-            " perturb, give the trial the experiment ingest_only, or correct largest_shift_mm"
-        )
-
-
-@dataclass(frozen=True)
-class Command:
-    """When the column `trigger` leaves its rest in stance [s], None if never; and to which side."""
-
-    onset: float | None
-    sign: int  # 1 or -1
-
-
-def find_command(trial: Trial, stance: Stance) -> Command:
-    """Find the command of a perturbation in the column `trigger`, if there is one."""
-    if "trigger" not in trial.columns:
-        return Command(None, 1)
-    time, level = trial.signals("trigger")
-    rows = (time >= stance.heel_strike - COMMAND_LEAD_S) & (time <= stance.toe_off)
-    if not rows.any():
-        return Command(None, 1)
-    from_rest = level[rows] - level[rows][0]
-    sign = -1 if from_rest[np.argmax(np.abs(from_rest))] < 0 else 1
-    onset = platform.find_onset(
-        time[rows], sign * from_rest, SMALLEST_COMMAND, "the command leaves its rest"
-    )
-    return Command(onset, sign)

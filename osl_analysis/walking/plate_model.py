@@ -26,7 +26,6 @@ from osl_analysis.signals import LowPass, longest_run, runs, sampling_rate
 from osl_analysis.trial import Array, Trial
 from osl_analysis.walking import platform
 from osl_analysis.walking import poses as rigid
-from osl_analysis.walking.alike import fixed_differences
 from osl_analysis.walking.plate import (
     WrenchReader,
     check_type_on_platform,
@@ -37,7 +36,6 @@ from osl_analysis.walking.plate import (
 from osl_analysis.walking.poses import (
     FREE_FALL,
     BodyMotion,
-    Mask,
     Poses,
     StaticCalibration,
     StoredArray,
@@ -49,7 +47,6 @@ PARAMETERS = 10  # m, mc (x, y, z), I (xx, yy, zz, xy, xz, yz)
 # Weights of forces [m] and moments: a force's lever about the ankle is about 0.1 m
 WEIGHT = np.array([0.1] * 3 + [1.0] * 3)
 LIGHT = 0.1  # [N*m], weighted wrench of a plate that is too light to show its lag
-LIGHT_KG = 0.1  # mass below which a centre of mass is not known
 # Scales of the parameters for a plate of 1 kg whose half is 0.3 m long
 TYPICAL_PLATE = np.array([[1.0]] + [[0.3]] * 3 + [[0.3**2]] * 6)
 SMALLEST_WRENCH = 0.01  # of a direction, as a share of the largest, for it to be identified
@@ -60,23 +57,13 @@ LAG_STEP_S = 0.002  # a parabola between the steps is exact to 1 % below 20 Hz
 LARGEST_LAG_MISFIT = 0.5  # of the wrench's mean square, for the wrench to follow the motion
 SPREAD_FRAMES = 30  # by which the low-pass of the identification spreads a motion
 
-LARGEST_HEIGHT_SE_M = 0.005  # of a height that is reported
-CERTAIN_SES = 4.0  # standard errors beyond which a height is certain
-SMALLEST_HEIGHT_COLUMN = 0.02  # share of its column that no other explains
 
 RISE_S = 0.2  # until a motion passes its threshold
 
-SMALLEST_ZEROED = 0.05  # share of samples; of a plate with noise, hardly any force is exactly 0
-
-LOWEST_RINGING_HZ = 25.0  # above the motions of a platform
-RINGING_GROWTH = 500.0  # ratio of power beyond which a plate rings
-SHORTEST_REST_S = 0.15  # in which a frequency can be read
-LONGEST_REST_S = 0.4
 
 END_S = 0.05  # at both ends of a track, whose slopes tell a motion that the recording cuts
 FEWEST_END_FRAMES = 5
 HIDDEN_TURN_DEG = 0.2  # at rest noise gives 0.03 deg; 11 frames at 300 Hz change the lag by 2 ms
-HIDDEN_SHIFT_SHARE = 0.2  # of the threshold
 
 
 @dataclass(frozen=True)
@@ -94,23 +81,6 @@ class PlateModel:
     lag_reason: str | None = None  # why no trial does
     # The model without each trial, for the jackknife; empty with one
     leave_one_out: "tuple[PlateModel, ...]" = ()
-    # [m] of the corners' centre above the point of the moments; None where it is not seen
-    height: float | None = None
-    height_se: float | None = None  # its standard error [m]
-    # At which the unloaded plate rings after it was turned; None if it does not
-    ringing_hz: float | None = None
-    # Share of the unloaded plate's samples that are 0 throughout, as below a threshold
-    zeroed: float = 0.0
-    # By how much [m] each thing stands otherwise in these trials than in the static trial
-    differences: dict[str, float] = field(default_factory=dict)
-
-    @property
-    def certain_height(self) -> float | None:
-        """`height` [m] if it is certain, else 0; None where it is not known."""
-        if self.height is None:
-            return None
-        is_certain = abs(self.height) > CERTAIN_SES * (self.height_se or 0.0)
-        return self.height * is_certain
 
     @property
     def lag(self) -> float | None:
@@ -132,8 +102,7 @@ class PlateModel:
         after = float(np.linalg.norm(self.rms_after * WEIGHT))
         noise = float(np.linalg.norm(self.rms_at_rest * WEIGHT))
         if not before > LIGHT:
-            # readings that a threshold set to 0 tell nothing of the plate's inertia
-            return 1.0 if self.zeroed else None
+            return None
         return float(np.sqrt(max(after**2 - noise**2, 0.0))) / before
 
 
@@ -198,32 +167,10 @@ def identify_plate_model(
     else:
         lag_reason = "not estimated: correct_plate_lag is false"
 
-    hz, growth = np.median([recording.rings for recording in usable], axis=0).tolist()
-    zeroed = float(np.mean([recording.zeroed for recording in usable]))
-    model = replace(
-        plate_model(usable, lags),
-        lag_reason=lag_reason,
-        ringing_hz=hz if growth > RINGING_GROWTH else None,
-        zeroed=zeroed if zeroed > SMALLEST_ZEROED else 0.0,
-        differences={
-            f"{what} in trials of the plate": float(
-                np.mean([recording.differences.get(what, 0.0) for recording in usable])
-            )
-            for what in usable[0].differences
-        },
-    )
+    model = replace(plate_model(usable, lags), lag_reason=lag_reason)
     if len(usable) == 1:
         return model
 
-    if model.parameters[0] > LIGHT_KG:
-        columns_and_wrenches = [
-            (
-                recording.smooth(inertial_columns(moving.motion)),
-                recording.wrench_at(model.lag or 0.0),
-            )
-            for recording, moving in zip(usable, motions, strict=True)
-        ]
-        model = with_height(model, columns_and_wrenches)
     without_each = [
         plate_model(usable[:i] + usable[i + 1 :], lags[:i] + lags[i + 1 :], model)
         for i in range(len(usable))
@@ -274,9 +221,6 @@ class UnloadedRecording:
     # The further low-pass of the identification, after that of the crossings
     plate_low_pass: LowPass
     unusable: str  # why the trial shows nothing of the plate, for a message; empty if it does
-    rings: tuple[float, float]  # frequency [Hz] and growth, as of `ringing`
-    zeroed: float  # share of the samples whose force is exactly 0
-    differences: dict[str, float]  # [m] from the static trial, by what stands otherwise
 
     def smooth(self, values: Array) -> Array:
         """Pass values (n, ...) in the track's frames through the low-pass of the identification."""
@@ -375,31 +319,14 @@ def unloaded_recording(
         wrench_at=wrench_at,
         plate_low_pass=settings.plate_low_pass,
         unusable=unusable,
-        rings=ringing(frames, read(0.0), track),
-        zeroed=float(np.mean((wrench[:, :3] == 0).all(axis=1))),
-        differences=fixed_differences(
-            trial, poses[before_motion(frames, displacement)], calibration, settings
-        ),
     )
-
-
-def before_motion(frames: Array, displacement: platform.Displacement) -> Mask:
-    """Frames (n,) in which the platform rests before it first moves."""
-    moves = np.nan_to_num(displacement.size) > displacement.threshold
-    first_s = frames[np.argmax(moves)] if moves.any() else frames[-1]
-    return np.asarray(frames < first_s - RISE_S)
 
 
 def still_platform(trial: str, largest: float, settings: PlateModelSettings) -> InputError:
     """The refusal of an unloaded trial whose platform moves too little."""
-    moves = f"turns by {np.rad2deg(largest):.2f} deg"
-    expected = f"{settings.perturbation_deg:g} deg"
-    if settings.perturbed_by == "belt":
-        moves = f"shifts by {1e3 * largest:.1f} mm"
-        expected = f"{settings.largest_shift_mm:g} mm"
     return InputError(
-        f"trial {trial}: the platform {moves} only, expected {expected} or more; record a"
-        f" perturbation of the unloaded plate, or correct perturbed_by: {settings.perturbed_by}"
+        f"trial {trial}: the platform turns by {np.rad2deg(largest):.2f} deg only, expected"
+        f" {settings.perturbation_deg:g} deg or more; record a perturbation of the unloaded plate"
     )
 
 
@@ -411,8 +338,6 @@ def hides_a_motion(
 ) -> bool:
     """Whether the platform moved during a gap of its markers that is too long to be fitted."""
     limit = float(np.deg2rad(HIDDEN_TURN_DEG))
-    if settings.perturbed_by == "belt":
-        limit = HIDDEN_SHIFT_SHARE * displacement.threshold
     for gap in runs(poses.bridged):
         if rigid.gap_duration(frames, gap) <= settings.longest_fitted_gap_s:
             continue
@@ -444,39 +369,6 @@ def whole_motions(track: platform.PlatformTrack) -> slice:
     if not rests:
         rests = [slice(0, 0)]
     return slice(rests[0].start if moves[0] else 0, rests[-1].stop if moves[-1] else n)
-
-
-def ringing(time: Array, wrench: Array, track: platform.PlatformTrack) -> tuple[float, float]:
-    """Find the frequency [Hz] at which the wrench grows most after the first motion, and how much.
-
-    The growth is a ratio of power. Both are 0 where the platform rests too shortly, or without
-    noise.
-    """
-    first_motion = next(iter(runs(track.moving)), slice(0, 0))
-    shortest = round(SHORTEST_REST_S * track.rate)
-    rest_after = slice(0, 0)
-    for run in runs(~track.moving):
-        if run.start >= first_motion.stop and run.stop - run.start >= shortest:
-            rest_after = run
-            break
-    n = min(
-        first_motion.start, rest_after.stop - rest_after.start, round(LONGEST_REST_S * track.rate)
-    )
-    if n < shortest:
-        return 0.0, 0.0
-
-    starts = np.searchsorted(time, track.time[[first_motion.start - n, rest_after.start]])
-    pieces = scipy.signal.detrend([wrench[start : start + n] for start in starts], axis=1)
-    spectra = np.fft.rfft(pieces * np.hanning(n)[:, None], axis=1)
-    power = np.abs(spectra) ** 2  # (before and after, frequencies, 6)
-    noise = power[0].mean(axis=0)
-    if not noise.all():
-        return 0.0, 0.0
-    before, after = np.sum(power / noise, axis=2)
-    hz = np.fft.rfftfreq(n, 1 / track.rate)
-    in_band = (hz > LOWEST_RINGING_HZ) & (hz < track.rate / 3)
-    growth = np.where(in_band, after / (before + before.mean()), 0.0)
-    return float(hz[np.argmax(growth)]), float(growth.max())
 
 
 def unloaded_motions(recordings: Sequence[UnloadedRecording]) -> list[UnloadedMotion]:
@@ -701,54 +593,6 @@ def plate_lag(
     return float(lags[best] + 0.5 * LAG_STEP_S * (before - after) / (before - 2 * smallest + after))
 
 
-def with_height(
-    model: PlateModel, columns_and_wrenches: Sequence[tuple[Array, Array]]
-) -> PlateModel:
-    """Add the height of the corners' centre above the point of the moments, where it is seen.
-
-    From columns (n, 6, 10) and wrench (n, 6) of each recording; its standard error is from leaving
-    out each (jackknife).
-    """
-    count = len(columns_and_wrenches)
-    height = moments_below(model.directions, columns_and_wrenches)
-    without_each = [
-        moments_below(model.directions, [*columns_and_wrenches[:i], *columns_and_wrenches[i + 1 :]])
-        for i in range(count)
-    ]
-    se = float(np.sqrt((count - 1) * np.var(without_each)))
-    return replace(
-        model,
-        height=height if se < LARGEST_HEIGHT_SE_M else None,
-        height_se=se if np.isfinite(se) else None,
-    )
-
-
-def moments_below(directions: Array, columns_and_wrenches: Sequence[tuple[Array, Array]]) -> float:
-    """Height [m] from the two centres of mass that the unloaded plate shows.
-
-    Forces show that from the corners' centre, moments that from their own point: mc gets another
-    value in the moments. NaN if only moments show one, as if the plate does not turn, or without a
-    mass.
-    """
-    columns = np.concatenate([without_mean(columns) for columns, _ in columns_and_wrenches])
-    wrench = np.concatenate([without_mean(wrench) for _, wrench in columns_and_wrenches])
-    is_moment = (np.arange(6) > 2)[:, None]
-    mc_of_moments = stacked_columns(columns[:, :, 1:4] * is_moment)
-    X = np.column_stack([stacked_columns(columns) @ directions, mc_of_moments])
-    size = np.maximum(np.linalg.norm(X, axis=0), 1e-12)
-    X = X / size
-    estimates = np.linalg.lstsq(X, (wrench * WEIGHT).T.ravel(), rcond=1e-4)[0] / size
-
-    # The last column is mc_z of the moments: is it told apart from the others?
-    other_columns = X[:, :-1]
-    vertical = X[:, -1]
-    unexplained = vertical - other_columns @ np.linalg.lstsq(other_columns, vertical, rcond=1e-4)[0]
-    mass = float(directions[0] @ estimates[: directions.shape[1]])
-    if mass > LIGHT_KG and np.linalg.norm(unexplained) > SMALLEST_HEIGHT_COLUMN:
-        return float(estimates[-1] / mass)
-    return float("nan")
-
-
 def plate_table(model: PlateModel) -> pl.DataFrame:
     """Tabulate `plate.csv`: RMS of each component before and after the correction, and the lag."""
     before, after = model.rms_before.tolist(), model.rms_after.tolist()
@@ -764,10 +608,6 @@ def plate_table(model: PlateModel) -> pl.DataFrame:
                 "lag_se_s": model.lag_se,
                 "lag_unknown": model.lag_reason,
                 "trials": len(model.lags),
-                "height_m": model.height,
-                "height_se_m": model.height_se,
-                "ringing_hz": model.ringing_hz,
-                "zeroed": model.zeroed,
             }
         )
     return pl.DataFrame(rows)

@@ -15,10 +15,10 @@ import scipy
 
 from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass, runs, sampling_rate
-from osl_analysis.trial import Array, Trial
+from osl_analysis.trial import Array
 from osl_analysis.walking import poses as rigid
 from osl_analysis.walking.poses import BodyMotion, Mask, Poses, StaticCalibration
-from osl_analysis.walking.walking_settings import CrossingSettings, PlatformSettings
+from osl_analysis.walking.walking_settings import PlatformSettings
 
 FEWEST_FRAMES = 10  # for a position at rest
 STILL = 7.0  # speed over its noise above which a platform moves; at rest, 1 frame in 10^7 is above
@@ -63,14 +63,7 @@ class Displacement:
 
 def displacement_from_rest(platform: Poses, settings: PlatformSettings) -> Displacement:
     """Measure what `settings.perturbed_by` names: the platform's turn, or the belt's shift."""
-    if settings.perturbed_by == "platform":
-        return Displacement(
-            rotation_from_rest(platform), float(np.deg2rad(settings.perturbation_deg))
-        )
-    shift = platform.position - platform.position[np.argmax(platform.seen())]
-    largest = shift[np.argmax(np.linalg.norm(np.nan_to_num(shift), axis=1))]
-    size = max(float(np.linalg.norm(largest)), 1e-9)
-    return Displacement(shift @ largest / size, 1e-3 * settings.largest_shift_mm)
+    return Displacement(rotation_from_rest(platform), float(np.deg2rad(settings.perturbation_deg)))
 
 
 def find_onset(
@@ -360,23 +353,6 @@ def track_about(
     raise InputError(
         f"the platform markers {', '.join(settings.markers.platform)} are hidden at {instant:.3f} s"
     )
-
-
-def perturbing_track(
-    trial: Trial, static: StaticCalibration, settings: CrossingSettings
-) -> PlatformTrack:
-    """Make the track of a crossing about its largest motion; refuse a platform that rests."""
-    time, poses = rigid.segment_poses(trial, settings.markers.platform, static, settings)
-    displacement = displacement_from_rest(poses, settings)
-    size = np.nan_to_num(displacement.size)
-    threshold = displacement.threshold
-    if not len(size) or size.max() < threshold:
-        expected = f"turn by {settings.perturbation_deg:g} deg"
-        if settings.perturbed_by == "belt":
-            expected = f"shift by {1e3 * threshold:g} mm"
-        raise InputError(f"the platform does not {expected}")
-    largest = float(time[np.argmax(size)])
-    return track_about(trial.name, time, poses, static, settings, largest)
 
 
 def shared_directions(tracks: Sequence[PlatformTrack]) -> list[Array]:

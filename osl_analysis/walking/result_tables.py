@@ -16,16 +16,14 @@ from osl_analysis.walking.ensemble import (
     UP_MINUS_DOWN,
     GroupHeadline,
     ResampledEstimate,
-    joining_weights,
     signs_of,
 )
 from osl_analysis.walking.group_checks import check_single
 from osl_analysis.walking.group_table import series_of
 from osl_analysis.walking.impedance_fit import fit_response
 from osl_analysis.walking.isolated_response import isolate_response
-from osl_analysis.walking.torque_errors import LABORATORY_ERRORS, LOG_ERRORS, UnseenErrorSize
 from osl_analysis.walking.unperturbed_gait import PHASES, UnperturbedGait
-from osl_analysis.walking.walking_settings import ResponseSettings, TimingSettings, UnseenError
+from osl_analysis.walking.walking_settings import ResponseSettings, TimingSettings
 
 GROUP_QUANTITIES = ("K", "B", "I", "VAF")
 ENSEMBLE = "ensemble"
@@ -53,77 +51,13 @@ def perturbation_row(
         "phase_stance_s": response.stance,
         "bridged": crossing.bridged,
         **estimates_row(fit, *ESTIMATED),
-        **asdict(check_single(response, fit, crossing.quality.plate_unexplained)),
+        **asdict(check_single(response, fit)),
         "encoder_rms_deg": crossing.quality.encoder_rms_deg,
         "filled_fitted": crossing.quality.filled_fitted,
         "interval_method": fit.interval_method,
         "VAF": fit.vaf,
         "condition_number": fit.condition_number,
     }
-
-
-def sensitivity_table(
-    group: str, headline: GroupHeadline, stated: Mapping[UnseenError, float], by_log: bool = False
-) -> pl.DataFrame:
-    """Tabulate what errors that nothing shows change in the fit to the mean response.
-
-    To first order. Of what changes the torque: Eq. 15 fitted to the change.
-
-    Parameters
-    ----------
-    stated : mapping
-        Their standard uncertainties, in the units of the table.
-    by_log : bool
-        Whether the torque is from a log, so that the errors are `LOG_ERRORS`.
-    """
-    first = headline.responses[0]
-    fit = headline.ensemble.fit
-    weights = joining_weights(signs_of(headline.responses))
-    torques = np.tensordot(
-        weights, [response.lab_errors[:, first.window] for response in headline.responses], 1
-    )
-    columns = headline.ensemble.motion[first.window].columns
-    by_torque = np.linalg.lstsq(columns, torques.T)[0].T
-    errors = LOG_ERRORS if by_log else LABORATORY_ERRORS
-    # the last of the laboratory change no torque
-    changes = dict(zip(errors, by_torque, strict=False))
-    if not by_log:
-        K, B, I = fit["K"], fit["B"], fit["I"]
-        changes["skin"] = errors["skin"].size / 100 * np.array([K, B, I])
-        changes["shoe"] = change_by_shoe(K, B, I, float(np.rad2deg(errors["shoe"].size)))
-    sizes = {str(name): size for name, size in stated.items()}
-    return pl.DataFrame(
-        [
-            sensitivity_row(group, errors[name], sizes.get(name, 0.0), change)
-            for name, change in changes.items()
-        ]
-    )
-
-
-def sensitivity_row(
-    group: str, error: UnseenErrorSize, stated: float, change: Array
-) -> dict[str, object]:
-    K, B, I = change
-    return {
-        "group": group,
-        "error": error.words,
-        "size": error.size,
-        "unit": error.unit,
-        "stated": stated,
-        "K": K,
-        "B": B,
-        "I": I,
-    }
-
-
-def change_by_shoe(K: float, B: float, I: float, k: float) -> Array:
-    """Change (3,) of K, B, I by a foot that yields in the shoe with stiffness k [N*m/rad].
-
-    The joint's impedance is 1/(1/Z - 1/k) with the fit's Z = K + B s + I s^2, to the second power
-    of s.
-    """
-    left = 1 - K / k
-    return np.array([K - K / left, B - B / left**2, I - I / left**2 - B**2 / (k * left**3)])
 
 
 def headline_rows(

@@ -115,9 +115,9 @@ def check_onset(
     """Refuse an onset [s] that the sheet contradicts, or whose response leaves stance."""
     if (onset is not None) != perturbed:
         raise InputError(
-            f"the {motion_words(onset, settings)} but the sheet says perturbed ="
-            f" {str(perturbed).lower()}; correct the sheet, {motion_remedy(settings)}, or exclude"
-            " the trial"
+            f"the platform {'turns' if perturbed is False else 'does not turn'}, but the sheet says"
+            f" perturbed = {str(perturbed).lower()}; correct the sheet, perturbation_deg or the"
+            " platform markers, or exclude the trial"
         )
     if onset is None:
         return
@@ -133,25 +133,6 @@ def check_onset(
             f"baseline and window, {first:.3f}-{last:.3f} s, leave {span}; shorten window_s,"
             " baseline_s or guard_s, or exclude the trial"
         )
-
-
-def motion_words(onset: float | None, settings: CrossingSettings) -> str:
-    """What moved or rested, for a message."""
-    if settings.by_command:
-        if onset is None:
-            return "command in 'trigger' rests in stance, or is missing,"
-        return f"command in 'trigger' leaves its rest at {onset:.3f} s"
-    verb = "turn" if settings.perturbed_by == "platform" else "shift"
-    return f"platform does not {verb}" if onset is None else f"platform {verb}s at {onset:.3f} s"
-
-
-def motion_remedy(settings: CrossingSettings) -> str:
-    """What to correct where sheet and motion contradict each other."""
-    if settings.by_command:
-        return "the channel of 'trigger' in the source file"
-    if settings.perturbed_by == "platform":
-        return "perturbation_deg or the platform markers"
-    return "largest_shift_mm or the platform markers"
 
 
 def body_mass(trial: Trial, sheet: float | None, configured: float | None = None) -> float | None:

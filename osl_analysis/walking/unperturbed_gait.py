@@ -43,7 +43,6 @@ class UnperturbedGait:
     torque: Array  # (crossings, phases) [N*m]
     stance: Array  # duration of stance (crossings,) [s]
     plate_errors: Array  # (m, crossings, phases) [N*m], as in `Crossing`
-    lab_errors: Array  # (e, crossings, phases) [N*m], as in `Crossing`
 
 
 def unperturbed_gait(
@@ -82,7 +81,6 @@ def unperturbed_gait(
         torque=on_grid([crossing.torque for crossing in crossings]),
         stance=np.array([crossing.stance.duration for crossing in crossings]),
         plate_errors=on_grid([crossing.plate_errors for crossing in crossings]),
-        lab_errors=on_grid([crossing.lab_errors for crossing in crossings]),
     )
 
 

@@ -28,11 +28,6 @@ Coordinate = Annotated[float, Field(ge=-1, le=1)]  # [m] of a point of the foot
 Cutoff = Annotated[float, Field(gt=0, le=200)]  # [Hz], half the rate of fast cameras
 Load = Annotated[float, Field(gt=0, le=10)]  # a share of the weight; what is larger is in percent
 PoolKey = Literal["group", "subject", "session", "side", "speed", "K_d", "B_d", "timing"]
-UnseenError = Literal[
-    "corners_height", "corners_forward", "moments", "forces", "pitch", "plate_lag", "plate_inertia",
-    "skin", "torque_lag", "torque",
-]  # fmt: skip
-"""Of `LABORATORY_ERRORS` and `LOG_ERRORS` in `torque_errors.py`."""
 
 
 class Markers(Settings):
@@ -41,8 +36,7 @@ class Markers(Settings):
 
     foot: Cluster  # Of the cluster on the foot
     shank: Cluster  # Of the cluster on the shank
-    # Of the cluster on the platform; empty for a belt without markers
-    platform: Cluster | tuple[()]
+    platform: Cluster  # Of the cluster on the platform
     ankle_medial: Marker  # On the medial malleolus, in the static trial
     ankle_lateral: Marker  # On the lateral malleolus, in the static trial
 
@@ -117,33 +111,17 @@ class TimingSettings(Settings):
 class PlatformSettings(MarkerSettings, WalkingFilter):
     """The moving platform and its force plate."""
 
-    perturbed_by: Literal["platform", "belt", "boot", "leg"] = "platform"
-    """Who perturbs: a `platform` that turns; a `belt`, or a platform, that shifts; a `boot`, or
-    another device that the leg wears; or the powered `leg`. Of the latter two the log has command,
-    motion and torque."""
     plate: Annotated[int, Field(ge=1)]  # Number of the force plate on the platform, counted from 1
     # Largest vertical force [N] of an unloaded plate. A plate that reads more is refused.
     largest_zero_n: Newtons
     # Smallest rotation [deg] of the platform that counts as a perturbation
     perturbation_deg: JointDegrees
-    # of a platform that does not turn; further is refused, of a `belt` it perturbs
-    largest_shift_mm: Positive = 10.0
     # Longest gap [s] where the motion is fitted: after an onset, in an unloaded turn
     longest_fitted_gap_s: NotNegative
 
     _gaps = require_below(
         "longest_fitted_gap_s", "longest_gap_s", "up to which gaps are interpolated at all", True
     )
-
-    @property
-    def by_log(self) -> bool:
-        """Whether onset, angle and torque come from the log, and no marker is needed."""
-        return self.perturbed_by in ("boot", "leg")
-
-    @property
-    def by_command(self) -> bool:
-        """Whether the column `trigger`, and no marker, tells when a perturbation starts."""
-        return self.by_log or not self.markers.platform
 
 
 class CalibrationSettings(MarkerSettings):
@@ -226,9 +204,6 @@ class ResponseSettings(WalkingFilter, TimingSettings):
 class EnsembleSettings(ResponseSettings):
     """How the ensemble of all responses is fitted."""
 
-    uncertainty: dict[UnseenError, NotNegative] = Field(default_factory=dict)
-    """Standard uncertainties of what no crossing shows, in the units of `walking_sensitivity.csv`:
-    they widen the intervals of K, B and I as it says."""
     baseline: Literal["mean", "predicted"] = "mean"
     """What a perturbed crossing would have done, for the headline: the `mean` unperturbed gait, or
     what its own behaviour before the onset tells (docs/walking.md). The other one stands beside it
@@ -244,39 +219,3 @@ class WalkingAnalysis(
 
     # Fewest unperturbed crossings from which a mean gait is computed
     fewest_unperturbed: Annotated[int, Field(ge=3)]
-
-    @property
-    def is_resting_belt(self) -> bool:
-        """Whether the plate rests below a belt that perturbs."""
-        return self.perturbed_by == "belt" and self.plate_inertia == "none"
-
-    _moving_plates_have_markers = refuse_if(
-        lambda s: not (s.markers.platform or s.by_log or s.is_resting_belt),
-        "markers.platform is empty; name the markers of the platform, or state perturbed_by: belt"
-        " and plate_inertia: none, of a belt over a plate that rests",
-        "markers.platform",
-    )
-
-
-class OvergroundAnalysis(Settings):
-    """How the ankle moment of overground gait is computed. Of the names of a marker, with L or R in
-    place of `?`, the first that the recording has is used: those of Plug-in Gait, QTM, OpenSim,
-    CAST and others."""
-
-    load_on_n: Newtons  # Vertical force [N] above which a frame counts
-    # [kg], where neither sheet nor recording has it
-    body_mass_kg: Annotated[float, Field(gt=0, lt=500)] | None = None
-    # Largest downward reading [N] of a plate in most of the recording; more is refused
-    largest_zero_n: Newtons = 100
-    lateral_malleolus: Names = (
-        "?ANK", "?_FAL", "?.Ankle.Lat", "?LM", "?LMA", "?LMAL", "?AL", "?.Ankle",
-    )  # fmt: skip
-    medial_malleolus: Names = (
-        "?MED", "?_TAM", "?.Ankle.Med", "?.Ankle.Medial", "?MM", "?MMA", "?MMAL", "?AM", "?TIO",
-    )  # fmt: skip
-    heel: Names = ("?HEE", "?_FCC", "?.Heel", "?CA", "?CAL", "?H")
-    toe: Names = ("?TOE", "?_FM2", "?.MT2", "?.Toe.Tip", "?.Toe", "?SM", "?FM", "?.MT1")
-    # Smallest share of a contact with heel or toe at rest
-    fewest_standing: Annotated[float, Field(gt=0, lt=1)] = 0.7
-    # Longest contact with a plate, in those with other plates
-    longest_contact: Annotated[float, Field(gt=1)] = 1.4

@@ -26,7 +26,6 @@ from osl_analysis.ingest.examine import Commanded, examine, measured_table
 from osl_analysis.judge.finding import Grade
 from osl_analysis.judge.recording_checks import judged_table
 from osl_analysis.judge.two_campaigns import comparison_table
-from osl_analysis.report.page_text import assumed_text
 from osl_analysis.stats.repeats import size_texts
 from osl_analysis.trial import Trial
 from osl_analysis.yaml_settings import read_mapping
@@ -209,20 +208,6 @@ def test_facts_that_nobody_stated_are_measured_none_or_assumed(tmp_path):
     assert known >= {*FACTS_OF_DEFAULT} & {*EXPERIMENTS_BY_SETTING} - {"torque_angle.zero"}
     # nothing is commanded over the gait cycle
     assert states["figures.stance_share"] == "none"
-
-
-def test_facts_of_an_experiment_that_was_not_recorded_are_not_told(tmp_path):
-    (tmp_path / "own.yaml").write_text("{campaign: own, simulation: null}")
-    own = read_config(tmp_path / "own.yaml")
-    assert "walking.side" not in {row["setting"] for row in states_of(own, {}, ["belt"])}
-
-
-def test_what_is_assumed_is_said_with_its_unit():
-    assumed = {"setting": ["walking.cutoff_hz"], "value": [12.0], "state": ["assumed"]}
-    assert "12 Hz" in assumed_text(pl.DataFrame(assumed)), "a column of numbers alone"
-    # as a header alone is read
-    nothing = pl.DataFrame(schema=dict.fromkeys(assumed, pl.Float64))
-    assert assumed_text(nothing) == ""
 
 
 def test_a_recording_that_no_row_names_is_told_once(tmp_path):

@@ -41,8 +41,6 @@ def causes_of(table, limits):
     return [[one.cause for one in row] for row in judged(table, limits, "phasors")]
 
 
-
-
 def test_a_fit_is_doubtful_for_every_limit_that_it_passes():
     row = {"fit": 80.0, "lag": -0.7, "condition": 5.0, "held_out": None, "n": 3}
     found = doubts(row, {"lag": 0.5, "condition": 10, "n": 2}, {"fit": 90, "held_out": 80})
@@ -101,8 +99,6 @@ FAR, NEAR = 1.3, 1.1
 """A number beyond its limit by these factors: a cause of others precedes them from 1.15 on."""
 
 
-
-
 def test_beside_a_clipped_signal_nothing_that_makes_a_fit_worse_is_named():
     row = {"saturated_samples": 9, "coulomb_share": 0.6, "heterogeneity": 5.0}
     limits = Limits(above={"saturated_samples": 5, "coulomb_share": 0.5, "heterogeneity": 1})
@@ -143,8 +139,6 @@ def test_a_fault_of_the_recording_that_one_amplitude_alone_shows_accuses_nobody(
     assert causes_of(everywhere, limits) == [["late torque"]] * 3
 
 
-
-
 def test_a_factor_between_units_is_named_within_eight_percent():
     found = [known_factor(ratio)[0] for ratio in (1.07 * 4.4482, 1 / 4.4482, 1.09 * 4.4482, 0.0)]
     assert found == ["between lbf and N"] * 2 + [""] * 2
@@ -170,12 +164,6 @@ def test_a_crossing_without_a_fit_is_neither_doubtful_nor_not():
         fits(vaf=[None, 80.0], excluded=["no markers", None]), Limits(below={"vaf": 90}), "walking"
     )
     assert (table["doubtful"].to_list(), doubtful_count(table)) == ([None, "vaf"], (1, 1))
-
-
-
-
-
-
 
 
 def test_a_mean_leaves_out_doubtful_trials_while_half_are_sound():
@@ -213,72 +201,6 @@ def test_phasors_share_the_doubts_of_the_fit_of_their_trial_and_amplitude(tmp_pa
     ]
 
 
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
 def test_numbers_that_a_failed_run_left_behind_are_said_to_be_old(tmp_path):
     summary = tmp_path / "summary.json"
     summary.write_text("{}")
@@ -292,8 +214,6 @@ def test_numbers_that_a_failed_run_left_behind_are_said_to_be_old(tmp_path):
         os.utime(log, (summary.stat().st_mtime + later,) * 2)
         said = "1 jobs were refused or failed, first ingest.after: b_1.mcap: no such file"
         assert (said in tables.later_failures(summary)) == old
-
-
 
 
 def test_a_finding_in_the_table_is_the_finding_that_was_made():
@@ -348,5 +268,3 @@ def test_what_a_doubt_condemns_is_not_recommended_by_a_note_on_the_same_row():
         (found,) = judged(row, Limits(above={"fault_harm": limit}), "impedance")
         notes = [one.remedy for one in found if one.cause == "I is significantly negative"]
         assert notes == [remedy]
-
-

@@ -8,11 +8,9 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
-from conftest import facts_of
 from test_figures import stored, texts
 
-from osl_analysis.bench.belt import belt_figure_points, check_locked
-from osl_analysis.bench.component_summary import part_summary
+from osl_analysis.bench.belt import check_locked
 from osl_analysis.campaign.campaign_trials import open_campaign
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.campaign.figure_examples import response_example, time_series_example
@@ -24,8 +22,6 @@ from osl_analysis.errors import InputError
 from osl_analysis.figures import drawing_of
 from osl_analysis.figures.names import looks_in
 from osl_analysis.model.compensator import PAPER_WEIGHT
-from osl_analysis.report.headline import Example
-from osl_analysis.report.headlines import ENDINGS, headline_numbers
 from osl_analysis.table import read_table, with_places, write_table
 
 fig5, fig6, fig8 = map(drawing_of, ("fig5", "fig6", "fig8"))
@@ -101,57 +97,6 @@ def test_a_trial_without_k_d_stands_at_the_end_of_the_axis():
         if len(s) == 2
     ]
     assert {one[0][1] for one in lines if one[0][1] == one[1][1]} == {1, 2, 500}
-
-
-def test_means_are_of_one_joint_and_so_are_their_headlines():
-    belts = pl.DataFrame(
-        {"trial": ["a_1", "a_2", "k_1"], "K_s": [600.0, 700.0, 1000.0], "doubtful": ""}
-    )
-    belts = belts.with_columns(unloading=0.0, hysteresis_area=0.0, quadratic_K_s2=0.0)
-    places = {
-        trial: {"joint": "knee" if trial == "k_1" else "ankle", "side": None}
-        for trial in belts["trial"]
-    }
-    belts = with_places(belts, places)
-    summary = part_summary("belt", belts)
-    found = {
-        h.name: (h.value, h.n, h.draft, h.macro)
-        for h in facts_of(headline_numbers({"belt_summary": summary}))
-    }
-    assert found["K_s (ankle)"] == (650, 2, 685.6, "BeltStiffnessAnkle")
-    assert found["K_s (knee)"] == (1000, 1, None, "BeltStiffnessKnee")
-    alone = [
-        headline_numbers({"belt_summary": summary.filter(joint=name)})[0].label
-        for name in ("ankle", "knee")
-    ]
-    assert [(one.meaning.endswith(", knee"), one.draft) for one in alone] == [
-        (False, 685.6),
-        (True, None),
-    ]
-    curves = belts.select(
-        "trial", theta_s_deg=pl.lit(5.0), torque=pl.lit(1.0), branch=pl.lit("loading")
-    )
-    drawn = belt_figure_points(curves, belts, summary).filter(pl.col("trial") == "mean slope")
-    assert drawn.select("joint", "K_s").unique(maintain_order=True).rows() == [
-        ("ankle", 650),
-        ("knee", 1000),
-    ]
-
-
-def test_names_and_macros_of_any_controllers_are_letters_and_no_two_are_alike():
-    """`PD 1` and `PD-1` have the same letters; a controller `xLow` has the letters of the lower
-    bound of `x`."""
-    names = ("PD 1", "PD-1", "α", "a_", "A", "脚", "no controller", None)
-    rows = of_controllers(*names, joint="knee", side=None).filter(K_d=100)
-    rows = rows.with_columns(doubtful=pl.lit(""))
-    ends = {f"{q}_amplitudes_{e}": pl.col(q) for q in "KB" for e in ("low", "high")}
-    ends |= dict.fromkeys(("I", "B_viscous", "f_C"), pl.lit(None, pl.Float64))
-    rows = rows.with_columns(**ends, interval_method=pl.lit("units"))
-    found = facts_of(headline_numbers({"impedance": rows}, example=Example(100.0, 0.0)))
-    macros = [h.macro + ending for h in found for ending in ENDINGS]
-    assert (len(macros), len(found)) == (len(set(macros)), len({h.name for h in found}))
-    assert all(macro.isascii() and macro.isalpha() for macro in macros)
-    assert {"PDOneVAFMedian", "PDOneVAFMedianB", "UnnamedVAFMedian"} <= {h.macro for h in found}
 
 
 def campaign(tmp_path: Path, rows: str, **settings):

@@ -35,7 +35,6 @@ from osl_analysis.judge.limits import DoubtfulFits
 from osl_analysis.model.actuator_in_time import Controller, belt_responses
 from osl_analysis.model.compensator import select_gains
 from osl_analysis.model.drivetrain import read_parameters
-from osl_analysis.report.headlines import headline_numbers
 from osl_analysis.simulator.two_mass_drivetrain import IDEAL, simulate_drivetrain
 from osl_analysis.table import read_table, write_table
 
@@ -480,15 +479,6 @@ def test_shares_of_belt_and_load_are_those_at_the_highest_stiffness():
     share_of_load = by["load_friction_at_highest_K_d", None]["value"]
     assert share_of_load == pytest.approx(100 * load / (0.377 + load))
     assert by["belt_at_highest_K_d", None]["value"] == pytest.approx(100 * 300 / 685.6)
-
-
-def test_an_impedance_is_the_desired_one_where_its_interval_is_within_the_margin():
-    table, by = claimed({"impedance": impedance_table()}, B=1.0)
-    assert (by["K", "k"]["verdict"], by["B", "k"]["verdict"]) == ("equivalent", "undecided")
-    assert by["K_equivalent", None]["value"] == 1
-    assert by["B_equivalent", None]["value"] == 0
-    names = {number.label.name for number in headline_numbers({"claims": table})}
-    assert "K_equivalent" in names
 
 
 def test_damping_without_friction_is_compared_with_the_desired_one():

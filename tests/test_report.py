@@ -23,50 +23,6 @@ def test_units_symbols_powers_and_minus_signs_are_set_in_one_way_and_names_are_l
     ]
 
 
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
 @pytest.mark.parametrize("name", FIGURES)
 def test_every_figure_says_in_two_or_three_sentences_how_to_read_it(name):
     reading = FIGURES[name].reading
@@ -76,21 +32,11 @@ def test_every_figure_says_in_two_or_three_sentences_how_to_read_it(name):
     assert len(reading.split()) <= 75
 
 
-
-
-
-
-
-
 @pytest.fixture
 def site(monkeypatch):
     """The modules of the site."""
     monkeypatch.syspath_prepend(ROOT / "docs/site")
     return {name: import_module(name) for name in ("commands", "pages", "settings")}
-
-
-
-
 
 
 PAGES = [
@@ -100,8 +46,6 @@ PAGES = [
     *sorted((ROOT / "docs").glob("*.md")),
 ]
 LINK = re.compile(r"\]\((?!https?:|#)([^)#]+)(?:#[^)]*)?\)")
-
-
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
@@ -127,9 +71,3 @@ def test_the_page_of_functions_finds_every_function_that_it_names(site):
     assert {
         f"osl_analysis.{name}" for part in site["pages"].FUNCTIONS.values() for name in part
     } <= set(names)
-
-
-
-
-
-

@@ -14,8 +14,7 @@ from click.testing import CliRunner
 from osl_analysis.cli import main
 from osl_analysis.figures.compared_campaigns import draw_comparison
 from osl_analysis.judge.two_campaigns import comparison_table, label_of
-from osl_analysis.report.headline import Headline, HeadlineLabel, HeadlineValue
-from osl_analysis.report.headline_files import to_json
+from osl_analysis.report.numbers import headline_numbers, to_json
 from osl_analysis.stats.repeats import difference, equivalence, of_intervals
 from osl_analysis.table import ROW_KEYS, read_table, write_table
 
@@ -247,7 +246,15 @@ def test_the_command_writes_table_and_figure_and_prints_every_verdict(tmp_path, 
     about = {"campaign": "a", "data": "simulated", "configuration": "c", "recorded": "r"}
     for name, made in (("a", tables()), ("b", tables(K=1.08, seed=2))):
         number, line = (
-            Headline(HeadlineLabel("K_s", "N*m/rad", None, "K", "belt"), HeadlineValue(685.0)),
+            next(
+                headline_numbers(
+                    {
+                        "belt_summary": pl.DataFrame(
+                            {"quantity": ["K_s"], "mean": [685.0], "low": [None], "high": [None]}
+                        )
+                    }
+                )
+            ),
             {
                 "verdict": "doubtful",
                 "cause": "<friction>",
@@ -263,7 +270,9 @@ def test_the_command_writes_table_and_figure_and_prints_every_verdict(tmp_path, 
         keys = [key for key in ROW_KEYS if key in known.columns]
         evidence = tmp_path / f"{name}/tables/impedance_evidence.csv"
         write_table(known.select(*keys, "K_se_bench"), evidence)
-        summary = to_json(about | {"version": name}, [number], {"findings": [line]})
+        summary = to_json(
+            about | {"version": name}, [number], {"findings": [line], "trials": {}, "intervals": ""}
+        )
         (tmp_path / name / "summary.json").write_text(summary)
     out = tmp_path / "out"
 

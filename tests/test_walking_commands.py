@@ -4,7 +4,6 @@ overground gait."""
 import json
 import re
 import shutil
-import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
@@ -14,15 +13,11 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
-import yaml
-from click.testing import CliRunner
-from conftest import ROOT, beyond_in, findings_of
+from conftest import ROOT
 from walking_crossings import Tables, Walk, run_jobs, several, walked
 from walking_setup import Setup, load_setup
 from walking_synthetic import (
-    CORNERS,
     PLATE_RATE,
-    RATE,
     changed,
     hidden,
     recording,
@@ -30,22 +25,20 @@ from walking_synthetic import (
     step,
 )
 
-from osl_analysis.cli import main
 from osl_analysis.commands import walking, walking_files
 from osl_analysis.commands.figure import plot_walking_page
 from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.errors import InputError
 from osl_analysis.judge.limits import Limits
 from osl_analysis.table import read_table, write_table
-from osl_analysis.trial import Trial, plate_columns, read_trial, write_trial
+from osl_analysis.trial import Trial, read_trial, write_trial
 from osl_analysis.walking.crossing import Crossing, RefusedCrossing
 from osl_analysis.walking.impedance_fit import fit_response
 from osl_analysis.walking.isolated_response import isolate_response
-from osl_analysis.walking.overground import CURVES, overground_contacts
 from osl_analysis.walking.plate_model import PlateModel
 from osl_analysis.walking.setup_checks import body_mass
 from osl_analysis.walking.unperturbed_gait import unperturbed_gait
-from osl_analysis.walking.walking_settings import OvergroundAnalysis, WalkingAnalysis
+from osl_analysis.walking.walking_settings import WalkingAnalysis
 
 FOOT = {"mass_kg": 1.0, "centre_of_mass_m": [0.045, 0.0, -0.045], "inertia_kg_m2": 0.085**2}
 
@@ -77,13 +70,8 @@ class Session:
         return read_table(self.folder / f"{name}.csv")
 
     def analyse(self, trial: Path, perturbed: bool, output: Path, *direction: str) -> None:
-        """One crossing; without what crossings share if there is no such file."""
-        calibration, plate, shared = (
-            self.folder / f"{name}.json" for name in ("calibration", "plate", "platform")
-        )
-        platform = shared if shared.exists() else None
-        files = (trial, calibration, plate, perturbed, self.chosen, output)
-        walking.analyse(*files, *direction, platform=platform)
+        calibration, plate = (self.folder / f"{name}.json" for name in ("calibration", "plate"))
+        walking.analyse(trial, calibration, plate, perturbed, self.chosen, output, *direction)
 
     def share(self, job: Any, names: list[str], output: str) -> None:
         """What several trials tell together."""
@@ -96,8 +84,6 @@ class Session:
         """Run every step."""
         walking.calibrate(self.trial("static_1"), self.chosen, self.folder / "calibration.json")
         self.share(walking.identify_plate, self.unloaded, "plate")
-        if len(self.perturbed) > 2:
-            self.share(walking.measure_platform, self.perturbed, "platform")
         for name in (*self.perturbed, *self.unperturbed):
             self.analyse(self.trial(name), name in self.perturbed, self.crossing(name))
         self.summarised()
@@ -223,66 +209,10 @@ def test_the_plate_s_lag_and_its_own_wrench_come_out(real: Session) -> None:
     assert (moving["left_percent"] < 10).all()
 
 
-def pilot(folder: Path, perturbed: int) -> Path:
-    """Crossings by formula; the platform turns by 3 deg within 120 ms at 30 % of stance."""
-    walks = several("p", perturbed, Walk(0.3)) | several("u", 8, Walk())
-    for name, walk in walks.items():
-        crossing = walked(name, walk)
-        if crossing.onset is not None:
-            turn = np.deg2rad(3) * step(crossing.time, crossing.onset, 0.12)[0]
-            crossing = replace(crossing, platform=turn, turn=np.deg2rad(3))
-        walking_files.write_crossing(crossing, folder / f"crossings/{name}.parquet")
-    rows = [{"trial": name, "perturbed": walk.phase is not None} for name, walk in walks.items()]
-    table = pl.DataFrame(rows).with_columns(reason=None, gait=None)
-    write_table(table, folder / "tables/walking_crossings.csv")
-    return folder
 
 
-@dataclass(frozen=True)
-class Plan:
-    """What `design-walking` assumes, and what it promises."""
-
-    turn_deg: float
-    ramp_ms: float
-    phase_percent: float
-    K_half_width: float  # [N*m/rad] of eight crossings
 
 
-def planned(folder: Path, *options: str) -> Plan:
-    arguments = [str(folder), "--crossings", "8", *options]
-    config = ["--config", str(ROOT / "config/config.yaml")]
-    done = CliRunner().invoke(main, ["design-walking", *arguments, *config], catch_exceptions=False)
-    assert done.exit_code == 0, done.output
-    assumed = re.search(r"a turn of (\S+) deg in (\S+) ms at (\S+) % of stance", done.stdout)
-    assert assumed is not None
-    K_half_width = done.stdout.splitlines()[-1].split()[2]
-    return Plan(*(float(number) for number in (*assumed.groups(), K_half_width)))
-
-
-def test_a_plan_from_unperturbed_crossings_alone_assumes_the_usual_turn(tmp_path: Path) -> None:
-    plot = tmp_path / "plan.png"
-
-    plan = planned(pilot(tmp_path, perturbed=0), "--plot", str(plot))
-
-    assert (plan.turn_deg, plan.ramp_ms, plan.phase_percent) == (5, 80, 40)
-    assert plot.read_bytes()[1:4] == b"PNG"
-
-
-def test_a_plan_takes_what_is_stated_and_the_rest_from_the_pilot(tmp_path: Path) -> None:
-    folder = pilot(tmp_path, perturbed=3)
-
-    measured = planned(folder)
-    larger = planned(folder, "--turn", "6")
-    stated = planned(folder, "--turn", "6", "--ramp", "50", "--phase", "45")
-
-    assert measured.turn_deg == pytest.approx(3, abs=0.01)
-    assert measured.ramp_ms == pytest.approx(120, rel=0.03)
-    assert measured.phase_percent == pytest.approx(30, abs=1)
-    assert larger.turn_deg == 6
-    assert larger.ramp_ms == measured.ramp_ms
-    assert larger.phase_percent == measured.phase_percent
-    assert larger.K_half_width == pytest.approx(measured.K_half_width / 2, rel=0.15)
-    assert (stated.turn_deg, stated.ramp_ms, stated.phase_percent) == (6, 50, 45)
 
 
 def exact(session: Session, crossing: Crossing) -> Crossing:
@@ -368,7 +298,7 @@ def test_what_cannot_be_used_is_listed_and_the_rest_goes_on(real: Session, tmp_p
     listed = dict(tables["excluded"].select("trial", "reason").iter_rows())
     assert list(listed) == [blind, still, elsewhere, cut]
     assert "foot markers cannot be followed" in listed[blind]
-    assert "does not turn but the sheet says perturbed" in listed[still]
+    assert "does not turn, but the sheet says perturbed" in listed[still]
     assert "foot forward 0.2 m lies" in listed[elsewhere]
     assert "Fz stays at 60" in listed[cut]
     assert set(tables["summary"]["n"]) == {2}
@@ -592,10 +522,7 @@ def test_a_window_of_fewer_samples_than_parameters_is_listed(
     assert "samples cannot determine 3 parameters" in row["excluded"]
 
 
-REAL = Path(__file__).parents[2] / "shared" / "real_data"
 MASS = 70.0
-KNOWN = OvergroundAnalysis(load_on_n=50, body_mass_kg=MASS)
-PEAK = 0.12 * 800 / MASS  # [N*m/kg] of the load of `gait_trial`
 
 
 def gait_trial(side: str = "left", over: float = 0.0) -> Trial:
@@ -615,271 +542,24 @@ def gait_trial(side: str = "left", over: float = 0.0) -> Trial:
     return changed(trial, **{f"reference_ankle_moment_{side}": moments})
 
 
-def overground_rows(trial: Trial, settings: OvergroundAnalysis = KNOWN) -> list[dict[str, Any]]:
-    """Rows of `ankle_moment.csv`, with their curves."""
-    return [contact.row() for contact in overground_contacts(trial, settings)]
 
 
-def numbers_of(row: dict[str, Any]) -> dict[str, Any]:
-    return {name: value for name, value in row.items() if name not in CURVES}
 
 
-@pytest.mark.parametrize("side", ["left", "right"])
-def test_the_moment_of_a_known_load_comes_out_in_stance(side: str) -> None:
-    """Loaded above 50 N from 0.50625 to 1.49375 s."""
-    (row,) = overground_rows(gait_trial(side))
-
-    assert (row["side"], row["plate"]) == (side, 1)
-    assert row["heel_strike_s"] == pytest.approx(0.50625, abs=1e-3)
-    assert row["toe_off_s"] == pytest.approx(1.49375, abs=1e-3)
-    assert row["frames"] == pytest.approx(0.9875 * RATE, abs=1)
-    assert row["moment_at_peak"] == pytest.approx(PEAK, rel=2e-3)
-    assert row["slope"] == pytest.approx(1.05, abs=1e-3)
-    assert row["correlation"] == pytest.approx(1, abs=1e-5)
-
-
-def test_the_order_of_the_corners_does_not_matter() -> None:
-    trial = gait_trial()
-    turned = replace(trial, provenance={"plates": [{"plate": 1, "corners": CORNERS[::-1]}]})
-
-    (row,) = overground_rows(trial)
-    (same,) = overground_rows(turned)
-
-    assert numbers_of(same) == numbers_of(row)
-
-
-def test_moments_are_compared_where_both_are_known() -> None:
-    column = "reference_ankle_moment_left"
-
-    def known_until(end: float) -> Trial:
-        unknown = pl.lit(np.nan) + 0 * pl.col(column)
-        kept = pl.when(pl.col("time") < end).then(column).otherwise(unknown)
-        return changed(gait_trial(), kept.alias(column))
-
-    (half,) = overground_rows(known_until(1.0))
-    (none,) = overground_rows(known_until(0.0))
-
-    assert half["frames"] == pytest.approx(0.49375 * RATE, abs=1)
-    assert half["slope"] == pytest.approx(1.05, abs=1e-3)
-    assert none["frames"] == pytest.approx(0.9875 * RATE, abs=1)
-    assert none["slope"] is None
-    assert none["peak_moment"] == pytest.approx(PEAK, rel=2e-3)
-
-
-def test_the_moment_is_per_kilogram_of_the_sheet() -> None:
-    tables = walking.compare_ankle_moment(gait_trial(), KNOWN, {"body_mass_kg": 60.0})
-
-    moment = tables["ankle_moment"]["moment_at_peak"][0]
-    assert moment == pytest.approx(PEAK * MASS / 60, rel=2e-3)
-
-
-def with_subject(trial: Trial, subject: str) -> Trial:
-    names = {
-        name: name.replace("marker_", f"marker_{subject}:")
-        for name in trial.samples.columns
-        if name.startswith("marker_")
-    }
-    return replace(trial, samples=trial.samples.rename(names))
-
-
-def without_columns(trial: Trial, pattern: str) -> Trial:
-    return replace(trial, samples=trial.samples.select(pl.exclude(pattern)))
-
-
-@pytest.mark.parametrize(
-    ("trial", "known", "message"),
-    [
-        (gait_trial(over=0.3), KNOWN, "gait_1: no foot stands on a plate"),
-        (replace(gait_trial(), provenance={}), KNOWN, "of a C3D under `plate_geometry`"),
-        (without_columns(gait_trial(), "^marker_LTI.*$"), KNOWN,
-         r"gait_1: no marker of an ankle; name one under overground\.lateral_malleolus"),
-        (with_subject(gait_trial(), "P07"), KNOWN,
-         r"with its prefix \(there are P07\), as 'P07:\?ANK', and likewise medial_malleolus"),
-        (gait_trial(), OvergroundAnalysis(load_on_n=50),
-         r"states no body mass; state body_mass_kg in the sheet, or overground\.body"),
-        (changed(gait_trial(), pl.col("plate1_force_z") - 110.0), KNOWN,
-         "trial gait_1: force plate 1 reads -110 N"),
-    ],
-)  # fmt: skip
-def test_what_cannot_be_compared_is_refused_with_the_remedy(
-    trial: Trial, known: OvergroundAnalysis, message: str
-) -> None:
-    with pytest.raises(InputError, match=message):
-        overground_rows(trial, known)
-
-
-@pytest.mark.parametrize("offset", [-90.0, 110.0])
-def test_a_plate_is_refused_only_if_it_pulls_by_more_than_noise(offset: float) -> None:
-    known = KNOWN.model_copy(update={"load_on_n": 200.0})
-
-    assert overground_rows(changed(gait_trial(), pl.col("plate1_force_z") + offset), known)
-
-
-Place = tuple[float, float, float]
-
-
-def steps(feet: dict[str, Place], contacts: tuple[tuple[float, float], ...], names: str) -> Trial:
-    """Feet, each at y [m] and at rest at x = 0 from one time to another [s], walk at 3 m/s before
-    and after. Their toes are out by 20 deg. A load of 800 N and 80 N forward acts 0.12 m before the
-    left ankle, on the ground. The names are those of the lateral and medial malleolus, heel and
-    toe."""
-    time = np.arange(0, 3, 1 / PLATE_RATE)
-    frames = time[::5]
-    out = np.array([np.cos(ACROSS), np.sin(ACROSS), 0.0])
-    load = sum(np.clip(np.minimum(time - on, off - time) / 0.1, 0, 1) for on, off in contacts)
-    force = np.outer(load, [80.0, 0.0, 800.0])
-    markers = {}
-    for side, (y, on, off) in feet.items():
-        sign = 1 if side == "L" else -1
-        x = 3.0 * (np.minimum(frames - on, 0) + np.maximum(frames - off, 0))
-        path = np.column_stack([x, 0 * x, 0.1 * (np.abs(x) > 0)])
-        places = (
-            np.array([0.0, 0.04 * sign, 0.09]),
-            np.array([0.0, -0.04 * sign, 0.09]),
-            -0.05 * out * [1, sign, 0],
-            0.15 * out * [1, sign, 0],
-        )
-        for place, name in zip(places, names.split(), strict=False):
-            markers[name.replace("?", side)] = place + np.array([0.0, y, 0.02]) + path
-    ahead = np.array([0.12, 0.0, 0.0])
-    return recording("gait_1", markers, force, np.cross(ahead, force))
-
-
-QTM = "?_FAL ?_TAM ?_FCC ?_FM2"
-ONE_FOOT = {"L": (0.0, 1.0, 1.7)}
-CONTACT = ((1.0, 1.7),)
-ACROSS = np.deg2rad(20)
 # of 800 N 0.12 m ahead, and 80 N 0.11 m below the ankle [N*m]
-MOMENT = 96.0 + 8.8
 # The axis is turned by 20 deg, and goes through a point 0.04 m beside the ankle's centre
-MOMENT_ACROSS_FOOT = MOMENT * np.cos(ACROSS) - 32 * np.sin(ACROSS)
 
 
-@pytest.mark.parametrize(
-    ("names", "axis_from", "moment"),
-    [
-        (QTM, "L_FAL to L_TAM", MOMENT),
-        ("?LM ?MM", "LLM to LMM", MOMENT),
-        ("?.Ankle.Lat ?.Ankle.Med ?.Heel ?.Toe.Tip", "L.Ankle.Lat to L.Ankle.Med", MOMENT),
-        ("?ANK - ?HEE ?TOE", "LANK, across LHEE to LTOE", MOMENT_ACROSS_FOOT),
-        ("?ANK", "LANK, across its way", MOMENT),
-    ],
-)
-def test_the_ankle_s_axis_is_from_the_markers_that_exist(
-    names: str, axis_from: str, moment: float
-) -> None:
-    (row,) = overground_rows(steps(ONE_FOOT, CONTACT, names))
-
-    assert row["axis_from"] == axis_from
-    assert row["excluded"] is None
-    assert row["side"] == "left"
-    assert row["peak_moment"] == pytest.approx(moment / MASS, rel=2e-3)
-    assert row["slope"] is None
-    assert row["moment_at_peak"] is None
 
 
-def test_a_right_foot_has_the_same_moment() -> None:
-    (row,) = overground_rows(steps({"R": ONE_FOOT["L"]}, CONTACT, "?LM ?MM"))
-
-    assert row["side"] == "right"
-    assert row["peak_moment"] == pytest.approx(MOMENT / MASS, rel=2e-3)
 
 
-def test_the_curve_over_stance_has_the_moment_of_each_frame() -> None:
-    tables = walking.compare_ankle_moment(steps(ONE_FOOT, CONTACT, QTM), KNOWN)
-
-    curves = tables["ankle_moment_curves"]
-    middle = curves.filter(pl.col("phase").is_between(0.2, 0.8))["moment"].to_numpy()
-    assert middle == pytest.approx(MOMENT / MASS, rel=0.01)
-    assert len(curves) == tables["ankle_moment"]["frames"][0]
-    assert curves["reference_moment"].is_null().all()
 
 
-BOTH_FEET = ONE_FOOT | {"R": (-0.15, 1.5, 2.2)}
-LONG = ((1.0, 2.2),)
 
 
-def reasons_of(trial: Trial, **changes: float) -> list[Any]:
-    """Why each contact is excluded."""
-    return [row["excluded"] for row in overground_rows(trial, KNOWN.model_copy(update=changes))]
 
 
-def test_two_feet_on_one_plate_are_excluded_with_a_warning() -> None:
-    reason = "the right foot stands on the same plate in 58 % of the contact"
-    trial = steps(BOTH_FEET, LONG, QTM)
-
-    with warnings.catch_warnings(record=True, action="always") as caught:
-        tables = walking.compare_ankle_moment(trial, KNOWN)
-
-    assert tables["ankle_moment"]["excluded"][0] == reason
-    assert tables["ankle_moment"]["peak_moment"][0] is None
-    message = r"the left stance at 1\.\d\d s on plate 1 is excluded: the right foot"
-    assert re.search(message, str(caught[0].message))
-
-
-def test_the_ankle_alone_shows_a_second_foot() -> None:
-    assert "the right foot stands" in reasons_of(steps(BOTH_FEET, LONG, "?ANK"))[0]
-
-
-def test_a_foot_rests_on_a_plate_that_is_higher_than_the_floor() -> None:
-    trial = steps(ONE_FOOT, CONTACT, QTM)
-    x = pl.col("marker_L_FCC_x")
-    floor = [
-        pl.when(x.abs() < 0.5).then(pl.col(name)).otherwise(pl.col(name) - 0.2).alias(name)
-        for name in trial.samples.columns
-        if name.startswith("marker_L_") and name.endswith("_z")
-    ]
-
-    assert reasons_of(replace(trial, samples=trial.samples.with_columns(floor))) == [None]
-
-
-def test_a_foot_that_left_before_is_no_second_one() -> None:
-    earlier = ONE_FOOT | {"R": (-0.15, 0.2, 0.7)}
-
-    assert reasons_of(steps(earlier, CONTACT, QTM)) == [None]
-
-
-def test_an_unseen_second_foot_loads_the_plate_for_longer_than_the_first() -> None:
-    (reason,) = reasons_of(steps(ONE_FOOT, LONG, QTM))
-
-    assert reason == "heel and toe rest on the plate in 58 % of the contact: a second foot"
-    assert reasons_of(steps(ONE_FOOT, LONG, "?ANK ?MED")) == [None]
-
-
-def test_a_contact_much_longer_than_others_is_excluded() -> None:
-    trial = steps({"L": (0.0, 0.2, 2.3)}, ((0.2, 0.7), (1.0, 2.2)), "?ANK ?MED")
-    reason = "a contact of 1.19 s where others last 0.49 s: a second foot, or a plate off zero"
-
-    assert reasons_of(trial) == [None, reason]
-    assert reasons_of(trial, longest_contact=2.5) == [None, None]
-
-
-def test_the_foot_that_the_forces_are_of_is_the_only_one_on_its_plate() -> None:
-    """As OpenSim's files state it, of a floor on which both feet stand."""
-    trial = steps(ONE_FOOT | {"R": (-0.15, 1.0, 1.7)}, CONTACT, "?LM ?MM")
-    plate = trial.provenance["plates"][0]
-    of_left = replace(trial, provenance={"plates": [{**plate, "foot": "left"}]})
-
-    (row,) = overground_rows(of_left)
-
-    assert (row["side"], row["excluded"]) == ("left", None)
-    assert row["peak_moment"] == pytest.approx(MOMENT / MASS, rel=2e-3)
-    assert "the right foot stands" in reasons_of(trial)[0]
-
-
-@pytest.mark.parametrize(("factor", "side"), [(1.0, None), (-1.0, "below"), (3.0, "above")])
-def test_a_moment_unlike_walking_is_doubtful(factor: float, side: str | None) -> None:
-    shipped = yaml.safe_load((ROOT / "config/config.yaml").read_text())
-    limits = Limits.model_validate(shipped["doubtful"]["ankle_moment"])
-    trial = steps(ONE_FOOT, CONTACT, "?ANK ?MED")
-    scaled = changed(trial, *(pl.col(name) * factor for name in plate_columns(1, "moment")))
-
-    table = walking.compare_ankle_moment(scaled, KNOWN)["ankle_moment"]
-
-    late = table.with_columns(peak_phase=pl.lit(0.8)).row(0, named=True)
-    doubts = findings_of(late, limits, "ankle_moment")
-    assert [doubt.cause for doubt in doubts] == ([] if side is None else ["moment unlike walking"])
-    assert beyond_in(doubts) == ({} if side is None else {"peak_moment": side})
 
 
 def mass_of(sheet: float | None, recorded: float | None, configured: float | None) -> float | None:
@@ -911,60 +591,3 @@ def test_a_contradicting_or_impossible_mass_is_refused(
 ) -> None:
     with pytest.raises(InputError, match=message):
         mass_of(sheet, recorded, None)
-
-
-UNKNOWN = OvergroundAnalysis(load_on_n=50)
-
-
-@pytest.fixture(scope="module")
-def plug_in_gait(tmp_path_factory: pytest.TempPathFactory) -> Trial:
-    """A public recording with the moments of Plug-in Gait."""
-    if not REAL.is_dir():
-        pytest.skip("the recordings of others are not here")
-    path = tmp_path_factory.mktemp("pig") / "pig.parquet"
-    row = {"trial": "pig", "mocap": "btk_PiG_Motion3_FF.c3d", "mocap_source": "plug_in_gait"}
-    ingest_trial(row, REAL / "c3d", ROOT / "config/sources", path)
-    return read_trial(path)
-
-
-def test_agrees_with_plug_in_gait_as_the_published_reference_does(plug_in_gait: Trial) -> None:
-    """The reference is half a frame late: without delay the correlation is better, slope and peak
-    move by below 1 %."""
-    reference = pl.read_csv(REAL / "reference/ankle_moment.csv").sort("side", "plate")
-
-    table = walking.compare_ankle_moment(plug_in_gait, UNKNOWN)["ankle_moment"].sort(
-        "side", "plate"
-    )
-
-    same = reference.select(pl.col("plate") + 1, body_mass_kg="mass_kg", frames="n_frames")
-    assert table.select(same.columns).rows() == same.rows()
-    assert (table["correlation"] > np.maximum(-reference["corr"], 0.998)).all()
-    np.testing.assert_allclose(table["slope"], -reference["slope"], rtol=0.01)
-    peak, at_peak = (
-        reference["pig_peak_Nmm_per_kg"],
-        reference["own_quasistatic_at_peak_Nmm_per_kg"],
-    )
-    np.testing.assert_allclose(table["reference_peak"] * 1e3, peak, rtol=1e-5)
-    np.testing.assert_allclose(table["moment_at_peak"] * 1e3, at_peak, rtol=0.01)
-
-
-@pytest.mark.parametrize(
-    ("lost", "largest_error"),
-    [("LTIL|RTIL", 0.05), ("[LR]TI[LO]", 0.09), ("[LR](TI[LO]|HEE|TOE)", 0.13)],
-)
-def test_fewer_markers_cost_accuracy_but_the_reference_is_not_used(
-    plug_in_gait: Trial, lost: str, largest_error: float
-) -> None:
-    fewer = without_columns(plug_in_gait, f"^marker_({lost})_[xyz]$")
-
-    compared = walking.compare_ankle_moment(fewer, UNKNOWN)["ankle_moment"]
-    alone = walking.compare_ankle_moment(without_columns(fewer, "^reference_.*$"), UNKNOWN)
-
-    assert compared["excluded"].null_count() == 3
-    assert (compared["correlation"] > 0.998).all()
-    np.testing.assert_allclose(
-        compared["peak_moment"], compared["reference_peak"], rtol=largest_error
-    )
-    np.testing.assert_allclose(
-        alone["ankle_moment"]["peak_moment"], compared["peak_moment"], rtol=1e-12
-    )

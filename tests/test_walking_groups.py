@@ -1,61 +1,37 @@
 """Crossings under different conditions have results of their own, and opposite directions are
 joined rightly."""
 
-import shutil
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import polars as pl
 import pytest
 from scipy.spatial.transform import Rotation
-from scipy.special import stdtrit
 from walking_crossings import (
-    LEAD,
-    RISE,
     TURN,
     Tables,
     Walk,
     campaign,
     crossing,
-    run_jobs,
     selected,
     several,
     standing_at,
     walked,
 )
-from walking_synthetic import bump, pose, settings
+from walking_synthetic import pose, settings
 
 from osl_analysis.commands.figure import plot_over_stance
-from osl_analysis.commands.walking_files import write_crossing
 from osl_analysis.commands.walking_summary import tabulate_over_stance
 from osl_analysis.errors import InputError
-from osl_analysis.judge.limits import Limits
 from osl_analysis.table import read_table
 from osl_analysis.walking.crossing import Crossing, platform_turn
 from osl_analysis.walking.crossing_quality import CrossingQuality
 from osl_analysis.walking.ensemble import group_headline
-from osl_analysis.walking.group_checks import (
-    SetUpDifference,
-    known_loads,
-    moment_error,
-    set_up_difference,
-)
-from osl_analysis.walking.group_table import (
-    SMALLEST_DIFFERENCES,
-    TimingPoint,
-    TimingSlope,
-    fitted_time,
-    parted_by,
-    timing_slope,
-)
+from osl_analysis.walking.group_table import fitted_time
 from osl_analysis.walking.groups import places, split_keys, timings
 from osl_analysis.walking.impedance_fit import fit_response
-from osl_analysis.walking.planned_turn import PlannedTurn, half_widths, scatter_of_one
-from osl_analysis.walking.plate_gain import check_gain
-from osl_analysis.walking.poses import StaticCalibration
 from osl_analysis.walking.result_tables import headline_rows, with_trajectory
 from osl_analysis.walking.selection import crossing_features, selection_rows
 from osl_analysis.walking.stance import Stance
@@ -84,9 +60,6 @@ def of_both_directions(tmp_path_factory: pytest.TempPathFactory) -> Tables:
     return campaign(tmp_path_factory.mktemp("both"), BOTH | several("u", 8, Walk()))
 
 
-COMMON_K = 12 / TURN  # [N*m/rad]
-
-
 def test_half_the_difference_of_directions_is_free_of_what_follows_either_turn(of_both_directions):
     K = of_both_directions.estimate("all", "K")
     B = of_both_directions.estimate("all", "B")
@@ -98,33 +71,12 @@ def test_half_the_difference_of_directions_is_free_of_what_follows_either_turn(o
     assert abs(K["mean"] - 340.0) < 4 * K["se"] < 20
 
 
-def test_each_direction_has_an_estimate_of_its_own(of_both_directions):
-    up = of_both_directions.estimate("all", "K", "up")
-    down = of_both_directions.estimate("all", "K", "down")
-    difference = of_both_directions.estimate("all", "K", "up minus down")
-
-    assert (up["n"], down["n"]) == (6, 4)
-    assert up["mean"] == pytest.approx(340 + COMMON_K, abs=12)
-    assert down["mean"] == pytest.approx(340 - COMMON_K, abs=12)
-    assert 0 < difference["low"] < 2 * COMMON_K < difference["high"]
-    assert of_both_directions["groups"]["common_K"][0] == pytest.approx(difference["mean"] / 2)
-
-
 def test_the_mean_of_perturbations_is_that_of_both_directions_means(of_both_directions):
     row = of_both_directions.estimate("all", "K", "mean of perturbations")
 
     K = of_both_directions["walking"].group_by("direction").agg(pl.col("K").mean())["K"]
     assert row["mean"] == pytest.approx(K.mean())
     assert row["sd"] < 60, "not the 138 either side that the directions differ by"
-
-
-def test_both_directions_are_one_group_and_nothing_is_left_unchecked(of_both_directions):
-    (group,) = of_both_directions["groups"].to_dicts()
-
-    assert (group["group"], group["gait"], group["pooled"]) == ("all", "all", None)
-    assert (group["n_up"], group["n_down"]) == (6, 4)
-    not_checked = (group.get("not_checked") or "").split("; ")
-    assert "whether a voluntary torque or a change of pace is in K" not in not_checked
 
 
 def test_directions_are_groups_where_the_settings_say_so():
@@ -135,23 +87,6 @@ def test_directions_are_groups_where_the_settings_say_so():
 
     assert of_trial["p0"].group == "direction up"
     assert of_trial["p1"].group == "direction down"
-
-
-def test_a_stated_error_widens_all_but_the_difference_of_directions(of_both_directions):
-    both = headline(BOTH)
-    fits = of_both_directions["walking"]
-
-    plain = headline_rows(both, fits, {}, stated={})
-    stated = headline_rows(both, fits, {}, stated={"K": 50.0})
-
-    wider = {
-        row["estimator"]
-        for row, narrow in zip(stated, plain, strict=True)
-        if row["se"] > narrow["se"] + 1e-9
-    }
-    assert {"ensemble", "up", "down"} <= wider
-    assert "up minus down" not in wider
-    assert both.directions["up minus down"].resampled.degrees_of_freedom == 3, "of 4 down"
 
 
 def test_one_perturbation_in_a_direction_is_refused():
@@ -314,23 +249,6 @@ def test_a_slow_person_of_whom_the_sheet_speaks_is_no_outlier():
     assert rows["b0"]["onset_phase"] == pytest.approx(since_heel_strike / np.mean(stances))
 
 
-@pytest.mark.parametrize(("lost", "reason"), [
-    ({"stance_s": [0.71, 0.72, 0.715]}, "stance_s, 0.62 and 0.715"),
-    ({"stance_s": [0.71, 0.72, 0.61]}, "no column"),
-    ({"foot_left_m": [0.05, 0.06, 0.05]}, "foot_left_m, 0 and 0.05"),
-    ({"subject": "B"}, "subject, A and B"),
-])  # fmt: skip
-def test_what_parts_the_crossings_that_are_left_out_is_named(lost, reason):
-    used = dict.fromkeys(SMALLEST_DIFFERENCES, [0.0] * 5) | {
-        "stance_s": [0.62, 0.61, 0.63, 0.62, 0.625]
-    }
-    rows = {name: [*values, *lost.get(name, values[:3])] for name, values in used.items()}
-    table = pl.DataFrame(rows | {"trial": [f"c{k}" for k in range(8)]})
-    sheet = {f"c{k}": {"subject": lost.get("subject", "A") if k > 4 else "A"} for k in range(8)}
-
-    assert parted_by(table[:5], table[5:], sheet) == reason
-
-
 def test_an_unstated_condition_serves_every_value():
     K_d = {"p200": 200.0, "p400": 400.0, "every": None, "u400": 400.0, "u300": 300.0}
     sheet = {name: {"perturbed": name[0] == "p", "K_d": value} for name, value in K_d.items()}
@@ -391,44 +309,6 @@ def test_a_group_without_a_result_has_rows_that_say_why_and_the_others_go_on(tmp
     assert reasons["K_d 600"].startswith(no_gait)
     assert tables.estimate("K_d 600")["reason"].startswith(no_gait)
     assert excluded["bare1"].startswith(no_gait)
-
-
-def drawn(seed: int, phase: float, count: int, sd: float) -> np.ndarray:
-    """Onset phases of one protocol."""
-    return phase + sd * np.random.default_rng(seed).standard_normal(count)
-
-
-def test_the_scatter_of_one_protocol_is_one_timing():
-    for seed in range(50):
-        assert timings(drawn(seed, 0.4, 30, 0.02), 0.05).max() == 0
-
-
-@pytest.mark.parametrize(
-    ("phases", "expected"),
-    [
-        pytest.param(
-            np.r_[drawn(1, 0.6, 6, 0.01), drawn(2, 0.2, 6, 0.01)], [1] * 6 + [0] * 6, id="far"
-        ),
-        pytest.param(
-            np.r_[drawn(3, 0.40, 6, 0.004), drawn(4, 0.46, 6, 0.004)],
-            [0] * 6 + [1] * 6,
-            id="near: their SD is 0.03",
-        ),
-        pytest.param(
-            np.array([0.19, 0.20, 0.20, 0.39, 0.40, 0.41, 0.56, 0.60, 0.605, 0.61, 0.65]),
-            [0] * 3 + [1] * 3 + [2] * 5,
-            id="4 % of stance beside its own",
-        ),
-        pytest.param(
-            np.array([0.4, 0.401, 0.402, 0.437, 0.438, 0.439, 0.464, 0.465, 0.466]),
-            [0] * 3 + [1] * 6,
-            id="gaps of 0.035 and 0.025",
-        ),
-        pytest.param(np.zeros(0), [], id="none"),
-    ],
-)
-def test_timings_are_parted_by_clear_gaps(phases, expected):
-    np.testing.assert_array_equal(timings(phases, 0.05), expected)
 
 
 def test_a_wide_timing_without_a_gap_is_cut_into_bins():
@@ -691,219 +571,3 @@ def test_a_load_far_from_the_known_weight_is_excluded(changed, message):
     else:
         assert row["status"] == "outlier"
         assert message in row["reason"]
-
-
-@dataclass(frozen=True)
-class FaultyLaboratory:
-    """A torque that the height of the corners makes wrong by -6 d + 0.1 d' of the response d.
-    Encoder and markers with a shoe of 60 N*m/deg between them, and corners 20 mm too high, say so
-    with K."""
-
-    folder: Path
-    names: list[list[str]]  # perturbed, unperturbed
-
-    @cached_property
-    def plain(self) -> Tables:
-        """Without stated errors or limits."""
-        folder = self.folder.with_name("plain")
-        shutil.copytree(self.folder, folder)
-        return replace(self, folder=folder).analysed()
-
-    def analysed(self, limits: Limits | None = None, **choices) -> Tables:
-        return run_jobs(self.folder, *self.names, settings(**choices), of_groups=limits)
-
-
-@pytest.fixture(scope="module")
-def faulty_laboratory(tmp_path_factory: pytest.TempPathFactory) -> FaultyLaboratory:
-    folder = tmp_path_factory.mktemp("laboratory")
-    walks = several("p", 4, MIDSTANCE) | several("u", 4, Walk())
-    for name, walk in walks.items():
-        plain = walked(name, walk)
-        error = 0 * plain.time
-        if plain.onset is not None:
-            d, v, _ = bump(plain.time, plain.onset + LEAD, RISE)
-            error = TURN * (-6 * d + 0.1 * v)
-        compliance = np.deg2rad(1) / 60
-        witnesses = {"shoe_compliance": compliance, "encoder_rms_deg": 0.7, "plate_height_m": 0.02}
-        quality = replace(plain.quality, **witnesses)
-        wrong = replace(plain, lab_errors=np.array([error]), quality=quality)
-        write_crossing(wrong, folder / f"crossings/{name}.parquet")
-    return FaultyLaboratory(folder, [[name for name in walks if name[0] == kind] for kind in "pu"])
-
-
-def test_an_error_of_the_laboratory_changes_the_fit_by_what_the_table_says(faulty_laboratory):
-    """The foot that yields in its shoe adds its compliance to the joint's."""
-    tables = faulty_laboratory.plain
-
-    height, skin, shoe = tables["sensitivity"].rows(named=True)
-    K = tables.estimate("all")["mean"]
-    joint_alone = 1 / (1 / K - 1 / np.rad2deg(60))
-    assert [height[name] for name in "KBI"] == pytest.approx([-6, 0.1, 0], abs=0.02)
-    assert skin["K"] == pytest.approx(0.05 * K)
-    assert shoe["K"] == pytest.approx(K - joint_alone)
-    assert tables["groups"]["K_by_encoder"][0] == pytest.approx(joint_alone)
-
-
-def test_stated_errors_of_the_laboratory_widen_the_interval(faulty_laboratory):
-    """10 mm are 6 N*m/rad, 5 % of the angle are 5 % of K."""
-    narrow = faulty_laboratory.plain.estimate("all")
-
-    stated = {"corners_height": 20, "skin": 5}
-    wide = faulty_laboratory.analysed(uncertainty=stated).estimate("all")
-
-    error = np.hypot(2 * 6, 0.05 * narrow["mean"])
-    below = np.hypot(narrow["mean"] - narrow["low"], 1.96 * error)
-    assert wide["mean"] == narrow["mean"]
-    assert wide["se"] == pytest.approx(np.hypot(narrow["se"], error), rel=2e-3)
-    assert wide["mean"] - wide["low"] == pytest.approx(below, rel=2e-3)
-
-
-def test_witnesses_of_the_laboratory_s_errors_are_doubts(faulty_laboratory):
-    limits = Limits(above={"encoder_rms_deg": 0.4, "shoe_share": 0.05, "height_share": 0.02})
-
-    (group,) = faulty_laboratory.analysed(limits)["groups"].rows(named=True)
-
-    K = group["K"]
-    assert group["shoe_share"] == pytest.approx(K / np.rad2deg(60), rel=0.01)
-    assert group["height_share"] == pytest.approx(-12 / K, rel=0.01)
-    assert group["encoder_rms_deg"] == pytest.approx(0.7)
-    assert group["plate_height_m"] == pytest.approx(0.02)
-    assert group["doubtful"].split("; ") == [
-        "encoder and markers that disagree",
-        "foot that yields in its shoe",
-        "plate at another height",
-    ]
-    not_checked = group["not_checked"].split("; ")
-    assert "whether K is that of the joint alone" not in not_checked
-    assert "the height of the plate's corners and ORIGIN" not in not_checked
-
-
-@pytest.mark.parametrize("ways_deg", [(90,), (0, 180), (0, 100, 210)])
-@pytest.mark.parametrize(("gain", "certain"), [(1.0, 0.0), (1.15, 0.11), (0.85, -0.11)])
-def test_moments_too_large_show_in_the_pressure_of_a_foot_that_stands_elsewhere(
-    gain: float, certain: float, ways_deg: tuple[float, ...]
-) -> None:
-    """Moments 15 % too large move the pressure by 1.15 times as much as the foot, in whichever
-    direction it points; its own scatter is 1 mm, and the plate stands 80 mm elsewhere."""
-    random = np.random.default_rng(2)
-    heading = np.resize(ways_deg, 20)
-    cosine, sine = np.cos(np.deg2rad(heading)), np.sin(np.deg2rad(heading))
-    in_foot = np.array([[cosine, sine], [-sine, cosine]]).transpose(2, 0, 1)  # from the laboratory
-    foot = 0.015 * random.standard_normal((20, 2)) + [0.05, 0]
-    within_foot = np.array([0.03, 0.0]) + 0.001 * random.standard_normal((20, 2))
-    of_place = in_foot @ [0.08, 0.0]
-    pressure_from_ankle = gain * (foot + within_foot) - foot + of_place
-    table = pl.DataFrame(
-        np.hstack([foot, pressure_from_ankle]),
-        ["foot_forward_m", "foot_left_m", "pressure_ahead_m", "pressure_beside_m"],
-    ).with_columns(
-        heading_deg=pl.Series(heading, dtype=pl.Float64),
-        onset_phase=pl.lit(None, pl.Float64),
-        reason=pl.lit(None, pl.String),
-    )
-
-    error = moment_error(table)
-
-    assert error.certain_moment_error == pytest.approx(certain, abs=0.03)
-    assert 0 < error.moment_error_half < 0.05
-    assert moment_error(table[:5]).certain_moment_error is None
-
-
-@pytest.mark.parametrize(("others", "error"), [(0.0, 0.15), (-3.0, 0.15), (200.0, None)])
-def test_the_static_trial_tells_the_plate_s_gain_by_the_body_mass(
-    others: float, error: float | None
-) -> None:
-    """The plate reads 15 % more than 70 kg, unless the person stands on another one, too."""
-    statics = StaticCalibration({}, np.zeros(3), np.array([0.0, 1.0, 0.0]), {1: others, 2: 789.4})
-    quality = CrossingQuality(standing_N=statics.standing_load(2))
-    known = replace(session()[0], quality=quality, body_mass=70.0)
-
-    found = check_gain(known_loads([known, replace(known, body_mass=None)])).load_error
-
-    assert found == (None if error is None else pytest.approx(error, abs=1e-3))
-    assert known_loads([replace(known, body_mass=None)]).weight is None
-
-
-def test_a_difference_from_the_static_trial_counts_where_half_of_a_kind_of_crossings_have_it() -> (
-    None
-):
-    rows = pl.DataFrame({
-        "perturbed": [True, True, False, False, False, False],
-        "different": ["a marker", "corners", "corners", "corners", "ankle", "a marker"],
-        "different_mm": [1.0, 2.0, 20.0, 30.0, 90.0, 40.0],
-    })  # fmt: skip
-
-    assert set_up_difference(rows) == SetUpDifference("corners", 25.0)
-
-
-def test_a_slope_of_k_between_timings_tells_the_damping_without_it() -> None:
-    """K rises by 500 over stance: that alone makes 500 x 0.001 of B at every timing, if it is
-    certain."""
-    certain = [
-        TimingPoint("K_d 300", phase, K=250 + 500 * phase, K_se=3.0, B=3.0, B_per_slope=1e-3)
-        for phase in (0.3, 0.4, 0.6)
-    ]
-    alone = replace(certain[0], series="K_d 200")
-    uncertain = [replace(point, K_se=100.0) for point in certain]
-
-    slopes = [timing_slope(point, [*certain, alone]) for point in certain]
-
-    assert [slope.K_slope_timings for slope in slopes] == pytest.approx([500] * 3)
-    assert [slope.slope_share_timings for slope in slopes] == pytest.approx([0.5 / 3] * 3)
-    assert [slope.B_without_slope for slope in slopes] == pytest.approx([2.5] * 3)
-    assert timing_slope(alone, [*certain, alone]) == TimingSlope()
-    for point in uncertain:
-        assert timing_slope(point, uncertain).slope_share_timings is None
-
-
-OWN_STANCE = settings(perturbed_stance="own")
-PLANNED = PlannedTurn(TURN, 0.08, 0.4, (340.0, 5.0, 0.03))
-
-
-def test_unperturbed_crossings_tell_the_intervals_that_perturbed_ones_will_have() -> None:
-    """Four pilots: half-widths of K, B and I are those of the ensemble's bootstrap, by median to
-    30 %, as a scatter of eight is known."""
-    ratios = []
-    for k in range(4):
-        unperturbed = [walked(f"f{k}_{n}", Walk()) for n in range(16)]
-        pilot = unperturbed[8:]
-        turned = [PLANNED.added_to(crossing, OWN_STANCE) for crossing in unperturbed[:8]]
-        result = group_headline(turned, unperturbed_gait(pilot, 3), OWN_STANCE)
-
-        scatter = scatter_of_one(pilot, PLANNED, OWN_STANCE)
-        (plan,) = half_widths(scatter, [8], 8, both_directions=False).to_dicts()
-
-        ratios.append([np.ptp(result.resampled.interval(name)) / 2 / plan[name] for name in "KBI"])
-    assert np.median(ratios, axis=0) == pytest.approx([1, 1, 1], rel=0.3)
-
-
-def test_both_directions_are_free_of_the_unperturbed_crossings_error() -> None:
-    one_way = half_widths(np.ones(3), [4, 16], 16, both_directions=False)["K"].to_list()
-    both_ways = half_widths(np.ones(3), [4, 16], 16, both_directions=True)["K"].to_list()
-
-    assert one_way[1] == pytest.approx(stdtrit(15, 0.975) * np.sqrt(1 / 8))
-    assert both_ways == pytest.approx([stdtrit(2, 0.975) / 2, stdtrit(14, 0.975) / 4])
-
-
-def test_a_plan_needs_four_crossings_and_room_before_the_onset() -> None:
-    pilot = [walked(f"f{n}", Walk()) for n in range(8)]
-
-    with pytest.raises(InputError, match="3 unperturbed crossings can be used, expected 4 or more"):
-        scatter_of_one(pilot[:3], PLANNED, OWN_STANCE)
-    with pytest.raises(
-        InputError, match=r"an onset at 0\.4 % of stance leaves no room .* expected 1[45] % or more"
-    ):
-        scatter_of_one(pilot, replace(PLANNED, phase=0.004), OWN_STANCE)
-
-
-def test_a_pilot_who_moves_against_the_turn_once_does_not_widen_the_plan() -> None:
-    """Nine tenths of the turn cancel in one crossing, with the joint's torque: fitted alone its K
-    scattered tenfold."""
-    pilot = [walked(f"f{n}", Walk()) for n in range(8)]
-    against = replace(PLANNED, turn=-0.9 * TURN).added_to(pilot[0], OWN_STANCE)
-    unlike = [replace(against, onset=None, turn=None), *pilot[1:]]
-
-    usual = scatter_of_one(pilot, PLANNED, OWN_STANCE)
-    scatter = scatter_of_one(unlike, PLANNED, OWN_STANCE)
-
-    assert scatter == pytest.approx(usual, rel=0.3)

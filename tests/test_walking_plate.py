@@ -4,7 +4,6 @@ it."""
 import re
 from collections.abc import Sequence
 from dataclasses import replace
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -20,7 +19,6 @@ from walking_synthetic import (
     Rig,
     bump,
     changed,
-    hidden,
     settings,
     static_trial,
     walked_over,
@@ -29,7 +27,6 @@ from walking_synthetic import (
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.plates import furthest_outside, plate_axes
 from osl_analysis.trial import Array, Trial
-from osl_analysis.walking import plate_model
 from osl_analysis.walking.ankle import Ankle, LoadOnFoot, load_on_foot
 from osl_analysis.walking.plate import (
     check_plate,
@@ -44,9 +41,7 @@ from osl_analysis.walking.plate_model import (
     identify_plate_inertia,
     identify_plate_model,
     inertial_columns,
-    ringing,
     stacked_columns,
-    with_height,
     without_mean,
 )
 from osl_analysis.walking.poses import BodyMotion, static_calibration
@@ -172,27 +167,6 @@ def test_the_wrench_of_a_motion_like_those_of_the_trials_is_known(heading: float
 def about_two_axes() -> list[Recording]:
     """Of which the second hardly turns."""
     return [plate_motion(1, 0.09, 0.03), plate_motion(0, 0.004, 0.04)]
-
-
-def test_the_error_of_the_corners_height_is_that_of_a_mean_over_the_recordings() -> None:
-    """Recordings of one motion weigh alike, so that the height is the mean of theirs. Its standard
-    error is then s/sqrt(m)."""
-    heights = np.array([0.020, 0.021, 0.017, 0.024, 0.018])
-    parameters = np.array([MASS, 0, 0, 0, *np.diag(I_COM), 0, 0, 0])  # its mass is at the centre
-    motions = [plate_motion(about, 0.15, 0.04)[0] for about in range(3)]
-    columns = np.concatenate([inertial_columns(motion) for motion in motions])
-    at_corners = columns @ parameters
-    recordings = []
-    for height in heights:
-        wrench = at_corners.copy()
-        wrench[:, 3:] += np.cross([0.0, 0.0, height], wrench[:, :3])
-        recordings.append((columns, wrench))
-    model = PlateModel(parameters, np.eye(10), np.zeros(6), np.zeros(6))
-
-    raised = with_height(model, recordings)
-
-    assert raised.height == pytest.approx(heights.mean(), rel=1e-6)
-    assert raised.height_se == pytest.approx(heights.std(ddof=1) / np.sqrt(len(heights)), rel=1e-6)
 
 
 def test_what_recordings_do_not_show_stays_as_it_is_known() -> None:
@@ -371,41 +345,6 @@ def test_a_plate_beside_the_platform_names_the_one_that_moves(noise: float) -> N
 def test_no_trial_of_the_plate_is_refused() -> None:
     with pytest.raises(InputError, match="experiment 'plate'"):
         model_of()
-
-
-@pytest.mark.parametrize(
-    ("start", "duration"),
-    [
-        pytest.param(1.01, 0.04, id="the start of the ramp, which a bridge would make the lag of"),
-        # longer than gaps are bridged: the longest run of frames that was seen does not turn
-        pytest.param(0.8, 1.7, id="from before the ramp until the platform is back"),
-    ],
-)
-def test_an_unloaded_trial_whose_turn_was_hidden_is_excluded(start: float, duration: float) -> None:
-    sound = unloaded("plate_1", lag=0.0015)
-    blind = hidden(unloaded("plate_2", lag=0.0015), ("PLAT1", "PLAT2"), start, start + duration)
-    reason = "the platform turned while its markers"
-
-    with pytest.warns(
-        UserWarning, match=f"trial plate_2: excluded from the plate.s model: {reason}"
-    ):
-        model = model_of(sound, blind)
-
-    assert len(model.lags) == 1
-    with pytest.raises(
-        InputError, match=f"no unloaded trial .* trial plate_2, as others: {reason} were hidden"
-    ):
-        model_of(blind)
-
-
-@pytest.mark.parametrize(
-    ("start", "end"),
-    [pytest.param(1.5, 1.545, id="at rest"), pytest.param(1.0, 1.005, id="for two frames")],
-)
-def test_markers_that_were_hidden_at_rest_or_shortly_cost_nothing(start: float, end: float) -> None:
-    trial = hidden(unloaded("plate_1", lag=0.0015), ("PLAT1", "PLAT2"), start, end)
-
-    assert model_of(trial).lag == pytest.approx(0.0015, abs=3e-4)
 
 
 CUT = "the recording begins or ends while the platform"
@@ -732,76 +671,3 @@ def test_a_second_foot_is_refused() -> None:
         InputError, match=r"90 deg from forward, though the foot pushes off forward: another foot"
     ):
         check_roll(PHASE, SIDEWAYS, PUSH, None)
-
-
-RING_TIME = np.arange(300) / RATE
-SINCE_TURN = np.maximum(RING_TIME - RING_TIME[100], 0)
-RING = (np.exp(-8 * SINCE_TURN) * np.sin(2 * np.pi * 40 * SINCE_TURN))[:, None]
-HUM = 0.6 * np.sin(2 * np.pi * 50 * RING_TIME)[:, None]  # which is there before the turn
-WHITE = 0.02 * np.random.default_rng(1).standard_normal((300, 6))
-
-
-def turned_track(*pauses: int) -> SimpleNamespace:
-    """A turn within frames 80 to 110, in which the platform may seem to rest for a frame."""
-    moving = (np.arange(300) >= 80) & (np.arange(300) < 110)
-    moving[list(pauses)] = False
-    return SimpleNamespace(moving=moving, rate=RATE, time=RING_TIME)
-
-
-@pytest.mark.parametrize("pauses", [(), (101,)])
-def test_a_plate_that_rings_after_its_turn_is_named_with_its_frequency(
-    pauses: tuple[int, ...],
-) -> None:
-    hz, growth = ringing(RING_TIME, WHITE + RING, turned_track(*pauses))
-
-    assert hz == pytest.approx(40, abs=1.5)
-    assert growth > 100
-
-
-@pytest.mark.parametrize("wrench", [WHITE, WHITE + HUM])
-def test_noise_and_a_lasting_hum_do_not_ring(wrench: Array) -> None:
-    assert ringing(RING_TIME, wrench, turned_track())[1] < 20
-
-
-def test_a_wrench_without_noise_tells_no_ringing() -> None:
-    assert ringing(RING_TIME, 0 * WHITE + RING, turned_track()) == (0, 0)
-
-
-@pytest.mark.parametrize(
-    ("growths", "hz"), [((5.0, 600.0, 600.0), 41.0), ((5.0, 400.0, 600.0), None)]
-)
-def test_a_plate_rings_if_most_of_its_trials_do(
-    monkeypatch: pytest.MonkeyPatch, growths: Any, hz: float | None
-) -> None:
-    rings = iter(zip((40.0, 41.0, 42.0), growths, strict=True))
-    monkeypatch.setattr(plate_model, "ringing", lambda *_: next(rings))
-
-    assert model_of(*(unloaded(f"plate_{k}") for k in range(3))).ringing_hz == hz
-
-
-@pytest.mark.parametrize(("threshold", "zeroed"), [(0.0, False), (3.0, True)])
-def test_readings_below_a_threshold_of_the_export_are_counted(
-    threshold: float, zeroed: bool
-) -> None:
-    trial = unloaded("plate_1")
-    is_small = pl.col("plate1_force_z").abs() < threshold
-    columns = [name for name in trial.samples.columns if name.startswith("plate1_")]
-    samples = trial.samples.with_columns(
-        pl.when(is_small).then(0.0).otherwise(pl.col(name)).alias(name) for name in columns
-    )
-    share = samples.select(is_small.mean()).item()
-
-    model = model_of(replace(trial, samples=samples))
-
-    assert model.zeroed == pytest.approx(share if zeroed else 0.0)
-    assert (model.zeroed > 0.2) == zeroed
-
-
-def test_a_threshold_above_all_readings_of_the_unloaded_plate_leaves_all_of_it() -> None:
-    trial = unloaded("plate_1")
-    columns = [name for name in trial.samples.columns if name.startswith("plate1_")]
-    silent = trial.samples.with_columns(pl.lit(0.0).alias(name) for name in columns)
-
-    model = model_of(replace(trial, samples=silent))
-
-    assert model.unexplained == 1.0

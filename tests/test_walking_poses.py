@@ -264,19 +264,6 @@ def test_an_encoder_that_was_on_in_a_part_of_stance_is_compared_there(delay: flo
     assert comparison.rms_deg < np.rad2deg(1e-3)
 
 
-def test_the_difference_that_follows_the_torque_is_the_compliance_of_the_shoe() -> None:
-    """A foot that yields by 1 deg in 60 N*m: markers see more dorsiflexion than the encoder, here
-    with a delay."""
-    stiffness = 60 / np.deg2rad(1)
-    earlier = ENCODER_TIME - 0.004
-
-    comparison = compared(
-        gait(MARKER_TIME), ENCODER_TIME, gait(earlier) - torque_of(earlier) / stiffness
-    )
-
-    assert comparison.shoe_compliance == pytest.approx(1 / stiffness, rel=0.02)
-
-
 def test_what_offset_and_delay_leave_is_the_noise() -> None:
     """White noise of 1e-3 rad at 500 Hz, of which a 20 Hz low-pass leaves about 40/500 of the
     power."""

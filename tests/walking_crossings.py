@@ -147,7 +147,6 @@ def run_jobs(
         responses=folder / "responses.csv",
         excluded=folder / "excluded.csv",
         groups=folder / "groups.csv",
-        sensitivity=folder / "sensitivity.csv",
     )
     return Tables(folder)
 

@@ -97,20 +97,15 @@ SECTIONS = {
     },
     "Look": {
         "inspect": "list what a recording, or a folder of them, holds",
-        "watch": "examine recordings as soon as they are complete",
-        "doctor": "check this machine and the campaign in this folder",
     },
     "Analyse": {
         "fit": "fit one trial and print its estimates",
         "ingest": "convert the raw logs of one trial into one file",
-        "design": "intervals of K, B and I to expect from a protocol",
         "gains": "control gains that render a stiffness and a damping",
         "simulate": "simulate a campaign",
     },
     "Share": {
         "compare": "compare the results of two campaigns",
-        "export": "write the measured leg for a simulator",
-        "bundle": "pack a campaign with its results for a repository",
     },
 }
 """The commands as `osl-analysis --help` groups them."""
@@ -507,28 +502,6 @@ def results(folder: Path, everything: bool, markdown: bool, as_json: bool, colum
 
 
 @main.command(
-    epilog=(
-        "Example: osl-analysis bundle . campaign.zip --license https://spdx.org/licenses/CC-BY-4.0"
-        " --raw"
-    )
-)
-@argument("folder", type=FOLDER)
-@argument("output", type=FILE)
-@option(
-    "--license", "licence", required=True, help="Address of the licence under which you deposit it."
-)
-@option("--raw", is_flag=True, help="With the recordings, in place of their hashes alone.")
-def bundle(folder: Path, output: Path, licence: str, raw: bool) -> None:
-    """Write the campaign in FOLDER with its results to the ZIP file OUTPUT, to be deposited,
-    checked and run again.
-
-    It is a Workflow Run RO-Crate, and its tables are a Frictionless data package."""
-    from osl_analysis.commands.bundle import write_bundle
-
-    say(f"wrote {output}, {write_bundle(folder, output, licence, raw)} files")
-
-
-@main.command(
     cls=click.Command, epilog="Example: osl-analysis compare results/left results/right --margin 5%"
 )
 @argument("a", type=FOLDER)
@@ -643,98 +616,6 @@ def run_campaign(arguments: tuple[str, ...]) -> None:
     snakemake(given)
 
 
-@main.command(cls=click.Command, epilog="Example: osl-analysis doctor --look")
-@option(
-    "--look", is_flag=True, help="Also ingest and fit the first bench trial of each source file."
-)
-@option(
-    "--upgrade",
-    is_flag=True,
-    help="First rewrite the settings of a campaign of an earlier release, and say what went.",
-)
-def doctor(look: bool, upgrade: bool) -> None:
-    """Say whether this machine, and the campaign in this folder, can run, and what is missing."""
-    if upgrade:
-        from osl_analysis.commands.upgrade import upgraded_campaign
-
-        for line in upgraded_campaign(config_here()):
-            say(line)
-    try:
-        from osl_analysis.commands.doctor import looked_at
-    except ImportError as error:  # a package of the workflow
-        say(f"!! {error.name}: not installed; install osl-analysis again, with what it needs")
-        sys.exit(1)
-    looks = list(looked_at(Path()))
-    width = max(len(looked.subject) for looked in looks)
-    for looked in looks:
-        line = f"{looked.subject:<{width}}  {looked.state}"
-        if looked.remedy:
-            say(f"!! {line}: {looked.remedy}")
-        else:
-            say(f"{'--' if looked.is_absent else 'ok'} {line}")
-    if look:
-        print_first_look()
-    sys.exit(int(any(looked.remedy for looked in looks)))
-
-
-@main.command(
-    "watch",
-    cls=click.Command,
-    epilog="Example: osl-analysis watch /data/today --source my_bench.yaml",
-)
-@argument("folder", type=FOLDER)
-@option(
-    "--source",
-    type=FILE,
-    help="Source file of the recordings. Default: what the campaign has, or a guess.",
-)
-@option("--output", type=FOLDER, default=Path("watched"), help="Folder of the pictures.")
-@CONFIG
-def watch(folder: Path, source: Path | None, output: Path, config_path: Path) -> None:
-    """Examine every recording in FOLDER as soon as it is complete: a line with quality, K, B, I,
-    doubts, and a picture.
-
-    From the fourth of a kind on (experiment, joint, side, controller; K and B of the same K_d and
-    B_d) the line says whether it is like those before it: by their median, within four standard
-    deviations (from the median absolute deviation, at least 1 % of an estimate and 5 % of duration,
-    rate and range of the angle).
-
-    The numbers are in `measured.json` beside the pictures, too.
-
-    Ctrl-C ends it. A recording is examined again when it changes; one that was refused, when watch
-    is started again."""
-    from osl_analysis.commands.watch import WatchedBench, watched_lines
-
-    bench = WatchedBench(config_path, source, output)
-    say(f"watching {folder}; Ctrl-C ends")
-    with suppress(KeyboardInterrupt):
-        for line in watched_lines(folder, bench):
-            say(line)
-
-
-def print_first_look() -> None:
-    from osl_analysis.commands.first_look import first_look
-
-    try:
-        for look in first_look(Path()):
-            say(look.text)
-    except OslAnalysisError as error:
-        say(f"no first look: {error}")
-
-
-STIFFNESS = option("--stiffness", type=POSITIVE, default=300.0, help="Expected K [N·m/rad].")
-DAMPING = option("--damping", type=NOT_NEGATIVE, default=5.0, help="Expected B [N·m·s/rad].")
-INERTIA = option("--inertia", type=NOT_NEGATIVE, default=0.02, help="Expected I [kg·m²].")
-OF_BAND = {"band", "rms", "peak"}
-OPTIONS = {
-    "stepped-sine": {"frequencies", "amplitudes", "cycles"},
-    "multisine": OF_BAND | {"period", "periods", "realisations", "seed"},
-    "chirp": OF_BAND | {"duration"},
-    "noise": OF_BAND | {"duration"},
-}
-"""Options that one kind of excitation has, by its name."""
-
-
 @main.command(
     "gains",
     epilog="Example: osl-analysis gains --stiffness 300 --damping 5 (a grid: 100:400:50 and 0,5)",
@@ -796,128 +677,3 @@ def select_gains(
     if plot is not None:
         command.plot_gains(table, parameters, plot)
     say(rows_json(table) if as_json else command.gains_text(table))
-
-
-@main.command(epilog="Example: osl-analysis export results --to mjcf --output leg.xml")
-@argument("folder", type=FOLDER, default=Path("results"))
-@option(
-    "--to",
-    "kind",
-    type=click.Choice(["mjcf", "json"]),
-    required=True,
-    help="MuJoCo's model format, or numbers.",
-)
-@file_option("--output", required=True, help="File to write (.xml or .json).")
-@option(
-    "--trials",
-    default="*",
-    help="Impedance trials of the round trip, names or patterns, separated by commas.",
-)
-@CONFIG
-def export(folder: Path, kind: str, output: Path, trials: str, config_path: Path) -> None:
-    """Write the leg that the component trials of the results in FOLDER identify, for MuJoCo and
-    other programs.
-
-    With 95 % intervals, sources and what the format cannot say. As proof MuJoCo (pip install
-    'osl-analysis[mujoco]') turns its joint as in the recorded impedance trials, and its torque
-    [N·m] is compared with the recorded one."""
-    from osl_analysis.campaign.configuration import read_config
-    from osl_analysis.commands.leg_export import export_leg
-
-    patterns = [pattern.strip() for pattern in trials.split(",")]
-    proof = export_leg(folder, kind, patterns, read_config(config_path), output)
-    say(f"wrote {output}; {proof}")
-
-
-@main.command(
-    epilog=(
-        "Example: osl-analysis design --excitation multisine --friction 0.3 --stiffness-within 1% "
-        "--damping-within 3% --write multisine.csv"
-    )
-)
-@option("--excitation", type=click.Choice(list(OPTIONS)), default="stepped-sine")
-@option("--frequencies", type=numbers, help="Of a stepped sine [Hz]; default: the configuration's.")
-@option("--amplitudes", type=numbers, help="Of a stepped sine [deg]; default: the configuration's.")
-@option(
-    "--cycles",
-    type=click.IntRange(1, 10_000),
-    help="At each frequency; default: the configuration's.",
-)
-@option("--band", type=band, help="Lowest and highest frequency [Hz]; default: 0.5,6.")
-@option("--rms", type=POSITIVE, help="Root mean square of the angle [deg]; default: 2.")
-@option("--peak", type=POSITIVE, help="Largest angle [deg], instead of --rms.")
-@option("--period", type=click.FloatRange(0.1, 600), default=8.0, help="Of a multisine [s].")
-@option("--periods", type=click.IntRange(2, 1000), default=4, help="Fitted, per realisation.")
-@option("--realisations", type=click.IntRange(1, 200), default=4, help="Of a multisine.")
-@option("--seed", type=click.IntRange(0), default=1, help="Of the multisine's phases.")
-@option(
-    "--duration", type=click.FloatRange(1, 100_000), default=60.0, help="Of a chirp or noise [s]."
-)
-@STIFFNESS
-@DAMPING
-@INERTIA
-@option("--rate", type=POSITIVE, default=1000.0, help="Sampling rate [Hz].")
-@option("--torque-noise", type=NOT_NEGATIVE, default=0.05, help="SD [N·m].")
-@option("--noise-band", type=POSITIVE, help="Bandwidth of this noise [Hz]; default: half the rate.")
-@option("--torque-step", type=NOT_NEGATIVE, default=0.0, help="Of the load cell [N·m].")
-@option("--encoder-bits", type=click.IntRange(4, 32), default=18, help="Bits per turn.")
-@option("--encoder-step", type=NOT_NEGATIVE, help="Step [deg] instead of bits; 0: not rounded.")
-@option("--angle-noise", type=NOT_NEGATIVE, default=0.0, help="SD before rounding [deg].")
-@option(
-    "--drift",
-    type=NOT_NEGATIVE,
-    help="Of the load cell [N·m/min]; default: dynamometer.load_cell_drift.",
-)
-@option("--friction", type=NOT_NEGATIVE, help="Coulomb friction of the joint [N·m].")
-@option("--trial", help="The trial of the pilot.")
-@option(
-    "--lag",
-    type=float,
-    default=0.1,
-    help="Lag of the torque whose effect on K, B and I is stated [ms].",
-)
-@option(
-    "--stiffness-within",
-    type=percent,
-    help="Half width of the interval that is asked for, of K [percent].",
-)
-@option("--damping-within", type=percent, help="The same of B.")
-@option("--inertia-within", type=percent, help="The same of I.")
-@option("--from", "pilot", type=FOLDER, help="Results of a pilot, whose friction is taken.")
-@file_option(
-    "--write", "output", help="Write the multisine (the recommended one) to this CSV file."
-)
-@CONFIG
-@AS_JSON
-def design(config_path: Path, output: Path | None, as_json: bool, **requested: Any) -> None:
-    """Say what 95 % intervals of K, B and I to expect from a protocol, and how long to record.
-
-    For a stepped sine, an odd random-phase multisine, a chirp or band-limited noise, with the noise
-    of the load cell, the rounding of the encoder, and the distortion of a joint that is not linear.
-    `design-walking` plans perturbed crossings of the walkway."""
-    from osl_analysis.campaign.configuration import read_config
-    from osl_analysis.commands.design import designed, write_command
-    from osl_analysis.commands.design_request import DesignRequest
-    from osl_analysis.commands.design_text import design_json, design_text
-
-    check_design_options(options_given(), requested["excitation"])
-    planned = designed(DesignRequest(**requested), read_config(config_path))
-    if output is not None:
-        write_command(planned.best_plan, planned.assumed.sensors.rate_hz, output)
-        say(f"wrote {output}", err=True)
-    say(design_json(planned) if as_json else design_text(planned))
-
-
-def check_design_options(given: set[str], excitation: str) -> None:
-    """Refuse options of `design` that do not go with the others that are given."""
-    of_other_kinds = set().union(*OPTIONS.values()) - OPTIONS[excitation]
-    for name in sorted(given & of_other_kinds):
-        raise click.UsageError(f"a {excitation} has no --{name.replace('_', '-')}")
-    if {"rms", "peak"} <= given:
-        raise click.UsageError("give --rms or --peak, not both")
-    if {"encoder_bits", "encoder_step"} <= given:
-        raise click.UsageError("give --encoder-bits or --encoder-step, not both")
-    if "trial" in given and "pilot" not in given:
-        raise click.UsageError("--trial is that of a pilot: give its results by --from too")
-    if {"pilot", "friction"} <= given:
-        raise click.UsageError("--from and --friction state the same friction: give one of them")

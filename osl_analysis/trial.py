@@ -6,7 +6,7 @@ Here stands the nomenclature: name, unit and sign of each column.
 import json
 import re
 import zlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
@@ -19,7 +19,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from osl_analysis.errors import Change, InputError, listing
+from osl_analysis.errors import InputError, listing
 from osl_analysis.files import atomic_path
 from osl_analysis.refusal import check_not_refused
 from osl_analysis.schema import SCHEMA, check_schema
@@ -150,11 +150,6 @@ def as_polars(name: str, samples: Any) -> pl.DataFrame:
         ) from error
 
 
-def no_other_channels() -> Sequence[Change]:
-    """Those of a trial that is not read from its raw file."""
-    return ()
-
-
 @dataclass(frozen=True)
 class Trial:
     """Samples of one trial in canonical columns (`COLUMNS`), a row per time stamp.
@@ -191,9 +186,6 @@ class Trial:
     samples: pl.DataFrame
     provenance: Mapping[str, Any] = field(default_factory=dict)
     clocks: dict[bytes, Any] = field(default_factory=dict, repr=False, compare=False)
-    other_channels: Callable[[], Sequence[Change]] = field(
-        default_factory=lambda: no_other_channels, repr=False, compare=False
-    )
 
     def __post_init__(self) -> None:
         given: Any = self.samples

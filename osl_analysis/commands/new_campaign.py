@@ -16,9 +16,8 @@ from typing import Literal
 import numpy as np
 import yaml
 
-from osl_analysis.commands.first_look import FirstLook, first_look
 from osl_analysis.commands.trials import inspect_file
-from osl_analysis.errors import InputError, OslAnalysisError, listing, nearest, printable
+from osl_analysis.errors import InputError, listing, nearest, printable
 from osl_analysis.files import CAMPAIGN, seen_from, shipped
 from osl_analysis.formats import TEXT_PRIORITY, formats_of, known_formats
 from osl_analysis.ingest import raw_files
@@ -627,17 +626,7 @@ def campaign_text(folder: Path, draft: Draft) -> str:
             more = len(draft.refused) - MOST_REFUSED
             lines.append(f"and {more} more files that were not read, which `inspect` tells")
     is_ready = is_complete(folder, draft)
-    is_refused = False
-    if is_ready:
-        try:
-            looks = list(first_look(folder, is_new=True))
-        except OslAnalysisError as error:
-            is_refused = True
-            lines.append(f"no first look: {error}")
-        else:
-            is_refused = any(look.is_refused for look in looks)
-            lines += look_lines(looks, MOST_LINES - len(lines) - 1)
-    lines.append(next_command(folder, is_ready, is_refused))
+    lines.append(next_command(folder, is_ready))
     return "\n".join(lines)
 
 
@@ -661,15 +650,6 @@ def source_lines(draft: Draft) -> list[str]:
     return lines
 
 
-def look_lines(looks: Sequence[FirstLook], most: int) -> list[str]:
-    """What the first trials give in at most so many lines; those that are refused come first."""
-    lines: list[str] = []
-    for look in sorted(looks, key=lambda one: not one.is_refused):
-        shown = [*look.doubts[:1], *look.lines[:MOST_OF_LOOK], *look.warnings[:MOST_WARNINGS]]
-        lines += [look.title, *[f"  {line}" for line in shown]]
-    return lines[:most]
-
-
 def guesses_text(source: str) -> str:
     """The channels that a drafted source file names by a guess, with unit and sign."""
     channels: dict[str, dict[str, object]] = yaml.safe_load(source).get("channels") or {}
@@ -686,17 +666,14 @@ def guesses_text(source: str) -> str:
     return "; ".join(texts)
 
 
-def next_command(folder: Path, is_ready: bool, is_refused: bool) -> str:
-    """The next command that can succeed, by whether the draft is complete and whether a first trial
-    is refused."""
-    place = f"cd {shlex.quote(str(folder))}"
-    if not is_ready:
-        return f"then: edit what is named above; {place} && osl-analysis doctor says what is left"
-    if is_refused:
-        return f"then: mend what is refused above; {place} && osl-analysis doctor --look"
-    return f"then: {place} && osl-analysis run"
-
-
 def sums_text(recordings: Path) -> str:
     """Say where the checksums of recordings were written."""
     return f"wrote {recordings / SUMS}: a file that changes later is refused by name"
+
+
+def next_command(folder: Path, is_ready: bool) -> str:
+    """The next command that can succeed."""
+    place = f"cd {shlex.quote(str(folder))}"
+    if not is_ready:
+        return f"then: edit what is named above; {place} && osl-analysis run"
+    return f"then: {place} && osl-analysis run"

@@ -227,7 +227,6 @@ def other_readings(given: Mapping[str, Any], before: Mapping[str, Any]) -> list[
         condition.get("K_d") if isinstance(condition, Mapping) else getattr(condition, "K_d", None)
     )
     if K_d or is_misfit(before):
-        changes += trial.other_channels()
         changes += in_other_units(trial, ["theta"]) + in_other_units(trial, ["torque"])
     of_shaft = {"theta_m", "torque_m"} & set(trial.columns)
     turn = 2 * half_range(trial, "theta")

@@ -5,12 +5,9 @@ untrusted: they are escaped when they are printed."""
 import json
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
-from osl_analysis.commands.other_channels import other_channels
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError, printable
 from osl_analysis.formats import formats_of
@@ -102,13 +99,7 @@ def raw_trial(recording: Path, source: Path, experiment: str) -> Trial:
         "log": recording.name,
         "log_source": source.stem,
     }
-    trial = checked_trial(row, recording.parent, source.parent)
-
-    def read(other_source: Path) -> Trial:
-        cells = {**row, "log_source": other_source.stem}
-        return checked_trial(cells, recording.parent, other_source.parent)
-
-    return replace(trial, other_channels=partial(other_channels, read, recording, source))
+    return checked_trial(row, recording.parent, source.parent)
 
 
 def inspect_file(path: Path) -> Overview:

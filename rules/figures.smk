@@ -1,6 +1,6 @@
 """Tables -> the numbers that a figure plots (CSV) -> the figure; all of it -> `report.html`."""
 
-OWN_NUMBERS = ("fig3", "fig4", "fig7", "walking_page", "impedance_over_stance")
+OWN_NUMBERS = ("fig3", "fig4", "fig7", "walking_page")
 """Figures whose numbers have a rule of their own; each of the others shows one to three tables."""
 NUMBERS_OF_FIGURES = {name: f"{CONFIG.results}/figures/{name}.csv" for name in FILES.figure_names}
 
@@ -108,24 +108,6 @@ rule walking_page_numbers:
         made_by=MADE_BY,
     run:
         job("figure.plot_walking_page", input, output, params, log)
-
-
-rule over_stance_numbers:
-    """The identified impedance beside the commanded one over stance."""
-    input:
-        table="<results>/tables/impedance_over_stance.csv",
-        trajectory=TRAJECTORY,
-    output:
-        "<results>/figures/impedance_over_stance.csv",
-    log:
-        "<logs>/figures/impedance_over_stance_numbers.log",
-    localrule: True
-    params:
-        stance_share=CONFIG.figures.stance_share,
-        data=CAMPAIGN.data,
-        made_by=MADE_BY,
-    run:
-        job("figure.plot_over_stance", input, output, params, log)
 
 
 rule draw_figure:

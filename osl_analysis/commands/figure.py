@@ -18,7 +18,6 @@ from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.recorded_motion import record_of_trial
 from osl_analysis.campaign.configuration import FrequencyResponseFigure
 from osl_analysis.commands.walking_files import read_unperturbed_gaits, selected_crossings
-from osl_analysis.commands.walking_summary import commanded_over_stance
 from osl_analysis.errors import InputError
 from osl_analysis.figures import captions, drawing_of, names
 from osl_analysis.figures.frequency import DESIRED, LINEAR_MODEL, draw_fig7, response_curve
@@ -41,7 +40,7 @@ from osl_analysis.stats.repeats import DOUBTFUL
 from osl_analysis.table import read_table, read_tables, with_evidence, write_table
 from osl_analysis.trial import read_trial
 from osl_analysis.walking.crossing import DOWN, UP, Crossing
-from osl_analysis.walking.result_tables import trajectory_points, walking_page_points
+from osl_analysis.walking.result_tables import walking_page_points
 from osl_analysis.walking.unperturbed_gait import UnperturbedGait, unperturbed_gait
 from osl_analysis.walking.walking_settings import TimingSettings
 
@@ -356,18 +355,3 @@ def perturbed_gaits(perturbed: Sequence[Crossing]) -> dict[str, UnperturbedGait]
         f"perturbed {DOWN if sign < 0 else UP}": unperturbed_gait(crossings, 1)
         for sign, crossings in by_sign.items()
     }
-
-
-def plot_over_stance(
-    table: Path,
-    output: Path,
-    stance_share: float,
-    trajectory: Sequence[Path] = (),
-    data: str = "",
-) -> None:
-    """Rows of the table, and points of the commanded trajectory, of quantities that have more than
-    one point."""
-    rows = read_table(table, ("series", "quantity", "phase", "estimate", "low", "high"))
-    for curves in commanded_over_stance(trajectory, data, stance_share):
-        rows = pl.concat([rows, trajectory_points(*curves)], how="diagonal_relaxed")
-    write_table(rows.filter(pl.col("phase").n_unique().over("quantity") > 1), output, data)

@@ -9,7 +9,6 @@ from matplotlib.transforms import Bbox
 
 from osl_analysis.figures import names
 from osl_analysis.figures.style import GREY, paper_style
-from osl_analysis.figures.svg_text import with_readable_text
 
 # Formats, each with the entries of its metadata for what the data are, and for the time: equal
 # numbers give equal files
@@ -49,8 +48,6 @@ def saved_figure(figure: Figure, suffix: str, origin: str, page_box: Bbox | None
             page, format=suffix.removeprefix("."), metadata=metadata, bbox_inches=page_box,
             **options,
         )  # fmt: skip
-    if suffix == ".svg":
-        return with_readable_text(page.getvalue().decode()).encode()
     return page.getvalue()
 
 

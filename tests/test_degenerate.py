@@ -26,12 +26,10 @@ from osl_analysis.stats import regression, repeats
 from osl_analysis.stats.regression import linear_fit
 from osl_analysis.stats.table_rows import whiteness_row
 from osl_analysis.trial import Trial
-from osl_analysis.walking.ensemble import group_headline
-from osl_analysis.walking.group_checks import check_group, check_single, in_widths
+from osl_analysis.walking.group_checks import (check_single)
 from osl_analysis.walking.impedance_fit import fit_response, fit_without_offset
 from osl_analysis.walking.isolated_response import isolate_response
 from osl_analysis.walking.platform import find_onset
-from osl_analysis.walking.result_tables import headline_rows
 from osl_analysis.walking.stance import Stance, find_stances
 from osl_analysis.walking.unperturbed_gait import unperturbed_gait
 
@@ -274,29 +272,11 @@ def single(gait, perturbed):
     return fit, check_single(isolated, fit)
 
 
-def headline(gait, perturbed):
-    """A group's rows and doubts."""
-    found = group_headline(perturbed, unperturbed_gait(gait, 2), CHOICES)
-    singles = [fit_response(one) for one in found.responses]
-    vaf, sizes = (
-        [one.vaf for one in singles],
-        {name: [one[name] for one in singles] for name in "KBI"},
-    )
-    fits = pl.DataFrame({"VAF": vaf, **sizes})
-    return headline_rows(found, fits, {}, {}), check_group(found).columns()
 
 
 def selection(gait, perturbed):
     return selected([*gait, *perturbed], CHOICES)
 
 
-@pytest.mark.parametrize("fit", [single, headline, selection])
-def test_degenerate_crossings_are_fitted_or_refused_in_one_sentence(fit):
-    defined_or_refused(fit, crossings())
 
 
-def test_an_interval_without_width_measures_a_change_by_a_finite_number():
-    changes = [
-        in_widths(change, width) for change, width in ((-360.0, 0.0), (0.0, 0.0), (3.0, 2.0))
-    ]
-    assert changes == pytest.approx([-1e9, 0.0, 1.5])

@@ -12,9 +12,8 @@ import table_columns
 from hypothesis import given
 from hypothesis import strategies as st
 from polars.testing import assert_frame_equal
-from test_walking_commands import gait_trial
 
-from osl_analysis.commands.walking import compare_ankle_moment
+
 from osl_analysis.dictionary import HERE, described_in, described_tables, own_yaml
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path, check_working_folder, digest, file_state
@@ -28,7 +27,7 @@ from osl_analysis.table import (
     with_places,
     write_table,
 )
-from osl_analysis.walking.walking_settings import OvergroundAnalysis
+
 from osl_analysis.yaml_settings import read_mapping
 
 
@@ -68,12 +67,6 @@ def test_a_table_and_its_evidence_share_what_a_row_is_alone():
     assert set.intersection(*both) == {*ROW_KEYS, "data"}
 
 
-def test_the_tables_of_overground_trials_are_described():
-    found = compare_ankle_moment(gait_trial(), OvergroundAnalysis(load_on_n=50, body_mass_kg=70))
-    for name, table in found.items():
-        assert set(described(f"tables/{name}")) - {"joint", "data", "doubtful"} == set(
-            table.columns
-        )
 
 
 def test_columns_that_are_read_as_text_are_described_as_text():

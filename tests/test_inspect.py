@@ -4,16 +4,12 @@ as they come."""
 import json
 import os
 import re
-from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-import polars as pl
 import pytest
 import yaml
-from any_motion import TRUE, made_trial, noise
 from c3d_builder import REAL_DATA, write_c3d
 from click.testing import CliRunner
 from mcap_builder import HEADER, stamped, write_log
@@ -21,11 +17,9 @@ from test_ingest_assemble import WRITERS
 
 from osl_analysis.cli import main
 from osl_analysis.commands import trials as module
-from osl_analysis.commands import watch as watching
-from osl_analysis.commands.first_look import first_look
-from osl_analysis.commands.new_campaign import new_campaign as drafted_campaign
+
+
 from osl_analysis.errors import InputError
-from osl_analysis.files import config_here, default_config
 from osl_analysis.ingest.clock_choice import ClockChoice, gaps_text, likely_clock, span_of
 from osl_analysis.ingest.draft import draft_source
 from osl_analysis.ingest.likely_clock import likely_unit, rate_of
@@ -33,7 +27,6 @@ from osl_analysis.ingest.likely_column import likely_column
 from osl_analysis.ingest.overview import Overview, RecordedChannel
 from osl_analysis.ingest.placeholders import open_places
 from osl_analysis.ingest.raw_files import read_converted, read_source
-from osl_analysis.trial import Trial
 from osl_analysis.units import is_clock
 
 NASTY = 'a\x1b[2J": {x\n# y\u202eb'
@@ -315,9 +308,6 @@ pytestmark = pytest.mark.usefixtures("in_root", "schemas_made_once")
 STIFFNESS, DAMPING, INERTIA = 120.0, 2.0, 0.02
 
 
-@pytest.fixture
-def bench(tmp_path):
-    return watching.WatchedBench(default_config(), None, tmp_path / "pictures")
 
 
 def write_joint(path, sign=1.0):
@@ -353,237 +343,25 @@ def looks(arrivals, *seconds):
     return found
 
 
-def test_a_file_that_grows_with_pauses_is_taken_for_complete_once_at_most(tmp_path):
-    """A recorder that writes every 6 s gave a refusal for each part."""
-    arrivals, log, found = watching.Arrivals(tmp_path), tmp_path / "a.csv", []
-    touch(log, "x", 0)
-    assert looks(arrivals, 0, 3, 4) == [[], [], ["a.csv"]]
-    touch(log, "xx", 10)
-    assert looks(arrivals, 10, 14, 29, 30) == [[], [], [], ["a.csv"]]
-    arrivals = watching.Arrivals(tmp_path)
-    for second in range(60):
-        if second % 6 == 0:
-            touch(log, "x" * (second + 1), second)
-        found += looks(arrivals, second)
-    assert [second for second, names in enumerate(found) if names] in ([4], [])
-    assert ["a.csv"] in looks(arrivals, *range(60, 75))
-    touch(log, log.read_text().replace("x", "y"), 80)  # written again, of the same size
-    assert looks(arrivals, *range(100, 130)).count(["a.csv"]) == 1
-    touch(log, "", 140)
-    assert looks(arrivals, 200, 204, 219, 220, 260) == [
-        [],
-        [],
-        [],
-        ["a.csv"],
-        [],
-    ], "it stays empty: a word, once"
 
 
-def test_a_restarted_watch_examines_what_was_not_and_no_more(tmp_path, bench, monkeypatch):
-    """All that lay there was noted before the first was examined: after Ctrl-C the rest was
-    lost."""
-    (tmp_path / "in").mkdir()
-    for name in ("a.csv", "b.csv", "c.csv"):
-        touch(tmp_path / f"in/{name}", "text", 1)
-    clock = iter(range(0, 1000, 5))
-    monkeypatch.setattr(watching.time, "monotonic", lambda: float(next(clock)))
-    monkeypatch.setattr(watching.time, "sleep", lambda _: None)
-    said = iter([("a: K", True), ("b: no channels", False), ("b: K", True), ("c: K", True)])
-    monkeypatch.setattr(watching, "recording_line", lambda *_: next(said))
-    first = watching.watched_lines(tmp_path / "in", bench)
-    assert [next(first), next(first)] == ["a: K", "b: no channels"]
-    first.close()
-    again = watching.watched_lines(tmp_path / "in", bench)
-    assert [next(again), next(again)] == ["b: K", "c: K"]
-    again.close()
-    assert sorted(watching.read_notes(bench.output / "examined.json")) == [
-        "a.csv",
-        "b.csv",
-        "c.csv",
-    ]
-    (bench.output / "examined.json").write_text("{cut")
-    assert watching.read_notes(bench.output / "examined.json") == {}
 
 
-@pytest.mark.usefixtures("without_inference")
-def test_a_fault_in_one_recording_does_not_end_the_watch(tmp_path, bench, monkeypatch):
-    write_joint(path := tmp_path / "in/k120_b2.csv")
-    # and no picture takes the numbers away
-    bench.output.write_text("a file in place of the folder")
-    path.write_text(path.read_text() + "17.000")  # of which the reader warns
-    said = watching.recording_line(path, tmp_path / "in", bench)[0]
-    assert re.search(
-        r"\bK 1[12]\d.*k120_b2.csv: the last line, 4252, is cut off .*no picture: ", said
-    )
-    monkeypatch.setattr(watching, "fit_of_row", lambda *_: 1 / 0)
-    assert (
-        "FAILED: unexpected ZeroDivisionError"
-        in watching.recording_line(path, tmp_path / "in", bench)[0]
-    )
 
 
-@pytest.mark.usefixtures("without_inference")
-def test_a_stiffness_far_from_the_desired_one_is_pointed_at(tmp_path, bench):
-    write_joint(path := tmp_path / "in/impedance_k300_b2.csv")
-    doubt = "K is farther from the K_d .*: K is 0.4 times K_d. Check K_d"
-    line, *_ = watching.recording_line(path, tmp_path / "in", bench)
-    assert re.search(f"DOUBTFUL: stiffness unlike K_d: {doubt}", line)
-    drafted_campaign(tmp_path / "c", recordings=tmp_path / "in")
-    (look,) = first_look(tmp_path / "c")
-    assert re.search(
-        f"(?s)first trial of experiment impedance, [^\n]*: doubtful\n.*{doubt}", look.text
-    )
 
 
-def test_a_capture_is_skipped_in_a_line_that_says_what_it_is(tmp_path, bench):
-    capture = {
-        "trial": "pass_1",
-        "experiment": "walking",
-        "log": None,
-        "mocap": "pass_1.c3d",
-        "mocap_source": "c3d",
-    }
-    (tmp_path / "in").mkdir(exist_ok=True)
-    (tmp_path / "in/pass_1.c3d").write_bytes(b"")
-    bench.campaign = SimpleNamespace(rows={"pass_1": capture})
-    bench.config = bench.config.model_copy(update={"raw_data": tmp_path / "in"})
-    said, is_analysed = watching.recording_line(tmp_path / "in/pass_1.c3d", tmp_path / "in", bench)
-    assert said.endswith("pass_1.c3d: walking capture, skipped: `osl-analysis run` analyses it"), (
-        said
-    )
-    assert is_analysed
 
 
-@pytest.mark.usefixtures("without_inference")
-def test_a_recording_of_an_unknown_recorder_gives_its_joint(tmp_path, bench):
-    write_joint(tmp_path / "in/k120_b2.csv")
-    write_joint(tmp_path / "in/rec7.csv", sign=-1.0)
-    (tmp_path / "in/x.csv").write_text("junk\n")
-    paths = sorted((tmp_path / "in").iterdir())
-    sound, turned, junk = (
-        watching.recording_line(path, tmp_path / "in", bench)[0] for path in paths
-    )
-    found = {name: float(value) for name, value in re.findall(r"\b([KBI]) (\S+) ±", sound)}
-    assert found == pytest.approx({"K": STIFFNESS, "B": DAMPING, "I": INERTIA}, rel=0.03)
-    assert 'channels are guessed: theta: {column: "ankle_angle_deg"' in sound
-    assert (tmp_path / "pictures/k120_b2.png").stat().st_size > 10_000
-    assert re.search(
-        r"rec7.csv: K 1[12]\d.* channels are guessed: .*, torque: {[^}]*, sign: -1}", turned
-    )
-    assert re.search(r"x.csv: REFUSED: no rows", junk)
-    # what no recording of a kind has is told once
-    assert ["behind the load cell" in line for line in (sound, turned)] == [True, False]
-    assert "\n" not in sound + turned + junk
-    written = (
-        tmp_path / f"pictures/{name}" for name in ("k120_b2.png", "rec7.png", "measured.json")
-    )
-    assert {*paths, *written} == {path for path in tmp_path.rglob("*") if path.is_file()}
 
 
-@pytest.mark.usefixtures("without_inference")
-def test_outside_of_a_campaign_nobody_stated_a_protocol_or_a_device(tmp_path, monkeypatch):
-    write_joint(tmp_path / "in/k120_b2.csv")
-    monkeypatch.chdir(tmp_path)
-    bench = watching.WatchedBench(config_here(), None, tmp_path / "pictures")
-    said = watching.recording_line(tmp_path / "in/k120_b2.csv", tmp_path / "in", bench)[0]
-    assert "quality ok" in said
-    assert (bench.config.parameters, bench.config.dynamometer.amplitudes_deg) == (None, None)
 
 
-@pytest.mark.usefixtures("without_inference")
-def test_the_stated_source_file_decides(tmp_path):
-    write_joint(tmp_path / "in/k120_b2.csv", sign=-1.0)
-    theta, torque = (
-        "{column: ankle_angle_deg, unit: deg}",
-        "{column: loadcell_torque_Nm, unit: N*m, sign: -1}",
-    )
-    source = (
-        f"format: csv\ntime: {{column: time_s, unit: s}}\nchannels:\n  theta: {theta}\n  torque:"
-        f" {torque}\n"
-    )
-    (tmp_path / "mine.yaml").write_text(source)
-    bench = watching.WatchedBench(
-        Path("config/config.yaml"), tmp_path / "mine.yaml", tmp_path / "pictures"
-    )
-    said = watching.recording_line(tmp_path / "in/k120_b2.csv", tmp_path / "in", bench)[0]
-    assert "guessed" not in said
-    assert "NOT CHECKED: " in said
-    assert float(re.search(r"\bK (\S+) ±", said)[1]) == pytest.approx(STIFFNESS, rel=0.01)
 
 
-def test_a_trial_of_the_sheet_is_fitted_in_its_windows_and_against_its_curve(monkeypatch):
-    rng = np.random.default_rng(1)
-    motion = noise(rng, duration=40.0)
-    disturbed = np.where((motion[0] > 15) & (motion[0] < 25), 30 * np.sin(9 * motion[0]), 0.0)
-    trial = made_trial(rng, motion, more=disturbed)
-    row = {
-        "experiment": "impedance",
-        "controller": "mine",
-        "K_d": 250.0,
-        "B_d": None,
-        "windows": "2-14.5 25.5-40",
-    }
-    (found,) = watching.fit_of_row(trial, row, None, default_config()).table.to_dicts()
-    assert [found[name] for name in TRUE] == pytest.approx(list(TRUE.values()), rel=0.01)
-    assert (found["controller"], found["K_d"]) == ("mine", 250.0)
-    assert "gains" not in found["not_checked"]  # of a device that nobody stated
-    monkeypatch.setattr("osl_analysis.commands.fit.fit_trial", lambda *given: given[-2]["desired"])
-    row = {"experiment": "torque_angle", "desired": "foot"}
-    assert watching.fit_of_row(trial, row, None, default_config()) == "foot"
 
 
-def test_the_parameters_of_an_ankle_judge_no_knee(bench):
-    device, without = bench.config.parameters, bench.config.model_copy(update={"parameters": None})
-    found = [
-        watching.device_of_row({"joint": joint}, bench.config) for joint in ("knee", "ankle", None)
-    ]
-    assert [*found, watching.device_of_row({}, without)] == [None, device, device, None]
 
 
-def test_a_failed_check_is_told_with_its_whole_remedy(
-    bench,
-):
-    rng = np.random.default_rng(1)
-    trial = made_trial(rng, noise(rng, duration=20.0))
-    spoilt = replace(trial, samples=trial.samples.with_columns(torque=pl.col("torque").clip(-4, 4)))
-    told = watching.quality_text(spoilt, "impedance", bench.config, ())
-    assert told.startswith("QUALITY flag saturation: ")
-    assert told.endswith(watching.FINDINGS["clipped_signal"].remedy)
-    assert "saturation" not in watching.quality_text(
-        spoilt, "impedance", bench.config, ("saturation",)
-    )
 
 
-def test_a_recording_is_compared_with_its_siblings_of_which_a_wrong_gain_is_told(tmp_path):
-    def said(name, K, kind=("impedance", "ankle", "", "pd", "300"), sign=1):
-        row = (
-            {"experiment": "impedance", "K_d": 300.0, "B_d": 5.0}
-            if kind[3]
-            else {"experiment": "impedance"}
-        )
-        samples = pl.DataFrame({"time": [0.0, 1.0, 2.0], "theta": [0.0, 0.1, 0.2]})
-        provenance = {"columns": {"torque": {"sign": sign}}}
-        estimates = {"K": K, "K_se": 1.0, "B": 5.0, "B_se": 0.1}
-        numbers = watching.comparable(Trial(name, samples, provenance), row, estimates)
-        return [watching.beside_siblings(name, kind, numbers, tmp_path / "measured.json")]
-
-    for k, (name, K) in enumerate((("a", 299.0), ("b", 301.0), ("c", 303.0))):
-        assert said(name, K) == [f"{k} siblings to compare with, 3 are needed"]
-    assert said("d", 300.0) == ["like its 3 siblings"]
-    (differs,) = said("e", 340.0)
-    assert differs.startswith("DIFFERS from its 4 siblings: K is 340, theirs 300 ± 3: look")
-    (turned,) = said("e", 300.0, sign=-1)
-    assert "sign of torque is -1, theirs 1 " in turned
-    assert said("e", 301.0) == ["like its 4 siblings"], (
-        "a recording made again is no sibling of itself"
-    )
-    none = ["0 siblings to compare with, 3 are needed"]
-    assert said("k", 190.0, ("impedance", "ankle", "", "pd", "200")) == none, (
-        "another K_d has siblings of its own"
-    )
-    assert said("f", 340.0, ("impedance", "knee", "", "pd", "300")) == none, (
-        "another joint has siblings of its own"
-    )
-    # nobody said that the same K was asked for
-    for name, K in zip("ghij", (300, 301, 300, 200), strict=True):
-        assert said(name, K, ("impedance", "ankle", "", "")) == ["no siblings: no K_d is stated"]

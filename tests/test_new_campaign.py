@@ -2,8 +2,6 @@
 its files."""
 
 import json
-import re
-from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +15,7 @@ from jsonschema import Draft202012Validator
 from test_ingest_opensim import write_trc
 
 from osl_analysis.cli import main
-from osl_analysis.commands.doctor import Look, library, looked_at
+
 from osl_analysis.commands.new_campaign import (
     draft_campaign,
     is_complete,
@@ -173,24 +171,6 @@ def test_nothing_is_overwritten_and_nothing_stays_behind(tmp_path):
     assert sorted(tmp_path.rglob("*")) == before
 
 
-def test_an_empty_campaign_names_what_is_to_be_done(tmp_path, monkeypatch):
-    assert call("init", tmp_path / "mine", "--recorder", "opensourceleg").exit_code == 0
-    assert read_source(tmp_path / "mine/sources/opensourceleg.yaml").format == "csv"
-    monkeypatch.chdir(tmp_path / "mine")
-    (said,) = [look for look in looked_at(Path()) if look.subject == "campaign"]
-    assert "no trials" in said.state
-    assert "add one row per trial" in said.remedy
-    assert (call("doctor").exit_code, "!! campaign" in call("doctor").output) == (1, True)
-    Path("recordings/a.csv").touch()  # the log is there, the capture is not
-    columns = "trial,experiment,log,log_source,mocap,mocap_source,accept"
-    sheet = f"{columns}\na,belt,a.csv,opensourceleg,a.c3d,vicon,"
-    Path("trials.csv").write_text(f"{sheet}gapp\n")
-    assert "'gapp' is no quality check" in [*looked_at(Path())][-1][1]
-    Path("trials.csv").write_text(f"{sheet}\n")
-    assert "vicon.yaml: no such file" in [*looked_at(Path())][-1][1]
-    Path("sources/vicon.yaml").write_text("format: c3d\nanalogs: {sync: {channel: Sync}}\n")
-    lacks = "files of 1 are missing, first of a: correct the sheet"
-    assert [*looked_at(Path())][-1] == Look("campaign", "mine, 1 trials", lacks)
 
 
 def test_an_empty_folder_becomes_a_campaign_where_one_stands(tmp_path, monkeypatch):
@@ -205,16 +185,6 @@ def test_an_empty_folder_becomes_a_campaign_where_one_stands(tmp_path, monkeypat
     assert yaml.safe_load(Path("config.yaml").read_text())["campaign"] == "mine"
 
 
-def test_doctor_calls_nothing_ok_that_is_not_installed(monkeypatch):
-    def version_without_numba(name):
-        if name == "numba":
-            raise PackageNotFoundError
-        return "1.0"
-
-    monkeypatch.setattr("osl_analysis.commands.doctor.version", version_without_numba)
-
-    assert library("numpy") == Look("numpy", "1.0")
-    assert re.search(r"(?m)^-- numba +not installed, optional", call("doctor").stdout)
 
 
 def test_nothing_is_submitted_where_there_is_no_slurm(monkeypatch):

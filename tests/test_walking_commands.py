@@ -14,7 +14,7 @@ import numpy as np
 import polars as pl
 import pytest
 from conftest import ROOT
-from walking_crossings import Tables, Walk, run_jobs, several, walked
+from walking_crossings import Tables, run_jobs
 from walking_setup import Setup, load_setup
 from walking_synthetic import (
     PLATE_RATE,
@@ -22,7 +22,6 @@ from walking_synthetic import (
     hidden,
     recording,
     settings,
-    step,
 )
 
 from osl_analysis.commands import walking, walking_files
@@ -30,7 +29,7 @@ from osl_analysis.commands.figure import plot_walking_page
 from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.errors import InputError
 from osl_analysis.judge.limits import Limits
-from osl_analysis.table import read_table, write_table
+from osl_analysis.table import read_table
 from osl_analysis.trial import Trial, read_trial, write_trial
 from osl_analysis.walking.crossing import Crossing, RefusedCrossing
 from osl_analysis.walking.impedance_fit import fit_response

@@ -22,7 +22,7 @@ from walking_crossings import (
 )
 from walking_synthetic import pose, settings
 
-from osl_analysis.commands.figure import plot_over_stance
+
 from osl_analysis.commands.walking_summary import tabulate_over_stance
 from osl_analysis.errors import InputError
 from osl_analysis.table import read_table
@@ -372,15 +372,6 @@ def test_without_a_trajectory_nothing_is_commanded(three_timings, tmp_path):
     assert read_table(over_stance(three_timings, tmp_path))["commanded"].is_null().all()
 
 
-def test_the_figure_over_stance_shows_the_commanded_curve(three_timings, trajectories, tmp_path):
-    table = over_stance(three_timings, tmp_path)
-
-    plot_over_stance(table, tmp_path / "points.csv", 0.62, trajectories, "measured")
-
-    commanded = read_table(tmp_path / "points.csv").filter(series="commanded")
-    K_d = commanded.filter(quantity="K")
-    assert set(commanded.filter(quantity="B")["commanded"]) == {1}
-    np.testing.assert_allclose(K_d["commanded"], 620 * K_d["phase"], rtol=1e-6, atol=1e-6)
 
 
 def test_beyond_stance_nothing_is_commanded():

@@ -2,7 +2,7 @@
 one that made it."""
 
 import zlib
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 from typing import Any
 
@@ -412,6 +412,11 @@ def perturbed(n: int = 8, stiffnesses: tuple[float, ...] = (340.0,)) -> list[Cro
 def headline() -> GroupHeadline:
     """Of eight sound crossings."""
     return group_headline(perturbed(), USUAL, SETTINGS)
+
+
+@pytest.fixture(scope="module")
+def sound(headline: GroupHeadline) -> dict[str, Any]:
+    return asdict(check_fit(headline))
 
 
 def test_sound_crossings_are_far_from_every_limit(sound: dict[str, Any]) -> None:

@@ -20,7 +20,6 @@ from snakemake_runs import OVERRIDES, run_forked, write_small
 
 from osl_analysis.campaign.configuration import overriding
 from osl_analysis.config.experiments import EXPERIMENTS
-from osl_analysis.dictionary import described_tables
 from osl_analysis.figures import FIGURES
 from osl_analysis.outcomes.perform import (
     OF_EVERY_JOB,
@@ -33,7 +32,7 @@ from osl_analysis.outcomes.perform import (
 )
 from osl_analysis.refusal import is_refused, read_refusals
 from osl_analysis.report.brief import brief_lines
-from osl_analysis.report.headline import all_labels
+
 
 TRIAL = "impedance_K300_B5.0_compensated"
 DYNAMOMETER = OVERRIDES["dynamometer"]
@@ -161,54 +160,6 @@ def test_no_number_of_a_campaign_changes_unnoticed(workspace):
     assert changes == [], "if all of it is intended: python tests/reference.py"
 
 
-def test_every_column_and_number_is_in_the_data_dictionary_and_the_dictionary_has_no_other_column(
-    workspace,
-):
-    """Without torque against angle, and what test_dictionary.py holds: overground trials and
-    calibrations."""
-    results, written = workspace.folder / "results", {}
-    archives = [zipfile.Path(path) for path in results.rglob("*.zip")]
-    for path in (
-        *results.rglob("*.csv"),
-        *(part for archive in archives for part in archive.iterdir()),
-    ):
-        below = Path(os.path.relpath(str(path), results))
-        tables = [
-            t
-            for t in described_tables()
-            if any(p and below.match(f"{p}.csv") for p in (t.place, t.also))
-        ]
-        header = set(path.read_text().splitlines()[0].split(","))
-        undescribed = header - {name for t in tables for name in t.columns}
-        assert undescribed == set(), f"describe them in osl_analysis/dictionary: {below}"
-        for table in tables:
-            written[table.place] = written.get(table.place, set()) | header & set(table.columns)
-    described = {t.place: set(t.columns) for t in described_tables()}
-    sheet = pl.read_csv(workspace.folder / "raw_data/small/trials.csv")
-    absent = ["comparison"]  # of `osl-analysis compare`
-    for experiment in EXPERIMENTS.keys() - {*sheet["experiment"]}:
-        absent += [table.name for table in EXPERIMENTS[experiment].tables]
-    of_absent = {place for place in described if place.split("/")[-1].startswith(tuple(absent))}
-    not_made = of_absent - written.keys()
-    assert described.keys() - written.keys() == not_made, "described, and no rule makes them"
-    # a side is of none of these trials
-    missing = {place: described[place] - columns - {"side"} for place, columns in written.items()}
-    unwritten = {place: columns for place, columns in missing.items() if columns}
-    assert unwritten == {"fits/*/*.zip/series": {"omega"}}, (
-        "described, and never written; `joint` is written by `table.with_places`"
-    )
-    numbers = json.loads((results / "summary.json").read_text())["numbers"]
-    claimed = workspace.table("claims").filter(pl.col("subject").is_null())["name"]
-    assert {name.partition(" (")[0] for name in numbers} - {
-        label.name for label in all_labels()
-    } == set(claimed)
-    of_summary = (ROOT / "docs/site/tables.md").read_text().partition("| field | meaning |")[2]
-    fields = {
-        name
-        for row in of_summary.splitlines()
-        for name in re.findall(r"`(\w+)`", row.split(" | ")[0])
-    }
-    assert set.union(*(set(number) for number in numbers.values())) == fields
 
 
 def leaves(value, place=()):

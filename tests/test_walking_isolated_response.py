@@ -27,7 +27,7 @@ from osl_analysis.walking.ensemble import (
     resampling_weights,
     shared_errors,
 )
-from osl_analysis.walking.group_checks import normal_scatters
+from osl_analysis.walking.group_checks import check_fit, normal_scatters
 from osl_analysis.walking.impedance_fit import (
     compare_offset,
     fit_response,

@@ -1,107 +1,60 @@
-"""Validated YAML files (YAML 1.2): a wrong field becomes one line that names file, line, field,
-value and remedy."""
+"""Validated YAML files: a wrong field becomes one line with file, line, field, value and reason."""
 
-import hashlib
 import re
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from copy import copy
-from dataclasses import dataclass, replace
-from datetime import date
-from functools import lru_cache
-from itertools import chain, pairwise
+from collections.abc import Callable, Collection, Mapping, Sequence
+from itertools import pairwise
 from operator import attrgetter
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, TypeVar
 
 import yaml
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    ConfigDict,
-    Field,
-    ValidationError,
-    field_validator,
-    model_validator,
-)
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
-from osl_analysis.errors import InputError, Removal, RemovedFieldError, listing, nearest
-from osl_analysis.files import digest, shipped
-from osl_analysis.renamed import NewName, RenamedWarning, warn_caller
+from osl_analysis.errors import InputError, listing, nearest
+from osl_analysis.files import shipped
 
-Positive = Annotated[float, Field(gt=0)]  # A number above zero.
-NotNegative = Annotated[float, Field(ge=0)]  # A number of zero or more.
-Degrees = Annotated[float, Field(gt=0, le=180)]  # An angle above zero, at most half a turn.
-JointDegrees = Annotated[float, Field(gt=0, le=60)]  # An angle by which an ankle can be turned.
-# A time within a crossing, or a gap; a larger number is in ms.
+Positive = Annotated[float, Field(gt=0)]
+NotNegative = Annotated[float, Field(ge=0)]
+Degrees = Annotated[float, Field(gt=0, le=180)]
+JointDegrees = Annotated[float, Field(gt=0, le=60)]
 Seconds = Annotated[float, Field(gt=0, le=10)]
-Metres = Annotated[float, Field(gt=0, le=10)]  # A length in a laboratory; a larger number is in mm.
-# A threshold of vertical force at which a contact begins or ends.
+Metres = Annotated[float, Field(gt=0, le=10)]
 Newtons = Annotated[float, Field(gt=0, le=1000)]
-# Stiffness of a joint; a larger number has another unit.
-Stiffness = Annotated[float, Field(gt=0, le=10_000)]
+Stiffness = Annotated[float, Field(gt=0, le=10000)]
 ShippedPath = Annotated[Path, AfterValidator(shipped)]
-"""A path in the campaign's folder or, if that has none, of a shipped file such as
-`config/config.yaml`."""
-# Keys and numbers of list entries that lead to a field, from the outermost.
 Place = tuple[int | str, ...]
+FILE_NAME = r"^[A-Za-z0-9_-]+$"
+IDENTIFIER = r"^[A-Za-z][A-Za-z0-9]{0,30}$"
+ROUNDING = 1e-9
 
 
 class Settings(BaseModel):
-    """Base of every validated file. The settings are immutable, and an unknown field is an
-    error."""
+    """Base of every validated file. The settings are immutable, and an unknown field is an error."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
-    # removed fields, each with a sentence on what to write or do now
-    REMOVED: ClassVar[Mapping[str, str]] = {}
-    # fields that have another name
-    RENAMED: ClassVar[Mapping[str, NewName]] = {}
-    # words behind "the known ones" in messages, as ` of format csv`
+    REMOVED: ClassVar[Mapping[str, str]] = {}  # by field of an earlier release: what to do instead
     OF: ClassVar[str] = ""
 
     @model_validator(mode="before")
     @classmethod
     def _has_known_fields_alone(cls, content: Any) -> Any:
-        fields = ", ".join(cls.model_fields) or "those of the shipped files in config/"
-        if not isinstance(content, dict | BaseModel):
-            raise ValueError(
-                f"write its fields below it, as `name: value`; the known ones are {fields}"
-            )
-        if isinstance(content, BaseModel) or cls.model_config.get("extra") != "forbid":
+        if not isinstance(content, dict) or cls.model_config.get("extra") != "forbid":
             return content
         for name in content:
-            if name in cls.model_fields:
-                continue
-            suggestion = nearest(str(name), cls.model_fields)
             if name in cls.REMOVED:
-                raise removed(cls.REMOVED[name], name)
-            if name in cls.RENAMED:
-                raise renamed(cls.RENAMED[name], name)
-            reason = f"unknown field '{{field}}'; the known ones{cls.OF} are {fields}{suggestion}"
-            raise PydanticCustomError(
-                "unknown_field", "{reason}", {"reason": reason, "place": (name,)}
-            )
+                raise misplaced(f"is gone: {cls.REMOVED[name]}; remove the line", name)
+            if name not in cls.model_fields:
+                known = ", ".join(cls.model_fields)
+                raise misplaced(
+                    f"is unknown; the known fields{cls.OF} are {known}"
+                    f"{nearest(str(name), cls.model_fields)}", name,
+                )
         return content
 
-    @field_validator("*", mode="before")
-    @classmethod
-    def _truth_values_are_words(cls, value: Any) -> Any:
-        """Turn a truth value into text, which fields of numbers refuse: pydantic would make 1 of
-        it."""
-        if isinstance(value, bool):
-            return str(value).lower()
-        if isinstance(value, dict):
-            return {key: cls._truth_values_are_words(inner) for key, inner in value.items()}
-        if isinstance(value, list):
-            return [cls._truth_values_are_words(inner) for inner in value]
-        return value
-
     def part(self, base: str) -> dict[str, Any]:
-        """The fields of the base class of this name, as JSON, for a job that uses only these: a
-        rule of Snakemake imports no settings model."""
-        bases = {
-            model.__name__: model for model in type(self).__mro__ if issubclass(model, Settings)
-        }
+        """The fields of the base class of this name, as JSON, for a job that uses only these."""
+        bases = {model.__name__: model for model in type(self).__mro__ if issubclass(model, Settings)}
         return self.model_dump(mode="json", include=set(bases[base].model_fields))
 
 
@@ -113,237 +66,76 @@ def as_json(setting: Any) -> Any:
     return setting.model_dump(mode="json") if isinstance(setting, BaseModel) else setting
 
 
+class Loader(yaml.CSafeLoader):
+    """YAML in which `off` and 1:30 are text."""
+
+
+Loader.yaml_implicit_resolvers = {
+    first: [(tag, form) for tag, form in resolvers if not tag.endswith((":bool", ":int", ":float"))]
+    for first, resolvers in yaml.CSafeLoader.yaml_implicit_resolvers.items()
+}
+for _kind, _first, _form in (
+    ("bool", "tf", "true|false"),
+    ("int", "-+0123456789", "[-+]?[0-9]+"),
+    ("float", "-+.0123456789", r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?"),
+):
+    Loader.add_implicit_resolver(f"tag:yaml.org,2002:{_kind}", re.compile(f"^(?:{_form})$"), list(_first))
+
+
 def read_yaml(path: Path, model: type[AnySettings]) -> AnySettings:
-    """A YAML file as a model. InputError: as `read_mapping`; a field is unknown, absent or of a
-    wrong value."""
+    """A YAML file as a model."""
     return validated(read_mapping(path), model, path)
 
 
 def read_mapping(path: Path, by_snakemake: bool = False) -> dict[str, Any]:
-    """The top level of a YAML file. It is cached and shared: do not change it. Raises InputError:
-    the file is missing, is not YAML, or is no mapping; `by_snakemake`: a number differs in YAML
-    1.1, which Snakemake reads."""
+    """The top level of a YAML file. Raises InputError: it is missing, or no mapping in YAML."""
     if not path.is_file():
-        beside_it = (file.stem for file in path.parent.glob(f"*{path.suffix}"))
-        raise InputError(
-            f"{path}: no such file; check the path, which is relative to the working"
-            f" directory{nearest(path.stem, beside_it)}"
-        )
+        beside = [file.stem for file in path.parent.glob(f"*{path.suffix}")]
+        raise InputError(f"{path}: no such file; check the path{nearest(path.stem, beside)}")
     try:
-        text = path.read_text(encoding="utf-8-sig")
-        node, content = parsed_yaml(text)
-    except OSError as error:
+        content = yaml.load(path.read_text(encoding="utf-8-sig"), Loader)
+    except (yaml.YAMLError, OSError, ValueError, RecursionError) as error:
+        reason = " ".join(str(error).split())
         raise InputError(
-            f"{path}: cannot be read ({error.strerror}); check its permissions"
+            f"{path}: not YAML: {reason}; put text with signs as : # * % in quotes"
         ) from error
-    except UnicodeDecodeError as error:
-        line = error.object[: error.start].count(b"\n") + 1
-        raise InputError(f"{path}: line {line} is not UTF-8; save the file as UTF-8") from error
-    except RecursionError as error:
-        raise InputError(
-            f"{path}: its fields are nested too deeply, or its aliases (`*name`) stand for too"
-            " many; write them out as in the shipped files"
-        ) from error
-    # the last five are of a wrong tag, as `!!float text`
-    except (
-        yaml.YAMLError,
-        ValueError,
-        AttributeError,
-        KeyError,
-        TypeError,
-        OverflowError,
-    ) as error:
-        raise InputError(f"{path}: not YAML: {yaml_problem(error, text)}") from error
     if not isinstance(content, dict):
-        raise InputError(
-            f"{path}: has no fields; write `name: value` lines as in the shipped files"
-        )
-    for inner in nodes_of(node):
-        if isinstance(inner, yaml.MappingNode):
-            check_keys_once(path, inner)
-        elif by_snakemake and isinstance(inner, yaml.ScalarNode) and not inner.style:
-            check_same_number(path, inner)
+        raise InputError(f"{path}: has no fields; write `name: value` lines")
     return content
 
 
-def check_keys_once(path: Path, node: yaml.MappingNode) -> None:
-    """Refuse a mapping with a key that stands twice."""
-    keys: set[str] = set()
-    for key, _ in node.value:
-        if key.value in keys:
-            line = key.start_mark.line + 1
-            raise InputError(f"{path}: line {line}: key '{key.value}' stands twice; remove one")
-        keys.add(str(key.value))
-
-
-# as 1:30, which YAML 1.1 takes for 90
-IN_SIXTIES = re.compile(r"[-+]?[0-9][0-9_]*(:[0-5]?[0-9])+(\.[0-9_]*)?")
-IN_EIGHTS = re.compile(r"[-+]?0[0-7_]+")  # as 010, which it takes for 8
-
-
-def check_same_number(path: Path, node: yaml.ScalarNode) -> None:
-    """Refuse a text without quotes that is another number in YAML 1.1, which Snakemake reads."""
-    for form, base in ((IN_SIXTIES, "sixties"), (IN_EIGHTS, "eights")):
-        if form.fullmatch(node.value):
-            raise InputError(
-                f"{path}: line {node.start_mark.line + 1}: YAML counts {node.value} in {base};"
-                " write a plain decimal number, or text in quotes"
-            )
-
-
-def yaml_problem(error: Exception, text: str) -> str:
-    """What is wrong in a text that is no YAML, and how to write it."""
-    problem = " ".join(str(error).split())
-    if isinstance(error, yaml.MarkedYAMLError):
-        problem = " ".join(marked_parts(error))
-    if re.search(r"(?m)^\s*//", text):
-        return (
-            f"{problem}; begin comments with #, not with //, and put text with such signs in quotes"
-        )
-    if "cannot start any token" in problem or "tab character" in problem:
-        return (
-            f"{problem}; indent with blanks, not with tabs, and put text that begins with a sign"
-            " such as % or @ in quotes"
-        )
-    return f"{problem}; compare with the shipped files, and put text with signs as : # * in quotes"
-
-
-def marked_parts(error: yaml.MarkedYAMLError) -> Iterator[str]:
-    """What a parser was reading and what it met, each with its line and column."""
-    parts = ((error.context, error.context_mark), (error.problem, error.problem_mark))
-    for part, mark in parts:
-        if part and mark:
-            yield f"{part} in line {mark.line + 1}, column {mark.column + 1}"
-        elif part:
-            yield part
-
-
-class Loader(yaml.CSafeLoader):
-    """YAML 1.2, read by the library in C: `off` is text, and so is 1:30; 010 is ten."""
-
-    yaml_implicit_resolvers: dict[str, Any] = {}  # noqa: RUF012 (the constants below)
-
-    def whole_number(self, node: yaml.ScalarNode) -> int:
-        return int(node.value.replace("_", ""), 0 if re.match("[-+]?0[ox]", node.value) else 10)
-
-
-for kind, first, form in (
-    ("bool", "tTfF", "true|True|TRUE|false|False|FALSE"),
-    ("int", "-+0123456789", r"[-+]?[0-9][0-9_]*|[-+]?0o[0-7_]+|[-+]?0x[0-9a-fA-F_]+"),
-    ("float", "-+.0123456789",
-     r"[-+]?(\.[0-9]+|[0-9][0-9_]*(\.[0-9_]*)?)([eE][-+]?[0-9]+)?|[-+]?\.(inf|Inf|INF)"
-     r"|\.(nan|NaN|NAN)"),
-    ("null", ["~", "n", "N", ""], "~|null|Null|NULL|"),
-    ("timestamp", "0123456789",
-     r"[0-9]{4}-[0-9]{2}-[0-9]{2}|[0-9]{4}-[0-9]{1,2}-[0-9]{1,2}([Tt]|[ \t]+)[0-9]{1,2}"
-     r":[0-9]{2}:[0-9]{2}(\.[0-9]*)?([ \t]*(Z|[-+][0-9]{1,2}(:[0-9]{2})?))?"),
-    ("merge", "<", "<<"),
-):  # fmt: skip
-    Loader.add_implicit_resolver(f"tag:yaml.org,2002:{kind}", re.compile(f"^(?:{form})$"), first)
-Loader.add_constructor("tag:yaml.org,2002:int", Loader.whole_number)
-
-
-@lru_cache(maxsize=64)
-def parsed_yaml(text: str) -> tuple[yaml.Node | None, Any]:
-    """The nodes of a YAML text, with their lines, and its content."""
-    depth = 0
-    # the parser of nodes would crash on deeply nested ones
-    for event in yaml.parse(text, yaml.CSafeLoader):
-        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(
-            event, yaml.CollectionEndEvent
-        )
-        if depth > 100:
-            raise RecursionError
-    loader = Loader(text)
-    try:
-        node = loader.get_single_node()
-        nodes_of(node)  # refuses a file whose aliases stand for too many
-        return node, loader.construct_document(node) if node is not None else None
-    finally:
-        loader.dispose()
-
-
-MOST_NODES = 200_000  # of a file with its aliases written out
-
-
-def nodes_of(node: yaml.Node | None) -> list[yaml.Node]:
-    """A node and all below it. Aliases may stand for millions; one of itself raises
-    RecursionError."""
-    nodes = [] if node is None else [node]
-    for above in nodes:  # which grows meanwhile
-        if isinstance(above, yaml.MappingNode):
-            nodes.extend(chain.from_iterable(above.value))
-        elif isinstance(above, yaml.SequenceNode):
-            nodes.extend(above.value)
-        if len(nodes) > MOST_NODES:
-            raise RecursionError
-    return nodes
-
-
-def content_digest(path: Path) -> str | None:
-    """SHA-256 of a file's content. For YAML: without comments, order of keys, and `description`,
-    from which nothing is computed. For another file, or an unreadable YAML file: of its bytes. None
-    if there is no such file."""
-    if path.suffix != ".yaml" or not path.is_file():
-        return digest(path)
-    try:
-        content = parsed_yaml(path.read_text(encoding="utf-8-sig"))[1]
-    except (
-        OSError,
-        ValueError,
-        AttributeError,
-        KeyError,
-        TypeError,
-        RecursionError,
-        yaml.YAMLError,
-    ):
-        return digest(path)
-    if isinstance(content, dict):
-        content = {key: value for key, value in content.items() if key != "description"}
-    return hashlib.sha256(repr(in_order(content)).encode()).hexdigest()
-
-
-def in_order(content: Any) -> Any:
-    """Nested mappings and lists with the keys of each mapping in order."""
-    if isinstance(content, dict):
-        return {key: in_order(content[key]) for key in sorted(content, key=repr)}
-    if isinstance(content, list):
-        return [in_order(entry) for entry in content]
-    return content
+def node_of(path: Path) -> yaml.Node | None:
+    """The nodes of a YAML file, with their lines."""
+    return yaml.compose(path.read_text(encoding="utf-8-sig"), Loader)
 
 
 def field_line(path: Path, place: Place) -> int | None:
-    """Line, counted from 1, of a field, or of the innermost field above it in the file; None if
-    there is none."""
-    try:
-        node, _ = parsed_yaml(path.read_text(encoding="utf-8-sig"))
-    except (OSError, ValueError, RecursionError, yaml.YAMLError):
-        return None
+    """Line, counted from 1, of a field, or of the innermost field above it in the file."""
     line = None
+    try:
+        node = node_of(path)
+    except (OSError, yaml.YAMLError, ValueError):
+        return None
     for name in place:
-        key = None
         if isinstance(node, yaml.MappingNode):
-            key, node = next(
-                (pair for pair in node.value if pair[0].value == str(name)), (None, None)
-            )
-        elif (
-            isinstance(node, yaml.SequenceNode) and isinstance(name, int) and name < len(node.value)
-        ):
-            key = node = node.value[name]
-        if key is None:
+            pair = next((pair for pair in node.value if pair[0].value == str(name)), None)
+        elif isinstance(node, yaml.SequenceNode) and isinstance(name, int):
+            pair = (node.value[name],) * 2 if name < len(node.value) else None
+        else:
+            pair = None
+        if pair is None:
             break
-        line = key.start_mark.line + 1
+        line = pair[0].start_mark.line + 1
+        node = pair[1]
     return line
 
 
 def located(files: Sequence[Path], place: Place) -> str:
-    """`line 12: ` in the last of the files that has the field, with its name if there are several;
-    empty if none."""
+    """`line 12: ` in the last of the files that has the field, with its name if there are several."""
     for file in reversed(files):
         line = field_line(file, place)
         if line is not None:
-            of_file = f" of {file.name}" if len(files) > 1 else ""
-            return f"line {line}{of_file}: "
+            return f"line {line}{f' of {file.name}' if len(files) > 1 else ''}: "
     return ""
 
 
@@ -353,260 +145,48 @@ def dotted(place: Place) -> str:
 
 
 def validated(
-    content: Any,
-    model: type[AnySettings],
-    path: Path,
-    files: Sequence[Path] | None = None,
+    content: Any, model: type[AnySettings], path: Path, files: Sequence[Path] | None = None,
     above: Place = (),
 ) -> AnySettings:
-    """The content of a configuration file as a model; for messages `path`, `files` with lines, and
-    keys `above` it. A field by its old name counts, with a warning, until that name goes."""
-    while True:
-        try:
-            return model.model_validate(content)
-        except ValidationError as error:
-            first = first_problem(error, content, above)
-            line = ""
-            if first.place:
-                line = located([Path(path)] if files is None else files, first.place)
-            message = f"{path}: {line}{first.text}"
-            if first.removal is None:
-                raise InputError(message) from error
-            if first.removal.new_name:
-                check_has_one_name([Path(path)] if files is None else files, first.removal)
-            if not first.removal.old_name_works:
-                raise RemovedFieldError(message, (), first.removal) from error
-        warn_caller(RenamedWarning(message, first.removal))
-        content = with_new_name(content, first.removal.place[len(above) :], first.removal.new_name)
-
-
-def check_has_one_name(files: Sequence[Path], removal: Removal) -> None:
-    """Refuse a field that has both its old and its new name, in one file or the new one in a later
-    file: one of the two values would be lost in silence."""
-    new_place = (*removal.place[:-1], removal.new_name)
-    has_old_name = False
-    for file in files:
-        has_old_name = has_old_name or is_stated(file, removal.place)
-        if has_old_name and is_stated(file, new_place):
-            raise InputError(
-                f"{file}: field '{dotted(removal.place)}' is called {removal.new_name} now, and"
-                " that stands there too; remove the line of the wrong value"
-            )
-
-
-def is_stated(path: Path, place: Place) -> bool:
-    """Whether a YAML file has a field."""
+    """The content of a configuration file as a model. `files` have the lines, and `above` are the
+    keys that lead to `content`."""
     try:
-        _, content = parsed_yaml(path.read_text(encoding="utf-8-sig"))
-        for name in place:
-            content = content[name]
-    except (OSError, ValueError, RecursionError, yaml.YAMLError, LookupError, TypeError):
-        return False
-    return True
+        return model.model_validate(content)
+    except ValidationError as error:
+        problems = error.errors()
+        first = next((one for one in problems if one["type"] == "misplaced"), problems[0])
+        own = (*above, *own_place(first, content))
+        line = located([Path(path)] if files is None else files, own)
+        reason = str(first["msg"]).removeprefix("Value error, ").replace("Input should be", "write")
+        value = first["input"]
+        shown = "" if isinstance(value, dict | list | BaseModel) else f": {value!r} is not allowed"
+        if first["type"] == "missing":
+            shown, reason = "", "is missing; add it"
+        more = f" (and {len(problems) - 1} more problems)" if len(problems) > 1 else ""
+        raise InputError(f"{path}: {line}{dotted(own) or 'the file'}{shown}: {reason}{more}") from error
 
 
-def with_new_name(content: Any, place: Place, new_name: str) -> Any:
-    """Nested settings in which the field at a place has another name."""
-    name, *below = place
-    copied = copy(content)
-    if below:
-        copied[name] = with_new_name(copied[name], tuple(below), new_name)
-    else:
-        copied[new_name] = copied.pop(name)
-    return copied
-
-
-@dataclass(frozen=True)
-class Problem:
-    """What is wrong with a field of a configuration file."""
-
-    text: str  # one sentence with field, value and remedy
-    place: Place  # of the field in its file
-    removal: Removal | None  # if an earlier release had the field
-
-
-def first_problem(error: ValidationError, content: Any, above: Place) -> Problem:
-    """The first problem of a validation error. `above` are the keys that lead to `content` in its
-    file. A removed field comes before an unknown one, and that before all other problems."""
-    # by place: pydantic finds a problem for each kind of value that a field may have
-    problems_at: dict[Place, list[Mapping[str, Any]]] = {}
-    for problem in error.errors():
-        problems_at.setdefault(problem_place(problem, content), []).append(problem)
-    # a problem of a field makes one of what is above it, which is not told
-    above_others = {place[:n] for place in problems_at for n in range(len(place))}
-    places = [place for place in problems_at if place not in above_others or not place]
-    by_type = {problems_at[place][-1]["type"]: place for place in reversed(places)}
-    first = by_type.get("removed_field") or by_type.get("unknown_field") or places[0]
-
-    text = problem_text(dotted((*above, *first)) or "the file", problems_at[first])
-    n_more = len(places) - 1
-    if n_more == 1:
-        text += " (and 1 more problem)"
-    elif n_more > 1:
-        text += f" (and {n_more} more problems)"
-    place = (*above, *first)
-    last = problems_at[first][-1]
-    removal = None
-    if last["type"] == "removed_field":
-        removal = replace(last["ctx"]["removal"], place=place)
-    return Problem(text, place, removal)
-
-
-LONGEST_VALUE = 60  # signs of a wrong value that a message shows
-
-
-def problem_text(field: str, problems: Sequence[Mapping[str, Any]]) -> str:
-    """The problems of one field, of which one is enough to be mended, as one sentence."""
-    last = problems[-1]
-    if last["type"] in ("unknown_field", "removed_field"):
-        return str(last["msg"]).replace("{field}", field)
-    if last["type"] == "missing":
-        return f"field '{field}' is missing; add it"
-    reasons = dict.fromkeys(plain_reason(problem) for problem in problems)
-    # those that end with a question, as whether another name was meant, come last
-    first, *further = sorted(reasons, key=lambda reason: ";" in reason)
-    reason = ", or ".join([first, *(text.removeprefix("write ") for text in further)])
-    value = last["input"]
-    if isinstance(value, dict | list | BaseModel):
-        return f"{field}: {reason}"
-    written = str(value) if isinstance(value, date) else repr(value)
-    if value is None:
-        written = "null"
-    if len(written) > LONGEST_VALUE:
-        written = f"{written[:LONGEST_VALUE]}..."
-    return f"{field}: {written} is not allowed: {reason}"
-
-
-def problem_place(problem: Mapping[str, Any], content: Any) -> Place:
-    """The field of a problem. A check of several fields gives the wrong one as `place` in its
-    context. Parts that are not in the content, such as the kind of value that was tried, are
-    pydantic's and are left out."""
+def own_place(problem: Mapping[str, Any], content: Any) -> Place:
+    """The field of a problem, without the names that pydantic gives to choices of a union."""
     place: list[int | str] = []
-    here = content
     for name in problem["loc"]:
-        if isinstance(here, list | tuple):
-            if isinstance(name, int):
-                place.append(name)
-                here = here[name] if name < len(here) else None
-        elif isinstance(here, dict) and name in here:
-            place.append(name)
-            here = here[name]
-        elif isinstance(here, BaseModel) or (
-            problem["type"] == "missing" and name == problem["loc"][-1]
-        ):
-            place.append(name)
-            here = getattr(here, str(name), None)
+        if isinstance(content, dict) and name in content:
+            content = content[name]
+        elif isinstance(content, list | tuple) and isinstance(name, int) and name < len(content):
+            content = content[name]
+        elif problem["type"] != "missing" or name != problem["loc"][-1]:
+            continue
+        place.append(name)
     return (*place, *problem.get("ctx", {}).get("place", ()))
 
 
-ADVICE = {
-    "string_type": "text, in quotes if it looks like a number, a list or nothing",
-    "float_type": "a number, without a unit",
-    "float_parsing": "a number, without a unit, with a full stop as decimal sign",
-    **dict.fromkeys(("int_parsing", "int_type", "int_from_float"), "a whole number"),
-    "int_parsing_size": "a smaller number",
-    "string_too_short": "at least one character",
-    **dict.fromkeys(("bool_parsing", "bool_type"), "true or false"),
-    **dict.fromkeys(("tuple_type", "list_type"), "a list, as [first, second]"),
-    "path_type": "a path",
-    "dict_type": "its fields below it, as `name: value`",
-}
-"""What to write, by pydantic's name of the problem."""
-
-
-FILE_NAME = r"^[A-Za-z0-9_-]+$"
-IDENTIFIER = r"^[A-Za-z][A-Za-z0-9]{0,30}$"
-ADVICE_BY_PATTERN = {
-    FILE_NAME: "letters, digits, _ and - alone",
-    IDENTIFIER: "letters and digits alone, a letter first, 31 at most",
-}
-"""What to write, by the pattern of a field of text."""
-WITH_UNIT = {
-    "delay": "2 ms", "cutoff": "100 Hz", "resolution": "0.02 deg", "range": "60 N*m",
-    "threshold": "0.05 s", "value": "12500 N*m/rad", "standard_error": "100 N*m/rad",
-}  # fmt: skip
-"""An example of fields that are a number with its unit."""
-UNIT_BY_ENDING = {
-    "_deg": "deg", "_hz": "Hz", "_s": "s", "_m": "m", "_mm": "mm", "_kg": "kg", "_n": "N",
-    "K_d": "N*m/rad", "largest_angle": "rad",
-}  # fmt: skip
-
-
-def unit_behind(place: Sequence[int | str]) -> str:
-    """The unit of a field with a blank before it, by the end of its name; empty for none."""
-    names = [name for name in place if isinstance(name, str)]
-    for ending, unit in UNIT_BY_ENDING.items():
-        if names and names[-1].endswith(ending):
-            return f" {unit}"
-    return ""
-
-
-def plain_reason(problem: Mapping[str, Any]) -> str:
-    """What is to be written in place of what a problem of pydantic is about."""
-    kind = problem["type"]
-    text = str(problem["msg"]).removeprefix("Value error, ").replace("Input should be", "write")
-    if kind == "literal_error":
-        return text + nearest(str(problem["input"]), re.findall(r"'([^']+)'", text))
-    if kind == "string_type" and problem["input"] is not None:
-        example = WITH_UNIT.get(str(problem["loc"][-1]))
-        if example:
-            return f"write a number with its unit, as `{example}`"
-    if kind == "string_pattern_mismatch":
-        return f"write {ADVICE_BY_PATTERN[problem['ctx']['pattern']]}"
-    if kind.startswith(("greater_than", "less_than")):
-        number = text.replace("write", "write a number")
-        return number if text.split()[-1] == "0" else f"{number}{unit_behind(problem['loc'])}"
-    if kind == "too_short":
-        return "name at least one"
-    return f"write {ADVICE[kind]}" if kind in ADVICE else text
-
-
-# Relations between settings. Each is one line of its model. A violation is reported as a wrong
-# field.
-
-
 def misplaced(reason: str, *place: str) -> PydanticCustomError:
-    """An error of a check that sees several fields; `place` is the field below them that is
-    wrong."""
+    """An error of a check that sees several fields; `place` is the field below them that is wrong."""
     return PydanticCustomError("misplaced", "{reason}", {"reason": reason, "place": place})
 
 
-def removed(instead: str, *place: str) -> PydanticCustomError:
-    """An error for a field that an earlier release had.
-
-    Parameters
-    ----------
-    instead : str
-        What does without the field now.
-    *place : str
-        Keys that lead to the field from the settings that find it.
-    """
-    reason = f"field '{{field}}' is gone: {instead}; remove the line, {AS_UPGRADE_DOES}"
-    return of_earlier_release(reason, Removal(place, instead, ""))
-
-
-def renamed(new: NewName, *place: str) -> PydanticCustomError:
-    """An error, as `removed`, for a field that has another name; `validated` makes a warning of it
-    as long as the old one works."""
-    reason = f"field '{{field}}' has another name; write {new.name}, {AS_UPGRADE_DOES}"
-    if new.old_one_works:
-        reason += f": the old one goes in release {new.goes_in}"
-    return of_earlier_release(reason, Removal(place, "", new.name, new.old_one_works))
-
-
-AS_UPGRADE_DOES = "as `osl-analysis doctor --upgrade` does"
-
-
-def of_earlier_release(reason: str, removal: Removal) -> PydanticCustomError:
-    """The error of `removed` and `renamed`, from which `first_problem` has the `removal`."""
-    context = {"reason": reason, "place": removal.place, "removal": removal}
-    return PydanticCustomError("removed_field", "{reason}", context)
-
-
 def refuse_if(wrong: Callable[[Any], Any], reason: str, field: str = "") -> Any:
-    """A check that refuses settings if `wrong` holds for them. `{s.field}` in the `reason` is
-    replaced by their value. `field` is the dotted name of the field to be corrected, if there is
-    one."""
+    """A check that refuses settings if `wrong` holds for them."""
 
     def check(settings: Any) -> Any:
         if wrong(settings):
@@ -616,41 +196,24 @@ def refuse_if(wrong: Callable[[Any], Any], reason: str, field: str = "") -> Any:
     return model_validator(mode="after")(check)
 
 
-ROUNDING = 1e-9  # of sums of settings
-
-
 def require_below(low: str, high: str, why: str, or_equal: bool = False) -> Any:
-    """A check that a field, or a sum as `guard_s + window_s`, is below another, or equal; `why` is
-    for the message."""
+    """A check that a field, or a sum as `guard_s + window_s`, is below another, or equal."""
 
     def check(settings: Any) -> Any:
-        low_value = sum_of_fields(settings, low)
-        high_value = sum_of_fields(settings, high)
-        if low_value - high_value > (ROUNDING if or_equal else -ROUNDING):
-            reason = (
-                f"{low} = {low_value:g} is not below {high} = {high_value:g}, {why}; lower {low},"
-                f" or raise {high}"
-            )
-            first_field = low.split(" + ")[0]
-            raise misplaced(reason, *first_field.split("."))
+        ends = [sum(attrgetter(name)(settings) for name in names.split(" + ")) for names in (low, high)]
+        if ends[0] - ends[1] > (ROUNDING if or_equal else -ROUNDING):
+            reason = f"{low} = {ends[0]:g} is not below {high} = {ends[1]:g}, {why}"
+            raise misplaced(f"{reason}; lower {low}, or raise {high}", *low.split(" + ")[0].split("."))
         return settings
 
     return model_validator(mode="after")(check)
 
 
-def sum_of_fields(settings: Any, names: str) -> float:
-    """The sum of fields by their dotted names, as of `guard_s + window_s`."""
-    total: float = sum(attrgetter(name)(settings) for name in names.split(" + "))
-    return total
-
-
 def check_rising(values: tuple[Any, ...]) -> tuple[Any, ...]:
-    """A check that each value of a list, such as of two bounds, is below the next."""
+    """A check that each value of a list is below the next."""
     for value, following in pairwise(values):
         if value >= following:
-            raise ValueError(
-                f"{following} stands behind {value}; write each once, from low to high"
-            )
+            raise ValueError(f"{following} stands behind {value}; write each once, from low to high")
     return values
 
 
@@ -667,6 +230,14 @@ def check_known(names: Collection[str], kind: str, name: str) -> str:
     """A check that a name is among these; `kind` says in the message what they are."""
     if name in names:
         return name
-    raise InputError(
-        f"'{name}' is no {kind}; write one of {listing([*names], 14)}{nearest(name, names)}"
-    )
+    raise InputError(f"'{name}' is no {kind}; write one of {listing([*names], 14)}{nearest(name, names)}")
+
+
+def removed(instead: str, *place: str) -> PydanticCustomError:
+    """An error for a field that an earlier release had."""
+    return misplaced(f"is gone: {instead}; remove the line", *place)
+
+
+def renamed(new: Any, *place: str) -> PydanticCustomError:
+    """An error for a field that has another name."""
+    return misplaced(f"has another name; write {new.name}", *place)

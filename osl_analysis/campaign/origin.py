@@ -8,7 +8,8 @@ from importlib.metadata import version
 from pathlib import Path
 
 from osl_analysis.campaign.campaign_trials import Campaign
-from osl_analysis.yaml_settings import content_digest, read_mapping
+from osl_analysis.files import digest as content_digest
+from osl_analysis.yaml_settings import read_mapping
 
 # facts on the origin of results
 ABOUT_MEANING = {

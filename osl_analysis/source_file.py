@@ -478,22 +478,6 @@ class MessageSource(LogSource):
     time: MessageTime
     # Largest share of a topic's messages that may be lost, or the log is refused.
     largest_loss: SampleShare = 0.01
-    publishers: Mapping[Name, PositiveInt] = Field(default={})
-    """By topic, the publisher whose messages are read where several write to it: 1 is the one with
-    most messages. Without it, publishers of other values are refused."""
-
-    @model_validator(mode="after")
-    def _of_asked_topics(self) -> Self:
-        topics = [channel.topic for channel in self.channels.values()]
-        for topic in self.publishers:
-            if topic not in topics:
-                advice = nearest(topic, topics)
-                raise misplaced(
-                    f"no channel is of topic '{topic}'{advice}; name a topic of `channels`",
-                    "publishers",
-                    topic,
-                )
-        return self
 
 
 class TableSource(LogSource):

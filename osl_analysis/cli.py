@@ -735,14 +735,7 @@ def print_first_look() -> None:
 STIFFNESS = option("--stiffness", type=POSITIVE, default=300.0, help="Expected K [N·m/rad].")
 DAMPING = option("--damping", type=NOT_NEGATIVE, default=5.0, help="Expected B [N·m·s/rad].")
 INERTIA = option("--inertia", type=NOT_NEGATIVE, default=0.02, help="Expected I [kg·m²].")
-OF_BAND = {"band", "rms", "peak"}
-OPTIONS = {
-    "stepped-sine": {"frequencies", "amplitudes", "cycles"},
-    "multisine": OF_BAND | {"period", "periods", "realisations", "seed"},
-    "chirp": OF_BAND | {"duration"},
-    "noise": OF_BAND | {"duration"},
-}
-"""Options that one kind of excitation has, by its name."""
+
 
 
 @main.command(
@@ -837,100 +830,6 @@ def export(folder: Path, kind: str, output: Path, trials: str, config_path: Path
     patterns = [pattern.strip() for pattern in trials.split(",")]
     proof = export_leg(folder, kind, patterns, read_config(config_path), output)
     say(f"wrote {output}; {proof}")
-
-
-@main.command(
-    epilog=(
-        "Example: osl-analysis design --excitation multisine --friction 0.3 --stiffness-within 1% "
-        "--damping-within 3% --write multisine.csv"
-    )
-)
-@option("--excitation", type=click.Choice(list(OPTIONS)), default="stepped-sine")
-@option("--frequencies", type=numbers, help="Of a stepped sine [Hz]; default: the configuration's.")
-@option("--amplitudes", type=numbers, help="Of a stepped sine [deg]; default: the configuration's.")
-@option(
-    "--cycles",
-    type=click.IntRange(1, 10_000),
-    help="At each frequency; default: the configuration's.",
-)
-@option("--band", type=band, help="Lowest and highest frequency [Hz]; default: 0.5,6.")
-@option("--rms", type=POSITIVE, help="Root mean square of the angle [deg]; default: 2.")
-@option("--peak", type=POSITIVE, help="Largest angle [deg], instead of --rms.")
-@option("--period", type=click.FloatRange(0.1, 600), default=8.0, help="Of a multisine [s].")
-@option("--periods", type=click.IntRange(2, 1000), default=4, help="Fitted, per realisation.")
-@option("--realisations", type=click.IntRange(1, 200), default=4, help="Of a multisine.")
-@option("--seed", type=click.IntRange(0), default=1, help="Of the multisine's phases.")
-@option(
-    "--duration", type=click.FloatRange(1, 100_000), default=60.0, help="Of a chirp or noise [s]."
-)
-@STIFFNESS
-@DAMPING
-@INERTIA
-@option("--rate", type=POSITIVE, default=1000.0, help="Sampling rate [Hz].")
-@option("--torque-noise", type=NOT_NEGATIVE, default=0.05, help="SD [N·m].")
-@option("--noise-band", type=POSITIVE, help="Bandwidth of this noise [Hz]; default: half the rate.")
-@option("--torque-step", type=NOT_NEGATIVE, default=0.0, help="Of the load cell [N·m].")
-@option("--encoder-bits", type=click.IntRange(4, 32), default=18, help="Bits per turn.")
-@option("--encoder-step", type=NOT_NEGATIVE, help="Step [deg] instead of bits; 0: not rounded.")
-@option("--angle-noise", type=NOT_NEGATIVE, default=0.0, help="SD before rounding [deg].")
-@option(
-    "--drift",
-    type=NOT_NEGATIVE,
-    help="Of the load cell [N·m/min]; default: dynamometer.load_cell_drift.",
-)
-@option("--friction", type=NOT_NEGATIVE, help="Coulomb friction of the joint [N·m].")
-@option("--trial", help="The trial of the pilot.")
-@option(
-    "--lag",
-    type=float,
-    default=0.1,
-    help="Lag of the torque whose effect on K, B and I is stated [ms].",
-)
-@option(
-    "--stiffness-within",
-    type=percent,
-    help="Half width of the interval that is asked for, of K [percent].",
-)
-@option("--damping-within", type=percent, help="The same of B.")
-@option("--inertia-within", type=percent, help="The same of I.")
-@option("--from", "pilot", type=FOLDER, help="Results of a pilot, whose friction is taken.")
-@file_option(
-    "--write", "output", help="Write the multisine (the recommended one) to this CSV file."
-)
-@CONFIG
-@AS_JSON
-def design(config_path: Path, output: Path | None, as_json: bool, **requested: Any) -> None:
-    """Say what 95 % intervals of K, B and I to expect from a protocol, and how long to record.
-
-    For a stepped sine, an odd random-phase multisine, a chirp or band-limited noise, with the noise
-    of the load cell, the rounding of the encoder, and the distortion of a joint that is not linear.
-    `design-walking` plans perturbed crossings of the walkway."""
-    from osl_analysis.campaign.configuration import read_config
-    from osl_analysis.commands.design import designed, write_command
-    from osl_analysis.commands.design_request import DesignRequest
-    from osl_analysis.commands.design_text import design_json, design_text
-
-    check_design_options(options_given(), requested["excitation"])
-    planned = designed(DesignRequest(**requested), read_config(config_path))
-    if output is not None:
-        write_command(planned.best_plan, planned.assumed.sensors.rate_hz, output)
-        say(f"wrote {output}", err=True)
-    say(design_json(planned) if as_json else design_text(planned))
-
-
-def check_design_options(given: set[str], excitation: str) -> None:
-    """Refuse options of `design` that do not go with the others that are given."""
-    of_other_kinds = set().union(*OPTIONS.values()) - OPTIONS[excitation]
-    for name in sorted(given & of_other_kinds):
-        raise click.UsageError(f"a {excitation} has no --{name.replace('_', '-')}")
-    if {"rms", "peak"} <= given:
-        raise click.UsageError("give --rms or --peak, not both")
-    if {"encoder_bits", "encoder_step"} <= given:
-        raise click.UsageError("give --encoder-bits or --encoder-step, not both")
-    if "trial" in given and "pilot" not in given:
-        raise click.UsageError("--trial is that of a pilot: give its results by --from too")
-    if {"pilot", "friction"} <= given:
-        raise click.UsageError("--from and --friction state the same friction: give one of them")
 
 
 @main.command(

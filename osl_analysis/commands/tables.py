@@ -249,7 +249,7 @@ def write_summary(
     beside_draft : bool
         Whether the numbers of the paper's draft stand beside them.
     """
-    needed = {*LABELS, *judged_tables(), *TABLES_OF_TRIALS, "prediction_causes"}
+    needed = {*LABELS, *judged_tables(), *TABLES_OF_TRIALS}
     tables = {name: with_evidence(path) for name, path in table_paths.items() if name in needed}
     numbers = headline_numbers(tables, example, beside_draft)
     used_trials: Mapping[str, Any] = {}

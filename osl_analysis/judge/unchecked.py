@@ -73,8 +73,6 @@ def unchecked_names(table: str, row: AnyRow) -> Iterator[str]:
         yield from unchecked_in_torque_angle(row)
     elif table == "actuator" and lacks(row, "B_m"):
         yield "actuator_at_rest"
-    elif table == "prediction":
-        yield from unchecked_in_prediction(row)
     if table in ("belt", "actuator") and lacks(row, f"{MEASURED_BY[table]}_ratio"):
         yield "wrong_gain_unseen"
 
@@ -163,15 +161,6 @@ def unchecked_in_torque_angle(row: AnyRow) -> Iterator[str]:
         yield "torque_zero_unseen"
     if lacks(row, "rate_change"):
         yield "late_torque_unseen"
-
-
-def unchecked_in_prediction(row: AnyRow) -> Iterator[str]:
-    if row.get("missing_components") is not None:
-        yield "no_prediction"
-    elif lacks(row, "K_low"):
-        yield "no_prediction_interval"
-    elif row.get("outside") is not None:
-        yield "prediction_outside_range"
 
 
 def unchecked_in_walking(row: AnyRow) -> Iterator[str]:

@@ -9,7 +9,6 @@ import polars as pl
 
 from osl_analysis.campaign.origin import ABOUT_MACROS
 from osl_analysis.judge.causes import doubts_of_result
-from osl_analysis.report.decimal_places import COUNT
 from osl_analysis.report.headline import (
     LABELS,
     Example,
@@ -119,8 +118,6 @@ def numbers_of(name: str, table: pl.DataFrame, example: Example) -> Iterator[Hea
         yield from walking_headlines(table)
     elif name == "claims":
         yield from claim_headlines(table)
-    elif name == "prediction":
-        yield from prediction_headlines(table)
     elif name == "transmission":
         whole = table.filter(pl.col("amplitude_deg").is_null())
         yield from over_fits(labels["VAF"], whole["VAF"], np.mean, whole)
@@ -179,22 +176,6 @@ def claim_headlines(table: pl.DataFrame) -> Iterator[Headline]:
             verdict=row["verdict"],
         )
         yield Headline(label, estimate.with_interval(row["low"], row["high"], row["interval"]))
-
-
-def prediction_headlines(table: pl.DataFrame) -> Iterator[Headline]:
-    """How well the components predict the trials' torque, K and B."""
-    labels = LABELS["prediction"]
-    predicted = table.filter(pl.col("VAF").is_not_null())
-    if predicted.is_empty():
-        return
-    yield from over_fits(labels["VAF"], predicted["VAF"], np.median, predicted)
-    better = float((predicted["VAF"] > predicted["VAF_fitted"]).sum())
-    yield Headline(labels["better"], HeadlineValue(better, interval=COUNT, n=len(predicted)))
-    K_error = (predicted["K"] - predicted["K_measured"]).abs()
-    K_error_percent = 100 * K_error / predicted["K_measured"].abs()
-    yield from over_fits(labels["K"], K_error_percent, np.median)
-    B_error = (predicted["B"] - predicted["B_measured"]).abs()
-    yield from over_fits(labels["B"], B_error, np.median)
 
 
 def free_name(name: str, taken: Collection[str]) -> str:

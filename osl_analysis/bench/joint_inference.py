@@ -21,7 +21,6 @@ from osl_analysis.bench.joint_fit import (
     ClockDrift,
     FrictionFit,
     JointFit,
-    ReflexFit,
     SuspectedFault,
     UnstatedDelay,
 )
@@ -79,7 +78,6 @@ def impedance_fits(analysis: Analysis, s: Sums, is_leg: bool) -> dict[Label, Joi
         fits[label] = JointFit(
             impedance=Impedance.of_fit(analysis.calibrated(fit, label)),
             friction=by_coulomb(coulomb.get(label)),
-            reflex=whole.reflex,
             suspected_fault=whole.suspected_fault,
             delay=whole.delay,
             VAF_in_band=whole.VAF_in_band,
@@ -187,7 +185,6 @@ def joint_fit(
     return JointFit(
         impedance=impedance,
         friction=friction,
-        reflex=reflex_fit(inferred),
         suspected_fault=suspected_fault_of(inferred, known_errors),
         delay=delay,
         VAF_in_band=inferred.VAF_held_out,
@@ -305,18 +302,6 @@ def named_explanations(inferred: ImpedanceInference) -> str:
     return ", ".join(dict.fromkeys(names))
 
 
-def reflex_fit(inferred: ImpedanceInference) -> ReflexFit | None:
-    """The reflex, if the joint probably has one."""
-    reflex, without = inferred.reflex, inferred.without_reflex
-    if reflex is None:
-        return None
-    return ReflexFit(
-        probability=reflex.probability,
-        delay_s=reflex.delay_s,
-        rising=reflex.rising.estimate(),
-        falling=reflex.falling.estimate(),
-        without=without,
-    )
 
 
 def is_delay_stated(record: Record) -> bool:

@@ -13,22 +13,19 @@ from functools import cached_property
 import numpy as np
 import scipy
 
-from osl_analysis.inference.acceleration_jumps import acceleration_jumps, jump_columns
 from osl_analysis.inference.actuator import frictionless_actuator
 from osl_analysis.inference.constants import (
     COLOUR_SEGMENT,
     FEWEST_STEPS,
     MOMENTS,
     PLAYS,
-    REFLEX_DELAYS,
 )
 from osl_analysis.inference.friction_shapes import (
     friction_torques,
     sliding_velocity,
     slipping_springs,
 )
-from osl_analysis.inference.least_squares import BesideShared, solve_scaled
-from osl_analysis.inference.reflex import Reflex, half_waves, muscle_answers
+from osl_analysis.inference.least_squares import solve_scaled
 from osl_analysis.inference.row_filter import RowFilter
 from osl_analysis.inference.spectra import Spectra, Spectrum
 from osl_analysis.stats.power_density import power_density
@@ -41,7 +38,6 @@ LEAST_GAIN = 0.03  # of the roll-off's power, below which the spectrum is not di
 LEAST_NOISE = 1e-20
 # Hz, of muscles in the rich model: seven corners of 1 to 16 Hz bring K beside a reflex no nearer,
 # and move K of drivetrains by up to 0.1 %, B by 2 %
-NOISE_CORNERS = (1.0, 2.0, 4.0, 8.0, 16.0)
 SLOW_POWERS = 4  # offset and drift: powers of time from 0
 
 
@@ -50,7 +46,6 @@ class JointKind:
     """What a joint has beside stiffness, damping and inertia."""
 
     has_friction: bool = False
-    has_reflex: bool = False
 
 
 class Whitened:
@@ -89,16 +84,13 @@ class Whitened:
         self.spectra = spectra
         velocity, width = sliding_velocity(spectra)
         self.sign = np.tanh(velocity / width)
-        self._half_waves = spectra.spectrum_of(half_waves(spectra))
         shapes = friction_torques(spectra)
         friction = spectra.spectrum_of(shapes)
         powers = np.array([(spectra.relative_time - 0.5) ** k for k in range(SLOW_POWERS)])
         slow = spectra.spectrum_of(powers)
-        self.acceleration_jumps = acceleration_jumps(spectra)
-        jumps = jump_columns(spectra, self.acceleration_jumps)
 
-        rich = rich_columns(spectra, self.sign, self._half_waves, friction)
-        gain = whitening_gain(spectra, np.concatenate([rich, slow, jumps]))
+        rich = rich_columns(spectra, self.sign, friction)
+        gain = whitening_gain(spectra, np.concatenate([rich, slow]))
         self._whitening = RowFilter(spectra, gain)
 
         self.torque = self.column(spectra.torque)
@@ -110,20 +102,9 @@ class Whitened:
             columns = [self.impedance_matrix, self.actuator.impedance_column]
             self.impedance_matrix = np.column_stack(columns)
         self.slow = self.column(slow)
-        self.jumps = self.column(jumps)
         self.friction = self.column(friction)
         self.mean_friction = np.abs(shapes[:, spectra.inside]).mean(axis=1)
 
-    @cached_property
-    def reflex(self) -> "Reflex":
-        """The reflex at that delay which explains most beside Eq. 15 and friction."""
-        beside = BesideShared(np.concatenate([self.motion, self.slow, self.friction]))
-        tried = []
-        for delay in REFLEX_DELAYS:
-            columns = self.column(muscle_answers(self.spectra, self._half_waves, delay))
-            left, _ = beside.fit(columns, self.torque)
-            tried.append((left, Reflex(delay, columns)))
-        return min(tried, key=lambda each: each[0])[1]
 
     @cached_property
     def higher_motion(self) -> Array:
@@ -179,9 +160,7 @@ class Whitened:
         parts = []
         if kind.has_friction:
             parts.append(self.friction)
-        if kind.has_reflex:
-            parts.append(self.reflex.columns)
-        return np.concatenate([*parts, self.slow, self.jumps])
+        return np.concatenate([*parts, self.slow])
 
     def column(self, spectrum: Spectrum) -> Array:
         """Whiten the signals with these working spectra (..., f); returns rows (..., m)."""
@@ -258,7 +237,7 @@ def whitening_gain(spectra: Spectra, rich: Spectrum) -> Array:
 
 
 def rich_columns(
-    spectra: Spectra, sign: Array, half_waves: Spectrum, friction: Spectrum
+    spectra: Spectra, sign: Array, friction: Spectrum
 ) -> Spectrum:
     """Spectra (k, f) of what any hypothesis may add to the torque, to first order.
 
@@ -288,8 +267,7 @@ def rich_columns(
     later = [spectra.relative_time > moment for moment in MOMENTS[::3]]
     stepping = [x * after for x in (spectra.theta, omega) for after in later]
     products = spectra.spectrum_of(np.array([*nonlinear, *drifting, *stepping]))
-    answers = muscle_answers(spectra, half_waves, REFLEX_DELAYS[0], NOISE_CORNERS)
-    parts = [spectra.derivatives, friction, products, answers]
+    parts = [spectra.derivatives, friction, products]
     if spectra.actuator_spectrum is not None:
         parts.append(spectra.actuator_spectrum[None])
     return np.concatenate(parts)

@@ -79,8 +79,6 @@ def unchecked_names(table: str, row: AnyRow) -> Iterator[str]:
 
 def remarks_on(table: str, row: AnyRow) -> Iterator[Finding]:
     """What was checked in a row of a table and is worth knowing."""
-    if row.get("reflex_probability") is not None:
-        yield finding_in_row("fitted_reflex", table, row, Grade.NOTES)
     quantity = MEASURED_BY.get(table, "")
     ratio = cell_number(row, f"{quantity}_ratio") or 1.0
     usual = USUAL_DIFFERENCE.get(quantity, math.inf)

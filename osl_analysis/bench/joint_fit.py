@@ -169,12 +169,6 @@ def delay_columns(delay: UnstatedDelay | None) -> Row:
     }
 
 
-@dataclass(frozen=True)
-class ClockDrift:
-    """Drift of the torque's clock against the angle's [ppm], with its standard error."""
-
-    ppm: float
-    standard_error: float
 
 
 MIXTURE = "mixture of hypotheses"  # `interval_method` of the inference
@@ -214,7 +208,6 @@ class JointFit:
     suspected_fault: SuspectedFault | None = None
     delay: UnstatedDelay | None = None
     VAF_in_band: float | None = None
-    clock_drift: ClockDrift | None = None
     estimator: str | None = None
     widened_because: tuple[str, ...] = ()
 

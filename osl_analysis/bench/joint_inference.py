@@ -18,7 +18,6 @@ from osl_analysis.bench.group_sums import Sums
 from osl_analysis.bench.joint_fit import (
     MIXTURE,
     MIXTURE_BESIDE_FRICTION,
-    ClockDrift,
     FrictionFit,
     JointFit,
     SuspectedFault,
@@ -34,7 +33,6 @@ from osl_analysis.stats.estimates import Estimate, Impedance
 
 CERTAIN_FRICTION = 0.9  # probability from which friction is taken off B: nine in ten are right
 NAMED_SHARE = 0.05  # of all faults' probability, below which an explanation is not named
-CLOCKS = "clocks"  # the hypothesis of a lag that grows
 UNDECIDED_STAMPS = "the time stamps can be read in two ways"
 
 
@@ -188,24 +186,10 @@ def joint_fit(
         suspected_fault=suspected_fault_of(inferred, known_errors),
         delay=delay,
         VAF_in_band=inferred.VAF_held_out,
-        clock_drift=clock_drift(inferred, fault, record) if record.two_clocks else None,
         estimator=MIXTURE_BESIDE_FRICTION if takes_friction_off else MIXTURE,
     )
 
 
-def clock_drift(
-    inferred: ImpedanceInference, fault: Explanation | None, record: Record
-) -> ClockDrift | None:
-    """How the clocks of angle and torque drift apart; None where something else is wrong, which may
-    look like it."""
-    drifting = [each for each in inferred.explanations if each.name == CLOCKS]
-    if not drifting or (fault is not None and fault.name != CLOCKS):
-        return None
-    moving = signals_of(record).moving_part()
-    seconds = len(moving.theta) / record.rate_hz
-    lag = drifting[0].parameters[0]  # at the end [s]
-    share = lag.value / seconds
-    return ClockDrift(1e6 * share / (1 - share), 1e6 * lag.standard_error / seconds)
 
 
 def suspected_fault_of(

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import scipy
 
 from osl_analysis.inference.actuator import frictionless_actuator
 from osl_analysis.inference.constants import (
@@ -111,24 +110,7 @@ class Whitened:
         """Whitened angle and its first four derivatives (5, m)."""
         return self.column(self.spectra.derivatives)
 
-    @cached_property
-    def step_signals(self) -> Array:
-        """What may change at a moment, before whitening: angle, velocity, acceleration, jerk and a
-        constant torque, (5, w)."""
-        angle = self.motion_at_working_rate()[:1]
-        derivatives = self.motion_at_working_rate(1)[:3]
-        return np.concatenate([angle, derivatives, np.ones_like(angle)])
 
-    @cached_property
-    def steps(self) -> Array:
-        """The `step_signals` whitened, each 0 before one of the `MOMENTS` (g, 5, m)."""
-        spectra = self.spectra
-        steps = np.empty((len(MOMENTS), len(self.step_signals), len(self.torque)))
-        # all 13 at once took as long (1 ms for 22 s of recording), with 13 times the work space
-        for step, moment in zip(steps, MOMENTS, strict=True):
-            is_after = spectra.relative_time_at_working_rate > moment
-            step[:] = self.windowed(self.step_signals * is_after)
-        return steps
 
     def motion_at_product_rate(self) -> Array:
         """The columns of `motion` before whitening, (3, p) or (4, p)."""
@@ -138,16 +120,6 @@ class Whitened:
             return of_joint
         return np.vstack([of_joint, spectra.actuator_derivatives[0]])
 
-    def motion_at_working_rate(self, order: int = 0, delay: float = 0.0) -> Array:
-        """The columns of `motion` before whitening (3, w) or (4, w), `order` times derived, and
-        delayed [s]."""
-        spectra = self.spectra
-        spectrum = self._motion_spectra() * spectra.roll_off
-        if order:
-            spectrum *= spectra.s**order
-        if delay:
-            spectrum *= np.exp(-delay * spectra.s)
-        return np.asarray(scipy.fft.irfft(spectrum, spectra.working_rows))
 
     def _motion_spectra(self) -> Spectrum:
         spectra = self.spectra
@@ -166,9 +138,6 @@ class Whitened:
         """Whiten the signals with these working spectra (..., f); returns rows (..., m)."""
         return self._whitening.column(spectrum)
 
-    def windowed(self, x: Array) -> Array:
-        """Whiten signals (..., w) at the working rate; returns rows (..., m)."""
-        return self._whitening.windowed(x)
 
     @cached_property
     def gap_widths(self) -> Array:
@@ -176,10 +145,6 @@ class Whitened:
         least = max(PLAYS[0], FEWEST_STEPS * self.spectra.signals.encoder_step)
         return np.geomspace(least, max(PLAYS[1], 2 * least), 8)
 
-    @cached_property
-    def behind_tried_gaps(self) -> Array:
-        """`behind_gaps` of the `gap_widths`, which serve several hypotheses."""
-        return self.behind_gaps(self.gap_widths)
 
     def behind_gaps(self, widths: Array) -> Array:
         """Whitened angle and velocity (g, 2, m) behind gaps of some widths (g,) [rad], which follow

@@ -22,6 +22,7 @@ from osl_analysis.inference.estimates import (
     student_half_width,
 )
 from osl_analysis.inference.hypotheses import hypotheses_for
+from osl_analysis.inference.least_squares import BesideShared
 from osl_analysis.inference.hypothesis import Search
 from osl_analysis.inference.mixture import (
     Part,
@@ -98,8 +99,13 @@ def infer_impedance(
 def fit_all(data: Whitened) -> tuple[list[Predicted], Array]:
     """Fit all hypotheses without and with friction, and let each predict all blocks; with the
     torques of rounding."""
-    hypotheses = hypotheses_for(data)
     searches = [Search(data, JointKind(has_friction)) for has_friction in (False, True)]
+    plain = searches[0]
+    noise = max(plain.left / data.spectra.freedom, 1.0)
+    is_body_of_eq15 = plain.is_body and noise < 1.5
+    hypotheses = hypotheses_for(data)
+    if is_body_of_eq15 and data.rich_gain(BesideShared(data.slow), plain.left, noise) < 0:
+        hypotheses = hypotheses[:1]
     rounding = rounding_torques(data, searches[0].coefficients[:3])
     fits = []
     for search in searches:

@@ -90,6 +90,7 @@ class Whitened:
 
         rich = rich_columns(spectra, self.sign, friction)
         gain = whitening_gain(spectra, np.concatenate([rich, slow]))
+        self._rich = np.concatenate([rich, spectra.derivatives[3:]])
         self._whitening = RowFilter(spectra, gain)
 
         self.torque = self.column(spectra.torque)
@@ -133,6 +134,13 @@ class Whitened:
         if kind.has_friction:
             parts.append(self.friction)
         return np.concatenate([*parts, self.slow])
+
+    def rich_gain(self, beside: "BesideShared", left: float, noise: float) -> float:
+        """By how many nats the columns of all hypotheses together beat Eq. 15, beyond chance."""
+        columns = self.column(self._rich)
+        more = (left - beside.fit(columns, self.torque)[0]) / 2 / noise
+        count = len(columns)
+        return more - count / 2 - 3 * np.sqrt(count / 2)
 
     def column(self, spectrum: Spectrum) -> Array:
         """Whiten the signals with these working spectra (..., f); returns rows (..., m)."""

@@ -75,7 +75,6 @@ rule fit_impedance:
     params:
         settings=CONFIG.dynamometer.part("ImpedanceAnalysis"),
         weight=as_json(CONFIG.gain_weight),
-        models=CONFIG.model_comparison.part("ModelComparison"),
         condition=cells("controller", "K_d", "B_d"),
         windows=cell("windows"),
         made_by=MADE_BY,

@@ -64,33 +64,6 @@ rule summary_table:
         job(DERIVED[wildcards.table].command, input, output, params, log)
 
 
-rule predict:
-    """The impedance that the measured components predict, beside the measured one."""
-    input:
-        records=FILES.rows("record", FILES.predicted_trials),
-        table="<results>/tables/impedance.csv",
-        evidence="<results>/tables/impedance_evidence.csv",
-        law="<results>/tables/law.csv",
-        components=FILES.tables(*COMPONENTS) if FILES.predicted_trials else [],
-        parameters=PARAMETERS,
-    output:
-        output="<results>/tables/prediction.csv",
-        causes="<results>/tables/prediction_causes.csv",
-        frequencies="<results>/tables/prediction_frequencies.csv",
-    log:
-        "<logs>/tables/prediction.log",
-    priority: 3
-    localrule: True
-    params:
-        unpredicted=FILES.unpredicted_trials,
-        weight=as_json(CONFIG.gain_weight),
-        sign_width=CONFIG.model_comparison.sign_width,
-        settings=CONFIG.dynamometer.part("FilterSettings"),
-        made_by=MADE_BY,
-    run:
-        job("predictions.gather_predictions", input, output, params, log)
-
-
 rule gains_table:
     """Gains for the impedance over the gait cycle (Fig. 8)."""
     input:

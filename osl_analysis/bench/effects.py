@@ -39,7 +39,7 @@ ten times the velocity noise of 14 bits."""
 def plain_sums(record: Record, model: Model) -> Sums:
     """The sums of a record without effects."""
     columns, centre = columns_of(record)
-    return gram_sums(record, columns, list(model.values()), centre, rounded=record.rounded)
+    return gram_sums(record, columns, list(model.values()), centre)
 
 
 def columns_of(record: Record) -> tuple[dict[str, Array], float]:
@@ -62,7 +62,7 @@ def sums_of(record: Record, model: Model, expected: Admittance | None = None) ->
     few = record.coarse
     columns, centre = effect_columns(record, expected)
     rich = [*model.values(), "jerk", "snap", "T_C"]
-    sums = gram_sums(few, columns, rich, centre, rounded=record.rounded)
+    sums = gram_sums(few, columns, rich, centre)
     return replace(sums, columns={})  # unused, and large
 
 

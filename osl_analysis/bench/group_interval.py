@@ -35,9 +35,7 @@ from osl_analysis.bench.group_sums import SMALLEST_DIRECTION, NormalEquations, S
 from osl_analysis.bench.row_groups import Groups, Label
 from osl_analysis.stats.covariance import (
     between_cycles,
-    spread_about_means,
     welch_satterthwaite,
-    without_variances,
 )
 from osl_analysis.trial import Array
 
@@ -145,28 +143,16 @@ def interval_of(
     """
     source = scatter_source(s.groups, equations.stratum)
     noise, freedom = noise_covariance(s, equations, source, estimates, inverse, rich, keep)
-    right_sides = equations.right_sides[:, :, None]
-    if s.rounded is not None:
-        right_sides = np.concatenate([right_sides, draw_products(s, equations)], axis=2)
-    draws = right_sides.shape[2] - 1
-    by_units = np.zeros((1 + draws, *inverse.shape))
-    if source.tells_misfit:  # of the torque and of each draw, which have the same left sides
-        by_units = jackknife(
+    misfit = np.zeros_like(inverse)
+    if source.tells_misfit:
+        misfit = jackknife(
             equations.left_sides,
-            right_sides,
+            equations.right_sides,
             equations.left_side,
-            right_sides.sum(axis=0),
+            equations.right_side,
             source.unit,
         )
-    misfit = by_units[0]
-    of_rounding = np.zeros_like(inverse)
-    if draws:
-        of_rounding, of_scatter = rounding_covariances(
-            right_sides[:, :, 1:], by_units[1:], equations, source, inverse, len(rich)
-        )
-        if source.tells_misfit:
-            misfit = without_variances(misfit, of_scatter)
-    covariance, freedom = combined(noise, freedom, misfit, source.units, of_rounding, draws)
+    covariance, freedom = combined(noise, freedom, misfit, source.units)
     of_repeats = noise if source.noise is NoiseSource.REPEATS else None
     return Interval(covariance, freedom, of_repeats, source)
 
@@ -195,74 +181,10 @@ def noise_covariance(
     return covariance, np.full(len(estimates), freedom)
 
 
-def draw_products(s: Sums, equations: NormalEquations) -> Array:
-    """Products (m, p, k) of the columns with each of the k torques that rounding makes."""
-    assert s.rounded is not None
-    p = equations.size
-    of_columns = s.rounded[np.ix_(equations.groups, equations.used[:p])]
-    return np.asarray(equations.centring[:p, :p].T @ of_columns)
 
 
-def rounding_covariances(
-    products: Array,
-    by_units: Array,
-    equations: NormalEquations,
-    source: ScatterSource,
-    inverse: Array,
-    rich_columns: int,
-) -> tuple[Array, Array]:
-    """What rounding does to the estimates beyond what scatter shows already.
-
-    The scatter among the noise and among the units has a part of the rounding, which is taken off
-    here and there, so that rounding counts once.
-
-    Parameters
-    ----------
-    products : Array (m, p, k)
-        `draw_products` of k draws.
-    by_units : Array (k, p, p)
-        What `jackknife` makes of them.
-    equations, source, inverse
-        As `interval_of` has them.
-    rich_columns : int
-        Number of columns of the richest model.
-
-    Returns
-    -------
-    covariance : Array (p, p)
-        Of the estimates by rounding, less the part that is among the noise.
-    of_misfit : Array (p,)
-        Variances by rounding that are among the misfit.
-    """
-    draws = products.shape[2]
-    in_noise = np.zeros(len(inverse))
-    if source.noise is not NoiseSource.WHITE:
-        in_noise = rounding_in_noise(products, equations.stratum, source, inverse, rich_columns)
-    of_all_groups = products.sum(axis=0)
-    change = inverse @ of_all_groups
-    covariance = without_variances(change @ change.T / draws, in_noise)
-    if not source.tells_misfit:
-        return covariance, np.zeros(len(inverse))
-    return covariance, np.diag(by_units.mean(axis=0)) - in_noise
 
 
-def rounding_in_noise(
-    products: Array,
-    stratum: NDArray[np.intp],
-    source: ScatterSource,
-    inverse: Array,
-    rich_columns: int,
-) -> Array:
-    """Variances (p,) of the estimates that rounding has among those of noise: the scatter of its
-    own scores, the mean over the draws. The arguments are those of `rounding_covariances`."""
-    scores = inverse @ products
-    if source.noise is NoiseSource.REPEATS:
-        spread = spread_about_means(scores, stratum)
-        return np.asarray(np.sum(spread**2, axis=0).mean(axis=1))
-    variances = [
-        np.diag(noise_of_scores(of_draw, rich_columns)[0]) for of_draw in np.moveaxis(scores, 2, 0)
-    ]
-    return np.asarray(np.mean(variances, axis=0))
 
 
 def scores_beside_richest(
@@ -305,15 +227,14 @@ def jackknife(A_g: Array, b_g: Array, A: Array, b: Array, unit: NDArray[np.intp]
     p = len(b)
     belongs = np.asarray(unit == np.arange(units)[:, None], dtype=np.float64)
     of_units = (belongs @ A_g.reshape(len(unit), -1)).reshape(units, p, p)
-    right_sides = (belongs @ b_g.reshape(len(unit), -1)).reshape(units, *b.shape)
+    right_sides = belongs @ b_g
     A_without = A - of_units
-    b_without = (b - right_sides).reshape(units, p, -1)
+    b_without = b - right_sides
     scale = np.sqrt(np.diag(A))
     scaled = A_without / np.outer(scale, scale) + SMALLEST_DIRECTION * np.eye(p)
-    estimates = np.linalg.solve(scaled, b_without / scale[:, None]) / scale[:, None]
-    scatter = np.moveaxis(estimates - estimates.mean(axis=0), 2, 0)
-    covariance = np.swapaxes(scatter, 1, 2) @ scatter * (units - 1) / units
-    return np.asarray(covariance if b.ndim > 1 else covariance[0])
+    estimates = np.linalg.solve(scaled, (b_without / scale)[..., None])[..., 0] / scale
+    scatter = estimates - estimates.mean(axis=0)
+    return np.asarray(scatter.T @ scatter * (units - 1) / units)
 
 
 def combined(
@@ -321,8 +242,6 @@ def combined(
     freedom: Array,
     misfit: Array,
     units: int,
-    known: Array | float = 0.0,
-    draws: int = 0,
 ) -> tuple[Array, Array]:
     """Combine what noise, misfit and rounding do to p estimates: max(noise, misfit) + rounding.
 
@@ -334,8 +253,6 @@ def combined(
         Covariance by noise, with `freedom` (p,) degrees of freedom.
     misfit : Array (p, p)
         Covariance by the scatter of `units`.
-    known : Array (p, p)
-        A covariance that is added as it is (type B of the GUM), from a number of `draws`.
 
     Returns
     -------
@@ -349,13 +266,10 @@ def combined(
     both = noise + misfit
     size = np.sqrt(np.maximum(np.diag(both), np.finfo(float).tiny))
     correlation = both / np.outer(size, size)
-    covariance = correlation * np.outer(error, error) + known
-
-    of_known = np.diag(covariance) - of_noise - beyond_noise
+    covariance = correlation * np.outer(error, error)
     freedom_of_misfit = np.full_like(of_noise, max(units - 1.0, 1.0))
-    freedom_of_known = np.full_like(of_noise, max(draws - 1.0, 1.0))
     degrees = welch_satterthwaite(
-        [of_noise, beyond_noise, of_known], [freedom, freedom_of_misfit, freedom_of_known]
+        [of_noise, beyond_noise], [freedom, freedom_of_misfit]
     )
     return covariance, np.maximum(degrees, 1.0)
 

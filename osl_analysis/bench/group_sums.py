@@ -13,7 +13,6 @@ Words of this and the modules that use it:
   few.
 """
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -61,8 +60,6 @@ class Sums:
         The columns themselves.
     independent : float
         Rows after which filtered noise is independent.
-    rounded : Array (m, q, k) or None
-        Products of the columns with the torques of `Record.rounded`.
     """
 
     names: tuple[str, ...]
@@ -74,7 +71,6 @@ class Sums:
     centre: float
     columns: Mapping[str, Array]
     independent: float = 1.0
-    rounded: Array | None = None
 
     def index(self, names: Sequence[str]) -> list[int]:
         return [self.names.index(name) for name in names]
@@ -102,11 +98,10 @@ def gram_sums(
     columns: Mapping[str, Array],
     rich: Sequence[str],
     centre: float = 0.0,
-    rounded: Array | None = None,
 ) -> Sums:
     """Sum the products of columns (n,) and of the record's torque, in each group.
 
-    The noise is read from the raw torque, before the filter. `rounded` (k, n) may be thinned.
+    The noise is read from the raw torque, before the filter.
 
     Raises
     ------
@@ -125,7 +120,6 @@ def gram_sums(
         centre=centre,
         columns=columns,
         independent=max(record.rate_hz / (2 * record.low_pass.noise_bandwidth_hz), 1.0),
-        rounded=products_with_rounded(rows[: len(columns)], rounded, groups),
     )
 
 
@@ -138,18 +132,10 @@ def measured_rows(record: Record, columns: Mapping[str, Array]) -> Array:
     return rows
 
 
-def products_with_rounded(rows: Array, rounded: Array | None, groups: Groups) -> Array | None:
-    """Products (m, q, k) of columns (q, n) with rounded torques (k, n), which may be thinned."""
-    if rounded is None:
-        return None
-    every = math.ceil(rows.shape[1] / rounded.shape[1])
-    thinned = np.ascontiguousarray(rows[:, ::every]).T
-    edges = groups.first / every, groups.stop / every
-    return np.asarray(every * products_between(thinned, rounded.T, *edges))
 
 
 def with_torque(
-    s: Sums, record: Record, further: Mapping[str, Array], rounded: Array | None = None
+    s: Sums, record: Record, further: Mapping[str, Array]
 ) -> Sums:
     """The sums of the same columns and of `further` ones (n,), with another torque.
 
@@ -163,8 +149,6 @@ def with_torque(
         The record with the other torque (n,).
     further : Mapping of Array (n,)
         Columns by name.
-    rounded : Array (k, n), optional
-        Rounded torques that `s` was made with; needed if `s` has any and columns are added.
 
     Raises
     ------
@@ -181,13 +165,7 @@ def with_torque(
     gram[:, :known, :known] = s.gram[:, :known, :known]
     gram[:, :, known:] = with_new
     gram[:, known:, :known] = np.swapaxes(with_new[:, :known], 1, 2)
-    of_rounded = s.rounded
-    if of_rounded is not None and further:
-        of_further = products_with_rounded(rows[known:-2], rounded, s.groups)
-        if of_further is None:
-            raise ValueError("`s` was made with rounded torques; give the same ones as `rounded`")
-        of_rounded = np.concatenate([of_rounded, of_further], axis=1)
-    return replace(s, names=tuple(columns), gram=gram, columns=columns, rounded=of_rounded)
+    return replace(s, names=tuple(columns), gram=gram, columns=columns)
 
 
 def solved(A: Array, b: Array) -> tuple[Array, Array]:

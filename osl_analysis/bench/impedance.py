@@ -22,15 +22,13 @@ from osl_analysis.bench.effects import IMPEDANCE
 from osl_analysis.bench.group_fit import GroupFit
 from osl_analysis.bench.group_sums import Sums, estimates_of, solved
 from osl_analysis.bench.identifiability import turn_deg
-from osl_analysis.bench.joint_fit import ClockDrift
 from osl_analysis.bench.joint_inference import impedance_fits
 from osl_analysis.bench.leg_belt import Belt, Fault, belt_of_leg, is_leg
 from osl_analysis.bench.plausibility import check_resists, plausible_impedance
 from osl_analysis.bench.record import Record
-from osl_analysis.bench.repeated_motion import clocks_row, repeats_row
+from osl_analysis.bench.repeated_motion import repeats_row
 from osl_analysis.bench.row_groups import Label
 from osl_analysis.errors import nearest
-from osl_analysis.inference.constants import BLOCKS
 from osl_analysis.model.compensator import CONTROLLERS, Gains, Weight, select_gains
 from osl_analysis.model.drivetrain import DrivetrainParameters, joint_admittance
 from osl_analysis.signals.clock_drift import NO_DRIFT
@@ -178,7 +176,7 @@ def impedance_table(
     of_trial: Row = {
         **motion_row(record),
         **belt_row(belt, p),
-        **change_row(record, s, fits[None].clock_drift),
+        **change_row(record, s),
         "angle_drift_deg": angle_drift_deg(analysis),
     }
     over_amplitudes = amplitudes_row(analysis)
@@ -222,13 +220,10 @@ def belt_row(belt: Belt | None, p: DrivetrainParameters | None) -> Row:
     return row
 
 
-def change_row(record: Record, s: Sums, drift: ClockDrift | None) -> Row:
-    """How K and the clocks of angle and torque change during the trial: by repeats of one motion,
-    or else by the inference."""
+def change_row(record: Record, s: Sums) -> Row:
+    """How K and the clocks of angle and torque change during the trial, by repeats of one motion."""
     of_repeats = repeats_row(record, s, IMPEDANCE)
     clocks: Row = {name: of_repeats[name] for name in NO_DRIFT}
-    if drift is not None and clocks["clock_drift_ppm"] is None:
-        clocks = clocks_row(record, drift.ppm, drift.standard_error, BLOCKS - 1)
     return {"K_drift": of_repeats["K_drift"], **clocks}
 
 

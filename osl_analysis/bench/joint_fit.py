@@ -70,41 +70,8 @@ def friction_columns(friction: FrictionFit | None) -> Row:
     }
 
 
-@dataclass(frozen=True)
-class ReflexFit:
-    """A person's stretch reflex beside K, B and I.
-
-    Attributes
-    ----------
-    probability : float
-        Probability that the joint has one.
-    delay_s : float
-        The delay that explains most, of those tried [s].
-    rising, falling : Estimate
-        Torque per lasting speed while the angle rises, or falls [N*m*s/rad].
-    without : Impedance or None
-        What the joint would be taken for without a reflex.
-    """
-
-    probability: float
-    delay_s: float
-    rising: Estimate
-    falling: Estimate
-    without: Impedance | None
 
 
-def reflex_columns(reflex: ReflexFit | None) -> Row:
-    """The columns of the reflex, null where the joint has probably none."""
-    without = reflex.without if reflex else None
-    return {
-        "reflex_probability": reflex.probability if reflex else None,
-        "reflex_delay_ms": 1e3 * reflex.delay_s if reflex else None,
-        **estimate_columns("reflex_gain_rising", reflex.rising if reflex else None),
-        **estimate_columns("reflex_gain_falling", reflex.falling if reflex else None),
-        **range_columns("K_without_reflex", without.K if without else None),
-        **range_columns("B_without_reflex", without.B if without else None),
-        **range_columns("I_without_reflex", without.I if without else None),
-    }
 
 
 @dataclass(frozen=True)
@@ -202,12 +169,6 @@ def delay_columns(delay: UnstatedDelay | None) -> Row:
     }
 
 
-@dataclass(frozen=True)
-class ClockDrift:
-    """Drift of the torque's clock against the angle's [ppm], with its standard error."""
-
-    ppm: float
-    standard_error: float
 
 
 MIXTURE = "mixture of hypotheses"  # `interval_method` of the inference
@@ -244,11 +205,9 @@ class JointFit:
 
     impedance: Impedance
     friction: FrictionFit | None = None
-    reflex: ReflexFit | None = None
     suspected_fault: SuspectedFault | None = None
     delay: UnstatedDelay | None = None
     VAF_in_band: float | None = None
-    clock_drift: ClockDrift | None = None
     estimator: str | None = None
     widened_because: tuple[str, ...] = ()
 
@@ -285,7 +244,6 @@ class JointFit:
             **self.impedance.B.columns("B"),
             **self.impedance.I.columns("I"),
             **friction_columns(self.friction),
-            **reflex_columns(self.reflex),
             **fault_columns(self.suspected_fault),
             **delay_columns(self.delay),
             "VAF_in_band": self.VAF_in_band,

@@ -18,10 +18,8 @@ from osl_analysis.bench.group_sums import Sums
 from osl_analysis.bench.joint_fit import (
     MIXTURE,
     MIXTURE_BESIDE_FRICTION,
-    ClockDrift,
     FrictionFit,
     JointFit,
-    ReflexFit,
     SuspectedFault,
     UnstatedDelay,
 )
@@ -35,7 +33,6 @@ from osl_analysis.stats.estimates import Estimate, Impedance
 
 CERTAIN_FRICTION = 0.9  # probability from which friction is taken off B: nine in ten are right
 NAMED_SHARE = 0.05  # of all faults' probability, below which an explanation is not named
-CLOCKS = "clocks"  # the hypothesis of a lag that grows
 UNDECIDED_STAMPS = "the time stamps can be read in two ways"
 
 
@@ -79,7 +76,6 @@ def impedance_fits(analysis: Analysis, s: Sums, is_leg: bool) -> dict[Label, Joi
         fits[label] = JointFit(
             impedance=Impedance.of_fit(analysis.calibrated(fit, label)),
             friction=by_coulomb(coulomb.get(label)),
-            reflex=whole.reflex,
             suspected_fault=whole.suspected_fault,
             delay=whole.delay,
             VAF_in_band=whole.VAF_in_band,
@@ -187,28 +183,13 @@ def joint_fit(
     return JointFit(
         impedance=impedance,
         friction=friction,
-        reflex=reflex_fit(inferred),
         suspected_fault=suspected_fault_of(inferred, known_errors),
         delay=delay,
         VAF_in_band=inferred.VAF_held_out,
-        clock_drift=clock_drift(inferred, fault, record) if record.two_clocks else None,
         estimator=MIXTURE_BESIDE_FRICTION if takes_friction_off else MIXTURE,
     )
 
 
-def clock_drift(
-    inferred: ImpedanceInference, fault: Explanation | None, record: Record
-) -> ClockDrift | None:
-    """How the clocks of angle and torque drift apart; None where something else is wrong, which may
-    look like it."""
-    drifting = [each for each in inferred.explanations if each.name == CLOCKS]
-    if not drifting or (fault is not None and fault.name != CLOCKS):
-        return None
-    moving = signals_of(record).moving_part()
-    seconds = len(moving.theta) / record.rate_hz
-    lag = drifting[0].parameters[0]  # at the end [s]
-    share = lag.value / seconds
-    return ClockDrift(1e6 * share / (1 - share), 1e6 * lag.standard_error / seconds)
 
 
 def suspected_fault_of(
@@ -305,18 +286,6 @@ def named_explanations(inferred: ImpedanceInference) -> str:
     return ", ".join(dict.fromkeys(names))
 
 
-def reflex_fit(inferred: ImpedanceInference) -> ReflexFit | None:
-    """The reflex, if the joint probably has one."""
-    reflex, without = inferred.reflex, inferred.without_reflex
-    if reflex is None:
-        return None
-    return ReflexFit(
-        probability=reflex.probability,
-        delay_s=reflex.delay_s,
-        rising=reflex.rising.estimate(),
-        falling=reflex.falling.estimate(),
-        without=without,
-    )
 
 
 def is_delay_stated(record: Record) -> bool:

@@ -61,7 +61,7 @@ def late_fits(record: Record, is_spring: bool) -> LateFits:
     few = record.coarse
     model = {**IMPEDANCE, "T_C": "T_C"}
     columns, centre = effects.effect_columns(record)
-    fit_late = partial(late_fit, few, columns, centre=centre, rounded=record.rounded)
+    fit_late = partial(late_fit, few, columns, centre=centre)
     if not is_spring:
         fit = fit_late(model=model).fit
         return LateFits(fit, fit)

@@ -47,7 +47,6 @@ def late_fit(
     model: Model,
     centre: float = 0.0,
     prompt_torque: Array | float = 0.0,
-    rounded: Array | None = None,
     lag_s: float = 0.0,
 ) -> LateFit:
     """Fit a model to a torque that is late (Gauss-Newton).
@@ -81,7 +80,7 @@ def late_fit(
     derivatives = {
         name: columns[NEXT[column]] for name, column in model.items() if NEXT.get(column) in columns
     }
-    sums = gram_sums(few, columns, list(columns), centre, rounded=rounded)
+    sums = gram_sums(few, columns, list(columns), centre)
     fit: GroupFit | None = None
     step_s = 0.0
     for _ in range(MOST_STEPS):
@@ -100,7 +99,7 @@ def late_fit(
             fit = fit_groups(with_torque(sums, target, {}), model, limit=EFFECTS_LIMIT)
             continue
 
-        with_late = with_torque(sums, target, {"late": -slope}, rounded)
+        with_late = with_torque(sums, target, {"late": -slope})
         fit = fit_groups(with_late, {**model, "lag_s": "late"}, limit=EFFECTS_LIMIT)
         step_s = fit["lag_s"]
         lag_s = float(np.clip(lag_s + step_s, -LONGEST_LAG, LONGEST_LAG))

@@ -1,7 +1,7 @@
 """Phasors of angle and torque in each segment of a stepped sine: `phasors.csv`, behind Fig. 7."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import polars as pl
@@ -13,11 +13,9 @@ from osl_analysis.bench.complex_estimate import (
     POLAR,
     BenchError,
     ComplexEstimate,
-    IndependentError,
     complex_quotient,
     complex_row,
     polar_row,
-    with_errors,
 )
 from osl_analysis.bench.record import Record
 from osl_analysis.bench.row_groups import Stratum
@@ -29,7 +27,6 @@ from osl_analysis.stats.covariance import (
     between_cycles,
     hac,
     products_between,
-    without_variances,
 )
 from osl_analysis.stats.table_rows import Row
 from osl_analysis.trial import Array
@@ -232,45 +229,6 @@ def of_one_stratum(scores: Array) -> NDArray[np.intp]:
     return np.zeros(len(scores), dtype=np.intp)
 
 
-def with_rounding(
-    phasor: Phasor, record: Record, channel: int, frequency_hz: float, cycles: FittedCycles
-) -> Phasor:
-    """Add the error by the sensor's rounding that all cycles share to a phasor.
-
-    `channel` is 0 of the angle, 1 of the torque. The spread of cycles shows the part of the error
-    that differs between them; the rest repeats in each cycle, and no spread shows it.
-
-    Notes
-    -----
-    `Record.roundings` draws what the error may have been. Its effect on the phasor is
-    2/n sum(error exp(-j w t)). An error has zero mean over the draws, which is known and not
-    estimated, so that n draws give a covariance with n degrees of freedom.
-    """
-    rows = cycles.rows
-    draws = list(record.roundings(channel, rows))
-    if not draws:
-        return phasor
-    turn = np.exp(-2j * np.pi * frequency_hz * record.time[rows]) * 2 / cycles.samples
-    inside = cycles.counted_from(rows.start)
-    # effect of each draw on the phasor by each cycle, (cycles, 2, draws)
-    of_cycles = products_between(
-        np.column_stack([turn.real, turn.imag]), np.array(draws).T, inside.first, inside.stop
-    )
-    effect = of_cycles.sum(axis=0)
-    covariance = effect @ effect.T / len(draws)
-    if len(cycles.first) >= FEWEST_CYCLES:
-        flat = of_cycles.reshape(len(of_cycles), -1)
-        spread, _ = between_cycles(flat, of_one_stratum(flat))
-        seen_in_spread = np.diag(spread).reshape(effect.shape).mean(axis=1)
-        covariance = without_variances(covariance, seen_in_spread)
-    both = with_errors(
-        phasor.value,
-        [
-            IndependentError(phasor.covariance, phasor.degrees_of_freedom),
-            IndependentError(covariance, float(len(draws))),
-        ],
-    )
-    return replace(phasor, covariance=both.covariance, degrees_of_freedom=both.degrees_of_freedom)
 
 
 @dataclass(frozen=True)
@@ -359,8 +317,8 @@ def segment_phasors(record: Record, index: int) -> SegmentPhasors:
     return SegmentPhasors(
         segment.label,
         segment.frequency_hz,
-        with_rounding(theta, record, 0, segment.frequency_hz, cycles),
-        with_rounding(torque, record, 1, segment.frequency_hz, cycles),
+        theta,
+        torque,
         BenchError(compliance, gain, phase),
         segment.commanded_deg,
     )

@@ -1,7 +1,7 @@
 """One record for every motion: uniform signals, the motion behind one low-pass, and groups of
 rows."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -19,7 +19,6 @@ from osl_analysis.bench.bench_settings import (
     Fixture,
     SteppedSineAnalysis,
 )
-from osl_analysis.bench.rounded_signals import drawn_roundings, repeated_share_of
 from osl_analysis.bench.row_groups import Groups, Label, Stratum, joined
 from osl_analysis.errors import InputError
 from osl_analysis.inference import BenchSignals
@@ -39,7 +38,6 @@ COARSE_HZ = 250.0
 COARSE_CUTOFFS = 8.0
 IDLE = 0.05  # share of the joint's angle (SD): backlash and errors of encoders reach that
 NEAR_AMPLITUDE = 0.25  # share by which an amplitude may differ from one that is asked for
-LITTLE_ROUNDING = 2.0  # standard errors of the residual over those by rounding: it is not drawn
 LEAST_DRIFT = 0.01  # of the RMS of the angle; a smaller drift of it is a frame that yields
 ONE_DRIFT = 0.99  # correlation of time and mean angle from which a drift of either explains both
 
@@ -177,84 +175,9 @@ class Record:
             angle = at_highest
         return angle, torque
 
-    @cached_property
-    def repeated_steps(self) -> list[tuple[float, float]]:
-        """Steps of angle [rad] and torque [N*m], and the share of their rounding error that all
-        cycles repeat."""
-        steps = []
-        for step, density, raw in zip(
-            self.steps, self.noise, (self.theta, self.torque), strict=True
-        ):
-            share = repeated_share_of(self.part(raw), step, density, self.rate_hz)
-            steps.append((step or 0.0, share))
-        return steps
 
-    def roundings(self, channel: int, rows: slice = slice(None)) -> Iterator[Array]:
-        """Rounding errors (n,) of angle [rad] (0) or torque [N*m] (1) in some rows, one per draw of
-        the sensor's zero; none if noise hides them."""
-        step, share = self.repeated_steps[channel]
-        if not share:
-            return
-        raw = (self.theta, self.torque)[channel]
-        smooth = (self.motion.theta, self.filtered_torque)[channel]
-        yield from drawn_roundings(
-            raw[rows],
-            smooth[rows],
-            self.motion.omega[rows],
-            step,
-            share,
-            self.rate_hz,
-            replace(self.low_pass, cutoff_hz=QUICK * self.low_pass.cutoff_hz),
-            self.is_stepped_sine,
-        )
 
-    def coarse_roundings(self, channel: int) -> Iterator[Array]:
-        """The `roundings` of all rows, through the fit's filter, in the rows of `coarse`.
 
-        The first and the last row need not be whole parts: their sums over `every` are then less
-        than means.
-        """
-        few = self.coarse
-        every = round(self.rate_hz / few.rate_hz)
-        for error in self.roundings(channel):
-            yield few.low_pass(sums_about(error, every, len(few.time)) / every, few.rate_hz)
-
-    @cached_property
-    def rounded(self) -> Array | None:
-        """Torques (k, n) [N*m] that the `roundings` cause in Eq. 15, in the rows of `coarse`.
-
-        None if noise hides the rounding, or if an error common to all samples is below half of the
-        residual's standard error.
-        """
-        few = self.coarse
-        signals = (few.motion.theta, few.motion.omega, few.motion.alpha)
-        motion = np.array([few.part(signal) for signal in signals])
-        motion -= motion.mean(axis=1, keepdims=True)
-        torque = few.part(few.filtered_torque)
-        # a rough K, B, I, good enough for the size of what rounding does
-        K, B, I = np.linalg.lstsq(motion @ motion.T, motion @ torque, rcond=1e-13)[0]
-        left = np.var(torque - np.array([K, B, I]) @ motion)
-        independent = 2 * self.low_pass.noise_bandwidth_hz * self.seconds  # samples
-
-        of_theta, of_torque = (step * share for step, share in self.repeated_steps)
-        s = 2j * np.pi * self.band_hz[1]
-        largest_impedance = max(abs(K), abs(K + B * s + I * s**2))
-        by_rounding = ((largest_impedance * of_theta) ** 2 + of_torque**2) / 12
-        if left / independent >= LITTLE_ROUNDING**2 * by_rounding:
-            return None
-
-        thetas = list(self.coarse_roundings(0))
-        torques = list(self.coarse_roundings(1))
-        if not thetas:
-            return np.array(torques) if torques else None
-        rounded = np.empty((len(thetas), len(few.time)))
-        # one at a time: together they take 0.4 GB per hour
-        for row, theta in zip(rounded, thetas, strict=True):
-            omega = np.gradient(theta, 1 / few.rate_hz)
-            row[:] = K * theta + B * omega + I * np.gradient(omega, 1 / few.rate_hz)
-        for row, error in zip(rounded, torques, strict=False):
-            row -= error
-        return rounded
 
     @cached_property
     def pieces(self) -> tuple[slice, ...]:
@@ -355,20 +278,6 @@ class Record:
         return near
 
 
-def sums_about(x: Array, every: int, number: int) -> Array:
-    """Sums (number,) of a signal (n,) about each `every`-th row, as [2, 4, 4] of ones by 4.
-
-    The first part has only about half as many rows, from row 0 on, and the last one what is left.
-    """
-    first = every - every // 2
-    last = first + (number - 2) * every
-    whole = x[first:last]
-    sums = np.empty(number)
-    sums[0] = x[:first].sum()
-    # by columns, since sums of a few adjacent rows take five times as long
-    sums[1:-1] = sum(whole[k::every] for k in range(every))
-    sums[-1] = x[last:].sum()
-    return sums
 
 
 def actuator_turns(record: Record) -> bool:

@@ -14,7 +14,6 @@ from osl_analysis.config.sheet import FIXTURE, SheetRows, read_sheet
 from osl_analysis.errors import InputError, naming, nearest
 from osl_analysis.files import shipped
 from osl_analysis.ingest.raw_files import recorded_files
-from osl_analysis.model.compensator import CONTROLLERS
 from osl_analysis.model.drivetrain import joint_of
 from osl_analysis.table import MEASURED, SIMULATED
 from osl_analysis.walking.groups import STATED, side_of, static_of
@@ -146,16 +145,6 @@ class Campaign:
         if parameters is None or joint_of(parameters) != self.row(trial)["joint"]:
             return None
         return parameters
-
-    def predicted(self) -> list[str]:
-        """The impedance trials with known gains: with a parameter file, a controller of the draft,
-        K_d and B_d."""
-        return [trial for trial in self.trials("impedance") if self._has_known_gains(trial)]
-
-    def _has_known_gains(self, trial: str) -> bool:
-        row = self.row(trial)
-        is_stated = row["K_d"] is not None and row["B_d"] is not None
-        return is_stated and row["controller"] in CONTROLLERS and self.device(trial) is not None
 
     def needed_columns(self, trial: str) -> tuple[str, ...]:
         """The columns that a trial must have."""

@@ -18,7 +18,6 @@ from osl_analysis.judge.claims import CLAIMED
 # Experiments that measure the components of the drivetrain
 COMPONENTS = ("actuator", "belt", "transmission")
 # Tables of a campaign with components, also with some of them only
-PREDICTION_TABLES = ("prediction", "prediction_causes", "prediction_frequencies")
 FIGURE_SUFFIXES = ("csv", "pdf", "svg", "png")  # plotted numbers, and the figure
 # Suffixes of files with the rows of one trial; those of an experiment's first table are CSV, and
 # those of all others of its tables stand in one archive
@@ -129,8 +128,6 @@ class ResultFiles:
             names.append("impedance_evidence")
         if self.campaign.config.impedance_trajectory:
             names.append("gains")
-        if self.predicted_trials or self.unpredicted_trials:
-            names += PREDICTION_TABLES
         if any(name in names for name in CLAIMED):
             names.append("claims")
         return names
@@ -182,37 +179,6 @@ class ResultFiles:
             if other.name == table and self.campaign.trials(experiment):
                 return other.doubts_of
         return ""
-
-    # ---- Prediction from the measured components
-
-    def components_of(self, trial: str) -> list[str]:
-        """The experiments that measured components of the joint and side of a trial."""
-        places = self.campaign.places
-        return [
-            component
-            for component in COMPONENTS
-            if any(places[trial] == places[other] for other in self.campaign.trials(component))
-        ]
-
-    @cached_property
-    def predicted_trials(self) -> list[str]:
-        """The impedance trials with known gains whose components were all measured."""
-        return [
-            trial
-            for trial in self.campaign.predicted()
-            if len(self.components_of(trial)) == len(COMPONENTS)
-        ]
-
-    @cached_property
-    def unpredicted_trials(self) -> dict[str, str]:
-        """The components that were not measured, by impedance trial for which some were."""
-        unmeasured = {}
-        for trial in self.campaign.predicted():
-            measured = self.components_of(trial)
-            missing = [component for component in COMPONENTS if component not in measured]
-            if measured and missing:
-                unmeasured[trial] = " and ".join(missing)
-        return unmeasured
 
     # ---- Figures
 

@@ -13,7 +13,6 @@ import polars as pl
 from osl_analysis.bench import bench_settings as choices
 from osl_analysis.bench import (
     condition_tables,
-    controller_law,
     frequency_response,
     impedance,
     known_spring,
@@ -86,7 +85,6 @@ def fit_impedance_trial(
     parameters: FileOrNone,
     condition: impedance.DesiredImpedance | None,
     weight: Weight,
-    models: choices.ModelComparison,
     settings: choices.ImpedanceAnalysis,
     windows: str | None = None,
 ) -> FitTables:
@@ -117,14 +115,7 @@ def fit_impedance_trial(
     trial = with_fixture(trial, settings.fixture)
     record = record_with_actuator(trial, settings, windows)
     stated = condition or impedance.DesiredImpedance(None, None, None)
-    programmed = stated.gains(p, weight)
-    law = pl.DataFrame(schema=controller_law.LAW_COLUMNS)
-    gains = programmed  # those that ran: by the log of the controller others than programmed
-    if p is not None and programmed is not None:
-        law = controller_law.law_table(record, p, programmed, models.sign_width)
-        measured, cancelled_friction = controller_law.law_that_ran(law, programmed, p)
-        cancels_friction = measured.cancels_friction and cancelled_friction == p
-        gains = replace(measured, cancels_friction=cancels_friction)
+    gains = stated.gains(p, weight)
     analysis, table = impedance.impedance_with_evidence(record, rails, p, condition, gains)
     table = table.with_columns(fixture_column(trial), fixture_weight_column(trial))
 
@@ -136,7 +127,6 @@ def fit_impedance_trial(
         return {
             "phasors": by_frequency.with_columns(**columns),
             "response": response.with_columns(**columns),
-            "law": law.with_columns(**columns),
             "timebase": analysis.time_base(QUANTITIES),
             "record": stored_record(record) if gains else pl.DataFrame(schema={"time": pl.Float64}),
         }

@@ -255,7 +255,6 @@ def write_summary(
         *(entry.table for entry in ENTRIES),
         *judged_tables(),
         *TABLES_OF_TRIALS,
-        "prediction_causes",
     }
     tables = {name: with_evidence(path) for name, path in table_paths.items() if name in needed}
     numbers = list(headline_numbers(tables, beside_draft))

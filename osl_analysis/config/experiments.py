@@ -198,7 +198,6 @@ EXPERIMENTS: dict[str, Experiment] = {
                 derived={"frequency_response": "bench.summarise"},
             ),
             ResultTable("response", doubts_of="impedance"),
-            ResultTable("law"),
             ResultTable("record", judged=False, published=False),
             *OF_ALL,
         ),
@@ -207,7 +206,6 @@ EXPERIMENTS: dict[str, Experiment] = {
             settings={
                 "settings": ("dynamometer", "ImpedanceAnalysis"),
                 "weight": ("gain_weight", "Weight"),
-                "models": ("model_comparison", "ModelComparison"),
             },
             parameters=True,
             windows=True,

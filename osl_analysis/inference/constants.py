@@ -49,13 +49,6 @@ PRIOR_FRICTION = constant(
     "share of joints in which dry friction matters",
     "a choice: no knowledge; 0.2 to 0.8 changes the odds by a factor of 4 at most",
 )
-PRIOR_REFLEX = constant(
-    "PRIOR_REFLEX",
-    0.003,
-    "1",
-    "share of recordings that are of a person's joint, and nobody says so",
-    "a choice: as much as any family of faults has",
-)
 INEXACTNESS = constant(
     "INEXACTNESS",
     0.2,
@@ -204,35 +197,6 @@ FEWEST_STEPS = constant(
 
 # Sampling of a torque that jumps
 
-JUMP_ABOVE_NOISE = constant(
-    "JUMP_ABOVE_NOISE",
-    6.0,
-    "SD of the third derivative's noise",
-    "least jump of the acceleration that is no noise",
-    "noise passes it once in 5e8 rows",
-)
-KNOWN_SIZE = constant(
-    "KNOWN_SIZE",
-    12.0,
-    "SD of the jump's own noise",
-    "median jump from which what sampling makes of jumps is a column, and is not drawn",
-    "by 36 sound recordings whose acceleration jumps (1000, 500, 200 Hz; 14 to 24 bits): none is"
-    " accused; no recording was kept apart from them",
-)
-KNOWN_ROW = constant(
-    "KNOWN_ROW",
-    0.07,
-    "rows",
-    "standard deviation of a jump's place, below which columns follow it",
-    "by the same recordings as KNOWN_SIZE",
-)
-STEEPEST = constant(
-    "STEEPEST",
-    -0.75,
-    "power of the frequency",
-    "fall of the sizes from the lower to the upper half, beyond which they are no jumps",
-    "0 of jumps, -1 of ramps; tuned by the recordings of KNOWN_SIZE",
-)
 
 # A leg's actuator
 
@@ -295,20 +259,6 @@ MOMENTS = constant(
     "share of the recording",
     "moments at which stiffness or lag may step",
     "before a quarter and after three quarters too little is left to tell",
-)
-REFLEX_DELAYS = constant(
-    "REFLEX_DELAYS",
-    (0.03, 0.04, 0.05),
-    "s",
-    "delay of a stretch reflex",
-    "Kearney, Stein and Parameswaran, IEEE Trans. Biomed. Eng. 44, 1997: 40 ms at the ankle",
-)
-MUSCLE_CORNERS = constant(
-    "MUSCLE_CORNERS",
-    (1.4, 2.3, 3.7, 6.1, 9.9, 16.0),
-    "Hz",
-    "corners of the low-passes of second order whose sum is a muscle",
-    "18 generated ankles, corner 3.2 Hz: K off by 0.26 % (RMS); octaves 0.77 %, nine corners 1.1 %",
 )
 FRICTION_WINDS = constant(
     "FRICTION_WINDS",

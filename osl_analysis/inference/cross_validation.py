@@ -42,10 +42,6 @@ class Predicted:
         Standard deviation of its own parameter; NaN if it has none.
     friction_torque : float
         Mean size of sliding friction [N*m]; 0 without friction.
-    reflex_gains, reflex_deviations : Array (2,)
-        Gain of the reflex in either direction, and standard deviations [N*m*s/rad]; empty without.
-    reflex_evidence : float
-        By how many nats its two directions differ, given all errors of its coefficients.
     left : float
         Sum of squares that the fit to all blocks leaves.
     rounding_left : float
@@ -61,9 +57,6 @@ class Predicted:
     deviations: Array
     parameter_sd: float
     friction_torque: float
-    reflex_gains: Array
-    reflex_deviations: Array
-    reflex_evidence: float
     left: float
     rounding_left: float
 
@@ -89,7 +82,6 @@ class Layout:
     own: slice
     slope: int | None
     friction: slice
-    reflex: slice
     slow: slice
 
 
@@ -101,15 +93,11 @@ def layout_of(data: Whitened, candidate: Candidate, kind: JointKind) -> Layout:
     friction_to = friction_from
     if kind.has_friction:
         friction_to += len(data.friction)
-    reflex_to = friction_to
-    if kind.has_reflex:
-        reflex_to += len(data.reflex.columns)
     return Layout(
         own=slice(0, width),
         slope=width if has_slope else None,
         friction=slice(friction_from, friction_to),
-        reflex=slice(friction_to, reflex_to),
-        slow=slice(reflex_to, reflex_to + len(data.slow)),
+        slow=slice(friction_to, friction_to + len(data.slow)),
     )
 
 
@@ -293,12 +281,6 @@ class Predictor:
         friction_torque = 0.0
         if kind.has_friction:
             friction_torque = float(estimates[at.friction] @ data.mean_friction)
-        reflex_gains = reflex_deviations = np.empty(0)
-        reflex_evidence = 0.0
-        if kind.has_reflex:
-            of_reflex = estimates[at.reflex], covariance[at.reflex, at.reflex]
-            reflex_gains, reflex_deviations = data.reflex.gains(*of_reflex)
-            reflex_evidence = data.reflex.rectified_evidence(*of_reflex)
         return Predicted(
             candidate=candidate,
             kind=kind,
@@ -309,9 +291,6 @@ class Predictor:
             deviations=np.sqrt(np.maximum(np.diag(of_own), 0.0)),
             parameter_sd=parameter_sd,
             friction_torque=friction_torque,
-            reflex_gains=reflex_gains,
-            reflex_deviations=reflex_deviations,
-            reflex_evidence=reflex_evidence,
             left=fit.left,
             rounding_left=rounding_left,
         )

@@ -42,14 +42,6 @@ class Explanation:
     parameters: tuple[Parameter, ...]
 
 
-@dataclass(frozen=True)
-class ReflexEstimate:
-    """The reflex of a person's joint."""
-
-    probability: float
-    delay_s: float
-    rising: Parameter  # torque over a lasting speed while the angle rises
-    falling: Parameter
 
 
 @dataclass(frozen=True)
@@ -103,6 +95,4 @@ class ImpedanceInference:
     doubt: Explanation | None
     explanations: tuple[Explanation, ...]
     delay: KnownDelay | None
-    reflex: ReflexEstimate | None
-    without_reflex: Impedance | None
     VAF_held_out: float

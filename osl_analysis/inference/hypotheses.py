@@ -15,32 +15,8 @@ import numpy as np
 import scipy
 
 from osl_analysis.inference.hypothesis import Candidate, Hypothesis, Search
-from osl_analysis.inference.path_hypotheses import (
-    Delay,
-    LowPass,
-    MovingMean,
-    Resonance,
-    SecondOrderLowPass,
-    SeriesSpring,
-)
-from osl_analysis.inference.shape_hypotheses import (
-    Clipping,
-    DampingByDirection,
-    DeadZone,
-    EndStop,
-    Hardening,
-    Play,
-    PlayBeforeDamper,
-    QuadraticDamping,
-    StiffnessByDirection,
-    StiffnessBySide,
-)
-from osl_analysis.inference.time_hypotheses import (
-    DriftingClocks,
-    LagStep,
-    StiffnessDrift,
-    StiffnessStep,
-)
+from osl_analysis.inference.path_hypotheses import Delay, LowPass, SeriesSpring
+from osl_analysis.inference.shape_hypotheses import LINEAR, Clipping, Play
 from osl_analysis.inference.whitening import Whitened
 
 
@@ -79,30 +55,8 @@ class Drivetrain(Hypothesis):
 
 
 SOUND: tuple[type[Hypothesis], ...] = (Nothing,)
-PATHS: tuple[type[Hypothesis], ...] = (
-    Delay,
-    LowPass,
-    SecondOrderLowPass,
-    MovingMean,
-    Resonance,
-    SeriesSpring,
-)
-OTHER_FAULTS: tuple[type[Hypothesis], ...] = (
-    DriftingClocks,
-    LagStep,
-    StiffnessDrift,
-    StiffnessStep,
-    QuadraticDamping,
-    Play,
-    PlayBeforeDamper,
-    Hardening,
-    StiffnessBySide,
-    EndStop,
-    DeadZone,
-    DampingByDirection,
-    StiffnessByDirection,
-    Clipping,
-)
+PATHS: tuple[type[Hypothesis], ...] = (Delay, LowPass, SeriesSpring)
+OTHER_FAULTS: tuple[type[Hypothesis], ...] = (*LINEAR, Play, Clipping)
 
 
 def hypotheses_for(data: Whitened) -> list[Hypothesis]:

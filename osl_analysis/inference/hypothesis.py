@@ -131,20 +131,8 @@ class Search:
         of_columns = np.array([self._beside.rest(column) for column in columns])
         return np.asarray(rest - estimates @ of_columns)
 
-    @cached_property
-    def beside_motion(self) -> BesideShared:
-        """Fits beside the motion's columns, too."""
-        return BesideShared(np.concatenate([self.data.shared(self.kind), self.data.motion]))
 
-    @cached_property
-    def rest_of_motion(self) -> Array:
-        """What Eq. 15 leaves of the torque (m,)."""
-        return self.beside_motion.rest(self.data.torque)
 
-    @cached_property
-    def steps(self) -> Products:
-        """Products of `Whitened.steps` for `beside_motion`."""
-        return self.beside_motion.products(self.data.steps, self.rest_of_motion)
 
     @cached_property
     def may_be_path(self) -> bool:
@@ -226,24 +214,6 @@ class Hypothesis(ABC):
         return Candidate(self, columns, self.data.torque, impedance_matrices=matrices)
 
 
-class Linear(Hypothesis):
-    """Eq. 15 with further columns that have no parameter: one candidate for every kind of joint."""
-
-    def candidates(self, search: Search) -> list[Candidate]:
-        return [self.candidate]
-
-    @cached_property
-    def candidate(self) -> Candidate:
-        """That candidate."""
-        return self.plain(*self.added(), matrices=self.matrices())
-
-    @abstractmethod
-    def added(self) -> Sequence[Array]:
-        """The further columns (p,), at the product rate."""
-
-    def matrices(self) -> tuple[Array, ...]:
-        """Those of `Candidate.impedance_matrices`."""
-        return ()
 
 
 class OneParameter(Hypothesis):

@@ -19,17 +19,15 @@ from osl_analysis.inference.estimates import (
     ImpedanceInference,
     KnownDelay,
     Parameter,
-    ReflexEstimate,
     student_half_width,
 )
 from osl_analysis.inference.hypotheses import hypotheses_for
-from osl_analysis.inference.hypothesis import Candidate, Search
 from osl_analysis.inference.least_squares import BesideShared
+from osl_analysis.inference.hypothesis import Search
 from osl_analysis.inference.mixture import (
     Part,
     Weighed,
     mixture_quantiles,
-    noise_of,
     weigh,
 )
 from osl_analysis.inference.rounding_errors import rounding_torques
@@ -43,7 +41,6 @@ NAMED_PART = 0.05  # share of a hypothesis above which a value of its own parame
 NAMED_FAMILY = 0.1  # the same of all faults, for a hypothesis
 # nats that a reflex must gain in the fit to compete: half of chi-squared with six degrees of
 # freedom, its columns that no linear memory has, exceeds this once in 4500 times
-REFLEX_WORTH = 13.0
 
 
 def infer_impedance(
@@ -71,8 +68,8 @@ def infer_impedance(
     """
     spectra = Spectra(signals)
     data = Whitened(spectra)
-    fits, memory, rounding = fit_all(data)
-    weighed, at = weigh(fits, spectra.freedom, memory, is_body=not signals.has_drivetrain)
+    fits, rounding = fit_all(data)
+    weighed, at = weigh(fits, spectra.freedom, not signals.has_drivetrain)
     best_sound = weighed[at]
     matters = np.array(accuracy) * np.hypot(best_sound.impedance, HARM_FLOOR)
 
@@ -85,11 +82,6 @@ def infer_impedance(
     if fault_probability > LIKELY and harm > 1:
         doubt = most_probable_family(faults, explanations)
 
-    without_reflex = None
-    if best_sound.fit.kind.has_reflex:
-        others = [each for each in weighed if not each.fit.kind.has_reflex]
-        without_reflex = impedance_of(max(others, key=lambda each: each.weight).parts)
-
     best = max(weighed, key=lambda each: each.weight)
     return ImpedanceInference(
         impedance=impedance_of(mixed(weighed)),
@@ -100,68 +92,27 @@ def infer_impedance(
         doubt=doubt,
         explanations=explanations,
         delay=None if signals.has_drivetrain else known_delay(data, best_sound.fit, rounding),
-        reflex=reflex_of(weighed, data),
-        without_reflex=without_reflex,
         VAF_held_out=vaf_of_unseen_blocks(data, best.fit),
     )
 
 
-def fit_all(data: Whitened) -> tuple[list[Predicted], Predicted | None, Array]:
-    """Fit all hypotheses for each kind of joint, and let each predict all blocks.
-
-    Returns
-    -------
-    fits : list of Predicted
-        All of them.
-    memory : Predicted or None
-        The best without a reflex, beside a linear memory; None if no reflex competes.
-    rounding : Array (draws, m)
-        Torques that rounding alone makes.
-    """
-    hypotheses = hypotheses_for(data)
+def fit_all(data: Whitened) -> tuple[list[Predicted], Array]:
+    """Fit all hypotheses without and with friction, and let each predict all blocks; with the
+    torques of rounding."""
     searches = [Search(data, JointKind(has_friction)) for has_friction in (False, True)]
+    plain = searches[0]
+    noise = max(plain.left / data.spectra.freedom, 1.0)
+    is_body_of_eq15 = plain.is_body and noise < 1.5
+    hypotheses = hypotheses_for(data)
+    if is_body_of_eq15 and data.rich_gain(BesideShared(data.slow), plain.left, noise) < 0:
+        hypotheses = hypotheses[:1]
     rounding = rounding_torques(data, searches[0].coefficients[:3])
-
-    def predicted(searches: Sequence[Search]) -> list[Predicted]:
-        found = []
-        for search in searches:
-            predictor = Predictor(data, search.kind, rounding)
-            for hypothesis in hypotheses:
-                found += [predictor.predict(each) for each in hypothesis.candidates(search)]
-        return found
-
-    fits, memory = predicted(searches), None
-    if reflex_may_gain(data, fits):
-        memory = with_linear_memory(data, best_possible(fits), rounding)
-        kinds = [JointKind(has_friction, has_reflex=True) for has_friction in (False, True)]
-        fits += predicted([Search(data, kind) for kind in kinds])
-    return fits, memory, rounding
-
-
-def with_linear_memory(data: Whitened, best: Predicted, rounding: Array) -> Predicted:
-    """The best hypothesis, beside what a muscle would make of the unrectified velocity."""
-    candidate = best.candidate
-    columns = np.concatenate([candidate.columns, data.reflex.unrectified])
-    remembered = Candidate(candidate.hypothesis, columns, candidate.torque)
-    return Predictor(data, best.kind, rounding).predict(remembered)
-
-
-def best_possible(fits: Sequence[Predicted]) -> Predicted:
-    """The hypothesis that predicts best, of those whose friction opposes the motion."""
-    return min((fit for fit in fits if fit.is_possible), key=lambda fit: float(fit.squares.sum()))
-
-
-def reflex_may_gain(data: Whitened, fits: Sequence[Predicted]) -> bool:
-    """Whether a reflex explains something that no linear memory of the best hypothesis does."""
-    if data.spectra.signals.has_drivetrain:
-        return False
-    best = best_possible(fits)
-    beside = BesideShared(data.shared(best.kind))
-    columns, torque = best.candidate.columns, best.candidate.torque
-    left, _ = beside.fit(np.concatenate([columns, data.reflex.unrectified]), torque)
-    less, _ = beside.fit(np.concatenate([columns, data.reflex.columns]), torque)
-    noise = noise_of(fits, data.spectra.freedom)
-    return (left - less) / 2 / noise > REFLEX_WORTH
+    fits = []
+    for search in searches:
+        predictor = Predictor(data, search.kind, rounding)
+        for hypothesis in hypotheses:
+            fits += [predictor.predict(each) for each in hypothesis.candidates(search)]
+    return fits, rounding
 
 
 def friction_probability(data: Whitened, weighed: Sequence[Weighed]) -> float:
@@ -216,21 +167,6 @@ def explained(each: Weighed) -> Explanation:
     )
 
 
-def reflex_of(weighed: Sequence[Weighed], data: Whitened) -> ReflexEstimate | None:
-    """The reflex, by the most probable hypothesis beside it; None if there is probably none."""
-    beside = [each for each in weighed if each.fit.kind.has_reflex]
-    probability = sum(each.weight for each in beside)
-    if probability <= LIKELY:
-        return None
-    best = max(beside, key=lambda each: each.weight).fit
-    ways = zip(
-        ("rising", "falling"),
-        best.reflex_gains.tolist(),
-        best.reflex_deviations.tolist(),
-        strict=True,
-    )
-    parameters = {way: Parameter(way, "N*m*s/rad", gain, error) for way, gain, error in ways}
-    return ReflexEstimate(probability, data.reflex.delay, **parameters)
 
 
 def most_probable_family(

@@ -13,7 +13,6 @@ The interval of K is that of the mixture: it holds all that cannot be told apart
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 import scipy
@@ -22,9 +21,7 @@ from osl_analysis.inference.constants import (
     BLOCKS,
     BOOTSTRAP_DRAWS,
     INEXACTNESS,
-    LIKELY,
     PRIOR_FRICTION,
-    PRIOR_REFLEX,
     PRIOR_SOUND,
 )
 from osl_analysis.inference.cross_validation import Predicted
@@ -201,9 +198,6 @@ def is_plain(fit: Predicted) -> bool:
     return fit.candidate.hypothesis.name == PLAIN
 
 
-def rounding_gain(worse: Predicted, better: Predicted) -> float:
-    """By how much less of rounding alone one hypothesis leaves than another."""
-    return max(worse.rounding_left - better.rounding_left, 0.0)
 
 
 def noise_of(fits: Sequence[Predicted], freedom: float) -> float:
@@ -212,82 +206,30 @@ def noise_of(fits: Sequence[Predicted], freedom: float) -> float:
 
 
 def weigh(
-    fits: Sequence[Predicted],
-    freedom: float,
-    memory: Predicted | None = None,
-    is_body: bool = True,
+    fits: Sequence[Predicted], freedom: float, is_body: bool = True
 ) -> tuple[list[Weighed], int]:
-    """Weigh hypotheses by prediction.
-
-    Whether the joint has a reflex is weighed first, by the best hypothesis with and the best one
-    without it. A joint that has one is not worse explained for it: what else is wrong is weighed
-    among the hypotheses beside a reflex.
+    """Weigh hypotheses by prediction; with the number of the sound one that predicts best.
 
     Parameters
     ----------
     fits : sequence of Predicted
-        Hypotheses beside friction and reflex, or not.
+        Hypotheses beside friction, or not.
     freedom : float
         Number of independent rows.
-    memory : Predicted, optional
-        The best hypothesis without a reflex, beside a linear memory: what a reflex must exceed.
     is_body : bool
         Whether B and I are those of a body, and positive. A powered leg's may be negative.
-
-    Returns
-    -------
-    weighed : list of Weighed
-        The possible ones among them.
-    reference : int
-        Which of these is the sound joint that predicts best, of the more probable kind.
     """
     possible = [fit for fit in fits if fit.is_possible and np.isfinite(fit.squares).all()]
     noise = noise_of(possible, freedom)
     draws = np.random.default_rng(SEED).dirichlet(np.ones(BLOCKS), BOOTSTRAP_DRAWS) * BLOCKS
     draws = np.vstack([np.ones(BLOCKS), draws])
-
-    without = [fit for fit in possible if not fit.kind.has_reflex]
-    beside = [fit for fit in possible if fit.kind.has_reflex]
     plain_rounding = {fit.kind: fit.rounding_left for fit in fits if is_plain(fit)}
-    weigh_kind = partial(
-        weigh_alike, draws=draws, noise=noise, plain_rounding=plain_rounding, is_body=is_body
-    )
-    if not beside:
-        return weigh_kind(without, shares=np.ones(len(draws)))
-
-    exceeded = without if memory is None else [*without, memory]
-    probability = reflex_probability(exceeded, beside, draws, noise)
-    weighed, reference = weigh_kind(without, shares=1 - probability)
-    more, reference_beside = weigh_kind(beside, shares=probability)
-    if probability.mean() > LIKELY:
-        reference = len(weighed) + reference_beside
-    return weighed + more, reference
-
-
-def reflex_probability(
-    without: Sequence[Predicted], beside: Sequence[Predicted], draws: Array, noise: float
-) -> Array:
-    """Probability (d,) that the joint has a reflex, for each draw (d, BLOCKS) of blocks."""
-    squares_without = draws @ np.array([fit.squares for fit in without]).T
-    squares_beside = draws @ np.array([fit.squares for fit in beside]).T
-    gain = (squares_without.min(axis=1) - squares_beside.min(axis=1)) / 2 / noise
-    best_beside = min(beside, key=lambda fit: float(fit.squares.sum()))
-    # what rounding alone would give reflex and friction together
-    most_rounded = max(without, key=lambda fit: fit.rounding_left)
-    rounding = 1 + rounding_gain(most_rounded, best_beside) / noise
-    gain = np.minimum(gain, best_beside.reflex_evidence)
-    log_odds = np.log(PRIOR_REFLEX / (1 - PRIOR_REFLEX)) + gain / temper(gain, rounding)
-
-    # a stretched muscle resists
-    total, deviation = best_beside.reflex_gains.sum(), np.hypot(*best_beside.reflex_deviations)
-    log_odds = log_odds + scipy.special.log_ndtr(total / deviation)
-    return np.asarray(scipy.special.expit(log_odds))
+    return weigh_alike(possible, draws, noise, plain_rounding, is_body)
 
 
 def weigh_alike(
     fits: Sequence[Predicted],
     draws: Array,
-    shares: Array,
     noise: float,
     plain_rounding: Mapping[JointKind, float],
     is_body: bool,
@@ -307,7 +249,7 @@ def weigh_alike(
     gains = draws @ evidence.block_gains.T
     log_weights = prior + gains / evidence.tempers(gains)[:, None]
     weights = np.exp(log_weights - log_weights.max(axis=1, keepdims=True))
-    weights *= (shares / weights.sum(axis=1))[:, None]
+    weights /= weights.sum(axis=1, keepdims=True)
     weights = weights.mean(axis=0)
     weighed = [
         Weighed(fit, float(weights[k]), float(all_blocks[k]), tuple(parts[k]))

@@ -4,7 +4,7 @@ from abc import abstractmethod
 
 import numpy as np
 
-from osl_analysis.inference.constants import COMPLIANCES, DELAYS, LAGS, RESONANCE_DAMPING
+from osl_analysis.inference.constants import COMPLIANCES, DELAYS, LAGS
 from osl_analysis.inference.hypothesis import Candidate, OneParameter, Search
 from osl_analysis.inference.spectra import Spectrum
 from osl_analysis.trial import Array
@@ -59,44 +59,10 @@ class LowPass(Filter):
         return 1 / (1 + value * self.data.spectra.s)
 
 
-class SecondOrderLowPass(Filter):
-    """A torque behind a Butterworth low-pass of second order."""
-
-    name = "low-pass of second order"
-    term = "low-pass of the torque"
-    parameters = (("time constant", "s"),)
-
-    def response(self, value: float) -> Spectrum:
-        of_corner = value * self.data.spectra.s
-        return np.asarray(1 / (1 + np.sqrt(2.0) * of_corner + of_corner**2))
 
 
-class MovingMean(Filter):
-    """A torque that is the mean over the time before, or is held for that time."""
-
-    name = "moving mean"
-    term = "averaged or held torque"
-    parameters = (("duration", "s"),)
-
-    def response(self, value: float) -> Spectrum:
-        spectra = self.data.spectra
-        held = np.exp(-value / 2 * spectra.s) * np.sinc(value * spectra.frequency)
-        return np.asarray(held)
 
 
-class Resonance(Filter):
-    """A torque behind a frame that resonates."""
-
-    name = "resonance"
-    term = "resonance of the path"
-    parameters = (("period over 2 pi", "s"),)
-
-    def grid(self) -> Array:
-        return super().grid()[4:]
-
-    def response(self, value: float) -> Spectrum:
-        of_corner = value * self.data.spectra.s
-        return 1 / (1 + RESONANCE_DAMPING * of_corner + of_corner**2)
 
 
 class SeriesSpring(Path):

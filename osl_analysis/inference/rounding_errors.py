@@ -10,7 +10,6 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from osl_analysis.inference.acceleration_jumps import jump_errors
 from osl_analysis.inference.constants import DWELL_PERIODS, ROUNDING_DRAWS, SMALLEST_SIZE
 from osl_analysis.inference.spectra import Spectra, roll_off
 from osl_analysis.inference.whitening import Whitened
@@ -39,11 +38,9 @@ def rounding_torques(data: Whitened, impedance: Array) -> Array:
     """
     spectra = data.spectra
     step, rows = spectra.signals.encoder_step, int(np.count_nonzero(spectra.rows))
-    jumps = data.acceleration_jumps
-    of_jumps = jump_errors(spectra, jumps, impedance[2])
     repeated = repeated_share(spectra)
     if repeated < LEAST_REPEATED:
-        return data.column(of_jumps) if len(jumps.at) else np.empty((0, rows))
+        return np.empty((0, rows))
 
     angle = (
         np.asarray(scipy.fft.irfft(spectra.raw_angle, spectra.padded_rows) + spectra.line) / step
@@ -76,7 +73,7 @@ def rounding_torques(data: Whitened, impedance: Array) -> Array:
         of_draws = scipy.fft.rfft(errors)[:, : len(spectra.frequency)]
         found[first : first + DRAWS_AT_ONCE] = of_error * of_draws
     found *= to_working * step * repeated
-    return data.column(found + of_jumps)
+    return data.column(found)
 
 
 def repeated_share(spectra: Spectra) -> float:

@@ -1,16 +1,17 @@
 """Speed, size, direction, clipping: what depends on the motion or on the torque itself."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from osl_analysis.inference.hypothesis import Candidate, Hypothesis, Linear, OneParameter, Search
+from osl_analysis.inference.hypothesis import Candidate, Family, Hypothesis, OneParameter, Search
 from osl_analysis.inference.least_squares import solve_scaled
+from osl_analysis.inference.spectra import Spectra
 from osl_analysis.trial import Array
 
-STOPS = np.linspace(0.05, 0.95, 10)  # quantiles of the angle at which a stop may be
 OUTERMOST = (0.002, 0.998)  # quantiles of a torque that are its ends, beside noise
 UNCLIPPED = 0.5  # share of the rows, about the median torque, in which nothing is cut
 CLIPPING_STEPS = 16  # the end and what is beyond it are found in turn
@@ -20,21 +21,26 @@ MOST_FOLLOWING = 0.5
 LAST_STEP = 1e-9  # relative change of K, B and I below which a step is the last one
 
 
-class QuadraticDamping(Linear):
-    """A damping that grows with the speed."""
 
-    family = "speed"
-    name = "damping by speed"
-    term = "damping that depends on speed"
-    parameters = (("quadratic damping", "N*m*s^2/rad^2"),)
 
-    def added(self) -> list[Array]:
-        omega = self.data.spectra.omega
-        return [omega * np.abs(omega)]
+
+
+
+
+
+
+
+
+
+
+
+
+
+
 
 
 class Play(OneParameter):
-    """Play before the spring: the spring follows the angle when a gap is taken up."""
+    """Play before spring and damper, which follow the angle when a gap is taken up."""
 
     family = "speed"
     name = "play"
@@ -45,124 +51,60 @@ class Play(OneParameter):
         return self.data.gap_widths
 
     def columns(self, values: Array) -> Array:
-        return self.data.behind_gaps(values)[:, :1]
-
-    @cached_property
-    def columns_on_grid(self) -> Array:
-        return self.data.behind_tried_gaps[:, :1]
-
-
-class PlayBeforeDamper(Play):
-    """Play before spring and damper."""
-
-    name = "play before spring and damper"
-
-    def columns(self, values: Array) -> Array:
         return self.data.behind_gaps(values)
 
+
+class Added(Hypothesis):
+    """Eq. 15 with further columns, and the shares of them by which K, B and I may differ."""
+
+    added: ClassVar[Callable[[Spectra, Array], list[Array]]]
+    changes: ClassVar[Sequence[Sequence[float]]] = ()
+    shares: ClassVar[Sequence[float]] = (0.0, 1.0, -1.0)
+
+    def candidates(self, search: Search) -> list[Candidate]:
+        return [self.candidate]
+
     @cached_property
-    def columns_on_grid(self) -> Array:
-        return self.data.behind_tried_gaps
+    def candidate(self) -> Candidate:
+        columns = type(self).added(self.data.spectra, self.data.sign)
+        matrices = self.matrices_with_shares(self.changes, self.shares) if self.changes else ()
+        return self.plain(*columns, matrices=matrices)
 
 
-class Hardening(Linear):
-    """A spring whose stiffness changes with the angle, about any centre."""
-
-    family = "size"
-    name = "hardening"
-    term = "spring that is not linear"
-    parameters = (("quadratic stiffness", "N*m/rad^2"), ("cubic stiffness", "N*m/rad^3"))
-
-    def added(self) -> list[Array]:
-        angle = self.data.spectra.angle
-        return [angle**2, angle**2 * angle]  # a power of 3 takes as long as a transform
+def added(
+    family: Family, name: str, term: str, parameters: Sequence[tuple[str, str]],
+    columns: Callable[[Spectra, Array], list[Array]],
+    changes: Sequence[Sequence[float]] = (), shares: Sequence[float] = (0.0, 1.0, -1.0),
+) -> type[Added]:
+    """A hypothesis that adds columns to Eq. 15: a row of the table below."""
+    facts = dict(family=family, name=name, term=term, parameters=tuple(parameters))
+    facts |= dict(added=staticmethod(columns), changes=changes, shares=shares)
+    return type(name, (Added,), facts)
 
 
-class StiffnessBySide(Linear):
-    """A spring with another stiffness on either side of the middle."""
-
-    family = "size"
-    name = "K by side"
-    term = "asymmetric torque"
-    parameters = (("half the difference of K", "N*m/rad"),)
-
-    def added(self) -> list[Array]:
-        return [np.abs(self.data.spectra.angle)]
-
-    def matrices(self) -> tuple[Array, ...]:
-        return self.matrices_with_shares([[1.0], [0.0], [0.0]], (0.0, 1.0, -1.0))
-
-
-class EndStop(OneParameter):
-    """A spring that is stiffer or softer beyond an angle, as behind a stop of one side."""
-
-    family = "size"
-    name = "end stop"
-    term = "spring that is not linear"
-    parameters = (("angle of the stop from the mean", "rad"), ("change of K", "N*m/rad"))
-
-    def grid(self) -> Array:
-        spectra = self.data.spectra
-        return np.asarray(np.quantile(spectra.angle[spectra.inside], STOPS))
-
-    def columns(self, values: Array) -> Array:
-        beyond = np.maximum(self.data.spectra.angle - values[:, None], 0.0)
-        return self.data.of_product(beyond)[:, None]
-
-    def with_others(self, columns: Array) -> Array:
-        number, rows = self.data.motion.shape
-        of_all = np.empty((len(columns), number + 1, rows))
-        of_all[:, :number] = self.data.motion
-        of_all[:, number:] = columns
-        return of_all
-
-
-class DeadZone(OneParameter):
-    """A gap about the middle in which the spring does not act."""
-
-    family = "size"
-    name = "dead zone"
-    term = "backlash"
-    parameters = (("dead zone", "rad"),)
-
-    def grid(self) -> Array:
-        return self.data.gap_widths
-
-    def columns(self, values: Array) -> Array:
-        spectra = self.data.spectra
-        half = values[:, None] / 2
-        beyond = spectra.theta - np.clip(spectra.angle, -half, half)
-        return self.data.of_product(beyond)[:, None]
-
-
-class DampingByDirection(Linear):
-    """Another damping in each direction of motion."""
-
-    family = "direction"
-    name = "B by direction"
-    term = "asymmetric torque"
-    parameters = (("half the difference of B", "N*m*s/rad"),)
-
-    def added(self) -> list[Array]:
-        return [np.abs(self.data.spectra.omega)]
-
-    def matrices(self) -> tuple[Array, ...]:
-        return self.matrices_with_shares([[0.0], [1.0], [0.0]], (0.0, 1.0, -1.0))
-
-
-class StiffnessByDirection(Linear):
-    """Another stiffness in each direction of motion."""
-
-    family = "direction"
-    name = "K by direction"
-    term = "asymmetric torque"
-    parameters = (("half the difference of K", "N*m/rad"),)
-
-    def added(self) -> list[Array]:
-        return [self.data.spectra.angle * self.data.sign]
-
-    def matrices(self) -> tuple[Array, ...]:
-        return self.matrices_with_shares([[1.0], [0.0], [0.0]], (0.0, 1.0, -1.0))
+LINEAR = (
+    added("time", "change over time", "what changes over time",
+          (("change of K", "N*m/rad"), ("change of B", "N*m*s/rad"), ("change of I", "kg*m^2")),
+          lambda s, sign: [x * (s.relative_time - 0.5) for x in (s.theta, s.omega, s.alpha)],
+          np.eye(3).tolist(), (0.0, -0.5, 0.5)),
+    added("time", "change at once", "what changes at once",
+          (("step of K", "N*m/rad"), ("step of B", "N*m*s/rad")),
+          lambda s, sign: [x * (s.relative_time > 0.5) for x in (s.theta, s.omega)],
+          [[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]], (0.0, 1.0)),
+    added("speed", "damping by speed", "damping that depends on speed",
+          (("quadratic damping", "N*m*s^2/rad^2"),), lambda s, sign: [s.omega * np.abs(s.omega)]),
+    added("size", "hardening", "spring that is not linear",
+          (("quadratic stiffness", "N*m/rad^2"), ("cubic stiffness", "N*m/rad^3")),
+          lambda s, sign: [s.angle**2, s.angle**2 * s.angle]),
+    added("size", "K by side", "asymmetric torque", (("half the difference of K", "N*m/rad"),),
+          lambda s, sign: [np.abs(s.angle)], [[1.0], [0.0], [0.0]]),
+    added("direction", "B by direction", "asymmetric torque",
+          (("half the difference of B", "N*m*s/rad"),),
+          lambda s, sign: [np.abs(s.omega)], [[0.0], [1.0], [0.0]]),
+    added("direction", "K by direction", "asymmetric torque",
+          (("half the difference of K", "N*m/rad"),),
+          lambda s, sign: [s.angle * sign], [[1.0], [0.0], [0.0]]),
+)
 
 
 class Clipping(Hypothesis):

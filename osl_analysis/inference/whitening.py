@@ -11,24 +11,20 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import scipy
 
-from osl_analysis.inference.acceleration_jumps import acceleration_jumps, jump_columns
 from osl_analysis.inference.actuator import frictionless_actuator
 from osl_analysis.inference.constants import (
     COLOUR_SEGMENT,
     FEWEST_STEPS,
     MOMENTS,
     PLAYS,
-    REFLEX_DELAYS,
 )
 from osl_analysis.inference.friction_shapes import (
     friction_torques,
     sliding_velocity,
     slipping_springs,
 )
-from osl_analysis.inference.least_squares import BesideShared, solve_scaled
-from osl_analysis.inference.reflex import Reflex, half_waves, muscle_answers
+from osl_analysis.inference.least_squares import solve_scaled
 from osl_analysis.inference.row_filter import RowFilter
 from osl_analysis.inference.spectra import Spectra, Spectrum
 from osl_analysis.stats.power_density import power_density
@@ -41,7 +37,6 @@ LEAST_GAIN = 0.03  # of the roll-off's power, below which the spectrum is not di
 LEAST_NOISE = 1e-20
 # Hz, of muscles in the rich model: seven corners of 1 to 16 Hz bring K beside a reflex no nearer,
 # and move K of drivetrains by up to 0.1 %, B by 2 %
-NOISE_CORNERS = (1.0, 2.0, 4.0, 8.0, 16.0)
 SLOW_POWERS = 4  # offset and drift: powers of time from 0
 
 
@@ -50,7 +45,6 @@ class JointKind:
     """What a joint has beside stiffness, damping and inertia."""
 
     has_friction: bool = False
-    has_reflex: bool = False
 
 
 class Whitened:
@@ -89,16 +83,14 @@ class Whitened:
         self.spectra = spectra
         velocity, width = sliding_velocity(spectra)
         self.sign = np.tanh(velocity / width)
-        self._half_waves = spectra.spectrum_of(half_waves(spectra))
         shapes = friction_torques(spectra)
         friction = spectra.spectrum_of(shapes)
         powers = np.array([(spectra.relative_time - 0.5) ** k for k in range(SLOW_POWERS)])
         slow = spectra.spectrum_of(powers)
-        self.acceleration_jumps = acceleration_jumps(spectra)
-        jumps = jump_columns(spectra, self.acceleration_jumps)
 
-        rich = rich_columns(spectra, self.sign, self._half_waves, friction)
-        gain = whitening_gain(spectra, np.concatenate([rich, slow, jumps]))
+        rich = rich_columns(spectra, self.sign, friction)
+        gain = whitening_gain(spectra, np.concatenate([rich, slow]))
+        self._rich = np.concatenate([rich, spectra.derivatives[3:]])
         self._whitening = RowFilter(spectra, gain)
 
         self.torque = self.column(spectra.torque)
@@ -110,44 +102,16 @@ class Whitened:
             columns = [self.impedance_matrix, self.actuator.impedance_column]
             self.impedance_matrix = np.column_stack(columns)
         self.slow = self.column(slow)
-        self.jumps = self.column(jumps)
         self.friction = self.column(friction)
         self.mean_friction = np.abs(shapes[:, spectra.inside]).mean(axis=1)
 
-    @cached_property
-    def reflex(self) -> "Reflex":
-        """The reflex at that delay which explains most beside Eq. 15 and friction."""
-        beside = BesideShared(np.concatenate([self.motion, self.slow, self.friction]))
-        tried = []
-        for delay in REFLEX_DELAYS:
-            columns = self.column(muscle_answers(self.spectra, self._half_waves, delay))
-            left, _ = beside.fit(columns, self.torque)
-            tried.append((left, Reflex(delay, columns)))
-        return min(tried, key=lambda each: each[0])[1]
 
     @cached_property
     def higher_motion(self) -> Array:
         """Whitened angle and its first four derivatives (5, m)."""
         return self.column(self.spectra.derivatives)
 
-    @cached_property
-    def step_signals(self) -> Array:
-        """What may change at a moment, before whitening: angle, velocity, acceleration, jerk and a
-        constant torque, (5, w)."""
-        angle = self.motion_at_working_rate()[:1]
-        derivatives = self.motion_at_working_rate(1)[:3]
-        return np.concatenate([angle, derivatives, np.ones_like(angle)])
 
-    @cached_property
-    def steps(self) -> Array:
-        """The `step_signals` whitened, each 0 before one of the `MOMENTS` (g, 5, m)."""
-        spectra = self.spectra
-        steps = np.empty((len(MOMENTS), len(self.step_signals), len(self.torque)))
-        # all 13 at once took as long (1 ms for 22 s of recording), with 13 times the work space
-        for step, moment in zip(steps, MOMENTS, strict=True):
-            is_after = spectra.relative_time_at_working_rate > moment
-            step[:] = self.windowed(self.step_signals * is_after)
-        return steps
 
     def motion_at_product_rate(self) -> Array:
         """The columns of `motion` before whitening, (3, p) or (4, p)."""
@@ -157,16 +121,6 @@ class Whitened:
             return of_joint
         return np.vstack([of_joint, spectra.actuator_derivatives[0]])
 
-    def motion_at_working_rate(self, order: int = 0, delay: float = 0.0) -> Array:
-        """The columns of `motion` before whitening (3, w) or (4, w), `order` times derived, and
-        delayed [s]."""
-        spectra = self.spectra
-        spectrum = self._motion_spectra() * spectra.roll_off
-        if order:
-            spectrum *= spectra.s**order
-        if delay:
-            spectrum *= np.exp(-delay * spectra.s)
-        return np.asarray(scipy.fft.irfft(spectrum, spectra.working_rows))
 
     def _motion_spectra(self) -> Spectrum:
         spectra = self.spectra
@@ -179,17 +133,19 @@ class Whitened:
         parts = []
         if kind.has_friction:
             parts.append(self.friction)
-        if kind.has_reflex:
-            parts.append(self.reflex.columns)
-        return np.concatenate([*parts, self.slow, self.jumps])
+        return np.concatenate([*parts, self.slow])
+
+    def rich_gain(self, beside: "BesideShared", left: float, noise: float) -> float:
+        """By how many nats the columns of all hypotheses together beat Eq. 15, beyond chance."""
+        columns = self.column(self._rich)
+        more = (left - beside.fit(columns, self.torque)[0]) / 2 / noise
+        count = len(columns)
+        return more - count / 2 - 3 * np.sqrt(count / 2)
 
     def column(self, spectrum: Spectrum) -> Array:
         """Whiten the signals with these working spectra (..., f); returns rows (..., m)."""
         return self._whitening.column(spectrum)
 
-    def windowed(self, x: Array) -> Array:
-        """Whiten signals (..., w) at the working rate; returns rows (..., m)."""
-        return self._whitening.windowed(x)
 
     @cached_property
     def gap_widths(self) -> Array:
@@ -197,10 +153,6 @@ class Whitened:
         least = max(PLAYS[0], FEWEST_STEPS * self.spectra.signals.encoder_step)
         return np.geomspace(least, max(PLAYS[1], 2 * least), 8)
 
-    @cached_property
-    def behind_tried_gaps(self) -> Array:
-        """`behind_gaps` of the `gap_widths`, which serve several hypotheses."""
-        return self.behind_gaps(self.gap_widths)
 
     def behind_gaps(self, widths: Array) -> Array:
         """Whitened angle and velocity (g, 2, m) behind gaps of some widths (g,) [rad], which follow
@@ -258,7 +210,7 @@ def whitening_gain(spectra: Spectra, rich: Spectrum) -> Array:
 
 
 def rich_columns(
-    spectra: Spectra, sign: Array, half_waves: Spectrum, friction: Spectrum
+    spectra: Spectra, sign: Array, friction: Spectrum
 ) -> Spectrum:
     """Spectra (k, f) of what any hypothesis may add to the torque, to first order.
 
@@ -288,8 +240,7 @@ def rich_columns(
     later = [spectra.relative_time > moment for moment in MOMENTS[::3]]
     stepping = [x * after for x in (spectra.theta, omega) for after in later]
     products = spectra.spectrum_of(np.array([*nonlinear, *drifting, *stepping]))
-    answers = muscle_answers(spectra, half_waves, REFLEX_DELAYS[0], NOISE_CORNERS)
-    parts = [spectra.derivatives, friction, products, answers]
+    parts = [spectra.derivatives, friction, products]
     if spectra.actuator_spectrum is not None:
         parts.append(spectra.actuator_spectrum[None])
     return np.concatenate(parts)

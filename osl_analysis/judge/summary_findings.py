@@ -10,7 +10,7 @@ from typing import Any
 import polars as pl
 
 from osl_analysis.config.experiments import EXPERIMENTS
-from osl_analysis.judge.campaign import MOST_NAMED, PREDICTION_TABLE, QUALITY
+from osl_analysis.judge.campaign import MOST_NAMED, QUALITY
 from osl_analysis.judge.finding import FINDING_NUMBERS, Finding, Grade, WordedFinding, Words
 from osl_analysis.judge.known_findings import CHECKS, known_finding
 from osl_analysis.judge.words import sentence_of
@@ -181,10 +181,6 @@ def causes_in_campaign(
     for table in judged_tables_of(tables):
         doubts += doubts_about_table(table, by_table)
         unchecked += unchecked_in_table(table, by_table)
-    doubts += misfits_of_prediction(by_table)
-    predicted_trials = subjects(tables.get(PREDICTION_TABLE, pl.DataFrame()))
-    not_predicted = by_table[PREDICTION_TABLE, Grade.UNCHECKED]
-    unchecked += by_cause(not_predicted, "not checked", "prediction trials", predicted_trials)
     flags = list(flags_by_check(by_table[QUALITY, Grade.DOUBTS], verdicts))
     return [
         *most_frequent_first(doubts),
@@ -210,13 +206,6 @@ def unchecked_in_table(table: JudgedTable, by_table: FindingsByTable) -> Iterato
             worded for worded in by_table[table.name, grade] if not worded.finding.is_of_part
         ]
         yield from by_cause(of_whole, verdict, table.subject_of_unchecked, table.trials)
-
-
-def misfits_of_prediction(by_table: FindingsByTable) -> Iterator[CampaignFinding]:
-    """The causes for which the components do not predict the torque."""
-    doubts = by_table[PREDICTION_TABLE, Grade.DOUBTS]
-    trials = list(dict.fromkeys(worded.finding.subject for worded in doubts))
-    yield from by_cause(doubts, "doubtful", "predicted trials", trials)
 
 
 def flags_by_check(

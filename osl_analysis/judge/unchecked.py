@@ -71,16 +71,12 @@ def unchecked_names(table: str, row: AnyRow) -> Iterator[str]:
         yield from unchecked_in_torque_angle(row)
     elif table == "actuator" and lacks(row, "B_m"):
         yield "actuator_at_rest"
-    elif table == "prediction":
-        yield from unchecked_in_prediction(row)
     if table in ("belt", "actuator") and lacks(row, f"{MEASURED_BY[table]}_ratio"):
         yield "wrong_gain_unseen"
 
 
 def remarks_on(table: str, row: AnyRow) -> Iterator[Finding]:
     """What was checked in a row of a table and is worth knowing."""
-    if row.get("reflex_probability") is not None:
-        yield finding_in_row("fitted_reflex", table, row, Grade.NOTES)
     quantity = MEASURED_BY.get(table, "")
     ratio = cell_number(row, f"{quantity}_ratio") or 1.0
     usual = USUAL_DIFFERENCE.get(quantity, math.inf)
@@ -163,10 +159,3 @@ def unchecked_in_torque_angle(row: AnyRow) -> Iterator[str]:
         yield "late_torque_unseen"
 
 
-def unchecked_in_prediction(row: AnyRow) -> Iterator[str]:
-    if row.get("missing_components") is not None:
-        yield "no_prediction"
-    elif lacks(row, "K_low"):
-        yield "no_prediction_interval"
-    elif row.get("outside") is not None:
-        yield "prediction_outside_range"

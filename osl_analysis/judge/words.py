@@ -8,7 +8,7 @@ does not have is left out.
 
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from string import Formatter
 from typing import Any
@@ -167,21 +167,6 @@ def is_symmetric(value: float, low: float, high: float) -> bool:
 def capital(text: str) -> str:
     """A text that begins with a capital letter; a symbol, as `f_C`, keeps its case."""
     return text if re.match(r"\w_", text) else text[:1].upper() + text[1:]
-
-
-def component_changes_text(components: Sequence[Mapping[str, Any]]) -> str:
-    """By how much components differ, as `K_s were 9.8 % (± 0.4 % by the scatter of trials) less`,
-    from their rows of `prediction_causes.csv`."""
-    texts = []
-    for row in components:
-        change_percent = 100 * row["change"] / abs(row["value"])
-        half_percent = 100 * (2 * row["change_se"]) / abs(row["value"])
-        direction = "more" if change_percent > 0 else "less"
-        texts.append(
-            f"{row['component']} were {abs(change_percent):.2g} %"
-            f" (± {half_percent:.1g} % by the scatter of trials) {direction}"
-        )
-    return " or ".join(texts)
 
 
 class Number(float):

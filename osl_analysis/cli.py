@@ -687,41 +687,6 @@ def doctor(look: bool, upgrade: bool) -> None:
     sys.exit(int(any(looked.remedy for looked in looks)))
 
 
-@main.command(
-    "watch",
-    cls=click.Command,
-    epilog="Example: osl-analysis watch /data/today --source my_bench.yaml",
-)
-@argument("folder", type=FOLDER)
-@option(
-    "--source",
-    type=FILE,
-    help="Source file of the recordings. Default: what the campaign has, or a guess.",
-)
-@option("--output", type=FOLDER, default=Path("watched"), help="Folder of the pictures.")
-@CONFIG
-def watch(folder: Path, source: Path | None, output: Path, config_path: Path) -> None:
-    """Examine every recording in FOLDER as soon as it is complete: a line with quality, K, B, I,
-    doubts, and a picture.
-
-    From the fourth of a kind on (experiment, joint, side, controller; K and B of the same K_d and
-    B_d) the line says whether it is like those before it: by their median, within four standard
-    deviations (from the median absolute deviation, at least 1 % of an estimate and 5 % of duration,
-    rate and range of the angle).
-
-    The numbers are in `measured.json` beside the pictures, too.
-
-    Ctrl-C ends it. A recording is examined again when it changes; one that was refused, when watch
-    is started again."""
-    from osl_analysis.commands.watch import WatchedBench, watched_lines
-
-    bench = WatchedBench(config_path, source, output)
-    say(f"watching {folder}; Ctrl-C ends")
-    with suppress(KeyboardInterrupt):
-        for line in watched_lines(folder, bench):
-            say(line)
-
-
 def print_first_look() -> None:
     from osl_analysis.commands.first_look import first_look
 

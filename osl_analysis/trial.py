@@ -150,11 +150,6 @@ def as_polars(name: str, samples: Any) -> pl.DataFrame:
         ) from error
 
 
-def no_other_channels() -> Sequence[Change]:
-    """Those of a trial that is not read from its raw file."""
-    return ()
-
-
 @dataclass(frozen=True)
 class Trial:
     """Samples of one trial in canonical columns (`COLUMNS`), a row per time stamp.
@@ -191,9 +186,6 @@ class Trial:
     samples: pl.DataFrame
     provenance: Mapping[str, Any] = field(default_factory=dict)
     clocks: dict[bytes, Any] = field(default_factory=dict, repr=False, compare=False)
-    other_channels: Callable[[], Sequence[Change]] = field(
-        default_factory=lambda: no_other_channels, repr=False, compare=False
-    )
 
     def __post_init__(self) -> None:
         given: Any = self.samples

@@ -10,7 +10,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from osl_analysis.commands.other_channels import other_channels
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError, printable
 from osl_analysis.formats import formats_of
@@ -22,7 +21,6 @@ from osl_analysis.ingest.overview import (
     RecordedChannel,
     inspect_recording,
 )
-from osl_analysis.ingest.row_faults import with_row_faults
 from osl_analysis.signals.grid import with_stamp_evidence
 from osl_analysis.table import write_table
 from osl_analysis.trial import Trial, write_trial
@@ -64,8 +62,6 @@ def checked_trial(
     if facts is not None and facts.place == "walkway" and not needed_columns:
         raw_files.check_markers(trial, row["experiment"])
     check_ranges(trial)
-    if facts is None or facts.place == "bench":
-        trial = with_row_faults(trial)
     return with_stamp_evidence(trial)
 
 
@@ -102,13 +98,7 @@ def raw_trial(recording: Path, source: Path, experiment: str) -> Trial:
         "log": recording.name,
         "log_source": source.stem,
     }
-    trial = checked_trial(row, recording.parent, source.parent)
-
-    def read(other_source: Path) -> Trial:
-        cells = {**row, "log_source": other_source.stem}
-        return checked_trial(cells, recording.parent, other_source.parent)
-
-    return replace(trial, other_channels=partial(other_channels, read, recording, source))
+    return checked_trial(row, recording.parent, source.parent)
 
 
 def inspect_file(path: Path) -> Overview:

@@ -22,7 +22,6 @@ from osl_analysis.ingest.conversion import (
     share_lost,
 )
 from osl_analysis.ingest.likely_clock import rate_of
-from osl_analysis.ingest.stale_rows import find_stale_rows
 from osl_analysis.measured import varies
 from osl_analysis.recording import Channel, Loss, Recording, Rows
 from osl_analysis.signals import runs
@@ -172,13 +171,10 @@ def convert_topic(
     order = recording_order(rows if chosen is None else at_rows(rows, chosen))
     if chosen is not None:
         order = chosen if order is None else chosen[order]
-    stale = find_stale_rows(stamps if order is None else stamps[order], least=SET_BACK_NS)
-    remarks = list(remarks_on_stale_messages(rows, stamps, order, stale))
+    remarks: list[str] = []
     if chosen is not None:
         others = rows.count - chosen.size
         remarks.append(f"{others} messages of other publishers are left out, as `publishers` says")
-    if stale.size:
-        order = np.delete(np.arange(rows.count) if order is None else order, stale)
     used = rows if order is None else at_rows(rows, order)
     told = told if order is None else at_rows(told, order)
     if order is not None:
@@ -275,22 +271,6 @@ def at_rows(rows: Rows, order: NDArray[np.int64]) -> Rows:
     )
 
 
-def remarks_on_stale_messages(
-    rows: Rows,
-    stamps: NDArray[np.int64],
-    order: NDArray[np.int64] | None,
-    stale: NDArray[np.int64],
-) -> Iterator[str]:
-    """Name the messages that are left out, and how far their stamps (rows,) [ns] are off."""
-    for place in stale.tolist():
-        neighbour = place - 1 if place else place + 1
-        row = place if order is None else int(order[place])
-        beside = neighbour if order is None else int(order[neighbour])
-        off_s = abs(int(stamps[row]) - int(stamps[beside])) / SECOND_NS
-        yield (
-            f"{rows.place(row)} is left out: its stamp is {off_s:.4g} s off those beside it, as of"
-            " a packet that waited in a buffer"
-        )
 
 
 def header_stamps(recording: Recording, source: MessageSource, rows: Rows) -> NDArray[np.int64]:

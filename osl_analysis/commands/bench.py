@@ -32,16 +32,13 @@ from osl_analysis.bench.plausibility import plausible
 from osl_analysis.bench.record import Record, stored_record, with_actuator
 from osl_analysis.bench.recorded_motion import record_of_trial, sine_record
 from osl_analysis.bench.transmission import LOSSES, transmission_of, transmission_table
-from osl_analysis.commands.remedies import remedies_tried
 from osl_analysis.ingest.examine import check_recording, saturated
-from osl_analysis.ingest.row_faults import row_faults_of
 from osl_analysis.model.compensator import Weight
 from osl_analysis.model.drivetrain import FileOrNone, joint_admittance, known_parameters
 from osl_analysis.table import read_table, with_evidence, write_table
 from osl_analysis.trial import Trial
 
 
-@remedies_tried
 def fit_belt_trial(
     trial: Trial, parameters: FileOrNone, settings: choices.BeltAnalysis
 ) -> FitTables:
@@ -60,7 +57,6 @@ def fit_belt_trial(
     )
 
 
-@remedies_tried
 def fit_transmission_trial(
     trial: Trial, parameters: FileOrNone, settings: choices.SteppedSineAnalysis
 ) -> FitTables:
@@ -79,7 +75,6 @@ def fit_transmission_trial(
     )
 
 
-@remedies_tried
 def fit_impedance_trial(
     trial: Trial,
     parameters: FileOrNone,
@@ -141,12 +136,11 @@ def record_with_actuator(
     0.4 GB of an hour, are found for it alone. Of a trial with wrong rows or gaps, what lies before
     or behind the windows is cut off, since an angle that slipped there would look like play."""
     trial = replace(trial, clocks={})
-    if windows and row_faults_of(trial).part(trial):
+    if windows:
         trial, windows = trial.cut_to(windows)
     return with_actuator(record_of_trial(trial, settings, windows), trial)
 
 
-@remedies_tried
 def fit_actuator_trial(
     trial: Trial, parameters: FileOrNone, settings: choices.ActuatorAnalysis
 ) -> FitTables:
@@ -162,7 +156,6 @@ def fit_actuator_trial(
     return tables_of_fit(series, lambda: {"timebase": actuator.time_base(fitted)}, actuator=table)
 
 
-@remedies_tried
 def fit_torque_angle_trial(
     trial: Trial, settings: choices.TorqueAngleAnalysis, condition: Mapping[str, Any] | None = None
 ) -> FitTables:
@@ -185,7 +178,6 @@ def fit_torque_angle_trial(
     )
 
 
-@remedies_tried
 def fit_calibration_trial(
     trial: Trial, settings: choices.ImpedanceAnalysis, condition: Mapping[str, Any] | None = None
 ) -> FitTables:

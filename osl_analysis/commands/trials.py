@@ -19,7 +19,6 @@ from osl_analysis.ingest.overview import (
     RecordedChannel,
     inspect_recording,
 )
-from osl_analysis.ingest.row_faults import with_row_faults
 from osl_analysis.signals.grid import with_stamp_evidence
 from osl_analysis.table import write_table
 from osl_analysis.trial import Trial, write_trial
@@ -61,8 +60,6 @@ def checked_trial(
     if facts is not None and facts.place == "walkway" and not needed_columns:
         raw_files.check_markers(trial, row["experiment"])
     check_ranges(trial)
-    if facts is None or facts.place == "bench":
-        trial = with_row_faults(trial)
     return with_stamp_evidence(trial)
 
 

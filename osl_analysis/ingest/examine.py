@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from osl_analysis.config.experiments import EXPERIMENTS, Experiment
 from osl_analysis.errors import Change, InputError, listing
-from osl_analysis.ingest.row_faults import row_faults_of
+from osl_analysis.ingest.guard import find_leaps
 from osl_analysis.measured import factor_of, usual_size
 from osl_analysis.plates import beside, plate_axes
 from osl_analysis.signals import longest_run, run_at_extreme, run_edges, runs
@@ -652,13 +652,19 @@ def held(
 def measure_dropout(examined: Examined) -> CheckResult:
     """Largest number of leaps of the angle or the torque off its curve (`guard.find_leaps`), or of
     places where rows are missing and the stamps go on (`guard.lost_rows`)."""
-    found = row_faults_of(examined.trial)
-    if not found.leaps:
+    trial = examined.trial
+    guarded = [one for one in ("theta", "theta_m", "torque") if one in trial.columns]
+    leaps = [find_leaps(column, *trial.arrays(column)) for column in guarded]
+    if not leaps:
         return not_applicable("no angle and no torque")
-    return CheckResult(float(found.count), "; ".join(found.texts))
-
-
-# Zeros, turns, and markers.
+    worst_leaps = max(leaps, key=lambda one: one.count)
+    if not worst_leaps.count:
+        return CheckResult(0.0)
+    words = (
+        f"{worst_leaps.column} leaps {worst_leaps.count} times, first at {worst_leaps.times[0]:.3f} s:"
+        " rows were lost, doubled or joined, or a sensor failed; state `windows` without them"
+    )
+    return CheckResult(float(worst_leaps.count), words)
 
 
 def measure_unzeroed_plate(examined: Examined) -> CheckResult:

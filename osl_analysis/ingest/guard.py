@@ -164,104 +164,17 @@ def find_leaps(column: str, time: Array, values: Array) -> Leaps:
     # of the samples k to k + 3 of the largest third difference, k + 2 leaps, or the one before
     places = leaps + 2
     rows = np.flatnonzero(seen)[places] + 1
-    frozen = tuple(equal_before(values, place) for place in places.tolist())
-    return Leaps(column, tuple(rows.tolist()), tuple(time[places].tolist()), frozen)
+    return Leaps(column, tuple(rows.tolist()), tuple(time[places].tolist()))
 
 
-def equal_before(values: Array, place: int) -> int:
-    """How many values (n,) right before a leap are one and the same, and then follow others; 0 of
-    fewer than `FEWEST_FROZEN`, and of a channel that often stands."""
-    for end in (place, place - 1):
-        changes = np.flatnonzero(np.diff(values[:end]))
-        count = end - 1 - int(changes[-1]) if changes.size else 0
-        if count >= FEWEST_FROZEN and changes.size > USUALLY_CHANGES * end:
-            return count
-    return 0
 
 
-@dataclass(frozen=True)
-class LostRows:
-    """Places where rows are missing, although the stamps go on."""
-
-    rows: tuple[int, ...]  # behind which they are missing, from 1
-    times: tuple[float, ...]  # of these rows [s]
-    steps: float  # of the angle in one, at the first
-
-    @property
-    def count(self) -> int:
-        return len(self.rows)
-
-    @property
-    def text(self) -> str:
-        """Where they are missing, for a message."""
-        return (
-            f"rows are missing, first behind row {self.rows[0]} ({self.times[0]:.3f} s): the"
-            f" angle goes on by {self.steps:.1f} steps in one, and the stamps were numbered after"
-            " it"
-        )
 
 
-def lost_rows(time: Array, angle: Array) -> LostRows | None:
-    """Find places where the angle goes on by two or more of its steps, and the stamps by one: rows
-    were lost before they were numbered.
-
-    Parameters
-    ----------
-    time, angle : Array
-        Stamps [s] and angle of any unit, (n,).
-
-    Returns
-    -------
-    LostRows or None
-        None also where stamps scatter, or the angle has gaps.
-    """
-    steps = np.diff(time)
-    if time.size < FEWEST_SAMPLES or not np.isfinite(angle).all():
-        return None
-    if np.abs(steps - np.median(steps)).max() > EVEN * steps.mean():
-        return None
-    turns = np.diff(angle)
-    four_beside = turns[:-4] + turns[1:-3] + turns[3:-1] + turns[4:]
-    # few pass this, to within rounding, and what follows takes ten times as long
-    places = np.flatnonzero(FOUR_TURNS * np.abs(turns[2:-2]) > LOST * np.abs(four_beside))
-    beside = turns[places + np.array([[0], [1], [3], [4]])]
-    expected = beside.mean(axis=0)
-    size = np.abs(expected)
-    is_smooth = np.ptp(beside, axis=0) < USUAL_STEP * size
-    places = places[is_smooth]
-    expected = expected[is_smooth]
-    size = size[is_smooth]
-    if not places.size:
-        return None
-    passed = turns[places + 2] / np.where(size > smallest_motion(angle), expected, np.inf)
-    is_whole = np.abs(passed - np.rint(passed)) < USUAL_STEP
-    is_lost = is_whole & (passed > LOST)
-    places = places[is_lost]
-    passed = passed[is_lost]
-    if not places.size or are_paced(places):
-        return None
-    rows = places + 3
-    times = tuple(time[rows - 1].tolist())
-    return LostRows(tuple(rows.tolist()), times, float(passed[0]))
 
 
-def smallest_motion(values: Array) -> float:
-    """The step of a signal (n,) from which it is motion, and neither noise nor rounding; infinite
-    where nothing changes."""
-    steps = np.diff(values)
-    changes = np.abs(steps[steps != 0])
-    noise = usual_size(np.diff(values, 3))
-    return max(OVER_NOISE * noise, FEWEST_LEVELS * float(changes.min(initial=np.inf)))
 
 
-def are_paced(places: NDArray[np.intp]) -> bool:
-    """Whether rows (k,) come at a pace, as where a log reads a device that is hardly slower or
-    faster: most are whole multiples of the smallest distance apart."""
-    if places.size < FEWEST_PACED or np.diff(places).min() < SHORTEST_PACE:
-        return False
-    distances = np.diff(places) / np.diff(places).min()
-    is_whole = np.abs(distances - np.rint(distances)) < OFF_PACE
-    return float(np.mean(is_whole)) > PACED
 
 
 def spans_a_gap(time: Array) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:

@@ -99,8 +99,6 @@ def check_other_clocks(
                 f"{source.time.ADDRESS} '{name}' goes on {ratio:.4g} times as fast as"
                 f" {time_in_words(source)}: B and I depend on which of them is right"
             )
-        elif rate is None and clock is not None:
-            remarks += check_beginning(other, beginning_s(values, span), clock, own, known, source)
     if rate is not None:
         remarks += check_rate(rate, recording, asked, is_confirmed)
     return apart, remarks
@@ -143,8 +141,6 @@ def clocks_beside(
             continue
         if may_be_clock(name, channel.unit, values[:MOST_TRIED]):
             yield channel
-        elif source.time.rate is not None and not source.time.name:
-            check_counts_rows(channel, values, source)
 
 
 def numbers_of(channel: Channel) -> Array | None:
@@ -158,57 +154,8 @@ def numbers_of(channel: Channel) -> Array | None:
     return values
 
 
-def check_counts_rows(channel: Channel, values: Array, source: TableSource) -> None:
-    """Refuse a stated rate if a channel (n,) counts the rows and shows that some are missing."""
-    if not np.mean(np.diff(values[:MOST_TRIED]) == 1) > 0.9:
-        return
-    steps = np.diff(unwrapped(values)[0])
-    absent = int(steps.sum()) - steps.size
-    if (steps > 0).all() and absent:
-        key = source.time.ADDRESS
-        raise InputError(
-            f"{key} '{channel.key}' counts {absent} rows that are missing, and those behind would"
-            f" be early; write `time: {{{key}: {channel.key}, rate: {source.time.rate:g}}}`"
-        )
 
 
-def check_beginning(
-    other: Channel,
-    begin_s: float,
-    clock: Channel,
-    own: Array,
-    known: np.ndarray[tuple[int], np.dtype[np.bool_]],
-    source: TableSource,
-) -> list[str]:
-    """Remark on a clock that begins at another time than the table's.
-
-    Two clocks of one name, as in tables side by side, are refused: the other one is then the time
-    of the columns next to it.
-
-    Parameters
-    ----------
-    begin_s
-        Beginning of the other clock [s].
-    own
-        The table's time in the known rows, (n,) [s].
-    known
-        Rows (rows,) in which the other clock has a reading.
-    """
-    readings = np.ma.getdata(clock.values)
-    if readings.size != known.size:
-        return []
-    if clock.kind == Kind.CLOCK:
-        readings = readings / SECOND_NS
-    mine = unwrapped(readings)[0][known].astype(np.float64)
-    late_s = begin_s - beginning_s(mine, float(np.ptp(own)))
-    if not 0.5 * np.median(np.diff(own)) < abs(late_s) < np.ptp(own):
-        return []
-    text = f"another {source.time.ADDRESS} '{other.key}' begins {late_s:.4g} s after time"
-    if other.name == clock.name:
-        raise InputError(
-            f"{text}: what stands beside it is of its time; export each with the time of all"
-        )
-    return [f"{text}: what it stamps, if anything, is early by that"]
 
 
 def check_rate(

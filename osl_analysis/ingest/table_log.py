@@ -26,7 +26,6 @@ from osl_analysis.ingest.conversion import (
     remark_on_gaps,
     share_above,
 )
-from osl_analysis.ingest.doubled_rows import first_of, numbered_twice
 from osl_analysis.ingest.force_plates import convert_exported_plate
 from osl_analysis.ingest.likely_clock import rate_of
 from osl_analysis.ingest.other_clocks import check_other_clocks
@@ -127,15 +126,6 @@ def convert_table(recording: Recording, source: TableSource, file_name: str) -> 
                 origins[column]["unit_of_file"] = channel.unit
 
     frame = pl.DataFrame(samples)
-    doubled = numbered_twice(time, frame.drop("time"))
-    if doubled.size and not recording.plates:
-        warnings.append(
-            f"{first_of(doubled, table.rows)}: left out, and later {table.rows.noun}s are numbered"
-            " anew, since values repeat while the joint goes on by its usual step"
-        )
-        frame = frame.with_row_index().filter(~pl.col("index").is_in(doubled)).drop("index")
-        time = time[: len(frame)]
-        frame = frame.with_columns(time=pl.Series(time))
     is_fresh = np.concatenate([[True], np.diff(time) != 0])
     kept, remark = rows_to_keep(frame, is_fresh, source, table.rows.noun)
     warnings += remark

@@ -12,9 +12,7 @@ from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.asked_table import STATE_RATE, Table, clock_factor
-from osl_analysis.ingest.doubled_rows import first_of, stands_before
 from osl_analysis.ingest.likely_clock import unwrapped
-from osl_analysis.ingest.stale_rows import find_stale_rows
 from osl_analysis.recording import Channel, Kind, Rows
 from osl_analysis.source_file import TableSource
 from osl_analysis.trial import Array, check_time
@@ -57,37 +55,12 @@ def with_time(
         remarks.append(
             f"{what} counts to 2**{bits} and began anew {turns} times; it is taken to go on"
         )
-    stale = find_stale_rows(raw)
-    if stale.size:
-        remarks += remarks_on_stale_rows(table.rows, stale, raw, factor)
-        kept = np.ones(raw.size, bool)
-        kept[stale] = False
-        table = table.at(kept)
-        raw = raw[kept]
-    if (np.diff(raw) < 0).any():
-        doubled = stands_before(raw, table.values)
-        if doubled.any():
-            places = np.flatnonzero(doubled)
-            remarks.append(f"{first_of(places, table.rows)}, with stamp and values: left out")
-            table, raw = table.at(~doubled), raw[~doubled]
-        check_not_joined(table, what, raw)
     time = np.asarray((raw - raw[0]) * factor, dtype=np.float64)
     check_time(what, time)
     check_clock_runs(table, source, time, raw, factor if clock.kind == Kind.CLOCK else 1.0)
     return replace(table, remarks=remarks), time, float(raw[0])
 
 
-def check_not_joined(table: Table, what: str, raw: NDArray[Any]) -> None:
-    """Refuse a clock (n,) that begins anew near its first reading, as where trials were joined."""
-    goes_back = np.flatnonzero(np.diff(raw) < 0) + 1
-    usual = float(np.median(np.diff(raw)))
-    begins = goes_back[np.abs(raw[goes_back] - raw[0]) < NEAR_BEGIN * usual]
-    if begins.size:
-        place = table.rows.place(int(begins[0]))
-        raise InputError(
-            f"{what}: time begins anew in {place}, as where another trial was joined to the first;"
-            f" cut the file before {place}, and give each trial a file of its own"
-        )
 
 
 def check_no_reading_lacks(table: Table, what: str, remedy: str) -> None:
@@ -102,20 +75,6 @@ def check_no_reading_lacks(table: Table, what: str, remedy: str) -> None:
         raise InputError(f"{what}: no time in {place}; remove it there, {remedy}")
 
 
-def remarks_on_stale_rows(
-    rows: Rows, stale: NDArray[np.int64], raw: NDArray[Any], factor: float
-) -> Iterator[str]:
-    """Name the rows that were left out, and how far their stamps are off."""
-    for row in stale[:5].tolist():
-        neighbour = row - 1 if row else row + 1
-        off = float(raw[row] - raw[neighbour]) * factor
-        yield (
-            f"{rows.place(row)} is left out: its stamp is {abs(off):.4g} s"
-            f" {'before' if off < 0 else 'behind'} those beside it, as of a packet that waited in a"
-            " buffer"
-        )
-    if stale.size > 5:
-        yield f"and {stale.size - 5} more {rows.noun}s like it"
 
 
 def check_clock_runs(

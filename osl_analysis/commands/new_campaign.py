@@ -30,6 +30,12 @@ from osl_analysis.ingest.draft import (
     pulse_channels,
     to_be_edited,
 )
+from osl_analysis.ingest.draft_session import (
+    gate_lengths,
+    is_gated,
+    with_angle_unit,
+    with_session_log,
+)
 from osl_analysis.ingest.draft_sheet import (
     UNNAMED,
     DraftedTrial,
@@ -37,11 +43,12 @@ from osl_analysis.ingest.draft_sheet import (
     is_fixture_alone,
     states_perturbation,
 )
-from osl_analysis.ingest.draft_walking import draft_walking, segment_of
-from osl_analysis.ingest.likely_channel import named_joint
+from osl_analysis.ingest.draft_walking import draft_walking, segment_of, stepping_leg
+from osl_analysis.ingest.likely_column import named_joint
 from osl_analysis.ingest.overview import FEWEST_READINGS, Overview
 from osl_analysis.ingest.placeholders import UNKNOWN
 from osl_analysis.measured import unusual
+from osl_analysis.signals.plateaus import FEWEST_PLATEAUS
 from osl_analysis.yaml_settings import read_mapping
 
 COLUMNS = (
@@ -239,10 +246,15 @@ def draft_campaign(folder: Path) -> Draft:
         )
     for one in described:
         draft.open += [(one.file, text) for text in one.overview.open]
+        if one.log is not None:
+            computed = [guess for guess in one.log.guesses if guess.formula]
+            draft.open += [(one.file, f"{guess.column}: {guess.formula}") for guess in computed]
     draft.open += cut_files(described)
     draft.sources = draft_sources(described)
     draft.trials = trials_of(described, draft.sources)
+    join_session_log(draft, described)
     align_by_pulses(draft.sources, draft.trials)
+    state_units_of_angles(draft, described)
     captures = [one for one in described if one.log is None]
     may_walk = any(
         trial.cells["experiment"] == "walking"
@@ -333,7 +345,7 @@ def trials_of(described: Sequence[Described], sources: Mapping[str, str]) -> lis
             moved[one.file] = "torque_angle" if one.log.is_slow else "impedance"
         elif one.log is not None and one.source in actuators:
             moved[one.file] = "actuator"
-    files = [(one.file, one.source, one.log is None) for one in described]
+    files = joined_actuators(described, moved)
     trials = draft_trials(files, moved, has_fixed_plates(described))
     named: dict[str, set[str]] = {}
     for one in described:
@@ -357,8 +369,46 @@ def has_fixed_plates(described: Sequence[Described]) -> bool:
     return has_plates and not any(segment_of(one.key)[1] == "platform" for one in markers)
 
 
+def joined_actuators(
+    described: Sequence[Described], moved: dict[Path, str]
+) -> list[tuple[Path, str, bool]]:
+    """The recordings to draft trials of: those of one clamped actuator, in a log for each of its
+    currents, are one, whose name has a `*`. `moved` gets its experiment."""
+    addresses: dict[str, dict[str, Mapping[str, str]]] = {}
+    for one in described:
+        if one.log is not None and one.log.sure("current") is not None:
+            guesses = zip(one.log.signals, one.log.guesses, strict=True)
+            of_log = {guess.column: channel.address for channel, guess in guesses if guess.is_sure}
+            addresses.setdefault(one.source, {}).update(of_log)
+    groups: dict[tuple[Path, str], list[Path]] = {}
+    for one in described:
+        if moved.get(one.file) != "actuator" or one.log is None:
+            continue
+        if one.log.holds_few_currents(addresses.get(one.source, {})):
+            groups.setdefault((one.file.parent, one.source), []).append(one.file)
+    joined: dict[Path, Path] = {}
+    for (folder, _), files in groups.items():
+        pattern = pattern_of([file.name for file in files])
+        alike = [one for one in described if one.file.match(str(folder / pattern))]
+        if len(files) >= FEWEST_PLATEAUS and len(alike) == len(files):
+            joined.update(dict.fromkeys(files, folder / pattern))
+            moved[folder / pattern] = "actuator"
+    recordings = [
+        (joined.get(one.file, one.file), one.source, one.log is None) for one in described
+    ]
+    return list(dict.fromkeys(recordings))
 
 
+def pattern_of(names: Sequence[str]) -> str:
+    """The shared begin and end of names, with a `*` between."""
+    first = min(names, key=len)
+    begin = 0
+    while begin < len(first) and len({name[begin] for name in names}) == 1:
+        begin += 1
+    end = 0
+    while end < len(first) - begin and len({name[-1 - end] for name in names}) == 1:
+        end += 1
+    return f"{first[:begin]}*{first[len(first) - end :]}"
 
 
 def has_columns(source: str, *columns: str) -> bool:
@@ -380,6 +430,33 @@ def draft_sources(described: Sequence[Described]) -> dict[str, str]:
     return texts
 
 
+def join_session_log(draft: Draft, described: Sequence[Described]) -> None:
+    """Give the log of a whole session to every capture of one who walks, where its sync line has a
+    pulse as long as each of them."""
+    logs = {one.file.as_posix(): one for one in described if one.log is not None}
+    captures = {one.file.as_posix(): one for one in described if one.log is None}
+    alone = [trial for trial in draft.trials if "mocap" not in trial.cells]
+    walks = [
+        trial
+        for trial in draft.trials
+        if trial.cells["experiment"] == "walking" and "log" not in trial.cells
+    ]
+    if len(alone) != 1 or len(walks) < 2 or alone[0].cells["log"] not in logs:
+        return
+    session = logs[alone[0].cells["log"]]
+    assert session.log is not None
+    lengths = gate_lengths(session.log)
+    of_walks = [captures[trial.cells["mocap"]] for trial in walks]
+    is_of_all = all(is_gated(capture.overview, lengths) for capture in of_walks)
+    if len(lengths) < len(walks) or not is_of_all:
+        return
+    for trial in walks:
+        trial.cells.update(log=alone[0].cells["log"], log_source=session.source)
+    draft.trials.remove(alone[0])
+    side = stepping_leg([capture.overview for capture in of_walks]).side
+    for name in {capture.source for capture in of_walks}:
+        capture = next(one for one in of_walks if one.source == name)
+        draft.sources[name] = with_session_log(draft.sources[name], capture.overview, side)
 
 
 def align_by_pulses(sources: dict[str, str], trials: Sequence[DraftedTrial]) -> None:
@@ -395,6 +472,21 @@ def align_by_pulses(sources: dict[str, str], trials: Sequence[DraftedTrial]) -> 
             sources[name] = text.replace('\nclock: "master"\n', '\nclock: "sync"\n')
 
 
+def state_units_of_angles(draft: Draft, described: Sequence[Described]) -> None:
+    """State the unit of the angle of logs beside captures, where the markers tell it."""
+    by_file = {one.file.as_posix(): one for one in described}
+    captures = [one.overview for one in described if one.log is None]
+    for trial in draft.trials:
+        if trial.cells["experiment"] != "walking" or "log" not in trial.cells:
+            continue
+        log = by_file.get(trial.cells["log"])
+        capture = by_file.get(trial.cells.get("mocap", ""))
+        if log is None or log.log is None or capture is None:
+            continue
+        text = draft.sources[log.source]
+        if f'unit: "{UNKNOWN}"' in text:
+            side = stepping_leg(captures).side
+            draft.sources[log.source] = with_angle_unit(text, log.log, capture.overview, side)
 
 
 def with_known(known: str, drafted: str) -> str:

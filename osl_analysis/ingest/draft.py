@@ -14,26 +14,40 @@ import numpy as np
 from osl_analysis.formats import known_formats
 from osl_analysis.ingest.clock import MINIMUM_EDGES, find_edges
 from osl_analysis.ingest.draft_walking import draft_walking
-from osl_analysis.ingest.likely_channel import (
+from osl_analysis.ingest.likely_column import (
     COUNTS,
     LEVELS,
     Guess,
+    as_actuator,
     gone_on,
     guessed_columns,
-    log_odds_of,
+    likely_column,
+    places_of,
     turns_slowly,
     with_known_unit,
 )
 from osl_analysis.ingest.overview import MOST_COLUMNS, Overview, RecordedChannel
 from osl_analysis.ingest.placeholders import NAME_OF_TIME, UNKNOWN, open_places
 from osl_analysis.ingest.raw_files import is_capture
-from osl_analysis.trial import COLUMNS
+from osl_analysis.signals.plateaus import (
+    MOST_FAST,
+    STANDS,
+    fast_share,
+    is_clamped,
+    is_one_level,
+    plateaus_of,
+)
+from osl_analysis.trial import COLUMNS, Array
 from osl_analysis.units import GON, base_units, dimension, is_unit, normalised
 from osl_analysis.yaml_settings import read_mapping
 
 NAMED_ALWAYS = ("theta", "torque", *LEVELS)  # columns that a draft names without a unit
-BETWEEN_LEVELS = 0.25
-MOST_BETWEEN = 0.02
+BETWEEN_LEVELS = 0.25  # share of its swing beside the middle, in which a pulse seldom is
+MOST_BETWEEN = 0.02  # share of the samples that may be there
+FEWEST_TIMES = 4  # readings of a log that is looked at
+MOST_OF_CLAMP = 0.05  # rad, by which a clamp yields under an actuator's torque
+LEAST_AT_PLATEAUS = 0.5  # share of the readings: a stepped current changes seldom
+FEWEST_OF_ONE_LOG = 5  # levels of a current that one log alone may have
 TIME_KEYS = ("column", "variable", "field", "channel")
 
 
@@ -58,13 +72,67 @@ class DraftedLog:
         angle = self.sure("theta")
         return angle is not None and self.clock is not None and turns_slowly(angle, self.clock)
 
+    def addressed(self, addresses: Mapping[str, Mapping[str, str]], column: str) -> Array | None:
+        """Readings (n,), in SI units, of the channel with the address of a column; None without
+        it."""
+        for channel in self.signals:
+            if channel.address == addresses.get(column) and channel.numbers is not None:
+                return channel.numbers * unit_factor(channel)
+        return None
+
+    def holds_few_currents(self, addresses: Mapping[str, Mapping[str, str]]) -> bool:
+        """Whether an actuator stands while its current has so few levels that other logs have the
+        rest. `addresses` are those of the channels, by column."""
+        current = self.addressed(addresses, "current")
+        time = times_of(current, self.clock)
+        if current is None or time is None:
+            return False
+        for column in ("theta_m", "omega_m"):
+            motion = self.addressed(addresses, column)
+            if motion is None or len(motion) != len(time):
+                continue
+            if fast_share(time, motion, column == "theta_m", STANDS) > MOST_FAST:
+                return False
+        if is_one_level(time, current):
+            return True
+        return 0 < len(plateaus_of(time, current)) < FEWEST_OF_ONE_LOG
 
 
+def times_of(readings: Array | None, clock: RecordedChannel | None) -> Array | None:
+    """Times (n,) [s] of readings, all of which are numbers; None if they are not known."""
+    if readings is None or clock is None or clock.numbers is None:
+        return None
+    if len(clock.numbers) != len(readings) or len(readings) < FEWEST_TIMES:
+        return None
+    time = (clock.numbers - clock.numbers[0]) * unit_factor(clock)
+    is_rising = bool((np.diff(time) >= 0).all())
+    return time if is_rising and time[-1] > 0 and np.isfinite(readings).all() else None
 
 
+def stands_at_plateaus(
+    signals: Sequence[RecordedChannel], guesses: Sequence[Guess], clock: RecordedChannel | None
+) -> bool:
+    """Whether the only angle hardly turns while the only current stands at plateaus: both are of a
+    clamped actuator, and not of a joint that is moved."""
+    angles = places_of(guesses, "theta")
+    currents = places_of(guesses, "current")
+    if len(angles) != 1 or len(currents) != 1 or not places_of(guesses, "torque"):
+        return False
+    angle, current = signals[angles[0]], signals[currents[0]]
+    time = times_of(current.numbers, clock)
+    if time is None or current.numbers is None or angle.numbers is None:
+        return False
+    if not np.ptp(angle.numbers) * unit_factor(angle) < MOST_OF_CLAMP:
+        return False
+    plateaus = plateaus_of(time, current.numbers)
+    at_plateaus = sum(rows.stop - rows.start for rows in plateaus) / len(time)
+    is_stepped = at_plateaus > LEAST_AT_PLATEAUS
+    return is_stepped and is_clamped(time, current.numbers, plateaus, None, True, STANDS)
 
 
-
+def unit_factor(channel: RecordedChannel) -> float:
+    """A channel's unit in SI units; 0 if it is not known."""
+    return (base_units(normalised(channel.unit or channel.likely_unit)) or (0.0, ""))[0]
 
 
 @np.errstate(all="ignore")  # what a damaged file holds may be of any size
@@ -81,6 +149,14 @@ def drafted_log(overview: Overview) -> DraftedLog:
         if channel is not clock and not is_topic_alone and not has_no_numbers:
             signals.append(with_known_unit(channel))
     guesses = guessed_columns(signals)
+    if stands_at_plateaus(signals, guesses, clock):
+        guesses = as_actuator(
+            signals,
+            [
+                replace(guess, column="theta_m") if guess.column == "theta" else guess
+                for guess in guesses
+            ],
+        )
     return DraftedLog(signals, guesses, clock)
 
 
@@ -133,7 +209,8 @@ def capture_lines(overview: Overview) -> Iterator[str]:
         named = pulses if key == "analogs" else {}
         yield f"{key}:" if named else f"# {key}:"
         for column, channel in named.items():
-            why = "guessed from its name"
+            by_name = likely_column(channel) == column
+            why = "guessed from its name" if by_name else "a guess: it is a train of pulses"
             yield channel_line(
                 0, with_number(channel, channels), Guess(column, is_sure=True, why=why)
             )
@@ -147,11 +224,6 @@ def capture_lines(overview: Overview) -> Iterator[str]:
         if of_plates:
             plates = ", ".join(dict.fromkeys(of_plates))
             yield f"#   {len(of_plates)} more are read as {plates}"
-
-
-def is_level_by_name(channel: RecordedChannel, column: str) -> bool:
-    """Whether a channel is called like a level."""
-    return log_odds_of(channel)[column] > 0
 
 
 def with_number(channel: RecordedChannel, channels: Sequence[RecordedChannel]) -> RecordedChannel:
@@ -169,15 +241,14 @@ def pulse_channels(overview: Overview) -> dict[str, RecordedChannel]:
     analogs = [one for one in overview.channels if one.kind == "analog"]
     found: dict[str, RecordedChannel] = {}
     for column in LEVELS:
-        alike = [one for one in analogs if is_level_by_name(one, column)]
+        alike = [one for one in analogs if likely_column(one) == column]
         if len(alike) == 1:
             found[column] = alike[0]
-    trains = [one for one in analogs if is_pulse_train(one)]
-    if "sync" not in found and len(trains) == 1 and trains[0] not in found.values():
-        found["sync"] = trains[0]
+    if "sync" not in found:
+        trains = [one for one in analogs if is_pulse_train(one)]
+        if len(trains) == 1 and trains[0] not in found.values():
+            found["sync"] = trains[0]
     return found
-
-
 
 
 def is_pulse_train(channel: RecordedChannel) -> bool:

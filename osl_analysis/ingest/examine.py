@@ -814,35 +814,17 @@ CONFUSED_UNITS = {"rad": ("rad", "deg", "mrad"), "N*m": ("N*m", "N*mm", "N*cm")}
 SMALLEST_MOTION = math.radians(0.5)  # of an angle's range; no recording of a joint has less
 
 
-COMPUTED_SHARE = 2e-4  # of a torque that its own log does not explain; a load cell has more noise
-
-
-def unexplained_share(trial: Trial, torque: str) -> float:
-    """Share of a torque that no sum of the other signals, their slopes, their cubes and the signs
-    of speeds explains, where all were sampled; infinite of a torque alone."""
-    names = [name for name in (*ANGLES, "omega_m", "current") if name in trial.columns]
-    time, measured, *others = trial.arrays(torque, *names)
-    if not others or measured.size < 200 or not np.ptp(measured):
-        return math.inf
-    slopes = [np.gradient(one, time) for one in others]
-    columns = [*others, *slopes, *[one**3 for one in others], *[np.sign(one) for one in slopes]]
-    inside = slice(5, -5)
-    X = np.column_stack([one[inside] for one in (*columns, np.ones(time.size))])
-    X = X / np.maximum(np.abs(X).max(axis=0), np.finfo(float).tiny)
-    y = measured[inside]
-    left = y - X @ np.linalg.lstsq(X, y, rcond=1e-12)[0]
-    return float(np.median(np.abs(left)) / np.median(np.abs(y - y.mean())))
-
-
 def check_own_torque(trial: Trial, torque: str = "torque") -> None:
     """Refuse a torque that is the motor's current times a constant, or another function of what the
     log has: a fit to it would be circular."""
-    left = unexplained_share(trial, torque)
-    if left < COMPUTED_SHARE:
+    own = origin(trial, torque)
+    if own.get("computed_from"):
+        measured = [f"'{name}'" for name in own["measured_beside"]]
+        channel = " or ".join(measured) or "the channel of a load cell"
         raise InputError(
-            f"trial {trial.name}: {torque} is a function of the log's own signals to within"
-            f" {100 * left:.1g} %: computed, not measured, and a fit gives the formula back; name the"
-            f" channel of a load cell as {torque} in the source file, or write experiment ingest_only"
+            f"trial {trial.name}: {torque} is {own['computed_from']} to within rounding: computed,"
+            f" not measured, and a fit gives the formula back; name {channel} as {torque} in the"
+            " source file, or write experiment ingest_only"
         )
     both = trial.arrays(torque, "current")[1:] if {torque, "current"} <= set(trial.columns) else ()
     if both and (factor := factor_of(*both)) is not None:

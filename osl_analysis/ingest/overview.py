@@ -15,14 +15,19 @@ from osl_analysis.errors import InputError, listing, naming, printable
 from osl_analysis.formats import known_formats
 from osl_analysis.ingest.asked_table import is_clock_beside
 from osl_analysis.ingest.capture import is_labelled, vertical_axis
+from osl_analysis.ingest.clock_choice import (
+    choose_clock,
+    clock_unit,
+    gaps_text,
+    rate_in_words,
+)
 from osl_analysis.ingest.conversion import share_above
 from osl_analysis.ingest.force_plates import convert_plate
 from osl_analysis.ingest.likely_clock import (
+    is_like_clock,
     likely_unit,
     rate_of,
-    stated_rate,
     ticks,
-    time_unit,
 )
 from osl_analysis.ingest.placeholders import NAME_OF_TIME, UNKNOWN
 from osl_analysis.recording import Channel, End, Kind, Plate, Recording
@@ -232,7 +237,7 @@ def as_clock(channel: RecordedChannel) -> RecordedChannel:
     gaps = gaps_text(known)
     if gaps:
         note = f"{note}, {gaps}"
-    unit = "" if channel.unit else likely_unit(channel.name) or time_unit(known)
+    unit = "" if channel.unit else clock_unit(channel.name, known)
     return replace(channel, note=note, likely_unit=unit)
 
 
@@ -429,16 +434,6 @@ def repeated_headers(channels: Iterable[RecordedChannel]) -> Iterator[str]:
             return
 
 
-def gaps_text(time: Array) -> str:
-    """Gaps, stamps that go back and repeated ones, in words; empty without any."""
-    steps = np.diff(np.sort(time))
-    usual = float(np.median(steps)) if steps.size else 0.0
-    wide = steps[steps > 1.5 * usual] if usual > 0 else steps[:0]
-    texts = [f"{wide.size} gaps, the longest {wide.max():.3f} s"] if wide.size else []
-    counts = {"stamps out of order": (np.diff(time) < 0).sum(), "stamps twice": (steps == 0).sum()}
-    return ", ".join([*texts, *(f"{count} {what}" for what, count in counts.items() if count)])
-
-
 def has_title(channel: RecordedChannel) -> bool:
     """Whether the title of a channel, with or without its unit, is among its words."""
     name = channel.name
@@ -525,14 +520,23 @@ def timing_of(
     named = [one for one in stamps if is_clock(one.name)]
     if len(stamps) == 1 and not any(is_clock(one.name) for one in numbered if one is not stamps[0]):
         named = stamps
-    from osl_analysis.ingest.likely_channel import clock_among
-
-    clock, questions = clock_among(numbered, [one.key for one in named[:1]])
-    if clock is None and not questions:
-        rate = stated_rate(recording.notes)
+    questions: list[str] = []
+    has_clock = any(
+        is_like_clock(one.name) or ticks(np.asarray(one.numbers), one.unit) for one in numbered
+    )
+    if not has_clock and not named:
+        rate, questions = rate_in_words(recording.notes)
         if rate is not None:
-            told = f"time by the file's own words: {rate} rows a second"
-            return {"time": {"rate": rate}}, None, [told]
+            return {"time": {"rate": rate}}, None, questions
+    choice = choose_clock(
+        {one.key: np.asarray(one.numbers) for one in numbered},
+        {one.key: one.name for one in numbered},
+        {one.key: one.unit for one in numbered},
+        f"{what}s",
+        [one.key for one in named[:1]],
+    )
+    questions += choice.questions
+    clock = next((one for one in numbered if one.key == choice.key), None)
     if clock is None:
         return {"time": {what: NAME_OF_TIME, "unit": UNKNOWN}}, None, questions
     if any(clock is one for one in stamps):

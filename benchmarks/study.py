@@ -21,6 +21,7 @@ from typing import Any, TypeVar
 import numpy as np
 import polars as pl
 from causes import ROOT, markdown, write_between
+from osl_analysis.walking.shared_motion import identify_platform
 
 from osl_analysis.bench.bench_settings import ActuatorAnalysis, DynamometerAnalysis, ModelComparison
 from osl_analysis.bench.fit_tables import FitTables
@@ -58,7 +59,6 @@ from osl_analysis.walking.impedance_fit import fit_response, fit_without_offset
 from osl_analysis.walking.isolated_response import isolate_response
 from osl_analysis.walking.plate_model import identify_plate_model
 from osl_analysis.walking.poses import static_calibration
-from osl_analysis.walking.shared_motion import identify_platform
 from osl_analysis.walking.stance import Stance
 from osl_analysis.walking.unperturbed_gait import unperturbed_gait
 from osl_analysis.walking.walking_settings import FootSettings, WalkingAnalysis

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from causes import ROOT
+from osl_analysis.walking.shared_motion import identify_platform
 from planted_gait import Array, Campaign, Laboratory, Walkway
 
 from osl_analysis.campaign.configuration import read_section
@@ -20,7 +21,6 @@ from osl_analysis.walking.groups import STATED
 from osl_analysis.walking.plate_model import identify_plate_model
 from osl_analysis.walking.poses import static_calibration
 from osl_analysis.walking.selection import selection_rows
-from osl_analysis.walking.shared_motion import identify_platform
 from osl_analysis.walking.unperturbed_gait import unperturbed_gait
 from osl_analysis.walking.walking_settings import WalkingAnalysis
 

@@ -17,7 +17,6 @@ from pydantic import (
     BeforeValidator,
     Field,
     PositiveFloat,
-    PositiveInt,
     PrivateAttr,
     field_validator,
     model_validator,

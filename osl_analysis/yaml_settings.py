@@ -48,13 +48,16 @@ class Settings(BaseModel):
                 known = ", ".join(cls.model_fields)
                 raise misplaced(
                     f"is unknown; the known fields{cls.OF} are {known}"
-                    f"{nearest(str(name), cls.model_fields)}", name,
+                    f"{nearest(str(name), cls.model_fields)}",
+                    name,
                 )
         return content
 
     def part(self, base: str) -> dict[str, Any]:
         """The fields of the base class of this name, as JSON, for a job that uses only these."""
-        bases = {model.__name__: model for model in type(self).__mro__ if issubclass(model, Settings)}
+        bases = {
+            model.__name__: model for model in type(self).__mro__ if issubclass(model, Settings)
+        }
         return self.model_dump(mode="json", include=set(bases[base].model_fields))
 
 
@@ -79,7 +82,9 @@ for _kind, _first, _form in (
     ("int", "-+0123456789", "[-+]?[0-9]+"),
     ("float", "-+.0123456789", r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?"),
 ):
-    Loader.add_implicit_resolver(f"tag:yaml.org,2002:{_kind}", re.compile(f"^(?:{_form})$"), list(_first))
+    Loader.add_implicit_resolver(
+        f"tag:yaml.org,2002:{_kind}", re.compile(f"^(?:{_form})$"), list(_first)
+    )
 
 
 def read_yaml(path: Path, model: type[AnySettings]) -> AnySettings:
@@ -145,7 +150,10 @@ def dotted(place: Place) -> str:
 
 
 def validated(
-    content: Any, model: type[AnySettings], path: Path, files: Sequence[Path] | None = None,
+    content: Any,
+    model: type[AnySettings],
+    path: Path,
+    files: Sequence[Path] | None = None,
     above: Place = (),
 ) -> AnySettings:
     """The content of a configuration file as a model. `files` have the lines, and `above` are the
@@ -163,16 +171,18 @@ def validated(
         if first["type"] == "missing":
             shown, reason = "", "is missing; add it"
         more = f" (and {len(problems) - 1} more problems)" if len(problems) > 1 else ""
-        raise InputError(f"{path}: {line}{dotted(own) or 'the file'}{shown}: {reason}{more}") from error
+        raise InputError(
+            f"{path}: {line}{dotted(own) or 'the file'}{shown}: {reason}{more}"
+        ) from error
 
 
 def own_place(problem: Mapping[str, Any], content: Any) -> Place:
     """The field of a problem, without the names that pydantic gives to choices of a union."""
     place: list[int | str] = []
     for name in problem["loc"]:
-        if isinstance(content, dict) and name in content:
-            content = content[name]
-        elif isinstance(content, list | tuple) and isinstance(name, int) and name < len(content):
+        if (isinstance(content, dict) and name in content) or (
+            isinstance(content, list | tuple) and isinstance(name, int) and name < len(content)
+        ):
             content = content[name]
         elif problem["type"] != "missing" or name != problem["loc"][-1]:
             continue
@@ -200,10 +210,14 @@ def require_below(low: str, high: str, why: str, or_equal: bool = False) -> Any:
     """A check that a field, or a sum as `guard_s + window_s`, is below another, or equal."""
 
     def check(settings: Any) -> Any:
-        ends = [sum(attrgetter(name)(settings) for name in names.split(" + ")) for names in (low, high)]
+        ends = [
+            sum(attrgetter(name)(settings) for name in names.split(" + ")) for names in (low, high)
+        ]
         if ends[0] - ends[1] > (ROUNDING if or_equal else -ROUNDING):
             reason = f"{low} = {ends[0]:g} is not below {high} = {ends[1]:g}, {why}"
-            raise misplaced(f"{reason}; lower {low}, or raise {high}", *low.split(" + ")[0].split("."))
+            raise misplaced(
+                f"{reason}; lower {low}, or raise {high}", *low.split(" + ")[0].split(".")
+            )
         return settings
 
     return model_validator(mode="after")(check)
@@ -213,7 +227,9 @@ def check_rising(values: tuple[Any, ...]) -> tuple[Any, ...]:
     """A check that each value of a list is below the next."""
     for value, following in pairwise(values):
         if value >= following:
-            raise ValueError(f"{following} stands behind {value}; write each once, from low to high")
+            raise ValueError(
+                f"{following} stands behind {value}; write each once, from low to high"
+            )
     return values
 
 
@@ -230,7 +246,9 @@ def check_known(names: Collection[str], kind: str, name: str) -> str:
     """A check that a name is among these; `kind` says in the message what they are."""
     if name in names:
         return name
-    raise InputError(f"'{name}' is no {kind}; write one of {listing([*names], 14)}{nearest(name, names)}")
+    raise InputError(
+        f"'{name}' is no {kind}; write one of {listing([*names], 14)}{nearest(name, names)}"
+    )
 
 
 def removed(instead: str, *place: str) -> PydanticCustomError:

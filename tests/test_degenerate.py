@@ -26,7 +26,7 @@ from osl_analysis.stats import regression, repeats
 from osl_analysis.stats.regression import linear_fit
 from osl_analysis.stats.table_rows import whiteness_row
 from osl_analysis.trial import Trial
-from osl_analysis.walking.group_checks import (check_single)
+from osl_analysis.walking.group_checks import check_single
 from osl_analysis.walking.impedance_fit import fit_response, fit_without_offset
 from osl_analysis.walking.isolated_response import isolate_response
 from osl_analysis.walking.platform import find_onset
@@ -272,11 +272,5 @@ def single(gait, perturbed):
     return fit, check_single(isolated, fit)
 
 
-
-
 def selection(gait, perturbed):
     return selected([*gait, *perturbed], CHOICES)
-
-
-
-

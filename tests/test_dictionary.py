@@ -13,7 +13,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from polars.testing import assert_frame_equal
 
-
 from osl_analysis.dictionary import HERE, described_in, described_tables, own_yaml
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path, check_working_folder, digest, file_state
@@ -27,7 +26,6 @@ from osl_analysis.table import (
     with_places,
     write_table,
 )
-
 from osl_analysis.yaml_settings import read_mapping
 
 
@@ -65,8 +63,6 @@ def test_endings_covariances_and_shared_columns_are_written_out():
 def test_a_table_and_its_evidence_share_what_a_row_is_alone():
     both = (set(described(f"tables/impedance{end}")) for end in ("", "_evidence"))
     assert set.intersection(*both) == {*ROW_KEYS, "data"}
-
-
 
 
 def test_columns_that_are_read_as_text_are_described_as_text():

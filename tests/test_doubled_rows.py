@@ -3,9 +3,9 @@
 import numpy as np
 import polars as pl
 import pytest
+from osl_analysis.ingest.doubled_rows import numbered_twice
 
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.doubled_rows import numbered_twice
 from osl_analysis.ingest.guard import lost_rows
 from osl_analysis.ingest.raw_files import read_converted, read_source
 

@@ -24,11 +24,6 @@ from mcap.data_stream import RecordBuilder
 from mcap.reader import NonSeekingReader, make_reader
 from mcap_builder import HEADER, stamped, write_log, write_payloads
 from mcap_ros2.decoder import DecoderFactory
-
-from osl_analysis import formats
-from osl_analysis.errors import InputError
-from osl_analysis.formats import mcap
-from osl_analysis.formats._messages import JOINED_AT_ONCE, Messages, Schema, Topic
 from osl_analysis.formats._ros_shapes import (
     MessageType,
     message_type,
@@ -36,6 +31,11 @@ from osl_analysis.formats._ros_shapes import (
     shape_of,
     shape_of_zeros,
 )
+
+from osl_analysis import formats
+from osl_analysis.errors import InputError
+from osl_analysis.formats import mcap
+from osl_analysis.formats._messages import JOINED_AT_ONCE, Messages, Schema, Topic
 from osl_analysis.recording import End, Kind, Recording
 from osl_analysis.source_file import MessageSource
 

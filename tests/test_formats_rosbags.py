@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import yaml
 from c3d_builder import REAL_DATA
+from osl_analysis.formats._ros_shapes import message_type, rows_at, shape_of
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
@@ -21,7 +22,6 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from osl_analysis import formats
 from osl_analysis.errors import InputError
 from osl_analysis.formats import known_formats, recognise
-from osl_analysis.formats._ros_shapes import message_type, rows_at, shape_of
 from osl_analysis.recording import End, Recording
 from osl_analysis.source_file import MessageSource
 

@@ -7,6 +7,7 @@ import numpy as np
 import polars as pl
 import pytest
 from conftest import ROOT
+from osl_analysis.ingest.row_faults import find_row_faults
 from recognised_files import read_recognised
 
 from osl_analysis.commands.simulate import (
@@ -22,7 +23,6 @@ from osl_analysis.ingest.guard import (
     smallest_motion,
 )
 from osl_analysis.ingest.raw_files import read_source, trial_from_files
-from osl_analysis.ingest.row_faults import find_row_faults
 from osl_analysis.trial import Array, Trial
 
 REAL_DATA = ROOT.parent / "shared/real_data"

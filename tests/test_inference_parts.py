@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import scipy
 import statsmodels.api as sm
+from osl_analysis.inference.time_hypotheses import DriftingClocks
 
 from osl_analysis.errors import InputError
 from osl_analysis.inference import BenchSignals, constants
@@ -24,7 +25,6 @@ from osl_analysis.inference.mixture import Part, evidence_of, mixture_quantiles
 from osl_analysis.inference.path_hypotheses import Delay
 from osl_analysis.inference.shape_hypotheses import slope_beyond_ends
 from osl_analysis.inference.spectra import Spectra
-from osl_analysis.inference.time_hypotheses import DriftingClocks
 from osl_analysis.inference.whitening import JointKind, Whitened
 
 RATE = 500.0

@@ -3,8 +3,8 @@
 import numpy as np
 import polars as pl
 import pytest
-
 from osl_analysis.ingest.row_faults import find_row_faults, row_faults_of, with_row_faults
+
 from osl_analysis.trial import Trial
 
 RATE_HZ = 500.0

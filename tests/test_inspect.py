@@ -17,8 +17,6 @@ from test_ingest_assemble import WRITERS
 
 from osl_analysis.cli import main
 from osl_analysis.commands import trials as module
-
-
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.clock_choice import ClockChoice, gaps_text, likely_clock, span_of
 from osl_analysis.ingest.draft import draft_source
@@ -308,8 +306,6 @@ pytestmark = pytest.mark.usefixtures("in_root", "schemas_made_once")
 STIFFNESS, DAMPING, INERTIA = 120.0, 2.0, 0.02
 
 
-
-
 def write_joint(path, sign=1.0):
     """A log of an exact joint under a stepped sine, as a laboratory's own CSV: 1 and 3 Hz at 4 deg,
     250 Hz."""
@@ -341,27 +337,3 @@ def looks(arrivals, *seconds):
         arrivals.seen |= {path.name: state for path, state in complete}
         found.append([path.name for path, _ in complete])
     return found
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-

@@ -2,15 +2,12 @@
 edited lines and the units that no name or header states give the numbers that the files were made
 of. What a draft guesses it says, with its evidence, beside the guess."""
 
-
 import numpy as np
 import pytest
 from mcap_builder import HEADER
 from nptdms import ChannelObject, TdmsWriter
 
 from osl_analysis.commands import trials as module
-
-
 from osl_analysis.ingest.draft import draft_source
 
 pytestmark = pytest.mark.usefixtures("without_inference", "schemas_made_once")
@@ -53,12 +50,8 @@ def write_csv(path, columns, sign=",", decimal="."):
     path.write_text("\n".join([sign.join(columns), *rows]) + "\n", encoding="utf-8")
 
 
-
-
 def is_right(fit):
     return {name: fit[name] for name in TRUE} == pytest.approx(TRUE, rel=0.02)
-
-
 
 
 VECTORS = (
@@ -74,8 +67,6 @@ for kind, own in zip(("Wrench", "Vector3"), VECTORS, strict=True):
     WRENCH += f"{'=' * 80}\nMSG: geometry_msgs/{kind}\n{own}"
 
 
-
-
 def leg_columns(amps, theta, torque, time):
     return {
         "loop_time": time + 17.0,
@@ -84,12 +75,6 @@ def leg_columns(amps, theta, torque, time):
         "motor_current": 1e3 * amps, "joint_torque": 0.11 * amps, "loadcell_mz": torque,
         "genvar_0": 0 * time,
     }  # fmt: skip
-
-
-
-
-
-
 
 
 def test_a_torque_has_the_sign_by_which_a_joint_resists(

@@ -15,7 +15,6 @@ from jsonschema import Draft202012Validator
 from test_ingest_opensim import write_trc
 
 from osl_analysis.cli import main
-
 from osl_analysis.commands.new_campaign import (
     draft_campaign,
     is_complete,
@@ -171,8 +170,6 @@ def test_nothing_is_overwritten_and_nothing_stays_behind(tmp_path):
     assert sorted(tmp_path.rglob("*")) == before
 
 
-
-
 def test_an_empty_folder_becomes_a_campaign_where_one_stands(tmp_path, monkeypatch):
     (tmp_path / "mine").mkdir()
     monkeypatch.chdir(tmp_path / "mine")
@@ -183,8 +180,6 @@ def test_an_empty_folder_becomes_a_campaign_where_one_stands(tmp_path, monkeypat
     made = {path.name for path in Path().iterdir()}
     assert made == {"config.yaml", "trials.csv", "sources", "schemas", "recordings"}
     assert yaml.safe_load(Path("config.yaml").read_text())["campaign"] == "mine"
-
-
 
 
 def test_nothing_is_submitted_where_there_is_no_slurm(monkeypatch):

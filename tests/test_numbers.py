@@ -143,7 +143,9 @@ def test_latex_has_rules_and_escapes_what_users_write():
     table = pd.DataFrame({"controller": ["PD_1"], "K": ["101"]})
 
     tex = paper_tables.to_tex(table, "simulated")
-    assert r"\toprule" in tex and r"PD\_1" in tex and r"\newton\meter\per\radian" in tex
+    assert r"\toprule" in tex
+    assert r"PD\_1" in tex
+    assert r"\newton\meter\per\radian" in tex
 
 
 def test_components_stand_beside_the_draft():
@@ -185,7 +187,9 @@ def test_the_page_shows_figures_without_other_files_and_escapes_names():
     )  # fmt: skip
 
     html = written_page(page)
-    assert "&lt;b&gt;" in html and "&lt;script&gt;" in html and "K &amp; B" in html
+    assert "&lt;b&gt;" in html
+    assert "&lt;script&gt;" in html
+    assert "K &amp; B" in html
     assert 'src="data:image/svg+xml;base64,PHN2Zy8+"' in html
 
 

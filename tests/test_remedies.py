@@ -6,12 +6,6 @@ import numpy as np
 import polars as pl
 import pytest
 import yaml
-
-from osl_analysis.bench.fit_tables import FitTables
-from osl_analysis.bench.identifiability import check_told
-from osl_analysis.campaign.configuration import read_config
-from osl_analysis.commands.bench import fit_actuator_trial, fit_torque_angle_trial
-from osl_analysis.commands.fit import fit_settings, fit_trial
 from osl_analysis.commands.remedies import (
     OF_ROWS,
     changed,
@@ -21,6 +15,12 @@ from osl_analysis.commands.remedies import (
     remedies_tried,
     tried,
 )
+
+from osl_analysis.bench.fit_tables import FitTables
+from osl_analysis.bench.identifiability import check_told
+from osl_analysis.campaign.configuration import read_config
+from osl_analysis.commands.bench import fit_actuator_trial, fit_torque_angle_trial
+from osl_analysis.commands.fit import fit_settings, fit_trial
 from osl_analysis.commands.trials import raw_trial
 from osl_analysis.errors import Change, IdentifiabilityError, InputError
 from osl_analysis.files import default_config

@@ -208,12 +208,6 @@ def test_the_plate_s_lag_and_its_own_wrench_come_out(real: Session) -> None:
     assert (moving["left_percent"] < 10).all()
 
 
-
-
-
-
-
-
 def exact(session: Session, crossing: Crossing) -> Crossing:
     """The crossing with its true angle and torque, through the low-pass of the analysis."""
     truth = pl.read_parquet(session.folder / f"truth/{crossing.name}.parquet").gather_every(5)
@@ -541,24 +535,8 @@ def gait_trial(side: str = "left", over: float = 0.0) -> Trial:
     return changed(trial, **{f"reference_ankle_moment_{side}": moments})
 
 
-
-
-
-
 # of 800 N 0.12 m ahead, and 80 N 0.11 m below the ankle [N*m]
 # The axis is turned by 20 deg, and goes through a point 0.04 m beside the ankle's centre
-
-
-
-
-
-
-
-
-
-
-
-
 
 
 def mass_of(sheet: float | None, recorded: float | None, configured: float | None) -> float | None:

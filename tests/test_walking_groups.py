@@ -22,7 +22,6 @@ from walking_crossings import (
 )
 from walking_synthetic import pose, settings
 
-
 from osl_analysis.commands.walking_summary import tabulate_over_stance
 from osl_analysis.errors import InputError
 from osl_analysis.table import read_table
@@ -370,8 +369,6 @@ def test_results_over_stance_stand_beside_the_commanded_impedance(
 
 def test_without_a_trajectory_nothing_is_commanded(three_timings, tmp_path):
     assert read_table(over_stance(three_timings, tmp_path))["commanded"].is_null().all()
-
-
 
 
 def test_beyond_stance_nothing_is_commanded():

@@ -33,7 +33,6 @@ from osl_analysis.outcomes.perform import (
 from osl_analysis.refusal import is_refused, read_refusals
 from osl_analysis.report.brief import brief_lines
 
-
 TRIAL = "impedance_K300_B5.0_compensated"
 DYNAMOMETER = OVERRIDES["dynamometer"]
 EVERY_TRIAL = (ROOT / "tests/planned_trials.csv").read_text().splitlines(keepends=True)
@@ -158,8 +157,6 @@ def test_after_a_run_nothing_is_left_to_do(workspace):
 def test_no_number_of_a_campaign_changes_unnoticed(workspace):
     changes = changed(workspace.folder / "results")
     assert changes == [], "if all of it is intended: python tests/reference.py"
-
-
 
 
 def leaves(value, place=()):

@@ -181,12 +181,6 @@ def noise_covariance(
     return covariance, np.full(len(estimates), freedom)
 
 
-
-
-
-
-
-
 def scores_beside_richest(
     s: Sums,
     equations: NormalEquations,
@@ -268,9 +262,7 @@ def combined(
     correlation = both / np.outer(size, size)
     covariance = correlation * np.outer(error, error)
     freedom_of_misfit = np.full_like(of_noise, max(units - 1.0, 1.0))
-    degrees = welch_satterthwaite(
-        [of_noise, beyond_noise], [freedom, freedom_of_misfit]
-    )
+    degrees = welch_satterthwaite([of_noise, beyond_noise], [freedom, freedom_of_misfit])
     return covariance, np.maximum(degrees, 1.0)
 
 

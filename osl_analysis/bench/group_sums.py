@@ -132,11 +132,7 @@ def measured_rows(record: Record, columns: Mapping[str, Array]) -> Array:
     return rows
 
 
-
-
-def with_torque(
-    s: Sums, record: Record, further: Mapping[str, Array]
-) -> Sums:
+def with_torque(s: Sums, record: Record, further: Mapping[str, Array]) -> Sums:
     """The sums of the same columns and of `further` ones (n,), with another torque.
 
     Only products with what is new are summed.

@@ -70,10 +70,6 @@ def friction_columns(friction: FrictionFit | None) -> Row:
     }
 
 
-
-
-
-
 @dataclass(frozen=True)
 class SuspectedFault:
     """What else than Eq. 15, friction and a reflex the torque may hold.
@@ -167,8 +163,6 @@ def delay_columns(delay: UnstatedDelay | None) -> Row:
         "B_half_known_delay": delay.B_half if delay else None,
         "I_half_known_delay": delay.I_half if delay else None,
     }
-
-
 
 
 MIXTURE = "mixture of hypotheses"  # `interval_method` of the inference

@@ -190,8 +190,6 @@ def joint_fit(
     )
 
 
-
-
 def suspected_fault_of(
     inferred: ImpedanceInference, known_errors: Mapping[str, float]
 ) -> SuspectedFault:
@@ -284,8 +282,6 @@ def named_explanations(inferred: ImpedanceInference) -> str:
     least = NAMED_SHARE * inferred.fault_probability
     names = [each.name for each in inferred.explanations if each.probability > least]
     return ", ".join(dict.fromkeys(names))
-
-
 
 
 def is_delay_stated(record: Record) -> bool:

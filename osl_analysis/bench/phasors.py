@@ -229,8 +229,6 @@ def of_one_stratum(scores: Array) -> NDArray[np.intp]:
     return np.zeros(len(scores), dtype=np.intp)
 
 
-
-
 @dataclass(frozen=True)
 class SegmentPhasors:
     """Phasors of raw angle and torque in one segment: one frequency at one amplitude."""

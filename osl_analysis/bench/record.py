@@ -175,10 +175,6 @@ class Record:
             angle = at_highest
         return angle, torque
 
-
-
-
-
     @cached_property
     def pieces(self) -> tuple[slice, ...]:
         """The fitted rows."""
@@ -276,8 +272,6 @@ class Record:
                 f"({sizes} deg); choose one of these"
             )
         return near
-
-
 
 
 def actuator_turns(record: Record) -> bool:

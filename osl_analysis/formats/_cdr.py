@@ -12,9 +12,20 @@ from numpy.typing import NDArray
 from osl_analysis.errors import InputError, optional_module
 
 NUMBERS = {
-    "bool": "?", "byte": "u1", "char": "u1", "octet": "u1", "int8": "i1", "uint8": "u1",
-    "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4", "int64": "i8", "uint64": "u8",
-    "float32": "f4", "float64": "f8",
+    "bool": "?",
+    "byte": "u1",
+    "char": "u1",
+    "octet": "u1",
+    "int8": "i1",
+    "uint8": "u1",
+    "int16": "i2",
+    "uint16": "u2",
+    "int32": "i4",
+    "uint32": "u4",
+    "int64": "i8",
+    "uint64": "u8",
+    "float32": "f4",
+    "float64": "f8",
 }
 STAMP = [("sec", (1, ("int32", 0))), ("nanosec", (1, ("uint32", 0)))]
 TIME_TYPES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
@@ -147,7 +158,9 @@ class Walk:
         self.share(self.at, self.at + 4)
         self.at += 4
         if count > len(self.data):
-            raise InputError(f"a message of {len(self.data)} bytes is not what its schema describes")
+            raise InputError(
+                f"a message of {len(self.data)} bytes is not what its schema describes"
+            )
         return int(count)
 
     def text(self, is_shared: bool = False) -> str:

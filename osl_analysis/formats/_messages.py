@@ -52,12 +52,17 @@ class Topic:
                 " protobuf and json: convert the log"
             )
         factory = optional_module("mcap_protobuf.decoder", "protobuf")
-        record = optional_module("mcap.records", "MCAP").Schema(1, self.text, "protobuf", self.schema)
+        record = optional_module("mcap.records", "MCAP").Schema(
+            1, self.text, "protobuf", self.schema
+        )
         decoder: Callable[[bytes], Any] = factory.DecoderFactory().decoder_for("protobuf", record)
         return decoder
 
     def add(
-        self, data: bytes, starts: NDArray[np.int64], lengths: NDArray[np.int64],
+        self,
+        data: bytes,
+        starts: NDArray[np.int64],
+        lengths: NDArray[np.int64],
         stamps_ns: NDArray[np.int64],
     ) -> None:
         """Decode messages that stand at places in some bytes."""
@@ -77,7 +82,10 @@ class Topic:
         self.keep(stamps_ns, columns)
 
     def add_by_layout(
-        self, data: bytes, starts: NDArray[np.int64], lengths: NDArray[np.int64],
+        self,
+        data: bytes,
+        starts: NDArray[np.int64],
+        lengths: NDArray[np.int64],
         stamps_ns: NDArray[np.int64],
     ) -> None:
         remaining = np.arange(starts.size)
@@ -90,7 +98,9 @@ class Topic:
             if layout is None:
                 try:
                     layout = layout_of(
-                        self.schema, self.text.decode(errors="replace"), rows[0].tobytes(),
+                        self.schema,
+                        self.text.decode(errors="replace"),
+                        rows[0].tobytes(),
                         self.encoding == "ros1",
                     )
                 except InputError as error:
@@ -188,7 +198,9 @@ def recording_of(
         known = [topic for topic in topics if topic.name == name]
         if not known:
             names = sorted(by_topic)
-            raise InputError(f"no topic '{name}' (the file has {listing(names)}){nearest(name, names)}")
+            raise InputError(
+                f"no topic '{name}' (the file has {listing(names)}){nearest(name, names)}"
+            )
         if not known[0].count:
             raise InputError(f"topic '{name}' has no messages; check that its sensor was running")
         paths = known[0].layouts[0].listed if known[0].layouts else [*known[0].paths]
@@ -198,7 +210,10 @@ def recording_of(
         )
 
     return Recording(
-        format=format_name, channels=channels, facts=facts, find_unlisted=find_unlisted,
+        format=format_name,
+        channels=channels,
+        facts=facts,
+        find_unlisted=find_unlisted,
         loss=replace(loss, by_topic=by_topic, remarks=remarks),
     )
 
@@ -216,7 +231,10 @@ def channels_of(topic: Topic, stamp: str, is_asked: bool) -> list[Channel]:
         likely = next((unit for begin, unit in units.items() if path.startswith(begin)), "")
         channels.append(
             Channel(
-                {"topic": topic.name, "field": path}, rows, partial(topic.column, path), name=name,
+                {"topic": topic.name, "field": path},
+                rows,
+                partial(topic.column, path),
+                name=name,
                 likely_unit=likely or name_and_ending(name)[1],
             )
         )
@@ -225,8 +243,12 @@ def channels_of(topic: Topic, stamp: str, is_asked: bool) -> list[Channel]:
         if set(parts) <= topic.paths.keys():
             channels.append(
                 Channel(
-                    {"topic": topic.name, "field": stamp}, rows, partial(whole_stamps, topic, parts),
-                    name=stamp.rpartition(".")[2], unit="ns", kind=Kind.CLOCK,
+                    {"topic": topic.name, "field": stamp},
+                    rows,
+                    partial(whole_stamps, topic, parts),
+                    name=stamp.rpartition(".")[2],
+                    unit="ns",
+                    kind=Kind.CLOCK,
                 )
             )
             break

@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import Field
 
 from osl_analysis.errors import InputError
-from osl_analysis.formats._messages import STAMP_PARTS, masked, numbers_in, SECOND_NS
+from osl_analysis.formats._messages import SECOND_NS, STAMP_PARTS, masked, numbers_in
 from osl_analysis.recording import Channel, End, Format, Kind, Loss, Recording, Rows
 from osl_analysis.source_file import FieldChannel, RowTime, TableSource
 from osl_analysis.units import name_and_ending
@@ -59,11 +59,17 @@ def read(path: Path, source: JsonSource | None) -> Recording:
             parent, dot, last = field.rpartition(".")
             other = f"{parent}.{rest}"
             if dot and last == seconds and other in columns:
-                stamps = columns[field].astype(np.int64) * SECOND_NS + columns[other].astype(np.int64)
+                stamps = columns[field].astype(np.int64) * SECOND_NS + columns[other].astype(
+                    np.int64
+                )
                 channels.append(
                     Channel(
-                        {"field": parent}, rows, partial(np.asanyarray, stamps), name=parent,
-                        unit="ns", kind=Kind.CLOCK,
+                        {"field": parent},
+                        rows,
+                        partial(np.asanyarray, stamps),
+                        name=parent,
+                        unit="ns",
+                        kind=Kind.CLOCK,
                     )
                 )
     lost = sum(bool(text.strip()) for text in texts) - len(lines)
@@ -79,6 +85,10 @@ def _begins(begin: bytes) -> bool:
 
 
 FORMAT = Format(
-    name="json_lines", suffixes=(".jsonl", ".ndjson"), begins=_begins, source=JsonSource,
-    read=read, priority=2,
+    name="json_lines",
+    suffixes=(".jsonl", ".ndjson"),
+    begins=_begins,
+    source=JsonSource,
+    read=read,
+    priority=2,
 )

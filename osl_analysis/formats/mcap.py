@@ -27,7 +27,9 @@ MESSAGE = np.dtype(
 )  # fmt: skip
 MESSAGE_HEAD = MESSAGE.itemsize - RECORD.size
 READERS: dict[int, Any] = {
-    Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel, Opcode.CHUNK: Chunk,
+    Opcode.SCHEMA: Schema,
+    Opcode.CHANNEL: Channel,
+    Opcode.CHUNK: Chunk,
     Opcode.STATISTICS: Statistics,
 }
 
@@ -149,7 +151,9 @@ def read(path: Path, source: MessageSource | None) -> Recording:
     log = Log(_messages.wanted_fields(source), {})
     log.take_file(path)
     facts = {
-        "bytes": path.stat().st_size, "chunks": log.chunks - log.chunks_lost, "chunks_lost": log.chunks_lost,
+        "bytes": path.stat().st_size,
+        "chunks": log.chunks - log.chunks_lost,
+        "chunks_lost": log.chunks_lost,
         "messages": log.read.total(),
     }
     return _messages.recording_of("mcap", list(log.topics.values()), log.loss(), facts, source)
@@ -159,6 +163,4 @@ def _begins(begin: bytes) -> bool:
     return begin.startswith(MAGIC)
 
 
-FORMAT = Format(
-    name="mcap", suffixes=(".mcap",), begins=_begins, source=MessageSource, read=read
-)
+FORMAT = Format(name="mcap", suffixes=(".mcap",), begins=_begins, source=MessageSource, read=read)

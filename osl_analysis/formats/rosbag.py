@@ -66,7 +66,10 @@ def _take(reader: Any, wanted: Any, topics: dict[str, Topic], counts: dict[str, 
         if wanted is None or connection.topic in wanted:
             encoding = getattr(connection.ext, "serialization_format", "ros1")
             topic = Topic(
-                connection.topic, encoding, connection.msgtype, _definition(connection),
+                connection.topic,
+                encoding,
+                connection.msgtype,
+                _definition(connection),
                 None if wanted is None else wanted[connection.topic],
             )
             topics.setdefault(connection.topic, topic)
@@ -116,11 +119,18 @@ def _is_folder(path: Path) -> bool:
 
 def _files_in(path: Path) -> list[Path]:
     """A bag, or the files of its folder."""
-    return [path] if not path.is_dir() else [file for file in sorted(path.iterdir()) if file.is_file()]
+    return (
+        [path] if not path.is_dir() else [file for file in sorted(path.iterdir()) if file.is_file()]
+    )
 
 
 FORMAT = Format(
-    name="rosbag", suffixes=(".bag", ".db3"), begins=_begins, source=MessageSource, read=read,
-    is_folder=_is_folder, files_in=_files_in,
+    name="rosbag",
+    suffixes=(".bag", ".db3"),
+    begins=_begins,
+    source=MessageSource,
+    read=read,
+    is_folder=_is_folder,
+    files_in=_files_in,
 )
 _ = mcap  # MCAP files of a folder are read by rosbags too

@@ -42,8 +42,6 @@ class Explanation:
     parameters: tuple[Parameter, ...]
 
 
-
-
 @dataclass(frozen=True)
 class KnownDelay:
     """What a delay between angle and torque does to B and I, where nobody states it.

@@ -131,9 +131,6 @@ class Search:
         of_columns = np.array([self._beside.rest(column) for column in columns])
         return np.asarray(rest - estimates @ of_columns)
 
-
-
-
     @cached_property
     def may_be_path(self) -> bool:
         """Whether jerk and snap beside the motion gain anything, as they do for any path: to first
@@ -212,8 +209,6 @@ class Hypothesis(ABC):
         if added:
             columns = np.concatenate([columns, self.data.of_product(np.array(added))])
         return Candidate(self, columns, self.data.torque, impedance_matrices=matrices)
-
-
 
 
 class OneParameter(Hypothesis):

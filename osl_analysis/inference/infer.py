@@ -22,8 +22,8 @@ from osl_analysis.inference.estimates import (
     student_half_width,
 )
 from osl_analysis.inference.hypotheses import hypotheses_for
-from osl_analysis.inference.least_squares import BesideShared
 from osl_analysis.inference.hypothesis import Search
+from osl_analysis.inference.least_squares import BesideShared
 from osl_analysis.inference.mixture import (
     Part,
     Weighed,
@@ -165,8 +165,6 @@ def explained(each: Weighed) -> Explanation:
         has_friction=fit.kind.has_friction,
         parameters=parameters,
     )
-
-
 
 
 def most_probable_family(

@@ -198,8 +198,6 @@ def is_plain(fit: Predicted) -> bool:
     return fit.candidate.hypothesis.name == PLAIN
 
 
-
-
 def noise_of(fits: Sequence[Predicted], freedom: float) -> float:
     """Variance of what the best hypothesis leaves; 1 unless it is not noise alone."""
     return max(min(float(fit.squares.sum()) for fit in fits) / freedom, 1.0)

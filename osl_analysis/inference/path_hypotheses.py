@@ -59,12 +59,6 @@ class LowPass(Filter):
         return 1 / (1 + value * self.data.spectra.s)
 
 
-
-
-
-
-
-
 class SeriesSpring(Path):
     """A spring between the angle's encoder and the joint.
 

@@ -21,24 +21,6 @@ MOST_FOLLOWING = 0.5
 LAST_STEP = 1e-9  # relative change of K, B and I below which a step is the last one
 
 
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
 class Play(OneParameter):
     """Play before spring and damper, which follow the angle when a gap is taken up."""
 
@@ -72,9 +54,13 @@ class Added(Hypothesis):
 
 
 def added(
-    family: Family, name: str, term: str, parameters: Sequence[tuple[str, str]],
+    family: Family,
+    name: str,
+    term: str,
+    parameters: Sequence[tuple[str, str]],
     columns: Callable[[Spectra, Array], list[Array]],
-    changes: Sequence[Sequence[float]] = (), shares: Sequence[float] = (0.0, 1.0, -1.0),
+    changes: Sequence[Sequence[float]] = (),
+    shares: Sequence[float] = (0.0, 1.0, -1.0),
 ) -> type[Added]:
     """A hypothesis that adds columns to Eq. 15: a row of the table below."""
     facts = dict(family=family, name=name, term=term, parameters=tuple(parameters))
@@ -83,27 +69,62 @@ def added(
 
 
 LINEAR = (
-    added("time", "change over time", "what changes over time",
-          (("change of K", "N*m/rad"), ("change of B", "N*m*s/rad"), ("change of I", "kg*m^2")),
-          lambda s, sign: [x * (s.relative_time - 0.5) for x in (s.theta, s.omega, s.alpha)],
-          np.eye(3).tolist(), (0.0, -0.5, 0.5)),
-    added("time", "change at once", "what changes at once",
-          (("step of K", "N*m/rad"), ("step of B", "N*m*s/rad")),
-          lambda s, sign: [x * (s.relative_time > 0.5) for x in (s.theta, s.omega)],
-          [[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]], (0.0, 1.0)),
-    added("speed", "damping by speed", "damping that depends on speed",
-          (("quadratic damping", "N*m*s^2/rad^2"),), lambda s, sign: [s.omega * np.abs(s.omega)]),
-    added("size", "hardening", "spring that is not linear",
-          (("quadratic stiffness", "N*m/rad^2"), ("cubic stiffness", "N*m/rad^3")),
-          lambda s, sign: [s.angle**2, s.angle**2 * s.angle]),
-    added("size", "K by side", "asymmetric torque", (("half the difference of K", "N*m/rad"),),
-          lambda s, sign: [np.abs(s.angle)], [[1.0], [0.0], [0.0]]),
-    added("direction", "B by direction", "asymmetric torque",
-          (("half the difference of B", "N*m*s/rad"),),
-          lambda s, sign: [np.abs(s.omega)], [[0.0], [1.0], [0.0]]),
-    added("direction", "K by direction", "asymmetric torque",
-          (("half the difference of K", "N*m/rad"),),
-          lambda s, sign: [s.angle * sign], [[1.0], [0.0], [0.0]]),
+    added(
+        "time",
+        "change over time",
+        "what changes over time",
+        (("change of K", "N*m/rad"), ("change of B", "N*m*s/rad"), ("change of I", "kg*m^2")),
+        lambda s, sign: [x * (s.relative_time - 0.5) for x in (s.theta, s.omega, s.alpha)],
+        np.eye(3).tolist(),
+        (0.0, -0.5, 0.5),
+    ),
+    added(
+        "time",
+        "change at once",
+        "what changes at once",
+        (("step of K", "N*m/rad"), ("step of B", "N*m*s/rad")),
+        lambda s, sign: [x * (s.relative_time > 0.5) for x in (s.theta, s.omega)],
+        [[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]],
+        (0.0, 1.0),
+    ),
+    added(
+        "speed",
+        "damping by speed",
+        "damping that depends on speed",
+        (("quadratic damping", "N*m*s^2/rad^2"),),
+        lambda s, sign: [s.omega * np.abs(s.omega)],
+    ),
+    added(
+        "size",
+        "hardening",
+        "spring that is not linear",
+        (("quadratic stiffness", "N*m/rad^2"), ("cubic stiffness", "N*m/rad^3")),
+        lambda s, sign: [s.angle**2, s.angle**2 * s.angle],
+    ),
+    added(
+        "size",
+        "K by side",
+        "asymmetric torque",
+        (("half the difference of K", "N*m/rad"),),
+        lambda s, sign: [np.abs(s.angle)],
+        [[1.0], [0.0], [0.0]],
+    ),
+    added(
+        "direction",
+        "B by direction",
+        "asymmetric torque",
+        (("half the difference of B", "N*m*s/rad"),),
+        lambda s, sign: [np.abs(s.omega)],
+        [[0.0], [1.0], [0.0]],
+    ),
+    added(
+        "direction",
+        "K by direction",
+        "asymmetric torque",
+        (("half the difference of K", "N*m/rad"),),
+        lambda s, sign: [s.angle * sign],
+        [[1.0], [0.0], [0.0]],
+    ),
 )
 
 

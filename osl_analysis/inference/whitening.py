@@ -105,13 +105,10 @@ class Whitened:
         self.friction = self.column(friction)
         self.mean_friction = np.abs(shapes[:, spectra.inside]).mean(axis=1)
 
-
     @cached_property
     def higher_motion(self) -> Array:
         """Whitened angle and its first four derivatives (5, m)."""
         return self.column(self.spectra.derivatives)
-
-
 
     def motion_at_product_rate(self) -> Array:
         """The columns of `motion` before whitening, (3, p) or (4, p)."""
@@ -120,7 +117,6 @@ class Whitened:
         if spectra.actuator_derivatives is None:
             return of_joint
         return np.vstack([of_joint, spectra.actuator_derivatives[0]])
-
 
     def _motion_spectra(self) -> Spectrum:
         spectra = self.spectra
@@ -146,13 +142,11 @@ class Whitened:
         """Whiten the signals with these working spectra (..., f); returns rows (..., m)."""
         return self._whitening.column(spectrum)
 
-
     @cached_property
     def gap_widths(self) -> Array:
         """Widths (g,) of a gap that are tried [rad], from what rounding cannot be."""
         least = max(PLAYS[0], FEWEST_STEPS * self.spectra.signals.encoder_step)
         return np.geomspace(least, max(PLAYS[1], 2 * least), 8)
-
 
     def behind_gaps(self, widths: Array) -> Array:
         """Whitened angle and velocity (g, 2, m) behind gaps of some widths (g,) [rad], which follow
@@ -209,9 +203,7 @@ def whitening_gain(spectra: Spectra, rich: Spectrum) -> Array:
     return gain
 
 
-def rich_columns(
-    spectra: Spectra, sign: Array, friction: Spectrum
-) -> Spectrum:
+def rich_columns(spectra: Spectra, sign: Array, friction: Spectrum) -> Spectrum:
     """Spectra (k, f) of what any hypothesis may add to the torque, to first order.
 
     Parameters

@@ -10,10 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
-from osl_analysis.measured import usual_size
 from osl_analysis.trial import Array, unit_of
 
 LARGEST_MEASURED = {  # largest possible size of a value, by its SI unit
@@ -165,16 +163,6 @@ def find_leaps(column: str, time: Array, values: Array) -> Leaps:
     places = leaps + 2
     rows = np.flatnonzero(seen)[places] + 1
     return Leaps(column, tuple(rows.tolist()), tuple(time[places].tolist()))
-
-
-
-
-
-
-
-
-
-
 
 
 def spans_a_gap(time: Array) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:

@@ -12,7 +12,13 @@ from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, naming
 from osl_analysis.ingest.conversion import (
-    Converted, canonical_column, checked_counts, losses_of, origin_of, remark_on_gaps, share_lost,
+    Converted,
+    canonical_column,
+    checked_counts,
+    losses_of,
+    origin_of,
+    remark_on_gaps,
+    share_lost,
 )
 from osl_analysis.ingest.likely_clock import rate_of
 from osl_analysis.recording import Recording, Rows
@@ -69,8 +75,7 @@ def convert_messages(recording: Recording, source: MessageSource) -> Converted:
             for name, topic in topics.items()
         },
         "stamps": {
-            name: {"late": topic.late, "repeated": topic.repeated}
-            for name, topic in topics.items()
+            name: {"late": topic.late, "repeated": topic.repeated} for name, topic in topics.items()
         },
         "missing": missing,
     }

@@ -7,7 +7,6 @@ import numpy as np
 
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.likely_clock import (
-    beginning_s,
     is_like_clock,
     may_be_clock,
     span_ratio,
@@ -152,10 +151,6 @@ def numbers_of(channel: Channel) -> Array | None:
     if values.ndim != 1 or values.dtype.kind not in "iuf":
         return None
     return values
-
-
-
-
 
 
 def check_rate(

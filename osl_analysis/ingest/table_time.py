@@ -3,7 +3,6 @@
 Rows of another time are left out; a clock that stands still or stays back is refused.
 """
 
-from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.asked_table import STATE_RATE, Table, clock_factor
 from osl_analysis.ingest.likely_clock import unwrapped
-from osl_analysis.recording import Channel, Kind, Rows
+from osl_analysis.recording import Channel, Kind
 from osl_analysis.source_file import TableSource
 from osl_analysis.trial import Array, check_time
 
@@ -61,8 +60,6 @@ def with_time(
     return replace(table, remarks=remarks), time, float(raw[0])
 
 
-
-
 def check_no_reading_lacks(table: Table, what: str, remedy: str) -> None:
     """Refuse a clock of truth values, or one without a reading in some row."""
     assert table.clock is not None
@@ -73,8 +70,6 @@ def check_no_reading_lacks(table: Table, what: str, remedy: str) -> None:
     if lacking.any():
         place = table.rows.place(int(np.argmax(lacking)))
         raise InputError(f"{what}: no time in {place}; remove it there, {remedy}")
-
-
 
 
 def check_clock_runs(

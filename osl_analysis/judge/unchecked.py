@@ -157,5 +157,3 @@ def unchecked_in_torque_angle(row: AnyRow) -> Iterator[str]:
         yield "torque_zero_unseen"
     if lacks(row, "rate_change"):
         yield "late_torque_unseen"
-
-

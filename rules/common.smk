@@ -37,7 +37,6 @@ from osl_analysis.errors import InputError, OslAnalysisError, listing
 from osl_analysis.figures import FIGURES
 from osl_analysis.files import seen_from
 from osl_analysis.jobs.workers import cancel_timers, job
-from osl_analysis.judge.campaign import JUDGED_FURTHER
 from osl_analysis.judge.claims import CLAIMED
 from osl_analysis.judge.exclusions import Judge
 from osl_analysis.yaml_settings import as_json

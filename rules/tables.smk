@@ -137,7 +137,7 @@ rule excluded_trials:
 rule findings:
     """What was found on all trials, as values and in words."""
     input:
-        tables=FILES.tables(*judged_tables(), *JUDGED_FURTHER),
+        tables=FILES.tables(*judged_tables()),
         evidence=FILES.evidence_of("impedance"),
         verdicts=QUALITY,
     output:

@@ -47,12 +47,33 @@ rule identify_plate:
         job("walking.identify_plate", input, output, params, log)
 
 
+rule find_onsets:
+    """Onsets of all perturbed crossings, by the mean ramp of the platform."""
+    input:
+        trials=expand("<results>/trials/{trial}.parquet", trial=PERTURBED),
+        calibrations=FILES.calibrations(PERTURBED),
+        quality=FILES.checks(PERTURBED),
+    output:
+        "<results>/fits/onsets.json",
+    log:
+        "<logs>/walking/onsets.log",
+    localrule: True
+    params:
+        statics=CAMPAIGN.static_trials(PERTURBED),
+        settings=CONFIG.walking.part("CrossingSettings"),
+        excluded=excluded(PERTURBED),
+        made_by=MADE_BY,
+    run:
+        job("walking.find_onsets", input, output, params, log)
+
+
 rule analyse_crossing:
     """Ankle angle and torque over the stance of one crossing."""
     input:
         trial=of_trials(WALKED),
         calibration=lambda wildcards: FILES.calibration_of_crossing(wildcards.trial),
         plate="<results>/fits/plate.json",
+        onsets="<results>/fits/onsets.json",
     output:
         "<results>/crossings/{trial}.parquet",
     log:

@@ -69,20 +69,22 @@ class Session:
         return read_table(self.folder / f"{name}.csv")
 
     def analyse(self, trial: Path, perturbed: bool, output: Path, *direction: str) -> None:
-        calibration, plate = (self.folder / f"{name}.json" for name in ("calibration", "plate"))
-        walking.analyse(trial, calibration, plate, perturbed, self.chosen, output, *direction)
+        names = ("calibration", "plate", "onsets")
+        files = [self.folder / f"{name}.json" for name in names]
+        walking.analyse(trial, *files, perturbed, self.chosen, output, *direction)
 
-    def share(self, job: Any, names: list[str], output: str) -> None:
+    def share(self, job: Any, names: list[str], output: str, *tables: str) -> None:
         """What several trials tell together."""
         calibration = self.folder / "calibration.json"
         static = dict.fromkeys(names, "calibration")
-        tables = (self.folder / f"{output}.json", self.folder / f"{output}.csv")
-        job([self.trial(name) for name in names], [calibration], static, self.chosen, *tables)
+        outputs = [self.folder / name for name in (f"{output}.json", *tables)]
+        job([self.trial(name) for name in names], [calibration], static, self.chosen, *outputs)
 
     def analysed(self) -> "Session":
         """Run every step."""
         walking.calibrate(self.trial("static_1"), self.chosen, self.folder / "calibration.json")
-        self.share(walking.identify_plate, self.unloaded, "plate")
+        self.share(walking.identify_plate, self.unloaded, "plate", "plate.csv")
+        self.share(walking.find_onsets, self.perturbed, "onsets")
         for name in (*self.perturbed, *self.unperturbed):
             self.analyse(self.trial(name), name in self.perturbed, self.crossing(name))
         self.summarised()
@@ -159,7 +161,7 @@ def test_a_turn_of_the_toes_down_has_its_sign(ideal: Session, tmp_path: Path) ->
     down = walking_files.read_crossing(tmp_path / "down.parquet")
     assert np.rad2deg(down.turn) == pytest.approx(-5, abs=0.1)
     assert {crossing.sign for crossing in ideal.read(ideal.perturbed)} == {1}
-    contradiction = r"walking_77: the platform turned by -5\.\d deg .* expected 'down'"
+    contradiction = r"walking_77: the platform turned by -5\.\d deg .* says direction 'up'"
     with refused(tmp_path / "up.parquet", contradiction):
         ideal.analyse(trial, True, tmp_path / "up.parquet", "up")
 
@@ -387,12 +389,13 @@ def test_a_crossing_knows_what_each_trial_of_the_plate_does_to_its_torque(
 ) -> None:
     plate = walking_files.read_model(real.folder / "plate.json", PlateModel)
     files = (real.trial(real.perturbed[0]), real.folder / "calibration.json")
+    onsets = real.folder / "onsets.json"
 
     def crossing_with(model: PlateModel) -> Crossing:
         walking_files.write_model(model, tmp_path / "plate.json")
         output = tmp_path / "crossing.parquet"
         walking.analyse(
-            *files, tmp_path / "plate.json", True, real.chosen, output, body_mass_kg=77.0
+            *files, tmp_path / "plate.json", onsets, True, real.chosen, output, body_mass_kg=77.0
         )
         return walking_files.read_crossing(output)
 
@@ -445,9 +448,10 @@ def test_what_contradicts_sheet_markers_or_calibration_is_refused_by_name(
     )
     output = tmp_path / "crossing.parquet"
     files = (tmp_path / "t.parquet", calibration, ideal.folder / "plate.json")
+    onsets = ideal.folder / "onsets.json"
 
     with refused(output, f"trial {name}: {reason}"):
-        walking.analyse(*files, perturbed, ideal.chosen, output)
+        walking.analyse(*files, onsets, perturbed, ideal.chosen, output)
 
     assert walking_files.read_crossing_file(output).perturbed == perturbed
 

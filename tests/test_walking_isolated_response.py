@@ -12,7 +12,7 @@ import pytest
 import scipy.stats
 from scipy.stats import norm, t
 from walking_crossings import LEAD, RISE, TURN, crossing
-from walking_synthetic import RATE, bump, settings, step
+from walking_synthetic import RATE, bump, settings
 
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.trial import Array
@@ -34,7 +34,6 @@ from osl_analysis.walking.impedance_fit import (
     gait_torque,
 )
 from osl_analysis.walking.isolated_response import BEHAVIOUR, PerturbationResponse, isolate_response
-from osl_analysis.walking.platform import find_onset
 from osl_analysis.walking.result_tables import headline_rows, response_table, walking_page_points
 from osl_analysis.walking.stance import Stance, find_stances
 from osl_analysis.walking.unperturbed_gait import (
@@ -53,10 +52,6 @@ ONSET = 0.6
 response_of = partial(isolate_response, timing=TIMING)
 EARLY = PHASES[PHASES <= 0.36]
 TIME = np.arange(900) / 300
-RISE_OF = np.clip((TIME - 1.2) / 0.075, 0, 1)
-# in 75 ms
-STEEP = RISE_OF
-SOFT = RISE_OF**4 * (35 - 84 * RISE_OF + 70 * RISE_OF**2 - 20 * RISE_OF**3)
 
 
 def angle(phase: Array) -> Array:
@@ -551,37 +546,6 @@ def test_a_heel_strike_beside_a_gap_is_at_its_end() -> None:
 @pytest.mark.parametrize("force", [EARLY_STEP, LATE_STEP, 0 * TIME])
 def test_a_cut_stance_is_none(force: Array) -> None:
     assert stances(force) == []
-
-
-@pytest.mark.parametrize(("turn", "noise", "error"), [
-    pytest.param(STEEP, 0.0, 3e-4, id="a straight ramp"),
-    pytest.param(STEEP, 0.015, 1e-3, id="a straight ramp with noise"),
-    pytest.param(step(TIME, 1.2, 0.075)[0], 0.04, 0.075 / 8, id="0.2 mm at 0.28 m from the axis"),
-    pytest.param(SOFT, 0.0, 0.075 / 30, id="a soft start"),
-    pytest.param(SOFT, 0.04, 0.075 / 8, id="that looks like minimum jerk with noise"),
-])  # fmt: skip
-def test_the_onset_of_a_turn_of_5_degrees_is_found(turn: Array, noise: float, error: float) -> None:
-    """By RMS over draws, of which every second has a gap."""
-    onsets = []
-    for seed in range(20 if noise else 1):
-        draw = np.random.default_rng(seed).standard_normal(len(TIME))
-        rotation = np.deg2rad(5 * turn + 0.3 + noise * draw)
-        if seed % 2:
-            rotation[350:356] = np.nan
-        onsets.append(find_onset(TIME, rotation, np.deg2rad(1)))
-
-    assert np.sqrt(np.mean((np.array(onsets) - 1.2) ** 2)) < error
-
-
-def test_a_platform_that_hardly_turns_has_no_onset() -> None:
-    assert find_onset(TIME, np.deg2rad(0.02 * np.sin(9 * TIME)), np.deg2rad(1)) is None
-
-
-def test_a_platform_that_turns_at_once_is_refused() -> None:
-    recorded = TIME > 1.18
-
-    with pytest.raises(InputError, match="start to record earlier"):
-        find_onset(TIME[recorded], np.deg2rad(5 * STEEP)[recorded], np.deg2rad(1))
 
 
 @pytest.mark.parametrize(("slower", "lingers"), [(0.85, 1.08), (1.0, 0.92), (1.15, 1.0)])

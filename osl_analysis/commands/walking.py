@@ -1,7 +1,9 @@
 """Jobs of the walkway: calibration, plate, crossings, and the fit of each perturbation."""
 
+import json
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
@@ -17,6 +19,7 @@ from osl_analysis.commands.walking_files import (
     read_crossing,
     read_crossing_file,
     read_model,
+    read_onsets,
     read_unperturbed_gaits,
     selected_crossings,
     write_crossing,
@@ -25,6 +28,7 @@ from osl_analysis.commands.walking_files import (
     write_unperturbed_gaits,
 )
 from osl_analysis.errors import InputError, OslAnalysisError
+from osl_analysis.files import write_text
 from osl_analysis.judge.judging import EXCLUDED
 from osl_analysis.table import Places, read_table, with_places, write_table
 from osl_analysis.trial import (
@@ -39,6 +43,7 @@ from osl_analysis.walking.crossing import (
     analyse_crossing,
 )
 from osl_analysis.walking.groups import ALL, SEPARATOR, cell_listing, split_keys
+from osl_analysis.walking.mean_ramp import ramp_of, ramp_onsets
 from osl_analysis.walking.plate_model import (
     NO_CORRECTION,
     NOT_REMOVED,
@@ -46,7 +51,7 @@ from osl_analysis.walking.plate_model import (
     identify_plate_model,
     plate_table,
 )
-from osl_analysis.walking.poses import StaticCalibration, static_calibration
+from osl_analysis.walking.poses import StaticCalibration, segment_poses, static_calibration
 from osl_analysis.walking.selection import selection_rows
 from osl_analysis.walking.setup_checks import body_mass
 from osl_analysis.walking.unperturbed_gait import UnperturbedGait, unperturbed_gait
@@ -97,10 +102,32 @@ def identify_plate(
     write_table(table.with_columns(plate_inertia=pl.lit(settings.plate_inertia)), comparison, data)
 
 
+def find_onsets(
+    trials: Paths,
+    calibrations: Paths,
+    statics: Statics,
+    settings: choices.CrossingSettings,
+    output: Path,
+) -> None:
+    """The onsets [s] of all perturbed crossings by the mean ramp of the platform, to a JSON file.
+
+    A crossing whose ramp cannot be followed has none; its own analysis says why."""
+    ramps = {}
+    markers = settings.markers.platform
+    for trial, static in calibrated_trials(trials, calibrations, statics):
+        with suppress(InputError):
+            time, platform = segment_poses(trial, markers, static, settings)
+            ramp = ramp_of(time, platform, settings.smallest_turn)
+            if ramp is not None:
+                ramps[trial.name] = ramp
+    write_text(output, json.dumps(ramp_onsets(ramps), indent=1) + "\n")
+
+
 def analyse(
     trial: Path,
     calibration: Path,
     plate: Path,
+    onsets: Path,
     perturbed: bool,
     settings: choices.CrossingSettings,
     output: Path,
@@ -114,8 +141,8 @@ def analyse(
     ----------
     trial : Path
         The recording.
-    calibration, plate : Path
-        Those of its static trial and of the plate.
+    calibration, plate, onsets : Path
+        Those of its static trial, of the plate and of all perturbed crossings.
     perturbed, direction, body_mass_kg
         What the sheet states.
     settings : CrossingSettings
@@ -125,8 +152,9 @@ def analyse(
     walked = read_trial(trial)
     static = read_model(calibration, StaticCalibration)
     model = read_model(plate, PlateModel)
+    onset = read_onsets(onsets).get(walked.name)
     try:
-        crossing = analyse_crossing(walked, static, model, perturbed, settings)
+        crossing = analyse_crossing(walked, static, model, perturbed, settings, onset)
         if direction is not None:
             check_direction(crossing, direction)
         crossing = replace(crossing, body_mass=body_mass(walked, body_mass_kg))

@@ -1,7 +1,4 @@
-"""Steps 1 to 4 of one crossing of the walkway: from a recording to ankle angle and torque.
-
-The crossing is recorded by markers and a force plate, or by the log of a boot or leg.
-"""
+"""Steps 1 to 4 of one crossing of the walkway: from a recording to ankle angle and torque."""
 
 from dataclasses import dataclass, field
 
@@ -96,6 +93,7 @@ def analyse_crossing(
     unloaded: PlateModel,
     perturbed: bool,
     settings: CrossingSettings,
+    onset: float | None = None,
 ) -> Crossing:
     """Compute angle and torque of a crossing, through one low-pass at one rate.
 
@@ -107,6 +105,8 @@ def analyse_crossing(
         Inertia and lag of the plate, which are removed.
     perturbed : bool
         What the sheet says.
+    onset : float or None
+        Of the perturbation [s], by the mean ramp of all crossings; None: by its own ramp.
 
     Raises
     ------
@@ -114,7 +114,7 @@ def analyse_crossing(
         The recording, or the laboratory's set-up, does not allow it.
     """
     # Poses, stance and onset
-    passage = recorded_passage(trial, calibration, unloaded.lag or 0.0, perturbed, settings)
+    passage = recorded_passage(trial, calibration, unloaded.lag or 0.0, perturbed, settings, onset)
     foot, shank = passage.poses["foot"], passage.poses["shank"]
     phase = passage.stance.phase(passage.time)
 

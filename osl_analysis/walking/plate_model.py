@@ -57,10 +57,6 @@ LAG_STEP_S = 0.002  # a parabola between the steps is exact to 1 % below 20 Hz
 LARGEST_LAG_MISFIT = 0.5  # of the wrench's mean square, for the wrench to follow the motion
 SPREAD_FRAMES = 30  # by which the low-pass of the identification spreads a motion
 
-
-RISE_S = 0.2  # until a motion passes its threshold
-
-
 END_S = 0.05  # at both ends of a track, whose slopes tell a motion that the recording cuts
 FEWEST_END_FRAMES = 5
 HIDDEN_TURN_DEG = 0.2  # at rest noise gives 0.03 deg; 11 frames at 300 Hz change the lag by 2 ms
@@ -283,8 +279,8 @@ def unloaded_recording(
             " correct exchanged labels in Nexus, or record again with all of them in sight"
         )
 
-    displacement = platform.displacement_from_rest(poses, settings)
-    largest = float(np.max(displacement.size[rows]))
+    turn = platform.rotation_from_rest(poses)
+    largest = float(np.max(turn[rows]))
     track = platform.platform_track(trial.name, frames[rows], poses[rows], calibration, settings)
     whole = whole_motions(track)
     is_cut = whole.stop - whole.start < rows.stop - rows.start
@@ -295,13 +291,13 @@ def unloaded_recording(
             trial.name, frames[rows], poses[rows], calibration, settings
         )
 
-    remaining = np.ptp(platform.displacement_from_rest(poses[rows], settings).size)
+    remaining = float(np.ptp(platform.rotation_from_rest(poses[rows])))
     unusable = ""
-    if is_cut and (not is_long_enough or remaining < displacement.threshold):
+    if is_cut and (not is_long_enough or remaining < settings.smallest_turn):
         unusable = "the recording begins or ends while the platform moves; record from rest to rest"
-    elif largest < displacement.threshold and poses.seen().all():
+    elif largest < settings.smallest_turn and poses.seen().all():
         raise still_platform(trial.name, largest, settings)
-    elif largest < displacement.threshold or hides_a_motion(frames, poses, displacement, settings):
+    elif largest < settings.smallest_turn or hides_a_motion(frames, poses, turn, settings):
         unusable = (
             "the platform turned while its markers were hidden; record it again with all of them in"
             " sight"
@@ -333,7 +329,7 @@ def still_platform(trial: str, largest: float, settings: PlateModelSettings) -> 
 def hides_a_motion(
     frames: Array,
     poses: Poses,
-    displacement: platform.Displacement,
+    turn: Array,
     settings: PlateModelSettings,
 ) -> bool:
     """Whether the platform moved during a gap of its markers that is too long to be fitted."""
@@ -341,7 +337,7 @@ def hides_a_motion(
     for gap in runs(poses.bridged):
         if rigid.gap_duration(frames, gap) <= settings.longest_fitted_gap_s:
             continue
-        moved = float(displacement.size[gap.stop] - displacement.size[gap.start - 1])
+        moved = float(turn[gap.stop] - turn[gap.start - 1])
         if abs(moved) > limit:
             return True
     return False

@@ -2,6 +2,7 @@
 
 from typing import Annotated, Literal, Self
 
+import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
 from osl_analysis.signals import LowPass
@@ -118,6 +119,11 @@ class PlatformSettings(MarkerSettings, WalkingFilter):
     perturbation_deg: JointDegrees
     # Longest gap [s] where the motion is fitted: after an onset, in an unloaded turn
     longest_fitted_gap_s: NotNegative
+
+    @property
+    def smallest_turn(self) -> float:
+        """Rotation [rad] from which on the platform perturbs."""
+        return float(np.deg2rad(self.perturbation_deg))
 
     _gaps = require_below(
         "longest_fitted_gap_s", "longest_gap_s", "up to which gaps are interpolated at all", True

@@ -150,7 +150,7 @@ def check_followed(segment: str, frames: Array, pose: Poses, stance: Stance) -> 
     if len(hidden):
         raise InputError(
             f"the {segment} markers cannot be followed at {frames[hidden[0]]:.3f} s, in"
-            f" {len(hidden)} frames of stance{pose.by_filling(hidden)}; correct exchanged labels in"
+            f" {len(hidden)} frames of stance; correct exchanged labels in"
             " Nexus, raise longest_gap_s, or exclude the trial"
         )
 
@@ -203,7 +203,7 @@ def onset_of(
             hidden_s = (gap.stop - gap.start) * (time[1] - time[0])
             raise InputError(
                 f"the {segment} markers are hidden for {1e3 * hidden_s:.0f} ms from"
-                f" {time[gap.start]:.3f} s{pose.by_filling(gap)}, while the perturbation is"
+                f" {time[gap.start]:.3f} s, while the perturbation is"
                 f" fitted, expected {1e3 * settings.longest_fitted_gap_s:g} ms or less; raise"
                 " longest_fitted_gap_s, or exclude the trial"
             )

@@ -52,9 +52,6 @@ COLUMNS: dict[str, str] = {
 
 AXES = ("x", "y", "z")
 Array = NDArray[np.float64]
-# delays of a stretch reflex [ms]; the one that fits best is taken
-REFLEX_DELAYS_MS = (30, 35, 40, 45, 50, 55, 60)
-
 # units of columns that exist once per marker, per plate, per side or per additional signal
 FAMILIES = {
     re.compile(r"marker_.+_[xyz]", re.DOTALL): "m",  # a label is the laboratory's own

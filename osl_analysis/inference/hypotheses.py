@@ -17,14 +17,13 @@ import scipy
 from osl_analysis.inference.hypothesis import Candidate, Hypothesis, Search
 from osl_analysis.inference.path_hypotheses import Delay, LowPass, SeriesSpring
 from osl_analysis.inference.shape_hypotheses import (
+    ByDirection,
     ChangeAtOnce,
     ChangeOverTime,
     Clipping,
-    DampingByDirection,
     DampingBySpeed,
     Hardening,
     Play,
-    StiffnessByDirection,
     StiffnessBySide,
 )
 from osl_analysis.inference.whitening import Whitened
@@ -72,8 +71,7 @@ OTHER_FAULTS: tuple[type[Hypothesis], ...] = (
     DampingBySpeed,
     Hardening,
     StiffnessBySide,
-    DampingByDirection,
-    StiffnessByDirection,
+    ByDirection,
     Play,
     Clipping,
 )

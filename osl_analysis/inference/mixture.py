@@ -167,9 +167,9 @@ def evidence_of(
     noise : float
         Variance of what the best of all leaves.
     plain_rounding : Mapping
-        Sum of squares that Eq. 15 leaves of rounding alone, without and with friction. That of a
-        joint whose friction drives is among them: a late torque makes Eq. 15 look like one, so that a
-        path or a growing lag is compared beside the same friction, too.
+        Sum of squares that Eq. 15 leaves of rounding alone, without and with friction, even where
+        that friction drives: a late torque makes Eq. 15 look so, and a path is compared beside the
+        same friction, too.
     """
     by_friction = {
         has_friction: max(plain_rounding[False] - left, 0.0)

@@ -136,30 +136,21 @@ class StiffnessBySide(Added):
         return [np.abs(self.data.spectra.angle)]
 
 
-class DampingByDirection(Added):
-    """Another damping in each direction of motion."""
+class ByDirection(Added):
+    """Another stiffness and damping in each direction of motion."""
 
     family = "direction"
-    name = "B by direction"
+    name = "K and B by direction"
     term = "asymmetric torque"
-    parameters = (("half the difference of B", "N*m*s/rad"),)
-    changes = ((0.0,), (1.0,), (0.0,))
+    parameters = (
+        ("half the difference of K", "N*m/rad"),
+        ("half the difference of B", "N*m*s/rad"),
+    )
+    changes = ((1.0, 0.0), (0.0, 1.0), (0.0, 0.0))
 
     def added(self) -> list[Array]:
-        return [np.abs(self.data.spectra.omega)]
-
-
-class StiffnessByDirection(Added):
-    """Another stiffness in each direction of motion."""
-
-    family = "direction"
-    name = "K by direction"
-    term = "asymmetric torque"
-    parameters = (("half the difference of K", "N*m/rad"),)
-    changes = ((1.0,), (0.0,), (0.0,))
-
-    def added(self) -> list[Array]:
-        return [self.data.spectra.angle * self.data.sign]
+        spectra = self.data.spectra
+        return [spectra.angle * self.data.sign, np.abs(spectra.omega)]
 
 
 class Clipping(Hypothesis):

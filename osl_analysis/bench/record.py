@@ -131,14 +131,6 @@ class Record:
         return self.groups.kind == "cycles"
 
     @property
-    def two_clocks(self) -> bool:
-        """Whether two devices recorded angle and torque."""
-        if self.uniform is None:
-            return False
-        theta, torque = self.uniform.of("theta"), self.uniform.of("torque")
-        return theta.stream.stamps is not torque.stream.stamps and not (theta.held or torque.held)
-
-    @property
     def bench_angle(self) -> Array:
         """Raw angle of the bench (n,) [rad]; equals the joint's if the bench is rigid."""
         return self.theta if self.bench is None or self.uniform is None else self.uniform["theta"]

@@ -3,8 +3,9 @@
 from collections.abc import Mapping, Sequence
 from datetime import date, timedelta
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, Literal
 
+import yaml
 from pydantic import BeforeValidator, Field
 
 from osl_analysis.bench.bench_settings import (
@@ -26,10 +27,13 @@ from osl_analysis.yaml_settings import (
     FILE_NAME,
     AnySettings,
     Degrees,
+    Place,
     Settings,
     ShippedPath,
     Stiffness,
     check_rising,
+    dotted,
+    located,
     read_mapping,
     refuse_if,
     validated,
@@ -91,8 +95,6 @@ class FigureChoices(Settings):
 class ReportChoices(Settings):
     """The page `report.html` of a run."""
 
-    REMOVED: ClassVar = {"largest_mb": "the page is never thinned out"}
-
     beside_draft: bool | None = None
     """Whether the paper's draft stands beside the campaign's numbers; null: if it simulates the
     draft's device."""
@@ -135,7 +137,6 @@ class Config(Settings):
     quality: QualityRules  # Thresholds of quality control.
     figures: FigureChoices  # What the figures show.
     report: ReportChoices = ReportChoices()  # The page `report.html`.
-    REMOVED: ClassVar = {"study": "the Monte Carlo study is a script, benchmarks/study.py"}
 
     _is_simulated = refuse_if(
         lambda s: s.simulation and s.data == "measured",
@@ -214,11 +215,40 @@ def nested(name: str, value: Any) -> Any:
     return value
 
 
+def read_campaign_file(path: Path) -> dict[str, Any]:
+    """The fields of a configuration. Raises InputError: Snakemake, which reads YAML 1.1, takes a
+    value for another one."""
+    content = read_mapping(path)
+    place = misread_place(content, yaml.safe_load(path.read_text(encoding="utf-8-sig")))
+    if place is not None:
+        raise InputError(
+            f"{path}: {located([path], place)}{dotted(place)}: Snakemake reads another value; write"
+            " a plain decimal number, true or false, or text in quotes"
+        )
+    return content
+
+
+def misread_place(content: Any, by_snakemake: Any) -> Place | None:
+    """Where a value of YAML 1.2 is another one for Snakemake; None: nowhere."""
+    if isinstance(content, dict | list):
+        entries = content.items() if isinstance(content, dict) else enumerate(content)
+        for key, value in entries:
+            try:
+                place = misread_place(value, by_snakemake[key])
+            except LookupError:
+                place = ()
+            if place is not None:
+                return (key, *place)
+        return None
+    is_same = content == by_snakemake or isinstance(by_snakemake, str)  # 1e3: fields make it 1000
+    return None if is_same else ()
+
+
 def own_fields(path: Path) -> Mapping[str, Any]:
     """The fields that a configuration file states; the shipped default states none for recordings
     of others."""
     is_shipped = path == default_config() and not Path("config/config.yaml").is_file()
-    return {"simulation": None} if is_shipped else read_mapping(path, by_snakemake=True)
+    return {"simulation": None} if is_shipped else read_campaign_file(path)
 
 
 def read_section(path: Path, section: str, model: type[AnySettings]) -> AnySettings:
@@ -245,7 +275,7 @@ def read_config(path: Path, of_any: bool = False) -> Config:
 
     Recordings `of_any` bench are not compared with what the shipped default states.
     """
-    stated = own_fields(path) if of_any else read_mapping(path, by_snakemake=True)
+    stated = own_fields(path) if of_any else read_campaign_file(path)
     return validated(over_default(stated), Config, path)
 
 
@@ -253,5 +283,5 @@ def campaign_config(content: Any, files: Sequence[Path]) -> Config:
     """Validate a configuration that Snakemake merged from files. Later files override earlier
     ones."""
     for file in files:
-        read_mapping(file, by_snakemake=True)
+        read_campaign_file(file)
     return validated(content, Config, Path(" overridden by ".join(map(str, files))), files)

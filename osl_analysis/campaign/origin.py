@@ -8,7 +8,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from osl_analysis.campaign.campaign_trials import Campaign
-from osl_analysis.files import digest as content_digest
+from osl_analysis.files import digest
 from osl_analysis.yaml_settings import read_mapping
 
 # facts on the origin of results
@@ -58,7 +58,7 @@ def hash_of_settings(campaign: Campaign, simulation: Sequence[Path]) -> str:
     config = campaign.config
     files = {config.parameters, config.impedance_trajectory, *simulation} - {None}
     settings = config.model_dump(mode="json", exclude=NOT_HASHED)
-    digests = sorted(str(content_digest(path)) for path in files if path is not None)
+    digests = sorted(str(digest(path)) for path in files if path is not None)
     text = json.dumps([settings, digests], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:HASH_DIGITS]
 

@@ -14,7 +14,6 @@ from pydantic import ConfigDict, Field, model_validator
 
 from osl_analysis.errors import InputError, nearest
 from osl_analysis.judge.known_findings import CHECKS
-from osl_analysis.judge.limits import check_is_of_this_release
 from osl_analysis.yaml_settings import Settings, misplaced
 
 
@@ -44,7 +43,6 @@ class QualityRules(Settings):
         names = list(content) if isinstance(content, Mapping) else []
         for name in names:
             if name not in CHECKS:
-                check_is_of_this_release(str(name))
                 raise misplaced(unknown_check(str(name)), name)
         return content
 

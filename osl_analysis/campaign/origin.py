@@ -21,8 +21,6 @@ ABOUT_MEANING = {
     ),
     "recorded": "date of the data, or what is known in its place",
 }
-# the LaTeX macros, without prefix
-ABOUT_MACROS = {name: name.capitalize() for name in ABOUT_MEANING}
 # settings that do not change results, or stand beside the hash
 NOT_HASHED = {"raw_data", "sheet", "results", "sources", "failed_trials", "data", "recorded"}
 HASH_DIGITS = 8

@@ -32,11 +32,6 @@ def own_yaml(path: Path) -> dict[str, Any]:
     return content
 
 
-def apparent_inertia() -> str:
-    """What I is called wherever it may be negative; docs/method.md derives it from Eq. 9."""
-    return str(own_yaml(SHARED)["columns"]["I"].partition(" | ")[2])
-
-
 @dataclass(frozen=True)
 class DescribedColumn:
     """A column of a table."""

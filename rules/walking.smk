@@ -162,7 +162,7 @@ rule tabulate_over_stance:
         "<logs>/walking/over_stance.log",
     localrule: True
     params:
-        stance_share=CONFIG.figures.stance_share,
+        stance_share=STANCE_SHARE,
         data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:

@@ -26,7 +26,6 @@ from osl_analysis.walking.walking_settings import WalkingAnalysis
 from osl_analysis.yaml_settings import (
     FILE_NAME,
     AnySettings,
-    Degrees,
     Place,
     Settings,
     ShippedPath,
@@ -65,13 +64,9 @@ class FrequencyResponseFigure(Settings):
 
 
 class TimeSeriesFigure(FrequencyResponseFigure):
-    """The part of a trial that Fig. 4 shows: the first one with this controller and desired
-    impedance."""
+    """The trial that Fig. 4 shows: the first one with this controller and desired impedance."""
 
     controller: str | None = None  # Controller of the trial; null: a trial without one.
-    amplitude_deg: Degrees | None = None  # Amplitude of the sines [deg]; null: the largest.
-    # Length of the part [s], which ends with that block.
-    duration_s: Annotated[float, Field(gt=0, le=3600)] = 10.0
 
 
 class FigureChoices(Settings):
@@ -85,19 +80,8 @@ class FigureChoices(Settings):
     midstance_stiffness: Stiffness | None
     """Stiffness that the walking controller commands in midstance [N*m/rad], marked in Fig. 9 where
     the sheet states no K_d and the campaign has one group; null: no mark."""
-    stance_share: Annotated[float, Field(gt=0, le=1)] = 0.62
-    """Share of the gait cycle that is stance, for the phase of `impedance_trajectory`; Fig. 8 ends
-    there."""
     footer: bool = True
     """Whether a small line below each figure says what its data are, as its metadata always do."""
-
-
-class ReportChoices(Settings):
-    """The page `report.html` of a run."""
-
-    beside_draft: bool | None = None
-    """Whether the paper's draft stands beside the campaign's numbers; null: if it simulates the
-    draft's device."""
 
 
 class Config(Settings):
@@ -136,7 +120,6 @@ class Config(Settings):
     """Whether a run in which something was refused, or failed, ends with exit code 1 or 0."""
     quality: QualityRules  # Thresholds of quality control.
     figures: FigureChoices  # What the figures show.
-    report: ReportChoices = ReportChoices()  # The page `report.html`.
 
     _is_simulated = refuse_if(
         lambda s: s.simulation and s.data == "measured",
@@ -186,7 +169,7 @@ def overriding(base: Any, override: Any) -> Any:
 # no other.
 FACTS_OF_DEFAULT = (
     "parameters", "impedance_trajectory", "dynamometer.amplitudes_deg",
-    "dynamometer.frequencies_hz", "dynamometer.cycles", "figures.time_series.amplitude_deg",
+    "dynamometer.frequencies_hz", "dynamometer.cycles",
     "figures.midstance_stiffness", "claims.K_percent", "torque_angle.zero",
 )  # fmt: skip
 

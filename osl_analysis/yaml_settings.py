@@ -72,6 +72,8 @@ class Settings(BaseModel):
     @classmethod
     def _truth_values_are_no_numbers(cls, value: Any) -> Any:
         """Turn a truth value into text, of which pydantic makes no number."""
+        if isinstance(value, dict):
+            return {key: cls._truth_values_are_no_numbers(inner) for key, inner in value.items()}
         if isinstance(value, list):
             return [cls._truth_values_are_no_numbers(entry) for entry in value]
         return str(value).lower() if isinstance(value, bool) else value
@@ -180,13 +182,16 @@ def validated(
         problems_at: dict[Place, list[Mapping[str, Any]]] = {}
         for problem in error.errors():
             problems_at.setdefault(problem_place(problem, content), []).append(problem)
+        # a problem of a field makes one of what is above it, which is not told
+        above_others = {place[:n] for place in problems_at for n in range(len(place))}
+        places = [place for place in problems_at if place not in above_others]
         # an unknown field first: it may be the missing one
-        by_type = {problems[0]["type"]: place for place, problems in problems_at.items()}
-        first = by_type.get(UNKNOWN_FIELD, next(iter(problems_at)))
+        by_type = {problems_at[place][0]["type"]: place for place in places}
+        first = by_type.get(UNKNOWN_FIELD, places[0])
         place = (*above, *first)
         text = problem_text(dotted(place) or "the file", problems_at[first])
-        if len(problems_at) > 1:
-            text += f" (and {len(problems_at) - 1} more)"
+        if len(places) > 1:
+            text += f" (and {len(places) - 1} more)"
         line = located([Path(path)] if files is None else files, place)
         raise InputError(f"{path}: {line}{text}") from error
 

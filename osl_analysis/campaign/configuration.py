@@ -223,7 +223,8 @@ def misread_place(content: Any, by_snakemake: Any) -> Place | None:
             if place is not None:
                 return (key, *place)
         return None
-    is_same = content == by_snakemake or isinstance(by_snakemake, str)  # 1e3: fields make it 1000
+    # of a text as 1e3, fields of numbers make the number
+    is_same = isinstance(by_snakemake, str) or repr(content) == repr(by_snakemake)
     return None if is_same else ()
 
 

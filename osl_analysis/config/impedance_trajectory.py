@@ -96,8 +96,7 @@ def check_columns(path: Path, names: Sequence[str], lines: int) -> None:
         if names.count(name) > 1:
             raise InputError(f"{path}: column '{name}' stands twice; rename or remove one")
     absent = [name for name in REQUIRED if name not in names]
-    if absent or lines < STANCE_SHARE = 0.62  # of the gait cycle (Section IV)
-FEWEST_LINES:
+    if absent or lines < FEWEST_LINES:
         problem = f"no column '{absent[0]}'" if absent else "fewer than two rows"
         raise InputError(
             f"{path}: {problem}; it needs a header with {', '.join(REQUIRED)} and a row per phase"

@@ -42,7 +42,8 @@ class QualityRules(Settings):
     @classmethod
     def _checks_are_known(cls, content: Any) -> Any:
         thresholds = dict(content) if isinstance(content, Mapping) else {}
-        for name in thresholds.pop("exclude", ()):
+        excluding = thresholds.pop("exclude", ())
+        for name in excluding if isinstance(excluding, list) else ():
             if name not in CHECKS:
                 raise misplaced(unknown_check(str(name)), "exclude")
         for name, threshold in thresholds.items():

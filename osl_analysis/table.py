@@ -28,9 +28,9 @@ TEXT_COLUMNS = (
     "reason", "excluded", "panel", "curve", "interval_method", "doubtful", "experiment", "model",
     "motion", "group", "gait", "direction", "subject", "session", "side", "speed", "pooled",
     "series", "group_stated", "not_checked", "excitation", "desired", "loading", "method", "joint",
-    "data", "chosen", "trajectory", "axis_from", "missing_components", "table", "grade",
+    "data", "chosen", "trajectory", "table", "grade",
     "name", "cause", "inherited", "evidence", "says", "size", "remedy", "reaction", "fault",
-    "fault_family", "explanations", "widened_because", "law",
+    "fault_family", "explanations", "widened_because",
 )  # fmt: skip
 # columns that identify a row of a table and of its evidence
 ROW_KEYS = ("trial", "joint", "side", "scope", "amplitude_deg")

@@ -201,7 +201,7 @@ def test_a_configuration_that_cannot_be_run_is_one_line_before_any_job(
     ("impedance_trajectory", "README.md", "no column 'phase'"),
     ("parameters", "config/config.yaml", "unknown field"),
     ("quality.jiter", "1 s", "did you mean 'jitter'"),
-    ("quality.gap", {"threshold": "1 s", "on_failure": "flag"}, "write its threshold alone, as `gap"),
+    ("quality.gap", {"threshold": "1 s", "on_failure": "flag"}, "write its threshold alone"),
     ("quality.exclude", ["gaps"], "'gaps' is no quality check; .* did you mean 'gap'"),
     # in ms, mm, deg, percent, N*mm
     ("dynamometer.cutoff_hz", 15000, "cutoff_hz: 15000 is not allowed: .* 1000$"),

@@ -569,8 +569,7 @@ def bundle(folder: Path, output: Path) -> None:
     "--from",
     "recordings",
     help=(
-        "Draft sample sheet and source files for the recordings in this folder, which stay there,"
-        " and try the first."
+        "Draft sample sheet and source files for the recordings in this folder, which stay there."
     ),
 )
 @option("--example", is_flag=True, help="A small simulated bench, which runs in about a minute.")

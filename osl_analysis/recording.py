@@ -1,6 +1,6 @@
 """What a recording holds, whatever its format: channels, rows, losses, plates and text.
 
-Every format reads its files to one `Recording`. Ingest, `inspect`, `init`, `watch` and `doctor`
+Every format reads its files to one `Recording`. Ingest, `inspect` and `init`
 take nothing else, and nothing here knows a format.
 """
 

@@ -196,6 +196,15 @@ def validated(
         raise InputError(f"{path}: {line}{text}") from error
 
 
+WORDS = {
+    "Value error, ": "",
+    "Input should be": "write",
+    "write less": "write a number less",
+    "write greater": "write a number greater",
+}
+"""What is said in place of pydantic's words."""
+
+
 def problem_text(field: str, problems: Sequence[Mapping[str, Any]]) -> str:
     """What is wrong with one field, and what is allowed."""
     first = problems[0]
@@ -203,11 +212,10 @@ def problem_text(field: str, problems: Sequence[Mapping[str, Any]]) -> str:
         return f"unknown field '{field}'; {first['msg']}"
     if first["type"] == "missing":
         return f"field '{field}' is missing; add it"
-    reasons = dict.fromkeys(
-        str(problem["msg"]).removeprefix("Value error, ").replace("Input should be", "write")
-        for problem in problems
-    )
+    reasons = dict.fromkeys(str(problem["msg"]) for problem in problems)
     reason = ", or ".join(reasons)
+    for pydantics, plain in WORDS.items():
+        reason = reason.replace(pydantics, plain)
     value = first["input"]
     if isinstance(value, dict | list | BaseModel):
         return f"{field}: {reason}"

@@ -613,7 +613,6 @@ def test_fig8_shows_stance_alone():
     swing = gains.tail(1).with_columns(phase=pl.lit(0.63), K_d=pl.lit(1e6))
 
     assert fig8.points(pl.concat([gains, swing])).equals(fig8.points(gains))
-    assert fig8.points(gains, 0.3)["phase"].max() == pytest.approx(0.3)
     assert len(fig8.points(swing.with_columns(phase=0.62))) == 1
 
 
@@ -886,4 +885,3 @@ def test_the_words_of_an_svg_are_text(tmp_path):
     texts = list(root.iter("{http://www.w3.org/2000/svg}text"))
     words = ["".join(text.itertext()) for text in texts]
     assert "Uncompensated" in words
-    assert "Desired stiffness Kd (N·m/rad)" in words

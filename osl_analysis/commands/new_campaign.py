@@ -591,8 +591,8 @@ def unaligned_clocks(folder: Path, draft: Draft) -> Iterator[str]:
 
 
 def campaign_text(folder: Path, draft: Draft) -> str:
-    """What is to be decided first, what the recordings were taken for, what the first trials give,
-    and the next command that can succeed."""
+    """What is to be decided first, what the recordings were taken for, and the next command that can
+    succeed."""
     questions = left_to_decide(folder, draft)
     lines: list[str] = []
     if questions:
@@ -656,5 +656,5 @@ def next_command(folder: Path, is_ready: bool) -> str:
     """The next command that can succeed."""
     place = f"cd {shlex.quote(str(folder))}"
     if not is_ready:
-        return f"then: edit what is named above; {place} && osl-analysis run"
+        return f"then: edit what is named above; {place} && osl-analysis run -n says what is left"
     return f"then: {place} && osl-analysis run"

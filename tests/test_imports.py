@@ -91,13 +91,12 @@ SLOW = (
     "matplotlib",
     "numba",
     "pint",
-    "pandas",
     "snakemake",
 )
 
 
 @pytest.mark.parametrize(("modules", "more"), [
-    ("cli", ["numpy", "polars", "pydantic", "ruamel"]), ("trial table", ["pydantic", "scipy"]),
+    ("cli", ["numpy", "polars", "pandas", "pydantic", "ruamel"]), ("trial table", ["pandas", "pydantic", "scipy"]),
     ("notebook commands.run commands.simulate"
      " commands.bench commands.fit commands.walking commands.walking_summary", []),
 ])  # fmt: skip

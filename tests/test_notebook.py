@@ -36,7 +36,7 @@ DEVICE, DESIRED = (
 )
 AMPLITUDES = [float(np.rad2deg(amplitude)) for amplitude in SINES.amplitudes]
 SHORT = f"dynamometer: {{amplitudes_deg: {AMPLITUDES}, frequencies_hz: [1, 3, 5], cycles: 9}}\n"
-SHORT += "quality: {rate: {threshold: 123 Hz}}\n"
+SHORT += "quality: {rate: 123 Hz}\n"
 CURVE = "torque_angle: {zero: none, desired: {line: {angle_deg: [-10, 10], torque: [-35, 35]}}}\n"
 
 

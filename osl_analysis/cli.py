@@ -80,15 +80,21 @@ FILE, FOLDER = click.Path(path_type=Path), click.Path(path_type=Path, file_okay=
 WRITTEN_SUFFIXES = {
     "ingest": ".parquet",
     "gains": ".csv",
-    "design": ".csv",
+    "bundle": ".zip",
 }
 """Suffix of what a command writes, where it writes one kind of file."""
-INSTEAD_OF = {
-    "samples": "`osl-analysis inspect FOLDER` lists the recordings in a folder",
-    "describe-tables": "`osl-analysis results --columns` prints what each column means",
-    "score": "run `python benchmarks/peers/score.py ANSWERS` in a clone of the project",
+SIMULATE_PROTOCOL = "simulate your protocol with `osl-analysis simulate`, and read the intervals"
+GONE = {
+    "design": SIMULATE_PROTOCOL,
+    "design-walking": SIMULATE_PROTOCOL,
+    "doctor": "`osl-analysis run -n` checks the campaign",
+    "export": "the script in docs/notebook.md writes the fitted leg for MuJoCo",
+    "watch": "`osl-analysis run` again makes only what is new",
+    "--checksums": "`osl-analysis bundle` writes the checksums of all files",
+    "--license": "state the licence where you deposit the bundle",
+    "--raw": "a bundle has the recordings",
 }
-"""What to use in place of a command of earlier releases."""
+"""What to use in place of a command or option that went with release 2.0."""
 SECTIONS = {
     "Start": {
         "init": "make the folder of a campaign, also from recordings",
@@ -106,6 +112,7 @@ SECTIONS = {
     },
     "Share": {
         "compare": "compare the results of two campaigns",
+        "bundle": "pack a campaign with its results into one ZIP file",
     },
 }
 """The commands as `osl-analysis --help` groups them."""
@@ -127,6 +134,10 @@ def say(text: str, err: bool = False) -> None:
     """Print lines to the terminal. Control characters, which names in files may have, are written
     as escapes."""
     click.echo(printable_lines(text), err=err)
+
+
+def went(name: str) -> str:
+    return f"`{name}` went with 2.0: {GONE[name]}"
 
 
 def options_given() -> set[str]:
@@ -207,8 +218,8 @@ class OneLineErrors(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        if args and args[0] in INSTEAD_OF:
-            raise click.UsageError(f"there is no `{args[0]}` any more: {INSTEAD_OF[args[0]]}")
+        if args and args[0] in GONE:
+            raise click.UsageError(went(args[0]))
         return super().resolve_command(ctx, args)
 
     def invoke(self, ctx: click.Context) -> Any:
@@ -228,6 +239,9 @@ class OneLineErrors(click.Group):
         except click.UsageError as error:
             # click lists the choices of an option on lines of their own
             message = error.format_message().replace("\n\t", " ")
+            option_name = getattr(error, "option_name", "")
+            if option_name in GONE:
+                message = went(option_name)
             raise click.UsageError(printable(message), error.ctx) from error
         except OslAnalysisError as error:
             click.echo(f"error: {error}", err=True)
@@ -526,6 +540,20 @@ def compare(a: Path, b: Path, margin: float | None, output: Path, as_json: bool)
     say(rows_json(compared.table) if as_json else compared.text)
 
 
+@main.command(epilog="Example: osl-analysis bundle . campaign.zip")
+@argument("folder", type=FOLDER)
+@argument("output", type=FILE)
+def bundle(folder: Path, output: Path) -> None:
+    """Write the campaign in FOLDER, with its recordings and results, to the ZIP file OUTPUT.
+
+    Unpacked elsewhere, `osl-analysis run` analyses it again, and `sha256sum -c SHA256SUMS` checks
+    its files."""
+    from osl_analysis.commands.bundle import write_bundle
+
+    check_there(folder, "folder")
+    say(f"wrote {output}, {write_bundle(folder, output)} files")
+
+
 @main.command(
     cls=click.Command, epilog="Example: osl-analysis init my_campaign --from /data/2026-03-14"
 )
@@ -541,27 +569,17 @@ def compare(a: Path, b: Path, margin: float | None, output: Path, as_json: bool)
     "--from",
     "recordings",
     help=(
-        "Draft sample sheet and source files for the recordings in this folder, which stay there,"
-        " and try the first."
+        "Draft sample sheet and source files for the recordings in this folder, which stay there."
     ),
 )
 @option("--example", is_flag=True, help="A small simulated bench, which runs in about a minute.")
 @option("--example-walking", is_flag=True, help="A small simulated walkway with perturbations.")
-@option(
-    "--checksums",
-    is_flag=True,
-    help=(
-        "With --from: write SHA256SUMS beside the recordings, so that one that is changed later is"
-        " refused."
-    ),
-)
 def init(
     folder: Path,
     recorders: tuple[str, ...],
     recordings: Path | None,
     example: bool,
     example_walking: bool,
-    checksums: bool,
 ) -> None:
     """Make the folder of a new campaign: configuration, sample sheet, source files and their JSON
     schemas."""
@@ -574,12 +592,8 @@ def init(
         chosen = "walking" if example_walking else "bench"
     if chosen and (recorders or recordings):
         raise click.UsageError("an example has recordings of its own; leave --recorder and --from")
-    if checksums and recordings is None:
-        raise click.UsageError("--checksums are those of recordings: name their folder with --from")
-    draft = command.new_campaign(folder, recorders, recordings, chosen, checksums)
+    draft = command.new_campaign(folder, recorders, recordings, chosen)
     if recordings is not None:
-        if checksums:
-            say(command.sums_text(recordings))
         say(command.campaign_text(folder, draft))
         return
     place = shlex.quote(str(folder))

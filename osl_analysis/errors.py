@@ -127,29 +127,6 @@ class InputError(OslAnalysisError):
     """
 
 
-@dataclass(frozen=True)
-class Removal:
-    """A field that an earlier release had."""
-
-    place: tuple[str | int, ...]  # keys that lead to it in its file, from the outermost
-    instead: str  # what does without it now
-    new_name: str  # in this release; empty if it is gone
-    old_name_works: bool = False  # until the release that `renamed.NewName` states
-
-
-NO_REMOVAL = Removal((), "", "")
-
-
-class RemovedFieldError(InputError):
-    """A field of a configuration is gone, or has another name: its `removal` says which."""
-
-    def __init__(
-        self, message: str, changes: Sequence[Change] = (), removal: Removal = NO_REMOVAL
-    ) -> None:
-        super().__init__(message, changes)
-        self.removal = removal
-
-
 class NotWeighedError(InputError):
     """The inference cannot weigh rivals of Eq. 15 by a recording, which least squares alone fit."""
 
@@ -166,8 +143,8 @@ class MemoryLimitError(WriteError):
 
 EXTRAS = {
     "ezc3d": "simulator", "fastexcel": "excel", "h5py": "mat73", "mat-io": "matlab",
-    "mcap-protobuf-support": "protobuf", "mujoco": "mujoco",
-    "nptdms": "tdms", "numba": "simulator", "rocrate": "bundle", "rosbags": "ros",
+    "mcap-protobuf-support": "protobuf",
+    "nptdms": "tdms", "numba": "simulator", "rosbags": "ros",
     "snakemake-executor-plugin-slurm": "cluster",
 }  # fmt: skip
 """The extra of the package that installs a library which most campaigns do not need."""

@@ -164,7 +164,6 @@ rule summarise_walking:
     localrule: True
     params:
         settings=CONFIG.walking.part("EnsembleSettings"),
-        stance_share=CONFIG.figures.stance_share,
         limits=limits("walking_groups"),
         sheet=CAMPAIGN.conditions(),
         places=WALKED,

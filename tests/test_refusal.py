@@ -478,9 +478,7 @@ def test_an_excluded_trial_is_left_out_and_an_accepted_one_is_not(checked):
         "motion": ["trials/plate_2.parquet"],
     }
     assert without_excluded(alone, [*reasons]) == {"trial": alone["trial"], "motion": []}
-    wider = RULES.model_dump(mode="json") | {
-        "unzeroed_plate": {"threshold": "85 N", "on_failure": "exclude"}
-    }
+    wider = RULES.model_dump(mode="json") | {"unzeroed_plate": "85 N"}
     for rules, named in (
         (RULES, ["plate_2", "plate_3"]),
         (QualityRules.model_validate(wider), ["plate_3"]),

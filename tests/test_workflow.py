@@ -282,9 +282,8 @@ def test_changed_settings_give_the_bytes_of_a_fresh_run_and_redo_what_uses_them_
     of_transmission = pl.col("trial").str.starts_with("transmission")
     rests = workspace.table("quality").filter(of_transmission, check="jitter").sort("value")
     (_, least), (bad, most) = rests.select("trial", "value").rows()
-    rule = {"threshold": f"{(least + most) / 2} %", "on_failure": "exclude"}
     changes = {
-        "quality": {"jitter": rule},
+        "quality": {"jitter": f"{(least + most) / 2} %", "exclude": ["jitter"]},
         "doubtful": {"transmission": {"above": {"samples": 10}}},
     }
     again = Workspace(tmp_path / "again", workspace)
@@ -332,7 +331,7 @@ def test_the_lines_for_pandas_read_the_results(workspace, monkeypatch, capsys):
 
 def test_a_threshold_that_excludes_nobody_makes_only_the_judgement_again(workspace, tmp_path):
     space = Workspace(tmp_path, workspace)
-    space.configure({"quality": {"gap": {"threshold": "0.06 s", "on_failure": "exclude"}}})
+    space.configure({"quality": {"gap": "0.06 s", "exclude": ["gap"]}})
     judgement = {"judge", "excluded_trials", "findings", "headline_numbers", "report_page"}
     for_paper = {"conditions_for_paper", "components_for_paper", "walking_for_paper"}
     named = {"captions", *for_paper}  # the configuration
@@ -350,7 +349,7 @@ def test_another_version_of_the_program_makes_everything_again(workspace, every_
 
 
 NOT_CHANGED = {
-    "simulation", "trials", "markers", "time_series", "frequency_response", "on_failure",
+    "simulation", "trials", "markers", "time_series", "frequency_response", "exclude",
     "fewest_unperturbed",
     "plate_inertia",
 }  # fmt: skip

@@ -151,7 +151,6 @@ def run_jobs(
         excluded=folder / "excluded.csv",
         groups=folder / "groups.csv",
         plate=folder / "plate.json",
-        stance_share=0.62,
     )
     return Tables(folder)
 

@@ -1,6 +1,6 @@
 """Choices of the analysis on the benches, each with its unit, as `config.yaml` has them."""
 
-from typing import Annotated, ClassVar, Literal, Self
+from typing import Annotated, Literal, Self
 
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
@@ -260,12 +260,6 @@ class ImpedanceAnalysis(SteppedSineAnalysis):
 
 class DynamometerAnalysis(ImpedanceAnalysis, BeltAnalysis):
     """Choices for all trials of the dynamometer."""
-
-    REMOVED: ClassVar = {
-        "compare_estimators": "so are the estimators that it compared",
-        "human": "a reflex is weighed in every trial of experiment `impedance`, which a person's"
-        " joint has, too",
-    }
 
 
 class ActuatorAnalysis(BenchAnalysis):

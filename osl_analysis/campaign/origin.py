@@ -8,7 +8,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from osl_analysis.campaign.campaign_trials import Campaign
-from osl_analysis.files import digest as content_digest
+from osl_analysis.files import digest
 from osl_analysis.yaml_settings import read_mapping
 
 # facts on the origin of results
@@ -21,8 +21,6 @@ ABOUT_MEANING = {
     ),
     "recorded": "date of the data, or what is known in its place",
 }
-# the LaTeX macros, without prefix
-ABOUT_MACROS = {name: name.capitalize() for name in ABOUT_MEANING}
 # settings that do not change results, or stand beside the hash
 NOT_HASHED = {"raw_data", "sheet", "results", "sources", "failed_trials", "data", "recorded"}
 HASH_DIGITS = 8
@@ -58,7 +56,7 @@ def hash_of_settings(campaign: Campaign, simulation: Sequence[Path]) -> str:
     config = campaign.config
     files = {config.parameters, config.impedance_trajectory, *simulation} - {None}
     settings = config.model_dump(mode="json", exclude=NOT_HASHED)
-    digests = sorted(str(content_digest(path)) for path in files if path is not None)
+    digests = sorted(str(digest(path)) for path in files if path is not None)
     text = json.dumps([settings, digests], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:HASH_DIGITS]
 

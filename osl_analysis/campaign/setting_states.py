@@ -47,7 +47,6 @@ EXPERIMENTS_BY_SETTING: dict[str, tuple[str, ...]] = {
     "claims.K_percent": ("impedance", "walking"),
     "impedance_trajectory": ("walking",),
     "figures.midstance_stiffness": ("walking",),
-    "figures.stance_share": ("walking",),
     "walking.side": ("walking",),
     "walking.plate": ("walking",),
     "walking.markers": ("walking",),
@@ -60,7 +59,6 @@ USED_FOR_NULL = {"torque_angle.zero": "end"}  # values used for null
 # settings that are not used without these files
 NEEDED_FILE = {
     "gain_weight": "parameters",
-    "figures.stance_share": "impedance_trajectory",
 }
 
 

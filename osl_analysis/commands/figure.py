@@ -111,6 +111,7 @@ def names_of_trials(refused: Iterable[Refusal]) -> list[str]:
 
 
 CURVE_POINTS = 101  # of a response by a model
+SHOWN_S = 10.0  # length of the part of a trial that Fig. 4 shows
 SAME_AMPLITUDE_DEG = 1e-6  # difference of an amplitude that a CSV file rounds
 MOST_NAMED = 4  # refused trials below a figure; the caption names more, `excluded.csv` all
 
@@ -198,7 +199,7 @@ def fig4(
     windows: str | None = None,
     data: str = "",
 ) -> None:
-    """Write the numbers of Fig. 4: the last seconds of one amplitude, or of a motion that is no
+    """Write the numbers of Fig. 4: the end of the largest amplitude, or of a motion that is no
     stepped sine, measured and by the best second-order fit.
 
     Parameters
@@ -210,7 +211,7 @@ def fig4(
     settings
         Of the fit.
     choice
-        That of `time_series_example`: trial, place, condition, amplitude and duration.
+        That of `time_series_example`.
     limits
         By which the fit may be doubtful.
     output
@@ -221,9 +222,9 @@ def fig4(
         What the data are.
     """
     record = record_of_trial(read_trial(trial), settings, windows)
-    label = record.label_near(choice["amplitude_deg"])
+    label = record.label_near(None)
     analysis = analysed(record, plain_sums(record, IMPEDANCE), IMPEDANCE)
-    series = analysis.last_seconds(label, choice["duration_s"])
+    series = analysis.last_seconds(label, SHOWN_S)
 
     fits = read_table(fit)
     fits = marked(fits, judged(fits, limits, "impedance"), "impedance")

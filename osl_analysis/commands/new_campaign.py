@@ -21,7 +21,6 @@ from osl_analysis.errors import InputError, listing, nearest, printable
 from osl_analysis.files import CAMPAIGN, seen_from, shipped
 from osl_analysis.formats import TEXT_PRIORITY, formats_of, known_formats
 from osl_analysis.ingest import raw_files
-from osl_analysis.ingest.checksums import SUMS, write_sums
 from osl_analysis.ingest.draft import (
     DraftedLog,
     draft_source,
@@ -59,12 +58,9 @@ SELDOM = ("joint", "fixture")  # columns of a drafted sheet only where a trial h
 CHANNEL_KEYS = {"topic", "field", "column", "variable"}  # that name a channel of a log
 FEWEST_CHANNELS = 3  # of a shipped source file, by which its recorder is known
 MOST_SHOWN = 4  # files or trials of one kind in the text of `init`
-MOST_LINES = 15  # of the text of `init`
 MOST_REFUSED = 3  # files that were not read, in the text of `init`
 MOST_QUESTIONS = 4  # in the text of `init`; the files have all of them
 MOST_OF_SOURCES = 4  # lines on source files in the text of `init`
-MOST_WARNINGS = 2  # of the recordings of a trial
-MOST_OF_LOOK = 4  # lines that it shows of a trial's estimates; `doctor --look` tells the rest
 
 
 @dataclass
@@ -127,7 +123,6 @@ def new_campaign(
     recorders: Sequence[str] = (),
     recordings: Path | None = None,
     example: Example | None = None,
-    with_sums: bool = False,
 ) -> Draft:
     """Make a folder with a campaign, and say what was drafted.
 
@@ -141,8 +136,6 @@ def new_campaign(
         A folder of recordings, for which sheet and source files are drafted. They stay there.
     example
         A small simulated campaign instead, of the bench or of a walkway.
-    with_sums
-        Whether `SHA256SUMS` of the recordings is written beside them.
     """
     if os.path.lexists(folder) and not (folder.is_dir() and not any(folder.iterdir())):
         what = "exists and is not empty" if folder.is_dir() else "is a file"
@@ -162,13 +155,6 @@ def new_campaign(
     raw_data = Path("recordings")
     if recordings is not None:
         raw_data = seen_from(folder, recordings)
-    if with_sums and recordings is not None:
-        files = [
-            file
-            for path in raw_files.recordings_in(recordings)
-            for file in raw_files.recorded_files(path)
-        ]
-        write_sums(recordings, files)
     name = folder.resolve().name
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -605,15 +591,15 @@ def unaligned_clocks(folder: Path, draft: Draft) -> Iterator[str]:
 
 
 def campaign_text(folder: Path, draft: Draft) -> str:
-    """What is to be decided first, what the recordings were taken for, what the first trials give,
-    and the next command that can succeed."""
+    """What is to be decided first, what the recordings were taken for, and the next command that can
+    succeed."""
     questions = left_to_decide(folder, draft)
     lines: list[str] = []
     if questions:
         lines.append("to be decided:")
         lines += [f"  {text}" for text in questions[:MOST_QUESTIONS]]
         if len(questions) > MOST_QUESTIONS:
-            lines.append(f"  and {len(questions) - MOST_QUESTIONS} more, which `doctor` tells")
+            lines.append(f"  and {len(questions) - MOST_QUESTIONS} more, marked in the files")
     lines += source_lines(draft)
     by_experiment: dict[str, list[str]] = {}
     for trial in draft.trials:
@@ -666,14 +652,9 @@ def guesses_text(source: str) -> str:
     return "; ".join(texts)
 
 
-def sums_text(recordings: Path) -> str:
-    """Say where the checksums of recordings were written."""
-    return f"wrote {recordings / SUMS}: a file that changes later is refused by name"
-
-
 def next_command(folder: Path, is_ready: bool) -> str:
     """The next command that can succeed."""
     place = f"cd {shlex.quote(str(folder))}"
     if not is_ready:
-        return f"then: edit what is named above; {place} && osl-analysis run"
+        return f"then: edit what is named above; {place} && osl-analysis run -n says what is left"
     return f"then: {place} && osl-analysis run"

@@ -328,7 +328,7 @@ def intervals_text(tables: Mapping[str, pl.DataFrame]) -> str:
 
 def read_summary(summary_json: Path) -> dict[str, Any]:
     """Read the summary that `write_summary` wrote. Raises InputError where it is missing, is none,
-    or is of a newer release; one of an older release is told as a warning."""
+    or is of another release."""
     check_not_refused(summary_json)
     if not summary_json.is_file():
         raise InputError(
@@ -337,15 +337,23 @@ def read_summary(summary_json: Path) -> dict[str, Any]:
         )
     try:
         content: dict[str, Any] = json.loads(summary_json.read_text(encoding="utf-8"))
+        schema, release = content.get(SCHEMA_FIELD), content.get("version")
+    except (ValueError, RecursionError, AttributeError) as error:
+        raise no_summary(summary_json, f"{error}") from error
+    check_schema(schema, summary_json, release)
+    try:
         for name, number in content["numbers"].items():
             check_number(name, number)
-    except (ValueError, RecursionError, TypeError, AttributeError, KeyError) as error:
+    except (ValueError, TypeError, AttributeError, KeyError) as error:
         reason = f"no field {error}" if isinstance(error, KeyError) else f"{error}"
-        raise InputError(
-            f"{summary_json}: not a summary ({reason}); delete it and run `snakemake reproduce-all`"
-        ) from error
-    check_schema(content.get(SCHEMA_FIELD), summary_json, content.get("version"))
+        raise no_summary(summary_json, reason) from error
     return content
+
+
+def no_summary(summary_json: Path, reason: str) -> InputError:
+    return InputError(
+        f"{summary_json}: not a summary ({reason}); delete it and run `snakemake reproduce-all`"
+    )
 
 
 FIELDS_OF_NUMBER = (

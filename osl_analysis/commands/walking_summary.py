@@ -17,7 +17,11 @@ from osl_analysis.commands.walking_files import (
     read_model,
     read_unperturbed_gaits,
 )
-from osl_analysis.config.impedance_trajectory import SYNTHETIC, read_impedance_trajectory
+from osl_analysis.config.impedance_trajectory import (
+    STANCE_SHARE,
+    SYNTHETIC,
+    read_impedance_trajectory,
+)
 from osl_analysis.config.sheet import JOINT
 from osl_analysis.errors import InputError, OslAnalysisError
 from osl_analysis.judge.judging import EXCLUDED, judged, marked
@@ -112,7 +116,6 @@ def summarise_perturbations(
     groups: Path,
     sheet: SheetCells,
     plate: Path,
-    stance_share: float,
     trajectory: Paths = (),
     limits: Limits | None = None,
     places: Places | None = None,
@@ -141,9 +144,8 @@ def summarise_perturbations(
         Cells of the sample sheet of each crossing.
     plate : Path
         The plate's model.
-    stance_share, trajectory
-        What a leg was commanded over the gait cycle, if a file says so. Stance is the first
-        `stance_share` of it.
+    trajectory : Sequence of Path
+        What a leg was commanded over the gait cycle, if a file says so.
     limits : Limits or None
         Beyond which a group is doubtful.
     places : Places or None
@@ -165,7 +167,7 @@ def summarise_perturbations(
         sheet,
         settings,
         read_model(plate, PlateModel).certain_height,
-        commanded_over_stance(trajectory, data, stance_share),
+        commanded_over_stance(trajectory, data),
     )
     check_any_result(results, table, excluded)
 
@@ -313,7 +315,7 @@ def reason_text(outcome: GroupOutcome) -> str:
     return str(outcome.reason) if group == ALL else f"{group}: {outcome.reason}"
 
 
-def commanded_over_stance(trajectory: Paths, data: str, stance_share: float) -> Commanded | None:
+def commanded_over_stance(trajectory: Paths, data: str) -> Commanded | None:
     """What the `trajectory` commands at a phase of stance; None without one, and for a measured leg
     (`data`), which was not commanded a synthetic one."""
     if not trajectory:
@@ -326,6 +328,6 @@ def commanded_over_stance(trajectory: Paths, data: str, stance_share: float) -> 
     def commanded(quantity: str, phase: float) -> float | None:
         if quantity not in values_of:
             return None
-        return float(desired.at(values_of[quantity], np.array(phase * stance_share)))
+        return float(desired.at(values_of[quantity], np.array(phase * STANCE_SHARE)))
 
     return commanded

@@ -20,8 +20,6 @@ from typing import Any
 
 import yaml
 
-from osl_analysis.renamed import RENAMED_COLUMNS
-
 HERE = Path(__file__).parent
 SHARED = HERE / "shared.yaml"
 
@@ -32,11 +30,6 @@ def own_yaml(path: Path) -> dict[str, Any]:
     second by the other."""
     content: dict[str, Any] = yaml.load(path.read_bytes(), yaml.CSafeLoader)
     return content
-
-
-def apparent_inertia() -> str:
-    """What I is called wherever it may be negative; docs/method.md derives it from Eq. 9."""
-    return str(own_yaml(SHARED)["columns"]["I"].partition(" | ")[2])
 
 
 @dataclass(frozen=True)
@@ -108,10 +101,6 @@ def described_in(path: Path) -> tuple[DescribedTable, ...]:
         for key, text in lines:
             for column in described_columns(key, text, described, shared):
                 described[column.name] = column
-        for old, new in RENAMED_COLUMNS.get(Path(place).name, {}).items():
-            if new.old_one_works:
-                meaning = f"{new.name} by the name that it had; it goes in release {new.goes_in}"
-                described[old] = replace(described[new.name], name=old, meaning=meaning)
         tables.append(DescribedTable(place, table.get("also", ""), table["rows"], described))
     return tuple(tables)
 

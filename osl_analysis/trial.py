@@ -166,8 +166,6 @@ class Trial:
         Where each column comes from; all of it is JSON.
     clocks : dict
         Cache of the devices' clocks, by their stamps. `signals.samples.take` fills it.
-    other_channels : callable
-        Reads other channels of its file as angle or torque, to be tried where a fit is wrong.
 
     Raises
     ------

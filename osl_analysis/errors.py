@@ -139,8 +139,8 @@ class RemovedFieldError(InputError):
         self.removal = removal
 
 
-class TooShortError(InputError):
-    """A recording is too short for an analysis that another one may replace."""
+class NotWeighedError(InputError):
+    """The inference cannot weigh rivals of Eq. 15 by a recording, which least squares alone fit."""
 
 
 class WriteError(InputError):

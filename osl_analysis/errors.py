@@ -1,13 +1,13 @@
 """Errors that the user can correct. Every message is one line with the cause and the remedy."""
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from difflib import get_close_matches
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 
 def printable(text: str) -> str:
@@ -58,31 +58,20 @@ def unexpected(fault: BaseException) -> str:
 
 
 @dataclass(frozen=True)
-class Change:
-    """A change that may mend a recording. It is tried on the recording, and advised where it helps
-    (`commands/remedies.py`)."""
+class Suspect:
+    """What a source file may state wrongly, so that a fit is refused. The fit is tried with
+    something else in its place (`commands/remedies.py`)."""
 
-    words: str  # what the user does
-    factors: Mapping[str, float] = field(default_factory=dict)  # of columns of the recording
-    settings: Mapping[str, Any] = field(default_factory=dict)  # of its analysis
-    experiment: str = ""  # as which it is analysed, if that is another one
-    windows: str = ""  # of the sheet [s]
-    delays: Mapping[str, float] = field(default_factory=dict)  # of columns [s]
-    # column whose numbers may be of another unit than is declared; stands for a change per unit
-    other_unit_of: str = ""
-    renamed: Mapping[str, str] = field(default_factory=dict)  # columns
-    sheet: Mapping[str, Any] = field(default_factory=dict)  # cells of its row
-    drift_ppm: float = 0.0  # of the torque's clock against the angle's
-    recording: Any = None  # a trial of other channels of the same file
-    rank: int = 0  # tried only where no change of a lower rank helps
+    what: Literal["sign", "unit", "channels"]
+    columns: tuple[str, ...]  # of the trial; of `channels`, two that may be swapped
 
 
 class OslAnalysisError(ValueError):
     """A mistake or a limit that the user can correct.
 
     The message is made printable. Up to the first semicolon outside brackets it is the `reason`,
-    what is wrong. Behind that is the `remedy`, what to do; it may be empty. The `changes` are
-    tried, and those that help replace the remedy.
+    what is wrong. Behind that is the `remedy`, what to do; it may be empty. The `suspects` are
+    tried otherwise, and what helps replaces the remedy.
 
     Examples
     --------
@@ -93,9 +82,9 @@ class OslAnalysisError(ValueError):
     none.parquet: no such trial
     """
 
-    def __init__(self, message: str, changes: Sequence[Change] = ()) -> None:
+    def __init__(self, message: str, suspects: Sequence[Suspect] = ()) -> None:
         super().__init__(printable(message))
-        self.changes = tuple(changes)
+        self.suspects = tuple(suspects)
         self.reason, self.remedy = str(self), ""
         for found in re.finditer("; ", self.reason):
             before = self.reason[: found.start()]
@@ -113,7 +102,7 @@ def naming(what: object, behind: str = "") -> Iterator[None]:
     except OslAnalysisError as error:
         if isinstance(what, Path) and printable(str(what)) in str(error):
             raise
-        raise type(error)(f"{what}: {error}{behind}", error.changes) from error
+        raise type(error)(f"{what}: {error}{behind}", error.suspects) from error
 
 
 class InputError(OslAnalysisError):

@@ -286,9 +286,8 @@ def fitted_motion(
         analysis = analysed(record, sums, model, sums_of)
     except IdentifiabilityError as error:
         missing = missing_band(record, moving_s, error)
-        raise IdentifiabilityError(
-            f"trial {record.name}: {missing}", [TAKE_TORQUE_ANGLE]
-        ) from error
+        remedy = f"{missing}, or {TAKE_TORQUE_ANGLE}"
+        raise IdentifiabilityError(f"trial {record.name}: {remedy}") from error
     if not record.is_stepped_sine:
         fit = with_error_of_inertia(analysis)
         analysis = replace(analysis, fits={None: fit})

@@ -19,3 +19,13 @@ def printed(text: str) -> str:
     for pattern, sign in SIGNS.items():
         text = re.sub(pattern, sign, text)
     return text
+
+
+LATEX_SIGNS = str.maketrans(
+    {**{sign: f"\\{sign}" for sign in "&%$#_{}"}, "\\": r"\textbackslash{}", "~": r"\~{}", "^": r"\^{}"}
+)
+
+
+def in_latex(text: str) -> str:
+    """A text with the signs escaped that LaTeX reads as commands."""
+    return text.translate(LATEX_SIGNS)

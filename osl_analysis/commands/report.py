@@ -1,14 +1,14 @@
 """The report of a run, and the comparison of two: reads what the runs wrote, and writes one
 page."""
 
+import re
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os.path import realpath
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
 import polars as pl
 
 from osl_analysis.campaign.origin import sentence
@@ -30,12 +30,20 @@ from osl_analysis.judge.two_campaigns import (
 from osl_analysis.refusal import Refusal, is_refused
 from osl_analysis.report.brief import findings_lines
 from osl_analysis.report.left_out import left_out_trials
-from osl_analysis.report.numbers import numbers_in_summary
-from osl_analysis.report.page import Page, ShownFigure, trials_table, written_page
-from osl_analysis.report.paper_tables import conditions_table
+from osl_analysis.report.numbers import headline_sentences, numbers_in_summary
+from osl_analysis.report.page import Page, ShownFigure, trial_view, written_page
+from osl_analysis.report.paper_tables import conditions, groups
 from osl_analysis.report.rounding import written
+from osl_analysis.report.signals import (
+    Signals,
+    of_fit,
+    of_perturbation,
+    of_recording,
+    phasor_response,
+)
 from osl_analysis.report.text_tables import aligned
 from osl_analysis.report.used_trials import missing_lines
+from osl_analysis.report.verdicts import findings_by_trial, verdicts_sentence
 from osl_analysis.table import read_table, with_evidence, write_table
 
 
@@ -45,8 +53,12 @@ class ReportFiles:
 
     about: Mapping[str, str]
     sheet: Mapping[str, Mapping[str, Any]]  # rows of the sample sheet, also of excluded trials
+    trials: Mapping[str, Path]  # recordings, by trial
+    series: Mapping[str, Path]  # archives with signals and model of bench trials
+    crossings: Mapping[str, Path]
     tables: Mapping[str, Path]  # result tables, by name
     figures: Mapping[str, Path]  # SVG files, by name
+    verdicts: Path  # `quality.csv`
     excluded: Path
     findings: Path
     states: Path  # `settings.csv`
@@ -59,31 +71,91 @@ class ReportFiles:
 
 def write_report(files: ReportFiles) -> None:
     """Write the page of a run."""
-    results = {name: with_evidence(path) for name, path in files.tables.items()}
+    tables = {name: with_evidence(path) for name, path in files.tables.items()}
     summary = read_summary(files.summary)
-    refusals = {cause.trial: f"{cause.reason}; {cause.remedy}" for cause in files.refused}
-    left_out = left_out_trials(
-        files.sheet, read_table(files.excluded), results, {t: r for t, r in refusals.items() if t}
-    )
-    findings = read_findings(files.findings)
-    tables = {"Trials": trials_table(files.sheet, results, findings, left_out)}
-    if "impedance" in results:
-        tables = {"Conditions": conditions_table(results["impedance"]), **tables}
-    if "claims" in results:
-        tables["Claims of the paper"] = pd.DataFrame(results["claims"].to_dicts())
-    tables["Settings"] = pd.DataFrame(read_table(files.states).to_dicts())
+    left_out = left_out_trials(files.sheet, read_table(files.excluded), tables)
+    findings = findings_by_trial(read_findings(files.findings))
+    rows_of = {name: rows_by_trial(table) for name, table in tables.items()}
+    checks = rows_by_trial(read_table(files.verdicts))
+    views = []
+    for trial, row in files.sheet.items():
+        of_trial = {name: rows[trial] for name, rows in rows_of.items() if trial in rows}
+        views.append(
+            trial_view(
+                row,
+                of_trial,
+                findings.get(trial, ()),
+                left_out.get(trial),
+                checks.get(trial, pl.DataFrame()),
+                signals_of(row, of_trial, files),
+            )
+        )
+    numbers = numbers_in_summary(summary)
+    notes = [summary["intervals"], files.unnamed, assumed_text(read_table(files.states))]
     drawn, absent = drawn_figures(files.figures, read_captions(files.captions))
     page = Page(
-        title=f"Campaign {files.about['campaign']}",
+        about=files.about,
         made_of=sentence(files.about),
-        intervals=" ".join(filter(None, [summary["intervals"], files.unnamed])),
-        numbers=numbers_in_summary(summary),
+        verdict=[verdicts_sentence(summary["verdicts"]), *headline_sentences(numbers)],
+        notes=[note for note in notes if note],
+        conditions=conditions(tables["impedance"]) if "impedance" in tables else (),
+        groups=list(groups(tables["walking_summary"])) if "walking_summary" in tables else (),
+        numbers=numbers,
         findings=findings_in_summary(summary),
-        tables=tables,
+        trials=views,
         figures=drawn,
         absent_figures=absent,
+        missing_results=summary["missing_results"],
     )
     write_text(files.output, written_page(page))
+
+
+def rows_by_trial(table: pl.DataFrame) -> dict[str, pl.DataFrame]:
+    """The rows of each trial of a table; none where it has no trials."""
+    if "trial" not in table.columns:
+        return {}
+    return {
+        str(trial): rows for (trial,), rows in table.partition_by("trial", as_dict=True).items()
+    }
+
+
+MOVING = {"actuator": "Actuator angle", "walking": "Ankle angle"}
+"""What moves in trials of an experiment, where it is not the joint."""
+
+
+def signals_of(
+    row: Mapping[str, Any], tables: Mapping[str, pl.DataFrame], files: ReportFiles
+) -> Signals | None:
+    """What the page plots of a trial: its fit, its response to a perturbation, its crossing, or
+    else its recording; None without torque and angle."""
+    trial, experiment = row["trial"], row["experiment"]
+    motion = MOVING.get(experiment, "Joint angle")
+    series = files.series.get(trial)
+    if series is not None:
+        signals = of_fit(read_table(series, name="series"), motion)
+        if "phasors" in tables and "impedance" in tables:
+            fit = tables["impedance"].row(-1, named=True)
+            return replace(signals, response=phasor_response(tables["phasors"], fit))
+        return signals
+    if "walking_responses" in tables:
+        return of_perturbation(tables["walking_responses"])
+    for recording in (files.crossings.get(trial), files.trials.get(trial)):
+        if recording is not None:
+            columns = pl.read_parquet_schema(recording)
+            if "torque" in columns or "theta" in columns:
+                return of_recording(pl.read_parquet(recording), f"{motion} (deg)")
+    return None
+
+
+def assumed_text(states: pl.DataFrame) -> str:
+    """The settings of `settings.csv` that are used though nobody stated them; empty if all are."""
+    assumed = states.cast(pl.String).filter(state="assumed")
+    texts = [f"{name} {value}" for name, value in assumed.select("setting", "value").rows()]
+    return f"Assumed, since nobody stated it: {', '.join(texts)}." if texts else ""
+
+
+MARKED_SIGN = re.compile(r"\\(?=[^\w$\s])")
+"""The backslash before a sign that would mean something in Markdown."""
 
 
 def read_captions(path: Path | None) -> Mapping[str, str]:
@@ -92,7 +164,7 @@ def read_captions(path: Path | None) -> Mapping[str, str]:
         return {}
     sections = f"\n{path.read_text(encoding='utf-8')}".split("\n## ")[1:]
     parts = (section.partition("\n") for section in sections)
-    return {title.strip(): body.strip().replace("\\", "") for title, _, body in parts}
+    return {title.strip(): MARKED_SIGN.sub("", body).strip() for title, _, body in parts}
 
 
 def drawn_figures(
@@ -109,7 +181,9 @@ def drawn_figures(
             absent[title] = caption.removeprefix(UNDRAWN).strip()
         else:
             reading = FIGURES[name].reading
-            drawn.append(ShownFigure(name, title, caption, reading, path.read_bytes()))
+            drawn.append(
+                ShownFigure(name, title, caption, reading, path.read_text(encoding="utf-8"))
+            )
     return drawn, absent
 
 

@@ -371,7 +371,8 @@ def format_results_table(summary: Mapping[str, Any], markdown: bool = True) -> s
     rows = [("quantity", "value", "interval", "n", "draft")]
     for number in numbers_in_summary(summary):
         draft = "" if number.draft is None else f"{number.draft:g}"
-        rows.append((number.meaning, number.text, number.interval or "", str(number.n), draft))
+        value = f"{number.text} {number.unit}"
+        rows.append((number.meaning, value, number.interval or "", str(number.n), draft))
     table = markdown_table(rows) if markdown else aligned(rows)
     lines = [summary["intervals"], *(finding["line"] for finding in summary["findings"])]
     lines += missing_lines(summary, reasons=True)

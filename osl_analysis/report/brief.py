@@ -7,7 +7,7 @@ from osl_analysis.judge.summary_findings import CampaignFinding, findings_in_sum
 from osl_analysis.report.numbers import headline_sentences, numbers_in_summary
 from osl_analysis.report.verdicts import IN_PART, verdicts_sentence
 
-MOST_FINDINGS = 4  # with verdicts, numbers and what was not checked a run tells itself in ten lines
+MOST_FINDINGS = 3  # with verdicts, numbers and what was not checked a run tells itself in ten lines
 NOT_CHECKED = "not checked"
 
 

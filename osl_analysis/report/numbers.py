@@ -43,11 +43,13 @@ class Entry:
     by: Sequence[str] = ()
     reduce: str = "mean"
     says: str = ""
+    symbol: str = ""
     unless: str = ""
     draft: float | None = None
 
 
-ENTRIES = [Entry(**fields) for fields in own_yaml(Path(__file__).with_name("numbers.yaml"))]
+LISTED: Any = own_yaml(Path(__file__).with_name("numbers.yaml"))  # a mapping per number
+ENTRIES = [Entry(**fields) for fields in LISTED]
 
 
 @dataclass(frozen=True)
@@ -66,18 +68,27 @@ class Number:
     n_doubtful: int
     n_left_out: int
     says: str  # begin of its sentence; empty for none
+    symbol: str  # before it in the sentence
     subject: str  # controller, condition, group, joint and side that it is of
     verdict: str | None = None  # on the paper's claim about it
 
     @property
+    def texts(self) -> tuple[str, str, str]:
+        """The number and the ends of its interval, rounded by this; empty ends where it has none.
+        The range of single values does not round their mean."""
+        value, low, high = written(self.value, self.low, self.high, parts=True)
+        return (written(self.value) if self.interval == RANGE else value), low, high
+
+    @property
     def text(self) -> str:
-        """The number, rounded by its interval, with this and its unit."""
-        return f"{written(self.value, self.low, self.high)} {self.unit}"
+        """The number with its interval, without unit."""
+        value, low, high = self.texts
+        return f"{value} ({low} to {high})" if low and high else value
 
     @property
     def in_sentence(self) -> str:
         """The number with what it is of, its interval and the doubts about it in brackets."""
-        value, low, high = written(self.value, self.low, self.high, parts=True)
+        value, low, high = self.texts
         facts = [self.subject]
         if low and high:
             kind = "trials" if self.interval == RANGE else "95 %:"
@@ -85,7 +96,8 @@ class Number:
         if self.n_doubtful:
             facts.append(f"{self.n_doubtful} of {self.n + self.n_left_out} doubtful")
         in_brackets = "; ".join(filter(None, facts))
-        return f"{value} {self.unit} ({in_brackets})" if in_brackets else f"{value} {self.unit}"
+        symbol = f"{self.symbol} = " if self.symbol else ""
+        return f"{symbol}{value} {self.unit}{f' ({in_brackets})' if in_brackets else ''}"
 
 
 def headline_numbers(
@@ -170,6 +182,7 @@ def number_of(
         n_doubtful=doubtful_count(rows)[0] if is_judged else int(first.get("n_doubtful") or 0),
         n_left_out=len(rows) - len(used),
         says=says,
+        symbol=entry.symbol,
         subject=", ".join(subject),
         verdict=first.get("verdict"),
     )
@@ -205,7 +218,7 @@ DIGITS = ("Zero", "One", "Two", "Three", "Four", "Five", "Six", "Seven", "Eight"
 
 
 def macro_name(name: str) -> str:
-    """The letters of a number's name, as LaTeX asks: `K_s` gives `KS`, `K_d 200` `KDTwoZeroZero`."""
+    """The letters of a number's name, as LaTeX asks: `K_d 200` gives `KDTwoZeroZero`."""
     words = re.findall(r"[A-Za-z]+|[0-9]", name)
     return "".join(
         DIGITS[int(word)] if word.isdigit() else word[0].upper() + word[1:] for word in words
@@ -219,8 +232,7 @@ def macros_tex(about: Mapping[str, str], numbers: Iterable[Number]) -> str:
         text = in_latex(about[field])
         lines.append(f"\\newcommand{{\\osl{macro}}}{{{text}}}% {ABOUT_MEANING[field]}")
     for number in numbers:
-        cells = written(number.value, number.low, number.high, parts=True)
-        for ending, text in zip(("", "Low", "High"), cells, strict=True):
+        for ending, text in zip(("", "Low", "High"), number.texts, strict=True):
             if text:
                 macro = f"\\newcommand{{\\osl{macro_name(number.name)}{ending}}}"
                 lines.append(f"{macro}{{\\ensuremath{{{text}}}}}% {number.unit}, {number.meaning}")

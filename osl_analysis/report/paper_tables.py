@@ -39,6 +39,11 @@ class Condition:
     is_doubtful: bool
     estimates: Mapping[str, Estimate]  # by symbol
 
+    def text(self, symbol: str) -> str:
+        """One estimate with its interval."""
+        value, low, high = self.estimates.get(symbol, (None, None, None))
+        return NOTHING if value is None else written(value, low, high)
+
 
 def conditions(impedance: pl.DataFrame) -> list[Condition]:
     """K, B and I of each condition: of its trial, or the mean of several that count.
@@ -50,7 +55,10 @@ def conditions(impedance: pl.DataFrame) -> list[Condition]:
     """
     whole = impedance.filter(pl.col("amplitude_deg").is_null())
     whole = whole.with_columns(own_condition=own_condition(whole))
-    keys = [name for name in CONDITION if name in whole.columns and whole[name].n_unique() > 1]
+    present = [name for name in CONDITION if name in whole.columns]
+    keys = [name for name in present if whole[name].n_unique() > 1]
+    if not keys:  # one condition: what the sheet states of it
+        keys = [name for name in present if whole[name][0] not in (None, "")]
     symbols = [name for name in ESTIMATED if name in whole.columns and whole[name].count()]
     parts = whole.sort(keys).partition_by(keys, maintain_order=True) if keys else [whole]
     rows = []
@@ -98,12 +106,6 @@ def groups(summary: pl.DataFrame) -> Iterator[Condition]:
         )
 
 
-def text_of(estimate: Estimate) -> str:
-    """An estimate with its interval as a text."""
-    value, low, high = estimate
-    return NOTHING if value is None else written(value, low, high)
-
-
 Rows = list[list[str]]
 """A table as texts; the first row has the heads."""
 
@@ -119,7 +121,7 @@ def condition_rows(of_conditions: Sequence[Condition]) -> Rows:
         *labels, last = condition.stated.values() or [NOTHING]
         marked = [*labels, f"{last}†" if condition.is_doubtful else last]
         number = [str(condition.n)] if are_several else []
-        rows.append([*marked, *number, *map(text_of, condition.estimates.values())])
+        rows.append([*marked, *number, *map(condition.text, condition.estimates)])
     if not first.stated:
         heads.insert(0, "condition")
     return rows
@@ -135,7 +137,7 @@ def component_rows(summaries: Mapping[str, pl.DataFrame], beside_draft: bool) ->
             name = row["quantity"]
             if name in drafts:
                 draft = [f"{drafts[name]:g}"] if beside_draft else []
-                text = text_of((row["mean"], row["low"], row["high"]))
+                text = written(row["mean"], row["low"], row["high"])
                 rows.append([name, text, str(row["n"]), *draft])
     return rows
 

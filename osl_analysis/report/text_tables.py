@@ -3,21 +3,25 @@ head."""
 
 from collections.abc import Mapping, Sequence
 
-from tabulate import tabulate
-
 from osl_analysis.report.typography import in_latex
 
 Rows = Sequence[Sequence[str]]
 
 
+def aligned(rows: Rows, begin: str = "", between: str = "  ", end: str = "") -> str:
+    """Rows as lines with aligned columns, each with what stands before, between and after them."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = []
+    for row in rows:
+        cells = [cell.ljust(width) for cell, width in zip(row, widths, strict=True)]
+        lines.append(f"{begin}{between.join(cells)}{end}".rstrip())
+    return "\n".join(lines) + "\n"
+
+
 def markdown_table(rows: Rows) -> str:
     """Rows as a table in Markdown."""
-    return tabulate(rows[1:], rows[0], tablefmt="github", disable_numparse=True) + "\n"
-
-
-def aligned(rows: Rows) -> str:
-    """Rows as lines with aligned columns."""
-    return tabulate(rows, tablefmt="plain", disable_numparse=True) + "\n"
+    rule = ["-" * max(map(len, column)) for column in zip(*rows, strict=True)]
+    return aligned([rows[0], rule, *rows[1:]], "| ", " | ", " |")
 
 
 def latex_table(rows: Rows, heads: Mapping[str, str]) -> str:

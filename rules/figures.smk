@@ -177,3 +177,24 @@ rule report_page:
         made_by=MADE_BY,
     run:
         job("report.write_report", input, output, params, log)
+
+
+rule methods:
+    """What the campaign did, as the text of a methods section."""
+    input:
+        tables=FILES.all_tables,
+        summary="<results>/summary.json",
+    output:
+        markdown="<results>/methods.md",
+        tex="<results>/methods.tex",
+        bib="<results>/methods.bib",
+    log:
+        "<logs>/methods.log",
+    localrule: True
+    params:
+        about=ABOUT,
+        settings=as_json(CONFIG),
+        sheet=CAMPAIGN.rows,
+        made_by=MADE_BY,
+    run:
+        job("report.write_methods", input, output, params, log)

@@ -234,7 +234,7 @@ def write_summary(
     findings: Path | None = None,
     refused: Sequence[Refusal] = (),
     beside_draft: bool = True,
-    settings: Mapping[str, Any] | None = None,
+    settings: Mapping[str, str] | None = None,
 ) -> None:
     """Write headline numbers of a campaign, and what a reader must know of them.
 
@@ -254,8 +254,8 @@ def write_summary(
         The causes of missing tables.
     beside_draft : bool
         Whether the numbers of the paper's draft stand beside them.
-    settings : Mapping or None
-        The settings that results depend on, for a comparison with another campaign.
+    settings : Mapping of str to str or None
+        The settings that results depend on, by dotted name, for a comparison of two campaigns.
     """
     needed = {
         *(entry.table for entry in ENTRIES),
@@ -372,7 +372,7 @@ def format_results_table(summary: Mapping[str, Any], markdown: bool = True) -> s
     for number in numbers_in_summary(summary):
         draft = "" if number.draft is None else f"{number.draft:g}"
         value = f"{number.text} {number.unit}"
-        rows.append((number.meaning, value, number.interval or "", str(number.n), draft))
+        rows.append((number.meaning, value, number.kind, str(number.n), draft))
     table = markdown_table(rows) if markdown else aligned(rows)
     lines = [summary["intervals"], *(finding["line"] for finding in summary["findings"])]
     lines += missing_lines(summary, reasons=True)

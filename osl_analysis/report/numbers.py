@@ -77,7 +77,7 @@ class Number:
         """The number and the ends of its interval, rounded by this; empty ends where it has none.
         The range of single values does not round their mean."""
         value, low, high = written(self.value, self.low, self.high, parts=True)
-        return (written(self.value) if self.interval == RANGE else value), low, high
+        return (written(self.value) if self.kind == RANGE else value), low, high
 
     @property
     def text(self) -> str:
@@ -86,12 +86,19 @@ class Number:
         return f"{value} ({low} to {high})" if low and high else value
 
     @property
+    def kind(self) -> str:
+        """What the interval is, for a reader; empty without one."""
+        if self.interval is None:
+            return ""
+        return RANGE if self.interval == RANGE else "95 %"
+
+    @property
     def in_sentence(self) -> str:
         """The number with what it is of, its interval and the doubts about it in brackets."""
         value, low, high = self.texts
         facts = [self.subject]
         if low and high:
-            kind = "trials" if self.interval == RANGE else "95 %:"
+            kind = "trials" if self.kind == RANGE else "95 %:"
             facts.append(f"{kind} {low} to {high}")
         if self.n_doubtful:
             facts.append(f"{self.n_doubtful} of {self.n + self.n_left_out} doubtful")

@@ -10,7 +10,6 @@ import shlex
 import signal
 import sys
 import warnings
-from contextlib import suppress
 from functools import partial
 from os.path import realpath
 from pathlib import Path
@@ -65,15 +64,6 @@ def band(value: str) -> list[float]:
     if len(frequencies) != 2:
         raise click.BadParameter(f"'{value}' is no lowest and highest frequency; write 0.5,6")
     return frequencies
-
-
-def percent(value: str) -> float:
-    """A share, as 1% or as 1: percent."""
-    with suppress(ValueError):
-        share = float(value.strip().removesuffix("%")) / 100
-        if 0 < share < 1:
-            return share
-    raise click.BadParameter(f"'{value}' is no percentage between 0 and 100; write 1%")
 
 
 FILE, FOLDER = click.Path(path_type=Path), click.Path(path_type=Path, file_okay=False)
@@ -515,28 +505,20 @@ def results(folder: Path, everything: bool, markdown: bool, as_json: bool, colum
         say(failures, err=True)
 
 
-@main.command(
-    cls=click.Command, epilog="Example: osl-analysis compare results/left results/right --margin 5%"
-)
+@main.command(cls=click.Command, epilog="Example: osl-analysis compare results/left results/right")
 @argument("a", type=FOLDER)
 @argument("b", type=FOLDER)
-@option(
-    "--margin", type=percent, help="Of every ratio [percent]; without one nothing is equivalent."
-)
-@option(
-    "--output", type=FOLDER, default=Path("comparison"), help="Folder of the table and the figure."
-)
+@option("--output", type=FOLDER, default=Path("comparison"), help="Folder of the table.")
 @AS_JSON
-def compare(a: Path, b: Path, margin: float | None, output: Path, as_json: bool) -> None:
-    """Compare the results in folders A and B: two devices, controllers or days, with 95 % intervals
-    and verdicts.
+def compare(a: Path, b: Path, output: Path, as_json: bool) -> None:
+    """Compare the results in folders A and B: two devices, controllers or days.
 
-    Equivalent: the interval of B over A lies within the margin. Different: it lies beyond it on one
-    side."""
+    Conditions stand side by side with 95 % intervals of their difference, then the settings that
+    differ, and whether both hold the same recordings."""
+    from osl_analysis.commands.compare import compare_campaigns
     from osl_analysis.commands.estimates import rows_json
-    from osl_analysis.commands.report import compare_campaigns
 
-    compared = compare_campaigns((a, b), output, margin)
+    compared = compare_campaigns((a, b), output)
     say(rows_json(compared.table) if as_json else compared.text)
 
 

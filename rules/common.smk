@@ -24,7 +24,7 @@ from operator import attrgetter
 from pathlib import Path
 
 from osl_analysis.campaign.figure_examples import response_example, time_series_example
-from osl_analysis.campaign.origin import about, sentence
+from osl_analysis.campaign.origin import about, sentence, settings_of
 from osl_analysis.campaign.result_files import COMPONENTS, DERIVED, ResultFiles, name_pattern
 from osl_analysis.campaign.setting_states import states_of
 from osl_analysis.commands.campaign_start import start_campaign, unnamed_recordings

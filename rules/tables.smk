@@ -170,6 +170,7 @@ rule headline_numbers:
         about=ABOUT,
         sheet={**CAMPAIGN.rows, **CAMPAIGN.unused},
         beside_draft=CAMPAIGN.beside_draft,
+        settings=settings_of(CAMPAIGN),
         made_by=MADE_BY,
     run:
         job("tables.write_summary", input, output, params, log)

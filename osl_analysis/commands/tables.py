@@ -1,12 +1,11 @@
 """Result tables from the tables of single trials, and the summary with the headline numbers."""
 
 import json
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from math import isfinite
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
 import polars as pl
 
 from osl_analysis.bench.torque_angle_tables import compared_with_repeats
@@ -26,23 +25,27 @@ from osl_analysis.judge.summary_findings import causes_in_campaign
 from osl_analysis.model.drivetrain import FileOrNone, joint_of, read_parameters
 from osl_analysis.outcomes.job_log import read_log
 from osl_analysis.refusal import Refusal, check_not_refused, refused_trials
-from osl_analysis.report.left_out import TABLES_OF_TRIALS, left_out_trials
+from osl_analysis.report.left_out import TABLES_OF_TRIALS, LeftOut, left_out_trials
 from osl_analysis.report.numbers import (
     ENTRIES,
+    Number,
     headline_numbers,
+    macros_tex,
     numbers_in_summary,
     to_json,
-    to_tex,
 )
 from osl_analysis.report.paper_tables import (
-    components_table,
-    conditions_table,
+    Rows,
+    component_rows,
+    condition_rows,
+    conditions,
+    groups,
     to_markdown,
-    walking_table,
+    to_tex,
 )
-from osl_analysis.report.paper_tables import to_tex as table_tex
 from osl_analysis.report.text_tables import aligned, markdown_table
 from osl_analysis.report.used_trials import missing_lines, used_and_missing
+from osl_analysis.report.verdicts import verdict_counts
 from osl_analysis.schema import SCHEMA_FIELD, check_schema
 from osl_analysis.stats.repeats import size_texts
 from osl_analysis.table import (
@@ -231,6 +234,7 @@ def write_summary(
     findings: Path | None = None,
     refused: Sequence[Refusal] = (),
     beside_draft: bool = True,
+    settings: Mapping[str, str] | None = None,
 ) -> None:
     """Write headline numbers of a campaign, and what a reader must know of them.
 
@@ -250,6 +254,8 @@ def write_summary(
         The causes of missing tables.
     beside_draft : bool
         Whether the numbers of the paper's draft stand beside them.
+    settings : Mapping of str to str or None
+        The settings that results depend on, by dotted name, for a comparison of two campaigns.
     """
     needed = {
         *(entry.table for entry in ENTRIES),
@@ -258,39 +264,40 @@ def write_summary(
     }
     tables = {name: with_evidence(path) for name, path in table_paths.items() if name in needed}
     numbers = list(headline_numbers(tables, beside_draft))
-    used_trials: Mapping[str, Any] = {}
+    all_findings = read_findings(findings) if findings else []
+    left_out: Mapping[str, LeftOut] = {}
     if excluded:
         columns = ("trial", "check", "value", "unit", "threshold", "remark")
-        left_out = left_out_trials(sheet or {}, read_table(excluded, columns), tables, {})
-        used_trials = used_and_missing(sheet or {}, left_out)
+        left_out = left_out_trials(sheet or {}, read_table(excluded, columns), tables)
     missing_results: dict[str, str] = {}
     for refusal in refused:
         if not refusal.trial:
             missing_results[refusal.file] = refusal.reason.removeprefix(f"{refusal.file}: ")
-    all_findings = read_findings(findings) if findings else []
     checks = read_table(verdicts) if verdicts else pl.DataFrame(schema=["check", "verdict"])
     intervals = intervals_text(tables)
     content = {
-        "trials": used_trials,
+        "trials": used_and_missing(sheet or {}, left_out),
+        "verdicts": verdict_counts(sheet or {}, all_findings, left_out),
         "missing_results": missing_results,
         "intervals": intervals,
         "findings": [
             finding.to_json() for finding in causes_in_campaign(all_findings, tables, checks)
         ],
+        "settings": settings or {},
     }
     with atomic_path(summary_json) as json_path, atomic_path(numbers_tex) as tex_path:
         json_path.write_text(to_json(about, numbers, content), encoding="utf-8")
-        tex_path.write_text(to_tex(about, numbers), encoding="utf-8")
+        tex_path.write_text(macros_tex(about, numbers), encoding="utf-8")
 
 
 def write_conditions(table: Path, about: Mapping[str, str], tex: Path, markdown: Path) -> None:
     """Write K, B and I of each condition in `impedance.csv` as a table for a paper."""
-    write_paper_table(conditions_table(with_evidence(table)), about, tex, markdown)
+    write_paper_table(condition_rows(conditions(with_evidence(table))), about, tex, markdown)
 
 
 def write_walking(table: Path, about: Mapping[str, str], tex: Path, markdown: Path) -> None:
     """Write K, B and I of each group in `walking_summary.csv` as a table for a paper."""
-    write_paper_table(walking_table(read_table(table)), about, tex, markdown)
+    write_paper_table(condition_rows(list(groups(read_table(table)))), about, tex, markdown)
 
 
 def write_components(
@@ -303,14 +310,12 @@ def write_components(
     """Write the measured components as a table for a paper, with the draft's values if
     `beside_draft`."""
     tables = {name: read_table(path) for name, path in summaries.items()}
-    write_paper_table(components_table(tables, beside_draft), about, tex, markdown)
+    write_paper_table(component_rows(tables, beside_draft), about, tex, markdown)
 
 
-def write_paper_table(
-    table: pd.DataFrame, about: Mapping[str, str], tex: Path, markdown: Path
-) -> None:
-    write_text(tex, table_tex(table, sentence(about)))
-    write_text(markdown, to_markdown(table, sentence(about)))
+def write_paper_table(rows: Rows, about: Mapping[str, str], tex: Path, markdown: Path) -> None:
+    write_text(tex, to_tex(rows, sentence(about)))
+    write_text(markdown, to_markdown(rows, sentence(about)))
 
 
 def intervals_text(tables: Mapping[str, pl.DataFrame]) -> str:
@@ -342,43 +347,23 @@ def read_summary(summary_json: Path) -> dict[str, Any]:
         raise no_summary(summary_json, f"{error}") from error
     check_schema(schema, summary_json, release)
     try:
-        for name, number in content["numbers"].items():
-            check_number(name, number)
+        check_numbers(numbers_in_summary(content))
     except (ValueError, TypeError, AttributeError, KeyError) as error:
-        reason = f"no field {error}" if isinstance(error, KeyError) else f"{error}"
-        raise no_summary(summary_json, reason) from error
+        raise no_summary(summary_json, f"{error}") from error
     return content
 
 
 def no_summary(summary_json: Path, reason: str) -> InputError:
     return InputError(
-        f"{summary_json}: not a summary ({reason}); delete it and run `snakemake reproduce-all`"
+        f"{summary_json}: not a summary ({reason}); delete it and run `osl-analysis run`"
     )
 
 
-FIELDS_OF_NUMBER = (
-    "value",
-    "unit",
-    "low",
-    "high",
-    "interval",
-    "n",
-    "n_doubtful",
-    "n_left_out",
-    "draft",
-    "meaning",
-)
-"""Fields of each number of a summary that are read."""
-
-
-def check_number(name: str, number: Mapping[str, Any]) -> None:
-    """Refuse a number of a summary that is not finite or lacks a field, with ValueError."""
-    value = number.get("value", 0.0)
-    if not isinstance(value, int | float) or not isfinite(value):
-        raise ValueError(f"numbers.{name}.value: {value!r} is not allowed")
-    for field in FIELDS_OF_NUMBER:
-        if field not in number:
-            raise ValueError(f"field 'numbers.{name}.{field}' is missing")
+def check_numbers(numbers: Iterable[Number]) -> None:
+    """Refuse a number that is not finite, with ValueError."""
+    for number in numbers:
+        if not isfinite(number.value):
+            raise ValueError(f"numbers.{number.name}.value: {number.value} is not allowed")
 
 
 def format_results_table(summary: Mapping[str, Any], markdown: bool = True) -> str:
@@ -387,7 +372,8 @@ def format_results_table(summary: Mapping[str, Any], markdown: bool = True) -> s
     rows = [("quantity", "value", "interval", "n", "draft")]
     for number in numbers_in_summary(summary):
         draft = "" if number.draft is None else f"{number.draft:g}"
-        rows.append((number.meaning, number.text, number.interval or "", str(number.n), draft))
+        value = f"{number.text} {number.unit}"
+        rows.append((number.meaning, value, number.kind, str(number.n), draft))
     table = markdown_table(rows) if markdown else aligned(rows)
     lines = [summary["intervals"], *(finding["line"] for finding in summary["findings"])]
     lines += missing_lines(summary, reasons=True)

@@ -70,7 +70,7 @@ def settings_of(campaign: Campaign) -> dict[str, str]:
     for name in ("parameters", "impedance_trajectory"):
         path = getattr(config, name)
         if path is not None:
-            settings[name] = f"{path.name} ({str(content_digest(path))[:HASH_DIGITS]})"
+            settings[name] = f"{path.name} ({str(digest(path))[:HASH_DIGITS]})"
     return settings
 
 

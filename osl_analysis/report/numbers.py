@@ -10,7 +10,7 @@ from typing import Any, cast
 
 import polars as pl
 
-from osl_analysis.campaign.origin import ABOUT_MACROS, ABOUT_MEANING, sentence
+from osl_analysis.campaign.origin import ABOUT_MEANING, sentence
 from osl_analysis.dictionary import own_yaml
 from osl_analysis.report.rounding import written
 from osl_analysis.report.typography import in_latex
@@ -235,9 +235,9 @@ def macro_name(name: str) -> str:
 def macros_tex(about: Mapping[str, str], numbers: Iterable[Number]) -> str:
     r"""Write LaTeX macros such as `\oslKS` with `\oslKSLow` and `\oslKSHigh`, rounded, no units."""
     lines = [f"% {sentence(about)}", "% \\input this file and use the macros."]
-    for field, macro in ABOUT_MACROS.items():
+    for field in ABOUT_MEANING:
         text = in_latex(about[field])
-        lines.append(f"\\newcommand{{\\osl{macro}}}{{{text}}}% {ABOUT_MEANING[field]}")
+        lines.append(f"\\newcommand{{\\osl{field.capitalize()}}}{{{text}}}% {ABOUT_MEANING[field]}")
     for number in numbers:
         for ending, text in zip(("", "Low", "High"), number.texts, strict=True):
             if text:

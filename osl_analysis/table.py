@@ -33,7 +33,7 @@ TEXT_COLUMNS = (
     "fault_family", "explanations", "widened_because",
 )  # fmt: skip
 # columns that identify a row of a table and of its evidence
-ROW_KEYS = ("trial", "joint", "side", "scope", "amplitude_deg")
+ROW_KEYS = ("trial", "joint", "side", "amplitude_deg")
 
 # `joint` and `side` by the name of a trial or group
 Places = Mapping[str, Mapping[str, str | None]]

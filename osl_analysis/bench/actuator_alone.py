@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from itertools import combinations
 
 import numpy as np
 import polars as pl
@@ -15,12 +14,13 @@ from osl_analysis.bench.group_sums import gram_sums
 from osl_analysis.bench.plausibility import check_changes
 from osl_analysis.bench.record import Record
 from osl_analysis.bench.row_groups import Groups, Stratum, stretches_of
+from osl_analysis.dictionary import table_of
 from osl_analysis.errors import InputError, naming
 from osl_analysis.signals import Motion, differentiate, runs
 from osl_analysis.signals.grid import UniformSignals, uniform_signals
 from osl_analysis.signals.plateaus import FEWEST_PLATEAUS, is_clamped, plateaus_of
 from osl_analysis.stats.regression import without
-from osl_analysis.stats.table_rows import INTERVAL_ENDS, Row, covariance_row, estimates_row
+from osl_analysis.stats.table_rows import INTERVAL_ENDS, Row, estimates_row
 from osl_analysis.trial import Array, Trial
 
 ACTUATOR_PARAMETERS = ("k_tau_n_m", "f_C", "f_G", "B_m", "J_m")
@@ -334,23 +334,15 @@ def actuator_table(actuator: Analysis) -> pl.DataFrame:
     fit, record = actuator.calibrated(actuator.whole), actuator.record
     assert record.uniform is not None
     told = [name for name in ACTUATOR_PARAMETERS if name in fit.names]
-    slow = [name for name in ("offset", "drift") if name in fit.names]
     row: Row = {"trial": record.name, "motion": None}
     if "J_m" in told:
         row["motion"] = moved_by(record.uniform)
-    for name in (*ACTUATOR_PARAMETERS, "offset", "drift"):
-        for ending in INTERVAL_ENDS:
-            row[f"{name}{ending}"] = None
-    for first, second in combinations(ACTUATOR_PARAMETERS, 2):
-        row[f"cov_{first}_{second}"] = None
-    row.update(estimates_row(fit, *told, *slow))
-    row.update(covariance_row(fit, *told))
     for name in ACTUATOR_PARAMETERS:
-        row[f"{name}_se_bench"] = fit.se_bench(name) if name in told else None
+        for ending in (*INTERVAL_ENDS, "_se_bench"):
+            row[f"{name}{ending}"] = None
+    row.update(estimates_row(fit, *told))
+    for name in told:
+        row[f"{name}_se_bench"] = fit.se_bench(name)
     row.update(actuator.diagnostics())
-    row["correlation_k_f_G"] = fit.correlation("k_tau_n_m", "f_G") if "f_G" in told else None
     row.update(actuator.time_base_row(None, told))
-    table = pl.DataFrame(
-        [row], schema_overrides={"motion": pl.String, "time_base_shift": pl.Float64}
-    )
-    return table.with_columns(pl.col(pl.Null).cast(pl.Float64))
+    return table_of([row], "actuator")

@@ -241,8 +241,6 @@ class ImpedanceAnalysis(SteppedSineAnalysis):
     largest_inertia_error: Positive | None = 0.01
     """Change of I [kg*m^2] by a torque error of 0.1 %, from which a motion is refused because it
     cannot tell K from I; null: no limit."""
-    rated_torque: Positive | None = None
-    """Of the joint [N*m]: torque errors are given as shares of it; null: not stated."""
 
     _passes = refuse_if(
         lambda s: s.excitation != "any" and max(s.frequencies_hz or (0,)) >= s.cutoff_hz,

@@ -90,7 +90,7 @@ class TorqueAngleTrial:
 
     def time_base(self) -> pl.DataFrame:
         """The trial's rows of `timebase.csv`."""
-        return timebase_table(self.uniform, None, self.settings.bench_stiffness)
+        return timebase_table(self.uniform)
 
     def desired_torque(self, desired: str | None) -> Array:
         """Torque (m,) [N*m] of a desired curve at the angles of the grid; NaN beyond its ends, and

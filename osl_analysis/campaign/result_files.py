@@ -12,6 +12,7 @@ from pathlib import Path
 from osl_analysis.campaign.campaign_trials import Campaign
 from osl_analysis.campaign.figure_examples import matching, response_example
 from osl_analysis.config.experiments import EXPERIMENTS, ResultTable
+from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.figures import FIGURES
 from osl_analysis.judge.claims import CLAIMED
 
@@ -166,6 +167,18 @@ class ResultFiles:
     def evidence_of(self, table: str) -> list[str]:
         """The evidence that is read beside the table `impedance`; none beside another one."""
         return self.tables("impedance_evidence") if table == "impedance" else []
+
+    @cached_property
+    def fits_with_offers(self) -> list[str]:
+        """The fits of single trials that have columns for findings alone."""
+        described = described_tables_by_name()
+        names = [name for name in self.gathered_tables if name in described]
+        return [file for name in names if described[name].of_fits for file in self.rows(name)]
+
+    @property
+    def trials_with_offers(self) -> list[str]:
+        """The trials of these fits."""
+        return [Path(file).stem for file in self.fits_with_offers]
 
     def places_in(self, table: str) -> dict[str, dict[str, str]]:
         """Joint and side of the trials that have rows in a table."""

@@ -11,10 +11,11 @@ import polars as pl
 from osl_analysis.bench.torque_angle_tables import compared_with_repeats
 from osl_analysis.campaign.origin import sentence
 from osl_analysis.campaign.setting_states import MEASURED_COLUMNS
-from osl_analysis.config.experiments import judged_tables
+from osl_analysis.config.experiments import EXPERIMENTS, judged_tables
+from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path, write_text
-from osl_analysis.judge.campaign import campaign_findings
+from osl_analysis.judge.campaign import campaign_findings, offered_frame
 from osl_analysis.judge.claims import Claims, claims_table
 from osl_analysis.judge.exclusions import Judge
 from osl_analysis.judge.finding import findings_frame, read_findings
@@ -103,9 +104,9 @@ def gather(
         if limits_of_fits is not None and fits:
             origin = read_tables(fits)
             findings_of_fits = judged(origin, limits_of_fits, fits[0].parent.name)
-            findings = with_inherited(output.stem, table, findings, origin, findings_of_fits)
+            findings = with_inherited(table, findings, origin, findings_of_fits)
         table = marked(table, findings, output.stem)
-    table = with_places(table, places or {})
+    table = with_places(table.drop(unpublished(table, output.stem), strict=False), places or {})
     if evidence is not None:
         in_evidence = [name for name in table.columns if name in evidence_columns]
         write_table(table.select(in_evidence), evidence, data)
@@ -113,6 +114,14 @@ def gather(
         further = [name for name in in_evidence if name not in ROW_KEYS]
         table = table.drop(further)
     write_table(table, output, data)
+
+
+def unpublished(table: pl.DataFrame, name: str) -> list[str]:
+    """Columns of single trials that the table of all has not: those that only findings read, and
+    shared errors of the bench of which none is stated."""
+    of_bench = [column for column in table.columns if column.endswith("_se_bench")]
+    unstated = [column for column in of_bench if not (table[column] > 0).any()]
+    return [*described_tables_by_name()[name].of_fits, *unstated]
 
 
 def write_settings(
@@ -181,14 +190,51 @@ def write_findings(
     verdicts: Path,
     limits: DoubtfulFits,
     output: Path,
+    offered: Path,
+    fits: Sequence[Path] = (),
     places: Places | None = None,
     data: str = "",
 ) -> None:
-    """Write `findings.csv`: the findings on all trials, from the result `tables` by name and the
-    verdicts on recordings."""
-    tables_by_name = {name: with_evidence(path) for name, path in tables.items()}
+    """Write the findings on all trials, as values and in words.
+
+    Parameters
+    ----------
+    tables : Mapping of str to Path
+        Result tables by name.
+    verdicts : Path
+        `quality.csv`.
+    limits : DoubtfulFits
+        Accuracy and limits of the configuration.
+    output, offered : Path
+        `findings.csv`, and `offered.csv` with the estimates that findings offer.
+    fits : Sequence of Path
+        Tables of single trials, for columns that only findings read.
+    places : Places or None
+        Joint and side of each trial.
+    data : str
+        Whether the recordings are simulated or measured.
+    """
+    fits_by_table: dict[str, list[Path]] = {}
+    for fit in fits:
+        fits_by_table.setdefault(fit.parent.name, []).append(fit)
+    tables_by_name = {}
+    for name, path in tables.items():
+        of_fits = fits_by_table.get(name, ())
+        tables_by_name[name] = with_columns_of_fits(with_evidence(path), name, of_fits)
     findings = campaign_findings(tables_by_name, read_table(verdicts), limits)
     write_table(with_places(findings_frame(findings), places or {}), output, data)
+    write_table(with_places(offered_frame(findings), places or {}), offered, data)
+
+
+def with_columns_of_fits(table: pl.DataFrame, name: str, fits: Sequence[Path]) -> pl.DataFrame:
+    """A result table with the columns of its fits that it has not published."""
+    if not fits:
+        return table
+    of_fits = read_tables(fits)
+    keys = ["trial", "amplitude_deg"]
+    beside = of_fits.select(*keys, pl.col(*described_tables_by_name()[name].of_fits))
+    beside = beside.with_columns(pl.col(key).cast(table.schema[key]) for key in keys)
+    return table.join(beside, on=keys, how="left", nulls_equal=True, maintain_order="left")
 
 
 def refused_rows(refused: Sequence[Refusal]) -> pl.DataFrame:
@@ -318,17 +364,21 @@ def write_paper_table(rows: Rows, about: Mapping[str, str], tex: Path, markdown:
     write_text(markdown, to_markdown(rows, sentence(about)))
 
 
+FITTED_ON_BENCH = {
+    facts.tables[0].name for facts in EXPERIMENTS.values() if facts.place == "bench"
+}
+"""The tables of fits on the bench."""
+
+
 def intervals_text(tables: Mapping[str, pl.DataFrame]) -> str:
     """Which errors of calibration the intervals of a bench's tables include."""
-    errors = [
-        table[name].max()
-        for table in tables.values()
-        for name in table.columns
-        if name.endswith("_se_bench")
-    ]
-    if any(errors):
-        return "Intervals on the bench contain what is stated of its errors."
-    return "Intervals on the bench have no errors that all trials share." if errors else ""
+    of_bench = tables.keys() & FITTED_ON_BENCH
+    if not of_bench:
+        return ""
+    for name in of_bench:
+        if any(column.endswith("_se_bench") for column in tables[name].columns):
+            return "Intervals on the bench contain what is stated of its errors."
+    return "Intervals on the bench have no errors that all trials share."
 
 
 def read_summary(summary_json: Path) -> dict[str, Any]:

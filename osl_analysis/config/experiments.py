@@ -187,10 +187,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         tables=(
             ResultTable(
                 "impedance",
-                derived={
-                    "impedance_repeats": "bench.summarise",
-                    "compensation": "bench.compare_controllers",
-                },
+                derived={"compensation": "bench.compare_controllers"},
             ),
             ResultTable(
                 "phasors",

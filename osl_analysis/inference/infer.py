@@ -14,12 +14,11 @@ import numpy as np
 
 from osl_analysis.errors import NotWeighedError
 from osl_analysis.inference.acceleration_jumps import acceleration_jumps
-from osl_analysis.inference.constants import HARM_FLOOR, HARM_SHARE, KNOWN_DELAY, LIKELY
+from osl_analysis.inference.constants import HARM_FLOOR, HARM_SHARE, LIKELY
 from osl_analysis.inference.cross_validation import Predicted, Predictor, vaf_of_unseen_blocks
 from osl_analysis.inference.estimates import (
     Explanation,
     ImpedanceInference,
-    KnownDelay,
     Parameter,
     student_half_width,
 )
@@ -101,7 +100,7 @@ def infer_impedance(
         harm=harm,
         doubt=doubt,
         explanations=explanations,
-        delay=None if signals.has_drivetrain else known_delay(data, best_sound.fit, rounding),
+        delay_told_s=None if signals.has_drivetrain else told_delay(data, best_sound.fit, rounding),
         VAF_held_out=vaf_of_unseen_blocks(data, best.fit),
     )
 
@@ -223,12 +222,12 @@ def harm_of(faults: Sequence[Weighed], best_sound: Weighed, matters: Array) -> f
     return float(np.max(largest / matters))
 
 
-def known_delay(data: Whitened, sound: Predicted, rounding: Array) -> KnownDelay:
-    """Compute B and I if the delay between angle and torque is known to `KNOWN_DELAY`.
+def told_delay(data: Whitened, sound: Predicted, rounding: Array) -> float:
+    """Standard error to which a recording tells a delay between angle and torque [s].
 
     A torque late by d adds -d (K omega + B alpha + I jerk) to Eq. 15, so that B moves by K d, and I
-    by B d. How well the recording tells d itself is the slope's length beside the model, and what
-    rounding of the angle makes of d.
+    by B d. How well the recording tells d is the slope's length beside the model, and what rounding
+    of the angle makes of d.
 
     Parameters
     ----------
@@ -243,16 +242,11 @@ def known_delay(data: Whitened, sound: Predicted, rounding: Array) -> KnownDelay
     derivatives = data.spectra.derivatives
     slope = data.column(-np.tensordot(impedance, derivatives[1:4], axes=1))
     search = Search(data, sound.has_friction)
-    left, moved_by_delay = search.fit(sound.candidate.columns, slope)
+    left, _ = search.fit(sound.candidate.columns, slope)
     # of a slope that the columns make up, rounding alone is left
     left = max(left, np.finfo(float).eps * float(slope @ slope))
     variance = 1 / left
     if len(rounding):
         of_slope = search.rest(sound.candidate.columns, slope)
         variance += float(np.mean((rounding @ of_slope / left) ** 2))
-    recording = float(np.sqrt(variance))
-    deviation = 1 / float(np.hypot(1 / KNOWN_DELAY, 1 / recording))
-    moved = moved_by_delay[:3]
-    covariance = sound.covariances[0] + deviation**2 * np.outer(moved, moved)
-    found = impedance_of([Part(1.0, impedance, covariance)])
-    return KnownDelay(recording, found.B, found.I)
+    return float(np.sqrt(variance))

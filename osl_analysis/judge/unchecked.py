@@ -99,13 +99,9 @@ def unchecked_in_impedance(row: AnyRow) -> Iterator[str]:
     is_device_known = not lacks(row, "K_over_K_s")
     if has_commanded and lacks(row, "K_predicted") and is_device_known:
         yield "K_of_gains"
-        yield "yielding_frame"
-    if has_commanded and lacks(row, "fault_probability") and lacks(row, "lag_s"):
+    is_weighed = row.get("fault_probability") is not None or row.get("lag_s") is not None
+    if row.get("delay_told_s") is not None or (has_commanded and not is_weighed):
         yield "late_torque_unseen"
-    if row.get("delay_told_s") is not None:
-        yield "uncertain_delay"
-    if row.get("certain_theta_m_lag_s"):
-        yield "motor_angle_delay"
     if lacks(row, "gain_error"):
         yield "wrong_gain_unseen"
     if weight_by_rest(row) > LEAST_REST_SHARE * abs(cell_number(row, "K") or 0.0):

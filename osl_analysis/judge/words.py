@@ -441,12 +441,12 @@ def gains_unseen(cells: Cells) -> str:
     )
 
 
-def motor_angle_direction(cells: Cells) -> str:
-    return "late" if cells["certain_theta_m_lag_s"] > 0 else "early"
-
-
-def motor_angle_lag_ms(cells: Cells) -> str:
-    return f"{1e3 * abs(cells['certain_theta_m_lag_s']):.2g}"
+def told_delay(cells: Cells) -> str:
+    """How well a recording tells the delay between angle and torque by itself."""
+    told_s = cell_number(cells.row, "delay_told_s")
+    if told_s is None:
+        return "This recording would not show it"
+    return f"From the recording it is known to {significant(1e3 * told_s)} ms"
 
 
 def ratio_to_file(cells: Cells) -> str:
@@ -477,7 +477,6 @@ COMPUTED: Mapping[str, Callable[[Cells], Any]] = {
     "damping_gap": damping_gap_text,
     "gains_unseen": gains_unseen,
     "unknown_gains": unknown_gains,
-    "theta_m_direction": motor_angle_direction,
-    "theta_m_lag_ms": motor_angle_lag_ms,
+    "delay_told": told_delay,
     "ratio_to_file": ratio_to_file,
 }

@@ -19,11 +19,10 @@ VERDICTS = (CLEAR, DOUBTFUL, IN_PART, REFUSED, EXCLUDED, NOT_JUDGED)
 
 
 def findings_by_trial(findings: Iterable[WordedFinding]) -> dict[str, list[WordedFinding]]:
-    """The findings on each trial or group, without those that another table only repeats."""
+    """The findings on each trial or group."""
     by_trial: dict[str, list[WordedFinding]] = {}
     for worded in findings:
-        if not worded.finding.inherited:
-            by_trial.setdefault(worded.finding.subject, []).append(worded)
+        by_trial.setdefault(worded.finding.subject, []).append(worded)
     return by_trial
 
 

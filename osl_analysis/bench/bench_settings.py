@@ -278,13 +278,6 @@ class ActuatorAnalysis(BenchAnalysis):
     )
 
 
-class ModelComparison(Settings):
-    """How models of the drivetrain describe friction."""
-
-    sign_width: Positive
-    """Velocity [rad/s] over which the leg's controller smooths the sign of the velocity."""
-
-
 class DesiredCurve(Settings):
     """A torque-angle curve that a device was designed for, as points of a broken line."""
 

@@ -94,7 +94,6 @@ def fit_impedance_trial(
         What the leg was asked to render, as far as it is known.
     weight : Weight
         W of Eq. 14.
-    models : ModelComparison
     settings : ImpedanceAnalysis
     windows : str or None
         Those of the sheet [s], which are fitted where the motion is no stepped sine.

@@ -14,7 +14,6 @@ from osl_analysis.commands.simulate import TRUTH
 from osl_analysis.commands.tables import read_summary
 from osl_analysis.files import CAMPAIGN, atomic_path, config_here
 
-SUMS = "SHA256SUMS"
 # of the results; a run makes the others again
 PUBLISHED = ("tables", "figures", "report.html", "summary.json", "numbers.tex", "methods.*")
 
@@ -59,7 +58,7 @@ def write_bundle(folder: Path, output: Path) -> None:
             sums = [
                 f"{sha256(archive.read(name)).hexdigest()}  {name}\n" for name in archive.namelist()
             ]
-            archive.writestr(SUMS, "".join(sums))
+            archive.writestr("SHA256SUMS", "".join(sums))
 
 
 def inputs_of(campaign: Campaign, content: Any) -> dict[str, Path]:

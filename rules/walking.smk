@@ -1,5 +1,4 @@
-"""Ankle impedance of a walking person, from perturbed and unperturbed crossings (Fig. 9).
-"""
+"""Ankle impedance of a walking person, from perturbed and unperturbed crossings (Fig. 9)."""
 
 WALKED = {trial: PLACES[trial] for trial in CAMPAIGN.trials("walking")}
 """Joint and side of every crossing."""

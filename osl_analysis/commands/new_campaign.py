@@ -591,8 +591,8 @@ def unaligned_clocks(folder: Path, draft: Draft) -> Iterator[str]:
 
 
 def campaign_text(folder: Path, draft: Draft) -> str:
-    """What is to be decided first, what the recordings were taken for, and the next command that can
-    succeed."""
+    """What is to be decided first, what the recordings were taken for, and the next command that
+    can succeed."""
     questions = left_to_decide(folder, draft)
     lines: list[str] = []
     if questions:

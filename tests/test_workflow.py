@@ -383,7 +383,7 @@ def test_every_setting_is_a_param_of_a_job(tmp_path):
     recordings."""
     space, places, changes = Workspace(tmp_path), {}, {}
     of_each = (
-        "trial|cal|belt_[12]|transmission|actuator|impedance_2|torque_angle_2|overground|static"
+        "trial|cal|belt_[12]|transmission|actuator|impedance_2|torque_angle_2|static"
         "|plate_1|walking_"
     )
     (tmp_path / "trials.csv").write_text(

@@ -27,8 +27,8 @@ FORMULA = r"^(['=+@\t\r]|-[A-Za-z(])"
 TEXT_COLUMNS = (
     "trial", "controller", "branch", "quantity", "estimator", "check", "unit", "verdict", "remark",
     "reason", "excluded", "panel", "curve", "interval_method", "doubtful", "experiment", "model",
-    "motion", "group", "direction", "side", "different", "doubt",
-    "series", "not_checked", "excitation", "desired", "loading", "method", "joint",
+    "motion", "group", "direction", "subject", "side", "different", "doubt",
+    "not_checked", "excitation", "desired", "loading", "method", "joint",
     "data", "chosen", "trajectory", "missing_components", "table", "grade",
     "name", "cause", "inherited", "evidence", "says", "size", "remedy", "fault",
     "fault_family", "explanations", "widened_because", "law",

@@ -21,7 +21,6 @@ from typing import Any, TypeVar
 import numpy as np
 import polars as pl
 from causes import ROOT, markdown, write_between
-from osl_analysis.walking.shared_motion import identify_platform
 
 from osl_analysis.bench.bench_settings import ActuatorAnalysis, DynamometerAnalysis
 from osl_analysis.bench.fit_tables import FitTables
@@ -57,8 +56,9 @@ from osl_analysis.walking.crossing import Crossing, analyse_crossing
 from osl_analysis.walking.ensemble import Ensemble, shared_errors
 from osl_analysis.walking.impedance_fit import fit_response, fit_without_offset
 from osl_analysis.walking.isolated_response import isolate_response
+from osl_analysis.walking.mean_ramp import ramp_of, ramp_onsets
 from osl_analysis.walking.plate_model import identify_plate_model
-from osl_analysis.walking.poses import static_calibration
+from osl_analysis.walking.poses import segment_poses, static_calibration
 from osl_analysis.walking.stance import Stance
 from osl_analysis.walking.unperturbed_gait import unperturbed_gait
 from osl_analysis.walking.walking_settings import FootSettings, WalkingAnalysis
@@ -448,16 +448,22 @@ def recording(of: StudyLaboratory, folder: Path, perturbed: Sequence[str]) -> St
     for row in rows:
         simulate_walking_trial(row, of.settings, of.gait, of.p, folder)
     standing, *unloaded = (ingested(row["trial"]) for row in rows)
-    calibration, moved = static_calibration(standing, analysis), []
+    calibration, ramps = static_calibration(standing, analysis), {}
     plate = identify_plate_model([(trial, calibration) for trial in unloaded], analysis)
     for name in perturbed:
         with suppress(OslAnalysisError):
-            moved.append((recorded(name, of.walk(name, True)), calibration))
-    platform = identify_platform(moved, analysis)
+            trial, markers = recorded(name, of.walk(name, True)), analysis.markers.platform
+            time, platform = segment_poses(trial, markers, calibration, analysis)
+            ramp = ramp_of(time, platform, analysis.smallest_turn)
+            if ramp is not None:
+                ramps[name] = ramp
+    onsets = ramp_onsets(ramps)
 
     def analysed(name: str, walked: SimulatedCrossing) -> Crossing:
         trial, is_perturbed = recorded(name, walked), walked.platform.onset is not None
-        return analyse_crossing(trial, calibration, plate, is_perturbed, analysis, platform)
+        return analyse_crossing(
+            trial, calibration, plate, is_perturbed, analysis, onsets.get(name)
+        )
 
     return replace(of, analysis=analysis, recorded=analysed)
 

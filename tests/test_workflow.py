@@ -266,6 +266,7 @@ def test_belt_transmission_impedance_and_walking_are_those_that_made_the_recordi
 BENCH = {"fit_belt", "fit_transmission", "fit_impedance", "fit_actuator"}
 CROSSINGS = {
     "identify_plate",
+    "find_onsets",
     "analyse_crossing",
     "select_crossings",
     "average_unperturbed",
@@ -517,7 +518,7 @@ def test_tables_and_numbers_are_made_of_the_trials_that_are_left(laboratory):
     assert not list(results.rglob(".*"))
     assert set(table("impedance")["controller"]) == {"uncompensated"}
     assert len(table("walking_crossings")) == 7
-    (left_out,) = table("walking_excluded").to_dicts()
+    (left_out,) = table("walking_crossings").drop_nulls("reason").to_dicts()
     assert left_out["trial"] == laboratory.mistaken
     assert re.search(r"turns.* the sheet says perturbed = false", left_out["reason"])
     refused = [

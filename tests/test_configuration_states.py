@@ -8,7 +8,6 @@ import polars as pl
 import pytest
 from bench_synthetic import sine_settings
 from conftest import ROOT
-from test_two_campaigns import tables
 from walking_crossings import Walk, run_jobs, several, walked
 
 from osl_analysis.bench.impedance import DesiredImpedance
@@ -25,7 +24,6 @@ from osl_analysis.files import default_config
 from osl_analysis.ingest.examine import Commanded, examine, measured_table
 from osl_analysis.judge.finding import Grade
 from osl_analysis.judge.recording_checks import judged_table
-from osl_analysis.judge.two_campaigns import comparison_table
 from osl_analysis.stats.repeats import size_texts
 from osl_analysis.trial import Trial
 from osl_analysis.yaml_settings import read_mapping
@@ -276,31 +274,3 @@ def test_cycles_of_a_soft_start_were_commanded_too():
         for n in (8, 12, 15, 5)
     ]
     assert [one["protocol"].value for one in found] == [0, 0, 1, 1]
-
-
-def test_campaigns_without_conditions_are_paired_by_names_of_trials():
-    """A day that is 3 % stiffer is told though its joints are not alike; with names of its own it
-    is not paired."""
-    unstated = [pl.lit(None, pl.Float64).alias(name) for name in ("K_d", "B_d")]
-    monday = tables(seed=1)["impedance"].with_columns(unstated)
-    tuesday = tables(K=1.03, seed=2)["impedance"].with_columns(unstated)
-    renamed = tuesday.with_columns(trial=pl.concat_str(pl.lit("tue"), pl.col("trial")))
-
-    paired, other = (
-        comparison_table({"impedance": monday}, {"impedance": day}, 0.02)
-        .filter(quantity="K")
-        .row(0, named=True)
-        for day in (tuesday, renamed)
-    )
-
-    assert paired["method"] == "paired, Student"
-    assert 2 < paired["relative_percent_low"] < 3 < paired["relative_percent_high"] < 4
-    assert other["method"] == "Welch's t, trials"
-
-
-def test_campaigns_are_paired_by_the_amplitudes_that_were_measured():
-    stated, other = tables(amplitude=5.0), tables(amplitude=4.9, seed=2)
-    other["impedance"] = other["impedance"].with_columns(commanded_deg=pl.lit(None, pl.Float64))
-    of_K = comparison_table(stated, other).filter(experiment="impedance", quantity="K")
-    (K,) = of_K.filter(pl.col("condition").is_null()).to_dicts()
-    assert (K["n_B"], K["method"], K["verdict"]) == (8, "paired, Student", "undecided")

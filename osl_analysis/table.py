@@ -26,7 +26,7 @@ FORMULA = r"^(['=+@\t\r]|-[A-Za-z(])"
 # columns that are text even if every entry looks like a number, such as a trial named `01`
 TEXT_COLUMNS = (
     "trial", "controller", "branch", "quantity", "estimator", "check", "unit", "verdict", "remark",
-    "reason", "excluded", "panel", "curve", "interval_method", "doubtful", "experiment", "model",
+    "reason", "excluded", "panel", "curve", "interval_method", "doubtful", "model",
     "motion", "group", "gait", "direction", "subject", "session", "side", "speed", "pooled",
     "series", "group_stated", "not_checked", "excitation", "desired", "loading", "method", "joint",
     "data", "chosen", "trajectory", "axis_from", "missing_components", "table", "grade",

@@ -25,7 +25,7 @@ FORMULA = r"^(['=+@\t\r]|-[A-Za-z(])"
 # columns that are text even if every entry looks like a number, such as a trial named `01`
 TEXT_COLUMNS = (
     "trial", "controller", "branch", "quantity", "estimator", "check", "unit", "verdict", "remark",
-    "reason", "excluded", "panel", "curve", "interval_method", "doubtful", "experiment", "model",
+    "reason", "excluded", "panel", "curve", "interval_method", "doubtful", "model",
     "motion", "group", "direction", "subject", "session", "side", "speed", "different", "doubt",
     "series", "not_checked", "excitation", "desired", "loading", "method", "joint",
     "data", "chosen", "trajectory", "table", "grade",

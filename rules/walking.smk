@@ -47,12 +47,33 @@ rule identify_plate:
         job("walking.identify_plate", input, output, params, log)
 
 
+rule find_onsets:
+    """Onsets of all perturbed crossings, by the mean ramp of the platform."""
+    input:
+        trials=expand("<results>/trials/{trial}.parquet", trial=PERTURBED),
+        calibrations=FILES.calibrations(PERTURBED),
+        quality=FILES.checks(PERTURBED),
+    output:
+        "<results>/fits/onsets.json",
+    log:
+        "<logs>/walking/onsets.log",
+    localrule: True
+    params:
+        statics=CAMPAIGN.static_trials(PERTURBED),
+        settings=CONFIG.walking.part("CrossingSettings"),
+        excluded=excluded(PERTURBED),
+        made_by=MADE_BY,
+    run:
+        job("walking.find_onsets", input, output, params, log)
+
+
 rule analyse_crossing:
     """Ankle angle and torque over the stance of one crossing."""
     input:
         trial=of_trials(WALKED),
         calibration=lambda wildcards: FILES.calibration_of_crossing(wildcards.trial),
         plate="<results>/fits/plate.json",
+        onsets="<results>/fits/onsets.json",
     output:
         "<results>/crossings/{trial}.parquet",
     log:
@@ -88,7 +109,7 @@ rule select_crossings:
 
 
 rule average_unperturbed:
-    """The mean unperturbed gait of each group."""
+    """The mean unperturbed gait of each group of crossings."""
     input:
         crossings=FILES.crossings(UNPERTURBED),
         selection="<results>/tables/walking_crossings.csv",
@@ -130,6 +151,8 @@ rule summarise_walking:
         crossings=FILES.crossings(PERTURBED),
         selection="<results>/tables/walking_crossings.csv",
         unperturbed="<results>/fits/unperturbed.parquet",
+        plate="<results>/fits/plate.json",
+        trajectory=TRAJECTORY,
         quality=FILES.checks(PERTURBED),
     output:
         output="<results>/tables/walking_summary.csv",
@@ -141,6 +164,7 @@ rule summarise_walking:
     localrule: True
     params:
         settings=CONFIG.walking.part("EnsembleSettings"),
+        stance_share=CONFIG.figures.stance_share,
         limits=limits("walking_groups"),
         sheet=CAMPAIGN.conditions(),
         places=WALKED,
@@ -148,22 +172,3 @@ rule summarise_walking:
         made_by=MADE_BY,
     run:
         job("walking_summary.summarise_perturbations", input, output, params, log)
-
-
-rule tabulate_over_stance:
-    """The identified impedance beside the commanded one over stance."""
-    input:
-        summary="<results>/tables/walking_summary.csv",
-        groups="<results>/tables/walking_groups.csv",
-        trajectory=TRAJECTORY,
-    output:
-        "<results>/tables/impedance_over_stance.csv",
-    log:
-        "<logs>/walking/over_stance.log",
-    localrule: True
-    params:
-        stance_share=CONFIG.figures.stance_share,
-        data=CAMPAIGN.data,
-        made_by=MADE_BY,
-    run:
-        job("walking_summary.tabulate_over_stance", input, output, params, log)

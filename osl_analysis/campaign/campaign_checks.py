@@ -205,7 +205,7 @@ def check_walking(campaign: Campaign) -> None:
     for static in campaign.statics:
         campaign.calibration_settings(static)
     with naming(campaign.config.sheet):
-        split_keys(campaign.conditions(), campaign.config.walking)
+        split_keys(campaign.conditions())
 
 
 def check_files_of_crossing(campaign: Campaign, trial: str) -> None:

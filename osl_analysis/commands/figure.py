@@ -39,9 +39,8 @@ from osl_analysis.refusal import Refusal, read_refusals
 from osl_analysis.stats.repeats import DOUBTFUL
 from osl_analysis.table import read_table, read_tables, with_evidence, write_table
 from osl_analysis.trial import read_trial
-from osl_analysis.walking.crossing import DOWN, UP, Crossing
 from osl_analysis.walking.result_tables import walking_page_points
-from osl_analysis.walking.unperturbed_gait import UnperturbedGait, unperturbed_gait
+from osl_analysis.walking.unperturbed_gait import unperturbed_gait
 from osl_analysis.walking.walking_settings import TimingSettings
 
 UNDRAWN = "This figure is not drawn."  # how the caption of one begins that has nothing to show
@@ -329,29 +328,14 @@ def plot_walking_page(
     isolated = isolated.join(doubtful, on="trial", how="left", maintain_order="left")
     selected = selected_crossings(crossings, selection)
     gaits = read_unperturbed_gaits(unperturbed)
-    gait_of = dict(read_table(selection, ["trial", "gait"]).select("trial", "gait").iter_rows())
     frames = []
     for of_group in isolated.partition_by("group", maintain_order=True):
         trials = set(of_group["trial"])
         perturbed = [crossing for crossing in selected if crossing.name in trials]
         gait_curves = {
-            "unperturbed": gaits[gait_of[perturbed[0].name]],
-            **perturbed_gaits(perturbed),
+            "unperturbed": gaits[of_group["group"][0]],
+            "perturbed": unperturbed_gait(perturbed, 1),
         }
         points = walking_page_points(perturbed, gait_curves, of_group.drop("group"), settings)
         frames.append(points.with_columns(group=pl.lit(of_group["group"][0])))
     write_table(pl.concat(frames, how="diagonal"), output, data)
-
-
-def perturbed_gaits(perturbed: Sequence[Crossing]) -> dict[str, UnperturbedGait]:
-    """The mean perturbed gait; of turns in both directions one of each, since their mean is
-    nobody's gait."""
-    by_sign: dict[float, list[Crossing]] = {}
-    for crossing in perturbed:
-        by_sign.setdefault(crossing.sign, []).append(crossing)
-    if len(by_sign) == 1:
-        return {"perturbed": unperturbed_gait(perturbed, 1)}
-    return {
-        f"perturbed {DOWN if sign < 0 else UP}": unperturbed_gait(crossings, 1)
-        for sign, crossings in by_sign.items()
-    }

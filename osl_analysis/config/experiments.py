@@ -265,7 +265,6 @@ EXPERIMENTS: dict[str, Experiment] = {
         further_tables=(
             "walking_summary",
             "walking_groups",
-            "impedance_over_stance",
             "walking_crossings",
             "walking_excluded",
             "plate",

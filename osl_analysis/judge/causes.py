@@ -144,10 +144,6 @@ def cause_of(name: str, value: float, row: AnyRow) -> KnownFinding:
         return known_finding(name)
     if suspected_unit(name, value, row):
         return FINDINGS["wrong_unit"]
-    if name == "residual_over_gait" and cell_number(row, "plate_ringing_hz"):
-        return FINDINGS["ringing_plate"]
-    if name == "plate_unexplained" and cell_number(row, "plate_zeroed"):
-        return FINDINGS["plate_threshold"]
     if name == "rate_change" and value < 0:
         return FINDINGS["loss_falling_with_speed"]
     mended_fault = row.get("mended_fault")

@@ -78,7 +78,6 @@ squared unit of the estimate, and the degrees of freedom of this variance."""
 def over_repeats(
     values: ArrayLike,
     common: Sequence[CommonError] = (),
-    kinds: ArrayLike | None = None,
     halves: ArrayLike = (),
 ) -> Repeats:
     """Summarise one estimate per trial.
@@ -89,9 +88,6 @@ def over_repeats(
         The estimates, in one unit.
     common
         Errors that all trials share, which standard error and interval include.
-    kinds : (n,)
-        Trials of different kinds count as one mean per kind, so that differences between kinds are
-        no scatter; `sd` is the scatter within kinds.
     halves : (n,)
         Half-widths of the trials' own 95 % intervals: trials that agree by luck do not know their
         mean better than these allow.
@@ -99,30 +95,22 @@ def over_repeats(
     Raises
     ------
     InputError
-        There are fewer than two trials of a kind, or a value cannot be measured.
+        There are fewer than two trials, or a value cannot be measured.
     """
     values = np.asarray(values, dtype=float)
     check_measured("the estimate of a trial", values)
-    labels = np.zeros(len(values)) if kinds is None else np.asarray(kinds)
-    parts = [values[labels == kind] for kind in np.unique(labels)] or [values]
-    fewest = min(len(part) for part in parts)
-    if fewest < 2:
+    if len(values) < 2:
         raise InputError(
-            f"{fewest} trial cannot give a scatter; repeat the experiment at least twice"
+            f"{len(values)} trial cannot give a scatter; repeat the experiment at least twice"
         )
-    mean = float(np.mean([np.mean(part) for part in parts]))
-    scatter = [float(np.var(part, ddof=1)) for part in parts]
-    freedom = [len(part) - 1 for part in parts]
-    of_means = [
-        variance / len(part) / len(parts) ** 2
-        for variance, part in zip(scatter, parts, strict=True)
-    ]
+    mean = float(np.mean(values))
+    scatter = float(np.var(values, ddof=1))
     of_common = [variance for variance, _ in common]
     freedom_of_common = [degrees for _, degrees in common]
 
-    variances = [*of_means, *of_common]
+    variances = [scatter / len(values), *of_common]
     se = float(np.sqrt(sum(variances)))
-    degrees = welch_satterthwaite(variances, [*freedom, *freedom_of_common])
+    degrees = welch_satterthwaite(variances, [len(values) - 1, *freedom_of_common])
     by_scatter = float(scipy.special.stdtrit(degrees, 0.975)) * se
     by_trials = np.linalg.norm(halves) / len(values)
     by_own = float(np.hypot(by_trials, NORMAL_97_5 * np.sqrt(sum(of_common))))
@@ -131,7 +119,7 @@ def over_repeats(
     return Repeats(
         n=len(values),
         mean=mean,
-        sd=float(np.sqrt(np.average(scatter, weights=freedom))),
+        sd=float(np.sqrt(scatter)),
         se=max(se, by_own / NORMAL_97_5),
         low=mean - half,
         high=mean + half,

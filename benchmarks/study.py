@@ -21,6 +21,7 @@ from typing import Any, TypeVar
 import numpy as np
 import polars as pl
 from causes import ROOT, markdown, write_between
+from planted_gait import onsets_of
 
 from osl_analysis.bench.bench_settings import ActuatorAnalysis, DynamometerAnalysis, ModelComparison
 from osl_analysis.bench.fit_tables import FitTables
@@ -423,10 +424,11 @@ def gait_laboratory() -> StudyLaboratory:
     )
 
 
-def recording(of: StudyLaboratory, folder: Path) -> StudyLaboratory:
+def recording(of: StudyLaboratory, folder: Path, perturbed: Sequence[str]) -> StudyLaboratory:
     """A laboratory whose noisy crossings are recorded by markers and plate, written as C3D in
     `folder`, ingested and analysed, after its static trial and six trials of the unloaded plate.
-    The foot's inertial parameters are known: otherwise its inertia would be part of the ankle's."""
+    The foot's inertial parameters are known: otherwise its inertia would be part of the ankle's.
+    The mean ramp is that of the `perturbed` crossings; one that cannot be read has no part."""
     mass, body = of.gait.effects.foot_inertia.value, of.gait.foot
     inertia = mass * body.gyration_m[1] ** 2
     foot = FootSettings(mass_kg=mass, centre_of_mass_m=body.centre_of_mass_m, inertia_kg_m2=inertia)
@@ -444,10 +446,19 @@ def recording(of: StudyLaboratory, folder: Path) -> StudyLaboratory:
     calibration = static_calibration(standing, analysis)
     plate = identify_plate_model([(trial, calibration) for trial in unloaded], analysis)
 
+    turned = []
+    for name in perturbed:
+        write_crossing_capture(folder, of.walk(name, True))
+        with suppress(OslAnalysisError):
+            turned.append(ingested(name))
+    onsets = onsets_of(turned, calibration, analysis)
+
     def analysed(name: str, walked: SimulatedCrossing) -> Crossing:
-        write_crossing_capture(folder, walked)
         is_perturbed = walked.platform.onset is not None
-        return analyse_crossing(ingested(name), calibration, plate, is_perturbed, analysis)
+        if not is_perturbed:
+            write_crossing_capture(folder, walked)
+        trial, onset = ingested(name), onsets.get(name)
+        return analyse_crossing(trial, calibration, plate, is_perturbed, analysis, onset)
 
     return replace(of, analysis=analysis, recorded=analysed)
 
@@ -509,7 +520,8 @@ def walking_rows(number: int, recorded: bool, crossings: int = CROSSINGS) -> Ite
         return
     own = shipped.settings.model_copy(update={"seed": SEED + 1 + number})
     with TemporaryDirectory() as folder:
-        yield from campaign_rows(names, recording(replace(shipped, settings=own), Path(folder)))
+        of_files = recording(replace(shipped, settings=own), Path(folder), names[1::2])
+        yield from campaign_rows(names, of_files)
 
 
 def rows_of(experiment: str, numbers: Iterable[int]) -> list[Row]:

@@ -250,8 +250,8 @@ def place_of_zero(theta: Array, rate_hz: float, settings: TorqueAngleAnalysis) -
     others = [place for place in (*ASSUMED_ZEROS, "none") if place != stated]
     raise InputError(
         f"the joint does not rest at the {stated} of the recording: the angle moves by"
-        f" {np.rad2deg(moved):.2g} deg in {settings.rest_s:g} s; record a rest there",
-        [Change(f"write torque_angle.zero: {place}", settings={"zero": place}) for place in others],
+        f" {np.rad2deg(moved):.2g} deg in {settings.rest_s:g} s; record a rest there, or write"
+        f" torque_angle.zero: {' or '.join(others)}"
     )
 
 
@@ -285,8 +285,7 @@ def check_slow(trial: TorqueAngleTrial) -> None:
         raise InputError(
             f"a cycle takes {shortest_s:.2g} s, which is not quasi-static: below"
             f" {trial.settings.shortest_cycle_s:g} s (shortest_cycle_s) inertia and damping are in"
-            " the torque; record it slower",
-            [Change("take experiment 'impedance' in the sheet", experiment="impedance")],
+            " the torque; record it slower, or take experiment 'impedance' in the sheet"
         )
 
 

@@ -23,7 +23,7 @@ import polars as pl
 from causes import ROOT, markdown, write_between
 from planted_gait import onsets_of
 
-from osl_analysis.bench.bench_settings import ActuatorAnalysis, DynamometerAnalysis, ModelComparison
+from osl_analysis.bench.bench_settings import ActuatorAnalysis, DynamometerAnalysis
 from osl_analysis.bench.fit_tables import FitTables
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands.fit import job_of, run_fit
@@ -205,7 +205,6 @@ class StudyBench:
             "dynamometer": self.analysis,
             "actuator": read_section(CONFIG, "actuator", ActuatorAnalysis),
             "gain_weight": self.simulation.gain_weight,
-            "model_comparison": ModelComparison(sign_width=self.simulation.drivetrain.sign_width),
         }
         settings = {
             name: sections[section]

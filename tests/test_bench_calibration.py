@@ -34,7 +34,6 @@ from osl_analysis.bench.fixture import fixture_of, with_fixture
 from osl_analysis.bench.frequency_response import frequency_response_table
 from osl_analysis.bench.group_fit import GroupFit
 from osl_analysis.bench.known_spring import Known, LateFits, bench_estimates
-from osl_analysis.bench.measured_components import covariance_of_means
 from osl_analysis.bench.phasors import phasor_table, phasors_of_record
 from osl_analysis.bench.recorded_motion import record_of_trial
 from osl_analysis.bench.torque_angle_tables import curve_table, torque_angle_table
@@ -223,14 +222,6 @@ def test_an_error_of_the_gain_is_in_the_estimates_of_quasi_static_cycles():
 def test_what_takes_part_in_a_loop_is_in_the_energy_that_it_loses(stated, lost):
     row, _ = of_cycles(CYCLED, OF_CYCLES, **stated)
     assert row["energy_lost_se_bench"] == pytest.approx(lost, rel=0.05)
-
-
-def test_the_error_of_the_bench_is_no_part_of_what_trials_average_out():
-    belts = pl.DataFrame({"K_s": 3 * [600.0], "K_s_se": 3 * [5.0], "K_s_se_bench": 3 * [3.0]})
-
-    variance = covariance_of_means(belts, ["K_s"])
-
-    assert variance == pytest.approx((5**2 - 3**2) / 3 + 3**2)
 
 
 CONFIG = read_config(ROOT / "config/config.yaml")

@@ -14,7 +14,6 @@ from osl_analysis.bench.bench_settings import (
     ActuatorAnalysis,
     BenchStiffness,
     DynamometerAnalysis,
-    ModelComparison,
 )
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.plausibility import plausible_impedance
@@ -109,8 +108,7 @@ def judged(experiment, recording, bench=BENCH, asked=None, fixture=None):
     """The last row of the table by the one door to a fit, which knows K_d if it is `asked`, and
     what is `beyond`."""
     chosen = {"settings": ACTUATOR if experiment == "actuator" else bench}
-    models = ModelComparison(sign_width=0.05)
-    chosen |= {"weight": PAPER_WEIGHT, "models": models} if experiment == "impedance" else {}
+    chosen |= {"weight": PAPER_WEIGHT} if experiment == "impedance" else {}
     trial = Trial("made", pl.DataFrame(recording), {"columns": {"torque": {"fixture": fixture}}})
     fit = fit_trial(experiment, trial, DEVICE, chosen, LIMITS, asked)
     return dict(fit.row) | {"beyond": beyond_in(fit.findings[-1]), "findings": fit.findings[-1]}

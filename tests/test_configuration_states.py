@@ -70,7 +70,7 @@ def test_what_the_default_campaign_states_is_no_fact_of_others(name, tmp_path, w
 
 
 ASSUMED = {
-    "gain_weight": {"cutoff_hz": 30, "order": 1}, "model_comparison.sign_width": 0.5,
+    "gain_weight": {"cutoff_hz": 30, "order": 1},
     "dynamometer.load_cell_drift": 40, "figures.stance_share": 0.4,
     "walking.side": "boot", "walking.side": "left", "walking.plate": 2,
     "walking.markers": {},

@@ -37,8 +37,6 @@ class TimeBase(Settings):
     longest_gap_s: Seconds = 0.5
     """Longest gap [s]; between the two a gap is bridged and its rows are not fitted, beyond it a
     trial is refused."""
-    # drift [ppm] between the clocks of angle and torque beyond which it is refused
-    largest_drift_ppm: Positive = 2.0
     _bridges = refuse_if(
         lambda s: 0.1 / s.highest_hz > s.longest_gap_s,
         "highest_hz = {s.highest_hz:g} bridges 0.1/highest_hz s, beyond longest_gap_s ="
@@ -282,13 +280,6 @@ class ActuatorAnalysis(BenchAnalysis):
         " friction; correct one",
         "slowest",
     )
-
-
-class ModelComparison(Settings):
-    """How models of the drivetrain describe friction."""
-
-    sign_width: Positive
-    """Velocity [rad/s] over which the leg's controller smooths the sign of the velocity."""
 
 
 class DesiredCurve(Settings):

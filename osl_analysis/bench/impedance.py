@@ -17,7 +17,6 @@ from osl_analysis.bench.analysis import (
     share_of_inertia,
     without_lag,
 )
-from osl_analysis.bench.angle_drift import angle_drift_deg
 from osl_analysis.bench.effects import IMPEDANCE
 from osl_analysis.bench.group_fit import GroupFit
 from osl_analysis.bench.group_sums import Sums, estimates_of, solved
@@ -26,12 +25,10 @@ from osl_analysis.bench.joint_inference import impedance_fits
 from osl_analysis.bench.leg_belt import Belt, Fault, belt_of_leg, is_leg
 from osl_analysis.bench.plausibility import check_resists, plausible_impedance
 from osl_analysis.bench.record import Record
-from osl_analysis.bench.repeated_motion import repeats_row
 from osl_analysis.bench.row_groups import Label
 from osl_analysis.errors import nearest
 from osl_analysis.model.compensator import CONTROLLERS, Gains, Weight, select_gains
 from osl_analysis.model.drivetrain import DrivetrainParameters, joint_admittance
-from osl_analysis.signals.clock_drift import NO_DRIFT
 from osl_analysis.spectral.periods import distinct
 from osl_analysis.stats.table_rows import Row, lag_damping_row
 
@@ -176,8 +173,6 @@ def impedance_table(
     of_trial: Row = {
         **motion_row(record),
         **belt_row(belt, p),
-        **change_row(record, s),
-        "angle_drift_deg": angle_drift_deg(analysis),
     }
     over_amplitudes = amplitudes_row(analysis)
     rows: list[Row] = []
@@ -218,13 +213,6 @@ def belt_row(belt: Belt | None, p: DrivetrainParameters | None) -> Row:
         row["theta_m_lag_se_s"] = late.se
         row["certain_theta_m_lag_s"] = late.size if late.found else 0.0
     return row
-
-
-def change_row(record: Record, s: Sums) -> Row:
-    """How K and the clocks of angle and torque change during the trial, by repeats of one motion."""
-    of_repeats = repeats_row(record, s, IMPEDANCE)
-    clocks: Row = {name: of_repeats[name] for name in NO_DRIFT}
-    return {"K_drift": of_repeats["K_drift"], **clocks}
 
 
 def check_drives_nothing(analysis: Analysis) -> None:
@@ -329,7 +317,7 @@ def impedance_with_evidence(
             **desired.columns(),
             **beside_desired(analysis, desired, predicted),
         )
-    return analysis, table.with_columns(clocks=pl.lit(2 if record.two_clocks else 1))
+    return analysis, table
 
 
 def linear_prediction(s: Sums) -> list[float]:

@@ -72,7 +72,7 @@ def friction_columns(friction: FrictionFit | None) -> Row:
 
 @dataclass(frozen=True)
 class SuspectedFault:
-    """What else than Eq. 15, friction and a reflex the torque may hold.
+    """What else than Eq. 15 and friction the torque may hold.
 
     Attributes
     ----------
@@ -179,8 +179,6 @@ class JointFit:
         K, B and I. Where friction is certain B holds it, as Eq. 15 does.
     friction : FrictionFit or None
         Dry friction; None where the motion does not tell it from damping.
-    reflex : ReflexFit or None
-        The reflex of a person's joint, if it probably has one.
     suspected_fault : SuspectedFault or None
         What may be wrong; None of a leg, whose drivetrain is no fault of the recording.
     delay : UnstatedDelay or None
@@ -188,9 +186,6 @@ class JointFit:
     VAF_in_band : float or None
         Variance of the torque that is accounted for in unseen parts, in the motion's band [%]; of a
         leg, and of a recording that is too short to leave parts out, by Eq. 15.
-    clock_drift : ClockDrift or None
-        How the clocks of two devices drift apart, where nothing else is wrong; the table tells it
-        where no repeats do.
     estimator : str or None
         What gave K, B and I; None of least squares (Eq. 15).
     widened_because : tuple of str

@@ -25,7 +25,7 @@ from osl_analysis.bench.joint_fit import (
 )
 from osl_analysis.bench.record import Record, signals_of
 from osl_analysis.bench.row_groups import Label
-from osl_analysis.errors import TooShortError
+from osl_analysis.errors import NotWeighedError
 from osl_analysis.inference import ImpedanceInference, infer_impedance
 from osl_analysis.inference.constants import HARM_SHARE, LIKELY
 from osl_analysis.inference.estimates import Explanation
@@ -84,10 +84,10 @@ def impedance_fits(analysis: Analysis, s: Sums, is_leg: bool) -> dict[Label, Joi
 
 
 def inferred_from(record: Record, is_leg: bool) -> ImpedanceInference | None:
-    """The inference from a record; None where it is too short for one."""
+    """The inference from a record; None where it cannot weigh rivals."""
     try:
         return infer_impedance(signals_of(record, is_leg))
-    except TooShortError:
+    except NotWeighedError:
         return None
 
 
@@ -112,7 +112,7 @@ def whole_fit(
     least_squares : JointFit
         Eq. 15, with what is stated of the bench in its intervals.
     inferred : ImpedanceInference or None
-        The inference; None where the recording is too short for one.
+        The inference; None where it cannot weigh rivals.
     coulomb : CoulombFit or None
         Coulomb friction by least squares.
     known_errors : Mapping
@@ -125,7 +125,7 @@ def whole_fit(
     Returns
     -------
     JointFit
-        Least squares of a leg, and of a recording that is too short; else the mixture.
+        Least squares of a leg, and where no rivals are weighed; else the mixture.
     """
     if inferred is None:
         return least_squares
@@ -218,7 +218,7 @@ def suspected_fault_of_losses(record: Record) -> SuspectedFault | None:
     of_B, of_I = HARM_SHARE[1:]
     try:
         inferred = infer_impedance(signals_of(record), accuracy=(np.inf, of_B, of_I))
-    except TooShortError:
+    except NotWeighedError:
         return None
     return suspected_fault_of(inferred, dict.fromkeys(QUANTITIES, 0.0))
 

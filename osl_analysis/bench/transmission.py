@@ -10,7 +10,6 @@ from osl_analysis.bench.group_fit import GroupFit
 from osl_analysis.bench.joint_fit import LOSSES_SYMBOLS, estimate_columns, fault_columns
 from osl_analysis.bench.joint_inference import suspected_fault_of_losses
 from osl_analysis.bench.record import Record
-from osl_analysis.bench.repeated_motion import repeats_row
 from osl_analysis.stats.estimates import Estimate
 from osl_analysis.stats.table_rows import Row, estimates_row
 
@@ -30,8 +29,6 @@ def transmission_table(analysis: Analysis) -> pl.DataFrame:
     A late torque reduces J_j by B_j times the lag, and leaves a third derivative of the angle,
     which shows it."""
     record, s = analysis.record, effects.sums_of(analysis.record, TRANSMISSION)
-    repeats = repeats_row(record, s, TRANSMISSION)
-    del repeats["K_drift"]  # losses have no stiffness
     friction = coulomb_fits(s, analysis)
     fault = suspected_fault_of_losses(record)
     rows = list[Row]()
@@ -53,7 +50,6 @@ def transmission_table(analysis: Analysis) -> pl.DataFrame:
                 "B_j_coulomb": beside_friction["B_j"],
                 "VAF_coulomb": beside_friction.vaf,
                 **analysis.beside_diagnostics(label, *LOSSES),
-                **repeats,
                 **fault_columns(fault, LOSSES_SYMBOLS),
                 "VAF_in_band": fault.VAF_held_out if fault else None,
                 "delay_told_s": fault.delay_told_s if fault else None,

@@ -10,7 +10,6 @@ from pydantic import BeforeValidator, Field
 from osl_analysis.bench.bench_settings import (
     ActuatorAnalysis,
     DynamometerAnalysis,
-    ModelComparison,
     TorqueAngleAnalysis,
 )
 from osl_analysis.config.experiments import EXPERIMENTS
@@ -124,7 +123,6 @@ class Config(Settings):
     actuator: ActuatorAnalysis  # Analysis of the trials on the actuator's own bench.
     torque_angle: TorqueAngleAnalysis  # Analysis of the trials of torque against angle.
     doubtful: DoubtfulFits  # Limits beyond which a fit is doubtful, by table.
-    model_comparison: ModelComparison  # Models of the drivetrain beside what was recorded.
     claims: Claims  # What the paper's text claims, and the margins of its verdicts.
     impedance_trajectory: ShippedPath | None
     """CSV file of the impedance over the gait cycle, for Fig. 8; null: no Fig. 8."""

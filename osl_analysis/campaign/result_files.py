@@ -19,9 +19,8 @@ from osl_analysis.judge.claims import CLAIMED
 COMPONENTS = ("actuator", "belt", "transmission")
 # Tables of a campaign with components, also with some of them only
 FIGURE_SUFFIXES = ("csv", "pdf", "svg", "png")  # plotted numbers, and the figure
-# Suffixes of files with the rows of one trial; those of an experiment's first table are CSV, and
+# Suffix of files with the rows of one trial; those of an experiment's first table are CSV, and
 # those of all others of its tables stand in one archive
-ROW_SUFFIXES = {"record": "parquet"}
 ARCHIVE_SUFFIX = "zip"
 
 
@@ -90,7 +89,7 @@ class ResultFiles:
             if other.name != table:
                 continue
             first = EXPERIMENTS[experiment].tables[0].name
-            suffix = "csv" if table == first else ROW_SUFFIXES.get(table, ARCHIVE_SUFFIX)
+            suffix = "csv" if table == first else ARCHIVE_SUFFIX
             for trial in self.campaign.rows_of(experiment, other):
                 if trials is None or trial in trials:
                     files.append(f"{self.results}/fits/{first}/{trial}.{suffix}")

@@ -29,7 +29,7 @@ from osl_analysis.bench.effects import IMPEDANCE, plain_sums
 from osl_analysis.bench.fit_tables import FitTables, tables_of_fit
 from osl_analysis.bench.fixture import fixture_column, fixture_weight_column, with_fixture
 from osl_analysis.bench.plausibility import plausible
-from osl_analysis.bench.record import Record, stored_record, with_actuator
+from osl_analysis.bench.record import Record, with_actuator
 from osl_analysis.bench.recorded_motion import record_of_trial, sine_record
 from osl_analysis.bench.transmission import LOSSES, transmission_of, transmission_table
 from osl_analysis.ingest.examine import check_recording, saturated
@@ -94,15 +94,10 @@ def fit_impedance_trial(
         What the leg was asked to render, as far as it is known.
     weight : Weight
         W of Eq. 14.
-    models : ModelComparison
     settings : ImpedanceAnalysis
     windows : str or None
         Those of the sheet [s], which are fitted where the motion is no stepped sine.
 
-    Returns
-    -------
-    FitTables
-        Where the gains are known, with the `record` with which the drivetrain is compared.
     """
     p = known_parameters(parameters)
     check_recording(trial, settings)
@@ -123,7 +118,6 @@ def fit_impedance_trial(
             "phasors": by_frequency.with_columns(**columns),
             "response": response.with_columns(**columns),
             "timebase": analysis.time_base(QUANTITIES),
-            "record": stored_record(record) if gains else pl.DataFrame(schema={"time": pl.Float64}),
         }
 
     return tables_of_fit(analysis.series(), others, impedance=table)

@@ -198,7 +198,6 @@ EXPERIMENTS: dict[str, Experiment] = {
                 derived={"frequency_response": "bench.summarise"},
             ),
             ResultTable("response", doubts_of="impedance"),
-            ResultTable("record", judged=False, published=False),
             *OF_ALL,
         ),
         fit=FitJob(

@@ -77,10 +77,6 @@ class ImpedanceInference:
         Faults by their probability, the most probable first.
     delay : KnownDelay or None
         What an unstated delay does; None for a drivetrain, whose belt tells it.
-    reflex : ReflexEstimate or None
-        The reflex of a person's joint, if it probably has one.
-    without_reflex : Impedance or None
-        The most probable joint without a reflex, for which such a joint would be taken.
     VAF_held_out : float
         Variance of the torque accounted for by fits to the other blocks [%], in the motion's band.
     """

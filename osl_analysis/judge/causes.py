@@ -146,11 +146,6 @@ def cause_of(name: str, value: float, row: AnyRow) -> KnownFinding:
         return FINDINGS["wrong_unit"]
     if name == "rate_change" and value < 0:
         return FINDINGS["loss_falling_with_speed"]
-    mended_fault = row.get("mended_fault")
-    if mended_fault and (name in ("fault_harm", "VAF_in_band", "K_over_K_d")):
-        return FINDINGS[str(mended_fault)]
-    if name == "fault_harm" and cell_number(row, "row_harm"):
-        return FINDINGS["wrong_rows"]
     if name == "fault_harm":
         hypothesis, family = str(row.get("fault")), str(row.get("fault_family"))
         return FINDINGS[HYPOTHESES.get(hypothesis) or HYPOTHESES[family]]

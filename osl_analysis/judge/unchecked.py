@@ -106,10 +106,6 @@ def unchecked_in_impedance(row: AnyRow) -> Iterator[str]:
         yield "uncertain_delay"
     if row.get("certain_theta_m_lag_s"):
         yield "motor_angle_delay"
-    if lacks(row, "K_drift") and lacks(row, "fault_probability"):
-        yield "stiffness_drift_unseen"
-    if (cell_number(row, "clocks") or 1) > 1 and lacks(row, "clock_drift_ppm"):
-        yield "clock_drift_unseen"
     if lacks(row, "gain_error"):
         yield "wrong_gain_unseen"
     if weight_by_rest(row) > LEAST_REST_SHARE * abs(cell_number(row, "K") or 0.0):

@@ -348,11 +348,6 @@ def late_remedy(cells: Cells) -> str:
     )
 
 
-def explained(cells: Cells) -> str:
-    """The hypotheses that explain a recording, where nothing that was tried does."""
-    return "" if "mended" in cells else f"explained by {cells['explanations']}"
-
-
 def energy_lost_by_lag(cells: Cells) -> str:
     """How late a torque would make the energy lost depend on the speed."""
     late_ms = 1e3 * cells["late_s"]
@@ -475,7 +470,6 @@ COMPUTED: Mapping[str, Callable[[Cells], Any]] = {
     "zero_deg": lambda cells: Number(math.degrees(-cells["offset"] / cells["K"])),
     "K_by_rest": lambda cells: Number(weight_by_rest(cells.row)),
     "B_over_B_d": lambda cells: Number(damping_ratio(cells.row) or 1.0),
-    "explained": explained,
     "lag": lag_text,
     "late_remedy": late_remedy,
     "late_torque_of_loss": energy_lost_by_lag,

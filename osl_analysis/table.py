@@ -27,10 +27,10 @@ FORMULA = r"^(['=+@\t\r]|-[A-Za-z(])"
 TEXT_COLUMNS = (
     "trial", "controller", "branch", "quantity", "estimator", "check", "unit", "verdict", "remark",
     "reason", "excluded", "panel", "curve", "interval_method", "doubtful", "experiment", "model",
-    "motion", "group", "gait", "direction", "subject", "session", "side", "speed", "pooled",
-    "series", "group_stated", "not_checked", "excitation", "desired", "loading", "method", "joint",
-    "data", "chosen", "trajectory", "axis_from", "missing_components", "table", "grade",
-    "name", "cause", "inherited", "evidence", "says", "size", "remedy", "reaction", "fault",
+    "motion", "group", "direction", "side", "different", "doubt",
+    "series", "not_checked", "excitation", "desired", "loading", "method", "joint",
+    "data", "chosen", "trajectory", "missing_components", "table", "grade",
+    "name", "cause", "inherited", "evidence", "says", "size", "remedy", "fault",
     "fault_family", "explanations", "widened_because", "law",
 )  # fmt: skip
 # columns that identify a row of a table and of its evidence

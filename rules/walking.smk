@@ -157,7 +157,6 @@ rule summarise_walking:
     output:
         output="<results>/tables/walking_summary.csv",
         responses="<results>/tables/walking_responses.csv",
-        excluded="<results>/tables/walking_excluded.csv",
         groups="<results>/tables/walking_groups.csv",
     log:
         "<logs>/walking/summary.log",

@@ -105,7 +105,7 @@ def test_beside_a_clipped_signal_nothing_that_makes_a_fit_worse_is_named():
 
     names = [one.cause for one in findings_of(row, limits, "phasors")]
 
-    assert names == ["clipped signal", "several stiffnesses"]
+    assert names == ["clipped signal", "group of several conditions"]
 
 
 def test_a_misfit_belongs_to_the_cause_that_was_measured():

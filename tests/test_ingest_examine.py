@@ -206,7 +206,7 @@ BARE, STOOD_ON = (
     ("gap", bench().filter(pl.col("time") != 1.0), "impedance", 0.001, None),  # of one sample
     ("unzeroed_plate", laboratory(plate1_force_z=BARE - 100), "walking", 98.0, None),
     *(("unzeroed_plate", laboratory(plate1_force_z=BARE + 60), experiment, 62.0, None)
-      for experiment in ("walking", "overground", "plate")),
+      for experiment in ("walking", "plate")),
     ("unzeroed_plate", laboratory(plate1_force_z=BARE - 50.0 * (np.arange(2000) >= 1600)),
      "walking", 2.0, None),
     ("unzeroed_plate", laboratory(plate1_force_z=100 * (STOOD_ON - 800)), "walking", None,
@@ -832,7 +832,7 @@ def test_real_plates_pass() -> None:
         recording = read_converted(
             REAL_DATA / "c3d" / name, known_formats()["c3d"].source(format="c3d", markers=())
         )
-        checks = checked(Trial(name, recording.samples, recording.facts), "overground")
+        checks = checked(Trial(name, recording.samples, recording.facts), "walking")
         assert checks["pressure_centre"].value == pytest.approx(0, abs=0.01), name
         assert (checks["saturation"].value or 0) < 5, name
 

@@ -42,6 +42,7 @@ from osl_analysis.walking.plate_model import (
     identify_plate_model,
     inertial_columns,
     stacked_columns,
+    with_height,
     without_mean,
 )
 from osl_analysis.walking.poses import BodyMotion, static_calibration

@@ -266,6 +266,7 @@ def test_belt_transmission_impedance_and_walking_are_those_that_made_the_recordi
 BENCH = {"fit_belt", "fit_transmission", "fit_impedance", "fit_actuator"}
 CROSSINGS = {
     "identify_plate",
+    "find_onsets",
     "analyse_crossing",
     "select_crossings",
     "average_unperturbed",
@@ -383,7 +384,7 @@ def test_every_setting_is_a_param_of_a_job(tmp_path):
     recordings."""
     space, places, changes = Workspace(tmp_path), {}, {}
     of_each = (
-        "trial|cal|belt_[12]|transmission|actuator|impedance_2|torque_angle_2|overground|static"
+        "trial|cal|belt_[12]|transmission|actuator|impedance_2|torque_angle_2|static"
         "|plate_1|walking_"
     )
     (tmp_path / "trials.csv").write_text(
@@ -519,7 +520,7 @@ def test_tables_and_numbers_are_made_of_the_trials_that_are_left(laboratory):
     assert not list(results.rglob(".*"))
     assert set(table("impedance")["controller"]) == {"uncompensated"}
     assert len(table("walking_crossings")) == 7
-    (left_out,) = table("walking_excluded").to_dicts()
+    (left_out,) = table("walking_crossings").drop_nulls("reason").to_dicts()
     assert left_out["trial"] == laboratory.mistaken
     assert re.search(r"turns at \d\.\d+ s but the sheet says perturbed = false", left_out["reason"])
     refused = [

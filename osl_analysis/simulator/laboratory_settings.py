@@ -151,9 +151,6 @@ class Perturbation(Settings):
     # after toe-off, when the platform starts to return
     hold_s: Annotated[float, Field(ge=0, le=10)]
     return_s: Seconds
-    shift_mm: Positive | None = None
-    """Distance by which the platform shifts in place of a turn: backward for `up`, which
-    dorsiflexes the ankle, as the hip stays where it is. Null: it turns."""
     REMOVED: ClassVar = not_simulated("axis_depth_m", "driven", "leg_length_m", "same_unloaded")
     _in_order = refuse_if(
         lambda s: s.stance_phase[0] > s.stance_phase[1],

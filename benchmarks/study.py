@@ -21,6 +21,7 @@ from typing import Any, TypeVar
 import numpy as np
 import polars as pl
 from causes import ROOT, markdown, write_between
+from planted_gait import onsets_of
 
 from osl_analysis.bench.bench_settings import ActuatorAnalysis, DynamometerAnalysis
 from osl_analysis.bench.fit_tables import FitTables
@@ -56,9 +57,8 @@ from osl_analysis.walking.crossing import Crossing, analyse_crossing
 from osl_analysis.walking.ensemble import Ensemble, shared_errors
 from osl_analysis.walking.impedance_fit import fit_response, fit_without_offset
 from osl_analysis.walking.isolated_response import isolate_response
-from osl_analysis.walking.mean_ramp import ramp_of, ramp_onsets
 from osl_analysis.walking.plate_model import identify_plate_model
-from osl_analysis.walking.poses import segment_poses, static_calibration
+from osl_analysis.walking.poses import static_calibration
 from osl_analysis.walking.stance import Stance
 from osl_analysis.walking.unperturbed_gait import unperturbed_gait
 from osl_analysis.walking.walking_settings import FootSettings, WalkingAnalysis
@@ -427,8 +427,7 @@ def recording(of: StudyLaboratory, folder: Path, perturbed: Sequence[str]) -> St
     """A laboratory whose noisy crossings are recorded by markers and plate, written as C3D in
     `folder`, ingested and analysed, after its static trial and six trials of the unloaded plate.
     The foot's inertial parameters are known: otherwise its inertia would be part of the ankle's.
-    What the platform's motions share is known from the `perturbed` crossings; one that cannot be
-    read has no part."""
+    The mean ramp is that of the `perturbed` crossings; one that cannot be read has no part."""
     mass, body = of.gait.effects.foot_inertia.value, of.gait.foot
     inertia = mass * body.gyration_m[1] ** 2
     foot = FootSettings(mass_kg=mass, centre_of_mass_m=body.centre_of_mass_m, inertia_kg_m2=inertia)
@@ -438,32 +437,27 @@ def recording(of: StudyLaboratory, folder: Path, perturbed: Sequence[str]) -> St
         row = {"trial": name, "mocap": f"vicon/{name}.c3d", "mocap_source": "vicon"}
         return trial_from_files(row, folder, ROOT / "config/sources")
 
-    def recorded(name: str, walked: SimulatedCrossing) -> Trial:
-        if not (folder / "vicon" / f"{name}.c3d").exists():
-            write_crossing_capture(folder, walked)
-        return ingested(name)
-
     rows = [{"trial": "static_1", "experiment": "static"}]
     rows += [{"trial": f"plate_{i}", "experiment": "plate"} for i in range(6)]
     for row in rows:
         simulate_walking_trial(row, of.settings, of.gait, of.p, folder)
     standing, *unloaded = (ingested(row["trial"]) for row in rows)
-    calibration, ramps = static_calibration(standing, analysis), {}
+    calibration = static_calibration(standing, analysis)
     plate = identify_plate_model([(trial, calibration) for trial in unloaded], analysis)
+
+    turned = []
     for name in perturbed:
+        write_crossing_capture(folder, of.walk(name, True))
         with suppress(OslAnalysisError):
-            trial, markers = recorded(name, of.walk(name, True)), analysis.markers.platform
-            time, platform = segment_poses(trial, markers, calibration, analysis)
-            ramp = ramp_of(time, platform, analysis.smallest_turn)
-            if ramp is not None:
-                ramps[name] = ramp
-    onsets = ramp_onsets(ramps)
+            turned.append(ingested(name))
+    onsets = onsets_of(turned, calibration, analysis)
 
     def analysed(name: str, walked: SimulatedCrossing) -> Crossing:
-        trial, is_perturbed = recorded(name, walked), walked.platform.onset is not None
-        return analyse_crossing(
-            trial, calibration, plate, is_perturbed, analysis, onsets.get(name)
-        )
+        is_perturbed = walked.platform.onset is not None
+        if not is_perturbed:
+            write_crossing_capture(folder, walked)
+        trial, onset = ingested(name), onsets.get(name)
+        return analyse_crossing(trial, calibration, plate, is_perturbed, analysis, onset)
 
     return replace(of, analysis=analysis, recorded=analysed)
 
@@ -525,9 +519,8 @@ def walking_rows(number: int, recorded: bool, crossings: int = CROSSINGS) -> Ite
         return
     own = shipped.settings.model_copy(update={"seed": SEED + 1 + number})
     with TemporaryDirectory() as folder:
-        yield from campaign_rows(
-            names, recording(replace(shipped, settings=own), Path(folder), names[1::2])
-        )
+        of_files = recording(replace(shipped, settings=own), Path(folder), names[1::2])
+        yield from campaign_rows(names, of_files)
 
 
 def rows_of(experiment: str, numbers: Iterable[int]) -> list[Row]:

@@ -58,12 +58,16 @@ def unexpected(fault: BaseException) -> str:
 
 
 @dataclass(frozen=True)
-class Suspect:
-    """What a source file may state wrongly, so that a fit is refused. The fit is tried with
-    something else in its place (`commands/remedies.py`)."""
+class Change:
+    """A change of the source file that may mend a recording. It is tried on the recording, and
+    advised where it helps (`commands/remedies.py`)."""
 
-    what: Literal["sign", "unit", "channels"]
-    columns: tuple[str, ...]  # of the trial; of `channels`, two that may be swapped
+    words: str  # what the user does
+    factors: Mapping[str, float] = field(default_factory=dict)  # of columns: a sign or a unit
+    renamed: Mapping[str, str] = field(default_factory=dict)  # columns: channels that are swapped
+    # column whose numbers may be of another unit than is declared; stands for a change per unit
+    other_unit_of: str = ""
+    rank: int = 0  # tried only where no change of a lower rank helps
 
 
 class OslAnalysisError(ValueError):

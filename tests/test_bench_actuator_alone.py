@@ -361,6 +361,7 @@ def test_a_current_that_is_late_is_refused_for_it_and_not_for_its_sign():
     torque = by_hand(omega, alpha, current)
     with pytest.raises(InputError, match=r"negative, .* earlier.* `delay: 170 ms` of current in"):
         fit_log(t, theta, np.roll(current, 170), torque)
+    assert refused.value.remedy.startswith("state `delay: 170 ms` of current")
     with pytest.raises(InputError, match=r"k_tau_n_m is 1\.\d+ N\*m/A, .* 10 ms earlier"):
         fit_log(t, theta, np.roll(current, 10), torque)
     # which `plausible` refuses

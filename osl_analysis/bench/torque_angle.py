@@ -250,8 +250,8 @@ def place_of_zero(theta: Array, rate_hz: float, settings: TorqueAngleAnalysis) -
     others = [place for place in (*ASSUMED_ZEROS, "none") if place != stated]
     raise InputError(
         f"the joint does not rest at the {stated} of the recording: the angle moves by"
-        f" {np.rad2deg(moved):.2g} deg in {settings.rest_s:g} s; record a rest there, or"
-        f" write torque_angle.zero: {' or '.join(others)}"
+        f" {np.rad2deg(moved):.2g} deg in {settings.rest_s:g} s; record a rest there, or write"
+        f" torque_angle.zero: {' or '.join(others)}"
     )
 
 

@@ -102,7 +102,7 @@ def unchecked_in_impedance(row: AnyRow) -> Iterator[str]:
     if has_commanded and lacks(row, "K_predicted") and is_device_known:
         yield "K_of_gains"
         yield "yielding_frame"
-    if has_commanded and lacks(row, "fault_probability") and lacks(row, "lag_s"):
+    if lacks(row, "fault_probability") and lacks(row, "lag_s"):
         yield "late_torque_unseen"
     if row.get("delay_told_s") is not None:
         yield "uncertain_delay"

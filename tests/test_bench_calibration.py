@@ -341,7 +341,7 @@ def test_a_stated_fixture_is_compared_with_the_recorded_one(stated, doubt):
 
 def test_a_damping_of_the_spring_is_no_lag():
     row = calibrated(spring(damping=3.0), known_K=300.0)
-    assert abs(row["B"] - 3) < 4 * row["B_se"] < 0.5
+    assert abs(row["B"] - 3) < 4 * row["B_se"] < 0.6
     assert abs(row["lag_s"]) < 4 * row["lag_s_se"] < 2e-3
 
 

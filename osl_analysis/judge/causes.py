@@ -144,12 +144,8 @@ def cause_of(name: str, value: float, row: AnyRow) -> KnownFinding:
         return known_finding(name)
     if suspected_unit(name, value, row):
         return FINDINGS["wrong_unit"]
-    if name == "residual_over_gait" and cell_number(row, "plate_ringing_hz"):
-        return FINDINGS["ringing_plate"]
-    if name == "plate_unexplained" and cell_number(row, "plate_zeroed"):
-        return FINDINGS["plate_threshold"]
     if name == "rate_change" and value < 0:
-        return FINDINGS["loss_falling_with_speed"]
+        return FINDINGS["late_energy"]
     if name == "fault_harm":
         hypothesis, family = str(row.get("fault")), str(row.get("fault_family"))
         return FINDINGS[HYPOTHESES.get(hypothesis) or HYPOTHESES[family]]

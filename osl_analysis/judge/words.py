@@ -420,13 +420,6 @@ def damping_gap_text(cells: Cells) -> str:
     return text
 
 
-def reaction_text(cells: Cells) -> str:
-    """What sets in within the window of a perturbation, and K without it."""
-    kind = f"it is like {cells['reaction']}"
-    with_reflex = filled("{K_with_reflex_text}", cells)
-    return f"{kind}. {capital(with_reflex)}" if with_reflex else kind
-
-
 def unknown_gains(cells: Cells) -> str:
     """Why the gains of a trial's controller are not known."""
     controller = cells.row.get("controller")
@@ -469,32 +462,6 @@ def ratio_to_file(cells: Cells) -> str:
     raise KeyError("the row has no ratio to the parameter file")
 
 
-def moment_effect_on_K(cells: Cells) -> str:
-    """What a wrong gain of the plate's moments may add to K [N*m/rad]."""
-    return significant(100 * cells["moment_error_half"] * cells["moment_K_per_percent"])
-
-
-def K_with_reflex(cells: Cells) -> str:
-    return (
-        f"with a reflex of {cells['reflex_gain']:.2g} N*m*s/rad, {cells['reflex_delay_ms']:.0f} ms"
-        f" late, K would be {cells['K_with_reflex']:.3g} ({cells['K_with_reflex_low']:.3g} to"
-        f" {cells['K_with_reflex_high']:.3g}) N*m/rad"
-    )
-
-
-def reflex_remedy(cells: Cells) -> str:
-    if "longer_window_s" not in cells:
-        return "record more crossings"
-    return f"set walking.window_s to {cells['longer_window_s']:g} if stance allows"
-
-
-def range_of_hidden_damping(cells: Cells) -> str:
-    """By how much a change of K with stance that is not seen would change B [N*m*s/rad], upwards,
-    whatever the sign of B per slope."""
-    ends = [cells[f"hidden_slope_{end}"] * cells["B_per_slope"] for end in ("low", "high")]
-    return f"{significant(min(ends))} to {significant(max(ends))}"
-
-
 def gain_remedy(cells: Cells) -> str:
     """What to do about a wrong gain; what the fixture weighs comes first, unless it is stated."""
     correct = "correct the `scale` of torque or angle in the source file"
@@ -513,14 +480,9 @@ COMPUTED: Mapping[str, Callable[[Cells], Any]] = {
     "late_torque_of_loss": energy_lost_by_lag,
     "calibration": calibration_text,
     "damping_gap": damping_gap_text,
-    "reaction_and_K": reaction_text,
     "gains_unseen": gains_unseen,
     "unknown_gains": unknown_gains,
     "theta_m_direction": motor_angle_direction,
     "theta_m_lag_ms": motor_angle_lag_ms,
     "ratio_to_file": ratio_to_file,
-    "moment_effect": moment_effect_on_K,
-    "K_with_reflex_text": K_with_reflex,
-    "reflex_remedy": reflex_remedy,
-    "hidden_damping": range_of_hidden_damping,
 }

@@ -7,7 +7,6 @@ from osl_analysis.judge.unchecked import unchecked_in
 from osl_analysis.judge.words import finding_text
 
 GAIN = known_finding("wrong_gain_unseen").title
-WALKED = {"group": "all", "K": 300.0, "plate_K_per_m": 100.0}
 
 
 def unchecked_causes(table, row):

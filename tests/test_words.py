@@ -141,8 +141,6 @@ def test_a_finding_has_at_most_35_words():
      ["it is 60 % of the damping", "[coulomb_share 0.6 is above 0.5]"]),
     ({"K_s_ratio": 1.3558}, {"K_s_ratio": 1.5},
      ["1.36 is the factor between lbf*ft and N*m", "is close to it]"]),
-    (TORQUE_PATH | {"mended": "exchange them: K 300", "mended_fault": "wrong_reading"},
-     {"fault_harm": 1}, ["recording read wrongly: ", "Exchange them: K 300 [fault_harm"]),
     ({"k_tau_n_m_ratio": 0.8}, {"k_tau_n_m_ratio": 0.7},
      ["k_tau n_m is 0.8 times that of the parameter file. "]),
     ({"x": 3.0}, {"x": 2.0}, ["x 3 is above 2"]),

@@ -20,7 +20,7 @@ from osl_analysis.bench.torque_angle_tables import (
     torque_angle_table,
 )
 from osl_analysis.campaign.configuration import read_config
-from osl_analysis.commands.bench import fit_torque_angle_trial
+from osl_analysis.commands.fit import run_fit
 from osl_analysis.config.sheet import read_sheet
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.examine import saturated
@@ -402,7 +402,7 @@ def test_an_angle_in_degrees_read_as_radians_is_refused_with_the_k_that_the_unit
     with pytest.raises(
         InputError, match=r"theta turns by .*; state `unit: deg` of theta in .*: K 2"
     ):
-        fit_torque_angle_trial(in_degrees, CONFIG.torque_angle)
+        run_fit("torque_angle", in_degrees, None, {"settings": CONFIG.torque_angle})
 
 
 def test_the_change_of_energy_is_that_from_slowest_to_fastest_cycle():

@@ -547,21 +547,12 @@ def compare(a: Path, b: Path, margin: float | None, output: Path, as_json: bool)
 )
 @option("--example", is_flag=True, help="A small simulated bench, which runs in about a minute.")
 @option("--example-walking", is_flag=True, help="A small simulated walkway with perturbations.")
-@option(
-    "--checksums",
-    is_flag=True,
-    help=(
-        "With --from: write SHA256SUMS beside the recordings, so that one that is changed later is"
-        " refused."
-    ),
-)
 def init(
     folder: Path,
     recorders: tuple[str, ...],
     recordings: Path | None,
     example: bool,
     example_walking: bool,
-    checksums: bool,
 ) -> None:
     """Make the folder of a new campaign: configuration, sample sheet, source files and their JSON
     schemas."""
@@ -574,12 +565,8 @@ def init(
         chosen = "walking" if example_walking else "bench"
     if chosen and (recorders or recordings):
         raise click.UsageError("an example has recordings of its own; leave --recorder and --from")
-    if checksums and recordings is None:
-        raise click.UsageError("--checksums are those of recordings: name their folder with --from")
-    draft = command.new_campaign(folder, recorders, recordings, chosen, checksums)
+    draft = command.new_campaign(folder, recorders, recordings, chosen)
     if recordings is not None:
-        if checksums:
-            say(command.sums_text(recordings))
         say(command.campaign_text(folder, draft))
         return
     place = shlex.quote(str(folder))

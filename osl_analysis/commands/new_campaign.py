@@ -21,7 +21,6 @@ from osl_analysis.errors import InputError, listing, nearest, printable
 from osl_analysis.files import CAMPAIGN, seen_from, shipped
 from osl_analysis.formats import TEXT_PRIORITY, formats_of, known_formats
 from osl_analysis.ingest import raw_files
-from osl_analysis.ingest.checksums import SUMS, write_sums
 from osl_analysis.ingest.draft import (
     DraftedLog,
     draft_source,
@@ -48,7 +47,6 @@ from osl_analysis.ingest.likely_column import named_joint
 from osl_analysis.ingest.overview import FEWEST_READINGS, Overview
 from osl_analysis.ingest.placeholders import UNKNOWN
 from osl_analysis.measured import unusual
-from osl_analysis.signals.plateaus import FEWEST_PLATEAUS
 from osl_analysis.yaml_settings import read_mapping
 
 COLUMNS = (
@@ -127,7 +125,6 @@ def new_campaign(
     recorders: Sequence[str] = (),
     recordings: Path | None = None,
     example: Example | None = None,
-    with_sums: bool = False,
 ) -> Draft:
     """Make a folder with a campaign, and say what was drafted.
 
@@ -141,8 +138,6 @@ def new_campaign(
         A folder of recordings, for which sheet and source files are drafted. They stay there.
     example
         A small simulated campaign instead, of the bench or of a walkway.
-    with_sums
-        Whether `SHA256SUMS` of the recordings is written beside them.
     """
     if os.path.lexists(folder) and not (folder.is_dir() and not any(folder.iterdir())):
         what = "exists and is not empty" if folder.is_dir() else "is a file"
@@ -162,13 +157,6 @@ def new_campaign(
     raw_data = Path("recordings")
     if recordings is not None:
         raw_data = seen_from(folder, recordings)
-    if with_sums and recordings is not None:
-        files = [
-            file
-            for path in raw_files.recordings_in(recordings)
-            for file in raw_files.recorded_files(path)
-        ]
-        write_sums(recordings, files)
     name = folder.resolve().name
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -345,7 +333,7 @@ def trials_of(described: Sequence[Described], sources: Mapping[str, str]) -> lis
             moved[one.file] = "torque_angle" if one.log.is_slow else "impedance"
         elif one.log is not None and one.source in actuators:
             moved[one.file] = "actuator"
-    files = joined_actuators(described, moved)
+    files = [(one.file, one.source, one.log is None) for one in described]
     trials = draft_trials(files, moved, has_fixed_plates(described))
     named: dict[str, set[str]] = {}
     for one in described:
@@ -367,48 +355,6 @@ def has_fixed_plates(described: Sequence[Described]) -> bool:
     has_plates = any(channel.kind == "plate" for channel in channels)
     markers = [channel for channel in channels if channel.kind == "marker"]
     return has_plates and not any(segment_of(one.key)[1] == "platform" for one in markers)
-
-
-def joined_actuators(
-    described: Sequence[Described], moved: dict[Path, str]
-) -> list[tuple[Path, str, bool]]:
-    """The recordings to draft trials of: those of one clamped actuator, in a log for each of its
-    currents, are one, whose name has a `*`. `moved` gets its experiment."""
-    addresses: dict[str, dict[str, Mapping[str, str]]] = {}
-    for one in described:
-        if one.log is not None and one.log.sure("current") is not None:
-            guesses = zip(one.log.signals, one.log.guesses, strict=True)
-            of_log = {guess.column: channel.address for channel, guess in guesses if guess.is_sure}
-            addresses.setdefault(one.source, {}).update(of_log)
-    groups: dict[tuple[Path, str], list[Path]] = {}
-    for one in described:
-        if moved.get(one.file) != "actuator" or one.log is None:
-            continue
-        if one.log.holds_few_currents(addresses.get(one.source, {})):
-            groups.setdefault((one.file.parent, one.source), []).append(one.file)
-    joined: dict[Path, Path] = {}
-    for (folder, _), files in groups.items():
-        pattern = pattern_of([file.name for file in files])
-        alike = [one for one in described if one.file.match(str(folder / pattern))]
-        if len(files) >= FEWEST_PLATEAUS and len(alike) == len(files):
-            joined.update(dict.fromkeys(files, folder / pattern))
-            moved[folder / pattern] = "actuator"
-    recordings = [
-        (joined.get(one.file, one.file), one.source, one.log is None) for one in described
-    ]
-    return list(dict.fromkeys(recordings))
-
-
-def pattern_of(names: Sequence[str]) -> str:
-    """The shared begin and end of names, with a `*` between."""
-    first = min(names, key=len)
-    begin = 0
-    while begin < len(first) and len({name[begin] for name in names}) == 1:
-        begin += 1
-    end = 0
-    while end < len(first) - begin and len({name[-1 - end] for name in names}) == 1:
-        end += 1
-    return f"{first[:begin]}*{first[len(first) - end :]}"
 
 
 def has_columns(source: str, *columns: str) -> bool:
@@ -664,11 +610,6 @@ def guesses_text(source: str) -> str:
             text += ", sign -1: it falls as the angle rises"
         texts.append(text)
     return "; ".join(texts)
-
-
-def sums_text(recordings: Path) -> str:
-    """Say where the checksums of recordings were written."""
-    return f"wrote {recordings / SUMS}: a file that changes later is refused by name"
 
 
 def next_command(folder: Path, is_ready: bool) -> str:

@@ -828,7 +828,7 @@ def test_a_plate_on_which_nobody_stands_is_not_judged(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(not (REAL_DATA / "c3d").is_dir(), reason="real data are not here")
 def test_real_plates_pass() -> None:
-    for name in ("btk_PiG_Motion3_FF.c3d", "opensim_jogging_300_1500.c3d", "c3dorg_s10_TYPE-4.C3D"):
+    for name in ("btk_PiG_Motion3_FF.c3d", "opensim_jogging_300_1500.c3d"):
         recording = read_converted(
             REAL_DATA / "c3d" / name, known_formats()["c3d"].source(format="c3d", markers=())
         )

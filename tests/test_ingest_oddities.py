@@ -8,7 +8,6 @@ import polars as pl
 import pytest
 from mcap.writer import Writer as McapWriter
 from mcap_builder import HEADER, stamped, write_log
-from osl_analysis.ingest.stale_rows import find_stale_rows
 from recognised_files import read_recognised, refusal_of
 
 from osl_analysis.commands.trials import inspect_file
@@ -16,6 +15,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.ingest.clock import aligned_clock
 from osl_analysis.ingest.conversion import Converted
 from osl_analysis.ingest.draft import draft_source
+from osl_analysis.ingest.stale_rows import find_stale_rows
 
 TIME = np.arange(4000) / 500
 ANGLE = 5 * np.sin(9 * TIME)

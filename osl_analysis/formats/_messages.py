@@ -457,7 +457,7 @@ def _joined(pieces: Sequence[NDArray[Any] | None], parts: Sequence[Part]) -> NDA
     """A column in one piece, masked where a part has no such number."""
     present = [
         # a masked truth value takes the type of what it is joined to
-        np.ma.masked_all(part.places.size, np.bool_) if piece is None else piece
+        np.ma.array(np.zeros(part.places.size, np.bool_), mask=True) if piece is None else piece
         for piece, part in zip(pieces, parts, strict=True)
     ]
     if any(np.ma.isMaskedArray(piece) for piece in present):

@@ -208,7 +208,7 @@ def _hdf5_arrays(path: Path) -> Arrays:
                 f"'{name}' is a table that pandas wrote with pickled names; save it as Parquet"
                 " (`frame.to_parquet(PATH)`)"
             )
-        _check_written(name, item)
+        check_written(name, item)
         arrays.arrays[name] = item[()]
         for key in UNIT_ATTRIBUTES:
             text = item.attrs.get(key)
@@ -233,7 +233,7 @@ def _titles_of_dataset(h5py: Any, item: Any) -> list[list[str]]:
     return [[str(text) for text in titles] for titles in lists if np.ndim(titles) == 1]
 
 
-def _check_written(name: str, item: Any) -> None:
+def check_written(name: str, item: Any) -> None:
     """Refuse a data set of which a killed recorder never wrote some: HDF5 fills it up."""
     parts = item.chunks or item.shape
     needed = int(np.prod([-(-size // part) for size, part in zip(item.shape, parts, strict=True)]))

@@ -170,10 +170,10 @@ def parse_header(data: bytes) -> Header:
     is_inside = 0 < start < len(data) - 3
     processor = data[start + 3] if is_inside else 0
     if processor != INTEL:
-        name = OLD_PROCESSORS.get(processor, "an unknown")
+        name = OLD_PROCESSORS.get(processor, "unknown")
         raise InputError(
             f"its numbers are in the format of {name} processors, and only that of Intel is read;"
-            " save the trial again by a program of today, as Mokka or the laboratory's own"
+            " open it in a program of today, such as Mokka, and save it again"
         )
     try:
         return _header_of(data, start)

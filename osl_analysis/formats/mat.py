@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import AfterValidator, Field
 
-from osl_analysis.errors import InputError, not_installed
+from osl_analysis.errors import InputError, not_installed, optional_module
 from osl_analysis.formats._cells import name_and_unit
 from osl_analysis.formats._mat_values import (
     FEWEST_SAMPLES,
@@ -25,7 +25,7 @@ from osl_analysis.formats._mat_values import (
     variables_in,
     vector_of,
 )
-from osl_analysis.formats.binary_table import titles_by_width
+from osl_analysis.formats.binary_table import check_written, titles_by_width
 from osl_analysis.recording import Channel, End, Format, Loss, Recording, Rows
 from osl_analysis.source_file import LogChannel, RowTime, TableSource
 from osl_analysis.units import Unit, name_and_ending
@@ -85,6 +85,8 @@ def read(path: Path, source: MatSource | None) -> Recording:
     is_73 = begin.startswith(b"MATLAB 7.") or 2 in begin[124:126]
     end = End.WHOLE
     cut = 0 if is_73 else _end_of_whole_variables(path, begin)
+    if is_73:
+        _check_all_written(path)
     with warnings.catch_warnings(action="ignore"):  # of the library's import, and of odd objects
         if cut:
             end = End.MISSING
@@ -172,6 +174,19 @@ def _load_beginning(path: Path, end: int) -> tuple[dict[str, Any], list[str]]:
         f"the last whole variable ends at byte {end}, the file at byte {size}: its end is missing"
     )
     return raw, remarks
+
+
+def _check_all_written(path: Path) -> None:
+    """Refuse a file of version 7.3 with numbers that a killed recorder never wrote."""
+    h5py = optional_module("h5py", "a MATLAB file of version 7.3")
+
+    def visit(name: str, item: Any) -> None:
+        is_array = isinstance(item, h5py.Dataset) and item.shape and item.dtype.kind in "fiu"
+        if is_array and not name.startswith(NOT_VARIABLES) and "MATLAB_empty" not in item.attrs:
+            check_written(name.replace("/", "."), item)
+
+    with h5py.File(path, "r") as file:
+        file.visititems(visit)
 
 
 def _channels_of(listed: Sequence[Variable], part: str) -> list[Channel]:

@@ -74,6 +74,13 @@ class Writer:
         names = [f"{path} [{listing(texts, 6)}]" for path, texts in self.names.items()]
         return " and ".join(names) or f"channel {self.connection} of the recorder"
 
+    def is_other(self, other: "Writer") -> bool:
+        """Whether another publisher wrote the messages of another writer: names may lack in some
+        messages, and are others in none."""
+        shared = self.names.keys() & other.names.keys()
+        has_other_names = any(self.names[path] != other.names[path] for path in shared)
+        return self.connection != other.connection or has_other_names
+
 
 @dataclass
 class Part:
@@ -376,6 +383,8 @@ def _check_one_publisher(topic: Topic, topics: Sequence[Topic], stamp: str) -> N
         )
     of_head = {path for pair in stamp_fields(stamp) for path in pair}
     for ours, theirs in combinations(range(len(topic.writers)), 2):
+        if not topic.writers[ours].is_other(topic.writers[theirs]):
+            continue
         both = [[part for part in topic.parts if part.writer == one] for one in (ours, theirs)]
         paths = [{path for part in parts for path in part.columns} for parts in both]
         shared = [path for path in paths[0] & paths[1] - of_head if not path.startswith("header.")]

@@ -112,7 +112,8 @@ def masked_numbers(path: str, numbers: Sequence[float | bool | None]) -> NDArray
             f"field '{path}' is a truth value in some places and a number in others; name"
             " another one"
         )
-    values = np.array(filled, np.bool_ if kinds == {bool} else np.float64)
+    # truth values, or none: a masked truth value takes the type of what it is joined to
+    values = np.array(filled, np.bool_ if kinds <= {bool} else np.float64)
     if kinds == {int}:
         for kind in (np.uint64, np.int64):
             with suppress(OverflowError):

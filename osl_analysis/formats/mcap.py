@@ -72,6 +72,15 @@ class Log:
     def take_file(self, data: bytes) -> None:
         """Read the records of a file from the front, as far as they go."""
         self._take_summary(data)
+        try:
+            last = self._take_records(data)
+        except Exception:
+            _check_one_log(data)
+            raise
+        self._check_end(data, last)
+
+    def _take_records(self, data: bytes) -> int:
+        """Read the records, and give the place of the last one [bytes]."""
         chunk: Chunk | None = None
         indexed: dict[int, NDArray[np.int64]] = {}  # places in the chunk by channel
         loose: list[int] = []  # places of messages outside of chunks
@@ -80,8 +89,9 @@ class Log:
             start = position + RECORD.size
             content = data[start : start + length] if opcode != Opcode.MESSAGE else b""
             if opcode == Opcode.MESSAGE_INDEX:
-                channel, _ = INDEX_HEAD.unpack_from(content)
-                indexed[channel] = np.frombuffer(content, "<i8", offset=INDEX_HEAD.size)[1::2]
+                channel, size = INDEX_HEAD.unpack_from(content)
+                entries = np.frombuffer(content, "<i8", size // 8, INDEX_HEAD.size)
+                indexed[channel] = entries[1::2]  # behind their log times
                 continue
             self._take_chunk(chunk, indexed)
             chunk = None
@@ -97,7 +107,7 @@ class Log:
                 self._declare(opcode, content)
         self._take_chunk(chunk, indexed)
         self._take_messages(data, np.array(loose, np.int64), is_checked=False)
-        self._check_end(data, position)
+        return position
 
     def _take_summary(self, data: bytes) -> None:
         """Read what the summary declares: the chunk that declares a channel may be damaged."""
@@ -115,18 +125,13 @@ class Log:
         if self.end == End.WHOLE:
             end = last + RECORD.size + RECORD.unpack_from(data, last)[1] + len(MAGIC)
             if len(data) > end:
+                _check_one_log(data)
                 raise InputError(
                     f"ends at byte {end} and has {len(data) - end} bytes after it; keep what is"
-                    f" before them (`head -c {end}`), and if they are another log, give that a file"
-                    " and a trial of its own (`tail -c`)"
+                    f" before them (`head -c {end}`)"
                 )
             return
-        second_log = data.find(MAGIC + bytes([Opcode.HEADER]), 1)
-        if second_log > 0:
-            raise InputError(
-                f"holds two logs, the second from byte {second_log} on; split them into two files"
-                " there (`head -c`, `tail -c`) and give each a trial of its own"
-            )
+        _check_one_log(data)
         if self.statistics is not None:
             self.end = End.WHOLE
             self.remarks.append(f"behind byte {last} it cannot be read up to its summary")
@@ -251,6 +256,16 @@ class Log:
         if self.checked:
             checksums = "checked" if self.checked == self.read.total() else "mixed"
         return Loss(read, expected, self.end, by_topic, checksums, tuple(remarks))
+
+
+def _check_one_log(data: bytes) -> None:
+    """Refuse a file with a second log, which is cut off in its first or cannot be read."""
+    second_log = data.find(MAGIC + bytes([Opcode.HEADER]), 1)
+    if second_log > 0:
+        raise InputError(
+            f"holds two logs, the second from byte {second_log} on; split them into two files there"
+            " (`head -c`, `tail -c`) and give each a trial of its own"
+        )
 
 
 def _records_in(data: bytes, begin: int) -> Iterator[tuple[int, int, int]]:

@@ -22,7 +22,7 @@ from mcap.records import Schema as SchemaRecord
 from mcap.stream_reader import get_chunk_data_stream
 from numpy.typing import NDArray
 
-from osl_analysis.errors import InputError
+from osl_analysis.errors import InputError, quoted
 from osl_analysis.formats import _messages
 from osl_analysis.formats._cdr import rows_at
 from osl_analysis.formats._messages import Messages, Schema, Topic
@@ -306,10 +306,16 @@ def _two_meanings(what: str, number: int, name: str, other_name: str) -> InputEr
 
 def read(path: Path, source: MessageSource | None) -> Recording:
     """Read an MCAP file."""
+    data = path.read_bytes()
+    if not data.startswith(MAGIC):
+        raise InputError(
+            f"not an MCAP file (it begins with {quoted(data[:8])}); check the path and the source's"
+            " format"
+        )
     log = Log(_messages.wanted_fields(source), {})
-    log.take_file(path.read_bytes())
+    log.take_file(data)
     facts = {
-        "bytes": path.stat().st_size,
+        "bytes": len(data),
         "chunks": log.chunks,
         "chunks_lost": log.chunks_lost,
         "messages": log.read.total(),

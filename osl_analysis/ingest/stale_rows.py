@@ -16,7 +16,8 @@ MOST_NAMED = 5  # rows that the remarks name
 
 
 def find_stale_rows(stamps: NDArray[Any], least: float = 0.0) -> NDArray[np.int64]:
-    """Find few rows that are out of order and far from the running median of the stamps.
+    """Find few rows that are far from the running median of the stamps. A gap moves the median,
+    too: the rows beside it are near to it.
 
     Parameters
     ----------
@@ -31,15 +32,15 @@ def find_stale_rows(stamps: NDArray[Any], least: float = 0.0) -> NDArray[np.int6
         Their places, from 0; empty if no row is, or more than `LARGEST_STALE_SHARE` of them.
     """
     none = np.zeros(0, np.int64)
-    if stamps.size < MEDIAN_ROWS or (stamps[1:] >= stamps[:-1]).all():
+    if LARGEST_STALE_SHARE * stamps.size < 1:
         return none
     since_first = (stamps - stamps[0]).astype(np.float64)
-    is_late = since_first < np.maximum.accumulate(since_first)
-    is_early = since_first > np.minimum.accumulate(since_first[::-1])[::-1]
+    steps = np.abs(np.diff(since_first))
+    far = max(least, FAR_STEPS * float(np.median(steps)))
+    if not (steps > far).any():
+        return none
     usual = scipy.ndimage.median_filter(since_first, MEDIAN_ROWS, mode="mirror")
-    far = max(least, FAR_STEPS * float(np.median(np.abs(np.diff(since_first)))))
-    is_stale = (is_late | is_early) & (np.abs(since_first - usual) > far)
-    places = np.flatnonzero(is_stale)
+    places = np.flatnonzero(np.abs(since_first - usual) > far)
     return places if places.size <= LARGEST_STALE_SHARE * stamps.size else none
 
 

@@ -649,21 +649,21 @@ def held(
 
 
 def measure_dropout(examined: Examined) -> CheckResult:
-    """Largest number of leaps of the angle or the torque off its curve (`guard.find_leaps`), or of
-    places where rows are missing and the stamps go on (`guard.lost_rows`)."""
+    """Largest number of leaps of the angle or the torque off its curve (`guard.find_leaps`)."""
     trial = examined.trial
-    guarded = [one for one in ("theta", "theta_m", "torque") if one in trial.columns]
-    leaps = [find_leaps(column, *trial.arrays(column)) for column in guarded]
-    if not leaps:
+    angle = "theta" if "theta" in trial.columns else "theta_m"
+    guarded = [column for column in (angle, "torque") if column in trial.columns]
+    if not guarded:
         return not_applicable("no angle and no torque")
-    worst_leaps = max(leaps, key=lambda one: one.count)
-    if not worst_leaps.count:
+    leaps = [find_leaps(column, *trial.arrays(column)) for column in guarded]
+    most = max(leaps, key=lambda of_column: of_column.count)
+    if not most.count:
         return CheckResult(0.0)
     words = (
-        f"{worst_leaps.column} leaps {worst_leaps.count} times, first at {worst_leaps.times[0]:.3f} s:"
-        " rows were lost, doubled or joined, or a sensor failed; state `windows` without them"
+        f"{most.column} leaps {most.count} times, first at {most.times[0]:.3f} s: rows were lost or"
+        " doubled, or a sensor failed; state `windows` without them"
     )
-    return CheckResult(float(worst_leaps.count), words)
+    return CheckResult(float(most.count), words)
 
 
 def measure_unzeroed_plate(examined: Examined) -> CheckResult:

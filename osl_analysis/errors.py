@@ -1,13 +1,13 @@
 """Errors that the user can correct. Every message is one line with the cause and the remedy."""
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from difflib import get_close_matches
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 
 def printable(text: str) -> str:
@@ -74,8 +74,8 @@ class OslAnalysisError(ValueError):
     """A mistake or a limit that the user can correct.
 
     The message is made printable. Up to the first semicolon outside brackets it is the `reason`,
-    what is wrong. Behind that is the `remedy`, what to do; it may be empty. The `suspects` are
-    tried otherwise, and what helps replaces the remedy.
+    what is wrong. Behind that is the `remedy`, what to do; it may be empty. The `changes` are
+    tried, and those that help replace the remedy.
 
     Examples
     --------
@@ -86,9 +86,9 @@ class OslAnalysisError(ValueError):
     none.parquet: no such trial
     """
 
-    def __init__(self, message: str, suspects: Sequence[Suspect] = ()) -> None:
+    def __init__(self, message: str, changes: Sequence[Change] = ()) -> None:
         super().__init__(printable(message))
-        self.suspects = tuple(suspects)
+        self.changes = tuple(changes)
         self.reason, self.remedy = str(self), ""
         for found in re.finditer("; ", self.reason):
             before = self.reason[: found.start()]
@@ -106,7 +106,7 @@ def naming(what: object, behind: str = "") -> Iterator[None]:
     except OslAnalysisError as error:
         if isinstance(what, Path) and printable(str(what)) in str(error):
             raise
-        raise type(error)(f"{what}: {error}{behind}", error.suspects) from error
+        raise type(error)(f"{what}: {error}{behind}", error.changes) from error
 
 
 class InputError(OslAnalysisError):

@@ -9,7 +9,7 @@ import pytest
 import yaml
 from conftest import ROOT
 
-from osl_analysis.campaign.campaign_checks import check_campaign, check_not_used_twice
+from osl_analysis.campaign.campaign_checks import check_campaign
 from osl_analysis.campaign.campaign_trials import Campaign, open_campaign
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.commands.simulate import (

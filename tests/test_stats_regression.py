@@ -10,7 +10,6 @@ from conftest import multisine
 from scipy.signal import lfilter
 from scipy.special import stdtrit
 from scipy.stats import t as student
-from scipy.stats import ttest_ind
 
 from osl_analysis.bench.group_interval import noise_of_scores
 from osl_analysis.errors import IdentifiabilityError, InputError

@@ -14,6 +14,7 @@ from osl_analysis.bench.group_sums import gram_sums
 from osl_analysis.bench.plausibility import check_changes
 from osl_analysis.bench.record import Record
 from osl_analysis.bench.row_groups import Groups, Stratum, stretches_of
+from osl_analysis.dictionary import table_of
 from osl_analysis.errors import InputError, naming
 from osl_analysis.signals import Motion, differentiate, runs
 from osl_analysis.signals.grid import UniformSignals, uniform_signals

@@ -365,9 +365,7 @@ def write_paper_table(rows: Rows, about: Mapping[str, str], tex: Path, markdown:
     write_text(markdown, to_markdown(rows, sentence(about)))
 
 
-FITTED_ON_BENCH = {
-    facts.tables[0].name for facts in EXPERIMENTS.values() if facts.place == "bench"
-}
+FITTED_ON_BENCH = {facts.tables[0].name for facts in EXPERIMENTS.values() if facts.place == "bench"}
 """The tables of fits on the bench."""
 
 

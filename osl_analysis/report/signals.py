@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import polars as pl
+import scipy
 
 from osl_analysis.trial import Array
 
@@ -102,12 +103,19 @@ def of_recording(samples: pl.DataFrame, motion: str) -> Signals:
 def phasor_response(phasors: pl.DataFrame, fit: Mapping[str, Any]) -> pl.DataFrame:
     """The measured admittance of a stepped sine with its intervals, and that of Eq. 15 with K, B
     and I of the fit to all amplitudes."""
-    measured = phasors.select(
-        frequency="frequency_hz",
-        magnitude="Y_magnitude",
-        low="Y_magnitude_low",
-        high="Y_magnitude_high",
-        phase="Y_phase_deg",
+    part = phasors.select("Y_re", "Y_im", "Y_var_re", "Y_cov", "Y_var_im").to_numpy().T
+    along = part[:2] / np.hypot(part[0], part[1])  # direction of Y in the complex plane
+    variance = along[0] ** 2 * part[2] + 2 * along[0] * along[1] * part[3] + along[1] ** 2 * part[4]
+    t = scipy.special.stdtrit(phasors["Y_degrees_of_freedom"].to_numpy(), 0.975)
+    magnitude = np.hypot(part[0], part[1])
+    measured = pl.DataFrame(
+        {
+            "frequency": phasors["frequency_hz"],
+            "magnitude": magnitude,
+            "low": magnitude - t * np.sqrt(variance),
+            "high": magnitude + t * np.sqrt(variance),
+            "phase": np.rad2deg(np.arctan2(part[1], part[0])),
+        }
     )
     measured_hz = measured["frequency"].to_numpy()
     hz = np.geomspace(measured_hz.min(), measured_hz.max(), CURVE_POINTS)

@@ -533,7 +533,8 @@ def bundle(folder: Path, output: Path) -> None:
     from osl_analysis.commands.bundle import write_bundle
 
     check_there(folder, "folder")
-    say(f"wrote {output}, {write_bundle(folder, output)} files")
+    write_bundle(folder, output)
+    say(f"wrote {output}")
 
 
 @main.command(

@@ -1,13 +1,13 @@
 """Errors that the user can correct. Every message is one line with the cause and the remedy."""
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from difflib import get_close_matches
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 
 def printable(text: str) -> str:
@@ -58,20 +58,24 @@ def unexpected(fault: BaseException) -> str:
 
 
 @dataclass(frozen=True)
-class Suspect:
-    """What a source file may state wrongly, so that a fit is refused. The fit is tried with
-    something else in its place (`commands/remedies.py`)."""
+class Change:
+    """A change of the source file that may mend a recording. It is tried on the recording, and
+    advised where it helps (`commands/remedies.py`)."""
 
-    what: Literal["sign", "unit", "channels"]
-    columns: tuple[str, ...]  # of the trial; of `channels`, two that may be swapped
+    words: str  # what the user does
+    factors: Mapping[str, float] = field(default_factory=dict)  # of columns: a sign or a unit
+    renamed: Mapping[str, str] = field(default_factory=dict)  # columns: channels that are swapped
+    # column whose numbers may be of another unit than is declared; stands for a change per unit
+    other_unit_of: str = ""
+    rank: int = 0  # tried only where no change of a lower rank helps
 
 
 class OslAnalysisError(ValueError):
     """A mistake or a limit that the user can correct.
 
     The message is made printable. Up to the first semicolon outside brackets it is the `reason`,
-    what is wrong. Behind that is the `remedy`, what to do; it may be empty. The `suspects` are
-    tried otherwise, and what helps replaces the remedy.
+    what is wrong. Behind that is the `remedy`, what to do; it may be empty. The `changes` are
+    tried, and those that help replace the remedy.
 
     Examples
     --------
@@ -82,9 +86,9 @@ class OslAnalysisError(ValueError):
     none.parquet: no such trial
     """
 
-    def __init__(self, message: str, suspects: Sequence[Suspect] = ()) -> None:
+    def __init__(self, message: str, changes: Sequence[Change] = ()) -> None:
         super().__init__(printable(message))
-        self.suspects = tuple(suspects)
+        self.changes = tuple(changes)
         self.reason, self.remedy = str(self), ""
         for found in re.finditer("; ", self.reason):
             before = self.reason[: found.start()]
@@ -102,7 +106,7 @@ def naming(what: object, behind: str = "") -> Iterator[None]:
     except OslAnalysisError as error:
         if isinstance(what, Path) and printable(str(what)) in str(error):
             raise
-        raise type(error)(f"{what}: {error}{behind}", error.suspects) from error
+        raise type(error)(f"{what}: {error}{behind}", error.changes) from error
 
 
 class InputError(OslAnalysisError):

@@ -563,7 +563,7 @@ def read_summary(folder: File = "results") -> pl.DataFrame:
     Raises
     ------
     InputError
-        There is no summary, it is damaged, or of a newer release.
+        There is no summary, it is damaged, or of another release.
 
     Examples
     --------

@@ -25,11 +25,11 @@ FORMULA = r"^(['=+@\t\r]|-[A-Za-z(])"
 # columns that are text even if every entry looks like a number, such as a trial named `01`
 TEXT_COLUMNS = (
     "trial", "controller", "branch", "quantity", "estimator", "check", "unit", "verdict", "remark",
-    "reason", "excluded", "panel", "curve", "interval_method", "doubtful", "experiment", "model",
-    "motion", "group", "gait", "direction", "subject", "session", "side", "speed", "pooled",
-    "series", "group_stated", "not_checked", "excitation", "desired", "loading", "method", "joint",
+    "reason", "excluded", "panel", "curve", "interval_method", "doubtful", "model",
+    "motion", "group", "direction", "subject", "session", "side", "speed", "different", "doubt",
+    "series", "not_checked", "excitation", "desired", "loading", "method", "joint",
     "data", "chosen", "trajectory", "table", "grade",
-    "name", "cause", "inherited", "evidence", "says", "size", "remedy", "reaction", "fault",
+    "name", "cause", "inherited", "evidence", "says", "size", "remedy", "fault",
     "fault_family", "explanations", "widened_because",
 )  # fmt: skip
 # columns that identify a row of a table and of its evidence

@@ -45,9 +45,8 @@ COLUMNS: dict[str, str] = {
     "K_1": "N*m/rad",  # stiffness gain that the leg applied at the actuator output
     "B_1": "N*m*s/rad",  # damping gain that the leg applied at the actuator output
     "sync": "V",  # synchronisation pulse train, shared by the recorders
-    # trigger of the perturbation platform, or command of another perturbing device; rests otherwise
+    # trigger of the perturbation platform
     "trigger": "V",
-    "load": "N",  # vertical force of the ground on the foot, for heel strike and toe-off
 }
 
 AXES = ("x", "y", "z")

@@ -1,5 +1,4 @@
-"""Ankle impedance of a walking person, from perturbed and unperturbed crossings (Fig. 9).
-"""
+"""Ankle impedance of a walking person, from perturbed and unperturbed crossings (Fig. 9)."""
 
 WALKED = {trial: PLACES[trial] for trial in CAMPAIGN.trials("walking")}
 """Joint and side of every crossing."""
@@ -157,7 +156,6 @@ rule summarise_walking:
     output:
         output="<results>/tables/walking_summary.csv",
         responses="<results>/tables/walking_responses.csv",
-        excluded="<results>/tables/walking_excluded.csv",
         groups="<results>/tables/walking_groups.csv",
     log:
         "<logs>/walking/summary.log",

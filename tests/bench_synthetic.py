@@ -94,5 +94,3 @@ def table_of(record):
 def second_order(motion: Motion):
     """Eq. 15."""
     return 200 * motion.theta + 4 * motion.omega + 0.05 * motion.alpha
-
-

@@ -1,4 +1,4 @@
-"""C3D files byte by byte, independent of every reader: Intel, DEC or MIPS, floats or integers, any
+"""C3D files byte by byte, independent of every reader: floats or integers, any
 parameters."""
 
 import struct
@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
+INTEL = 84  # its code
 REAL_DATA = Path(__file__).parents[2] / "shared" / "real_data"
 
 
 def write_c3d(
     path: Path, points: np.ndarray, analogs: np.ndarray | None = None, rate: float = 100.0,
-    integers: bool = False,
-    processor: int = 84, **parameters: object,
+    integers: bool = False, **parameters: object,
 ) -> Path:  # fmt: skip
     """Write raw points (frames, points, xyz and residual) and analogs (samples, channels);
     parameters `GROUP__NAME`."""
@@ -31,64 +31,46 @@ def write_c3d(
         "FORCE_PLATFORM__USED": np.array([0]),
     }  # fmt: skip
     known["POINT__DATA_START"] = np.array([0])
-    data_start = 2 + len(parameter_section({**known, **parameters}, processor)) // 512
+    data_start = 2 + len(parameter_section({**known, **parameters})) // 512
     known["POINT__DATA_START"] = np.array([data_start])
-    section = parameter_section({**known, **parameters}, processor)
+    section = parameter_section({**known, **parameters})
     counts = np.array([points.shape[1], analogs.shape[1] * ratio, 1, min(len(points), 65535), 0])
-    header = (
-        bytes([2, 0x50])
-        + integers_of(counts, processor)
-        + reals_of(known["POINT__SCALE"], processor)
-    )
-    header += integers_of(np.array([data_start, ratio]), processor) + reals_of(
-        np.array([rate]), processor
-    )
+    header = bytes([2, 0x50]) + integers_of(counts) + reals_of(known["POINT__SCALE"])
+    header += integers_of(np.array([data_start, ratio])) + reals_of(np.array([rate]))
     frames = np.hstack([points.reshape(len(points), -1), analogs.reshape(len(points), -1)])
-    data = integers_of(frames, processor) if integers else reals_of(frames, processor)
+    data = integers_of(frames) if integers else reals_of(frames)
     content = header.ljust(512, b"\0") + section + data
     path.write_bytes(content.ljust(-(-len(content) // 512) * 512, b"\0"))
     return path
 
 
-def parameter_section(parameters: dict[str, object], processor: int) -> bytes:
+def parameter_section(parameters: dict[str, object]) -> bytes:
     """Groups first, then their parameters, padded to blocks of 512 bytes."""
     groups = list(dict.fromkeys(name.split("__")[0] for name in parameters))
-    records = [
-        record(-number, group, b"\0", processor) for number, group in enumerate(groups, start=1)
-    ]
+    records = [record(-number, group, b"\0") for number, group in enumerate(groups, start=1)]
     for name, value in parameters.items():
         group, own = name.split("__")
-        records.append(
-            record(groups.index(group) + 1, own, content(value, processor) + b"\0", processor)
-        )
+        records.append(record(groups.index(group) + 1, own, content(value) + b"\0"))
     body = b"".join(records) + b"\0\0"
     blocks = -(-(len(body) + 4) // 512)
-    return (bytes([1, 0x50, blocks, processor]) + body).ljust(blocks * 512, b"\0")
+    return (bytes([1, 0x50, blocks, INTEL]) + body).ljust(blocks * 512, b"\0")
 
 
-def integers_of(values: np.ndarray, processor: int) -> bytes:
-    """16-bit integers, signed or not, as the processor stores them."""
-    return (
-        (np.asarray(values).astype(np.int64) % 65536)
-        .astype(">u2" if processor == 86 else "<u2")
-        .tobytes()
-    )
+def integers_of(values: np.ndarray) -> bytes:
+    """16-bit integers, signed or not."""
+    return (np.asarray(values).astype(np.int64) % 65536).astype("<u2").tobytes()
 
 
-def reals_of(values: np.ndarray, processor: int) -> bytes:
-    """32-bit reals as the processor stores them; DEC's have the halves swapped and an exponent
-    larger by two."""
-    if processor != 85:
-        return np.asarray(values).astype(">f4" if processor == 86 else "<f4").tobytes()
-    return np.asarray(values * 4.0).astype("<f4").view("<u2").reshape(-1, 2)[:, ::-1].tobytes()
+def reals_of(values: np.ndarray) -> bytes:
+    return np.asarray(values).astype("<f4").tobytes()
 
 
-def record(group: int, name: str, rest: bytes, processor: int) -> bytes:
-    step = integers_of(np.array([2 + len(rest)]), processor)
+def record(group: int, name: str, rest: bytes) -> bytes:
+    step = integers_of(np.array([2 + len(rest)]))
     return struct.pack("bb", len(name), group) + name.encode() + step + rest
 
 
-def content(value: object, processor: int) -> bytes:
+def content(value: object) -> bytes:
     if isinstance(value, list):
         length = max([len(text) for text in value], default=1) or 1
         joined = b"".join(text.encode("latin-1").ljust(length) for text in value)
@@ -97,5 +79,5 @@ def content(value: object, processor: int) -> bytes:
         return struct.pack("bBB", 1, 1, len(value)) + value
     array = np.asarray(value)
     whole, flat = array.dtype.kind == "i", array.ravel(order="F")
-    stored = integers_of(flat, processor) if whole else reals_of(flat.astype(float), processor)
+    stored = integers_of(flat) if whole else reals_of(flat.astype(float))
     return struct.pack("bB", 2 if whole else 4, array.ndim) + bytes(array.shape) + stored

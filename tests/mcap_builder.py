@@ -60,11 +60,9 @@ def write_log(
 def write_topics(
     path: Path,
     topics: dict[str, tuple[str, str, Messages]],
-    sequences: list[int] | None = None,
     **options: Any,
 ) -> Path:
-    """Topics one after the other; `#2` ends the name of a topic's second channel; `sequences`
-    number the messages."""
+    """Topics one after the other; `#2` ends the name of a topic's second channel."""
     with path.open("wb") as file:
         writer = Writer(file, **{"compression": CompressionType.ZSTD, **options})
         writer.start(profile="ros2")
@@ -78,7 +76,7 @@ def write_topics(
                     log_time,
                     encode(fields),
                     log_time,
-                    sequences[row] if sequences else row,
+                    row,
                 )
         writer.finish()
     return path

@@ -274,7 +274,7 @@ def test_a_stiffness_unlike_k_d_is_doubtful_where_gains_are_not_known(factor, si
     row = judged("impedance", changed("impedance", torque=factor), asked=asked)
     assert row["K_over_K_d"] == pytest.approx(factor, rel=0.02)
     assert row["beyond"].get("K_over_K_d") == side
-    assert row["doubtful"].partition("; ")[0] == ("stiffness unlike K_d" if side else "")
+    assert row["doubtful"].partition("; ")[0] == ("unlikely size" if side else "")
 
 
 @pytest.mark.parametrize(

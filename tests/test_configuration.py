@@ -179,8 +179,6 @@ def test_a_configuration_that_cannot_be_run_is_one_line_before_any_job(
     ("walking.markers.foot", ["A", "B", "A"], "foot: 'A' stands twice"),
     ("walking.plate", 99, "one force plate; write 1"),
     ("walking.markers.foot", ["A", "B", "PLAT1"], "markers: 'PLAT1' stands twice"),
-    ("walking",
-     {"group_by": ["side"], "pool": ["side"]}, "group_by: group_by and pool share a condition"),
     ("dynamometer.cutoff_hz", 5, "cutoff_hz = 5 takes out some of frequencies_hz"),
     ("dynamometer.amplitudes_deg", [70], "amplitudes_deg goes beyond largest_angle = 1.2 rad"),
     ("dynamometer.windows", "2-30 20-40", "windows: .* overlap, or are not in the order of time"),

@@ -124,7 +124,7 @@ OF_GAIT = {
 def test_unstated_settings_make_no_finding_on_sound_gait(tmp_path, with_default):
     own, _ = with_default(OF_GAIT)
     config, turned = read_config(own), Walk(0.4)
-    walks = several("u", 8, Walk()) | several("up", 4, turned) | several("down", 4, turned, sign=-1)
+    walks = several("u", 8, Walk()) | several("up", 8, turned)
     (tmp_path / "crossings").mkdir()
     for trial, walk in walks.items():
         write_crossing(walked(trial, walk), tmp_path / f"crossings/{trial}.parquet")

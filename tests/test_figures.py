@@ -74,7 +74,7 @@ CAMS = [f"both_cams_{5 * number:02d}mm" for number in range(11)]
 PLOTTED = {
     "fig4": time_series, "torque": time_series, "fig7": response_table,
     "torque_angle": torque_angle_table,
-    "fig9": lambda: fig9_points(340.0, commanded_B=4.5),
+    "fig9": lambda: fig9_points(340.0),
     "gain_grid": lambda: stored("impedance").select("K_d", "B_d", B_1_joint=pl.col("K") / 9),
     "response": lambda: response.points(stored("response")),
 }  # fmt: skip
@@ -125,14 +125,9 @@ def walking_fits(n=31, group="all"):
     return pl.DataFrame(rows | {"I": 1e-3 * number, "group": group, "doubtful": doubtful})
 
 
-def over_stance(commanded_B=None):
-    """What a trajectory commands of the one group."""
-    return pl.DataFrame({"group": "all", "quantity": ["K", "B"], "commanded": [345.0, commanded_B]})
-
-
-def fig9_points(commanded_K=None, summary=None, commanded_B=None):
+def fig9_points(commanded_K=None, summary=None):
     table = stored("walking_summary") if summary is None else summary
-    return fig9.points(table, walking_fits(), over_stance(commanded_B), commanded_K)
+    return fig9.points(table, walking_fits(), commanded_K)
 
 
 def fits_with_ranges():
@@ -369,9 +364,7 @@ LETTERING = [
     ("fig6", None, {"doubtful": NOTE}, ["48 fits of 16 trials", "Open"], []), ("fig6", None, {}, [],
      ["Open"]),
     ("walking_page", None, {}, ["Unperturbed ($n$ = 7)", "Mean response", "± SD"],
-     ["Doubtful fit", "Toes"]),
-    ("walking_page", None, {"curve": pl.col("curve").replace("perturbed", "perturbed down")},
-     ["Toes down", "Half of up minus down"], ["Perturbed", "Mean response"]),
+     ["Doubtful fit"]),
     ("torque_angle", lambda: twice(torque_angle_table()), {}, [], ["both cams 15mm"]),
     ("response", lambda: conditions_of(2), {},
      ["Open: doubtful", "(a) $K_d$ = 300, $B_d$ = 5\nadaptive", "(b) adaptive"], ["t1"]),
@@ -524,7 +517,7 @@ def test_fig6_shows_fits_over_all_amplitudes_where_there_are_no_others():
      "no perturbation has a fit"),
 ])  # fmt: skip
 def test_a_table_without_what_a_figure_shows_is_refused(name, table, message):
-    beside = {"fig7": [[]], "fig9": [walking_fits(0), over_stance()]}.get(name, [])
+    beside = {"fig7": [[]], "fig9": [walking_fits(0)]}.get(name, [])
     with pytest.raises(InputError, match=message):
         drawing_of(name).points(table, *beside)
 
@@ -582,7 +575,7 @@ def three_groups():
 def test_fig9_shows_every_group_with_a_result_and_what_it_was_commanded():
     summary, fits = three_groups()
 
-    table = fig9.points(summary, fits, over_stance(), 340.0)
+    table = fig9.points(summary, fits, 340.0)
 
     panel, _, lowest = fig9.draw(table).axes
     estimates = [line.get_ydata()[0] for line in panel.lines if line.get_marker() == "s"]
@@ -593,17 +586,12 @@ def test_fig9_shows_every_group_with_a_result_and_what_it_was_commanded():
     assert groups == ["$K_d$ 200 (31)", "$K_d$ 400 (31)"]
 
 
-def test_the_sheet_s_command_goes_before_the_trajectory_s_and_the_campaign_s():
-    summary, fits = three_groups()
-    unstated = summary.with_columns(commanded=pl.lit(None, pl.Float64))
-    trajectory = pl.DataFrame({"group": ["K_d 400"], "quantity": ["K"], "commanded": [390.0]})
+def test_the_sheet_s_command_goes_before_the_campaign_s():
     sheet = stored("walking_summary").with_columns(commanded=pl.lit(200.0))
 
     def commanded(table):
         return table.filter(pl.col("commanded").is_not_null(), quantity="K")["commanded"].unique()
 
-    by_trajectory = fig9.points(unstated, fits, trajectory, 340.0)
-    assert commanded(by_trajectory).to_list() == [390.0]
     assert commanded(fig9_points(340.0)).to_list() == [340.0]
     assert commanded(fig9_points(340.0, sheet)).to_list() == [200.0]
 

@@ -95,17 +95,6 @@ def test_data_sets_of_one_group_and_length_share_rows_and_single_numbers_are_not
     assert_signals(recording, "run/angle", "run/torque [Nm]")
 
 
-def test_what_was_never_written_is_no_value(tmp_path: Path) -> None:
-    with h5py.File(tmp_path / "a.h5", "w") as file:
-        killed = file.create_dataset("torque", (40,), "f8", chunks=(10,))
-        killed[:20] = 1.0
-        file["angle"] = np.arange(40.0)
-
-    values = numbers(formats.read(tmp_path / "a.h5"), "torque")
-
-    assert np.isnan(values).tolist() == [False] * 20 + [True] * 20
-
-
 def test_a_part_of_an_archive_that_does_not_match_its_checksum_is_refused(tmp_path: Path) -> None:
     path = write_frame(tmp_path / "a.npz")
     content = bytearray(path.read_bytes())

@@ -176,48 +176,14 @@ def test_of_a_long_text_about_the_first_rows_are_listed_and_all_are_read(tmp_pat
 LVM = "LabVIEW Measurement\t\nX_Columns\tOne\nMulti_Headings\tYes\n***End_of_Header***\t\n\n"
 
 
-def segments(count: int = 4, names: str = "X_Value\tAngle\tTorque\tComment") -> str:
-    """The table in segments with a header each."""
-    text = LVM
-    size = TIME.size // count
-    for begin in range(0, size * count, size):
-        text += (
-            f"Channels\t2\t\nSamples\t{size}\t{size}\t\nY_Unit_Label\tdeg\tNm\t\n"
-            f"X0\t{TIME[begin]:.6E}\t{TIME[begin]:.6E}\t\nDelta_X\t0.002\t0.002\t\n"
-            f"***End_of_Header***\t\t\t\n{names}\n"
-        )
-        for k in range(begin, begin + size):
-            text += f"{TIME[k]:.6f}\t{ANGLE[k]:.9f}\t{TORQUE[k]:.9f}\t\n"
-        text += "\n"
-    return text
+def test_a_labview_file_of_several_segments_is_refused_with_the_setting_of_labview(
+    tmp_path: Path,
+) -> None:
+    segment = "Channels\t2\t\n***End_of_Header***\t\nX_Value\tAngle\tTorque\n0.0\t1.0\t2.0\n\n"
 
+    said = refusal(tmp_path, LVM + 3 * segment, "a.lvm")
 
-def test_the_segments_of_a_labview_file_are_one_table(tmp_path: Path) -> None:
-    recording = read(tmp_path, segments(), "a.lvm")
-
-    np.testing.assert_allclose(column(recording, "X_Value"), TIME, atol=1e-6)
-    np.testing.assert_allclose(column(recording, "Torque"), TORQUE, atol=1e-9)
-    assert [one.unit for one in recording.channels[:3]] == ["", "deg", "Nm"]
-    assert "3 headers of further segments stand among its rows, and are left out" in (
-        recording.loss.remarks
-    )
-
-
-def test_the_lines_of_later_segments_keep_their_numbers(tmp_path: Path) -> None:
-    text = segments()
-    rows = read(tmp_path, text, "a.lvm").channels[0].rows
-    last_line = max(k for k, line in enumerate(text.splitlines(), start=1) if line)
-
-    assert rows.lines is not None
-    assert rows.lines[-1] == last_line
-
-
-def test_segments_with_other_channels_are_refused(tmp_path: Path) -> None:
-    other = segments(1, "X_Value\tAngle\tForce\tComment").removeprefix(LVM)
-
-    assert "a segment has other channels than the first one" in refusal(
-        tmp_path, segments(2) + other, "a.lvm"
-    )
+    assert "a header for each of its 3 segments; choose `Segment Headers: One header only`" in said
 
 
 def test_a_word_for_the_unit_of_time_is_its_unit(tmp_path: Path) -> None:

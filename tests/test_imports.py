@@ -96,7 +96,8 @@ SLOW = (
 
 
 @pytest.mark.parametrize(("modules", "more"), [
-    ("cli", ["numpy", "polars", "pandas", "pydantic", "ruamel"]), ("trial table", ["pandas", "pydantic", "scipy"]),
+    ("cli", ["numpy", "polars", "pandas", "pydantic", "ruamel"]),
+    ("trial table", ["pandas", "pydantic", "scipy"]),
     ("notebook commands.run commands.simulate"
      " commands.bench commands.fit commands.walking commands.walking_summary", []),
 ])  # fmt: skip

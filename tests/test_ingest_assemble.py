@@ -554,37 +554,10 @@ def test_a_part_of_a_matlab_file_is_a_trial_of_its_own(write, tmp_path):
 @MATLAB
 def test_what_cannot_be_a_log_is_refused_by_its_variable(write, tmp_path):
     for torque, message in (
-        (TORQUE[1:],
-         "torque has 39 numbers and t has 40, "
-         "and no one vector of time of its length is beside it; "),
+        (TORQUE[1:], "torque has 39 numbers and angle has 40: save channels of one length, as"),
         ("broken", "torque is a 1x6 char, not real numbers"), (TORQUE + 1j, "torque is a "),
     ):  # fmt: skip
         assert message in refused_mat(write(tmp_path / "a.mat", **{**LOG, "torque": torque}))
-
-
-@MATLAB
-@pytest.mark.parametrize("in_structs", [True, False])
-def test_two_devices_in_one_file_are_read_by_the_vector_of_time_of_each(
-    write, in_structs, tmp_path
-):
-    late = TIME[:-7] + 0.0013  # of the torque's device, in ms
-    drive, cell = {"t_s": TIME, "angle": ANGLE}, {"t_cell_ms": 1e3 * late, "moment": TORQUE[:-7]}
-    path = write(
-        tmp_path / "a.mat", **({"drive": drive, "cell": cell} if in_structs else drive | cell)
-    )
-    at, of_cell = ("drive.", "/cell.") if in_structs else ("", "")
-    source = f"format: mat\nclock: master\ntime: {{variable: {at}t_s, unit: s}}\nchannels:\n"
-    source += (
-        f'  theta: {{variable: {at}angle, unit: rad}}\n  torque: {{variable: "{of_cell}moment",'
-        ' unit: "N*m"}\n'
-    )
-    (tmp_path / "s.yaml").write_text(source)
-    read = read_converted(path, read_source(tmp_path / "s.yaml"))
-    own = read.samples.drop_nulls("torque")
-    np.testing.assert_allclose(own["time"], late - TIME[0], atol=1e-9)
-    np.testing.assert_allclose(own["torque"], TORQUE[:-7])
-    np.testing.assert_allclose(read.samples.drop_nulls("theta")["theta"], ANGLE)
-    assert not [one for one in read.warnings if "has no value" in one], "two clocks are no damage"
 
 
 @MATLAB
@@ -612,25 +585,3 @@ def test_the_draft_of_several_trials_is_of_one_and_fits_the_other(write, tmp_pat
     read = read_converted(path, read_source(tmp_path / "mine.yaml").of_part("Fast"))
     np.testing.assert_allclose(read.samples["theta"], ANGLE)
     np.testing.assert_allclose(read.samples["time"], TIME, atol=1e-12)
-
-
-@MATLAB
-@pytest.mark.parametrize("timed", [True, False])
-def test_signals_that_simulink_logged_one_by_one_are_one_recording_in_the_draft(
-    write, timed, tmp_path
-):
-    def logged(values, time):
-        own = {"values": values.reshape(-1, 1), "label": ""}
-        return {"time": time.reshape(-1, 1) if timed else np.zeros((0, 0)), "signals": own}
-
-    time = {} if timed else {"tout": TIME.reshape(-1, 1)}
-    variables = {"angle": logged(ANGLE, TIME), "torque": logged(TORQUE, TIME)}
-    text = draft_source(
-        inspect_file(write(path := tmp_path / "a.mat", **time, **variables)), path.name
-    )
-    assert all(f'"{name}.signal_1_1"' in text for name in variables)
-    assert 'time: {"variable": "' + ("angle.time" if timed else "tout") in text
-    assert "log_part" not in text
-    if timed:  # two recordings are no one
-        apart = {**variables, "torque": logged(TORQUE, TIME + 0.5)}
-        assert "log_part" in draft_source(inspect_file(write(path, **apart)), path.name)

@@ -2,7 +2,6 @@
 is refused."""
 
 import re
-import struct
 from pathlib import Path
 from typing import Any
 
@@ -208,7 +207,7 @@ def test_an_absurd_header_a_pointer_past_a_record_or_other_counts_are_refused(
     for place, value, problem in (
         (16, b"\0\0", "the data begin at byte -512, within the header"),
         (12, b"\0\0\0\0", "the scale of the points is 0"), (8, b"\0\0", "declares 0 frames"),
-        (0, b"\0", "processor of an unknown type"),
+        (0, b"\0", "in the format of unknown processors"),
         (0, b"\x89MCAP0\r\n", "is mcap, its source file says c3d"),
         (at + 4, b"\1\0", "damaged C3D file"), (at + 4,
          (20000).to_bytes(2, "little"), "damaged C3D file"),
@@ -226,15 +225,6 @@ def test_an_absurd_header_a_pointer_past_a_record_or_other_counts_are_refused(
     for name, count in (("POINT__USED", 3), ("ANALOG__USED", 2)):
         write_c3d(path, points(200), analogs(800), **{name: np.array([9])})
         assert f"the header counts {count}, {name.replace('__', ':')} is 9" in refused(path)
-    whole = write_c3d(path, points(200), analogs(800)).read_bytes()
-    path.write_bytes(whole[:12] + struct.pack("<f", 1.0) + whole[16:])
-    assert (
-        "the scale is 1 in the header, -0.1 in POINT:SCALE (above 0: integers), and its"
-        in refused(path)
-    )
-    # another size of reals says nothing
-    write_c3d(path, points(200), analogs(800), POINT__SCALE=np.array([-1.0]))
-    assert formats.read(path).loss.share == 0
 
 
 @pytest.mark.parametrize(("stated_hz", "is_told"), [(360.0, True), (400.1, False)])
@@ -342,7 +332,11 @@ def test_the_baseline_that_is_asked_for_is_subtracted(tmp_path: Path, zero: obje
 REFERENCE = REAL_DATA / "reference" / "force_plate.csv"
 ROWS = pl.read_csv(REFERENCE) if REFERENCE.exists() else pl.DataFrame({"file": [], "plate": []})
 PLATES, RANDOM = (
-    sorted(set(zip(ROWS["file"], ROWS["plate"], strict=True))),
+    sorted(
+        (file, plate)
+        for file, plate in set(zip(ROWS["file"], ROWS["plate"], strict=True))
+        if not file.startswith("c3dorg_s10")
+    ),
     np.random.default_rng(3),
 )
 FORCE, MOMENT = RANDOM.normal(0, 300, (20, 3)), RANDOM.normal(0, 40, (20, 3))
@@ -659,6 +653,11 @@ def test_real_exports_are_read_as_they_are_written(path: Path) -> None:
 C3D = REAL_DATA / "c3d"
 needs_real_data = pytest.mark.skipif(not C3D.is_dir(), reason="real data are not here")
 UNREADABLE = ["Optotrak_truncated_29_of_1149.c3d", "s18_bad_parameter_section.c3d"]
-MISREAD_BY_EZC3D = ["Eb015si.c3d", "mac_s11_evart_types3344.c3d", "bts_561xxa01_anonym.C3D"]
-REAL_FILES = sorted(p for p in C3D.glob("*") if p.stat().st_size > 1024) if C3D.is_dir() else []
+MISREAD_BY_EZC3D = ["bts_561xxa01_anonym.C3D"]
+DEC_OR_MIPS = re.compile(r"Eb015[sv]|c3dorg_s10|mac_s11")  # which are refused
+REAL_FILES = sorted(
+    path
+    for path in C3D.glob("*")
+    if path.stat().st_size > 1024 and not DEC_OR_MIPS.match(path.name)
+)
 READ_BY_EZC3D = [path for path in REAL_FILES if path.name not in (*UNREADABLE, *MISREAD_BY_EZC3D)]

@@ -55,19 +55,17 @@ def joint_log(path: Path, topic: str = "/joints", **options: Any) -> Path:
     return write_log(path, log, JOINTS + HEADER, "sensor_msgs/msg/JointState", topic, **options)
 
 
-def test_messages_are_listed_by_field_with_type_rate_and_gaps(
+def test_messages_are_listed_by_field_with_rate_and_gaps(
     tmp_path: Path,
 ) -> None:
     path = joint_log(tmp_path / "a.mcap", chunk_size=1000)
     overview = module.inspect_file(path)
-    assert {channel.address["field"]: (channel.type,
-        channel.likely_unit) for channel in overview.channels} == {
-        **dict.fromkeys(["position[name=knee]", "position[name=left ankle]"], ("float64[2]",
-        "rad")),
-        "bias[0]": ("float32[3]", ""),
-    }  # fmt: skip
+    assert {one.address["field"]: one.likely_unit for one in overview.channels} == {
+        **dict.fromkeys(["position[name=knee]", "position[name=left ankle]"], "rad"),
+        **dict.fromkeys(["bias[0]", "bias[1]", "bias[2]"], ""),
+    }
     text, gaps = module.overview_text(overview), "50 samples at 100 Hz; 1 gaps, the longest 0.510 s"
-    assert f"field          /joints position[name=left ankle]  {gaps}; float64[2]" in text
+    assert f"field          /joints position[name=left ankle]  {gaps}" in text
     draft = draft_source(overview, "a.mcap")
     assert "effort" not in draft
     kept = [line for line in draft.splitlines() if "NAME_" not in line or "NAME_2" in line]
@@ -159,7 +157,7 @@ def test_every_real_file_is_listed_or_refused_in_a_sentence(path: Path) -> None:
         "Empty.c3d",
         "Optotrak_truncated_29_of_1149.c3d",
         "s18_bad_parameter_section.c3d",
-    }:
+    } or re.match(r"Eb015[sv]|c3dorg_s10|mac_s11", path.name):  # of DEC or MIPS
         with pytest.raises(InputError, match=path.name):
             module.inspect_file(path)
         return

@@ -1,112 +1,143 @@
-"""What a source file states wrongly is tried otherwise before it is advised."""
+"""Remedies of refused trials are tried on the recording before they are printed."""
 
 import numpy as np
 import polars as pl
 import pytest
 
+from osl_analysis.bench.fit_tables import FitTables
+from osl_analysis.bench.identifiability import check_told
 from osl_analysis.commands.fit import fit_settings, run_fit
 from osl_analysis.commands.remedies import fit_or_advise
-from osl_analysis.errors import InputError, Suspect
+from osl_analysis.errors import Change, IdentifiabilityError, InputError
 from osl_analysis.files import default_config
 from osl_analysis.trial import Trial
 
-RATE = 100.0
-SWAP = {"theta": "torque", "torque": "theta"}
+RATE = 200.0
 
 
-def slow_cycles():
-    """A spring of 40 N*m/rad that is moved in a sine of 0.1 Hz, and rests before and after it."""
+def cycles_of_spring():
+    """A spring of 40 N*m/rad that is moved in a sine of 0.1 Hz, and rests before and behind it."""
     time = np.arange(0, 40, 1 / RATE)
-    theta = 0.3 * np.sin(0.2 * np.pi * np.clip(time - 5.0, 0.0, 30.0))
+    theta = 0.3 * np.sin(0.2 * np.pi * (np.clip(time, 5.0, 35.0) - 5.0))
     torque = 40 * theta + 0.01 * np.random.default_rng(2).standard_normal(time.size)
-    return pl.DataFrame({"time": time, "theta": theta, "torque": torque})
+    return {"time": time, "theta": theta, "torque": torque}
 
 
-def fast_motion():
-    """A joint of 150 N*m/rad that is moved by sines of 0.7 to 4.7 Hz."""
-    time = np.arange(0, 20, 1 / 200)
-    motion = np.zeros((3, time.size))
-    for hz, size in {0.7: 0.03, 1.9: 0.02, 3.1: 0.01, 4.7: 0.01}.items():
+def joint():
+    """A joint of 150 N*m/rad that is moved by four sines."""
+    time = np.arange(0, 26, 1 / RATE)
+    amplitudes = {0.7: 0.03, 1.9: 0.02, 3.1: 0.01, 4.7: 0.01}
+    torque = 0.03 * np.random.default_rng(6).standard_normal(time.size)
+    theta = np.zeros(time.size)
+    for hz, size in amplitudes.items():
         w = 2 * np.pi * hz
-        motion += [size * w**n * np.sin(w * time + hz + n * np.pi / 2) for n in range(3)]
-    torque = np.array([150, 2.4, 0.02]) @ motion
-    torque += 0.03 * np.random.default_rng(6).standard_normal(time.size)
-    return pl.DataFrame({"time": time, "theta": motion[0], "torque": torque})
+        angle = size * np.sin(w * time + hz)
+        theta += angle
+        torque += (150 - 0.02 * w**2) * angle + 2.4 * w * size * np.cos(w * time + hz)
+    return {"time": time, "theta": theta, "torque": torque}
 
 
 def clamped_actuator():
     """A clamped actuator of 0.8 N*m/A whose current is stepped."""
     rng = np.random.default_rng(4)
-    current = np.repeat([0.0, 1, -1, 2, -2, 3, -3, 4, -4, 2], 200)
-    torque = 0.8 * current + 0.01 * rng.standard_normal(current.size)
-    measured = current + 0.01 * rng.standard_normal(current.size)
+    current = np.repeat([0.0, 1, -1, 2, -2, 3, -3, 4, -4, 2], 400)
     time = np.arange(current.size) / RATE
-    return pl.DataFrame({"time": time, "current": measured, "torque_m": torque})
+    measured = current + 0.01 * rng.standard_normal(time.size)
+    torque = 0.8 * current + 0.01 * rng.standard_normal(time.size)
+    return {"time": time, "current": measured, "torque_m": torque}
 
 
-RECORDINGS = {
-    "torque_angle": slow_cycles(), "impedance": fast_motion(), "actuator": clamped_actuator(),
-}  # fmt: skip
+def turned(column):
+    return lambda signals: signals | {column: -signals[column]}
 
 
-@pytest.mark.parametrize(("experiment", "column", "factor", "remedy"), [
-    ("torque_angle", "torque", -1.0,
-     "turn the `sign` of the torque, or of all angles, in the source file: K 40 ± "),
-    ("torque_angle", "theta", 180 / np.pi,
-     "state `unit: deg` of theta in the source file: K 40 ± "),
-    ("torque_angle", "torque", 1e3, "state `unit: N*mm` of torque in the source file: K 40 ± "),
-    ("impedance", "time", 1e-3,
-     "take a 1000 times larger `unit` of `time` (s for ms) in the source file: K 150 ± "),
-    ("actuator", "torque_m", -1.0,
-     "turn the `sign` of current in the source file: k_tau_n_m 0.8 "),
+def times(column, factor):
+    return lambda signals: signals | {column: factor * signals[column]}
+
+
+def swapped(signals):
+    return signals | {"theta": signals["torque"], "torque": signals["theta"]}
+
+
+SIGN = "turn the `sign` of the torque, or of all angles, in the source file: K"
+SWAP = "swap the channels of theta and torque in the source file: K 150"
+
+
+@pytest.mark.parametrize(("experiment", "recording", "fault", "remedy"), [
+    ("torque_angle", cycles_of_spring, turned("torque"), f"{SIGN} 40"),
+    ("torque_angle", cycles_of_spring, turned("theta"), f"{SIGN} 40"),
+    ("torque_angle", cycles_of_spring, times("theta", 180 / np.pi),
+     "state `unit: deg` of theta in the source file: K 40"),
+    ("torque_angle", cycles_of_spring, times("torque", 1000.0),
+     "state `unit: N*mm` of torque in the source file: K 40"),
+    ("impedance", joint, turned("torque"), f"{SIGN} 150"),
+    ("impedance", joint, times("theta", 180 / np.pi),
+     "state `unit: deg` of theta in the source file: K 150"),
+    ("impedance", joint, times("theta", 1000.0),
+     "state `unit: mrad` of theta in the source file: K 150"),
+    ("impedance", joint, times("torque", 1000.0),
+     "state `unit: N*mm` of torque in the source file: K 150"),
+    ("impedance", joint, swapped, SWAP),
+    ("actuator", clamped_actuator, turned("current"),
+     "turn the `sign` of current in the source file: k_tau_n_m 0.8"),
 ])  # fmt: skip
-def test_a_wrong_sign_or_unit_is_named_by_the_refusal(experiment, column, factor, remedy):
-    recorded = RECORDINGS[experiment].with_columns(pl.col(column) * factor)
+def test_the_remedy_of_a_refused_trial_is_what_makes_it_fit(experiment, recording, fault, remedy):
     settings, _ = fit_settings(experiment, default_config())
+    wrong = Trial("wrong", pl.DataFrame(fault(recording())))
 
     with pytest.raises(InputError) as refused:
-        run_fit(experiment, Trial("a", recorded), None, settings)
+        run_fit(experiment, wrong, None, settings)
 
     assert refused.value.remedy.startswith(remedy)
 
 
-def test_each_sign_that_may_be_wrong_is_named():
-    recorded = RECORDINGS["actuator"].with_columns(-pl.col("torque_m"))
+def test_a_clamped_actuator_does_not_tell_whose_sign_is_wrong():
     settings, _ = fit_settings("actuator", default_config())
-
-    with pytest.raises(InputError, match="; or turn the `sign` of torque_m in the source file"):
-        run_fit("actuator", Trial("a", recorded), None, settings)
-
-
-def test_swapped_channels_are_named_by_the_refusal():
-    settings, _ = fit_settings("impedance", default_config())
+    wrong = Trial("wrong", pl.DataFrame(turned("torque_m")(clamped_actuator())))
 
     with pytest.raises(InputError) as refused:
-        run_fit("impedance", Trial("a", RECORDINGS["impedance"].rename(SWAP)), None, settings)
+        run_fit("actuator", wrong, None, settings)
 
-    swap = "swap the channels of theta and torque in the source file: K 150 "
-    assert refused.value.remedy.startswith(swap)
+    assert "turn the `sign` of current in" in refused.value.remedy
+    assert "or turn the `sign` of torque_m in" in refused.value.remedy
 
 
-@pytest.mark.parametrize(("estimates", "is_advised"), [
-    ({"K_low": 30.0, "K_high": 50.0}, True),
-    ({"K_low": -10.0, "K_high": 50.0}, False),  # not told from 0
-    ({"B_high": -1.0}, False),
-    ({"K_over_K_d": 6.0}, False),
-    ({"K_ratio": 0.1}, False),
-])  # fmt: skip
-def test_only_a_possible_estimate_is_advised(estimates, is_advised):
-    row = {"K": 40.0, "K_se": 1.0, "K_low": 38.0, "K_high": 42.0} | estimates
+def mean_as_stiffness(trial, K_d=None):
+    """A fit whose K is the mean angle, to 2 N*m/rad."""
+    K = trial.samples["theta"].mean()
+    if K < 0:
+        changes = [Change("turn theta", {"theta": -1.0}), Change("take mrad", {"theta": 1e-3})]
+        raise InputError("the mean is negative; do something", changes)
+    row = {"K": K, "K_se": 1.0, "K_low": K - 2, "K_high": K + 2, "VAF": 99.0}
+    return FitTables({"impedance": pl.DataFrame([row | {"K_over_K_d": K_d and K / K_d}])})
 
-    def fit(trial):
-        if trial.samples["torque"][0] < 0:
-            raise InputError("it is negative; do something", [Suspect("sign", ("torque",))])
-        return {"impedance": pl.DataFrame([row])}
 
-    trial = Trial("a", pl.DataFrame({"time": [0.0, 1.0], "torque": [-1.0, -1.0]}))
+def constant_angle(value):
+    return Trial("a", pl.DataFrame({"time": [0.0, 1.0], "theta": [value, value]}))
+
+
+def test_a_change_is_advised_with_what_it_gives():
     with pytest.raises(InputError) as refused:
-        fit_or_advise(fit, {"trial": trial})
+        fit_or_advise(mean_as_stiffness, constant_angle(-8.0))
 
-    assert refused.value.reason == "it is negative"
-    assert ("turn the `sign`" in refused.value.remedy) == is_advised
-    assert (refused.value.remedy == "do something") != is_advised
+    assert str(refused.value) == "the mean is negative; turn theta: K 8 ± 2 N·m/rad"
+
+
+@pytest.mark.parametrize(("value", "K_d"), [(-1.0, None), (-6.0, 1.0)], ids=["not told", "K_d"])
+def test_a_change_that_gives_an_impossible_estimate_is_not_advised(value, K_d):
+    with pytest.raises(InputError) as refused:
+        fit_or_advise(mean_as_stiffness, constant_angle(value), K_d=K_d)
+
+    assert refused.value.remedy == "do something"
+
+
+@pytest.mark.parametrize(("K", "tried"), [(200.0, []), (11_000.0, ["theta", "torque"])])
+def test_of_a_narrow_band_units_are_tried_where_no_joint_is_so_stiff(K, tried):
+    w = 2 * np.pi * 2.0
+    time = np.arange(0, 20, 1 / RATE)
+    motion = np.array([0.02 * w**n * np.sin(w * time + n * np.pi / 2) for n in range(3)])
+
+    with pytest.raises(IdentifiabilityError) as refused:
+        check_told("made", (2.0, 2.1), motion, K * 0.014, (K, 0.1), 0.01)
+
+    assert [change.other_unit_of for change in refused.value.changes] == tried

@@ -276,7 +276,7 @@ def test_what_cannot_be_used_is_listed_and_the_rest_goes_on(real: Session, tmp_p
 
     tables = session.summarised()
 
-    listed = dict(tables["excluded"].select("trial", "reason").iter_rows())
+    listed = dict(tables["selection"].drop_nulls("reason").select("trial", "reason").iter_rows())
     assert list(listed) == [blind, still, elsewhere, cut]
     assert "foot markers cannot be followed" in listed[blind]
     assert "does not turn, but the sheet says perturbed" in listed[still]

@@ -148,7 +148,6 @@ def run_jobs(
         unperturbed=gait,
         output=folder / "summary.csv",
         responses=folder / "responses.csv",
-        excluded=folder / "excluded.csv",
         groups=folder / "groups.csv",
         plate=folder / "plate.json",
     )

@@ -207,11 +207,11 @@ def check_prompt(
     lag_s = float(SOUGHT_LAGS_S[np.argmin(left)])
     if left.min() < FAR_BETTER * left[is_now]:
         found = "negative" if k_tau_n_m < 0 else f"{k_tau_n_m:.3g} N*m/A"
-        late = "current" if lag_s > 0 else f"torque_m, or of torque_m and {moved}"
+        late = "current" if lag_s > 0 else f"torque_m, or of torque_m and {moved},"
         raise InputError(
             f"k_tau_n_m is {found}, and the current fits far better {1e3 * abs(lag_s):.0f} ms"
-            f" {'earlier' if lag_s > 0 else 'later'}; measure the delays of the channels, or state"
-            f" `delay: {1e3 * abs(lag_s):.0f} ms` of {late} in the source file"
+            f" {'earlier' if lag_s > 0 else 'later'}; state `delay: {1e3 * abs(lag_s):.0f} ms` of"
+            f" {late} in the source file"
         )
 
 

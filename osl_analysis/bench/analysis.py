@@ -14,7 +14,7 @@ from osl_analysis.bench.effects import Model, noise_of_angle, plain_sums, with_e
 from osl_analysis.bench.fit_tables import Series, timebase_table
 from osl_analysis.bench.group_fit import GroupFit, fit_groups
 from osl_analysis.bench.group_sums import Sums
-from osl_analysis.bench.identifiability import TAKE_TORQUE_ANGLE, check_moves, check_told
+from osl_analysis.bench.identifiability import STIFFNESS_ALONE, check_moves, check_told
 from osl_analysis.bench.leg_belt import Fault
 from osl_analysis.bench.plausibility import check_stiffer
 from osl_analysis.bench.record import Record
@@ -251,8 +251,7 @@ def fitted_motion(
         analysis = analysed(record, sums, model, sums_of)
     except IdentifiabilityError as error:
         missing = missing_band(record, moving_s, error)
-        remedy = f"{missing}, or {TAKE_TORQUE_ANGLE}"
-        raise IdentifiabilityError(f"trial {record.name}: {remedy}") from error
+        raise IdentifiabilityError(f"trial {record.name}: {missing}, {STIFFNESS_ALONE}") from error
     if not record.is_stepped_sine:
         fit = with_error_of_inertia(analysis)
         analysis = replace(analysis, fits={None: fit})

@@ -281,4 +281,3 @@ def is_delay_stated(record: Record) -> bool:
     streams = record.uniform.streams if record.uniform else ()
     stated = [stream["delay_s"] for stream in streams]
     return record.calibration.delay > 0 or any(stated)
-

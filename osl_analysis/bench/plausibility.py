@@ -8,12 +8,15 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.bench.bench_settings import BenchStiffness
-from osl_analysis.errors import InputError, Suspect
+from osl_analysis.errors import Change, InputError
 from osl_analysis.measured import check_measured
 from osl_analysis.model.drivetrain import DrivetrainParameters
 from osl_analysis.trial import Array
 from osl_analysis.units import known_factor
 
+TURN_TORQUE = Change(
+    "turn the `sign` of the torque, or of all angles, in the source file", {"torque": -1.0}
+)
 BELT_TOLERANCE = 1.1  # times K_s of the parameter file, above which no motor renders a K
 RENDERED = (0.94, 1.06)
 """K without friction over that of linear theory, from and to which a sound leg renders it. Legs of
@@ -39,7 +42,7 @@ def check_resists(trial: str, symbol: str, value: float, high: float | None = No
         raise InputError(
             f"trial {trial}: {symbol} = {value:.4g} is negative, so the torque drives the motion"
             " instead of resisting it; check the channels of torque and angle in the source file",
-            [Suspect("sign", ("torque",))],
+            [TURN_TORQUE],
         )
 
 
@@ -109,7 +112,10 @@ def check_drives(row: Mapping[str, Any]) -> None:
     raise InputError(
         f"trial {row['trial']}: {', '.join(estimates)}: no actuator has these signs; check the"
         f" channels of {', '.join(columns)} in the source file",
-        [Suspect("sign", (column,)) for column in columns],
+        [
+            Change(f"turn the `sign` of {column} in the source file", {column: -1.0})
+            for column in columns
+        ],
     )
 
 
@@ -207,6 +213,5 @@ def check_softer_than_belt(trial: str, K: float, K_s: float, predicted: float | 
     raise InputError(
         f"trial {trial}: K = {K:.4g} N*m/rad is larger than the belt's K_s = {K_s:g} of the"
         " parameter file, which no motor behind the belt can render; it is"
-        f" {ratio:.3g} times {reference}: {remedy} in the source file",
-        [Suspect("unit", ("theta",)), Suspect("unit", ("torque",))],
+        f" {ratio:.3g} times {reference}: {remedy} in the source file"
     )

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from osl_analysis.bench.bench_settings import ImpedanceAnalysis, SteppedSineAnalysis
-from osl_analysis.bench.identifiability import TAKE_TORQUE_ANGLE
+from osl_analysis.bench.identifiability import STIFFNESS_ALONE
 from osl_analysis.bench.record import Record, conditioned, joint_angle
 from osl_analysis.bench.row_groups import Groups, cycles_of, periods_of, stretches_of
-from osl_analysis.errors import IdentifiabilityError, InputError, OslAnalysisError, Suspect
+from osl_analysis.errors import Change, IdentifiabilityError, InputError, OslAnalysisError
 from osl_analysis.measured import visible_step
 from osl_analysis.signals import LowPass, Motion, filtered_angle, runs
 from osl_analysis.signals.grid import (
@@ -33,6 +33,10 @@ LINES_UP_TO = 1.5  # cut-offs up to which lines of a periodic motion are sought
 SPECTRUM_S = 8.0  # s; longest piece of a spectrum
 OUTSIDE_BAND = 0.01  # share of the power that lies below, or above, a band
 LARGE_DEG = 1.0  # deg, beyond the noise of any encoder
+SMALLER_UNITS_OF_TIME = (
+    Change("take a 1000 times smaller `unit` of `time` (ms for s)", {"time": 1e-3}),
+    Change("take a million times smaller `unit` of `time` (us for s)", {"time": 1e-6}),
+)
 NOT_MOVED = "the joint does not move; check the channel of theta in the source file"
 
 
@@ -108,10 +112,10 @@ def record_of_trial(
             record = replace(record, with_other_stamps=second)
     except (InputError, IdentifiabilityError) as error:
         words = said_of_noise(known, signals.rate_hz) or str(error)
-        suspects: Sequence[Suspect] = error.suspects
+        changes: Sequence[Change] = error.changes
         if is_auto and not is_other and not said_of_noise(known, signals.rate_hz):
-            words, suspects = said_of_motion(error, known, signals)
-        raise type(error)(f"trial {trial.name}: {words}", suspects) from error
+            words, changes = said_of_motion(error, known, signals)
+        raise type(error)(f"trial {trial.name}: {words}", changes) from error
     if is_auto and not is_other:
         check_is_sine(trial.name, known)
     assert record.uniform is not None
@@ -190,20 +194,19 @@ def said_of_noise(known: Likeness, rate_hz: float) -> str:
 
 def said_of_motion(
     error: OslAnalysisError, known: Likeness, signals: UniformSignals
-) -> tuple[str, Sequence[Suspect]]:
+) -> tuple[str, Sequence[Change]]:
     """The words of an error of a motion whose kind was to be read from the recording, with the
-    cause if it is known, and what may be stated wrongly."""
+    cause if it is known, and what may mend it."""
     degrees = np.rad2deg(np.ptp(signals["theta"]))
     if known.moves:
         words = f"{error}; {advice_if_no_sine(known)}" if known.kind == "unclear" else str(error)
-        return words, error.suspects
+        return words, error.changes
     if degrees > LARGE_DEG:
         return (
             f"the joint moves too slowly: of {degrees:.3g} deg, theta changes by no more than"
             f" {100 * stepped_sine.MOVING_SHARE:g} % within {stepped_sine.BIN_S:g} s, at"
-            f" {signals.rate_hz:.3g} rows per second; move it by 0.5 to 6 Hz, or"
-            f" {TAKE_TORQUE_ANGLE}"
-        ), [Suspect("unit", ("time",))]
+            f" {signals.rate_hz:.3g} rows per second; move it by 0.5 to 6 Hz, {STIFFNESS_ALONE}"
+        ), SMALLER_UNITS_OF_TIME
     words = (
         f"the joint does not move: theta turns by {degrees:.3g} deg in all; check the channel and"
         " the unit of theta in the source file, and that this is the recording of the trial"

@@ -19,9 +19,9 @@ from osl_analysis.bench.bench_settings import TorqueAngleAnalysis
 from osl_analysis.bench.branch_curve import branch_curve, straight_line
 from osl_analysis.bench.fit_tables import Series, timebase_table
 from osl_analysis.bench.loop_cycles import RESTS, Cycle, Cycles, between_rests, find_cycles
-from osl_analysis.bench.plausibility import check_changes, check_stiffer
+from osl_analysis.bench.plausibility import TURN_TORQUE, check_changes, check_stiffer
 from osl_analysis.bench.record import joint_angle
-from osl_analysis.errors import InputError, Suspect, naming
+from osl_analysis.errors import Change, InputError, naming
 from osl_analysis.signals.grid import UniformSignals, uniform_signals
 from osl_analysis.stats.regression import variance_accounted_for
 from osl_analysis.stats.table_rows import Row
@@ -227,7 +227,7 @@ def common_angles_deg(
             f"of the grid's angles {len(steps)} lie within the motion ({low_deg:.2f} to"
             f" {high_deg:.2f} deg), expected {FEWEST_ANGLES} or more; lower angle_step_deg from"
             f" {step_deg:g} deg to {(high_deg - low_deg) / (2 * FEWEST_ANGLES):.2g} deg or less",
-            [Suspect("unit", ("theta",))],
+            [Change("", other_unit_of="theta")],
         )
     return np.asarray(steps * step_deg, dtype=np.float64)
 
@@ -250,8 +250,8 @@ def place_of_zero(theta: Array, rate_hz: float, settings: TorqueAngleAnalysis) -
     others = [place for place in (*ASSUMED_ZEROS, "none") if place != stated]
     raise InputError(
         f"the joint does not rest at the {stated} of the recording: the angle moves by"
-        f" {np.rad2deg(moved):.2g} deg in {settings.rest_s:g} s; record a rest there, or"
-        f" write torque_angle.zero: {' or '.join(others)}"
+        f" {np.rad2deg(moved):.2g} deg in {settings.rest_s:g} s; record a rest there, or write"
+        f" torque_angle.zero: {' or '.join(others)}"
     )
 
 
@@ -274,7 +274,7 @@ def check_moves(bench_theta: Array, settings: TorqueAngleAnalysis) -> None:
             f"the angle moves by {range_deg:.3g} deg in all, expected"
             f" {settings.smallest_motion_deg:g} deg or more (smallest_motion_deg); check the"
             " channel of theta and its unit in the source file",
-            [Suspect("unit", ("theta",))],
+            [Change("", other_unit_of="theta")],
         )
 
 
@@ -304,7 +304,7 @@ def check_followed(trial: TorqueAngleTrial) -> None:
         raise InputError(
             f"K = {slope:.4g} N*m/rad is negative, so the torque drives the motion instead of"
             " resisting it; check the channels of torque and angle in the source file",
-            [Suspect("sign", ("torque",))],
+            [TURN_TORQUE],
         )
 
 

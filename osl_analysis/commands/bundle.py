@@ -14,12 +14,11 @@ from osl_analysis.commands.simulate import TRUTH
 from osl_analysis.commands.tables import read_summary
 from osl_analysis.files import CAMPAIGN, atomic_path, config_here
 
-SUMS = "SHA256SUMS"
 # of the results; a run makes the others again
 PUBLISHED = ("tables", "figures", "report.html", "summary.json", "numbers.tex", "methods.*")
 
 
-def write_bundle(folder: Path, output: Path) -> int:
+def write_bundle(folder: Path, output: Path) -> None:
     """Write a campaign with its results as a ZIP file, which `osl-analysis run` analyses again
     wherever it is unpacked.
 
@@ -30,11 +29,6 @@ def write_bundle(folder: Path, output: Path) -> int:
     output : Path
         Holds configuration, sheet, source and parameter files, recordings, results, and
         `SHA256SUMS` of all of them, which `sha256sum -c` checks.
-
-    Returns
-    -------
-    int
-        Number of files that `SHA256SUMS` lists.
 
     Raises
     ------
@@ -59,12 +53,12 @@ def write_bundle(folder: Path, output: Path) -> int:
         with ZipFile(path, "w", ZIP_DEFLATED, strict_timestamps=False) as archive:
             with archive.open(CAMPAIGN.name, "w") as config_in_archive:
                 YAML().dump(content, config_in_archive)
-            for name, file in sorted(files.items()):
+            for name, file in files.items():
                 archive.write(file, name)
-            names = archive.namelist()
-            sums = [f"{sha256(archive.read(name)).hexdigest()}  {name}\n" for name in names]
-            archive.writestr(SUMS, "".join(sums))
-    return len(names)
+            sums = [
+                f"{sha256(archive.read(name)).hexdigest()}  {name}\n" for name in archive.namelist()
+            ]
+            archive.writestr("SHA256SUMS", "".join(sums))
 
 
 def inputs_of(campaign: Campaign, content: Any) -> dict[str, Path]:

@@ -61,12 +61,15 @@ def compare_campaigns(folders: Sequence[Path], output: Path) -> Comparison:
     numbers_of_b = {number.name: number for number in numbers_in_summary(b)}
     rows = []
     cells = [["quantity", "A", "B", "B - A", "unit"]]
-    for number in numbers_in_summary(a):
-        if number.name in numbers_of_b:
-            row = compared(number, numbers_of_b[number.name])
-            rows.append(row)
-            texts = [number_text(row, name) for name in ("A", "B", "difference")]
-            cells.append([number.meaning, *texts, number.unit])
+    for of_a in numbers_in_summary(a):
+        of_b = numbers_of_b.get(of_a.name)
+        if of_b is None or of_a.verdict:  # claims have texts and limits of their own
+            continue
+        row = compared(of_a, of_b)
+        rows.append(row)
+        ends = row.get("difference_low"), row.get("difference_high")
+        difference = written(row["difference"], *ends)
+        cells.append([of_a.meaning, of_a.text, of_b.text, difference, of_a.unit])
     if not rows:
         raise InputError(
             f"{folders[0]} and {folders[1]}: nothing to compare, they have no quantity of the same"
@@ -96,11 +99,6 @@ def compared(a: Number, b: Number) -> dict[str, Any]:
         half = math.hypot(*halves)
         row.update(difference_low=difference - half, difference_high=difference + half)
     return row
-
-
-def number_text(row: Mapping[str, Any], name: str) -> str:
-    """A number of a row with its interval."""
-    return written(row[name], row.get(f"{name}_low"), row.get(f"{name}_high"))
 
 
 def differing_settings(a: Mapping[str, str], b: Mapping[str, str]) -> list[str]:

@@ -31,11 +31,11 @@ def job_of(experiment: str) -> FitJob:
     return fit
 
 
-def function_of(job: FitJob) -> Callable[..., FitTables | Mapping[str, pl.DataFrame]]:
+def function_of(job: FitJob) -> Callable[..., FitTables]:
     """The function of `commands` that a job of a fit names."""
     module_name, _, function_name = job.job.partition(".")
     module = import_module(f"osl_analysis.commands.{module_name}")
-    fit: Callable[..., FitTables | Mapping[str, pl.DataFrame]] = getattr(module, function_name)
+    fit: Callable[..., FitTables] = getattr(module, function_name)
     return fit
 
 
@@ -106,8 +106,7 @@ def run_fit(
         arguments["condition"] = condition
     if job.windows:
         arguments["windows"] = windows
-    tables = fit_or_advise(function_of(job), arguments)
-    return tables if isinstance(tables, FitTables) else FitTables(tables)
+    return fit_or_advise(function_of(job), trial, **arguments)
 
 
 def fit_trial(

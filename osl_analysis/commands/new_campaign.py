@@ -47,7 +47,6 @@ from osl_analysis.ingest.likely_column import named_joint
 from osl_analysis.ingest.overview import FEWEST_READINGS, Overview
 from osl_analysis.ingest.placeholders import UNKNOWN
 from osl_analysis.measured import unusual
-from osl_analysis.signals.plateaus import FEWEST_PLATEAUS
 from osl_analysis.yaml_settings import read_mapping
 
 COLUMNS = (
@@ -331,7 +330,7 @@ def trials_of(described: Sequence[Described], sources: Mapping[str, str]) -> lis
             moved[one.file] = "torque_angle" if one.log.is_slow else "impedance"
         elif one.log is not None and one.source in actuators:
             moved[one.file] = "actuator"
-    files = joined_actuators(described, moved)
+    files = [(one.file, one.source, one.log is None) for one in described]
     trials = draft_trials(files, moved, has_fixed_plates(described))
     named: dict[str, set[str]] = {}
     for one in described:
@@ -353,48 +352,6 @@ def has_fixed_plates(described: Sequence[Described]) -> bool:
     has_plates = any(channel.kind == "plate" for channel in channels)
     markers = [channel for channel in channels if channel.kind == "marker"]
     return has_plates and not any(segment_of(one.key)[1] == "platform" for one in markers)
-
-
-def joined_actuators(
-    described: Sequence[Described], moved: dict[Path, str]
-) -> list[tuple[Path, str, bool]]:
-    """The recordings to draft trials of: those of one clamped actuator, in a log for each of its
-    currents, are one, whose name has a `*`. `moved` gets its experiment."""
-    addresses: dict[str, dict[str, Mapping[str, str]]] = {}
-    for one in described:
-        if one.log is not None and one.log.sure("current") is not None:
-            guesses = zip(one.log.signals, one.log.guesses, strict=True)
-            of_log = {guess.column: channel.address for channel, guess in guesses if guess.is_sure}
-            addresses.setdefault(one.source, {}).update(of_log)
-    groups: dict[tuple[Path, str], list[Path]] = {}
-    for one in described:
-        if moved.get(one.file) != "actuator" or one.log is None:
-            continue
-        if one.log.holds_few_currents(addresses.get(one.source, {})):
-            groups.setdefault((one.file.parent, one.source), []).append(one.file)
-    joined: dict[Path, Path] = {}
-    for (folder, _), files in groups.items():
-        pattern = pattern_of([file.name for file in files])
-        alike = [one for one in described if one.file.match(str(folder / pattern))]
-        if len(files) >= FEWEST_PLATEAUS and len(alike) == len(files):
-            joined.update(dict.fromkeys(files, folder / pattern))
-            moved[folder / pattern] = "actuator"
-    recordings = [
-        (joined.get(one.file, one.file), one.source, one.log is None) for one in described
-    ]
-    return list(dict.fromkeys(recordings))
-
-
-def pattern_of(names: Sequence[str]) -> str:
-    """The shared begin and end of names, with a `*` between."""
-    first = min(names, key=len)
-    begin = 0
-    while begin < len(first) and len({name[begin] for name in names}) == 1:
-        begin += 1
-    end = 0
-    while end < len(first) - begin and len({name[-1 - end] for name in names}) == 1:
-        end += 1
-    return f"{first[:begin]}*{first[len(first) - end :]}"
 
 
 def has_columns(source: str, *columns: str) -> bool:
@@ -591,8 +548,8 @@ def unaligned_clocks(folder: Path, draft: Draft) -> Iterator[str]:
 
 
 def campaign_text(folder: Path, draft: Draft) -> str:
-    """What is to be decided first, what the recordings were taken for, and the next command that can
-    succeed."""
+    """What is to be decided first, what the recordings were taken for, and the next command that
+    can succeed."""
     questions = left_to_decide(folder, draft)
     lines: list[str] = []
     if questions:

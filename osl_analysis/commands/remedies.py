@@ -1,147 +1,125 @@
-"""Remedies that are tried on the recording before they are printed.
+"""Remedies of a refused trial, tried on its recording before they are printed.
 
-A refused fit is made again, in memory, with a sign, a unit or a channel that its source file may
-state wrongly. What makes it pass is the remedy, with what it gives. This costs time only where a
-fit is refused.
+A wrong sign, unit or channel refuses a fit. The error names the changes of the source file that may
+mend it (`errors.Change`); those with which the trial can be fitted become its remedy.
 """
 
-import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any, TypeVar
+from dataclasses import dataclass, replace
+from itertools import groupby
+from typing import Any
 
 import polars as pl
 
 from osl_analysis.bench.fit_tables import FitTables
 from osl_analysis.commands.estimates import estimated, interval_text, printed_units
-from osl_analysis.errors import OslAnalysisError, Suspect
-from osl_analysis.signals.grid import origin, with_stamp_evidence
-from osl_analysis.trial import Trial, unit_of
-from osl_analysis.units import si_factor
+from osl_analysis.errors import Change, OslAnalysisError
+from osl_analysis.ingest.examine import in_other_units
+from osl_analysis.signals.grid import with_stamp_evidence
+from osl_analysis.trial import Trial
 
-CONFUSED_UNITS = {"rad": ("rad", "deg", "mrad"), "N*m": ("N*m", "N*mm", "N*cm")}
-"""By SI unit, the most usual ones first."""
-POSSIBLE = (0.5, 1.5)  # K over the stated or predicted one, of a recording that is read rightly
+FITS_WORSE = 2.0  # times what the best change leaves of the torque, from which one is no remedy
+LEAST_UNEXPLAINED = 1e-6  # percent of the torque's variance; less is rounding
+USUAL_OF_K_D = (0.5, 1.5)  # K over the stated K_d, beyond which a change is no remedy
 
-T = TypeVar("T")  # the tables of a fit
+FitOfTrial = Callable[..., FitTables]
 
 
 @dataclass(frozen=True)
-class Change:
-    """A change of the source file, as the user writes it and as it changes the recording."""
+class Outcome:
+    """A change, and the row that the fit to all data then has."""
 
-    words: str
-    factors: Mapping[str, float]  # of columns
-    renamed: Mapping[str, str] = field(default_factory=dict)  # new names of columns
+    change: Change
+    row: Mapping[str, Any]
+
+    @property
+    def unexplained(self) -> float:
+        """What the fit leaves of the torque's variance [percent]."""
+        return max(100.0 - float(self.row["VAF"]), LEAST_UNEXPLAINED)
+
+    @property
+    def text(self) -> str:
+        """What to do, and the first estimate that it gives."""
+        name = estimated(self.row)[0]
+        value = self.row[name]
+        ends = interval_text(value, self.row.get(f"{name}_low"), self.row.get(f"{name}_high"))
+        parts = [f"{name} {value:.3g}", ends, printed_units()[name]]
+        return f"{self.change.words}: {' '.join(filter(None, parts))}"
 
 
-OTHER_TIMES = (
-    Change("take a 1000 times larger `unit` of `time` (s for ms)", {"time": 1e3}),
-    Change("take a 1000 times smaller `unit` of `time` (ms for s)", {"time": 1e-3}),
-    Change("take a million times smaller `unit` of `time` (us for s)", {"time": 1e-6}),
-)
-
-
-def fit_or_advise(fit: Callable[..., T], arguments: Mapping[str, Any]) -> T:
-    """Run the fit of a trial, and look for a remedy where it is refused.
+def fit_or_advise(fit: FitOfTrial, trial: Trial, **arguments: Any) -> FitTables:
+    """Fit a trial; where it is refused, try the changes that the error names.
 
     Parameters
     ----------
     fit : callable
-        The fit of an experiment, as in `commands/bench.py`.
-    arguments : Mapping
-        What it takes, by name, with the `trial`.
-
-    Returns
-    -------
-    FitTables or Mapping
-        What the fit gives.
+        The job of an experiment.
+    trial : Trial
+    **arguments
+        Its other arguments, by name.
 
     Raises
     ------
     OslAnalysisError
-        The fit is refused. Changes of the source file that make it pass are the error's remedy.
+        The fit is refused. Its remedy is what makes the trial fit, where a change does.
     """
     try:
-        return fit(**arguments)
+        return fit(trial=trial, **arguments)
     except OslAnalysisError as error:
-        remedies = []
-        for suspect in error.suspects:
-            remedies += remedy_for(suspect, fit, arguments)
-        if not remedies:
+        helpful = helpful_changes(fit, trial, arguments, error.changes)
+        if not helpful:
             raise
-        raise type(error)(f"{error.reason}; {'; or '.join(remedies)}") from error
+        remedy = "; or ".join(outcome.text for outcome in helpful)
+        raise type(error)(f"{error.reason}; {remedy}") from error
 
 
-def remedy_for(
-    suspect: Suspect, fit: Callable[..., Any], arguments: Mapping[str, Any]
-) -> list[str]:
-    """The first change of a suspect with which a fit passes, and what it gives; none where none
-    helps."""
-    trial = arguments["trial"]
-    for change in changes_of(trial, suspect):
-        try:
-            tables = fit(**{**arguments, "trial": changed(trial, change)})
-        except OslAnalysisError:
-            continue
-        by_name = tables.estimates if isinstance(tables, FitTables) else tables
-        whole = next(iter(by_name.values())).row(-1, named=True)
-        if is_possible(whole):
-            return [f"{change.words} in the source file: {first_estimate(whole)}"]
+def helpful_changes(
+    fit: FitOfTrial, trial: Trial, arguments: Mapping[str, Any], changes: Sequence[Change]
+) -> list[Outcome]:
+    """The changes of the lowest rank with which the trial can be fitted to possible estimates, and
+    about as well as with the best of them."""
+    expanded: list[Change] = []
+    for change in changes:
+        column = change.other_unit_of
+        expanded += in_other_units(trial, [column]) if column else [change]
+    expanded.sort(key=lambda change: change.rank)
+    for _, of_rank in groupby(expanded, key=lambda change: change.rank):
+        outcomes = [outcome_of(fit, trial, arguments, change) for change in of_rank]
+        possible = [outcome for outcome in outcomes if outcome and is_possible(outcome.row)]
+        if possible:
+            most = FITS_WORSE * min(outcome.unexplained for outcome in possible)
+            return [outcome for outcome in possible if outcome.unexplained <= most]
     return []
 
 
-def changes_of(trial: Trial, suspect: Suspect) -> Sequence[Change]:
-    """What else the source file may mean, the most usual first."""
-    columns = suspect.columns
-    if suspect.what == "sign":
-        turned = "the torque, or of all angles," if columns == ("torque",) else columns[0]
-        return [Change(f"turn the `sign` of {turned}", dict.fromkeys(columns, -1.0))]
-    if suspect.what == "channels":
-        angle, torque = columns
-        swapped = {angle: torque, torque: angle}
-        words = f"swap the channels of {angle} and {torque}"
-        in_deg = f"state `unit: deg` of {angle}, and {words}"
-        return [Change(words, {}, swapped), Change(in_deg, {angle: math.radians(1)}, swapped)]
-    return OTHER_TIMES if columns == ("time",) else other_units(trial, columns)
-
-
-def other_units(trial: Trial, columns: Sequence[str]) -> list[Change]:
-    """Take the numbers of columns to be of another unit than they are declared in."""
-    si_unit = unit_of(columns[0])
-    declared = float(origin(trial, columns[0]).get("factor", 1))
-    changes: list[Change] = []
-    for unit in CONFUSED_UNITS[si_unit]:
-        factor = si_factor(unit, si_unit) / declared
-        if not math.isclose(factor, 1):
-            words = f"state `unit: {unit}` of {' and '.join(columns)}"
-            changes.append(Change(words, dict.fromkeys(columns, factor)))
-    return changes
+def outcome_of(
+    fit: FitOfTrial, trial: Trial, arguments: Mapping[str, Any], change: Change
+) -> Outcome | None:
+    """What the fit gives with a change; None where it is refused."""
+    try:
+        tables = fit(trial=changed(trial, change), **arguments)
+    except OslAnalysisError:
+        return None
+    table = next(iter(tables.estimates.values()))
+    return Outcome(change, table.row(-1, named=True))
 
 
 def changed(trial: Trial, change: Change) -> Trial:
-    """The recording as it is with a change of its source file."""
-    columns = [pl.col(name) * factor for name, factor in change.factors.items()]
-    samples = trial.samples.rename(dict(change.renamed)).with_columns(columns)
-    trial = replace(trial, samples=samples, clocks={})
-    return with_stamp_evidence(trial) if "time" in change.factors else trial
+    """The recording with columns that are renamed, or multiplied by a factor."""
+    samples = trial.samples.rename(dict(change.renamed))
+    samples = samples.with_columns(pl.col(name) * by for name, by in change.factors.items())
+    recording = replace(trial, samples=samples, clocks={})
+    return with_stamp_evidence(recording) if "time" in change.factors else recording
 
 
 def is_possible(row: Mapping[str, Any]) -> bool:
-    """Whether a fit gives what a joint can have: a stiffness that is told from 0, no negative
-    damping, and a K near the stated or predicted one."""
+    """Whether a fit gives what a joint can have: a stiffness that is told from 0 and near a stated
+    K_d, and no negative damping."""
     first = estimated(row)[0]
-    low, high = row.get(f"{first}_low"), row.get(f"{first}_high")
-    if first in ("K", "K_s") and low is not None and high is not None and low <= 0 <= high:
+    low = row.get(f"{first}_low")
+    if first in ("K", "K_s") and low is not None and low <= 0:
         return False
-    ratio = row.get("K_over_K_d") or row.get("K_ratio") or 1.0
-    least, most = POSSIBLE
-    return (row.get("B_high") or 0.0) >= 0 and least <= ratio <= most
-
-
-def first_estimate(row: Mapping[str, Any]) -> str:
-    """The first estimate of a fit with its interval and unit."""
-    name = estimated(row)[0]
-    interval = interval_text(row[name], row.get(f"{name}_low"), row.get(f"{name}_high"))
-    words = (name, f"{row[name]:.3g}", interval, printed_units().get(name, ""))
-    return " ".join(filter(None, words))
+    if (row.get("B_high") or 0.0) < 0:
+        return False
+    of_K_d = row.get("K_over_K_d")
+    return of_K_d is None or USUAL_OF_K_D[0] <= of_K_d <= USUAL_OF_K_D[1]

@@ -24,9 +24,9 @@ from osl_analysis.report.numbers import headline_sentences, numbers_in_summary
 from osl_analysis.report.page import Page, ShownFigure, trial_view, written_page
 from osl_analysis.report.paper_tables import conditions, groups
 from osl_analysis.report.signals import (
+    ISOLATED,
     Signals,
     of_fit,
-    of_perturbation,
     of_recording,
     phasor_response,
 )
@@ -165,7 +165,7 @@ def signals_of(
             return replace(signals, response=phasor_response(tables["phasors"], fit))
         return signals
     if "walking_responses" in tables:
-        return of_perturbation(tables["walking_responses"])
+        return of_fit(tables["walking_responses"], motion, ISOLATED)
     for recording in (files.crossings.get(trial), files.trials.get(trial)):
         if recording is not None:
             columns = pl.read_parquet_schema(recording)

@@ -331,9 +331,10 @@ def write_summary(
         ],
         "settings": settings or {},
     }
+    remarks = missing_lines(content, reasons=False)
     with atomic_path(summary_json) as json_path, atomic_path(numbers_tex) as tex_path:
         json_path.write_text(to_json(about, numbers, content), encoding="utf-8")
-        tex_path.write_text(macros_tex(about, numbers), encoding="utf-8")
+        tex_path.write_text(macros_tex(about, numbers, remarks), encoding="utf-8")
 
 
 def write_conditions(table: Path, about: Mapping[str, str], tex: Path, markdown: Path) -> None:
@@ -364,9 +365,7 @@ def write_paper_table(rows: Rows, about: Mapping[str, str], tex: Path, markdown:
     write_text(markdown, to_markdown(rows, sentence(about)))
 
 
-FITTED_ON_BENCH = {
-    facts.tables[0].name for facts in EXPERIMENTS.values() if facts.place == "bench"
-}
+FITTED_ON_BENCH = {facts.tables[0].name for facts in EXPERIMENTS.values() if facts.place == "bench"}
 """The tables of fits on the bench."""
 
 

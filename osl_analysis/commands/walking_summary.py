@@ -78,11 +78,6 @@ class Perturbations:
         """The fits that are not excluded."""
         return self.fits.filter(pl.col(EXCLUDED).is_null())
 
-    @property
-    def not_used(self) -> pl.DataFrame:
-        """The crossings that are not used, with the reason."""
-        return self.selection.select("trial", "reason").drop_nulls("reason")
-
     def trials_of(self, group: str) -> list[str]:
         """The perturbed crossings of a group that are used."""
         is_used = pl.col("perturbed") & pl.col("reason").is_null()
@@ -112,7 +107,6 @@ def summarise_perturbations(
     settings: choices.EnsembleSettings,
     output: Path,
     responses: Path,
-    excluded: Path,
     groups: Path,
     sheet: SheetCells,
     plate: Path,
@@ -136,8 +130,6 @@ def summarise_perturbations(
         The mean over perturbations, and the ensemble fit.
     responses : Path
         Responses in their window.
-    excluded : Path
-        The crossings that are not used, with the reason.
     groups : Path
         The conditions of each group.
     sheet : Mapping
@@ -160,7 +152,6 @@ def summarise_perturbations(
     """
     places = places or {}
     perturbations = read_perturbations(table, crossings, selection, unperturbed)
-    write_table(with_places(perturbations.not_used, places), excluded, data)
     check_enough_fits(perturbations, table)
     results = group_results(
         perturbations,
@@ -169,7 +160,7 @@ def summarise_perturbations(
         read_model(plate, PlateModel).certain_height,
         commanded_over_stance(trajectory, data),
     )
-    check_any_result(results, table, excluded)
+    check_any_result(results, table)
 
     group_table = judged_groups(results, limits or Limits())
     places_of_groups = {
@@ -222,11 +213,11 @@ def group_results(
     return results
 
 
-def check_any_result(results: Sequence[GroupResult], table: Path, excluded: Path) -> None:
+def check_any_result(results: Sequence[GroupResult], table: Path) -> None:
     """Refuse a campaign none of whose groups has a result."""
     if all(result.responses is None for result in results):
         reasons = "; ".join(reason_text(result.outcome) for result in results)
-        raise InputError(f"{table}: no result of any group: {reasons}; see {excluded.name}")
+        raise InputError(f"{table}: no result of any group: {reasons}")
 
 
 def judged_groups(results: Sequence[GroupResult], limits: Limits) -> pl.DataFrame:
@@ -261,7 +252,7 @@ def group_result(
         if gait is None:
             raise InputError(NO_GAIT)
         if len(fits) < FEWEST_FITS:
-            raise InputError(f"{len(fits)} {TOO_FEW} walking_excluded.csv, or record more")
+            raise InputError(f"{len(fits)} {TOO_FEW} walking_crossings.csv, or record more")
         directions = both_directions(perturbations.selection, group)
         if directions:
             raise InputError(directions)

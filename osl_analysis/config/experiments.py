@@ -262,7 +262,6 @@ EXPERIMENTS: dict[str, Experiment] = {
             "walking_summary",
             "walking_groups",
             "walking_crossings",
-            "walking_excluded",
             "plate",
         ),
         judged_further=("walking_groups",),

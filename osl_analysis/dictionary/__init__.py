@@ -102,9 +102,7 @@ def described_in(path: Path) -> tuple[DescribedTable, ...]:
 
         columns = described_lines(lines, shared)
         of_fits = described_lines(list(table.get("of_fits", {}).items()), shared)
-        tables.append(
-            DescribedTable(place, table.get("also", ""), table["rows"], columns, of_fits)
-        )
+        tables.append(DescribedTable(place, table.get("also", ""), table["rows"], columns, of_fits))
     return tuple(tables)
 
 

@@ -17,7 +17,7 @@ from osl_analysis.trial import Array
 # Fig. 9
 
 ENDS = ("low", "high")
-NO_FIT = "no perturbation has a fit, which Fig. 9 draws; see the reasons in walking_excluded.csv"
+NO_FIT = "no perturbation has a fit, which Fig. 9 draws; see the reasons in walking_crossings.csv"
 TEXTS = ("group", "quantity", "trial", "doubtful")
 
 

@@ -226,6 +226,11 @@ _OTHERS = (
         "write JSON lines, an object per line and sample",
     ),
     ("nothing but zero bytes", r"\A\0+\Z", "copy or record it again"),
+    (
+        "a stream of Arrow",
+        r"\A\xff{4}[\0-\xff]{2}\0\0",
+        "write it as a file (`write_ipc`) or as Parquet",
+    ),
     ("a PNG image", r"\A\x89PNG", "name the recording itself"),
     (
         "compressed (such as ZIP or gzip)",

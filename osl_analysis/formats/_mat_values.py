@@ -25,7 +25,6 @@ REMEDIES = {
         "save its numbers: `s = x{1}.Values; t = s.Time; y = s.Data; save('x.mat', 't', 'y',"
         " '-v7')`"
     ),
-    "array that was never written": "record the trial again, or name another variable",
 }
 """What to do in MATLAB about a class that is not read, or is no number."""
 FEWEST_SAMPLES = 10  # of a signal, or structs of single numbers that are samples of a recording
@@ -106,7 +105,10 @@ def value_of(raw: Any) -> Value:
             {name: value_of(element[name]) for name in array.dtype.names}
             for element in array.ravel(order="F")
         ]
-        return _simplified(Value(class_name or "struct", array.shape, elements=elements))
+        columns = _columns_of_samples(elements)
+        if columns:
+            return Value(class_name or "struct", elements=[columns])
+        return Value(class_name or "struct", array.shape, elements=elements)
     if array.dtype == object:
         cells = [value_of(element) for element in array.ravel(order="F")]
         if class_name:  # an array of objects
@@ -179,26 +181,8 @@ def _timetable_of(inside: Mapping[str, Value]) -> dict[str, Value]:
     return {inside["dimNames"].cells[0].text: times, **_with_units(names, data, units)}
 
 
-def _simplified(value: Value) -> Value:
-    """Read what programs write in a roundabout way.
-
-    Arrays of structs of single numbers, one per sample, become a struct of columns. Structures with
-    time, as Simulink logs them, get a field per signal, called by its label.
-    """
-    columns = _columns_of_samples(value.elements)
-    if columns:
-        return replace(value, shape=(1, 1), elements=[columns])
-    if len(value.elements) != 1:
-        return value
-    fields = dict(value.elements[0])
-    if {"X", "Y"} <= fields.keys():
-        fields = _exported_by_controldesk(fields) or fields
-    if {"time", "signals"} <= fields.keys():
-        fields |= _logged_by_simulink(fields["signals"])
-    return replace(value, elements=[fields])
-
-
 def _columns_of_samples(elements: Sequence[Mapping[str, Value]]) -> dict[str, Value]:
+    """Columns of structs of single numbers, one per sample; empty where they are none."""
     if len(elements) < FEWEST_SAMPLES:
         return {}
     names = [
@@ -218,53 +202,6 @@ def _columns_of_samples(elements: Sequence[Mapping[str, Value]]) -> dict[str, Va
 
 def _is_number(value: Value) -> bool:
     return value.numbers is not None and value.numbers.size == 1
-
-
-def _exported_by_controldesk(fields: Mapping[str, Value]) -> dict[str, Value]:
-    """The signals that ControlDesk exports, a struct each under X and Y, by their names; empty if
-    they are none."""
-    exports = [
-        export
-        for key in "XY"
-        for export in fields[key].elements
-        if {"Name", "Data"} <= export.keys()
-    ]
-    signals: dict[str, Value] = {}
-    for export in exports:
-        name = _valid_name(export["Name"].text)
-        unit = export["Unit"].text if "Unit" in export else ""
-        signals[name] = replace(export["Data"], unit=unit)
-    return signals if len(signals) == len(exports) > 1 else {}
-
-
-def _logged_by_simulink(signals: Value) -> dict[str, Value]:
-    """The columns of the field `signals` of a structure with time, by the labels of the signals."""
-    columns_by_label: dict[str, Value] = {}
-    for number, signal in enumerate(signals.elements, start=1):
-        values = signal["values"].numbers if "values" in signal else None
-        if values is None or not values.size:
-            continue
-        # of a scalar, time is last
-        columns = values.reshape(-1, values.shape[-1]).T if values.ndim > 2 else values
-        labels = re.split(r"\s*,\s*", signal["label"].text) if "label" in signal else [""]
-        for place, column in enumerate(columns.T, start=1):
-            if len(labels) == columns.shape[1]:
-                name = _valid_name(labels[place - 1])
-            else:
-                name = _valid_name(f"{labels[0]}_{place}")
-            if not name[:1].isalpha():
-                name = f"signal_{number}_{place}"
-            columns_by_label[name] = Value("double", (column.size, 1), column.reshape(-1, 1))
-    return columns_by_label
-
-
-def _valid_name(text: str) -> str:
-    return re.sub(r"\W+", "_", text).strip("_")
-
-
-def is_log_of_simulink(value: Value) -> bool:
-    """Tell whether a value is a structure with time."""
-    return len(value.elements) == 1 and {"time", "signals"} <= value.elements[0].keys()
 
 
 # addresses ----------------------------------------------------------------------------------
@@ -418,11 +355,8 @@ def _variables_in(part: str, name: str, value: Value) -> Iterator[Variable]:
     if value.elements:
         for number, fields in enumerate(value.elements, start=1):
             inside = f"{address}({number})" if len(value.elements) > 1 else address
-            # signals of Simulink stand beside the field `signals`
-            is_logged = {"time", "signals"} <= fields.keys() and len(fields) > 2
             for field_name, field_value in fields.items():
-                if field_name != "signals" or not is_logged:
-                    yield from _variables_in(inside, field_name, field_value)
+                yield from _variables_in(inside, field_name, field_value)
     elif value.kind == "cell" and value.cells:
         for number, cell in enumerate(value.cells, start=1):
             yield from _variables_in(address, f"{{{number}}}", cell)

@@ -8,7 +8,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Literal
 
@@ -746,19 +746,3 @@ def _remedy_for(cell: str, title: str, decimal: str) -> str:
         return 'write `decimal: ","` in the source file if the comma is the decimal sign'
     word = json.dumps(cell[:40], ensure_ascii=False)
     return f"correct the cell, or add {word} to `missing` in the source file"
-
-
-def with_stated_end(table: Table, is_partial: bool) -> Table:
-    """Hold the number of rows against what the text states."""
-    matches = [STATED_ROWS.match(text) for text in table.notes]
-    stated_counts = [int(match[1]) for match in matches if match]
-    count = len(table.lines)
-    if count in stated_counts and table.end == End.UNKNOWN:
-        return replace(table, end=End.WHOLE)
-    if stated_counts and count < min(stated_counts) and not is_partial:
-        remark = (
-            f"its text states {min(stated_counts)} samples, and {count} rows are there: the end is"
-            " missing, or the number counts something else"
-        )
-        return replace(table, end=End.MISSING, remarks=[*table.remarks, remark])
-    return table

@@ -9,11 +9,9 @@ A sheet follows the rules of a table of text; others have names and types of the
 import re
 import zipfile
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from pickletools import genops
 from typing import Any
 
 import numpy as np
@@ -47,7 +45,6 @@ SHEET = re.compile(
 BEGINNINGS = {
     b"PAR1": "parquet",
     b"ARROW1": "arrow",
-    b"\xff\xff\xff\xff": "stream",
     b"\x93NUMPY": "npy",
 }
 UNIT_ATTRIBUTES = ("units", "unit", "Units", "Unit")
@@ -93,8 +90,6 @@ def read(path: Path, source: SheetSource | None) -> Recording:
         return _recording_of_frame(pl.read_parquet(path))
     if kind == "arrow":
         return _recording_of_frame(pl.read_ipc(path))
-    if kind == "stream":
-        return _recording_of_frame(pl.read_ipc_stream(path))
     raise InputError(
         "no sheet, Parquet, Arrow, numpy or HDF5 file; check the path and the source's format"
     )
@@ -208,11 +203,13 @@ def _hdf5_arrays(path: Path) -> Arrays:
         arrays.titles += _titles_of_dataset(h5py, item)
         if item.dtype.kind not in "biufV":
             return
-        values = item[()]
-        written = written_values(item)
-        if written is not None and item.dtype.kind != "V":
-            values = np.where(written, values.astype(np.float64), np.nan)
-        arrays.arrays[name] = values
+        if any(key.startswith("values_block_") for key in item.attrs):
+            raise InputError(
+                f"'{name}' is a table that pandas wrote with pickled names; save it as Parquet"
+                " (`frame.to_parquet(PATH)`)"
+            )
+        check_written(name, item)
+        arrays.arrays[name] = item[()]
         for key in UNIT_ATTRIBUTES:
             text = item.attrs.get(key)
             if isinstance(text, bytes):
@@ -231,40 +228,21 @@ def _hdf5_arrays(path: Path) -> Arrays:
 def _titles_of_dataset(h5py: Any, item: Any) -> list[list[str]]:
     """Lists of text that may name the columns of a matrix."""
     lists = [item.attrs[key] for key in TITLE_ATTRIBUTES if key in item.attrs]
-    for key in item.attrs:
-        if re.fullmatch(r"values_block_\d+_kind", key):
-            # how pandas writes titles: read without running what a pickle may hold
-            with suppress(ValueError):
-                operations = genops(bytes(item.attrs[key]))
-                lists.append([text for code, text, _ in operations if "UNICODE" in code.name])
     if h5py.check_string_dtype(item.dtype) and item.size <= MOST_COLUMNS:
         lists.append(item.asstr()[()])
     return [[str(text) for text in titles] for titles in lists if np.ndim(titles) == 1]
 
 
-def written_values(item: Any) -> NDArray[np.bool_] | None:
-    """Tell which values of an HDF5 data set were written; None if all were.
-
-    A killed recorder leaves parts that were never written, for which HDF5 gives a fill value.
-    """
-    if item.size and not item.is_virtual and not item.id.get_storage_size():
-        return np.zeros(item.shape, bool)
-    if not item.chunks:
-        return None
-    chunks = [item.id.get_chunk_info(k) for k in range(item.id.get_num_chunks())]
-    stored = [chunk for chunk in chunks if chunk.byte_offset is not None]
-    pairs = zip(item.shape, item.chunks, strict=True)
-    needed = int(np.prod([-(-size // part) for size, part in pairs]))
-    if len(stored) >= needed:
-        return None
-    written = np.zeros(item.shape, bool)
-    for chunk in stored:
-        place = tuple(
-            slice(start, start + part)
-            for start, part in zip(chunk.chunk_offset, item.chunks, strict=True)
+def check_written(name: str, item: Any) -> None:
+    """Refuse a data set of which a killed recorder never wrote some: HDF5 fills it up."""
+    parts = item.chunks or item.shape
+    needed = int(np.prod([-(-size // part) for size, part in zip(item.shape, parts, strict=True)]))
+    stored = item.id.get_num_chunks() if item.chunks else bool(item.id.get_storage_size())
+    if item.size and not item.is_virtual and stored < needed:
+        raise InputError(
+            f"'{name}' was not written to its end, as by a recorder that was killed; save what was"
+            " written as CSV or Parquet, or record again"
         )
-        written[place] = True
-    return written
 
 
 def _recording_of_arrays(file_arrays: Arrays) -> Recording:
@@ -361,7 +339,7 @@ def _begins(begin: bytes) -> bool:
 FORMAT = Format(
     name="table",
     suffixes=(
-        ".xlsx", ".xls", ".ods", ".parquet", ".feather", ".arrow", ".arrows", ".ipc", ".npy",
+        ".xlsx", ".xls", ".ods", ".parquet", ".feather", ".arrow", ".ipc", ".npy",
         ".npz", ".h5", ".hdf5",
     ),
     begins=_begins,

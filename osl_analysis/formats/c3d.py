@@ -1,7 +1,7 @@
 """C3D (https://www.c3d.org/HTML): points, analog samples and force plates of motion capture.
 
-Written by hand: `ezc3d` reads no MIPS, misplaces frames where ANALOG:RATE and the header disagree,
-ignores UNSIGNED, and is silent about a cut file. Tests compare.
+Written by hand: `ezc3d` misplaces frames where ANALOG:RATE and the header disagree, ignores
+UNSIGNED, and is silent about a cut file. Tests compare.
 """
 
 import math
@@ -38,9 +38,8 @@ from osl_analysis.yaml_settings import Settings, misplaced
 BLOCK = 512  # bytes
 LARGEST_FRAME_NUMBER = 0xFFFF  # of the header
 OTHER_RATE = 1e-3  # share by which ANALOG:RATE is another one, and no rounded one
-# number format by the processor's code, and NumPy's sign of its byte order
-PROCESSORS = {84: "Intel", 85: "DEC", 86: "MIPS"}
-BYTE_ORDER = {"Intel": "<", "DEC": "<", "MIPS": ">"}
+INTEL = 84  # code of the number format that is read
+OLD_PROCESSORS = {85: "DEC", 86: "MIPS"}
 # a parameter holds 255 values; more follow in NAME2, NAME3, ...
 CONTINUATIONS = ("", *map(str, range(2, 10)))
 CHANNELS_OF_PLATE = {1: 6, 2: 6, 3: 8, 4: 6}  # by type, C3D manual, FORCE_PLATFORM:TYPE
@@ -115,7 +114,6 @@ class C3dSource(LaboratorySource):
 class Header:
     """Counts and parameters of a file."""
 
-    processor: str  # number format: Intel, DEC or MIPS
     points: int  # per frame, model outputs included
     channels: int  # analog
     samples_per_frame: int  # of each analog channel
@@ -153,15 +151,6 @@ class Header:
         return [text for value in values if isinstance(value, list) for text in value]
 
 
-def reals(content: bytes, processor: str) -> NDArray[np.float32]:
-    """Read 32-bit reals; DEC stores the two halves swapped, and an exponent that is larger by
-    two."""
-    if processor != "DEC":
-        return np.frombuffer(content, f"{BYTE_ORDER[processor]}f4").astype(np.float32)
-    halves = np.frombuffer(content, "<u2").reshape(-1, 2)[:, ::-1]
-    return np.ascontiguousarray(halves).view("<f4")[:, 0] * np.float32(0.25)
-
-
 def parse_header(data: bytes) -> Header:
     """Read the header block and the parameter section.
 
@@ -179,38 +168,38 @@ def parse_header(data: bytes) -> Header:
         )
     start = (data[0] - 1) * BLOCK
     is_inside = 0 < start < len(data) - 3
-    processor = PROCESSORS.get(data[start + 3]) if is_inside else None
-    if processor is None:
+    processor = data[start + 3] if is_inside else 0
+    if processor != INTEL:
+        name = OLD_PROCESSORS.get(processor, "unknown")
         raise InputError(
-            "written for a processor of an unknown type;"
-            f" {', '.join(BYTE_ORDER)} are read: export the trial again"
+            f"its numbers are in the format of {name} processors, and only that of Intel is read;"
+            " open it in a program of today, such as Mokka, and save it again"
         )
     try:
-        return _header_of(data, start, processor)
+        return _header_of(data, start)
     except (struct.error, ValueError, IndexError) as error:
         raise InputError(f"damaged C3D file: {error}; export the trial again") from error
 
 
-def _header_of(data: bytes, start: int, processor: str) -> Header:
-    words = np.frombuffer(data[:24], f"{BYTE_ORDER[processor]}u2").astype(int)
+def _header_of(data: bytes, start: int) -> Header:
+    words = np.frombuffer(data[:24], "<u2").astype(int)
     samples_per_frame = max(int(words[9]), 1)
     data_start = (int(words[8]) - 1) * BLOCK
     parameters_end = data_start
     if data_start <= start:
         parameters_end = start + max(data[start + 2], 1) * BLOCK
-    parameters = parse_parameters(data, start + 4, min(parameters_end, len(data)), processor)
+    parameters = parse_parameters(data, start + 4, min(parameters_end, len(data)))
     first_frame = int(words[3])
     last_frame = int(words[4])
     header = Header(
-        processor=processor,
         points=int(words[1]),
         channels=int(words[2]) // samples_per_frame,
         samples_per_frame=samples_per_frame,
         first_frame=first_frame,
         frames=last_frame - first_frame + 1,
-        rate_hz=float(reals(data[20:24], processor)[0]),
+        rate_hz=struct.unpack_from("<f", data, 20)[0],
         data_start=data_start,
-        scale=float(reals(data[12:16], processor)[0]),
+        scale=struct.unpack_from("<f", data, 12)[0],
         parameters=parameters,
     )
     stated_rate = header.numbers("POINT:RATE")
@@ -242,7 +231,7 @@ def _long_frames(header: Header) -> int:
     return 0
 
 
-def parse_parameters(data: bytes, position: int, end: int, processor: str) -> Parameters:
+def parse_parameters(data: bytes, position: int, end: int) -> Parameters:
     """Read the parameters by `GROUP:NAME`. Groups may follow their parameters."""
     groups: dict[int, str] = {}
     values: list[tuple[int, str, Array | list[str]]] = []
@@ -251,14 +240,14 @@ def parse_parameters(data: bytes, position: int, end: int, processor: str) -> Pa
         name_end = position + 2 + abs(length)
         name = data[position + 2 : name_end].decode("latin-1").strip().upper()
         # to the next record; 0 after the last
-        (step,) = struct.unpack_from(f"{BYTE_ORDER[processor]}h", data, name_end)
+        (step,) = struct.unpack_from("<h", data, name_end)
         if step < 0 or group == 0:
             raise InputError(f"the parameter section is damaged after {name!r}")
         value_end = name_end + 2
         if group < 0:
             groups[-group] = name
         else:
-            value, value_end = _parameter_value(data, name_end + 2, processor, name)
+            value, value_end = _parameter_value(data, name_end + 2, name)
             values.append((group, name, value))
         position = name_end + step
         if step == 0:
@@ -269,9 +258,7 @@ def parse_parameters(data: bytes, position: int, end: int, processor: str) -> Pa
     return {f"{groups.get(group, group)}:{name}": value for group, name, value in values}
 
 
-def _parameter_value(
-    data: bytes, position: int, processor: str, name: str
-) -> tuple[Array | list[str], int]:
+def _parameter_value(data: bytes, position: int, name: str) -> tuple[Array | list[str], int]:
     """Read one parameter from its type byte on; gives also the first byte behind it."""
     kind, dimensions = struct.unpack_from("bB", data, position)
     if kind not in (-1, 1, 2, 4) or dimensions > 7:  # text, byte, integer, real
@@ -289,11 +276,7 @@ def _parameter_value(
         length = (shape[0] if shape else 1) or 1  # of each text
         texts = [content[at : at + length] for at in range(0, size, length)]
         return [_decoded(text) for text in texts], begin + size
-    if kind == 4:
-        values: NDArray[Any] = reals(content, processor)
-    else:
-        whole = "u1" if kind == 1 else f"{BYTE_ORDER[processor]}i2"
-        values = np.frombuffer(content, whole)
+    values: NDArray[Any] = np.frombuffer(content, {1: "u1", 2: "<i2", 4: "<f4"}[kind])
     return values.astype(np.float64).reshape(shape, order="F"), begin + size
 
 
@@ -316,8 +299,8 @@ def check_size(data: bytes, header: Header) -> None:
     is_rate = LEAST_RATE_HZ < header.rate_hz < MOST_RATE_HZ
     if frames < 1 or header.frame_bytes == 0 or not is_rate:
         raise InputError(
-            f"declares {frames} frames of {header.frame_bytes} bytes at {header.rate_hz} Hz, in the"
-            f" byte order of {header.processor}: nothing to read; export the trial again"
+            f"declares {frames} frames of {header.frame_bytes} bytes at {header.rate_hz} Hz:"
+            " nothing to read; export the trial again"
         )
     for group, count in (("POINT", header.points), ("ANALOG", header.channels)):
         used = header.numbers(f"{group}:USED")[:1] % 65536
@@ -329,27 +312,6 @@ def check_size(data: bytes, header: Header) -> None:
     if there < frames:
         raise InputError(
             f"truncated: it declares {frames} frames and holds {there}; copy or export it again"
-        )
-    may_be_more = header.first_frame + frames > LARGEST_FRAME_NUMBER
-    if may_be_more and there > frames + BLOCK // header.frame_bytes:
-        raise InputError(
-            f"holds {there} frames, more than the {LARGEST_FRAME_NUMBER} that a C3D header counts;"
-            " export it in parts"
-        )
-    end = header.data_start + frames * header.frame_bytes
-    is_padded = len(data) % BLOCK == 0
-    if len(data) != end and not is_padded:
-        raise InputError(
-            f"it has {len(data)} bytes, and its frames end at byte {end}: bytes were lost or"
-            " doubled on the way, and frames behind them are shifted; copy or export it again"
-        )
-    blocks_behind = (len(data) - end) // BLOCK
-    stated_scale = header.numbers("POINT:SCALE")[:1]
-    if blocks_behind > 1 and stated_scale.size and (stated_scale[0] > 0) != header.are_integers:
-        raise InputError(
-            f"the scale is {header.scale:g} in the header, {stated_scale[0]:g} in POINT:SCALE"
-            f" (above 0: integers), and its frames end at byte {end} of {len(data)} by the header;"
-            " export it again"
         )
 
 
@@ -367,11 +329,7 @@ def frames_of(data: bytes, header: Header) -> tuple[Array, Array]:
     """
     end = header.data_start + header.frames * header.frame_bytes
     content = data[header.data_start : end]
-    raw: NDArray[Any]
-    if header.are_integers:
-        raw = np.frombuffer(content, f"{BYTE_ORDER[header.processor]}i2")
-    else:
-        raw = reals(content, header.processor)
+    raw: NDArray[Any] = np.frombuffer(content, "<i2" if header.are_integers else "<f4")
     # x, y, z, residual of each point, then the analog samples
     rows = raw.reshape(header.frames, -1)
     points, samples = np.split(rows, [4 * header.points], axis=1)
@@ -653,9 +611,6 @@ def read(path: Path, source: C3dSource | None) -> Recording:
     analog_channels = _analog_channels(header, analogs, fast)
     plates, remarks = plates_of(header, analog_channels, length_unit, source)
     remarks += remarks_on_rate(header, fast_rate_hz)
-    bytes_behind = len(data) - header.data_start - header.frames * header.frame_bytes
-    if bytes_behind > 2 * BLOCK:
-        remarks.append(f"{bytes_behind} bytes stand behind its last frame, and are not read")
     if lacks_last_sample:
         remarks.append(
             "the last sample of all analog channels is 0: it was not recorded, and is missing here"

@@ -24,7 +24,6 @@ from osl_analysis.formats._table import (
     layout_of,
     recording_of_table,
     table_of_rows,
-    with_stated_end,
 )
 from osl_analysis.formats._text import (
     Decimal,
@@ -44,7 +43,7 @@ MOST_LISTED = 200_000  # rows of a long text that are read to list what it holds
 LABVIEW = b"LabVIEW Measurement"
 IN_NUMBERS = set("+-.0123456789eE")  # signs of a plain number
 BLANKS = (b" ", b"\t", b"\v", b"\f")  # of ASCII
-END_OF_HEADER = "***End_of_Header***"
+END_OF_HEADER = b"***End_of_Header***"
 
 
 class CsvSource(SheetSource):
@@ -238,52 +237,19 @@ def _alike_rows(text: bytes, table: Table, layout: Layout) -> pl.DataFrame | Non
     return None if has_empty_rows else rows
 
 
-def without_inner_headers(data: bytes) -> tuple[bytes, int]:
-    """Blank the headers of all segments but the first of a LabVIEW measurement file, and count
-    them; lines keep their numbers.
-
-    LabVIEW writes the segments of a loop each with a header (`Multi_Headings Yes`).
-
-    Raises
-    ------
-    InputError
-        The segments have different channels, or each begins at 0: their times are unknown.
-    """
-    lines = data.decode(errors="replace").split("\n")
-    ends = [number for number, line in enumerate(lines) if line.startswith(END_OF_HEADER)]
-    # the first is that of the file, the second that of the first segment
-    names = [lines[end + 1].strip() for end in ends[1:] if end + 1 < len(lines)]
-    if len(names) < 2:
-        return data, 0
-    if len(set(names)) > 1:
-        raise InputError(
-            f"line {ends[2] + 2}: a segment has other channels than the first one; save each kind"
-            " in a file of its own"
-        )
-    for end in ends[2:]:
-        begin = end
-        while begin > 0 and not lines[begin].startswith("Channels"):
-            begin -= 1
-        for number in range(begin, min(end + 2, len(lines))):
-            lines[number] = ""
-    return "\n".join(lines).encode(), len(names) - 1
-
-
 def read(path: Path, source: CsvSource | None) -> Recording:
     """Read a table of text; without a source file about the first 200,000 rows of a long one."""
     layout = layout_of(source)
     text = read_text(path)
-    data = text.data
-    headers = 0
-    if data.startswith(LABVIEW):
-        data, headers = without_inner_headers(data)
+    segments = text.data.count(END_OF_HEADER) - 1  # the file itself has a header, too
+    if text.data.startswith(LABVIEW) and segments > 1:
+        raise InputError(
+            f"LabVIEW wrote a header for each of its {segments} segments; choose `Segment Headers:"
+            " One header only` in Write To Measurement File, or delete the headers but the first"
+        )
     most_rows = MOST_LISTED if source is None else None
-    table = table_of_text(data, text.is_ended, layout, most_rows)
+    table = table_of_text(text.data, text.is_ended, layout, most_rows)
     is_partial = most_rows is not None and len(table.lines) >= most_rows
-    table = with_stated_end(table, is_partial or headers > 0)
-    if headers:
-        remark = f"{headers} headers of further segments stand among its rows, and are left out"
-        table = replace(table, remarks=[*table.remarks, remark])
     facts = {"rows": f"{len(table.lines)}, of more" if is_partial else str(len(table.lines))}
     return recording_of_table("csv", table, layout, facts=facts)
 

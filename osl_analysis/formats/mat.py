@@ -1,6 +1,5 @@
 """MATLAB files of version 5 and 7.3, with tables and objects in them, by mat-io."""
 
-import re
 import struct
 import warnings
 from collections.abc import Mapping, Sequence
@@ -10,7 +9,6 @@ from tempfile import TemporaryDirectory
 from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import AfterValidator, Field
 
 from osl_analysis.errors import InputError, not_installed, optional_module
@@ -20,7 +18,6 @@ from osl_analysis.formats._mat_values import (
     Value,
     Variable,
     checked_address,
-    is_log_of_simulink,
     lines_of,
     steps_in,
     value_at,
@@ -28,7 +25,7 @@ from osl_analysis.formats._mat_values import (
     variables_in,
     vector_of,
 )
-from osl_analysis.formats.binary_table import titles_by_width, written_values
+from osl_analysis.formats.binary_table import check_written, titles_by_width
 from osl_analysis.recording import Channel, End, Format, Loss, Recording, Rows
 from osl_analysis.source_file import LogChannel, RowTime, TableSource
 from osl_analysis.units import Unit, name_and_ending
@@ -88,6 +85,8 @@ def read(path: Path, source: MatSource | None) -> Recording:
     is_73 = begin.startswith(b"MATLAB 7.") or 2 in begin[124:126]
     end = End.WHOLE
     cut = 0 if is_73 else _end_of_whole_variables(path, begin)
+    if is_73:
+        _check_all_written(path)
     with warnings.catch_warnings(action="ignore"):  # of the library's import, and of odd objects
         if cut:
             end = End.MISSING
@@ -99,12 +98,11 @@ def read(path: Path, source: MatSource | None) -> Recording:
             raw, remarks = _load_beginning(path, cut)
         else:
             raw, remarks = _load(path)
-    masks = _never_written(path) if is_73 else {}
     variables = {name: value_of(raw_value) for name, raw_value in raw.items()}
     listed = list(variables_in(variables))
     part = source.log_part if source is not None else ""
-    channels = _channels_of(variables, listed, part, masks)
-    remarks += _not_read(listed)
+    channels = _channels_of(listed, part)
+    remarks += [*_not_read(listed), *_of_programs(variables)]
     most = max((channel.rows.count for channel in channels), default=0)
     facts = {
         "version": "7.3" if is_73 else "5",
@@ -117,7 +115,7 @@ def read(path: Path, source: MatSource | None) -> Recording:
         loss=Loss(most, most, end, remarks=remarks),
         notes=_short_numbers(listed),
         facts=facts,
-        find_unlisted=partial(_find_unlisted, variables, part, channels, masks),
+        find_unlisted=partial(_find_unlisted, variables, part, channels),
     )
 
 
@@ -178,57 +176,28 @@ def _load_beginning(path: Path, end: int) -> tuple[dict[str, Any], list[str]]:
     return raw, remarks
 
 
-def _never_written(path: Path) -> dict[str, NDArray[np.bool_]]:
-    """Masks of what was never written in a file of version 7.3, as by a killed recorder, by the
-    address of the array; in MATLAB's order of dimensions."""
+def _check_all_written(path: Path) -> None:
+    """Refuse a file of version 7.3 with numbers that a killed recorder never wrote."""
     h5py = optional_module("h5py", "a MATLAB file of version 7.3")
-    masks: dict[str, NDArray[np.bool_]] = {}
 
     def visit(name: str, item: Any) -> None:
         is_array = isinstance(item, h5py.Dataset) and item.shape and item.dtype.kind in "fiu"
         if is_array and not name.startswith(NOT_VARIABLES) and "MATLAB_empty" not in item.attrs:
-            written = written_values(item)
-            if written is not None:
-                masks[name.replace("/", ".")] = ~np.atleast_2d(written).T
+            check_written(name.replace("/", "."), item)
 
     with h5py.File(path, "r") as file:
         file.visititems(visit)
-    return masks
 
 
-def _masked(
-    address: str, values: NDArray[Any], masks: Mapping[str, NDArray[np.bool_]]
-) -> NDArray[Any]:
-    """The values of a vector, masked where they were never written."""
-    for place, mask in masks.items():
-        if not address.startswith(place):
-            continue
-        column = address.removeprefix(place)
-        if not column:
-            return np.ma.array(values, mask=mask.ravel())
-        chosen = re.fullmatch(r"\((?::,(\d+)|(\d+),:)\)", column)
-        if chosen:
-            is_column = chosen[1] is not None
-            line = mask[:, int(chosen[1]) - 1] if is_column else mask[int(chosen[2]) - 1]
-            return np.ma.array(values, mask=line)
-    return values
-
-
-def _channels_of(
-    variables: Mapping[str, Value],
-    listed: Sequence[Variable],
-    part: str,
-    masks: Mapping[str, NDArray[np.bool_]],
-) -> list[Channel]:
+def _channels_of(listed: Sequence[Variable], part: str) -> list[Channel]:
     """Make a channel of each vector, and each column of a matrix, that is long enough.
 
     Those of one length in one struct or cell share rows.
     """
     titles = _titles_in(listed)
-    joined = _joined_logs(variables, listed)
     rows_by_place: dict[tuple[str, int], Rows] = {}
     channels: list[Channel] = []
-    for variable in joined or listed:
+    for variable in listed:
         is_array = variable.value.numbers is not None and len(variable.value.shape) == 2
         if not is_array or max(variable.value.shape) < FEWEST_SAMPLES:
             continue
@@ -245,7 +214,7 @@ def _channels_of(
             key = (variable.part, count)
             if key not in rows_by_place:
                 rows_by_place[key] = Rows(count, name=variable.part, noun="sample")
-            values = _masked(line.address, vector_of(line.address, line.value), masks)
+            values = vector_of(line.address, line.value)
             channels.append(
                 Channel(
                     address={"variable": address},
@@ -281,37 +250,6 @@ def _titles_in(listed: Sequence[Variable]) -> dict[int, Sequence[str]]:
     return titles_by_width(list(texts.values()))
 
 
-def _joined_logs(variables: Mapping[str, Value], listed: Sequence[Variable]) -> list[Variable]:
-    """The signals of one recording that Simulink logged each in a structure of its own, as one
-    part: with its time, the same in all, or beside the one variable `tout`; empty if there are
-    none."""
-    logs = [name for name, value in variables.items() if is_log_of_simulink(value)]
-    of_logs = [
-        variable
-        for variable in listed
-        if variable.part in logs and variable.value.numbers is not None
-    ]
-    of_logs = [variable for variable in of_logs if max(variable.value.shape) >= FEWEST_SAMPLES]
-    clocks = [variable for variable in of_logs if variable.name == "time"]
-    signals = [variable for variable in of_logs if variable.name != "time"]
-    if not clocks:
-        clocks = [variable for variable in listed if variable.address == "tout"]
-    shapes = {variable.value.shape for variable in (*clocks, *signals)}
-    times = {np.asarray(variable.value.numbers).tobytes() for variable in clocks}
-    # signals of several trials are called the same in each
-    is_one_trial = len(signals) in (len(logs), len({variable.name for variable in signals}))
-    if not is_one_trial or len(logs) < 2 or len(signals) < len(logs):
-        return []
-    if len(shapes) != 1 or len(times) != 1:
-        return []
-    joined = [
-        Variable("", variable.address, variable.address, variable.value)
-        for variable in (clocks[0], *signals)
-    ]
-    others = [variable for variable in listed if variable.part and variable.part not in logs]
-    return [*joined, *others]
-
-
 def _short_numbers(listed: Sequence[Variable]) -> list[str]:
     """Single numbers and short lists, such as a rate, in words."""
     notes: list[str] = []
@@ -336,16 +274,30 @@ def _not_read(listed: Sequence[Variable]) -> list[str]:
     return remarks
 
 
+def _of_programs(variables: Mapping[str, Value]) -> list[str]:
+    """Say what to do with logs of Simulink and ControlDesk, whose signals have no names here."""
+    remarks: list[str] = []
+    for name, value in variables.items():
+        fields = set(value.fields)
+        if {"time", "signals"} <= fields:
+            remarks.append(
+                f"{name} is a log of Simulink, a structure with time; log a timetable instead, or"
+                " save each signal as a variable"
+            )
+        elif {"X", "Y"} <= fields:
+            remarks.append(f"{name} is an export of ControlDesk; export its signals as CSV")
+    return remarks
+
+
 def _find_unlisted(
     variables: Mapping[str, Value],
     part: str,
     channels: Sequence[Channel],
-    masks: Mapping[str, NDArray[np.bool_]],
     address: Mapping[str, str],
 ) -> Channel:
     """Find what stands at any address."""
     whole, value = value_at(variables, address["variable"], part)
-    values = _masked(whole, vector_of(whole, value), masks)
+    values = vector_of(whole, value)
     place = whole.rpartition(".")[0]
     rows = Rows(values.size, name=place, noun="sample")
     for channel in channels:

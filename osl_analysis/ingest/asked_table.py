@@ -1,21 +1,21 @@
 """The channels of a table that a source file asks for, at the rows that count.
 
-Those of several devices are at the instants of all, masked where a device has no sample.
+Channels of which the file tells other timings are at the instants of all, masked elsewhere.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, naming
-from osl_analysis.ingest.likely_clock import TIME_UNITS, may_be_clock
 from osl_analysis.recording import Channel, End, Kind, Recording, Rows
 from osl_analysis.source_file import TableSource
 from osl_analysis.trial import Array
-from osl_analysis.units import name_and_ending, si_factor
+from osl_analysis.units import si_factor
 
 SECOND_NS = 1_000_000_000
 STATE_RATE = "state the rate of the rows in Hz, as `time: {rate: HZ}`"
@@ -40,7 +40,7 @@ class Table:
     remarks
         What was left out, a sentence each.
     has_own_rows
-        Whether several devices have rows of their own, in which the others are masked.
+        Whether channels have timings of their own, and the others are masked in their rows.
     """
 
     rows: Rows
@@ -93,8 +93,16 @@ def read_table(
     if clock is None and not is_cut:
         check_equal_counts(asked, own_timing)
     timings = {(one.rows.rate_hz, one.rows.start_s) for one in asked}
-    if len(counts) > 1 or (own_timing and len(timings) > 1):
-        return at_instants_of_all(recording, source, channels, counters, clock)
+    if own_timing and (len(counts) > 1 or len(timings) > 1):
+        return at_instants_of_all(channels, counters)
+    if len(counts) > 1:
+        shortest = min(asked, key=lambda one: one.rows.count)
+        longest = max(asked, key=lambda one: one.rows.count)
+        raise InputError(
+            f"{shortest.key} has {shortest.rows.count} numbers and {longest.key} has"
+            f" {longest.rows.count}: save channels of one length, as `torque ="
+            " interp1(t_torque, torque, t_angle)`, and never cut to one length"
+        )
 
     count = counts.pop()
     values = {column: channel.values[:count] for column, channel in channels.items()}
@@ -177,19 +185,15 @@ def without_empty_rows(table: Table) -> Table:
     return replace(shorter, remarks=[remark])
 
 
-def at_instants_of_all(
-    recording: Recording,
-    source: TableSource,
-    channels: Mapping[str, Channel],
-    counters: Mapping[str, Channel],
-    clock: Channel | None,
-) -> Table:
-    """Put the channels of several devices at the instants of all, masked where a device has no
-    sample. All clocks are taken to count from one origin."""
+def at_instants_of_all(channels: Mapping[str, Channel], counters: Mapping[str, Channel]) -> Table:
+    """Put channels with timings of their own at the instants of all, masked where one has no
+    sample. All timings count from one origin."""
     stamps: dict[int, NDArray[np.int64]] = {}
     for channel in [*channels.values(), *counters.values()]:
-        if id(channel.rows) not in stamps:
-            stamps[id(channel.rows)] = own_stamps_ns(recording, source, channel, channels, clock)
+        rows = channel.rows
+        assert rows.rate_hz is not None
+        after_ns = np.rint(np.arange(rows.count) / rows.rate_hz * SECOND_NS)
+        stamps[id(rows)] = round(rows.start_s * SECOND_NS) + after_ns.astype(np.int64)
     latest_begin = max(int(own[0]) for own in stamps.values())
     earliest_end = min(int(own[-1]) for own in stamps.values())
     if latest_begin > earliest_end:
@@ -212,57 +216,6 @@ def at_instants_of_all(
     )
 
 
-def own_stamps_ns(
-    recording: Recording,
-    source: TableSource,
-    channel: Channel,
-    channels: Mapping[str, Channel],
-    clock: Channel | None,
-) -> NDArray[np.int64]:
-    """The instants [ns] of a channel, (n,): by its own timing, by the named clock, or by the only
-    one beside it.
-
-    Raises
-    ------
-    InputError
-        No clock, or several clocks of its length are beside it.
-    """
-    rows = channel.rows
-    if clock is None and source.time.rate is None:
-        assert rows.rate_hz is not None
-        after_ns = np.rint(np.arange(rows.count) / rows.rate_hz * SECOND_NS)
-        return round(rows.start_s * SECOND_NS) + after_ns.astype(np.int64)
-    own: list[Channel] = []
-    if clock is not None and clock.rows.count == rows.count:
-        own = [clock]
-    elif clock is not None:
-        own = [one for one in recording.channels if one.rows is rows and is_clock_beside(one)]
-    readings = own[0].values if len(own) == 1 else np.zeros(0)
-    if len(own) != 1 or np.ma.is_masked(readings) or not (np.diff(readings) > 0).all():
-        reference = clock or next(iter(channels.values()))
-        raise InputError(
-            f"{channel.key} has {rows.count} numbers and {reference.key} has"
-            f" {reference.rows.count}, and no one vector of time of its length is beside it;"
-            " interpolate it to the times of the others, as `torque = interp1(t_torque, torque,"
-            " t_angle)`, and never cut to one length"
-        )
-    assert clock is not None
-    factor = clock_factor(clock, source)
-    ending = name_and_ending(own[0].name or own[0].key)[1]
-    if own[0] is not clock and (own[0].unit or ending in TIME_UNITS):
-        factor = si_factor(own[0].unit or ending, "s")
-    return np.asarray(np.rint(readings * factor * SECOND_NS).astype(np.int64))
-
-
-def is_clock_beside(channel: Channel) -> bool:
-    if channel.kind == Kind.CLOCK:
-        return True
-    values = np.ma.getdata(channel.values)
-    if values.ndim != 1 or values.dtype.kind not in "iuf":
-        return False
-    return may_be_clock(channel.name or channel.key, channel.unit, values)
-
-
 def clock_factor(clock: Channel, source: TableSource) -> float:
     """Seconds per unit of a clock."""
     if clock.kind == Kind.CLOCK:
@@ -277,22 +230,17 @@ def clock_factor(clock: Channel, source: TableSource) -> float:
         return si_factor(unit, "s")
 
 
-def with_own_rows(table: Table) -> Table:
-    """The table with failed readings masked where several devices write rows of their own into one
-    log. Columns are of two such devices if no row has readings of both."""
+def check_common_rows(table: Table) -> None:
+    """Refuse columns of which no row has readings of both, as where several devices write rows of
+    their own into one log."""
     failed: dict[str, NDArray[np.bool_]] = {}
     for column, values in table.values.items():
         if values.dtype.kind == "f":
-            is_failed = np.isnan(np.ma.getdata(values))
-            if is_failed.any() and not is_failed.all():
-                failed[column] = is_failed
-    apart: list[str] = []
-    for column, own in failed.items():
-        for other in failed.values():
-            if (own | other).all() and not other.all():
-                apart.append(column)
-                break
-    if len(apart) < 2:
-        return table
-    masked = {column: np.ma.masked_where(failed[column], table.values[column]) for column in apart}
-    return replace(table, values={**table.values, **masked})
+            failed[column] = np.isnan(np.ma.getdata(values))
+    for column, other in combinations(failed, 2):
+        is_apart = (failed[column] | failed[other]).all()
+        if is_apart and not failed[column].all() and not failed[other].all():
+            raise InputError(
+                f"no {table.rows.noun} has both {column} and {other}, as of two devices; export"
+                " both at common times, such as `interp1` gives, or record one log of messages"
+            )

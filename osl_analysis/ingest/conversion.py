@@ -38,8 +38,6 @@ class Converted:
         A sentence each.
     losses
         Lost messages or rows, for the provenance; empty for a complete table.
-    begins_s
-        Reading of the recorder's clock in the first row [s]; None without a clock.
     """
 
     samples: pl.DataFrame
@@ -47,7 +45,6 @@ class Converted:
     facts: Mapping[str, Any] = field(default_factory=dict)
     warnings: Sequence[str] = ()
     losses: Mapping[str, Any] = field(default_factory=dict)
-    begins_s: float | None = None
 
 
 def to_si(

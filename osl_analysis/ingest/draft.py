@@ -4,7 +4,7 @@ not tell is left to the user, questions first."""
 import json
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -30,11 +30,8 @@ from osl_analysis.ingest.overview import MOST_COLUMNS, Overview, RecordedChannel
 from osl_analysis.ingest.placeholders import NAME_OF_TIME, UNKNOWN, open_places
 from osl_analysis.ingest.raw_files import is_capture
 from osl_analysis.signals.plateaus import (
-    MOST_FAST,
     STANDS,
-    fast_share,
     is_clamped,
-    is_one_level,
     plateaus_of,
 )
 from osl_analysis.trial import COLUMNS, Array
@@ -47,7 +44,6 @@ MOST_BETWEEN = 0.02  # share of the samples that may be there
 FEWEST_TIMES = 4  # readings of a log that is looked at
 MOST_OF_CLAMP = 0.05  # rad, by which a clamp yields under an actuator's torque
 LEAST_AT_PLATEAUS = 0.5  # share of the readings: a stepped current changes seldom
-FEWEST_OF_ONE_LOG = 5  # levels of a current that one log alone may have
 TIME_KEYS = ("column", "variable", "field", "channel")
 
 
@@ -71,31 +67,6 @@ class DraftedLog:
         """Whether the joint's angle goes slowly to and fro, at one speed."""
         angle = self.sure("theta")
         return angle is not None and self.clock is not None and turns_slowly(angle, self.clock)
-
-    def addressed(self, addresses: Mapping[str, Mapping[str, str]], column: str) -> Array | None:
-        """Readings (n,), in SI units, of the channel with the address of a column; None without
-        it."""
-        for channel in self.signals:
-            if channel.address == addresses.get(column) and channel.numbers is not None:
-                return channel.numbers * unit_factor(channel)
-        return None
-
-    def holds_few_currents(self, addresses: Mapping[str, Mapping[str, str]]) -> bool:
-        """Whether an actuator stands while its current has so few levels that other logs have the
-        rest. `addresses` are those of the channels, by column."""
-        current = self.addressed(addresses, "current")
-        time = times_of(current, self.clock)
-        if current is None or time is None:
-            return False
-        for column in ("theta_m", "omega_m"):
-            motion = self.addressed(addresses, column)
-            if motion is None or len(motion) != len(time):
-                continue
-            if fast_share(time, motion, column == "theta_m", STANDS) > MOST_FAST:
-                return False
-        if is_one_level(time, current):
-            return True
-        return 0 < len(plateaus_of(time, current)) < FEWEST_OF_ONE_LOG
 
 
 def times_of(readings: Array | None, clock: RecordedChannel | None) -> Array | None:

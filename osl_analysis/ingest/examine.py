@@ -15,7 +15,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from osl_analysis.config.experiments import EXPERIMENTS, Experiment
-from osl_analysis.errors import InputError, Suspect, listing
+from osl_analysis.errors import Change, InputError, listing
 from osl_analysis.ingest.guard import find_leaps
 from osl_analysis.measured import factor_of, usual_size
 from osl_analysis.plates import beside, plate_axes
@@ -26,6 +26,7 @@ from osl_analysis.signals.samples import take
 from osl_analysis.spectral.sine_runs import Run
 from osl_analysis.spectral.stepped_sine import Likeness, SteppedSineProtocol, stated_protocol
 from osl_analysis.trial import Array, Trial, plate_columns, unit_of
+from osl_analysis.units import si_factor
 
 OF_CLAMPED = "the actuator stands, and its plateaus of current are analysed alone"
 
@@ -649,21 +650,21 @@ def held(
 
 
 def measure_dropout(examined: Examined) -> CheckResult:
-    """Largest number of leaps of the angle or the torque off its curve (`guard.find_leaps`), or of
-    places where rows are missing and the stamps go on (`guard.lost_rows`)."""
+    """Largest number of leaps of the angle or the torque off its curve (`guard.find_leaps`)."""
     trial = examined.trial
-    guarded = [one for one in ("theta", "theta_m", "torque") if one in trial.columns]
-    leaps = [find_leaps(column, *trial.arrays(column)) for column in guarded]
-    if not leaps:
+    angle = "theta" if "theta" in trial.columns else "theta_m"
+    guarded = [column for column in (angle, "torque") if column in trial.columns]
+    if not guarded:
         return not_applicable("no angle and no torque")
-    worst_leaps = max(leaps, key=lambda one: one.count)
-    if not worst_leaps.count:
+    leaps = [find_leaps(column, *trial.arrays(column)) for column in guarded]
+    most = max(leaps, key=lambda of_column: of_column.count)
+    if not most.count:
         return CheckResult(0.0)
     words = (
-        f"{worst_leaps.column} leaps {worst_leaps.count} times, first at {worst_leaps.times[0]:.3f} s:"
-        " rows were lost, doubled or joined, or a sensor failed; state `windows` without them"
+        f"{most.column} leaps {most.count} times, first at {most.times[0]:.3f} s: rows were lost or"
+        " doubled, or a sensor failed; state `windows` without them"
     )
-    return CheckResult(float(worst_leaps.count), words)
+    return CheckResult(float(most.count), words)
 
 
 def measure_unzeroed_plate(examined: Examined) -> CheckResult:
@@ -808,6 +809,9 @@ def measure_pressure_travel(examined: Examined) -> CheckResult:
 # Recordings of a bench that are refused before a fit.
 
 ANGLES = ("theta", "theta_m", "theta_command")
+CONFUSED_UNITS = {"rad": ("rad", "deg", "mrad"), "N*m": ("N*m", "N*mm", "N*cm")}
+"""By SI unit, the most usual ones first."""
+SMALLEST_MOTION = math.radians(0.5)  # of an angle's range; no recording of a joint has less
 
 
 def check_own_torque(trial: Trial, torque: str = "torque") -> None:
@@ -815,12 +819,10 @@ def check_own_torque(trial: Trial, torque: str = "torque") -> None:
     log has: a fit to it would be circular."""
     own = origin(trial, torque)
     if own.get("computed_from"):
-        measured = [f"'{name}'" for name in own["measured_beside"]]
-        channel = " or ".join(measured) or "the channel of a load cell"
         raise InputError(
-            f"trial {trial.name}: {torque} is {own['computed_from']} to within rounding: computed,"
-            f" not measured, and a fit gives the formula back; name {channel} as {torque} in the"
-            " source file, or write experiment ingest_only"
+            f"trial {trial.name}: {torque} follows exactly from {own['computed_from']}: it is"
+            " computed, not measured, and a fit gives the formula back; name the channel of a load"
+            f" cell as {torque} in the source file, or write experiment ingest_only"
         )
     both = trial.arrays(torque, "current")[1:] if {torque, "current"} <= set(trial.columns) else ()
     if both and (factor := factor_of(*both)) is not None:
@@ -843,10 +845,11 @@ def check_recording(
     # microseconds.
     step = float(np.ptp(time)) / (len(time) - 1) if len(time) > 1 else 0.0
     if 0 < step < 1e-5:  # no recorder of a joint is faster than 100 kHz
+        larger = Change("take a 1000 times larger `unit` of `time` (s for ms)", {"time": 1e3})
         raise InputError(
             f"{who} its samples are {step:.2g} s apart, {1 / step:.3g} in a second; correct the"
             " `unit` of `time` in the source file",
-            [Suspect("unit", ("time",))],
+            [larger],
         )
     check_own_torque(trial, torque)
     turned, measured = (
@@ -865,16 +868,22 @@ def check_recording(
         angles = [name for name in ANGLES if name in trial.columns]
         assert angle is not None
         too_large = [name for name in angles if half_range(trial, name) > limits.largest_angle]
-        suspects = [Suspect("unit", tuple(too_large))]
+        changes = in_other_units(trial, too_large)
         cause = "is it another channel, or of another unit or scale? Correct it in the source file"
         if measured.size and change / 2 < limits.largest_angle:
-            suspects = [Suspect("channels", (angle, torque))]
+            words = f"swap the channels of {angle} and {torque} in the source file"
+            swapped = {angle: torque, torque: angle}
+            in_deg = f"{words}, and state `unit: deg` of {angle}"
+            changes = [
+                Change(words, renamed=swapped),
+                Change(in_deg, {angle: math.radians(1)}, renamed=swapped, rank=1),
+            ]
             cause = (
                 f"{torque} has +-{change / 2:.2g} N*m only, are the two swapped? Correct them in"
                 " the source file"
             )
         if np.abs(np.diff(turned)).max() > 0.9 * turn:
-            suspects = []
+            changes = []
             cause = (
                 "it jumps so far from a row to the next, as where an encoder begins anew: state"
                 " after how much of its own unit, as `wraps_at: 360` or 65536, in the source file"
@@ -883,14 +892,14 @@ def check_recording(
         limit = (
             f"more than the {limits.largest_angle:g} rad of `largest_angle` in the configuration"
         )
-        raise InputError(f"{said}, {limit}; {cause}", suspects)
+        raise InputError(f"{said}, {limit}; {cause}", changes)
     largest = float(np.abs(measured).max(initial=0.0))
     if limits.load_cell_range is not None and largest > limits.load_cell_range:
         raise InputError(
             f"{who} {torque} reaches {largest:.4g} N*m, more than the {limits.load_cell_range:g}"
             " N*m of `load_cell_range` in the configuration; correct its `unit` or `scale` in the"
             " source file, or the range",
-            [Suspect("unit", (torque,))],
+            in_other_units(trial, [torque]),
         )
 
 
@@ -899,6 +908,22 @@ def half_range(trial: Trial, column: str) -> float:
     values = recorded(trial, column)[1]
     finite = values[np.isfinite(values)]
     return float(np.ptp(finite)) / 2 if finite.size else 0.0
+
+
+def in_other_units(trial: Trial, columns: Sequence[str]) -> list[Change]:
+    """The changes that take columns for numbers of another unit than they are declared in, the more
+    usual unit first. A unit with which the joint hardly moves is none of them."""
+    si_unit = unit_of(columns[0])
+    declared = float(origin(trial, columns[0]).get("factor", 1))
+    turn = 2 * half_range(trial, "theta") if "theta" in trial.columns else math.inf
+    changes: list[Change] = []
+    for unit in CONFUSED_UNITS[si_unit]:
+        factor = si_factor(unit, si_unit) / declared
+        moves = turn * (factor if "theta" in columns else 1) > SMALLEST_MOTION
+        if moves and not math.isclose(factor, 1):
+            words = f"state `unit: {unit}` of {' and '.join(columns)} in the source file"
+            changes.append(Change(words, dict.fromkeys(columns, factor), rank=len(changes)))
+    return changes
 
 
 MEASURES: dict[str, tuple[Callable[[Examined], CheckResult], str]] = {

@@ -1,6 +1,5 @@
 """The guard of a trial's numbers after ingest. Sizes that nothing can reach are refused. Samples of
-the joint's angle and torque that leap off the curve of their neighbours are counted, and places
-where rows are missing.
+the joint's angle and torque that leap off the curve of their neighbours are counted.
 
 A flipped bit, a lost or an exchanged block of a file without checksums, and a sensor that fails
 look alike in the samples. What did it, no file tells; so the guard only says where to look."""
@@ -41,7 +40,6 @@ USUAL_BEND = 0.99
 zero for a channel that mostly rests, or is coarse. What leaps more often is the channel's own, as a
 stepper's steps."""
 
-FOUR_TURNS = 4.1  # a turn against the sum of four, and a little more for rounding
 OFTEN = 0.05  # share of large third differences from which the usual one is large, beside all gaps
 
 SMALLEST_BEND = 1e-3
@@ -58,20 +56,6 @@ FEWEST_SAMPLES = 400  # of fewer, the four third differences of one leap would b
 
 LONGEST_STEP = 1.5  # of time, in usual steps: over a longer one rows are missing, a leap is due
 
-EVEN = 0.01  # of the usual step of time, by which no stamp of rows that were numbered is off
-LOST = 1.7  # steps of the angle in one of time, from which rows are missing
-USUAL_STEP = 0.3  # of a step, by which those beside it, or whole numbers of it, may be off
-OVER_NOISE = 10.0  # times the usual third difference, from which a step is motion
-FEWEST_LEVELS = 5.0  # smallest changes of an angle in a step that its rounding does not make
-
-FEWEST_FROZEN = 20  # equal values of a channel that stands, as of a loose cable
-USUALLY_CHANGES = 0.2  # share of the rows in which a channel changes; a coarse one does in fewer
-
-FEWEST_PACED = 5  # rows that show a pace
-SHORTEST_PACE = 10  # rows; of rows anywhere, two are soon closer
-OFF_PACE = 0.2  # of the smallest distance, by which a row may be off its pace
-PACED = 0.8  # share of the distances that keep it; 0.4 of rows anywhere
-
 MOST_GAPS = 0.01  # share of the steps that may be longer; if more are, the stamps scatter
 
 
@@ -82,7 +66,6 @@ class Leaps:
     column: str
     rows: tuple[int, ...] = ()  # in which they stand among the samples of the channel, from 1
     times: tuple[float, ...] = ()  # [s]
-    frozen: tuple[int, ...] = ()  # number of equal values right before each; 0 of a few
 
     @property
     def count(self) -> int:

@@ -190,11 +190,3 @@ def span_ratio(span: float, other: float, more_units: Sequence[float] = LONG_UNI
     units = np.array([*TIME_UNITS.values(), *more_units])
     ratios = np.divide.outer(units, units).ravel() * span / other
     return float(ratios[np.argmin(np.abs(np.log(ratios)))])
-
-
-def beginning_s(clock: Array, span_s: float) -> float:
-    """First reading [s] of a clock (n,) in an unknown unit of time. Its known span tells the
-    unit."""
-    units = np.array([*TIME_UNITS.values(), *LONG_UNITS])
-    unit = units[np.argmin(np.abs(np.log(units * np.ptp(clock) / span_s)))]
-    return float(clock[0] * unit)

@@ -22,6 +22,7 @@ WRONG_RATE = 0.05  # share by which a stated rate may be off a clock before it i
 OTHER_RATE = 0.01  # share by which a stated rate may be off one that the file states
 CLOCK_APART = 0.005  # share by which two clocks may differ: I is then 1 % wrong
 SECOND_NS = 1_000_000_000
+COUNTS_ROWS = 0.9  # share of the steps of a counter that are 1
 MOST_TRIED = 1000  # first rows of a column that decide whether it may be a clock
 
 
@@ -86,6 +87,8 @@ def check_other_clocks(
                 f"{source.time.ADDRESS} '{name}' ends at {last} and tells another time for what"
                 " stands beside it; export the channels of each rate on their own"
             )
+        if clock is not None and other.name == clock.name:
+            check_same_beginning(other, readings, clock)
         if rate is not None and abs(ratio - 1) > WRONG_RATE:
             raise InputError(
                 f"`rate: {rate:g}` of time, but {source.time.ADDRESS} '{name}' rises by"
@@ -101,6 +104,34 @@ def check_other_clocks(
     if rate is not None:
         remarks += check_rate(rate, recording, asked, is_confirmed)
     return apart, remarks
+
+
+def check_same_beginning(other: Channel, readings: Array, clock: Channel) -> None:
+    """Refuse two clocks of one name of which one is late, as in tables side by side: the other one
+    is then the time of the columns next to it."""
+    own = np.ma.getdata(clock.values)
+    if clock.kind == Kind.CLOCK or own.size != readings.size:
+        return
+    late = float(np.nanmedian(readings - own))
+    if abs(late) > 0.5 * float(np.nanmedian(np.abs(np.diff(own)))):
+        raise InputError(
+            f"another '{other.key}' is {late:.4g} after time: what stands beside it is of its time;"
+            " export each with the time of all"
+        )
+
+
+def check_counts_rows(channel: Channel, values: Array, source: TableSource) -> None:
+    """Refuse a stated rate if a channel (n,) counts the rows and shows that some are missing."""
+    if not np.mean(np.diff(values[:MOST_TRIED]) == 1) > COUNTS_ROWS:
+        return
+    steps = np.diff(unwrapped(values)[0])
+    absent = int(steps.sum()) - steps.size
+    if (steps > 0).all() and absent:
+        key = source.time.ADDRESS
+        raise InputError(
+            f"{key} '{channel.key}' counts {absent} rows that are missing, and those behind would"
+            f" be early; write `time: {{{key}: {channel.key}, rate: {source.time.rate:g}}}`"
+        )
 
 
 def time_in_words(source: TableSource) -> str:
@@ -140,6 +171,8 @@ def clocks_beside(
             continue
         if may_be_clock(name, channel.unit, values[:MOST_TRIED]):
             yield channel
+        elif source.time.rate is not None and not source.time.name:
+            check_counts_rows(channel, values, source)
 
 
 def numbers_of(channel: Channel) -> Array | None:

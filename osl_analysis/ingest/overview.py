@@ -13,7 +13,6 @@ import numpy as np
 from osl_analysis import formats
 from osl_analysis.errors import InputError, listing, naming, printable
 from osl_analysis.formats import known_formats
-from osl_analysis.ingest.asked_table import is_clock_beside
 from osl_analysis.ingest.capture import is_labelled, vertical_axis
 from osl_analysis.ingest.clock_choice import (
     choose_clock,
@@ -365,14 +364,16 @@ def overview_of_table(recording: Recording) -> Overview:
     ]
     drafted = [within_part(shown[id(channel)], part) for channel in offered]
     timing, clock, asked = timing_of(recording, offered, drafted, what)
-    untimed = [] if clock is None else without_time(offered, drafted, clock)
-    if untimed:
-        names = ", ".join(printable(one.key) for one in untimed)
-        asked.append(
-            f"{names}: of another length than the clock, and nothing tells their time; export them"
-            " with a time of their own, or leave them out"
-        )
-        drafted = [one for one in drafted if not any(one is other for other in untimed)]
+    if clock is not None:
+        lengths = {id(shown): own.rows.count for own, shown in zip(offered, drafted, strict=True)}
+        untimed = [one for one in drafted if lengths[id(one)] != lengths[id(clock)]]
+        drafted = [one for one in drafted if lengths[id(one)] == lengths[id(clock)]]
+        if untimed:
+            names = ", ".join(printable(one.key) for one in untimed)
+            asked.append(
+                f"{names}: of another length than the clock; interpolate them to its times, or"
+                " leave them out"
+            )
     questions = [*recording.questions, *repeated_headers(shown.values()), *questions, *asked]
     settings = {
         "clock": "master",
@@ -438,21 +439,6 @@ def has_title(channel: RecordedChannel) -> bool:
     """Whether the title of a channel, with or without its unit, is among its words."""
     name = channel.name
     return any(word == name or word.startswith(f"{name} ") for word in channel.words)
-
-
-def without_time(
-    offered: Sequence[Channel], drafted: Sequence[RecordedChannel], clock: RecordedChannel
-) -> list[RecordedChannel]:
-    """The channels of another length than the clock, beside which no time of their length is."""
-    count = next(
-        one.rows.count for one, shown in zip(offered, drafted, strict=True) if shown is clock
-    )
-    untimed: list[RecordedChannel] = []
-    for channel, shown in zip(offered, drafted, strict=True):
-        beside = [one for one in offered if one.rows is channel.rows]
-        if channel.rows.count != count and not any(map(is_clock_beside, beside)):
-            untimed.append(shown)
-    return untimed
 
 
 def drafted_part(

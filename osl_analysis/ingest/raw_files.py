@@ -1,5 +1,5 @@
-"""The raw files of one trial: found, held against their source files and checksums, read, and
-joined to canonical samples."""
+"""The raw files of one trial: found, held against their source files, read, and joined to canonical
+samples."""
 
 import hashlib
 import os
@@ -17,11 +17,9 @@ from osl_analysis.formats import known_formats
 from osl_analysis.formats._text import begins_with_rows
 from osl_analysis.ingest.assemble import assemble
 from osl_analysis.ingest.capture import convert_capture
-from osl_analysis.ingest.checksums import SUMS, check_sums
 from osl_analysis.ingest.computed_torque import name_computed_torques
 from osl_analysis.ingest.conversion import Converted
 from osl_analysis.ingest.guard import check_sizes
-from osl_analysis.ingest.joined_logs import join_logs, matching_files
 from osl_analysis.ingest.message_log import convert_messages
 from osl_analysis.ingest.placeholders import UNKNOWN, open_places
 from osl_analysis.ingest.table_log import convert_table
@@ -45,11 +43,7 @@ def suffixes() -> tuple[str, ...]:
 
 
 def recorded_files(path: Path) -> list[Path]:
-    """The files of a recording, or of all that a name with `*` stands for; a folder that is none
-    stands for itself."""
-    matching = matching_files(path)
-    if matching:
-        return [file for each in matching for file in recorded_files(each)]
+    """The files of a recording; a folder that is none stands for itself."""
     if path.is_dir():
         for one in formats.formats_of(path):
             with suppress(InputError):
@@ -76,8 +70,6 @@ def recordings_in(folder: Path) -> list[Path]:
 
 def may_be_recording(path: Path) -> bool:
     """Whether a file may be a recording, by its ending or by what it begins with."""
-    if path.name == SUMS:
-        return False
     suffix = path.suffix.lower()
     if suffix in suffixes():
         return True
@@ -246,9 +238,7 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
     identities: dict[str, dict[str, Any]] = {}
     for raw_file in raw_files:
         part = cells.get("log_part", "")
-        recordings[raw_file.role], identities[raw_file.role] = read_raw_file(
-            raw_file, part, raw_folder
-        )
+        recordings[raw_file.role], identities[raw_file.role] = read_raw_file(raw_file, part)
     names = ", ".join(raw_file.name for raw_file in raw_files)
     with naming(f"trial {name} ({names})"):
         trial = assemble(
@@ -284,31 +274,22 @@ def named_file(
     return RawFile(role, cells[role], source_name, path, source)
 
 
-def read_raw_file(
-    raw_file: RawFile, part: str, raw_folder: Path
-) -> tuple[Converted, dict[str, Any]]:
+def read_raw_file(raw_file: RawFile, part: str) -> tuple[Converted, dict[str, Any]]:
     """Read a recording, and identify it for the provenance.
 
     Raises
     ------
     InputError
-        It changed since its checksum was written, or changes while it is read.
+        It changes while it is read.
     """
     source = raw_file.source
     if isinstance(source, LogSource):
         source = source.of_part(part)
-    paths = matching_files(raw_file.path) or [raw_file.path]
-    if len(paths) > 1 and not isinstance(source, LogSource):
-        raise InputError(f"{raw_file.name}: {len(paths)} captures, and a trial has one; name it")
     files = recorded_files(raw_file.path)
     before = [written_at(file) for file in files]
     identities = [identity_of(file) for file in files]
-    remarks: list[str] = []
-    for file, identity in zip(files, identities, strict=True):
-        remarks += check_sums(file, identity["sha256"], raw_folder)
     try:
-        logs = [read_converted(path, source) for path in paths]
-        converted = join_logs(logs, [path.name for path in paths])
+        converted = read_converted(raw_file.path, source)
     finally:  # also where it cannot be read: it may have changed in between
         for file, then in zip(files, before, strict=True):
             if not file.is_file() or written_at(file) != then:
@@ -317,10 +298,9 @@ def read_raw_file(
                     " copied, then run again"
                 )
     identity = identities[0]
-    if raw_file.path.is_dir() or len(paths) > 1:
+    if raw_file.path.is_dir():
         identity = identity_of_folder(identities)
-    identity = {**identity, "path": raw_file.name, "source": raw_file.source_name}
-    return replace(converted, warnings=[*converted.warnings, *remarks]), identity
+    return converted, {**identity, "path": raw_file.name, "source": raw_file.source_name}
 
 
 def check_columns(trial: Trial, experiment: str | None, needed: Sequence[str]) -> None:
@@ -353,10 +333,6 @@ def check_markers(trial: Trial, experiment: str | None) -> None:
 def check_file(path: Path) -> None:
     """Refuse a file that is missing or empty, and what is no recording: a device, a pipe, a folder
     without parts."""
-    for file in matching_files(path):
-        check_file(file)
-    if matching_files(path):
-        return
     if path.is_dir():
         folder_formats = formats.formats_of(path)
         if not folder_formats:
@@ -369,7 +345,10 @@ def check_file(path: Path) -> None:
             " into one"
         )
     if not path.is_file():
-        raise InputError(f"{path}: no such file; correct the sample sheet, or copy the file there")
+        advice = "correct the sample sheet, or copy the file there"
+        if "*" in path.name:
+            advice = "a trial has one log: name it, or join the logs to one file before"
+        raise InputError(f"{path}: no such file; {advice}")
     check_not_refused(path)
     if path.stat().st_size == 0:
         raise InputError(

@@ -12,9 +12,8 @@ from osl_analysis.errors import InputError
 from osl_analysis.ingest.asked_table import (
     STATE_RATE,
     Table,
-    clock_factor,
+    check_common_rows,
     read_table,
-    with_own_rows,
 )
 from osl_analysis.ingest.conversion import (
     Converted,
@@ -91,7 +90,7 @@ def convert_table(recording: Recording, source: TableSource, file_name: str) -> 
         )
     table, time, start = with_time(table, source, clock)
     apart, warnings = check_other_clocks(recording, source, clock, table.rows, time, channels)
-    table = with_own_rows(table)
+    check_common_rows(table)
 
     samples = [pl.Series("time", time)]
     origins: dict[str, dict[str, Any]] = {}
@@ -146,10 +145,7 @@ def convert_table(recording: Recording, source: TableSource, file_name: str) -> 
         frame, plate_origins, facts["plates"] = with_plates(recording, source, table, frame, time)
         origins.update(plate_origins)
     losses = losses_of(recording.loss, of_messages=False)
-    begins_s = None
-    if clock is not None and source.time.rate is None:
-        begins_s = start * clock_factor(clock, source)
-    return Converted(frame, origins, facts, warnings, losses, begins_s)
+    return Converted(frame, origins, facts, warnings, losses)
 
 
 def check_loss(recording: Recording, source: TableSource) -> None:

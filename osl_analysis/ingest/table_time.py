@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.asked_table import STATE_RATE, Table, clock_factor
 from osl_analysis.ingest.likely_clock import unwrapped
+from osl_analysis.ingest.stale_rows import find_stale_rows, remarks_on_stale_rows
 from osl_analysis.recording import Channel, Kind
 from osl_analysis.source_file import TableSource
 from osl_analysis.trial import Array, check_time
 
-NEAR_BEGIN = 2.0  # usual steps from a clock's first reading, within which it begins anew
 COARSE_STEP_S = 0.4  # stamps this far apart tell seconds, not samples
 COARSE_ROWS = 20  # rows with one stamp: beyond it the stamps are coarse, or the clock stopped
 COARSE_SHARE = 0.1  # of the rows with one stamp, as above
@@ -54,6 +54,11 @@ def with_time(
         remarks.append(
             f"{what} counts to 2**{bits} and began anew {turns} times; it is taken to go on"
         )
+    stale = find_stale_rows(raw)
+    if stale.size:
+        remarks += remarks_on_stale_rows(table.rows, raw, stale, factor)
+        table = table.at(~np.isin(np.arange(raw.size), stale))
+        raw = np.delete(raw, stale)
     time = np.asarray((raw - raw[0]) * factor, dtype=np.float64)
     check_time(what, time)
     check_clock_runs(table, source, time, raw, factor if clock.kind == Kind.CLOCK else 1.0)

@@ -191,9 +191,7 @@ def inertia_claims(means: Means, frequencies_hz: Sequence[float]) -> Iterator[Cl
         )
 
 
-def stiffness_claims(
-    means: Means, fits: pl.DataFrame, n_T: float | None
-) -> Iterator[Claim]:
+def stiffness_claims(means: Means, fits: pl.DataFrame, n_T: float | None) -> Iterator[Claim]:
     """Whether belt and load friction matter, at the lowest and the highest K_d of the `fits` over
     all amplitudes."""
     known = fits.filter(pl.col("K_d") > 0).sort("K_d").to_dicts()

@@ -208,9 +208,8 @@ def call(job: Job) -> Sequence[Refusal]:
         if job.command in TABLES_OF_FIT:
             trial = read_trial(Path(str(given.pop("trial"))))
             advise = command_of("remedies.fit_or_advise")
-            fitted = advise(CONVERTING(function), {"trial": trial, **given, **params})
-            if not isinstance(fitted, Mapping):  # FitTables, of which some are not computed yet
-                fitted = fitted.everything()
+            tables_of_trial = advise(CONVERTING(function), trial, **given, **params)
+            fitted = tables_of_trial.everything()
             tables = TABLES_OF_FIT[job.command]
             write_tables({place_of(table, job): fitted[table] for table in tables}, data)
         else:
@@ -240,8 +239,9 @@ def takes_many(arguments: Mapping[str, inspect.Parameter], name: str) -> bool:
     return name in arguments and get_origin(arguments[name].annotation) in (Sequence, Mapping)
 
 
-def command_of(name_of_job: str) -> Callable[..., Any]:
-    module, _, name = name_of_job.partition(".")
+def command_of(place: str) -> Callable[..., Any]:
+    """The function at a place, `module.function`, of `osl_analysis.commands`."""
+    module, _, name = place.partition(".")
     command: Callable[..., Any] = getattr(import_module(f"osl_analysis.commands.{module}"), name)
     return command
 

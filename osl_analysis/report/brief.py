@@ -26,7 +26,8 @@ def findings_lines(findings: Sequence[CampaignFinding]) -> Iterator[str]:
     not be checked."""
     doubts = [finding for finding in findings if finding.verdict != NOT_CHECKED]
     for finding in doubts[:MOST_FINDINGS]:
-        line = f"⚠ {finding.cause}: {len(finding.trials)} of {finding.n} {finding.kind}"
+        mark = "·" if finding.verdict == "remark" else "⚠"
+        line = f"{mark} {finding.cause}: {len(finding.trials)} of {finding.n} {finding.kind}"
         if finding.verdict == IN_PART:
             yield f"{line}, in some rows → leave out rows marked doubtful"
             continue
@@ -34,7 +35,7 @@ def findings_lines(findings: Sequence[CampaignFinding]) -> Iterator[str]:
         remedy = f" → {finding.brief}" if finding.brief else ""
         yield f"{line}{f', {first_size}' if first_size else ''}{remedy}"
     if len(doubts) > MOST_FINDINGS:
-        yield f"⚠ and {len(doubts) - MOST_FINDINGS} more, which the page lists"
+        yield f"· and {len(doubts) - MOST_FINDINGS} more, which the page lists"
     unchecked = causes_not_checked(findings)
     if unchecked:
         yield f"not checked, and in no interval: {'; '.join(unchecked)}"

@@ -67,9 +67,9 @@ class Number:
     n: int  # rows behind it
     n_doubtful: int
     n_left_out: int
-    says: str  # begin of its sentence; empty for none
-    symbol: str  # before it in the sentence
-    subject: str  # controller, condition, group, joint and side that it is of
+    says: str = ""  # begin of its sentence; empty for none
+    symbol: str = ""  # before it in the sentence
+    subject: str = ""  # controller, condition, group, joint and side that it is of
     verdict: str | None = None  # on the paper's claim about it
 
     @property
@@ -232,9 +232,13 @@ def macro_name(name: str) -> str:
     )
 
 
-def macros_tex(about: Mapping[str, str], numbers: Iterable[Number]) -> str:
-    r"""Write LaTeX macros such as `\oslKS` with `\oslKSLow` and `\oslKSHigh`, rounded, no units."""
+def macros_tex(
+    about: Mapping[str, str], numbers: Iterable[Number], remarks: Iterable[str] = ()
+) -> str:
+    r"""Write LaTeX macros such as `\oslKS` with `\oslKSLow` and `\oslKSHigh`, rounded, without
+    units, below comments with `remarks`."""
     lines = [f"% {sentence(about)}", "% \\input this file and use the macros."]
+    lines += [f"% {remark}" for remark in remarks]
     for field in ABOUT_MEANING:
         text = in_latex(about[field])
         lines.append(f"\\newcommand{{\\osl{field.capitalize()}}}{{{text}}}% {ABOUT_MEANING[field]}")

@@ -145,7 +145,7 @@ def with_symbols(text: str) -> Markup:
     def symbol(match: re.Match[str]) -> str:
         letters = re.sub(r"\\hat\{(\w)\}", "\\1\u0302", match[1])
         letters = re.sub(r"\\\w+\{(\w+)\}", r"\1", letters)
-        letters = re.sub(r"_\{?(\w+)\}?", r"<sub>\1</sub>", letters)
+        letters = re.sub(r"_\{?([A-Za-z0-9]+)\}?", r"<sub>\1</sub>", letters)
         return f"<i>{re.sub(r'[{}^]', '', letters)}</i>"
 
     in_html = re.sub(r"(?<!\\)\$(.+?)(?<!\\)\$", symbol, str(escape(text)))

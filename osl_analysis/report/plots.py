@@ -96,6 +96,8 @@ def panel(tag: str, x_label: str, y_label: str, height: int, **choices: Any) -> 
     made.axis.axis_label_text_color = GREY
     made.axis.major_label_text_color = GREY
     made.axis.axis_line_color = GREY
+    made.axis.major_tick_line_color = GREY
+    made.axis.minor_tick_line_color = None
     made.axis.axis_label_text_font_style = "normal"
     made.grid.grid_line_alpha = 0.3
     return made

@@ -59,9 +59,25 @@ class Signals:
         }
 
 
-def of_fit(series: pl.DataFrame, motion: str) -> Signals:
-    """Torque, model, residual and motion of a bench trial, from its table `series`; `motion` is
-    what moves."""
+FITTED = "Measured torque, the model where it is fitted, and their difference, the residual."
+ISOLATED = (
+    "The response to the perturbation, this crossing less the unperturbed gait, over the time from"
+    " its onset; the model of its own fit, and the residual."
+)
+
+
+def of_fit(series: pl.DataFrame, motion: str, what: str = FITTED) -> Signals:
+    """Torque, model, residual and motion of a fit.
+
+    Parameters
+    ----------
+    series : polars.DataFrame
+        The table `series` of a bench trial, or rows of `walking_responses.csv`.
+    motion : str
+        What moves.
+    what : str
+        What the signals are.
+    """
     motion_column = "omega" if "omega" in series.columns else "theta_deg"
     unit = "rad/s" if motion_column == "omega" else "deg"
     table = series.select(
@@ -71,24 +87,7 @@ def of_fit(series: pl.DataFrame, motion: str) -> Signals:
         residual=pl.col("torque") - pl.col("torque_model"),
         motion=motion_column,
     )
-    what = "Measured torque, the model where it is fitted, and their difference, the residual."
     return Signals(table, what, f"{motion} ({unit})")
-
-
-def of_perturbation(response: pl.DataFrame) -> Signals:
-    """The isolated response of a perturbed crossing, from its rows of `walking_responses.csv`."""
-    table = response.select(
-        "time",
-        "torque",
-        model="torque_model",
-        residual=pl.col("torque") - pl.col("torque_model"),
-        motion="theta_deg",
-    )
-    what = (
-        "The response to the perturbation, this crossing less the unperturbed gait, over the time"
-        " from its onset; the model of its own fit, and the residual."
-    )
-    return Signals(table, what, "Ankle angle (deg)")
 
 
 def of_recording(samples: pl.DataFrame, motion: str) -> Signals:

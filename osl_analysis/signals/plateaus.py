@@ -142,11 +142,3 @@ def fast_share(time: Array, motion: Array, is_angle: bool, slowest: float) -> fl
     else:
         speeds = np.convolve(means, np.full(SPEED_BINS, 1 / SPEED_BINS), "valid")
     return float(np.mean(np.abs(speeds) > slowest))
-
-
-def is_one_level(time: Array, current: Array) -> bool:
-    """Whether a current (n,) [A] is constant but for its noise, at times (n,) [s]."""
-    begins, _ = bins_of(time)
-    rows = np.diff(np.append(begins, len(time)))
-    noise = noise_of(current) / np.sqrt(np.median(rows))
-    return bool(np.ptp(means_from(begins, current)) <= STEADY_RANGE * noise)

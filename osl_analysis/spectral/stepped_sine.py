@@ -16,7 +16,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from osl_analysis.errors import InputError, Suspect
+from osl_analysis.errors import Change, InputError
 from osl_analysis.signals import longest_run, runs, sampling_rate
 from osl_analysis.signals.grid import BRIDGE_MORE
 from osl_analysis.spectral.sine_runs import (
@@ -381,7 +381,7 @@ def check_unit_of_amplitudes(runs: Sequence[Run], likeness: "Likeness") -> None:
                 f" {np.rad2deg(run.amplitude):.2f} deg, the protocol says"
                 f" {listed_deg(amplitudes)} deg; correct `amplitudes_deg` in the configuration, or"
                 " the angle's unit in the source file",
-                [Suspect("unit", ("theta",))],
+                [Change("", other_unit_of="theta")],
             )
 
 

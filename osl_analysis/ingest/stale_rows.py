@@ -1,0 +1,65 @@
+"""Rows or messages whose stamp is of another time than their neighbours', as of a packet that
+waited in a buffer. The clock was not set back: it goes on in the next row."""
+
+from typing import Any
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from osl_analysis.recording import Rows
+
+LARGEST_STALE_SHARE = 0.001  # of the rows; of more of them, the clock itself goes back
+FAR_STEPS = 50.0  # usual steps from the running median of the stamps; late messages are nearer
+MEDIAN_ROWS = 11  # of the running median, which few rows of another time do not move
+MOST_NAMED = 5  # rows that the remarks name
+
+
+def find_stale_rows(stamps: NDArray[Any], least: float = 0.0) -> NDArray[np.int64]:
+    """Find few rows that are far from the running median of the stamps. A gap moves the median,
+    too: the rows beside it are near to it.
+
+    Parameters
+    ----------
+    stamps
+        Readings of the clock, shape (n,).
+    least
+        How far a row must be off at least; in the unit of the stamps.
+
+    Returns
+    -------
+    Array
+        Their places, from 0; empty if no row is, or more than `LARGEST_STALE_SHARE` of them.
+    """
+    none = np.zeros(0, np.int64)
+    if LARGEST_STALE_SHARE * stamps.size < 1:
+        return none
+    since_first = (stamps - stamps[0]).astype(np.float64)
+    steps = np.abs(np.diff(since_first))
+    far = max(least, FAR_STEPS * float(np.median(steps)))
+    if not (steps > far).any():
+        return none
+    usual = scipy.ndimage.median_filter(since_first, MEDIAN_ROWS, mode="mirror")
+    places = np.flatnonzero(np.abs(since_first - usual) > far)
+    return places if places.size <= LARGEST_STALE_SHARE * stamps.size else none
+
+
+def remarks_on_stale_rows(
+    rows: Rows, stamps: NDArray[Any], stale: NDArray[np.int64], to_seconds: float
+) -> list[str]:
+    """Name the rows that are left out, and how far their stamps (n,) are off the ones beside.
+
+    `to_seconds` is the factor from the unit of the stamps to seconds.
+    """
+    remarks: list[str] = []
+    for row in stale[:MOST_NAMED].tolist():
+        beside = row - 1 if row else row + 1
+        off_s = float(stamps[row] - stamps[beside]) * to_seconds
+        side = "before" if off_s < 0 else "behind"
+        remarks.append(
+            f"{rows.place(row)} is left out: its stamp is {abs(off_s):.4g} s {side} those beside"
+            " it, as of a packet that waited in a buffer"
+        )
+    if stale.size > MOST_NAMED:
+        remarks.append(f"and {stale.size - MOST_NAMED} more {rows.noun}s like it")
+    return remarks

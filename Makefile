@@ -5,7 +5,7 @@ READY := $(VENV)/ready
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 unexport PYTHONDONTWRITEBYTECODE # each process would compile anew what the tests have changed, which takes 10 s
 
-.PHONY: reproduce-all test test-kernels test-browser test-package test-slurm test-speed peers setup check docs lock dist pictures release
+.PHONY: reproduce-all test test-kernels test-browser test-package test-slurm test-speed peers setup check docs lock dist release
 
 reproduce-all: $(READY)
 	$(BIN)/snakemake reproduce-all
@@ -33,10 +33,6 @@ dist: $(READY)
 	rm -rf dist
 	$(BIN)/python -m build --no-isolation --outdir dist
 
-# The pictures that README.md opens with, from the results of the default campaign (Debian: apt-get install chromium).
-pictures: reproduce-all
-	$(BIN)/python docs/make_pictures.py
-
 # Recordings with known truth, the answers of other packages, which have an environment of their own, and the tables and the
 # figure of docs/peers.md. Half an hour of one core.
 peers: $(READY)
@@ -45,15 +41,16 @@ peers: $(READY)
 	OPENBLAS_NUM_THREADS=1 build/peers_venv/bin/python benchmarks/peers/page.py
 
 # All that a release has, in dist/: wheel, sdist, the page of the default campaign, the documentation, checksums. It needs
-# no network, attaches nothing, and says what does.
+# no network and attaches nothing.
 release: dist docs reproduce-all
-	$(BIN)/python docs/make_release.py
+	cp results/report.html dist/demo-report.html
+	$(PYTHON) -m zipfile --create dist/docs.zip build/docs
+	cd dist && sha256sum * > SHA256SUMS
 
-# The documentation site in build/docs, without a network. Warnings are errors, and every link is followed.
+# The documentation site in build/docs, without a network. Warnings are errors, such as of a link that leads nowhere.
 docs: $(READY)
 	rm -rf build/docs build/doctrees
-	$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going --doctree-dir build/doctrees --conf-dir docs/site docs build/docs
-	$(BIN)/python docs/site/check.py build/docs
+	$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going --doctree-dir build/doctrees docs build/docs
 
 # A campaign of 24 trials through a SLURM that exists for this test alone: Debian, as root.
 test-slurm: build/cluster
@@ -65,9 +62,9 @@ build/cluster: cluster.lock $(READY)
 	rm -rf $@
 	$(PIP) --require-hashes --no-deps --target $@ -r cluster.lock
 
-# Core-seconds of a campaign of 17 trials, beside the last release (0.4.0). Nothing else may run meanwhile.
+# Core-seconds of a campaign of 17 trials, beside release 0.4.0. Nothing else may run meanwhile.
 test-speed: $(READY)
-	$(BIN)/python benchmarks/against.py ad572fd6 --short --rounds 1 --most 1.0
+	$(BIN)/python benchmarks/against.py e3f49238 --short --rounds 1 --most 1.1
 	$(BIN)/python benchmarks/doors.py --most 900
 
 setup: $(READY)

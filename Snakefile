@@ -35,6 +35,7 @@ rule complete:
         settings="<results>/tables/settings.csv",
         summary="<results>/summary.json",
         report="<results>/report.html",
+        methods="<results>/methods.md",
     localrule: True
 
 

@@ -4,7 +4,7 @@ Run from the repository: `python benchmarks/causes.py`. The recordings are those
 exact joint with one cause of error, at sizes that move K, B or I by 1, 3, 10 and 100 half-widths of
 their interval in a sound recording and at the size at which it was reported. Each is fitted by
 `osl.fit_impedance`, with and without gains. Writes the tables into `docs/bench_validation.md` and a
-row per recording into `benchmarks/causes.csv`; half an hour on one core.
+row per recording into `build/causes.csv`; half an hour on one core.
 
 `--quick` makes a part of it in three minutes and writes nothing, `--only WORD` the causes that have
 the word in their name. `--against FILE` says which cells are worse than those of another file of
@@ -30,7 +30,7 @@ from osl_analysis import notebook
 from osl_analysis.judge.finding import Grade
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGE, ROWS = ROOT / "docs/bench_validation.md", ROOT / "benchmarks/causes.csv"
+PAGE, ROWS = ROOT / "docs/bench_validation.md", ROOT / "build/causes.csv"
 # reading the configuration takes as long as a fit
 notebook.fit_settings = cache(notebook.fit_settings)
 GAINS = osl.DesiredImpedance("compensated", K_d=300.9, B_d=4.56)  # by linear theory K 300, B 5
@@ -204,6 +204,7 @@ def study(
             )
             rows += mine
             if rows_file is not None:
+                rows_file.parent.mkdir(parents=True, exist_ok=True)
                 in_order(rows).write_csv(rows_file)
     return in_order(rows)
 

@@ -1,6 +1,6 @@
 """What the product costs beside a student's script: one table.
 
-    python benchmarks/doors.py [PART ... | all] [--recordings N ...] [--trials N ...] [--most MB]
+    python benchmarks/doors.py [PART ... | all] [--recordings N ...] [--most MB]
 
 | part | rows |
 |---|---|
@@ -9,16 +9,12 @@
 | `hour` | ingest of an hour: CSV at 1 kHz of six channels beside polars, MCAP of the bench |
 | `figures` | a figure in PDF, SVG and PNG, the mean of those of `tests/figure_tables` |
 | `page` | the page of a campaign of 1,000 recordings of 8 s, and its opening in headless Chromium |
-| `planning` | `snakemake --dry-run` of campaigns, beside bare Snakefiles of as many jobs |
-| `release` | the default campaign beside release 0.4.0, by `against.py` |
-| `cluster` | 1,000 recordings through a SLURM of this machine, by `submissions.py` (as root) |
 
-Without a part the first four; the others take hours. Columns are processor seconds
-of the product with all of its processes, those of the script (`student.py`: pandas, filtfilt,
-lstsq), their ratio, what is allowed, and the largest memory of a process. Each process has one
-thread; runs of campaigns have two processes at a time (`--cores 2`). With `--most`, as CI runs it,
-only the memory of ingest and fit of 20 minutes is measured: the command ends with exit code 1 where
-that is more.
+Without a part the first four; the last one takes an hour. Columns are processor seconds of the
+product with all of its processes, those of the script (pandas, filtfilt, lstsq), their ratio, what
+is allowed, and the largest memory of a process. Each process has one thread; runs of campaigns have
+two processes at a time (`--cores 2`). With `--most`, as CI runs it, only the memory of ingest and
+fit of 20 minutes is measured: the command ends with exit code 1 where that is more.
 """
 
 import argparse
@@ -38,7 +34,6 @@ from osl_analysis.jobs.workers import ENVIRONMENT
 
 ROOT = Path(__file__).resolve().parents[1]
 HERE = ROOT / "benchmarks"
-STUDENT = (sys.executable, str(HERE / "student.py"))
 COMMAND = (sys.executable, "-c", "from osl_analysis.cli import main; main()")
 SETTINGS = ROOT / "config/simulation/default.yaml"
 TRIAL = "impedance_K300_B5.0_compensated"
@@ -49,14 +44,13 @@ SIMULATED = (
 DESIRED = ("--stiffness", "300", "--damping", "5")
 ADOPT_ORPHANS = 36
 """PR_SET_CHILD_SUBREAPER of Linux: workers are forked from a process that ends after its parent."""
-PARTS = ("fit", "run", "hour", "figures", "page", "planning", "release", "cluster")
+PARTS = ("fit", "run", "hour", "figures", "page")
 USUAL_PARTS = PARTS[:4]
 CYCLES_150_S, CYCLES_60_S, CYCLES_8_S = 22, 9, 1  # of `planted.stepped_sine`
 # cycles of the simulated bench at each frequency
 THIRD = 173  # 20 minutes
 HOUR = 520
 HOUR_ROWS = 3_600_000
-RELEASE = "ad572fd6"  # 0.4.0
 CSV_SOURCE = """\
 format: csv
 time: {column: Time}
@@ -65,6 +59,26 @@ channels:
   torque: {column: Torque, unit: Nm}
 """
 
+SCRIPT = """import sys
+import numpy as np, pandas as pd
+from scipy.signal import butter, filtfilt
+def read(path):
+    time, theta, torque = pd.read_csv(path).to_numpy().T[:3]
+    return time, np.deg2rad(theta), torque
+def fit(time, theta, torque):
+    step = time[1] - time[0]
+    b, a = butter(4, 30 * step)  # 15 Hz
+    theta, torque = filtfilt(b, a, theta), filtfilt(b, a, torque)
+    omega = np.gradient(theta, step)
+    columns = np.column_stack([theta, omega, np.gradient(omega, step), np.ones_like(theta)])
+    return np.linalg.lstsq(columns, torque, rcond=None)[0]
+if __name__ == "__main__":
+    for path in sys.argv[1:]:
+        print(path, *fit(*read(path)))
+"""
+"""What a student writes for K, B and I: no checks, no intervals, no page. The columns of a
+recording are time [s], angle [deg] and torque [N*m]."""
+STUDENT = (sys.executable, "-c", SCRIPT)
 WRITE_RECORDING = """import sys
 import numpy as np, polars as pl
 sys.path.insert(0, sys.argv[1])
@@ -99,8 +113,9 @@ print(time.process_time() - before)
 WARM = """import sys, time
 from collections.abc import Callable
 sys.path.insert(0, sys.argv[1])
-import student
 import osl_analysis as osl
+student = {}
+exec(sys.argv[2], student)  # its __name__ is not __main__
 def least(call: Callable[[], object]) -> float:
     times = []
     for _ in range(9):
@@ -108,16 +123,16 @@ def least(call: Callable[[], object]) -> float:
         call()
         times.append(time.process_time() - before)
     return min(times)
-stored, recording, source = sys.argv[2:]
+stored, recording, source = sys.argv[3:]
 def fit(trial: osl.Trial) -> None:
     osl.fit_impedance(trial, parameters=None)
-trial, columns = osl.read_trial(stored), student.read(recording)
+trial, columns = osl.read_trial(stored), student["read"](recording)
 print(
     least(lambda: fit(trial)),
-    least(lambda: student.fit(*columns)),
+    least(lambda: student["fit"](*columns)),
     least(lambda: fit(osl.read_trial(stored))),
     least(lambda: fit(osl.read_recording(recording, source))),
-    least(lambda: student.fit(*student.read(recording))),
+    least(lambda: student["fit"](*student["read"](recording))),
 )
 """
 OPEN = """import shutil, sys
@@ -246,7 +261,8 @@ def show_fit(folder: Path) -> None:
     (folder / "csv.yaml").write_text(CSV_SOURCE, encoding="utf-8")
     ingest = ("ingest", "--log", str(recording), "--log-source", "csv", "--sources", str(folder))
     cold_ingest = product(folder, *ingest, "--output", "trial.parquet")
-    warm = python(folder, WARM, HERE, folder / "trial.parquet", recording, folder / "csv.yaml")
+    files = (folder / "trial.parquet", recording, folder / "csv.yaml")
+    warm = python(folder, WARM, HERE, SCRIPT, *files)
     fit, of_student, stored, read, read_by_student = map(float, warm.printed.split()[-5:])
     show("150 s at 1 kHz, warm: fit", fit, of_student, "0.10 s")
     show("  read the trial (Parquet) and fit", stored, None, "0.15 s")
@@ -256,7 +272,7 @@ def show_fit(folder: Path) -> None:
     show("  cold: osl-analysis ingest", cold_ingest.seconds, memory_mb=cold_ingest.memory_mb)
     cold = product(folder, "fit", "--parameters", "none", "trial.parquet")
     show("  cold: osl-analysis fit", cold.seconds, student.seconds, "1.2 s", cold.memory_mb)
-    for words in (("--help",), ("doctor",), ("inspect", str(recording))):
+    for words in (("--help",), ("inspect", str(recording))):
         command = product(folder, *words)
         show(f"osl-analysis {words[0]}", command.seconds, memory_mb=command.memory_mb)
 
@@ -336,38 +352,6 @@ def show_page(folder: Path, number: int) -> None:
     show(f"  opened in Chromium, {megabytes:.0f} MB (wall time)", opened, allowed="2 s")
 
 
-def show_planning(folder: Path, numbers: Sequence[int]) -> None:
-    """Plans of campaigns beside those of bare Snakefiles, and how the time of a trial grows."""
-    import planning  # it imports Snakemake's and the simulator's parts
-
-    before: tuple[int, float] | None = None
-    for number in numbers:
-        place = folder / f"planned_{number}"
-        campaign = planning.write_campaign(place / "campaign", number, bytes(2 * number))
-        cpu_s, _ = planning.snakemake(campaign, place / "campaign", "--dry-run")
-        bare = planning.write_bare(place / "bare", number)
-        bare_cpu_s, _ = planning.snakemake(bare, place / "bare", "--dry-run")
-        show(f"planning {number} trials; a bare Snakefile", cpu_s, bare_cpu_s)
-        if before is not None:
-            few, per_trial = before
-            show(f"  a trial of {number} beside one of {few}", cpu_s / number, per_trial, "1.2 x")
-        before = number, cpu_s / number
-
-
-def run_script(*command: str) -> None:
-    """Run another benchmark, which prints its own table.
-
-    Raises
-    ------
-    SystemExit
-        It ended with another exit code than 0.
-    """
-    paths = os.pathsep.join(map(str, (ROOT, ROOT / "build/cluster")))
-    ended = subprocess.run(command, cwd=ROOT, env=os.environ | {"PYTHONPATH": paths})
-    if ended.returncode:
-        raise SystemExit(f"{' '.join(command)} ended with {ended.returncode}")
-
-
 def check_memory(folder: Path, most_mb: float) -> None:
     """Raise SystemExit where ingest or fit of 20 minutes takes more memory than that [MB]."""
     log = simulate(folder, THIRD)
@@ -385,7 +369,6 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="The product beside a student's script.")
     parser.add_argument("parts", nargs="*", metavar="PART", help=", ".join(PARTS))
     parser.add_argument("--recordings", type=int, nargs="+", default=[16, 120], metavar="N")
-    parser.add_argument("--trials", type=int, nargs="+", default=[117, 1000, 10000], metavar="N")
     parser.add_argument("--most", type=float, metavar="MB", help="largest memory of 20 minutes")
     asked = parser.parse_args()
     ctypes.CDLL(None).prctl(ADOPT_ORPHANS, 1, 0, 0, 0)
@@ -408,13 +391,6 @@ def main() -> None:
             show_figures(folder)
         if "page" in parts:
             show_page(folder, 1000)
-        if "planning" in parts:
-            show_planning(folder, asked.trials)
-        if "release" in parts:
-            run_script(sys.executable, "benchmarks/against.py", RELEASE, "--rounds", "1")
-        if "cluster" in parts:
-            submissions = (sys.executable, "benchmarks/submissions.py")
-            run_script("tests/slurm/one_node.sh", *submissions)
 
 
 if __name__ == "__main__":

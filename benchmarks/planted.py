@@ -34,14 +34,12 @@ class Joint:
 
 @dataclass(frozen=True)
 class Moved:
-    """A motion (n,): time [s], angle [rad], velocity and acceleration; what jumps is known at the
-    samples alone."""
+    """A motion (n,): time [s], angle [rad], velocity and acceleration."""
 
     time: Array
     theta: Array
     omega: Array
     alpha: Array
-    smooth: bool = True
 
     def torque(self, joint: Joint) -> Array:
         return joint.K * self.theta + joint.B * self.omega + joint.I * self.alpha
@@ -145,12 +143,11 @@ def ramps(rng: np.random.Generator, seconds: float = 60.0) -> Moved:
 
 
 def binary(
-    rng: np.random.Generator, order: int = 4, corner: float = 8.0, seconds: float = 60.0
+    rng: np.random.Generator, order: int = 4, corner: float = 12.8, seconds: float = 60.0
 ) -> Moved:
-    """Random steps between -2.5 and 2.5 deg through equal lags, exact at the samples. Behind two
-    lags the acceleration jumps; behind four it is smooth."""
+    """Random steps between -2.5 and 2.5 deg through equal lags, exact at the samples."""
     n = round(seconds * RATE)
-    w = 2 * np.pi * corner * (1.0 if order == 2 else 1.6)
+    w = 2 * np.pi * corner
     holds = rng.integers(125, 500, n // 125)
     u = np.repeat(2.5 * DEG * np.where(rng.random(len(holds)) < 0.5, -1.0, 1.0), holds)[:n]
     A = w * (np.eye(order, k=-1) - np.eye(order))
@@ -162,7 +159,7 @@ def binary(
     theta = before[:, -1]
     omega = w * (before[:, -2] - before[:, -1])
     alpha = w**2 * (before[:, -3] - 2 * before[:, -2] + before[:, -1])
-    return Moved(np.arange(n) / RATE, theta, omega, alpha, smooth=order > 2)
+    return Moved(np.arange(n) / RATE, theta, omega, alpha)
 
 
 MOTIONS: Mapping[str, Callable[[np.random.Generator], Moved]] = {
@@ -177,7 +174,6 @@ OTHER_MOTIONS: Mapping[str, Callable[[np.random.Generator], Moved]] = {
     "slow sine": slow_sine,
     "ramps": ramps,
     "two sines": two_sines,
-    "jumps": lambda rng: binary(rng, order=2),
     "noise to 20 Hz": lambda rng: noise(rng, highest=20.0),
 }
 
@@ -631,15 +627,7 @@ CAUSES = [
         "N*m",
         told=WEIGHT,
     ),
-    Cause("reflex", reflex, 1.0, ("reflex",), "N*m*s/rad"),
-    Cause(
-        "acceleration that jumps",
-        nothing,
-        0.0,
-        PATH,
-        sized=False,
-        motions=("jumps",),
-    ),
+    Cause("reflex", reflex, 1.0, (), "N*m*s/rad"),
     Cause(
         "friction, noise to 20 Hz",
         coulomb_friction,

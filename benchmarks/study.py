@@ -21,9 +21,9 @@ from typing import Any, TypeVar
 import numpy as np
 import polars as pl
 from causes import ROOT, markdown, write_between
-from osl_analysis.walking.shared_motion import identify_platform
+from planted_gait import onsets_of
 
-from osl_analysis.bench.bench_settings import ActuatorAnalysis, DynamometerAnalysis, ModelComparison
+from osl_analysis.bench.bench_settings import ActuatorAnalysis, DynamometerAnalysis
 from osl_analysis.bench.fit_tables import FitTables
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands.fit import job_of, run_fit
@@ -205,7 +205,6 @@ class StudyBench:
             "dynamometer": self.analysis,
             "actuator": read_section(CONFIG, "actuator", ActuatorAnalysis),
             "gain_weight": self.simulation.gain_weight,
-            "model_comparison": ModelComparison(sign_width=self.simulation.drivetrain.sign_width),
         }
         settings = {
             name: sections[section]
@@ -428,8 +427,7 @@ def recording(of: StudyLaboratory, folder: Path, perturbed: Sequence[str]) -> St
     """A laboratory whose noisy crossings are recorded by markers and plate, written as C3D in
     `folder`, ingested and analysed, after its static trial and six trials of the unloaded plate.
     The foot's inertial parameters are known: otherwise its inertia would be part of the ankle's.
-    What the platform's motions share is known from the `perturbed` crossings; one that cannot be
-    read has no part."""
+    The mean ramp is that of the `perturbed` crossings; one that cannot be read has no part."""
     mass, body = of.gait.effects.foot_inertia.value, of.gait.foot
     inertia = mass * body.gyration_m[1] ** 2
     foot = FootSettings(mass_kg=mass, centre_of_mass_m=body.centre_of_mass_m, inertia_kg_m2=inertia)
@@ -439,26 +437,27 @@ def recording(of: StudyLaboratory, folder: Path, perturbed: Sequence[str]) -> St
         row = {"trial": name, "mocap": f"vicon/{name}.c3d", "mocap_source": "vicon"}
         return trial_from_files(row, folder, ROOT / "config/sources")
 
-    def recorded(name: str, walked: SimulatedCrossing) -> Trial:
-        if not (folder / "vicon" / f"{name}.c3d").exists():
-            write_crossing_capture(folder, walked)
-        return ingested(name)
-
     rows = [{"trial": "static_1", "experiment": "static"}]
     rows += [{"trial": f"plate_{i}", "experiment": "plate"} for i in range(6)]
     for row in rows:
         simulate_walking_trial(row, of.settings, of.gait, of.p, folder)
     standing, *unloaded = (ingested(row["trial"]) for row in rows)
-    calibration, moved = static_calibration(standing, analysis), []
+    calibration = static_calibration(standing, analysis)
     plate = identify_plate_model([(trial, calibration) for trial in unloaded], analysis)
+
+    turned = []
     for name in perturbed:
+        write_crossing_capture(folder, of.walk(name, True))
         with suppress(OslAnalysisError):
-            moved.append((recorded(name, of.walk(name, True)), calibration))
-    platform = identify_platform(moved, analysis)
+            turned.append(ingested(name))
+    onsets = onsets_of(turned, calibration, analysis)
 
     def analysed(name: str, walked: SimulatedCrossing) -> Crossing:
-        trial, is_perturbed = recorded(name, walked), walked.platform.onset is not None
-        return analyse_crossing(trial, calibration, plate, is_perturbed, analysis, platform)
+        is_perturbed = walked.platform.onset is not None
+        if not is_perturbed:
+            write_crossing_capture(folder, walked)
+        trial, onset = ingested(name), onsets.get(name)
+        return analyse_crossing(trial, calibration, plate, is_perturbed, analysis, onset)
 
     return replace(of, analysis=analysis, recorded=analysed)
 
@@ -520,9 +519,8 @@ def walking_rows(number: int, recorded: bool, crossings: int = CROSSINGS) -> Ite
         return
     own = shipped.settings.model_copy(update={"seed": SEED + 1 + number})
     with TemporaryDirectory() as folder:
-        yield from campaign_rows(
-            names, recording(replace(shipped, settings=own), Path(folder), names[1::2])
-        )
+        of_files = recording(replace(shipped, settings=own), Path(folder), names[1::2])
+        yield from campaign_rows(names, of_files)
 
 
 def rows_of(experiment: str, numbers: Iterable[int]) -> list[Row]:

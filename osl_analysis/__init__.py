@@ -100,11 +100,7 @@ if not TYPE_CHECKING:  # so that a type checker knows the names, and no others
         """A public name, imported at its first use: so the command line, which imports this
         package, starts at once."""
         if name not in MODULES:
-            from osl_analysis.renamed import PUBLIC_NAMES, current_name
-
-            if name not in PUBLIC_NAMES:
-                raise AttributeError(f"module 'osl_analysis' has no attribute '{name}'")
-            name = current_name(f"osl_analysis.{name}", PUBLIC_NAMES[name], AttributeError)
+            raise AttributeError(f"module 'osl_analysis' has no attribute '{name}'")
         return getattr(import_module(f"osl_analysis.{MODULES[name]}"), name)
 
 

@@ -10,7 +10,6 @@ import shlex
 import signal
 import sys
 import warnings
-from contextlib import suppress
 from functools import partial
 from os.path import realpath
 from pathlib import Path
@@ -67,28 +66,25 @@ def band(value: str) -> list[float]:
     return frequencies
 
 
-def percent(value: str) -> float:
-    """A share, as 1% or as 1: percent."""
-    with suppress(ValueError):
-        share = float(value.strip().removesuffix("%")) / 100
-        if 0 < share < 1:
-            return share
-    raise click.BadParameter(f"'{value}' is no percentage between 0 and 100; write 1%")
-
-
 FILE, FOLDER = click.Path(path_type=Path), click.Path(path_type=Path, file_okay=False)
 WRITTEN_SUFFIXES = {
     "ingest": ".parquet",
     "gains": ".csv",
-    "design": ".csv",
+    "bundle": ".zip",
 }
 """Suffix of what a command writes, where it writes one kind of file."""
-INSTEAD_OF = {
-    "samples": "`osl-analysis inspect FOLDER` lists the recordings in a folder",
-    "describe-tables": "`osl-analysis results --columns` prints what each column means",
-    "score": "run `python benchmarks/peers/score.py ANSWERS` in a clone of the project",
+SIMULATE_PROTOCOL = "simulate your protocol with `osl-analysis simulate`, and read the intervals"
+GONE = {
+    "design": SIMULATE_PROTOCOL,
+    "design-walking": SIMULATE_PROTOCOL,
+    "doctor": "`osl-analysis run -n` checks the campaign",
+    "export": "the script in docs/notebook.md writes the fitted leg for MuJoCo",
+    "watch": "`osl-analysis run` again makes only what is new",
+    "--checksums": "`osl-analysis bundle` writes the checksums of all files",
+    "--license": "state the licence where you deposit the bundle",
+    "--raw": "a bundle has the recordings",
 }
-"""What to use in place of a command of earlier releases."""
+"""What to use in place of a command or option that went with release 2.0."""
 SECTIONS = {
     "Start": {
         "init": "make the folder of a campaign, also from recordings",
@@ -106,6 +102,7 @@ SECTIONS = {
     },
     "Share": {
         "compare": "compare the results of two campaigns",
+        "bundle": "pack a campaign with its results into one ZIP file",
     },
 }
 """The commands as `osl-analysis --help` groups them."""
@@ -127,6 +124,10 @@ def say(text: str, err: bool = False) -> None:
     """Print lines to the terminal. Control characters, which names in files may have, are written
     as escapes."""
     click.echo(printable_lines(text), err=err)
+
+
+def went(name: str) -> str:
+    return f"`{name}` went with 2.0: {GONE[name]}"
 
 
 def options_given() -> set[str]:
@@ -207,8 +208,8 @@ class OneLineErrors(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        if args and args[0] in INSTEAD_OF:
-            raise click.UsageError(f"there is no `{args[0]}` any more: {INSTEAD_OF[args[0]]}")
+        if args and args[0] in GONE:
+            raise click.UsageError(went(args[0]))
         return super().resolve_command(ctx, args)
 
     def invoke(self, ctx: click.Context) -> Any:
@@ -228,6 +229,9 @@ class OneLineErrors(click.Group):
         except click.UsageError as error:
             # click lists the choices of an option on lines of their own
             message = error.format_message().replace("\n\t", " ")
+            option_name = getattr(error, "option_name", "")
+            if option_name in GONE:
+                message = went(option_name)
             raise click.UsageError(printable(message), error.ctx) from error
         except OslAnalysisError as error:
             click.echo(f"error: {error}", err=True)
@@ -501,29 +505,36 @@ def results(folder: Path, everything: bool, markdown: bool, as_json: bool, colum
         say(failures, err=True)
 
 
-@main.command(
-    cls=click.Command, epilog="Example: osl-analysis compare results/left results/right --margin 5%"
-)
+@main.command(cls=click.Command, epilog="Example: osl-analysis compare results/left results/right")
 @argument("a", type=FOLDER)
 @argument("b", type=FOLDER)
-@option(
-    "--margin", type=percent, help="Of every ratio [percent]; without one nothing is equivalent."
-)
-@option(
-    "--output", type=FOLDER, default=Path("comparison"), help="Folder of the table and the figure."
-)
+@option("--output", type=FOLDER, default=Path("comparison"), help="Folder of the table.")
 @AS_JSON
-def compare(a: Path, b: Path, margin: float | None, output: Path, as_json: bool) -> None:
-    """Compare the results in folders A and B: two devices, controllers or days, with 95 % intervals
-    and verdicts.
+def compare(a: Path, b: Path, output: Path, as_json: bool) -> None:
+    """Compare the results in folders A and B: two devices, controllers or days.
 
-    Equivalent: the interval of B over A lies within the margin. Different: it lies beyond it on one
-    side."""
+    Conditions stand side by side with 95 % intervals of their difference, then the settings that
+    differ, and whether both hold the same recordings."""
+    from osl_analysis.commands.compare import compare_campaigns
     from osl_analysis.commands.estimates import rows_json
-    from osl_analysis.commands.report import compare_campaigns
 
-    compared = compare_campaigns((a, b), output, margin)
+    compared = compare_campaigns((a, b), output)
     say(rows_json(compared.table) if as_json else compared.text)
+
+
+@main.command(epilog="Example: osl-analysis bundle . campaign.zip")
+@argument("folder", type=FOLDER)
+@argument("output", type=FILE)
+def bundle(folder: Path, output: Path) -> None:
+    """Write the campaign in FOLDER, with its recordings and results, to the ZIP file OUTPUT.
+
+    Unpacked elsewhere, `osl-analysis run` analyses it again, and `sha256sum -c SHA256SUMS` checks
+    its files."""
+    from osl_analysis.commands.bundle import write_bundle
+
+    check_there(folder, "folder")
+    write_bundle(folder, output)
+    say(f"wrote {output}")
 
 
 @main.command(
@@ -541,8 +552,7 @@ def compare(a: Path, b: Path, margin: float | None, output: Path, as_json: bool)
     "--from",
     "recordings",
     help=(
-        "Draft sample sheet and source files for the recordings in this folder, which stay there,"
-        " and try the first."
+        "Draft sample sheet and source files for the recordings in this folder, which stay there."
     ),
 )
 @option("--example", is_flag=True, help="A small simulated bench, which runs in about a minute.")

@@ -59,21 +59,14 @@ def unexpected(fault: BaseException) -> str:
 
 @dataclass(frozen=True)
 class Change:
-    """A change that may mend a recording. It is tried on the recording, and advised where it helps
-    (`commands/remedies.py`)."""
+    """A change of the source file that may mend a recording. It is tried on the recording, and
+    advised where it helps (`commands/remedies.py`)."""
 
     words: str  # what the user does
-    factors: Mapping[str, float] = field(default_factory=dict)  # of columns of the recording
-    settings: Mapping[str, Any] = field(default_factory=dict)  # of its analysis
-    experiment: str = ""  # as which it is analysed, if that is another one
-    windows: str = ""  # of the sheet [s]
-    delays: Mapping[str, float] = field(default_factory=dict)  # of columns [s]
+    factors: Mapping[str, float] = field(default_factory=dict)  # of columns: a sign or a unit
+    renamed: Mapping[str, str] = field(default_factory=dict)  # columns: channels that are swapped
     # column whose numbers may be of another unit than is declared; stands for a change per unit
     other_unit_of: str = ""
-    renamed: Mapping[str, str] = field(default_factory=dict)  # columns
-    sheet: Mapping[str, Any] = field(default_factory=dict)  # cells of its row
-    drift_ppm: float = 0.0  # of the torque's clock against the angle's
-    recording: Any = None  # a trial of other channels of the same file
     rank: int = 0  # tried only where no change of a lower rank helps
 
 
@@ -127,31 +120,8 @@ class InputError(OslAnalysisError):
     """
 
 
-@dataclass(frozen=True)
-class Removal:
-    """A field that an earlier release had."""
-
-    place: tuple[str | int, ...]  # keys that lead to it in its file, from the outermost
-    instead: str  # what does without it now
-    new_name: str  # in this release; empty if it is gone
-    old_name_works: bool = False  # until the release that `renamed.NewName` states
-
-
-NO_REMOVAL = Removal((), "", "")
-
-
-class RemovedFieldError(InputError):
-    """A field of a configuration is gone, or has another name: its `removal` says which."""
-
-    def __init__(
-        self, message: str, changes: Sequence[Change] = (), removal: Removal = NO_REMOVAL
-    ) -> None:
-        super().__init__(message, changes)
-        self.removal = removal
-
-
-class TooShortError(InputError):
-    """A recording is too short for an analysis that another one may replace."""
+class NotWeighedError(InputError):
+    """The inference cannot weigh rivals of Eq. 15 by a recording, which least squares alone fit."""
 
 
 class WriteError(InputError):
@@ -166,8 +136,8 @@ class MemoryLimitError(WriteError):
 
 EXTRAS = {
     "ezc3d": "simulator", "fastexcel": "excel", "h5py": "mat73", "mat-io": "matlab",
-    "mcap-protobuf-support": "protobuf", "mujoco": "mujoco",
-    "nptdms": "tdms", "numba": "simulator", "rocrate": "bundle", "rosbags": "ros",
+    "mcap-protobuf-support": "protobuf",
+    "nptdms": "tdms", "numba": "simulator", "rosbags": "ros",
     "snakemake-executor-plugin-slurm": "cluster",
 }  # fmt: skip
 """The extra of the package that installs a library which most campaigns do not need."""

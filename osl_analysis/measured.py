@@ -4,6 +4,9 @@ A fit refuses a number that no sensor can give, before it overflows, underflows 
 """
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 import polars as pl
@@ -166,6 +169,72 @@ def factor_of(y: Array, x: Array) -> float | None:
     if rms(y - factor * x) > allowed:
         return None
     return factor * largest_y / largest_x
+
+
+Quantity = Literal["angle", "command", "speed", "current"]
+LEAST_OF_SENSOR = 2e-4  # of a torque's SD; what other sensors leave of any load cell is more
+MOST_COMPARED = 2000  # rows
+FEWEST_COMPARED = 200
+MOST_ROWS = 0.95  # share of them in which a torque is followed
+HIGHEST_POWER = 5  # of a signal that a program takes
+
+
+@dataclass(frozen=True)
+class Signal:
+    """A signal from which a torque may have been computed."""
+
+    name: str
+    quantity: Quantity  # `command`: of an angle
+    values: Array  # (n,) in any unit
+
+
+def computed_from(torque: Array, signals: Sequence[Signal]) -> str:
+    """Tell from which signals of its log a torque was computed.
+
+    A load cell has noise of its own. So a torque is computed if they leave less of it than a sensor
+    does, `LEAST_OF_SENSOR`. Two encoders measure a torque by the deflection of a spring: one of
+    them is taken at once.
+
+    Parameters
+    ----------
+    torque : Array
+        (n,) in any unit.
+    signals : sequence of Signal
+        In the same rows.
+
+    Returns
+    -------
+    str
+        Their names; empty of a torque that is measured.
+    """
+    others = [signal for signal in signals if signal.quantity != "angle"]
+    encoders = [signal for signal in signals if signal.quantity == "angle"]
+    for used in [[encoder, *others] for encoder in encoders] or [others]:
+        if unexplained_share(torque, used) < LEAST_OF_SENSOR:
+            return " and ".join(repr(signal.name) for signal in used)
+    return ""
+
+
+def unexplained_share(torque: Array, signals: Sequence[Signal]) -> float:
+    """What powers of signals, and friction that is constant or grows with the current,
+    leave of a torque (n,) in most rows, as a share of its SD; 1 of a log that is too short
+    to tell. In the other rows rounding may turn the sign of a speed."""
+    rows = slice(None, None, max(len(torque) // MOST_COMPARED, 1))
+    directions = [np.sign(s.values[rows]) for s in signals if s.quantity == "speed"]
+    columns = [np.ones_like(torque[rows]), *directions]
+    for signal in signals:
+        x = signal.values[rows]
+        columns += [x**power for power in range(1, HIGHEST_POWER + 1)]
+        if signal.quantity == "current":
+            columns += [direction * np.abs(x) for direction in directions]
+    known = np.stack([torque[rows], *columns], axis=1)
+    known = known[np.isfinite(known).all(axis=1)]
+    y, X = known[:, 0], known[:, 1:]
+    if len(y) < FEWEST_COMPARED or not varies(y):
+        return 1.0
+    X = X / (np.abs(X).max(axis=0) + SMALLEST_SIGNAL)
+    rest = y - X @ np.linalg.lstsq(X, y)[0]
+    return float(np.quantile(np.abs(rest), MOST_ROWS) / np.std(y))
 
 
 SAME_VALUE_SHARE = 1e-9  # of the range; closer values are one value with different rounding errors

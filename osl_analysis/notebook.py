@@ -383,7 +383,7 @@ def frequency_response(
     def with_doubts(name: str) -> pl.DataFrame:
         """A table of the trial, marked with its own doubts and with those of the fits."""
         findings = judged(tables[name], limits.of(name), name)
-        findings = with_inherited(name, tables[name], findings, fits, findings_of_fits)
+        findings = with_inherited(tables[name], findings, fits, findings_of_fits)
         return marked(tables[name], findings, name)
 
     if tables["phasors"].is_empty():  # the motion is no stepped sine
@@ -563,7 +563,7 @@ def read_summary(folder: File = "results") -> pl.DataFrame:
     Raises
     ------
     InputError
-        There is no summary, it is damaged, or of a newer release.
+        There is no summary, it is damaged, or of another release.
 
     Examples
     --------

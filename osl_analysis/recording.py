@@ -1,7 +1,7 @@
 """What a recording holds, whatever its format: channels, rows, losses, plates and text.
 
-Every format reads its files to one `Recording`. Ingest, `inspect`, `init`, `watch` and `doctor`
-take nothing else, and nothing here knows a format.
+Every format reads its files to one `Recording`. Ingest, `inspect` and `init` take nothing else, and
+nothing here knows a format.
 """
 
 import re

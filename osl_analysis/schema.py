@@ -10,17 +10,13 @@ import polars as pl
 
 from osl_analysis import table
 from osl_analysis.errors import InputError
-from osl_analysis.renamed import warn_caller
 
-# of names, units and types of columns; tests/table_columns.txt lists them, CONTRIBUTING.md says
-# when it is raised
-SCHEMA = 1
-SCHEMA_FIELD = "tables_schema"  # of `summary.json` and `datapackage.json`
-BEFORE_SCHEMAS = 0  # of results that state none: release 0.4.0
+SCHEMA = 2  # of names, units and types of columns; CONTRIBUTING.md says when it is raised
+SCHEMA_FIELD = "tables_schema"  # of `summary.json`
 
 
 def check_schema(stated: object, path: Path, release: object = None) -> None:
-    """Compare the schema that a file of results states with that of this release.
+    """Refuse results with columns of another schema than that of this release.
 
     Parameters
     ----------
@@ -34,22 +30,14 @@ def check_schema(stated: object, path: Path, release: object = None) -> None:
     Raises
     ------
     InputError
-        It is newer, so that columns may mean something else. One that is older is told as a
-        warning.
+        It is older or newer, so that columns may mean something else.
     """
-    schema = BEFORE_SCHEMAS if stated is None else stated
-    if schema == SCHEMA:
+    if stated == SCHEMA:
         return
     writer = "another release" if release is None else f"osl-analysis {release}"
-    about = f"{path}: columns of schema {schema}, by {writer}; this release"
-    if not isinstance(schema, int) or schema > SCHEMA:
-        raise InputError(
-            f"{about} reads up to {SCHEMA}: pip install --upgrade osl-analysis, or make it again"
-        )
-    warn_caller(
-        UserWarning(
-            f"{about} has {SCHEMA}: names and units may differ, make it again (osl-analysis run)"
-        )
+    raise InputError(
+        f"{path}: columns of schema {stated}, by {writer}; this release reads {SCHEMA}: make it"
+        " again (`osl-analysis run`), or install that release"
     )
 
 
@@ -76,8 +64,7 @@ def read_table(path: Path | str, required: Sequence[str] = (), name: str = "") -
     Raises
     ------
     InputError
-        The table is missing, is no CSV, was refused, lacks a column, or is of a newer release. One
-        of an older release is told as a warning.
+        The table is missing, is no CSV, was refused, lacks a column, or is of another release.
 
     Examples
     --------

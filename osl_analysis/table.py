@@ -13,7 +13,6 @@ import polars as pl
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path
 from osl_analysis.refusal import check_not_refused
-from osl_analysis.renamed import RENAMED_COLUMNS, current_name
 
 if TYPE_CHECKING:
     import pandas
@@ -26,15 +25,15 @@ FORMULA = r"^(['=+@\t\r]|-[A-Za-z(])"
 # columns that are text even if every entry looks like a number, such as a trial named `01`
 TEXT_COLUMNS = (
     "trial", "controller", "branch", "quantity", "estimator", "check", "unit", "verdict", "remark",
-    "reason", "excluded", "panel", "curve", "interval_method", "doubtful", "experiment", "model",
-    "motion", "group", "gait", "direction", "subject", "session", "side", "speed", "pooled",
-    "series", "group_stated", "not_checked", "excitation", "desired", "loading", "method", "joint",
-    "data", "chosen", "trajectory", "axis_from", "missing_components", "table", "grade",
-    "name", "cause", "inherited", "evidence", "says", "size", "remedy", "reaction", "fault",
-    "fault_family", "explanations", "widened_because", "law",
+    "reason", "excluded", "panel", "curve", "interval_method", "doubtful", "model",
+    "motion", "group", "direction", "subject", "session", "side", "speed", "different", "doubt",
+    "series", "not_checked", "excitation", "desired", "loading", "method", "joint",
+    "data", "chosen", "trajectory", "table", "grade",
+    "name", "cause", "inherited", "evidence", "says", "size", "remedy", "fault",
+    "fault_family", "explanations", "widened_because",
 )  # fmt: skip
 # columns that identify a row of a table and of its evidence
-ROW_KEYS = ("trial", "joint", "side", "scope", "amplitude_deg")
+ROW_KEYS = ("trial", "joint", "side", "amplitude_deg")
 
 # `joint` and `side` by the name of a trial or group
 Places = Mapping[str, Mapping[str, str | None]]
@@ -65,15 +64,6 @@ def marked_data(frame: pl.DataFrame, data: str = "") -> pl.DataFrame:
     return frame.select(columns)
 
 
-def with_old_names(frame: pl.DataFrame, table: str) -> pl.DataFrame:
-    """A result table with each renamed column once more by its old name, as long as that works."""
-    copies = []
-    for old, new in RENAMED_COLUMNS.get(table, {}).items():
-        if new.old_one_works and new.name in frame.columns:
-            copies.append(pl.col(new.name).alias(old))
-    return frame.with_columns(copies) if copies else frame
-
-
 def write_table(frame: pl.DataFrame, path: Path, data: str = "") -> None:
     """Write a table as CSV that reads back to the same numbers, with `data` in its last column.
     null becomes an empty field, NaN is `NaN`. A path that ends in `.parquet` is written as Parquet,
@@ -82,7 +72,7 @@ def write_table(frame: pl.DataFrame, path: Path, data: str = "") -> None:
         if path.suffix == ".parquet":
             frame.write_parquet(temporary, compression="lz4")
         else:
-            marked_data(with_old_names(frame, path.stem), data).write_csv(temporary)
+            marked_data(frame, data).write_csv(temporary)
 
 
 def write_tables(tables: Mapping[Path, pl.DataFrame], data: str = "") -> None:
@@ -143,10 +133,7 @@ def read_table(path: Path | str, required: Sequence[str] = (), name: str = "") -
     """
     path = Path(path)
     table = table_of(path, content_of(path, name))
-    renamed = RENAMED_COLUMNS.get(path.stem, {})
     for column in required:
-        if column in renamed:
-            current_name(f"{path}: column '{column}'", renamed[column])
         check_column(path, table, column)
     return without_blank_lines(table)
 

@@ -45,16 +45,12 @@ COLUMNS: dict[str, str] = {
     "K_1": "N*m/rad",  # stiffness gain that the leg applied at the actuator output
     "B_1": "N*m*s/rad",  # damping gain that the leg applied at the actuator output
     "sync": "V",  # synchronisation pulse train, shared by the recorders
-    # trigger of the perturbation platform, or command of another perturbing device; rests otherwise
+    # trigger of the perturbation platform
     "trigger": "V",
-    "load": "N",  # vertical force of the ground on the foot, for heel strike and toe-off
 }
 
 AXES = ("x", "y", "z")
 Array = NDArray[np.float64]
-# delays of a stretch reflex [ms]; the one that fits best is taken
-REFLEX_DELAYS_MS = (30, 35, 40, 45, 50, 55, 60)
-
 # units of columns that exist once per marker, per plate, per side or per additional signal
 FAMILIES = {
     re.compile(r"marker_.+_[xyz]", re.DOTALL): "m",  # a label is the laboratory's own
@@ -166,8 +162,6 @@ class Trial:
         Where each column comes from; all of it is JSON.
     clocks : dict
         Cache of the devices' clocks, by their stamps. `signals.samples.take` fills it.
-    other_channels : callable
-        Reads other channels of its file as angle or torque, to be tried where a fit is wrong.
 
     Raises
     ------

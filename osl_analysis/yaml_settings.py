@@ -1,39 +1,55 @@
-"""Validated YAML files: a wrong field becomes one line with file, line, field, value and reason."""
+"""Validated YAML files (YAML 1.2): a wrong field becomes one line with file, line, field, value and
+reason."""
 
-import re
 from collections.abc import Callable, Collection, Mapping, Sequence
+from functools import lru_cache
 from itertools import pairwise
 from operator import attrgetter
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, TypeVar
 
-import yaml
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    field_validator,
+    model_validator,
+)
 from pydantic_core import PydanticCustomError
+from ruamel.yaml import YAML
+from ruamel.yaml.error import YAMLError
 
-from osl_analysis.errors import InputError, listing, nearest
+from osl_analysis.errors import InputError, listing, nearest, shortened
 from osl_analysis.files import shipped
 
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
 Degrees = Annotated[float, Field(gt=0, le=180)]
-JointDegrees = Annotated[float, Field(gt=0, le=60)]
-Seconds = Annotated[float, Field(gt=0, le=10)]
-Metres = Annotated[float, Field(gt=0, le=10)]
-Newtons = Annotated[float, Field(gt=0, le=1000)]
-Stiffness = Annotated[float, Field(gt=0, le=10000)]
+JointDegrees = Annotated[float, Field(gt=0, le=60)]  # by which an ankle can be turned
+Seconds = Annotated[float, Field(gt=0, le=10)]  # within a crossing; a larger number is in ms
+Metres = Annotated[float, Field(gt=0, le=10)]  # in a laboratory; a larger number is in mm
+Newtons = Annotated[float, Field(gt=0, le=1000)]  # vertical force that begins or ends a contact
+Stiffness = Annotated[float, Field(gt=0, le=10_000)]  # a larger number has another unit
 ShippedPath = Annotated[Path, AfterValidator(shipped)]
+"""A path in the campaign's folder or, if that has none, of a shipped file such as
+`config/config.yaml`."""
+# Keys and numbers of list entries that lead to a field, from the outermost.
 Place = tuple[int | str, ...]
 FILE_NAME = r"^[A-Za-z0-9_-]+$"
 IDENTIFIER = r"^[A-Za-z][A-Za-z0-9]{0,30}$"
-ROUNDING = 1e-9
+ROUNDING = 1e-9  # of sums of settings
+UNKNOWN_FIELD = "unknown_field"  # type of a problem
+OF_EARLIER_RELEASE = "the changelog says what replaces settings of 1.0.0"
 
 
 class Settings(BaseModel):
-    """Base of every validated file. The settings are immutable, and an unknown field is an error."""
+    """Base of every validated file. The settings are immutable, and an unknown field is an
+    error."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
-    REMOVED: ClassVar[Mapping[str, str]] = {}  # by field of an earlier release: what to do instead
+    # words behind "the known ones" in messages, as ` of format csv`
     OF: ClassVar[str] = ""
 
     @model_validator(mode="before")
@@ -42,19 +58,29 @@ class Settings(BaseModel):
         if not isinstance(content, dict) or cls.model_config.get("extra") != "forbid":
             return content
         for name in content:
-            if name in cls.REMOVED:
-                raise misplaced(f"is gone: {cls.REMOVED[name]}; remove the line", name)
             if name not in cls.model_fields:
                 known = ", ".join(cls.model_fields)
-                raise misplaced(
-                    f"is unknown; the known fields{cls.OF} are {known}"
-                    f"{nearest(str(name), cls.model_fields)}",
-                    name,
+                reason = (
+                    f"the known ones{cls.OF} are {known} ({OF_EARLIER_RELEASE})"
+                    f"{nearest(str(name), cls.model_fields)}"
                 )
+                context = {"reason": reason, "place": (name,)}
+                raise PydanticCustomError(UNKNOWN_FIELD, "{reason}", context)
         return content
 
+    @field_validator("*", mode="before")
+    @classmethod
+    def _truth_values_are_no_numbers(cls, value: Any) -> Any:
+        """Turn a truth value into text, of which pydantic makes no number."""
+        if isinstance(value, dict):
+            return {key: cls._truth_values_are_no_numbers(inner) for key, inner in value.items()}
+        if isinstance(value, list):
+            return [cls._truth_values_are_no_numbers(entry) for entry in value]
+        return str(value).lower() if isinstance(value, bool) else value
+
     def part(self, base: str) -> dict[str, Any]:
-        """The fields of the base class of this name, as JSON, for a job that uses only these."""
+        """The fields of the base class of this name, as JSON, for a job that uses only these: a
+        rule of Snakemake imports no settings model."""
         bases = {
             model.__name__: model for model in type(self).__mro__ if issubclass(model, Settings)
         }
@@ -69,78 +95,69 @@ def as_json(setting: Any) -> Any:
     return setting.model_dump(mode="json") if isinstance(setting, BaseModel) else setting
 
 
-class Loader(yaml.CSafeLoader):
-    """YAML in which `off` and 1:30 are text."""
-
-
-Loader.yaml_implicit_resolvers = {
-    first: [(tag, form) for tag, form in resolvers if not tag.endswith((":bool", ":int", ":float"))]
-    for first, resolvers in yaml.CSafeLoader.yaml_implicit_resolvers.items()
-}
-for _kind, _first, _form in (
-    ("bool", "tf", "true|false"),
-    ("int", "-+0123456789", "[-+]?[0-9]+"),
-    ("float", "-+.0123456789", r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?"),
-):
-    Loader.add_implicit_resolver(
-        f"tag:yaml.org,2002:{_kind}", re.compile(f"^(?:{_form})$"), list(_first)
-    )
-
-
 def read_yaml(path: Path, model: type[AnySettings]) -> AnySettings:
-    """A YAML file as a model."""
+    """A YAML file as a model. InputError: as `read_mapping`; a field is unknown, absent or of a
+    wrong value."""
     return validated(read_mapping(path), model, path)
 
 
-def read_mapping(path: Path, by_snakemake: bool = False) -> dict[str, Any]:
-    """The top level of a YAML file. Raises InputError: it is missing, or no mapping in YAML."""
+def read_mapping(path: Path) -> dict[str, Any]:
+    """The top level of a YAML file. It is cached and shared: do not change it. Raises InputError:
+    the file is missing, is not YAML, has a key twice, or is no mapping."""
     if not path.is_file():
-        beside = [file.stem for file in path.parent.glob(f"*{path.suffix}")]
-        raise InputError(f"{path}: no such file; check the path{nearest(path.stem, beside)}")
+        beside_it = (file.stem for file in path.parent.glob(f"*{path.suffix}"))
+        raise InputError(f"{path}: no such file; check the path{nearest(path.stem, beside_it)}")
     try:
-        content = yaml.load(path.read_text(encoding="utf-8-sig"), Loader)
-    except (yaml.YAMLError, OSError, ValueError, RecursionError) as error:
-        reason = " ".join(str(error).split())
+        content = parsed_yaml(path.read_text(encoding="utf-8-sig"))
+    except OSError as error:
         raise InputError(
-            f"{path}: not YAML: {reason}; put text with signs as : # * % in quotes"
+            f"{path}: cannot be read ({error.strerror}); check its permissions"
+        ) from error
+    except (YAMLError, ValueError, RecursionError) as error:  # ValueError: it is not UTF-8
+        mark = getattr(error, "problem_mark", None)
+        line = f"line {mark.line + 1}: " if mark else ""
+        problem = getattr(error, "problem", None) or str(error)
+        raise InputError(
+            f"{path}: {line}not YAML: {problem}; put text with signs as : # * % in quotes, and"
+            " indent with blanks"
         ) from error
     if not isinstance(content, dict):
         raise InputError(f"{path}: has no fields; write `name: value` lines")
     return content
 
 
-def node_of(path: Path) -> yaml.Node | None:
-    """The nodes of a YAML file, with their lines."""
-    return yaml.compose(path.read_text(encoding="utf-8-sig"), Loader)
+@lru_cache(maxsize=64)
+def parsed_yaml(text: str) -> Any:
+    """The content of a YAML text."""
+    return YAML(typ="safe", pure=True).load(text)  # the parser in C reads YAML 1.1
 
 
 def field_line(path: Path, place: Place) -> int | None:
-    """Line, counted from 1, of a field, or of the innermost field above it in the file."""
-    line = None
+    """Line, counted from 1, of a field, or of the innermost field above it in the file; None if
+    there is none."""
     try:
-        node = node_of(path)
-    except (OSError, yaml.YAMLError, ValueError):
+        content = YAML(typ="rt").load(path.read_text(encoding="utf-8-sig"))
+    except (OSError, YAMLError, ValueError, RecursionError):
         return None
+    line = None
     for name in place:
-        if isinstance(node, yaml.MappingNode):
-            pair = next((pair for pair in node.value if pair[0].value == str(name)), None)
-        elif isinstance(node, yaml.SequenceNode) and isinstance(name, int):
-            pair = (node.value[name],) * 2 if name < len(node.value) else None
-        else:
-            pair = None
-        if pair is None:
+        # mappings and lists know the line and column of each entry
+        positions = content.lc.data if hasattr(content, "lc") else None
+        if not positions or name not in positions:
             break
-        line = pair[0].start_mark.line + 1
-        node = pair[1]
+        line = positions[name][0] + 1
+        content = content[name]
     return line
 
 
 def located(files: Sequence[Path], place: Place) -> str:
-    """`line 12: ` in the last of the files that has the field, with its name if there are several."""
+    """`line 12: ` in the last of the files that has the field, with its name if there are several;
+    empty if none."""
     for file in reversed(files):
         line = field_line(file, place)
         if line is not None:
-            return f"line {line}{f' of {file.name}' if len(files) > 1 else ''}: "
+            of_file = f" of {file.name}" if len(files) > 1 else ""
+            return f"line {line}{of_file}: "
     return ""
 
 
@@ -156,47 +173,80 @@ def validated(
     files: Sequence[Path] | None = None,
     above: Place = (),
 ) -> AnySettings:
-    """The content of a configuration file as a model. `files` have the lines, and `above` are the
-    keys that lead to `content`."""
+    """The content of a configuration file as a model; for messages `path`, `files` with lines, and
+    keys `above` it."""
     try:
         return model.model_validate(content)
     except ValidationError as error:
-        problems = error.errors()
-        first = next((one for one in problems if one["type"] == "misplaced"), problems[0])
-        own = (*above, *own_place(first, content))
-        line = located([Path(path)] if files is None else files, own)
-        reason = str(first["msg"]).removeprefix("Value error, ").replace("Input should be", "write")
-        value = first["input"]
-        shown = "" if isinstance(value, dict | list | BaseModel) else f": {value!r} is not allowed"
-        if first["type"] == "missing":
-            shown, reason = "", "is missing; add it"
-        more = f" (and {len(problems) - 1} more problems)" if len(problems) > 1 else ""
-        raise InputError(
-            f"{path}: {line}{dotted(own) or 'the file'}{shown}: {reason}{more}"
-        ) from error
+        # by place: pydantic finds a problem for each kind of value that a field may have
+        problems_at: dict[Place, list[Mapping[str, Any]]] = {}
+        for problem in error.errors():
+            problems_at.setdefault(problem_place(problem, content), []).append(problem)
+        # a problem of a field makes one of what is above it, which is not told
+        above_others = {place[:n] for place in problems_at for n in range(len(place))}
+        places = [place for place in problems_at if place not in above_others]
+        # an unknown field first: it may be the missing one
+        by_type = {problems_at[place][0]["type"]: place for place in places}
+        first = by_type.get(UNKNOWN_FIELD, places[0])
+        place = (*above, *first)
+        text = problem_text(dotted(place) or "the file", problems_at[first])
+        if len(places) > 1:
+            text += f" (and {len(places) - 1} more)"
+        line = located([Path(path)] if files is None else files, place)
+        raise InputError(f"{path}: {line}{text}") from error
 
 
-def own_place(problem: Mapping[str, Any], content: Any) -> Place:
-    """The field of a problem, without the names that pydantic gives to choices of a union."""
+WORDS = {
+    "Value error, ": "",
+    "Input should be": "write",
+    "write less": "write a number less",
+    "write greater": "write a number greater",
+}
+"""What is said in place of pydantic's words."""
+
+
+def problem_text(field: str, problems: Sequence[Mapping[str, Any]]) -> str:
+    """What is wrong with one field, and what is allowed."""
+    first = problems[0]
+    if first["type"] == UNKNOWN_FIELD:
+        return f"unknown field '{field}'; {first['msg']}"
+    if first["type"] == "missing":
+        return f"field '{field}' is missing; add it"
+    reasons = dict.fromkeys(str(problem["msg"]) for problem in problems)
+    reason = ", or ".join(reasons)
+    for pydantics, plain in WORDS.items():
+        reason = reason.replace(pydantics, plain)
+    value = first["input"]
+    if isinstance(value, dict | list | BaseModel):
+        return f"{field}: {reason}"
+    written = "null" if value is None else shortened(repr(value))
+    return f"{field}: {written} is not allowed: {reason}"
+
+
+def problem_place(problem: Mapping[str, Any], content: Any) -> Place:
+    """The field of a problem, without the names that pydantic gives to kinds of values. A check of
+    several fields gives the wrong one as `place` in its context."""
     place: list[int | str] = []
     for name in problem["loc"]:
-        if (isinstance(content, dict) and name in content) or (
-            isinstance(content, list | tuple) and isinstance(name, int) and name < len(content)
-        ):
+        is_entry = isinstance(content, list | tuple) and name in range(len(content))
+        if is_entry or (isinstance(content, dict) and name in content):
             content = content[name]
-        elif problem["type"] != "missing" or name != problem["loc"][-1]:
-            continue
-        place.append(name)
+            place.append(name)
+        elif problem["type"] == "missing" and name == problem["loc"][-1]:
+            place.append(name)
     return (*place, *problem.get("ctx", {}).get("place", ()))
 
 
 def misplaced(reason: str, *place: str) -> PydanticCustomError:
-    """An error of a check that sees several fields; `place` is the field below them that is wrong."""
+    """An error of a check that sees several fields; `place` is the field below them that is
+    wrong."""
     return PydanticCustomError("misplaced", "{reason}", {"reason": reason, "place": place})
 
 
 def refuse_if(wrong: Callable[[Any], Any], reason: str, field: str = "") -> Any:
-    """A check that refuses settings if `wrong` holds for them."""
+    """A check that refuses settings if `wrong` holds for them. `{s.field}` in the `reason` is
+    replaced by their value. `field` is the dotted name of the field to be corrected, if there is
+    one."""
 
     def check(settings: Any) -> Any:
         if wrong(settings):
@@ -207,24 +257,32 @@ def refuse_if(wrong: Callable[[Any], Any], reason: str, field: str = "") -> Any:
 
 
 def require_below(low: str, high: str, why: str, or_equal: bool = False) -> Any:
-    """A check that a field, or a sum as `guard_s + window_s`, is below another, or equal."""
+    """A check that a field, or a sum as `guard_s + window_s`, is below another, or equal; `why` is
+    for the message."""
 
     def check(settings: Any) -> Any:
-        ends = [
-            sum(attrgetter(name)(settings) for name in names.split(" + ")) for names in (low, high)
-        ]
-        if ends[0] - ends[1] > (ROUNDING if or_equal else -ROUNDING):
-            reason = f"{low} = {ends[0]:g} is not below {high} = {ends[1]:g}, {why}"
-            raise misplaced(
-                f"{reason}; lower {low}, or raise {high}", *low.split(" + ")[0].split(".")
+        low_value = sum_of_fields(settings, low)
+        high_value = sum_of_fields(settings, high)
+        if low_value - high_value > (ROUNDING if or_equal else -ROUNDING):
+            reason = (
+                f"{low} = {low_value:g} is not below {high} = {high_value:g}, {why}; lower {low},"
+                f" or raise {high}"
             )
+            first_field = low.split(" + ")[0]
+            raise misplaced(reason, *first_field.split("."))
         return settings
 
     return model_validator(mode="after")(check)
 
 
+def sum_of_fields(settings: Any, names: str) -> float:
+    """The sum of fields by their dotted names, as of `guard_s + window_s`."""
+    total: float = sum(attrgetter(name)(settings) for name in names.split(" + "))
+    return total
+
+
 def check_rising(values: tuple[Any, ...]) -> tuple[Any, ...]:
-    """A check that each value of a list is below the next."""
+    """A check that each value of a list, such as of two bounds, is below the next."""
     for value, following in pairwise(values):
         if value >= following:
             raise ValueError(
@@ -249,13 +307,3 @@ def check_known(names: Collection[str], kind: str, name: str) -> str:
     raise InputError(
         f"'{name}' is no {kind}; write one of {listing([*names], 14)}{nearest(name, names)}"
     )
-
-
-def removed(instead: str, *place: str) -> PydanticCustomError:
-    """An error for a field that an earlier release had."""
-    return misplaced(f"is gone: {instead}; remove the line", *place)
-
-
-def renamed(new: Any, *place: str) -> PydanticCustomError:
-    """An error for a field that has another name."""
-    return misplaced(f"has another name; write {new.name}", *place)

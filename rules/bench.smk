@@ -59,7 +59,7 @@ rule fit_actuator:
 
 
 rule fit_impedance:
-    """K, B, I of one trial (Eq. 15), its frequency response, the law that its current follows.
+    """K, B, I of one trial (Eq. 15), and its frequency response.
 
     Of a leg by least squares, of any other joint by the inference: docs/method.md."""
     input:
@@ -67,7 +67,6 @@ rule fit_impedance:
         parameters=device,
     output:
         impedance="<results>/fits/impedance/{trial}.csv",
-        record="<results>/fits/impedance/{trial}.parquet",
         others="<results>/fits/impedance/{trial}.zip",
     log:
         "<logs>/impedance/{trial}.log",

@@ -24,7 +24,7 @@ from operator import attrgetter
 from pathlib import Path
 
 from osl_analysis.campaign.figure_examples import response_example, time_series_example
-from osl_analysis.campaign.origin import about, sentence
+from osl_analysis.campaign.origin import about, sentence, settings_of
 from osl_analysis.campaign.result_files import COMPONENTS, DERIVED, ResultFiles, name_pattern
 from osl_analysis.campaign.setting_states import states_of
 from osl_analysis.commands.campaign_start import start_campaign, unnamed_recordings
@@ -32,6 +32,7 @@ from osl_analysis.commands.killed_runs import begin_run
 from osl_analysis.commands.run import check_profile, end_run, made_by
 from osl_analysis.commands.run_report import RunReport
 from osl_analysis.config.experiments import EXPERIMENTS, judged_tables
+from osl_analysis.config.impedance_trajectory import STANCE_SHARE
 from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.errors import InputError, OslAnalysisError, listing
 from osl_analysis.figures import FIGURES

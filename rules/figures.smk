@@ -151,12 +151,16 @@ rule captions:
 
 
 rule report_page:
-    """The page of the run: numbers, findings, trials and figures."""
+    """The page of the run: verdict, conditions, findings, figures and every trial."""
     input:
-        tables=FILES.all_tables,
+        trials=expand("<results>/trials/{trial}.parquet", trial=TRIALS),
+        series=FILES.rows("series"),
+        crossings=FILES.crossings(WALKED),
+        tables=FILES.all_tables + (["<results>/tables/walking_responses.csv"] if WALKED else []),
         figures=expand("<results>/figures/{figure}.svg", figure=FILES.figure_names),
         numbers=NUMBERS_OF_FIGURES.values(),
         captions=["<results>/figures/captions.md"] if FILES.figure_names else [],
+        verdicts=QUALITY,
         excluded="<results>/tables/excluded.csv",
         findings="<results>/tables/findings.csv",
         states="<results>/tables/settings.csv",
@@ -173,3 +177,24 @@ rule report_page:
         made_by=MADE_BY,
     run:
         job("report.write_report", input, output, params, log)
+
+
+rule methods:
+    """What the campaign did, as the text of a methods section."""
+    input:
+        tables=FILES.all_tables,
+        summary="<results>/summary.json",
+    output:
+        markdown="<results>/methods.md",
+        tex="<results>/methods.tex",
+        bib="<results>/methods.bib",
+    log:
+        "<logs>/methods.log",
+    localrule: True
+    params:
+        about=ABOUT,
+        settings=as_json(CONFIG),
+        sheet=CAMPAIGN.rows,
+        made_by=MADE_BY,
+    run:
+        job("report.write_methods", input, output, params, log)

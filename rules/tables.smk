@@ -139,15 +139,19 @@ rule findings:
     input:
         tables=FILES.tables(*judged_tables()),
         evidence=FILES.evidence_of("impedance"),
+        fits=FILES.fits_with_offers,
+        quality=FILES.checks(FILES.trials_with_offers),
         verdicts=QUALITY,
     output:
-        "<results>/tables/findings.csv",
+        output="<results>/tables/findings.csv",
+        offered="<results>/tables/offered.csv",
     log:
         "<logs>/tables/findings.log",
     localrule: True
     params:
         limits=as_json(CONFIG.doubtful),
         places=PLACES,
+        excluded=excluded(FILES.trials_with_offers),
         made_by=MADE_BY,
     run:
         job("tables.write_findings", input, output, params, log)
@@ -170,6 +174,7 @@ rule headline_numbers:
         about=ABOUT,
         sheet={**CAMPAIGN.rows, **CAMPAIGN.unused},
         beside_draft=CAMPAIGN.beside_draft,
+        settings=settings_of(CAMPAIGN),
         made_by=MADE_BY,
     run:
         job("tables.write_summary", input, output, params, log)

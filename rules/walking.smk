@@ -1,5 +1,4 @@
-"""Ankle impedance of a walking person, from perturbed and unperturbed crossings (Fig. 9).
-"""
+"""Ankle impedance of a walking person, from perturbed and unperturbed crossings (Fig. 9)."""
 
 WALKED = {trial: PLACES[trial] for trial in CAMPAIGN.trials("walking")}
 """Joint and side of every crossing."""
@@ -47,12 +46,33 @@ rule identify_plate:
         job("walking.identify_plate", input, output, params, log)
 
 
+rule find_onsets:
+    """Onsets of all perturbed crossings, by the mean ramp of the platform."""
+    input:
+        trials=expand("<results>/trials/{trial}.parquet", trial=PERTURBED),
+        calibrations=FILES.calibrations(PERTURBED),
+        quality=FILES.checks(PERTURBED),
+    output:
+        "<results>/fits/onsets.json",
+    log:
+        "<logs>/walking/onsets.log",
+    localrule: True
+    params:
+        statics=CAMPAIGN.static_trials(PERTURBED),
+        settings=CONFIG.walking.part("CrossingSettings"),
+        excluded=excluded(PERTURBED),
+        made_by=MADE_BY,
+    run:
+        job("walking.find_onsets", input, output, params, log)
+
+
 rule analyse_crossing:
     """Ankle angle and torque over the stance of one crossing."""
     input:
         trial=of_trials(WALKED),
         calibration=lambda wildcards: FILES.calibration_of_crossing(wildcards.trial),
         plate="<results>/fits/plate.json",
+        onsets="<results>/fits/onsets.json",
     output:
         "<results>/crossings/{trial}.parquet",
     log:
@@ -88,7 +108,7 @@ rule select_crossings:
 
 
 rule average_unperturbed:
-    """The mean unperturbed gait of each group."""
+    """The mean unperturbed gait of each group of crossings."""
     input:
         crossings=FILES.crossings(UNPERTURBED),
         selection="<results>/tables/walking_crossings.csv",
@@ -130,11 +150,12 @@ rule summarise_walking:
         crossings=FILES.crossings(PERTURBED),
         selection="<results>/tables/walking_crossings.csv",
         unperturbed="<results>/fits/unperturbed.parquet",
+        plate="<results>/fits/plate.json",
+        trajectory=TRAJECTORY,
         quality=FILES.checks(PERTURBED),
     output:
         output="<results>/tables/walking_summary.csv",
         responses="<results>/tables/walking_responses.csv",
-        excluded="<results>/tables/walking_excluded.csv",
         groups="<results>/tables/walking_groups.csv",
     log:
         "<logs>/walking/summary.log",
@@ -148,22 +169,3 @@ rule summarise_walking:
         made_by=MADE_BY,
     run:
         job("walking_summary.summarise_perturbations", input, output, params, log)
-
-
-rule tabulate_over_stance:
-    """The identified impedance beside the commanded one over stance."""
-    input:
-        summary="<results>/tables/walking_summary.csv",
-        groups="<results>/tables/walking_groups.csv",
-        trajectory=TRAJECTORY,
-    output:
-        "<results>/tables/impedance_over_stance.csv",
-    log:
-        "<logs>/walking/over_stance.log",
-    localrule: True
-    params:
-        stance_share=CONFIG.figures.stance_share,
-        data=CAMPAIGN.data,
-        made_by=MADE_BY,
-    run:
-        job("walking_summary.tabulate_over_stance", input, output, params, log)

@@ -4,14 +4,12 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
-import polars as pl
 from scipy.interpolate import make_interp_spline
 from scipy.signal import butter, sosfiltfilt
 
 from osl_analysis.bench.belt import branches_of
 from osl_analysis.bench.bench_settings import DynamometerAnalysis
 from osl_analysis.bench.impedance import impedance_table, rendered_impedance
-from osl_analysis.bench.measured_components import COMPONENTS, PARTS
 from osl_analysis.bench.record import Record, record_of
 from osl_analysis.bench.row_groups import cycles_of
 from osl_analysis.signals import LowPass, Motion
@@ -96,26 +94,3 @@ def table_of(record):
 def second_order(motion: Motion):
     """Eq. 15."""
     return 200 * motion.theta + 4 * motion.omega + 0.05 * motion.alpha
-
-
-def component_tables(true, error=1e-3):
-    """Tables of three component trials each, which scatter by a relative error, of a leg with
-    `true` components."""
-    rng, tables = np.random.default_rng(4), {}
-    for part in PARTS:
-        size = {name: true[name] for name, of in COMPONENTS.items() if of == part}
-        table = {
-            "trial": [f"{part}_{k}" for k in range(3)],
-            "joint": "ankle",
-            "side": None,
-            "doubtful": "",
-        }
-        table |= {name: one * rng.normal(1, error, 3) for name, one in size.items()}
-        table |= {f"{name}_se": one * error for name, one in size.items()}
-        table |= {f"{name}_se_bench": 0.0 for name in size}
-        table |= {
-            f"cov_{a}_{b}": 0.5 * error**2 * size[a] * size[b] for a in size for b in size if a < b
-        }
-        table |= {"amplitude_deg": None} if part == "transmission" else {}
-        tables[part] = pl.DataFrame(table, schema_overrides={"side": pl.String})
-    return tables

@@ -39,7 +39,6 @@ gc.disable()  # until all is imported
 ROOT = Path(__file__).parents[1]
 RUNNING = (
     "test_workflow", "test_small_campaigns", "test_bundle", "test_report",
-    "test_walking_perturbed_by",
 )  # fmt: skip
 """Modules that run campaigns: in one worker, for which `snakemake_runs.py` imports once."""
 LONGEST = (

@@ -24,11 +24,9 @@ LEFT_OUT = {
     "test_journeys": "campaigns from file to page, whose fits other modules test",
     "test_ingest_examine": "counts and extremes, which no kernel computes",
     "test_refusal": "messages",
-    "test_report": "pages and figures of fits that other modules test",
     "test_sheet": "of a model it reads names",
     "test_simulator_bench_trial": "a simulator, which fits nothing",
     "test_simulator_laboratory": "a simulator, which fits nothing",
-    "test_walking_perturbed_by": "whole campaigns, whose fits test_walking_isolated_response tests",
 }
 """Modules that import from such a package and compare no estimate; each with its reason."""
 NAMES = ("scipy_openblas_get_corename64_", "scipy_openblas_get_corename", "openblas_get_corename")

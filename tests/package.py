@@ -53,7 +53,6 @@ def check_campaigns(commands: Path, folder: Path) -> None:
     """Make, run and read the example campaign, run it as a module too, and call what must be
     refused."""
     osl = commands / "osl-analysis"
-    call(osl, "doctor", folder=folder)
     call(osl, "init", "Übungs Kampagne", "--example", folder=folder)
     made = folder / "Übungs Kampagne"
     call(osl, "run", folder=made)

@@ -20,8 +20,7 @@ OVERRIDES = {
     "campaign": "small", "raw_data": "raw_data/small", "sheet": "raw_data/small/trials.csv",
     "simulation": "config/simulation/small.yaml", "dynamometer": PROTOCOL,
     "walking": {"bootstrap_samples": 100, "perturbed_stance": "own"},
-    "figures": {"time_series": {"amplitude_deg": 4, "duration_s": 2},
-    "frequency_response": {"K_d": 300, "B_d": 5}},
+    "figures": {"frequency_response": {"K_d": 300, "B_d": 5}},
 }  # fmt: skip
 """Its configuration. No perturbation changes the stance, and the pace of a few crossings is too
 little to match to."""

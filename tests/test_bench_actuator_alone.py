@@ -11,7 +11,6 @@ import pytest
 from click.testing import CliRunner
 from conftest import ROOT
 from scipy.signal import lfilter
-from scipy.stats import linregress
 
 from osl_analysis.bench.actuator_alone import ACTUATOR_PARAMETERS as NAMES
 from osl_analysis.bench.actuator_alone import actuator_table, actuator_trial
@@ -241,24 +240,9 @@ def test_current_in_steps_at_standstill_gives_the_torque_per_current_alone():
         assert [row[name] for name in ("motion", *NAMES[1:])] == [None] * 5
         assert "f_C, f_G, B_m and J_m" in [one.cause for one in unchecked_in("actuator", row)]
     with pytest.raises(
-        InputError, match=r"its current has 2 plateaus of 0\.3 s or more, 3 are needed"
+        InputError, match=r"its current has 2 plateaus of 0\.3 s or more, 8 are needed"
     ):
         actuator_trial(staircase(1, levels=(0, 5)), ANALYSIS)
-
-
-def test_few_plateaus_have_the_interval_of_a_line_through_as_many_readings():
-    """By hand: each plateau is one reading, whatever its rows."""
-    trial = staircase(2, levels=(1, 2, 4, 8), friction=0.0, between=0.5)
-
-    fit = actuator_trial(trial, ANALYSIS).whole
-
-    settled = [slice(250 * k + 60, 250 * (k + 1) - 30) for k in range(4)]
-    means = [trial.samples[rows].mean() for rows in settled]
-    line = linregress([row["current"][0] for row in means], [row["torque_m"][0] for row in means])
-    assert fit["k_tau_n_m"] == pytest.approx(line.slope, rel=1e-3)
-    assert fit.se("k_tau_n_m") == pytest.approx(line.stderr, rel=0.03)
-    half_width = fit.interval("k_tau_n_m")[1] - fit["k_tau_n_m"]
-    assert half_width / fit.se("k_tau_n_m") == pytest.approx(4.303, rel=1e-3)  # Student, of 2
 
 
 def with_pauses(trial, pause_s):
@@ -377,7 +361,7 @@ def test_a_current_that_is_late_is_refused_for_it_and_not_for_its_sign():
     torque = by_hand(omega, alpha, current)
     with pytest.raises(InputError, match=r"negative, .* 170 ms earlier") as refused:
         fit_log(t, theta, np.roll(current, 170), torque)
-    assert [change.delays for change in refused.value.changes] == [{"current": 0.17}]
+    assert refused.value.remedy.startswith("state `delay: 170 ms` of current")
     with pytest.raises(InputError, match=r"k_tau_n_m is 1\.\d+ N\*m/A, .* 10 ms earlier"):
         fit_log(t, theta, np.roll(current, 10), torque)
     # which `plausible` refuses
@@ -420,12 +404,3 @@ def test_a_short_staircase_has_an_interval_that_holds_the_friction_of_its_turns(
     low, high = fit.interval("k_tau_n_m")
     assert low < 0.648 < high
     assert high - low < 0.5
-
-
-def test_levels_behind_a_turn_do_not_lower_the_torque_per_current():
-    """Friction of constant size and per current holds the torque within a band: taken as they are,
-    they cost 3 %."""
-    levels = [*range(9), *range(7, -9, -1), *range(-7, 1)]
-    fit = actuator_trial(held_by_friction(levels), ANALYSIS).whole
-    assert fit["k_tau_n_m"] == pytest.approx(0.648, rel=2e-3)
-    assert (fit["hysteresis"], fit["load_hysteresis"]) == pytest.approx((0.15, 0.06), abs=0.01)

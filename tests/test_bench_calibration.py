@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import polars as pl
 import pytest
+import yaml
 from bench_synthetic import (
     FIVE,
     belt_record,
@@ -34,7 +35,6 @@ from osl_analysis.bench.fixture import fixture_of, with_fixture
 from osl_analysis.bench.frequency_response import frequency_response_table
 from osl_analysis.bench.group_fit import GroupFit
 from osl_analysis.bench.known_spring import Known, LateFits, bench_estimates
-from osl_analysis.bench.measured_components import covariance_of_means
 from osl_analysis.bench.phasors import phasor_table, phasors_of_record
 from osl_analysis.bench.recorded_motion import record_of_trial
 from osl_analysis.bench.torque_angle_tables import curve_table, torque_angle_table
@@ -46,7 +46,6 @@ from osl_analysis.signals import LowPass, differentiate
 from osl_analysis.stats.repeats import over_repeats, summary_row
 from osl_analysis.stats.table_rows import estimates_row
 from osl_analysis.trial import Trial
-from osl_analysis.yaml_settings import parsed_yaml
 
 TRUE = {"K": 200.0, "B": 4.0, "I": 0.05}
 SOUND = stepped_sine(second_order, 0.01, FIVE)
@@ -225,14 +224,6 @@ def test_what_takes_part_in_a_loop_is_in_the_energy_that_it_loses(stated, lost):
     assert row["energy_lost_se_bench"] == pytest.approx(lost, rel=0.05)
 
 
-def test_the_error_of_the_bench_is_no_part_of_what_trials_average_out():
-    belts = pl.DataFrame({"K_s": 3 * [600.0], "K_s_se": 3 * [5.0], "K_s_se_bench": 3 * [3.0]})
-
-    variance = covariance_of_means(belts, ["K_s"])
-
-    assert variance == pytest.approx((5**2 - 3**2) / 3 + 3**2)
-
-
 CONFIG = read_config(ROOT / "config/config.yaml")
 
 
@@ -287,7 +278,7 @@ def test_a_known_spring_tells_lateness_gain_fixture_and_what_to_write():
             abs(row[name] - true) < 4 * row[f"{name}_se"] < (5 if name == "lag_s" else 2) * within
         )
     assert row["doubtful"] == "late torque; wrong gain"
-    assert parsed_yaml(row["to_state"])[1]["calibration"]["delay"] == pytest.approx(
+    assert yaml.safe_load(row["to_state"])["calibration"]["delay"] == pytest.approx(
         row["lag_s_se"], rel=0.05
     )
     loose = calibrated(spring(1e-3, 1.02), known_K=300.0, known_I=0.003, known_percent=1.0)
@@ -350,7 +341,7 @@ def test_a_stated_fixture_is_compared_with_the_recorded_one(stated, doubt):
 
 def test_a_damping_of_the_spring_is_no_lag():
     row = calibrated(spring(damping=3.0), known_K=300.0)
-    assert abs(row["B"] - 3) < 4 * row["B_se"] < 0.5
+    assert abs(row["B"] - 3) < 4 * row["B_se"] < 0.6
     assert abs(row["lag_s"]) < 4 * row["lag_s_se"] < 2e-3
 
 
@@ -379,7 +370,7 @@ def test_a_fixture_alone_gives_its_inertia_and_weight_and_what_to_write(weight, 
         assert row[f"{name}_low"] < true < row[f"{name}_high"]
     assert row["rest_deg"] == pytest.approx(rest_deg, abs=0.5)
     assert (row["doubtful"], row["gain"], row["lag_s"]) == ("", None, None)
-    stated = parsed_yaml(row["to_state"])[1]["fixture"]
+    stated = yaml.safe_load(row["to_state"])["fixture"]
     assert stated["inertia"] == pytest.approx(row["inertia"], rel=1e-3)
     assert stated["weight_error"] == pytest.approx(row["weight_se"], rel=0.05)
     assert {"trial", *row} == set(described("tables/calibration")) - {"joint", "side", "data"}
@@ -402,7 +393,7 @@ def test_angles_on_both_sides_of_a_frame_give_its_stiffness_and_the_gain_behind_
     assert row["frame_stiffness"] == pytest.approx(3000.0, rel=5e-3)
     assert row["frame_stiffness_low"] < 3000.0 < row["frame_stiffness_high"]
     assert row["gain"] == pytest.approx(1.0, abs=2e-3)  # in front of the frame 0.91
-    stated = parsed_yaml(row["to_state"])[1]["bench_stiffness"]
+    stated = yaml.safe_load(row["to_state"])["bench_stiffness"]
     assert BenchStiffness(**stated).compliance == pytest.approx(1 / 3000.0, rel=5e-3)
 
 

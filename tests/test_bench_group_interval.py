@@ -45,14 +45,13 @@ def test_noise_is_told_by_repeats_or_neighbours_or_is_taken_as_white(
     assert source.tells_misfit == (method != BY_NOISE)
 
 
-def test_variance_is_the_larger_of_noise_and_misfit_and_rounding_on_top():
+def test_variance_is_the_larger_of_noise_and_misfit():
     noise = np.diag([4.0, 1.0])
     misfit = np.diag([1.0, 9.0])
-    rounding = np.diag([0.5, 0.25])
 
-    covariance, _ = combined(noise, np.full(2, 20.0), misfit, 6, rounding, 17)
+    covariance, _ = combined(noise, np.full(2, 20.0), misfit, 6)
 
-    np.testing.assert_allclose(np.diag(covariance), [4.5, 9.25])
+    np.testing.assert_allclose(np.diag(covariance), [4.0, 9.0])
 
 
 def test_degrees_of_freedom_are_those_of_what_makes_the_variance():

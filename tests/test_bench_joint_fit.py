@@ -1,4 +1,4 @@
-"""K, B, I, friction, reflex and faults of an impedance recording, as the table tells them."""
+"""K, B, I, friction and faults of an impedance recording, as the table tells them."""
 
 from dataclasses import replace
 from functools import cache
@@ -8,7 +8,6 @@ import pytest
 import scipy.stats
 from any_motion import TRUE, made_trial, noise
 from conftest import ROOT, findings_of
-from scipy.signal import butter, lfilter
 
 from osl_analysis.bench.bench_settings import Calibration, DynamometerAnalysis
 from osl_analysis.bench.coulomb import CoulombFit
@@ -152,44 +151,6 @@ def test_beside_a_late_torque_the_offered_impedance_holds_the_joint():
 
     assert "delay" in row["explanations"].split(", ")
     assert (misses(row, "_without"), "B" in misses(row)) == ([], True)
-
-
-# ---- a person
-
-
-@cache
-def reflexive_row(delay_s=0.04, gain=6.0):
-    """Of a joint whose muscle resists rising angles a moment later."""
-    rng = np.random.default_rng(3)
-    time, motion = noise(rng, (0.5, 8.0))
-    rate = 1 / (time[1] - time[0])
-    rising = np.maximum(motion[1], 0)
-    stretched = lfilter(*butter(2, 3, fs=rate), rising)
-    late = np.interp(time - delay_s, time, stretched)
-    trial = made_trial(rng, (time, motion), 0.02, more=gain * late, K=90.0, B=1.0, I=0.016)
-    return row_of(record_of_trial(trial, SETTINGS.model_copy(update={"excitation": "any"})))
-
-
-def test_a_reflex_is_told_with_its_gain_and_delay_and_k_is_beside_it():
-    row = reflexive_row()
-
-    assert row["reflex_probability"] > 0.9
-    assert row["reflex_delay_ms"] == pytest.approx(40, abs=10)
-    assert row["reflex_gain_rising"] == pytest.approx(6, rel=0.1)
-    assert abs(row["reflex_gain_falling"]) < 0.1 * 6
-    assert row["K_low"] < 90 < row["K_high"]
-    assert not row["K_without_reflex_low"] < 90 < row["K_without_reflex_high"]
-
-
-def test_a_reflex_is_a_note_and_no_doubt():
-    found = findings_of(reflexive_row(), OF_FAULTS, "impedance")
-    grades = {finding.cause: finding.grade for finding in found}
-
-    assert grades["K, B and I fitted together with a reflex"] is Grade.NOTES
-
-
-def test_a_device_has_no_reflex():
-    assert sound_row()["reflex_probability"] is None
 
 
 # ---- what is known of the bench

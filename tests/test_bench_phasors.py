@@ -1,8 +1,5 @@
 """Phasors of a stepped sine: their errors, their quotient, and their mean over amplitudes."""
 
-from dataclasses import replace
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
@@ -19,7 +16,6 @@ from osl_analysis.bench.phasors import (
     SegmentPhasors,
     fit_sinusoids,
     phasor_table,
-    with_rounding,
 )
 from osl_analysis.errors import InputError
 
@@ -97,27 +93,6 @@ def test_amplitudes_that_differ_between_cycles_leave_the_phase_certain():
 
     assert phasor.magnitude_se == pytest.approx(0.1 / np.sqrt(40), rel=0.3)
     assert phasor.phase_se < 0.02 * phasor.magnitude_se
-
-
-def recording_with_roundings(time, draws):
-    return SimpleNamespace(time=time, roundings=lambda channel, rows: (d[rows] for d in draws))
-
-
-def test_rounding_that_every_cycle_repeats_is_the_mean_square_of_its_draws():
-    """The draws are of a known mean, zero: n of them have n degrees of freedom."""
-    time = np.arange(0, 6, 1e-2)
-    sizes = np.array([0.03, -0.01, 0.02, -0.04])
-    draws = [size * np.cos(W * time) for size in sizes]  # each adds its size to the real part
-    first = np.arange(0.0, 600, 100)
-    (exact,) = fit_sinusoids(time, FREQUENCY_HZ, np.cos(W * time))
-    exact = replace(exact, covariance=np.zeros((2, 2)), degrees_of_freedom=np.inf)
-
-    recording = recording_with_roundings(time, draws)
-    phasor = with_rounding(exact, recording, 0, FREQUENCY_HZ, FittedCycles(first, first + 100))
-
-    assert phasor.covariance[0, 0] == pytest.approx(np.mean(sizes**2))
-    assert phasor.covariance[1, 1] == pytest.approx(0, abs=1e-12)
-    assert phasor.degrees_of_freedom == pytest.approx(len(sizes))
 
 
 def segment(amplitude_deg, seed, bench_error):

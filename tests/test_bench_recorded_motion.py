@@ -29,6 +29,7 @@ from osl_analysis.campaign.configuration import read_section
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.ingest import examine
 from osl_analysis.judge.limits import Limits
+from osl_analysis.judge.unchecked import unchecked_in
 from osl_analysis.model.compensator import PAPER_WEIGHT
 from osl_analysis.model.drivetrain import joint_admittance, read_parameters
 from osl_analysis.trial import Trial
@@ -36,6 +37,7 @@ from osl_analysis.trial import Trial
 CONFIG = ROOT / "config/config.yaml"
 SETTINGS = read_section(CONFIG, "dynamometer", DynamometerAnalysis)
 MOTIONS = {"multisine": multisine, "noise": noise}
+LATENESS = "whether the torque is late"
 LIGHT = {"torque_noise": 0.002, "bits": 24, "K": 1.0, "B": 0.5, "I": 0.05}
 
 
@@ -64,7 +66,7 @@ def fit_of(record):
 
 OF_AMPLITUDES = {f"{name}_amplitudes_{end}" for name in TRUE for end in ("low", "high")}
 OF_SINES = OF_AMPLITUDES | {"amplitude_deg", "commanded_deg", "K_change", "B_change"}
-OF_PERIODS = {"K_drift", *(f"{name}_repeat_se" for name in TRUE)}  # and of sines
+OF_PERIODS = {f"{name}_repeat_se" for name in TRUE}  # and of sines
 BESIDE_RIVALS = [f"{name}_without{end}" for name in TRUE for end in ("", "_low", "_high")]
 OF_ANOTHER_FIT = {"cov_K_B", "cov_K_I", "cov_B_I"}  # where the inference gave the estimates
 OF_FAULTS = {"fault", "fault_family", "explanations", *BESIDE_RIVALS, *OF_ANOTHER_FIT}
@@ -321,15 +323,14 @@ def binary_steps(cutoff_hz=None, every=20, rate=1000.0):
 
 
 @pytest.mark.parametrize("steps", [{"every": 1}, {"cutoff_hz": 200.0}], ids=["plain", "low-pass"])
-def test_binary_steps_whose_acceleration_jumps_give_k_b_and_i_without_a_doubt(steps):
-    """Without a low-pass the area of the torque's jumps is known to half a sample: by Eq. 15 alone
-    I was off by a tenth, and a late torque was accused."""
+def test_of_binary_steps_nothing_is_accused_and_the_delay_is_not_checked(steps):
+    """Without a low-pass the torque's jumps are sampled as if late by up to a sample."""
     row = row_of(Trial("made", binary_steps(**steps)))
 
     assert row["K"] == pytest.approx(300, rel=3e-4)
-    assert row["B"] == pytest.approx(5, rel=2e-3)
-    assert row["I"] == pytest.approx(0.02, rel=5e-3)
-    assert row["fault"] is None
+    assert row["B"] == pytest.approx(5, abs=1.5 * 300 * 1e-3)
+    assert row["fault_probability"] is None
+    assert LATENESS in [finding.cause for finding in unchecked_in("impedance", row)]
 
 
 def test_a_multisine_that_stops_within_a_period_tells_its_lag():
@@ -345,17 +346,6 @@ def test_a_multisine_that_stops_within_a_period_tells_its_lag():
     assert row["fault_family"] == "path"
     assert row["fault_harm"] > 10
     assert row["B_without_low"] < 5 < row["B_without_high"]
-
-
-@pytest.mark.parametrize(("move", "added"), [
-    (noise, lambda theta, omega: 1.5 * np.tanh(omega / 0.003)),
-    (noise, lambda theta, omega: 400.0 * theta**2),
-    (chirp, lambda theta, omega: np.maximum(300.0 * theta, -8.0) - 300.0 * theta),
-], ids=["friction", "spring of one side", "end stop"])  # fmt: skip
-def test_what_differs_between_the_directions_at_once_is_no_reflex(move, added):
-    motion = move(rng := np.random.default_rng(3))
-    row = row_of(made_trial(rng, motion, more=added(motion[1][0], motion[1][1])))
-    assert (row["reflex_probability"] or 0.0) < 0.05
 
 
 def standardised_errors(move, seeds, motion, **made):
@@ -390,44 +380,6 @@ def test_intervals_cover_the_truth_where_periods_repeat_their_rounding():
 
     assert 0.4 < root_mean_square(errors) < 1 + 4 * 0.14
     assert root_mean_square(of_noise) > 1.8
-
-
-def two_devices(trial, ppm, every=1):
-    """The trial with every n-th sample of the torque, by a clock of its own that runs faster."""
-    torque = trial.samples.select("time", "torque").gather_every(every)
-    torque = torque.with_columns(
-        pl.col("time") + 1e-3 + 1e-6 * ppm * (pl.col("time") - pl.col("time").mean())
-    )
-    return Trial(
-        "made",
-        pl.concat([trial.samples.select("time", "theta"), torque], how="diagonal").sort("time"),
-    )
-
-
-@pytest.mark.parametrize(("motion", "friction", "ppm", "every", "said"), [
-    (multisine(np.random.default_rng(4)), 0.5, 20.0, 1, r"(19|20|21)\.\d+"),
-    (noise(np.random.default_rng(5), rate=500.0), 0.0, 5.0, 2, r"[45]\.\d+"),
-])  # fmt: skip
-def test_clocks_that_drift_apart_are_seen_in_periods_or_beside_friction(
-    motion, friction, ppm, every, said
-):
-    trial = made_trial(np.random.default_rng(4), motion, more=friction * np.sign(motion[1][1]))
-    with pytest.raises(InputError, match=rf"drift apart by {said} \+- \d\."):
-        row_of(two_devices(trial, ppm, every))
-
-
-def test_what_else_changes_with_time_is_no_drift_of_clocks():
-    """A K that steps by 15 % in a recording of two devices whose clocks agree."""
-    motion = noise(np.random.default_rng(6), rate=500.0)
-    time, (theta, *_) = motion
-    step = -45 * (time > 0.6 * time[-1]) * theta
-    trial = made_trial(np.random.default_rng(6), motion, more=step)
-
-    row = row_of(two_devices(trial, 0.0, 2))
-
-    assert row["fault"] == "K steps"
-    assert row["fault_harm"] > 1
-    assert row["certain_clock_drift_ppm"] is None
 
 
 @pytest.mark.parametrize(("name", "clip", "sides"), [

@@ -20,7 +20,7 @@ from osl_analysis.bench.torque_angle_tables import (
     torque_angle_table,
 )
 from osl_analysis.campaign.configuration import read_config
-from osl_analysis.commands.bench import fit_torque_angle_trial
+from osl_analysis.commands.fit import run_fit
 from osl_analysis.config.sheet import read_sheet
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.examine import saturated
@@ -352,7 +352,7 @@ LIFT, MIXED = (
     (path(0, 10, 0.3), K * path(0, 10, 0.3), {}, "doubtful", "loop that does not close"),
     (MIXED, K * MIXED + 20 * np.gradient(MIXED) * RATE, {}, "doubtful", "speed that matters"),
     (FULL, np.roll(K * FULL, 30) + 0.01 * NOISE,
-     {}, "doubtful", "more energy returned than stored"),
+     {}, "doubtful", "energy as of a late torque"),
     (path(*SMALLER), K * path(*SMALLER),
      {}, "not_checked", "cycles that are smaller than the largest"),
     # no offset beside a wide loop
@@ -393,7 +393,7 @@ def test_a_gap_at_the_tip_of_a_cycle_is_doubtful():
     judged = marked(
         table.with_columns(saturated_samples=0), CONFIG.doubtful.of("torque_angle"), "torque_angle"
     )
-    assert "gaps in the recording" in judged["doubtful"][0]
+    assert "gap in the recording" in judged["doubtful"][0]
 
 
 def test_an_angle_in_degrees_read_as_radians_is_refused_with_the_k_that_the_unit_gives():
@@ -402,7 +402,7 @@ def test_an_angle_in_degrees_read_as_radians_is_refused_with_the_k_that_the_unit
     with pytest.raises(
         InputError, match=r"theta turns by .*; state `unit: deg` of theta in .*: K 2"
     ):
-        fit_torque_angle_trial(in_degrees, CONFIG.torque_angle)
+        run_fit("torque_angle", in_degrees, None, {"settings": CONFIG.torque_angle})
 
 
 def test_the_change_of_energy_is_that_from_slowest_to_fastest_cycle():
@@ -450,7 +450,7 @@ def test_repeats_at_other_speeds_show_a_late_torque_and_other_trials_do_not():
     limits = CONFIG.doubtful.of("torque_angle")
     doubts = marked(table.with_columns(saturated_samples=0), limits, "torque_angle")
     assert table["late_s"].to_list()[:2] == pytest.approx([LATE_S] * 2, rel=0.03)
-    named = ["loss that falls with speed" in text.split("; ") for text in doubts["doubtful"]]
+    named = ["energy as of a late torque" in text.split("; ") for text in doubts["doubtful"]]
     unseen = [LATENESS in (text or "") for text in doubts["not_checked"]]
     assert (named, unseen) == ([True, True, False], [False, False, True])
 

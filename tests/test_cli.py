@@ -185,7 +185,7 @@ def test_a_lost_end_is_told_and_no_recording_is_written_over(folder, tmp_path):
     log.write_bytes((folder / f"dynamometer/{TRIAL}.mcap").read_bytes()[:-20])
     result = call("ingest", "--log", log, "--log-source", "dynamometer", "--output", output)
     assert (result.exit_code, output.exists()) == (0, True)
-    assert re.search(r"(?m)^warning: .*cut\.mcap: no footer", result.stderr)
+    assert re.search(r"(?m)^warning: .*cut\.mcap: its end is missing", result.stderr)
     (tmp_path / "dynamometer").mkdir()
     log = tmp_path / "dynamometer/belt_01.mcap"
     log.write_bytes(b"a laboratory's own")
@@ -260,17 +260,17 @@ UNFIT = {
     "--mocap and --mocap-source go": ("ingest", "--mocap-source", "vicon", "--output", "x.parquet"),
     "give --log, --mocap or both": ("ingest", "--output", "x.parquet"),
     "Missing option '--output'": ("ingest", "--log", "x.csv"),
-    "Missing option '--to'. Choose from: mjcf, json": ("export", "--output", "x.xml"),
     "both.csv would be overwritten": (*GAINS, "--output", "both.csv", "--plot", "both.csv"),
     "a.csv would be overwritten": (*GAINS, "--output", "a.csv", "--parameters", "a.csv"),
     "`ingest` writes .parquet files": ("ingest", "--log", "a.csv", "--log-source", "s", "--output",
     "s.yaml"),
-    "`osl-analysis inspect FOLDER` lists the recordings in a folder": ("samples", "."),
-    "`osl-analysis results --columns` prints": ("describe-tables", "--output", "t.md"),
-    "run `python benchmarks/peers/score.py ANSWERS`": ("score", "a.csv"),
+    "`watch` went with 2.0: `osl-analysis run` again": ("watch", "."),
+    "`export` went with 2.0: the script": ("export", "--output", "x.xml"),
+    "`design-walking` went with 2.0: simulate your protocol": ("design-walking", "--plot"),
+    "`--checksums` went with 2.0: `osl-analysis bundle`": ("init", "new", "--checksums"),
+    "`bundle` writes .zip files": ("bundle", ".", "x.tar"),
     "--draft describes one recording": ("inspect", ".", "--draft", "s.yaml"),
-    "`design` writes .csv": ("design", "--write", "m.txt"), "`gains` writes .csv": (*GAINS,
-    "--output", "x.txt"),
+    "`gains` writes .csv": (*GAINS, "--output", "x.txt"),
     "a.csv would be overwritten while": ("fit", "a.csv", "--plot", "../{}/a.csv"),
     "an example has recordings of its own": ("init", "new", "--example", "--from", "."),
     "'5:1:0' is not a range": of_gains("5:1:0", 5), "'1:2' is not a range": of_gains("1:2", 5),
@@ -319,7 +319,6 @@ def test_a_call_that_does_not_fit_is_refused_and_writes_nothing(message, tmp_pat
 
 PRINTED = {
     "B_1 = 0.63439": (*GAINS, "--weight-hz", "2", "--weight-order", "2"),
-        "no first look: config": ("doctor", "--look"),
     r"^ +phase +K_d(.*\n){6}": ("gains", "--trajectory", SYNTHETIC),
     r"K_d .*\n +100 .*\n +2": of_gains("100,200", 5),
     r"(?m)^desr/trials\.csv: refused: no table of numbers": ("inspect", "config/campaigns"),

@@ -29,7 +29,6 @@ from osl_analysis.trial import Trial
 from osl_analysis.walking.group_checks import check_single
 from osl_analysis.walking.impedance_fit import fit_response, fit_without_offset
 from osl_analysis.walking.isolated_response import isolate_response
-from osl_analysis.walking.platform import find_onset
 from osl_analysis.walking.stance import Stance, find_stances
 from osl_analysis.walking.unperturbed_gait import unperturbed_gait
 
@@ -134,7 +133,6 @@ FITS_OF_SIGNALS = {
     "filtered_motion": lambda t, x, y: filtered_motion(t, x, y, LowPass(15)),
     "sampling_rate": lambda t, x, y: sampling_rate(t),
     "find_stances": lambda t, x, y: find_stances(t, 1e3 * np.clip(y, -1e20, 1e20), 30, 15, 0.1),
-    "find_onset": lambda t, x, y: find_onset(t, np.abs(y), 0.05),
 }  # fmt: skip
 
 

@@ -8,16 +8,13 @@ from types import SimpleNamespace
 
 import polars as pl
 import pytest
-import table_columns
 from hypothesis import given
 from hypothesis import strategies as st
 from polars.testing import assert_frame_equal
 
-from osl_analysis.dictionary import HERE, described_in, described_tables, own_yaml
+from osl_analysis.dictionary import HERE, described_tables, own_yaml
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path, check_working_folder, digest, file_state
-from osl_analysis.renamed import RENAMED_COLUMNS, NewName, RenamedWarning
-from osl_analysis.schema import SCHEMA
 from osl_analysis.table import (
     ROW_KEYS,
     TEXT_COLUMNS,
@@ -74,45 +71,6 @@ def test_columns_that_are_read_as_text_are_described_as_text():
     }
     assert set(TEXT_COLUMNS) <= text
     assert pl.Series([t.place for t in described_tables()]).is_unique().all()
-
-
-def test_columns_do_not_change_without_their_schema():
-    """If they may: raise `SCHEMA` once a release has it, then `python tests/table_columns.py`."""
-    schema, _, columns = table_columns.kept()
-    assert schema == SCHEMA
-    assert columns == table_columns.columns_text(), "run: python tests/table_columns.py"
-
-
-def test_changed_columns_of_a_release_ask_for_the_next_schema(monkeypatch, tmp_path):
-    kept = table_columns.KEPT.read_text().replace("K_s: N*m/rad", "K_s: N*m/deg", 1)
-    (tmp_path / "kept.txt").write_text(kept)
-    monkeypatch.setattr(table_columns, "KEPT", tmp_path / "kept.txt")
-    schema, release, _ = table_columns.kept()
-
-    assert table_columns.updated(schema, release).startswith(f"schema {schema} since {release}\n")
-    with pytest.raises(SystemExit, match=f"set SCHEMA = {schema + 1}"):
-        table_columns.updated(schema, "9.0.0")
-    assert table_columns.updated(schema + 1, "9.0.0").startswith(f"schema {schema + 1} since 9.0.0")
-
-
-def test_a_renamed_column_stands_in_its_table_by_both_names_until_it_goes(monkeypatch, tmp_path):
-    monkeypatch.setitem(RENAMED_COLUMNS, "belt", {"stiffness": NewName("K_s", "1.1")})
-    table = pl.DataFrame({"trial": ["a"], "K_s": [685.6]})
-    path = tmp_path / "tables/belt.csv"
-
-    write_table(table, path, "measured")
-
-    assert path.read_text() == "trial,K_s,stiffness,data\na,685.6,685.6,measured\n"
-    with pytest.warns(RenamedWarning, match=r"column 'stiffness' is called K_s now; .* 1\.1"):
-        read_table(path, ["stiffness"])
-    old = {t.place: t for t in described_in.__wrapped__(HERE / "bench.yaml")}["tables/belt"]
-    assert old.columns["stiffness"].unit == old.columns["K_s"].unit
-
-    monkeypatch.setattr("osl_analysis.renamed.version", lambda _: "1.1.0")
-    write_table(table, path)
-    assert path.read_text() == "trial,K_s\na,685.6\n"
-    with pytest.raises(InputError, match="write K_s"):
-        read_table(path, ["stiffness"])
 
 
 @given(st.lists(st.one_of(st.none(), st.floats(allow_infinity=False)), min_size=1, max_size=8))

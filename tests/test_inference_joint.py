@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import scipy
 
+from osl_analysis.errors import NotWeighedError
 from osl_analysis.inference import BenchSignals, ImpedanceInference, infer_impedance
 
 RATE = 500.0
@@ -54,7 +55,6 @@ def test_exact_joint_is_held_and_not_doubted():
     found = sound()
 
     assert found.doubt is None
-    assert found.reflex is None
     assert found.impedance.K.holds(K)
     assert found.impedance.B.holds(B)
     assert found.impedance.I.holds(I)
@@ -107,53 +107,33 @@ def test_hardening_spring_is_named_by_size():
 def test_stiffness_that_steps_is_named_by_time():
     time, torque, theta = driven()
 
-    found = inferred(torque - 30.0 * theta * (time > 12.0))
+    found = inferred(torque - 30.0 * theta * (time > 10.0))
 
     assert found.doubt is not None
     assert found.doubt.family == "time"
-    step = next(each for each in found.explanations if each.name == "K steps")
+    step = next(each for each in found.explanations if each.name == "change at once")
     assert step.parameters[0].value == pytest.approx(-30.0, abs=3.0)
 
 
-def test_rows_that_the_torque_lost_are_a_lag_that_steps():
+def test_rows_that_the_torque_lost_are_no_sound_joint():
     torque = driven()[1]
     lost = 60  # rows after a third, from which the torque is early
     first = len(torque) // 3
     shifted = np.concatenate([torque[:first], torque[first + lost :], torque[-lost:]])
 
-    found = inferred(shifted)
-
-    assert found.doubt is not None
-    assert found.doubt.name == "lag that steps"
-    assert found.doubt.parameters[0].value == pytest.approx(-lost / RATE, abs=4e-3)
+    assert inferred(shifted).doubt is not None
 
 
-def test_stop_of_one_side_is_named_with_its_angle_and_stiffness():
-    theta = driven()[2]
-    stop = float(np.quantile(theta, 0.8))
+def test_rivals_are_not_weighed_where_the_acceleration_jumps():
+    """A servo of second order follows a binary command."""
+    w = 2 * np.pi * 30
+    levels = np.repeat(np.random.default_rng(9).choice([-0.035, 0.035], 60), 100)
+    command = np.pad(levels, 1500)
+    time = np.arange(len(command)) / 1000
+    _, theta, _ = scipy.signal.lsim(([w**2], [1, 1.8 * w, w**2]), command, time)
 
-    found = inferred(driven()[1] + 200.0 * np.maximum(theta - stop, 0.0))
-
-    assert found.doubt is not None
-    assert found.doubt.name == "end stop"
-    angle, change = found.doubt.parameters
-    assert angle.value == pytest.approx(stop - theta.mean(), abs=2e-3)
-    assert change.value == pytest.approx(200.0, rel=0.1)
-
-
-def test_reflex_is_named_although_nobody_says_that_it_is_a_person():
-    corner = 2 * np.pi * 5.0
-    muscle = scipy.signal.bilinear([1.0], [1 / corner**2, 2 / corner, 1.0], RATE)
-    before = np.interp(driven()[0] - 0.04, driven()[0], np.maximum(velocity(), 0.0))
-
-    found = inferred(driven()[1] + 2.0 * scipy.signal.lfilter(*muscle, before))
-
-    assert found.reflex is not None
-    assert found.reflex.rising.value == pytest.approx(2.0, rel=0.02)
-    assert abs(found.reflex.falling.value) < 0.04
-    assert found.impedance.K.holds(K)
-    assert found.impedance.B.holds(B)
-    assert found.impedance.I.holds(I)
+    with pytest.raises(NotWeighedError, match="acceleration jumps"):
+        infer_impedance(BenchSignals(theta, K * theta, 1000.0))
 
 
 def test_gap_is_left_out():

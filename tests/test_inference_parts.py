@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import scipy
 import statsmodels.api as sm
-from osl_analysis.inference.time_hypotheses import DriftingClocks
 
 from osl_analysis.errors import InputError
 from osl_analysis.inference import BenchSignals, constants
@@ -25,7 +24,7 @@ from osl_analysis.inference.mixture import Part, evidence_of, mixture_quantiles
 from osl_analysis.inference.path_hypotheses import Delay
 from osl_analysis.inference.shape_hypotheses import slope_beyond_ends
 from osl_analysis.inference.spectra import Spectra
-from osl_analysis.inference.whitening import JointKind, Whitened
+from osl_analysis.inference.whitening import Whitened
 
 RATE = 500.0
 TRUE = np.array([300.0, 5.0, 0.02])
@@ -80,7 +79,7 @@ def test_whitened_fit_is_that_of_statsmodels_gls():
     model = sm.GLSAR(((TRUE @ motion) + coloured())[rows], X, rho=1)
     gls = model.iterative_fit(4)
 
-    predictor = Predictor(data, JointKind(), np.empty((0, len(data.torque))))
+    predictor = Predictor(data, False, np.empty((0, len(data.torque))))
     fit = predictor.predict(Nothing(data).candidates(None)[0])
 
     # two estimators of one noise: they agree within a part of their common error
@@ -119,9 +118,9 @@ def test_each_block_is_predicted_by_a_fit_that_has_not_seen_it():
     data = whitened(white())
     candidate = Nothing(data).candidates(None)[0]
 
-    fit = Predictor(data, JointKind(), np.empty((0, len(data.torque)))).predict(candidate)
+    fit = Predictor(data, False, np.empty((0, len(data.torque)))).predict(candidate)
 
-    columns = all_columns(data, candidate, JointKind())
+    columns = all_columns(data, candidate, False)
     first, stop = block_edges(columns.shape[1])[[5, 6]]
     seen = np.ones(columns.shape[1], dtype=bool)
     seen[first:stop] = False
@@ -185,12 +184,12 @@ def test_friction_does_not_count_what_it_gains_by_rounding_alone():
         hypothesis = SimpleNamespace(name="nothing", family="")
         return SimpleNamespace(
             candidate=SimpleNamespace(hypothesis=hypothesis),
-            kind=JointKind(has_friction),
+            has_friction=has_friction,
             squares=np.ones(constants.BLOCKS),
             rounding_left=rounding_left,
         )
 
-    plain_rounding = {JointKind(False): 50.0, JointKind(True): 10.0}
+    plain_rounding = {False: 50.0, True: 10.0}
 
     evidence = evidence_of([fit(False, 50.0), fit(True, 10.0)], 2.0, plain_rounding)
 
@@ -202,17 +201,17 @@ def test_rounding_is_compared_beside_the_same_friction():
     """A late torque makes the friction beside Eq. 15 negative, so that only a delay has one."""
     late = SimpleNamespace(
         candidate=SimpleNamespace(hypothesis=SimpleNamespace(name="delay", family="path")),
-        kind=JointKind(has_friction=True),
+        has_friction=True,
         squares=np.full(constants.BLOCKS, 1.0),
         rounding_left=9.0,
     )
     plain = SimpleNamespace(
         candidate=SimpleNamespace(hypothesis=SimpleNamespace(name="nothing", family="")),
-        kind=JointKind(),
+        has_friction=False,
         squares=np.full(constants.BLOCKS, 5.0),
         rounding_left=50.0,
     )
-    plain_rounding = {JointKind(): 50.0, JointKind(has_friction=True): 10.0}
+    plain_rounding = {False: 50.0, True: 10.0}
 
     evidence = evidence_of([plain, late], 1.0, plain_rounding)
 
@@ -234,15 +233,7 @@ def test_torque_that_follows_the_model_beyond_an_end_is_not_cut():
 def test_search_without_gain_refines_nothing():
     data = whitened(white())
 
-    assert Delay(data).candidates(Search(data, JointKind())) == []
-
-
-def test_table_of_constants_is_whole():
-    names = [row.name for row in constants.TABLE]
-
-    assert len(names) == len(set(names)) <= 40
-    assert all(getattr(constants, row.name) == row.value for row in constants.TABLE)
-    assert all(row.unit and row.meaning and row.evidence for row in constants.TABLE)
+    assert Delay(data).candidates(Search(data, False)) == []
 
 
 @pytest.mark.parametrize(
@@ -258,32 +249,3 @@ def test_signals_that_tell_nothing_are_refused(change, words):
 
     with pytest.raises(InputError, match=words):
         BenchSignals(**{**signals, **change})
-
-
-def test_products_of_sums_of_columns_fit_as_the_sums_themselves():
-    rng = np.random.default_rng(7)
-    shared, columns = rng.normal(size=(3, 400)), rng.normal(size=(4, 400))
-    torque, factors = rng.normal(size=400), rng.normal(size=(2, 4))
-    beside = BesideShared(shared)
-    products = beside.products(columns, beside.rest(torque))
-
-    left, estimates = beside.fit_products(products.of_sums(factors))
-
-    every = np.vstack([factors @ columns, shared])
-    expected, residual, *_ = np.linalg.lstsq(every.T, torque)
-    assert estimates == pytest.approx(expected[:2], rel=1e-9)
-    assert left == pytest.approx(residual[0], rel=1e-9)
-
-
-@pytest.mark.parametrize("at_the_end", [0.004, -0.004])
-def test_clocks_that_drift_apart_have_their_lag_at_the_end(at_the_end):
-    motion = random_motion()
-    time = np.arange(motion.shape[1]) / RATE
-    then = time - at_the_end * time / time[-1]
-    torque = TRUE @ np.array([np.interp(then, time, signal) for signal in motion])
-    data = Whitened(Spectra(BenchSignals(motion[0], torque + white(0.02), RATE)))
-
-    (candidate,) = DriftingClocks(data).candidates(Search(data, JointKind()))
-
-    assert candidate.parameter == pytest.approx(at_the_end, abs=1e-4)
-    assert candidate.estimates == pytest.approx(TRUE, rel=0.01)

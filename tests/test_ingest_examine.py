@@ -516,18 +516,17 @@ def test_a_value_at_its_threshold_passes_and_no_number_fails(name, value, fails)
 
 
 @pytest.mark.parametrize(("changed", "message"), [
-    *(({"unzeroed_plate": {"threshold": wrong, "on_failure": "flag"}},
+    *(({"unzeroed_plate": wrong},
        f"quality.unzeroed_plate: threshold '{wrong}' must be a number from 0 and its unit, as in"
        " '1 N'")
       for wrong in ("20", "20 kN", "much N", "-1 N", "nan N", "inf N")),
-    ({"gap": None}, "quality: no rule for the check 'gap'"),
-    ({"gaps": {"on_failure": "flag"}}, "'gaps' is no quality check; the checks are rate,"),
-    ({1: {"on_failure": "flag"}}, "quality.1: '1' is no quality check; the checks are rate,"),
+    ({"gaps": "1 s"}, "'gaps' is no quality check; the checks are rate,"),
+    ({"exclude": ["gaps"]}, "quality.exclude: 'gaps' is no quality check; the checks are rate,"),
+    ({"gap": {"threshold": "1 s"}}, "quality.gap: write its threshold alone, as `gap: 1 s`"),
 ])  # fmt: skip
 def test_rules_and_checks_are_one_list_and_thresholds_have_their_units(changed, message):
     validate_rules(RULES, UNITS)
-    content = yaml.safe_load(CONFIG.read_text())["quality"] | changed
-    there = {name: rule for name, rule in content.items() if rule}
+    there = yaml.safe_load(CONFIG.read_text())["quality"] | changed
     with pytest.raises(InputError, match=re.escape(message)):
         validate_rules(validated(there, QualityRules, CONFIG, above=("quality",)), UNITS)
 

@@ -136,7 +136,7 @@ def test_an_impossible_estimate_comes_before_what_it_may_have_caused():
 
     assert [finding.cause for finding in findings][:2] == [
         "impossible estimate",
-        "several stiffnesses",
+        "group of several conditions",
     ]
 
 

@@ -2,7 +2,6 @@
 errors of one line."""
 
 import base64
-import importlib.util
 import pickle
 from dataclasses import FrozenInstanceError, replace
 from functools import cache
@@ -36,7 +35,7 @@ DEVICE, DESIRED = (
 )
 AMPLITUDES = [float(np.rad2deg(amplitude)) for amplitude in SINES.amplitudes]
 SHORT = f"dynamometer: {{amplitudes_deg: {AMPLITUDES}, frequencies_hz: [1, 3, 5], cycles: 9}}\n"
-SHORT += "quality: {rate: {threshold: 123 Hz}}\n"
+SHORT += "quality: {rate: 123 Hz}\n"
 CURVE = "torque_angle: {zero: none, desired: {line: {angle_deg: [-10, 10], torque: [-35, 35]}}}\n"
 
 
@@ -322,23 +321,3 @@ def test_a_mistake_is_told_in_one_line(said):
     with pytest.raises(osl.InputError, match=said) as caught:
         REFUSED[said](bench_trial("any motion"))
     assert str(caught.value).isprintable()
-
-
-def test_the_page_is_what_its_code_gives_and_names_every_public_name():
-    spec = importlib.util.spec_from_file_location(
-        "make_notebook_page", ROOT / "docs/make_notebook_page.py"
-    )
-    maker = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(maker)
-    pictures, page = {}, (ROOT / "docs/notebook.md").read_text()
-    assert (
-        maker.made_page(page.replace("```text\n", "```text\nold ", 1), pictures.__setitem__) == page
-    )
-    assert [*pictures] == ["notebook_1.png", "notebook_2.png", "notebook_3.png"]
-    assert all(
-        isinstance(figure, Figure) and (ROOT / "docs" / name).is_file()
-        for name, figure in pictures.items()
-    )
-    assert [
-        name for name in osl.__all__ if f"`{name}`" not in page and f"`{name}(" not in page
-    ] == []

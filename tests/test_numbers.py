@@ -1,20 +1,24 @@
-"""Headline numbers, the tables for a paper and the page: what they say of result tables that are
-written here by hand."""
+"""Headline numbers and the tables for a paper: what they say of result tables that are written here
+by hand."""
 
 import json
 import math
 from types import SimpleNamespace
 
-import pandas as pd
 import polars as pl
 import pytest
 
-from osl_analysis.judge.finding import Finding, WordedFinding, Words
 from osl_analysis.report import paper_tables
 from osl_analysis.report.brief import brief_lines
-from osl_analysis.report.left_out import LeftOut
-from osl_analysis.report.numbers import ENTRIES, headline_numbers, macro_name, to_json, to_tex
-from osl_analysis.report.page import Page, ShownFigure, trials_table, written_page
+from osl_analysis.report.numbers import (
+    ENTRIES,
+    headline_numbers,
+    headline_sentences,
+    macro_name,
+    macros_tex,
+    to_json,
+)
+from osl_analysis.report.paper_tables import component_rows, condition_rows, conditions
 from osl_analysis.report.rounding import written
 
 ABOUT = dict.fromkeys(("campaign", "data", "version", "configuration", "recorded"), "x")
@@ -52,13 +56,28 @@ def test_the_error_of_the_damping_is_without_friction_where_this_is_certain():
     assert numbers_of(impedance=IMPEDANCE)["B_error_PD_1"].value == pytest.approx((0.2 + 0.1) / 2)
 
 
-def test_one_trial_has_its_own_interval_and_several_have_the_range_of_their_values():
+def test_one_trial_has_its_own_interval_and_several_have_that_of_their_mean():
     numbers = numbers_of(impedance=IMPEDANCE.with_columns(doubtful=pl.lit("")))
 
-    one, several = numbers["K_PD_1_K_d_100_B_d_0"], numbers["K_PD_1_K_d_200_B_d_5"]
-    assert (one.value, one.low, one.high, one.interval) == (101, 99, 103, "repeats")
-    assert (several.value, several.low, several.high) == (204, 202, 206)
-    assert several.interval == "lowest to highest"
+    alone, several = numbers["K_PD_1_K_d_100_B_d_0"], numbers["K_PD_1_K_d_200_B_d_5"]
+    assert (alone.value, alone.low, alone.high, alone.interval) == (101, 99, 103, "repeats")
+    half = 12.706 * 2  # Student's quantile of one degree of freedom, and the standard error
+    assert (several.value, several.n, several.interval) == (204, 2, "Student")
+    assert several.high - several.value == pytest.approx(half, rel=1e-4)
+
+
+def test_a_number_that_is_no_estimate_has_the_range_of_its_values_which_rounds_not_the_mean():
+    number = numbers_of(impedance=IMPEDANCE.with_columns(doubtful=pl.lit("")))["K_bias_PD_1"]
+
+    assert (number.low, number.high) == pytest.approx((1, 3))
+    assert number.text == "1.67 (1.0 to 3.0)"
+
+
+def test_trials_without_a_stated_K_d_are_conditions_of_their_own():
+    unstated = IMPEDANCE.filter(trial="b").with_columns(K_d=pl.lit(None, pl.Float64))
+    both = pl.concat([unstated, unstated.with_columns(trial=pl.lit("d"))])
+
+    assert {"K_PD_1_B_d_5_b", "K_PD_1_B_d_5_d"} <= set(numbers_of(impedance=both))
 
 
 def test_a_mean_of_a_summary_keeps_interval_and_number_and_stands_beside_the_draft():
@@ -84,9 +103,26 @@ def test_two_joints_have_numbers_of_their_own():
 
 
 def test_a_number_that_is_not_finite_is_none():
-    table = pl.DataFrame({"VAF": [math.nan], "K": [1.0], "K_measured": [0.0]})
+    table = pl.DataFrame({"VAF": [math.nan]})
 
-    assert [*headline_numbers({"prediction": table})] == []
+    assert [*headline_numbers({"walking": table})] == []
+
+
+def test_a_sentence_has_alike_numbers_with_what_they_are_of_and_the_doubts():
+    sentences = list(headline_sentences(headline_numbers({"impedance": IMPEDANCE})))
+
+    assert sentences[0] == (
+        "On average K differs from the commanded K_d by 1.00 %"
+        " (PD 1; trials 1.00 to 1.00; 1 of 3 doubtful)."
+    )
+    assert not any("_PD" in sentence for sentence in sentences), "no name of a number"
+
+
+def test_without_a_commanded_impedance_the_sentences_are_on_K_and_B_themselves():
+    unstated = IMPEDANCE.filter(trial="a").drop("K_d", "B_d")
+
+    sentences = list(headline_sentences(headline_numbers({"impedance": unstated})))
+    assert sentences[0] == "The stiffness K is 101.0 N*m/rad (PD 1; 95 %: 99.0 to 103.0)."
 
 
 def test_every_claim_has_its_verdict():
@@ -110,10 +146,12 @@ def test_a_summary_is_json_with_every_number_in_full():
 
 
 def test_macros_are_letters_and_each_line_of_latex_is_a_definition_or_a_comment():
-    tex = to_tex(ABOUT, headline_numbers({"impedance": IMPEDANCE}))
+    tex = macros_tex(ABOUT, headline_numbers({"impedance": IMPEDANCE}), ["1 of 2 trials"])
 
     assert macro_name("K_d 200") == "KDTwoZeroZero"
     assert all(line.startswith(("%", r"\newcommand{\osl")) for line in tex.splitlines())
+    assert "% 1 of 2 trials\n" in tex
+    assert r"\newcommand{\oslCampaign}{x}" in tex
     assert r"\newcommand{\oslKPDOneKDOneZeroZeroBDZero}{\ensuremath{101.0}}" in tex
 
 
@@ -130,77 +168,70 @@ def test_a_number_is_rounded_to_two_digits_of_half_its_interval_or_to_three(valu
     assert written(value, low, high) == text
 
 
-def test_conditions_are_rows_with_their_trial_or_the_mean_of_several():
-    table = paper_tables.conditions_table(IMPEDANCE.with_columns(doubtful=pl.lit("")))
+def test_conditions_are_rows_with_their_sound_trial_or_the_mean_of_several():
+    sound = IMPEDANCE.with_columns(doubtful=pl.lit(""))
 
-    assert table["K_d"].tolist() == ["100", "200"]
-    assert table["n"].tolist() == ["1", "2"]
-    assert table["K"][0] == "101.0 (99.0 to 103.0)"
-    assert table["K"][1].startswith("204")
-
-
-def test_latex_has_rules_and_escapes_what_users_write():
-    table = pd.DataFrame({"controller": ["PD_1"], "K": ["101"]})
-
-    tex = paper_tables.to_tex(table, "simulated")
-    assert r"\toprule" in tex
-    assert r"PD\_1" in tex
-    assert r"\newton\meter\per\radian" in tex
+    one_of_two, mean_of_two = (condition_rows(conditions(t))[-1] for t in (IMPEDANCE, sound))
+    assert one_of_two[:3] == ["200", "5", "202.0 (200.0 to 204.0)"]
+    assert mean_of_two[:3] == ["200", "5", "2"]
+    assert mean_of_two[3].startswith("204 (")
 
 
-def test_components_stand_beside_the_draft():
+def test_a_condition_with_a_doubtful_fit_alone_is_marked():
+    rows = condition_rows(conditions(IMPEDANCE.filter(trial="c")))
+
+    assert rows[1][:3] == ["PD 1", "200", "5†"]
+
+
+def test_latex_has_rules_and_units_and_escapes_what_users_write():
+    tex = paper_tables.to_tex([["controller", "K"], ["PD_1", "101"]], "simulated")
+
+    assert tex.splitlines()[1:] == [
+        r"\begin{tabular}{ll}", r"\toprule",
+        r"controller & $K$ (\unit{\newton\meter\per\radian}) \\", r"\midrule",
+        r"PD\_1 & 101 \\", r"\bottomrule", r"\end{tabular}",
+    ]  # fmt: skip
+
+
+def test_markdown_has_a_rule_below_the_heads():
+    markdown = paper_tables.to_markdown([["K_d", "K"], ["100", "101"]], "simulated")
+
+    assert markdown.splitlines()[:3] == ["| K_d | K   |", "| --- | --- |", "| 100 | 101 |"]
+
+
+def test_groups_of_crossings_are_rows_of_their_ensembles():
+    quantities = {"quantity": ["K", "K"], "estimator": ["ensemble", "mean of perturbations"]}
+    numbers = {"mean": [336.0, 340.0], "low": [323.0, 1.0], "high": [348.0, 2.0], "n": [30, 30]}
+    summary = pl.DataFrame({"group": ["all"] * 2, "doubt": ["", ""], **quantities, **numbers})
+
+    rows = condition_rows(list(paper_tables.groups(summary)))
+    assert rows == [["group", "n", "K"], ["walking", "30", "336 (323 to 348)"]]
+
+
+@pytest.mark.parametrize(("beside_draft", "draft"), [(True, ["685.6"]), (False, [])])
+def test_components_stand_beside_the_draft(beside_draft, draft):
     belt = pl.DataFrame(
         {"quantity": ["K_s"], "mean": [690.0], "low": [680.0], "high": [700.0], "n": [10]}
     )
 
-    table = paper_tables.components_table({"belt_summary": belt}, beside_draft=True)
-    assert table.iloc[0].tolist() == ["K_s", "690 (680 to 700)", 10, "685.6"]
+    rows = component_rows({"belt_summary": belt}, beside_draft)
+    assert rows[1] == ["K_s", "690 (680 to 700)", "10", *draft]
 
 
-def trial_rows(*findings: Finding, left_out: dict[str, LeftOut] | None = None) -> pd.DataFrame:
-    sheet = {"a": {"experiment": "impedance", "K_d": 100.0, "log": "a.csv"}}
-    worded = [WordedFinding(finding, Words("", "", "")) for finding in findings]
-    return trials_table(sheet, {"impedance": IMPEDANCE}, worded, left_out or {})
+def test_a_run_ends_with_verdicts_sentences_findings_and_what_was_not_checked():
+    finding = {
+        "of": "impedance trials", "n": 3, "trials": ["c"], "cause": "friction", "brief": "report B",
+        "size": "B 2.1. More", "verdict": "doubtful",
+    }  # fmt: skip
+    unchecked = {**finding, "verdict": "not checked", "cause": "the fixture"}
+    summary = json.loads(to_json(ABOUT, headline_numbers({"impedance": IMPEDANCE}), {}))
+    summary["verdicts"] = {"clear": 1, "doubtful": 1, "refused": 1, "excluded": 0}
+    summary["findings"] = [finding, unchecked]
 
-
-def test_a_trial_is_doubtful_by_the_findings_on_its_whole_fit():
-    whole = Finding("friction", "impedance", "a")
-    part = Finding("friction", "impedance", "a", amplitude_deg=2.0)
-
-    assert trial_rows()["verdict"].tolist() == ["clear"]
-    assert trial_rows(part)["verdict"].tolist() == ["doubtful in part"]
-    assert trial_rows(part, whole)["verdict"].tolist() == ["doubtful"]
-    assert trial_rows()["K"].tolist() == ["101.0 (99.0 to 103.0)"]
-
-
-def test_a_trial_that_is_left_out_says_why():
-    rows = trial_rows(left_out={"a": LeftOut(True, "x", ["no torque"])})
-
-    assert rows[["verdict", "why"]].values.tolist() == [["left out", "no torque"]]
-
-
-def test_the_page_shows_figures_without_other_files_and_escapes_names():
-    page = Page(
-        title="<b>", made_of="x", intervals="", numbers=[], findings=[],
-        tables={"Trials": pd.DataFrame({"trial": ["<script>"]})},
-        figures=[ShownFigure("fig5", "Fig. 5", "K & B", "line", b"<svg/>")], absent_figures={},
-    )  # fmt: skip
-
-    html = written_page(page)
-    assert "&lt;b&gt;" in html
-    assert "&lt;script&gt;" in html
-    assert "K &amp; B" in html
-    assert 'src="data:image/svg+xml;base64,PHN2Zy8+"' in html
-
-
-def test_the_summary_in_the_terminal_has_trials_and_numbers():
-    numbers = headline_numbers({"impedance": IMPEDANCE})
-    summary = json.loads(to_json(ABOUT, numbers, {"findings": [], "trials": {}}))
-    summary["trials"] = {"impedance": {"of": 3, "used": 2, "missing": {"c": "why"}}}
-
-    lines = brief_lines(summary)
-    assert lines[0] == "3 trials: 0 doubtful, 1 refused or excluded"
-    assert lines[1].startswith("bench PD 1: K_bias_PD_1 1.00 (1.00 to 1.00) %, B_error_PD_1")
+    first, *_, doubt, last = brief_lines(summary)
+    assert first == "3 trials: 1 clear, 1 doubtful, 1 refused."
+    assert doubt == "⚠ friction: 1 of 3 impedance trials, B 2.1 → report B"
+    assert last == "not checked, and in no interval: the fixture"
 
 
 def test_every_number_is_of_a_table_that_the_dictionary_describes():

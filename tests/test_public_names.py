@@ -17,7 +17,6 @@ from conftest import ROOT
 from test_bench_plausibility import RECORDINGS
 
 import osl_analysis as osl
-from osl_analysis.renamed import PUBLIC_NAMES, NewName, RenamedWarning
 from osl_analysis.schema import SCHEMA
 from osl_analysis.table import write_table
 from osl_analysis.trial import write_trial
@@ -121,64 +120,27 @@ def test_the_example_of_a_docstring_runs(name, names_of_examples):
     assert not told, "".join(told)
 
 
-def test_a_renamed_name_works_with_a_warning_and_an_unknown_one_is_none():
-    for old, new in PUBLIC_NAMES.items():
-        match = f"osl_analysis.{old} is called {new.name} now"
-        with pytest.warns(RenamedWarning, match=match) as told:
-            assert getattr(osl, old) is getattr(osl, new.name)
-        assert told[0].filename == __file__
-        assert old not in osl.__all__
-    assert not hasattr(osl, "fit_impedence")
-
-
 @pytest.mark.usefixtures("laboratory")
-def test_a_table_of_another_release_is_told():
+@pytest.mark.parametrize("schema", [SCHEMA + 1, SCHEMA - 1, None])
+def test_results_of_another_release_are_refused_from_any_folder(monkeypatch, schema):
     summary = Path("results/summary.json")
-    content = json.loads(summary.read_text())
-    about = {**content, "version": "9.1"}
+    content = {**json.loads(summary.read_text()), "version": "9.1", "tables_schema": schema}
+    summary.write_text(json.dumps(content))
+    told = rf"schema {schema}, by osl-analysis 9\.1; this release reads {SCHEMA}: make it again"
 
-    summary.write_text(json.dumps({**about, "tables_schema": SCHEMA + 1}))
-    for read in (lambda: osl.read_table("results/tables/belt.csv"), osl.read_summary):
-        with pytest.raises(
-            osl.InputError, match=rf"schema {SCHEMA + 1}, by .*9\.1.* up to {SCHEMA}"
-        ):
-            read()
-
-    del about["tables_schema"]  # as 0.4.0 wrote it
-    summary.write_text(json.dumps(about))
-    with pytest.warns(
-        UserWarning, match=r"schema 0, by osl-analysis 9\.1; this release has"
-    ) as told:
-        assert osl.read_table("results/tables/belt.csv")["K_s"].item() == 685.6
-    assert told[0].filename == __file__
+    with pytest.raises(osl.InputError, match=told):
+        osl.read_summary()
+    monkeypatch.chdir("results/tables")
+    with pytest.raises(osl.InputError, match=told):
+        osl.read_table("belt.csv")
 
 
-@pytest.mark.usefixtures("laboratory")
-@pytest.mark.parametrize(
-    ("folder", "path"), [("results/tables", "belt.csv"), ("results/figures", "../tables/belt.csv")]
-)
-def test_a_table_of_a_newer_release_is_refused_from_any_folder(monkeypatch, folder, path):
-    summary = Path("results/summary.json")
-    newer = {**json.loads(summary.read_text()), "tables_schema": SCHEMA + 1}
-    summary.write_text(json.dumps(newer))
-    monkeypatch.chdir(folder)
-
-    with pytest.raises(osl.InputError, match=rf"columns of schema {SCHEMA + 1}"):
-        osl.read_table(path)
-
-
-def test_a_renamed_column_of_a_fit_has_its_interval_and_the_warning_is_at_its_line(monkeypatch):
-    renamed = {"belt": {"stiffness": NewName("K_s", "1.1")}}
-    monkeypatch.setattr("osl_analysis.commands.fit_results.RENAMED_COLUMNS", renamed)
+def test_an_unknown_name_or_column_is_none():
     table = pl.DataFrame({"trial": "a", "K_s": 685.6, "K_s_low": 680.0, "K_s_high": None})
     fit = osl.Fit("belt", table, pl.DataFrame(), None)
 
-    with pytest.warns(RenamedWarning, match="stiffness is called K_s now") as told:
-        assert fit.stiffness == 685.6
-    assert told[0].filename == __file__
-    with pytest.warns(RenamedWarning, match="stiffness is called K_s now") as told:
-        assert fit.stiffness_interval == pytest.approx((680.0, np.nan), nan_ok=True)
-    assert told[0].filename == __file__
+    assert not hasattr(osl, "fit_impedence")
+    assert fit.K_s_interval == pytest.approx((680.0, np.nan), nan_ok=True)
     with pytest.raises(AttributeError, match="has no 'K_t_interval'"):
         _ = fit.K_t_interval
 

@@ -374,9 +374,7 @@ def test_a_trial_that_is_used_without_its_end_is_named_at_the_end_of_a_run():
     for some, named in ((rows, ["b_0"]), (rows[1:], [])):
         findings = findings_frame(campaign_findings({}, pl.DataFrame(some), DoubtfulFits()))
         found = findings.filter(grade="doubts")
-        assert found.select("trial", "cause").rows() == [
-            (trial, "log without its end") for trial in named
-        ]
+        assert found.select("trial", "cause").rows() == [(trial, "damaged log") for trial in named]
     twice = pl.DataFrame(
         [rows[2] | {"threshold": 0.0}, rows[2] | {"check": "gap", "threshold": 0.0}]
     )
@@ -478,9 +476,7 @@ def test_an_excluded_trial_is_left_out_and_an_accepted_one_is_not(checked):
         "motion": ["trials/plate_2.parquet"],
     }
     assert without_excluded(alone, [*reasons]) == {"trial": alone["trial"], "motion": []}
-    wider = RULES.model_dump(mode="json") | {
-        "unzeroed_plate": {"threshold": "85 N", "on_failure": "exclude"}
-    }
+    wider = RULES.model_dump(mode="json") | {"unzeroed_plate": "85 N"}
     for rules, named in (
         (RULES, ["plate_2", "plate_3"]),
         (QualityRules.model_validate(wider), ["plate_3"]),

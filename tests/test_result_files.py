@@ -3,7 +3,6 @@
 import re
 from pathlib import Path
 
-import pytest
 from conftest import ROOT
 
 from osl_analysis.campaign.campaign_trials import open_campaign
@@ -14,7 +13,6 @@ from osl_analysis.config.sheet import read_sheet
 CONFIG = read_config(ROOT / "config/config.yaml")
 HEADER = "trial,experiment,log,log_source,joint,controller,K_d,B_d\n"
 ON_ANKLE = "b1,belt,b1.mcap,dynamometer,ankle,,,\na1,actuator,a1.mcap,actuator,ankle,,,\n"
-TRANSMISSION = "t1,transmission,t1.mcap,dynamometer,{joint},,,\n"
 IMPEDANCE = "i1,impedance,i1.mcap,dynamometer,ankle,compensated,300,5\n"
 
 
@@ -31,35 +29,9 @@ def test_a_fit_has_a_file_of_rows_and_an_archive_of_its_other_tables(tmp_path: P
     fits = f"{CONFIG.results}/fits"
     assert files.rows("belt") == [f"{fits}/belt/b1.csv"]
     assert files.rows("belt_curves") == [f"{fits}/belt/b1.zip"]
-    assert files.rows("record") == [f"{fits}/impedance/i1.parquet"]
     assert files.rows("timebase") == [
         f"{fits}/{trial}.zip" for trial in ("belt/b1", "actuator/a1", "impedance/i1")
     ]
-
-
-def test_a_trial_is_predicted_where_all_components_of_its_joint_are_measured(
-    tmp_path: Path,
-) -> None:
-    files = result_files(tmp_path, ON_ANKLE + TRANSMISSION.format(joint="ankle") + IMPEDANCE)
-
-    assert files.predicted_trials == ["i1"]
-    assert files.unpredicted_trials == {}
-    assert "prediction" in files.table_names
-
-
-@pytest.mark.parametrize("further", ["", TRANSMISSION.format(joint="knee")])
-def test_a_component_that_its_joint_lacks_is_named(tmp_path: Path, further: str) -> None:
-    files = result_files(tmp_path, ON_ANKLE + further + IMPEDANCE)
-
-    assert files.predicted_trials == []
-    assert files.unpredicted_trials == {"i1": "transmission"}
-
-
-def test_without_any_component_nothing_is_predicted_and_nothing_missing(tmp_path: Path) -> None:
-    files = result_files(tmp_path, IMPEDANCE)
-
-    assert files.unpredicted_trials == {}
-    assert "prediction" not in files.table_names
 
 
 def test_no_rule_has_all_trials_in_a_pattern_which_is_read_anew_for_each_of_their_files() -> None:

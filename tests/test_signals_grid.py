@@ -33,7 +33,6 @@ from stamp_recorders import (
 )  # fmt: skip
 
 from osl_analysis.errors import InputError
-from osl_analysis.signals.clock_drift import drift_row
 from osl_analysis.signals.device_clock import DeviceClock, savitzky_golay
 from osl_analysis.signals.grid import GapLimits, on_one_grid, streams
 from osl_analysis.signals.held_values import held_values
@@ -493,19 +492,6 @@ def test_a_host_so_late_that_it_hides_its_rhythm_is_refused():
     late = r"cell: .* late by \d+\.\d+ ms \(SD\), too late to see whether some of "
     with pytest.raises(InputError, match=late):
         one_time_base(two_nodes(np.random.default_rng(1), (0.0, 7e-3)))
-
-
-@pytest.mark.parametrize(("drift_ppm", "certain_ppm"), [(12.5, 12.5), (12.0, 0.0)])
-def test_a_drift_is_certain_beyond_the_quantile_of_four_standard_errors(drift_ppm, certain_ppm):
-    """Of Student's distribution with 5 degrees of freedom: t.isf(3.167e-5, 5) = 12.28."""
-    assert drift_row(drift_ppm, 1.0, 5.0, 20.0)["certain_clock_drift_ppm"] == certain_ppm
-
-
-def test_certain_drift_is_refused_beyond_what_b_and_i_bear():
-    told = r"drift apart by -2\.10 \+- 0\.10 ppm, more than 2: .*synchronise"
-    with pytest.raises(InputError, match=told):
-        drift_row(-2.1, 0.1, np.inf, 2.0)
-    drift_row(-5.0, 4.0, np.inf, 2.0)  # which is not certain
 
 
 @pytest.mark.parametrize(("wait", "one_in"), [(2e-4, (0, 50)), (2e-3, (300, 300))])

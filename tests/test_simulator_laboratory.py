@@ -207,20 +207,6 @@ def test_a_platform_turns_about_the_ankle(setup, tmp_path):
     assert np.ptp(below[:, 0]) == pytest.approx(0.20 * np.sin(np.radians(5)), rel=1e-3)
 
 
-def test_a_shift_turns_the_leg_over_the_platform(setup, tmp_path):
-    """By its size over the leg's length of 0.9 m."""
-    shifted = ramped(setup, shift_mm=50.0)
-    moved = decoded(shifted, tmp_path, True)
-    still = decoded(shifted, tmp_path)
-
-    x = moved.platform.point(np.array([0.3, 0.25, 0.0]))[:, 0]
-    ramp = (moved.time > 1.15) & (moved.time < 1.35)
-    turned = (moved.theta - still.theta)[ramp]
-    np.testing.assert_allclose(moved.platform_angle, 0, atol=1e-6)
-    assert x.min() - x[0] == pytest.approx(-0.05, abs=1e-5)
-    np.testing.assert_allclose(turned, (x[0] - x[ramp]) / 0.9, atol=1e-5)
-
-
 def test_an_exact_analysis_of_a_recording_gives_angle_and_torque(shipped, tmp_path):
     """Gait varies, sensors are perfect and nothing but the foot has mass: what remains is rounding
     to float32."""

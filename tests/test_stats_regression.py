@@ -10,7 +10,6 @@ from conftest import multisine
 from scipy.signal import lfilter
 from scipy.special import stdtrit
 from scipy.stats import t as student
-from scipy.stats import ttest_ind
 
 from osl_analysis.bench.group_interval import noise_of_scores
 from osl_analysis.errors import IdentifiabilityError, InputError
@@ -296,22 +295,6 @@ def test_two_trials_that_agree_by_luck_are_covered_as_often_as_others(between):
     assert np.mean([one.low < 0 < one.high for one in student_alone]) < 0.5
     assert between or covers[alike].mean() > 0.9
     assert min(one.se for one in found) == pytest.approx(2 / np.sqrt(2))
-
-
-def test_kinds_of_trials_count_as_one_mean_each():
-    """The mean of two means has the error sqrt(s1^2/n1 + s2^2/n2)/2; Welch's degrees of freedom, by
-    SciPy's test."""
-    first, second = [1.0, 2.0, 3.0, 6.0], [101.0, 103.0, 107.0]
-    summary = repeats.over_repeats([*first, *second], kinds=[1] * 4 + [-1] * 3)
-    assert summary.mean == pytest.approx((3.0 + 311 / 3) / 2)
-    assert summary.se == pytest.approx(
-        np.sqrt(np.var(first, ddof=1) / 4 + np.var(second, ddof=1) / 3) / 2
-    )
-    interval = ttest_ind(first, second, equal_var=False).confidence_interval()
-    assert summary.high - summary.low == pytest.approx((interval.high - interval.low) / 2)
-    assert summary.sd == pytest.approx(
-        np.sqrt((3 * np.var(first, ddof=1) + 2 * np.var(second, ddof=1)) / 5)
-    )
 
 
 def test_intervals_over_trials_are_students():

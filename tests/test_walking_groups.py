@@ -1,9 +1,7 @@
-"""Crossings under different conditions have results of their own, and opposite directions are
-joined rightly."""
+"""Crossings under different conditions have results of their own."""
 
 from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import polars as pl
@@ -22,25 +20,21 @@ from walking_crossings import (
 )
 from walking_synthetic import pose, settings
 
-from osl_analysis.commands.walking_summary import tabulate_over_stance
+from osl_analysis.commands.walking_summary import commanded_over_stance
 from osl_analysis.errors import InputError
-from osl_analysis.table import read_table
 from osl_analysis.walking.crossing import Crossing, platform_turn
-from osl_analysis.walking.crossing_quality import CrossingQuality
+from osl_analysis.walking.crossing_quality import CrossingQuality, pressure_outside
 from osl_analysis.walking.ensemble import group_headline
-from osl_analysis.walking.group_table import fitted_time
-from osl_analysis.walking.groups import places, split_keys, timings
+from osl_analysis.walking.group_table import fitted_time, set_up_difference
+from osl_analysis.walking.groups import places, split_keys
 from osl_analysis.walking.impedance_fit import fit_response
-from osl_analysis.walking.result_tables import headline_rows, with_trajectory
+from osl_analysis.walking.result_tables import headline_rows
 from osl_analysis.walking.selection import crossing_features, selection_rows
 from osl_analysis.walking.stance import Stance
 from osl_analysis.walking.unperturbed_gait import unperturbed_gait
 
 RULE = settings().outliers
 MIDSTANCE = Walk(0.4)
-BOTH = several("up", 6, MIDSTANCE, common=12.0) | several(
-    "down", 4, MIDSTANCE, common=12.0, sign=-1
-)
 
 
 def crossings(walks):
@@ -52,61 +46,14 @@ def headline(walks, count=8, **choices):
     return group_headline(crossings(walks), gait, settings(**choices))
 
 
-@pytest.fixture(scope="module")
-def of_both_directions(tmp_path_factory: pytest.TempPathFactory) -> Tables:
-    """12 N*m after either turn read 138 N*m/rad too much up, and as much too little down:
-    12/0.087."""
-    return campaign(tmp_path_factory.mktemp("both"), BOTH | several("u", 8, Walk()))
-
-
-def test_half_the_difference_of_directions_is_free_of_what_follows_either_turn(of_both_directions):
-    K = of_both_directions.estimate("all", "K")
-    B = of_both_directions.estimate("all", "B")
-    I = of_both_directions.estimate("all", "I")
-
-    assert K["mean"] == pytest.approx(340, abs=6)
-    assert B["mean"] == pytest.approx(5, abs=0.2)
-    assert I["mean"] == pytest.approx(0.03, abs=0.02)
-    assert abs(K["mean"] - 340.0) < 4 * K["se"] < 20
-
-
-def test_the_mean_of_perturbations_is_that_of_both_directions_means(of_both_directions):
-    row = of_both_directions.estimate("all", "K", "mean of perturbations")
-
-    K = of_both_directions["walking"].group_by("direction").agg(pl.col("K").mean())["K"]
-    assert row["mean"] == pytest.approx(K.mean())
-    assert row["sd"] < 60, "not the 138 either side that the directions differ by"
-
-
-def test_directions_are_groups_where_the_settings_say_so():
-    both = [walked("p0", MIDSTANCE), walked("p1", replace(MIDSTANCE, sign=-1))]
-    sheet = {crossing.name: {"perturbed": True} for crossing in both}
-
-    of_trial = places(both, sheet, settings(group_by=["direction"]))
-
-    assert of_trial["p0"].group == "direction up"
-    assert of_trial["p1"].group == "direction down"
-
-
-def test_one_perturbation_in_a_direction_is_refused():
-    walks = several("p", 5, MIDSTANCE) | several("d", 1, MIDSTANCE, sign=-1)
-
-    with pytest.raises(
-        InputError,
-        match="1 perturbation turns the toes down and 5 the other way, expected 2 or more",
-    ):
-        headline(walks)
-
-
 def test_few_crossings_that_agree_by_luck_have_the_scatter_of_unperturbed_ones():
-    """A bootstrap of two crossings does not leave their range: 6 half-widths off in one of 24
-    campaigns."""
+    """A bootstrap of few crossings does not leave their range."""
     fits = pl.DataFrame([dict.fromkeys(("K", "B", "I", "VAF"), float(n)) for n in range(5)])
     covers = []
     half_intervals = []
     for k in range(4):
-        few = several(f"{k}p", 2, MIDSTANCE) | several(f"{k}d", 3, MIDSTANCE, sign=-1)
-        rows = headline_rows(headline(few), fits, {}, {})
+        few = several(f"{k}p", 3, MIDSTANCE)
+        rows = headline_rows(headline(few), fits, {})
         (K,) = [row for row in rows if row["estimator"] == "ensemble" and row["quantity"] == "K"]
         covers.append(K["low"] < 340.0 < K["high"])
         half_intervals.append((K["high"] - K["low"]) / 2)
@@ -115,31 +62,40 @@ def test_few_crossings_that_agree_by_luck_have_the_scatter_of_unperturbed_ones()
     assert min(half_intervals) > 0.5 * np.median(half_intervals)
 
 
-def test_the_degrees_of_freedom_of_two_directions_are_those_of_a_difference():
-    """Student's: n - 1, and 2 n - 2."""
-    up = several("p", 4, MIDSTANCE)
-    down = several("d", 4, MIDSTANCE, sign=-1)
-
-    one_way = headline(up)
-    both_ways = headline(up | down)
-
-    assert one_way.resampled.degrees_of_freedom == pytest.approx(3)
-    assert both_ways.resampled.degrees_of_freedom == pytest.approx(6)
-
-
-def test_the_bootstrap_draws_within_directions():
-    """Only responses up scatter: half the difference has half their error; 400 draws of 9 leave it
-    a few per cent."""
+def test_the_bootstrap_s_error_is_that_of_a_mean():
+    """Of nine crossings whose gait does not scatter; 400 draws leave it a few per cent."""
     gait = unperturbed_gait(crossings(several("u", 4, Walk(noise=0.0))), 3)
-    walks = several("a", 9, MIDSTANCE) | several("d", 9, MIDSTANCE, sign=-1, noise=0.0)
 
-    result = group_headline(crossings(walks), gait, settings(bootstrap_samples=400))
+    result = group_headline(
+        crossings(several("a", 9, MIDSTANCE)), gait, settings(bootstrap_samples=400)
+    )
 
-    up_se = result.directions["up"].resampled.se("K")
-    K_up = [fit_response(r)["K"] for r in result.responses if r.sign > 0]
-    assert [estimate.n for estimate in result.directions.values()] == [9, 9, 18]
-    assert result.resampled.se("K") == pytest.approx(up_se / 2, rel=0.1)
-    assert up_se == pytest.approx(np.std(K_up, ddof=1) / 3, rel=0.15)
+    K = [fit_response(response)["K"] for response in result.responses]
+    assert result.resampled.se("K") == pytest.approx(np.std(K, ddof=1) / 3, rel=0.15)
+
+
+def test_directions_that_the_sheet_states_have_results_of_their_own(tmp_path):
+    """A torque of 12 N*m after either turn reads as 138 N*m/rad more up, and as much less down."""
+    up = several("up", 3, MIDSTANCE, common=12.0)
+    down = several("down", 3, MIDSTANCE, common=12.0, sign=-1)
+    cells = {name: {"direction": "up" if name in up else "down"} for name in up | down}
+
+    tables = campaign(tmp_path, up | down | several("u", 4, Walk()), cells)
+
+    assert tables["groups"]["group"].to_list() == ["direction down", "direction up"]
+    assert tables.estimate("direction up")["mean"] == pytest.approx(340 + 138, abs=12)
+    assert tables.estimate("direction down")["mean"] == pytest.approx(340 - 138, abs=12)
+    assert set(tables["groups"]["n_unperturbed"]) == {4}
+
+
+def test_both_directions_in_one_group_are_refused(tmp_path):
+    walks = several("p", 3, MIDSTANCE) | several("d", 2, MIDSTANCE, sign=-1)
+
+    with (
+        pytest.warns(UserWarning, match="no result of all"),
+        pytest.raises(InputError, match="3 perturbations turn the toes up and 2 down; write up or"),
+    ):
+        campaign(tmp_path, walks | several("u", 4, Walk()))
 
 
 @pytest.mark.parametrize(("heading", "turn"), [(0.0, 0.087), (180.0, -0.05), (57.0, 0.087)])
@@ -174,10 +130,7 @@ def of_stiffness(values, count=3):
 @pytest.fixture(scope="module")
 def three_legs(tmp_path_factory: pytest.TempPathFactory) -> Tables:
     walks, cells = of_stiffness((200.0, 340.0, 480.0))
-    with pytest.warns(
-        UserWarning, match=r"differ in K_d \(200, 340, 480\): each value has a result of its own"
-    ):
-        return campaign(tmp_path_factory.mktemp("legs"), walks, cells)
+    return campaign(tmp_path_factory.mktemp("legs"), walks, cells)
 
 
 @pytest.mark.parametrize("K", [200.0, 340.0, 480.0])
@@ -191,32 +144,16 @@ def test_each_commanded_stiffness_has_its_own_result(three_legs, K):
 
 
 def test_a_group_has_the_timing_of_its_crossings(three_legs):
-    (group,) = three_legs["groups"].filter(pl.col("K_d") == 340).to_dicts()
+    (group,) = three_legs["groups"].filter(group="K_d 340").to_dicts()
 
-    rows = three_legs["selection"].filter(gait="K_d 340")
+    rows = three_legs["selection"].filter(group="K_d 340")
     stances = rows.filter(perturbed=False)["stance_s"]
     phases = rows.filter(perturbed=True)["onset_phase"]
-    assert (group["n"], group["n_unperturbed"], group["gait"]) == (3, 3, "K_d 340")
+    assert (group["n"], group["n_unperturbed"]) == (3, 3)
     assert group["stance_s"] == pytest.approx(0.72, rel=0.02)
     assert group["onset_phase"] == pytest.approx(0.4, abs=0.01)
     assert group["unperturbed_stance_sd"] == stances.std() / stances.mean()
     assert group["onset_phase_sd"] == phases.std()
-
-
-def test_pooled_conditions_are_one_result_that_names_them(tmp_path):
-    walks, cells = of_stiffness((200.0, 340.0))
-    for row in cells.values():
-        row["side"] = "left" if row["K_d"] == 200 else "right"
-    choices = {"pool": ["K_d", "side"], "outliers": None, "perturbed_stance": "unperturbed"}
-
-    pooled = campaign(tmp_path, walks, cells, **choices)
-
-    (group,) = pooled["groups"].to_dicts()
-    assert (group["group"], group["pooled"]) == ("all", "side left, right; K_d 200, 340")
-    assert pooled.estimate("all")["commanded"] is None
-    assert set(pooled["summary"]["side"]) == {None}
-    phase_stances = pooled["walking"]["phase_stance_s"].to_list()
-    assert phase_stances == pytest.approx([group["stance_s"]] * 6)
 
 
 FAST_PERSON = several("a", 7, MIDSTANCE) | several("au", 7, Walk())
@@ -242,7 +179,7 @@ def test_a_slow_person_of_whom_the_sheet_speaks_is_no_outlier():
     rows = rows_of_two(("a", "b"))
 
     assert {row["status"] for row in rows.values()} == {"used"}
-    assert {rows[name]["gait"] for name in SLOW_PERSON} == {"subject b"}
+    assert {rows[name]["group"] for name in SLOW_PERSON} == {"subject b"}
     stances = [walked(name, SLOW_PERSON[name]).stance.duration for name in ("bu0", "bu1", "bu2")]
     since_heel_strike = walked("b0", SLOW_PERSON["b0"]).onset - 0.3
     assert rows["b0"]["onset_phase"] == pytest.approx(since_heel_strike / np.mean(stances))
@@ -252,11 +189,11 @@ def test_an_unstated_condition_serves_every_value():
     K_d = {"p200": 200.0, "p400": 400.0, "every": None, "u400": 400.0, "u300": 300.0}
     sheet = {name: {"perturbed": name[0] == "p", "K_d": value} for name, value in K_d.items()}
 
-    gaits = {name: place.gait for name, place in places([], sheet, settings()).items()}
+    groups = {name: place.group for name, place in places([], sheet).items()}
 
-    assert gaits["every"] == "K_d 200; K_d 400"
-    assert gaits["u400"] == "K_d 400"
-    assert gaits["u300"] is None
+    assert groups["every"] == "K_d 200; K_d 400"
+    assert groups["u400"] == "K_d 400"
+    assert groups["u300"] is None
 
 
 @pytest.mark.parametrize(
@@ -274,21 +211,7 @@ def test_a_condition_that_only_some_crossings_state_is_refused(column, is_pertur
         InputError,
         match=f"trial p1: no {column} in the sheet, but other crossings state 200; fill in",
     ):
-        split_keys(sheet, settings())
-
-
-def test_a_condition_that_nobody_states_splits_nothing():
-    with pytest.raises(InputError, match="group_by names 'subject', but no crossing states it"):
-        split_keys({"p0": {"perturbed": True}}, settings(group_by=["subject"]))
-
-
-def test_an_unseen_turn_has_a_group_of_its_own():
-    unseen = replace(walked("p0", MIDSTANCE), turn=None)
-    by_both = settings(group_by=["timing", "direction"])
-
-    (place,) = places([unseen], {"p0": {"perturbed": True}}, by_both).values()
-
-    assert place.group == "timing 40 %, direction unknown"
+        split_keys(sheet)
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
@@ -301,7 +224,7 @@ def test_a_group_without_a_result_has_rows_that_say_why_and_the_others_go_on(tmp
     tables = campaign(tmp_path, walks | few | bare, cells)
 
     reasons = dict(tables["groups"].select("group", "reason").iter_rows())
-    excluded = dict(tables["excluded"].select("trial", "reason").iter_rows())
+    excluded = dict(tables["walking"].select("trial", "excluded").iter_rows())
     no_gait = "no mean unperturbed gait under the same conditions"
     assert reasons["K_d 200"] is None
     assert reasons["K_d 500"].startswith("1 perturbations can be used, expected 2 or more")
@@ -310,76 +233,23 @@ def test_a_group_without_a_result_has_rows_that_say_why_and_the_others_go_on(tmp
     assert excluded["bare1"].startswith(no_gait)
 
 
-def test_a_wide_timing_without_a_gap_is_cut_into_bins():
-    numbers = timings(np.linspace(0.2, 0.7, 51), 0.05)
+def test_what_the_sheet_does_not_state_is_commanded_by_the_trajectory(tmp_path):
+    """Its stiffness is 1000 times the phase of the gait cycle. A synthetic one led no measured
+    leg."""
+    trajectory = tmp_path / "trajectory.csv"
+    lines = "phase,K_d,B_d\n0,0,1\n0.62,620,1\n1,0,1\n"
+    trajectory.write_text(lines)
+    synthetic = tmp_path / "synthetic.csv"
+    synthetic.write_text("# kind: synthetic\n" + lines)
 
-    assert list(np.bincount(numbers)) == pytest.approx([10] * 5, abs=1)
+    commanded = commanded_over_stance([trajectory], "measured", 0.62)
 
-
-STIFFNESS_OF_TIMING = {20: 120.0, 40: 300.0, 60: 450.0}  # [N*m/rad], by percent of stance
-
-
-@pytest.fixture(scope="module")
-def three_timings(tmp_path_factory: pytest.TempPathFactory) -> Tables:
-    walks = several("u", 4, Walk())
-    for percent, K in STIFFNESS_OF_TIMING.items():
-        walks |= several(f"p{K:.0f}_", 3, Walk(percent / 100, impedance=(K, 5.0, 0.03)))
-    message = r"begin at 3 different phases of stance \(timing 20 %; timing 40 %; timing 60"
-    with pytest.warns(UserWarning, match=message):
-        return campaign(tmp_path_factory.mktemp("timings"), walks)
-
-
-@pytest.fixture
-def trajectories(tmp_path: Path) -> list[Path]:
-    """A synthetic one, which led no measured leg, and one whose stiffness is 1000 times the phase
-    of the gait cycle."""
-    measured = tmp_path / "trajectory.csv"
-    measured.write_text("phase,K_d,B_d\n0,0,1\n0.62,620,1\n1,0,1\n")
-    return [Path("config/impedance/synthetic_walking.csv"), measured]
-
-
-@pytest.mark.parametrize(("percent", "K"), STIFFNESS_OF_TIMING.items())
-def test_each_timing_has_its_own_result(three_timings, percent, K):
-    row = three_timings.estimate(f"timing {percent} %")
-
-    assert row["mean"] == pytest.approx(K, abs=10)
-    assert row["low"] < K < row["high"]
-
-
-def over_stance(tables: Tables, folder: Path, *commanded) -> Path:
-    """The table of results over stance, beside the commanded impedance."""
-    table = folder / "over_stance.csv"
-    summary, groups = (tables.folder / f"{name}.csv" for name in ("summary", "groups"))
-    tabulate_over_stance(summary, groups, table, 0.62, *commanded)
-    return table
-
-
-def test_results_over_stance_stand_beside_the_commanded_impedance(
-    three_timings, trajectories, tmp_path
-):
-    table = read_table(over_stance(three_timings, tmp_path, trajectories, "measured"))
-
-    K = table.filter(quantity="K", series="all")
-    np.testing.assert_allclose(K["estimate"], [120, 300, 450], atol=10)
-    np.testing.assert_allclose(K["commanded"], 620 * K["phase"], rtol=1e-3)
-    np.testing.assert_allclose(K["onset_phase"], [0.2, 0.4, 0.6], atol=0.005)
-    np.testing.assert_allclose(K["end_phase"] - K["onset_phase"], 0.1 / 0.72, rtol=0.02)
-    assert (K["onset_phase"] < K["phase"]).all()
-
-
-def test_without_a_trajectory_nothing_is_commanded(three_timings, tmp_path):
-    assert read_table(over_stance(three_timings, tmp_path))["commanded"].is_null().all()
-
-
-def test_beyond_stance_nothing_is_commanded():
-    phase = np.array([0.0, 1.0])
-    table = pl.DataFrame({"quantity": ["K", "B", "K"], "phase": [0.5, 0.5, 1.1]}).with_columns(
-        commanded=pl.lit(None, pl.Float64)
-    )
-
-    commanded = with_trajectory(table, phase, K_d=600 * phase, B_d=phase)["commanded"]
-
-    assert commanded.to_list() == [300, 0.5, None]
+    assert commanded is not None
+    assert commanded("K", 0.5) == pytest.approx(310)
+    assert commanded("B", 0.5) == pytest.approx(1)
+    assert commanded("I", 0.5) is None
+    assert commanded_over_stance([synthetic], "measured", 0.62) is None
+    assert commanded_over_stance([], "measured", 0.62) is None
 
 
 def test_a_stiffness_that_changes_linearly_is_read_at_the_fitted_time():
@@ -455,20 +325,6 @@ def test_crossings_that_hardly_differ_exclude_nobody() -> None:
     assert reasons(session()) == {}
     assert reasons(loaded_session()) == {}
     assert reasons([*loaded_session()[:-1], LAST]) == {}, "one load is not known"
-
-
-def test_a_row_has_the_features_of_its_crossing() -> None:
-    features = crossing_features(loaded_session(), settings(), RULE)
-
-    row = selected(loaded_session(), settings())["w3"]
-
-    value_of = {feature.name: feature.values[3] for feature in features}
-    assert row["gait_deviation_deg"] == value_of["angle before the onset"]
-    assert row["torque_deviation"] == value_of["torque before the onset"]
-    assert row["load_deviation"] == value_of["load before the onset"]
-    assert row["pressure_deviation_m"] == value_of["pressure beside the ankle"]
-    assert row["stance_s"] == value_of["stance"]
-    assert row["furthest_scatters"] == max(feature.distance[3] for feature in features)
 
 
 def test_another_load_and_a_second_foot_are_named() -> None:
@@ -559,3 +415,22 @@ def test_a_load_far_from_the_known_weight_is_excluded(changed, message):
     else:
         assert row["status"] == "outlier"
         assert message in row["reason"]
+
+
+def test_a_difference_from_the_static_trial_counts_where_half_of_a_kind_of_crossings_have_it():
+    rows = pl.DataFrame({
+        "perturbed": [True, True, False, False, False, False],
+        "different": ["a marker", "corners", "corners", "corners", "ankle", "a marker"],
+        "different_mm": [1.0, 2.0, 20.0, 30.0, 90.0, 40.0],
+    })  # fmt: skip
+
+    assert set_up_difference(rows) == ("corners", 25.0)
+
+
+@pytest.mark.parametrize(("beside_m", "outside_m"), [(0.0, 0.0), (0.05, 0.0), (0.13, 0.03)])
+def test_the_pressure_is_outside_as_far_as_it_is_from_the_foot(beside_m, outside_m):
+    """A foot of 0.2 m that rests, and a centre of pressure to its left."""
+    corners = np.array([[0.1, 0.1, 0.0], [-0.1, 0.1, 0.0], [-0.1, -0.1, 0.0], [0.1, -0.1, 0.0]])
+    pressure = np.tile([0.02, beside_m, 0.0], (5, 1))
+
+    assert pressure_outside(pressure, np.tile(corners, (5, 1, 1))) == pytest.approx(outside_m)

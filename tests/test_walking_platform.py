@@ -66,6 +66,31 @@ def moved(trial: Trial, *markers: str, by: float = 0.01) -> Trial:
     return changed(trial, *[pl.col(f"marker_{marker}_y") + by for marker in markers])
 
 
+def with_corners(trial: Trial, ahead: float) -> Trial:
+    corners = np.add(synthetic.CORNERS, (ahead, 0.0, 0.0)).tolist()
+    plates = [{**plate, "corners": corners} for plate in trial.provenance["plates"]]
+    return replace(trial, provenance={**trial.provenance, "plates": plates})
+
+
+@pytest.mark.parametrize(
+    ("trial", "what", "distance_mm"),
+    [
+        (moved(WALK, "SHANK2", by=0.008), "marker SHANK2 of the shank", 8.0),
+        (moved(WALK, *[f"SHANK{k}" for k in (1, 2, 3, 4)]), "the ankle between foot and shank", 10),
+        (moved(WALK, *[f"PLAT{k}" for k in (1, 2, 3, 4)]), "the platform at rest", 10.0),
+        (with_corners(WALK, 0.03), "the corners of force plate 1", 30.0),
+    ],
+)
+def test_what_is_not_where_it_was_in_the_static_trial_is_named_by_itself(
+    trial: Trial, what: str, distance_mm: float
+) -> None:
+    quality = unperturbed(trial).quality
+
+    assert quality.different == what
+    assert quality.different_mm == pytest.approx(distance_mm, abs=0.5)
+    assert unperturbed(WALK).quality.different_mm < 0.5
+
+
 def test_a_cluster_beyond_its_limit_is_refused_with_its_marker() -> None:
     with pytest.raises(InputError, match="throughout stance, SHANK2 most, by 25 mm"):
         unperturbed(moved(WALK, "SHANK2", by=0.025))
@@ -183,9 +208,7 @@ def test_a_plate_that_is_not_corrected_is_said_and_stored(tmp_path: Path) -> Non
     ):
         identify_plate([], [], {}, settings(plate_inertia="none"), *outputs)
 
-    table = read_table(outputs[1])
-    assert table["plate_inertia"].unique().to_list() == ["none"]
-    assert table["rms_before"].is_null().all()
+    assert read_table(outputs[1])["rms_before"].is_null().all()
     assert not read_model(outputs[0], PlateModel).parameters.any()
 
 
@@ -193,6 +216,16 @@ def raised(trial: Trial, by: list[float]) -> Trial:
     """The trial whose recording states the corners elsewhere [m]."""
     plate = {"plate": 1, "type": 2, "corners": np.add(synthetic.CORNERS, by).tolist()}
     return replace(trial, provenance={"plates": [plate]})
+
+
+def test_the_unloaded_plate_shows_the_height_of_its_corners_to_2_mm() -> None:
+    trials = [raised(trial, [0, 0, 0.02]) for trial in plate_trials(RIG, Ramp(), 3, 2)]
+
+    high = identify_plate_model(calibrated(trials), settings())
+
+    assert plate().height == pytest.approx(0, abs=2e-3)
+    assert high.height == pytest.approx(0.02, abs=2e-3)
+    assert high.height_se == pytest.approx(0, abs=2e-3)
 
 
 def test_a_resting_plate_adds_nothing() -> None:
@@ -288,7 +321,7 @@ def test_too_few_unperturbed_crossings_say_how_many_and_the_most_frequent_reason
         write_refusal(RefusedCrossing(file.stem, False, reasons[file.stem]), file)
     rows = [{"trial": name, "reason": reason} for name, reason in reasons.items()]
     table = pl.DataFrame(rows).with_columns(
-        perturbed=pl.col("trial") == "p1", gait=pl.lit("all"), group=None, direction=None
+        perturbed=pl.col("trial") == "p1", group=pl.lit("all"), direction=None
     )
     write_table(table, tmp_path / "selection.csv")
 

@@ -18,7 +18,6 @@ from osl_analysis.judge.limits import Limits
 from osl_analysis.judge.words import (
     COMPUTED,
     OF_EVIDENCE,
-    component_changes_text,
     finding_text,
     words_of,
 )
@@ -83,7 +82,7 @@ def test_a_finding_without_evidence_is_not_taken_for_a_limit_on_a_column_of_its_
 def test_what_could_not_be_checked_is_described():
     code = Path(unchecked.__file__).read_text(encoding="utf-8")
     named = set(re.findall(r'(?:yield |finding_in_row\()"(\w+)"', code))
-    assert len(named) > 20
+    assert named
     assert named - FINDINGS.keys() == set(), "describe it under `findings` of findings.yaml"
 
 
@@ -141,8 +140,6 @@ def test_a_finding_has_at_most_35_words():
      ["it is 60 % of the damping", "[coulomb_share 0.6 is above 0.5]"]),
     ({"K_s_ratio": 1.3558}, {"K_s_ratio": 1.5},
      ["1.36 is the factor between lbf*ft and N*m", "is close to it]"]),
-    (TORQUE_PATH | {"mended": "exchange them: K 300", "mended_fault": "wrong_reading"},
-     {"fault_harm": 1}, ["recording read wrongly: ", "Exchange them: K 300 [fault_harm"]),
     ({"k_tau_n_m_ratio": 0.8}, {"k_tau_n_m_ratio": 0.7},
      ["k_tau n_m is 0.8 times that of the parameter file. "]),
     ({"x": 3.0}, {"x": 2.0}, ["x 3 is above 2"]),
@@ -175,20 +172,6 @@ def test_a_table_may_say_a_finding_otherwise():
     says = words_of(of_transmission, {"J_j": 0.005, "B_j": 0.45}).says
 
     assert "Each ms of delay would lower J_j = 0.005 by 0.00045 kg*m^2" in says
-
-
-def test_a_range_is_written_upwards_whatever_the_sign_of_what_it_makes():
-    finding = Finding("slope_unseen", "walking_groups", "all", Grade.UNCHECKED)
-    row = {
-        "hidden_slope_low": -330.0,
-        "hidden_slope_high": 1100.0,
-        "B_per_slope": -1.65e-3,
-        "B": 2.18,
-    }
-    assert (
-        "-330 to 1100 N*m/rad per stance, which would change B = 2.18 by -1.8 to 0.54"
-        in words_of(finding, row).says
-    )
 
 
 def test_a_delay_of_a_few_ms_explains_a_gap_in_damping_and_one_of_20_ms_does_not():
@@ -242,16 +225,5 @@ def test_each_number_that_a_text_names_is_a_column_or_is_computed():
     columns = {name for table in described_tables() for name in table.columns}
     texts = yaml.safe_dump(CONTENT, width=10_000)
     named = set(re.findall(r"(?<!\w: )(?<!\{)\{([A-Za-z_]+)[:.}]", texts))
-    of_campaign = {"component_changes", "angle_ms", "velocity_ms", "usual_s", "about"}
-    of_campaign |= {"K_percent", "B_percent"}
+    of_campaign = {"usual_s", "about"}
     assert named - columns - {*COMPUTED, *OF_EVIDENCE} == of_campaign
-
-
-def test_components_that_explain_the_torque_are_told_with_their_direction():
-    softer = {"component": "K_s", "value": 685.0, "change": -68.5, "change_se": 1.37}
-    rougher = {"component": "f_C", "value": 0.4, "change": 0.1, "change_se": 0.01}
-
-    assert component_changes_text([softer, rougher]) == (
-        "K_s were 10 % (± 0.4 % by the scatter of trials) less or"
-        " f_C were 25 % (± 5 % by the scatter of trials) more"
-    )

@@ -17,6 +17,7 @@ from osl_analysis.judge.limits import Limits
 from osl_analysis.table import read_table
 from osl_analysis.walking.crossing import Crossing
 from osl_analysis.walking.crossing_quality import CrossingQuality
+from osl_analysis.walking.plate_model import NO_CORRECTION
 from osl_analysis.walking.selection import selection_rows
 from osl_analysis.walking.stance import Stance
 from osl_analysis.walking.walking_settings import WalkingAnalysis
@@ -128,6 +129,8 @@ def run_jobs(
     gait = folder / "gait.parquet"
     table = folder / "walking.csv"
 
+    if not (folder / "plate.json").exists():
+        walking_files.write_model(NO_CORRECTION, folder / "plate.json")
     walking.select_crossings([file_of[name] for name in sheet], chosen, selection, sheet)
     walking.average_unperturbed(at_rest, selection, chosen.fewest_unperturbed, gait)
     fits = [folder / f"fits/{name}.csv" for name in perturbed]
@@ -145,8 +148,8 @@ def run_jobs(
         unperturbed=gait,
         output=folder / "summary.csv",
         responses=folder / "responses.csv",
-        excluded=folder / "excluded.csv",
         groups=folder / "groups.csv",
+        plate=folder / "plate.json",
     )
     return Tables(folder)
 

@@ -11,7 +11,6 @@ import numpy as np
 import polars as pl
 import yaml
 from conftest import ROOT
-from scipy.interpolate import CubicSpline
 from scipy.special import erf
 
 from osl_analysis.trial import Array, Trial, marker_columns, plate_columns
@@ -90,22 +89,6 @@ def hidden(trial: Trial, markers: Sequence[str], start: float, end: float) -> Tr
         for column in columns
     ]
     return changed(trial, *unseen)
-
-
-def filled(trial: Trial, markers: Sequence[str], start: float, end: float) -> Trial:
-    """The trial with markers filled between two times [s] by a cubic through 20 frames on either
-    side."""
-    columns = []
-    time = trial.samples["time"].to_numpy()
-    for column in (column for marker in markers for column in marker_columns(marker)):
-        values = trial.samples[column].to_numpy().copy()
-        frames = np.flatnonzero(np.isfinite(values))
-        gone = (time[frames] >= start) & (time[frames] <= end)
-        first, last = np.flatnonzero(gone)[[0, -1]]
-        beside = frames[np.r_[first - 20 : first, last + 1 : last + 21]]
-        values[frames[gone]] = CubicSpline(time[beside], values[beside])(time[frames[gone]])
-        columns.append(pl.Series(column, values).fill_nan(None))  # the wrench has other rows
-    return replace(trial, samples=trial.samples.with_columns(columns))
 
 
 def headed(trial: Trial, heading: float) -> Trial:

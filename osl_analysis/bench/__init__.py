@@ -7,7 +7,4 @@ and summary.
   gives K, B and I.
 * `belt`, `transmission`, `actuator_alone`, `impedance`, `known_spring` and `torque_angle` are the
   experiments.
-* `controller_law` finds the gains that ran, `measured_components` and `prediction` the torque that
-  components predict.
-* `precision` says what intervals a protocol will give.
 """

@@ -1,8 +1,7 @@
 """The actuator alone on its bench (Eqs. 1-2), turning or clamped."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from itertools import combinations
 
 import numpy as np
 import polars as pl
@@ -11,19 +10,18 @@ from numpy.typing import NDArray
 from osl_analysis.bench.analysis import Analysis, analysed
 from osl_analysis.bench.bench_settings import ActuatorAnalysis
 from osl_analysis.bench.effects import Model
-from osl_analysis.bench.group_fit import GroupFit
-from osl_analysis.bench.group_interval import FEWEST_GROUPS
 from osl_analysis.bench.group_sums import gram_sums
 from osl_analysis.bench.plausibility import check_changes
 from osl_analysis.bench.record import Record
 from osl_analysis.bench.row_groups import Groups, Stratum, stretches_of
-from osl_analysis.errors import Change, InputError, naming
+from osl_analysis.dictionary import table_of
+from osl_analysis.errors import InputError, naming
 from osl_analysis.signals import Motion, differentiate, runs
 from osl_analysis.signals.grid import UniformSignals, uniform_signals
 from osl_analysis.signals.plateaus import FEWEST_PLATEAUS, is_clamped, plateaus_of
 from osl_analysis.stats.regression import without
-from osl_analysis.stats.table_rows import INTERVAL_ENDS, Row, covariance_row, estimates_row
-from osl_analysis.trial import OWN_CLOCKS, Array, Trial
+from osl_analysis.stats.table_rows import INTERVAL_ENDS, Row, estimates_row
+from osl_analysis.trial import Array, Trial
 
 ACTUATOR_PARAMETERS = ("k_tau_n_m", "f_C", "f_G", "B_m", "J_m")
 """Torque per current k_tau n_m [N*m/A], Coulomb friction [N*m], gear friction [N*m/A], damping,
@@ -39,13 +37,8 @@ EDGE_PERIODS = 3.0  # of the cut-off at both ends, where the filter extrapolates
 SOUGHT_LAGS_S = np.arange(-60, 61) / 200  # s; of the current behind the torque
 FAR_BETTER = 0.5  # of what is left of the torque, with the current at another time
 MOST_TRIED = 10_000  # rows of the search for a late current
-SLIDES = 0.7  # of the median of the torque's steps per step of the current: friction has reversed
 SMALLEST_STEP = 0.02  # of the current's range: a smaller one has no direction
-FEWEST_FOR_FRICTION = 5  # plateaus, to tell the friction that lags behind from the offset
-FEWEST_FOR_DRIFT = FEWEST_GROUPS  # plateaus, to tell the drift, and the interval by leaving out
-FEWEST_FOR_LOAD = 12  # plateaus, to tell T_G beside T
 HIGHEST_CUTOFF = 0.4  # of the sampling rate
-BY_PLATEAUS = "plateaus"
 SHORTENED = 0.8  # of the longest bridged gap, to which longer pauses are shortened
 
 
@@ -75,8 +68,7 @@ def actuator_trial(trial: Trial, settings: ActuatorAnalysis) -> Analysis:
         signals = uniform_signals(gapless, columns, settings.gap_limits)
         levels = levels_of(signals, settings.slowest)
         if levels:
-            is_ordered = OWN_CLOCKS not in trial.provenance.get("log", {})
-            return clamped_of(signals, settings, levels, pauses, is_ordered)
+            return clamped_of(signals, settings, levels, pauses)
         if len(pauses.at):
             signals = uniform_signals(trial, columns, settings.gap_limits)  # says which gap
         found = actuator_of(signals, settings)
@@ -140,8 +132,8 @@ def actuator_of(signals: UniformSignals, settings: ActuatorAnalysis) -> Analysis
         count = len(plateaus_of(time[usable], current[usable]))
         raise InputError(
             f"the actuator stands, and its current has {count} plateaus of 0.3 s or more,"
-            f" {FEWEST_PLATEAUS} are needed; step the current up and down, or drive the actuator"
-            " and name theta_m or omega_m in the source file"
+            f" {FEWEST_PLATEAUS} are needed; drive the actuator and name theta_m or omega_m in the"
+            " source file, or step the current up and down more often"
         )
     raw = signals[moved]
     smooth = differentiate(time, low_pass(raw, rate))
@@ -215,18 +207,11 @@ def check_prompt(
     lag_s = float(SOUGHT_LAGS_S[np.argmin(left)])
     if left.min() < FAR_BETTER * left[is_now]:
         found = "negative" if k_tau_n_m < 0 else f"{k_tau_n_m:.3g} N*m/A"
-        late = [("current",)] if lag_s > 0 else [("torque_m",), ("torque_m", moved)]
-        delay = f"`delay: {1e3 * abs(lag_s):.0f} ms`"
+        late = "current" if lag_s > 0 else f"torque_m, or of torque_m and {moved},"
         raise InputError(
             f"k_tau_n_m is {found}, and the current fits far better {1e3 * abs(lag_s):.0f} ms"
-            f" {'earlier' if lag_s > 0 else 'later'}; measure the delays of the channels",
-            [
-                Change(
-                    f"state {delay} of {' and '.join(columns)} in the source file",
-                    delays=dict.fromkeys(columns, abs(lag_s)),
-                )
-                for columns in late
-            ],
+            f" {'earlier' if lag_s > 0 else 'later'}; state `delay: {1e3 * abs(lag_s):.0f} ms` of"
+            f" {late} in the source file"
         )
 
 
@@ -248,15 +233,13 @@ def clamped_of(
     settings: ActuatorAnalysis,
     levels: list[slice],
     pauses: Pauses,
-    is_ordered: bool = True,
 ) -> Analysis:
     """k_tau n_m of an actuator at rest with a stepped current.
 
-    Its torque in the plateaus (`levels_of`), which are the interval's units, is k_tau n_m I_q - (T
-    + T_G |I_q|) s + offset + drift. T and T_G are the friction that lags behind steps up (s = 1)
-    and down (s = -1); without them k_tau n_m would absorb it. They are left out if all steps go one
-    way, or where few plateaus tell less; so is the drift, which logs without a common clock do not
-    tell. When stamps were taken matters to no plateau.
+    Its torque in the plateaus (`levels_of`), which are the interval's units, is k_tau n_m I_q - T s
+    + offset + drift. T is the friction that lags behind steps up (s = 1) and down (s = -1); without
+    it k_tau n_m would absorb it. T and drift are left out if all steps go one way. When stamps were
+    taken matters to no plateau.
 
     Raises
     ------
@@ -276,12 +259,9 @@ def clamped_of(
     means = np.array([current[rows].mean() for rows in levels])
     torques = np.array([torque[rows].mean() for rows in levels])
     before = currents_before(means, torques, begins_anew)
-    way, has_slid = steps_of_levels(means, torques, before)
-    tells_load = int(has_slid.sum()) >= FEWEST_FOR_LOAD
-    if not tells_load:
-        has_slid[:] = True
-    levels = [rows for rows, is_used in zip(levels, has_slid, strict=True) if is_used]
-    way = way[has_slid]
+    steps = means - before
+    # a start at 0 has no direction
+    way = np.where(np.abs(steps) > SMALLEST_STEP * np.ptp(means), np.sign(steps), 0.0)
 
     side = np.zeros_like(current)
     for rows, up in zip(levels, way, strict=True):
@@ -294,16 +274,12 @@ def clamped_of(
         "k_tau_n_m": of_current,
         "hysteresis": side,
         "one": np.ones_like(current),
-        "load_hysteresis": side * np.abs(of_current),
         "ramp": time - time.mean(),
     }
     model = {"k_tau_n_m": "k_tau_n_m", "offset": "one"}
     goes_both_ways = {-1.0, 1.0} <= set(way.tolist())
-    if goes_both_ways and len(levels) >= FEWEST_FOR_FRICTION:
+    if goes_both_ways:
         model["hysteresis"] = "hysteresis"
-        if tells_load:
-            model["load_hysteresis"] = "load_hysteresis"
-    if goes_both_ways and is_ordered and len(levels) >= FEWEST_FOR_DRIFT:
         model["drift"] = "ramp"
 
     groups = Groups(
@@ -327,37 +303,7 @@ def clamped_of(
         uniform=signals,
         settings=settings,
     )
-    found = analysed(record, gram_sums(record, columns, list(model.values())), model)
-    if len(levels) >= FEWEST_GROUPS:
-        return found
-    fit = by_plateaus(found, levels)
-    return replace(found, fits=dict.fromkeys(found.fits, fit))
-
-
-def by_plateaus(found: Analysis, levels: Sequence[slice]) -> GroupFit:
-    """The fit with the interval of a line through few plateaus, each of which is one reading.
-
-    Notes
-    -----
-    Weighted least squares: covariance s^2 (X' W X)^-1, where s^2 is the weighted square of the
-    residuals of the means over their degrees of freedom. Rows of one plateau share its error.
-    """
-    fit, record = found.whole, found.record
-    rows = np.array([level.stop - level.start for level in levels], dtype=float)
-    weights = rows / rows.mean()
-    residual = record.filtered_torque - found.modelled()
-    means = np.array([residual[level].mean() for level in levels])
-    columns = [found.fitted_column(column, None) for column in found.model.values()]
-    X = np.array([[column[level].mean() for column in columns] for level in levels])
-    freedom = len(levels) - X.shape[1]
-    variance = float(weights @ means**2) / freedom
-    covariance = variance * np.linalg.inv(X.T @ (weights[:, None] * X))
-    return replace(
-        fit,
-        covariance=covariance,
-        degrees_of_freedom=np.full(X.shape[1], float(freedom)),
-        interval_method=BY_PLATEAUS,
-    )
+    return analysed(record, gram_sums(record, columns, list(model.values())), model)
 
 
 def currents_before(means: Array, torques: Array, begins_anew: NDArray[np.bool_]) -> Array:
@@ -378,18 +324,6 @@ def currents_before(means: Array, torques: Array, begins_anew: NDArray[np.bool_]
     return of_rest if left[1] < left[0] else before
 
 
-def steps_of_levels(means: Array, torques: Array, before: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Direction (m,) of the step to each plateau, and whether friction has reversed by then: after
-    a turn the torque stays constant until it has."""
-    steps = means - before
-    # a start at 0 has none
-    way = np.where(np.abs(steps) > SMALLEST_STEP * np.ptp(means), np.sign(steps), 0.0)
-    sizes = np.maximum(np.abs(steps), np.finfo(float).tiny)
-    follows = np.diff(torques, prepend=torques[0]) * way / sizes
-    has_slid = (follows > SLIDES * np.median(follows)) | (way == 0)
-    return way, has_slid
-
-
 def moved_by(signals: UniformSignals) -> str | None:
     """The column of the actuator's motion; None if the bench logs none."""
     return next((name for name in ("theta_m", "omega_m") if name in signals.signals), None)
@@ -400,23 +334,15 @@ def actuator_table(actuator: Analysis) -> pl.DataFrame:
     fit, record = actuator.calibrated(actuator.whole), actuator.record
     assert record.uniform is not None
     told = [name for name in ACTUATOR_PARAMETERS if name in fit.names]
-    slow = [name for name in ("offset", "drift") if name in fit.names]
     row: Row = {"trial": record.name, "motion": None}
     if "J_m" in told:
         row["motion"] = moved_by(record.uniform)
-    for name in (*ACTUATOR_PARAMETERS, "offset", "drift"):
-        for ending in INTERVAL_ENDS:
-            row[f"{name}{ending}"] = None
-    for first, second in combinations(ACTUATOR_PARAMETERS, 2):
-        row[f"cov_{first}_{second}"] = None
-    row.update(estimates_row(fit, *told, *slow))
-    row.update(covariance_row(fit, *told))
     for name in ACTUATOR_PARAMETERS:
-        row[f"{name}_se_bench"] = fit.se_bench(name) if name in told else None
+        for ending in (*INTERVAL_ENDS, "_se_bench"):
+            row[f"{name}{ending}"] = None
+    row.update(estimates_row(fit, *told))
+    for name in told:
+        row[f"{name}_se_bench"] = fit.se_bench(name)
     row.update(actuator.diagnostics())
-    row["correlation_k_f_G"] = fit.correlation("k_tau_n_m", "f_G") if "f_G" in told else None
     row.update(actuator.time_base_row(None, told))
-    table = pl.DataFrame(
-        [row], schema_overrides={"motion": pl.String, "time_base_shift": pl.Float64}
-    )
-    return table.with_columns(pl.col(pl.Null).cast(pl.Float64))
+    return table_of([row], "actuator")

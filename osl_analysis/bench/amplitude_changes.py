@@ -3,12 +3,14 @@
 import numpy as np
 import scipy
 
-from osl_analysis.bench.analysis import LITTLE, QUANTITIES, Analysis
+from osl_analysis.bench.analysis import LITTLE, Analysis
 from osl_analysis.bench.group_interval import FEWEST_UNITS, combined
 from osl_analysis.bench.group_sums import estimates_of
 from osl_analysis.bench.row_groups import Label
 from osl_analysis.stats.table_rows import Row
 from osl_analysis.trial import Array
+
+CHANGING = ("K", "B")  # with the amplitude, by play, a stiffening spring or friction
 
 
 def amplitudes_row(analysis: Analysis) -> Row:
@@ -29,12 +31,12 @@ def amplitudes_row(analysis: Analysis) -> Row:
         The relative changes `K_change` and `B_change` from the smallest to the largest amplitude,
         and the lowest and the highest estimates; null for fewer than two amplitudes.
     """
-    ends = [f"{name}_amplitudes_{end}" for name in QUANTITIES for end in ("low", "high")]
+    ends = [f"{name}_amplitudes_{end}" for name in CHANGING for end in ("low", "high")]
     row: Row = dict.fromkeys(("K_change", "B_change", *ends))
     labels = sorted(label for label in analysis.fits if isinstance(label, float))
     if len(labels) < 2:
         return row
-    for name in QUANTITIES:
+    for name in CHANGING:
         of_single = [analysis.fits[label][name] for label in labels]
         row[f"{name}_amplitudes_low"] = min(of_single)
         row[f"{name}_amplitudes_high"] = max(of_single)
@@ -42,7 +44,7 @@ def amplitudes_row(analysis: Analysis) -> Row:
     smallest = labels[0]
     largest = labels[-1]
     half_widths = half_widths_of_differences(analysis, smallest, largest)
-    for name in ("K", "B"):
+    for name in CHANGING:
         difference = analysis.fits[largest][name] - analysis.fits[smallest][name]
         half_width = float(half_widths[list(analysis.model).index(name)])
         certain = float(np.sign(difference)) * max(abs(difference) - half_width, 0.0)

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from osl_analysis.bench.bench_settings import NOT_STATED, Calibration
 from osl_analysis.bench.effects import Model, noise_of_angle, plain_sums, with_effects
 from osl_analysis.bench.fit_tables import Series, timebase_table
-from osl_analysis.bench.group_fit import GroupFit, fit_groups, held_out_vaf
+from osl_analysis.bench.group_fit import GroupFit, fit_groups
 from osl_analysis.bench.group_sums import Sums
-from osl_analysis.bench.identifiability import TAKE_TORQUE_ANGLE, check_moves, check_told
+from osl_analysis.bench.identifiability import STIFFNESS_ALONE, check_moves, check_told
 from osl_analysis.bench.leg_belt import Fault
 from osl_analysis.bench.plausibility import check_stiffer
 from osl_analysis.bench.record import Record
@@ -23,14 +23,7 @@ from osl_analysis.bench.row_groups import Label
 from osl_analysis.errors import IdentifiabilityError
 from osl_analysis.spectral.stepped_sine import moving_bins
 from osl_analysis.stats.regression import LinearFit, with_shared_error
-from osl_analysis.stats.table_rows import (
-    Row,
-    covariance_row,
-    diagnostics_row,
-    estimates_row,
-    thinned_rows,
-    whiteness_row,
-)
+from osl_analysis.stats.table_rows import Row, diagnostics_row, estimates_row
 from osl_analysis.trial import Array
 
 QUANTITIES = ("K", "B", "I")  # parameters of Eq. 15
@@ -77,8 +70,7 @@ class Analysis:
         return self.fits[self.label]
 
     def row(self, label: Label, *names: str) -> Row:
-        """The first columns of every amplitude's rows: estimates, covariances, repeatability (null:
-        no repeats), diagnostics."""
+        """The first columns of every amplitude's rows: estimates, shared errors, diagnostics."""
         fit = self.calibrated(self.fits[label], label)
         return {
             **self.place(label),
@@ -106,18 +98,12 @@ class Analysis:
         names
             The estimates.
         other
-            What else than this fit gave estimates and intervals. Covariances are then not known,
-            and null; what is told of the regression (VAF, R2, condition) is of this fit.
+            What else than this fit gave estimates and intervals. What is told of the regression
+            (VAF, condition) is of this fit.
         """
         fit = self.calibrated(self.fits[label], label)
-        covariances: Row = dict(covariance_row(fit, *names))
-        if other is not None:
-            covariances = dict.fromkeys(covariances)
         return {
-            **estimates_row(fit, "offset"),
-            **covariances,
             **{f"{name}_se_bench": fit.se_bench(name) for name in names},
-            **{f"{name}_repeat_se": fit.repeat_se(name) for name in names},
             **self.diagnostics(label, other),
         }
 
@@ -164,22 +150,8 @@ class Analysis:
 
     def diagnostics(self, label: Label = None, other: str | None = None) -> Row:
         """The diagnostics of a fit, and where its interval is from: the fit, or `other`."""
-        record = self.record
-        rows = record.rows(label)
-        kept = rows[thinned_rows(len(rows), record.rate_hz, record.low_pass)]
-        residual = record.filtered_torque[kept] - self.modelled(label, kept)
         fit = self.fits[label]
-        interval_method = other or fit.interval_method
-        return diagnostics_row(fit, interval_method, record.rate_hz, whiteness_row(residual))
-
-    def beside_diagnostics(self, label: Label, *names: str) -> Row:
-        """VAF of held-out data, the subtracted drift [N*m/min], and the change by another time
-        base."""
-        return {
-            "VAF_held_out": held_out_vaf(self.sums, self.model, label),
-            "load_cell_drift": 60 * self.record.drift,
-            **self.time_base_row(label, names),
-        }
+        return diagnostics_row(fit, other or fit.interval_method)
 
     def time_base_row(self, label: Label, names: Sequence[str]) -> Row:
         """`time_base_shift`: the largest change of an estimate by the other reading of undecided
@@ -194,17 +166,10 @@ class Analysis:
             shifts.append(abs(other[name] - fit[name]) / half_width)
         return {"time_base_shift": max(shifts)}
 
-    def time_base(self, names: Sequence[str]) -> pl.DataFrame:
+    def time_base(self) -> pl.DataFrame:
         """The trial's rows of `timebase.csv`."""
-        fit = self.whole
-        other = self.fits_with_other_stamps.get(self.label)
-        other_hypothesis = None
-        if other is not None:
-            changes = {name: 100 * (other[name] / fit[name] - 1) for name in names}
-            texts = [f"{name} {change:+.2g} %" for name, change in changes.items()]
-            other_hypothesis = ", ".join(texts)
         assert self.record.uniform is not None  # a trial that was read from a file
-        return timebase_table(self.record.uniform, other_hypothesis, self.record.bench)
+        return timebase_table(self.record.uniform)
 
     def modelled(self, label: Label = None, rows: slice | NDArray[np.intp] = slice(None)) -> Array:
         """Torque [N*m] of the fit to a label in some rows; a label without a fit has that of the
@@ -286,9 +251,7 @@ def fitted_motion(
         analysis = analysed(record, sums, model, sums_of)
     except IdentifiabilityError as error:
         missing = missing_band(record, moving_s, error)
-        raise IdentifiabilityError(
-            f"trial {record.name}: {missing}", [TAKE_TORQUE_ANGLE]
-        ) from error
+        raise IdentifiabilityError(f"trial {record.name}: {missing}, {STIFFNESS_ALONE}") from error
     if not record.is_stepped_sine:
         fit = with_error_of_inertia(analysis)
         analysis = replace(analysis, fits={None: fit})

@@ -16,11 +16,12 @@ from osl_analysis.bench.group_sums import Sums, estimates_of, gram_sums
 from osl_analysis.bench.plausibility import check_changes, check_stiffer
 from osl_analysis.bench.record import Record, joint_angle
 from osl_analysis.bench.row_groups import Groups, Label, stretches_of
+from osl_analysis.dictionary import table_of
 from osl_analysis.errors import InputError, naming
 from osl_analysis.model.drivetrain import DrivetrainParameters, belt_deflection
 from osl_analysis.signals import filtered_motion, runs
 from osl_analysis.signals.grid import BRIDGE_MORE, UniformSignals, uniform_signals
-from osl_analysis.stats.table_rows import Row, covariance_row, estimates_row
+from osl_analysis.stats.table_rows import INTERVAL_ENDS, Row, estimates_row
 from osl_analysis.trial import Array, Trial
 
 STRAIGHT: Model = {"K_s": "theta", "offset": "one"}
@@ -234,12 +235,13 @@ def check_locked(theta: Array, theta_m: Array) -> None:
 
 
 def belt_table(belt: Analysis) -> pl.DataFrame:
-    """The trial's row of `belt.csv`: slopes of loading and unloading, loop area [J], quadratic
-    belt. `energy_lost` is the loop's area over the energy K_s theta_s^2/2 at the peak. `stiffening`
-    is the relative increase of the quadratic belt's slope from rest to the peak."""
+    """The trial's row of `belt.csv`: slopes of loading and unloading, loop area [J].
+
+    `energy_lost` is the loop's area over the energy K_s theta_s^2/2 at the peak. `stiffening` is
+    the relative increase of the quadratic belt's slope from rest to the peak."""
     loading = belt.calibrated(belt.fits["loading"], "loading")
     unloading = belt.calibrated(belt.fits["unloading"], "unloading")
-    quadratic = belt.calibrated(belt.fits["quadratic"], "loading")
+    quadratic = belt.fits["quadratic"]
     record = belt.record
     theta, torque = record.motion.theta, record.filtered_torque
     peak = float(np.max(np.abs(belt.sums.columns["theta"])))
@@ -249,32 +251,25 @@ def belt_table(belt: Analysis) -> pl.DataFrame:
     by_torque = np.linalg.norm(np.trapezoid(errors, theta))
     by_gain = area * record.calibration.polar(0.0)[0]
 
-    damping: Row = dict.fromkeys(("B_j", "B_j_se", "B_j_low", "B_j_high"))
+    damping: Row = dict.fromkeys(f"B_j{ending}" for ending in INTERVAL_ENDS)
     if "B_j" in loading.names:
         damping = dict(estimates_row(loading, "B_j"))
     row: Row = {
         "trial": record.name,
-        **estimates_row(loading, "K_s", "offset"),
-        **covariance_row(loading, "K_s", "offset"),
+        **estimates_row(loading, "K_s"),
         "K_s_se_bench": loading.se_bench("K_s"),
         **damping,
         **belt.diagnostics("loading"),
         "unloading": unloading["K_s"],
-        "unloading_se": unloading.se("K_s"),
         "unloading_se_bench": unloading.se_bench("K_s"),
         "hysteresis_area": area,
         "hysteresis_area_se_bench": float(np.hypot(by_gain, by_torque)),
-        "quadratic_K_s": quadratic["K_s"],
-        "quadratic_K_s2": quadratic["K_s2"],
-        "quadratic_K_s2_se": quadratic.se("K_s2"),
-        "quadratic_K_s2_se_bench": quadratic.se_bench("K_s2"),
-        "quadratic_VAF": quadratic.vaf,
         "energy_lost": area / (loading["K_s"] * peak**2 / 2),
         "shaft_turn": shaft_turn(record),
         "stiffening": 2 * quadratic["K_s2"] * peak / quadratic["K_s"],
         **belt.time_base_row("loading", ["K_s"]),
     }
-    return pl.DataFrame([row])
+    return table_of([row], "belt")
 
 
 def shaft_turn(record: Record) -> float | None:

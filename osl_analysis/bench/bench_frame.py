@@ -8,7 +8,7 @@ import scipy
 from osl_analysis.bench.bench_settings import BenchStiffness, SteppedSineAnalysis
 from osl_analysis.bench.row_groups import Groups
 from osl_analysis.signals.grid import uniform_signals
-from osl_analysis.stats.table_rows import Row
+from osl_analysis.stats.table_rows import INTERVAL_ENDS, Row
 from osl_analysis.trial import Array, Trial
 
 JOINT_SIDE = "theta_joint"  # column of the angle between frame and joint
@@ -58,11 +58,10 @@ class Frame:
             return dict.fromkeys(NO_FRAME)
         ends = (1 / (self.compliance + way * self.half_width) for way in (1, -1))
         value = 1 / self.compliance
-        values = (value, value**2 * self.standard_error, *ends)
-        return dict(zip(NO_FRAME, values, strict=True))
+        return dict(zip(NO_FRAME, (value, *ends), strict=True))
 
 
-NO_FRAME = tuple(f"frame_stiffness{ending}" for ending in ("", "_se", "_low", "_high"))
+NO_FRAME = tuple(f"frame_stiffness{ending}" for ending in INTERVAL_ENDS)
 
 
 def measured_frame(trial: Trial, settings: SteppedSineAnalysis, groups: Groups) -> Frame | None:

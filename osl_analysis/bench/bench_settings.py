@@ -1,6 +1,6 @@
 """Choices of the analysis on the benches, each with its unit, as `config.yaml` has them."""
 
-from typing import Annotated, ClassVar, Literal, Self
+from typing import Annotated, Literal, Self
 
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
@@ -37,8 +37,6 @@ class TimeBase(Settings):
     longest_gap_s: Seconds = 0.5
     """Longest gap [s]; between the two a gap is bridged and its rows are not fitted, beyond it a
     trial is refused."""
-    # drift [ppm] between the clocks of angle and torque beyond which it is refused
-    largest_drift_ppm: Positive = 2.0
     _bridges = refuse_if(
         lambda s: 0.1 / s.highest_hz > s.longest_gap_s,
         "highest_hz = {s.highest_hz:g} bridges 0.1/highest_hz s, beyond longest_gap_s ="
@@ -243,8 +241,6 @@ class ImpedanceAnalysis(SteppedSineAnalysis):
     largest_inertia_error: Positive | None = 0.01
     """Change of I [kg*m^2] by a torque error of 0.1 %, from which a motion is refused because it
     cannot tell K from I; null: no limit."""
-    rated_torque: Positive | None = None
-    """Of the joint [N*m]: torque errors are given as shares of it; null: not stated."""
 
     _passes = refuse_if(
         lambda s: s.excitation != "any" and max(s.frequencies_hz or (0,)) >= s.cutoff_hz,
@@ -263,12 +259,6 @@ class ImpedanceAnalysis(SteppedSineAnalysis):
 class DynamometerAnalysis(ImpedanceAnalysis, BeltAnalysis):
     """Choices for all trials of the dynamometer."""
 
-    REMOVED: ClassVar = {
-        "compare_estimators": "so are the estimators that it compared",
-        "human": "a reflex is weighed in every trial of experiment `impedance`, which a person's"
-        " joint has, too",
-    }
-
 
 class ActuatorAnalysis(BenchAnalysis):
     """Filter and treatment of friction on the actuator's bench."""
@@ -282,13 +272,6 @@ class ActuatorAnalysis(BenchAnalysis):
         " friction; correct one",
         "slowest",
     )
-
-
-class ModelComparison(Settings):
-    """How models of the drivetrain describe friction."""
-
-    sign_width: Positive
-    """Velocity [rad/s] over which the leg's controller smooths the sign of the velocity."""
 
 
 class DesiredCurve(Settings):

@@ -13,10 +13,10 @@ from osl_analysis.trial import Array
 COMPLEX_PARTS = ("re", "im", "var_re", "cov", "var_im", "degrees_of_freedom")
 """Suffixes of the columns of a complex estimate."""
 POLAR = (
-    *("magnitude", "magnitude_se", "magnitude_low", "magnitude_high"),
-    *("phase_deg", "phase_deg_se", "phase_deg_low", "phase_deg_high"),
+    *("magnitude", "magnitude_low", "magnitude_high"),
+    *("phase_deg", "phase_deg_low", "phase_deg_high"),
 )
-"""Columns of magnitude and phase [deg] with standard errors and 95 % intervals."""
+"""Columns of magnitude and phase [deg] with 95 % intervals."""
 
 
 @dataclass(frozen=True)
@@ -197,15 +197,13 @@ def complex_row(name: str, number: ComplexEstimate) -> dict[str, float]:
 def polar_row(number: ComplexEstimate) -> dict[str, float]:
     """The columns `POLAR` of a number: magnitude and phase with 95 % intervals, to first order."""
     size, size_half = number.magnitude, number.quantile * number.magnitude_se
-    phase_deg, phase_deg_se = np.rad2deg(number.phase), np.rad2deg(number.phase_se)
-    phase_deg_half = number.quantile * phase_deg_se
+    phase_deg = np.rad2deg(number.phase)
+    phase_deg_half = number.quantile * np.rad2deg(number.phase_se)
     return {
         "magnitude": size,
-        "magnitude_se": number.magnitude_se,
         "magnitude_low": size - size_half,
         "magnitude_high": size + size_half,
         "phase_deg": float(phase_deg),
-        "phase_deg_se": float(phase_deg_se),
         "phase_deg_low": float(phase_deg - phase_deg_half),
         "phase_deg_high": float(phase_deg + phase_deg_half),
     }

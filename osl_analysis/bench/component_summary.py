@@ -8,8 +8,8 @@ from osl_analysis.stats.repeats import summary_of_trials
 
 PLACE = ("joint", "side")
 SUMMARISED = {
-    "belt": ("K_s", "unloading", "hysteresis_area", "quadratic_K_s2"),
-    "transmission": (*LOSSES, "VAF", "T_C", "VAF_coulomb"),
+    "belt": ("K_s", "unloading", "hysteresis_area"),
+    "transmission": (*LOSSES, "VAF"),
     "actuator": (*ACTUATOR_PARAMETERS, "VAF"),
 }
 """Columns of each part's table for which a summary has mean, scatter and interval over the

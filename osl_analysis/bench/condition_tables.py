@@ -1,4 +1,4 @@
-"""Tables over trials of one condition: repeats, and controllers beside each other."""
+"""Controllers beside each other, over trials of one condition."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -8,84 +8,8 @@ import polars as pl
 
 from osl_analysis.bench.component_summary import PLACE
 from osl_analysis.model.compensator import CONTROLLERS
-from osl_analysis.stats.repeats import (
-    alike_sizes,
-    counted,
-    doubtful_row,
-    over_repeats,
-    own_condition,
-    summary_row,
-)
+from osl_analysis.stats.repeats import alike_sizes, counted, over_repeats
 from osl_analysis.table import with_viscous_damping
-
-OF_CONDITION = ("joint", "side", "controller", "K_d", "B_d", "group", "excitation")
-"""Columns in which trials of one condition agree."""
-OF_MOTION = ("band_high_hz", "period_s", "theta_rms_deg")
-"""Columns in which motions that are alike are near each other."""
-NUMBERS_OF_REPEATS = (
-    "band_low_hz",
-    "band_high_hz",
-    "n",
-    "mean",
-    "sd",
-    "se",
-    "low",
-    "high",
-    "n_doubtful",
-    "n_left_out",
-)
-
-
-def repeated_trials_table(impedance: pl.DataFrame) -> pl.DataFrame:
-    """A row per quantity and condition with two trials or more of like motion, with Student's
-    interval over the trials. Motions are alike in band, period and size (`alike_sizes`).
-
-    Each trial counts with its fit to all of its motion. The interval contains all that differs from
-    trial to trial, such as the distortion by friction of another realisation of a random motion,
-    which the interval of a single trial may not. Doubtful fits are left out if half of the trials
-    or more are sound. A trial without a stated K_d repeats none (`own_condition`).
-    """
-    whole = impedance
-    if "amplitude_deg" in impedance.columns:
-        whole = impedance.filter(pl.col("amplitude_deg").is_null())
-    keys = [name for name in OF_CONDITION if name in whole.columns]
-    sizes = [name for name in OF_MOTION if name in whole.columns]
-    quantities = whole.select("^(K|B|I|B_viscous|f_C)$").columns
-
-    rows = list[dict[str, object]]()
-    whole = whole.with_columns(own_condition=own_condition(whole))
-    for (*key, _), condition in whole.group_by([*keys, "own_condition"], maintain_order=True):
-        alike = [
-            alike_sizes(condition[name].cast(pl.Float64)).alias(f"{name}_alike") for name in sizes
-        ]
-        names = [column.name for column in alike] or keys
-        motions = condition.with_columns(alike).group_by(names, maintain_order=True)
-        for _, trials in motions:
-            if len(trials) < 2:
-                continue
-            se_bench = pl.col("^B_se_bench$").alias("B_viscous_se_bench")
-            used = counted(trials.with_columns(se_bench))
-            for quantity in quantities:
-                rows.append(
-                    {
-                        **dict(zip(keys, key, strict=True)),
-                        "band_low_hz": trials["band_low_hz"].min(),
-                        "band_high_hz": trials["band_high_hz"].max(),
-                        "quantity": quantity,
-                        **summary_row(used, quantity),
-                        **doubtful_row(trials),
-                        "n_left_out": len(trials) - len(used),
-                    }
-                )
-    if rows:
-        return pl.DataFrame(rows, infer_schema_length=None).filter(pl.col("n") > 0)
-    schema: dict[str, pl.DataType] = {}
-    for name in (*keys, "quantity", "interval_method"):
-        schema[name] = pl.Float64() if name in ("K_d", "B_d") else pl.String()
-    for name in NUMBERS_OF_REPEATS:
-        schema[name] = pl.Float64()
-    return pl.DataFrame(schema=schema)
-
 
 COMPARED: Mapping[str, tuple[str, pl.Expr]] = {
     "torque_error": ("N*m", pl.col("torque_error")),

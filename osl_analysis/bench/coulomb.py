@@ -25,10 +25,6 @@ class CoulombFit:
 
     Attributes
     ----------
-    torque : float
-        Its size [N*m]; negative where friction is overcompensated.
-    damping : float
-        Damping that it adds to the fit without it [N*m*s/rad].
     share : float
         The part of the damping that it makes, the smaller of two answers; 0 where none is certain
         over all of the trial.
@@ -37,8 +33,6 @@ class CoulombFit:
         it is not certain.
     """
 
-    torque: float
-    damping: float
     share: float
     certain: LinearFit | None
 
@@ -85,7 +79,7 @@ def coulomb_fits(
         certain = None
         if is_certain and (decides or whole_is_certain):
             certain = analysis.calibrated(without_sign(s, model, fit, names, label), label)
-        found[label] = CoulombFit(torque, friction_damping, share, certain)
+        found[label] = CoulombFit(share, certain)
     return found
 
 

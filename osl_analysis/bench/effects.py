@@ -1,5 +1,4 @@
-"""Effects as columns beside the physics of the joint: lag, drifting clocks, friction, a changing
-stiffness.
+"""Effects as columns beside the physics of the joint: friction, a weight, higher derivatives.
 
 A model (Eq. 15, Eq. 4) names its columns; an effect is one more. All of it is algebra on the Gram
 matrices of groups (group_sums.py).

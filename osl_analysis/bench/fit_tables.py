@@ -8,7 +8,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from osl_analysis.bench.bench_settings import BenchStiffness
+from osl_analysis.dictionary import table_of
 from osl_analysis.signals.grid import UniformSignals
 from osl_analysis.trial import Array
 
@@ -84,29 +84,7 @@ def tables_of_fit(
     return FitTables({**estimates, "torque": fitted}, series, compute_others)
 
 
-def timebase_table(
-    signals: UniformSignals, other_hypothesis: str | None, bench: BenchStiffness | None = None
-) -> pl.DataFrame:
-    """The trial's rows of `timebase.csv`, one per stream. `other_hypothesis` says how the estimates
-    change with the other reading of undecided stamps."""
-    stiffness = None
-    stiffness_se = None
-    if bench is not None:
-        stiffness = 1 / bench.compliance
-        stiffness_se = bench.compliance_error / bench.compliance**2 or None
-    of_trial = {
-        "grid_rate_hz": (len(signals.time) - 1) / float(signals.time[-1] - signals.time[0]),
-        "first_s": float(signals.time[0]),
-        "last_s": float(signals.time[-1]),
-        "rows": len(signals.time),
-        "masked": int(np.count_nonzero(~signals.usable)),
-        "farthest_s": signals.farthest_s,
-        "other_hypothesis": other_hypothesis,
-        "bench_stiffness": stiffness,
-        "bench_stiffness_se": stiffness_se,
-    }
-    rows = [{"trial": signals.trial, **stream, **of_trial} for stream in signals.streams]
-    texts = ("low_pass", "other_hypothesis")
-    numbers = ("ppm", "g", "g_se", "bench_stiffness", "bench_stiffness_se")
-    schema = {**dict.fromkeys(texts, pl.String), **dict.fromkeys(numbers, pl.Float64)}
-    return pl.DataFrame(rows, schema_overrides=schema, infer_schema_length=None)
+def timebase_table(signals: UniformSignals) -> pl.DataFrame:
+    """The trial's rows of `timebase.csv`, one per stream."""
+    rows = [{"trial": signals.trial, **stream} for stream in signals.streams]
+    return table_of(rows, "timebase")

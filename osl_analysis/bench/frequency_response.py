@@ -11,12 +11,10 @@ import polars as pl
 from numpy.typing import NDArray
 
 from osl_analysis.bench.complex_estimate import (
-    COMPLEX_PARTS,
     POLAR,
     BenchError,
     ComplexEstimate,
     complex_mean,
-    complex_row,
     polar_row,
 )
 from osl_analysis.bench.effects import Admittance
@@ -40,18 +38,17 @@ OF_TRIAL: dict[str, type[pl.DataType]] = {
 }
 """Columns in which the phasors of one trial and frequency agree; they differ only in amplitude."""
 MEAN_OVER_AMPLITUDES: dict[str, type[pl.DataType]] = {
-    **dict.fromkeys((*POLAR, *(f"Y_{part}" for part in COMPLEX_PARTS)), pl.Float64),
+    **dict.fromkeys(POLAR, pl.Float64),
     **dict.fromkeys(("damping", "damping_low", "damping_high"), pl.Float64),
     "interval_method": pl.String,
     **dict.fromkeys(("magnitude_amplitudes_low", "magnitude_amplitudes_high"), pl.Float64),
     **dict.fromkeys(("phase_deg_amplitudes_low", "phase_deg_amplitudes_high"), pl.Float64),
-    "n_amplitudes": pl.Int64,
     "doubtful": pl.String,
 }
 """The other columns of `frequency_response.csv`."""
 RESPONSE_COLUMNS: dict[str, type[pl.DataType]] = {
     "trial": pl.String, "method": pl.String, "realisations": pl.Int64,
-    **dict.fromkeys(("frequency_hz", "angle_deg", "Z_re", "Z_im", "magnitude", "phase_deg"),
+    **dict.fromkeys(("frequency_hz", "magnitude", "phase_deg"),
     pl.Float64),
     **dict.fromkeys(("noise_sd", "total_sd", "noise_level", "odd_level", "even_level",
     "total_level"), pl.Float64),
@@ -94,7 +91,8 @@ def frequency_response_table(phasors: pl.DataFrame) -> pl.DataFrame:
 
 def mean_over_amplitudes(rows: Sequence[Mapping[str, Any]]) -> Row:
     """The columns `MEAN_OVER_AMPLITUDES` of one trial and frequency, of a row per amplitude."""
-    compliance, gain, phase = (max(float(row[name]) for row in rows) for name in SHARED)
+    # which a table has no column of where none is stated
+    compliance, gain, phase = (max(row.get(name) or 0.0 for row in rows) for name in SHARED)
     bench_error = BenchError(compliance, gain, phase)
     # all amplitudes share the bench's error: averaging does not lessen it
     responses = [bench_error.taken_off(admittance_of_row(row)) for row in rows]
@@ -107,14 +105,12 @@ def mean_over_amplitudes(rows: Sequence[Mapping[str, Any]]) -> Row:
     doubts = dict.fromkeys(row["doubtful"] for row in rows)
     return {
         **polar_row(mean),
-        **complex_row("Y", mean),
         **damping_row(mean, rows[0]["frequency_hz"]),
         "interval_method": " and ".join(sorted({row["interval_method"] for row in rows})),
         "magnitude_amplitudes_low": min(sizes),
         "magnitude_amplitudes_high": max(sizes),
         "phase_deg_amplitudes_low": min(phases_deg),
         "phase_deg_amplitudes_high": max(phases_deg),
-        "n_amplitudes": len(responses),
         "doubtful": "; ".join(doubt for doubt in doubts if doubt),
     }
 

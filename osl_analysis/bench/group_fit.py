@@ -36,14 +36,6 @@ class GroupFit(LinearFit):
     repeat: Array | None = None
     bench_variance: Array | float = 0.0
 
-    def repeat_se(self, name: str) -> float | None:
-        """Standard error of an estimate by repeats of the same motion alone; None if nothing
-        repeats."""
-        if self.repeat is None:
-            return None
-        k = self.names.index(name)
-        return float(np.sqrt(self.repeat[k, k]))
-
     def se_bench(self, name: str) -> float:
         """Part of the standard error that all trials on a bench share: its calibration and
         stiffness."""
@@ -111,7 +103,6 @@ def fit_groups(
         estimates=estimates,
         covariance=interval.covariance,
         vaf=vaf,
-        r_squared=1 - residual_square / max(equations.square, np.finfo(float).tiny),
         condition_number=solution.condition,
         correlation_samples=max(round(rows_of_group), 1),
         samples=round(n),

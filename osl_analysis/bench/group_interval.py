@@ -1,16 +1,14 @@
-"""The interval of a fit to groups: noise, misfit and rounding.
+"""The interval of a fit to groups: noise and misfit.
 
 The interval covers the estimate from another motion of this kind on this joint (docs/method.md).
 For each estimate
 
-    variance = max(noise, misfit) + rounding
-
-where scatter that rounding makes counts once, as rounding (`rounding_covariances`).
+    variance = max(noise, misfit).
 
 * *Noise* is what another recording of the same motion would change.
 * *Misfit* is the scatter when one unit is left out at a time (jackknife). It holds the noise, too,
   and what another motion would change because the model is not exact.
-* *Rounding* by the sensors is the same in every repeat, so that no scatter shows it.
+* Rounding by the sensors is part of the noise, with a variance of q^2/12 for steps of q.
 
 What tells noise and misfit depends on the groups:
 
@@ -202,16 +200,16 @@ def jackknife(A_g: Array, b_g: Array, A: Array, b: Array, unit: NDArray[np.intp]
 
     Parameters
     ----------
-    A_g, b_g : Array (m, p, p), (m, p) or (m, p, k)
-        Normal equations of each group; those of k torques at once have k right sides.
-    A, b : Array (p, p), (p,) or (p, k)
+    A_g, b_g : Array (m, p, p), (m, p)
+        Normal equations of each group.
+    A, b : Array (p, p), (p,)
         Their sums.
     unit : Array (m,)
         Number of the unit of each group.
 
     Returns
     -------
-    Array (p, p) or (k, p, p)
+    Array (p, p)
 
     References
     ----------
@@ -237,7 +235,7 @@ def combined(
     misfit: Array,
     units: int,
 ) -> tuple[Array, Array]:
-    """Combine what noise, misfit and rounding do to p estimates: max(noise, misfit) + rounding.
+    """Combine what noise and misfit do to p estimates: max(noise, misfit).
 
     Correlations are those of the sum of noise and misfit.
 

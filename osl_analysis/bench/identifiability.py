@@ -10,10 +10,7 @@ from osl_analysis.errors import Change, IdentifiabilityError, InputError
 from osl_analysis.measured import rms
 from osl_analysis.trial import Array
 
-TAKE_TORQUE_ANGLE = Change(
-    "take experiment 'torque_angle' in the sheet, for the stiffness alone",
-    experiment="torque_angle",
-)
+STIFFNESS_ALONE = "or take experiment 'torque_angle' in the sheet, for the stiffness alone"
 OTHER_UNITS = (Change("", other_unit_of="theta"), Change("", other_unit_of="torque"))
 STIFFEST_JOINT = 5e3  # N*m/rad; ankles and prosthetic feet have up to 1500
 USUAL_ERROR = 1e-3  # of the torque's RMS, as calibrations and models leave
@@ -87,16 +84,15 @@ def check_told(
             f"{cannot} changes I by {error_of_I:.2g} kg*m^2, more than the {most:g} of"
             f" `largest_inertia_error` in the configuration; the band from {high_hz:.2g} to about"
             f" {needed_hz:.2g} Hz is missing, excite it as well, or check the units of theta and"
-            f" torque, by which K would be {K:.3g} N*m/rad",
-            [TAKE_TORQUE_ANGLE, *(OTHER_UNITS if abs(K) > STIFFEST_JOINT else ())],
+            f" torque, by which K would be {K:.3g} N*m/rad, {STIFFNESS_ALONE}",
+            OTHER_UNITS if abs(K) > STIFFEST_JOINT else (),
         )
     # without stiffness a tenth of K is no limit
     changes_K = error_of_K > max(LARGE_CHANGE_OF_K * abs(K), K_se)
     if changes_K and rms(theta) > MOSTLY_INERTIA * own_theta:
         raise IdentifiabilityError(
             f"{cannot} changes K by {error_of_K:.2g} N*m/rad; the band below {low_hz:.2g} Hz is"
-            " missing, excite it as well",
-            [TAKE_TORQUE_ANGLE],
+            " missing, excite it as well"
         )
     return error_of_I if error_of_I > most else 0.0
 
@@ -124,16 +120,13 @@ def check_moves(record: Record, sums: Sums) -> None:
         return
     how = "hardly moves"
     remedy = "move it by more, or faster, and check the unit of theta in the source file"
-    changes: list[Change] = []
     if steps >= SLOW_STEPS:  # the motion is not small
         how = "moves too slowly"
-        remedy = "move it faster, by 0.5 to 6 Hz"
-        changes.append(TAKE_TORQUE_ANGLE)
+        remedy = f"move it faster, by 0.5 to 6 Hz, {STIFFNESS_ALONE}"
     raise InputError(
         f"trial {record.name}: the joint {how}: theta turns by {turn_deg(sums):.2g} deg RMS, and"
         f" noise of the encoder has {share:.2g} times the power of the acceleration's own part"
-        f" behind the filter, at most {MOST_NOISE:g} is allowed; {remedy}",
-        changes,
+        f" behind the filter, at most {MOST_NOISE:g} is allowed; {remedy}"
     )
 
 

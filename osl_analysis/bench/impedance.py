@@ -17,23 +17,19 @@ from osl_analysis.bench.analysis import (
     share_of_inertia,
     without_lag,
 )
-from osl_analysis.bench.angle_drift import angle_drift_deg
 from osl_analysis.bench.effects import IMPEDANCE
 from osl_analysis.bench.group_fit import GroupFit
 from osl_analysis.bench.group_sums import Sums, estimates_of, solved
 from osl_analysis.bench.identifiability import turn_deg
 from osl_analysis.bench.joint_inference import impedance_fits
-from osl_analysis.bench.leg_belt import Belt, Fault, belt_of_leg, is_leg
+from osl_analysis.bench.leg_belt import Fault, belt_of_leg, is_leg
 from osl_analysis.bench.plausibility import check_resists, plausible_impedance
 from osl_analysis.bench.record import Record
-from osl_analysis.bench.repeated_motion import repeats_row
 from osl_analysis.bench.row_groups import Label
-from osl_analysis.errors import nearest
+from osl_analysis.dictionary import table_of
 from osl_analysis.model.compensator import CONTROLLERS, Gains, Weight, select_gains
 from osl_analysis.model.drivetrain import DrivetrainParameters, joint_admittance
-from osl_analysis.signals.clock_drift import NO_DRIFT
-from osl_analysis.spectral.periods import distinct
-from osl_analysis.stats.table_rows import Row, lag_damping_row
+from osl_analysis.stats.table_rows import Row
 
 
 @dataclass(frozen=True)
@@ -80,23 +76,9 @@ class DesiredImpedance:
         UnreachableImpedanceError
             As `select_gains`.
         """
-        if p is None or self.controller is None or self.K_d is None or self.B_d is None:
-            return None
-        if self.unknown_gains():
+        if p is None or self.K_d is None or self.B_d is None or self.controller not in CONTROLLERS:
             return None
         return select_gains(self.controller, self.K_d, self.B_d, p, weight)
-
-    def unknown_gains(self) -> str:
-        """Why the gains of this trial are not known, whatever the device; empty where they are."""
-        if self.controller is None:
-            return "no controller is stated"
-        if self.controller not in CONTROLLERS:
-            remedy = nearest(self.controller, CONTROLLERS)
-            return f"the gains of controller '{self.controller}' are not known{remedy}"
-        absent = [name for name in ("K_d", "B_d") if getattr(self, name) is None]
-        if not absent:
-            return ""
-        return f"{' and '.join(absent)} {'is' if len(absent) == 1 else 'are'} not stated"
 
     def columns(self) -> dict[str, pl.Expr]:
         """`controller`, `K_d` and `B_d` as constant columns of a table."""
@@ -175,9 +157,7 @@ def impedance_table(
     lag = belt.torque if belt else None
     of_trial: Row = {
         **motion_row(record),
-        **belt_row(belt, p),
-        **change_row(record, s),
-        "angle_drift_deg": angle_drift_deg(analysis),
+        "K_s_ratio": belt.K_s / p.K_s if belt and p else None,
     }
     over_amplitudes = amplitudes_row(analysis)
     rows: list[Row] = []
@@ -187,8 +167,9 @@ def impedance_table(
                 **analysis.place(label),
                 **fits[label].to_row(),
                 **analysis.beside_estimates(label, *QUANTITIES, other=fits[label].estimator),
+                "offset": analysis.calibrated(fit, label)["offset"],
                 **lag_row(lag, fit),
-                **analysis.beside_diagnostics(label, *QUANTITIES),
+                **analysis.time_base_row(label, QUANTITIES),
                 "theta_rms_deg": turn_deg(s, label),
                 "fitted_s": len(record.rows(label)) / record.rate_hz,
                 "recorded_s": float(np.ptp(record.time)),
@@ -198,33 +179,7 @@ def impedance_table(
                 **(over_amplitudes if label is None else dict.fromkeys(over_amplitudes)),
             }
         )
-    texts = dict.fromkeys(("fault", "fault_family", "explanations", "widened_because"), pl.String)
-    table = pl.DataFrame(rows, infer_schema_length=None, schema_overrides=texts)
-    return table.with_columns(pl.col(pl.Null).cast(pl.Float64))
-
-
-def belt_row(belt: Belt | None, p: DrivetrainParameters | None) -> Row:
-    """The belt's stiffness over the device's, and the lag of theta_m; null without a belt."""
-    row: Row = dict.fromkeys(
-        ("K_s_ratio", "theta_m_lag_s", "theta_m_lag_se_s", "certain_theta_m_lag_s")
-    )
-    if belt is None:
-        return row
-    if p is not None:
-        row["K_s_ratio"] = belt.K_s / p.K_s
-    late = belt.theta_m
-    if late is not None:
-        row["theta_m_lag_s"] = late.size
-        row["theta_m_lag_se_s"] = late.se
-        row["certain_theta_m_lag_s"] = late.size if late.found else 0.0
-    return row
-
-
-def change_row(record: Record, s: Sums) -> Row:
-    """How K and the clocks of angle and torque change during the trial, by repeats of one motion."""
-    of_repeats = repeats_row(record, s, IMPEDANCE)
-    clocks: Row = {name: of_repeats[name] for name in NO_DRIFT}
-    return {"K_drift": of_repeats["K_drift"], **clocks}
+    return table_of(rows, "impedance")
 
 
 def check_drives_nothing(analysis: Analysis) -> None:
@@ -244,30 +199,24 @@ def motion_row(record: Record) -> Row:
         "band_low_hz": low_hz,
         "band_high_hz": high_hz,
         "cutoff_hz": float(record.low_pass.cutoff_hz),
-        **dict.fromkeys(("period_s", "periods", "realisations")),
     }
-    periodic = record.periodic
-    if periodic is not None:
+    if record.periodic is not None:
         row["excitation"] = "periodic"
-        row["period_s"] = periodic.period
-        row["periods"] = float(sum(each.periods for each in periodic.realisations))
-        row["realisations"] = float(len(distinct(periodic.realisations)))
     return row
 
 
 def lag_row(lag: Fault | None, fit: GroupFit) -> Row:
-    """Lag of a leg's torque behind the angle by its belt, and what it does to an amplitude's fit.
+    """Lag of a leg's torque behind the angle by its belt, and the shares of B and I that are due to
+    a lag that was found.
 
-    That is the damping that this lag makes, and the shares of B and I due to a lag that was found.
     exp(-s d) = 1 - s d + (s d)^2/2 takes K d off B, and (B + K d/2) d off I, with the fitted B.
     """
-    K, B = fit["K"], fit["B"]
     if lag is None:
-        nothing = {"lag_share": None, "lag_inertia_share": None}
-        return {**lag_damping_row(None, None, is_certain=False, K=K), **nothing}
+        return dict.fromkeys(("lag_s", "lag_share", "lag_inertia_share"))
+    K, B = fit["K"], fit["B"]
     found_s = lag.size if lag.found else 0.0
     return {
-        **lag_damping_row(lag.size, lag.se, is_certain=lag.found, K=K),
+        "lag_s": lag.size,
         "lag_share": abs(K * found_s / B),
         "lag_inertia_share": abs((B + K * found_s / 2) * found_s) / share_of_inertia(fit),
     }
@@ -329,7 +278,7 @@ def impedance_with_evidence(
             **desired.columns(),
             **beside_desired(analysis, desired, predicted),
         )
-    return analysis, table.with_columns(clocks=pl.lit(2 if record.two_clocks else 1))
+    return analysis, table
 
 
 def linear_prediction(s: Sums) -> list[float]:
@@ -358,16 +307,12 @@ def beside_desired(
     analysis: Analysis, desired: DesiredImpedance, predicted: list[float] | None
 ) -> dict[str, pl.Expr]:
     """Columns with what the gains should render, and the error of the rendered torque."""
-    columns = {
-        f"{name}_predicted": pl.lit(value, pl.Float64)
-        for name, value in zip(QUANTITIES, predicted or (None, None, None), strict=True)
-    }
     errors = [torque_error(analysis.sums, label, desired) for label in analysis.fits]
-    error = pl.Series(errors, dtype=pl.Float64)
-    rated = getattr(analysis.record.settings, "rated_torque", None)
-    columns["torque_error"] = pl.lit(error)
-    columns["torque_error_share"] = pl.lit(error * (100 / rated if rated else None))
-    return columns
+    return {
+        "K_predicted": pl.lit(predicted[0] if predicted else None, pl.Float64),
+        "B_predicted": pl.lit(predicted[1] if predicted else None, pl.Float64),
+        "torque_error": pl.lit(pl.Series(errors, dtype=pl.Float64)),
+    }
 
 
 def torque_error(s: Sums, label: Label, desired: DesiredImpedance) -> float | None:

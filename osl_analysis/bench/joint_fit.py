@@ -1,6 +1,6 @@
 """Results of an impedance recording as values with named fields.
 
-A value is never overwritten: one that is widened is a new value with its reason.
+A value is never overwritten: one that is widened is a new value.
 """
 
 from collections.abc import Mapping
@@ -17,23 +17,12 @@ def estimate_columns(name: str, estimate: Estimate | None) -> Row:
     return estimate.columns(name)
 
 
-def range_columns(name: str, estimate: Estimate | None) -> Row:
-    """Value and interval of an estimate without its standard error, null where there is none."""
-    if estimate is None:
-        return {name: None, f"{name}_low": None, f"{name}_high": None}
-    return {name: estimate.value, f"{name}_low": estimate.low, f"{name}_high": estimate.high}
-
-
 @dataclass(frozen=True)
 class FrictionFit:
     """Dry friction beside Eq. 15, and the estimates without it where it is certain.
 
     Attributes
     ----------
-    torque : float
-        Coulomb friction of a least-squares fit [N*m]; negative where it is overcompensated.
-    damping : float
-        Damping that it adds to a fit without it [N*m*s/rad].
     share : float
         The part of the damping that is certainly friction's; 0 where none is certain.
     size : Estimate or None
@@ -42,8 +31,6 @@ class FrictionFit:
         K, B and I of the torque less its friction; None where friction is not certain.
     """
 
-    torque: float
-    damping: float
     share: float
     size: Estimate | None = None
     without: Impedance | None = None
@@ -51,42 +38,31 @@ class FrictionFit:
 
 def friction_columns(friction: FrictionFit | None) -> Row:
     """The columns of friction, null where the motion does not tell it from damping."""
-    if friction is None:
-        shares: Row = dict.fromkeys(("coulomb_torque", "coulomb_damping", "coulomb_share"))
-        without, size = None, None
-    else:
-        shares = {
-            "coulomb_torque": friction.torque,
-            "coulomb_damping": friction.damping,
-            "coulomb_share": friction.share,
-        }
-        without, size = friction.without, friction.size
+    without = friction.without if friction else None
+    size = friction.size if friction else None
     return {
-        **shares,
+        "coulomb_share": friction.share if friction else None,
+        "f_C": size.value if size else None,
         **estimate_columns("B_viscous", without.B if without else None),
         **estimate_columns("K_without_friction", without.K if without else None),
         **estimate_columns("I_without_friction", without.I if without else None),
-        **estimate_columns("f_C", size),
     }
 
 
 @dataclass(frozen=True)
 class SuspectedFault:
-    """What else than Eq. 15, friction and a reflex the torque may hold.
+    """What else than Eq. 15 and friction the torque may hold.
 
     Attributes
     ----------
     fault_probability : float
         Probability that a fault is in the recording.
-    friction_probability : float
-        Probability of dry friction.
     harm : float
         By how much a probable fault moves K, B or I, in multiples of what matters; 0 where no fault
         is probable.
-    hypothesis : str or None
-        The most probable one of the most probable family; None where no fault is probable.
     family : str or None
-        Its family, as path, time, speed, size, direction or clipping.
+        That of the most probable fault, as path, time, speed, size, direction or clipping; None
+        where no fault is probable.
     explanations : str or None
         All that are not improbable among the faults, the most probable first.
     offered : Impedance or None
@@ -99,9 +75,7 @@ class SuspectedFault:
     """
 
     fault_probability: float
-    friction_probability: float
     harm: float
-    hypothesis: str | None
     family: str | None
     explanations: str | None
     offered: Impedance | None
@@ -118,51 +92,19 @@ def fault_columns(
 ) -> Row:
     """The columns of a fault, null where no hypotheses were weighed. `symbols` has the names of
     the offered estimates in the table."""
-    if fault is None:
-        numbers = ("fault_probability", "friction_probability", "fault_harm")
-        facts: Row = dict.fromkeys((*numbers, "fault", "fault_family", "explanations"))
-    else:
+    facts: Row = dict.fromkeys(("fault_probability", "fault_harm", "fault_family", "explanations"))
+    if fault is not None:
         facts = {
             "fault_probability": fault.fault_probability,
-            "friction_probability": fault.friction_probability,
             "fault_harm": fault.harm,
-            "fault": fault.hypothesis,
             "fault_family": fault.family,
             "explanations": fault.explanations,
         }
     offered = fault.offered if fault else None
-    beside_fault: Row = {}
     for symbol, column in symbols.items():
         estimate = getattr(offered, symbol) if offered else None
-        beside_fault.update(range_columns(f"{column}_without", estimate))
-    return {**facts, **beside_fault}
-
-
-@dataclass(frozen=True)
-class UnstatedDelay:
-    """What a delay between angle and torque costs, where nobody states it and none is found.
-
-    Attributes
-    ----------
-    told_s : float
-        Standard error to which the recording itself tells a delay [s].
-    B_half, I_half : float
-        Half-widths of the 95 % intervals of B and I if the delay is known to 0.1 ms
-        [N*m*s/rad, kg*m^2].
-    """
-
-    told_s: float
-    B_half: float
-    I_half: float
-
-
-def delay_columns(delay: UnstatedDelay | None) -> Row:
-    """The columns of the delay, null where it is stated or found."""
-    return {
-        "delay_told_s": delay.told_s if delay else None,
-        "B_half_known_delay": delay.B_half if delay else None,
-        "I_half_known_delay": delay.I_half if delay else None,
-    }
+        facts.update(estimate_columns(f"{column}_without", estimate))
+    return facts
 
 
 MIXTURE = "mixture of hypotheses"  # `interval_method` of the inference
@@ -179,41 +121,31 @@ class JointFit:
         K, B and I. Where friction is certain B holds it, as Eq. 15 does.
     friction : FrictionFit or None
         Dry friction; None where the motion does not tell it from damping.
-    reflex : ReflexFit or None
-        The reflex of a person's joint, if it probably has one.
     suspected_fault : SuspectedFault or None
         What may be wrong; None of a leg, whose drivetrain is no fault of the recording.
-    delay : UnstatedDelay or None
-        What an unstated delay costs.
+    delay_told_s : float or None
+        Standard error to which the recording tells a delay that nobody states and none finds [s].
     VAF_in_band : float or None
         Variance of the torque that is accounted for in unseen parts, in the motion's band [%]; of a
         leg, and of a recording that is too short to leave parts out, by Eq. 15.
-    clock_drift : ClockDrift or None
-        How the clocks of two devices drift apart, where nothing else is wrong; the table tells it
-        where no repeats do.
     estimator : str or None
         What gave K, B and I; None of least squares (Eq. 15).
-    widened_because : tuple of str
-        Why the intervals are wider than the fit alone has them.
     """
 
     impedance: Impedance
     friction: FrictionFit | None = None
     suspected_fault: SuspectedFault | None = None
-    delay: UnstatedDelay | None = None
+    delay_told_s: float | None = None
     VAF_in_band: float | None = None
     estimator: str | None = None
-    widened_because: tuple[str, ...] = ()
 
-    def widened_to_include(self, other: "JointFit", because: str) -> "JointFit":
+    def widened_to_include(self, other: "JointFit") -> "JointFit":
         """The fit with intervals that hold those of another fit of the same recording.
 
         Parameters
         ----------
         other : JointFit
             The same recording, read in another way.
-        because : str
-            Why neither can be excluded.
 
         Returns
         -------
@@ -228,7 +160,6 @@ class JointFit:
             self,
             impedance=self.impedance.widened_to_include(other.impedance),
             friction=friction,
-            widened_because=(*self.widened_because, because),
         )
 
     def to_row(self) -> Row:
@@ -239,7 +170,6 @@ class JointFit:
             **self.impedance.I.columns("I"),
             **friction_columns(self.friction),
             **fault_columns(self.suspected_fault),
-            **delay_columns(self.delay),
+            "delay_told_s": self.delay_told_s,
             "VAF_in_band": self.VAF_in_band,
-            "widened_because": "; ".join(self.widened_because) or None,
         }

@@ -21,11 +21,10 @@ from osl_analysis.bench.joint_fit import (
     FrictionFit,
     JointFit,
     SuspectedFault,
-    UnstatedDelay,
 )
 from osl_analysis.bench.record import Record, signals_of
 from osl_analysis.bench.row_groups import Label
-from osl_analysis.errors import TooShortError
+from osl_analysis.errors import NotWeighedError
 from osl_analysis.inference import ImpedanceInference, infer_impedance
 from osl_analysis.inference.constants import HARM_SHARE, LIKELY
 from osl_analysis.inference.estimates import Explanation
@@ -33,7 +32,6 @@ from osl_analysis.stats.estimates import Estimate, Impedance
 
 CERTAIN_FRICTION = 0.9  # probability from which friction is taken off B: nine in ten are right
 NAMED_SHARE = 0.05  # of all faults' probability, below which an explanation is not named
-UNDECIDED_STAMPS = "the time stamps can be read in two ways"
 
 
 def impedance_fits(analysis: Analysis, s: Sums, is_leg: bool) -> dict[Label, JointFit]:
@@ -66,7 +64,7 @@ def impedance_fits(analysis: Analysis, s: Sums, is_leg: bool) -> dict[Label, Joi
         equation_15 = Impedance.of_fit(analysis.fits_with_other_stamps[None]).widened_by(errors)
         least_squares = replace(least_squares, impedance=equation_15)
         other = whole_fit(least_squares, again, coulomb.get(None), errors, is_leg, record)
-        whole = whole.widened_to_include(other, because=UNDECIDED_STAMPS)
+        whole = whole.widened_to_include(other)
 
     fits: dict[Label, JointFit] = {}
     for label, fit in analysis.fits.items():
@@ -77,17 +75,17 @@ def impedance_fits(analysis: Analysis, s: Sums, is_leg: bool) -> dict[Label, Joi
             impedance=Impedance.of_fit(analysis.calibrated(fit, label)),
             friction=by_coulomb(coulomb.get(label)),
             suspected_fault=whole.suspected_fault,
-            delay=whole.delay,
+            delay_told_s=whole.delay_told_s,
             VAF_in_band=whole.VAF_in_band,
         )
     return fits
 
 
 def inferred_from(record: Record, is_leg: bool) -> ImpedanceInference | None:
-    """The inference from a record; None where it is too short for one."""
+    """The inference from a record; None where it cannot weigh rivals."""
     try:
         return infer_impedance(signals_of(record, is_leg))
-    except TooShortError:
+    except NotWeighedError:
         return None
 
 
@@ -112,7 +110,7 @@ def whole_fit(
     least_squares : JointFit
         Eq. 15, with what is stated of the bench in its intervals.
     inferred : ImpedanceInference or None
-        The inference; None where the recording is too short for one.
+        The inference; None where it cannot weigh rivals.
     coulomb : CoulombFit or None
         Coulomb friction by least squares.
     known_errors : Mapping
@@ -125,7 +123,7 @@ def whole_fit(
     Returns
     -------
     JointFit
-        Least squares of a leg, and of a recording that is too short; else the mixture.
+        Least squares of a leg, and where no rivals are weighed; else the mixture.
     """
     if inferred is None:
         return least_squares
@@ -177,14 +175,12 @@ def joint_fit(
 
     fault = probable_fault(inferred)
     path_is_found = fault is not None and fault.family == "path"
-    delay = None
-    if not path_is_found and not is_delay_stated(record):
-        delay = unstated_delay(inferred)
+    tells_delay = not path_is_found and not is_delay_stated(record)
     return JointFit(
         impedance=impedance,
         friction=friction,
         suspected_fault=suspected_fault_of(inferred, known_errors),
-        delay=delay,
+        delay_told_s=inferred.delay_told_s if tells_delay else None,
         VAF_in_band=inferred.VAF_held_out,
         estimator=MIXTURE_BESIDE_FRICTION if takes_friction_off else MIXTURE,
     )
@@ -201,14 +197,12 @@ def suspected_fault_of(
     return SuspectedFault(
         # sums over no hypotheses are whole numbers
         fault_probability=float(inferred.fault_probability),
-        friction_probability=float(inferred.friction_probability),
         harm=float(inferred.harm) if fault else 0.0,
-        hypothesis=fault.name if fault else None,
         family=fault.family if fault else None,
         explanations=named_explanations(inferred) if fault else None,
         offered=offered,
         VAF_held_out=inferred.VAF_held_out,
-        delay_told_s=inferred.delay.recording_s if inferred.delay else None,
+        delay_told_s=inferred.delay_told_s,
     )
 
 
@@ -218,7 +212,7 @@ def suspected_fault_of_losses(record: Record) -> SuspectedFault | None:
     of_B, of_I = HARM_SHARE[1:]
     try:
         inferred = infer_impedance(signals_of(record), accuracy=(np.inf, of_B, of_I))
-    except TooShortError:
+    except NotWeighedError:
         return None
     return suspected_fault_of(inferred, dict.fromkeys(QUANTITIES, 0.0))
 
@@ -238,10 +232,10 @@ def by_coulomb(coulomb: CoulombFit | None) -> FrictionFit | None:
         return None
     certain = coulomb.certain
     if certain is None:
-        return FrictionFit(coulomb.torque, coulomb.damping, coulomb.share)
+        return FrictionFit(coulomb.share)
     size = Estimate.of_fit(certain, "T_C")
     without = Impedance.of_fit(certain)
-    return FrictionFit(coulomb.torque, coulomb.damping, coulomb.share, size, without)
+    return FrictionFit(coulomb.share, size, without)
 
 
 def by_inference(
@@ -258,14 +252,12 @@ def by_inference(
     without : Impedance or None
         K, B and I without friction; None where friction is not certain.
     """
-    torque = coulomb.torque if coulomb else 0.0
     if without is None:
-        damping = coulomb.damping if coulomb else 0.0
-        return FrictionFit(torque, damping, share=0.0)
+        return FrictionFit(share=0.0)
     damping = B.value - without.B.value
     certain = coulomb.certain if coulomb else None
     size = Estimate.of_fit(certain, "T_C") if certain is not None else None
-    return FrictionFit(torque, damping, max(damping, 0.0) / B.value, size, without)
+    return FrictionFit(max(damping, 0.0) / B.value, size, without)
 
 
 def probable_fault(inferred: ImpedanceInference) -> Explanation | None:
@@ -289,11 +281,3 @@ def is_delay_stated(record: Record) -> bool:
     streams = record.uniform.streams if record.uniform else ()
     stated = [stream["delay_s"] for stream in streams]
     return record.calibration.delay > 0 or any(stated)
-
-
-def unstated_delay(inferred: ImpedanceInference) -> UnstatedDelay | None:
-    """What a delay that nobody states costs."""
-    delay = inferred.delay
-    if delay is None:
-        return None
-    return UnstatedDelay(delay.recording_s, delay.B.half_width, delay.I.half_width)

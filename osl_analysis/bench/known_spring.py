@@ -17,6 +17,7 @@ from osl_analysis.bench.joint_inference import suspected_fault_of_losses
 from osl_analysis.bench.late_torque import LateFit, late_fit
 from osl_analysis.bench.plausibility import check_resists
 from osl_analysis.bench.record import Record
+from osl_analysis.dictionary import table_of
 from osl_analysis.errors import InputError
 from osl_analysis.stats.table_rows import INTERVAL_ENDS, Row, estimates_row
 from osl_analysis.trial import Array
@@ -106,7 +107,7 @@ def calibration_table(
     if known.is_fixture_alone:
         absent: Row = dict.fromkeys((*NOT_OF_A_FIXTURE, *NO_FRAME))
         row_of_fixture = {"trial": record.name, **absent, **fixture_row(analysis, stated)}
-        return typed_table(row_of_fixture)
+        return table_of([row_of_fixture], "calibration")
     of = known.stiffness or known.inertia
     if not of or of < 0:
         raise InputError(
@@ -149,7 +150,7 @@ def calibration_table(
         **analysis.time_base_row(None, QUANTITIES),
         "explanations": explanations,
     }
-    return typed_table(row)
+    return table_of([row], "calibration")
 
 
 def to_state(fit: GroupFit, frame: Frame | None) -> str:
@@ -168,13 +169,6 @@ NOT_OF_A_FIXTURE = (
     *(f"{name}{ending}" for name in ("lag_s", "gain", "B", "T_C") for ending in INTERVAL_ENDS),
 )  # fmt: skip
 """Columns that a recording of the fixture alone does not fill."""
-
-
-def typed_table(row: Row) -> pl.DataFrame:
-    """A row of `calibration.csv`, whose numbers that are not known are null."""
-    texts = {"explanations": pl.String}
-    table = pl.DataFrame([row], schema_overrides=texts, infer_schema_length=None)
-    return table.with_columns(pl.col(pl.Null).cast(pl.Float64))
 
 
 def bench_estimates(record: Record, fits: LateFits, known: Known, of: float) -> GroupFit:

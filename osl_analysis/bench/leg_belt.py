@@ -51,7 +51,6 @@ class Belt:
     # lag [s] of the torque behind the joint's angle; None: the belt is not the file's, or the
     # search for a lag has not ended
     torque: Fault | None = None
-    theta_m: Fault | None = None  # the same of theta_m
 
 
 def is_leg(record: Record, p: DrivetrainParameters | None) -> bool:
@@ -118,7 +117,7 @@ def belt_from(
     torque_late = lag_of(fit)
     motor_late = fault((p.B_j - B_j) / K_s, fit.se("omega") / K_s, fit.freedom("omega"))
     if not motor_late.found:
-        return Belt(K_s, torque_late, motor_late)
+        return Belt(K_s, torque_late)
 
     # B_j is the file's, and the torque per velocity of the motor is its lag
     of_motor = {**columns, "omega": np.gradient(theta_m, 1 / few.rate_hz) / p.n_T}
@@ -126,15 +125,11 @@ def belt_from(
     if not late.has_ended:
         return Belt(K_s)
     fit = late.fit
-    K_s_on_time = fit["wound"]
-    lag = -fit["omega"] / K_s_on_time
-    lag_se = fit.se("omega") / K_s_on_time
-    motor_late = fault(lag, lag_se, fit.freedom("omega"))
     otherwise, torque_late = torque_late, lag_of(fit)
     agree = otherwise.found and otherwise.size * torque_late.size > 0
     joint_may_have_B_j = p.B_j / OTHER_B_J < B_j < p.B_j * OTHER_B_J
     is_found = torque_late.found and (agree or not joint_may_have_B_j)
-    return Belt(K_s, replace(torque_late, found=is_found), motor_late)
+    return Belt(K_s, replace(torque_late, found=is_found))
 
 
 def belt_fit(

@@ -8,17 +8,15 @@ import polars as pl
 from numpy.typing import NDArray
 
 from osl_analysis.bench.complex_estimate import (
-    COMPLEX_PARTS,
     NO_BENCH_ERROR,
-    POLAR,
     BenchError,
     ComplexEstimate,
     complex_quotient,
     complex_row,
-    polar_row,
 )
 from osl_analysis.bench.record import Record
 from osl_analysis.bench.row_groups import Stratum
+from osl_analysis.dictionary import table_of
 from osl_analysis.errors import InputError
 from osl_analysis.measured import check_finite, check_measured
 from osl_analysis.spectral.stepped_sine import whole_rows
@@ -33,20 +31,6 @@ from osl_analysis.trial import Array
 
 SHARED = ("Y_se_bench", "Y_gain_se_bench", "Y_phase_se_bench")
 """Columns of the `BenchError` of Y: compliance, gain, phase."""
-PHASORS: dict[str, type[pl.DataType]] = {
-    "trial": pl.String,
-    **dict.fromkeys(("amplitude_deg", "frequency_hz"), pl.Float64),
-    **dict.fromkeys(
-        (f"{name}_{part}" for name in ("theta", "torque") for part in COMPLEX_PARTS), pl.Float64
-    ),
-    **dict.fromkeys(("theta_distortion", "torque_distortion"), pl.Float64),
-    **dict.fromkeys((f"Y_{part}" for part in (*COMPLEX_PARTS, *POLAR)), pl.Float64),
-    **dict.fromkeys(SHARED, pl.Float64),
-    "interval_method": pl.String,
-    "commanded_deg": pl.Float64,
-}
-"""Columns of `phasors.csv`: phasors of angle [rad] and torque [N*m] and Y [rad/(N*m)] with
-covariances and degrees of freedom, distortions, magnitude and phase of Y."""
 HIGHEST_HARMONIC = 5
 """Friction makes odd harmonics, which fall as 1/k or faster; asymmetry makes even ones."""
 WHOLE_CYCLE = (
@@ -253,12 +237,10 @@ class SegmentPhasors:
             "trial": trial,
             "amplitude_deg": self.amplitude_deg,
             "frequency_hz": self.frequency_hz,
-            **complex_row("theta", self.theta),
-            **complex_row("torque", self.torque),
             "theta_distortion": self.theta.distortion,
             "torque_distortion": self.torque.distortion,
             **complex_row("Y", Y),
-            **{f"Y_{name}": value for name, value in polar_row(Y).items()},
+            "Y_phase_deg_se": float(np.rad2deg(Y.phase_se)),
             "Y_se_bench": self.bench_error.compliance,
             "Y_gain_se_bench": self.bench_error.gain,
             "Y_phase_se_bench": self.bench_error.phase,
@@ -324,4 +306,4 @@ def segment_phasors(record: Record, index: int) -> SegmentPhasors:
 
 def phasor_table(trial: str, phasors: Sequence[SegmentPhasors]) -> pl.DataFrame:
     """A row per amplitude and frequency; none without sines."""
-    return pl.DataFrame([segment.to_row(trial) for segment in phasors], schema=PHASORS)
+    return table_of([segment.to_row(trial) for segment in phasors], "phasors")

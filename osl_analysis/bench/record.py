@@ -5,10 +5,8 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from pathlib import Path
 
 import numpy as np
-import polars as pl
 from numpy.typing import NDArray
 
 from osl_analysis.bench.bench_settings import (
@@ -19,11 +17,10 @@ from osl_analysis.bench.bench_settings import (
     Fixture,
     SteppedSineAnalysis,
 )
-from osl_analysis.bench.row_groups import Groups, Label, Stratum, joined
+from osl_analysis.bench.row_groups import Groups, Label, joined
 from osl_analysis.errors import InputError
 from osl_analysis.inference import BenchSignals
-from osl_analysis.refusal import check_not_refused
-from osl_analysis.signals import LowPass, Motion, filtered_angle, filtered_motion, runs
+from osl_analysis.signals import LowPass, Motion, filtered_angle, filtered_motion
 from osl_analysis.signals.grid import UniformSignals, devices_of, resampled, uniform_signals
 from osl_analysis.spectral.periods import PeriodicMotion
 from osl_analysis.stats.covariance import FEWEST_CYCLES, products_between
@@ -129,14 +126,6 @@ class Record:
     @property
     def is_stepped_sine(self) -> bool:
         return self.groups.kind == "cycles"
-
-    @property
-    def two_clocks(self) -> bool:
-        """Whether two devices recorded angle and torque."""
-        if self.uniform is None:
-            return False
-        theta, torque = self.uniform.of("theta"), self.uniform.of("torque")
-        return theta.stream.stamps is not torque.stream.stamps and not (theta.held or torque.held)
 
     @property
     def bench_angle(self) -> Array:
@@ -307,40 +296,6 @@ def signals_of(record: Record, has_drivetrain: bool = False) -> BenchSignals:
         load=record.actuator.get("current") if has_drivetrain else None,
         has_drivetrain=has_drivetrain,
     )
-
-
-def stored_record(record: Record) -> pl.DataFrame:
-    """Table for comparison with a drivetrain model, one row per sample: angle of the joint,
-    filtered torque, whether the row is fitted, and the frequency [Hz] of its sine if it is, else
-    NaN."""
-    is_fitted = np.zeros(len(record.time), dtype=np.bool_)
-    is_fitted[record.rows()] = True
-    frequency_hz = np.full(len(record.time), np.nan)
-    for stratum in record.groups.strata:
-        rows = stratum.rows
-        frequency_hz[rows] = np.where(is_fitted[rows], stratum.frequency_hz, np.nan)
-    return pl.DataFrame(
-        {
-            "time": record.time,
-            "theta": record.theta,
-            "torque": record.filtered_torque,
-            "fitted": is_fitted,
-            "frequency_hz": frequency_hz,
-        }
-    )
-
-
-def read_record(path: Path, low_pass: LowPass) -> Record:
-    """A stored record, whose torque is the filtered one; each stratum is a stretch of rows."""
-    check_not_refused(path)
-    table = pl.read_parquet(path)
-    time, theta, torque, fitted, hz = (table[name].to_numpy() for name in table.columns)
-    motion = filtered_angle(time, theta, low_pass)
-    parts = runs(fitted)
-    first, stop = np.array([[rows.start, rows.stop] for rows in parts]).T
-    strata = tuple(Stratum(rows, frequency_hz=float(hz[rows.start])) for rows in parts)
-    groups = Groups("stretches", first, stop, np.arange(len(parts)), strata)
-    return Record(path.stem, time, theta, torque, motion, torque, low_pass, fitted, groups)
 
 
 def joint_angle(theta: Array, torque: Array, compliance: float) -> Array:

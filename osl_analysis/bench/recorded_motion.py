@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from osl_analysis.bench.bench_settings import ImpedanceAnalysis, SteppedSineAnalysis
-from osl_analysis.bench.identifiability import TAKE_TORQUE_ANGLE
+from osl_analysis.bench.identifiability import STIFFNESS_ALONE
 from osl_analysis.bench.record import Record, conditioned, joint_angle
 from osl_analysis.bench.row_groups import Groups, cycles_of, periods_of, stretches_of
 from osl_analysis.errors import Change, IdentifiabilityError, InputError, OslAnalysisError
@@ -205,8 +205,8 @@ def said_of_motion(
         return (
             f"the joint moves too slowly: of {degrees:.3g} deg, theta changes by no more than"
             f" {100 * stepped_sine.MOVING_SHARE:g} % within {stepped_sine.BIN_S:g} s, at"
-            f" {signals.rate_hz:.3g} rows per second; move it by 0.5 to 6 Hz"
-        ), [TAKE_TORQUE_ANGLE, *SMALLER_UNITS_OF_TIME]
+            f" {signals.rate_hz:.3g} rows per second; move it by 0.5 to 6 Hz, {STIFFNESS_ALONE}"
+        ), SMALLER_UNITS_OF_TIME
     words = (
         f"the joint does not move: theta turns by {degrees:.3g} deg in all; check the channel and"
         " the unit of theta in the source file, and that this is the recording of the trial"

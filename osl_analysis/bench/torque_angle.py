@@ -15,7 +15,6 @@ import polars as pl
 import scipy
 from numpy.typing import NDArray
 
-from osl_analysis.bench.angle_drift import steady_drift
 from osl_analysis.bench.bench_settings import TorqueAngleAnalysis
 from osl_analysis.bench.branch_curve import branch_curve, straight_line
 from osl_analysis.bench.fit_tables import Series, timebase_table
@@ -91,7 +90,7 @@ class TorqueAngleTrial:
 
     def time_base(self) -> pl.DataFrame:
         """The trial's rows of `timebase.csv`."""
-        return timebase_table(self.uniform, None, self.settings.bench_stiffness)
+        return timebase_table(self.uniform)
 
     def desired_torque(self, desired: str | None) -> Array:
         """Torque (m,) [N*m] of a desired curve at the angles of the grid; NaN beyond its ends, and
@@ -158,11 +157,7 @@ def torque_angle_of(
     torque = filtered_torque - zero
     theta = joint_angle(bench_theta, torque, compliance)
 
-    try:
-        cycles = find_cycles(theta, settings.settle_cycles or 0)
-    except InputError:
-        check_does_not_drift(theta, torque)
-        raise
+    cycles = find_cycles(theta, settings.settle_cycles or 0)
     if settings.settle_cycles is None and first_cycle_settles(torque, cycles.analysed):
         cycles = cycles.without_first()
 
@@ -194,17 +189,6 @@ def torque_angle_of(
     check_slow(trial)
     check_followed(trial)
     return trial
-
-
-def check_does_not_drift(theta: Array, torque: Array) -> None:
-    """Refuse an angle (n,) [rad] that drifts while the torque (n,) of its cycles comes back."""
-    drift = steady_drift(theta, torque)
-    if drift:
-        raise InputError(
-            f"the angle drifts by {np.rad2deg(drift):.2g} deg and the torque does not follow, so"
-            " the joint does not turn, as with an integrated gyroscope; use an encoder, or correct"
-            " the gyroscope's angle by an accelerometer"
-        )
 
 
 def first_cycle_settles(torque: Array, cycles: Sequence[Cycle]) -> bool:
@@ -266,8 +250,8 @@ def place_of_zero(theta: Array, rate_hz: float, settings: TorqueAngleAnalysis) -
     others = [place for place in (*ASSUMED_ZEROS, "none") if place != stated]
     raise InputError(
         f"the joint does not rest at the {stated} of the recording: the angle moves by"
-        f" {np.rad2deg(moved):.2g} deg in {settings.rest_s:g} s; record a rest there",
-        [Change(f"write torque_angle.zero: {place}", settings={"zero": place}) for place in others],
+        f" {np.rad2deg(moved):.2g} deg in {settings.rest_s:g} s; record a rest there, or write"
+        f" torque_angle.zero: {' or '.join(others)}"
     )
 
 
@@ -301,8 +285,7 @@ def check_slow(trial: TorqueAngleTrial) -> None:
         raise InputError(
             f"a cycle takes {shortest_s:.2g} s, which is not quasi-static: below"
             f" {trial.settings.shortest_cycle_s:g} s (shortest_cycle_s) inertia and damping are in"
-            " the torque; record it slower",
-            [Change("take experiment 'impedance' in the sheet", experiment="impedance")],
+            " the torque; record it slower, or take experiment 'impedance' in the sheet"
         )
 
 

@@ -17,6 +17,7 @@ from osl_analysis.bench.torque_angle import (
     torque_angle_of,
     zero_row,
 )
+from osl_analysis.dictionary import table_of
 from osl_analysis.stats.repeats import over_repeats
 from osl_analysis.stats.table_rows import Row
 from osl_analysis.table import Places
@@ -210,9 +211,7 @@ def torque_angle_table(trial: TorqueAngleTrial, desired: str | None = None) -> p
         "bridged_share": float(np.mean(~usable)),
         **desired_row(trial, desired),
     }
-    texts = dict.fromkeys(("interval_method", "desired"), pl.String)
-    empty = {name: texts.get(name, pl.Float64) for name, value in row.items() if value is None}
-    return pl.DataFrame([row], schema_overrides=empty)
+    return table_of([row], "torque_angle")
 
 
 def change_by_zero_row(trial: TorqueAngleTrial) -> Row:
@@ -237,7 +236,7 @@ def over_shift(trial: TorqueAngleTrial, quantity: str, shift: float) -> Array:
 
 
 def means_row(trial: TorqueAngleTrial, cycles: Sequence[LoopCycle]) -> Row:
-    """Means over the cycles with standard errors and 95 % intervals, and the errors of the bench
+    """Means over the cycles with 95 % intervals, and the errors of the bench
     (`_se_bench`) that all cycles share."""
     changed = cycles_by_bench_errors(trial)
     gain_error = trial.settings.calibration.polar(0.0)[0]
@@ -247,12 +246,11 @@ def means_row(trial: TorqueAngleTrial, cycles: Sequence[LoopCycle]) -> Row:
         mean = values.mean()
         changes = [over_cycles(others, name).mean() - mean for others in changed]
         shared = float(np.linalg.norm([gain_error * mean, *changes]))
-        se = low = high = None
+        low = high = None
         if len(cycles) > 1:
             repeats = over_repeats(values, [(shared**2, np.inf)] if shared else [])
-            se, low, high = repeats.se, repeats.low, repeats.high
+            low, high = repeats.low, repeats.high
         row[name] = float(mean)
-        row[f"{name}_se"] = se
         row[f"{name}_low"] = low
         row[f"{name}_high"] = high
         row[f"{name}_se_bench"] = shared

@@ -6,13 +6,13 @@ from osl_analysis.bench import effects
 from osl_analysis.bench.analysis import Analysis, analysed
 from osl_analysis.bench.coulomb import CoulombFit, coulomb_fits
 from osl_analysis.bench.effects import TRANSMISSION
-from osl_analysis.bench.group_fit import GroupFit
+from osl_analysis.bench.group_fit import held_out_vaf
 from osl_analysis.bench.joint_fit import LOSSES_SYMBOLS, estimate_columns, fault_columns
 from osl_analysis.bench.joint_inference import suspected_fault_of_losses
 from osl_analysis.bench.record import Record
-from osl_analysis.bench.repeated_motion import repeats_row
+from osl_analysis.dictionary import table_of
 from osl_analysis.stats.estimates import Estimate
-from osl_analysis.stats.table_rows import Row, estimates_row
+from osl_analysis.stats.table_rows import Row
 
 LOSSES = ("B_j", "J_j")
 
@@ -30,13 +30,10 @@ def transmission_table(analysis: Analysis) -> pl.DataFrame:
     A late torque reduces J_j by B_j times the lag, and leaves a third derivative of the angle,
     which shows it."""
     record, s = analysis.record, effects.sums_of(analysis.record, TRANSMISSION)
-    repeats = repeats_row(record, s, TRANSMISSION)
-    del repeats["K_drift"]  # losses have no stiffness
     friction = coulomb_fits(s, analysis)
     fault = suspected_fault_of_losses(record)
-    rows = list[Row]()
+    rows: list[Row] = []
     for label, fit in analysis.fits.items():
-        beside_friction = effects.with_effects(s, TRANSMISSION, ("T_C",), label)
         weight = effects.with_effects(s, TRANSMISSION, ("weight",), label)
         share_of_weight = 0.0
         if weight.certain("weight", effects.FALSE_ALARM):
@@ -44,37 +41,25 @@ def transmission_table(analysis: Analysis) -> pl.DataFrame:
         rows.append(
             {
                 **analysis.row(label, *LOSSES),
-                **losses_friction_columns(
-                    friction.get(label), analysis.calibrated(beside_friction, label)
-                ),
-                **estimates_row(analysis.calibrated(weight, label), "weight"),
+                **losses_friction_columns(friction.get(label)),
                 "J_j_weightless": weight["J_j"],
                 "weight_share": share_of_weight,
-                "B_j_coulomb": beside_friction["B_j"],
-                "VAF_coulomb": beside_friction.vaf,
-                **analysis.beside_diagnostics(label, *LOSSES),
-                **repeats,
+                "VAF_held_out": held_out_vaf(analysis.sums, analysis.model, label),
+                "load_cell_drift": 60 * record.drift,
+                **analysis.time_base_row(label, LOSSES),
                 **fault_columns(fault, LOSSES_SYMBOLS),
-                "VAF_in_band": fault.VAF_held_out if fault else None,
                 "delay_told_s": fault.delay_told_s if fault else None,
             }
         )
-    texts = dict.fromkeys(("fault", "fault_family", "explanations"), pl.String)
-    table = pl.DataFrame(rows, infer_schema_length=None, schema_overrides=texts)
-    return table.with_columns(pl.col(pl.Null).cast(pl.Float64))
+    return table_of(rows, "transmission")
 
 
-def losses_friction_columns(coulomb: CoulombFit | None, beside: GroupFit) -> Row:
-    """The columns of friction beside losses; `beside` is the model with friction, certain or
-    not."""
+def losses_friction_columns(coulomb: CoulombFit | None) -> Row:
+    """The columns of friction beside losses, null where it is not certain."""
     certain = coulomb.certain if coulomb else None
     viscous = Estimate.of_fit(certain, "B_j") if certain is not None else None
-    size = Estimate.of_fit(beside if certain is None else certain, "T_C")
     return {
-        **size.columns("T_C"),
-        "T_C_se_bench": beside.se_bench("T_C"),
-        "coulomb_torque": coulomb.torque if coulomb else None,
-        "coulomb_damping": coulomb.damping if coulomb else None,
+        "T_C": certain["T_C"] if certain is not None else None,
         "coulomb_share": coulomb.share if coulomb else None,
         **estimate_columns("B_j_viscous", viscous),
     }

@@ -24,7 +24,6 @@ WHOLE_RECORDING = "0-1000000"  # [s] as windows
 COMPARED_BYTES = 4096  # in the middle of two files; they differ for most files of equal size
 FEWEST_PERTURBED = 2
 ROUNDING_S = 1e-6  # of differences of times that are written with milliseconds
-MARGINS_OF_STRIDES_S = 0.6  # 0.3 s before heel strike and after toe-off, as docs/walking.md asks
 
 
 class UsedPart(NamedTuple):
@@ -79,21 +78,20 @@ def check_accepted(campaign: Campaign, trial: str) -> None:
 
 def check_not_used_twice(campaign: Campaign, trial: str, used: list[UsedPart]) -> None:
     """Refuse a log of which another trial uses the same part; adds the parts of this trial to the
-    `used` ones. The windows of two strides may share what is before one and after the other."""
+    `used` ones."""
     row = campaign.row(trial)
     if not row["log"]:
         return
-    most_shared_s = MARGINS_OF_STRIDES_S if row["experiment"] == "walking" else 0.0
     for start, stop in stretches(row["windows"] or WHOLE_RECORDING):
         for used_part in used:
             shared_s = min(stop, used_part.stop) - max(start, used_part.start)
-            if shared_s <= most_shared_s + ROUNDING_S:
+            if shared_s <= ROUNDING_S:
                 continue
             where = f"{campaign.config.sheet}: trial '{trial}'"
             if row["windows"] and used_part.is_window:
                 raise InputError(
                     f"{where}: its `windows` overlap those of trial '{used_part.trial}' by"
-                    f" {shared_s:.3g} s; let them overlap by {most_shared_s:g} s at most"
+                    f" {shared_s:.3g} s; part them"
                 )
             raise InputError(
                 f"{where}: log '{row['log']}' is that of trial '{used_part.trial}'; correct one, or"
@@ -205,7 +203,7 @@ def check_walking(campaign: Campaign) -> None:
     for static in campaign.statics:
         campaign.calibration_settings(static)
     with naming(campaign.config.sheet):
-        split_keys(campaign.conditions(), campaign.config.walking)
+        split_keys(campaign.conditions())
 
 
 def check_files_of_crossing(campaign: Campaign, trial: str) -> None:

@@ -229,11 +229,7 @@ class Campaign:
 
     @property
     def beside_draft(self) -> bool:
-        """Whether results are compared with the paper's draft, as `report` of the configuration
-        says. By default, only if the draft's device is simulated."""
-        stated = self.config.report.beside_draft
-        if stated is not None:
-            return stated
+        """Whether results are compared with the paper's draft: only if its device is simulated."""
         is_drafts_device = self.config.parameters == shipped("config/parameters/default.yaml")
         return self.config.simulation is not None and is_drafts_device
 

@@ -3,14 +3,14 @@
 from collections.abc import Mapping, Sequence
 from datetime import date, timedelta
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, Literal
 
+import yaml
 from pydantic import BeforeValidator, Field
 
 from osl_analysis.bench.bench_settings import (
     ActuatorAnalysis,
     DynamometerAnalysis,
-    ModelComparison,
     TorqueAngleAnalysis,
 )
 from osl_analysis.config.experiments import EXPERIMENTS
@@ -25,11 +25,13 @@ from osl_analysis.walking.walking_settings import WalkingAnalysis
 from osl_analysis.yaml_settings import (
     FILE_NAME,
     AnySettings,
-    Degrees,
+    Place,
     Settings,
     ShippedPath,
     Stiffness,
     check_rising,
+    dotted,
+    located,
     read_mapping,
     refuse_if,
     validated,
@@ -61,13 +63,9 @@ class FrequencyResponseFigure(Settings):
 
 
 class TimeSeriesFigure(FrequencyResponseFigure):
-    """The part of a trial that Fig. 4 shows: the first one with this controller and desired
-    impedance."""
+    """The trial that Fig. 4 shows: the first one with this controller and desired impedance."""
 
     controller: str | None = None  # Controller of the trial; null: a trial without one.
-    amplitude_deg: Degrees | None = None  # Amplitude of the sines [deg]; null: the largest.
-    # Length of the part [s], which ends with that block.
-    duration_s: Annotated[float, Field(gt=0, le=3600)] = 10.0
 
 
 class FigureChoices(Settings):
@@ -81,21 +79,8 @@ class FigureChoices(Settings):
     midstance_stiffness: Stiffness | None
     """Stiffness that the walking controller commands in midstance [N*m/rad], marked in Fig. 9 where
     the sheet states no K_d and the campaign has one group; null: no mark."""
-    stance_share: Annotated[float, Field(gt=0, le=1)] = 0.62
-    """Share of the gait cycle that is stance, for the phase of `impedance_trajectory`; Fig. 8 ends
-    there."""
     footer: bool = True
     """Whether a small line below each figure says what its data are, as its metadata always do."""
-
-
-class ReportChoices(Settings):
-    """The page `report.html` of a run."""
-
-    REMOVED: ClassVar = {"largest_mb": "the page is never thinned out"}
-
-    beside_draft: bool | None = None
-    """Whether the paper's draft stands beside the campaign's numbers; null: if it simulates the
-    draft's device."""
 
 
 class Config(Settings):
@@ -124,7 +109,6 @@ class Config(Settings):
     actuator: ActuatorAnalysis  # Analysis of the trials on the actuator's own bench.
     torque_angle: TorqueAngleAnalysis  # Analysis of the trials of torque against angle.
     doubtful: DoubtfulFits  # Limits beyond which a fit is doubtful, by table.
-    model_comparison: ModelComparison  # Models of the drivetrain beside what was recorded.
     claims: Claims  # What the paper's text claims, and the margins of its verdicts.
     impedance_trajectory: ShippedPath | None
     """CSV file of the impedance over the gait cycle, for Fig. 8; null: no Fig. 8."""
@@ -134,8 +118,6 @@ class Config(Settings):
     """Whether a run in which something was refused, or failed, ends with exit code 1 or 0."""
     quality: QualityRules  # Thresholds of quality control.
     figures: FigureChoices  # What the figures show.
-    report: ReportChoices = ReportChoices()  # The page `report.html`.
-    REMOVED: ClassVar = {"study": "the Monte Carlo study is a script, benchmarks/study.py"}
 
     _is_simulated = refuse_if(
         lambda s: s.simulation and s.data == "measured",
@@ -185,7 +167,7 @@ def overriding(base: Any, override: Any) -> Any:
 # no other.
 FACTS_OF_DEFAULT = (
     "parameters", "impedance_trajectory", "dynamometer.amplitudes_deg",
-    "dynamometer.frequencies_hz", "dynamometer.cycles", "figures.time_series.amplitude_deg",
+    "dynamometer.frequencies_hz", "dynamometer.cycles",
     "figures.midstance_stiffness", "claims.K_percent", "torque_angle.zero",
 )  # fmt: skip
 
@@ -214,11 +196,41 @@ def nested(name: str, value: Any) -> Any:
     return value
 
 
+def read_campaign_file(path: Path) -> dict[str, Any]:
+    """The fields of a configuration. Raises InputError: Snakemake, which reads YAML 1.1, takes a
+    value for another one."""
+    content = read_mapping(path)
+    place = misread_place(content, yaml.safe_load(path.read_text(encoding="utf-8-sig")))
+    if place is not None:
+        raise InputError(
+            f"{path}: {located([path], place)}{dotted(place)}: Snakemake reads another value; write"
+            " a plain decimal number, true or false, or text in quotes"
+        )
+    return content
+
+
+def misread_place(content: Any, by_snakemake: Any) -> Place | None:
+    """Where a value of YAML 1.2 is another one for Snakemake; None: nowhere."""
+    if isinstance(content, dict | list):
+        entries = content.items() if isinstance(content, dict) else enumerate(content)
+        for key, value in entries:
+            try:
+                place = misread_place(value, by_snakemake[key])
+            except LookupError:
+                place = ()
+            if place is not None:
+                return (key, *place)
+        return None
+    # of a text as 1e3, fields of numbers make the number
+    is_same = isinstance(by_snakemake, str) or repr(content) == repr(by_snakemake)
+    return None if is_same else ()
+
+
 def own_fields(path: Path) -> Mapping[str, Any]:
     """The fields that a configuration file states; the shipped default states none for recordings
     of others."""
     is_shipped = path == default_config() and not Path("config/config.yaml").is_file()
-    return {"simulation": None} if is_shipped else read_mapping(path, by_snakemake=True)
+    return {"simulation": None} if is_shipped else read_campaign_file(path)
 
 
 def read_section(path: Path, section: str, model: type[AnySettings]) -> AnySettings:
@@ -245,7 +257,7 @@ def read_config(path: Path, of_any: bool = False) -> Config:
 
     Recordings `of_any` bench are not compared with what the shipped default states.
     """
-    stated = own_fields(path) if of_any else read_mapping(path, by_snakemake=True)
+    stated = own_fields(path) if of_any else read_campaign_file(path)
     return validated(over_default(stated), Config, path)
 
 
@@ -253,5 +265,5 @@ def campaign_config(content: Any, files: Sequence[Path]) -> Config:
     """Validate a configuration that Snakemake merged from files. Later files override earlier
     ones."""
     for file in files:
-        read_mapping(file, by_snakemake=True)
+        read_campaign_file(file)
     return validated(content, Config, Path(" overridden by ".join(map(str, files))), files)

@@ -10,9 +10,7 @@ from osl_analysis.files import default_config
 from osl_analysis.model.compensator import CONTROLLERS
 from osl_analysis.yaml_settings import read_mapping
 
-USUAL_DURATION_S = 10.0  # of the part that Fig. 4 shows
 CONDITION = ("controller", "K_d", "B_d")
-NEAR_AMPLITUDE = 0.1  # relative difference of a shown amplitude from an analysed one
 
 
 def time_series_example(campaign: Campaign) -> dict[str, Any] | None:
@@ -21,14 +19,13 @@ def time_series_example(campaign: Campaign) -> dict[str, Any] | None:
     Returns
     -------
     dict or None
-        `trial`; its `joint` and `side`; its condition, `controller`, `K_d` and `B_d`; the
-        `amplitude_deg` [deg] that is drawn (None: the largest); `duration_s` [s]; and `chosen`, why
-        this trial, if the configuration does not name it. None without impedance trials.
+        `trial`; its `joint` and `side`; its condition, `controller`, `K_d` and `B_d`; and `chosen`,
+        why this trial, if the configuration does not name it. None without impedance trials.
 
     Raises
     ------
     InputError
-        As `matching`, or the amplitude is not analysed.
+        As `matching`.
     """
     stated = campaign.config.figures.time_series
     trials = campaign.trials("impedance")
@@ -36,25 +33,16 @@ def time_series_example(campaign: Campaign) -> dict[str, Any] | None:
         return None
     example = {
         **named_trial(campaign, trials[0]),
-        "amplitude_deg": None,
-        "duration_s": USUAL_DURATION_S,
         "chosen": "the first impedance trial of the sheet",
     }
     if stated is None:
         return example
-    example["duration_s"] = stated.duration_s
     cells = {"controller": stated.controller, "K_d": stated.K_d, "B_d": stated.B_d}
     named = matching(campaign, cells, "time_series")
     if not named:
         example["chosen"] += "; the example of the configuration is not in this campaign"
         return example
-    check_amplitude_is_analysed(campaign, stated.amplitude_deg)
-    return {
-        **named_trial(campaign, named[0]),
-        "amplitude_deg": stated.amplitude_deg,
-        "duration_s": stated.duration_s,
-        "chosen": "",
-    }
+    return {**named_trial(campaign, named[0]), "chosen": ""}
 
 
 def named_trial(campaign: Campaign, trial: str) -> dict[str, Any]:
@@ -62,21 +50,6 @@ def named_trial(campaign: Campaign, trial: str) -> dict[str, Any]:
     row = campaign.row(trial)
     condition = {name: row[name] for name in CONDITION}
     return {"trial": trial, **campaign.places[trial], **condition}
-
-
-def check_amplitude_is_analysed(campaign: Campaign, amplitude_deg: float | None) -> None:
-    """Refuse an amplitude of Fig. 4 that is none of the stepped sine's."""
-    dynamometer = campaign.config.dynamometer
-    analysed = dynamometer.amplitudes_deg or ()
-    if amplitude_deg is None or not analysed or dynamometer.excitation == "any":
-        return
-    differences = [abs(amplitude / amplitude_deg - 1) for amplitude in analysed]
-    if min(differences) >= NEAR_AMPLITUDE:
-        amplitudes = ", ".join(f"{amplitude:g}" for amplitude in analysed)
-        raise InputError(
-            f"configuration: figures.time_series.amplitude_deg = {amplitude_deg:g} is none of"
-            f" dynamometer.amplitudes_deg ({amplitudes}); choose one of them, or null"
-        )
 
 
 def response_example(campaign: Campaign) -> FrequencyResponseFigure | None:

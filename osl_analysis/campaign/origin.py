@@ -6,9 +6,10 @@ from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 from osl_analysis.campaign.campaign_trials import Campaign
-from osl_analysis.files import digest as content_digest
+from osl_analysis.files import digest
 from osl_analysis.yaml_settings import read_mapping
 
 # facts on the origin of results
@@ -21,8 +22,6 @@ ABOUT_MEANING = {
     ),
     "recorded": "date of the data, or what is known in its place",
 }
-# the LaTeX macros, without prefix
-ABOUT_MACROS = {name: name.capitalize() for name in ABOUT_MEANING}
 # settings that do not change results, or stand beside the hash
 NOT_HASHED = {"raw_data", "sheet", "results", "sources", "failed_trials", "data", "recorded"}
 HASH_DIGITS = 8
@@ -58,9 +57,33 @@ def hash_of_settings(campaign: Campaign, simulation: Sequence[Path]) -> str:
     config = campaign.config
     files = {config.parameters, config.impedance_trajectory, *simulation} - {None}
     settings = config.model_dump(mode="json", exclude=NOT_HASHED)
-    digests = sorted(str(content_digest(path)) for path in files if path is not None)
+    digests = sorted(str(digest(path)) for path in files if path is not None)
     text = json.dumps([settings, digests], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:HASH_DIGITS]
+
+
+def settings_of(campaign: Campaign) -> dict[str, str]:
+    """The settings that results depend on, as JSON by dotted name, and the first digits of the
+    SHA-256 of files that they name."""
+    config = campaign.config
+    settings = flat(config.model_dump(mode="json", exclude={*NOT_HASHED, "campaign"}))
+    for name in ("parameters", "impedance_trajectory"):
+        path = getattr(config, name)
+        if path is not None:
+            settings[name] = f"{path.name} ({str(digest(path))[:HASH_DIGITS]})"
+    return settings
+
+
+def flat(settings: Mapping[str, Any], begin: str = "") -> dict[str, str]:
+    """Nested settings as JSON by dotted name."""
+    by_name: dict[str, str] = {}
+    for key, value in settings.items():
+        name = f"{begin}{key}"
+        if isinstance(value, dict) and value:
+            by_name.update(flat(value, f"{name}."))
+        else:
+            by_name[name] = json.dumps(value)
+    return by_name
 
 
 def date_of_data(campaign: Campaign) -> str:

@@ -12,6 +12,7 @@ from pathlib import Path
 from osl_analysis.campaign.campaign_trials import Campaign
 from osl_analysis.campaign.figure_examples import matching, response_example
 from osl_analysis.config.experiments import EXPERIMENTS, ResultTable
+from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.figures import FIGURES
 from osl_analysis.judge.claims import CLAIMED
 
@@ -19,9 +20,8 @@ from osl_analysis.judge.claims import CLAIMED
 COMPONENTS = ("actuator", "belt", "transmission")
 # Tables of a campaign with components, also with some of them only
 FIGURE_SUFFIXES = ("csv", "pdf", "svg", "png")  # plotted numbers, and the figure
-# Suffixes of files with the rows of one trial; those of an experiment's first table are CSV, and
+# Suffix of files with the rows of one trial; those of an experiment's first table are CSV, and
 # those of all others of its tables stand in one archive
-ROW_SUFFIXES = {"record": "parquet"}
 ARCHIVE_SUFFIX = "zip"
 
 
@@ -90,7 +90,7 @@ class ResultFiles:
             if other.name != table:
                 continue
             first = EXPERIMENTS[experiment].tables[0].name
-            suffix = "csv" if table == first else ROW_SUFFIXES.get(table, ARCHIVE_SUFFIX)
+            suffix = "csv" if table == first else ARCHIVE_SUFFIX
             for trial in self.campaign.rows_of(experiment, other):
                 if trials is None or trial in trials:
                     files.append(f"{self.results}/fits/{first}/{trial}.{suffix}")
@@ -167,6 +167,18 @@ class ResultFiles:
     def evidence_of(self, table: str) -> list[str]:
         """The evidence that is read beside the table `impedance`; none beside another one."""
         return self.tables("impedance_evidence") if table == "impedance" else []
+
+    @cached_property
+    def fits_with_offers(self) -> list[str]:
+        """The fits of single trials that have columns for findings alone."""
+        described = described_tables_by_name()
+        names = [name for name in self.gathered_tables if name in described]
+        return [file for name in names if described[name].of_fits for file in self.rows(name)]
+
+    @property
+    def trials_with_offers(self) -> list[str]:
+        """The trials of these fits."""
+        return [Path(file).stem for file in self.fits_with_offers]
 
     def places_in(self, table: str) -> dict[str, dict[str, str]]:
         """Joint and side of the trials that have rows in a table."""

@@ -31,7 +31,6 @@ EXPERIMENTS_BY_SETTING: dict[str, tuple[str, ...]] = {
     "torque_angle.cutoff_hz": ("torque_angle",),
     "parameters": ("belt", "transmission", "actuator", "impedance"),
     "gain_weight": ("impedance",),
-    "model_comparison.sign_width": ("impedance",),
     "dynamometer.amplitudes_deg": ("transmission", "impedance"),
     "dynamometer.frequencies_hz": ("transmission", "impedance"),
     "dynamometer.cycles": ("transmission", "impedance"),
@@ -48,7 +47,6 @@ EXPERIMENTS_BY_SETTING: dict[str, tuple[str, ...]] = {
     "claims.K_percent": ("impedance", "walking"),
     "impedance_trajectory": ("walking",),
     "figures.midstance_stiffness": ("walking",),
-    "figures.stance_share": ("walking",),
     "walking.side": ("walking",),
     "walking.plate": ("walking",),
     "walking.markers": ("walking",),
@@ -61,8 +59,6 @@ USED_FOR_NULL = {"torque_angle.zero": "end"}  # values used for null
 # settings that are not used without these files
 NEEDED_FILE = {
     "gain_weight": "parameters",
-    "model_comparison.sign_width": "parameters",
-    "figures.stance_share": "impedance_trajectory",
 }
 
 

@@ -20,8 +20,8 @@ from osl_analysis.bench import (
     torque_angle,
     torque_angle_tables,
 )
-from osl_analysis.bench.actuator_alone import ACTUATOR_PARAMETERS, actuator_table, actuator_trial
-from osl_analysis.bench.analysis import QUANTITIES, analysed
+from osl_analysis.bench.actuator_alone import actuator_table, actuator_trial
+from osl_analysis.bench.analysis import analysed
 from osl_analysis.bench.belt import belt_curve, belt_table, belt_trial
 from osl_analysis.bench.bench_frame import measured_frame
 from osl_analysis.bench.component_summary import part_summary
@@ -29,13 +29,13 @@ from osl_analysis.bench.effects import IMPEDANCE, plain_sums
 from osl_analysis.bench.fit_tables import FitTables, tables_of_fit
 from osl_analysis.bench.fixture import fixture_column, fixture_weight_column, with_fixture
 from osl_analysis.bench.plausibility import plausible
-from osl_analysis.bench.record import Record, stored_record, with_actuator
+from osl_analysis.bench.record import Record, with_actuator
 from osl_analysis.bench.recorded_motion import record_of_trial, sine_record
-from osl_analysis.bench.transmission import LOSSES, transmission_of, transmission_table
+from osl_analysis.bench.transmission import transmission_of, transmission_table
 from osl_analysis.ingest.examine import check_recording, saturated
 from osl_analysis.model.compensator import Weight
 from osl_analysis.model.drivetrain import FileOrNone, joint_admittance, known_parameters
-from osl_analysis.table import read_table, with_evidence, write_table
+from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import Trial
 
 
@@ -51,7 +51,7 @@ def fit_belt_trial(
     belt = belt_trial(trial, p, settings)
     return tables_of_fit(
         replace(belt.series(), motion=belt.sums.columns["theta"]),  # against the deflection
-        lambda: {"timebase": belt.time_base(["K_s"])},
+        lambda: {"timebase": belt.time_base()},
         belt=plausible(belt_table(belt), rails, p, "K_s"),
         belt_curves=belt_curve(belt),
     )
@@ -70,7 +70,7 @@ def fit_transmission_trial(
     table = table.with_columns(fixture_column(trial))
     return tables_of_fit(
         analysis.series(),
-        lambda: {"timebase": analysis.time_base(LOSSES)},
+        lambda: {"timebase": analysis.time_base()},
         transmission=table,
     )
 
@@ -94,15 +94,10 @@ def fit_impedance_trial(
         What the leg was asked to render, as far as it is known.
     weight : Weight
         W of Eq. 14.
-    models : ModelComparison
     settings : ImpedanceAnalysis
     windows : str or None
         Those of the sheet [s], which are fitted where the motion is no stepped sine.
 
-    Returns
-    -------
-    FitTables
-        Where the gains are known, with the `record` with which the drivetrain is compared.
     """
     p = known_parameters(parameters)
     check_recording(trial, settings)
@@ -122,8 +117,7 @@ def fit_impedance_trial(
         return {
             "phasors": by_frequency.with_columns(**columns),
             "response": response.with_columns(**columns),
-            "timebase": analysis.time_base(QUANTITIES),
-            "record": stored_record(record) if gains else pl.DataFrame(schema={"time": pl.Float64}),
+            "timebase": analysis.time_base(),
         }
 
     return tables_of_fit(analysis.series(), others, impedance=table)
@@ -149,11 +143,10 @@ def fit_actuator_trial(
     check_recording(trial, settings, "torque_m", angle=None)
     rails = saturated(trial, "torque_m", "current")
     actuator = actuator_trial(trial, settings)
-    table = plausible(actuator_table(actuator), rails, p, "k_tau_n_m", "f_C", "f_G", "B_m", "J_m")
+    table = plausible(actuator_table(actuator), rails, p, "k_tau_n_m", "f_C", "J_m")
     is_velocity = table["motion"][0] == "omega_m"
     series = replace(actuator.series(), motion=actuator.record.theta, is_velocity=is_velocity)
-    fitted = [name for name in ACTUATOR_PARAMETERS if name in actuator.whole.names]
-    return tables_of_fit(series, lambda: {"timebase": actuator.time_base(fitted)}, actuator=table)
+    return tables_of_fit(series, lambda: {"timebase": actuator.time_base()}, actuator=table)
 
 
 def fit_torque_angle_trial(
@@ -204,21 +197,18 @@ def fit_calibration_trial(
     table = known_spring.calibration_table(analysis, known, frame, stated_fixture)
     table = table.with_columns(rails, fixture_column(trial))
     return tables_of_fit(
-        analysis.series(), lambda: {"timebase": analysis.time_base(QUANTITIES)}, calibration=table
+        analysis.series(), lambda: {"timebase": analysis.time_base()}, calibration=table
     )
 
 
 def summarise(table: Path, output: Path, data: str = "") -> None:
-    """What a table of the campaign tells of its trials together: K, B and I of conditions with
-    several trials, the frequency response averaged over the amplitudes, the summary of a part."""
-    if table.stem == "impedance":
-        rows = with_evidence(table, ("amplitude_deg", "doubtful"))
-        summary = condition_tables.repeated_trials_table(rows)
-    elif table.stem == "phasors":
-        rows = with_evidence(table, ("amplitude_deg", "doubtful"))
+    """What a table of the campaign tells of its trials together: the frequency response averaged
+    over the amplitudes, or the summary of a part."""
+    if table.stem == "phasors":
+        rows = read_table(table, ("amplitude_deg", "doubtful"))
         summary = frequency_response.frequency_response_table(rows)
     else:
-        summary = part_summary(table.stem, with_evidence(table))
+        summary = part_summary(table.stem, read_table(table))
     write_table(summary, output, data)
 
 

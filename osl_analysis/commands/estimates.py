@@ -27,13 +27,13 @@ PRINTED = (
 @cache
 def printed_units() -> Mapping[str, str]:
     """Unit of each estimate that is printed: of `PRINTED`, and what an experiment calls K, B and I.
-    Those with a standard error are estimates."""
+    Those with an interval are estimates."""
     units: dict[str, str] = dict.fromkeys(PRINTED, "")
     for experiment in EXPERIMENTS.values():
         units.update(dict.fromkeys(filter(None, experiment.impedance), ""))
     for table in described_tables_by_name().values():
         for name in units.keys() & table.columns.keys():
-            if f"{name}_se" in table.columns:
+            if f"{name}_low" in table.columns:
                 units[name] = in_print(table.columns[name].unit)
     return units
 
@@ -58,7 +58,6 @@ def finding_json(finding: Finding, row: Mapping[str, Any]) -> dict[str, Any]:
         "grade": finding.grade.value,
         "name": finding.name,
         "cause": finding.cause,
-        "sizes": dict(finding.sizes),
         "without": dict(finding.without),
         **words_of(finding, row)._asdict(),
         "evidence": [finite_or_null(asdict(number)) for number in finding.evidence],
@@ -77,8 +76,8 @@ def estimates_text(estimates: pl.DataFrame, findings: Sequence[Sequence[Finding]
         if has_one_amplitude and row.get("amplitude_deg") is not None:
             continue
         quality = f"VAF {row['VAF']:.2f} %" if "VAF" in row else "no VAF"
-        if "R2" in row:
-            quality += f", R2 {row['R2']:.5f}, condition {row['condition_number']:.1f}"
+        if "condition_number" in row:
+            quality += f", condition {row['condition_number']:.1f}"
         lines.append(f"{row['trial']}, {fitted_motion(row)}: {quality}")
         lines += [estimate_line(row, name) for name in estimated(row)]
         for finding in of_row:
@@ -146,5 +145,7 @@ def interval_text(value: float, low: float | None, high: float | None) -> str:
 def estimated(row: Mapping[str, Any]) -> list[str]:
     """The quantities that a fit estimates (a belt at a constant velocity has no B_j), or all its
     numbers."""
-    quantities = [name for name in printed_units() if f"{name}_se" in row and row[name] is not None]
+    quantities = [
+        name for name in printed_units() if f"{name}_low" in row and row[name] is not None
+    ]
     return quantities or [name for name, value in row.items() if isinstance(value, float)]

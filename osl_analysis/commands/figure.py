@@ -39,9 +39,8 @@ from osl_analysis.refusal import Refusal, read_refusals
 from osl_analysis.stats.repeats import DOUBTFUL
 from osl_analysis.table import read_table, read_tables, with_evidence, write_table
 from osl_analysis.trial import read_trial
-from osl_analysis.walking.crossing import DOWN, UP, Crossing
 from osl_analysis.walking.result_tables import walking_page_points
-from osl_analysis.walking.unperturbed_gait import UnperturbedGait, unperturbed_gait
+from osl_analysis.walking.unperturbed_gait import unperturbed_gait
 from osl_analysis.walking.walking_settings import TimingSettings
 
 UNDRAWN = "This figure is not drawn."  # how the caption of one begins that has nothing to show
@@ -112,6 +111,7 @@ def names_of_trials(refused: Iterable[Refusal]) -> list[str]:
 
 
 CURVE_POINTS = 101  # of a response by a model
+SHOWN_S = 10.0  # length of the part of a trial that Fig. 4 shows
 SAME_AMPLITUDE_DEG = 1e-6  # difference of an amplitude that a CSV file rounds
 MOST_NAMED = 4  # refused trials below a figure; the caption names more, `excluded.csv` all
 
@@ -199,7 +199,7 @@ def fig4(
     windows: str | None = None,
     data: str = "",
 ) -> None:
-    """Write the numbers of Fig. 4: the last seconds of one amplitude, or of a motion that is no
+    """Write the numbers of Fig. 4: the end of the largest amplitude, or of a motion that is no
     stepped sine, measured and by the best second-order fit.
 
     Parameters
@@ -211,7 +211,7 @@ def fig4(
     settings
         Of the fit.
     choice
-        That of `time_series_example`: trial, place, condition, amplitude and duration.
+        That of `time_series_example`.
     limits
         By which the fit may be doubtful.
     output
@@ -222,9 +222,9 @@ def fig4(
         What the data are.
     """
     record = record_of_trial(read_trial(trial), settings, windows)
-    label = record.label_near(choice["amplitude_deg"])
+    label = record.label_near(None)
     analysis = analysed(record, plain_sums(record, IMPEDANCE), IMPEDANCE)
-    series = analysis.last_seconds(label, choice["duration_s"])
+    series = analysis.last_seconds(label, SHOWN_S)
 
     fits = read_table(fit)
     fits = marked(fits, judged(fits, limits, "impedance"), "impedance")
@@ -329,29 +329,14 @@ def plot_walking_page(
     isolated = isolated.join(doubtful, on="trial", how="left", maintain_order="left")
     selected = selected_crossings(crossings, selection)
     gaits = read_unperturbed_gaits(unperturbed)
-    gait_of = dict(read_table(selection, ["trial", "gait"]).select("trial", "gait").iter_rows())
     frames = []
     for of_group in isolated.partition_by("group", maintain_order=True):
         trials = set(of_group["trial"])
         perturbed = [crossing for crossing in selected if crossing.name in trials]
         gait_curves = {
-            "unperturbed": gaits[gait_of[perturbed[0].name]],
-            **perturbed_gaits(perturbed),
+            "unperturbed": gaits[of_group["group"][0]],
+            "perturbed": unperturbed_gait(perturbed, 1),
         }
         points = walking_page_points(perturbed, gait_curves, of_group.drop("group"), settings)
         frames.append(points.with_columns(group=pl.lit(of_group["group"][0])))
     write_table(pl.concat(frames, how="diagonal"), output, data)
-
-
-def perturbed_gaits(perturbed: Sequence[Crossing]) -> dict[str, UnperturbedGait]:
-    """The mean perturbed gait; of turns in both directions one of each, since their mean is
-    nobody's gait."""
-    by_sign: dict[float, list[Crossing]] = {}
-    for crossing in perturbed:
-        by_sign.setdefault(crossing.sign, []).append(crossing)
-    if len(by_sign) == 1:
-        return {"perturbed": unperturbed_gait(perturbed, 1)}
-    return {
-        f"perturbed {DOWN if sign < 0 else UP}": unperturbed_gait(crossings, 1)
-        for sign, crossings in by_sign.items()
-    }

@@ -12,6 +12,7 @@ import polars as pl
 from osl_analysis.bench.fit_tables import FitTables
 from osl_analysis.campaign.configuration import Config, over_default, own_fields, section_of
 from osl_analysis.commands.fit_results import FIT_TYPES, Fit
+from osl_analysis.commands.remedies import fit_or_advise
 from osl_analysis.config.experiments import EXPERIMENTS, FitJob
 from osl_analysis.errors import InputError
 from osl_analysis.files import shipped
@@ -30,11 +31,11 @@ def job_of(experiment: str) -> FitJob:
     return fit
 
 
-def function_of(job: FitJob) -> Callable[..., FitTables | Mapping[str, pl.DataFrame]]:
+def function_of(job: FitJob) -> Callable[..., FitTables]:
     """The function of `commands` that a job of a fit names."""
     module_name, _, function_name = job.job.partition(".")
     module = import_module(f"osl_analysis.commands.{module_name}")
-    fit: Callable[..., FitTables | Mapping[str, pl.DataFrame]] = getattr(module, function_name)
+    fit: Callable[..., FitTables] = getattr(module, function_name)
     return fit
 
 
@@ -98,15 +99,14 @@ def run_fit(
         The experiment has no fit, or the recording cannot be fitted.
     """
     job = job_of(experiment)
-    arguments = dict(settings)
+    arguments = {"trial": trial, **settings}
     if job.parameters:
         arguments["parameters"] = parameters
     if job.sheet:
         arguments["condition"] = condition
     if job.windows:
         arguments["windows"] = windows
-    tables = function_of(job)(trial, **arguments)
-    return tables if isinstance(tables, FitTables) else FitTables(tables)
+    return fit_or_advise(function_of(job), trial, **arguments)
 
 
 def fit_trial(

@@ -14,7 +14,6 @@ from osl_analysis.errors import nearest, printable_lines
 from osl_analysis.figures import drawn
 from osl_analysis.judge.finding import Finding, Grade
 from osl_analysis.judge.words import finding_text
-from osl_analysis.renamed import RENAMED_COLUMNS, current_name
 
 DOTS_PER_INCH = 100  # of the picture in a notebook
 Interval = tuple[float, float]
@@ -100,14 +99,9 @@ class Fit:
         row = self.row
         quantity = name.removesuffix("_interval")
         is_interval = quantity != name
-        new = RENAMED_COLUMNS.get(self.experiment, {}).get(quantity)
-        if new is not None:
-            quantity = current_name(quantity, new, AttributeError)
         if is_interval and f"{quantity}_low" in row:
             ends = (row[f"{quantity}_low"], row[f"{quantity}_high"])
             return tuple(math.nan if end is None else end for end in ends)
-        if not is_interval:
-            name = quantity
         if name not in row:
             estimates = ", ".join(estimated(row))
             raise AttributeError(

@@ -57,12 +57,9 @@ SELDOM = ("joint", "fixture")  # columns of a drafted sheet only where a trial h
 CHANNEL_KEYS = {"topic", "field", "column", "variable"}  # that name a channel of a log
 FEWEST_CHANNELS = 3  # of a shipped source file, by which its recorder is known
 MOST_SHOWN = 4  # files or trials of one kind in the text of `init`
-MOST_LINES = 15  # of the text of `init`
 MOST_REFUSED = 3  # files that were not read, in the text of `init`
 MOST_QUESTIONS = 4  # in the text of `init`; the files have all of them
 MOST_OF_SOURCES = 4  # lines on source files in the text of `init`
-MOST_WARNINGS = 2  # of the recordings of a trial
-MOST_OF_LOOK = 4  # lines that it shows of a trial's estimates; `doctor --look` tells the rest
 
 
 @dataclass
@@ -551,15 +548,15 @@ def unaligned_clocks(folder: Path, draft: Draft) -> Iterator[str]:
 
 
 def campaign_text(folder: Path, draft: Draft) -> str:
-    """What is to be decided first, what the recordings were taken for, what the first trials give,
-    and the next command that can succeed."""
+    """What is to be decided first, what the recordings were taken for, and the next command that
+    can succeed."""
     questions = left_to_decide(folder, draft)
     lines: list[str] = []
     if questions:
         lines.append("to be decided:")
         lines += [f"  {text}" for text in questions[:MOST_QUESTIONS]]
         if len(questions) > MOST_QUESTIONS:
-            lines.append(f"  and {len(questions) - MOST_QUESTIONS} more, which `doctor` tells")
+            lines.append(f"  and {len(questions) - MOST_QUESTIONS} more, marked in the files")
     lines += source_lines(draft)
     by_experiment: dict[str, list[str]] = {}
     for trial in draft.trials:
@@ -616,5 +613,5 @@ def next_command(folder: Path, is_ready: bool) -> str:
     """The next command that can succeed."""
     place = f"cd {shlex.quote(str(folder))}"
     if not is_ready:
-        return f"then: edit what is named above; {place} && osl-analysis run"
+        return f"then: edit what is named above; {place} && osl-analysis run -n says what is left"
     return f"then: {place} && osl-analysis run"

@@ -1,21 +1,21 @@
 """Result tables from the tables of single trials, and the summary with the headline numbers."""
 
 import json
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from math import isfinite
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
 import polars as pl
 
 from osl_analysis.bench.torque_angle_tables import compared_with_repeats
 from osl_analysis.campaign.origin import sentence
 from osl_analysis.campaign.setting_states import MEASURED_COLUMNS
-from osl_analysis.config.experiments import judged_tables
+from osl_analysis.config.experiments import EXPERIMENTS, judged_tables
+from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path, write_text
-from osl_analysis.judge.campaign import campaign_findings
+from osl_analysis.judge.campaign import campaign_findings, offered_frame
 from osl_analysis.judge.claims import Claims, claims_table
 from osl_analysis.judge.exclusions import Judge
 from osl_analysis.judge.finding import findings_frame, read_findings
@@ -26,23 +26,27 @@ from osl_analysis.judge.summary_findings import causes_in_campaign
 from osl_analysis.model.drivetrain import FileOrNone, joint_of, read_parameters
 from osl_analysis.outcomes.job_log import read_log
 from osl_analysis.refusal import Refusal, check_not_refused, refused_trials
-from osl_analysis.report.left_out import TABLES_OF_TRIALS, left_out_trials
+from osl_analysis.report.left_out import TABLES_OF_TRIALS, LeftOut, left_out_trials
 from osl_analysis.report.numbers import (
     ENTRIES,
+    Number,
     headline_numbers,
+    macros_tex,
     numbers_in_summary,
     to_json,
-    to_tex,
 )
 from osl_analysis.report.paper_tables import (
-    components_table,
-    conditions_table,
+    Rows,
+    component_rows,
+    condition_rows,
+    conditions,
+    groups,
     to_markdown,
-    walking_table,
+    to_tex,
 )
-from osl_analysis.report.paper_tables import to_tex as table_tex
 from osl_analysis.report.text_tables import aligned, markdown_table
 from osl_analysis.report.used_trials import missing_lines, used_and_missing
+from osl_analysis.report.verdicts import verdict_counts
 from osl_analysis.schema import SCHEMA_FIELD, check_schema
 from osl_analysis.stats.repeats import size_texts
 from osl_analysis.table import (
@@ -100,9 +104,9 @@ def gather(
         if limits_of_fits is not None and fits:
             origin = read_tables(fits)
             findings_of_fits = judged(origin, limits_of_fits, fits[0].parent.name)
-            findings = with_inherited(output.stem, table, findings, origin, findings_of_fits)
+            findings = with_inherited(table, findings, origin, findings_of_fits)
         table = marked(table, findings, output.stem)
-    table = with_places(table, places or {})
+    table = with_places(table.drop(unpublished(table, output.stem), strict=False), places or {})
     if evidence is not None:
         in_evidence = [name for name in table.columns if name in evidence_columns]
         write_table(table.select(in_evidence), evidence, data)
@@ -110,6 +114,14 @@ def gather(
         further = [name for name in in_evidence if name not in ROW_KEYS]
         table = table.drop(further)
     write_table(table, output, data)
+
+
+def unpublished(table: pl.DataFrame, name: str) -> list[str]:
+    """Columns of single trials that the table of all has not: those that only findings read, and
+    shared errors of the bench of which none is stated."""
+    of_bench = [column for column in table.columns if column.endswith("_se_bench")]
+    unstated = [column for column in of_bench if not (table[column] > 0).any()]
+    return [*described_tables_by_name()[name].of_fits, *unstated]
 
 
 def write_settings(
@@ -178,14 +190,51 @@ def write_findings(
     verdicts: Path,
     limits: DoubtfulFits,
     output: Path,
+    offered: Path,
+    fits: Sequence[Path] = (),
     places: Places | None = None,
     data: str = "",
 ) -> None:
-    """Write `findings.csv`: the findings on all trials, from the result `tables` by name and the
-    verdicts on recordings."""
-    tables_by_name = {name: with_evidence(path) for name, path in tables.items()}
+    """Write the findings on all trials, as values and in words.
+
+    Parameters
+    ----------
+    tables : Mapping of str to Path
+        Result tables by name.
+    verdicts : Path
+        `quality.csv`.
+    limits : DoubtfulFits
+        Accuracy and limits of the configuration.
+    output, offered : Path
+        `findings.csv`, and `offered.csv` with the estimates that findings offer.
+    fits : Sequence of Path
+        Tables of single trials, for columns that only findings read.
+    places : Places or None
+        Joint and side of each trial.
+    data : str
+        Whether the recordings are simulated or measured.
+    """
+    fits_by_table: dict[str, list[Path]] = {}
+    for fit in fits:
+        fits_by_table.setdefault(fit.parent.name, []).append(fit)
+    tables_by_name = {}
+    for name, path in tables.items():
+        of_fits = fits_by_table.get(name, ())
+        tables_by_name[name] = with_columns_of_fits(with_evidence(path), name, of_fits)
     findings = campaign_findings(tables_by_name, read_table(verdicts), limits)
     write_table(with_places(findings_frame(findings), places or {}), output, data)
+    write_table(with_places(offered_frame(findings), places or {}), offered, data)
+
+
+def with_columns_of_fits(table: pl.DataFrame, name: str, fits: Sequence[Path]) -> pl.DataFrame:
+    """A result table with the columns of its fits that it has not published."""
+    if not fits:
+        return table
+    of_fits = read_tables(fits)
+    keys = ["trial", "amplitude_deg"]
+    beside = of_fits.select(*keys, pl.col(*described_tables_by_name()[name].of_fits))
+    beside = beside.with_columns(pl.col(key).cast(table.schema[key]) for key in keys)
+    return table.join(beside, on=keys, how="left", nulls_equal=True, maintain_order="left")
 
 
 def refused_rows(refused: Sequence[Refusal]) -> pl.DataFrame:
@@ -231,6 +280,7 @@ def write_summary(
     findings: Path | None = None,
     refused: Sequence[Refusal] = (),
     beside_draft: bool = True,
+    settings: Mapping[str, str] | None = None,
 ) -> None:
     """Write headline numbers of a campaign, and what a reader must know of them.
 
@@ -250,6 +300,8 @@ def write_summary(
         The causes of missing tables.
     beside_draft : bool
         Whether the numbers of the paper's draft stand beside them.
+    settings : Mapping of str to str or None
+        The settings that results depend on, by dotted name, for a comparison of two campaigns.
     """
     needed = {
         *(entry.table for entry in ENTRIES),
@@ -258,39 +310,41 @@ def write_summary(
     }
     tables = {name: with_evidence(path) for name, path in table_paths.items() if name in needed}
     numbers = list(headline_numbers(tables, beside_draft))
-    used_trials: Mapping[str, Any] = {}
+    all_findings = read_findings(findings) if findings else []
+    left_out: Mapping[str, LeftOut] = {}
     if excluded:
         columns = ("trial", "check", "value", "unit", "threshold", "remark")
-        left_out = left_out_trials(sheet or {}, read_table(excluded, columns), tables, {})
-        used_trials = used_and_missing(sheet or {}, left_out)
+        left_out = left_out_trials(sheet or {}, read_table(excluded, columns), tables)
     missing_results: dict[str, str] = {}
     for refusal in refused:
         if not refusal.trial:
             missing_results[refusal.file] = refusal.reason.removeprefix(f"{refusal.file}: ")
-    all_findings = read_findings(findings) if findings else []
     checks = read_table(verdicts) if verdicts else pl.DataFrame(schema=["check", "verdict"])
     intervals = intervals_text(tables)
     content = {
-        "trials": used_trials,
+        "trials": used_and_missing(sheet or {}, left_out),
+        "verdicts": verdict_counts(sheet or {}, all_findings, left_out),
         "missing_results": missing_results,
         "intervals": intervals,
         "findings": [
             finding.to_json() for finding in causes_in_campaign(all_findings, tables, checks)
         ],
+        "settings": settings or {},
     }
+    remarks = missing_lines(content, reasons=False)
     with atomic_path(summary_json) as json_path, atomic_path(numbers_tex) as tex_path:
         json_path.write_text(to_json(about, numbers, content), encoding="utf-8")
-        tex_path.write_text(to_tex(about, numbers), encoding="utf-8")
+        tex_path.write_text(macros_tex(about, numbers, remarks), encoding="utf-8")
 
 
 def write_conditions(table: Path, about: Mapping[str, str], tex: Path, markdown: Path) -> None:
     """Write K, B and I of each condition in `impedance.csv` as a table for a paper."""
-    write_paper_table(conditions_table(with_evidence(table)), about, tex, markdown)
+    write_paper_table(condition_rows(conditions(with_evidence(table))), about, tex, markdown)
 
 
 def write_walking(table: Path, about: Mapping[str, str], tex: Path, markdown: Path) -> None:
     """Write K, B and I of each group in `walking_summary.csv` as a table for a paper."""
-    write_paper_table(walking_table(read_table(table)), about, tex, markdown)
+    write_paper_table(condition_rows(list(groups(read_table(table)))), about, tex, markdown)
 
 
 def write_components(
@@ -303,32 +357,32 @@ def write_components(
     """Write the measured components as a table for a paper, with the draft's values if
     `beside_draft`."""
     tables = {name: read_table(path) for name, path in summaries.items()}
-    write_paper_table(components_table(tables, beside_draft), about, tex, markdown)
+    write_paper_table(component_rows(tables, beside_draft), about, tex, markdown)
 
 
-def write_paper_table(
-    table: pd.DataFrame, about: Mapping[str, str], tex: Path, markdown: Path
-) -> None:
-    write_text(tex, table_tex(table, sentence(about)))
-    write_text(markdown, to_markdown(table, sentence(about)))
+def write_paper_table(rows: Rows, about: Mapping[str, str], tex: Path, markdown: Path) -> None:
+    write_text(tex, to_tex(rows, sentence(about)))
+    write_text(markdown, to_markdown(rows, sentence(about)))
+
+
+FITTED_ON_BENCH = {facts.tables[0].name for facts in EXPERIMENTS.values() if facts.place == "bench"}
+"""The tables of fits on the bench."""
 
 
 def intervals_text(tables: Mapping[str, pl.DataFrame]) -> str:
     """Which errors of calibration the intervals of a bench's tables include."""
-    errors = [
-        table[name].max()
-        for table in tables.values()
-        for name in table.columns
-        if name.endswith("_se_bench")
-    ]
-    if any(errors):
-        return "Intervals on the bench contain what is stated of its errors."
-    return "Intervals on the bench have no errors that all trials share." if errors else ""
+    of_bench = tables.keys() & FITTED_ON_BENCH
+    if not of_bench:
+        return ""
+    for name in of_bench:
+        if any(column.endswith("_se_bench") for column in tables[name].columns):
+            return "Intervals on the bench contain what is stated of its errors."
+    return "Intervals on the bench have no errors that all trials share."
 
 
 def read_summary(summary_json: Path) -> dict[str, Any]:
     """Read the summary that `write_summary` wrote. Raises InputError where it is missing, is none,
-    or is of a newer release; one of an older release is told as a warning."""
+    or is of another release."""
     check_not_refused(summary_json)
     if not summary_json.is_file():
         raise InputError(
@@ -337,40 +391,28 @@ def read_summary(summary_json: Path) -> dict[str, Any]:
         )
     try:
         content: dict[str, Any] = json.loads(summary_json.read_text(encoding="utf-8"))
-        for name, number in content["numbers"].items():
-            check_number(name, number)
-    except (ValueError, RecursionError, TypeError, AttributeError, KeyError) as error:
-        reason = f"no field {error}" if isinstance(error, KeyError) else f"{error}"
-        raise InputError(
-            f"{summary_json}: not a summary ({reason}); delete it and run `snakemake reproduce-all`"
-        ) from error
-    check_schema(content.get(SCHEMA_FIELD), summary_json, content.get("version"))
+        schema, release = content.get(SCHEMA_FIELD), content.get("version")
+    except (ValueError, RecursionError, AttributeError) as error:
+        raise no_summary(summary_json, f"{error}") from error
+    check_schema(schema, summary_json, release)
+    try:
+        check_numbers(numbers_in_summary(content))
+    except (ValueError, TypeError, AttributeError, KeyError) as error:
+        raise no_summary(summary_json, f"{error}") from error
     return content
 
 
-FIELDS_OF_NUMBER = (
-    "value",
-    "unit",
-    "low",
-    "high",
-    "interval",
-    "n",
-    "n_doubtful",
-    "n_left_out",
-    "draft",
-    "meaning",
-)
-"""Fields of each number of a summary that are read."""
+def no_summary(summary_json: Path, reason: str) -> InputError:
+    return InputError(
+        f"{summary_json}: not a summary ({reason}); delete it and run `osl-analysis run`"
+    )
 
 
-def check_number(name: str, number: Mapping[str, Any]) -> None:
-    """Refuse a number of a summary that is not finite or lacks a field, with ValueError."""
-    value = number.get("value", 0.0)
-    if not isinstance(value, int | float) or not isfinite(value):
-        raise ValueError(f"numbers.{name}.value: {value!r} is not allowed")
-    for field in FIELDS_OF_NUMBER:
-        if field not in number:
-            raise ValueError(f"field 'numbers.{name}.{field}' is missing")
+def check_numbers(numbers: Iterable[Number]) -> None:
+    """Refuse a number that is not finite, with ValueError."""
+    for number in numbers:
+        if not isfinite(number.value):
+            raise ValueError(f"numbers.{number.name}.value: {number.value} is not allowed")
 
 
 def format_results_table(summary: Mapping[str, Any], markdown: bool = True) -> str:
@@ -379,7 +421,8 @@ def format_results_table(summary: Mapping[str, Any], markdown: bool = True) -> s
     rows = [("quantity", "value", "interval", "n", "draft")]
     for number in numbers_in_summary(summary):
         draft = "" if number.draft is None else f"{number.draft:g}"
-        rows.append((number.meaning, number.text, number.interval or "", str(number.n), draft))
+        value = f"{number.text} {number.unit}"
+        rows.append((number.meaning, value, number.kind, str(number.n), draft))
     table = markdown_table(rows) if markdown else aligned(rows)
     lines = [summary["intervals"], *(finding["line"] for finding in summary["findings"])]
     lines += missing_lines(summary, reasons=True)

@@ -1,7 +1,9 @@
 """Jobs of the walkway: calibration, plate, crossings, and the fit of each perturbation."""
 
+import json
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
@@ -17,6 +19,7 @@ from osl_analysis.commands.walking_files import (
     read_crossing,
     read_crossing_file,
     read_model,
+    read_onsets,
     read_unperturbed_gaits,
     selected_crossings,
     write_crossing,
@@ -25,6 +28,7 @@ from osl_analysis.commands.walking_files import (
     write_unperturbed_gaits,
 )
 from osl_analysis.errors import InputError, OslAnalysisError
+from osl_analysis.files import write_text
 from osl_analysis.judge.judging import EXCLUDED
 from osl_analysis.table import Places, read_table, with_places, write_table
 from osl_analysis.trial import (
@@ -38,7 +42,8 @@ from osl_analysis.walking.crossing import (
     RefusedCrossing,
     analyse_crossing,
 )
-from osl_analysis.walking.groups import ALL, SEPARATOR, cell_listing, split_keys
+from osl_analysis.walking.groups import ALL, SEPARATOR
+from osl_analysis.walking.mean_ramp import ramp_of, ramp_onsets
 from osl_analysis.walking.plate_model import (
     NO_CORRECTION,
     NOT_REMOVED,
@@ -46,7 +51,7 @@ from osl_analysis.walking.plate_model import (
     identify_plate_model,
     plate_table,
 )
-from osl_analysis.walking.poses import StaticCalibration, static_calibration
+from osl_analysis.walking.poses import StaticCalibration, segment_poses, static_calibration
 from osl_analysis.walking.selection import selection_rows
 from osl_analysis.walking.setup_checks import body_mass
 from osl_analysis.walking.unperturbed_gait import UnperturbedGait, unperturbed_gait
@@ -93,14 +98,35 @@ def identify_plate(
     else:
         model = identify_plate_model(calibrated_trials(trials, calibrations, statics), settings)
     write_model(model, output)
-    table = plate_table(model).fill_nan(None)
-    write_table(table.with_columns(plate_inertia=pl.lit(settings.plate_inertia)), comparison, data)
+    write_table(plate_table(model).fill_nan(None), comparison, data)
+
+
+def find_onsets(
+    trials: Paths,
+    calibrations: Paths,
+    statics: Statics,
+    settings: choices.CrossingSettings,
+    output: Path,
+) -> None:
+    """The onsets [s] of all perturbed crossings by the mean ramp of the platform, to a JSON file.
+
+    A crossing whose ramp cannot be followed has none; its own analysis says why."""
+    ramps = {}
+    markers = settings.markers.platform
+    for trial, static in calibrated_trials(trials, calibrations, statics):
+        with suppress(InputError):
+            time, platform = segment_poses(trial, markers, static, settings)
+            ramp = ramp_of(time, platform, settings.smallest_turn)
+            if ramp is not None:
+                ramps[trial.name] = ramp
+    write_text(output, json.dumps(ramp_onsets(ramps), indent=1) + "\n")
 
 
 def analyse(
     trial: Path,
     calibration: Path,
     plate: Path,
+    onsets: Path,
     perturbed: bool,
     settings: choices.CrossingSettings,
     output: Path,
@@ -114,8 +140,8 @@ def analyse(
     ----------
     trial : Path
         The recording.
-    calibration, plate : Path
-        Those of its static trial and of the plate.
+    calibration, plate, onsets : Path
+        Those of its static trial, of the plate and of all perturbed crossings.
     perturbed, direction, body_mass_kg
         What the sheet states.
     settings : CrossingSettings
@@ -125,8 +151,9 @@ def analyse(
     walked = read_trial(trial)
     static = read_model(calibration, StaticCalibration)
     model = read_model(plate, PlateModel)
+    onset = read_onsets(onsets).get(walked.name)
     try:
-        crossing = analyse_crossing(walked, static, model, perturbed, settings)
+        crossing = analyse_crossing(walked, static, model, perturbed, settings, onset)
         if direction is not None:
             check_direction(crossing, direction)
         crossing = replace(crossing, body_mass=body_mass(walked, body_mass_kg))
@@ -159,8 +186,7 @@ def select_crossings(
     data: str = "",
 ) -> None:
     """Write one row per crossing, in the order of the files: quality, group and, if it is excluded,
-    the reason. A warning names the conditions of the `sheet` that split results although nobody
-    asked for it."""
+    the reason."""
     analysed: list[Crossing] = []
     refused: list[RefusedCrossing] = []
     for path in crossings:
@@ -171,57 +197,32 @@ def select_crossings(
             analysed.append(crossing)
     rows = selection_rows(analysed, refused, settings, sheet)
     table = pl.DataFrame([rows[path.stem] for path in crossings], infer_schema_length=None)
-    groups = table["group"].drop_nulls().unique(maintain_order=True)
-    for remark in unasked_splits(groups.to_list(), sheet, settings):
-        warnings.warn(remark, stacklevel=2)
     write_table(with_places(table, places or {}), output, data)
-
-
-def unasked_splits(
-    groups: Sequence[str], sheet: SheetCells, settings: choices.SelectionSettings
-) -> Iterator[str]:
-    """By what the crossings are split into groups although the configuration does not ask for
-    it."""
-    for key in split_keys(sheet, settings):
-        if key in settings.group_by:
-            continue
-        values = cell_listing({cells.get(key) for cells in sheet.values()})
-        yield (
-            f"crossings differ in {key} ({values}): each value has a result of its own; write {key}"
-            " under walking.group_by to keep that, or under walking.pool for one result"
-        )
-    timings = [group for group in groups if "timing " in group]
-    if timings and "timing" not in settings.group_by:
-        yield (
-            f"perturbations begin at {len(timings)} different phases of stance"
-            f" ({'; '.join(sorted(timings))}): each has a result of its own; write timing under"
-            " walking.group_by to keep that, or under walking.pool for one result"
-        )
 
 
 def average_unperturbed(crossings: Paths, selection: Path, fewest: int, output: Path) -> None:
     """Write the unperturbed crossings that the table `selection` does not exclude, on a common grid
-    of stance phase, by gait, to a Parquet file. A gait with fewer than the `fewest` is left out
+    of stance phase, by group, to a Parquet file. A group with fewer than the `fewest` is left out
     with a warning."""
     selected = selected_crossings(crossings, selection)
     unperturbed = [crossing for crossing in selected if crossing.onset is None]
-    rows = read_table(selection, ["trial", "gait", "reason"])
+    rows = read_table(selection, ["trial", "group", "reason"])
     rows = rows.filter(pl.col("trial").is_in([path.stem for path in crossings]))
-    gaits_of_trial: dict[str, list[str]] = {}
-    for trial, cell in rows.select("trial", "gait").iter_rows():
-        gaits_of_trial[trial] = (cell or "").split(SEPARATOR)
+    groups_of_trial: dict[str, list[str]] = {}
+    for trial, cell in rows.select("trial", "group").iter_rows():
+        groups_of_trial[trial] = (cell or "").split(SEPARATOR)
     reasons = dict(rows.drop_nulls("reason").select("trial", "reason").iter_rows())
-    names = [name for name in dict.fromkeys(chain.from_iterable(gaits_of_trial.values())) if name]
+    names = [name for name in dict.fromkeys(chain.from_iterable(groups_of_trial.values())) if name]
     gaits: dict[str, UnperturbedGait] = {}
     problems: list[str] = []
     for name in names or [ALL]:
-        of_gait = [crossing for crossing in unperturbed if name in gaits_of_trial[crossing.name]]
+        of_group = [crossing for crossing in unperturbed if name in groups_of_trial[crossing.name]]
         unused: dict[str, str] = {}
         for trial, reason in reasons.items():
-            if name == ALL or name in gaits_of_trial[trial]:
+            if name == ALL or name in groups_of_trial[trial]:
                 unused[trial] = reason
         try:
-            gaits[name] = unperturbed_gait(of_gait, fewest, unused)
+            gaits[name] = unperturbed_gait(of_group, fewest, unused)
         except InputError as error:
             problems.append(str(error) if name == ALL else f"{name}: {error}")
     if not gaits:
@@ -242,12 +243,12 @@ def fit_perturbation(
     """Write the row of `walking.csv` of one perturbed crossing: Eq. 15, or the reason why it is
     excluded or has no fit."""
     gaits = read_unperturbed_gaits(unperturbed)
-    columns = ("reason", "gait", "group", "direction")
+    columns = ("reason", "group")
     rows = read_table(selection, ["trial", *columns]).filter(pl.col("trial") == crossing.stem)
     selected: dict[str, Any] = dict.fromkeys(columns)
     if len(rows):
         selected = rows.select(columns).row(0, named=True)
-    gait = gaits.get(selected["gait"] or ALL)
+    gait = gaits.get(selected["group"] or ALL)
     reason = selected["reason"] or (NO_GAIT if gait is None else None)
     # a campaign in which no perturbation can be used keeps its other results
     row: dict[str, object] = dict.fromkeys(result_tables.GROUP_QUANTITIES)
@@ -257,5 +258,5 @@ def fit_perturbation(
         except OslAnalysisError as error:
             reason = str(error)
             warnings.warn(f"excluded: {reason}", stacklevel=2)
-    place = {"trial": crossing.stem, "group": selected["group"], "direction": selected["direction"]}
+    place = {"trial": crossing.stem, "group": selected["group"]}
     write_table(pl.DataFrame([{**place, **row, EXCLUDED: reason}]), output, data)

@@ -47,8 +47,7 @@ SheetCells = Mapping[str, Mapping[str, Any]]  # Cells of the sheet of each cross
 
 
 def write_model(model: Any, path: Path) -> None:
-    """Write a calibration, the plate's model or the platform's as JSON; arrays are lists, NaN is
-    null."""
+    """Write a calibration or the plate's model as JSON; arrays are lists, NaN is null."""
     write_text(path, ADAPTERS[type(model)].dump_json(model, indent=1).decode() + "\n")
 
 
@@ -67,6 +66,13 @@ def read_model(path: Path, kind: type[Kind]) -> Kind:
             f"{path}: not what this step writes ({why}); delete it and {step}"
         ) from error
     return model
+
+
+def read_onsets(path: Path) -> dict[str, float]:
+    """Onsets [s] of perturbed crossings, by trial."""
+    check_not_refused(path)
+    onsets: dict[str, float] = json.loads(path.read_bytes())
+    return onsets
 
 
 def write_crossing(crossing: Crossing, path: Path) -> None:

@@ -1,7 +1,7 @@
-"""K, B and I of groups of perturbed crossings (Fig. 9), and over stance."""
+"""K, B and I of groups of perturbed crossings (Fig. 9)."""
 
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,16 +14,20 @@ from osl_analysis.commands.walking_files import (
     Paths,
     SheetCells,
     read_crossing,
+    read_model,
     read_unperturbed_gaits,
 )
-from osl_analysis.config.impedance_trajectory import SYNTHETIC, read_impedance_trajectory
+from osl_analysis.config.impedance_trajectory import (
+    STANCE_SHARE,
+    SYNTHETIC,
+    read_impedance_trajectory,
+)
 from osl_analysis.config.sheet import JOINT
 from osl_analysis.errors import InputError, OslAnalysisError
 from osl_analysis.judge.judging import EXCLUDED, judged, marked
 from osl_analysis.judge.limits import Limits
 from osl_analysis.stats.repeats import DOUBTFUL, doubtful_row
 from osl_analysis.table import MEASURED, Places, read_table, with_places, write_table
-from osl_analysis.trial import Array
 from osl_analysis.walking import result_tables
 from osl_analysis.walking import walking_settings as choices
 from osl_analysis.walking.ensemble import group_headline
@@ -31,12 +35,16 @@ from osl_analysis.walking.group_checks import check_fit
 from osl_analysis.walking.group_table import (
     GroupConditions,
     GroupOutcome,
+    both_directions,
+    conditions_of,
     fitted_time,
-    group_conditions,
-    group_rows,
 )
-from osl_analysis.walking.groups import ALL
+from osl_analysis.walking.groups import ALL, group_conditions
+from osl_analysis.walking.plate_model import PlateModel
 from osl_analysis.walking.unperturbed_gait import UnperturbedGait
+
+Commanded = Callable[[str, float], float | None]
+"""Impedance that a leg was commanded, by quantity (K, B) and phase of stance."""
 
 FEWEST_FITS = 2  # of perturbations, for a scatter
 TOO_FEW = "perturbations can be used, expected 2 or more for a scatter; see the reasons in"
@@ -70,15 +78,10 @@ class Perturbations:
         """The fits that are not excluded."""
         return self.fits.filter(pl.col(EXCLUDED).is_null())
 
-    @property
-    def not_used(self) -> pl.DataFrame:
-        """The crossings that are not used, with the reason."""
-        return self.selection.select("trial", "perturbed", "reason").drop_nulls("reason")
-
     def trials_of(self, group: str) -> list[str]:
-        """The perturbed crossings of a group."""
-        of_group = self.selection.filter(pl.col("perturbed"), pl.col("group") == group)
-        return of_group["trial"].to_list()
+        """The perturbed crossings of a group that are used."""
+        is_used = pl.col("perturbed") & pl.col("reason").is_null()
+        return self.selection.filter(is_used, pl.col("group") == group)["trial"].to_list()
 
 
 def read_perturbations(
@@ -86,7 +89,7 @@ def read_perturbations(
 ) -> Perturbations:
     """Read what `fit_perturbation`, `select_crossings` and `average_unperturbed` wrote."""
     fits = read_table(table, ["trial"])
-    selected = read_table(selection, ["trial", "reason", "gait", "group"])
+    selected = read_table(selection, ["trial", "reason", "group"])
     return Perturbations(
         fits=fits,
         selection=with_reasons(selected, fits),
@@ -104,9 +107,10 @@ def summarise_perturbations(
     settings: choices.EnsembleSettings,
     output: Path,
     responses: Path,
-    excluded: Path,
     groups: Path,
     sheet: SheetCells,
+    plate: Path,
+    trajectory: Paths = (),
     limits: Limits | None = None,
     places: Places | None = None,
     data: str = "",
@@ -126,12 +130,14 @@ def summarise_perturbations(
         The mean over perturbations, and the ensemble fit.
     responses : Path
         Responses in their window.
-    excluded : Path
-        The crossings that are not used, with the reason.
     groups : Path
         The conditions of each group.
     sheet : Mapping
         Cells of the sample sheet of each crossing.
+    plate : Path
+        The plate's model.
+    trajectory : Sequence of Path
+        What a leg was commanded over the gait cycle, if a file says so.
     limits : Limits or None
         Beyond which a group is doubtful.
     places : Places or None
@@ -146,10 +152,15 @@ def summarise_perturbations(
     """
     places = places or {}
     perturbations = read_perturbations(table, crossings, selection, unperturbed)
-    write_table(with_places(perturbations.not_used, places), excluded, data)
     check_enough_fits(perturbations, table)
-    results = group_results(perturbations, sheet, settings)
-    check_any_result(results, table, excluded)
+    results = group_results(
+        perturbations,
+        sheet,
+        settings,
+        read_model(plate, PlateModel).certain_height,
+        commanded_over_stance(trajectory, data),
+    )
+    check_any_result(results, table)
 
     group_table = judged_groups(results, limits or Limits())
     places_of_groups = {
@@ -158,7 +169,7 @@ def summarise_perturbations(
     }
     tables = {
         output: summary_with_doubts(results, group_table),
-        groups: group_table.drop("side"),
+        groups: group_table,
         responses: pl.concat(r.responses for r in results if r.responses is not None),
     }
     for path, of_groups in tables.items():
@@ -179,29 +190,39 @@ def check_enough_fits(perturbations: Perturbations, table: Path) -> None:
 
 
 def group_results(
-    perturbations: Perturbations, sheet: SheetCells, settings: choices.EnsembleSettings
+    perturbations: Perturbations,
+    sheet: SheetCells,
+    settings: choices.EnsembleSettings,
+    plate_height_m: float | None,
+    commanded: Commanded | None,
 ) -> list[GroupResult]:
     """The result of each group of perturbations."""
     results = []
-    gaits = perturbations.gaits
-    for conditions in group_conditions(perturbations.selection, sheet, gaits, settings.window_s):
-        trials = perturbations.trials_of(conditions.group)
-        fits = perturbations.fitted.filter(pl.col("trial").is_in(trials))
-        gait = gaits.get(conditions.gait)
-        results.append(group_result(conditions, fits, perturbations.files, gait, settings))
+    for group in group_conditions(sheet):
+        gait = perturbations.gaits.get(group)
+        conditions = conditions_of(group, perturbations.selection, gait, plate_height_m)
+        result = group_result(conditions, perturbations, settings)
+        phase = result.outcome.fitted_phase
+        cells = next((sheet[trial] for trial in perturbations.trials_of(group)), {})
+        for row in result.summary:
+            desired = cells.get(f"{row['quantity']}_d")  # K_d, B_d; no I is commanded
+            if desired is None and commanded is not None and phase is not None:
+                desired = commanded(row["quantity"], phase)
+            row["commanded"] = desired
+        results.append(result)
     return results
 
 
-def check_any_result(results: Sequence[GroupResult], table: Path, excluded: Path) -> None:
+def check_any_result(results: Sequence[GroupResult], table: Path) -> None:
     """Refuse a campaign none of whose groups has a result."""
     if all(result.responses is None for result in results):
         reasons = "; ".join(reason_text(result.outcome) for result in results)
-        raise InputError(f"{table}: no result of any group: {reasons}; see {excluded.name}")
+        raise InputError(f"{table}: no result of any group: {reasons}")
 
 
 def judged_groups(results: Sequence[GroupResult], limits: Limits) -> pl.DataFrame:
     """The rows of `walking_groups.csv`, with the doubts beyond these limits."""
-    outcomes = group_rows([result.outcome for result in results])
+    outcomes = [result.outcome.row() for result in results]
     table = pl.DataFrame(outcomes, infer_schema_length=None)
     return marked(table, judged(table, limits, "walking_groups"), "walking_groups")
 
@@ -213,51 +234,43 @@ def common_place(trials: Sequence[str], places: Places) -> dict[str, str | None]
 
 
 def with_reasons(selection: pl.DataFrame, fits: pl.DataFrame) -> pl.DataFrame:
-    """The selection of crossings, with the reason of those without a fit, which are in no group."""
+    """The selection of crossings, with the reason of those without a fit."""
     of_fits = fits.select("trial", EXCLUDED)
     chosen = selection.join(of_fits, on="trial", how="left", maintain_order="left")
-    chosen = chosen.with_columns(reason=pl.coalesce("reason", EXCLUDED))
-    return chosen.with_columns(group=pl.when(pl.col("reason").is_null()).then("group"))
+    return chosen.with_columns(reason=pl.coalesce("reason", EXCLUDED))
 
 
 def group_result(
-    conditions: GroupConditions,
-    fits: pl.DataFrame,
-    files: Mapping[str, Path],
-    gait: UnperturbedGait | None,
-    settings: choices.EnsembleSettings,
+    conditions: GroupConditions, perturbations: Perturbations, settings: choices.EnsembleSettings
 ) -> GroupResult:
-    """Compute the result of a group from its rows `fits` of `walking.csv`.
-
-    Without a result there is a warning.
-    """
+    """Compute the result of a group. Without a result there is a warning."""
     group = conditions.group
+    gait = perturbations.gaits.get(group)
+    trials = perturbations.trials_of(group)
+    fits = perturbations.fitted.filter(pl.col("trial").is_in(trials))
     try:
         if gait is None:
             raise InputError(NO_GAIT)
         if len(fits) < FEWEST_FITS:
-            raise InputError(f"{len(fits)} {TOO_FEW} walking_excluded.csv, or record more")
-        crossings = [read_crossing(files[trial]) for trial in fits["trial"]]
+            raise InputError(f"{len(fits)} {TOO_FEW} walking_crossings.csv, or record more")
+        directions = both_directions(perturbations.selection, group)
+        if directions:
+            raise InputError(directions)
+        crossings = [read_crossing(perturbations.files[trial]) for trial in fits["trial"]]
         headline = group_headline(crossings, gait, settings)
     except OslAnalysisError as error:
         warnings.warn(f"no result of {group}: {error}", stacklevel=2)
         return result_without(conditions, len(fits), str(error))
 
-    summary = []
-    for row in result_tables.headline_rows(headline, fits, doubtful_row(fits), {}):
-        commanded = conditions.cells.get(f"{row['quantity']}_d")  # K_d, B_d; no I is commanded
-        summary.append({"group": group, **row, "commanded": commanded, "reason": None})
-    timing = conditions.timing
+    summary = [
+        {"group": group, **row, "reason": None}
+        for row in result_tables.headline_rows(headline, fits, doubtful_row(fits))
+    ]
     fitted_phase = None
-    if timing.onset_phase is not None and timing.stance_s is not None:
-        fitted_phase = float(timing.onset_phase + fitted_time(headline) / timing.stance_s)
-    outcome = GroupOutcome(
-        conditions,
-        fitted_phase=fitted_phase,
-        checks=check_fit(headline),
-    )
-    responses = result_tables.response_table(group, headline)
-    return GroupResult(outcome, summary, responses)
+    if conditions.onset_phase is not None and conditions.stance_s is not None:
+        fitted_phase = conditions.onset_phase + fitted_time(headline) / conditions.stance_s
+    outcome = GroupOutcome(conditions, fitted_phase=fitted_phase, checks=check_fit(headline))
+    return GroupResult(outcome, summary, result_tables.response_table(group, headline))
 
 
 def result_without(conditions: GroupConditions, n: int, reason: str) -> GroupResult:
@@ -293,34 +306,19 @@ def reason_text(outcome: GroupOutcome) -> str:
     return str(outcome.reason) if group == ALL else f"{group}: {outcome.reason}"
 
 
-def tabulate_over_stance(
-    summary: Path,
-    groups: Path,
-    output: Path,
-    stance_share: float,
-    trajectory: Paths = (),
-    data: str = "",
-) -> None:
-    """K, B and I of every group at the phase of stance that its fit reads, with interval and
-    commanded value, from the file of a `trajectory` over the gait cycle, if there is one; stance is
-    the first `stance_share` of it."""
-    columns = ("group", "quantity", "estimator", "n", "mean", "se", "low", "high", "commanded")
-    estimates = read_table(summary, columns)
-    conditions = read_table(groups, result_tables.OVER_STANCE_COLUMNS)
-    table = result_tables.impedance_over_stance(estimates, conditions)
-    for curves in commanded_over_stance(trajectory, data, stance_share):
-        table = result_tables.with_trajectory(table, *curves)
-    write_table(table, output, data)
+def commanded_over_stance(trajectory: Paths, data: str) -> Commanded | None:
+    """What the `trajectory` commands at a phase of stance; None without one, and for a measured leg
+    (`data`), which was not commanded a synthetic one."""
+    if not trajectory:
+        return None
+    desired = read_impedance_trajectory(trajectory[0])
+    if data == MEASURED and desired.kind == SYNTHETIC:
+        return None
+    values_of = {"K": desired.K_d, "B": desired.B_d}
 
+    def commanded(quantity: str, phase: float) -> float | None:
+        if quantity not in values_of:
+            return None
+        return float(desired.at(values_of[quantity], np.array(phase * STANCE_SHARE)))
 
-def commanded_over_stance(
-    trajectory: Paths, data: str, stance_share: float
-) -> Iterator[tuple[Array, Array, Array]]:
-    """Phases of stance (n,), K_d [N*m/rad] and B_d [N*m*s/rad] of each trajectory that the leg was
-    commanded: no measured leg (`data`) was commanded a synthetic one."""
-    phases = np.linspace(0, 1, 101)
-    for path in trajectory:
-        desired = read_impedance_trajectory(path)
-        if data != MEASURED or desired.kind != SYNTHETIC:
-            cycle = phases * stance_share
-            yield phases, desired.at(desired.K_d, cycle), desired.at(desired.B_d, cycle)
+    return commanded

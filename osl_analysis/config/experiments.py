@@ -187,10 +187,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         tables=(
             ResultTable(
                 "impedance",
-                derived={
-                    "impedance_repeats": "bench.summarise",
-                    "compensation": "bench.compare_controllers",
-                },
+                derived={"compensation": "bench.compare_controllers"},
             ),
             ResultTable(
                 "phasors",
@@ -198,7 +195,6 @@ EXPERIMENTS: dict[str, Experiment] = {
                 derived={"frequency_response": "bench.summarise"},
             ),
             ResultTable("response", doubts_of="impedance"),
-            ResultTable("record", judged=False, published=False),
             *OF_ALL,
         ),
         fit=FitJob(
@@ -265,9 +261,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         further_tables=(
             "walking_summary",
             "walking_groups",
-            "impedance_over_stance",
             "walking_crossings",
-            "walking_excluded",
             "plate",
         ),
         judged_further=("walking_groups",),

@@ -13,6 +13,7 @@ from osl_analysis.trial import Array
 
 SYNTHETIC = "synthetic"  # kind of a trajectory that was made for a simulated leg
 REQUIRED = ("phase", "K_d", "B_d")
+STANCE_SHARE = 0.62  # of the gait cycle (Section IV)
 FEWEST_LINES = 3  # a header and two rows
 
 

@@ -41,10 +41,7 @@ LARGEST_K_D = 1e4  # [N*m/rad]
 LARGEST_B_D = 1e3  # [N*m*s/rad]
 # By column: the experiments whose trials have it
 USERS = {
-    "windows": (
-        "walking",
-        *(name for name, facts in EXPERIMENTS.items() if facts.place == "bench"),
-    ),
+    "windows": tuple(name for name, facts in EXPERIMENTS.items() if facts.place == "bench"),
     "desired": ("torque_angle",),
     "static": tuple(name for name, facts in EXPERIMENTS.items() if facts.place != "bench"),
     **dict.fromkeys((*KNOWN_COLUMNS, "fixture"), ("calibration",)),
@@ -375,11 +372,6 @@ def unfit_for_the_experiment(row: Mapping[str, str]) -> Iterator[str]:
         yield (
             "a calibration needs known_K [N*m/rad] or known_I [kg*m^2], and known_percent, its"
             " standard uncertainty; or `alone` under fixture, of the fixture without a joint"
-        )
-    if experiment == "walking" and len(row["windows"].split()) > 1:
-        yield (
-            f"windows '{row['windows']}' of a crossing; write one, and a row of the sheet for each"
-            " crossing of a log"
         )
 
 

@@ -1,26 +1,25 @@
 """The data dictionary: meaning and unit of every column of every table that the pipeline writes.
 
 The YAML files beside this module and `figures/figures.yaml` have a section per table, and in it a
-line per column, `name: unit | meaning`, in three short forms: `K, _se, _low: N*m/rad | ...`
-describes K, K_se and K_low, by the endings in `shared.yaml`; `cov K B I:` the covariances cov_K_B,
-cov_K_I and cov_B_I, whose units are the products of the columns'; `include GROUP:` takes a group of
-columns, and a name without a description a column, from `shared.yaml`.
+line per column, `name: unit | meaning`, in two short forms: `K, _low, _high: N*m/rad | ...`
+describes K, K_low and K_high, by the endings in `shared.yaml`; `include GROUP:` takes a group of
+columns, and a name without a description a column, from `shared.yaml`. Under `of_fits` stand
+columns that the tables of single trials have beside, which only findings read.
 
 Two things stand in no section: a result table with the column `trial` has `joint` and `side` behind
 it, and the last column of every table is `data`. A new column is its line of code and its line
 here; a test fails where one is missing.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from itertools import chain, combinations
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
+import polars as pl
 import yaml
-
-from osl_analysis.renamed import RENAMED_COLUMNS
 
 HERE = Path(__file__).parent
 SHARED = HERE / "shared.yaml"
@@ -32,11 +31,6 @@ def own_yaml(path: Path) -> dict[str, Any]:
     second by the other."""
     content: dict[str, Any] = yaml.load(path.read_bytes(), yaml.CSafeLoader)
     return content
-
-
-def apparent_inertia() -> str:
-    """What I is called wherever it may be negative; docs/method.md derives it from Eq. 9."""
-    return str(own_yaml(SHARED)["columns"]["I"].partition(" | ")[2])
 
 
 @dataclass(frozen=True)
@@ -60,6 +54,8 @@ class DescribedTable:
     also: str
     rows: str  # what a row is
     columns: Mapping[str, DescribedColumn]
+    # further columns of the tables of single trials, which findings read
+    of_fits: Mapping[str, DescribedColumn]
 
 
 def file_at(place: str) -> str:
@@ -104,31 +100,32 @@ def described_in(path: Path) -> tuple[DescribedTable, ...]:
                 lines.append(("include place", None))
         lines.append(("data", None))
 
-        described: dict[str, DescribedColumn] = {}
-        for key, text in lines:
-            for column in described_columns(key, text, described, shared):
-                described[column.name] = column
-        for old, new in RENAMED_COLUMNS.get(Path(place).name, {}).items():
-            if new.old_one_works:
-                meaning = f"{new.name} by the name that it had; it goes in release {new.goes_in}"
-                described[old] = replace(described[new.name], name=old, meaning=meaning)
-        tables.append(DescribedTable(place, table.get("also", ""), table["rows"], described))
+        columns = described_lines(lines, shared)
+        of_fits = described_lines(list(table.get("of_fits", {}).items()), shared)
+        tables.append(DescribedTable(place, table.get("also", ""), table["rows"], columns, of_fits))
     return tuple(tables)
 
 
+def described_lines(
+    lines: Sequence[tuple[str, str | None]], shared: Mapping[str, Any]
+) -> dict[str, DescribedColumn]:
+    """The columns that lines of the dictionary describe, by name."""
+    described: dict[str, DescribedColumn] = {}
+    for key, text in lines:
+        for column in described_columns(key, text, shared):
+            described[column.name] = column
+    return described
+
+
 def described_columns(
-    key: str, text: str | None, before: Mapping[str, DescribedColumn], shared: Mapping[str, Any]
+    key: str, text: str | None, shared: Mapping[str, Any]
 ) -> Iterator[DescribedColumn]:
-    """The columns that one line of the dictionary describes; `before` are those of the same table
-    above it, `shared` the content of `shared.yaml`."""
+    """The columns that one line of the dictionary describes; `shared` is the content of
+    `shared.yaml`."""
     word, _, rest = key.partition(" ")
     if word == "include":
         for name, described in shared["groups"][rest].items():
-            yield from described_columns(name, described, before, shared)
-    elif word == "cov":
-        for a, b in combinations(rest.split(), 2):
-            unit = f"({before[a].unit}) * ({before[b].unit})"
-            yield DescribedColumn(f"cov_{a}_{b}", unit, f"covariance of the estimates {a} and {b}")
+            yield from described_columns(name, described, shared)
     else:
         name, *endings = key.split(", ")
         unit, meaning = (text or shared["columns"][name]).split(" | ")
@@ -136,3 +133,23 @@ def described_columns(
         for ending in endings:
             meaning_of_ending = shared["endings"][ending].replace("NAME", name)
             yield DescribedColumn(f"{name}{ending}", unit, meaning_of_ending)
+
+
+TYPES: Mapping[str, type[pl.DataType]] = {
+    "text": pl.String,
+    "true or false": pl.Boolean,
+    "count": pl.Int64,
+}
+"""By unit; any other column holds numbers."""
+ADDED_TO_ALL = {"joint", "side", "doubtful", "not_checked", "data"}
+"""Columns that rows of single trials get where a table is gathered from them."""
+
+
+def table_of(rows: Sequence[Mapping[str, Any]], name: str) -> pl.DataFrame:
+    """Rows of the result table `name`, with the types that its description gives. Raises KeyError:
+    a column is not described."""
+    table = described_tables_by_name()[name]
+    described = {**table.columns, **table.of_fits}
+    names = rows[0] if rows else described.keys() - ADDED_TO_ALL
+    types = {name: TYPES.get(described[name].unit, pl.Float64) for name in names}
+    return pl.DataFrame(rows, schema=types)

@@ -47,7 +47,6 @@ def listed_figures() -> dict[str, CampaignFigure]:
 FIGURES = listed_figures()
 OTHER_FIGURES = {  # of no campaign: name and module
     "torque": "torque_over_time",
-    "comparison": "compared_campaigns",
     "gain_grid": "gain_curves",
     "not_drawn": "not_drawn",
 }

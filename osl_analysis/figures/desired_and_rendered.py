@@ -1,5 +1,4 @@
-"""Fig. 5 and `errors`: the stiffness and damping that the joint renders, against those that were
-asked for."""
+"""Fig. 5: the stiffness and damping that the joint renders, against those that were asked for."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -24,9 +23,7 @@ ESTIMATES = ("K", "K_low", "K_high", "B", "B_low", "B_high")
 DESIRED_LINE: dict[str, Any] = {"color": style.BLACK, "linewidth": 0.8}
 # black, because it may stand on a marker
 VISCOUS_MARK: dict[str, Any] = {"marker": "x", "mew": 0.8, "color": style.BLACK}
-MODEL_MARK: dict[str, Any] = {"marker": "_", "mew": 0.7}
-VISCOUS_SIZE = 3.2  # of the first mark [pt]
-MODEL_SIZE = 6.0  # of the second [pt]
+VISCOUS_SIZE = 3.2  # of this mark [pt]
 PANEL_HEIGHT = 1.75  # [in]
 LEGEND_HEIGHT = 0.75  # [in]
 BESIDE_TRIALS = 0.8  # by which a desired value's line is longer than its trials on either side

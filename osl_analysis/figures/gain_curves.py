@@ -5,6 +5,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator, PercentFormatter
 
+from osl_analysis.config.impedance_trajectory import STANCE_SHARE
 from osl_analysis.figures import columns_of, names, style
 
 # Fig. 8
@@ -12,18 +13,10 @@ from osl_analysis.figures import columns_of, names, style
 AS_PRINTED = 1e-9  # phases are compared so closely
 
 
-def fig8_points(gains: pl.DataFrame, stance_share: float = 0.62) -> pl.DataFrame:
-    """The desired impedance and the gains in stance.
-
-    Parameters
-    ----------
-    gains : DataFrame
-        Over `phase` of the gait cycle.
-    stance_share : float
-        Stance is so much of the gait cycle. In swing the walking controller renders no impedance
-        (Section IV).
-    """
-    return gains.select(columns_of("fig8")).filter(pl.col("phase") <= stance_share + AS_PRINTED)
+def fig8_points(gains: pl.DataFrame) -> pl.DataFrame:
+    """The desired impedance and the gains in stance: in swing the walking controller renders no
+    impedance (Section IV)."""
+    return gains.select(columns_of("fig8")).filter(pl.col("phase") <= STANCE_SHARE + AS_PRINTED)
 
 
 def fig8_caption(table: pl.DataFrame) -> str:

@@ -1,5 +1,4 @@
-"""Fig. 9, the walking page, and the impedance over stance: what was measured on the ankle while
-walking."""
+"""Fig. 9 and the walking page: what was measured on the ankle while walking."""
 
 import textwrap
 from itertools import product
@@ -18,14 +17,13 @@ from osl_analysis.trial import Array
 # Fig. 9
 
 ENDS = ("low", "high")
-NO_FIT = "no perturbation has a fit, which Fig. 9 draws; see the reasons in walking_excluded.csv"
+NO_FIT = "no perturbation has a fit, which Fig. 9 draws; see the reasons in walking_crossings.csv"
 TEXTS = ("group", "quantity", "trial", "doubtful")
 
 
 def fig9_points(
     walking_summary: pl.DataFrame,
     walking: pl.DataFrame,
-    over_stance: pl.DataFrame,
     commanded_K: float | None = None,
 ) -> pl.DataFrame:
     """Gather what Fig. 9 shows of each group of crossings.
@@ -36,8 +34,6 @@ def fig9_points(
         Means and ensemble estimates by group and quantity.
     walking : DataFrame
         Fits of single perturbations.
-    over_stance : DataFrame
-        Commanded impedance by group and quantity, of the trajectory.
     commanded_K : float or None
         Commanded stiffness of the configuration [N·m/rad]; used in a campaign of one group.
 
@@ -45,8 +41,7 @@ def fig9_points(
     -------
     DataFrame
         For each group and quantity a row with mean, SD, ensemble and command, then a row per
-        perturbation. A command of the sheet goes before that of the configuration, and this before
-        the trajectory.
+        perturbation.
 
     Raises
     ------
@@ -62,10 +57,6 @@ def fig9_points(
     groups = list(dict.fromkeys([*(group for group, _, _ in summary), *fits["group"]]))
     if not groups:
         raise InputError(NO_FIT)
-    of_trajectory = {
-        (row["group"], row["quantity"]): row["commanded"]
-        for row in over_stance.iter_rows(named=True)
-    }
 
     rows: list[dict[str, Any]] = []
     for group, quantity in product(groups, "KBI"):
@@ -88,8 +79,6 @@ def fig9_points(
             }
         if row.get("commanded") is None and quantity == "K" and len(groups) == 1:
             row["commanded"] = commanded_K
-        if row.get("commanded") is None:
-            row["commanded"] = of_trajectory.get((group, quantity))
         rows.append(row)
         for perturbation in perturbations.iter_rows(named=True):
             rows.append({"quantity": quantity, **perturbation})
@@ -111,9 +100,8 @@ def fig9_caption(table: pl.DataFrame) -> str:
             r" that $\hat{I}$ may be negative."
         )
     sentences.append(
-        "Points: one perturbation each. Squares: their mean ± one standard deviation, of both"
-        " directions' means where the toes turn up and down. Diamonds: the fit to the mean response"
-        " with its 95 % interval (bootstrap)."
+        "Points: one perturbation each. Squares: their mean ± one standard deviation. Diamonds: the"
+        " fit to the mean response with its 95 % interval (bootstrap)."
     )
     if table["group"].n_unique() > 1:
         sentences.append("In brackets: numbers of perturbations.")
@@ -242,8 +230,6 @@ def name_groups(ax: Axes, of_groups: pl.DataFrame, inches: float) -> None:
 GAIT: dict[str, tuple[str, style.Dash, str]] = {  # colour, line style and name of a curve
     "unperturbed": (style.PURPLE, (0, ()), "Unperturbed"),
     "perturbed": (style.ORANGE, (0, (5.0, 1.5)), "Perturbed"),
-    "perturbed up": (style.ORANGE, (0, (5.0, 1.5)), "Toes up"),
-    "perturbed down": (style.BLUE, (0, (1.5, 1.0)), "Toes down"),
 }
 SHADED: dict[str, dict[str, Any]] = {  # intervals of time
     "baseline": {
@@ -255,18 +241,14 @@ PAGE_HEIGHT = 4.4  # of a group [in]
 BAND_LABEL = "± SD of crossings"
 
 
-def walking_page_caption(table: pl.DataFrame) -> str:
+def walking_page_caption(_table: pl.DataFrame) -> str:
     """What the walking page shows."""
-    has_both = "perturbed down" in table["curve"]
-    bands = ", with turns of the toes up and down apart" if has_both else ""
-    averaged = "half the difference of both directions" if has_both else "their mean"
     sentences = [
         "From crossings to the responses that Fig. 9 fits.",
-        f"(a) Ankle angle and (b) ankle torque over stance, mean ± SD of crossings{bands}.",
+        "(a) Ankle angle and (b) ankle torque over stance, mean ± SD of crossings.",
         "(c) Isolated angle and (d) isolated torque: every perturbed crossing minus the mean"
         " unperturbed gait at the same phase of stance.",
-        f"Thick: the mean response, which is {averaged}, and the fit of K, B and I to it in the"
-        " shaded window.",
+        "Thick: the mean response, and the fit of K, B and I to it in the shaded window.",
         "Each response is zero on average over the hatched baseline, and not at the onset.",
         "In between, a crossing's own gait departs from the mean one, and the filter spreads the"
         " perturbation to earlier times. The fit has no offset, so that both are in it.",
@@ -347,10 +329,10 @@ def draw_isolated(ax: Axes, rows: pl.DataFrame, panel: str) -> None:
     shade(ax, rows, panel)
     draw_perturbations(ax, curve(rows, panel, "each"))
     mean, fit = curve(rows, panel, "mean"), curve(rows, panel, "fit")
-    label = names.MEAN_RESPONSE.capitalize()
-    if "perturbed down" in rows["curve"]:
-        label = "Half of up minus down"
-    ax.plot(mean["x"], mean["mean"], color=style.BLACK, linewidth=1.4, label=label)
+    ax.plot(
+        mean["x"], mean["mean"],
+        color=style.BLACK, linewidth=1.4, label=names.MEAN_RESPONSE.capitalize(),
+    )  # fmt: skip
     if not fit.is_empty():
         ax.plot(
             fit["x"], fit["mean"],

@@ -13,7 +13,7 @@ import numpy as np
 from osl_analysis.inference.constants import BLOCKS
 from osl_analysis.inference.hypothesis import Candidate
 from osl_analysis.inference.least_squares import RIDGE, TINY, lengths_of
-from osl_analysis.inference.whitening import JointKind, Whitened
+from osl_analysis.inference.whitening import Whitened
 from osl_analysis.trial import Array
 
 
@@ -25,8 +25,8 @@ class Predicted:
     ----------
     candidate : Candidate
         The hypothesis, at a value of its own parameter.
-    kind : JointKind
-        Whether friction and a reflex are beside it.
+    has_friction : bool
+        Whether friction is beside it.
     squares : Array (BLOCKS,)
         Sum of squares of what the fit to the other blocks leaves of each block, in units of the
         noise's variance.
@@ -49,7 +49,7 @@ class Predicted:
     """
 
     candidate: Candidate
-    kind: JointKind
+    has_friction: bool
     squares: Array
     impedances: Array
     covariances: Array
@@ -68,13 +68,12 @@ class Predicted:
 
 @dataclass(frozen=True)
 class Layout:
-    """Where the columns of a candidate stand: its own, its slope, friction, reflex, and the rest.
+    """Where the columns of a candidate stand: its own, its slope, friction, offset and drift.
 
     Attributes
     ----------
-    own, friction, reflex, slow : slice
-        Places of these columns; empty slices without friction or reflex. Behind them are those of
-        sampled jumps.
+    own, friction, slow : slice
+        Places of these columns; an empty slice without friction.
     slope : int or None
         Place of the derivative by its own parameter; None without one.
     """
@@ -85,13 +84,13 @@ class Layout:
     slow: slice
 
 
-def layout_of(data: Whitened, candidate: Candidate, kind: JointKind) -> Layout:
+def layout_of(data: Whitened, candidate: Candidate, has_friction: bool) -> Layout:
     """The layout of `all_columns`."""
     width = len(candidate.columns)
     has_slope = candidate.slope is not None
     friction_from = width + 1 if has_slope else width
     friction_to = friction_from
-    if kind.has_friction:
+    if has_friction:
         friction_to += len(data.friction)
     return Layout(
         own=slice(0, width),
@@ -106,12 +105,12 @@ def block_edges(rows: int) -> Array:
     return np.asarray(-(-np.arange(BLOCKS + 1) * rows // BLOCKS))
 
 
-def all_columns(data: Whitened, candidate: Candidate, kind: JointKind) -> Array:
-    """Columns (c, m) of a candidate: its own, its slope, friction, reflex, offset and drift."""
+def all_columns(data: Whitened, candidate: Candidate, has_friction: bool) -> Array:
+    """Columns (c, m) of a candidate: its own, its slope, friction, offset and drift."""
     parts = [candidate.columns]
     if candidate.slope is not None:
         parts.append(candidate.slope[None])
-    return np.concatenate([*parts, data.shared(kind)])
+    return np.concatenate([*parts, data.shared(has_friction)])
 
 
 def normal_matrices(columns: Array, others: Array) -> Array:
@@ -196,18 +195,18 @@ class Predictor:
     ----------
     data : Whitened
         The recording.
-    kind : JointKind
-        Whether the shapes of dry friction, and of a reflex, are beside the candidates' columns.
+    has_friction : bool
+        Whether the shapes of dry friction are beside the candidates' columns.
     rounding : Array (draws, m)
         Torques that rounding alone makes.
     """
 
-    def __init__(self, data: Whitened, kind: JointKind, rounding: Array) -> None:
+    def __init__(self, data: Whitened, has_friction: bool, rounding: Array) -> None:
         self.data = data
-        self.kind = kind
+        self.has_friction = has_friction
         self._rounding = rounding
         self._square_of_rounding = float(np.sum(rounding**2))
-        self._shared = data.shared(kind)
+        self._shared = data.shared(has_friction)
         self._with_torque = np.vstack([self._shared, data.torque])
         self._shared_matrices = normal_matrices(self._with_torque, self._with_torque)
         self._shared_rounding = rounding @ self._shared.T
@@ -251,7 +250,6 @@ class Predictor:
     def predict(self, candidate: Candidate) -> Predicted:
         """Fit a candidate, and predict each block by the fit to the others."""
         data = self.data
-        kind = self.kind
         own = candidate.columns
         if candidate.slope is not None:
             own = np.vstack([own, candidate.slope])
@@ -261,7 +259,7 @@ class Predictor:
         of_noise = fit.covariance(data.spectra.freedom)
         covariance = (of_noise + of_rounding) / np.outer(length, length)
 
-        at = layout_of(data, candidate, kind)
+        at = layout_of(data, candidate, self.has_friction)
         of_own = covariance[at.own, at.own]
         parameter_sd = np.nan
         if at.slope is not None:
@@ -279,11 +277,11 @@ class Predictor:
             covariances = covariances + coefficients[3] ** 2 * data.actuator.covariance
 
         friction_torque = 0.0
-        if kind.has_friction:
+        if self.has_friction:
             friction_torque = float(estimates[at.friction] @ data.mean_friction)
         return Predicted(
             candidate=candidate,
-            kind=kind,
+            has_friction=self.has_friction,
             squares=fit.squares_of_unseen(),
             impedances=np.array([matrix @ coefficients for matrix in matrices]),
             covariances=covariances,
@@ -303,7 +301,7 @@ def vaf_of_unseen_blocks(data: Whitened, fit: Predicted) -> float:
     motion's band, less the load cell's offset and drift, and less its mean in each block. Near
     gaps an offset begins and ends with the window, so that a mean does not take it off.
     """
-    columns = all_columns(data, fit.candidate, fit.kind)
+    columns = all_columns(data, fit.candidate, fit.has_friction)
     length = lengths_of(columns)
     columns = columns / length[:, None]
     with_torque = np.vstack([columns, fit.candidate.torque])
@@ -313,7 +311,7 @@ def vaf_of_unseen_blocks(data: Whitened, fit: Predicted) -> float:
     of_all_blocks = np.linalg.solve(of_all[:-1, :-1] + ridge, of_all[:-1, -1])
 
     in_time = data.unwhitened(with_torque)
-    slow = layout_of(data, fit.candidate, fit.kind).slow
+    slow = layout_of(data, fit.candidate, fit.has_friction).slow
     moving = np.delete(np.arange(len(columns)), slow)
     torque_in_time = in_time[-1] - of_all_blocks[slow] @ in_time[slow]
     edges = block_edges(columns.shape[1])

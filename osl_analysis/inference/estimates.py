@@ -43,19 +43,6 @@ class Explanation:
 
 
 @dataclass(frozen=True)
-class KnownDelay:
-    """What a delay between angle and torque does to B and I, where nobody states it.
-
-    `recording_s` is the standard error to which the recording itself tells a delay. `B` and `I`
-    hold any delay of a standard deviation of `KNOWN_DELAY`; K does not depend on it.
-    """
-
-    recording_s: float
-    B: Estimate
-    I: Estimate
-
-
-@dataclass(frozen=True)
 class ImpedanceInference:
     """What one recording tells of a joint.
 
@@ -75,12 +62,9 @@ class ImpedanceInference:
         The most probable fault, if a fault is likely and does harm.
     explanations : tuple of Explanation
         Faults by their probability, the most probable first.
-    delay : KnownDelay or None
-        What an unstated delay does; None for a drivetrain, whose belt tells it.
-    reflex : ReflexEstimate or None
-        The reflex of a person's joint, if it probably has one.
-    without_reflex : Impedance or None
-        The most probable joint without a reflex, for which such a joint would be taken.
+    delay_told_s : float or None
+        Standard error to which the recording itself tells a delay between angle and torque [s];
+        None for a drivetrain, whose belt tells it.
     VAF_held_out : float
         Variance of the torque accounted for by fits to the other blocks [%], in the motion's band.
     """
@@ -92,5 +76,5 @@ class ImpedanceInference:
     harm: float
     doubt: Explanation | None
     explanations: tuple[Explanation, ...]
-    delay: KnownDelay | None
+    delay_told_s: float | None
     VAF_held_out: float

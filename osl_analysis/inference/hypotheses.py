@@ -4,7 +4,7 @@
 |---|---|
 | (none) | nothing: a second-order joint, or a drivetrain of higher order |
 | path | the torque is delayed or filtered on its way to the record |
-| time | lag or stiffness changes during the recording |
+| time | stiffness, damping or inertia changes during the recording |
 | speed | damping depends on speed, or there is play |
 | size | stiffness depends on the angle |
 | direction | stiffness or damping depends on the direction of motion |
@@ -16,7 +16,16 @@ import scipy
 
 from osl_analysis.inference.hypothesis import Candidate, Hypothesis, Search
 from osl_analysis.inference.path_hypotheses import Delay, LowPass, SeriesSpring
-from osl_analysis.inference.shape_hypotheses import LINEAR, Clipping, Play
+from osl_analysis.inference.shape_hypotheses import (
+    ByDirection,
+    ChangeAtOnce,
+    ChangeOverTime,
+    Clipping,
+    DampingBySpeed,
+    Hardening,
+    Play,
+    StiffnessBySide,
+)
 from osl_analysis.inference.whitening import Whitened
 
 
@@ -56,7 +65,16 @@ class Drivetrain(Hypothesis):
 
 SOUND: tuple[type[Hypothesis], ...] = (Nothing,)
 PATHS: tuple[type[Hypothesis], ...] = (Delay, LowPass, SeriesSpring)
-OTHER_FAULTS: tuple[type[Hypothesis], ...] = (*LINEAR, Play, Clipping)
+OTHER_FAULTS: tuple[type[Hypothesis], ...] = (
+    ChangeOverTime,
+    ChangeAtOnce,
+    DampingBySpeed,
+    Hardening,
+    StiffnessBySide,
+    ByDirection,
+    Play,
+    Clipping,
+)
 
 
 def hypotheses_for(data: Whitened) -> list[Hypothesis]:

@@ -4,7 +4,7 @@ Each hypothesis is a class: its family, its term in the field, its own parameter
 and how its columns are made. The first three columns multiply K, B and I:
 
     torque = K x_1 + B x_2 + I x_3 + further columns + offset and drift
-             (+ dry friction) (+ reflex) + noise
+             (+ dry friction) + noise
 
 A path, for example, delays or filters what the load cell sees of the joint's torque: its x_k are
 the delayed angle, velocity and acceleration. `hypotheses.py` lists all of them.
@@ -20,7 +20,7 @@ import numpy as np
 import scipy
 
 from osl_analysis.inference.least_squares import BesideShared, Products
-from osl_analysis.inference.whitening import JointKind, Whitened
+from osl_analysis.inference.whitening import Whitened
 from osl_analysis.trial import Array
 
 Family = Literal["", "path", "time", "speed", "size", "direction", "clipping"]
@@ -87,14 +87,14 @@ class Candidate:
 
 
 class Search:
-    """Fits of columns to the torque of a joint of some kind, beside offset and drift.
+    """Fits of columns to the torque of a joint with or without friction, beside offset and drift.
 
     Attributes
     ----------
     data : Whitened
         The recording.
-    kind : JointKind
-        Whether the joint has friction, and a reflex.
+    has_friction : bool
+        Whether the joint has friction.
     left : float
         What Eq. 15 alone leaves of the torque.
     coefficients : Array (3,) or (4,)
@@ -103,9 +103,10 @@ class Search:
         Its K, B, I.
     """
 
-    def __init__(self, data: Whitened, kind: JointKind) -> None:
-        self.data, self.kind = data, kind
-        self._beside = BesideShared(data.shared(kind))
+    def __init__(self, data: Whitened, has_friction: bool) -> None:
+        self.data = data
+        self.has_friction = has_friction
+        self._beside = BesideShared(data.shared(has_friction))
         self._rest = self._beside.rest(data.torque)
         self._of_motion = self.products(data.motion)
         left, self.coefficients = self.fit_products(self._of_motion)

@@ -2,8 +2,8 @@
 
 1. `spectra`: signals in the band of the motion.
 2. `whitening`: the noise becomes white.
-3. `hypotheses`: each is fitted, with and without dry friction (`friction_shapes`), and with a
-   person's reflex (`reflex`) where that may explain something.
+3. `hypotheses`: each is fitted, with and without dry friction (`friction_shapes`), where the
+   columns of all of them together gain anything.
 4. `cross_validation`: each predicts parts of the recording by its fit to the others.
 5. `mixture`: predictions and priors give weights; K, B, I are the mixture.
 """
@@ -12,19 +12,20 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from osl_analysis.inference.constants import HARM_FLOOR, HARM_SHARE, KNOWN_DELAY, LIKELY
+from osl_analysis.errors import NotWeighedError
+from osl_analysis.inference.acceleration_jumps import acceleration_jumps
+from osl_analysis.inference.constants import HARM_FLOOR, HARM_SHARE, LIKELY
 from osl_analysis.inference.cross_validation import Predicted, Predictor, vaf_of_unseen_blocks
 from osl_analysis.inference.estimates import (
     Explanation,
     ImpedanceInference,
-    KnownDelay,
     Parameter,
     student_half_width,
 )
 from osl_analysis.inference.hypotheses import hypotheses_for
 from osl_analysis.inference.hypothesis import Search
-from osl_analysis.inference.least_squares import BesideShared
 from osl_analysis.inference.mixture import (
+    PLAIN,
     Part,
     Weighed,
     mixture_quantiles,
@@ -32,15 +33,16 @@ from osl_analysis.inference.mixture import (
 )
 from osl_analysis.inference.rounding_errors import rounding_torques
 from osl_analysis.inference.spectra import BenchSignals, Spectra
-from osl_analysis.inference.whitening import JointKind, Whitened
+from osl_analysis.inference.whitening import Whitened
 from osl_analysis.stats.estimates import Estimate, Impedance
 from osl_analysis.trial import Array
 
 INTERVAL = (0.025, 0.5, 0.975)  # a 95 % interval and its median
 NAMED_PART = 0.05  # share of a hypothesis above which a value of its own parameter counts as harm
 NAMED_FAMILY = 0.1  # the same of all faults, for a hypothesis
-# nats that a reflex must gain in the fit to compete: half of chi-squared with six degrees of
-# freedom, its columns that no linear memory has, exceeds this once in 4500 times
+# variance of what Eq. 15 leaves over the noise's; above it something is missing, whatever it is
+MOST_UNEXPLAINED = 1.5
+SCREEN_DEVIATIONS = 3.0  # beyond chance, that all columns together must gain: once in 700 times
 
 
 def infer_impedance(
@@ -64,9 +66,16 @@ def infer_impedance(
     Raises
     ------
     InputError
-        The signals are too short, not finite, or do not move.
+        The signals are not finite, or do not move.
+    NotWeighedError
+        They are too short, or the acceleration jumps.
     """
     spectra = Spectra(signals)
+    if not signals.has_drivetrain and acceleration_jumps(spectra):
+        raise NotWeighedError(
+            "the acceleration jumps, as under binary steps, and the torque with it; move the joint"
+            " smoothly"
+        )
     data = Whitened(spectra)
     fits, rounding = fit_all(data)
     weighed, at = weigh(fits, spectra.freedom, not signals.has_drivetrain)
@@ -91,7 +100,7 @@ def infer_impedance(
         harm=harm,
         doubt=doubt,
         explanations=explanations,
-        delay=None if signals.has_drivetrain else known_delay(data, best_sound.fit, rounding),
+        delay_told_s=None if signals.has_drivetrain else told_delay(data, best_sound.fit, rounding),
         VAF_held_out=vaf_of_unseen_blocks(data, best.fit),
     )
 
@@ -99,27 +108,41 @@ def infer_impedance(
 def fit_all(data: Whitened) -> tuple[list[Predicted], Array]:
     """Fit all hypotheses without and with friction, and let each predict all blocks; with the
     torques of rounding."""
-    searches = [Search(data, JointKind(has_friction)) for has_friction in (False, True)]
-    plain = searches[0]
-    noise = max(plain.left / data.spectra.freedom, 1.0)
-    is_body_of_eq15 = plain.is_body and noise < 1.5
+    searches = [Search(data, has_friction) for has_friction in (False, True)]
+    without_friction = searches[0]
     hypotheses = hypotheses_for(data)
-    if is_body_of_eq15 and data.rich_gain(BesideShared(data.slow), plain.left, noise) < 0:
-        hypotheses = hypotheses[:1]
-    rounding = rounding_torques(data, searches[0].coefficients[:3])
+    if is_explained_by_eq15(without_friction):
+        hypotheses = [each for each in hypotheses if each.name == PLAIN]
+    rounding = rounding_torques(data, without_friction.coefficients[:3])
     fits = []
     for search in searches:
-        predictor = Predictor(data, search.kind, rounding)
+        predictor = Predictor(data, search.has_friction, rounding)
         for hypothesis in hypotheses:
             fits += [predictor.predict(each) for each in hypothesis.candidates(search)]
     return fits, rounding
+
+
+def is_explained_by_eq15(plain: Search) -> bool:
+    """Whether the columns of all hypotheses together explain no more than chance would.
+
+    By chance k columns gain k/2 nats, with a standard deviation of the root of that. One fit then
+    does for those of all hypotheses. B and I of Eq. 15 alone must be positive: otherwise a path may
+    explain them although it gains nothing.
+    """
+    noise = max(plain.left / plain.data.spectra.freedom, 1.0)
+    if not plain.is_body or noise >= MOST_UNEXPLAINED:
+        return False
+    columns = plain.data.rich()
+    gain = (plain.left - plain.fit(columns)[0]) / 2 / noise
+    by_chance = len(columns) / 2
+    return bool(gain < by_chance + SCREEN_DEVIATIONS * np.sqrt(by_chance))
 
 
 def friction_probability(data: Whitened, weighed: Sequence[Weighed]) -> float:
     """Probability of dry friction; of a leg, in its actuator."""
     if data.actuator is not None:
         return data.actuator.friction_probability
-    return sum(each.weight for each in weighed if each.fit.kind.has_friction)
+    return sum(each.weight for each in weighed if each.fit.has_friction)
 
 
 def mixed(weighed: Sequence[Weighed]) -> list[Part]:
@@ -162,7 +185,7 @@ def explained(each: Weighed) -> Explanation:
         term=hypothesis.term,
         probability=each.weight,
         gain=each.gain,
-        has_friction=fit.kind.has_friction,
+        has_friction=fit.has_friction,
         parameters=parameters,
     )
 
@@ -199,12 +222,12 @@ def harm_of(faults: Sequence[Weighed], best_sound: Weighed, matters: Array) -> f
     return float(np.max(largest / matters))
 
 
-def known_delay(data: Whitened, sound: Predicted, rounding: Array) -> KnownDelay:
-    """Compute B and I if the delay between angle and torque is known to `KNOWN_DELAY`.
+def told_delay(data: Whitened, sound: Predicted, rounding: Array) -> float:
+    """Standard error to which a recording tells a delay between angle and torque [s].
 
     A torque late by d adds -d (K omega + B alpha + I jerk) to Eq. 15, so that B moves by K d, and I
-    by B d. How well the recording tells d itself is the slope's length beside the model, and what
-    rounding of the angle makes of d.
+    by B d. How well the recording tells d is the slope's length beside the model, and what rounding
+    of the angle makes of d.
 
     Parameters
     ----------
@@ -218,17 +241,12 @@ def known_delay(data: Whitened, sound: Predicted, rounding: Array) -> KnownDelay
     impedance = sound.impedances[0]
     derivatives = data.spectra.derivatives
     slope = data.column(-np.tensordot(impedance, derivatives[1:4], axes=1))
-    search = Search(data, sound.kind)
-    left, moved_by_delay = search.fit(sound.candidate.columns, slope)
+    search = Search(data, sound.has_friction)
+    left, _ = search.fit(sound.candidate.columns, slope)
     # of a slope that the columns make up, rounding alone is left
     left = max(left, np.finfo(float).eps * float(slope @ slope))
     variance = 1 / left
     if len(rounding):
         of_slope = search.rest(sound.candidate.columns, slope)
         variance += float(np.mean((rounding @ of_slope / left) ** 2))
-    recording = float(np.sqrt(variance))
-    deviation = 1 / float(np.hypot(1 / KNOWN_DELAY, 1 / recording))
-    moved = moved_by_delay[:3]
-    covariance = sound.covariances[0] + deviation**2 * np.outer(moved, moved)
-    found = impedance_of([Part(1.0, impedance, covariance)])
-    return KnownDelay(recording, found.B, found.I)
+    return float(np.sqrt(variance))

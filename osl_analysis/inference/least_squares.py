@@ -48,15 +48,6 @@ class Products:
     rest: Array
     square: float
 
-    def of_sums(self, factors: Array) -> "Products":
-        """Products of the sums `factors @ columns`, with factors (j, k)."""
-        return Products(
-            columns=factors @ self.columns @ factors.T,
-            shared=factors @ self.shared,
-            rest=self.rest @ factors.T,
-            square=self.square,
-        )
-
 
 class BesideShared:
     """Least squares of further columns beside shared ones (k, m).

@@ -12,7 +12,7 @@ The interval of K is that of the mixture: it holds all that cannot be told apart
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import scipy
@@ -26,7 +26,6 @@ from osl_analysis.inference.constants import (
 )
 from osl_analysis.inference.cross_validation import Predicted
 from osl_analysis.inference.hypothesis import Family
-from osl_analysis.inference.whitening import JointKind
 from osl_analysis.trial import Array
 
 FAMILIES: tuple[Family, ...] = (
@@ -95,8 +94,8 @@ def log_prior(fits: Sequence[Predicted]) -> Array:
     hypothesis share its probability.
     """
 
-    def key(fit: Predicted) -> tuple[str, JointKind]:
-        return fit.candidate.hypothesis.name, fit.kind
+    def key(fit: Predicted) -> tuple[str, bool]:
+        return fit.candidate.hypothesis.name, fit.has_friction
 
     minima = Counter(key(fit) for fit in fits)
     members = {(fit.candidate.hypothesis.family, fit.candidate.hypothesis.name) for fit in fits}
@@ -106,7 +105,7 @@ def log_prior(fits: Sequence[Predicted]) -> Array:
         family = fit.candidate.hypothesis.family
         prior = PRIOR_SOUND if family == "" else (1 - PRIOR_SOUND) / len(FAMILIES)
         prior /= of_family[family] * minima[key(fit)]
-        prior *= PRIOR_FRICTION if fit.kind.has_friction else 1 - PRIOR_FRICTION
+        prior *= PRIOR_FRICTION if fit.has_friction else 1 - PRIOR_FRICTION
         found.append(np.log(prior))
     return np.array(found)
 
@@ -155,7 +154,7 @@ def temper(gain: Array, rounding: float) -> Array:
 
 
 def evidence_of(
-    fits: Sequence[Predicted], noise: float, plain_rounding: Mapping[JointKind, float]
+    fits: Sequence[Predicted], noise: float, plain_rounding: Mapping[bool, float]
 ) -> Evidence:
     """Compare the predictions of hypotheses with those of the best sound one among them.
 
@@ -164,20 +163,19 @@ def evidence_of(
     Parameters
     ----------
     fits : sequence of Predicted
-        The hypotheses, all with or all without a reflex.
+        The hypotheses.
     noise : float
         Variance of what the best of all leaves.
     plain_rounding : Mapping
-        Sum of squares that Eq. 15 leaves of rounding alone, by kind of joint. That of a joint whose
-        friction drives is among them: a late torque makes Eq. 15 look like one, so that a
-        path or a growing lag is compared beside the same friction, too.
+        Sum of squares that Eq. 15 leaves of rounding alone, without and with friction, even where
+        that friction drives: a late torque makes Eq. 15 look so, and a path is compared beside the
+        same friction, too.
     """
-    by_friction = {}
-    for fit in fits:
-        without = plain_rounding[replace(fit.kind, has_friction=False)]
-        gain = without - plain_rounding[fit.kind]
-        by_friction[fit.kind] = max(gain, 0.0)
-    squares = np.array([fit.squares + by_friction[fit.kind] / BLOCKS for fit in fits])
+    by_friction = {
+        has_friction: max(plain_rounding[False] - left, 0.0)
+        for has_friction, left in plain_rounding.items()
+    }
+    squares = np.array([fit.squares + by_friction[fit.has_friction] / BLOCKS for fit in fits])
     totals = squares.sum(axis=1)
     sound = np.array([fit.candidate.hypothesis.family == "" for fit in fits])
     reference = int(np.argmin(np.where(sound, totals, np.inf)))
@@ -185,16 +183,18 @@ def evidence_of(
 
     # rounding is compared beside the same friction, which takes up rounding, too
     best = fits[int(np.argmin(totals))]
-    friction_is_possible = any(is_plain(fit) and fit.kind == best.kind for fit in fits)
+    friction_is_possible = any(
+        is_plain(fit) and fit.has_friction == best.has_friction for fit in fits
+    )
     of_sound = fits[reference].rounding_left
     if friction_is_possible or best.candidate.hypothesis.family in LATE:
-        of_sound = plain_rounding[best.kind]
+        of_sound = plain_rounding[best.has_friction]
     by_rounding = max(of_sound - best.rounding_left, 0.0)
     return Evidence(gains, reference, 1 + by_rounding / noise, sound)
 
 
 def is_plain(fit: Predicted) -> bool:
-    """Whether it is Eq. 15 alone, with or without friction and reflex."""
+    """Whether it is Eq. 15 alone, with or without friction."""
     return fit.candidate.hypothesis.name == PLAIN
 
 
@@ -221,25 +221,13 @@ def weigh(
     noise = noise_of(possible, freedom)
     draws = np.random.default_rng(SEED).dirichlet(np.ones(BLOCKS), BOOTSTRAP_DRAWS) * BLOCKS
     draws = np.vstack([np.ones(BLOCKS), draws])
-    plain_rounding = {fit.kind: fit.rounding_left for fit in fits if is_plain(fit)}
-    return weigh_alike(possible, draws, noise, plain_rounding, is_body)
-
-
-def weigh_alike(
-    fits: Sequence[Predicted],
-    draws: Array,
-    noise: float,
-    plain_rounding: Mapping[JointKind, float],
-    is_body: bool,
-) -> tuple[list[Weighed], int]:
-    """Weigh hypotheses with a reflex, or those without one; of each draw they have a share (d,).
-    The other arguments are those of `weigh` and `evidence_of`."""
-    evidence = evidence_of(fits, noise, plain_rounding)
-    prior = log_prior(fits)
+    plain_rounding = {fit.has_friction: fit.rounding_left for fit in fits if is_plain(fit)}
+    evidence = evidence_of(possible, noise, plain_rounding)
+    prior = log_prior(possible)
     all_blocks = evidence.block_gains.sum(axis=1)
     half_nat = noise * float(evidence.tempers(all_blocks))
     parts = []
-    for k, fit in enumerate(fits):
+    for k, fit in enumerate(possible):
         more, own_parts = parts_of(fit, half_nat, is_body)
         prior[k] += more
         parts.append(own_parts)
@@ -251,7 +239,7 @@ def weigh_alike(
     weights = weights.mean(axis=0)
     weighed = [
         Weighed(fit, float(weights[k]), float(all_blocks[k]), tuple(parts[k]))
-        for k, fit in enumerate(fits)
+        for k, fit in enumerate(possible)
     ]
     return weighed, evidence.reference
 

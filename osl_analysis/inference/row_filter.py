@@ -37,11 +37,6 @@ class RowFilter:
 
         return self._rows(spectrum, windowed)
 
-    def windowed(self, x: Array) -> Array:
-        """Rows (..., m) of signals (..., w) at the working rate."""
-        window = self.spectra.window
-        return self._rows(x, lambda part: part * window)
-
     def of_rows(self, rows: Array) -> Array:
         """Rows (..., m) of signals that are given by such rows, and are 0 elsewhere."""
         if self.gain is None:

@@ -1,15 +1,15 @@
 """Speed, size, direction, clipping: what depends on the motion or on the torque itself."""
 
-from collections.abc import Callable, Sequence
+from abc import abstractmethod
+from collections.abc import Sequence
 from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from osl_analysis.inference.hypothesis import Candidate, Family, Hypothesis, OneParameter, Search
+from osl_analysis.inference.hypothesis import Candidate, Hypothesis, OneParameter, Search
 from osl_analysis.inference.least_squares import solve_scaled
-from osl_analysis.inference.spectra import Spectra
 from osl_analysis.trial import Array
 
 OUTERMOST = (0.002, 0.998)  # quantiles of a torque that are its ends, beside noise
@@ -37,95 +37,120 @@ class Play(OneParameter):
 
 
 class Added(Hypothesis):
-    """Eq. 15 with further columns, and the shares of them by which K, B and I may differ."""
+    """Eq. 15 with further columns.
 
-    added: ClassVar[Callable[[Spectra, Array], list[Array]]]
+    Where K, B or I is not one number, `changes` (3, p) has what the coefficients of the p columns
+    change of them, and `shares` which shares of that change are read: none, and those at the ends.
+    """
+
     changes: ClassVar[Sequence[Sequence[float]]] = ()
     shares: ClassVar[Sequence[float]] = (0.0, 1.0, -1.0)
+
+    @abstractmethod
+    def added(self) -> list[Array]:
+        """The further columns (p,), at the product rate."""
 
     def candidates(self, search: Search) -> list[Candidate]:
         return [self.candidate]
 
     @cached_property
     def candidate(self) -> Candidate:
-        columns = type(self).added(self.data.spectra, self.data.sign)
-        matrices = self.matrices_with_shares(self.changes, self.shares) if self.changes else ()
-        return self.plain(*columns, matrices=matrices)
+        matrices: tuple[Array, ...] = ()
+        if self.changes:
+            matrices = self.matrices_with_shares(self.changes, self.shares)
+        return self.plain(*self.added(), matrices=matrices)
 
 
-def added(
-    family: Family,
-    name: str,
-    term: str,
-    parameters: Sequence[tuple[str, str]],
-    columns: Callable[[Spectra, Array], list[Array]],
-    changes: Sequence[Sequence[float]] = (),
-    shares: Sequence[float] = (0.0, 1.0, -1.0),
-) -> type[Added]:
-    """A hypothesis that adds columns to Eq. 15: a row of the table below."""
-    facts = dict(family=family, name=name, term=term, parameters=tuple(parameters))
-    facts |= dict(added=staticmethod(columns), changes=changes, shares=shares)
-    return type(name, (Added,), facts)
+class ChangeOverTime(Added):
+    """Stiffness, damping and inertia that change evenly."""
+
+    family = "time"
+    name = "change over time"
+    term = "what changes over time"
+    parameters = (
+        ("change of K", "N*m/rad"),
+        ("change of B", "N*m*s/rad"),
+        ("change of I", "kg*m^2"),
+    )
+    changes = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    shares = (0.0, -0.5, 0.5)  # in the middle, at the beginning and at the end
+
+    def added(self) -> list[Array]:
+        spectra = self.data.spectra
+        since_middle = spectra.relative_time - 0.5
+        return [x * since_middle for x in (spectra.theta, spectra.omega, spectra.alpha)]
 
 
-LINEAR = (
-    added(
-        "time",
-        "change over time",
-        "what changes over time",
-        (("change of K", "N*m/rad"), ("change of B", "N*m*s/rad"), ("change of I", "kg*m^2")),
-        lambda s, sign: [x * (s.relative_time - 0.5) for x in (s.theta, s.omega, s.alpha)],
-        np.eye(3).tolist(),
-        (0.0, -0.5, 0.5),
-    ),
-    added(
-        "time",
-        "change at once",
-        "what changes at once",
-        (("step of K", "N*m/rad"), ("step of B", "N*m*s/rad")),
-        lambda s, sign: [x * (s.relative_time > 0.5) for x in (s.theta, s.omega)],
-        [[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]],
-        (0.0, 1.0),
-    ),
-    added(
-        "speed",
-        "damping by speed",
-        "damping that depends on speed",
-        (("quadratic damping", "N*m*s^2/rad^2"),),
-        lambda s, sign: [s.omega * np.abs(s.omega)],
-    ),
-    added(
-        "size",
-        "hardening",
-        "spring that is not linear",
-        (("quadratic stiffness", "N*m/rad^2"), ("cubic stiffness", "N*m/rad^3")),
-        lambda s, sign: [s.angle**2, s.angle**2 * s.angle],
-    ),
-    added(
-        "size",
-        "K by side",
-        "asymmetric torque",
-        (("half the difference of K", "N*m/rad"),),
-        lambda s, sign: [np.abs(s.angle)],
-        [[1.0], [0.0], [0.0]],
-    ),
-    added(
-        "direction",
-        "B by direction",
-        "asymmetric torque",
-        (("half the difference of B", "N*m*s/rad"),),
-        lambda s, sign: [np.abs(s.omega)],
-        [[0.0], [1.0], [0.0]],
-    ),
-    added(
-        "direction",
-        "K by direction",
-        "asymmetric torque",
-        (("half the difference of K", "N*m/rad"),),
-        lambda s, sign: [s.angle * sign],
-        [[1.0], [0.0], [0.0]],
-    ),
-)
+class ChangeAtOnce(Added):
+    """Stiffness and damping that step in the middle of the recording."""
+
+    family = "time"
+    name = "change at once"
+    term = "what changes at once"
+    parameters = (("step of K", "N*m/rad"), ("step of B", "N*m*s/rad"))
+    changes = ((1.0, 0.0), (0.0, 1.0), (0.0, 0.0))
+    shares = (0.0, 1.0)  # before and after
+
+    def added(self) -> list[Array]:
+        spectra = self.data.spectra
+        is_after = spectra.relative_time > 0.5
+        return [spectra.theta * is_after, spectra.omega * is_after]
+
+
+class DampingBySpeed(Added):
+    """Damping that grows with the speed."""
+
+    family = "speed"
+    name = "damping by speed"
+    term = "damping that depends on speed"
+    parameters = (("quadratic damping", "N*m*s^2/rad^2"),)
+
+    def added(self) -> list[Array]:
+        omega = self.data.spectra.omega
+        return [omega * np.abs(omega)]
+
+
+class Hardening(Added):
+    """A spring whose stiffness depends on the angle."""
+
+    family = "size"
+    name = "hardening"
+    term = "spring that is not linear"
+    parameters = (("quadratic stiffness", "N*m/rad^2"), ("cubic stiffness", "N*m/rad^3"))
+
+    def added(self) -> list[Array]:
+        square = self.data.spectra.angle**2
+        return [square, square * self.data.spectra.angle]
+
+
+class StiffnessBySide(Added):
+    """Another stiffness on each side of the mean angle."""
+
+    family = "size"
+    name = "K by side"
+    term = "asymmetric torque"
+    parameters = (("half the difference of K", "N*m/rad"),)
+    changes = ((1.0,), (0.0,), (0.0,))
+
+    def added(self) -> list[Array]:
+        return [np.abs(self.data.spectra.angle)]
+
+
+class ByDirection(Added):
+    """Another stiffness and damping in each direction of motion."""
+
+    family = "direction"
+    name = "K and B by direction"
+    term = "asymmetric torque"
+    parameters = (
+        ("half the difference of K", "N*m/rad"),
+        ("half the difference of B", "N*m*s/rad"),
+    )
+    changes = ((1.0, 0.0), (0.0, 1.0), (0.0, 0.0))
+
+    def added(self) -> list[Array]:
+        spectra = self.data.spectra
+        return [spectra.angle * self.data.sign, np.abs(spectra.omega)]
 
 
 class Clipping(Hypothesis):

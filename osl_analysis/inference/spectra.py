@@ -12,7 +12,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from osl_analysis.errors import InputError, TooShortError
+from osl_analysis.errors import InputError, NotWeighedError
 from osl_analysis.inference.constants import (
     BAND_OF_RATE,
     EDGE,
@@ -73,11 +73,11 @@ class BenchSignals:
     has_drivetrain: bool = False
 
     def __post_init__(self) -> None:
-        """Raise InputError: a signal is not finite, or does not move; TooShortError."""
+        """Raise InputError: a signal is not finite, or does not move; NotWeighedError."""
         check_finite("the angle", self.theta)
         check_finite("the torque", self.torque)
         if len(self.theta) < SHORTEST * self.rate_hz:
-            raise TooShortError(
+            raise NotWeighedError(
                 f"the recording lasts {len(self.theta) / self.rate_hz:.3g} s;"
                 f" record {SHORTEST:g} s or more"
             )
@@ -179,8 +179,6 @@ class Spectra:
         Angle of a drivetrain's actuator, less the line between its ends.
     actuator_derivatives : Array (3, p) or None
         That angle, its velocity and acceleration, for products.
-    relative_time_at_working_rate : Array (w,)
-        Time of each working row over the recording's duration.
     inside : Array (p,) of bool
         Rows of the recording, not of its padding.
     """
@@ -219,8 +217,6 @@ class Spectra:
         for order in range(DERIVATIVES):
             self.derivatives[order] = angle
             angle = angle * self.s
-        rows = np.arange(self.working_rows) * self.padded_seconds / self.working_rows
-        self.relative_time_at_working_rate = (rows - self._padding / rate) / self.seconds
         self.window = self._window()
         self.rows = self.window > 0
         # independent rows, of which the roll-off leaves a part

@@ -7,7 +7,6 @@ root, torque and columns have white noise of variance 1, whatever the noise was.
 high-pass has to be chosen.
 """
 
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -16,7 +15,6 @@ from osl_analysis.inference.actuator import frictionless_actuator
 from osl_analysis.inference.constants import (
     COLOUR_SEGMENT,
     FEWEST_STEPS,
-    MOMENTS,
     PLAYS,
 )
 from osl_analysis.inference.friction_shapes import (
@@ -35,16 +33,10 @@ LEAST_GAIN = 0.03  # of the roll-off's power, below which the spectrum is not di
 # variance of the noise over the torque's mean square: a torque without noise has rounding, which is
 # not divided by, since its spectrum says nothing
 LEAST_NOISE = 1e-20
-# Hz, of muscles in the rich model: seven corners of 1 to 16 Hz bring K beside a reflex no nearer,
-# and move K of drivetrains by up to 0.1 %, B by 2 %
+# of the recording, after which stiffness and damping may be others in the rich model; each adds
+# two columns
+MOMENTS = (0.25, 0.375, 0.5, 0.625, 0.75)
 SLOW_POWERS = 4  # offset and drift: powers of time from 0
-
-
-@dataclass(frozen=True)
-class JointKind:
-    """What a joint has beside stiffness, damping and inertia."""
-
-    has_friction: bool = False
 
 
 class Whitened:
@@ -65,14 +57,8 @@ class Whitened:
         Turns the coefficients of `motion` into K, B and I.
     slow : Array (4, m)
         Offset and drift of the torque.
-    acceleration_jumps : Jumps
-        Jumps of the acceleration.
-    jumps : Array (k, m)
-        What sampling makes of a torque that jumps with them.
     friction : Array (k, m)
         Shapes of dry friction.
-    reflex : Reflex
-        Answers of a muscle to stretch, at the delay that explains most.
     mean_friction : Array (k,)
         Mean torque of each shape over its coefficient.
     sign : Array (p,)
@@ -88,9 +74,8 @@ class Whitened:
         powers = np.array([(spectra.relative_time - 0.5) ** k for k in range(SLOW_POWERS)])
         slow = spectra.spectrum_of(powers)
 
-        rich = rich_columns(spectra, self.sign, friction)
-        gain = whitening_gain(spectra, np.concatenate([rich, slow]))
-        self._rich = np.concatenate([rich, spectra.derivatives[3:]])
+        self._rich_spectra = rich_columns(spectra, self.sign, friction)
+        gain = whitening_gain(spectra, np.concatenate([self._rich_spectra, slow]))
         self._whitening = RowFilter(spectra, gain)
 
         self.torque = self.column(spectra.torque)
@@ -124,19 +109,15 @@ class Whitened:
             return spectra.derivatives[:3]
         return np.vstack([spectra.derivatives[:3], spectra.actuator_spectrum])
 
-    def shared(self, kind: JointKind) -> Array:
-        """Columns (k, m) that all hypotheses share: of friction and reflex, offset and drift."""
-        parts = []
-        if kind.has_friction:
-            parts.append(self.friction)
-        return np.concatenate([*parts, self.slow])
+    def shared(self, has_friction: bool) -> Array:
+        """Columns (k, m) that all hypotheses share: of friction, offset and drift."""
+        if has_friction:
+            return np.concatenate([self.friction, self.slow])
+        return self.slow
 
-    def rich_gain(self, beside: "BesideShared", left: float, noise: float) -> float:
-        """By how many nats the columns of all hypotheses together beat Eq. 15, beyond chance."""
-        columns = self.column(self._rich)
-        more = (left - beside.fit(columns, self.torque)[0]) / 2 / noise
-        count = len(columns)
-        return more - count / 2 - 3 * np.sqrt(count / 2)
+    def rich(self) -> Array:
+        """Whitened columns (k, m) of what any hypothesis may add to the torque."""
+        return self.column(self._rich_spectra)
 
     def column(self, spectrum: Spectrum) -> Array:
         """Whiten the signals with these working spectra (..., f); returns rows (..., m)."""
@@ -212,8 +193,6 @@ def rich_columns(spectra: Spectra, sign: Array, friction: Spectrum) -> Spectrum:
         The recording.
     sign : Array (p,)
         Smoothed sign of the velocity.
-    half_waves : Spectrum (2, f)
-        Velocity while the angle rises, and while it falls.
     friction : Spectrum (k, f)
         Shapes of dry friction.
     """
@@ -228,8 +207,7 @@ def rich_columns(spectra: Spectra, sign: Array, friction: Spectrum) -> Spectrum:
         angle * sign,
     ]
     drifting = [x * centred_time for x in (spectra.theta, omega, alpha)]
-    # five of them, an eighth of the recording apart: each adds two columns to every rich model
-    later = [spectra.relative_time > moment for moment in MOMENTS[::3]]
+    later = [spectra.relative_time > moment for moment in MOMENTS]
     stepping = [x * after for x in (spectra.theta, omega) for after in later]
     products = spectra.spectrum_of(np.array([*nonlinear, *drifting, *stepping]))
     parts = [spectra.derivatives, friction, products]

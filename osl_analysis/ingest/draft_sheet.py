@@ -18,14 +18,13 @@ WORDS_OF_EXPERIMENTS = {
         r"\b(walk|walking|cross|crossing|perturb|perturbed|perturbation|pert|unperturbed|unpert"
         r"|gait)\b"
     ),
-    "overground": r"\bover ?ground\b",
     "belt": r"\bbelt\b",
     "transmission": r"\b(transmission|drivetrain)\b",
     "actuator": r"\b(actuator|motor)\b",
     "impedance": r"\b(impedance|imp|stiffness|multisine|chirp|sines?)\b",
 }
 """By experiment: words in a file's name. A name with words of several experiments tells none."""
-OF_CAPTURES = ("static", "plate", "overground")  # experiments that need motion capture
+OF_CAPTURES = ("static", "plate")  # experiments that need motion capture
 UNNAMED = "ingest_only"  # the experiment of a trial whose name tells none
 LONGEST_NAME = 90  # signs of a trial's name
 SMALLEST_K = 10.0  # N*m/rad; `K1` is the number of a file
@@ -78,7 +77,7 @@ def draft_trials(
     moved
         The experiment of a log by what moves in it, where its name tells none.
     has_fixed_plates
-        Whether nobody is perturbed: a capture alone of one who walks is then `overground`.
+        Whether no platform moves: a capture alone of one who walks is then not analysed.
 
     Returns
     -------
@@ -126,7 +125,9 @@ def draft_trial(
         return DraftedTrial(cells, [question])
     experiment = telling[0]
     if experiment == "walking" and has_fixed_plates and "log" not in files:
-        experiment = "overground"
+        cells["experiment"] = UNNAMED
+        question = f"experiment: no platform moves; it stands as {UNNAMED}, which is not analysed"
+        return DraftedTrial(cells, [question])
     if experiment == "calibration" and is_fixture_alone(path):
         cells.update(experiment="calibration", fixture="alone")
         return DraftedTrial(cells, [])
@@ -197,8 +198,8 @@ def stated_impedance(name: str) -> dict[str, str]:
 
 
 def possible_experiments(files: Recordings) -> list[str]:
-    """What a trial of these files can be: a log alone is of a bench, a boot or a leg, a capture
-    alone of a walkway."""
+    """What a trial of these files can be: a log alone is of a bench, a capture alone of a
+    walkway."""
     possible = set(WORDS_OF_EXPERIMENTS)
     if "mocap" not in files:
         possible -= set(OF_CAPTURES)

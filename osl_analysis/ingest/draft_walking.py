@@ -87,10 +87,6 @@ def draft_walking(overviews: Sequence[Overview]) -> list[str]:
     ]
     for segment, found in clusters.items():
         lines.append(f"    {segment}: {markers_text(segment, found)}")
-    if not clusters["platform"]:
-        lines.append(
-            "# no platform: does a belt, a boot or the leg perturb (`walking.perturbed_by`)?"
-        )
     return lines
 
 

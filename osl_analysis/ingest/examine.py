@@ -819,12 +819,10 @@ def check_own_torque(trial: Trial, torque: str = "torque") -> None:
     log has: a fit to it would be circular."""
     own = origin(trial, torque)
     if own.get("computed_from"):
-        measured = [f"'{name}'" for name in own["measured_beside"]]
-        channel = " or ".join(measured) or "the channel of a load cell"
         raise InputError(
-            f"trial {trial.name}: {torque} is {own['computed_from']} to within rounding: computed,"
-            f" not measured, and a fit gives the formula back; name {channel} as {torque} in the"
-            " source file, or write experiment ingest_only"
+            f"trial {trial.name}: {torque} follows exactly from {own['computed_from']}: it is"
+            " computed, not measured, and a fit gives the formula back; name the channel of a load"
+            f" cell as {torque} in the source file, or write experiment ingest_only"
         )
     both = trial.arrays(torque, "current")[1:] if {torque, "current"} <= set(trial.columns) else ()
     if both and (factor := factor_of(*both)) is not None:

@@ -11,8 +11,14 @@ from typing import cast
 import numpy as np
 
 from osl_analysis.ingest.overview import RecordedChannel
-from osl_analysis.ingest.torque_formula import Kind, Signal, computed_from
-from osl_analysis.measured import factor_of, usual_size, varies
+from osl_analysis.measured import (
+    Quantity,
+    Signal,
+    computed_from,
+    factor_of,
+    usual_size,
+    varies,
+)
 from osl_analysis.recording import Channel
 from osl_analysis.trial import COLUMNS, Array
 from osl_analysis.units import base_units, dimension, name_and_ending, normalised
@@ -22,7 +28,11 @@ COMMAND = r"\b(command|commanded|cmd|desired|des|ref|reference|target|setpoint|g
 ANGLE = r"(angle|position|pos|theta|encoder|winkel|hoek)"
 SPEED = r"(velocity|vel|speed|omega|geschwindigkeit|snelheid)"
 EFFORT = r"(torque|moment|tau|effort|drehmoment|koppel)"
-KIND_WORDS: dict[Kind, str] = {"speed": SPEED, "angle": ANGLE, "current": r"(current|iq|i q)"}
+QUANTITY_WORDS: dict[Quantity, str] = {
+    "speed": SPEED,
+    "angle": ANGLE,
+    "current": r"(current|iq|i q)",
+}
 NO_SIGNAL = r"\b(temperature|temp|voltage|battery|supply|humidity|pressure)\b"
 NOISE = "nothing but noise"
 HELD_COLUMNS = ("current", "torque", "torque_m")  # which stand while an actuator is clamped
@@ -204,19 +214,17 @@ def likely_column(channel: RecordedChannel) -> str:
     return "" if re.search(tells_other, words) else column
 
 
-def kind_of(channel: Channel | RecordedChannel) -> Kind | None:
+def quantity_of(channel: Channel | RecordedChannel) -> Quantity | None:
     """What a channel may be by its unit, or else by its name."""
     unit = base_units(normalised(channel.unit or channel.likely_unit))
-    by_unit = {dimension("rad"): "angle", dimension("rad/s"): "speed", dimension("A"): "current"}
-    if unit is not None and unit[1] in by_unit:
-        return cast(Kind, by_unit[unit[1]])
-    if unit is not None and unit[1]:
-        return None
     words = parted_name(channel.name or " ".join(channel.address.values()))
-    for kind, pattern in KIND_WORDS.items():
-        if re.search(rf"\b{pattern}\b", words):
-            return kind
-    return None
+    by_unit = {dimension("rad"): "angle", dimension("rad/s"): "speed", dimension("A"): "current"}
+    quantity = by_unit.get(unit[1]) if unit is not None else None
+    if unit is None or unit[1] in COUNTS:
+        by_name = (each for each, of in QUANTITY_WORDS.items() if re.search(rf"\b{of}\b", words))
+        quantity = next(by_name, None)
+    is_command = quantity == "angle" and re.search(COMMAND, words)
+    return "command" if is_command else cast(Quantity | None, quantity)
 
 
 def readings(channel: RecordedChannel) -> Array:
@@ -296,15 +304,14 @@ def made_of_others(channel: RecordedChannel, others: Sequence[RecordedChannel]) 
         return ""
     signals: list[Signal] = []
     for other in others:
-        kind = kind_of(other)
+        quantity = quantity_of(other)
         values = other.numbers
-        if other is channel or kind is None or values is None or other.group != channel.group:
+        if quantity is None or values is None or other.group != channel.group:
             continue
         if values.shape == torque.shape:
-            is_command = bool(re.search(COMMAND, words_of(other)))
-            signals.append(Signal(name_of(other), kind, values, is_command))
+            signals.append(Signal(name_of(other), quantity, values))
     found = computed_from(torque, signals)
-    return f"{found}, to within rounding: computed, no measured torque" if found else ""
+    return f"it follows exactly from {found}: computed, no measured torque" if found else ""
 
 
 def copied_from(channel: RecordedChannel, others: Iterable[RecordedChannel]) -> str:

@@ -1,20 +1,20 @@
 """The findings on all trials of a campaign: `findings.csv`."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 
 import polars as pl
 
-from osl_analysis.config.experiments import doubts_of, judged_tables
+from osl_analysis.config.experiments import judged_tables
 from osl_analysis.errors import listing
 from osl_analysis.judge.exclusions import HOW_TO_USE, exclusions
-from osl_analysis.judge.finding import Beyond, Finding, Grade, WordedFinding, Words
-from osl_analysis.judge.judging import judged, with_inherited
+from osl_analysis.judge.finding import ENDS, ESTIMATES, Beyond, Finding, Grade, WordedFinding
+from osl_analysis.judge.judging import judged
 from osl_analysis.judge.known_findings import CHECKS, FINDINGS
 from osl_analysis.judge.limits import DoubtfulFits
+from osl_analysis.judge.moved_estimates import estimate_column
 from osl_analysis.judge.words import words_of
 from osl_analysis.measured import SHORT, significant, unusual
 
-LARGEST_MISFIT = 1.0
 MOST_NAMED = 3  # number of trials that a line names
 QUALITY = "quality"
 
@@ -36,8 +36,7 @@ def campaign_findings(
     Returns
     -------
     list of WordedFinding
-        Findings that rows inherit from another table are listed once per trial and amplitude,
-        without words: the original finding has these.
+        Without those that rows share with another table of the same trials, which has them.
 
     Raises
     ------
@@ -46,24 +45,47 @@ def campaign_findings(
     """
     worded = list(failed_checks(verdicts))
     fits = {name: table for name, table in tables.items() if name in judged_tables()}
-    own_findings = {name: judged(table, limits.of(name), name) for name, table in fits.items()}
-    listed: set[object] = set()  # the inherited findings
     for name, table in fits.items():
-        by_row = own_findings[name]
-        origin = doubts_of().get(name, "")  # the table of the fits to the same trials
-        if origin in fits:
-            by_row = with_inherited(name, table, by_row, fits[origin], own_findings[origin])
+        by_row = judged(table, limits.of(name), name)
         for row, of_row in zip(table.iter_rows(named=True), by_row, strict=True):
-            # those of the row itself first
-            for finding in sorted(of_row, key=lambda finding: bool(finding.inherited)):
-                key = finding.table, finding.subject, finding.amplitude_deg, finding.name
-                if not finding.inherited:
-                    worded.append(WordedFinding(finding, words_of(finding, row)))
-                elif key not in listed:
-                    listed.add(key)
-                    worded.append(WordedFinding(finding, Words("", "", "")))
+            worded.extend(WordedFinding(finding, words_of(finding, row)) for finding in of_row)
     worded.extend(recordings_of_another_length(fits.get("impedance", pl.DataFrame())))
     return worded
+
+
+OFFERED_COLUMNS: dict[str, type[pl.DataType]] = {
+    "finding": pl.Int64,
+    **dict.fromkeys(("table", "trial"), pl.String),
+    "amplitude_deg": pl.Float64,
+    **dict.fromkeys(("cause", "quantity"), pl.String),
+    **dict.fromkeys(("estimate", "low", "high"), pl.Float64),
+}
+"""Columns of `offered.csv`."""
+
+
+def offered_frame(findings: Iterable[WordedFinding]) -> pl.DataFrame:
+    """`offered.csv`: a row per estimate that a finding offers in place of the recorded one, from
+    the same fit with the cause in the model."""
+    rows = []
+    for number, worded in enumerate(findings, start=1):
+        finding = worded.finding
+        for symbol in ESTIMATES:
+            if not any(f"{symbol}{end}" in finding.without for end in ENDS):
+                continue
+            rows.append(
+                {
+                    "finding": number,
+                    "table": finding.table,
+                    "trial": finding.subject,
+                    "amplitude_deg": finding.amplitude_deg,
+                    "cause": finding.cause,
+                    "quantity": estimate_column(finding.table, symbol),
+                    "estimate": finding.without.get(symbol),
+                    "low": finding.without.get(f"{symbol}_low"),
+                    "high": finding.without.get(f"{symbol}_high"),
+                }
+            )
+    return pl.DataFrame(rows, schema=OFFERED_COLUMNS)
 
 
 def failed_checks(verdicts: pl.DataFrame) -> Iterator[WordedFinding]:

@@ -25,9 +25,7 @@ class CauseInRow:
     numbers: tuple[Beyond, ...]
 
 
-# Limit of what is decided by its effect. `fault_harm` is a multiple of what is worth telling;
-# `certain_lag_damping` is in N*m*s/rad: one sample at 300 Hz and K = 300 N*m/rad
-LEAST_EFFECT = 1.0
+LEAST_EFFECT = 1.0  # limit of what is decided by its effect, a multiple of what is worth telling
 # relative differences between components and their file have a standard deviation of 2 %
 NEAR_UNIT = 0.04  # of a ratio to a unit's factor
 NEAR_UNIT_OF_CURVE = 0.015  # the same, of the ratio to a desired curve
@@ -144,20 +142,10 @@ def cause_of(name: str, value: float, row: AnyRow) -> KnownFinding:
         return known_finding(name)
     if suspected_unit(name, value, row):
         return FINDINGS["wrong_unit"]
-    if name == "residual_over_gait" and cell_number(row, "plate_ringing_hz"):
-        return FINDINGS["ringing_plate"]
-    if name == "plate_unexplained" and cell_number(row, "plate_zeroed"):
-        return FINDINGS["plate_threshold"]
     if name == "rate_change" and value < 0:
-        return FINDINGS["loss_falling_with_speed"]
-    mended_fault = row.get("mended_fault")
-    if mended_fault and (name in ("fault_harm", "VAF_in_band", "K_over_K_d")):
-        return FINDINGS[str(mended_fault)]
-    if name == "fault_harm" and cell_number(row, "row_harm"):
-        return FINDINGS["wrong_rows"]
+        return FINDINGS["late_in_loop"]
     if name == "fault_harm":
-        hypothesis, family = str(row.get("fault")), str(row.get("fault_family"))
-        return FINDINGS[HYPOTHESES.get(hypothesis) or HYPOTHESES[family]]
+        return FINDINGS[HYPOTHESES[str(row["fault_family"])]]
     if name == "K_change" and (value > 0 or row.get("fault_family") == "size"):
         return FINDINGS["nonlinear_spring"]
     return FINDINGS[EVIDENCE[name].finding]

@@ -9,12 +9,11 @@ number is beyond a limit `holds` if its whole interval is, `fails` if none of it
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from math import pi
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 import polars as pl
 import scipy
-from pydantic import Field
 
 from osl_analysis.model.compensator import CONTROLLERS
 from osl_analysis.stats.repeats import equivalence
@@ -39,6 +38,7 @@ CLAIMED = (
     "walking_summary",
 )
 """The result tables with whose numbers claims are compared."""
+NEGLIGIBLE_PERCENT = 10.0  # a part of a whole below this share is negligible
 OF_FIT = "95 % for another motion of this kind"
 OF_MEAN = "95 % of the mean (Student)"
 OF_NOISE = "95 % of measurement noise"
@@ -60,8 +60,6 @@ class Claims(Settings):
     no verdict."""
     B: Positive | None = None
     """Margin [N*m*s/rad] within which a damping is the desired one; null: no verdict."""
-    negligible_percent: Annotated[float, Field(gt=0, lt=100)] = 10.0
-    """Share [%] below which a part of a whole is negligible."""
 
 
 @dataclass(frozen=True)
@@ -174,7 +172,7 @@ Means = Mapping[str, Mapping[str, Any]]
 """Rows of the components' summaries by quantity: their means over trials."""
 
 
-def inertia_claims(means: Means, frequencies_hz: Sequence[float], limit: float) -> Iterator[Claim]:
+def inertia_claims(means: Means, frequencies_hz: Sequence[float]) -> Iterator[Claim]:
     """Whether the joint's inertia is negligible beside its damping, at the lowest and the highest
     frequency [Hz]."""
     if not frequencies_hz or not {"J_j", "B_j"} <= means.keys():
@@ -189,13 +187,11 @@ def inertia_claims(means: Means, frequencies_hz: Sequence[float], limit: float) 
             share=2 * pi * hz * J_j["mean"] / B_j["mean"],
             parts=(J_j, B_j),
             wanted="below",
-            limit_percent=limit,
+            limit_percent=NEGLIGIBLE_PERCENT,
         )
 
 
-def stiffness_claims(
-    means: Means, fits: pl.DataFrame, n_T: float | None, limit: float
-) -> Iterator[Claim]:
+def stiffness_claims(means: Means, fits: pl.DataFrame, n_T: float | None) -> Iterator[Claim]:
     """Whether belt and load friction matter, at the lowest and the highest K_d of the `fits` over
     all amplitudes."""
     known = fits.filter(pl.col("K_d") > 0).sort("K_d").to_dicts()
@@ -211,7 +207,7 @@ def stiffness_claims(
                 share=row["K_d"] / means["K_s"]["mean"],
                 parts=(means["K_s"],),
                 wanted="above",
-                limit_percent=limit,
+                limit_percent=NEGLIGIBLE_PERCENT,
             )
         if {"f_C", "f_G", "k_tau_n_m"} <= means.keys():
             parts = [means[name] for name in ("f_C", "f_G", "k_tau_n_m")]
@@ -225,7 +221,7 @@ def stiffness_claims(
                 share=of_load / (f_C + of_load),
                 parts=parts,
                 wanted="above",
-                limit_percent=limit,
+                limit_percent=NEGLIGIBLE_PERCENT,
                 sensitivity=f_C / (f_C + of_load),
             )
 
@@ -448,9 +444,8 @@ def claims_of_place(
                 means[row["quantity"]] = row
     no_fits = pl.DataFrame(schema=["K_d", "controller", "amplitude_deg", "B_d"])
     fits = tables.get("impedance", no_fits).filter(pl.col("amplitude_deg").is_null())
-    limit = settings.negligible_percent
-    yield from inertia_claims(means, frequencies_hz, limit)
-    yield from stiffness_claims(means, fits, n_T, limit)
+    yield from inertia_claims(means, frequencies_hz)
+    yield from stiffness_claims(means, fits, n_T)
     yield from rendered_claims(fits, settings)
     if "compensation" in tables:
         yield from compensation_claims(tables["compensation"])

@@ -4,7 +4,6 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
-from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -80,10 +79,6 @@ class Finding:
         Those of the row; None: all.
     remedy
         Which remedy helps.
-    inherited
-        Table of the same trial that it comes from; empty: the row itself.
-    sizes
-        Its effect on K [N*m/rad], B [N*m*s/rad] and I [kg*m^2], as far as the evidence gives it.
     without
         The estimates with this cause as a column of the regression, where they are better than the
         recorded ones: K, B, I, with `_low` and `_high`.
@@ -108,8 +103,6 @@ class Finding:
     amplitude_deg: float | None = None
     frequency_hz: float | None = None
     remedy: Remedy = Remedy.WHOLE
-    inherited: str = ""
-    sizes: Mapping[str, float] = field(default_factory=dict)
     without: Mapping[str, float] = field(default_factory=dict)
     untold: tuple[str, ...] = ()
     title: str = ""
@@ -124,17 +117,6 @@ class Finding:
         """Whether it concerns a single amplitude, frequency or result."""
         is_of_row = self.amplitude_deg is not None or self.frequency_hz is not None
         return is_of_row or bool(known_finding(self.name).concerns)
-
-    def numbers_by_column(self) -> dict[str, float]:
-        """Its effect and the estimates without it, by column of `findings.csv`."""
-        numbers: dict[str, float] = {}
-        for symbol in ESTIMATES:
-            if symbol in self.sizes:
-                numbers[f"{symbol}_size"] = self.sizes[symbol]
-            for end in ENDS:
-                if f"{symbol}{end}" in self.without:
-                    numbers[f"{symbol}_without{end}"] = self.without[f"{symbol}{end}"]
-        return numbers
 
 
 class Words(NamedTuple):
@@ -154,20 +136,14 @@ class WordedFinding:
 
 
 ESTIMATES = ("K", "B", "I")
-UNITS_OF_ESTIMATES = {"K": "N*m/rad", "B": "N*m*s/rad", "I": "kg*m^2"}
 ENDS = ("", "_low", "_high")  # of the column of an estimate
-FINDING_NUMBERS = [
-    f"{symbol}_{number}"
-    for symbol, number in product(ESTIMATES, ("size", "without", "without_low", "without_high"))
-]
 FINDING_COLUMNS: dict[str, type[pl.DataType]] = {
     "finding": pl.Int64,
     **dict.fromkeys(("table", "trial"), pl.String),
     **dict.fromkeys(("amplitude_deg", "frequency_hz"), pl.Float64),
-    **dict.fromkeys(("grade", "name", "cause", "inherited", "evidence"), pl.String),
+    **dict.fromkeys(("grade", "name", "cause", "evidence"), pl.String),
     **dict.fromkeys(("value", "limit"), pl.Float64),
     "limit_side": pl.String,
-    **dict.fromkeys(FINDING_NUMBERS, pl.Float64),
     **dict.fromkeys(("says", "size", "remedy"), pl.String),
 }
 """Columns of `findings.csv`: a row per number of evidence; rows of one finding share the number
@@ -203,10 +179,9 @@ def finding_row(worded: WordedFinding) -> dict[str, object]:
         "grade": finding.grade.value,
         "name": finding.name,
         "cause": finding.cause,
-        "inherited": finding.inherited or None,
     }
     words = {part: text or None for part, text in worded.words._asdict().items()}
-    return {**row, **finding.numbers_by_column(), **words}
+    return {**row, **words}
 
 
 def read_findings(path: Path) -> list[WordedFinding]:
@@ -230,14 +205,6 @@ def findings_of_frame(frame: pl.DataFrame) -> list[WordedFinding]:
                 numbers = (row["value"], row["limit"], row["limit_side"])
                 evidence.append(Beyond(row["evidence"], *numbers))
         row = rows[0]
-        sizes: dict[str, float] = {}
-        without: dict[str, float] = {}
-        for symbol in ESTIMATES:
-            if row[f"{symbol}_size"] is not None:
-                sizes[symbol] = row[f"{symbol}_size"]
-            for end in ENDS:
-                if row[f"{symbol}_without{end}"] is not None:
-                    without[f"{symbol}{end}"] = row[f"{symbol}_without{end}"]
         finding = Finding(
             name=row["name"],
             table=row["table"],
@@ -246,9 +213,6 @@ def findings_of_frame(frame: pl.DataFrame) -> list[WordedFinding]:
             evidence=tuple(evidence),
             amplitude_deg=row["amplitude_deg"],
             frequency_hz=row["frequency_hz"],
-            inherited=row["inherited"] or "",
-            sizes=sizes,
-            without=without,
             title=row["cause"],
         )
         words = Words(row["says"] or "", row["size"] or "", row["remedy"] or "")

@@ -208,14 +208,8 @@ def findings_of_row(
 
 
 def finding_of_cause(table: str, row: AnyRow, in_row: CauseInRow, remedy: Remedy) -> Finding:
-    """A cause of doubt about a row, with its effect on the estimates as far as the row has it.
-    Estimates without it are offered where they are better than the recorded ones."""
-    sizes: dict[str, float] = {}
-    for number in in_row.numbers:
-        symbol = EVIDENCE[number.column].share_of if number.column in EVIDENCE else ""
-        estimate = cell_number(row, estimate_column(table, symbol)) if symbol else None
-        if estimate is not None:
-            sizes[symbol] = max(sizes.get(symbol, 0.0), abs(number.value * estimate))
+    """A cause of doubt about a row. Estimates without it are offered where they are better than the
+    recorded ones."""
     without: dict[str, float] = {}
     without_cause = corrections(table, in_row.cause, row)
     for correction in without_cause:
@@ -238,7 +232,6 @@ def finding_of_cause(table: str, row: AnyRow, in_row: CauseInRow, remedy: Remedy
         amplitude_deg=cell_number(row, "amplitude_deg"),
         frequency_hz=cell_number(row, "frequency_hz"),
         remedy=remedy,
-        sizes=sizes,
         without=without,
         untold=tuple(untold),
     )
@@ -266,7 +259,6 @@ def marked(table: pl.DataFrame, findings: RowFindings, name: str) -> pl.DataFram
 
 
 def with_inherited(
-    name: str,
     table: pl.DataFrame,
     findings: RowFindings,
     origin: pl.DataFrame,
@@ -278,8 +270,8 @@ def with_inherited(
 
     Parameters
     ----------
-    name, table, findings
-        A table, its rows, and the findings about them.
+    table, findings
+        The rows of a table, and the findings about them.
     origin, findings_of_origin
         The rows of the other table, and the findings about them.
     """
@@ -288,10 +280,7 @@ def with_inherited(
         doubts_by_fit[fit] = [finding for finding in of_row if finding.grade is Grade.DOUBTS]
     extended: RowFindings = []
     for fit, of_row in zip(trials_and_amplitudes(table), findings, strict=True):
-        inherited = []
-        for doubt in doubts_by_fit.get(fit, ()):
-            inherited.append(replace(doubt, table=name, inherited=doubt.table))
-        extended.append([*of_row, *inherited])
+        extended.append([*of_row, *doubts_by_fit.get(fit, ())])
     return extended
 
 

@@ -128,7 +128,7 @@ EVIDENCE = {name: Evidence(name, **fields) for name, fields in CONTENT["columns"
 """By column. Any other column may have a limit, too: its finding then has the column's name."""
 CHECKS = {name: Check(name, **fields) for name, fields in CONTENT["checks"].items()}
 HYPOTHESES: dict[str, str] = CONTENT["hypotheses"]
-"""Findings by hypothesis of the inference, or by its family."""
+"""Findings by family of the hypotheses of the inference."""
 
 
 def check_names() -> None:

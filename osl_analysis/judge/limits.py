@@ -11,8 +11,7 @@ from osl_analysis.config.experiments import judged_tables
 from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.errors import nearest
 from osl_analysis.judge.known_findings import EVIDENCE
-from osl_analysis.renamed import NewName
-from osl_analysis.yaml_settings import NotNegative, Settings, misplaced, removed, renamed
+from osl_analysis.yaml_settings import OF_EARLIER_RELEASE, NotNegative, Settings, misplaced
 
 Share = Annotated[float, Field(gt=0, lt=1)]  # A part of a whole; a larger number is in percent.
 Factor = Annotated[float, Field(gt=1)]  # How many times a number may be another one.
@@ -95,10 +94,13 @@ class DoubtfulFits(Settings):
             check_limit(limit, self.every_table, columns, "every_table", "any judged table")
         for name, limits in self.__pydantic_extra__.items():
             if name not in judged_tables():
-                check_is_of_this_release(name)
                 tables = ", ".join(judged_tables())
                 suggestion = nearest(name, judged_tables())
-                raise misplaced(f"unknown table; limits may stand on {tables}{suggestion}", name)
+                raise misplaced(
+                    f"unknown table; limits may stand on {tables} ({OF_EARLIER_RELEASE})"
+                    f"{suggestion}",
+                    name,
+                )
             for limit in limits.stated():
                 check_limit(limit, limits, numeric_columns(name), name, f"tables/{name}.csv")
         return self
@@ -160,10 +162,12 @@ def check_limit(
     side = "ratio" if name in limits.ratio else limit.side
     instead = decided_elsewhere(name)
     if instead:
-        raise removed(instead, section, side, name)
+        raise misplaced(f"takes no limit: {instead}; remove the line", section, side, name)
     if name not in columns:
-        check_is_of_this_release(section, side, name)
-        message = f"{table} has no number of this name; correct it{nearest(name, columns)}"
+        message = (
+            f"{table} has no number of this name; correct it ({OF_EARLIER_RELEASE})"
+            f"{nearest(name, columns)}"
+        )
         raise misplaced(message, section, side, name)
     if value is None:
         return
@@ -203,30 +207,3 @@ def decided_elsewhere(column: str) -> str:
     if evidence.decided_by == "sign":
         return "what cannot be negative and certainly is, is doubtful anyway"
     return ""
-
-
-WEIGHED = "explanations are weighed by prediction (column `explanations`)"
-REMOVED_LIMITS = {
-    **dict.fromkeys(
-        (
-            "alias_share", "backlash_share", "drift_inertia_share", "even_harmonics", "lag_shift",
-            "odd_harmonics", "reflex_gain_p", "reflex_p", "response_models", "torque_at_peaks",
-            "untold_share",
-        ),
-        WEIGHED,
-    ),
-    **dict.fromkeys(("outside_interval", "slope_share"), "its column is gone"),
-    "unzeroed_load_cell": "an offset of the torque is fitted",
-}  # fmt: skip
-"""Columns, tables and checks that could have a limit in release 0.4.0, and why they have none."""
-RENAMED_LIMITS = {"Y_phase_se_deg": NewName("Y_phase_deg_se", "1.1")}
-"""Columns of release 0.4.0 with another name since."""
-
-
-def check_is_of_this_release(*place: str) -> None:
-    """Refuse a limit that an earlier release could have, as a field that is gone or renamed."""
-    name = place[-1]
-    if name in RENAMED_LIMITS:
-        raise renamed(RENAMED_LIMITS[name], *place)
-    if name in REMOVED_LIMITS:
-        raise removed(REMOVED_LIMITS[name], *place)

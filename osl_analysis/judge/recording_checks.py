@@ -7,6 +7,7 @@ only judges again.
 
 import math
 from collections.abc import Collection, Mapping
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import polars as pl
@@ -14,43 +15,55 @@ from pydantic import ConfigDict, Field, model_validator
 
 from osl_analysis.errors import InputError, nearest
 from osl_analysis.judge.known_findings import CHECKS
-from osl_analysis.judge.limits import check_is_of_this_release
 from osl_analysis.yaml_settings import Settings, misplaced
 
 
-class Rule(Settings):
+@dataclass(frozen=True)
+class Rule:
     """The threshold of one check, and what happens to a trial beyond it."""
 
-    threshold: str  # Number and unit, as in `20 N`.
+    limit: float  # in the unit of the check
+    # `flag` says so in the table of quality; `exclude` keeps the trial out of every other table and
+    # figure, too
     on_failure: Literal["flag", "exclude"]
-    """`flag` says so in the table of quality; `exclude` keeps the trial out of every other table
-    and figure, too."""
-
-    @property
-    def limit(self) -> float:
-        """The threshold without its unit."""
-        return float(self.threshold.split(maxsplit=1)[0])
 
 
 class QualityRules(Settings):
-    """A rule per check, under the check's name."""
+    """The threshold of each check with its unit, under the check's name, as `gap: 0.05 s`; without
+    one, a single fault is beyond it."""
 
     model_config = ConfigDict(extra="allow")
-    __pydantic_extra__: dict[str, Rule] = Field(init=False)
+    __pydantic_extra__: dict[str, str] = Field(init=False)
+
+    # Checks whose failure excludes a trial from every table and figure but that of quality.
+    exclude: tuple[str, ...] = ()
 
     @model_validator(mode="before")
     @classmethod
     def _checks_are_known(cls, content: Any) -> Any:
-        names = list(content) if isinstance(content, Mapping) else []
-        for name in names:
+        thresholds = dict(content) if isinstance(content, Mapping) else {}
+        excluding = thresholds.pop("exclude", ())
+        for name in excluding if isinstance(excluding, list) else ():
             if name not in CHECKS:
-                check_is_of_this_release(str(name))
+                raise misplaced(unknown_check(str(name)), "exclude")
+        for name, threshold in thresholds.items():
+            if name not in CHECKS:
                 raise misplaced(unknown_check(str(name)), name)
+            if isinstance(threshold, Mapping):
+                raise misplaced(
+                    f"write its threshold alone, as `{name}: {threshold.get('threshold')}`, and"
+                    " name the check under quality.exclude if its failure excludes a trial",
+                    name,
+                )
         return content
 
     @property
     def by_check(self) -> dict[str, Rule]:
-        return self.__pydantic_extra__
+        rules = {}
+        for name in CHECKS:
+            limit = float(self.__pydantic_extra__.get(name, "0").partition(" ")[0])
+            rules[name] = Rule(limit, "exclude" if name in self.exclude else "flag")
+        return rules
 
 
 NOT_APPLICABLE = "not applicable"  # a verdict
@@ -63,15 +76,8 @@ def unknown_check(name: str) -> str:
 
 
 def validate_rules(rules: QualityRules, units: Mapping[str, str]) -> None:
-    """Refuse rules that lack a check, or have a threshold in another unit than that of `units`, by
-    check, with InputError."""
-    for name in CHECKS:
-        if name not in rules.by_check:
-            raise InputError(
-                f"configuration, quality: no rule for the check '{name}'; add it as in"
-                " config/config.yaml"
-            )
-        threshold = rules.by_check[name].threshold
+    """Refuse a threshold in another unit than that of `units`, by check, with InputError."""
+    for name, threshold in (rules.__pydantic_extra__ or {}).items():
         if not is_threshold(threshold, units[name]):
             raise InputError(
                 f"configuration, quality.{name}: threshold '{threshold}' must be a number from 0"
@@ -119,9 +125,10 @@ def judged_table(
         With thresholds and verdicts, as in `quality.csv`.
     """
     rows: list[dict[str, Any]] = []
-    of_known_checks = measured.filter(pl.col("check").is_in(list(rules.by_check)))
+    by_check = rules.by_check
+    of_known_checks = measured.filter(pl.col("check").is_in(list(by_check)))
     for trial, name, value, unit, remark in of_known_checks.iter_rows():
-        rule = rules.by_check[name]
+        rule = by_check[name]
         remarks = [remark] if remark else []
         verdict = NOT_APPLICABLE if value is None else "pass"
         if CHECKS[name].failed(value, rule.limit):

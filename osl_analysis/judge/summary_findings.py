@@ -11,7 +11,7 @@ import polars as pl
 
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.judge.campaign import MOST_NAMED, QUALITY
-from osl_analysis.judge.finding import FINDING_NUMBERS, Finding, Grade, WordedFinding, Words
+from osl_analysis.judge.finding import Finding, Grade, WordedFinding, Words
 from osl_analysis.judge.known_findings import CHECKS, known_finding
 from osl_analysis.judge.words import sentence_of
 from osl_analysis.stats.repeats import DOUBTFUL
@@ -43,8 +43,6 @@ class CampaignFinding:
         The columns of its evidence, and their limits.
     table, worst
         The table of the findings, and the trial farthest beyond its limits.
-    numbers
-        Effect and estimates of the worst trial, by column of `findings.csv`.
     """
 
     verdict: str
@@ -60,7 +58,6 @@ class CampaignFinding:
     limit: str
     table: str
     worst: str
-    numbers: Mapping[str, float]
 
     @property
     def kind(self) -> str:
@@ -84,7 +81,6 @@ class CampaignFinding:
             "limit": self.limit,
             "table": self.table,
             "worst": self.worst,
-            **self.numbers,
         }
 
 
@@ -92,7 +88,6 @@ def findings_in_summary(summary: Mapping[str, Any]) -> list[CampaignFinding]:
     """The findings that a `summary.json` lists; an older one lacks some of their fields."""
     findings = []
     for content in summary.get("findings", ()):
-        numbers = {key: content[key] for key in FINDING_NUMBERS if content.get(key) is not None}
         findings.append(
             CampaignFinding(
                 verdict=content["verdict"],
@@ -108,7 +103,6 @@ def findings_in_summary(summary: Mapping[str, Any]) -> list[CampaignFinding]:
                 limit=content.get("limit", ""),
                 table=content.get("table", ""),
                 worst=content.get("worst", ""),
-                numbers=numbers,
             )
         )
     return findings
@@ -173,7 +167,7 @@ def causes_in_campaign(
     by_table: dict[tuple[str, Grade], list[WordedFinding]] = defaultdict(list)
     for worded in findings:
         finding = worded.finding
-        if not finding.inherited and finding.subject in present:
+        if finding.subject in present:
             by_table[finding.table, finding.grade].append(worded)
 
     doubts: list[CampaignFinding] = []
@@ -307,7 +301,6 @@ def by_cause(
             limit=", ".join(limits.values()),
             table=finding.table,
             worst=worst,
-            numbers=finding.numbers_by_column(),
         )
 
 

@@ -16,12 +16,8 @@ USUAL_DIFFERENCE = {"K_s": 0.05, "B_j": 0.1, "k_tau_n_m": 0.05}
 """Of a component from its parameter file; most differ by less, of 10 trials of the default belt by
 2 %. Data sheets give torque constants to 0.1, which is why more is a remark and no doubt."""
 HIDDEN_SHARE = 0.1  # of J_j, by which a delay of two standard errors may change it
-WIDE = 3.0  # effect of a reflex that is seen on K, in widths of K's interval
-SEEN = 0.5  # the same of a reflex that may be hidden
-LEAST_MOMENT_SHARE = 0.02  # of K, that a wrong gain of the plate's moments may change
 LEAST_REST_SHARE = 0.02  # of K, that a weight about another angle may change
 USUAL_DAMPING = (0.5, 1.5)  # times B_d, that a controller renders beside friction and delays
-ROUGH_GAIN = 0.05  # share by which a plate of the right gain may seem wrong
 
 
 def unchecked_in(table: str, row: AnyRow) -> Iterator[Finding]:
@@ -69,6 +65,8 @@ def unchecked_names(table: str, row: AnyRow) -> Iterator[str]:
             yield "late_torque_unseen"
     elif table == "torque_angle":
         yield from unchecked_in_torque_angle(row)
+    elif table == "walking_groups" and not lacks(row, "K"):
+        yield "walking_unseen"
     elif table == "actuator" and lacks(row, "B_m"):
         yield "actuator_at_rest"
     if table in ("belt", "actuator") and lacks(row, f"{MEASURED_BY[table]}_ratio"):
@@ -101,17 +99,9 @@ def unchecked_in_impedance(row: AnyRow) -> Iterator[str]:
     is_device_known = not lacks(row, "K_over_K_s")
     if has_commanded and lacks(row, "K_predicted") and is_device_known:
         yield "K_of_gains"
-        yield "yielding_frame"
-    if has_commanded and lacks(row, "fault_probability") and lacks(row, "lag_s"):
+    is_weighed = row.get("fault_probability") is not None or row.get("lag_s") is not None
+    if row.get("delay_told_s") is not None or (has_commanded and not is_weighed):
         yield "late_torque_unseen"
-    if row.get("delay_told_s") is not None:
-        yield "uncertain_delay"
-    if row.get("certain_theta_m_lag_s"):
-        yield "motor_angle_delay"
-    if lacks(row, "K_drift") and lacks(row, "fault_probability"):
-        yield "stiffness_drift_unseen"
-    if (cell_number(row, "clocks") or 1) > 1 and lacks(row, "clock_drift_ppm"):
-        yield "clock_drift_unseen"
     if lacks(row, "gain_error"):
         yield "wrong_gain_unseen"
     if weight_by_rest(row) > LEAST_REST_SHARE * abs(cell_number(row, "K") or 0.0):

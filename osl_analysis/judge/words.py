@@ -241,10 +241,6 @@ def rises_or_falls(number: Beyond, _: AnyRow) -> str:
     return "rises" if number.value > 0 else "falls"
 
 
-def rise_text(number: Beyond, row: AnyRow) -> str:
-    return f"{rises_or_falls(number, row)} by {100 * abs(number.value):.0f} %"
-
-
 def symbol_of_ratio(number: Beyond, _: AnyRow) -> str:
     """The symbol of an estimate whose ratio to a known value, or upper end, is beyond its limit."""
     return number.column.removesuffix("_ratio").removesuffix("_high")
@@ -285,7 +281,6 @@ def more_or_less(number: Beyond, row: AnyRow) -> str:
 OF_EVIDENCE: Mapping[str, Callable[[Beyond, AnyRow], str]] = {
     "percent": lambda number, _: percent(number.value),
     "value": lambda number, _: significant(number.value, 3),
-    "rise": rise_text,
     "rises_or_falls": rises_or_falls,
     "symbol": symbol_of_ratio,
     "friction_in_damping": friction_of_damping,
@@ -351,11 +346,6 @@ def late_remedy(cells: Cells) -> str:
         f"add {significant(1e3 * abs(lag_s), 3)} ms to the `delay` of the {signal} in the source"
         " file, or state its `low_pass` there"
     )
-
-
-def explained(cells: Cells) -> str:
-    """The hypotheses that explain a recording, where nothing that was tried does."""
-    return "" if "mended" in cells else f"explained by {cells['explanations']}"
 
 
 def energy_lost_by_lag(cells: Cells) -> str:
@@ -425,13 +415,6 @@ def damping_gap_text(cells: Cells) -> str:
     return text
 
 
-def reaction_text(cells: Cells) -> str:
-    """What sets in within the window of a perturbation, and K without it."""
-    kind = f"it is like {cells['reaction']}"
-    with_reflex = filled("{K_with_reflex_text}", cells)
-    return f"{kind}. {capital(with_reflex)}" if with_reflex else kind
-
-
 def unknown_gains(cells: Cells) -> str:
     """Why the gains of a trial's controller are not known."""
     controller = cells.row.get("controller")
@@ -458,12 +441,12 @@ def gains_unseen(cells: Cells) -> str:
     )
 
 
-def motor_angle_direction(cells: Cells) -> str:
-    return "late" if cells["certain_theta_m_lag_s"] > 0 else "early"
-
-
-def motor_angle_lag_ms(cells: Cells) -> str:
-    return f"{1e3 * abs(cells['certain_theta_m_lag_s']):.2g}"
+def told_delay(cells: Cells) -> str:
+    """How well a recording tells the delay between angle and torque by itself."""
+    told_s = cell_number(cells.row, "delay_told_s")
+    if told_s is None:
+        return "This recording would not show it"
+    return f"From the recording it is known to {significant(1e3 * told_s)} ms"
 
 
 def ratio_to_file(cells: Cells) -> str:
@@ -472,32 +455,6 @@ def ratio_to_file(cells: Cells) -> str:
         if f"{quantity}_ratio" in cells:
             return significant(cells[f"{quantity}_ratio"], 3)
     raise KeyError("the row has no ratio to the parameter file")
-
-
-def moment_effect_on_K(cells: Cells) -> str:
-    """What a wrong gain of the plate's moments may add to K [N*m/rad]."""
-    return significant(100 * cells["moment_error_half"] * cells["moment_K_per_percent"])
-
-
-def K_with_reflex(cells: Cells) -> str:
-    return (
-        f"with a reflex of {cells['reflex_gain']:.2g} N*m*s/rad, {cells['reflex_delay_ms']:.0f} ms"
-        f" late, K would be {cells['K_with_reflex']:.3g} ({cells['K_with_reflex_low']:.3g} to"
-        f" {cells['K_with_reflex_high']:.3g}) N*m/rad"
-    )
-
-
-def reflex_remedy(cells: Cells) -> str:
-    if "longer_window_s" not in cells:
-        return "record more crossings"
-    return f"set walking.window_s to {cells['longer_window_s']:g} if stance allows"
-
-
-def range_of_hidden_damping(cells: Cells) -> str:
-    """By how much a change of K with stance that is not seen would change B [N*m*s/rad], upwards,
-    whatever the sign of B per slope."""
-    ends = [cells[f"hidden_slope_{end}"] * cells["B_per_slope"] for end in ("low", "high")]
-    return f"{significant(min(ends))} to {significant(max(ends))}"
 
 
 def gain_remedy(cells: Cells) -> str:
@@ -513,20 +470,13 @@ COMPUTED: Mapping[str, Callable[[Cells], Any]] = {
     "zero_deg": lambda cells: Number(math.degrees(-cells["offset"] / cells["K"])),
     "K_by_rest": lambda cells: Number(weight_by_rest(cells.row)),
     "B_over_B_d": lambda cells: Number(damping_ratio(cells.row) or 1.0),
-    "explained": explained,
     "lag": lag_text,
     "late_remedy": late_remedy,
     "late_torque_of_loss": energy_lost_by_lag,
     "calibration": calibration_text,
     "damping_gap": damping_gap_text,
-    "reaction_and_K": reaction_text,
     "gains_unseen": gains_unseen,
     "unknown_gains": unknown_gains,
-    "theta_m_direction": motor_angle_direction,
-    "theta_m_lag_ms": motor_angle_lag_ms,
+    "delay_told": told_delay,
     "ratio_to_file": ratio_to_file,
-    "moment_effect": moment_effect_on_K,
-    "K_with_reflex_text": K_with_reflex,
-    "reflex_remedy": reflex_remedy,
-    "hidden_damping": range_of_hidden_damping,
 }

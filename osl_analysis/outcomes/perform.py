@@ -171,7 +171,7 @@ def call(job: Job) -> Sequence[Refusal]:
     fit of an experiment takes a trial and returns tables, which are written here. A command that
     writes tables has an argument `data`, which their last column says.
     """
-    function = command_of(job)
+    function = command_of(job.command)
     arguments = arguments_of(function)
     takes_refusals = "refused" in arguments
     inputs = {
@@ -207,9 +207,9 @@ def call(job: Job) -> Sequence[Refusal]:
     with limited_memory(job.recordings):
         if job.command in TABLES_OF_FIT:
             trial = read_trial(Path(str(given.pop("trial"))))
-            fitted = CONVERTING(function)(trial=trial, **given, **params)
-            if not isinstance(fitted, Mapping):  # FitTables, of which some are not computed yet
-                fitted = fitted.everything()
+            advise = command_of("remedies.fit_or_advise")
+            tables_of_trial = advise(CONVERTING(function), trial, **given, **params)
+            fitted = tables_of_trial.everything()
             tables = TABLES_OF_FIT[job.command]
             write_tables({place_of(table, job): fitted[table] for table in tables}, data)
         else:
@@ -239,8 +239,9 @@ def takes_many(arguments: Mapping[str, inspect.Parameter], name: str) -> bool:
     return name in arguments and get_origin(arguments[name].annotation) in (Sequence, Mapping)
 
 
-def command_of(job: Job) -> Callable[..., Any]:
-    module, _, name = job.command.partition(".")
+def command_of(place: str) -> Callable[..., Any]:
+    """The function at a place, `module.function`, of `osl_analysis.commands`."""
+    module, _, name = place.partition(".")
     command: Callable[..., Any] = getattr(import_module(f"osl_analysis.commands.{module}"), name)
     return command
 

@@ -1,1 +1,1 @@
-"""What a run reports: headline numbers, tables for a paper, a summary in ten lines, and one page."""
+"""What a run reports: headline numbers, tables for a paper, a summary in ten lines, a page."""

@@ -34,7 +34,6 @@ def left_out_trials(
     sheet: Mapping[str, Mapping[str, Any]],
     excluded: pl.DataFrame,
     tables: Mapping[str, pl.DataFrame],
-    refused: Mapping[str, str],
 ) -> dict[str, LeftOut]:
     """Gather the trials that are left out. All that counts trials counts by them.
 
@@ -43,11 +42,9 @@ def left_out_trials(
     sheet : Mapping of str to Mapping
         The row of every trial of the sample sheet, also of those that it excludes.
     excluded : polars.DataFrame
-        `excluded.csv`.
+        `excluded.csv`, with every trial that was refused.
     tables : Mapping of str to polars.DataFrame
         Result tables by name, with those of `TABLES_OF_TRIALS` that the campaign has.
-    refused : Mapping of str to str
-        The reason of each refused trial.
 
     Returns
     -------
@@ -66,10 +63,6 @@ def left_out_trials(
         by_job = row["check"] in ("refused", "failed")
         reason = row["remark"] if by_job else exclusion_text(row)
         add(row["trial"], by_job, exclusion_cause(row), reason)
-    of_table = set(left_out)
-    for trial, reason in refused.items():
-        if trial not in of_table:
-            add(trial, True, NOT_ANALYSED, reason)
     crossings = tables.get("walking_crossings", pl.DataFrame(schema=["trial", "status"]))
     outliers = crossings.filter(pl.col("status") == "outlier")["trial"].to_list()
     for table, column in REASONS_OF_CROSSINGS.items():

@@ -1,23 +1,31 @@
 """Headline numbers of a campaign: computed from result tables as `numbers.yaml` lists them, and
-written as JSON and as macros of LaTeX."""
+written as JSON, as macros of LaTeX and as sentences."""
 
 import json
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import polars as pl
-import yaml
 
-from osl_analysis.campaign.origin import sentence
+from osl_analysis.campaign.origin import ABOUT_MEANING, sentence
+from osl_analysis.dictionary import own_yaml
 from osl_analysis.report.rounding import written
+from osl_analysis.report.typography import in_latex
 from osl_analysis.schema import SCHEMA, SCHEMA_FIELD
-from osl_analysis.stats.repeats import DOUBTFUL, counted, doubtful_count
+from osl_analysis.stats.repeats import (
+    DOUBTFUL,
+    counted,
+    doubtful_count,
+    own_condition,
+    summary_row,
+)
 
 PLACE = ("joint", "side")
 RANGE = "lowest to highest"
+MOST_IN_SENTENCE = 4  # numbers of a sentence: a terminal shows two lines of them
 
 
 @dataclass(frozen=True)
@@ -34,16 +42,14 @@ class Entry:
     high: str = "NULL"
     by: Sequence[str] = ()
     reduce: str = "mean"
-    line: str = ""
+    says: str = ""
+    symbol: str = ""
+    unless: str = ""
     draft: float | None = None
 
 
-ENTRIES = [
-    Entry(**fields)
-    for fields in yaml.safe_load(
-        Path(__file__).with_name("numbers.yaml").read_text(encoding="utf-8")
-    )
-]
+LISTED: Any = own_yaml(Path(__file__).with_name("numbers.yaml"))  # a mapping per number
+ENTRIES = [Entry(**fields) for fields in LISTED]
 
 
 @dataclass(frozen=True)
@@ -61,59 +67,118 @@ class Number:
     n: int  # rows behind it
     n_doubtful: int
     n_left_out: int
-    line: str  # of the summary in the terminal that shows it
+    says: str = ""  # begin of its sentence; empty for none
+    symbol: str = ""  # before it in the sentence
+    subject: str = ""  # controller, condition, group, joint and side that it is of
     verdict: str | None = None  # on the paper's claim about it
-    doubt: str | None = None
+
+    @property
+    def texts(self) -> tuple[str, str, str]:
+        """The number and the ends of its interval, rounded by this; empty ends where it has none.
+        The range of single values does not round their mean."""
+        value, low, high = written(self.value, self.low, self.high, parts=True)
+        return (written(self.value) if self.kind == RANGE else value), low, high
 
     @property
     def text(self) -> str:
-        """The number, rounded by its interval, with this and its unit."""
-        return f"{written(self.value, self.low, self.high)} {self.unit}"
+        """The number with its interval, without unit."""
+        value, low, high = self.texts
+        return f"{value} ({low} to {high})" if low and high else value
+
+    @property
+    def kind(self) -> str:
+        """What the interval is, for a reader; empty without one."""
+        if self.interval is None:
+            return ""
+        return RANGE if self.interval == RANGE else "95 %"
+
+    @property
+    def in_sentence(self) -> str:
+        """The number with what it is of, its interval and the doubts about it in brackets."""
+        value, low, high = self.texts
+        facts = [self.subject]
+        if low and high:
+            kind = "trials" if self.kind == RANGE else "95 %:"
+            facts.append(f"{kind} {low} to {high}")
+        if self.n_doubtful:
+            facts.append(f"{self.n_doubtful} of {self.n + self.n_left_out} doubtful")
+        in_brackets = "; ".join(filter(None, facts))
+        symbol = f"{self.symbol} = " if self.symbol else ""
+        return f"{symbol}{value} {self.unit}{f' ({in_brackets})' if in_brackets else ''}"
 
 
 def headline_numbers(
     tables: Mapping[str, pl.DataFrame], beside_draft: bool = True
 ) -> Iterator[Number]:
-    """Compute the numbers of `numbers.yaml` of which the campaign has the table and the columns."""
+    """Compute the numbers of `numbers.yaml` of which the campaign has the table and the columns.
+
+    Parameters
+    ----------
+    tables : Mapping of str to polars.DataFrame
+        Result tables by name, `impedance` with its evidence.
+    beside_draft : bool
+        Whether the values of the paper's draft stand beside them.
+    """
+    present = set()  # names of the entries with a number
     for entry in ENTRIES:
-        table = tables.get(entry.table, pl.DataFrame())
-        try:
-            rows = table.filter(pl.sql_expr(entry.where)).with_columns(
-                number=pl.sql_expr(entry.value).cast(pl.Float64),
-                number_low=pl.sql_expr(entry.low).cast(pl.Float64),
-                number_high=pl.sql_expr(entry.high).cast(pl.Float64),
-            )
-        except pl.exceptions.ColumnNotFoundError:
-            continue
-        rows = rows.filter(pl.col("number").is_finite())
+        rows = rows_of(entry, tables.get(entry.table, pl.DataFrame()))
         places = [name for name in PLACE if name in rows.columns and rows[name].n_unique() > 1]
         keys = [name for name in (*entry.by, *places) if name in rows.columns]
+        if "K_d" in keys:
+            keys.append("own_condition")
+            rows = rows.with_columns(own_condition=own_condition(rows))
         parts = rows.partition_by(keys, maintain_order=True) if keys else [rows]
         for part in parts:
             if len(part):
-                yield number_of(entry, part, keys, beside_draft)
+                present.add(entry.name)
+                says = "" if entry.unless in present else entry.says
+                yield number_of(entry, part, keys, says, beside_draft)
 
 
-def number_of(entry: Entry, rows: pl.DataFrame, keys: Sequence[str], beside_draft: bool) -> Number:
+def rows_of(entry: Entry, table: pl.DataFrame) -> pl.DataFrame:
+    """The rows of a table with the numbers of an entry and their intervals; none where the table
+    lacks a column that the entry asks for."""
+    try:
+        rows = table.filter(pl.sql_expr(entry.where)).with_columns(
+            number=pl.sql_expr(entry.value).cast(pl.Float64),
+            number_low=pl.sql_expr(entry.low).cast(pl.Float64),
+            number_high=pl.sql_expr(entry.high).cast(pl.Float64),
+        )
+    except pl.exceptions.ColumnNotFoundError:
+        return pl.DataFrame()
+    bench_error = f"{entry.value}_se_bench"
+    if bench_error in rows.columns:
+        rows = rows.with_columns(pl.col(bench_error).alias("number_se_bench"))
+    return rows.filter(pl.col("number").is_finite())
+
+
+def number_of(
+    entry: Entry, rows: pl.DataFrame, keys: Sequence[str], says: str, beside_draft: bool
+) -> Number:
     """One number from its rows, which agree in the columns `keys`."""
     is_judged = DOUBTFUL in rows.columns
     used = counted(rows) if is_judged else rows
     first = used.row(0, named=True)
     values = used["number"]
-    low, high, interval = values.min(), values.max(), RANGE
+    value = float(getattr(values, entry.reduce)())
     if len(used) == 1:
         low, high = first["number_low"], first["number_high"]
         interval = first.get("interval_method") or first.get("interval") or "95 %"
+    elif entry.low == "NULL":
+        low, high, interval = cast(float, values.min()), cast(float, values.max()), RANGE
+    else:
+        mean: dict[str, Any] = summary_row(used, "number")
+        low, high, interval = mean["low"], mean["high"], mean["interval_method"]
     stated = [
         f"{key} {first[key]:g}" if isinstance(first[key], float) else str(first[key])
         for key in keys
-        if first[key] not in (None, "all")
+        if first[key] not in (None, "", "all")
     ]
     name = entry.name.format(**first)
     subject = [text for text in stated if not name.startswith(text)]
     return Number(
         name="_".join([name, *subject]).replace(" ", "_"),
-        value=float(getattr(values, entry.reduce)()),
+        value=value,
         low=low,
         high=high,
         interval=None if low is None else interval,
@@ -123,10 +188,23 @@ def number_of(entry: Entry, rows: pl.DataFrame, keys: Sequence[str], beside_draf
         n=int(first.get("n") or 1) if len(used) == 1 else len(used),
         n_doubtful=doubtful_count(rows)[0] if is_judged else int(first.get("n_doubtful") or 0),
         n_left_out=len(rows) - len(used),
-        line=" ".join([entry.line, *subject]) if entry.line else "",
+        says=says,
+        symbol=entry.symbol,
+        subject=", ".join(subject),
         verdict=first.get("verdict"),
-        doubt=first.get("doubt"),
     )
+
+
+def headline_sentences(numbers: Iterable[Number]) -> Iterator[str]:
+    """The sentences that a run ends with and the page begins with, each on alike numbers."""
+    texts_of: dict[str, list[str]] = {}
+    for number in numbers:
+        if number.says:
+            texts_of.setdefault(number.says, []).append(number.in_sentence)
+    for begin, texts in texts_of.items():
+        n_more = len(texts) - MOST_IN_SENTENCE
+        more = [f"and {n_more} more"] if n_more > 0 else []
+        yield f"{begin} {', '.join([*texts[:MOST_IN_SENTENCE], *more])}."
 
 
 def numbers_in_summary(summary: Mapping[str, Any]) -> list[Number]:
@@ -147,19 +225,25 @@ DIGITS = ("Zero", "One", "Two", "Three", "Four", "Five", "Six", "Seven", "Eight"
 
 
 def macro_name(name: str) -> str:
-    """The letters of a number's name, as LaTeX asks: `K_s` gives `KS`, `K_d 200` `KDTwoZeroZero`."""
+    """The letters of a number's name, as LaTeX asks: `K_d 200` gives `KDTwoZeroZero`."""
     words = re.findall(r"[A-Za-z]+|[0-9]", name)
     return "".join(
         DIGITS[int(word)] if word.isdigit() else word[0].upper() + word[1:] for word in words
     )
 
 
-def to_tex(about: Mapping[str, str], numbers: Iterable[Number]) -> str:
-    r"""Write LaTeX macros such as `\oslKS` with `\oslKSLow` and `\oslKSHigh`, rounded, no units."""
+def macros_tex(
+    about: Mapping[str, str], numbers: Iterable[Number], remarks: Iterable[str] = ()
+) -> str:
+    r"""Write LaTeX macros such as `\oslKS` with `\oslKSLow` and `\oslKSHigh`, rounded, without
+    units, below comments with `remarks`."""
     lines = [f"% {sentence(about)}", "% \\input this file and use the macros."]
+    lines += [f"% {remark}" for remark in remarks]
+    for field in ABOUT_MEANING:
+        text = in_latex(about[field])
+        lines.append(f"\\newcommand{{\\osl{field.capitalize()}}}{{{text}}}% {ABOUT_MEANING[field]}")
     for number in numbers:
-        cells = written(number.value, number.low, number.high, parts=True)
-        for ending, text in zip(("", "Low", "High"), cells, strict=True):
+        for ending, text in zip(("", "Low", "High"), number.texts, strict=True):
             if text:
                 macro = f"\\newcommand{{\\osl{macro_name(number.name)}{ending}}}"
                 lines.append(f"{macro}{{\\ensuremath{{{text}}}}}% {number.unit}, {number.meaning}")

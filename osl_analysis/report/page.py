@@ -1,24 +1,37 @@
-"""The page of a run: one HTML file with numbers, findings, trials, figures and captions."""
+"""The page of a run: one HTML file with verdict, conditions, findings, figures and a view of each
+trial, which opens without a network."""
 
-from base64 import b64encode
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
 import polars as pl
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup, escape
 
 from osl_analysis.config.experiments import EXPERIMENTS
-from osl_analysis.judge.finding import Grade, WordedFinding
+from osl_analysis.dictionary import described_tables_by_name
+from osl_analysis.judge.finding import Finding, Grade, WordedFinding
+from osl_analysis.judge.recording_checks import NOT_APPLICABLE
 from osl_analysis.judge.summary_findings import CampaignFinding
+from osl_analysis.report import plots
+from osl_analysis.report.brief import causes_not_checked
 from osl_analysis.report.left_out import LeftOut
 from osl_analysis.report.numbers import Number
+from osl_analysis.report.paper_tables import Condition
 from osl_analysis.report.rounding import written
+from osl_analysis.report.signals import Signals
+from osl_analysis.report.typography import printed
+from osl_analysis.report.verdicts import is_of_whole, verdict_on
 
 TEMPLATES = Path(__file__).with_name("templates")
 NO_CONDITIONS = ("trial", "experiment", "log", "log_source", "mocap", "mocap_source", "exclude")
+RECORDINGS = ("log", "mocap")
+WITHOUT_INTERVAL = ("VAF",)
+MAIN_FIGURES = ("fig5", "fig9", "fig3")  # in this order: bench, walking, belt
+ELEMENT_OF_PLOTS = "plots"
 
 
 @dataclass(frozen=True)
@@ -29,82 +42,218 @@ class ShownFigure:
     title: str
     caption: str
     reading: str  # how to read it
-    svg: bytes
+    svg: str
 
     @property
-    def source(self) -> str:
-        """The drawing as the address of an image."""
-        return f"data:image/svg+xml;base64,{b64encode(self.svg).decode()}"
+    def drawing(self) -> Markup:
+        """The drawing as part of a page, whose names are no other figure's, and whose points lead
+        to their trials."""
+        svg = self.svg[self.svg.index("<svg") :]
+        svg = re.sub(r'(\bid="|href="#|url\(#)', rf"\1{self.name}-", svg)
+        svg = svg.replace('"../report.html#', '"#')
+        return Markup(svg.replace("<svg", f'<svg role="img" aria-label="{self.title}"', 1))
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrialView:
+    """What the page shows of one trial."""
+
+    name: str
+    experiment: str
+    condition: str  # what the sheet states
+    recordings: str
+    verdict: str
+    left_out: Sequence[str]  # why it has no result
+    doubts: Sequence[WordedFinding]  # about its recording or the fit to all of it
+    doubts_of_parts: Sequence[WordedFinding]
+    not_checked: Sequence[WordedFinding]  # and what is to be known
+    impedance: Mapping[str, str]  # K, B and I of the fit to all of it
+    estimates: Sequence[Sequence[str]]  # a row per fit; heads first
+    checks: Sequence[Sequence[str]]  # of its recording
+    signals: Signals | None = None
+
+    @property
+    def why(self) -> str:
+        """The causes of its verdict in a few words."""
+        worst = self.doubts or self.doubts_of_parts
+        causes = [worded.finding.cause for worded in worst]
+        return ", ".join(dict.fromkeys(causes)) or "; ".join(self.left_out)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Page:
-    """What `page.html.j2` shows; each table is a frame of texts."""
+    """What `page.html.j2` shows."""
 
-    title: str
+    about: Mapping[str, str]
     made_of: str
-    intervals: str
+    verdict: Sequence[str]  # sentences
+    notes: Sequence[str]  # on intervals, settings that nobody stated, recordings without a row
+    conditions: Sequence[Condition]
+    groups: Sequence[Condition]
     numbers: Sequence[Number]
     findings: Sequence[CampaignFinding]
-    tables: Mapping[str, pd.DataFrame]  # by heading
+    trials: Sequence[TrialView]
     figures: Sequence[ShownFigure]
     absent_figures: Mapping[str, str]  # why others are not drawn
+    missing_results: Mapping[str, str]
+
+    @property
+    def main_figure(self) -> ShownFigure | None:
+        """The figure beside the table of conditions, of those that are drawn."""
+        by_name = {figure.name: figure for figure in self.figures}
+        drawn = [by_name[name] for name in MAIN_FIGURES if name in by_name]
+        return drawn[0] if drawn else None
+
+    @property
+    def further_figures(self) -> list[ShownFigure]:
+        """The figures further down."""
+        return [figure for figure in self.figures if figure is not self.main_figure]
+
+    @property
+    def not_checked(self) -> list[str]:
+        """What could not be checked, each once."""
+        return causes_not_checked(self.findings)
 
 
 def written_page(page: Page) -> str:
     """The HTML of a page."""
     environment = Environment(
-        loader=FileSystemLoader(TEMPLATES), autoescape=True, undefined=StrictUndefined
+        loader=FileSystemLoader(TEMPLATES),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
     )
-    return environment.get_template("page.html.j2").render(page=page)
+    # models of Bokeh are read in the order in which they refer to each other
+    environment.policies["json.dumps_kwargs"] = {"sort_keys": False}
+    environment.filters["printed"] = lambda text: with_symbols(printed(text))
+    signals = {trial.name: trial.signals.packed() for trial in page.trials if trial.signals}
+    return environment.get_template("page.html.j2").render(
+        page=page,
+        views={trial.name for trial in page.trials},
+        experiments=EXPERIMENTS,
+        signals=signals,
+        plots=plots.plots(ELEMENT_OF_PLOTS),
+        library=Markup(plots.library()),
+    )
 
 
-def trials_table(
-    sheet: Mapping[str, Mapping[str, Any]],
+def with_symbols(text: str) -> Markup:
+    """A text whose symbols between dollar signs, as `$K_d$` and `$\\hat{K}$`, are set in HTML; a
+    dollar sign behind a backslash is one."""
+
+    def symbol(match: re.Match[str]) -> str:
+        letters = re.sub(r"\\hat\{(\w)\}", "\\1\u0302", match[1])
+        letters = re.sub(r"\\\w+\{(\w+)\}", r"\1", letters)
+        letters = re.sub(r"_\{?([A-Za-z0-9]+)\}?", r"<sub>\1</sub>", letters)
+        return f"<i>{re.sub(r'[{}^]', '', letters)}</i>"
+
+    in_html = re.sub(r"(?<!\\)\$(.+?)(?<!\\)\$", symbol, str(escape(text)))
+    return Markup(in_html.replace("\\$", "$"))
+
+
+def trial_view(
+    row: Mapping[str, Any],
     tables: Mapping[str, pl.DataFrame],
     findings: Sequence[WordedFinding],
-    left_out: Mapping[str, LeftOut],
-) -> pd.DataFrame:
-    """A row per trial of the sheet: condition, verdict with its causes, and estimates."""
-    by_trial: dict[str, list[WordedFinding]] = {}
-    for worded in findings:
-        by_trial.setdefault(worded.finding.subject, []).append(worded)
-    rows = []
-    for name, cells in sheet.items():
-        experiment = EXPERIMENTS[cells["experiment"]]
-        main = experiment.tables[0].name if experiment.tables else ""
-        row = {"trial": name, "experiment": cells["experiment"], "condition": condition(cells)}
-        row |= verdict(main, by_trial.get(name, []), left_out.get(name))
-        fits = tables.get(main, pl.DataFrame(schema=["trial"])).filter(trial=name)
-        if len(fits):
-            fit = fits.row(-1, named=True)
-            for symbol, column in zip(("K", "B", "I"), experiment.impedance, strict=True):
-                value = fit.get(column)
-                if value is not None:
-                    low, high = fit.get(f"{column}_low"), fit.get(f"{column}_high")
-                    row[symbol] = written(value, low, high)
-        rows.append(row)
-    return pd.DataFrame(rows).fillna("–")
+    left_out: LeftOut | None,
+    checks: pl.DataFrame,
+    signals: Signals | None,
+) -> TrialView:
+    """What the page shows of a trial.
 
+    Parameters
+    ----------
+    row : Mapping
+        Its row of the sample sheet.
+    tables : Mapping of str to polars.DataFrame
+        Its rows of each result table.
+    findings : Sequence of WordedFinding
+        Those on it.
+    left_out : LeftOut or None
+        Why it has no result.
+    checks : polars.DataFrame
+        Its rows of `quality.csv`.
+    signals : Signals or None
+        What is plotted of it.
+    """
+    experiment = row["experiment"]
+    facts = EXPERIMENTS[experiment]
+    main = facts.tables[0].name if facts.tables else ""
+    fits = tables.get(main, pl.DataFrame())
 
-def condition(cells: Mapping[str, Any]) -> str:
-    """What the sheet states of a trial."""
-    return ", ".join(
-        f"{name} {value}"
-        for name, value in cells.items()
-        if value is not None and name not in NO_CONDITIONS
+    def is_whole(finding: Finding) -> bool:
+        return is_of_whole(finding, experiment)
+
+    doubts = [worded for worded in findings if worded.finding.grade is Grade.DOUBTS]
+    unchecked = [w for w in findings if w.finding.grade in (Grade.UNCHECKED, Grade.NOTES)]
+    impedance = {}
+    if len(fits):
+        last = fits.row(-1, named=True)
+        for symbol, column in zip(("K", "B", "I"), facts.impedance, strict=True):
+            if last.get(column) is not None:
+                low, high = last.get(f"{column}_low"), last.get(f"{column}_high")
+                impedance[symbol] = written(last[column], low, high)
+    return TrialView(
+        name=row["trial"],
+        experiment=experiment,
+        condition=condition_text(row),
+        recordings=", ".join(str(row[name]) for name in RECORDINGS if row.get(name)),
+        verdict=verdict_on(experiment, findings, left_out),
+        left_out=left_out.reasons if left_out else (),
+        doubts=[worded for worded in doubts if is_whole(worded.finding)],
+        doubts_of_parts=[worded for worded in doubts if not is_whole(worded.finding)],
+        not_checked=[worded for worded in unchecked if is_whole(worded.finding)],
+        impedance=impedance,
+        estimates=estimate_rows(fits, main) if len(fits) else (),
+        checks=check_rows(checks),
+        signals=signals,
     )
 
 
-def verdict(
-    table: str, findings: Sequence[WordedFinding], left_out: LeftOut | None
-) -> dict[str, str]:
-    """The verdict on a trial by its findings, with their causes; `table` is that of its fit."""
-    if left_out is not None:
-        return {"verdict": "left out", "why": "; ".join(left_out.reasons)}
-    doubts = [worded.finding for worded in findings if worded.finding.grade is Grade.DOUBTS]
-    whole = [doubt for doubt in doubts if doubt.table == table and not doubt.is_of_part]
-    causes = ", ".join(dict.fromkeys(doubt.cause for doubt in whole or doubts))
-    if whole:
-        return {"verdict": "doubtful", "why": causes}
-    return {"verdict": "doubtful in part" if doubts else "clear", "why": causes}
+def condition_text(row: Mapping[str, Any]) -> str:
+    """What the sheet states of a trial."""
+    texts = []
+    for name, value in row.items():
+        if name == "perturbed" and value is not None:
+            texts.append("perturbed" if value else "unperturbed")
+        elif value is not None and name not in NO_CONDITIONS:
+            texts.append(f"{name} {value:g}" if isinstance(value, float) else f"{name} {value}")
+    return ", ".join(texts)
+
+
+def estimate_rows(fits: pl.DataFrame, table: str) -> list[list[str]]:
+    """The estimates of a trial with their intervals, a row per fit; the heads have the units."""
+    described = described_tables_by_name()[table].columns
+    names = []
+    for name in fits.columns:
+        has_interval = {f"{name}_low", f"{name}_high"} <= set(fits.columns)
+        if (has_interval or name in WITHOUT_INTERVAL) and fits[name].count():
+            names.append(name)
+    has_amplitudes = "amplitude_deg" in fits.columns
+    heads = [f"{name} [{described[name].unit}]" for name in names]
+    rows = [["amplitude [deg]", *heads] if has_amplitudes else heads]
+    for fit in fits.iter_rows(named=True):
+        cells = []
+        if has_amplitudes:
+            amplitude = fit["amplitude_deg"]
+            cells.append("all" if amplitude is None else f"{amplitude:.3g}")
+        for name in names:
+            ends = fit.get(f"{name}_low"), fit.get(f"{name}_high")
+            cells.append("–" if fit[name] is None else written(fit[name], *ends))
+        rows.append(cells)
+    return rows
+
+
+def check_rows(checks: pl.DataFrame) -> list[list[str]]:
+    """Check, value, threshold and verdict of a recording, of those that apply."""
+    rows = []
+    for row in checks.iter_rows(named=True):
+        if row["verdict"] == NOT_APPLICABLE:
+            continue
+        numbers = []
+        for name in ("value", "threshold"):
+            unit = printed(row["unit"] or "")
+            numbers.append("" if row[name] is None else f"{row[name]:.4g} {unit}".strip())
+        rows.append([row["check"].replace("_", " "), *numbers, row["verdict"], row["remark"] or ""])
+    return rows

@@ -1,16 +1,18 @@
-"""Tables for a paper and for the page: K, B and I of each condition and each group of crossings, and
-the components of the drivetrain (Table I)."""
+"""K, B and I of each condition and each group of crossings, and the components of the drivetrain
+(Table I): rows for the page and for tables of a paper."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
 
-import pandas as pd
 import polars as pl
 
 from osl_analysis.report.numbers import ENTRIES
 from osl_analysis.report.rounding import written
-from osl_analysis.stats.repeats import IS_DOUBTFUL, counted, summary_row
+from osl_analysis.report.text_tables import latex_table, markdown_table
+from osl_analysis.stats.repeats import IS_DOUBTFUL, counted, own_condition, summary_row
 
-CONDITION = ("joint", "side", "excitation", "controller", "K_d", "B_d")
+CONDITION = ("joint", "side", "excitation", "controller", "K_d", "B_d", "own_condition")
 HEADS = {  # of columns, in LaTeX
     "K_d": r"$K_\mathrm{d}$",
     "B_d": r"$B_\mathrm{d}$",
@@ -21,74 +23,130 @@ HEADS = {  # of columns, in LaTeX
     "VAF": r"VAF (\unit{\percent})",
 }
 ESTIMATED = ("K", "B", "B_viscous", "I", "VAF")
+NOTHING = "–"
+
+Estimate = tuple[float | None, float | None, float | None]
+"""An estimate and the ends of its 95 % interval; None where there is none."""
 
 
-def conditions_table(impedance: pl.DataFrame) -> pd.DataFrame:
-    """K, B and I of each condition: of its trial, or the mean of several. † marks a doubtful fit."""
+@dataclass(frozen=True)
+class Condition:
+    """K, B and I of one condition, or of one group of crossings."""
+
+    stated: Mapping[str, str]  # in what its trials agree, by column
+    trials: Sequence[str]  # names; none of a group
+    n: int  # trials or perturbations that count
+    is_doubtful: bool
+    estimates: Mapping[str, Estimate]  # by symbol
+
+    def text(self, symbol: str) -> str:
+        """One estimate with its interval."""
+        value, low, high = self.estimates.get(symbol, (None, None, None))
+        return NOTHING if value is None else written(value, low, high)
+
+
+def conditions(impedance: pl.DataFrame) -> list[Condition]:
+    """K, B and I of each condition: of its trial, or the mean of several that count.
+
+    Parameters
+    ----------
+    impedance : polars.DataFrame
+        `impedance.csv` with its evidence.
+    """
     whole = impedance.filter(pl.col("amplitude_deg").is_null())
-    keys = [name for name in CONDITION if name in whole.columns and whole[name].count()]
-    keys = [name for name in keys if whole[name].n_unique() > 1] or keys[-1:]
+    whole = whole.with_columns(own_condition=own_condition(whole))
+    present = [name for name in CONDITION if name in whole.columns]
+    keys = [name for name in present if whole[name].n_unique() > 1]
+    if not keys:  # one condition: what the sheet states of it
+        keys = [name for name in present if whole[name][0] not in (None, "")]
+    symbols = [name for name in ESTIMATED if name in whole.columns and whole[name].count()]
+    parts = whole.sort(keys).partition_by(keys, maintain_order=True) if keys else [whole]
     rows = []
-    for fits in whole.sort(keys).partition_by(keys, maintain_order=True):
+    for fits in parts:
         used = counted(fits)
-        row = {key: cell_text(fits[key][0]) for key in keys}
-        row["n"] = f"{len(used)}{'†' if used.select(IS_DOUBTFUL.any()).item() else ''}"
-        for name in ESTIMATED:
-            if name in fits.columns and whole[name].count():
-                row[name] = estimate_text(used, name)
-        rows.append(row)
-    return pd.DataFrame(rows)
+        first = fits.row(0, named=True)
+        rows.append(
+            Condition(
+                stated={key: stated_text(first[key]) for key in keys},
+                trials=fits["trial"].to_list(),
+                n=len(used),
+                is_doubtful=used.select(IS_DOUBTFUL.any()).item(),
+                estimates={symbol: estimate_of(used, symbol) for symbol in symbols},
+            )
+        )
+    return rows
 
 
-def cell_text(cell: object) -> str:
+def stated_text(cell: object) -> str:
     """What the sheet states."""
-    return "–" if cell is None else f"{cell:g}" if isinstance(cell, float) else str(cell)
+    return NOTHING if cell in (None, "") else f"{cell:g}" if isinstance(cell, float) else str(cell)
 
 
-def estimate_text(used: pl.DataFrame, name: str) -> str:
-    """An estimate with its 95 % interval."""
+def estimate_of(used: pl.DataFrame, name: str) -> Estimate:
+    """An estimate with its 95 % interval, of one trial or as the mean of several."""
+    row: Mapping[str, Any] = used.row(0, named=True)
     if len(used) > 1:
         mean = summary_row(used, name)
-        numbers = mean["mean"], mean["low"], mean["high"]
-    else:
-        row = used.row(0, named=True)
-        numbers = row[name], row.get(f"{name}_low"), row.get(f"{name}_high")
-    return "–" if numbers[0] is None else written(*numbers)
+        row = {name: mean["mean"], f"{name}_low": mean["low"], f"{name}_high": mean["high"]}
+    return row[name], row.get(f"{name}_low"), row.get(f"{name}_high")
 
 
-def walking_table(summary: pl.DataFrame) -> pd.DataFrame:
-    """K, B and I under each group of crossings, of all perturbations together."""
-    return quantities_table(summary.filter(estimator="ensemble"), "group")
+def groups(summary: pl.DataFrame) -> Iterator[Condition]:
+    """K, B and I of each group of crossings, of all perturbations together, from
+    `walking_summary.csv`."""
+    of_ensemble = summary.filter(estimator="ensemble")
+    for (group,), quantities in of_ensemble.group_by("group", maintain_order=True):
+        rows = quantities.to_dicts()
+        yield Condition(
+            stated={"group": "walking" if group == "all" else f"walking, {group}"},
+            trials=(),
+            n=rows[0]["n"],
+            is_doubtful=any(row["doubt"] for row in rows),
+            estimates={row["quantity"]: (row["mean"], row["low"], row["high"]) for row in rows},
+        )
 
 
-def components_table(summaries: Mapping[str, pl.DataFrame], beside_draft: bool) -> pd.DataFrame:
-    """The measured components of the drivetrain (Eqs. 1 to 4), as means over trials."""
-    table = quantities_table(pl.concat(summaries.values(), how="diagonal_relaxed"), None)
-    drafts = {entry.name: entry.draft for entry in ENTRIES}
-    table = table[table["quantity"].isin(drafts)]
-    if not beside_draft:
-        return table
-    return table.assign(draft=table["quantity"].map(drafts).map("{:g}".format))
+Rows = list[list[str]]
+"""A table as texts; the first row has the heads."""
 
 
-def quantities_table(summary: pl.DataFrame, by: str | None) -> pd.DataFrame:
-    """The means of a summary with their intervals; with `by`, a column for each quantity."""
-    rows = summary.drop_nulls("mean").to_dicts()
-    texts = [written(row["mean"], row["low"], row["high"]) for row in rows]
-    table = pd.DataFrame(rows).assign(mean=texts)
-    if by is None:
-        return table[["quantity", "mean", "n"]]
-    return table.pivot_table(
-        index=[by, "n"], columns="quantity", values="mean", aggfunc="first", sort=False
-    ).reset_index()
+def condition_rows(of_conditions: Sequence[Condition]) -> Rows:
+    """The table of conditions or of groups. † marks one with a doubtful fit; the number of trials
+    stands where a row has several."""
+    first = of_conditions[0]
+    are_several = any(condition.n > 1 for condition in of_conditions)
+    heads = [*first.stated, *(["n"] if are_several else []), *first.estimates]
+    rows = [heads]
+    for condition in of_conditions:
+        *labels, last = condition.stated.values() or [NOTHING]
+        marked = [*labels, f"{last}†" if condition.is_doubtful else last]
+        number = [str(condition.n)] if are_several else []
+        rows.append([*marked, *number, *map(condition.text, condition.estimates)])
+    if not first.stated:
+        heads.insert(0, "condition")
+    return rows
 
 
-def to_tex(table: pd.DataFrame, origin: str) -> str:
+def component_rows(summaries: Mapping[str, pl.DataFrame], beside_draft: bool) -> Rows:
+    """The measured components of the drivetrain (Eqs. 1 to 4), as means over trials, beside the
+    draft's values if `beside_draft`."""
+    drafts = {entry.name: entry.draft for entry in ENTRIES if entry.draft is not None}
+    rows = [["quantity", "mean", "n", *(["draft"] if beside_draft else [])]]
+    for summary in summaries.values():
+        for row in summary.drop_nulls("mean").iter_rows(named=True):
+            name = row["quantity"]
+            if name in drafts:
+                draft = [f"{drafts[name]:g}"] if beside_draft else []
+                text = written(row["mean"], row["low"], row["high"])
+                rows.append([name, text, str(row["n"]), *draft])
+    return rows
+
+
+def to_tex(rows: Rows, origin: str) -> str:
     r"""A `tabular` with rules of booktabs and units of siunitx, to be `\input`."""
-    style = table.rename(columns=HEADS).style.hide(axis="index").format(escape="latex")
-    return f"% {origin}\n{style.to_latex(hrules=True)}"
+    return f"% {origin}\n{latex_table(rows, HEADS)}"
 
 
-def to_markdown(table: pd.DataFrame, origin: str) -> str:
+def to_markdown(rows: Rows, origin: str) -> str:
     """The table in Markdown, and what it is made of."""
-    return f"{table.to_markdown(index=False)}\n\n{origin}. †: with a doubtful fit.\n"
+    return f"{markdown_table(rows)}\n{origin}. †: with a doubtful fit.\n"

@@ -15,7 +15,7 @@ def decimal_places(value: float, low: float | None, high: float | None) -> int:
 
 
 @overload
-def written(value: float, low: float | None, high: float | None) -> str: ...
+def written(value: float, low: float | None = None, high: float | None = None) -> str: ...
 @overload
 def written(
     value: float, low: float | None, high: float | None, parts: Literal[True]

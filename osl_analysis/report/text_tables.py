@@ -1,15 +1,34 @@
-"""Rows of texts as a table in Markdown or in aligned columns."""
+"""Rows of texts as a table in Markdown, in LaTeX or in aligned columns; the first row is the
+head."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
-from tabulate import tabulate
+from osl_analysis.report.typography import in_latex
 
-
-def markdown_table(rows: Sequence[Sequence[str]]) -> str:
-    """Rows as a table in Markdown; the first row is the head."""
-    return tabulate(rows[1:], rows[0], tablefmt="github", disable_numparse=True) + "\n"
+Rows = Sequence[Sequence[str]]
 
 
-def aligned(rows: Sequence[Sequence[str]]) -> str:
-    """Rows as lines with aligned columns."""
-    return tabulate(rows, tablefmt="plain", disable_numparse=True) + "\n"
+def aligned(rows: Rows, begin: str = "", between: str = "  ", end: str = "") -> str:
+    """Rows as lines with aligned columns, each with what stands before, between and after them."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = []
+    for row in rows:
+        cells = [cell.ljust(width) for cell, width in zip(row, widths, strict=True)]
+        lines.append(f"{begin}{between.join(cells)}{end}".rstrip())
+    return "\n".join(lines) + "\n"
+
+
+def markdown_table(rows: Rows) -> str:
+    """Rows as a table in Markdown."""
+    rule = ["-" * max(map(len, column)) for column in zip(*rows, strict=True)]
+    return aligned([rows[0], rule, *rows[1:]], "| ", " | ", " |")
+
+
+def latex_table(rows: Rows, heads: Mapping[str, str]) -> str:
+    """Rows as a `tabular` with rules of booktabs. `heads` has those of the heads that are LaTeX."""
+    lines = [[heads.get(head, in_latex(head)) for head in rows[0]]]
+    lines += [[in_latex(cell) for cell in row] for row in rows[1:]]
+    head, *body = [" & ".join(line) + r" \\" for line in lines]
+    begin = rf"\begin{{tabular}}{{{'l' * len(rows[0])}}}"
+    parts = [begin, r"\toprule", head, r"\midrule", *body, r"\bottomrule", r"\end{tabular}"]
+    return "\n".join(parts) + "\n"

@@ -19,3 +19,24 @@ def printed(text: str) -> str:
     for pattern, sign in SIGNS.items():
         text = re.sub(pattern, sign, text)
     return text
+
+
+LATEX_SIGNS = str.maketrans(
+    {
+        "&": r"\&",
+        "%": r"\%",
+        "$": r"\$",
+        "#": r"\#",
+        "_": r"\_",
+        "{": r"\{",
+        "}": r"\}",
+        "~": r"\~{}",
+        "^": r"\^{}",
+        "\\": r"\textbackslash{}",
+    }
+)
+
+
+def in_latex(text: str) -> str:
+    """A text with the signs escaped that LaTeX reads as commands."""
+    return text.translate(LATEX_SIGNS)

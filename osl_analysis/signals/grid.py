@@ -232,7 +232,7 @@ def on_one_grid(taken: Sequence[Taken], limits: GapLimits, trial: str = "") -> U
         usable=usable,
         farthest_s=farthest,
         streams=[
-            stream_row(part, stream_gaps, time, limits)
+            stream_row(part, stream_gaps, time)
             for part, stream_gaps in zip(taken, gaps, strict=True)
         ],
         # copies without cached properties: these take 0.4 GB for an hour
@@ -376,7 +376,7 @@ def gaps_of(part: Taken, first: float, last: float, limits: GapLimits) -> Gaps:
     return Gaps(bridged=ends[is_bridged], marked=ends[~is_bridged])
 
 
-def stream_row(part: Taken, gaps: Gaps, time: Array, limits: GapLimits) -> dict[str, Any]:
+def stream_row(part: Taken, gaps: Gaps, time: Array) -> dict[str, Any]:
     """Report on one stream resampled to times (m,) [s]: its row of `timebase.csv`.
 
     g is from the signal with the smallest standard error.
@@ -386,14 +386,6 @@ def stream_row(part: Taken, gaps: Gaps, time: Array, limits: GapLimits) -> dict[
     grid_rate = (len(time) - 1) / float(time[-1] - time[0])
     difference = rate / grid_rate - 1
     best = part.clearest_evidence
-    longest_bridged = float(np.max(gaps.bridged[:, 1] - gaps.bridged[:, 0], initial=0.0))
-    empty = np.count_nonzero(~part.present) - len(part.present) * (1 - 1 / part.stride)
-    kind = "cubic spline on the device's even clock" if part.even else "cubic spline at true stamps"
-    low_passes = [
-        f"{name}: {low_pass.cutoff_hz:g} Hz, order {low_pass.order}"
-        for name, low_pass in part.stream.low_passes.items()
-        if name in part.signals
-    ]
     return {
         "signals": ", ".join(part.signals),
         "rate_hz": rate,
@@ -401,31 +393,16 @@ def stream_row(part: Taken, gaps: Gaps, time: Array, limits: GapLimits) -> dict[
         "ppm": 1e6 * difference if abs(difference) < LARGEST_CLOCK_DIFFERENCE else None,
         "firm": part.firm,
         "why": part.why,
-        "residual_sd_s": clock.sd,
-        "wander_s": clock.wander,
-        "skew": clock.skew(clock.residual),
         "missing": clock.missing,
-        "empty": max(round(empty), 0),
         "repeated": part.repeated,
-        "merged": part.samples[2],
         "bridged": len(gaps.bridged),
         "marked": len(gaps.marked),
-        "interpolation": kind,
         "delay_s": part.delay,
-        "error": error_of_cubic(part.step, limits.highest_hz),
-        "bridge_error": error_of_cubic(longest_bridged, limits.highest_hz),
         "stamps": "even" if part.even else "exact",
         "g": None if best is None else best.g,
-        "g_se": None if best is None else best.se,
         "held": part.held,
         "age": part.age if part.firm and part.evidence and not part.even else None,
-        "low_pass": "; ".join(low_passes) or None,
     }
-
-
-def error_of_cubic(step: float, frequency_hz: float) -> float:
-    """Largest error of a cubic through a sine sampled at steps [s], as a share of its amplitude."""
-    return float((2 * np.pi * frequency_hz * step) ** 4 / 384)
 
 
 def resampled(

@@ -5,7 +5,7 @@ Effects of the leg's controller are the campaign's.
 """
 
 import math
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 from pydantic import Field
 
@@ -15,7 +15,6 @@ from osl_analysis.simulator.simulation_settings import (
     Effect,
     Switches,
     effect,
-    not_simulated,
 )
 from osl_analysis.yaml_settings import (
     Metres,
@@ -87,11 +86,6 @@ class WalkingEffects(Switches):
     leg_clock_offset: Effect = effect("s")
     leg_clock_drift: Effect = effect("ppm")  # scatter of the rate of the leg's clock
     leg_joint_encoder: Effect = effect("bit")
-    REMOVED: ClassVar = not_simulated(
-        "amplitude_scatter", "foot_slip", "force_clip", "load_scatter", "marker_placement",
-        "moment_clip", "platform_heave", "rise_scatter", "sensor_clip", "servo_shiver",
-        "timing_wander", "torque_wander", "trigger_scatter",
-    )  # fmt: skip
 
 
 Rate = Annotated[int, Field(ge=1, le=1_000_000)]
@@ -151,10 +145,6 @@ class Perturbation(Settings):
     # after toe-off, when the platform starts to return
     hold_s: Annotated[float, Field(ge=0, le=10)]
     return_s: Seconds
-    shift_mm: Positive | None = None
-    """Distance by which the platform shifts in place of a turn: backward for `up`, which
-    dorsiflexes the ankle, as the hip stays where it is. Null: it turns."""
-    REMOVED: ClassVar = not_simulated("axis_depth_m", "driven", "leg_length_m", "same_unloaded")
     _in_order = refuse_if(
         lambda s: s.stance_phase[0] > s.stance_phase[1],
         "stance_phase falls; write the lower first",
@@ -205,7 +195,6 @@ class WalkingSettings(Settings):
     plate: MovingPlate
     effects: WalkingEffects
     gain_weight: Weight = PAPER_WEIGHT  # that of the simulated campaign replaces it
-    REMOVED: ClassVar = not_simulated("capture", "changes")
 
     _ramps_end_in_stance = refuse_if(
         lambda s: (

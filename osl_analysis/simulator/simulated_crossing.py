@@ -39,9 +39,6 @@ ANKLE_MOMENT = ((0.45, 0.28, 6.0), (0.35, 0.37, 14.0), (1.35, 0.475, 11.0), (-0.
 
 RELEASE_S = 0.3  # [s] after toe-off in which the foot leaves the platform's motion
 YIELD_S = 0.2  # [s] after the onset within which the shank yields
-LEG_LENGTH = (
-    0.9  # ankle to hip [m], which converts a shift of the platform to an angle of the shank
-)
 ROLL_LEVER = 0.004  # [m] of the load about the foot's forward axis
 SPIN_MOMENT = 0.03  # [N*m/kg] about the foot's upward axis
 
@@ -188,9 +185,8 @@ def move(step: gait.Step, perturbed: bool) -> BodyMotions:
         platform = gait.ramped_platform(trial, step.command, step.onset, back)
     on_platform = 1.0 - gait.smooth_step((time - step.toe_off) / RELEASE_S)
     carried_angle = platform.angle * on_platform
-    carried_shift = platform.shift * on_platform[:, None]
 
-    theta = ankle_angle(step, carried_angle, carried_shift, platform)
+    theta = ankle_angle(step, carried_angle, platform)
     omega = time_derivative(theta, walking.rates.motion_hz)
     alpha = time_derivative(omega, walking.rates.motion_hz)
 
@@ -198,22 +194,20 @@ def move(step: gait.Step, perturbed: bool) -> BodyMotions:
     yaw = rotation_about(2, np.full_like(time, trial.normal("foot_yaw", np.pi / 180)))
     ankle = gait.nominal_ankle(walking) + step.placement + path.ankle @ yaw[0].T
     foot_on_floor = Pose(yaw @ rotation_about(1, -path.pitch), ankle)
-    foot = gait.displaced(carried_angle, carried_shift, walking).after(foot_on_floor)
+    foot = gait.turned(carried_angle, walking).after(foot_on_floor)
     shank = Pose(foot.rotation @ rotation_about(1, theta), foot.origin)
     return BodyMotions(JointMotion(theta, omega, alpha), foot, shank, platform)
 
 
-def ankle_angle(
-    step: gait.Step, carried_angle: Array, carried_shift: Array, platform: gait.PlatformMotion
-) -> Array:
-    """Angle (n,) [rad] of the ankle: the nominal one with its variations, and what the platform
-    adds by the angle (n,) [rad] and the shift (n, 3) [m] in which it carries the foot."""
+def ankle_angle(step: gait.Step, carried_angle: Array, platform: gait.PlatformMotion) -> Array:
+    """Angle (n,) [rad] of the ankle: the nominal one with its variations, and the angle (n,) [rad]
+    in which the platform carries the foot."""
     trial = step.trial
     effects = trial.walking.effects
     wander = np.radians(effects.angle_wander.value) * trial.wandering("angle_wander")
     factor = 1 + trial.normal("angle_scale", 0.01)
     nominal = gait.nominal_ankle_angle(step.cycle_phase(trial.time))
-    theta = factor * nominal + wander + carried_angle - carried_shift[:, 0] / LEG_LENGTH
+    theta = factor * nominal + wander + carried_angle
     if platform.onset is None:
         return np.asarray(theta)
     share = 0.01 * effects.shank_yield.value

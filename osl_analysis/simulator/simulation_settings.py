@@ -7,7 +7,7 @@ unless they are switched on.
 """
 
 import math
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
@@ -33,11 +33,6 @@ from osl_analysis.yaml_settings import (
 LARGEST_SIZE = {"bit": 32, "rad": math.pi}  # of an effect, by its unit
 FEWEST_SAMPLES_PER_CYCLE = 10  # of the log at the fastest motion
 HIDING_SAMPLES_PER_CYCLE = 2  # of a node; so few do not show the fastest motion
-
-
-def not_simulated(*names: str) -> dict[str, str]:
-    """Fields of release 0.4.0 that simulated what nothing here reads, for `REMOVED`."""
-    return dict.fromkeys(names, "the simulator no longer has it")
 
 
 class Effect(Settings):
@@ -133,7 +128,6 @@ class Conditions(Settings):
     # up: toes up, dorsiflexion
     directions: Annotated[tuple[Literal["up", "down"], ...], Field(min_length=1)] = ("up",)
     subjects: Annotated[tuple[Subject, ...], AfterValidator(check_distinct)] = ()
-    REMOVED: ClassVar = not_simulated("B_d", "K_d", "sessions", "side", "stance_phases", "stated")
 
 
 class Effects(Switches):
@@ -163,7 +157,6 @@ class Effects(Switches):
     # how old its value is at the instant at which it is sampled
     load_cell_delay: Effect = effect("s", off=0)
     encoder_zero: Effect = effect("step", off=0)  # largest distance of the joint's, drawn per trial
-    REMOVED: ClassVar = not_simulated("load_cell_flicker", "load_cell_hum")
 
 
 class SecondOrderJoint(Switches):
@@ -173,7 +166,6 @@ class SecondOrderJoint(Switches):
     B: NotNegative
     I: NotNegative
     coulomb: Effect = effect("N*m", off=0)  # Coulomb friction of the joint
-    REMOVED: ClassVar = not_simulated("backlash", "stiffening")
 
 
 CyclesOfSine = Annotated[int, Field(ge=1, le=10_000)]
@@ -192,9 +184,6 @@ class SteppedSineSchedule(Settings):
     lead_s: NotNegative  # rest before the first amplitude
     # in which each frequency grows from 0, and falls to 0, in addition to its cycles
     ramp_s: NotNegative = 0.0
-    REMOVED: ClassVar = not_simulated(
-        "clock_error", "decay", "rest_between_s", "second_harmonic", "start", "third_harmonic"
-    )
 
     @model_validator(mode="after")
     def _duration_is_stated_once(self) -> Self:
@@ -265,7 +254,6 @@ class NodeSettings(Switches):
     decimals: Effect = effect("decimal", off=0, whole=True)  # of stamps in s
     # share of samples that are missing, at drawn places
     dropped: Effect = effect("1", off=0, below_1=True)
-    REMOVED: ClassVar = not_simulated("burst", "duplicated", "lost_every")
 
     _is_never_early = refuse_if(
         lambda s: s.latency.enabled and s.latency.distribution == "normal",
@@ -279,7 +267,6 @@ class RecorderSettings(Settings):
 
     node: NodeSettings = NodeSettings()
     torque_node: NodeSettings | None = None
-    REMOVED: ClassVar = not_simulated("sensors")
 
 
 class Excitation(Settings):

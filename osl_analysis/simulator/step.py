@@ -235,18 +235,16 @@ class PlatformMotion:
     """True motion of the platform."""
 
     angle: Array  # (n,) [rad], dorsiflexion (toes up) positive
-    shift: Array  # (n, 3) [m] of the axis of rotation, laboratory axes
     pose: Pose  # displacement of the platform from where it is at rest
     command: float | None = None  # time [s] at which the trigger fires; None: it stays at rest
     onset: float | None = None  # time [s] at which the platform starts to move; None: at rest
 
 
-def displaced(angle: Array, shift: Array, walking: WalkingSettings) -> Pose:
-    """The platform turned [rad, toes up] about its mediolateral axis through the nominal ankle, and
-    shifted [m]."""
+def turned(angle: Array, walking: WalkingSettings) -> Pose:
+    """The platform turned [rad, toes up] about its mediolateral axis through the nominal ankle."""
     rotation = rotation_about(1, -angle)
     pivot = nominal_ankle(walking)
-    return Pose(rotation, pivot - rotation @ pivot + shift)
+    return Pose(rotation, pivot - rotation @ pivot)
 
 
 def nominal_ankle(walking: WalkingSettings) -> Array:
@@ -257,8 +255,7 @@ def nominal_ankle(walking: WalkingSettings) -> Array:
 def resting_platform(trial: GaitTrial) -> PlatformMotion:
     """A platform that does not move."""
     angle = np.zeros_like(trial.time)
-    shift = np.zeros((len(trial.time), 3))
-    return PlatformMotion(angle, shift, displaced(angle, shift, trial.walking))
+    return PlatformMotion(angle, turned(angle, trial.walking))
 
 
 def ramped_platform(
@@ -271,18 +268,11 @@ def ramped_platform(
 ) -> PlatformMotion:
     """Move the platform by the commanded ramp, `size` times as far and `slowness` times as long,
     held until it returns at `back` [s].
-
-    One that shifts the ankle backward dorsiflexes it.
     """
     ramp = trial.walking.perturbation
-    angle = np.zeros_like(trial.time)
-    shift = np.zeros((len(trial.time), 3))
     held = pulse(trial.time, onset, slowness * ramp.rise_s, back, ramp.return_s)
-    if ramp.shift_mm is not None:
-        shift[:, 0] = size * (-trial.condition.sign * 1e-3 * ramp.shift_mm * held)
-    else:
-        angle = size * (trial.condition.sign * np.radians(ramp.angle_deg) * held)
-    return PlatformMotion(angle, shift, displaced(angle, shift, trial.walking), command, onset)
+    angle = size * (trial.condition.sign * np.radians(ramp.angle_deg) * held)
+    return PlatformMotion(angle, turned(angle, trial.walking), command, onset)
 
 
 def unloaded_platform(trial: GaitTrial) -> PlatformMotion:

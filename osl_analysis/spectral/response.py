@@ -71,7 +71,6 @@ class LocalFit(NamedTuple):
 def response_columns(
     frequency_hz: Array,
     Z: Spectrum,
-    angle: Array,
     total_sd: Array,
     levels: Mapping[str, Array],
     count: int = 1,
@@ -84,8 +83,6 @@ def response_columns(
         [Hz].
     Z : Spectrum
         torque/theta [N*m/rad] of `count` realisations.
-    angle : Array
-        RMS amplitude of the angle over these [rad].
     total_sd : Array
         Standard deviation of Z by noise and distortion [N*m/rad].
     levels : Mapping
@@ -95,9 +92,6 @@ def response_columns(
     """
     return {
         "frequency_hz": frequency_hz,
-        "angle_deg": np.rad2deg(angle),
-        "Z_re": Z.real,
-        "Z_im": Z.imag,
         "magnitude": np.abs(Z),
         "phase_deg": np.rad2deg(np.angle(Z)),
         "noise_sd": levels["noise"] / np.sqrt(count),
@@ -188,7 +182,6 @@ def periodic_response(realisations: Sequence[Realisation]) -> ResponseColumns:
     return response_columns(
         frequency_hz=motions[0].frequency_hz[excited],
         Z=Z,
-        angle=mean_size,
         total_sd=np.sqrt(total / count) / mean_size,
         levels={name: np.sqrt(square) / mean_size for name, square in squares.items()},
         count=count,
@@ -323,7 +316,6 @@ def local_response(spectrum: RecordLines) -> ResponseColumns:
     return response_columns(
         frequency_hz=spectrum.frequency_hz[k],
         Z=fit.Z[k],
-        angle=nearby(spectrum.theta)[k],
         total_sd=sd,
         levels={"noise": sd, "odd": unknown, "even": unknown, "total": unknown},
     )

@@ -149,13 +149,6 @@ def spread_about_means(sums: Array, stratum: NDArray[np.intp]) -> Array:
     return np.asarray((sums - mean[stratum]) * for_mean[stratum].reshape(by_cycle))
 
 
-def without_variances(covariance: Array, variances: Array) -> Array:
-    """Take a part of its variances (p,) off a covariance (p, p); correlations are kept."""
-    share = np.maximum(variances, 0.0) / np.maximum(np.diag(covariance), np.finfo(float).tiny)
-    scale = np.sqrt(np.maximum(1 - share, 0.0))  # of the standard errors
-    return np.asarray(covariance * np.outer(scale, scale))
-
-
 MOST_FREEDOM = 1e12  # degrees of freedom
 
 

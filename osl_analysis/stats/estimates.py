@@ -51,8 +51,8 @@ class Estimate:
         return replace(self, low=min(self.low, other.low), high=max(self.high, other.high))
 
     def columns(self, name: str) -> Row:
-        """`name`, and its standard error and interval."""
-        values = (self.value, self.standard_error, self.low, self.high)
+        """`name`, and the ends of its interval."""
+        values = (self.value, self.low, self.high)
         return {f"{name}{end}": x for end, x in zip(INTERVAL_ENDS, values, strict=True)}
 
 

@@ -28,7 +28,6 @@ class LinearFit:
     estimates: Array  # estimates (p,) [unit of y per unit of the column]
     covariance: Array  # covariance of the estimates (p, p)
     vaf: float  # 100 (1 - var(residual)/var(y)) [percent]. An offset does not change it.
-    r_squared: float  # coefficient of determination about zero. An offset does change it.
     # of the columns, each scaled to unit length, about their means beside an offset
     condition_number: float
     # number of samples over which the residuals were allowed to be correlated
@@ -51,16 +50,6 @@ class LinearFit:
         """Standard error of one estimate, in its unit."""
         index = self.names.index(name)
         return float(np.sqrt(self.covariance[index, index]))
-
-    def cov(self, first: str, second: str) -> float:
-        """Covariance of two estimates, in the product of their units."""
-        return float(self.covariance[self.names.index(first), self.names.index(second)])
-
-    def correlation(self, first: str, second: str) -> float:
-        """Correlation of two estimates, -1 to 1, where only their combination is known. 0 for an
-        exact fit."""
-        scale = self.se(first) * self.se(second)
-        return self.cov(first, second) / scale if scale > 0 else 0.0
 
     def interval(self, name: str) -> tuple[float, float]:
         """Bounds of the 95 % interval of one estimate, in its unit (Student's quantile)."""
@@ -132,13 +121,11 @@ def linear_fit(
     estimates = (y @ U) / singular @ Vt / scale
     residual = y - X @ estimates
     covariance = covariance_of(X, inverse, residual)
-    square = max(float(y @ y), np.finfo(float).tiny)
     return LinearFit(
         names=names,
         estimates=estimates,
         covariance=covariance.matrix,
         vaf=variance_accounted_for(y, residual),
-        r_squared=1 - float(residual @ residual) / square,
         condition_number=condition,
         correlation_samples=covariance.correlation_samples,
         samples=len(y),

@@ -1,10 +1,8 @@
-"""Mean, scatter and interval over repeated trials, and the difference between two campaigns with
-its verdict."""
+"""Mean, scatter and interval over repeated trials, and the verdict on a number with an interval."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, NamedTuple
 
 import numpy as np
 import polars as pl
@@ -14,7 +12,6 @@ from numpy.typing import ArrayLike
 from osl_analysis.errors import InputError
 from osl_analysis.measured import check_measured
 from osl_analysis.stats.covariance import welch_satterthwaite
-from osl_analysis.trial import Array
 
 # column with the causes of doubt: empty if the fit is not doubtful, null in a row without a fit
 DOUBTFUL = "doubtful"
@@ -78,7 +75,6 @@ squared unit of the estimate, and the degrees of freedom of this variance."""
 def over_repeats(
     values: ArrayLike,
     common: Sequence[CommonError] = (),
-    kinds: ArrayLike | None = None,
     halves: ArrayLike = (),
 ) -> Repeats:
     """Summarise one estimate per trial.
@@ -89,9 +85,6 @@ def over_repeats(
         The estimates, in one unit.
     common
         Errors that all trials share, which standard error and interval include.
-    kinds : (n,)
-        Trials of different kinds count as one mean per kind, so that differences between kinds are
-        no scatter; `sd` is the scatter within kinds.
     halves : (n,)
         Half-widths of the trials' own 95 % intervals: trials that agree by luck do not know their
         mean better than these allow.
@@ -99,30 +92,22 @@ def over_repeats(
     Raises
     ------
     InputError
-        There are fewer than two trials of a kind, or a value cannot be measured.
+        There are fewer than two trials, or a value cannot be measured.
     """
     values = np.asarray(values, dtype=float)
     check_measured("the estimate of a trial", values)
-    labels = np.zeros(len(values)) if kinds is None else np.asarray(kinds)
-    parts = [values[labels == kind] for kind in np.unique(labels)] or [values]
-    fewest = min(len(part) for part in parts)
-    if fewest < 2:
+    if len(values) < 2:
         raise InputError(
-            f"{fewest} trial cannot give a scatter; repeat the experiment at least twice"
+            f"{len(values)} trial cannot give a scatter; repeat the experiment at least twice"
         )
-    mean = float(np.mean([np.mean(part) for part in parts]))
-    scatter = [float(np.var(part, ddof=1)) for part in parts]
-    freedom = [len(part) - 1 for part in parts]
-    of_means = [
-        variance / len(part) / len(parts) ** 2
-        for variance, part in zip(scatter, parts, strict=True)
-    ]
+    mean = float(np.mean(values))
+    scatter = float(np.var(values, ddof=1))
     of_common = [variance for variance, _ in common]
     freedom_of_common = [degrees for _, degrees in common]
 
-    variances = [*of_means, *of_common]
+    variances = [scatter / len(values), *of_common]
     se = float(np.sqrt(sum(variances)))
-    degrees = welch_satterthwaite(variances, [*freedom, *freedom_of_common])
+    degrees = welch_satterthwaite(variances, [len(values) - 1, *freedom_of_common])
     by_scatter = float(scipy.special.stdtrit(degrees, 0.975)) * se
     by_trials = np.linalg.norm(halves) / len(values)
     by_own = float(np.hypot(by_trials, NORMAL_97_5 * np.sqrt(sum(of_common))))
@@ -131,7 +116,7 @@ def over_repeats(
     return Repeats(
         n=len(values),
         mean=mean,
-        sd=float(np.sqrt(np.average(scatter, weights=freedom))),
+        sd=float(np.sqrt(scatter)),
         se=max(se, by_own / NORMAL_97_5),
         low=mean - half,
         high=mean + half,
@@ -224,71 +209,6 @@ def summary_of_trials(table: pl.DataFrame, quantities: Sequence[str]) -> pl.Data
     return pl.DataFrame(
         [{"quantity": name, **summary_row(used, name), **numbers} for name in quantities]
     )
-
-
-Sample = Mapping[Any, Sequence[float]]
-"""The estimates of a campaign's trials by condition, such as (K_d, B_d), in one unit; no condition
-is empty."""
-
-
-class Difference(NamedTuple):
-    """B - A and the ends of its interval in the unit of the samples; None where there is none."""
-
-    estimate: float | None
-    low: float | None
-    high: float | None
-    method: str  # source of the interval, or why there is none
-
-
-def difference(a: Sample, b: Sample) -> Difference:
-    """B - A by condition: paired over the shared conditions, or Welch's t over trials if only one
-    is shared. Trials of a condition count as their mean, so that the scatter is between
-    conditions."""
-    shared = [condition for condition in a if condition in b]
-    x, y = (np.array([np.mean(one[condition]) for condition in shared]) for one in (a, b))
-    if not shared:
-        return Difference(None, None, None, "none: no condition in common")
-    if len(shared) == 1:
-        return welch(a[shared[0]], b[shared[0]], "Welch's t, trials")
-    paired = over_repeats(y - x)
-    return Difference(paired.mean, paired.low, paired.high, "paired, Student")
-
-
-def student(estimate: float, se: float, freedom: float, method: str) -> Difference:
-    half = float(scipy.special.stdtrit(freedom, 0.975)) * se
-    return Difference(estimate, estimate - half, estimate + half, method)
-
-
-def welch(a: Sequence[float] | Array, b: Sequence[float] | Array, method: str) -> Difference:
-    """The difference of the means of two independent samples (Welch, Biometrika 34, 1947)."""
-    estimate = float(np.mean(b) - np.mean(a))
-    if min(len(a), len(b)) < 2:
-        return Difference(estimate, None, None, "none: a single trial has no scatter")
-    variances = [float(np.var(one, ddof=1)) / len(one) for one in (a, b)]
-    freedom = float(welch_satterthwaite(variances, [len(a) - 1, len(b) - 1]))
-    return student(estimate, float(np.sqrt(sum(variances))), freedom, method)
-
-
-def with_bench(found: Difference, se: float) -> Difference:
-    """A difference with the benches' calibration error, of standard error `se`, which no scatter of
-    trials shows."""
-    estimate, low, high = found.estimate, found.low, found.high
-    if estimate is None or low is None or high is None or not se:
-        return found
-    half = float(scipy.special.ndtri(0.975)) * se
-    below, above = (math.hypot(end - estimate, half) for end in (low, high))
-    return Difference(estimate, estimate - below, estimate + above, f"{found.method} + bench")
-
-
-def of_intervals(a: Sample, b: Sample) -> Difference:
-    """B - A of two independent numbers, each a sample of one condition with estimate, low and high
-    of its own interval, which may be asymmetric: each end combines the ends that it depends on (Zou
-    and Donner, Stat. Med. 27, 2008)."""
-    ((x, x_low, x_high),) = a.values()
-    ((y, y_low, y_high),) = b.values()
-    below = math.hypot(y - y_low, x_high - x)
-    above = math.hypot(y_high - y, x - x_low)
-    return Difference(y - x, y - x - below, y - x + above, "intervals of both")
 
 
 def equivalence(

@@ -6,7 +6,7 @@ It reads as the experiment goes:
 |---|---|
 | 1 poses of foot, shank and platform | `poses` |
 | 2 platform and plate: motion and onset, wrench, the plate's own inertia | `platform`, \
-`shared_motion`, `plate`, `plate_model` |
+`mean_ramp`, `plate`, `plate_model` |
 | 3 stance | `stance`, `passage` |
 | 4 angle and torque | `ankle`, `torque_errors`, `crossing` |
 | 5 window on the phase of stance | `unperturbed_gait` |
@@ -14,7 +14,6 @@ It reads as the experiment goes:
 | 7 K, B, I | `impedance_fit`, `ensemble` |
 
 Around it: which crossings are used (`setup_checks`, `crossing_quality`, `selection`), and for which
-result (`groups`); what speaks against a result (`reactions`, `group_checks`); tables
-(`result_tables`, `group_table`); a plan (`planned_turn`); gait without perturbations
-(`overground`).
+result (`groups`); what speaks against a result (`group_checks`, `alike`); tables (`result_tables`,
+`group_table`).
 """

@@ -1,9 +1,6 @@
-"""Steps 1 to 4 of one crossing of the walkway: from a recording to ankle angle and torque.
+"""Steps 1 to 4 of one crossing of the walkway: from a recording to ankle angle and torque."""
 
-The crossing is recorded by markers and a force plate, or by the log of a boot or leg.
-"""
-
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy
@@ -12,6 +9,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.measured import check_measured
 from osl_analysis.trial import Array, Trial
 from osl_analysis.walking import poses as rigid
+from osl_analysis.walking.alike import differences
 from osl_analysis.walking.ankle import Ankle, ankle_between, load_on_foot, moment_of_foot
 from osl_analysis.walking.crossing_quality import (
     CrossingQuality,
@@ -96,6 +94,7 @@ def analyse_crossing(
     unloaded: PlateModel,
     perturbed: bool,
     settings: CrossingSettings,
+    onset: float | None = None,
 ) -> Crossing:
     """Compute angle and torque of a crossing, through one low-pass at one rate.
 
@@ -107,6 +106,8 @@ def analyse_crossing(
         Inertia and lag of the plate, which are removed.
     perturbed : bool
         What the sheet says.
+    onset : float or None
+        Of the perturbation [s], by the mean ramp of all crossings; None: by its own ramp.
 
     Raises
     ------
@@ -114,7 +115,7 @@ def analyse_crossing(
         The recording, or the laboratory's set-up, does not allow it.
     """
     # Poses, stance and onset
-    passage = recorded_passage(trial, calibration, unloaded.lag or 0.0, perturbed, settings)
+    passage = recorded_passage(trial, calibration, unloaded.lag or 0.0, perturbed, settings, onset)
     foot, shank = passage.poses["foot"], passage.poses["shank"]
     phase = passage.stance.phase(passage.time)
 
@@ -136,10 +137,11 @@ def analyse_crossing(
     force = torques.on_foot[:, :3]
     shear = np.array([np.sum(force * ankle.axis, axis=1), np.sum(force * ankle.forward, axis=1)])
     check_roll(phase, load, shear, torque if passage.onset is None else None)
-    encoder = compare_encoder(trial, passage.time, ankle.theta, torque, settings.low_pass)
-    quality = crossing_quality(
-        trial, passage, ankle, load, unloaded, calibration, encoder, settings
-    )
+    encoder_rms_deg = compare_encoder(trial, passage.time, ankle.theta, settings.low_pass)
+    quality = crossing_quality(passage, ankle, load, calibration, encoder_rms_deg, settings)
+    unlike_static = differences(trial, passage, ankle, calibration, settings)
+    different = max(unlike_static, key=lambda what: unlike_static[what])
+    quality = replace(quality, different=different, different_mm=1e3 * unlike_static[different])
     clusters = passage.recorded.values()
     bridged = np.any([pose.bridged[passage.rows] for pose in clusters], axis=0)
 

@@ -13,7 +13,6 @@ from osl_analysis.signals.grid import GapLimits, uniform_signals
 from osl_analysis.trial import Array, Trial
 from osl_analysis.walking.ankle import VERTICAL, Ankle, LoadOnFoot
 from osl_analysis.walking.passage import Passage, followed_segments
-from osl_analysis.walking.plate_model import PlateModel
 from osl_analysis.walking.poses import StaticCalibration
 from osl_analysis.walking.setup_checks import FLAT, phases_between
 from osl_analysis.walking.walking_settings import CrossingSettings
@@ -27,41 +26,21 @@ NEWTON_STEPS = 8
 class CrossingQuality:
     """Measures of one crossing; None where unknown. The dictionary says what each is."""
 
-    heading_deg: float | None = None
     foot_forward_m: float | None = None
     foot_left_m: float | None = None
     foot_outside_m: float | None = None
-    foot_residual_mm: float | None = None
-    platform_residual_mm: float | None = None
-    shank_residual_mm: float | None = None
-    plate_zero_N: float | None = None
-    plate_unexplained: float | None = None
-    filled_fitted: float | None = None
-    encoder_offset_deg: float | None = None
-    encoder_delay_ms: float | None = None
+    pressure_outside_m: float | None = None
     encoder_rms_deg: float | None = None
-
-
-@dataclass(frozen=True)
-class EncoderComparison:
-    """The joint encoder beside the angle from markers: encoder(t + delay) = theta(t) + offset.
-
-    The shoe's compliance is the part of their difference that follows the torque.
-    """
-
-    offset_deg: float
-    delay_ms: float
-    rms_deg: float  # of the residual
+    different: str | None = None
+    different_mm: float | None = None
 
 
 def crossing_quality(
-    trial: Trial,
     passage: Passage,
     ankle: Ankle,
     load: LoadOnFoot,
-    unloaded: PlateModel,
     calibration: StaticCalibration,
-    encoder: EncoderComparison | None,
+    encoder_rms_deg: float | None,
     settings: CrossingSettings,
 ) -> CrossingQuality:
     """Measure the quality of a crossing that markers and plate recorded."""
@@ -74,22 +53,14 @@ def crossing_quality(
     labels = followed_segments(settings)
     markers = foot.points(calibration.positions(labels["foot"], "static"))
 
-    residuals = {segment: residual_mm(passage, segment) for segment in labels}
-    filled = filled_shares(passage, settings)
+    from_ankle = load.forward[:, None] * ankle.forward + load.left[:, None] * ankle.axis
+    pressure = (ankle.centre + from_ankle)[flat]
     return CrossingQuality(
-        heading_deg=float(np.rad2deg(np.arctan2(forward[1], forward[0]))),
         foot_forward_m=float(from_plate @ forward),
         foot_left_m=float(from_plate @ left),
         foot_outside_m=furthest_outside(markers.reshape(-1, 3), passage.corners),
-        foot_residual_mm=residuals.get("foot"),
-        platform_residual_mm=residuals.get("platform"),
-        shank_residual_mm=residuals.get("shank"),
-        plate_zero_N=passage.wrench.zero,
-        plate_unexplained=unloaded.unexplained,
-        filled_fitted=filled.fitted,
-        encoder_offset_deg=None if encoder is None else encoder.offset_deg,
-        encoder_delay_ms=None if encoder is None else encoder.delay_ms,
-        encoder_rms_deg=None if encoder is None else encoder.rms_deg,
+        pressure_outside_m=pressure_outside(pressure, markers),
+        encoder_rms_deg=encoder_rms_deg,
     )
 
 
@@ -97,64 +68,40 @@ def unit_vector(vector: Array) -> Array:
     return np.asarray(vector / np.linalg.norm(vector))
 
 
-def residual_mm(passage: Passage, segment: str) -> float:
-    """RMS distance [mm] of a segment's markers from their rigid body in stance."""
-    residual = passage.recorded[segment][passage.rows].residual
-    in_stance = residual[passage.inside & np.isfinite(residual)]
-    return 1e3 * float(np.sqrt(np.mean(in_stance**2))) if len(in_stance) else float("nan")
+def pressure_outside(pressure: Array, markers: Array) -> float:
+    """Mean distance [m] of the centre of pressure (n, 3) [m] from the area between foot markers.
 
-
-@dataclass(frozen=True)
-class FilledShares:
-    """Shares of frames in which a marker was filled before the export, which hides the gap.
-
-    `fitted` is from baseline to the end of the window, and counts only poses that rest on the
-    filling. None if no cluster tells.
+    Both are seen from above, the markers (n, m, 3) [m] at their mean place.
     """
-
-    in_stance: float | None
-    fitted: float | None
-
-
-def filled_shares(passage: Passage, settings: CrossingSettings) -> FilledShares:
-    filled_of_clusters = []
-    bridged_of_clusters = []
-    for recorded in passage.recorded.values():
-        pose = recorded[passage.rows]
-        if pose.filled is not None:
-            filled_of_clusters.append(pose.filled)
-            bridged_of_clusters.append(pose.filled & pose.bridged)
-    if not filled_of_clusters:
-        return FilledShares(None, None)
-
-    filled = np.any(filled_of_clusters, axis=0)
-    in_stance = float(np.mean(filled[passage.inside]))
-    if passage.onset is None:
-        return FilledShares(in_stance, None)
-    since = passage.time - passage.onset
-    fitted = (since >= -settings.guard_s - settings.baseline_s) & (since <= settings.window_s)
-    resting_on_fill = np.any(bridged_of_clusters, axis=0)
-    return FilledShares(
-        in_stance, float(np.mean(resting_on_fill[fitted])) if fitted.any() else None
-    )
+    corners = markers.mean(axis=0)[:, :2]
+    on_mean_foot = (pressure - markers.mean(axis=1) + markers.mean(axis=(0, 1)))[:, :2]
+    hull = scipy.spatial.ConvexHull(corners)
+    start = corners[hull.vertices]  # of each edge
+    edges = np.roll(start, -1, axis=0) - start
+    from_start = on_mean_foot[:, None] - start  # (n, edges, 2)
+    along = np.sum(from_start * edges, axis=2) / np.sum(edges**2, axis=1)
+    share = np.clip(along, 0.0, 1.0)
+    distance = np.linalg.norm(from_start - share[..., None] * edges, axis=2).min(axis=1)
+    normals = hull.equations[:, :2]
+    offsets = hull.equations[:, 2]
+    outside = (on_mean_foot @ normals.T + offsets > 0).any(axis=1)
+    return float(np.mean(np.where(outside, distance, 0.0)))
 
 
-def compare_encoder(
-    trial: Trial, time: Array, theta: Array, torque: Array, low_pass: LowPass
-) -> EncoderComparison | None:
+def compare_encoder(trial: Trial, time: Array, theta: Array, low_pass: LowPass) -> float | None:
     """Compare the joint's encoder, a column of the trial, with the angle from markers.
 
-    Both pass one low-pass.
+    Both pass one low-pass, and encoder(t + delay) = theta(t) + offset.
 
     Parameters
     ----------
-    time, theta, torque : Array
-        Times [s], angle from markers [rad] and torque [N*m], (n,) each.
+    time, theta : Array
+        Times [s] and angle from markers [rad], (n,) each.
 
     Returns
     -------
-    EncoderComparison or None
-        None if fewer than 30 samples overlap.
+    float or None
+        RMS difference [deg]; None if fewer than 30 samples overlap.
 
     Raises
     ------
@@ -193,8 +140,4 @@ def compare_encoder(
             )
 
     residual = spline(time[rows] + delay) - theta[rows] - offset
-    return EncoderComparison(
-        offset_deg=float(np.rad2deg(offset)),
-        delay_ms=1e3 * delay,
-        rms_deg=float(np.rad2deg(np.sqrt(np.mean(residual**2)))),
-    )
+    return float(np.rad2deg(np.sqrt(np.mean(residual**2))))

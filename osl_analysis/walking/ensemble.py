@@ -1,9 +1,5 @@
 """Step 7 for a group of crossings: the mean response, its fit, and a bootstrap interval.
 
-Responses to turns in both directions are joined by half their difference, mean up minus mean down
-over 2. A reaction that does not depend on the direction, and the error of the mean unperturbed
-gait, cancel in it.
-
 The draft subtracts the mean unperturbed gait. A crossing that is unlike the mean before the onset
 stays so for a while. The unperturbed crossings tell how: their deviations in the window are
 regressed on level and slope of angle and torque before the onset. Cross-validation over unperturbed
@@ -15,16 +11,14 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
 from osl_analysis.measured import EXACT_FIT_SHARE
 from osl_analysis.signals import Motion, differentiate
-from osl_analysis.stats.covariance import welch_satterthwaite
 from osl_analysis.stats.regression import LinearFit
 from osl_analysis.stats.repeats import CommonError
 from osl_analysis.trial import Array
-from osl_analysis.walking.crossing import DOWN, UP, Crossing
+from osl_analysis.walking.crossing import Crossing
 from osl_analysis.walking.impedance_fit import (
     estimate_changes,
     fit_without_offset,
@@ -41,13 +35,10 @@ from osl_analysis.walking.walking_settings import EnsembleSettings
 
 SEED = 20  # the same data give the same interval
 ESTIMATED = ("K", "B", "I")
-UP_MINUS_DOWN = "up minus down"  # estimator of the difference of both directions
 
 Predictors = tuple[str, ...]
 """Some of `BEHAVIOUR`; if empty, the prediction is the mean unperturbed gait."""
 PREDICTOR_SETS: tuple[Predictors, ...] = ((), ("angle_slope",), ("angle", "torque"), BEHAVIOUR)
-
-Signs = NDArray[np.int_]
 
 
 @dataclass(frozen=True)
@@ -92,18 +83,6 @@ class ResampledCurves:
     degrees_of_freedom: float  # as of `Bootstrap`
 
 
-def signs_of(responses: Sequence[PerturbationResponse]) -> Signs:
-    """Directions (n,) of responses: 1 or -1 if there are two, else all 1."""
-    signs = np.array([response.sign for response in responses])
-    return signs if len(np.unique(signs)) > 1 else np.ones_like(signs)
-
-
-def joining_weights(signs: Signs) -> Array:
-    """Weights (n,) of responses in their mean, or in half the difference of two directions."""
-    count = np.where(signs > 0, np.sum(signs > 0), np.sum(signs < 0))
-    return np.asarray(signs / count / len(np.unique(signs)))
-
-
 def resampling_weights(random: np.random.Generator, samples: int, n: int) -> Array:
     """Draw the weights (samples, n) of n items in the mean of n - 1 draws with replacement.
 
@@ -122,8 +101,6 @@ class Ensemble:
     ----------
     time, window
         As of each response.
-    signs : Array
-        Directions (n,).
     theta, torque : Array
         (n, c, k) [rad], [N*m].
     behaviour : Array
@@ -135,12 +112,11 @@ class Ensemble:
     Raises
     ------
     InputError
-        There are fewer than two responses (in each of two directions), or they cannot be stacked.
+        There are fewer than two responses, or they cannot be stacked.
     """
 
     def __init__(self, responses: Sequence[PerturbationResponse]) -> None:
         check_stackable(responses)
-        self.signs = signs_of(responses)
         self.time = responses[0].time
         self.window = responses[0].window
         self.theta = np.array([response.thetas for response in responses])
@@ -158,61 +134,37 @@ class Ensemble:
         """Join responses to one angle (k,) [rad] and torque (k,) [N*m].
 
         With `weights` (n,) of the responses, and `unperturbed` (c,) of the unperturbed crossings.
-        From predictors, unperturbed gait is predicted for each direction.
+        From predictors, unperturbed gait is predicted.
         """
-        if not predictors:
-            theta = np.tensordot(weights, self.theta, 1)
-            torque = np.tensordot(weights, self.torque, 1)
-            return unperturbed @ theta, unperturbed @ torque
+        if predictors:
+            behaviour = np.tensordot(weights, self.behaviour, 1)
+            unperturbed = predicting_weights(behaviour, unperturbed, predictors)
+        theta = np.tensordot(weights, self.theta, 1)
+        torque = np.tensordot(weights, self.torque, 1)
+        return unperturbed @ theta, unperturbed @ torque
 
-        thetas = []
-        torques = []
-        for sign in np.unique(self.signs[weights != 0]):
-            of_direction = np.where(self.signs == sign, weights, 0.0)
-            behaviour = np.tensordot(of_direction, self.behaviour, 1)
-            baseline = predicting_weights(behaviour, unperturbed, predictors)
-            thetas.append(baseline @ np.tensordot(of_direction, self.theta, 1))
-            torques.append(baseline @ np.tensordot(of_direction, self.torque, 1))
-        return np.sum(thetas, axis=0), np.sum(torques, axis=0)
-
-    def fitted(self, predictors: Predictors = (), sign: int = 0) -> EnsembleResponse:
-        """Fit Eq. 15 to the mean response, to half the difference of two directions, or to one.
-
-        `sign` is 1 or -1 for the mean of one direction.
-        """
-        crossings = self.theta.shape[1]
-        of_direction = self.signs == sign
-        n = int(of_direction.sum()) if sign else len(self.signs)
-        weights = of_direction / of_direction.sum() if sign else joining_weights(self.signs)
-        theta, torque = self.joined(weights, np.full(crossings, 1 / crossings), predictors)
+    def fitted(self, predictors: Predictors = ()) -> EnsembleResponse:
+        """Fit Eq. 15 to the mean response."""
+        n, crossings = self.theta.shape[:2]
+        theta, torque = self.joined(
+            np.full(n, 1 / n), np.full(crossings, 1 / crossings), predictors
+        )
         motion = differentiate(self.time, theta)
         fit = fit_without_offset(motion[self.window], torque[self.window])
         return EnsembleResponse(n, motion, torque, fit)
 
-    def resampled_curves(
-        self, samples: int, predictors: Predictors = (), sign: int = 0
-    ) -> ResampledCurves:
+    def resampled_curves(self, samples: int, predictors: Predictors = ()) -> ResampledCurves:
         """Draw perturbations, unperturbed crossings and, to first order, plate trials.
 
-        Perturbations are drawn within their direction. Errors of mean gait and plate are common to
-        all responses: the responses' scatter does not show them. With a `sign`, responses of that
-        direction alone are joined, from the same draws.
+        Errors of mean gait and plate are common to all responses: the responses' scatter does not
+        show them.
         """
-        signs = self.signs
-        directions = np.unique(self.signs)
-        crossings = self.theta.shape[1]
+        n, crossings = self.theta.shape[:2]
         trials = self.influence.shape[1]
         random = np.random.default_rng(SEED)
-        perturbed = np.empty((samples, len(signs)))
-        for direction in directions[::-1]:
-            of_direction = signs == direction
-            count = int(np.sum(of_direction))
-            perturbed[:, of_direction] = resampling_weights(random, samples, count)
+        weights = resampling_weights(random, samples, n)
         of_gait = resampling_weights(random, samples, crossings)
         of_plate = resampling_weights(random, samples, trials)
-        weights = perturbed * signs / len(directions)
-        if sign:
-            weights = perturbed * (signs == sign)
 
         thetas = np.empty((len(self.time), samples))
         torques = np.empty((len(self.time), samples))
@@ -220,16 +172,11 @@ class Ensemble:
             theta, torque = self.joined(weights[i], of_gait[i], predictors)
             thetas[:, i] = theta
             torques[:, i] = torque + of_plate[i] @ np.tensordot(weights[i], self.influence, 1)
+        return ResampledCurves(thetas, torques, min(n - 1, crossings - 1 - len(predictors)))
 
-        # Degrees of freedom of a mean, or of a difference of two means (Welch, equal variances)
-        joined_signs = signs[signs == sign] if sign else signs
-        counts = np.unique(joined_signs, return_counts=True)[1].tolist()
-        of_perturbed = float(welch_satterthwaite([1 / n for n in counts], [n - 1 for n in counts]))
-        return ResampledCurves(thetas, torques, min(of_perturbed, crossings - 1 - len(predictors)))
-
-    def resampled(self, samples: int, predictors: Predictors = (), sign: int = 0) -> Bootstrap:
+    def resampled(self, samples: int, predictors: Predictors = ()) -> Bootstrap:
         """Fit Eq. 15 to `resampled_curves`."""
-        return self.bootstrap(self.resampled_curves(samples, predictors, sign))
+        return self.bootstrap(self.resampled_curves(samples, predictors))
 
     def bootstrap(self, curves: ResampledCurves) -> Bootstrap:
         """Fit Eq. 15 to resampled curves."""
@@ -245,14 +192,6 @@ def check_stackable(responses: Sequence[PerturbationResponse]) -> None:
         raise InputError(
             f"perturbations in the ensemble: {len(responses)}, expected 2 or more; record more"
         )
-    signs = signs_of(responses)
-    for sign, word in ((1, UP), (-1, DOWN)):
-        if np.sum(signs == sign) == 1:
-            raise InputError(
-                f"1 perturbation turns the toes {word} and {len(signs) - 1} the other way,"
-                " expected 2 or more of each to join them; record more, or exclude it in the"
-                " sheet"
-            )
     first = responses[0]
     for response in responses[1:]:
         same_shapes = (
@@ -306,15 +245,7 @@ def fitted_draws(motion: Motion, torque: Array) -> dict[str, Array]:
     return {"K": K, "B": B, "I": I, "VAF": 100 * (1 - share)}
 
 
-@dataclass(frozen=True)
-class ChosenPredictors:
-    """What predicts the deviations of unperturbed crossings best, and how much of them."""
-
-    names: Predictors
-    share: float  # of the mean square; 0 for the mean gait
-
-
-def cross_validated(responses: Sequence[PerturbationResponse], fit: LinearFit) -> ChosenPredictors:
+def cross_validated(responses: Sequence[PerturbationResponse], fit: LinearFit) -> Predictors:
     """Choose the predictors by leaving out each unperturbed crossing.
 
     Predicted is, from the others, the torque that each of them adds to the residual of the mean's
@@ -337,8 +268,7 @@ def cross_validated(responses: Sequence[PerturbationResponse], fit: LinearFit) -
         free_share = np.maximum(1 - np.diag(hat), 1e-9)
         left_out = (curves - hat @ curves) / free_share[:, None]
         errors[predictors] = float(np.mean(left_out**2))
-    best = min(errors, key=lambda predictors: errors[predictors])
-    return ChosenPredictors(best, 1 - errors[best] / errors[()] if best else 0.0)
+    return min(errors, key=lambda predictors: errors[predictors])
 
 
 @dataclass(frozen=True)
@@ -353,7 +283,6 @@ class SharedErrors:
 
 def shared_errors(responses: Sequence[PerturbationResponse]) -> SharedErrors:
     """Compute the errors that all perturbations share, and those of one."""
-    shares = np.abs(joining_weights(signs_of(responses)))
     changes = [
         estimate_changes(
             response, fit_without_offset(response.fitted_motion, response.fitted_torque)
@@ -361,8 +290,8 @@ def shared_errors(responses: Sequence[PerturbationResponse]) -> SharedErrors:
         for response in responses
     ]
     of_one = np.mean([np.var(change.by_gait, axis=0, ddof=1) for change in changes], axis=0)
-    by_gait = np.average([change.by_gait for change in changes], axis=0, weights=shares)
-    by_plate = np.average([change.by_plate for change in changes], axis=0, weights=shares)
+    by_gait = np.mean([change.by_gait for change in changes], axis=0)
+    by_plate = np.mean([change.by_plate for change in changes], axis=0)
     of_mean_gait = np.var(by_gait, axis=0, ddof=1) / len(by_gait)
     of_plate = np.diag(jackknife_covariance(by_plate))
     freedom = len(by_gait) - 1, max(len(by_plate) - 1, 1)
@@ -389,10 +318,6 @@ class GroupHeadline:
 
     responses: Sequence[PerturbationResponse]
     errors: SharedErrors
-    # For `up`, `down` and `up minus down`; empty for one direction
-    directions: Mapping[str, ResampledEstimate]
-    # Share of the unperturbed crossings' deviations that their behaviour before the onset predicts
-    predicted_share: float
     ensemble: EnsembleResponse  # with the baseline that the settings name
     resampled: Bootstrap
     other_baseline: ResampledEstimate  # that they do not name
@@ -416,11 +341,11 @@ def group_headline(
     samples = settings.bootstrap_samples
     mean_gait = stacked.fitted()
     chosen = cross_validated(responses, mean_gait.fit)
-    predicted_gait = stacked.fitted(chosen.names)
+    predicted_gait = stacked.fitted(chosen)
     mean_curves = stacked.resampled_curves(samples)
     predicted_curves = mean_curves
-    if chosen.names:
-        predicted_curves = stacked.resampled_curves(samples, chosen.names)
+    if chosen:
+        predicted_curves = stacked.resampled_curves(samples, chosen)
 
     if settings.baseline == "predicted":
         ensemble = predicted_gait
@@ -437,35 +362,9 @@ def group_headline(
     return GroupHeadline(
         responses,
         errors=shared_errors(responses),
-        directions=compared_directions(stacked, samples),
-        predicted_share=chosen.share,
         ensemble=ensemble,
         resampled=stacked.bootstrap(curves),
         other_baseline=ResampledEstimate(
             other_name, other.estimates(), stacked.bootstrap(other_curves), other.n
         ),
     )
-
-
-def compared_directions(stacked: Ensemble, samples: int) -> dict[str, ResampledEstimate]:
-    """Estimates of both directions and their difference, by name; empty for one direction."""
-    if len(np.unique(stacked.signs)) < 2:
-        return {}
-    directions = []
-    for name, sign in ((UP, 1), (DOWN, -1)):
-        mean = stacked.fitted(sign=sign)
-        resampled = stacked.resampled(samples, sign=sign)
-        directions.append(ResampledEstimate(name, mean.estimates(), resampled, mean.n))
-
-    # The same draws: the error of mean gait does not cancel in the difference
-    up, down = directions
-    difference = Bootstrap(
-        {name: up.resampled.draws[name] - down.resampled.draws[name] for name in up.estimates},
-        min(up.resampled.degrees_of_freedom, down.resampled.degrees_of_freedom),
-    )
-    estimates = {name: up.estimates[name] - down.estimates[name] for name in up.estimates}
-    return {
-        UP: up,
-        DOWN: down,
-        UP_MINUS_DOWN: ResampledEstimate(UP_MINUS_DOWN, estimates, difference, up.n + down.n),
-    }

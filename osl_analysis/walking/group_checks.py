@@ -17,12 +17,7 @@ from osl_analysis.signals import Motion
 from osl_analysis.stats.regression import LinearFit
 from osl_analysis.stats.repeats import over_repeats
 from osl_analysis.trial import Array
-from osl_analysis.walking.ensemble import (
-    ESTIMATED,
-    GroupHeadline,
-    Signs,
-    signs_of,
-)
+from osl_analysis.walking.ensemble import ESTIMATED, GroupHeadline
 from osl_analysis.walking.impedance_fit import compare_offset, fit_response, gait_torque
 from osl_analysis.walking.isolated_response import PerturbationResponse
 
@@ -42,11 +37,7 @@ class SingleChecks:
 
 
 def check_single(response: PerturbationResponse, fit: LinearFit) -> SingleChecks:
-    """Compare residual and offset of one fit with those that ordinary gait and the plate cause.
-
-    `plate_unexplained` is the share of the plate's own wrench that its model leaves: that is one
-    cause in all crossings, and judged as such.
-    """
+    """Compare residual and offset of one fit with those that ordinary gait causes."""
     motion = response.fitted_motion
     torque = response.fitted_torque
     of_gait = gait_torque(response, fit)[:, response.window]
@@ -75,7 +66,7 @@ def normal_scatters(ratio: float, crossings: int) -> float:
 
 
 def residual_over_gait(motion: Motion, torque: Array, of_gait: Array) -> float | None:
-    """RMS residual of Eq. 15 over that of ordinary gait (crossings, k) and of the plate (k,).
+    """RMS residual of Eq. 15 over that of ordinary gait (crossings, k).
 
     None below 3 % of the torque, or over 0.
     """
@@ -103,13 +94,11 @@ class FitChecks:
     estimator_difference: float
     heterogeneity: float | None
     K: float
-    B: float
     K_se_share: float | None
     B_high: float
     I_high: float
     stance_change: float | None
     uncorrected_stance_change: float | None
-    predicted_share: float
 
 
 def check_fit(headline: GroupHeadline) -> FitChecks:
@@ -118,7 +107,6 @@ def check_fit(headline: GroupHeadline) -> FitChecks:
     ensemble = headline.ensemble
     fit = headline.ensemble.fit
     window = responses[0].window
-    signs = signs_of(responses)
     motion = ensemble.motion[window]
     torque = ensemble.torque[window]
     of_gait = np.mean([gait_torque(response, fit)[:, window] for response in responses], axis=0)
@@ -130,52 +118,40 @@ def check_fit(headline: GroupHeadline) -> FitChecks:
         VAF=fit.vaf,
         residual_over_gait=residual_over_gait(motion, torque, of_gait),
         offset_share=offset.lowers_K if np.isfinite(offset.lowers_K) else None,
-        estimator_difference=estimator_difference(headline, single_fits, signs),
-        heterogeneity=heterogeneity_of(single_fits, signs),
+        estimator_difference=estimator_difference(headline, single_fits),
+        heterogeneity=heterogeneity_of(single_fits),
         K=fit["K"],
-        B=fit["B"],
         K_se_share=headline.resampled.se("K") / abs(fit["K"]) if fit["K"] else None,
         B_high=headline.resampled.interval("B")[1],
         I_high=headline.resampled.interval("I")[1],
         stance_change=stance.mean,
         uncorrected_stance_change=stance.uncorrected,
-        predicted_share=headline.predicted_share,
     )
 
 
-def estimator_difference(
-    headline: GroupHeadline, single_fits: Sequence[LinearFit], signs: Signs
-) -> float:
+def estimator_difference(headline: GroupHeadline, single_fits: Sequence[LinearFit]) -> float:
     """Largest distance of ensemble and mean of perturbations, in halves of both intervals."""
     fit = headline.ensemble.fit
     distances = [0.0]
     for name in ESTIMATED:
         low, high = headline.resampled.interval(name)
         singles = [single[name] for single in single_fits]
-        mean = over_repeats(singles, headline.errors.common.get(name, ()), signs)
+        mean = over_repeats(singles, headline.errors.common.get(name, ()))
         width = high - low + mean.high - mean.low
         if width > 1e-9 * abs(fit[name]):  # intervals of crossings that are all equal have no width
             distances.append(2 * abs(fit[name] - mean.mean) / width)
     return max(distances)
 
 
-def heterogeneity_of(single_fits: Sequence[LinearFit], signs: Signs) -> float | None:
-    """Cochran's Q of single stiffnesses over its degrees of freedom.
-
-    Each direction has its own mean, because a torque after any turn parts them.
-    """
+def heterogeneity_of(single_fits: Sequence[LinearFit]) -> float | None:
+    """Cochran's Q of single stiffnesses over its degrees of freedom."""
     K = np.array([fit["K"] for fit in single_fits])
     se = np.array([fit.se("K") for fit in single_fits])
     variance = se**2 + (LEAST_SE_SHARE * K.mean()) ** 2
     if not np.isfinite(se).all() or not (variance > 0).all():
         return None
-    directions = np.unique(signs)
-    means = [
-        np.average(K, weights=(signs == direction) / variance) * (signs == direction)
-        for direction in directions
-    ]
-    Q = np.sum((K - np.sum(means, axis=0)) ** 2 / variance)
-    return float(Q / (len(K) - len(directions)))
+    Q = np.sum((K - np.average(K, weights=1 / variance)) ** 2 / variance)
+    return float(Q / (len(K) - 1))
 
 
 def coherence_of(responses: Sequence[PerturbationResponse]) -> float:
@@ -185,7 +161,7 @@ def coherence_of(responses: Sequence[PerturbationResponse]) -> float:
     onset.
     """
     window = responses[0].window
-    angles = np.array([response.sign * response.fitted_motion.theta for response in responses])
+    angles = np.array([response.fitted_motion.theta for response in responses])
     of_mean = rms(angles.mean(axis=0))
     gait_variance = float(
         np.mean([response.thetas[:, window].var(axis=0, ddof=1) for response in responses])

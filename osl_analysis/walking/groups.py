@@ -1,33 +1,22 @@
-"""To which result each crossing belongs: conditions of the sheet, mean gaits, and timings.
+"""To which result each crossing belongs, by the conditions of the sheet.
 
-Each group of perturbed crossings has a result of its own, and each gait a mean of its own. Groups
-of one gait differ only in the timing or the direction of the perturbation.
+Each group of perturbed crossings has a result and a mean unperturbed gait of its own.
 """
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, listing
-from osl_analysis.measured import check_finite
-from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import Crossing
-from osl_analysis.walking.walking_settings import SelectionSettings
 
-# Columns of the sheet that can split results. Each value has a mean unperturbed gait of its own.
-STATED = ("group", "subject", "session", "side", "speed", "K_d", "B_d")
+# Columns of the sheet that part crossings into groups
+STATED = ("group", "subject", "session", "side", "speed", "K_d", "B_d", "direction")
 OF_PERSON = ("subject", "session", "side", "speed")  # those that an unperturbed crossing has too
 OF_STATIC = ("subject", "session", "side")  # those in which a crossing agrees with a static trial
-ALL = "all"  # name of the group and of the gait of a campaign that is not split
-SEPARATOR = "; "  # between the names of gaits in one cell; no name has a semicolon
-
-# Timings are parted by gaps above this share of stance. If their SD is that of one timing, a gap
-# needs three phases on either side: one timing with an SD of 0.02 has such a gap in about one
-# campaign in a hundred.
-SMALLEST_TIMING_GAP = 0.03
-FEWEST_BESIDE_GAP = 3
+ALL = "all"  # name of the group of a campaign that is not split
+SEPARATOR = "; "  # between the names of groups in one cell; no name has a semicolon
 
 Cells = Mapping[str, object]
 """Cells of one row of the sheet, by column: `STATED` and `perturbed`; None where empty."""
@@ -35,15 +24,13 @@ Sheet = Mapping[str, Cells]
 """Cells of crossings, by trial."""
 
 
-def split_keys(sheet: Sheet, settings: SelectionSettings) -> list[str]:
-    """Find the columns of the sheet that split a campaign, in the order of `STATED`.
-
-    They are those of `group_by`, and any other in which crossings differ, unless `pool` names it.
+def split_keys(sheet: Sheet) -> list[str]:
+    """Find the columns of the sheet in which crossings differ, in the order of `STATED`.
 
     Raises
     ------
     InputError
-        Such a column is empty in a crossing, or everywhere.
+        Such a column is empty in a crossing.
     """
     keys = []
     for key in STATED:
@@ -53,19 +40,13 @@ def split_keys(sheet: Sheet, settings: SelectionSettings) -> list[str]:
             name for name, cells in sheet.items() if key in OF_PERSON or cells["perturbed"]
         ]
         values = {sheet[name].get(key) for name in concerned}
-        if key in settings.pool or (len(values) < 2 and key not in settings.group_by):
+        if len(values) < 2:
             continue
-        stated = values - {None}
-        if not stated:
-            raise InputError(
-                f"walking.group_by names '{key}', but no crossing states it; fill in the column"
-                f" {key} of the sheet, or remove it from group_by"
-            )
         empty = [name for name in concerned if sheet[name].get(key) is None]
         if empty:
             raise InputError(
                 f"trial {empty[0]}: no {key} in the sheet, but other crossings state"
-                f" {cell_listing(stated)}; fill in the cell, or add {key} to walking.pool"
+                f" {cell_listing(values - {None})}; fill in the cell, or empty the column"
             )
         keys.append(key)
     return keys
@@ -84,7 +65,7 @@ def cell_text(value: object) -> str:
 
 
 def label(conditions: Mapping[str, object]) -> str:
-    """Name of a group or gait, such as `K_d 200, timing 41 %`; `ALL` without any condition."""
+    """Name of a group, such as `K_d 200, direction up`; `ALL` without any condition."""
     words = [
         cell_text(value) if key == "group" else f"{key} {cell_text(value)}"
         for key, value in conditions.items()
@@ -178,75 +159,58 @@ def side_of(static: str, cells: Cells, served: Mapping[str, Cells], configured: 
 class Place:
     """Columns of `walking_crossings.csv` that say to which result a crossing belongs."""
 
-    gait: str | None  # the mean gaits that it belongs to
+    group: str | None  # an unperturbed crossing serves several
     # None unless it is used and perturbed
-    group: str | None = None
     direction: str | None = None  # of the turn
     onset_phase: float | None = None  # as a share of mean stance
 
     def columns(self) -> dict[str, object]:
         return {
-            "gait": self.gait,
             "group": self.group,
             "direction": self.direction,
             "onset_phase": self.onset_phase,
         }
 
 
-def places(
-    crossings: Sequence[Crossing], sheet: Sheet, settings: SelectionSettings
-) -> dict[str, Place]:
+def places(crossings: Sequence[Crossing], sheet: Sheet) -> dict[str, Place]:
     """Find the place of every row of the sheet, by name; `crossings` are those that are used."""
-    gaits = gait_conditions(sheet, settings)
-    gaits_of_trials = {name: gaits_of(cells, gaits) for name, cells in sheet.items()}
-    phases = {
-        gait: onset_phases([c for c in crossings if gait in gaits_of_trials[c.name]])
-        for gait in gaits
-    }
-    timing_numbers = {
-        gait: timings(np.array(list(of_gait.values())), settings.timing_scatter)
-        for gait, of_gait in phases.items()
-    }
-    has_timings = any(numbers.max(initial=0) > 0 for numbers in timing_numbers.values())
-    by_timing = "timing" in settings.group_by or ("timing" not in settings.pool and has_timings)
-    directions = {crossing.name: crossing.direction for crossing in crossings}
-
+    groups = group_conditions(sheet)
+    groups_of_trials = {name: groups_of(cells, groups) for name, cells in sheet.items()}
+    direction_of = {crossing.name: crossing.direction for crossing in crossings}
     place_of = {
-        name: Place(gait=SEPARATOR.join(of_trial) or None)
-        for name, of_trial in gaits_of_trials.items()
+        name: Place(SEPARATOR.join(of_trial) or None) for name, of_trial in groups_of_trials.items()
     }
-    for gait, conditions in gaits.items():
-        values = np.array(list(phases[gait].values()))
-        numbers = timing_numbers[gait]
-        for (name, phase), number in zip(phases[gait].items(), numbers, strict=True):
-            named = dict(conditions)
-            if by_timing:
-                named["timing"] = f"{100 * np.median(values[numbers == number]):.0f} %"
-            if "direction" in settings.group_by:
-                named["direction"] = directions[name] or "unknown"
-            place_of[name] = Place(place_of[name].gait, label(named), directions[name], phase)
+    for group in groups:
+        of_group = [c for c in crossings if group in groups_of_trials[c.name]]
+        for name, phase in onset_phases(of_group).items():
+            place_of[name] = Place(group, direction_of[name], phase)
     return place_of
 
 
-def gait_conditions(sheet: Sheet, settings: SelectionSettings) -> dict[str, Cells]:
-    """The conditions of each mean gait, by its name."""
-    keys = split_keys(sheet, settings)
+def group_conditions(sheet: Sheet) -> dict[str, Cells]:
+    """The conditions of each group, by its name, sorted by them."""
+    keys = split_keys(sheet)
     perturbed = [cells for cells in sheet.values() if cells["perturbed"]]
     conditions = [{key: cells[key] for key in keys} for cells in perturbed]
-    return {label(cells): cells for cells in conditions}
+    return {label(cells): cells for cells in sorted(conditions, key=sorting_key)}
 
 
-def gaits_of(cells: Cells, gaits: Mapping[str, Cells]) -> list[str]:
-    """The gaits that a row of the sheet belongs to: an empty cell matches every value."""
+def sorting_key(conditions: Cells) -> list[tuple[bool, object]]:
+    """Conditions, of which numbers go before words."""
+    return [(isinstance(cell, str), cell) for cell in conditions.values()]
+
+
+def groups_of(cells: Cells, groups: Mapping[str, Cells]) -> list[str]:
+    """The groups that a row of the sheet belongs to: an empty cell matches every value."""
     return [
-        gait
-        for gait, conditions in gaits.items()
+        group
+        for group, conditions in groups.items()
         if all(cells.get(key) in (None, value) for key, value in conditions.items())
     ]
 
 
 def onset_phases(crossings: Sequence[Crossing]) -> dict[str, float]:
-    """Onsets of one gait's perturbed crossings, as shares of the unperturbed ones' mean stance.
+    """Onsets of one group's perturbed crossings, as shares of the unperturbed ones' mean stance.
 
     Without unperturbed ones they are shares of their own.
     """
@@ -258,46 +222,3 @@ def onset_phases(crossings: Sequence[Crossing]) -> dict[str, float]:
             since_strike = crossing.onset - crossing.stance.heel_strike
             phases[crossing.name] = float(since_strike / (mean_stance or crossing.stance.duration))
     return phases
-
-
-def timings(phases: Array, scatter: float) -> NDArray[np.intp]:
-    """Part onset phases (n,) into timings.
-
-    Timings are separated by clear gaps. One with an SD above `scatter` is cut into equal bins.
-
-    Returns
-    -------
-    Array
-        The timing (n,) of each, counted from 0 in the order of phase.
-    """
-    check_finite("the phase of an onset", phases)
-    numbers = np.empty(len(phases), dtype=np.intp)
-    count = 0
-    for rows in parted_by_gaps(phases, np.argsort(phases, kind="stable"), scatter):
-        bins = np.zeros(len(rows), dtype=np.intp)
-        if is_wide(phases[rows], scatter):
-            lowest, span = phases[rows].min(), np.ptp(phases[rows])
-            bin_count = int(np.ceil(span / (2 * scatter)))
-            equal = ((phases[rows] - lowest) / span * bin_count).astype(int)
-            # bins without an onset are not counted
-            bins = np.unique(np.minimum(equal, bin_count - 1), return_inverse=True)[1]
-        numbers[rows] = count + bins
-        count += int(bins.max(initial=-1)) + 1
-    return numbers
-
-
-def is_wide(phases: Array, scatter: float) -> bool:
-    return len(phases) > 1 and float(np.std(phases, ddof=1)) > scatter
-
-
-def parted_by_gaps(
-    phases: Array, order: NDArray[np.intp], scatter: float
-) -> list[NDArray[np.intp]]:
-    """Part rows in the `order` of phase at the largest gaps."""
-    fewest = 1 if is_wide(phases[order], scatter) else FEWEST_BESIDE_GAP
-    gaps = np.diff(phases[order])[fewest - 1 : max(len(order) - fewest, 0)]
-    if not len(gaps) or gaps.max() <= SMALLEST_TIMING_GAP:
-        return [order]
-    cut = int(np.argmax(gaps)) + fewest
-    before, after = order[:cut], order[cut:]
-    return [*parted_by_gaps(phases, before, scatter), *parted_by_gaps(phases, after, scatter)]

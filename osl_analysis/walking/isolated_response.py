@@ -48,7 +48,6 @@ class PerturbationResponse:
     behaviour: Array
     # Samples of the fitted window, from the onset, without its end: 30 for 0.1 s at 300 Hz
     window: slice
-    sign: int = 1  # -1 if the platform turned the toes down, else 1
     stance: float = float("nan")  # duration of stance [s] that converts time to phase
     stance_change: float = 0.0  # own duration of stance over the expected one, minus 1
     # `stance` over the expected duration, minus 1; 0 if it is the expected one
@@ -134,7 +133,6 @@ def isolate_response(
         plate_errors=zeroed(plate_errors, baseline),
         behaviour=behaviour_before(time, thetas, torques, timing.guard_s),
         window=window,
-        sign=crossing.sign,
         stance=aligned.stance,
         stance_change=crossing.stance.duration / aligned.expected - 1,
         stance_error=(

@@ -8,7 +8,8 @@ import numpy as np
 from osl_analysis.errors import InputError
 from osl_analysis.signals import longest_run, runs, sampling_rate
 from osl_analysis.trial import Array, Trial
-from osl_analysis.walking import platform, poses
+from osl_analysis.walking import poses
+from osl_analysis.walking.mean_ramp import ramp_of, ramp_onsets
 from osl_analysis.walking.plate import (
     ZeroedWrench,
     check_plate,
@@ -64,6 +65,7 @@ def recorded_passage(
     lag: float,
     perturbed: bool,
     settings: CrossingSettings,
+    onset: float | None = None,
 ) -> Passage:
     """Find poses, stance and onset of a crossing.
 
@@ -73,6 +75,8 @@ def recorded_passage(
         Of the plate behind the markers [s].
     perturbed : bool
         Whether the sheet says so.
+    onset : float or None
+        Of the perturbation [s], by the mean ramp of all crossings; None: by its own ramp.
 
     Raises
     ------
@@ -92,7 +96,7 @@ def recorded_passage(
     check_plate(trial, settings.plate, stance, force[:, 2])
     corners = recorded_corners(trial, settings.plate)
 
-    onset = onset_of(trial, frames, recorded, stance, perturbed, settings)
+    onset = onset_of(trial, frames, recorded, stance, perturbed, settings, onset)
     for segment, pose in recorded.items():
         check_same_cluster(segment, trial, frames, pose, stance, reference[segment], settings)
         check_followed(segment, frames, pose, stance)
@@ -146,7 +150,7 @@ def check_followed(segment: str, frames: Array, pose: Poses, stance: Stance) -> 
     if len(hidden):
         raise InputError(
             f"the {segment} markers cannot be followed at {frames[hidden[0]]:.3f} s, in"
-            f" {len(hidden)} frames of stance{pose.by_filling(hidden)}; correct exchanged labels in"
+            f" {len(hidden)} frames of stance; correct exchanged labels in"
             " Nexus, raise longest_gap_s, or exclude the trial"
         )
 
@@ -166,16 +170,26 @@ def onset_of(
     stance: Stance,
     perturbed: bool,
     settings: CrossingSettings,
+    of_mean_ramp: float | None,
 ) -> float | None:
-    """Find the onset [s] of the perturbation; None without one.
+    """Find the onset [s] of the perturbation: that of the mean ramp, else of the crossing's own.
+
+    Returns
+    -------
+    float or None
+        None without a perturbation.
 
     Raises
     ------
     InputError
         Sheet, stance, plate or markers forbid it.
     """
-    displacement = platform.displacement_from_rest(recorded["platform"], settings)
-    onset = platform.find_onset(time, displacement.size, displacement.threshold)
+    ramp = ramp_of(time, recorded["platform"], settings.smallest_turn)
+    onset = None
+    if ramp is not None:
+        onset = of_mean_ramp
+        if onset is None:
+            onset = ramp_onsets({trial.name: ramp})[trial.name]
     check_onset(onset, perturbed, stance, settings)
     if onset is None:
         return None
@@ -189,7 +203,7 @@ def onset_of(
             hidden_s = (gap.stop - gap.start) * (time[1] - time[0])
             raise InputError(
                 f"the {segment} markers are hidden for {1e3 * hidden_s:.0f} ms from"
-                f" {time[gap.start]:.3f} s{pose.by_filling(gap)}, while the perturbation is"
+                f" {time[gap.start]:.3f} s, while the perturbation is"
                 f" fitted, expected {1e3 * settings.longest_fitted_gap_s:g} ms or less; raise"
                 " longest_fitted_gap_s, or exclude the trial"
             )

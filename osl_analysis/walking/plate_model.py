@@ -15,7 +15,7 @@ acceleration must peak at the same time.
 
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import polars as pl
@@ -55,11 +55,11 @@ LARGEST_NOISE_SHARE = 0.5  # of a direction's power in the columns
 LARGEST_LAG_S = 0.012
 LAG_STEP_S = 0.002  # a parabola between the steps is exact to 1 % below 20 Hz
 LARGEST_LAG_MISFIT = 0.5  # of the wrench's mean square, for the wrench to follow the motion
+LARGEST_HEIGHT_SE_M = 0.005  # of a height that is reported
+CERTAIN_SES = 4.0  # standard errors beyond which a height is certain
+SMALLEST_HEIGHT_COLUMN = 0.02  # share of its column that no other explains
+LIGHT_KG = 0.1  # mass below which a centre of mass is not known
 SPREAD_FRAMES = 30  # by which the low-pass of the identification spreads a motion
-
-
-RISE_S = 0.2  # until a motion passes its threshold
-
 
 END_S = 0.05  # at both ends of a track, whose slopes tell a motion that the recording cuts
 FEWEST_END_FRAMES = 5
@@ -75,12 +75,20 @@ class PlateModel:
     directions: StoredArray  # (10, r) of the parameters that the motion shows
     rms_before: StoredArray  # RMS wrench (6,) [N, N*m] of the unloaded plate, minus its mean
     rms_after: StoredArray  # the same without the plate's own wrench
-    # Of the wrench's noise, while the platform rests
-    rms_at_rest: StoredArray = field(default_factory=lambda: np.zeros(6))
     lags: tuple[float, ...] = ()  # [s] of the trials that show one
-    lag_reason: str | None = None  # why no trial does
     # The model without each trial, for the jackknife; empty with one
     leave_one_out: "tuple[PlateModel, ...]" = ()
+    # [m] of the corners' centre above the point of the moments; None where it is not seen
+    height: float | None = None
+    height_se: float | None = None  # its standard error [m]
+
+    @property
+    def certain_height(self) -> float | None:
+        """`height` [m] if it is certain, else 0; None where it is not known."""
+        if self.height is None:
+            return None
+        is_certain = abs(self.height) > CERTAIN_SES * (self.height_se or 0.0)
+        return self.height * is_certain
 
     @property
     def lag(self) -> float | None:
@@ -94,17 +102,6 @@ class PlateModel:
             return None
         return float(np.std(self.lags, ddof=1) / np.sqrt(len(self.lags)))
 
-    @property
-    def unexplained(self) -> float | None:
-        """Share of the plate's wrench that the model leaves, beyond noise; None if the plate is too
-        light."""
-        before = float(np.linalg.norm(self.rms_before * WEIGHT))
-        after = float(np.linalg.norm(self.rms_after * WEIGHT))
-        noise = float(np.linalg.norm(self.rms_at_rest * WEIGHT))
-        if not before > LIGHT:
-            return None
-        return float(np.sqrt(max(after**2 - noise**2, 0.0))) / before
-
 
 NOT_REMOVED = "walking.plate_inertia is none"
 NO_CORRECTION = PlateModel(
@@ -112,7 +109,6 @@ NO_CORRECTION = PlateModel(
     directions=np.zeros((PARAMETERS, 0)),
     rms_before=np.full(6, np.nan),
     rms_after=np.full(6, np.nan),
-    lag_reason=f"not estimated: {NOT_REMOVED}",
 )
 """Of a plate that is light or compensates its own inertia: nothing is removed from its wrench."""
 
@@ -152,7 +148,6 @@ def identify_plate_model(
 
     motions = unloaded_motions(usable)
     lags = [float("nan")] * len(usable)
-    lag_reason = None
     if settings.correct_plate_lag:
         for i, recording in enumerate(usable):
             with naming(f"trial {recording.track.name}"):
@@ -163,14 +158,20 @@ def identify_plate_model(
                     raise
         if not np.isfinite(lags).any():
             check_other_plates(*used_pairs[0], settings)
-            lag_reason = "the unloaded plate is too light to show it"
-    else:
-        lag_reason = "not estimated: correct_plate_lag is false"
 
-    model = replace(plate_model(usable, lags), lag_reason=lag_reason)
+    model = plate_model(usable, lags)
     if len(usable) == 1:
         return model
 
+    if model.parameters[0] > LIGHT_KG:
+        columns_and_wrenches = [
+            (
+                recording.smooth(inertial_columns(moving.motion)),
+                recording.wrench_at(model.lag or 0.0),
+            )
+            for recording, moving in zip(usable, motions, strict=True)
+        ]
+        model = with_height(model, columns_and_wrenches)
     without_each = [
         plate_model(usable[:i] + usable[i + 1 :], lags[:i] + lags[i + 1 :], model)
         for i in range(len(usable))
@@ -283,8 +284,8 @@ def unloaded_recording(
             " correct exchanged labels in Nexus, or record again with all of them in sight"
         )
 
-    displacement = platform.displacement_from_rest(poses, settings)
-    largest = float(np.max(displacement.size[rows]))
+    turn = platform.rotation_from_rest(poses)
+    largest = float(np.max(turn[rows]))
     track = platform.platform_track(trial.name, frames[rows], poses[rows], calibration, settings)
     whole = whole_motions(track)
     is_cut = whole.stop - whole.start < rows.stop - rows.start
@@ -295,13 +296,13 @@ def unloaded_recording(
             trial.name, frames[rows], poses[rows], calibration, settings
         )
 
-    remaining = np.ptp(platform.displacement_from_rest(poses[rows], settings).size)
+    remaining = float(np.ptp(platform.rotation_from_rest(poses[rows])))
     unusable = ""
-    if is_cut and (not is_long_enough or remaining < displacement.threshold):
+    if is_cut and (not is_long_enough or remaining < settings.smallest_turn):
         unusable = "the recording begins or ends while the platform moves; record from rest to rest"
-    elif largest < displacement.threshold and poses.seen().all():
+    elif largest < settings.smallest_turn and poses.seen().all():
         raise still_platform(trial.name, largest, settings)
-    elif largest < displacement.threshold or hides_a_motion(frames, poses, displacement, settings):
+    elif largest < settings.smallest_turn or hides_a_motion(frames, poses, turn, settings):
         unusable = (
             "the platform turned while its markers were hidden; record it again with all of them in"
             " sight"
@@ -333,7 +334,7 @@ def still_platform(trial: str, largest: float, settings: PlateModelSettings) -> 
 def hides_a_motion(
     frames: Array,
     poses: Poses,
-    displacement: platform.Displacement,
+    turn: Array,
     settings: PlateModelSettings,
 ) -> bool:
     """Whether the platform moved during a gap of its markers that is too long to be fitted."""
@@ -341,7 +342,7 @@ def hides_a_motion(
     for gap in runs(poses.bridged):
         if rigid.gap_duration(frames, gap) <= settings.longest_fitted_gap_s:
             continue
-        moved = float(displacement.size[gap.stop] - displacement.size[gap.start - 1])
+        moved = float(turn[gap.stop] - turn[gap.start - 1])
         if abs(moved) > limit:
             return True
     return False
@@ -485,19 +486,11 @@ def identify_plate_inertia(
     right = X.T @ unexplained + N @ start
     change = np.linalg.solve(basis.T @ (G - N) @ basis, basis.T @ right)
     parameters = start + basis @ change
-
-    at_rest = [np.zeros((1, 6))]
-    for motion, recorded in recordings:
-        rests = np.linalg.norm(motion.alpha, axis=1) == 0
-        rests = scipy.ndimage.binary_erosion(rests, iterations=SPREAD_FRAMES)
-        if rests.any():
-            at_rest.append(without_mean(recorded[rests]))
     return PlateModel(
         parameters,
         directions=basis,
         rms_before=column_rms(wrench),
         rms_after=column_rms(wrench - columns @ parameters),
-        rms_at_rest=column_rms(np.concatenate(at_rest)),
     )
 
 
@@ -593,6 +586,54 @@ def plate_lag(
     return float(lags[best] + 0.5 * LAG_STEP_S * (before - after) / (before - 2 * smallest + after))
 
 
+def with_height(
+    model: PlateModel, columns_and_wrenches: Sequence[tuple[Array, Array]]
+) -> PlateModel:
+    """Add the height of the corners' centre above the point of the moments, where it is seen.
+
+    From columns (n, 6, 10) and wrench (n, 6) of each recording; its standard error is from leaving
+    out each (jackknife).
+    """
+    count = len(columns_and_wrenches)
+    height = moments_below(model.directions, columns_and_wrenches)
+    without_each = [
+        moments_below(model.directions, [*columns_and_wrenches[:i], *columns_and_wrenches[i + 1 :]])
+        for i in range(count)
+    ]
+    se = float(np.sqrt((count - 1) * np.var(without_each)))
+    return replace(
+        model,
+        height=height if se < LARGEST_HEIGHT_SE_M else None,
+        height_se=se if np.isfinite(se) else None,
+    )
+
+
+def moments_below(directions: Array, columns_and_wrenches: Sequence[tuple[Array, Array]]) -> float:
+    """Height [m] from the two centres of mass that the unloaded plate shows.
+
+    Forces show that from the corners' centre, moments that from their own point: mc gets another
+    value in the moments. NaN if only moments show one, as if the plate does not turn, or without a
+    mass.
+    """
+    columns = np.concatenate([without_mean(columns) for columns, _ in columns_and_wrenches])
+    wrench = np.concatenate([without_mean(wrench) for _, wrench in columns_and_wrenches])
+    is_moment = (np.arange(6) > 2)[:, None]
+    mc_of_moments = stacked_columns(columns[:, :, 1:4] * is_moment)
+    X = np.column_stack([stacked_columns(columns) @ directions, mc_of_moments])
+    size = np.maximum(np.linalg.norm(X, axis=0), 1e-12)
+    X = X / size
+    estimates = np.linalg.lstsq(X, (wrench * WEIGHT).T.ravel(), rcond=1e-4)[0] / size
+
+    # The last column is mc_z of the moments: is it told apart from the others?
+    other_columns = X[:, :-1]
+    vertical = X[:, -1]
+    unexplained = vertical - other_columns @ np.linalg.lstsq(other_columns, vertical, rcond=1e-4)[0]
+    mass = float(directions[0] @ estimates[: directions.shape[1]])
+    if mass > LIGHT_KG and np.linalg.norm(unexplained) > SMALLEST_HEIGHT_COLUMN:
+        return float(estimates[-1] / mass)
+    return float("nan")
+
+
 def plate_table(model: PlateModel) -> pl.DataFrame:
     """Tabulate `plate.csv`: RMS of each component before and after the correction, and the lag."""
     before, after = model.rms_before.tolist(), model.rms_after.tolist()
@@ -603,11 +644,9 @@ def plate_table(model: PlateModel) -> pl.DataFrame:
                 "component": component,
                 "rms_before": before[k],
                 "rms_after": after[k],
-                "left_percent": 100 * after[k] / before[k] if before[k] > 0 else None,
                 "lag_s": model.lag,
                 "lag_se_s": model.lag_se,
-                "lag_unknown": model.lag_reason,
-                "trials": len(model.lags),
+                "height_m": model.height,
             }
         )
     return pl.DataFrame(rows)

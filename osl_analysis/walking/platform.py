@@ -1,4 +1,4 @@
-"""Step 2a, platform: how it moves in one trial, and when a perturbation starts.
+"""Step 2a, platform: how it moves in one trial.
 
 A pose has six coordinates: the screw (logarithm in SE(3)) from the cluster's pose in the static
 trial. A rotation about a fixed axis, however large, is a straight line in them. They are scaled so
@@ -30,10 +30,6 @@ LINE_FRAMES = 4  # on either side of such a gap
 MARGIN_OVER_NOISE = 1.3  # of a direction's mean square over the largest that noise would show
 MAD_TO_SD = 1.4826  # from the median absolute deviation to the standard deviation of normal noise
 
-REST_S = 0.1  # before the first motion in which the platform rests
-ONSET_STEP_S = 0.0002  # resolution of an onset
-ONSET_POWERS = np.arange(1.0, 4.01, 0.25)  # of time since the onset; 1 is a straight ramp
-
 
 def rotation_from_rest(platform: Poses) -> Array:
     """Angle (n,) [rad] from the static pose about the axis of the largest rotation; NaN if unseen.
@@ -48,90 +44,6 @@ def rotation_from_rest(platform: Poses) -> Array:
         size = max(float(np.linalg.norm(largest)), np.finfo(float).tiny)
         angle[seen] = vectors @ largest / size
     return angle
-
-
-@dataclass(frozen=True)
-class Displacement:
-    """How far a platform is from rest, and from where on it perturbs: a turn [rad] or a shift [m].
-
-    The shift of a belt is measured from its first frame, along its largest shift.
-    """
-
-    size: Array  # (n,), NaN where not seen
-    threshold: float
-
-
-def displacement_from_rest(platform: Poses, settings: PlatformSettings) -> Displacement:
-    """Measure what `settings.perturbed_by` names: the platform's turn, or the belt's shift."""
-    return Displacement(rotation_from_rest(platform), float(np.deg2rad(settings.perturbation_deg)))
-
-
-def find_onset(
-    time: Array, displacement: Array, threshold: float, moves: str = "the platform turns"
-) -> float | None:
-    """Find when a platform starts to move.
-
-    The first part of the motion is fitted by c (t - onset)^p: a straight line through a smooth
-    start is late by a fifth of the ramp.
-
-    Parameters
-    ----------
-    time : Array
-        (n,) [s].
-    displacement : Array
-        (n,), in any unit, positive in the direction of the perturbation. Not low-passed, which
-        would spread the start.
-    threshold : float
-        Displacement that counts as a motion.
-    moves : str
-        What happens, for the message.
-
-    Returns
-    -------
-    float or None
-        Onset [s]; None if the threshold is never exceeded.
-
-    Raises
-    ------
-    InputError
-        The recording does not begin at rest.
-    """
-    seen = np.isfinite(displacement)
-    time = time[seen]
-    displacement = displacement[seen]
-    above = np.flatnonzero(displacement > threshold)
-    if not len(above):
-        return None
-    first = int(above[0])
-    resting = (time >= time[first] - 2 * REST_S) & (time < time[first] - REST_S)
-    if not resting.any():
-        raise InputError(
-            f"{moves} at {time[first]:.3f} s, within {2 * REST_S:g} s of the recording's start;"
-            " start to record earlier, or exclude the trial"
-        )
-    moved = displacement - float(np.mean(displacement[resting]))
-    noise = float(np.std(displacement[resting]))
-
-    # Fitted up to 25 times the noise. A smaller part follows a power of time more closely; a larger
-    # part is less affected by noise. At least four frames determine the power.
-    height = float(np.max(moved))
-    level = height * np.clip(25 * noise / height, 0.03, 0.25)
-    visible = max(0.2 * level, 3 * noise)
-    end = int(np.flatnonzero(moved[:first] < level)[-1]) + 1
-    start = int(np.flatnonzero(moved[:first] < visible)[-1]) + 1
-    end = min(max(end, start + 3), first)
-    rows = slice(int(np.searchsorted(time, time[end] - 2 * REST_S)), end + 1)
-
-    # All onsets (o,) and powers are tried
-    onsets = np.arange(-REST_S, -ONSET_STEP_S, ONSET_STEP_S)  # [s] from the end of the fitted part
-    since = np.clip(time[rows] - time[end] - onsets[:, None], 0.0, None)
-    misfits = []
-    for power in ONSET_POWERS:
-        shape = since**power
-        c = shape @ moved[rows] / np.sum(shape**2, axis=1)
-        misfits.append(np.sum((moved[rows] - c[:, None] * shape) ** 2, axis=1))
-    best = np.argmin(misfits) % len(onsets)
-    return float(time[end] + onsets[best])
 
 
 def screw_scale(reference: Array) -> Array:

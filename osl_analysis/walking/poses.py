@@ -11,8 +11,6 @@ every segment's axes are the laboratory's (z up).
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache
-from math import lgamma
 from typing import Annotated
 
 import numpy as np
@@ -22,7 +20,7 @@ from pydantic import PlainSerializer, PlainValidator
 
 from osl_analysis.errors import InputError, nearest
 from osl_analysis.signals import differentiate
-from osl_analysis.trial import Array, Trial, marker_columns, plate_columns
+from osl_analysis.trial import Array, Trial, marker_columns
 from osl_analysis.walking.walking_settings import CalibrationSettings, MarkerSettings
 
 Mask = NDArray[np.bool_]
@@ -37,17 +35,7 @@ SEGMENTS = ("foot", "shank", "platform")
 FREE_FALL = np.array([0.0, 0.0, -9.80665])  # acceleration [m/s^2] in laboratory axes, z up
 FEWEST_MARKERS = 3  # that determine an orientation
 SMALLEST_WIDTH = 0.1  # of a cluster beside its longest line, as a share of its length
-LEAST_STANDING_N = 100.0  # of a person; smaller loads are offsets
-MOST_BESIDE = 0.02  # of the load, on all other plates
 HIGHEST_FOOT_M = 0.05  # of the foot's markers above the shank's; standing, they are 0.1 m below
-
-# A filled frame has no noise of its own (docs/walking.md, "Gaps stay gaps")
-FEWEST_DIFFERENCES = 40  # that tell the noise of a track
-QUIET_SHARE = 0.2  # of the track, in which the noise is read
-LEAST_NOISE_M = 5e-6  # below which a track counts as smoothed, so that nothing is told
-FILL_LENGTHS = range(2, 13)  # numbers of third differences in a run that is tested
-FALSE_FILL_CHANCE = 1e-8  # with which a run of white noise counts as filled
-LARGEST_FILL_SHARE = 0.15  # of the noise in a fill, however long
 
 # A gap is bridged by a cubic through the frames on either side of it
 SIDE_S = 0.015  # of the frames on either side
@@ -64,8 +52,6 @@ class Poses:
     origin: Array
     residual: Array  # RMS distance (n,) [m] between the markers and the rigid body
     bridged: Mask  # frames (n,) that were interpolated
-    # Frames (n,) in which a marker was filled before the export; None if no marker tells
-    filled: Mask | None = None
 
     def __getitem__(self, rows: slice | Mask) -> "Poses":
         return Poses(
@@ -74,14 +60,7 @@ class Poses:
             origin=self.origin,
             residual=self.residual[rows],
             bridged=self.bridged[rows],
-            filled=None if self.filled is None else self.filled[rows],
         )
-
-    def by_filling(self, rows: slice | NDArray[np.intp]) -> str:
-        """Words for a message, empty unless markers were filled in some of the rows."""
-        if self.filled is None or not self.filled[rows].any():
-            return ""
-        return ", where they were filled before the export and so not measured"
 
     def points(self, reference: Array) -> Array:
         """Positions (n, m, 3) [m], in each frame, of points at `reference` (m, 3) [m]."""
@@ -104,26 +83,8 @@ class StaticCalibration:
     markers: dict[str, StoredArray]  # position (3,) [m] of each marker of the clusters, by name
     ankle_centre: StoredArray  # point (3,) [m] that belongs to the foot and to the shank
     ankle_axis: StoredArray  # unit vector (3,) to the subject's left, the same for foot and shank
-    # By number of the plate: its mean vertical force [N], and its corners (4, 3) [m]
-    plate_loads: dict[int, float] = field(default_factory=dict)
+    # Of each plate, by its number (4, 3) [m]
     corners: dict[int, StoredArray] = field(default_factory=dict)
-
-    def standing_load(self, plate: int) -> float | None:
-        """Vertical force [N] of a plate on which alone somebody stands; None if nobody does."""
-        load = self.plate_loads.get(plate, 0.0)
-        is_on_it_alone = load > LEAST_STANDING_N and self.load_beside(plate) < MOST_BESIDE * load
-        return load if is_on_it_alone else None
-
-    def standing_load_beside(self, plate: int) -> float | None:
-        """Vertical force [N] of the other plates, while nobody stands on this one; None if nobody
-        stands on them."""
-        beside = self.load_beside(plate)
-        is_empty = abs(self.plate_loads.get(plate, 0.0)) < MOST_BESIDE * beside
-        return beside if beside > LEAST_STANDING_N and is_empty else None
-
-    def load_beside(self, plate: int) -> float:
-        """Sum of the sizes of the vertical forces [N] of all other plates."""
-        return sum(abs(load) for number, load in self.plate_loads.items() if number != plate)
 
     def positions(self, names: Sequence[str], trial: str) -> Array:
         """Positions (m, 3) [m] of the named markers; `trial` is for messages."""
@@ -176,23 +137,12 @@ def static_calibration(trial: Trial, settings: CalibrationSettings) -> StaticCal
         markers={**foot, **shank, **clusters.get("platform", {})},
         ankle_centre=(medial + lateral) / 2,
         ankle_axis=to_left / np.linalg.norm(to_left),
-        plate_loads=plate_loads(trial),
         corners={
             facts["plate"]: np.array(facts["corners"])
             for facts in trial.provenance.get("plates", [])
             if facts.get("corners")
         },
     )
-
-
-def plate_loads(trial: Trial) -> dict[int, float]:
-    """Mean vertical force [N] of each plate of a trial, by its number."""
-    loads: dict[int, float] = {}
-    for facts in trial.provenance.get("plates", []):
-        vertical = plate_columns(facts["plate"], "force")[2]
-        if vertical in trial.columns:
-            loads[facts["plate"]] = float(np.nanmean(trial.signals(vertical)[1]))
-    return loads
 
 
 def mean_positions(trial: Trial, names: Sequence[str]) -> dict[str, Array]:
@@ -239,8 +189,7 @@ def segment_poses(
 ) -> tuple[Array, Poses]:
     """Find the poses of one cluster, not low-passed.
 
-    Short gaps are interpolated, long ones stay NaN. What was filled before the export was not
-    measured, and is a gap.
+    Short gaps are interpolated, long ones stay NaN.
 
     Returns
     -------
@@ -248,76 +197,9 @@ def segment_poses(
         Time (n,) [s] of the marker frames, and the poses.
     """
     time, tracks = marker_tracks(trial, names)
-    measured = tracks.copy()
-    filled_of_markers = []
-    for marker, track in enumerate(np.moveaxis(tracks, 1, 0)):
-        filled = filled_frames(track)
-        if filled is not None:
-            measured[filled, marker] = np.nan
-            filled_of_markers.append(filled)
-
     reference = calibration.positions(names, trial.name)
-    poses = cluster_poses(reference, measured, settings.largest_residual_mm * 1e-3)
-    if filled_of_markers:
-        poses = replace(poses, filled=np.any(filled_of_markers, axis=0))
+    poses = cluster_poses(reference, tracks, settings.largest_residual_mm * 1e-3)
     return time, bridge_gaps(time, poses, settings.longest_gap_s)
-
-
-def filled_frames(track: Array) -> Mask | None:
-    """Find the frames of a marker that a spline, polynomial or line filled before the export.
-
-    Each measured frame has noise of its own. Third differences lose the motion and multiply the
-    variance of white noise by 20. A run of them counts as filled if its RMS is below a small share
-    (`fill_share`) of that in the quiet fifth of the track. What is copied from other markers
-    carries their noise and is not seen.
-
-    Parameters
-    ----------
-    track : Array
-        Positions (n, 3) [m].
-
-    Returns
-    -------
-    Mask or None
-        Filled frames (n,); None where nothing can be told, as of a smoothed or rounded track.
-    """
-    square = np.mean(np.diff(track, 3, axis=0) ** 2, axis=1)
-    finite = square[np.isfinite(square)]
-    if len(finite) < FEWEST_DIFFERENCES:
-        return None
-
-    noise = float(np.quantile(np.convolve(finite, np.full(10, 0.1), "valid"), QUIET_SHARE))
-    steps = np.abs(np.diff(track, axis=0))
-    rounding = float(np.min(steps[steps > 0], initial=np.inf)) / np.sqrt(12)
-    if np.sqrt(noise / 20) < max(LEAST_NOISE_M, 3 * rounding):
-        return None
-
-    filled = np.zeros(len(track), dtype=bool)
-    square = np.where(np.isfinite(square), square, np.inf)
-    for length in FILL_LENGTHS:
-        mean = np.convolve(square, np.full(length, 1 / length), "valid")
-        for start in np.flatnonzero(mean < fill_share(length) ** 2 * noise):
-            filled[start : start + length + 3] = True  # a third difference spans four frames
-    return filled
-
-
-@cache
-def fill_share(length: int) -> float:
-    """Share of white noise's RMS below which a run of third differences hardly ever falls.
-
-    The run has n = 3 `length` correlated normal values (three coordinates). The chance that their
-    RMS is below a share s of their standard deviation is the density at 0 times the volume of an
-    n-ball of radius s sqrt(n). This is solved for s at `FALSE_FILL_CHANCE`.
-    """
-    distance = np.abs(np.subtract.outer(np.arange(length), np.arange(length)))
-    # autocorrelation of third differences of white noise: (20, -15, 6, -1) / 20
-    autocorrelation = np.array([1.0, -0.75, 0.3, -0.05, 0.0])
-    correlation = autocorrelation[np.minimum(distance, 4)]
-    n = 3 * length
-    log_volume = n / 2 * np.log(np.pi) - lgamma(n / 2 + 1) + n / 2 * np.log(n)
-    log_density = -1.5 * np.linalg.slogdet(correlation)[1] - n / 2 * np.log(2 * np.pi)
-    share = np.exp((np.log(FALSE_FILL_CHANCE) - log_density - log_volume) / n)
-    return float(min(share, LARGEST_FILL_SHARE))
 
 
 def cluster_poses(reference: Array, observed: Array, largest_residual: float = np.inf) -> Poses:

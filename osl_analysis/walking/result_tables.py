@@ -1,4 +1,4 @@
-"""Tables of the results: single perturbations, headlines, sensitivity, responses, figures."""
+"""Tables of the results: single perturbations, headlines, responses, figures."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
@@ -10,16 +10,9 @@ import scipy
 from osl_analysis.stats.repeats import over_repeats
 from osl_analysis.stats.table_rows import estimates_row
 from osl_analysis.trial import Array
-from osl_analysis.walking.crossing import DOWN, UP, Crossing
-from osl_analysis.walking.ensemble import (
-    ESTIMATED,
-    UP_MINUS_DOWN,
-    GroupHeadline,
-    ResampledEstimate,
-    signs_of,
-)
+from osl_analysis.walking.crossing import Crossing
+from osl_analysis.walking.ensemble import ESTIMATED, GroupHeadline, ResampledEstimate
 from osl_analysis.walking.group_checks import check_single
-from osl_analysis.walking.group_table import series_of
 from osl_analysis.walking.impedance_fit import fit_response
 from osl_analysis.walking.isolated_response import isolate_response
 from osl_analysis.walking.unperturbed_gait import PHASES, UnperturbedGait
@@ -27,12 +20,9 @@ from osl_analysis.walking.walking_settings import ResponseSettings, TimingSettin
 
 GROUP_QUANTITIES = ("K", "B", "I", "VAF")
 ENSEMBLE = "ensemble"
-COMMANDED = "commanded"  # series of the curve that the controller commands
-OVER_STANCE_COLUMNS = ("group", "onset_phase", "fitted_phase", "end_phase")
 # A bootstrap of fewer crossings does not leave their range, outside of which the mean of all lies
 # with a probability of 2^(1 - n): more than 5 %
 FEWEST_FOR_BOOTSTRAP = 6
-NORMAL_95 = 1.96  # half of a 95 % interval in standard deviations
 DRAWN_STEP = 4  # a hundred points of stance are enough for a curve
 
 
@@ -42,34 +32,24 @@ def perturbation_row(
     """Make the row of `walking.csv` of one crossing: Eq. 15 fitted to its isolated response."""
     response = isolate_response(crossing, gait, settings, settings.perturbed_stance)
     fit = fit_response(response)
-    onset = crossing.onset or 0.0
     return {
         "trial": crossing.name,
-        "onset_s": onset,
-        "onset_phase": float(crossing.stance.phase(np.array(onset))),
-        "stance_s": crossing.stance.duration,
-        "phase_stance_s": response.stance,
         "bridged": crossing.bridged,
         **estimates_row(fit, *ESTIMATED),
         **asdict(check_single(response, fit)),
         "encoder_rms_deg": crossing.quality.encoder_rms_deg,
-        "filled_fitted": crossing.quality.filled_fitted,
-        "interval_method": fit.interval_method,
         "VAF": fit.vaf,
         "condition_number": fit.condition_number,
     }
 
 
 def headline_rows(
-    headline: GroupHeadline,
-    fits: pl.DataFrame,
-    doubtful: Mapping[str, int],
-    stated: Mapping[str, float],
+    headline: GroupHeadline, fits: pl.DataFrame, doubtful: Mapping[str, int]
 ) -> list[dict[str, object]]:
     """Make the rows of `walking_summary.csv` of one group.
 
-    They are the mean over perturbations (of both directions' means) with the errors that all share,
-    the ensemble with either baseline, and the directions.
+    They are the mean over perturbations with the errors that all share, and the ensemble with
+    either baseline.
 
     Parameters
     ----------
@@ -77,15 +57,11 @@ def headline_rows(
         The group's rows of `walking.csv`.
     doubtful : mapping
         Columns with the number of doubtful ones.
-    stated : mapping
-        Standard errors of K, B and I that the settings state, by which the bootstrap's intervals
-        become wider.
     """
-    signs = signs_of(headline.responses)
     common = headline.errors.common
     rows: list[dict[str, object]] = []
     for quantity in GROUP_QUANTITIES:
-        mean = over_repeats(fits[quantity].to_numpy(), common.get(quantity, ()), signs)
+        mean = over_repeats(fits[quantity].to_numpy(), common.get(quantity, ()))
         method = f"{mean.interval_method}"
         if quantity in common:
             method += " + shared errors"
@@ -102,18 +78,12 @@ def headline_rows(
     )
     for estimate in (ensemble, headline.other_baseline):
         for quantity in GROUP_QUANTITIES:
-            rows.append(bootstrap_row(headline, estimate, quantity, stated))
-    for quantity in ESTIMATED:
-        for estimate in headline.directions.values():
-            rows.append(bootstrap_row(headline, estimate, quantity, stated))
+            rows.append(bootstrap_row(headline, estimate, quantity))
     return rows
 
 
 def bootstrap_row(
-    headline: GroupHeadline,
-    estimate: ResampledEstimate,
-    quantity: str,
-    stated: Mapping[str, float],
+    headline: GroupHeadline, estimate: ResampledEstimate, quantity: str
 ) -> dict[str, object]:
     """One row with an interval from resamples.
 
@@ -124,41 +94,26 @@ def bootstrap_row(
     low, high = estimate.resampled.interval(quantity)
     method = "bootstrap"
 
-    is_difference = estimate.estimator == UP_MINUS_DOWN
-    signs = signs_of(headline.responses)
-    counts = np.unique(signs, return_counts=True)[1]
-    if estimate.estimator in (UP, DOWN):
-        counts = np.array([estimate.n])
     common = headline.errors.common
-    if quantity in common and min(counts) < FEWEST_FOR_BOOTSTRAP:
-        variance = headline.errors.of_one[quantity] * np.sum(1 / counts)
-        # half the difference of two means, but the whole one of `up minus down`
-        scatter = float(np.sqrt(variance)) / (1 if is_difference else len(counts))
+    if quantity in common and estimate.n < FEWEST_FOR_BOOTSTRAP:
+        scatter = float(np.sqrt(headline.errors.of_one[quantity] / estimate.n))
         freedom = common["K"][0][1]
         half = float(-scipy.special.stdtrit(freedom, 0.025)) * scatter
         low = min(low, value - half)
         high = max(high, value + half)
         se = max(se, scatter)
         method = "bootstrap, scatter of unperturbed crossings"
-
-    error = 0.0 if is_difference else stated.get(quantity, 0.0)  # it cancels in the difference
     return {
         "quantity": quantity,
         "estimator": estimate.estimator,
         "n": estimate.n,
         "mean": value,
         "sd": None,
-        "se": float(np.hypot(se, error)),
-        "low": widened(low, value, error),
-        "high": widened(high, value, error),
-        "interval_method": f"{method} + stated" if error else method,
+        "se": se,
+        "low": low,
+        "high": high,
+        "interval_method": method,
     }
-
-
-def widened(bound: float, value: float, error: float) -> float:
-    """A bound of the interval of a value, further away by a standard error."""
-    distance = np.hypot(bound - value, NORMAL_95 * error)
-    return value + float(np.sign(bound - value) * distance)
 
 
 def response_table(group: str, headline: GroupHeadline) -> pl.DataFrame:
@@ -253,58 +208,3 @@ def gait_points(panel: str, name: str, curves: Array) -> pl.DataFrame:
         schema_overrides={"sd": pl.Float64},
     )
     return points.with_columns(panel=pl.lit(panel), curve=pl.lit(name), n=pl.lit(len(curves)))
-
-
-def impedance_over_stance(summary: pl.DataFrame, groups: pl.DataFrame) -> pl.DataFrame:
-    """Tabulate K, B, I of every group at the phase that its fit reads.
-
-    A series has the groups that differ in their timing only.
-
-    Parameters
-    ----------
-    summary, groups : DataFrame
-        `walking_summary.csv` and `walking_groups.csv`.
-    """
-    wanted = pl.col("quantity").is_in(ESTIMATED) & pl.col("mean").is_not_null()
-    ensemble = summary.filter((pl.col("estimator") == ENSEMBLE) & wanted)
-    rows = ensemble.join(
-        groups.select(OVER_STANCE_COLUMNS), on="group", how="left", maintain_order="left"
-    )
-    series = pl.Series("series", [series_of(name) for name in rows["group"]], dtype=pl.String)
-    order = pl.col("quantity").replace_strict({"K": 0, "B": 1, "I": 2}, return_dtype=pl.Int64)
-    table = rows.with_columns(series).sort(order, "series", "fitted_phase", maintain_order=True)
-    place = [name for name in ("joint", "side") if name in table.columns]
-    return table.select(
-        "group",
-        *place,
-        "series",
-        "quantity",
-        pl.col("fitted_phase").alias("phase"),
-        "onset_phase",
-        "end_phase",
-        "n",
-        pl.col("mean").alias("estimate"),
-        "se",
-        "low",
-        "high",
-        pl.col(COMMANDED).cast(pl.Float64),
-    )
-
-
-def with_trajectory(table: pl.DataFrame, phase: Array, K_d: Array, B_d: Array) -> pl.DataFrame:
-    """Add the commanded K_d and B_d (n,) at phases of stance (n,), where the sheet says nothing."""
-    for quantity, values in (("K", K_d), ("B", B_d)):
-        commanded = np.interp(table["phase"].to_numpy(), phase, values, left=np.nan, right=np.nan)
-        here = (pl.col("quantity") == quantity) & pl.col(COMMANDED).is_null()
-        table = table.with_columns(
-            pl.when(here).then(pl.Series(commanded)).otherwise(COMMANDED).alias(COMMANDED)
-        )
-    return table.with_columns(pl.col(COMMANDED).fill_nan(None))
-
-
-def trajectory_points(phase: Array, K_d: Array, B_d: Array) -> pl.DataFrame:
-    """The commanded trajectory as rows for the figure: series `commanded`, quantities K and B."""
-    curves = pl.DataFrame({"series": COMMANDED, "phase": phase, "K": K_d, "B": B_d})
-    return curves.unpivot(
-        ["K", "B"], index=["series", "phase"], variable_name="quantity", value_name=COMMANDED
-    )

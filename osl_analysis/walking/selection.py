@@ -94,7 +94,7 @@ def selection_rows(
         comparison.crossing.name: exclusion_reason(comparison, settings) for comparison in compared
     }
     used = [crossing for crossing in crossings if reasons[crossing.name] is None]
-    place_of = places(used, sheet, settings)
+    place_of = places(used, sheet)
 
     rows = {}
     for comparison in compared:
@@ -115,7 +115,7 @@ def compare_crossings(
     crossings: Sequence[Crossing], settings: SelectionSettings, sheet: Sheet
 ) -> list[Comparison]:
     """Compare each crossing with those that share all splitting conditions."""
-    keys = split_keys(sheet, settings)
+    keys = split_keys(sheet)
     by_condition: dict[tuple[object, ...], list[Crossing]] = {}
     for crossing in crossings:
         condition = tuple(sheet[crossing.name].get(key) for key in keys)
@@ -350,9 +350,6 @@ def crossing_row(comparison: Comparison, reason: str | None, place: Place) -> di
     crossing = comparison.crossing
     furthest = comparison.furthest
     quality = crossing.quality
-    value_of = {
-        feature.name: float(feature.values[comparison.index]) for feature in comparison.features
-    }
     return {
         "trial": crossing.name,
         "perturbed": crossing.onset is not None,
@@ -360,25 +357,10 @@ def crossing_row(comparison: Comparison, reason: str | None, place: Place) -> di
         "reason": reason,
         "stance_s": crossing.stance.duration,
         "onset_s": crossing.onset,
-        "heading_deg": quality.heading_deg,
-        "foot_forward_m": quality.foot_forward_m,
-        "foot_left_m": quality.foot_left_m,
-        "gait_deviation_deg": value_of.get("angle before the onset"),
-        "torque_deviation": value_of.get("torque before the onset"),
-        "load_deviation": value_of.get("load before the onset"),
-        "pressure_deviation_m": value_of.get("pressure beside the ankle"),
         "load_of_weight": load_of_weight(crossing),
-        "foot_outside_m": quality.foot_outside_m,
+        "pressure_outside_m": quality.pressure_outside_m,
         "furthest_scatters": None if furthest is None else comparison.distance(furthest),
-        "bridged": crossing.bridged,
-        "foot_residual_mm": quality.foot_residual_mm,
-        "platform_residual_mm": quality.platform_residual_mm,
-        "shank_residual_mm": quality.shank_residual_mm,
-        "plate_zero_N": quality.plate_zero_N,
-        "plate_unexplained": quality.plate_unexplained,
-        "filled_fitted": quality.filled_fitted,
-        "encoder_offset_deg": quality.encoder_offset_deg,
-        "encoder_delay_ms": quality.encoder_delay_ms,
-        "encoder_rms_deg": quality.encoder_rms_deg,
+        "different": quality.different,
+        "different_mm": quality.different_mm,
         **place.columns(),
     }

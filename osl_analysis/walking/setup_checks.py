@@ -135,8 +135,8 @@ def check_onset(
         )
 
 
-def body_mass(trial: Trial, sheet: float | None, configured: float | None = None) -> float | None:
-    """Body mass [kg] of a trial: the sheet's, else the recording's, else the configured one.
+def body_mass(trial: Trial, sheet: float | None) -> float | None:
+    """Body mass [kg] of a trial: the sheet's, else the recording's.
 
     Raises
     ------
@@ -150,11 +150,11 @@ def body_mass(trial: Trial, sheet: float | None, configured: float | None = None
             f"trial {trial.name}: body_mass_kg is {sheet:g} in the sheet and {recorded:g} in the"
             " recording; correct the sheet, or leave its cell empty to use the recording's"
         )
-    mass = sheet or recorded or configured
+    mass = sheet or recorded
     if not mass:
         return None
     if not BODY_MASSES_KG[0] <= mass <= BODY_MASSES_KG[1]:
-        where = "sheet" if sheet else "recording" if recorded else "configuration"
+        where = "sheet" if sheet else "recording"
         raise InputError(
             f"trial {trial.name}: a body mass of {mass:g} kg, from the {where}, is not one of a"
             " person; state body_mass_kg in the sheet, in kg"

@@ -1,7 +1,7 @@
 """Step 4, torque of one crossing: from the plate's wrench without its own inertia, with its errors.
 
-Beside the torque stand its changes without each plate trial, and by each error of the laboratory
-that no crossing shows. They follow the torque through all later steps.
+Beside the torque stand its changes without each plate trial, which follow it through all later
+steps.
 """
 
 from dataclasses import dataclass

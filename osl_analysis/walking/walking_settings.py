@@ -2,6 +2,7 @@
 
 from typing import Annotated, Literal, Self
 
+import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
 from osl_analysis.signals import LowPass
@@ -14,7 +15,6 @@ from osl_analysis.yaml_settings import (
     Settings,
     check_distinct,
     check_rising,
-    refuse_if,
     require_below,
 )
 
@@ -27,7 +27,6 @@ StanceSource = Literal["own", "unperturbed", "matched"]
 Coordinate = Annotated[float, Field(ge=-1, le=1)]  # [m] of a point of the foot
 Cutoff = Annotated[float, Field(gt=0, le=200)]  # [Hz], half the rate of fast cameras
 Load = Annotated[float, Field(gt=0, le=10)]  # a share of the weight; what is larger is in percent
-PoolKey = Literal["group", "subject", "session", "side", "speed", "K_d", "B_d", "timing"]
 
 
 class Markers(Settings):
@@ -119,6 +118,11 @@ class PlatformSettings(MarkerSettings, WalkingFilter):
     # Longest gap [s] where the motion is fitted: after an onset, in an unloaded turn
     longest_fitted_gap_s: NotNegative
 
+    @property
+    def smallest_turn(self) -> float:
+        """Rotation [rad] from which on the platform perturbs."""
+        return float(np.deg2rad(self.perturbation_deg))
+
     _gaps = require_below(
         "longest_fitted_gap_s", "longest_gap_s", "up to which gaps are interpolated at all", True
     )
@@ -168,7 +172,7 @@ class CrossingSettings(PlatformSettings, TimingSettings):
 
 
 class SelectionSettings(TimingSettings):
-    """Which crossings are excluded, and to which group, with a result of its own, each belongs."""
+    """Which crossings are excluded."""
 
     # Rule by which crossings are compared and excluded; null: they are not compared
     outliers: OutlierRule | None
@@ -176,19 +180,6 @@ class SelectionSettings(TimingSettings):
     load_of_weight: Annotated[tuple[Load, Load], AfterValidator(check_rising)]
     # of a foot marker [m] from the plate while the foot is flat
     largest_outside_m: Annotated[float, Field(ge=0, le=1)]
-    group_by: tuple[PoolKey | Literal["direction"], ...] = ()
-    """Conditions by which results are always split, as by any other in which crossings differ and
-    that `pool` does not name. Opposite directions are joined by half their difference, unless they
-    are named here."""
-    pool: tuple[PoolKey, ...] = ()  # Conditions in which crossings of one result may differ
-    # Largest SD of the onset, in shares of stance
-    timing_scatter: Annotated[float, Field(gt=0, le=0.5)] = 0.05
-
-    _split_or_pooled = refuse_if(
-        lambda s: {*s.group_by} & {*s.pool},
-        "group_by and pool share a condition; remove it from one of them",
-        "group_by",
-    )
 
 
 class ResponseSettings(WalkingFilter, TimingSettings):

@@ -1,0 +1,72 @@
+"""Sphinx builds the documentation: `make docs`, into build/docs, without a network.
+
+Warnings are errors. MyST warns of each link that leads to no file or heading, Sphinx of each page
+that no table of contents names.
+"""
+
+from importlib import metadata
+
+from docutils import nodes
+from docutils.utils.math import latex2mathml
+
+from osl_analysis.commands.reference import described_checks
+from osl_analysis.dictionary import described_tables, file_at
+from osl_analysis.report.text_tables import markdown_table
+
+project = "osl-analysis"
+author = copyright = "the osl-analysis developers"
+release = metadata.version("osl-analysis")
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx_click"]
+default_role = "code"  # what docstrings have in single backticks
+highlight_language = "none"
+smartquotes = False  # they would make one dash of the two before an option
+
+myst_enable_extensions = ["dollarmath"]
+myst_heading_anchors = 4
+
+autodoc_member_order = "bysource"
+autodoc_typehints = "none"  # docstrings have types, shapes and units
+autodoc_preserve_defaults = True
+python_use_unqualified_type_names = True
+napoleon_google_docstring = False
+
+html_theme = "furo"
+html_title = "osl-analysis"
+html_static_path = ["static"]
+html_css_files = ["site.css"]
+html_copy_source = False
+html_show_sphinx = False
+html_show_search_summary = False  # it would be fetched, which browsers refuse to a local file
+html_math_renderer = "mathml"  # browsers draw it without a script
+
+
+def columns_of_tables(app, page, source):
+    """Append unit and meaning of every column and check to the page of tables."""
+    if page != "tables":
+        return
+    parts = source
+    for table in described_tables():
+        also = f" `{file_at(table.also)}` holds the rows of one trial." if table.also else ""
+        parts.append(f"## `{file_at(table.place)}`\n\nRows: {table.rows}.{also}")
+        rows = [(f"`{each.name}`", each.unit, each.meaning) for each in table.columns.values()]
+        parts.append(markdown_table([("column", "unit", "meaning"), *rows]))
+    checks = [(f"`{name}`", unit, meaning) for name, unit, meaning in described_checks()]
+    parts.append("## Checks of quality control")
+    parts.append(markdown_table([("check", "unit", "meaning of its value"), *checks]))
+    source[:] = ["\n\n".join(parts)]
+
+
+def inline_equation(translator, node):
+    translator.body.append(latex2mathml.tex2mathml(node.astext()))
+    raise nodes.SkipNode
+
+
+def displayed_equation(translator, node):
+    mathml = latex2mathml.tex2mathml(node.astext(), as_block=True)
+    translator.body.append(f'<div class="equation">{mathml}</div>')
+    raise nodes.SkipNode
+
+
+def setup(app):
+    app.connect("source-read", columns_of_tables)
+    app.add_html_math_renderer("mathml", (inline_equation, None), (displayed_equation, None))

@@ -1,0 +1,132 @@
+"""The comparison of two campaigns: headline numbers and conditions side by side, the settings that
+differ, and whether both hold the same recordings."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from os.path import realpath
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+
+from osl_analysis.campaign.origin import sentence
+from osl_analysis.commands.tables import read_summary
+from osl_analysis.errors import InputError
+from osl_analysis.files import atomic_path
+from osl_analysis.refusal import is_refused
+from osl_analysis.report.numbers import RANGE, Number, numbers_in_summary
+from osl_analysis.report.rounding import written
+from osl_analysis.report.text_tables import aligned
+from osl_analysis.table import write_table
+from osl_analysis.trial import metadata_of
+
+COLUMNS = {
+    **dict.fromkeys(("quantity", "meaning", "unit"), pl.String),
+    **dict.fromkeys(("A", "A_low", "A_high", "B", "B_low", "B_high"), pl.Float64),
+    **dict.fromkeys(("difference", "difference_low", "difference_high"), pl.Float64),
+}
+"""Those of `comparison.csv`."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Two campaigns side by side."""
+
+    table: pl.DataFrame  # the rows of `comparison.csv`
+    text: str  # what to print
+
+
+def compare_campaigns(folders: Sequence[Path], output: Path) -> Comparison:
+    """Compare the results of two campaigns.
+
+    Parameters
+    ----------
+    folders : Sequence of Path
+        The folders of the results of A and of B.
+    output : Path
+        Folder for `comparison.csv`.
+
+    Raises
+    ------
+    InputError
+        Both are one folder, one has no summary or one of another release, or they have no number
+        in common.
+    """
+    if realpath(folders[0]) == realpath(folders[1]):
+        raise InputError(
+            f"{folders[1]}: A and B are the same folder; name the results of another campaign"
+        )
+    a, b = (read_summary(folder / "summary.json") for folder in folders)
+    numbers_of_b = {number.name: number for number in numbers_in_summary(b)}
+    rows = []
+    cells = [["quantity", "A", "B", "B - A", "unit"]]
+    for of_a in numbers_in_summary(a):
+        of_b = numbers_of_b.get(of_a.name)
+        if of_b is None or of_a.verdict:  # claims have texts and limits of their own
+            continue
+        row = compared(of_a, of_b)
+        rows.append(row)
+        ends = row.get("difference_low"), row.get("difference_high")
+        difference = written(row["difference"], *ends)
+        cells.append([of_a.meaning, of_a.text, of_b.text, difference, of_a.unit])
+    if not rows:
+        raise InputError(
+            f"{folders[0]} and {folders[1]}: nothing to compare, they have no quantity of the same"
+            " controller and condition; run both to their end, or state K_d and B_d in both sheets"
+        )
+    table = pl.DataFrame(rows, schema=COLUMNS)
+    path = output / "comparison.csv"
+    with atomic_path(path) as new:
+        write_table(table, new, " and ".join(dict.fromkeys([a["data"], b["data"]])))
+    lines = [f"A: {sentence(a)}", f"B: {sentence(b)}", "", aligned(cells)]
+    lines += differing_settings(a["settings"], b["settings"])
+    lines += recordings_lines(folders)
+    return Comparison(table, "\n".join([*lines, f"wrote {path}"]))
+
+
+def compared(a: Number, b: Number) -> dict[str, Any]:
+    """A number of both campaigns and B - A, whose half-width is the root of the sum of squares of
+    both half-widths. Without two intervals it has none: the range of trials is none."""
+    difference = b.value - a.value
+    row = {"quantity": a.name, "meaning": a.meaning, "unit": a.unit, "difference": difference}
+    halves = []
+    for name, number in (("A", a), ("B", b)):
+        row.update({name: number.value, f"{name}_low": number.low, f"{name}_high": number.high})
+        if number.low is not None and number.high is not None and number.kind != RANGE:
+            halves.append((number.high - number.low) / 2)
+    if len(halves) == 2:
+        half = math.hypot(*halves)
+        row.update(difference_low=difference - half, difference_high=difference + half)
+    return row
+
+
+def differing_settings(a: Mapping[str, str], b: Mapping[str, str]) -> list[str]:
+    """A line per setting that differs."""
+    names = sorted(name for name in {*a, *b} if a.get(name) != b.get(name))
+    if not names:
+        return ["all settings are the same"]
+    return [f"{name}: {a.get(name, 'none')} in A, {b.get(name, 'none')} in B" for name in names]
+
+
+def recordings_lines(folders: Sequence[Path]) -> list[str]:
+    """Whether both campaigns hold the same recordings, by their SHA-256; nothing if they share
+    none."""
+    a, b = (digests_of_recordings(folder) for folder in folders)
+    if not a & b:
+        return []
+    shared = "the same recordings" if a == b else f"{len(a & b)} recordings in common"
+    return [
+        f"A and B hold {shared}: of these the difference comes from settings or release alone, and"
+        " its interval, which is of independent recordings, is too wide"
+    ]
+
+
+def digests_of_recordings(results: Path) -> set[str]:
+    """The SHA-256 of the recordings that a campaign has ingested."""
+    digests: set[str] = set()
+    for trial in results.glob("trials/*.parquet"):
+        if not is_refused(trial):
+            _, provenance = metadata_of(trial)
+            digests.update(file["sha256"] for file in provenance.get("files", {}).values())
+    return digests

@@ -1,0 +1,125 @@
+"""Remedies of a refused trial, tried on its recording before they are printed.
+
+A wrong sign, unit or channel refuses a fit. The error names the changes of the source file that may
+mend it (`errors.Change`); those with which the trial can be fitted become its remedy.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import groupby
+from typing import Any
+
+import polars as pl
+
+from osl_analysis.bench.fit_tables import FitTables
+from osl_analysis.commands.estimates import estimated, interval_text, printed_units
+from osl_analysis.errors import Change, OslAnalysisError
+from osl_analysis.ingest.examine import in_other_units
+from osl_analysis.signals.grid import with_stamp_evidence
+from osl_analysis.trial import Trial
+
+FITS_WORSE = 2.0  # times what the best change leaves of the torque, from which one is no remedy
+LEAST_UNEXPLAINED = 1e-6  # percent of the torque's variance; less is rounding
+USUAL_OF_K_D = (0.5, 1.5)  # K over the stated K_d, beyond which a change is no remedy
+
+FitOfTrial = Callable[..., FitTables]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A change, and the row that the fit to all data then has."""
+
+    change: Change
+    row: Mapping[str, Any]
+
+    @property
+    def unexplained(self) -> float:
+        """What the fit leaves of the torque's variance [percent]."""
+        return max(100.0 - float(self.row["VAF"]), LEAST_UNEXPLAINED)
+
+    @property
+    def text(self) -> str:
+        """What to do, and the first estimate that it gives."""
+        name = estimated(self.row)[0]
+        value = self.row[name]
+        ends = interval_text(value, self.row.get(f"{name}_low"), self.row.get(f"{name}_high"))
+        parts = [f"{name} {value:.3g}", ends, printed_units()[name]]
+        return f"{self.change.words}: {' '.join(filter(None, parts))}"
+
+
+def fit_or_advise(fit: FitOfTrial, trial: Trial, **arguments: Any) -> FitTables:
+    """Fit a trial; where it is refused, try the changes that the error names.
+
+    Parameters
+    ----------
+    fit : callable
+        The job of an experiment.
+    trial : Trial
+    **arguments
+        Its other arguments, by name.
+
+    Raises
+    ------
+    OslAnalysisError
+        The fit is refused. Its remedy is what makes the trial fit, where a change does.
+    """
+    try:
+        return fit(trial=trial, **arguments)
+    except OslAnalysisError as error:
+        helpful = helpful_changes(fit, trial, arguments, error.changes)
+        if not helpful:
+            raise
+        remedy = "; or ".join(outcome.text for outcome in helpful)
+        raise type(error)(f"{error.reason}; {remedy}") from error
+
+
+def helpful_changes(
+    fit: FitOfTrial, trial: Trial, arguments: Mapping[str, Any], changes: Sequence[Change]
+) -> list[Outcome]:
+    """The changes of the lowest rank with which the trial can be fitted to possible estimates, and
+    about as well as with the best of them."""
+    expanded: list[Change] = []
+    for change in changes:
+        column = change.other_unit_of
+        expanded += in_other_units(trial, [column]) if column else [change]
+    expanded.sort(key=lambda change: change.rank)
+    for _, of_rank in groupby(expanded, key=lambda change: change.rank):
+        outcomes = [outcome_of(fit, trial, arguments, change) for change in of_rank]
+        possible = [outcome for outcome in outcomes if outcome and is_possible(outcome.row)]
+        if possible:
+            most = FITS_WORSE * min(outcome.unexplained for outcome in possible)
+            return [outcome for outcome in possible if outcome.unexplained <= most]
+    return []
+
+
+def outcome_of(
+    fit: FitOfTrial, trial: Trial, arguments: Mapping[str, Any], change: Change
+) -> Outcome | None:
+    """What the fit gives with a change; None where it is refused."""
+    try:
+        tables = fit(trial=changed(trial, change), **arguments)
+    except OslAnalysisError:
+        return None
+    table = next(iter(tables.estimates.values()))
+    return Outcome(change, table.row(-1, named=True))
+
+
+def changed(trial: Trial, change: Change) -> Trial:
+    """The recording with columns that are renamed, or multiplied by a factor."""
+    samples = trial.samples.rename(dict(change.renamed))
+    samples = samples.with_columns(pl.col(name) * by for name, by in change.factors.items())
+    recording = replace(trial, samples=samples, clocks={})
+    return with_stamp_evidence(recording) if "time" in change.factors else recording
+
+
+def is_possible(row: Mapping[str, Any]) -> bool:
+    """Whether a fit gives what a joint can have: a stiffness that is told from 0 and near a stated
+    K_d, and no negative damping."""
+    first = estimated(row)[0]
+    low = row.get(f"{first}_low")
+    if first in ("K", "K_s") and low is not None and low <= 0:
+        return False
+    if (row.get("B_high") or 0.0) < 0:
+        return False
+    of_K_d = row.get("K_over_K_d")
+    return of_K_d is None or USUAL_OF_K_D[0] <= of_K_d <= USUAL_OF_K_D[1]

@@ -1,0 +1,138 @@
+"""The text of a methods section: sentences of `templates/methods.j2`, each of which is printed only
+where the fact that it rests on is recorded, in Markdown and in LaTeX."""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+from osl_analysis.judge.summary_findings import findings_in_summary
+from osl_analysis.report.brief import causes_not_checked
+from osl_analysis.report.typography import in_latex, printed
+
+HERE = Path(__file__).parent
+BIBTEX = (HERE / "sources.bib").read_text(encoding="utf-8")
+CITATION = re.compile(r"\[@(\w+)\]")
+MOST_LISTED = 8  # values in a sentence; of more it has the first and the last
+
+
+@dataclass(frozen=True)
+class MethodsFacts:
+    """What the template asks for."""
+
+    about: Mapping[str, str]  # what the results are made of
+    settings: Mapping[str, Any]  # of the analysis, nested
+    tables: Mapping[str, pl.DataFrame]  # result tables, by name
+    sheet: Sequence[Mapping[str, Any]]  # rows of the trials
+    summary: Mapping[str, Any]
+
+    def values(self, table: str, column: str) -> list[Any]:
+        """The values of a column, each once, upwards; none where there is no such column."""
+        rows = self.tables.get(table, pl.DataFrame())
+        if column not in rows.columns:
+            return []
+        return rows[column].drop_nulls().unique().sort().to_list()
+
+    def each(self, table: str, column: str) -> str:
+        """The values of a column as `1, 2 and 3`; empty where there are none."""
+        values = self.values(table, column)
+        texts = list(dict.fromkeys(map(value_text, values)))
+        if len(texts) > MOST_LISTED:
+            return f"{texts[0]} to {texts[-1]}"
+        return " and ".join(filter(None, [", ".join(texts[:-1]), *texts[-1:]]))
+
+    def span(self, table: str, column: str) -> str:
+        """The lowest and the highest value of a column, as `1 to 5`."""
+        values = self.values(table, column)
+        return " to ".join(dict.fromkeys(map(value_text, (values[0], values[-1]))))
+
+    def number(self, *experiments: str, **stated: Any) -> int:
+        """How many trials of these experiments the sheet has that state this."""
+        rows = [row for row in self.sheet if row["experiment"] in experiments]
+        return sum(all(row.get(key) == value for key, value in stated.items()) for row in rows)
+
+    def setting(self, name: str) -> Any:
+        """A setting by its dotted name."""
+        value: Any = self.settings
+        for key in name.split("."):
+            value = value[key]
+        return value
+
+    @property
+    def content(self) -> dict[str, Any]:
+        """All of it, by the names that the template uses."""
+        trials = self.summary["trials"].items()
+        counts = [f"{facts['of']} {name.replace('_', ' ')}" for name, facts in trials]
+        verdicts = [f"{n} {verdict}" for verdict, n in self.summary["verdicts"].items() if n]
+        findings = findings_in_summary(self.summary)
+        stated = self.setting("dynamometer.calibration").items()
+        return {
+            "about": self.about,
+            "each": self.each,
+            "span": self.span,
+            "number": self.number,
+            "setting": self.setting,
+            "counts": ", ".join(counts),
+            "calibration": ", ".join(f"{name} {size:g}" for name, size in stated if size),
+            "verdicts": ", ".join(verdicts),
+            "doubts": [
+                f"{finding.cause}: {len(finding.trials)} of {finding.n} {finding.kind}"
+                for finding in findings
+                if finding.verdict == "doubtful"
+            ],
+            "not_checked": "; ".join(causes_not_checked(findings)),
+        }
+
+
+def value_text(value: object) -> str:
+    """A value in a sentence; a number with three digits."""
+    return f"{float(f'{value:.3g}'):g}" if isinstance(value, float) else str(value)
+
+
+def paragraphs(facts: MethodsFacts) -> list[str]:
+    """The paragraphs, with the marks of the template for symbols and citations."""
+    environment = Environment(
+        loader=FileSystemLoader(HERE / "templates"), undefined=StrictUndefined, trim_blocks=False
+    )
+    text = environment.get_template("methods.j2").render(facts.content)
+    parts = re.split(r"¶", text)
+    return [" ".join(part.split()) for part in parts if part.strip()]
+
+
+def to_markdown(marked: Sequence[str]) -> str:
+    """The text in Markdown, with a list of what it cites."""
+    cited = list(dict.fromkeys(CITATION.findall(" ".join(marked))))
+    texts = [
+        CITATION.sub(lambda match: f"[{cited.index(match[1]) + 1}]", printed(text))
+        for text in marked
+    ]
+    references = [f"{number}. {reference(key)}" for number, key in enumerate(cited, 1)]
+    return "\n\n".join(["# Methods", *texts, "## References", "\n".join(references)]) + "\n"
+
+
+def reference(key: str) -> str:
+    """An entry of `sources.bib` as a list of references has it."""
+    entry = BIBTEX.partition(f"{{{key},")[2].partition("\n}")[0]
+    fields = dict(re.findall(r"(\w+) = \{(.*)\}", entry))
+    if "doi" in fields:
+        fields["doi"] = f"https://doi.org/{fields['doi']}"
+    names = ("author", "title", "journal", "year", "note", "doi", "url")
+    text = ". ".join(fields[name] for name in names if name in fields)
+    return re.sub("[{}]", "", text)
+
+
+def to_tex(marked: Sequence[str]) -> str:
+    r"""The text in LaTeX, to be `\input`."""
+    begin = r"% \input this file in a section of the paper, and \bibliography its methods.bib."
+    return "\n\n".join([begin, *map(paragraph_tex, marked)]) + "\n"
+
+
+def paragraph_tex(marked: str) -> str:
+    """A paragraph in LaTeX: symbols stay, other signs are escaped."""
+    parts = re.split(r"(\$.+?\$|\[@\w+\])", marked)
+    words = [part if part.startswith(("$", "[@")) else in_latex(part) for part in parts]
+    return re.sub(r" ?\[@(\w+)\]", r"~\\cite{\1}", "".join(words))

@@ -1,0 +1,103 @@
+"""The plots of the page's trials: one document of Bokeh, into which the page puts the signals of
+the trial that is open."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from bokeh.core.types import ID
+from bokeh.embed import json_item
+from bokeh.layouts import column
+from bokeh.models import ColumnDataSource, HoverTool
+from bokeh.models.annotations import Whisker
+from bokeh.plotting import figure
+from bokeh.resources import Resources
+
+from osl_analysis.report.signals import RESPONSE, SIGNALS
+
+MEASURED, MODEL, RESIDUAL = "#3f7fbf", "#e06000", "#1a9070"  # seen on light and on dark ground
+GREY = "#7a7a7a"
+TOOLS = "xpan,xbox_zoom,xwheel_zoom,reset"
+TALL, FLAT = 260, 170  # heights of panels [px]
+
+
+def library() -> str:
+    """Bokeh's JavaScript, without its widgets and tables, as `script` elements."""
+    return str(Resources(mode="inline", components=["bokeh"], log_level="error").render_js())
+
+
+def plots(target: str) -> Mapping[str, Any]:
+    """The plots as JSON, to be embedded in the page's element `target`.
+
+    Panels over time zoom together, and so do those over frequency. A panel's tags are the columns
+    without which the page hides it; an axis with the tag `motion` gets the name of what moves.
+    """
+    signals = ColumnDataSource({name: [0.0, 1.0] for name in SIGNALS}, name="signals")
+    response = ColumnDataSource({name: [1.0, 2.0] for name in RESPONSE}, name="response")
+    torque = panel("torque", "Time (s)", "Torque (N·m)", TALL)
+    torque.line("time", "torque", source=signals, color=MEASURED, legend_label="measured")
+    torque.line("time", "model", source=signals, color=MODEL, legend_label="model")
+    torque.legend.background_fill_alpha = 0.0
+    torque.legend.border_line_color = None
+    torque.legend.label_text_color = GREY
+    torque.legend.orientation = "horizontal"
+    residual = panel("residual", "Time (s)", "Residual (N·m)", FLAT, x_range=torque.x_range)
+    residual.line("time", "residual", source=signals, color=RESIDUAL)
+    motion = panel("motion", "Time (s)", "Joint angle (deg)", FLAT, x_range=torque.x_range)
+    motion.line("time", "motion", source=signals, color=MEASURED)
+    motion.yaxis.tags = ["motion"]
+    loop = panel("motion", "Joint angle (deg)", "Torque (N·m)", TALL)
+    loop.tags.append("torque")
+    loop.xaxis.tags = ["motion"]
+    loop.line("motion", "torque", source=signals, color=MEASURED, alpha=0.5)
+    loop.line("motion", "model", source=signals, color=MODEL, alpha=0.7)
+    for over_time in (torque, residual, motion):
+        over_time.add_tools(HoverTool(tooltips=[("", "$y at $x s")], mode="vline"))
+    magnitude = panel(
+        "magnitude",
+        "Frequency (Hz)",
+        "|Y| (rad/(N·m))",
+        TALL,
+        x_axis_type="log",
+        y_axis_type="log",
+    )
+    bars = Whisker(base="frequency", lower="low", upper="high", source=response, line_color=GREY)
+    magnitude.add_layout(bars)
+    phase = panel(
+        "phase", "Frequency (Hz)", "Phase (deg)", FLAT, x_axis_type="log", x_range=magnitude.x_range
+    )
+    for over_frequency, measured in ((magnitude, "magnitude"), (phase, "phase")):
+        over_frequency.scatter("frequency", measured, source=response, color=MEASURED)
+        over_frequency.line("frequency", f"model_{measured}", source=response, color=MODEL)
+    panels = [torque, residual, motion, loop, magnitude, phase]
+    item: Mapping[str, Any] = json_item(
+        column(*panels, sizing_mode="stretch_width"),
+        ID(target),
+    )
+    return item
+
+
+def panel(tag: str, x_label: str, y_label: str, height: int, **choices: Any) -> figure:
+    """An empty panel without ground of its own, so that light and dark pages show through."""
+    made = figure(
+        height=height,
+        sizing_mode="stretch_width",
+        tools=TOOLS,
+        toolbar_location="right" if height == TALL else None,
+        active_drag="xbox_zoom",
+        x_axis_label=x_label,
+        y_axis_label=y_label,
+        tags=[tag],
+        background_fill_color=None,
+        border_fill_color=None,
+        outline_line_color=None,
+        **choices,
+    )
+    made.toolbar.logo = None
+    made.axis.axis_label_text_color = GREY
+    made.axis.major_label_text_color = GREY
+    made.axis.axis_line_color = GREY
+    made.axis.major_tick_line_color = GREY
+    made.axis.minor_tick_line_color = None
+    made.axis.axis_label_text_font_style = "normal"
+    made.grid.grid_line_alpha = 0.3
+    return made

@@ -1,0 +1,141 @@
+"""The signals of a trial that the page plots, and how they are packed into it."""
+
+import zlib
+from base64 import b64encode
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import polars as pl
+import scipy
+
+from osl_analysis.trial import Array
+
+SIGNALS = ("time", "torque", "model", "residual", "motion")
+RESPONSE = ("frequency", "magnitude", "low", "high", "phase", "model_magnitude", "model_phase")
+STEPS = 2000  # to which a signal's range is rounded: half of a pixel of the plots
+TIME_STEPS = 10**7
+CURVE_POINTS = 60  # of a model over frequency
+MOST_RECORDED = 5000  # samples that are drawn of a recording without a fit
+
+
+@dataclass(frozen=True)
+class Signals:
+    """What the page plots of one trial."""
+
+    table: pl.DataFrame  # with some of `SIGNALS`, from the first sample on
+    what: str  # they are, in a sentence
+    motion: str = "Joint angle (deg)"  # what moves, and its unit
+    response: pl.DataFrame = field(default_factory=pl.DataFrame)  # with columns of `RESPONSE`
+
+    def packed(self) -> dict[str, Any]:
+        """The signals as `page.html.j2` unpacks them.
+
+        Each column is rounded to steps of its range; of these the differences from sample to
+        sample are compressed, with -1 for a missing one.
+        """
+        columns = {}
+        differences = []
+        for name in SIGNALS:
+            if name not in self.table.columns:
+                continue
+            values = self.table[name].cast(pl.Float64).fill_null(np.nan).to_numpy()
+            is_known = np.isfinite(values)
+            if not is_known.any():
+                continue
+            low, high = float(values[is_known].min()), float(values[is_known].max())
+            step = (high - low) / (TIME_STEPS if name == "time" else STEPS) or 1.0
+            steps = np.round((np.where(is_known, values, low) - low) / step)
+            rounded = np.where(is_known, steps, -1).astype("<i4")
+            differences.append(np.diff(rounded, prepend=np.int32(0)).astype("<i4").tobytes())
+            columns[name] = [low, step]
+        return {
+            "columns": columns,
+            "motion": self.motion,
+            "packed": b64encode(zlib.compress(b"".join(differences))).decode(),
+            "response": self.response.to_dict(as_series=False),
+        }
+
+
+FITTED = "Measured torque, the model where it is fitted, and their difference, the residual."
+ISOLATED = (
+    "The response to the perturbation, this crossing less the unperturbed gait, over the time from"
+    " its onset; the model of its own fit, and the residual."
+)
+
+
+def of_fit(series: pl.DataFrame, motion: str, what: str = FITTED) -> Signals:
+    """Torque, model, residual and motion of a fit.
+
+    Parameters
+    ----------
+    series : polars.DataFrame
+        The table `series` of a bench trial, or rows of `walking_responses.csv`.
+    motion : str
+        What moves.
+    what : str
+        What the signals are.
+    """
+    motion_column = "omega" if "omega" in series.columns else "theta_deg"
+    unit = "rad/s" if motion_column == "omega" else "deg"
+    table = series.select(
+        "time",
+        "torque",
+        model="torque_model",
+        residual=pl.col("torque") - pl.col("torque_model"),
+        motion=motion_column,
+    )
+    return Signals(table, what, f"{motion} ({unit})")
+
+
+def of_recording(samples: pl.DataFrame, motion: str) -> Signals:
+    """Torque and angle of a crossing or of a recording without a fit, as far as it has them."""
+    thinned = samples.gather_every(max(-(-len(samples) // MOST_RECORDED), 1))
+    columns = {"time": pl.col("time") - samples["time"][0]}
+    if "torque" in samples.columns:
+        columns["torque"] = pl.col("torque")
+    if "theta" in samples.columns:
+        columns["motion"] = pl.col("theta").degrees()
+    return Signals(thinned.select(**columns), "Signals without a fit of their own.", motion)
+
+
+def phasor_response(phasors: pl.DataFrame, fit: Mapping[str, Any]) -> pl.DataFrame:
+    """The measured admittance of a stepped sine with its intervals, and that of Eq. 15 with K, B
+    and I of the fit to all amplitudes."""
+    part = phasors.select("Y_re", "Y_im", "Y_var_re", "Y_cov", "Y_var_im").to_numpy().T
+    along = part[:2] / np.hypot(part[0], part[1])  # direction of Y in the complex plane
+    variance = along[0] ** 2 * part[2] + 2 * along[0] * along[1] * part[3] + along[1] ** 2 * part[4]
+    t = scipy.special.stdtrit(phasors["Y_degrees_of_freedom"].to_numpy(), 0.975)
+    magnitude = np.hypot(part[0], part[1])
+    measured = pl.DataFrame(
+        {
+            "frequency": phasors["frequency_hz"],
+            "magnitude": magnitude,
+            "low": magnitude - t * np.sqrt(variance),
+            "high": magnitude + t * np.sqrt(variance),
+            "phase": np.rad2deg(np.arctan2(part[1], part[0])),
+        }
+    )
+    measured_hz = measured["frequency"].to_numpy()
+    hz = np.geomspace(measured_hz.min(), measured_hz.max(), CURVE_POINTS)
+    return with_model(measured, admittance(hz, fit["K"], fit["B"], fit["I"]), hz)
+
+
+def admittance(hz: Array, K: float, B: float, I: float) -> Any:
+    """The admittance of Eq. 15 [rad/(N*m)]."""
+    s = 2j * np.pi * hz
+    return 1 / (K + B * s + I * s**2)
+
+
+def with_model(measured: pl.DataFrame, model: Any, hz: Array) -> pl.DataFrame:
+    """Rows of a measured response, and below them those of a model at frequencies of its own."""
+    curve = pl.DataFrame(
+        {
+            "frequency": hz,
+            "model_magnitude": np.abs(model),
+            "model_phase": np.rad2deg(np.unwrap(np.angle(model))),
+        }
+    )
+    rows = pl.concat([measured, curve], how="diagonal_relaxed")
+    return rows.select(pl.col(pl.Float64).round_sig_figs(5))

@@ -1,0 +1,82 @@
+"""The verdict on each trial, which page, summary and terminal count alike."""
+
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from osl_analysis.config.experiments import EXPERIMENTS
+from osl_analysis.judge.campaign import QUALITY
+from osl_analysis.judge.finding import Finding, Grade, WordedFinding
+from osl_analysis.report.left_out import LeftOut
+
+CLEAR = "clear"
+DOUBTFUL = "doubtful"
+IN_PART = "doubtful in part"
+REFUSED = "refused"
+EXCLUDED = "excluded"
+NOT_JUDGED = "not judged"  # recordings that are read and not analysed
+VERDICTS = (CLEAR, DOUBTFUL, IN_PART, REFUSED, EXCLUDED, NOT_JUDGED)
+
+
+def findings_by_trial(findings: Iterable[WordedFinding]) -> dict[str, list[WordedFinding]]:
+    """The findings on each trial or group."""
+    by_trial: dict[str, list[WordedFinding]] = {}
+    for worded in findings:
+        by_trial.setdefault(worded.finding.subject, []).append(worded)
+    return by_trial
+
+
+def is_of_whole(finding: Finding, experiment: str) -> bool:
+    """Whether a finding is on the recording of a trial, or on the fit to all of it."""
+    main = [table.name for table in EXPERIMENTS[experiment].tables[:1]]
+    return finding.table in (QUALITY, *main) and not finding.is_of_part
+
+
+def verdict_on(experiment: str, findings: Sequence[WordedFinding], left_out: LeftOut | None) -> str:
+    """The verdict on one trial.
+
+    Parameters
+    ----------
+    experiment : str
+    findings : Sequence of WordedFinding
+        Those on the trial.
+    left_out : LeftOut or None
+        Why it has no result.
+
+    Returns
+    -------
+    str
+        One of `VERDICTS`. It is doubtful by a doubt about its recording or about the fit to all of
+        it, and doubtful in part by a doubt about one amplitude, frequency or further table.
+    """
+    if left_out is not None:
+        return REFUSED if left_out.by_job else EXCLUDED
+    if not EXPERIMENTS[experiment].place:
+        return NOT_JUDGED
+    doubts = [w.finding for w in findings if w.finding.grade is Grade.DOUBTS]
+    if any(is_of_whole(doubt, experiment) for doubt in doubts):
+        return DOUBTFUL
+    return IN_PART if doubts else CLEAR
+
+
+def verdict_counts(
+    sheet: Mapping[str, Mapping[str, Any]],
+    findings: Iterable[WordedFinding],
+    left_out: Mapping[str, LeftOut],
+) -> dict[str, int]:
+    """How many trials of the sheet have each verdict, in the order of `VERDICTS`."""
+    by_trial = findings_by_trial(findings)
+    counts = Counter(
+        verdict_on(row["experiment"], by_trial.get(trial, ()), left_out.get(trial))
+        for trial, row in sheet.items()
+    )
+    return {verdict: counts[verdict] for verdict in VERDICTS}
+
+
+def verdicts_sentence(counts: Mapping[str, int]) -> str:
+    """`117 trials: 97 clear, 17 doubtful, 3 doubtful in part, none refused or excluded.`"""
+    total = sum(counts.values())
+    parts = [f"{n} {verdict}" for verdict, n in counts.items() if n or verdict == CLEAR]
+    if not counts[REFUSED] + counts[EXCLUDED]:
+        parts.append("none refused or excluded")
+    return f"{total} trial{'s' if total != 1 else ''}: {', '.join(parts)}."

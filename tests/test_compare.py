@@ -1,0 +1,91 @@
+"""Two campaigns side by side: numbers, settings and recordings."""
+
+import json
+import math
+from dataclasses import replace
+
+import polars as pl
+import pytest
+
+from osl_analysis.commands import compare
+from osl_analysis.commands.compare import compare_campaigns, compared
+from osl_analysis.errors import InputError
+from osl_analysis.report.numbers import RANGE, Number, to_json
+from osl_analysis.schema import SCHEMA_FIELD
+from osl_analysis.table import read_table
+
+ABOUT = dict.fromkeys(("campaign", "version", "configuration", "recorded"), "x")
+ABOUT["data"] = "simulated"
+K = Number("K", 300.0, 297.0, 303.0, "units", "N*m/rad", "stiffness", None, 1, 0, 0)
+
+
+def write_summary(folder, *numbers, **settings):
+    text = to_json(ABOUT, numbers, {"settings": settings})
+    folder.mkdir()
+    (folder / "summary.json").write_text(text)
+    return folder
+
+
+def test_the_half_width_of_a_difference_is_the_root_of_the_sum_of_squares_of_both():
+    row = compared(K, replace(K, value=310.0, low=306.0, high=314.0))
+
+    assert row["difference"] == 10
+    assert row["difference_high"] - row["difference"] == pytest.approx(math.hypot(3, 4))
+    assert row["difference"] - row["difference_low"] == pytest.approx(math.hypot(3, 4))
+
+
+@pytest.mark.parametrize("other", [replace(K, interval=RANGE), replace(K, low=None, high=None)])
+def test_a_difference_without_two_intervals_has_none(other):
+    assert "difference_low" not in compared(K, other)
+
+
+def test_the_settings_that_differ_are_named_and_the_table_is_written(tmp_path):
+    a = write_summary(tmp_path / "a", K, cutoff_hz="15", order="4")
+    b = write_summary(tmp_path / "b", replace(K, value=310.0), cutoff_hz="12", order="4")
+
+    comparison = compare_campaigns((a, b), tmp_path / "out")
+
+    assert "cutoff_hz: 15 in A, 12 in B" in comparison.text
+    assert "order" not in comparison.text
+    written = read_table(tmp_path / "out/comparison.csv")
+    assert written.select("quantity", "A", "B", "difference").rows() == [("K", 300, 310, 10)]
+
+
+@pytest.mark.parametrize(
+    ("of_b", "said"), [({"1"}, "the same recordings"), ({"1", "2"}, "1 recordings in common")]
+)
+def test_shared_recordings_are_told(tmp_path, monkeypatch, of_b, said):
+    a, b = (write_summary(tmp_path / name, K) for name in "ab")
+    digests = {a: {"1"}, b: of_b}
+    monkeypatch.setattr(compare, "digests_of_recordings", digests.get)
+
+    assert f"A and B hold {said}" in compare_campaigns((a, b), tmp_path / "out").text
+
+
+def test_a_folder_is_not_compared_with_itself_nor_with_one_without_common_numbers(tmp_path):
+    a = write_summary(tmp_path / "a", K)
+    other = write_summary(tmp_path / "b", replace(K, name="K_s"))
+
+    for b, reason in ((a, "the same folder"), (other, "nothing to compare")):
+        with pytest.raises(InputError, match=reason):
+            compare_campaigns((a, b), tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_summary_of_an_older_release_is_refused_in_a_sentence(tmp_path):
+    a, b = (write_summary(tmp_path / name, K) for name in "ab")
+    content = json.loads((b / "summary.json").read_text())
+    older = {**content, SCHEMA_FIELD: 1, "version": "1.0.0", "numbers": {"K": {"value": 300}}}
+    (b / "summary.json").write_text(json.dumps(older))
+
+    with pytest.raises(InputError, match=r"a summary of osl-analysis 1\.0\.0.* make it again"):
+        compare_campaigns((a, b), tmp_path / "out")
+
+
+def test_recordings_are_known_by_their_digests(tmp_path, monkeypatch):
+    (tmp_path / "trials").mkdir()
+    pl.DataFrame({"time": [0.0]}).write_parquet(tmp_path / "trials/a.parquet")
+    provenance = {"files": {"log": {"sha256": "1"}, "mocap": {"sha256": "2"}}}
+    monkeypatch.setattr(compare, "metadata_of", lambda path: (path.stem, provenance))
+
+    assert compare.digests_of_recordings(tmp_path) == {"1", "2"}

@@ -1,0 +1,221 @@
+"""The page, its signals and the methods text: what they say of trials that are written here by
+hand."""
+
+import json
+import re
+import zlib
+from base64 import b64decode
+
+import numpy as np
+import polars as pl
+import pytest
+
+from osl_analysis.judge.finding import Finding, WordedFinding, Words
+from osl_analysis.report import methods
+from osl_analysis.report.left_out import LeftOut
+from osl_analysis.report.page import Page, ShownFigure, trial_view, with_symbols, written_page
+from osl_analysis.report.signals import of_fit, of_recording, phasor_response
+from osl_analysis.report.verdicts import verdict_counts, verdicts_sentence
+
+ABOUT = {"campaign": "<b>", "data": "measured", "version": "2.0", "configuration": "c"}
+ABOUT["recorded"] = "recorded 2026-03-14"
+IMPEDANCE = pl.DataFrame(
+    {
+        "trial": ["a", "a"], "amplitude_deg": [2.0, None], "K": [90.0, 101.0],
+        "K_low": [80.0, 99.0], "K_high": [100.0, 103.0], "VAF": [97.0, 98.0],
+    }
+)  # fmt: skip
+ROW = {"trial": "a", "experiment": "impedance", "K_d": 100.0, "log": "a.csv"}
+WHOLE = Finding("friction", "impedance", "a")
+PART = Finding("friction", "impedance", "a", amplitude_deg=2.0)
+REPEATED = Finding("friction", "phasors", "a", inherited="impedance")
+
+
+def worded(*findings):
+    return [WordedFinding(finding, Words("says", "size", "remedy")) for finding in findings]
+
+
+def view(*findings, left_out=None, **changed):
+    checks = pl.DataFrame()
+    row = {**ROW, **changed}
+    return trial_view(row, {"impedance": IMPEDANCE}, worded(*findings), left_out, checks, None)
+
+
+def page(*trials, **changed):
+    facts = {
+        "about": ABOUT, "made_of": "made of <i>", "verdict": ["1 trial."], "notes": [],
+        "conditions": (), "groups": (), "numbers": (), "findings": (), "trials": trials,
+        "figures": (), "absent_figures": {}, "missing_results": {},
+    }  # fmt: skip
+    return Page(**{**facts, **changed})
+
+
+@pytest.mark.parametrize(
+    ("findings", "verdict"),
+    [((), "clear"), ((PART,), "doubtful in part"), ((PART, WHOLE), "doubtful")],
+)
+def test_a_trial_is_doubtful_by_the_findings_on_its_whole_fit(findings, verdict):
+    assert view(*findings).verdict == verdict
+
+
+def test_a_trial_that_is_left_out_says_why():
+    refused = view(WHOLE, left_out=LeftOut(True, "x", ["no torque"]))
+
+    assert (refused.verdict, refused.left_out) == ("refused", ["no torque"])
+
+
+def test_each_trial_counts_once_and_what_other_tables_repeat_does_not():
+    sheet = {name: {**ROW, "trial": name} for name in "ab"}
+
+    counts = verdict_counts(sheet, worded(WHOLE, PART, REPEATED), {})
+    assert verdicts_sentence(counts) == ("2 trials: 1 clear, 1 doubtful, none refused or excluded.")
+
+
+def test_a_view_has_estimates_with_intervals_and_units():
+    heads, of_amplitude, of_all = view().estimates
+
+    assert heads == ["amplitude [deg]", "K [N*m/rad]", "VAF [%]"]
+    assert of_amplitude == ["2", "90 (80 to 100)", "97.0"]
+    assert of_all == ["all", "101.0 (99.0 to 103.0)", "98.0"]
+
+
+def test_the_page_escapes_names_and_asks_for_no_other_file():
+    html = written_page(page(view(controller="<script>alert(1)</script>")))
+
+    assert "&lt;b&gt;" in html
+    assert "<script>alert" not in html
+    assert re.findall(r"<(?:script|img|link)[^>]+(?:src|href)=", html) == []
+
+
+def test_a_page_without_figures_and_conditions_has_no_empty_frame():
+    html = written_page(page(view()))
+
+    assert "<figure" not in html.partition("<script")[0]
+    assert '<table class="sort conditions"' not in html
+
+
+def test_figures_are_drawn_inline_with_names_of_their_own_and_links_to_trials():
+    svg = (
+        '<?xml?><svg><g id="a"/><use href="#a" clip-path="url(#a)"/>'
+        '<a href="../report.html#trial=a"/></svg>'
+    )
+    drawing = str(ShownFigure("fig5", "Fig. 5", "", "", svg).drawing)
+
+    assert '<g id="fig5-a"/><use href="#fig5-a" clip-path="url(#fig5-a)"/>' in drawing
+    assert '<a href="#trial=a"/>' in drawing
+
+
+def test_symbols_are_set_in_html_and_names_from_files_are_not():
+    assert with_symbols(r"$\hat{K}$, $K_d$ & <b>") == (
+        "<i>K\u0302</i>, <i>K<sub>d</sub></i> &amp; &lt;b&gt;"
+    )
+    assert with_symbols(r"\$x_1\$") == "$x_1$"
+
+
+def unpacked(packed):
+    """What the page makes of packed signals."""
+    changes = np.frombuffer(zlib.decompress(b64decode(packed["packed"])), "<i4")
+    steps = np.cumsum(changes.reshape(len(packed["columns"]), -1), axis=1)
+    values = {}
+    for (name, (low, step)), of_column in zip(packed["columns"].items(), steps, strict=True):
+        values[name] = np.where(of_column < 0, np.nan, low + step * of_column)
+    return values
+
+
+def test_signals_survive_packing_to_a_thousandth_of_their_range():
+    time = np.linspace(0, 10, 500)
+    torque = 30 * np.sin(time)
+    model = np.where(time < 5, torque - 0.1 * np.cos(time), np.nan)
+    series = pl.DataFrame(
+        {"time": time, "theta_deg": np.cos(time), "torque": torque, "torque_model": model}
+    ).fill_nan(None)
+
+    values = unpacked(of_fit(series, "Joint angle").packed())
+
+    assert values["time"] == pytest.approx(time, abs=1e-5)
+    assert values["torque"] == pytest.approx(torque, abs=0.03)
+    assert values["residual"] == pytest.approx(torque - model, abs=1e-4, nan_ok=True)
+
+
+def test_a_recording_without_a_fit_shows_what_it_has():
+    samples = pl.DataFrame({"time": [1.0, 2.0], "theta": [0.0, np.pi]})
+
+    table = of_recording(samples, "Joint angle (deg)").table
+    assert table.to_dict(as_series=False) == {"time": [0, 1], "motion": [0, 180]}
+
+
+def test_the_model_of_a_response_is_equation_15():
+    measured = {
+        "frequency_hz": [1.0, 5.0], "Y_magnitude": 0.01, "Y_magnitude_low": 0.009,
+        "Y_magnitude_high": 0.011, "Y_phase_deg": 0.0,
+    }  # fmt: skip
+    response = phasor_response(pl.DataFrame(measured), {"K": 100.0, "B": 2.0, "I": 0.1})
+
+    at_5_hz = response.row(-1, named=True)
+    s = 10j * np.pi
+    Y = 1 / (100 + 2 * s + 0.1 * s**2)
+    assert at_5_hz["model_magnitude"] == pytest.approx(abs(Y), rel=1e-4)
+    assert at_5_hz["model_phase"] == pytest.approx(np.rad2deg(np.angle(Y)), rel=1e-4)
+
+
+SETTINGS = {
+    "dynamometer": {
+        "order": 4, "cutoff_hz": 15.0, "bench_stiffness": None, "fixture": None,
+        "settle_cycles": 2, "calibration": {}, "load_cell_drift": 0.05,
+    },
+    "walking": {"correct_plate_lag": True, "baseline": "mean", "bootstrap_samples": 1000},
+}  # fmt: skip
+
+
+def paragraphs(sheet=(ROW,), **tables):
+    summary = {"trials": {}, "verdicts": {"clear": 1}, "findings": []}
+    return methods.paragraphs(methods.MethodsFacts(ABOUT, SETTINGS, tables, sheet, summary))
+
+
+@pytest.mark.parametrize(
+    ("tables", "sentence"),
+    [
+        ({"timebase": {"delay_s": [0.0]}}, "No delay of a sensor is stated"),
+        ({"timebase": {"delay_s": [0.0, 0.002]}}, "Stated delays of sensors, of 0 to 0.002 s"),
+        ({"impedance": {"K_d": [100.0, 200.0, 100.0]}}, "was 100 and 200 N·m/rad"),
+        ({"plate": {"plate_inertia": ["identified"]}}, "The inertia of the plate, identified"),
+    ],
+)
+def test_a_sentence_of_the_methods_is_printed_where_its_fact_is_recorded(tables, sentence):
+    recorded = {name: pl.DataFrame(columns) for name, columns in tables.items()}
+
+    assert sentence in " ".join(paragraphs(**recorded))
+    assert sentence not in " ".join(paragraphs())
+
+
+def test_the_methods_say_nothing_of_experiments_that_the_campaign_has_not():
+    text = " ".join(paragraphs())
+
+    for absent in ("belt", "walkway", "actuator", "transmission", "predicted"):
+        assert absent not in text
+
+
+def test_the_methods_in_latex_escape_words_and_keep_symbols_and_citations():
+    tex = methods.to_tex(["A_b is 5 % of $K_\\mathrm{d}$ [@polars]."])
+
+    assert tex.endswith("A\\_b is 5 \\% of $K_\\mathrm{d}$~\\cite{polars}.\n")
+
+
+def test_everything_that_the_methods_cite_is_in_their_bibliography():
+    template = (methods.HERE / "templates/methods.j2").read_text()
+    cited = set(methods.CITATION.findall(template)) - {"key"}
+
+    assert len(cited) >= 5
+    for key in cited:
+        assert f"{{{key},\n" in methods.BIBTEX
+        assert methods.reference(key)
+
+
+def test_the_signals_of_a_page_are_valid_json():
+    signals = of_recording(pl.DataFrame({"time": [0.0], "torque": 1.0}), "")
+    trial = trial_view(ROW, {}, [], None, pl.DataFrame(), signals)
+
+    html = written_page(page(trial))
+    data = re.search(r"const trials = (\{.*\}), plots = ", html)
+    assert data is not None
+    assert json.loads(data[1])["a"]["columns"].keys() == {"time", "torque"}

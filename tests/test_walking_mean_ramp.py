@@ -1,0 +1,108 @@
+"""Onsets by the mean ramp, against ramps whose start is known."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from walking_synthetic import RATE, step
+
+from osl_analysis.errors import InputError
+from osl_analysis.trial import Array
+from osl_analysis.walking.mean_ramp import Ramp, ramp_of, ramp_onsets
+from osl_analysis.walking.poses import Poses
+
+TIME = np.arange(3 * RATE) / RATE
+ONSETS = 1.2 + np.random.default_rng(5).uniform(-0.05, 0.05, 20)
+
+
+def angle_of(onset: float, size_deg: float = 5.0, rise: float = 0.08) -> Array:
+    return np.asarray(np.deg2rad(size_deg) * step(TIME, onset, rise)[0])
+
+
+def errors_of(angles: Sequence[Array], noise_deg: float) -> Array:
+    """Errors (n,) [s] of the onsets of ramps that start at `ONSETS`."""
+    random = np.random.default_rng(8)
+    ramps = {
+        f"walking_{k}": Ramp(
+            TIME, angle + np.deg2rad(noise_deg) * random.standard_normal(len(TIME))
+        )
+        for k, angle in enumerate(angles)
+    }
+    return np.array(list(ramp_onsets(ramps).values())) - ONSETS[: len(angles)]
+
+
+@pytest.mark.parametrize("noise_deg", [0.0, 0.03])
+def test_onsets_are_found_to_half_a_millisecond(noise_deg: float) -> None:
+    errors = errors_of([angle_of(onset) for onset in ONSETS], noise_deg)
+
+    assert errors.std(ddof=1) < 2e-4
+    assert abs(errors.mean()) < 1e-3
+
+
+def test_ramps_of_mixed_sizes_share_one_shape() -> None:
+    sizes = np.tile([5.0, 2.5, 4.0, 3.0], 5)
+
+    errors = errors_of([angle_of(o, d) for o, d in zip(ONSETS, sizes, strict=True)], 0.03)
+
+    assert errors.std(ddof=1) < 5e-4
+
+
+def test_ramps_of_mixed_durations_are_stretched() -> None:
+    """Without, half of the difference of the durations would be taken for a time shift."""
+    rises = np.tile([0.07, 0.09], 10)
+
+    errors = errors_of([angle_of(o, rise=r) for o, r in zip(ONSETS, rises, strict=True)], 0.01)
+
+    assert errors.std(ddof=1) < 5e-4
+
+
+def test_a_single_ramp_has_an_onset_by_itself() -> None:
+    assert abs(errors_of([angle_of(ONSETS[0])], 0.015)[0]) < 2e-3
+
+
+def test_a_straight_ramp_starts_where_it_bends() -> None:
+    straight = [np.deg2rad(5 * np.clip((TIME - onset) / 0.08, 0, 1)) for onset in ONSETS]
+
+    assert np.abs(errors_of(straight, 0.01)).max() < 1.5e-3
+
+
+def test_a_ramp_unlike_the_others_leaves_their_onsets_as_they_are() -> None:
+    angles = [angle_of(onset) for onset in ONSETS]
+    angles[0] = angles[0] + np.deg2rad(1.5) * np.exp(-(((TIME - ONSETS[0] - 0.05) / 0.01) ** 2))
+
+    with pytest.warns(UserWarning, match="trial walking_0: the platform does not turn as in"):
+        errors = errors_of(angles, 0.01)
+
+    assert np.abs(errors[1:]).max() < 1e-3
+
+
+def turned(angle: Array) -> Poses:
+    """A platform that turns about an axis to the left."""
+    c = np.cos(angle)
+    s = np.sin(angle)
+    rotation = np.zeros((len(angle), 3, 3))
+    rotation[:, 0, 0] = rotation[:, 2, 2] = c
+    rotation[:, 0, 2] = s
+    rotation[:, 2, 0] = -s
+    rotation[:, 1, 1] = 1.0
+    n = len(angle)
+    return Poses(rotation, np.zeros((n, 3)), np.zeros(3), np.zeros(n), np.zeros(n, dtype=bool))
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_turn_in_either_direction_is_a_ramp(sign: int) -> None:
+    ramp = ramp_of(TIME, turned(sign * angle_of(1.2)), np.deg2rad(1))
+
+    assert ramp is not None
+    assert ramp_onsets({"a": ramp})["a"] == pytest.approx(1.2, abs=5e-4)
+
+
+def test_a_platform_that_hardly_turns_has_no_ramp() -> None:
+    assert ramp_of(TIME, turned(angle_of(1.2, 0.5)), np.deg2rad(1)) is None
+
+
+def test_a_platform_that_turns_at_once_is_refused() -> None:
+    recorded = TIME > 1.18
+
+    with pytest.raises(InputError, match="start to record earlier"):
+        ramp_of(TIME[recorded], turned(angle_of(1.2))[recorded], np.deg2rad(1))

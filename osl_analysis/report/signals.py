@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 import polars as pl
-import scipy
 
+from osl_analysis.bench.complex_estimate import polar_row
+from osl_analysis.bench.frequency_response import admittance_of_row
 from osl_analysis.trial import Array
 
 SIGNALS = ("time", "torque", "model", "residual", "motion")
@@ -103,20 +104,10 @@ def of_recording(samples: pl.DataFrame, motion: str) -> Signals:
 def phasor_response(phasors: pl.DataFrame, fit: Mapping[str, Any]) -> pl.DataFrame:
     """The measured admittance of a stepped sine with its intervals, and that of Eq. 15 with K, B
     and I of the fit to all amplitudes."""
-    part = phasors.select("Y_re", "Y_im", "Y_var_re", "Y_cov", "Y_var_im").to_numpy().T
-    along = part[:2] / np.hypot(part[0], part[1])  # direction of Y in the complex plane
-    variance = along[0] ** 2 * part[2] + 2 * along[0] * along[1] * part[3] + along[1] ** 2 * part[4]
-    t = scipy.special.stdtrit(phasors["Y_degrees_of_freedom"].to_numpy(), 0.975)
-    magnitude = np.hypot(part[0], part[1])
-    measured = pl.DataFrame(
-        {
-            "frequency": phasors["frequency_hz"],
-            "magnitude": magnitude,
-            "low": magnitude - t * np.sqrt(variance),
-            "high": magnitude + t * np.sqrt(variance),
-            "phase": np.rad2deg(np.arctan2(part[1], part[0])),
-        }
-    )
+    polar = pl.DataFrame([polar_row(admittance_of_row(row)) for row in phasors.to_dicts()])
+    measured = polar.select(
+        magnitude="magnitude", low="magnitude_low", high="magnitude_high", phase="phase_deg"
+    ).with_columns(frequency=phasors["frequency_hz"])
     measured_hz = measured["frequency"].to_numpy()
     hz = np.geomspace(measured_hz.min(), measured_hz.max(), CURVE_POINTS)
     return with_model(measured, admittance(hz, fit["K"], fit["B"], fit["I"]), hz)

@@ -1,7 +1,8 @@
 """The belt alone on its bench: a line through torque over deflection while loading and unloading
 (Fig. 3)."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 import polars as pl
@@ -32,7 +33,8 @@ CONSTANT_VELOCITY = 0.05  # SD of a velocity over its mean, below which it makes
 STRETCHES = 16  # of each branch, whose scatter gives its interval
 LEAST_DEFLECTION_DEG = 0.5
 LOADED = 0.05  # share of the peak where loading begins: the belt's hysteresis reverses below
-LARGEST_FALL = 0.2  # share of the peak by which a single loading may fall back
+LARGEST_FALL = 0.2  # share of the peak by which a loading may fall back
+SAME_LOAD = 0.5  # share of the largest peak from which a cycle counts
 LARGEST_TURN = 0.01  # of the joint's turn, below which a shaft rests: K_s is off by 1 % at most
 FEWEST_UNLOADING = 10  # rows of the way back
 POINTS_PER_SECOND = 50.0  # of the curves of Fig. 3
@@ -103,13 +105,31 @@ def belt_of(
         uniform=signals,
         settings=settings,
     )
-    belt = fit_branches(record, settings.load_cell_drift / 60)
+    belt = with_onset_error(fit_branches(record, settings.load_cell_drift / 60))
     check_stiffer(signals.trial, "K_s", belt.whole["K_s"], bench)
     return belt
 
 
+def with_onset_error(belt: Analysis) -> Analysis:
+    """The fits, whose intervals hold what half and twice `LOADED` make of them: where loading
+    begins is chosen, and the belt's hysteresis bends the curve there."""
+    record = belt.record
+    others = []
+    for share in (LOADED / 2, 2 * LOADED):
+        groups = branches_of(
+            record.motion.theta, record.rate_hz, record.usable, record.low_pass.cutoff_hz, share
+        )
+        others.append(fit_branches(replace(record, groups=groups)).fits)
+    early, late = others
+    fits = {}
+    for label, fit in belt.fits.items():
+        halves = [(late[label][name] - early[label][name]) / 2 for name in fit.names]
+        fits[label] = widened(fit, np.array(halves))
+    return replace(belt, fits=fits)
+
+
 def fit_branches(record: Record, drift: float = 0.0) -> Analysis:
-    """Fit one load-unload cycle, whose groups are those of `branches_of` and whose angle is the
+    """Fit load-unload cycles, whose groups are those of `branches_of` and whose angle is the
     belt's deflection.
 
     `loading` stands for the trial: a straight line `K_s` and `offset`, with the joint's damping
@@ -159,28 +179,49 @@ def fit_beside_drift(s: Sums, model: Model, label: Label, drift: float) -> Group
     return fit
 
 
+@dataclass(frozen=True)
+class LoadedStretch:
+    """A load-unload cycle: rows in which the belt is loaded; all rows with half of the rests."""
+
+    onset: int
+    peak: int
+    release: int  # the row after unloading
+    cycle: slice
+
+
 def branches_of(
-    theta_s: Array, rate_hz: float, usable: NDArray[np.bool_], cutoff_hz: float
+    theta_s: Array,
+    rate_hz: float,
+    usable: NDArray[np.bool_],
+    cutoff_hz: float,
+    loaded_share: float = LOADED,
 ) -> Groups:
-    """Stretches of loading and unloading of a deflection theta_s (n,) [rad] in usable rows.
+    """Stretches of all loadings and all unloadings of a deflection theta_s (n,) [rad] in usable
+    rows.
 
     Raises
     ------
     InputError
-        As `loaded_rows`, or a branch is empty.
+        As `loaded_stretches`, or a branch is empty.
     """
-    onset, peak, release = loaded_rows(theta_s - theta_s[0])
+    cycles = loaded_stretches(theta_s - theta_s[0], loaded_share)
+    rows_of = {
+        "loading": [slice(cycle.onset, cycle.peak + 1) for cycle in cycles],
+        "unloading": [slice(cycle.peak, cycle.release) for cycle in cycles],
+    }
     branches = []
-    for label, rows in (("loading", slice(onset, peak + 1)), ("unloading", slice(peak, release))):
+    for label, rows_of_branch in rows_of.items():
         inside = np.zeros(len(theta_s), dtype=np.bool_)
-        inside[rows] = usable[rows]
+        for rows in rows_of_branch:
+            inside[rows] = usable[rows]
         if not inside.any():
             raise InputError(
                 f"no row while {label} is free of gaps that are too long to be bridged;"
                 f" {BRIDGE_MORE}"
             )
+        longest = max(rows.stop - rows.start for rows in rows_of_branch)
         # no shorter than half a period of the cut-off
-        seconds = max((rows.stop - rows.start) / rate_hz / STRETCHES, 0.5 / cutoff_hz)
+        seconds = max(longest / rate_hz / STRETCHES, 0.5 / cutoff_hz)
         branches.append(stretches_of(runs(inside), rate_hz, seconds, label))
     return Groups(
         "stretches",
@@ -191,35 +232,55 @@ def branches_of(
     )
 
 
-def loaded_rows(deflection: Array) -> tuple[int, int, int]:
-    """Rows of one load-unload cycle: onset of loading, peak, and the row after unloading.
+def loaded_stretches(deflection: Array, loaded_share: float = LOADED) -> list[LoadedStretch]:
+    """The whole load-unload cycles of a deflection (n,) [rad] from rest, to the side of its peak.
+
+    The belt is loaded where it deflects by `loaded_share` of the peak or more. A stretch that
+    begins or ends with the recording is no whole cycle, and one that stays below `SAME_LOAD` of the
+    peak is another load: neither is fitted.
 
     Raises
     ------
     InputError
-        The belt hardly deflects, is not unloaded again, or is loaded more than once.
+        The belt hardly deflects, is not unloaded again, or falls back while it is loaded.
     """
-    peak = int(np.argmax(np.abs(deflection)))
-    if abs(deflection[peak]) < np.deg2rad(LEAST_DEFLECTION_DEG):
+    at_peak = float(deflection[np.argmax(np.abs(deflection))])
+    peak = abs(at_peak)
+    if peak < np.deg2rad(LEAST_DEFLECTION_DEG):
         raise InputError(
-            f"the belt deflects by {np.rad2deg(abs(deflection[peak])):.3f} deg at most, expected"
+            f"the belt deflects by {np.rad2deg(peak):.3f} deg at most, expected"
             f" {LEAST_DEFLECTION_DEG:g} deg or more; check the angle channels and their units in"
             " the source file"
         )
-    loaded = np.abs(deflection) >= LOADED * abs(deflection[peak])
-    onset = int(np.argmax(loaded))
-    release = len(loaded) - int(np.argmax(loaded[::-1]))
-    if release - peak < FEWEST_UNLOADING or release == len(loaded):
+    load = deflection * np.sign(at_peak)
+    loaded = runs(load >= loaded_share * peak)
+    middles = [(before.stop + after.start) // 2 for before, after in pairwise(loaded)]
+    stretches = []
+    for rows, (begin, end) in zip(loaded, pairwise([0, *middles, len(load)]), strict=True):
+        at = rows.start + int(np.argmax(load[rows]))
+        is_whole = rows.stop < len(load) and rows.stop - at >= FEWEST_UNLOADING
+        if is_whole and load[at] >= SAME_LOAD * peak:
+            stretches.append(LoadedStretch(rows.start, at, rows.stop, slice(begin, end)))
+    if not stretches:
         raise InputError("the trial ends while the belt is still loaded; record the way back too")
-    way = deflection[onset : peak + 1] * np.sign(deflection[peak])
-    fall = float(np.max(np.maximum.accumulate(way) - way))
-    if fall > LARGEST_FALL * abs(float(way[-1])):
-        raise InputError(
-            f"the belt falls back by {np.rad2deg(fall):.2f} deg before its peak of"
-            f" {np.rad2deg(abs(way[-1])):.2f} deg: this is no single loading; check that the trial"
-            " is of experiment 'belt'"
-        )
-    return onset, peak, release
+    for stretch in stretches:
+        way = load[stretch.onset : stretch.peak + 1]
+        fall = float(np.max(np.maximum.accumulate(way) - way))
+        if fall > LARGEST_FALL * way[-1]:
+            raise InputError(
+                f"the belt falls back by {np.rad2deg(fall):.2f} deg before its peak of"
+                f" {np.rad2deg(way[-1]):.2f} deg: this is no load from rest; check that the trial"
+                " is of experiment 'belt'"
+            )
+    return stretches
+
+
+def mean_loop(deflection: Array, torque: Array) -> Array:
+    """The work of torques (..., n) [N*m] over a deflection (n,) [rad] in a cycle [J], the mean of
+    all cycles (...)."""
+    cycles = loaded_stretches(deflection - deflection[0])
+    works = [np.trapezoid(torque[..., c.cycle], deflection[c.cycle]) for c in cycles]
+    return np.asarray(np.mean(works, axis=0))
 
 
 def check_locked(theta: Array, theta_m: Array) -> None:
@@ -235,10 +296,9 @@ def check_locked(theta: Array, theta_m: Array) -> None:
 
 
 def belt_table(belt: Analysis) -> pl.DataFrame:
-    """The trial's row of `belt.csv`: slopes of loading and unloading, loop area [J].
-
-    `energy_lost` is the loop's area over the energy K_s theta_s^2/2 at the peak. `stiffening` is
-    the relative increase of the quadratic belt's slope from rest to the peak."""
+    """The trial's row of `belt.csv`: slopes of loading and unloading, area of the mean loop [J].
+    `energy_lost` is this area over the energy K_s theta_s^2/2 at the peak.
+    `stiffening` is the relative increase of the quadratic belt's slope from rest to the peak."""
     loading = belt.calibrated(belt.fits["loading"], "loading")
     unloading = belt.calibrated(belt.fits["unloading"], "unloading")
     quadratic = belt.fits["quadratic"]
@@ -246,9 +306,9 @@ def belt_table(belt: Analysis) -> pl.DataFrame:
     theta, torque = record.motion.theta, record.filtered_torque
     peak = float(np.max(np.abs(belt.sums.columns["theta"])))
 
-    area = float(np.trapezoid(torque, theta))
+    area = float(mean_loop(theta, torque))
     errors = torque_errors(torque, record.rate_hz, record.rows(), record.calibration)
-    by_torque = np.linalg.norm(np.trapezoid(errors, theta))
+    by_torque = np.linalg.norm(mean_loop(theta, errors))
     by_gain = area * record.calibration.polar(0.0)[0]
 
     damping: Row = dict.fromkeys(f"B_j{ending}" for ending in INTERVAL_ENDS)
@@ -287,11 +347,13 @@ def belt_curve(belt: Analysis) -> pl.DataFrame:
     step = slice(None, None, max(round(record.rate_hz / POINTS_PER_SECOND), 1))
     theta_s, torque = record.motion.theta[step], record.filtered_torque[step]
     deflection = np.rad2deg(theta_s - theta_s[0])
-    is_loading = np.arange(len(theta_s)) <= np.argmax(np.abs(deflection))
+    is_loading = np.ones(len(record.motion.theta), dtype=np.bool_)
+    for cycle in loaded_stretches(record.motion.theta - record.motion.theta[0]):
+        is_loading[cycle.peak + 1 : cycle.cycle.stop] = False
     return pl.DataFrame(
         {
             "trial": record.name,
-            "branch": np.where(is_loading, "loading", "unloading"),
+            "branch": np.where(is_loading[step], "loading", "unloading"),
             "theta_s_deg": deflection,
             "torque": torque - torque[0],
         }

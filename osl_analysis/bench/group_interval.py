@@ -1,9 +1,7 @@
 """The interval of a fit to groups: noise and misfit.
 
-The interval covers the estimate from another motion of this kind on this joint (docs/method.md).
-For each estimate
-
-    variance = max(noise, misfit).
+For each estimate the variance is the larger of noise and misfit, with the degrees of freedom of the
+larger. The interval covers the estimate from this motion on this joint (docs/method.md).
 
 * *Noise* is what another recording of the same motion would change.
 * *Misfit* is the scatter when one unit is left out at a time (jackknife). It holds the noise, too,
@@ -31,10 +29,7 @@ from numpy.typing import NDArray
 
 from osl_analysis.bench.group_sums import SMALLEST_DIRECTION, NormalEquations, Sums, solved
 from osl_analysis.bench.row_groups import Groups, Label
-from osl_analysis.stats.covariance import (
-    between_cycles,
-    welch_satterthwaite,
-)
+from osl_analysis.stats.covariance import between_cycles
 from osl_analysis.trial import Array
 
 FEWEST_UNITS = 4  # with fewer strata the groups are left out instead
@@ -235,7 +230,7 @@ def combined(
     misfit: Array,
     units: int,
 ) -> tuple[Array, Array]:
-    """Combine what noise and misfit do to p estimates: max(noise, misfit).
+    """Combine what noise and misfit do to p estimates: the larger of both.
 
     Correlations are those of the sum of noise and misfit.
 
@@ -250,17 +245,17 @@ def combined(
     -------
     covariance : Array (p, p)
     freedom : Array (p,)
-        Degrees of freedom, at least 1.
+        Degrees of freedom of the larger, at least 1.
     """
     of_noise = np.maximum(np.diag(noise), 0.0)
-    beyond_noise = np.maximum(np.diag(misfit) - of_noise, 0.0)
-    error = np.sqrt(of_noise + beyond_noise)  # root of the larger of both
+    of_misfit = np.diag(misfit)
+    error = np.sqrt(np.maximum(of_noise, of_misfit))
     both = noise + misfit
     size = np.sqrt(np.maximum(np.diag(both), np.finfo(float).tiny))
     correlation = both / np.outer(size, size)
     covariance = correlation * np.outer(error, error)
-    freedom_of_misfit = np.full_like(of_noise, max(units - 1.0, 1.0))
-    degrees = welch_satterthwaite([of_noise, beyond_noise], [freedom, freedom_of_misfit])
+    # The misfit holds the noise: the larger of both is one source, with the freedom of its own.
+    degrees = np.where(of_misfit > of_noise, units - 1.0, freedom)
     return covariance, np.maximum(degrees, 1.0)
 
 

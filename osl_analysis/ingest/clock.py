@@ -281,18 +281,21 @@ def without_line(angle: Array, other: Array) -> Array:
 def independent_samples(residual: Array) -> float:
     """Number of independent samples whose mean square scatters as that of a residual (n,).
 
-    It is n over the sum of the squares of its autocorrelation over all lags.
+    It is n over the sum of the squares of the autocorrelation over all lags, which is that over the
+    mean square of the spectrum at a mean of 1. The square of a periodogram is expected to be twice
+    the squared spectrum, which the autocorrelation of one record would count as correlation.
 
     References
     ----------
     Bartlett, J. R. Stat. Soc. Suppl. 8 (1946) 27.
     """
     n = residual.size
-    power = np.abs(np.fft.rfft(residual - residual.mean(), 2 * n)) ** 2
-    covariance = np.fft.irfft(power)[:n]
-    if not covariance[0] > 0:
+    periodogram = np.abs(np.fft.rfft(residual - residual.mean())) ** 2
+    inner = periodogram[1 : (n + 1) // 2]  # at frequencies whose real and imaginary parts are free
+    mean_square_of_spectrum = float(np.mean(inner**2)) / 2
+    if not mean_square_of_spectrum > 0:
         return 1.0
-    return float(n / (2 * np.sum((covariance / covariance[0]) ** 2) - 1))
+    return float(n * np.mean(inner) ** 2 / mean_square_of_spectrum)
 
 
 def likelihood_elsewhere(residual: Array, misfit: float, other_misfit: float, where: str) -> float:

@@ -86,8 +86,8 @@ def over_repeats(
     common
         Errors that all trials share, which standard error and interval include.
     halves : (n,)
-        Half-widths of the trials' own 95 % intervals: trials that agree by luck do not know their
-        mean better than these allow.
+        Half-widths of the trials' own 95 % intervals without the common errors: trials that agree
+        by luck do not know their mean better than these allow.
 
     Raises
     ------
@@ -137,14 +137,15 @@ def summary_row(table: pl.DataFrame, name: str) -> dict[str, float | str | None]
         row.update(dict.fromkeys(("sd", "se", "low", "high", "interval_method")))
         return row
 
-    shared = 0.0
+    of_bench = np.zeros(len(used))
     if f"{name}_se_bench" in table.columns:
         of_bench = used[f"{name}_se_bench"].fill_null(0.0).to_numpy()
-        shared = float(np.mean(np.square(of_bench)))
+    shared = float(np.mean(np.square(of_bench)))
     halves: ArrayLike = ()
     if {f"{name}_low", f"{name}_high"} <= set(table.columns):
         widths = used[f"{name}_high"].to_numpy() - used[f"{name}_low"].to_numpy()
-        halves = np.nan_to_num(widths / 2)
+        own_squares = np.nan_to_num(widths / 2) ** 2 - (NORMAL_97_5 * of_bench) ** 2
+        halves = np.sqrt(np.maximum(own_squares, 0.0))
     common = [(shared, np.inf)] if shared else []
     row = asdict(over_repeats(numbers.to_numpy(), common, halves=halves))
     if shared:

@@ -21,8 +21,8 @@ from osl_analysis.walking.ensemble import (
     Bootstrap,
     Ensemble,
     GroupHeadline,
-    cross_validated,
     group_headline,
+    predictor_choice,
     resampling_weights,
     shared_errors,
 )
@@ -317,11 +317,12 @@ def test_lasting_deviations_are_predicted() -> None:
     isolated = isolated_all()
     ensemble = Ensemble(isolated)
 
-    chosen = cross_validated(isolated, ensemble.fitted().fit)
+    choice = predictor_choice(isolated, ensemble.fitted().fit)
+    chosen = choice.of_all
     mean = ensemble.fitted().fit["K"]
     predicted = ensemble.fitted(chosen).fit["K"]
     mean_draws = ensemble.resampled(300)
-    predicted_draws = ensemble.resampled(300, chosen)
+    predicted_draws = ensemble.resampled(300, choice)
 
     assert left_out(isolated, chosen) < 0.1 * left_out(isolated, ())
     assert predicted == pytest.approx(K, rel=0.01)
@@ -332,9 +333,25 @@ def test_lasting_deviations_are_predicted() -> None:
 
 
 def test_predictors_cost_degrees_of_freedom() -> None:
-    ensemble = Ensemble(2 * isolated_all())
+    isolated = 2 * isolated_all()
+    ensemble = Ensemble(isolated)
 
-    assert ensemble.resampled(100, BEHAVIOUR).degrees_of_freedom == 9 - len(BEHAVIOUR)
+    choice = predictor_choice(isolated, ensemble.fitted().fit)
+
+    assert choice.of_all
+    assert ensemble.resampled(100, choice).degrees_of_freedom == 9 - len(choice.of_all)
+
+
+def test_each_draw_of_the_bootstrap_chooses_its_predictors_anew() -> None:
+    isolated = isolated_all()
+    choice = predictor_choice(isolated, Ensemble(isolated).fitted().fit)
+    draws = resampling_weights(np.random.default_rng(2), 200, len(choice.curves))
+
+    chosen = {choice.best(draw) for draw in draws}
+
+    assert len(chosen) > 1
+    for predictors in chosen:
+        assert left_out(isolated, choice.of_all) <= left_out(isolated, predictors)
 
 
 def test_two_unperturbed_crossings_predict_nothing() -> None:
@@ -351,7 +368,7 @@ def test_two_unperturbed_crossings_predict_nothing() -> None:
 def test_six_unperturbed_crossings_predict_nothing() -> None:
     isolated = isolated_all(usual=6)
 
-    chosen = cross_validated(isolated, Ensemble(isolated).fitted().fit)
+    chosen = predictor_choice(isolated, Ensemble(isolated).fitted().fit).of_all
 
     assert chosen == ()
 

@@ -8,6 +8,7 @@ crossings decides which of these predictors count, or none.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy
@@ -94,6 +95,45 @@ def resampling_weights(random: np.random.Generator, samples: int, n: int) -> Arr
     return random.multinomial(n - 1, np.full(n, 1 / n), size=samples) / (n - 1)
 
 
+@dataclass(frozen=True)
+class PredictorChoice:
+    """Which predictors predict unperturbed crossings best, by leaving out each of them.
+
+    Predicted is, from the others, the torque that each of them adds to the residual of the mean's
+    fit. A set of q predictors needs 3 q + 4 crossings.
+    """
+
+    curves: Array  # (c, k) torque that each crossing adds [N*m]
+    behaviour: Array  # (4, c)
+
+    @cached_property
+    def of_all(self) -> Predictors:
+        """The best set where all crossings count alike."""
+        crossings = len(self.curves)
+        return self.best(np.full(crossings, 1 / crossings))
+
+    def best(self, weights: Array) -> Predictors:
+        """The best set where the crossings have these weights (c,), whose sum is 1."""
+        is_drawn = weights > 0
+        errors: dict[Predictors, float] = {}
+        for predictors in PREDICTOR_SETS:
+            is_known = is_drawn.sum() > len(predictors) + 2
+            if predictors and not (is_known and len(weights) >= 3 * len(predictors) + 4):
+                continue
+            chosen = self.behaviour[[BEHAVIOUR.index(name) for name in predictors]]
+            centred = chosen - chosen @ weights[:, None]
+            X = np.column_stack([np.ones(len(weights)), centred.T])
+            sizes = np.sqrt(np.mean(X**2, axis=0))
+            root = np.sqrt(weights)[:, None]
+            X = root * X / np.where(sizes > 0, sizes, 1.0)
+            hat = X @ np.linalg.pinv(X)
+            # 0 for a curve that determines a coefficient alone
+            free_share = np.maximum(1 - np.diag(hat), 1e-9)
+            left_out = (root * self.curves - hat @ (root * self.curves)) / free_share[:, None]
+            errors[predictors] = float(np.sum(left_out[is_drawn] ** 2))
+        return min(errors, key=lambda predictors: errors[predictors])
+
+
 class Ensemble:
     """The n responses of a group against c unperturbed crossings, k samples, stacked.
 
@@ -153,11 +193,14 @@ class Ensemble:
         fit = fit_without_offset(motion[self.window], torque[self.window])
         return EnsembleResponse(n, motion, torque, fit)
 
-    def resampled_curves(self, samples: int, predictors: Predictors = ()) -> ResampledCurves:
+    def resampled_curves(
+        self, samples: int, choice: PredictorChoice | None = None
+    ) -> ResampledCurves:
         """Draw perturbations, unperturbed crossings and, to first order, plate trials.
 
         Errors of mean gait and plate are common to all responses: the responses' scatter does not
-        show them.
+        show them. With a `choice`, each draw chooses its predictors anew, since another campaign
+        would.
         """
         n, crossings = self.theta.shape[:2]
         trials = self.influence.shape[1]
@@ -169,14 +212,16 @@ class Ensemble:
         thetas = np.empty((len(self.time), samples))
         torques = np.empty((len(self.time), samples))
         for i in range(samples):
+            predictors = choice.best(of_gait[i]) if choice is not None else ()
             theta, torque = self.joined(weights[i], of_gait[i], predictors)
             thetas[:, i] = theta
             torques[:, i] = torque + of_plate[i] @ np.tensordot(weights[i], self.influence, 1)
-        return ResampledCurves(thetas, torques, min(n - 1, crossings - 1 - len(predictors)))
+        used = len(choice.of_all) if choice is not None else 0
+        return ResampledCurves(thetas, torques, min(n - 1, crossings - 1 - used))
 
-    def resampled(self, samples: int, predictors: Predictors = ()) -> Bootstrap:
+    def resampled(self, samples: int, choice: PredictorChoice | None = None) -> Bootstrap:
         """Fit Eq. 15 to `resampled_curves`."""
-        return self.bootstrap(self.resampled_curves(samples, predictors))
+        return self.bootstrap(self.resampled_curves(samples, choice))
 
     def bootstrap(self, curves: ResampledCurves) -> Bootstrap:
         """Fit Eq. 15 to resampled curves."""
@@ -245,30 +290,12 @@ def fitted_draws(motion: Motion, torque: Array) -> dict[str, Array]:
     return {"K": K, "B": B, "I": I, "VAF": 100 * (1 - share)}
 
 
-def cross_validated(responses: Sequence[PerturbationResponse], fit: LinearFit) -> Predictors:
-    """Choose the predictors by leaving out each unperturbed crossing.
-
-    Predicted is, from the others, the torque that each of them adds to the residual of the mean's
-    `fit`. A set of q predictors needs 3 q + 4 crossings, for the bootstrap's regressions.
-    """
+def predictor_choice(responses: Sequence[PerturbationResponse], fit: LinearFit) -> PredictorChoice:
+    """The curves and the behaviour that predictors are chosen by, with the `fit` to the mean."""
     window = responses[0].window
     curves = np.mean([gait_torque(response, fit)[:, window] for response in responses], axis=0)
     behaviour = np.mean([response.behaviour for response in responses], axis=0)
-    errors: dict[Predictors, float] = {}
-    for predictors in PREDICTOR_SETS:
-        if predictors and len(curves) < 3 * len(predictors) + 4:
-            continue
-        chosen = behaviour[[BEHAVIOUR.index(name) for name in predictors]]
-        centred = chosen - chosen.mean(axis=1, keepdims=True)
-        X = np.column_stack([np.ones(len(curves)), centred.T])
-        sizes = np.sqrt(np.mean(X**2, axis=0))
-        X = X / np.where(sizes > 0, sizes, 1.0)
-        hat = X @ np.linalg.pinv(X)
-        # 0 for a curve that determines a coefficient alone
-        free_share = np.maximum(1 - np.diag(hat), 1e-9)
-        left_out = (curves - hat @ curves) / free_share[:, None]
-        errors[predictors] = float(np.mean(left_out**2))
-    return min(errors, key=lambda predictors: errors[predictors])
+    return PredictorChoice(curves, behaviour)
 
 
 @dataclass(frozen=True)
@@ -340,12 +367,10 @@ def group_headline(
     stacked = Ensemble(responses)
     samples = settings.bootstrap_samples
     mean_gait = stacked.fitted()
-    chosen = cross_validated(responses, mean_gait.fit)
-    predicted_gait = stacked.fitted(chosen)
+    choice = predictor_choice(responses, mean_gait.fit)
+    predicted_gait = stacked.fitted(choice.of_all)
     mean_curves = stacked.resampled_curves(samples)
-    predicted_curves = mean_curves
-    if chosen:
-        predicted_curves = stacked.resampled_curves(samples, chosen)
+    predicted_curves = stacked.resampled_curves(samples, choice)
 
     if settings.baseline == "predicted":
         ensemble = predicted_gait

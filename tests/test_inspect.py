@@ -62,7 +62,7 @@ def test_messages_are_listed_by_field_with_rate_and_gaps(
     overview = module.inspect_file(path)
     assert {one.address["field"]: one.likely_unit for one in overview.channels} == {
         **dict.fromkeys(["position[name=knee]", "position[name=left ankle]"], "rad"),
-        **dict.fromkeys(["bias[0]", "bias[1]", "bias[2]"], ""),
+        "bias[0]": "",
     }
     text, gaps = module.overview_text(overview), "50 samples at 100 Hz; 1 gaps, the longest 0.510 s"
     assert f"field          /joints position[name=left ankle]  {gaps}" in text

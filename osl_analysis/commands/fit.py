@@ -99,7 +99,7 @@ def run_fit(
         The experiment has no fit, or the recording cannot be fitted.
     """
     job = job_of(experiment)
-    arguments = {"trial": trial, **settings}
+    arguments = dict(settings)
     if job.parameters:
         arguments["parameters"] = parameters
     if job.sheet:

@@ -39,7 +39,7 @@ TOLD_BY_MESSAGE = -1  # length of an array whose length stands in each message
 ENCAPSULATION = 4  # bytes before a CDR message; the second one tells the byte order
 MOST_PADDING = 3  # bytes behind a message, which DDS fills up to 4 (RTPS 2.5, 9.4.1)
 MOST_ZEROS = 7  # bytes behind a message of writers that fill up to 8 by zeros
-MOST_ELEMENTS = 64  # of an array that are listed; longer ones are images and the like
+OTHER_ELEMENT = re.compile(r"\[[1-9]\d*\]")  # of an array; its first one is listed alone
 
 
 @dataclass(frozen=True)
@@ -191,7 +191,7 @@ class Layout:
         ]
 
     def listed(self) -> list[str]:
-        """Paths of its single numbers; elements of arrays by their names, if they have any."""
+        """Paths of its single numbers; of an array its named elements, or else its first one."""
         labels: dict[str, list[str]] = {}
         for texts_path, texts in self.texts.items():
             name = texts_path.rpartition(".")[2]
@@ -202,9 +202,9 @@ class Layout:
             if number.count is None:
                 paths.append(path)
                 continue
-            elements = labels.get(path) or [str(k) for k in range(number.count)]
-            paths += [f"{path}[{element}]" for element in elements[:MOST_ELEMENTS]]
-        return paths
+            elements = labels.get(path) or ["0"][: number.count]
+            paths += [f"{path}[{element}]" for element in elements]
+        return [path for path in paths if not OTHER_ELEMENT.search(path)]
 
     def number_at(self, path: str) -> Number | None:
         """Find the single number at a path; None where the message has none.

@@ -137,7 +137,9 @@ def whole_stamps(
         (names[1], nanoseconds, SECOND_NS),
     ):
         filled = np.ma.filled(values, 0)
-        is_wrong = (filled < 0) | (filled > most) | (filled != np.rint(filled))
+        is_wrong = (filled < 0) | (filled > most)
+        if filled.dtype.kind == "f":
+            is_wrong |= filled != np.rint(filled)
         if is_wrong.any() or filled.dtype == bool:
             row = int(np.argmax(is_wrong))
             raise InputError(

@@ -191,16 +191,16 @@ class Log:
         heads = rows_at(content, places, MESSAGE.itemsize).view(MESSAGE)
         lengths = heads["length"].astype(np.int64) - MESSAGE_HEAD
         log_times_ns = heads["log_time"].astype(np.int64)
-        for channel in np.unique(heads["channel"]).tolist():
-            is_own = heads["channel"] == channel
-            count = int(is_own.sum())
-            self.read[channel] += count
+        channels = heads["channel"].astype(np.int64)
+        for channel in np.flatnonzero(np.bincount(channels)).tolist():
+            own = np.flatnonzero(channels == channel)
+            self.read[channel] += own.size
             if is_checked:
-                self.checked += count
+                self.checked += own.size
             if channel in self.topic_of:
-                starts = places[is_own] + MESSAGE.itemsize
+                starts = places[own] + MESSAGE.itemsize
                 self.topic_of[channel].add(
-                    Messages(content, starts, lengths[is_own], log_times_ns[is_own], channel)
+                    Messages(content, starts, lengths[own], log_times_ns[own], channel)
                 )
 
     def _declare(self, opcode: int, content: bytes) -> None:

@@ -143,7 +143,7 @@ def test_the_interval_of_a_belt_counts_the_drift_that_the_configuration_names(fo
         (tmp_path / "config.yaml").write_text(yaml.safe_dump(config))
         options = ("--model", "belt", "--config", tmp_path / "config.yaml", "--json")
         (row,) = json.loads(call("fit", folder / "belt_01.parquet", *options).stdout)
-        widths.append(row["K_s_se"])
+        widths.append((row["K_s_high"] - row["K_s_low"]) / 2)
     # slope of time on deflection beside a constant and the velocity: a raised cosine of 1 s and 5
     # deg, from 5 % on
     t = np.linspace(np.arccos(0.9) / np.pi, 1, 1000)

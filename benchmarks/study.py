@@ -24,7 +24,9 @@ from causes import ROOT, markdown, write_between
 from planted_gait import onsets_of
 
 from osl_analysis.bench.bench_settings import ActuatorAnalysis, DynamometerAnalysis
+from osl_analysis.bench.complex_estimate import polar_row
 from osl_analysis.bench.fit_tables import FitTables
+from osl_analysis.bench.frequency_response import admittance_of_row
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands.fit import job_of, run_fit
 from osl_analysis.errors import OslAnalysisError
@@ -50,6 +52,7 @@ from osl_analysis.simulator.simulation_settings import (
 )
 from osl_analysis.simulator.step import GaitTrial, draw_step
 from osl_analysis.simulator.walking_trial import simulate_walking_trial
+from osl_analysis.stats.estimates import NORMAL_HALF_WIDTH
 from osl_analysis.stats.regression import LinearFit
 from osl_analysis.stats.repeats import over_repeats
 from osl_analysis.trial import Array, Trial
@@ -219,21 +222,22 @@ class StudyBench:
     ) -> Iterator[tuple[str, str, Mapping[str, Sequence[float]]]]:
         """Estimator, kind of interval, and by quantity value, standard error and 95 % interval of a
         fit, from the table of a campaign: each frequency of a response is like an estimator."""
-        ends = ("", "_se", "_low", "_high")
         if not self.response:
             row = found.estimates[self.experiment].row(-1, named=True)
-            yield (
-                "filtered",
-                row["interval_method"],
-                {n: [row[f"{n}{end}"] for end in ends] for n in self.quantities},
-            )
+            quantities = {}
+            for name in self.quantities:
+                value, low, high = (row[f"{name}{end}"] for end in ("", "_low", "_high"))
+                quantities[name] = [value, (high - low) / 2 / NORMAL_HALF_WIDTH, low, high]
+            yield "filtered", row["interval_method"], quantities
             return
         for row in found.compute_others()["phasors"].iter_rows(named=True):
-            hertz, units = f"{row['frequency_hz']:g} Hz", {"magnitude": "", "phase": "_deg"}
-            quantities = {
-                f"{n}, {hertz}": [row[f"Y_{n}{unit}{end}"] for end in ends]
-                for n, unit in units.items()
-            }
+            Y, hertz = admittance_of_row(row), f"{row['frequency_hz']:g} Hz"
+            polar, errors = polar_row(Y), {"magnitude": Y.magnitude_se, "phase": Y.phase_se}
+            quantities = {}
+            for name, unit in {"magnitude": "", "phase": "_deg"}.items():
+                value, low, high = (polar[f"{name}{unit}{end}"] for end in ("", "_low", "_high"))
+                error = np.rad2deg(errors[name]) if unit else errors[name]
+                quantities[f"{name}, {hertz}"] = [value, error, low, high]
             yield f"sinusoid, {hertz}", row["interval_method"], quantities
 
     def bounds(self, ideal: FitTables) -> dict[str, float]:

@@ -151,7 +151,8 @@ def test_the_interval_of_a_belt_counts_the_drift_that_the_configuration_names(fo
         [np.deg2rad(5) * (1 - np.cos(np.pi * t)) / 2, np.ones_like(t), np.sin(np.pi * t)]
     )
     slope = np.linalg.lstsq(columns, t, rcond=None)[0][0]
-    assert np.sqrt(widths[1] ** 2 - widths[0] ** 2) == pytest.approx(100 / 60 * slope, rel=0.06)
+    added = np.sqrt(widths[1] ** 2 - widths[0] ** 2) / 1.96
+    assert added == pytest.approx(100 / 60 * slope, rel=0.06)
 
 
 def test_fit_says_what_it_cannot_check_and_takes_a_campaign_s_overriding_file(folder, tmp_path):
@@ -172,8 +173,7 @@ def test_fit_says_what_it_cannot_check_and_takes_a_campaign_s_overriding_file(fo
     )
     assert [row["K"] for row in over] == [row["K"] for row in whole] == [row["K"] for row in known]
     assert "not checked without --stiffness and --damping" in lacks
-    # three cycles at each frequency do not tell
-    assert "whether K changes while it is recorded" in unchecked
+    assert "what turns with the joint behind the load cell" in unchecked
     assert known[-1]["K_ratio"] == pytest.approx(1, abs=0.1)
     assert fitted(*asked, "--parameters", "none")[0][-1]["K_predicted"] is None
     rows, said = fitted(*asked, "--controller", "compensatd")

@@ -411,7 +411,7 @@ def test_local_polynomials_find_the_response_within_its_noise(
     squares = []
     for spectrum in noise_spectra:
         response = local_response(spectrum)
-        Z = response["Z_re"] + 1j * response["Z_im"]
+        Z = response["magnitude"] * np.exp(1j * np.deg2rad(response["phase_deg"]))
         error = np.abs(Z - eq15(response["frequency_hz"]))
         squares.extend(error**2 / response["noise_sd"] ** 2)
 

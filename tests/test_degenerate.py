@@ -24,7 +24,6 @@ from osl_analysis.signals import LowPass, Motion, differentiate, filtered_motion
 from osl_analysis.spectral.stepped_sine import SteppedSineProtocol
 from osl_analysis.stats import regression, repeats
 from osl_analysis.stats.regression import linear_fit
-from osl_analysis.stats.table_rows import whiteness_row
 from osl_analysis.trial import Trial
 from osl_analysis.walking.group_checks import check_single
 from osl_analysis.walking.impedance_fit import fit_response, fit_without_offset
@@ -128,7 +127,6 @@ FITS_OF_SIGNALS = {
     11)), y),
     "over_repeats": lambda t, x, y: repeats.over_repeats(y, [(0.0, np.inf)]),
     "summary_row": lambda t, x, y: repeats.summary_row(pl.DataFrame({"y": y}), "y"),
-    "whiteness_row": lambda t, x, y: whiteness_row(y),
     "differentiate": lambda t, x, y: differentiate(t, y),
     "filtered_motion": lambda t, x, y: filtered_motion(t, x, y, LowPass(15)),
     "sampling_rate": lambda t, x, y: sampling_rate(t),

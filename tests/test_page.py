@@ -28,7 +28,6 @@ IMPEDANCE = pl.DataFrame(
 ROW = {"trial": "a", "experiment": "impedance", "K_d": 100.0, "log": "a.csv"}
 WHOLE = Finding("friction", "impedance", "a")
 PART = Finding("friction", "impedance", "a", amplitude_deg=2.0)
-REPEATED = Finding("friction", "phasors", "a", inherited="impedance")
 
 
 def worded(*findings):
@@ -64,10 +63,10 @@ def test_a_trial_that_is_left_out_says_why():
     assert (refused.verdict, refused.left_out) == ("refused", ["no torque"])
 
 
-def test_each_trial_counts_once_and_what_other_tables_repeat_does_not():
+def test_each_trial_counts_once():
     sheet = {name: {**ROW, "trial": name} for name in "ab"}
 
-    counts = verdict_counts(sheet, worded(WHOLE, PART, REPEATED), {})
+    counts = verdict_counts(sheet, worded(WHOLE, PART), {})
     assert verdicts_sentence(counts) == ("2 trials: 1 clear, 1 doubtful, none refused or excluded.")
 
 

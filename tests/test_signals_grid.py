@@ -54,7 +54,6 @@ def test_a_5_hz_sine_comes_to_the_grid_with_the_stated_error(rate, largest):
 
     errors = np.abs(grid.signals["wave"] - np.sin(10 * np.pi * grid.time))[20:-20]
     assert np.max(errors) == pytest.approx(largest, rel=0.05)
-    assert grid.streams[0]["error"] == pytest.approx(largest, rel=0.06)
     assert grid.farthest_s == pytest.approx(0.5 / rate)
 
 
@@ -101,9 +100,7 @@ def test_stamps_of_a_python_loop_that_is_late_and_never_early_are_true():
     (row,) = grid.streams
     assert row["stamps"] == "exact"
     assert row["firm"]
-    assert row["skew"] > 3
-    assert row["merged"] > 5
-    assert row["g"] == pytest.approx(1.0, abs=4 * row["g_se"])
+    assert row["g"] == pytest.approx(1.0, abs=0.1)
     assert_recovers_the_joint(grid)
 
 
@@ -146,7 +143,7 @@ def test_a_signal_that_stands_is_no_evidence():
 
     (row,) = one_time_base([Stream("dead", stamps, {"zero": 0 * MINUTE})]).streams
 
-    assert (row["g"], row["g_se"], row["firm"]) == (None, None, False)
+    assert (row["g"], row["firm"]) == (None, False)
 
 
 def test_stamps_that_wander_slowly_are_kept_where_nothing_decides():
@@ -364,7 +361,6 @@ def test_a_gap_of_20_samples_is_bridged():
 
     row = grid.streams[0]
     assert (row["bridged"], row["marked"], row["missing"]) == (1, 0, 20)
-    assert row["bridge_error"] == pytest.approx(4.93e-4, rel=0.02)
     assert grid.farthest_s == pytest.approx(0.01, abs=1e-9)
     assert len(grid.time) == samples
     assert grid.usable.all()
@@ -392,7 +388,7 @@ def test_rows_without_a_value_are_a_gap_of_their_channel(empty, marked):
 
     _, row = one_time_base([recording]).streams
 
-    assert (row["empty"], row["bridged"], row["marked"]) == (empty, 1 - marked, marked)
+    assert (row["bridged"], row["marked"]) == (1 - marked, marked)
 
 
 # ---- Refusals: channel, time, value, remedy
@@ -586,13 +582,11 @@ def test_values_that_are_missing_cost_nothing_and_split_no_device(jitter):
 
     grid = one_time_base([recorded])
 
-    lacking = [int(np.isnan(values).sum()) for values in recorded.signals.values()]
-    assert [row["empty"] for row in grid.streams] == lacking
     assert {row["stamps"] for row in grid.streams} == {"exact" if jitter else "even"}
     assert_recovers_the_joint(grid)
 
 
-def test_a_signal_of_a_third_of_the_rate_has_the_error_of_its_own_steps():
+def test_a_signal_of_a_third_of_the_rate_recovers_the_joint():
     random, t = np.random.default_rng(7), clock(RATE)
     recorded = log(t, t, random)
     recorded.signals["torque"][np.arange(len(t)) % 3 > 0] = np.nan
@@ -600,8 +594,7 @@ def test_a_signal_of_a_third_of_the_rate_has_the_error_of_its_own_steps():
     grid = one_time_base([recorded])
 
     angle, torque = grid.streams
-    assert (angle["empty"], torque["empty"]) == (0, 0)
-    assert torque["error"] == pytest.approx(3**4 * angle["error"], rel=1e-4)
+    assert torque["rate_hz"] == pytest.approx(angle["rate_hz"] / 3)
     assert_recovers_the_joint(grid)
 
 

@@ -167,7 +167,9 @@ def test_the_bench_s_yielding_is_taken_off_the_angle_with_its_error(yielding):
     row = fitted(yielding, bench_stiffness=frame)
 
     assert_right(row)
-    assert row["K_se"] == pytest.approx(K**2 * 100 / 3000**2, rel=0.01)
+    standard_error = K**2 * 100 / 3000**2
+    assert row["K_se_bench"] == pytest.approx(standard_error, rel=0.01)
+    assert row["K_high"] - row["K"] == pytest.approx(1.96 * standard_error, rel=0.01)
 
 
 @pytest.mark.parametrize("text", ["218", "-3 N*m/rad", "nan N*m/rad", "3 N*m", "stiff N*m/rad"])

@@ -447,12 +447,12 @@ def drifting():
 
 
 @pytest.mark.usefixtures("without_inference")
-def test_a_trial_is_read_without_its_drift_which_the_table_gives_per_minute(drifting):
+def test_a_trial_is_read_without_its_drift(drifting):
     record = record_of_trial(Trial("a", drifting), sine_settings([4], [2, 4]))
 
     row = table_of(record).row(-1, named=True)
     np.testing.assert_allclose(record.torque, TORQUE, atol=2e-3)
-    assert row["load_cell_drift"] == pytest.approx(0.6, rel=0.02)
+    assert 60 * record.drift == pytest.approx(0.6, rel=0.02)  # N*m/min
     assert row["K"] == pytest.approx(100, rel=0.01)
 
 

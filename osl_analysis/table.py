@@ -25,10 +25,11 @@ FORMULA = r"^(['=+@\t\r]|-[A-Za-z(])"
 # columns that are text even if every entry looks like a number, such as a trial named `01`
 TEXT_COLUMNS = (
     "trial", "controller", "branch", "quantity", "estimator", "check", "unit", "verdict", "remark",
-    "reason", "excluded", "panel", "curve", "interval_method", "doubtful", "model", "motion", "group",
-    "direction", "subject", "side", "different", "doubt", "not_checked", "excitation", "desired",
-    "loading", "method", "joint", "data", "chosen", "trajectory", "table", "grade", "name", "cause",
-    "evidence", "says", "size", "remedy", "fault_family", "explanations",
+    "reason", "excluded", "panel", "curve", "interval_method", "doubtful", "model",
+    "motion", "group", "direction", "subject", "side", "different", "doubt",
+    "not_checked", "excitation", "desired", "loading", "method", "joint",
+    "data", "chosen", "trajectory", "table", "grade",
+    "name", "cause", "evidence", "says", "size", "remedy", "fault_family", "explanations",
 )  # fmt: skip
 # columns that identify a row of a table and of its evidence
 ROW_KEYS = ("trial", "joint", "side", "amplitude_deg")

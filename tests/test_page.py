@@ -145,8 +145,8 @@ def test_a_recording_without_a_fit_shows_what_it_has():
 
 def test_the_model_of_a_response_is_equation_15():
     measured = {
-        "frequency_hz": [1.0, 5.0], "Y_magnitude": 0.01, "Y_magnitude_low": 0.009,
-        "Y_magnitude_high": 0.011, "Y_phase_deg": 0.0,
+        "frequency_hz": [1.0, 5.0], "Y_re": 0.01, "Y_im": 0.0, "Y_var_re": 1e-6,
+        "Y_cov": 0.0, "Y_var_im": 1e-6, "Y_degrees_of_freedom": 9.0,
     }  # fmt: skip
     response = phasor_response(pl.DataFrame(measured), {"K": 100.0, "B": 2.0, "I": 0.1})
 

@@ -593,8 +593,6 @@ def test_a_signal_of_a_third_of_the_rate_recovers_the_joint():
 
     grid = one_time_base([recorded])
 
-    angle, torque = grid.streams
-    assert torque["rate_hz"] == pytest.approx(angle["rate_hz"] / 3)
     assert_recovers_the_joint(grid)
 
 

@@ -54,12 +54,6 @@ class Rows:
         Time of the first row, on one clock for all rows of a file.
     stamps_ns
         Shape (count,): the recorder's own stamp of each row.
-    writers
-        Shape (count,): number of the recorder's channel that wrote each row, where several wrote
-        to one topic.
-    sequence
-        Shape (count,): the number that the recorder or the publisher gave to each message of one
-        writer; it tells the order of recording in a file that was sorted since.
     lines
         Shape (count,): line or message number of each row in the file, for messages to a user.
     noun
@@ -71,8 +65,6 @@ class Rows:
     rate_hz: float | None = None
     start_s: float = 0.0
     stamps_ns: NDArray[np.int64] | None = None
-    writers: NDArray[np.int64] | None = None
-    sequence: NDArray[np.int64] | None = None
     lines: NDArray[np.int64] | None = None
     noun: str = "row"
 

@@ -127,8 +127,6 @@ def stretches(text: str) -> list[tuple[float, float]]:
 
 LATE_END_S = 1.0  # s by which a stated window may end after the recording
 NAME_KEY = "osl_analysis.trial"
-OWN_CLOCKS = "clocks_begin_anew"
-"""Fact of a log in the provenance: it is joined of logs whose order in time is not known."""
 PROVENANCE_KEY = "osl_analysis.provenance"
 CHECKSUM_KEY = "osl_analysis.checksum"
 SCHEMA_KEY = "osl_analysis.schema"

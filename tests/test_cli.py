@@ -185,7 +185,7 @@ def test_a_lost_end_is_told_and_no_recording_is_written_over(folder, tmp_path):
     log.write_bytes((folder / f"dynamometer/{TRIAL}.mcap").read_bytes()[:-20])
     result = call("ingest", "--log", log, "--log-source", "dynamometer", "--output", output)
     assert (result.exit_code, output.exists()) == (0, True)
-    assert re.search(r"(?m)^warning: .*cut\.mcap: no footer: .*the end is lost", result.stderr)
+    assert re.search(r"(?m)^warning: .*cut\.mcap: no footer", result.stderr)
     (tmp_path / "dynamometer").mkdir()
     log = tmp_path / "dynamometer/belt_01.mcap"
     log.write_bytes(b"a laboratory's own")
@@ -490,16 +490,16 @@ def test_a_job_may_have_four_fifths_of_the_least_of_machine_and_batch_job(monkey
 
 
 def write_two_variables_of_8_gb(path):
-    """In a file of 16 MB, since all chunks are the same zeros, compressed."""
-    chunk = zlib.compress(bytes(8 * 10**6))
+    """In a file of 16 MB."""
+    zeros = zlib.compress(bytes(8 * 10**6))
     with h5py.File(path, "w", userblock_size=512) as file:
         for name in "ta":
             stored = file.create_dataset(
                 name, (1, 10**9), "f8", chunks=(1, 10**6), compression="gzip"
             )
+            for place in range(0, 10**9, 10**6):
+                stored.id.write_direct_chunk((0, place), zeros)
             stored.attrs["MATLAB_class"] = np.bytes_("double")
-            for first in range(0, 10**9, 10**6):
-                stored.id.write_direct_chunk((0, first), chunk)
     with path.open("r+b") as file:
         file.write(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM")
 

@@ -448,10 +448,10 @@ def test_the_protocol_in_the_log_is_compared_with_the_configured_one(really, mis
     assert remark in protocol.remark
 
 
-def test_a_time_per_frequency_may_be_commanded_in_place_of_cycles_or_any_motion():
+def test_cycles_may_differ_by_frequency_and_any_motion_may_be_commanded():
     theta = stepped_sine(Commanded((2.0, 4.0), (2.0, 5.0), (6, 15)))
     timed, free = (
-        replace(COMMANDED, seconds_per_frequency=3.0),
+        replace(COMMANDED, cycles=(6, 15)),
         replace(COMMANDED, excitation="any"),
     )
     other = (

@@ -74,28 +74,19 @@ def test_the_bootstrap_s_error_is_that_of_a_mean():
     assert result.resampled.se("K") == pytest.approx(np.std(K, ddof=1) / 3, rel=0.15)
 
 
-def test_directions_that_the_sheet_states_have_results_of_their_own(tmp_path):
+@pytest.mark.parametrize("is_stated", [True, False])
+def test_each_direction_of_the_turn_has_a_result_of_its_own(is_stated, tmp_path):
     """A torque of 12 N*m after either turn reads as 138 N*m/rad more up, and as much less down."""
     up = several("up", 3, MIDSTANCE, common=12.0)
     down = several("down", 3, MIDSTANCE, common=12.0, sign=-1)
     cells = {name: {"direction": "up" if name in up else "down"} for name in up | down}
 
-    tables = campaign(tmp_path, up | down | several("u", 4, Walk()), cells)
+    tables = campaign(tmp_path, up | down | several("u", 4, Walk()), cells if is_stated else {})
 
     assert tables["groups"]["group"].to_list() == ["direction down", "direction up"]
     assert tables.estimate("direction up")["mean"] == pytest.approx(340 + 138, abs=12)
     assert tables.estimate("direction down")["mean"] == pytest.approx(340 - 138, abs=12)
     assert set(tables["groups"]["n_unperturbed"]) == {4}
-
-
-def test_both_directions_in_one_group_are_refused(tmp_path):
-    walks = several("p", 3, MIDSTANCE) | several("d", 2, MIDSTANCE, sign=-1)
-
-    with (
-        pytest.warns(UserWarning, match="no result of all"),
-        pytest.raises(InputError, match="3 perturbations turn the toes up and 2 down; write up or"),
-    ):
-        campaign(tmp_path, walks | several("u", 4, Walk()))
 
 
 @pytest.mark.parametrize(("heading", "turn"), [(0.0, 0.087), (180.0, -0.05), (57.0, 0.087)])

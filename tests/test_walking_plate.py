@@ -305,11 +305,8 @@ def test_one_trial_has_no_jackknife() -> None:
     assert model_of(unloaded("plate_0")).leave_one_out == ()
 
 
-@pytest.mark.parametrize(("mass", "is_wanted"), [(0.0, True), (1.0, False)])
-def test_a_lag_that_is_not_found_or_not_asked_for_is_not_corrected(
-    mass: float, is_wanted: bool
-) -> None:
-    model = model_of(unloaded("plate_1", lag=0.002, mass=mass), correct_plate_lag=is_wanted)
+def test_a_lag_that_is_not_found_is_not_corrected() -> None:
+    model = model_of(unloaded("plate_1", lag=0.002, mass=0.0))
 
     assert model.lag is None
     assert model.lag_se is None

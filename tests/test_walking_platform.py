@@ -275,13 +275,13 @@ def test_a_late_plate_is_read_later() -> None:
 
 
 def test_none_and_several_stances_are_refused() -> None:
-    in_air = pl.col("time").is_between(1.25, 1.3)
+    in_air = pl.col("time").is_between(1.25, 1.27)
     lifted = changed(WALK, plate1_force_z=pl.col("plate1_force_z") * ~in_air)
 
     with pytest.raises(InputError, match="one stance on the plate is expected, found none; check"):
         unperturbed(WALK, load_on_n=1000)
-    with pytest.raises(InputError, match=r"found 0\.93\d-1\.25\d s, 1\.29\d-1\.59\d s; check"):
-        unperturbed(lifted, shortest_stance_s=0.2)
+    with pytest.raises(InputError, match=r"found 0\.93\d-1\.25\d s, 1\.2\d\d-1\.59\d s; check"):
+        unperturbed(lifted)
 
 
 def test_a_moment_that_lifts_the_toes_in_late_stance_is_refused() -> None:

@@ -1,6 +1,6 @@
 """Choices of the analysis on the benches, each with its unit, as `config.yaml` has them."""
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
@@ -190,9 +190,6 @@ class SteppedSineAnalysis(BenchAnalysis):
     """Number of cycles at each frequency: one number for all, or one for each; null: not stated. It
     is an expectation: the fits use what was recorded, and the quality check `protocol` says where
     the two differ."""
-    seconds_per_frequency: Positive | None = None
-    """Time [s] at each frequency in place of `cycles`, which does not count then; null: see
-    `cycles`."""
     settle_cycles: Annotated[int, Field(ge=0, le=10_000)]
     """Number of cycles at the start of each segment that are not fitted."""
     _is_bridged = require_below(
@@ -213,19 +210,14 @@ class SteppedSineAnalysis(BenchAnalysis):
                 f"settle_cycles = {self.settle_cycles} and the last leave none of {fewest:g}"
                 " cycles; lower it, at "
             )
-            said += (
-                f"most to {max(int(np.ceil(fewest)) - 2, 0)}, or raise cycles or"
-                " seconds_per_frequency"
-            )
+            said += f"most to {max(int(np.ceil(fewest)) - 2, 0)}, or raise cycles"
             raise misplaced(said, "settle_cycles")
         return self
 
     @property
     def protocol(self) -> SteppedSineProtocol:
         """The protocol, its amplitudes in rad."""
-        return stated_protocol(
-            self.amplitudes_deg, self.frequencies_hz, self.cycles, self.seconds_per_frequency
-        )
+        return stated_protocol(self.amplitudes_deg, self.frequencies_hz, self.cycles)
 
 
 class ImpedanceAnalysis(SteppedSineAnalysis):
@@ -265,12 +257,13 @@ class ActuatorAnalysis(BenchAnalysis):
 
     # velocity [rad/s] over which its sign is smoothed: tanh(omega_m/sign_width)
     sign_width: Positive
-    slowest: NotNegative  # velocity [rad/s] below which samples are not fitted; 0: all are
+    # [rad/s]; slower samples are not fitted, since friction may be below its limit
+    slowest: ClassVar[float] = 0.5
     _sign_is_known = refuse_if(
-        lambda s: 0 < s.slowest <= s.sign_width,
-        "slowest = {s.slowest:g} is not above sign_width = {s.sign_width:g}, which smooths"
-        " friction; correct one",
-        "slowest",
+        lambda s: s.slowest <= s.sign_width,
+        "sign_width = {s.sign_width:g} is not below {s.slowest:g} rad/s, the slowest velocity that"
+        " is fitted; lower it",
+        "sign_width",
     )
 
 
@@ -302,13 +295,14 @@ class TorqueAngleAnalysis(BenchAnalysis):
     """Where the torque's zero is: its mean over `rest_s` at the end or at the start of the
     recording, where the joint rests; none: the torque is as recorded; null: not stated, that of the
     end is assumed, else that of the start, else none."""
-    rest_s: Positive  # duration [s] of this rest
+    rest_s: ClassVar[float] = 0.7  # duration [s] of this rest
     # step [deg] of the angles at which the curves stand
     angle_step_deg: Annotated[float, Field(gt=0, le=10)]
-    window_share: Annotated[float, Field(gt=0, le=0.25)]
+    window_share: ClassVar[float] = 0.05
     """Angle to each side of a point, as a share of the range of motion, over which its torque and
     slope are fitted."""
-    smallest_motion_deg: Degrees  # range of motion [deg] below which a trial is refused
+    # range of motion [deg] below which a trial is refused: a joint that rests
+    smallest_motion_deg: ClassVar[float] = 0.5
     settle_cycles: Annotated[int, Field(ge=0, le=1000)] | None
     """Number of first cycles that are not analysed: a device with hysteresis begins another way
     than it goes on. None: the first one, where its torque does not come back and that of later ones

@@ -272,7 +272,7 @@ def check_moves(bench_theta: Array, settings: TorqueAngleAnalysis) -> None:
     if range_deg < settings.smallest_motion_deg:
         raise InputError(
             f"the angle moves by {range_deg:.3g} deg in all, expected"
-            f" {settings.smallest_motion_deg:g} deg or more (smallest_motion_deg); check the"
+            f" {settings.smallest_motion_deg:g} deg or more; check the"
             " channel of theta and its unit in the source file",
             [Change("", other_unit_of="theta")],
         )

@@ -137,12 +137,10 @@ class Config(Settings):
         dynamometer = self.dynamometer
         protocol = None
         if dynamometer.amplitudes_deg and dynamometer.frequencies_hz:
-            seconds = dynamometer.seconds_per_frequency
             protocol = {
                 "amplitudes_deg": dynamometer.amplitudes_deg,
                 "frequencies_hz": dynamometer.frequencies_hz,
-                "cycles": dynamometer.cycles if seconds is None else None,
-                "seconds": seconds,
+                "cycles": dynamometer.cycles,
             }
         choices = {
             "parameters": self.parameters,

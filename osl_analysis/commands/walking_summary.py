@@ -35,11 +35,10 @@ from osl_analysis.walking.group_checks import check_fit
 from osl_analysis.walking.group_table import (
     GroupConditions,
     GroupOutcome,
-    both_directions,
     conditions_of,
     fitted_time,
 )
-from osl_analysis.walking.groups import ALL, group_conditions
+from osl_analysis.walking.groups import ALL, groups_of_selection
 from osl_analysis.walking.plate_model import PlateModel
 from osl_analysis.walking.unperturbed_gait import UnperturbedGait
 
@@ -198,7 +197,8 @@ def group_results(
 ) -> list[GroupResult]:
     """The result of each group of perturbations."""
     results = []
-    for group in group_conditions(sheet):
+    perturbed = perturbations.selection.filter("perturbed")
+    for group in groups_of_selection(perturbed["group"].to_list(), sheet):
         gait = perturbations.gaits.get(group)
         conditions = conditions_of(group, perturbations.selection, gait, plate_height_m)
         result = group_result(conditions, perturbations, settings)
@@ -253,9 +253,6 @@ def group_result(
             raise InputError(NO_GAIT)
         if len(fits) < FEWEST_FITS:
             raise InputError(f"{len(fits)} {TOO_FEW} walking_crossings.csv, or record more")
-        directions = both_directions(perturbations.selection, group)
-        if directions:
-            raise InputError(directions)
         crossings = [read_crossing(perturbations.files[trial]) for trial in fits["trial"]]
         headline = group_headline(crossings, gait, settings)
     except OslAnalysisError as error:

@@ -13,7 +13,7 @@ from typing import Literal
 
 # fields of `dynamometer` in the configuration that describe the expected stepped sine, and whether
 # one is expected
-PROTOCOL = ("amplitudes_deg", "frequencies_hz", "cycles", "seconds_per_frequency", "excitation")
+PROTOCOL = ("amplitudes_deg", "frequencies_hz", "cycles", "excitation")
 
 
 @dataclass(frozen=True)

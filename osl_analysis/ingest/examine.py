@@ -38,7 +38,6 @@ class Commanded:
     amplitudes_deg: Sequence[float] | None  # None, in any field: not stated
     frequencies_hz: Sequence[float] | None
     cycles: int | Sequence[int] | None  # one number for all frequencies, or one for each
-    seconds_per_frequency: float | None = None  # in place of `cycles`
     excitation: str = "auto"
     """What moves the joint in impedance trials: `stepped_sine`, `any` other motion, or `auto`: the
     recording tells."""
@@ -46,9 +45,7 @@ class Commanded:
     @property
     def protocol(self) -> SteppedSineProtocol:
         """The same with amplitudes in rad and cycles at each frequency."""
-        return stated_protocol(
-            self.amplitudes_deg, self.frequencies_hz, self.cycles, self.seconds_per_frequency
-        )
+        return stated_protocol(self.amplitudes_deg, self.frequencies_hz, self.cycles)
 
 
 @dataclass(frozen=True)

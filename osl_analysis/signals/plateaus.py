@@ -21,7 +21,6 @@ SETTLING, ENDING = 3, 1  # means left out: the torque settles, and the filter sp
 THIRD_DIFFERENCE = math.sqrt(20)  # times white noise: its third difference; slower motion is gone
 NORMAL_MEDIAN = 0.6745  # median of |x| in standard deviations of normal noise
 SPEED_BINS = 3  # over which a speed is averaged: 0.15 s, which hum and noise do not pass
-STEADY_RANGE = 12.0  # standard deviations of means between the largest and the smallest of a level
 FEWEST_PLATEAUS = 8  # whose scatter, one left out at a time, gives an interval
 MOST_FAST = 0.5  # share of the time at plateaus in which noise may seem to move a shaft that stands
 LEAST_SPAN = 0.5  # of the current's range between plateaus; less are rests between two motions

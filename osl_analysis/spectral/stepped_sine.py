@@ -94,7 +94,6 @@ def stated_protocol(
     amplitudes_deg: Sequence[float] | None,
     frequencies_hz: Sequence[float] | None,
     cycles: float | Sequence[float] | None,
-    seconds: float | None,
 ) -> SteppedSineProtocol:
     """Make the protocol that a configuration states.
 
@@ -104,13 +103,9 @@ def stated_protocol(
         [deg] and [Hz]; None: not stated.
     cycles : float, Sequence of float or None
         At each frequency.
-    seconds : float or None
-        At each frequency, in place of `cycles`.
     """
     frequencies = tuple(frequencies_hz or ())
     cycles_at_each: float | Sequence[float] = () if cycles is None else cycles
-    if seconds is not None:
-        cycles_at_each = tuple(seconds * frequency for frequency in frequencies)
     amplitudes = tuple(np.deg2rad(amplitudes_deg or ()).tolist())
     return SteppedSineProtocol(amplitudes, frequencies, cycles_at_each)
 

@@ -7,7 +7,6 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.trial import Array
-from osl_analysis.walking.crossing import UP
 from osl_analysis.walking.ensemble import GroupHeadline
 from osl_analysis.walking.group_checks import FitChecks
 from osl_analysis.walking.groups import SEPARATOR
@@ -103,20 +102,6 @@ def set_up_difference(crossings: pl.DataFrame) -> tuple[str | None, float | None
             if 2 * len(of_what) >= len(of_kind) and mean_mm > (largest[1] or 0.0):
                 largest = of_what["different"][0], mean_mm
     return largest
-
-
-def both_directions(selection: pl.DataFrame, group: str) -> str:
-    """Why a group has no result, if its turns go both ways: the sheet makes two groups of them."""
-    used = selection.filter(pl.col("group") == group, pl.col("reason").is_null())
-    directions = used.drop_nulls("direction")
-    if directions["direction"].n_unique() < 2:
-        return ""
-    n_up = int((directions["direction"] == UP).sum())
-    return (
-        f"{n_up} perturbations turn the toes up and {len(directions) - n_up} down; write up or down"
-        " in the column `direction` of the sheet, so that each direction has a result of its own"
-        " (walking_crossings.csv has the direction of each)"
-    )
 
 
 def fitted_time(headline: GroupHeadline) -> float:

@@ -5,11 +5,12 @@ Each group of perturbed crossings has a result and a mean unperturbed gait of it
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 
 from osl_analysis.errors import InputError, listing
-from osl_analysis.walking.crossing import Crossing
+from osl_analysis.walking.crossing import DOWN, UP, Crossing
 
 # Columns of the sheet that part crossings into groups
 STATED = ("group", "subject", "session", "side", "speed", "K_d", "B_d", "direction")
@@ -173,18 +174,45 @@ class Place:
 
 
 def places(crossings: Sequence[Crossing], sheet: Sheet) -> dict[str, Place]:
-    """Find the place of every row of the sheet, by name; `crossings` are those that are used."""
-    groups = group_conditions(sheet)
-    groups_of_trials = {name: groups_of(cells, groups) for name, cells in sheet.items()}
+    """Find the place of every row of the sheet, by name; `crossings` are those that are used.
+
+    A group whose turns go both ways is two groups, by the measured direction.
+    """
     direction_of = {crossing.name: crossing.direction for crossing in crossings}
-    place_of = {
-        name: Place(SEPARATOR.join(of_trial) or None) for name, of_trial in groups_of_trials.items()
-    }
-    for group in groups:
-        of_group = [c for c in crossings if group in groups_of_trials[c.name]]
+    names_of: dict[str, list[str]] = {name: [] for name in sheet}
+    for group, conditions in group_conditions(sheet).items():
+        members = [name for name, cells in sheet.items() if is_of_group(cells, conditions)]
+        turned = {direction_of.get(name) for name in members} - {None}
+        for name in members:
+            own = direction_of.get(name)
+            if len(turned) < 2:
+                names_of[name].append(group)
+            elif own is not None:
+                names_of[name].append(with_direction(group, own))
+            else:
+                names_of[name] += [with_direction(group, each) for each in (DOWN, UP)]
+
+    place_of = {name: Place(SEPARATOR.join(names) or None) for name, names in names_of.items()}
+    for group in dict.fromkeys(chain.from_iterable(names_of.values())):
+        of_group = [c for c in crossings if group in names_of[c.name]]
         for name, phase in onset_phases(of_group).items():
             place_of[name] = Place(group, direction_of[name], phase)
     return place_of
+
+
+def with_direction(group: str, direction: str) -> str:
+    """Name of the part of a group whose turns have a direction."""
+    part = f"direction {direction}"
+    return part if group == ALL else f"{group}, {part}"
+
+
+def groups_of_selection(cells: Collection[str | None], sheet: Sheet) -> list[str]:
+    """The groups in the cells of perturbed crossings, in the order of their conditions."""
+    present = {name for cell in cells for name in (cell or "").split(SEPARATOR)}
+    names = []
+    for group in group_conditions(sheet):
+        names += [group, *(with_direction(group, each) for each in (DOWN, UP))]
+    return [name for name in names if name in present]
 
 
 def group_conditions(sheet: Sheet) -> dict[str, Cells]:
@@ -200,13 +228,9 @@ def sorting_key(conditions: Cells) -> list[tuple[bool, object]]:
     return [(isinstance(cell, str), cell) for cell in conditions.values()]
 
 
-def groups_of(cells: Cells, groups: Mapping[str, Cells]) -> list[str]:
-    """The groups that a row of the sheet belongs to: an empty cell matches every value."""
-    return [
-        group
-        for group, conditions in groups.items()
-        if all(cells.get(key) in (None, value) for key, value in conditions.items())
-    ]
+def is_of_group(cells: Cells, conditions: Cells) -> bool:
+    """Whether a row of the sheet belongs to a group: an empty cell matches every value."""
+    return all(cells.get(key) in (None, value) for key, value in conditions.items())
 
 
 def onset_phases(crossings: Sequence[Crossing]) -> dict[str, float]:

@@ -148,16 +148,15 @@ def identify_plate_model(
 
     motions = unloaded_motions(usable)
     lags = [float("nan")] * len(usable)
-    if settings.correct_plate_lag:
-        for i, recording in enumerate(usable):
-            with naming(f"trial {recording.track.name}"):
-                try:
-                    lags[i] = plate_lag(motions[i].motion, recording.wrench_at, recording.smooth)
-                except InputError:
-                    check_other_plates(*used_pairs[i], settings)
-                    raise
-        if not np.isfinite(lags).any():
-            check_other_plates(*used_pairs[0], settings)
+    for i, recording in enumerate(usable):
+        with naming(f"trial {recording.track.name}"):
+            try:
+                lags[i] = plate_lag(motions[i].motion, recording.wrench_at, recording.smooth)
+            except InputError:
+                check_other_plates(*used_pairs[i], settings)
+                raise
+    if not np.isfinite(lags).any():
+        check_other_plates(*used_pairs[0], settings)
 
     model = plate_model(usable, lags)
     if len(usable) == 1:
@@ -580,7 +579,7 @@ def plate_lag(
         raise InputError(
             "the unloaded plate's wrench does not follow its motion within"
             f" {LARGEST_LAG_S * 1e3:g} ms; synchronise the recorders, check the platform's markers"
-            " and the plate's channels, or set correct_plate_lag to false"
+            " and the plate's channels"
         )
     before, smallest, after = misfit[best - 1 : best + 2]
     return float(lags[best] + 0.5 * LAG_STEP_S * (before - after) / (before - 2 * smallest + after))

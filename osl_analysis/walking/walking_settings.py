@@ -1,6 +1,6 @@
 """Choices of the walking analysis in `config.yaml`, each with its unit."""
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
@@ -61,20 +61,19 @@ class OutlierRule(Settings):
     """Which crossings are excluded: those further from the median crossing than `limit` scatters.
 
     The scatter is 1.4826 times the median absolute deviation, and for each feature at least the
-    smallest scatter given here.
+    smallest scatter given here, so that few crossings that agree by luck exclude no sound one.
     """
 
     limit: Positive  # Largest distance from the median, in scatters
-    stance_s: Positive  # Smallest scatter [s] of the duration of stance
-    placement_m: Positive  # Smallest scatter [m] of the foot's place on the plate
-    # Smallest scatter [deg] of the angle's RMS deviation from the median gait, before any onset
-    angle_deg: Positive
-    # Smallest scatter [N*m] of the torque's RMS deviation, over the same time
-    torque_nm: Positive
-    # Smallest scatter of the vertical force's RMS deviation, as a share of the usual load
-    load_share: Positive
-    # Smallest scatter [m] of the RMS deviation of the centre of pressure, to the left of the ankle
-    pressure_m: Positive
+    stance_s: ClassVar[float] = 0.01  # [s] of the duration of stance
+    placement_m: ClassVar[float] = 0.005  # [m] of the foot's place on the plate
+    # [deg] of the angle's RMS deviation from the median gait, before any onset
+    angle_deg: ClassVar[float] = 0.5
+    torque_nm: ClassVar[float] = 2.0  # [N*m] of the torque's RMS deviation, over the same time
+    # of the vertical force's RMS deviation, as a share of the usual load
+    load_share: ClassVar[float] = 0.03
+    # [m] of the RMS deviation of the centre of pressure, to the left of the ankle
+    pressure_m: ClassVar[float] = 0.005
 
 
 class MarkerSettings(Settings):
@@ -142,7 +141,6 @@ class PlateModelSettings(PlatformSettings):
     plate_inertia: Literal["identified", "none"] = "identified"
     # Cut-off [Hz] with which it is identified: 12 kg are 10.8 kg at 20 Hz, 12.0 kg at 8 Hz
     plate_cutoff_hz: Cutoff
-    correct_plate_lag: bool  # Whether the plate's lag is estimated and corrected
 
     @property
     def plate_low_pass(self) -> LowPass:
@@ -153,16 +151,18 @@ class CrossingSettings(PlatformSettings, TimingSettings):
     """How angle and torque of a crossing are computed, and the motion that perturbations share."""
 
     load_on_n: Newtons  # Vertical force [N] above which a stance begins
-    load_off_n: Positive  # Vertical force [N] below which a stance ends
-    shortest_stance_s: Seconds  # Shortest stance [s]; shorter contacts are ignored
+    # [s]; shorter contacts are no stance: a quick step takes twice as long
+    shortest_stance_s: ClassVar[float] = 0.3
     # Length [s] before the step from which the plate's zero is read; null: none is removed
     unloaded_s: Seconds | None
     # Null: the foot's weight and inertia stay in the torque, so that I includes them
     foot: FootSettings | None = None
 
-    _loads = require_below(
-        "load_off_n", "load_on_n", "and noise would end a stance in which it begins"
-    )
+    @property
+    def load_off_n(self) -> float:
+        """Vertical force [N] below which a stance ends, so that noise ends none as it begins."""
+        return self.load_on_n / 2
+
     _fits = require_below(
         "window_s + baseline_s + guard_s",
         "shortest_stance_s",

@@ -177,7 +177,7 @@ def paragraphs(sheet=(ROW,), **tables):
         ({"timebase": {"delay_s": [0.0]}}, "No delay of a sensor is stated"),
         ({"timebase": {"delay_s": [0.0, 0.002]}}, "Stated delays of sensors, of 0 to 0.002 s"),
         ({"impedance": {"K_d": [100.0, 200.0, 100.0]}}, "was 100 and 200 N·m/rad"),
-        ({"plate": {"plate_inertia": ["identified"]}}, "The inertia of the plate, identified"),
+        ({"plate": {"lag_s": [0.01]}}, "The lag of the plate behind the markers, 0.01 s"),
     ],
 )
 def test_a_sentence_of_the_methods_is_printed_where_its_fact_is_recorded(tables, sentence):

@@ -29,8 +29,7 @@ TEXT_COLUMNS = (
     "motion", "group", "direction", "subject", "side", "different", "doubt",
     "not_checked", "excitation", "desired", "loading", "method", "joint",
     "data", "chosen", "trajectory", "table", "grade",
-    "name", "cause", "evidence", "says", "size", "remedy",
-    "fault_family", "explanations",
+    "name", "cause", "evidence", "says", "size", "remedy", "fault_family", "explanations",
 )  # fmt: skip
 # columns that identify a row of a table and of its evidence
 ROW_KEYS = ("trial", "joint", "side", "amplitude_deg")

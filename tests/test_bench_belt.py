@@ -13,7 +13,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.judge.unchecked import unchecked_in
 from osl_analysis.trial import Trial
 
-LATENESS = "how late the torque is"
+LATENESS = "whether the torque is late"
 
 
 def belt_cycle(K_s=685.6, K_s2=0.0, coulomb=0.0, peak=0.0873):
@@ -94,8 +94,7 @@ def test_a_belt_tells_what_a_straight_line_leaves_out():
     |theta| at the peak."""
     belts = [fitted(*belt) for belt in (belt_cycle(685, coulomb=0.5), belt_cycle(876, K_s2=14913))]
     rubbing, stiffening = (belt_fits.belt_table(belt).row(0, named=True) for belt in belts)
-    back = belts[0].fits["unloading"]
-    assert rubbing["unloading"] == back["K_s"]
+    assert rubbing["unloading"] == pytest.approx(685, rel=1e-3)
     assert belts[1].whole.vaf == stiffening["VAF"] < 99.99 < belts[1].fits["quadratic"].vaf
     assert rubbing["energy_lost"] == pytest.approx(2 * 0.5 / (685 * 0.0873 / 2), rel=1e-3)
     assert rubbing["hysteresis_area"] == pytest.approx(2 * 0.5 * 0.0873, rel=1e-3)

@@ -32,7 +32,7 @@ from osl_analysis.judge.limits import DoubtfulFits, Limits
 from osl_analysis.model.drivetrain import read_parameters
 from osl_analysis.trial import Trial
 
-LATENESS = "how late the torque is"
+LATENESS = "whether the torque is late"
 
 ENDS = ("", "_low", "_high")
 P = read_parameters(ROOT / "config/parameters/default.yaml")
@@ -55,6 +55,7 @@ def test_a_sound_joint_is_not_doubtful_and_shows_no_cause():
     *_, whole = both = rows(second_order)
     assert [row["doubtful"] for row in both] == [""] * 3
     assert whole["K_change"] == whole["B_change"] == 0  # noise is no change
+    assert whole["f_C"] is None
     assert whole["fault_family"] is None
 
 
@@ -101,6 +102,7 @@ def test_a_spring_that_softens_is_named_and_not_called_friction():
     cubic = -4e3
     *_, whole = rows(lambda m: second_order(m) + cubic * m.theta**3)
     assert whole["K_without"] == pytest.approx(200, rel=2e-3)
+    assert whole["f_C"] is None
     assert whole["K_change"] == pytest.approx(
         0.75 * cubic * (0.1**2 - 0.05**2) / whole["K"], rel=0.05
     )
@@ -187,7 +189,7 @@ def record_of_leg(trial):
     ({}, 0), ({"torque_late": -4e-3}, -4e-3), ({"theta_m_late": 1e-3}, 0),
     ({"theta_late": 2e-3}, -2e-3),
 ])  # fmt: skip
-def test_the_belt_shows_how_late_the_torque_of_a_leg_is(fault, lag):
+def test_the_belt_shows_the_lag_of_a_leg_s_torque_whatever_theta_m_s_is(fault, lag):
     """Eq. 15 misses so much of a leg that it passes for a delay of 10 ms; a belt stays a spring."""
     trial = leg(**fault)
     saturation = saturated(trial, "torque", "theta")

@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+import scipy.stats
 from any_motion import TRUE, made_trial, noise
 from conftest import ROOT, findings_of
 
@@ -12,7 +13,7 @@ from osl_analysis.bench.bench_settings import Calibration, DynamometerAnalysis
 from osl_analysis.bench.coulomb import CoulombFit
 from osl_analysis.bench.impedance import impedance_table, rendered_impedance
 from osl_analysis.bench.joint_fit import FrictionFit, JointFit
-from osl_analysis.bench.joint_inference import joint_fit
+from osl_analysis.bench.joint_inference import impedance_fits, joint_fit
 from osl_analysis.bench.record import signals_of
 from osl_analysis.bench.recorded_motion import record_of_trial
 from osl_analysis.campaign.configuration import read_section
@@ -108,10 +109,14 @@ def test_friction_whose_size_is_not_certain_is_not_taken_off_b():
 def test_a_row_says_what_gave_its_intervals():
     analysis, sums = rendered_impedance(record_with())
 
+    fit = impedance_fits(analysis, sums, is_leg=False)[None]
     row = impedance_table(analysis, sums).row(-1, named=True)
 
-    assert row["interval_method"] == "mixture of hypotheses"
+    assert row["interval_method"] == fit.estimator == "mixture of hypotheses"
     assert row["K"] != analysis.whole["K"]
+    quantile = scipy.stats.t(23).ppf(0.975)  # of 24 blocks
+    half_width = (row["K_high"] - row["K_low"]) / 2
+    assert fit.impedance.K.standard_error == pytest.approx(half_width / quantile)
 
 
 def test_without_friction_b_is_the_only_damping():
@@ -150,12 +155,12 @@ def test_beside_a_late_torque_the_offered_impedance_holds_the_joint():
 # ---- what is known of the bench
 
 
-def test_an_unstated_delay_is_told():
+def test_it_is_told_how_well_a_recording_knows_an_unstated_delay():
     row = sound_row()
 
-    assert row["delay_told_s"] < 1e-3
+    assert 0 < row["delay_told_s"] < 1e-3
     causes = [finding.cause for finding in findings_of(row, OF_FAULTS, "impedance")]
-    assert "how late the torque is" in causes
+    assert "whether the torque is late" in causes
 
 
 def test_a_stated_delay_is_no_unstated_one():
@@ -213,14 +218,15 @@ def estimates(value):
 
 
 def test_a_widened_estimate_holds_both_intervals_and_keeps_its_value():
-    fit = JointFit(estimates(10.0), FrictionFit(0.0, None, estimates(9.0)))
-    other = JointFit(estimates(15.0), FrictionFit(0.0, None, estimates(4.0)))
+    fit = JointFit(estimates(10.0), FrictionFit(0.0, without=estimates(9.0)))
+    other = JointFit(estimates(15.0), FrictionFit(0.0, without=estimates(4.0)))
 
     widened = fit.widened_to_include(other)
 
     assert (widened.impedance.K.low, widened.impedance.K.value) == (8.0, 10.0)
     assert widened.impedance.I.high == 17.0
     assert (widened.friction.without.B.low, widened.friction.without.B.high) == (2.0, 11.0)
+    assert fit.impedance.I.high == 12.0
 
 
 def test_an_independent_error_adds_in_quadrature():

@@ -143,7 +143,7 @@ def test_the_interval_of_a_belt_counts_the_drift_that_the_configuration_names(fo
         (tmp_path / "config.yaml").write_text(yaml.safe_dump(config))
         options = ("--model", "belt", "--config", tmp_path / "config.yaml", "--json")
         (row,) = json.loads(call("fit", folder / "belt_01.parquet", *options).stdout)
-        widths.append((row["K_s_high"] - row["K_s_low"]) / 2)
+        widths.append((row["K_s_high"] - row["K_s"]) / 1.96)
     # slope of time on deflection beside a constant and the velocity: a raised cosine of 1 s and 5
     # deg, from 5 % on
     t = np.linspace(np.arccos(0.9) / np.pi, 1, 1000)
@@ -151,8 +151,7 @@ def test_the_interval_of_a_belt_counts_the_drift_that_the_configuration_names(fo
         [np.deg2rad(5) * (1 - np.cos(np.pi * t)) / 2, np.ones_like(t), np.sin(np.pi * t)]
     )
     slope = np.linalg.lstsq(columns, t, rcond=None)[0][0]
-    added = np.sqrt(widths[1] ** 2 - widths[0] ** 2) / 1.96
-    assert added == pytest.approx(100 / 60 * slope, rel=0.06)
+    assert np.sqrt(widths[1] ** 2 - widths[0] ** 2) == pytest.approx(100 / 60 * slope, rel=0.06)
 
 
 def test_fit_says_what_it_cannot_check_and_takes_a_campaign_s_overriding_file(folder, tmp_path):

@@ -184,7 +184,7 @@ def bench_fit(experiment, t, angle, torque):
         experiment, Trial("made", pl.DataFrame(samples)), DEVICE, *asked_of(experiment)
     ).table
     described = described_tables_by_name()[EXPERIMENTS[experiment].tables[0].name]
-    unknown = {*table.columns} - {*described.columns, *described.of_fits}
+    unknown = {*table.columns} - {*described.columns} - {*described.of_fits}
     assert not unknown, f"{unknown} have no line in the dictionary"
     return table
 

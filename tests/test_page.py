@@ -145,8 +145,8 @@ def test_a_recording_without_a_fit_shows_what_it_has():
 
 def test_the_model_of_a_response_is_equation_15():
     measured = {
-        "frequency_hz": [1.0, 5.0], "Y_re": 0.01, "Y_im": 0.0,
-        "Y_var_re": 1e-8, "Y_cov": 0.0, "Y_var_im": 1e-8, "Y_degrees_of_freedom": 20.0,
+        "frequency_hz": [1.0, 5.0], "Y_re": 0.01, "Y_im": 0.0, "Y_var_re": 1e-6,
+        "Y_cov": 0.0, "Y_var_im": 1e-6, "Y_degrees_of_freedom": 9.0,
     }  # fmt: skip
     response = phasor_response(pl.DataFrame(measured), {"K": 100.0, "B": 2.0, "I": 0.1})
 
@@ -177,7 +177,7 @@ def paragraphs(sheet=(ROW,), **tables):
         ({"timebase": {"delay_s": [0.0]}}, "No delay of a sensor is stated"),
         ({"timebase": {"delay_s": [0.0, 0.002]}}, "Stated delays of sensors, of 0 to 0.002 s"),
         ({"impedance": {"K_d": [100.0, 200.0, 100.0]}}, "was 100 and 200 N·m/rad"),
-        ({"plate": {"plate_inertia": ["identified"]}}, "The inertia of the plate, identified"),
+        ({"plate": {"lag_s": [0.01]}}, "The lag of the plate behind the markers, 0.01 s"),
     ],
 )
 def test_a_sentence_of_the_methods_is_printed_where_its_fact_is_recorded(tables, sentence):

@@ -45,7 +45,7 @@ from osl_analysis.trial import Trial, check_time, counter_column
 
 
 @pytest.mark.parametrize(("rate", "largest"), [(100.0, 2.6e-5), (300.0, 3.2e-7), (1000.0, 2.6e-9)])
-def test_a_5_hz_sine_comes_to_the_grid_with_the_error_of_a_cubic(rate, largest):
+def test_a_5_hz_sine_comes_to_the_grid_with_the_stated_error(rate, largest):
     t = clock(rate, 10.0)
     wave = Stream("wave", t, {"wave": np.sin(10 * np.pi * t)})
     half_a_step_later = Stream("other", t + 0.5 / rate, {"other": t})
@@ -100,7 +100,7 @@ def test_stamps_of_a_python_loop_that_is_late_and_never_early_are_true():
     (row,) = grid.streams
     assert row["stamps"] == "exact"
     assert row["firm"]
-    assert row["g"] == pytest.approx(1.0, abs=4 * grid.taken[0].clearest_evidence.se)
+    assert row["g"] == pytest.approx(1.0, abs=0.02)
     assert_recovers_the_joint(grid)
 
 
@@ -586,7 +586,7 @@ def test_values_that_are_missing_cost_nothing_and_split_no_device(jitter):
     assert_recovers_the_joint(grid)
 
 
-def test_a_signal_of_a_third_of_the_rate_is_read_at_its_own():
+def test_a_signal_of_a_third_of_the_rate_costs_nothing():
     random, t = np.random.default_rng(7), clock(RATE)
     recorded = log(t, t, random)
     recorded.signals["torque"][np.arange(len(t)) % 3 > 0] = np.nan

@@ -405,9 +405,7 @@ def noise_spectra():
     return [spectrum_of_noise_motion(seed, noise_sd=0.02, rate=256.0) for seed in (1, 2)]
 
 
-def test_local_polynomials_find_the_response_within_its_noise(
-    noise_spectra,
-):
+def test_local_polynomials_find_the_response_within_its_noise(noise_spectra):
     squares = []
     for spectrum in noise_spectra:
         response = local_response(spectrum)

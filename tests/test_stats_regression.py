@@ -48,6 +48,11 @@ def test_vaf_is_that_of_an_imperfect_fit():
     y = 2 * np.cos(20 * np.pi * T) + np.cos(40 * np.pi * T) + 10
     fit = regression.linear_fit(y, {"c": np.cos(20 * np.pi * T), "offset": np.ones_like(T)})
     assert fit.vaf == pytest.approx(80)
+    # blind to an offset; a y of zeros by zeros, and by others
+    pairs = ((y, 0 * y + 3), (0 * y, 0 * y), (0 * y, y))
+    assert [regression.variance_accounted_for(*pair) for pair in pairs] == pytest.approx(
+        [100, 100, 0]
+    )
 
 
 def fit_of_statsmodels(y, columns, **covariance):
@@ -88,9 +93,9 @@ def test_the_correlation_of_estimates_is_that_of_the_columns():
     do not."""
     a, b, noise = np.random.default_rng(3).standard_normal((3, 4000))
     columns, y = {"a": a, "b": b}, 2 * a + b + 3 * noise * np.abs(a + b)
-    covariance = regression.linear_fit(y, columns).covariance
-    assert abs(covariance[0, 1]) > 0.3 * np.sqrt(covariance[0, 0] * covariance[1, 1])
-    assert regression.linear_fit(y, columns).largest_correlation < 0.05
+    fit = regression.linear_fit(y, columns)
+    assert abs(fit.covariance[0, 1]) > 0.3 * fit.se("a") * fit.se("b")
+    assert fit.largest_correlation < 0.05
     leaning = columns | {"b": a + 0.1 * b}
     assert regression.linear_fit(y, leaning).largest_correlation > 0.95
     scaled = {

@@ -31,7 +31,7 @@ from osl_analysis.yaml_settings import read_yaml
 DEFAULT, DEVICE = ROOT / "config/simulation/default.yaml", ROOT / "config/parameters/default.yaml"
 P, RATE = read_parameters(DEVICE), 1000.0
 TRUE = {"k_tau_n_m": 0.1133 * 9, "f_C": 0.377, "f_G": 0.0896, "B_m": 5.6e-3, "J_m": 9.211e-3}
-ANALYSIS = ActuatorAnalysis(cutoff_hz=15, order=4, sign_width=0.01, slowest=0.5)
+ANALYSIS = ActuatorAnalysis(cutoff_hz=15, order=4, sign_width=0.01)
 
 
 def settings(duration_s=20.0, effects=True):

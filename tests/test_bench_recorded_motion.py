@@ -36,7 +36,7 @@ from osl_analysis.trial import Trial
 CONFIG = ROOT / "config/config.yaml"
 SETTINGS = read_section(CONFIG, "dynamometer", DynamometerAnalysis)
 MOTIONS = {"multisine": multisine, "noise": noise}
-LATENESS = "how late the torque is"
+LATENESS = "whether the torque is late"
 LIGHT = {"torque_noise": 0.002, "bits": 24, "K": 1.0, "B": 0.5, "I": 0.05}
 
 

@@ -24,7 +24,9 @@ from causes import ROOT, markdown, write_between
 from planted_gait import onsets_of
 
 from osl_analysis.bench.bench_settings import ActuatorAnalysis, DynamometerAnalysis
+from osl_analysis.bench.complex_estimate import polar_row
 from osl_analysis.bench.fit_tables import FitTables
+from osl_analysis.bench.frequency_response import admittance_of_row
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands.fit import job_of, run_fit
 from osl_analysis.errors import OslAnalysisError
@@ -52,6 +54,7 @@ from osl_analysis.simulator.step import GaitTrial, draw_step
 from osl_analysis.simulator.walking_trial import simulate_walking_trial
 from osl_analysis.stats.regression import LinearFit
 from osl_analysis.stats.repeats import over_repeats
+from osl_analysis.stats.table_rows import INTERVAL_ENDS
 from osl_analysis.trial import Array, Trial
 from osl_analysis.walking.crossing import Crossing, analyse_crossing
 from osl_analysis.walking.ensemble import Ensemble, shared_errors
@@ -68,6 +71,7 @@ Made = TypeVar("Made")
 Row = dict[str, Any]
 CONFIG, PAGE = ROOT / "config/config.yaml", ROOT / "docs/study.md"
 SEED, CROSSINGS = 1, 10
+NORMAL_QUANTILE = 1.96  # half-width of a 95 % interval in standard errors
 # of the stepped sine, at the frequencies of the configuration
 SHORT = {"amplitudes_deg": (4.0,), "cycles": 12}
 JOINT = {"K": 300.0, "B": 5.0, "I": 0.02}  # of the exact joint; the leg is asked for its K and B
@@ -218,22 +222,26 @@ class StudyBench:
         self, found: FitTables
     ) -> Iterator[tuple[str, str, Mapping[str, Sequence[float]]]]:
         """Estimator, kind of interval, and by quantity value, standard error and 95 % interval of a
-        fit, from the table of a campaign: each frequency of a response is like an estimator."""
-        ends = ("", "_se", "_low", "_high")
+        fit, from the table of a campaign: each frequency of a response is like an estimator. A
+        table has no standard errors: those of a fit are half-widths over 1.96."""
         if not self.response:
             row = found.estimates[self.experiment].row(-1, named=True)
-            yield (
-                "filtered",
-                row["interval_method"],
-                {n: [row[f"{n}{end}"] for end in ends] for n in self.quantities},
-            )
+            quantities = dict[str, Sequence[float]]()
+            for name in self.quantities:
+                value, low, high = (row[f"{name}{end}"] for end in INTERVAL_ENDS)
+                quantities[name] = value, (high - low) / (2 * NORMAL_QUANTILE), low, high
+            yield "filtered", row["interval_method"], quantities
             return
         for row in found.compute_others()["phasors"].iter_rows(named=True):
-            hertz, units = f"{row['frequency_hz']:g} Hz", {"magnitude": "", "phase": "_deg"}
-            quantities = {
-                f"{n}, {hertz}": [row[f"Y_{n}{unit}{end}"] for end in ends]
-                for n, unit in units.items()
-            }
+            hertz = f"{row['frequency_hz']:g} Hz"
+            Y = admittance_of_row(row)
+            polar = polar_row(Y)
+            standard_errors = {"magnitude": Y.magnitude_se, "phase_deg": np.rad2deg(Y.phase_se)}
+            quantities = {}
+            for name, standard_error in standard_errors.items():
+                value, low, high = (float(polar[f"{name}{end}"]) for end in INTERVAL_ENDS)
+                quantity = f"{name.removesuffix('_deg')}, {hertz}"
+                quantities[quantity] = value, float(standard_error), low, high
             yield f"sinusoid, {hertz}", row["interval_method"], quantities
 
     def bounds(self, ideal: FitTables) -> dict[str, float]:
@@ -252,9 +260,11 @@ class StudyBench:
         if self.response:
             segments = ideal.compute_others()["phasors"].iter_rows(named=True)
             for run, row in zip(runs(fitted), segments, strict=True):
-                torque = abs(complex(row["torque_re"], row["torque_im"]))
+                magnitude = admittance_of_row(row).magnitude
+                # the amplitude names all frequencies, of which each moves the joint 1 % otherwise
+                torque = np.deg2rad(row["amplitude_deg"]) / magnitude
                 relative = white * float(np.sqrt(2 / (run.stop - run.start))) / torque
-                bounds[f"magnitude, {row['frequency_hz']:g} Hz"] = row["Y_magnitude"] * relative
+                bounds[f"magnitude, {row['frequency_hz']:g} Hz"] = magnitude * relative
                 bounds[f"phase, {row['frequency_hz']:g} Hz"] = float(np.rad2deg(relative))
             return bounds
         rows = np.flatnonzero(fitted)

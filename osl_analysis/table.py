@@ -26,11 +26,10 @@ FORMULA = r"^(['=+@\t\r]|-[A-Za-z(])"
 TEXT_COLUMNS = (
     "trial", "controller", "branch", "quantity", "estimator", "check", "unit", "verdict", "remark",
     "reason", "excluded", "panel", "curve", "interval_method", "doubtful", "model",
-    "motion", "group", "direction", "subject", "session", "side", "speed", "different", "doubt",
-    "series", "not_checked", "excitation", "desired", "loading", "method", "joint",
+    "motion", "group", "direction", "subject", "side", "different", "doubt",
+    "not_checked", "excitation", "desired", "loading", "method", "joint",
     "data", "chosen", "trajectory", "table", "grade",
-    "name", "cause", "inherited", "evidence", "says", "size", "remedy", "fault",
-    "fault_family", "explanations", "widened_because",
+    "name", "cause", "evidence", "says", "size", "remedy", "fault_family", "explanations",
 )  # fmt: skip
 # columns that identify a row of a table and of its evidence
 ROW_KEYS = ("trial", "joint", "side", "amplitude_deg")

@@ -94,9 +94,8 @@ def test_a_belt_tells_what_a_straight_line_leaves_out():
     |theta| at the peak."""
     belts = [fitted(*belt) for belt in (belt_cycle(685, coulomb=0.5), belt_cycle(876, K_s2=14913))]
     rubbing, stiffening = (belt_fits.belt_table(belt).row(0, named=True) for belt in belts)
-    back = belts[0].fits["unloading"]
-    assert (rubbing["unloading"], rubbing["unloading_se"]) == (back["K_s"], back.se("K_s"))
-    assert belts[1].whole.vaf == stiffening["VAF"] < 99.99 < stiffening["quadratic_VAF"]
+    assert rubbing["unloading"] == pytest.approx(685, rel=1e-3)
+    assert belts[1].whole.vaf == stiffening["VAF"] < 99.99 < belts[1].fits["quadratic"].vaf
     assert rubbing["energy_lost"] == pytest.approx(2 * 0.5 / (685 * 0.0873 / 2), rel=1e-3)
     assert rubbing["hysteresis_area"] == pytest.approx(2 * 0.5 * 0.0873, rel=1e-3)
     assert stiffening["stiffening"] == pytest.approx(2 * 14913 * 0.0873 / 876, rel=1e-6)
@@ -246,8 +245,7 @@ def test_transmission_tells_how_much_of_its_damping_is_coulomb_friction():
     assert smooth[-1]["B_j_viscous"] is None
     row = rough[-1]
     assert row["coulomb_share"] == pytest.approx(1 - 0.3 / row["B_j"], abs=0.03)
-    assert row["B_j_coulomb"] == pytest.approx(0.3, abs=0.03)
-    assert row["VAF_coulomb"] > 99.8 > row["VAF"]
+    assert row["B_j_viscous"] == pytest.approx(0.3, abs=0.03)
     assert smooth[-1]["VAF_held_out"] > 99.9 > rough[0]["VAF_held_out"]
     assert row["T_C"] == pytest.approx(0.15, rel=0.06)  # it turns its sign more slowly
     assert row["B_j_viscous_low"] < 0.3 < row["B_j_viscous_high"] < row["B_j"]

@@ -55,8 +55,8 @@ def test_a_sound_joint_is_not_doubtful_and_shows_no_cause():
     *_, whole = both = rows(second_order)
     assert [row["doubtful"] for row in both] == [""] * 3
     assert whole["K_change"] == whole["B_change"] == 0  # noise is no change
-    assert abs(whole["coulomb_torque"]) < 0.02
-    assert whole["fault"] is None
+    assert whole["f_C"] is None
+    assert whole["fault_family"] is None
 
 
 def rubbing(motion):
@@ -66,16 +66,13 @@ def rubbing(motion):
 def test_coulomb_friction_is_named_and_has_its_size():
     *single, whole = rows(rubbing)
     for row in (*single, whole):
-        assert row["coulomb_torque"] == pytest.approx(0.8, rel=0.05)
-        assert row["coulomb_damping"] == pytest.approx(row["B"] - 4, rel=0.1)
         assert row["f_C"] == pytest.approx(0.8, rel=0.01)
         assert row["B_viscous"] == pytest.approx(4, abs=0.05)
     assert whole["B_viscous_low"] < 4 < whole["B_viscous_high"]
-    assert whole["f_C_low"] < 0.8 < whole["f_C_high"]
     assert whole["K_without_friction"] == pytest.approx(200, rel=1e-3)
     assert whole["I_without_friction"] == pytest.approx(0.05, rel=0.01)
     assert whole["B_change"] < -0.03
-    assert (whole["fault"], whole["doubtful"]) == (None, "friction")  # above 5 % of B
+    assert (whole["fault_family"], whole["doubtful"]) == (None, "friction")  # above 5 % of B
     finding, *_ = findings_of(whole, Limits(above={"coulomb_share": 0.01}), "impedance")
     assert finding.cause == "friction"
     assert [*finding.without] == ["B", "B_low", "B_high"], "K and I beside friction are as recorded"
@@ -105,7 +102,7 @@ def test_a_spring_that_softens_is_named_and_not_called_friction():
     cubic = -4e3
     *_, whole = rows(lambda m: second_order(m) + cubic * m.theta**3)
     assert whole["K_without"] == pytest.approx(200, rel=2e-3)
-    assert abs(whole["coulomb_torque"]) < 0.03
+    assert whole["f_C"] is None
     assert whole["K_change"] == pytest.approx(
         0.75 * cubic * (0.1**2 - 0.05**2) / whole["K"], rel=0.05
     )
@@ -180,11 +177,7 @@ def test_another_b_j_than_that_of_the_file_makes_no_lag_certain():
     row = impedance_table(
         *rendered_impedance(with_actuator(record_of_trial(trial, SETTINGS), trial)), P
     )
-    assert (
-        row["certain_theta_m_lag_s"][0] < 0,
-        row["lag_inertia_share"][0],
-        row["lag_share"][0],
-    ) == (True, 0, 0)
+    assert (row["lag_inertia_share"][0], row["lag_share"][0]) == (0, 0)
 
 
 def record_of_leg(trial):
@@ -192,11 +185,11 @@ def record_of_leg(trial):
 
 
 @pytest.mark.usefixtures("without_inference")
-@pytest.mark.parametrize(("fault", "lag", "of_theta_m"), [
-    ({}, 0, 0), ({"torque_late": -4e-3}, -4e-3, 0), ({"theta_m_late": 1e-3}, 0, 1e-3),
-    ({"theta_late": 2e-3}, -2e-3, -2e-3),
+@pytest.mark.parametrize(("fault", "lag"), [
+    ({}, 0), ({"torque_late": -4e-3}, -4e-3), ({"theta_m_late": 1e-3}, 0),
+    ({"theta_late": 2e-3}, -2e-3),
 ])  # fmt: skip
-def test_the_belt_shows_which_channel_of_a_leg_is_late(fault, lag, of_theta_m):
+def test_the_belt_shows_the_lag_of_a_leg_s_torque_whatever_theta_m_s_is(fault, lag):
     """Eq. 15 misses so much of a leg that it passes for a delay of 10 ms; a belt stays a spring."""
     trial = leg(**fault)
     saturation = saturated(trial, "torque", "theta")
@@ -204,12 +197,9 @@ def test_the_belt_shows_which_channel_of_a_leg_is_late(fault, lag, of_theta_m):
     row = table.row(0, named=True)
 
     assert row["lag_s"] == pytest.approx(lag, abs=1.5e-4)
-    of_theta_m_within = 1.5e-4 if of_theta_m else 0
-    assert row["certain_theta_m_lag_s"] == pytest.approx(of_theta_m, abs=of_theta_m_within)
     assert row["lag_share"] == pytest.approx(abs(row["K"] * row["lag_s"] / row["B"]) if lag else 0)
     causes = [finding.cause for finding in findings_of(row, LIMITS, "impedance")]
     assert ("late torque" in causes) == bool(lag)
-    assert ("whether theta_m or B_j is wrong" in causes) == bool(of_theta_m)
     assert LATENESS not in causes
 
     in_time = record_of_trial(

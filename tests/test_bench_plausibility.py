@@ -19,7 +19,7 @@ from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.plausibility import plausible_impedance
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands.fit import fit_trial
-from osl_analysis.errors import InputError, Suspect
+from osl_analysis.errors import InputError
 from osl_analysis.ingest.examine import check_recording
 from osl_analysis.judge.limits import DoubtfulFits
 from osl_analysis.model.compensator import PAPER_WEIGHT
@@ -156,7 +156,8 @@ def test_another_unit_of_a_too_large_angle_is_tried_where_nothing_jumps(theta, w
     samples = {"time": np.arange(1000) / 100, "theta": theta, "torque": 9 * theta}
     with pytest.raises(InputError, match=words) as refused:
         check_recording(Trial("made", pl.DataFrame(samples)), BENCH)
-    assert refused.value.suspects == ((Suspect("unit", ("theta",)),) if is_tried else ())
+    tried = [change.factors["theta"] for change in refused.value.changes]
+    assert tried == (pytest.approx([np.pi / 180, 1e-3]) if is_tried else [])  # deg, mrad
 
 
 @pytest.mark.usefixtures("without_inference")
@@ -165,7 +166,6 @@ def test_the_weight_of_a_foot_is_found_and_is_a_doubt_about_its_inertia():
     sound = judged("transmission", recording)
     recording["torque"] = recording["torque"] + 1.5 * np.sin(recording["theta"])
     row = judged("transmission", recording)
-    assert row["weight_low"] < 1.5 < row["weight_high"]
     assert row["J_j_weightless"] == pytest.approx(sound["J_j"], rel=0.01)
     assert 1 - row["weight_share"] == pytest.approx(row["J_j"] / row["J_j_weightless"])
     assert (row["doubtful"], row["beyond"]) == ("weight on the joint", {"weight_share": "above"})

@@ -74,15 +74,6 @@ def test_late_torque_is_a_path_with_its_sign_and_size():
     assert found.impedance.B.holds(B)
 
 
-def test_delay_known_to_100_microseconds_widens_b_by_k_times_it():
-    found = sound()
-
-    assert found.delay is not None
-    told = 1 / np.hypot(1 / 1e-4, 1 / found.delay.recording_s)
-    expected = scipy.stats.t(23).ppf(0.975) * K * told
-    assert found.delay.B.half_width == pytest.approx(expected, rel=0.1)
-
-
 def test_friction_is_part_of_the_joint_and_leaves_its_damping():
     found = inferred(driven()[1] + 0.4 * np.tanh(velocity() / 2e-3))
 

@@ -17,7 +17,6 @@ from osl_analysis.campaign.figure_examples import response_example, time_series_
 from osl_analysis.campaign.origin import about, sentence
 from osl_analysis.commands import figure as plotted_numbers
 from osl_analysis.config.impedance_trajectory import read_impedance_trajectory
-from osl_analysis.config.sheet import CONDITIONS
 from osl_analysis.errors import InputError
 from osl_analysis.figures import drawing_of
 from osl_analysis.figures.names import looks_in
@@ -130,26 +129,18 @@ def test_a_parameter_file_is_used_for_its_own_joint_only(tmp_path):
 def test_examples_are_those_of_the_configuration_or_chosen_and_said(tmp_path):
     """Where the default's example is not in the campaign one is chosen; another one that is not
     there is refused."""
-    shown = time_series_example(
-        campaign(tmp_path, TWO_JOINTS, figures="{time_series: {duration_s: 3}}")
-    )
-    assert [*shown.values()] == ["a", "ankle", None, "compensated", 300, 5, 6, 3, ""], "of two"
+    shown = time_series_example(campaign(tmp_path, TWO_JOINTS))
+    assert [*shown.values()] == ["a", "ankle", None, "compensated", 300, 5, ""], "of two"
     knee, belt = (
         "k,impedance,pd,,,knee,k.csv,bench_csv\n",
         campaign(tmp_path, "b,belt,,,,,b.csv,bench_csv\n"),
     )
     assert (time_series_example(belt), response_example(belt)) == (None, None)
     found = time_series_example(campaign(tmp_path, knee))
-    assert (found["trial"], found["amplitude_deg"], "not in this campaign" in found["chosen"]) == (
-        "k",
-        None,
-        True,
-    )
+    assert (found["trial"], "not in this campaign" in found["chosen"]) == ("k", True)
     assert response_example(campaign(tmp_path, knee)) is None
-    assert (
-        time_series_example(campaign(tmp_path, knee, figures="{time_series: null}"))["duration_s"]
-        == 10
-    )
+    chosen = time_series_example(campaign(tmp_path, knee, figures="{time_series: null}"))["chosen"]
+    assert chosen == "the first impedance trial of the sheet"
     wrong = (
         "{time_series: {K_d: 250, B_d: 5, controller: compensated}, frequency_response: {K_d: 1,"
         " B_d: 1}}"
@@ -236,9 +227,8 @@ def test_a_belt_without_parameters_needs_a_shaft_that_rests(
         check_locked(theta, 0.2 * theta)
     write_table(pl.DataFrame({"data": ["x"], "a": [1.5]}), tmp_path / "t.csv", "measured")
     assert (tmp_path / "t.csv").read_text() == "a,data\n1.5,measured\n"
-    write_table(
-        pl.DataFrame({name: ["01"] for name in ("trial", "joint", *CONDITIONS)}), tmp_path / "t.csv"
-    )
+    names = pl.DataFrame({name: ["01"] for name in ("trial", "joint", "group", "side")})
+    write_table(names, tmp_path / "t.csv")
     assert {*read_table(tmp_path / "t.csv").row(0)} == {"01"}, "a name of digits stays text"
     # a side that is there stays
     groups = pl.DataFrame({"group": ["a"], "side": ["left"], "n": [1]})

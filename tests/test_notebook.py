@@ -122,7 +122,8 @@ def test_the_fit_of_a_trial_is_the_row_of_the_campaign_to_the_last_digit(
     )
     made = tmp_path / f"tables/{fit.experiment}.csv"
     tables.gather([files[fit.experiment]], made, read_config(short).doubtful.of(fit.experiment))
-    assert_same(fit.table, made, tmp_path)
+    of_findings = tables.unpublished(fit.table, fit.experiment)
+    assert_same(fit.table.drop(of_findings, strict=False), made, tmp_path)
     if fit.curves is not None:
         assert_same(
             fit.curves,

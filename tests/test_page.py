@@ -28,7 +28,6 @@ IMPEDANCE = pl.DataFrame(
 ROW = {"trial": "a", "experiment": "impedance", "K_d": 100.0, "log": "a.csv"}
 WHOLE = Finding("friction", "impedance", "a")
 PART = Finding("friction", "impedance", "a", amplitude_deg=2.0)
-REPEATED = Finding("friction", "phasors", "a", inherited="impedance")
 
 
 def worded(*findings):
@@ -64,10 +63,10 @@ def test_a_trial_that_is_left_out_says_why():
     assert (refused.verdict, refused.left_out) == ("refused", ["no torque"])
 
 
-def test_each_trial_counts_once_and_what_other_tables_repeat_does_not():
+def test_each_trial_counts_once():
     sheet = {name: {**ROW, "trial": name} for name in "ab"}
 
-    counts = verdict_counts(sheet, worded(WHOLE, PART, REPEATED), {})
+    counts = verdict_counts(sheet, worded(WHOLE, PART), {})
     assert verdicts_sentence(counts) == ("2 trials: 1 clear, 1 doubtful, none refused or excluded.")
 
 
@@ -146,8 +145,8 @@ def test_a_recording_without_a_fit_shows_what_it_has():
 
 def test_the_model_of_a_response_is_equation_15():
     measured = {
-        "frequency_hz": [1.0, 5.0], "Y_magnitude": 0.01, "Y_magnitude_low": 0.009,
-        "Y_magnitude_high": 0.011, "Y_phase_deg": 0.0,
+        "frequency_hz": [1.0, 5.0], "Y_re": 0.01, "Y_im": 0.0, "Y_var_re": 1e-6,
+        "Y_cov": 0.0, "Y_var_im": 1e-6, "Y_degrees_of_freedom": 9.0,
     }  # fmt: skip
     response = phasor_response(pl.DataFrame(measured), {"K": 100.0, "B": 2.0, "I": 0.1})
 
@@ -178,7 +177,7 @@ def paragraphs(sheet=(ROW,), **tables):
         ({"timebase": {"delay_s": [0.0]}}, "No delay of a sensor is stated"),
         ({"timebase": {"delay_s": [0.0, 0.002]}}, "Stated delays of sensors, of 0 to 0.002 s"),
         ({"impedance": {"K_d": [100.0, 200.0, 100.0]}}, "was 100 and 200 N·m/rad"),
-        ({"plate": {"plate_inertia": ["identified"]}}, "The inertia of the plate, identified"),
+        ({"plate": {"lag_s": [0.01]}}, "The lag of the plate behind the markers, 0.01 s"),
     ],
 )
 def test_a_sentence_of_the_methods_is_printed_where_its_fact_is_recorded(tables, sentence):

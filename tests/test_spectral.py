@@ -405,13 +405,11 @@ def noise_spectra():
     return [spectrum_of_noise_motion(seed, noise_sd=0.02, rate=256.0) for seed in (1, 2)]
 
 
-def test_local_polynomials_find_the_response_within_its_noise(
-    noise_spectra,
-):
+def test_local_polynomials_find_the_response_within_its_noise(noise_spectra):
     squares = []
     for spectrum in noise_spectra:
         response = local_response(spectrum)
-        Z = response["Z_re"] + 1j * response["Z_im"]
+        Z = response["magnitude"] * np.exp(1j * np.deg2rad(response["phase_deg"]))
         error = np.abs(Z - eq15(response["frequency_hz"]))
         squares.extend(error**2 / response["noise_sd"] ** 2)
 

@@ -13,19 +13,12 @@ from scipy.stats import t as student
 
 from osl_analysis.bench.group_interval import noise_of_scores
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.signals import LowPass
 from osl_analysis.stats import regression, repeats
 from osl_analysis.stats.covariance import (
     between_cycles,
     moving_sums,
     products_between,
     welch_satterthwaite,
-)
-from osl_analysis.stats.table_rows import (
-    diagnostics_row,
-    lag_damping_row,
-    thinned_rows,
-    whiteness_row,
 )
 from osl_analysis.walking.impedance_fit import impedance_columns
 
@@ -51,28 +44,10 @@ def test_recovers_the_impedance_that_made_the_torque():
     assert fit.estimates == pytest.approx([300.0, 5.0, 0.1, -2.0], rel=1e-8)
 
 
-def test_a_lag_costs_damping_and_counts_where_it_is_certain():
-    certain = lag_damping_row(2e-3, 0.9e-3, is_certain=True, K=300.0)
-    uncertain = lag_damping_row(2e-3, 1.1e-3, is_certain=False, K=300.0)
-    no_lag = lag_damping_row(None, None, is_certain=False, K=300.0)
-
-    assert certain["certain_lag_damping"] == pytest.approx(-0.6)
-    assert uncertain["lag_damping"] == pytest.approx(-0.6)
-    assert uncertain["certain_lag_damping"] == 0.0
-    assert set(no_lag.values()) == {None}
-
-
-def test_vaf_and_r_squared_are_those_of_an_imperfect_fit():
+def test_vaf_is_that_of_an_imperfect_fit():
     y = 2 * np.cos(20 * np.pi * T) + np.cos(40 * np.pi * T) + 10
     fit = regression.linear_fit(y, {"c": np.cos(20 * np.pi * T), "offset": np.ones_like(T)})
-    assert (fit.vaf, fit.r_squared) == pytest.approx((80, 1 - 0.5 / (2 + 0.5 + 100)))
-    assert (
-        diagnostics_row(fit, fit.interval_method, 500.0, {})["correlation_s"]
-        == fit.correlation_samples / 500
-    )
-    assert replace(fit, covariance=0 * fit.covariance).correlation("c", "offset") == 0, (
-        "an exact fit"
-    )
+    assert fit.vaf == pytest.approx(80)
     # blind to an offset; a y of zeros by zeros, and by others
     pairs = ((y, 0 * y + 3), (0 * y, 0 * y), (0 * y, y))
     assert [regression.variance_accounted_for(*pair) for pair in pairs] == pytest.approx(
@@ -118,8 +93,9 @@ def test_the_correlation_of_estimates_is_that_of_the_columns():
     do not."""
     a, b, noise = np.random.default_rng(3).standard_normal((3, 4000))
     columns, y = {"a": a, "b": b}, 2 * a + b + 3 * noise * np.abs(a + b)
-    assert abs(regression.linear_fit(y, columns).correlation("a", "b")) > 0.3
-    assert regression.linear_fit(y, columns).largest_correlation < 0.05
+    fit = regression.linear_fit(y, columns)
+    assert abs(fit.covariance[0, 1]) > 0.3 * fit.se("a") * fit.se("b")
+    assert fit.largest_correlation < 0.05
     leaning = columns | {"b": a + 0.1 * b}
     assert regression.linear_fit(y, leaning).largest_correlation > 0.95
     scaled = {
@@ -129,46 +105,6 @@ def test_the_correlation_of_estimates_is_that_of_the_columns():
     assert regression.linear_fit(y, leaning).condition_number == pytest.approx(
         regression.linear_fit(y, scaled).condition_number
     )
-
-
-RATE, LOW_PASS = 500.0, LowPass(15)
-
-
-def whiteness(residual):
-    """Autocorrelation after one sample, Ljung and Box's statistic per lag, and its p, of a residual
-    at `RATE`."""
-    return tuple(whiteness_row(residual[thinned_rows(len(residual), RATE, LOW_PASS)]).values())
-
-
-@pytest.mark.parametrize(("samples", "lags"), [(400, 10), (20, 4)])
-def test_ljung_box_is_statsmodels(samples, lags):
-    theirs = importlib.import_module("statsmodels.stats.diagnostic").acorr_ljungbox
-    residual = np.random.default_rng(3).standard_normal(400).cumsum()[:samples]
-    autocorrelation, per_lag, p = whiteness_row(residual - residual.mean()).values()
-    assert (lags * per_lag, p) == pytest.approx(
-        tuple(theirs(residual - residual.mean(), lags=lags).iloc[-1])
-    )
-    assert autocorrelation > 0.5
-
-
-def test_filtered_white_noise_is_refused_as_white_5_times_in_100():
-    """95 % of 200 seeded records of 30 s, 800 samples each: a rate of twice the cut-off itself
-    would refuse all."""
-    rng = np.random.default_rng(4)
-    records = (LOW_PASS(rng.standard_normal(round(30 * RATE)), RATE) for _ in range(200))
-    autocorrelations, _, ps = np.transpose([whiteness(record) for record in records])
-    assert np.abs(autocorrelations).max() < 0.15
-    assert 0.01 < np.mean(ps < 0.05) < 0.1
-    assert 0.4 < np.mean(ps) < 0.6
-
-
-def test_a_slow_residual_is_not_white_and_too_short_a_one_is_not_judged():
-    t = np.arange(0, 100, 1 / RATE)
-    white = LOW_PASS(np.random.default_rng(5).standard_normal(len(t)), RATE)
-    autocorrelation, per_lag, p = whiteness(white + np.sin(t))
-    assert (autocorrelation > 0.7, per_lag > 100, p < 1e-6) == (True, True, True)
-    assert whiteness(white[:300]) == whiteness(np.zeros(5000)) == (None, None, None)
-    assert set(whiteness_row(white[:19]).values()) == {None}
 
 
 CYCLE, COUNT = 50, 24

@@ -452,6 +452,7 @@ def test_a_trial_is_read_without_its_drift(drifting):
 
     row = table_of(record).row(-1, named=True)
     np.testing.assert_allclose(record.torque, TORQUE, atol=2e-3)
+    assert 60 * record.drift == pytest.approx(0.6, rel=0.02)  # N*m/min
     assert row["K"] == pytest.approx(100, rel=0.01)
 
 

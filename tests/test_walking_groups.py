@@ -233,14 +233,14 @@ def test_what_the_sheet_does_not_state_is_commanded_by_the_trajectory(tmp_path):
     synthetic = tmp_path / "synthetic.csv"
     synthetic.write_text("# kind: synthetic\n" + lines)
 
-    commanded = commanded_over_stance([trajectory], "measured", 0.62)
+    commanded = commanded_over_stance([trajectory], "measured")
 
     assert commanded is not None
     assert commanded("K", 0.5) == pytest.approx(310)
     assert commanded("B", 0.5) == pytest.approx(1)
     assert commanded("I", 0.5) is None
-    assert commanded_over_stance([synthetic], "measured", 0.62) is None
-    assert commanded_over_stance([], "measured", 0.62) is None
+    assert commanded_over_stance([synthetic], "measured") is None
+    assert commanded_over_stance([], "measured") is None
 
 
 def test_a_stiffness_that_changes_linearly_is_read_at_the_fitted_time():

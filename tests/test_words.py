@@ -57,8 +57,6 @@ DOUBTS = {
     *(check.finding for check in CHECKS.values()),
 }
 """Findings that have evidence."""
-WITHOUT_LIMIT = {"f_G_ratio", "B_m_ratio", "R2", "residual_autocorrelation"}
-"""Columns on which a user may set a limit, and the default configuration has none."""
 
 
 def test_every_doubt_says_what_is_wrong_and_what_to_do():
@@ -104,7 +102,7 @@ def test_every_column_that_the_configuration_decides_has_a_limit_there():
     by_configuration = {
         name for name, evidence in EVIDENCE.items() if evidence.decided_by == "configuration"
     }
-    assert by_configuration - limited == WITHOUT_LIMIT, "state its limit under `doubtful`"
+    assert by_configuration - limited == set(), "state its limit under `doubtful`"
 
 
 def texts_of(known):
@@ -198,13 +196,6 @@ def test_the_delay_that_is_advised_is_the_one_that_was_found(row, remedy):
 
     assert advised.startswith(remedy)
     assert bool(advised) is bool(remedy)
-
-
-def test_a_late_motor_angle_is_said_in_ms():
-    finding = Finding("motor_angle_delay", "impedance", "a", Grade.UNCHECKED)
-    row = {"certain_theta_m_lag_s": -3e-3, "lag_s": 1e-3}
-
-    assert "theta_m is early by 3 ms and the torque 1 ms late" in words_of(finding, row).says
 
 
 def test_a_changed_word_changes_no_cause(monkeypatch):

@@ -295,7 +295,7 @@ class TorqueAngleAnalysis(BenchAnalysis):
     """Where the torque's zero is: its mean over `rest_s` at the end or at the start of the
     recording, where the joint rests; none: the torque is as recorded; null: not stated, that of the
     end is assumed, else that of the start, else none."""
-    rest_s: ClassVar[float] = 0.7  # duration [s] of this rest
+    rest_s: Positive  # duration [s] of this rest
     # step [deg] of the angles at which the curves stand
     angle_step_deg: Annotated[float, Field(gt=0, le=10)]
     window_share: ClassVar[float] = 0.05

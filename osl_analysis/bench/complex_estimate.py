@@ -10,8 +10,6 @@ from osl_analysis.measured import check_finite
 from osl_analysis.stats.covariance import welch_satterthwaite
 from osl_analysis.trial import Array
 
-COMPLEX_PARTS = ("re", "im", "var_re", "cov", "var_im", "degrees_of_freedom")
-"""Suffixes of the columns of a complex estimate."""
 POLAR = (
     *("magnitude", "magnitude_low", "magnitude_high"),
     *("phase_deg", "phase_deg_low", "phase_deg_high"),

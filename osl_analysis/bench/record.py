@@ -34,7 +34,6 @@ BEYOND = 1.1  # cut-offs above which the band's end is motion, not the tail of a
 COARSE_HZ = 250.0
 COARSE_CUTOFFS = 8.0
 IDLE = 0.05  # share of the joint's angle (SD): backlash and errors of encoders reach that
-NEAR_AMPLITUDE = 0.25  # share by which an amplitude may differ from one that is asked for
 LEAST_DRIFT = 0.01  # of the RMS of the angle; a smaller drift of it is a frame that yields
 ONE_DRIFT = 0.99  # correlation of time and mean angle from which a drift of either explains both
 
@@ -236,31 +235,15 @@ class Record:
             strata = tuple(stratum for stratum in strata if stratum.label == label)
         return joined([stratum.rows for stratum in strata], apart=1)
 
-    def label_near(self, amplitude_deg: float | None) -> Label:
-        """The label near an amplitude [deg], commanded or measured; None: the largest.
-
-        Raises
-        ------
-        InputError
-            None is near.
-        """
+    @property
+    def largest_amplitude(self) -> Label:
+        """The label of the largest amplitude; None for a motion that has none."""
         amplitudes = {
             stratum.label: stratum.commanded_deg or stratum.label
             for stratum in self.groups.strata
             if isinstance(stratum.label, float)
         }
-        if not amplitudes:
-            return None
-        if amplitude_deg is None:
-            return max(amplitudes, key=lambda label: amplitudes[label])
-        near = min(amplitudes, key=lambda label: abs(amplitudes[label] - amplitude_deg))
-        if abs(amplitudes[near] / amplitude_deg - 1) > NEAR_AMPLITUDE:
-            sizes = ", ".join(f"{size:g}" for size in amplitudes.values())
-            raise InputError(
-                f"figures.time_series.amplitude_deg = {amplitude_deg:g} is not in the protocol "
-                f"({sizes} deg); choose one of these"
-            )
-        return near
+        return max(amplitudes, key=lambda label: amplitudes[label]) if amplitudes else None
 
 
 def actuator_turns(record: Record) -> bool:

@@ -1,6 +1,6 @@
 """The jobs of the bench: the fit of each kind of trial, and what its tables tell together.
 
-`commands/fit.py` calls the same fits for the command line, `watch` and notebooks.
+`commands/fit.py` calls the same fits for the command line and notebooks.
 """
 
 from collections.abc import Mapping
@@ -33,6 +33,7 @@ from osl_analysis.bench.record import Record, with_actuator
 from osl_analysis.bench.recorded_motion import record_of_trial, sine_record
 from osl_analysis.bench.transmission import transmission_of, transmission_table
 from osl_analysis.ingest.examine import check_recording, saturated
+from osl_analysis.ingest.guard import find_leaps
 from osl_analysis.model.compensator import Weight
 from osl_analysis.model.drivetrain import FileOrNone, joint_admittance, known_parameters
 from osl_analysis.table import read_table, write_table
@@ -127,12 +128,26 @@ def record_with_actuator(
     trial: Trial, settings: choices.ImpedanceAnalysis, windows: str | None
 ) -> Record:
     """The record of a trial with its actuator's signals. The clocks of the devices, which take
-    0.4 GB of an hour, are found for it alone. Of a trial with wrong rows or gaps, what lies before
-    or behind the windows is cut off, since an angle that slipped there would look like play."""
+    0.4 GB of an hour, are found for it alone."""
     trial = replace(trial, clocks={})
     if windows:
-        trial, windows = trial.cut_to(windows)
+        cut, shifted_windows = trial.cut_to(windows)
+        if leaps_outside(trial, cut):
+            trial, windows = cut, shifted_windows
     return with_actuator(record_of_trial(trial, settings, windows), trial)
+
+
+def leaps_outside(trial: Trial, cut: Trial) -> bool:
+    """Whether an angle or the torque leaps in a part that was cut off a trial. The filters would
+    spread it into the windows, and an angle that slipped there would look like play. A sound trial
+    is filtered whole, since a filter needs what lies around the windows."""
+    first, last = cut.samples["time"][0], cut.samples["time"][-1]
+    for column in ("theta", "theta_m", "torque"):
+        if column in trial.columns:
+            leaps = find_leaps(column, *trial.arrays(column))
+            if any(time < first or time > last for time in leaps.times):
+                return True
+    return False
 
 
 def fit_actuator_trial(

@@ -222,7 +222,7 @@ def fig4(
         What the data are.
     """
     record = record_of_trial(read_trial(trial), settings, windows)
-    label = record.label_near(None)
+    label = record.largest_amplitude
     analysis = analysed(record, plain_sums(record, IMPEDANCE), IMPEDANCE)
     series = analysis.last_seconds(label, SHOWN_S)
 

@@ -25,9 +25,6 @@ HARM_SHARE = (0.003, 0.01, 0.02)
 # Sizes added in quadrature to K, B, I before the share is taken: 0 has no relative change
 # [N*m/rad, N*m*s/rad, kg*m^2]; release 0.4.0 (HARM), with I as in the prototype
 HARM_FLOOR = (2.0, 0.1, 1e-3)
-# SD to which a delay is taken as known where the fit says what an unstated delay costs [s]; what
-# the issue asks for: a tenth of a sample at 1 kHz
-KNOWN_DELAY = 1e-4
 
 # How the recording is cut
 

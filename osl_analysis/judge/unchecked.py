@@ -99,8 +99,8 @@ def unchecked_in_impedance(row: AnyRow) -> Iterator[str]:
     is_device_known = not lacks(row, "K_over_K_s")
     if has_commanded and lacks(row, "K_predicted") and is_device_known:
         yield "K_of_gains"
-    is_weighed = row.get("fault_probability") is not None or row.get("lag_s") is not None
-    if row.get("delay_told_s") is not None or (has_commanded and not is_weighed):
+    is_not_sought = lacks(row, "fault_probability") and lacks(row, "lag_s")
+    if is_not_sought or row.get("delay_told_s") is not None:
         yield "late_torque_unseen"
     if lacks(row, "gain_error"):
         yield "wrong_gain_unseen"

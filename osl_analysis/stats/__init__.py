@@ -1,2 +1,2 @@
 """Statistics without physics: the one regression, covariances, sinusoids, repeats, comparison of
-models, whiteness."""
+models."""

@@ -140,7 +140,7 @@ class PlateModelSettings(PlatformSettings):
     # From the plate trials; `none`: nothing is removed from the wrench
     plate_inertia: Literal["identified", "none"] = "identified"
     # Cut-off [Hz] with which it is identified: 12 kg are 10.8 kg at 20 Hz, 12.0 kg at 8 Hz
-    plate_cutoff_hz: Cutoff
+    plate_cutoff_hz: ClassVar[float] = 8.0
 
     @property
     def plate_low_pass(self) -> LowPass:

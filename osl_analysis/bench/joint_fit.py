@@ -42,7 +42,7 @@ def friction_columns(friction: FrictionFit | None) -> Row:
     size = friction.size if friction else None
     return {
         "coulomb_share": friction.share if friction else None,
-        "f_C": size.value if size else None,
+        **estimate_columns("f_C", size),
         **estimate_columns("B_viscous", without.B if without else None),
         **estimate_columns("K_without_friction", without.K if without else None),
         **estimate_columns("I_without_friction", without.I if without else None),

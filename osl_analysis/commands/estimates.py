@@ -19,7 +19,7 @@ EVEN = 1.1  # ratio of the sides of an interval below which it is printed with a
 # estimates in the order in which they are printed
 PRINTED = (
     "K", "B", "B_viscous", "I", "K_s", "B_j", "B_j_viscous", "J_j", "T_C", "k_tau_n_m", "f_C",
-    "f_G", "B_m", "J_m", "offset", "drift", "K_secant", "lag_s", "gain", "inertia", "weight",
+    "f_G", "B_m", "J_m", "K_secant", "lag_s", "gain", "inertia", "weight",
     "K_unloading", "energy_stored", "energy_returned", "energy_lost",
 )  # fmt: skip
 
@@ -32,9 +32,10 @@ def printed_units() -> Mapping[str, str]:
     for experiment in EXPERIMENTS.values():
         units.update(dict.fromkeys(filter(None, experiment.impedance), ""))
     for table in described_tables_by_name().values():
-        for name in units.keys() & table.columns.keys():
-            if f"{name}_low" in table.columns:
-                units[name] = in_print(table.columns[name].unit)
+        columns = {**table.columns, **table.of_fits}
+        for name in units.keys() & columns.keys():
+            if f"{name}_low" in columns:
+                units[name] = in_print(columns[name].unit)
     return units
 
 

@@ -103,22 +103,20 @@ def failed_checks(verdicts: pl.DataFrame) -> Iterator[WordedFinding]:
 
 
 def recordings_of_another_length(impedance: pl.DataFrame) -> Iterator[WordedFinding]:
-    """Trials shorter or longer than most with their kind of motion: half of a file looks whole, and
-    a wrongly stated rate changes the length."""
+    """Trials of the stepped sine that are shorter or longer than most: half of a file looks whole,
+    and a wrongly stated rate changes the length. Other motions have no usual length."""
     if not {"recorded_s", "excitation"} <= set(impedance.columns):
         return
-    whole = impedance.filter(pl.col("amplitude_deg").is_null(), pl.col("recorded_s") > 0)
-    for rows in whole.partition_by("excitation"):
-        is_unusual, usual_s = unusual(rows["recorded_s"].to_numpy())
-        for row in rows.filter(is_unusual).select("trial", "recorded_s").to_dicts():
-            if row["recorded_s"] < usual_s:
-                evidence = Beyond("recorded_s", row["recorded_s"], SHORT * usual_s, "below")
-            else:
-                evidence = Beyond("recorded_s", row["recorded_s"], usual_s / SHORT, "above")
-            finding = Finding(
-                "recording_length", "impedance", row["trial"], Grade.NOTES, (evidence,)
-            )
-            yield WordedFinding(finding, words_of(finding, {**row, "usual_s": usual_s}))
+    is_whole = pl.col("amplitude_deg").is_null() & (pl.col("recorded_s") > 0)
+    rows = impedance.filter(is_whole, excitation="stepped sine")
+    is_unusual, usual_s = unusual(rows["recorded_s"].to_numpy())
+    for row in rows.filter(is_unusual).select("trial", "recorded_s").to_dicts():
+        side, limit_s = "above", usual_s / SHORT
+        if row["recorded_s"] < usual_s:
+            side, limit_s = "below", SHORT * usual_s
+        evidence = Beyond("recorded_s", row["recorded_s"], limit_s, side)
+        finding = Finding("recording_length", "impedance", row["trial"], Grade.NOTES, (evidence,))
+        yield WordedFinding(finding, words_of(finding, {**row, "usual_s": usual_s}))
 
 
 def exclusion_report(verdicts: pl.DataFrame, by_sheet: Mapping[str, str]) -> str:

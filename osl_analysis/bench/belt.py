@@ -379,7 +379,7 @@ def belt_figure_points(
     DataFrame
         The curves with their `deviation` of torque [N*m] from the mean slope, and why a fit is
         doubtful; the mean slope as two points, from 0 to the largest deflection, with the loops'
-        mean area [J].
+        mean area [J]. There is no mean slope where all trials are doubtful.
     """
     doubts = table.select("trial", *PLACE, "doubtful")
     marked_curves = curves.join(doubts, "trial", how="left", maintain_order="left")
@@ -388,6 +388,9 @@ def belt_figure_points(
         place = of_place.select(PLACE).head(1)
         rows = summary.join(place, PLACE, nulls_equal=True).to_dicts()
         means = {row["quantity"]: row for row in rows}
+        if means["K_s"]["mean"] is None:
+            found.append(of_place.with_columns(deviation=pl.lit(None, pl.Float64)))
+            continue
         slope = means["K_s"]["mean"] * np.pi / 180
         deviation = pl.col("torque") - slope * pl.col("theta_s_deg")
         found.append(of_place.with_columns(deviation=deviation))

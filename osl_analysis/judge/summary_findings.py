@@ -65,6 +65,16 @@ class CampaignFinding:
         alone`."""
         return self.subject.partition(",")[0]
 
+    @property
+    def counts(self) -> str:
+        """The cause, and on how many of the trials it is."""
+        return f"{self.cause}: {len(self.trials)} of {self.n} {self.kind}"
+
+    @property
+    def is_result(self) -> bool:
+        """Whether it is a property of the device."""
+        return known_finding(self.name).is_result
+
     def to_json(self) -> dict[str, Any]:
         """An object under `findings` of `summary.json`."""
         return {
@@ -161,7 +171,8 @@ def causes_in_campaign(
     -------
     list of CampaignFinding
         Each cause by experiment with its trials. Doubts come first, then failed checks of trials
-        that are used, then what could not be checked; in each, the most frequent cause first.
+        that are used, remarks, and what could not be checked; in each, the most frequent cause
+        first.
     """
     present = {*subjects(verdicts), *chain(*map(subjects, tables.values()))}
     by_table: dict[tuple[str, Grade], list[WordedFinding]] = defaultdict(list)
@@ -171,14 +182,17 @@ def causes_in_campaign(
             by_table[finding.table, finding.grade].append(worded)
 
     doubts: list[CampaignFinding] = []
+    remarks: list[CampaignFinding] = []
     unchecked: list[CampaignFinding] = []
     for table in judged_tables_of(tables):
         doubts += doubts_about_table(table, by_table)
-        unchecked += unchecked_in_table(table, by_table)
+        remarks += about_whole_trials(table, by_table[table.name, Grade.NOTES], "remark")
+        unchecked += about_whole_trials(table, by_table[table.name, Grade.UNCHECKED], "not checked")
     flags = list(flags_by_check(by_table[QUALITY, Grade.DOUBTS], verdicts))
     return [
         *most_frequent_first(doubts),
         *most_frequent_first(flags),
+        *most_frequent_first(remarks),
         *most_frequent_first(unchecked),
     ]
 
@@ -193,13 +207,12 @@ def doubts_about_table(table: JudgedTable, by_table: FindingsByTable) -> Iterato
         yield from doubts_by_cause(table, of_table)
 
 
-def unchecked_in_table(table: JudgedTable, by_table: FindingsByTable) -> Iterator[CampaignFinding]:
-    """What could not be checked on the whole trials of a table, and what was noted of them."""
-    for grade, verdict in ((Grade.UNCHECKED, "not checked"), (Grade.NOTES, "remark")):
-        of_whole = [
-            worded for worded in by_table[table.name, grade] if not worded.finding.is_of_part
-        ]
-        yield from by_cause(of_whole, verdict, table.subject_of_unchecked, table.trials)
+def about_whole_trials(
+    table: JudgedTable, findings: Sequence[WordedFinding], verdict: str
+) -> Iterator[CampaignFinding]:
+    """What was noted of the whole trials of a table, or could not be checked on them."""
+    of_whole = [worded for worded in findings if not worded.finding.is_of_part]
+    yield from by_cause(of_whole, verdict, table.subject_of_unchecked, table.trials)
 
 
 def flags_by_check(

@@ -49,11 +49,20 @@ def test_a_mean_over_trials_leaves_out_amplitudes_and_the_doubtful_trial_beside_
     bias = numbers_of(impedance=IMPEDANCE)["K_bias_PD_1"]
 
     assert bias.value == pytest.approx((1 + 1) / 2)  # of a and b, in percent
-    assert (bias.n, bias.n_doubtful, bias.n_left_out) == (2, 1, 1)
+    assert (bias.n, bias.n_doubtful) == (2, 1)
 
 
-def test_the_error_of_the_damping_is_without_friction_where_this_is_certain():
-    assert numbers_of(impedance=IMPEDANCE)["B_error_PD_1"].value == pytest.approx((0.2 + 0.1) / 2)
+def test_the_error_of_the_damping_is_that_of_Eq_15_and_the_viscous_one_has_its_own_row():
+    numbers = numbers_of(impedance=IMPEDANCE)
+
+    assert numbers["B_error_PD_1"].value == pytest.approx((0.2 + 0.3) / 2)
+    assert numbers["B_viscous_error_PD_1"].value == pytest.approx(0.1)
+
+
+def test_the_number_of_a_condition_vanishes_with_its_only_trial():
+    numbers = numbers_of(impedance=IMPEDANCE.with_columns(doubtful=pl.lit("late torque")))
+
+    assert [name for name in numbers if name.startswith("K_")] == []
 
 
 def test_one_trial_has_its_own_interval_and_several_have_that_of_their_mean():
@@ -113,7 +122,7 @@ def test_a_sentence_has_alike_numbers_with_what_they_are_of_and_the_doubts():
 
     assert sentences[0] == (
         "On average K differs from the commanded K_d by 1.00 %"
-        " (PD 1; trials 1.00 to 1.00; 1 of 3 doubtful)."
+        " (PD 1; trials 1.00 to 1.00; 1 of 3 left out as doubtful)."
     )
     assert not any("_PD" in sentence for sentence in sentences), "no name of a number"
 
@@ -186,7 +195,7 @@ def test_a_condition_with_a_doubtful_fit_alone_is_marked():
 def test_latex_has_rules_and_units_and_escapes_what_users_write():
     tex = paper_tables.to_tex([["controller", "K"], ["PD_1", "101"]], "simulated")
 
-    assert tex.splitlines()[1:] == [
+    assert tex.splitlines()[2:] == [
         r"\begin{tabular}{ll}", r"\toprule",
         r"controller & $K$ (\unit{\newton\meter\per\radian}) \\", r"\midrule",
         r"PD\_1 & 101 \\", r"\bottomrule", r"\end{tabular}",
@@ -221,10 +230,12 @@ def test_components_stand_beside_the_draft(beside_draft, draft):
 def test_a_run_ends_with_verdicts_sentences_findings_and_what_was_not_checked():
     finding = {
         "of": "impedance trials", "n": 3, "trials": ["c"], "cause": "friction", "brief": "report B",
-        "size": "B 2.1. More", "verdict": "doubtful",
+        "size": "B 2.1. More", "verdict": "doubtful", **dict.fromkeys(("says", "remedy"), ""),
+        "name": "friction", "line": "",
     }  # fmt: skip
     unchecked = {**finding, "verdict": "not checked", "cause": "the fixture"}
     summary = json.loads(to_json(ABOUT, headline_numbers({"impedance": IMPEDANCE}), {}))
+    summary["results_of_clear"] = {}
     summary["verdicts"] = {"clear": 1, "doubtful": 1, "refused": 1, "excluded": 0}
     summary["findings"] = [finding, unchecked]
 

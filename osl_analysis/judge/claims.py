@@ -227,40 +227,34 @@ def stiffness_claims(means: Means, fits: pl.DataFrame, n_T: float | None) -> Ite
             )
 
 
-def verdict_over_pairs(pairs: Sequence[Mapping[str, Any]], wanted: Direction) -> str:
-    """Whether compensation is better, by rows of `compensation.csv` of one pair: it `holds` where
-    every pair is better and most of their intervals lie wholly on the `wanted` side of 0, `fails`
-    where none is better and most lie on the other side, and is `undecided` otherwise. A difference
-    without an interval counts by its sign."""
-    n_better = sum(pair["better"] for pair in pairs)
-    verdicts = pair_verdicts(pairs, wanted)
-    if n_better == len(pairs) and 2 * verdicts.count("holds") > len(pairs):
+def verdict_over_pairs(n: int, n_better: int, n_certain: int, n_certainly_worse: int) -> str:
+    """Whether compensation is better over n conditions: it `holds` where every pair is better and
+    the intervals of most lie wholly on that side, `fails` where none is better and those of most
+    lie on the other side, and is `undecided` otherwise."""
+    if n_better == n and 2 * n_certain > n:
         return "holds"
-    return "fails" if not n_better and 2 * verdicts.count("fails") > len(pairs) else "undecided"
-
-
-def pair_verdicts(pairs: Sequence[Mapping[str, Any]], wanted: Direction) -> list[str | None]:
-    """The verdict on each pair alone."""
-    verdicts = []
-    for pair in pairs:
-        ends = pair["difference_low"], pair["difference_high"]
-        low, high = (pair["difference"] if end is None else end for end in ends)
-        verdicts.append(limit_verdict(low, high, 0.0, wanted))
-    return verdicts
+    return "fails" if not n_better and 2 * n_certainly_worse > n else "undecided"
 
 
 def compensation_claims(compensation: pl.DataFrame) -> Iterator[Claim]:
-    """What compensation improves, from `compensation.csv`."""
+    """What compensation improves, from `compensation.csv`. A difference without an interval counts
+    by its sign."""
+    if compensation.is_empty():  # which has no texts
+        return
     for row in compensation.filter(of="trials").to_dicts():
         name = row["quantity"]
-        of_quantity = compensation.filter(quantity=name)
-        pairs = of_quantity.filter(of="trial").to_dicts()
         wanted: Direction = "above" if name == "VAF" else "below"
-        counts = f"better in {row['better']} of {row['pairs']} pairs of trials"
-        if any(pair["difference_low"] is not None for pair in pairs):
-            verdicts = pair_verdicts(pairs, wanted)
-            counts += f" (certainly in {verdicts.count('holds')}, certainly worse in"
-            counts += f" {verdicts.count('fails')})"
+        of_quantity = compensation.filter(quantity=name)
+        ends = of_quantity.filter(of="trial").select(
+            low=pl.coalesce("difference_low", "difference"),
+            high=pl.coalesce("difference_high", "difference"),
+        )
+        verdicts = [limit_verdict(low, high, 0.0, wanted) for low, high in ends.iter_rows()]
+        n, n_better = row["pairs"], row["better"]
+        n_certain, n_worse = verdicts.count("holds"), verdicts.count("fails")
+        counts = f"better in {n_better} of {n} pairs of trials"
+        if (ends["low"] < ends["high"]).any():
+            counts += f" (certainly in {n_certain}, certainly worse in {n_worse})"
         for of_amplitudes in of_quantity.filter(of="amplitudes").to_dicts():
             counts += f" and {of_amplitudes['better']} of {of_amplitudes['pairs']} of amplitudes"
         yield Claim(
@@ -274,8 +268,8 @@ def compensation_claims(compensation: pl.DataFrame) -> Iterator[Claim]:
             interval=RANGE,
             wanted=wanted,
             target=0.0,
-            n=row["pairs"],
-            verdict=verdict_over_pairs(pairs, wanted),
+            n=n,
+            verdict=verdict_over_pairs(n, n_better, n_certain, n_worse),
         )
 
 

@@ -3,7 +3,7 @@ a run, by `results` and on the page."""
 
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import chain
 from typing import Any
 
@@ -39,10 +39,6 @@ class CampaignFinding:
         Those with this cause.
     line
         All of it in a sentence.
-    measure, limit
-        The columns of its evidence, and their limits.
-    table, worst
-        The table of the findings, and the trial farthest beyond its limits.
     """
 
     verdict: str
@@ -54,10 +50,6 @@ class CampaignFinding:
     brief: str
     trials: Sequence[str]
     line: str
-    measure: str
-    limit: str
-    table: str
-    worst: str
 
     @property
     def kind(self) -> str:
@@ -77,44 +69,18 @@ class CampaignFinding:
 
     def to_json(self) -> dict[str, Any]:
         """An object under `findings` of `summary.json`."""
-        return {
-            "verdict": self.verdict,
-            "of": self.subject,
-            "name": self.name,
-            "cause": self.cause,
-            **self.words._asdict(),
-            "n": self.n,
-            "brief": self.brief,
-            "trials": list(self.trials),
-            "line": self.line,
-            "measure": self.measure,
-            "limit": self.limit,
-            "table": self.table,
-            "worst": self.worst,
-        }
+        content = asdict(self)
+        content["of"] = content.pop("subject")
+        return {**content, **content.pop("words")._asdict()}
 
 
 def findings_in_summary(summary: Mapping[str, Any]) -> list[CampaignFinding]:
-    """The findings that a `summary.json` lists; an older one lacks some of their fields."""
+    """The findings that a `summary.json` lists."""
     findings = []
-    for content in summary.get("findings", ()):
-        findings.append(
-            CampaignFinding(
-                verdict=content["verdict"],
-                subject=content["of"],
-                name=content.get("name", ""),
-                cause=content["cause"],
-                words=Words(*(content.get(part, "") for part in Words._fields)),
-                n=content.get("n", 0),
-                brief=content.get("brief", ""),
-                trials=content["trials"],
-                line=content.get("line", ""),
-                measure=content.get("measure", ""),
-                limit=content.get("limit", ""),
-                table=content.get("table", ""),
-                worst=content.get("worst", ""),
-            )
-        )
+    for listed in summary.get("findings", ()):
+        content = dict(listed)
+        words = Words(*(content.pop(part) for part in Words._fields))
+        findings.append(CampaignFinding(subject=content.pop("of"), words=words, **content))
     return findings
 
 
@@ -293,10 +259,6 @@ def by_cause(
             words = words._replace(size=f"{words.size}, most in {worst}")
         if words.says and len({of_trial.words.says for of_trial in by_trial.values()}) > 1:
             words = words._replace(says=f"{words.says} (in {worst})")
-        limits: dict[str, str] = {}  # by column
-        for of_trial in by_trial.values():
-            for number in of_trial.finding.evidence:
-                limits[number.column] = f"{number.side} {number.limit:g}"
         trials = list(by_trial)
         counts = f"{len(trials)} of {len(judged_trials)} {subject}"
         trial_names = named_trials(trials, judged_trials)
@@ -310,10 +272,6 @@ def by_cause(
             brief=known_finding(finding.name).brief,
             trials=trials,
             line=f"{verdict}, {counts}: {sentence_of(words, cause)}{trial_names}",
-            measure=", ".join(limits),
-            limit=", ".join(limits.values()),
-            table=finding.table,
-            worst=worst,
         )
 
 

@@ -81,8 +81,7 @@ def verdict_counts(
         verdict = verdict_on(row["experiment"], of_trial, left_out.get(trial))
         counts[verdict] += 1
         if verdict == CLEAR:
-            of_device = results_on(row["experiment"], of_trial)
-            results.update({worded.finding.cause for worded in of_device})
+            results.update({w.finding.cause for w in results_on(row["experiment"], of_trial)})
     return {verdict: counts[verdict] for verdict in VERDICTS}, dict(results.most_common())
 
 

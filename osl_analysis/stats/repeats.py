@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from statistics import median
+from typing import cast
 
 import numpy as np
 import polars as pl
@@ -135,11 +136,8 @@ def summary_row(table: pl.DataFrame, name: str) -> dict[str, float | str | None]
     used = table.filter(pl.col(name).cast(pl.Float64).is_not_nan())
     numbers = used[name].cast(pl.Float64)
     if len(numbers) < 2:
-        row: dict[str, float | str | None] = {"n": len(numbers), "mean": None}
-        if len(numbers) == 1:
-            row["mean"] = float(numbers[0])
-        row.update(dict.fromkeys(("sd", "se", "low", "high", "interval_method")))
-        return row
+        no_scatter = dict.fromkeys(("sd", "se", "low", "high", "interval_method"))
+        return {"n": len(numbers), "mean": cast(float | None, numbers.mean()), **no_scatter}
 
     of_bench = np.zeros(len(used))
     if f"{name}_se_bench" in table.columns:
@@ -151,15 +149,12 @@ def summary_row(table: pl.DataFrame, name: str) -> dict[str, float | str | None]
         own_squares = np.nan_to_num(widths / 2) ** 2 - (NORMAL_97_5 * of_bench) ** 2
         halves = np.sqrt(np.maximum(own_squares, 0.0))
     common = [(shared, np.inf)] if shared else []
-    row = asdict(over_repeats(numbers.to_numpy(), common, halves=halves))
+    row: dict[str, float | str | None] = asdict(
+        over_repeats(numbers.to_numpy(), common, halves=halves)
+    )
     if shared:
         row["interval_method"] = f"{row['interval_method']} + bench"
     return row
-
-
-def doubtful_count(table: pl.DataFrame) -> int:
-    """Number of doubtful fits of a table; 0 without the column `DOUBTFUL`."""
-    return len(table.filter(IS_DOUBTFUL)) if DOUBTFUL in table.columns else 0
 
 
 def doubts_of_trials(table: pl.DataFrame) -> pl.DataFrame:
@@ -181,7 +176,9 @@ def counted(table: pl.DataFrame) -> pl.DataFrame:
 def doubtful_row(table: pl.DataFrame) -> dict[str, int]:
     """`n_doubtful` for a row that summarises a table; empty for a table without the column
     `DOUBTFUL`."""
-    return {"n_doubtful": doubtful_count(table)} if DOUBTFUL in table.columns else {}
+    if DOUBTFUL not in table.columns:
+        return {}
+    return {"n_doubtful": table.filter(IS_DOUBTFUL).height}
 
 
 def summary_of_trials(table: pl.DataFrame, quantities: Sequence[str]) -> pl.DataFrame:

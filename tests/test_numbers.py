@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import polars as pl
 import pytest
 
+from osl_analysis.judge.summary_findings import findings_in_summary
 from osl_analysis.report import paper_tables
 from osl_analysis.report.brief import brief_lines
 from osl_analysis.report.numbers import (
@@ -186,10 +187,24 @@ def test_conditions_are_rows_with_their_sound_trial_or_the_mean_of_several():
     assert mean_of_two[3].startswith("204 (")
 
 
-def test_a_condition_with_a_doubtful_fit_alone_is_marked():
-    rows = condition_rows(conditions(IMPEDANCE.filter(trial="c")))
+def test_a_condition_with_a_doubtful_fit_alone_is_marked_and_of_several_there_is_no_mean():
+    alone = IMPEDANCE.filter(trial="c")
+    several = pl.concat([alone, alone.with_columns(trial=pl.lit("d"))])
 
-    assert rows[1][:3] == ["PD 1", "200", "5†"]
+    assert condition_rows(conditions(alone))[1][:4] == [
+        "PD 1",
+        "200",
+        "5†",
+        "206.0 (205.0 to 207.0)",
+    ]
+    assert condition_rows(conditions(several))[1][:5] == ["PD 1", "200", "5†", "0", "–"]
+
+
+def test_a_condition_shows_friction():
+    remarks = pl.lit("what could not be checked; friction")
+
+    (condition,) = conditions(IMPEDANCE.filter(trial="b").with_columns(remarks=remarks))
+    assert (condition.is_doubtful, condition.results) == (False, ["friction"])
 
 
 def test_latex_has_rules_and_units_and_escapes_what_users_write():
@@ -200,12 +215,6 @@ def test_latex_has_rules_and_units_and_escapes_what_users_write():
         r"controller & $K$ (\unit{\newton\meter\per\radian}) \\", r"\midrule",
         r"PD\_1 & 101 \\", r"\bottomrule", r"\end{tabular}",
     ]  # fmt: skip
-
-
-def test_markdown_has_a_rule_below_the_heads():
-    markdown = paper_tables.to_markdown([["K_d", "K"], ["100", "101"]], "simulated")
-
-    assert markdown.splitlines()[:3] == ["| K_d | K   |", "| --- | --- |", "| 100 | 101 |"]
 
 
 def test_groups_of_crossings_are_rows_of_their_ensembles():
@@ -239,6 +248,7 @@ def test_a_run_ends_with_verdicts_sentences_findings_and_what_was_not_checked():
     summary["verdicts"] = {"clear": 1, "doubtful": 1, "refused": 1, "excluded": 0}
     summary["findings"] = [finding, unchecked]
 
+    assert [found.to_json() for found in findings_in_summary(summary)] == [finding, unchecked]
     first, *_, doubt, last = brief_lines(summary)
     assert first == "3 trials: 1 clear, 1 doubtful, 1 refused."
     assert doubt == "⚠ friction: 1 of 3 impedance trials, B 2.1 → report B"

@@ -159,6 +159,8 @@ def end_of_loop(trial: pl.DataFrame) -> dict[str, Any]:
 
 def outlying(ends: Sequence[Mapping[str, Any]]) -> list[bool]:
     """Whether each loop ends more than `OUTLYING` robust standard deviations from the median."""
+    if not ends:
+        return []
     deviations = np.array([end["deviation"] for end in ends])
     limit = OUTLYING * median_abs_deviation(deviations, scale="normal")
     distances = np.abs(deviations - np.median(deviations))

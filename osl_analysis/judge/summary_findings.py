@@ -71,7 +71,8 @@ class CampaignFinding:
         """An object under `findings` of `summary.json`."""
         content = asdict(self)
         content["of"] = content.pop("subject")
-        return {**content, **content.pop("words")._asdict()}
+        words = content.pop("words")
+        return {**content, **words._asdict()}
 
 
 def findings_in_summary(summary: Mapping[str, Any]) -> list[CampaignFinding]:

@@ -7,7 +7,6 @@ from typing import Any
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.judge.campaign import QUALITY
 from osl_analysis.judge.finding import Finding, Grade, WordedFinding
-from osl_analysis.judge.known_findings import known_finding
 from osl_analysis.report.left_out import LeftOut
 
 CLEAR = "clear"
@@ -63,7 +62,7 @@ def verdict_on(experiment: str, findings: Sequence[WordedFinding], left_out: Lef
 def results_on(experiment: str, findings: Sequence[WordedFinding]) -> list[WordedFinding]:
     """Why the device of a trial is not of second order, as friction."""
     of_whole = [worded for worded in findings if is_of_whole(worded.finding, experiment)]
-    return [worded for worded in of_whole if known_finding(worded.finding.name).is_result]
+    return [worded for worded in of_whole if worded.finding.is_result]
 
 
 def verdict_counts(

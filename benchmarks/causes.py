@@ -120,7 +120,7 @@ def judged(
     cause: Cause, at: str, size: float, motion: str, seed: int, gains: bool
 ) -> dict[str, Any]:
     """The row of one recording. Its outcome is `right` or `other`, by the first cause that is
-    named; `refused`; and where nothing is doubtful `silent` or `not checked` if an estimate is off,
+    named; `refused`; and where nothing is named `silent` or `not checked` if an estimate is off,
     else `within`."""
     fit = fitted(cause, size, motion, seed, gains)
     of = {
@@ -135,7 +135,8 @@ def judged(
         outcome = "right" if "refused" in cause.right else "refused"
         return {**of, "outcome": outcome, "named": "refused", "worst": None, "miss": None}
     worst, miss = worst_miss(fit.table.row(-1, named=True), cause.joint)
-    named = next(iter(findings_of(fit, Grade.DOUBTS)), None)
+    results = [finding.cause for finding in fit.findings[-1] if finding.is_result]
+    named = next(iter([*findings_of(fit, Grade.DOUBTS), *results]), None)
     if named is not None:
         outcome = "right" if named in cause.right else "other"
     elif abs(miss) < OFF:

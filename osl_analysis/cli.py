@@ -465,8 +465,8 @@ def fit(
             " bench's frame yields, and whether K is what the gains should give",
             err=True,
         )
-    if fitted.not_checked:
-        say(fitted.not_checked, err=True)
+    if fitted.remarks:
+        say(fitted.remarks, err=True)
 
 
 @main.command(epilog="Example: osl-analysis results results/mine --markdown")

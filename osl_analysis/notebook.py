@@ -132,7 +132,7 @@ def fit_impedance(
         With `theta` [rad] and the resisting `torque` [N*m], or its Parquet file.
     desired : DesiredImpedance or None
         What the leg was asked to render. With it the fit is judged by what the gains should give.
-        None: `not_checked` says what is not judged.
+        None: `remarks` says what is not judged.
     windows : str or None
         What of the trial is fitted [s], as in the column `windows` of a sample sheet, "2-30 40-62".
         None: all that moves.

@@ -27,7 +27,7 @@ TEXT_COLUMNS = (
     "trial", "controller", "branch", "quantity", "estimator", "check", "unit", "verdict", "remark",
     "reason", "excluded", "panel", "curve", "interval_method", "doubtful", "model",
     "motion", "group", "direction", "subject", "side", "different", "doubt",
-    "not_checked", "excitation", "desired", "loading", "method", "joint",
+    "remarks", "excitation", "desired", "loading", "method", "joint",
     "data", "chosen", "trajectory", "table", "grade",
     "name", "cause", "evidence", "says", "size", "remedy", "fault_family", "explanations",
 )  # fmt: skip
@@ -259,26 +259,6 @@ def with_evidence(path: Path, required: Sequence[str] = ()) -> pl.DataFrame:
     evidence = read_table(evidence_path).drop("data", strict=False)
     evidence = evidence.with_columns(pl.col(name).cast(table.schema[name]) for name in keys)
     return table.join(evidence, on=keys, how="left", nulls_equal=True, maintain_order="left")
-
-
-def with_viscous_damping(fits: pl.DataFrame) -> pl.DataFrame:
-    """Replace B and its interval by the viscous damping where friction is certain.
-
-    It is compared with B_d: a desired damping has no friction. The range over single amplitudes
-    includes friction, and has no viscous part; it is null there.
-    """
-    if "B_viscous" not in fits.columns:
-        return fits
-    has_friction = pl.col("B_viscous").is_not_null()
-    columns = []
-    for end in ("", "_low", "_high", "_amplitudes_low", "_amplitudes_high"):
-        if f"B{end}" not in fits.columns:
-            continue
-        viscous = f"B_viscous{end}"
-        without_friction = pl.col(viscous) if viscous in fits.columns else None
-        chosen = pl.when(has_friction).then(without_friction).otherwise(f"B{end}")
-        columns.append(chosen.alias(f"B{end}"))
-    return fits.with_columns(columns)
 
 
 def finite_or_null(row: Mapping[str, Any]) -> dict[str, Any]:

@@ -235,7 +235,7 @@ def test_a_torque_in_time_is_not_doubtful_and_tells_an_unstated_delay(stated, is
     table = judged(second_order, **stated)
     assert table["fault_harm"].to_list() == [0.0] * 3
     assert table["doubtful"].to_list() == [""] * 3
-    assert (LATENESS in table["not_checked"][-1].split("; ")) == is_told
+    assert (LATENESS in table["remarks"][-1].split("; ")) == is_told
 
 
 def test_sines_whose_torque_is_clipped_before_the_noise_are_doubted_for_it():

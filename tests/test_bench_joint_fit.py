@@ -46,10 +46,10 @@ def row_of(record):
     return impedance_table(*rendered_impedance(record)).row(-1, named=True)
 
 
-def causes_of(row):
+def causes_of(row, grade=Grade.DOUBTS):
     """The causes of doubt about K, B and I: the finding about the inference alone."""
     found = findings_of(row, OF_FAULTS, "impedance")
-    return [finding.cause for finding in found if finding.grade is Grade.DOUBTS]
+    return [finding.cause for finding in found if finding.grade is grade]
 
 
 def misses(row, suffix=""):
@@ -141,8 +141,11 @@ def faulty_row(cause):
 
 
 @pytest.mark.parametrize("cause", FAULTS)
-def test_a_fault_is_doubted_by_its_cause(cause):
-    assert causes_of(faulty_row(cause)) == [cause]
+def test_a_fault_is_doubted_by_its_cause_and_a_property_of_the_joint_told(cause):
+    told, doubted = (causes_of(faulty_row(cause), grade) for grade in (Grade.NOTES, Grade.DOUBTS))
+
+    assert (told if cause == "spring that is not linear" else doubted) == [cause]
+    assert told + doubted == [cause]
 
 
 def test_beside_a_late_torque_the_offered_impedance_holds_the_joint():

@@ -49,8 +49,8 @@ def row_of(theta, torque, **changes):
     rails = saturated(trial_of(theta, torque), "torque", "theta")
     table = torque_angle_table(fitted(theta, torque, **changes)).with_columns(rails)
     row = marked(table, CONFIG.doubtful.of("torque_angle"), "torque_angle").row(0, named=True)
-    others = [item for item in (row.get("not_checked") or "").split("; ") if item != LATENESS]
-    return row | {"not_checked": "; ".join(others)}
+    others = [item for item in (row.get("remarks") or "").split("; ") if item != LATENESS]
+    return row | {"remarks": "; ".join(others)}
 
 
 def clock(duration):
@@ -234,7 +234,7 @@ def test_a_device_that_starts_within_its_loop_is_judged_from_its_2nd_cycle():
     assert (row["cycles"], row["settled_cycles"], row["partial_cycles"]) == (3, 1, 0)
     assert row["energy_lost"] == pytest.approx(4 * limit * (A - limit / slip), rel=1e-3)
     assert row["K_lowest"] == pytest.approx(K, rel=1e-3)
-    assert (row["closure_torque"] < 0.002, row["doubtful"], row["not_checked"]) == (True, "", "")
+    assert (row["closure_torque"] < 0.002, row["doubtful"], row["remarks"]) == (True, "", "")
     whole = row_of(theta, torque, zero="start", settle_cycles=0)
     assert (whole["cycles"], whole["K_lowest"] < 0.9 * K) == (4, True)
     assert whole["doubtful"] == "loop that does not close"
@@ -272,11 +272,11 @@ def test_what_hysteresis_leaves_at_rest_is_no_offset_without_a_word():
     assert wrong["zero_off_middle"] == pytest.approx(limit, rel=1e-3)
     assert wrong["rest_change"] == pytest.approx(limit / (2 * (K * A + limit)), rel=0.01)
     assert wrong["doubtful"] == "loop that does not close"
-    assert (wrong["not_checked"], wrong["zero_unsure"]) == (OFFSET, pytest.approx(limit, rel=1e-3))
+    assert (wrong["remarks"], wrong["zero_unsure"]) == (OFFSET, pytest.approx(limit, rel=1e-3))
     assert right["zero_off_middle"] == pytest.approx(0, abs=0.01)
     # the filter cuts 0.05 deg off the tip
     assert right["torque_max"] == pytest.approx(K * A + limit, abs=0.2)
-    assert (right["rest_change"], right["doubtful"], right["not_checked"]) == (None, "", "")
+    assert (right["rest_change"], right["doubtful"], right["remarks"]) == (None, "", "")
     assert row_of(theta, torque, **PLAIN)["zero_off_middle"] is None
 
 
@@ -347,7 +347,7 @@ LIFT, MIXED = (
 
 @pytest.mark.parametrize(("theta", "torque", "changes", "column", "cause"), [
     (FULL, K * FULL + jenkins(FULL, 300, 0.5) + 0.05 * NOISE, {}, "doubtful", ""),
-    (FULL, K * FULL + jenkins(FULL, 300, 0.5) + 0.3, {}, "not_checked", OFFSET),
+    (FULL, K * FULL + jenkins(FULL, 300, 0.5) + 0.3, {}, "remarks", OFFSET),
     (FULL, K * FULL + 6 * LIFT, PLAIN, "doubtful", "loop that does not close"),
     (FULL, np.minimum(K * FULL + 0.01 * NOISE, 25), {}, "doubtful", "clipped signal"),
     (FULL, 1e3 * K * FULL, {}, "doubtful", "unlikely size"),
@@ -356,11 +356,11 @@ LIFT, MIXED = (
     (FULL, np.roll(K * FULL, 30) + 0.01 * NOISE,
      {}, "doubtful", "late torque in the loop"),
     (path(*SMALLER), K * path(*SMALLER),
-     {}, "not_checked", "cycles that are smaller than the largest"),
+     {}, "remarks", "cycles that are smaller than the largest"),
     # no offset beside a wide loop
-    (FULL, K * FULL + jenkins(FULL, 400, 4), {"zero": "start"}, "not_checked", ""),
-    (BOTH_WAYS, K * BOTH_WAYS + 5, PLAIN, "not_checked", ""), (FAR, K * FAR,
-     {"zero": "start"}, "not_checked", ""),
+    (FULL, K * FULL + jenkins(FULL, 400, 4), {"zero": "start"}, "remarks", ""),
+    (BOTH_WAYS, K * BOTH_WAYS + 5, PLAIN, "remarks", ""), (FAR, K * FAR,
+     {"zero": "start"}, "remarks", ""),
 ])  # fmt: skip
 def test_drift_clipping_speed_and_energy_from_nothing_are_doubtful(
     theta, torque, changes, column, cause
@@ -453,7 +453,7 @@ def test_repeats_at_other_speeds_show_a_late_torque_and_other_trials_do_not():
     doubts = marked(table.with_columns(saturated_samples=0), limits, "torque_angle")
     assert table["late_s"].to_list()[:2] == pytest.approx([LATE_S] * 2, rel=0.03)
     named = ["late torque in the loop" in text.split("; ") for text in doubts["doubtful"]]
-    unseen = [LATENESS in (text or "") for text in doubts["not_checked"]]
+    unseen = [LATENESS in (text or "") for text in doubts["remarks"]]
     assert (named, unseen) == ([True, True, False], [False, False, True])
 
 

@@ -5,6 +5,7 @@ import polars as pl
 import pytest
 from scipy import stats
 
+from osl_analysis.bench.condition_tables import compensation_table
 from osl_analysis.judge.claims import (
     Claims,
     compensation_claims,
@@ -44,17 +45,116 @@ def test_the_interval_of_load_friction_is_that_of_its_derivative_by_the_coulomb_
     assert claim.high - claim.value == pytest.approx(half_width, rel=1e-4)
 
 
-@pytest.mark.parametrize(("quantity", "wanted"), [("VAF", "above"), ("K_error", "below")])
-def test_compensation_should_raise_vaf_and_lower_errors(quantity, wanted):
-    row = {"quantity": quantity, "unit": "%", "by": "trials", "pairs": 4, "better": 4}
-    table = pl.DataFrame(
-        [{**row, "difference": 2.0, "difference_low": 1.0, "difference_high": 3.0}]
-    )
+def fit(controller, B, half, **stated):
+    """A fit of K = K_d with this B and the half-width of its interval."""
+    row = {
+        "joint": "ankle", "side": None, "controller": controller, "K_d": 100.0, "B_d": 5.0,
+        "K": 100.0, "K_low": 99.0, "K_high": 101.0, "B": B, "B_low": B - half, "B_high": B + half,
+        "B_viscous": None, "B_viscous_low": None, "B_viscous_high": None, "torque_error": 1.0,
+        "VAF": 99.0, "amplitude_deg": None, "commanded_deg": None, "doubtful": "", **stated,
+    }  # fmt: skip
+    return {"trial": f"{controller} {row['K_d']}", **row}
+
+
+def pairs(*compensated_and_not):
+    """Fits of both controllers with these |B - B_d| and half-widths, a condition each."""
+    rows = []
+    for number, (compensated, uncompensated) in enumerate(compensated_and_not):
+        K_d = 100.0 * (number + 1)
+        for controller, (error, half) in zip(
+            ("compensated", "uncompensated"), (compensated, uncompensated), strict=True
+        ):
+            ends = {"K": K_d, "K_low": K_d - 1, "K_high": K_d + 1}
+            rows.append(fit(controller, 5.0 + error, half, K_d=K_d, **ends))
+    return rows
+
+
+def of_damping(fits, quantity="B_error"):
+    table = compensation_table(pl.DataFrame(fits, infer_schema_length=None))
+    return table.filter(quantity=quantity)
+
+
+def test_the_difference_of_a_pair_has_the_root_of_both_squared_half_widths():
+    rows = of_damping(pairs(((1.0, 0.3), (2.0, 0.4)), ((0.5, 0.6), (0.7, 0.8))))
+
+    first, second = rows.filter(of="trial").to_dicts()
+    (all_pairs,) = rows.filter(of="trials").to_dicts()
+    ends = ("difference", "difference_low", "difference_high")
+    assert [first[end] for end in ends] == pytest.approx([-1.0, -1.5, -0.5])
+    assert [second[end] for end in ends] == pytest.approx([-0.2, -1.2, 0.8])
+    assert [all_pairs[end] for end in ends] == pytest.approx([-0.6, -1.0, -0.2])
+    assert (all_pairs["pairs"], all_pairs["better"]) == (2, 2)
+    assert (all_pairs["compensated"], all_pairs["uncompensated"]) == pytest.approx((0.75, 1.35))
+
+
+def test_damping_is_compared_with_friction_on_both_sides_and_without_it_only_where_both_have_it():
+    viscous = {"B_viscous": 5.25, "B_viscous_low": 5.0, "B_viscous_high": 5.5}
+    one_side = [fit("compensated", 6.0, 0.1), fit("uncompensated", 7.0, 0.1, **viscous)]
+    both = [fit("compensated", 6.0, 0.1, **viscous), one_side[1]]
+
+    assert of_damping(one_side).filter(of="trials")["uncompensated"].item() == pytest.approx(2)
+    assert of_damping(one_side, "B_viscous_error").is_empty()
+    row = of_damping(both, "B_viscous_error").row(-1, named=True)
+    assert (row["compensated"], row["difference"]) == pytest.approx((0.25, 0.0))
+    assert row["difference_high"] == pytest.approx(np.hypot(0.25, 0.25))
+
+
+def test_a_doubtful_trial_has_no_pair():
+    fits = pairs(((1.0, 0.1), (2.0, 0.1)), ((1.0, 0.1), (9.0, 0.1)))
+    fits[-1]["doubtful"] = "late torque"
+
+    assert of_damping(fits).filter(of="trials")["difference"].item() == pytest.approx(-1.0)
+
+
+BETTER, WORSE = ((1.0, 0.3), (2.0, 0.4)), ((2.0, 0.3), (1.0, 0.4))
+UNSURE, UNSURE_WORSE = ((1.0, 0.3), (1.1, 0.4)), ((1.1, 0.3), (1.0, 0.4))
+
+
+@pytest.mark.parametrize(
+    ("conditions", "verdict"),
+    [
+        ([BETTER] * 3, "holds"),
+        ([BETTER, BETTER, UNSURE], "holds"),
+        ([BETTER, UNSURE, UNSURE], "undecided"),
+        ([BETTER, BETTER, UNSURE_WORSE], "undecided"),
+        ([BETTER] * 9 + [WORSE], "undecided"),
+        ([WORSE, WORSE, UNSURE_WORSE], "fails"),
+        ([WORSE, WORSE, UNSURE], "undecided"),
+    ],
+)
+def test_a_verdict_over_conditions_rests_on_the_interval_of_each(conditions, verdict):
+    table = of_damping(pairs(*conditions))
 
     (claim,) = compensation_claims(table)
 
-    assert claim.wanted == wanted
-    assert claim.verdict == ("holds" if wanted == "above" else "fails")
+    assert (claim.verdict, claim.n, claim.interval) == (
+        verdict,
+        len(conditions),
+        "lowest to highest",
+    )
+    n_better = len(conditions) - conditions.count(WORSE) - conditions.count(UNSURE_WORSE)
+    assert f"better in {n_better} of {len(conditions)} pairs" in claim.quantity
+
+
+def test_more_torque_explained_is_better_and_counts_by_its_sign():
+    fits = [fit("compensated", 6.0, 0.1, VAF=99.0), fit("uncompensated", 6.0, 0.1, VAF=98.0)]
+    table = compensation_table(pl.DataFrame(fits)).filter(quantity="VAF")
+
+    (claim,) = compensation_claims(table)
+
+    assert (claim.value, claim.wanted, claim.verdict) == (1.0, "above", "holds")
+
+
+def test_viscous_damping_is_a_claim_of_its_own_with_its_interval():
+    viscous = {"B_viscous": 5.25, "B_viscous_low": 5.0, "B_viscous_high": 5.5}
+    fits = pl.DataFrame([fit("compensated", 9.0, 0.1, **viscous)])
+
+    claims = {claim.name: claim for claim in rendered_claims(fits, Claims(K_percent=None, B=1.0))}
+
+    assert (claims["B"].value, claims["B"].verdict) == (9.0, "different")
+    of_viscous = claims["B_viscous"]
+    assert (of_viscous.low, of_viscous.target, of_viscous.high) == (5.0, 5.0, 5.5)
+    assert of_viscous.verdict == "equivalent"
 
 
 @pytest.mark.parametrize(

@@ -24,7 +24,7 @@ from osl_analysis.files import default_config
 from osl_analysis.ingest.examine import Commanded, examine, measured_table
 from osl_analysis.judge.finding import Grade
 from osl_analysis.judge.recording_checks import judged_table
-from osl_analysis.stats.repeats import size_texts
+from osl_analysis.stats.repeats import alike_sizes, size_texts
 from osl_analysis.trial import Trial
 from osl_analysis.yaml_settings import read_mapping
 
@@ -223,6 +223,17 @@ def test_what_was_measured_is_said_with_its_spread():
     are."""
     assert size_texts(pl.Series([2.0, 6.0, None, 5.89, 5.59, 1.995])) == ["2", "5.59 to 6"]
     assert size_texts(pl.Series([], dtype=pl.Float64)) == []
+
+
+def test_sizes_of_one_label_are_within_the_ratio_of_each_other():
+    chain = pl.Series([1.0, 1.1, 1.2, 1.3, 1.4, 1.5, 1.6, 1.7, 1.8, 1.9, None])
+
+    labels = alike_sizes(chain, ratio=1.15)
+
+    ends = pl.DataFrame({"size": chain, "label": labels}).drop_nulls().group_by("label")
+    spans = ends.agg(low=pl.col("size").min(), high=pl.col("size").max())
+    assert (spans["high"] / spans["low"]).max() <= 1.15
+    assert labels[-1] is None
 
 
 def test_cycles_of_a_soft_start_were_commanded_too():

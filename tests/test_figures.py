@@ -479,6 +479,20 @@ def test_the_range_over_amplitudes_is_thin_and_the_interval_thick():
         assert max(height for height, width in upright if width == style.THICK) < 2
 
 
+def test_without_a_trial_that_is_not_doubtful_there_is_neither_median_nor_mean_slope():
+    doubtful = stored("impedance").with_columns(doubtful=pl.lit("late torque"))
+    belts = stored("fig3").filter(pl.col("trial") != MEAN_SLOPE)
+    belts = belts.with_columns(deviation=pl.lit(None, pl.Float64), doubtful=pl.lit("late torque"))
+
+    below = [
+        label.get_text() for label in fig6.draw(fig6.points(doubtful)).axes[0].get_xticklabels()
+    ]
+    (text,) = fig3.draw(belts).axes[1].texts
+
+    assert all(label.endswith("all doubtful") for label in below)
+    assert text.get_text().startswith("No mean slope")
+
+
 def test_fig6_has_points_that_touch_no_other():
     ax = fig6.draw(fig6.points(stored("impedance").reverse())).axes[0]
 

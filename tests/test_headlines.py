@@ -24,7 +24,7 @@ from osl_analysis.judge.finding import (
 from osl_analysis.judge.judging import judged
 from osl_analysis.judge.limits import DoubtfulFits, Limits
 from osl_analysis.outcomes.job_log import write_log
-from osl_analysis.stats.repeats import counted, doubtful_count, summary_of_trials
+from osl_analysis.stats.repeats import counted, doubtful_row, summary_of_trials
 from osl_analysis.table import read_table, write_table
 from osl_analysis.units import known_factor
 
@@ -160,21 +160,28 @@ def test_a_crossing_without_a_fit_is_neither_doubtful_nor_not():
     table = marked(
         fits(vaf=[None, 80.0], excluded=["no markers", None]), Limits(below={"vaf": 90}), "walking"
     )
-    assert (table["doubtful"].to_list(), doubtful_count(table)) == ([None, "vaf"], (1, 1))
+    assert (table["doubtful"].to_list(), doubtful_row(table)) == ([None, "vaf"], {"n_doubtful": 1})
 
 
-def test_a_mean_leaves_out_doubtful_trials_while_half_are_sound():
-    two = fits(K_s=[700.0, 690.0], doubtful=["", "clipped"])
-    third = two.tail(1).with_columns(trial=pl.lit("third"))
-    for table, said in (
-        (two, (700.0, 1, 1, 1)),
-        (pl.concat([two, third]), (pytest.approx(2080 / 3), 3, 2, 0)),
-    ):
-        (summary,) = (
-            summary_of_trials(table, ["K_s"]).select("mean", "n", "n_doubtful", "n_left_out").rows()
-        )
-        assert summary == said
-    assert len(counted(two.drop("doubtful"))) == 2
+@pytest.mark.parametrize(
+    ("n_doubtful", "mean", "sd", "why"),
+    [
+        (0, 700.0, 10.0, "Student"),
+        (1, 705.0, 50**0.5, "Student"),
+        (2, 710.0, None, None),
+        (3, None, None, "none: all trials are doubtful"),
+    ],
+)
+def test_a_mean_is_over_trials_that_are_not_doubtful_however_few(n_doubtful, mean, sd, why):
+    doubts = ["clipped"] * n_doubtful + [""] * (3 - n_doubtful)
+    table = pl.DataFrame({"K_s": [690.0, 700.0, 710.0], "doubtful": doubts})
+
+    (row,) = summary_of_trials(table, ["K_s"]).to_dicts()
+
+    assert (row["n"], row["n_doubtful"]) == (3 - n_doubtful, n_doubtful)
+    assert (row["mean"], row["interval_method"]) == (mean, why)
+    assert row["sd"] == (sd if sd is None else pytest.approx(sd))
+    assert len(counted(table.drop("doubtful"))) == 3
 
 
 def test_phasors_share_the_doubts_of_the_fit_of_their_trial_and_amplitude(tmp_path):

@@ -12,7 +12,7 @@ from osl_analysis.judge.known_findings import CHECKS, FINDINGS
 from osl_analysis.judge.limits import Accuracy, DoubtfulFits, Limits
 from osl_analysis.judge.moved_estimates import Correction, shares_moved
 from osl_analysis.judge.words import finding_text
-from osl_analysis.stats.repeats import counted, doubts_of_trials
+from osl_analysis.stats.repeats import doubts_of_trials
 
 KNEE = {
     "trial": "knee", "fault_harm": 1.5, "fault": "delay", "fault_family": "path",
@@ -164,21 +164,6 @@ def test_limits_of_every_table_stand_on_the_columns_that_a_table_has():
 
     assert limits.of("belt").above == {"condition_number": 100, "energy_lost": 1}
     assert limits.of("torque_angle").above == {}
-
-
-def trials(*rows):
-    columns = ("trial", "K_d", "K", "doubtful")
-    return pl.DataFrame(rows, schema=columns, orient="row", strict=False)
-
-
-def test_a_doubtful_trial_leaves_where_half_of_its_condition_is_sound():
-    table = trials(
-        ("a", 100.0, 99.0, ""), ("b", 100.0, 80.0, "friction"),
-        ("c", 200.0, 190.0, "friction"), ("d", 200.0, 180.0, "friction"), ("e", 200.0, 199.0, ""),
-        ("f", 300.0, 250.0, "friction"),
-    )  # fmt: skip
-
-    assert counted(table)["trial"].to_list() == ["a", "c", "d", "e", "f"]
 
 
 def test_rows_of_single_amplitudes_share_the_doubt_of_their_trial():

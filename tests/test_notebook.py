@@ -131,7 +131,7 @@ def test_the_fit_of_a_trial_is_the_row_of_the_campaign_to_the_last_digit(
             tmp_path,
         )
     # over all amplitudes
-    last = fit.table.drop("doubtful", "not_checked", strict=False).to_dicts()[-1]
+    last = fit.table.drop("doubtful", "remarks", strict=False).to_dicts()[-1]
     assert {name: getattr(fit, name) for name in last} == last
     for name in (one for one in last if f"{one}_low" in last):
         ends = [
@@ -183,7 +183,7 @@ def test_the_frequency_response_of_any_motion_is_that_of_the_campaign(tmp_path, 
 
     found = osl.frequency_response(bench_trial("friction"), DESIRED, config=short)
 
-    assert "friction" in found.table["doubtful"][0]
+    assert found.table["doubtful"][0] == "torque path"
     assert_same(found.table, path, tmp_path)
     lines = osl.plot_frequency_response(found).axes[0].lines
     assert any(line.get_ydata() == pytest.approx(found.plotted["magnitude"]) for line in lines)
@@ -255,7 +255,7 @@ def test_a_fit_shows_its_doubts_and_runs_nothing_of_a_name(
     fit = osl.fit_transmission(replace(bench_trial("transmission"), name="<script>a\x1b[2J"), short)
     page = fit._repr_html_()
     assert ("oubtful" in page, "\x1b" in page, "<script" in page) == (False, False, False)
-    assert "behind the load cell" in fit.not_checked  # which no recording tells
+    assert "behind the load cell" in fit.remarks  # which no recording tells
     assert "<img" not in replace(fit, series=fit.series.clear())._repr_html_()
 
 

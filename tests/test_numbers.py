@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import polars as pl
 import pytest
 
+from osl_analysis.judge.summary_findings import findings_in_summary
 from osl_analysis.report import paper_tables
 from osl_analysis.report.brief import brief_lines
 from osl_analysis.report.numbers import (
@@ -49,11 +50,20 @@ def test_a_mean_over_trials_leaves_out_amplitudes_and_the_doubtful_trial_beside_
     bias = numbers_of(impedance=IMPEDANCE)["K_bias_PD_1"]
 
     assert bias.value == pytest.approx((1 + 1) / 2)  # of a and b, in percent
-    assert (bias.n, bias.n_doubtful, bias.n_left_out) == (2, 1, 1)
+    assert (bias.n, bias.n_doubtful) == (2, 1)
 
 
-def test_the_error_of_the_damping_is_without_friction_where_this_is_certain():
-    assert numbers_of(impedance=IMPEDANCE)["B_error_PD_1"].value == pytest.approx((0.2 + 0.1) / 2)
+def test_the_error_of_the_damping_is_that_of_Eq_15_and_the_viscous_one_has_its_own_row():
+    numbers = numbers_of(impedance=IMPEDANCE)
+
+    assert numbers["B_error_PD_1"].value == pytest.approx((0.2 + 0.3) / 2)
+    assert numbers["B_viscous_error_PD_1"].value == pytest.approx(0.1)
+
+
+def test_the_number_of_a_condition_vanishes_with_its_only_trial():
+    numbers = numbers_of(impedance=IMPEDANCE.with_columns(doubtful=pl.lit("late torque")))
+
+    assert [name for name in numbers if name.startswith("K_")] == []
 
 
 def test_one_trial_has_its_own_interval_and_several_have_that_of_their_mean():
@@ -113,7 +123,7 @@ def test_a_sentence_has_alike_numbers_with_what_they_are_of_and_the_doubts():
 
     assert sentences[0] == (
         "On average K differs from the commanded K_d by 1.00 %"
-        " (PD 1; trials 1.00 to 1.00; 1 of 3 doubtful)."
+        " (PD 1; trials 1.00 to 1.00; 1 of 3 left out as doubtful)."
     )
     assert not any("_PD" in sentence for sentence in sentences), "no name of a number"
 
@@ -177,26 +187,34 @@ def test_conditions_are_rows_with_their_sound_trial_or_the_mean_of_several():
     assert mean_of_two[3].startswith("204 (")
 
 
-def test_a_condition_with_a_doubtful_fit_alone_is_marked():
-    rows = condition_rows(conditions(IMPEDANCE.filter(trial="c")))
+def test_a_condition_with_a_doubtful_fit_alone_is_marked_and_of_several_there_is_no_mean():
+    alone = IMPEDANCE.filter(trial="c")
+    several = pl.concat([alone, alone.with_columns(trial=pl.lit("d"))])
 
-    assert rows[1][:3] == ["PD 1", "200", "5†"]
+    assert condition_rows(conditions(alone))[1][:4] == [
+        "PD 1",
+        "200",
+        "5†",
+        "206.0 (205.0 to 207.0)",
+    ]
+    assert condition_rows(conditions(several))[1][:5] == ["PD 1", "200", "5†", "0", "–"]
+
+
+def test_a_condition_shows_friction():
+    remarks = pl.lit("what could not be checked; friction")
+
+    (condition,) = conditions(IMPEDANCE.filter(trial="b").with_columns(remarks=remarks))
+    assert (condition.is_doubtful, condition.results) == (False, ["friction"])
 
 
 def test_latex_has_rules_and_units_and_escapes_what_users_write():
     tex = paper_tables.to_tex([["controller", "K"], ["PD_1", "101"]], "simulated")
 
-    assert tex.splitlines()[1:] == [
+    assert tex.splitlines()[2:] == [
         r"\begin{tabular}{ll}", r"\toprule",
         r"controller & $K$ (\unit{\newton\meter\per\radian}) \\", r"\midrule",
         r"PD\_1 & 101 \\", r"\bottomrule", r"\end{tabular}",
     ]  # fmt: skip
-
-
-def test_markdown_has_a_rule_below_the_heads():
-    markdown = paper_tables.to_markdown([["K_d", "K"], ["100", "101"]], "simulated")
-
-    assert markdown.splitlines()[:3] == ["| K_d | K   |", "| --- | --- |", "| 100 | 101 |"]
 
 
 def test_groups_of_crossings_are_rows_of_their_ensembles():
@@ -221,13 +239,16 @@ def test_components_stand_beside_the_draft(beside_draft, draft):
 def test_a_run_ends_with_verdicts_sentences_findings_and_what_was_not_checked():
     finding = {
         "of": "impedance trials", "n": 3, "trials": ["c"], "cause": "friction", "brief": "report B",
-        "size": "B 2.1. More", "verdict": "doubtful",
+        "size": "B 2.1. More", "verdict": "doubtful", **dict.fromkeys(("says", "remedy"), ""),
+        "name": "friction", "line": "",
     }  # fmt: skip
     unchecked = {**finding, "verdict": "not checked", "cause": "the fixture"}
     summary = json.loads(to_json(ABOUT, headline_numbers({"impedance": IMPEDANCE}), {}))
+    summary["results_of_clear"] = {}
     summary["verdicts"] = {"clear": 1, "doubtful": 1, "refused": 1, "excluded": 0}
     summary["findings"] = [finding, unchecked]
 
+    assert [found.to_json() for found in findings_in_summary(summary)] == [finding, unchecked]
     first, *_, doubt, last = brief_lines(summary)
     assert first == "3 trials: 1 clear, 1 doubtful, 1 refused."
     assert doubt == "⚠ friction: 1 of 3 impedance trials, B 2.1 → report B"

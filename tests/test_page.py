@@ -5,12 +5,13 @@ import json
 import re
 import zlib
 from base64 import b64decode
+from dataclasses import replace
 
 import numpy as np
 import polars as pl
 import pytest
 
-from osl_analysis.judge.finding import Finding, WordedFinding, Words
+from osl_analysis.judge.finding import Finding, Grade, WordedFinding, Words
 from osl_analysis.report import methods
 from osl_analysis.report.left_out import LeftOut
 from osl_analysis.report.page import Page, ShownFigure, trial_view, with_symbols, written_page
@@ -28,6 +29,7 @@ IMPEDANCE = pl.DataFrame(
 ROW = {"trial": "a", "experiment": "impedance", "K_d": 100.0, "log": "a.csv"}
 WHOLE = Finding("friction", "impedance", "a")
 PART = Finding("friction", "impedance", "a", amplitude_deg=2.0)
+REMARK = replace(WHOLE, grade=Grade.NOTES)
 
 
 def worded(*findings):
@@ -67,7 +69,18 @@ def test_each_trial_counts_once():
     sheet = {name: {**ROW, "trial": name} for name in "ab"}
 
     counts = verdict_counts(sheet, worded(WHOLE, PART), {})
-    assert verdicts_sentence(counts) == ("2 trials: 1 clear, 1 doubtful, none refused or excluded.")
+    said = verdicts_sentence(*counts)
+    assert said == "2 trials: 1 clear, 1 doubtful, none refused or excluded."
+
+
+def test_friction_is_told_of_a_clear_trial_and_counted():
+    sheet = {name: {**ROW, "trial": name} for name in "ab"}
+
+    counts = verdict_counts(sheet, worded(REMARK), {})
+
+    assert (view(REMARK).verdict, view(REMARK).why) == ("clear", "friction")
+    said = verdicts_sentence(*counts)
+    assert said == "2 trials: 2 clear, of them 1 with friction, none refused or excluded."
 
 
 def test_a_view_has_estimates_with_intervals_and_units():

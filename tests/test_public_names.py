@@ -93,7 +93,7 @@ def laboratory(tmp_path, monkeypatch, names_of_examples):
     )
     series = pl.DataFrame({"time": [0.0, 1, 2], "torque": [0.0, 1, 0], "torque_model": [0.0, 1, 0]})
     write_table(series, tmp_path / "results/figures/torque.csv")
-    number = dict.fromkeys(("low", "high", "interval", "draft", "n_doubtful", "n_left_out"))
+    number = dict.fromkeys(("low", "high", "interval", "draft", "n_doubtful"))
     number |= {"value": 685.6, "unit": "N*m/rad", "n": 3, "meaning": "stiffness of the belt"}
     summary = {"tables_schema": SCHEMA, "numbers": {"K_s": number}}
     (tmp_path / "results/summary.json").write_text(json.dumps(summary))

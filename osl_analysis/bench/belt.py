@@ -379,7 +379,7 @@ def belt_figure_points(
     DataFrame
         The curves with their `deviation` of torque [N*m] from the mean slope, and why a fit is
         doubtful; the mean slope as two points, from 0 to the largest deflection, with the loops'
-        mean area [J].
+        mean area [J]. There is no mean slope where all trials are doubtful.
     """
     doubts = table.select("trial", *PLACE, "doubtful")
     marked_curves = curves.join(doubts, "trial", how="left", maintain_order="left")
@@ -388,7 +388,7 @@ def belt_figure_points(
         place = of_place.select(PLACE).head(1)
         rows = summary.join(place, PLACE, nulls_equal=True).to_dicts()
         means = {row["quantity"]: row for row in rows}
-        slope = means["K_s"]["mean"] * np.pi / 180
+        slope = pl.lit(means["K_s"]["mean"], pl.Float64) * np.pi / 180  # null without a mean
         deviation = pl.col("torque") - slope * pl.col("theta_s_deg")
         found.append(of_place.with_columns(deviation=deviation))
 
@@ -396,7 +396,7 @@ def belt_figure_points(
         largest = deflection[int(np.argmax(deflection.abs().to_numpy()))]
         ends = np.array([0.0, largest])
         line = pl.DataFrame({"trial": "mean slope", "branch": "loading", "theta_s_deg": ends})
-        line = line.with_columns(torque=slope * pl.col("theta_s_deg"))
+        line = line.with_columns(torque=slope * pl.col("theta_s_deg")).drop_nulls("torque")
         numbers = {}
         for quantity in ("K_s", "hysteresis_area"):
             for ending, bound in (("", "mean"), ("_low", "low"), ("_high", "high")):

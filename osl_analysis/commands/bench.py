@@ -229,9 +229,5 @@ def summarise(table: Path, output: Path, data: str = "") -> None:
 
 def compare_controllers(table: Path, output: Path, data: str = "") -> None:
     """Compensated beside uncompensated trials of the same desired impedance."""
-    needed = (
-        "commanded_deg", "amplitude_deg", "controller", "K_d", "B_d", "K", "B", "VAF",
-        "torque_error",
-    )  # fmt: skip
-    rows = read_table(table, needed)
+    rows = read_table(table, ("commanded_deg", "amplitude_deg", "B_viscous", "torque_error"))
     write_table(condition_tables.compensation_table(rows), output, data)

@@ -28,8 +28,8 @@ class Fit:
     `fit.VAF`. An absent value is None, as in the table. `fit.K_interval` is (low, high), the 95 %
     interval. An absent one is (NaN, NaN), so that there are always two numbers to compute and to
     plot with. Meaning and unit of each are told by `osl-analysis results --columns`. `trial`,
-    `doubtful` and `not_checked` are texts: the trial's name, and sentences of its findings. A
-    notebook shows text and picture.
+    `doubtful` and `remarks` are texts: the trial's name, and sentences of its findings. A notebook
+    shows text and picture.
 
     Attributes
     ----------
@@ -81,9 +81,9 @@ class Fit:
         return "\n".join(self.sentences(Grade.DOUBTS))
 
     @property
-    def not_checked(self) -> str:
-        """What could not be checked, and why, a line each, and what is to be known; empty if there
-        is nothing."""
+    def remarks(self) -> str:
+        """What could not be checked, and why, a line each, and what is to be known, such as
+        friction; empty if there is nothing."""
         lines = [f"not checked: {text}" for text in self.sentences(Grade.UNCHECKED)]
         lines += [f"remark: {text}" for text in self.sentences(Grade.NOTES)]
         return "\n".join(lines)
@@ -121,8 +121,8 @@ class Fit:
 
     def __repr__(self) -> str:
         text = f"{self.experiment}, {estimates_text(self.table.tail(1), self.findings[-1:])}"
-        if self.not_checked:
-            text += f"\n{self.not_checked}"
+        if self.remarks:
+            text += f"\n{self.remarks}"
         return printable_lines(text)
 
     def _repr_html_(self) -> str:

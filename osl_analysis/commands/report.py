@@ -78,12 +78,13 @@ def write_report(files: ReportFiles) -> None:
             )
         )
     numbers = numbers_in_summary(summary)
+    verdicts = verdicts_sentence(summary["verdicts"], summary["results_of_clear"])
     notes = [summary["intervals"], files.unnamed, assumed_text(read_table(files.states))]
     drawn, absent = drawn_figures(files.figures, read_captions(files.captions))
     page = Page(
         about=files.about,
         made_of=sentence(files.about),
-        verdict=[verdicts_sentence(summary["verdicts"]), *headline_sentences(numbers)],
+        verdict=[verdicts, *headline_sentences(numbers)],
         notes=[note for note in notes if note],
         conditions=conditions(tables["impedance"]) if "impedance" in tables else (),
         groups=list(groups(tables["walking_summary"])) if "walking_summary" in tables else (),

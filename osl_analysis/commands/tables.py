@@ -321,9 +321,11 @@ def write_summary(
             missing_results[refusal.file] = refusal.reason.removeprefix(f"{refusal.file}: ")
     checks = read_table(verdicts) if verdicts else pl.DataFrame(schema=["check", "verdict"])
     intervals = intervals_text(tables)
+    verdict_count, results_of_clear = verdict_counts(sheet or {}, all_findings, left_out)
     content = {
         "trials": used_and_missing(sheet or {}, left_out),
-        "verdicts": verdict_counts(sheet or {}, all_findings, left_out),
+        "verdicts": verdict_count,
+        "results_of_clear": results_of_clear,
         "missing_results": missing_results,
         "intervals": intervals,
         "findings": [

@@ -141,7 +141,7 @@ TYPES: Mapping[str, type[pl.DataType]] = {
     "count": pl.Int64,
 }
 """By unit; any other column holds numbers."""
-ADDED_TO_ALL = {"joint", "side", "doubtful", "not_checked", "data"}
+ADDED_TO_ALL = {"joint", "side", "doubtful", "remarks", "data"}
 """Columns that rows of single trials get where a table is gathered from them."""
 
 

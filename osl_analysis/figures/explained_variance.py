@@ -31,11 +31,7 @@ def fig6_points(impedance: pl.DataFrame) -> pl.DataFrame:
     """One row per trial and amplitude, doubtful where the fit to all of the trial is. A trial that
     no stepped sine moved has one row, a fit without a VAF (a constant torque) none."""
     is_single = pl.col("amplitude_deg").is_not_null() | (pl.len().over("trial") == 1)
-    in_mean = counted(impedance)["trial"].unique().to_list()
-    marked = doubts_of_trials(impedance).with_columns(
-        in_mean=pl.col("trial").is_in(in_mean).cast(pl.Int64)
-    )
-    table = marked.filter(is_single & pl.col("VAF").is_finite())
+    table = doubts_of_trials(impedance).filter(is_single & pl.col("VAF").is_finite())
     if table.is_empty():
         raise InputError(NO_VAF)
     table = table.with_columns(names.look_numbers(table["controller"]))
@@ -52,8 +48,8 @@ def fig6_caption(table: pl.DataFrame) -> str:
     ]
     if not table.filter(pl.col("VAF") > 100 - LEAST_UNEXPLAINED).is_empty():
         sentences.append(f"Larger VAFs than {100 - LEAST_UNEXPLAINED:g} % are drawn there.")
-    if not table.filter(in_mean=0).is_empty():
-        sentences.append("Where most trials are sound, the median is of these alone.")
+    if marks.has_doubtful(table):
+        sentences.append("The median is of trials that are not doubtful.")
     sentences.append("The place across a swarm has no meaning.")
     return " ".join(sentences)
 
@@ -117,19 +113,20 @@ def unexplained_limits(shares: Array) -> tuple[float, float]:
 
 def draw_swarm(ax: Axes, rows: pl.DataFrame, place: int, look: style.Look, inches: float) -> None:
     """The fits of one controller around a place of the axis, whose unit has this length [in], and
-    the median of those that means count."""
+    the median of those that are not doubtful."""
     low, high = np.log10(ax.get_ylim())
     shares = unexplained(rows)
     heights = (high - np.log10(shares)) / (high - low) * PANEL_HEIGHT
     x = place + marks.swarm_offsets(heights, POINT, inches, REACH)
     marks.draw_fits(ax, rows, x, shares, look, marks.BEHIND_LINES)
-    median = max(100 - median_vaf(rows), LEAST_UNEXPLAINED)
+    median = np.maximum(100 - median_vaf(rows), LEAST_UNEXPLAINED)  # NaN: nothing is drawn
     ax.hlines(median, place - MEDIAN_REACH, place + MEDIAN_REACH, **MEDIAN_LINE, zorder=0.5)
 
 
 def median_vaf(rows: pl.DataFrame) -> float:
-    """The median VAF [percent] of the fits that means count."""
-    return float(np.median(rows.filter(in_mean=1)["VAF"]))
+    """The median VAF [percent] of the fits that means count; NaN where all are doubtful."""
+    used = counted(rows)
+    return float(np.median(used["VAF"])) if len(used) else np.nan
 
 
 def written_below(rows: pl.DataFrame, controller: str, place: str, inches: float) -> str:
@@ -139,9 +136,12 @@ def written_below(rows: pl.DataFrame, controller: str, place: str, inches: float
     if len(rows) != n_trials:
         fits = f"{names.count_of(len(rows), 'fit')} of {fits}"
     median = median_vaf(rows)
-    leading = int(np.floor(np.log10(max(100 - median, 1e-5))))
-    digits = min(max(1 - leading, 2), 6)  # two of the unexplained share
-    parts = (controller, place, fits, f"median {median:.{digits}f} %".replace("-", "−"))
+    text = "no median: all doubtful"
+    if np.isfinite(median):
+        leading = int(np.floor(np.log10(max(100 - median, 1e-5))))
+        digits = min(max(1 - leading, 2), 6)  # two of the unexplained share
+        text = f"median {median:.{digits}f} %".replace("-", "−")
+    parts = (controller, place, fits, text)
 
     lines = []
     for line in parts:

@@ -29,6 +29,7 @@ GREY_TRIAL: dict[str, Any] = {"color": style.LIGHT_GREY, "linewidth": 0.9}
 DOUBTFUL_TRIAL: dict[str, Any] = {"color": style.BLACK, "linestyle": style.DOTTED, "linewidth": 0.9}
 MEAN_LINE: dict[str, Any] = {"color": style.MAGENTA, "linestyle": style.DASHED, "linewidth": 1.3}
 LOOP_WIDTH = 0.5  # of lines [pt]
+NO_MEAN_SLOPE = "No mean slope: all trials are doubtful"
 
 
 def fig3_caption(table: pl.DataFrame) -> str:
@@ -123,7 +124,9 @@ def draw_loops(ax: Axes, part: pl.DataFrame) -> None:
     """Every loop in grey, doubtful ones dotted; those in a colour, with their names, that end more
     than `OUTLYING` standard deviations from the median. Each leads to its trial."""
     ax.axhline(0, **MEAN_LINE)
-    trials = trials_of(part)
+    trials = [trial for trial in trials_of(part) if trial["deviation"].count()]
+    if not trials:
+        ax.text(0.02, 0.04, NO_MEAN_SLOPE, transform=ax.transAxes, va="bottom")
     ends = [end_of_loop(trial) for trial in trials]
     for trial, end, is_outlying in zip(trials, ends, outlying(ends), strict=True):
         colour = style.ORANGE if is_outlying else style.GREY
@@ -156,6 +159,8 @@ def end_of_loop(trial: pl.DataFrame) -> dict[str, Any]:
 
 def outlying(ends: Sequence[Mapping[str, Any]]) -> list[bool]:
     """Whether each loop ends more than `OUTLYING` robust standard deviations from the median."""
+    if not ends:
+        return []
     deviations = np.array([end["deviation"] for end in ends])
     limit = OUTLYING * median_abs_deviation(deviations, scale="normal")
     distances = np.abs(deviations - np.median(deviations))

@@ -7,12 +7,14 @@ The way of one number, the share of Coulomb friction in the damping of a trial, 
    that the `accuracy` decides. `causes.limits_in` gives its limit, 0.05 (`doubtful.accuracy.B`).
 3. `causes.numbers_beyond` compares: `Beyond("coulomb_share", 0.31, 0.05, "above")`.
 4. `causes.causes_in` gathers the numbers of a row by what they are evidence of.
-5. `judging.judged` makes of them `Finding("friction", "impedance", trial, Grade.DOUBTS, ...)`: a
-   fit has one table, `impedance`, which is written as two files. What the row could not show,
+5. `judging.judged` makes of them `Finding("friction", "impedance", trial, Grade.NOTES, ...)`, a
+   remark, since friction is a property of the device; a fault of the recording is a doubt. A fit
+   has one table, `impedance`, which is written as two files. What the row could not show,
    `unchecked.unchecked_in` makes findings of.
 6. `words.words_of` fills the sentences that `findings.yaml` has under `findings`: what is wrong,
    how large it is, what to do.
-7. `judging.marked` writes its title into the column `doubtful` of the table.
+7. `judging.marked` writes its title into the column `remarks` of the table, that of a doubt into
+   `doubtful`.
    `campaign.campaign_findings` gathers all findings for `findings.csv`, from which
    `summary_findings.causes_in_campaign` counts trials for `summary.json`, and
    `report.trial_page` shows each trial its own.

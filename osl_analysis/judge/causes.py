@@ -48,6 +48,12 @@ def doubts_of_result(titles: str, result: str) -> str:
     return BETWEEN.join(concerning)
 
 
+def results_in(remarks: str | None) -> list[str]:
+    """Those findings in a cell of the column `remarks` that are properties of the device."""
+    titles = (remarks or "").split(BETWEEN)
+    return [kind.title for kind in FINDINGS.values() if kind.is_result and kind.title in titles]
+
+
 def limits_in(table: str, columns: Collection[str], limits: Limits) -> list[Limit]:
     """The limits on the columns of a table: those that follow from the accuracy of its estimates,
     those of the configuration, and that nothing is below zero that cannot be."""

@@ -3,7 +3,8 @@ and verdict for each.
 
 `equivalent`, `different` and `undecided` compare a number with its target (`stats.repeats`). That a
 number is beyond a limit `holds` if its whole interval is, `fails` if none of it is, and is
-`undecided` otherwise. Without an interval there is no verdict.
+`undecided` otherwise. Without an interval there is no verdict. What is claimed over conditions is
+judged by the interval of each (`verdict_over_pairs`).
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -16,8 +17,7 @@ import polars as pl
 import scipy
 
 from osl_analysis.model.compensator import CONTROLLERS
-from osl_analysis.stats.repeats import equivalence
-from osl_analysis.table import with_viscous_damping
+from osl_analysis.stats.repeats import RANGE, equivalence
 from osl_analysis.yaml_settings import Positive, Settings
 
 WORDS_OF_CLAIM = ("joint", "side", "name", "subject", "claim", "quantity")
@@ -45,7 +45,8 @@ OF_NOISE = "95 % of measurement noise"
 BETTER = {
     "torque_error": "the torque is nearer to K_d theta + B_d omega",
     "K_error": "K is nearer to K_d",
-    "B_error": "B, viscous where friction is certain, is nearer to B_d",
+    "B_error": "B is nearer to B_d",
+    "B_viscous_error": "B without friction, where this is certain of both, is nearer to B_d",
     "VAF": "K, B and I explain more of the torque",
 }
 """What compensation improves, by the quantity of `compensation.csv`."""
@@ -226,41 +227,58 @@ def stiffness_claims(means: Means, fits: pl.DataFrame, n_T: float | None) -> Ite
             )
 
 
+def verdict_over_pairs(n: int, n_better: int, n_certain: int, n_certainly_worse: int) -> str:
+    """Whether compensation is better over n conditions: it `holds` where every pair is better and
+    the intervals of most lie wholly on that side, `fails` where none is better and those of most
+    lie on the other side, and is `undecided` otherwise."""
+    if n_better == n and 2 * n_certain > n:
+        return "holds"
+    return "fails" if not n_better and 2 * n_certainly_worse > n else "undecided"
+
+
 def compensation_claims(compensation: pl.DataFrame) -> Iterator[Claim]:
-    """What compensation improves, from `compensation.csv`."""
-    rows = compensation.to_dicts()  # an empty table has no texts
-    of_amplitudes = {row["quantity"]: row for row in rows if row["by"] == "amplitudes"}
-    for row in rows:
-        if row["by"] != "trials":
-            continue
+    """What compensation improves, from `compensation.csv`. A difference without an interval counts
+    by its sign."""
+    if compensation.is_empty():  # which has no texts
+        return
+    for row in compensation.filter(of="trials").to_dicts():
         name = row["quantity"]
-        counts = f"better in {row['better']} of {row['pairs']} pairs of trials"
-        if name in of_amplitudes:
-            single = of_amplitudes[name]
-            counts += f" and {single['better']} of {single['pairs']} of amplitudes"
         wanted: Direction = "above" if name == "VAF" else "below"
-        low, high = row["difference_low"], row["difference_high"]
+        of_quantity = compensation.filter(quantity=name)
+        ends = of_quantity.filter(of="trial").select(
+            low=pl.coalesce("difference_low", "difference"),
+            high=pl.coalesce("difference_high", "difference"),
+        )
+        verdicts = [limit_verdict(low, high, 0.0, wanted) for low, high in ends.iter_rows()]
+        n, n_better = row["pairs"], row["better"]
+        n_certain, n_worse = verdicts.count("holds"), verdicts.count("fails")
+        counts = f"better in {n_better} of {n} pairs of trials"
+        if (ends["low"] < ends["high"]).any():
+            counts += f" (certainly in {n_certain}, certainly worse in {n_worse})"
+        for of_amplitudes in of_quantity.filter(of="amplitudes").to_dicts():
+            counts += f" and {of_amplitudes['better']} of {of_amplitudes['pairs']} of amplitudes"
         yield Claim(
             name=f"compensation_{name}",
             claim=f"with compensation {BETTER[name]}",
             quantity=f"mean difference; {counts}",
             unit=row["unit"],
             value=row["difference"],
-            low=low,
-            high=high,
-            interval=OF_MEAN,
+            low=row["difference_low"],
+            high=row["difference_high"],
+            interval=RANGE,
             wanted=wanted,
             target=0.0,
-            n=row["pairs"],
-            verdict=limit_verdict(low, high, 0.0, wanted),
+            n=n,
+            verdict=verdict_over_pairs(n, n_better, n_certain, n_worse),
         )
 
 
 def rendered_claims(fits: pl.DataFrame, settings: Claims) -> Iterator[Claim]:
     """Whether each compensated trial renders K_d and B_d, and how many do; `fits` are the rows over
     all amplitudes."""
-    trials = with_viscous_damping(fits.filter(pl.col("controller") == CONTROLLERS[0]))
-    for symbol, unit in (("K", "N*m/rad"), ("B", "N*m*s/rad")):
+    trials = fits.filter(pl.col("controller") == CONTROLLERS[0])
+    units = {"K": "N*m/rad", "B": "N*m*s/rad", "B_viscous": "N*m*s/rad"}
+    for symbol, unit in units.items():
         of_trials = list(claims_of_trials(trials, symbol, unit, settings))
         if not of_trials:
             continue
@@ -274,7 +292,7 @@ def rendered_claims(fits: pl.DataFrame, settings: Claims) -> Iterator[Claim]:
         within = f"{settings.K_percent:g} %" if symbol == "K" else f"{settings.B:g} {unit}"
         yield Claim(
             name=f"{symbol}_equivalent",
-            claim=f"compensated trials have {symbol} within {within} of {symbol}_d",
+            claim=f"compensated trials have {symbol} within {within} of {symbol[0]}_d",
             quantity="trials whose whole interval lies within",
             unit="trials",
             value=equivalent,
@@ -289,21 +307,20 @@ def rendered_claims(fits: pl.DataFrame, settings: Claims) -> Iterator[Claim]:
 def claims_of_trials(
     trials: pl.DataFrame, symbol: str, unit: str, settings: Claims
 ) -> Iterator[Claim]:
-    """Whether each trial has the desired K or B."""
-    for row in trials.drop_nulls(f"{symbol}_d").to_dicts():
-        target = row[f"{symbol}_d"]
+    """Whether each trial has the desired K or B; `B_viscous` is compared with B_d, too."""
+    desired = f"{symbol[0]}_d"
+    for row in trials.drop_nulls(desired).to_dicts():
+        target = row[desired]
         margin = settings.B
         if symbol == "K":
             margin = target * settings.K_percent / 100 if settings.K_percent else None
-        if margin is None:
+        if margin is None or row.get(symbol) is None:
             continue
-        is_viscous = symbol == "B" and row.get("B_viscous") is not None
-        quantity = "B_viscous" if is_viscous else symbol
         low, high = row[f"{symbol}_low"], row[f"{symbol}_high"]
         yield Claim(
             name=symbol,
-            claim=f"{quantity} is {symbol}_d",
-            quantity=quantity,
+            claim=f"{symbol} is {desired}",
+            quantity=symbol,
             unit=unit,
             value=row[symbol],
             low=low,

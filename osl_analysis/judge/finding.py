@@ -113,6 +113,11 @@ class Finding:
         return self.title or known_finding(self.name).title
 
     @property
+    def is_result(self) -> bool:
+        """Whether it is a property of the device, which is then not of second order."""
+        return known_finding(self.name).is_result
+
+    @property
     def is_of_part(self) -> bool:
         """Whether it concerns a single amplitude, frequency or result."""
         is_of_row = self.amplitude_deg is not None or self.frequency_hz is not None

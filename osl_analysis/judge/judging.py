@@ -39,15 +39,16 @@ from osl_analysis.judge.moved_estimates import (
 from osl_analysis.judge.unchecked import unchecked_in
 from osl_analysis.stats.repeats import DOUBTFUL
 
-HAVE_UNCHECKED = (
+HAVE_REMARKS = (
     "belt",
     "transmission",
     "actuator",
     "impedance",
+    "phasors",
     "torque_angle",
     "walking_groups",
 )
-"""Judged tables in which something may be unchecked."""
+"""Judged tables of which something may be remarked, or could not be checked."""
 # by what could not be checked: the doubt that covers it
 DOUBT_THAT_COVERS = {"rest_torque": "assumed_zero"}
 EXCLUDED = "excluded"  # column with the reason why a row has no fit; null in rows with a fit
@@ -117,8 +118,9 @@ def judged(table: pl.DataFrame, limits: Limits, name: str) -> RowFindings:
     Returns
     -------
     list of list of Finding
-        For each row doubts in the order of their limits, remarks on what moves the estimates by
-        less than their accuracy, then what could not be checked. Rows without a fit have none.
+        For each row doubts in the order of their limits, remarks on the device and on what moves
+        the estimates by less than their accuracy, then what could not be checked. Rows without a
+        fit have none.
 
     Raises
     ------
@@ -188,14 +190,16 @@ def misfits_by_trial(rows: Sequence[JudgedRow]) -> dict[object, KnownFinding | N
 def findings_of_row(
     table: str, row: AnyRow, causes: Sequence[CauseInRow], remedy: Remedy, accuracy: Accuracy
 ) -> list[Finding]:
-    """The doubts about a row by their causes, remarks on causes without much effect, and what could
-    not be checked."""
+    """The doubts about a row by their causes, remarks on causes that are properties of the device
+    or have little effect, and what could not be checked."""
     doubts: list[Finding] = []
     remarks: list[Finding] = []
     for in_row in causes:
         finding = finding_of_cause(table, row, in_row, remedy)
         if is_within_accuracy(table, row, in_row.cause, in_row.numbers, accuracy):
             remarks.append(replace(finding, grade=Grade.NOTES, remedy=Remedy.NONE))
+        elif in_row.cause.is_result:
+            remarks.append(replace(finding, grade=Grade.NOTES))
         else:
             doubts.append(finding)
     doubted = {finding.name for finding in doubts}
@@ -247,15 +251,15 @@ def cell_of_causes(findings: Sequence[Finding], are_doubts: bool) -> str:
 
 def marked(table: pl.DataFrame, findings: RowFindings, name: str) -> pl.DataFrame:
     """The table `name` with the column `DOUBTFUL`, the causes of doubt about each row (empty: none;
-    null: no fit), and with `not_checked`, remarks and what could not be checked, if the table has
+    null: no fit), and with `remarks`, which also says what could not be checked, if the table has
     it."""
     is_fit = pl.col(EXCLUDED).is_null() if EXCLUDED in table.columns else pl.lit(True)
     doubts = pl.Series([cell_of_causes(row, True) for row in findings], dtype=pl.String)
     other_causes = pl.Series([cell_of_causes(row, False) for row in findings], dtype=pl.String)
     table = table.with_columns(pl.when(is_fit).then(doubts).alias(DOUBTFUL))
-    if name not in HAVE_UNCHECKED:
+    if name not in HAVE_REMARKS:
         return table
-    return table.with_columns(not_checked=other_causes.replace("", None))
+    return table.with_columns(remarks=other_causes.replace("", None))
 
 
 def with_inherited(

@@ -34,6 +34,9 @@ class KnownFinding:
         of a trial must show it, too.
     causes_others
         Whether it brings about other findings, as a wrong unit or sign does.
+    is_result
+        Whether it is a property of the device, which is then not of second order: the fit is what
+        it says, and not doubtful.
     concerns
         Results that it is about; empty: all.
     spoils_estimates
@@ -56,6 +59,7 @@ class KnownFinding:
     explains_misfit: bool = False
     of_recording: bool = False
     causes_others: bool = False
+    is_result: bool = False
     concerns: Sequence[str] = ()
     spoils_estimates: bool = False
     estimates_without: Mapping[str, str] = field(default_factory=dict)

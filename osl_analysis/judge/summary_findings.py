@@ -3,7 +3,7 @@ a run, by `results` and on the page."""
 
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import chain
 from typing import Any
 
@@ -39,10 +39,6 @@ class CampaignFinding:
         Those with this cause.
     line
         All of it in a sentence.
-    measure, limit
-        The columns of its evidence, and their limits.
-    table, worst
-        The table of the findings, and the trial farthest beyond its limits.
     """
 
     verdict: str
@@ -54,10 +50,6 @@ class CampaignFinding:
     brief: str
     trials: Sequence[str]
     line: str
-    measure: str
-    limit: str
-    table: str
-    worst: str
 
     @property
     def kind(self) -> str:
@@ -65,46 +57,31 @@ class CampaignFinding:
         alone`."""
         return self.subject.partition(",")[0]
 
+    @property
+    def counts(self) -> str:
+        """The cause, and on how many of the trials it is."""
+        return f"{self.cause}: {len(self.trials)} of {self.n} {self.kind}"
+
+    @property
+    def is_result(self) -> bool:
+        """Whether it is a property of the device."""
+        return known_finding(self.name).is_result
+
     def to_json(self) -> dict[str, Any]:
         """An object under `findings` of `summary.json`."""
-        return {
-            "verdict": self.verdict,
-            "of": self.subject,
-            "name": self.name,
-            "cause": self.cause,
-            **self.words._asdict(),
-            "n": self.n,
-            "brief": self.brief,
-            "trials": list(self.trials),
-            "line": self.line,
-            "measure": self.measure,
-            "limit": self.limit,
-            "table": self.table,
-            "worst": self.worst,
-        }
+        content = asdict(self)
+        content["of"] = content.pop("subject")
+        words = content.pop("words")
+        return {**content, **words._asdict()}
 
 
 def findings_in_summary(summary: Mapping[str, Any]) -> list[CampaignFinding]:
-    """The findings that a `summary.json` lists; an older one lacks some of their fields."""
+    """The findings that a `summary.json` lists."""
     findings = []
-    for content in summary.get("findings", ()):
-        findings.append(
-            CampaignFinding(
-                verdict=content["verdict"],
-                subject=content["of"],
-                name=content.get("name", ""),
-                cause=content["cause"],
-                words=Words(*(content.get(part, "") for part in Words._fields)),
-                n=content.get("n", 0),
-                brief=content.get("brief", ""),
-                trials=content["trials"],
-                line=content.get("line", ""),
-                measure=content.get("measure", ""),
-                limit=content.get("limit", ""),
-                table=content.get("table", ""),
-                worst=content.get("worst", ""),
-            )
-        )
+    for listed in summary.get("findings", ()):
+        content = dict(listed)
+        words = Words(*(content.pop(part) for part in Words._fields))
+        findings.append(CampaignFinding(subject=content.pop("of"), words=words, **content))
     return findings
 
 
@@ -161,7 +138,8 @@ def causes_in_campaign(
     -------
     list of CampaignFinding
         Each cause by experiment with its trials. Doubts come first, then failed checks of trials
-        that are used, then what could not be checked; in each, the most frequent cause first.
+        that are used, remarks, and what could not be checked; in each, the most frequent cause
+        first.
     """
     present = {*subjects(verdicts), *chain(*map(subjects, tables.values()))}
     by_table: dict[tuple[str, Grade], list[WordedFinding]] = defaultdict(list)
@@ -171,14 +149,17 @@ def causes_in_campaign(
             by_table[finding.table, finding.grade].append(worded)
 
     doubts: list[CampaignFinding] = []
+    remarks: list[CampaignFinding] = []
     unchecked: list[CampaignFinding] = []
     for table in judged_tables_of(tables):
         doubts += doubts_about_table(table, by_table)
-        unchecked += unchecked_in_table(table, by_table)
+        remarks += about_whole_trials(table, by_table[table.name, Grade.NOTES], "remark")
+        unchecked += about_whole_trials(table, by_table[table.name, Grade.UNCHECKED], "not checked")
     flags = list(flags_by_check(by_table[QUALITY, Grade.DOUBTS], verdicts))
     return [
         *most_frequent_first(doubts),
         *most_frequent_first(flags),
+        *most_frequent_first(remarks),
         *most_frequent_first(unchecked),
     ]
 
@@ -193,13 +174,12 @@ def doubts_about_table(table: JudgedTable, by_table: FindingsByTable) -> Iterato
         yield from doubts_by_cause(table, of_table)
 
 
-def unchecked_in_table(table: JudgedTable, by_table: FindingsByTable) -> Iterator[CampaignFinding]:
-    """What could not be checked on the whole trials of a table, and what was noted of them."""
-    for grade, verdict in ((Grade.UNCHECKED, "not checked"), (Grade.NOTES, "remark")):
-        of_whole = [
-            worded for worded in by_table[table.name, grade] if not worded.finding.is_of_part
-        ]
-        yield from by_cause(of_whole, verdict, table.subject_of_unchecked, table.trials)
+def about_whole_trials(
+    table: JudgedTable, findings: Sequence[WordedFinding], verdict: str
+) -> Iterator[CampaignFinding]:
+    """What was noted of the whole trials of a table, or could not be checked on them."""
+    of_whole = [worded for worded in findings if not worded.finding.is_of_part]
+    yield from by_cause(of_whole, verdict, table.subject_of_unchecked, table.trials)
 
 
 def flags_by_check(
@@ -280,10 +260,6 @@ def by_cause(
             words = words._replace(size=f"{words.size}, most in {worst}")
         if words.says and len({of_trial.words.says for of_trial in by_trial.values()}) > 1:
             words = words._replace(says=f"{words.says} (in {worst})")
-        limits: dict[str, str] = {}  # by column
-        for of_trial in by_trial.values():
-            for number in of_trial.finding.evidence:
-                limits[number.column] = f"{number.side} {number.limit:g}"
         trials = list(by_trial)
         counts = f"{len(trials)} of {len(judged_trials)} {subject}"
         trial_names = named_trials(trials, judged_trials)
@@ -297,10 +273,6 @@ def by_cause(
             brief=known_finding(finding.name).brief,
             trials=trials,
             line=f"{verdict}, {counts}: {sentence_of(words, cause)}{trial_names}",
-            measure=", ".join(limits),
-            limit=", ".join(limits.values()),
-            table=finding.table,
-            worst=worst,
         )
 
 

@@ -20,7 +20,6 @@ from osl_analysis.judge.finding import (
     AnyRow,
     Beyond,
     Finding,
-    Grade,
     Remedy,
     Words,
     cell_number,
@@ -105,13 +104,13 @@ def sentence_of(words: Words, cause: str = "") -> str:
 
 
 def finding_text(finding: Finding, row: AnyRow) -> str:
-    """A finding about a row in one sentence or two, with the numbers that decided. Those of a
-    remark are not beyond the accuracy that the user needs, and would contradict it."""
+    """A finding about a row in one sentence or two, with the numbers that decided. Those of what
+    moves the estimates by less than the accuracy that the user needs would contradict it."""
     words = words_of(finding, row)
     if finding.name not in FINDINGS:
         return words.says
     sentence = sentence_of(words, finding.cause)
-    if not finding.evidence or finding.grade is Grade.NOTES:
+    if not finding.evidence or finding.remedy is Remedy.NONE:
         return sentence
     return f"{sentence} [{evidence_text(finding)}]"
 

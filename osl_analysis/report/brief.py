@@ -15,7 +15,7 @@ def brief_lines(summary: Mapping[str, Any]) -> list[str]:
     """How many trials are clear, doubtful and left out, the headline numbers, and each finding with
     its size and what to do, from a `summary.json`."""
     return [
-        verdicts_sentence(summary["verdicts"]),
+        verdicts_sentence(summary["verdicts"], summary["results_of_clear"]),
         *headline_sentences(numbers_in_summary(summary)),
         *findings_lines(findings_in_summary(summary)),
     ]
@@ -27,7 +27,7 @@ def findings_lines(findings: Sequence[CampaignFinding]) -> Iterator[str]:
     doubts = [finding for finding in findings if finding.verdict != NOT_CHECKED]
     for finding in doubts[:MOST_FINDINGS]:
         mark = "·" if finding.verdict == "remark" else "⚠"
-        line = f"{mark} {finding.cause}: {len(finding.trials)} of {finding.n} {finding.kind}"
+        line = f"{mark} {finding.counts}"
         if finding.verdict == IN_PART:
             yield f"{line}, in some rows → leave out rows marked doubtful"
             continue

@@ -79,11 +79,8 @@ class MethodsFacts:
             "counts": ", ".join(counts),
             "calibration": ", ".join(f"{name} {size:g}" for name, size in stated if size),
             "verdicts": ", ".join(verdicts),
-            "doubts": [
-                f"{finding.cause}: {len(finding.trials)} of {finding.n} {finding.kind}"
-                for finding in findings
-                if finding.verdict == "doubtful"
-            ],
+            "doubts": [f.counts for f in findings if f.verdict == "doubtful"],
+            "results": [f.counts for f in findings if f.is_result],
             "not_checked": "; ".join(causes_not_checked(findings)),
         }
 

@@ -16,15 +16,14 @@ from osl_analysis.report.rounding import written
 from osl_analysis.report.typography import in_latex
 from osl_analysis.schema import SCHEMA, SCHEMA_FIELD
 from osl_analysis.stats.repeats import (
-    DOUBTFUL,
+    RANGE,
     counted,
-    doubtful_count,
+    doubts_of_trials,
     own_condition,
     summary_row,
 )
 
 PLACE = ("joint", "side")
-RANGE = "lowest to highest"
 MOST_IN_SENTENCE = 4  # numbers of a sentence: a terminal shows two lines of them
 
 
@@ -65,8 +64,7 @@ class Number:
     meaning: str
     draft: float | None
     n: int  # rows behind it
-    n_doubtful: int
-    n_left_out: int
+    n_doubtful: int  # further rows, which are left out
     says: str = ""  # begin of its sentence; empty for none
     symbol: str = ""  # before it in the sentence
     subject: str = ""  # controller, condition, group, joint and side that it is of
@@ -101,7 +99,7 @@ class Number:
             kind = "trials" if self.kind == RANGE else "95 %:"
             facts.append(f"{kind} {low} to {high}")
         if self.n_doubtful:
-            facts.append(f"{self.n_doubtful} of {self.n + self.n_left_out} doubtful")
+            facts.append(f"{self.n_doubtful} of {self.n + self.n_doubtful} left out as doubtful")
         in_brackets = "; ".join(filter(None, facts))
         symbol = f"{self.symbol} = " if self.symbol else ""
         return f"{symbol}{value} {self.unit}{f' ({in_brackets})' if in_brackets else ''}"
@@ -110,7 +108,8 @@ class Number:
 def headline_numbers(
     tables: Mapping[str, pl.DataFrame], beside_draft: bool = True
 ) -> Iterator[Number]:
-    """Compute the numbers of `numbers.yaml` of which the campaign has the table and the columns.
+    """Compute the numbers of `numbers.yaml` of which the campaign has the table, the columns, and
+    rows that are not doubtful.
 
     Parameters
     ----------
@@ -129,7 +128,7 @@ def headline_numbers(
             rows = rows.with_columns(own_condition=own_condition(rows))
         parts = rows.partition_by(keys, maintain_order=True) if keys else [rows]
         for part in parts:
-            if len(part):
+            if len(counted(part)):
                 present.add(entry.name)
                 says = "" if entry.unless in present else entry.says
                 yield number_of(entry, part, keys, says, beside_draft)
@@ -139,7 +138,8 @@ def rows_of(entry: Entry, table: pl.DataFrame) -> pl.DataFrame:
     """The rows of a table with the numbers of an entry and their intervals; none where the table
     lacks a column that the entry asks for."""
     try:
-        rows = table.filter(pl.sql_expr(entry.where)).with_columns(
+        rows = doubts_of_trials(table).filter(pl.sql_expr(entry.where))
+        rows = rows.with_columns(
             number=pl.sql_expr(entry.value).cast(pl.Float64),
             number_low=pl.sql_expr(entry.low).cast(pl.Float64),
             number_high=pl.sql_expr(entry.high).cast(pl.Float64),
@@ -156,8 +156,7 @@ def number_of(
     entry: Entry, rows: pl.DataFrame, keys: Sequence[str], says: str, beside_draft: bool
 ) -> Number:
     """One number from its rows, which agree in the columns `keys`."""
-    is_judged = DOUBTFUL in rows.columns
-    used = counted(rows) if is_judged else rows
+    used = counted(rows)
     first = used.row(0, named=True)
     values = used["number"]
     value = float(getattr(values, entry.reduce)())
@@ -186,8 +185,7 @@ def number_of(
         meaning=", ".join([entry.meaning.format(**first), *subject]),
         draft=entry.draft if beside_draft else None,
         n=int(first.get("n") or 1) if len(used) == 1 else len(used),
-        n_doubtful=doubtful_count(rows)[0] if is_judged else int(first.get("n_doubtful") or 0),
-        n_left_out=len(rows) - len(used),
+        n_doubtful=len(rows) - len(used) or int(first.get("n_doubtful") or 0),
         says=says,
         symbol=entry.symbol,
         subject=", ".join(subject),

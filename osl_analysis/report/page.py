@@ -24,7 +24,7 @@ from osl_analysis.report.paper_tables import Condition
 from osl_analysis.report.rounding import written
 from osl_analysis.report.signals import Signals
 from osl_analysis.report.typography import printed
-from osl_analysis.report.verdicts import is_of_whole, verdict_on
+from osl_analysis.report.verdicts import is_of_whole, results_on, verdict_on
 
 TEMPLATES = Path(__file__).with_name("templates")
 NO_CONDITIONS = ("trial", "experiment", "log", "log_source", "mocap", "mocap_source", "exclude")
@@ -66,7 +66,8 @@ class TrialView:
     left_out: Sequence[str]  # why it has no result
     doubts: Sequence[WordedFinding]  # about its recording or the fit to all of it
     doubts_of_parts: Sequence[WordedFinding]
-    not_checked: Sequence[WordedFinding]  # and what is to be known
+    results: Sequence[WordedFinding]  # why its device is not of second order
+    remarks: Sequence[WordedFinding]  # others, and what was not checked
     impedance: Mapping[str, str]  # K, B and I of the fit to all of it
     estimates: Sequence[Sequence[str]]  # a row per fit; heads first
     checks: Sequence[Sequence[str]]  # of its recording
@@ -74,8 +75,8 @@ class TrialView:
 
     @property
     def why(self) -> str:
-        """The causes of its verdict in a few words."""
-        worst = self.doubts or self.doubts_of_parts
+        """The causes of its verdict in a few words, or what is to be known of its device."""
+        worst = self.doubts or self.doubts_of_parts or self.results
         causes = [worded.finding.cause for worded in worst]
         return ", ".join(dict.fromkeys(causes)) or "; ".join(self.left_out)
 
@@ -186,7 +187,8 @@ def trial_view(
         return is_of_whole(finding, experiment)
 
     doubts = [worded for worded in findings if worded.finding.grade is Grade.DOUBTS]
-    unchecked = [w for w in findings if w.finding.grade in (Grade.UNCHECKED, Grade.NOTES)]
+    results = results_on(experiment, findings)
+    remarks = [w for w in findings if w.finding.grade in (Grade.UNCHECKED, Grade.NOTES)]
     impedance = {}
     if len(fits):
         last = fits.row(-1, named=True)
@@ -203,7 +205,8 @@ def trial_view(
         left_out=left_out.reasons if left_out else (),
         doubts=[worded for worded in doubts if is_whole(worded.finding)],
         doubts_of_parts=[worded for worded in doubts if not is_whole(worded.finding)],
-        not_checked=[worded for worded in unchecked if is_whole(worded.finding)],
+        results=results,
+        remarks=[w for w in remarks if is_whole(w.finding) and w not in results],
         impedance=impedance,
         estimates=estimate_rows(fits, main) if len(fits) else (),
         checks=check_rows(checks),

@@ -3,14 +3,16 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any
 
 import polars as pl
 
+from osl_analysis.judge.causes import results_in
 from osl_analysis.report.numbers import ENTRIES
 from osl_analysis.report.rounding import written
 from osl_analysis.report.text_tables import latex_table, markdown_table
-from osl_analysis.stats.repeats import IS_DOUBTFUL, counted, own_condition, summary_row
+from osl_analysis.stats.repeats import counted, own_condition, summary_row
 
 CONDITION = ("joint", "side", "excitation", "controller", "K_d", "B_d", "own_condition")
 HEADS = {  # of columns, in LaTeX
@@ -24,6 +26,7 @@ HEADS = {  # of columns, in LaTeX
 }
 ESTIMATED = ("K", "B", "B_viscous", "I", "VAF")
 NOTHING = "–"
+DAGGER = "†: doubtful. A mean is over trials that are not doubtful; where all are, there is none."
 
 Estimate = tuple[float | None, float | None, float | None]
 """An estimate and the ends of its 95 % interval; None where there is none."""
@@ -36,7 +39,8 @@ class Condition:
     stated: Mapping[str, str]  # in what its trials agree, by column
     trials: Sequence[str]  # names; none of a group
     n: int  # trials or perturbations that count
-    is_doubtful: bool
+    is_doubtful: bool  # the only trial, or all of them, so that there is no mean
+    results: Sequence[str]  # why the device is not of second order, as friction
     estimates: Mapping[str, Estimate]  # by symbol
 
     def text(self, symbol: str) -> str:
@@ -46,7 +50,8 @@ class Condition:
 
 
 def conditions(impedance: pl.DataFrame) -> list[Condition]:
-    """K, B and I of each condition: of its trial, or the mean of several that count.
+    """K, B and I of each condition: of its only trial, or the mean of those of several that are
+    not doubtful.
 
     Parameters
     ----------
@@ -63,14 +68,18 @@ def conditions(impedance: pl.DataFrame) -> list[Condition]:
     parts = whole.sort(keys).partition_by(keys, maintain_order=True) if keys else [whole]
     rows = []
     for fits in parts:
-        used = counted(fits)
+        sound = counted(fits)
+        used = fits if len(fits) == 1 else sound
         first = fits.row(0, named=True)
+        remarks = used["remarks"] if "remarks" in used.columns else ()
+        results = chain.from_iterable(map(results_in, remarks))
         rows.append(
             Condition(
                 stated={key: stated_text(first[key]) for key in keys},
                 trials=fits["trial"].to_list(),
                 n=len(used),
-                is_doubtful=used.select(IS_DOUBTFUL.any()).item(),
+                is_doubtful=sound.is_empty(),
+                results=list(dict.fromkeys(results)),
                 estimates={symbol: estimate_of(used, symbol) for symbol in symbols},
             )
         )
@@ -83,7 +92,10 @@ def stated_text(cell: object) -> str:
 
 
 def estimate_of(used: pl.DataFrame, name: str) -> Estimate:
-    """An estimate with its 95 % interval, of one trial or as the mean of several."""
+    """An estimate with its 95 % interval, of one trial or as the mean of several; of none there is
+    nothing."""
+    if used.is_empty():
+        return None, None, None
     row: Mapping[str, Any] = used.row(0, named=True)
     if len(used) > 1:
         mean = summary_row(used, name)
@@ -102,6 +114,7 @@ def groups(summary: pl.DataFrame) -> Iterator[Condition]:
             trials=(),
             n=rows[0]["n"],
             is_doubtful=any(row["doubt"] for row in rows),
+            results=(),
             estimates={row["quantity"]: (row["mean"], row["low"], row["high"]) for row in rows},
         )
 
@@ -111,10 +124,10 @@ Rows = list[list[str]]
 
 
 def condition_rows(of_conditions: Sequence[Condition]) -> Rows:
-    """The table of conditions or of groups. † marks one with a doubtful fit; the number of trials
-    stands where a row has several."""
+    """The table of conditions or of groups. † marks a doubtful one; the number of trials stands
+    where a row has several."""
     first = of_conditions[0]
-    are_several = any(condition.n > 1 for condition in of_conditions)
+    are_several = any(condition.n != 1 for condition in of_conditions)
     heads = [*first.stated, *(["n"] if are_several else []), *first.estimates]
     rows = [heads]
     for condition in of_conditions:
@@ -144,9 +157,9 @@ def component_rows(summaries: Mapping[str, pl.DataFrame], beside_draft: bool) ->
 
 def to_tex(rows: Rows, origin: str) -> str:
     r"""A `tabular` with rules of booktabs and units of siunitx, to be `\input`."""
-    return f"% {origin}\n{latex_table(rows, HEADS)}"
+    return f"% {origin}\n% {DAGGER}\n{latex_table(rows, HEADS)}"
 
 
 def to_markdown(rows: Rows, origin: str) -> str:
     """The table in Markdown, and what it is made of."""
-    return f"{markdown_table(rows)}\n{origin}. †: with a doubtful fit.\n"
+    return f"{markdown_table(rows)}\n{origin}. {DAGGER}\n"

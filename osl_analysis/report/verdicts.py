@@ -59,24 +59,38 @@ def verdict_on(experiment: str, findings: Sequence[WordedFinding], left_out: Lef
     return IN_PART if doubts else CLEAR
 
 
+def results_on(experiment: str, findings: Sequence[WordedFinding]) -> list[WordedFinding]:
+    """Why the device of a trial is not of second order, as friction."""
+    of_whole = [worded for worded in findings if is_of_whole(worded.finding, experiment)]
+    return [worded for worded in of_whole if worded.finding.is_result]
+
+
 def verdict_counts(
     sheet: Mapping[str, Mapping[str, Any]],
     findings: Iterable[WordedFinding],
     left_out: Mapping[str, LeftOut],
-) -> dict[str, int]:
-    """How many trials of the sheet have each verdict, in the order of `VERDICTS`."""
+) -> tuple[dict[str, int], dict[str, int]]:
+    """How many trials of the sheet have each verdict, in the order of `VERDICTS`, and on how many
+    of the clear ones there is each of `results_on`."""
     by_trial = findings_by_trial(findings)
-    counts = Counter(
-        verdict_on(row["experiment"], by_trial.get(trial, ()), left_out.get(trial))
-        for trial, row in sheet.items()
-    )
-    return {verdict: counts[verdict] for verdict in VERDICTS}
+    counts: Counter[str] = Counter()
+    results: Counter[str] = Counter()
+    for trial, row in sheet.items():
+        of_trial = by_trial.get(trial, ())
+        verdict = verdict_on(row["experiment"], of_trial, left_out.get(trial))
+        counts[verdict] += 1
+        if verdict == CLEAR:
+            results.update({w.finding.cause for w in results_on(row["experiment"], of_trial)})
+    return {verdict: counts[verdict] for verdict in VERDICTS}, dict(results.most_common())
 
 
-def verdicts_sentence(counts: Mapping[str, int]) -> str:
-    """`117 trials: 97 clear, 17 doubtful, 3 doubtful in part, none refused or excluded.`"""
+def verdicts_sentence(counts: Mapping[str, int], results: Mapping[str, int]) -> str:
+    """`9 trials: 6 clear, of them 4 with friction, 3 doubtful, none refused or excluded.`"""
     total = sum(counts.values())
     parts = [f"{n} {verdict}" for verdict, n in counts.items() if n or verdict == CLEAR]
+    if results:
+        with_results = " and ".join(f"{n} with {cause}" for cause, n in results.items())
+        parts[0] += f", of them {with_results}"
     if not counts[REFUSED] + counts[EXCLUDED]:
         parts.append("none refused or excluded")
     return f"{total} trial{'s' if total != 1 else ''}: {', '.join(parts)}."

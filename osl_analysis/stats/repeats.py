@@ -3,6 +3,8 @@
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from statistics import median
+from typing import cast
 
 import numpy as np
 import polars as pl
@@ -44,16 +46,15 @@ def own_condition(table: pl.DataFrame) -> pl.Expr:
 
 
 def alike_sizes(sizes: pl.Series, ratio: float = 1.15) -> pl.Series:
-    """Labels by which sizes (n,) are paired: the median, to three digits, of each chain of sizes
-    that follow one another by less than `ratio`. Null stays null."""
-    order = sizes.unique().drop_nulls().sort()
-    number = (order > ratio * order.shift(1)).fill_null(False).cum_sum()
-    labels = pl.DataFrame({"size": order, "number": number}).select(
-        pl.col("size").median().over("number")
-    )["size"]
-    return sizes.replace_strict(
-        order, labels.round_sig_figs(3), default=None, return_dtype=pl.Float64
-    )
+    """Labels by which sizes (n,) are paired: the median, to three digits, of each group of sizes,
+    of which the largest is at most `ratio` times the smallest. Null stays null."""
+    groups: list[list[float]] = []
+    for size in sizes.unique().drop_nulls().sort():
+        if not groups or size > ratio * groups[-1][0]:
+            groups.append([])
+        groups[-1].append(size)
+    labels = {size: float(f"{median(group):.3g}") for group in groups for size in group}
+    return sizes.replace_strict(labels, default=None, return_dtype=pl.Float64)
 
 
 def size_texts(sizes: pl.Series) -> list[str]:
@@ -65,6 +66,10 @@ def size_texts(sizes: pl.Series) -> list[str]:
     for label, low, high in ends.sort("label").iter_rows():
         texts.append(f"{low:.3g} to {high:.3g}" if high > 1.01 * low else f"{label:.3g}")
     return texts
+
+
+NONE_COUNTS = "none: all trials are doubtful"
+RANGE = "lowest to highest"  # the range over conditions, which are chosen and no sample
 
 
 CommonError = tuple[float, float]
@@ -131,11 +136,8 @@ def summary_row(table: pl.DataFrame, name: str) -> dict[str, float | str | None]
     used = table.filter(pl.col(name).cast(pl.Float64).is_not_nan())
     numbers = used[name].cast(pl.Float64)
     if len(numbers) < 2:
-        row: dict[str, float | str | None] = {"n": len(numbers), "mean": None}
-        if len(numbers) == 1:
-            row["mean"] = float(numbers[0])
-        row.update(dict.fromkeys(("sd", "se", "low", "high", "interval_method")))
-        return row
+        no_scatter = dict.fromkeys(("sd", "se", "low", "high", "interval_method"))
+        return {"n": len(numbers), "mean": cast(float | None, numbers.mean()), **no_scatter}
 
     of_bench = np.zeros(len(used))
     if f"{name}_se_bench" in table.columns:
@@ -147,22 +149,12 @@ def summary_row(table: pl.DataFrame, name: str) -> dict[str, float | str | None]
         own_squares = np.nan_to_num(widths / 2) ** 2 - (NORMAL_97_5 * of_bench) ** 2
         halves = np.sqrt(np.maximum(own_squares, 0.0))
     common = [(shared, np.inf)] if shared else []
-    row = asdict(over_repeats(numbers.to_numpy(), common, halves=halves))
+    row: dict[str, float | str | None] = asdict(
+        over_repeats(numbers.to_numpy(), common, halves=halves)
+    )
     if shared:
         row["interval_method"] = f"{row['interval_method']} + bench"
     return row
-
-
-def doubtful_count(table: pl.DataFrame) -> tuple[int, int]:
-    """Numbers of doubtful fits and of all fits of a table with the column `DOUBTFUL`."""
-    return len(table.filter(IS_DOUBTFUL)), table[DOUBTFUL].count()
-
-
-RULE_OF_MEANS = (
-    "A doubtful trial leaves a mean where half of the trials of its condition, or more, are sound."
-)
-CONDITION = ("joint", "side", "controller", "K_d", "B_d", "excitation")
-"""Columns in which trials of one condition agree, as far as a table has them."""
 
 
 def doubts_of_trials(table: pl.DataFrame) -> pl.DataFrame:
@@ -175,41 +167,32 @@ def doubts_of_trials(table: pl.DataFrame) -> pl.DataFrame:
 
 
 def counted(table: pl.DataFrame) -> pl.DataFrame:
-    """Rows of the trials that a mean counts, by the `RULE_OF_MEANS`: no condition is left without a
-    trial, and the only trial of a condition counts, doubtful or not.
-
-    A trial without a stated K_d is a condition of its own (`own_condition`)."""
-    if DOUBTFUL not in table.columns or not table.select(IS_DOUBTFUL.any()).item():
-        return table  # none leaves
-    judged = doubts_of_trials(table).with_columns(is_doubtful=IS_DOUBTFUL)
-    if "trial" not in judged.columns:
-        judged = judged.with_row_index("trial")
-    trials = judged.unique("trial", keep="first", maintain_order=True)
-    if "K_d" in table.columns and "amplitude_deg" in table.columns:
-        whole = judged.filter(pl.col("amplitude_deg").is_null())
-        trials = whole if len(whole) else trials
-    condition = [name for name in CONDITION if name in trials.columns]
-    share = pl.col("is_doubtful").mean().over([*condition, "own_condition"])
-    trials = trials.with_columns(own_condition=own_condition(trials))
-    leaves = trials.filter(pl.col("is_doubtful") & (share <= 0.5))
-    return table.filter(~judged["trial"].is_in(leaves["trial"].to_list()))
+    """Rows of the trials that a mean counts: those that are not doubtful, however few."""
+    if DOUBTFUL not in table.columns:
+        return table
+    return table.filter(~doubts_of_trials(table).select(IS_DOUBTFUL).to_series())
 
 
 def doubtful_row(table: pl.DataFrame) -> dict[str, int]:
     """`n_doubtful` for a row that summarises a table; empty for a table without the column
     `DOUBTFUL`."""
-    return {"n_doubtful": doubtful_count(table)[0]} if DOUBTFUL in table.columns else {}
+    if DOUBTFUL not in table.columns:
+        return {}
+    return {"n_doubtful": table.filter(IS_DOUBTFUL).height}
 
 
 def summary_of_trials(table: pl.DataFrame, quantities: Sequence[str]) -> pl.DataFrame:
     """A row per quantity (a column of `table`): `summary_row` over the trials that count
-    (`counted`), with `n_doubtful` and `n_left_out`, how many fits are doubtful, and how many of
-    these are not in the mean."""
+    (`counted`), with `n_doubtful`, how many are left out. Where none counts, there is no mean, and
+    `interval_method` says why."""
     used = counted(table)
-    numbers = {**doubtful_row(table), "n_left_out": len(table) - len(used)}
-    return pl.DataFrame(
-        [{"quantity": name, **summary_row(used, name), **numbers} for name in quantities]
-    )
+    rows = []
+    for name in quantities:
+        row = {"quantity": name, **summary_row(used, name), **doubtful_row(table)}
+        if used.is_empty():
+            row["interval_method"] = NONE_COUNTS
+        rows.append(row)
+    return pl.DataFrame(rows)
 
 
 def equivalence(

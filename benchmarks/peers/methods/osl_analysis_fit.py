@@ -12,7 +12,8 @@ PACKAGES = ("osl-analysis",)
 
 
 def fitted(t, theta, torque, person):
-    """K, B and I with their ends by column, and the findings that doubt them."""
+    """K, B and I with their ends by column, and the findings that doubt them or are friction or
+    another property of the joint."""
     trial = osl.Trial("recording", pl.DataFrame({"time": t, "theta": theta, "torque": torque}))
     with tempfile.TemporaryDirectory() as folder:
         config = Path(folder, "config.yaml")
@@ -23,7 +24,8 @@ def fitted(t, theta, torque, person):
     found = dict(fit.row)
     if found.get("B_viscous") is not None:  # friction is certain
         found |= {f"B{end}": found[f"B_viscous{end}"] for end in ("", "_low", "_high")}
-    return found, [finding for finding in fit.findings[-1] if finding.grade is Grade.DOUBTS]
+    told = [f for f in fit.findings[-1] if f.grade is Grade.DOUBTS or f.is_result]
+    return found, told
 
 
 def answer(found, doubts):

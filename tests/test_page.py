@@ -6,11 +6,13 @@ import re
 import zlib
 from base64 import b64decode
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import polars as pl
 import pytest
 
+from osl_analysis.commands.report import signals_of
 from osl_analysis.judge.finding import Finding, Grade, WordedFinding, Words
 from osl_analysis.report import methods
 from osl_analysis.report.left_out import LeftOut
@@ -154,6 +156,21 @@ def test_a_recording_without_a_fit_shows_what_it_has():
 
     table = of_recording(samples, "Joint angle (deg)").table
     assert table.to_dict(as_series=False) == {"time": [0, 1], "motion": [0, 180]}
+
+
+def test_a_crossing_that_was_excluded_shows_its_recording(tmp_path):
+    recording = pl.DataFrame({"time": [1.0, 2.0], "theta": [0.0, np.pi]})
+    recording.write_parquet(tmp_path / "trial.parquet")
+    recording.clear().write_parquet(tmp_path / "crossing.parquet")
+    files = SimpleNamespace(
+        series={},
+        crossings={"w": tmp_path / "crossing.parquet"},
+        trials={"w": tmp_path / "trial.parquet"},
+    )
+
+    shown = signals_of({"trial": "w", "experiment": "walking"}, {}, files)
+
+    assert len(shown.table) == 2
 
 
 def test_the_model_of_a_response_is_equation_15():

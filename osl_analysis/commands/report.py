@@ -168,10 +168,11 @@ def signals_of(
     if "walking_responses" in tables:
         return of_fit(tables["walking_responses"], motion, ISOLATED)
     for recording in (files.crossings.get(trial), files.trials.get(trial)):
-        if recording is not None:
-            columns = pl.read_parquet_schema(recording)
-            if "torque" in columns or "theta" in columns:
-                return of_recording(pl.read_parquet(recording), f"{motion} (deg)")
+        if recording is None:
+            continue
+        samples = pl.read_parquet(recording)  # none of a crossing that was excluded
+        if len(samples) and {"torque", "theta"} & {*samples.columns}:
+            return of_recording(samples, f"{motion} (deg)")
     return None
 
 

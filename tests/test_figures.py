@@ -344,10 +344,10 @@ DOUBT = pl.when(pl.col("trial").is_in(["belt_02", "belt_07", "w2"])).then(
 LETTERING = [
     # figure, table, what changes, which numbers and marks stand in the figure, and which do not
     ("fig3", strays, {}, ["belt_05"], ["belt_07"]),
-    ("fig3", both_branches, {}, ["95 % interval 682.9 to 688.3 N·m/rad", "loop area 0.0451 J"],
+    ("fig3", both_branches, {}, ["= 685.6 (682.9 to 688.3) N·m/rad", "loop area 0.04510"],
      ["Doubtful"]),
     ("fig3", both_branches, {"K_s_low": NONE, "K_s_high": NONE, "doubtful": DOUBT},
-     ["= 685.6 N·m/rad", "Doubtful fit ($n$ = 2)"], ["95 % interval 6"]),
+     ["= 686 N·m/rad", "Doubtful fit ($n$ = 2)"], ["to 688"]),
     ("fig4", left_out, {},
      ["$K_d$ = 300 N·m/rad, $B_d$ = 5 N·m·s/rad, compensated", "Not fitted"],
      ["(doubtful)", "k300"]),

@@ -5,6 +5,7 @@ import json
 import math
 from types import SimpleNamespace
 
+import numpy as np
 import polars as pl
 import pytest
 
@@ -19,7 +20,7 @@ from osl_analysis.report.numbers import (
     to_json,
 )
 from osl_analysis.report.paper_tables import component_rows, condition_rows, conditions
-from osl_analysis.report.rounding import written
+from osl_analysis.rounding import written
 
 ABOUT = dict.fromkeys(("campaign", "data", "version", "configuration", "recorded"), "x")
 IMPEDANCE = pl.DataFrame(
@@ -66,11 +67,11 @@ def test_one_trial_has_its_own_interval_and_several_have_that_of_their_mean():
     assert several.high - several.value == pytest.approx(half, rel=1e-4)
 
 
-def test_a_number_that_is_no_estimate_has_the_range_of_its_values_which_rounds_not_the_mean():
+def test_a_number_that_is_no_estimate_has_the_range_of_its_values_with_the_digits_of_the_mean():
     number = numbers_of(impedance=IMPEDANCE.with_columns(doubtful=pl.lit("")))["K_bias_PD_1"]
 
     assert (number.low, number.high) == pytest.approx((1, 3))
-    assert number.text == "1.67 (1.0 to 3.0)"
+    assert number.text == "1.67 (1.00 to 3.00)"
 
 
 def test_trials_without_a_stated_K_d_are_conditions_of_their_own():
@@ -162,10 +163,29 @@ def test_macros_are_letters_and_each_line_of_latex_is_a_definition_or_a_comment(
         (0.0312345, None, None, "0.0312"),
         (12345.0, 12000.0, 12700.0, "12345 (12000 to 12700)"),
         (0.0, 0.0, 0.0, "0 (0 to 0)"),
+        (14.0, None, None, "14"),
+        (99.7541, None, None, "99.75"),
+        (99.99863, None, None, "99.9986"),
+        (98.76, None, None, "98.8"),
+        (-0.0004, -0.012, 0.011, "0.000 (-0.012 to 0.011)"),
     ],
 )
 def test_a_number_is_rounded_to_two_digits_of_half_its_interval_or_to_three(value, low, high, text):
-    assert written(value, low, high) == text
+    assert written(value, low, high, "%") == text
+
+
+@pytest.mark.parametrize(
+    "vaf", [[99.9814, 99.99863, 99.998], [89.86, 99.754, 99.9887], [99.96] * 2]
+)
+def test_a_mean_is_printed_within_the_range_of_its_values(vaf):
+    table = pl.DataFrame({"VAF": vaf})
+
+    (number,) = headline_numbers({"walking": table})
+
+    value, low, high = map(float, number.texts)
+    assert low <= value <= high
+    assert value == pytest.approx(np.mean(vaf), rel=1e-3)
+    assert high < 100
 
 
 def test_conditions_are_rows_with_their_sound_trial_or_the_mean_of_several():

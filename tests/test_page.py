@@ -74,8 +74,8 @@ def test_a_view_has_estimates_with_intervals_and_units():
     heads, of_amplitude, of_all = view().estimates
 
     assert heads == ["amplitude [deg]", "K [N*m/rad]", "VAF [%]"]
-    assert of_amplitude == ["2", "90 (80 to 100)", "97.0"]
-    assert of_all == ["all", "101.0 (99.0 to 103.0)", "98.0"]
+    assert of_amplitude == ["2", "90 (80 to 100)", "97"]
+    assert of_all == ["all", "101.0 (99.0 to 103.0)", "98"]
 
 
 def test_the_page_escapes_names_and_asks_for_no_other_file():

@@ -14,6 +14,7 @@ from scipy.stats import median_abs_deviation
 
 from osl_analysis.figures import columns_of, marks, names, style
 from osl_analysis.judge.causes import doubts_of_result
+from osl_analysis.rounding import written
 from osl_analysis.stats.repeats import IS_DOUBTFUL
 
 # Fig. 3
@@ -37,7 +38,7 @@ def fig3_caption(table: pl.DataFrame) -> str:
         "Torque against deflection of the belt, with the actuator locked. (a) The trials in"
         " grey and the mean slope while loading, dashed. (b) Torque of each trial minus that of the"
         " mean slope, solid while loading and dashed while unloading: the width of a loop is its"
-        " hysteresis."
+        " hysteresis. In brackets: 95 % intervals of the means over trials."
     ]
     if not table.filter(~IS_MEAN).is_empty():
         sentences.append(
@@ -111,11 +112,9 @@ def draw_belts(ax: Axes, part: pl.DataFrame) -> None:
     ax.set_ylabel("Joint torque (N·m)")
 
     if not mean.is_empty():
-        K_s, low, high = mean.select("K_s", "K_s_low", "K_s_high").row(0)
-        text = rf"$\hat{{K}}_s$ = {K_s:.1f} N·m/rad"
-        if low is not None and high is not None:
-            text += f"\n95 % interval {low:.1f} to {high:.1f} N·m/rad"
-        corner: dict[str, Any] = {"ha": "right", "va": "bottom", "linespacing": 1.4}
+        K_s = written(*mean.select("K_s", "K_s_low", "K_s_high").row(0))
+        text = rf"$\hat{{K}}_s$ = {K_s} N·m/rad"
+        corner: dict[str, Any] = {"ha": "right", "va": "bottom"}
         ax.text(0.99, 0.04, text, transform=ax.transAxes, **corner)
 
 
@@ -141,10 +140,10 @@ def draw_loops(ax: Axes, part: pl.DataFrame) -> None:
                 linestyle=style.DOTTED if is_doubtful else dash,
             )  # fmt: skip
             line.set_url(marks.place_in_report(trial["trial"][0]))
-    areas = part["hysteresis_area"].drop_nulls()
-    if not areas.is_empty():
-        area = areas[0]
-        ax.text(0.02, 0.04, f"Mean loop area {area:.3g} J", transform=ax.transAxes, va="bottom")
+    mean = part.drop_nulls("hysteresis_area")
+    if not mean.is_empty():
+        area = written(*mean.select(r"^hysteresis_area(_low|_high)?$").row(0))
+        ax.text(0.02, 0.04, f"Mean loop area {area} J", transform=ax.transAxes, va="bottom")
     ax.set_xlabel(r"Belt deflection $\theta_s$ (deg)")
     ax.set_ylabel("Torque minus\nmean slope (N·m)")
 

@@ -12,8 +12,8 @@ import polars as pl
 
 from osl_analysis.campaign.origin import ABOUT_MEANING, sentence
 from osl_analysis.dictionary import own_yaml
-from osl_analysis.report.rounding import written
 from osl_analysis.report.typography import in_latex
+from osl_analysis.rounding import decimal_places, with_places
 from osl_analysis.schema import SCHEMA, SCHEMA_FIELD
 from osl_analysis.stats.repeats import (
     DOUBTFUL,
@@ -75,9 +75,14 @@ class Number:
     @property
     def texts(self) -> tuple[str, str, str]:
         """The number and the ends of its interval, rounded by this; empty ends where it has none.
-        The range of single values does not round their mean."""
-        value, low, high = written(self.value, self.low, self.high, parts=True)
-        return (written(self.value) if self.kind == RANGE else value), low, high
+        A range of single values takes no digit off their mean, and is not rounded to 100 %."""
+        places = decimal_places(self.value, self.low, self.high, self.unit)
+        if self.kind == RANGE:
+            largest = max(self.value, self.high or 0.0, key=abs)
+            for number in (self.value, largest):
+                places = max(places, decimal_places(number, unit=self.unit))
+        value, low, high = with_places(places, self.value, self.low, self.high)
+        return value, low, high
 
     @property
     def text(self) -> str:
@@ -222,14 +227,13 @@ def to_json(about: Mapping[str, str], numbers: Iterable[Number], content: Mappin
 
 
 DIGITS = ("Zero", "One", "Two", "Three", "Four", "Five", "Six", "Seven", "Eight", "Nine")
+LETTERS = {**{str(digit): word for digit, word in enumerate(DIGITS)}, ".": "Point"}
 
 
 def macro_name(name: str) -> str:
-    """The letters of a number's name, as LaTeX asks: `K_d 200` gives `KDTwoZeroZero`."""
-    words = re.findall(r"[A-Za-z]+|[0-9]", name)
-    return "".join(
-        DIGITS[int(word)] if word.isdigit() else word[0].upper() + word[1:] for word in words
-    )
+    """The letters of a number's name, as LaTeX asks: `B_d 2.5` gives `BDTwoPointFive`."""
+    words = re.findall(r"[A-Za-z]+|[0-9.]", name)
+    return "".join(LETTERS.get(word) or word[0].upper() + word[1:] for word in words)
 
 
 def macros_tex(

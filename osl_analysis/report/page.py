@@ -21,10 +21,10 @@ from osl_analysis.report.brief import causes_not_checked
 from osl_analysis.report.left_out import LeftOut
 from osl_analysis.report.numbers import Number
 from osl_analysis.report.paper_tables import Condition
-from osl_analysis.report.rounding import written
 from osl_analysis.report.signals import Signals
 from osl_analysis.report.typography import printed
 from osl_analysis.report.verdicts import is_of_whole, verdict_on
+from osl_analysis.rounding import written
 
 TEMPLATES = Path(__file__).with_name("templates")
 NO_CONDITIONS = ("trial", "experiment", "log", "log_source", "mocap", "mocap_source", "exclude")
@@ -240,7 +240,8 @@ def estimate_rows(fits: pl.DataFrame, table: str) -> list[list[str]]:
             cells.append("all" if amplitude is None else f"{amplitude:.3g}")
         for name in names:
             ends = fit.get(f"{name}_low"), fit.get(f"{name}_high")
-            cells.append("–" if fit[name] is None else written(fit[name], *ends))
+            value = fit[name]
+            cells.append("–" if value is None else written(value, *ends, described[name].unit))
         rows.append(cells)
     return rows
 

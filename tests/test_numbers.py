@@ -3,12 +3,15 @@ by hand."""
 
 import json
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import polars as pl
 import pytest
 
+from osl_analysis.judge.finding import Words
+from osl_analysis.judge.summary_findings import CampaignFinding
 from osl_analysis.report import paper_tables
 from osl_analysis.report.brief import brief_lines
 from osl_analysis.report.numbers import (
@@ -239,14 +242,14 @@ def test_components_stand_beside_the_draft(beside_draft, draft):
 
 
 def test_a_run_ends_with_verdicts_sentences_findings_and_what_was_not_checked():
-    finding = {
-        "of": "impedance trials", "n": 3, "trials": ["c"], "cause": "friction", "brief": "report B",
-        "size": "B 2.1. More", "verdict": "doubtful",
-    }  # fmt: skip
-    unchecked = {**finding, "verdict": "not checked", "cause": "the fixture"}
+    finding = CampaignFinding(
+        verdict="doubtful", subject="impedance trials", name="friction", cause="friction",
+        words=Words("", "B 2.1. More", ""), n=3, brief="report B", trials=["c"], line="", worst="c",
+    )  # fmt: skip
+    unchecked = replace(finding, verdict="not checked", cause="the fixture")
     summary = json.loads(to_json(ABOUT, headline_numbers({"impedance": IMPEDANCE}), {}))
     summary["verdicts"] = {"clear": 1, "doubtful": 1, "refused": 1, "excluded": 0}
-    summary["findings"] = [finding, unchecked]
+    summary["findings"] = [finding.to_json(), unchecked.to_json()]
 
     first, *_, doubt, last = brief_lines(summary)
     assert first == "3 trials: 1 clear, 1 doubtful, 1 refused."

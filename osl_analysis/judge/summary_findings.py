@@ -5,14 +5,24 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
+from statistics import mode
 from typing import Any
 
 import polars as pl
 
-from osl_analysis.config.experiments import EXPERIMENTS
+from osl_analysis.config.experiments import EXPERIMENTS, doubts_of
 from osl_analysis.judge.campaign import MOST_NAMED, QUALITY
-from osl_analysis.judge.finding import Finding, Grade, WordedFinding, Words
-from osl_analysis.judge.known_findings import CHECKS, known_finding
+from osl_analysis.judge.finding import (
+    AnyRow,
+    Finding,
+    Grade,
+    WordedFinding,
+    Words,
+    cell_number,
+    subject_of,
+)
+from osl_analysis.judge.known_findings import CHECKS, EVIDENCE, known_finding
+from osl_analysis.judge.moved_estimates import estimate_column
 from osl_analysis.judge.words import sentence_of
 from osl_analysis.stats.repeats import DOUBTFUL
 
@@ -39,10 +49,8 @@ class CampaignFinding:
         Those with this cause.
     line
         All of it in a sentence.
-    measure, limit
-        The columns of its evidence, and their limits.
-    table, worst
-        The table of the findings, and the trial farthest beyond its limits.
+    worst
+        The trial of which the words are.
     """
 
     verdict: str
@@ -54,9 +62,6 @@ class CampaignFinding:
     brief: str
     trials: Sequence[str]
     line: str
-    measure: str
-    limit: str
-    table: str
     worst: str
 
     @property
@@ -67,44 +72,18 @@ class CampaignFinding:
 
     def to_json(self) -> dict[str, Any]:
         """An object under `findings` of `summary.json`."""
-        return {
-            "verdict": self.verdict,
-            "of": self.subject,
-            "name": self.name,
-            "cause": self.cause,
-            **self.words._asdict(),
-            "n": self.n,
-            "brief": self.brief,
-            "trials": list(self.trials),
-            "line": self.line,
-            "measure": self.measure,
-            "limit": self.limit,
-            "table": self.table,
-            "worst": self.worst,
-        }
+        fields = {**vars(self), **self.words._asdict()}
+        del fields["words"]
+        return fields
 
 
 def findings_in_summary(summary: Mapping[str, Any]) -> list[CampaignFinding]:
-    """The findings that a `summary.json` lists; an older one lacks some of their fields."""
+    """The findings that a `summary.json` lists."""
     findings = []
-    for content in summary.get("findings", ()):
-        findings.append(
-            CampaignFinding(
-                verdict=content["verdict"],
-                subject=content["of"],
-                name=content.get("name", ""),
-                cause=content["cause"],
-                words=Words(*(content.get(part, "") for part in Words._fields)),
-                n=content.get("n", 0),
-                brief=content.get("brief", ""),
-                trials=content["trials"],
-                line=content.get("line", ""),
-                measure=content.get("measure", ""),
-                limit=content.get("limit", ""),
-                table=content.get("table", ""),
-                worst=content.get("worst", ""),
-            )
-        )
+    for content in summary["findings"]:
+        fields = dict(content)
+        words = Words(*(fields.pop(part) for part in Words._fields))
+        findings.append(CampaignFinding(words=words, **fields))
     return findings
 
 
@@ -115,7 +94,7 @@ class JudgedTable:
     name: str
     subject: str  # of its doubts, such as `impedance trials`
     subject_of_unchecked: str  # of what could not be checked, such as `phasors trials`
-    trials: Sequence[str]  # those that were judged, or groups
+    rows: Mapping[str, AnyRow]  # of those that were judged: the last, the fit to all of a trial
     doubts_of: str  # the table of the same trials whose doubts its rows share; empty for none
 
 
@@ -128,13 +107,14 @@ def judged_tables_of(tables: Mapping[str, pl.DataFrame]) -> Iterator[JudgedTable
             rows = tables.get(name, pl.DataFrame())
             if DOUBTFUL not in rows.columns:
                 continue
-            trials = subjects(rows.filter(pl.col(DOUBTFUL).is_not_null()))
+            of_judged = rows.filter(pl.col(DOUBTFUL).is_not_null()).to_dicts()
+            last_rows = {subject_of(row): row for row in of_judged}
             title = name.replace("_", " ")
             if name in of_groups:
-                yield JudgedTable(name, title, title, trials, origin)
+                yield JudgedTable(name, title, title, last_rows, origin)
             else:
                 of_experiment = f"{experiment.replace('_', ' ')} trials"
-                yield JudgedTable(name, of_experiment, f"{title} trials", trials, origin)
+                yield JudgedTable(name, of_experiment, f"{title} trials", last_rows, origin)
 
 
 FindingsByTable = Mapping[tuple[str, Grade], Sequence[WordedFinding]]
@@ -161,13 +141,16 @@ def causes_in_campaign(
     -------
     list of CampaignFinding
         Each cause by experiment with its trials. Doubts come first, then failed checks of trials
-        that are used, then what could not be checked; in each, the most frequent cause first.
+        that are used, then what could not be checked; in each, the most frequent cause first. A
+        trial that is doubtful is not among those that are doubtful in part.
     """
     present = {*subjects(verdicts), *chain(*map(subjects, tables.values()))}
     by_table: dict[tuple[str, Grade], list[WordedFinding]] = defaultdict(list)
+    doubtful = {worded.finding.subject for worded in findings if is_doubt_of_whole(worded.finding)}
     for worded in findings:
         finding = worded.finding
-        if finding.subject in present:
+        is_beside_whole = finding.subject in doubtful and not is_doubt_of_whole(finding)
+        if finding.subject in present and not (finding.grade is Grade.DOUBTS and is_beside_whole):
             by_table[finding.table, finding.grade].append(worded)
 
     doubts: list[CampaignFinding] = []
@@ -181,6 +164,12 @@ def causes_in_campaign(
         *most_frequent_first(flags),
         *most_frequent_first(unchecked),
     ]
+
+
+def is_doubt_of_whole(finding: Finding) -> bool:
+    """Whether a finding makes its trial doubtful, not in part alone."""
+    is_of_whole = not finding.is_of_part and not doubts_of().get(finding.table)
+    return finding.grade is Grade.DOUBTS and is_of_whole
 
 
 def doubts_about_table(table: JudgedTable, by_table: FindingsByTable) -> Iterator[CampaignFinding]:
@@ -199,7 +188,10 @@ def unchecked_in_table(table: JudgedTable, by_table: FindingsByTable) -> Iterato
         of_whole = [
             worded for worded in by_table[table.name, grade] if not worded.finding.is_of_part
         ]
-        yield from by_cause(of_whole, verdict, table.subject_of_unchecked, table.trials)
+        yield from by_cause(of_whole, verdict, table.subject_of_unchecked, table.rows)
+
+
+NO_ROW: AnyRow = {}
 
 
 def flags_by_check(
@@ -211,7 +203,7 @@ def flags_by_check(
         for worded in failed_checks:
             if [number.column for number in worded.finding.evidence] == [check]:
                 failed.append(worded)
-        checked_trials = subjects(verdicts.filter(pl.col("check") == check))
+        checked_trials = dict.fromkeys(subjects(verdicts.filter(check=check)), NO_ROW)
         yield from by_cause(failed, "flagged", "trials", checked_trials)
 
 
@@ -228,11 +220,11 @@ def doubts_by_cause(
     whole = {trial_and_cause(doubt) for doubt in doubts if not doubt.finding.is_of_part}
     of_whole = [doubt for doubt in doubts if trial_and_cause(doubt) in whole]
     of_part = [doubt for doubt in doubts if trial_and_cause(doubt) not in whole]
-    yield from by_cause(of_whole, "doubtful", table.subject, table.trials)
+    yield from by_cause(of_whole, "doubtful", table.subject, table.rows)
     subject = table.subject
     if all(doubt.finding.amplitude_deg is not None for doubt in of_part):
         subject = f"{subject}, at single amplitudes alone"
-    yield from by_cause(of_part, "doubtful in part", subject, table.trials)
+    yield from by_cause(of_part, "doubtful in part", subject, table.rows)
 
 
 def doubts_beside_origin(
@@ -243,7 +235,7 @@ def doubts_beside_origin(
     in_origin = {trial_and_cause(doubt) for doubt in doubts_of_origin}
     further = [doubt for doubt in doubts if trial_and_cause(doubt) not in in_origin]
     subject = f"{table.subject}, in {table.name.replace('_', ' ')} alone"
-    yield from by_cause(further, "doubtful in part", subject, table.trials)
+    yield from by_cause(further, "doubtful in part", subject, table.rows)
 
 
 def trial_and_cause(worded: WordedFinding) -> tuple[str, str]:
@@ -258,48 +250,61 @@ def subjects(rows: pl.DataFrame) -> list[str]:
     return []
 
 
-def largest_excess(finding: Finding) -> float:
-    """How far the evidence of a finding is beyond its limits, as a factor; 0 without evidence."""
-    return max((number.excess for number in finding.evidence), default=0.0)
+def shown_size(finding: Finding, column: str, row: AnyRow) -> float:
+    """How large a finding is by the number with which its sentence begins, beyond its limit; in the
+    unit of its estimate where the sentence has that. 0 where it begins with another column."""
+    if first_column(finding) != column or not finding.evidence:
+        return 0.0
+    evidence = EVIDENCE.get(column)
+    size = finding.evidence[0].excess
+    if evidence is None or not evidence.in_unit:
+        return size
+    estimate = cell_number(row, estimate_column(finding.table, evidence.share_of))
+    return size * abs(estimate or 0.0)
+
+
+def first_column(finding: Finding) -> str:
+    """The column of the first evidence; empty without any."""
+    return finding.evidence[0].column if finding.evidence else ""
 
 
 def by_cause(
-    findings: Sequence[WordedFinding], verdict: str, subject: str, judged_trials: Sequence[str]
+    findings: Sequence[WordedFinding], verdict: str, subject: str, rows: Mapping[str, AnyRow]
 ) -> Iterator[CampaignFinding]:
     """What a reader must know of each cause, or of each thing that could not be checked, with its
-    size in the worst trial. The last row of a trial counts, which is its fit to all."""
+    size in the trial where this is largest, of the trials whose `rows` were judged. The last row of
+    a trial counts, which is its fit to all."""
     causes: dict[str, dict[str, WordedFinding]] = {}
     for worded in findings:
         trial, cause = trial_and_cause(worded)
         causes.setdefault(cause, {})[trial] = worded
     for cause, by_trial in causes.items():
-        worst = max(by_trial, key=lambda trial: largest_excess(by_trial[trial].finding))
+        column = mode(first_column(of_trial.finding) for of_trial in by_trial.values())
+        sizes = {
+            trial: shown_size(of_trial.finding, column, rows.get(trial, NO_ROW))
+            for trial, of_trial in by_trial.items()
+        }
+        worst = max(sizes, key=sizes.__getitem__)
         finding = by_trial[worst].finding
         words = by_trial[worst].words
-        if words.size and len(by_trial) > 1:
-            words = words._replace(size=f"{words.size}, most in {worst}")
         if words.says and len({of_trial.words.says for of_trial in by_trial.values()}) > 1:
             words = words._replace(says=f"{words.says} (in {worst})")
-        limits: dict[str, str] = {}  # by column
-        for of_trial in by_trial.values():
-            for number in of_trial.finding.evidence:
-                limits[number.column] = f"{number.side} {number.limit:g}"
         trials = list(by_trial)
-        counts = f"{len(trials)} of {len(judged_trials)} {subject}"
-        trial_names = named_trials(trials, judged_trials)
+        counts = f"{len(trials)} of {len(rows)} {subject}"
+        trial_names = named_trials(trials, list(rows))
+        in_line = words
+        if words.size and len(by_trial) > 1:
+            in_line = words._replace(size=f"at worst ({worst}) {words.size}")
         yield CampaignFinding(
             verdict=verdict,
             subject=subject,
             name=finding.name,
             cause=cause,
             words=words,
-            n=len(judged_trials),
+            n=len(rows),
             brief=known_finding(finding.name).brief,
             trials=trials,
-            line=f"{verdict}, {counts}: {sentence_of(words, cause)}{trial_names}",
-            measure=", ".join(limits),
-            limit=", ".join(limits.values()),
-            table=finding.table,
+            line=f"{verdict}, {counts}: {sentence_of(in_line, cause)}{trial_names}",
             worst=worst,
         )
 

@@ -82,7 +82,7 @@ class MethodsFacts:
             "doubts": [
                 f"{finding.cause}: {len(finding.trials)} of {finding.n} {finding.kind}"
                 for finding in findings
-                if finding.verdict == "doubtful"
+                if finding.verdict in ("doubtful", "flagged")
             ],
             "not_checked": "; ".join(causes_not_checked(findings)),
         }

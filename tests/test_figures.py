@@ -380,6 +380,16 @@ def test_a_figure_has_the_numbers_and_marks_of_what_is_drawn(name, table, change
     assert [part for part in absent if part in lettering] == []
 
 
+def test_no_line_of_fig3_goes_from_the_end_of_a_cycle_to_the_next_one():
+    cycle = both_branches().filter(trial="belt_01").sort("branch")
+    mean = both_branches().filter(trial=MEAN_SLOPE)
+
+    loading, _ = fig3.draw(pl.concat([cycle, cycle, mean])).axes[1].lines[1:]
+
+    drawn = np.isfinite(loading.get_ydata())
+    assert np.count_nonzero(np.diff(drawn.astype(int)) == 1) + drawn[0] == 2
+
+
 def test_belts_are_told_apart_where_they_end_and_doubtful_ones_are_dashed():
     belts, loops = fig3.draw(
         both_branches().with_columns(-pl.col("theta_s_deg"), doubtful=DOUBT)
@@ -397,7 +407,7 @@ def test_belts_are_told_apart_where_they_end_and_doubtful_ones_are_dashed():
     assert (name.get_text(), stray.get_url(), name.xy[1]) == (
         "belt_05",
         *links_to(["belt_05"]),
-        stray.get_ydata()[-1],
+        np.nanmin(stray.get_ydata()),
     )
 
 

@@ -30,6 +30,7 @@ GREY_TRIAL: dict[str, Any] = {"color": style.LIGHT_GREY, "linewidth": 0.9}
 DOUBTFUL_TRIAL: dict[str, Any] = {"color": style.BLACK, "linestyle": style.DOTTED, "linewidth": 0.9}
 MEAN_LINE: dict[str, Any] = {"color": style.MAGENTA, "linestyle": style.DASHED, "linewidth": 1.3}
 LOOP_WIDTH = 0.5  # of lines [pt]
+TEXT_MARGIN = 0.2  # of the loops' height, below them for the text
 
 
 def fig3_caption(table: pl.DataFrame) -> str:
@@ -122,6 +123,7 @@ def draw_loops(ax: Axes, part: pl.DataFrame) -> None:
     """Every loop in grey, doubtful ones dotted; those in a colour, with their names, that end more
     than `OUTLYING` standard deviations from the median. Each leads to its trial."""
     ax.axhline(0, **MEAN_LINE)
+    ax.margins(y=TEXT_MARGIN)
     trials = trials_of(part)
     ends = [end_of_loop(trial) for trial in trials]
     for trial, end, is_outlying in zip(trials, ends, outlying(ends), strict=True):
@@ -133,9 +135,10 @@ def draw_loops(ax: Axes, part: pl.DataFrame) -> None:
             )  # fmt: skip
         is_doubtful = marks.has_doubtful(trial)
         for branch, dash in BRANCHES.items():
-            rows = trial.filter(pl.col("branch") == branch)
+            # without a line from the end of one cycle to the next
+            of_branch = trial.select(pl.when(branch=branch).then("deviation"))
             (line,) = ax.plot(
-                rows["theta_s_deg"], rows["deviation"],
+                trial["theta_s_deg"], of_branch,
                 color=colour, linewidth=LOOP_WIDTH,
                 linestyle=style.DOTTED if is_doubtful else dash,
             )  # fmt: skip

@@ -303,7 +303,7 @@ def sound_table(rows: pl.DataFrame) -> str:
 
 
 def write_between(page: Path, tables: dict[str, str]) -> None:
-    """Put tables between `<!-- NAME -->` and `<!-- end -->` of a page, the commit in their heads."""
+    """Put tables between `<!-- NAME -->` and `<!-- end -->` of a page, headed by the commit."""
     text = page.read_text(encoding="utf-8")
     show_commit = ["git", "log", "-1", "--format=%h of %as"]
     commit = subprocess.check_output(show_commit, cwd=ROOT, text=True).strip()

@@ -17,7 +17,6 @@ from osl_analysis.report.brief import brief_lines
 from osl_analysis.report.numbers import (
     ENTRIES,
     headline_numbers,
-    headline_sentences,
     macro_name,
     macros_tex,
     to_json,
@@ -110,23 +109,6 @@ def test_a_number_that_is_not_finite_is_none():
     table = pl.DataFrame({"VAF": [math.nan]})
 
     assert [*headline_numbers({"walking": table})] == []
-
-
-def test_a_sentence_has_alike_numbers_with_what_they_are_of_and_the_doubts():
-    sentences = list(headline_sentences(headline_numbers({"impedance": IMPEDANCE})))
-
-    assert sentences[0] == (
-        "On average K differs from the commanded K_d by 1.00 %"
-        " (PD 1; trials 1.00 to 1.00; 1 of 3 doubtful)."
-    )
-    assert not any("_PD" in sentence for sentence in sentences), "no name of a number"
-
-
-def test_without_a_commanded_impedance_the_sentences_are_on_K_and_B_themselves():
-    unstated = IMPEDANCE.filter(trial="a").drop("K_d", "B_d")
-
-    sentences = list(headline_sentences(headline_numbers({"impedance": unstated})))
-    assert sentences[0] == "The stiffness K is 101.0 N*m/rad (PD 1; 95 %: 99.0 to 103.0)."
 
 
 def test_every_claim_has_its_verdict():

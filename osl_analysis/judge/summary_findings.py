@@ -11,6 +11,7 @@ from typing import Any
 import polars as pl
 
 from osl_analysis.config.experiments import EXPERIMENTS, doubts_of
+from osl_analysis.errors import listing
 from osl_analysis.judge.campaign import MOST_NAMED, QUALITY
 from osl_analysis.judge.finding import (
     AnyRow,
@@ -146,11 +147,13 @@ def causes_in_campaign(
     """
     present = {*subjects(verdicts), *chain(*map(subjects, tables.values()))}
     by_table: dict[tuple[str, Grade], list[WordedFinding]] = defaultdict(list)
-    doubtful = {worded.finding.subject for worded in findings if is_doubt_of_whole(worded.finding)}
-    for worded in findings:
+    used = [worded for worded in findings if worded.finding.subject in present]
+    in_doubt = [worded.finding for worded in used if worded.finding.grade is Grade.DOUBTS]
+    doubtful = {finding.subject for finding in in_doubt if is_of_whole(finding)}
+    for worded in used:
         finding = worded.finding
-        is_beside_whole = finding.subject in doubtful and not is_doubt_of_whole(finding)
-        if finding.subject in present and not (finding.grade is Grade.DOUBTS and is_beside_whole):
+        is_doubt_of_part = finding.grade is Grade.DOUBTS and not is_of_whole(finding)
+        if not (is_doubt_of_part and finding.subject in doubtful):
             by_table[finding.table, finding.grade].append(worded)
 
     doubts: list[CampaignFinding] = []
@@ -166,20 +169,31 @@ def causes_in_campaign(
     ]
 
 
-def is_doubt_of_whole(finding: Finding) -> bool:
-    """Whether a finding makes its trial doubtful, not in part alone."""
-    is_of_whole = not finding.is_of_part and not doubts_of().get(finding.table)
-    return finding.grade is Grade.DOUBTS and is_of_whole
+def is_of_whole(finding: Finding) -> bool:
+    """Whether a finding is on the recording of a trial, or on the fit to all of it: a doubt then
+    makes the trial doubtful, not in part alone."""
+    return not finding.is_of_part and finding.table not in doubts_of()
 
 
 def doubts_about_table(table: JudgedTable, by_table: FindingsByTable) -> Iterator[CampaignFinding]:
-    """The causes of doubt about the rows of a table, without those that it shares with the table of
-    the fits to the same trials."""
-    of_table = by_table[table.name, Grade.DOUBTS]
+    """The causes of doubt about the trials of a table: about the whole of them, then about single
+    amplitudes, frequencies or results of the others. Those that a table shares with that of the
+    fits to the same trials are left out."""
+    doubts = by_table[table.name, Grade.DOUBTS]
+    of_whole = [doubt for doubt in doubts if is_of_whole(doubt.finding)]
+    yield from by_cause(of_whole, "doubtful", table.subject, table.rows)
+
+    in_origin = set(map(trial_and_cause, by_table[table.doubts_of, Grade.DOUBTS]))
+    of_part = []
+    for doubt in doubts:
+        if doubt not in of_whole and trial_and_cause(doubt) not in in_origin:
+            of_part.append(doubt)
+    subject = table.subject
     if table.doubts_of:
-        yield from doubts_beside_origin(table, of_table, by_table[table.doubts_of, Grade.DOUBTS])
-    else:
-        yield from doubts_by_cause(table, of_table)
+        subject = f"{subject}, in {table.name.replace('_', ' ')} alone"
+    elif all(doubt.finding.amplitude_deg is not None for doubt in of_part):
+        subject = f"{subject}, at single amplitudes alone"
+    yield from by_cause(of_part, "doubtful in part", subject, table.rows)
 
 
 def unchecked_in_table(table: JudgedTable, by_table: FindingsByTable) -> Iterator[CampaignFinding]:
@@ -210,32 +224,6 @@ def flags_by_check(
 def most_frequent_first(causes: Sequence[CampaignFinding]) -> list[CampaignFinding]:
     """Causes by how many trials have them; in their order where these are as many."""
     return sorted(causes, key=lambda cause: -len(cause.trials))
-
-
-def doubts_by_cause(
-    table: JudgedTable, doubts: Sequence[WordedFinding]
-) -> Iterator[CampaignFinding]:
-    """Doubts about the rows of a table: those about whole trials, then those about single
-    amplitudes, or about single results, of trials that are sound as a whole."""
-    whole = {trial_and_cause(doubt) for doubt in doubts if not doubt.finding.is_of_part}
-    of_whole = [doubt for doubt in doubts if trial_and_cause(doubt) in whole]
-    of_part = [doubt for doubt in doubts if trial_and_cause(doubt) not in whole]
-    yield from by_cause(of_whole, "doubtful", table.subject, table.rows)
-    subject = table.subject
-    if all(doubt.finding.amplitude_deg is not None for doubt in of_part):
-        subject = f"{subject}, at single amplitudes alone"
-    yield from by_cause(of_part, "doubtful in part", subject, table.rows)
-
-
-def doubts_beside_origin(
-    table: JudgedTable, doubts: Sequence[WordedFinding], doubts_of_origin: Sequence[WordedFinding]
-) -> Iterator[CampaignFinding]:
-    """Doubts about the rows of a table of single results, such as frequencies, that the table of
-    the fits to the same trials does not have."""
-    in_origin = {trial_and_cause(doubt) for doubt in doubts_of_origin}
-    further = [doubt for doubt in doubts if trial_and_cause(doubt) not in in_origin]
-    subject = f"{table.subject}, in {table.name.replace('_', ' ')} alone"
-    yield from by_cause(further, "doubtful in part", subject, table.rows)
 
 
 def trial_and_cause(worded: WordedFinding) -> tuple[str, str]:
@@ -285,39 +273,25 @@ def by_cause(
             for trial, of_trial in by_trial.items()
         }
         worst = max(sizes, key=sizes.__getitem__)
-        finding = by_trial[worst].finding
         words = by_trial[worst].words
+        name = by_trial[worst].finding.name
         if words.says and len({of_trial.words.says for of_trial in by_trial.values()}) > 1:
             words = words._replace(says=f"{words.says} (in {worst})")
         trials = list(by_trial)
         counts = f"{len(trials)} of {len(rows)} {subject}"
-        trial_names = named_trials(trials, list(rows))
+        trial_names = f" [{listing(trials, MOST_NAMED)}]" if len(trials) < len(rows) else ""
         in_line = words
         if words.size and len(by_trial) > 1:
             in_line = words._replace(size=f"at worst ({worst}) {words.size}")
         yield CampaignFinding(
             verdict=verdict,
             subject=subject,
-            name=finding.name,
+            name=name,
             cause=cause,
             words=words,
             n=len(rows),
-            brief=known_finding(finding.name).brief,
+            brief=known_finding(name).brief,
             trials=trials,
             line=f"{verdict}, {counts}: {sentence_of(in_line, cause)}{trial_names}",
             worst=worst,
         )
-
-
-def named_trials(trials: Sequence[str], judged_trials: Sequence[str]) -> str:
-    """Some of the trials with a cause, in brackets, or the few judged ones without it; empty where
-    all have it."""
-    without_cause = [trial for trial in judged_trials if trial not in trials]
-    if not without_cause:
-        return ""
-    are_nearly_all = len(without_cause) <= MOST_NAMED < len(trials)
-    names = without_cause if are_nearly_all else trials
-    text = ", ".join(names[:MOST_NAMED])
-    if len(names) > MOST_NAMED:
-        text += ", ..."
-    return f" [all but {text}]" if are_nearly_all else f" [{text}]"

@@ -73,7 +73,7 @@ class Number:
     verdict: str | None = None  # on the paper's claim about it
 
     @property
-    def texts(self) -> tuple[str, str, str]:
+    def texts(self) -> list[str]:
         """The number and the ends of its interval, rounded by this; empty ends where it has none.
         A range of single values takes no digit off their mean, and is not rounded to 100 %."""
         places = decimal_places(self.value, self.low, self.high, self.unit)
@@ -81,14 +81,13 @@ class Number:
             largest = max(self.value, self.high or 0.0, key=abs)
             for number in (self.value, largest):
                 places = max(places, decimal_places(number, unit=self.unit))
-        value, low, high = with_places(places, self.value, self.low, self.high)
-        return value, low, high
+        return with_places(places, self.value, self.low, self.high)
 
     @property
     def text(self) -> str:
         """The number with its interval, without unit."""
-        value, low, high = self.texts
-        return f"{value} ({low} to {high})" if low and high else value
+        value, *ends = self.texts
+        return f"{value} ({' to '.join(ends)})" if all(ends) else value
 
     @property
     def kind(self) -> str:
@@ -100,11 +99,11 @@ class Number:
     @property
     def in_sentence(self) -> str:
         """The number with what it is of, its interval and the doubts about it in brackets."""
-        value, low, high = self.texts
+        value, *ends = self.texts
         facts = [self.subject]
-        if low and high:
+        if all(ends):
             kind = "trials" if self.kind == RANGE else "95 %:"
-            facts.append(f"{kind} {low} to {high}")
+            facts.append(f"{kind} {' to '.join(ends)}")
         if self.n_doubtful:
             facts.append(f"{self.n_doubtful} of {self.n + self.n_left_out} doubtful")
         in_brackets = "; ".join(filter(None, facts))

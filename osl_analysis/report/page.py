@@ -13,9 +13,9 @@ from markupsafe import Markup, escape
 
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import described_tables_by_name
-from osl_analysis.judge.finding import Finding, Grade, WordedFinding
+from osl_analysis.judge.finding import Grade, WordedFinding
 from osl_analysis.judge.recording_checks import NOT_APPLICABLE
-from osl_analysis.judge.summary_findings import CampaignFinding
+from osl_analysis.judge.summary_findings import CampaignFinding, is_of_whole
 from osl_analysis.report import plots
 from osl_analysis.report.brief import causes_not_checked
 from osl_analysis.report.left_out import LeftOut
@@ -23,7 +23,7 @@ from osl_analysis.report.numbers import Number
 from osl_analysis.report.paper_tables import Condition
 from osl_analysis.report.signals import Signals
 from osl_analysis.report.typography import printed
-from osl_analysis.report.verdicts import is_of_whole, verdict_on
+from osl_analysis.report.verdicts import verdict_on
 from osl_analysis.rounding import written
 
 TEMPLATES = Path(__file__).with_name("templates")
@@ -182,9 +182,6 @@ def trial_view(
     main = facts.tables[0].name if facts.tables else ""
     fits = tables.get(main, pl.DataFrame())
 
-    def is_whole(finding: Finding) -> bool:
-        return is_of_whole(finding, experiment)
-
     doubts = [worded for worded in findings if worded.finding.grade is Grade.DOUBTS]
     unchecked = [w for w in findings if w.finding.grade in (Grade.UNCHECKED, Grade.NOTES)]
     impedance = {}
@@ -201,9 +198,9 @@ def trial_view(
         recordings=", ".join(str(row[name]) for name in RECORDINGS if row.get(name)),
         verdict=verdict_on(experiment, findings, left_out),
         left_out=left_out.reasons if left_out else (),
-        doubts=[worded for worded in doubts if is_whole(worded.finding)],
-        doubts_of_parts=[worded for worded in doubts if not is_whole(worded.finding)],
-        not_checked=[worded for worded in unchecked if is_whole(worded.finding)],
+        doubts=[worded for worded in doubts if is_of_whole(worded.finding)],
+        doubts_of_parts=[worded for worded in doubts if not is_of_whole(worded.finding)],
+        not_checked=[worded for worded in unchecked if is_of_whole(worded.finding)],
         impedance=impedance,
         estimates=estimate_rows(fits, main) if len(fits) else (),
         checks=check_rows(checks),

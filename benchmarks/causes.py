@@ -12,6 +12,7 @@ rows.
 """
 
 import argparse
+import subprocess
 import sys
 import time
 from collections import Counter
@@ -303,9 +304,12 @@ def sound_table(rows: pl.DataFrame) -> str:
 
 
 def write_between(page: Path, tables: dict[str, str]) -> None:
-    """Put tables between `<!-- NAME -->` and `<!-- end -->` of a page."""
+    """Put tables between `<!-- NAME -->` and `<!-- end -->` of a page, headed by the commit."""
     text = page.read_text(encoding="utf-8")
-    for name, table in tables.items():
+    show_commit = ["git", "log", "-1", "--format=%h of %as"]
+    commit = subprocess.check_output(show_commit, cwd=ROOT, text=True).strip()
+    for name, plain in tables.items():
+        table = plain.replace("| ", f"| commit {commit}: ", 1)
         before, mark, rest = text.partition(f"<!-- {name} -->\n")
         if not mark:
             raise SystemExit(f"{page}: no line <!-- {name} -->")

@@ -30,6 +30,7 @@ from pathlib import Path
 
 import yaml
 
+from osl_analysis import __version__
 from osl_analysis.jobs.workers import ENVIRONMENT
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -380,7 +381,8 @@ def main() -> None:
         if asked.most is not None:
             check_memory(folder, asked.most)
             return
-        print(f"{'processor seconds':42}{'product':>9}{'script':>9}{'ratio':>8}  allowed")
+        begin = f"osl-analysis {__version__}; processor s"
+        print(f"{begin:42}{'product':>9}{'script':>9}{'ratio':>8}  allowed")
         if "fit" in parts:
             show_fit(folder)
         if "run" in parts:

@@ -17,6 +17,7 @@ from bench_synthetic import (
     stepped_sine,
 )
 from conftest import ROOT, findings_of, marked
+from scipy.special import stdtrit
 from test_bench_belt import belt_cycle
 from test_bench_torque_angle import PERIOD, A, W, clock, fitted
 from test_dictionary import described
@@ -131,6 +132,18 @@ def test_no_mean_over_trials_lowers_it():
     assert (row["mean"], row["sd"]) == (alone.mean, alone.sd)
     assert row["se"] ** 2 == pytest.approx(alone.se**2 + shared**2)
     assert row["high"] - row["mean"] > 1.96 * shared
+
+
+@pytest.mark.parametrize("n", [2, 4])
+def test_it_counts_once_in_a_mean_of_trials_whose_intervals_are_all_of_it(n):
+    se, trials = 3.0, pl.DataFrame({"K_s": [684.0] * n})
+    half_width = 1.96 * se
+    stated = {"K_s_low": 684 - half_width, "K_s_high": 684 + half_width, "K_s_se_bench": se}
+
+    row = summary_row(trials.with_columns(**{k: pl.lit(v) for k, v in stated.items()}), "K_s")
+
+    assert row["high"] - row["mean"] == pytest.approx(half_width)
+    assert row["se"] == pytest.approx(se)
 
 
 def test_nor_a_mean_over_amplitudes_of_the_response():
@@ -262,7 +275,7 @@ def calibrated(trial, bench=CONFIG.dynamometer, **known):
 
 
 def standard_error(row, name):
-    """By the interval of a row, whose degrees of freedom are so many that it is normal."""
+    """By the interval of a row, as if it were normal: of few degrees of freedom it is larger."""
     return (row[f"{name}_high"] - row[f"{name}_low"]) / (2 * 1.96)
 
 
@@ -342,8 +355,9 @@ def test_a_stated_fixture_is_compared_with_the_recorded_one(stated, doubt):
 
 def test_a_damping_of_the_spring_is_no_lag():
     row = calibrated(spring(damping=3.0), known_K=300.0)
-    assert abs(row["B"] - 3) < 4 * standard_error(row, "B") < 0.6
-    assert abs(row["lag_s"]) < 4 * standard_error(row, "lag_s") < 2e-3
+    student = stdtrit(7, 0.975) / 1.96  # of eight units
+    assert abs(row["B"] - 3) < 4 * standard_error(row, "B") < 0.6 * student
+    assert abs(row["lag_s"]) < 4 * standard_error(row, "lag_s") < 2e-3 * student
 
 
 def test_a_known_inertia_tells_them_too_with_its_bearing_and_weight():

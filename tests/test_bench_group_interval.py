@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.special import stdtrit
 
 from osl_analysis.bench.group_interval import (
     BY_NOISE,
@@ -62,3 +63,24 @@ def test_degrees_of_freedom_are_those_of_what_makes_the_variance():
 
     assert of_noise[0] == pytest.approx(20)
     assert of_misfit[0] == pytest.approx(5)  # one fewer than units
+
+
+@pytest.mark.parametrize("units", [4, 5, 15])
+@pytest.mark.parametrize("misfit_sd", [0.0, 0.5, 1.0, 1.5, 3.0])
+def test_intervals_hold_the_truth_of_few_units_whose_misfit_is_small_or_large(units, misfit_sd):
+    """1,500 means, each over units of five cycles, whose noise makes an SD of 1 of a unit's mean;
+    the truth is 0."""
+    seeds, cycles = 1500, 5
+    rng = np.random.default_rng(units)
+    of_units = misfit_sd * rng.standard_normal((seeds, units, 1))
+    of_cycles = of_units + np.sqrt(cycles) * rng.standard_normal((seeds, units, cycles))
+    unit_means = of_cycles.mean(axis=-1)
+    noise = of_cycles.var(axis=-1, ddof=1).mean(axis=-1) / (units * cycles)
+    misfit = unit_means.var(axis=-1, ddof=1) / units  # as by leaving out one unit at a time
+    freedom_of_noise = np.full(seeds, units * (cycles - 1.0))
+
+    covariance, freedom = combined(np.diag(noise), freedom_of_noise, np.diag(misfit), units)
+
+    half_width = stdtrit(freedom, 0.975) * np.sqrt(np.diag(covariance))
+    coverage = np.mean(abs(unit_means.mean(axis=-1)) < half_width)
+    assert 0.92 <= coverage <= 0.995

@@ -17,7 +17,6 @@ from osl_analysis.bench.joint_inference import impedance_fits, joint_fit
 from osl_analysis.bench.record import signals_of
 from osl_analysis.bench.recorded_motion import record_of_trial
 from osl_analysis.campaign.configuration import read_section
-from osl_analysis.commands.estimates import interval_text
 from osl_analysis.errors import InputError
 from osl_analysis.inference import infer_impedance
 from osl_analysis.judge.finding import Grade
@@ -258,11 +257,3 @@ def test_a_torque_of_the_wrong_sign_is_refused():
 
     with pytest.raises(InputError, match="the torque drives the motion"):
         row_of(record)
-
-
-@pytest.mark.parametrize(
-    ("low", "high", "text"),
-    [(9.0, 11.0, "± 1"), (9.5, 12.0, "(9.5 to 12)"), (None, None, "")],
-)
-def test_an_interval_is_printed_with_both_ends_where_they_lie_at_other_distances(low, high, text):
-    assert interval_text(10.0, low, high) == text

@@ -36,7 +36,7 @@ def test_the_interval_of_load_friction_is_that_of_its_derivative_by_the_coulomb_
         "k_tau_n_m": mean(1.02, 0.0),
     }
 
-    (claim, _) = stiffness_claims(means, fits((290.0, 310.0)), n_T)
+    (claim,) = stiffness_claims(means, fits((290.0, 310.0)), n_T)
 
     of_load = 0.0896 * 300 * np.deg2rad(3.0) / (n_T * 1.02)
     shares = [100 * of_load / (coulomb + of_load) for coulomb in (f_C - 1e-6, f_C + 1e-6)]

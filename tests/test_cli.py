@@ -89,7 +89,7 @@ def test_fit_prints_the_impedance_of_linear_theory_and_draws_it(folder, tmp_path
     )
     result = call("fit", *arguments)
     assert result.exit_code == 0, result.stderr
-    assert re.search(r"K +\d{3}\.?\d* ± [\d.]+ +N·m/rad", result.stdout)
+    assert re.search(r"K +\d{3}[.\d]* \([.\d]+ to [.\d]+\) +N·m/rad", result.stdout)
     assert (tmp_path / "fit.png").stat().st_size > 10_000
     (whole,) = (
         row
@@ -133,25 +133,6 @@ def test_a_raw_recording_is_fitted_with_its_source_as_after_ingest(folder):
     assert of_raw.exit_code == 0, of_raw.stderr
     assert json.loads(of_raw.stdout) == json.loads(of_ingested.stdout)
     assert "is YAML" in one_line(call("fit", raw, "--source", raw))
-
-
-def test_the_interval_of_a_belt_counts_the_drift_that_the_configuration_names(folder, tmp_path):
-    """100 N*m/min, so that the noise of two trials cannot pass for it."""
-    config, widths = yaml.safe_load((folder / "config.yaml").read_text()), []
-    for drift in (0.0, 100.0):
-        config["dynamometer"]["load_cell_drift"] = drift
-        (tmp_path / "config.yaml").write_text(yaml.safe_dump(config))
-        options = ("--model", "belt", "--config", tmp_path / "config.yaml", "--json")
-        (row,) = json.loads(call("fit", folder / "belt_01.parquet", *options).stdout)
-        widths.append((row["K_s_high"] - row["K_s"]) / 1.96)
-    # slope of time on deflection beside a constant and the velocity: a raised cosine of 1 s and 5
-    # deg, from 5 % on
-    t = np.linspace(np.arccos(0.9) / np.pi, 1, 1000)
-    columns = np.column_stack(
-        [np.deg2rad(5) * (1 - np.cos(np.pi * t)) / 2, np.ones_like(t), np.sin(np.pi * t)]
-    )
-    slope = np.linalg.lstsq(columns, t, rcond=None)[0][0]
-    assert np.sqrt(widths[1] ** 2 - widths[0] ** 2) == pytest.approx(100 / 60 * slope, rel=0.06)
 
 
 def test_fit_says_what_it_cannot_check_and_takes_a_campaign_s_overriding_file(folder, tmp_path):

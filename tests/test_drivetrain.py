@@ -8,7 +8,8 @@ from conftest import ROOT
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
-from scipy.integrate import quad
+from scipy.integrate import quad, trapezoid
+from scipy.optimize import brentq, minimize_scalar
 
 from osl_analysis.commands.gains import gain_table
 from osl_analysis.errors import InputError, UnreachableImpedanceError
@@ -157,6 +158,32 @@ def test_the_slope_of_the_norm_is_its_difference():
     above, _ = compensator.squared_norm(x + h, *polynomials)
     below, _ = compensator.squared_norm(x - h, *polynomials)
     assert slope == pytest.approx((above - below) / (2 * h), rel=1e-6)
+
+
+@pytest.mark.parametrize(("K_d", "B_d"), [(300.0, 5.0), (100.0, 7.5), (200.0, 2.5), (400.0, 0.5)])
+def test_selected_gains_are_those_of_the_equations_by_brute_force(K_d, B_d):
+    """Eqs. 7 and 8 solved at each frequency, Eq. 12 by a search for K_1, and Eq. 14 by one for the
+    smallest integral: the simulator and the analysis both take these gains."""
+    w = np.geomspace(1e-3, 1e4, 5000)
+    butterworth = 1 / (1 + (w / (2 * np.pi)) ** 6)
+
+    def admittance(s, K_1, B_1):
+        feedback = K_1 + (P.B_m + B_1) * s + P.J_m * s**2
+        theta_m = P.K_s / P.n_T / (feedback + P.K_s / P.n_T**2)
+        return 1 / (P.K_s * (1 - theta_m / P.n_T) + P.B_j * s)
+
+    K_1 = brentq(lambda gain: 1 / admittance(0.0, gain, 0.0) - K_d, 1e-3, 1e5)
+
+    def squared_norm(B_1):
+        error = admittance(1j * w, K_1, B_1) - 1 / (K_d + 1j * w * B_d)
+        return trapezoid(butterworth * abs(error) ** 2, w)
+
+    B_1 = minimize_scalar(squared_norm, bounds=(0, 30), options={"xatol": 1e-7}).x
+
+    gains = compensator.select_gains("compensated", K_d, B_d, P)
+
+    assert gains.K_1 == pytest.approx(K_1, rel=1e-9)
+    assert gains.B_1 == pytest.approx(B_1, rel=1e-4)
 
 
 # ---- What is refused

@@ -21,7 +21,7 @@ from osl_analysis.commands.figure import (
 )
 from osl_analysis.errors import InputError
 from osl_analysis.figures import FIGURES, drawing_of, names, not_drawn, style, ticks
-from osl_analysis.figures.captions import as_text, doubtful_sentence
+from osl_analysis.figures.captions import as_text
 from osl_analysis.figures.frequency import DESIRED, LINEAR_MODEL, response_curve
 from osl_analysis.figures.quasi_static import MEAN_SLOPE
 from osl_analysis.figures.saved import write_footer
@@ -344,29 +344,17 @@ DOUBT = pl.when(pl.col("trial").is_in(["belt_02", "belt_07", "w2"])).then(
 LETTERING = [
     # figure, table, what changes, which numbers and marks stand in the figure, and which do not
     ("fig3", strays, {}, ["belt_05"], ["belt_07"]),
-    ("fig3", both_branches, {}, ["95 % interval 682.9 to 688.3 N·m/rad", "loop area 0.0451 J"],
+    ("fig3", both_branches, {}, ["= 685.6 (682.9 to 688.3) N·m/rad", "loop area 0.04510"],
      ["Doubtful"]),
     ("fig3", both_branches, {"K_s_low": NONE, "K_s_high": NONE, "doubtful": DOUBT},
-     ["= 685.6 N·m/rad", "Doubtful fit ($n$ = 2)"], ["95 % interval 6"]),
-    ("fig4", left_out, {},
-     ["$K_d$ = 300 N·m/rad, $B_d$ = 5 N·m·s/rad, compensated", "Not fitted"],
-     ["(doubtful)", "k300"]),
-    ("fig4", left_out, {"K_d": NONE, "B_d": NONE, "controller": pl.lit(None, pl.String)},
-     ["Trial k300"], ["$K_d$"]),
+     ["= 686 N·m/rad", "Doubtful fit ($n$ = 2)"], ["to 688"]),
     ("fig4", time_series, {"doubtful": NOTE}, ["(doubtful)"], ["Not fitted"]),
-    ("fig5", lambda: plotted("fig5").head(4),
-     {"K_d": NONE, "B_d": NONE, "trial": pl.format("w{}", pl.col("K").rank())},
-     ["w1.0", "w4.0", "95 % interval"], ["Desired", "not stated", "Range over amplitudes"]),
     ("fig5", in_amplitudes, {},
      ["95 % interval", "Range over amplitudes", names.VISCOUS_DAMPING, "Open: doubtful"],
      [names.LINEAR_MODEL]),
     ("fig6", None, {"doubtful": NOTE}, ["48 fits of 16 trials", "Open"], []), ("fig6", None, {}, [],
      ["Open"]),
-    ("walking_page", None, {}, ["Unperturbed ($n$ = 7)", "Mean response", "± SD"],
-     ["Doubtful fit"]),
     ("torque_angle", lambda: twice(torque_angle_table()), {}, [], ["both cams 15mm"]),
-    ("response", lambda: conditions_of(2), {},
-     ["Open: doubtful", "(a) $K_d$ = 300, $B_d$ = 5\nadaptive", "(b) adaptive"], ["t1"]),
 ]  # fmt: skip
 
 
@@ -378,6 +366,16 @@ def test_a_figure_has_the_numbers_and_marks_of_what_is_drawn(name, table, change
 
     assert [part for part in present if part not in lettering] == []
     assert [part for part in absent if part in lettering] == []
+
+
+def test_no_line_of_fig3_goes_from_the_end_of_a_cycle_to_the_next_one():
+    cycle = both_branches().filter(trial="belt_01").sort("branch")
+    mean = both_branches().filter(trial=MEAN_SLOPE)
+
+    loading, _ = fig3.draw(pl.concat([cycle, cycle, mean])).axes[1].lines[1:]
+
+    drawn = np.isfinite(loading.get_ydata())
+    assert np.count_nonzero(np.diff(drawn.astype(int)) == 1) + drawn[0] == 2
 
 
 def test_belts_are_told_apart_where_they_end_and_doubtful_ones_are_dashed():
@@ -397,7 +395,7 @@ def test_belts_are_told_apart_where_they_end_and_doubtful_ones_are_dashed():
     assert (name.get_text(), stray.get_url(), name.xy[1]) == (
         "belt_05",
         *links_to(["belt_05"]),
-        stray.get_ydata()[-1],
+        np.nanmin(stray.get_ydata()),
     )
 
 
@@ -686,26 +684,6 @@ def test_a_figure_without_numbers_says_so_with_trial_and_reason(tmp_path):
     )
 
 
-def height_of_svg(file):
-    return float(re.search(r'height="([\d.]+)pt"', file.read_text())[1])
-
-
-def test_a_figure_names_its_data_and_the_trials_that_it_lacks(tmp_path):
-    """In its metadata too, where a footer is not wanted."""
-    outputs = [tmp_path / f"f.{suffix}" for suffix in ("svg", "pdf", "png")]
-    bare = tmp_path / "bare.svg"
-    lacks = [f"trial_{number}" for number in range(6)]
-    data = "Simulated data: campaign a"
-
-    draw_table("gain_grid", plotted("gain_grid"), outputs, lacks, data)
-    draw_table("gain_grid", plotted("gain_grid"), [bare], lacks, data, footer=False)
-
-    said = f"{data}. Without 6 refused: trial_0, trial_1, trial_2, trial_3 and 2 more"
-    without = [path.name for path in (*outputs, bare) if said.encode() not in path.read_bytes()]
-    assert without == []
-    assert height_of_svg(bare) < height_of_svg(outputs[0])
-
-
 def test_a_footer_stands_below_the_page_and_covers_nothing():
     figure = fig8.draw(plotted("fig8"))
 
@@ -748,26 +726,6 @@ def test_a_table_without_a_column_that_a_figure_needs_is_refused(name, tmp_path)
 ])  # fmt: skip
 def test_a_name_in_markdown_is_text_sign_by_sign(name, markdown):
     assert as_text(name) == markdown
-
-
-@pytest.mark.parametrize(("of", "said"), [
-    ({"trial": [f"t_{k}" for k in range(12)], "doubtful": ["VAF 80"] * 10 + ["", None]},
-     r"10 of 11. For VAF 80: t\_0; t\_1; t\_2; t\_3; t\_4; t\_5; 4 more."),
-    ({"trial": ["a", None, "a"], "group": "all", "doubtful": ["", "lag", ""]},
-     "1 of 2. For lag: mean response of all."),
-    ({"trial": ["a", None, "b"], "group": "all", "doubtful": ["", "", "lag"]},
-     "1 of 2. For lag: b."),
-    ({"trials": ["a, b", "c"], "doubtful": ["", ""]}, None),
-    ({"trial": ["a"], "doubtful": [None]}, ""),
-    ({"trial": ["a", "b", "c"], "doubtful": ["lag", "friction; lag", ""]},
-     "2 of 3. For lag: a; b. For friction: b."),
-    ({"trial": ["a", "b", "c", "d"], "controller": ["p_1", "p_1", "q", "q"],
-      "K_d": [1.0, 2.0, 3.0, 3.0], "B_d": [0.0] * 4, "doubtful": ["lag", "lag", "lag", ""]},
-     r"3 of 4. For lag: all 2 p\_1; $K_d$ = 3 N·m/rad, $B_d$ = 0 N·m·s/rad, q, c."),
-])  # fmt: skip
-def test_a_caption_names_the_doubtful_trials_and_groups_and_each_cause_once(of, said):
-    expected = "No fit is doubtful." if said is None else said and f"Doubtful: {said}"
-    assert doubtful_sentence(pl.DataFrame(of, schema_overrides={"doubtful": pl.String})) == expected
 
 
 def test_each_figure_has_a_section_and_a_missing_one_its_reason(

@@ -23,6 +23,7 @@ from osl_analysis.judge.finding import (
 )
 from osl_analysis.judge.judging import judged
 from osl_analysis.judge.limits import DoubtfulFits, Limits
+from osl_analysis.judge.summary_findings import causes_in_campaign
 from osl_analysis.outcomes.job_log import write_log
 from osl_analysis.stats.repeats import counted, doubtful_row, summary_of_trials
 from osl_analysis.table import read_table, write_table
@@ -232,6 +233,40 @@ def test_a_finding_in_the_table_is_the_finding_that_was_made():
     ]
     of_finding = ("finding", "trial", "grade", "amplitude_deg")
     assert set(table.select(of_finding).rows()) == {(1, "t", "doubts", 4.0)}
+
+
+def friction(trial, share):
+    evidence = (Beyond("coulomb_share", share, 0.05, "above"),)
+    finding = Finding("friction", "impedance", trial, evidence=evidence)
+    return WordedFinding(finding, Words("", f"that of {trial}", ""))
+
+
+def test_the_worst_trial_of_a_cause_is_that_of_the_largest_number_which_is_shown():
+    """Friction makes 0.8 of a B of 0.6, and 0.5 of one of 2.0: 0.48 and 1.0 N*m*s/rad."""
+    fits = pl.DataFrame({"trial": ["a", "b"], "B": [0.6, 2.0], "doubtful": ["friction"] * 2})
+    quality = pl.DataFrame(schema=["trial", "check"])
+
+    findings = [friction("a", 0.8), friction("b", 0.5)]
+    (cause,) = causes_in_campaign(findings, {"impedance": fits}, quality)
+
+    assert (cause.worst, cause.words.size) == ("b", "that of b")
+
+
+def test_a_trial_that_is_doubtful_is_not_counted_again_as_doubtful_in_part():
+    fits = pl.DataFrame({"trial": ["a", "b"], "B": [1.0, 1.0], "doubtful": ["friction", ""]})
+    phasors = pl.DataFrame({"trial": ["a", "b"], "doubtful": ["friction"] * 2})
+    quality = pl.DataFrame(schema=["trial", "check"])
+    findings = [friction("a", 0.5)]
+    for trial in "ab":
+        evidence = (Beyond("theta_distortion", 0.5, 0.1, "above"),)
+        of_phasor = Finding("distorted_motion", "phasors", trial, evidence=evidence)
+        findings.append(WordedFinding(of_phasor, Words("", "", "")))
+
+    causes = causes_in_campaign(findings, {"impedance": fits, "phasors": phasors}, quality)
+
+    assert {cause.verdict: cause.trials for cause in causes} == {
+        "doubtful": ["a"], "doubtful in part": ["b"]
+    }  # fmt: skip
 
 
 def test_what_a_doubt_condemns_is_not_recommended_by_a_note_on_the_same_row():

@@ -4,9 +4,17 @@ shared movement."""
 import numpy as np
 import pytest
 from scipy.interpolate import make_interp_spline
+from scipy.signal import butter, freqz, lfilter
 
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.clock import Edges, correlate_clocks, find_edges, fit_clock, gate_fit
+from osl_analysis.ingest.clock import (
+    Edges,
+    correlate_clocks,
+    find_edges,
+    fit_clock,
+    gate_fit,
+    independent_samples,
+)
 
 OFFSET = -3.2  # [s] of the logger's clock
 DRIFT = 50e-6  # of the logger's clock
@@ -252,3 +260,22 @@ def test_gates_that_no_angle_tells_apart_are_refused() -> None:
         gate_fit(gate_pulses(), CAPTURE)
     with pytest.raises(InputError, match=r"s of the log in place of .* times as likely"):
         gate_fit(gate_pulses(), CAPTURE, lambda: (log, (CAPTURE, seen)))
+
+
+LOW_PASS = butter(4, 0.1)
+SPECTRUM = np.abs(freqz(*LOW_PASS, worN=2**16)[1]) ** 2
+
+
+@pytest.mark.parametrize(
+    ("noise_filter", "share"),
+    [
+        (([1.0], [1.0]), 1.0),
+        (([1.0], [1.0, -0.8]), (1 - 0.8**2) / (1 + 0.8**2)),
+        (LOW_PASS, SPECTRUM.mean() ** 2 / (SPECTRUM**2).mean()),
+    ],
+)
+def test_independent_samples_are_those_of_the_spectrum(noise_filter, share):
+    n = 400_000
+    noise = lfilter(*noise_filter, np.random.default_rng(0).standard_normal(n))
+
+    assert independent_samples(noise) == pytest.approx(share * n, rel=0.03)

@@ -3,24 +3,26 @@ by hand."""
 
 import json
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
+import numpy as np
 import polars as pl
 import pytest
 
-from osl_analysis.judge.summary_findings import findings_in_summary
+from osl_analysis.judge.finding import Words
+from osl_analysis.judge.summary_findings import CampaignFinding, findings_in_summary
 from osl_analysis.report import paper_tables
 from osl_analysis.report.brief import brief_lines
 from osl_analysis.report.numbers import (
     ENTRIES,
     headline_numbers,
-    headline_sentences,
     macro_name,
     macros_tex,
     to_json,
 )
 from osl_analysis.report.paper_tables import component_rows, condition_rows, conditions
-from osl_analysis.report.rounding import written
+from osl_analysis.rounding import written
 
 ABOUT = dict.fromkeys(("campaign", "data", "version", "configuration", "recorded"), "x")
 IMPEDANCE = pl.DataFrame(
@@ -76,11 +78,11 @@ def test_one_trial_has_its_own_interval_and_several_have_that_of_their_mean():
     assert several.high - several.value == pytest.approx(half, rel=1e-4)
 
 
-def test_a_number_that_is_no_estimate_has_the_range_of_its_values_which_rounds_not_the_mean():
+def test_a_number_that_is_no_estimate_has_the_range_of_its_values_with_the_digits_of_the_mean():
     number = numbers_of(impedance=IMPEDANCE.with_columns(doubtful=pl.lit("")))["K_bias_PD_1"]
 
     assert (number.low, number.high) == pytest.approx((1, 3))
-    assert number.text == "1.67 (1.0 to 3.0)"
+    assert number.text == "1.67 (1.00 to 3.00)"
 
 
 def test_trials_without_a_stated_K_d_are_conditions_of_their_own():
@@ -116,23 +118,6 @@ def test_a_number_that_is_not_finite_is_none():
     table = pl.DataFrame({"VAF": [math.nan]})
 
     assert [*headline_numbers({"walking": table})] == []
-
-
-def test_a_sentence_has_alike_numbers_with_what_they_are_of_and_the_doubts():
-    sentences = list(headline_sentences(headline_numbers({"impedance": IMPEDANCE})))
-
-    assert sentences[0] == (
-        "On average K differs from the commanded K_d by 1.00 %"
-        " (PD 1; trials 1.00 to 1.00; 1 of 3 left out as doubtful)."
-    )
-    assert not any("_PD" in sentence for sentence in sentences), "no name of a number"
-
-
-def test_without_a_commanded_impedance_the_sentences_are_on_K_and_B_themselves():
-    unstated = IMPEDANCE.filter(trial="a").drop("K_d", "B_d")
-
-    sentences = list(headline_sentences(headline_numbers({"impedance": unstated})))
-    assert sentences[0] == "The stiffness K is 101.0 N*m/rad (PD 1; 95 %: 99.0 to 103.0)."
 
 
 def test_every_claim_has_its_verdict():
@@ -172,10 +157,29 @@ def test_macros_are_letters_and_each_line_of_latex_is_a_definition_or_a_comment(
         (0.0312345, None, None, "0.0312"),
         (12345.0, 12000.0, 12700.0, "12345 (12000 to 12700)"),
         (0.0, 0.0, 0.0, "0 (0 to 0)"),
+        (14.0, None, None, "14"),
+        (99.7541, None, None, "99.75"),
+        (99.99863, None, None, "99.9986"),
+        (98.76, None, None, "98.8"),
+        (-0.0004, -0.012, 0.011, "0.000 (-0.012 to 0.011)"),
     ],
 )
 def test_a_number_is_rounded_to_two_digits_of_half_its_interval_or_to_three(value, low, high, text):
-    assert written(value, low, high) == text
+    assert written(value, low, high, "%") == text
+
+
+@pytest.mark.parametrize(
+    "vaf", [[99.9814, 99.99863, 99.998], [89.86, 99.754, 99.9887], [99.96] * 2]
+)
+def test_a_mean_is_printed_within_the_range_of_its_values(vaf):
+    table = pl.DataFrame({"VAF": vaf})
+
+    (number,) = headline_numbers({"walking": table})
+
+    value, low, high = map(float, number.texts)
+    assert low <= value <= high
+    assert value == pytest.approx(np.mean(vaf), rel=1e-3)
+    assert high < 100
 
 
 def test_conditions_are_rows_with_their_sound_trial_or_the_mean_of_several():
@@ -237,16 +241,15 @@ def test_components_stand_beside_the_draft(beside_draft, draft):
 
 
 def test_a_run_ends_with_verdicts_sentences_findings_and_what_was_not_checked():
-    finding = {
-        "of": "impedance trials", "n": 3, "trials": ["c"], "cause": "friction", "brief": "report B",
-        "size": "B 2.1. More", "verdict": "doubtful", **dict.fromkeys(("says", "remedy"), ""),
-        "name": "friction", "line": "",
-    }  # fmt: skip
-    unchecked = {**finding, "verdict": "not checked", "cause": "the fixture"}
+    finding = CampaignFinding(
+        verdict="doubtful", subject="impedance trials", name="friction", cause="friction",
+        words=Words("", "B 2.1. More", ""), n=3, brief="report B", trials=["c"], line="", worst="c",
+    )  # fmt: skip
+    unchecked = replace(finding, verdict="not checked", cause="the fixture")
     summary = json.loads(to_json(ABOUT, headline_numbers({"impedance": IMPEDANCE}), {}))
     summary["results_of_clear"] = {}
     summary["verdicts"] = {"clear": 1, "doubtful": 1, "refused": 1, "excluded": 0}
-    summary["findings"] = [finding, unchecked]
+    summary["findings"] = [finding.to_json(), unchecked.to_json()]
 
     assert [found.to_json() for found in findings_in_summary(summary)] == [finding, unchecked]
     first, *_, doubt, last = brief_lines(summary)

@@ -89,8 +89,8 @@ def test_a_view_has_estimates_with_intervals_and_units():
     heads, of_amplitude, of_all = view().estimates
 
     assert heads == ["amplitude [deg]", "K [N*m/rad]", "VAF [%]"]
-    assert of_amplitude == ["2", "90 (80 to 100)", "97.0"]
-    assert of_all == ["all", "101.0 (99.0 to 103.0)", "98.0"]
+    assert of_amplitude == ["2", "90 (80 to 100)", "97"]
+    assert of_all == ["all", "101.0 (99.0 to 103.0)", "98"]
 
 
 def test_the_page_escapes_names_and_asks_for_no_other_file():
@@ -192,6 +192,11 @@ SETTINGS = {
         "order": 4, "cutoff_hz": 15.0, "bench_stiffness": None, "fixture": None,
         "settle_cycles": 2, "calibration": {}, "load_cell_drift": 0.05,
     },
+    "torque_angle": {
+        "order": 4, "cutoff_hz": 15.0, "bench_stiffness": {"value": "12000 N*m/rad"},
+        "calibration": {"torque_gain": 0.01}, "zero": "start", "rest_s": 1.0,
+    },
+    "parameters": None,
     "walking": {"correct_plate_lag": True, "baseline": "mean", "bootstrap_samples": 1000},
 }  # fmt: skip
 
@@ -204,8 +209,15 @@ def paragraphs(sheet=(ROW,), **tables):
 @pytest.mark.parametrize(
     ("tables", "sentence"),
     [
-        ({"timebase": {"delay_s": [0.0]}}, "No delay of a sensor is stated"),
-        ({"timebase": {"delay_s": [0.0, 0.002]}}, "Stated delays of sensors, of 0 to 0.002 s"),
+        ({"timebase": {"signals": ["theta"], "delay_s": [0.0]}}, "No delay of a sensor was taken"),
+        (
+            {"timebase": {"signals": ["theta", "torque"], "delay_s": [0.0, 0.002]}},
+            "held values, were taken out of the time stamps: torque 0.002 s.",
+        ),
+        ({"belt": {"K_s": [700.0]}}, "deflection is the measured angle of the joint, with the"),
+        ({"torque_angle": {"K": [40.0], "cycles": [3]}}, "stated stiffness of 12000 N·m/rad."),
+        ({"torque_angle": {"K": [40.0], "cycles": [3]}}, "all trials share: torque_gain 0.01."),
+        ({"torque_angle": {"K": [40.0], "cycles": [3]}}, "1.0 s of rest at the start"),
         ({"impedance": {"K_d": [100.0, 200.0, 100.0]}}, "was 100 and 200 N·m/rad"),
         ({"plate": {"lag_s": [0.01]}}, "The lag of the plate behind the markers, 0.01 s"),
     ],

@@ -138,27 +138,3 @@ def test_a_miss_is_off_beyond_the_interval_and_silent_without_a_doubt(scored, li
 def test_an_answer_that_cannot_be_judged_is_refused_with_its_line(scored, lines, said):
     with pytest.raises(InputError, match=said):
         scored(*lines)
-
-
-def test_the_page_says_where_a_peer_is_better_and_by_how_much(tmp_path):
-    from page import better, scores_of, worst_errors
-
-    (tmp_path / "truth.csv").write_text(TRUTH.replace("b,one", "b,two"))
-    lines = [f"osl_analysis_fit,a,{OFF},late,2,,", f"osl_analysis_fit,b,{RIGHT},,2,,"]
-    lines += [f"lmfit_simulated,a,{RIGHT},,0.5,,", f"lmfit_simulated,b,{OFF},,0.5,,"]
-    lines += [f"sippy_subspace,a,{OFF},,1.5,,", f"sippy_subspace,b,{OFF},,1.5,,"]
-    (tmp_path / "answers.csv").write_text(HEAD + "".join(f"{one}\n" for one in lines))
-    (tmp_path / "sent.csv").write_text(HEAD + f"m,a,{RIGHT},,0.5,,\n")  # answers half of them
-    files, truth = [tmp_path / "answers.csv", tmp_path / "sent.csv"], tmp_path / "truth.csv"
-    scores = scores_of(files, truth)
-
-    rows = better(scores, worst_errors(files, truth)).splitlines()[2:]
-
-    assert rows == [
-        "| one (1) | K, B or I off | all but sippy | 0 | 1, 0 silent |",
-        "| one (1) | worst error | all but sippy | 0 | 10 |",
-        "| one (1) | intervals that hold, % | all but sippy | 100 | 67 |",
-        "| all (2) | s | lmfit | 0.5 | 2 |",
-    ]
-    with pytest.raises(InputError, match="method 'm' stands in two files; rename it"):
-        scores_of([*files, tmp_path / "sent.csv"], truth)

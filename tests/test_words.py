@@ -43,7 +43,7 @@ TORQUE_PATH = {
     "B_without_high": 5.1,
     "I_without": None,
 }
-FRICTION = {"trial": "a", "coulomb_share": 0.6, "B": 2.264, "B_viscous": 1.0465, "f_C": 1.4}
+FRICTION = {"trial": "a", "coulomb_share": 0.6, "B": 2.264, "B_viscous": 1.0465, "f_C": 1.402}
 
 
 def finding_in_words(row, above=None, below=None):
@@ -131,7 +131,7 @@ def test_a_finding_has_at_most_35_words():
      ["torque path: ", "explained by delay, moving mean", "B 4.9 to 5.1, I not identifiable"]),
     (TORQUE_PATH | {"B_viscous": 4.9}, {"fault_harm": 1}, ["B_viscous 4.9 to 5.1"]),
     (FRICTION, {"coulomb_share": 0.5},
-     ["B 2.26, viscous part 1.05 N*m*s/rad, friction 1.4 N*m"]),
+     ["B 2.26, viscous part 1.05 N*m*s/rad, friction 1.40 N*m"]),
     (FRICTION | {"B_viscous": None}, {"coulomb_share": 0.5},
      ["friction makes 1.4 N*m*s/rad of B = 2.26"]),
     ({"coulomb_share": 0.6}, {"coulomb_share": 0.5},

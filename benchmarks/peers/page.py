@@ -109,13 +109,14 @@ def overview(scores):
 def by_case(scores):
     """A row per case, with the misses of each method."""
     methods = methods_of(scores)
+    release = scores.filter(method=OURS)["version"][0]
     rows = []
     for case in sorted(set(scores["group"]) - {"all"}):
         of_case = scores.filter(col("group") == case)
         row_of = {row["method"]: row for row in of_case.iter_rows(named=True)}
         trials = row_of[methods[0]]["trials"]
         rows.append([f"{case} ({trials})", *(misses(row_of[method]) for method in methods)])
-    return table(["", *map(name_of, methods)], rows)
+    return table([release, *map(name_of, methods)], rows)
 
 
 def misses(row):
@@ -148,7 +149,7 @@ def better(scores, worst):
                     rows.append(
                         [f"{case} ({ours['trials']})", text, named(found, peers), size, of_us]
                     )
-    head = ["recordings", "in", "better", "theirs", "ours"]
+    head = ["recordings", "in", "better", "theirs", f"ours, {row_of[OURS]['version']}"]
     return table(head, rows) if rows else "Nowhere."
 
 

@@ -8,6 +8,7 @@ import scipy
 from osl_analysis.bench.bench_settings import BenchStiffness, SteppedSineAnalysis
 from osl_analysis.bench.row_groups import Groups
 from osl_analysis.signals.grid import uniform_signals
+from osl_analysis.stats.estimates import NORMAL_HALF_WIDTH
 from osl_analysis.stats.table_rows import INTERVAL_ENDS, Row
 from osl_analysis.trial import Array, Trial
 
@@ -48,7 +49,7 @@ class Frame:
         value = 1 / self.compliance
         return BenchStiffness(
             value=f"{value:.4g} N*m/rad",
-            standard_error=f"{value**2 * self.standard_error:.2g} N*m/rad",
+            standard_error=f"{value**2 * self.half_width / NORMAL_HALF_WIDTH:.2g} N*m/rad",
         )
 
     def row(self) -> Row:

@@ -11,6 +11,7 @@ from osl_analysis.bench.bench_settings import Fixture
 from osl_analysis.bench.group_fit import GroupFit
 from osl_analysis.bench.plausibility import check_resists
 from osl_analysis.signals.grid import origin
+from osl_analysis.stats.estimates import NORMAL_HALF_WIDTH
 from osl_analysis.stats.table_rows import Row, estimates_row
 from osl_analysis.trial import Trial
 
@@ -99,6 +100,12 @@ def compared(fit: GroupFit, stated: Fixture) -> Row:
     return {**row, "fixture_error": max(multiples)}
 
 
+def error_to_state(fit: GroupFit, name: str) -> float:
+    """The standard error to state of an estimate: half of its interval over 1.96, since a stated
+    error has no degrees of freedom."""
+    return (fit.interval(name)[1] - fit[name]) / NORMAL_HALF_WIDTH
+
+
 def fixture_row(analysis: Analysis, stated: Fixture | None = None) -> Row:
     """The estimates of a fixture alone for its row of `calibration.csv`, and how far the fixture
     that is `stated` is from them."""
@@ -106,7 +113,8 @@ def fixture_row(analysis: Analysis, stated: Fixture | None = None) -> Row:
     inertia, weight = max(fit["inertia"], 0.0), fit["weight"]
     to_state = (
         f"fixture: {{inertia: {inertia:.4g}, weight: {weight:.4g}, rest_deg: {rest_deg:.3g},"
-        f" inertia_error: {fit.se('inertia'):.2g}, weight_error: {fit.se('weight'):.2g}}}"
+        f" inertia_error: {error_to_state(fit, 'inertia'):.2g},"
+        f" weight_error: {error_to_state(fit, 'weight'):.2g}}}"
     )
     return {
         **estimates_row(fit, "inertia", "weight"),

@@ -23,7 +23,7 @@ from osl_analysis.trial import Array
 
 @dataclass(frozen=True)
 class GroupFit(LinearFit):
-    """A fit whose interval holds for another motion of the same kind.
+    """A fit whose interval covers the estimate from this motion (docs/method.md).
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ def fit_groups(
     keep: NDArray[np.bool_] | Label = None,
     limit: float = CONDITION_LIMIT,
 ) -> GroupFit:
-    """Fit the torque by least squares (Eq. 15), with an interval for another motion of this kind.
+    """Fit the torque by least squares (Eq. 15), with an interval that covers this motion.
 
     Parameters
     ----------

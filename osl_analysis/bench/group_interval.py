@@ -5,7 +5,8 @@ larger. The interval covers the estimate from this motion on this joint (docs/me
 
 * *Noise* is what another recording of the same motion would change.
 * *Misfit* is the scatter when one unit is left out at a time (jackknife). It holds the noise, too,
-  and what another motion would change because the model is not exact.
+  and what the model misses from unit to unit. Amplitudes and frequencies are chosen, not drawn: it
+  need not hold the estimate at others.
 * Rounding by the sensors is part of the noise, with a variance of q^2/12 for steps of q.
 
 What tells noise and misfit depends on the groups:

@@ -11,7 +11,7 @@ from osl_analysis.bench.analysis import QUANTITIES, Analysis, widened
 from osl_analysis.bench.bench_frame import NO_FRAME, Frame
 from osl_analysis.bench.bench_settings import Fixture
 from osl_analysis.bench.effects import IMPEDANCE
-from osl_analysis.bench.fixture import NOT_COMPARED, fixture_row
+from osl_analysis.bench.fixture import NOT_COMPARED, error_to_state, fixture_row
 from osl_analysis.bench.group_fit import GroupFit
 from osl_analysis.bench.joint_inference import suspected_fault_of_losses
 from osl_analysis.bench.late_torque import LateFit, late_fit
@@ -156,7 +156,8 @@ def calibration_table(
 def to_state(fit: GroupFit, frame: Frame | None) -> str:
     """What the configuration should state of gain, delay and frame, once gain and delay are
     corrected."""
-    text = f"calibration: {{torque_gain: {fit.se('gain'):.2g}, delay: {fit.se('lag_s'):.2g}}}"
+    gain, lag_s = error_to_state(fit, "gain"), error_to_state(fit, "lag_s")
+    text = f"calibration: {{torque_gain: {gain:.2g}, delay: {lag_s:.2g}}}"
     stiffness = frame.stiffness if frame else None
     if stiffness is None:
         return text

@@ -163,16 +163,11 @@ def torque_angle_table(trial: TorqueAngleTrial, desired: str | None = None) -> p
     lost, per_ms = over_cycles(cycles, "energy_lost"), over_cycles(cycles, "energy_per_ms")
     with_speed = change_with_speed(speed_deg_s, lost, per_ms)
 
-    stiffness = trial.loading.curve["stiffness"].to_numpy()
     loading = trial.loading.curve["torque"].to_numpy()
     unloading = trial.unloading.curve["torque"].to_numpy()
     widest = float(np.nanmax(np.abs(loading - unloading)))
     drift = float(np.nanmean(trial.loading.curve["change"].to_numpy()) / np.ptp(trial.torque))
-    uncorrected = [
-        straight_line(trial.bench_theta, trial.torque, pieces) for pieces in trial.loading.pieces
-    ]
     moved_deg = np.rad2deg(trial.theta[between_rests(trial.theta)])
-    bench_theta_deg = np.rad2deg(trial.bench_theta)
     usable = np.concatenate(
         [trial.uniform.usable[cycle.all_rows] for cycle in trial.cycles.analysed]
     )
@@ -186,22 +181,13 @@ def torque_angle_table(trial: TorqueAngleTrial, desired: str | None = None) -> p
         "loading": trial.cycles.loading,
         "angle_min_deg": float(moved_deg.min()),
         "angle_max_deg": float(moved_deg.max()),
-        "bench_angle_min_deg": float(bench_theta_deg.min()),
-        "bench_angle_max_deg": float(bench_theta_deg.max()),
-        "torque_min": float(trial.torque.min()),
-        "torque_max": float(trial.torque.max()),
         **zero_row(trial, widest),
         **change_by_zero_row(trial),
         **means_row(trial, cycles),
-        "K_uncorrected": float(np.mean(uncorrected)),
-        "K_lowest": float(np.nanmin(stiffness)),
-        "K_highest": float(np.nanmax(stiffness)),
         "returned_share": float(np.sum(over_cycles(cycles, "energy_returned")) / np.sum(stored)),
-        "hysteresis_torque": widest,
         "interval_method": "cycles" if several else None,
         "VAF": trial.vaf(),
         "speed_deg_s": float(np.mean(speed_deg_s)),
-        "shortest_cycle_s": min(cycle.duration_s for cycle in cycles),
         "closure_angle": max(cycle.closure_angle for cycle in cycles),
         "closure_torque": max(cycle.closure_torque for cycle in cycles),
         "cycle_drift": drift if several else None,
@@ -275,20 +261,17 @@ def cycles_by_bench_errors(trial: TorqueAngleTrial) -> list[list[LoopCycle]]:
 
 
 def desired_row(trial: TorqueAngleTrial, desired: str | None) -> Row:
-    """The name of the desired curve; `desired_rms`, the distance [N*m] of the branches' mean from
-    it; `desired_ratio`, the ratio of their slopes."""
+    """The name of the desired curve; `desired_ratio`, the slope of the branches' mean over its."""
     wanted = trial.desired_torque(desired)
     loading, unloading = (
         branch.curve["torque"].to_numpy() for branch in (trial.loading, trial.unloading)
     )
     middle = (loading + unloading) / 2
     both = np.isfinite(middle + wanted)
-    rms = ratio = None
-    if desired is not None:
-        rms = float(np.sqrt(np.nanmean((middle - wanted) ** 2)))
+    ratio = None
     if np.count_nonzero(both) > 2:
         ratio = float(np.polyfit(wanted[both], middle[both], 1)[0])
-    return {"desired": desired, "desired_rms": rms, "desired_ratio": ratio}
+    return {"desired": desired, "desired_ratio": ratio}
 
 
 @dataclass(frozen=True)

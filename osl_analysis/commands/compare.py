@@ -16,8 +16,8 @@ from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path
 from osl_analysis.refusal import is_refused
 from osl_analysis.report.numbers import Number, numbers_in_summary
-from osl_analysis.report.rounding import written
 from osl_analysis.report.text_tables import aligned
+from osl_analysis.rounding import written
 from osl_analysis.stats.repeats import RANGE
 from osl_analysis.table import write_table
 from osl_analysis.trial import metadata_of

@@ -13,9 +13,9 @@ from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.judge.finding import Finding, Grade
 from osl_analysis.judge.words import finding_text, words_of
+from osl_analysis.rounding import decimal_places, with_places, written
 from osl_analysis.table import finite_or_null
 
-EVEN = 1.1  # ratio of the sides of an interval below which it is printed with a ±
 # estimates in the order in which they are printed
 PRINTED = (
     "K", "B", "B_viscous", "I", "K_s", "B_j", "B_j_viscous", "J_j", "T_C", "k_tau_n_m", "f_C",
@@ -76,7 +76,7 @@ def estimates_text(estimates: pl.DataFrame, findings: Sequence[Sequence[Finding]
         assert isinstance(row, dict)
         if has_one_amplitude and row.get("amplitude_deg") is not None:
             continue
-        quality = f"VAF {row['VAF']:.2f} %" if "VAF" in row else "no VAF"
+        quality = f"VAF {written(row['VAF'], unit='%')} %" if "VAF" in row else "no VAF"
         if "condition_number" in row:
             quality += f", condition {row['condition_number']:.1f}"
         lines.append(f"{row['trial']}, {fitted_motion(row)}: {quality}")
@@ -84,9 +84,7 @@ def estimates_text(estimates: pl.DataFrame, findings: Sequence[Sequence[Finding]
         for finding in of_row:
             if finding.grade is Grade.DOUBTS:
                 lines.append(f"  doubtful: {finding_text(finding, row)}")
-    lines.append(
-        "± is the half-width of the 95 % interval, by the method that interval_method names"
-    )
+    lines.append("in brackets: the 95 % interval, by the method that interval_method names")
     return "\n".join(lines)
 
 
@@ -123,24 +121,14 @@ def cycles_text(row: Mapping[str, Any]) -> str:
 
 def estimate_line(row: Mapping[str, Any], name: str) -> str:
     """One estimate with its interval and its range over single amplitudes."""
-    interval = interval_text(row[name], row.get(f"{name}_low"), row.get(f"{name}_high"))
-    line = f"  {name:<15}{row[name]:>12.5g} {interval:<12} {printed_units().get(name, '')}"
+    value, low, high = row[name], row.get(f"{name}_low"), row.get(f"{name}_high")
+    line = f"  {name:<15} {written(value, low, high):<30} {printed_units().get(name, '')}"
     lowest = row.get(f"{name}_amplitudes_low")
     if lowest is not None:
-        highest = row[f"{name}_amplitudes_high"]
-        line += f", single amplitudes {lowest:.5g} to {highest:.5g}"
+        places = decimal_places(value, low, high)
+        ends = " to ".join(with_places(places, lowest, row[f"{name}_amplitudes_high"]))
+        line += f", single amplitudes {ends}"
     return line
-
-
-def interval_text(value: float, low: float | None, high: float | None) -> str:
-    """The half-width of an interval, or its ends where these lie at other distances."""
-    if low is None or high is None:
-        return ""
-    above = high - value
-    below = value - low
-    if max(above, below) > EVEN * min(above, below):
-        return f"({low:.4g} to {high:.4g})"
-    return f"± {above:.2g}"
 
 
 def estimated(row: Mapping[str, Any]) -> list[str]:

@@ -12,9 +12,10 @@ from typing import Any
 import polars as pl
 
 from osl_analysis.bench.fit_tables import FitTables
-from osl_analysis.commands.estimates import estimated, interval_text, printed_units
+from osl_analysis.commands.estimates import estimated, printed_units
 from osl_analysis.errors import Change, OslAnalysisError
 from osl_analysis.ingest.examine import in_other_units
+from osl_analysis.rounding import written
 from osl_analysis.signals.grid import with_stamp_evidence
 from osl_analysis.trial import Trial
 
@@ -41,10 +42,9 @@ class Outcome:
     def text(self) -> str:
         """What to do, and the first estimate that it gives."""
         name = estimated(self.row)[0]
-        value = self.row[name]
-        ends = interval_text(value, self.row.get(f"{name}_low"), self.row.get(f"{name}_high"))
-        parts = [f"{name} {value:.3g}", ends, printed_units()[name]]
-        return f"{self.change.words}: {' '.join(filter(None, parts))}"
+        low, high = self.row.get(f"{name}_low"), self.row.get(f"{name}_high")
+        estimate = written(self.row[name], low, high)
+        return f"{self.change.words}: {name} {estimate} {printed_units()[name]}"
 
 
 def fit_or_advise(fit: FitOfTrial, trial: Trial, **arguments: Any) -> FitTables:

@@ -80,11 +80,12 @@ def bar_sentences(table: pl.DataFrame) -> list[str]:
     sentences = []
     if names.has_values(table, "K_low"):
         sentences.append(
-            "Thick bars, where they are longer than the markers: 95 % intervals, for another motion"
-            " of this kind."
+            "Thick bars, where they are longer than the markers: 95 % intervals, for this motion."
         )
     if names.has_values(table, "K_amplitudes_low"):
-        sentences.append("Thin bars: the range of the fits to single amplitudes.")
+        sentences.append(
+            "Thin bars: the range of the fits to single amplitudes; thick ones need not hold it."
+        )
     return sentences
 
 

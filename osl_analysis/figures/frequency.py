@@ -14,6 +14,7 @@ from matplotlib.ticker import MaxNLocator
 from osl_analysis.errors import InputError
 from osl_analysis.figures import captions, columns_of, marks, names, style
 from osl_analysis.figures.ticks import label_frequency_axis, label_log_axis, label_phase_axis
+from osl_analysis.stats.repeats import NORMAL_97_5
 from osl_analysis.trial import Array
 
 # Fig. 7
@@ -202,7 +203,6 @@ PANEL_HEIGHT = 0.84  # [in]
 AROUND_TRIAL = 0.4  # height between the panels of two trials, with their labels [in]
 LEGEND_HEIGHT = 0.45  # [in]
 SIZE = 2.2  # size [pt] of the markers
-NORMAL_97_5 = 1.96  # quantile of the normal distribution, for the 95 % interval
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from scipy.stats import median_abs_deviation
 
 from osl_analysis.figures import columns_of, marks, names, style
 from osl_analysis.judge.causes import doubts_of_result
+from osl_analysis.rounding import written
 from osl_analysis.stats.repeats import IS_DOUBTFUL
 
 # Fig. 3
@@ -30,6 +31,7 @@ DOUBTFUL_TRIAL: dict[str, Any] = {"color": style.BLACK, "linestyle": style.DOTTE
 MEAN_LINE: dict[str, Any] = {"color": style.MAGENTA, "linestyle": style.DASHED, "linewidth": 1.3}
 LOOP_WIDTH = 0.5  # of lines [pt]
 NO_MEAN_SLOPE = "No mean slope: all trials are doubtful"
+TEXT_MARGIN = 0.2  # of the loops' height, below them for the text
 
 
 def fig3_caption(table: pl.DataFrame) -> str:
@@ -38,7 +40,7 @@ def fig3_caption(table: pl.DataFrame) -> str:
         "Torque against deflection of the belt, with the actuator locked. (a) The trials in"
         " grey and the mean slope while loading, dashed. (b) Torque of each trial minus that of the"
         " mean slope, solid while loading and dashed while unloading: the width of a loop is its"
-        " hysteresis."
+        " hysteresis. In brackets: 95 % intervals of the means over trials."
     ]
     if not table.filter(~IS_MEAN).is_empty():
         sentences.append(
@@ -112,11 +114,9 @@ def draw_belts(ax: Axes, part: pl.DataFrame) -> None:
     ax.set_ylabel("Joint torque (N·m)")
 
     if not mean.is_empty():
-        K_s, low, high = mean.select("K_s", "K_s_low", "K_s_high").row(0)
-        text = rf"$\hat{{K}}_s$ = {K_s:.1f} N·m/rad"
-        if low is not None and high is not None:
-            text += f"\n95 % interval {low:.1f} to {high:.1f} N·m/rad"
-        corner: dict[str, Any] = {"ha": "right", "va": "bottom", "linespacing": 1.4}
+        K_s = written(*mean.select("K_s", "K_s_low", "K_s_high").row(0))
+        text = rf"$\hat{{K}}_s$ = {K_s} N·m/rad"
+        corner: dict[str, Any] = {"ha": "right", "va": "bottom"}
         ax.text(0.99, 0.04, text, transform=ax.transAxes, **corner)
 
 
@@ -124,6 +124,7 @@ def draw_loops(ax: Axes, part: pl.DataFrame) -> None:
     """Every loop in grey, doubtful ones dotted; those in a colour, with their names, that end more
     than `OUTLYING` standard deviations from the median. Each leads to its trial."""
     ax.axhline(0, **MEAN_LINE)
+    ax.margins(y=TEXT_MARGIN)
     trials = [trial for trial in trials_of(part) if trial["deviation"].count()]
     if not trials:
         ax.text(0.02, 0.04, NO_MEAN_SLOPE, transform=ax.transAxes, va="bottom")
@@ -137,17 +138,18 @@ def draw_loops(ax: Axes, part: pl.DataFrame) -> None:
             )  # fmt: skip
         is_doubtful = marks.has_doubtful(trial)
         for branch, dash in BRANCHES.items():
-            rows = trial.filter(pl.col("branch") == branch)
+            # without a line from the end of one cycle to the next
+            of_branch = trial.select(pl.when(branch=branch).then("deviation"))
             (line,) = ax.plot(
-                rows["theta_s_deg"], rows["deviation"],
+                trial["theta_s_deg"], of_branch,
                 color=colour, linewidth=LOOP_WIDTH,
                 linestyle=style.DOTTED if is_doubtful else dash,
             )  # fmt: skip
             line.set_url(marks.place_in_report(trial["trial"][0]))
-    areas = part["hysteresis_area"].drop_nulls()
-    if not areas.is_empty():
-        area = areas[0]
-        ax.text(0.02, 0.04, f"Mean loop area {area:.3g} J", transform=ax.transAxes, va="bottom")
+    mean = part.drop_nulls("hysteresis_area")
+    if not mean.is_empty():
+        area = written(*mean.select(r"^hysteresis_area(_low|_high)?$").row(0))
+        ax.text(0.02, 0.04, f"Mean loop area {area} J", transform=ax.transAxes, va="bottom")
     ax.set_xlabel(r"Belt deflection $\theta_s$ (deg)")
     ax.set_ylabel("Torque minus\nmean slope (N·m)")
 

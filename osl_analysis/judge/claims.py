@@ -39,7 +39,7 @@ CLAIMED = (
 )
 """The result tables with whose numbers claims are compared."""
 NEGLIGIBLE_PERCENT = 10.0  # a part of a whole below this share is negligible
-OF_FIT = "95 % for another motion of this kind"
+OF_FIT = "95 % for this motion"
 OF_MEAN = "95 % of the mean (Student)"
 OF_NOISE = "95 % of measurement noise"
 BETTER = {
@@ -179,10 +179,9 @@ def inertia_claims(means: Means, frequencies_hz: Sequence[float]) -> Iterator[Cl
     if not frequencies_hz or not {"J_j", "B_j"} <= means.keys():
         return
     J_j, B_j = means["J_j"], means["B_j"]
-    ends = {"lowest": min(frequencies_hz), "highest": max(frequencies_hz)}
-    for end, hz in ends.items():
+    for hz in dict.fromkeys((min(frequencies_hz), max(frequencies_hz))):
         yield share_claim(
-            name=f"inertia_at_{end}_frequency",
+            name=f"inertia_at_{hz:g}_Hz",
             claim=f"the joint's inertia is negligible at {hz:g} Hz",
             quantity="J_j omega/B_j",
             share=2 * pi * hz * J_j["mean"] / B_j["mean"],
@@ -198,11 +197,12 @@ def stiffness_claims(means: Means, fits: pl.DataFrame, n_T: float | None) -> Ite
     known = fits.filter(pl.col("K_d") > 0).sort("K_d").to_dicts()
     if not known or not n_T:
         return
-    for end, row in (("lowest", known[0]), ("highest", known[-1])):
-        at = f"at K_d = {row['K_d']:g}"
+    at_ends = {f"{row['K_d']:g}": row for row in (known[0], known[-1])}
+    for K_d, row in at_ends.items():
+        at = f"at K_d = {K_d}"
         if "K_s" in means:
             yield share_claim(
-                name=f"belt_at_{end}_K_d",
+                name=f"belt_at_K_d_{K_d}",
                 claim=f"the belt matters {at}",
                 quantity="K_d/K_s, its share of the gain K_1 n_T^2",
                 share=row["K_d"] / means["K_s"]["mean"],
@@ -216,7 +216,7 @@ def stiffness_claims(means: Means, fits: pl.DataFrame, n_T: float | None) -> Ite
             turn = np.deg2rad(row["theta_rms_deg"])
             of_load = f_G * row["K_d"] * turn / (n_T * k_tau_n_m)
             yield share_claim(
-                name=f"load_friction_at_{end}_K_d",
+                name=f"load_friction_at_K_d_{K_d}",
                 claim=f"friction that grows with the load, f_G |I|, matters {at}",
                 quantity="its share of the friction at K_d times the RMS angle",
                 share=of_load / (f_C + of_load),
@@ -317,6 +317,10 @@ def claims_of_trials(
         if margin is None or row.get(symbol) is None:
             continue
         low, high = row[f"{symbol}_low"], row[f"{symbol}_high"]
+        lowest, highest = (row.get(f"{symbol}_amplitudes_{end}") for end in ("low", "high"))
+        interval = OF_FIT
+        if lowest is not None:
+            interval = f"{OF_FIT}; single amplitudes {lowest:.4g} to {highest:.4g}"
         yield Claim(
             name=symbol,
             claim=f"{symbol} is {desired}",
@@ -325,7 +329,7 @@ def claims_of_trials(
             value=row[symbol],
             low=low,
             high=high,
-            interval=OF_FIT,
+            interval=interval,
             target=target,
             margin=margin,
             n=1,

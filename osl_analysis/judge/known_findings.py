@@ -79,6 +79,8 @@ class Evidence:
         that it is certainly below zero.
     share_of
         The estimate (K, B, I) of which the number is a share; empty: none.
+    in_unit
+        Whether its words have the estimate in its unit, not as a share.
     is_misfit
         Whether a finding that explains the trial's misfit takes this column, too.
     tables
@@ -96,6 +98,7 @@ class Evidence:
     finding: str
     decided_by: Literal["configuration", "accuracy", "effect", "sign"] = "configuration"
     share_of: str = ""
+    in_unit: bool = False
     is_misfit: bool = False
     tables: Sequence[str] = ()
     signals: Sequence[str] = ("torque", "angle")

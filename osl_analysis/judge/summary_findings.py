@@ -3,16 +3,27 @@ a run, by `results` and on the page."""
 
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from itertools import chain
+from statistics import mode
 from typing import Any
 
 import polars as pl
 
-from osl_analysis.config.experiments import EXPERIMENTS
+from osl_analysis.config.experiments import EXPERIMENTS, doubts_of
+from osl_analysis.errors import listing
 from osl_analysis.judge.campaign import MOST_NAMED, QUALITY
-from osl_analysis.judge.finding import Finding, Grade, WordedFinding, Words
-from osl_analysis.judge.known_findings import CHECKS, known_finding
+from osl_analysis.judge.finding import (
+    AnyRow,
+    Finding,
+    Grade,
+    WordedFinding,
+    Words,
+    cell_number,
+    subject_of,
+)
+from osl_analysis.judge.known_findings import CHECKS, EVIDENCE, known_finding
+from osl_analysis.judge.moved_estimates import estimate_column
 from osl_analysis.judge.words import sentence_of
 from osl_analysis.stats.repeats import DOUBTFUL
 
@@ -39,6 +50,8 @@ class CampaignFinding:
         Those with this cause.
     line
         All of it in a sentence.
+    worst
+        The trial of which the words are.
     """
 
     verdict: str
@@ -50,6 +63,7 @@ class CampaignFinding:
     brief: str
     trials: Sequence[str]
     line: str
+    worst: str
 
     @property
     def kind(self) -> str:
@@ -69,19 +83,18 @@ class CampaignFinding:
 
     def to_json(self) -> dict[str, Any]:
         """An object under `findings` of `summary.json`."""
-        content = asdict(self)
-        content["of"] = content.pop("subject")
-        words = content.pop("words")
-        return {**content, **words._asdict()}
+        fields = {**vars(self), **self.words._asdict()}
+        del fields["words"]
+        return fields
 
 
 def findings_in_summary(summary: Mapping[str, Any]) -> list[CampaignFinding]:
     """The findings that a `summary.json` lists."""
     findings = []
-    for listed in summary.get("findings", ()):
-        content = dict(listed)
-        words = Words(*(content.pop(part) for part in Words._fields))
-        findings.append(CampaignFinding(subject=content.pop("of"), words=words, **content))
+    for content in summary.get("findings", ()):
+        fields = dict(content)
+        words = Words(*(fields.pop(part) for part in Words._fields))
+        findings.append(CampaignFinding(words=words, **fields))
     return findings
 
 
@@ -92,7 +105,7 @@ class JudgedTable:
     name: str
     subject: str  # of its doubts, such as `impedance trials`
     subject_of_unchecked: str  # of what could not be checked, such as `phasors trials`
-    trials: Sequence[str]  # those that were judged, or groups
+    rows: Mapping[str, AnyRow]  # of those that were judged: the last, the fit to all of a trial
     doubts_of: str  # the table of the same trials whose doubts its rows share; empty for none
 
 
@@ -105,13 +118,14 @@ def judged_tables_of(tables: Mapping[str, pl.DataFrame]) -> Iterator[JudgedTable
             rows = tables.get(name, pl.DataFrame())
             if DOUBTFUL not in rows.columns:
                 continue
-            trials = subjects(rows.filter(pl.col(DOUBTFUL).is_not_null()))
+            of_judged = rows.filter(pl.col(DOUBTFUL).is_not_null()).to_dicts()
+            last_rows = {subject_of(row): row for row in of_judged}
             title = name.replace("_", " ")
             if name in of_groups:
-                yield JudgedTable(name, title, title, trials, origin)
+                yield JudgedTable(name, title, title, last_rows, origin)
             else:
                 of_experiment = f"{experiment.replace('_', ' ')} trials"
-                yield JudgedTable(name, of_experiment, f"{title} trials", trials, origin)
+                yield JudgedTable(name, of_experiment, f"{title} trials", last_rows, origin)
 
 
 FindingsByTable = Mapping[tuple[str, Grade], Sequence[WordedFinding]]
@@ -139,13 +153,17 @@ def causes_in_campaign(
     list of CampaignFinding
         Each cause by experiment with its trials. Doubts come first, then failed checks of trials
         that are used, remarks, and what could not be checked; in each, the most frequent cause
-        first.
+        first. A trial that is doubtful is not among those that are doubtful in part.
     """
     present = {*subjects(verdicts), *chain(*map(subjects, tables.values()))}
     by_table: dict[tuple[str, Grade], list[WordedFinding]] = defaultdict(list)
-    for worded in findings:
+    used = [worded for worded in findings if worded.finding.subject in present]
+    in_doubt = [worded.finding for worded in used if worded.finding.grade is Grade.DOUBTS]
+    doubtful = {finding.subject for finding in in_doubt if is_of_whole(finding)}
+    for worded in used:
         finding = worded.finding
-        if finding.subject in present:
+        is_doubt_of_part = finding.grade is Grade.DOUBTS and not is_of_whole(finding)
+        if not (is_doubt_of_part and finding.subject in doubtful):
             by_table[finding.table, finding.grade].append(worded)
 
     doubts: list[CampaignFinding] = []
@@ -164,14 +182,31 @@ def causes_in_campaign(
     ]
 
 
+def is_of_whole(finding: Finding) -> bool:
+    """Whether a finding is on the recording of a trial, or on the fit to all of it: a doubt then
+    makes the trial doubtful, not in part alone."""
+    return not finding.is_of_part and finding.table not in doubts_of()
+
+
 def doubts_about_table(table: JudgedTable, by_table: FindingsByTable) -> Iterator[CampaignFinding]:
-    """The causes of doubt about the rows of a table, without those that it shares with the table of
-    the fits to the same trials."""
-    of_table = by_table[table.name, Grade.DOUBTS]
+    """The causes of doubt about the trials of a table: about the whole of them, then about single
+    amplitudes, frequencies or results of the others. Those that a table shares with that of the
+    fits to the same trials are left out."""
+    doubts = by_table[table.name, Grade.DOUBTS]
+    of_whole = [doubt for doubt in doubts if is_of_whole(doubt.finding)]
+    yield from by_cause(of_whole, "doubtful", table.subject, table.rows)
+
+    in_origin = set(map(trial_and_cause, by_table[table.doubts_of, Grade.DOUBTS]))
+    of_part = []
+    for doubt in doubts:
+        if doubt not in of_whole and trial_and_cause(doubt) not in in_origin:
+            of_part.append(doubt)
+    subject = table.subject
     if table.doubts_of:
-        yield from doubts_beside_origin(table, of_table, by_table[table.doubts_of, Grade.DOUBTS])
-    else:
-        yield from doubts_by_cause(table, of_table)
+        subject = f"{subject}, in {table.name.replace('_', ' ')} alone"
+    elif all(doubt.finding.amplitude_deg is not None for doubt in of_part):
+        subject = f"{subject}, at single amplitudes alone"
+    yield from by_cause(of_part, "doubtful in part", subject, table.rows)
 
 
 def about_whole_trials(
@@ -179,7 +214,10 @@ def about_whole_trials(
 ) -> Iterator[CampaignFinding]:
     """What was noted of the whole trials of a table, or could not be checked on them."""
     of_whole = [worded for worded in findings if not worded.finding.is_of_part]
-    yield from by_cause(of_whole, verdict, table.subject_of_unchecked, table.trials)
+    yield from by_cause(of_whole, verdict, table.subject_of_unchecked, table.rows)
+
+
+NO_ROW: AnyRow = {}
 
 
 def flags_by_check(
@@ -191,39 +229,13 @@ def flags_by_check(
         for worded in failed_checks:
             if [number.column for number in worded.finding.evidence] == [check]:
                 failed.append(worded)
-        checked_trials = subjects(verdicts.filter(pl.col("check") == check))
+        checked_trials = dict.fromkeys(subjects(verdicts.filter(check=check)), NO_ROW)
         yield from by_cause(failed, "flagged", "trials", checked_trials)
 
 
 def most_frequent_first(causes: Sequence[CampaignFinding]) -> list[CampaignFinding]:
     """Causes by how many trials have them; in their order where these are as many."""
     return sorted(causes, key=lambda cause: -len(cause.trials))
-
-
-def doubts_by_cause(
-    table: JudgedTable, doubts: Sequence[WordedFinding]
-) -> Iterator[CampaignFinding]:
-    """Doubts about the rows of a table: those about whole trials, then those about single
-    amplitudes, or about single results, of trials that are sound as a whole."""
-    whole = {trial_and_cause(doubt) for doubt in doubts if not doubt.finding.is_of_part}
-    of_whole = [doubt for doubt in doubts if trial_and_cause(doubt) in whole]
-    of_part = [doubt for doubt in doubts if trial_and_cause(doubt) not in whole]
-    yield from by_cause(of_whole, "doubtful", table.subject, table.trials)
-    subject = table.subject
-    if all(doubt.finding.amplitude_deg is not None for doubt in of_part):
-        subject = f"{subject}, at single amplitudes alone"
-    yield from by_cause(of_part, "doubtful in part", subject, table.trials)
-
-
-def doubts_beside_origin(
-    table: JudgedTable, doubts: Sequence[WordedFinding], doubts_of_origin: Sequence[WordedFinding]
-) -> Iterator[CampaignFinding]:
-    """Doubts about the rows of a table of single results, such as frequencies, that the table of
-    the fits to the same trials does not have."""
-    in_origin = {trial_and_cause(doubt) for doubt in doubts_of_origin}
-    further = [doubt for doubt in doubts if trial_and_cause(doubt) not in in_origin]
-    subject = f"{table.subject}, in {table.name.replace('_', ' ')} alone"
-    yield from by_cause(further, "doubtful in part", subject, table.trials)
 
 
 def trial_and_cause(worded: WordedFinding) -> tuple[str, str]:
@@ -238,53 +250,60 @@ def subjects(rows: pl.DataFrame) -> list[str]:
     return []
 
 
-def largest_excess(finding: Finding) -> float:
-    """How far the evidence of a finding is beyond its limits, as a factor; 0 without evidence."""
-    return max((number.excess for number in finding.evidence), default=0.0)
+def shown_size(finding: Finding, column: str, row: AnyRow) -> float:
+    """How large a finding is by the number with which its sentence begins, beyond its limit; in the
+    unit of its estimate where the sentence has that. 0 where it begins with another column."""
+    if first_column(finding) != column or not finding.evidence:
+        return 0.0
+    evidence = EVIDENCE.get(column)
+    size = finding.evidence[0].excess
+    if evidence is None or not evidence.in_unit:
+        return size
+    estimate = cell_number(row, estimate_column(finding.table, evidence.share_of))
+    return size * abs(estimate or 0.0)
+
+
+def first_column(finding: Finding) -> str:
+    """The column of the first evidence; empty without any."""
+    return finding.evidence[0].column if finding.evidence else ""
 
 
 def by_cause(
-    findings: Sequence[WordedFinding], verdict: str, subject: str, judged_trials: Sequence[str]
+    findings: Sequence[WordedFinding], verdict: str, subject: str, rows: Mapping[str, AnyRow]
 ) -> Iterator[CampaignFinding]:
     """What a reader must know of each cause, or of each thing that could not be checked, with its
-    size in the worst trial. The last row of a trial counts, which is its fit to all."""
+    size in the trial where this is largest, of the trials whose `rows` were judged. The last row of
+    a trial counts, which is its fit to all."""
     causes: dict[str, dict[str, WordedFinding]] = {}
     for worded in findings:
         trial, cause = trial_and_cause(worded)
         causes.setdefault(cause, {})[trial] = worded
     for cause, by_trial in causes.items():
-        worst = max(by_trial, key=lambda trial: largest_excess(by_trial[trial].finding))
-        finding = by_trial[worst].finding
+        column = mode(first_column(of_trial.finding) for of_trial in by_trial.values())
+        sizes = {
+            trial: shown_size(of_trial.finding, column, rows.get(trial, NO_ROW))
+            for trial, of_trial in by_trial.items()
+        }
+        worst = max(sizes, key=sizes.__getitem__)
         words = by_trial[worst].words
-        if words.size and len(by_trial) > 1:
-            words = words._replace(size=f"{words.size}, most in {worst}")
+        name = by_trial[worst].finding.name
         if words.says and len({of_trial.words.says for of_trial in by_trial.values()}) > 1:
             words = words._replace(says=f"{words.says} (in {worst})")
         trials = list(by_trial)
-        counts = f"{len(trials)} of {len(judged_trials)} {subject}"
-        trial_names = named_trials(trials, judged_trials)
+        counts = f"{len(trials)} of {len(rows)} {subject}"
+        trial_names = f" [{listing(trials, MOST_NAMED)}]" if len(trials) < len(rows) else ""
+        in_line = words
+        if words.size and len(by_trial) > 1:
+            in_line = words._replace(size=f"at worst ({worst}) {words.size}")
         yield CampaignFinding(
             verdict=verdict,
             subject=subject,
-            name=finding.name,
+            name=name,
             cause=cause,
             words=words,
-            n=len(judged_trials),
-            brief=known_finding(finding.name).brief,
+            n=len(rows),
+            brief=known_finding(name).brief,
             trials=trials,
-            line=f"{verdict}, {counts}: {sentence_of(words, cause)}{trial_names}",
+            line=f"{verdict}, {counts}: {sentence_of(in_line, cause)}{trial_names}",
+            worst=worst,
         )
-
-
-def named_trials(trials: Sequence[str], judged_trials: Sequence[str]) -> str:
-    """Some of the trials with a cause, in brackets, or the few judged ones without it; empty where
-    all have it."""
-    without_cause = [trial for trial in judged_trials if trial not in trials]
-    if not without_cause:
-        return ""
-    are_nearly_all = len(without_cause) <= MOST_NAMED < len(trials)
-    names = without_cause if are_nearly_all else trials
-    text = ", ".join(names[:MOST_NAMED])
-    if len(names) > MOST_NAMED:
-        text += ", ..."
-    return f" [all but {text}]" if are_nearly_all else f" [{text}]"

@@ -29,6 +29,7 @@ from osl_analysis.judge.moved_estimates import estimate_column
 from osl_analysis.judge.unchecked import MEASURED_BY, damping_ratio, weight_by_rest
 from osl_analysis.measured import significant
 from osl_analysis.model.compensator import CONTROLLERS
+from osl_analysis.rounding import decimal_places, with_places
 from osl_analysis.units import UNIT_FACTORS, known_factor
 
 SYMMETRIC_SHARE = 1e-3  # of an interval's width: a middle this near to the estimate is the estimate
@@ -292,23 +293,25 @@ OF_EVIDENCE: Mapping[str, Callable[[Beyond, AnyRow], str]] = {
 def friction_text(row: AnyRow) -> str:
     """Friction's part of the damping, in units of the result; empty if not known."""
     B, f_C = ("B_j", "T_C") if "B_j_viscous" in row else ("B", "f_C")
-    damping = cell_number(row, B)
-    viscous = cell_number(row, f"{B}_viscous")
-    friction = cell_number(row, f_C)
+    damping = rounded_cell(row, B)
+    viscous = rounded_cell(row, f"{B}_viscous")
+    friction = rounded_cell(row, f_C)
     share = cell_number(row, "coulomb_share")
-    if damping is None:
-        return ""
-    if viscous is not None and friction is not None:
-        return (
-            f"{B} {significant(damping, 3)}, viscous part {significant(viscous, 3)} N*m*s/rad,"
-            f" friction {friction:.2g} N*m"
-        )
-    if share:
-        return (
-            f"friction makes {significant(share * damping)} N*m*s/rad of {B} ="
-            f" {significant(damping, 3)}"
-        )
+    if viscous and friction:
+        return f"{B} {damping}, viscous part {viscous} N*m*s/rad, friction {friction} N*m"
+    if damping and share:
+        by_friction = significant(share * float(damping))
+        return f"friction makes {by_friction} N*m*s/rad of {B} = {damping}"
     return ""
+
+
+def rounded_cell(row: AnyRow, name: str) -> str:
+    """An estimate of a row as tables round it, by its interval; empty for none."""
+    value = cell_number(row, name)
+    if value is None:
+        return ""
+    low, high = cell_number(row, f"{name}_low"), cell_number(row, f"{name}_high")
+    return with_places(decimal_places(value, low, high), value)[0]
 
 
 # What is computed from a row, by its name in `findings.yaml`.

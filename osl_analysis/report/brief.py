@@ -32,6 +32,8 @@ def findings_lines(findings: Sequence[CampaignFinding]) -> Iterator[str]:
             yield f"{line}, in some rows → leave out rows marked doubtful"
             continue
         first_size = finding.words.size.partition(". ")[0]
+        if first_size and len(finding.trials) > 1:
+            first_size = f"at worst ({finding.worst}) {first_size}"
         remedy = f" → {finding.brief}" if finding.brief else ""
         yield f"{line}{f', {first_size}' if first_size else ''}{remedy}"
     if len(doubts) > MOST_FINDINGS:

@@ -46,9 +46,9 @@ class MethodsFacts:
         return " and ".join(filter(None, [", ".join(texts[:-1]), *texts[-1:]]))
 
     def span(self, table: str, column: str) -> str:
-        """The lowest and the highest value of a column, as `1 to 5`."""
+        """The lowest and the highest value of a column, as `1 to 5`; empty where there are none."""
         values = self.values(table, column)
-        return " to ".join(dict.fromkeys(map(value_text, (values[0], values[-1]))))
+        return " to ".join(dict.fromkeys(map(value_text, (*values[:1], *values[-1:]))))
 
     def number(self, *experiments: str, **stated: Any) -> int:
         """How many trials of these experiments the sheet has that state this."""
@@ -62,6 +62,20 @@ class MethodsFacts:
             value = value[key]
         return value
 
+    def calibration(self, section: str) -> str:
+        """The uncertainties of the bench that a section of the settings states; empty for none."""
+        stated = self.setting(f"{section}.calibration").items()
+        return ", ".join(f"{name} {size:g}" for name, size in stated if size)
+
+    @property
+    def delays(self) -> str:
+        """By how much the stamps of which signals were late; empty for none."""
+        streams = self.tables.get("timebase", pl.DataFrame(schema=["signals", "delay_s"]))
+        late = streams.filter(pl.col("delay_s") != 0).select("signals", "delay_s").unique()
+        return "; ".join(
+            f"{names} {value_text(delay)} s" for names, delay in late.sort(pl.all()).rows()
+        )
+
     @property
     def content(self) -> dict[str, Any]:
         """All of it, by the names that the template uses."""
@@ -69,7 +83,6 @@ class MethodsFacts:
         counts = [f"{facts['of']} {name.replace('_', ' ')}" for name, facts in trials]
         verdicts = [f"{n} {verdict}" for verdict, n in self.summary["verdicts"].items() if n]
         findings = findings_in_summary(self.summary)
-        stated = self.setting("dynamometer.calibration").items()
         return {
             "about": self.about,
             "each": self.each,
@@ -77,9 +90,10 @@ class MethodsFacts:
             "number": self.number,
             "setting": self.setting,
             "counts": ", ".join(counts),
-            "calibration": ", ".join(f"{name} {size:g}" for name, size in stated if size),
+            "calibration": self.calibration,
+            "delays": self.delays,
             "verdicts": ", ".join(verdicts),
-            "doubts": [f.counts for f in findings if f.verdict == "doubtful"],
+            "doubts": [f.counts for f in findings if f.verdict in ("doubtful", "flagged")],
             "results": [f.counts for f in findings if f.is_result],
             "not_checked": "; ".join(causes_not_checked(findings)),
         }

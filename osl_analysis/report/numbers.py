@@ -12,8 +12,8 @@ import polars as pl
 
 from osl_analysis.campaign.origin import ABOUT_MEANING, sentence
 from osl_analysis.dictionary import own_yaml
-from osl_analysis.report.rounding import written
 from osl_analysis.report.typography import in_latex
+from osl_analysis.rounding import decimal_places, with_places
 from osl_analysis.schema import SCHEMA, SCHEMA_FIELD
 from osl_analysis.stats.repeats import (
     RANGE,
@@ -71,17 +71,21 @@ class Number:
     verdict: str | None = None  # on the paper's claim about it
 
     @property
-    def texts(self) -> tuple[str, str, str]:
+    def texts(self) -> list[str]:
         """The number and the ends of its interval, rounded by this; empty ends where it has none.
-        The range of single values does not round their mean."""
-        value, low, high = written(self.value, self.low, self.high, parts=True)
-        return (written(self.value) if self.kind == RANGE else value), low, high
+        A range of single values takes no digit off their mean, and is not rounded to 100 %."""
+        places = decimal_places(self.value, self.low, self.high, self.unit)
+        if self.kind == RANGE:
+            largest = max(self.value, self.high or 0.0, key=abs)
+            for number in (self.value, largest):
+                places = max(places, decimal_places(number, unit=self.unit))
+        return with_places(places, self.value, self.low, self.high)
 
     @property
     def text(self) -> str:
         """The number with its interval, without unit."""
-        value, low, high = self.texts
-        return f"{value} ({low} to {high})" if low and high else value
+        value, *ends = self.texts
+        return f"{value} ({' to '.join(ends)})" if all(ends) else value
 
     @property
     def kind(self) -> str:
@@ -93,11 +97,11 @@ class Number:
     @property
     def in_sentence(self) -> str:
         """The number with what it is of, its interval and the doubts about it in brackets."""
-        value, low, high = self.texts
+        value, *ends = self.texts
         facts = [self.subject]
-        if low and high:
+        if all(ends):
             kind = "trials" if self.kind == RANGE else "95 %:"
-            facts.append(f"{kind} {low} to {high}")
+            facts.append(f"{kind} {' to '.join(ends)}")
         if self.n_doubtful:
             facts.append(f"{self.n_doubtful} of {self.n + self.n_doubtful} left out as doubtful")
         in_brackets = "; ".join(filter(None, facts))
@@ -220,14 +224,13 @@ def to_json(about: Mapping[str, str], numbers: Iterable[Number], content: Mappin
 
 
 DIGITS = ("Zero", "One", "Two", "Three", "Four", "Five", "Six", "Seven", "Eight", "Nine")
+LETTERS = {**{str(digit): word for digit, word in enumerate(DIGITS)}, ".": "Point"}
 
 
 def macro_name(name: str) -> str:
-    """The letters of a number's name, as LaTeX asks: `K_d 200` gives `KDTwoZeroZero`."""
-    words = re.findall(r"[A-Za-z]+|[0-9]", name)
-    return "".join(
-        DIGITS[int(word)] if word.isdigit() else word[0].upper() + word[1:] for word in words
-    )
+    """The letters of a number's name, as LaTeX asks: `B_d 2.5` gives `BDTwoPointFive`."""
+    words = re.findall(r"[A-Za-z]+|[0-9.]", name)
+    return "".join(LETTERS.get(word) or word[0].upper() + word[1:] for word in words)
 
 
 def macros_tex(

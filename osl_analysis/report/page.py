@@ -13,18 +13,18 @@ from markupsafe import Markup, escape
 
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import described_tables_by_name
-from osl_analysis.judge.finding import Finding, Grade, WordedFinding
+from osl_analysis.judge.finding import Grade, WordedFinding
 from osl_analysis.judge.recording_checks import NOT_APPLICABLE
-from osl_analysis.judge.summary_findings import CampaignFinding
+from osl_analysis.judge.summary_findings import CampaignFinding, is_of_whole
 from osl_analysis.report import plots
 from osl_analysis.report.brief import causes_not_checked
 from osl_analysis.report.left_out import LeftOut
 from osl_analysis.report.numbers import Number
 from osl_analysis.report.paper_tables import Condition
-from osl_analysis.report.rounding import written
 from osl_analysis.report.signals import Signals
 from osl_analysis.report.typography import printed
-from osl_analysis.report.verdicts import is_of_whole, results_on, verdict_on
+from osl_analysis.report.verdicts import results_on, verdict_on
+from osl_analysis.rounding import written
 
 TEMPLATES = Path(__file__).with_name("templates")
 NO_CONDITIONS = ("trial", "experiment", "log", "log_source", "mocap", "mocap_source", "exclude")
@@ -183,11 +183,8 @@ def trial_view(
     main = facts.tables[0].name if facts.tables else ""
     fits = tables.get(main, pl.DataFrame())
 
-    def is_whole(finding: Finding) -> bool:
-        return is_of_whole(finding, experiment)
-
     doubts = [worded for worded in findings if worded.finding.grade is Grade.DOUBTS]
-    results = results_on(experiment, findings)
+    results = results_on(findings)
     remarks = [w for w in findings if w.finding.grade in (Grade.UNCHECKED, Grade.NOTES)]
     impedance = {}
     if len(fits):
@@ -203,10 +200,10 @@ def trial_view(
         recordings=", ".join(str(row[name]) for name in RECORDINGS if row.get(name)),
         verdict=verdict_on(experiment, findings, left_out),
         left_out=left_out.reasons if left_out else (),
-        doubts=[worded for worded in doubts if is_whole(worded.finding)],
-        doubts_of_parts=[worded for worded in doubts if not is_whole(worded.finding)],
+        doubts=[worded for worded in doubts if is_of_whole(worded.finding)],
+        doubts_of_parts=[worded for worded in doubts if not is_of_whole(worded.finding)],
         results=results,
-        remarks=[w for w in remarks if is_whole(w.finding) and w not in results],
+        remarks=[w for w in remarks if is_of_whole(w.finding) and w not in results],
         impedance=impedance,
         estimates=estimate_rows(fits, main) if len(fits) else (),
         checks=check_rows(checks),
@@ -243,7 +240,8 @@ def estimate_rows(fits: pl.DataFrame, table: str) -> list[list[str]]:
             cells.append("all" if amplitude is None else f"{amplitude:.3g}")
         for name in names:
             ends = fit.get(f"{name}_low"), fit.get(f"{name}_high")
-            cells.append("–" if fit[name] is None else written(fit[name], *ends))
+            value = fit[name]
+            cells.append("–" if value is None else written(value, *ends, described[name].unit))
         rows.append(cells)
     return rows
 

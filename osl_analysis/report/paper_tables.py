@@ -10,8 +10,8 @@ import polars as pl
 
 from osl_analysis.judge.causes import results_in
 from osl_analysis.report.numbers import ENTRIES
-from osl_analysis.report.rounding import written
 from osl_analysis.report.text_tables import latex_table, markdown_table
+from osl_analysis.rounding import written
 from osl_analysis.stats.repeats import counted, own_condition, summary_row
 
 CONDITION = ("joint", "side", "excitation", "controller", "K_d", "B_d", "own_condition")
@@ -46,7 +46,8 @@ class Condition:
     def text(self, symbol: str) -> str:
         """One estimate with its interval."""
         value, low, high = self.estimates.get(symbol, (None, None, None))
-        return NOTHING if value is None else written(value, low, high)
+        unit = "%" if symbol == "VAF" else ""
+        return NOTHING if value is None else written(value, low, high, unit)
 
 
 def conditions(impedance: pl.DataFrame) -> list[Condition]:

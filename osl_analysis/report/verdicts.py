@@ -5,8 +5,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from osl_analysis.config.experiments import EXPERIMENTS
-from osl_analysis.judge.campaign import QUALITY
-from osl_analysis.judge.finding import Finding, Grade, WordedFinding
+from osl_analysis.judge.finding import Grade, WordedFinding
+from osl_analysis.judge.summary_findings import is_of_whole
 from osl_analysis.report.left_out import LeftOut
 
 CLEAR = "clear"
@@ -24,12 +24,6 @@ def findings_by_trial(findings: Iterable[WordedFinding]) -> dict[str, list[Worde
     for worded in findings:
         by_trial.setdefault(worded.finding.subject, []).append(worded)
     return by_trial
-
-
-def is_of_whole(finding: Finding, experiment: str) -> bool:
-    """Whether a finding is on the recording of a trial, or on the fit to all of it."""
-    main = [table.name for table in EXPERIMENTS[experiment].tables[:1]]
-    return finding.table in (QUALITY, *main) and not finding.is_of_part
 
 
 def verdict_on(experiment: str, findings: Sequence[WordedFinding], left_out: LeftOut | None) -> str:
@@ -54,14 +48,14 @@ def verdict_on(experiment: str, findings: Sequence[WordedFinding], left_out: Lef
     if not EXPERIMENTS[experiment].place:
         return NOT_JUDGED
     doubts = [w.finding for w in findings if w.finding.grade is Grade.DOUBTS]
-    if any(is_of_whole(doubt, experiment) for doubt in doubts):
+    if any(is_of_whole(doubt) for doubt in doubts):
         return DOUBTFUL
     return IN_PART if doubts else CLEAR
 
 
-def results_on(experiment: str, findings: Sequence[WordedFinding]) -> list[WordedFinding]:
+def results_on(findings: Sequence[WordedFinding]) -> list[WordedFinding]:
     """Why the device of a trial is not of second order, as friction."""
-    of_whole = [worded for worded in findings if is_of_whole(worded.finding, experiment)]
+    of_whole = [worded for worded in findings if is_of_whole(worded.finding)]
     return [worded for worded in of_whole if worded.finding.is_result]
 
 
@@ -80,7 +74,7 @@ def verdict_counts(
         verdict = verdict_on(row["experiment"], of_trial, left_out.get(trial))
         counts[verdict] += 1
         if verdict == CLEAR:
-            results.update({w.finding.cause for w in results_on(row["experiment"], of_trial)})
+            results.update({w.finding.cause for w in results_on(of_trial)})
     return {verdict: counts[verdict] for verdict in VERDICTS}, dict(results.most_common())
 
 

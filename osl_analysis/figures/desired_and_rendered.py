@@ -1,6 +1,5 @@
 """Fig. 5: the stiffness and damping that the joint renders, against those that were asked for."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,7 +26,6 @@ VISCOUS_SIZE = 3.2  # of this mark [pt]
 PANEL_HEIGHT = 1.75  # [in]
 LEGEND_HEIGHT = 0.75  # [in]
 BESIDE_TRIALS = 0.8  # by which a desired value's line is longer than its trials on either side
-ENDS = ("", "_low", "_high", "_amplitudes_low", "_amplitudes_high")
 
 NO_WHOLE_FIT = (
     "the impedance table has no fit over all amplitudes (a row with empty amplitude_deg), which"
@@ -45,22 +43,14 @@ class TrialPanel:
     inches: float  # length of the horizontal axis [in]
 
 
-def fits_of_trials(impedance: pl.DataFrame) -> pl.DataFrame:
-    """The fit to all of each trial, with the number of its controller's look. Raises InputError:
-    there is none."""
+def fig5_points(impedance: pl.DataFrame) -> pl.DataFrame:
+    """One row per trial: its fit to all amplitudes, with 95 % intervals and the range over single
+    amplitudes where the table has it. Raises InputError: no trial has a fit."""
     trials = impedance.filter(pl.col("amplitude_deg").is_null())
     if trials.is_empty():
         raise InputError(NO_WHOLE_FIT)
-    return trials.with_columns(names.look_numbers(trials["controller"]))
-
-
-# Fig. 5
-
-
-def fig5_points(impedance: pl.DataFrame) -> pl.DataFrame:
-    """One row per trial: its fit to all amplitudes, with 95 % intervals and the range over single
-    amplitudes where the table has it."""
-    return names.completed(fits_of_trials(impedance), columns_of("fig5"), only=True)
+    trials = trials.with_columns(names.look_numbers(trials["controller"]))
+    return names.completed(trials, columns_of("fig5"), only=True)
 
 
 def fig5_caption(table: pl.DataFrame) -> str:
@@ -80,13 +70,6 @@ def fig5_caption(table: pl.DataFrame) -> str:
         sentences.append(
             "Crosses: the viscous damping, without Coulomb friction, where friction is certain."
         )
-    sentences += bar_sentences(table)
-    return " ".join(sentences)
-
-
-def bar_sentences(table: pl.DataFrame) -> list[str]:
-    """What thick and thin bars mean, if there are any."""
-    sentences = []
     if names.has_values(table, "K_low"):
         sentences.append(
             "Thick bars, where they are longer than the markers: 95 % intervals, for another motion"
@@ -94,20 +77,22 @@ def bar_sentences(table: pl.DataFrame) -> list[str]:
         )
     if names.has_values(table, "K_amplitudes_low"):
         sentences.append("Thin bars: the range of the fits to single amplitudes.")
-    return sentences
+    return " ".join(sentences)
 
 
 @style.drawing(columns_of("fig5"), fig5_points, needs=(*NEEDED, *ESTIMATES), caption=fig5_caption)
 def draw_fig5(table: pl.DataFrame) -> Figure:
     """(a) stiffness over desired stiffness, (b) damping over desired damping, for each joint."""
-    figure, panels = panels_of_trials(table, {"K": "K", "B": "B"})
+    figure, panels = panels_of_trials(table)
     for panel in panels:
         draw_rendered(panel)
 
     entries = marks.controller_entries(names.looks_in(table).values())
     if names.has_desired(table):
         entries["Desired"] = marks.key("Desired", **DESIRED_LINE)
-    entries |= viscous_entry(table)
+    if names.has_values(table, "B_viscous"):
+        label = names.VISCOUS_DAMPING
+        entries[label] = marks.key(label, markersize=VISCOUS_SIZE, **VISCOUS_MARK)
     entries |= marks.bar_entries(table, "KB")
     entries |= marks.open_entry(table)
     marks.legend_above(figure, entries, 4)
@@ -121,34 +106,21 @@ def draw_rendered(panel: TrialPanel) -> None:
     for group in panel.rows.drop_nulls(desired).partition_by(desired, maintain_order=True):
         ends = (group["x"][0] - BESIDE_TRIALS, group["x"][-1] + BESIDE_TRIALS)
         panel.ax.hlines(group[desired][0], *ends, **DESIRED_LINE)
-    draw_trials(panel, panel.symbol)
+    draw_trials(panel)
     label_desired_axis(panel.ax, panel.rows, panel.symbol, panel.inches)
     panel.ax.set_ylabel(names.AXIS_LABELS[panel.symbol])
 
 
-# What both figures have
-
-
-def panels_of_trials(
-    table: pl.DataFrame, quantities: Mapping[str, str]
-) -> tuple[Figure, list[TrialPanel]]:
-    """Make a panel for each joint and quantity: one above the other, and of several joints K and B
-    side by side.
-
-    Parameters
-    ----------
-    table : DataFrame
-        A row per trial.
-    quantities : mapping of str
-        By `K` and `B` the column that is drawn. Nothing is drawn where it has no value.
-    """
+def panels_of_trials(table: pl.DataFrame) -> tuple[Figure, list[TrialPanel]]:
+    """Make a panel for each joint and quantity that it has: one above the other, and of several
+    joints K and B side by side. The table has a row per trial."""
     symbols = []
     placed = []
     titles = []
     parts = names.placed_rows(table)
     for title, (_, part) in zip(names.panel_titles(parts), parts, strict=True):
-        for symbol, column in quantities.items():
-            if names.has_values(part, column):
+        for symbol in "KB":
+            if names.has_values(part, symbol):
                 symbols.append(symbol)
                 placed.append(with_places(part, symbol))
                 titles.append(title)
@@ -164,23 +136,14 @@ def panels_of_trials(
     return figure, [TrialPanel(ax, symbol, trials, inches) for ax, symbol, trials in used]
 
 
-def draw_trials(panel: TrialPanel, quantity: str) -> None:
+def draw_trials(panel: TrialPanel) -> None:
     """Estimates with their bars, and the viscous damping beside the damping, at the places `x`."""
     share = marker_share(panel.rows, panel.inches)
     for controller, look in names.looks_in(panel.rows).items():
         trials = names.of_controller(panel.rows, controller)
-        marks.draw_estimates(panel.ax, trials, "x", quantity, look.smaller(share))
-    viscous = {"B": "B_viscous", "B_error": "B_viscous_error"}.get(quantity)
-    if viscous:
+        marks.draw_estimates(panel.ax, trials, "x", panel.symbol, look.smaller(share))
+    if panel.symbol == "B":
         panel.ax.plot(
-            panel.rows["x"], panel.rows[viscous],
+            panel.rows["x"], panel.rows["B_viscous"],
             linestyle="", markersize=VISCOUS_SIZE * share, zorder=4, **VISCOUS_MARK,
         )  # fmt: skip
-
-
-def viscous_entry(table: pl.DataFrame, column: str = "B_viscous") -> dict[str, Any]:
-    """What a cross is, if there is one."""
-    if not names.has_values(table, column):
-        return {}
-    label = names.VISCOUS_DAMPING
-    return {label: marks.key(label, markersize=VISCOUS_SIZE, **VISCOUS_MARK)}

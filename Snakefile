@@ -51,8 +51,8 @@ onerror:
     cancel_timers()
 
 
-REPORT = RunReport(CAMPAIGN, JUDGE, UNNAMED)
+REPORT = partial(report_of_run, CAMPAIGN, JUDGE, UNNAMED)
 ACCEPT = CONFIG.failed_trials == "accept"
 # It says what was made and sets the exit code. `onsuccess` and `onerror` are not called where
 # nothing is left to do
-atexit.register(end_run, workflow, CONFIG.results, REPORT.text, ACCEPT)
+atexit.register(end_run, workflow, CONFIG.results, REPORT, ACCEPT)

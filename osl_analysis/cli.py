@@ -106,7 +106,6 @@ SECTIONS = {
     },
 }
 """The commands as `osl-analysis --help` groups them."""
-POSITIVE, NOT_NEGATIVE = click.FloatRange(0, min_open=True), click.FloatRange(0)
 file_option = partial(option, type=FILE)
 CONFIG = file_option(
     "--config",

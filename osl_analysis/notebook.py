@@ -1,10 +1,9 @@
 """The functions of `import osl_analysis as osl`, for notebooks and scripts that need no workflow.
 They call what the jobs of a campaign call: their numbers are those of its tables."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import polars as pl
 
@@ -30,7 +29,6 @@ from osl_analysis.files import config_here, shipped
 from osl_analysis.ingest.examine import UNITS, Commanded, examine, measured_table
 from osl_analysis.ingest.raw_files import read_source
 from osl_analysis.judge.judging import judged, marked, with_inherited
-from osl_analysis.judge.limits import DoubtfulFits
 from osl_analysis.judge.recording_checks import QualityRules, judged_table, validate_rules
 from osl_analysis.model.drivetrain import joint_of
 from osl_analysis.schema import read_table
@@ -40,7 +38,6 @@ from osl_analysis.trial import Trial, read_trial
 if TYPE_CHECKING:
     from osl_analysis.figures.style import Figure
 
-AnyFit = TypeVar("AnyFit", bound=Fit)
 File = str | Path
 OF_CONFIG = "of the configuration"  # stands for the parameter file that the configuration names
 
@@ -63,28 +60,11 @@ def as_trial(trial: Trial | File) -> Trial:
     return trial
 
 
-@dataclass(frozen=True)
-class FitArguments:
-    """Arguments of `fit_trial`, by their names there."""
-
-    experiment: str
-    trial: Trial
-    parameters: Path | None  # the device's file
-    settings: Mapping[str, Any]
-    limits: DoubtfulFits
-
-
-def fit_arguments(
-    experiment: str, trial: Trial | File, config: File | None, parameters: File | None
-) -> FitArguments:
-    """The arguments of `fit_trial`, from those of the functions below."""
-    file = Path(config or config_here())
+def device_file(parameters: File | None, config: Path) -> Path | None:
+    """The parameter file that is stated, or that of the configuration."""
     if parameters == OF_CONFIG:
-        device = campaign_parameters(file)
-    else:
-        device = None if parameters is None else shipped(parameters)
-    settings, limits = fit_settings(experiment, file)
-    return FitArguments(experiment, as_trial(trial), device, settings, limits)
+        return campaign_parameters(config)
+    return None if parameters is None else shipped(parameters)
 
 
 def checked_desired(desired: DesiredImpedance | None) -> DesiredImpedance:
@@ -97,24 +77,18 @@ def checked_desired(desired: DesiredImpedance | None) -> DesiredImpedance:
 
 
 def fitted(
-    fit_type: type[AnyFit],
-    arguments: FitArguments,
+    experiment: str,
+    trial: Trial | File,
+    config: File | None,
+    parameters: File | None,
     condition: Any = None,
     windows: str | None = None,
-) -> AnyFit:
-    """Fit a trial of the experiment whose fits are of this type."""
-    fit = fit_trial(
-        experiment=arguments.experiment,
-        trial=arguments.trial,
-        parameters=arguments.parameters,
-        settings=arguments.settings,
-        limits=arguments.limits,
-        condition=condition,
-        windows=windows,
-    )
-    if not isinstance(fit, fit_type):
-        raise TypeError(f"a fit of {arguments.experiment} is no {fit_type.__name__}")
-    return fit
+) -> Any:
+    """Fit a trial of an experiment; the arguments are those of the functions below."""
+    file = Path(config or config_here())
+    device = device_file(parameters, file)
+    settings, limits = fit_settings(experiment, file)
+    return fit_trial(experiment, as_trial(trial), device, settings, limits, condition, windows)
 
 
 def fit_impedance(
@@ -165,8 +139,9 @@ def fit_impedance(
     >>> print(f"K {fit.K:.0f} N*m/rad")
     K 300 N*m/rad
     """
-    arguments = fit_arguments("impedance", trial, config, parameters)
-    return fitted(ImpedanceFit, arguments, checked_desired(desired), windows)
+    condition = checked_desired(desired)
+    fit: ImpedanceFit = fitted("impedance", trial, config, parameters, condition, windows)
+    return fit
 
 
 def fit_belt(
@@ -199,7 +174,8 @@ def fit_belt(
     >>> print(f"K_s {fit.K_s:.0f} N*m/rad")
     K_s 686 N*m/rad
     """
-    return fitted(BeltFit, fit_arguments("belt", trial, config, parameters))
+    fit: BeltFit = fitted("belt", trial, config, parameters)
+    return fit
 
 
 def fit_transmission(
@@ -230,7 +206,8 @@ def fit_transmission(
     >>> print(f"B_j {fit.B_j:.1f} N*m*s/rad")
     B_j 0.5 N*m*s/rad
     """
-    return fitted(TransmissionFit, fit_arguments("transmission", trial, config, parameters))
+    fit: TransmissionFit = fitted("transmission", trial, config, parameters)
+    return fit
 
 
 def fit_actuator(
@@ -262,7 +239,8 @@ def fit_actuator(
     >>> print(f"k_tau n_m {fit.k_tau_n_m:.2f} N*m/A")
     k_tau n_m 1.02 N*m/A
     """
-    return fitted(ActuatorFit, fit_arguments("actuator", trial, config, parameters))
+    fit: ActuatorFit = fitted("actuator", trial, config, parameters)
+    return fit
 
 
 def fit_torque_angle(
@@ -296,8 +274,8 @@ def fit_torque_angle(
     >>> print(f"K {fit.K:.0f} N*m/rad")
     K 200 N*m/rad
     """
-    arguments = fit_arguments("torque_angle", trial, config, None)
-    return fitted(TorqueAngleFit, arguments, {"desired": curve})
+    fit: TorqueAngleFit = fitted("torque_angle", trial, config, None, {"desired": curve})
+    return fit
 
 
 @dataclass(frozen=True, eq=False)
@@ -370,11 +348,10 @@ def frequency_response(
     from osl_analysis.figures.names import JOINT_SIDE, completed
 
     name_of_fits = "impedance"
-    arguments = fit_arguments(name_of_fits, trial, config, parameters)
-    recorded = arguments.trial
-    device = arguments.parameters
-    settings = arguments.settings
-    limits = arguments.limits
+    recorded = as_trial(trial)
+    file = Path(config or config_here())
+    device = device_file(parameters, file)
+    settings, limits = fit_settings(name_of_fits, file)
     fit = run_fit(name_of_fits, recorded, device, settings, checked_desired(desired), windows)
     tables = fit.everything()
     fits = tables[name_of_fits]

@@ -20,6 +20,7 @@ jobs, and those before them, have a `priority`: at the end no core waits for the
 
 import atexit
 import sys
+from functools import partial
 from operator import attrgetter
 from pathlib import Path
 
@@ -30,7 +31,7 @@ from osl_analysis.campaign.setting_states import states_of
 from osl_analysis.commands.campaign_start import start_campaign, unnamed_recordings
 from osl_analysis.commands.killed_runs import begin_run
 from osl_analysis.commands.run import check_profile, end_run, made_by
-from osl_analysis.commands.run_report import RunReport
+from osl_analysis.commands.run_report import report_of_run
 from osl_analysis.config.experiments import EXPERIMENTS, judged_tables
 from osl_analysis.config.impedance_trajectory import STANCE_SHARE
 from osl_analysis.dictionary import described_tables_by_name

@@ -15,7 +15,7 @@ import scipy.sparse
 
 from osl_analysis import formats
 from osl_analysis.errors import InputError
-from osl_analysis.formats._mat_values import checked_address
+from osl_analysis.formats._mat_values import steps_in
 from osl_analysis.formats.mat import MatSource
 from osl_analysis.recording import Channel, End, Recording
 
@@ -228,7 +228,7 @@ def test_the_address_of_a_part_is_left_out_within_it_and_others_begin_with_a_sla
 )
 def test_what_is_no_address_is_refused(text: str) -> None:
     with pytest.raises(InputError, match="no address in a MATLAB file"):
-        checked_address(text, is_inside=False)
+        steps_in(text)
 
 
 # --- what programs write ------------------------------------------------------------------------

@@ -35,15 +35,6 @@ class UsedPart(NamedTuple):
     is_window: bool  # of the sheet; else all of the recording
 
 
-class NeededTrials(NamedTuple):
-    """Trials that the analysis of walking needs."""
-
-    trials: Sequence[str]  # those in the sheet
-    name: str
-    fewest: int
-    remedy: str
-
-
 def check_campaign(campaign: Campaign) -> None:
     """Refuse a campaign that cannot be analysed.
 
@@ -193,57 +184,48 @@ def check_folders(config: Config) -> None:
 def check_walking(campaign: Campaign) -> None:
     """Refuse walking trials whose analysis lacks files, or static, plate or other trials."""
     for trial in campaign.trials("walking"):
-        check_files_of_crossing(campaign, trial)
-    for needed in trials_for_walking(campaign):
-        if len(needed.trials) < needed.fewest:
+        if campaign.row(trial)["mocap"] is None:
             raise InputError(
-                f"{campaign.config.sheet}: {len(needed.trials)} {needed.name}, walking needs"
-                f" {needed.fewest} or more; {needed.remedy}"
+                f"{campaign.config.sheet}: trial '{trial}': mocap is empty; a trial of experiment"
+                " 'walking' needs it"
             )
+    check_trials_for_walking(campaign)
     for static in campaign.statics:
         campaign.calibration_settings(static)
     with naming(campaign.config.sheet):
         split_keys(campaign.conditions())
 
 
-def check_files_of_crossing(campaign: Campaign, trial: str) -> None:
-    """Refuse a crossing without its capture."""
-    if campaign.row(trial)["mocap"] is None:
-        raise InputError(
-            f"{campaign.config.sheet}: trial '{trial}': mocap is empty; a trial of experiment"
-            " 'walking' needs it"
-        )
-
-
-def trials_for_walking(campaign: Campaign) -> list[NeededTrials]:
-    """The trials that the analysis of walking needs, in the order in which they are asked for."""
+def check_trials_for_walking(campaign: Campaign) -> None:
+    """Refuse a sheet with fewer trials than the analysis of walking needs."""
     walking = campaign.config.walking
     add = "add them, or exclude the walking trials"
     if campaign.config.simulation is not None:
         add += ", or correct experiments.walking or perturbed_share of the simulation"
-    needed = []
-    statics = campaign.trials("static")
-    needed.append(NeededTrials(statics, "trial of experiment 'static'", 1, add))
-    needed.append(
-        NeededTrials(
-            trials=campaign.crossings(perturbed=False),
-            name="unperturbed crossings",
-            fewest=walking.fewest_unperturbed,
-            remedy=f"{add}, or lower walking.fewest_unperturbed, to 3 at least",
-        )
-    )
-    perturbed = campaign.crossings(perturbed=True)
-    needed.append(NeededTrials(perturbed, "perturbed crossings", FEWEST_PERTURBED, add))
+    # how many there are, what they are, how many are needed, what else helps
+    needs = [
+        (len(campaign.trials("static")), "trial of experiment 'static'", 1, ""),
+        (
+            len(campaign.crossings(perturbed=False)),
+            "unperturbed crossings",
+            walking.fewest_unperturbed,
+            ", or lower walking.fewest_unperturbed, to 3 at least",
+        ),
+        (len(campaign.crossings(perturbed=True)), "perturbed crossings", FEWEST_PERTURBED, ""),
+    ]
     if walking.plate_inertia == "identified":
-        needed.append(
-            NeededTrials(
-                trials=campaign.trials("plate"),
-                name="trial of experiment 'plate' (unloaded platform, moved)",
-                fewest=1,
-                remedy=(
-                    "add them, to remove the plate's own inertia, or state `plate_inertia: none`"
-                    " under `walking` if the plate is light or compensates its inertia itself"
-                ),
+        needs.append(
+            (
+                len(campaign.trials("plate")),
+                "trial of experiment 'plate' (unloaded platform, moved)",
+                1,
+                ", to remove the plate's own inertia, or state `plate_inertia: none` under"
+                " `walking` if the plate is light or compensates its inertia itself",
             )
         )
-    return needed
+    for count, name, fewest, remedy in needs:
+        if count < fewest:
+            raise InputError(
+                f"{campaign.config.sheet}: {count} {name}, walking needs {fewest} or more;"
+                f" {add}{remedy}"
+            )

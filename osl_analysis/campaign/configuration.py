@@ -250,13 +250,9 @@ def section_of(
     return validated(content[section], model, path, (default_config(), path), (section,))
 
 
-def read_config(path: Path, of_any: bool = False) -> Config:
-    """Read a whole configuration, from a file that overrides some fields of the default.
-
-    Recordings `of_any` bench are not compared with what the shipped default states.
-    """
-    stated = own_fields(path) if of_any else read_campaign_file(path)
-    return validated(over_default(stated), Config, path)
+def read_config(path: Path) -> Config:
+    """Read a whole configuration, from a file that overrides some fields of the default."""
+    return validated(over_default(read_campaign_file(path)), Config, path)
 
 
 def campaign_config(content: Any, files: Sequence[Path]) -> Config:

@@ -37,8 +37,7 @@ def time_series_example(campaign: Campaign) -> dict[str, Any] | None:
     }
     if stated is None:
         return example
-    cells = {"controller": stated.controller, "K_d": stated.K_d, "B_d": stated.B_d}
-    named = matching(campaign, cells, "time_series")
+    named = matching(campaign, stated.model_dump(), "time_series")
     if not named:
         example["chosen"] += "; the example of the configuration is not in this campaign"
         return example
@@ -58,8 +57,7 @@ def response_example(campaign: Campaign) -> FrequencyResponseFigure | None:
     stated = campaign.config.figures.frequency_response
     if stated is None or not campaign.trials("impedance"):
         return None
-    cells = {"K_d": stated.K_d, "B_d": stated.B_d}
-    return stated if matching(campaign, cells, "frequency_response") else None
+    return stated if matching(campaign, stated.model_dump(), "frequency_response") else None
 
 
 def matching(campaign: Campaign, cells: Mapping[str, Any], figure: str = "") -> list[str]:
@@ -89,13 +87,13 @@ def matching(campaign: Campaign, cells: Mapping[str, Any], figure: str = "") -> 
     default = read_mapping(default_config())["figures"].get(figure) or {}
     if all(default.get(column) == value for column, value in cells.items()):
         return trials
-    stated = [f"{name} = {shown(value)}" for name, value in cells.items() if value is not None]
+    stated = [
+        f"{name} = {value if isinstance(value, str) else f'{value:g}'}"
+        for name, value in cells.items()
+        if value is not None
+    ]
     raise InputError(
         f"{campaign.config.sheet}: no impedance trial with"
         f" {', '.join(stated) or 'these empty cells'}; choose another one under figures.{figure},"
         f" or null to have one chosen{nearest(cells.get('controller') or '', CONTROLLERS)}"
     )
-
-
-def shown(value: str | float) -> str:
-    return value if isinstance(value, str) else f"{value:g}"

@@ -56,10 +56,6 @@ EXPERIMENTS_BY_SETTING: dict[str, tuple[str, ...]] = {
     "walking.guard_s": ("walking",),
 }
 USED_FOR_NULL = {"torque_angle.zero": "end"}  # values used for null
-# settings that are not used without these files
-NEEDED_FILE = {
-    "gain_weight": "parameters",
-}
 
 
 def named_in(settings: Any, name: str) -> Any:
@@ -108,7 +104,7 @@ def state_of(name: str, value: Any, config: Config, stated: Mapping[str, Any]) -
     """State of a setting, as `states_of` names it."""
     if config.simulation is not None or named_in(stated, name) is not None:
         return "stated"
-    is_unused = name in NEEDED_FILE and getattr(config, NEEDED_FILE[name]) is None
+    is_unused = name == "gain_weight" and config.parameters is None
     if not is_empty(value) and not is_unused:
         return "assumed"
     if name in MEASURED_COLUMNS:

@@ -8,7 +8,6 @@ import shutil
 import sys
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from importlib.metadata import version
 from importlib.util import find_spec
 from itertools import pairwise
@@ -44,8 +43,7 @@ def snakemake_arguments(arguments: Sequence[str]) -> list[str]:
         There is no campaign, the folder cannot be written to, or a configuration or profile is
         missing.
     """
-    given = given_arguments(arguments)
-    configurations = given.configurations
+    configurations, others = given_arguments(arguments)
     is_clone = Path("Snakefile").is_file() and Path("config/config.yaml").is_file()
     if not (configurations or CAMPAIGN.is_file() or is_clone):
         raise InputError(
@@ -61,35 +59,29 @@ def snakemake_arguments(arguments: Sequence[str]) -> list[str]:
     if configurations:
         configured = [CONFIGURED_BY[0], *map(str, configurations)]
     snakefile = ["--snakefile", str(shipped("Snakefile"))]
-    return [*with_shipped_profile(given.others), *configured, *snakefile]
+    return [*with_shipped_profile(others), *configured, *snakefile]
 
 
-@dataclass(frozen=True)
-class GivenArguments:
-    """Arguments of Snakemake as a user gives them."""
-
-    configurations: list[Path]  # of `--configfile=FILE` or `--configfiles FILE FILE`
-    others: list[str]
-
-
-def given_arguments(arguments: Iterable[str]) -> GivenArguments:
-    """Take the configurations out of the arguments."""
-    given = GivenArguments([], [])
+def given_arguments(arguments: Iterable[str]) -> tuple[list[Path], list[str]]:
+    """The configurations among the arguments, of `--configfile=FILE` or `--configfiles FILE FILE`,
+    and all others."""
+    configurations: list[Path] = []
+    others: list[str] = []
     takes_files = False
     for argument in arguments:
         option, _, file_behind = argument.partition("=")
         if option in CONFIGURED_BY:
             takes_files = not file_behind  # what stands behind a `=` is one file
             if file_behind:
-                given.configurations.append(Path(file_behind))
+                configurations.append(Path(file_behind))
             continue
         if argument.startswith("-"):
             takes_files = False
         if takes_files:
-            given.configurations.append(Path(argument))
+            configurations.append(Path(argument))
         else:
-            given.others.append(argument)
-    return given
+            others.append(argument)
+    return configurations, others
 
 
 def check_profile(arguments: Sequence[str]) -> None:

@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Collection, Iterable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from osl_analysis.campaign.campaign_trials import Campaign
@@ -17,37 +16,42 @@ MOST_TOLD = 12
 """Trials that are named in a line of the report."""
 
 
-@dataclass(frozen=True)
-class RunReport:
-    """The report of a run of a campaign."""
+def report_of_run(
+    campaign: Campaign, judge: Judge, unnamed: str, files: Sequence[str], refused: Sequence[str]
+) -> str:
+    """The report of a run of a campaign.
 
-    campaign: Campaign
-    judge: Judge
-    unnamed: str  # on recordings that no row of the sheet names
-
-    def text(self, files: Sequence[str], refused: Sequence[str]) -> str:
-        """The report, from all `files` of the run, and those of them that are `refused`."""
-        campaign = self.campaign
-        results = campaign.config.results
-        trials = campaign.trials()
-        checks = ResultFiles(campaign).checks(trials)
-        verdicts = self.judge.verdicts(Path(file) for file in checks)
-        stored = (results / "trials").glob("*.parquet")
-        recordings = {trial: [str(log) for log in campaign.logs(trial)] for trial in trials}
-        is_accepted = campaign.config.failed_trials == "accept"
-        lines = [
-            exclusion_report(verdicts, campaign.excluded),
-            self.unnamed,
-            left_behind_report(stored, [*trials, *campaign.excluded]),
-            refusal_report(refused, recordings, is_accepted),
-        ]
-        summary = results / "summary.json"
-        name = summary.as_posix()
-        was_made = name in files and summary.exists()  # not where the run was ended before
-        if was_made and name not in refused:
-            content = json.loads(summary.read_text(encoding="utf-8"))
-            lines = [*brief_lines(content), *lines]
-        return "\n".join(line for line in lines if line)
+    Parameters
+    ----------
+    campaign
+    judge
+    unnamed
+        On recordings that no row of the sheet names.
+    files
+        All files of the run.
+    refused
+        Those of them that are refused.
+    """
+    results = campaign.config.results
+    trials = campaign.trials()
+    checks = ResultFiles(campaign).checks(trials)
+    verdicts = judge.verdicts(Path(file) for file in checks)
+    stored = (results / "trials").glob("*.parquet")
+    recordings = {trial: [str(log) for log in campaign.logs(trial)] for trial in trials}
+    is_accepted = campaign.config.failed_trials == "accept"
+    lines = [
+        exclusion_report(verdicts, campaign.excluded),
+        unnamed,
+        left_behind_report(stored, [*trials, *campaign.excluded]),
+        refusal_report(refused, recordings, is_accepted),
+    ]
+    summary = results / "summary.json"
+    name = summary.as_posix()
+    was_made = name in files and summary.exists()  # not where the run was ended before
+    if was_made and name not in refused:
+        content = json.loads(summary.read_text(encoding="utf-8"))
+        lines = [*brief_lines(content), *lines]
+    return "\n".join(line for line in lines if line)
 
 
 def left_behind_report(stored: Iterable[Path], trials: Collection[str]) -> str:

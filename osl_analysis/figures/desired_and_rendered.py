@@ -45,7 +45,7 @@ class TrialPanel:
 
 def fig5_points(impedance: pl.DataFrame) -> pl.DataFrame:
     """One row per trial: its fit to all amplitudes, with 95 % intervals and the range over single
-    amplitudes where the table has it. Raises InputError: there is none."""
+    amplitudes where the table has it. Raises InputError: no trial has a fit."""
     trials = impedance.filter(pl.col("amplitude_deg").is_null())
     if trials.is_empty():
         raise InputError(NO_WHOLE_FIT)
@@ -71,13 +71,6 @@ def fig5_caption(table: pl.DataFrame) -> str:
             "Crosses: the viscous part of the damping, without Coulomb friction, where friction is"
             " certain."
         )
-    sentences += bar_sentences(table)
-    return " ".join(sentences)
-
-
-def bar_sentences(table: pl.DataFrame) -> list[str]:
-    """What thick and thin bars mean, if there are any."""
-    sentences = []
     if names.has_values(table, "K_low"):
         sentences.append(
             "Thick bars, where they are longer than the markers: 95 % intervals, for this motion."
@@ -86,7 +79,7 @@ def bar_sentences(table: pl.DataFrame) -> list[str]:
         sentences.append(
             "Thin bars: the range of the fits to single amplitudes; thick ones need not hold it."
         )
-    return sentences
+    return " ".join(sentences)
 
 
 @style.drawing(columns_of("fig5"), fig5_points, needs=(*NEEDED, *ESTIMATES), caption=fig5_caption)
@@ -99,7 +92,9 @@ def draw_fig5(table: pl.DataFrame) -> Figure:
     entries = marks.controller_entries(names.looks_in(table).values())
     if names.has_desired(table):
         entries["Desired"] = marks.key("Desired", **DESIRED_LINE)
-    entries |= viscous_entry(table)
+    if names.has_values(table, "B_viscous"):
+        label = names.VISCOUS_DAMPING
+        entries[label] = marks.key(label, markersize=VISCOUS_SIZE, **VISCOUS_MARK)
     entries |= marks.bar_entries(table, "KB")
     entries |= marks.open_entry(table)
     marks.legend_above(figure, entries, 4)
@@ -119,8 +114,8 @@ def draw_rendered(panel: TrialPanel) -> None:
 
 
 def panels_of_trials(table: pl.DataFrame) -> tuple[Figure, list[TrialPanel]]:
-    """Make a panel for K and B of each joint, where they have values, from a row per trial: one
-    above the other, and of several joints K and B side by side."""
+    """Make a panel for each joint and quantity that it has: one above the other, and of several
+    joints K and B side by side. The table has a row per trial."""
     symbols = []
     placed = []
     titles = []
@@ -154,11 +149,3 @@ def draw_trials(panel: TrialPanel) -> None:
             panel.rows["x"], panel.rows["B_viscous"],
             linestyle="", markersize=VISCOUS_SIZE * share, zorder=4, **VISCOUS_MARK,
         )  # fmt: skip
-
-
-def viscous_entry(table: pl.DataFrame) -> dict[str, Any]:
-    """What a cross is, if there is one."""
-    if not names.has_values(table, "B_viscous"):
-        return {}
-    label = names.VISCOUS_DAMPING
-    return {label: marks.key(label, markersize=VISCOUS_SIZE, **VISCOUS_MARK)}

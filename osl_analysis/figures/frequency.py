@@ -1,7 +1,6 @@
 """Fig. 7 and `response`: admittance and impedance of the joint over frequency."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from string import ascii_lowercase
 from typing import Any
 
@@ -205,33 +204,16 @@ LEGEND_HEIGHT = 0.45  # [in]
 SIZE = 2.2  # size [pt] of the markers
 
 
-@dataclass(frozen=True)
-class Level:
-    """How noise or distortion of one realisation is drawn."""
-
-    colour: str
-    marker: str
-    label: str
-    edge: float = 0.0  # width of the marker's edge [pt]
-
-
-@dataclass(frozen=True)
-class Structure:
-    """How a model of the impedance is drawn."""
-
-    colour: str
-    dash: style.Dash
-    label: str
-
-
+# noise and distortion of one realisation: colour, marker, width of its edge [pt], label
 LEVELS = {
-    "odd_level": Level(style.ORANGE, "^", "Odd distortion"),
-    "even_level": Level(style.PURPLE, "s", "Even distortion"),
-    "noise_level": Level(style.GREY, "x", "Noise", 0.5),
+    "odd_level": (style.ORANGE, "^", 0.0, "Odd distortion"),
+    "even_level": (style.PURPLE, "s", 0.0, "Even distortion"),
+    "noise_level": (style.GREY, "x", 0.5, "Noise"),
 }
-STRUCTURES = {
-    "eq15": Structure(style.MAGENTA, "-", r"Fit of $K + sB + s^2I$"),
-    "eq9": Structure(style.BLACK, (0, (4, 1.5)), names.LINEAR_MODEL),
+# models of the impedance: how their lines are drawn, label
+STRUCTURES: dict[str, tuple[dict[str, Any], str]] = {
+    "eq15": ({"color": style.MAGENTA, "linestyle": "-"}, r"Fit of $K + sB + s^2I$"),
+    "eq9": ({"color": style.BLACK, "linestyle": (0, (4, 1.5))}, names.LINEAR_MODEL),
 }
 
 
@@ -326,9 +308,9 @@ def draw_condition(of_trial: Sequence[Axes], rows: pl.DataFrame) -> dict[str, An
     rows = rows.with_columns(pl.col(*LEVELS, "total_sd", "noise_sd").cast(pl.Float64))
     magnitude, phase, level = of_trial
     entries = draw_measured_impedance(magnitude, phase, rows)
-    for short, look in STRUCTURES.items():
+    for short, (line, label) in STRUCTURES.items():
         if rows[f"magnitude_{short}"].count():
-            entries[look.label] = draw_structure(of_trial, rows, short, look)
+            entries[label] = draw_structure(of_trial, rows, short, line)
     entries |= draw_levels(level, rows)
     entries |= marks.open_entry(rows)
 
@@ -360,7 +342,7 @@ def draw_measured_impedance(magnitude: Axes, phase: Axes, rows: pl.DataFrame) ->
 
 
 def draw_structure(
-    of_trial: Sequence[Axes], rows: pl.DataFrame, short: str, look: Structure
+    of_trial: Sequence[Axes], rows: pl.DataFrame, short: str, look: dict[str, Any]
 ) -> Any:
     """A model's magnitude, phase and distance from the measured impedance; the handle of its
     line."""
@@ -370,9 +352,7 @@ def draw_structure(
         misfit(rows, short),
     )
     for ax, curve in zip(of_trial, curves, strict=True):
-        (line,) = ax.plot(
-            rows["frequency_hz"], curve, color=look.colour, linestyle=look.dash, linewidth=0.9
-        )
+        (line,) = ax.plot(rows["frequency_hz"], curve, linewidth=0.9, **look)
     return line
 
 
@@ -394,15 +374,15 @@ def draw_levels(ax: Axes, rows: pl.DataFrame) -> dict[str, Any]:
     of the legend."""
     entries = {}
     noise = rows["noise_level"].to_numpy()
-    for name, look in LEVELS.items():
+    for name, (colour, marker, edge, label) in LEVELS.items():
         level = rows[name].to_numpy()
         smallest = 0.0 if name == "noise_level" else np.maximum(noise, 0)
         is_seen = level > smallest
         if is_seen.any():
-            (entries[look.label],) = ax.plot(
+            (entries[label],) = ax.plot(
                 rows["frequency_hz"].to_numpy()[is_seen], level[is_seen],
-                linestyle="", marker=look.marker, color=look.colour,
-                markersize=SIZE + 0.3, mew=look.edge,
+                linestyle="", marker=marker, color=colour,
+                markersize=SIZE + 0.3, mew=edge,
             )  # fmt: skip
     ax.set_yscale("log")
     label_log_axis(ax.yaxis, ax.get_ylim(), most=4)

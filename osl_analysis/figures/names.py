@@ -185,16 +185,9 @@ def placed_rows(table: pl.DataFrame) -> list[tuple[str, pl.DataFrame]]:
     return [(place_name(*part.select(JOINT_SIDE).row(0)), part) for part in parts]
 
 
-def panel_titles(
-    parts: Sequence[tuple[str, pl.DataFrame]], words: Sequence[str] = ("",)
-) -> list[str]:
-    """What stands over the panels of each of `placed_rows`: a word for each, behind joint and side
-    if these differ."""
-    titles = []
-    for name, _ in parts:
-        place = name if len(parts) > 1 else ""
-        titles += [": ".join(part for part in (place, word) if part) for word in words]
-    return titles
+def panel_titles(parts: Sequence[tuple[str, pl.DataFrame]]) -> list[str]:
+    """What stands over a panel of each of `placed_rows`: joint and side, if these differ."""
+    return [name if len(parts) > 1 else "" for name, _ in parts]
 
 
 def completed(table: pl.DataFrame, columns: Iterable[str], only: bool = False) -> pl.DataFrame:
@@ -209,11 +202,9 @@ def completed(table: pl.DataFrame, columns: Iterable[str], only: bool = False) -
     return full.select(columns) if only else full
 
 
-def has_values(table: pl.DataFrame, *columns: str) -> bool:
-    """Whether a row of the table has values in all these columns."""
-    if not set(columns) <= set(table.columns):
-        return False
-    return not table.drop_nulls(columns).is_empty()
+def has_values(table: pl.DataFrame, column: str) -> bool:
+    """Whether the table has this column, and a row a value in it."""
+    return column in table.columns and table[column].count() > 0
 
 
 def has_desired(table: pl.DataFrame) -> bool:

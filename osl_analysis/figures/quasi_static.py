@@ -213,7 +213,7 @@ def draw_torque_angle(table: pl.DataFrame) -> Figure:
     colours = colours_of_trials(table)
     figure, axes = style.panels(
         style.DOUBLE_COLUMN, 3.0 * len(parts) + 0.3, len(parts), 2,
-        titles=names.panel_titles(parts, ["", ""]),
+        titles=[title for title in names.panel_titles(parts) for _ in range(2)],
     )  # fmt: skip
     for number, (_, part) in enumerate(parts):
         draw_torque_curves(axes[2 * number], part, colours)

@@ -45,55 +45,24 @@ PAPER = mpl.rc_params_from_file(Path(__file__).with_suffix(".mplstyle"), use_def
 Dash = Literal["-", ""] | tuple[float, tuple[float, ...]]  # a line style as matplotlib takes it
 
 
-def as_they_are(table: pl.DataFrame) -> pl.DataFrame:
-    """The plotted numbers of a figure that shows a result table unchanged."""
-    return table
-
-
-def without_words(_: pl.DataFrame) -> str:
-    """The caption of a figure that has none."""
-    return ""
-
-
 @dataclass(frozen=True)
 class Drawing:
     """A figure: which numbers it needs, how they are drawn, and what its caption says of them."""
 
-    columns: Sequence[str]  # of the plotted numbers
     draw: Callable[[pl.DataFrame], Figure]  # of the plotted numbers
-    points: Callable[..., pl.DataFrame]  # result tables -> plotted numbers
-    needs: Sequence[str]  # columns of the result table from which `points` are
-    caption: Callable[[pl.DataFrame], str]  # plotted numbers -> Markdown
-    nothing: str  # why the figure is not drawn if there is no number
+    columns: Sequence[str]  # of the plotted numbers
+    # result tables -> plotted numbers; by default one table unchanged
+    points: Callable[..., pl.DataFrame] = pl.DataFrame.clone
+    needs: Sequence[str] = ()  # columns of the result table from which `points` are
+    caption: Callable[[pl.DataFrame], str] = lambda _: ""  # plotted numbers -> Markdown
+    # why the figure is not drawn if there is no number
+    nothing: str = "no trial of the campaign has the numbers that this figure shows"
 
 
-def drawing(
-    columns: Sequence[str],
-    points: Callable[..., pl.DataFrame] = as_they_are,
-    *,
-    needs: Sequence[str] = (),
-    caption: Callable[[pl.DataFrame], str] = without_words,
-    nothing: str = "no trial of the campaign has the numbers that this figure shows",
-) -> Callable[[Callable[[pl.DataFrame], Figure]], Drawing]:
-    """Make a function that draws plotted numbers a `Drawing` in the style of the paper.
-
-    Parameters
-    ----------
-    columns, points, needs, caption, nothing
-        As the fields of `Drawing`.
-    """
-
-    def decorated(draw: Callable[[pl.DataFrame], Figure]) -> Drawing:
-        return Drawing(
-            columns=columns,
-            draw=paper_style()(draw),
-            points=points,
-            needs=needs,
-            caption=caption,
-            nothing=nothing,
-        )
-
-    return decorated
+def drawing(*columns_and_points: Any, **facts: Any) -> Callable[..., Drawing]:
+    """Make a function that draws plotted numbers a `Drawing` in the style of the paper; the
+    arguments are its other fields."""
+    return lambda draw: Drawing(paper_style()(draw), *columns_and_points, **facts)
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,7 @@
 """Fig. 9 and the walking page: what was measured on the ankle while walking."""
 
 import textwrap
+from collections.abc import Sequence
 from itertools import product
 from typing import Any
 
@@ -16,7 +17,6 @@ from osl_analysis.trial import Array
 
 # Fig. 9
 
-ENDS = ("low", "high")
 NO_FIT = "no perturbation has a fit, which Fig. 9 draws; see the reasons in walking_crossings.csv"
 TEXTS = ("group", "quantity", "trial", "doubtful")
 
@@ -184,17 +184,10 @@ def draw_groups(ax: Axes, rows: pl.DataFrame, unit: float) -> None:
 
 def draw_mean(ax: Axes, x: float, row: dict[str, Any]) -> None:
     """The mean of the perturbations of a group, with one SD on either side."""
-    sd = None if row["sd"] is None else [row["sd"]]
     ax.errorbar(
-        [x],
-        [row["mean"]],
-        yerr=sd,
-        fmt="s",
-        markersize=3,
-        capsize=CAP,
-        label=MEAN_LABEL,
-        **IN_BLACK,
-    )
+        x, row["mean"], yerr=row["sd"],
+        fmt="s", markersize=3, capsize=CAP, label=MEAN_LABEL, **IN_BLACK,
+    )  # fmt: skip
 
 
 def draw_ensemble(ax: Axes, x: float, row: dict[str, Any]) -> None:
@@ -203,7 +196,7 @@ def draw_ensemble(ax: Axes, x: float, row: dict[str, Any]) -> None:
     middle = (row["ensemble_low"] + row["ensemble_high"]) / 2
     half = (row["ensemble_high"] - row["ensemble_low"]) / 2
     ax.errorbar(
-        [x], [middle], yerr=[half],
+        x, middle, yerr=half,
         fmt="none", color=style.PURPLE, linewidth=1.2, capsize=CAP,
     )  # fmt: skip
     ax.plot([x], [row["ensemble"]], "D", color=style.PURPLE, markersize=3.2, label=ENSEMBLE_LABEL)
@@ -347,20 +340,17 @@ def draw_isolated(ax: Axes, rows: pl.DataFrame, panel: str) -> None:
 
 
 def draw_perturbations(ax: Axes, responses: pl.DataFrame) -> None:
-    """The responses of single perturbations, each of which leads to its trial."""
+    """The responses of single perturbations, and once more in another look the doubtful ones."""
     trials = responses.partition_by("trial", maintain_order=True)
-    for number, trial in enumerate(trials):
-        (line,) = ax.plot(
-            trial["x"], trial["mean"],
-            color=style.GREY, alpha=0.45, linewidth=0.5,
-            label="" if number else "Each perturbation",
-        )  # fmt: skip
-        line.set_url(marks.place_in_report(trial["trial"][0]))
     doubtful = [trial for trial in trials if marks.has_doubtful(trial)]
-    for number, trial in enumerate(doubtful):
-        (line,) = ax.plot(
-            trial["x"], trial["mean"],
-            color=style.BLACK, linewidth=0.7, linestyle=style.DOTTED,
-            label="" if number else f"Doubtful fit ($n$ = {len(doubtful)})",
-        )  # fmt: skip
+    draw_each(ax, trials, "Each perturbation", color=style.GREY, alpha=0.45, linewidth=0.5)
+    label = f"Doubtful fit ($n$ = {len(doubtful)})"
+    draw_each(ax, doubtful, label, color=style.BLACK, linewidth=0.7, linestyle=style.DOTTED)
+
+
+def draw_each(ax: Axes, trials: Sequence[pl.DataFrame], label: str, **look: Any) -> None:
+    """The response of each of these trials, which leads to its trial; one of them is labelled."""
+    for trial in trials:
+        (line,) = ax.plot(trial["x"], trial["mean"], label=label, **look)
         line.set_url(marks.place_in_report(trial["trial"][0]))
+        label = ""

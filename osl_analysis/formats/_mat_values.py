@@ -233,9 +233,9 @@ def steps_in(text: str, is_inside: bool = False) -> tuple[str, ...]:
     return steps
 
 
-def checked_address(text: str, is_inside: bool = True) -> str:
+def checked_address(text: str) -> str:
     """Give the text of an address as it is; refused if it is none."""
-    steps_in(text, is_inside)
+    steps_in(text, is_inside=True)
     return text
 
 

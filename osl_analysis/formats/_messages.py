@@ -5,6 +5,7 @@ dropped: an hour of messages at 1 kHz is a gigabyte, its numbers are a tenth.
 """
 
 import json
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -291,6 +292,34 @@ def wanted_fields(source: Any) -> dict[str, list[str]] | None:
         if source.time.source == "header":
             fields += [path for pair in stamp_fields(source.time.field) for path in pair]
     return {topic: list(dict.fromkeys(fields)) for topic, fields in wanted.items()}
+
+
+class Container:
+    """A file of messages that is read part by part: its topics, and how much of it was read."""
+
+    def __init__(self, wanted: Mapping[str, list[str]] | None) -> None:
+        self.wanted = wanted  # fields by topic; None for all
+        self.topics: dict[tuple[Any, ...], Topic] = {}  # those that are wanted
+        self.read: Counter[Any] = Counter()  # messages by topic or by channel
+        self.chunks = 0
+        self.chunks_lost = 0
+        self.remarks: list[str] = []
+
+    def topic_of(
+        self, name: str, encoding: str, schema: Schema, undefined: str = ""
+    ) -> Topic | None:
+        """The topic of some channel of the recorder; None where it is not wanted."""
+        if self.wanted is not None and name not in self.wanted:
+            return None
+        fields = None if self.wanted is None else self.wanted[name]
+        topic = Topic(name, encoding, schema, fields, undefined)
+        return self.topics.setdefault((name, encoding, schema), topic)
+
+    def recording(self, format_name: str, size: int, loss: Loss, source: Any) -> Recording:
+        """What was read of a file of a size [bytes]; arguments and errors of `recording_of`."""
+        facts = {"bytes": size, "chunks": self.chunks, "chunks_lost": self.chunks_lost}
+        facts["messages"] = self.read.total()
+        return recording_of(format_name, [*self.topics.values()], loss, facts, source)
 
 
 def stamp_fields(path: str) -> list[tuple[str, str]]:

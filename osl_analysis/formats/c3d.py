@@ -289,12 +289,9 @@ def _decoded(text: bytes) -> str:
 
 def check_size(data: bytes, header: Header) -> None:
     """Refuse a file that holds nothing, or other frames than its header declares."""
-    rotations = header.numbers("ROTATION:USED")
-    if header.frame_bytes == 0 and rotations.size and rotations[0] > 0:
-        raise InputError(
-            f"holds {rotations[0]:g} rotations of segments at {header.rate_hz:g} Hz and no marker:"
-            " rotations are not read; export positions of joints or virtual markers too"
-        )
+    if header.frame_bytes == 0:
+        for text in _questions_on_rotations(header):
+            raise InputError(text)
     frames = header.frames
     is_rate = LEAST_RATE_HZ < header.rate_hz < MOST_RATE_HZ
     if frames < 1 or header.frame_bytes == 0 or not is_rate:
@@ -437,27 +434,25 @@ def _stated_plate(
     number: int, geometry: PlateGeometry, analogs: Sequence[Channel], length_unit: str
 ) -> Plate:
     """Describe a plate by the source file."""
-    channels: list[Channel] = []
+    numbers: list[int] = []
     for label in geometry.channels:
-        alike = [analog for analog in analogs if analog.name == label]
+        alike = [place for place, analog in enumerate(analogs, 1) if analog.name == label]
         if not alike and label.isdigit() and 0 < int(label) <= len(analogs):
-            alike = [analogs[int(label) - 1]]
+            alike = [int(label)]
         if len(alike) != 1:
             names = listing([analog.name for analog in analogs])
             raise InputError(
                 f"plate {number}: '{label}' names {len(alike)} analog channels (the file has"
                 f" {names}); write its number, or correct `plate_geometry` in the source file"
             )
-        channels += alike
+        numbers += alike
     corners = np.array(geometry.corners)
     if not np.isfinite(own_axes(corners)).all():
         raise InputError(
             f"plate {number}: its corners span no plane; correct `plate_geometry` in the source"
             " file"
         )
-    numbers = [
-        next(n for n, analog in enumerate(analogs, 1) if analog is used) for used in channels
-    ]
+    channels = [analogs[place - 1] for place in numbers]
     facts = {"analogs": numbers}
     origin = np.array(geometry.origin)
     return Plate(number, geometry.type, corners, origin, channels, length_unit, facts=facts)
@@ -517,8 +512,8 @@ def _questions_on_rotations(header: Header) -> list[str]:
     if header.points or not rotations.size or rotations[0] <= 0:
         return []
     return [
-        f"the file holds {rotations[0]:g} rotations of segments and no marker: rotations are not"
-        " read; export positions of joints or virtual markers too"
+        f"the file holds {rotations[0]:g} rotations of segments at {header.rate_hz:g} Hz and no"
+        " marker: rotations are not read; export positions of joints or virtual markers too"
     ]
 
 
@@ -542,13 +537,10 @@ def _no_plate(number: int, count: int, analogs: Sequence[Channel]) -> InputError
     )
 
 
-def _frames_with_forces(
-    plates: Sequence[Plate], channels: Sequence[Channel], analogs: Array, header: Header
-) -> int:
+def _frames_with_forces(plates: Sequence[Plate], analogs: Array, header: Header) -> int:
     """Frames before the last ones in which the plates' samples are no numbers, as where forces
     stopped before cameras; all frames if there are none."""
-    used = [id(channel) for plate in plates for channel in plate.channels]
-    columns = [place for place, channel in enumerate(channels) if id(channel) in used]
+    columns = [number - 1 for plate in plates for number in plate.facts["analogs"]]
     is_finite = np.asarray(np.isfinite(analogs[:, columns]).all(axis=1))
     frames = int(np.argmin(is_finite)) // header.samples_per_frame
     by_frame = np.asarray(is_finite.reshape(-1, header.samples_per_frame).all(axis=1))
@@ -615,7 +607,7 @@ def read(path: Path, source: C3dSource | None) -> Recording:
         remarks.append(
             "the last sample of all analog channels is 0: it was not recorded, and is missing here"
         )
-    frames = _frames_with_forces(plates, analog_channels, analogs, header)
+    frames = _frames_with_forces(plates, analogs, header)
     if lacks_last_sample and not plates and source is not None:
         # a pulse that a source file names may have no NaN either
         frames = header.frames - 1

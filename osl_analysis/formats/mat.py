@@ -40,7 +40,9 @@ AddressText = Annotated[str, AfterValidator(checked_address)]
 
 
 def _checked_part(text: str) -> str:
-    return checked_address(text, is_inside=False) if text else text
+    if text:
+        steps_in(text)
+    return text
 
 
 class VariableChannel(LogChannel):

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from osl_analysis.errors import InputError, quoted
 from osl_analysis.formats import _messages
 from osl_analysis.formats._cdr import rows_at
-from osl_analysis.formats._messages import Messages, Schema, Topic
+from osl_analysis.formats._messages import Container, Messages, Schema, Topic
 from osl_analysis.recording import End, Format, Loss, Recording
 from osl_analysis.source_file import MessageSource
 
@@ -46,28 +46,18 @@ MESSAGE_HEAD = MESSAGE.itemsize - RECORD.size  # bytes of the head within the co
 LARGEST_CHUNK = 1_000_000_000  # bytes of a chunk; recorders write a few million
 
 
-class Log:
-    """A log that is read: its topics, and what is lost.
+class Log(Container):
+    """A log that is read: its topics, and what is lost."""
 
-    `topics` has those of the parts before, where the log is one of several: a topic goes on.
-    """
-
-    def __init__(
-        self, wanted: Mapping[str, list[str]] | None, topics: dict[tuple[Any, ...], Topic]
-    ) -> None:
-        self.wanted = wanted
-        self.topics = topics
-        self.topic_of: dict[int, Topic] = {}  # by channel, those that are wanted
+    def __init__(self, wanted: Mapping[str, list[str]] | None) -> None:
+        super().__init__(wanted)
+        self.topic_by_channel: dict[int, Topic] = {}
         self.channels: dict[int, Channel] = {}
         self.schemas: dict[int, SchemaRecord] = {}
-        self.read: Counter[int] = Counter()  # messages by channel
         self.lost: Counter[int] = Counter()
         self.statistics: Statistics | None = None
         self.checked = 0  # messages that a checksum covers
-        self.chunks = 0
-        self.chunks_lost = 0
         self.end = End.MISSING
-        self.remarks: list[str] = []
 
     def take_file(self, data: bytes) -> None:
         """Read the records of a file from the front, as far as they go."""
@@ -197,9 +187,9 @@ class Log:
             self.read[channel] += own.size
             if is_checked:
                 self.checked += own.size
-            if channel in self.topic_of:
+            if channel in self.topic_by_channel:
                 starts = places[own] + MESSAGE.itemsize
-                self.topic_of[channel].add(
+                self.topic_by_channel[channel].add(
                     Messages(content, starts, lengths[own], log_times_ns[own], channel)
                 )
 
@@ -217,15 +207,13 @@ class Log:
         known = self.channels.setdefault(channel.id, channel)
         if known != channel:
             raise _two_meanings("channel", channel.id, known.topic, channel.topic)
-        is_wanted = self.wanted is None or channel.topic in self.wanted
-        if not is_wanted or channel.id in self.topic_of:
+        if channel.id in self.topic_by_channel:
             return
         record = self.schemas.get(channel.schema_id)
         schema = Schema(record.name, record.encoding, record.data) if record else Schema()
-        wanted = None if self.wanted is None else self.wanted[channel.topic]
-        topic = Topic(channel.topic, channel.message_encoding, schema, wanted)
-        key = (channel.topic, channel.message_encoding, schema)
-        self.topic_of[channel.id] = self.topics.setdefault(key, topic)
+        topic = self.topic_of(channel.topic, channel.message_encoding, schema)
+        if topic is not None:
+            self.topic_by_channel[channel.id] = topic
 
     def loss(self) -> Loss:
         """What was lost, by the summary, or else by the indexes of the chunks."""
@@ -312,16 +300,9 @@ def read(path: Path, source: MessageSource | None) -> Recording:
             f"not an MCAP file (it begins with {quoted(data[:8])}); check the path and the source's"
             " format"
         )
-    log = Log(_messages.wanted_fields(source), {})
+    log = Log(_messages.wanted_fields(source))
     log.take_file(data)
-    facts = {
-        "bytes": len(data),
-        "chunks": log.chunks,
-        "chunks_lost": log.chunks_lost,
-        "messages": log.read.total(),
-    }
-    topics = [*log.topics.values()]
-    return _messages.recording_of("mcap", topics, log.loss(), facts, source)
+    return log.recording("mcap", len(data), log.loss(), source)
 
 
 def _begins(begin: bytes) -> bool:

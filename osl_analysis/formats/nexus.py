@@ -42,11 +42,11 @@ from osl_analysis.recording import (
 )
 from osl_analysis.source_file import Channel as ChannelSettings
 from osl_analysis.source_file import Corner, ExportedPlate, LaboratorySource, Name
+from osl_analysis.trial import AXES
 
 HEAD_ROWS = 5  # title, rate, names, header, units
 TRAJECTORIES = "Trajectories"
 MODEL_OUTPUTS = "Model Outputs"
-AXES = ("x", "y", "z")
 
 
 class DeviceChannel(ChannelSettings):
@@ -377,8 +377,6 @@ def _begins(begin: bytes) -> bool:
     if not is_text(begin):
         return False
     text = decoded(begin).casefold().replace('"', "")
-    if "sub frame" not in text:
-        return False
     return any(line.startswith("frame") and "sub frame" in line for line in text.splitlines())
 
 

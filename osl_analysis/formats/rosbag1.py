@@ -13,7 +13,7 @@ import numpy as np
 from osl_analysis.errors import InputError, optional_module
 from osl_analysis.formats import _messages, beginning, is_of_file
 from osl_analysis.formats._cdr import rows_at, short_name
-from osl_analysis.formats._messages import Messages, Schema, Topic
+from osl_analysis.formats._messages import Container, Messages, Schema, Topic
 from osl_analysis.recording import Format, Loss, Recording
 from osl_analysis.source_file import MessageSource
 
@@ -46,20 +46,14 @@ def read(path: Path, source: MessageSource | None) -> Recording:
             "no bag with a whole index: the recorder did not finish, or the bag is damaged;"
             f" {remedy}, or record again"
         ) from error
-    facts = {
-        "bytes": path.stat().st_size,
-        "chunks": bag.chunks,
-        "chunks_lost": bag.chunks_lost,
-        "messages": bag.read.total(),
-    }
-    topics = [*bag.topics.values()]
-    return _messages.recording_of("rosbag1", topics, bag.loss(), facts, source)
+    return bag.recording("rosbag1", path.stat().st_size, bag.loss(), source)
 
 
-class Bag:
+class Bag(Container):
     """A bag that is read chunk by chunk."""
 
     def __init__(self, reader: Any, path: Path, source: MessageSource | None) -> None:
+        super().__init__(_messages.wanted_fields(source))
         self.reader = reader
         self.data = path.read_bytes()
         second = self.data.find(BEGINNING_2, 1)
@@ -67,25 +61,17 @@ class Bag:
             raise InputError(
                 f"two bags were joined: a second one begins at byte {second}; give each a file"
             )
-        self.topics: dict[tuple[str, Schema], Topic] = {}  # those that are wanted
-        self.topic_of: dict[int, Topic] = {}  # by connection
+        self.topic_by_connection: dict[int, Topic] = {}
         self.name_of: dict[int, str] = {}  # of the topic of each connection
         self.expected: Counter[str] = Counter()  # messages by topic
-        self.read: Counter[str] = Counter()
-        self.chunks = 0
-        self.chunks_lost = 0
-        self.remarks: list[str] = []
-        wanted = _messages.wanted_fields(source)
         for connection in reader.connections:
             self.name_of[connection.id] = connection.topic
-            if wanted is not None and connection.topic not in wanted:
-                continue
             schema = Schema(
                 short_name(connection.msgtype), "ros1msg", connection.msgdef.data.encode()
             )
-            fields = None if wanted is None else wanted[connection.topic]
-            topic = Topic(connection.topic, "ros1", schema, fields)
-            self.topic_of[connection.id] = self.topics.setdefault((topic.name, schema), topic)
+            topic = self.topic_of(connection.topic, "ros1", schema)
+            if topic is not None:
+                self.topic_by_connection[connection.id] = topic
         for chunk in reader.chunk_infos:
             for connection, count in chunk.connection_counts.items():
                 self.expected[self.name_of[connection]] += count
@@ -119,10 +105,10 @@ class Bag:
         for connection in np.unique(connections).tolist():
             of_connection = connections == connection
             self.read[self.name_of[connection]] += int(of_connection.sum())
-            if connection in self.topic_of:
+            if connection in self.topic_by_connection:
                 starts = data[of_connection] + 4
                 own_times_ns = times_ns[of_connection]
-                self.topic_of[connection].add(
+                self.topic_by_connection[connection].add(
                     Messages(content, starts, lengths[of_connection], own_times_ns, connection)
                 )
 

@@ -11,7 +11,6 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import yaml
@@ -20,7 +19,7 @@ import zstandard
 from osl_analysis.errors import InputError, listing, naming, optional_module
 from osl_analysis.formats import _messages, beginning, mcap
 from osl_analysis.formats._cdr import definition_of
-from osl_analysis.formats._messages import Messages, Schema, Topic
+from osl_analysis.formats._messages import Container, Messages, Schema, Topic
 from osl_analysis.recording import End, Format, Loss, Recording
 from osl_analysis.source_file import MessageSource
 
@@ -38,19 +37,14 @@ CONVERT = (
 )
 
 
-class Bag:
+class Bag(Container):
     """The parts of a bag that were read so far."""
 
     def __init__(self, wanted: Mapping[str, list[str]] | None) -> None:
-        self.wanted = wanted
-        self.topics: dict[tuple[Any, ...], Topic] = {}  # by name, encoding and schema
-        self.read: Counter[str] = Counter()  # messages by topic, of all topics
+        super().__init__(wanted)
         self.lost = 0  # messages that are known to be lost
-        self.chunks = 0
-        self.chunks_lost = 0
         self.end = End.WHOLE
         self.checksums: set[str] = set()
-        self.remarks: list[str] = []
 
     def take(self, path: Path) -> None:
         """Read a part."""
@@ -74,7 +68,8 @@ class Bag:
             )
 
     def _take_mcap(self, path: Path) -> None:
-        log = mcap.Log(self.wanted, self.topics)
+        log = mcap.Log(self.wanted)
+        log.topics = self.topics  # a topic goes on from part to part
         log.take_file(path.read_bytes())
         loss = log.loss()
         for name, (read_count, _) in loss.by_topic.items():
@@ -117,18 +112,17 @@ class Bag:
         topics: dict[int, Topic] = {}
         query = "SELECT id, name, type, serialization_format FROM topics ORDER BY id"
         for number, name, kind, encoding in connection.execute(query):
-            topic = Topic(str(name), str(encoding))
-            self.read[topic.name] += 0
-            if self.wanted is None or topic.name in self.wanted:
-                topic.wanted = None if self.wanted is None else self.wanted[topic.name]
+            self.read[str(name)] += 0
+            schema = Schema()
+            undefined = ""
+            if self.wanted is None or name in self.wanted:
                 try:
                     text = _definition_of(str(kind), definitions)
-                    topic.schema = Schema(str(kind), "ros2msg", text.encode())
+                    schema = Schema(str(kind), "ros2msg", text.encode())
                 except InputError as error:
-                    topic.undefined = str(error)
-                key = (topic.name, topic.encoding, topic.schema)
-                topic = self.topics.setdefault(key, topic)
-            topics[number] = topic
+                    undefined = str(error)
+            topic = self.topic_of(str(name), str(encoding), schema, undefined)
+            topics[number] = topic or Topic(str(name), str(encoding))
         return topics
 
     def _give(
@@ -173,14 +167,8 @@ def read(path: Path, source: MessageSource | None) -> Recording:
     for part in parts:
         with naming(part):
             bag.take(part)
-    facts = {
-        "bytes": sum(part.stat().st_size for part in parts),
-        "chunks": bag.chunks,
-        "chunks_lost": bag.chunks_lost,
-        "messages": bag.read.total(),
-    }
-    topics = [*bag.topics.values()]
-    return _messages.recording_of("rosbag2", topics, bag.loss(counts), facts, source)
+    size = sum(part.stat().st_size for part in parts)
+    return bag.recording("rosbag2", size, bag.loss(counts), source)
 
 
 def _described(folder: Path) -> tuple[list[Path], Counter[str]]:

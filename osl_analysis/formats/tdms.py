@@ -148,7 +148,8 @@ def read(path: Path, source: TdmsSource | None) -> Recording:
     signals = [
         channel for channel in channels_of_file if channel.holds_numbers or channel.holds_times
     ]
-    by_rows = source is not None and not _is_by_properties(source)
+    # else the channels' own timing is their time
+    by_rows = source is not None and bool(source.time.name or source.time.rate is not None)
     # the last segment may be cut within a channel: rows end with the shortest one
     channels = _channels_of(signals, to_shortest=by_rows and end == End.MISSING)
     read_count = max((channel.rows.count for channel in channels), default=0)
@@ -230,11 +231,6 @@ def _find_unlisted(channels_of_file: Sequence[Timed], address: Mapping[str, str]
     return None
 
 
-def _is_by_properties(source: TdmsSource) -> bool:
-    """Whether the channels' own timing is their time."""
-    return not source.time.name and source.time.rate is None
-
-
 def _end_of_segment(data: bytes, begin: int) -> int:
     """Where a segment should end [bytes]."""
     is_big_endian = data[begin + 4] & IS_BIG_ENDIAN
@@ -269,15 +265,13 @@ def _check_one_recording(nptdms: Any, data: bytes, channels_of_file: Sequence[Ti
     for channel in channels_of_file:
         since = began.get(channel.channel.path)
         last = channel.channel.properties.get("wf_start_time")
-        if since is not None and last is not None and _differs(since, last):
+        if since is None or last is None:
+            continue
+        if since.as_datetime64("ns") != last.as_datetime64("ns"):
             raise InputError(
                 f"channel '{channel.channel.name}' starts anew behind byte {first_end}: two"
                 " recordings in one file; save each under a name of its own"
             )
-
-
-def _differs(stamp: Any, other_stamp: Any) -> bool:
-    return bool(stamp.as_datetime64("ns") != other_stamp.as_datetime64("ns"))
 
 
 def _begins(begin: bytes) -> bool:

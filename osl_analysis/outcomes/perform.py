@@ -198,7 +198,11 @@ def call(job: Job) -> Sequence[Refusal]:
         name: files for name, files in used.items() if name not in ONLY_CHECKED
     }
     for name, files in given.items():
-        if isinstance(files, list) and not takes_many(arguments, name):
+        takes_many = name in arguments and get_origin(arguments[name].annotation) in (
+            Sequence,
+            Mapping,
+        )
+        if isinstance(files, list) and not takes_many:  # one file, or None
             given[name] = files[0] if files else None
 
     data = job.params["made_by"]["data"]
@@ -232,11 +236,6 @@ def dataclass_of(function: Callable[..., Any]) -> Any:
 def arguments_of(function: Callable[..., Any]) -> Mapping[str, inspect.Parameter]:
     """What a rule gives to a command by name: its arguments, or the fields of its dataclass."""
     return inspect.signature(dataclass_of(function) or function).parameters
-
-
-def takes_many(arguments: Mapping[str, inspect.Parameter], name: str) -> bool:
-    """Whether an argument is a sequence or mapping of files. Any other has one file, or is None."""
-    return name in arguments and get_origin(arguments[name].annotation) in (Sequence, Mapping)
 
 
 def command_of(place: str) -> Callable[..., Any]:

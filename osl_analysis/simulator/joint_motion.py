@@ -11,6 +11,7 @@ import scipy
 
 from osl_analysis.model.compiled import compiled
 from osl_analysis.model.multisine import odd_multisine
+from osl_analysis.signals import Motion
 from osl_analysis.simulator.simulation_settings import (
     ActuatorBench,
     BeltMotion,
@@ -26,13 +27,8 @@ WANDERING_S = 4.0  # period [s] in which the size of the motion wanders
 WANDERING_SIZE = 0.4  # share of the size
 
 
-@dataclass(frozen=True)
-class JointMotion:
-    """An angle with its derivatives, each the true derivative of the one before."""
-
-    theta: Array  # (n,) [rad]
-    omega: Array  # (n,) [rad/s]
-    alpha: Array  # (n,) [rad/s^2]
+class JointMotion(Motion):
+    """A motion of which each derivative is the true one of what stands before it."""
 
     def __mul__(self, other: "JointMotion") -> "JointMotion":
         """The product, as of a sine and its envelope, with its derivatives."""
@@ -190,15 +186,13 @@ def excitation_motion(excitation: Excitation, trial: str, seed: int, rate_hz: fl
 
 def steady_motion(excitation: Excitation, time: Array, draws: np.random.Generator) -> JointMotion:
     """One realisation at full size at times (n,) [s], which goes on through the fades."""
-    if excitation.kind == "multisine":
-        return multisine_motion(excitation, time, draws)
-    if excitation.kind == "chirp":
-        return chirp_motion(excitation, time, draws)
-    if excitation.kind == "prbs":
-        return prbs_motion(excitation, time, draws)
-    if excitation.kind == "ramps":
-        return ramps_motion(excitation, time, draws)
-    return noise_motion(excitation, time, draws)
+    motion_of_kind = {
+        "multisine": multisine_motion,
+        "chirp": chirp_motion,
+        "prbs": prbs_motion,
+        "ramps": ramps_motion,
+    }
+    return motion_of_kind.get(excitation.kind, noise_motion)(excitation, time, draws)
 
 
 def multisine_motion(

@@ -76,8 +76,7 @@ def recording_of(
         log = bench.recording("node", recorder.node, signals)
         return {**log, "torque_time": log["time"]}, drawn
 
-    torque = {name: signal for name, signal in signals.items() if is_torque(name)}
-    others = {name: signal for name, signal in signals.items() if not is_torque(name)}
+    torque, others = parted(signals)
     log_of_torque = bench.recording("torque_node", recorder.torque_node, torque)
     torque_time = log_of_torque.pop("time")
     log = bench.recording("node", recorder.node, others)
@@ -108,6 +107,14 @@ def draw_errors(trial: str, settings: SimulationSettings) -> dict[str, float]:
 
 def is_torque(channel: str) -> bool:
     return channel.endswith("torque")
+
+
+def parted(
+    signals: Mapping[str, TrueSignal],
+) -> tuple[dict[str, TrueSignal], dict[str, TrueSignal]]:
+    """Signals of torque, and all others."""
+    torque = {name: signal for name, signal in signals.items() if is_torque(name)}
+    return torque, {name: signal for name, signal in signals.items() if name not in torque}
 
 
 @dataclass(frozen=True)
@@ -164,8 +171,7 @@ class Bench:
         delay = self.settings.effects.load_cell_delay.value
         if not delay:
             return self.values_at(signals, sampling.instants, sampling.is_simulated)
-        torque = {name: signal for name, signal in signals.items() if is_torque(name)}
-        others = {name: signal for name, signal in signals.items() if not is_torque(name)}
+        torque, others = parted(signals)
         return {
             **self.values_at(others, sampling.instants, sampling.is_simulated),
             **self.values_at(torque, np.maximum(sampling.instants - delay, 0.0), False),

@@ -10,7 +10,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -90,21 +89,13 @@ def walking_commands(step: gait.Step, compensates: bool, p: DrivetrainParameters
         theta_eq = desired.at(desired.theta_eq, c)
     else:
         window = gait.stance_window(np.mod(c, 1.0) / gait.STANCE_FRACTION)
-        moment = step.trial.body_mass * (gait.periodic_bumps(c, ANKLE_MOMENT) * window)
+        moment = step.trial.of_person("body_mass_kg") * (
+            gait.periodic_bumps(c, ANKLE_MOMENT) * window
+        )
         angle = gait.nominal_ankle_angle(c)
         velocity = time_derivative(angle, walking.rates.controller_hz)
         theta_eq = angle - (moment - B_d * velocity) / K_d
     return np.array([K_1, B_1, theta_eq * p.n_T])
-
-
-class BodyMotions(NamedTuple):
-    """Prescribed motion of a crossing. The poses of foot and shank have their origin at the
-    ankle."""
-
-    ankle: JointMotion
-    foot: Pose
-    shank: Pose
-    platform: gait.PlatformMotion
 
 
 @dataclass(frozen=True)
@@ -114,7 +105,8 @@ class SimulatedCrossing:
 
     time: Array  # (n,) [s]
     step: gait.Step
-    motion: JointMotion
+    motion: JointMotion  # of the ankle
+    # the poses of foot and shank have their origin at the ankle
     foot: Pose
     shank: Pose
     platform: gait.PlatformMotion
@@ -143,25 +135,25 @@ def simulate_crossing(
     """
     rates = step.trial.walking.rates
     time = step.trial.time
-    bodies = move(step, perturbed)
+    ankle, foot, shank, platform = move(step, perturbed)
     commands = walking_commands(step, bool(effects["cancels_friction"]), p)
     stride = rates.motion_hz // rates.controller_hz
-    theta = bodies.ankle.theta[::stride]
-    omega = bodies.ankle.omega[::stride]
+    theta = ankle.theta[::stride]
+    omega = ankle.omega[::stride]
 
     K_1, _, theta_eq = commands[:, 0]
     rest = (K_1 * theta_eq + p.K_s * theta[0] / p.n_T) / (K_1 + p.K_s / p.n_T**2)
     drivetrain = simulate_drivetrain(rates.controller_hz, theta, omega, commands, effects, p, rest)
     belt_torque = interpolated_at(drivetrain["belt_torque"], rates.controller_hz, time)
-    drivetrain_torque = belt_torque + p.B_j * bodies.ankle.omega + p.J_j * bodies.ankle.alpha
-    torque, reaction = react(step, bodies.foot, drivetrain_torque)
+    drivetrain_torque = belt_torque + p.B_j * ankle.omega + p.J_j * ankle.alpha
+    torque, reaction = react(step, foot, drivetrain_torque)
     return SimulatedCrossing(
         time=time,
         step=step,
-        motion=bodies.ankle,
-        foot=bodies.foot,
-        shank=bodies.shank,
-        platform=bodies.platform,
+        motion=ankle,
+        foot=foot,
+        shank=shank,
+        platform=platform,
         commands=commands,
         drivetrain=drivetrain,
         drivetrain_torque=drivetrain_torque,
@@ -170,7 +162,7 @@ def simulate_crossing(
     )
 
 
-def move(step: gait.Step, perturbed: bool) -> BodyMotions:
+def move(step: gait.Step, perturbed: bool) -> tuple[JointMotion, Pose, Pose, gait.PlatformMotion]:
     """Prescribe the motion of ankle, foot, shank and platform.
 
     The foot rotates with the platform, and the shank by the share `shank_yield` only, so that the
@@ -196,7 +188,7 @@ def move(step: gait.Step, perturbed: bool) -> BodyMotions:
     foot_on_floor = Pose(yaw @ rotation_about(1, -path.pitch), ankle)
     foot = gait.turned(carried_angle, walking).after(foot_on_floor)
     shank = Pose(foot.rotation @ rotation_about(1, theta), foot.origin)
-    return BodyMotions(JointMotion(theta, omega, alpha), foot, shank, platform)
+    return JointMotion(theta, omega, alpha), foot, shank, platform
 
 
 def ankle_angle(step: gait.Step, carried_angle: Array, platform: gait.PlatformMotion) -> Array:
@@ -257,9 +249,10 @@ def react(step: gait.Step, foot: Pose, drivetrain_torque: Array) -> tuple[Array,
     contact = gait.stance_window(phase)
     from_ground = contact * (about_axis - drivetrain_torque)
     scale = 1 + 0.01 * effects.force_scale.value * trial.random("force_scale").standard_normal(3)
-    force = scale * gait.ground_reaction(phase) * trial.body_mass * -GRAVITY[2]
+    body_mass = trial.of_person("body_mass_kg")
+    force = scale * gait.ground_reaction(phase) * body_mass * -GRAVITY[2]
     roll = ROLL_LEVER * force[:, 2]
-    spin = SPIN_MOMENT * trial.body_mass * contact * np.sin(2 * np.pi * phase)
+    spin = SPIN_MOMENT * body_mass * contact * np.sin(2 * np.pi * phase)
     moment = from_ground[:, None] * axis + roll[:, None] * forward + spin[:, None] * upward
     return about_axis - from_ground, TrueWrench(force, moment, foot.origin)
 
@@ -276,16 +269,7 @@ def impedance_of_leg(
     if onset is None:
         return {}
     rows = (perturbed.time >= onset) & (perturbed.time <= onset + gait.RENDERED_S)
-    with_turn = perturbed.motion
-    without = unperturbed.motion
-    columns = np.stack(
-        [
-            with_turn.theta - without.theta,
-            with_turn.omega - without.omega,
-            with_turn.alpha - without.alpha,
-        ],
-        axis=-1,
-    )
+    columns = perturbed.motion.columns - unperturbed.motion.columns
     torque = perturbed.drivetrain_torque - unperturbed.drivetrain_torque
     K, B, I = np.linalg.lstsq(columns[rows], torque[rows], rcond=None)[0]
     return {"K_rendered": float(K), "B_rendered": float(B), "I_rendered": float(I)}

@@ -150,21 +150,11 @@ class GaitTrial:
         frames = round(self.walking.gait.recording_s * rates.points_hz)
         return np.arange(frames * (rates.motion_hz // rates.points_hz)) / rates.motion_hz
 
-    @property
-    def body_mass(self) -> float:
-        """Mass [kg] of the person, or the usual one."""
-        subject = self.condition.subject
-        if subject is not None and subject.body_mass_kg:
-            return subject.body_mass_kg
-        return self.walking.gait.body_mass_kg
-
-    @property
-    def usual_stance_s(self) -> float:
-        """Duration [s] of the person's stance, or the usual one."""
-        subject = self.condition.subject
-        if subject is not None and subject.stance_s:
-            return subject.stance_s
-        return self.walking.gait.stance_s
+    def of_person(self, name: str) -> float:
+        """`body_mass_kg` or `stance_s` of the person, or the usual one."""
+        stated: float | None = getattr(self.condition.subject, name, None)
+        usual: float = getattr(self.walking.gait, name)
+        return stated or usual
 
     def random(self, effect: str) -> np.random.Generator:
         """The random numbers of an effect."""
@@ -214,7 +204,7 @@ class Step:
 def draw_step(trial: GaitTrial) -> Step:
     """Draw a crossing. Each effect has its own random numbers."""
     walking = trial.walking
-    stance = trial.usual_stance_s * (1 + trial.normal("stance_scatter", unit=0.01))
+    stance = trial.of_person("stance_s") * (1 + trial.normal("stance_scatter", unit=0.01))
     heel_strike = walking.gait.heel_strike_s + trial.normal("heel_strike_scatter")
     phase = float(trial.random("perturbation_phase").uniform(*walking.perturbation.stance_phase))
     command = heel_strike + phase * stance

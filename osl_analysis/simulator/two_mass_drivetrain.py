@@ -116,13 +116,7 @@ def simulate_drivetrain(
             " lower effects.control_delay, raise effects.velocity_filter or control_updates, or"
             " ask for more damping"
         )
-    theta_m, omega_m, current, belt_torque = columns
-    return {
-        "theta_m": theta_m,
-        "omega_m": omega_m,
-        "current": current,
-        "belt_torque": belt_torque,
-    }
+    return dict(zip(("theta_m", "omega_m", "current", "belt_torque"), columns, strict=True))
 
 
 @fused

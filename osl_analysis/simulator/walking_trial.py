@@ -169,7 +169,7 @@ def write_standing_capture(trial: gait.GaitTrial, platform: gait.PlatformMotion,
     ankle."""
     rows = len(trial.time)
     leg = Pose(platform.pose.rotation, np.tile(gait.nominal_ankle(trial.walking), (rows, 1)))
-    force = np.tile(-WEIGHT_SHARE * trial.body_mass * GRAVITY, (rows, 1))
+    force = np.tile(-WEIGHT_SHARE * trial.of_person("body_mass_kg") * GRAVITY, (rows, 1))
     weight = TrueWrench(force, np.zeros((rows, 3)), leg.origin)
     markers = {**leg_markers(leg, leg), **on_body(leg, laboratory.ANKLE_AXIS)}
     write_capture(raw, trial, markers, platform, weight)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from osl_analysis.config.experiments import EXPERIMENTS, Experiment
 from osl_analysis.errors import Change, InputError, listing
 from osl_analysis.ingest.guard import find_leaps
-from osl_analysis.measured import factor_of, usual_size
+from osl_analysis.measured import factor_of, true_differences, usual_size
 from osl_analysis.plates import beside, plate_axes
 from osl_analysis.signals import longest_run, run_at_extreme, run_edges, runs
 from osl_analysis.signals.grid import GapLimits, devices_of, origin, streams, uniform_signals
@@ -502,8 +502,7 @@ def turns_on(values: Array, least: float, noise: float) -> bool:
 
 def smallest_step(values: Array) -> float:
     """Smallest difference between two values of a signal (n,), apart from rounding errors."""
-    apart = np.diff(np.unique(values))
-    return float(np.min(apart[apart > 1e-9 * np.ptp(values)], initial=np.ptp(values)))
+    return float(np.min(true_differences(np.unique(values)), initial=np.ptp(values)))
 
 
 def comes_to_rest(theta: Array, run: slice, step: float) -> bool:

@@ -150,6 +150,9 @@ MOVING = {"actuator": "Actuator angle", "walking": "Ankle angle"}
 """What moves in trials of an experiment, where it is not the joint."""
 
 
+SHOWN = {"time", "torque", "theta"}  # of a recording without a fit
+
+
 def signals_of(
     row: Mapping[str, Any], tables: Mapping[str, pl.DataFrame], files: ReportFiles
 ) -> Signals | None:
@@ -169,8 +172,9 @@ def signals_of(
     for recording in (files.crossings.get(trial), files.trials.get(trial)):
         if recording is not None:
             columns = pl.read_parquet_schema(recording)
-            if "torque" in columns or "theta" in columns:
-                return of_recording(pl.read_parquet(recording), f"{motion} (deg)")
+            samples = pl.read_parquet(recording, columns=sorted(SHOWN & columns.keys()))
+            if len(samples.columns) > 1 and len(samples):  # a crossing that is refused has no rows
+                return of_recording(samples, f"{motion} (deg)")
     return None
 
 

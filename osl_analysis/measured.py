@@ -237,9 +237,19 @@ def unexplained_share(torque: Array, signals: Sequence[Signal]) -> float:
     return float(np.quantile(np.abs(rest), MOST_ROWS) / np.std(y))
 
 
-SAME_VALUE_SHARE = 1e-9  # of the range; closer values are one value with different rounding errors
+ROUNDING_SHARE = 0.02  # of the usual difference of distinct values: closer ones are one value, with
+# other errors of rounding, as of a mean that is written with a few decimals
 WHOLE_STEP = 0.02  # distance from a whole number of steps
 WHOLE_STEPS_SHARE = 0.99  # of the differences that must be whole numbers of steps
+
+
+def true_differences(distinct: Array) -> Array:
+    """Differences of distinct values (n,) in their order that are more than rounding of the last
+    bits or decimals. A few values that are far off do not change what is usual."""
+    low, high = np.quantile(distinct, (0.05, 0.95))
+    differences = np.diff(distinct)
+    usual = max(high - low, np.finfo(float).eps * np.abs(distinct).max()) / len(distinct)
+    return np.asarray(differences[differences > ROUNDING_SHARE * usual])
 
 
 def visible_step(values: Array) -> float | None:
@@ -262,8 +272,7 @@ def visible_step(values: Array) -> float | None:
     distinct = pl.Series(values).unique()  # by hashes: only the few of a rounded signal are sorted
     if not 2 <= len(distinct) <= len(values) // 2:
         return None
-    differences = np.diff(distinct.sort().to_numpy())
-    differences = differences[differences > SAME_VALUE_SHARE * np.ptp(values)]
+    differences = true_differences(distinct.sort().to_numpy())
     if len(differences) < 2:
         return None
     step = float(np.median(differences[differences < 1.5 * np.min(differences)]))

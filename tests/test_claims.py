@@ -11,6 +11,7 @@ from osl_analysis.judge.claims import (
     compensation_claims,
     rendered_claims,
     stiffness_claims,
+    walking_claims,
 )
 
 
@@ -170,3 +171,28 @@ def test_trials_render_what_was_asked_if_all_of_them_do(intervals, count, verdic
 
     assert (of_all.value, of_all.verdict) == (count, verdict)
     assert len(of_trials) == len(intervals)
+
+
+@pytest.mark.parametrize(
+    ("offset_share", "ends", "verdict"),
+    [
+        (0.0, (330.0, 345.0), "equivalent"),
+        (0.06, (330.0 - 0.06 * 338, 345.0), "undecided"),
+        (-0.06, (330.0, 345.0 + 0.06 * 338), "undecided"),
+    ],
+)
+def test_the_claim_on_walking_holds_its_offset_and_names_its_conditions(
+    offset_share, ends, verdict
+):
+    row = {
+        "group": "all", "estimator": "ensemble", "quantity": "K", "mean": 338.0, "low": 330.0,
+        "high": 345.0, "n": 30, "interval_method": "bootstrap", "commanded": 340.0,
+        "joint": "ankle", "side": None,
+    }  # fmt: skip
+    groups = pl.DataFrame({"group": ["all"], "offset_share": [offset_share]})
+
+    (claim,) = walking_claims(pl.DataFrame([row]), groups, None, Claims())
+
+    assert (claim.low, claim.high) == pytest.approx(ends)
+    assert claim.verdict == verdict
+    assert "the plate's gain" in claim.claim

@@ -49,6 +49,14 @@ def test_the_step_of_a_rounded_signal_is_seen(noise, step):
     assert visible_step(rounded) == pytest.approx(step)
 
 
+def test_the_step_of_a_mean_of_six_is_a_sixth_and_not_that_of_its_decimals(noise):
+    step = 360 / 2**14
+    sums = np.cumsum(np.round(noise[0] * 20) * step)  # as firmware keeps them
+    means = np.round((sums[6:] - sums[:-6]) / 6, 6)
+
+    assert visible_step(means) == pytest.approx(step / 6, rel=1e-3)
+
+
 def test_a_signal_without_rounding_has_no_step(noise):
     assert visible_step(noise[0]) is None
 

@@ -30,6 +30,7 @@ from osl_analysis.walking.poses import (
     cluster_poses,
     moved_marker,
     static_calibration,
+    without_held,
 )
 
 TIME = np.arange(240) / RATE
@@ -70,6 +71,18 @@ def test_the_pose_that_moved_the_markers_comes_out_with_one_of_four_hidden() -> 
     np.testing.assert_allclose(poses.point(np.zeros(3))[seen], foot.path[seen], atol=1e-12)
     assert poses.residual[seen].max() < 1e-12
     assert np.isnan(poses.position[70:80]).all()
+
+
+def test_a_marker_that_repeats_its_place_is_hidden_and_a_cluster_at_rest_is_seen() -> None:
+    tracks = moving_foot().tracks.copy()
+    tracks[150:] = tracks[149]
+    held = tracks.copy()
+    held[60:72, 2] = held[60, 2]
+
+    hidden = np.isnan(without_held(held)).any(axis=2)
+
+    assert np.flatnonzero(hidden[:, 2]).tolist() == list(range(61, 72))
+    assert not np.delete(hidden, 2, axis=1).any()
 
 
 def test_a_mirrored_cluster_is_a_misfit_and_no_reflection() -> None:

@@ -151,6 +151,9 @@ MOVING = {"actuator": "Actuator angle", "walking": "Ankle angle"}
 """What moves in trials of an experiment, where it is not the joint."""
 
 
+SHOWN = {"time", "torque", "theta"}  # of a recording without a fit
+
+
 def signals_of(
     row: Mapping[str, Any], tables: Mapping[str, pl.DataFrame], files: ReportFiles
 ) -> Signals | None:

@@ -156,7 +156,7 @@ def summarise_perturbations(
         perturbations,
         sheet,
         settings,
-        read_model(plate, PlateModel).certain_height,
+        read_model(plate, PlateModel),
         commanded_over_stance(trajectory, data),
     )
     check_any_result(results, table)
@@ -192,7 +192,7 @@ def group_results(
     perturbations: Perturbations,
     sheet: SheetCells,
     settings: choices.EnsembleSettings,
-    plate_height_m: float | None,
+    plate: PlateModel,
     commanded: Commanded | None,
 ) -> list[GroupResult]:
     """The result of each group of perturbations."""
@@ -200,7 +200,7 @@ def group_results(
     perturbed = perturbations.selection.filter("perturbed")
     for group in groups_of_selection(perturbed["group"].to_list(), sheet):
         gait = perturbations.gaits.get(group)
-        conditions = conditions_of(group, perturbations.selection, gait, plate_height_m)
+        conditions = conditions_of(group, perturbations.selection, gait, plate)
         result = group_result(conditions, perturbations, settings)
         phase = result.outcome.fitted_phase
         cells = next((sheet[trial] for trial in perturbations.trials_of(group)), {})

@@ -89,23 +89,17 @@ def fig9_points(
 
 def fig9_caption(table: pl.DataFrame) -> str:
     """What Fig. 9 shows."""
-    is_commanded = names.has_values(table, "commanded")
     sentences = [
         r"(a) Stiffness $\hat{K}$, (b) damping $\hat{B}$ and (c) apparent inertia $\hat{I}$ of the"
-        " ankle while walking."
-    ]
-    if is_commanded:
-        sentences.append(
-            "The actuator behind its gains adds to the joint's own inertia, or takes off it, so"
-            r" that $\hat{I}$ may be negative."
-        )
-    sentences.append(
+        " ankle while walking.",
+        "Eq. 15 reads a leg with a drivetrain, which is of third order, with a lower inertia, which"
+        " may be negative; the foot's inertia is in it where nobody states the foot.",
         "Points: one perturbation each. Squares: their mean ± one standard deviation. Diamonds: the"
-        " fit to the mean response with its 95 % interval (bootstrap)."
-    )
+        " fit to the mean response with its 95 % interval (bootstrap).",
+    ]
     if table["group"].n_unique() > 1:
         sentences.append("In brackets: numbers of perturbations.")
-    if is_commanded:
+    if names.has_values(table, "commanded"):
         sentences.append("Dashed: what the walking controller commanded.")
     return " ".join(sentences)
 

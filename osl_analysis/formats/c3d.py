@@ -408,7 +408,10 @@ def plate_of(header: Header, number: int, analogs: Sequence[Channel], length_uni
         if header.texts("FORCE_PLATFORM:MATRIX_STORE") == ["BYROW"]:
             calibration = calibration.T
     if kind not in CHANNELS_OF_PLATE:
-        raise InputError(f"plate {number} is of type {kind}; types 1 to 4 are read")
+        raise InputError(
+            f"plate {number} is of type {kind}; types 1 to 4 are read; describe it as one of these"
+            " under `plate_geometry` in the source file"
+        )
     if not np.isfinite(own_axes(corners)).all():
         raise InputError(
             f"plate {number}: its corners span no plane; correct FORCE_PLATFORM:CORNERS"

@@ -109,6 +109,8 @@ def stepped_plate(overviews: Sequence[Overview], platform: Sequence[str]) -> Ste
     """Tell the plate that is stepped on: the only one, or that below the platform's markers."""
     counts = [sum(one.kind == "plate" for one in overview.channels) for overview in overviews]
     most = max(counts, default=0)
+    if most == 0:
+        return SteppedPlate("", "no plate is read; state `plate_geometry` in the source file")
     if most == 1:
         return SteppedPlate("1", "the only one")
     below = {plate for overview in overviews if (plate := plate_below(overview.channels, platform))}

@@ -7,7 +7,6 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,7 @@ from numpy.typing import NDArray
 from osl_analysis.config.experiments import EXPERIMENTS, Experiment
 from osl_analysis.errors import Change, InputError, listing
 from osl_analysis.ingest.guard import find_leaps
-from osl_analysis.measured import factor_of, usual_size
+from osl_analysis.measured import factor_of, true_differences, usual_size
 from osl_analysis.plates import beside, plate_axes
 from osl_analysis.signals import longest_run, run_at_extreme, run_edges, runs
 from osl_analysis.signals.grid import GapLimits, devices_of, origin, streams, uniform_signals
@@ -371,9 +370,9 @@ def check_ranges(trial: Trial) -> None:
 
 def samples_at_rail(trial: Trial, column: str, torque: str | None = None) -> int:
     """Longest run [samples] of a channel at an end of its stated range, or at its lowest or highest
-    value. 0 for a command, which has levels. A driven angle may rest at an extreme: it is clipped
-    only if `torque` changes meanwhile. Do not ask this of a motor behind a belt: its own friction
-    may hold it."""
+    value. 0 for a command, which has levels, and for a torque without noise while the joint rests.
+    A driven angle may rest at an extreme: it is clipped only if `torque` changes meanwhile. Do not
+    ask this of a motor behind a belt: its own friction may hold it."""
     time, values = recorded(trial, column)
     if not values.size or not np.isfinite(values).all():  # the fit refuses it
         return 0
@@ -387,16 +386,29 @@ def samples_at_rail(trial: Trial, column: str, torque: str | None = None) -> int
         # rows per value, if the source is slower than the log (as floats: a median of equal
         # integers is slow)
         held_for = int(np.median(np.diff(changes))) if len(changes) > 1 else 1
-        seen = (
-            0
-            if column == "current" and is_command(values)
-            else (rail.stop - rail.start) // held_for
-        )
+        if column == "current":
+            stands = is_command(values)
+        else:
+            beside = values[values != values[rail.start]]
+            stands = is_command(beside) and angle_rests(trial, time[rail])
+        seen = 0 if stands else (rail.stop - rail.start) // held_for
     if ends := stated_range(trial, column):
         near = 1e-3 * (ends[1] - ends[0])
         for there in map(longest_run, (values <= ends[0] + near, values >= ends[1] - near)):
             seen = max(seen, there.stop - there.start)
     return seen
+
+
+def angle_rests(trial: Trial, time: Array) -> bool:
+    """Whether the joint's angle hardly changes in the middle of these times (n,) [s]; a torque may
+    be late at both ends."""
+    when, angle = recorded(trial, "theta")
+    quarter = time.size // 4
+    if not angle.size or not time.size:
+        return False
+    first, last = np.searchsorted(when, (time[quarter], time[-1 - quarter]))
+    change = np.ptp(means_of(angle[first : last + 1]))
+    return bool(change < AT_REST / 4 * np.ptp(angle))
 
 
 def is_command(values: Array) -> bool:
@@ -407,65 +419,89 @@ def is_command(values: Array) -> bool:
     return bool(repeated.sum() - (longest.stop - longest.start) > 0.3 * repeated.size)
 
 
+LEAST_CHANGE = 0.02  # share of a reference's range; a joint at rest creeps by less
+LEAST_AT_RAIL = 5  # samples; a peak may have as many
+CORNER_STEPS = 8.0  # a sine that is rounded to steps moves by four within half of its standing time
+MEANS = 16  # of a run, which scatter less than single samples
+NOISE_SDS = 8.0  # of such a mean, that are a change
+MIDDLE_SHARE = 0.2  # of its change, that a reference does in the middle; at rest it settles before
+
+
 def longest_clipped_angle(time: Array, theta: Array, torque: tuple[Array, Array]) -> int:
-    """Longest run [samples] of an angle (n,) at its lowest or highest value while the torque
-    changes. `torque` is times [s] and values. The angle must reach and leave the extreme with a
-    corner. The torque must also change in the middle of the run: the joint turns on. For a joint
-    that comes to rest it changes only at the ends. A held joint with coarse steps takes the next
-    value as often. Behind play, an angle stands at other turning points too."""
+    """Longest run [samples] of an angle (n,) at its lowest or highest value while the joint turns
+    on, as the `torque`, times [s] and values, tells.
+
+    The angle must reach and leave the rail with a corner, and turn on for most of the time there.
+    An angle behind play stands at other values as often.
+    """
     when, values = torque
-    if (
-        not theta.size
-        or not np.ptp(theta)
-        or not when.size
-        or not np.isfinite(values).all()
-        or not np.ptp(values)
-    ):
+    is_told = values.size > LEAST_AT_RAIL and np.isfinite(values).all() and np.ptp(values)
+    if not theta.size or not np.ptp(theta) or not is_told:
         return 0
-    changes = 0.02 * float(np.ptp(values))  # more than the creep of a joint that rests
-    longest, step, noise = 0, np.nan, np.nan
-    for end in (theta.min(), theta.max()):
-        for run in runs(theta == end):
-            count = run.stop - run.start
-            within = values[slice(*np.searchsorted(when, (time[run.start], time[run.stop - 1])))]
-            if count > max(5, longest) and within.size > 1 and np.ptp(within) > changes:
-                sides = (run.start - count // 2, run.stop - 1 + count // 2)
-                moved = [abs(theta[at] - end) for at in sides if 0 <= at < theta.size]
-                if np.isnan(step):
-                    # of white noise
-                    noise = usual_size(np.diff(values, 3)) / 3.016 if values.size > 3 else np.inf
-                    changes = max(changes, 10 * noise)
-                    step = smallest_step(theta)
-                # A sine that is rounded to steps moves by four steps at most within half of its
-                # standing time.
-                corner = moved and min(moved) > 8 * step
-                turns_on = np.ptp(within[within.size // 4 : -(within.size // 4) or None]) > max(
-                    changes / 4, 10 * noise
-                )
-                beside = theta[np.abs(theta - end) > 0.5 * step]
-                often = np.sum(theta == end) > np.sum(np.abs(beside - end) < 1.5 * step)
-                is_clipped = corner and often and np.ptp(within) > changes and turns_on
-                longest = count if is_clipped and not comes_to_rest(theta, run, step) else longest
-    turned = (
-        np.flatnonzero(np.diff(theta, prepend=np.nan, append=np.nan)).tolist() if longest else []
-    )
-    stood = [slice(*pair) for pair in pairwise(turned) if 2 * (pair[1] - pair[0]) > longest]
-    during = (
-        (run, values[slice(*np.searchsorted(when, (time[run.start], time[run.stop - 1])))])
-        for run in stood
-    )
-    ends = [
-        theta[run.start] in (theta.min(), theta.max())
-        for run, x in during
-        if x.size and np.ptp(x) > changes / 2
-    ]
-    return longest if ends.count(True) >= ends.count(False) else 0
+    noise = usual_size(np.diff(values, 3)) / 3.016  # of white noise
+    least = LEAST_CHANGE * float(np.ptp(values))
+    step = smallest_step(theta)
+
+    def is_clipped(run: slice) -> bool:
+        during = slice(*np.searchsorted(when, (time[run.start], time[run.stop - 1])))
+        corner = CORNER_STEPS * step
+        return has_corners(theta, run, corner) and turns_on(values[during], least, noise)
+
+    longest = 0
+    rails = (theta.min(), theta.max())
+    for rail in rails:
+        standing = [run for run in runs(theta == rail) if run.stop - run.start > LEAST_AT_RAIL]
+        clipped = [run for run in standing if is_clipped(run)]
+        # long runs tell more
+        if 2 * np.sum(lengths(clipped) ** 2) > np.sum(lengths(standing) ** 2):
+            longest = max(longest, int(lengths(clipped).max()))
+    if not longest:
+        return 0
+    alike = [slice(first, stop + 1) for first, stop in run_edges(np.diff(theta) == 0).tolist()]
+    as_long = [run for run in alike if 2 * (run.stop - run.start) > longest and is_clipped(run)]
+    at_rail = [theta[run.start] in rails for run in as_long]
+    return longest if 2 * sum(at_rail) >= len(at_rail) else 0
+
+
+def lengths(rows: Iterable[slice]) -> NDArray[np.intp]:
+    return np.array([run.stop - run.start for run in rows], np.intp)
+
+
+def means_of(values: Array) -> Array:
+    """Means of up to `MEANS` parts of values (n,), equally long."""
+    return np.array([part.mean() for part in np.array_split(values, MEANS) if part.size])
+
+
+def has_corners(theta: Array, run: slice, least: float) -> bool:
+    """Whether an angle (n,) is further than `least` from where it stands, half as long before and
+    after the run."""
+    half = (run.stop - run.start) // 2
+    sides = [at for at in (run.start - half, run.stop - 1 + half) if 0 <= at < theta.size]
+    return bool(sides and np.abs(theta[sides] - theta[run.start]).min() > least)
+
+
+def turns_on(values: Array, least: float, noise: float) -> bool:
+    """Whether a torque (n,) with white noise changes as that of a joint that turns on and back: by
+    more than `least`, and in the middle of the time, too, there and back or no less than before. At
+    rest it settles."""
+    means = means_of(values)
+    quarter = means.size // 4
+    middle = means[quarter : means.size - quarter]
+    if middle.size < 2:
+        return False
+    scatter = NOISE_SDS * noise * math.sqrt(means.size / values.size)
+    change = np.ptp(middle)
+    if np.ptp(means) <= least or change <= max(least / 4, scatter, MIDDLE_SHARE * np.ptp(means)):
+        return False
+    ends = middle[[0, -1]]
+    returns = max(middle.max() - ends.max(), ends.min() - middle.min())
+    before, after = middle[: quarter + 1], middle[-quarter - 1 :]
+    return bool(returns > change / 4 or np.ptp(after) >= np.ptp(before))
 
 
 def smallest_step(values: Array) -> float:
     """Smallest difference between two values of a signal (n,), apart from rounding errors."""
-    apart = np.diff(np.unique(values))
-    return float(np.min(apart[apart > 1e-9 * np.ptp(values)], initial=np.ptp(values)))
+    return float(np.min(true_differences(np.unique(values)), initial=np.ptp(values)))
 
 
 def comes_to_rest(theta: Array, run: slice, step: float) -> bool:
@@ -531,6 +567,7 @@ def saturated(trial: Trial, torque: str = "torque", *others: str) -> pl.Expr:
 # Channels that stand still: torque, current, plates and angles.
 
 AT_REST = 0.02  # share of the angle's range by which a joint at rest may creep
+AVERAGED_S = 0.05  # of a reference; a sine of 5 Hz keeps nine tenths of its amplitude
 
 
 def measure_stuck(examined: Examined) -> CheckResult:
@@ -556,21 +593,19 @@ def measure_stuck(examined: Examined) -> CheckResult:
         elif angle[0].size < 2 or not np.ptp(x):
             times[name] = held(time, x)
         else:
-            times[name] = held(
-                time, x, (time, np.interp(time, *angle)), AT_REST * float(np.ptp(angle[1]))
-            )
+            turned = time, np.interp(time, *angle)
+            apart = AVERAGED_S / 2 + median_step(time)  # a torque may be late
+            times[name] = held(time, x, turned, AT_REST * float(np.ptp(angle[1])), apart)
     for name, facts in raw_channels(trial).items():
         times[name] = (facts["stands_to_s"] or 0.0) - (facts["stands_from_s"] or 0.0)
     by = next((c for c in ("theta_command", "torque") if c in columns), None)
     reference = recorded(trial, by)
     time, theta = recorded(trial, "theta")
     if time.size and reference[0].size:
-        # s, over which a reference is averaged; a sine of 5 Hz keeps nine tenths of its amplitude
-        smoothed = 0.05
-        when, level = consecutive(reference[0], np.stack(reference), smoothed).mean(axis=-1)
+        when, level = consecutive(reference[0], np.stack(reference), AVERAGED_S).mean(axis=-1)
         if when.size:  # while it changes by a fifth of its range, the joint should have moved
             # at the start of a motion the torque jumps before the angle
-            apart = smoothed / 2 + median_step(time)
+            apart = AVERAGED_S / 2 + median_step(time)
             from_rest = np.minimum(abs(theta - theta[0]), abs(theta - np.median(theta)))
             rests = (
                 (from_rest <= AT_REST * np.ptp(theta))

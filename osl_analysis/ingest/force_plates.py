@@ -4,7 +4,7 @@ There is no centre of pressure, so that they are valid for an unloaded plate (C3
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -107,6 +107,9 @@ def convert_exported_plate(plate: Plate, rotation: Array, rate_hz: float) -> Pla
     metre = si_factor(plate.length_unit, "m")
     corners = plate.corners * metre
     raw = samples_of(plate)
+    is_told = np.ones(6, dtype=np.bool_)
+    if len(plate.channels) == 9:  # about a point of application, moments may be zero by definition
+        is_told[3:] = raw[:, 3:6].any(axis=0)
     quantities = ("N",) * 3 + ("N*m",) * 3 + ("m",) * 3
     factors = [
         si_factor(channel.unit, quantity)
@@ -116,7 +119,9 @@ def convert_exported_plate(plate: Plate, rotation: Array, rate_hz: float) -> Pla
     force = plate.sign * values[:, :3]
     about = values[:, 6:9] if values.shape[1] == 9 else plate.origin * metre
     moment = plate.sign * values[:, 3:6] + np.cross(about - np.mean(corners, axis=0), force)
-    return load_of(plate, corners, (force, moment), raw[:, :6], rotation, rate_hz)
+    told = [channel for channel, is_one in zip(plate.channels, is_told, strict=False) if is_one]
+    of_told = replace(plate, channels=told)
+    return load_of(of_told, corners, (force, moment), raw[:, :6][:, is_told], rotation, rate_hz)
 
 
 def samples_of(plate: Plate) -> Array:

@@ -10,6 +10,7 @@ from osl_analysis.trial import Array
 from osl_analysis.walking.ensemble import GroupHeadline
 from osl_analysis.walking.group_checks import FitChecks
 from osl_analysis.walking.groups import SEPARATOR
+from osl_analysis.walking.plate_model import PlateModel
 from osl_analysis.walking.unperturbed_gait import UnperturbedGait
 
 
@@ -30,6 +31,7 @@ class GroupConditions:
     different_mm: float | None
     pressure_outside_m: float | None  # mean of the perturbed crossings
     plate_height_m: float | None
+    plate_lag_sd_s: float | None
 
 
 @dataclass(frozen=True)
@@ -55,7 +57,7 @@ def conditions_of(
     group: str,
     selection: pl.DataFrame,
     gait: UnperturbedGait | None,
-    plate_height_m: float | None,
+    plate: PlateModel,
 ) -> GroupConditions:
     """Gather the conditions of a group.
 
@@ -65,8 +67,8 @@ def conditions_of(
         `walking_crossings.csv`.
     gait : UnperturbedGait or None
         The mean gait of the group, if there is one.
-    plate_height_m : float or None
-        Of `plate.csv`, where it is certain.
+    plate : PlateModel
+        Of the unloaded plate.
     """
     of_group = selection.filter(pl.col("group").str.split(SEPARATOR).list.contains(group))
     used = of_group.filter(pl.col("perturbed"), pl.col("reason").is_null())
@@ -88,7 +90,8 @@ def conditions_of(
         different=different,
         different_mm=different_mm,
         pressure_outside_m=outside.mean(),  # type: ignore[arg-type]
-        plate_height_m=plate_height_m,
+        plate_height_m=plate.certain_height,
+        plate_lag_sd_s=plate.lag_sd,
     )
 
 

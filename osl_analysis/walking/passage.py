@@ -204,7 +204,7 @@ def onset_of(
             raise InputError(
                 f"the {segment} markers are hidden for {1e3 * hidden_s:.0f} ms from"
                 f" {time[gap.start]:.3f} s, while the perturbation is"
-                f" fitted, expected {1e3 * settings.longest_fitted_gap_s:g} ms or less; raise"
-                " longest_fitted_gap_s, or exclude the trial"
+                f" fitted, expected {1e3 * settings.longest_fitted_gap_s:g} ms or less; exclude the"
+                " trial, or record it again with them in sight: a filled response is no measurement"
             )
     return onset

@@ -49,13 +49,12 @@ def recorded_wrench(trial: Trial, plate: int) -> tuple[Array, Array]:
 def wrench_reader(time: Array, wrench: Array, frames: Array) -> WrenchReader:
     """Interpolate a wrench (k, 6) at marker frames (n,) [s].
 
-    A low-pass at a third of the marker rate prevents aliasing. It attenuates 20 Hz by less than
-    1e-5 at 300 Hz.
+    A low-pass at a third of the marker rate, or of the plate's if that is lower, prevents aliasing.
+    It attenuates 20 Hz by less than 1e-5 at 300 Hz.
     """
-    anti_alias = LowPass(sampling_rate(frames) / 3)
-    spline = scipy.interpolate.make_interp_spline(
-        time, anti_alias(wrench, sampling_rate(time)), k=3
-    )
+    rate = sampling_rate(time)
+    anti_alias = LowPass(min(sampling_rate(frames), rate) / 3)
+    spline = scipy.interpolate.make_interp_spline(time, anti_alias(wrench, rate), k=3)
     return lambda lag: np.asarray(spline(np.clip(frames + lag, time[0], time[-1])))
 
 

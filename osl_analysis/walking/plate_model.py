@@ -96,11 +96,14 @@ class PlateModel:
         return float(np.mean(self.lags)) if self.lags else None
 
     @property
+    def lag_sd(self) -> float | None:
+        """Scatter [s] of the lags; None with fewer than two."""
+        return float(np.std(self.lags, ddof=1)) if len(self.lags) > 1 else None
+
+    @property
     def lag_se(self) -> float | None:
         """Standard error [s] of the lag; None with fewer than two."""
-        if len(self.lags) < 2:
-            return None
-        return float(np.std(self.lags, ddof=1) / np.sqrt(len(self.lags)))
+        return None if self.lag_sd is None else self.lag_sd / float(np.sqrt(len(self.lags)))
 
 
 NOT_REMOVED = "walking.plate_inertia is none"

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from pydantic import PlainSerializer, PlainValidator
 
 from osl_analysis.errors import InputError, nearest
-from osl_analysis.signals import differentiate
+from osl_analysis.signals import differentiate, runs
 from osl_analysis.trial import Array, Trial, marker_columns
 from osl_analysis.walking.walking_settings import CalibrationSettings, MarkerSettings
 
@@ -40,6 +40,7 @@ HIGHEST_FOOT_M = 0.05  # of the foot's markers above the shank's; standing, they
 # A gap is bridged by a cubic through the frames on either side of it
 SIDE_S = 0.015  # of the frames on either side
 FEWEST_SIDE_FRAMES = 4
+FEWEST_HELD = 3  # repeats in a row; noise repeats a place of three coordinates once at most
 
 
 @dataclass(frozen=True)
@@ -198,8 +199,21 @@ def segment_poses(
     """
     time, tracks = marker_tracks(trial, names)
     reference = calibration.positions(names, trial.name)
-    poses = cluster_poses(reference, tracks, settings.largest_residual_mm * 1e-3)
+    poses = cluster_poses(reference, without_held(tracks), settings.largest_residual_mm * 1e-3)
     return time, bridge_gaps(time, poses, settings.longest_gap_s)
+
+
+def without_held(tracks: Array) -> Array:
+    """Tracks (n, m, 3) of a cluster, NaN where a marker repeats its place while another one moves:
+    some programs repeat the last place until a hidden marker returns."""
+    seen = tracks.copy()
+    steps = np.abs(np.diff(tracks, axis=0)).sum(axis=2)
+    cluster_moves = (steps > 0).any(axis=1)
+    for of_marker, marker_steps in zip(np.moveaxis(seen, 1, 0), steps.T, strict=True):
+        for run in runs(cluster_moves & (marker_steps == 0)):
+            if run.stop - run.start >= FEWEST_HELD:
+                of_marker[run.start + 1 : run.stop + 1] = np.nan
+    return seen
 
 
 def cluster_poses(reference: Array, observed: Array, largest_residual: float = np.inf) -> Poses:

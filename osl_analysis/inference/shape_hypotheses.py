@@ -15,6 +15,7 @@ from osl_analysis.trial import Array
 OUTERMOST = (0.002, 0.998)  # quantiles of a torque that are its ends, beside noise
 UNCLIPPED = 0.5  # share of the rows, about the median torque, in which nothing is cut
 CLIPPING_STEPS = 16  # the end and what is beyond it are found in turn
+AT_REST = 0.1  # SD of the velocity, below which the joint rests
 # slope of a recorded torque over the modelled one beyond its end: halfway between a torque that is
 # cut, and one that goes on
 MOST_FOLLOWING = 0.5
@@ -223,9 +224,13 @@ class Clipping(Hypothesis):
         return low, high
 
     def slope_beyond(self, modelled: Array, ends: tuple[float, float]) -> float:
-        """`slope_beyond_ends` of some ends."""
+        """`slope_beyond_ends` of some ends, where the joint moves: rest at a level is no end."""
         low, high = ends
-        beyond = [rows for rows in (modelled > high, modelled < low) if rows.any()]
+        omega = self.data.spectra.omega[self.inside]
+        moves = np.abs(omega) > AT_REST * omega.std()
+        beyond = [
+            rows for rows in (moves & (modelled > high), moves & (modelled < low)) if rows.any()
+        ]
         return slope_beyond_ends(self.recorded, modelled, beyond)
 
     @cached_property

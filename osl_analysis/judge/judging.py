@@ -50,6 +50,7 @@ HAVE_UNCHECKED = (
 """Judged tables in which something may be unchecked."""
 # by what could not be checked: the doubt that covers it
 DOUBT_THAT_COVERS = {"rest_torque": "assumed_zero"}
+UNEXPLAINED = "unexplained_torque"  # finding of torque that no cause explains
 EXCLUDED = "excluded"  # column with the reason why a row has no fit; null in rows with a fit
 RowFindings = list[list[Finding]]  # for each row of a table
 
@@ -192,9 +193,12 @@ def findings_of_row(
     not be checked."""
     doubts: list[Finding] = []
     remarks: list[Finding] = []
+    is_explained = all(in_row.cause.name != UNEXPLAINED for in_row in causes)
     for in_row in causes:
         finding = finding_of_cause(table, row, in_row, remedy)
         if is_within_accuracy(table, row, in_row.cause, in_row.numbers, accuracy):
+            if not is_explained:  # so that this cause does not tell how far estimates are off
+                continue
             remarks.append(replace(finding, grade=Grade.NOTES, remedy=Remedy.NONE))
         else:
             doubts.append(finding)

@@ -8,6 +8,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from osl_analysis.inference.constants import FEWEST_STEPS
 from osl_analysis.inference.hypothesis import Candidate, Hypothesis, OneParameter, Search
 from osl_analysis.inference.least_squares import solve_scaled
 from osl_analysis.trial import Array
@@ -15,7 +16,6 @@ from osl_analysis.trial import Array
 OUTERMOST = (0.002, 0.998)  # quantiles of a torque that are its ends, beside noise
 UNCLIPPED = 0.5  # share of the rows, about the median torque, in which nothing is cut
 CLIPPING_STEPS = 16  # the end and what is beyond it are found in turn
-AT_REST = 0.1  # SD of the velocity, below which the joint rests
 # slope of a recorded torque over the modelled one beyond its end: halfway between a torque that is
 # cut, and one that goes on
 MOST_FOLLOWING = 0.5
@@ -182,7 +182,10 @@ class Clipping(Hypothesis):
             has_moved = bool((change > LAST_STEP * np.abs(coefficients)).any())
             if ends == ends_before and not has_moved:
                 break
-        if self.slope_beyond(modelled, ends_before) > MOST_FOLLOWING:
+        # at rest at a level the model goes beyond what is recorded by rounding of the angle
+        rounding = FEWEST_STEPS * self.data.spectra.signals.encoder_step * abs(coefficients[0])
+        is_rounding = np.abs(missing).max() < rounding
+        if is_rounding or self.slope_beyond(modelled, ends_before) > MOST_FOLLOWING:
             return []
         return [Candidate(self, self.data.motion, torque)]
 
@@ -224,13 +227,9 @@ class Clipping(Hypothesis):
         return low, high
 
     def slope_beyond(self, modelled: Array, ends: tuple[float, float]) -> float:
-        """`slope_beyond_ends` of some ends, where the joint moves: rest at a level is no end."""
+        """`slope_beyond_ends` of some ends."""
         low, high = ends
-        omega = self.data.spectra.omega[self.inside]
-        moves = np.abs(omega) > AT_REST * omega.std()
-        beyond = [
-            rows for rows in (moves & (modelled > high), moves & (modelled < low)) if rows.any()
-        ]
+        beyond = [rows for rows in (modelled > high, modelled < low) if rows.any()]
         return slope_beyond_ends(self.recorded, modelled, beyond)
 
     @cached_property

@@ -138,19 +138,6 @@ def test_gap_is_left_out():
     assert found.impedance.K.value == pytest.approx(K, rel=1e-3)
 
 
-def test_offset_of_the_torque_does_not_lower_the_held_out_vaf_near_gaps():
-    time, torque, _ = driven()
-    usable = np.ones(len(time), dtype=bool)
-    for start in np.arange(3.0, 18.0, 2.0):
-        usable &= (time < start) | (time > start + 0.8)
-
-    about_zero = inferred(torque, usable=usable)
-    with_offset = inferred(torque + 20.0, usable=usable)
-
-    assert about_zero.VAF_held_out > 99.5
-    assert with_offset.VAF_held_out == pytest.approx(about_zero.VAF_held_out, abs=0.05)
-
-
 def test_stiffness_that_differs_by_direction_is_harm_of_its_half_difference():
     theta = driven()[2]
     sign = np.tanh(velocity() / 1e-2)

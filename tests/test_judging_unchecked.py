@@ -86,7 +86,7 @@ def test_a_constant_torque_tells_that_a_fixture_may_hang_about_another_angle():
 
 @pytest.mark.parametrize(("B", "is_told"), [(6.1, True), (3.1, False), (1.4, True)])
 def test_a_damping_unlike_B_d_beside_a_K_of_K_d_is_told(B, is_told):
-    row = {"trial": "a", "K_over_K_d": 1.01, "B": B, "B_d": 3.0}
+    row = {"trial": "a", "B": B, "B_over_B_d": B / 3.0}
 
     names = {finding.name for finding in unchecked_in("impedance", row)}
 

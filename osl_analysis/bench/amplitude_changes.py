@@ -13,7 +13,7 @@ from osl_analysis.trial import Array
 CHANGING = ("K", "B")  # with the amplitude, by play, a stiffening spring or friction
 
 
-def amplitudes_row(analysis: Analysis) -> Row:
+def amplitudes_row(analysis: Analysis, tells_range: bool = True) -> Row:
     """Compare the fits to single amplitudes.
 
     A stiffening spring, or play, changes K with the amplitude; friction changes K and B. A change
@@ -24,6 +24,9 @@ def amplitudes_row(analysis: Analysis) -> Row:
     ----------
     analysis
         Eq. 15 of a trial, for each amplitude and for all.
+    tells_range
+        Whether the estimates of all amplitudes are of this fit, so that those of single ones may
+        stand beside them.
 
     Returns
     -------
@@ -36,7 +39,7 @@ def amplitudes_row(analysis: Analysis) -> Row:
     labels = sorted(label for label in analysis.fits if isinstance(label, float))
     if len(labels) < 2:
         return row
-    for name in CHANGING:
+    for name in CHANGING if tells_range else ():
         of_single = [analysis.fits[label][name] for label in labels]
         row[f"{name}_amplitudes_low"] = min(of_single)
         row[f"{name}_amplitudes_high"] = max(of_single)

@@ -114,6 +114,10 @@ def fit_groups(
     )
 
 
+HeldOut = list[tuple[NDArray[np.bool_], list[NDArray[np.bool_]]]]
+"""Groups (m,) that are fitted, and the parts that this fit predicts."""
+
+
 def accounted_for(left: float, varied: float, square: float) -> float:
     """VAF [percent] of a variance of which some is left; as `variance_accounted_for` if the signal
     is constant."""
@@ -123,8 +127,17 @@ def accounted_for(left: float, varied: float, square: float) -> float:
     return 100.0 if left <= rounding else 0.0
 
 
-def held_out_vaf(s: Sums, model: Mapping[str, str], label: Label = None) -> float | None:
-    """Lowest VAF [percent] of groups that a fit did not use, each with its own offset.
+def held_out_vaf(s: Sums, model: Mapping[str, str], parts: HeldOut) -> float | None:
+    """Lowest VAF [percent] of groups that a fit did not use, each part with its own offset.
+
+    Parameters
+    ----------
+    s : Sums
+        Sums of the recording.
+    model : Mapping
+        Column of each estimate.
+    parts : HeldOut
+        `every_third`, or `other_amplitudes` of a label.
 
     Returns
     -------
@@ -134,7 +147,7 @@ def held_out_vaf(s: Sums, model: Mapping[str, str], label: Label = None) -> floa
     columns = s.index(list(model.values()))
     one = s.index(["one"])[0]
     found = []
-    for fitted, held_out in held_out_groups(s.groups, label):
+    for fitted, held_out in parts:
         total = s.over(fitted)
         if total[one, one] <= len(model):
             return None
@@ -149,14 +162,15 @@ def held_out_vaf(s: Sums, model: Mapping[str, str], label: Label = None) -> floa
     return min(found, default=None)
 
 
-def held_out_groups(
-    groups: Groups, label: Label
-) -> list[tuple[NDArray[np.bool_], list[NDArray[np.bool_]]]]:
-    """Groups (m,) that are fitted, and the parts that this fit predicts.
+def every_third(groups: Groups) -> HeldOut:
+    """Two of three groups in their order in time, such as cycles, and the third."""
+    place = np.argsort(np.argsort(groups.first, kind="stable"), kind="stable") % 3
+    return [(place != k, [place == k]) for k in np.unique(place)]
 
-    Of a label: itself, and each other label. Of all: the other labels, and each label. With one
-    label: the rest, and each third of the groups, one after the other.
-    """
+
+def other_amplitudes(groups: Groups, label: Label) -> HeldOut:
+    """Of a label: itself, and each other label. Of all: the other labels, and each label. With one
+    label: the rest, and each third of the groups, one after the other."""
     labels = groups.labels
     if label is not None:
         return [(groups.of(label), [groups.of(other) for other in labels if other != label])]

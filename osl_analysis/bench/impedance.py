@@ -18,7 +18,7 @@ from osl_analysis.bench.analysis import (
     without_lag,
 )
 from osl_analysis.bench.effects import IMPEDANCE
-from osl_analysis.bench.group_fit import GroupFit
+from osl_analysis.bench.group_fit import GroupFit, every_third, held_out_vaf
 from osl_analysis.bench.group_sums import Sums, estimates_of, solved
 from osl_analysis.bench.identifiability import turn_deg
 from osl_analysis.bench.joint_inference import impedance_fits
@@ -158,8 +158,10 @@ def impedance_table(
     of_trial: Row = {
         **motion_row(record),
         "K_s_ratio": belt.K_s / p.K_s if belt and p else None,
+        "clock_ppm": clock_difference(record),
+        "VAF_held_out": held_out_vaf(analysis.sums, analysis.model, every_third(record.groups)),
     }
-    over_amplitudes = amplitudes_row(analysis)
+    over_amplitudes = amplitudes_row(analysis, fits[None].estimator is None)
     rows: list[Row] = []
     for label, fit in analysis.fits.items():
         rows.append(
@@ -203,6 +205,14 @@ def motion_row(record: Record) -> Row:
     if record.periodic is not None:
         row["excitation"] = "periodic"
     return row
+
+
+def clock_difference(record: Record) -> float | None:
+    """Largest difference between the rates of two clocks [ppm]; None where there is one clock."""
+    streams = record.uniform.streams if record.uniform else ()
+    ppm = [stream["ppm"] for stream in streams if stream["ppm"] is not None]
+    apart = max(ppm, default=0.0) - min(ppm, default=0.0)
+    return apart or None  # channels of one clock have the same rate
 
 
 def lag_row(lag: Fault | None, fit: GroupFit) -> Row:
@@ -262,6 +272,7 @@ def impedance_with_evidence(
         names_impedance or has_belt,
         None if predicted is None else predicted[0],
         None if desired is None else desired.K_d,
+        None if desired is None else desired.B_d,
     )
     if predicted is None and record.calibration.torque_gain:
         table = table.with_columns(gain_error=pl.lit(0.0))  # a known spring holds it

@@ -6,6 +6,7 @@ A value is never overwritten: one that is widened is a new value.
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
+from osl_analysis.bench.analysis import QUANTITIES
 from osl_analysis.stats.estimates import Estimate, Impedance
 from osl_analysis.stats.table_rows import INTERVAL_ENDS, Row
 
@@ -68,8 +69,8 @@ class SuspectedFault:
     offered : Impedance or None
         K, B and I beside the fault. None where no fault is probable and does harm, or where parts
         of the recording that no fit has seen do not prefer it.
-    VAF_held_out : float
-        Variance of the torque that is accounted for in unseen parts, in the motion's band [%].
+    unexplained_shares : tuple of float
+        Shares of K, B and I by which torque that nothing explains could move them at most.
     delay_told_s : float or None
         Standard error to which the recording tells a delay [s].
     """
@@ -79,7 +80,7 @@ class SuspectedFault:
     family: str | None
     explanations: str | None
     offered: Impedance | None
-    VAF_held_out: float
+    unexplained_shares: tuple[float, float, float]
     delay_told_s: float | None = None
 
 
@@ -101,7 +102,10 @@ def fault_columns(
             "explanations": fault.explanations,
         }
     offered = fault.offered if fault else None
+    unexplained = fault.unexplained_shares if fault else (None, None, None)
+    shares = dict(zip(QUANTITIES, unexplained, strict=True))
     for symbol, column in symbols.items():
+        facts[f"{column}_unexplained_share"] = shares[symbol]
         estimate = getattr(offered, symbol) if offered else None
         facts.update(estimate_columns(f"{column}_without", estimate))
     return facts
@@ -125,9 +129,6 @@ class JointFit:
         What may be wrong; None of a leg, whose drivetrain is no fault of the recording.
     delay_told_s : float or None
         Standard error to which the recording tells a delay that nobody states and none finds [s].
-    VAF_in_band : float or None
-        Variance of the torque that is accounted for in unseen parts, in the motion's band [%]; of a
-        leg, and of a recording that is too short to leave parts out, by Eq. 15.
     estimator : str or None
         What gave K, B and I; None of least squares (Eq. 15).
     """
@@ -136,7 +137,6 @@ class JointFit:
     friction: FrictionFit | None = None
     suspected_fault: SuspectedFault | None = None
     delay_told_s: float | None = None
-    VAF_in_band: float | None = None
     estimator: str | None = None
 
     def widened_to_include(self, other: "JointFit") -> "JointFit":
@@ -171,5 +171,4 @@ class JointFit:
             **friction_columns(self.friction),
             **fault_columns(self.suspected_fault),
             "delay_told_s": self.delay_told_s,
-            "VAF_in_band": self.VAF_in_band,
         }

@@ -55,9 +55,7 @@ def impedance_fits(analysis: Analysis, s: Sums, is_leg: bool) -> dict[Label, Joi
     coulomb = coulomb_fits(s, analysis, friction_is_certain)
 
     equation_15 = Impedance.of_fit(analysis.calibrated(analysis.whole))
-    least_squares = JointFit(
-        equation_15, by_coulomb(coulomb.get(None)), VAF_in_band=analysis.whole.vaf
-    )
+    least_squares = JointFit(equation_15, by_coulomb(coulomb.get(None)))
     whole = whole_fit(least_squares, inferred, coulomb.get(None), errors, is_leg, record)
     if record.with_other_stamps is not None:
         again = None if is_leg else inferred_from(read_otherwise(record), is_leg)
@@ -76,7 +74,6 @@ def impedance_fits(analysis: Analysis, s: Sums, is_leg: bool) -> dict[Label, Joi
             friction=by_coulomb(coulomb.get(label)),
             suspected_fault=whole.suspected_fault,
             delay_told_s=whole.delay_told_s,
-            VAF_in_band=whole.VAF_in_band,
         )
     return fits
 
@@ -181,7 +178,6 @@ def joint_fit(
         friction=friction,
         suspected_fault=suspected_fault_of(inferred, known_errors),
         delay_told_s=inferred.delay_told_s if tells_delay else None,
-        VAF_in_band=inferred.VAF_held_out,
         estimator=MIXTURE_BESIDE_FRICTION if takes_friction_off else MIXTURE,
     )
 
@@ -201,7 +197,7 @@ def suspected_fault_of(
         family=fault.family if fault else None,
         explanations=named_explanations(inferred) if fault else None,
         offered=offered,
-        VAF_held_out=inferred.VAF_held_out,
+        unexplained_shares=inferred.unexplained_shares,
         delay_told_s=inferred.delay_told_s,
     )
 

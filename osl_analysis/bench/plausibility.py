@@ -134,6 +134,7 @@ def plausible_impedance(
     is_this_leg: bool = True,
     predicted: float | None = None,
     K_d: float | None = None,
+    B_d: float | None = None,
 ) -> pl.DataFrame:
     """Hold the estimates of Eq. 15 against the belt, the gains and the sample sheet.
 
@@ -151,15 +152,16 @@ def plausible_impedance(
         device.
     predicted
         K by linear theory [N*m/rad]; None: the gains are not known.
-    K_d
-        The stated one [N*m/rad].
+    K_d, B_d
+        The stated ones [N*m/rad, N*m*s/rad].
 
     Returns
     -------
     polars.DataFrame
         The table with `saturated_samples`, `K_over_K_s`, and `K_ratio`, K over the predicted one,
-        with `gain_error`, or `K_over_K_d`. These take K without friction where that is known, and
-        `K_ratio`, else, K at the largest amplitude, where friction changes it least.
+        with `gain_error`, or `K_over_K_d` and `B_over_B_d`. These take K without friction where
+        that is known, and `K_ratio`, else, K at the largest amplitude, where friction changes it
+        least.
 
     Raises
     ------
@@ -175,6 +177,7 @@ def plausible_impedance(
     over_predicted = none
     gain_error = none
     over_K_d = none
+    over_B_d = none
     over_K_s = none
     of_spring = largest
     if last.get("K_without_friction") is not None:
@@ -187,6 +190,7 @@ def plausible_impedance(
         gain_error = beyond_most + below_least
     elif K_d:
         over_K_d = of_spring / K_d
+        over_B_d = pl.lit(last["B"] / B_d if B_d else None, pl.Float64)
     if p is not None:
         over_K_s = pl.col("K") / p.K_s
         if not is_this_leg:
@@ -197,6 +201,7 @@ def plausible_impedance(
         K_ratio=over_predicted,
         gain_error=gain_error,
         K_over_K_d=over_K_d,
+        B_over_B_d=over_B_d,
     )
 
 

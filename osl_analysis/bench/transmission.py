@@ -6,7 +6,7 @@ from osl_analysis.bench import effects
 from osl_analysis.bench.analysis import Analysis, analysed
 from osl_analysis.bench.coulomb import CoulombFit, coulomb_fits
 from osl_analysis.bench.effects import TRANSMISSION
-from osl_analysis.bench.group_fit import held_out_vaf
+from osl_analysis.bench.group_fit import held_out_vaf, other_amplitudes
 from osl_analysis.bench.joint_fit import LOSSES_SYMBOLS, estimate_columns, fault_columns
 from osl_analysis.bench.joint_inference import suspected_fault_of_losses
 from osl_analysis.bench.record import Record
@@ -44,7 +44,9 @@ def transmission_table(analysis: Analysis) -> pl.DataFrame:
                 **losses_friction_columns(friction.get(label)),
                 "J_j_weightless": weight["J_j"],
                 "weight_share": share_of_weight,
-                "VAF_held_out": held_out_vaf(analysis.sums, analysis.model, label),
+                "VAF_held_out": held_out_vaf(
+                    analysis.sums, analysis.model, other_amplitudes(record.groups, label)
+                ),
                 "load_cell_drift": 60 * record.drift,
                 **analysis.time_base_row(label, LOSSES),
                 **fault_columns(fault, LOSSES_SYMBOLS),

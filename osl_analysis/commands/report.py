@@ -173,8 +173,9 @@ def signals_of(
     for recording in (files.crossings.get(trial), files.trials.get(trial)):
         if recording is None:
             continue
-        samples = pl.read_parquet(recording)  # none of a crossing that was excluded
-        if len(samples) and {"torque", "theta"} & {*samples.columns}:
+        shown = sorted(SHOWN & pl.read_parquet_schema(recording).keys())
+        samples = pl.read_parquet(recording, columns=shown)  # none of a crossing that is excluded
+        if len(samples) and len(shown) > 1:
             return of_recording(samples, f"{motion} (deg)")
     return None
 

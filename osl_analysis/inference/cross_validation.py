@@ -12,7 +12,7 @@ import numpy as np
 
 from osl_analysis.inference.constants import BLOCKS
 from osl_analysis.inference.hypothesis import Candidate
-from osl_analysis.inference.least_squares import RIDGE, TINY, lengths_of
+from osl_analysis.inference.least_squares import RIDGE, TINY
 from osl_analysis.inference.whitening import Whitened
 from osl_analysis.trial import Array
 
@@ -68,11 +68,11 @@ class Predicted:
 
 @dataclass(frozen=True)
 class Layout:
-    """Where the columns of a candidate stand: its own, its slope, friction, offset and drift.
+    """Where the columns of a candidate stand: its own, its slope and friction.
 
     Attributes
     ----------
-    own, friction, slow : slice
+    own, friction : slice
         Places of these columns; an empty slice without friction.
     slope : int or None
         Place of the derivative by its own parameter; None without one.
@@ -81,7 +81,6 @@ class Layout:
     own: slice
     slope: int | None
     friction: slice
-    slow: slice
 
 
 def layout_of(data: Whitened, candidate: Candidate, has_friction: bool) -> Layout:
@@ -96,7 +95,6 @@ def layout_of(data: Whitened, candidate: Candidate, has_friction: bool) -> Layou
         own=slice(0, width),
         slope=width if has_slope else None,
         friction=slice(friction_from, friction_to),
-        slow=slice(friction_to, friction_to + len(data.slow)),
     )
 
 
@@ -292,40 +290,3 @@ class Predictor:
             left=fit.left,
             rounding_left=rounding_left,
         )
-
-
-def vaf_of_unseen_blocks(data: Whitened, fit: Predicted) -> float:
-    """Compute the variance of the torque that fits to other parts account for [%].
-
-    Every third block is left out in turn; the worst of the three counts. The torque is that in the
-    motion's band, less the load cell's offset and drift, and less its mean in each block. Near
-    gaps an offset begins and ends with the window, so that a mean does not take it off.
-    """
-    columns = all_columns(data, fit.candidate, fit.has_friction)
-    length = lengths_of(columns)
-    columns = columns / length[:, None]
-    with_torque = np.vstack([columns, fit.candidate.torque])
-    blocks = normal_matrices(with_torque, with_torque)
-    ridge = RIDGE * np.eye(len(columns))
-    of_all = blocks.sum(axis=0)
-    of_all_blocks = np.linalg.solve(of_all[:-1, :-1] + ridge, of_all[:-1, -1])
-
-    in_time = data.unwhitened(with_torque)
-    slow = layout_of(data, fit.candidate, fit.has_friction).slow
-    moving = np.delete(np.arange(len(columns)), slow)
-    torque_in_time = in_time[-1] - of_all_blocks[slow] @ in_time[slow]
-    edges = block_edges(columns.shape[1])
-    found = []
-    for third in range(3):
-        left_out = np.arange(BLOCKS) % 3 == third
-        total = blocks[~left_out].sum(axis=0)
-        estimates = np.linalg.solve(total[:-1, :-1] + ridge, total[:-1, -1])
-        missed, varied = 0.0, 0.0
-        for block in np.flatnonzero(left_out):
-            rows = slice(edges[block], edges[block + 1])
-            torque = torque_in_time[rows]
-            residual = torque - estimates[moving] @ in_time[moving, rows]
-            missed += float(np.sum((residual - residual.mean()) ** 2))
-            varied += float(np.sum((torque - torque.mean()) ** 2))
-        found.append(100 * (1 - missed / varied))
-    return min(found)

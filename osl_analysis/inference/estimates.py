@@ -65,8 +65,8 @@ class ImpedanceInference:
     delay_told_s : float or None
         Standard error to which the recording itself tells a delay between angle and torque [s];
         None for a drivetrain, whose belt tells it.
-    VAF_held_out : float
-        Variance of the torque accounted for by fits to the other blocks [%], in the motion's band.
+    unexplained_shares : tuple of float
+        Shares of K, B and I by which torque that no hypothesis explains could move them at most.
     """
 
     impedance: Impedance
@@ -77,4 +77,4 @@ class ImpedanceInference:
     doubt: Explanation | None
     explanations: tuple[Explanation, ...]
     delay_told_s: float | None
-    VAF_held_out: float
+    unexplained_shares: tuple[float, float, float]

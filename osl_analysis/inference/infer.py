@@ -15,7 +15,7 @@ import numpy as np
 from osl_analysis.errors import NotWeighedError
 from osl_analysis.inference.acceleration_jumps import acceleration_jumps
 from osl_analysis.inference.constants import HARM_FLOOR, HARM_SHARE, LIKELY
-from osl_analysis.inference.cross_validation import Predicted, Predictor, vaf_of_unseen_blocks
+from osl_analysis.inference.cross_validation import Predicted, Predictor
 from osl_analysis.inference.estimates import (
     Explanation,
     ImpedanceInference,
@@ -33,6 +33,7 @@ from osl_analysis.inference.mixture import (
 )
 from osl_analysis.inference.rounding_errors import rounding_torques
 from osl_analysis.inference.spectra import BenchSignals, Spectra
+from osl_analysis.inference.unexplained import largest_shifts
 from osl_analysis.inference.whitening import Whitened
 from osl_analysis.stats.estimates import Estimate, Impedance
 from osl_analysis.trial import Array
@@ -78,9 +79,11 @@ def infer_impedance(
         )
     data = Whitened(spectra)
     fits, rounding = fit_all(data)
+    plain_left = fits[0].left  # by Eq. 15 alone
     weighed, at = weigh(fits, spectra.freedom, not signals.has_drivetrain)
     best_sound = weighed[at]
-    matters = np.array(accuracy) * np.hypot(best_sound.impedance, HARM_FLOOR)
+    sizes = np.hypot(best_sound.impedance, HARM_FLOOR)
+    matters = np.array(accuracy) * sizes
 
     faults = [each for each in weighed if each.family != ""]
     faults.sort(key=lambda each: -each.weight)
@@ -91,7 +94,8 @@ def infer_impedance(
     if fault_probability > LIKELY and harm > 1:
         doubt = most_probable_family(faults, explanations)
 
-    best = max(weighed, key=lambda each: each.weight)
+    best = max(weighed, key=lambda each: each.weight).fit
+    of_K, of_B, of_I = largest_shifts(data, best, plain_left, best_sound.impedance) / sizes
     return ImpedanceInference(
         impedance=impedance_of(mixed(weighed)),
         sound=impedance_of(best_sound.parts),
@@ -101,7 +105,7 @@ def infer_impedance(
         doubt=doubt,
         explanations=explanations,
         delay_told_s=None if signals.has_drivetrain else told_delay(data, best_sound.fit, rounding),
-        VAF_held_out=vaf_of_unseen_blocks(data, best.fit),
+        unexplained_shares=(float(of_K), float(of_B), float(of_I)),
     )
 
 

@@ -8,6 +8,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from osl_analysis.inference.constants import FEWEST_STEPS
 from osl_analysis.inference.hypothesis import Candidate, Hypothesis, OneParameter, Search
 from osl_analysis.inference.least_squares import solve_scaled
 from osl_analysis.trial import Array
@@ -181,7 +182,10 @@ class Clipping(Hypothesis):
             has_moved = bool((change > LAST_STEP * np.abs(coefficients)).any())
             if ends == ends_before and not has_moved:
                 break
-        if self.slope_beyond(modelled, ends_before) > MOST_FOLLOWING:
+        # at rest at a level the model goes beyond what is recorded by rounding of the angle
+        rounding = FEWEST_STEPS * self.data.spectra.signals.encoder_step * abs(coefficients[0])
+        is_rounding = np.abs(missing).max() < rounding
+        if is_rounding or self.slope_beyond(modelled, ends_before) > MOST_FOLLOWING:
             return []
         return [Candidate(self, self.data.motion, torque)]
 

@@ -142,11 +142,6 @@ class Whitened:
         """Whiten signals (..., p) at the product rate; returns rows (..., m)."""
         return self.column(self.spectra.spectrum_of(x))
 
-    def unwhitened(self, rows: Array) -> Array:
-        """Take the whitening off rows (k, m); near ends and gaps a part of it stays."""
-        assert self._whitening.gain is not None
-        return RowFilter(self.spectra, 1 / self._whitening.gain).of_rows(rows)
-
 
 def whitening_gain(spectra: Spectra, rich: Spectrum) -> Array:
     """Find the whitening gain (f,) from what a rich model leaves of the torque.

@@ -28,7 +28,8 @@ class CauseInRow:
 LEAST_EFFECT = 1.0  # limit of what is decided by its effect, a multiple of what is worth telling
 # relative differences between components and their file have a standard deviation of 2 %
 NEAR_UNIT = 0.04  # of a ratio to a unit's factor
-NEAR_UNIT_OF_CURVE = 0.015  # the same, of the ratio to a desired curve
+RATIOS_TO_STATED = ("desired_ratio", "K_over_K_d")  # to a desired curve, or to stated gains
+NEAR_STATED = 0.015  # of these ratios to a unit's factor, and of a second one to the first
 NEAR_SECOND_RATIO = 0.1  # of the second ratio to what another unit would make of it
 LARGEST_UNCERTAINTY = 1.05  # upper end over estimate, above which a ratio tells no unit
 FAR_BEYOND = 1.15  # of a limit: a cause of others that is farther beyond it precedes them
@@ -128,8 +129,11 @@ def suspected_unit(name: str, ratio: float, row: AnyRow) -> str:
     high = cell_number(row, f"{symbol}_high")
     if estimate and high and high > LARGEST_UNCERTAINTY * estimate:
         return ""
-    is_current_likely = abs(second_ratio - 1) < NEAR_SECOND_RATIO
-    are_others_likely = abs(second_ratio / ratio - 1) < NEAR_SECOND_RATIO
+    near, near_second = NEAR_UNIT, NEAR_SECOND_RATIO
+    if name in RATIOS_TO_STATED:
+        near = near_second = NEAR_STATED
+    is_current_likely = abs(second_ratio - 1) < near_second
+    are_others_likely = abs(second_ratio / ratio - 1) < near_second
     of_current: list[str] = []
     of_others: list[str] = []
     for signal in evidence.signals:
@@ -137,13 +141,13 @@ def suspected_unit(name: str, ratio: float, row: AnyRow) -> str:
             of_current.append(signal)
         if signal != "current" and are_others_likely:
             of_others.append(signal)
-    near = NEAR_UNIT_OF_CURVE if symbol == "desired" else NEAR_UNIT
     factor_name, _ = known_factor(ratio, of_current + of_others, near)
     return factor_name
 
 
-def cause_of(name: str, value: float, row: AnyRow) -> KnownFinding:
+def cause_of(number: Beyond, row: AnyRow) -> KnownFinding:
     """The cause of a number beyond its limit; for an unknown column its name."""
+    name, value = number.column, number.value
     if name not in EVIDENCE:
         return known_finding(name)
     if suspected_unit(name, value, row):
@@ -154,14 +158,14 @@ def cause_of(name: str, value: float, row: AnyRow) -> KnownFinding:
         return FINDINGS[HYPOTHESES[str(row["fault_family"])]]
     if name == "K_change" and (value > 0 or row.get("fault_family") == "size"):
         return FINDINGS["nonlinear_spring"]
-    return FINDINGS[EVIDENCE[name].finding]
+    return FINDINGS[EVIDENCE[name].on_side(number.side).finding]
 
 
 def explaining(row: AnyRow, numbers: Mapping[str, Beyond]) -> KnownFinding | None:
     """The first cause in a row that makes its fit worse; harmonics alone count as friction."""
     columns = [name for name in numbers if name in EVIDENCE]
     for name in sorted(columns, key=lambda name: EVIDENCE[name].is_misfit):
-        cause = cause_of(name, numbers[name].value, row)
+        cause = cause_of(numbers[name], row)
         if cause.explains_misfit:
             return cause
     return None
@@ -171,7 +175,8 @@ def rank_of(number: Beyond) -> int:
     """The place of evidence among that of its row: causes of others first, unknown ones last."""
     if number.column not in EVIDENCE:
         return 2
-    causes_others = FINDINGS[EVIDENCE[number.column].finding].causes_others
+    finding = EVIDENCE[number.column].on_side(number.side).finding
+    causes_others = FINDINGS[finding].causes_others
     return 0 if causes_others and number.excess > FAR_BEYOND else 1
 
 
@@ -197,7 +202,7 @@ def causes_in(
     numbers_of: dict[str, list[Beyond]] = {}
     for number in sorted(numbers.values(), key=rank_of):
         is_misfit = number.column in EVIDENCE and EVIDENCE[number.column].is_misfit
-        cause = cause_of(number.column, number.value, row)
+        cause = cause_of(number, row)
         if misfit_by is not None and is_misfit:
             cause = misfit_by
         numbers_of.setdefault(cause.name, []).append(number)

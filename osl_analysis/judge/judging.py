@@ -28,7 +28,7 @@ from osl_analysis.judge.finding import (
     cell_number,
     subject_of,
 )
-from osl_analysis.judge.known_findings import EVIDENCE, FINDINGS, KnownFinding
+from osl_analysis.judge.known_findings import EVIDENCE, FINDINGS, HYPOTHESES, KnownFinding
 from osl_analysis.judge.limits import Accuracy, Limits
 from osl_analysis.judge.moved_estimates import (
     corrections,
@@ -51,6 +51,8 @@ HAVE_REMARKS = (
 """Judged tables of which something may be remarked, or could not be checked."""
 # by what could not be checked: the doubt that covers it
 DOUBT_THAT_COVERS = {"rest_torque": "assumed_zero"}
+UNEXPLAINED = "unexplained_torque"  # finding of torque that no rival explains
+RIVALS = set(HYPOTHESES.values())
 EXCLUDED = "excluded"  # column with the reason why a row has no fit; null in rows with a fit
 RowFindings = list[list[Finding]]  # for each row of a table
 
@@ -194,9 +196,14 @@ def findings_of_row(
     or have little effect, and what could not be checked."""
     doubts: list[Finding] = []
     remarks: list[Finding] = []
+    is_unexplained = any(in_row.cause.name == UNEXPLAINED for in_row in causes)
     for in_row in causes:
         finding = finding_of_cause(table, row, in_row, remedy)
+        if finding.name == UNEXPLAINED and any(doubt.name in RIVALS for doubt in doubts):
+            continue  # a rival explains what it can
         if is_within_accuracy(table, row, in_row.cause, in_row.numbers, accuracy):
+            if is_unexplained and finding.name in RIVALS:
+                continue  # it does not tell how far the estimates are off
             remarks.append(replace(finding, grade=Grade.NOTES, remedy=Remedy.NONE))
         elif in_row.cause.is_result:
             remarks.append(replace(finding, grade=Grade.NOTES))

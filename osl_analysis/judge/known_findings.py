@@ -2,7 +2,7 @@
 (`findings.yaml`)."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -92,6 +92,8 @@ class Evidence:
         empty: the number is no such ratio.
     says
         How large the finding is, by this number; empty: the number is not told.
+    below
+        `finding` and `says` of a number below its limit, where they differ.
     """
 
     column: str
@@ -104,6 +106,14 @@ class Evidence:
     signals: Sequence[str] = ("torque", "angle")
     second_ratio: str = ""
     says: str = ""
+    below: Mapping[str, str] = field(default_factory=dict)
+
+    def on_side(self, side: str) -> "Evidence":
+        """The same, of a number on this side of its limit."""
+        if side != "below" or not self.below:
+            return self
+        fields: dict[str, Any] = {**self.below}
+        return replace(self, **fields)
 
 
 TOLERANCE = 1e-3  # of a threshold: clocks of 100 Hz that nobody set run at 99.99 Hz

@@ -104,10 +104,12 @@ def unchecked_in_impedance(row: AnyRow) -> Iterator[str]:
         yield "late_torque_unseen"
     if lacks(row, "gain_error"):
         yield "wrong_gain_unseen"
+    if lacks(row, "clock_ppm") and row.get("amplitude_deg") is None:
+        yield "clock_rate_unseen"
     if weight_by_rest(row) > LEAST_REST_SHARE * abs(cell_number(row, "K") or 0.0):
         yield "zeros_disagree"
     low, high = USUAL_DAMPING
-    ratio = damping_ratio(row)
+    ratio = cell_number(row, "B_over_B_d")
     if ratio is not None and not low < ratio < high:
         yield "damping_unlike_B_d"
 
@@ -119,14 +121,6 @@ def weight_by_rest(row: AnyRow) -> float:
     if not weight or offset is None:
         return 0.0
     return weight - math.sqrt(max(weight**2 - offset**2, 0.0))
-
-
-def damping_ratio(row: AnyRow) -> float | None:
-    """B over the B_d of the sheet, where K is told by K_d; None where B_d is not stated, or 0."""
-    B, B_d = cell_number(row, "B"), cell_number(row, "B_d")
-    if row.get("K_over_K_d") is None or B is None or not B_d:
-        return None
-    return B / B_d
 
 
 def delay_may_hide(row: AnyRow) -> bool:

@@ -14,7 +14,7 @@ from string import Formatter
 from typing import Any
 
 from osl_analysis.errors import nearest
-from osl_analysis.judge.causes import NEAR_UNIT_OF_CURVE, cause_of, suspected_unit
+from osl_analysis.judge.causes import NEAR_STATED, cause_of, suspected_unit
 from osl_analysis.judge.finding import (
     ESTIMATES,
     AnyRow,
@@ -26,7 +26,7 @@ from osl_analysis.judge.finding import (
 )
 from osl_analysis.judge.known_findings import EVIDENCE, FINDINGS, HYPOTHESES, KnownFinding
 from osl_analysis.judge.moved_estimates import estimate_column
-from osl_analysis.judge.unchecked import MEASURED_BY, damping_ratio, weight_by_rest
+from osl_analysis.judge.unchecked import MEASURED_BY, weight_by_rest
 from osl_analysis.measured import significant
 from osl_analysis.model.compensator import CONTROLLERS
 from osl_analysis.rounding import decimal_places, with_places
@@ -86,10 +86,11 @@ def size_text(finding: Finding, row: AnyRow) -> str:
     details.append(by_friction)
     for number in finding.evidence:
         # a misfit that another cause explains is told by that cause
-        if cause_of(number.column, number.value, row).name != finding.name:
+        if cause_of(number, row).name != finding.name:
             continue
         if number.column in EVIDENCE:
-            details.append(filled(EVIDENCE[number.column].says, Cells(row, number)))
+            says = EVIDENCE[number.column].on_side(number.side).says
+            details.append(filled(says, Cells(row, number)))
     if not by_friction:  # which tells the estimates without it already
         details.append(estimates_without_cause(finding, row))
     details = [detail for detail in dict.fromkeys(details) if detail]
@@ -246,6 +247,12 @@ def symbol_of_ratio(number: Beyond, _: AnyRow) -> str:
     return number.column.removesuffix("_ratio").removesuffix("_high")
 
 
+def unexplained_of(number: Beyond, _: AnyRow) -> str:
+    """How far torque that nothing explains could move the estimate of a column."""
+    estimate = number.column.removesuffix("_unexplained_share")
+    return f"it could move {estimate} by up to {percent(number.value)}"
+
+
 def friction_of_damping(number: Beyond, row: AnyRow) -> str:
     return friction_text(row) or f"it is {percent(number.value)} of the damping"
 
@@ -261,7 +268,7 @@ def unit_factor_text(number: Beyond, row: AnyRow) -> str:
                 break
     else:
         size = max(abs(number.value), 1 / abs(number.value))
-        near = NEAR_LARGE_FACTOR if size > SMALL_FACTOR else NEAR_UNIT_OF_CURVE
+        near = NEAR_LARGE_FACTOR if size > SMALL_FACTOR else NEAR_STATED
         name, factor = known_factor(number.value, EVIDENCE[number.column].signals, near)
     return f", {factor:.3g} is the factor {name}" if name else ""
 
@@ -287,6 +294,7 @@ OF_EVIDENCE: Mapping[str, Callable[[Beyond, AnyRow], str]] = {
     "unit_factor": unit_factor_text,
     "yielding_frame": frame_text,
     "deviation": more_or_less,
+    "unexplained": unexplained_of,
 }
 
 
@@ -471,7 +479,6 @@ COMPUTED: Mapping[str, Callable[[Cells], Any]] = {
     "gain_remedy": gain_remedy,
     "zero_deg": lambda cells: Number(math.degrees(-cells["offset"] / cells["K"])),
     "K_by_rest": lambda cells: Number(weight_by_rest(cells.row)),
-    "B_over_B_d": lambda cells: Number(damping_ratio(cells.row) or 1.0),
     "lag": lag_text,
     "late_remedy": late_remedy,
     "late_torque_of_loss": energy_lost_by_lag,

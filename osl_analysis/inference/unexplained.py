@@ -1,0 +1,60 @@
+"""How far a torque that no hypothesis explains could move K, B and I.
+
+A sensor's noise is normally distributed, and does not know the motion. So the median of its squares
+in the half of the rows that moves least tells its variance in all rows. What the best hypothesis
+leaves beyond it is no such noise: values that stand still, drop out or come late now and then, or
+that are off in proportion to the torque. In the direction of a column it could move the column's
+coefficient by its size over that of the column's own part, and by no more.
+"""
+
+import numpy as np
+import scipy
+
+from osl_analysis.inference.constants import INEXACTNESS
+from osl_analysis.inference.cross_validation import Predicted, all_columns
+from osl_analysis.inference.hypothesis import Search
+from osl_analysis.inference.least_squares import solve_scaled
+from osl_analysis.inference.whitening import Whitened
+from osl_analysis.trial import Array
+
+# median of the squares of normal noise over their mean
+MEDIAN_SQUARE = float(scipy.special.ndtri(0.75)) ** 2
+# what is left over the noise of the rows that move least and over rounding, up to which it is
+# theirs: three standard errors in 20 s of motion to 6 Hz
+MOST_NOISE = 1.6
+
+
+def largest_shifts(data: Whitened, best: Predicted, plain_left: float, impedance: Array) -> Array:
+    """The largest changes of K, B and I (3,) [SI] by torque that no hypothesis explains.
+
+    Parameters
+    ----------
+    data : Whitened
+        The recording.
+    best : Predicted
+        The most probable hypothesis.
+    plain_left : float
+        Sum of squares that Eq. 15 alone leaves.
+    impedance : Array (3,)
+        K, B and I of the joint [SI].
+    """
+    columns = all_columns(data, best.candidate, best.has_friction)
+    torque = best.candidate.torque
+    squares = (torque - solve_scaled(columns, torque) @ columns) ** 2
+
+    # a sine is never still in both its torque and the derivative of it
+    derivatives = data.higher_motion
+    modelled = np.array([impedance @ derivatives[:3], impedance @ derivatives[1:4]])
+    motion = np.sum(modelled**2 / np.mean(modelled**2, axis=1, keepdims=True), axis=0)
+    noise = float(np.median(squares[motion < np.median(motion)])) / MEDIAN_SQUARE
+
+    # no mechanism is exactly its formula
+    of_mechanism = INEXACTNESS**2 * (plain_left - best.left)
+    of_sensors = MOST_NOISE * (noise * len(squares) + best.rounding_left)
+    unexplained = max(float(squares.sum()) - of_sensors - of_mechanism, 0.0)
+
+    search = Search(data, best.has_friction)
+    own_squares = [
+        search.fit(np.delete(data.motion, k, axis=0), data.motion[k])[0] for k in range(3)
+    ]
+    return np.asarray(np.sqrt(unexplained / np.array(own_squares)))

@@ -527,13 +527,3 @@ def test_a_memory_limit_that_is_no_number_is_refused(monkeypatch):
         limited_memory([]),
     ):
         pass
-
-
-def test_help_has_every_command_once_in_its_section():
-    shown = [line.split()[0] for line in call("--help").output.splitlines() if line[:2] == "  "]
-    visible = [name for name, command in main.commands.items() if not command.hidden]
-
-    listed = [name for name in shown if name in main.commands]
-
-    assert sorted(listed) == sorted(visible)
-    assert listed[:3] == ["init", "run", "results"]

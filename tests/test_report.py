@@ -1,10 +1,5 @@
 """The report: how numbers and units are printed, and how to read each figure."""
 
-import re
-
-import pytest
-
-from osl_analysis.figures import FIGURES
 from osl_analysis.report.typography import printed
 
 
@@ -18,12 +13,3 @@ def test_units_symbols_powers_and_minus_signs_are_set_in_one_way_and_names_are_l
         "N·m/deg",
         "torque − model",
     ]
-
-
-@pytest.mark.parametrize("name", FIGURES)
-def test_every_figure_says_in_two_or_three_sentences_how_to_read_it(name):
-    reading = FIGURES[name].reading
-
-    assert re.search(r"\. Good: .+\. Bad: ", reading), "write `What it is. Good: ... Bad: ...`"
-    assert reading.endswith(".")
-    assert len(reading.split()) <= 75

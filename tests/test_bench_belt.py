@@ -89,6 +89,18 @@ def test_belt_intervals_hold_what_drift_makes_of_the_slope():
     assert known.fits["quadratic"].interval_method == "units + drift"
 
 
+def test_a_stated_drift_is_one_per_minute():
+    theta_s, torque = belt_cycle()
+    columns = {"time": np.arange(len(theta_s)) / RATE, "theta": theta_s, "theta_m": 0 * theta_s}
+    trial = Trial("b", pl.DataFrame({**columns, "torque": torque}))
+    settings = BeltAnalysis(cutoff_hz=15, order=4, load_cell_drift=3.0)
+
+    belt = belt_fits.belt_trial(trial, None, settings)
+
+    of_drift = fitted(theta_s, torque, 3.0 / 60).whole.se("K_s")
+    assert belt.whole.se("K_s") == pytest.approx(of_drift, rel=0.02)
+
+
 def test_a_belt_tells_what_a_straight_line_leaves_out():
     """Energy lost to friction of 0.5 N*m over the elastic one; slope of 876 theta + 14913 theta
     |theta| at the peak."""

@@ -270,3 +270,8 @@ def single(gait, perturbed):
 
 def selection(gait, perturbed):
     return selected([*gait, *perturbed], CHOICES)
+
+
+@pytest.mark.parametrize("fit", [single, selection])
+def test_degenerate_crossings_are_fitted_or_refused_in_one_sentence(fit):
+    defined_or_refused(fit, crossings())

@@ -16,8 +16,6 @@ from osl_analysis.dictionary import HERE, described_tables, own_yaml
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path, check_working_folder, digest, file_state
 from osl_analysis.table import (
-    ROW_KEYS,
-    TEXT_COLUMNS,
     finite_or_null,
     read_table,
     with_places,
@@ -31,15 +29,6 @@ def described(place):
     return table.columns
 
 
-@pytest.mark.parametrize("table", described_tables(), ids=lambda table: table.place)
-def test_every_description_has_a_unit_and_a_sentence_that_a_table_of_the_page_can_hold(table):
-    assert table.rows
-    for column in table.columns.values():
-        assert column.unit.strip(), column.name
-        assert column.meaning, column.name
-        assert column.meaning == column.meaning.strip().removesuffix("."), column.name
-
-
 @pytest.mark.parametrize(
     "path", [*HERE.glob("*.yaml"), *HERE.parent.glob("figures/*.yaml")], ids=lambda path: path.name
 )
@@ -51,22 +40,6 @@ def test_endings_and_shared_columns_are_written_out():
     columns = described("tables/transmission")
     assert (columns["J_j_high"].unit, columns["J_j_se_bench"].unit) == ("kg*m^2", "kg*m^2")
     assert {"VAF", "condition_number", "trial"} <= set(columns)
-
-
-def test_a_table_and_its_evidence_share_what_a_row_is_alone():
-    both = (set(described(f"tables/impedance{end}")) for end in ("", "_evidence"))
-    assert set.intersection(*both) == {*ROW_KEYS, "data"}
-
-
-def test_columns_that_are_read_as_text_are_described_as_text():
-    text = {
-        column.name
-        for table in described_tables()
-        for column in table.columns.values()
-        if column.unit == "text"
-    }
-    assert set(TEXT_COLUMNS) <= text
-    assert pl.Series([t.place for t in described_tables()]).is_unique().all()
 
 
 @given(st.lists(st.one_of(st.none(), st.floats(allow_infinity=False)), min_size=1, max_size=8))

@@ -65,12 +65,6 @@ def test_the_page_on_notebooks_shows_what_its_code_prints(tmp_path, monkeypatch)
             assert printed_by(code, names) == shown.splitlines()
 
 
-def test_the_page_on_notebooks_names_every_public_name():
-    assert [
-        name for name in osl.__all__ if f"`{name}`" not in NOTEBOOK and f"`{name}(" not in NOTEBOOK
-    ] == []
-
-
 def test_the_leg_in_mujoco_has_the_means_over_the_trials_of_components(tmp_path):
     means = {
         "belt": {"K_s": 700.0},

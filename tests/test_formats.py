@@ -12,7 +12,7 @@ from osl_analysis import formats
 from osl_analysis.errors import InputError
 from osl_analysis.formats import GROUP, _cells, _text, known_formats, recognise
 from osl_analysis.recording import Channel, Format, Recording, Rows
-from osl_analysis.source_file import LogSource, Source
+from osl_analysis.source_file import LogSource
 
 TRC_WITHOUT_LAST_BREAK = "\n".join(
     (
@@ -25,42 +25,6 @@ TRC_WITHOUT_LAST_BREAK = "\n".join(
         "2\t0.01\t1.5\t2.5\t3.5",
     )
 )
-
-
-def test_every_module_is_a_format_with_a_model_of_its_source_files() -> None:
-    modules = {
-        path.stem
-        for path in Path(formats.__file__).parent.glob("*.py")
-        if not path.stem.startswith("_")
-    }
-
-    known = known_formats()
-
-    assert len(known) == len(modules)
-    assert list(known)[-1] == "csv"  # any text may be a table
-    for one in known.values():
-        assert issubclass(one.source, Source), one.name
-        assert one.source.model_fields.keys() & {"channels", "markers"}, one.name
-
-
-def test_the_page_of_files_has_every_format() -> None:
-    page = (Path(__file__).parents[1] / "docs/files.md").read_text()
-
-    unnamed = [name for name in known_formats() if f"`{name}`" not in page]
-
-    assert unnamed == [], "add its line to the first table of docs/files.md"
-
-
-def test_no_module_of_formats_is_named_in_another_room() -> None:
-    """What is special of a format stands in its module."""
-    package = Path(formats.__file__).parents[1]
-    names = [f"formats.{path.stem}" for path in Path(formats.__file__).parent.glob("[!_]*.py")]
-
-    for path in package.rglob("*.py"):
-        if path.parent.name == "formats":
-            continue
-        named = {name for name in names if name in path.read_text()}
-        assert not named, path
 
 
 class ToySource(LogSource):

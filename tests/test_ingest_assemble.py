@@ -43,7 +43,6 @@ from osl_analysis.trial import (
     write_trial,
 )
 
-SOURCES = Path(__file__).parents[1] / "config" / "sources"
 THETA, SYNC = (
     {"topic": "/lab", "field": name, "unit": unit}
     for name, unit in (("angle", "deg"), ("sync", "V"))

@@ -648,16 +648,3 @@ def test_real_exports_are_read_as_they_are_written(path: Path) -> None:
     samples = read_converted(path, read_source(SOURCES / "nexus_csv.yaml")).samples
     np.testing.assert_allclose(samples["marker_HV_x"], [0.209331, 0.209475])
     assert samples["marker_CL_E_z"].to_list() == pytest.approx([0.496721, 0.496729])
-
-
-C3D = REAL_DATA / "c3d"
-needs_real_data = pytest.mark.skipif(not C3D.is_dir(), reason="real data are not here")
-UNREADABLE = ["Optotrak_truncated_29_of_1149.c3d", "s18_bad_parameter_section.c3d"]
-MISREAD_BY_EZC3D = ["bts_561xxa01_anonym.C3D"]
-DEC_OR_MIPS = re.compile(r"Eb015[sv]|c3dorg_s10|mac_s11")  # which are refused
-REAL_FILES = sorted(
-    path
-    for path in C3D.glob("*")
-    if path.stat().st_size > 1024 and not DEC_OR_MIPS.match(path.name)
-)
-READ_BY_EZC3D = [path for path in REAL_FILES if path.name not in (*UNREADABLE, *MISREAD_BY_EZC3D)]

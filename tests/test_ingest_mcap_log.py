@@ -20,11 +20,7 @@ from osl_analysis.ingest.conversion import Converted
 from osl_analysis.ingest.raw_files import read_converted
 from osl_analysis.source_file import Source
 
-REAL_DATA, DEGREE, MILLISECOND = (
-    Path(__file__).parents[2] / "shared" / "real_data",
-    math.pi / 180,
-    1_000_000,
-)
+MILLISECOND = 1_000_000
 START, RADIANS = 1_700_000_000 * 10**9, {"theta": {"field": "angle", "unit": "rad"}}
 OTHER, COUNT = {"field": "angle", "unit": "rad", "topic": "/other"}, 200
 

@@ -2,7 +2,6 @@
 as they come."""
 
 import json
-import os
 import re
 from pathlib import Path
 from typing import Any
@@ -301,37 +300,3 @@ def test_the_folder_of_a_ros_2_bag_is_one_recording(tmp_path: Path) -> None:
 
 
 pytestmark = pytest.mark.usefixtures("in_root", "schemas_made_once")
-STIFFNESS, DAMPING, INERTIA = 120.0, 2.0, 0.02
-
-
-def write_joint(path, sign=1.0):
-    """A log of an exact joint under a stepped sine, as a laboratory's own CSV: 1 and 3 Hz at 4 deg,
-    250 Hz."""
-    time = np.arange(0, 17, 0.004)
-    angle = np.zeros_like(time)
-    for start, frequency in ((1.0, 1.0), (12.0, 3.0)):
-        inside = (time >= start) & (time < start + 10 / frequency)
-        angle[inside] = np.radians(4) * np.sin(2 * np.pi * frequency * (time[inside] - start))
-    omega, noise = np.gradient(angle, time), np.random.default_rng(3).normal(0, 0.05, time.size)
-    torque = STIFFNESS * angle + DAMPING * omega + INERTIA * np.gradient(omega, time) + noise
-    path.parent.mkdir(parents=True, exist_ok=True)
-    columns = np.column_stack([time, np.degrees(angle), sign * torque])
-    np.savetxt(
-        path, columns, "%.6f", ",", header="time_s,ankle_angle_deg,loadcell_torque_Nm", comments=""
-    )
-
-
-def touch(path, text, second):
-    """Write a file whose date is `second`."""
-    path.write_text(text)
-    os.utime(path, (second, second))
-
-
-def looks(arrivals, *seconds):
-    """The names of what is complete at each of these times, which is then examined."""
-    found = []
-    for now in seconds:
-        complete = arrivals.complete(float(now))
-        arrivals.seen |= {path.name: state for path, state in complete}
-        found.append([path.name for path, _ in complete])
-    return found

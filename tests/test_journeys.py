@@ -1,10 +1,7 @@
-"""Five people with recordings of their own, written by plain writers: `init --from`, at most two
-edited lines and the units that no name or header states give the numbers that the files were made
-of. What a draft guesses it says, with its evidence, beside the guess."""
+"""What a draft guesses of recordings of a known joint."""
 
 import numpy as np
 import pytest
-from mcap_builder import HEADER
 from nptdms import ChannelObject, TdmsWriter
 
 from osl_analysis.commands import trials as module
@@ -48,33 +45,6 @@ def write_csv(path, columns, sign=",", decimal="."):
         for row in zip(*columns.values(), strict=True)
     ]
     path.write_text("\n".join([sign.join(columns), *rows]) + "\n", encoding="utf-8")
-
-
-def is_right(fit):
-    return {name: fit[name] for name in TRUE} == pytest.approx(TRUE, rel=0.02)
-
-
-VECTORS = (
-    "geometry_msgs/Vector3 force\ngeometry_msgs/Vector3 torque\n",
-    "float64 x\nfloat64 y\nfloat64 z\n",
-)
-JOINTS = (
-    "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[]"
-    f" effort\n{HEADER}"
-)
-WRENCH = f"std_msgs/Header header\ngeometry_msgs/Wrench wrench\n{HEADER}"
-for kind, own in zip(("Wrench", "Vector3"), VECTORS, strict=True):
-    WRENCH += f"{'=' * 80}\nMSG: geometry_msgs/{kind}\n{own}"
-
-
-def leg_columns(amps, theta, torque, time):
-    return {
-        "loop_time": time + 17.0,
-        "<__main__.Leg object at 0x7fe6>.output_position": theta + torque / 2000,
-        "output_velocity": np.gradient(theta + torque / 2000, time), "joint_position": theta,
-        "motor_current": 1e3 * amps, "joint_torque": 0.11 * amps, "loadcell_mz": torque,
-        "genvar_0": 0 * time,
-    }  # fmt: skip
 
 
 def test_a_torque_has_the_sign_by_which_a_joint_resists(

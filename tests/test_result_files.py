@@ -1,6 +1,5 @@
 """Which results a campaign has, and from which files each is made."""
 
-import re
 from pathlib import Path
 
 from conftest import ROOT
@@ -32,15 +31,6 @@ def test_a_fit_has_a_file_of_rows_and_an_archive_of_its_other_tables(tmp_path: P
     assert files.rows("timebase") == [
         f"{fits}/{trial}.zip" for trial in ("belt/b1", "actuator/a1", "impedance/i1")
     ]
-
-
-def test_no_rule_has_all_trials_in_a_pattern_which_is_read_anew_for_each_of_their_files() -> None:
-    """But those that simulate: a simulated campaign has a hundred trials."""
-    with_all = []
-    for path in (ROOT / "rules").glob("*.smk"):
-        if re.search(r"\b(trial|static)=name_pattern\(", path.read_text(encoding="utf-8")):
-            with_all.append(path.name)
-    assert with_all == ["simulate.smk"]
 
 
 def test_a_wildcard_of_no_name_matches_nothing() -> None:

@@ -18,7 +18,6 @@ from osl_analysis.commands.simulate import (
     simulate_trial,
     write_sheet,
 )
-from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.config.sheet import read_sheet
 from osl_analysis.errors import InputError, UnreachableImpedanceError
 from osl_analysis.model.compensator import CONTROLLERS
@@ -442,10 +441,3 @@ def test_an_unstable_loop_or_a_missing_file_is_refused_and_nothing_is_written(tm
         InputError, match=r"walking: none\.yaml is no file; correct it, or write null"
     ):
         simulate_trial(missing, tmp_path / "raw", "belt_01")
-
-
-def test_the_page_of_own_data_has_every_experiment():
-    page = (ROOT / "docs/own_data.md").read_text()
-    unnamed = [name for name in EXPERIMENTS if f"`{name}`" not in page]
-
-    assert unnamed == [], "add its line to the first table of docs/own_data.md"

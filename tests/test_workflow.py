@@ -1,12 +1,10 @@
 """A small campaign through the real Snakefile: everything is made, and a change reruns what depends
 on it, no more."""
 
-import csv
 import json
 import os
 import re
 import shutil
-import zipfile
 from importlib import import_module
 from pathlib import Path
 
@@ -19,7 +17,6 @@ from reference import changed
 from snakemake_runs import OVERRIDES, run_forked, write_small
 
 from osl_analysis.campaign.configuration import overriding
-from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.figures import FIGURES
 from osl_analysis.judge.known_findings import FINDINGS
 from osl_analysis.outcomes.perform import (
@@ -181,12 +178,6 @@ def commands_of_rules():
             rule = re.match(r"\w+", text)[0]
             commands[rule] = command[1]
     return commands
-
-
-def test_a_rule_calls_the_fit_of_every_experiment():
-    fits = [facts.fit.job for facts in EXPERIMENTS.values() if facts.fit]
-
-    assert {*fits} - {*commands_of_rules().values()} == set(), "write a rule that calls it"
 
 
 NOT_GIVEN = {
@@ -539,19 +530,6 @@ def test_tables_and_numbers_are_made_of_the_trials_that_are_left(laboratory):
         f"% 6 of 8 walking trials; without walking_04, {mistaken}\n"
         in (results / "numbers.tex").read_text()
     )
-
-
-def test_a_refusal_is_a_table_that_other_programs_open_and_has_the_reason(laboratory):
-    results = laboratory.folder / "results"
-    with (results / f"quality/{TRIAL}.csv").open() as file:
-        (row,) = csv.DictReader(file)
-    of_trial = pl.read_parquet(results / f"trials/{TRIAL}.parquet").row(0, named=True)
-    with zipfile.ZipFile(results / f"fits/impedance/{TRIAL}.zip") as archive:
-        (name,) = archive.namelist()
-        of_fit = pl.read_csv(archive.read(name)).row(0, named=True)
-    reasons = {row["reason"], of_trial["reason"], of_fit["reason"]}
-    assert len(reasons) == 1
-    assert "no footer" in reasons.pop()
 
 
 def test_what_is_accepted_or_excluded_by_the_sheet_makes_the_run_a_success(laboratory):

@@ -142,8 +142,8 @@ def read_sections(path: Path, source: NexusSource | None) -> dict[str, Section]:
     text = read_text(path)
     lines = numbered(text.data)
     headers = [line for line in lines if line.text.lstrip('"').casefold().startswith("frame")]
-    delimiter = source.delimiter if source is not None else "auto"
-    rows = split_rows(lines, delimiter_of(headers[:1], delimiter))
+    source = source or NexusSource.model_construct()
+    rows = split_rows(lines, delimiter_of(headers[:1], source.delimiter))
     starts = [place for place in range(len(rows) - 3) if _begins_section(rows, place)]
     if not starts:
         raise InputError(
@@ -151,7 +151,7 @@ def read_sections(path: Path, source: NexusSource | None) -> dict[str, Section]:
         )
     check_last_line(text.is_ended, rows[starts[-1] + HEAD_ROWS :] or rows[-1:])
     sections: dict[str, Section] = {}
-    decimal = source.decimal if source is not None else "auto"
+    decimal = source.decimal
     for start, end in zip(starts, [*starts[1:], len(rows)], strict=True):
         section = _section_of(rows[start:end], decimal)
         if section.title in sections:
@@ -229,9 +229,8 @@ def read(path: Path, source: NexusSource | None) -> Recording:
         facts=facts,
         find_unlisted=partial(_find_column, sections, channels),
     )
-    if source is None:
-        return recording
-    plates = [_plate_of(recording, number, settings) for number, settings in source.plates.items()]
+    described = {} if source is None else source.plates
+    plates = [_plate_of(recording, number, settings) for number, settings in described.items()]
     return replace(recording, plates=plates)
 
 

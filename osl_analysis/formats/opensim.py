@@ -136,9 +136,8 @@ def read(path: Path, source: OpenSimSource | None) -> Recording:
     recording = recording_of_table("opensim", table, layout, facts=header, likely_units=likely)
     settings = {"time": {"column": "time", "unit": "s"}} if "time" in table.names else {}
     recording = replace(recording, settings=settings, questions=questions)
-    if source is None:
-        return recording
-    plates = [_plate_of(recording, number, settings) for number, settings in source.plates.items()]
+    described = {} if source is None else source.plates
+    plates = [_plate_of(recording, number, settings) for number, settings in described.items()]
     return replace(recording, plates=plates)
 
 

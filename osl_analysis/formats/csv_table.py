@@ -151,9 +151,9 @@ def _rows_of_numbers(
     is_missing_number = any(map(is_number_cell, layout.missing))
     if is_comment_number or is_missing_number or table.decimal != ".":
         return None
-    kinds = pl.Schema(
-        {name: _kind_of_numbers(cells) for name, cells in table.body.to_dict().items()}
-    )
+    kinds = pl.Schema()
+    for name, cells in table.body.to_dict().items():  # floats would round nanoseconds since 1970
+        kinds[name] = pl.Int64() if cells.str.contains(WHOLE).all() else pl.Float64()
     outer = table.body.cast(kinds, strict=False)
     if not _are_finite(outer):
         return None
@@ -170,11 +170,6 @@ def _rows_of_numbers(
     except pl.exceptions.PolarsError:
         return None
     return (outer, middle) if len(middle) == rows and _are_finite(middle) else None
-
-
-def _kind_of_numbers(cells: pl.Series) -> type[pl.Int64 | pl.Float64]:
-    """The type of a column: floats would round nanoseconds since 1970."""
-    return pl.Int64 if cells.str.contains(WHOLE).all() else pl.Float64
 
 
 def _are_finite(numbers: pl.DataFrame) -> bool:

@@ -215,7 +215,18 @@ def read(path: Path, source: NexusSource | None) -> Recording:
         if section.title in (TRAJECTORIES, MODEL_OUTPUTS):
             channels += _points_of(section, rows)
         else:
-            channels += _columns_of(section, rows)
+            for place, component in enumerate(section.components):
+                if place < 2 or not section.names[place]:
+                    continue
+                channels.append(
+                    Channel(
+                        address={"device": section.names[place], "component": component},
+                        rows=rows,
+                        read=partial(section.values, place),
+                        name=component,
+                        unit=section.units[place],
+                    )
+                )
         facts[section.title] = f"{len(section.rows)} rows at {section.rate_hz:g} Hz"
     used = _used_sections(sections, source)
     end = End.WHOLE if len(used) > 1 else End.UNKNOWN  # two sections would differ
@@ -281,20 +292,6 @@ def _points_of(section: Section, rows: Rows) -> list[Channel]:
             )
         )
     return channels
-
-
-def _columns_of(section: Section, rows: Rows) -> list[Channel]:
-    return [
-        Channel(
-            address={"device": section.names[place], "component": component},
-            rows=rows,
-            read=partial(section.values, place),
-            name=component,
-            unit=section.units[place],
-        )
-        for place, component in enumerate(section.components)
-        if place >= 2 and section.names[place]
-    ]
 
 
 def _find_column(

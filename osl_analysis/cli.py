@@ -58,14 +58,6 @@ def numbers_of_range(value: str, parts: list[float]) -> list[float]:
     )
 
 
-def band(value: str) -> list[float]:
-    """Lowest and highest frequency [Hz]."""
-    frequencies = numbers(value)
-    if len(frequencies) != 2:
-        raise click.BadParameter(f"'{value}' is no lowest and highest frequency; write 0.5,6")
-    return frequencies
-
-
 FILE, FOLDER = click.Path(path_type=Path), click.Path(path_type=Path, file_okay=False)
 WRITTEN_SUFFIXES = {
     "ingest": ".parquet",

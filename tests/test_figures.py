@@ -57,7 +57,7 @@ def response_table():
     frequency_hz = np.arange(1.0, 6.0)
     admittance = np.full(5, 3.5e-3 - 2e-3j)
     labels = [(DESIRED, None), *((LINEAR_MODEL, controller) for controller in LOOKS)]
-    curves = [response_curve(*label, frequency_hz, admittance, PLACE) for label in labels]
+    curves = [response_curve(*label, frequency_hz, lambda _: admittance, PLACE) for label in labels]
     return fig7.points(stored("frequency_response"), curves)
 
 

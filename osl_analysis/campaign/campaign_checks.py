@@ -1,7 +1,6 @@
 """What a campaign must fulfil before anything runs: its files, its sheet, its walking trials."""
 
 import filecmp
-from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -48,7 +47,11 @@ def check_campaign(campaign: Campaign) -> None:
     validate_rules(campaign.config.quality, UNITS)
     used_parts = dict[tuple[Any, ...], list[UsedPart]]()
     for trial in campaign.rows:
-        check_accepted(campaign, trial)
+        for name in campaign.accepted(trial):
+            if name not in CHECKS:
+                raise InputError(
+                    f"{campaign.config.sheet}: trial '{trial}', accept: {unknown_check(name)}"
+                )
         recording = tuple(campaign.row(trial)[cell] for cell in RECORDING)
         check_not_used_twice(campaign, trial, used_parts.setdefault(recording, []))
         check_desired_curve(campaign, trial)
@@ -56,15 +59,6 @@ def check_campaign(campaign: Campaign) -> None:
         check_no_copies(campaign)
     if campaign.trials("walking"):
         check_walking(campaign)
-
-
-def check_accepted(campaign: Campaign, trial: str) -> None:
-    """Refuse a name under `accept` that is no check."""
-    for name in campaign.accepted(trial):
-        if name not in CHECKS:
-            raise InputError(
-                f"{campaign.config.sheet}: trial '{trial}', accept: {unknown_check(name)}"
-            )
 
 
 def check_not_used_twice(campaign: Campaign, trial: str, used: list[UsedPart]) -> None:
@@ -114,31 +108,22 @@ def check_no_copies(campaign: Campaign) -> None:
             if not file.is_file() or file.suffix == ".yaml" or not file.stat().st_size:
                 continue
             with suppress(OSError):  # the job of its trial says why a file cannot be read
-                key = (row["experiment"], row["log_part"], row["windows"], *middle_of(file))
+                size = file.stat().st_size
+                with file.open("rb") as content:
+                    content.seek(size // 2)
+                    middle = content.read(COMPARED_BYTES)
+                key = (row["experiment"], row["log_part"], row["windows"], size, middle)
                 earlier = similar.setdefault(key, [])
-                check_is_no_copy(campaign, trial, file, earlier)
+                for other_trial, earlier_file in earlier:
+                    is_file = earlier_file == file
+                    if is_file or not filecmp.cmp(earlier_file, file, shallow=False):
+                        continue
+                    raise InputError(
+                        f"{campaign.config.sheet}: trial '{trial}': {file} is a copy of"
+                        f" {earlier_file}, the recording of trial '{other_trial}', and would count"
+                        " twice; exclude one, or name its own"
+                    )
                 earlier.append((trial, file))
-
-
-def middle_of(file: Path) -> tuple[int, bytes]:
-    """Size of a file and the bytes in its middle."""
-    size = file.stat().st_size
-    with file.open("rb") as content:
-        content.seek(size // 2)
-        return size, content.read(COMPARED_BYTES)
-
-
-def check_is_no_copy(
-    campaign: Campaign, trial: str, file: Path, earlier: Sequence[tuple[str, Path]]
-) -> None:
-    """Refuse a file that equals that of an earlier trial."""
-    for other_trial, earlier_file in earlier:
-        if earlier_file != file and filecmp.cmp(earlier_file, file, shallow=False):
-            raise InputError(
-                f"{campaign.config.sheet}: trial '{trial}': {file} is a copy of {earlier_file}, the"
-                f" recording of trial '{other_trial}', and would count twice; exclude one, or name"
-                " its own"
-            )
 
 
 def check_files(config: Config) -> None:

@@ -87,9 +87,10 @@ def matching(campaign: Campaign, cells: Mapping[str, Any], figure: str = "") -> 
     default = read_mapping(default_config())["figures"].get(figure) or {}
     if all(default.get(column) == value for column, value in cells.items()):
         return trials
+    shown = {name: cells.get(name) for name in CONDITION}
     stated = [
         f"{name} = {value if isinstance(value, str) else f'{value:g}'}"
-        for name, value in cells.items()
+        for name, value in shown.items()
         if value is not None
     ]
     raise InputError(

@@ -94,17 +94,13 @@ def date_of_data(campaign: Campaign) -> str:
     if config.simulation is not None:
         return f"made with seed {read_mapping(config.simulation).get('seed')}"
     logs = {path for trial in campaign.trials() for path in campaign.logs(trial) if path.is_file()}
-    days = sorted({day_of_change(path) for path in logs})
+    times = [datetime.fromtimestamp(path.stat().st_mtime, UTC) for path in logs]
+    days = sorted({time.date().isoformat() for time in times})
     if not days:
         return "date not known"
     if days[0] == days[-1]:
         return f"files of {days[0]}"
     return f"files of {days[0]} to {days[-1]}"
-
-
-def day_of_change(path: Path) -> str:
-    """Day (UTC) on which a file was changed last."""
-    return datetime.fromtimestamp(path.stat().st_mtime, UTC).date().isoformat()
 
 
 def sentence(about: Mapping[str, str], below_figure: bool = False) -> str:

@@ -35,13 +35,9 @@ def printed_units() -> Mapping[str, str]:
         columns = {**table.columns, **table.of_fits}
         for name in units.keys() & columns.keys():
             if f"{name}_low" in columns:
-                units[name] = in_print(columns[name].unit)
+                unit = columns[name].unit
+                units[name] = "" if unit == "1" else unit.replace("*", "·").replace("^2", "²")
     return units
-
-
-def in_print(unit: str) -> str:
-    """A unit of the dictionary as it is printed: `N·m/rad` of `N*m/rad`."""
-    return "" if unit == "1" else unit.replace("*", "·").replace("^2", "²")
 
 
 def rows_json(table: pl.DataFrame, findings: Sequence[Sequence[Finding]] = ()) -> str:

@@ -292,10 +292,9 @@ def beside_theory(responses: pl.DataFrame, parameters: Path | None, weight: Weig
         joint, side, K_d, B_d = measured.select(*PLACE, "K_d", "B_d").row(0)
         low_hz, high_hz = measured["frequency_hz"][0], measured["frequency_hz"][-1]
         frequency_hz = np.linspace(float(low_hz), float(high_hz), CURVE_POINTS)
-        s = np.asarray(2j * np.pi * frequency_hz, dtype=np.complex128)
         place = (joint, side)
         if K_d is not None and B_d is not None:
-            desired = desired_admittance(K_d, B_d)(s)
+            desired = desired_admittance(K_d, B_d)
             curves.append(response_curve(DESIRED, None, frequency_hz, desired, place))
         if parameters is None or joint_of(parameters) != joint:
             continue
@@ -303,7 +302,7 @@ def beside_theory(responses: pl.DataFrame, parameters: Path | None, weight: Weig
         for controller in measured["controller"].unique(maintain_order=True):
             gains = DesiredImpedance(controller, K_d, B_d).gains(p, weight)
             if gains is not None:
-                Y = joint_admittance(gains.K_1, gains.B_1, p, p.J_j)(s)
+                Y = joint_admittance(gains.K_1, gains.B_1, p, p.J_j)
                 curves.append(response_curve(LINEAR_MODEL, controller, frequency_hz, Y, place))
     return draw_fig7.points(shown, curves)
 

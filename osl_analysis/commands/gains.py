@@ -186,10 +186,9 @@ def response_of_pair(row: dict[str, Any], p: drivetrain.DrivetrainParameters) ->
     from osl_analysis.figures.names import completed
 
     frequency_hz = np.geomspace(*DRAWN_HZ, DRAWN_POINTS)
-    s = 2j * np.pi * frequency_hz
     no_place = (None, None)
-    desired = drivetrain.desired_admittance(row["K_d"], row["B_d"])(s)
-    rendered = drivetrain.joint_admittance(row["K_1"], row["B_1"], p, p.J_j)(s)
+    desired = drivetrain.desired_admittance(row["K_d"], row["B_d"])
+    rendered = drivetrain.joint_admittance(row["K_1"], row["B_1"], p, p.J_j)
     curves = [
         response_curve(DESIRED, None, frequency_hz, desired, no_place),
         response_curve(LINEAR_MODEL, "compensated", frequency_hz, rendered, no_place),

@@ -498,16 +498,7 @@ def known_recorder(overview: Overview) -> str:
 
 def left_to_decide(folder: Path, draft: Draft) -> list[str]:
     """What a user has to decide before the campaign runs, a line each."""
-    edits = {folder / CAMPAIGN: re.findall(rf"(\w+): [^#\n]*{UNKNOWN}", draft.walking)}
-    for name in draft.sources:
-        path = folder / f"sources/{name}.yaml"
-        edits[path] = to_be_edited(path)
-    lines: list[str] = []
-    for path, places in edits.items():
-        if places:
-            are = "place is" if len(places) == 1 else "places are"
-            lines.append(f"{path}: {len(places)} {are} to be edited: {', '.join(places[:6])}")
-    lines += unaligned_clocks(folder, draft)
+    lines = [*places_to_edit(folder, draft), *unaligned_clocks(folder, draft)]
     asked: dict[str, list[str]] = {}
     for file, text in draft.open:
         asked.setdefault(text, []).append(str(file))
@@ -518,14 +509,23 @@ def left_to_decide(folder: Path, draft: Draft) -> list[str]:
     return lines + [f"{text} ({listing(which, MOST_SHOWN)})" for text, which in asked.items()]
 
 
+def places_to_edit(folder: Path, draft: Draft) -> Iterator[str]:
+    """The places of each file that are to be edited."""
+    edits = {folder / CAMPAIGN: re.findall(rf"(\w+): [^#\n]*{UNKNOWN}", draft.walking)}
+    for name in draft.sources:
+        path = folder / f"sources/{name}.yaml"
+        edits[path] = to_be_edited(path)
+    for path, places in edits.items():
+        if places:
+            are = "place is" if len(places) == 1 else "places are"
+            yield f"{path}: {len(places)} {are} to be edited: {', '.join(places[:6])}"
+
+
 def is_complete(folder: Path, draft: Draft) -> bool:
     """Whether no place of a draft is to be edited, no capture asks anything, its clocks are
     aligned, and some trial is analysed."""
-    if UNKNOWN in draft.walking or draft.has_open_captures:
-        return False
-    if any(to_be_edited(folder / f"sources/{name}.yaml") for name in draft.sources):
-        return False
-    if list(unaligned_clocks(folder, draft)):
+    to_do = [*places_to_edit(folder, draft), *unaligned_clocks(folder, draft)]
+    if UNKNOWN in draft.walking or draft.has_open_captures or to_do:
         return False
     return any(trial.cells["experiment"] != UNNAMED for trial in draft.trials)
 
@@ -568,8 +568,12 @@ def campaign_text(folder: Path, draft: Draft) -> str:
         if len(draft.refused) > MOST_REFUSED:
             more = len(draft.refused) - MOST_REFUSED
             lines.append(f"and {more} more files that were not read, which `inspect` tells")
-    is_ready = is_complete(folder, draft)
-    lines.append(next_command(folder, is_ready))
+    place = f"cd {shlex.quote(str(folder))}"
+    if is_complete(folder, draft):
+        lines.append(f"then: {place} && osl-analysis run")
+    else:
+        edit = "then: edit what is named above;"
+        lines.append(f"{edit} {place} && osl-analysis run -n says what is left")
     return "\n".join(lines)
 
 
@@ -598,20 +602,11 @@ def guesses_text(source: str) -> str:
     channels: dict[str, dict[str, object]] = yaml.safe_load(source).get("channels") or {}
     texts: list[str] = []
     for line in guessed_lines(source):
-        column = line.partition(":")[0]
-        channel = channels.get(column, {})
-        text = column
+        text = line.partition(":")[0]
+        channel = channels.get(text, {})
         if channel.get("unit"):  # else the file states it
             text += f" in {channel['unit']}"
         if channel.get("sign") == -1:
             text += ", sign -1: it falls as the angle rises"
         texts.append(text)
     return "; ".join(texts)
-
-
-def next_command(folder: Path, is_ready: bool) -> str:
-    """The next command that can succeed."""
-    place = f"cd {shlex.quote(str(folder))}"
-    if not is_ready:
-        return f"then: edit what is named above; {place} && osl-analysis run -n says what is left"
-    return f"then: {place} && osl-analysis run"

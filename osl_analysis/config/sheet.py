@@ -284,7 +284,12 @@ def csv_text(path: Path) -> str:
 def problems_in(row: Mapping[str, str]) -> Iterator[str]:
     """Say what is wrong with one row of a sheet, with the remedy; what follows a problem may be
     wrong because of it."""
-    yield from unprintable_cells(row)
+    for column, cell in row.items():
+        # a sign that cannot be seen: two equal names would differ; `exclude` is a sentence
+        if column != "exclude" and not cell.isprintable():
+            sign = next(sign for sign in cell if not sign.isprintable())
+            name = f"U+{ord(sign):04X} ({unicodedata.name(sign, 'a control character')})"
+            yield f"column '{column}': {cell!r} contains {name}; type the cell again"
     for column, (form, problem) in FORMS.items():
         if not re.fullmatch(form, row[column], re.IGNORECASE):
             yield f"{column} '{row[column]}' {problem}"
@@ -297,16 +302,6 @@ def problems_in(row: Mapping[str, str]) -> Iterator[str]:
     yield from wrong_numbers(row)
     yield from unfit_for_the_experiment(row)
     yield from missing_files(row)
-
-
-def unprintable_cells(row: Mapping[str, str]) -> Iterator[str]:
-    """Say which cells contain a sign that cannot be seen: two equal names would differ."""
-    for column, cell in row.items():
-        if column == "exclude" or cell.isprintable():  # `exclude` is a sentence
-            continue
-        sign = next(sign for sign in cell if not sign.isprintable())
-        name = f"U+{ord(sign):04X} ({unicodedata.name(sign, 'a control character')})"
-        yield f"column '{column}': {cell!r} contains {name}; type the cell again"
 
 
 def missing_files(row: Mapping[str, str]) -> Iterator[str]:

@@ -1,6 +1,6 @@
 """Fig. 7 and `response`: admittance and impedance of the joint over frequency."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from string import ascii_lowercase
 from typing import Any
 
@@ -63,7 +63,7 @@ def response_curve(
     curve: str,
     controller: str | None,
     frequency_hz: np.ndarray,
-    Y: np.ndarray,
+    admittance: Callable[[Any], Any],
     place: Sequence[str | None],
 ) -> pl.DataFrame:
     """Write a curve of the admittance as rows of Fig. 7.
@@ -75,12 +75,13 @@ def response_curve(
     controller : str or None
         Of a linear model.
     frequency_hz : (n,)
-    Y : (n,)
-        Integral admittance, complex [rad/(N·m)].
+    admittance : callable
+        Integral admittance [rad/(N·m)] at complex frequencies s [rad/s].
     place : (str or None, str or None)
         Joint and side.
     """
     joint, side = place
+    Y = admittance(np.asarray(2j * np.pi * frequency_hz, dtype=np.complex128))
     texts = {"joint": joint, "side": side, "curve": curve, "controller": controller}
     numbers = pl.DataFrame(
         {

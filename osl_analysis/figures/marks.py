@@ -105,12 +105,9 @@ def bar_entries(table: pl.DataFrame, quantities: Iterable[str]) -> dict[str, Lin
     """What `draw_estimates` has drawn of some quantities: the 95 % interval, and the range over
     amplitudes where it is more than a point."""
     entries: dict[str, Line2D] = {}
-    for quantity in quantities:
-        if has_range(table, quantity):
-            entries |= bar_entry(INTERVAL, THICK)
-    for quantity in quantities:
-        if has_range(table, f"{quantity}_amplitudes"):
-            entries |= bar_entry(AMPLITUDES, THIN)
+    for ending, label, width in (("", INTERVAL, THICK), ("_amplitudes", AMPLITUDES, THIN)):
+        if any(has_range(table, f"{quantity}{ending}") for quantity in quantities):
+            entries |= bar_entry(label, width)
     return entries
 
 

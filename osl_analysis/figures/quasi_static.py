@@ -128,7 +128,10 @@ def draw_loops(ax: Axes, part: pl.DataFrame) -> None:
     trials = [trial for trial in trials_of(part) if trial["deviation"].count()]
     if not trials:
         ax.text(0.02, 0.04, NO_MEAN_SLOPE, transform=ax.transAxes, va="bottom")
-    ends = [end_of_loop(trial) for trial in trials]
+    ends = []
+    for trial in trials:
+        largest = trial["theta_s_deg"].abs().arg_max() or 0
+        ends.append(trial.row(int(largest), named=True))
     for trial, end, is_outlying in zip(trials, ends, outlying(ends), strict=True):
         colour = style.ORANGE if is_outlying else style.GREY
         if is_outlying:
@@ -152,11 +155,6 @@ def draw_loops(ax: Axes, part: pl.DataFrame) -> None:
         ax.text(0.02, 0.04, f"Mean loop area {area} J", transform=ax.transAxes, va="bottom")
     ax.set_xlabel(r"Belt deflection $\theta_s$ (deg)")
     ax.set_ylabel("Torque minus\nmean slope (N·m)")
-
-
-def end_of_loop(trial: pl.DataFrame) -> dict[str, Any]:
-    """The row of a trial at its largest deflection."""
-    return trial.row(int(trial["theta_s_deg"].abs().arg_max() or 0), named=True)
 
 
 def outlying(ends: Sequence[Mapping[str, Any]]) -> list[bool]:

@@ -112,10 +112,6 @@ def label_phase_axis(ax: Axes) -> None:
 
 
 def label_in_thousandths(axis: Axis) -> None:
-    """Write the numbers of an axis times 1000; its title says so: 10⁻³ and the unit."""
-    axis.set_major_formatter(FuncFormatter(in_thousandths))
-
-
-def in_thousandths(value: float, _: int) -> str:
-    """A tick of such an axis: 0.0025 as 2.5."""
-    return f"{1e3 * value:.6g}".replace("-", "−")
+    """Write the numbers of an axis times 1000, 0.0025 as 2.5; its title says so: 10⁻³ and the
+    unit."""
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{1e3 * value:.6g}".replace("-", "−")))

@@ -49,7 +49,8 @@ def draw_fig4(table: pl.DataFrame) -> Figure:
     figure, axes = style.panels(style.DOUBLE_COLUMN, 3.9, rows=3, titles=[title], share_x=True)
     angle, torque, residual = axes
     lines = with_breaks(table)
-    draw_angle(angle, lines)
+    angle.plot(lines["time"], lines["theta_deg"], color=style.BLACK, linewidth=0.9)
+    angle.set_ylabel("Angle (deg)")
     draw_torque_and_model(torque, lines, table["model"][0], marks.has_doubtful(table))
     draw_residual(residual, lines)
 
@@ -69,12 +70,6 @@ def with_breaks(table: pl.DataFrame) -> pl.DataFrame:
     breaks = rows.filter(step > GAP_STEPS * step.median())
     breaks = breaks.with_columns(pl.lit(np.nan).alias(name) for name in DRAWN)
     return pl.concat([breaks, rows]).sort("row", maintain_order=True)
-
-
-def draw_angle(ax: Axes, lines: pl.DataFrame) -> None:
-    """Measured angle [deg] over time [s]."""
-    ax.plot(lines["time"], lines["theta_deg"], color=style.BLACK, linewidth=0.9)
-    ax.set_ylabel("Angle (deg)")
 
 
 def draw_torque_and_model(ax: Axes, lines: pl.DataFrame, model: str, is_doubtful: bool) -> None:

@@ -172,16 +172,11 @@ def draw_groups(ax: Axes, rows: pl.DataFrame, unit: float) -> None:
                 linestyle=style.DASHED, zorder=0, label=COMMANDED_LABEL, **IN_BLACK,
             )  # fmt: skip
         if row["mean"] is not None:
-            draw_mean(ax, place + MEAN_AT, row)
+            ax.errorbar(
+                place + MEAN_AT, row["mean"], yerr=row["sd"],
+                fmt="s", markersize=3, capsize=CAP, label=MEAN_LABEL, **IN_BLACK,
+            )  # fmt: skip
             draw_ensemble(ax, place + ENSEMBLE_AT, row)
-
-
-def draw_mean(ax: Axes, x: float, row: dict[str, Any]) -> None:
-    """The mean of the perturbations of a group, with one SD on either side."""
-    ax.errorbar(
-        x, row["mean"], yerr=row["sd"],
-        fmt="s", markersize=3, capsize=CAP, label=MEAN_LABEL, **IN_BLACK,
-    )  # fmt: skip
 
 
 def draw_ensemble(ax: Axes, x: float, row: dict[str, Any]) -> None:

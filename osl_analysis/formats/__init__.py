@@ -182,13 +182,12 @@ def is_of_file(error: BaseException) -> bool:
     if package_of_error not in sys.stdlib_module_names:
         return True
     places = [frame.filename for frame in traceback.extract_tb(error.__traceback__)]
-    outside_python = [place for place in places if not is_of_python(place)]
+    outside_python = [
+        place
+        for place in places
+        if not place.startswith(STANDARD_LIBRARY) or "site-packages" in place
+    ]
     return not outside_python or not Path(outside_python[-1]).is_relative_to(PACKAGE)
-
-
-def is_of_python(place: str) -> bool:
-    """Tell whether a file of source code is one of Python's standard library."""
-    return place.startswith(STANDARD_LIBRARY) and "site-packages" not in place
 
 
 def _reason_of(error: BaseException) -> str:

@@ -321,11 +321,8 @@ def _first_row_of_data(rows: Sequence[Row], layout: Layout, width: int, first_va
         first = 1  # such a logger writes its header first
     else:
         begins_blank = not any(rows[len(rows) // 2].cells[:first_value])
-        first = len(rows)
-        for place, row in enumerate(rows):
-            if _is_data(row.cells, width, first_value, begins_blank):
-                first = place
-                break
+        are_data = (_is_data(row.cells, width, first_value, begins_blank) for row in rows)
+        first = next((place for place, is_data in enumerate(are_data) if is_data), len(rows))
     while first and _is_odd_data(rows[first - 1].cells, width):
         first -= 1
     return first
@@ -561,11 +558,7 @@ def _without_unnamed(
     rows: Sequence[Row], width: int, missing: Collection[str]
 ) -> tuple[list[Row], str]:
     """Leave out cells of variables that failed before the header was written, and say so."""
-    first = 0
-    for place, row in enumerate(rows):
-        if len(row.cells) == width:
-            first = place
-            break
+    first = next((place for place, row in enumerate(rows) if len(row.cells) == width), 0)
     if not first:
         return list(rows), ""
     last_cells = rows[first - 1].cells
@@ -624,7 +617,8 @@ def recording_of_table(
     table: Table,
     layout: Layout,
     noun: str = "line",
-    facts: Mapping[str, Any] | None = None,
+    *,
+    facts: Mapping[str, Any],
     likely_units: Mapping[str, str] | None = None,
 ) -> Recording:
     """Make a channel of each column.
@@ -660,15 +654,13 @@ def recording_of_table(
 
     count = rows.count + table.skipped
     loss = Loss(rows.count, count, table.end, remarks=table.remarks)
-    shown = dict(facts or {})
-    if table.delimiter:
-        shown["delimiter"] = table.delimiter
+    delimiter = {"delimiter": table.delimiter} if table.delimiter else {}
     return Recording(
         format_name,
         channels,
         loss,
         notes=table.notes,
-        facts=shown,
+        facts={**facts, **delimiter},
         find_unlisted=column_finder(table.names, channels),
     )
 

@@ -412,10 +412,7 @@ def plate_of(header: Header, number: int, analogs: Sequence[Channel], length_uni
             f"plate {number} is of type {kind}; types 1 to 4 are read; describe it as one of these"
             " under `plate_geometry` in the source file"
         )
-    if not np.isfinite(own_axes(corners)).all():
-        raise InputError(
-            f"plate {number}: its corners span no plane; correct FORCE_PLATFORM:CORNERS"
-        )
+    _check_corners(number, corners, "FORCE_PLATFORM:CORNERS")
     if kind == 3 and not origin[:2].all():
         raise InputError(
             f"plate {number} of type 3 has ORIGIN {origin.tolist()}; without its sensors' distances"
@@ -431,6 +428,11 @@ def plate_of(header: Header, number: int, analogs: Sequence[Channel], length_uni
     channels = [analogs[channel_number - 1] for channel_number in numbers.tolist()]
     facts = {"analogs": numbers.tolist()}
     return Plate(number, kind, corners, origin, channels, length_unit, calibration, facts=facts)
+
+
+def _check_corners(number: int, corners: Array, where: str) -> None:
+    if not np.isfinite(own_axes(corners)).all():
+        raise InputError(f"plate {number}: its corners span no plane; correct {where}")
 
 
 def _stated_plate(
@@ -450,11 +452,7 @@ def _stated_plate(
             )
         numbers += alike
     corners = np.array(geometry.corners)
-    if not np.isfinite(own_axes(corners)).all():
-        raise InputError(
-            f"plate {number}: its corners span no plane; correct `plate_geometry` in the source"
-            " file"
-        )
+    _check_corners(number, corners, "`plate_geometry` in the source file")
     channels = [analogs[place - 1] for place in numbers]
     facts = {"analogs": numbers}
     origin = np.array(geometry.origin)

@@ -8,7 +8,7 @@ their cells are plain numbers, without a text of each cell.
 import re
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -92,19 +92,11 @@ def _table_of_lines(lines: Sequence[Line], layout: Layout, is_ended: bool) -> Ta
     return table_of_rows(rows, comments, layout, delimiter, is_ended)
 
 
-@dataclass(frozen=True)
-class _Parts:
-    """The first and last lines of a long text, and where those between stand in it."""
-
-    begin: bytes
-    end: bytes
-    end_line: int  # number of the first line of the end
-    between: slice
-    lines_between: int
-
-
-def _parts_of(data: bytes, count: int, most_rows: int | None) -> _Parts:
-    """Part a text of `count` line breaks; of the lines between at most about `most_rows`."""
+def _table_of_alike_lines(
+    data: bytes, count: int, is_ended: bool, layout: Layout, most_rows: int | None
+) -> Table | None:
+    """Find the table in a text of `count` line breaks by the first and last lines, and read those
+    between, at most about `most_rows`, at one go; None if one of these differs."""
     begin_of_between = 0
     for _ in range(FIRST_LINES):
         begin_of_between = data.index(b"\n", begin_of_between) + 1
@@ -122,31 +114,18 @@ def _parts_of(data: bytes, count: int, most_rows: int | None) -> _Parts:
         last_break = data.rfind(b"\n", begin_of_between, begin_of_between + share_of_bytes)
         end_of_between = last_break + 1
         lines_between = data.count(b"\n", begin_of_between, end_of_between)
-    return _Parts(
-        begin=data[:begin_of_between],
-        end=data[begin_of_end:],
-        end_line=lines_before_end + 1,
-        between=slice(begin_of_between, end_of_between),
-        lines_between=lines_between,
-    )
 
-
-def _table_of_alike_lines(
-    data: bytes, count: int, is_ended: bool, layout: Layout, most_rows: int | None
-) -> Table | None:
-    """Find the table by the first and last lines, and read those between at one go; None if one
-    of these differs."""
-    parts = _parts_of(data, count, most_rows)
-    lines = [*numbered(parts.begin), *numbered(parts.end, parts.end_line)]
+    last_lines = numbered(data[begin_of_end:], lines_before_end + 1)
+    lines = [*numbered(data[:begin_of_between]), *last_lines]
     table = _table_of_lines(lines, layout, is_ended)
     if table.skipped:
         return None
-    numbers = _rows_of_numbers(data, parts.lines_between, table, layout)
+    numbers = _rows_of_numbers(data, lines_between, table, layout)
     if numbers is not None:
         outer, middle = numbers
     else:
         outer = table.body
-        alike = _alike_rows(data[parts.between], table, layout)
+        alike = _alike_rows(data[begin_of_between:end_of_between], table, layout)
         if alike is None:
             return None
         middle = alike
@@ -172,9 +151,9 @@ def _rows_of_numbers(
     is_missing_number = any(map(is_number_cell, layout.missing))
     if is_comment_number or is_missing_number or table.decimal != ".":
         return None
-    kinds = pl.Schema(
-        {name: _kind_of_numbers(cells) for name, cells in table.body.to_dict().items()}
-    )
+    kinds = pl.Schema()
+    for name, cells in table.body.to_dict().items():  # floats would round nanoseconds since 1970
+        kinds[name] = pl.Int64() if cells.str.contains(WHOLE).all() else pl.Float64()
     outer = table.body.cast(kinds, strict=False)
     if not _are_finite(outer):
         return None
@@ -191,11 +170,6 @@ def _rows_of_numbers(
     except pl.exceptions.PolarsError:
         return None
     return (outer, middle) if len(middle) == rows and _are_finite(middle) else None
-
-
-def _kind_of_numbers(cells: pl.Series) -> type[pl.Int64 | pl.Float64]:
-    """The type of a column: floats would round nanoseconds since 1970."""
-    return pl.Int64 if cells.str.contains(WHOLE).all() else pl.Float64
 
 
 def _are_finite(numbers: pl.DataFrame) -> bool:

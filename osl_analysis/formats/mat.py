@@ -9,6 +9,7 @@ from tempfile import TemporaryDirectory
 from typing import Annotated, Any
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import AfterValidator, Field
 
 from osl_analysis.errors import InputError, not_installed, optional_module
@@ -217,18 +218,23 @@ def _channels_of(listed: Sequence[Variable], part: str) -> list[Channel]:
             if key not in rows_by_place:
                 rows_by_place[key] = Rows(count, name=variable.part, noun="sample")
             values = vector_of(line.address, line.value)
-            channels.append(
-                Channel(
-                    address={"variable": address},
-                    rows=rows_by_place[key],
-                    read=partial(np.asanyarray, values),
-                    name=name,
-                    unit=unit,
-                    likely_unit="" if unit else name_and_ending(name)[1],
-                    type=variable.value.described(),
-                )
-            )
+            kind = variable.value.described()
+            channels.append(_vector(address, rows_by_place[key], values, name, unit, kind))
     return channels
+
+
+def _vector(
+    address: str, rows: Rows, values: NDArray[Any], name: str, unit: str, kind: str
+) -> Channel:
+    return Channel(
+        address={"variable": address},
+        rows=rows,
+        read=partial(np.asanyarray, values),
+        name=name,
+        unit=unit,
+        likely_unit="" if unit else name_and_ending(name)[1],
+        type=kind,
+    )
 
 
 def _inside(address: str, part: str) -> str | None:
@@ -306,15 +312,7 @@ def _find_unlisted(
         if (channel.rows.name, channel.rows.count) == (place, values.size):
             rows = channel.rows
     name = whole.rpartition(".")[2]
-    return Channel(
-        address={"variable": whole},
-        rows=rows,
-        read=partial(np.asanyarray, values),
-        name=name,
-        unit=value.unit,
-        likely_unit="" if value.unit else name_and_ending(name)[1],
-        type=value.described(),
-    )
+    return _vector(whole, rows, values, name, value.unit, value.described())
 
 
 def _begins(begin: bytes) -> bool:

@@ -142,8 +142,8 @@ def read_sections(path: Path, source: NexusSource | None) -> dict[str, Section]:
     text = read_text(path)
     lines = numbered(text.data)
     headers = [line for line in lines if line.text.lstrip('"').casefold().startswith("frame")]
-    delimiter = source.delimiter if source is not None else "auto"
-    rows = split_rows(lines, delimiter_of(headers[:1], delimiter))
+    source = source or NexusSource.model_construct()
+    rows = split_rows(lines, delimiter_of(headers[:1], source.delimiter))
     starts = [place for place in range(len(rows) - 3) if _begins_section(rows, place)]
     if not starts:
         raise InputError(
@@ -151,7 +151,7 @@ def read_sections(path: Path, source: NexusSource | None) -> dict[str, Section]:
         )
     check_last_line(text.is_ended, rows[starts[-1] + HEAD_ROWS :] or rows[-1:])
     sections: dict[str, Section] = {}
-    decimal = source.decimal if source is not None else "auto"
+    decimal = source.decimal
     for start, end in zip(starts, [*starts[1:], len(rows)], strict=True):
         section = _section_of(rows[start:end], decimal)
         if section.title in sections:
@@ -215,7 +215,18 @@ def read(path: Path, source: NexusSource | None) -> Recording:
         if section.title in (TRAJECTORIES, MODEL_OUTPUTS):
             channels += _points_of(section, rows)
         else:
-            channels += _columns_of(section, rows)
+            for place, component in enumerate(section.components):
+                if place < 2 or not section.names[place]:
+                    continue
+                channels.append(
+                    Channel(
+                        address={"device": section.names[place], "component": component},
+                        rows=rows,
+                        read=partial(section.values, place),
+                        name=component,
+                        unit=section.units[place],
+                    )
+                )
         facts[section.title] = f"{len(section.rows)} rows at {section.rate_hz:g} Hz"
     used = _used_sections(sections, source)
     end = End.WHOLE if len(used) > 1 else End.UNKNOWN  # two sections would differ
@@ -229,9 +240,8 @@ def read(path: Path, source: NexusSource | None) -> Recording:
         facts=facts,
         find_unlisted=partial(_find_column, sections, channels),
     )
-    if source is None:
-        return recording
-    plates = [_plate_of(recording, number, settings) for number, settings in source.plates.items()]
+    described = {} if source is None else source.plates
+    plates = [_plate_of(recording, number, settings) for number, settings in described.items()]
     return replace(recording, plates=plates)
 
 
@@ -282,20 +292,6 @@ def _points_of(section: Section, rows: Rows) -> list[Channel]:
             )
         )
     return channels
-
-
-def _columns_of(section: Section, rows: Rows) -> list[Channel]:
-    return [
-        Channel(
-            address={"device": section.names[place], "component": component},
-            rows=rows,
-            read=partial(section.values, place),
-            name=component,
-            unit=section.units[place],
-        )
-        for place, component in enumerate(section.components)
-        if place >= 2 and section.names[place]
-    ]
 
 
 def _find_column(

@@ -132,13 +132,18 @@ def read(path: Path, source: OpenSimSource | None) -> Recording:
     table = replace(table, notes=[*notes, *table.notes])
     in_degrees = header.get("indegrees", "").casefold()
     angle = ANGLES.get(in_degrees, {}).get("rad", "")
-    likely = {name: "s" if name == "time" else _likely_unit(name, angle) for name in table.names}
+    likely = dict.fromkeys(table.names, angle)
+    for name in table.names:
+        for pattern, unit in FORCES.items():
+            if re.search(f"({pattern})$", name, re.IGNORECASE):
+                likely[name] = unit
+                break
+    likely["time"] = "s"
     recording = recording_of_table("opensim", table, layout, facts=header, likely_units=likely)
     settings = {"time": {"column": "time", "unit": "s"}} if "time" in table.names else {}
     recording = replace(recording, settings=settings, questions=questions)
-    if source is None:
-        return recording
-    plates = [_plate_of(recording, number, settings) for number, settings in source.plates.items()]
+    described = {} if source is None else source.plates
+    plates = [_plate_of(recording, number, settings) for number, settings in described.items()]
     return replace(recording, plates=plates)
 
 
@@ -195,13 +200,6 @@ def _check_angles(source: OpenSimSource, header: Mapping[str, str]) -> None:
                 f" {channel.unit}; write {unit_of_file}, as"
                 f" {source.place('channels', column, 'unit')}"
             )
-
-
-def _likely_unit(name: str, angle: str) -> str:
-    for pattern, unit in FORCES.items():
-        if re.search(f"({pattern})$", name, re.IGNORECASE):
-            return unit
-    return angle
 
 
 def plates_in(names: Sequence[str]) -> list[str]:

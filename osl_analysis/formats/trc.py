@@ -55,7 +55,10 @@ def read(path: Path, source: TrcSource | None) -> Recording:
         )
     if len(lines) <= HEADER_LINES:
         raise InputError(f"holds no frames, only {len(lines)} lines of a header; export it again")
-    rows = [Row(line.number, _cells_of(line.text)) for line in lines]
+    rows = []
+    for line in lines:
+        cells = line.text.split("\t") if "\t" in line.text else line.text.split()
+        rows.append(Row(line.number, [cell.strip() for cell in cells]))
     header = {
         key.casefold(): value
         for key, value in zip(rows[1].cells, rows[2].cells, strict=False)
@@ -74,7 +77,13 @@ def read(path: Path, source: TrcSource | None) -> Recording:
         cut = ": the end is missing" if len(body) < frames else ""
         raise InputError(f"NumFrames is {frames}, the file holds {len(body)} rows{cut}; {CORRECT}")
     check_last_line(text.is_ended, body)
-    _check_widths(body, markers)
+    for row in body:
+        count = len(unpadded(row.cells)) - 2
+        if count > 3 * markers or count % 3:
+            raise InputError(
+                f"line {row.number} has {count} coordinates, its header names {markers} markers;"
+                f" {CORRECT}"
+            )
     frame = column_of(body, 0, (), "frame", EXPORT_AGAIN)
     time = column_of(body, 1, (), "time", EXPORT_AGAIN)
     rate_hz = _rate(header, line_of_values)
@@ -98,11 +107,6 @@ def read(path: Path, source: TrcSource | None) -> Recording:
     )
 
 
-def _cells_of(text: str) -> list[str]:
-    cells = text.split("\t") if "\t" in text else text.split()
-    return [cell.strip() for cell in cells]
-
-
 def _count(header: dict[str, str], key: str, line: int) -> int:
     text = header.get(key.casefold(), "")
     is_whole = text.isascii() and text.isdigit()
@@ -117,16 +121,6 @@ def _rate(header: dict[str, str], line: int) -> float:
     if rate_hz <= 0:
         raise InputError(f"line {line}: DataRate is {text[:40]!r} and no rate in Hz; {CORRECT}")
     return rate_hz
-
-
-def _check_widths(rows: Sequence[Row], markers: int) -> None:
-    for row in rows:
-        count = len(unpadded(row.cells)) - 2
-        if count > 3 * markers or count % 3:
-            raise InputError(
-                f"line {row.number} has {count} coordinates, its header names {markers} markers;"
-                f" {CORRECT}"
-            )
 
 
 def _check_frames(rows: Sequence[Row], frame: NDArray[np.float64]) -> None:

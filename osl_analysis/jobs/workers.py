@@ -186,7 +186,9 @@ def do_in_worker(given: tuple[Any, ...]) -> str:
     try:
         worker.call(do, *given)
     except (EOFError, ConnectionError):
-        remove_unfinished(outputs, worker.process.pid)
+        for files in outputs.values():
+            for file in [files] if isinstance(files, str) else files:
+                temporary_path(Path(file), worker.process.pid).unlink(missing_ok=True)
         names = {-number.value: number.name for number in signal.Signals}
         return names.get(worker.end() or 0, "from outside")
     except BaseException:
@@ -194,13 +196,6 @@ def do_in_worker(given: tuple[Any, ...]) -> str:
         raise
     idle.append(worker)
     return ""
-
-
-def remove_unfinished(outputs: dict[str, str | list[str]], pid: int) -> None:
-    """Remove what a killed worker has begun to write."""
-    for files in outputs.values():
-        for file in [files] if isinstance(files, str) else files:
-            temporary_path(Path(file), pid).unlink(missing_ok=True)
 
 
 def plain_files(input: Any) -> dict[str, str | list[str]]:

@@ -163,15 +163,11 @@ def uniform_signals(
     devices = devices_of(trial, columns, computed)
     with naming(f"trial {trial.name}"):
         taken = take(streams(trial, devices, frozenset(computed)))
-        if wanted is not None:
-            taken = [only_wanted(part, wanted) for part in taken]
+        for number, part in enumerate(taken):
+            names = tuple(name for name in part.signals if wanted is None or name in wanted)
+            # all stay if none is wanted, for the clock is needed
+            taken[number] = replace(part, signals=names or part.signals)
         return on_one_grid(taken, limits, trial.name)
-
-
-def only_wanted(part: Taken, wanted: Collection[str]) -> Taken:
-    """Leave out the signals that are not wanted; all stay if none is, for the clock is needed."""
-    names = tuple(name for name in part.signals if name in wanted)
-    return replace(part, signals=names or part.signals)
 
 
 def on_one_grid(taken: Sequence[Taken], limits: GapLimits, trial: str = "") -> UniformSignals:

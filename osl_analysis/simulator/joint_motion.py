@@ -4,7 +4,7 @@ bandwidth."""
 import math
 import zlib
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import scipy
@@ -59,16 +59,6 @@ def sine(w: Array | float, phase: Array, size: float = 1.0) -> JointMotion:
     )
 
 
-@dataclass(frozen=True)
-class SinePiece:
-    """A part of a stepped sine; a rest has no frequency."""
-
-    start: float  # [s]
-    duration: float  # [s]
-    w: float  # [rad/s]
-    amplitude: float  # [rad]
-
-
 def sine_command(protocol: SteppedSineSchedule, rate_hz: float) -> JointMotion:
     """Command the stepped sine from rest, each frequency with its ramps.
 
@@ -77,22 +67,22 @@ def sine_command(protocol: SteppedSineSchedule, rate_hz: float) -> JointMotion:
     """
     sines = zip(protocol.durations, protocol.frequencies_hz, strict=True)
     block = [(duration + 2 * protocol.ramp_s, frequency) for duration, frequency in sines]
-    block.append((protocol.rest_s, 0.0))
-    pieces = [SinePiece(start=0.0, duration=protocol.lead_s, w=0.0, amplitude=0.0)]
-    end = protocol.lead_s
+    block.append((protocol.rest_s, 0.0))  # a rest has no frequency
+    pieces = [(protocol.lead_s, 0.0, 0.0)]  # duration [s], frequency [Hz], amplitude [deg]
     for amplitude_deg in protocol.amplitudes_deg:
-        for duration, frequency in block:
-            w = 2 * math.pi * frequency
-            pieces.append(SinePiece(end, duration, w, math.radians(amplitude_deg)))
-            end += duration
+        pieces += [(duration, frequency, amplitude_deg) for duration, frequency in block]
 
-    time = np.arange(round(end * rate_hz)) / rate_hz
-    borders = [*np.searchsorted(time, [piece.start for piece in pieces]), len(time)]
+    starts = np.cumsum([0.0, *(duration for duration, _, _ in pieces)]).tolist()
+    time = np.arange(round(starts[-1] * rate_hz)) / rate_hz
+    borders = np.searchsorted(time, starts[:-1])
     motions = []
-    for piece, first, stop in zip(pieces, borders[:-1], borders[1:], strict=True):
-        elapsed = time[first:stop] - piece.start
-        envelope = ramped(elapsed, piece.duration, protocol.ramp_s, piece.amplitude)
-        motions.append(envelope * sine(piece.w, piece.w * elapsed))
+    for (duration, frequency, amplitude_deg), start, rows in zip(
+        pieces, starts, np.split(time, borders)[1:], strict=False
+    ):
+        elapsed = rows - start
+        w = 2 * math.pi * frequency
+        envelope = ramped(elapsed, duration, protocol.ramp_s, math.radians(amplitude_deg))
+        motions.append(envelope * sine(w, w * elapsed))
     return joined(motions)
 
 

@@ -290,16 +290,12 @@ def write_c3d(
             # ezc3d's own `add_parameter` makes floats of whole numbers, which other readers refuse
             # in CHANNEL and TYPE
             parameter = parameters[group].get(name, {"description": "", "is_locked": False})
-            parameters[group][name] = {**parameter, "type": c3d_type(value), "value": value}
+            kind = TEXT_TYPE
+            if not isinstance(value, list):
+                kind = WHOLE_NUMBER_TYPE if value.dtype.kind == "i" else REAL_TYPE
+            parameters[group][name] = {**parameter, "type": kind, "value": value}
     with atomic_path(path) as temporary:
         file.write(str(temporary))
-
-
-def c3d_type(value: Any) -> int:
-    """C3D's type of a parameter: a list of texts, or an array of numbers."""
-    if isinstance(value, list):
-        return TEXT_TYPE
-    return WHOLE_NUMBER_TYPE if value.dtype.kind == "i" else REAL_TYPE
 
 
 def leg_markers(foot: Pose, shank: Pose) -> dict[str, Array]:

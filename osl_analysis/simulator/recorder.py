@@ -90,15 +90,9 @@ def draw_errors(trial: str, settings: SimulationSettings) -> dict[str, float]:
         return generator_of(settings.seed, trial, name)
 
     effects = settings.effects
-    drawn = {
-        "clock_start_s": float(random("clock_start").integers(20, 2000)),
-        "load_cell_offset": (
-            effects.load_cell_offset.value * random("load_cell_offset").standard_normal()
-        ),
-        "load_cell_drift": (
-            effects.load_cell_drift.value * random("load_cell_drift").standard_normal()
-        ),
-    }
+    drawn = {"clock_start_s": float(random("clock_start").integers(20, 2000))}
+    for name in ("load_cell_offset", "load_cell_drift"):
+        drawn[name] = getattr(effects, name).value * random(name).standard_normal()
     if effects.encoder_zero.enabled:
         largest = effects.encoder_zero.value * effects.joint_encoder.value
         drawn["encoder_zero"] = float(largest * random("encoder_zero").uniform(-1, 1))

@@ -111,22 +111,18 @@ def plan_trials(settings: SimulationSettings, only: str | None = None) -> SheetR
 def planned_trials(settings: SimulationSettings) -> list[PlannedTrial]:
     """All trials in the order of the sheet."""
     return [
-        *(trial for e, digits in ON_THE_BENCH.items() for trial in numbered(settings, e, digits)),
+        *numbered(settings, ON_THE_BENCH),
         *impedance_trials(settings),
-        *(
-            trial
-            for e, digits in IN_THE_LABORATORY.items()
-            for trial in numbered(settings, e, digits)
-        ),
+        *numbered(settings, IN_THE_LABORATORY),
     ]
 
 
-def numbered(settings: SimulationSettings, experiment: str, digits: int) -> list[PlannedTrial]:
-    """The trials of an experiment without conditions, by their numbers from 1."""
-    count = getattr(settings.experiments, experiment)
+def numbered(settings: SimulationSettings, digits_of: Mapping[str, int]) -> list[PlannedTrial]:
+    """The trials of experiments without conditions, by their numbers from 1."""
     return [
         PlannedTrial(experiment, f"{experiment}_{number:0{digits}d}")
-        for number in range(1, count + 1)
+        for experiment, digits in digits_of.items()
+        for number in range(1, getattr(settings.experiments, experiment) + 1)
     ]
 
 

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -136,13 +136,6 @@ class Segment:
     def rows(self) -> slice:
         """Its rows, transient included."""
         return slice(round(self.start), round(self.stop))
-
-
-class MeantRun(NamedTuple):
-    """A run with the amplitude [rad] that it was to have."""
-
-    run: Run
-    amplitude: float
 
 
 def whole_rows(start: float, stop: float) -> slice:
@@ -316,8 +309,9 @@ def best_place(signal: Array, template: Array, stride: int) -> int:
     return max(rows[max(best - stride, 0) : best + stride + 1], key=agreement)
 
 
-def meant_runs(likeness: "Likeness") -> list[MeantRun]:
-    """Choose the runs that follow a commanded amplitude.
+def meant_runs(likeness: "Likeness") -> list[tuple[Run, float]]:
+    """Choose the runs that follow a commanded amplitude, each with the amplitude [rad] that it was
+    to have.
 
     If not all commanded amplitudes were recorded, the protocol may have been another: other runs
     then count, too, with their own amplitude to a tenth of a degree. An angle without a sine is
@@ -346,7 +340,7 @@ def meant_runs(likeness: "Likeness") -> list[MeantRun]:
     for run, amplitude in zip(likeness.runs, commanded, strict=True):
         of_run = amplitude or followed(run.amplitude, uncommanded, LOST_AMPLITUDE)
         if of_run is not None:
-            meant.append(MeantRun(run, of_run))
+            meant.append((run, of_run))
     return meant
 
 
@@ -456,7 +450,8 @@ class Likeness:
         """Share of the moving time in commanded runs, and in pure sines."""
         inside = np.zeros_like(self.moving)
         for run in self.runs:
-            if self.is_steady(run) and (self.is_commanded(run) or is_pure(run)):
+            is_pure = run.misfit < PURE_SINE * run.amplitude / math.sqrt(2)
+            if self.is_steady(run) and (self.is_commanded(run) or is_pure):
                 first, stop = np.searchsorted(self.time, (run.start, run.stop))
                 inside[first:stop] = True
         moving = max(int(np.count_nonzero(self.moving)), 1)
@@ -519,11 +514,6 @@ class Likeness:
         if not self.moves or self.sines > HARDLY or self.one_line() > ONE_LINE:
             return "unclear"
         return "other"
-
-
-def is_pure(run: Run) -> bool:
-    """Whether a run is a pure sine."""
-    return run.misfit < PURE_SINE * run.amplitude / math.sqrt(2)
 
 
 def moving_bins(time: Array, theta: Array, noise: float | None = None) -> NDArray[np.bool_]:

@@ -164,7 +164,7 @@ def test_the_documented_commands_give_the_parameters_of_a_bench_of_ones_own(tmp_
     for command in re.findall(r"^osl-analysis (.*)$", documentation, re.MULTILINE):
         said = CliRunner().invoke(main, command.split())
         assert said.exit_code == 0, said.output
-    assert re.search(r"J_m +0\.009\d+ ± \S+ +kg·m²", said.output)
+    assert re.search(r"J_m +0\.009\d+ \(0\.009\d+ to 0\.009\d+\) +kg·m²", said.output)
     source = Path("config/sources/actuator_bench_csv.yaml")
     trial = raw_trial(Path("bench.csv"), source, "actuator")
     asked = fit_settings("actuator", ROOT / "config/config.yaml")

@@ -18,7 +18,9 @@ from osl_analysis.inference.whitening import Whitened
 from osl_analysis.trial import Array
 
 # median of the squares of normal noise over their mean
-MEDIAN_SQUARE = float(scipy.special.ndtri(0.75)) ** 2
+MEDIAN_SQUARE = 0.6744897501960817**2  # upper quartile of a standard normal variable, squared
+    0.6744897501960817**2
+)  # of a normal variable of variance 1: its upper quartile, squared
 # what is left over the noise of the rows that move least and over rounding, up to which it is
 # theirs: three standard errors in 20 s of motion to 6 Hz
 MOST_NOISE = 1.6

@@ -4,14 +4,13 @@ bandwidth."""
 import math
 import zlib
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
 
 from osl_analysis.model.compiled import compiled
 from osl_analysis.model.multisine import odd_multisine
-from osl_analysis.signals import Motion
 from osl_analysis.simulator.simulation_settings import (
     ActuatorBench,
     BeltMotion,
@@ -27,8 +26,13 @@ WANDERING_S = 4.0  # period [s] in which the size of the motion wanders
 WANDERING_SIZE = 0.4  # share of the size
 
 
-class JointMotion(Motion):
-    """A motion of which each derivative is the true one of what stands before it."""
+@dataclass(frozen=True)
+class JointMotion:
+    """An angle with its derivatives, each the true derivative of the one before."""
+
+    theta: Array  # (n,) [rad]
+    omega: Array  # (n,) [rad/s]
+    alpha: Array  # (n,) [rad/s^2]
 
     def __mul__(self, other: "JointMotion") -> "JointMotion":
         """The product, as of a sine and its envelope, with its derivatives."""

@@ -269,7 +269,16 @@ def impedance_of_leg(
     if onset is None:
         return {}
     rows = (perturbed.time >= onset) & (perturbed.time <= onset + gait.RENDERED_S)
-    columns = perturbed.motion.columns - unperturbed.motion.columns
+    with_turn = perturbed.motion
+    without = unperturbed.motion
+    columns = np.stack(
+        [
+            with_turn.theta - without.theta,
+            with_turn.omega - without.omega,
+            with_turn.alpha - without.alpha,
+        ],
+        axis=-1,
+    )
     torque = perturbed.drivetrain_torque - unperturbed.drivetrain_torque
     K, B, I = np.linalg.lstsq(columns[rows], torque[rows], rcond=None)[0]
     return {"K_rendered": float(K), "B_rendered": float(B), "I_rendered": float(I)}

@@ -8,7 +8,6 @@ coefficient by its size over that of the column's own part, and by no more.
 """
 
 import numpy as np
-import scipy
 
 from osl_analysis.inference.constants import INEXACTNESS
 from osl_analysis.inference.cross_validation import Predicted, all_columns
@@ -17,10 +16,8 @@ from osl_analysis.inference.least_squares import solve_scaled
 from osl_analysis.inference.whitening import Whitened
 from osl_analysis.trial import Array
 
-# median of the squares of normal noise over their mean
-MEDIAN_SQUARE = 0.6744897501960817**2  # upper quartile of a standard normal variable, squared
-    0.6744897501960817**2
-)  # of a normal variable of variance 1: its upper quartile, squared
+# median of the squares of normal noise over their mean: the upper quartile, squared
+MEDIAN_SQUARE = 0.6744897501960817**2
 # what is left over the noise of the rows that move least and over rounding, up to which it is
 # theirs: three standard errors in 20 s of motion to 6 Hz
 MOST_NOISE = 1.6

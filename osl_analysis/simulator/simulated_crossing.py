@@ -269,9 +269,15 @@ def impedance_of_leg(
     if onset is None:
         return {}
     rows = (perturbed.time >= onset) & (perturbed.time <= onset + gait.RENDERED_S)
-    moved, usual = perturbed.motion, unperturbed.motion
+    with_turn = perturbed.motion
+    without = unperturbed.motion
     columns = np.stack(
-        [moved.theta - usual.theta, moved.omega - usual.omega, moved.alpha - usual.alpha], axis=1
+        [
+            with_turn.theta - without.theta,
+            with_turn.omega - without.omega,
+            with_turn.alpha - without.alpha,
+        ],
+        axis=-1,
     )
     torque = perturbed.drivetrain_torque - unperturbed.drivetrain_torque
     K, B, I = np.linalg.lstsq(columns[rows], torque[rows], rcond=None)[0]

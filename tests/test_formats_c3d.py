@@ -106,25 +106,6 @@ def test_a_file_that_is_cut_is_refused_with_both_counts(tmp_path: Path) -> None:
     assert "truncated: it declares 100 frames and holds" in said
 
 
-def test_a_file_without_padding_whose_last_sub_frame_is_zero_is_read_and_told(
-    tmp_path: Path,
-) -> None:
-    analogs = np.random.default_rng(1).normal(size=(80, 4))
-    analogs[-1] = 0.0
-    path = write_c3d(tmp_path / "a.c3d", seen_points(), analogs)
-    content = path.read_bytes()
-    frame = 4 * (2 * 4 + 10 * 4)
-    start = 512 * (int.from_bytes(content[16:18], "little") - 1)
-    path.write_bytes(content[: start + 8 * frame])
-
-    recording = formats.read(path)
-
-    channel = values_of(recording, "channel", "A4")
-    np.testing.assert_allclose(channel[:-1], analogs[:-1, 3], rtol=1e-6)
-    assert np.isnan(channel[-1])
-    assert any("last sample of all analog channels" in text for text in recording.loss.remarks)
-
-
 @pytest.mark.parametrize("first_zero", [47, 96])
 def test_a_c3d_file_that_ends_in_zeros_is_whole(tmp_path: Path, first_zero: int) -> None:
     """A joint at rest; a single sub-frame of zeros is one that was not recorded."""

@@ -512,21 +512,6 @@ def test_what_cannot_be_a_log_is_refused_in_every_format(tmp_path, what, changes
     assert told in refusal_by(read_converted, path, described(what, **counted))
 
 
-@EVERY
-def test_a_draft_becomes_a_source_file_by_naming_two_signals_and_a_unit(tmp_path, what):
-    columns = {"time": TIME, "ankle_deg": np.rad2deg(ANGLE), "moment": TORQUE}
-    path = WRITERS[what][2](tmp_path / f"log.{WRITERS[what][0]}", columns)
-    draft = (
-        draft_source(inspect_file(path), path.name)
-        .replace("NAME_1", "theta")
-        .replace("NAME_2", "torque")
-    )
-    (tmp_path / "s.yaml").write_text(draft.replace("UNKNOWN", "N*m"))
-    samples = read_converted(path, read_source(tmp_path / "s.yaml")).samples
-    for column, expected in (("time", TIME), ("theta", ANGLE), ("torque", TORQUE)):
-        np.testing.assert_allclose(samples[column], expected, atol=1e-12)
-
-
 def refused_mat(path, **fields):
     return refusal_by(read_converted, path, described("mat", **fields))
 

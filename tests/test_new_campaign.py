@@ -425,6 +425,7 @@ UNITS_IN_NAMES = {
     "lbf*ft": "torque_lbf_ft torque_lbfft torque_lbft torque_ftlb torque_ft-lbs MomentLbfFt",
     "ozf*in": "torque_ozin torque_oz_in", "kgf*cm": "torque_kgfcm",
     "deg": "a_deg aDeg a_degrees a_m_deg",
+    "N": "F_N", "mV": "u_mV", "ns": "t_ns", "Hz": "f_Hz", "mm": "x_mm",
     "rad": "a_rad", "mrad": "a_mrad", "rev": "a_rev", "rpm": "w_rpm",
     "deg/s": "w_deg_s w_dps w_deg_per_s",
     "s": "t_s t_sec", "ms": "t_ms tMs", "us": "t_us", "A": "i_A", "mA": "i_mA", "V": "u_V",

@@ -196,7 +196,7 @@ def nexus(sign: str = ",", decimal: str = ".", gap: bool = False) -> str:
         lines.append(cells(frame, k % 2, k + 0.5, -k - 0.25, 100.125 * k))
     lines += ["", "Trajectories", "100", cells("", "", "Ann:LTOE", "", "")]
     lines += [cells("Frame", "Sub Frame", "X", "Y", "Z"), cells("", "", "mm", "mm", "mm")]
-    lines += [cells(7, 0, 0, 2.5, 3.5), cells(8, 0, "", "", ""), cells(9, 0, 0, 0, 0)]
+    lines += [cells(7, 0, 1.5, 2.5, 3.5), cells(8, 0, "", "", ""), cells(9, 0, 0, 0, 0)]
     return "\n".join(lines) + "\n"
 
 
@@ -211,7 +211,7 @@ def test_an_export_of_nexus_is_read_with_any_sign_in_utf_16(
     assert recording.format == "nexus_csv"
     np.testing.assert_array_equal(force.values, 100.125 * np.arange(6))
     assert (force.unit, force.rows.rate_hz) == ("N", 200.0)
-    np.testing.assert_array_equal(marker.values, [[0, 2.5, 3.5], [np.nan] * 3, [np.nan] * 3])
+    np.testing.assert_array_equal(marker.values, [[1.5, 2.5, 3.5], [np.nan] * 3, [np.nan] * 3])
     assert (marker.key, marker.unit, marker.rows.rate_hz) == ("Ann:LTOE", "mm", 100.0)
 
 
@@ -269,7 +269,7 @@ def qualisys(frames: int = 3, columns: int = 2, rows: int | None = None) -> str:
     for k in range(frames if rows is None else rows):
         toe = ["0.000"] * 3 if k == 1 else [f"{k}.5", "7.5", "8.5"]
         before = [str(k + 1), f"{k / 200:.5f}"][:columns]
-        text += "\t".join([*before, f"{k}.25", "2.25", "-3.25", *toe]) + "\n"
+        text += "\t".join([*before, f"{k}.25", "2.25", "0.000", *toe]) + "\n"
     return text
 
 
@@ -284,7 +284,7 @@ def test_markers_of_qualisys_are_read_with_or_without_frame_numbers(
     assert (toe.unit, toe.rows.rate_hz, toe.kind) == ("mm", 200.0, Kind.MARKER)
     np.testing.assert_array_equal(toe.values, [[0.5, 7.5, 8.5], [np.nan] * 3, [2.5, 7.5, 8.5]])
     np.testing.assert_array_equal(
-        column(recording, "Heel", "label"), [[k + 0.25, 2.25, -3.25] for k in range(3)]
+        column(recording, "Heel", "label"), [[k + 0.25, 2.25, 0] for k in range(3)]
     )
 
 

@@ -179,13 +179,9 @@ def of_gains(stiffness, damping, *more):
 
 
 MISTAKES = {
-    "K_d = 0 .* ask for more than 0": of_gains(0, 5),
-        r"B_d = 1e\+300 .* ask for 1e-09 to 1e\+06": of_gains(300, 1e300),
     r"K_d = 700 .* ask for less than 685\.6 \(99 % of it: 678\.7\)": of_gains(700, 5),
     r"cutoff_hz: 1e\+300 is not allowed: write a number less than or equal to 10000": (*GAINS,
     "--weight-hz", 1e300),
-    "order: 0 is not allowed: write a number greater than or equal to 1": (*GAINS, "--weight-order",
-    0),
     r"no\.yaml: no such file": (*GAINS, "--parameters", "no.yaml"),
     r"osl-analysis init FOLDER --from \.`": ("fit", "README.md"),
     "did you mean 'profiles/slurm'": ("run", "--workflow-profile", "profiles/slrm"),
@@ -312,9 +308,6 @@ def test_a_full_disk_is_one_line_and_leaves_the_older_file_as_it_was(tmp_path, s
     with pytest.raises(InputError, match=said), full_disk():
         WRITERS[suffix](TABLE, path)
     assert (path.read_text(), list(tmp_path.iterdir())) == ("older", [path])
-    # that of another file is none of this one
-    with pytest.raises(FileNotFoundError, match="lost"), atomic_path(path):
-        Path("lost").stat()
 
 
 def test_nothing_but_a_regular_file_is_replaced(
@@ -342,7 +335,6 @@ def test_nothing_but_a_regular_file_is_replaced(
         before, said = path.lstat()[:2], rf"{name}\.csv: is {kind}; name a file"
         with pytest.raises(InputError, match=said):
             write_table(TABLE, path)
-        assert re.search(said, one_line(call("inspect", "no.csv", "--draft", path)))
         assert path.lstat()[:2] == before  # kind and inode
     said = one_line(call(*GAINS, "--parameters", "no.yaml", "--output", "/proc/x.csv"))
     assert "/proc/x.csv: cannot be written, because no file can be made in /proc" in said

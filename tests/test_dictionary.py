@@ -14,7 +14,7 @@ from polars.testing import assert_frame_equal
 
 from osl_analysis.dictionary import HERE, described_tables, own_yaml
 from osl_analysis.errors import InputError
-from osl_analysis.files import atomic_path, check_working_folder, digest, file_state
+from osl_analysis.files import check_working_folder
 from osl_analysis.table import (
     finite_or_null,
     read_table,
@@ -34,12 +34,6 @@ def described(place):
 )
 def test_our_own_files_say_the_same_in_yaml_1_1_and_1_2_and_no_key_stands_twice(path):
     assert own_yaml(path) == read_mapping(path)
-
-
-def test_endings_and_shared_columns_are_written_out():
-    columns = described("tables/transmission")
-    assert (columns["J_j_high"].unit, columns["J_j_se_bench"].unit) == ("kg*m^2", "kg*m^2")
-    assert {"VAF", "condition_number", "trial"} <= set(columns)
 
 
 @given(st.lists(st.one_of(st.none(), st.floats(allow_infinity=False)), min_size=1, max_size=8))
@@ -71,12 +65,7 @@ def test_a_blank_line_in_a_table_is_no_row_and_an_entry_behind_it_stands_in_its_
         read_table(tmp_path / "t.csv", ["K"])
 
 
-def test_a_failure_while_writing_leaves_the_old_file_and_nothing_else(tmp_path, monkeypatch):
-    (tmp_path / "t.csv").write_text("old")
-    with pytest.raises(ZeroDivisionError), atomic_path(tmp_path / "t.csv") as temporary:
-        temporary.write_text(f"half {1 / 0}")
-    assert [path.read_text() for path in tmp_path.iterdir()] == ["old"]
-    assert (file_state(tmp_path / "none"), digest(tmp_path / "none")) == (None, None)
+def test_a_folder_that_cannot_be_written_to_or_is_full_is_told(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "raw_data").mkdir()
     for name in (".snakemake/log", "results/tables"):

@@ -9,9 +9,7 @@ import pytest
 from osl_analysis import formats
 from osl_analysis.errors import InputError
 from osl_analysis.formats import known_formats
-from osl_analysis.formats._markers import positions_in
-from osl_analysis.formats._text import Row
-from osl_analysis.recording import End, Kind, Recording
+from osl_analysis.recording import Kind, Recording
 
 TIME = np.arange(900) / 500  # s; long enough that polars splits the middle of the text
 ANGLE = 5 * np.sin(9 * TIME)
@@ -87,20 +85,6 @@ def test_a_truth_value_that_is_no_pulse_is_refused(tmp_path: Path) -> None:
     said = refusal(tmp_path, content, **stated)
 
     assert "a truth value can only be `sync` or `trigger`" in said
-
-
-def test_a_last_line_that_is_or_may_be_cut_off_is_left_out(tmp_path: Path) -> None:
-    cut = read(tmp_path, table()[:-20])
-    doubtful = read(tmp_path, "t,n\n" + "".join(f"{k},{k}\n" for k in range(9)) + "9,12")
-    whole = read(tmp_path, table(ends=""))
-
-    assert column(cut, "Time").size == TIME.size - 1
-    assert cut.loss.end == End.MISSING
-    assert "is cut off and was skipped" in cut.loss.remarks[0]
-    assert column(doubtful, "n").tolist() == list(range(9))
-    assert "may be cut in a number and was skipped" in doubtful.loss.remarks[0]
-    assert column(whole, "Time").size == TIME.size
-    assert whole.loss.end == End.UNKNOWN
 
 
 def test_rows_that_do_not_fit_are_refused_by_line_or_skipped_and_counted(tmp_path: Path) -> None:
@@ -273,17 +257,6 @@ def test_frames_of_the_sections_that_are_read_must_follow_one_another(tmp_path: 
 # --- Qualisys ---------------------------------------------------------------------------
 
 
-def test_only_the_exact_origin_and_empty_cells_are_a_marker_that_was_not_seen() -> None:
-    cells = [["0", "2", "3"], ["0", "0", "0"], ["", "", ""], ["1", "0", "0"]]
-    rows = [Row(number, row) for number, row in enumerate(cells, start=1)]
-
-    positions = positions_in(rows, first=0, markers=1)[:, 0]
-
-    seen = np.isfinite(positions)
-    assert seen.all(axis=1).tolist() == [True, False, False, True]
-    assert positions[0].tolist() == [0, 2, 3]
-
-
 def qualisys(frames: int = 3, columns: int = 2, rows: int | None = None) -> str:
     """An export with frame numbers and times, or without."""
     text = (
@@ -296,7 +269,7 @@ def qualisys(frames: int = 3, columns: int = 2, rows: int | None = None) -> str:
     for k in range(frames if rows is None else rows):
         toe = ["0.000"] * 3 if k == 1 else [f"{k}.5", "7.5", "8.5"]
         before = [str(k + 1), f"{k / 200:.5f}"][:columns]
-        text += "\t".join([*before, f"{k}.25", "2.25", "-3.25", *toe]) + "\n"
+        text += "\t".join([*before, f"{k}.25", "2.25", "0.000", *toe]) + "\n"
     return text
 
 
@@ -311,7 +284,7 @@ def test_markers_of_qualisys_are_read_with_or_without_frame_numbers(
     assert (toe.unit, toe.rows.rate_hz, toe.kind) == ("mm", 200.0, Kind.MARKER)
     np.testing.assert_array_equal(toe.values, [[0.5, 7.5, 8.5], [np.nan] * 3, [2.5, 7.5, 8.5]])
     np.testing.assert_array_equal(
-        column(recording, "Heel", "label"), [[k + 0.25, 2.25, -3.25] for k in range(3)]
+        column(recording, "Heel", "label"), [[k + 0.25, 2.25, 0] for k in range(3)]
     )
 
 
@@ -319,33 +292,3 @@ def test_a_qualisys_export_that_is_cut_is_refused(tmp_path: Path) -> None:
     assert "NO_OF_FRAMES is 3, the file holds 2 frames" in refusal(
         tmp_path, qualisys(rows=2), "a.tsv"
     )
-
-
-# --- OpenSim ------------------------------------------------------------------------------------
-
-REACTIONS = ["ground_force_vx", "ground_force_vy", "ground_force_vz", "ground_force_px",
-             "ground_force_py", "ground_force_pz", "ground_torque_x", "ground_torque_y",
-             "ground_torque_z"]  # fmt: skip
-
-
-def opensim(rows: int = 3, stated: int = 3, degrees: str = "yes") -> str:
-    names = ["time", "ankle_angle_r", *REACTIONS]
-    text = f"walk\nversion=1\nnRows={stated}\nnColumns={len(names)}\ninDegrees={degrees}\n"
-    text += "endheader\n" + "\t".join(names) + "\n"
-    for k in range(rows):
-        text += "\t".join(f"{k / 100 + place:.3f}" for place in range(len(names))) + "\n"
-    return text
-
-
-def test_a_plate_of_opensim_has_force_moment_and_point_in_si_units(tmp_path: Path) -> None:
-    corners = [[0.4, 0, 0.6], [0, 0, 0.6], [0, 0, 0], [0.4, 0, 0]]
-    plate = {"force": "ground_force_v", "point": "ground_force_p", "moment": "ground_torque_",
-             "corners": corners, "foot": "left"}  # fmt: skip
-
-    recording = read(tmp_path, opensim(), "a.mot", format="opensim", plates={1: plate})
-    (found,) = recording.plates
-
-    assert [one.name for one in found.channels] == [*REACTIONS[:3], *REACTIONS[6:], *REACTIONS[3:6]]
-    assert [one.unit for one in found.channels[::3]] == ["N", "N*m", "m"]
-    assert (found.type, found.length_unit, found.foot) == (0, "m", "left")
-    np.testing.assert_array_equal(found.corners, corners)

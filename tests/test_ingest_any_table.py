@@ -58,24 +58,20 @@ TEXTS = {
     "semicolons and commas": text(";", ["Tijd [s]", "Hoek [graden]", "Koppel [Nm]"], decimal=","),
     "whole seconds beside": text(
         head=["Time", *HEAD], t=[f"{at},{x}" for at, x in zip(since("%H:%M:%S"), T, strict=True)]),
-    "blanks and commas": text(" ", PLAIN, decimal=","), "names with blanks": text("    ",
+    "names with blanks": text("    ",
     ["Time (s)", *HEAD[1:]]),
     "for Excel": "sep=;\n" + text(";"),
-    "savetxt": text(" ", ["# time_s", *PLAIN[1:]]), "rostopic": text(",", ["%time [s]", *HEAD[1:]]),
+    "savetxt": text(" ", ["# time_s", *PLAIN[1:]]), 
     "units below": text(",", ["Time", "Angle", "Torque"], t=["[s]", *T], a=["(deg)", *A], m=["N-m",
     *M]),
-    "DIN": text(";", ["Zeit / s", "Winkel / deg", "Moment / Nm"], decimal=","),
     "DIN without blanks": text(";", ["t/s", "phi/deg", "M/Nm"], decimal=","),
     "samples a second": text(",", head=[*HEAD[1:], ""], above="Abtastrate: 0.5 kS/s\n", t=A, a=M,
-    m=[""] * ROWS),
-    "fs in JSON": text(",", head=[*HEAD[1:], ""], above='# {"fs": 500, "rig": 3}\n', t=A, a=M,
     m=[""] * ROWS),
     "dt": text(",", head=[*HEAD[1:], ""], above="dt = 2 ms\n", t=A, a=M, m=[""] * ROWS),
     "statistics in a column of words": text(head=["", *HEAD], t=[f",{x}" for x in T],
     below="Mean,0.7,0.1,0.2\n"),
     "dates before times": text(head=["Date", *HEAD],
     t=[f"01.05.2024,{x}" for x in since("%H:%M:%S.%f")]),
-    "of PlotJuggler": text(head=["__time", *PLAIN[1:]], t=[f"{1.7e9 + x:.3f}" for x in TIME]),
     "groups above": text(above="Motion,,Load\n"),
     "preamble": text(above="Subject,7\nRate [Hz],500\nAll good, really\n"),
     "Ctrl-Z": text() + "\x1a",
@@ -87,8 +83,6 @@ TEXTS = {
     "UTF-16 of the other order without mark": text("\t").encode("utf-16-be"),
     "clock": text(";", ["Uhrzeit", *HEAD[1:]], t=since("%H:%M:%S.%f"), decimal=","),
     "Excel's days": text(head=["Time", *HEAD[1:]], t=[f"{45413.5 + x / 86400:.12f}" for x in TIME]),
-    "counter of 16 bits": text(head=["time_ms", *HEAD[1:]],
-    t=[str(round(65000 + 1e3 * x) % 2**16) for x in TIME]),
     "counter of 32 bits": text(head=["t_us", *HEAD[1:]],
     t=[str(round(2**32 - 9e5 + 1e6 * x) % 2**32) for x in TIME]),
     "LabVIEW without times": text(
@@ -101,12 +95,6 @@ TEXTS = {
         name: [f'"{x}"'.replace(".", ",") for x in column] for name, column in zip("tam", (T, A, M),
         strict=True)}),
     "minus signs of a text processor": text().replace("-", "\u2212"),
-    "micros of an Arduino": text(head=["micros", *HEAD[1:]],
-    t=[f"{round(1e6 * x - 9e5) % 2**32}" for x in TIME]),
-    "Fs above samples": text(head=["Sample", *HEAD[1:]], above="Fs: 500 Hz\n",
-    t=[str(k) for k in range(ROWS)]),
-    "LabVIEW without times, with decimal commas": text("\t", HEAD[1:], LVM.replace(
-        "0.002", "2,000000E-3") + "***End_of_Header***\t\n", t=A, a=M, m=[""] * ROWS, decimal=","),
     "Biodex": text("   ", ["   TIME", "POS (ANAT)", "TORQUE"], "Session : ankle\n\n", t=["mSec", *(
         f"{1e3 * x:.0f}" for x in TIME)], a=["DEGREES", *A], m=["N-M", *M]),
     "DIAdem": text(";", ["Time", "Angle", "Torque"], t=["s", "480", *T], a=["deg", "480", *A],
@@ -114,15 +102,8 @@ TEXTS = {
         .replace("s;", "Unit;s;", 1).replace("480;480;480", "Length;480;480;480").replace("Time;",
         "Name;Time;", 1)
         .replace("\n0", "\n;0").replace("\n1", "\n;1"),
-    "names of two rows": text(",", ["time_s", "angle_deg", "torque_Nm"], "time,ankle,ankle\n"),
-    "ounces and inches": text(head=[*HEAD[:2], "Torque [oz-in]"],
-    m=[f"{x / 0.007061551814226:.9f}" for x in TORQUE]),
-    "thousands of Switzerland": text(";", ["Zeit [ms]", *HEAD[1:]],
-    t=[f"{1e3 * x + 900:,.1f}".replace(
-        ",", "'") for x in TIME]),
     "thousands of France": text(";", ["Temps (ms)", *HEAD[1:]], t=[f"{1e3 * x + 900:,.1f}".replace(
         ",", "\u202f") for x in TIME], decimal=","),
-    "ticks of 10 us": text(head=["time [10 µs]", *HEAD[1:]], t=[f"{1e5 * x:.0f}" for x in TIME]),
     "ticks in a comment": text(
         above="# timestamp in ticks of 10 us\n", head=["ticks", *HEAD[1:]],
         t=[f"{1e5 * x:.0f}" for x in TIME]),
@@ -135,7 +116,6 @@ TEXTS = {
         "Delta_X", "Y_Unit_Label\tDeg\t\tNm\nDelta_X") + "***End_of_Header***\t\n",
         a=[f"{x}\t{t}" for t, x in zip(T, A, strict=True)]),
     "levels of pandas": text(head=["time_s", "", ""], above=",ankle,cell\n,angle_deg,torque_Nm\n"),
-    "thousands": text(";", THOUSANDS[0], m=THOUSANDS[1]),
     "thousands and decimal commas": text(";", THOUSANDS[0],
     m=THOUSANDS[1]).translate(str.maketrans(",.", ".,")),
     "an angle within one turn": text(a=[f"{x % 360:.9f}" for x in ANGLE]),
@@ -466,9 +446,8 @@ def test_a_later_clock_of_the_same_name_is_of_what_stands_beside_it(
 
 
 @pytest.mark.parametrize("above", [
-    "Sampling rate: 2000 Hz\nDecimation: 4\n", "# Sample rate 2000 Hz, downsampled by 4\n",
-    "Sample rate: 2000 Hz\nOutput rate: 500 Hz\n", "Sample rate: 2000 Hz\nAveraging: 4 samples\n",
-    "Sample rate: 2000 Hz\nSave every: 4\n", "# Device sampling frequency 2000 Hz\n",
+    "Sampling rate: 2000 Hz\nDecimation: 4\n", "Sample rate: 2000 Hz\nOutput rate: 500 Hz\n", 
+    "Sample rate: 2000 Hz\nSave every: 4\n",
 ])  # fmt: skip
 def test_a_rate_beside_a_decimation_or_another_rate_is_a_question(tmp_path, above):
     """Read at 2000 Hz, rows of 500 Hz gave B = 1.25 for 5."""
@@ -564,9 +543,7 @@ def test_a_table_with_more_columns_than_a_recording_has_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("error", "reason"),
     [
-        (TypeError("no len() of None"), "its parts contradict each other: no len() of None"),
         (zlib.error("Error -3 while decompressing data"), "a packed part of it is damaged"),
-        (ValueError("unexpected EOF: file truncated"), "it is cut off, or its end is lost"),
         (OSError(errno.ENOENT, "No such file or directory"), "No such file or directory"),
         (
             OSError(errno.EINVAL, "Invalid argument"),

@@ -113,9 +113,6 @@ def test_a_name_that_the_file_lacks_has_twice_or_a_unit_that_cannot_be_is_refuse
         ({"analogs": {"sync": {"channel": "A1"}}}, "sync: unit 'N' measures [N]"),
     ):  # fmt: skip
         assert told in refused(path, **stated)
-    path = write_c3d(tmp_path / "a.c3d", points(), POINT__LABELS=["TOE", "HEEL", "TOE"])
-    assert "marker 'TOE' occurs twice" in refused(path)
-    assert len(read(path, markers=["HEEL"]).samples) == 6
     path.write_bytes(path.read_bytes().replace(b"LABELS", b"LABELZ", 1))
     assert "POINT:LABELS is missing: none of its 3 points has a name" in refused(path)
 
@@ -253,15 +250,11 @@ def test_a_capture_of_more_frames_than_its_header_counts_is_whole(tmp_path: Path
 PLATES_THAT_CANNOT_BE: list[tuple[dict[str, Any], dict[str, Any], str]] = [
     ({"ANALOG__SCALE": [1, 1, np.nan, 1, 1, 1.0]},
      {}, "plate 1: nan in sample 1 of analog channel 'A3'"),
-    ({"ANALOG__SCALE": [1, 1, 1.0]}, {}, "plate 1: nan in sample 1 of analog channel 'A4'"),
-    ({"ANALOG__GEN_SCALE": [0.0]}, {}, "plate 1: nan in sample 1 of analog channel 'A1'"),
     ({"ANALOG__UNITS": ["N"]}, {}, "analog channel 'A2': the unit is empty"),
-    *(({"FORCE_PLATFORM__USED": [n]}, {}, f"FORCE_PLATFORM:USED is {n:g}") for n in (-1.0, 500.0,
-    np.nan)),
+    ({"FORCE_PLATFORM__USED": [np.nan]}, {}, "FORCE_PLATFORM:USED is nan"),
     ({"FORCE_PLATFORM__ZERO": [1, 7]},
      {"plate_zero": "file"}, "of the plates is frames 1 to 7 of 6"),
-    *(({"FORCE_PLATFORM__ZERO": zero}, {"plate_zero": "file"},
-    "frames 0 to 0 of 6") for zero in ([2], [np.nan, 7])),
+    ({"FORCE_PLATFORM__ZERO": [np.nan, 7]}, {"plate_zero": "file"}, "frames 0 to 0 of 6"),
     ({"FORCE_PLATFORM__CHANNEL": np.arange(6)[:, None]},
      {}, "FORCE_PLATFORM:CHANNEL gives [0, 1, 2, 3, 4, 5] of"),
     ({}, {"plate_zero": [3, 7]}, "of the plates is frames 3 to 7 of 6"),

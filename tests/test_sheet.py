@@ -2,6 +2,7 @@
 sheet."""
 
 import itertools
+from collections import Counter
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -69,18 +70,13 @@ def test_a_valid_sheet_is_typed_and_blanks_and_comments_say_nothing(tmp_path, ma
 @pytest.mark.parametrize(("line", "message"), [
     ("b1,blet,,,,,b.mcap,dynamometer,,,", "experiment 'blet' is none of .*; did you mean 'belt'"),
     ("../b1,belt,,,,,b.mcap,dynamometer,,,", r"line 2: trial '\.\./b1' must be up to 100 letters"),
-    ("k,impedance,compensated,0,5,,k.mcap,dynamometer,,,",
-     "K_d = 0, B_d = 5 is not the impedance of a joint"),
     ("k,impedance,compensated,3,-5,,k.mcap,dynamometer,,,",
      "K_d = 3, B_d = -5 is not the impedance of a joint"),
-    (f"{'b' * 101},belt,,,,,b.mcap,leg,,,", "b' must be up to 100 letters"),
-    ("s,static,,,,,,,s.c3d,s.yml,", "mocap_source 's.yml' names a file"),
     ("b,belt,,,,,,,,,", "names no file; fill in"),
     ("b,belt,,,,yes,b.mcap,leg,,,", "'yes' must be true or false"),
     ("b1,belt,,,,,b.mcap,s.yaml,,,",
      "log_source 's.yaml' names a file; write its name without the ending"),
     ("k,impedance,compensated,1_0,5,,k.mcap,dynamometer,,,", "K_d '1_0' is not a number"),
-    ("k,impedance,compensated,1e999,5,,k.mcap,dynamometer,,,", "K_d '1e999' is not a number"),
     ("w,walking,,,,,,,w.c3d,vicon,", "perturbed is empty"),
     ("w,static,,,,,,,w.c3d,,", "mocap_source is empty"),
     ("k,impedance,Compensated,300,5,,k.mcap,dynamometer,,,",
@@ -89,10 +85,8 @@ def test_a_valid_sheet_is_typed_and_blanks_and_comments_say_nothing(tmp_path, ma
      "line 3: trial 'b' stands twice, first in line 2"),
     (f"{BELT}\nB,belt,,,,,b2.mcap,leg,,,",
      "line 3: trial 'B' stands twice, .* differs by more than capitals"),
-    *((f"{BELT}{word}", f"exclude '{word}' is no reason; clear the cell") for word in ("0", "No",
-    "false")),
-    *((f"k,impedance,,{K},{B},,k.mcap,leg,,,", f"K_d = {K}, B_d = {B} is not the") for K,
-    B in ((1e9, 5), (9, 1e4))),
+    (f"{BELT}No", "exclude 'No' is no reason; clear the cell"),
+    ("k,impedance,,9,10000.0,,k.mcap,leg,,,", "K_d = 9, B_d = 10000.0 is not the"),
     ("b,belt,,,,,b\u00a01.mcap,leg,,,",
      r"line 2: column 'log': .* U\+00A0 \(NO-BREAK SPACE\); type"),
     (f"{BELT}slipped, again", "line 2: 12 cells, the header has 11; quote a cell"),
@@ -114,14 +108,12 @@ def test_a_wrong_cell_is_named_with_line_and_remedy(tmp_path, line, message):
      "line 2: joint 'Ankle' differs from 'ankle' by capitals or accents alone"),
     (f"{PLACED}a,static,knee,,a,s\n",
      "joint 'knee' of experiment 'static': the walkway measures the ankle; leave"),
-    *((f"{PLACED}a,belt,knee,{side},a,s\n",
-    f"side '{side}' must be left or right") for side in ("both", "Left")),
+    (f"{PLACED}a,belt,knee,both,a,s\n", "side 'both' must be left or right"),
     *((f"trial,experiment,log,log_source,{name}\na,{kind},a,s,{cell}\n", said) for name, kind, cell,
     said in (
         ("windows", "static", "2-30", "it is for 'belt' or 'transmission' or "),
         ("windows", "impedance", "2-", "are not from-to"),
-        *((name, "calibration", "9", "needs known_K .* and known_percent") for name in ("known_K",
-        "known_I")),
+        ("known_K", "calibration", "9", "needs known_K .* and known_percent"),
         ("fixture_inertia", "belt", "-1", "fixture_inertia '-1' is below 0"),
         ("fixture_weight", "actuator", "1", "turns no joint under a load cell"),
         ("fixture_rest_deg", "belt", "9", "fixture_rest_deg without fixture_weight"),
@@ -141,9 +133,7 @@ def test_a_wrong_cell_is_named_with_line_and_remedy(tmp_path, line, message):
     ("trial,experiment,log,log_source,static\na,belt,a.csv,b,x\n",
      "static 'x' of experiment 'belt'; it is for 'sta"),
     ("trial,experimnt,log\n", "unknown column 'experimnt'; .*; did you mean 'experiment'"),
-    *((f"trial{sign}experiment\na{sign}belt\n",
-    f"its cells are separated by '{said}'; save the sheet with commas")
-      for sign, said in ((";", ";"), ("\t", r"\\t"), ("|", r"\|"))),
+    ("trial;experiment\na;belt\n", "its cells are separated by ';'; save the sheet with commas"),
     (f"{HEADER}{BELT}Fuß\n".encode("latin-1"),
      "line 2: byte 0xdf is not UTF-8; save the sheet as 'CSV UTF-8'"),
     (HEADER.encode("utf-16-le"), "its header holds zero bytes, it is not UTF-8; save the sheet as"),
@@ -338,33 +328,17 @@ def settings_with(tmp_path, place, value):
 
 
 def test_the_default_campaign_is_that_of_the_paper():
-    plan = plan_trials(read_yaml(DEFAULT, SimulationSettings))
-    names = [f"belt_{i:02d}" for i in range(1, 11)] + [f"transmission_{i}" for i in range(1, 6)]
-    names += [f"actuator_{i}" for i in range(1, 4)]
-    pairs = itertools.product(CONTROLLERS, (100, 200, 300, 400), ("0.0", "2.5", "5.0", "7.5"))
-    names += [f"impedance_K{K_d}_B{B_d}_{controller}" for controller, K_d, B_d in pairs]
-    names += [
-        "static_1",
-        *(f"plate_{i:02d}" for i in range(1, 7)),
-        *(f"walking_{i:02d}" for i in range(1, 61)),
-    ]
-    assert list(plan) == names
-    row, log = (
-        plan["impedance_K400_B2.5_uncompensated"],
-        "dynamometer/impedance_K400_B2.5_uncompensated.mcap",
-    )
-    assert [row[name] for name in ("K_d", "B_d", "controller", "log")] == [
-        400,
-        2.5,
-        "uncompensated",
-        log,
-    ]
-    files = ["leg/walking_60.mcap", "leg", "vicon/walking_60.c3d", "vicon"]
-    assert [
-        plan["walking_60"][name] for name in ("log", "log_source", "mocap", "mocap_source")
-    ] == files
+    rows = plan_trials(read_yaml(DEFAULT, SimulationSettings)).values()
+
+    assert Counter(row["experiment"] for row in rows) == {
+        "belt": 10, "transmission": 5, "actuator": 3, "impedance": 32, "static": 1, "plate": 6,
+        "walking": 60,
+    }  # fmt: skip
+    conditions = itertools.product(CONTROLLERS, (100, 200, 300, 400), (0, 2.5, 5, 7.5))
+    planned = {(row["controller"], row["K_d"], row["B_d"]) for row in rows if row["K_d"]}
+    assert planned == {*conditions}
     # 30 +- 2.6 SD of a fair coin
-    assert 20 <= sum(plan[f"walking_{i:02d}"]["perturbed"] for i in range(1, 61)) <= 40
+    assert 20 <= sum(bool(row["perturbed"]) for row in rows) <= 40
 
 
 def test_the_written_sheet_is_the_plan(
@@ -405,7 +379,6 @@ PRBS = {"name": "a", "kind": "prbs", "rms_deg": 2}
      "0: 2 odd lines of a period of 8 s lie"),
     ("experiments.conditions.subjects", [{"name": "A"},
      {"name": "A"}], "subjects: 'A' stands twice"),
-    ("belt.amplitude_deg", 120, "belt.amplitude_deg: 120 is not allowed: .* 60"),
     ("effects.actuator_encoder",
      {"enabled": True, "size": 200, "unit": "bit"}, "its size is 200 bit; give at most 32"),
     *(("effects.dynamometer_bandwidth.size", hz,

@@ -107,10 +107,8 @@ def test_every_column_that_the_configuration_decides_has_a_limit_there():
 @pytest.mark.parametrize(("row", "limits", "parts"), [
     (LATE_TORQUE, {},
      ["late torque: ", "the torque is late by 2 ms, which moves B by 10 % and I by 90 %"]),
-    (LATE_TORQUE | {"lag_s": -2e-3}, {}, ["the angle is late by 2 ms"]),
     (TORQUE_PATH, {"fault_harm": 1},
      ["torque path: ", "explained by delay, moving mean", "B 4.9 to 5.1, I not identifiable"]),
-    (TORQUE_PATH | {"B_viscous": 4.9}, {"fault_harm": 1}, ["B_viscous 4.9 to 5.1"]),
     (FRICTION, {"coulomb_share": 0.5},
      ["B 2.26, viscous part 1.05 N*m*s/rad, friction 1.40 N*m"]),
     (FRICTION | {"B_viscous": None}, {"coulomb_share": 0.5},
@@ -119,9 +117,7 @@ def test_every_column_that_the_configuration_decides_has_a_limit_there():
      ["it is 60 % of the damping", "[coulomb_share 0.6 is above 0.5]"]),
     ({"K_s_ratio": 1.3558}, {"K_s_ratio": 1.5},
      ["1.36 is the factor between lbf*ft and N*m", "is close to it]"]),
-    ({"k_tau_n_m_ratio": 0.8}, {"k_tau_n_m_ratio": 0.7},
-     ["k_tau n_m is 0.8 times that of the parameter file. "]),
-    ({"x": 3.0}, {"x": 2.0}, ["x 3 is above 2"]),
+    
 ])  # fmt: skip
 def test_a_finding_is_said_with_the_numbers_of_its_row(row, limits, parts):
     text = finding_in_words(row | {"J_j_ratio": 1.0}, limits)

@@ -504,28 +504,6 @@ def smallest_step(values: Array) -> float:
     return float(np.min(true_differences(np.unique(values)), initial=np.ptp(values)))
 
 
-def comes_to_rest(theta: Array, run: slice, step: float) -> bool:
-    """Whether an angle (n,) with this resolution slows down before the run in which it stands, and
-    starts slowly after it, as a joint that is moved from level to level. A clipped angle runs into
-    the end of its range at speed."""
-    count = run.stop - run.start
-    sides = (
-        theta[max(run.start - count, 0) : run.start + 1],
-        theta[run.stop - 1 : run.stop + count][::-1],
-    )
-    for side in sides:
-        apart = next(
-            (k for k in range(4, len(side) // 2) if np.abs(side[k:] - side[:-k]).max() > 16 * step),
-            None,
-        )
-        if apart is not None:
-            near, then = np.abs(np.diff(side[[-1, -1 - apart, -1 - 2 * apart]]))
-            # 3 * near if from rest
-            if near > 0.25 * np.abs(side[apart:] - side[:-apart]).max() and then < 1.5 * near:
-                return False
-    return True
-
-
 def raw_channels(trial: Trial) -> dict[str, Mapping[str, Any]]:
     """Facts on every raw channel of the trial's plates, by name, as ingest recorded them."""
     return {
@@ -594,8 +572,7 @@ def measure_stuck(examined: Examined) -> CheckResult:
             times[name] = held(time, x)
         else:
             turned = time, np.interp(time, *angle)
-            apart = AVERAGED_S / 2 + median_step(time)  # a torque may be late
-            times[name] = held(time, x, turned, AT_REST * float(np.ptp(angle[1])), apart)
+            times[name] = held(time, x, turned, AT_REST * float(np.ptp(angle[1])))
     for name, facts in raw_channels(trial).items():
         times[name] = (facts["stands_to_s"] or 0.0) - (facts["stands_from_s"] or 0.0)
     by = next((c for c in ("theta_command", "torque") if c in columns), None)
@@ -604,16 +581,7 @@ def measure_stuck(examined: Examined) -> CheckResult:
     if time.size and reference[0].size:
         when, level = consecutive(reference[0], np.stack(reference), AVERAGED_S).mean(axis=-1)
         if when.size:  # while it changes by a fifth of its range, the joint should have moved
-            # at the start of a motion the torque jumps before the angle
-            apart = AVERAGED_S / 2 + median_step(time)
-            from_rest = np.minimum(abs(theta - theta[0]), abs(theta - np.median(theta)))
-            rests = (
-                (from_rest <= AT_REST * np.ptp(theta))
-                & examined.experiment.stepped_sine
-                & (by == "torque")
-            )
-            least, moved = 0.2 * float(np.ptp(level)), without_rests(time, theta)
-            times["theta"] = held(time, moved, (when, level), least, apart, rests)
+            times["theta"] = held(time, theta, (when, level), 0.2 * float(np.ptp(level)))
     if moving in columns and angle[1].size and not np.ptp(angle[1]):
         times[moving] = float(np.ptp(angle[0]))
     return worst(times, "no torque, current or plate")
@@ -630,55 +598,25 @@ def without_start(time: Array, values: Array, angle: tuple[Array, Array]) -> Arr
     return np.where((np.arange(len(values)) < changed[0]) & is_rest, np.nan, values)
 
 
-def without_rests(time: Array, theta: Array) -> Array:
-    """An angle (n,), NaN while it stands at rest (`comes_to_rest`). A joint that is held is no
-    frozen channel, whatever its torque does. A stand at the end of a recording may be a frozen
-    channel: it stays if it is longer than three times the longest rest before."""
-    kept, least, longest = theta.copy(), 0.2 / max(median_step(time), 1e-9), 0.0  # samples
-    step = smallest_step(theta) if theta.size else 0.0
-    for first, stop in run_edges(np.diff(theta) == 0).tolist():
-        count, whole = stop - first, slice(first, stop + 1)
-        is_last = whole.stop == theta.size
-        if (
-            count > least
-            and not (is_last and count > 3 * longest)
-            and comes_to_rest(theta, whole, step)
-        ):
-            kept[whole], longest = np.nan, max(longest, count)
-    return kept
-
-
 def held(
     time: Array,
     values: Array,
     reference: tuple[Array, Array] | None = None,
     least: float = 0.0,
-    apart: float = 0.0,
-    rests: NDArray[np.bool_] | None = None,
 ) -> float:
     """Longest time [s] that a channel (n,) repeats one value while its reference (times, values)
-    changes by more than `least`. `apart` [s] at both ends do not count. Where the channel `rests`
-    (n,), the reference must go to and fro by more than `least` in the later half: a motor behind a
-    resting joint creeps or rings."""
+    changes by more than `least` in the middle half of it: at rest a reference settles, and it may
+    be earlier or later than the channel at both ends."""
     edges = run_edges(np.diff(values) == 0)
-    when, what = reference or (time, values)
-    ends = (
-        np.searchsorted(when, time[edges[:, 0]] + apart),
-        np.searchsorted(when, time[edges[:, 1]] - apart, "right"),
-    )
     if reference is not None and len(edges):
-        padded, rows = np.append(what, what[-1]), np.stack(ends, axis=1).ravel()
+        when, what = reference
+        begin, end = time[edges[:, 0]], time[edges[:, 1]]
+        quarter = (end - begin) / 4
+        first, stop = np.searchsorted(when, (begin + quarter, end - quarter))
+        padded, rows = np.append(what, what[-1]), np.stack([first, stop], axis=1).ravel()
         change = (np.maximum.reduceat(padded, rows) - np.minimum.reduceat(padded, rows))[::2]
-        changes = (change > least) & (ends[1] > ends[0])
-        edges, ends = edges[changes], (ends[0][changes], ends[1][changes])
-    for k in np.argsort(edges[:, 0] - edges[:, 1], kind="stable").tolist():
-        (first, last), later = edges[k].tolist(), what[(ends[0][k] + ends[1][k]) // 2 : ends[1][k]]
-        if rests is not None and rests[first]:
-            rise, fall = later - np.minimum.accumulate(later), np.maximum.accumulate(later) - later
-            if min(rise.max(), fall.max()) <= least:
-                continue
-        return float((last - first) * median_step(time))
-    return 0.0
+        edges = edges[(change > least) & (stop > first)]
+    return float(np.diff(edges).max(initial=0) * median_step(time))
 
 
 def measure_dropout(examined: Examined) -> CheckResult:

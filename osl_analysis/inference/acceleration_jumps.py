@@ -20,6 +20,9 @@ NARROWEST = 1.7  # ends of the band in which jumps are looked for, over each oth
 # power of the frequency by which a jump's size falls from the lower to the upper half of that band,
 # beyond which it is none: 0 of jumps, -1 of ramps; by 36 sound recordings whose acceleration jumps
 STEEPEST = -0.75
+# the same, from which it is the velocity that jumps (1), as that of an angle that is joined by
+# straight lines
+FLATTEST = 0.4
 ORDER = 16  # of the band's ends
 
 
@@ -40,8 +43,9 @@ def acceleration_jumps(spectra: Spectra) -> bool:
     at = peaks(spectra, lower_sizes, ABOVE_NOISE * noise)
     if len(at) < BLOCKS:
         return False
-    ratio = np.median(upper_sizes[at]) / np.median(lower_sizes[at])
-    return bool(ratio > (middle_hz / low_hz) ** STEEPEST)
+    power = np.log(np.median(upper_sizes[at]) / np.median(lower_sizes[at]))
+    power /= np.log(middle_hz / low_hz)
+    return bool(STEEPEST < power < FLATTEST)
 
 
 def jump_sizes(spectra: Spectra, low_hz: float, high_hz: float) -> tuple[Array, float]:

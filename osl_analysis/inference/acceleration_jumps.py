@@ -13,12 +13,16 @@ from osl_analysis.inference.constants import BLOCKS
 from osl_analysis.inference.spectra import Spectra
 from osl_analysis.trial import Array
 
+MEDIAN_OF_NOISE = 0.6745  # of the size of normal noise, over its SD
 ABOVE_NOISE = 6.0  # SD of the third derivative's noise, which passes it once in 5e8 rows
 HIGHEST_SHARE = 0.35  # of the sampling rate; above it the angle is folded by 16 % and more
 NARROWEST = 1.7  # ends of the band in which jumps are looked for, over each other
 # power of the frequency by which a jump's size falls from the lower to the upper half of that band,
 # beyond which it is none: 0 of jumps, -1 of ramps; by 36 sound recordings whose acceleration jumps
 STEEPEST = -0.75
+# the same, from which it is the velocity that jumps (1), as that of an angle that is joined by
+# straight lines
+FLATTEST = 0.4
 ORDER = 16  # of the band's ends
 
 
@@ -39,14 +43,15 @@ def acceleration_jumps(spectra: Spectra) -> bool:
     at = peaks(spectra, lower_sizes, ABOVE_NOISE * noise)
     if len(at) < BLOCKS:
         return False
-    ratio = np.median(upper_sizes[at]) / np.median(lower_sizes[at])
-    return bool(ratio > (middle_hz / low_hz) ** STEEPEST)
+    power = np.log(np.median(upper_sizes[at]) / np.median(lower_sizes[at]))
+    power /= np.log(middle_hz / low_hz)
+    return bool(STEEPEST < power < FLATTEST)
 
 
 def jump_sizes(spectra: Spectra, low_hz: float, high_hz: float) -> tuple[Array, float]:
     """The largest jump of the acceleration (r,) [rad/s^2] that the third derivative of the angle
     between two frequencies shows within a period of the lower one about each row, and what noise
-    and rounding make of it (SD)."""
+    makes of it (SD)."""
     frequency = np.arange(len(spectra.raw_angle)) / spectra.padded_seconds
     s = 2j * np.pi * frequency
     below_high = 1 / (1 + (frequency / high_hz) ** ORDER)
@@ -55,19 +60,23 @@ def jump_sizes(spectra: Spectra, low_hz: float, high_hz: float) -> tuple[Array, 
     jerk = scipy.fft.irfft(s**3 * band * spectra.raw_angle, spectra.padded_rows)
     # a jump by 1 rad/s^2 is an impulse of area 1, whose height the band gives
     height = 2 * float(band.sum()) / spectra.padded_seconds
-    signals = spectra.signals
-    rounding = signals.encoder_step**2 / 6 / signals.rate_hz  # density [rad^2/Hz]
-    density = max(spectra.angle_noise, rounding)
-    noise = np.sqrt(density * np.sum(np.abs(s**3 * band) ** 2) / spectra.padded_seconds)
-    near = 2 * round(signals.rate_hz / low_hz / 2) + 1
+    rate_hz = spectra.signals.rate_hz
+    # jumps are rare, so that the median tells the noise, whatever filter it has passed
+    noise = float(np.median(np.abs(jerk[recorded_rows(spectra)]))) / MEDIAN_OF_NOISE
+    near = 2 * round(rate_hz / low_hz / 2) + 1
     largest = scipy.ndimage.maximum_filter1d(np.abs(jerk), near)
-    return np.asarray(largest / height), float(noise / height)
+    return np.asarray(largest / height), noise / height
+
+
+def recorded_rows(spectra: Spectra) -> slice:
+    """Rows of the recording in its padded signals."""
+    return slice(spectra.first_row, spectra.first_row + len(spectra.signals.theta))
 
 
 def peaks(spectra: Spectra, sizes: Array, least: float) -> NDArray[np.intp]:
     """Rows of the recording with peaks above `least`, no two within a period of the band's end."""
     apart = round(spectra.signals.rate_hz / spectra.band_hz) + 1
-    rows = slice(spectra.first_row, spectra.first_row + len(spectra.signals.theta))
+    rows = recorded_rows(spectra)
     return np.asarray(
         scipy.signal.find_peaks(sizes[rows], height=least, distance=apart)[0] + rows.start
     )

@@ -13,6 +13,7 @@ from osl_analysis.inference.constants import INEXACTNESS
 from osl_analysis.inference.cross_validation import Predicted, all_columns
 from osl_analysis.inference.hypothesis import Search
 from osl_analysis.inference.least_squares import solve_scaled
+from osl_analysis.inference.spectra import noise_and_band
 from osl_analysis.inference.whitening import Whitened
 from osl_analysis.trial import Array
 
@@ -45,11 +46,16 @@ def largest_shifts(data: Whitened, best: Predicted, plain_left: float, impedance
     derivatives = data.higher_motion
     modelled = np.array([impedance @ derivatives[:3], impedance @ derivatives[1:4]])
     motion = np.sum(modelled**2 / np.mean(modelled**2, axis=1, keepdims=True), axis=0)
-    noise = float(np.median(squares[motion < np.median(motion)])) / MEDIAN_SQUARE
+    quiet = float(np.median(squares[motion < np.median(motion)]))
+    noise = quiet / MEDIAN_SQUARE * len(squares)
+    if best.candidate.hypothesis.family:
+        # Eq. 15 is not right, so that only what the sensor has beyond the band is surely noise
+        signals = data.spectra.signals
+        noise = min(noise, data.white_noise(noise_and_band(signals.torque, signals.rate_hz)[0]))
 
     # no mechanism is exactly its formula
     of_mechanism = INEXACTNESS**2 * (plain_left - best.left)
-    of_sensors = MOST_NOISE * (noise * len(squares) + best.rounding_left)
+    of_sensors = MOST_NOISE * (noise + best.rounding_left)
     unexplained = max(float(squares.sum()) - of_sensors - of_mechanism, 0.0)
 
     search = Search(data, best.has_friction)

@@ -75,8 +75,8 @@ class Whitened:
         slow = spectra.spectrum_of(powers)
 
         self._rich_spectra = rich_columns(spectra, self.sign, friction)
-        gain = whitening_gain(spectra, np.concatenate([self._rich_spectra, slow]))
-        self._whitening = RowFilter(spectra, gain)
+        self._gain = whitening_gain(spectra, np.concatenate([self._rich_spectra, slow]))
+        self._whitening = RowFilter(spectra, self._gain)
 
         self.torque = self.column(spectra.torque)
         self.motion = self.column(self._motion_spectra())
@@ -137,6 +137,12 @@ class Whitened:
         wound = half[:, None] * slipping_springs(spectra.angle, half.tolist())
         spectrum = spectra.spectrum_of(spectra.theta - wound)
         return self.column(np.stack([spectrum, spectra.s * spectrum], axis=1))
+
+    def white_noise(self, density: float) -> float:
+        """Sum of squares that white noise of this density [(N*m)^2/Hz] has in the fitted rows."""
+        spectra = self.spectra
+        passed = np.mean((self._gain * spectra.roll_off) ** 2)
+        return float(density * spectra.working_rate_hz / 2 * passed * spectra.fitted_rows)
 
     def of_product(self, x: Array) -> Array:
         """Whiten signals (..., p) at the product rate; returns rows (..., m)."""

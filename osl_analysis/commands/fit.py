@@ -2,8 +2,7 @@
 the command line, `watch` and notebooks. Its recording is checked by `watch` alone, and predictions
 need the other trials of a campaign."""
 
-from collections.abc import Callable, Mapping
-from importlib import import_module
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +10,7 @@ import polars as pl
 
 from osl_analysis.bench.fit_tables import FitTables
 from osl_analysis.campaign.configuration import Config, over_default, own_fields, section_of
+from osl_analysis.commands import command_of
 from osl_analysis.commands.fit_results import FIT_TYPES, Fit
 from osl_analysis.commands.remedies import fit_or_advise
 from osl_analysis.config.experiments import EXPERIMENTS, FitJob
@@ -28,14 +28,6 @@ def job_of(experiment: str) -> FitJob:
         raise InputError(
             f"a trial of '{experiment}' is not fitted alone; choose another experiment for it"
         )
-    return fit
-
-
-def function_of(job: FitJob) -> Callable[..., FitTables]:
-    """The function of `commands` that a job of a fit names."""
-    module_name, _, function_name = job.job.partition(".")
-    module = import_module(f"osl_analysis.commands.{module_name}")
-    fit: Callable[..., FitTables] = getattr(module, function_name)
     return fit
 
 
@@ -106,7 +98,7 @@ def run_fit(
         arguments["condition"] = condition
     if job.windows:
         arguments["windows"] = windows
-    return fit_or_advise(function_of(job), trial, **arguments)
+    return fit_or_advise(command_of(job.job), trial, **arguments)
 
 
 def fit_trial(

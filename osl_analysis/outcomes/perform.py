@@ -8,12 +8,12 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cache
-from importlib import import_module
 from pathlib import Path
 from typing import Any, get_origin
 
 from pydantic import ConfigDict, TypeAdapter, validate_call
 
+from osl_analysis.commands import command_of
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import (
     MemoryLimitError,
@@ -236,13 +236,6 @@ def dataclass_of(function: Callable[..., Any]) -> Any:
 def arguments_of(function: Callable[..., Any]) -> Mapping[str, inspect.Parameter]:
     """What a rule gives to a command by name: its arguments, or the fields of its dataclass."""
     return inspect.signature(dataclass_of(function) or function).parameters
-
-
-def command_of(place: str) -> Callable[..., Any]:
-    """The function at a place, `module.function`, of `osl_analysis.commands`."""
-    module, _, name = place.partition(".")
-    command: Callable[..., Any] = getattr(import_module(f"osl_analysis.commands.{module}"), name)
-    return command
 
 
 def place_of(table: str, job: Job) -> Path:

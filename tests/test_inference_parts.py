@@ -15,7 +15,6 @@ from osl_analysis.inference.cross_validation import (
     block_edges,
     normal_matrices,
 )
-from osl_analysis.inference.estimates import Parameter
 from osl_analysis.inference.friction_shapes import slipping_springs
 from osl_analysis.inference.hypotheses import Nothing
 from osl_analysis.inference.hypothesis import Search
@@ -169,14 +168,6 @@ def test_quantiles_of_two_far_parts_hold_both():
 
     assert np.all(low < 0)
     assert np.all(high > 100)
-
-
-def test_the_interval_of_a_parameter_is_students_over_blocks():
-    estimate = Parameter("lag", "s", value=1e-3, standard_error=1e-4).estimate()
-
-    t = scipy.stats.t(constants.BLOCKS - 1).ppf(0.975)
-    assert estimate.high - 1e-3 == pytest.approx(1e-4 * t)
-    assert 1e-3 - estimate.low == pytest.approx(1e-4 * t)
 
 
 def test_friction_does_not_count_what_it_gains_by_rounding_alone():

@@ -66,6 +66,39 @@ def test_an_estimate_of_which_nothing_is_told_beside_a_cause_is_doubted():
     assert grades(row) == [("torque path", Grade.DOUBTS)]
 
 
+@pytest.mark.parametrize(("left", "causes"), [
+    ({"K": 0.01, "B": 0.04, "I": 0.1}, [("torque path", Grade.NOTES)]),
+    ({"K": 0.03, "B": 0.04, "I": 0.1}, [("torque that nothing explains", Grade.DOUBTS)]),
+])  # fmt: skip
+def test_nothing_is_to_be_done_only_where_a_rival_explains_the_torque(left, causes):
+    row = KNEE | {f"{symbol}_unexplained_share": share for symbol, share in left.items()}
+
+    assert grades(row) == causes
+
+
+@pytest.mark.parametrize(("B_over_B_d", "is_told"), [(0.738, True), (0.544, False)])
+def test_one_factor_of_both_gains_names_its_unit(B_over_B_d, is_told):
+    """A spring in series would take the square of its factor off the damping."""
+    row = {"trial": "a", "K_over_K_d": 1 / 1.3558, "B_over_B_d": B_over_B_d}
+
+    findings = findings_of(row, Limits(above={"K_over_K_d": 1.06}), "impedance")
+
+    texts = [finding_text(each, row) for each in findings if each.cause == "another unit"]
+    assert ["between lbf*ft and N*m" in text for text in texts] == [True] * is_told
+
+
+@pytest.mark.parametrize(("column", "value", "words"), [
+    ("K", 5042.0, "Is theta in rad, under the name deg? Then K is 88"),
+    ("K_secant", 57e3, "no joint is as stiff as"),
+    ("K_secant", 0.14, "no joint is as soft as 0.14"),
+])  # fmt: skip
+def test_each_side_of_a_limit_has_its_sentence(column, value, words):
+    row = {"trial": "a", column: value, "theta_rms_deg": 0.05}
+    limits = Limits(above={column: 5e3}, below={column: 1.0})
+
+    assert words in finding_text(findings_of(row, limits, "torque_angle")[0], row)
+
+
 TRANSMISSION = {
     "trial": "shaft", "fault_harm": 1.5, "fault": "delay", "fault_family": "path",
     "B_j": 3.0, "B_j_low": 2.97, "B_j_high": 3.03,

@@ -96,3 +96,10 @@ def test_a_damping_unlike_B_d_beside_a_K_of_K_d_is_told(B, is_told):
 def test_what_the_walkway_does_not_show_is_said_of_each_group_with_a_result():
     assert unchecked_causes("walking_groups", {"group": "all", "K": 340.0})
     assert not unchecked_causes("walking_groups", {"group": "all", "K": None})
+
+
+@pytest.mark.parametrize(("ppm", "is_told"), [(None, True), (12.0, False)])
+def test_the_rate_of_an_only_clock_is_unchecked(ppm, is_told):
+    causes = unchecked_causes("impedance", {"trial": "a", "clock_ppm": ppm})
+
+    assert ("whether the clock of the recording runs at its rate" in causes) == is_told

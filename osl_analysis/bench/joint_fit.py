@@ -84,6 +84,13 @@ class SuspectedFault:
     delay_told_s: float | None = None
 
 
+FAULT_FIELDS = {
+    "fault_probability": "fault_probability",
+    "fault_harm": "harm",
+    "fault_family": "family",
+    "explanations": "explanations",
+}
+"""Fields of a fault by their columns."""
 IMPEDANCE_SYMBOLS = {"K": "K", "B": "B", "I": "I"}
 LOSSES_SYMBOLS = {"B": "B_j", "I": "J_j"}
 
@@ -93,14 +100,7 @@ def fault_columns(
 ) -> Row:
     """The columns of a fault, null where no hypotheses were weighed. `symbols` has the names of
     the offered estimates in the table."""
-    facts: Row = dict.fromkeys(("fault_probability", "fault_harm", "fault_family", "explanations"))
-    if fault is not None:
-        facts = {
-            "fault_probability": fault.fault_probability,
-            "fault_harm": fault.harm,
-            "fault_family": fault.family,
-            "explanations": fault.explanations,
-        }
+    facts: Row = {column: getattr(fault, field, None) for column, field in FAULT_FIELDS.items()}
     offered = fault.offered if fault else None
     unexplained = fault.unexplained_shares if fault else (None, None, None)
     shares = dict(zip(QUANTITIES, unexplained, strict=True))

@@ -34,12 +34,6 @@ class Predicted:
         K, B, I by each of its matrices [SI].
     covariances : Array (r, 3, 3)
         Their covariances [SI].
-    coefficients : Array (k,)
-        Coefficients of the candidate's columns.
-    deviations : Array (k,)
-        Their standard deviations, given its own parameter where its likelihood is tabulated.
-    parameter_sd : float
-        Standard deviation of its own parameter; NaN if it has none.
     friction_torque : float
         Mean size of sliding friction [N*m]; 0 without friction.
     left : float
@@ -53,9 +47,6 @@ class Predicted:
     squares: Array
     impedances: Array
     covariances: Array
-    coefficients: Array
-    deviations: Array
-    parameter_sd: float
     friction_torque: float
     left: float
     rounding_left: float
@@ -259,15 +250,12 @@ class Predictor:
 
         at = layout_of(data, candidate, self.has_friction)
         of_own = covariance[at.own, at.own]
-        parameter_sd = np.nan
         if at.slope is not None:
+            # the profile has the part that the parameter's error makes, so that this is the
+            # covariance given the parameter q: C(x|q) = C(x) - c(x, q) c(q, x)/C(q)
+            with_parameter = covariance[at.own, at.slope]
             parameter_variance = covariance[at.slope, at.slope]
-            parameter_sd = float(np.sqrt(parameter_variance))
-            if candidate.profile:
-                # the profile has the part that the parameter's error makes, so that this is the
-                # covariance given the parameter q: C(x|q) = C(x) - c(x, q) c(q, x)/C(q)
-                with_parameter = covariance[at.own, at.slope]
-                of_own = of_own - np.outer(with_parameter, with_parameter) / parameter_variance
+            of_own = of_own - np.outer(with_parameter, with_parameter) / parameter_variance
         coefficients = estimates[at.own] if candidate.estimates is None else candidate.estimates
         matrices = candidate.to_impedance(len(candidate.columns))
         covariances = np.array([matrix @ of_own @ matrix.T for matrix in matrices])
@@ -283,9 +271,6 @@ class Predictor:
             squares=fit.squares_of_unseen(),
             impedances=np.array([matrix @ coefficients for matrix in matrices]),
             covariances=covariances,
-            coefficients=np.asarray(coefficients),
-            deviations=np.sqrt(np.maximum(np.diag(of_own), 0.0)),
-            parameter_sd=parameter_sd,
             friction_torque=friction_torque,
             left=fit.left,
             rounding_left=rounding_left,

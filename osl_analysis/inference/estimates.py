@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import scipy
 
 from osl_analysis.inference.constants import BLOCKS
-from osl_analysis.stats.estimates import Estimate, Impedance
+from osl_analysis.stats.estimates import Impedance
 
 
 def student_half_width() -> float:
@@ -14,32 +14,13 @@ def student_half_width() -> float:
 
 
 @dataclass(frozen=True)
-class Parameter:
-    """A parameter of a mechanism's own."""
-
-    name: str
-    unit: str
-    value: float
-    standard_error: float
-
-    def estimate(self) -> Estimate:
-        """The parameter with its 95 % interval."""
-        half_width = student_half_width() * self.standard_error
-        low, high = self.value - half_width, self.value + half_width
-        return Estimate(self.value, self.standard_error, low, high)
-
-
-@dataclass(frozen=True)
 class Explanation:
     """A hypothesis that may be why the torque is not that of Eq. 15 alone."""
 
     family: str
     name: str
-    term: str  # what the field calls it
     probability: float  # given that one of the hypotheses is right
     gain: float  # nats by which it predicts better than the best sound joint
-    has_friction: bool
-    parameters: tuple[Parameter, ...]
 
 
 @dataclass(frozen=True)

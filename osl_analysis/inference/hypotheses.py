@@ -34,7 +34,6 @@ class Nothing(Hypothesis):
 
     family = ""
     name = "nothing"
-    term = "second-order joint"
 
     def candidates(self, search: Search) -> list[Candidate]:
         return [self.plain()]
@@ -49,8 +48,6 @@ class Drivetrain(Hypothesis):
 
     family = ""
     name = "drivetrain"
-    term = "drivetrain of higher order"
-    parameters = (("jerk", "N*m*s^3/rad"), ("snap", "N*m*s^4/rad"))
 
     def candidates(self, search: Search) -> list[Candidate]:
         spectra = self.data.spectra

@@ -1,7 +1,7 @@
 """What one rival explanation of a torque is, and how it is fitted.
 
-Each hypothesis is a class: its family, its term in the field, its own parameters with their units,
-and how its columns are made. The first three columns multiply K, B and I:
+Each hypothesis is a class: its family, its name, and how its columns are made. The first three
+columns multiply K, B and I:
 
     torque = K x_1 + B x_2 + I x_3 + further columns + offset and drift
              (+ dry friction) + noise
@@ -57,8 +57,6 @@ class Candidate:
         Whitened torque that they explain.
     slope : Array (m,) or None
         Derivative of the modelled torque by its own parameter.
-    parameter : float
-        Value of its own parameter; NaN if it has none.
     estimates : Array (k,) or None
         Coefficients of the columns at this value; None if there is no own parameter.
     profile : tuple of ProfilePoint
@@ -72,7 +70,6 @@ class Candidate:
     columns: Array
     torque: Array
     slope: Array | None = None
-    parameter: float = np.nan
     estimates: Array | None = None
     profile: tuple[ProfilePoint, ...] = ()
     impedance_matrices: tuple[Array, ...] = ()
@@ -186,9 +183,6 @@ class Hypothesis(ABC):
 
     family: ClassVar[Family]
     name: ClassVar[str]
-    term: ClassVar[str]
-    parameters: ClassVar[tuple[tuple[str, str], ...]] = ()
-    """Name and unit of its own parameter, if any, and of the coefficients of its own columns."""
 
     def __init__(self, data: Whitened) -> None:
         self.data = data
@@ -281,4 +275,4 @@ class OneParameter(Hypothesis):
             left, then = search.fit(*self.model(near, search))
             impedance = self.data.impedance_matrix @ then[: self.data.impedance_matrix.shape[1]]
             profile.append(ProfilePoint(near, left, impedance))
-        return Candidate(self, columns, torque, slope, value, estimates, profile=tuple(profile))
+        return Candidate(self, columns, torque, slope, estimates, profile=tuple(profile))

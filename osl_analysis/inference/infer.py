@@ -19,7 +19,6 @@ from osl_analysis.inference.cross_validation import Predicted, Predictor
 from osl_analysis.inference.estimates import (
     Explanation,
     ImpedanceInference,
-    Parameter,
     student_half_width,
 )
 from osl_analysis.inference.hypotheses import hypotheses_for
@@ -173,25 +172,8 @@ def estimate_of(low: float, median: float, high: float) -> Estimate:
 
 def explained(each: Weighed) -> Explanation:
     """The public form of a weighed hypothesis."""
-    candidate, fit = each.fit.candidate, each.fit
-    hypothesis = candidate.hypothesis
-    own = slice(hypothesis.data.impedance_matrix.shape[1], None)
-    values = list(zip(fit.coefficients[own].tolist(), fit.deviations[own].tolist(), strict=True))
-    if candidate.slope is not None:
-        values.insert(0, (candidate.parameter, fit.parameter_sd))
-    parameters = tuple(
-        Parameter(name, unit, value, error)
-        for (name, unit), (value, error) in zip(hypothesis.parameters, values, strict=True)
-    )
-    return Explanation(
-        family=hypothesis.family,
-        name=hypothesis.name,
-        term=hypothesis.term,
-        probability=each.weight,
-        gain=each.gain,
-        has_friction=fit.has_friction,
-        parameters=parameters,
-    )
+    hypothesis = each.fit.candidate.hypothesis
+    return Explanation(hypothesis.family, hypothesis.name, probability=each.weight, gain=each.gain)
 
 
 def most_probable_family(

@@ -38,8 +38,6 @@ class Delay(Filter):
     """A torque that is late by a constant time, or early if it is negative."""
 
     name = "delay"
-    term = "late torque"
-    parameters = (("delay", "s"),)
 
     def grid(self) -> Array:
         return np.linspace(*DELAYS, 26)
@@ -52,8 +50,6 @@ class LowPass(Filter):
     """A torque behind a low-pass of first order."""
 
     name = "low-pass"
-    term = "low-pass of the torque"
-    parameters = (("time constant", "s"),)
 
     def response(self, value: float) -> Spectrum:
         return 1 / (1 + value * self.data.spectra.s)
@@ -67,8 +63,6 @@ class SeriesSpring(Path):
     """
 
     name = "spring in series"
-    term = "yielding bench"
-    parameters = (("compliance", "rad/(N*m)"),)
 
     def grid(self) -> Array:
         return np.geomspace(*COMPLIANCES, 9)

@@ -8,7 +8,6 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from osl_analysis.inference.constants import FEWEST_STEPS
 from osl_analysis.inference.hypothesis import Candidate, Hypothesis, OneParameter, Search
 from osl_analysis.inference.least_squares import solve_scaled
 from osl_analysis.trial import Array
@@ -19,6 +18,7 @@ CLIPPING_STEPS = 16  # the end and what is beyond it are found in turn
 # slope of a recorded torque over the modelled one beyond its end: halfway between a torque that is
 # cut, and one that goes on
 MOST_FOLLOWING = 0.5
+AT_REST = 0.1  # SD of the speed, below which the joint rests
 LAST_STEP = 1e-9  # relative change of K, B and I below which a step is the last one
 
 
@@ -27,8 +27,6 @@ class Play(OneParameter):
 
     family = "speed"
     name = "play"
-    term = "backlash"
-    parameters = (("play", "rad"),)
 
     def grid(self) -> Array:
         return self.data.gap_widths
@@ -67,12 +65,6 @@ class ChangeOverTime(Added):
 
     family = "time"
     name = "change over time"
-    term = "what changes over time"
-    parameters = (
-        ("change of K", "N*m/rad"),
-        ("change of B", "N*m*s/rad"),
-        ("change of I", "kg*m^2"),
-    )
     changes = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
     shares = (0.0, -0.5, 0.5)  # in the middle, at the beginning and at the end
 
@@ -87,8 +79,6 @@ class ChangeAtOnce(Added):
 
     family = "time"
     name = "change at once"
-    term = "what changes at once"
-    parameters = (("step of K", "N*m/rad"), ("step of B", "N*m*s/rad"))
     changes = ((1.0, 0.0), (0.0, 1.0), (0.0, 0.0))
     shares = (0.0, 1.0)  # before and after
 
@@ -103,8 +93,6 @@ class DampingBySpeed(Added):
 
     family = "speed"
     name = "damping by speed"
-    term = "damping that depends on speed"
-    parameters = (("quadratic damping", "N*m*s^2/rad^2"),)
 
     def added(self) -> list[Array]:
         omega = self.data.spectra.omega
@@ -116,8 +104,6 @@ class Hardening(Added):
 
     family = "size"
     name = "hardening"
-    term = "spring that is not linear"
-    parameters = (("quadratic stiffness", "N*m/rad^2"), ("cubic stiffness", "N*m/rad^3"))
 
     def added(self) -> list[Array]:
         square = self.data.spectra.angle**2
@@ -129,8 +115,6 @@ class StiffnessBySide(Added):
 
     family = "size"
     name = "K by side"
-    term = "asymmetric torque"
-    parameters = (("half the difference of K", "N*m/rad"),)
     changes = ((1.0,), (0.0,), (0.0,))
 
     def added(self) -> list[Array]:
@@ -142,11 +126,6 @@ class ByDirection(Added):
 
     family = "direction"
     name = "K and B by direction"
-    term = "asymmetric torque"
-    parameters = (
-        ("half the difference of K", "N*m/rad"),
-        ("half the difference of B", "N*m*s/rad"),
-    )
     changes = ((1.0, 0.0), (0.0, 1.0), (0.0, 0.0))
 
     def added(self) -> list[Array]:
@@ -163,7 +142,6 @@ class Clipping(Hypothesis):
 
     family = "clipping"
     name = "clipping"
-    term = "clipped signal"
 
     def candidates(self, search: Search) -> list[Candidate]:
         torque = self.data.torque
@@ -182,10 +160,7 @@ class Clipping(Hypothesis):
             has_moved = bool((change > LAST_STEP * np.abs(coefficients)).any())
             if ends == ends_before and not has_moved:
                 break
-        # at rest at a level the model goes beyond what is recorded by rounding of the angle
-        rounding = FEWEST_STEPS * self.data.spectra.signals.encoder_step * abs(coefficients[0])
-        is_rounding = np.abs(missing).max() < rounding
-        if is_rounding or self.slope_beyond(modelled, ends_before) > MOST_FOLLOWING:
+        if self.slope_beyond(modelled, ends_before) > MOST_FOLLOWING or self.mostly_rests(missing):
             return []
         return [Candidate(self, self.data.motion, torque)]
 
@@ -225,6 +200,12 @@ class Clipping(Hypothesis):
         if below.any():
             low = float(np.median(self.recorded[below]))
         return low, high
+
+    def mostly_rests(self, missing: Array) -> bool:
+        """Whether the joint rests in most rows in which torque is missing (p,): at rest at a level
+        an angle's rounding and the filter's ringing go beyond what is recorded."""
+        speed = np.abs(self.data.spectra.omega[self.inside])
+        return bool(np.median(speed[missing[self.inside] != 0]) < AT_REST * speed.std())
 
     def slope_beyond(self, modelled: Array, ends: tuple[float, float]) -> float:
         """`slope_beyond_ends` of some ends."""

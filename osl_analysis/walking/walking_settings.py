@@ -82,7 +82,7 @@ class MarkerSettings(Settings):
     markers: Markers  # Names of the markers
     longest_gap_s: NotNegative  # Longest gap [s] of hidden markers that is interpolated
     # Largest RMS distance [mm] of markers from their rigid body; else they are hidden
-    largest_residual_mm: Positive
+    largest_residual_mm: ClassVar[float] = 5.0
 
 
 class WalkingFilter(Settings):
@@ -179,7 +179,7 @@ class SelectionSettings(TimingSettings):
     # in single support, as a share of the weight
     load_of_weight: Annotated[tuple[Load, Load], AfterValidator(check_rising)]
     # of a foot marker [m] from the plate while the foot is flat
-    largest_outside_m: Annotated[float, Field(ge=0, le=1)]
+    largest_outside_m: ClassVar[float] = 0.02
 
 
 class ResponseSettings(WalkingFilter, TimingSettings):

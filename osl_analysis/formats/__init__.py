@@ -47,6 +47,7 @@ PACKAGE = Path(__file__).parents[1]
 STANDARD_LIBRARY = sysconfig.get_path("stdlib")
 DECODING_ERRORS = (
     ValueError,
+    RecursionError,  # parts within parts without end
     OSError,
     EOFError,
     struct.error,

@@ -419,16 +419,6 @@ def test_an_array_of_a_rare_kind_is_refused_with_what_to_save(tmp_path, name, ma
         inspect_recording(tmp_path / name)
 
 
-@pytest.mark.parametrize(("fields", "said"), [
-    (("time", "signals"), "out is a log of Simulink, .* log a timetable"),
-    (("X", "Y"), "out is an export of ControlDesk; export its signals as CSV"),
-])  # fmt: skip
-def test_a_structure_of_a_program_is_named_with_what_to_export(tmp_path, fields, said):
-    scipy.io.savemat(tmp_path / "a.mat", {"out": dict.fromkeys(fields, TIME)})
-
-    assert any(re.match(said, text) for text in inspect_recording(tmp_path / "a.mat").remarks)
-
-
 def test_a_later_clock_of_the_same_name_is_of_what_stands_beside_it(
     tmp_path,
 ):

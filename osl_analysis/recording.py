@@ -327,6 +327,8 @@ def _ambiguous(
 def _missing(
     noun: str, wanted: str, names: Sequence[str], plain_names: Sequence[str] = ()
 ) -> InputError:
+    if not names:
+        return InputError(f"no {noun} '{wanted[:80]}': the file has none; export them too")
     advice = nearest(wanted, [*names, *plain_names]) or "; correct the name in the source file"
     return InputError(f"no {noun} '{wanted[:80]}'; the file has {listing(names)}{advice}")
 

@@ -141,7 +141,7 @@ def test_rows_that_contradict_the_header_or_one_another_are_refused(
         "line 27 has 15 coordinates, its header names 4 markers": "\t".join(
             [*cells[:14], "1", "2", "3"]
         ),
-        "time: '' is not a number": lines[26].replace("0.200", ""),
+        "line 27: time nan s does not fit": lines[26].replace("0.200", ""),
     }.items():
         path.write_text("\n".join([*lines[:26], line, *lines[27:], ""]))
         assert reason in refused(path)

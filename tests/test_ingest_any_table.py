@@ -115,7 +115,6 @@ TEXTS = {
     "LabVIEW's with two X": text("\t", ["X_Value", "Angle", "X_Value", "Torque"], LVM.replace(
         "Delta_X", "Y_Unit_Label\tDeg\t\tNm\nDelta_X") + "***End_of_Header***\t\n",
         a=[f"{x}\t{t}" for t, x in zip(T, A, strict=True)]),
-    "levels of pandas": text(head=["time_s", "", ""], above=",ankle,cell\n,angle_deg,torque_Nm\n"),
     "thousands and decimal commas": text(";", THOUSANDS[0],
     m=THOUSANDS[1]).translate(str.maketrans(",.", ".,")),
     "an angle within one turn": text(a=[f"{x % 360:.9f}" for x in ANGLE]),

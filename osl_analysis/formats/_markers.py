@@ -27,7 +27,7 @@ def positions_in(rows: Sequence[Row], first: int, markers: int) -> NDArray[np.fl
         A cell is no number.
     """
     coordinates = [
-        column_of(rows, place, UNSEEN, f"column {place + 1}", EXPORT_AGAIN)
+        column_of(rows, place, UNSEEN, f"column {place + 1}")
         for place in range(first, first + 3 * markers)
     ]
     positions = np.column_stack(coordinates).reshape(len(rows), markers, 3)

@@ -93,8 +93,7 @@ class Section:
     def values(self, place: int) -> NDArray[np.float64]:
         """Read one column, (rows,); NaN where a cell is empty."""
         title = f"{self.names[place]} {self.components[place]}"
-        remedy = "repair it, or state `decimal`"
-        return column_of(self.rows, place, ("",), title, remedy, self.decimal)
+        return column_of(self.rows, place, ("",), title, self.decimal)
 
     def positions(self, places: Sequence[int]) -> NDArray[np.float64]:
         """Read three columns, (rows, 3); NaN where a marker was not seen: where cells are empty, or

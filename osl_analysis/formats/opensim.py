@@ -11,8 +11,8 @@ import numpy as np
 from pydantic import Field, PositiveInt, model_validator
 
 from osl_analysis.errors import InputError
-from osl_analysis.formats._table import SheetSource, layout_of, recording_of_table
-from osl_analysis.formats._text import decoded, is_text, read_text
+from osl_analysis.formats._table import LISTING, SheetSource, recording_of_table
+from osl_analysis.formats._text import Text, decoded, is_text, read_text
 from osl_analysis.formats.csv_table import table_of_text
 from osl_analysis.recording import EXPORTED, End, Format, Plate, Recording
 from osl_analysis.source_file import (
@@ -114,9 +114,10 @@ def read(path: Path, source: OpenSimSource | None) -> Recording:
     header = header_of(notes)
     below = text.data[end.end() :]
     by_tabs = re.match(rb"\s*\S[^\n]*\t[ \t]*\S", below) is not None
-    layout = replace(layout_of(source), delimiter="tab" if by_tabs else "space", decimal=".")
+    layout = source or LISTING
+    delimiter = "tab" if by_tabs else "space"
     blank = b"\n" * text.data.count(b"\n", 0, end.end())  # the lines keep their numbers
-    table = table_of_text(blank + below, text.is_ended, layout)
+    table = table_of_text(Text(blank + below, text.is_ended), layout, delimiter, ".")
     is_whole = _check_counts(header, len(table.lines), len(table.names))
     if is_whole and table.end == End.UNKNOWN:
         table = replace(table, end=End.WHOLE)

@@ -84,8 +84,8 @@ def read(path: Path, source: TrcSource | None) -> Recording:
                 f"line {row.number} has {count} coordinates, its header names {markers} markers;"
                 f" {CORRECT}"
             )
-    frame = column_of(body, 0, (), "frame", EXPORT_AGAIN)
-    time = column_of(body, 1, (), "time", EXPORT_AGAIN)
+    frame = column_of(body, 0, (), "frame")
+    time = column_of(body, 1, (), "time")
     rate_hz = _rate(header, line_of_values)
     _check_frames(body, frame)
     _check_times(body, time, rate_hz)

@@ -27,7 +27,6 @@ LOW_PASS = LowPass(15)
 K = 200.0
 B = 4.0
 I = 0.05
-NO_DISTORTION = np.full(2, np.nan)
 RECORD = stepped_sine(second_order)
 
 
@@ -71,8 +70,7 @@ def test_a_spring_that_stiffens_makes_a_third_harmonic():
     assert slowest["torque_distortion"].to_numpy() == pytest.approx(
         500 * A**3 / fundamental, rel=0.02
     )
-    of_all = table.filter(scope="all")["torque_distortion"]
-    assert of_all.max() == table.filter(scope="amplitude")["torque_distortion"].max()
+    assert table.filter(scope="all")["torque_distortion"].null_count() == 3
 
 
 def cycles(seed, m=6, noise=0.5):
@@ -91,7 +89,7 @@ def test_few_cycles_cover_the_response_and_its_mean_over_amplitudes(amplitudes):
         responses = []
         for k in range(amplitudes):
             pieces = cycles(10 * seed + k, noise=0.5 + k)
-            responses.append(response_of_pieces(1.0, *pieces, np.arange(6), NO_DISTORTION))
+            responses.append(response_of_pieces(1.0, *pieces, np.arange(6)))
         row = mean_response(responses).to_row(RECORD)
         Z = 200 + 40j
         truths = {
@@ -106,7 +104,7 @@ def test_few_cycles_cover_the_response_and_its_mean_over_amplitudes(amplitudes):
 
 
 def test_one_cycle_has_a_response_and_no_interval():
-    row = response_of_pieces(1.0, *cycles(1, m=1), np.arange(1), NO_DISTORTION).to_row(RECORD)
+    row = response_of_pieces(1.0, *cycles(1, m=1), np.arange(1)).to_row(RECORD)
 
     assert row["magnitude"] > 0
     assert np.isnan(row["magnitude_low"])
@@ -117,7 +115,7 @@ def test_amplitudes_that_differ_between_cycles_leave_the_response_certain():
     theta, torque = cycles(2, noise=0.0)
     size = np.linspace(0.5, 1.5, 6)
 
-    response = response_of_pieces(1.0, size * theta, size * torque, np.arange(6), NO_DISTORTION)
+    response = response_of_pieces(1.0, size * theta, size * torque, np.arange(6))
 
     assert response.Y == pytest.approx(1 / (200 + 40j))
     assert np.abs(response.deviations).max() < 1e-15
@@ -138,7 +136,7 @@ def test_amplitudes_that_differ_between_cycles_leave_the_response_certain():
 def test_errors_of_the_bench_stretch_turn_and_shift_a_response(stated, magnitude, phase):
     """All amplitudes share them: a mean over amplitudes does not lessen them."""
     record = replace(RECORD, settings=sine_settings([2], [1]).model_copy(update=stated))
-    exact = Response(1.0, (0.6 - 0.8j) / 100, np.zeros(6, complex), 5.0, NO_DISTORTION)
+    exact = Response(1.0, (0.6 - 0.8j) / 100, np.zeros(6, complex), 5.0)
 
     row = mean_response([exact, exact]).to_row(record)
 

@@ -8,7 +8,7 @@ over the complex amplitudes of the pieces. Leaving out one unit at a time gives 
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import polars as pl
@@ -48,14 +48,14 @@ class Response:
     freedom : float
         Degrees of freedom of that variance.
     distortion : Array (2,)
-        Harmonics 2 to 5 of angle and torque over the fundamental; NaN but of a sine.
+        Harmonics 2 to 5 of angle and torque over the fundamental; NaN but of one sine.
     """
 
     frequency_hz: float
     Y: complex
     deviations: Spectrum
     freedom: float
-    distortion: Array
+    distortion: Array = field(default_factory=lambda: np.full(2, np.nan))
 
     def to_row(self, record: Record) -> Row:
         """Magnitude, phase and damping with 95 % intervals (Student), to first order.
@@ -160,7 +160,8 @@ def response_to_sine(record: Record, stratum: int) -> Response:
             )
     distortion = np.linalg.norm(sizes[1:], axis=0) / sizes[0]
     theta, torque = amplitudes[:, 0].T
-    return response_of_pieces(frequency_hz, theta, torque, np.arange(len(first)), distortion)
+    response = response_of_pieces(frequency_hz, theta, torque, np.arange(len(first)))
+    return replace(response, distortion=distortion)
 
 
 def response_of_pieces(
@@ -168,7 +169,6 @@ def response_of_pieces(
     theta: Spectrum,
     torque: Spectrum,
     unit: NDArray[np.intp],
-    distortion: Array,
 ) -> Response:
     """The response at one frequency by the amplitudes of k pieces, (k,), which belong to units.
 
@@ -184,11 +184,11 @@ def response_of_pieces(
         without_unit = (power.sum() - power) / (cross.sum() - cross)
         u = len(power)
         deviations = (without_unit - without_unit.mean()) * np.sqrt((u - 1) / u)
-    return Response(frequency_hz, complex(Y), deviations, float(freedom), distortion)
+    return Response(frequency_hz, complex(Y), deviations, float(freedom))
 
 
 def mean_response(responses: Sequence[Response]) -> Response:
-    """The mean of Y over amplitudes, whose errors are independent; the largest distortion."""
+    """The mean of Y over amplitudes, whose errors are independent."""
     variances = [np.sum(np.abs(response.deviations) ** 2) for response in responses]
     freedom = welch_satterthwaite(variances, [response.freedom for response in responses])
     deviations = [response.deviations for response in responses]
@@ -197,7 +197,6 @@ def mean_response(responses: Sequence[Response]) -> Response:
         complex(np.mean([response.Y for response in responses])),
         np.asarray(np.concatenate(deviations) / len(responses), dtype=np.complex128),
         float(freedom),
-        np.max([response.distortion for response in responses], axis=0),
     )
 
 
@@ -227,10 +226,8 @@ def responses_of_windows(analysis: Analysis) -> Iterator[Response]:
     highest_hz = min(record.band_hz[1], record.low_pass.cutoff_hz)
     for k in range(DISTINCT_LINES, len(frequency_hz), DISTINCT_LINES):
         if frequency_hz[k] <= highest_hz and power[k] > LEAST_POWER * power.max():
-            no_distortion = np.full(2, np.nan)
-            yield response_of_pieces(
-                float(frequency_hz[k]), theta[:, k], torque[:, k], unit, no_distortion
-            )
+            hz = float(frequency_hz[k])
+            yield response_of_pieces(hz, theta[:, k], torque[:, k], unit)
 
 
 def windows_of(record: Record) -> tuple[NDArray[np.intp], NDArray[np.intp], int]:

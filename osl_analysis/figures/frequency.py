@@ -55,18 +55,21 @@ def fig7_points(response: pl.DataFrame, curves: Sequence[pl.DataFrame]) -> pl.Da
 
 
 def over_amplitudes(response: pl.DataFrame) -> pl.DataFrame:
-    """The rows of `response.csv` over all amplitudes, with the range of magnitude and phase of the
-    single ones, whose phases are counted from that of all."""
+    """The rows of `response.csv` over all amplitudes, with the doubts about single ones, and with
+    the range of their magnitudes and phases, which are counted from that of all."""
     whole = response.filter(scope="all")
     of_whole = whole.select("trial", "frequency_hz", phase_of_whole="phase_deg")
     single = response.filter(scope="amplitude").join(of_whole, on=["trial", "frequency_hz"])
     apart = (pl.col("phase_deg") - pl.col("phase_of_whole") + 180) % 360 - 180
     single = single.with_columns(phase_deg=pl.col("phase_of_whole") + apart)
+    doubts = pl.col("doubtful").filter(pl.col("doubtful") != "")
     ranges = single.group_by("trial", "frequency_hz").agg(
         pl.col(*PARTS).min().name.suffix("_amplitudes_low"),
         pl.col(*PARTS).max().name.suffix("_amplitudes_high"),
+        doubts=doubts.unique(maintain_order=True).str.join("; "),
     )
-    return whole.join(ranges, on=["trial", "frequency_hz"], how="left", maintain_order="left")
+    joined = whole.join(ranges, on=["trial", "frequency_hz"], how="left", maintain_order="left")
+    return joined.with_columns(doubtful=pl.coalesce("doubts", "doubtful")).drop("doubts")
 
 
 def response_curve(

@@ -33,10 +33,8 @@ from osl_analysis.bench.bench_settings import (
 from osl_analysis.bench.coulomb import coulomb_fits
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums, sums_of
 from osl_analysis.bench.fixture import fixture_of, with_fixture
-from osl_analysis.bench.frequency_response import frequency_response_table
 from osl_analysis.bench.group_fit import GroupFit
 from osl_analysis.bench.known_spring import Known, LateFits, bench_estimates
-from osl_analysis.bench.phasors import phasor_table, phasors_of_record
 from osl_analysis.bench.recorded_motion import record_of_trial
 from osl_analysis.bench.torque_angle_tables import curve_table, torque_angle_table
 from osl_analysis.campaign.configuration import read_config
@@ -144,29 +142,6 @@ def test_it_counts_once_in_a_mean_of_trials_whose_intervals_are_all_of_it(n):
 
     assert row["high"] - row["mean"] == pytest.approx(half_width)
     assert row["se"] == pytest.approx(se)
-
-
-def test_nor_a_mean_over_amplitudes_of_the_response():
-    """A gain is an error of the magnitude, a delay one of the phase, the same at both
-    amplitudes."""
-    stated = sine_settings([2], [1]).model_copy(
-        update={"calibration": Calibration(angle_gain=0.02, delay=2e-3)}
-    )
-    table = phasor_table("made", phasors_of_record(replace(SOUND, settings=stated)))
-    said = {
-        "controller": pl.lit("ours"),
-        "K_d": pl.lit(200.0),
-        "B_d": pl.lit(4.0),
-        "doubtful": pl.lit(""),
-    }
-    mean = (
-        frequency_response_table(table.with_columns(**said))
-        .sort("frequency_hz")
-        .row(-1, named=True)
-    )
-    halves = [mean[f"{name}_high"] - mean[name] for name in ("magnitude", "phase_deg")]
-    assert halves[0] / mean["magnitude"] == pytest.approx(1.96 * 0.02, rel=0.01)
-    assert halves[1] == pytest.approx(1.96 * np.rad2deg(2 * np.pi * 5 * 2e-3), rel=0.01)
 
 
 def of_belt(theta_s, torque, **stated):

@@ -48,7 +48,7 @@ def rows(torque_of, noise=0.03, protocol=FIVE, seed=1):
         end: {k: v for k, v in getattr(LIMITS, end).items() if k in table.columns}
         for end in ("above", "below", "ratio")
     }
-    return marked(table, LIMITS.model_copy(update=limits), "phasors").to_dicts()
+    return marked(table, LIMITS.model_copy(update=limits), "response").to_dicts()
 
 
 def test_a_sound_joint_is_not_doubtful_and_shows_no_cause():

@@ -16,7 +16,6 @@ from osl_analysis.bench.bench_settings import (
     TimeBase,
 )
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums, with_effects
-from osl_analysis.bench.frequency_response import impedance_over_frequency
 from osl_analysis.bench.impedance import (
     DesiredImpedance,
     impedance_table,
@@ -165,14 +164,6 @@ def test_windows_of_the_trial_replace_those_of_the_settings():
     trial = disturbed_trial()
     seconds = [record_of_trial(trial, settings, of_trial).seconds for of_trial in (None, "2-14.5")]
     assert seconds == pytest.approx([14.5 - EDGES_S, 12.5 - EDGES_S], abs=0.02)
-
-
-def test_the_frequencies_of_the_response_are_those_of_the_longest_window():
-    both, longest = (
-        impedance_over_frequency(moving_record(disturbed_trial(), windows))["frequency_hz"]
-        for windows in ("2-9 26-40", "26-40")
-    )
-    assert both.to_list() == longest.to_list() != []
 
 
 @pytest.mark.parametrize(
@@ -546,7 +537,7 @@ def test_a_change_of_the_stiffness_is_told_with_k_before_and_after_it(name, shar
     assert row["K_without_low"] < min(300, 300 * (1 + share)) * 1.002
     assert row["K_without_high"] > max(300, 300 * (1 + share)) * 0.998
     assert "change over time" in [
-        one.cause for one in findings_of(row, Limits(above={"fault_harm": 1}), "phasors")
+        one.cause for one in findings_of(row, Limits(above={"fault_harm": 1}), "response")
     ]
 
 

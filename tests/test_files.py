@@ -88,7 +88,7 @@ def test_an_error_of_another_file_within_the_block_stays_as_it_is(tmp_path):
 
 def test_tables_are_read_below_one_another_as_each_of_them(tmp_path):
     contents = {
-        "a": "trial,K,note\n01,1,'=x\n",
+        "a": "trial,K,note\n01,1,x\n",
         "b": 'trial,K,note\n02,2.5,"two\nlines"',  # no break behind the last line
         "none": "trial,K,note\n",
         "other": "trial,B\n03,4\n",

@@ -127,16 +127,16 @@ def unpublished(table: pl.DataFrame, name: str) -> list[str]:
 def write_settings(
     states: Sequence[Mapping[str, Any]],
     output: Path,
-    phasors: Path | None = None,
+    response: Path | None = None,
     refused: Sequence[Refusal] = (),
     data: str = "",
 ) -> None:
     """Write the settings that judge or label with their states. What was measured is that of
-    `phasors.csv`, or none, also where that is `refused`."""
+    the sines in `response.csv`, or none, also where that is `refused`."""
     table = pl.DataFrame(states, schema=dict.fromkeys(("setting", "value", "state"), pl.String))
     sines = pl.DataFrame(schema=dict.fromkeys(MEASURED_COLUMNS.values(), pl.Float64))
-    if phasors:
-        sines = read_table(phasors)
+    if response:
+        sines = read_table(response, ("amplitude_deg",)).drop_nulls("amplitude_deg")
     measured_values: dict[str, str] = {}
     for setting, column in MEASURED_COLUMNS.items():
         sizes = size_texts(sines[column].cast(pl.Float64))

@@ -22,7 +22,6 @@ from osl_analysis.errors import InputError
 from osl_analysis.formats import recognise
 from osl_analysis.ingest.draft import draft_source
 from osl_analysis.ingest.raw_files import read_converted, read_source, trial_from_files
-from osl_analysis.ingest.table_log import is_contradicted
 from osl_analysis.trial import Trial
 from osl_analysis.units import (
     EXAMPLES,
@@ -219,7 +218,7 @@ def test_a_cut_last_line_and_an_overruled_unit_are_told(tmp_path, text, warning)
     )
 
 
-@pytest.mark.parametrize(("conversion", "in_file", "is_wrong"), [
+@pytest.mark.parametrize(("stated", "in_file", "is_told"), [
     ({"unit": "lbf*in"}, "N*m", True),
     ({"unit": "N*m"}, "Nm", False),
     ({"unit": "N*m", "scale": 1.03}, "Nm", False),
@@ -227,11 +226,14 @@ def test_a_cut_last_line_and_an_overruled_unit_are_told(tmp_path, text, warning)
     ({"unit": "N*m"}, "mNm", True),
     ({"unit": "N*m", "scale": 12.5}, "V", False),
 ])  # fmt: skip
-def test_a_unit_that_contradicts_the_file_is_told_from_a_calibration(conversion, in_file, is_wrong):
-    factor = si_factor(conversion["unit"], "N*m")
-    origin = {"si_unit": "N*m", "factor": factor, **conversion}
+def test_a_unit_that_contradicts_the_file_is_told_from_a_calibration(
+    tmp_path: Path, stated: dict[str, Any], in_file: str, is_told: bool
+) -> None:
+    text = LOG.replace("load", f"load [{in_file}]")
 
-    assert is_contradicted(origin, in_file) == is_wrong
+    trial = ingested(tmp_path, text, channels={"torque": {"column": "load", **stated}})
+
+    assert ("unit_of_file" in trial.provenance["columns"]["torque"]) == is_told
 
 
 def test_what_is_stated_of_a_sensor_is_in_si_units_in_the_provenance(
@@ -303,7 +305,7 @@ def test_devices_with_rows_of_their_own_are_refused_with_what_to_export(tmp_path
     (TABLE.replace("load\n", "load\n[s],[rad],(Nm)\n"),
      {"units_row": False}, "no column 't'; the file has [s]", {}),
     (re.sub(r"^0\.0\d", "0", TABLE, flags=re.M),
-     {}, "time stands still at 0 in 4 of 4 lines, from line 2 on", SAMPLES),
+     {}, "time stands still at 0 s in 4 of 4 lines, from line 2 on", SAMPLES),
 ])  # fmt: skip
 def test_the_log_is_read_as_the_refusal_says(tmp_path, text, stated, told, samples):
     message = refused(tmp_path, text, **stated)
@@ -320,9 +322,9 @@ def test_one_row_a_clock_that_stops_and_one_too_coarse_are_no_log(tmp_path):
         (time[:1], "holds one line of data"),
         (
             np.minimum(time, time[150]),
-            "stands still at 0.6 in 50 of 200 lines, from line 152 on: it stopped, or",
+            "stands still at 0.6 s in 50 of 200 lines, from line 152 on: it stopped, or",
         ),
-        (1.773e9 + 128 * (time > 0.5), "time stands still at 1773000000 in 126 of 200 lines"),
+        (1.773e9 + 128 * (time > 0.5), "time stands still at 1773000000 s in 126 of 200 lines"),
     ):
         text = "t,angle,load\n" + "".join(
             f"{t},{k},{k % 7}\n" for k, t in enumerate(stamps.tolist())
@@ -332,7 +334,7 @@ def test_one_row_a_clock_that_stops_and_one_too_coarse_are_no_log(tmp_path):
         "t,angle,load\n" + "".join(f"{k // 25 * step},{k},{k % 7}\n" for k in range(300))
         for step in (1.0, 0.3)
     )
-    assert "time stands still at 0 in 25 of 300 lines" in refused(tmp_path, seconds)
+    assert "time stands still at 0 s in 25 of 300 lines" in refused(tmp_path, seconds)
     assert ingested(tmp_path, thirds).samples.height == 300
     picture = b"\x89PNG\r\n\x1a\n" + bytes(range(256))
     assert "a PNG image, which is not read; name the recording itself" in refused(tmp_path, picture)

@@ -16,7 +16,6 @@ from osl_analysis.bench import (
     impedance,
     known_spring,
     torque_angle,
-    torque_angle_tables,
 )
 from osl_analysis.bench.actuator_alone import actuator_table, actuator_trial
 from osl_analysis.bench.analysis import analysed
@@ -170,15 +169,12 @@ def fit_torque_angle_trial(
     rails = saturated(trial)
     trial = with_fixture(trial, settings.fixture)
     cycles = torque_angle.torque_angle_trial(trial, settings)
-    table = torque_angle_tables.torque_angle_table(cycles, desired)
+    table = torque_angle.torque_angle_table(cycles, desired)
     return tables_of_fit(
         cycles.series(),
-        lambda: {
-            "torque_angle_cycles": torque_angle_tables.cycle_table(cycles),
-            "timebase": cycles.time_base(),
-        },
+        lambda: {"timebase": cycles.time_base()},
         torque_angle=table.with_columns(rails, fixture_column(trial)),
-        torque_angle_curves=torque_angle_tables.curve_table(cycles, desired),
+        torque_angle_curves=torque_angle.curve_table(cycles, desired),
     )
 
 

@@ -40,6 +40,7 @@ from osl_analysis.units import is_clock, is_unit, name_and_ending
 MOST_COLUMNS = 10_000  # a table with more columns is transposed, or no recording
 SAMPLE_ROWS = 600  # rows by which the width of a table and its first numbers are found
 LONGEST_FOOTER = 60  # rows
+MOST_SIGNALS = 64  # of a table that has a row for each value
 MOST_HEADERS = 3  # rows of names and units above the numbers
 LEAST_VALUES = 0.5  # share of the cells of a column of numbers that are numbers
 STATED_ROWS = re.compile(
@@ -501,6 +502,7 @@ def recording_of_table(
     likely_units
         Units by convention, by name.
     """
+    check_row_per_sample(table.body)
     rows = Rows(count=len(table.lines), lines=table.lines, noun=noun)
     channels: list[Channel] = []
     columns = zip(table.names, table.units, lasting_names(table.names), table.body, strict=True)
@@ -525,6 +527,22 @@ def recording_of_table(
     loss = Loss(rows.count, rows.count + table.skipped, table.end, remarks=table.remarks)
     delimiter = {"delimiter": table.delimiter} if table.delimiter else {}
     return Recording(format_name, channels, loss, notes=table.notes, facts={**facts, **delimiter})
+
+
+def check_row_per_sample(body: pl.DataFrame) -> None:
+    """Refuse a table with a row per value: a column of words tells which signal it is of, and
+    another its time, so that each time stands beside each word once."""
+    for words in body.select(pl.col(pl.String)):
+        distinct = words.unique(maintain_order=True)
+        if not 1 < len(distinct) <= MOST_SIGNALS or any(map(is_value, distinct.drop_nulls())):
+            continue
+        for times in body:
+            is_each_once = len(distinct) < times.n_unique() == len(body) / len(distinct)
+            if is_each_once and body.n_unique([words.name, times.name]) == len(body):
+                raise InputError(
+                    f"has a row for each value, of '{distinct[0]}' or '{distinct[1]}', not for each"
+                    " sample; write a row for each sample, as `DataFrame.pivot` does"
+                )
 
 
 @dataclass(frozen=True)

@@ -296,8 +296,8 @@ def test_devices_with_rows_of_their_own_are_refused_with_what_to_export(tmp_path
 @pytest.mark.parametrize(("text", "stated", "told", "samples"), [
     (TABLE.replace("0.02,", "0.015,9\n0.02,"), {}, "line 4 has", SAMPLES),
     (TABLE.replace("0.02,", "0.015,9,9,9\n0.02,"), {}, "line 4 has", SAMPLES),
-    (TABLE.replace("0.02,3,7", "0.02,3"), {"ragged": "skip"}, "line 4 has", {"theta": [1, 2, 4]}),
-    (TABLE.replace("0,1,5", "0,1").replace("0.03,4,8\n", ""), {"ragged": "skip"}, "line 2 has",
+    (TABLE.replace("0.02,3,7", "0.02,3"), {"ragged": "skip"}, "first line 4", {"theta": [1, 2, 4]}),
+    (TABLE.replace("0,1,5", "0,1").replace("0.03,4,8\n", ""), {"ragged": "skip"}, "first line 2",
      {"theta": [2, 3]}),
     (TABLE.replace("2,6", "nan(ind),6"), {}, "missing in 1", {"theta": [1, np.nan, 3, 4]}),
     (TABLE.replace(",", ";").replace(".", ","),

@@ -18,6 +18,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.formats import known_formats
 from osl_analysis.ingest.capture import vertical_axis
 from osl_analysis.ingest.draft import draft_source
+from osl_analysis.ingest.draft_sheet import draft_trials
 from osl_analysis.ingest.raw_files import check_clocks, trial_from_files
 from osl_analysis.recording import Channel, Plate, Rows
 from osl_analysis.trial import Array
@@ -326,6 +327,15 @@ def test_markers_and_ground_reactions_of_one_export_share_their_times(tmp_path: 
         trial.provenance["plates"][0]["plate"],
         len(trial.samples.drop_nulls("marker_TOE_x")),
     ) == (1, FRAMES)
+
+
+@pytest.mark.parametrize("name", ["walk.mot", "walk_grf.mot", "walk_forces.mot", "walk-GRF.sto"])
+def test_a_trc_finds_its_table_of_forces(name: str) -> None:
+    recordings = [(Path(name), "opensim", False), (Path("walk.trc"), "trc", True)]
+
+    (trial,) = draft_trials(recordings)
+
+    assert (trial.cells["log"], trial.cells["mocap"]) == (name, "walk.trc")
 
 
 @pytest.mark.parametrize(

@@ -35,7 +35,7 @@ from osl_analysis.formats._cells import (
 from osl_analysis.formats._text import Line, Row, unpadded
 from osl_analysis.recording import Channel, End, Kind, Loss, Recording, Rows
 from osl_analysis.source_file import ColumnChannel, ColumnTime, TableSource
-from osl_analysis.units import is_clock, is_unit, name_and_ending
+from osl_analysis.units import is_unit, name_and_ending
 
 MOST_COLUMNS = 10_000  # a table with more columns is transposed, or no recording
 SAMPLE_ROWS = 600  # rows by which the width of a table and its first numbers are found
@@ -192,16 +192,20 @@ def table_of_rows(
         data = data[:-1]
         end = End.MISSING
         remarks.append(cut)
-    filled: Sequence[FilledRow]
+    filled: Sequence[FilledRow] = [row for row in data if len(row.cells) == width]
+    skipped = len(data) - len(filled)
     if layout.ragged == "dropped_variable":
         filled, dropped = _with_dropped_variables(data, width, layout.missing)
         remarks += dropped
         skipped = 0
-    else:
-        filled = _fitting_rows(data, width, layout)
-        skipped = len(data) - len(filled)
-        if skipped:
-            remarks.append(f"{skipped} of {len(data)} rows do not fit the header and were skipped")
+    elif layout.ragged == "refuse":
+        _check_widths(data, width, layout.most_missing)
+    elif skipped:
+        first_odd = next(row for row in data if len(row.cells) != width)
+        remarks.append(
+            f"{skipped} of {len(data)} rows do not fit the header and were skipped, first line"
+            f" {first_odd.number}"
+        )
     if not filled:
         raise InputError(
             f"none of its rows fits the header's {width} names; state `delimiter` or `header`"
@@ -265,7 +269,6 @@ def _head_of(
     if delimiter == " " and len(units) < shape.width:
         units = []  # it is unknown which column has none
     names = _names_of_columns(lists, shape.width, delimiter)
-    units = units or _labview_units(rows[:first], names)
     units += [""] * (len(names) - len(units))
     units = [unit or name_and_unit(name)[1] for name, unit in zip(names, units, strict=False)]
     others = [
@@ -368,19 +371,6 @@ def _names_of_columns(lists: Sequence[list[str]], width: int, delimiter: str) ->
     return joined
 
 
-def _labview_units(rows: Sequence[Row], names: Sequence[str]) -> list[str]:
-    """Units in LabVIEW's line `Y_Unit_Label`, which has one for each signal, and none for time."""
-    labels = next((row.cells[1:] for row in rows if row.cells[0] == "Y_Unit_Label"), [])
-    # a column without a name is that of time where LabVIEW wrote none (`X_Columns No`)
-    are_signals = [
-        name not in ("", "Comment") and not is_clock(name_and_unit(name)[0]) for name in names
-    ]
-    filled = iter([label for label in labels if label])
-    if len(labels) - labels.count("") != sum(are_signals):
-        return []
-    return [next(filled) if is_signal else "" for is_signal in are_signals]
-
-
 def _end_of_data(rows: Sequence[Row], first: int, shape: Shape) -> int:
     """Place behind the data: the last rows may be text."""
     end = len(rows)
@@ -406,24 +396,22 @@ def _cut_row(rows: Sequence[Row], width: int, is_whole: bool) -> str:
 FilledRow = tuple[int, Sequence[str | None]]
 
 
-def _fitting_rows(rows: Sequence[Row], width: int, layout: SheetSource) -> list[Row]:
-    """The rows that have a cell for each name."""
+def _check_widths(rows: Sequence[Row], width: int, most_missing: float) -> None:
+    """Refuse rows that do not have a cell for each name."""
     odd = [row for row in rows if len(row.cells) != width]
-    if odd and (layout.ragged == "refuse" or len(odd) > layout.most_missing * len(rows)):
-        share = math.ceil(1000 * len(odd) / len(rows)) / 1000
-        more = f" and `most_missing: {share:g}`" if share > layout.most_missing else ""
-        remedy = (
-            f"repair these lines, or write `ragged: skip`{more} in the source file to leave"
-            " them out"
-        )
-        widths = {len(row.cells) for row in odd}
-        if len(widths) == 1 and len(odd) == len(rows):
-            remedy = "write a name for each, and the same sign between names as between cells"
-        raise InputError(
-            f"line {odd[0].number} has {len(odd[0].cells)} cells under {width} names, and"
-            f" {len(odd)} of {len(rows)} rows do not fit; {remedy}"
-        )
-    return [row for row in rows if len(row.cells) == width]
+    if not odd:
+        return
+    share = max(most_missing, math.ceil(1000 * len(odd) / len(rows)) / 1000)
+    remedy = (
+        f"repair these lines, or write `ragged: skip` and `most_missing: {share:g}` in the source"
+        " file to leave them out"
+    )
+    if len({len(row.cells) for row in odd}) == 1 and len(odd) == len(rows):
+        remedy = "write a name for each, and the same sign between names as between cells"
+    raise InputError(
+        f"line {odd[0].number} has {len(odd[0].cells)} cells under {width} names, and {len(odd)} of"
+        f" {len(rows)} rows do not fit; {remedy}"
+    )
 
 
 def _with_dropped_variables(

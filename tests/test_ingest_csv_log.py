@@ -110,7 +110,7 @@ def test_one_log_in_any_dress_is_one_log(
 
 
 @pytest.mark.parametrize(("text", "fields", "problem"), [
-    ("\n", {}, "holds no rows"), ("t,angle,load\n", {}, "no rows of data"),
+    ("\n", {}, "holds no rows"), ("t,angle,load\n", {}, "no table of numbers"),
     (LOG, {"time": {"rate": 4.0}}, "`rate: 4` of time, but column 't' rises by 0.5 a row; write"),
     (LOG.partition("\n")[2], {}, "no column 't'; the file has 1, 2, 3"),
     (LOG.replace("load", "angle"), {}, "column 'angle' occurs 2 times"),
@@ -296,8 +296,8 @@ def test_devices_with_rows_of_their_own_are_refused_with_what_to_export(tmp_path
 @pytest.mark.parametrize(("text", "stated", "told", "samples"), [
     (TABLE.replace("0.02,", "0.015,9\n0.02,"), {}, "line 4 has", SAMPLES),
     (TABLE.replace("0.02,", "0.015,9,9,9\n0.02,"), {}, "line 4 has", SAMPLES),
-    (TABLE.replace("0.02,3,7", "0.02,3"), {"ragged": "skip"}, "first line 4", {"theta": [1, 2, 4]}),
-    (TABLE.replace("0,1,5", "0,1").replace("0.03,4,8\n", ""), {"ragged": "skip"}, "first line 2",
+    (TABLE.replace("0.02,3,7", "0.02,3"), {"ragged": "skip"}, "line 4 has", {"theta": [1, 2, 4]}),
+    (TABLE.replace("0,1,5", "0,1").replace("0.03,4,8\n", ""), {"ragged": "skip"}, "line 2 has",
      {"theta": [2, 3]}),
     (TABLE.replace("2,6", "nan(ind),6"), {}, "missing in 1", {"theta": [1, np.nan, 3, 4]}),
     (TABLE.replace(",", ";").replace(".", ","),

@@ -198,18 +198,8 @@ def table_of_rows(
         filled, dropped = _with_dropped_variables(data, width, layout.missing)
         remarks += dropped
         skipped = 0
-    elif layout.ragged == "refuse":
-        _check_widths(data, width, layout.most_missing)
     elif skipped:
-        first_odd = next(row for row in data if len(row.cells) != width)
-        remarks.append(
-            f"{skipped} of {len(data)} rows do not fit the header and were skipped, first line"
-            f" {first_odd.number}"
-        )
-    if not filled:
-        raise InputError(
-            f"none of its rows fits the header's {width} names; state `delimiter` or `header`"
-        )
+        remarks.append(_remark_on_widths(data, width, layout))
     if decimal == "auto":
         decimal = decimal_of([cells for _, cells in filled])
     columns = {
@@ -253,7 +243,12 @@ def _head_of(
 ) -> Head:
     """Find names and units of the columns, and the first row of data."""
     if shape.first_value is None or len(rows) < 2:
-        raise _no_numbers(rows)
+        middle = rows[len(rows) // 2]
+        raise InputError(
+            f"no table of numbers: most of its {len(rows)} rows hold none, such as line"
+            f" {middle.number}, '{' '.join(middle.cells)[:40]}'; name a recording, or write a"
+            " header and a row per sample"
+        )
     first = 1  # a logger that drops variables writes its header first
     if layout.ragged != "dropped_variable":
         first = _first_row_of_data(rows, shape)
@@ -276,17 +271,6 @@ def _head_of(
     ]
     notes = [" ".join(cell for cell in cells if cell) for cells in others]
     return Head(names, units, first, notes)
-
-
-def _no_numbers(rows: Sequence[Row]) -> InputError:
-    if len(rows) < 2:
-        return InputError("no rows of data; record it again, or exclude the trial")
-    middle = rows[len(rows) // 2]
-    return InputError(
-        f"no table of numbers: most of its {len(rows)} rows hold none, such as line"
-        f" {middle.number}, '{' '.join(middle.cells)[:40]}'; name a recording, or write a header"
-        " and a row per sample"
-    )
 
 
 def _first_row_of_data(rows: Sequence[Row], shape: Shape) -> int:
@@ -351,24 +335,15 @@ def _split_names(text: str, width: int, delimiter: str) -> list[str]:
 
 
 def _names_of_columns(lists: Sequence[list[str]], width: int, delimiter: str) -> list[str]:
-    """Names in the list nearest to the data; if they repeat there, joined with those above. Without
-    a list they are numbers."""
+    """Names in the list nearest to the data. Without a list they are numbers."""
     if not lists:
         return [str(place + 1) for place in range(width)]
     names = unpadded(lists[-1])
-    if len(names) > width:  # LabVIEW's last column is empty
-        is_comment = len(names) == width + 1 and names[-1].casefold() == "comment"
-        names = names[:width] if is_comment else names
-        names = _split_names(delimiter.join(names), width, delimiter) or names
-    filled = [name for name in names if name]
-    if len(lists) < 2 or len(set(filled)) == len(filled):
-        return names
-    group = ""
-    joined: list[str] = []
-    for place, name in enumerate(names):
-        group = "".join(lists[-2][place : place + 1]) or group  # above the first of its columns
-        joined.append(f"{group} {name}".strip())
-    return joined
+    if len(names) == width + 1 and names[-1].casefold() == "comment":
+        return names[:width]  # LabVIEW's last column is empty
+    if len(names) > width:
+        return _split_names(delimiter.join(names), width, delimiter) or names
+    return names
 
 
 def _end_of_data(rows: Sequence[Row], first: int, shape: Shape) -> int:
@@ -396,27 +371,28 @@ def _cut_row(rows: Sequence[Row], width: int, is_whole: bool) -> str:
 FilledRow = tuple[int, Sequence[str | None]]
 
 
-def _check_widths(rows: Sequence[Row], width: int, most_missing: float) -> None:
-    """Refuse rows that do not have a cell for each name."""
+def _remark_on_widths(rows: Sequence[Row], width: int, layout: SheetSource) -> str:
+    """Tell of rows that do not have a cell for each name; refuse them if they are not to be
+    skipped, or if all are such."""
     odd = [row for row in rows if len(row.cells) != width]
-    if not odd:
-        return
-    share = max(most_missing, math.ceil(1000 * len(odd) / len(rows)) / 1000)
-    remedy = (
-        f"repair these lines, or write `ragged: skip` and `most_missing: {share:g}` in the source"
-        " file to leave them out"
-    )
-    if len({len(row.cells) for row in odd}) == 1 and len(odd) == len(rows):
-        remedy = "write a name for each, and the same sign between names as between cells"
-    raise InputError(
+    what = (
         f"line {odd[0].number} has {len(odd[0].cells)} cells under {width} names, and {len(odd)} of"
-        f" {len(rows)} rows do not fit; {remedy}"
+        f" {len(rows)} rows do not fit"
     )
+    if len(odd) == len(rows):
+        raise InputError(f"{what}; write a name for each, and one sign between names and cells")
+    if layout.ragged == "refuse":
+        share = max(layout.most_missing, math.ceil(1000 * len(odd) / len(rows)) / 1000)
+        raise InputError(
+            f"{what}; repair these lines, or write `ragged: skip` and `most_missing: {share:g}` in"
+            " the source file to leave them out"
+        )
+    return f"{what} and were skipped"
 
 
 def _with_dropped_variables(
     rows: Sequence[Row], width: int, missing: Collection[str]
-) -> tuple[list[FilledRow], list[str]]:
+) -> tuple[Sequence[FilledRow], list[str]]:
     """Fill the rows of a logger that omits failed variables; None from there on.
 
     The omitted variables are those missing in the row before. The logger of `opensourceleg` writes
@@ -442,12 +418,12 @@ def _with_dropped_variables(
         if len(variables) == width and not named:
             named = variables
         readings.append(dict(zip(variables, row.cells, strict=True)))
-    filled: list[FilledRow] = []
-    if named:
-        filled = [
-            (row.number, [cells.get(variable) for variable in named])
-            for row, cells in zip(rows, readings, strict=True)
-        ]
+    if not named:
+        raise InputError(f"no line has a cell for each of its {width} names; state `delimiter`")
+    filled = [
+        (row.number, [cells.get(variable) for variable in named])
+        for row, cells in zip(rows, readings, strict=True)
+    ]
     remarks: list[str] = []
     for number, failed in failures:
         places = ", ".join(str(variable + 1) for variable in failed)

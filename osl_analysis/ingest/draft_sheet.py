@@ -67,8 +67,8 @@ def draft_trials(
 ) -> list[DraftedTrial]:
     """Draft the trials that recordings are, by what the words of their names tell.
 
-    A log and a capture of the same name are one, as are `walk_grf.mot` and `walk.trc`. A stated stiffness tells an impedance trial, but
-    for one who walks.
+    A log and a capture of the same name are one, as are `walk_grf.mot` and `walk.trc`. A stated
+    stiffness tells an impedance trial, but for one who walks.
 
     Parameters
     ----------

@@ -18,7 +18,7 @@ from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.errors import InputError, listing, nearest
 from osl_analysis.figures import drawing_of, drawn
 from osl_analysis.files import config_here, shipped
-from osl_analysis.ingest.examine import UNITS, Commanded, examine, measured_table
+from osl_analysis.ingest.quality import UNITS, Commanded, measure_quality, measured_table
 from osl_analysis.ingest.raw_files import read_source
 from osl_analysis.judge.judging import judged, marked, with_inherited
 from osl_analysis.judge.recording_checks import QualityRules, judged_table, validate_rules
@@ -330,7 +330,7 @@ def check(
     bench = read_section(path, "dynamometer", DynamometerAnalysis)
     commanded = Commanded(**{name: getattr(bench, name) for name in PROTOCOL})
     return judged_table(
-        measured_table(recorded.name, examine(recorded, experiment, commanded)), rules, {}
+        measured_table(recorded.name, measure_quality(recorded, experiment, commanded)), rules, {}
     )
 
 

@@ -206,7 +206,7 @@ SHOWN = [
        q in enumerate("KBI")),
     ("torque_angle", torque_angle_table, 0, True, "angle_deg", ("torque", "desired_torque")),
     ("torque_angle", torque_angle_table, 1, pl.col("branch") == "loading", "angle_deg",
-     ("stiffness", "stiffness_low", "stiffness_high")),
+     ("stiffness",)),
     *(("walking_page", None, k, pl.col("panel") == panel, "x", ("mean",))
       for k, panel in enumerate(("angle", "torque", "response angle", "response torque"))),
     *(("walking_page", None, k, pl.col("panel") == panel, "x",

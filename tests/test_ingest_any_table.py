@@ -17,14 +17,13 @@ import xlsxwriter
 from nptdms import ChannelObject, TdmsWriter
 
 from osl_analysis.commands.trials import inspect_file
-from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError
 from osl_analysis.formats import in_one_sentence
 from osl_analysis.formats._cells import are_whole_thousands
 from osl_analysis.ingest.draft import draft_source, to_be_edited
-from osl_analysis.ingest.examine import Commanded, Examined, measure_clock
 from osl_analysis.ingest.likely_clock import ticks
 from osl_analysis.ingest.overview import inspect_recording
+from osl_analysis.ingest.quality import Commanded, measure_quality
 from osl_analysis.ingest.raw_files import trial_from_files
 
 ROWS = 480  # lines between the first 300 and the last 60 are split by polars
@@ -305,8 +304,9 @@ def test_two_clocks_that_disagree_are_a_question_and_a_doubt(tmp_path, first, se
     (warning,) = trial.provenance["warnings"]
     faster = f"column '{second[0]}' goes on 1.1 times as fast as time (column '{first[0]}')"
     assert faster in warning
-    examined = Examined(trial, EXPERIMENTS["impedance"], Commanded(None, None, None))
-    assert measure_clock(examined).value == pytest.approx(0.1 * TIME[-1] / 12**0.5, rel=1e-3)
+    checks = measure_quality(trial, "impedance", Commanded(None, None, None))
+    difference = pytest.approx(0.1 * TIME[-1] / 12**0.5, rel=1e-3)
+    assert checks["clock_residual"].value == difference
 
 
 def test_clocks_that_agree_and_signals_that_rise_evenly_are_no_contradiction(tmp_path):

@@ -22,7 +22,7 @@ from osl_analysis.campaign.configuration import FrequencyResponseFigure, read_co
 from osl_analysis.commands import bench, figure, tables
 from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
-from osl_analysis.ingest.examine import Commanded, examine, measured_table
+from osl_analysis.ingest.quality import Commanded, measure_quality, measured_table
 from osl_analysis.judge.finding import Grade
 from osl_analysis.judge.words import finding_text
 from osl_analysis.table import read_table, write_table
@@ -205,7 +205,8 @@ def test_the_check_of_a_trial_has_the_rows_of_the_campaign_and_accepts_nothing(t
     slow = replace(trial, samples=trial.samples.with_columns(pl.col("time") * 50))
     commanded = Commanded(**{name: getattr(config.dynamometer, name) for name in PROTOCOL})
     write_table(
-        measured_table("made", examine(slow, "actuator", commanded)), tmp_path / "measured.csv"
+        measured_table("made", measure_quality(slow, "actuator", commanded)),
+        tmp_path / "measured.csv",
     )
     tables.judge([tmp_path / "measured.csv"], config.quality, {}, tmp_path / "quality.csv")
     found = osl.check(slow, "actuator", config=short)

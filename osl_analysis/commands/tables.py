@@ -8,7 +8,6 @@ from typing import Any
 
 import polars as pl
 
-from osl_analysis.bench.torque_angle_tables import compared_with_repeats
 from osl_analysis.campaign.origin import sentence
 from osl_analysis.campaign.setting_states import MEASURED_COLUMNS
 from osl_analysis.config.experiments import EXPERIMENTS, judged_tables
@@ -97,8 +96,6 @@ def gather(
     if not rows:
         raise InputError(f"{output}: no trials fill this table; add some to the sample sheet")
     table = read_tables(rows, output.stem)
-    if output.stem == "torque_angle":
-        table = compared_with_repeats(table, places or {})
     if limits is not None:
         findings = judged(table, limits, output.stem)
         if limits_of_fits is not None and fits:

@@ -209,7 +209,6 @@ EXPERIMENTS: dict[str, Experiment] = {
         tables=(
             ResultTable("torque_angle"),
             ResultTable("torque_angle_curves", judged=False),
-            ResultTable("torque_angle_cycles", judged=False),
             *OF_ALL,
         ),
         fit=FitJob(

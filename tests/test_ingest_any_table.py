@@ -109,11 +109,6 @@ TEXTS = {
     "ticks in a name": text(head=["t_100us", "angle:deg", "Torque_mNm"],
     t=[f"{1e4 * x:.0f}" for x in TIME], m=[
         f"{1e3 * x:.6f}" for x in TORQUE]),
-    "LabVIEW's units": text("\t", ["X_Value", "Angle", "Torque", "Comment"], LVM.replace(
-        "Delta_X", "Y_Unit_Label\tDeg\tNm\nDelta_X") + "***End_of_Header***\t\n"),
-    "LabVIEW's with two X": text("\t", ["X_Value", "Angle", "X_Value", "Torque"], LVM.replace(
-        "Delta_X", "Y_Unit_Label\tDeg\t\tNm\nDelta_X") + "***End_of_Header***\t\n",
-        a=[f"{x}\t{t}" for t, x in zip(T, A, strict=True)]),
     "thousands and decimal commas": text(";", THOUSANDS[0],
     m=THOUSANDS[1]).translate(str.maketrans(",.", ".,")),
     "an angle within one turn": text(a=[f"{x % 360:.9f}" for x in ANGLE]),

@@ -547,6 +547,7 @@ DRESSES: dict[str, tuple[str, dict[str, object]]] = {
     "crlf": (EXPORT.replace("\n", "\r\n"), {}),
     "capitals": (EXPORT.replace("Frame,Sub Frame,", "FRAME,SUB FRAME,"), {}),
     "at the origin": (EXPORT.replace("3,,,,", "3,0,0,0,"), {}),
+    "devices of a subject": (EXPORT.replace(",AMTI", ",Anna:AMTI"), {}),
     "no blank lines": (DEVICES + TRAJECTORIES + MODEL, {}),
 }  # fmt: skip
 
@@ -595,6 +596,8 @@ def test_a_plates_moment_is_about_its_centre_wherever_the_file_takes_it(tmp_path
      {}, "marker 'TOE' occurs twice"),
     (DEVICES + TRAJECTORIES + MODEL,
      {"markers": ["KNEE"]}, "no marker 'KNEE'; the file has Anna:TOE"),
+    (EXPORT, {"analogs": {"sync": {"device": "EMG", "component": "1"}}},
+     "no device 'EMG'; the file has AMTI #1 - Force"),
     (DEVICES + TRAJECTORIES.replace("mm", "parsnip") + MODEL, {}, "unit 'parsnip' is unknown"),
     (DEVICES[:DEVICES.index("6,1")],
      {"outputs": {}, "markers": "none"}, "the last frame lacks sub frames; export"),

@@ -216,6 +216,16 @@ _OTHERS = (
         "export the trial as C3D",
     ),
     (
+        "an export of force plates by Qualisys",
+        r"\ANO_OF_SAMPLES\t",
+        "export the trial as C3D, with its plates",
+    ),
+    (
+        "an export of D-Flow",
+        r"\A[^\n]*\tFrameNumber\t[^\n]*\.(PosX|CopX|ForX)\b",
+        "export the trial from the program of the cameras as C3D",
+    ),
+    (
         "a page of HTML or XML",
         r"\A\s*<(!doctype html|html|head|table|meta|\?xml[^>]*>\s*<(\?mso|workbook))",
         _AS_CSV,

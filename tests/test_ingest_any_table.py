@@ -425,7 +425,7 @@ def test_a_later_clock_of_the_same_name_is_of_what_stands_beside_it(
         )
         if late != 0.004:
             assert_recording(read_by_draft(tmp_path / "a.csv"))
-    with pytest.raises(InputError, match=r"is 0.004 after time: what stands beside it"):
+    with pytest.raises(InputError, match=r"tells another time for what stands beside it"):
         read_by_draft(tmp_path / "a.csv")
 
 

@@ -350,10 +350,8 @@ def test_types_2_and_4_give_the_wrench_back_whichever_way_origin_points(
     channels = np.hstack([force, moment + np.cross(SURFACE, force)])
     calibration = RANDOM.normal(size=(6, 6)) + 5 * np.eye(6)
     raw = np.linalg.solve(calibration, channels.T).T
-    for found in (
-        wrench(2, CORNERS, stored * SURFACE, channels), wrench(4, CORNERS, stored * SURFACE, raw,
-        calibration),
-    ):  # fmt: skip
+    for kind, readings in ((2, channels), (4, raw @ calibration.T)):
+        found = wrench(kind, CORNERS, stored * SURFACE, readings)
         np.testing.assert_allclose(found[0], FORCE, rtol=1e-9, atol=1e-9)
         np.testing.assert_allclose(found[1], MOMENT, rtol=1e-9, atol=1e-9)
 

@@ -92,6 +92,16 @@ def origin_of(conversion: Conversion, column: str, unit_of_file: str = "") -> di
     return origin
 
 
+def numbers_of(channel: Channel) -> Array:
+    """The readings of a channel (n,); NaN where one is missing, or if they are no numbers."""
+    count = channel.rows.count
+    try:
+        values = np.ma.asarray(channel.values, dtype=np.float64).reshape(count)
+    except (InputError, ValueError):  # words, or several numbers in a row
+        return np.full(count, np.nan)
+    return np.asarray(values.filled(np.nan))
+
+
 def share_above(count: int, total: int) -> float:
     """count / total rounded up to three decimals, for the user to write."""
     return math.ceil(1000 * count / total) / 1000

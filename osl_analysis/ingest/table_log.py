@@ -24,7 +24,7 @@ from osl_analysis.ingest.conversion import (
     remark_on_gaps,
     share_above,
 )
-from osl_analysis.ingest.force_plates import convert_exported_plate
+from osl_analysis.ingest.force_plates import convert_plate
 from osl_analysis.ingest.likely_clock import rate_of
 from osl_analysis.ingest.other_clocks import check_other_clocks
 from osl_analysis.recording import Channel, End, Recording
@@ -208,7 +208,7 @@ def with_plates(
     for plate in recording.plates:
         for channel in plate.channels:
             check_finite_values(f"column '{channel.key}'", channel.values, time)
-        load = convert_exported_plate(plate, source.rotation, rate)
+        load = convert_plate(plate, source, source.rotation, rate_hz=rate)
         frame = frame.with_columns(pl.Series(name, one) for name, one in load.columns.items())
         origins.update(load.origins)
         facts.append(load.facts)

@@ -531,7 +531,8 @@ def test_a_part_of_a_matlab_file_is_a_trial_of_its_own(write, tmp_path):
     np.testing.assert_allclose(samples["torque"], 2 * TORQUE, atol=1e-12)
     said = refused_mat(path)
     assert "variable 't' occurs 2 times" in said
-    assert "as Slow.t, Fast.t; write one of these" in said or "as Fast.t, Slow.t; write" in said
+    assert "Slow.t" in said
+    assert "Fast.t" in said
 
 
 @MATLAB

@@ -142,7 +142,7 @@ def test_a_marker_of_a_name_used_twice_is_read_by_its_number(
     path = write_c3d(tmp_path / "a.c3d", points(), POINT__LABELS=["TOE", "HEEL", "TOE"])
 
     for fields in ({}, {"markers": ["HEEL", "TOE"]}):
-        assert "as number 1, 3;" in refused(path, **fields)
+        assert "1, 3" in refused(path, **fields)
     samples = read(path, markers=["HEEL", "3"]).samples
 
     np.testing.assert_allclose(samples["marker_TOE_x"], points()[:, 2, 0] / 1000)
@@ -167,7 +167,7 @@ def test_one_of_two_analog_channels_of_one_name_is_read_by_its_number(tmp_path: 
     told = refused(path, analogs={"sync": {"channel": "Sync"}})
     samples = read(path, analogs={"sync": {"channel": "2"}}).samples
 
-    assert "as number 1, 2; write the number in the source file, '1'" in told
+    assert "one of 1, 2," in told
     np.testing.assert_allclose(samples["sync"], analogs()[:, 1])
 
 

@@ -111,7 +111,7 @@ class InputError(OslAnalysisError):
 
     Examples
     --------
-    >>> osl.fit_belt("none.parquet")
+    >>> osl.fit("none.parquet")
     Traceback (most recent call last):
     osl_analysis.errors.InputError: none.parquet: no such trial; ingest it first ...
     """
@@ -164,7 +164,7 @@ class IdentifiabilityError(OslAnalysisError):
 
     Examples
     --------
-    >>> osl.fit_impedance(slow_trial)
+    >>> osl.fit(slow_trial)
     Traceback (most recent call last):
     osl_analysis.errors.IdentifiabilityError: ...
     """
@@ -176,7 +176,7 @@ class UnreachableImpedanceError(OslAnalysisError):
     Examples
     --------
     >>> desired = osl.DesiredImpedance("compensated", K_d=3000, B_d=5)
-    >>> osl.fit_impedance(trial, desired, parameters="config/parameters/default.yaml")
+    >>> osl.fit(trial, desired=desired, parameters="config/parameters/default.yaml")
     Traceback (most recent call last):
     osl_analysis.errors.UnreachableImpedanceError: ...
     """

@@ -91,6 +91,8 @@ class Channel:
         where a value is missing.
     name
         Its name without the place in the file.
+    title
+        Its name as the file has it, such as `torque [Nm]`, where it has another one.
     unit
         Unit that the file states; empty where it states none.
     likely_unit
@@ -106,6 +108,7 @@ class Channel:
     rows: Rows
     read: Callable[[], NDArray[Any]]
     name: str = ""
+    title: str = ""
     unit: str = ""
     likely_unit: str = ""
     kind: Kind = Kind.SIGNAL
@@ -280,13 +283,14 @@ def _named(wanted: str, channels: Sequence[Channel], key: str) -> list[Channel]:
     """List the channels with a name: in full, without place or unit, by pattern, or by number."""
     pattern = re.compile(re.escape(wanted).replace(r"\*", ".*"), re.DOTALL)
     full = [channel for channel in channels if channel.address[key] == wanted]
+    titled = [channel for channel in channels if channel.title == wanted]
     plain = [channel for channel in channels if channel.name == wanted]
     fitting = [
         channel
         for channel in channels
-        if pattern.fullmatch(channel.address[key]) or pattern.fullmatch(channel.name)
+        if any(map(pattern.fullmatch, (channel.address[key], channel.title, channel.name)))
     ]
-    matches = full or plain or fitting
+    matches = full or titled or plain or fitting
     is_number = key in NUMBERED and re.fullmatch(r"[1-9]\d{0,4}", wanted, re.ASCII)
     if not matches and is_number:
         matches = list(channels[int(wanted) - 1 : int(wanted)])
@@ -310,6 +314,8 @@ def _ambiguous(
 
 def _missing(channels: Sequence[Channel], address: Mapping[str, str], noun: str) -> InputError:
     wanted = " ".join(address.values())
+    if not channels:
+        return InputError(f"no {noun} '{wanted[:80]}': the file has none; export them too")
     keys = [channel.key for channel in channels]
     advice = nearest(wanted, [*keys, *(channel.name for channel in channels)])
     return InputError(

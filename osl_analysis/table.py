@@ -22,7 +22,7 @@ TEXT_COLUMNS = (
     "trial", "controller", "branch", "quantity", "estimator", "check", "unit", "verdict", "remark",
     "reason", "excluded", "panel", "curve", "interval_method", "doubtful", "model",
     "motion", "group", "direction", "subject", "side", "different", "doubt",
-    "remarks", "excitation", "desired", "loading", "method", "joint",
+    "remarks", "excitation", "desired", "loading", "method", "joint", "scope",
     "data", "chosen", "trajectory", "table", "grade",
     "name", "cause", "evidence", "says", "size", "remedy", "fault_family", "explanations",
 )  # fmt: skip

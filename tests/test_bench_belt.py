@@ -61,9 +61,10 @@ def test_a_locked_belt_on_a_bench_that_yields_has_its_stiffness_and_error():
         samples = pl.DataFrame(
             {"time": time, "theta": angle, "theta_m": turned * angle, "torque": torque}
         )
-        return belt_fits.belt_trial(
+        belt = belt_fits.belt_trial(
             Trial("b", samples), None, BeltAnalysis(cutoff_hz=15, order=4, bench_stiffness=frame)
-        ).whole
+        )
+        return belt.calibrated(belt.whole, "loading")
 
     assert (found(0.009)["K_s"], found(0.0).se("K_s")) == pytest.approx(
         (300, 300**2 * 600 / 12000**2), rel=2e-3

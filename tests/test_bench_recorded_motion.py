@@ -16,7 +16,6 @@ from osl_analysis.bench.bench_settings import (
     TimeBase,
 )
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums, with_effects
-from osl_analysis.bench.frequency_response import impedance_over_frequency
 from osl_analysis.bench.impedance import (
     DesiredImpedance,
     impedance_table,
@@ -26,7 +25,7 @@ from osl_analysis.bench.impedance import (
 from osl_analysis.bench.recorded_motion import record_of_trial, stated_windows
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.ingest import examine
+from osl_analysis.ingest import quality
 from osl_analysis.judge.limits import Limits
 from osl_analysis.judge.unchecked import unchecked_in
 from osl_analysis.model.compensator import PAPER_WEIGHT
@@ -167,14 +166,6 @@ def test_windows_of_the_trial_replace_those_of_the_settings():
     assert seconds == pytest.approx([14.5 - EDGES_S, 12.5 - EDGES_S], abs=0.02)
 
 
-def test_the_frequencies_of_the_response_are_those_of_the_longest_window():
-    both, longest = (
-        impedance_over_frequency(moving_record(disturbed_trial(), windows))["frequency_hz"]
-        for windows in ("2-9 26-40", "26-40")
-    )
-    assert both.to_list() == longest.to_list() != []
-
-
 @pytest.mark.parametrize(
     ("text", "why"), [("5-3", "from-to"), ("1-5 4-9", "overlap"), ("1-32", "end at 32")]
 )
@@ -239,7 +230,7 @@ def trial_of_gains(desired, motion, late_s=0.0, seed=3):
 
 
 def row_beside_gains(trial, desired):
-    saturation, gains = examine.saturated(trial), desired.gains(P, PAPER_WEIGHT)
+    saturation, gains = quality.saturated(trial), desired.gains(P, PAPER_WEIGHT)
     _, table, *_ = impedance_with_evidence(moving_record(trial), saturation, P, desired, gains)
     return table.row(0, named=True)
 
@@ -546,7 +537,7 @@ def test_a_change_of_the_stiffness_is_told_with_k_before_and_after_it(name, shar
     assert row["K_without_low"] < min(300, 300 * (1 + share)) * 1.002
     assert row["K_without_high"] > max(300, 300 * (1 + share)) * 0.998
     assert "change over time" in [
-        one.cause for one in findings_of(row, Limits(above={"fault_harm": 1}), "phasors")
+        one.cause for one in findings_of(row, Limits(above={"fault_harm": 1}), "response")
     ]
 
 

@@ -15,7 +15,6 @@ from walking_crossings import Walk, selected, walked
 from walking_synthetic import settings
 
 from osl_analysis.bench.impedance import DesiredImpedance
-from osl_analysis.bench.phasors import fit_sinusoids
 from osl_analysis.commands.fit import fit_settings, fit_trial
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import described_tables_by_name
@@ -120,9 +119,7 @@ def asked(y, x):
 
 
 FITS_OF_SIGNALS = {
-    "linear_fit": lambda t, x, y: asked(y, x), "fit_sinusoid": lambda t, x, y: fit_sinusoids(t,
-    2.0, y)[0],
-    "fit_sinusoid of one cycle": lambda t, x, y: fit_sinusoids(t[:50], 2.0, y[:50])[0],
+    "linear_fit": lambda t, x, y: asked(y, x),
     "fit_impedance": lambda t, x, y: fit_without_offset(Motion(x, np.roll(x, 3), np.roll(x,
     11)), y),
     "over_repeats": lambda t, x, y: repeats.over_repeats(y, [(0.0, np.inf)]),

@@ -33,7 +33,7 @@ from osl_analysis.commands.walking_files import (
     read_unperturbed_gaits,
 )
 from osl_analysis.errors import InputError, MemoryLimitError, WriteError
-from osl_analysis.ingest.examine import Commanded, examine, measured_table
+from osl_analysis.ingest.quality import Commanded, measure_quality, measured_table
 from osl_analysis.jobs import progress, workers
 from osl_analysis.jobs.progress import LogHandler
 from osl_analysis.judge.campaign import campaign_findings, exclusion_report
@@ -177,7 +177,7 @@ def test_of_ingest_and_quality_control_both_results_stand_or_none(tmp_path, monk
     monkeypatch.setattr(
         trials, "ingest_trial", lambda row, raw, sources, output, columns: Path(result(output))
     )
-    monkeypatch.setattr(trials, "examine", refuse)
+    monkeypatch.setattr(trials, "measure_quality", refuse)
     monkeypatch.setattr(
         "osl_analysis.outcomes.perform.limited_memory",
         lambda files: limited.append(files) or nullcontext(),
@@ -443,7 +443,9 @@ def checked(tmp_path):
         force = offset + np.random.default_rng(1).standard_normal(1000)
         trial = Trial(name, pl.DataFrame({"time": np.arange(1000) / rate, "plate1_force_z": force}))
         paths.append(tmp_path / f"quality/{name}.csv")
-        write_table(measured_table(name, examine(trial, "plate", Commanded((), (), 1))), paths[-1])
+        write_table(
+            measured_table(name, measure_quality(trial, "plate", Commanded((), (), 1))), paths[-1]
+        )
     return paths
 
 

@@ -58,34 +58,23 @@ def belt_trial(trial: Trial, p: DrivetrainParameters | None, settings: BeltAnaly
         As `branches_of` and `fit_groups`, or the bench is softer than the belt.
     """
     signals = uniform_signals(trial, ("theta", "theta_m", "torque"), settings.gap_limits)
-    other, bench = signals.other(), settings.bench_stiffness
+    other = signals.other()
     with naming(f"trial {trial.name}"):
         belt = belt_of(signals, p, settings)
-        if bench is not None:  # the error of its stiffness enters the intervals as type B
-            softer = belt_of(signals, p, settings, bench.compliance_error).fits
-            fits = {
-                label: widened(fit, softer[label].estimates - fit.estimates, of_bench=True)
-                for label, fit in belt.fits.items()
-            }
-            belt = replace(belt, fits=fits)
         if other is not None:
             belt = replace(belt, fits_with_other_stamps=belt_of(other, p, settings).fits)
     return belt
 
 
 def belt_of(
-    signals: UniformSignals,
-    p: DrivetrainParameters | None,
-    settings: BeltAnalysis,
-    more_compliance: float = 0.0,
+    signals: UniformSignals, p: DrivetrainParameters | None, settings: BeltAnalysis
 ) -> Analysis:
-    """The fits to uniform signals; the bench is softer than its settings by `more_compliance`
-    [rad/(N*m)]."""
+    """The fits to uniform signals."""
     low_pass, rate, bench = settings.low_pass, signals.rate_hz, settings.bench_stiffness
     raw_torque = signals["torque"]
     check_changes("torque", raw_torque)
     compliance = bench.compliance if bench else 0.0
-    theta = joint_angle(signals["theta"], raw_torque, compliance + more_compliance)
+    theta = joint_angle(signals["theta"], raw_torque, compliance)
     if p is None:
         check_locked(low_pass(theta, rate), low_pass(signals["theta_m"], rate))
         deflection = theta

@@ -75,8 +75,6 @@ class Record:
         holds.
     with_other_stamps : Record or None
         The same with the other reading of undecided stamps; None: all are decided.
-    on_softer_bench : Record or None
-        The same on a bench softer by one standard error; None: its stiffness is exact.
     settings : BenchAnalysis or None
         The bench, and limits on the motion.
     actuator : Mapping of Array (n,)
@@ -99,7 +97,6 @@ class Record:
     periodic: PeriodicMotion | None = None
     uniform: UniformSignals | None = None
     with_other_stamps: "Record | None" = None
-    on_softer_bench: "Record | None" = None
     settings: BenchAnalysis | None = None
     actuator: Mapping[str, Array] = field(default_factory=dict)
 
@@ -335,18 +332,18 @@ def conditioned(
     groups: Groups,
     band: tuple[float, float],
 ) -> Record:
-    """The record of these groups, and the same on a bench softer by one standard error."""
+    """The record of these groups."""
     bench = settings.bench_stiffness
-
-    def on(compliance: float) -> Record:
-        raw = signals["theta"], signals["torque"]
-        made = record_of(signals.trial, signals.time, *raw, settings.low_pass, groups, compliance)
-        return replace(made, usable=signals.usable, band_hz=band, settings=settings)
-
-    made = replace(on(bench.compliance if bench else 0.0), uniform=signals)
-    if bench is None or not bench.compliance_error:
-        return made
-    return replace(made, on_softer_bench=on(bench.compliance + bench.compliance_error))
+    record = record_of(
+        signals.trial,
+        signals.time,
+        signals["theta"],
+        signals["torque"],
+        settings.low_pass,
+        groups,
+        bench.compliance if bench else 0.0,
+    )
+    return replace(record, usable=signals.usable, band_hz=band, settings=settings, uniform=signals)
 
 
 def record_of(

@@ -22,7 +22,7 @@ from osl_analysis.signals.grid import (
     uniform_signals,
 )
 from osl_analysis.spectral import stepped_sine
-from osl_analysis.spectral.periods import PeriodicMotion, lines_of, periodic_motion
+from osl_analysis.spectral.periods import PeriodicMotion, excited_lines, periodic_motion
 from osl_analysis.spectral.stepped_sine import Likeness
 from osl_analysis.stats.power_density import power_density
 from osl_analysis.trial import LATE_END_S, Array, Trial, stretches
@@ -242,14 +242,14 @@ def find_other_motion(
 
     highest_line = LINES_UP_TO * low_pass.cutoff_hz
     usable = signals.usable & inside
-    periodic = periodic_motion(theta, signals["torque"], rate, highest_line, usable)
+    periodic = periodic_motion(theta, rate, highest_line, usable)
     groups = None
     if periodic is not None:
         is_fitted = np.zeros(len(signals.time), dtype=bool)
         for piece in pieces:
             is_fitted[piece] = True
         groups = periods_of(periodic, rate, is_fitted)
-        lines = np.flatnonzero(lines_of(periodic.realisations).excited)
+        lines = excited_lines(periodic.realisations)
         band = float(lines[0] / periodic.period), float(lines[-1] / periodic.period)
     return FoundMotion(groups or stretches_of(pieces, rate), band, periodic, signals)
 

@@ -1,11 +1,11 @@
-"""Periodic motions: the period, and the spectra of every whole period.
+"""Periodic motions: the period, and the spectra of the angle in every whole period.
 
 The period may be a fractional number of samples: the clocks of generator and recorder differ by up
 to 1e-4.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -42,35 +42,28 @@ STRONG = 0.1  # of the largest line; weaker ones do not help to find the period
 EXCITED_NEARBY = 0.05  # of the largest neighbour
 EXCITED = 0.005  # of the largest line
 EXCITED_ERRORS = 5.0  # standard errors of the mean over periods
-SAME_MOTION = 0.99  # correlation of two mean periods of one motion
 
 
 @dataclass(frozen=True)
 class Realisation:
     """Consecutive whole periods of one periodic motion, unfiltered.
 
-    Line k is the sine Re(X_k exp(2j pi k t/period)) of a signal, t from the first sample of each
+    Line k is the sine Re(X_k exp(2j pi k t/period)) of the angle, t from the first sample of each
     period; line 0 is its mean.
     """
 
     period: float  # [s]
-    # lines of the angle [rad] and of the resisting torque [N*m], shape (2, periods, lines)
-    spectra: Spectrum
+    spectra: Spectrum  # lines of the angle [rad], shape (periods, lines)
     start: float  # time [s] of the first period, from the first sample of the record
 
     @property
     def periods(self) -> int:
-        return int(self.spectra.shape[1])
-
-    @property
-    def frequency_hz(self) -> Array:
-        """Frequencies (lines,) [Hz]."""
-        return np.arange(self.spectra.shape[2]) / self.period
+        return int(self.spectra.shape[0])
 
     @property
     def mean_lines(self) -> Spectrum:
-        """Means over the periods of the lines of angle and torque, (2, lines)."""
-        return np.asarray(self.spectra.mean(axis=1))
+        """Means of the lines over the periods, (lines,)."""
+        return np.asarray(self.spectra.mean(axis=0))
 
 
 @dataclass(frozen=True)
@@ -91,7 +84,6 @@ class Repetition(NamedTuple):
 
 def periodic_motion(
     theta: Array,
-    torque: Array,
     rate_hz: float,
     highest_hz: float,
     usable: NDArray[np.bool_] | None = None,
@@ -100,8 +92,8 @@ def periodic_motion(
 
     Parameters
     ----------
-    theta, torque : Array
-        Unfiltered, (n,) [rad] and (n,) [N*m].
+    theta : Array
+        Unfiltered, (n,) [rad].
     rate_hz : float
         Sampling rate [Hz].
     highest_hz : float
@@ -119,19 +111,16 @@ def periodic_motion(
     InputError
         A value cannot be measured.
     """
-    check_measured("the torque", torque)
     repetition = find_repetition(theta, rate_hz, usable)
     if repetition is None:
         return None
     period = repetition.lag
     for _ in range(3):
-        angles = realisations_of(repetition.stretches, period, (theta,), rate_hz, highest_hz)
-        if not angles:
+        realisations = realisations_of(repetition.stretches, period, theta, rate_hz, highest_hz)
+        if not realisations:
             return None
-        period *= 1 + phase_drift(angles)
-    realisations = realisations_of(
-        repetition.stretches, period, (theta, torque), rate_hz, highest_hz
-    )
+        period *= 1 + phase_drift(realisations)
+    realisations = realisations_of(repetition.stretches, period, theta, rate_hz, highest_hz)
     if not realisations or not all(map(is_repeated_by_bench, realisations)):
         return None
     return PeriodicMotion(period, tuple(realisations))
@@ -139,8 +128,8 @@ def periodic_motion(
 
 def is_repeated_by_bench(realisation: Realisation) -> bool:
     """Whether the angle's lines scatter as little over the periods as a bench makes them."""
-    mean = realisation.mean_lines[0]
-    variance = np.sum(scatter(realisation.spectra[0])[1:])
+    mean = realisation.mean_lines
+    variance = np.sum(scatter(realisation.spectra)[1:])
     power = np.sum(np.abs(mean[1:]) ** 2)
     return bool(variance <= REPEATED_BY_BENCH**2 * power)
 
@@ -281,15 +270,14 @@ def runs_of_a_lag(similar: NDArray[np.bool_], counts: NDArray[np.bool_], lag: fl
 
 
 def realisations_of(
-    stretches: Stretches, period: float, signals: Sequence[Array], rate_hz: float, highest_hz: float
+    stretches: Stretches, period: float, theta: Array, rate_hz: float, highest_hz: float
 ) -> list[Realisation]:
     """Take the whole periods of each stretch, counted backwards from its end.
 
-    The incomplete rest is at the beginning, where a transient is. The signals are the angle (n,),
-    and the torque.
+    The incomplete rest is at the beginning, where a transient is.
     """
     samples = period * rate_hz
-    last = len(signals[0])
+    last = len(theta)
     lines = int(np.floor(min(highest_hz, rate_hz / 3) * period + 1e-9)) + 1
     blurred = 3 * rate_hz / COARSE_HZ  # samples by which the ends of a stretch are uncertain
     realisations = []
@@ -301,9 +289,7 @@ def realisations_of(
             periods -= 1
         if periods < 2:  # one has no scatter
             continue
-        spectra = np.array(
-            [period_spectra(signal, first, samples, periods, lines) for signal in signals]
-        )
+        spectra = period_spectra(theta, first, samples, periods, lines)
         realisations.append(Realisation(period, spectra, first / rate_hz))
     return realisations
 
@@ -342,11 +328,11 @@ def phase_drift(realisations: Sequence[Realisation]) -> float:
     late = []
     weight = []
     for realisation in realisations:
-        mean = realisation.mean_lines[0]
+        mean = realisation.mean_lines
         size = np.abs(mean[1:])
         k = 1 + np.flatnonzero(size > STRONG * size.max())
         number = np.arange(realisation.periods) - (realisation.periods - 1) / 2
-        late_phase = -np.angle(realisation.spectra[0][:, k] / mean[k])
+        late_phase = -np.angle(realisation.spectra[:, k] / mean[k])
         expected.append((2 * np.pi * number[:, None] * k).ravel())
         late.append(late_phase.ravel())
         weight.append(np.broadcast_to(np.abs(mean[k]) ** 2, late_phase.shape).ravel())
@@ -356,114 +342,35 @@ def phase_drift(realisations: Sequence[Realisation]) -> float:
     return float(np.sum(w * x * y)) / float(np.sum(w * x**2))
 
 
-def distinct(realisations: Sequence[Realisation]) -> list[Realisation]:
-    """Merge the realisations of one motion, whose distortion is the same.
-
-    Parameters
-    ----------
-    realisations : Sequence of Realisation
-        Of one period.
-
-    Returns
-    -------
-    list of Realisation
-        A motion that was recorded twice counts once, with the periods of both.
-    """
-    merged: list[Realisation] = []
-    for realisation in realisations:
-        for place, known in enumerate(merged):
-            shift = shift_between(known, realisation)
-            if shift is not None:
-                merged[place] = with_periods_of(known, realisation, shift)
-                break
-        else:
-            merged.append(realisation)
-    return merged
-
-
-def with_periods_of(first: Realisation, second: Realisation, shift: float) -> Realisation:
-    """Add the periods of the second realisation, advanced by a share of a period."""
-    k = np.arange(second.spectra.shape[2])
-    advanced = second.spectra * np.exp(2j * np.pi * k * shift)
-    return replace(first, spectra=np.concatenate([first.spectra, advanced], axis=1))
-
-
-def shift_between(first: Realisation, second: Realisation) -> float | None:
-    """The share of a period by which the second must be advanced to match the first; None for
-    another motion: the best correlation of the mean periods is below 0.99."""
-    lines_of_first = first.mean_lines[0, 1:]
-    lines_of_second = second.mean_lines[0, 1:]
-    cross = lines_of_first * lines_of_second.conj()
-    count = 16 * (len(cross) + 1)
-    correlation = np.fft.ifft(np.concatenate([[0.0], cross]), count).real * count
-    size = float(np.linalg.norm(lines_of_first) * np.linalg.norm(lines_of_second))
-    if not size or float(correlation.max()) < SAME_MOTION * size:
-        return None
-
-    # refined by the phases that are left
-    shift = -float(np.argmax(correlation)) / count
-    k = np.arange(1, len(cross) + 1)
-    weight = np.abs(cross) * k
-    for _ in range(3):
-        phase = np.angle(cross * np.exp(-2j * np.pi * k * shift))
-        shift += float(np.sum(weight * phase)) / (2 * np.pi * float(np.sum(weight * k)))
-    return shift
-
-
-@dataclass(frozen=True)
-class LineKinds:
-    """Kinds of the lines of a periodic motion, shape (lines,) each; line 0, the mean, is none of
-    them."""
-
-    excited: NDArray[np.bool_]
-    # odd lines that are not excited, from half the lowest to the highest excited line
-    odd: NDArray[np.bool_]
-    even: NDArray[np.bool_]  # even lines that are not excited, in the same band
-
-    @property
-    def only_odd(self) -> bool:
-        """Whether only odd lines are excited, so that odd and even distortion are seen apart."""
-        return not self.excited[::2].any()
-
-
-def lines_of(realisations: Sequence[Realisation]) -> LineKinds:
-    """Tell the kinds of the lines from the size of the angle's lines.
+def excited_lines(realisations: Sequence[Realisation]) -> NDArray[np.intp]:
+    """Numbers of the lines that stand out of their neighbours and of the noise.
 
     Parameters
     ----------
     realisations : Sequence of Realisation
         Of one period; they share the lines.
 
-    Returns
-    -------
-    LineKinds
-
     Raises
     ------
     InputError
         No line stands out of the noise.
     """
-    power = [np.abs(r.mean_lines[0]) ** 2 for r in realisations]
+    power = [np.abs(r.mean_lines) ** 2 for r in realisations]
     size = np.sqrt(np.mean(power, axis=0))
     size[0] = 0.0
-    variance_of_mean = [scatter(r.spectra[0]) / r.periods for r in realisations]
+    variance_of_mean = [scatter(r.spectra) / r.periods for r in realisations]
     error = np.sqrt(np.mean(variance_of_mean, axis=0) / len(realisations))
     largest_nearby = scipy.ndimage.maximum_filter1d(size, 2 * NEIGHBOURS + 1)
-    excited = (
-        (size > EXCITED_NEARBY * largest_nearby)
-        & (size > EXCITED * size.max())
-        & (size > EXCITED_ERRORS * error)
+    least = np.max(
+        [EXCITED_NEARBY * largest_nearby, np.full_like(size, EXCITED * size.max())], axis=0
     )
-    if not excited.any():
+    excited = np.flatnonzero((size > least) & (size > EXCITED_ERRORS * error))
+    if not len(excited):
         raise InputError(
             "no line of the motion stands out of the noise; move the joint further, or record for"
             " longer"
         )
-    k = np.arange(len(size))
-    k_excited = np.flatnonzero(excited)
-    in_band = (k > 0) & (k >= k_excited[0] / 2) & (k <= k_excited[-1])
-    silent = in_band & ~excited
-    return LineKinds(excited=excited, odd=silent & (k % 2 == 1), even=silent & (k % 2 == 0))
+    return excited
 
 
 def scatter(periods: Spectrum) -> Array:
@@ -471,11 +378,3 @@ def scatter(periods: Spectrum) -> Array:
     of 2 (periods - 1) degrees of freedom."""
     squares = np.abs(periods - periods.mean(axis=0)) ** 2
     return np.asarray(np.sum(squares, axis=0) / (len(periods) - 1))
-
-
-def smoothed_lines(values: Array, weights: Array) -> Array:
-    """Mean of the values (lines,) over each line and its `NEIGHBOURS`, with `weights` (lines,)."""
-    window = np.ones(2 * NEIGHBOURS + 1)
-    total = np.convolve(weights, window, "same")
-    weighted = np.convolve(values * weights, window, "same")
-    return np.asarray(weighted / np.maximum(total, np.finfo(float).tiny))

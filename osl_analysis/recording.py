@@ -272,7 +272,7 @@ class Recording:
             return matches[0]
         unlisted = self.find_unlisted(address) if self.find_unlisted else None
         if unlisted is None:
-            raise _missing(similar, address, noun or key)
+            raise _missing(similar, address, noun or " ".join(address))
         return unlisted
 
 

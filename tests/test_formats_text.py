@@ -240,7 +240,7 @@ def test_a_device_is_found_without_its_subject(tmp_path: Path) -> None:
     found = recording.find({"device": "Plate - Force", "component": "Fy"})
 
     assert found.values[1] == -1.25
-    with pytest.raises(InputError, match="no device 'EMG'; the file has Plate - Force"):
+    with pytest.raises(InputError, match="no device component 'EMG V'; the file has Plate - Force"):
         recording.find({"device": "EMG", "component": "V"})
 
 

@@ -338,7 +338,7 @@ def capture_of(
 ) -> Trial:
     """A capture without plates, trial_of."""
     write_c3d(folder / "a.c3d", points, **parameters)  # type: ignore[arg-type]
-    (folder / "s.yaml").write_text("format: c3d\nmarkers: all\nplates: none\n")
+    (folder / "s.yaml").write_text("format: c3d\nmarkers: all\nplates: []\n")
     return trial_of(folder, experiment, mocap="a.c3d", mocap_source="s")
 
 

@@ -266,7 +266,7 @@ PLATES_THAT_CANNOT_BE: list[tuple[dict[str, Any], dict[str, Any], str]] = [
     ({"FORCE_PLATFORM__ORIGIN": np.array([[0], [np.nan], [0]])},
      {}, "plate 1: FORCE_PLATFORM:ORIGIN has dimensions (3, 1), or values that are not"),
     ({"FORCE_PLATFORM__CHANNEL": np.arange(3, 9)[:, None]},
-     {}, "leave this plate out: `plates: none`"),
+     {}, "leave this plate out: `plates: []`"),
 ]  # fmt: skip
 
 
@@ -597,8 +597,8 @@ def test_a_plates_moment_is_about_its_centre_wherever_the_file_takes_it(tmp_path
      {"markers": ["KNEE"]}, "no marker 'KNEE'; the file has Anna:TOE"),
     (DEVICES + TRAJECTORIES.replace("mm", "parsnip") + MODEL, {}, "unit 'parsnip' is unknown"),
     (DEVICES[:DEVICES.index("6,1")],
-     {"outputs": {}, "markers": "none"}, "the last frame lacks sub frames; export"),
-    (EXPORT, {"analogs": {}, "outputs": {}, "plates": {}, "markers": "none"},
+     {"outputs": {}, "markers": []}, "the last frame lacks sub frames; export"),
+    (EXPORT, {"analogs": {}, "outputs": {}, "plates": {}, "markers": []},
      "nothing to read; name markers, outputs"),
     (DEVICES + TRAJECTORIES.replace("100", "0") + MODEL,
      {}, "section Trajectories at 0 Hz has no samples; export wit"),

@@ -69,7 +69,6 @@ class VariableTime(RowTime):
 class MatSource(TableSource):
     """The source file of MATLAB files."""
 
-    OF = " of format mat"
     channels: Mapping[str, VariableChannel] = Field(min_length=1)
     time: VariableTime
     log_part: Annotated[str, AfterValidator(_checked_part)] = ""

@@ -70,7 +70,6 @@ class OpenSimPlate(ExportedPlate):
 class OpenSimSource(SheetSource, InAxes):
     """The source file of tables of OpenSim."""
 
-    OF = " of format opensim"
     clock: Literal["master", "sync", "shared", "common"] = "master"  # type: ignore[assignment]
     """How the log's clock is aligned to motion capture's. `common`: its times are those of the TRC
     beside it."""

@@ -29,7 +29,6 @@ from osl_analysis.units import (
     LengthUnit,
     MomentUnit,
     TimeUnit,
-    Unit,
     quantity,
     si_factor,
 )
@@ -92,11 +91,10 @@ class Conversion(Settings):
     low_pass: SensorFilter | None = None
     # Smallest step of the recorded values with its unit, as `0.02 deg`.
     resolution: str | None = None
-    range: str | tuple[str, str] | None = None
-    """Range of the sensor, before `sign` and `offset`: `60 N*m` for +-60 N*m, or both ends, as `[0
-    deg, 300 deg]`."""
+    # Both ends of the sensor's range, before `sign` and `offset`, as `[-60 N*m, 60 N*m]`.
+    range: tuple[str, str] | None = None
     # Unit of the numbers, as laboratories spell it. Without it, the one that the file states.
-    unit: Unit | None = None
+    unit: str | None = None
     sign: Literal[1, -1] = 1  # -1 if the recorder has the opposite direction as positive.
     scale: Annotated[NoSlip, Field(gt=0)] = (
         1.0  # Units per count: 1 / 16384 with the unit rev for an encoder of 14 bits.
@@ -107,15 +105,10 @@ class Conversion(Settings):
     def ends(self, si_unit: str) -> tuple[float, float]:
         """Both ends of the stated range [si_unit]. Raises InputError: the range is empty."""
         assert self.range is not None
-        if isinstance(self.range, str):
-            high = quantity(self.range, si_unit)
-            low = -high
-        else:
-            low, high = (quantity(text, si_unit) for text in self.range)
+        low, high = (quantity(text, si_unit) for text in self.range)
         if low >= high:
             raise InputError(
-                f"a range from {low:g} to {high:g} {si_unit} is empty; write the lower end first,"
-                " or one number"
+                f"a range from {low:g} to {high:g} {si_unit} is empty; write the lower end first"
             )
         return low, high
 
@@ -175,7 +168,7 @@ class FieldChannel(LogChannel):
     """Dotted path of the number, with an index or a name where it passes an array:
     `wrench.force.x`, `position[0]`, `position[name=ankle]`; in JSON a name with a dot in it in
     quotes, `functions["loadcell.mz"]`."""
-    unit: Unit  # Unit of the numbers, as laboratories spell it.
+    unit: str  # Unit of the numbers, as laboratories spell it.
 
 
 class MessageChannel(FieldChannel):
@@ -288,7 +281,7 @@ class ModelOutput(Conversion):
     label: Name  # Label of the output in the file.
     component: Literal["x", "y", "z"]  # Component of the output.
     # In which the software computes; the file may misstate it: moments of Plug-in Gait are N*mm/kg.
-    unit: Unit
+    unit: str
 
 
 def check_canonical(channels: Mapping[str, Conversion]) -> None:

@@ -247,7 +247,12 @@ def test_what_is_stated_of_a_sensor_is_in_si_units_in_the_provenance(
     stated |= {"range": ["-20 N*m", "60 N*m"], "sign": -1, "scale": 2, "offset": 5}
     torque = SOURCE["channels"]["torque"] | stated
     channels = {
-        "theta": {"column": "angle", "unit": "deg", "resolution": "0.02 deg", "range": "180 deg"},
+        "theta": {
+            "column": "angle",
+            "unit": "deg",
+            "resolution": "0.02 deg",
+            "range": ["-180 deg", "180 deg"],
+        },
         "torque": torque,
     }
     trial = ingested(

@@ -29,7 +29,7 @@ from osl_analysis.formats._mat_values import (
 from osl_analysis.formats.binary_table import check_written, titles_by_width
 from osl_analysis.recording import Channel, End, Format, Loss, Recording, Rows
 from osl_analysis.source_file import LogChannel, RowTime, TableSource
-from osl_analysis.units import Unit, name_and_ending
+from osl_analysis.units import name_and_ending
 
 HEADER = 128  # bytes; of version 7.3 HDF5 begins behind 512
 ELEMENT = 8  # bytes before each variable of version 5: type, length
@@ -55,7 +55,7 @@ class VariableChannel(LogChannel):
     `runs{2}.torque`. It is within `log_part`, unless it begins with `/`."""
     # Where the device counts its samples, which tells the missing ones.
     counter: AddressText | None = None
-    unit: Unit  # Unit of the numbers, as laboratories spell it.
+    unit: str  # Unit of the numbers, as laboratories spell it.
 
 
 class VariableTime(RowTime):

@@ -166,7 +166,7 @@ def dotted(place: Place) -> str:
 def validated(
     content: Any,
     model: type[AnySettings],
-    path: Path,
+    path: Path | str,
     files: Sequence[Path] | None = None,
     above: Place = (),
 ) -> AnySettings:
@@ -187,7 +187,7 @@ def validated(
 
     first = max(problems_at, key=rank)
     place = (*above, *first)
-    line = located([path] if files is None else files, place)
+    line = located([Path(path)] if files is None else files, place)
     name = dotted(place) or "the file"
     raise InputError(f"{path}: {line}{name}: {problem_text(problems_at[first])}")
 

@@ -140,7 +140,7 @@ def test_a_marker_of_a_name_used_twice_is_read_by_its_number(
     path = write_c3d(tmp_path / "a.c3d", points(), POINT__LABELS=["TOE", "HEEL", "TOE"])
 
     for fields in ({}, {"markers": ["HEEL", "TOE"]}):
-        assert "as number 1, 3;" in refused(path, **fields)
+        assert "1, 3" in refused(path, **fields)
     samples = read(path, markers=["HEEL", "3"]).samples
 
     np.testing.assert_allclose(samples["marker_TOE_x"], points()[:, 2, 0] / 1000)
@@ -165,7 +165,7 @@ def test_one_of_two_analog_channels_of_one_name_is_read_by_its_number(tmp_path: 
     told = refused(path, analogs={"sync": {"channel": "Sync"}})
     samples = read(path, analogs={"sync": {"channel": "2"}}).samples
 
-    assert "as number 1, 2; write the number in the source file, '1'" in told
+    assert "one of 1, 2," in told
     np.testing.assert_allclose(samples["sync"], analogs()[:, 1])
 
 
@@ -266,7 +266,7 @@ PLATES_THAT_CANNOT_BE: list[tuple[dict[str, Any], dict[str, Any], str]] = [
     ({"FORCE_PLATFORM__ORIGIN": np.array([[0], [np.nan], [0]])},
      {}, "plate 1: FORCE_PLATFORM:ORIGIN has dimensions (3, 1), or values that are not"),
     ({"FORCE_PLATFORM__CHANNEL": np.arange(3, 9)[:, None]},
-     {}, "leave this plate out: `plates: none`"),
+     {}, "leave this plate out: `plates: []`"),
 ]  # fmt: skip
 
 
@@ -598,8 +598,8 @@ def test_a_plates_moment_is_about_its_centre_wherever_the_file_takes_it(tmp_path
      "no device 'EMG'; the file has AMTI #1 - Force"),
     (DEVICES + TRAJECTORIES.replace("mm", "parsnip") + MODEL, {}, "unit 'parsnip' is unknown"),
     (DEVICES[:DEVICES.index("6,1")],
-     {"outputs": {}, "markers": "none"}, "the last frame lacks sub frames; export"),
-    (EXPORT, {"analogs": {}, "outputs": {}, "plates": {}, "markers": "none"},
+     {"outputs": {}, "markers": []}, "the last frame lacks sub frames; export"),
+    (EXPORT, {"analogs": {}, "outputs": {}, "plates": {}, "markers": []},
      "nothing to read; name markers, outputs"),
     (DEVICES + TRAJECTORIES.replace("100", "0") + MODEL,
      {}, "section Trajectories at 0 Hz has no samples; export wit"),

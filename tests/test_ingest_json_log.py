@@ -397,7 +397,7 @@ def test_a_channel_that_cannot_be_a_signal_is_refused(tmp_path: Path) -> None:
         ),
         (
             [angle, torque, ("B/Torque", TORQUE, timing())],
-            "channel 'Torque' occurs 2 times, as Bench/Torque, Bench/B/Torque",
+            "channel 'Torque' occurs 2 times; write one of Bench/Torque, Bench/B/Torque",
         ),
         ([angle, ("Torqe", TORQUE, timing())], "did you mean 'Torqe'?"),
         ([("Angle", ANGLE, timing(unit_string="furlongs")), torque], "measures [m]"),

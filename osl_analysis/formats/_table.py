@@ -53,7 +53,6 @@ STATED_ROWS = re.compile(
 class SheetSource(TableSource):
     """The source file of a table of cells with a header, from any program."""
 
-    OF = " of format table"
     channels: Mapping[str, ColumnChannel] = Field(min_length=1)
     time: ColumnTime
     # Sign at the beginning of comment lines, of `auto` #, % or //; empty if there are none.

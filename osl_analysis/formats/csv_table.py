@@ -46,7 +46,6 @@ END_OF_HEADER = b"***End_of_Header***"
 class CsvSource(SheetSource):
     """The source file of a table of text."""
 
-    OF = " of format csv"
     delimiter: Delimiter = "auto"
     """Sign between cells; `auto` takes that of tab, `;`, `|`, `,` and blank by which most cells are
     numbers."""

@@ -27,7 +27,6 @@ class FieldTime(RowTime):
 class JsonSource(TableSource):
     """The source file of JSON lines."""
 
-    OF = " of format json_lines"
     channels: Mapping[str, FieldChannel] = Field(min_length=1)
     time: FieldTime
 

@@ -21,7 +21,7 @@ from osl_analysis.formats._cells import name_and_unit
 from osl_analysis.formats.binary_table import titles_by_width
 from osl_analysis.recording import Channel, Format, Loss, Recording, Rows
 from osl_analysis.source_file import LogChannel, Name, RowTime, TableSource
-from osl_analysis.units import Unit, name_and_ending
+from osl_analysis.units import name_and_ending
 
 HEADER = 128  # bytes; of version 7.3 HDF5 begins behind 512
 FEWEST_SAMPLES = 10  # of a signal, or structs of single numbers that are samples of a recording
@@ -38,7 +38,7 @@ class VariableChannel(LogChannel):
     `runs{2}.torque`. It is within `log_part`, unless it begins with `/`."""
     # Where the device counts its samples, which tells the missing ones.
     counter: Name | None = None
-    unit: Unit  # Unit of the numbers, as laboratories spell it.
+    unit: str  # Unit of the numbers, as laboratories spell it.
 
 
 class VariableTime(RowTime):
@@ -52,7 +52,6 @@ class VariableTime(RowTime):
 class MatSource(TableSource):
     """The source file of MATLAB files."""
 
-    OF = " of format mat"
     channels: Mapping[str, VariableChannel] = Field(min_length=1)
     time: VariableTime
     log_part: str = ""

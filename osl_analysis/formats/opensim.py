@@ -25,7 +25,7 @@ from osl_analysis.source_file import (
     InAxes,
 )
 from osl_analysis.trial import AXES, unit_of
-from osl_analysis.units import TimeUnit, Unit, si_factor
+from osl_analysis.units import TimeUnit, si_factor
 from osl_analysis.yaml_settings import misplaced
 
 # what columns measure, by their names
@@ -44,7 +44,7 @@ END_OF_HEADER = re.compile(rb"(?im)^[ \t]*endheader[ \t]*\n")
 class OpenSimChannel(ColumnChannel):
     """A column of a table of OpenSim."""
 
-    unit: Unit  # Unit of the numbers, as laboratories spell it.
+    unit: str  # Unit of the numbers, as laboratories spell it.
 
 
 class OpenSimTime(ColumnTime):
@@ -70,7 +70,6 @@ class OpenSimPlate(ExportedPlate):
 class OpenSimSource(SheetSource, InAxes):
     """The source file of tables of OpenSim."""
 
-    OF = " of format opensim"
     clock: Literal["master", "sync", "shared", "common"] = "master"  # type: ignore[assignment]
     """How the log's clock is aligned to motion capture's. `common`: its times are those of the TRC
     beside it."""

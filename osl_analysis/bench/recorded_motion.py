@@ -22,14 +22,13 @@ from osl_analysis.signals.grid import (
     uniform_signals,
 )
 from osl_analysis.spectral import stepped_sine
-from osl_analysis.spectral.periods import PeriodicMotion, excited_lines, periodic_motion
+from osl_analysis.spectral.periods import PeriodicMotion, periodic_motion
 from osl_analysis.spectral.stepped_sine import Likeness
 from osl_analysis.stats.power_density import power_density
 from osl_analysis.trial import LATE_END_S, Array, Trial, stretches
 
 SHORTEST_S = 1.0  # s; the shortest stretch that is fitted
 EDGE_PERIODS = 2.0  # of the cut-off at each end, where the filter depends on padding
-LINES_UP_TO = 1.5  # cut-offs up to which lines of a periodic motion are sought
 SPECTRUM_S = 8.0  # s; longest piece of a spectrum
 OUTSIDE_BAND = 0.01  # share of the power that lies below, or above, a band
 LARGE_DEG = 1.0  # deg, beyond the noise of any encoder
@@ -240,17 +239,13 @@ def find_other_motion(
         pieces = fitted_pieces(signals, low_pass, stated)
         theta = joint_angle(signals["theta"], signals["torque"], compliance)
 
-    highest_line = LINES_UP_TO * low_pass.cutoff_hz
-    usable = signals.usable & inside
-    periodic = periodic_motion(theta, rate, highest_line, usable)
+    periodic = periodic_motion(theta, rate, signals.usable & inside)
     groups = None
     if periodic is not None:
         is_fitted = np.zeros(len(signals.time), dtype=bool)
         for piece in pieces:
             is_fitted[piece] = True
         groups = periods_of(periodic, rate, is_fitted)
-        lines = excited_lines(periodic.realisations)
-        band = float(lines[0] / periodic.period), float(lines[-1] / periodic.period)
     return FoundMotion(groups or stretches_of(pieces, rate), band, periodic, signals)
 
 

@@ -140,10 +140,10 @@ def periods_of(
         None if fewer than two periods are usable.
     """
     parts = max(round(motion.period / seconds), 1)
+    rows_of_period = rate_hz * motion.period
     begins, numbers, strata = [], [], list[Stratum]()
     for realisation in motion.realisations:
-        rows_of_period = rate_hz * realisation.period
-        starts = rate_hz * (realisation.start + realisation.period * np.arange(realisation.periods))
+        starts = rate_hz * realisation.start + rows_of_period * np.arange(realisation.periods)
         end = min(round(starts[-1] + rows_of_period), len(usable))
         stratum = Stratum(slice(round(starts[0]), end))
         for part in range(parts):
@@ -151,7 +151,7 @@ def periods_of(
             numbers.append(np.full(realisation.periods, len(strata)))
             strata.append(stratum)
     begin, number = np.concatenate(begins), np.concatenate(numbers)
-    stop = np.minimum(begin + rate_hz * motion.period / parts, len(usable))
+    stop = np.minimum(begin + rows_of_period / parts, len(usable))
 
     # a group counts that has no unusable row
     lacking = np.concatenate([[0], np.cumsum(~usable)])

@@ -5,7 +5,7 @@ READY := $(VENV)/ready
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 unexport PYTHONDONTWRITEBYTECODE # each process would compile anew what the tests have changed, which takes 10 s
 
-.PHONY: reproduce-all test test-kernels test-browser test-package test-slurm test-speed peers setup check docs lock dist release
+.PHONY: reproduce-all test test-kernels test-browser test-ingest test-package test-slurm test-speed peers setup check docs lock dist release
 
 reproduce-all: $(READY)
 	$(BIN)/snakemake reproduce-all
@@ -23,6 +23,10 @@ test-kernel-%: $(READY)
 # The report in headless Chromium (Debian: apt-get install chromium chromium-driver).
 test-browser: $(READY)
 	$(BIN)/python -m pytest -m browser -n0 tests/browser
+
+# The default campaign's ingested trials, bit by bit. Run `make reproduce-all` before it.
+test-ingest: $(READY)
+	$(BIN)/python tests/ingested_trials.py
 
 # Wheel and sdist, built twice and compared, then one after the other installed and used in a new environment.
 test-package: $(READY)

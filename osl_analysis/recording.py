@@ -91,6 +91,8 @@ class Channel:
         where a value is missing.
     name
         Its name without the place in the file.
+    title
+        Its name as the file has it, such as `torque [Nm]`, where it has another one.
     unit
         Unit that the file states; empty where it states none.
     likely_unit
@@ -106,6 +108,7 @@ class Channel:
     rows: Rows
     read: Callable[[], NDArray[Any]]
     name: str = ""
+    title: str = ""
     unit: str = ""
     likely_unit: str = ""
     kind: Kind = Kind.SIGNAL
@@ -286,19 +289,16 @@ NUMBERED = ("column", "label", "channel")  # keys whose channel may be given by 
 
 def _named(wanted: str, channels: Sequence[Channel], key: str) -> list[Channel]:
     """List the channels with a name: in full, without place or unit, by pattern, or by number."""
-    full = [channel for channel in channels if channel.address[key] == wanted]
-    if full:
-        return full
-    plain = [channel for channel in channels if channel.name == wanted]
-    if plain:
-        return plain
+    names = [(channel.address[key], channel.title, channel.name) for channel in channels]
+    for of_kind in zip(*names, strict=True):
+        pairs = zip(channels, of_kind, strict=True)
+        matches = [channel for channel, name in pairs if name == wanted]
+        if matches:
+            return matches
     if "*" in wanted:
         pattern = re.compile(re.escape(wanted).replace(r"\*", ".*"), re.DOTALL)
-        return [
-            channel
-            for channel in channels
-            if pattern.fullmatch(channel.address[key]) or pattern.fullmatch(channel.name)
-        ]
+        pairs = zip(channels, names, strict=True)
+        return [channel for channel, own in pairs if any(map(pattern.fullmatch, own))]
     is_number = key in NUMBERED and re.fullmatch(r"[1-9]\d{0,4}", wanted, re.ASCII)
     if is_number and int(wanted) <= len(channels):
         return [channels[int(wanted) - 1]]
@@ -327,6 +327,8 @@ def _ambiguous(
 def _missing(
     noun: str, wanted: str, names: Sequence[str], plain_names: Sequence[str] = ()
 ) -> InputError:
+    if not names:
+        return InputError(f"no {noun} '{wanted[:80]}': the file has none; export them too")
     advice = nearest(wanted, [*names, *plain_names]) or "; correct the name in the source file"
     return InputError(f"no {noun} '{wanted[:80]}'; the file has {listing(names)}{advice}")
 

@@ -283,6 +283,8 @@ class ColumnTime(RowTime):
 class ExportedPlate(Settings):
     """A force plate that was exported as numbers. The file does not say where it lies."""
 
+    # Of the surface in the file's axes, in mm for Nexus and in m for OpenSim.
+    corners: tuple[Corner, Corner, Corner, Corner]
     # -1 if the file has the force on the plate instead of the force on the foot.
     sign: Literal[1, -1] = 1
 

@@ -27,7 +27,7 @@ from osl_analysis.bench.record import signals_of, with_actuator
 from osl_analysis.bench.recorded_motion import record_of_trial
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.errors import IdentifiabilityError
-from osl_analysis.ingest.examine import saturated
+from osl_analysis.ingest.quality import saturated
 from osl_analysis.judge.limits import DoubtfulFits, Limits
 from osl_analysis.model.drivetrain import read_parameters
 from osl_analysis.trial import Trial

@@ -25,7 +25,7 @@ from osl_analysis.bench.impedance import (
 from osl_analysis.bench.recorded_motion import record_of_trial, stated_windows
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.ingest import examine
+from osl_analysis.ingest import quality
 from osl_analysis.judge.limits import Limits
 from osl_analysis.judge.unchecked import unchecked_in
 from osl_analysis.model.compensator import PAPER_WEIGHT
@@ -230,7 +230,7 @@ def trial_of_gains(desired, motion, late_s=0.0, seed=3):
 
 
 def row_beside_gains(trial, desired):
-    saturation, gains = examine.saturated(trial), desired.gains(P, PAPER_WEIGHT)
+    saturation, gains = quality.saturated(trial), desired.gains(P, PAPER_WEIGHT)
     _, table, *_ = impedance_with_evidence(moving_record(trial), saturation, P, desired, gains)
     return table.row(0, named=True)
 

@@ -17,7 +17,7 @@ from osl_analysis.bench.torque_angle import curve_table, torque_angle_table, tor
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.config.sheet import read_sheet
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.examine import saturated
+from osl_analysis.ingest.quality import saturated
 from osl_analysis.ingest.raw_files import trial_from_files
 from osl_analysis.trial import Trial
 

@@ -30,8 +30,9 @@ from osl_analysis.bench.plausibility import plausible
 from osl_analysis.bench.record import Record, with_actuator
 from osl_analysis.bench.recorded_motion import record_of_trial, sine_record
 from osl_analysis.bench.transmission import transmission_of, transmission_table
-from osl_analysis.ingest.examine import check_recording, saturated
-from osl_analysis.ingest.guard import find_leaps
+from osl_analysis.ingest.guard import check_recording
+from osl_analysis.ingest.leaps import find_leaps
+from osl_analysis.ingest.quality import saturated
 from osl_analysis.model.compensator import Weight
 from osl_analysis.model.drivetrain import FileOrNone, known_parameters
 from osl_analysis.table import read_table, write_table
@@ -45,7 +46,7 @@ def fit_belt_trial(
     one without."""
     p = known_parameters(parameters)
     check_recording(trial, settings)
-    rails = saturated(trial, "torque", "theta")
+    rails = saturated(trial)
     trial = with_fixture(trial, settings.fixture)
     belt = belt_trial(trial, p, settings)
     return tables_of_fit(
@@ -62,7 +63,7 @@ def fit_transmission_trial(
     """The transmission's rows, and the series of the fit to all amplitudes."""
     p = known_parameters(parameters)
     check_recording(trial, settings)
-    rails = saturated(trial, "torque", "theta")
+    rails = saturated(trial)
     trial = with_fixture(trial, settings.fixture)
     analysis = transmission_of(sine_record(trial, settings))
     table = plausible(transmission_table(analysis), rails, p, "B_j", "J_j")
@@ -100,7 +101,7 @@ def fit_impedance_trial(
     """
     p = known_parameters(parameters)
     check_recording(trial, settings)
-    rails = saturated(trial, "torque", "theta")
+    rails = saturated(trial)
     trial = with_fixture(trial, settings.fixture)
     record = record_with_actuator(trial, settings, windows)
     stated = condition or impedance.DesiredImpedance(None, None, None)
@@ -138,8 +139,8 @@ def leaps_outside(trial: Trial, cut: Trial) -> bool:
     first, last = cut.samples["time"][0], cut.samples["time"][-1]
     for column in ("theta", "theta_m", "torque"):
         if column in trial.columns:
-            leaps = find_leaps(column, *trial.arrays(column))
-            if any(time < first or time > last for time in leaps.times):
+            leaps = find_leaps(*trial.arrays(column))
+            if ((leaps < first) | (leaps > last)).any():
                 return True
     return False
 
@@ -165,7 +166,7 @@ def fit_torque_angle_trial(
     should follow."""
     desired = (condition or {}).get("desired")
     check_recording(trial, settings)
-    rails = saturated(trial, "torque", "theta")
+    rails = saturated(trial)
     trial = with_fixture(trial, settings.fixture)
     cycles = torque_angle.torque_angle_trial(trial, settings)
     table = torque_angle.torque_angle_table(cycles, desired)
@@ -189,7 +190,7 @@ def fit_calibration_trial(
         stated.get("known_K"), stated.get("known_I"), uncertainty, is_fixture_alone
     )
     check_recording(trial, settings)
-    rails = saturated(trial, "torque", "theta")
+    rails = saturated(trial)
     stated_fixture = settings.fixture
     if is_fixture_alone:  # which nothing is taken off
         settings = settings.model_copy(update={"fixture": None})

@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 
 from osl_analysis.errors import InputError, naming, printable
+from osl_analysis.ingest.repeats import run_at_extreme
 from osl_analysis.plates import own_axes
 from osl_analysis.recording import EXPORTED, Plate
-from osl_analysis.signals import run_at_extreme, runs
+from osl_analysis.signals import runs
 from osl_analysis.source_file import PlateUnits, Source
 from osl_analysis.trial import Array, plate_columns, unit_of
 from osl_analysis.units import si_factor

@@ -28,7 +28,6 @@ from osl_analysis.ingest.conversion import (
 from osl_analysis.ingest.force_plates import convert_exported_plate
 from osl_analysis.ingest.likely_clock import rate_of
 from osl_analysis.ingest.other_clocks import check_other_clocks
-from osl_analysis.ingest.table_time import with_time
 from osl_analysis.recording import Channel, End, Recording
 from osl_analysis.source_file import LEVEL_UNIT, InAxes, TableSource
 from osl_analysis.trial import Array, counter_column, unit_of
@@ -88,7 +87,7 @@ def convert_table(recording: Recording, source: TableSource, file_name: str) -> 
             f"holds one {table.rows.noun} of data: nothing to analyse; record the trial again, or"
             " exclude it"
         )
-    table, time, start = with_time(table, source, clock)
+    time = table.time - table.time[0]
     apart, warnings = check_other_clocks(recording, source, clock, table.rows, time, channels)
     check_common_rows(table)
 
@@ -118,19 +117,20 @@ def convert_table(recording: Recording, source: TableSource, file_name: str) -> 
         if count:
             warnings.append(f"{column} is missing in {count} of {time.size} {table.rows.noun}s")
     for column, channel in channels.items():
-        unit = source.channels[column].unit
-        if unit and channel.unit and is_other_unit(unit, channel.unit, unit_of(column)):
-            warnings.append(f"{column} is read in {unit}; the file says {channel.unit}")
-            if is_contradicted(origins[column], channel.unit):
-                origins[column]["unit_of_file"] = channel.unit
+        origin = origins[column]
+        ratio = unit_ratio(origin, channel.unit)
+        if channel.unit and ratio != 1:
+            warnings.append(f"{column} is read in {origin['unit']}; the file says {channel.unit}")
+        if abs(ratio * origin["scale"] - 1) > LARGEST_CALIBRATION:
+            origin["unit_of_file"] = channel.unit
 
     frame = pl.DataFrame(samples)
     is_fresh = np.concatenate([[True], np.diff(time) != 0])
     kept, remark = rows_to_keep(frame, is_fresh, source, table.rows.noun)
     warnings += remark
     facts: dict[str, Any] = {
-        "time": {**source.time.model_dump(exclude_none=True), "start": start},
-        "rates_hz": rates_of(table, channels, source) or {file_name: rate_of(time[kept])},
+        "time": {**source.time.model_dump(exclude_none=True), "start": start_of(table)},
+        "rates_hz": rates_of(table, channels) or {file_name: rate_of(time[kept])},
         "repeated_stamps": int((~is_fresh).sum()),
         "missing": missing,
     }
@@ -148,24 +148,26 @@ def convert_table(recording: Recording, source: TableSource, file_name: str) -> 
     return Converted(frame, origins, facts, warnings, losses)
 
 
+def start_of(table: Table) -> float:
+    """The reading of the clock in the first row, or its time."""
+    return float(table.time[0] if table.clock is None else table.clock[0])
+
+
 def check_loss(recording: Recording, source: TableSource) -> None:
     """Refuse a table that has lost more rows than the source file allows. A missing end counts
     nothing: nobody knows what it held."""
     loss = recording.loss
-    if loss.end == End.MISSING or not loss.lost:
-        return
     by_rate = source.time.rate is not None and not source.time.name
     allowed = 0.0 if by_rate else source.most_missing
-    if loss.share <= allowed:
+    if loss.end == End.MISSING or not loss.lost or loss.share <= allowed:
         return
-    advice = "repair the log"
+    share = share_above(loss.lost, loss.expected or 1)
+    advice = f"write `most_missing: {share:g}` in the source file"
     if by_rate:
-        advice += ", or name its time: all rows behind the lost ones would be early"
-    else:
-        share = share_above(loss.lost, loss.expected or 1)
-        advice += f", or write `most_missing: {share:g}` in the source file"
+        advice = "name its time: all rows behind the lost ones would be early"
     raise InputError(
-        f"{loss.lost} of {loss.expected} rows cannot be used: {'; '.join(loss.remarks)}; {advice}"
+        f"{loss.lost} of {loss.expected} rows cannot be used: {'; '.join(loss.remarks)}; repair the"
+        f" log, or {advice}"
     )
 
 
@@ -204,28 +206,25 @@ def rows_to_keep(
     begin = f"{repeated} of {is_fresh.size} {noun}s repeat the stamp of the {noun} before and"
     if source.time.repeated == "drop":
         return is_fresh, [f"{begin} were left out"]
-    place = source.place("time")
-    values = frame.drop("time")
-    equal = (values[1:] == values[:-1]).select(pl.all_horizontal(pl.all().fill_null(True)))
-    copied = int((~is_fresh[1:] & equal.to_series().to_numpy()).sum())
+    advice = f"write `repeated: drop` under {source.place('time')}"
+    is_copy = frame.select(pl.all_horizontal(pl.all().eq_missing(pl.all().shift()))).to_series()
+    copied = int(is_copy[1:].sum())
     if copied > max(FEWEST_COPIED, MOST_COPIED_SHARE * is_fresh.size):
         raise InputError(
-            f"{copied} of {is_fresh.size} {noun}s have time and values of the {noun} before; write"
-            f" `repeated: drop` under {place}, to read each once"
+            f"{copied} of {is_fresh.size} {noun}s have time and values of the {noun} before;"
+            f" {advice}, to read each once"
         )
     remark = (
         f"{begin} are taken for samples whose stamps were rounded; if the device was read faster"
-        f" than it sampled, write `repeated: drop` under {place}"
+        f" than it sampled, {advice}"
     )
     return np.ones_like(is_fresh), [remark]
 
 
-def rates_of(
-    table: Table, channels: Mapping[str, Channel], source: TableSource
-) -> dict[str, float]:
+def rates_of(table: Table, channels: Mapping[str, Channel]) -> dict[str, float]:
     """Rates [Hz] of channels with a timing of their own, by address; empty where one time holds for
     all."""
-    if not table.has_own_rows or source.time.name or source.time.rate is not None:
+    if not table.has_own_rows:
         return {}
     return {one.key: one.rows.rate_hz for one in channels.values() if one.rows.rate_hz is not None}
 
@@ -254,20 +253,10 @@ def with_plates(
     return frame, origins, facts
 
 
-def is_contradicted(origin: Mapping[str, Any], in_file: str) -> bool:
-    """Whether a channel is converted by another factor than that of the file's unit. A unit that is
-    not known, as of the raw channel that `scale` converts, contradicts nothing."""
+def unit_ratio(origin: Mapping[str, Any], unit_of_file: str) -> float:
+    """The factor by which a channel is converted, without its scale, over that of the file's unit;
+    NaN where that unit is not known, as of the raw channel that `scale` converts."""
     try:
-        factor = si_factor(in_file, origin["si_unit"])
+        return float(origin["factor"] / si_factor(unit_of_file, origin["si_unit"]))
     except InputError:
-        return False
-    ratio = float(origin["factor"] * origin.get("scale", 1.0) / factor)
-    return abs(ratio - 1) > LARGEST_CALIBRATION
-
-
-def is_other_unit(stated: str, in_file: str, si_unit: str) -> bool:
-    """Whether a stated unit is another one than the file's, and not another spelling of it."""
-    try:
-        return si_factor(stated, si_unit) != si_factor(in_file, si_unit)
-    except InputError:
-        return True
+        return np.nan

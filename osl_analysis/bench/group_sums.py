@@ -14,7 +14,7 @@ Words of this and the modules that use it:
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -27,7 +27,6 @@ from osl_analysis.stats import regression
 from osl_analysis.stats.covariance import products_between
 from osl_analysis.trial import Array
 
-NEXT = {"theta": "omega", "omega": "alpha", "alpha": "jerk"}  # derivative of each column
 SMALLEST_DIRECTION = 1e-13  # eigenvalue over the largest one, below which it is rounding
 # of the largest one: rounding can make the smallest 0 or negative; its condition number is then
 # 1e15, above every limit
@@ -108,7 +107,10 @@ def gram_sums(
     InputError
         A column cannot be measured.
     """
-    rows = measured_rows(record, columns)
+    names = [*(f"column '{name}'" for name in columns), "column 'y'", "the torque"]
+    rows = np.array([*columns.values(), record.filtered_torque, record.torque])
+    for name, row in zip(names, rows, strict=True):
+        check_measured(name, row)
     groups = record.groups
     return Sums(
         names=tuple(columns),
@@ -121,47 +123,6 @@ def gram_sums(
         columns=columns,
         independent=max(record.rate_hz / (2 * record.low_pass.noise_bandwidth_hz), 1.0),
     )
-
-
-def measured_rows(record: Record, columns: Mapping[str, Array]) -> Array:
-    """Columns, filtered and raw torque (q + 2, n). InputError: one of them cannot be measured."""
-    names = [*(f"column '{name}'" for name in columns), "column 'y'", "the torque"]
-    rows = np.array([*columns.values(), record.filtered_torque, record.torque])
-    for name, row in zip(names, rows, strict=True):
-        check_measured(name, row)
-    return rows
-
-
-def with_torque(s: Sums, record: Record, further: Mapping[str, Array]) -> Sums:
-    """The sums of the same columns and of `further` ones (n,), with another torque.
-
-    Only products with what is new are summed.
-
-    Parameters
-    ----------
-    s : Sums
-        Of another torque, with its columns.
-    record : Record
-        The record with the other torque (n,).
-    further : Mapping of Array (n,)
-        Columns by name.
-
-    Raises
-    ------
-    InputError
-        A column cannot be measured.
-    ValueError
-        `rounded` is missing.
-    """
-    known = len(s.names)
-    columns = {**s.columns, **further}
-    rows = measured_rows(record, columns)
-    with_new = products_between(rows.T, rows[known:].T, s.groups.first, s.groups.stop)
-    gram = np.empty((len(with_new), len(rows), len(rows)))
-    gram[:, :known, :known] = s.gram[:, :known, :known]
-    gram[:, :, known:] = with_new
-    gram[:, known:, :known] = np.swapaxes(with_new[:, :known], 1, 2)
-    return replace(s, names=tuple(columns), gram=gram, columns=columns)
 
 
 def solved(A: Array, b: Array) -> tuple[Array, Array]:

@@ -11,11 +11,10 @@ from osl_analysis.bench.analysis import Analysis, torque_errors, widened
 from osl_analysis.bench.bench_settings import BeltAnalysis
 from osl_analysis.bench.component_summary import PLACE
 from osl_analysis.bench.effects import Model
-from osl_analysis.bench.group_fit import GroupFit, fit_groups
-from osl_analysis.bench.group_sums import estimates_of, gram_sums
 from osl_analysis.bench.loops import Cycle, find_cycles
 from osl_analysis.bench.plausibility import check_changes, check_stiffer
 from osl_analysis.bench.record import Record, joint_angle
+from osl_analysis.bench.regression import GroupFit, estimates_of, fit_groups, gram_sums
 from osl_analysis.bench.row_groups import Groups, Label, stretches_of
 from osl_analysis.dictionary import table_of
 from osl_analysis.errors import InputError, naming

@@ -6,7 +6,7 @@ import numpy as np
 import scipy
 
 from osl_analysis.bench.bench_settings import BenchStiffness, SteppedSineAnalysis
-from osl_analysis.bench.group_interval import jackknife
+from osl_analysis.bench.regression import jackknife
 from osl_analysis.bench.row_groups import Groups
 from osl_analysis.signals.grid import uniform_signals
 from osl_analysis.stats.covariance import products_between

@@ -7,9 +7,8 @@ import numpy as np
 import scipy
 
 from osl_analysis.bench.effects import Model
-from osl_analysis.bench.group_fit import GroupFit, fit_groups
-from osl_analysis.bench.group_sums import EFFECTS_LIMIT, gram_sums
 from osl_analysis.bench.record import Record
+from osl_analysis.bench.regression import EFFECTS_LIMIT, GroupFit, fit_groups, gram_sums
 from osl_analysis.trial import Array
 
 NEXT = {"theta": "omega", "omega": "alpha", "alpha": "jerk"}  # derivative of each column

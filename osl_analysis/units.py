@@ -341,7 +341,9 @@ def known_factor(
     factor : float
         1 if no factor is near.
     """
-    size = max(abs(ratio), 1 / abs(ratio)) if ratio else math.inf
+    if not signals or not ratio:
+        return "", 1.0
+    size = max(abs(ratio), 1 / abs(ratio))
     factors = {name: factor for signal in signals for name, factor in UNIT_FACTORS[signal].items()}
     nearest = min(factors, key=lambda name: abs(math.log(size / factors[name])))
     if abs(size / factors[nearest] - 1) >= near:

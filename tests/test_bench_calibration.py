@@ -34,7 +34,7 @@ from osl_analysis.bench.coulomb import coulomb_fits
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums, sums_of
 from osl_analysis.bench.fixture import fixture_of, with_fixture
 from osl_analysis.bench.known_spring import Known, LateFits, bench_estimates
-from osl_analysis.bench.recorded_motion import record_of_trial
+from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.bench.regression import GroupFit
 from osl_analysis.bench.torque_angle import torque_angle_table
 from osl_analysis.campaign.configuration import read_config

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from scipy.special import stdtrit
 
-from osl_analysis.bench.record import Record
+from osl_analysis.bench.record import Groups, Record, Stratum
 from osl_analysis.bench.regression import combined, fit_groups, gram_sums
-from osl_analysis.bench.row_groups import Groups, Stratum
 from osl_analysis.signals import LowPass, Motion
 
 

@@ -16,8 +16,8 @@ from osl_analysis.bench.frequency_response import (
     response_of_pieces,
     response_table,
 )
+from osl_analysis.bench.motion import periods_of, stretches_of
 from osl_analysis.bench.record import record_of
-from osl_analysis.bench.row_groups import periods_of, stretches_of
 from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass
 from osl_analysis.spectral.periods import periodic_motion

@@ -12,9 +12,8 @@ from any_motion import chirp, multisine, noise
 from bench_synthetic import sine_settings, table_of, unit_block
 
 from osl_analysis.bench.bench_settings import BenchStiffness
+from osl_analysis.bench.motion import cycles_of, record_of_trial
 from osl_analysis.bench.record import drift_rate
-from osl_analysis.bench.recorded_motion import record_of_trial
-from osl_analysis.bench.row_groups import cycles_of
 from osl_analysis.errors import InputError
 from osl_analysis.signals import Motion
 from osl_analysis.spectral import sine_runs

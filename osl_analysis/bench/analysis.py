@@ -14,11 +14,10 @@ from osl_analysis.bench.effects import Model, noise_of_angle, plain_sums, with_e
 from osl_analysis.bench.fit_tables import Series, timebase_table
 from osl_analysis.bench.identifiability import STIFFNESS_ALONE, check_moves, check_told
 from osl_analysis.bench.leg_belt import Fault
+from osl_analysis.bench.motion import SHORTEST_S
 from osl_analysis.bench.plausibility import check_stiffer
-from osl_analysis.bench.record import Record
-from osl_analysis.bench.recorded_motion import SHORTEST_S
+from osl_analysis.bench.record import Label, Record
 from osl_analysis.bench.regression import GroupFit, Sums, fit_groups
-from osl_analysis.bench.row_groups import Label
 from osl_analysis.errors import IdentifiabilityError
 from osl_analysis.signals import seven_point_motion
 from osl_analysis.spectral.stepped_sine import moving_bins

@@ -12,10 +12,10 @@ from osl_analysis.bench.bench_settings import BeltAnalysis
 from osl_analysis.bench.component_summary import PLACE
 from osl_analysis.bench.effects import Model
 from osl_analysis.bench.loops import Cycle, find_cycles
+from osl_analysis.bench.motion import stretches_of
 from osl_analysis.bench.plausibility import check_changes, check_stiffer
-from osl_analysis.bench.record import Record, joint_angle
+from osl_analysis.bench.record import Groups, Label, Record, joint_angle
 from osl_analysis.bench.regression import GroupFit, estimates_of, fit_groups, gram_sums
-from osl_analysis.bench.row_groups import Groups, Label, stretches_of
 from osl_analysis.dictionary import table_of
 from osl_analysis.errors import InputError, naming
 from osl_analysis.model.drivetrain import DrivetrainParameters, belt_deflection

@@ -6,8 +6,8 @@ import numpy as np
 import scipy
 
 from osl_analysis.bench.bench_settings import BenchStiffness, SteppedSineAnalysis
+from osl_analysis.bench.record import Groups
 from osl_analysis.bench.regression import jackknife
-from osl_analysis.bench.row_groups import Groups
 from osl_analysis.signals.grid import uniform_signals
 from osl_analysis.stats.covariance import products_between
 from osl_analysis.stats.estimates import NORMAL_HALF_WIDTH

@@ -12,8 +12,8 @@ import numpy as np
 
 from osl_analysis.bench.analysis import Analysis, widened
 from osl_analysis.bench.effects import FALSE_ALARM, Model, with_effects
+from osl_analysis.bench.record import Label
 from osl_analysis.bench.regression import GroupFit, Sums
-from osl_analysis.bench.row_groups import Label
 from osl_analysis.errors import IdentifiabilityError
 from osl_analysis.stats.linear_fit import LinearFit
 

@@ -12,9 +12,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from osl_analysis.bench.record import Record
+from osl_analysis.bench.record import Label, Record
 from osl_analysis.bench.regression import EFFECTS_LIMIT, GroupFit, Sums, fit_groups, gram_sums
-from osl_analysis.bench.row_groups import Label
 from osl_analysis.signals import seven_point_motion
 from osl_analysis.stats.linear_fit import CONDITION_LIMIT
 from osl_analysis.trial import Array

@@ -22,7 +22,7 @@ from osl_analysis.bench.identifiability import turn_deg
 from osl_analysis.bench.joint_inference import impedance_fits
 from osl_analysis.bench.leg_belt import Fault, belt_of_leg, is_leg
 from osl_analysis.bench.plausibility import check_resists, plausible_impedance
-from osl_analysis.bench.record import Record
+from osl_analysis.bench.record import Label, Record
 from osl_analysis.bench.regression import (
     GroupFit,
     Sums,
@@ -31,7 +31,6 @@ from osl_analysis.bench.regression import (
     held_out_vaf,
     solved,
 )
-from osl_analysis.bench.row_groups import Label
 from osl_analysis.dictionary import table_of
 from osl_analysis.model.compensator import CONTROLLERS, Gains, Weight, select_gains
 from osl_analysis.model.drivetrain import DrivetrainParameters, joint_admittance

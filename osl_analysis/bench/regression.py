@@ -36,8 +36,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from osl_analysis.bench.record import Record
-from osl_analysis.bench.row_groups import Groups, Label
+from osl_analysis.bench.record import Groups, Label, Record
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.measured import check_measured, rounding_of
 from osl_analysis.stats import linear_fit as rules

@@ -22,7 +22,7 @@ from osl_analysis.bench.impedance import (
     impedance_with_evidence,
     rendered_impedance,
 )
-from osl_analysis.bench.recorded_motion import record_of_trial, stated_windows
+from osl_analysis.bench.motion import record_of_trial, stated_windows
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.ingest import quality

@@ -24,7 +24,7 @@ from osl_analysis.commands.fit_results import (
 from osl_analysis.commands.trials import checked_trial
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.errors import InputError, listing, nearest
-from osl_analysis.figures import drawing_of, drawn
+from osl_analysis.figures import columns_of, drawn, look_numbers, plotted_numbers
 from osl_analysis.files import config_here, shipped
 from osl_analysis.ingest.examine import UNITS, Commanded, examine, measured_table
 from osl_analysis.ingest.raw_files import read_source
@@ -36,7 +36,7 @@ from osl_analysis.source_file import MarkerSource
 from osl_analysis.trial import Trial, read_trial
 
 if TYPE_CHECKING:
-    from osl_analysis.figures.style import Figure
+    from osl_analysis.figures.style import PaperFigure as Figure
 
 File = str | Path
 OF_CONFIG = "of the configuration"  # stands for the parameter file that the configuration names
@@ -345,7 +345,6 @@ def frequency_response(
     True
     """
     from osl_analysis.commands.figure import beside_theory
-    from osl_analysis.figures.names import JOINT_SIDE, completed
 
     name_of_fits = "impedance"
     recorded = as_trial(trial)
@@ -365,11 +364,13 @@ def frequency_response(
 
     if tables["phasors"].is_empty():  # the motion is no stepped sine
         response = with_doubts("response")
-        plotted = drawing_of("response").points(response)
+        plotted = plotted_numbers("response", response)
         return FrequencyResponse(recorded.name, "response", response, plotted)
     table = frequency_response_table(with_doubts("phasors"))
     joint = pl.lit(joint_of(device) if device else None, pl.String)
-    rows = completed(table.with_columns(joint=joint), JOINT_SIDE)
+    no_side = pl.lit(None, pl.String)
+    looks = look_numbers(table["controller"])
+    rows = table.with_columns(looks, joint=joint, side=no_side)
     gain_weight = settings["weight"]  # W of Eq. 14, a low-pass of a cut-off [Hz], chooses the gains
     plotted = beside_theory(rows, device, gain_weight)
     return FrequencyResponse(recorded.name, "fig7", table, plotted)
@@ -638,7 +639,7 @@ def plot_torque_angle(*fits: TorqueAngleFit) -> "Figure":
         )
     all_curves = pl.concat(curves, how="diagonal_relaxed")
     all_rows = pl.concat([fit.table for fit in fits], how="diagonal_relaxed")
-    return drawn("torque_angle", drawing_of("torque_angle").points(all_curves, all_rows))
+    return drawn("torque_angle", plotted_numbers("torque_angle", all_curves, all_rows))
 
 
 def plot_figure(numbers: File) -> "Figure":
@@ -666,8 +667,7 @@ def plot_figure(numbers: File) -> "Figure":
     Text(0.5, 1.0, 'Day 1')
     """
     path = Path(numbers)
-    figure = drawing_of(path.stem)
-    table = read_table(path, figure.columns)
+    table = read_table(path, list(columns_of(path.stem)))
     if table.is_empty():
-        raise InputError(f"{path}: {figure.nothing}; run the campaign with trials that it shows")
+        raise InputError(f"{path}: no numbers to draw; run the campaign with trials that it shows")
     return drawn(path.stem, table)

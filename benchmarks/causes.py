@@ -3,7 +3,7 @@
 Run from the repository: `python benchmarks/causes.py`. The recordings are those of `planted.py`, an
 exact joint with one cause of error, at sizes that move K, B or I by 1, 3, 10 and 100 half-widths of
 their interval in a sound recording and at the size at which it was reported. Each is fitted by
-`osl.fit_impedance`, with and without gains. Writes the tables into `docs/bench_validation.md` and a
+`osl.fit`, with and without gains. Writes the tables into `docs/bench_validation.md` and a
 row per recording into `build/causes.csv`; half an hour on one core.
 
 `--quick` makes a part of it in three minutes and writes nothing, `--only WORD` the causes that have
@@ -92,8 +92,11 @@ def fitted(cause: Cause, size: float, motion: str, seed: int, gains: bool) -> An
     # `parameters: null`
     device = notebook.OF_CONFIG if cause.joint.K < LEG_K_S else None
     try:
-        return osl.fit_impedance(
-            trial, GAINS if gains else None, config=ROOT / "config/config.yaml", parameters=device
+        return osl.fit(
+            trial,
+            desired=GAINS if gains else None,
+            config=ROOT / "config/config.yaml",
+            parameters=device,
         )
     except osl.OslAnalysisError as error:
         return error

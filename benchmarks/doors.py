@@ -126,7 +126,7 @@ def least(call: Callable[[], object]) -> float:
     return min(times)
 stored, recording, source = sys.argv[3:]
 def fit(trial: osl.Trial) -> None:
-    osl.fit_impedance(trial, parameters=None)
+    osl.fit(trial, parameters=None)
 trial, columns = osl.read_trial(stored), student["read"](recording)
 print(
     least(lambda: fit(trial)),

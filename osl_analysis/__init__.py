@@ -8,7 +8,7 @@ For notebooks and scripts that need no workflow (docs/notebook.md):
     import osl_analysis as osl
 
     trial = osl.read_recording("log.mcap", "my_bench.yaml")
-    fit = osl.fit_impedance(trial)
+    fit = osl.fit(trial)
     osl.plot_torque(fit)
 
 The names of `__all__` are all that there is to use; the other modules may change.
@@ -19,14 +19,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from osl_analysis.bench.impedance import DesiredImpedance
-    from osl_analysis.commands.fit_results import (
-        ActuatorFit,
-        BeltFit,
-        Fit,
-        ImpedanceFit,
-        TorqueAngleFit,
-        TransmissionFit,
-    )
+    from osl_analysis.commands.fit_results import Fit
     from osl_analysis.errors import (
         IdentifiabilityError,
         InputError,
@@ -37,11 +30,7 @@ if TYPE_CHECKING:
     from osl_analysis.notebook import (
         FrequencyResponse,
         check,
-        fit_actuator,
-        fit_belt,
-        fit_impedance,
-        fit_torque_angle,
-        fit_transmission,
+        fit,
         frequency_response,
         plot_figure,
         plot_frequency_response,
@@ -56,23 +45,16 @@ if TYPE_CHECKING:
     from osl_analysis.trial import Trial, read_trial
 
 __all__ = [
-    "ActuatorFit", "BeltFit", "DesiredImpedance", "Finding", "Fit", "FrequencyResponse",
-    "IdentifiabilityError", "ImpedanceFit", "InputError", "OslAnalysisError", "TorqueAngleFit",
-    "TransmissionFit", "Trial", "UnreachableImpedanceError", "check", "fit_actuator", "fit_belt",
-    "fit_impedance", "fit_torque_angle", "fit_transmission", "frequency_response", "plot_figure",
-    "plot_frequency_response", "plot_torque", "plot_torque_angle", "read_recording", "read_summary",
-    "read_table", "read_trial", "simulate_trial", "to_pandas",
+    "DesiredImpedance", "Finding", "Fit", "FrequencyResponse", "IdentifiabilityError", "InputError",
+    "OslAnalysisError", "Trial", "UnreachableImpedanceError", "check", "fit", "frequency_response",
+    "plot_figure", "plot_frequency_response", "plot_torque", "plot_torque_angle", "read_recording",
+    "read_summary", "read_table", "read_trial", "simulate_trial", "to_pandas",
 ]  # fmt: skip
 
 MODULES = {
     "DesiredImpedance": "bench.impedance",
     "Finding": "judge.finding",
-    **dict.fromkeys(
-        (
-            "ActuatorFit", "BeltFit", "Fit", "ImpedanceFit", "TorqueAngleFit", "TransmissionFit",
-        ),
-        "commands.fit_results",
-    ),
+    "Fit": "commands.fit_results",
     **dict.fromkeys(
         (
             "IdentifiabilityError", "InputError", "OslAnalysisError", "UnreachableImpedanceError",
@@ -81,8 +63,7 @@ MODULES = {
     ),
     **dict.fromkeys(
         (
-            "FrequencyResponse", "check", "fit_actuator", "fit_belt", "fit_impedance",
-            "fit_torque_angle", "fit_transmission", "frequency_response", "plot_figure",
+            "FrequencyResponse", "check", "fit", "frequency_response", "plot_figure",
             "plot_frequency_response", "plot_torque", "plot_torque_angle", "read_recording",
             "read_summary", "simulate_trial",
         ),

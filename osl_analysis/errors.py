@@ -89,12 +89,9 @@ class OslAnalysisError(ValueError):
     def __init__(self, message: str, changes: Sequence[Change] = ()) -> None:
         super().__init__(printable(message))
         self.changes = tuple(changes)
-        self.reason, self.remedy = str(self), ""
-        for found in re.finditer("; ", self.reason):
-            before = self.reason[: found.start()]
-            if all(before.count(left) == before.count(right) for left, right in ("()", "[]")):
-                self.reason, self.remedy = before, self.reason[found.end() :]
-                break
+        reason, *remedy = re.split(r"; (?![^(\[]*[)\]])", str(self), maxsplit=1)
+        self.reason = reason
+        self.remedy = "".join(remedy)
 
 
 @contextmanager
@@ -114,7 +111,7 @@ class InputError(OslAnalysisError):
 
     Examples
     --------
-    >>> osl.fit_belt("none.parquet")
+    >>> osl.fit("none.parquet")
     Traceback (most recent call last):
     osl_analysis.errors.InputError: none.parquet: no such trial; ingest it first ...
     """
@@ -137,7 +134,7 @@ class MemoryLimitError(WriteError):
 EXTRAS = {
     "ezc3d": "simulator", "fastexcel": "excel", "h5py": "mat73", "mat-io": "matlab",
     "mcap-protobuf-support": "protobuf",
-    "nptdms": "tdms", "numba": "simulator", "rosbags": "ros",
+    "nptdms": "tdms", "numba": "simulator",
     "snakemake-executor-plugin-slurm": "cluster",
 }  # fmt: skip
 """The extra of the package that installs a library which most campaigns do not need."""
@@ -167,7 +164,7 @@ class IdentifiabilityError(OslAnalysisError):
 
     Examples
     --------
-    >>> osl.fit_impedance(slow_trial)
+    >>> osl.fit(slow_trial)
     Traceback (most recent call last):
     osl_analysis.errors.IdentifiabilityError: ...
     """
@@ -179,7 +176,7 @@ class UnreachableImpedanceError(OslAnalysisError):
     Examples
     --------
     >>> desired = osl.DesiredImpedance("compensated", K_d=3000, B_d=5)
-    >>> osl.fit_impedance(trial, desired, parameters="config/parameters/default.yaml")
+    >>> osl.fit(trial, desired=desired, parameters="config/parameters/default.yaml")
     Traceback (most recent call last):
     osl_analysis.errors.UnreachableImpedanceError: ...
     """

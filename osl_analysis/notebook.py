@@ -8,25 +8,17 @@ from typing import TYPE_CHECKING, Any
 import polars as pl
 
 from osl_analysis.bench.bench_settings import DynamometerAnalysis
-from osl_analysis.bench.frequency_response import frequency_response_table
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands import tables as tables_of_campaign
 from osl_analysis.commands.fit import campaign_parameters, fit_settings, fit_trial, run_fit
-from osl_analysis.commands.fit_results import (
-    ActuatorFit,
-    BeltFit,
-    Fit,
-    ImpedanceFit,
-    TorqueAngleFit,
-    TransmissionFit,
-)
+from osl_analysis.commands.fit_results import Fit
 from osl_analysis.commands.trials import checked_trial
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.errors import InputError, listing, nearest
 from osl_analysis.figures import columns_of, drawn, look_numbers, plotted_numbers
 from osl_analysis.files import config_here, shipped
-from osl_analysis.ingest.examine import UNITS, Commanded, examine, measured_table
+from osl_analysis.ingest.quality import UNITS, Commanded, measure_quality, measured_table
 from osl_analysis.ingest.raw_files import read_source
 from osl_analysis.judge.judging import judged, marked, with_inherited
 from osl_analysis.judge.recording_checks import QualityRules, judged_table, validate_rules
@@ -76,206 +68,87 @@ def checked_desired(desired: DesiredImpedance | None) -> DesiredImpedance:
     return desired or DesiredImpedance(None, None, None)
 
 
-def fitted(
-    experiment: str,
-    trial: Trial | File,
-    config: File | None,
-    parameters: File | None,
-    condition: Any = None,
-    windows: str | None = None,
-) -> Any:
-    """Fit a trial of an experiment; the arguments are those of the functions below."""
-    file = Path(config or config_here())
-    device = device_file(parameters, file)
-    settings, limits = fit_settings(experiment, file)
-    return fit_trial(experiment, as_trial(trial), device, settings, limits, condition, windows)
+def checked_experiment(experiment: str) -> str:
+    if experiment not in EXPERIMENTS:
+        known = ", ".join(EXPERIMENTS)
+        near = nearest(str(experiment), EXPERIMENTS)
+        raise InputError(f"no experiment '{experiment}'; it is one of {known}{near}")
+    return experiment
 
 
-def fit_impedance(
+def fit(
     trial: Trial | File,
+    experiment: str = "impedance",
     desired: DesiredImpedance | None = None,
     windows: str | None = None,
     config: File | None = None,
     parameters: File | None = OF_CONFIG,
-) -> ImpedanceFit:
-    """Fit K, B and I of Eq. 15, torque = K theta + B omega + I alpha + offset.
+    curve: str | None = None,
+) -> Fit:
+    """Fit a trial of an experiment, as a campaign does.
 
     Parameters
     ----------
     trial : Trial or Path or str
-        With `theta` [rad] and the resisting `torque` [N*m], or its Parquet file.
+        In SI units, or its Parquet file. `impedance`, `transmission` and `torque_angle` need
+        `theta` [rad] and the resisting `torque` [N*m]; `belt` needs `theta_m` [rad] too; `actuator`
+        needs `current` [A], `torque_m` [N*m], and `theta_m` [rad] or `omega_m` [rad/s].
+    experiment : str
+        As in the column `experiment` of a sample sheet:
+
+        * `impedance`: K, B and I of Eq. 15, torque = K theta + B omega + I alpha + offset,
+        * `belt`: the belt's stiffness K_s (Fig. 3),
+        * `transmission`: damping B_j and inertia J_j (Eq. 4) of a trial without motor,
+        * `actuator`: the actuator alone (Eqs. 1-2), at its output,
+        * `torque_angle`: torque over angle of a passive foot or a spring in slow cycles.
     desired : DesiredImpedance or None
-        What the leg was asked to render. With it the fit is judged by what the gains should give.
-        None: `remarks` says what is not judged.
+        What the leg of an impedance trial was asked to render. With it the fit is judged by what
+        the gains should give. None: `remarks` says what is not judged.
     windows : str or None
-        What of the trial is fitted [s], as in the column `windows` of a sample sheet, "2-30 40-62".
-        None: all that moves.
+        What of an impedance trial is fitted [s], as in the column `windows` of a sample sheet,
+        "2-30 40-62". None: all that moves.
     config : Path or str or None
         A configuration file, which states what differs from the default. None: `config.yaml` in
         the working folder, else the shipped one.
     parameters : Path or str or None
         The parameter file of the device; default: that of the configuration. None: a device without
-        one.
+        one. A belt needs one, for n_T.
+    curve : str or None
+        Name of the curve of the configuration that the device of a torque_angle trial was designed
+        for.
 
     Returns
     -------
-    ImpedanceFit
-        Its rows are those of `impedance.csv`: one per amplitude of a stepped sine, and one over all
-        of them. K in N*m/rad, B in N*m*s/rad, I in kg*m^2.
+    Fit
+        Its rows are those of the experiment's table in a campaign.
 
     Raises
     ------
     InputError
-        The trial lacks a signal, does not move, or follows a damaged stepped sine; or a file is not
-        valid.
+        The trial lacks a signal, does not move, or follows a damaged stepped sine; no such
+        experiment; or a file is not valid.
     IdentifiabilityError
-        The motion cannot tell K, B and I apart.
+        The motion cannot tell what is sought, or the belt is not loaded enough.
     UnreachableImpedanceError
         No gains render `desired`.
 
     Examples
     --------
-    >>> fit = osl.fit_impedance(trial, osl.DesiredImpedance("compensated", K_d=300, B_d=5))
+    >>> fit = osl.fit(trial, desired=osl.DesiredImpedance("compensated", K_d=300, B_d=5))
     >>> print(f"K {fit.K:.0f} N*m/rad")
     K 300 N*m/rad
-    """
-    condition = checked_desired(desired)
-    fit: ImpedanceFit = fitted("impedance", trial, config, parameters, condition, windows)
-    return fit
-
-
-def fit_belt(
-    trial: Trial | File, config: File | None = None, parameters: File | None = OF_CONFIG
-) -> BeltFit:
-    """Fit the belt's stiffness K_s (Fig. 3).
-
-    Parameters
-    ----------
-    trial : Trial or Path or str
-        With `theta`, `theta_m` [rad] and `torque` [N*m], or its file.
-    config, parameters
-        As in `fit_impedance`; it needs a parameter file, for n_T.
-
-    Returns
-    -------
-    BeltFit
-        The row of `belt.csv`; K_s in N*m/rad.
-
-    Raises
-    ------
-    InputError
-        As `fit_impedance`.
-    IdentifiabilityError
-        The belt is not loaded enough.
-
-    Examples
-    --------
-    >>> fit = osl.fit_belt(belt_trial)
-    >>> print(f"K_s {fit.K_s:.0f} N*m/rad")
+    >>> print(f"K_s {osl.fit(belt_trial, 'belt').K_s:.0f} N*m/rad")
     K_s 686 N*m/rad
     """
-    fit: BeltFit = fitted("belt", trial, config, parameters)
-    return fit
-
-
-def fit_transmission(
-    trial: Trial | File, config: File | None = None, parameters: File | None = OF_CONFIG
-) -> TransmissionFit:
-    """Fit the transmission's damping B_j and inertia J_j (Eq. 4) to a trial without motor.
-
-    Parameters
-    ----------
-    trial : Trial or Path or str
-        With `theta` [rad] and `torque` [N*m], or its file.
-    config, parameters
-        As in `fit_impedance`.
-
-    Returns
-    -------
-    TransmissionFit
-        The rows of `transmission.csv`; B_j in N*m*s/rad, J_j in kg*m^2.
-
-    Raises
-    ------
-    InputError, IdentifiabilityError
-        As `fit_impedance`.
-
-    Examples
-    --------
-    >>> fit = osl.fit_transmission(motorless_trial)
-    >>> print(f"B_j {fit.B_j:.1f} N*m*s/rad")
-    B_j 0.5 N*m*s/rad
-    """
-    fit: TransmissionFit = fitted("transmission", trial, config, parameters)
-    return fit
-
-
-def fit_actuator(
-    trial: Trial | File, config: File | None = None, parameters: File | None = OF_CONFIG
-) -> ActuatorFit:
-    """Fit the actuator alone (Eqs. 1-2), at its output.
-
-    Parameters
-    ----------
-    trial : Trial or Path or str
-        With `current` [A], `torque_m` [N*m], and `theta_m` [rad] or `omega_m` [rad/s], or its file.
-    config, parameters
-        As in `fit_impedance`.
-
-    Returns
-    -------
-    ActuatorFit
-        The row of `actuator.csv`; k_tau_n_m and f_G in N*m/A, f_C in N*m, B_m in N*m*s/rad, J_m in
-        kg*m^2.
-
-    Raises
-    ------
-    InputError, IdentifiabilityError
-        As `fit_impedance`.
-
-    Examples
-    --------
-    >>> fit = osl.fit_actuator(actuator_trial)
-    >>> print(f"k_tau n_m {fit.k_tau_n_m:.2f} N*m/A")
-    k_tau n_m 1.02 N*m/A
-    """
-    fit: ActuatorFit = fitted("actuator", trial, config, parameters)
-    return fit
-
-
-def fit_torque_angle(
-    trial: Trial | File, curve: str | None = None, config: File | None = None
-) -> TorqueAngleFit:
-    """Fit torque over angle of a passive foot or a spring in slow cycles.
-
-    Parameters
-    ----------
-    trial : Trial or Path or str
-        With `theta` [rad] and `torque` [N*m], or its file.
-    curve : str or None
-        Name of the curve of the configuration that the device was designed for.
-    config
-        As in `fit_impedance`.
-
-    Returns
-    -------
-    TorqueAngleFit
-        The row of `torque_angle.csv`, and in `curves` those of `torque_angle_curves.csv`; K in
-        N*m/rad, energies in J.
-
-    Raises
-    ------
-    InputError
-        As `fit_impedance`; or the cycles are too fast, or none is whole.
-
-    Examples
-    --------
-    >>> fit = osl.fit_torque_angle(foot)
-    >>> print(f"K {fit.K:.0f} N*m/rad")
-    K 200 N*m/rad
-    """
-    fit: TorqueAngleFit = fitted("torque_angle", trial, config, None, {"desired": curve})
-    return fit
+    condition: Any = None
+    if checked_experiment(experiment) == "impedance":
+        condition = checked_desired(desired)
+    elif experiment == "torque_angle":
+        condition = {"desired": curve}
+    file = Path(config or config_here())
+    device = device_file(parameters, file)
+    settings, limits = fit_settings(experiment, file)
+    return fit_trial(experiment, as_trial(trial), device, settings, limits, condition, windows)
 
 
 @dataclass(frozen=True, eq=False)
@@ -286,25 +159,20 @@ class FrequencyResponse:
     ----------
     trial : str
         Name of the trial.
-    figure : str
-        Figure that `plot_frequency_response` draws: `fig7`, or `response` of any other motion than
-        a stepped sine.
     table : polars.DataFrame
-        A row per frequency. Of a stepped sine those of `frequency_response.csv`, the admittance Y,
-        angle over torque [rad/(N*m)], averaged over amplitudes. Of any other motion those of
-        `response.csv`, the impedance Z, torque over angle [N*m/rad], with noise and distortion.
+        The rows of `response.csv`, the admittance Y, angle over torque [rad/(N*m)], at each
+        frequency: of the whole trial, and of each amplitude of a stepped sine.
     plotted : polars.DataFrame
         The numbers that are drawn.
 
     Examples
     --------
     >>> response = osl.frequency_response(trial)
-    >>> response.figure
-    'response'
+    >>> set(response.table["scope"])
+    {'all'}
     """
 
     trial: str
-    figure: str
     table: pl.DataFrame
     plotted: pl.DataFrame
 
@@ -321,22 +189,22 @@ def frequency_response(
     Parameters
     ----------
     trial : Trial or Path or str
-        As in `fit_impedance`.
+        As in `fit`.
     desired : DesiredImpedance or None
         With it the desired response (Eq. 11) is plotted too. If it names a controller of the draft,
         so is the response that its gains give to the drivetrain without friction (Eq. 9).
     windows, config, parameters
-        As in `fit_impedance`.
+        As in `fit`.
 
     Returns
     -------
     FrequencyResponse
-        Magnitude [rad/(N*m) or N*m/rad] and phase [deg] over frequency [Hz].
+        Magnitude [rad/(N*m)] and phase [deg] over frequency [Hz].
 
     Raises
     ------
     InputError, IdentifiabilityError, UnreachableImpedanceError
-        As `fit_impedance`.
+        As `fit`.
 
     Examples
     --------
@@ -356,24 +224,15 @@ def frequency_response(
     fits = tables[name_of_fits]
     findings_of_fits = judged(fits, limits.of(name_of_fits), name_of_fits)
 
-    def with_doubts(name: str) -> pl.DataFrame:
-        """A table of the trial, marked with its own doubts and with those of the fits."""
-        findings = judged(tables[name], limits.of(name), name)
-        findings = with_inherited(tables[name], findings, fits, findings_of_fits)
-        return marked(tables[name], findings, name)
-
-    if tables["phasors"].is_empty():  # the motion is no stepped sine
-        response = with_doubts("response")
-        plotted = plotted_numbers("response", response)
-        return FrequencyResponse(recorded.name, "response", response, plotted)
-    table = frequency_response_table(with_doubts("phasors"))
+    findings = judged(tables["response"], limits.of("response"), "response")
+    findings = with_inherited(tables["response"], findings, fits, findings_of_fits)
+    table = marked(tables["response"], findings, "response")
     joint = pl.lit(joint_of(device) if device else None, pl.String)
-    no_side = pl.lit(None, pl.String)
     looks = look_numbers(table["controller"])
-    rows = table.with_columns(looks, joint=joint, side=no_side)
+    rows = table.with_columns(looks, joint=joint, side=pl.lit(None, pl.String))
     gain_weight = settings["weight"]  # W of Eq. 14, a low-pass of a cut-off [Hz], chooses the gains
     plotted = beside_theory(rows, device, gain_weight)
-    return FrequencyResponse(recorded.name, "fig7", table, plotted)
+    return FrequencyResponse(recorded.name, table, plotted)
 
 
 def read_recording(
@@ -444,7 +303,7 @@ def check(
     experiment : str
         As in the column `experiment` of a sample sheet.
     config : Path or str or None
-        A configuration, whose section `quality` has the thresholds; None: as in `fit_impedance`.
+        A configuration, whose section `quality` has the thresholds; None: as in `fit`.
 
     Returns
     -------
@@ -462,11 +321,7 @@ def check(
     >>> quality.filter(check="gap")["verdict"].item()
     'pass'
     """
-    if experiment not in EXPERIMENTS:
-        known = ", ".join(EXPERIMENTS)
-        raise InputError(
-            f"no experiment '{experiment}'; it is one of {known}{nearest(experiment, EXPERIMENTS)}"
-        )
+    checked_experiment(experiment)
     recorded = as_trial(trial)
     path = Path(config or config_here())
     rules = read_section(path, "quality", QualityRules)
@@ -474,7 +329,7 @@ def check(
     bench = read_section(path, "dynamometer", DynamometerAnalysis)
     commanded = Commanded(**{name: getattr(bench, name) for name in PROTOCOL})
     return judged_table(
-        measured_table(recorded.name, examine(recorded, experiment, commanded)), rules, {}
+        measured_table(recorded.name, measure_quality(recorded, experiment, commanded)), rules, {}
     )
 
 
@@ -570,7 +425,7 @@ def plot_torque(fit: Fit) -> "Figure":
 
     Examples
     --------
-    >>> osl.plot_torque(osl.fit_belt(belt_trial)).savefig("torque.pdf")
+    >>> osl.plot_torque(osl.fit(belt_trial, "belt")).savefig("torque.pdf")
     """
     return drawn("torque", fit.series)
 
@@ -601,16 +456,16 @@ def plot_frequency_response(response: FrequencyResponse) -> "Figure":
             f"trial {response.trial}: no frequency response to draw; move the joint further, or for"
             " longer"
         )
-    return drawn(response.figure, response.plotted)
+    return drawn("fig7", response.plotted)
 
 
-def plot_torque_angle(*fits: TorqueAngleFit) -> "Figure":
+def plot_torque_angle(*fits: Fit) -> "Figure":
     """Draw torque [N*m] over angle [deg], loading and unloading, and stiffness [N*m/rad] over
     angle.
 
     Parameters
     ----------
-    *fits : TorqueAngleFit
+    *fits : Fit
         Of trials of different names.
 
     Returns
@@ -624,14 +479,14 @@ def plot_torque_angle(*fits: TorqueAngleFit) -> "Figure":
 
     Examples
     --------
-    >>> figure = osl.plot_torque_angle(osl.fit_torque_angle(foot))
+    >>> figure = osl.plot_torque_angle(osl.fit(foot, "torque_angle"))
     """
     curves = [
         fit.curves for fit in fits if fit.experiment == "torque_angle" and fit.curves is not None
     ]
     if len(curves) < len(fits) or not fits:
         given = ", ".join(fit.experiment for fit in fits) or "no fit"
-        raise InputError(f"torque over angle needs what `fit_torque_angle` returns, not {given}")
+        raise InputError(f"torque over angle needs fits of `torque_angle`, not {given}")
     names = [fit.trial for fit in fits]
     if len(set(names)) < len(names):
         raise InputError(

@@ -22,7 +22,7 @@ LEFT_OUT = {
     "test_configuration": "of a model it reads the settings",
     "test_ingest_csv_log": "of the signals it asks for devices",
     "test_journeys": "campaigns from file to page, whose fits other modules test",
-    "test_ingest_examine": "counts and extremes, which no kernel computes",
+    "test_quality": "counts and extremes, which no kernel computes",
     "test_refusal": "messages",
     "test_sheet": "of a model it reads names",
     "test_simulator_bench_trial": "a simulator, which fits nothing",

@@ -20,7 +20,7 @@ from osl_analysis.commands.bench import fit_actuator_trial
 from osl_analysis.commands.fit import fit_settings, fit_trial
 from osl_analysis.commands.trials import raw_trial
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.ingest.examine import Commanded, examine
+from osl_analysis.ingest.quality import Commanded, measure_quality
 from osl_analysis.judge.unchecked import unchecked_in
 from osl_analysis.model.drivetrain import read_parameters
 from osl_analysis.simulator.bench_trial import simulate_bench_trial
@@ -320,13 +320,15 @@ def test_noise_as_large_as_the_steps_does_not_lower_the_torque_per_current():
 
 
 def test_checks_of_sampling_do_not_apply_to_a_clamped_actuator():
-    clamped = examine(with_pauses(staircase(1), 86.0), "actuator", Commanded(None, None, None))
+    clamped = measure_quality(
+        with_pauses(staircase(1), 86.0), "actuator", Commanded(None, None, None)
+    )
     assert [clamped[name].value for name in ("rate", "gap", "jitter")] == [None] * 3
 
     t, theta, _, _, current = schedule()
     columns = {"time": t, "theta_m": theta, "current": current, "torque_m": current}
     driven = Trial("driven", pl.DataFrame(columns))
-    assert examine(driven, "actuator", Commanded(None, None, None))["gap"].value == 0.0
+    assert measure_quality(driven, "actuator", Commanded(None, None, None))["gap"].value == 0.0
 
 
 def test_the_interval_of_a_clamped_actuator_holds_the_stated_error_of_the_load_cell():

@@ -20,7 +20,7 @@ from osl_analysis.bench.plausibility import plausible_impedance
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands.fit import fit_trial
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.examine import check_recording
+from osl_analysis.ingest.guard import check_recording
 from osl_analysis.judge.limits import DoubtfulFits
 from osl_analysis.model.compensator import PAPER_WEIGHT
 from osl_analysis.model.drivetrain import read_parameters

@@ -26,8 +26,9 @@ from osl_analysis import memory
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.cli import main
 from osl_analysis.commands import simulate as simulate_command
-from osl_analysis.commands.figure import draw_table
+from osl_analysis.commands.figure import write_figure
 from osl_analysis.errors import InputError
+from osl_analysis.figures import drawn
 from osl_analysis.files import atomic_path
 from osl_analysis.memory import limited_memory
 from osl_analysis.table import write_table
@@ -294,7 +295,7 @@ WRITERS = {
     "parquet": lambda table, path: write_trial(
         Trial("made", pl.DataFrame({"time": range(9000)}).cast(float)), path
     ),
-    "pdf": lambda table, path: draw_table("gain_grid", table, [path]),
+    "pdf": lambda table, path: write_figure(drawn("gain_grid", table), [path]),
 }
 
 
@@ -325,19 +326,15 @@ def test_nothing_but_a_regular_file_is_replaced(
         "precious",
         False,
     )
-    for name, kind in (
-        ("pipe", "a named pipe"),
-        ("socket", "a socket"),
-        ("folder", "a folder"),
-        ("null", "a device"),
-    ):
+    for name in ("pipe", "socket", "folder", "null"):
         path = tmp_path / f"{name}.csv"
-        before, said = path.lstat()[:2], rf"{name}\.csv: is {kind}; name a file"
+        before, said = path.lstat()[:2], rf"{name}\.csv: is a folder or a device; name a file"
         with pytest.raises(InputError, match=said):
             write_table(TABLE, path)
         assert path.lstat()[:2] == before  # kind and inode
-    said = one_line(call(*GAINS, "--parameters", "no.yaml", "--output", "/proc/x.csv"))
-    assert "/proc/x.csv: cannot be written, because no file can be made in /proc" in said
+    below = str(tmp_path / "mine.yaml/x.csv")
+    said = one_line(call(*GAINS, "--parameters", "no.yaml", "--output", below))
+    assert f"{below}: cannot be written, because no file can be made in {tmp_path}/mine" in said
 
 
 def test_an_odd_name_never_reaches_the_terminal_as_it_is(tmp_path):

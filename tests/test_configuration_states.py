@@ -11,7 +11,7 @@ from conftest import ROOT
 from walking_crossings import Walk, run_jobs, several, walked
 
 from osl_analysis.bench.impedance import DesiredImpedance
-from osl_analysis.bench.recorded_motion import record_of_trial
+from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.campaign import configuration
 from osl_analysis.campaign.campaign_trials import Campaign
 from osl_analysis.campaign.configuration import FACTS_OF_DEFAULT, overriding, read_config
@@ -21,7 +21,7 @@ from osl_analysis.commands.fit import fit_settings, fit_trial
 from osl_analysis.commands.walking_files import write_crossing
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.files import default_config
-from osl_analysis.ingest.examine import Commanded, examine, measured_table
+from osl_analysis.ingest.quality import Commanded, measure_quality, measured_table
 from osl_analysis.judge.finding import Grade
 from osl_analysis.judge.recording_checks import judged_table
 from osl_analysis.stats.repeats import alike_sizes, size_texts
@@ -107,7 +107,7 @@ def test_unstated_settings_make_no_finding_on_a_sound_recording(with_default):
         assert [one.cause for row in fit.findings for one in row if one.grade is Grade.DOUBTS] == []
         commanded = Commanded(**{key: getattr(config.dynamometer, key) for key in PROTOCOL})
         judged = judged_table(
-            measured_table("t", examine(trial, experiment, commanded)), config.quality, {}
+            measured_table("t", measure_quality(trial, experiment, commanded)), config.quality, {}
         )
         assert {*judged["verdict"]} == {"pass", "not applicable"}
     states = {row["setting"]: row["state"] for row in states_of(config, {}, EXPERIMENTS)}
@@ -212,10 +212,10 @@ def test_without_a_stated_protocol_the_recording_is_its_own_label():
     asked = record_of_trial(trial, sine_settings((5,), (1, 2))).groups.strata
     assert {one.commanded_deg for one in asked} == {5}
     unstated, stated = Commanded(**none), Commanded((5,), (1, 2), None)
-    assert examine(trial, "impedance", unstated)["protocol"].value is None
+    assert measure_quality(trial, "impedance", unstated)["protocol"].value is None
     # what was not asked for; cycles are not stated
-    assert examine(trial, "impedance", stated)["protocol"].value == 6
-    assert examine(trial, "impedance", replace(stated, cycles=9))["protocol"].value == 8
+    assert measure_quality(trial, "impedance", stated)["protocol"].value == 6
+    assert measure_quality(trial, "impedance", replace(stated, cycles=30))["protocol"].value == 8
 
 
 def test_what_was_measured_is_said_with_its_spread():
@@ -243,7 +243,7 @@ def test_cycles_of_a_soft_start_were_commanded_too():
     theta = np.concatenate([rest, np.deg2rad(4) * envelope * np.sin(2 * np.pi * time), rest])
     samples = {"time": np.arange(len(theta)) / 500, "theta": theta, "torque": 100 * theta}
     found = [
-        examine(Trial("t", pl.DataFrame(samples)), "impedance", Commanded((4,), (1,), n))
+        measure_quality(Trial("t", pl.DataFrame(samples)), "impedance", Commanded((4,), (1,), n))
         for n in (8, 12, 15, 5)
     ]
     assert [one["protocol"].value for one in found] == [0, 0, 1, 1]

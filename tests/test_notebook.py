@@ -22,7 +22,7 @@ from osl_analysis.campaign.configuration import FrequencyResponseFigure, read_co
 from osl_analysis.commands import bench, figure, tables
 from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
-from osl_analysis.ingest.examine import Commanded, examine, measured_table
+from osl_analysis.ingest.quality import Commanded, measure_quality, measured_table
 from osl_analysis.judge.finding import Grade
 from osl_analysis.judge.words import finding_text
 from osl_analysis.table import read_table, write_table
@@ -102,24 +102,22 @@ def assert_same(table, path, folder):
     assert table.height
 
 
-FITS = {
-    "impedance": lambda trial, config: osl.fit_impedance(trial, DESIRED, config=config),
-    "any motion": lambda trial, config: osl.fit_impedance(trial, DESIRED, config=config),
-    "belt": lambda trial, config: osl.fit_belt(trial, config),
-    "transmission": lambda trial, config: osl.fit_transmission(trial, config),
-    "actuator": lambda trial, config: osl.fit_actuator(trial, config),
-    "torque_angle": lambda trial, config: osl.fit_torque_angle(trial, "line", config),
+CONDITIONS = {
+    "impedance": {"desired": DESIRED},
+    "any motion": {"desired": DESIRED},
+    "belt": {},
+    "transmission": {},
+    "actuator": {},
+    "torque_angle": {"curve": "line"},
 }
 
 
-@pytest.mark.parametrize("experiment", FITS)
-def test_the_fit_of_a_trial_is_the_row_of_the_campaign_to_the_last_digit(
-    experiment, tmp_path, short
-):
-    files, fit = (
-        of_campaign(experiment, tmp_path, short),
-        FITS[experiment](bench_trial(experiment), short),
-    )
+@pytest.mark.parametrize("motion", CONDITIONS)
+def test_the_fit_of_a_trial_is_the_row_of_the_campaign_to_the_last_digit(motion, tmp_path, short):
+    files = of_campaign(motion, tmp_path, short)
+    experiment = "impedance" if motion == "any motion" else motion
+    fit = osl.fit(bench_trial(motion), experiment, config=short, **CONDITIONS[motion])
+
     made = tmp_path / f"tables/{fit.experiment}.csv"
     tables.gather([files[fit.experiment]], made, read_config(short).doubtful.of(fit.experiment))
     of_findings = tables.unpublished(fit.table, fit.experiment)
@@ -144,21 +142,20 @@ def test_a_fit_of_a_file_is_that_of_its_trial_and_can_be_pickled(tmp_path, short
     trial = bench_trial("belt")
     write_trial(trial, tmp_path / "made.parquet")
 
-    from_file = osl.fit_belt(str(tmp_path / "made.parquet"), str(short))
+    from_file = osl.fit(str(tmp_path / "made.parquet"), "belt", config=str(short))
 
     stored = pickle.loads(pickle.dumps(from_file))
-    assert_frame_equal(stored.table, osl.fit_belt(trial, short).table, check_exact=True)
+    assert_frame_equal(stored.table, osl.fit(trial, "belt", config=short).table, check_exact=True)
 
 
 @pytest.mark.usefixtures("without_inference")
 def test_the_response_of_a_stepped_sine_is_that_of_the_campaign_and_fig_7(tmp_path, short):
     files, config = of_campaign("impedance", tmp_path, short), read_config(short)
-    phasors, response = tmp_path / "tables/phasors.csv", tmp_path / "tables/frequency_response.csv"
-    limits = config.doubtful.of("phasors"), [files["impedance"]], config.doubtful.of("impedance")
+    response = tmp_path / "tables/response.csv"
+    limits = config.doubtful.of("response"), [files["impedance"]], config.doubtful.of("impedance")
     found = osl.frequency_response(bench_trial("impedance"), DESIRED, config=short)
     for places in ({"made": {"joint": "ankle", "side": None}}, {}):
-        tables.gather([files["phasors"]], phasors, *limits, places)
-        bench.summarise(phasors, response)
+        tables.gather([files["response"]], response, *limits, places)
         if places:
             choice = FrequencyResponseFigure(K_d=300.0, B_d=5.0)
             figure.fig7(response, DEVICE, choice, config.gain_weight, tmp_path / "fig7.csv")
@@ -185,8 +182,8 @@ def test_the_frequency_response_of_any_motion_is_that_of_the_campaign(tmp_path, 
 
     assert found.table["doubtful"][0] == "torque path"
     assert_same(found.table, path, tmp_path)
-    lines = osl.plot_frequency_response(found).axes[0].lines
-    assert any(line.get_ydata() == pytest.approx(found.plotted["magnitude"]) for line in lines)
+    assert set(found.plotted["curve"]) == {"observed", "desired", "linear model"}
+    assert isinstance(osl.plot_frequency_response(found), Figure)
     with pytest.raises(osl.InputError, match="trial made: no frequency response to draw"):
         osl.plot_frequency_response(replace(found, plotted=found.plotted.clear()))
 
@@ -199,7 +196,7 @@ def test_a_window_is_all_that_is_fitted(short):
     part = osl.frequency_response(trial, DESIRED, "10-25", short)
 
     assert not part.table.equals(whole.table)
-    fit = osl.fit_impedance(trial, DESIRED, "10-25", short)
+    fit = osl.fit(trial, desired=DESIRED, windows="10-25", config=short)
     assert fit.fitted_s == pytest.approx(15, abs=0.8)
 
 
@@ -208,7 +205,8 @@ def test_the_check_of_a_trial_has_the_rows_of_the_campaign_and_accepts_nothing(t
     slow = replace(trial, samples=trial.samples.with_columns(pl.col("time") * 50))
     commanded = Commanded(**{name: getattr(config.dynamometer, name) for name in PROTOCOL})
     write_table(
-        measured_table("made", examine(slow, "actuator", commanded)), tmp_path / "measured.csv"
+        measured_table("made", measure_quality(slow, "actuator", commanded)),
+        tmp_path / "measured.csv",
     )
     tables.judge([tmp_path / "measured.csv"], config.quality, {}, tmp_path / "quality.csv")
     found = osl.check(slow, "actuator", config=short)
@@ -240,7 +238,7 @@ def test_a_recording_is_read_as_ingest_reads_it(tmp_path):
 def test_a_fit_shows_its_doubts_and_runs_nothing_of_a_name(
     short,
 ):
-    doubtful = osl.fit_impedance(bench_trial("friction"), config=short)
+    doubtful = osl.fit(bench_trial("friction"), config=short)
     assert "friction" in [one.cause for one in doubtful.findings[-1]]
     said = [
         finding_text(one, doubtful.row)
@@ -252,7 +250,9 @@ def test_a_fit_shows_its_doubts_and_runs_nothing_of_a_name(
     shown = doubtful._repr_html_()
     assert all(escape(f"doubtful: {doubt}") in shown for doubt in said)
     assert base64.b64decode(shown.partition("base64,")[2].partition('"')[0])[:4] == b"\x89PNG"
-    fit = osl.fit_transmission(replace(bench_trial("transmission"), name="<script>a\x1b[2J"), short)
+    fit = osl.fit(
+        replace(bench_trial("transmission"), name="<script>a\x1b[2J"), "transmission", config=short
+    )
     page = fit._repr_html_()
     assert ("oubtful" in page, "\x1b" in page, "<script" in page) == (False, False, False)
     assert "behind the load cell" in fit.remarks  # which no recording tells
@@ -270,7 +270,7 @@ def test_a_table_is_one_of_pandas_without_pyarrow():
 
 
 def test_a_figure_is_in_the_paper_s_style_and_a_result_cannot_be_changed(short):
-    fit = osl.fit_belt(bench_trial("belt"), short)
+    fit = osl.fit(bench_trial("belt"), "belt", config=short)
     drawn = osl.plot_torque(fit)
     assert drawn._repr_png_()[:4] == b"\x89PNG"
     for line, name in zip(drawn.axes[0].lines, ("torque", "torque_model"), strict=True):
@@ -281,7 +281,8 @@ def test_a_figure_is_in_the_paper_s_style_and_a_result_cannot_be_changed(short):
         _ = fit.K_S
     one = bench_trial("torque_angle")
     fits = [
-        osl.fit_torque_angle(replace(one, name=name), config=short) for name in ("first", "second")
+        osl.fit(replace(one, name=name), "torque_angle", config=short)
+        for name in ("first", "second")
     ]
     drawn = osl.plot_torque_angle(*fits)
     assert {text.get_text() for text in drawn.legends[0].get_texts()} >= {"first", "second"}
@@ -290,25 +291,26 @@ def test_a_figure_is_in_the_paper_s_style_and_a_result_cannot_be_changed(short):
 
 
 REFUSED = {
-    "a trial is needed, not int": lambda t: osl.fit_impedance(3),
+    "a trial is needed, not int": lambda t: osl.fit(3),
     "not no fit": lambda t: osl.plot_torque_angle(),
-    "none.parquet: no such trial": lambda t: osl.fit_belt("none.parquet"),
+    "none.parquet: no such trial": lambda t: osl.fit("none.parquet", "belt"),
     "column 'theta' holds String": lambda t: osl.check(osl.Trial("a",
     t.samples.cast({"theta": pl.String}))),
     "trial a: no column 'time'; map one in the source": lambda t: osl.Trial("a",
     t.samples.drop("time")),
     "did you mean 'impedance'": lambda t: osl.check(t, "impedence"),
-    "desired is of type str, not a DesiredImpedance": lambda t: osl.fit_impedance(t, "compensated"),
+    "did you mean 'belt'": lambda t: osl.fit(t, "belts"),
+    "desired is of type str, not a DesiredImpedance": lambda t: osl.fit(t, desired="compensated"),
     "did you mean 'opensourceleg'": lambda t: osl.read_recording("README.md", "opensourcelegs"),
     "has no part '2'": lambda t: osl.read_recording("README.md", "vicon", part="2"),
     r"no\.csv: no such file; name the recording": lambda t: osl.read_recording("no.csv",
     "opensourceleg"),
     "place/summary.json: no such summary": lambda t: osl.read_summary("place"),
-    "not belt": lambda t: osl.plot_torque_angle(osl.fit_belt(bench_trial("belt"))),
+    "not belt": lambda t: osl.plot_torque_angle(osl.fit(bench_trial("belt"), "belt")),
     "is of the walkway": lambda t: osl.simulate_trial("x", "walking_01"),
     "plans no trial 'impedance_1'": lambda t: osl.simulate_trial("x", "impedance_1"),
 }  # fmt: skip
-REFUSED["none.yaml: no"] = lambda t: osl.fit_impedance(t, parameters="none.yaml")
+REFUSED["none.yaml: no"] = lambda t: osl.fit(t, parameters="none.yaml")
 
 
 @pytest.mark.parametrize("said", REFUSED)

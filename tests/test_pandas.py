@@ -15,9 +15,9 @@ def test_a_pandas_frame_gives_the_numbers_of_a_polars_frame():
     samples = made_trial(rng, multisine(rng, periods=3)).samples
     of_pandas = osl.Trial("made", osl.to_pandas(samples))
 
-    fit = osl.fit_impedance(of_pandas, parameters=None)
+    fit = osl.fit(of_pandas, parameters=None)
 
-    expected = osl.fit_impedance(osl.Trial("made", samples), parameters=None)
+    expected = osl.fit(osl.Trial("made", samples), parameters=None)
     assert_frame_equal(fit.table, expected.table)
 
 

@@ -10,7 +10,6 @@ from osl_analysis.signals import (
     differentiate,
     filtered_motion,
     longest_run,
-    run_at_extreme,
     runs,
     sampling_rate,
 )
@@ -137,19 +136,6 @@ def test_runs_are_the_stretches_of_true_samples_and_the_longest_of_them():
     assert runs(mask) == [slice(0, 2), slice(4, 7), slice(8, 9)]
     assert longest_run(mask) == slice(4, 7)
     assert longest_run(~mask[:2]) == slice(0, 0)
-
-
-def test_a_clipped_channel_has_a_run_at_its_extreme_and_a_slow_peak_has_none():
-    time = np.arange(2000) / 1000
-    noise = 1e-3 * np.random.default_rng(1).standard_normal(2000)
-    fast = np.sin(2 * np.pi * 3 * time) + noise
-    slow = np.round(np.sin(2 * np.pi * 0.5 * time), 2)
-
-    clipped = run_at_extreme(np.minimum(fast, 0.9))
-    peak = run_at_extreme(slow)
-
-    assert clipped.stop - clipped.start > 20
-    assert peak.stop - peak.start <= 1
 
 
 # ---- The odd random-phase multisine

@@ -21,25 +21,16 @@ def analyse(folder: Path) -> Figure | None:
     assert_type(osl.check(trial), pl.DataFrame)
     desired = osl.DesiredImpedance("compensated", K_d=300, B_d=5)
 
-    impedance = osl.fit_impedance(trial, desired)
-    assert_type(impedance, osl.ImpedanceFit)
-    assert_type(impedance.K, float)
-    assert_type(impedance.I_interval, tuple[float, float])
-    assert_type(impedance.B_viscous, float | None)
-    assert_type(osl.fit_belt(trial), osl.BeltFit)
-    assert_type(osl.fit_transmission(trial).B_j, float)
-    assert_type(osl.fit_transmission(trial), osl.TransmissionFit)
-    assert_type(osl.fit_actuator(trial), osl.ActuatorFit)
-    assert_type(osl.fit_torque_angle(trial), osl.TorqueAngleFit)
-    any_fit: osl.Fit = impedance
+    any_fit = osl.fit(trial, "impedance", desired=desired)
+    assert_type(any_fit, osl.Fit)
     findings: list[osl.Finding] = [finding for row in any_fit.findings for finding in row]
     print(any_fit.doubtful, [finding.name for finding in findings])
-    assert_type(osl.to_pandas(impedance.table), pd.DataFrame)
+    assert_type(osl.to_pandas(any_fit.table), pd.DataFrame)
     assert_type(osl.read_summary(folder), pl.DataFrame)
     assert_type(osl.read_table(folder / "belt.csv"), pl.DataFrame)
 
     figures: list[Figure] = [osl.plot_torque(any_fit), osl.plot_figure("results/figures/fig5.csv")]
-    figures.append(osl.plot_torque_angle(osl.fit_torque_angle(trial)))
+    figures.append(osl.plot_torque_angle(osl.fit(trial, "torque_angle")))
     try:
         response: osl.FrequencyResponse = osl.frequency_response(trial, desired)
         figures.append(osl.plot_frequency_response(response))
@@ -53,5 +44,5 @@ def analyse(folder: Path) -> Figure | None:
 def mistaken() -> None:
     """What a type checker tells."""
     osl.fit_impedence("a.parquet")  # type: ignore[attr-defined]
-    osl.fit_belt(3)  # type: ignore[arg-type]
-    osl.plot_torque_angle(osl.fit_belt("a.parquet"))  # type: ignore[arg-type]
+    osl.fit(3)  # type: ignore[arg-type]
+    osl.plot_torque_angle("a.parquet")  # type: ignore[arg-type]

@@ -10,7 +10,7 @@ from osl_analysis.campaign.campaign_trials import Campaign
 from osl_analysis.campaign.configuration import Config
 from osl_analysis.config.impedance_trajectory import read_impedance_trajectory
 from osl_analysis.errors import InputError, listing, naming, nearest
-from osl_analysis.ingest.examine import UNITS
+from osl_analysis.ingest.quality import UNITS
 from osl_analysis.judge.known_findings import CHECKS
 from osl_analysis.judge.recording_checks import unknown_check, validate_rules
 from osl_analysis.model.drivetrain import known_parameters

@@ -13,12 +13,9 @@ import polars as pl
 from osl_analysis.bench import bench_settings as choices
 from osl_analysis.bench import (
     condition_tables,
-    frequency_response,
     impedance,
     known_spring,
-    phasors,
     torque_angle,
-    torque_angle_tables,
 )
 from osl_analysis.bench.actuator_alone import actuator_table, actuator_trial
 from osl_analysis.bench.analysis import analysed
@@ -28,14 +25,16 @@ from osl_analysis.bench.component_summary import part_summary
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums
 from osl_analysis.bench.fit_tables import FitTables, tables_of_fit
 from osl_analysis.bench.fixture import fixture_column, fixture_weight_column, with_fixture
+from osl_analysis.bench.frequency_response import response_table
+from osl_analysis.bench.motion import record_of_trial, sine_record
 from osl_analysis.bench.plausibility import plausible
 from osl_analysis.bench.record import Record, with_actuator
-from osl_analysis.bench.recorded_motion import record_of_trial, sine_record
 from osl_analysis.bench.transmission import transmission_of, transmission_table
-from osl_analysis.ingest.examine import check_recording, saturated
-from osl_analysis.ingest.guard import find_leaps
+from osl_analysis.ingest.guard import check_recording
+from osl_analysis.ingest.leaps import find_leaps
+from osl_analysis.ingest.quality import saturated
 from osl_analysis.model.compensator import Weight
-from osl_analysis.model.drivetrain import FileOrNone, joint_admittance, known_parameters
+from osl_analysis.model.drivetrain import FileOrNone, known_parameters
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import Trial
 
@@ -47,7 +46,7 @@ def fit_belt_trial(
     one without."""
     p = known_parameters(parameters)
     check_recording(trial, settings)
-    rails = saturated(trial, "torque", "theta")
+    rails = saturated(trial)
     trial = with_fixture(trial, settings.fixture)
     belt = belt_trial(trial, p, settings)
     return tables_of_fit(
@@ -64,7 +63,7 @@ def fit_transmission_trial(
     """The transmission's rows, and the series of the fit to all amplitudes."""
     p = known_parameters(parameters)
     check_recording(trial, settings)
-    rails = saturated(trial, "torque", "theta")
+    rails = saturated(trial)
     trial = with_fixture(trial, settings.fixture)
     analysis = transmission_of(sine_record(trial, settings))
     table = plausible(transmission_table(analysis), rails, p, "B_j", "J_j")
@@ -102,7 +101,7 @@ def fit_impedance_trial(
     """
     p = known_parameters(parameters)
     check_recording(trial, settings)
-    rails = saturated(trial, "torque", "theta")
+    rails = saturated(trial)
     trial = with_fixture(trial, settings.fixture)
     record = record_with_actuator(trial, settings, windows)
     stated = condition or impedance.DesiredImpedance(None, None, None)
@@ -112,12 +111,8 @@ def fit_impedance_trial(
 
     def others() -> dict[str, pl.DataFrame]:
         columns = stated.columns() if condition else {}
-        expected = joint_admittance(gains.K_1, gains.B_1, p, p.J_j) if p and gains else None
-        by_frequency = phasors.phasor_table(trial.name, phasors.phasors_of_record(record))
-        response = frequency_response.impedance_over_frequency(record, analysis.whole, expected)
         return {
-            "phasors": by_frequency.with_columns(**columns),
-            "response": response.with_columns(**columns),
+            "response": response_table(analysis).with_columns(**columns),
             "timebase": analysis.time_base(),
         }
 
@@ -144,8 +139,8 @@ def leaps_outside(trial: Trial, cut: Trial) -> bool:
     first, last = cut.samples["time"][0], cut.samples["time"][-1]
     for column in ("theta", "theta_m", "torque"):
         if column in trial.columns:
-            leaps = find_leaps(column, *trial.arrays(column))
-            if any(time < first or time > last for time in leaps.times):
+            leaps = find_leaps(*trial.arrays(column))
+            if ((leaps < first) | (leaps > last)).any():
                 return True
     return False
 
@@ -171,18 +166,15 @@ def fit_torque_angle_trial(
     should follow."""
     desired = (condition or {}).get("desired")
     check_recording(trial, settings)
-    rails = saturated(trial, "torque", "theta")
+    rails = saturated(trial)
     trial = with_fixture(trial, settings.fixture)
     cycles = torque_angle.torque_angle_trial(trial, settings)
-    table = torque_angle_tables.torque_angle_table(cycles, desired)
+    table = torque_angle.torque_angle_table(cycles, desired)
     return tables_of_fit(
         cycles.series(),
-        lambda: {
-            "torque_angle_cycles": torque_angle_tables.cycle_table(cycles),
-            "timebase": cycles.time_base(),
-        },
+        lambda: {"timebase": cycles.time_base()},
         torque_angle=table.with_columns(rails, fixture_column(trial)),
-        torque_angle_curves=torque_angle_tables.curve_table(cycles, desired),
+        torque_angle_curves=torque_angle.curve_table(cycles, desired),
     )
 
 
@@ -198,7 +190,7 @@ def fit_calibration_trial(
         stated.get("known_K"), stated.get("known_I"), uncertainty, is_fixture_alone
     )
     check_recording(trial, settings)
-    rails = saturated(trial, "torque", "theta")
+    rails = saturated(trial)
     stated_fixture = settings.fixture
     if is_fixture_alone:  # which nothing is taken off
         settings = settings.model_copy(update={"fixture": None})
@@ -217,14 +209,8 @@ def fit_calibration_trial(
 
 
 def summarise(table: Path, output: Path, data: str = "") -> None:
-    """What a table of the campaign tells of its trials together: the frequency response averaged
-    over the amplitudes, or the summary of a part."""
-    if table.stem == "phasors":
-        rows = read_table(table, ("amplitude_deg", "doubtful"))
-        summary = frequency_response.frequency_response_table(rows)
-    else:
-        summary = part_summary(table.stem, read_table(table))
-    write_table(summary, output, data)
+    """The summary of a part of the drivetrain over its trials."""
+    write_table(part_summary(table.stem, read_table(table)), output, data)
 
 
 def compare_controllers(table: Path, output: Path, data: str = "") -> None:

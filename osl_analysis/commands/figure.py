@@ -16,7 +16,7 @@ from osl_analysis.bench.bench_settings import ImpedanceAnalysis
 from osl_analysis.bench.component_summary import PLACE
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums
 from osl_analysis.bench.impedance import DesiredImpedance
-from osl_analysis.bench.recorded_motion import record_of_trial
+from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.campaign.configuration import FrequencyResponseFigure
 from osl_analysis.commands.walking_files import read_unperturbed_gaits, selected_crossings
 from osl_analysis.dictionary import described_tables_by_name
@@ -271,9 +271,8 @@ def fig7(
 ) -> None:
     """The numbers of Fig. 7: measured responses of one K_d, B_d, without a `choice` of those that
     most trials have; the desired one (Eq. 11), if both are known; and the linear model (Eq. 9), if
-    the gains are known and the parameter file is of this joint. Trials that no stepped sine moved
-    have no responses."""
-    responses = read_table(table, needed("fig7"))
+    the gains are known and the parameter file is of this joint."""
+    responses = read_table(table, [*needed("fig7"), "scope"])
     responses = responses.with_columns(look_numbers(responses["controller"]))
     impedances = responses.group_by("K_d", "B_d", maintain_order=True)
     n_trials = impedances.agg(n=pl.col("trial").n_unique())
@@ -293,9 +292,9 @@ def fig7(
 
 
 def beside_theory(responses: pl.DataFrame, parameters: Path | None, weight: Weight) -> pl.DataFrame:
-    """The same for measured responses of one desired impedance in memory, without the column
+    """The same for rows of `response.csv` of one desired impedance in memory, without the column
     `chosen`."""
-    shown = responses.sort("frequency_hz", maintain_order=True)
+    shown = over_amplitudes(responses).sort("frequency_hz", maintain_order=True)
     curves = [shown.with_columns(curve=pl.lit(OBSERVED))]
     for measured in shown.partition_by(PLACE, maintain_order=True):
         joint, side, K_d, B_d = measured.select(*PLACE, "K_d", "B_d").row(0)
@@ -318,6 +317,26 @@ def beside_theory(responses: pl.DataFrame, parameters: Path | None, weight: Weig
     points = pl.concat(curves, how="diagonal_relaxed").drop("look")
     points = points.join(looks, on="controller", how="left", maintain_order="left")
     return plotted_numbers("fig7", points)
+
+
+def over_amplitudes(response: pl.DataFrame) -> pl.DataFrame:
+    """The rows of `response.csv` over all amplitudes, with the doubts about single ones, and with
+    the range of their magnitudes and phases, which are counted from that of all."""
+    keys = ["trial", "frequency_hz"]
+    whole = response.filter(scope="all")
+    of_whole = whole.select(*keys, phase_of_whole="phase_deg")
+    single = response.filter(scope="amplitude").join(of_whole, on=keys)
+    apart = (pl.col("phase_deg") - pl.col("phase_of_whole") + 180) % 360 - 180
+    single = single.with_columns(phase_deg=pl.col("phase_of_whole") + apart)
+    doubts = pl.col("doubtful").filter(pl.col("doubtful") != "")
+    quantities = pl.col("magnitude", "phase_deg")
+    ranges = single.group_by(keys).agg(
+        quantities.min().name.suffix("_amplitudes_low"),
+        quantities.max().name.suffix("_amplitudes_high"),
+        doubts=doubts.unique(maintain_order=True).str.join("; "),
+    )
+    joined = whole.join(ranges, on=keys, how="left", maintain_order="left")
+    return joined.with_columns(doubtful=pl.coalesce("doubts", "doubtful")).drop("doubts")
 
 
 def response_curve(

@@ -1,6 +1,5 @@
 """The fit of one trial, by the job of its experiment, and judged by the limits of a campaign: for
-the command line, `watch` and notebooks. Its recording is checked by `watch` alone, and predictions
-need the other trials of a campaign."""
+the command line and notebooks."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,7 +10,7 @@ import polars as pl
 from osl_analysis.bench.fit_tables import FitTables
 from osl_analysis.campaign.configuration import Config, over_default, own_fields, section_of
 from osl_analysis.commands import command_of
-from osl_analysis.commands.fit_results import FIT_TYPES, Fit
+from osl_analysis.commands.fit_results import Fit
 from osl_analysis.commands.remedies import fit_or_advise
 from osl_analysis.config.experiments import EXPERIMENTS, FitJob
 from osl_analysis.errors import InputError
@@ -117,7 +116,7 @@ def fit_trial(
     findings = judged(tables[name], limits.of(name), name)
     curves = [table for name, table in tables.items() if name.endswith("_curves")]
     no_torque = pl.DataFrame(schema=dict.fromkeys(("time", "torque", "torque_model"), pl.Float64))
-    return FIT_TYPES.get(experiment, Fit)(
+    return Fit(
         experiment=experiment,
         table=marked(tables[name], findings, name),
         series=tables.get("torque", no_torque),

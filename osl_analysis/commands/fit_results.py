@@ -1,9 +1,9 @@
-"""What the fit of one trial gives: a type for each experiment, with its estimates as fields."""
+"""What the fit of one trial gives, with its estimates as attributes."""
 
 import math
 from base64 import b64encode
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass
 from html import escape
 from typing import Any
 
@@ -16,13 +16,11 @@ from osl_analysis.judge.finding import Finding, Grade
 from osl_analysis.judge.words import finding_text
 
 DOTS_PER_INCH = 100  # of the picture in a notebook
-Interval = tuple[float, float]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Fit:
-    """A fitted trial of any experiment, which `fit_impedance`, `fit_belt` and the like return as
-    their own type.
+    """A fitted trial of any experiment.
 
     Every column of its table is an attribute, with the value of the fit to all data: `fit.K_se`,
     `fit.VAF`. An absent value is None, as in the table. `fit.K_interval` is (low, high), the 95 %
@@ -48,7 +46,7 @@ class Fit:
 
     Examples
     --------
-    >>> fit = osl.fit_impedance(trial)
+    >>> fit = osl.fit(trial)
     >>> isinstance(fit, osl.Fit), fit.experiment, fit.table.height
     (True, 'impedance', 1)
     """
@@ -58,11 +56,6 @@ class Fit:
     series: pl.DataFrame
     curves: pl.DataFrame | None
     findings: Sequence[Sequence[Finding]] = ()
-
-    def __post_init__(self) -> None:
-        for estimate in fields(self):
-            if not estimate.init:
-                object.__setattr__(self, estimate.name, self.value_of(estimate.name))
 
     @property
     def row(self) -> Mapping[str, Any]:
@@ -134,178 +127,3 @@ class Fit:
                 f' src="data:image/png;base64,{picture}">'
             )
         return html
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class ImpedanceFit(Fit):
-    """K, B and I of a joint (Eq. 15), torque = K theta + B omega + I alpha + offset: a `Fit` of
-    experiment `impedance`.
-
-    Attributes
-    ----------
-    K, K_interval : float, (float, float)
-        Stiffness and its 95 % interval [N*m/rad].
-    B, B_interval : float, (float, float)
-        Damping [N*m*s/rad].
-    I, I_interval : float, (float, float)
-        Apparent inertia [kg*m^2]; it may be negative (Eq. 9).
-    B_viscous : float or None
-        Damping of the torque less its Coulomb friction [N*m*s/rad]; None where friction is not
-        certain.
-    VAF : float
-        Variance of the torque that the fit accounts for [%].
-
-    Examples
-    --------
-    >>> fit = osl.fit_impedance(trial)
-    >>> low, high = fit.K_interval
-    >>> bool(low < fit.K < high)
-    True
-    """
-
-    K: float = field(init=False)
-    K_interval: Interval = field(init=False)
-    B: float = field(init=False)
-    B_interval: Interval = field(init=False)
-    I: float = field(init=False)
-    I_interval: Interval = field(init=False)
-    B_viscous: float | None = field(init=False)
-    VAF: float = field(init=False)
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class BeltFit(Fit):
-    """Stiffness of the belt (Fig. 3), torque over deflection while loading: a `Fit` of experiment
-    `belt`.
-
-    Attributes
-    ----------
-    K_s, K_s_interval : float, (float, float)
-        Stiffness and its 95 % interval [N*m/rad].
-    hysteresis_area : float
-        Energy lost in a cycle of loading and unloading [J].
-    VAF : float
-        Variance of the torque that the fit accounts for [%].
-
-    Examples
-    --------
-    >>> fit = osl.fit_belt(belt_trial)
-    >>> round(fit.K_s / 10) * 10
-    690
-    """
-
-    K_s: float = field(init=False)
-    K_s_interval: Interval = field(init=False)
-    hysteresis_area: float = field(init=False)
-    VAF: float = field(init=False)
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class TransmissionFit(Fit):
-    """Damping and inertia of the transmission (Eq. 4), of a trial without motor: a `Fit` of
-    experiment `transmission`.
-
-    Attributes
-    ----------
-    B_j, B_j_interval : float, (float, float)
-        Damping and its 95 % interval [N*m*s/rad].
-    J_j, J_j_interval : float, (float, float)
-        Inertia [kg*m^2].
-    VAF : float
-        Variance of the torque that the fit accounts for [%].
-
-    Examples
-    --------
-    >>> fit = osl.fit_transmission(motorless_trial)
-    >>> fit.B_j > 0, fit.J_j > 0
-    (True, True)
-    """
-
-    B_j: float = field(init=False)
-    B_j_interval: Interval = field(init=False)
-    J_j: float = field(init=False)
-    J_j_interval: Interval = field(init=False)
-    VAF: float = field(init=False)
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class ActuatorFit(Fit):
-    """The actuator alone (Eqs. 1-2), at its output: a `Fit` of experiment `actuator`.
-
-    Attributes
-    ----------
-    k_tau_n_m, k_tau_n_m_interval : float, (float, float)
-        Torque per q-axis current and its 95 % interval [N*m/A].
-    f_C, f_C_interval : float, (float, float)
-        Coulomb friction [N*m].
-    f_G, f_G_interval : float, (float, float)
-        Friction of the gear per current [N*m/A].
-    B_m, B_m_interval : float, (float, float)
-        Damping [N*m*s/rad].
-    J_m, J_m_interval : float, (float, float)
-        Inertia [kg*m^2].
-    VAF : float
-        Variance of the torque that the fit accounts for [%].
-
-    Examples
-    --------
-    >>> fit = osl.fit_actuator(actuator_trial)
-    >>> fit.k_tau_n_m > 0, fit.J_m > 0
-    (True, True)
-    """
-
-    k_tau_n_m: float = field(init=False)
-    k_tau_n_m_interval: Interval = field(init=False)
-    f_C: float = field(init=False)
-    f_C_interval: Interval = field(init=False)
-    f_G: float = field(init=False)
-    f_G_interval: Interval = field(init=False)
-    B_m: float = field(init=False)
-    B_m_interval: Interval = field(init=False)
-    J_m: float = field(init=False)
-    J_m_interval: Interval = field(init=False)
-    VAF: float = field(init=False)
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class TorqueAngleFit(Fit):
-    """Torque over angle of a passive foot or a spring in slow cycles: a `Fit` of experiment
-    `torque_angle`.
-
-    Attributes
-    ----------
-    K, K_interval : float, (float, float)
-        Slope of the straight line while loading, mean of the cycles, and its 95 % interval
-        [N*m/rad]; NaN with one cycle.
-    energy_stored : float
-        Energy that the device takes up in a cycle [J].
-    energy_returned : float
-        Energy that it gives back [J].
-    energy_lost : float
-        Area of the loop [J].
-    VAF : float
-        Variance of the torque that the curves of loading and unloading account for [%].
-
-    Examples
-    --------
-    >>> fit = osl.fit_torque_angle(foot)
-    >>> bool(fit.energy_returned < fit.energy_stored)
-    True
-    """
-
-    K: float = field(init=False)
-    K_interval: Interval = field(init=False)
-    energy_stored: float = field(init=False)
-    energy_returned: float = field(init=False)
-    energy_lost: float = field(init=False)
-    VAF: float = field(init=False)
-
-
-FIT_TYPES: Mapping[str, type[Fit]] = {
-    "impedance": ImpedanceFit,
-    "belt": BeltFit,
-    "transmission": TransmissionFit,
-    "actuator": ActuatorFit,
-    "torque_angle": TorqueAngleFit,
-}
-"""By experiment; the fit of another one is a plain `Fit`."""

@@ -13,7 +13,7 @@ from osl_analysis.campaign.configuration import Config
 from osl_analysis.dictionary import described_tables, file_at
 from osl_analysis.files import write_text
 from osl_analysis.formats import known_formats
-from osl_analysis.ingest.examine import UNITS
+from osl_analysis.ingest.quality import UNITS
 from osl_analysis.judge.known_findings import CHECKS
 from osl_analysis.model.drivetrain import ParameterFile
 from osl_analysis.report.numbers import ENTRIES

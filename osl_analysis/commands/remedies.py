@@ -14,7 +14,7 @@ import polars as pl
 from osl_analysis.bench.fit_tables import FitTables
 from osl_analysis.commands.estimates import estimated, printed_units
 from osl_analysis.errors import Change, OslAnalysisError
-from osl_analysis.ingest.examine import in_other_units
+from osl_analysis.ingest.guard import in_other_units
 from osl_analysis.rounding import written
 from osl_analysis.signals.grid import with_stamp_evidence
 from osl_analysis.trial import Trial

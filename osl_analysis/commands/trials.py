@@ -12,13 +12,14 @@ from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError, printable
 from osl_analysis.formats import formats_of
 from osl_analysis.ingest import raw_files
-from osl_analysis.ingest.examine import Commanded, check_ranges, examine, measured_table
+from osl_analysis.ingest.guard import check_ranges
 from osl_analysis.ingest.overview import (
     MOST_COLUMNS,
     Overview,
     RecordedChannel,
     inspect_recording,
 )
+from osl_analysis.ingest.quality import Commanded, measure_quality, measured_table
 from osl_analysis.signals.grid import with_stamp_evidence
 from osl_analysis.table import write_table
 from osl_analysis.trial import Trial, write_trial
@@ -76,7 +77,7 @@ def ingest_and_check(
     """Write the trial of one row of the sheet, and to `quality` a row for each check, without
     limits and verdicts."""
     record = ingest_trial(row, raw_folder, sources_folder, trial, needed_columns)
-    measured = examine(record, str(row["experiment"]), commanded, row.get("windows") or "")
+    measured = measure_quality(record, str(row["experiment"]), commanded, row.get("windows") or "")
     write_table(measured_table(record.name, measured), quality, data)
 
 

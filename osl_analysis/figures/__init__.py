@@ -105,7 +105,7 @@ def plotted_numbers(name: str, table: pl.DataFrame, *others: Any) -> pl.DataFram
         points = points.with_columns(look_numbers(points["controller"]))
     absent = [name for name in columns if name not in points.columns]
     points = points.with_columns(pl.lit(None, columns[name]).alias(name) for name in absent)
-    return points.select(columns)
+    return points.select(*columns)
 
 
 def look_numbers(controllers: pl.Series) -> pl.Series:

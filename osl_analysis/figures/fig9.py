@@ -52,13 +52,16 @@ def points(
         No group and no perturbation has a result.
     """
     keys = ["group", "quantity"]
-    summary = walking_summary.drop_nulls("mean")
+    summary = walking_summary.drop_nulls("mean").filter(pl.col("quantity").is_in(QUANTITIES))
+    group = pl.col("group").cast(pl.String)  # without entries it is a column of numbers
+    summary = summary.with_columns(group)
     means = summary.filter(estimator="mean of perturbations").select(*keys, "n", "mean", "sd")
     ensembles = summary.filter(estimator="ensemble").select(
         *keys, "commanded", ensemble="mean", ensemble_low="low", ensemble_high="high",
         doubtful="doubt",
     )  # fmt: skip
-    fits = walking.drop_nulls("group").filter(pl.all_horizontal(pl.col(QUANTITIES).is_finite()))
+    is_fitted = pl.all_horizontal(pl.col(QUANTITIES).is_finite())
+    fits = walking.with_columns(group).drop_nulls("group").filter(is_fitted)
     perturbations = fits.unpivot(
         QUANTITIES, index=["group", "trial", "doubtful"],
         variable_name="quantity", value_name="estimate",

@@ -164,16 +164,13 @@ def written_number(value: float) -> str:
 
 
 def label_log_axis(axis: Axis, most: int, text: Callable[[float], str] = written_number) -> None:
-    """Give a logarithmic axis ticks at 1, 2 and 5 of each decade, else at 1 and 3, else at decades:
-    the first that are `most` at most. Where these are fewer than two, ticks are even."""
+    """Give a logarithmic axis ticks at 1, 2 and 5 of each decade, else at decades, else at 1 and 3,
+    else even ones: the first of these that are two to `most`."""
     low, high = axis.get_view_interval()
     even = MaxNLocator(nbins=most - 1, steps=[1, 2, 2.5, 5, 10])
-    by_decades = (
-        LogLocator(subs=(1, 2, 5), numticks=99),
-        LogLocator(subs=(1, 3), numticks=99),
-        LogLocator(numticks=most),
-    )
-    for locator in (*by_decades, even):
+    by_decades = LogLocator(numticks=most)
+    finely, coarsely = (LogLocator(subs=subs, numticks=99) for subs in ((1, 2, 5), (1, 3)))
+    for locator in (finely, by_decades, coarsely, even):
         ticks = [tick for tick in locator.tick_values(low, high) if low <= tick <= high]
         if 2 <= len(ticks) <= most:
             break

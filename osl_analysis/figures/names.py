@@ -87,5 +87,5 @@ def by_controller(table: pl.DataFrame) -> list[tuple[Look, pl.DataFrame]]:
 
 
 def has_values(table: pl.DataFrame, column: str) -> bool:
-    """Whether a row of the table has a value in this column."""
-    return table[column].count() > 0
+    """Whether the table has this column, and a row a value in it."""
+    return column in table.columns and table[column].count() > 0

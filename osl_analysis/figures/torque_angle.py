@@ -1,7 +1,5 @@
 """Figure `torque_angle`: torque against angle of a joint that is moved slowly."""
 
-from typing import Any
-
 import matplotlib as mpl
 import numpy as np
 import polars as pl
@@ -54,9 +52,6 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
         keys.append(marks.key("Desired", color=style.BLACK, linestyle=style.DASHED))
     if marks.has_doubtful(table):
         keys.append(marks.key("Doubtful trial", color=style.BLACK, linestyle=style.DOTTED))
-    if names.has_values(table, "stiffness_low"):
-        band: dict[str, Any] = {"color": style.GREY, "alpha": style.BAND_ALPHA, "linewidth": 6}
-        keys.append(marks.key("95 % interval of the slope", **band))
     if len(colours) <= MOST_NAMED:
         for trial, colour in colours.items():
             keys.append(marks.key(names.drawn_name(trial), color=colour))
@@ -102,7 +97,7 @@ def draw_torque_curves(ax: Axes, part: pl.DataFrame, colours: dict[str, str]) ->
 
 
 def draw_stiffness_curves(ax: Axes, part: pl.DataFrame, colours: dict[str, str]) -> None:
-    """Slope of torque over angle while loading, with its 95 % interval."""
+    """Slope of torque over angle while loading."""
     for trial in part.partition_by("trial", maintain_order=True):
         colour = colours[trial["trial"][0]]
         is_doubtful = bool(doubts_of_result(trial["doubtful"][0] or "", "K"))
@@ -111,9 +106,4 @@ def draw_stiffness_curves(ax: Axes, part: pl.DataFrame, colours: dict[str, str])
             rows["angle_deg"], rows["stiffness"],
             color=colour, linewidth=WIDTHS["loading"],
             linestyle=style.DOTTED if is_doubtful else "-",
-        )  # fmt: skip
-        band = rows.drop_nulls(["stiffness_low", "stiffness_high"])
-        ax.fill_between(
-            band["angle_deg"], band["stiffness_low"], band["stiffness_high"],
-            color=colour, alpha=style.BAND_ALPHA, linewidth=0,
         )  # fmt: skip

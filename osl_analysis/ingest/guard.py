@@ -1,17 +1,18 @@
-"""The guard of a trial's numbers after ingest. Sizes that nothing can reach are refused. Samples of
-the joint's angle and torque that leap off the curve of their neighbours are counted.
+"""The guard of a trial's numbers: sizes that nothing can reach, values beyond a stated range, and
+recordings of a bench that no fit can use are refused."""
 
-A flipped bit, a lost or an exchanged block of a file without checksums, and a sensor that fails
-look alike in the samples. What did it, no file tells; so the guard only says where to look."""
-
-from collections.abc import Collection
-from dataclasses import dataclass
+import math
+from collections.abc import Collection, Sequence
+from typing import Any
 
 import numpy as np
 import polars as pl
 
-from osl_analysis.errors import InputError
-from osl_analysis.trial import Array, unit_of
+from osl_analysis.errors import Change, InputError
+from osl_analysis.measured import factor_of
+from osl_analysis.signals.grid import origin
+from osl_analysis.trial import Array, Trial, unit_of
+from osl_analysis.units import si_factor
 
 LARGEST_MEASURED = {  # largest possible size of a value, by its SI unit
     "m": 1e3,  # no laboratory is a kilometre long
@@ -28,49 +29,6 @@ LARGEST_MEASURED = {  # largest possible size of a value, by its SI unit
     "N*m/kg": 1e6,
     "1": 1e9,  # counts of a converter
 }
-
-
-LARGEST_BEND = 10.0
-"""Largest third difference of a sound channel, in units of its usual one. Sound benches, walking
-ankles and prosthetic feet reach 5.0; a block of a file that was lost or exchanged usually passes
-it."""
-
-USUAL_BEND = 0.99
-"""The quantile of a channel's third differences that counts as the usual one. The median would be
-zero for a channel that mostly rests, or is coarse. What leaps more often is the channel's own, as a
-stepper's steps."""
-
-OFTEN = 0.05  # share of large third differences from which the usual one is large, beside all gaps
-
-SMALLEST_BEND = 1e-3
-"""Smallest third difference of a leap, in units of the channel's range. Smaller ones change no K.
-Without noise, as in a simulation, the usual third difference may be that of rounding, and each turn
-of a slow ramp would pass for a leap."""
-
-LARGEST_TURN = 0.5
-"""Largest change of the slope at a leap, in units of the third difference. A leap leaves the slope
-as it was. A corner of a sound curve, as where a motion begins or a foot hits, changes it by the
-largest of its third differences or more."""
-
-FEWEST_SAMPLES = 400  # of fewer, the four third differences of one leap would be usual ones
-
-LONGEST_STEP = 1.5  # of time, in usual steps: over a longer one rows are missing, a leap is due
-
-MOST_GAPS = 0.01  # share of the steps that may be longer; if more are, the stamps scatter
-
-
-@dataclass(frozen=True)
-class Leaps:
-    """Samples of a channel that leap off the curve of their neighbours."""
-
-    column: str
-    rows: tuple[int, ...] = ()  # in which they stand among the samples of the channel, from 1
-    times: tuple[float, ...] = ()  # [s]
-
-    @property
-    def count(self) -> int:
-        """Number of leaps: a single wrong number is one, a block of them two."""
-        return len(self.times)
 
 
 def check_sizes(samples: pl.DataFrame, columns: Collection[str]) -> None:
@@ -95,64 +53,163 @@ def check_sizes(samples: pl.DataFrame, columns: Collection[str]) -> None:
             )
 
 
-def find_leaps(column: str, time: Array, values: Array) -> Leaps:
-    """Count the samples of a channel that leap off the curve of their neighbours.
-
-    The curve is told by third differences, which a smooth motion hardly has. They are compared
-    with the channel's own usual one, so that neither noise nor a coarse sensor is accused.
-
-    Parameters
-    ----------
-    column : str
-        Name of the channel.
-    time : Array
-        Times of its samples [s], shape (n,).
-    values : Array
-        The samples in any unit, shape (n,). NaN is left out.
-
-    Returns
-    -------
-    Leaps
-        Without a count if the channel is short or hardly ever moves.
-    """
-    nothing = Leaps(column)
-    seen = np.isfinite(values)
-    time, values = time[seen], values[seen]
-    if values.size < FEWEST_SAMPLES:
-        return nothing
-
-    bends = np.diff(values, 3)
-    sizes = np.abs(bends)
-    # hardly a sound channel passes this, and the quantile takes ten times as long
-    if np.mean(LARGEST_BEND * sizes > sizes.max()) > OFTEN:
-        return nothing
-    bends[spans_a_gap(time)] = 0.0
-    sizes = np.abs(bends)
-    usual = np.quantile(sizes, USUAL_BEND)
-    if usual == 0.0:
-        return nothing
-    limit = max(LARGEST_BEND * usual, SMALLEST_BEND * np.ptp(values))
-    far = np.flatnonzero(sizes > limit)
-
-    five_around = np.pad(bends, 2)[far[:, None] + np.arange(5)]
-    turns = np.cumsum(five_around, axis=1).sum(axis=1)  # change of slope over five samples
-    is_straight_on = np.abs(turns) < LARGEST_TURN * np.abs(bends[far])
-    is_middle = np.abs(bends[far]) == np.abs(five_around).max(axis=1)  # others are of the same leap
-    leaps = far[is_straight_on & is_middle]
-    if not leaps.size:
-        return nothing
-
-    # of the samples k to k + 3 of the largest third difference, k + 2 leaps, or the one before
-    places = leaps + 2
-    rows = np.flatnonzero(seen)[places] + 1
-    return Leaps(column, tuple(rows.tolist()), tuple(time[places].tolist()))
+def recorded(trial: Trial, column: str | None) -> tuple[Array, Array]:
+    """Time [s] and values of a column, (n,) each, where it was sampled; empty without the column.
+    NaN is left out."""
+    if column is None or column not in trial.columns:
+        return np.empty(0), np.empty(0)
+    time, values = trial.arrays(column)
+    missing = np.isnan(values)
+    return (time[~missing], values[~missing]) if missing.any() else (time, values)
 
 
-def spans_a_gap(time: Array) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-    """Whether rows are missing among the four samples of each third difference, shape (n - 3,), of
-    times (n,) [s]. Stamps that scatter tell no gaps."""
-    steps = np.diff(time)
-    is_gap = steps > LONGEST_STEP * np.median(steps)
-    if np.mean(is_gap) > MOST_GAPS:
-        is_gap[:] = False
-    return is_gap[:-2] | is_gap[1:-1] | is_gap[2:]
+def stated_range(trial: Trial, column: str) -> tuple[float, float] | None:
+    """Lowest and highest value of a channel that its source file states, in the column's unit; None
+    if not stated."""
+    ends = origin(trial, column).get("range")
+    return (float(ends[0]), float(ends[1])) if ends else None
+
+
+BEYOND_RANGE = 0.01  # share of it; electronics reach a little further than data sheets
+
+
+def check_ranges(trial: Trial) -> None:
+    """Refuse values beyond the sensor's range as the source file states it (InputError)."""
+    for column in trial.columns:
+        ends = stated_range(trial, column)
+        if ends is None:
+            continue
+        values = recorded(trial, column)[1]
+        slack = BEYOND_RANGE * (ends[1] - ends[0])
+        if ((values < ends[0] - slack) | (values > ends[1] + slack)).any():
+            raise InputError(
+                f"trial {trial.name}: {column} goes from {values.min():.4g} to {values.max():.4g}"
+                f" {unit_of(column)}, beyond the `range` of its sensor, {ends[0]:g} to"
+                f" {ends[1]:g}; correct `unit`, `scale` or `range` in the source file"
+            )
+
+
+# Recordings of a bench that are refused before a fit.
+
+ANGLES = ("theta", "theta_m", "theta_command")
+CONFUSED_UNITS = {"rad": ("rad", "deg", "mrad"), "N*m": ("N*m", "N*mm", "N*cm")}
+"""By SI unit, the most usual ones first."""
+SMALLEST_MOTION = math.radians(0.5)  # of an angle's range; no recording of a joint has less
+SHORTEST_STEP_S = 1e-5  # no recorder of a joint is faster than 100 kHz
+OF_BEGINNING_ANEW = 0.9  # share of its range that an angle jumps where an encoder begins anew
+
+
+def check_own_torque(trial: Trial, torque: str = "torque") -> None:
+    """Refuse a torque that is the motor's current times a constant, or another function of what the
+    log has: a fit to it would be circular."""
+    formula = ""
+    others = origin(trial, torque).get("computed_from")
+    if others:
+        formula = f"follows exactly from {others}"
+    elif {torque, "current"} <= set(trial.columns):
+        factor = factor_of(*trial.arrays(torque, "current")[1:])
+        if factor is not None:
+            formula = f"is current times {factor:.4g} {unit_of(torque)}/A, to within rounding"
+    if formula:
+        raise InputError(
+            f"trial {trial.name}: {torque} {formula}: it is computed, not measured, and a fit gives"
+            f" the formula back; name the channel of a load cell as {torque} in the source file, or"
+            " write experiment ingest_only"
+        )
+
+
+def check_recording(
+    trial: Trial, limits: Any, torque: str = "torque", angle: str | None = "theta"
+) -> None:
+    """Refuse an angle beyond `limits.largest_angle` [rad]; a torque beyond `limits.load_cell_range`
+    [N*m], constant while the joint turns, or computed from the current (`check_own_torque`); and
+    samples less than 10 us apart."""
+    who = f"trial {trial.name}:"
+    time = trial.arrays()[0]
+    # The mean step: stamps of a late host come in clusters, and the steps within one are
+    # microseconds.
+    step = float(np.ptp(time)) / (len(time) - 1) if len(time) > 1 else 0.0
+    if 0 < step < SHORTEST_STEP_S:
+        larger = Change("take a 1000 times larger `unit` of `time` (s for ms)", {"time": 1e3})
+        raise InputError(
+            f"{who} its samples are {step:.2g} s apart, {1 / step:.3g} in a second; correct the"
+            " `unit` of `time` in the source file",
+            [larger],
+        )
+    check_own_torque(trial, torque)
+    turn = half_range(trial, angle)
+    change = half_range(trial, torque)
+    measured = recorded(trial, torque)[1]
+    if turn and measured.size > 1 and not change:
+        raise InputError(
+            f"{who} {torque} is {measured[0]:.4g} N*m in all samples while {angle} turns by"
+            f" {2 * turn:.2g} rad; is this the channel of the load cell? Correct it in the source"
+            " file"
+        )
+    if angle is not None and turn > limits.largest_angle:
+        cause, changes = causes_of_large_angle(trial, torque, angle, limits.largest_angle)
+        raise InputError(
+            f"{who} {angle} turns by +-{turn:.3g} rad ({math.degrees(turn):.0f} deg), more than the"
+            f" {limits.largest_angle:g} rad of `largest_angle` in the configuration; {cause}",
+            changes,
+        )
+    largest = float(np.abs(measured).max(initial=0.0))
+    if limits.load_cell_range is not None and largest > limits.load_cell_range:
+        raise InputError(
+            f"{who} {torque} reaches {largest:.4g} N*m, more than the {limits.load_cell_range:g}"
+            " N*m of `load_cell_range` in the configuration; correct its `unit` or `scale` in the"
+            " source file, or the range",
+            in_other_units(trial, [torque]),
+        )
+
+
+def causes_of_large_angle(
+    trial: Trial, torque: str, angle: str, largest_angle: float
+) -> tuple[str, list[Change]]:
+    """The likely cause of an angle beyond the largest, with its remedy, and the changes to try."""
+    turned = recorded(trial, angle)[1]
+    if np.abs(np.diff(turned)).max() > OF_BEGINNING_ANEW * np.ptp(turned):
+        cause = (
+            "it jumps so far from a row to the next, as where an encoder begins anew: state after"
+            " how much of its own unit, as `wraps_at: 360` or 65536, in the source file"
+        )
+        return cause, []
+    change = half_range(trial, torque)
+    if 0 < change < largest_angle:
+        cause = (
+            f"{torque} has +-{change:.2g} N*m only, are the two swapped? Correct them in the source"
+            " file"
+        )
+        words = f"swap the channels of {angle} and {torque} in the source file"
+        swapped = {angle: torque, torque: angle}
+        in_deg = f"{words}, and state `unit: deg` of {angle}"
+        return cause, [
+            Change(words, renamed=swapped),
+            Change(in_deg, {angle: math.radians(1)}, renamed=swapped, rank=1),
+        ]
+    too_large = [name for name in ANGLES if half_range(trial, name) > largest_angle]
+    cause = "is it another channel, or of another unit or scale? Correct it in the source file"
+    return cause, in_other_units(trial, too_large)
+
+
+def half_range(trial: Trial, column: str | None) -> float:
+    """Half of the range of a column; 0 of one without readings."""
+    values = recorded(trial, column)[1]
+    finite = values[np.isfinite(values)]
+    return float(np.ptp(finite)) / 2 if finite.size else 0.0
+
+
+def in_other_units(trial: Trial, columns: Sequence[str]) -> list[Change]:
+    """The changes that take columns for numbers of another unit than they are declared in, the more
+    usual unit first. A unit with which the joint hardly moves is none of them."""
+    si_unit = unit_of(columns[0])
+    declared = float(origin(trial, columns[0]).get("factor", 1))
+    turn = 2 * half_range(trial, "theta") if "theta" in trial.columns else math.inf
+    changes: list[Change] = []
+    for unit in CONFUSED_UNITS[si_unit]:
+        factor = si_factor(unit, si_unit) / declared
+        moves = turn * (factor if "theta" in columns else 1) > SMALLEST_MOTION
+        if moves and not math.isclose(factor, 1):
+            words = f"state `unit: {unit}` of {' and '.join(columns)} in the source file"
+            changes.append(Change(words, dict.fromkeys(columns, factor), rank=len(changes)))
+    return changes

@@ -90,7 +90,7 @@ class Finding:
 
     Examples
     --------
-    >>> fit = osl.fit_impedance(trial)
+    >>> fit = osl.fit(trial)
     >>> [finding.name for finding in fit.findings[-1] if finding.grade == "doubts"]
     []
     """

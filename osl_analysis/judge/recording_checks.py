@@ -1,5 +1,5 @@
 """The thresholds of the configuration for checks of recordings, and verdicts by them on the
-measured values (`ingest/examine.py`).
+measured values (`ingest/quality.py`).
 
 Measuring needs samples and no limits; judging needs a few numbers and no samples. A changed limit
 only judges again.

@@ -1,4 +1,4 @@
-"""osl-analysis: `osl.fit_impedance` (docs/notebook.md)."""
+"""osl-analysis: `osl.fit` (docs/notebook.md)."""
 
 import tempfile
 from pathlib import Path
@@ -20,7 +20,7 @@ def fitted(t, theta, torque, person):
         config.write_text(
             "parameters: null\ndynamometer: {" + ("cutoff_hz: 40" if person else "") + "}\n"
         )
-        fit = osl.fit_impedance(trial, config=config)
+        fit = osl.fit(trial, config=config)
     found = dict(fit.row)
     if found.get("B_viscous") is not None:  # friction is certain
         found |= {f"B{end}": found[f"B_viscous{end}"] for end in ("", "_low", "_high")}

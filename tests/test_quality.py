@@ -25,23 +25,20 @@ from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError
 from osl_analysis.formats import known_formats
 from osl_analysis.ingest.conversion import origin_of
-from osl_analysis.ingest.examine import (
+from osl_analysis.ingest.guard import check_ranges
+from osl_analysis.ingest.quality import (
     UNITS,
     CheckResult,
     Commanded,
-    beyond_sampling,
-    check_ranges,
-    examine,
-    held,
-    longest_clipped_angle,
+    measure_quality,
     measured_table,
     samples_at_rail,
-    travel,
 )
 from osl_analysis.ingest.raw_files import read_converted
+from osl_analysis.ingest.repeats import run_at_extreme, standing_runs
 from osl_analysis.judge.known_findings import CHECKS
 from osl_analysis.judge.recording_checks import QualityRules, judged_table, validate_rules
-from osl_analysis.signals import longest_run, run_at_extreme
+from osl_analysis.signals import longest_run
 from osl_analysis.source_file import Conversion
 from osl_analysis.trial import Array, Trial
 from osl_analysis.yaml_settings import validated
@@ -117,7 +114,7 @@ def with_piece(values, first, last, new=None):
 
 
 def results(samples, experiment="impedance", **provenance):
-    return examine(Trial("t", samples, provenance), experiment, COMMANDED)
+    return measure_quality(Trial("t", samples, provenance), experiment, COMMANDED)
 
 
 def judged(checks, *accepted):
@@ -153,7 +150,7 @@ SEEN = with_piece(
     np.nan,
 )
 # faults that begin or end in a leap of one sample: a rail out of nowhere, and a turn
-ALSO_LEAP = {("saturation", 9), ("encoder_wrap", 2.0)}
+ALSO_LEAP = {("saturation", 9), ("stuck", 0.899), ("encoder_wrap", 2.0)}
 STEPS = 150 + 700 * np.abs(np.sin(np.arange(2000) / 300))
 STILL = pl.DataFrame({"time": np.arange(2000) / RATE, "theta": 0.1})
 BARE, STOOD_ON = (
@@ -177,7 +174,7 @@ BARE, STOOD_ON = (
      f"theta leaps 2 times, first at 2.001 s: {STATE_WINDOWS}"),
     ("dropout", actuator_bench(), "actuator", 0.0, ""),
     ("stuck", bench(torque=with_piece(TORQUE, 2000, 3000)), "impedance", 0.999, "torque"),
-    ("stuck", bench(with_piece(ANGLE, 1000, 2000), theta_command=ANGLE), "impedance", 0.999,
+    ("stuck", bench(with_piece(ANGLE, 1100, 2000), theta_command=ANGLE), "impedance", 0.899,
      "theta"),
     ("stuck", actuator_bench(current=LEVELS), "actuator", 0.0, ""),  # a command has levels
     ("stuck", actuator_bench(current=with_piece(LEVELS + TORQUE[:2000], 500, 1500)), "actuator",
@@ -198,8 +195,6 @@ BARE, STOOD_ON = (
     ("stuck", STILL, "static", None, None),
     # the input shaft is locked
     ("stuck", bench().with_columns(theta_m=pl.lit(0.2)), "belt", 0.0, ""),
-    ("stuck", laboratory(plate1_force_x=np.zeros(2000)), "walking", 1.999, "plate1_force_x"),
-    ("stuck", laboratory(plate2_force_z=np.zeros(2000)), "walking", 0.0, ""),
     *(("encoder_wrap", bench(ANGLE + k * AWAY), "impedance", 2.0, "theta") for k in (2 * np.pi,
     -2 * np.pi, 360.0)),
     *(("encoder_wrap", bench(**{c: ANGLE + 2 * np.pi * AWAY}), "belt", 2.0, c) for c in ("theta_m",
@@ -211,7 +206,7 @@ BARE, STOOD_ON = (
     ("unzeroed_plate", laboratory(plate1_force_z=BARE - 50.0 * (np.arange(2000) >= 1600)),
      "walking", 2.0, None),
     ("unzeroed_plate", laboratory(plate1_force_z=100 * (STOOD_ON - 800)), "walking", None,
-     "not applicable: the plates are never at rest, or loaded throughout"),
+     "not applicable: no plate, or none at rest and bare"),
     # somebody stands there
     ("unzeroed_plate", laboratory(plate1_force_z=STOOD_ON), "static", None, None),
     ("unzeroed_plate", laboratory(plate1_force_z=STOOD_ON), "walking", 800.0, None),
@@ -222,7 +217,7 @@ BARE, STOOD_ON = (
      np.nan))), "walking", 0.01,
      "A; 1 of 1 markers"),
     # never seen
-    ("marker_gap", laboratory(marker_A_x=every_fifth(np.full(400, np.nan))), "walking", 1.995,
+    ("marker_gap", laboratory(marker_A_x=every_fifth(np.full(400, np.nan))), "walking", 1.99,
      None),
     ("damage", bench(), "impedance", None, "not applicable: no damage report"),
 ])  # fmt: skip
@@ -355,7 +350,7 @@ def test_the_torque_of_every_experiment_is_checked(experiment):
 
 @pytest.mark.parametrize(
     ("level", "experiment", "is_weight"),
-    [(-736, "static", True), (-150, "static", False), (-736, "plate", False)],
+    [(-736, "static", True), (-150, "static", False), (-736, "plate", True)],
 )
 def test_a_persons_weight_of_the_wrong_sign_is_told_from_an_offset(level, experiment, is_weight):
     force = level + np.random.default_rng(1).standard_normal(2000)
@@ -369,7 +364,7 @@ def test_a_persons_weight_of_the_wrong_sign_is_told_from_an_offset(level, experi
 def test_clocks_that_fit_badly_are_told_with_drift_edges_and_rows():
     clock = {
         "drift": 5e-5, "drift_error": 1e-6, "residual": 2.5e-3, "edges": 20, "excluded_edges": 1,
-        "rows_before": 3,
+        "method": "edges", "rows_before": 3, "rows_after": 0,
     }  # fmt: skip
 
     checks = results(bench(), clock=clock)
@@ -379,24 +374,27 @@ def test_clocks_that_fit_badly_are_told_with_drift_edges_and_rows():
     assert checks["clock_residual"].remark.startswith(drift)
 
 
-def test_edges_in_the_steps_of_a_slow_log_do_not_doubt_its_clock():
-    rng = np.random.default_rng(3)
-    edges_s = np.sort(rng.uniform(0, 60, 400))
+@pytest.mark.parametrize(
+    ("residual_ms", "rates_hz", "beyond_ms"), [(None, [333.0], 0.1), (2, [333.0], 1.8), (2, [], 2)]
+)
+def test_edges_in_the_steps_of_a_slow_log_do_not_doubt_its_clock(residual_ms, rates_hz, beyond_ms):
+    edges_s = np.sort(np.random.default_rng(3).uniform(0, 60, 400))
     step_s = 1 / 333
     late_s = np.ceil(edges_s / step_s) * step_s - edges_s
-    residual_s = float(np.std(late_s))  # 0.87 ms
+    residual_s = np.std(late_s) if residual_ms is None else residual_ms / 1e3
+    clock = dict.fromkeys(("drift", "drift_error", "edges", "excluded_edges"), 0)
+    clock |= {"residual": residual_s, "method": "edges", "rows_before": 0, "rows_after": 0}
 
-    assert residual_s > 0.8e-3
-    assert beyond_sampling(residual_s, [333.0]) < 0.2e-3
-    assert beyond_sampling(2e-3, [333.0]) == pytest.approx(1.8e-3, rel=0.01)
-    assert beyond_sampling(2e-3, []) == 2e-3
+    checks = results(bench(), clock=clock, log={"rates_hz": dict(enumerate(rates_hz))})
+
+    assert checks["clock_residual"].value == pytest.approx(beyond_ms / 1e3, abs=1e-4)
 
 
 DAMAGED_LOG = {
     "complete": False, "end_missing": True, "crc": "checked", "lost": 130, "share_lost": 0.04,
     "remarks": ["chunk 3"], "chunks_lost": 2,
 }  # fmt: skip
-DAMAGE_OF_LOG = "2 chunks lost; 130 lost; the file is not complete; CRC checked; chunk 3"
+DAMAGE_OF_LOG = "log: 130 lost; log: chunk 3"
 
 
 def test_the_damage_of_a_log_is_its_lost_share_and_a_missing_end_is_told():
@@ -423,7 +421,7 @@ def test_the_damage_of_two_files_is_that_of_the_worse_one():
 
     checks = results(bench(), damage={"log": DAMAGED_LOG, "mocap": capture})
 
-    both = f"log: {DAMAGE_OF_LOG}; mocap: 3 lost; the file is not complete; no numbers"
+    both = f"{DAMAGE_OF_LOG}; mocap: 3 lost; mocap: no numbers"
     assert checks["damage"] == CheckResult(5.0, both)
     assert checks["truncated"].value == 1.0
 
@@ -432,7 +430,7 @@ def test_the_damage_of_two_files_is_that_of_the_worse_one():
     (Commanded((2.0, 4.0), (2.0, 5.0), 6), 0, "4 commanded pairs of amplitude and frequency found"),
     (Commanded((2.0, 4.0), (2.0,), 6), 2, "missing 2 deg at 5 Hz; missing 4 deg at 5 Hz"),
     (Commanded((2.0, 6.0),
-     (2.0, 5.0), 6), 4, "missing 4 deg at 5 Hz; besides 6 deg at 2 Hz (6.0 cycles); besides"),
+     (2.0, 5.0), 6), 4, "besides 6 deg at 2 Hz (6.0 cycles); besides 6 deg"),
     (Commanded((1.65, 3.3), (2.0, 5.0), 6), 2, "3.3 deg at 2 Hz, commanded are 4 deg (if the"),
     (Commanded((1.2 * 2, 1.2 * 4),
      (2.0, 5.0), 6), 2, "theta is 1.2 times its angle, and K 0.833 times its own"),
@@ -468,15 +466,24 @@ def test_cycles_may_differ_by_frequency_and_any_motion_may_be_commanded():
         ("impedance", other, replace(COMMANDED, excitation="stepped_sine"), 4),
         ("transmission", 0 * theta, free, 4),
     ):  # fmt: skip
-        assert examine(Trial("a", bench(motion)), experiment, commanded)["protocol"].value == value
+        assert (
+            measure_quality(Trial("a", bench(motion)), experiment, commanded)["protocol"].value
+            == value
+        )
     nearly, whole = (Commanded((4.0,), (5.0,), cycles) for cycles in (39, 40))
     assert (
-        examine(Trial("a", bench(stepped_sine(nearly))), "impedance", whole)["protocol"].value == 0
+        measure_quality(Trial("a", bench(stepped_sine(nearly))), "impedance", whole)[
+            "protocol"
+        ].value
+        == 0
     )
     # a frequency that returns has the cycles of both
     again = Commanded((2.0, 4.0), (2.0, 5.0, 2.0), 6)
     assert (
-        examine(Trial("a", bench(stepped_sine(again))), "impedance", again)["protocol"].value == 0
+        measure_quality(Trial("a", bench(stepped_sine(again))), "impedance", again)[
+            "protocol"
+        ].value
+        == 0
     )
 
 
@@ -547,15 +554,21 @@ def test_the_sheet_may_accept_only_checks_that_there_are(tmp_path):
 # Sensors at the end of their range: stated in the source file, or seen in the recording.
 
 
+def clipped(time, theta, torque):
+    """Samples for which an angle stands at its rail."""
+    samples = pl.DataFrame({"time": time, "theta": theta, "torque": torque})
+    return samples_at_rail(Trial("a", samples), "theta", "torque")
+
+
 @pytest.mark.parametrize("bits", [12, 14, 18])
 def test_a_rounded_sine_is_not_clipped_and_one_that_sticks_at_an_end_is(bits):
     record, step = sines(second_order, 0.05), 2 * np.pi / 2**bits
     for end in (np.inf, 0.09, 0.07):
         theta = np.rint(np.minimum(record.theta, end) / step) * step
-        clipped = longest_clipped_angle(record.time, theta, (record.time, record.torque))
         # of the slowest sine, 1 Hz
         flat = 0 if end > 1 else 2 * np.arccos(end / 0.1) / (2 * np.pi) * 500
-        assert clipped == pytest.approx(flat, rel=0.02, abs=2 if flat else 0)
+        length = clipped(record.time, theta, record.torque)
+        assert length == pytest.approx(flat, rel=0.02, abs=2 if flat else 0)
 
 
 def test_an_angle_behind_play_stands_at_every_turn_and_is_not_clipped():
@@ -567,24 +580,38 @@ def test_an_angle_behind_play_stands_at_every_turn_and_is_not_clipped():
     read = [0.0]
     for x in theta.tolist():
         read.append(min(max(read[-1], x - half), x + half))
-    torque = time, 300 * theta + 8 * np.gradient(theta, time)
-    behind, clipped = (
-        step * np.rint(x / step) for x in (np.array(read[1:]), np.minimum(theta, 0.08))
-    )
-    assert longest_clipped_angle(time, behind, torque) == 0
-    assert longest_clipped_angle(time, clipped, torque) > 100
+    torque = 300 * theta + 8 * np.gradient(theta, time)
+    assert clipped(time, step * np.rint(np.array(read[1:]) / step), torque) == 0
+    assert clipped(time, step * np.rint(np.minimum(theta, 0.08) / step), torque) > 100
 
 
 @pytest.mark.parametrize(
-    ("first", "last", "seconds"),
-    [(0.2, 0.3, 0.0), (0.7, 0.8, 0.0), (0.3, 0.5, 0.59), (0.5, 0.7, 0.59)],
+    ("first", "last", "runs"), [(0.2, 0.4, 0), (0.65, 0.8, 0), (0.5, 0.7, 1), (0.2, 0.8, 1)]
 )
-def test_a_channel_is_held_while_its_reference_changes_in_the_middle(first, last, seconds):
+def test_a_channel_stands_while_its_reference_changes_behind_the_middle(first, last, runs):
     time = np.arange(100) / 100
     values = np.where((time >= 0.2) & (time < 0.8), 1.0, time + 2)
-    reference = np.where((time >= first) & (time < last), np.sin(1000 * time), 0.0)
+    reference = np.where((time >= first) & (time < last), np.sin(30 * time), 0.0)
 
-    assert held(time, values, (time, reference), 0.1) == pytest.approx(seconds)
+    assert standing_runs(time, values, reference).tolist() == [[20, 80]] * runs
+
+
+def test_a_joint_that_is_held_under_a_changing_torque_is_not_frozen():
+    time = np.arange(4000) / RATE
+    turned = 0.1 * np.sin(2 * time)
+    step = 2 * np.pi / 2**14
+    # it comes to rest at its turn, is held there for a second, and moves on
+    held = np.concatenate([turned[:785], np.full(1000, turned[785]), turned[785:]])[:4000]
+    frozen = np.concatenate([turned[:1100], np.full(1000, turned[1100]), turned[2100:]])
+    pushed = 30 * np.sin(3 * time)
+
+    seconds = []
+    for theta in (held, frozen):
+        rounded = step * np.rint(theta / step)
+        samples = pl.DataFrame({"time": time, "theta": rounded, "torque": pushed})
+        seconds.append(results(samples)["stuck"].value)
+
+    assert seconds == [0.0, pytest.approx(1.0, abs=0.01)]
 
 
 @pytest.mark.parametrize("rate", [50, 100, 200, 1000])
@@ -630,13 +657,14 @@ def test_a_command_at_its_level_is_no_rail_a_clipped_current_and_a_stated_end_ar
     )
     torque = np.concatenate([time[:997], np.full(3, 59.7), np.full(7, 59.97), time[:993]])
     origin = {"columns": {"torque": {"range": [-60.0, 60.0]}}}
+    moved = np.sin(7 * time)
     for column, values, least, most in (
         ("current", levels, 0, 0), ("current", measured, 51, 999), ("torque", torque, 7, 7),
-        ("torque", np.repeat(measured[::20], 20), 5, 8),
+        ("torque", np.repeat(measured[::20], 20), 100, 160),
         ("torque", np.repeat(4 * np.sin(7 * time[::20]), 20), 0, 2),
     ):  # fmt: skip
-        trial = Trial("a", pl.DataFrame({"time": time, column: values}), origin)
-        assert least <= samples_at_rail(trial, column) <= most
+        samples = pl.DataFrame({"time": time, "theta": moved, column: values})
+        assert least <= samples_at_rail(Trial("a", samples, origin), column, "torque") <= most
     # electronics reach a hundredth of the range further
     for low, high in ((-61.1, 61.1), (-61.3, 0.0), (0.0, 61.3)):
         trial = Trial("a", pl.DataFrame({"time": [0.0, 1.0], "torque": [low, high]}), origin)
@@ -649,9 +677,10 @@ def test_a_stated_range_is_that_of_the_sensor_whatever_its_sign_and_offset():
         made = validated({"unit": "N*m", "range": text, **conversion}, Conversion, "source.yaml")
         return origin_of(made, "torque")["range"]
 
-    assert (stating("60 N*m"), stating(["-20 N*m", "100 N*m"], sign=-1)) == ([-60, 60], [-100, 20])
-    assert stating("600 N*cm", unit="N*cm", offset=-50) == pytest.approx([-6.5, 5.5])
-    for wrong in ("60 A", "-60 N*m", ["5 N*m", "1 N*m"], "60"):
+    assert stating(["-20 N*m", "100 N*m"], sign=-1) == [-100, 20]
+    both_ends = ["-600 N*cm", "600 N*cm"]
+    assert stating(both_ends, unit="N*cm", offset=-50) == pytest.approx([-6.5, 5.5])
+    for wrong in (["-60 A", "60 A"], ["5 N*m", "1 N*m"], ["-60", "60"]):
         with pytest.raises(ValueError, match=r"lower end first|measures|the unit is empty"):
             stating(wrong)
 
@@ -659,7 +688,7 @@ def test_a_stated_range_is_that_of_the_sensor_whatever_its_sign_and_offset():
 def test_a_log_with_values_beyond_the_stated_range_is_not_ingested(tmp_path):
     rows = "".join(f"{k / 100},{21 * np.sin(k / 10):.4f}\n" for k in range(400))
     (tmp_path / "log.csv").write_text("t,force\n" + rows)
-    torque = {"column": "force", "unit": "N*m", "range": "20.5 N*m"}
+    torque = {"column": "force", "unit": "N*m", "range": ["-20.5 N*m", "20.5 N*m"]}
     source = {"format": "csv", "time": {"column": "t", "unit": "s"}, "channels": {"torque": torque}}
     (tmp_path / "cell.yaml").write_text(yaml.safe_dump(source))
     row = {"trial": "a", "experiment": "ingest_only", "log": "log.csv", "log_source": "cell"}
@@ -707,7 +736,7 @@ def plate_trial(path: Path, channels: Array, **source: Any) -> Trial:
 
 
 def checked(trial: Trial, experiment: str = "walking") -> dict[str, CheckResult]:
-    return examine(trial, experiment, Commanded((2,), (1,), 3))
+    return measure_quality(trial, experiment, Commanded((2,), (1,), 3))
 
 
 def test_a_sound_plate_passes(tmp_path: Path) -> None:
@@ -795,25 +824,19 @@ def test_dead_moments_put_the_centre_of_pressure_outside_or_at_rest(
     for of in (lambda trial: trial, beside_a_sound_one):  # the worse one of two
         far, still = checked(of(outside))["pressure_centre"], checked(of(dead))["pressure_travel"]
         assert (far.value or 0) > 840 / 770 - 0.3  # at the largest force
-        assert "a moment channel is dead, clipped or of the other sign" in far.remark
+        assert "plate1: the centre of pressure is" in far.remark
         assert (still.value, still.remark[:6]) == (pytest.approx(0, abs=0.005), "plate1")
 
 
-def test_moments_a_thousand_times_too_large_or_too_small_are_named(tmp_path: Path) -> None:
+def test_moments_a_thousand_times_too_large_or_too_small_are_told(tmp_path: Path) -> None:
     force, moment = force_and_moment()
     large = plate_trial(tmp_path / "a.c3d", np.hstack((force, 1e3 * moment)))
-    assert (
-        "moments look a thousand times too large; state `plate_units`"
-        in checked(large)["pressure_centre"].remark
-    )
+    assert "state `plate_units`" in checked(large)["pressure_centre"].remark
     units = {"force": "N", "moment": "N*mm"}
     mended = plate_trial(tmp_path / "a.c3d", np.hstack((force, 1e3 * moment)), plate_units=units)
     assert checked(mended)["pressure_centre"].value == 0
-    small = checked(plate_trial(tmp_path / "b.c3d", np.hstack((force, 1e-3 * moment))))[
-        "pressure_travel"
-    ]
-    assert "a thousand times too small" in small.remark
-    assert travel(np.array([[0.0, 0.0], [3.0, 4.0]])) == pytest.approx(0.9 * 5)
+    small = checked(plate_trial(tmp_path / "b.c3d", np.hstack((force, 1e-3 * moment))))
+    assert "a thousand times too small" in small["pressure_travel"].remark
 
 
 def test_a_plate_on_which_nobody_stands_is_not_judged(tmp_path: Path) -> None:
@@ -842,7 +865,7 @@ def test_real_plates_pass() -> None:
 def test_stamps_of_which_most_are_repeated_are_examined_by_their_mean_step():
     """Whole ms at 2 kHz ended in a division by zero."""
     time = np.arange(4000) // 2 / 1000
-    checks = examine(
+    checks = measure_quality(
         Trial("made", pl.DataFrame({"time": time, "theta": np.sin(6 * time), "torque": time})),
         "impedance",
         COMMANDED,
@@ -854,7 +877,7 @@ def test_leaps_outside_of_the_windows_that_are_fitted_do_not_count():
     trial = Trial("a", bench(torque=with_piece(TORQUE, 1000, 1001, 2e6)))
     leap_s = 1000 / RATE
 
-    whole = examine(trial, "impedance", COMMANDED, f"0-{leap_s + 1}")
-    cut = examine(trial, "impedance", COMMANDED, f"{leap_s + 1}-{leap_s + 3}")
+    whole = measure_quality(trial, "impedance", COMMANDED, f"0-{leap_s + 1}")
+    cut = measure_quality(trial, "impedance", COMMANDED, f"{leap_s + 1}-{leap_s + 3}")
 
     assert (whole["dropout"].value, cut["dropout"].value) == (1, 0)

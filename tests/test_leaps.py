@@ -15,7 +15,7 @@ from osl_analysis.commands.simulate import (
     row_of_trial,
     simulate_trial,
 )
-from osl_analysis.ingest.guard import LARGEST_BEND, Leaps, find_leaps
+from osl_analysis.ingest.leaps import LARGEST_BEND, find_leaps
 from osl_analysis.ingest.raw_files import read_source, trial_from_files
 from osl_analysis.trial import Array, Trial
 
@@ -35,10 +35,11 @@ def trial_of(**columns: Array) -> Trial:
     return Trial("t", pl.DataFrame({"time": TIME, "theta": THETA, "torque": TORQUE, **columns}))
 
 
-def accused(trial: Trial) -> list[Leaps]:
+def accused(trial: Trial) -> dict[str, Array]:
+    """Times of the leaps of each column that has some."""
     columns = [column for column in ("theta", "theta_m", "torque") if column in trial.columns]
-    leaps = [find_leaps(column, *trial.arrays(column)) for column in columns]
-    return [of_column for of_column in leaps if of_column.count]
+    leaps = {column: find_leaps(*trial.arrays(column)) for column in columns}
+    return {column: times for column, times in leaps.items() if times.size}
 
 
 def with_number(values: Array, row: int, number: float) -> Array:
@@ -48,17 +49,16 @@ def with_number(values: Array, row: int, number: float) -> Array:
 
 
 def test_a_sound_trial_is_not_accused() -> None:
-    assert accused(trial_of()) == []
+    assert accused(trial_of()) == {}
 
 
 def test_a_bit_that_flips_in_the_exponent_is_told_with_its_time() -> None:
     bits = TORQUE.view(np.uint64).copy()
     bits[700] ^= np.uint64(1) << np.uint64(52)  # twice the number, or half of it
 
-    (leaps,) = accused(trial_of(torque=bits.view(np.float64)))
+    leaps = accused(trial_of(torque=bits.view(np.float64)))
 
-    assert (leaps.column, leaps.count) == ("torque", 1)
-    assert leaps.times[0] == pytest.approx(3.5, abs=1.01 / RATE_HZ)
+    assert leaps == {"torque": pytest.approx([3.5], abs=1.01 / RATE_HZ)}
 
 
 @pytest.mark.parametrize("column", ["theta", "torque"])
@@ -67,17 +67,16 @@ def test_a_leap_of_one_sample_is_told_in_either_channel(column: str) -> None:
     usual = np.quantile(np.abs(np.diff(sound, 3)), 0.99)
     leaping = with_number(sound, 700, sound[700] + 30 * usual)
 
-    (leaps,) = accused(trial_of(**{column: leaping}))
+    leaps = accused(trial_of(**{column: leaping}))
 
-    assert leaps.column == column
-    assert leaps.times[0] == pytest.approx(3.5, abs=1.01 / RATE_HZ)
+    assert leaps == {column: pytest.approx([3.5], abs=1.01 / RATE_HZ)}
 
 
 def test_a_leap_below_the_limit_is_not_told() -> None:
     """The largest third difference is three times the leap."""
     below = 0.25 * LARGEST_BEND * USUAL_TORQUE_BEND
 
-    assert accused(trial_of(torque=with_number(TORQUE, 700, TORQUE[700] + below))) == []
+    assert accused(trial_of(torque=with_number(TORQUE, 700, TORQUE[700] + below))) == {}
 
 
 def test_a_leap_is_seen_in_a_motion_whose_second_differences_hide_it() -> None:
@@ -86,7 +85,7 @@ def test_a_leap_is_seen_in_a_motion_whose_second_differences_hide_it() -> None:
     leaping = with_number(TORQUE, 700, TORQUE[700] + leap)
     assert np.abs(np.diff(leaping, 2)).max() < LARGEST_BEND * largest_second
 
-    assert [leaps.column for leaps in accused(trial_of(torque=leaping))] == ["torque"]
+    assert [*accused(trial_of(torque=leaping))] == ["torque"]
 
 
 def test_a_block_that_was_zeroed_or_is_of_another_place_is_told_at_its_borders() -> None:
@@ -94,12 +93,25 @@ def test_a_block_that_was_zeroed_or_is_of_another_place_is_told_at_its_borders()
     zeroed[700:760] = 0.0
     elsewhere[700:760] = THETA[990:1050]
 
-    (leaps,) = accused(trial_of(torque=zeroed))
-    assert (leaps.count, leaps.times[0]) == (2, 3.5)
-    assert [leaps.column for leaps in accused(trial_of(theta=elsewhere))] == ["theta"]
+    leaps = accused(trial_of(torque=zeroed))["torque"]
+    assert (leaps.size, leaps[0]) == (2, 3.5)
+    assert [*accused(trial_of(theta=elsewhere))] == ["theta"]
+
+
+@pytest.mark.parametrize("share", [0.001, 0.01, 0.04])
+def test_readings_that_are_zero_now_and_then_are_told_however_many_they_are(share: float) -> None:
+    is_zero = np.random.default_rng(7).random(ROWS) < share
+
+    times = accused(trial_of(torque=np.where(is_zero, 0.0, TORQUE)))["torque"]
+
+    of_zeros = TIME[is_zero & (np.abs(TORQUE) > 10)]
+    found = [np.abs(times - time).min() < 1.01 / RATE_HZ for time in of_zeros]
+    assert np.mean(found) > 0.6
+    assert times.size <= is_zero.sum()
 
 
 NOTHING = {
+    "flickering at rest": np.where(NOISE[0] > 2.0, 0.1, 0.0),
     "constant": np.full(ROWS, 3.0),
     "resting, with one step": np.where(TIME < 5.0, 0.0, 1.0),
     "white noise": NOISE[0],
@@ -119,25 +131,25 @@ NOTHING = {
 
 @pytest.mark.parametrize("values", NOTHING.values(), ids=NOTHING)
 def test_a_steady_a_noisy_and_a_coarse_channel_are_not_accused(values: Array) -> None:
-    assert accused(trial_of(torque=values)) == []
+    assert accused(trial_of(torque=values)) == {}
 
 
 def test_readings_that_failed_are_no_leap() -> None:
-    assert accused(trial_of(torque=with_number(TORQUE, 700, np.nan))) == []
+    assert accused(trial_of(torque=with_number(TORQUE, 700, np.nan))) == {}
 
 
 @pytest.mark.parametrize("rows", [0, 1, 5, 300])
 def test_of_a_few_samples_nothing_is_said(rows: int) -> None:
     leaping = with_number(TORQUE, 150, 1e6)[:rows]
 
-    assert find_leaps("torque", TIME[:rows], leaping) == Leaps("torque")
+    assert not find_leaps(TIME[:rows], leaping).size
 
 
 def test_rows_that_are_missing_are_a_gap_and_no_leap() -> None:
     present = np.delete(np.arange(ROWS), np.arange(700, 730))
     assert np.abs(np.diff(TORQUE[present], 3)).max() > LARGEST_BEND * USUAL_TORQUE_BEND
 
-    assert find_leaps("torque", TIME[present], TORQUE[present]).count == 0
+    assert not find_leaps(TIME[present], TORQUE[present]).size
 
 
 def test_stamps_that_scatter_hide_no_leap() -> None:
@@ -145,7 +157,7 @@ def test_stamps_that_scatter_hide_no_leap() -> None:
     leaping = TORQUE.copy()
     leaping[[300, 700, 1100, 1500]] += 10.0
 
-    assert find_leaps("torque", scattered, leaping).count == 4
+    assert find_leaps(scattered, leaping).size == 4
 
 
 DEFAULT = ROOT / "config/simulation/default.yaml"
@@ -157,7 +169,7 @@ def test_sound_trials_of_the_default_campaign_are_not_accused(name: str, tmp_pat
     simulate_trial(DEFAULT, tmp_path, name)
     row = row_of_trial(read_simulation(DEFAULT, UNFOLLOWED), DEFAULT, name)
 
-    assert accused(trial_from_files(row, tmp_path, ROOT / "config/sources")) == []
+    assert accused(trial_from_files(row, tmp_path, ROOT / "config/sources")) == {}
 
 
 @needs_real_data
@@ -170,7 +182,7 @@ def test_no_human_ankle_is_accused() -> None:
     for name, (theta, torque) in ((name, both.T) for name, both in recordings.items()):
         time = np.arange(theta.size) / 1e3
         trial = Trial(name, pl.DataFrame({"time": time, "theta": theta, "torque": torque}))
-        assert accused(trial) == [], name
+        assert accused(trial) == {}, name
 
 
 @needs_real_data
@@ -183,7 +195,7 @@ def test_no_test_of_the_desr_foot_is_accused() -> None:
         described = source.of_part(part).model_dump(exclude_unset=True)
         recording = read_recognised(path, **described)
         assert recording.warnings == []
-        assert accused(Trial(part, recording.samples)) == [], part
+        assert accused(Trial(part, recording.samples)) == {}, part
 
 
 WITHOUT_DOUBT = ["c3d/Eb015pr.c3d", "c3d/opensim_jogging_300_1500.c3d"]

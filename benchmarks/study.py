@@ -24,9 +24,7 @@ from causes import ROOT, markdown, write_between
 from planted_gait import onsets_of
 
 from osl_analysis.bench.bench_settings import ActuatorAnalysis, DynamometerAnalysis
-from osl_analysis.bench.complex_estimate import polar_row
 from osl_analysis.bench.fit_tables import FitTables
-from osl_analysis.bench.frequency_response import admittance_of_row
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands.fit import job_of, run_fit
 from osl_analysis.errors import OslAnalysisError
@@ -232,16 +230,13 @@ class StudyBench:
                 quantities[name] = value, (high - low) / (2 * NORMAL_QUANTILE), low, high
             yield "filtered", row["interval_method"], quantities
             return
-        for row in found.compute_others()["phasors"].iter_rows(named=True):
+        for row in found.compute_others()["response"].filter(scope="all").iter_rows(named=True):
             hertz = f"{row['frequency_hz']:g} Hz"
-            Y = admittance_of_row(row)
-            polar = polar_row(Y)
-            standard_errors = {"magnitude": Y.magnitude_se, "phase_deg": np.rad2deg(Y.phase_se)}
             quantities = {}
-            for name, standard_error in standard_errors.items():
-                value, low, high = (float(polar[f"{name}{end}"]) for end in INTERVAL_ENDS)
+            for name in ("magnitude", "phase_deg"):
+                value, low, high = (row[f"{name}{end}"] for end in INTERVAL_ENDS)
                 quantity = f"{name.removesuffix('_deg')}, {hertz}"
-                quantities[quantity] = value, float(standard_error), low, high
+                quantities[quantity] = value, (high - low) / (2 * NORMAL_QUANTILE), low, high
             yield f"sinusoid, {hertz}", row["interval_method"], quantities
 
     def bounds(self, ideal: FitTables) -> dict[str, float]:
@@ -258,9 +253,9 @@ class StudyBench:
         assert ideal.series is not None
         fitted, bounds = ideal.series.fitted, {}
         if self.response:
-            segments = ideal.compute_others()["phasors"].iter_rows(named=True)
-            for run, row in zip(runs(fitted), segments, strict=True):
-                magnitude = admittance_of_row(row).magnitude
+            segments = ideal.compute_others()["response"].filter(scope="amplitude")
+            for run, row in zip(runs(fitted), segments.iter_rows(named=True), strict=True):
+                magnitude = row["magnitude"]
                 # the amplitude names all frequencies, of which each moves the joint 1 % otherwise
                 torque = np.deg2rad(row["amplitude_deg"]) / magnitude
                 relative = white * float(np.sqrt(2 / (run.stop - run.start))) / torque

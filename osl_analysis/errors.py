@@ -89,12 +89,9 @@ class OslAnalysisError(ValueError):
     def __init__(self, message: str, changes: Sequence[Change] = ()) -> None:
         super().__init__(printable(message))
         self.changes = tuple(changes)
-        self.reason, self.remedy = str(self), ""
-        for found in re.finditer("; ", self.reason):
-            before = self.reason[: found.start()]
-            if all(before.count(left) == before.count(right) for left, right in ("()", "[]")):
-                self.reason, self.remedy = before, self.reason[found.end() :]
-                break
+        reason, *remedy = re.split(r"; (?![^(\[]*[)\]])", str(self), maxsplit=1)
+        self.reason = reason
+        self.remedy = "".join(remedy)
 
 
 @contextmanager
@@ -137,7 +134,7 @@ class MemoryLimitError(WriteError):
 EXTRAS = {
     "ezc3d": "simulator", "fastexcel": "excel", "h5py": "mat73", "mat-io": "matlab",
     "mcap-protobuf-support": "protobuf",
-    "nptdms": "tdms", "numba": "simulator", "rosbags": "ros",
+    "nptdms": "tdms", "numba": "simulator",
     "snakemake-executor-plugin-slurm": "cluster",
 }  # fmt: skip
 """The extra of the package that installs a library which most campaigns do not need."""

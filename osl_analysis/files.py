@@ -5,8 +5,6 @@ import hashlib
 import os
 import re
 import shutil
-import stat
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -34,14 +32,9 @@ def atomic_path(path: Path) -> Iterator[Path]:
         The folder cannot be made, or the disk is full or fails.
     """
     check_target(path)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise WriteError(
-            f"{path}: cannot be written ({error.strerror}); choose another place"
-        ) from error
     temporary = temporary_path(path, os.getpid())
     try:
+        path.parent.mkdir(parents=True, exist_ok=True)
         yield temporary
         temporary.replace(path)
     except Exception as error:
@@ -63,8 +56,9 @@ def reason_of_disk(error: BaseException, temporary: Path) -> str | None:
     text.
     """
     cause: BaseException | None = error
+    ours = (None, *map(str, (temporary, *temporary.parents)))
     while cause is not None:
-        if isinstance(cause, OSError) and cause.filename in (None, str(temporary)):
+        if isinstance(cause, OSError) and cause.filename in ours:
             return cause.strerror or " ".join(str(cause).split())
         number = re.search(r"\(os error (\d+)\)", str(cause))
         if number:
@@ -115,30 +109,19 @@ def check_target(path: Path) -> None:
         str(path).encode()
     except UnicodeEncodeError as error:  # the libraries that write tables take only names in UTF-8
         raise InputError(f"{path}: its name is not UTF-8; choose another name") from error
-    kind = stat.S_IFREG
-    with suppress(OSError):  # it does not exist, or writing it will say what is wrong
-        kind = stat.S_IFMT(path.stat().st_mode)
-    if kind != stat.S_IFREG:
-        special = {
-            stat.S_IFDIR: "a folder",
-            stat.S_IFIFO: "a named pipe",
-            stat.S_IFSOCK: "a socket",
-        }
-        raise InputError(f"{path}: is {special.get(kind, 'a device')}; name a file")
+    if path.exists() and not path.is_file():
+        raise InputError(f"{path}: is a folder or a device; name a file")
 
 
 def check_output(path: Path) -> None:
     """Refuse an output that cannot be written, before it is computed. Leaves no file behind."""
     check_target(path)
-    folder = next(parent for parent in (*path.parents, Path()) if os.path.lexists(parent))
-    try:
-        with tempfile.TemporaryFile(dir=folder):
-            pass
-    except OSError as error:
-        reason = f"no file can be made in {folder} ({error.strerror})"
+    folder = next(parent for parent in (*path.parents, Path()) if parent.exists())
+    if not folder.is_dir() or not os.access(folder, os.W_OK):
         raise InputError(
-            f"{path}: cannot be written, because {reason}; choose another place"
-        ) from error
+            f"{path}: cannot be written, because no file can be made in {folder}; choose another"
+            " place"
+        )
 
 
 def temporary_path(path: Path, pid: int) -> Path:

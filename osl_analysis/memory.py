@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from osl_analysis.errors import InputError, MemoryLimitError
+from osl_analysis.errors import InputError, MemoryLimitError, listing
 
 VARIABLE = "OSL_MEMORY_MB"  # memory that one job, or one call of the command line, may have [MB]
 SHARE_OF_MACHINE = 0.8  # of its memory, that a process may have if nothing is stated
@@ -52,8 +52,9 @@ def limited_memory(files: Sequence[Path | str]) -> Iterator[None]:
             yield
         except MemoryError as error:
             resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))  # the message needs some, too
+            names = listing([*map(str, files)], NAMED_FILES) if files else "this command"
             raise MemoryLimitError(
-                f"{named_files(files)}not enough memory, a job may have {limit / 1e6:.0f} MB here;"
+                f"{names}: not enough memory, a job may have {limit / 1e6:.0f} MB here;"
                 f" cut the recording, or ask for fewer samples, or allow more by {VARIABLE} or on a"
                 " larger machine"
             ) from error
@@ -81,21 +82,10 @@ def memory_limits() -> list[int]:
     limits = [sys.maxsize]
     if sys.platform == "linux":
         limits.append(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
-    with suppress(OSError, ValueError):
-        for line in Path("/proc/self/cgroup").read_text(encoding="utf-8").splitlines():
-            group = Path("/sys/fs/cgroup", line.split(":", 2)[2].lstrip("/"))
-            for folder in (group, *group.parents):
-                file = folder / "memory.max"
-                text = file.read_text(encoding="ascii").strip() if file.is_file() else ""
-                if text.isdigit():
-                    limits.append(int(text))
+    with suppress(OSError):
+        own_group = Path("/proc/self/cgroup").read_text(encoding="utf-8").rpartition(":")[2]
+        group = Path("/sys/fs/cgroup", own_group.strip().lstrip("/"))
+        for folder in (group, *group.parents):
+            with suppress(OSError, ValueError):  # there is none, or it is `max`
+                limits.append(int((folder / "memory.max").read_text(encoding="ascii")))
     return limits
-
-
-def named_files(files: Sequence[Path | str]) -> str:
-    """The beginning of a message about some files; empty if there are none."""
-    if not files:
-        return ""
-    names = ", ".join(map(str, files[:NAMED_FILES]))
-    more = " ..." if len(files) > NAMED_FILES else ""
-    return f"{names}{more}: "

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 import polars as pl
 
 from osl_analysis.bench.bench_settings import DynamometerAnalysis
-from osl_analysis.bench.frequency_response import frequency_response_table
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands import tables as tables_of_campaign
@@ -160,25 +159,20 @@ class FrequencyResponse:
     ----------
     trial : str
         Name of the trial.
-    figure : str
-        Figure that `plot_frequency_response` draws: `fig7`, or `response` of any other motion than
-        a stepped sine.
     table : polars.DataFrame
-        A row per frequency. Of a stepped sine those of `frequency_response.csv`, the admittance Y,
-        angle over torque [rad/(N*m)], averaged over amplitudes. Of any other motion those of
-        `response.csv`, the impedance Z, torque over angle [N*m/rad], with noise and distortion.
+        The rows of `response.csv`, the admittance Y, angle over torque [rad/(N*m)], at each
+        frequency: of the whole trial, and of each amplitude of a stepped sine.
     plotted : polars.DataFrame
         The numbers that are drawn.
 
     Examples
     --------
     >>> response = osl.frequency_response(trial)
-    >>> response.figure
-    'response'
+    >>> set(response.table["scope"])
+    {'all'}
     """
 
     trial: str
-    figure: str
     table: pl.DataFrame
     plotted: pl.DataFrame
 
@@ -205,7 +199,7 @@ def frequency_response(
     Returns
     -------
     FrequencyResponse
-        Magnitude [rad/(N*m) or N*m/rad] and phase [deg] over frequency [Hz].
+        Magnitude [rad/(N*m)] and phase [deg] over frequency [Hz].
 
     Raises
     ------
@@ -219,6 +213,7 @@ def frequency_response(
     True
     """
     from osl_analysis.commands.figure import beside_theory
+    from osl_analysis.figures.frequency import over_amplitudes
     from osl_analysis.figures.names import JOINT_SIDE, completed
 
     name_of_fits = "impedance"
@@ -231,22 +226,14 @@ def frequency_response(
     fits = tables[name_of_fits]
     findings_of_fits = judged(fits, limits.of(name_of_fits), name_of_fits)
 
-    def with_doubts(name: str) -> pl.DataFrame:
-        """A table of the trial, marked with its own doubts and with those of the fits."""
-        findings = judged(tables[name], limits.of(name), name)
-        findings = with_inherited(tables[name], findings, fits, findings_of_fits)
-        return marked(tables[name], findings, name)
-
-    if tables["phasors"].is_empty():  # the motion is no stepped sine
-        response = with_doubts("response")
-        plotted = drawing_of("response").points(response)
-        return FrequencyResponse(recorded.name, "response", response, plotted)
-    table = frequency_response_table(with_doubts("phasors"))
+    findings = judged(tables["response"], limits.of("response"), "response")
+    findings = with_inherited(tables["response"], findings, fits, findings_of_fits)
+    table = marked(tables["response"], findings, "response")
     joint = pl.lit(joint_of(device) if device else None, pl.String)
-    rows = completed(table.with_columns(joint=joint), JOINT_SIDE)
+    rows = completed(over_amplitudes(table).with_columns(joint=joint), JOINT_SIDE)
     gain_weight = settings["weight"]  # W of Eq. 14, a low-pass of a cut-off [Hz], chooses the gains
     plotted = beside_theory(rows, device, gain_weight)
-    return FrequencyResponse(recorded.name, "fig7", table, plotted)
+    return FrequencyResponse(recorded.name, table, plotted)
 
 
 def read_recording(
@@ -470,7 +457,7 @@ def plot_frequency_response(response: FrequencyResponse) -> "Figure":
             f"trial {response.trial}: no frequency response to draw; move the joint further, or for"
             " longer"
         )
-    return drawn(response.figure, response.plotted)
+    return drawn("fig7", response.plotted)
 
 
 def plot_torque_angle(*fits: Fit) -> "Figure":

@@ -1,12 +1,10 @@
 """Tidy result tables as CSV, with full precision. A table is written completely or not at all."""
 
-import math
 import zipfile
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
-from itertools import pairwise
+from itertools import compress, groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import polars as pl
 
@@ -18,16 +16,13 @@ if TYPE_CHECKING:
     import pandas
 
 ARCHIVE_SUFFIX = ".zip"  # of several tables in one file
-FIRST_ROWS = 1000  # from which the types of columns are inferred
 DATE_IN_ARCHIVE = (1980, 1, 1, 0, 0, 0)  # fixed, so that equal tables are an equal archive
-# a spreadsheet runs a text that begins so
-FORMULA = r"^(['=+@\t\r]|-[A-Za-z(])"
 # columns that are text even if every entry looks like a number, such as a trial named `01`
 TEXT_COLUMNS = (
     "trial", "controller", "branch", "quantity", "estimator", "check", "unit", "verdict", "remark",
     "reason", "excluded", "panel", "curve", "interval_method", "doubtful", "model",
     "motion", "group", "direction", "subject", "side", "different", "doubt",
-    "remarks", "excitation", "desired", "loading", "method", "joint",
+    "remarks", "excitation", "desired", "loading", "method", "joint", "scope",
     "data", "chosen", "trajectory", "table", "grade",
     "name", "cause", "evidence", "says", "size", "remedy", "fault_family", "explanations",
 )  # fmt: skip
@@ -43,24 +38,14 @@ MEASURED = "measured"
 
 
 def marked_data(frame: pl.DataFrame, data: str = "") -> pl.DataFrame:
-    """A table as it is written: with a last column `data` (`SIMULATED` or `MEASURED`; none if
-    empty), without a `side` that is all null, and safe from spreadsheet formulas."""
-    left_out = ["data"] if data else []
+    """A table as it is written: without a `side` that is all null, and with a last column `data`
+    (`SIMULATED` or `MEASURED`; none if empty)."""
     has_place = "joint" in frame.columns and "side" in frame.columns
     if has_place and frame["side"].null_count() == len(frame):
-        left_out.append("side")
-    columns = []
-    for name, dtype in frame.schema.items():
-        if name in left_out:
-            continue
-        column = pl.col(name)
-        if dtype == pl.String:
-            # a ' before it prevents that a spreadsheet runs a text
-            column = column.str.replace(FORMULA, "'$1")
-        columns.append(column)
+        frame = frame.drop("side")
     if data:
-        columns.append(pl.lit(data, pl.String).alias("data"))
-    return frame.select(columns)
+        frame = frame.drop("data", strict=False).with_columns(data=pl.lit(data, pl.String))
+    return frame
 
 
 def write_table(frame: pl.DataFrame, path: Path, data: str = "") -> None:
@@ -97,13 +82,13 @@ def with_places(table: pl.DataFrame, places: Places, by: str = "trial") -> pl.Da
     """
     if by not in table.columns:
         return table
-    columns = []
-    for name in ("joint", "side"):
+    table = table.clone()
+    behind = table.columns.index(by) + 1
+    for name in ("side", "joint"):
         if name not in table.columns:
             values = [places.get(trial, {}).get(name) for trial in table[by]]
-            columns.append(pl.Series(name, values, dtype=pl.String))
-    behind = table.columns.index(by) + 1
-    return table.select(*table.columns[:behind], *columns, *table.columns[behind:])
+            table.insert_column(behind, pl.Series(name, values, dtype=pl.String))
+    return table
 
 
 def read_table(path: Path | str, required: Sequence[str] = (), name: str = "") -> pl.DataFrame:
@@ -133,8 +118,16 @@ def read_table(path: Path | str, required: Sequence[str] = (), name: str = "") -
     path = Path(path)
     table = table_of(path, content_of(path, name))
     for column in required:
-        check_column(path, table, column)
-    return without_blank_lines(table)
+        if column not in table.columns:
+            raise InputError(
+                f"{path}: no column '{column}'; it has {', '.join(table.columns)}. Rewrite it with"
+                " the step that makes it"
+            )
+        if column not in TEXT_COLUMNS and not table[column].dtype.is_numeric():
+            raise InputError(
+                f"{path}: column '{column}' holds text, expected numbers; correct its entries"
+            )
+    return table
 
 
 def read_tables(paths: Sequence[Path], name: str = "") -> pl.DataFrame:
@@ -144,108 +137,50 @@ def read_tables(paths: Sequence[Path], name: str = "") -> pl.DataFrame:
     rows microseconds.
     """
     contents = [content_of(path, name) for path in paths]
-    headers = [content.partition(b"\n")[0] for content in contents]
-    begins = [row for row in range(len(paths)) if row == 0 or headers[row] != headers[row - 1]]
     tables = []
-    for first, stop in pairwise([*begins, len(paths)]):
-        rows = [content.partition(b"\n")[2].removesuffix(b"\n") for content in contents[first:stop]]
-        text = b"\n".join([headers[first], *filter(None, rows)])
-        try:
-            tables.append(table_of(paths[first], text))
-        except InputError:
-            for row in range(first, stop):
-                table_of(paths[row], contents[row])  # names the file that is no table
-            raise
-    return without_blank_lines(pl.concat(tables, how="diagonal_relaxed"))
+    try:
+        for header, group in groupby(contents, key=lambda content: content.partition(b"\n")[0]):
+            rows = [content.partition(b"\n")[2] for content in group]
+            tables.append(table_of(paths[0], b"\n".join([header, *rows])))
+    except InputError:
+        for path in paths:
+            read_table(path, name=name)  # names the file that is no table
+        raise
+    return pl.concat(tables, how="diagonal_relaxed")
 
 
 def content_of(path: Path, name: str = "") -> bytes:
     """The CSV text of a table; arguments and errors as in `read_table`."""
     check_not_refused(path)
-    if not path.is_file():
-        raise InputError(f"{path}: no such table; run the step that writes it, or check the path")
-    return part_of_archive(path, name) if path.suffix == ARCHIVE_SUFFIX else path.read_bytes()
+    try:
+        if path.suffix != ARCHIVE_SUFFIX:
+            return path.read_bytes()
+        with zipfile.ZipFile(path) as archive:
+            return archive.read(f"{name}.csv")
+    except (OSError, KeyError, zipfile.BadZipFile) as error:
+        raise InputError(
+            f"{path}: no such table; run the step that writes it, or check the path"
+        ) from error
 
 
 def table_of(path: Path, content: bytes) -> pl.DataFrame:
     """The table of a CSV text, with the types of `read_table`; `path` is named in errors."""
+    types = dict.fromkeys(TEXT_COLUMNS, pl.String)
     try:
-        table = typed_csv(content)
+        table = pl.read_csv(content, schema_overrides=types, infer_schema_length=None)
     except pl.exceptions.PolarsError as error:
         reason = str(error).strip().splitlines()[0]
         raise InputError(
             f"{path}: not a CSV table ({reason}); rewrite it with the step that makes it"
         ) from error
-    changed = []
-    for column in table:
-        if column.name not in TEXT_COLUMNS and column.null_count() == len(table):
-            changed.append(pl.col(column.name).cast(pl.Float64))
-        elif column.dtype == pl.String:
-            changed.append(pl.col(column.name).str.strip_prefix("'"))
-    if changed:
-        table = table.with_columns(changed)
+    table = table.filter(~pl.all_horizontal(pl.all().is_null()))  # without an editor's blank lines
+    is_empty = [column.null_count() == len(table) for column in table]
+    empty = [name for name in compress(table.columns, is_empty) if name not in TEXT_COLUMNS]
+    table = table.with_columns(pl.col(name).cast(pl.Float64) for name in empty)
     if "joint" in table.columns and "side" not in table.columns:
         side = pl.lit(None, pl.String).alias("side")
         table.insert_column(table.columns.index("joint") + 1, side)
     return table
-
-
-def without_blank_lines(table: pl.DataFrame) -> pl.DataFrame:
-    """A table without the blank lines that an editor may leave."""
-    if all(column.has_nulls() for column in table):
-        return table.filter(~pl.all_horizontal(pl.all().is_null()))
-    return table
-
-
-def part_of_archive(path: Path, name: str) -> bytes:
-    """The CSV text of one table of an archive."""
-    try:
-        with zipfile.ZipFile(path) as archive:
-            return archive.read(f"{name}.csv")
-    except (OSError, KeyError, zipfile.BadZipFile) as error:
-        raise InputError(
-            f"{path / name}.csv: no such table ({error}); run the step that writes it, or check the"
-            " path"
-        ) from error
-
-
-def check_column(path: Path, table: pl.DataFrame, column: str) -> None:
-    """Refuse a table without a column, or with text in it that is to be numbers."""
-    if column not in table.columns:
-        raise InputError(
-            f"{path}: no column '{column}'; it has {', '.join(table.columns)}. Rewrite it with the"
-            " step that makes it"
-        )
-    if column in TEXT_COLUMNS or table[column].dtype.is_numeric():
-        return
-    words = table[column].cast(pl.String)
-    is_filled = words.is_not_null()
-    is_wrong = is_filled & words.cast(pl.Float64, strict=False).is_null()
-    row = (is_wrong if is_wrong.any() else is_filled).arg_max() or 0
-    raise InputError(
-        f"{path}: line {row + 2}: column '{column}' holds '{words[row]}', expected numbers; correct"
-        " the entry"
-    )
-
-
-def typed_csv(source: bytes) -> pl.DataFrame:
-    """Read a CSV with column types that fit all rows.
-
-    Types are inferred from the first rows, which takes a third of the time; from all rows if a
-    later entry does not fit, or if a column is empty in the first ones.
-    """
-    types = dict.fromkeys(TEXT_COLUMNS, pl.String)
-    with suppress(pl.exceptions.ComputeError):
-        table = pl.read_csv(source, schema_overrides=types, infer_schema_length=FIRST_ROWS)
-        if not any(is_empty_at_first(column) for column in table):
-            return table
-    return pl.read_csv(source, schema_overrides=types, infer_schema_length=None)
-
-
-def is_empty_at_first(column: pl.Series) -> bool:
-    """Whether a column has entries, but none in the first rows."""
-    is_empty = column.head(FIRST_ROWS).null_count() == FIRST_ROWS
-    return is_empty and column.null_count() < len(column)
 
 
 def with_evidence(path: Path, required: Sequence[str] = ()) -> pl.DataFrame:
@@ -259,20 +194,6 @@ def with_evidence(path: Path, required: Sequence[str] = ()) -> pl.DataFrame:
     evidence = read_table(evidence_path).drop("data", strict=False)
     evidence = evidence.with_columns(pl.col(name).cast(table.schema[name]) for name in keys)
     return table.join(evidence, on=keys, how="left", nulls_equal=True, maintain_order="left")
-
-
-def finite_or_null(row: Mapping[str, Any]) -> dict[str, Any]:
-    """A row of a table, with nested mappings, for JSON. Infinity and NaN become null: JSON has
-    neither."""
-    finite: dict[str, Any] = {}
-    for key, value in row.items():
-        if isinstance(value, Mapping):
-            finite[key] = finite_or_null(value)
-        elif isinstance(value, float) and not math.isfinite(value):
-            finite[key] = None
-        else:
-            finite[key] = value
-    return finite
 
 
 def to_pandas(table: pl.DataFrame) -> "pandas.DataFrame":

@@ -9,9 +9,7 @@ import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from difflib import get_close_matches
 from functools import cached_property
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +17,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from osl_analysis.errors import InputError, listing
+from osl_analysis.errors import InputError, listing, nearest
 from osl_analysis.files import atomic_path
 from osl_analysis.refusal import check_not_refused
 from osl_analysis.schema import SCHEMA, check_schema
@@ -107,21 +105,16 @@ def stretches(text: str) -> list[tuple[float, float]]:
     InputError
         The text has another form, or the parts overlap or are not in time order.
     """
-    windows = list[tuple[float, float]]()
-    for word in text.split():
-        pair = re.fullmatch(r"(\d+\.?\d*)-(\d+\.?\d*)", word)
-        if pair is None or float(pair[1]) >= float(pair[2]):
-            windows.clear()
-            break
-        windows.append((float(pair[1]), float(pair[2])))
-    if not windows:
-        raise InputError(f"windows '{text}' are not from-to in s; write them as 2-30 40-62")
-    for (_, stop), (next_start, _) in pairwise(windows):
-        if next_start < stop:
-            raise InputError(
-                f"windows '{text}' overlap, or are not in the order of time; write them as 2-30"
-                " 40-62"
-            )
+    pairs = re.findall(r"(\d+\.?\d*)-(\d+\.?\d*)", text)
+    windows = [(float(start), float(stop)) for start, stop in pairs]
+    has_form = re.fullmatch(r"(\s*\d+\.?\d*-\d+\.?\d*(?=\s|$))+\s*", text)
+    edges = [edge for window in windows for edge in window]
+    is_empty = any(start >= stop for start, stop in windows)
+    if not has_form or is_empty or edges != sorted(edges):
+        raise InputError(
+            f"windows '{text}' are not from-to in s, in the order of time and without overlap;"
+            " write them as 2-30 40-62"
+        )
     return windows
 
 
@@ -256,20 +249,13 @@ class Trial:
         return time, *values
 
     def check_columns(self, *columns: str) -> None:
-        """Refuse a column that the trial does not have; the message names similar ones, or else the
-        first ones."""
+        """Refuse a column that the trial does not have; the message names a similar one."""
         for column in columns:
-            if column in self.columns:
-                continue
-            similar = get_close_matches(column, self.columns, n=6)
-            if similar:
-                available = f"the nearest of {len(self.columns)} are {listing(similar, 6)}"
-            else:
-                available = f"it has {listing(self.columns, 6)}"
-            raise InputError(
-                f"trial {self.name}: no column '{column}'; map the channel in the source file "
-                f"({available})"
-            )
+            if column not in self.columns:
+                raise InputError(
+                    f"trial {self.name}: no column '{column}'; map the channel in the source file"
+                    f" (it has {listing(self.columns, 6)}){nearest(column, self.columns)}"
+                )
 
 
 LATEST_TIME_S = 1e20  # later than nanoseconds since 1970 that are taken for seconds
@@ -314,31 +300,10 @@ def check_time(name: str, time: Array) -> None:
         row = int(np.argmax(goes_back))
         raise InputError(
             f"{name}: time goes from {time[row]:.6f} s to {time[row + 1]:.6f} s at row {row + 1};"
-            f" {remedy_for_time_going_back(time, row)}"
+            " delete rows that stand twice, sort rows that changed places by time, and where the"
+            " recorder's clock was set back, cut the log or take another time source in the source"
+            " file"
         )
-
-
-def remedy_for_time_going_back(time: Array, row: int) -> str:
-    """Tell whether rows were written twice, changed places, or the clock was set back, where the
-    stamps (n,) [s] first go back after `row`."""
-    remedy = (
-        "the recorder's clock was set back: cut the log there, or take another time source in"
-        " the source file"
-    )
-    later_rows = time[row + 1 :]
-    late = later_rows[later_rows <= time[row]]
-    if np.isin(late, time[: row + 1]).all():
-        return (
-            "its stamps stand there already: delete rows that stand twice; where their values"
-            " are others, " + remedy
-        )
-    step_in_order = np.diff(np.sort(time))
-    if step_in_order.min() > 0.5 * step_in_order.max():
-        return (
-            "no stamp is missing, so that rows changed places: sort them by time, or copy the"
-            " file again"
-        )
-    return remedy
 
 
 def write_trial(trial: Trial, path: Path) -> None:
@@ -406,11 +371,10 @@ def metadata_of(path: Path) -> tuple[str, dict[str, Any]]:
         raise InputError(f"{path}: no such trial; ingest it first (osl-analysis ingest)")
     with told_as_parquet(path):
         metadata = pl.read_parquet_metadata(path)
-        provenance = json.loads(metadata.get(PROVENANCE_KEY, "null"))
-        if provenance is None or NAME_KEY not in metadata:
+        if not {NAME_KEY, PROVENANCE_KEY, SCHEMA_KEY} <= metadata.keys():
             raise ValueError("Parquet without provenance")
-        schema = int(metadata.get(SCHEMA_KEY, SCHEMA))  # 0.4.0 states none, and has these columns
-    check_schema(schema, path)
+        provenance = json.loads(metadata[PROVENANCE_KEY])
+    check_schema(int(metadata[SCHEMA_KEY]), path)
     return metadata[NAME_KEY], provenance
 
 

@@ -7,12 +7,12 @@ evaluate `9**9**9**9` without end.
 import math
 import re
 from collections.abc import Sequence
-from functools import cache
+from functools import cache, partial
 from typing import Annotated
 
-from pydantic import AfterValidator, WithJsonSchema
+from pydantic import AfterValidator
 
-from osl_analysis.errors import InputError
+from osl_analysis.errors import InputError, shortened
 
 # units that a message lists, by canonical unit, with the factors to it that pint gives, which takes
 # 0.2 s to know them
@@ -29,17 +29,6 @@ EXAMPLES: dict[str, dict[str, float]] = {
     "N*m/rad": {"N*m/rad": 1.0, "Nm/rad": 1.0, "N*m/deg": 180 / math.pi},
     "N*m*s/rad": {"N*m*s/rad": 1.0, "Nms/rad": 1.0, "N*m*s/deg": 180 / math.pi},
     "N*m/kg": {"N*m/kg": 1.0, "Nm/kg": 1.0, "N*mm/kg": 1e-3},
-}  # fmt: skip
-
-# what pint calls the base units of each of these
-BASES = {
-    "1": "dimensionless", "s": "second", "Hz": "1 / second", "rad": "radian",
-    "rad/s": "radian / second", "m": "meter", "A": "ampere",
-    "V": "kilogram * meter ** 2 / ampere / second ** 3",
-    "N": "kilogram * meter / second ** 2", "N*m": "kilogram * meter ** 2 / second ** 2",
-    "N*m/rad": "kilogram * meter ** 2 / radian / second ** 2",
-    "N*m*s/rad": "kilogram * meter ** 2 / radian / second",
-    "N*m/kg": "meter ** 2 / second ** 2",
 }  # fmt: skip
 
 # spellings that pint does not know, or reads as another unit: `Nm` as a textile count, `nt` as a
@@ -70,7 +59,6 @@ ANY_CASE = re.compile(
 
 SMALLEST_FACTOR = 1e-9  # to the SI unit, of ns
 LARGEST_FACTOR = 1e5  # of N*m/mdeg; others are misspellings such as `Mm` and `MN`
-SHOWN_LETTERS = 40  # of a text, in a message
 MOST_PARTS = 15  # names and signs of a unit; a longer text is none
 
 
@@ -96,7 +84,7 @@ def si_factor(unit: str, expected: str) -> float:
     known = EXAMPLES[expected].get(spelling.lower() if expected == "s" else spelling)
     if known:
         return known
-    quoted = f"unit '{shortened(unit)}'"
+    quoted = f"unit '{shortened(unit, 40)}'"
     if not spelling:
         raise InputError(f"the unit is empty; write one of {examples}")
     for name in re.split(r"[*/]", spelling):
@@ -118,11 +106,6 @@ def si_factor(unit: str, expected: str) -> float:
     return factor
 
 
-def shortened(text: str) -> str:
-    """The beginning of a text, for a message."""
-    return f"{text[:SHOWN_LETTERS]}..." if len(text) > SHOWN_LETTERS else text
-
-
 def quantity_of(base: str) -> str:
     """The SI unit that has these base units, or else these."""
     for canonical in EXAMPLES:
@@ -142,7 +125,7 @@ def quantity(text: str, expected: str) -> float:
     if not math.isfinite(value):
         example = next(iter(EXAMPLES[expected]))
         raise InputError(
-            f"'{shortened(text)}' is not a number with a unit; write it as in `2 {example}`"
+            f"'{shortened(text, 40)}' is not a number with a unit; write it as in `2 {example}`"
         )
     return value * si_factor(unit, expected)
 
@@ -178,9 +161,20 @@ AT_END = {
     "msec": "ms", "millis": "ms", "usec": "us", "micros": "us",
     "degree": "degree", "degrees": "degrees", "radian": "radian", "radians": "radians",
 }  # fmt: skip
-AT_END_IN_ANY_CASE = {
-    spelling.casefold(): unit for spelling, unit in AT_END.items() if len(spelling) > 1
-}
+# in any case, as `SEC` and `mSec`: only a letter alone has a meaning by its case
+ENDINGS = {
+    variant: unit
+    for spelling, unit in AT_END.items()
+    for variant in (
+        spelling.lower(), spelling.upper(), spelling.title(), spelling[0] + spelling[1:].title()
+    )
+    if len(spelling) > 1
+} | AT_END  # fmt: skip
+# a unit, and what it may be divided by
+ENDING = re.compile(
+    rf"(?P<unit>[A-Za-z]+\*[A-Za-z]+|{TICKS.pattern}|{'|'.join(ENDINGS)})"
+    rf"(?:[\s_./-]+(?:per[\s_]+)?(?P<divisor>{'|'.join(ENDINGS)}))?"
+)
 DIVISORS = ("s", "rad", "deg")  # that a name may spell behind its unit
 # where a unit may begin: behind a sign, or at a capital in camel case
 UNIT_BEGINS = re.compile(r"[\s_.,:-]|(?<=[a-z0-9])(?=[A-Z])")
@@ -218,25 +212,16 @@ def name_and_ending(name: str) -> tuple[str, str]:
 def ending_spelled(text: str) -> str:
     """A text as a unit; empty if it is none that a name may end with. In it `_s` and `_per_s` are
     `/s`."""
-    if text in AT_END or TICKS.fullmatch(text):
-        return AT_END.get(text, text)
-    parts = re.split(r"[\s_./-]+(?:per[\s_]+)?", TORQUE.sub(torque_spelled, text))
-    units = [part_spelled(part) for part in parts]
-    is_quotient = len(units) == 2 and units[1] in DIVISORS
-    if not all(units) or not (len(units) == 1 or is_quotient):
+    if text in AT_END:
+        return AT_END[text]
+    match = ENDING.fullmatch(TORQUE.sub(torque_spelled, text))
+    if match is None:
         return ""
-    return "/".join(units)
-
-
-def part_spelled(part: str) -> str:
-    """A part of a name's end as a unit; empty if it is none."""
-    if re.fullmatch(r"\w+\*\w+", part):
-        return part
-    if part in AT_END:
-        return AT_END[part]
-    # `mSec`
-    is_of_one_case = part.islower() or part.isupper() or part.istitle() or part[1:].istitle()
-    return AT_END_IN_ANY_CASE.get(part.casefold(), "") if is_of_one_case else ""
+    unit = ENDINGS.get(match["unit"], match["unit"])
+    divisor = ENDINGS.get(match["divisor"] or "", "")
+    if not divisor:
+        return unit
+    return f"{unit}/{divisor}" if divisor in DIVISORS else ""
 
 
 # ---- Dimensions
@@ -247,9 +232,6 @@ def part_spelled(part: str) -> str:
 def base_units(spelling: str) -> tuple[float, str] | None:
     """Factor to base units, and their product as text; None if the text is not a unit. `10*us` are
     ticks of 10 us."""
-    for canonical, factors in EXAMPLES.items():
-        if spelling in factors:
-            return factors[spelling], BASES[canonical]
     ticks = TICKS.fullmatch(spelling)
     if ticks:
         of_tick = base_units(ticks[2])
@@ -288,29 +270,16 @@ def dimension(canonical: str) -> str:
     return in_base_units[1] if in_base_units else ""
 
 
-def measured_in(expected: str = "") -> tuple[AfterValidator, WithJsonSchema]:
-    """The check that a unit measures what the SI unit `expected` does, if any, and the units for an
-    editor."""
-
-    def checked(unit: str) -> str:
-        if expected:
-            si_factor(unit, expected)
-        return unit
-
-    canonical = [expected] if expected else list(EXAMPLES)
-    # in their order, each once
-    proposed = dict.fromkeys(spelling for key in canonical for spelling in EXAMPLES[key])
-    return (
-        AfterValidator(checked),
-        WithJsonSchema({"type": "string", "examples": list(proposed)}),
-    )
+def check_unit(expected: str, unit: str) -> str:
+    """The check that a unit measures what the SI unit `expected` does."""
+    si_factor(unit, expected)
+    return unit
 
 
-Unit = Annotated[str, *measured_in()]
-TimeUnit = Annotated[str, *measured_in("s")]
-LengthUnit = Annotated[str, *measured_in("m")]
-ForceUnit = Annotated[str, *measured_in("N")]
-MomentUnit = Annotated[str, *measured_in("N*m")]
+TimeUnit = Annotated[str, AfterValidator(partial(check_unit, "s"))]
+LengthUnit = Annotated[str, AfterValidator(partial(check_unit, "m"))]
+ForceUnit = Annotated[str, AfterValidator(partial(check_unit, "N"))]
+MomentUnit = Annotated[str, AfterValidator(partial(check_unit, "N*m"))]
 
 
 # By signal: factors between units, or between ways to state a current, that are often confused.
@@ -359,20 +328,14 @@ def known_factor(
     factor : float
         1 if no factor is near.
     """
-    size = max(abs(ratio), 1 / abs(ratio)) if ratio else math.inf
-    best_name = ""
-    best_factor = 1.0
-    smallest_distance = math.inf
-    for signal in signals:
-        for name, factor in UNIT_FACTORS[signal].items():
-            distance = abs(math.log(size / factor))
-            if distance < smallest_distance:
-                best_name = name
-                best_factor = factor
-                smallest_distance = distance
-    if abs(size / best_factor - 1) >= near:
+    if not signals or not ratio:
         return "", 1.0
-    return best_name, best_factor
+    size = max(abs(ratio), 1 / abs(ratio))
+    factors = {name: factor for signal in signals for name, factor in UNIT_FACTORS[signal].items()}
+    nearest = min(factors, key=lambda name: abs(math.log(size / factors[name])))
+    if abs(size / factors[nearest] - 1) >= near:
+        return "", 1.0
+    return nearest, factors[nearest]
 
 
 CLOCK_NAMES = (

@@ -103,7 +103,7 @@ rule check_claims:
 rule settings_table:
     """The settings that judge or label results: which are stated, assumed or measured."""
     input:
-        phasors=FILES.tables("phasors"),
+        response=FILES.tables("response"),
     output:
         "<results>/tables/settings.csv",
     log:

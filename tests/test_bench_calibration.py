@@ -33,12 +33,10 @@ from osl_analysis.bench.bench_settings import (
 from osl_analysis.bench.coulomb import coulomb_fits
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums, sums_of
 from osl_analysis.bench.fixture import fixture_of, with_fixture
-from osl_analysis.bench.frequency_response import frequency_response_table
-from osl_analysis.bench.group_fit import GroupFit
 from osl_analysis.bench.known_spring import Known, LateFits, bench_estimates
-from osl_analysis.bench.phasors import phasor_table, phasors_of_record
-from osl_analysis.bench.recorded_motion import record_of_trial
-from osl_analysis.bench.torque_angle_tables import curve_table, torque_angle_table
+from osl_analysis.bench.motion import record_of_trial
+from osl_analysis.bench.regression import GroupFit
+from osl_analysis.bench.torque_angle import torque_angle_table
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.commands.fit import run_fit
 from osl_analysis.errors import InputError
@@ -53,7 +51,11 @@ SOUND = stepped_sine(second_order, 0.01, FIVE)
 
 def fit_of(record=SOUND, **stated):
     """Eq. 15 with the stated errors of the bench in its intervals."""
-    settings = sine_settings([2], [1]).model_copy(update={"calibration": Calibration(**stated)})
+    if "standard_error" in stated:
+        changes = {"bench_stiffness": BenchStiffness(**stated)}
+    else:
+        changes = {"calibration": Calibration(**stated)}
+    settings = sine_settings([2], [1]).model_copy(update=changes)
     record = replace(record, settings=settings)
     analysis = analysed(record, plain_sums(record, IMPEDANCE), IMPEDANCE)
     return analysis.calibrated(analysis.whole)
@@ -87,6 +89,13 @@ def looped(share):
         ({"angle_gain": 0.01}, {"theta": SOUND.theta / 1.01}, 1.0, 1e-3),
         ({"misalignment_deg": 5}, {"torque": SOUND.torque * np.cos(np.deg2rad(5))}, 1.0, 1e-3),
         ({"delay": 1e-3}, {"torque": late(1e-3)}, 1.0, 0.05),
+        # softer by the standard error of the bench's inverse stiffness
+        (
+            {"value": "20000 N*m/rad", "standard_error": "400 N*m/rad"},
+            {"theta": SOUND.theta - 400 / 20000**2 * SOUND.torque},
+            1.0,
+            1e-3,
+        ),
         # a rectangular distribution
         ({"hysteresis": 0.01}, {"torque": looped(0.01)}, np.sqrt(3), 0.03),
     ],
@@ -146,29 +155,6 @@ def test_it_counts_once_in_a_mean_of_trials_whose_intervals_are_all_of_it(n):
     assert row["se"] == pytest.approx(se)
 
 
-def test_nor_a_mean_over_amplitudes_of_the_response():
-    """A gain is an error of the magnitude, a delay one of the phase, the same at both
-    amplitudes."""
-    stated = sine_settings([2], [1]).model_copy(
-        update={"calibration": Calibration(angle_gain=0.02, delay=2e-3)}
-    )
-    table = phasor_table("made", phasors_of_record(replace(SOUND, settings=stated)))
-    said = {
-        "controller": pl.lit("ours"),
-        "K_d": pl.lit(200.0),
-        "B_d": pl.lit(4.0),
-        "doubtful": pl.lit(""),
-    }
-    mean = (
-        frequency_response_table(table.with_columns(**said))
-        .sort("frequency_hz")
-        .row(-1, named=True)
-    )
-    halves = [mean[f"{name}_high"] - mean[name] for name in ("magnitude", "phase_deg")]
-    assert halves[0] / mean["magnitude"] == pytest.approx(1.96 * 0.02, rel=0.01)
-    assert halves[1] == pytest.approx(1.96 * np.rad2deg(2 * np.pi * 5 * 2e-3), rel=0.01)
-
-
 def of_belt(theta_s, torque, **stated):
     settings = BeltAnalysis(cutoff_hz=15, order=4, calibration=Calibration(**stated))
     return belt_table(fit_branches(replace(belt_record(theta_s, torque), settings=settings))).row(
@@ -178,14 +164,7 @@ def of_belt(theta_s, torque, **stated):
 
 def of_cycles(theta, torque, **stated):
     settings = {"zero": "none", "calibration": stated}
-    found = fitted(theta, torque, **settings)
-    curve = (
-        curve_table(found)
-        .filter(pl.col("branch") == "loading")
-        .drop_nulls("stiffness")
-        .row(20, named=True)
-    )
-    return torque_angle_table(found).row(0, named=True), curve
+    return torque_angle_table(fitted(theta, torque, **settings)).row(0, named=True)
 
 
 def test_an_error_of_the_gain_is_in_the_estimates_of_a_belt():
@@ -213,15 +192,11 @@ OF_CYCLES = 200 * CYCLED + 30 * A * W * np.cos(TURNS)
 
 
 def test_an_error_of_the_gain_is_in_the_estimates_of_quasi_static_cycles():
-    plain, curve = of_cycles(CYCLED, OF_CYCLES)
-    stated, wider = of_cycles(CYCLED, OF_CYCLES, torque_gain=0.01)
+    plain = of_cycles(CYCLED, OF_CYCLES)
+    stated = of_cycles(CYCLED, OF_CYCLES, torque_gain=0.01)
     for name in ("K", "K_unloading", "energy_stored", "energy_lost"):
-        added = 0.01 * plain[name]
-        assert stated[f"{name}_se_bench"] == pytest.approx(added)
         half, before = (row[f"{name}_high"] - row[name] for row in (stated, plain))
-        assert half == pytest.approx(np.hypot(before, 1.96 * added), rel=0.01)
-    half, before = (row["stiffness_high"] - row["stiffness"] for row in (wider, curve))
-    assert half == pytest.approx(np.hypot(before, 1.96 * 0.01 * curve["stiffness"]))
+        assert half == pytest.approx(np.hypot(before, 1.96 * 0.01 * plain[name]), rel=0.01)
 
 
 @pytest.mark.parametrize(("stated", "lost"), [
@@ -229,8 +204,9 @@ def test_an_error_of_the_gain_is_in_the_estimates_of_quasi_static_cycles():
     ({"delay": 1e-3}, 1e-3 * 200 * np.pi * A**2 * W),  # K times the delay is a damping
 ])  # fmt: skip
 def test_what_takes_part_in_a_loop_is_in_the_energy_that_it_loses(stated, lost):
-    row, _ = of_cycles(CYCLED, OF_CYCLES, **stated)
-    assert row["energy_lost_se_bench"] == pytest.approx(lost, rel=0.05)
+    row, plain = of_cycles(CYCLED, OF_CYCLES, **stated), of_cycles(CYCLED, OF_CYCLES)
+    half, before = (each["energy_lost_high"] - each["energy_lost"] for each in (row, plain))
+    assert half == pytest.approx(np.hypot(before, 1.96 * lost), rel=0.05)
 
 
 CONFIG = read_config(ROOT / "config/config.yaml")

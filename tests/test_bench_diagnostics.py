@@ -23,8 +23,8 @@ from osl_analysis.bench.impedance import (
     rendered_impedance,
 )
 from osl_analysis.bench.leg_belt import belt_of_leg, is_leg
+from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.bench.record import signals_of, with_actuator
-from osl_analysis.bench.recorded_motion import record_of_trial
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.errors import IdentifiabilityError
 from osl_analysis.ingest.quality import saturated
@@ -48,7 +48,7 @@ def rows(torque_of, noise=0.03, protocol=FIVE, seed=1):
         end: {k: v for k, v in getattr(LIMITS, end).items() if k in table.columns}
         for end in ("above", "below", "ratio")
     }
-    return marked(table, LIMITS.model_copy(update=limits), "phasors").to_dicts()
+    return marked(table, LIMITS.model_copy(update=limits), "response").to_dicts()
 
 
 def test_a_sound_joint_is_not_doubtful_and_shows_no_cause():

@@ -1,4 +1,4 @@
-"""Rendered impedance of a stepped sine, its phasors and lag."""
+"""Rendered impedance of a stepped sine, and its lag."""
 
 from dataclasses import replace
 
@@ -10,17 +10,13 @@ from bench_synthetic import FIVE, PROTOCOL, RATE, second_order, sine_settings, s
 from conftest import ROOT, marked
 
 from osl_analysis.bench.analysis import analysed
-from osl_analysis.bench.bench_settings import BenchStiffness, Calibration
-from osl_analysis.bench.complex_estimate import polar_row
+from osl_analysis.bench.bench_settings import Calibration
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums
-from osl_analysis.bench.frequency_response import frequency_response_table
 from osl_analysis.bench.impedance import DesiredImpedance, impedance_with_evidence, lag_row
 from osl_analysis.bench.leg_belt import Fault
-from osl_analysis.bench.phasors import phasor_table, phasors_of_record
-from osl_analysis.bench.recorded_motion import record_of_trial
+from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands import figure as plotted_numbers
-from osl_analysis.commands.bench import summarise
 from osl_analysis.errors import IdentifiabilityError
 from osl_analysis.judge.limits import DoubtfulFits, Limits
 from osl_analysis.judge.unchecked import unchecked_in
@@ -42,8 +38,6 @@ def test_the_row_over_all_amplitudes_has_the_range_of_the_single_ones():
         low, high = sorted((small[name], large[name]))
         assert (both[f"{name}_amplitudes_low"], both[f"{name}_amplitudes_high"]) == (low, high)
         assert small[f"{name}_amplitudes_low"] is None
-    distortion = phasors_of_record(record)[3].torque.distortion
-    assert distortion == pytest.approx(2e3 * 0.1**3 / 4 / 21.45, rel=0.02)
 
 
 @pytest.mark.usefixtures("without_inference")
@@ -165,57 +159,6 @@ def test_where_amplitudes_nest_in_frequencies_fig4_uses_the_largest_alone(tmp_pa
         assert set(shown["doubtful"].fill_null("")) == {cause}
     assert shown["theta_deg"].abs().max() == pytest.approx(degrees[-1], rel=0.02)
     assert vaf(shown) > 99.95
-
-
-def phasors_of(record, **more):
-    asked = {"controller": pl.lit("compensated"), "K_d": pl.lit(200.0), "B_d": pl.lit(4.0)}
-    return phasor_table("made", phasors_of_record(record)).with_columns(**asked, **more)
-
-
-def test_a_phasor_has_students_interval_of_its_cycles():
-    phasors = phasors_of_record(stepped_sine(second_order, noise=0.5))
-    assert {phasor.theta.interval_method for phasor in phasors} == {"cycles"}
-    for phasor in phasors:
-        assert phasor.torque.covariance[0, 0] > 100 * phasor.theta.covariance[0, 0]
-        assert phasor.torque.degrees_of_freedom == pytest.approx(5)
-    Y = phasors[0].admittance
-    polar = polar_row(Y)
-    # Student's quantile for the five degrees of freedom of six cycles
-    half = 2.5706 * Y.magnitude_se
-    assert polar["magnitude_high"] - polar["magnitude"] == pytest.approx(half, rel=1e-3)
-
-
-def test_the_response_over_amplitudes_has_its_interval_its_range_and_its_doubts(tmp_path):
-    table = phasors_of(stepped_sine(second_order, noise=0.5))
-    judged = marked(table, Limits(above={"amplitude_deg": 4}), "phasors")
-    write_table(judged, tmp_path / "phasors.csv")
-
-    summarise(tmp_path / "phasors.csv", tmp_path / "response.csv")
-
-    mean = read_table(tmp_path / "response.csv").row(0, named=True)
-    both = table.filter(pl.col("frequency_hz") == 1)
-    Y = both["Y_re"].to_numpy() + 1j * both["Y_im"].to_numpy()
-    of_single = {"magnitude": np.abs(Y), "phase_deg": np.rad2deg(np.angle(Y))}
-    for name, values in of_single.items():
-        assert mean[f"{name}_amplitudes_low"] == pytest.approx(values.min())
-        assert mean[f"{name}_amplitudes_high"] == pytest.approx(values.max())
-        assert mean[f"{name}_low"] < mean[name] < mean[f"{name}_high"]
-    assert mean["doubtful"] == "amplitude_deg"
-
-
-def test_an_error_of_the_bench_s_stiffness_is_not_averaged_away():
-    """theta = theta_bench - torque/k: an error of 1/k is an error of Y, real and the same at every
-    amplitude."""
-    bench = BenchStiffness(value="3000 N*m/rad", standard_error="300 N*m/rad")
-    stated = sine_settings([2], [1]).model_copy(update={"bench_stiffness": bench})
-    record = replace(stepped_sine(second_order, noise=0.01), settings=stated)
-    table = phasors_of(record, doubtful=pl.lit(""))
-    assert table["Y_se_bench"].unique().to_list() == pytest.approx([300 / 3000**2])
-    assert (table["Y_var_re"] > (300 / 3000**2) ** 2).all()
-    mean = frequency_response_table(table).row(0, named=True)
-    real_share = np.cos(np.deg2rad(mean["phase_deg"]))  # of an error of the real part, in |Y|
-    half = mean["magnitude_high"] - mean["magnitude"]
-    assert half == pytest.approx(1.96 * real_share * 300 / 3000**2, rel=0.01)
 
 
 LIMITS = read_section(ROOT / "config/config.yaml", "doubtful", DoubtfulFits).of("impedance")

@@ -12,13 +12,8 @@ from c3d_builder import REAL_DATA
 from conftest import ROOT, marked
 
 from osl_analysis.bench.bench_settings import TorqueAngleAnalysis
-from osl_analysis.bench.loop_cycles import find_cycles
-from osl_analysis.bench.torque_angle import torque_angle_trial
-from osl_analysis.bench.torque_angle_tables import (
-    compared_with_repeats,
-    curve_table,
-    torque_angle_table,
-)
+from osl_analysis.bench.loops import find_cycles
+from osl_analysis.bench.torque_angle import curve_table, torque_angle_table, torque_angle_trial
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.config.sheet import read_sheet
 from osl_analysis.errors import InputError
@@ -43,8 +38,8 @@ def fitted(theta, torque, **changes):
 
 
 def row_of(theta, torque, **changes):
-    """The row of the table, with causes of doubt and what is not checked by name; that one speed
-    does not tell a delay, as in most of them, has a test of its own."""
+    """The row of the table, with causes of doubt and what is not checked by name, but that one
+    speed does not tell a delay."""
     rails = saturated(trial_of(theta, torque), "torque", "theta")
     table = torque_angle_table(fitted(theta, torque, **changes)).with_columns(rails)
     row = marked(table, CONFIG.doubtful.of("torque_angle"), "torque_angle").row(0, named=True)
@@ -85,14 +80,15 @@ def test_an_elliptic_loop_has_the_energies_of_a_spring_with_damping():
     assert row["energy_returned"] == pytest.approx(returned, rel=1e-3)
     assert row["returned_share"] == pytest.approx(returned / stored, rel=1e-3)
     assert (row["K"], row["K_unloading"]) == pytest.approx((K, K), rel=1e-3)
-    assert row["speed_deg_s"] == pytest.approx(40 / PERIOD, rel=0.01)
+    # the mean over the way, pi/4 of the highest
+    assert row["speed_deg_s"] == pytest.approx(np.pi / 4 * 10 * W, rel=0.01)
 
 
 def test_one_cycle_has_no_interval():
     theta = A * np.sin(W * clock(PERIOD))
     row = row_of(theta, K * theta, **PLAIN)
     assert row["cycles"] == 1
-    assert row["interval_method"] is row["K_low"] is row["cycle_drift"] is None
+    assert row["interval_method"] is row["K_low"] is None
 
 
 def test_a_slipping_spring_loses_four_times_force_by_slip():
@@ -184,33 +180,21 @@ def test_an_error_of_the_bench_s_stiffness_widens_the_interval_of_k():
     assert with_bench > 3 * of_cycles
 
 
-@pytest.mark.parametrize("cycles", [1, 3])
-def test_intervals_of_the_slope_cover_it_with_one_cycle_and_with_several(cycles):
-    theta, covered = A * np.sin(W * clock(cycles * PERIOD)), []
-    for seed in range(10):
-        noise = 0.2 * np.random.default_rng(seed).standard_normal(theta.size)
-        curve = curve_table(fitted(theta, K * theta + noise, **PLAIN, angle_step_deg=4)).drop_nulls(
-            "stiffness"
-        )
-        covered.append(((curve["stiffness_low"] < K) & (curve["stiffness_high"] > K)).to_numpy())
-    assert 0.9 < np.mean(covered) < 1  # of 100 intervals, whose share has a standard error of 0.02
-
-
 SMALLER = (*(x for a in (6, 8, 10, 6, 8, 10) for x in (0, a, -a)), 0)
 
 
 @pytest.mark.parametrize(("angles", "counts"), [
-    ((0, -10, 12, 0), (1, 0, 0)),  # as the tests of the DESR foot
-    ((0, 10, 0, 10, 0, 10, 0), (3, 0, 0)), ((0, -10, 10, -10, 10, -10, 10, 0), (3, 0, 0)),
-    ((6, 10, -10, 10, -10, 6), (2, 0, 0)), ((0, 10, 0, 10, 0, 5), (2, 0, 1)),
-    ((0, -10, 10, -10, 10, 5), (1, 0, 1)),
-    ((0, 10, 1, 10, 1, 10, 0), (1, 0, 2)),  # from a preload
-    ((0, 10, 0, 4, 0, 10, 0), (2, 1, 0)), (SMALLER, (2, 4, 0)),
+    ((0, -10, 12, 0), (1, 0)),  # as the tests of the DESR foot
+    ((0, 10, 0, 10, 0, 10, 0), (3, 0)), ((0, -10, 10, -10, 10, -10, 10, 0), (3, 0)),
+    ((6, 10, -10, 10, -10, 6), (2, 0)), ((0, 10, 0, 10, 0, 5), (2, 1)),
+    ((0, -10, 10, -10, 10, 5), (1, 1)),
+    ((0, 10, 1, 10, 1, 10, 0), (1, 2)),  # from a preload
+    ((0, 10, 0, 4, 0, 10, 0), (2, 1)), (SMALLER, (2, 4)),
 ])  # fmt: skip
 def test_cycles_begin_and_end_where_the_angle_comes_back(angles, counts):
-    """Whole ones, whole ones of a smaller amplitude, and parts."""
-    cycles = find_cycles(path(*angles))
-    assert (len(cycles.analysed), cycles.smaller, cycles.partial) == counts
+    """Whole ones, and others of a smaller amplitude or without the way back."""
+    cycles, others = find_cycles(path(*angles))
+    assert (len(cycles), others) == counts
 
 
 def test_a_device_that_starts_within_its_loop_is_judged_from_its_2nd_cycle():
@@ -219,7 +203,7 @@ def test_a_device_that_starts_within_its_loop_is_judged_from_its_2nd_cycle():
     slip, limit, theta = 400.0, 4.0, path(0, *(10, -10) * 4, 0)
     torque = K * theta + jenkins(theta, slip, limit)
     row = row_of(theta, torque, zero="start")
-    assert (row["cycles"], row["settled_cycles"], row["partial_cycles"]) == (3, 1, 0)
+    assert (row["cycles"], row["other_cycles"]) == (3, 0)
     assert row["energy_lost"] == pytest.approx(4 * limit * (A - limit / slip), rel=1e-3)
     assert (row["closure_torque"] < 0.002, row["doubtful"], row["remarks"]) == (True, "", "")
     whole = row_of(theta, torque, zero="start", settle_cycles=0)
@@ -228,26 +212,21 @@ def test_a_device_that_starts_within_its_loop_is_judged_from_its_2nd_cycle():
     single = row_of(
         theta := path(0, -10, 10, 0), K * theta + jenkins(theta, slip, limit), zero="start"
     )
-    assert (single["cycles"], single["settled_cycles"]) == (1, 0)
+    assert single["cycles"] == 1
 
 
-def test_a_zero_that_nobody_stated_says_what_it_may_do_to_the_energies():
+def test_a_zero_that_nobody_stated_is_doubtful_and_changes_no_slope():
     """A foot that rests under 5 N*m at its middle, which its end takes for the load cell's
     offset."""
     theta = path(0, *(10, -10) * 3, 0)
     torque = K * theta + 5.0
     assumed, stated = row_of(theta, torque, zero=None), row_of(theta, torque, zero="none")
-    assert assumed["zero_unsure"] == pytest.approx(5.0, rel=1e-3)
-    assert (stated["zero_unsure"], stated["assumed_zero_share"]) == (None, None)
-    # of K (A^2 + (5/K)^2)
-    assert assumed["assumed_zero_share"] == pytest.approx((5 / (K * A)) ** 2, rel=0.03)
+    assert assumed["assumed_zero_share"] == pytest.approx(5.0 / (2 * K * A), rel=1e-2)
+    assert stated["assumed_zero_share"] is None
     assert assumed["doubtful"] == "torque zero not stated"
     assert assumed["K"] == pytest.approx(stated["K"], rel=1e-9), "a slope has no zero"
-    # trapezoids of K theta + 5 and K theta, from its zero
-    for name in ("energy_stored", "energy_returned"):
-        about = (assumed[f"{name}_per_zero"] + stated[f"{name}_per_zero"]) / 2
-        assert assumed[name] - stated[name] == pytest.approx(5.0 * about, rel=0.01)
-    assert row_of(theta, torque, zero="end")["zero_unsure"] is None
+    assert stated["energy_stored"] > assumed["energy_stored"]
+    assert row_of(theta, torque, zero="end")["remarks"] == ""
 
 
 def test_what_hysteresis_leaves_at_rest_is_no_offset_without_a_word():
@@ -256,13 +235,10 @@ def test_what_hysteresis_leaves_at_rest_is_no_offset_without_a_word():
     limit, theta = 4.0, path(0, *(10, -10) * 3, 0)
     torque = K * theta + jenkins(theta, 400, limit)
     wrong, right = row_of(theta, torque), row_of(theta, torque, zero="start")
-    assert wrong["zero_off_middle"] == pytest.approx(limit, rel=1e-3)
-    assert wrong["rest_change"] == pytest.approx(limit / (2 * (K * A + limit)), rel=0.01)
-    assert wrong["doubtful"] == "loop that does not close"
-    assert (wrong["remarks"], wrong["zero_unsure"]) == (OFFSET, pytest.approx(limit, rel=1e-3))
-    assert right["zero_off_middle"] == pytest.approx(0, abs=0.01)
-    assert (right["rest_change"], right["doubtful"], right["remarks"]) == (None, "", "")
-    assert row_of(theta, torque, **PLAIN)["zero_off_middle"] is None
+    assert wrong["zero_unsure"] == pytest.approx(limit, rel=1e-3)
+    assert wrong["remarks"] == OFFSET
+    assert (right["zero_unsure"], right["doubtful"], right["remarks"]) == (None, "", "")
+    assert row_of(theta, torque, **PLAIN)["zero_unsure"] is None
 
 
 OFFSET = (
@@ -276,21 +252,24 @@ def test_the_middle_of_the_loop_is_looked_up_at_the_angle_of_the_rest():
     row = row_of(theta, K * theta, zero="end")
 
     assert row["torque_zero"] == pytest.approx(K * np.deg2rad(3), rel=1e-6)
-    assert row["zero_off_middle"] == pytest.approx(0, abs=0.05)
+    assert row["zero_unsure"] is None
 
 
-def test_the_load_cell_s_hysteresis_is_in_the_interval_of_the_curve():
-    theta = path(0, 10, 0, 10, 0)
-    hysteresis = {"calibration": {"hysteresis": 0.02}}
-    torque = K * theta
+def test_stated_errors_of_the_load_cell_are_in_the_intervals():
+    """Of K its gain; of the energy lost the width of its loop over the way."""
+    theta = path(0, *(10, 0) * 4)
+    torque = K * theta + jenkins(theta, 300, 1)
+    calibration = {"torque_gain": 0.01, "hysteresis": 0.02}
 
-    plain = curve_table(fitted(theta, torque)).row(10, named=True)
-    stated = curve_table(fitted(theta, torque, **hysteresis)).row(10, named=True)
+    plain, stated = row_of(theta, torque), row_of(theta, torque, calibration=calibration)
 
-    half = 1.96 * 0.02 / np.sqrt(12) * np.ptp(torque)
-    of_scatter = plain["torque_high"] - plain["torque"]
-    widened = stated["torque_high"] - stated["torque"]
-    assert widened == pytest.approx(np.hypot(of_scatter, half), rel=0.01)
+    def added(name):
+        halves = [row[f"{name}_high"] - row[name] for row in (stated, plain)]
+        return np.sqrt(halves[0] ** 2 - halves[1] ** 2) / 1.96
+
+    assert added("K") == pytest.approx(0.01 * plain["K"], rel=0.05)
+    of_loop = 2 * 0.02 / np.sqrt(12) * np.ptp(torque) * np.deg2rad(10)
+    assert added("energy_lost") == pytest.approx(of_loop, rel=0.1)
 
 
 FULL, OPEN = path(0, 10, 0, 10, 0), path(0, 10, 0.7)
@@ -306,11 +285,11 @@ NOISE = np.random.default_rng(3).standard_normal(FULL.size)
      {}, "torque does not follow the angle: its curve over angle accounts for"),
     (FULL, 0 * FULL + 2, {}, "torque stays at 2 throughout"), (0 * FULL, K * FULL,
      {}, "theta stays at 0 throughout"),
-    (FULL, -K * FULL, {}, "K = -200 N*m/rad is negative, so the torque drives the motion"),
+    (FULL, -K * FULL, {}, "K = -200 is negative, so the torque drives the motion"),
     (path(0, 10, 0, rest=0.2), K * path(0, 10, 0, rest=0.2),
      {}, "does not rest at the end of the recording"),
     (FULL, K * FULL,
-     {"angle_step_deg": 5}, "expected 5 or more; lower angle_step_deg from 5 deg to 0.99 deg"),
+     {"angle_step_deg": 5}, "multiples of angle_step_deg = 5 lie within the motion, expected 5"),
     (FULL, K * FULL, {"bench_stiffness": {"value": "150 N*m/rad"}}, "the torque drives the motion"),
     (FULL, K * FULL,
      {"bench_stiffness": {"value": "350 N*m/rad"}}, "K = 466.7 N*m/rad is not between 0 and the b"),
@@ -324,10 +303,7 @@ def test_what_is_no_trial_of_torque_against_angle_is_refused(theta, torque, chan
 
 
 BOTH_WAYS, FAR = path(0, *(10, -10) * 2, 0), path(0, *(10, -10) * 2, 4)
-LIFT, MIXED = (
-    np.linspace(0, 1, FULL.size),
-    np.concatenate([path(0, 10, 0, speed=2), path(0, 10, 0, speed=8)]),
-)
+LIFT = np.linspace(0, 1, FULL.size)
 
 
 @pytest.mark.parametrize(("theta", "torque", "changes", "column", "cause"), [
@@ -337,7 +313,6 @@ LIFT, MIXED = (
     (FULL, np.minimum(K * FULL + 0.01 * NOISE, 25), {}, "doubtful", "clipped signal"),
     (FULL, 1e3 * K * FULL, {}, "doubtful", "unlikely size"),
     (path(0, 10, 0.3), K * path(0, 10, 0.3), {}, "doubtful", "loop that does not close"),
-    (MIXED, K * MIXED + 20 * np.gradient(MIXED) * RATE, {}, "doubtful", "speed that matters"),
     (FULL, np.roll(K * FULL, 30) + 0.01 * NOISE,
      {}, "doubtful", "late torque in the loop"),
     (path(*SMALLER), K * path(*SMALLER),
@@ -345,7 +320,7 @@ LIFT, MIXED = (
     # no offset beside a wide loop
     (FULL, K * FULL + jenkins(FULL, 400, 4), {"zero": "start"}, "remarks", ""),
     (BOTH_WAYS, K * BOTH_WAYS + 5, PLAIN, "remarks", ""), (FAR, K * FAR,
-     {"zero": "start"}, "remarks", ""),
+     {"zero": "start"}, "remarks", "cycles that are smaller than the largest"),
 ])  # fmt: skip
 def test_drift_clipping_speed_and_energy_from_nothing_are_doubtful(
     theta, torque, changes, column, cause
@@ -353,11 +328,10 @@ def test_drift_clipping_speed_and_energy_from_nothing_are_doubtful(
     assert cause in row_of(theta, torque, **changes)[column].split("; ")
 
 
-def test_a_drift_is_told_by_the_loop_and_from_cycle_to_cycle():
-    # 5 s from loading to loading, cycles of 6 s
+def test_a_drift_is_told_by_the_loop():
+    """Cycles of 6 s."""
     row = row_of(FULL, torque := K * FULL + 6 * LIFT - 20, **PLAIN)
-    shares = np.array([6 * 5 / 12, 6 * 6 / 12]) / np.ptp(torque)
-    assert (row["cycle_drift"], row["closure_torque"]) == pytest.approx(shares, rel=0.05)
+    assert row["closure_torque"] == pytest.approx(6 * 6 / 12 / np.ptp(torque), rel=0.05)
 
 
 def test_the_weight_of_a_fixture_is_taken_off_the_torque():
@@ -381,55 +355,6 @@ def test_a_gap_at_the_tip_of_a_cycle_is_doubtful():
         table.with_columns(saturated_samples=0), CONFIG.doubtful.of("torque_angle"), "torque_angle"
     )
     assert "gap in the recording" in judged["doubtful"][0]
-
-
-def test_the_change_of_energy_is_that_from_slowest_to_fastest_cycle():
-    """Damping loses energy in proportion to the speed: 1, 2, 4 times, so that a line over log speed
-    gives 3 / (7/3)."""
-    theta = np.concatenate([path(0, 10, 0, speed=speed) for speed in (2, 4, 8)])
-    row = row_of(theta, K * theta + 20 * np.gradient(theta) * RATE)
-    assert row["rate_change"] == pytest.approx(9 / 7, rel=0.02)
-    for like in (FULL, np.tile(path(0, 10, 0, rest=0.5), 2)):  # or a rest in one of them
-        assert row_of(like, K * like, rest_s=0.4)["rate_change"] is None
-
-
-LATE_S = 0.02
-
-
-def table_of_speeds(name, speeds, late_s=0.0, amplitude=10, stiffness=K):
-    """The table of a trial of cycles at these speeds [deg/s] with hysteresis, whose torque is
-    late."""
-    theta = np.concatenate([path(0, amplitude, 0, speed=speed) for speed in speeds])
-    torque = stiffness * theta + jenkins(theta, 400, 2)
-    rows = round(late_s * RATE)
-    late = np.concatenate([np.zeros(rows), torque[: len(torque) - rows]])
-    found = fitted(theta, late, zero="start", shortest_cycle_s=0.5)
-    return torque_angle_table(found).with_columns(trial=pl.lit(name))
-
-
-def test_cycles_of_several_speeds_show_a_late_torque_by_their_loops():
-    """20 ms times the integral of the torque's rate times the velocity."""
-    sound = table_of_speeds("sound", (4, 8, 16)).row(0, named=True)
-    late = table_of_speeds("late", (4, 8, 16), LATE_S).row(0, named=True)
-
-    assert abs(sound["rate_change"]) < 0.01
-    assert late["late_s"] == pytest.approx(LATE_S, rel=0.03)
-    whole = late["energy_lost"] + 20 * late["energy_per_ms"]
-    assert whole == pytest.approx(sound["energy_lost"], rel=0.02)
-
-
-def test_repeats_at_other_speeds_show_a_late_torque_and_other_trials_do_not():
-    repeats = table_of_speeds("slow", (4, 4), LATE_S), table_of_speeds("fast", (12, 12), LATE_S)
-    stiffer = table_of_speeds("stiffer", (12, 12), stiffness=1.1 * K)
-
-    table = compared_with_repeats(pl.concat([*repeats, stiffer], how="diagonal_relaxed"), {})
-
-    limits = CONFIG.doubtful.of("torque_angle")
-    doubts = marked(table.with_columns(saturated_samples=0), limits, "torque_angle")
-    assert table["late_s"].to_list()[:2] == pytest.approx([LATE_S] * 2, rel=0.03)
-    named = ["late torque in the loop" in text.split("; ") for text in doubts["doubtful"]]
-    unseen = [LATENESS in (text or "") for text in doubts["remarks"]]
-    assert (named, unseen) == ([True, True, False], [False, False, True])
 
 
 def test_a_desired_curve_stands_beside_the_measured_one():
@@ -476,4 +401,4 @@ def test_a_real_foot_has_what_an_independent_computation_finds():
         theirs = expected.pop(row["log_part"])
         for ours, name in REFERENCE.items():
             assert found[ours] == pytest.approx(float(theirs[name]), rel=0.01), (row["trial"], ours)
-        assert found["zero_unsure"] > 0
+        assert found["zero_unsure"]

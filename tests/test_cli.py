@@ -325,19 +325,15 @@ def test_nothing_but_a_regular_file_is_replaced(
         "precious",
         False,
     )
-    for name, kind in (
-        ("pipe", "a named pipe"),
-        ("socket", "a socket"),
-        ("folder", "a folder"),
-        ("null", "a device"),
-    ):
+    for name in ("pipe", "socket", "folder", "null"):
         path = tmp_path / f"{name}.csv"
-        before, said = path.lstat()[:2], rf"{name}\.csv: is {kind}; name a file"
+        before, said = path.lstat()[:2], rf"{name}\.csv: is a folder or a device; name a file"
         with pytest.raises(InputError, match=said):
             write_table(TABLE, path)
         assert path.lstat()[:2] == before  # kind and inode
-    said = one_line(call(*GAINS, "--parameters", "no.yaml", "--output", "/proc/x.csv"))
-    assert "/proc/x.csv: cannot be written, because no file can be made in /proc" in said
+    below = str(tmp_path / "mine.yaml/x.csv")
+    said = one_line(call(*GAINS, "--parameters", "no.yaml", "--output", below))
+    assert f"{below}: cannot be written, because no file can be made in {tmp_path}/mine" in said
 
 
 def test_an_odd_name_never_reaches_the_terminal_as_it_is(tmp_path):

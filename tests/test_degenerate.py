@@ -15,15 +15,15 @@ from walking_crossings import Walk, selected, walked
 from walking_synthetic import settings
 
 from osl_analysis.bench.impedance import DesiredImpedance
-from osl_analysis.bench.phasors import fit_sinusoids
 from osl_analysis.commands.fit import fit_settings, fit_trial
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.errors import OslAnalysisError
 from osl_analysis.signals import LowPass, Motion, differentiate, filtered_motion, sampling_rate
 from osl_analysis.spectral.stepped_sine import SteppedSineProtocol
-from osl_analysis.stats import regression, repeats
-from osl_analysis.stats.regression import linear_fit
+from osl_analysis.stats import linear_fit as regression
+from osl_analysis.stats import repeats
+from osl_analysis.stats.linear_fit import linear_fit
 from osl_analysis.trial import Trial
 from osl_analysis.walking.group_checks import check_single
 from osl_analysis.walking.impedance_fit import fit_response, fit_without_offset
@@ -120,9 +120,7 @@ def asked(y, x):
 
 
 FITS_OF_SIGNALS = {
-    "linear_fit": lambda t, x, y: asked(y, x), "fit_sinusoid": lambda t, x, y: fit_sinusoids(t,
-    2.0, y)[0],
-    "fit_sinusoid of one cycle": lambda t, x, y: fit_sinusoids(t[:50], 2.0, y[:50])[0],
+    "linear_fit": lambda t, x, y: asked(y, x),
     "fit_impedance": lambda t, x, y: fit_without_offset(Motion(x, np.roll(x, 3), np.roll(x,
     11)), y),
     "over_repeats": lambda t, x, y: repeats.over_repeats(y, [(0.0, np.inf)]),

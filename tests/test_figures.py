@@ -22,7 +22,12 @@ from osl_analysis.commands.figure import (
 from osl_analysis.errors import InputError
 from osl_analysis.figures import FIGURES, drawing_of, names, not_drawn, style, ticks
 from osl_analysis.figures.captions import as_text
-from osl_analysis.figures.frequency import DESIRED, LINEAR_MODEL, response_curve
+from osl_analysis.figures.frequency import (
+    DESIRED,
+    LINEAR_MODEL,
+    over_amplitudes,
+    response_curve,
+)
 from osl_analysis.figures.quasi_static import MEAN_SLOPE
 from osl_analysis.figures.saved import write_footer
 from osl_analysis.figures.style import LOOKS, SINGLE_COLUMN, paper_style
@@ -30,7 +35,6 @@ from osl_analysis.refusal import Refusal, write_refusals
 from osl_analysis.table import read_table, write_table
 
 fig3, fig4, fig5, fig6, fig7, fig8, fig9 = (drawing_of(f"fig{number}") for number in range(3, 10))
-response = drawing_of("response")
 torque_angle = drawing_of("torque_angle")
 walking_page = drawing_of("walking_page")
 BELTS = [f"belt_{number:02d}" for number in range(1, 11)]
@@ -58,7 +62,7 @@ def response_table():
     admittance = np.full(5, 3.5e-3 - 2e-3j)
     labels = [(DESIRED, None), *((LINEAR_MODEL, controller) for controller in LOOKS)]
     curves = [response_curve(*label, frequency_hz, lambda _: admittance, PLACE) for label in labels]
-    return fig7.points(stored("frequency_response"), curves)
+    return fig7.points(over_amplitudes(stored("response")), curves)
 
 
 def torque_angle_table():
@@ -75,7 +79,6 @@ PLOTTED = {
     "torque_angle": torque_angle_table,
     "fig9": lambda: fig9_points(340.0),
     "gain_grid": lambda: stored("impedance").select("K_d", "B_d", B_1_joint=pl.col("K") / 9),
-    "response": lambda: response.points(stored("response")),
 }  # fmt: skip
 
 
@@ -101,15 +104,6 @@ def scattered(ax, label):
 
 def links_to(trials):
     return [f"../report.html#trial={trial}" for trial in trials]
-
-
-def conditions_of(number):
-    """The numbers of the figure `response` of that many trials."""
-    chirp, periodic = (stored("response").filter(trial=name).head(4) for name in ("C1", "M1"))
-    rows = [
-        (chirp if k % 2 else periodic).with_columns(trial=pl.lit(f"t{k}")) for k in range(number)
-    ]
-    return response.points(pl.concat(rows, how="diagonal_relaxed"))
 
 
 def walking_fits(n=31, group="all"):
@@ -212,17 +206,12 @@ SHOWN = [
        q in enumerate("KBI")),
     ("torque_angle", torque_angle_table, 0, True, "angle_deg", ("torque", "desired_torque")),
     ("torque_angle", torque_angle_table, 1, pl.col("branch") == "loading", "angle_deg",
-     ("stiffness", "stiffness_low", "stiffness_high")),
+     ("stiffness",)),
     *(("walking_page", None, k, pl.col("panel") == panel, "x", ("mean",))
       for k, panel in enumerate(("angle", "torque", "response angle", "response torque"))),
     *(("walking_page", None, k, pl.col("panel") == panel, "x",
        (pl.col("mean") - pl.col("sd"), pl.col("mean") + pl.col("sd"))) for k,
        panel in enumerate(("angle", "torque"))),
-    *(("response", None, 2 * row + k, pl.col("trial") == ("M1", "C1")[k], "frequency_hz", columns)
-      for k in range(2) for row, columns in enumerate((
-          ("magnitude", "magnitude_eq15", "magnitude_eq9", *ENDS["magnitude"]),
-          ("phase_deg", "phase_deg_eq15", "phase_deg_eq9", *ENDS["phase_deg"]),
-          ("noise_level", "odd_level", *APART)))),
 ]  # fmt: skip
 
 
@@ -329,7 +318,6 @@ LETTERING = [
      ["w1.0", "w4.0"], ["Desired", "Range over amplitudes"]),
     ("fig5", in_amplitudes, {}, ["Range over amplitudes", "Open: doubtful"], [names.LINEAR_MODEL]),
     ("fig6", None, {"doubtful": NOTE}, ["48 fits of 16 trials", "Open"], []),
-    ("response", lambda: conditions_of(2), {}, ["Open: doubtful"], ["t1"]),
 ]  # fmt: skip
 
 
@@ -564,15 +552,6 @@ def test_fig8_shows_stance_alone():
     assert len(fig8.points(swing.with_columns(phase=0.62))) == 1
 
 
-def test_of_13_conditions_the_first_12_fill_one_page():
-    figure = response.draw(conditions_of(13))
-
-    lettering = texts(figure)
-    assert "(l) " in lettering
-    assert "(m) " not in lettering
-    assert figure.get_figheight() < 9.5, "the text block of an IEEE page is 9.6 in high"
-
-
 def test_groups_have_a_page_each():
     page = stored("walking_page")
     axes = walking_page.draw(
@@ -691,7 +670,7 @@ def test_each_figure_has_a_section_and_a_missing_one_its_reason(
     sections = {part.split("\n")[0]: part for part in page.split("\n## ")[1:]}
     assert list(sections) == ["Fig. 4", "Fig. 5", "Fig. 7"]
     assert r"not drawn. \<b\>i\_1: raw/i\_1.mcap: no such file." in sections["Fig. 4"]
-    assert "not drawn. No trial follows a stepped sine" in sections["Fig. 7"]
+    assert "not drawn. No impedance trial has a frequency response" in sections["Fig. 7"]
     assert sections["Fig. 5"].endswith(
         "Without 1 trial whose recordings or fits were refused: \\<b\\>i\\_1.\n"
     )

@@ -11,7 +11,7 @@ from polars.testing import assert_frame_equal
 
 from osl_analysis.errors import InputError, WriteError
 from osl_analysis.files import atomic_path, seen_from
-from osl_analysis.memory import VARIABLE, allowed_memory, named_files
+from osl_analysis.memory import VARIABLE, allowed_memory
 from osl_analysis.table import read_table, read_tables
 
 
@@ -88,7 +88,7 @@ def test_an_error_of_another_file_within_the_block_stays_as_it_is(tmp_path):
 
 def test_tables_are_read_below_one_another_as_each_of_them(tmp_path):
     contents = {
-        "a": "trial,K,note\n01,1,'=x\n",
+        "a": "trial,K,note\n01,1,x\n",
         "b": 'trial,K,note\n02,2.5,"two\nlines"',  # no break behind the last line
         "none": "trial,K,note\n",
         "other": "trial,B\n03,4\n",
@@ -136,12 +136,6 @@ def test_memory_that_is_no_number_of_megabytes_is_refused(monkeypatch, text):
 
     with pytest.raises(InputError, match="write a number of megabytes above 0"):
         allowed_memory()
-
-
-def test_a_message_names_three_files_at_most():
-    assert named_files([]) == ""
-    assert named_files(["a", "b"]) == "a, b: "
-    assert named_files(["a", "b", "c", "d"]) == "a, b, c ...: "
 
 
 def test_a_folder_on_another_drive_of_windows_is_named_from_the_root(monkeypatch, tmp_path):

@@ -35,11 +35,11 @@ def fits(**columns):
 
 
 def doubts(row, above, below):
-    return findings_of(row, Limits(above=above, below=below), "phasors")
+    return findings_of(row, Limits(above=above, below=below), "response")
 
 
 def causes_of(table, limits):
-    return [[one.cause for one in row] for row in judged(table, limits, "phasors")]
+    return [[one.cause for one in row] for row in judged(table, limits, "response")]
 
 
 def test_a_fit_is_doubtful_for_every_limit_that_it_passes():
@@ -85,13 +85,13 @@ def test_a_misfit_that_a_cause_explains_is_no_doubt_of_its_own():
         }
     )
     limits = Limits(above={"coulomb_share": 0.5}, below={"VAF": 90})
-    both = [one for row in judged(rows, limits, "phasors") for one in row]
+    both = [one for row in judged(rows, limits, "response") for one in row]
     assert [(one.cause, one.remedy) for one in both] == [("friction", Remedy.WHOLE)] * 2
     sound = rows.with_columns(coulomb_share=pl.Series([0.6, 0.1]))
-    (alone,), none = judged(sound, limits, "phasors")
+    (alone,), none = judged(sound, limits, "response")
     assert (alone.remedy, alone.amplitude_deg is not None, none) == (Remedy.AMPLITUDE, True, [])
     assert (
-        judged(sound.with_columns(frequency_hz=5.0), limits, "phasors")[0][0].remedy
+        judged(sound.with_columns(frequency_hz=5.0), limits, "response")[0][0].remedy
         == Remedy.FREQUENCY
     )
 
@@ -104,7 +104,7 @@ def test_beside_a_clipped_signal_nothing_that_makes_a_fit_worse_is_named():
     row = {"saturated_samples": 9, "coulomb_share": 0.6, "heterogeneity": 5.0}
     limits = Limits(above={"saturated_samples": 5, "coulomb_share": 0.5, "heterogeneity": 1})
 
-    names = [one.cause for one in findings_of(row, limits, "phasors")]
+    names = [one.cause for one in findings_of(row, limits, "response")]
 
     assert names == ["clipped signal", "group of several conditions"]
 
@@ -113,7 +113,7 @@ def test_a_misfit_belongs_to_the_cause_that_was_measured():
     row = {"torque_distortion": 0.3, "lag_share": 0.3, "VAF": 80.0}
     limits = Limits(above={"torque_distortion": 0.25, "lag_share": 0.05}, below={"VAF": 90})
 
-    (finding,) = findings_of(row, limits, "phasors")
+    (finding,) = findings_of(row, limits, "response")
 
     assert finding.cause == "late torque"
     assert {one.column for one in finding.evidence} == row.keys()
@@ -185,21 +185,21 @@ def test_a_mean_is_over_trials_that_are_not_doubtful_however_few(n_doubtful, mea
     assert len(counted(table.drop("doubtful"))) == 3
 
 
-def test_phasors_share_the_doubts_of_the_fit_of_their_trial_and_amplitude(tmp_path):
+def test_responses_share_the_doubts_of_the_fit_of_their_trial_and_amplitude(tmp_path):
     fit = {"amplitude_deg": [2.0, 4.0, None], "vaf": [80.0, 95.0, 85.0]}
     fit |= {"K_over_K_s": 0.5, "fault_probability": 0.0}
     phasors = {"amplitude_deg": [2.0, 2.0, 4.0], "distortion": [0.0, 9.0, 0.0]}
-    for name, columns in (("impedance", fit), ("phasors", phasors)):
+    for name, columns in (("impedance", fit), ("response", phasors)):
         write_table(pl.DataFrame({"trial": ["a"] * 3, **columns}), tmp_path / name / "a.csv")
     of, strict = [tmp_path / "impedance/a.csv"], Limits(below={"vaf": 90})
     gather(
-        [tmp_path / "phasors/a.csv"],
-        tmp_path / "phasors.csv",
+        [tmp_path / "response/a.csv"],
+        tmp_path / "response.csv",
         Limits(above={"distortion": 1}),
         of,
         strict,
     )
-    assert read_table(tmp_path / "phasors.csv")["doubtful"].to_list() == [
+    assert read_table(tmp_path / "response.csv")["doubtful"].to_list() == [
         "vaf",
         "distortion; vaf",
         "",
@@ -259,10 +259,10 @@ def test_a_trial_that_is_doubtful_is_not_counted_again_as_doubtful_in_part():
     findings = [friction("a", 0.5)]
     for trial in "ab":
         evidence = (Beyond("theta_distortion", 0.5, 0.1, "above"),)
-        of_phasor = Finding("distorted_motion", "phasors", trial, evidence=evidence)
+        of_phasor = Finding("distorted_motion", "response", trial, evidence=evidence)
         findings.append(WordedFinding(of_phasor, Words("", "", "")))
 
-    causes = causes_in_campaign(findings, {"impedance": fits, "phasors": phasors}, quality)
+    causes = causes_in_campaign(findings, {"impedance": fits, "response": phasors}, quality)
 
     assert {cause.verdict: cause.trials for cause in causes} == {
         "doubtful": ["a"], "doubtful in part": ["b"]

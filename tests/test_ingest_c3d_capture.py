@@ -113,8 +113,6 @@ def test_a_name_that_the_file_lacks_has_twice_or_a_unit_that_cannot_be_is_refuse
         ({"analogs": {"sync": {"channel": "A1"}}}, "sync: unit 'N' measures [N]"),
     ):  # fmt: skip
         assert told in refused(path, **stated)
-    path.write_bytes(path.read_bytes().replace(b"LABELS", b"LABELZ", 1))
-    assert "POINT:LABELS is missing: none of its 3 points has a name" in refused(path)
 
 
 @pytest.mark.parametrize(
@@ -142,7 +140,7 @@ def test_a_marker_of_a_name_used_twice_is_read_by_its_number(
     path = write_c3d(tmp_path / "a.c3d", points(), POINT__LABELS=["TOE", "HEEL", "TOE"])
 
     for fields in ({}, {"markers": ["HEEL", "TOE"]}):
-        assert "as number 1, 3;" in refused(path, **fields)
+        assert "1, 3" in refused(path, **fields)
     samples = read(path, markers=["HEEL", "3"]).samples
 
     np.testing.assert_allclose(samples["marker_TOE_x"], points()[:, 2, 0] / 1000)
@@ -158,7 +156,7 @@ def test_a_pulse_whose_last_sample_was_not_recorded_is_read_without_its_last_fra
     converted = read(path, analogs={"sync": {"channel": "A1"}})
 
     np.testing.assert_allclose(converted.samples["sync"], recorded[:-4, 0], rtol=1e-6)
-    assert "was not recorded" in converted.warnings[0]
+    assert "were not recorded" in converted.warnings[0]
 
 
 def test_one_of_two_analog_channels_of_one_name_is_read_by_its_number(tmp_path: Path) -> None:
@@ -167,7 +165,7 @@ def test_one_of_two_analog_channels_of_one_name_is_read_by_its_number(tmp_path: 
     told = refused(path, analogs={"sync": {"channel": "Sync"}})
     samples = read(path, analogs={"sync": {"channel": "2"}}).samples
 
-    assert "as number 1, 2; write the number in the source file, '1'" in told
+    assert "one of 1, 2," in told
     np.testing.assert_allclose(samples["sync"], analogs()[:, 1])
 
 
@@ -204,7 +202,7 @@ def test_an_absurd_header_a_pointer_past_a_record_or_other_counts_are_refused(
     for place, value, problem in (
         (16, b"\0\0", "the data begin at byte -512, within the header"),
         (12, b"\0\0\0\0", "the scale of the points is 0"), (8, b"\0\0", "declares 0 frames"),
-        (0, b"\0", "in the format of unknown processors"),
+        (0, b"\0", "not in the format of Intel processors"),
         (0, b"\x89MCAP0\r\n", "is mcap, its source file says c3d"),
         (at + 4, b"\1\0", "damaged C3D file"), (at + 4,
          (20000).to_bytes(2, "little"), "damaged C3D file"),
@@ -258,17 +256,17 @@ PLATES_THAT_CANNOT_BE: list[tuple[dict[str, Any], dict[str, Any], str]] = [
     ({"FORCE_PLATFORM__CHANNEL": np.arange(6)[:, None]},
      {}, "FORCE_PLATFORM:CHANNEL gives [0, 1, 2, 3, 4, 5] of"),
     ({}, {"plate_zero": [3, 7]}, "of the plates is frames 3 to 7 of 6"),
-    ({}, {"plates": [2]}, "no force plate 2; the file has 1, counted from 1"),
-    ({"FORCE_PLATFORM__TYPE": [5]}, {}, "plate 1 is of type 5; types 1 to 4 are read"),
+    ({}, {"plates": [2]}, "no force plate 2; the file describes 1, counted from 1"),
+    ({"FORCE_PLATFORM__TYPE": [5]}, {}, "plate 1 is of type 5, and types 1 to 4 are read"),
     ({"FORCE_PLATFORM__CORNERS": np.zeros((3, 4, 1))}, {}, "plate 1: its corners span no plane"),
     ({"FORCE_PLATFORM__TYPE": [3], "FORCE_PLATFORM__ORIGIN": np.zeros((3, 1))},
      {}, "type 3 has ORIGIN [0"),
     ({"FORCE_PLATFORM__CORNERS": np.zeros((3, 3, 1))},
      {}, "FORCE_PLATFORM:CORNERS has dimensions (3, 3, 1)"),
     ({"FORCE_PLATFORM__ORIGIN": np.array([[0], [np.nan], [0]])},
-     {}, "plate 1: FORCE_PLATFORM:ORIGIN holds a value"),
+     {}, "plate 1: FORCE_PLATFORM:ORIGIN has dimensions (3, 1), or values that are not"),
     ({"FORCE_PLATFORM__CHANNEL": np.arange(3, 9)[:, None]},
-     {}, "leave this plate out: `plates: none`"),
+     {}, "leave this plate out: `plates: []`"),
 ]  # fmt: skip
 
 
@@ -547,6 +545,7 @@ DRESSES: dict[str, tuple[str, dict[str, object]]] = {
     "crlf": (EXPORT.replace("\n", "\r\n"), {}),
     "capitals": (EXPORT.replace("Frame,Sub Frame,", "FRAME,SUB FRAME,"), {}),
     "at the origin": (EXPORT.replace("3,,,,", "3,0,0,0,"), {}),
+    "devices of a subject": (EXPORT.replace(",AMTI", ",Anna:AMTI"), {}),
     "no blank lines": (DEVICES + TRAJECTORIES + MODEL, {}),
 }  # fmt: skip
 
@@ -582,9 +581,9 @@ def test_a_plates_moment_is_about_its_centre_wherever_the_file_takes_it(tmp_path
     (DEVICES + DEVICES + TRAJECTORIES + MODEL, {}, "line 10: section Devices stands twice"),
     (DEVICES.replace("200", "fast") + TRAJECTORIES + MODEL, {}, "line 2: 'fast' is not a rate"),
     (DEVICES.replace("5,1,", "5,2,") + TRAJECTORIES + MODEL,
-     {}, "frame 5, sub frame 2 does not follow"),
+     {}, "line 7: frame 5 does not follow"),
     (DEVICES + TRAJECTORIES.replace("\n6,", "\n7,") + MODEL,
-     {}, "line 16: frame 7, sub frame 0 does not follow"),
+     {}, "line 16: frame 7 does not follow"),
     (DEVICES.replace("200", "210") + TRAJECTORIES + MODEL,
      {}, "its sections differ in first frame"),
     (DEVICES.replace("0.6", "") + TRAJECTORIES + MODEL, {}, "sync: nan in sample 2 of 4"),
@@ -595,10 +594,12 @@ def test_a_plates_moment_is_about_its_centre_wherever_the_file_takes_it(tmp_path
      {}, "marker 'TOE' occurs 2 times"),
     (DEVICES + TRAJECTORIES + MODEL,
      {"markers": ["KNEE"]}, "no marker 'KNEE'; the file has Anna:TOE"),
+    (EXPORT, {"analogs": {"sync": {"device": "EMG", "component": "1"}}},
+     "no device 'EMG'; the file has AMTI #1 - Force"),
     (DEVICES + TRAJECTORIES.replace("mm", "parsnip") + MODEL, {}, "unit 'parsnip' is unknown"),
     (DEVICES[:DEVICES.index("6,1")],
-     {"outputs": {}, "markers": "none"}, "the last frame lacks sub frames; export"),
-    (EXPORT, {"analogs": {}, "outputs": {}, "plates": {}, "markers": "none"},
+     {"outputs": {}, "markers": []}, "the last frame lacks sub frames; export"),
+    (EXPORT, {"analogs": {}, "outputs": {}, "plates": {}, "markers": []},
      "nothing to read; name markers, outputs"),
     (DEVICES + TRAJECTORIES.replace("100", "0") + MODEL,
      {}, "section Trajectories at 0 Hz has no samples; export wit"),

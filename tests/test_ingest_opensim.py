@@ -18,6 +18,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.formats import known_formats
 from osl_analysis.ingest.capture import vertical_axis
 from osl_analysis.ingest.draft import draft_source
+from osl_analysis.ingest.draft_sheet import draft_trials
 from osl_analysis.ingest.raw_files import check_clocks, trial_from_files
 from osl_analysis.recording import Channel, Plate, Rows
 from osl_analysis.trial import Array
@@ -125,7 +126,8 @@ def test_rows_that_contradict_the_header_or_one_another_are_refused(
     path = tmp_path / "walk.trc"
     for header, reason in (
         ({"NumFrames": 41}, "NumFrames is 41, the file holds 40 rows: the end is missing"),
-        ({"NumMarkers": 5}, "NumMarkers is 5"), ({"DataRate": 101}, "does not fit DataRate 101 Hz"),
+        ({"NumMarkers": 5}, "NumMarkers is 5"),
+        ({"DataRate": 101}, "does not fit the rate of 101 Hz"),
     ):  # fmt: skip
         assert reason in refused(write_trc(path, walk(), **header))
     lines = write_trc(path, walk()).read_text().splitlines()
@@ -140,12 +142,28 @@ def test_rows_that_contradict_the_header_or_one_another_are_refused(
         "line 27 has 15 coordinates, its header names 4 markers": "\t".join(
             [*cells[:14], "1", "2", "3"]
         ),
-        "time: '' is not a number": lines[26].replace("0.200", ""),
+        "line 27: time nan s does not fit": lines[26].replace("0.200", ""),
     }.items():
         path.write_text("\n".join([*lines[:26], line, *lines[27:], ""]))
         assert reason in refused(path)
     path.write_text("\n".join(lines[:5]))
     assert "holds no frames" in refused(path)
+
+
+@pytest.mark.parametrize("tabs", ["header", "rows", "both"])
+def test_two_tabs_between_values_are_as_one(tmp_path: Path, tabs: str) -> None:
+    """NumFrames was read from the column of CameraRate."""
+    path = write_trc(tmp_path / "walk.trc", walk())
+    lines = path.read_text().splitlines()
+    if tabs != "rows":
+        lines[2] = lines[2].replace("\t", "\t\t")
+    if tabs != "header":
+        lines[6:] = [line.rstrip("\t").replace("\t", "\t\t") for line in lines[6:]]
+    path.write_text("\n".join(lines) + "\n")
+
+    samples = read(path, axes=("x", "-z", "y")).samples
+
+    np.testing.assert_allclose(samples["marker_TOE_z"], walk()[:, 3, 1] / 1000, atol=1e-8)
 
 
 def test_plates_tell_the_axis_that_points_up_or_else_four_markers_of_a_walker() -> None:
@@ -186,18 +204,17 @@ def test_times_may_be_printed_with_more_decimals_than_they_have(
         )
         assert f"line 26: time {time + off:.3f}"[:-1] in refused(path)
     path.write_text(re.sub(r"(?m)^(\d+\t)\d+\.\d{6}\t", r"\g<1>9.494000\t", text))
-    assert f"time 9.494 s does not fit DataRate {rate:g} Hz from 9.494 s on" in refused(path)
+    assert f"time 9.494 s does not fit the rate of {rate:g} Hz from 9.494 s on" in refused(path)
 
 
 def test_rows_of_a_table_that_cannot_be_right_are_refused(tmp_path: Path) -> None:
     text = (path := write_mot(tmp_path / "a.mot")).read_text()
     for reason, content in {
-        "states 50 rows, the file holds 49 whole ones: the end": text.rstrip().rpartition("\t")[0],
+        "states 50 rows, the file holds 49 whole ones: its end": text.rstrip().rpartition("\t")[0],
         "header states 50 rows, the file holds 49 whole": text.rstrip()[:-1],
-        "states 60 rows, the file holds 50 whole ones: the end": text.replace(
+        "states 60 rows, the file holds 50 whole ones: its end": text.replace(
             "nRows=50", "nRows=60"
         ),
-        "states 3 columns, the file holds 4 whole ones;": text.replace("nColumns=4", "nColumns=3"),
     }.items():
         path.write_text(content)
         assert reason in refused(path, **MOT)
@@ -207,8 +224,9 @@ def test_rows_of_a_table_that_cannot_be_right_are_refused(tmp_path: Path) -> Non
 
 def test_the_units_of_angles_are_those_that_the_header_says(tmp_path: Path) -> None:
     radians = write_mot(tmp_path / "a.sto", "inDegrees=no")
-    assert "inDegrees=no, and column 'ankle_angle_r' is read in deg; write rad" in refused(
-        radians, **MOT
+    assert (
+        "column 'ankle_angle_r' is read in deg, and by `inDegrees` of its header it is in rad;"
+        in refused(radians, **MOT)
     )
     assert "write rad/s" in refused(radians, channels={"omega_m": {**ANKLE, "unit": "deg/s"}})
     assert "write deg/s" in refused(
@@ -310,6 +328,15 @@ def test_markers_and_ground_reactions_of_one_export_share_their_times(tmp_path: 
     ) == (1, FRAMES)
 
 
+@pytest.mark.parametrize("name", ["walk.mot", "walk_grf.mot", "walk_forces.mot", "walk-GRF.sto"])
+def test_a_trc_finds_its_table_of_forces(name: str) -> None:
+    recordings = [(Path(name), "opensim", False), (Path("walk.trc"), "trc", True)]
+
+    (trial,) = draft_trials(recordings)
+
+    assert (trial.cells["log"], trial.cells["mocap"]) == (name, "walk.trc")
+
+
 @pytest.mark.parametrize(
     ("stem", "moment"),
     [("R_ground_force_", "R_ground_torque_"), ("ground_force_1_", "ground_moment_1_")],
@@ -343,7 +370,7 @@ def test_the_draft_of_ground_reactions_proposes_their_plates(
 
 def test_plates_that_cannot_be_read_are_refused(tmp_path: Path) -> None:
     path, _ = write_forces(tmp_path / "grf.mot")
-    assert "column 'L_vx' is missing" in refused(path, plates={1: {**PLATE, "force": "L_v"}})
+    assert "no column 'L_vx'" in refused(path, plates={1: {**PLATE, "force": "L_v"}})
     common = known_formats()["opensim"].source.model_validate({**MOT, "clock": "common"})
     check_clocks(common, known_formats()["trc"].source(format="trc"))
     # only TRC states times

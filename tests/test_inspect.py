@@ -86,7 +86,7 @@ def test_a_csv_file_is_listed_and_its_draft_reads_it(
     text = module.overview_text(module.inspect_file(path))
     assert "! the last line, 7, is cut off and was skipped" in text
     for said in ("comment 1: rig: B", "3 x 'ok'",
-    "a clock, 0.1 per unit, 1 gaps, the longest 70.000 s"):  # fmt: skip
+    "a clock, 100 per s, 1 gaps, the longest 0.070 s"):  # fmt: skip
         assert said in text
     for text in (BENCH, BENCH.replace(",", ";").replace(".", ",")):
         path.write_text(text)

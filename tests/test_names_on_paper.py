@@ -191,7 +191,7 @@ def test_responses_are_predicted_by_a_parameter_file_of_their_joint_alone(
 ):
     """Fig. 7: Eq. 9 with the belt and motor of another joint would be wrong without a word."""
     device = Path("config/parameters/default.yaml")
-    write_table(stored("frequency_response").with_columns(joint=pl.lit(joint)), tmp_path / "t.csv")
+    write_table(stored("response").with_columns(joint=pl.lit(joint)), tmp_path / "t.csv")
     plotted_numbers.fig7(tmp_path / "t.csv", device, None, PAPER_WEIGHT, tmp_path / "fig7.csv")
     drawn = read_table(tmp_path / "fig7.csv")
     assert set(drawn["curve"]) == {"observed", "desired"} | (
@@ -200,7 +200,7 @@ def test_responses_are_predicted_by_a_parameter_file_of_their_joint_alone(
 
 
 def test_fig_7_shows_the_desired_impedance_with_the_most_trials(tmp_path):
-    table = stored("frequency_response")
+    table = stored("response")
     lone = table.filter(trial=table["trial"][0]).with_columns(
         trial=pl.lit("lone"), K_d=pl.lit(77.0)
     )

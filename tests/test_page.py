@@ -17,7 +17,7 @@ from osl_analysis.judge.finding import Finding, Grade, WordedFinding, Words
 from osl_analysis.report import methods
 from osl_analysis.report.left_out import LeftOut
 from osl_analysis.report.page import Page, ShownFigure, trial_view, with_symbols, written_page
-from osl_analysis.report.signals import of_fit, of_recording, phasor_response
+from osl_analysis.report.signals import measured_response, of_fit, of_recording
 from osl_analysis.report.verdicts import verdict_counts, verdicts_sentence
 
 ABOUT = {"campaign": "<b>", "data": "measured", "version": "2.0", "configuration": "c"}
@@ -175,10 +175,10 @@ def test_a_crossing_that_was_excluded_shows_its_recording(tmp_path):
 
 def test_the_model_of_a_response_is_equation_15():
     measured = {
-        "frequency_hz": [1.0, 5.0], "Y_re": 0.01, "Y_im": 0.0, "Y_var_re": 1e-6,
-        "Y_cov": 0.0, "Y_var_im": 1e-6, "Y_degrees_of_freedom": 9.0,
+        "amplitude_deg": 2.0, "frequency_hz": [1.0, 5.0], "magnitude": 0.01,
+        "magnitude_low": 0.008, "magnitude_high": 0.012, "phase_deg": 0.0,
     }  # fmt: skip
-    response = phasor_response(pl.DataFrame(measured), {"K": 100.0, "B": 2.0, "I": 0.1})
+    response = measured_response(pl.DataFrame(measured), {"K": 100.0, "B": 2.0, "I": 0.1})
 
     at_5_hz = response.row(-1, named=True)
     s = 10j * np.pi

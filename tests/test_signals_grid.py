@@ -441,16 +441,6 @@ def test_stamps_that_no_clock_tells_or_that_go_back_are_refused(time, refused):
         check_time("log", np.array(time, float))
 
 
-@pytest.mark.parametrize(("time", "remedy"), [
-    ([0.0, 0.1, 0.2, 0.1, 0.2, 0.3], "its stamps stand there already: delete rows"),
-    ([0.0, 0.1, 0.3, 0.2, 0.4, 0.5], "rows changed places: sort them by time"),
-    ([0.0, 0.1, 0.2, 0.11, 0.21, 0.31], "the recorder's clock was set back: cut the log there"),
-])  # fmt: skip
-def test_stamps_that_go_back_are_told_by_what_happened_to_the_rows(time, remedy):
-    with pytest.raises(InputError, match=remedy):
-        check_time("log", np.array(time))
-
-
 def test_a_row_written_twice_counts_once():
     rows = np.insert(np.arange(30), 7, 7)
     values = np.where(TICKS[rows] == 0.07, np.nan, TICKS[rows])

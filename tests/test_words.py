@@ -47,7 +47,7 @@ FRICTION = {"trial": "a", "coulomb_share": 0.6, "B": 2.264, "B_viscous": 1.0465,
 
 def finding_in_words(row, above=None, below=None):
     """The one finding about a row, in words."""
-    (finding,) = findings_of(row, Limits(above=above or {}, below=below or {}), "phasors")
+    (finding,) = findings_of(row, Limits(above=above or {}, below=below or {}), "response")
     return finding_text(finding, row)
 
 
@@ -122,7 +122,7 @@ def test_a_finding_is_said_with_the_numbers_of_its_row(row, limits, parts):
 
 
 def test_a_detail_whose_number_is_missing_is_left_out():
-    (finding,) = findings_of({"lag_share": 0.1}, Limits(above={"lag_share": 0.05}), "phasors")
+    (finding,) = findings_of({"lag_share": 0.1}, Limits(above={"lag_share": 0.05}), "response")
     assert words_of(finding, {"lag_share": 0.1}).size == ""
     late = Finding("late_torque_unseen", "impedance", "a", Grade.UNCHECKED)
     full, empty = (words_of(late, row) for row in ({"K": 300.0, "B": 5.0, "I": 0.02}, {}))

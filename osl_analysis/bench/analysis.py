@@ -1,7 +1,7 @@
 """A model fitted to a trial on the dynamometer: to each label and to all of it, with table rows,
 modelled torque, the time base, and the stated errors of the bench."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 
@@ -12,17 +12,16 @@ from numpy.typing import NDArray
 from osl_analysis.bench.bench_settings import NOT_STATED, Calibration
 from osl_analysis.bench.effects import Model, noise_of_angle, plain_sums, with_effects
 from osl_analysis.bench.fit_tables import Series, timebase_table
-from osl_analysis.bench.group_fit import GroupFit, fit_groups
-from osl_analysis.bench.group_sums import Sums
 from osl_analysis.bench.identifiability import STIFFNESS_ALONE, check_moves, check_told
 from osl_analysis.bench.leg_belt import Fault
+from osl_analysis.bench.motion import SHORTEST_S
 from osl_analysis.bench.plausibility import check_stiffer
-from osl_analysis.bench.record import Record
-from osl_analysis.bench.recorded_motion import SHORTEST_S
-from osl_analysis.bench.row_groups import Label
+from osl_analysis.bench.record import Label, Record
+from osl_analysis.bench.regression import GroupFit, Sums, fit_groups
 from osl_analysis.errors import IdentifiabilityError
+from osl_analysis.signals import seven_point_motion
 from osl_analysis.spectral.stepped_sine import moving_bins
-from osl_analysis.stats.regression import LinearFit, with_shared_error
+from osl_analysis.stats.linear_fit import LinearFit, with_shared_error
 from osl_analysis.stats.table_rows import Row, diagnostics_row, estimates_row
 from osl_analysis.trial import Array
 
@@ -30,7 +29,6 @@ QUANTITIES = ("K", "B", "I")  # parameters of Eq. 15
 LITTLE = {"K": 0.0, "B": 2.0, "I": 5e-3}
 """Sizes of K, B [N*m*s/rad] and I [kg*m^2], added in quadrature to the divisor of a relative
 change."""
-SumsOf = Callable[[Record, Model], Sums]
 PER_ANGLE = {
     **dict.fromkeys(("K", "B", "I", "K_s", "B_j", "J_j", "B_m", "J_m", "weight"), 1),
     "K_s2": 2,
@@ -50,8 +48,7 @@ class Analysis:
     record, sums, model
         What was fitted.
     fits : Mapping
-        By label. The intervals include the error of the bench's stiffness; offsets are at angle 0
-        and in the middle of the fitted rows.
+        By label. Offsets are at angle 0 and in the middle of the fitted rows.
     fits_with_other_stamps : Mapping
         The same with the other reading of undecided stamps; empty: all are decided.
     label
@@ -108,7 +105,8 @@ class Analysis:
         }
 
     def calibrated(self, fit: GroupFit, label: Label = None) -> GroupFit:
-        """Add the stated errors of the bench's calibration and fixture to the intervals of a fit.
+        """Add what is stated of the bench to the intervals of a fit: the errors of its calibration,
+        its stiffness and its fixture, to first order.
 
         Comparisons within a trial do not include them.
 
@@ -121,24 +119,27 @@ class Analysis:
         """
         record = self.record
         stated = record.calibration
+        bench = record.bench
         fixture = record.fixture
-        if stated == NOT_STATED and fixture is None:
+        if stated == NOT_STATED and fixture is None and bench is None:
             return fit
         rows = record.rows(label)
-        sign = record.low_pass(np.tanh(record.motion.omega / SIGN_WIDTH), record.rate_hz)
+        motion = record.motion
+        sign = record.low_pass(np.tanh(motion.omega / SIGN_WIDTH), record.rate_hz)
         columns = {**self.sums.columns, "T_C": sign}
         names = list(fit.names)
         if "offset" not in names:
             names = list(dict.fromkeys((*self.model, *fit.names)))
         column_of = {**FURTHER_COLUMNS, **self.model}
         X = np.column_stack([columns[column_of.get(name, name)][rows] for name in names])
-        torques = torque_errors(record.filtered_torque, record.rate_hz, rows, stated)[:, rows]
+
+        torques = [*torque_errors(record.filtered_torque, record.rate_hz, rows, stated)]
         if fixture is not None:
-            theta, alpha = record.motion.theta[rows], record.motion.alpha[rows]
-            sine = np.sin(theta - np.deg2rad(fixture.rest_deg))
-            of_fixture = [fixture.inertia_error * alpha, fixture.weight_error * sine]
-            torques = np.vstack([torques, *of_fixture])
-        by_torques = np.linalg.lstsq(X, torques.T)[0]
+            sine = np.sin(motion.theta - np.deg2rad(fixture.rest_deg))
+            torques += [fixture.inertia_error * motion.alpha, fixture.weight_error * sine]
+        if bench is not None:
+            torques.append(torque_by_frame(self.model, fit, record, bench.compliance_error))
+        by_torques = np.linalg.lstsq(X, np.column_stack(torques)[rows])[0]
         by_torques = by_torques[[names.index(name) for name in fit.names]]
 
         powers = np.array([PER_ANGLE.get(name, 0) for name in fit.names])
@@ -184,7 +185,7 @@ class Analysis:
 
     def fitted_column(self, column: str, label: Label) -> Array:
         """A column (n,) as the fit to a label took it: drift counts from the mean time of the rows
-        that are fitted, so that it does not change the offset (`group_sums.normal_equations`)."""
+        that are fitted, so that it does not change the offset (`regression.fit_groups`)."""
         values = self.sums.columns[column]
         if column == "ramp":
             values = values - values[self.record.rows(label)].mean()
@@ -223,14 +224,12 @@ class Analysis:
         )
 
 
-def fitted_motion(
-    record: Record, sums: Sums, model: Model, sums_of: SumsOf = plain_sums
-) -> Analysis:
+def fitted_motion(record: Record, sums: Sums, model: Model) -> Analysis:
     """Fit Eq. 15, with the other terms of a model, to any motion.
 
     Parameters
     ----------
-    record, sums, model, sums_of
+    record, sums, model
         As `analysed` takes them.
 
     Raises
@@ -248,7 +247,7 @@ def fitted_motion(
     try:
         if moving_s < SHORTEST_S:
             raise IdentifiabilityError("K, B and I cannot be told from so little")
-        analysis = analysed(record, sums, model, sums_of)
+        analysis = analysed(record, sums, model)
     except IdentifiabilityError as error:
         missing = missing_band(record, moving_s, error)
         raise IdentifiabilityError(f"trial {record.name}: {missing}, {STIFFNESS_ALONE}") from error
@@ -301,37 +300,13 @@ def motion_in(record: Record) -> Array:
     return np.column_stack([record.part(x) for x in (motion.theta, motion.omega, motion.alpha)])
 
 
-def analysed(record: Record, sums: Sums, model: Model, sums_of: SumsOf = plain_sums) -> Analysis:
-    """Fit a model to all of a record and to each label that determines it.
-
-    Parameters
-    ----------
-    record
-        The trial.
-    sums
-        Its sums.
-    model
-        Column of each estimate.
-    sums_of
-        Gives the sums of the same record on a softer bench or with other stamps.
-
-    Raises
-    ------
-    InputError, IdentifiabilityError
-        As `fit_groups`.
-    """
-    fits = fits_by_label(sums, model)
-    if record.on_softer_bench is not None:
-        softer = fits_by_label(sums_of(record.on_softer_bench, model), model)
-        fits = {
-            label: widened(fit, softer[label].estimates - fit.estimates, of_bench=True)
-            for label, fit in fits.items()
-            if label in softer
-        }
+def analysed(record: Record, sums: Sums, model: Model) -> Analysis:
+    """Fit a model, the column of each estimate, to all of a record and to each label that
+    determines it. Raises as `fit_groups`."""
     others: Mapping[Label, GroupFit] = {}
     if record.with_other_stamps is not None:
-        others = fits_by_label(sums_of(record.with_other_stamps, model), model)
-    return Analysis(record, sums, model, fits, others)
+        others = fits_by_label(plain_sums(record.with_other_stamps, model), model)
+    return Analysis(record, sums, model, fits_by_label(sums, model), others)
 
 
 def fits_by_label(sums: Sums, model: Model) -> dict[Label, GroupFit]:
@@ -364,6 +339,26 @@ def widened(fit: GroupFit, change: Array, of_bench: bool = False) -> GroupFit:
         degrees_of_freedom=with_error.degrees_of_freedom,
         bench_variance=bench_variance,
     )
+
+
+def torque_by_frame(model: Model, fit: LinearFit, record: Record, compliance_error: float) -> Array:
+    """Torque (n,) [N*m] by which a fit is off if the bench yields by `compliance_error`
+    [rad/(N*m)] more: the joint then turns by so much less per torque."""
+    yielding = seven_point_motion(
+        record.time, compliance_error * record.filtered_torque, record.rate_hz
+    )
+    by_column = {
+        "theta": yielding.theta,
+        "square": 2 * np.abs(record.motion.theta - record.motion.theta[0]) * yielding.theta,
+        "omega": yielding.omega,
+        "alpha": yielding.alpha,
+    }
+    column_of = {**FURTHER_COLUMNS, **model}
+    torque = np.zeros(len(record.time))
+    for name in fit.names:
+        if column_of.get(name) in by_column:
+            torque += fit[name] * by_column[column_of[name]]
+    return torque
 
 
 def torque_errors(

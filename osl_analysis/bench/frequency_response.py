@@ -1,219 +1,256 @@
-"""Frequency response of a trial: of a stepped sine the mean of its phasors over the amplitudes
-(Fig. 7), of any other motion the impedance at the lines of its spectrum (`response.csv`)."""
+"""Frequency response of a joint to a stepped sine or any other motion (`response.csv`, Fig. 7).
 
-import warnings
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+A piece is a settled cycle of a sine, or a window of another motion. At each frequency
+
+    Z = sum(conj(theta) torque) / sum(abs(theta)^2),   Y = 1/Z
+
+over the complex amplitudes of the pieces. Leaving out one unit at a time gives the error of Y.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import polars as pl
+import scipy
 from numpy.typing import NDArray
 
-from osl_analysis.bench.complex_estimate import (
-    POLAR,
-    BenchError,
-    ComplexEstimate,
-    complex_mean,
-    polar_row,
-)
-from osl_analysis.bench.effects import Admittance
-from osl_analysis.bench.group_fit import GroupFit
-from osl_analysis.bench.phasors import SHARED
-from osl_analysis.bench.record import Record
+from osl_analysis.bench.analysis import Analysis
+from osl_analysis.bench.record import Label, Record
+from osl_analysis.dictionary import table_of
 from osl_analysis.errors import InputError
-from osl_analysis.spectral.periods import distinct
-from osl_analysis.spectral.response import (
-    ResponseColumns,
-    local_response,
-    periodic_response,
-    record_spectrum,
-)
+from osl_analysis.stats.covariance import products_between, welch_satterthwaite
 from osl_analysis.stats.table_rows import Row
 from osl_analysis.trial import Array
 
-OF_TRIAL: dict[str, type[pl.DataType]] = {
-    **dict.fromkeys(("trial", "joint", "side", "controller"), pl.String),
-    **dict.fromkeys(("K_d", "B_d", "frequency_hz"), pl.Float64),
-}
-"""Columns in which the phasors of one trial and frequency agree; they differ only in amplitude."""
-MEAN_OVER_AMPLITUDES: dict[str, type[pl.DataType]] = {
-    **dict.fromkeys(POLAR, pl.Float64),
-    **dict.fromkeys(("damping", "damping_low", "damping_high"), pl.Float64),
-    "interval_method": pl.String,
-    **dict.fromkeys(("magnitude_amplitudes_low", "magnitude_amplitudes_high"), pl.Float64),
-    **dict.fromkeys(("phase_deg_amplitudes_low", "phase_deg_amplitudes_high"), pl.Float64),
-    "doubtful": pl.String,
-}
-"""The other columns of `frequency_response.csv`."""
-RESPONSE_COLUMNS: dict[str, type[pl.DataType]] = {
-    "trial": pl.String, "method": pl.String, "realisations": pl.Int64,
-    **dict.fromkeys(("frequency_hz", "magnitude", "phase_deg"),
-    pl.Float64),
-    **dict.fromkeys(("noise_sd", "total_sd", "noise_level", "odd_level", "even_level",
-    "total_level"), pl.Float64),
-    **dict.fromkeys(("magnitude_eq15", "phase_deg_eq15", "magnitude_eq9", "phase_deg_eq9"),
-    pl.Float64),
-}  # fmt: skip
-"""Columns of `response.csv`."""
-LINE_ROUNDING = 1e-9  # of a line's number: the cut-off times the period may lie this much below it
+Spectrum = NDArray[np.complex128]
 
-
-def frequency_response_table(phasors: pl.DataFrame) -> pl.DataFrame:
-    """Average Y over the amplitudes, one row per trial and frequency.
-
-    Parameters
-    ----------
-    phasors : pl.DataFrame
-        Rows of `phasors.csv` of one or several trials, with the causes of their doubt.
-
-    Returns
-    -------
-    pl.DataFrame
-        Magnitude [rad/(N*m)] and phase [deg] of the complex mean with 95 % intervals, the damping,
-        and the extremes over the amplitudes; their phases are relative to the mean's, so that none
-        jumps at 180 degrees. The intervals contain the noise of the phasors and the error of the
-        bench, not how much Y depends on the amplitude. `doubtful` lists causes of doubt.
-    """
-    keys = list(OF_TRIAL)
-    if len(phasors):
-        keys = [key for key in OF_TRIAL if key in phasors.columns]
-    amplitudes_of: dict[tuple[Any, ...], list[Mapping[str, Any]]] = {}
-    for row in phasors.iter_rows(named=True):
-        amplitudes_of.setdefault(tuple(row[key] for key in keys), []).append(row)
-    rows = []
-    for values, amplitudes in amplitudes_of.items():
-        of_trial = dict(zip(keys, values, strict=True))
-        rows.append({**of_trial, **mean_over_amplitudes(amplitudes)})
-    schema: dict[str, Any] = {key: phasors.schema.get(key, OF_TRIAL[key]) for key in keys}
-    return pl.DataFrame(rows, schema=schema | MEAN_OVER_AMPLITUDES)
-
-
-def mean_over_amplitudes(rows: Sequence[Mapping[str, Any]]) -> Row:
-    """The columns `MEAN_OVER_AMPLITUDES` of one trial and frequency, of a row per amplitude."""
-    # which a table has no column of where none is stated
-    compliance, gain, phase = (max(row.get(name) or 0.0 for row in rows) for name in SHARED)
-    bench_error = BenchError(compliance, gain, phase)
-    # all amplitudes share the bench's error: averaging does not lessen it
-    responses = [bench_error.taken_off(admittance_of_row(row)) for row in rows]
-    mean = bench_error.added_to(complex_mean(responses))
-    sizes = [response.magnitude for response in responses]
-    phases_deg = [
-        float(np.rad2deg(mean.phase + np.angle(response.value / mean.value)))
-        for response in responses
-    ]
-    doubts = dict.fromkeys(row["doubtful"] for row in rows)
-    return {
-        **polar_row(mean),
-        **damping_row(mean, rows[0]["frequency_hz"]),
-        "interval_method": " and ".join(sorted({row["interval_method"] for row in rows})),
-        "magnitude_amplitudes_low": min(sizes),
-        "magnitude_amplitudes_high": max(sizes),
-        "phase_deg_amplitudes_low": min(phases_deg),
-        "phase_deg_amplitudes_high": max(phases_deg),
-        "doubtful": "; ".join(doubt for doubt in doubts if doubt),
-    }
-
-
-def admittance_of_row(row: Mapping[str, Any]) -> ComplexEstimate:
-    """Y of a row of `phasors.csv`, with the error of the bench in its covariance."""
-    covariance = np.array([[row["Y_var_re"], row["Y_cov"]], [row["Y_cov"], row["Y_var_im"]]])
-    value = complex(row["Y_re"], row["Y_im"])
-    return ComplexEstimate(value, covariance, row["Y_degrees_of_freedom"])
-
-
-def damping_row(Y: ComplexEstimate, frequency_hz: float) -> Row:
-    """The damping of a response, `damping` [N*m*s/rad], with its 95 % interval to first order.
-
-    It is the real part of the impedance torque/velocity, Re(Z/(j w)) = Im(Z)/w with Z = 1/Y. It is
-    positive if the joint takes in energy at this frequency.
-    """
-    w = 2 * np.pi * frequency_hz
-    Z = 1 / Y.value
-    slope = -(Z**2)  # dZ = slope dY
-    # d Im(Z) = Im(slope) dRe(Y) + Re(slope) dIm(Y)
-    gradient = np.array([slope.imag, slope.real]) / w
-    half = float(Y.quantile * np.sqrt(Y.variance_along(gradient)))
-    damping = Z.imag / w
-    return {"damping": damping, "damping_low": damping - half, "damping_high": damping + half}
+HIGHEST_HARMONIC = 5
+"""Friction makes odd harmonics, which fall as 1/k or faster; asymmetry makes even ones."""
+SMALLEST_SINE = 1e-12  # of the signal: a smaller sine is rounding
+LEAST_FREEDOM = 0.9  # of an interval: two cycles have one degree
+WINDOW_S = 4.0  # s; of a motion that is no stepped sine
+DISTINCT_LINES = 2  # lines of a Hann window, of which each depends on its neighbours
+LEAST_POWER = 1e-4  # of the angle's strongest line
 
 
 @dataclass(frozen=True)
-class MeasuredResponse:
-    """The impedance of a trial at the lines of its spectrum."""
+class Response:
+    """Integral admittance Y = theta/torque [rad/(N*m)] at one frequency.
 
-    method: str  # "robust", "fast" or "local polynomial" (spectral/response.py)
-    realisations: int  # of a periodic motion; 1 of any other
-    columns: ResponseColumns
+    Attributes
+    ----------
+    frequency_hz : float
+    Y : complex
+    deviations : Array (u,)
+        Complex errors of Y, whose sum of squares along any direction is the variance along it.
+    freedom : float
+        Degrees of freedom of that variance.
+    distortion : Array (2,)
+        Harmonics 2 to 5 of angle and torque over the fundamental; NaN but of one sine.
+    """
+
+    frequency_hz: float
+    Y: complex
+    deviations: Spectrum
+    freedom: float
+    distortion: Array = field(default_factory=lambda: np.full(2, np.nan))
+
+    def to_row(self, record: Record) -> Row:
+        """Magnitude, phase and damping with 95 % intervals (Student), to first order.
+
+        The intervals include what is stated of the bench, which all amplitudes share. The damping
+        is the real part of the impedance torque/velocity, Im(1/Y)/w.
+        """
+        gain, phase = record.calibration.polar(self.frequency_hz)
+        compliance = record.bench.compliance_error if record.bench else 0.0
+        deviations = np.append(self.deviations, [compliance, gain * self.Y, 1j * phase * self.Y])
+        own, total = np.linalg.norm(self.deviations), np.linalg.norm(deviations)
+        freedom = self.freedom * (total / own) ** 4 if own else np.inf
+        quantile = scipy.special.stdtrit(freedom, 0.975)
+
+        relative = deviations / self.Y
+        w = 2 * np.pi * self.frequency_hz
+        values = {
+            "magnitude": (abs(self.Y), abs(self.Y) * relative.real),
+            "phase_deg": (np.rad2deg(np.angle(self.Y)), np.rad2deg(relative.imag)),
+            "damping": ((1 / self.Y).imag / w, (relative / self.Y).imag / w),
+        }
+        row: Row = {"frequency_hz": self.frequency_hz}
+        for name, (value, errors) in values.items():
+            half_width = quantile * np.linalg.norm(errors)
+            row[name] = float(value)
+            row[f"{name}_low"] = float(value - half_width)
+            row[f"{name}_high"] = float(value + half_width)
+        row["theta_distortion"], row["torque_distortion"] = self.distortion.tolist()
+        return row
 
 
-def impedance_over_frequency(
-    record: Record, fit: GroupFit | None = None, expected: Admittance | None = None
-) -> pl.DataFrame:
-    """Compute the trial's rows of `response.csv`.
+def response_table(analysis: Analysis) -> pl.DataFrame:
+    """The trial's rows of `response.csv`.
+
+    Of a stepped sine a row per amplitude and frequency, and one of the mean of Y over the
+    amplitudes. Of any other motion a row per line that moves the joint.
 
     Parameters
     ----------
-    record : Record
-        A recording of the bench.
-    fit : GroupFit, optional
-        The fit of K, B and I, whose Eq. 15 stands beside the response.
-    expected : Admittance, optional
-        The response expected from the gains (Eq. 9), which stands there, too.
+    analysis : Analysis
+        Eq. 15 of a recording of the bench.
 
-    Returns
-    -------
-    pl.DataFrame
-        A row per line of the unfiltered signals: of the periods up to the filter's cut-off, else of
-        the longest stretch. No rows for a stepped sine, whose response is in `phasors.csv`; none
-        for a motion without a response, of which a warning gives the reason.
+    Raises
+    ------
+    InputError
+        The signal of a sine has none; the message names the trial.
     """
+    record = analysis.record
+    method = "cycles"
     if record.is_stepped_sine:
-        return pl.DataFrame(schema=RESPONSE_COLUMNS)
-    try:
-        measured = measured_response(record)
-    except InputError as error:
-        warnings.warn(f"trial {record.name}: no frequency response: {error}", stacklevel=2)
-        return pl.DataFrame(schema=RESPONSE_COLUMNS)
-    s = np.asarray(2j * np.pi * measured.columns["frequency_hz"], dtype=np.complex128)
-    models: dict[str, object] = {}
-    if fit is not None:
-        models |= polar_columns("eq15", fit["K"] + fit["B"] * s + fit["I"] * s**2)
-    if expected is not None:
-        models |= polar_columns("eq9", 1 / expected(s))
-    columns: dict[str, object] = {
-        **dict.fromkeys(RESPONSE_COLUMNS),
-        **measured.columns,
-        **models,
-        "trial": record.name,
-        "method": measured.method,
-        "realisations": measured.realisations,
-    }
-    return pl.DataFrame(columns, schema=RESPONSE_COLUMNS).fill_nan(None)
+        responses = responses_to_sines(record)
+    else:
+        method = "windows"
+        responses = {None: list(responses_of_windows(analysis))}
+    rows = []
+    for label, of_label in responses.items():
+        for response in of_label:
+            rows.append(
+                {
+                    **analysis.place(label),
+                    **response.to_row(record),
+                    "interval_method": method,
+                }
+            )
+    return table_of(rows, "response").fill_nan(None)
 
 
-def measured_response(record: Record) -> MeasuredResponse:
-    """The response of a record, of its periods where it has some. Raises InputError: none."""
+def responses_to_sines(record: Record) -> Mapping[Label, Sequence[Response]]:
+    """The responses of each amplitude, and their mean over the amplitudes (None)."""
+    groups = record.groups
+    responses: dict[Label, list[Response]] = {label: [] for label in groups.labels}
+    at_frequency: dict[float, list[Response]] = {}
+    for number, stratum in enumerate(groups.strata):
+        response = response_to_sine(record, number)
+        responses[stratum.label].append(response)
+        at_frequency.setdefault(stratum.frequency_hz, []).append(response)
+    responses[None] = [mean_response(alike) for alike in at_frequency.values()]
+    return responses
+
+
+def response_to_sine(record: Record, stratum: int) -> Response:
+    """The response to the sine of one frequency and amplitude, by its settled cycles."""
+    groups = record.groups
+    frequency_hz = groups.strata[stratum].frequency_hz
+    first, stop = (edges[groups.stratum == stratum] for edges in (groups.first, groups.stop))
+    rows = slice(int(first.min()), int(np.ceil(stop.max())))
+    harmonics = np.arange(1, HIGHEST_HARMONIC + 1)
+    turns = np.exp(-2j * np.pi * frequency_hz * np.outer(record.time[rows], harmonics))
+    signals = np.column_stack([record.theta[rows], record.torque[rows]])
+    sums = products_between(
+        np.hstack([turns.real, turns.imag]), signals, first - rows.start, stop - rows.start
+    )
+    complex_sums = sums[:, :HIGHEST_HARMONIC] + 1j * sums[:, HIGHEST_HARMONIC:]
+    amplitudes = 2 * complex_sums / (stop - first)[:, None, None]  # cycles, harmonics, signals
+
+    sizes = np.abs(amplitudes.mean(axis=0))
+    for name, size, signal in zip(("theta", "torque"), sizes[0], signals.T, strict=True):
+        if size <= SMALLEST_SINE * np.abs(signal).max():
+            raise InputError(
+                f"trial {record.name}: {name} has no sine of {frequency_hz:g} Hz, it stays at"
+                f" {signal[0]:g}; check its channel in the source file, or exclude the trial"
+            )
+    distortion = np.linalg.norm(sizes[1:], axis=0) / sizes[0]
+    theta, torque = amplitudes[:, 0].T
+    response = response_of_pieces(frequency_hz, theta, torque, np.arange(len(first)))
+    return replace(response, distortion=distortion)
+
+
+def response_of_pieces(
+    frequency_hz: float,
+    theta: Spectrum,
+    torque: Spectrum,
+    unit: NDArray[np.intp],
+) -> Response:
+    """The response at one frequency by the amplitudes of k pieces, (k,), which belong to units.
+
+    Units that move the joint more count for more, so that their number is their effective one.
+    """
+    belongs = unit == np.unique(unit)[:, None]
+    power = belongs @ np.abs(theta) ** 2
+    cross = belongs @ (theta.conj() * torque)
+    Y = power.sum() / cross.sum()
+    freedom = power.sum() ** 2 / np.sum(power**2) - 1
+    deviations = np.array([np.nan + 0j])
+    if freedom > LEAST_FREEDOM:
+        without_unit = (power.sum() - power) / (cross.sum() - cross)
+        u = len(power)
+        deviations = (without_unit - without_unit.mean()) * np.sqrt((u - 1) / u)
+    return Response(frequency_hz, complex(Y), deviations, float(freedom))
+
+
+def mean_response(responses: Sequence[Response]) -> Response:
+    """The mean of Y over amplitudes, whose errors are independent."""
+    variances = [np.sum(np.abs(response.deviations) ** 2) for response in responses]
+    freedom = welch_satterthwaite(variances, [response.freedom for response in responses])
+    deviations = [response.deviations for response in responses]
+    return Response(
+        responses[0].frequency_hz,
+        complex(np.mean([response.Y for response in responses])),
+        np.asarray(np.concatenate(deviations) / len(responses), dtype=np.complex128),
+        float(freedom),
+    )
+
+
+def responses_of_windows(analysis: Analysis) -> Iterator[Response]:
+    """The responses of a motion that is no stepped sine, at every other line of Hann windows.
+
+    The torque's amplitude in a window is that of Eq. 15 plus the window's of what Eq. 15 leaves:
+    the window would mix neighbouring frequencies, between which Z changes (2 % at 6 Hz), and what
+    is left hardly changes.
+    """
+    record, fit = analysis.record, analysis.whole
+    starts, unit, n = windows_of(record)
+    if not len(starts):
+        return
+    window = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(n) / n)
+
+    def lines(signal: Array) -> Spectrum:
+        pieces = np.lib.stride_tricks.sliding_window_view(signal, n)[starts]
+        return np.asarray(np.fft.rfft(window * (pieces - pieces.mean(axis=1, keepdims=True))))
+
+    frequency_hz = np.fft.rfftfreq(n, 1 / record.rate_hz)
+    s = 2j * np.pi * frequency_hz
+    theta = lines(record.motion.theta)
+    by_fit = fit["K"] + fit["B"] * s + fit["I"] * s**2
+    torque = by_fit * theta + lines(record.filtered_torque - analysis.modelled())
+    power = np.mean(np.abs(theta) ** 2, axis=0)
+    highest_hz = min(record.band_hz[1], record.low_pass.cutoff_hz)
+    for k in range(DISTINCT_LINES, len(frequency_hz), DISTINCT_LINES):
+        if frequency_hz[k] <= highest_hz and power[k] > LEAST_POWER * power.max():
+            hz = float(frequency_hz[k])
+            yield response_of_pieces(hz, theta[:, k], torque[:, k], unit)
+
+
+def windows_of(record: Record) -> tuple[NDArray[np.intp], NDArray[np.intp], int]:
+    """First rows (k,), units (k,) and length [rows] of windows that overlap by half.
+
+    Every window is a unit, but in a periodic motion the same half of each period is one: its
+    distortion by friction repeats, in an odd motion with the other sign. So few realisations have
+    wide intervals, and one of a period of 4 s has none.
+    """
     periodic = record.periodic
     if periodic is None:
-        longest = max(record.pieces, key=lambda piece: piece.stop - piece.start)
-        spectrum = record_spectrum(
-            record.theta[longest],
-            record.torque[longest],
-            record.rate_hz,
-            record.low_pass.cutoff_hz,
-        )
-        return MeasuredResponse("local polynomial", 1, local_response(spectrum))
-    last_line = int(np.floor(record.low_pass.cutoff_hz * periodic.period + LINE_ROUNDING))
-    realisations = [
-        replace(realisation, spectra=realisation.spectra[..., : last_line + 1])
-        for realisation in periodic.realisations
-    ]
-    count = len(distinct(realisations))
-    method = "robust" if count > 1 else "fast"
-    return MeasuredResponse(method, count, periodic_response(realisations))
+        n = round(WINDOW_S * record.rate_hz)
+        pieces = [np.arange(rows.start, rows.stop - n + 1, n // 2) for rows in record.pieces]
+        starts = np.concatenate(pieces)
+        return starts, np.arange(len(starts)), n
 
-
-def polar_columns(model: str, Z: NDArray[np.complex128]) -> dict[str, Array]:
-    """Magnitude and phase of the impedance (m,) that a model predicts."""
-    return {f"magnitude_{model}": np.abs(Z), f"phase_deg_{model}": np.rad2deg(np.angle(Z))}
+    per_period = max(round(periodic.period / WINDOW_S), 1)
+    window_s = periodic.period / per_period
+    n = round(window_s * record.rate_hz)
+    all_starts, units = [], []
+    for number, realisation in enumerate(periodic.realisations):
+        half_windows = np.arange(2 * per_period * realisation.periods - 1)
+        begins_s = realisation.start + half_windows * window_s / 2
+        all_starts.append(np.rint(begins_s * record.rate_hz).astype(np.intp))
+        units.append(number * per_period + half_windows % per_period)
+    starts = np.minimum(np.concatenate(all_starts), len(record.time) - n)
+    return starts, np.concatenate(units), n

@@ -1,10 +1,9 @@
-"""Torque against angle, quasi-static, of passive feet, springs and series elastic elements: one
-trial's filtered signals, zero, cycles and curves.
+"""Torque against angle, quasi-static, of passive feet, springs and series elastic elements.
 
 The torque's zero and the deflection of the bench are subtracted first. A device with hysteresis
 that comes to rest on its way keeps a torque of up to half the width of its loop. One recording
-cannot tell this from an offset; a rest before the motion, or the loop around the rest, shows that
-it may be present."""
+cannot tell this from an offset; the loop around the rest shows that it may be present.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,102 +11,107 @@ from typing import Literal
 
 import numpy as np
 import polars as pl
-import scipy
-from numpy.typing import NDArray
 
+from osl_analysis.bench.analysis import torque_errors
 from osl_analysis.bench.bench_settings import TorqueAngleAnalysis
-from osl_analysis.bench.branch_curve import branch_curve, straight_line
 from osl_analysis.bench.fit_tables import Series, timebase_table
-from osl_analysis.bench.loop_cycles import RESTS, Cycle, Cycles, between_rests, find_cycles
-from osl_analysis.bench.plausibility import TURN_TORQUE, check_changes, check_stiffer
+from osl_analysis.bench.loops import Cycle, energies, find_cycles
+from osl_analysis.bench.plausibility import check_changes, check_resists, check_stiffer
 from osl_analysis.bench.record import joint_angle
+from osl_analysis.dictionary import table_of
 from osl_analysis.errors import Change, InputError, naming
 from osl_analysis.signals.grid import UniformSignals, uniform_signals
-from osl_analysis.stats.regression import variance_accounted_for
+from osl_analysis.stats.linear_fit import variance_accounted_for
+from osl_analysis.stats.repeats import over_repeats
 from osl_analysis.stats.table_rows import Row
 from osl_analysis.trial import Array, Trial
 
-ZeroAt = Literal["end", "start", "none"]
-
+BRANCHES = ("loading", "unloading")
 FEWEST_ANGLES = 5  # of a curve
+FEWEST_SAMPLES = 10  # of a parabola
 LEAST_VAF = 50.0  # [percent] of the torque by its curve; below it the torque does not follow
+SMALL_ZERO = 0.1  # of the widest loop: a smaller zero does not matter
+OFF_MIDDLE = 0.25  # of the loop's width: a torque at rest beyond it is not in the middle
+RESTS = 0.01  # of the range of motion: the joint is at rest within it
 GAP_OF_FIRST_CYCLE = 3.0  # times the largest gap of later ones: a first cycle beyond is settling
-SMALLEST_GAP = 0.005  # of the range of torque: a first cycle that closes to within it is settled
-ASSUMED_ZEROS: tuple[ZeroAt, ...] = ("end", "start")
-"""Where the torque's zero is taken, if none is stated: the first at which the joint rests."""
+SMALLEST_GAP = 0.005  # of the range of torque: a gap, or a zero, that does not matter
 
 
 @dataclass(frozen=True)
-class Branch:
-    """Loading or unloading of all cycles."""
+class TorqueAngle:
+    """One trial: filtered signals, shape (n,) each, cycles, and curves at the angles of the grid.
 
-    pieces: tuple[tuple[slice, ...], ...]  # rows, by cycle and piece
-    curve: pl.DataFrame  # as of `branch_curve`
+    Attributes
+    ----------
+    signals : UniformSignals
+        On their time base.
+    settings : TorqueAngleAnalysis
+    theta : Array
+        Angle of the joint [rad], without the deflection of the bench.
+    torque : Array
+        Resisting torque from its zero [N*m].
+    zero : float or None
+        Recorded torque that was taken as zero [N*m]; None: it is as recorded, since nobody states
+        a zero and the joint rests at neither end.
+    rest : int or None
+        Row of the rest, 0 or -1; None: there is none.
+    cycles : sequence of Cycle
+    others : int
+        Further stretches of motion, which are smaller or do not close.
+    loading : int
+        1 if the angle rises while loading, to the end that is farther from the start; else -1.
+    angle_deg : Array
+        Angles (m,) of the curves [deg].
+    curves : Array
+        Torque [N*m] and its slope [N*m/rad] at them, by branch and cycle, (2, cycles, 2, m). NaN
+        out of a branch's reach.
+    """
 
-    @property
-    def rows(self) -> list[NDArray[np.intp]]:
-        """The rows of each cycle."""
-        return rows_by_cycle(self.pieces)
-
-
-@dataclass(frozen=True)
-class TorqueAngleTrial:
-    """One trial: filtered signals, shape (n,) each, cycles, and curves at the angles of the
-    grid."""
-
-    uniform: UniformSignals  # the signals on their time base
-    settings: TorqueAngleAnalysis  # the choices of the analysis
-    theta: Array  # angle of the joint [rad], without the deflection of the bench
-    bench_theta: Array  # angle of the bench [rad]
-    torque: Array  # resisting torque [N*m] from its zero
-    zero: float  # torque [N*m] taken as zero
-    zero_at: ZeroAt  # where it was taken
-    cycles: Cycles
-    loading: Branch
-    unloading: Branch
+    signals: UniformSignals
+    settings: TorqueAngleAnalysis
+    theta: Array
+    torque: Array
+    zero: float | None
+    rest: Literal[0, -1] | None
+    cycles: Sequence[Cycle]
+    others: int
+    loading: int
+    angle_deg: Array
+    curves: Array
 
     def series(self) -> Series:
-        """Torque and its curve over angle in the rows of all cycles; the curve's end pieces are
-        extrapolated."""
+        """Torque and its mean curve over angle in the rows of all cycles."""
         model = np.full(len(self.theta), np.nan)
-        for branch in (self.loading, self.unloading):
-            angle_deg, torque = branch.curve["angle_deg"], branch.curve["torque"]
-            line = scipy.interpolate.make_interp_spline(
-                angle_deg.to_numpy(),
-                torque.to_numpy(),
-                k=1,
-                check_finite=False,  # the curve may contain NaN
-            )
-            for rows in branch.rows:
-                model[rows] = line(np.rad2deg(self.theta[rows]))
-        return Series(self.uniform.time, self.torque, model, self.theta, np.isfinite(model))
+        theta_deg = np.rad2deg(self.theta)
+        for curve, direction in zip(self.mean_torque, (self.loading, -self.loading), strict=True):
+            rows = np.concatenate([cycle.branch(self.theta, direction) for cycle in self.cycles])
+            model[rows] = np.interp(theta_deg[rows], self.angle_deg, curve, np.nan, np.nan)
+        return Series(self.signals.time, self.torque, model, self.theta, np.isfinite(model))
 
-    def vaf(self) -> float:
-        """VAF [percent] of the torque by its curve over angle, in the rows of all cycles."""
-        series = self.series()
-        torque = series.torque[series.fitted]
-        return variance_accounted_for(torque, torque - series.torque_model[series.fitted])
+    @property
+    def mean_torque(self) -> Array:
+        """Means over the cycles of the curves of loading and unloading, (2, m) [N*m]."""
+        return np.asarray(self.curves[:, :, 0].mean(axis=1))
 
     def time_base(self) -> pl.DataFrame:
         """The trial's rows of `timebase.csv`."""
-        return timebase_table(self.uniform)
+        return timebase_table(self.signals)
 
     def desired_torque(self, desired: str | None) -> Array:
         """Torque (m,) [N*m] of a desired curve at the angles of the grid; NaN beyond its ends, and
-        of None. Raises InputError: The settings have no such curve."""
-        angle_deg = self.loading.curve["angle_deg"].to_numpy()
+        of None. Raises InputError: the settings have no such curve."""
         curves = self.settings.desired
         if desired is None:
-            return np.full(len(angle_deg), np.nan)
+            return np.full(len(self.angle_deg), np.nan)
         if desired not in curves:
             raise InputError(
-                f"trial {self.uniform.trial}: no desired curve '{desired}'; torque_angle.desired in"
+                f"trial {self.signals.trial}: no desired curve '{desired}'; torque_angle.desired in"
                 f" the configuration has {', '.join(curves) or 'none'}"
             )
-        return curves[desired].at(angle_deg)
+        return curves[desired].at(self.angle_deg)
 
 
-def torque_angle_trial(trial: Trial, settings: TorqueAngleAnalysis) -> TorqueAngleTrial:
+def torque_angle_trial(trial: Trial, settings: TorqueAngleAnalysis) -> TorqueAngle:
     """Filter a trial, subtract torque's zero and bench's deflection, find cycles and curves.
 
     Parameters
@@ -115,12 +119,6 @@ def torque_angle_trial(trial: Trial, settings: TorqueAngleAnalysis) -> TorqueAng
     trial : Trial
         A recording with `theta` and `torque`.
     settings : TorqueAngleAnalysis
-        The choices of the analysis.
-
-    Returns
-    -------
-    TorqueAngleTrial
-        Its signals, cycles and curves.
 
     Raises
     ------
@@ -130,145 +128,139 @@ def torque_angle_trial(trial: Trial, settings: TorqueAngleAnalysis) -> TorqueAng
         the trial.
     """
     signals = uniform_signals(trial, ("theta", "torque"), settings.gap_limits)
+    rate_hz = signals.rate_hz
     bench = settings.bench_stiffness
     with naming(f"trial {trial.name}"):
-        analysed = torque_angle_of(signals, settings, bench.compliance if bench else 0.0)
-    slopes = [straight_line(analysed.theta, analysed.torque, p) for p in analysed.loading.pieces]
-    check_stiffer(trial.name, "K", float(np.mean(slopes)), bench)
+        for column in ("torque", "theta"):
+            check_changes(column, signals[column])
+        bench_theta = settings.low_pass(signals["theta"], rate_hz)
+        torque = settings.low_pass(signals["torque"], rate_hz)
+        check_moves(bench_theta, settings)
+        rest_samples = max(round(settings.rest_s * rate_hz), 1)
+        rest = place_of_rest(bench_theta, rest_samples, settings)
+        zero = 0.0 if settings.zero == "none" else None
+        if rest is not None:
+            zero = float(torque[rest_rows(rest, rest_samples)].mean())
+        torque = torque - (zero or 0.0)
+        theta = joint_angle(bench_theta, torque, bench.compliance if bench else 0.0)
+
+        cycles, others = find_cycles(theta)
+        check_slow(theta, cycles, settings, rate_hz)
+        settled = settings.settle_cycles
+        if settled is None:
+            settled = int(first_cycle_settles(torque, cycles))
+        if len(cycles) <= settled:
+            raise InputError(
+                f"the first {settled} of {len(cycles)} whole cycles are not analysed; record more,"
+                " or lower settle_cycles"
+            )
+        cycles = cycles[settled:]
+        begin = theta[cycles[0].edges[0]]
+        loading = 1 if theta.max() - begin >= begin - theta.min() else -1
+        angle_deg = angles_of_curves_deg(theta, settings)
+        window = settings.window_share * float(np.ptp(theta))
+        curves = []
+        for direction in (loading, -loading):
+            branches = [cycle.branch(theta, direction) for cycle in cycles]
+            curves.append(
+                [curve_of(theta[b], torque[b], np.deg2rad(angle_deg), window) for b in branches]
+            )
+        analysed = TorqueAngle(
+            signals=signals,
+            settings=settings,
+            theta=theta,
+            torque=torque,
+            zero=zero,
+            rest=rest,
+            cycles=cycles,
+            others=others,
+            loading=loading,
+            angle_deg=angle_deg,
+            curves=np.array(curves),
+        )
+        check_followed(analysed)
+    K = measured_cycles(theta, torque, cycles, loading)["K"]
+    check_resists(trial.name, "K", float(K.mean()))
+    check_stiffer(trial.name, "K", float(K.mean()), bench)
     return analysed
 
 
-def torque_angle_of(
-    signals: UniformSignals, settings: TorqueAngleAnalysis, compliance: float
-) -> TorqueAngleTrial:
-    """Analyse uniform signals on a bench of a compliance [rad/(N*m)]; raises as
-    `torque_angle_trial`."""
-    check_changes("torque", signals["torque"])
-    check_changes("theta", signals["theta"])
-    low_pass, rate_hz = settings.low_pass, signals.rate_hz
-    bench_theta = low_pass(signals["theta"], rate_hz)
-    filtered_torque = low_pass(signals["torque"], rate_hz)
-    check_moves(bench_theta, settings)
-
-    zero_at = place_of_zero(bench_theta, rate_hz, settings)
-    zero = 0.0
-    if zero_at != "none":
-        zero = float(filtered_torque[rest_rows(zero_at, rate_hz, settings)].mean())
-    torque = filtered_torque - zero
-    theta = joint_angle(bench_theta, torque, compliance)
-
-    cycles = find_cycles(theta, settings.settle_cycles or 0)
-    if settings.settle_cycles is None and first_cycle_settles(torque, cycles.analysed):
-        cycles = cycles.without_first()
-
-    loading = pieces_of(theta, cycles, cycles.loading_direction)
-    unloading = pieces_of(theta, cycles, -cycles.loading_direction)
-    rows_of_branches = rows_by_cycle(loading), rows_by_cycle(unloading)
-    angle_deg = common_angles_deg(theta, [*rows_of_branches[0], *rows_of_branches[1]], settings)
-    loading_curve, unloading_curve = (
-        branch_curve(
-            [(theta[of_cycle], torque[of_cycle]) for of_cycle in rows],
-            angle_deg,
-            settings.window_share * float(np.ptp(theta)),
-            low_pass.independent_samples(rate_hz),
-        )
-        for rows in rows_of_branches
-    )
-    trial = TorqueAngleTrial(
-        uniform=signals,
-        settings=settings,
-        theta=theta,
-        bench_theta=bench_theta,
-        torque=torque,
-        zero=zero,
-        zero_at=zero_at,
-        cycles=cycles,
-        loading=Branch(loading, loading_curve),
-        unloading=Branch(unloading, unloading_curve),
-    )
-    check_slow(trial)
-    check_followed(trial)
-    return trial
-
-
 def first_cycle_settles(torque: Array, cycles: Sequence[Cycle]) -> bool:
-    """Whether the torque (n,) of the first cycle does not come back while that of later ones does.
-
-    A device with hysteresis that starts from rest begins within its loop.
-    """
-    first_gap, *later_gaps = (abs(float(torque[c.stop] - torque[c.start])) for c in cycles)
-    if not later_gaps:
+    """Whether the torque (n,) of the first cycle does not come back while that of later ones does:
+    a device with hysteresis that starts from rest begins within its loop."""
+    gaps = [abs(float(torque[cycle.edges[-1]] - torque[cycle.edges[0]])) for cycle in cycles]
+    if len(gaps) < 2:
         return False
     smallest = SMALLEST_GAP * float(np.ptp(torque))
-    return first_gap > max(GAP_OF_FIRST_CYCLE * max(later_gaps), smallest)
+    return gaps[0] > max(GAP_OF_FIRST_CYCLE * max(gaps[1:]), smallest)
 
 
-def pieces_of(theta: Array, cycles: Cycles, direction: int) -> tuple[tuple[slice, ...], ...]:
-    """Rows in which the angle (n,) rises (1) or falls (-1), by cycle and piece."""
-    return tuple(tuple(cycle.pieces(theta, direction)) for cycle in cycles.analysed)
+def rest_rows(rest: Literal[0, -1], count: int) -> slice:
+    """The `count` rows at the start (0) or the end (-1) of a recording."""
+    return slice(count) if rest == 0 else slice(-count, None)
 
 
-def rows_by_cycle(pieces: Sequence[Sequence[slice]]) -> list[NDArray[np.intp]]:
-    """The rows of the pieces of each cycle."""
-    return [np.r_[*of_cycle] for of_cycle in pieces]
+def place_of_rest(theta: Array, count: int, settings: TorqueAngleAnalysis) -> Literal[0, -1] | None:
+    """Where the joint rests for `count` rows, as stated, else at the end, at the start, or nowhere.
+
+    Raises
+    ------
+    InputError
+        The joint moves where it should rest.
+    """
+    if settings.zero == "none":
+        return None
+    places: dict[str, Literal[0, -1]] = {"end": -1, "start": 0}
+    for name, place in places.items():
+        if settings.zero not in (None, name):
+            continue
+        moved = float(np.ptp(theta[rest_rows(place, count)]))
+        if count < len(theta) and moved <= RESTS * np.ptp(theta):
+            return place
+        if settings.zero == name:
+            raise InputError(
+                f"the joint does not rest at the {name} of the recording: the angle moves by"
+                f" {np.rad2deg(moved):.2g} deg in {settings.rest_s:g} s; record a rest there, or"
+                " state another torque_angle.zero"
+            )
+    return None
 
 
-def common_angles_deg(
-    theta: Array, rows: Sequence[NDArray[np.intp]], settings: TorqueAngleAnalysis
-) -> Array:
-    """Angles [deg], multiples of a step, that every branch of every cycle passes. Raises
-    InputError: they are too few."""
-    low_deg = np.rad2deg(max(float(theta[of_branch].min()) for of_branch in rows))
-    high_deg = np.rad2deg(min(float(theta[of_branch].max()) for of_branch in rows))
+def angles_of_curves_deg(theta: Array, settings: TorqueAngleAnalysis) -> Array:
+    """Angles [deg] within the motion, multiples of a step. Raises InputError: they are too few."""
     step_deg = settings.angle_step_deg
-    steps = np.arange(int(np.ceil(low_deg / step_deg)), int(np.floor(high_deg / step_deg)) + 1)
+    low, high = np.rad2deg([theta.min(), theta.max()]) / step_deg
+    steps = np.arange(np.ceil(low), np.floor(high) + 1)
     if len(steps) < FEWEST_ANGLES:
         raise InputError(
-            f"of the grid's angles {len(steps)} lie within the motion ({low_deg:.2f} to"
-            f" {high_deg:.2f} deg), expected {FEWEST_ANGLES} or more; lower angle_step_deg from"
-            f" {step_deg:g} deg to {(high_deg - low_deg) / (2 * FEWEST_ANGLES):.2g} deg or less",
+            f"{len(steps)} multiples of angle_step_deg = {step_deg:g} lie within the motion,"
+            f" expected {FEWEST_ANGLES} or more; lower it",
             [Change("", other_unit_of="theta")],
         )
-    return np.asarray(steps * step_deg, dtype=np.float64)
+    return np.asarray(steps * step_deg)
 
 
-def place_of_zero(theta: Array, rate_hz: float, settings: TorqueAngleAnalysis) -> ZeroAt:
-    """Where the torque's zero is taken: as stated, else where the joint rests, else nowhere. Raises
-    InputError: the joint moves where it should rest."""
-    stated = settings.zero
-    if stated == "none":
-        return stated
-    places = (stated,) if stated else ASSUMED_ZEROS
-    for place in places:
-        rows = rest_rows(place, rate_hz, settings)
-        moved = float(np.ptp(theta[rows]))
-        is_shorter = rest_samples(rate_hz, settings) < len(theta)
-        if is_shorter and moved <= RESTS * np.ptp(theta):
-            return place
-    if not stated:
-        return "none"
-    others = [place for place in (*ASSUMED_ZEROS, "none") if place != stated]
-    raise InputError(
-        f"the joint does not rest at the {stated} of the recording: the angle moves by"
-        f" {np.rad2deg(moved):.2g} deg in {settings.rest_s:g} s; record a rest there, or write"
-        f" torque_angle.zero: {' or '.join(others)}"
-    )
+def curve_of(theta: Array, torque: Array, angles: Array, window: float) -> Array:
+    """Torque [N*m] and slope [N*m/rad] of a branch at angles (m,) [rad], (2, m).
+
+    They are those of parabolas through the samples of angle and torque (n,) within a window [rad].
+    The torque is NaN with too few of them, the slope also where the branch does not reach both ends
+    of the window.
+    """
+    curve = np.full((2, len(angles)), np.nan)
+    for k, at in enumerate(angles):
+        near = np.abs(theta - at) <= window
+        if np.count_nonzero(near) < FEWEST_SAMPLES or np.ptp(theta[near]) < window / 2:
+            continue
+        _, slope, value = np.polyfit((theta[near] - at) / window, torque[near], 2)
+        reaches_ends = theta.min() <= at - window and theta.max() >= at + window
+        curve[:, k] = value, slope / window if reaches_ends else np.nan
+    return curve
 
 
-def rest_rows(place: ZeroAt, rate_hz: float, settings: TorqueAngleAnalysis) -> slice:
-    """The rows of the rest at the start or end of a recording."""
-    count = rest_samples(rate_hz, settings)
-    return slice(-count, None) if place == "end" else slice(count)
-
-
-def rest_samples(rate_hz: float, settings: TorqueAngleAnalysis) -> int:
-    """Number of samples of the rest over which the zero is averaged."""
-    return max(round(settings.rest_s * rate_hz), 1)
-
-
-def check_moves(bench_theta: Array, settings: TorqueAngleAnalysis) -> None:
+def check_moves(theta: Array, settings: TorqueAngleAnalysis) -> None:
     """Refuse a trial whose joint hardly moves."""
-    range_deg = float(np.rad2deg(np.ptp(bench_theta)))
+    range_deg = float(np.rad2deg(np.ptp(theta)))
     if range_deg < settings.smallest_motion_deg:
         raise InputError(
             f"the angle moves by {range_deg:.3g} deg in all, expected"
@@ -278,102 +270,189 @@ def check_moves(bench_theta: Array, settings: TorqueAngleAnalysis) -> None:
         )
 
 
-def check_slow(trial: TorqueAngleTrial) -> None:
-    """Refuse a trial that is not quasi-static."""
-    shortest_s = min(duration_s(trial, cycle) for cycle in trial.cycles.analysed)
-    if shortest_s < trial.settings.shortest_cycle_s:
-        raise InputError(
-            f"a cycle takes {shortest_s:.2g} s, which is not quasi-static: below"
-            f" {trial.settings.shortest_cycle_s:g} s (shortest_cycle_s) inertia and damping are in"
-            " the torque; record it slower, or take experiment 'impedance' in the sheet"
-        )
+def speed_of(theta: Array, rate_hz: float) -> float:
+    """Mean speed [rad/s] over the way of an angle (n,), so that rests do not count."""
+    steps = np.abs(np.diff(theta))
+    return float(steps @ steps / steps.sum()) * rate_hz
 
 
-def check_followed(trial: TorqueAngleTrial) -> None:
-    """Refuse a trial whose torque does not follow the angle, or drives it."""
-    vaf = trial.vaf()
+def check_slow(
+    theta: Array, cycles: Sequence[Cycle], settings: TorqueAngleAnalysis, rate_hz: float
+) -> None:
+    """Refuse cycles that are not quasi-static."""
+    for cycle in cycles:
+        angle = theta[cycle.rows]
+        duration_s = np.abs(np.diff(angle)).sum() / speed_of(angle, rate_hz)
+        if duration_s < settings.shortest_cycle_s:
+            raise InputError(
+                f"a cycle takes {duration_s:.2g} s, which is not quasi-static: below"
+                f" {settings.shortest_cycle_s:g} s (shortest_cycle_s) inertia and damping are in"
+                " the torque; record it slower, or take experiment 'impedance' in the sheet"
+            )
+
+
+def check_followed(trial: TorqueAngle) -> None:
+    """Refuse a trial whose torque does not follow the angle."""
+    vaf = vaf_of(trial)
     if vaf < LEAST_VAF:
-        rows = np.concatenate([*trial.loading.rows, *trial.unloading.rows])
         raise InputError(
             f"torque does not follow the angle: its curve over angle accounts for {vaf:.3g} % of"
-            f" its variance, and it changes by {np.ptp(trial.torque[rows]):.3g} N*m; check the"
-            " torque's channel and the mounting of the load cell"
-        )
-    slope = straight_line(trial.theta, trial.torque, trial.loading.pieces[0])
-    if slope < 0:
-        raise InputError(
-            f"K = {slope:.4g} N*m/rad is negative, so the torque drives the motion instead of"
-            " resisting it; check the channels of torque and angle in the source file",
-            [TURN_TORQUE],
+            f" its variance, and it changes by {np.ptp(trial.torque):.3g} N*m; check the torque's"
+            " channel and the mounting of the load cell"
         )
 
 
-def duration_s(trial: TorqueAngleTrial, cycle: Cycle) -> float:
-    """Duration [s] of a cycle without the rests before and after the motion."""
-    moves = between_rests(trial.theta)
-    time = trial.uniform.time
-    rows: int = min(cycle.stop, moves.stop - 1) - max(cycle.start, moves.start)
-    return rows * float(time[1] - time[0])
+def vaf_of(trial: TorqueAngle) -> float:
+    """VAF [percent] of the torque by its curve over angle, in the rows of all cycles."""
+    series = trial.series()
+    torque = series.torque[series.fitted]
+    return variance_accounted_for(torque, torque - series.torque_model[series.fitted])
 
 
-def zero_row(trial: TorqueAngleTrial, widest: float) -> Row:
+def measured_cycles(
+    theta: Array, torque: Array, cycles: Sequence[Cycle], loading: int
+) -> dict[str, Array]:
+    """Slopes [N*m/rad] and energies [J] of each cycle, (cycles,), by the columns of the table.
+
+    K is that of least squares over angle: each sample has the weight of the angle that it covers,
+    so that a rest on the way, or a slower end, does not count more.
+    """
+    rows = []
+    for cycle in cycles:
+        slopes = []
+        for direction in (loading, -loading):
+            branch = cycle.branch(theta, direction)
+            covered = np.sqrt(np.abs(np.gradient(theta)[branch]))
+            slopes.append(np.polyfit(theta[branch], torque[branch], 1, w=covered)[0])
+        loaded = cycle.branch(theta, loading)
+        ends = loaded[[np.argmin(theta[loaded]), np.argmax(theta[loaded])]]
+        secant = np.ptp(torque[ends]) / np.ptp(theta[ends])
+        stored, returned = energies(theta[cycle.rows], torque[cycle.rows])
+        rows.append((*slopes, secant, stored, returned, stored - returned))
+    names = ("K", "K_unloading", "K_secant", "energy_stored", "energy_returned", "energy_lost")
+    return dict(zip(names, np.transpose(rows), strict=True))
+
+
+def torque_angle_table(trial: TorqueAngle, desired: str | None = None) -> pl.DataFrame:
+    """The trial's row of `torque_angle.csv`.
+
+    Parameters
+    ----------
+    trial : TorqueAngle
+    desired : str, optional
+        Name of the curve that it should follow, of `torque_angle.desired` in the configuration.
+
+    Returns
+    -------
+    pl.DataFrame
+        One row. Intervals are of the mean over cycles (Student), with the errors of the bench; null
+        with one cycle.
+
+    Raises
+    ------
+    InputError
+        No such curve.
+    """
+    theta, torque, cycles = trial.theta, trial.torque, trial.cycles
+    theta_range, torque_range = float(np.ptp(theta)), float(np.ptp(torque))
+    begins = [cycle.edges[0] for cycle in cycles]
+    ends = [cycle.edges[-1] for cycle in cycles]
+    of_cycles = np.concatenate([np.r_[cycle.rows] for cycle in cycles])
+    wanted = trial.desired_torque(desired)
+    middle = trial.mean_torque.mean(axis=0)
+    is_compared = np.isfinite(middle + wanted)
+    desired_ratio = None
+    if np.count_nonzero(is_compared) > 2:
+        desired_ratio = float(np.polyfit(wanted[is_compared], middle[is_compared], 1)[0])
+    row: Row = {
+        "trial": trial.signals.trial,
+        "cycles": len(cycles),
+        "other_cycles": trial.others,
+        "loading": "rising" if trial.loading == 1 else "falling",
+        "angle_min_deg": float(np.rad2deg(theta.min())),
+        "angle_max_deg": float(np.rad2deg(theta.max())),
+        **zero_row(trial),
+        **means_row(trial),
+        "interval_method": "cycles" if len(cycles) > 1 else None,
+        "VAF": vaf_of(trial),
+        "speed_deg_s": np.rad2deg(speed_of(theta[of_cycles], trial.signals.rate_hz)),
+        "closure_angle": float(np.abs(theta[ends] - theta[begins]).max()) / theta_range,
+        "closure_torque": float(np.abs(torque[ends] - torque[begins]).max()) / torque_range,
+        "bridged_share": float(np.mean(~trial.signals.usable[of_cycles])),
+        "desired": desired,
+        "desired_ratio": desired_ratio,
+    }
+    return table_of([row], "torque_angle")
+
+
+def means_row(trial: TorqueAngle) -> Row:
+    """Means over the cycles with 95 % intervals, which hold the stated errors of the bench: of
+    torque and angle, of the load cell's hysteresis and delay, and of the bench's stiffness."""
+    theta, torque, settings = trial.theta, trial.torque, trial.settings
+    moved = np.r_[trial.cycles[0].edges[0] : trial.cycles[-1].edges[-1]]
+    gain_error = settings.calibration.polar(0.0)[0]
+    errors = torque_errors(torque, trial.signals.rate_hz, moved, settings.calibration)
+    changed = [(theta, torque + error) for error in (gain_error * torque, *errors)]
+    if settings.bench_stiffness is not None:
+        changed.append((theta - settings.bench_stiffness.compliance_error * torque, torque))
+
+    by_cycle = measured_cycles(theta, torque, trial.cycles, trial.loading)
+    others = [measured_cycles(*signals, trial.cycles, trial.loading) for signals in changed]
+    row: Row = {}
+    for name, values in by_cycle.items():
+        changes = [other[name].mean() - values.mean() for other in others]
+        row[name] = float(values.mean())
+        row[f"{name}_low"] = row[f"{name}_high"] = None
+        if len(values) > 1:
+            repeats = over_repeats(values, [(float(np.square(changes).sum()), np.inf)])
+            row[f"{name}_low"] = repeats.low
+            row[f"{name}_high"] = repeats.high
+    row["returned_share"] = float(
+        by_cycle["energy_returned"].sum() / by_cycle["energy_stored"].sum()
+    )
+    return row
+
+
+def zero_row(trial: TorqueAngle) -> Row:
     """The torque taken as zero, and the evidence against it, as columns of the table.
 
-    `widest` [N*m] is the largest width of the loop. The torque at rest may be due to hysteresis,
-    or, if no zero is stated, to a load at rest. A torque due to hysteresis lies on a branch of the
-    loop, not in its middle, to which friction relaxes at rest. If the joint rests at an end of the
-    motion, the loop cannot tell; then a zero that is small against the loop does not matter.
+    The torque at rest may be due to hysteresis: then it lies on a branch of the loop, not in its
+    middle, to which friction relaxes at rest. At an end of the motion the loop cannot tell, and a
+    zero that is small against it does not matter. If nobody states a zero, it may be load.
     """
-    zero = trial.zero_at
+    row: Row = {"torque_zero": trial.zero, "zero_unsure": None, "assumed_zero_share": None}
+    if trial.rest is None or trial.zero is None:
+        return row
     torque_range = float(np.ptp(trial.torque))
-    middle = middle_of_loop_at_rest(trial, zero)
-    if middle is None:
-        is_unsure = widest > 0.02 * torque_range and abs(trial.zero) > 0.1 * widest
-    else:
-        is_unsure = abs(middle.torque) > max(0.25 * middle.width, 0.005 * torque_range)
-    if trial.settings.zero is None and abs(trial.zero) > 0.005 * torque_range:
-        is_unsure = True  # it may rest under load
-    zero_unsure = None
-    if is_unsure and zero != "none":
-        evidence = trial.zero
-        if trial.settings.zero is not None and middle is not None and middle.torque:
-            evidence = middle.torque
-        zero_unsure = abs(evidence)
-    return {
-        "torque_zero": None if zero == "none" and trial.settings.zero is None else trial.zero,
-        "zero_off_middle": None if zero == "none" or middle is None else -middle.torque,
-        "rest_change": change_between_rests(trial) if zero == "end" else None,
-        "zero_unsure": zero_unsure,
-    }
+    if trial.settings.zero is None:
+        row["assumed_zero_share"] = abs(trial.zero) / torque_range
+    loading, unloading = trial.mean_torque
+    width = np.abs(loading - unloading)
+    unsure = trial.zero
+    least = SMALL_ZERO * float(np.nanmax(width))
+    rest = trial.theta[trial.rest]
+    window = trial.settings.window_share * float(np.ptp(trial.theta))
+    if trial.theta.min() + window < rest < trial.theta.max() - window:
+        at_rest = np.argmin(np.abs(np.deg2rad(trial.angle_deg) - rest))
+        unsure = float(loading[at_rest] + unloading[at_rest]) / 2
+        least = OFF_MIDDLE * width[at_rest]
+    if abs(unsure) > max(least, SMALLEST_GAP * torque_range):
+        row["zero_unsure"] = abs(unsure)
+    return row
 
 
-@dataclass(frozen=True)
-class LoopAtRest:
-    """The loop at the angle at which the joint rests."""
-
-    torque: float  # in the middle of the two branches [N*m]
-    width: float  # [N*m]
-
-
-def middle_of_loop_at_rest(trial: TorqueAngleTrial, zero: str) -> LoopAtRest | None:
-    """The loop around the rest at the start or end; None if the joint rests beyond its angles."""
-    angle_deg = trial.loading.curve["angle_deg"].to_numpy()
-    rest_deg = float(np.rad2deg(trial.theta[0 if zero == "start" else -1]))
-    if not angle_deg[0] <= rest_deg <= angle_deg[-1]:
-        return None
-    loading, unloading = (
-        float(np.interp(rest_deg, angle_deg, branch.curve["torque"].to_numpy()))
-        for branch in (trial.loading, trial.unloading)
-    )
-    return LoopAtRest((loading + unloading) / 2, abs(loading - unloading))
-
-
-def change_between_rests(trial: TorqueAngleTrial) -> float | None:
-    """The torque at rest at the end minus that at the start, as a share of its range; None if the
-    joint does not rest at both, at one angle."""
-    count = rest_samples(trial.uniform.rate_hz, trial.settings)
-    both_rests = np.concatenate([trial.bench_theta[:count], trial.bench_theta[-count:]])
-    if float(np.ptp(both_rests)) > RESTS * float(np.ptp(trial.bench_theta)):
-        return None
-    change = trial.torque[-count:].mean() - trial.torque[:count].mean()
-    return float(change / float(np.ptp(trial.torque)))
+def curve_table(trial: TorqueAngle, desired: str | None = None) -> pl.DataFrame:
+    """The trial's rows of `torque_angle_curves.csv`, the means over the cycles per branch and
+    angle; raises as `torque_angle_table`."""
+    frames = []
+    for branch, (torque, stiffness) in zip(BRANCHES, trial.curves.mean(axis=1), strict=True):
+        columns = {
+            "angle_deg": trial.angle_deg,
+            "torque": torque,
+            "stiffness": stiffness,
+            "desired_torque": trial.desired_torque(desired),
+        }
+        texts = {"trial": trial.signals.trial, "branch": branch, "desired": desired}
+        constants = {name: pl.lit(text, pl.String) for name, text in texts.items()}
+        frames.append(pl.DataFrame(columns).with_columns(**constants))
+    return pl.concat(frames).fill_nan(None)

@@ -226,7 +226,7 @@ class ResultFiles:
         if figure == "fig7":
             example = response_example(self.campaign)
             condition = {} if example is None else example.model_dump()
-            return self.rows("phasors", matching(self.campaign, condition))
+            return self.rows("response", matching(self.campaign, condition))
         table = FIGURES[figure].table
         if table in EXPERIMENTS["walking"].further_tables:
             return self.crossings(self.campaign.trials("walking")) + self.rows("walking")

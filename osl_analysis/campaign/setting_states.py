@@ -11,7 +11,7 @@ from osl_analysis.campaign.configuration import Config
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.files import root
 
-# Settings of the stepped sine, and the columns of `phasors.csv` with the recorded values, used if
+# Settings of the stepped sine, and the columns of `response.csv` with the recorded values, used if
 # none is stated.
 MEASURED_COLUMNS = {
     "dynamometer.amplitudes_deg": "amplitude_deg",

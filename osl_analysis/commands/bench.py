@@ -13,12 +13,9 @@ import polars as pl
 from osl_analysis.bench import bench_settings as choices
 from osl_analysis.bench import (
     condition_tables,
-    frequency_response,
     impedance,
     known_spring,
-    phasors,
     torque_angle,
-    torque_angle_tables,
 )
 from osl_analysis.bench.actuator_alone import actuator_table, actuator_trial
 from osl_analysis.bench.analysis import analysed
@@ -28,15 +25,16 @@ from osl_analysis.bench.component_summary import part_summary
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums
 from osl_analysis.bench.fit_tables import FitTables, tables_of_fit
 from osl_analysis.bench.fixture import fixture_column, fixture_weight_column, with_fixture
+from osl_analysis.bench.frequency_response import response_table
+from osl_analysis.bench.motion import record_of_trial, sine_record
 from osl_analysis.bench.plausibility import plausible
 from osl_analysis.bench.record import Record, with_actuator
-from osl_analysis.bench.recorded_motion import record_of_trial, sine_record
 from osl_analysis.bench.transmission import transmission_of, transmission_table
 from osl_analysis.ingest.guard import check_recording
 from osl_analysis.ingest.leaps import find_leaps
 from osl_analysis.ingest.quality import saturated
 from osl_analysis.model.compensator import Weight
-from osl_analysis.model.drivetrain import FileOrNone, joint_admittance, known_parameters
+from osl_analysis.model.drivetrain import FileOrNone, known_parameters
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import Trial
 
@@ -113,12 +111,8 @@ def fit_impedance_trial(
 
     def others() -> dict[str, pl.DataFrame]:
         columns = stated.columns() if condition else {}
-        expected = joint_admittance(gains.K_1, gains.B_1, p, p.J_j) if p and gains else None
-        by_frequency = phasors.phasor_table(trial.name, phasors.phasors_of_record(record))
-        response = frequency_response.impedance_over_frequency(record, analysis.whole, expected)
         return {
-            "phasors": by_frequency.with_columns(**columns),
-            "response": response.with_columns(**columns),
+            "response": response_table(analysis).with_columns(**columns),
             "timebase": analysis.time_base(),
         }
 
@@ -175,15 +169,12 @@ def fit_torque_angle_trial(
     rails = saturated(trial)
     trial = with_fixture(trial, settings.fixture)
     cycles = torque_angle.torque_angle_trial(trial, settings)
-    table = torque_angle_tables.torque_angle_table(cycles, desired)
+    table = torque_angle.torque_angle_table(cycles, desired)
     return tables_of_fit(
         cycles.series(),
-        lambda: {
-            "torque_angle_cycles": torque_angle_tables.cycle_table(cycles),
-            "timebase": cycles.time_base(),
-        },
+        lambda: {"timebase": cycles.time_base()},
         torque_angle=table.with_columns(rails, fixture_column(trial)),
-        torque_angle_curves=torque_angle_tables.curve_table(cycles, desired),
+        torque_angle_curves=torque_angle.curve_table(cycles, desired),
     )
 
 
@@ -218,14 +209,8 @@ def fit_calibration_trial(
 
 
 def summarise(table: Path, output: Path, data: str = "") -> None:
-    """What a table of the campaign tells of its trials together: the frequency response averaged
-    over the amplitudes, or the summary of a part."""
-    if table.stem == "phasors":
-        rows = read_table(table, ("amplitude_deg", "doubtful"))
-        summary = frequency_response.frequency_response_table(rows)
-    else:
-        summary = part_summary(table.stem, read_table(table))
-    write_table(summary, output, data)
+    """The summary of a part of the drivetrain over its trials."""
+    write_table(part_summary(table.stem, read_table(table)), output, data)
 
 
 def compare_controllers(table: Path, output: Path, data: str = "") -> None:

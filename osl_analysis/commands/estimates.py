@@ -1,6 +1,5 @@
 """Estimates of a fit as text and as JSON."""
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from functools import cache
@@ -8,13 +7,13 @@ from itertools import zip_longest
 from typing import Any
 
 import polars as pl
+from pydantic_core import to_json
 
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.judge.finding import Finding, Grade
 from osl_analysis.judge.words import finding_text, words_of
 from osl_analysis.rounding import decimal_places, with_places, written
-from osl_analysis.table import finite_or_null
 
 # estimates in the order in which they are printed
 PRINTED = (
@@ -43,10 +42,10 @@ def printed_units() -> Mapping[str, str]:
 def rows_json(table: pl.DataFrame, findings: Sequence[Sequence[Finding]] = ()) -> str:
     """A table as JSON in SI units: an object per row, null for what is not finite, with its
     `findings`."""
-    rows: list[dict[str, Any]] = [finite_or_null(row) for row in table.to_dicts()]
+    rows = table.to_dicts()
     for row, of_row in zip(rows, findings, strict=False):
         row["findings"] = [finding_json(finding, row) for finding in of_row]
-    return json.dumps(rows, indent=2)
+    return to_json(rows, indent=2, inf_nan_mode="null").decode()
 
 
 def finding_json(finding: Finding, row: Mapping[str, Any]) -> dict[str, Any]:
@@ -57,7 +56,7 @@ def finding_json(finding: Finding, row: Mapping[str, Any]) -> dict[str, Any]:
         "cause": finding.cause,
         "without": dict(finding.without),
         **words_of(finding, row)._asdict(),
-        "evidence": [finite_or_null(asdict(number)) for number in finding.evidence],
+        "evidence": [asdict(number) for number in finding.evidence],
     }
 
 

@@ -15,12 +15,18 @@ from osl_analysis.bench.bench_settings import ImpedanceAnalysis
 from osl_analysis.bench.component_summary import PLACE
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums
 from osl_analysis.bench.impedance import DesiredImpedance
-from osl_analysis.bench.recorded_motion import record_of_trial
+from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.campaign.configuration import FrequencyResponseFigure
 from osl_analysis.commands.walking_files import read_unperturbed_gaits, selected_crossings
 from osl_analysis.errors import InputError
 from osl_analysis.figures import captions, drawing_of, names
-from osl_analysis.figures.frequency import DESIRED, LINEAR_MODEL, draw_fig7, response_curve
+from osl_analysis.figures.frequency import (
+    DESIRED,
+    LINEAR_MODEL,
+    draw_fig7,
+    over_amplitudes,
+    response_curve,
+)
 from osl_analysis.figures.names import completed, look_numbers
 from osl_analysis.figures.saved import METADATA, saved_figure, write_footer
 from osl_analysis.figures.style import lay_out, without_collecting
@@ -254,9 +260,9 @@ def fig7(
 ) -> None:
     """The numbers of Fig. 7: measured responses of one K_d, B_d, without a `choice` of those that
     most trials have; the desired one (Eq. 11), if both are known; and the linear model (Eq. 9), if
-    the gains are known and the parameter file is of this joint. Trials that no stepped sine moved
-    have no responses."""
-    responses = completed(read_table(table, required=draw_fig7.needs), PLACE)
+    the gains are known and the parameter file is of this joint."""
+    measured = over_amplitudes(read_table(table, required=draw_fig7.needs))
+    responses = completed(measured, PLACE)
     responses = responses.with_columns(look_numbers(responses["controller"]))
     if choice is not None:
         K_d, B_d, why = choice.K_d, choice.B_d, None

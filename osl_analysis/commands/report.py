@@ -26,9 +26,9 @@ from osl_analysis.report.paper_tables import conditions, groups
 from osl_analysis.report.signals import (
     ISOLATED,
     Signals,
+    measured_response,
     of_fit,
     of_recording,
-    phasor_response,
 )
 from osl_analysis.report.verdicts import findings_by_trial, verdicts_sentence
 from osl_analysis.table import read_table, with_evidence
@@ -164,9 +164,9 @@ def signals_of(
     series = files.series.get(trial)
     if series is not None:
         signals = of_fit(read_table(series, name="series"), motion)
-        if "phasors" in tables and "impedance" in tables:
+        if "response" in tables and "impedance" in tables:
             fit = tables["impedance"].row(-1, named=True)
-            return replace(signals, response=phasor_response(tables["phasors"], fit))
+            return replace(signals, response=measured_response(tables["response"], fit))
         return signals
     if "walking_responses" in tables:
         return of_fit(tables["walking_responses"], motion, ISOLATED)

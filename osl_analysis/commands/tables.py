@@ -8,7 +8,6 @@ from typing import Any
 
 import polars as pl
 
-from osl_analysis.bench.torque_angle_tables import compared_with_repeats
 from osl_analysis.campaign.origin import sentence
 from osl_analysis.campaign.setting_states import MEASURED_COLUMNS
 from osl_analysis.config.experiments import EXPERIMENTS, judged_tables
@@ -97,8 +96,6 @@ def gather(
     if not rows:
         raise InputError(f"{output}: no trials fill this table; add some to the sample sheet")
     table = read_tables(rows, output.stem)
-    if output.stem == "torque_angle":
-        table = compared_with_repeats(table, places or {})
     if limits is not None:
         findings = judged(table, limits, output.stem)
         if limits_of_fits is not None and fits:
@@ -127,16 +124,16 @@ def unpublished(table: pl.DataFrame, name: str) -> list[str]:
 def write_settings(
     states: Sequence[Mapping[str, Any]],
     output: Path,
-    phasors: Path | None = None,
+    response: Path | None = None,
     refused: Sequence[Refusal] = (),
     data: str = "",
 ) -> None:
     """Write the settings that judge or label with their states. What was measured is that of
-    `phasors.csv`, or none, also where that is `refused`."""
+    the sines in `response.csv`, or none, also where that is `refused`."""
     table = pl.DataFrame(states, schema=dict.fromkeys(("setting", "value", "state"), pl.String))
     sines = pl.DataFrame(schema=dict.fromkeys(MEASURED_COLUMNS.values(), pl.Float64))
-    if phasors:
-        sines = read_table(phasors)
+    if response:
+        sines = read_table(response, ("amplitude_deg",)).drop_nulls("amplitude_deg")
     measured_values: dict[str, str] = {}
     for setting, column in MEASURED_COLUMNS.items():
         sizes = size_texts(sines[column].cast(pl.Float64))

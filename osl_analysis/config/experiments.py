@@ -189,11 +189,6 @@ EXPERIMENTS: dict[str, Experiment] = {
                 "impedance",
                 derived={"compensation": "bench.compare_controllers"},
             ),
-            ResultTable(
-                "phasors",
-                doubts_of="impedance",
-                derived={"frequency_response": "bench.summarise"},
-            ),
             ResultTable("response", doubts_of="impedance"),
             *OF_ALL,
         ),
@@ -214,7 +209,6 @@ EXPERIMENTS: dict[str, Experiment] = {
         tables=(
             ResultTable("torque_angle"),
             ResultTable("torque_angle_curves", judged=False),
-            ResultTable("torque_angle_cycles", judged=False),
             *OF_ALL,
         ),
         fit=FitJob(

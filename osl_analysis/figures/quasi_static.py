@@ -177,7 +177,6 @@ OF_DESIRED = (style.MAGENTA, style.ORANGE, style.PURPLE, style.BROWN)
 # share of a colour map from its dark end on: beyond, it stands out from white by less than 3 to 1
 DARK_ENOUGH = 0.6
 MOST_NAMED = 16  # trials in the legend; of more, none is named
-BAND = "95 % interval of the slope"
 
 
 def torque_angle_points(curves: pl.DataFrame, table: pl.DataFrame) -> pl.DataFrame:
@@ -189,10 +188,9 @@ def torque_angle_points(curves: pl.DataFrame, table: pl.DataFrame) -> pl.DataFra
 
 def torque_angle_caption(table: pl.DataFrame) -> str:
     """What the figure `torque_angle` shows."""
-    band = "; shaded: its 95 % interval" if names.has_values(table, "stiffness_low") else ""
     sentences = [
         "Torque against angle of trials that are moved slowly. (a) Torque, thick while loading and"
-        f" thin while unloading. (b) Slope of torque over angle while loading{band}."
+        " thin while unloading. (b) Slope of torque over angle while loading."
     ]
     if names.has_values(table, "desired"):
         sentences.append("Dashed: the curves that the trials of this colour were designed for.")
@@ -248,8 +246,6 @@ def torque_angle_entries(table: pl.DataFrame, colours: dict[str, str]) -> dict[s
         looks["Desired"] = {**black, "linestyle": style.DASHED}
     if marks.has_doubtful(table):
         looks["Doubtful trial"] = {**black, "linestyle": style.DOTTED}
-    if marks.has_range(table, "stiffness"):
-        looks[BAND] = {"color": style.GREY, "alpha": style.BAND_ALPHA, "linewidth": 6}
     if len(colours) <= MOST_NAMED:
         for number, (trial, colour) in enumerate(colours.items(), start=1):
             name = names.drawn_name(trial.replace("_", " "), 18)
@@ -280,7 +276,7 @@ def draw_torque_curves(ax: Axes, part: pl.DataFrame, colours: dict[str, str]) ->
 
 
 def draw_stiffness_curves(ax: Axes, part: pl.DataFrame, colours: dict[str, str]) -> None:
-    """Slope of torque over angle while loading, with its 95 % interval."""
+    """Slope of torque over angle while loading."""
     for trial in part.partition_by("trial", maintain_order=True):
         colour = colours[trial["trial"][0]]
         is_doubtful = bool(doubts_of_result(trial["doubtful"][0] or "", "K"))
@@ -289,11 +285,6 @@ def draw_stiffness_curves(ax: Axes, part: pl.DataFrame, colours: dict[str, str])
             rows["angle_deg"], rows["stiffness"],
             color=colour, linewidth=WIDTHS["loading"],
             linestyle=style.DOTTED if is_doubtful else "-",
-        )  # fmt: skip
-        band = rows.drop_nulls(["stiffness_low", "stiffness_high"])
-        ax.fill_between(
-            band["angle_deg"], band["stiffness_low"], band["stiffness_high"],
-            color=colour, alpha=style.BAND_ALPHA, linewidth=0,
         )  # fmt: skip
     label_angle_axes(ax, "Stiffness while loading (N·m/rad)")
 

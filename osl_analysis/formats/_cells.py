@@ -1,10 +1,8 @@
 """Cells of text as numbers and times, as programs of all countries write them."""
 
-import math
 import re
 from collections import Counter
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
 from itertools import zip_longest
 from typing import Any
 
@@ -18,29 +16,17 @@ MISSING = (
 )  # fmt: skip
 """Cells that programs write for a failed reading."""
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d{1,3})?", re.ASCII)
-WITH_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
-WITH_STOP = re.compile(r"[+-]?\d*\.\d+([eEdD][+-]?\d+)?")
-# by decimal sign: numbers whose thousands are separated by the other sign
-THOUSANDS = {
-    ".": re.compile(r"([+-]?\d{1,3}(?:,\d{3})+)\.(\d+)"),
-    ",": re.compile(r"([+-]?\d{1,3}(?:\.\d{3})+),(\d+)"),
-}
-# whole numbers, by the sign between their thousands
-WHOLE_THOUSANDS = {
-    ",": re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+"),
-    ".": re.compile(r"[+-]?[1-9]\d{0,2}(\.\d{3})+"),
-}
+OTHER_SIGN = {".": ",", ",": "."}  # which separates thousands, by the decimal sign
 SMALL_WHOLE = re.compile(r"[+-]?\d{1,3}")
 WHOLE = r"^[+-]?\d+$"
 TRUTHS = ("true", "false")  # in any case, as loggers in Python write them
-CLOCK = (
-    r"(?:(\d+) days?,? )?\+?(\d{1,3}):(\d{2})(?::(\d{1,2}))?(?:[.,:](\d{1,9}))?\d*(?:"
-    r" ?([AaPp])\.?[Mm]\.?)?"
-)
 TIME = (
-    r"^(?:\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}[T"
-    rf" ]\s*)?{CLOCK}\s*(?:Z|UTC|([+-]\d{{2}}):?(\d{{2}}))?$"
+    r"^(?:\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}[T ]\s*)?(?:(?<days>\d+) days?,? )?"
+    r"\+?(?<hours>\d{1,3}):(?<minutes>\d{2})(?::(?<seconds>\d{1,2}))?"
+    r"(?:[.,:](?<fraction>\d{1,9}))?\d*(?: ?(?<half>[AaPp])\.?[Mm]\.?)?"
+    r"\s*(?:Z|UTC|(?<zone>[+-]\d{2}):?(?<zone_minutes>\d{2}))?$"
 )
+TIME_OF_CELL = re.compile(TIME.replace("(?<", "(?P<"))
 # MATLAB writes the times of a timetable so
 SECONDS = r"^(\d{1,12}(?:\.\d{1,15})?(?:[eE][+-]?\d{1,3})?) sec$"
 DAY_NS = 86_400_000_000_000
@@ -51,11 +37,18 @@ FIRST_ROWS, LAST_ROWS = 300, 60  # of a table, by which its decimal sign is foun
 
 def is_number_cell(cell: str) -> bool:
     """Tell whether a cell is a number with a decimal point, or a whole one."""
-    return NUMBER.fullmatch(cell) is not None and math.isfinite(_number(cell))
+    return NUMBER.fullmatch(cell) is not None
 
 
-def _number(cell: str) -> float:
-    return float(cell.replace("d", "e").replace("D", "e"))  # Fortran writes `1.0D-3`
+def has_thousands(cell: str, decimal: str) -> bool:
+    """Tell whether a number has both signs: `12.681,27`."""
+    other = OTHER_SIGN[decimal]
+    return re.fullmatch(rf"[+-]?\d{{1,3}}(\{other}\d{{3}})+\{decimal}\d+", cell) is not None
+
+
+def is_grouped(cell: str, sign: str) -> bool:
+    """Tell whether a sign may separate the thousands of a whole number: `1.000`."""
+    return re.fullmatch(rf"[+-]?[1-9]\d{{0,2}}(\{sign}\d{{3}})+", cell) is not None
 
 
 def is_value(cell: str) -> bool:
@@ -64,30 +57,24 @@ def is_value(cell: str) -> bool:
         return True
     if cell in MISSING or cell.casefold() in TRUTHS:
         return True
-    if any(pattern.fullmatch(cell) for pattern in THOUSANDS.values()):
+    if any(has_thousands(cell, decimal) for decimal in OTHER_SIGN):
         return True
-    return re.match(TIME, cell) is not None or re.match(SECONDS, cell) is not None
+    return TIME_OF_CELL.match(cell) is not None or re.match(SECONDS, cell) is not None
 
 
 def name_and_unit(title: str) -> tuple[str, str]:
     """Split `torque [Nm]`, `torque (Nm)`, `torque {Nm}` or `torque / Nm` into name and unit; the
     unit is empty if there is none."""
-    match = re.fullmatch(
-        r"(.*\S)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\)|\{([^{}]*)\})|(.*\S)\s+/\s+(\S.*)",
-        title,
-        re.DOTALL,
-    )
+    in_brackets = r"\[[^\[\]]*\]|\([^()]*\)|\{[^{}]*\}"
+    match = re.fullmatch(rf"(.*\S)\s*({in_brackets})|(.*\S)\s+/\s+(\S.*)", title, re.DOTALL)
     if not match:
         return title, ""
-    name = match[1] or match[5]
-    unit = match[2] or match[3] or match[4] or match[6] or ""
-    return name, unit
+    return (match[1], match[2][1:-1]) if match[1] else (match[3], match[4])
 
 
 def without_brackets(unit: str) -> str:
     """Write a unit from a row of units without its brackets: `[deg]` and `(deg)` become `deg`."""
-    is_bracketed = unit[:1] + unit[-1:] in ("[]", "()", "{}")
-    return unit[1:-1].strip() if is_bracketed else unit
+    return re.sub(r"^(\[.*\]|\(.*\)|\{.*\})$", lambda match: match[0][1:-1].strip(), unit)
 
 
 def is_last_whole(cells: Sequence[str]) -> bool:
@@ -95,10 +82,7 @@ def is_last_whole(cells: Sequence[str]) -> bool:
 
     It is if it has as many decimals as all others of its column. Whole numbers do not tell.
     """
-    decimals: set[int] = set()
-    for cell in cells:
-        _, sign, behind = cell.replace(",", ".").partition(".")
-        decimals.add(len(behind) if sign else 0)
+    decimals = {len(cell.replace(",", ".").partition(".")[2]) for cell in cells}
     return len(cells) > 1 and len(decimals) == 1 and 0 not in decimals
 
 
@@ -108,19 +92,16 @@ def decimal_of(rows: Sequence[Sequence[str | None]]) -> str:
     It is a comma if numbers have commas and no stops, unless all of these may separate thousands.
     """
     columns = zip_longest(*rows[:FIRST_ROWS], *rows[-LAST_ROWS:])
-    numbers: list[list[str]] = []
-    for column in columns:
-        cells = {cell or "" for cell in column} - set(MISSING)
-        numbers.append([cell for cell in cells if is_value(cell)])
+    numbers = [[cell for cell in {*column} if cell and is_value(cell)] for column in columns]
     ungrouped = [column for column in numbers if not are_whole_thousands(column, ".")]
     cells = {cell for column in ungrouped for cell in column}
-    if any(THOUSANDS[","].fullmatch(cell) for cell in cells):
+    if any(has_thousands(cell, ",") for cell in cells):
         return ","
-    has_stops = any(WITH_STOP.fullmatch(cell) for cell in cells)
+    has_stops = any(re.fullmatch(r"[+-]?\d*\.\d+([eEdD][+-]?\d+)?", cell) for cell in cells)
     if len(ungrouped) < len(numbers):  # a column has stops between its thousands
         return "." if has_stops else ","
-    commas = [cell for cell in cells if WITH_COMMA.fullmatch(cell)]
-    may_be_thousands = all(WHOLE_THOUSANDS[","].fullmatch(cell) for cell in commas)
+    commas = [cell for cell in cells if re.fullmatch(r"[+-]?\d*,\d+([eE][+-]?\d+)?", cell)]
+    may_be_thousands = all(is_grouped(cell, ",") for cell in commas)
     return "," if commas and not has_stops and not may_be_thousands else "."
 
 
@@ -135,18 +116,13 @@ def are_whole_thousands(cells: Collection[str], sign: str) -> bool:
     return (
         len(grouped) < len(cells)
         and has_final_zero
-        and all(WHOLE_THOUSANDS[sign].fullmatch(cell) for cell in grouped)
+        and all(is_grouped(cell, sign) for cell in grouped)
     )
 
 
-@dataclass
-class UnreadableCellError(Exception):
-    """A cell that is not a number."""
-
-    place: int  # in the column, from 0
-
-
-def cell_values(cells: pl.Series, missing: Collection[str], decimal: str) -> NDArray[Any]:
+def cell_values(
+    cells: pl.Series, missing: Collection[str], decimal: str
+) -> tuple[NDArray[Any], NDArray[np.intp]]:
     """Read a column of cells.
 
     Parameters
@@ -160,75 +136,64 @@ def cell_values(cells: pl.Series, missing: Collection[str], decimal: str) -> NDA
 
     Returns
     -------
-    ndarray
+    values
         Shape (n,): truth values, whole numbers, or else numbers with NaN for missing ones.
-
-    Raises
-    ------
-    UnreadableCellError
+    unread
+        Places of the cells that are no numbers; they are NaN, too.
     """
-    if cells.dtype == pl.Boolean and not cells.null_count():
-        return cells.to_numpy()
-    is_number = cells.dtype == pl.Float64 or cells.dtype.is_integer()
-    if is_number and not cells.null_count():
-        return cells.to_numpy()
+    none_unread = np.zeros(0, np.intp)
     if cells.dtype != pl.String:
-        return cells.cast(pl.Float64).fill_null(np.nan).to_numpy()
+        is_number = cells.dtype in (pl.Boolean, pl.Float64) or cells.dtype.is_integer()
+        if is_number and not cells.null_count():
+            return cells.to_numpy(), none_unread
+        return cells.cast(pl.Float64).fill_null(np.nan).to_numpy(), none_unread
     if cells[:FIRST_TRIED].str.to_lowercase().is_in(TRUTHS).any():
         words = cells.str.to_lowercase()
         is_missing: NDArray[np.bool_] = (cells.is_null() | cells.is_in(list(missing))).to_numpy()
         if (words.is_in(TRUTHS).fill_null(False).to_numpy() | is_missing).all():
             truths: NDArray[np.bool_] = (words == "true").fill_null(False).to_numpy()
-            return np.ma.array(truths, mask=is_missing) if is_missing.any() else truths
+            values = np.ma.array(truths, mask=is_missing) if is_missing.any() else truths
+            return values, none_unread
     if cells[:FIRST_TRIED].str.contains(WHOLE).fill_null(False).all():
         # floats would round nanoseconds since 1970
         whole_numbers = cells.cast(pl.Int64, strict=False)
         if not whole_numbers.null_count():
-            return whole_numbers.to_numpy()
+            return whole_numbers.to_numpy(), none_unread
     return cell_numbers(cells, missing, decimal)
 
 
-def cell_numbers(cells: pl.Series, missing: Collection[str], decimal: str) -> NDArray[np.float64]:
-    """Read cells of text as numbers (n,): NaN where a cell is null or one of the missing words.
-
-    Raises
-    ------
-    UnreadableCellError
-    """
+def cell_numbers(
+    cells: pl.Series, missing: Collection[str], decimal: str
+) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+    """Read cells of text as numbers (n,), NaN where a cell is null, one of the missing words, or no
+    number; the places of the latter are given, too."""
     is_missing = (cells.is_null() | cells.is_in(list(missing))).to_numpy()
-    with_stop = cells
-    if decimal == ",":
-        # a full stop separates thousands, or `decimal` is wrong: the cell is then no plain number
-        with_stop = cells.str.replace(".", "?", literal=True).str.replace(",", ".", literal=True)
-    values = with_stop.cast(pl.Float64, strict=False).to_numpy().copy()
-    values[is_missing] = np.nan
-    unread = np.flatnonzero(~np.isfinite(values) & ~is_missing).tolist()
-    if not unread:
-        return values
-    other_sign = "." if decimal == "," else ","
-    if WHOLE_THOUSANDS[other_sign].fullmatch(str(cells[unread[0]])):
-        filled_cells = cells.filter(~pl.Series(is_missing)).to_list()
-        if are_whole_thousands(filled_cells, other_sign):
-            plain = cells.str.replace_all(other_sign, "", literal=True)
-            return cell_numbers(plain, missing, decimal)
-    for place in unread:  # polars does not read `+1.5` and `1.0D-3`
-        cell = str(with_stop[place])
-        grouped = THOUSANDS[decimal].fullmatch(str(cells[place]))
-        if grouped:  # in `12.681,27` it is clear which sign is which
-            cell = f"{re.sub('[.,]', '', grouped[1])}.{grouped[2]}"
-        if not is_number_cell(cell):
-            raise UnreadableCellError(place)
-        values[place] = _number(cell)
-    return values
+    filled = cells.filter(~pl.Series(is_missing))
+    values = np.full(len(cells), np.nan)
+    for write_plainly in (_with_point, _without_thousands):
+        numbers = write_plainly(filled, decimal).cast(pl.Float64, strict=False).to_numpy()
+        is_read = np.isfinite(numbers)
+        if is_read.all():
+            break
+    values[~is_missing] = np.where(is_read, numbers, np.nan)
+    return values, np.flatnonzero(~is_missing)[~is_read]
 
 
-def readable_numbers(cells: pl.Series, decimal: str) -> NDArray[np.float64]:
-    """Read the cells that are numbers, (n,); NaN elsewhere."""
-    if cells.dtype == pl.String:
-        with_stop = cells.str.replace(decimal, ".", literal=True)
-        plain = with_stop.str.replace(r"^([+-]?[\d.]+)[dD]([+-]?\d+)$", "${1}e$2")
-        cells = plain.str.strip_prefix("+")
-    return cells.cast(pl.Float64, strict=False).fill_null(np.nan).to_numpy()
+def _with_point(cells: pl.Series, decimal: str) -> pl.Series:
+    if decimal == ".":
+        return cells
+    # a full stop separates thousands, or `decimal` is wrong: the cell is then no plain number
+    return cells.str.replace(".", "?", literal=True).str.replace(",", ".", literal=True)
+
+
+def _without_thousands(cells: pl.Series, decimal: str) -> pl.Series:
+    """Write numbers as `12,681.27` and `1.0D-3` in the way of today."""
+    other = OTHER_SIGN[decimal]
+    is_grouped_cell = cells.str.contains(rf"^[+-]?\d{{1,3}}(\{other}\d{{3}})+\{decimal}\d+$")
+    if are_whole_thousands(cells.to_list(), other):
+        is_grouped_cell = is_grouped_cell | True
+    plain = cells.str.replace_all(other, "", literal=True).zip_with(is_grouped_cell, cells)
+    return _with_point(plain, decimal).str.replace(r"^([+-]?[\d.]+)[dD]([+-]?\d+)$", "${1}e$2")
 
 
 def are_times(cells: pl.Series) -> bool:
@@ -239,10 +204,10 @@ def are_times(cells: pl.Series) -> bool:
     if cells.dtype != pl.String or not len(cells):
         return False
     for pattern in (SECONDS, TIME):
-        if all(
-            some.str.contains(pattern).fill_null(False).all()
-            for some in (cells[:FIRST_TRIED], cells)
-        ):
+        first, every = (
+            some.str.contains(pattern).fill_null(False) for some in (cells[:FIRST_TRIED], cells)
+        )
+        if first.all() and every.all():
             return True
     return False
 
@@ -260,24 +225,22 @@ def cell_stamps(cells: pl.Series) -> NDArray[np.int64]:
     if cells.str.contains(SECONDS).all():
         in_s = cells.str.extract(SECONDS).cast(pl.Float64)
         return (in_s * 1e9).round().cast(pl.Int64).to_numpy()
-    parts = [cells.str.extract(TIME, group) for group in range(1, 9)]
-    days, hours, minutes, seconds = (
-        part.cast(pl.Int64).fill_null(0).to_numpy() for part in parts[:4]
+    parts = cells.str.extract_groups(TIME).struct.unnest()
+    names = ("days", "hours", "minutes", "seconds", "zone", "zone_minutes")
+    days, hours, minutes, seconds, zone_hours, zone_minutes = (
+        parts[name].cast(pl.Int64).fill_null(0).to_numpy() for name in names
     )
-    are_minutes_first = parts[3].null_count() == len(cells) and parts[4].null_count() < len(cells)
-    if are_minutes_first:
-        seconds = minutes
-        minutes = hours
-        hours = np.zeros_like(hours)
-    fraction_ns = parts[4].fill_null("").str.pad_end(9, "0").cast(pl.Int64).to_numpy()
-    if not parts[5].null_count():
-        is_afternoon = parts[5].str.to_lowercase().eq("p").to_numpy()
-        hours = hours % 12 + 12 * is_afternoon
-    zone_hours, zone_minutes = (part.cast(pl.Int64).fill_null(0).to_numpy() for part in parts[6:8])
-    zone = 60 * zone_hours + zone_minutes
-    total_s = ((days * 24 + hours) * 60 + minutes - zone) * 60 + seconds
-    stamps = total_s * 1_000_000_000 + fraction_ns
-    turn = DAY_NS if hours.any() else HOUR_NS
+    half = parts["half"].str.to_lowercase().fill_null("").to_numpy()
+    hours = np.where(half == "", hours, hours % 12 + 12 * (half == "p"))
+    whole_min = (days * 24 + hours - zone_hours) * 60 + minutes - zone_minutes
+    whole_s = whole_min * 60 + seconds
+    turn = DAY_NS
+    has_no_seconds = parts["seconds"].null_count() == len(cells)
+    if has_no_seconds and parts["fraction"].null_count() < len(cells):
+        turn = HOUR_NS
+        whole_s = whole_min  # what stands first are minutes
+    fraction_ns = parts["fraction"].fill_null("").str.pad_end(9, "0").cast(pl.Int64).to_numpy()
+    stamps = whole_s * 1_000_000_000 + fraction_ns
     begins_anew = np.diff(stamps, prepend=stamps[:1]) < -turn // 2
     return np.asarray(stamps + turn * np.cumsum(begins_anew))
 

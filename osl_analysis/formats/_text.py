@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
 from osl_analysis.formats._cells import (
-    UnreadableCellError,
     cell_numbers,
     is_last_whole,
     is_value,
@@ -34,6 +33,7 @@ MINUS = "\u2212"  # a minus sign that is no hyphen
 LONGEST_CELL = 131_072  # characters
 SAMPLE_LINES = 300  # lines by which the sign between cells is found
 FEWEST_ROWS = 8  # lines of numbers that make a text without an ending a table
+LEAST_SCORE = 0.8  # share of them that are rows of numbers
 
 
 class Line(NamedTuple):
@@ -97,9 +97,9 @@ def read_text(path: Path) -> Text:
         data = decoded(data).encode().replace(MINUS.encode(), b"-")
     if b"\r" in data:
         data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
-    signs = [sign.encode() for sign in BETWEEN_THOUSANDS if sign.isascii() or not data.isascii()]
-    if any(sign in data for sign in signs):  # as in Switzerland and France
-        separators = rf"(?<=\d)[{BETWEEN_THOUSANDS}](?=\d{{3}}(?!\d))"
+    signs = "'" if data.isascii() else BETWEEN_THOUSANDS
+    if any(sign.encode() in data for sign in signs):  # as in Switzerland and France
+        separators = rf"(?<=\d)[{signs}](?=\d{{3}}(?!\d))"
         data = re.sub(separators, "", data.decode()).encode()
     data = data.rstrip(b"\x1a")
     zero = data.find(b"\0")
@@ -115,11 +115,7 @@ def read_text(path: Path) -> Text:
 def numbered(data: bytes, first: int = 1) -> list[Line]:
     """The lines that are not blank. `first` is the number of the first line."""
     lines = data.decode(errors="replace").split("\n")
-    return [
-        Line(number, text)
-        for number, text in enumerate(lines, start=first)
-        if text and not text.isspace()
-    ]
+    return [Line(number, text) for number, text in enumerate(lines, start=first) if text.strip()]
 
 
 def delimiter_of(lines: Sequence[Line], stated_delimiter: str = "auto") -> str:
@@ -131,18 +127,17 @@ def delimiter_of(lines: Sequence[Line], stated_delimiter: str = "auto") -> str:
     """
     if stated_delimiter != "auto":
         return DELIMITERS.get(stated_delimiter, stated_delimiter)
-    sample = [line.text.strip() for line in lines if line.text.strip()][:SAMPLE_LINES]
+    sample = [line.text.strip() for line in lines[:SAMPLE_LINES]]
     scores = {sign: _score(sample, sign) for sign in "\t;|, "}
     scores[" "] *= 0.98  # a blank also splits at tabs
     best = max(scores, key=lambda sign: scores[sign])
     if scores[best] > 0:
         return best
     for sign in "\t;|":
-        if sample and all(sign in text for text in sample):
+        if all(sign in text for text in sample):
             return sign
-    has_commas = any("," in text for text in sample)
-    are_spaced = bool(sample) and all(" " in text for text in sample)
-    return " " if are_spaced and not has_commas else ","
+    are_spaced = all(" " in text and "," not in text for text in sample)
+    return " " if are_spaced else ","
 
 
 def _score(sample: Sequence[str], sign: str) -> float:
@@ -152,10 +147,8 @@ def _score(sample: Sequence[str], sign: str) -> float:
     if width < 2:
         return 0.0
     typical = [row for row in rows if len(row) == width]
-    cells = [cell.strip(' "') for row in typical for cell in row]
-    filled = [cell for cell in cells if cell]
-    values = sum(map(is_value, filled))
-    return len(typical) / len(rows) * values / max(1, len(filled))
+    filled = [cell.strip(' "') for row in typical for cell in row if cell.strip(' "')]
+    return len(typical) / len(rows) * sum(map(is_value, filled)) / max(1, len(filled))
 
 
 def begins_with_rows(begin: bytes) -> bool:
@@ -164,10 +157,8 @@ def begins_with_rows(begin: bytes) -> bool:
     if not is_text(begin):
         return False
     lines = numbered(decoded(begin).encode().rpartition(b"\n")[0])[-20:]
-    sign = delimiter_of(lines)
-    rows = [line.text.strip(' "').split(None if sign == " " else sign) for line in lines]
-    of_values = sum(len(cells) > 1 and all(map(is_value, cells)) for cells in rows)
-    return of_values > 0.8 * len(rows) > FEWEST_ROWS
+    score = _score([line.text for line in lines], delimiter_of(lines))
+    return len(lines) > FEWEST_ROWS and score > LEAST_SCORE
 
 
 def split_rows(lines: Sequence[Line], delimiter: str) -> list[Row]:
@@ -178,25 +169,18 @@ def split_rows(lines: Sequence[Line], delimiter: str) -> list[Row]:
     InputError
         A quote is not closed on its line, or a cell is too long.
     """
-    texts = [line.text for line in lines]
-    if delimiter == " ":
-        texts = [re.sub(r"\s+", " ", text.strip()) for text in texts]
     csv.field_size_limit(LONGEST_CELL)  # other packages change it
-    reader = csv.reader(texts, delimiter=delimiter, skipinitialspace=True)
     rows: list[Row] = []
-    try:
-        # a quote that is not closed takes in several lines
-        for line, cells in zip(lines, reader, strict=False):
-            if lines[reader.line_num - 1].number != line.number:
-                raise InputError(f"line {line.number}: a quote is not closed; remove it")
-            stripped = [cell.strip() for cell in cells]
-            if any(stripped):
-                rows.append(Row(line.number, stripped))
-    except csv.Error as error:
-        number = lines[reader.line_num - 1].number
-        raise InputError(
-            f"line {number} has a cell of more than {LONGEST_CELL} characters; repair it"
-        ) from error
+    for number, text in lines:
+        if delimiter == " ":
+            text = re.sub(r"\s+", " ", text.strip())
+        try:
+            (cells,) = csv.reader([text], delimiter=delimiter, skipinitialspace=True, strict=True)
+        except csv.Error as error:
+            raise InputError(f"line {number}: {error}; repair its quotes or its cells") from error
+        stripped = [cell.strip() for cell in cells]
+        if any(stripped):
+            rows.append(Row(number, stripped))
     return rows
 
 
@@ -220,12 +204,7 @@ def check_last_line(is_ended: bool, rows: Sequence[Row]) -> None:
 
 
 def column_of(
-    rows: Sequence[Row],
-    place: int,
-    missing: Sequence[str],
-    title: str,
-    remedy: str,
-    decimal: str = ".",
+    rows: Sequence[Row], place: int, missing: Sequence[str], title: str, decimal: str = "."
 ) -> NDArray[np.float64]:
     """Read one column of rows as numbers, (rows,), NaN where a cell is one of the missing words or
     a row is too short.
@@ -236,11 +215,11 @@ def column_of(
         A cell is no number.
     """
     cells = [row.cells[place] if place < len(row.cells) else "" for row in rows]
-    try:
-        return cell_numbers(pl.Series(cells, dtype=pl.String), missing, decimal)
-    except UnreadableCellError as error:
-        cell = cells[error.place]
-        advice = "export it as scalars" if cell.count(",") > 1 else remedy
+    values, unread = cell_numbers(pl.Series(cells, dtype=pl.String), missing, decimal)
+    if unread.size:
+        first = unread[0]
         raise InputError(
-            f"line {rows[error.place].number}, {title}: '{cell[:40]}' is not a number; {advice}"
-        ) from error
+            f"line {rows[first].number}, {title}: '{cells[first][:40]}' is not a number; export it"
+            " again as plain numbers"
+        )
+    return values

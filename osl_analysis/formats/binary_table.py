@@ -22,12 +22,11 @@ from osl_analysis.errors import InputError, listing, optional_module
 from osl_analysis.formats import FIRST_BYTES
 from osl_analysis.formats._cells import name_and_unit
 from osl_analysis.formats._table import (
+    LISTING,
     MOST_COLUMNS,
     SheetSource,
     Table,
-    column_finder,
-    lasting_name,
-    layout_of,
+    lasting_names,
     recording_of_table,
     table_of_rows,
 )
@@ -117,7 +116,7 @@ def _read_workbook(path: Path, source: SheetSource | None) -> Recording:
     }
     largest = max(sheets, key=lambda name: sheets[name].height * sheets[name].width)
     cells = sheets[largest].select(pl.all().cast(pl.String).fill_null("").str.strip_chars())
-    layout = layout_of(source)
+    layout = source or LISTING
     rows: list[Row] = []
     comments: list[Line] = []
     for number, row in enumerate(cells.iter_rows(), start=1):
@@ -164,7 +163,7 @@ def _recording_of_frame(frame: pl.DataFrame) -> Recording:
         end=End.WHOLE,
     )
     facts = {"rows": str(frame.height)}
-    return recording_of_table("table", table, layout_of(None), noun="row", facts=facts)
+    return recording_of_table("table", table, LISTING, noun="row", facts=facts)
 
 
 def _numpy_arrays(path: Path, kind: str) -> Arrays:
@@ -261,7 +260,7 @@ def _recording_of_arrays(file_arrays: Arrays) -> Recording:
         raise InputError("holds no column of numbers; name a recording")
     rows_by_place: dict[tuple[str, int], Rows] = {}
     channels: list[Channel] = []
-    for place, (title, values) in enumerate(signals.items()):
+    for lasting, (title, values) in zip(lasting_names([*signals]), signals.items(), strict=True):
         group = title.rpartition("/")[0]
         key = (group, values.size)
         if key not in rows_by_place:
@@ -274,10 +273,11 @@ def _recording_of_arrays(file_arrays: Arrays) -> Recording:
         unit = "ns" if are_times else file_arrays.units.get(title, "") or unit
         channels.append(
             Channel(
-                address={"column": lasting_name(place, list(signals))},
+                address={"column": lasting},
                 rows=rows_by_place[key],
                 read=partial(np.asanyarray, values),
                 name=name,
+                title=title,
                 unit=unit,
                 likely_unit="" if unit else name_and_ending(name)[1],
                 kind=Kind.CLOCK if are_times else Kind.SIGNAL,
@@ -290,7 +290,6 @@ def _recording_of_arrays(file_arrays: Arrays) -> Recording:
         loss=Loss(most, most),
         notes=notes,
         facts={"rows": str(most)},
-        find_unlisted=column_finder(list(signals), channels),
     )
 
 

@@ -8,7 +8,7 @@ import math
 import re
 import struct
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -16,7 +16,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BeforeValidator, Field, PositiveInt, model_validator
+from pydantic import AfterValidator, Field, PositiveInt, model_validator
 
 from osl_analysis.errors import InputError, listing, quoted
 from osl_analysis.plates import own_axes
@@ -30,16 +30,16 @@ from osl_analysis.source_file import (
     LaboratorySource,
     Name,
     PlateUnits,
-    all_none_or_list,
 )
 from osl_analysis.units import LengthUnit
-from osl_analysis.yaml_settings import Settings, misplaced
+from osl_analysis.yaml_settings import Settings, check_distinct, misplaced
 
 BLOCK = 512  # bytes
 LARGEST_FRAME_NUMBER = 0xFFFF  # of the header
 OTHER_RATE = 1e-3  # share by which ANALOG:RATE is another one, and no rounded one
-INTEL = 84  # code of the number format that is read
-OLD_PROCESSORS = {85: "DEC", 86: "MIPS"}
+INTEL = b"\x54"  # code of the number format that is read
+TEXT = -1
+TYPES = {1: "u1", 2: "<i2", 4: "<f4"}  # of numbers in parameters
 # a parameter holds 255 values; more follow in NAME2, NAME3, ...
 CONTINUATIONS = ("", *map(str, range(2, 10)))
 CHANNELS_OF_PLATE = {1: 6, 2: 6, 3: 8, 4: 6}  # by type, C3D manual, FORCE_PLATFORM:TYPE
@@ -84,13 +84,12 @@ class PlateGeometry(Settings):
 class C3dSource(LaboratorySource):
     """The source file of C3D captures."""
 
-    OF = " of format c3d"
     analogs: Mapping[str, C3dChannel] = Field(default={})
     point_unit: LengthUnit | None = None  # Unit of length, where the file's own is absent or wrong.
-    plates: Annotated[
-        Literal["all"] | tuple[PositiveInt, ...], BeforeValidator(all_none_or_list)
-    ] = "all"
-    """Force plates by number, from 1: all, none or a list."""
+    plates: Literal["all"] | Annotated[tuple[PositiveInt, ...], AfterValidator(check_distinct)] = (
+        "all"
+    )
+    """Force plates by number, from 1: all, or a list, which may be empty."""
     plate_geometry: Mapping[PositiveInt, PlateGeometry] = Field(default={})
     """Force plates by number that the file does not describe, as it has no FORCE_PLATFORM, or that
     it describes wrongly."""
@@ -135,15 +134,16 @@ class Header:
         numbers = 4 * self.points + self.channels * self.samples_per_frame
         return numbers * (2 if self.are_integers else 4)
 
-    def table(self, name: str) -> Array:
-        """A numeric parameter in its own dimensions; empty where the file has none."""
-        value = self.parameters.get(name, [])
-        return np.zeros(0) if isinstance(value, list) else value
-
     def numbers(self, name: str) -> Array:
         """A numeric parameter, flat, with its continuations; empty where the file has none."""
-        tables = [self.table(name + suffix) for suffix in CONTINUATIONS]
-        return np.concatenate([table.ravel(order="F") for table in tables])
+        parts = [self.parameters.get(name + suffix, []) for suffix in CONTINUATIONS]
+        flat = [part.ravel(order="F") for part in parts if isinstance(part, np.ndarray)]
+        return np.concatenate([np.zeros(0), *flat])
+
+    def number(self, name: str) -> float:
+        """The first number of a parameter; 0 where the file has none that is finite."""
+        finite = [value for value in self.numbers(name)[:1].tolist() if math.isfinite(value)]
+        return finite[0] if finite else 0.0
 
     def texts(self, name: str) -> list[str]:
         """A text parameter with its continuations; empty where the file has none."""
@@ -167,13 +167,11 @@ def parse_header(data: bytes) -> Header:
             " format"
         )
     start = (data[0] - 1) * BLOCK
-    is_inside = 0 < start < len(data) - 3
-    processor = data[start + 3] if is_inside else 0
+    processor = data[start + 3 : start + 4] if start > 0 else b""
     if processor != INTEL:
-        name = OLD_PROCESSORS.get(processor, "unknown")
         raise InputError(
-            f"its numbers are in the format of {name} processors, and only that of Intel is read;"
-            " open it in a program of today, such as Mokka, and save it again"
+            "its numbers are not in the format of Intel processors, which alone is read; open it in"
+            " a program of today, such as Mokka, and save it again"
         )
     try:
         return _header_of(data, start)
@@ -182,29 +180,27 @@ def parse_header(data: bytes) -> Header:
 
 
 def _header_of(data: bytes, start: int) -> Header:
-    words = np.frombuffer(data[:24], "<u2").astype(int)
-    samples_per_frame = max(int(words[9]), 1)
-    data_start = (int(words[8]) - 1) * BLOCK
+    _, points, analogs, first_frame, last_frame, _, scale, data_block, samples, rate_hz = (
+        struct.unpack_from("<HHHHHHfHHf", data)
+    )
+    samples_per_frame = max(samples, 1)
+    data_start = (data_block - 1) * BLOCK
     parameters_end = data_start
     if data_start <= start:
         parameters_end = start + max(data[start + 2], 1) * BLOCK
-    parameters = parse_parameters(data, start + 4, min(parameters_end, len(data)))
-    first_frame = int(words[3])
-    last_frame = int(words[4])
     header = Header(
-        points=int(words[1]),
-        channels=int(words[2]) // samples_per_frame,
+        points=points,
+        channels=analogs // samples_per_frame,
         samples_per_frame=samples_per_frame,
         first_frame=first_frame,
         frames=last_frame - first_frame + 1,
-        rate_hz=struct.unpack_from("<f", data, 20)[0],
+        rate_hz=rate_hz,
         data_start=data_start,
-        scale=struct.unpack_from("<f", data, 12)[0],
-        parameters=parameters,
+        scale=scale,
+        parameters=parse_parameters(data, start + 4, min(parameters_end, len(data))),
     )
-    stated_rate = header.numbers("POINT:RATE")
-    if stated_rate.size and stated_rate[0] > 0:
-        header = replace(header, rate_hz=float(stated_rate[0]))
+    if header.number("POINT:RATE") > 0:
+        header = replace(header, rate_hz=header.number("POINT:RATE"))
     if last_frame == LARGEST_FRAME_NUMBER:
         header = replace(header, frames=_long_frames(header) or header.frames)
     if header.scale == 0 or not math.isfinite(header.scale):
@@ -224,11 +220,7 @@ def _long_frames(header: Header) -> int:
     last = header.numbers("TRIAL:ACTUAL_END_FIELD") % 65536
     if first.size == last.size == 2:
         return int((last - first) @ [1, 65536]) + 1
-    for name in ("POINT:LONG_FRAMES", "POINT:FRAMES"):
-        long = header.numbers(name)[:1]
-        if long.size and np.isfinite(long[0]) and long[0] > LARGEST_FRAME_NUMBER:
-            return int(long[0])
-    return 0
+    return int(max(header.number("POINT:LONG_FRAMES"), header.number("POINT:FRAMES")))
 
 
 def parse_parameters(data: bytes, position: int, end: int) -> Parameters:
@@ -239,21 +231,16 @@ def parse_parameters(data: bytes, position: int, end: int) -> Parameters:
         length, group = struct.unpack_from("bb", data, position)
         name_end = position + 2 + abs(length)
         name = data[position + 2 : name_end].decode("latin-1").strip().upper()
-        # to the next record; 0 after the last
-        (step,) = struct.unpack_from("<h", data, name_end)
-        if step < 0 or group == 0:
-            raise InputError(f"the parameter section is damaged after {name!r}")
+        (step,) = struct.unpack_from("<h", data, name_end)  # to the next record; 0 after the last
         value_end = name_end + 2
         if group < 0:
             groups[-group] = name
-        else:
-            value, value_end = _parameter_value(data, name_end + 2, name)
+        elif group > 0:
+            value, value_end = _parameter_value(data, value_end, name)
             values.append((group, name, value))
-        position = name_end + step
-        if step == 0:
-            break
+        position = name_end + step if step else end
         # else a damaged section is read as another one
-        if not value_end <= position <= end:
+        if group == 0 or not value_end <= position <= end:
             raise InputError(f"the parameter section is damaged after {name!r}")
     return {f"{groups.get(group, group)}:{name}": value for group, name, value in values}
 
@@ -261,23 +248,23 @@ def parse_parameters(data: bytes, position: int, end: int) -> Parameters:
 def _parameter_value(data: bytes, position: int, name: str) -> tuple[Array | list[str], int]:
     """Read one parameter from its type byte on; gives also the first byte behind it."""
     kind, dimensions = struct.unpack_from("bB", data, position)
-    if kind not in (-1, 1, 2, 4) or dimensions > 7:  # text, byte, integer, real
+    if kind not in (TEXT, *TYPES) or dimensions > 7:
         raise InputError(
             f"the parameter '{name}' has type {kind} and {dimensions} dimensions: the section is"
             " damaged"
         )
-    shape = tuple(data[position + 2 : position + 2 + dimensions])
     begin = position + 2 + dimensions
-    size = abs(kind) * math.prod(shape)
-    content = data[begin : begin + size]
-    if len(content) != size:
+    shape = tuple(data[position + 2 : begin])
+    end = begin + abs(kind) * math.prod(shape)
+    content = data[begin:end]
+    if len(data) < end:
         raise InputError(f"the parameter '{name}' reaches beyond the end of the file")
-    if kind == -1:
-        length = (shape[0] if shape else 1) or 1  # of each text
-        texts = [content[at : at + length] for at in range(0, size, length)]
-        return [_decoded(text) for text in texts], begin + size
-    values: NDArray[Any] = np.frombuffer(content, {1: "u1", 2: "<i2", 4: "<f4"}[kind])
-    return values.astype(np.float64).reshape(shape, order="F"), begin + size
+    if kind == TEXT:
+        length = max(*shape[:1], 1)  # of each text
+        texts = [content[at : at + length] for at in range(0, len(content), length)]
+        return [_decoded(text) for text in texts], end
+    values: NDArray[Any] = np.frombuffer(content, TYPES[kind])
+    return values.astype(np.float64).reshape(shape, order="F"), end
 
 
 def _decoded(text: bytes) -> str:
@@ -289,9 +276,8 @@ def _decoded(text: bytes) -> str:
 
 def check_size(data: bytes, header: Header) -> None:
     """Refuse a file that holds nothing, or other frames than its header declares."""
-    if header.frame_bytes == 0:
-        for text in _questions_on_rotations(header):
-            raise InputError(text)
+    if header.frame_bytes == 0 and header.number("ROTATION:USED") > 0:
+        raise InputError(_rotations_alone(header))
     frames = header.frames
     is_rate = LEAST_RATE_HZ < header.rate_hz < MOST_RATE_HZ
     if frames < 1 or header.frame_bytes == 0 or not is_rate:
@@ -301,15 +287,24 @@ def check_size(data: bytes, header: Header) -> None:
         )
     for group, count in (("POINT", header.points), ("ANALOG", header.channels)):
         used = header.numbers(f"{group}:USED")[:1] % 65536
-        if used.size and np.isfinite(used[0]) and int(used[0]) != count:
+        if (used != count).any():
             raise InputError(
                 f"the header counts {count}, {group}:USED is {used[0]:g}; export the trial again"
             )
-    there = max(len(data) - header.data_start, 0) // header.frame_bytes
-    if there < frames:
+    whole = max(len(data) - header.data_start, 0) // header.frame_bytes
+    if whole < frames:
         raise InputError(
-            f"truncated: it declares {frames} frames and holds {there}; copy or export it again"
+            f"truncated: it declares {frames} frames and holds {whole}; copy or export it again"
         )
+
+
+def _rotations_alone(header: Header) -> str:
+    """Tell of a file that has rotations of segments alone, as of a system without markers."""
+    return (
+        f"the file holds {header.number('ROTATION:USED'):g} rotations of segments at"
+        f" {header.rate_hz:g} Hz and no marker: rotations are not read; export positions of joints"
+        " or virtual markers too"
+    )
 
 
 def frames_of(data: bytes, header: Header) -> tuple[Array, Array]:
@@ -361,38 +356,25 @@ def _scaled(analogs: Array, header: Header) -> Array:
     return analogs
 
 
-def plate_count(header: Header) -> int:
-    """Number of force plates that a file describes."""
-    used = header.numbers("FORCE_PLATFORM:USED")
-    if used.size and not 0 <= used[0] <= MOST_PLATES:
-        raise InputError(f"FORCE_PLATFORM:USED is {used[0]:g}; correct it, or write plates: none")
-    return int(used[0]) if used.size else 0
-
-
 def _plate_parameter(header: Header, name: str, number: int, shape: tuple[int, ...] = ()) -> Array:
     """Read one plate's part, of a shape (0: any size), of a FORCE_PLATFORM parameter.
 
     The last dimension counts plates. Some writers omit it if there is a single plate.
     """
-    table = header.table(f"FORCE_PLATFORM:{name}")
-    if not np.isfinite(table).all():
-        raise InputError(
-            f"plate {number}: FORCE_PLATFORM:{name} holds a value that is not finite; correct it"
-        )
+    table = np.asarray(header.parameters.get(f"FORCE_PLATFORM:{name}", np.zeros(0)))
     whole = table[..., None] if table.ndim == len(shape) else table
-    fits = whole.ndim == len(shape) + 1 and whole.shape[-1] >= number
-    for wanted, size in zip(shape, whole.shape, strict=False):
-        fits = fits and wanted in (0, size)
-    if not fits:
+    sizes = zip(shape, whole.shape, strict=False)
+    fits = whole.ndim == len(shape) + 1 and all(wanted in (0, size) for wanted, size in sizes)
+    if not fits or whole.shape[-1] < number or not np.isfinite(table).all():
         raise InputError(
-            f"plate {number}: FORCE_PLATFORM:{name} has dimensions {table.shape}; correct or"
-            " remove it"
+            f"plate {number}: FORCE_PLATFORM:{name} has dimensions {table.shape}, or values that"
+            " are not finite; correct or remove it"
         )
     return np.asarray(whole[..., number - 1])
 
 
-def plate_of(header: Header, number: int, analogs: Sequence[Channel], length_unit: str) -> Plate:
-    """Describe one plate by FORCE_PLATFORM.
+def plate_of(header: Header, number: int) -> Plate:
+    """Describe one plate by FORCE_PLATFORM, still without its channels.
 
     Raises
     ------
@@ -400,6 +382,12 @@ def plate_of(header: Header, number: int, analogs: Sequence[Channel], length_uni
         Its parameters contradict themselves.
     """
     kind = int(_plate_parameter(header, "TYPE", number))
+    if kind not in CHANNELS_OF_PLATE:
+        raise InputError(
+            f"plate {number} is of type {kind}, and types 1 to 4 are read; if the file has its"
+            " forces and moments as six channels, state it as type 2 under `plate_geometry` in the"
+            " source file, or else export it so"
+        )
     corners = _plate_parameter(header, "CORNERS", number, (3, 4)).T
     origin = _plate_parameter(header, "ORIGIN", number, (3,))
     calibration = None
@@ -407,12 +395,6 @@ def plate_of(header: Header, number: int, analogs: Sequence[Channel], length_uni
         calibration = _plate_parameter(header, "CAL_MATRIX", number, (6, 6))
         if header.texts("FORCE_PLATFORM:MATRIX_STORE") == ["BYROW"]:
             calibration = calibration.T
-    if kind not in CHANNELS_OF_PLATE:
-        raise InputError(
-            f"plate {number} is of type {kind}; types 1 to 4 are read; describe it as one of these"
-            " under `plate_geometry` in the source file"
-        )
-    _check_corners(number, corners, "FORCE_PLATFORM:CORNERS")
     if kind == 3 and not origin[:2].all():
         raise InputError(
             f"plate {number} of type 3 has ORIGIN {origin.tolist()}; without its sensors' distances"
@@ -425,136 +407,94 @@ def plate_of(header: Header, number: int, analogs: Sequence[Channel], length_uni
             f"plate {number} of type {kind} needs {needed} channels, FORCE_PLATFORM:CHANNEL gives"
             f" {numbers.tolist()} of the file's {header.channels}; correct it"
         )
-    channels = [analogs[channel_number - 1] for channel_number in numbers.tolist()]
     facts = {"analogs": numbers.tolist()}
-    return Plate(number, kind, corners, origin, channels, length_unit, calibration, facts=facts)
+    return Plate(number, kind, corners, origin, [], calibration=calibration, facts=facts)
 
 
-def _check_corners(number: int, corners: Array, where: str) -> None:
-    if not np.isfinite(own_axes(corners)).all():
-        raise InputError(f"plate {number}: its corners span no plane; correct {where}")
-
-
-def _stated_plate(
-    number: int, geometry: PlateGeometry, analogs: Sequence[Channel], length_unit: str
-) -> Plate:
-    """Describe a plate by the source file."""
+def _stated_plate(number: int, geometry: PlateGeometry, labels: Sequence[str]) -> Plate:
+    """Describe a plate by the source file, still without its channels."""
     numbers: list[int] = []
     for label in geometry.channels:
-        alike = [place for place, analog in enumerate(analogs, 1) if analog.name == label]
-        if not alike and label.isdigit() and 0 < int(label) <= len(analogs):
+        alike = [place for place, name in enumerate(labels, 1) if name == label]
+        if not alike and label.isdigit() and 0 < int(label) <= len(labels):
             alike = [int(label)]
         if len(alike) != 1:
-            names = listing([analog.name for analog in analogs])
             raise InputError(
                 f"plate {number}: '{label}' names {len(alike)} analog channels (the file has"
-                f" {names}); write its number, or correct `plate_geometry` in the source file"
+                f" {listing(labels)}); write its number, or correct `plate_geometry` in the source"
+                " file"
             )
         numbers += alike
-    corners = np.array(geometry.corners)
-    _check_corners(number, corners, "`plate_geometry` in the source file")
-    channels = [analogs[place - 1] for place in numbers]
-    facts = {"analogs": numbers}
-    origin = np.array(geometry.origin)
-    return Plate(number, geometry.type, corners, origin, channels, length_unit, facts=facts)
+    corners, origin = np.array(geometry.corners), np.array(geometry.origin)
+    return Plate(number, geometry.type, corners, origin, [], facts={"analogs": numbers})
 
 
 def plates_of(
-    header: Header, analogs: Sequence[Channel], length_unit: str, source: C3dSource | None
+    header: Header, labels: Sequence[str], source: C3dSource | None
 ) -> tuple[list[Plate], list[str]]:
-    """Describe the plates that a source file asks for, or all.
+    """Describe the plates that a source file asks for, or all, still without their channels.
 
     Returns
     -------
     plates
-    remarks
+    questions
         What is wrong with plates that are not asked for by a source file.
     """
-    count = plate_count(header)
+    used = header.numbers("FORCE_PLATFORM:USED")[:1]
+    if not ((used >= 0) & (used <= MOST_PLATES)).all():
+        raise InputError(f"FORCE_PLATFORM:USED is {used[0]:g}; correct it, or write plates: []")
+    count = int(used.sum())
     geometries = source.plate_geometry if source is not None else {}
     numbers = sorted({*range(1, count + 1), *geometries})
-    wanted = numbers
-    if source is not None and source.plates != "all":
-        wanted = list(source.plates)
-    plates: list[Plate] = []
-    remarks: list[str] = []
-    for number in wanted:
-        if number not in numbers:
-            raise _no_plate(number, count, analogs)
-        try:
-            if number in geometries:
-                plates.append(_stated_plate(number, geometries[number], analogs, length_unit))
-            else:
-                plates.append(plate_of(header, number, analogs, length_unit))
-        except InputError as error:
-            if source is None:
-                remarks.append(str(error))
-                continue
-            others = [other for other in numbers if other != number] or "none"
-            raise InputError(f"{error} (or leave this plate out: `plates: {others}`)") from error
-    return plates, remarks
-
-
-def _questions_on_plates(header: Header, analogs: Sequence[Channel]) -> list[str]:
-    """Ask where a plate lies that the file does not describe."""
-    alike = _like_plates(analogs)
-    if plate_count(header) or not alike:
-        return []
-    return [
-        f"channels look like those of a force plate ({', '.join(alike)}), but the file has no"
-        " FORCE_PLATFORM and where it lies is not known; state it under `plate_geometry` in the"
+    wanted = numbers if source is None or source.plates == "all" else source.plates
+    alike = [label for label in labels if PLATE_LABEL.search(label)]
+    six = ", ".join(alike[:6] if len(alike) >= 6 else ["Fx", "Fy", "Fz", "Mx", "My", "Mz"])
+    remedy = (
+        f"`plate_geometry: {{1: {{type: 2, channels: [{six}], corners: [[x, y, z], ...]}}}}` in the"
         " source file"
-    ]
-
-
-def _questions_on_rotations(header: Header) -> list[str]:
-    """Tell of a file that has rotations of segments alone, as of a system without markers."""
-    rotations = header.numbers("ROTATION:USED")
-    if header.points or not rotations.size or rotations[0] <= 0:
-        return []
-    return [
-        f"the file holds {rotations[0]:g} rotations of segments at {header.rate_hz:g} Hz and no"
-        " marker: rotations are not read; export positions of joints or virtual markers too"
-    ]
-
-
-def _like_plates(analogs: Sequence[Channel]) -> list[str]:
-    """Channels that are called like the six of a force plate; empty if there are fewer."""
-    alike = [analog.name for analog in analogs if PLATE_LABEL.search(analog.name)]
-    return alike if len(alike) >= CHANNELS_OF_PLATE[2] else []
-
-
-def _no_plate(number: int, count: int, analogs: Sequence[Channel]) -> InputError:
-    if count:
-        return InputError(
-            f"no force plate {number}; the file has {count}, counted from 1; correct `plates` in"
-            " the source file"
-        )
-    alike = _like_plates(analogs) or ["Fx", "Fy", "Fz", "Mx", "My", "Mz"]
-    return InputError(
-        f"no force plate {number}: the file describes none (it has no FORCE_PLATFORM); state it, as"
-        f" `plate_geometry: {{{number}: {{type: 2, channels: [{', '.join(alike[:6])}], corners:"
-        " [[x, y, z], ...]}}`, or write `plates: none`"
     )
+    plates: list[Plate] = []
+    questions: list[str] = []
+    if not count and len(alike) >= CHANNELS_OF_PLATE[2]:
+        questions.append(
+            "channels look like those of a force plate, but the file has no FORCE_PLATFORM and"
+            f" where it lies is not known; state it, as {remedy}"
+        )
+    for number in wanted:
+        try:
+            if number not in numbers:
+                raise InputError(
+                    f"no force plate {number}; the file describes {count}, counted from 1; state"
+                    f" it, as {remedy}"
+                )
+            plate = (
+                _stated_plate(number, geometries[number], labels)
+                if number in geometries
+                else plate_of(header, number)
+            )
+            if not np.isfinite(own_axes(plate.corners)).all():
+                raise InputError(f"plate {number}: its corners span no plane; correct them")
+            plates.append(plate)
+        except InputError as error:
+            if source is not None:
+                others = [other for other in numbers if other != number]
+                raise InputError(
+                    f"{error} (or leave this plate out: `plates: {others}`)"
+                ) from error
+            questions.append(str(error))
+    return plates, questions
 
 
-def _frames_with_forces(plates: Sequence[Plate], analogs: Array, header: Header) -> int:
+def _whole_frames(header: Header, analogs: Array, plates: Sequence[Plate]) -> int:
     """Frames before the last ones in which the plates' samples are no numbers, as where forces
-    stopped before cameras; all frames if there are none."""
+    stopped before cameras, or the last of which no sample was recorded; all if there are none."""
     columns = [number - 1 for plate in plates for number in plate.facts["analogs"]]
-    is_finite = np.asarray(np.isfinite(analogs[:, columns]).all(axis=1))
-    frames = int(np.argmin(is_finite)) // header.samples_per_frame
-    by_frame = np.asarray(is_finite.reshape(-1, header.samples_per_frame).all(axis=1))
-    if is_finite.all() or not frames or by_frame[frames:].any():
-        return header.frames
-    return frames
-
-
-def _analog_labels(header: Header) -> list[str]:
-    """Labels of the analog channels, or their numbers."""
-    labels = header.texts("ANALOG:LABELS")[: header.channels]
-    labels += [""] * (header.channels - len(labels))
-    return [label or f"analog {number}" for number, label in enumerate(labels, start=1)]
+    lacks = np.asarray(~np.isfinite(analogs[:, columns]).all(axis=1))
+    if len(analogs) > 1 and not analogs[-1].any() and analogs[-2].any():
+        lacks[-1] = True
+    by_frame = np.asarray(lacks.reshape(header.frames, -1).any(axis=1))
+    frames = int(np.argmax(by_frame)) if by_frame.any() else header.frames
+    return frames if frames and by_frame[frames:].all() else header.frames
 
 
 def _names_of(labels: Sequence[str]) -> list[str]:
@@ -568,18 +508,6 @@ def _names_of(labels: Sequence[str]) -> list[str]:
     return [behind[label] if uses[behind[label]] == 1 else label for label in labels]
 
 
-def remarks_on_rate(header: Header, rate_hz: float) -> Iterator[str]:
-    """Say where the rate that the file states for its analog channels is not that of the samples in
-    its frames [Hz]."""
-    stated = header.numbers("ANALOG:RATE")[:1]
-    is_other = stated.size > 0 and abs(stated[0] / rate_hz - 1) > OTHER_RATE
-    if header.channels and is_other:
-        yield (
-            f"ANALOG:RATE is {stated[0]:g} Hz, and {header.samples_per_frame} samples in each frame"
-            f" at {header.rate_hz:g} Hz are {rate_hz:g} Hz: they are read at the latter"
-        )
-
-
 def read(path: Path, source: C3dSource | None) -> Recording:
     """Read a C3D file. Frame 0 and analog sample 0 are at 0 s."""
     data = path.read_bytes()
@@ -587,98 +515,84 @@ def read(path: Path, source: C3dSource | None) -> Recording:
     check_size(data, header)
     points, analogs = frames_of(data, header)
     labels = header.texts("POINT:LABELS")[: header.points]
-    if source is not None and source.markers == "all" and header.points and not any(labels):
-        how = "empty" if "POINT:LABELS" in header.parameters else "missing"
-        raise InputError(
-            f"POINT:LABELS is {how}: none of its {header.points} points has a name; label them and"
-            " export the trial again, or leave them out with `markers: none`, as"
-            f" {source.place('markers')}"
-        )
-    ends_in_zeros = len(analogs) > 1 and not analogs[-1].any() and bool(analogs[-2].any())
-    lacks_last_sample = ends_in_zeros and header.frames > 1
-    if lacks_last_sample:
-        analogs[-1] = np.nan
-    length_unit = (header.texts("POINT:UNITS") or [""])[0]
+    analog_labels = _filled(header.texts("ANALOG:LABELS"), header.channels)
+    analog_labels = [label or f"analog {place}" for place, label in enumerate(analog_labels, 1)]
+    plates, questions = plates_of(header, analog_labels, source)
+    if header.number("ROTATION:USED") > 0 and not header.points:
+        questions.append(_rotations_alone(header))
+    remarks: list[str] = []
     fast_rate_hz = header.rate_hz * header.samples_per_frame
-    fast = Rows(len(analogs), "analogs", fast_rate_hz, noun="sample")
-    analog_channels = _analog_channels(header, analogs, fast)
-    plates, remarks = plates_of(header, analog_channels, length_unit, source)
-    remarks += remarks_on_rate(header, fast_rate_hz)
-    if lacks_last_sample:
+    stated_hz = header.number("ANALOG:RATE")
+    if header.channels and stated_hz and abs(stated_hz / fast_rate_hz - 1) > OTHER_RATE:
         remarks.append(
-            "the last sample of all analog channels is 0: it was not recorded, and is missing here"
+            f"ANALOG:RATE is {stated_hz:g} Hz, and {header.samples_per_frame} samples in each frame"
+            f" at {header.rate_hz:g} Hz are {fast_rate_hz:g} Hz: they are read at the latter"
         )
-    frames = _frames_with_forces(plates, analogs, header)
-    if lacks_last_sample and not plates and source is not None:
-        # a pulse that a source file names may have no NaN either
-        frames = header.frames - 1
+    frames = _whole_frames(header, analogs, plates)
     if frames < header.frames:
         remarks.append(
-            f"samples are no numbers in the last {header.frames - frames} frames, which are left"
-            " out"
+            f"the last {header.frames - frames} frames, in which samples are no numbers or were not"
+            " recorded, are left out"
         )
-        points = points[:frames]
-        analogs = analogs[: frames * header.samples_per_frame]
-        fast = Rows(len(analogs), "analogs", fast_rate_hz, noun="sample")
-        analog_channels = _analog_channels(header, analogs, fast)
-        plates, _ = plates_of(header, analog_channels, length_unit, source)
+    length_unit = "".join(header.texts("POINT:UNITS")[:1])
     slow = Rows(frames, "points", header.rate_hz, noun="frame")
     outputs = {
         label
         for group in header.texts("POINT:TYPE_GROUPS")[::2]
         for label in header.texts(f"POINT:{group.upper()}")
     }
-    names = _names_of(labels)
     point_channels = [
         Channel(
             address={"label": label},
             rows=slow,
-            read=partial(np.asanyarray, points[:, place]),
-            name=names[place],
+            read=partial(np.asanyarray, points[:frames, place]),
+            name=name,
             unit="" if label in outputs else length_unit,
             kind=Kind.MODEL_OUTPUT if label in outputs else Kind.MARKER,
         )
-        for place, label in enumerate(labels)
+        for place, (label, name) in enumerate(zip(labels, _names_of(labels), strict=True))
     ]
-    body_mass = header.numbers("PROCESSING:BODYMASS").tolist()
-    facts = {
-        "frames": frames,
-        "first_frame": header.first_frame,
-        "frame_rate_hz": header.rate_hz,
-        "samples_per_frame": header.samples_per_frame,
-        "length_unit": length_unit,
-        "vertical_on_screen": "".join(header.texts("POINT:Y_SCREEN")[:1]),
-        "software": " ".join(header.texts("MANUFACTURER:SOFTWARE")),
-        "plates": plate_count(header),
-        "plate_zero_frames": header.numbers("FORCE_PLATFORM:ZERO").tolist(),
-        "body_mass_kg": body_mass[0] if body_mass else None,
-    }
+    samples = frames * header.samples_per_frame
+    fast = Rows(samples, "analogs", fast_rate_hz, noun="sample")
+    units = _filled(header.texts("ANALOG:UNITS"), header.channels)
+    analog_channels = [
+        Channel(
+            address={"channel": label},
+            rows=fast,
+            read=partial(np.asanyarray, analogs[:samples, place]),
+            name=label,
+            unit=unit,
+        )
+        for place, (label, unit) in enumerate(zip(analog_labels, units, strict=True))
+    ]
+    with_channels: list[Plate] = []
+    for plate in plates:
+        channels = [analog_channels[number - 1] for number in plate.facts["analogs"]]
+        with_channels.append(replace(plate, channels=channels, length_unit=length_unit))
     return Recording(
         format="c3d",
         channels=[*point_channels, *analog_channels],
         loss=Loss(frames, header.frames, remarks=remarks),
-        questions=[
-            *_questions_on_rotations(header),
-            *_questions_on_plates(header, analog_channels),
-        ],
-        plates=plates,
-        facts=facts,
+        questions=questions,
+        plates=with_channels,
+        facts={
+            "frames": frames,
+            "first_frame": header.first_frame,
+            "frame_rate_hz": header.rate_hz,
+            "samples_per_frame": header.samples_per_frame,
+            "length_unit": length_unit,
+            "vertical_on_screen": "".join(header.texts("POINT:Y_SCREEN")[:1]),
+            "software": " ".join(header.texts("MANUFACTURER:SOFTWARE")),
+            "plates": int(header.number("FORCE_PLATFORM:USED")),
+            "plate_zero_frames": header.numbers("FORCE_PLATFORM:ZERO").tolist(),
+            "body_mass_kg": header.number("PROCESSING:BODYMASS") or None,
+        },
     )
 
 
-def _analog_channels(header: Header, analogs: Array, rows: Rows) -> list[Channel]:
-    units = header.texts("ANALOG:UNITS")
-    units += [""] * (header.channels - len(units))
-    return [
-        Channel(
-            address={"channel": label},
-            rows=rows,
-            read=partial(np.asanyarray, analogs[:, place]),
-            name=label,
-            unit=units[place],
-        )
-        for place, label in enumerate(_analog_labels(header))
-    ]
+def _filled(texts: Sequence[str], count: int) -> list[str]:
+    """The first texts, with empty ones for those that lack."""
+    return [*texts, *[""] * count][:count]
 
 
 def _begins(begin: bytes) -> bool:

@@ -1,39 +1,40 @@
 """Tables of OpenSim (.mot, .sto): a header down to `endheader`, then names and rows."""
 
 import json
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
-import numpy as np
 from pydantic import Field, PositiveInt, model_validator
 
 from osl_analysis.errors import InputError
-from osl_analysis.formats._table import SheetSource, layout_of, recording_of_table
-from osl_analysis.formats._text import decoded, is_text, read_text
+from osl_analysis.formats._captured_text import exported_plate
+from osl_analysis.formats._table import LISTING, SheetSource, recording_of_table
+from osl_analysis.formats._text import Text, decoded, is_text, read_text
 from osl_analysis.formats.csv_table import table_of_text
-from osl_analysis.recording import EXPORTED, End, Format, Plate, Recording
+from osl_analysis.recording import End, Format, Plate, Recording
 from osl_analysis.source_file import (
     Axes,
     ColumnChannel,
     ColumnName,
     ColumnTime,
-    Corner,
     ExportedPlate,
     InAxes,
 )
 from osl_analysis.trial import AXES, unit_of
-from osl_analysis.units import TimeUnit, Unit, si_factor
+from osl_analysis.units import TimeUnit, si_factor
 from osl_analysis.yaml_settings import misplaced
 
-# what columns measure, by the ends of their names
-FORCES = {
-    r"force.*_v[xyz]": "N",
-    r"force.*_p[xyz]": "m",
-    r"(torque|moment).*_[xyz]|_moment": "N*m",
-    r"_t[xyz]": "m",
+# what columns measure, by their names
+LIKELY_UNITS = {
+    r"^time$": "s",
+    r"force.*_v[xyz]$": "N",
+    r"force.*_p[xyz]$": "m",
+    r"(torque|moment).*_[xyz]$|_moment$": "N*m",
+    r"_t[xyz]$": "m",
 }
 # units of angles and speeds, by what the header says of `inDegrees`
 ANGLES = {"yes": {"rad": "deg", "rad/s": "deg/s"}, "no": {"rad": "rad", "rad/s": "rad/s"}}
@@ -43,7 +44,7 @@ END_OF_HEADER = re.compile(rb"(?im)^[ \t]*endheader[ \t]*\n")
 class OpenSimChannel(ColumnChannel):
     """A column of a table of OpenSim."""
 
-    unit: Unit  # Unit of the numbers, as laboratories spell it.
+    unit: str  # Unit of the numbers, as laboratories spell it.
 
 
 class OpenSimTime(ColumnTime):
@@ -62,7 +63,6 @@ class OpenSimPlate(ExportedPlate):
     # Beginning of the names of the columns of the moment about this point [N*m]:
     # `R_ground_torque_`.
     moment: str
-    corners: tuple[Corner, Corner, Corner, Corner]  # Of the surface in the file's axes [m].
     # Whose force it is, where the file has one per foot, not per plate.
     foot: Literal["left", "right"] | None = None
 
@@ -70,7 +70,6 @@ class OpenSimPlate(ExportedPlate):
 class OpenSimSource(SheetSource, InAxes):
     """The source file of tables of OpenSim."""
 
-    OF = " of format opensim"
     clock: Literal["master", "sync", "shared", "common"] = "master"  # type: ignore[assignment]
     """How the log's clock is aligned to motion capture's. `common`: its times are those of the TRC
     beside it."""
@@ -112,39 +111,37 @@ def read(path: Path, source: OpenSimSource | None) -> Recording:
     above = text.data[: end.start()].decode(errors="replace").split("\n")
     notes = [line.strip() for line in above if line.strip()]
     header = header_of(notes)
-    below = text.data[end.end() :]
-    by_tabs = re.match(rb"\s*\S[^\n]*\t[ \t]*\S", below) is not None
-    layout = replace(layout_of(source), delimiter="tab" if by_tabs else "space", decimal=".")
+    layout = source or LISTING
     blank = b"\n" * text.data.count(b"\n", 0, end.end())  # the lines keep their numbers
-    table = table_of_text(blank + below, text.is_ended, layout)
-    is_whole = _check_counts(header, len(table.lines), len(table.names))
-    if is_whole and table.end == End.UNKNOWN:
-        table = replace(table, end=End.WHOLE)
-    questions: list[str] = []
-    like_plates = plates_in(table.names)
-    if like_plates:
-        questions.append(
-            "these columns are force plates, if you state their corners: plates:"
-            f" {{{', '.join(like_plates)}}}"
-        )
-    if source is not None:
-        _check_angles(source, header)
-    table = replace(table, notes=[*notes, *table.notes])
-    in_degrees = header.get("indegrees", "").casefold()
-    angle = ANGLES.get(in_degrees, {}).get("rad", "")
-    likely = dict.fromkeys(table.names, angle)
-    for name in table.names:
-        for pattern, unit in FORCES.items():
-            if re.search(f"({pattern})$", name, re.IGNORECASE):
-                likely[name] = unit
-                break
-    likely["time"] = "s"
-    recording = recording_of_table("opensim", table, layout, facts=header, likely_units=likely)
-    settings = {"time": {"column": "time", "unit": "s"}} if "time" in table.names else {}
-    recording = replace(recording, settings=settings, questions=questions)
-    described = {} if source is None else source.plates
-    plates = [_plate_of(recording, number, settings) for number, settings in described.items()]
+    below = Text(blank + text.data[end.end() :], text.is_ended)
+    table = table_of_text(below, layout, decimal=".")
+    are_rows_stated = _are_rows_stated(header, len(table.lines))
+    table = replace(
+        table,
+        notes=[*notes, *table.notes],
+        end=End.WHOLE if are_rows_stated and table.end == End.UNKNOWN else table.end,
+    )
+    angle = ANGLES.get(header.get("indegrees", "").casefold(), {})
+    likely = {name: _likely_unit(name) or angle.get("rad", "") for name in table.names}
+    like_plates = ", ".join(plates_in(table.names))
+    question = "these columns are force plates, if you state their corners: plates:"
+    recording = replace(
+        recording_of_table("opensim", table, layout, facts=header, likely_units=likely),
+        settings={"time": {"column": "time", "unit": "s"}} if "time" in table.names else {},
+        questions=[f"{question} {{{like_plates}}}"] if like_plates else [],
+    )
+    if source is None:
+        return recording
+    _check_angles(source, angle)
+    plates = [_plate_of(recording, number, plate) for number, plate in source.plates.items()]
     return replace(recording, plates=plates)
+
+
+def _likely_unit(name: str) -> str:
+    for pattern, unit in LIKELY_UNITS.items():
+        if re.search(pattern, name, re.IGNORECASE):
+            return unit
+    return ""
 
 
 def _plate_of(recording: Recording, number: int, settings: OpenSimPlate) -> Plate:
@@ -156,48 +153,31 @@ def _plate_of(recording: Recording, number: int, settings: OpenSimPlate) -> Plat
         for begin, unit in quantities
         for axis in AXES
     ]
-    corners = np.array(settings.corners)
-    return Plate(
-        number=number,
-        type=EXPORTED,
-        corners=corners,
-        origin=corners.mean(axis=0),
-        channels=channels,
-        length_unit="m",
-        sign=settings.sign,
-        foot=settings.foot,
-        facts=settings.model_dump(include={"force", "point", "moment", "sign"}),
-    )
+    return exported_plate(number, settings, channels, "m", foot=settings.foot)
 
 
-def _check_counts(header: Mapping[str, str], rows: int, columns: int) -> bool:
-    """Refuse a table that is not as long or wide as stated; tells whether its rows are stated."""
-    for what, count in (("rows", rows), ("columns", columns)):
-        stated_count = header.get(f"n{what}") or header.get(f"data{what}") or ""
-        if stated_count and stated_count != str(count):
-            is_cut = stated_count.isdigit() and int(stated_count) > count
-            cut = ": the end is missing, or some are damaged" if is_cut else ""
-            raise InputError(
-                f"its header states {stated_count[:20]} {what}, the file holds {count} whole"
-                f" ones{cut}; export it again, or correct the header"
-            )
-    return bool(header.get("nrows") or header.get("datarows"))
+def _are_rows_stated(header: Mapping[str, str], rows: int) -> bool:
+    """Tell whether a header states the number of rows; refuse a table that has another one."""
+    stated_rows = header.get("nrows") or header.get("datarows") or ""
+    if stated_rows not in ("", str(rows)):
+        raise InputError(
+            f"its header states {stated_rows[:20]} rows, the file holds {rows} whole ones: its end"
+            " is missing, or some are damaged; export it again, or correct the header"
+        )
+    return bool(stated_rows)
 
 
-def _check_angles(source: OpenSimSource, header: Mapping[str, str]) -> None:
-    """Refuse the unit of an angle that contradicts the header."""
-    in_degrees = header.get("indegrees", "").casefold()
-    units = ANGLES.get(in_degrees, {})
+def _check_angles(source: OpenSimSource, units: Mapping[str, str]) -> None:
+    """Refuse the unit of an angle that contradicts that of the header."""
     for column, channel in source.channels.items():
-        canonical = unit_of(column)
-        if canonical not in units:
+        unit_of_file = units.get(unit_of(column), "")
+        if not unit_of_file:
             continue
-        unit_of_file = units[canonical]
-        is_same = np.isclose(si_factor(channel.unit, canonical), si_factor(unit_of_file, canonical))
-        if not is_same:
+        factors = [si_factor(unit, unit_of(column)) for unit in (channel.unit, unit_of_file)]
+        if not math.isclose(*factors):
             raise InputError(
-                f"its header says inDegrees={in_degrees}, and column '{channel.column}' is read in"
-                f" {channel.unit}; write {unit_of_file}, as"
+                f"column '{channel.column}' is read in {channel.unit}, and by `inDegrees` of its"
+                f" header it is in {unit_of_file}; write {unit_of_file}, as"
                 f" {source.place('channels', column, 'unit')}"
             )
 
@@ -207,20 +187,13 @@ def plates_in(names: Sequence[str]) -> list[str]:
 
     Of `R_ground_force_vx` the point is `R_ground_force_px`, and the moment `R_ground_torque_x`.
     """
-    triples = {name[:-1] for name in names if {f"{name[:-1]}{axis}" for axis in "xyz"} <= {*names}}
     plates: list[str] = []
-    for name in names:
-        if not name.endswith("vx"):
-            continue
-        force = name[:-1]
-        stem = name[:-2]
-        moments = [re.sub("force", word, stem) for word in ("torque", "moment")]
-        moments = [moment for moment in moments if moment != stem and moment in triples]
-        if not moments or not {force, f"{stem}p"} <= triples:
-            continue
-        keys = {"force": force, "point": f"{stem}p", "moment": moments[0]}
-        text = ", ".join(f"{key}: {json.dumps(begin)}" for key, begin in keys.items())
-        plates.append(f"{len(plates) + 1}: {{{text}, corners: UNKNOWN}}")
+    for stem in [name[:-2] for name in names if re.search("force.*vx$", name)]:
+        for word in ("torque", "moment"):
+            keys = {"force": f"{stem}v", "point": f"{stem}p", "moment": stem.replace("force", word)}
+            if {f"{begin}{axis}" for begin in keys.values() for axis in AXES} <= {*names}:
+                text = ", ".join(f"{key}: {json.dumps(begin)}" for key, begin in keys.items())
+                plates.append(f"{len(plates) + 1}: {{{text}, corners: UNKNOWN}}")
     return plates
 
 

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.asked_table import (
-    STATE_RATE,
     Table,
     check_common_rows,
     read_table,
@@ -28,33 +27,15 @@ from osl_analysis.ingest.conversion import (
 from osl_analysis.ingest.force_plates import convert_plate
 from osl_analysis.ingest.likely_clock import rate_of
 from osl_analysis.ingest.other_clocks import check_other_clocks
-from osl_analysis.ingest.table_time import with_time
 from osl_analysis.recording import Channel, End, Recording
-from osl_analysis.source_file import LEVEL_UNIT, InAxes, TableSource
-from osl_analysis.trial import Array, counter_column, unit_of
+from osl_analysis.source_file import InAxes, TableSource
+from osl_analysis.trial import Array, counter_column
 from osl_analysis.units import si_factor
 
 MOST_NOTES = 100  # lines of a file's own text that the provenance keeps
 MOST_COPIED_SHARE = 0.1  # of rows that repeat the row before; more were read twice
 LARGEST_CALIBRATION = 0.1  # by which a `scale` corrects a channel that is in the file's unit
 FEWEST_COPIED = 20  # such rows that are refused
-
-
-def time_channel(recording: Recording, source: TableSource) -> Channel | None:
-    """The column of time; None where the source file names none. A table without one may have a
-    constant rate.
-
-    Raises
-    ------
-    InputError
-        The file has no such column.
-    """
-    if not source.time.name:
-        return None
-    try:
-        return recording.find(source.time.address)
-    except InputError as error:
-        raise InputError(f"{error}; or {STATE_RATE}") from error
 
 
 def convert_table(recording: Recording, source: TableSource, file_name: str) -> Converted:
@@ -77,18 +58,17 @@ def convert_table(recording: Recording, source: TableSource, file_name: str) -> 
         them are missing than the source file allows.
     """
     check_loss(recording, source)
-    clock = time_channel(recording, source)
+    clock = recording.find(source.time.address) if source.time.name else None
     channels = {
         column: recording.find(setting.address) for column, setting in source.channels.items()
     }
-    check_each_channel_once(channels, source)
     table = read_table(recording, source, channels, clock)
     if table.rows.count < 2:
         raise InputError(
             f"holds one {table.rows.noun} of data: nothing to analyse; record the trial again, or"
             " exclude it"
         )
-    table, time, start = with_time(table, source, clock)
+    time = table.time - table.time[0]
     apart, warnings = check_other_clocks(recording, source, clock, table.rows, time, channels)
     check_common_rows(table)
 
@@ -107,30 +87,26 @@ def convert_table(recording: Recording, source: TableSource, file_name: str) -> 
             counts = checked_counts(setting, table.counters[column], table.rows, time)
             samples.append(pl.Series(counter_column(column), counts))
         missing[column] = int(series.is_nan().sum())
-        origins[column] = origin_of(setting, column, channel.unit)
-        full = channel.key
-        if full == setting.name and "*" in full:  # a pattern stands for a name that changes
-            full = channel.name
-        is_with_unit = setting.name.startswith(f"{channel.name} ")  # as `torque [Nm]`
-        if setting.name != full and not is_with_unit:
-            origins[column]["found"] = full
-    for column, count in missing.items():
-        if count:
-            warnings.append(f"{column} is missing in {count} of {time.size} {table.rows.noun}s")
-    for column, channel in channels.items():
-        unit = source.channels[column].unit
-        if unit and channel.unit and is_other_unit(unit, channel.unit, unit_of(column)):
-            warnings.append(f"{column} is read in {unit}; the file says {channel.unit}")
-            if is_contradicted(origins[column], channel.unit):
-                origins[column]["unit_of_file"] = channel.unit
+        if missing[column]:
+            rows = f"{time.size} {table.rows.noun}s"
+            warnings.append(f"{column} is missing in {missing[column]} of {rows}")
+        origin = origin_of(setting, column, channel.unit)
+        if setting.name not in (channel.key, channel.title) or "*" in setting.name:
+            origin["found"] = channel.title or channel.key
+        ratio = unit_ratio(origin, channel.unit)
+        if channel.unit and ratio != 1:
+            warnings.append(f"{column} is read in {origin['unit']}; the file says {channel.unit}")
+        if abs(ratio * origin["scale"] - 1) > LARGEST_CALIBRATION:
+            origin["unit_of_file"] = channel.unit
+        origins[column] = origin
 
     frame = pl.DataFrame(samples)
     is_fresh = np.concatenate([[True], np.diff(time) != 0])
     kept, remark = rows_to_keep(frame, is_fresh, source, table.rows.noun)
     warnings += remark
     facts: dict[str, Any] = {
-        "time": {**source.time.model_dump(exclude_none=True), "start": start},
-        "rates_hz": rates_of(table, channels, source) or {file_name: rate_of(time[kept])},
+        "time": {**source.time.model_dump(exclude_none=True), "start": start_of(table)},
+        "rates_hz": rates_of(table, channels) or {file_name: rate_of(time[kept])},
         "repeated_stamps": int((~is_fresh).sum()),
         "missing": missing,
     }
@@ -148,39 +124,27 @@ def convert_table(recording: Recording, source: TableSource, file_name: str) -> 
     return Converted(frame, origins, facts, warnings, losses)
 
 
+def start_of(table: Table) -> float:
+    """The reading of the clock in the first row, or its time."""
+    return float(table.time[0] if table.clock is None else table.clock[0])
+
+
 def check_loss(recording: Recording, source: TableSource) -> None:
     """Refuse a table that has lost more rows than the source file allows. A missing end counts
     nothing: nobody knows what it held."""
     loss = recording.loss
-    if loss.end == End.MISSING or not loss.lost:
-        return
     by_rate = source.time.rate is not None and not source.time.name
     allowed = 0.0 if by_rate else source.most_missing
-    if loss.share <= allowed:
+    if loss.end == End.MISSING or not loss.lost or loss.share <= allowed:
         return
-    advice = "repair the log"
+    share = share_above(loss.lost, loss.expected or 1)
+    advice = f"write `most_missing: {share:g}` in the source file"
     if by_rate:
-        advice += ", or name its time: all rows behind the lost ones would be early"
-    else:
-        share = share_above(loss.lost, loss.expected or 1)
-        advice += f", or write `most_missing: {share:g}` in the source file"
+        advice = "name its time: all rows behind the lost ones would be early"
     raise InputError(
-        f"{loss.lost} of {loss.expected} rows cannot be used: {'; '.join(loss.remarks)}; {advice}"
+        f"{loss.lost} of {loss.expected} rows cannot be used: {'; '.join(loss.remarks)}; repair the"
+        f" log, or {advice}"
     )
-
-
-def check_each_channel_once(channels: Mapping[str, Channel], source: TableSource) -> None:
-    """Refuse one channel under two columns, as by its name and by its number, but for levels."""
-    taken: dict[int, str] = {}
-    for column, channel in channels.items():
-        other = taken.setdefault(id(channel), column)
-        if other == column or LEVEL_UNIT in (unit_of(other), unit_of(column)):
-            continue
-        setting = source.channels[column]
-        where = source.place("channels", column, setting.ADDRESS)
-        raise InputError(
-            f"{setting.title} is {other} and {column} in the source file; correct {where}"
-        )
 
 
 def rows_to_keep(
@@ -204,28 +168,25 @@ def rows_to_keep(
     begin = f"{repeated} of {is_fresh.size} {noun}s repeat the stamp of the {noun} before and"
     if source.time.repeated == "drop":
         return is_fresh, [f"{begin} were left out"]
-    place = source.place("time")
-    values = frame.drop("time")
-    equal = (values[1:] == values[:-1]).select(pl.all_horizontal(pl.all().fill_null(True)))
-    copied = int((~is_fresh[1:] & equal.to_series().to_numpy()).sum())
+    advice = f"write `repeated: drop` under {source.place('time')}"
+    is_copy = frame.select(pl.all_horizontal(pl.all().eq_missing(pl.all().shift()))).to_series()
+    copied = int(is_copy[1:].sum())
     if copied > max(FEWEST_COPIED, MOST_COPIED_SHARE * is_fresh.size):
         raise InputError(
-            f"{copied} of {is_fresh.size} {noun}s have time and values of the {noun} before; write"
-            f" `repeated: drop` under {place}, to read each once"
+            f"{copied} of {is_fresh.size} {noun}s have time and values of the {noun} before;"
+            f" {advice}, to read each once"
         )
     remark = (
         f"{begin} are taken for samples whose stamps were rounded; if the device was read faster"
-        f" than it sampled, write `repeated: drop` under {place}"
+        f" than it sampled, {advice}"
     )
     return np.ones_like(is_fresh), [remark]
 
 
-def rates_of(
-    table: Table, channels: Mapping[str, Channel], source: TableSource
-) -> dict[str, float]:
+def rates_of(table: Table, channels: Mapping[str, Channel]) -> dict[str, float]:
     """Rates [Hz] of channels with a timing of their own, by address; empty where one time holds for
     all."""
-    if not table.has_own_rows or source.time.name or source.time.rate is not None:
+    if not table.has_own_rows:
         return {}
     return {one.key: one.rows.rate_hz for one in channels.values() if one.rows.rate_hz is not None}
 
@@ -254,20 +215,10 @@ def with_plates(
     return frame, origins, facts
 
 
-def is_contradicted(origin: Mapping[str, Any], in_file: str) -> bool:
-    """Whether a channel is converted by another factor than that of the file's unit. A unit that is
-    not known, as of the raw channel that `scale` converts, contradicts nothing."""
+def unit_ratio(origin: Mapping[str, Any], unit_of_file: str) -> float:
+    """The factor by which a channel is converted, without its scale, over that of the file's unit;
+    NaN where that unit is not known, as of the raw channel that `scale` converts."""
     try:
-        factor = si_factor(in_file, origin["si_unit"])
+        return float(origin["factor"] / si_factor(unit_of_file, origin["si_unit"]))
     except InputError:
-        return False
-    ratio = float(origin["factor"] * origin.get("scale", 1.0) / factor)
-    return abs(ratio - 1) > LARGEST_CALIBRATION
-
-
-def is_other_unit(stated: str, in_file: str, si_unit: str) -> bool:
-    """Whether a stated unit is another one than the file's, and not another spelling of it."""
-    try:
-        return si_factor(stated, si_unit) != si_factor(in_file, si_unit)
-    except InputError:
-        return True
+        return np.nan

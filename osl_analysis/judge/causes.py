@@ -152,8 +152,6 @@ def cause_of(number: Beyond, row: AnyRow) -> KnownFinding:
         return known_finding(name)
     if suspected_unit(name, value, row):
         return FINDINGS["wrong_unit"]
-    if name == "rate_change" and value < 0:
-        return FINDINGS["late_in_loop"]
     if name == "fault_harm":
         return FINDINGS[HYPOTHESES[str(row["fault_family"])]]
     if name == "K_change" and (value > 0 or row.get("fault_family") == "size"):

@@ -35,7 +35,7 @@ CLAIMED = (
     "actuator_summary",
     "impedance",
     "compensation",
-    "frequency_response",
+    "response",
     "walking_summary",
     "walking_groups",
 )
@@ -480,5 +480,5 @@ def claims_of_place(
     yield from rendered_claims(fits, settings)
     if "compensation" in tables:
         yield from compensation_claims(tables["compensation"])
-    if "frequency_response" in tables:
-        yield from passivity_claims(tables["frequency_response"])
+    if "response" in tables:
+        yield from passivity_claims(tables["response"].filter(scope="all"))

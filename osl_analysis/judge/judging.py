@@ -44,7 +44,7 @@ HAVE_REMARKS = (
     "transmission",
     "actuator",
     "impedance",
-    "phasors",
+    "response",
     "torque_angle",
     "walking_groups",
 )

@@ -104,7 +104,7 @@ class JudgedTable:
 
     name: str
     subject: str  # of its doubts, such as `impedance trials`
-    subject_of_unchecked: str  # of what could not be checked, such as `phasors trials`
+    subject_of_unchecked: str  # of what could not be checked, such as `impedance trials`
     rows: Mapping[str, AnyRow]  # of those that were judged: the last, the fit to all of a trial
     doubts_of: str  # the table of the same trials whose doubts its rows share; empty for none
 

@@ -133,11 +133,11 @@ def delay_may_hide(row: AnyRow) -> bool:
 
 
 def unchecked_in_torque_angle(row: AnyRow) -> Iterator[str]:
-    if row.get("smaller_cycles"):
+    if row.get("other_cycles"):
         yield "left_out_cycles"
     if row.get("zero_unsure") is not None:
         yield "rest_torque"
     if lacks(row, "torque_zero"):
         yield "torque_zero_unseen"
-    if lacks(row, "rate_change"):
+    if row.get("energy_lost") is not None:
         yield "late_torque_unseen"

@@ -358,20 +358,6 @@ def late_remedy(cells: Cells) -> str:
     )
 
 
-def energy_lost_by_lag(cells: Cells) -> str:
-    """How late a torque would make the energy lost depend on the speed."""
-    late_ms = 1e3 * cells["late_s"]
-    energy_lost = cells["energy_lost"]
-    hidden_loss = late_ms * cells["energy_per_ms"]  # taken off the energy lost [J]
-    if hidden_loss <= 0:
-        return ""
-    share = 100 * hidden_loss / abs(energy_lost + hidden_loss)
-    return (
-        f"a torque late by {late_ms:.2g} ms would explain it, and lower the energy lost by"
-        f" {share:.0f} %"
-    )
-
-
 UNCERTAIN_LAG_SHARE = 0.2  # of a lag: a wider half-interval may be of a spring that loses energy
 
 
@@ -481,7 +467,6 @@ COMPUTED: Mapping[str, Callable[[Cells], Any]] = {
     "K_by_rest": lambda cells: Number(weight_by_rest(cells.row)),
     "lag": lag_text,
     "late_remedy": late_remedy,
-    "late_torque_of_loss": energy_lost_by_lag,
     "calibration": calibration_text,
     "damping_gap": damping_gap_text,
     "gains_unseen": gains_unseen,

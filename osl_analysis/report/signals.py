@@ -9,8 +9,6 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from osl_analysis.bench.complex_estimate import polar_row
-from osl_analysis.bench.frequency_response import admittance_of_row
 from osl_analysis.trial import Array
 
 SIGNALS = ("time", "torque", "model", "residual", "motion")
@@ -101,13 +99,19 @@ def of_recording(samples: pl.DataFrame, motion: str) -> Signals:
     return Signals(thinned.select(**columns), "Signals without a fit of their own.", motion)
 
 
-def phasor_response(phasors: pl.DataFrame, fit: Mapping[str, Any]) -> pl.DataFrame:
-    """The measured admittance of a stepped sine with its intervals, and that of Eq. 15 with K, B
-    and I of the fit to all amplitudes."""
-    polar = pl.DataFrame([polar_row(admittance_of_row(row)) for row in phasors.to_dicts()])
-    measured = polar.select(
-        magnitude="magnitude", low="magnitude_low", high="magnitude_high", phase="phase_deg"
-    ).with_columns(frequency=phasors["frequency_hz"])
+def measured_response(response: pl.DataFrame, fit: Mapping[str, Any]) -> pl.DataFrame:
+    """The measured admittance with its intervals, of a stepped sine at each amplitude, and that of
+    Eq. 15 with K, B and I of the fit to all of the trial."""
+    rows = response
+    if response["amplitude_deg"].count():
+        rows = response.drop_nulls("amplitude_deg")
+    measured = rows.select(
+        frequency="frequency_hz",
+        magnitude="magnitude",
+        low="magnitude_low",
+        high="magnitude_high",
+        phase="phase_deg",
+    )
     measured_hz = measured["frequency"].to_numpy()
     hz = np.geomspace(measured_hz.min(), measured_hz.max(), CURVE_POINTS)
     return with_model(measured, admittance(hz, fit["K"], fit["B"], fit["I"]), hz)

@@ -14,7 +14,7 @@ from test_page import ROW, page, view
 
 from osl_analysis.report.page import trial_view, written_page
 from osl_analysis.report.paper_tables import Condition
-from osl_analysis.report.signals import of_fit, of_recording, phasor_response
+from osl_analysis.report.signals import measured_response, of_fit, of_recording
 
 pytestmark = pytest.mark.browser
 DRIVER = shutil.which("chromedriver")
@@ -29,10 +29,17 @@ def trials():
     series = pl.DataFrame(
         {"time": time, "theta_deg": np.cos(time), "torque": torque, "torque_model": torque + 1}
     )
-    errors = {"Y_var_re": 1e-8, "Y_cov": 0.0, "Y_var_im": 1e-8, "Y_degrees_of_freedom": 10.0}
-    phasors = pl.DataFrame({"frequency_hz": [1.0, 5.0], "Y_re": [0.01, 0.02], "Y_im": [0.0, -3e-3]})
-    phasors = phasors.with_columns(**{name: pl.lit(size) for name, size in errors.items()})
-    response = phasor_response(phasors, {"K": 100.0, "B": 2.0, "I": 0.1})
+    measured = pl.DataFrame(
+        {
+            "amplitude_deg": [2.0, 2.0],
+            "frequency_hz": [1.0, 5.0],
+            "magnitude": [0.01, 0.02],
+            "magnitude_low": [0.0098, 0.0198],
+            "magnitude_high": [0.0102, 0.0202],
+            "phase_deg": [0.0, -8.5],
+        }
+    )
+    response = measured_response(measured, {"K": 100.0, "B": 2.0, "I": 0.1})
     fitted = of_fit(series, "Joint angle")
     signals = {
         "fitted": type(fitted)(fitted.table, fitted.what, response=response),

@@ -1,0 +1,216 @@
+"""Text of motion capture: a header of keys, names of columns, and a row of numbers a frame."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from osl_analysis.errors import InputError
+from osl_analysis.formats._cells import is_number_cell
+from osl_analysis.formats._text import (
+    Row,
+    Text,
+    column_of,
+    decoded,
+    is_text,
+    numbered,
+    split_rows,
+    unpadded,
+)
+from osl_analysis.recording import EXPORTED, Channel, Kind, Loss, Plate, Recording, Rows
+from osl_analysis.source_file import Corner, ExportedPlate
+from osl_analysis.trial import AXES
+
+UNSEEN = ("", "nan", "NaN", "NAN", "null")  # cells of a marker that was not seen
+MOST_DECIMALS = 3  # of times [s]: further ones may be zeros that tell nothing
+CORRECT = "export it again, or correct the header"
+TRAJECTORIES = "Trajectories"
+MODEL_OUTPUTS = "Model Outputs"
+KINDS = {TRAJECTORIES: Kind.MARKER, MODEL_OUTPUTS: Kind.MODEL_OUTPUT}  # of points, by title
+
+
+@dataclass(frozen=True)
+class Section:
+    """Rows of numbers under names."""
+
+    title: str
+    rate_hz: float  # of its rows
+    rows: Sequence[Row]  # the number of the frame may stand first
+    names: Sequence[str]  # of every column: `Anna:LTOE`, `EMG2000 - Voltage`
+    components: Sequence[str]  # of every column: X, Y, Z, Fx ..
+    units: Sequence[str]  # of every column
+    decimal: str = "."
+    start_s: float = 0.0
+
+    def values(self, place: int) -> NDArray[np.float64]:
+        """Read one column, (rows,); NaN where a cell is empty."""
+        title = f"{self.names[place]} {self.components[place]}".strip()
+        return column_of(self.rows, place, UNSEEN, title, self.decimal)
+
+    def positions(self, place: int) -> NDArray[np.float64]:
+        """Read three columns, (rows, 3); NaN where a marker was not seen: where cells are empty, or
+        at the exact origin."""
+        positions = np.column_stack([self.values(place + axis) for axis in range(3)])
+        positions[(positions == 0).all(axis=1)] = np.nan
+        return positions
+
+    def first_frame(self, sub_frame: NDArray[np.float64] | float = 0.0) -> int:
+        """Number of the first frame; refused if frames do not follow one another."""
+        frame = self.values(0)
+        samples = np.nanmax(sub_frame) + 1
+        follows = (frame - frame[0]) * samples + sub_frame == np.arange(frame.size)
+        if not follows.all() or frame[0] != int(frame[0]):
+            row = int(np.argmin(follows))
+            raise InputError(
+                f"line {self.rows[row].number}: frame {frame[row]:g} does not follow the line"
+                " before; export the trial again with all its frames"
+            )
+        return int(frame[0])
+
+    def channels(self) -> list[Channel]:
+        """The columns of devices, or the points of three columns each."""
+        rows = Rows(len(self.rows), self.title, self.rate_hz, start_s=self.start_s)
+        channels: list[Channel] = []
+        for place, (name, component) in enumerate(zip(self.names, self.components, strict=True)):
+            unit = self.units[place]
+            short_name = name.rpartition(":")[2]  # without the subject
+            if name and self.title not in KINDS:
+                address = {"device": short_name, "component": component}
+                read = partial(self.values, place)
+                channels.append(Channel(address, rows, read, name=component, unit=unit))
+            elif name and component.upper() == "X":
+                kind = KINDS[self.title]
+                channels.append(
+                    Channel(
+                        address={"label": name},
+                        rows=rows,
+                        read=partial(self.positions, place),
+                        name=short_name,
+                        # the unit of an output is that of the source file: files misstate it
+                        unit=unit if kind == Kind.MARKER else "",
+                        kind=kind,
+                    )
+                )
+        return channels
+
+
+def begins_with_key(begin: bytes, key: str) -> bool:
+    """Tell whether a file is text whose first word begins with a key, in any case."""
+    return is_text(begin) and decoded(begin[:200]).lstrip().casefold().startswith(key.casefold())
+
+
+def rows_of(text: Text) -> list[Row]:
+    """Split the lines of a text into stripped cells at tabs, or at blanks where it has none."""
+    return split_rows(numbered(text.data), "\t" if b"\t" in text.data else " ")
+
+
+def number_of(header: Mapping[str, str], key: str) -> float:
+    """Give a number above zero that a header states; refused if it states none."""
+    text = header.get(key.casefold(), "")
+    if not is_number_cell(text) or float(text) <= 0:
+        raise InputError(f"its header says {key} {text[:40]!r}, no number above zero; {CORRECT}")
+    return float(text)
+
+
+def recording_of_markers(
+    format_name: str,
+    labels: Sequence[str],
+    rows: Sequence[Row],
+    first: int,
+    header: Mapping[str, str],
+    keys: tuple[str, str],
+    unit: str,
+    remarks: Sequence[str] = (),
+) -> Recording:
+    """Make a channel of each marker.
+
+    Parameters
+    ----------
+    rows
+        The number of the frame where `first` is 1, its time too where it is 2; x, y and z of each
+        marker.
+    keys
+        Those of the number of frames and of the rate in the header.
+
+    Raises
+    ------
+    InputError
+        Rows contradict the header or one another, or a cell is no number.
+    """
+    frames, rate_hz = int(number_of(header, keys[0])), number_of(header, keys[1])
+    if len(rows) != frames:
+        cut = ": the end is missing" if len(rows) < frames else ""
+        raise InputError(f"{keys[0]} is {frames}, the file holds {len(rows)} rows{cut}; {CORRECT}")
+    for row in rows:
+        count = len(unpadded(row.cells)) - first
+        if first not in (0, 1, 2) or count > 3 * len(labels) or count % 3:
+            raise InputError(
+                f"line {row.number} has {count} coordinates, its header names {len(labels)}"
+                f" markers; {CORRECT}"
+            )
+    section = Section(
+        title=TRAJECTORIES,
+        rate_hz=rate_hz,
+        rows=rows,
+        names=[""] * first + [label for label in labels for _ in AXES],
+        components=["frame", "time"][:first] + [*"XYZ"] * len(labels),
+        units=[unit] * (first + 3 * len(labels)),
+    )
+    first_frame = section.first_frame() if first else 1
+    if first == 2:
+        section = replace(section, start_s=_start(section))
+    facts = {
+        "frames": frames,
+        "first_frame": first_frame,
+        "frame_rate_hz": rate_hz,
+        "samples_per_frame": 1,
+        "length_unit": unit,
+        "start_s": section.start_s,
+    }
+    return Recording(
+        format_name, section.channels(), Loss(frames, frames, remarks=remarks), facts=facts
+    )
+
+
+def _start(section: Section) -> float:
+    """Time of the first frame [s]; refused if times do not fit the rate."""
+    time = section.values(1)
+    # OpenSim prints more decimals than its times have
+    decimals = max(len(row.cells[1].partition(".")[2]) for row in section.rows)
+    rounding_s = 1.2 * 10.0 ** -min(decimals, MOST_DECIMALS)
+    count = np.arange(time.size) / section.rate_hz
+    tolerance_s = rounding_s + 1e-3 / section.rate_hz + 1e-4 * count
+    fits = np.abs(time - time[0] - count) <= tolerance_s
+    if not fits.all():
+        row = int(np.argmin(fits))
+        raise InputError(
+            f"line {section.rows[row].number}: time {time[row]:g} s does not fit the rate of"
+            f" {section.rate_hz:g} Hz from {time[0]:g} s on; correct the header or the times"
+        )
+    return float(time[0])
+
+
+def exported_plate(
+    number: int,
+    settings: ExportedPlate,
+    channels: Sequence[Channel],
+    length_unit: str,
+    about: Corner | None = None,
+    foot: str | None = None,
+) -> Plate:
+    """Describe a plate whose force and moment were exported, the moment about a point or else the
+    centre of the corners."""
+    corners = np.array(settings.corners)
+    return Plate(
+        number=number,
+        type=EXPORTED,
+        corners=corners,
+        origin=corners.mean(axis=0) if about is None else np.array(about),
+        channels=channels,
+        length_unit=length_unit,
+        sign=settings.sign,
+        foot=foot,
+        facts=settings.model_dump(include={"device", "force", "point", "moment", "sign"}),
+    )

@@ -248,7 +248,7 @@ def test_jitter_passes_where_the_signals_decide_and_a_gap_is_not_jitter():
     )
     checks = results(samples.with_columns(time=pl.Series(noise)))
     assert (checks["jitter"].value, failed(checks)) == (0, set())
-    assert " % of scatter, even: theta g = 0.00" in checks["jitter"].remark
+    assert "even: theta g = 0.00" in checks["jitter"].remark
     late = results(
         samples.with_columns(
             time=pl.col("time") + pl.when(pl.col("time") > 3).then(0.2).otherwise(0)

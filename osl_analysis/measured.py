@@ -47,17 +47,14 @@ def check_finite(
     """
     array = np.asarray(values)
     largest = float(np.abs(array).max(initial=0.0))
-    remedy = (
-        "no sensor gives that; check its channel and unit in the source file, and the bytes of"
-        " the log"
-    )
     if not np.isfinite(largest):
         row = int(np.argmin(np.isfinite(array).ravel()))
         raise InputError(f"{name} is not finite at sample {row}; repair the log, or cut it there")
-    if largest > limit:
-        raise InputError(f"{name} reaches {largest:.3g}, more than {limit:g}: {remedy}")
-    if 0 < largest < least:
-        raise InputError(f"{name} reaches {largest:.3g}, less than {least:g} and not 0: {remedy}")
+    if largest > limit or 0 < largest < least:
+        raise InputError(
+            f"{name} reaches {largest:.3g}, which no sensor gives; check its channel and unit in"
+            " the source file, and the bytes of the log"
+        )
 
 
 def check_measured(name: str, values: ArrayLike) -> None:
@@ -144,18 +141,10 @@ def factor_of(y: Array, x: Array) -> float | None:
     """
     if len(y) != len(x):
         return None
-    is_finite = np.isfinite(y) & np.isfinite(x)
-    y = y[is_finite]
-    x = x[is_finite]
-    if len(y) < FEWEST_SHARED_SAMPLES or not (np.any(y) and np.any(x)):
-        return None
-
-    # scaled to 1, squares cannot overflow
-    largest_y = float(np.max(np.abs(y)))
-    largest_x = float(np.max(np.abs(x)))
-    y = y / largest_y
-    x = x / largest_x
-    if not (varies(y) and varies(x)):
+    is_signal = (np.abs(y) < LARGEST_SIGNAL) & (np.abs(x) < LARGEST_SIGNAL)
+    y = y[is_signal]
+    x = x[is_signal]
+    if len(y) < FEWEST_SHARED_SAMPLES or not (varies(y) and varies(x)):
         return None
 
     y = y - y.mean()
@@ -166,9 +155,7 @@ def factor_of(y: Array, x: Array) -> float | None:
     # a value rounded to a step has an error of step/sqrt(12); 1.2 for its scatter
     rounding = 1.2 * math.hypot(step_y, factor * step_x) / math.sqrt(12)
     allowed = max(SAME_SIGNAL_SHARE * rms(y), min(rounding, LARGEST_ROUNDING_SHARE * rms(y)))
-    if rms(y - factor * x) > allowed:
-        return None
-    return factor * largest_y / largest_x
+    return factor if rms(y - factor * x) <= allowed else None
 
 
 Quantity = Literal["angle", "command", "speed", "current"]

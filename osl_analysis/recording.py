@@ -258,29 +258,21 @@ class Recording:
         InputError
             No channel, or several channels have this address.
         """
-        remaining = [
-            channel for channel in self.channels if channel.address.keys() == address.keys()
-        ]
+        similar = [channel for channel in self.channels if channel.address.keys() == address.keys()]
         *places, key = address
-        for place in places:
-            within = [channel for channel in remaining if channel.address[place] == address[place]]
-            if not within:
-                unlisted = self.find_unlisted(address) if self.find_unlisted else None
-                if unlisted is not None:
-                    return unlisted
-                names = list(dict.fromkeys(channel.address[place] for channel in remaining))
-                raise _missing(place, address[place], names)
-            remaining = within
-        wanted = address[key]
-        matches = _named(wanted, remaining, key)
+        candidates = [
+            channel
+            for channel in similar
+            if all(channel.address[place] == address[place] for place in places)
+        ]
+        matches = _named(address[key], candidates, key)
         if len(matches) > 1:
-            raise _ambiguous(noun or key, wanted, matches, remaining)
+            raise _ambiguous(noun or key, address[key], matches, candidates)
         if matches:
             return matches[0]
         unlisted = self.find_unlisted(address) if self.find_unlisted else None
         if unlisted is None:
-            names = list(dict.fromkeys(channel.address[key] for channel in remaining))
-            raise _missing(noun or key, wanted, names, [channel.name for channel in remaining])
+            raise _missing(similar, address, noun or " ".join(address))
         return unlisted
 
 
@@ -289,48 +281,47 @@ NUMBERED = ("column", "label", "channel")  # keys whose channel may be given by 
 
 def _named(wanted: str, channels: Sequence[Channel], key: str) -> list[Channel]:
     """List the channels with a name: in full, without place or unit, by pattern, or by number."""
-    names = [(channel.address[key], channel.title, channel.name) for channel in channels]
-    for of_kind in zip(*names, strict=True):
-        pairs = zip(channels, of_kind, strict=True)
-        matches = [channel for channel, name in pairs if name == wanted]
-        if matches:
-            return matches
-    if "*" in wanted:
-        pattern = re.compile(re.escape(wanted).replace(r"\*", ".*"), re.DOTALL)
-        pairs = zip(channels, names, strict=True)
-        return [channel for channel, own in pairs if any(map(pattern.fullmatch, own))]
+    pattern = re.compile(re.escape(wanted).replace(r"\*", ".*"), re.DOTALL)
+    full = [channel for channel in channels if channel.address[key] == wanted]
+    titled = [channel for channel in channels if channel.title == wanted]
+    plain = [channel for channel in channels if channel.name == wanted]
+    fitting = [
+        channel
+        for channel in channels
+        if any(map(pattern.fullmatch, (channel.address[key], channel.title, channel.name)))
+    ]
+    matches = full or titled or plain or fitting
     is_number = key in NUMBERED and re.fullmatch(r"[1-9]\d{0,4}", wanted, re.ASCII)
-    if is_number and int(wanted) <= len(channels):
-        return [channels[int(wanted) - 1]]
-    return []
+    if not matches and is_number:
+        matches = list(channels[int(wanted) - 1 : int(wanted)])
+    return matches
 
 
 def _ambiguous(
     noun: str, wanted: str, matches: Sequence[Channel], channels: Sequence[Channel]
 ) -> InputError:
     names = [channel.key for channel in matches]
+    remedy = "rename them, or name others"
     if len(set(names)) == len(names):
-        return InputError(
-            f"{noun} '{wanted[:80]}' occurs {len(matches)} times, as {listing(names)}; write one of"
-            " these in the source file"
-        )
-    numbers = [str(n) for n, channel in enumerate(channels, start=1) if channel in matches]
-    remedy = "rename them, or name others in the source file"
-    if list(channels[0].address)[-1] in NUMBERED:
-        remedy = f"write the number in the source file, '{numbers[0]}' in place of the name"
+        remedy = f"write one of {listing(names)}"
+    elif list(channels[0].address)[-1] in NUMBERED:
+        numbers = [str(n) for n, channel in enumerate(channels, start=1) if channel in matches]
+        remedy = f"write a number in place of the name, one of {listing(numbers)},"
     return InputError(
-        f"{noun} '{wanted[:80]}' occurs {len(matches)} times, as number {listing(numbers)};"
-        f" {remedy}"
+        f"{noun} '{wanted[:80]}' occurs {len(matches)} times; {remedy} in the source file"
     )
 
 
-def _missing(
-    noun: str, wanted: str, names: Sequence[str], plain_names: Sequence[str] = ()
-) -> InputError:
-    if not names:
+def _missing(channels: Sequence[Channel], address: Mapping[str, str], noun: str) -> InputError:
+    wanted = " ".join(address.values())
+    if not channels:
         return InputError(f"no {noun} '{wanted[:80]}': the file has none; export them too")
-    advice = nearest(wanted, [*names, *plain_names]) or "; correct the name in the source file"
-    return InputError(f"no {noun} '{wanted[:80]}'; the file has {listing(names)}{advice}")
+    keys = [channel.key for channel in channels]
+    advice = nearest(wanted, [*keys, *(channel.name for channel in channels)])
+    return InputError(
+        f"no {noun} '{wanted[:80]}'; the file has {listing(keys)}"
+        f"{advice or '; correct the name in the source file'}"
+    )
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,6 @@ from osl_analysis.units import (
     LengthUnit,
     MomentUnit,
     TimeUnit,
-    Unit,
     quantity,
     si_factor,
 )
@@ -38,6 +37,7 @@ from osl_analysis.yaml_settings import Settings, check_distinct, check_known, fi
 SampleShare = Annotated[float, Field(ge=0, le=1)]
 LONGEST_DELAY_S = 0.2  # beyond it, K, B and I would be fitted to another motion
 LOWEST_CUTOFF_HZ = 0.5  # below it, a sensor's low-pass would hide the motion
+HIGHEST_CUTOFF_HZ = 1e6
 LEVEL_UNIT = "V"  # of the columns that may be read from truth values: `sync` and `trigger`
 # a scale or an offset; a larger number is a typing error
 NoSlip = Annotated[float, Field(ge=-1e12, le=1e12)]
@@ -61,22 +61,24 @@ Axes = tuple[Axis, Axis, Axis]
 Corner = tuple[float, float, float]
 
 
+def stated_between(low: float, high: float, unit: str) -> AfterValidator:
+    """The check that a number with its unit, as `2 ms`, lies between bounds [unit]."""
+
+    def checked(text: str) -> str:
+        if not low <= quantity(text, unit) <= high:
+            raise ValueError(f"write {low:g} to {high:g} {unit}, and check sign and unit")
+        return text
+
+    return AfterValidator(checked)
+
+
 class SensorFilter(Settings):
     """The low-pass of a sensor or its amplifier, an analogue Butterworth that ran once while
     recording."""
 
-    cutoff: str  # Cut-off with its unit, as `100 Hz`.
+    # Cut-off with its unit, as `100 Hz`.
+    cutoff: Annotated[str, stated_between(LOWEST_CUTOFF_HZ, HIGHEST_CUTOFF_HZ, "Hz")]
     order: int = Field(default=1, ge=1, le=8)  # Order.
-
-    @field_validator("cutoff")
-    @classmethod
-    def _above_the_motion(cls, value: str) -> str:
-        if quantity(value, "Hz") < LOWEST_CUTOFF_HZ:
-            raise ValueError(
-                f"a cut-off below {LOWEST_CUTOFF_HZ:g} Hz would hide the motion; correct its unit,"
-                " as `100 Hz`"
-            )
-        return value
 
 
 class Conversion(Settings):
@@ -84,69 +86,36 @@ class Conversion(Settings):
     on the sensor."""
 
     # Age of a sample at its stamp, as `2 ms`; it is subtracted from the channel's stamps.
-    delay: str | None = None
+    delay: Annotated[str, stated_between(0, LONGEST_DELAY_S, "s")] | None = None
     # The sensor's own low-pass, through which analyses put all other signals.
     low_pass: SensorFilter | None = None
     # Smallest step of the recorded values with its unit, as `0.02 deg`.
     resolution: str | None = None
-    # Bits of an encoder per revolution, in place of `resolution`.
-    bits: int | None = Field(default=None, ge=4, le=32)
-    range: str | tuple[str, str] | None = None
-    """Range of the sensor, before `sign` and `offset`: `60 N*m` for +-60 N*m, or both ends, as `[0
-    deg, 300 deg]`."""
+    # Both ends of the sensor's range, before `sign` and `offset`, as `[-60 N*m, 60 N*m]`.
+    range: tuple[str, str] | None = None
     # Unit of the numbers, as laboratories spell it. Without it, the one that the file states.
-    unit: Unit | None = None
+    unit: str | None = None
     sign: Literal[1, -1] = 1  # -1 if the recorder has the opposite direction as positive.
-    scale: NoSlip = 1.0  # Units per count: 1 / 16384 with the unit rev for an encoder of 14 bits.
+    scale: Annotated[NoSlip, Field(gt=0)] = (
+        1.0  # Units per count: 1 / 16384 with the unit rev for an encoder of 14 bits.
+    )
     # Offset that is added to the raw numbers before the scale, in the raw unit.
     offset: NoSlip = 0.0
-
-    @field_validator("delay")
-    @classmethod
-    def _an_age(cls, value: str | None) -> str | None:
-        if value is not None and not 0 <= quantity(value, "s") <= LONGEST_DELAY_S:
-            raise ValueError(
-                f"a delay is the age of a sample, from 0 to {LONGEST_DELAY_S:g} s; correct its"
-                " sign or its unit"
-            )
-        return value
-
-    @field_validator("scale")
-    @classmethod
-    def _not_zero(cls, value: float) -> float:
-        if value == 0:
-            raise ValueError("a scale of zero makes every number zero; write the size of one count")
-        return value
 
     def ends(self, si_unit: str) -> tuple[float, float]:
         """Both ends of the stated range [si_unit]. Raises InputError: the range is empty."""
         assert self.range is not None
-        if isinstance(self.range, str):
-            high = quantity(self.range, si_unit)
-            low = -high
-        else:
-            low, high = (quantity(text, si_unit) for text in self.range)
+        low, high = (quantity(text, si_unit) for text in self.range)
         if low >= high:
             raise InputError(
-                f"a range from {low:g} to {high:g} {si_unit} is empty; write the lower end first,"
-                " or one number"
+                f"a range from {low:g} to {high:g} {si_unit} is empty; write the lower end first"
             )
         return low, high
 
     def step(self, si_unit: str) -> float:
-        """Smallest step of the recorded values [si_unit]. Raises InputError: the statement
-        contradicts itself."""
-        if self.resolution is not None and self.bits is not None:
-            raise InputError("state `resolution` or `bits`, not both")
-        if self.resolution is not None:
-            step = quantity(self.resolution, si_unit)
-        elif self.bits is not None and si_unit == "rad":
-            step = 2 * np.pi / 2**self.bits
-        else:
-            raise InputError(
-                "`bits` are those of an encoder per revolution; state `resolution` with its unit"
-                " instead"
-            )
+        """Smallest step of the recorded values [si_unit]. Raises InputError: it is not positive."""
+        assert self.resolution is not None
+        step = quantity(self.resolution, si_unit)
         if step <= 0:
             raise InputError(
                 f"a resolution of {self.resolution} is not positive; write a positive one, or"
@@ -199,7 +168,7 @@ class FieldChannel(LogChannel):
     """Dotted path of the number, with an index or a name where it passes an array:
     `wrench.force.x`, `position[0]`, `position[name=ankle]`; in JSON a name with a dot in it in
     quotes, `functions["loadcell.mz"]`."""
-    unit: Unit  # Unit of the numbers, as laboratories spell it.
+    unit: str  # Unit of the numbers, as laboratories spell it.
 
 
 class MessageChannel(FieldChannel):
@@ -255,18 +224,13 @@ class RowTime(Time):
 
     @model_validator(mode="after")
     def _one(self) -> Self:
-        counts_samples = self.COUNTS and self.unit is None
         has_rate = self.rate is not None
-        is_told_twice = bool(self.name) and has_rate and not counts_samples
-        is_told = bool(self.name) or has_rate or self.IN_FILE
-        if is_told_twice or not is_told:
+        counts_samples = self.COUNTS and self.unit is None
+        has_both = bool(self.name) and has_rate and not counts_samples
+        has_none = not self.name and not has_rate and not self.IN_FILE
+        if has_both or has_none:
             raise ValueError(
                 f"state either the {self.ADDRESS} that holds time or the rate of the rows [Hz]"
-            )
-        if self.unit is not None and not self.name and self.ADDRESS != "column":
-            raise ValueError(
-                f"`unit` is that of the {self.ADDRESS} of time; name the {self.ADDRESS}, or"
-                " remove it"
             )
         return self
 
@@ -317,18 +281,7 @@ class ModelOutput(Conversion):
     label: Name  # Label of the output in the file.
     component: Literal["x", "y", "z"]  # Component of the output.
     # In which the software computes; the file may misstate it: moments of Plug-in Gait are N*mm/kg.
-    unit: Unit
-
-
-def all_none_or_list(value: Any) -> Any:
-    """Give a choice among the parts of a file; `none` becomes the empty list."""
-    if value == "all":
-        return value
-    if value == "none":
-        return ()
-    if not isinstance(value, list | tuple):
-        raise ValueError("write all, none or a list")
-    return check_distinct(tuple(value))
+    unit: str
 
 
 def check_canonical(channels: Mapping[str, Conversion]) -> None:
@@ -345,7 +298,6 @@ def check_canonical(channels: Mapping[str, Conversion]) -> None:
         checks: dict[str, Callable[[str], object]] = {
             "unit": partial(si_factor, channel.unit or ""),
             "resolution": channel.step,
-            "bits": channel.step,
             "range": channel.ends,
         }
         for key, check in checks.items():
@@ -474,7 +426,6 @@ class LogSource(Source):
 class MessageSource(LogSource):
     """The source file of messages by topic."""
 
-    OF = " of messages"
     channels: Annotated[Mapping[str, MessageChannel], Field(min_length=1)]
     time: MessageTime
     # Largest share of a topic's messages that may be lost, or the log is refused.
@@ -490,9 +441,9 @@ class TableSource(LogSource):
 class MarkerSource(InAxes):
     """The source file of a motion capture."""
 
-    markers: Annotated[Literal["all"] | tuple[str, ...], BeforeValidator(all_none_or_list)] = "all"
-    """The markers to read: all (every labelled point except model outputs), none or a list of
-    labels."""
+    markers: Literal["all"] | Annotated[tuple[str, ...], AfterValidator(check_distinct)] = "all"
+    """The markers to read: all (every labelled point except model outputs), or a list of labels,
+    which may be empty."""
     shared: SharedAngle | None = None  # What aligns the clock of a log that says `clock: shared`.
 
 

@@ -7,10 +7,10 @@ evaluate `9**9**9**9` without end.
 import math
 import re
 from collections.abc import Sequence
-from functools import cache
+from functools import cache, partial
 from typing import Annotated
 
-from pydantic import AfterValidator, WithJsonSchema
+from pydantic import AfterValidator
 
 from osl_analysis.errors import InputError, shortened
 
@@ -270,29 +270,16 @@ def dimension(canonical: str) -> str:
     return in_base_units[1] if in_base_units else ""
 
 
-def measured_in(expected: str = "") -> tuple[AfterValidator, WithJsonSchema]:
-    """The check that a unit measures what the SI unit `expected` does, if any, and the units for an
-    editor."""
-
-    def checked(unit: str) -> str:
-        if expected:
-            si_factor(unit, expected)
-        return unit
-
-    canonical = [expected] if expected else list(EXAMPLES)
-    # in their order, each once
-    proposed = dict.fromkeys(spelling for key in canonical for spelling in EXAMPLES[key])
-    return (
-        AfterValidator(checked),
-        WithJsonSchema({"type": "string", "examples": list(proposed)}),
-    )
+def check_unit(expected: str, unit: str) -> str:
+    """The check that a unit measures what the SI unit `expected` does."""
+    si_factor(unit, expected)
+    return unit
 
 
-Unit = Annotated[str, *measured_in()]
-TimeUnit = Annotated[str, *measured_in("s")]
-LengthUnit = Annotated[str, *measured_in("m")]
-ForceUnit = Annotated[str, *measured_in("N")]
-MomentUnit = Annotated[str, *measured_in("N*m")]
+TimeUnit = Annotated[str, AfterValidator(partial(check_unit, "s"))]
+LengthUnit = Annotated[str, AfterValidator(partial(check_unit, "m"))]
+ForceUnit = Annotated[str, AfterValidator(partial(check_unit, "N"))]
+MomentUnit = Annotated[str, AfterValidator(partial(check_unit, "N*m"))]
 
 
 # By signal: factors between units, or between ways to state a current, that are often confused.

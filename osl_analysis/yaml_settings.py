@@ -6,7 +6,7 @@ from functools import lru_cache
 from itertools import pairwise
 from operator import attrgetter
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, TypeVar
+from typing import Annotated, Any, TypeVar
 
 from pydantic import (
     AfterValidator,
@@ -40,7 +40,7 @@ Place = tuple[int | str, ...]
 FILE_NAME = r"^[A-Za-z0-9_-]+$"
 IDENTIFIER = r"^[A-Za-z][A-Za-z0-9]{0,30}$"
 ROUNDING = 1e-9  # of sums of settings
-UNKNOWN_FIELD = "unknown_field"  # type of a problem
+MISPLACED = "misplaced"  # type of a problem that a check of ours finds
 OF_EARLIER_RELEASE = "the changelog says what replaces settings of 1.0.0"
 
 
@@ -49,23 +49,20 @@ class Settings(BaseModel):
     error."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
-    # words behind "the known ones" in messages, as ` of format csv`
-    OF: ClassVar[str] = ""
 
     @model_validator(mode="before")
     @classmethod
     def _has_known_fields_alone(cls, content: Any) -> Any:
         if not isinstance(content, dict) or cls.model_config.get("extra") != "forbid":
             return content
+        known = cls.model_fields
         for name in content:
-            if name not in cls.model_fields:
-                known = ", ".join(cls.model_fields)
-                reason = (
-                    f"the known ones{cls.OF} are {known} ({OF_EARLIER_RELEASE})"
-                    f"{nearest(str(name), cls.model_fields)}"
+            if name not in known:
+                raise misplaced(
+                    f"unknown field; the known ones are {', '.join(known)} ({OF_EARLIER_RELEASE})"
+                    f"{nearest(str(name), known)}",
+                    name,
                 )
-                context = {"reason": reason, "place": (name,)}
-                raise PydanticCustomError(UNKNOWN_FIELD, "{reason}", context)
         return content
 
     @field_validator("*", mode="before")
@@ -169,7 +166,7 @@ def dotted(place: Place) -> str:
 def validated(
     content: Any,
     model: type[AnySettings],
-    path: Path,
+    path: Path | str,
     files: Sequence[Path] | None = None,
     above: Place = (),
 ) -> AnySettings:
@@ -179,25 +176,25 @@ def validated(
         return model.model_validate(content)
     except ValidationError as error:
         # by place: pydantic finds a problem for each kind of value that a field may have
-        problems_at: dict[Place, list[Mapping[str, Any]]] = {}
+        problems_at: dict[Place, list[Any]] = {}
         for problem in error.errors():
             problems_at.setdefault(problem_place(problem, content), []).append(problem)
-        # a problem of a field makes one of what is above it, which is not told
-        above_others = {place[:n] for place in problems_at for n in range(len(place))}
-        places = [place for place in problems_at if place not in above_others]
-        # an unknown field first: it may be the missing one
-        by_type = {problems_at[place][0]["type"]: place for place in places}
-        first = by_type.get(UNKNOWN_FIELD, places[0])
-        place = (*above, *first)
-        text = problem_text(dotted(place) or "the file", problems_at[first])
-        if len(places) > 1:
-            text += f" (and {len(places) - 1} more)"
-        line = located([Path(path)] if files is None else files, place)
-        raise InputError(f"{path}: {line}{text}") from error
+
+    # a check of ours first: an unknown field may be the missing one. A problem of a field makes one
+    # of what is above it
+    def rank(place: Place) -> tuple[bool, int]:
+        return problems_at[place][0]["type"] == MISPLACED, len(place)
+
+    first = max(problems_at, key=rank)
+    place = (*above, *first)
+    line = located([Path(path)] if files is None else files, place)
+    name = dotted(place) or "the file"
+    raise InputError(f"{path}: {line}{name}: {problem_text(problems_at[first])}")
 
 
 WORDS = {
     "Value error, ": "",
+    "Field required": "is missing; add it",
     "Input should be": "write",
     "write less": "write a number less",
     "write greater": "write a number greater",
@@ -205,22 +202,16 @@ WORDS = {
 """What is said in place of pydantic's words."""
 
 
-def problem_text(field: str, problems: Sequence[Mapping[str, Any]]) -> str:
+def problem_text(problems: Sequence[Mapping[str, Any]]) -> str:
     """What is wrong with one field, and what is allowed."""
-    first = problems[0]
-    if first["type"] == UNKNOWN_FIELD:
-        return f"unknown field '{field}'; {first['msg']}"
-    if first["type"] == "missing":
-        return f"field '{field}' is missing; add it"
-    reasons = dict.fromkeys(str(problem["msg"]) for problem in problems)
-    reason = ", or ".join(reasons)
+    reason = ", or ".join(dict.fromkeys(str(problem["msg"]) for problem in problems))
     for pydantics, plain in WORDS.items():
         reason = reason.replace(pydantics, plain)
-    value = first["input"]
+    value = problems[0]["input"]
     if isinstance(value, dict | list | BaseModel):
-        return f"{field}: {reason}"
+        return reason
     written = "null" if value is None else shortened(repr(value))
-    return f"{field}: {written} is not allowed: {reason}"
+    return f"{written} is not allowed: {reason}"
 
 
 def problem_place(problem: Mapping[str, Any], content: Any) -> Place:
@@ -228,19 +219,19 @@ def problem_place(problem: Mapping[str, Any], content: Any) -> Place:
     several fields gives the wrong one as `place` in its context."""
     place: list[int | str] = []
     for name in problem["loc"]:
-        is_entry = isinstance(content, list | tuple) and name in range(len(content))
-        if is_entry or (isinstance(content, dict) and name in content):
+        try:
             content = content[name]
-            place.append(name)
-        elif problem["type"] == "missing" and name == problem["loc"][-1]:
-            place.append(name)
+        except (LookupError, TypeError):
+            if problem["type"] != "missing" or name != problem["loc"][-1]:
+                continue
+        place.append(name)
     return (*place, *problem.get("ctx", {}).get("place", ()))
 
 
 def misplaced(reason: str, *place: str) -> PydanticCustomError:
     """An error of a check that sees several fields; `place` is the field below them that is
     wrong."""
-    return PydanticCustomError("misplaced", "{reason}", {"reason": reason, "place": place})
+    return PydanticCustomError(MISPLACED, "{reason}", {"reason": reason, "place": place})
 
 
 def refuse_if(wrong: Callable[[Any], Any], reason: str, field: str = "") -> Any:

@@ -74,9 +74,9 @@ NUMBER = "write a valid number"
 
 @pytest.mark.parametrize(("text", "said"), [
     ("inner: {rate: a}\nseveral: [{nam: a}]",
-     "line 3: unknown field 'several.0.nam'; the known ones are rate, name, sign, cycles, vector, "
+     "line 3: several.0.nam: unknown field; the known ones are rate, name, sign, cycles, vector, "
      "limits, either, plates (the changelog says what replaces settings of 1.0.0); did you mean "
-     "'name'? (and 1 more)"),
+     "'name'?"),
     ("inner:\n  rate: off", f"line 3: inner.rate: 'off' is not allowed: {NUMBER}"),
     # pydantic makes numbers of truth values
     ("inner:\n  rate: true", f"line 3: inner.rate: 'true' is not allowed: {NUMBER}"),
@@ -88,13 +88,13 @@ NUMBER = "write a valid number"
      "line 2: inner.cycles.1: 200 is not allowed: write a number less than or equal to 100"),
     ("inner: 7", "line 2: inner: 7 is not allowed: write a valid dictionary"),
     ("inner: {rate: a, name: 1, sign: 3}",
-     f"line 2: inner.rate: 'a' is not allowed: {NUMBER}, unable to parse string as a number (and "),
+     f"line 2: inner.rate: 'a' is not allowed: {NUMBER}, unable to parse string as a number"),
     ("a: 1\nb:\n- {b: 2, b: 3}\n", "line 4: not YAML: found duplicate key"),
     ("name: M\xfcnchen", "not YAML: "),
     ("inner: {rate: 1e999}", "line 2: inner.rate: inf is not allowed: write a finite number"),
     ("a: " + "[" * 2000 + "]" * 2000, "not YAML: "),
     ("\tinner: 1", "line 2: not YAML: found character"),
-    ('"\\e31mkey": 3', "line 2: unknown field '\\x1b31mkey'"),
+    ('"\\e31mkey": 3', "line 2: \\x1b31mkey: unknown field"),
 ])  # fmt: skip
 def test_what_is_wrong_in_a_file_is_told_by_line_field_value_and_remedy(tmp_path, text, said):
     (tmp_path / "a.yaml").write_bytes(f"first: 1\n{text}".encode("latin-1"))
@@ -133,7 +133,7 @@ def test_truth_values_are_kept_where_they_are_allowed(
 
 @pytest.mark.parametrize(("section", "change", "message"), [
     ("dynamometer", BENCH | {"compare_estimators": True},
-     "unknown field 'dynamometer.compare_estimators'; .*the changelog says what replaces"),
+     "dynamometer.compare_estimators: unknown field; .*the changelog says what replaces"),
     ("dynamometer", BENCH | {"cutoff_hz": 0},
      "cutoff_hz: 0 is not allowed: write a number greater than 0"),
     ("dynamometer", BENCH | {"cycles": [10, 20]}, "cycles has 2 numbers for 5 frequencies"),
@@ -146,7 +146,7 @@ def test_truth_values_are_kept_where_they_are_allowed(
     ("impedance_trajectory", "no.csv",
      "no.csv: no such file; correct impedance_trajectory in .*, or write null"),
     ("campaign", "a b", r"campaign: 'a b' is not allowed: String should match pattern"),
-    ("figures", {}, "field 'figures.midstance_stiffness' is missing; add it"),
+    ("figures", {}, "figures.midstance_stiffness: is missing; add it"),
     
 ])  # fmt: skip
 def test_a_configuration_that_cannot_be_run_is_one_line_before_any_job(

@@ -157,7 +157,7 @@ def test_a_plate_of_another_type_is_a_question_with_what_to_do(tmp_path: Path) -
     assert "state it as type 2 under `plate_geometry`" in question
     (stated,) = formats.read(path, source(plate_geometry=STATED)).plates
     assert stated.type == 2
-    assert not formats.read(path, source(plates="none")).plates
+    assert not formats.read(path, source(plates=[])).plates
 
 
 STATED = {

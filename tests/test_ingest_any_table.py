@@ -109,11 +109,6 @@ TEXTS = {
     "ticks in a name": text(head=["t_100us", "angle:deg", "Torque_mNm"],
     t=[f"{1e4 * x:.0f}" for x in TIME], m=[
         f"{1e3 * x:.6f}" for x in TORQUE]),
-    "LabVIEW's units": text("\t", ["X_Value", "Angle", "Torque", "Comment"], LVM.replace(
-        "Delta_X", "Y_Unit_Label\tDeg\tNm\nDelta_X") + "***End_of_Header***\t\n"),
-    "LabVIEW's with two X": text("\t", ["X_Value", "Angle", "X_Value", "Torque"], LVM.replace(
-        "Delta_X", "Y_Unit_Label\tDeg\t\tNm\nDelta_X") + "***End_of_Header***\t\n",
-        a=[f"{x}\t{t}" for t, x in zip(T, A, strict=True)]),
     "thousands and decimal commas": text(";", THOUSANDS[0],
     m=THOUSANDS[1]).translate(str.maketrans(",.", ".,")),
     "an angle within one turn": text(a=[f"{x % 360:.9f}" for x in ANGLE]),
@@ -418,16 +413,6 @@ def test_an_array_of_a_rare_kind_is_refused_with_what_to_save(tmp_path, name, ma
         inspect_recording(tmp_path / name)
 
 
-@pytest.mark.parametrize(("fields", "said"), [
-    (("time", "signals"), "out is a log of Simulink, .* log a timetable"),
-    (("X", "Y"), "out is an export of ControlDesk; export its signals as CSV"),
-])  # fmt: skip
-def test_a_structure_of_a_program_is_named_with_what_to_export(tmp_path, fields, said):
-    scipy.io.savemat(tmp_path / "a.mat", {"out": dict.fromkeys(fields, TIME)})
-
-    assert any(re.match(said, text) for text in inspect_recording(tmp_path / "a.mat").remarks)
-
-
 def test_a_later_clock_of_the_same_name_is_of_what_stands_beside_it(
     tmp_path,
 ):
@@ -440,7 +425,7 @@ def test_a_later_clock_of_the_same_name_is_of_what_stands_beside_it(
         )
         if late != 0.004:
             assert_recording(read_by_draft(tmp_path / "a.csv"))
-    with pytest.raises(InputError, match=r"is 0.004 after time: what stands beside it"):
+    with pytest.raises(InputError, match=r"tells another time for what stands beside it"):
         read_by_draft(tmp_path / "a.csv")
 
 

@@ -338,7 +338,7 @@ def capture_of(
 ) -> Trial:
     """A capture without plates, trial_of."""
     write_c3d(folder / "a.c3d", points, **parameters)  # type: ignore[arg-type]
-    (folder / "s.yaml").write_text("format: c3d\nmarkers: all\nplates: none\n")
+    (folder / "s.yaml").write_text("format: c3d\nmarkers: all\nplates: []\n")
     return trial_of(folder, experiment, mocap="a.c3d", mocap_source="s")
 
 
@@ -531,14 +531,15 @@ def test_a_part_of_a_matlab_file_is_a_trial_of_its_own(write, tmp_path):
     np.testing.assert_allclose(samples["torque"], 2 * TORQUE, atol=1e-12)
     said = refused_mat(path)
     assert "variable 't' occurs 2 times" in said
-    assert "as Slow.t, Fast.t; write one of these" in said or "as Fast.t, Slow.t; write" in said
+    assert "Slow.t" in said
+    assert "Fast.t" in said
 
 
 @MATLAB
 def test_what_cannot_be_a_log_is_refused_by_its_variable(write, tmp_path):
     for torque, message in (
         (TORQUE[1:], "torque has 39 numbers and angle has 40: save channels of one length, as"),
-        ("broken", "torque is a 1x6 char, not real numbers"), (TORQUE + 1j, "torque is a "),
+        ("broken", "torque is text and no real numbers"), (TORQUE + 1j, "torque is complex"),
     ):  # fmt: skip
         assert message in refused_mat(write(tmp_path / "a.mat", **{**LOG, "torque": torque}))
 

@@ -140,7 +140,7 @@ def test_a_marker_of_a_name_used_twice_is_read_by_its_number(
     path = write_c3d(tmp_path / "a.c3d", points(), POINT__LABELS=["TOE", "HEEL", "TOE"])
 
     for fields in ({}, {"markers": ["HEEL", "TOE"]}):
-        assert "as number 1, 3;" in refused(path, **fields)
+        assert "1, 3" in refused(path, **fields)
     samples = read(path, markers=["HEEL", "3"]).samples
 
     np.testing.assert_allclose(samples["marker_TOE_x"], points()[:, 2, 0] / 1000)
@@ -165,7 +165,7 @@ def test_one_of_two_analog_channels_of_one_name_is_read_by_its_number(tmp_path: 
     told = refused(path, analogs={"sync": {"channel": "Sync"}})
     samples = read(path, analogs={"sync": {"channel": "2"}}).samples
 
-    assert "as number 1, 2; write the number in the source file, '1'" in told
+    assert "one of 1, 2," in told
     np.testing.assert_allclose(samples["sync"], analogs()[:, 1])
 
 
@@ -266,7 +266,7 @@ PLATES_THAT_CANNOT_BE: list[tuple[dict[str, Any], dict[str, Any], str]] = [
     ({"FORCE_PLATFORM__ORIGIN": np.array([[0], [np.nan], [0]])},
      {}, "plate 1: FORCE_PLATFORM:ORIGIN has dimensions (3, 1), or values that are not"),
     ({"FORCE_PLATFORM__CHANNEL": np.arange(3, 9)[:, None]},
-     {}, "leave this plate out: `plates: none`"),
+     {}, "leave this plate out: `plates: []`"),
 ]  # fmt: skip
 
 
@@ -350,10 +350,8 @@ def test_types_2_and_4_give_the_wrench_back_whichever_way_origin_points(
     channels = np.hstack([force, moment + np.cross(SURFACE, force)])
     calibration = RANDOM.normal(size=(6, 6)) + 5 * np.eye(6)
     raw = np.linalg.solve(calibration, channels.T).T
-    for found in (
-        wrench(2, CORNERS, stored * SURFACE, channels), wrench(4, CORNERS, stored * SURFACE, raw,
-        calibration),
-    ):  # fmt: skip
+    for kind, readings in ((2, channels), (4, raw @ calibration.T)):
+        found = wrench(kind, CORNERS, stored * SURFACE, readings)
         np.testing.assert_allclose(found[0], FORCE, rtol=1e-9, atol=1e-9)
         np.testing.assert_allclose(found[1], MOMENT, rtol=1e-9, atol=1e-9)
 
@@ -547,6 +545,7 @@ DRESSES: dict[str, tuple[str, dict[str, object]]] = {
     "crlf": (EXPORT.replace("\n", "\r\n"), {}),
     "capitals": (EXPORT.replace("Frame,Sub Frame,", "FRAME,SUB FRAME,"), {}),
     "at the origin": (EXPORT.replace("3,,,,", "3,0,0,0,"), {}),
+    "devices of a subject": (EXPORT.replace(",AMTI", ",Anna:AMTI"), {}),
     "no blank lines": (DEVICES + TRAJECTORIES + MODEL, {}),
 }  # fmt: skip
 
@@ -595,10 +594,12 @@ def test_a_plates_moment_is_about_its_centre_wherever_the_file_takes_it(tmp_path
      {}, "marker 'TOE' occurs twice"),
     (DEVICES + TRAJECTORIES + MODEL,
      {"markers": ["KNEE"]}, "no marker 'KNEE'; the file has Anna:TOE"),
+    (EXPORT, {"analogs": {"sync": {"device": "EMG", "component": "1"}}},
+     "no device 'EMG'; the file has AMTI #1 - Force"),
     (DEVICES + TRAJECTORIES.replace("mm", "parsnip") + MODEL, {}, "unit 'parsnip' is unknown"),
     (DEVICES[:DEVICES.index("6,1")],
-     {"outputs": {}, "markers": "none"}, "the last frame lacks sub frames; export"),
-    (EXPORT, {"analogs": {}, "outputs": {}, "plates": {}, "markers": "none"},
+     {"outputs": {}, "markers": []}, "the last frame lacks sub frames; export"),
+    (EXPORT, {"analogs": {}, "outputs": {}, "plates": {}, "markers": []},
      "nothing to read; name markers, outputs"),
     (DEVICES + TRAJECTORIES.replace("100", "0") + MODEL,
      {}, "section Trajectories at 0 Hz has no samples; export wit"),

@@ -72,9 +72,7 @@ def test_a_name_with_a_dot_is_quoted_and_never_taken_for_a_level(tmp_path: Path)
         np.testing.assert_array_equal(samples[column], values)
     for one in lines:
         del one["f"]["cell"]  # type: ignore[index]
-    assert refused(write(tmp_path / "b", lines), **asked).endswith(
-        """did you mean 'f["cell.mz_Nm"]'?"""
-    )
+    assert "did you mean 'cell.mz_Nm'?" in refused(write(tmp_path / "b", lines), **asked)
 
 
 def test_a_name_that_two_elements_have_chooses_none(tmp_path: Path) -> None:
@@ -83,7 +81,7 @@ def test_a_name_that_two_elements_have_chooses_none(tmp_path: Path) -> None:
         "time": {"field": "t", "unit": "s"},
         "channels": {"theta": {"field": "q[name=a]", "unit": "rad"}},
     }
-    assert "no line has a number 'q[name=a]'; there are t, q[0], q[1]" in refused(path, **asked)
+    assert "no field 'q[name=a]'; the file has t, q[0], q[1]" in refused(path, **asked)
 
 
 def test_every_element_of_a_list_is_listed_up_to_a_limit(tmp_path: Path) -> None:
@@ -399,7 +397,7 @@ def test_a_channel_that_cannot_be_a_signal_is_refused(tmp_path: Path) -> None:
         ),
         (
             [angle, torque, ("B/Torque", TORQUE, timing())],
-            "channel 'Torque' occurs 2 times, as Bench/Torque, Bench/B/Torque",
+            "channel 'Torque' occurs 2 times; write one of Bench/Torque, Bench/B/Torque",
         ),
         ([angle, ("Torqe", TORQUE, timing())], "did you mean 'Torqe'?"),
         ([("Angle", ANGLE, timing(unit_string="furlongs")), torque], "measures [m]"),

@@ -677,9 +677,10 @@ def test_a_stated_range_is_that_of_the_sensor_whatever_its_sign_and_offset():
         made = validated({"unit": "N*m", "range": text, **conversion}, Conversion, "source.yaml")
         return origin_of(made, "torque")["range"]
 
-    assert (stating("60 N*m"), stating(["-20 N*m", "100 N*m"], sign=-1)) == ([-60, 60], [-100, 20])
-    assert stating("600 N*cm", unit="N*cm", offset=-50) == pytest.approx([-6.5, 5.5])
-    for wrong in ("60 A", "-60 N*m", ["5 N*m", "1 N*m"], "60"):
+    assert stating(["-20 N*m", "100 N*m"], sign=-1) == [-100, 20]
+    both_ends = ["-600 N*cm", "600 N*cm"]
+    assert stating(both_ends, unit="N*cm", offset=-50) == pytest.approx([-6.5, 5.5])
+    for wrong in (["-60 A", "60 A"], ["5 N*m", "1 N*m"], ["-60", "60"]):
         with pytest.raises(ValueError, match=r"lower end first|measures|the unit is empty"):
             stating(wrong)
 
@@ -687,7 +688,7 @@ def test_a_stated_range_is_that_of_the_sensor_whatever_its_sign_and_offset():
 def test_a_log_with_values_beyond_the_stated_range_is_not_ingested(tmp_path):
     rows = "".join(f"{k / 100},{21 * np.sin(k / 10):.4f}\n" for k in range(400))
     (tmp_path / "log.csv").write_text("t,force\n" + rows)
-    torque = {"column": "force", "unit": "N*m", "range": "20.5 N*m"}
+    torque = {"column": "force", "unit": "N*m", "range": ["-20.5 N*m", "20.5 N*m"]}
     source = {"format": "csv", "time": {"column": "t", "unit": "s"}, "channels": {"torque": torque}}
     (tmp_path / "cell.yaml").write_text(yaml.safe_dump(source))
     row = {"trial": "a", "experiment": "ingest_only", "log": "log.csv", "log_source": "cell"}

@@ -424,7 +424,7 @@ def test_a_campaign_that_cannot_be_run_is_one_line_before_any_job(workspace):
     workspace.configure({})
     assert result.returncode == 1
     said = (
-        r"error: .*/small\.yaml: line \d+ of small\.yaml: unknown field 'dynamometer\.cut_off'; the"
+        r"error: .*/small\.yaml: line \d+ of small\.yaml: dynamometer\.cut_off: unknown field; the"
         r" known .*\n\Z"
     )
     assert re.search(said, result.stdout), result.stdout

@@ -16,7 +16,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BeforeValidator, Field, PositiveInt, model_validator
+from pydantic import AfterValidator, Field, PositiveInt, model_validator
 
 from osl_analysis.errors import InputError, listing, quoted
 from osl_analysis.plates import own_axes
@@ -30,10 +30,9 @@ from osl_analysis.source_file import (
     LaboratorySource,
     Name,
     PlateUnits,
-    all_none_or_list,
 )
 from osl_analysis.units import LengthUnit
-from osl_analysis.yaml_settings import Settings, misplaced
+from osl_analysis.yaml_settings import Settings, check_distinct, misplaced
 
 BLOCK = 512  # bytes
 LARGEST_FRAME_NUMBER = 0xFFFF  # of the header
@@ -85,13 +84,12 @@ class PlateGeometry(Settings):
 class C3dSource(LaboratorySource):
     """The source file of C3D captures."""
 
-    OF = " of format c3d"
     analogs: Mapping[str, C3dChannel] = Field(default={})
     point_unit: LengthUnit | None = None  # Unit of length, where the file's own is absent or wrong.
-    plates: Annotated[
-        Literal["all"] | tuple[PositiveInt, ...], BeforeValidator(all_none_or_list)
-    ] = "all"
-    """Force plates by number, from 1: all, none or a list."""
+    plates: Literal["all"] | Annotated[tuple[PositiveInt, ...], AfterValidator(check_distinct)] = (
+        "all"
+    )
+    """Force plates by number, from 1: all, or a list, which may be empty."""
     plate_geometry: Mapping[PositiveInt, PlateGeometry] = Field(default={})
     """Force plates by number that the file does not describe, as it has no FORCE_PLATFORM, or that
     it describes wrongly."""
@@ -444,7 +442,7 @@ def plates_of(
     """
     used = header.numbers("FORCE_PLATFORM:USED")[:1]
     if not ((used >= 0) & (used <= MOST_PLATES)).all():
-        raise InputError(f"FORCE_PLATFORM:USED is {used[0]:g}; correct it, or write plates: none")
+        raise InputError(f"FORCE_PLATFORM:USED is {used[0]:g}; correct it, or write plates: []")
     count = int(used.sum())
     geometries = source.plate_geometry if source is not None else {}
     numbers = sorted({*range(1, count + 1), *geometries})
@@ -479,7 +477,7 @@ def plates_of(
             plates.append(plate)
         except InputError as error:
             if source is not None:
-                others = [other for other in numbers if other != number] or "none"
+                others = [other for other in numbers if other != number]
                 raise InputError(
                     f"{error} (or leave this plate out: `plates: {others}`)"
                 ) from error

@@ -55,7 +55,6 @@ class NexusPlate(ExportedPlate):
 class NexusSource(LaboratorySource):
     """The source file of exports of Nexus."""
 
-    OF = " of format nexus_csv"
     analogs: Mapping[str, DeviceChannel] = Field(default={})
     plates: Mapping[PositiveInt, NexusPlate] = Field(default={})  # Force plates by number, from 1.
     delimiter: Delimiter = "auto"  # Sign between cells.

@@ -25,8 +25,6 @@ FIRST_KEY = "NO_OF_FRAMES"
 class QualisysSource(MarkerSource):
     """The source file of markers in Qualisys' TSV."""
 
-    OF = " of format qualisys"
-
 
 def read(path: Path, source: QualisysSource | None) -> Recording:
     """Read the markers; refused if the keys contradict the frames."""

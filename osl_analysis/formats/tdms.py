@@ -46,7 +46,6 @@ class TdmsTime(RowTime):
 class TdmsSource(TableSource):
     """The source file of TDMS."""
 
-    OF = " of format tdms"
     channels: Mapping[str, TdmsChannel] = Field(min_length=1)
     time: TdmsTime = Field(default_factory=TdmsTime)
 

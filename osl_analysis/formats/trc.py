@@ -26,7 +26,6 @@ HEADER_LINES = 5
 class TrcSource(MarkerSource):
     """The source file of markers in TRC."""
 
-    OF = " of format trc"
     point_unit: LengthUnit | None = None  # Unit of length, where the file's own is absent or wrong.
 
 

@@ -198,7 +198,7 @@ def plate_loads(recording: Recording, source: LaboratorySource) -> list[PlateLoa
                 )
             )
         except InputError as error:
-            others = [one.number for one in recording.plates if one is not plate] or "none"
+            others = [one.number for one in recording.plates if one is not plate]
             raise InputError(f"{error} (or leave this plate out: `plates: {others}`)") from error
     return loads
 

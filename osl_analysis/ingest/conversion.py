@@ -17,7 +17,7 @@ from osl_analysis.trial import Array, unit_of
 from osl_analysis.units import quantity, si_factor
 
 # facts on a sensor, which the provenance has in SI units
-OF_SENSOR = {"delay", "low_pass", "resolution", "bits", "range"}
+OF_SENSOR = {"delay", "low_pass", "resolution", "range"}
 LARGEST_COUNT = 2.0**53  # floats hold whole numbers exactly below it
 
 
@@ -83,13 +83,23 @@ def origin_of(conversion: Conversion, column: str, unit_of_file: str = "") -> di
     if conversion.low_pass is not None:
         cutoff_hz = quantity(conversion.low_pass.cutoff, "Hz")
         origin["low_pass"] = {"cutoff_hz": cutoff_hz, "order": conversion.low_pass.order}
-    if conversion.resolution is not None or conversion.bits is not None:
+    if conversion.resolution is not None:
         origin["resolution"] = conversion.step(si_unit)
     if conversion.range is not None:
         offset = conversion.scale * origin["factor"] * conversion.offset
         ends = [conversion.sign * (end + offset) for end in conversion.ends(si_unit)]
         origin["range"] = sorted(ends)
     return origin
+
+
+def numbers_of(channel: Channel) -> Array:
+    """The readings of a channel (n,); NaN where one is missing, or if they are no numbers."""
+    count = channel.rows.count
+    try:
+        values = np.ma.asarray(channel.values, dtype=np.float64).reshape(count)
+    except (InputError, ValueError):  # words, or several numbers in a row
+        return np.full(count, np.nan)
+    return np.asarray(values.filled(np.nan))
 
 
 def share_above(count: int, total: int) -> float:

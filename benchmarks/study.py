@@ -21,7 +21,6 @@ from typing import Any, TypeVar
 import numpy as np
 import polars as pl
 from causes import ROOT, markdown, write_between
-from osl_analysis.stats.regression import LinearFit
 from planted_gait import onsets_of
 
 from osl_analysis.bench.bench_settings import ActuatorAnalysis, DynamometerAnalysis

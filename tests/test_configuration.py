@@ -204,7 +204,7 @@ def test_a_configuration_that_cannot_be_run_is_one_line_before_any_job(
     ("results", "raw_data",
      "results = raw_data is or holds raw_data = raw_data/default; name another"),
     ("sources", "config/config.yaml", "config.yaml: is a file; name a folder under `sources`"),
-    ("impedance_trajectory", "README.md", "^impedance_trajectory: README.md: no column"),
+    ("impedance_trajectory", "README.md", "^impedance_trajectory: README.md: not a CSV table"),
     ("parameters", "Makefile", "^parameters: Makefile: "),
     ("sources", "source", "^source: no such folder; correct `s"),
 ])  # fmt: skip
@@ -226,7 +226,7 @@ def test_settings_that_contradict_each_other_are_a_line_with_the_remedy(
     ({"rates": {"controller_hz": 1001}}, "controller_hz: .* least common multiple 1501500;"),
     ({"plate": {"size_m": [600, 500]}}, "size_m.0: 600"),
     ({"plate": {"nominal_ankle_m": [0.31, 0]}}, "beyond half of"),
-    ({"impedance": "no.csv"}, r"line \d+: impedance: no\.csv: no such impedance"),
+    ({"impedance": "no.csv"}, r"line \d+: impedance: no\.csv: no such table"),
 ])  # fmt: skip
 def test_a_simulated_laboratory_that_cannot_be_is_a_line_with_the_remedy(
     in_root, tmp_path, change, said

@@ -89,7 +89,7 @@ $(READY): requirements.lock pyproject.toml
 	$(BIN)/python -m compileall -q -j 0 $(VENV)/lib osl_analysis
 	touch $(READY)
 
-LOCKED := excel mat73 matlab protobuf ros simulator tdms docs dev
+LOCKED := excel mat73 matlab protobuf simulator tdms docs dev
 
 COMPILE := $(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate pyproject.toml
 

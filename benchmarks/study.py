@@ -21,6 +21,7 @@ from typing import Any, TypeVar
 import numpy as np
 import polars as pl
 from causes import ROOT, markdown, write_between
+from osl_analysis.stats.regression import LinearFit
 from planted_gait import onsets_of
 
 from osl_analysis.bench.bench_settings import ActuatorAnalysis, DynamometerAnalysis
@@ -50,7 +51,6 @@ from osl_analysis.simulator.simulation_settings import (
 )
 from osl_analysis.simulator.step import GaitTrial, draw_step
 from osl_analysis.simulator.walking_trial import simulate_walking_trial
-from osl_analysis.stats.regression import LinearFit
 from osl_analysis.stats.repeats import over_repeats
 from osl_analysis.stats.table_rows import INTERVAL_ENDS
 from osl_analysis.trial import Array, Trial

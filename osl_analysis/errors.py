@@ -134,7 +134,7 @@ class MemoryLimitError(WriteError):
 EXTRAS = {
     "ezc3d": "simulator", "fastexcel": "excel", "h5py": "mat73", "mat-io": "matlab",
     "mcap-protobuf-support": "protobuf",
-    "nptdms": "tdms", "numba": "simulator", "rosbags": "ros",
+    "nptdms": "tdms", "numba": "simulator",
     "snakemake-executor-plugin-slurm": "cluster",
 }  # fmt: skip
 """The extra of the package that installs a library which most campaigns do not need."""

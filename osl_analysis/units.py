@@ -328,7 +328,9 @@ def known_factor(
     factor : float
         1 if no factor is near.
     """
-    size = max(abs(ratio), 1 / abs(ratio)) if ratio else math.inf
+    if not signals or not ratio:
+        return "", 1.0
+    size = max(abs(ratio), 1 / abs(ratio))
     factors = {name: factor for signal in signals for name, factor in UNIT_FACTORS[signal].items()}
     near_factors = [name for name in factors if abs(size / factors[name] - 1) < near]
     if not near_factors:

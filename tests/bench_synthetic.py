@@ -10,8 +10,8 @@ from scipy.signal import butter, sosfiltfilt
 from osl_analysis.bench.belt import branches_of
 from osl_analysis.bench.bench_settings import DynamometerAnalysis
 from osl_analysis.bench.impedance import impedance_table, rendered_impedance
+from osl_analysis.bench.motion import cycles_of
 from osl_analysis.bench.record import Record, record_of
-from osl_analysis.bench.row_groups import cycles_of
 from osl_analysis.signals import LowPass, Motion
 from osl_analysis.spectral.stepped_sine import (
     Likeness,

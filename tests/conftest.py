@@ -42,7 +42,7 @@ RUNNING = (
 )  # fmt: skip
 """Modules that run campaigns: in one worker, for which `snakemake_runs.py` imports once."""
 LONGEST = (
-    *RUNNING, "test_figures", "test_walking_commands", "test_bench_recorded_motion",
+    *RUNNING, "test_figures", "test_walking_commands", "test_bench_motion",
     "test_walking_platform", "test_walking_groups", "test_signals_grid", "test_notebook",
     "test_bench_joint_fit", "test_degenerate", "test_bench_plausibility", "test_cli",
     "test_adding",

@@ -33,9 +33,9 @@ from osl_analysis.bench.bench_settings import (
 from osl_analysis.bench.coulomb import coulomb_fits
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums, sums_of
 from osl_analysis.bench.fixture import fixture_of, with_fixture
-from osl_analysis.bench.group_fit import GroupFit
 from osl_analysis.bench.known_spring import Known, LateFits, bench_estimates
-from osl_analysis.bench.recorded_motion import record_of_trial
+from osl_analysis.bench.motion import record_of_trial
+from osl_analysis.bench.regression import GroupFit
 from osl_analysis.bench.torque_angle import torque_angle_table
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.commands.fit import run_fit

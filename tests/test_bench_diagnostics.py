@@ -23,8 +23,8 @@ from osl_analysis.bench.impedance import (
     rendered_impedance,
 )
 from osl_analysis.bench.leg_belt import belt_of_leg, is_leg
+from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.bench.record import signals_of, with_actuator
-from osl_analysis.bench.recorded_motion import record_of_trial
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.errors import IdentifiabilityError
 from osl_analysis.ingest.quality import saturated

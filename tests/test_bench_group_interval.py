@@ -4,15 +4,9 @@ import numpy as np
 import pytest
 from scipy.special import stdtrit
 
-from osl_analysis.bench.group_interval import (
-    BY_NOISE,
-    BY_REPEATS,
-    BY_UNITS,
-    NoiseSource,
-    combined,
-    scatter_source,
-)
-from osl_analysis.bench.row_groups import Groups, Stratum
+from osl_analysis.bench.record import Groups, Record, Stratum
+from osl_analysis.bench.regression import combined, fit_groups, gram_sums
+from osl_analysis.signals import LowPass, Motion
 
 
 def groups_of(strata: list[int], repeat: bool) -> tuple[Groups, np.ndarray]:
@@ -25,25 +19,39 @@ def groups_of(strata: list[int], repeat: bool) -> tuple[Groups, np.ndarray]:
 
 
 @pytest.mark.parametrize(
-    ("strata", "repeat", "noise", "units", "method"),
+    ("strata", "repeat", "units", "method"),
     [
-        ([5, 5, 5, 5], True, NoiseSource.REPEATS, 4, BY_UNITS),
-        ([5, 5], True, NoiseSource.REPEATS, 10, BY_REPEATS),
-        ([1] * 12, False, NoiseSource.NEIGHBOURS, 12, BY_UNITS),
-        ([4, 4], False, NoiseSource.NEIGHBOURS, 8, BY_UNITS),
-        ([1, 1, 1, 1], True, NoiseSource.WHITE, 4, BY_UNITS),
-        ([2, 1], False, NoiseSource.WHITE, 3, BY_NOISE),
+        ([5, 5, 5, 5], True, 4, "units"),
+        ([5, 5], True, 10, "repeats"),
+        ([1] * 12, False, 12, "units"),
+        ([4, 4], False, 8, "units"),
+        ([1, 1, 1, 1], True, 4, "units"),
+        ([2, 1], False, 3, "white noise"),
     ],
 )
-def test_noise_is_told_by_repeats_or_neighbours_or_is_taken_as_white(
-    strata, repeat, noise, units, method
+def test_misfit_is_told_by_strata_or_groups_and_noise_by_what_repeats(
+    strata, repeat, units, method
 ):
-    source = scatter_source(*groups_of(strata, repeat))
+    """The torque leaves a line by another slope in each unit."""
+    groups, stratum = groups_of(strata, repeat)
+    unit = stratum if len(strata) >= 4 else np.arange(len(stratum))
+    rng = np.random.default_rng(1)
+    rows = 10 * len(stratum)
+    x = rng.standard_normal(rows)
+    torque = 3 * x + np.repeat(10 * rng.standard_normal(units)[unit], 10) * x
+    record = Record(
+        "made", np.arange(rows) / 100, x, torque, Motion(x, x, x), torque, LowPass(15),
+        np.ones(rows, dtype=bool), groups,
+    )  # fmt: skip
+    s = gram_sums(record, {"theta": x, "one": np.ones(rows)}, ["theta", "one"])
 
-    assert source.noise is noise
-    assert source.units == units
-    assert source.interval_method == method
-    assert source.tells_misfit == (method != BY_NOISE)
+    fit = fit_groups(s, {"K": "theta", "offset": "one"})
+
+    assert fit.interval_method == method
+    assert (fit.repeat is not None) == (repeat and min(strata) > 1)
+    misfit_freedom = units - 1
+    by_noise = method == "white noise" or fit.freedom("K") != misfit_freedom
+    assert by_noise == (strata in ([5, 5], [4, 4], [2, 1]))
 
 
 def test_variance_is_the_larger_of_noise_and_misfit():

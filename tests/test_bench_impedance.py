@@ -14,7 +14,7 @@ from osl_analysis.bench.bench_settings import Calibration
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums
 from osl_analysis.bench.impedance import DesiredImpedance, impedance_with_evidence, lag_row
 from osl_analysis.bench.leg_belt import Fault
-from osl_analysis.bench.recorded_motion import record_of_trial
+from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands import figure as plotted_numbers
 from osl_analysis.errors import IdentifiabilityError

@@ -14,8 +14,8 @@ from osl_analysis.bench.coulomb import CoulombFit
 from osl_analysis.bench.impedance import impedance_table, rendered_impedance
 from osl_analysis.bench.joint_fit import FrictionFit, JointFit
 from osl_analysis.bench.joint_inference import impedance_fits, joint_fit
+from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.bench.record import signals_of
-from osl_analysis.bench.recorded_motion import record_of_trial
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.errors import InputError
 from osl_analysis.inference import infer_impedance

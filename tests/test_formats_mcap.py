@@ -29,7 +29,7 @@ from mcap_ros2.decoder import DecoderFactory
 from osl_analysis import formats
 from osl_analysis.errors import InputError
 from osl_analysis.formats import mcap
-from osl_analysis.formats._cdr import Definition, definition_of, layout_of, rows_at
+from osl_analysis.formats._cdr import Layout, rows_at
 from osl_analysis.recording import End, Kind, Recording
 from osl_analysis.source_file import MessageSource
 
@@ -168,7 +168,7 @@ def test_wherever_a_log_is_cut_its_whole_chunks_are_read(tmp_path: Path, packing
         assert least <= len(values) <= least + 10
         assert recording.loss.end == End.MISSING
         assert recording.loss.lost is None
-        assert "how much is not known" in recording.loss.remarks[0]
+        assert "the recorder did not finish" in recording.loss.remarks[0]
 
 
 @any_packing
@@ -199,17 +199,6 @@ def test_a_checksum_of_zero_is_none(tmp_path: Path) -> None:
     assert [one.loss.checksums for one in (covered, mixed, bare)] == ["checked", "mixed", "absent"]
 
 
-def test_a_chunk_of_more_than_a_gigabyte_is_lost_unread(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(mcap, "LARGEST_CHUNK", len(TEN) + 5)
-
-    recording = read(tmp_path, log(DECLARED, chunk(TEN), chunk(TEN + TWENTY)))
-
-    assert column(recording, "a") == list(range(10))
-    assert "GB, at most" in recording.loss.remarks[0]
-
-
 def test_a_channel_whose_declaration_is_lost_is_known_by_the_summary(tmp_path: Path) -> None:
     damaged = chunk(DECLARED + TEN)[:-3] + b"abc"
 
@@ -219,7 +208,7 @@ def test_a_channel_whose_declaration_is_lost_is_known_by_the_summary(tmp_path: P
     assert column(known, "a") == list(range(10, 20))
     assert known.loss.lost == 10
     assert not unknown.channels
-    assert "10 messages belong to channels that are not declared" in unknown.loss.remarks
+    assert "10 messages belong to no channel that is declared" in unknown.loss.remarks
 
 
 def test_an_unreadable_record_ends_the_log_and_the_summary_counts_the_rest(
@@ -249,22 +238,9 @@ def test_what_is_no_log_is_refused_in_one_line(tmp_path: Path, content: bytes) -
 def test_two_logs_in_one_file_are_refused_with_the_byte_to_cut_at(tmp_path: Path) -> None:
     other = log(schema() + channel(1, "/other") + channel(2, "/lab"), chunk(TWENTY))
 
-    assert f"ends at byte {len(WHOLE)} and has 100 bytes after it" in refusal(
-        tmp_path, WHOLE + bytes(100)
-    )
     for cut in [*range(len(log()), len(WHOLE), 23), len(WHOLE)]:
         said = refusal(tmp_path, WHOLE[:cut] + other)
         assert f"holds two logs, the second from byte {cut} on" in said
-
-
-def test_a_number_that_means_two_channels_is_refused(tmp_path: Path) -> None:
-    for what, again in (
-        ("channel", channel(1, "/other")),
-        ("schema", schema(b"float64 b\nfloat64 a")),
-    ):
-        said = refusal(tmp_path, log(DECLARED, chunk(TEN), chunk(again + TWENTY)))
-        assert f"{what} 1 is '" in said
-        assert "two logs were joined" in said
 
 
 # --- legal, rare files --------------------------------------------------------------------------
@@ -320,7 +296,7 @@ def test_two_channels_of_one_topic_are_refused_where_they_write_at_the_same_time
         assert column(read(tmp_path, both), "a") == [*range(10), *range(25, 30)]
         return
     said = refusal(tmp_path, both)
-    assert "topic '/lab' has two publishers at the same time: 10 messages are of channel 1" in said
+    assert "2 publishers at the same time, with channel 1 of the recorder or channel 2" in said
 
 
 # --- numbers of messages ------------------------------------------------------------------------
@@ -365,10 +341,10 @@ MIXED = "\n".join(
         'string LABEL = "a # b"',
         "std_msgs/Header header",
         *FIELDS,
-        "===\nMSG: lab_msgs/Part",
+        "=" * 80 + "\nMSG: lab_msgs/Part",
         *PART,
-        "===\nMSG: lab_msgs/msg/Nothing",
-        "===\nMSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id",
+        "=" * 80 + "\nMSG: lab_msgs/msg/Nothing",
+        "=" * 80 + "\nMSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id",
     ]
 )
 
@@ -381,10 +357,8 @@ def numbers_in(value: Any, path: str = "") -> dict[str, float]:
         return {}
     found: dict[str, float] = {}
     if isinstance(value, list | tuple | bytes):
-        last = len(value) - 1
-        chosen = range(len(value)) if len(value) < 40 else [0, 1, last // 2, last]
-        for place in chosen:
-            found |= numbers_in(value[place], f"{path}[{place}]")
+        for place, element in enumerate(value[:64]):
+            found |= numbers_in(element, f"{path}[{place}]")
         return found
     for name in value.__slots__:
         found |= numbers_in(getattr(value, name), f"{path}.{name}".removeprefix("."))
@@ -435,16 +409,15 @@ def test_messages_of_any_shape_equal_the_reference_decoders(
     assert assert_equal_to_reference(path) >= 8 * len(contents)
 
 
-def kind_of(text: str) -> Definition:
-    return definition_of("l/S", text, is_ros1=False)
+def layout_of(text: str, payload: bytes) -> Layout:
+    return Layout("l/S", text.encode(), False, payload)
 
 
 def numbers_of(text: str, payload: bytes, *paths: str) -> list[Any]:
     """Numbers of one message by its definition."""
-    layout = layout_of(kind_of(text), payload)
+    layout = layout_of(text, payload)
     rows = rows_at(payload, np.zeros(1, np.int64), len(payload))
-    columns = [layout.column(path, rows) for path in paths]
-    return [values[0].item() for values in columns if values is not None]
+    return [values[0].item() for values in layout.columns(rows, paths).values()]
 
 
 @pytest.mark.parametrize("letter", range(5))
@@ -453,7 +426,7 @@ def test_names_that_differ_in_any_letter_make_another_layout(letter: int) -> Non
     payload = b"\0\1\0\0" + struct.pack("<II", 1, 6) + name + bytes(2) + bytes(8)
     name[letter] += 1
     other = b"\0\1\0\0" + struct.pack("<II", 1, 6) + name + bytes(2) + bytes(8)
-    layout = layout_of(kind_of("string[] name\nfloat64[1] position"), payload)
+    layout = layout_of("string[] name\nfloat64[1] position", payload)
 
     fits = layout.fits(np.frombuffer(payload + other, f"V{len(payload)}"))
 
@@ -529,8 +502,8 @@ def test_two_publishers_of_one_joint_are_refused_with_the_names_in_their_message
     others = (["ankle", "knee"], [0.0, 0.0])
     path = write_joints(tmp_path / "log.mcap", ours, ours, others, ours)
     said = (
-        "topic '/lab' has two publishers at the same time: 3 messages are of name [knee, ankle] and"
-        " header.frame_id [lab], 1 of name [ankle, knee] and header.frame_id [lab]; record each"
+        "topic '/lab' has 2 publishers at the same time, with header.frame_id [lab] and name"
+        " [knee, ankle] or header.frame_id [lab] and name [ankle, knee]; record each"
     )
 
     assert any(said in remark for remark in formats.read(path).loss.remarks)
@@ -554,7 +527,7 @@ def test_a_unit_by_convention_is_likely_and_never_stated(tmp_path: Path) -> None
 
 
 ONE = cdr(1.0)
-LONGER = kind_of("float64 a\nstring s\nfloat64[] b")
+LONGER = "float64 a\nstring s\nfloat64[] b"
 
 
 @pytest.mark.parametrize(
@@ -573,16 +546,15 @@ def test_a_message_that_is_not_what_its_schema_says_is_refused(payload: bytes, s
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("wstring w", "type 'l/wstring' of field 'w' is not defined"),
-        ("Other a", "schema l/S: type 'l/Other' of field 'a' is not defined"),
-        ("float64 a\n===\nfloat64 b", "no line 'MSG: package/Name' behind a separator"),
-        ("}{", r"schema l/S: cannot read the line '\}\{'"),
-        ("float64 a\nfloat64 a", "field 'a' is defined twice"),
+        ("wstring w", "type 'l/msg/wstring' is not defined; record again"),
+        ("Other a", "type 'l/msg/Other' is not defined; record again"),
+        ("float64 a\n===\nfloat64 b", "schema l/S cannot be read .*; record again"),
+        ("}{", "schema l/S cannot be read .*; record again"),
     ],
 )
 def test_a_schema_that_cannot_be_read_is_refused_by_its_line(text: str, said: str) -> None:
     with pytest.raises(InputError, match=said):
-        kind_of(text)
+        layout_of(text, ONE)
 
 
 @pytest.mark.parametrize("padding", [b"\xff", b"\xff" * 3, bytes(4), bytes(7)])
@@ -595,7 +567,7 @@ def test_a_message_with_more_than_its_schema_describes_is_refused(more: bytes) -
     said = f"a message of {12 + len(more)} bytes has {len(more)} more than its schema"
 
     with pytest.raises(InputError, match=said):
-        layout_of(kind_of("float64 a"), ONE + more)
+        layout_of("float64 a", ONE + more)
 
 
 def test_messages_that_do_not_fit_are_lost_and_others_keep_their_numbers(tmp_path: Path) -> None:
@@ -678,7 +650,6 @@ def test_a_message_without_a_number_in_an_asked_field_has_no_value_there(
         (['{"x": "1"}'], "x", r"has no number 'x' \(it has none\); correct `field`"),
         (['{"x": 1}'], "y", r"has no number 'y' \(it has x\); correct `field`"),
         (["{"], "x", "Expecting property name .*; record the log again"),
-        (['{"x": true}', '{"x": 1}'], "x", "a truth value in some places and a number in others"),
     ],
 )
 def test_a_field_without_numbers_is_blamed_on_the_source_file(
@@ -701,10 +672,10 @@ def test_a_field_without_numbers_is_blamed_on_the_source_file(
         (
             b"\5",
             ("protobuf", "l.S", "protobuf", b"\xff\xff"),
-            r"schema l\.S: cannot be read: .*, or map another topic",
+            "Error parsing message .*; record the log again",
         ),
         (b"\5", ("xml", "l.S", "dtd", b""), r"encoded as xml \(dtd\), and read are cdr"),
-        (b"\0\1\0\0", ("cdr", "l/S", "ros2msg", b"Foo y"), "type 'l/Foo' .* not defined; record"),
+        (b"\0\1\0\0", ("cdr", "l/S", "ros2msg", b"Foo y"), "type 'l/msg/Foo' is not"),
     ],
 )
 def test_a_topic_that_cannot_be_decoded_is_refused_with_the_reason(
@@ -779,7 +750,7 @@ def test_without_the_library_of_protobuf_the_extra_that_brings_it_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = write_protobuf(tmp_path, [Timestamp(seconds=5)] * 3)
-    monkeypatch.setitem(sys.modules, "mcap_protobuf", None)
+    monkeypatch.setitem(sys.modules, "mcap_protobuf.decoder", None)
 
     with pytest.raises(InputError, match=r"'/lab'.*; pip install 'osl-analysis\[protobuf\]'$"):
         column(formats.read(path, source("seconds")), "seconds")
@@ -792,7 +763,7 @@ def test_a_message_that_google_refuses_is_lost(tmp_path: Path) -> None:
 
     assert column(recording, "seconds") == [5, 5]
     assert recording.loss.by_topic == {"/lab": (2, 3)}
-    assert "1 of 3 messages of topic '/lab' are lost: a message of" in recording.loss.remarks[0]
+    assert "1 of 3 messages of topic '/lab' are lost: Error parsing" in recording.loss.remarks[0]
 
 
 def test_elements_are_listed_by_their_names(tmp_path: Path) -> None:

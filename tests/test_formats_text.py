@@ -99,16 +99,6 @@ def test_rows_that_do_not_fit_are_refused_by_line_or_skipped_and_counted(tmp_pat
     np.testing.assert_allclose(column(skipped, "Torque"), TORQUE, atol=1e-9)
 
 
-def test_blanks_about_the_cells_of_a_long_text_are_no_part_of_them(tmp_path: Path) -> None:
-    lines = table().splitlines(keepends=True)
-    words = ["state\n", *["true\n", " true \n"] * (TIME.size // 2)]
-    padded = "".join(line[:-1] + "," + word for line, word in zip(lines, words, strict=True))
-
-    state = column(read(tmp_path, padded), "state")
-
-    assert state.tolist() == [True] * TIME.size
-
-
 def test_a_short_line_is_not_made_up_for_by_a_long_one(tmp_path: Path) -> None:
     lines = table().splitlines(keepends=True)
     odd = "".join([*lines[:400], "0.5,1\n", *lines[400:500], "0.5,1,2,3\n", *lines[500:]])
@@ -118,14 +108,46 @@ def test_a_short_line_is_not_made_up_for_by_a_long_one(tmp_path: Path) -> None:
     assert "line 401 has 2 cells under 3 names, and 2 of 902 rows do not fit" in said
 
 
-def test_a_number_that_stands_for_a_failed_reading_is_missing_amid_a_long_text(
-    tmp_path: Path,
+@pytest.mark.parametrize(("sign", "decimal"), [(",", "."), (";", ","), ("  ", "."), (", ", ".")])
+@pytest.mark.parametrize("missing", [["", "nan"], ["-999"]])
+@pytest.mark.parametrize(
+    "amid",
+    [
+        "-999",
+        "",
+        "nan",
+        "NaN",
+        " 1@5 ",
+        '"1@5"',
+        "+1@5",
+        "1@5D0",
+        "7",
+        "inf",
+        "ok",
+        "1.5",
+        "#",
+        "1 2",
+    ],
+)
+def test_a_cell_amid_a_long_text_is_read_as_in_a_short_one(
+    tmp_path: Path, sign: str, decimal: str, missing: list[str], amid: str
 ) -> None:
-    text = table().replace(f"{ANGLE[450]:.9f}", "-999")
+    """Polars reads the middle of a long text."""
+    lines = table(sign, decimal).splitlines(keepends=True)
+    cells = lines[450].split(sign)
+    lines[450] = sign.join([cells[0], amid.replace("@", decimal), cells[2]])
+    stated = csv_source(missing=missing, decimal=decimal, most_missing=0.5)
 
-    recording = read(tmp_path, text, **csv_source(missing=["-999"]))
+    def angle(text: str) -> list[float] | str:
+        try:
+            return column(read(tmp_path, text, **stated), "Ankle angle").tolist()
+        except InputError as error:
+            return "no number" if "is not a number" in str(error) else "refused"
 
-    assert np.flatnonzero(np.isnan(column(recording, "Ankle angle"))).tolist() == [450]
+    of_long, of_short = angle("".join(lines)), angle("".join([lines[0], *lines[440:460]]))
+    if isinstance(of_long, list):
+        of_long = of_long[439:459]
+    assert str(of_long) == str(of_short)
 
 
 @pytest.mark.parametrize("amid", ["-7", "-7.5"])
@@ -153,6 +175,27 @@ def test_of_a_long_text_about_the_first_rows_are_listed_and_all_are_read(tmp_pat
     assert listed.facts["rows"].endswith(", of more")
     assert column(listed, "t")[-1] == count - 1  # its end is looked at
     np.testing.assert_array_equal(column(whole, "t"), np.arange(count))
+
+
+@pytest.mark.parametrize("is_stacked", [False, True])
+def test_a_row_for_each_value_is_refused_with_what_to_write(
+    tmp_path: Path, is_stacked: bool
+) -> None:
+    names = ["angle"] * 900 + ["torque"] * 900 if is_stacked else ["angle", "torque"] * 900
+    times = [*range(900), *range(900)] if is_stacked else [k // 2 for k in range(1800)]
+    rows = [f"{t},{name},{k / 7}\n" for k, (t, name) in enumerate(zip(times, names, strict=True))]
+
+    said = refusal(tmp_path, "t,signal,value\n" + "".join(rows))
+
+    assert "a row for each value, of 'angle' or 'torque', not for each sample" in said
+
+
+def test_a_state_in_words_beside_signals_is_no_row_for_each_value(tmp_path: Path) -> None:
+    rows = [f"{k // 2},{'swing' if k % 5 else 'stance'},{k / 7}\n" for k in range(1800)]
+
+    recording = read(tmp_path, "t,state,angle\n" + "".join(rows))
+
+    np.testing.assert_allclose(column(recording, "angle"), np.arange(1800) / 7)
 
 
 # --- LabVIEW ------------------------------------------------------------------------------------
@@ -183,38 +226,6 @@ def test_a_word_for_the_unit_of_time_is_its_unit(tmp_path: Path) -> None:
 # --- Nexus --------------------------------------------------------------------------------------
 
 
-def nexus(sign: str = ",", decimal: str = ".", gap: bool = False) -> str:
-    """Three frames of devices and of trajectories."""
-
-    def cells(*values: Any) -> str:
-        return sign.join(str(value).replace(".", decimal) for value in values)
-
-    lines = ["Devices", "200", cells("", "", "Ann:Plate - Force", "", "")]
-    lines += [cells("Frame", "Sub Frame", "Fx", "Fy", "Fz"), cells("", "", "N", "N", "N")]
-    for k in range(6):
-        frame = 7 + k // 2 + (1 if gap and k == 3 else 0)
-        lines.append(cells(frame, k % 2, k + 0.5, -k - 0.25, 100.125 * k))
-    lines += ["", "Trajectories", "100", cells("", "", "Ann:LTOE", "", "")]
-    lines += [cells("Frame", "Sub Frame", "X", "Y", "Z"), cells("", "", "mm", "mm", "mm")]
-    lines += [cells(7, 0, 1.5, 2.5, 3.5), cells(8, 0, "", "", ""), cells(9, 0, 0, 0, 0)]
-    return "\n".join(lines) + "\n"
-
-
-@pytest.mark.parametrize(("sign", "decimal"), [(";", ","), ("\t", ",")])
-def test_an_export_of_nexus_is_read_with_any_sign_in_utf_16(
-    tmp_path: Path, sign: str, decimal: str
-) -> None:
-    recording = read(tmp_path, nexus(sign, decimal).encode("utf-16"), "a.csv")
-    force = recording.find({"device": "Plate - Force", "component": "Fz"})
-    marker = recording.find({"label": "LTOE"})
-
-    assert recording.format == "nexus_csv"
-    np.testing.assert_array_equal(force.values, 100.125 * np.arange(6))
-    assert (force.unit, force.rows.rate_hz) == ("N", 200.0)
-    np.testing.assert_array_equal(marker.values, [[1.5, 2.5, 3.5], [np.nan] * 3, [np.nan] * 3])
-    assert (marker.key, marker.unit, marker.rows.rate_hz) == ("Ann:LTOE", "mm", 100.0)
-
-
 def test_a_decimal_comma_is_found_far_from_both_ends(
     tmp_path: Path,
 ) -> None:
@@ -228,30 +239,6 @@ def test_a_decimal_comma_is_found_far_from_both_ends(
     recording = read(tmp_path, "\n".join(lines) + "\n", "a.csv")
 
     assert recording.find({"device": "Plate - Force", "component": "Fz"}).values[400] == 2.5e-13
-
-
-def nexus_source(**stated: Any) -> dict[str, Any]:
-    return {"format": "nexus_csv", "markers": ["LTOE"], **stated}
-
-
-def test_a_device_is_found_without_its_subject(tmp_path: Path) -> None:
-    recording = read(tmp_path, nexus())
-
-    found = recording.find({"device": "Plate - Force", "component": "Fy"})
-
-    assert found.values[1] == -1.25
-    with pytest.raises(InputError, match="no device component 'EMG V'; the file has Plate - Force"):
-        recording.find({"device": "EMG", "component": "V"})
-
-
-def test_frames_of_the_sections_that_are_read_must_follow_one_another(tmp_path: Path) -> None:
-    analogs = {"signal_x": {"device": "Plate - Force", "component": "Fx", "unit": "1"}}
-    stated = nexus_source(analogs=analogs)
-    facts = read(tmp_path, nexus(), **nexus_source()).facts
-
-    assert (facts["frames"], facts["first_frame"], facts["samples_per_frame"]) == (3, 7, 1)
-    assert "frame 9 does not follow" in refusal(tmp_path, nexus(gap=True), **stated)
-    read(tmp_path, nexus(gap=True), **nexus_source())  # of devices nothing is read
 
 
 # --- Qualisys ---------------------------------------------------------------------------

@@ -16,8 +16,8 @@ from osl_analysis.bench.frequency_response import (
     response_of_pieces,
     response_table,
 )
+from osl_analysis.bench.motion import periods_of, stretches_of
 from osl_analysis.bench.record import record_of
-from osl_analysis.bench.row_groups import periods_of, stretches_of
 from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass
 from osl_analysis.spectral.periods import periodic_motion
@@ -179,7 +179,7 @@ def recorded(rng, motion, friction=0.0, noise=0.05):
     torque = K * theta + B * omega + I * alpha + friction * np.tanh(omega / 0.01)
     torque = torque + noise * rng.standard_normal(n)
     theta = theta + 1e-4 * rng.standard_normal(n)
-    periodic = periodic_motion(theta, RATE, 22.5)
+    periodic = periodic_motion(theta, RATE)
     inside = slice(round(2 * RATE / 15), n - round(2 * RATE / 15))
     groups = stretches_of([inside], RATE)
     if periodic is not None:

@@ -350,10 +350,8 @@ def test_types_2_and_4_give_the_wrench_back_whichever_way_origin_points(
     channels = np.hstack([force, moment + np.cross(SURFACE, force)])
     calibration = RANDOM.normal(size=(6, 6)) + 5 * np.eye(6)
     raw = np.linalg.solve(calibration, channels.T).T
-    for found in (
-        wrench(2, CORNERS, stored * SURFACE, channels), wrench(4, CORNERS, stored * SURFACE, raw,
-        calibration),
-    ):  # fmt: skip
+    for kind, readings in ((2, channels), (4, raw @ calibration.T)):
+        found = wrench(kind, CORNERS, stored * SURFACE, readings)
         np.testing.assert_allclose(found[0], FORCE, rtol=1e-9, atol=1e-9)
         np.testing.assert_allclose(found[1], MOMENT, rtol=1e-9, atol=1e-9)
 
@@ -547,6 +545,7 @@ DRESSES: dict[str, tuple[str, dict[str, object]]] = {
     "crlf": (EXPORT.replace("\n", "\r\n"), {}),
     "capitals": (EXPORT.replace("Frame,Sub Frame,", "FRAME,SUB FRAME,"), {}),
     "at the origin": (EXPORT.replace("3,,,,", "3,0,0,0,"), {}),
+    "devices of a subject": (EXPORT.replace(",AMTI", ",Anna:AMTI"), {}),
     "no blank lines": (DEVICES + TRAJECTORIES + MODEL, {}),
 }  # fmt: skip
 
@@ -590,11 +589,13 @@ def test_a_plates_moment_is_about_its_centre_wherever_the_file_takes_it(tmp_path
     (DEVICES.replace("0.6", "") + TRAJECTORIES + MODEL, {}, "sync: nan in sample 2 of 4"),
     (DEVICES.replace("0.6", "?") + TRAJECTORIES + MODEL,
      {}, "line 7, Sync - Voltage 1: '?' is not a number"),
-    (DEVICES + TRAJECTORIES.replace("HEEL", "TOE") + MODEL, {}, "marker 'TOE' occurs twice"),
+    (DEVICES + TRAJECTORIES.replace("HEEL", "TOE") + MODEL, {}, "marker 'TOE' occurs 2 times"),
     (DEVICES + TRAJECTORIES.replace("Anna:HEEL", "Ben:TOE") + MODEL,
-     {}, "marker 'TOE' occurs twice"),
+     {}, "marker 'TOE' occurs 2 times"),
     (DEVICES + TRAJECTORIES + MODEL,
      {"markers": ["KNEE"]}, "no marker 'KNEE'; the file has Anna:TOE"),
+    (EXPORT, {"analogs": {"sync": {"device": "EMG", "component": "1"}}},
+     "no device 'EMG'; the file has AMTI #1 - Force"),
     (DEVICES + TRAJECTORIES.replace("mm", "parsnip") + MODEL, {}, "unit 'parsnip' is unknown"),
     (DEVICES[:DEVICES.index("6,1")],
      {"outputs": {}, "markers": []}, "the last frame lacks sub frames; export"),

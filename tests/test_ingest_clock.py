@@ -171,27 +171,36 @@ def test_an_encoder_and_markers_give_offset_and_drift_to_a_tenth_of_a_sample(off
     assert abs(fit.to_master(time) - (offset + (1 + DRIFT) * time)).max() < 0.1 / SLAVE_RATE
     assert abs(fit.drift - DRIFT) < 4 * fit.drift_error < 4e-6
     assert fit.residual < 0.1 / SLAVE_RATE
-    assert (fit.method, fit.edges + fit.excluded_edges) == ("correlation", 12)
+    assert fit.method == "correlation"
 
 
 WITHIN = np.arange(0, 30, 1 / CAMERA_RATE)
-ONCE = np.exp(-(((WITHIN - 10) / 1) ** 2)) * MOVEMENT(WITHIN)
 
 
 @pytest.mark.parametrize(("strange", "seen", "message"), [
     (np.random.default_rng(3).standard_normal(9000), MOVEMENT(WITHIN),
      "correlates by 0.0. at best, 0.5 is needed"),
     (np.zeros(9000), MOVEMENT(WITHIN), "is constant"),
-    (np.zeros(40), MOVEMENT(WITHIN), "fewer than 48 samples"),
+    (MOVEMENT(WITHIN[:40]), MOVEMENT(WITHIN), "fewer than 48 samples"),
     (np.sin(2 * np.pi * WITHIN), np.sin(2 * np.pi * WITHIN + 1),
-     r"fits elsewhere, \S*[1-9]\d* s from the best, 1 times as likely"),
-    (ONCE, ONCE, r"moves in . of 12 sections of the recording, at least 6 are needed"),
-    (MOVEMENT(WITHIN + 0.02 * np.sin(WITHIN / 2)), MOVEMENT(WITHIN),
-     "the lags of the shared signal scatter by"),
+     r"fits elsewhere, \S+ s from the best, \S+ times as likely"),
 ])  # fmt: skip
 def test_signals_that_do_not_show_the_same_movement_throughout_are_refused(strange, seen, message):
     with pytest.raises(InputError, match=message):
         correlate_clocks((np.arange(strange.size) / CAMERA_RATE, strange), (WITHIN, seen))
+
+
+def test_one_movement_tells_the_offset_and_crystals_the_drift() -> None:
+    rng = np.random.default_rng(4)
+    once = np.exp(-((WITHIN - 10) ** 2)) * MOVEMENT(WITHIN)
+
+    fit = correlate_clocks(
+        (WITHIN + OFFSET, once + 0.01 * rng.standard_normal(once.size)),
+        (WITHIN, once + 0.01 * rng.standard_normal(once.size)),
+    )
+
+    assert fit.to_master(10 + OFFSET) == pytest.approx(10, abs=4e-4)
+    assert abs(fit.drift) < 3 * fit.drift_error < 3e-4
 
 
 def strides(duration: float, variability: float) -> tuple[np.ndarray, np.ndarray]:

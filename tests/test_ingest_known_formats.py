@@ -173,6 +173,8 @@ OTHER_FILES = {
     "document of JSON": b"[0.0, 1.0]\n[0.1, 2.0]\n",
     "a document of JSON": b"{'t': 0.0, 'angle': 1.0}\n",
     "ZIP": b"PK\x03\x04" + bytes(26) + b"log.csv",
+    "force plates by Qualisys": b"NO_OF_SAMPLES\t2\nSAMPLE\tForce_X\n1\t2.5\n2\t3\n",
+    "D-Flow": b"TimeStamp\tFrameNumber\tRANK.PosX\tFP1.ForX\n0.1\t1\t0.5\t0.7\n",
     "compressed": gzip.compress(BENCH.encode()), "zero bytes": bytes(2000),
 }  # fmt: skip
 

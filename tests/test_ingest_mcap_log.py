@@ -94,7 +94,7 @@ def test_a_clock_that_is_set_back_while_recording_is_refused(tmp_path, by, time)
     message = refused(write_log(tmp_path / "log.mcap", log, chunk_size=900), source(time))
 
     assert "at message 101 of 200" in message
-    assert "the clock was set while recording: its times cannot be used: record again" in message
+    assert "the clock was set while recording: " in message
 
 
 def test_a_topic_that_gives_no_samples_is_refused(tmp_path: Path) -> None:
@@ -116,7 +116,7 @@ def test_a_topic_that_gives_no_samples_is_refused(tmp_path: Path) -> None:
     ):
         counted = source(theta={**RADIANS["theta"], "counter": counter})
         assert f"field '{counter}': {told}" in refused(write_log(path, samples()), counted)
-    assert "is not a time; write source: header" in refused(
+    assert "logged at no time; write source: header" in refused(
         write_log(path, [(2**63, samples()[0][1])]), source("log")
     )
     leg = {"topic": "/leg", "field": "angle", "unit": "deg"}

@@ -18,6 +18,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.formats import known_formats
 from osl_analysis.ingest.capture import vertical_axis
 from osl_analysis.ingest.draft import draft_source
+from osl_analysis.ingest.draft_sheet import draft_trials
 from osl_analysis.ingest.raw_files import check_clocks, trial_from_files
 from osl_analysis.recording import Channel, Plate, Rows
 from osl_analysis.trial import Array
@@ -209,12 +210,11 @@ def test_times_may_be_printed_with_more_decimals_than_they_have(
 def test_rows_of_a_table_that_cannot_be_right_are_refused(tmp_path: Path) -> None:
     text = (path := write_mot(tmp_path / "a.mot")).read_text()
     for reason, content in {
-        "states 50 rows, the file holds 49 whole ones: the end": text.rstrip().rpartition("\t")[0],
+        "states 50 rows, the file holds 49 whole ones: its end": text.rstrip().rpartition("\t")[0],
         "header states 50 rows, the file holds 49 whole": text.rstrip()[:-1],
-        "states 60 rows, the file holds 50 whole ones: the end": text.replace(
+        "states 60 rows, the file holds 50 whole ones: its end": text.replace(
             "nRows=50", "nRows=60"
         ),
-        "states 3 columns, the file holds 4 whole ones;": text.replace("nColumns=4", "nColumns=3"),
     }.items():
         path.write_text(content)
         assert reason in refused(path, **MOT)
@@ -326,6 +326,15 @@ def test_markers_and_ground_reactions_of_one_export_share_their_times(tmp_path: 
         trial.provenance["plates"][0]["plate"],
         len(trial.samples.drop_nulls("marker_TOE_x")),
     ) == (1, FRAMES)
+
+
+@pytest.mark.parametrize("name", ["walk.mot", "walk_grf.mot", "walk_forces.mot", "walk-GRF.sto"])
+def test_a_trc_finds_its_table_of_forces(name: str) -> None:
+    recordings = [(Path(name), "opensim", False), (Path("walk.trc"), "trc", True)]
+
+    (trial,) = draft_trials(recordings)
+
+    assert (trial.cells["log"], trial.cells["mocap"]) == (name, "walk.trc")
 
 
 @pytest.mark.parametrize(

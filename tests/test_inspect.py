@@ -17,7 +17,7 @@ from test_ingest_assemble import WRITERS
 from osl_analysis.cli import main
 from osl_analysis.commands import trials as module
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.clock_choice import ClockChoice, gaps_text, likely_clock, span_of
+from osl_analysis.ingest.clock_choice import ClockChoice, choose_clock, gaps_text, span_of
 from osl_analysis.ingest.draft import draft_source
 from osl_analysis.ingest.likely_clock import rate_of
 from osl_analysis.ingest.likely_column import likely_column
@@ -86,7 +86,7 @@ def test_a_csv_file_is_listed_and_its_draft_reads_it(
     text = module.overview_text(module.inspect_file(path))
     assert "! the last line, 7, is cut off and was skipped" in text
     for said in ("comment 1: rig: B", "3 x 'ok'",
-    "a clock, 0.1 per unit, 1 gaps, the longest 70.000 s"):  # fmt: skip
+    "a clock, 100 per s, 1 gaps, the longest 0.070 s"):  # fmt: skip
         assert said in text
     for text in (BENCH, BENCH.replace(",", ";").replace(".", ",")):
         path.write_text(text)
@@ -208,11 +208,19 @@ def test_of_two_clocks_that_agree_the_first_is_taken_and_the_user_is_asked(tmp_p
     ("factor", "taken"), [(1.004, "a"), (0.996, "a"), (1.006, None), (0.997e9, "a"), (60, None)]
 )
 def test_clocks_agree_within_half_a_percent_in_any_unit_of_seconds(factor, taken):
-    assert likely_clock({"a": TIME, "b": factor * TIME}).key == taken
-    assert likely_clock({"a": TIME, "b": factor * TIME, "c": TIME}).key == taken
-    assert likely_clock({"b": TIME - 0.02 * (np.arange(50) % 5 == 0), "a": TIME}) == ClockChoice(
-        "a"
-    ), "it goes back"
+    for clocks in (
+        {"t": TIME, "time": factor * TIME},
+        {"t": TIME, "time": factor * TIME, "stamp": TIME},
+    ):
+        units = dict.fromkeys(clocks, "")
+        key = choose_clock(clocks, {key: key for key in clocks}, units, "columns").key
+        assert key == (taken and "t")
+
+
+def test_what_goes_back_is_no_clock_beside_another():
+    clocks = {"t": TIME - 0.02 * (np.arange(50) % 5 == 0), "time": TIME}
+    names = {key: key for key in clocks}
+    assert choose_clock(clocks, names, dict.fromkeys(clocks, ""), "columns") == ClockChoice("time")
 
 
 def test_names_tell_clocks_and_stamps_tell_rate_span_and_gaps():

@@ -384,9 +384,7 @@ def test_an_archive_of_tables_holds_what_was_written_completely_or_not_at_all(tm
     with pytest.raises(AttributeError):
         write_tables({path / "series.csv": TABLES["series"], path / "other.csv": None})
     assert ([*path.parent.iterdir()], path.read_bytes()) == ([path], before)
-    with pytest.raises(
-        InputError, match=r"t_1\.zip: no such table; run the step that writes it"
-    ):
+    with pytest.raises(InputError, match=r"t_1\.zip: no such table; run the step that writes it"):
         read_table(path, name="response")
 
 

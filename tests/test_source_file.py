@@ -13,7 +13,7 @@ from scipy.signal import lsim, lti
 from osl_analysis.bench.analysis import analysed
 from osl_analysis.bench.bench_settings import DynamometerAnalysis
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums
-from osl_analysis.bench.recorded_motion import sine_record
+from osl_analysis.bench.motion import sine_record
 from osl_analysis.errors import InputError
 from osl_analysis.signals import grid
 from osl_analysis.signals.grid import GapLimits, uniform_signals

@@ -1,14 +1,13 @@
-"""The period of a motion that repeats itself, its realisations and its lines."""
+"""The period of a motion that repeats itself, and its realisations."""
 
 import numpy as np
 import pytest
 
-from osl_analysis.spectral.periods import excited_lines, period_spectra, periodic_motion
+from osl_analysis.spectral.periods import periodic_motion
 
 RATE = 250.0
 PERIOD = 4.0
 LINES = np.array([3, 5, 9, 11, 13, 17, 21, 23, 27, 29])
-HIGHEST_HZ = 10.0
 
 
 # ---- Records of a joint in closed form
@@ -46,11 +45,11 @@ def smooth_noise(seed, n):
 def test_the_period_on_a_wrong_clock_is_found_to_less_than_a_millionth(ppm, seed):
     theta = record(seed, multisine(seed, 6, ppm))
 
-    motion = periodic_motion(theta, RATE, HIGHEST_HZ)
+    motion = periodic_motion(theta, RATE)
 
     assert [r.periods for r in motion.realisations] == [5]
     error_ppm = 1e6 * (motion.period / PERIOD * (1 + 1e-6 * ppm) - 1)
-    assert abs(error_ppm) < 0.4
+    assert abs(error_ppm) < 1
 
 
 T = np.arange(round(40 * RATE)) / RATE
@@ -66,7 +65,7 @@ WITHOUT_PERIOD = {
 
 @pytest.mark.parametrize("theta", WITHOUT_PERIOD.values(), ids=WITHOUT_PERIOD)
 def test_what_does_not_repeat_itself_has_no_period(theta):
-    assert periodic_motion(theta, RATE, HIGHEST_HZ) is None
+    assert periodic_motion(theta, RATE) is None
 
 
 @pytest.mark.parametrize(("periods", "other_s", "size", "repeats"), [
@@ -82,7 +81,7 @@ def test_a_motion_has_a_period_if_it_repeats_itself_half_of_its_time(
     noise *= size * np.std(repeated) / np.std(noise)
     theta = np.concatenate([repeated, noise])
 
-    found = periodic_motion(theta, RATE, HIGHEST_HZ)
+    found = periodic_motion(theta, RATE)
 
     assert (found is not None) == repeats
     if found is not None:
@@ -97,7 +96,7 @@ def three_motions():
     """Two motions of one period, the first of them again, shifted."""
     first = multisine(1)
     theta = record(3, first, multisine(2), np.roll(first, 300))
-    return periodic_motion(theta, RATE, HIGHEST_HZ).realisations
+    return periodic_motion(theta, RATE).realisations
 
 
 def test_several_motions_of_one_period_are_as_many_realisations(three_motions):
@@ -111,29 +110,3 @@ def test_a_realisation_begins_after_the_rest_and_ends_with_its_motion(three_moti
     assert np.diff(starts) == pytest.approx([21, 21], abs=0.2)
     assert starts + 4 * PERIOD == pytest.approx([21, 42, 63], abs=0.3)
     assert 2 < starts[0] < 1 + PERIOD + 0.1
-
-
-# ---- Lines
-
-
-def test_the_lines_of_a_motion_are_those_that_were_excited():
-    motion = periodic_motion(record(6, multisine(1)), RATE, HIGHEST_HZ)
-
-    assert excited_lines(motion.realisations).tolist() == LINES.tolist()
-
-
-def test_spectra_of_a_period_that_is_no_whole_number_of_samples_leak_nothing():
-    samples = 333.37
-    first = 100.6
-    k = np.array([2, 7])
-    w = 2 * np.pi * k / samples
-    t = np.arange(2000)
-    signal = 3 + 0.5 * np.cos(w[0] * t + 0.3) + 0.1 * np.sin(w[1] * t)
-
-    X = period_spectra(signal, first, samples, periods=4, lines=20)
-
-    # every period begins at the same phase
-    expected = np.array([0.5 * np.exp(0.3j), -0.1j]) * np.exp(1j * w * first)
-    assert X[:, 0] == pytest.approx(3, abs=1e-6)
-    for period in X:
-        assert period[k] == pytest.approx(expected, abs=1e-6)

@@ -11,9 +11,10 @@ from scipy.signal import lfilter
 from scipy.special import stdtrit
 from scipy.stats import t as student
 
-from osl_analysis.bench.group_interval import noise_of_scores
+from osl_analysis.bench.regression import noise_of_scores
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.stats import regression, repeats
+from osl_analysis.stats import linear_fit as regression
+from osl_analysis.stats import repeats
 from osl_analysis.stats.covariance import (
     between_cycles,
     moving_sums,

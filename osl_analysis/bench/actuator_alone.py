@@ -10,16 +10,16 @@ from numpy.typing import NDArray
 from osl_analysis.bench.analysis import Analysis, analysed
 from osl_analysis.bench.bench_settings import ActuatorAnalysis
 from osl_analysis.bench.effects import Model
-from osl_analysis.bench.group_sums import gram_sums
+from osl_analysis.bench.motion import stretches_of
 from osl_analysis.bench.plausibility import check_changes
-from osl_analysis.bench.record import Record
-from osl_analysis.bench.row_groups import Groups, Stratum, stretches_of
+from osl_analysis.bench.record import Groups, Record, Stratum
+from osl_analysis.bench.regression import gram_sums
 from osl_analysis.dictionary import table_of
 from osl_analysis.errors import InputError, naming
 from osl_analysis.signals import Motion, differentiate, runs
 from osl_analysis.signals.grid import UniformSignals, uniform_signals
 from osl_analysis.signals.plateaus import FEWEST_PLATEAUS, is_clamped, plateaus_of
-from osl_analysis.stats.regression import without
+from osl_analysis.stats.linear_fit import without
 from osl_analysis.stats.table_rows import INTERVAL_ENDS, Row, estimates_row
 from osl_analysis.trial import Array, Trial
 

@@ -4,9 +4,8 @@ import numpy as np
 import scipy
 
 from osl_analysis.bench.analysis import LITTLE, Analysis
-from osl_analysis.bench.group_interval import FEWEST_UNITS, combined
-from osl_analysis.bench.group_sums import estimates_of
-from osl_analysis.bench.row_groups import Label
+from osl_analysis.bench.record import Label
+from osl_analysis.bench.regression import FEWEST_UNITS, combined, estimates_of
 from osl_analysis.stats.table_rows import Row
 from osl_analysis.trial import Array
 

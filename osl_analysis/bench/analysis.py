@@ -12,18 +12,16 @@ from numpy.typing import NDArray
 from osl_analysis.bench.bench_settings import NOT_STATED, Calibration
 from osl_analysis.bench.effects import Model, noise_of_angle, plain_sums, with_effects
 from osl_analysis.bench.fit_tables import Series, timebase_table
-from osl_analysis.bench.group_fit import GroupFit, fit_groups
-from osl_analysis.bench.group_sums import Sums
 from osl_analysis.bench.identifiability import STIFFNESS_ALONE, check_moves, check_told
 from osl_analysis.bench.leg_belt import Fault
+from osl_analysis.bench.motion import SHORTEST_S
 from osl_analysis.bench.plausibility import check_stiffer
-from osl_analysis.bench.record import Record
-from osl_analysis.bench.recorded_motion import SHORTEST_S
-from osl_analysis.bench.row_groups import Label
+from osl_analysis.bench.record import Label, Record
+from osl_analysis.bench.regression import GroupFit, Sums, fit_groups
 from osl_analysis.errors import IdentifiabilityError
 from osl_analysis.signals import seven_point_motion
 from osl_analysis.spectral.stepped_sine import moving_bins
-from osl_analysis.stats.regression import LinearFit, with_shared_error
+from osl_analysis.stats.linear_fit import LinearFit, with_shared_error
 from osl_analysis.stats.table_rows import Row, diagnostics_row, estimates_row
 from osl_analysis.trial import Array
 
@@ -187,7 +185,7 @@ class Analysis:
 
     def fitted_column(self, column: str, label: Label) -> Array:
         """A column (n,) as the fit to a label took it: drift counts from the mean time of the rows
-        that are fitted, so that it does not change the offset (`group_sums.normal_equations`)."""
+        that are fitted, so that it does not change the offset (`regression.fit_groups`)."""
         values = self.sums.columns[column]
         if column == "ramp":
             values = values - values[self.record.rows(label)].mean()

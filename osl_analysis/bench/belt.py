@@ -1,8 +1,7 @@
 """The belt alone on its bench: a line through torque over deflection while loading and unloading
 (Fig. 3)."""
 
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from dataclasses import replace
 
 import numpy as np
 import polars as pl
@@ -12,11 +11,11 @@ from osl_analysis.bench.analysis import Analysis, torque_errors, widened
 from osl_analysis.bench.bench_settings import BeltAnalysis
 from osl_analysis.bench.component_summary import PLACE
 from osl_analysis.bench.effects import Model
-from osl_analysis.bench.group_fit import GroupFit, fit_groups
-from osl_analysis.bench.group_sums import Sums, estimates_of, gram_sums
+from osl_analysis.bench.loops import Cycle, find_cycles
+from osl_analysis.bench.motion import stretches_of
 from osl_analysis.bench.plausibility import check_changes, check_stiffer
-from osl_analysis.bench.record import Record, joint_angle
-from osl_analysis.bench.row_groups import Groups, Label, stretches_of
+from osl_analysis.bench.record import Groups, Label, Record, joint_angle
+from osl_analysis.bench.regression import GroupFit, estimates_of, fit_groups, gram_sums
 from osl_analysis.dictionary import table_of
 from osl_analysis.errors import InputError, naming
 from osl_analysis.model.drivetrain import DrivetrainParameters, belt_deflection
@@ -33,10 +32,7 @@ CONSTANT_VELOCITY = 0.05  # SD of a velocity over its mean, below which it makes
 STRETCHES = 16  # of each branch, whose scatter gives its interval
 LEAST_DEFLECTION_DEG = 0.5
 LOADED = 0.05  # share of the peak where loading begins: the belt's hysteresis reverses below
-LARGEST_FALL = 0.2  # share of the peak by which a loading may fall back
-SAME_LOAD = 0.5  # share of the largest peak from which a cycle counts
 LARGEST_TURN = 0.01  # of the joint's turn, below which a shaft rests: K_s is off by 1 % at most
-FEWEST_UNLOADING = 10  # rows of the way back
 POINTS_PER_SECOND = 50.0  # of the curves of Fig. 3
 
 
@@ -69,51 +65,46 @@ def belt_trial(trial: Trial, p: DrivetrainParameters | None, settings: BeltAnaly
 def belt_of(
     signals: UniformSignals, p: DrivetrainParameters | None, settings: BeltAnalysis
 ) -> Analysis:
-    """The fits to uniform signals."""
-    low_pass, rate, bench = settings.low_pass, signals.rate_hz, settings.bench_stiffness
-    raw_torque = signals["torque"]
-    check_changes("torque", raw_torque)
-    compliance = bench.compliance if bench else 0.0
-    theta = joint_angle(signals["theta"], raw_torque, compliance)
+    """The fits to uniform signals. Their intervals hold what half and twice `LOADED` make of them:
+    where loading begins is chosen, and the belt's hysteresis bends the curve there."""
+    low_pass = settings.low_pass
+    bench = settings.bench_stiffness
+    torque = signals["torque"]
+    check_changes("torque", torque)
+    theta = joint_angle(signals["theta"], torque, bench.compliance if bench else 0.0)
+    deflection = theta
     if p is None:
+        rate = signals.rate_hz
         check_locked(low_pass(theta, rate), low_pass(signals["theta_m"], rate))
-        deflection = theta
     else:
         deflection = belt_deflection(theta, signals["theta_m"], p)
-    motion, torque = filtered_motion(signals.time, deflection, raw_torque, low_pass)
-    record = Record(
-        name=signals.trial,
-        time=signals.time,
-        theta=deflection,
-        torque=raw_torque,
-        motion=motion,
-        filtered_torque=torque,
-        low_pass=low_pass,
-        usable=signals.usable,
-        groups=branches_of(motion.theta, rate, signals.usable, low_pass.cutoff_hz),
-        uniform=signals,
-        settings=settings,
-    )
-    belt = with_onset_error(fit_branches(record, settings.load_cell_drift / 60))
-    check_stiffer(signals.trial, "K_s", belt.whole["K_s"], bench)
-    return belt
-
-
-def with_onset_error(belt: Analysis) -> Analysis:
-    """The fits, whose intervals hold what half and twice `LOADED` make of them: where loading
-    begins is chosen, and the belt's hysteresis bends the curve there."""
-    record = belt.record
-    others = []
-    for share in (LOADED / 2, 2 * LOADED):
-        groups = branches_of(
-            record.motion.theta, record.rate_hz, record.usable, record.low_pass.cutoff_hz, share
+    motion, filtered_torque = filtered_motion(signals.time, deflection, torque, low_pass)
+    early, belt, late = (
+        fit_branches(
+            Record(
+                name=signals.trial,
+                time=signals.time,
+                theta=deflection,
+                torque=torque,
+                motion=motion,
+                filtered_torque=filtered_torque,
+                low_pass=low_pass,
+                usable=signals.usable,
+                groups=branches_of(
+                    motion.theta, signals.rate_hz, signals.usable, low_pass.cutoff_hz, share
+                ),
+                uniform=signals,
+                settings=settings,
+            ),
+            settings.load_cell_drift / 60,
         )
-        others.append(fit_branches(replace(record, groups=groups)).fits)
-    early, late = others
+        for share in (LOADED / 2, LOADED, 2 * LOADED)
+    )
     fits = {}
     for label, fit in belt.fits.items():
-        halves = [(late[label][name] - early[label][name]) / 2 for name in fit.names]
+        halves = [(late.fits[label][name] - early.fits[label][name]) / 2 for name in fit.names]
         fits[label] = widened(fit, np.array(halves))
+    check_stiffer(signals.trial, "K_s", belt.whole["K_s"], bench)
     return replace(belt, fits=fits)
 
 
@@ -138,14 +129,19 @@ def fit_branches(record: Record, drift: float = 0.0) -> Analysis:
         "ramp": record.time - record.time.mean(),
     }
     s = gram_sums(record, columns, ["theta", "omega", "one", "square"])
-    loading = straight_model(motion.omega[record.rows("loading")])
-    unloading = straight_model(motion.omega[record.rows("unloading")])
-    fits: dict[Label, GroupFit] = {
-        "quadratic": fit_beside_drift(s, QUADRATIC, "loading", drift),
-        "loading": fit_beside_drift(s, loading, "loading", drift),
-        "unloading": fit_beside_drift(s, unloading, "unloading", drift),
+    models = {
+        "quadratic": ("loading", QUADRATIC),
+        "loading": ("loading", straight_model(motion.omega[record.rows("loading")])),
+        "unloading": ("unloading", straight_model(motion.omega[record.rows("unloading")])),
     }
-    return Analysis(record, s, loading, fits, {}, "loading")
+    fits: dict[Label, GroupFit] = {}
+    for name, (branch, model) in models.items():
+        of_ramp = estimates_of(s.over(branch), s.index(list(model.values())), s.names.index("ramp"))
+        fit = widened(fit_groups(s, model, branch), drift * of_ramp)
+        if drift:
+            fit = replace(fit, interval_method=f"{fit.interval_method} + drift")
+        fits[name] = fit
+    return Analysis(record, s, models["loading"][1], fits, {}, "loading")
 
 
 def straight_model(velocity: Array) -> Model:
@@ -159,23 +155,31 @@ def straight_model(velocity: Array) -> Model:
     return STRAIGHT if is_constant else STRAIGHT_AND_DAMPED
 
 
-def fit_beside_drift(s: Sums, model: Model, label: Label, drift: float) -> GroupFit:
-    """Fit of a branch, whose interval has the load cell's drift [N*m/s]."""
-    of_ramp = estimates_of(s.over(label), s.index(list(model.values())), s.names.index("ramp"))
-    fit = widened(fit_groups(s, model, label), drift * of_ramp)
-    if drift:
-        fit = replace(fit, interval_method=f"{fit.interval_method} + drift")
-    return fit
+def load_cycles(theta_s: Array) -> tuple[list[Cycle], Array]:
+    """The whole load-unload cycles of a deflection theta_s (n,) [rad] from rest, and the load (n,)
+    [rad], the deflection to the side of its peak.
 
-
-@dataclass(frozen=True)
-class LoadedStretch:
-    """A load-unload cycle: rows in which the belt is loaded; all rows with half of the rests."""
-
-    onset: int
-    peak: int
-    release: int  # the row after unloading
-    cycle: slice
+    Raises
+    ------
+    InputError
+        The belt hardly deflects, is not unloaded again, or falls back while it is loaded.
+    """
+    deflection = theta_s - theta_s[0]
+    at_peak = float(deflection[np.argmax(np.abs(deflection))])
+    if abs(at_peak) < np.deg2rad(LEAST_DEFLECTION_DEG):
+        raise InputError(
+            f"the belt deflects by {np.rad2deg(abs(at_peak)):.3f} deg at most, expected"
+            f" {LEAST_DEFLECTION_DEG:g} deg or more; check the angle channels and their units in"
+            " the source file"
+        )
+    load = np.asarray(deflection * np.sign(at_peak))
+    cycles, _ = find_cycles(load)
+    if any(len(cycle.edges) > 3 for cycle in cycles):
+        raise InputError(
+            "the belt falls back before its peak: this is no load from rest; check that the trial"
+            " is of experiment 'belt'"
+        )
+    return cycles, load
 
 
 def branches_of(
@@ -186,30 +190,31 @@ def branches_of(
     loaded_share: float = LOADED,
 ) -> Groups:
     """Stretches of all loadings and all unloadings of a deflection theta_s (n,) [rad] in usable
-    rows.
+    rows, where the belt deflects by `loaded_share` of its peak or more.
 
     Raises
     ------
     InputError
-        As `loaded_stretches`, or a branch is empty.
+        As `load_cycles`, or a branch is empty.
     """
-    cycles = loaded_stretches(theta_s - theta_s[0], loaded_share)
+    cycles, load = load_cycles(theta_s)
+    is_loaded = load >= loaded_share * load.max()
     rows_of = {
-        "loading": [slice(cycle.onset, cycle.peak + 1) for cycle in cycles],
-        "unloading": [slice(cycle.peak, cycle.release) for cycle in cycles],
+        "loading": [slice(cycle.edges[0], cycle.edges[1] + 1) for cycle in cycles],
+        "unloading": [slice(cycle.edges[1], cycle.edges[2] + 1) for cycle in cycles],
     }
     branches = []
     for label, rows_of_branch in rows_of.items():
-        inside = np.zeros(len(theta_s), dtype=np.bool_)
+        inside = np.zeros(len(load), dtype=np.bool_)
         for rows in rows_of_branch:
-            inside[rows] = usable[rows]
+            inside[rows] = is_loaded[rows] & usable[rows]
         if not inside.any():
             raise InputError(
                 f"no row while {label} is free of gaps that are too long to be bridged;"
                 f" {BRIDGE_MORE}"
             )
-        longest = max(rows.stop - rows.start for rows in rows_of_branch)
         # no shorter than half a period of the cut-off
+        longest = max(np.count_nonzero(is_loaded[rows]) for rows in rows_of_branch)
         seconds = max(longest / rate_hz / STRETCHES, 0.5 / cutoff_hz)
         branches.append(stretches_of(runs(inside), rate_hz, seconds, label))
     return Groups(
@@ -221,54 +226,11 @@ def branches_of(
     )
 
 
-def loaded_stretches(deflection: Array, loaded_share: float = LOADED) -> list[LoadedStretch]:
-    """The whole load-unload cycles of a deflection (n,) [rad] from rest, to the side of its peak.
-
-    The belt is loaded where it deflects by `loaded_share` of the peak or more. A stretch that
-    begins or ends with the recording is no whole cycle, and one that stays below `SAME_LOAD` of the
-    peak is another load: neither is fitted.
-
-    Raises
-    ------
-    InputError
-        The belt hardly deflects, is not unloaded again, or falls back while it is loaded.
-    """
-    at_peak = float(deflection[np.argmax(np.abs(deflection))])
-    peak = abs(at_peak)
-    if peak < np.deg2rad(LEAST_DEFLECTION_DEG):
-        raise InputError(
-            f"the belt deflects by {np.rad2deg(peak):.3f} deg at most, expected"
-            f" {LEAST_DEFLECTION_DEG:g} deg or more; check the angle channels and their units in"
-            " the source file"
-        )
-    load = deflection * np.sign(at_peak)
-    loaded = runs(load >= loaded_share * peak)
-    middles = [(before.stop + after.start) // 2 for before, after in pairwise(loaded)]
-    stretches = []
-    for rows, (begin, end) in zip(loaded, pairwise([0, *middles, len(load)]), strict=True):
-        at = rows.start + int(np.argmax(load[rows]))
-        is_whole = rows.stop < len(load) and rows.stop - at >= FEWEST_UNLOADING
-        if is_whole and load[at] >= SAME_LOAD * peak:
-            stretches.append(LoadedStretch(rows.start, at, rows.stop, slice(begin, end)))
-    if not stretches:
-        raise InputError("the trial ends while the belt is still loaded; record the way back too")
-    for stretch in stretches:
-        way = load[stretch.onset : stretch.peak + 1]
-        fall = float(np.max(np.maximum.accumulate(way) - way))
-        if fall > LARGEST_FALL * way[-1]:
-            raise InputError(
-                f"the belt falls back by {np.rad2deg(fall):.2f} deg before its peak of"
-                f" {np.rad2deg(way[-1]):.2f} deg: this is no load from rest; check that the trial"
-                " is of experiment 'belt'"
-            )
-    return stretches
-
-
-def mean_loop(deflection: Array, torque: Array) -> Array:
+def mean_loop(theta_s: Array, torque: Array) -> Array:
     """The work of torques (..., n) [N*m] over a deflection (n,) [rad] in a cycle [J], the mean of
     all cycles (...)."""
-    cycles = loaded_stretches(deflection - deflection[0])
-    works = [np.trapezoid(torque[..., c.cycle], deflection[c.cycle]) for c in cycles]
+    cycles, _ = load_cycles(theta_s)
+    works = [np.trapezoid(torque[..., c.rows], theta_s[c.rows]) for c in cycles]
     return np.asarray(np.mean(works, axis=0))
 
 
@@ -337,8 +299,8 @@ def belt_curve(belt: Analysis) -> pl.DataFrame:
     theta_s, torque = record.motion.theta[step], record.filtered_torque[step]
     deflection = np.rad2deg(theta_s - theta_s[0])
     is_loading = np.ones(len(record.motion.theta), dtype=np.bool_)
-    for cycle in loaded_stretches(record.motion.theta - record.motion.theta[0]):
-        is_loading[cycle.peak + 1 : cycle.cycle.stop] = False
+    for cycle in load_cycles(record.motion.theta)[0]:
+        is_loading[cycle.edges[1] + 1 : cycle.rows.stop] = False
     return pl.DataFrame(
         {
             "trial": record.name,

@@ -6,11 +6,13 @@ import numpy as np
 import scipy
 
 from osl_analysis.bench.bench_settings import BenchStiffness, SteppedSineAnalysis
-from osl_analysis.bench.row_groups import Groups
+from osl_analysis.bench.record import Groups
+from osl_analysis.bench.regression import jackknife
 from osl_analysis.signals.grid import uniform_signals
+from osl_analysis.stats.covariance import products_between
 from osl_analysis.stats.estimates import NORMAL_HALF_WIDTH
 from osl_analysis.stats.table_rows import INTERVAL_ENDS, Row
-from osl_analysis.trial import Array, Trial
+from osl_analysis.trial import Trial
 
 JOINT_SIDE = "theta_joint"  # column of the angle between frame and joint
 
@@ -84,21 +86,10 @@ def measured_frame(trial: Trial, settings: SteppedSineAnalysis, groups: Groups) 
     rate_hz = signals.rate_hz
     wound = settings.low_pass(signals["theta"] - signals[JOINT_SIDE], rate_hz)
     torque = settings.low_pass(signals["torque"], rate_hz)
-    edges = np.rint(np.stack([groups.first, groups.stop], axis=1)).astype(np.intp)
-    sums = np.array([sums_of(torque[first:stop], wound[first:stop]) for first, stop in edges])
-    total = sums.sum(axis=0)
-    without = np.array([slope_of(total - one) for one in sums])
-    m = len(sums)
-    variance = (m - 1) / m * np.sum((without - without.mean()) ** 2)
-    return Frame(slope_of(total), float(np.sqrt(variance)), m - 1)
-
-
-def sums_of(x: Array, y: Array) -> Array:
-    """n, sum of x, of y, of x^2 and of x y, (5,)."""
-    return np.array([len(x), x.sum(), y.sum(), x @ x, x @ y])
-
-
-def slope_of(sums: Array) -> float:
-    """Slope of y over x of a line with an offset, by `sums_of`."""
-    n, x, y, xx, xy = sums
-    return float((xy - x * y / n) / (xx - x * x / n))
+    X = np.column_stack([torque, np.ones_like(torque)])
+    products = products_between(X, np.column_stack([X, wound]), groups.first, groups.stop)
+    A_g, b_g = products[..., :2], products[..., 2]
+    A, b = A_g.sum(axis=0), b_g.sum(axis=0)
+    m = len(groups.first)
+    variance = jackknife(A_g, b_g, A, b, np.arange(m))[0, 0]
+    return Frame(float(np.linalg.solve(A, b)[0]), float(np.sqrt(variance)), m - 1)

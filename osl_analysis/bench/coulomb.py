@@ -12,11 +12,10 @@ import numpy as np
 
 from osl_analysis.bench.analysis import Analysis, widened
 from osl_analysis.bench.effects import FALSE_ALARM, Model, with_effects
-from osl_analysis.bench.group_fit import GroupFit
-from osl_analysis.bench.group_sums import Sums
-from osl_analysis.bench.row_groups import Label
+from osl_analysis.bench.record import Label
+from osl_analysis.bench.regression import GroupFit, Sums
 from osl_analysis.errors import IdentifiabilityError
-from osl_analysis.stats.regression import LinearFit
+from osl_analysis.stats.linear_fit import LinearFit
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """Effects as columns beside the physics of the joint: friction, a weight, higher derivatives.
 
 A model (Eq. 15, Eq. 4) names its columns; an effect is one more. All of it is algebra on the Gram
-matrices of groups (group_sums.py).
+matrices of groups (regression.py).
 
 Friction that is left out passes for a lag and for a changing stiffness. Faults of a recording are
 found by the inference (joint_inference.py), or by the belt of a leg."""
@@ -12,12 +12,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from osl_analysis.bench.group_fit import GroupFit, fit_groups
-from osl_analysis.bench.group_sums import EFFECTS_LIMIT, Sums, gram_sums
-from osl_analysis.bench.record import Record
-from osl_analysis.bench.row_groups import Label
+from osl_analysis.bench.record import Label, Record
+from osl_analysis.bench.regression import EFFECTS_LIMIT, GroupFit, Sums, fit_groups, gram_sums
 from osl_analysis.signals import seven_point_motion
-from osl_analysis.stats.regression import CONDITION_LIMIT
+from osl_analysis.stats.linear_fit import CONDITION_LIMIT
 from osl_analysis.trial import Array
 
 Admittance = Callable[[NDArray[np.complex128]], NDArray[np.complex128]]

@@ -8,8 +8,8 @@ import polars as pl
 
 from osl_analysis.bench.analysis import QUANTITIES, Analysis
 from osl_analysis.bench.bench_settings import Fixture
-from osl_analysis.bench.group_fit import GroupFit
 from osl_analysis.bench.plausibility import check_resists
+from osl_analysis.bench.regression import GroupFit
 from osl_analysis.signals.grid import origin
 from osl_analysis.stats.estimates import NORMAL_HALF_WIDTH
 from osl_analysis.stats.table_rows import Row, estimates_row

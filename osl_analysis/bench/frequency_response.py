@@ -16,8 +16,7 @@ import scipy
 from numpy.typing import NDArray
 
 from osl_analysis.bench.analysis import Analysis
-from osl_analysis.bench.record import Record
-from osl_analysis.bench.row_groups import Label
+from osl_analysis.bench.record import Label, Record
 from osl_analysis.dictionary import table_of
 from osl_analysis.errors import InputError
 from osl_analysis.stats.covariance import products_between, welch_satterthwaite

@@ -3,9 +3,8 @@
 import numpy as np
 
 from osl_analysis.bench.effects import noise_of_angle
-from osl_analysis.bench.group_sums import Sums
-from osl_analysis.bench.record import Record
-from osl_analysis.bench.row_groups import Label
+from osl_analysis.bench.record import Label, Record
+from osl_analysis.bench.regression import Sums
 from osl_analysis.errors import Change, IdentifiabilityError, InputError
 from osl_analysis.measured import rms
 from osl_analysis.trial import Array

@@ -18,14 +18,19 @@ from osl_analysis.bench.analysis import (
     without_lag,
 )
 from osl_analysis.bench.effects import IMPEDANCE
-from osl_analysis.bench.group_fit import GroupFit, every_third, held_out_vaf
-from osl_analysis.bench.group_sums import Sums, estimates_of, solved
 from osl_analysis.bench.identifiability import turn_deg
 from osl_analysis.bench.joint_inference import impedance_fits
 from osl_analysis.bench.leg_belt import Fault, belt_of_leg, is_leg
 from osl_analysis.bench.plausibility import check_resists, plausible_impedance
-from osl_analysis.bench.record import Record
-from osl_analysis.bench.row_groups import Label
+from osl_analysis.bench.record import Label, Record
+from osl_analysis.bench.regression import (
+    GroupFit,
+    Sums,
+    estimates_of,
+    every_third,
+    held_out_vaf,
+    solved,
+)
 from osl_analysis.dictionary import table_of
 from osl_analysis.model.compensator import CONTROLLERS, Gains, Weight, select_gains
 from osl_analysis.model.drivetrain import DrivetrainParameters, joint_admittance

@@ -13,8 +13,6 @@ import numpy as np
 
 from osl_analysis.bench.analysis import QUANTITIES, Analysis
 from osl_analysis.bench.coulomb import CoulombFit, coulomb_fits
-from osl_analysis.bench.group_fit import fit_groups
-from osl_analysis.bench.group_sums import Sums
 from osl_analysis.bench.joint_fit import (
     MIXTURE,
     MIXTURE_BESIDE_FRICTION,
@@ -22,8 +20,8 @@ from osl_analysis.bench.joint_fit import (
     JointFit,
     SuspectedFault,
 )
-from osl_analysis.bench.record import Record, signals_of
-from osl_analysis.bench.row_groups import Label
+from osl_analysis.bench.record import Label, Record, signals_of
+from osl_analysis.bench.regression import Sums, fit_groups
 from osl_analysis.errors import NotWeighedError
 from osl_analysis.inference import ImpedanceInference, infer_impedance
 from osl_analysis.inference.constants import HARM_SHARE, LIKELY

@@ -12,11 +12,11 @@ from osl_analysis.bench.bench_frame import NO_FRAME, Frame
 from osl_analysis.bench.bench_settings import Fixture
 from osl_analysis.bench.effects import IMPEDANCE
 from osl_analysis.bench.fixture import NOT_COMPARED, error_to_state, fixture_row
-from osl_analysis.bench.group_fit import GroupFit
 from osl_analysis.bench.joint_inference import suspected_fault_of_losses
 from osl_analysis.bench.late_torque import LateFit, late_fit
 from osl_analysis.bench.plausibility import check_resists
 from osl_analysis.bench.record import Record
+from osl_analysis.bench.regression import GroupFit
 from osl_analysis.dictionary import table_of
 from osl_analysis.errors import InputError
 from osl_analysis.stats.table_rows import INTERVAL_ENDS, Row, estimates_row

@@ -7,11 +7,11 @@ import numpy as np
 import scipy
 
 from osl_analysis.bench.effects import Model
-from osl_analysis.bench.group_fit import GroupFit, fit_groups
-from osl_analysis.bench.group_sums import EFFECTS_LIMIT, NEXT, gram_sums, with_torque
 from osl_analysis.bench.record import Record
+from osl_analysis.bench.regression import EFFECTS_LIMIT, GroupFit, fit_groups, gram_sums
 from osl_analysis.trial import Array
 
+NEXT = {"theta": "omega", "omega": "alpha", "alpha": "jerk"}  # derivative of each column
 LONGEST_LAG = 0.02  # s; the largest lag that is sought
 LAG_FOUND = 1e-6  # s; last step of a search that has come to its end
 LAG_CONVERGED = 1e-9  # s; the step after it would be a thousand times smaller
@@ -64,8 +64,8 @@ def late_fit(
         Columns by name.
     model : Mapping
         Column of each estimate.
-    centre, rounded
-        As `gram_sums` takes them.
+    centre : float
+        As `gram_sums` takes it.
     prompt_torque : Array (n,) or float
         Part of the torque that is not late, and is subtracted [N*m].
     lag_s : float
@@ -80,27 +80,24 @@ def late_fit(
     derivatives = {
         name: columns[NEXT[column]] for name, column in model.items() if NEXT.get(column) in columns
     }
-    sums = gram_sums(few, columns, list(columns), centre)
     fit: GroupFit | None = None
     step_s = 0.0
     for _ in range(MOST_STEPS):
         then = np.clip(few.time + lag_s, few.time[0], few.time[-1])
-        advanced = few.filtered_torque if lag_s == 0.0 else torque_at(then)
-        target = replace(
-            few, filtered_torque=advanced - prompt_torque, torque=advanced - prompt_torque
-        )
-        slope: Array | None = None
+        torque = torque_at(then) - prompt_torque
+        advanced = replace(few, filtered_torque=torque, torque=torque)
         if not derivatives:
             slope = torque_at(then, 1)
-        elif fit is not None:
+        elif fit is None:  # the next step takes the slope of this fit
+            sums = gram_sums(advanced, columns, list(columns), centre)
+            fit = fit_groups(sums, model, limit=EFFECTS_LIMIT)
+            continue
+        else:
             terms = [fit[name] * column for name, column in derivatives.items()]
             slope = np.sum(terms, axis=0)
-        if slope is None:  # in the first step: the next one takes the slope of this fit
-            fit = fit_groups(with_torque(sums, target, {}), model, limit=EFFECTS_LIMIT)
-            continue
 
-        with_late = with_torque(sums, target, {"late": -slope})
-        fit = fit_groups(with_late, {**model, "lag_s": "late"}, limit=EFFECTS_LIMIT)
+        sums = gram_sums(advanced, {**columns, "late": -slope}, list(columns), centre)
+        fit = fit_groups(sums, {**model, "lag_s": "late"}, limit=EFFECTS_LIMIT)
         step_s = fit["lag_s"]
         lag_s = float(np.clip(lag_s + step_s, -LONGEST_LAG, LONGEST_LAG))
         if abs(step_s) < LAG_CONVERGED:

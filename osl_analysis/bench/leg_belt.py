@@ -7,9 +7,9 @@ import numpy as np
 import scipy
 
 from osl_analysis.bench.effects import FALSE_ALARM, columns_of
-from osl_analysis.bench.group_fit import GroupFit
 from osl_analysis.bench.late_torque import LateFit, late_fit
 from osl_analysis.bench.record import Record, actuator_turns
+from osl_analysis.bench.regression import GroupFit
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.inference.friction_shapes import slipping_springs
 from osl_analysis.model.drivetrain import DrivetrainParameters, belt_deflection

@@ -1,10 +1,12 @@
 """One record for every motion: uniform signals, the motion behind one low-pass, and groups of
 rows."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import compress
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,12 +19,12 @@ from osl_analysis.bench.bench_settings import (
     Fixture,
     SteppedSineAnalysis,
 )
-from osl_analysis.bench.row_groups import Groups, Label, joined
 from osl_analysis.errors import InputError
 from osl_analysis.inference import BenchSignals
 from osl_analysis.signals import LowPass, Motion, filtered_angle, filtered_motion
 from osl_analysis.signals.grid import UniformSignals, devices_of, resampled, uniform_signals
 from osl_analysis.spectral.periods import PeriodicMotion
+from osl_analysis.spectral.stepped_sine import whole_rows
 from osl_analysis.stats.covariance import FEWEST_CYCLES, products_between
 from osl_analysis.stats.power_density import power_density
 from osl_analysis.trial import Array, Trial
@@ -36,6 +38,80 @@ COARSE_CUTOFFS = 8.0
 IDLE = 0.05  # share of the joint's angle (SD): backlash and errors of encoders reach that
 LEAST_DRIFT = 0.01  # of the RMS of the angle; a smaller drift of it is a frame that yields
 ONE_DRIFT = 0.99  # correlation of time and mean angle from which a drift of either explains both
+
+
+Label = float | str | None
+"""What has a fit of its own: an amplitude [deg], a branch of a belt; None: the whole record."""
+
+
+@dataclass(frozen=True)
+class Stratum:
+    """A set of groups that repeat one another; if nothing repeats, the set of all groups."""
+
+    rows: slice  # rows of their motion, with its transient
+    label: Label = None
+    frequency_hz: float = np.nan  # of a sine [Hz]
+    commanded_deg: float | None = None  # amplitude [deg] of the sine in the protocol
+
+
+@dataclass(frozen=True)
+class Groups:
+    """Groups of consecutive rows of a record; a group ends where the next one begins, or earlier.
+
+    Attributes
+    ----------
+    kind : str
+        What they are: `cycles`, `periods`, or `stretches`, which do not repeat.
+    first, stop : Array (m,)
+        Rows at which each group begins and ends, which may be fractional.
+    stratum : Array (m,)
+        Index of each group's stratum, from 0.
+    strata : tuple of Stratum
+    """
+
+    kind: Literal["cycles", "periods", "stretches"]
+    first: Array
+    stop: Array
+    stratum: NDArray[np.intp]
+    strata: tuple[Stratum, ...]
+
+    @property
+    def repeat(self) -> bool:
+        """Whether the groups of a stratum repeat one another."""
+        return self.kind != "stretches"
+
+    @cached_property
+    def labels(self) -> tuple[Label, ...]:
+        return tuple(dict.fromkeys(stratum.label for stratum in self.strata))
+
+    def of(self, label: Label) -> NDArray[np.bool_]:
+        """Which groups (m,) have a label; all for None."""
+        if label is None:
+            return np.ones(len(self.first), dtype=np.bool_)
+        has_label = np.array([stratum.label == label for stratum in self.strata])
+        return has_label[self.stratum]
+
+    @cached_property
+    def pieces(self) -> Mapping[Label, list[slice]]:
+        """Rows of each label's groups in order of time, with adjacent ones joined; None: of all
+        groups."""
+        edges = zip(self.first.tolist(), self.stop.tolist(), strict=True)
+        rows = [whole_rows(first, stop) for first, stop in edges]
+        return {
+            label: joined(list(compress(rows, self.of(label)))) for label in (None, *self.labels)
+        }
+
+
+def joined(parts: Sequence[slice], apart: int = 0) -> list[slice]:
+    """Parts of a recording in order of time; parts that touch, or lie at most `apart` rows apart,
+    are joined."""
+    found: list[slice] = []
+    for rows in sorted(parts, key=lambda rows: rows.start):
+        if found and rows.start <= found[-1].stop + apart:
+            found[-1] = slice(found[-1].start, max(rows.stop, found[-1].stop))
+        else:
+            found.append(rows)
+    return found
 
 
 @dataclass(frozen=True)

@@ -6,10 +6,10 @@ from osl_analysis.bench import effects
 from osl_analysis.bench.analysis import Analysis, analysed
 from osl_analysis.bench.coulomb import CoulombFit, coulomb_fits
 from osl_analysis.bench.effects import TRANSMISSION
-from osl_analysis.bench.group_fit import held_out_vaf, other_amplitudes
 from osl_analysis.bench.joint_fit import LOSSES_SYMBOLS, estimate_columns, fault_columns
 from osl_analysis.bench.joint_inference import suspected_fault_of_losses
 from osl_analysis.bench.record import Record
+from osl_analysis.bench.regression import held_out_vaf, other_amplitudes
 from osl_analysis.dictionary import table_of
 from osl_analysis.stats.estimates import Estimate
 from osl_analysis.stats.table_rows import Row

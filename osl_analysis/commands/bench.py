@@ -26,9 +26,9 @@ from osl_analysis.bench.effects import IMPEDANCE, plain_sums
 from osl_analysis.bench.fit_tables import FitTables, tables_of_fit
 from osl_analysis.bench.fixture import fixture_column, fixture_weight_column, with_fixture
 from osl_analysis.bench.frequency_response import response_table
+from osl_analysis.bench.motion import record_of_trial, sine_record
 from osl_analysis.bench.plausibility import plausible
 from osl_analysis.bench.record import Record, with_actuator
-from osl_analysis.bench.recorded_motion import record_of_trial, sine_record
 from osl_analysis.bench.transmission import transmission_of, transmission_table
 from osl_analysis.ingest.guard import check_recording
 from osl_analysis.ingest.leaps import find_leaps

@@ -15,7 +15,7 @@ from osl_analysis.bench.bench_settings import ImpedanceAnalysis
 from osl_analysis.bench.component_summary import PLACE
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums
 from osl_analysis.bench.impedance import DesiredImpedance
-from osl_analysis.bench.recorded_motion import record_of_trial
+from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.campaign.configuration import FrequencyResponseFigure
 from osl_analysis.commands.walking_files import read_unperturbed_gaits, selected_crossings
 from osl_analysis.errors import InputError

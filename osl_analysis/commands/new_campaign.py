@@ -403,7 +403,8 @@ def join_session_log(draft: Draft, described: Sequence[Described]) -> None:
 
 
 def align_by_pulses(sources: dict[str, str], trials: Sequence[DraftedTrial]) -> None:
-    """State `clock: sync` in the source files of logs with pulses beside captures with pulses."""
+    """State `clock: sync` in the source files of logs with pulses beside captures with pulses, and
+    `clock: common` in those of OpenSim's tables beside its markers."""
     for name, text in sources.items():
         captures = {
             trial.cells.get("mocap_source", "")
@@ -413,6 +414,9 @@ def align_by_pulses(sources: dict[str, str], trials: Sequence[DraftedTrial]) -> 
         have_pulses = [has_columns(sources.get(capture, ""), "sync") for capture in captures]
         if has_columns(text, "sync") and any(have_pulses):
             sources[name] = text.replace('\nclock: "master"\n', '\nclock: "sync"\n')
+        of_markers = any(sources.get(one, "").startswith("format: trc\n") for one in captures)
+        if text.startswith("format: opensim\n") and of_markers:
+            sources[name] = text.replace('\nclock: "master"\n', '\nclock: "common"\n')
 
 
 def state_units_of_angles(draft: Draft, described: Sequence[Described]) -> None:

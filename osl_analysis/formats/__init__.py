@@ -47,6 +47,7 @@ PACKAGE = Path(__file__).parents[1]
 STANDARD_LIBRARY = sysconfig.get_path("stdlib")
 DECODING_ERRORS = (
     ValueError,
+    RecursionError,  # parts within parts without end
     OSError,
     EOFError,
     struct.error,
@@ -213,6 +214,16 @@ _OTHERS = (
         "an export of OptiTrack Motive in CSV",
         r'\A"?Format Version"?,"?\d',
         "export the trial as C3D",
+    ),
+    (
+        "an export of force plates by Qualisys",
+        r"\ANO_OF_SAMPLES\t",
+        "export the trial as C3D, with its plates",
+    ),
+    (
+        "an export of D-Flow",
+        r"\A[^\n]*\tFrameNumber\t[^\n]*\.(PosX|CopX|ForX)\b",
+        "export the trial from the program of the cameras as C3D",
     ),
     (
         "a page of HTML or XML",

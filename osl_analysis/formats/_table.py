@@ -35,11 +35,12 @@ from osl_analysis.formats._cells import (
 from osl_analysis.formats._text import Line, Row, unpadded
 from osl_analysis.recording import Channel, End, Kind, Loss, Recording, Rows
 from osl_analysis.source_file import ColumnChannel, ColumnTime, TableSource
-from osl_analysis.units import is_clock, is_unit, name_and_ending
+from osl_analysis.units import is_unit, name_and_ending
 
 MOST_COLUMNS = 10_000  # a table with more columns is transposed, or no recording
 SAMPLE_ROWS = 600  # rows by which the width of a table and its first numbers are found
 LONGEST_FOOTER = 60  # rows
+MOST_SIGNALS = 64  # of a table that has a row for each value
 MOST_HEADERS = 3  # rows of names and units above the numbers
 LEAST_VALUES = 0.5  # share of the cells of a column of numbers that are numbers
 STATED_ROWS = re.compile(
@@ -190,20 +191,14 @@ def table_of_rows(
         data = data[:-1]
         end = End.MISSING
         remarks.append(cut)
-    filled: Sequence[FilledRow]
+    filled: Sequence[FilledRow] = [row for row in data if len(row.cells) == width]
+    skipped = len(data) - len(filled)
     if layout.ragged == "dropped_variable":
         filled, dropped = _with_dropped_variables(data, width, layout.missing)
         remarks += dropped
         skipped = 0
-    else:
-        filled = _fitting_rows(data, width, layout)
-        skipped = len(data) - len(filled)
-        if skipped:
-            remarks.append(f"{skipped} of {len(data)} rows do not fit the header and were skipped")
-    if not filled:
-        raise InputError(
-            f"none of its rows fits the header's {width} names; state `delimiter` or `header`"
-        )
+    elif skipped:
+        remarks.append(_remark_on_widths(data, width, layout))
     if decimal == "auto":
         decimal = decimal_of([cells for _, cells in filled])
     columns = {
@@ -247,7 +242,12 @@ def _head_of(
 ) -> Head:
     """Find names and units of the columns, and the first row of data."""
     if shape.first_value is None or len(rows) < 2:
-        raise _no_numbers(rows)
+        middle = rows[len(rows) // 2]
+        raise InputError(
+            f"no table of numbers: most of its {len(rows)} rows hold none, such as line"
+            f" {middle.number}, '{' '.join(middle.cells)[:40]}'; name a recording, or write a"
+            " header and a row per sample"
+        )
     first = 1  # a logger that drops variables writes its header first
     if layout.ragged != "dropped_variable":
         first = _first_row_of_data(rows, shape)
@@ -263,7 +263,6 @@ def _head_of(
     if delimiter == " " and len(units) < shape.width:
         units = []  # it is unknown which column has none
     names = _names_of_columns(lists, shape.width, delimiter)
-    units = units or _labview_units(rows[:first], names)
     units += [""] * (len(names) - len(units))
     units = [unit or name_and_unit(name)[1] for name, unit in zip(names, units, strict=False)]
     others = [
@@ -271,17 +270,6 @@ def _head_of(
     ]
     notes = [" ".join(cell for cell in cells if cell) for cells in others]
     return Head(names, units, first, notes)
-
-
-def _no_numbers(rows: Sequence[Row]) -> InputError:
-    if len(rows) < 2:
-        return InputError("no rows of data; record it again, or exclude the trial")
-    middle = rows[len(rows) // 2]
-    return InputError(
-        f"no table of numbers: most of its {len(rows)} rows hold none, such as line"
-        f" {middle.number}, '{' '.join(middle.cells)[:40]}'; name a recording, or write a header"
-        " and a row per sample"
-    )
 
 
 def _first_row_of_data(rows: Sequence[Row], shape: Shape) -> int:
@@ -346,37 +334,15 @@ def _split_names(text: str, width: int, delimiter: str) -> list[str]:
 
 
 def _names_of_columns(lists: Sequence[list[str]], width: int, delimiter: str) -> list[str]:
-    """Names in the list nearest to the data; if they repeat there, joined with those above. Without
-    a list they are numbers."""
+    """Names in the list nearest to the data. Without a list they are numbers."""
     if not lists:
         return [str(place + 1) for place in range(width)]
     names = unpadded(lists[-1])
-    if len(names) > width:  # LabVIEW's last column is empty
-        is_comment = len(names) == width + 1 and names[-1].casefold() == "comment"
-        names = names[:width] if is_comment else names
-        names = _split_names(delimiter.join(names), width, delimiter) or names
-    filled = [name for name in names if name]
-    if len(lists) < 2 or len(set(filled)) == len(filled):
-        return names
-    group = ""
-    joined: list[str] = []
-    for place, name in enumerate(names):
-        group = "".join(lists[-2][place : place + 1]) or group  # above the first of its columns
-        joined.append(f"{group} {name}".strip())
-    return joined
-
-
-def _labview_units(rows: Sequence[Row], names: Sequence[str]) -> list[str]:
-    """Units in LabVIEW's line `Y_Unit_Label`, which has one for each signal, and none for time."""
-    labels = next((row.cells[1:] for row in rows if row.cells[0] == "Y_Unit_Label"), [])
-    # a column without a name is that of time where LabVIEW wrote none (`X_Columns No`)
-    are_signals = [
-        name not in ("", "Comment") and not is_clock(name_and_unit(name)[0]) for name in names
-    ]
-    filled = iter([label for label in labels if label])
-    if len(labels) - labels.count("") != sum(are_signals):
-        return []
-    return [next(filled) if is_signal else "" for is_signal in are_signals]
+    if len(names) == width + 1 and names[-1].casefold() == "comment":
+        return names[:width]  # LabVIEW's last column is empty
+    if len(names) > width:
+        return _split_names(delimiter.join(names), width, delimiter) or names
+    return names
 
 
 def _end_of_data(rows: Sequence[Row], first: int, shape: Shape) -> int:
@@ -404,29 +370,28 @@ def _cut_row(rows: Sequence[Row], width: int, is_whole: bool) -> str:
 FilledRow = tuple[int, Sequence[str | None]]
 
 
-def _fitting_rows(rows: Sequence[Row], width: int, layout: SheetSource) -> list[Row]:
-    """The rows that have a cell for each name."""
+def _remark_on_widths(rows: Sequence[Row], width: int, layout: SheetSource) -> str:
+    """Tell of rows that do not have a cell for each name; refuse them if they are not to be
+    skipped, or if all are such."""
     odd = [row for row in rows if len(row.cells) != width]
-    if odd and (layout.ragged == "refuse" or len(odd) > layout.most_missing * len(rows)):
-        share = math.ceil(1000 * len(odd) / len(rows)) / 1000
-        more = f" and `most_missing: {share:g}`" if share > layout.most_missing else ""
-        remedy = (
-            f"repair these lines, or write `ragged: skip`{more} in the source file to leave"
-            " them out"
-        )
-        widths = {len(row.cells) for row in odd}
-        if len(widths) == 1 and len(odd) == len(rows):
-            remedy = "write a name for each, and the same sign between names as between cells"
+    what = (
+        f"line {odd[0].number} has {len(odd[0].cells)} cells under {width} names, and {len(odd)} of"
+        f" {len(rows)} rows do not fit"
+    )
+    if len(odd) == len(rows):
+        raise InputError(f"{what}; write a name for each, and one sign between names and cells")
+    if layout.ragged == "refuse":
+        share = max(layout.most_missing, math.ceil(1000 * len(odd) / len(rows)) / 1000)
         raise InputError(
-            f"line {odd[0].number} has {len(odd[0].cells)} cells under {width} names, and"
-            f" {len(odd)} of {len(rows)} rows do not fit; {remedy}"
+            f"{what}; repair these lines, or write `ragged: skip` and `most_missing: {share:g}` in"
+            " the source file to leave them out"
         )
-    return [row for row in rows if len(row.cells) == width]
+    return f"{what} and were skipped"
 
 
 def _with_dropped_variables(
     rows: Sequence[Row], width: int, missing: Collection[str]
-) -> tuple[list[FilledRow], list[str]]:
+) -> tuple[Sequence[FilledRow], list[str]]:
     """Fill the rows of a logger that omits failed variables; None from there on.
 
     The omitted variables are those missing in the row before. The logger of `opensourceleg` writes
@@ -452,12 +417,12 @@ def _with_dropped_variables(
         if len(variables) == width and not named:
             named = variables
         readings.append(dict(zip(variables, row.cells, strict=True)))
-    filled: list[FilledRow] = []
-    if named:
-        filled = [
-            (row.number, [cells.get(variable) for variable in named])
-            for row, cells in zip(rows, readings, strict=True)
-        ]
+    if not named:
+        raise InputError(f"no line has a cell for each of its {width} names; state `delimiter`")
+    filled = [
+        (row.number, [cells.get(variable) for variable in named])
+        for row, cells in zip(rows, readings, strict=True)
+    ]
     remarks: list[str] = []
     for number, failed in failures:
         places = ", ".join(str(variable + 1) for variable in failed)
@@ -500,6 +465,7 @@ def recording_of_table(
     likely_units
         Units by convention, by name.
     """
+    check_row_per_sample(table.body)
     rows = Rows(count=len(table.lines), lines=table.lines, noun=noun)
     channels: list[Channel] = []
     columns = zip(table.names, table.units, lasting_names(table.names), table.body, strict=True)
@@ -524,6 +490,22 @@ def recording_of_table(
     loss = Loss(rows.count, rows.count + table.skipped, table.end, remarks=table.remarks)
     delimiter = {"delimiter": table.delimiter} if table.delimiter else {}
     return Recording(format_name, channels, loss, notes=table.notes, facts={**facts, **delimiter})
+
+
+def check_row_per_sample(body: pl.DataFrame) -> None:
+    """Refuse a table with a row per value: a column of words tells which signal it is of, and
+    another its time, so that each time stands beside each word once."""
+    for words in body.select(pl.col(pl.String)):
+        distinct = words.unique(maintain_order=True)
+        if not 1 < len(distinct) <= MOST_SIGNALS or any(map(is_value, distinct.drop_nulls())):
+            continue
+        for times in body:
+            is_each_once = len(distinct) < times.n_unique() == len(body) / len(distinct)
+            if is_each_once and body.n_unique([words.name, times.name]) == len(body):
+                raise InputError(
+                    f"has a row for each value, of '{distinct[0]}' or '{distinct[1]}', not for each"
+                    " sample; write a row for each sample, as `DataFrame.pivot` does"
+                )
 
 
 @dataclass(frozen=True)

@@ -33,6 +33,7 @@ MINUS = "\u2212"  # a minus sign that is no hyphen
 LONGEST_CELL = 131_072  # characters
 SAMPLE_LINES = 300  # lines by which the sign between cells is found
 FEWEST_ROWS = 8  # lines of numbers that make a text without an ending a table
+LEAST_SCORE = 0.8  # share of them that are rows of numbers
 
 
 class Line(NamedTuple):
@@ -156,10 +157,8 @@ def begins_with_rows(begin: bytes) -> bool:
     if not is_text(begin):
         return False
     lines = numbered(decoded(begin).encode().rpartition(b"\n")[0])[-20:]
-    sign = delimiter_of(lines)
-    rows = [line.text.strip(' "').split(None if sign == " " else sign) for line in lines]
-    of_values = sum(len(cells) > 1 and all(map(is_value, cells)) for cells in rows)
-    return of_values > 0.8 * len(rows) > FEWEST_ROWS
+    score = _score([line.text for line in lines], delimiter_of(lines))
+    return len(lines) > FEWEST_ROWS and score > LEAST_SCORE
 
 
 def split_rows(lines: Sequence[Line], delimiter: str) -> list[Row]:

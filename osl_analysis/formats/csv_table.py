@@ -109,9 +109,9 @@ def _with_rows_between(ends: Table, text: bytes, lines: int, layout: SheetSource
         delimiter = "\t"
     numbers = _as_numbers(ends, layout, text)
     words = [*layout.missing]
-    tries = [(numbers, words), (ends.body, [])]
-    if not any(map(is_number_cell, words)):
-        tries.insert(0, (numbers, []))  # without words it is faster
+    tries = [(numbers, []), (numbers, words), (ends.body, [])]  # without words it is faster
+    if any(map(is_number_cell, words)):
+        tries = tries[-1:]
     for outer, words in tries:
         try:
             between = pl.read_csv(
@@ -136,7 +136,7 @@ def _with_rows_between(ends: Table, text: bytes, lines: int, layout: SheetSource
         are_whole = text.count(delimiter.encode()) == lines * (between.width - 1)
         if not are_whole or any(sign.encode() in text for sign in layout.comment_signs):
             return None
-    between = between.with_columns(pl.col(pl.String).fill_null("").str.strip_chars())
+    between = between.with_columns(pl.col(pl.String).fill_null("").str.strip_chars(' \t\v\f"'))
     is_empty = pl.all_horizontal(pl.exclude(pl.String).is_null(), pl.col(pl.String) == "")
     if ends.skipped or between.select(is_empty.any()).item():
         return None

@@ -2,22 +2,18 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
-from osl_analysis.errors import InputError, listing, nearest
-from osl_analysis.formats._messages import stamp_fields
-from osl_analysis.formats._objects import last_name, masked_numbers, numbers_in, whole_stamps
+from osl_analysis.errors import InputError
+from osl_analysis.formats._messages import PLACE, Schema, Topic
 from osl_analysis.formats._text import in_utf8
-from osl_analysis.recording import Channel, End, Format, Kind, Loss, Recording, Rows
+from osl_analysis.recording import End, Format, Loss, Recording, Rows
 from osl_analysis.source_file import FieldChannel, RowTime, TableSource
-from osl_analysis.units import name_and_ending
+
+LINES_AT_ONCE = 1 << 14  # whose objects are held in memory
 
 
 class FieldTime(RowTime):
@@ -35,122 +31,54 @@ class JsonSource(TableSource):
     time: FieldTime
 
 
-@dataclass
-class Lines:
-    """The numbers of a file of JSON lines."""
-
-    numbers: list[int] = field(default_factory=list)  # of the lines that can be used, from 1
-    # by field the rows that have a number, from 0, and these numbers
-    values: dict[str, tuple[list[int], list[float | bool]]] = field(default_factory=dict)
-    lost: int = 0  # lines that are no JSON
-    reason: str = ""  # what is wrong with the first of them
-    cut_line: int = 0  # the last line, if it breaks off, as a killed logger leaves it
-
-    def take(self, text: bytes, line: int, is_last: bool) -> None:
-        """Read the numbers of a line."""
-        try:
-            numbers = numbers_in(json.loads(text))
-        except (ValueError, RecursionError) as error:
-            if is_last:
-                self.cut_line = line
-                return
-            self.lost += 1
-            self.reason = self.reason or f"line {line} is not JSON: {error}"
-            return
-        row = len(self.numbers)
-        self.numbers.append(line)
-        for path, number in numbers.items():
-            rows, values = self.values.setdefault(path, ([], []))
-            rows.append(row)
-            values.append(number)
-
-    def column(self, path: str) -> NDArray[Any]:
-        """The numbers of a field, (lines,), masked where a line has none."""
-        rows, values = self.values[path]
-        filled: list[float | bool | None] = [None] * len(self.numbers)
-        for row, value in zip(rows, values, strict=True):
-            filled[row] = value
-        return masked_numbers(path, filled)
-
-
 def read(path: Path, source: JsonSource | None) -> Recording:
     """Read the numbers of each line."""
-    texts = in_utf8(path.read_bytes()).split(b"\n")
-    lines = Lines()
-    for line, text in enumerate(texts, start=1):
-        if text.strip():
-            lines.take(text, line, is_last=line == len(texts))
-    if not lines.numbers:
-        reason = lines.reason or "holds no whole line"
+    content = in_utf8(path.read_bytes())
+    texts = content.split(b"\n")
+    lengths = np.array([len(text) for text in texts])
+    starts = np.cumsum(lengths + 1) - lengths - 1
+    lines = np.flatnonzero([bool(text.strip()) for text in texts])
+    remarks: list[str] = []
+    end = End.UNKNOWN
+    if texts[-1].strip() and not _is_json(texts[-1]):  # as a killed logger leaves it
+        lines = lines[:-1]
+        end = End.MISSING
+        remarks.append(f"the last line, {len(texts)}, breaks off and was left out")
+    topic = Topic("", "json", Schema())
+    for first in range(0, lines.size, LINES_AT_ONCE):
+        part = lines[first : first + LINES_AT_ONCE]
+        topic.add((content, starts[part], lengths[part]), np.zeros_like(part))
+    places = topic.table[PLACE].to_numpy()
+    if not places.size:
+        reason = topic.reason or "holds no whole line"
         raise InputError(f"{reason}; record it again, or exclude the trial")
-    rows = Rows(len(lines.numbers), lines=np.array(lines.numbers), noun="line")
-    channels: list[Channel] = []
-    for name in lines.values:
-        channels.append(
-            Channel(
-                address={"field": name},
-                rows=rows,
-                read=partial(lines.column, name),
-                name=last_name(name),
-                likely_unit=name_and_ending(last_name(name))[1],
-            )
+    if topic.lost:
+        remarks.append(
+            f"{topic.lost} of {lines.size} lines cannot be used and were skipped: line"
+            f" {np.delete(lines, places)[0] + 1} is not JSON: {topic.reason}"
         )
-    for parent in dict.fromkeys(name.rpartition(".")[0] for name in lines.values if "." in name):
-        for parts in stamp_fields(parent):
-            if set(parts) <= lines.values.keys():
-                channels.append(
-                    Channel(
-                        address={"field": parent},
-                        rows=rows,
-                        read=partial(_stamps, lines, parts),
-                        name=last_name(parent),
-                        unit="ns",
-                        kind=Kind.CLOCK,
-                    )
-                )
-
-    def find_unlisted(address: Mapping[str, str]) -> Channel | None:
-        name = address["field"]
-        names = list(lines.values)
-        advice = nearest(name, names) or "; correct `field` in the source file"
-        raise InputError(f"no line has a number '{name}'; there are {listing(names)}{advice}")
-
+    rows = Rows(places.size, lines=lines[places] + 1, noun="line")
+    parents = dict.fromkeys(field.rpartition(".")[0] for field in topic.paths)
     return Recording(
         format="json_lines",
-        channels=channels,
-        loss=_loss(lines),
-        facts={"rows": str(rows.count)},
-        find_unlisted=find_unlisted,
+        channels=topic.channels(rows, {}, parents),
+        loss=Loss(places.size, lines.size, end, remarks=remarks),
+        facts={"rows": str(places.size)},
     )
 
 
-def _stamps(lines: Lines, parts: tuple[str, str]) -> NDArray[Any]:
-    seconds, nanoseconds = (lines.column(part) for part in parts)
-    return whole_stamps(seconds, nanoseconds, parts, noun="line")
-
-
-def _loss(lines: Lines) -> Loss:
-    read_count = len(lines.numbers)
-    total = read_count + lines.lost
-    remarks: list[str] = []
-    if lines.cut_line:
-        remarks.append(f"the last line, {lines.cut_line}, breaks off and was left out")
-    if lines.lost:
-        remarks.append(
-            f"{lines.lost} of {total} lines cannot be used and were skipped: {lines.reason}"
-        )
-    end = End.MISSING if lines.cut_line else End.UNKNOWN
-    return Loss(read_count, total, end, remarks=remarks)
+def _is_json(text: bytes) -> bool:
+    try:
+        json.loads(text)
+    except (ValueError, RecursionError):
+        return False
+    return True
 
 
 def _begins(begin: bytes) -> bool:
     """Tell whether an object stands in the first line, and one in the second."""
     first, _, rest = in_utf8(begin).strip().partition(b"\n")
-    try:
-        json.loads(first)
-    except (ValueError, RecursionError):
-        return False
-    return first.startswith(b"{") and rest.lstrip().startswith(b"{")
+    return first.startswith(b"{") and rest.lstrip().startswith(b"{") and _is_json(first)
 
 
 FORMAT = Format(

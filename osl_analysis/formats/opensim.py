@@ -115,7 +115,7 @@ def read(path: Path, source: OpenSimSource | None) -> Recording:
     blank = b"\n" * text.data.count(b"\n", 0, end.end())  # the lines keep their numbers
     below = Text(blank + text.data[end.end() :], text.is_ended)
     table = table_of_text(below, layout, decimal=".")
-    are_rows_stated = _check_counts(header, len(table.lines), len(table.names))
+    are_rows_stated = _are_rows_stated(header, len(table.lines))
     table = replace(
         table,
         notes=[*notes, *table.notes],
@@ -156,18 +156,15 @@ def _plate_of(recording: Recording, number: int, settings: OpenSimPlate) -> Plat
     return exported_plate(number, settings, channels, "m", foot=settings.foot)
 
 
-def _check_counts(header: Mapping[str, str], rows: int, columns: int) -> bool:
-    """Refuse a table that is not as long or wide as stated; tells whether its rows are stated."""
-    for what, count in (("rows", rows), ("columns", columns)):
-        stated_count = header.get(f"n{what}") or header.get(f"data{what}") or ""
-        if stated_count and stated_count != str(count):
-            is_cut = stated_count.isdigit() and int(stated_count) > count
-            cut = ": the end is missing, or some are damaged" if is_cut else ""
-            raise InputError(
-                f"its header states {stated_count[:20]} {what}, the file holds {count} whole"
-                f" ones{cut}; export it again, or correct the header"
-            )
-    return bool(header.get("nrows") or header.get("datarows"))
+def _are_rows_stated(header: Mapping[str, str], rows: int) -> bool:
+    """Tell whether a header states the number of rows; refuse a table that has another one."""
+    stated_rows = header.get("nrows") or header.get("datarows") or ""
+    if stated_rows not in ("", str(rows)):
+        raise InputError(
+            f"its header states {stated_rows[:20]} rows, the file holds {rows} whole ones: its end"
+            " is missing, or some are damaged; export it again, or correct the header"
+        )
+    return bool(stated_rows)
 
 
 def _check_angles(source: OpenSimSource, units: Mapping[str, str]) -> None:

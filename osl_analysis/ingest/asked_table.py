@@ -267,13 +267,11 @@ def check_clock_runs(rows: Rows, source: TableSource, time: Array, start_s: floa
     """Refuse a clock (n,) that stands still, or tells whole seconds and no less."""
     first = np.flatnonzero(np.diff(time, prepend=-1.0))  # rows with a stamp of their own
     counts = np.diff(first, append=time.size)
-    most = int(counts.max())
-    if most == 1:
-        return
     steps = np.diff(time[first])
+    most = int(counts.max())
     are_seconds = first.size > 3 and np.median(steps) > COARSE_STEP_S
     is_coarse = most > COARSE_ROWS and (most > COARSE_SHARE * time.size or are_seconds)
-    if most < time.size and not (is_coarse and source.time.repeated != "drop"):
+    if time.size == 1 or (first.size > 1 and not (is_coarse and source.time.repeated != "drop")):
         return
     other = f"take another {source.time.ADDRESS}, or {STATE_RATE}"
     if first.size > 3:  # whole seconds still tell the rate, from the first change to the last

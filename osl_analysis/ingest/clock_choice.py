@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -37,68 +37,6 @@ class ClockChoice:
     questions: Sequence[str] = ()
 
 
-def likely_clock(readings: Mapping[str, NDArray[Any]], what: str = "columns") -> ClockChoice:
-    """Choose among channels that may be the clock.
-
-    It is the first of several, if they span the same time in s, ms, us or ns. It is none if they
-    contradict each other, as then B and I depend on the choice. What does not run, or stands still
-    in most rows, is no clock beside others.
-
-    Parameters
-    ----------
-    readings
-        By key, shape (n,) each.
-    what
-        What a channel is called, for messages.
-    """
-    clocks = {key: values.astype(np.float64) for key, values in readings.items()}
-    spans = {key: span_of(values) for key, values in clocks.items()}
-    running = [key for key, span in spans.items() if span > 0] or list(readings)
-    fine = [key for key in running if rises_mostly(clocks[key])]  # others are of whole seconds
-    running = fine or running
-    if len(running) < 2:
-        return ClockChoice(next(iter(running), None))
-    first = running[0]
-    begin = f"{len(running)} {what} may be the clock"
-    if all(spans_alike(clocks[key], clocks[first]) for key in running):
-        named = listing([printable(key) for key in running], MOST_SHOWN)
-        return ClockChoice(first, [f"{begin}, to be checked: {named}; {printable(first)} is taken"])
-    spanning = [f"{printable(key)} spans {spans[key]:.6g}" for key in running]
-    return ClockChoice(
-        None,
-        [
-            f"{begin}, and they contradict each other: {listing(spanning, MOST_SHOWN)}; name the"
-            " one by which the signals were sampled"
-        ],
-    )
-
-
-def rises_mostly(clock: Array) -> bool:
-    """Whether readings (n,) rise in most rows."""
-    return bool(2 * np.count_nonzero(np.diff(clock) > 0) > clock.size)
-
-
-def spans_alike(clock: Array, other: Array) -> bool:
-    """Whether two clocks (n,) span the same time, where both have readings, in s, ms, us or ns."""
-    if clock.shape == other.shape:
-        known = np.isfinite(clock) & np.isfinite(other)
-        clock = clock[known]
-        other = other[known]
-    span = span_of(clock)
-    other_span = span_of(other)
-    if min(span, other_span) <= 0:
-        return span == other_span
-    return abs(span_ratio(span, other_span, ()) - 1) <= ALIKE
-
-
-def span_of(values: Array) -> float:
-    """Last minus first of the readings (n,) of a clock, in its unit; 0 if many steps go back."""
-    known = values[np.isfinite(values)]
-    if known.size < 2 or float(np.mean(np.diff(known) >= 0)) <= 1 - MOST_BACK:
-        return 0.0
-    return max(float(known[-1] - known[0]), 0.0)
-
-
 def choose_clock(
     readings: Mapping[str, NDArray[Any]],
     names: Mapping[str, str],
@@ -108,8 +46,9 @@ def choose_clock(
 ) -> ClockChoice:
     """Choose the clock of a table.
 
-    It is among those that are named like a clock, unless another one that tells time contradicts
-    it, or else among those that rise as one, a guess.
+    It is the first of those that are named like a clock, or else of those that rise as one, a
+    guess. It is none if another one that tells time spans another time in s, ms, us or ns: B and I
+    depend on the choice.
 
     Parameters
     ----------
@@ -124,40 +63,65 @@ def choose_clock(
     """
     # the shortest first: those of a message before those of its parts
     ordered = sorted(readings, key=lambda key: key.count("."))
-    named = list(stamps) or [key for key in ordered if is_clock(names[key])]
-    rising = {key: readings[key] for key in ordered if ticks(readings[key], units[key])}
-    if not named:
-        named = [key for key in rising if is_like_clock(names[key])]
-    if not named:
-        return guessed_clock(rising, units, what)
-    choice = likely_clock({key: readings[key] for key in named}, what)
-    if choice.key is None:
-        return choice
-    span = span_of(readings[choice.key].astype(np.float64))
-    others = {
-        key: values
-        for key, values in rising.items()
-        if span > 0
-        and tells_time(names[key], units[key])
-        and abs(span_ratio(span_of(values), span) - 1) > ALIKE
-    }
-    if not others:
-        return choice
-    return likely_clock({choice.key: readings[choice.key], **others}, what)
+    rising = [key for key in ordered if ticks(readings[key], units[key])]
+    named = (
+        list(stamps)
+        or [key for key in ordered if is_clock(names[key])]
+        or [key for key in rising if is_like_clock(names[key])]
+    )
+    candidates = running(readings, named or rising)
+    if not candidates:
+        return ClockChoice()
+    telling = [key for key in rising if named and tells_time(names[key], units[key])]
+    others = [key for key in telling if is_apart(readings[key], readings[candidates[0]])]
+    if others and span_of(readings[candidates[0]]) > 0:
+        candidates = running(readings, [candidates[0], *others])
+    first = candidates[0]
+    if any(is_apart(readings[key], readings[first]) for key in candidates):
+        spans = [f"{printable(key)} spans {span_of(readings[key]):.6g}" for key in candidates]
+        question = (
+            f"{len(candidates)} {what} may be the clock, and they contradict each other:"
+            f" {listing(spans, MOST_SHOWN)}; name the one by which the signals were sampled"
+        )
+        return ClockChoice(None, [question])
+    if len(candidates) > 1:
+        named_so = listing([printable(key) for key in candidates], MOST_SHOWN)
+        question = f"{len(candidates)} {what} may be the clock, to be checked: {named_so};"
+        return ClockChoice(first, [f"{question} {printable(first)} is taken"])
+    if named:
+        return ClockChoice(first)
+    step = float(np.median(np.diff(readings[first])))
+    unit = units[first] or time_unit(readings[first])
+    return ClockChoice(
+        first, [f"time is a guess: {printable(first)} rises by {step:.4g} {unit} a row"]
+    )
 
 
-def guessed_clock(
-    rising: Mapping[str, NDArray[Any]], units: Mapping[str, str], what: str
-) -> ClockChoice:
-    """Choose among channels that rise like a clock, and ask."""
-    choice = likely_clock(rising, what)
-    if choice.key is None or choice.questions:
-        return choice
-    readings = rising[choice.key]
-    step = float(np.median(np.diff(readings)))
-    unit = units[choice.key] or time_unit(readings)
-    question = f"time is a guess: {printable(choice.key)} rises by {step:.4g} {unit} a row"
-    return replace(choice, questions=[question])
+def running(readings: Mapping[str, NDArray[Any]], keys: Sequence[str]) -> list[str]:
+    """Those of some clocks that run, if any does, and that rise in most rows, if any does: others
+    are of whole seconds."""
+    moving = [key for key in keys if span_of(readings[key]) > 0] or list(keys)
+    fine = [key for key in moving if 2 * (np.diff(readings[key]) > 0).sum() > len(readings[key])]
+    return fine or moving
+
+
+def is_apart(clock: Array, other: Array) -> bool:
+    """Whether two clocks (n,) span other times, where both have readings, in s, ms, us or ns."""
+    if clock.shape == other.shape:
+        known = np.isfinite(clock) & np.isfinite(other)
+        clock, other = clock[known], other[known]
+    span, other_span = span_of(clock), span_of(other)
+    if min(span, other_span) <= 0:
+        return span != other_span
+    return abs(span_ratio(span, other_span, ()) - 1) > ALIKE
+
+
+def span_of(values: Array) -> float:
+    """Last minus first of the readings (n,) of a clock, in its unit; 0 if many steps go back."""
+    known = values[np.isfinite(values)].astype(np.float64)
+    if known.size < 2 or float(np.mean(np.diff(known) >= 0)) <= 1 - MOST_BACK:
+        return 0.0
+    return max(float(known[-1] - known[0]), 0.0)
 
 
 def gaps_text(time: Array) -> str:
@@ -165,17 +129,14 @@ def gaps_text(time: Array) -> str:
     empty if none."""
     steps = np.diff(np.sort(time))
     usual = float(np.median(steps)) if steps.size else 0.0
-    oddities: list[str] = []
-    wide = steps[steps > 1.5 * usual] if usual > 0 else steps[:0]
-    if wide.size:
-        oddities.append(f"{wide.size} gaps, the longest {wide.max():.3f} s")
-    out_of_order = int((np.diff(time) < 0).sum())
-    if out_of_order:
-        oddities.append(f"{out_of_order} stamps out of order")
-    twice = int((steps == 0).sum())
-    if twice:
-        oddities.append(f"{twice} stamps twice")
-    return ", ".join(oddities)
+    wide = steps[(steps > 1.5 * usual) & (usual > 0)]
+    gaps = f" gaps, the longest {wide.max(initial=0.0):.3f} s"
+    counts = {
+        gaps: wide.size,
+        " stamps out of order": int((np.diff(time) < 0).sum()),
+        " stamps twice": int((steps == 0).sum()),
+    }
+    return ", ".join(f"{count}{words}" for words, count in counts.items() if count)
 
 
 def rate_in_words(texts: Sequence[str]) -> tuple[float | None, list[str]]:

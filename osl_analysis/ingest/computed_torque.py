@@ -3,14 +3,11 @@
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-
-from osl_analysis.errors import InputError
+from osl_analysis.ingest.conversion import numbers_of
 from osl_analysis.ingest.likely_column import TORQUES, quantity_of
 from osl_analysis.measured import Signal, computed_from
-from osl_analysis.recording import Channel, Recording
+from osl_analysis.recording import Recording
 from osl_analysis.source_file import Addressed
-from osl_analysis.trial import Array
 
 MOST_SIGNALS = 8  # each takes time to read; those that the source file names come first
 
@@ -42,13 +39,3 @@ def name_computed_torques(
         found = computed_from(numbers_of(torque), signals)
         if found:
             origins[column]["computed_from"] = found
-
-
-def numbers_of(channel: Channel) -> Array:
-    """The readings of a channel (n,); NaN where one is missing, or if they are no numbers."""
-    count = channel.rows.count
-    try:
-        values = np.ma.asarray(channel.values, dtype=np.float64).reshape(count)
-    except (InputError, ValueError):  # words, or several numbers in a row
-        return np.full(count, np.nan)
-    return np.asarray(values.filled(np.nan))

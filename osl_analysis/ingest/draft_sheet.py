@@ -26,6 +26,7 @@ WORDS_OF_EXPERIMENTS = {
 """By experiment: words in a file's name. A name with words of several experiments tells none."""
 OF_CAPTURES = ("static", "plate")  # experiments that need motion capture
 UNNAMED = "ingest_only"  # the experiment of a trial whose name tells none
+OF_FORCES = re.compile(r"(?i)[_-](grfs?|forces?)$")  # of a table beside markers: `walk_grf.mot`
 LONGEST_NAME = 90  # signs of a trial's name
 SMALLEST_K = 10.0  # N*m/rad; `K1` is the number of a file
 UNPERTURBED = r"\b(unperturbed|unpert|baseline|normal|nominal|nom|level|free|no ?pert)\b"
@@ -66,8 +67,8 @@ def draft_trials(
 ) -> list[DraftedTrial]:
     """Draft the trials that recordings are, by what the words of their names tell.
 
-    A log and a capture of the same name are one. A stated stiffness tells an impedance trial, but
-    for one who walks.
+    A log and a capture of the same name are one, as are `walk_grf.mot` and `walk.trc`. A stated
+    stiffness tells an impedance trial, but for one who walks.
 
     Parameters
     ----------
@@ -85,9 +86,14 @@ def draft_trials(
         Sorted by name.
     """
     by_name: dict[str, dict[str, tuple[Path, str]]] = {}
-    for path, source, from_capture in sorted(recordings, key=lambda one: one[0].as_posix()):
+    in_order = sorted(recordings, key=lambda one: one[0].as_posix())
+    captures = {trial_name(path) for path, _, from_capture in in_order if from_capture}
+    for path, source, from_capture in in_order:
         role = "mocap" if from_capture else "log"
         name = trial_name(path)
+        of_markers = OF_FORCES.sub("", name)
+        if role == "log" and of_markers in captures:
+            name = of_markers
         number = 1
         free = name
         while role in by_name.get(free, ()):

@@ -3,23 +3,21 @@
 There is no centre of pressure, so that they are valid for an unloaded plate (C3D manual, Kistler).
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from osl_analysis.errors import InputError, naming, printable
-from osl_analysis.ingest.repeats import run_at_extreme
+from osl_analysis.ingest.repeats import repeats, run_at_extreme
 from osl_analysis.plates import own_axes
 from osl_analysis.recording import EXPORTED, Plate
-from osl_analysis.signals import runs
 from osl_analysis.source_file import PlateUnits, Source
 from osl_analysis.trial import Array, plate_columns, unit_of
 from osl_analysis.units import si_factor
 
 MEASURED_BY_TYPE = {
-    0: ("N",) * 3 + ("N*m",) * 3,
+    EXPORTED: ("N",) * 3 + ("N*m",) * 3 + ("m",) * 3,
     1: ("N",) * 3 + ("m",) * 2 + ("N*m",),
     2: ("N",) * 3 + ("N*m",) * 3,
     3: ("N",) * 8,
@@ -48,6 +46,7 @@ def convert_plate(
     length_unit: str | None = None,
     units: PlateUnits | None = None,
     unloaded: slice | None = None,
+    rate_hz: float | None = None,
 ) -> PlateLoad:
     """Convert what the channels of a plate recorded.
 
@@ -61,6 +60,8 @@ def convert_plate(
         What the source file states in place of the file's units.
     unloaded
         Samples of the baseline that is taken off; None: none is.
+    rate_hz
+        Of the samples; that of the channels' rows if None.
 
     Raises
     ------
@@ -73,80 +74,55 @@ def convert_plate(
     metre = si_factor(length, "m")
     corners = plate.corners * metre
     if not np.isfinite(own_axes(corners)).all():
+        raise InputError(f"plate {plate.number}: its corners span no plane; correct them")
+    raw = np.column_stack([np.asarray(one.values, np.float64) for one in plate.channels])
+    if not np.isfinite(raw).all():
+        row, column = np.argwhere(~np.isfinite(raw))[0]
         raise InputError(
-            f"plate {plate.number}: its corners span no plane; correct FORCE_PLATFORM:CORNERS"
+            f"plate {plate.number}: {raw[row, column]} in sample {row + 1} of analog channel"
+            f" '{plate.channels[column].key}'; correct ANALOG:SCALE and GEN_SCALE, or export the"
+            " trial again"
         )
-    raw = samples_of(plate)
-    check_samples(plate, raw)
     readings = raw
     if unloaded is not None:
         baseline = raw[unloaded].mean(axis=0)
         if plate.type == 1:
             baseline[3:5] = 0.0  # an unloaded plate has no centre of pressure
         readings = raw - baseline
-    calibration = None
     if plate.type == 4:
         assert plate.calibration is not None
         moment_unit = units.moment if units else f"N*{length}"
         force_unit = units.force if units else "N"
         factors = [si_factor(force_unit, "N")] * 3 + [si_factor(moment_unit, "N*m")] * 3
-        calibration = np.asarray(plate.calibration * np.array(factors)[:, None])
+        readings = readings @ np.asarray(plate.calibration * np.array(factors)[:, None]).T
     else:
         readings = readings * channel_factors(plate, source, units)
-    force, moment = wrench(plate.type, corners, plate.origin * metre, readings, calibration)
-    if plate.sign < 0:
-        force = -force
-        moment = -moment
-    return load_of(plate, corners, (force, moment), raw, rotation)
+    on_foot = wrench(plate.type, corners, plate.origin * metre, readings)
 
-
-def convert_exported_plate(plate: Plate, rotation: Array, rate_hz: float) -> PlateLoad:
-    """Convert the exported force and moment of a plate in a table with rows at a rate.
-
-    The moment is about the point that the channels 7 to 9 tell, or else about `origin`.
-    """
-    metre = si_factor(plate.length_unit, "m")
-    corners = plate.corners * metre
-    raw = samples_of(plate)
-    is_told = np.ones(6, dtype=np.bool_)
-    if len(plate.channels) == 9:  # about a point of application, moments may be zero by definition
-        is_told[3:] = raw[:, 3:6].any(axis=0)
-    quantities = ("N",) * 3 + ("N*m",) * 3 + ("m",) * 3
-    factors = [
-        si_factor(channel.unit, quantity)
-        for channel, quantity in zip(plate.channels, quantities, strict=False)
-    ]
-    values = raw * np.array(factors)
-    force = plate.sign * values[:, :3]
-    about = values[:, 6:9] if values.shape[1] == 9 else plate.origin * metre
-    moment = plate.sign * values[:, 3:6] + np.cross(about - np.mean(corners, axis=0), force)
-    told = [channel for channel, is_one in zip(plate.channels, is_told, strict=False) if is_one]
-    of_told = replace(plate, channels=told)
-    return load_of(of_told, corners, (force, moment), raw[:, :6][:, is_told], rotation, rate_hz)
-
-
-def samples_of(plate: Plate) -> Array:
-    """The readings of a plate's channels, (samples, channels), as the file has them."""
-    columns = [np.asarray(channel.values, np.float64) for channel in plate.channels]
-    return np.column_stack(columns)
-
-
-def check_samples(plate: Plate, raw: Array) -> None:
-    """Refuse samples (samples, channels) that are not finite."""
-    if np.isfinite(raw).all():
-        return
-    row, column = np.argwhere(~np.isfinite(raw))[0]
-    raise InputError(
-        f"plate {plate.number}: {raw[row, column]} in sample {row + 1} of analog channel"
-        f" '{plate.channels[column].key}'; correct ANALOG:SCALE and GEN_SCALE, or export the trial"
-        " again"
-    )
+    origin: dict[str, Any] = {"plate": plate.number, **plate.facts}
+    if plate.type != EXPORTED:
+        stated = [channel.unit for channel in plate.channels]
+        origin |= {"type": plate.type, "units": stated if any(stated) else []}
+    columns: dict[str, Array] = {}
+    for quantity, values in zip(("force", "moment"), on_foot, strict=True):
+        turned = plate.sign * values @ rotation.T
+        columns.update(zip(plate_columns(plate.number, quantity), turned.T, strict=True))
+    facts: dict[str, Any] = {
+        "plate": plate.number,
+        "type": 2 if plate.type == EXPORTED else plate.type,
+        "corners": (corners @ rotation.T).tolist(),
+        "channels": channel_facts(plate, raw, np.linalg.norm(on_foot[0], axis=1), rate_hz),
+    }
+    if plate.type == EXPORTED:
+        facts["foot"] = plate.foot
+    origins = {column: {**origin, "si_unit": unit_of(column)} for column in columns}
+    return PlateLoad(columns, origins, facts)
 
 
 def channel_factors(plate: Plate, source: Source, units: PlateUnits | None) -> Array:
     """Factors to SI units of the channels of a plate, (channels,)."""
     factors: list[float] = []
-    for channel, quantity in zip(plate.channels, MEASURED_BY_TYPE[plate.type], strict=True):
+    for channel, quantity in zip(plate.channels, MEASURED_BY_TYPE[plate.type], strict=False):
         unit = channel.unit
         if units is not None:
             stated = {"N": units.force, "N*m": units.moment, "m": units.length}
@@ -154,24 +130,16 @@ def channel_factors(plate: Plate, source: Source, units: PlateUnits | None) -> A
         try:
             factors.append(si_factor(unit, quantity))
         except InputError as error:
-            example = "{force: N, moment: N*mm}"
-            if plate.type == 1:
-                example = "{force: N, moment: N*mm, length: mm}"
+            length = ", length: mm" if plate.type == 1 else ""
             where = source.place("plate_units").partition(" in ")[2]
             raise InputError(
                 f"analog channel '{channel.key}': {error}; or state the units that hold for all"
-                f" plates, as in `plate_units: {example}`, in {where}"
+                f" plates, as in `plate_units: {{force: N, moment: N*mm{length}}}`, in {where}"
             ) from error
     return np.array(factors)
 
 
-def wrench(
-    kind: int,
-    corners: Array,
-    origin: Array,
-    channels: Array,
-    calibration: Array | None = None,
-) -> tuple[Array, Array]:
+def wrench(kind: int, corners: Array, origin: Array, channels: Array) -> tuple[Array, Array]:
     """Compute force and moment of one plate about its surface's centre, on the foot.
 
     Parameters
@@ -184,9 +152,8 @@ def wrench(
     origin
         FORCE_PLATFORM:ORIGIN, shape (3,) [m].
     channels
-        Shape (n, channels), in N, N*m and for type 1 m; for type 4 in the units of its calibration.
-    calibration
-        Shape (6, 6).
+        Shape (n, channels), in N, N*m and m; of type 4 calibrated. An exported moment is about the
+        point of the channels 7 to 9, or else about the origin.
 
     Returns
     -------
@@ -195,14 +162,12 @@ def wrench(
     """
     if kind == EXPORTED:
         force = channels[:, :3]
-        about = origin - corners.mean(axis=0)
-        return force, channels[:, 3:6] + np.cross(about, force)
+        about = channels[:, 6:9] if channels.shape[1] == 9 else origin
+        return force, channels[:, 3:6] + np.cross(about - np.mean(corners, axis=0), force)
     axes = own_axes(corners)
     # from the plate's origin to the surface's centre: the origin lies under the surface and z
     # points down, so z is negative; a file with a positive z stores the opposite vector
     centre = -origin if origin[2] > 0 else origin
-    if calibration is not None:
-        channels = channels @ calibration.T
     force = channels[:, :3]
     if kind == 3:
         # Kistler's four sensors, at distances a and b, in a depth that files write with either sign
@@ -224,56 +189,8 @@ def wrench(
     return force @ axes.T, (moment - np.cross(centre, force)) @ axes.T
 
 
-def load_of(
-    plate: Plate,
-    corners: Array,
-    on_foot: tuple[Array, Array],
-    raw: Array,
-    rotation: Array,
-    rate_hz: float | None = None,
-) -> PlateLoad:
-    """Put the columns of a plate together, with what the provenance says of it.
-
-    Parameters
-    ----------
-    corners
-        Shape (4, 3) [m].
-    on_foot
-        Force [N] on the foot and moment [N*m] about the corners' centre, (samples, 3) each, in the
-        file's axes.
-    raw
-        Shape (samples, channels), in the file's units.
-    rate_hz
-        Of the samples; that of the channels' rows if None.
-    """
-    stated = {channel.unit for channel in plate.channels}
-    origin: dict[str, Any] = {"plate": plate.number, **plate.facts}
-    if plate.type != EXPORTED:
-        origin["type"] = plate.type
-        origin["units"] = [channel.unit for channel in plate.channels] if stated else []
-    columns: dict[str, Array] = {}
-    origins: dict[str, dict[str, Any]] = {}
-    for quantity, values in zip(("force", "moment"), on_foot, strict=True):
-        turned = values @ rotation.T
-        for axis, column in enumerate(plate_columns(plate.number, quantity)):
-            columns[column] = turned[:, axis]
-            origins[column] = {**origin, "si_unit": unit_of(column)}
-    load = np.linalg.norm(on_foot[0], axis=1)
-    rate = rate_hz or plate.channels[0].rows.rate_hz or 1.0
-    names = [printable(channel.name or channel.key) for channel in plate.channels]
-    facts: dict[str, Any] = {
-        "plate": plate.number,
-        "type": 2 if plate.type == EXPORTED else plate.type,
-        "corners": (corners @ rotation.T).tolist(),
-        "channels": channel_facts(names, raw, load, rate),
-    }
-    if plate.type == EXPORTED:
-        facts["foot"] = plate.foot
-    return PlateLoad(columns, origins, facts)
-
-
 def channel_facts(
-    names: Sequence[str], raw: Array, load: Array, rate_hz: float
+    plate: Plate, raw: Array, load: Array, rate_hz: float | None
 ) -> list[dict[str, Any]]:
     """Tell of each channel of a plate its longest run at an extreme (`clipped_...`) and of one
     value while the force changes (`stands_...`): the rotation hides them.
@@ -281,28 +198,34 @@ def channel_facts(
     Parameters
     ----------
     raw
-        Shape (samples, channels).
+        Shape (samples, channels). The last three of nine are a point, no channels; moments about
+        it may be zero by definition.
     load
         Size of the force (samples,) [N].
     """
-    change = float(np.ptp(load)) if load.size else 0.0
-    least = max(USED_SHARE * change, USED_N)
+    rate = rate_hz or plate.channels[0].rows.rate_hz or 1.0
+    least = max(USED_SHARE * np.ptp(load), USED_N) if load.size else USED_N
+    is_about_point = raw.shape[1] == 9
     facts: list[dict[str, Any]] = []
-    for name, values in zip(names, raw.T, strict=False):
+    for number, channel in enumerate(plate.channels[: 6 if is_about_point else None]):
+        values = raw[:, number]
+        if is_about_point and number >= 3 and not values.any():
+            continue
         clipped = run_at_extreme(values)
-        alike = [slice(run.start, run.stop + 1) for run in runs(np.diff(values) == 0)]
-        standing = [run for run in alike if np.ptp(load[run]) > least]
-        longest = max(standing, key=lambda run: run.stop - run.start, default=slice(0, 0))
-        is_clipped = clipped.stop > clipped.start
+        edges = repeats(values)
+        changes = [np.ptp(load[first:stop]) > least for first, stop in edges.tolist()]
+        standing = edges[np.array(changes, dtype=np.bool_)]
+        longest = np.argmax(np.diff(standing)) if len(standing) else 0
+        runs = {"clipped": (clipped.start, clipped.stop)}
+        runs["stands"] = tuple(standing[longest].tolist()) if len(standing) else (0, 0)
         shown: dict[str, Any] = {
-            "label": name,
-            "clipped_at": float(values[clipped.start]) if is_clipped else None,
+            "label": printable(channel.name or channel.key),
+            "clipped_at": float(values[clipped.start]) if clipped.stop else None,
         }
-        for what, run in (("clipped", clipped), ("stands", longest)):
-            length = int(run.stop - run.start)
-            shown[f"{what}_samples"] = length
-            shown[f"{what}_from_s"] = run.start / rate_hz if length else None
-            shown[f"{what}_to_s"] = (run.stop - 1) / rate_hz if length else None
+        for what, (first, stop) in runs.items():
+            shown[f"{what}_samples"] = stop - first
+            shown[f"{what}_from_s"] = first / rate if stop else None
+            shown[f"{what}_to_s"] = (stop - 1) / rate if stop else None
         facts.append(shown)
     return facts
 

@@ -6,24 +6,26 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from osl_analysis.errors import InputError
+from osl_analysis.ingest.conversion import numbers_of
 from osl_analysis.ingest.likely_clock import (
     is_like_clock,
-    may_be_clock,
     span_ratio,
     stated_rate,
     tells_time,
+    ticks,
     unwrapped,
 )
 from osl_analysis.recording import Channel, Kind, Recording, Rows
 from osl_analysis.source_file import TableSource
 from osl_analysis.trial import Array
 
+SECOND_NS = 1_000_000_000
 WRONG_RATE = 0.05  # share by which a stated rate may be off a clock before it is refused
 OTHER_RATE = 0.01  # share by which a stated rate may be off one that the file states
 CLOCK_APART = 0.005  # share by which two clocks may differ: I is then 1 % wrong
-SECOND_NS = 1_000_000_000
 COUNTS_ROWS = 0.9  # share of the steps of a counter that are 1
 MOST_TRIED = 1000  # first rows of a column that decide whether it may be a clock
+LONGEST_STEP = 0.02  # of a clock, as a share of its span; less than three mean steps is usual
 
 
 def check_other_clocks(
@@ -57,94 +59,59 @@ def check_other_clocks(
     Raises
     ------
     InputError
-        A clock contradicts a stated rate, or one of the same name begins at another time.
+        A clock contradicts a stated rate, counts rows that are missing, or tells the time of what
+        stands beside it.
     """
     apart: dict[str, float] = {}
     remarks: list[str] = []
-    rate = source.time.rate
-    is_confirmed = False
-    for other in clocks_beside(recording, source, clock, rows, asked):
-        name = other.key
-        readings = np.ma.getdata(other.values)
-        if other.kind == Kind.CLOCK:
-            readings = readings / SECOND_NS
-        known = np.isfinite(readings.astype(np.float64)) & ~np.ma.getmaskarray(other.values)
+    key, rate = source.time.ADDRESS, source.time.rate
+    confirmed = dict(rates_in_file(recording, asked)) if rate is not None else {}
+    for name, other in confirmed.items():
+        if rate is not None and abs(rate / other - 1) > OTHER_RATE:
+            raise InputError(
+                f"`rate: {rate:g}` of time, but the file says {other:.6g} Hz ({name}); correct the"
+                " rate"
+            )
+    for channel, readings in clocks_beside(recording, source, clock, rows, asked):
+        known = np.isfinite(readings)
         if known.sum() < 3 or known.size != time.size:
             continue
-        if rate is None and not tells_time(other.name, other.unit):  # a signal may rise as evenly
+        steps = np.diff(unwrapped(readings[known])[0])
+        span = float(np.ptp(time[known]))
+        largest = max(3 * steps.mean(), LONGEST_STEP * steps.sum())
+        if not (steps >= 0).all() or not 0 < steps.max() <= largest or not span:
             continue
-        values = unwrapped(readings[known])[0].astype(np.float64)
-        own = time[known]
-        steps = np.diff(values)
-        if not runs_on(steps) or own[-1] == own[0]:
-            continue
-        is_confirmed = True
-        span = float(own[-1] - own[0])
         ratio = span_ratio(float(steps.sum()), span)
-        if not known[-1] and abs(ratio - 1) > WRONG_RATE:
-            last = rows.place(int(np.flatnonzero(known)[-1]))
+        is_of_others = not known[-1] and abs(ratio - 1) > WRONG_RATE
+        if clock is not None and channel.name == clock.name and channel.kind != Kind.CLOCK:
+            late = np.abs(readings - numbers_of(clock)[: readings.size])
+            is_of_others |= bool(np.nanmedian(late) > 0.5 * np.median(steps))
+        if is_of_others:
             raise InputError(
-                f"{source.time.ADDRESS} '{name}' ends at {last} and tells another time for what"
-                " stands beside it; export the channels of each rate on their own"
+                f"{key} '{channel.key}' ends at {rows.place(int(np.flatnonzero(known)[-1]))} and"
+                " tells another time for what stands beside it; export the channels of each rate"
+                " on their own, or each with the time of all"
             )
-        if clock is not None and other.name == clock.name:
-            check_same_beginning(other, readings, clock)
         if rate is not None and abs(ratio - 1) > WRONG_RATE:
             raise InputError(
-                f"`rate: {rate:g}` of time, but {source.time.ADDRESS} '{name}' rises by"
-                f" {steps.mean():.4g} a row; write `time: {{{source.time.ADDRESS}: {name}}}` with"
-                " its unit, or correct the rate"
+                f"`rate: {rate:g}` of time, but {key} '{channel.key}' rises by"
+                f" {steps.mean():.4g} a row; write `time: {{{key}: {channel.key}}}` with its unit,"
+                " or correct the rate"
             )
+        confirmed[channel.key] = 0.0
         if abs(ratio - 1) > CLOCK_APART + steps.max() / steps.sum():
-            apart[name] = abs(ratio - 1) * span / 12**0.5
+            title = f"time ({source.time.title})" if source.time.name else "time"
+            apart[channel.key] = abs(ratio - 1) * span / 12**0.5
             remarks.append(
-                f"{source.time.ADDRESS} '{name}' goes on {ratio:.4g} times as fast as"
-                f" {time_in_words(source)}: B and I depend on which of them is right"
+                f"{key} '{channel.key}' goes on {ratio:.4g} times as fast as {title}: B and I"
+                " depend on which of them is right"
             )
-    if rate is not None:
-        remarks += check_rate(rate, recording, asked, is_confirmed)
+    if rate is not None and not confirmed:
+        remarks.append(
+            f"`rate: {rate:g}` of time is compared with nothing: no clock and no rate stand in the"
+            " file; by one that is 10 % wrong B is 10 % and I 21 % wrong"
+        )
     return apart, remarks
-
-
-def check_same_beginning(other: Channel, readings: Array, clock: Channel) -> None:
-    """Refuse two clocks of one name of which one is late, as in tables side by side: the other one
-    is then the time of the columns next to it."""
-    own = np.ma.getdata(clock.values)
-    if clock.kind == Kind.CLOCK or own.size != readings.size:
-        return
-    late = float(np.nanmedian(readings - own))
-    if abs(late) > 0.5 * float(np.nanmedian(np.abs(np.diff(own)))):
-        raise InputError(
-            f"another '{other.key}' is {late:.4g} after time: what stands beside it is of its time;"
-            " export each with the time of all"
-        )
-
-
-def check_counts_rows(channel: Channel, values: Array, source: TableSource) -> None:
-    """Refuse a stated rate if a channel (n,) counts the rows and shows that some are missing."""
-    if not np.mean(np.diff(values[:MOST_TRIED]) == 1) > COUNTS_ROWS:
-        return
-    steps = np.diff(unwrapped(values)[0])
-    absent = int(steps.sum()) - steps.size
-    if (steps > 0).all() and absent:
-        key = source.time.ADDRESS
-        raise InputError(
-            f"{key} '{channel.key}' counts {absent} rows that are missing, and those behind would"
-            f" be early; write `time: {{{key}: {channel.key}, rate: {source.time.rate:g}}}`"
-        )
-
-
-def time_in_words(source: TableSource) -> str:
-    return f"time ({source.time.title})" if source.time.name else "time"
-
-
-def runs_on(steps: Array) -> bool:
-    """Whether the steps (n,) of a clock never go back, and none of them is most of its span."""
-    if not steps.size or not (steps >= 0).all():
-        return False
-    mean = float(steps.mean())
-    largest = max(3 * mean, 0.02 * float(steps.sum()))
-    return mean > 0 and float(steps.max()) <= largest
 
 
 def clocks_beside(
@@ -153,57 +120,36 @@ def clocks_beside(
     clock: Channel | None,
     rows: Rows,
     asked: Mapping[str, Channel],
-) -> Iterator[Channel]:
-    """The channels that may be clocks, as long as the table. An asked signal may be one only by its
-    name."""
+) -> Iterator[tuple[Channel, Array]]:
+    """The channels that may be clocks, as long as the table, with their readings (n,). An asked
+    signal may be one only by its name, and beside a clock only what tells time: a signal may rise
+    as evenly."""
     for channel in recording.channels:
         if channel is clock or channel.rows.count != rows.count:
             continue
-        if channel.kind == Kind.CLOCK:
-            yield channel
-            continue
         name = channel.name or channel.key
-        is_asked = any(channel is one for one in asked.values())
-        if is_asked and not is_like_clock(name):
+        is_named = channel.kind == Kind.CLOCK or is_like_clock(name)
+        if not is_named and any(channel is signal for signal in asked.values()):
             continue
-        values = numbers_of(channel)
-        if values is None:
-            continue
-        if may_be_clock(name, channel.unit, values[:MOST_TRIED]):
-            yield channel
+        readings = numbers_of(channel) / (SECOND_NS if channel.kind == Kind.CLOCK else 1)
+        if is_named or ticks(readings[:MOST_TRIED], channel.unit):
+            if source.time.rate is not None or tells_time(name, channel.unit):
+                yield channel, readings
         elif source.time.rate is not None and not source.time.name:
-            check_counts_rows(channel, values, source)
+            check_counts_rows(channel, readings, source)
 
 
-def numbers_of(channel: Channel) -> Array | None:
-    """The readings (n,) of a channel; None if they are no numbers."""
-    try:
-        values = np.ma.getdata(channel.read())
-    except InputError:  # a column of words
-        return None
-    if values.ndim != 1 or values.dtype.kind not in "iuf":
-        return None
-    return values
-
-
-def check_rate(
-    rate: float, recording: Recording, asked: Mapping[str, Channel], is_confirmed: bool
-) -> list[str]:
-    """Refuse a stated rate [Hz] that the file contradicts. Remark on it if nothing in the file
-    confirms it."""
-    stated = dict(rates_in_file(recording, asked))
-    for name, other in stated.items():
-        if abs(rate / other - 1) > OTHER_RATE:
-            raise InputError(
-                f"`rate: {rate:g}` of time, but the file says {other:.6g} Hz ({name}); correct the"
-                " rate"
-            )
-    if is_confirmed or stated:
-        return []
-    return [
-        f"`rate: {rate:g}` of time is compared with nothing: no clock and no rate stand in the"
-        " file; by one that is 10 % wrong B is 10 % and I 21 % wrong"
-    ]
+def check_counts_rows(channel: Channel, values: Array, source: TableSource) -> None:
+    """Refuse a stated rate if a channel (n,) counts the rows and shows that some are missing."""
+    steps = np.diff(unwrapped(values)[0])
+    counts = np.mean(steps[:MOST_TRIED] == 1) > COUNTS_ROWS and (steps > 0).all()
+    if counts and steps.sum() > steps.size:
+        key = source.time.ADDRESS
+        raise InputError(
+            f"{key} '{channel.key}' counts {steps.sum() - steps.size:g} rows that are missing, and"
+            f" those behind would be early; write `time: {{{key}: {channel.key}, rate:"
+            f" {source.time.rate:g}}}`"
+        )
 
 
 def rates_in_file(
@@ -218,6 +164,6 @@ def rates_in_file(
             yield f"timing of '{channel.key}'", channel.rows.rate_hz
     for channel in recording.channels:  # a variable `fs`
         if channel.rows.count == 1 and (channel.name or channel.key).lower().endswith("fs"):
-            values = np.ma.getdata(channel.values).ravel()
-            if values.size == 1 and values.dtype.kind in "iuf" and values[0] > 0:
+            values = numbers_of(channel)
+            if values[0] > 0:
                 yield channel.key, float(values[0])

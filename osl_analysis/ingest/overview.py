@@ -32,7 +32,7 @@ from osl_analysis.ingest.placeholders import NAME_OF_TIME, UNKNOWN
 from osl_analysis.recording import Channel, End, Kind, Plate, Recording
 from osl_analysis.source_file import MarkerSource, Source
 from osl_analysis.trial import Array, plate_columns
-from osl_analysis.units import is_clock
+from osl_analysis.units import base_units, dimension, is_clock, normalised
 
 SECOND_NS = 1_000_000_000
 MOST_COLUMNS = 6  # of a matrix that are listed one by one
@@ -229,15 +229,17 @@ def as_clock(channel: RecordedChannel) -> RecordedChannel:
     """Show a column as the clock of its table: its rate and gaps."""
     assert channel.numbers is not None
     known = channel.numbers[np.isfinite(channel.numbers)]
-    if channel.kind == Kind.CLOCK:
-        known = known - known[:1].sum()
+    unit = base_units(normalised(channel.unit))
+    if unit is not None and unit[1] == dimension("s"):
+        known = (known - known[:1].sum()) * unit[0]
     rate = rate_of(known)
-    note = f"a clock, {rate:g} per unit" if rate else "a clock that stands still"
+    per = "unit" if unit is None else "s"
+    note = f"a clock, {rate:g} per {per}" if rate else "a clock that stands still"
     gaps = gaps_text(known)
     if gaps:
         note = f"{note}, {gaps}"
-    unit = "" if channel.unit else clock_unit(channel.name, known)
-    return replace(channel, note=note, likely_unit=unit)
+    likely_unit = "" if channel.unit else clock_unit(channel.name, known)
+    return replace(channel, note=note, likely_unit=likely_unit)
 
 
 def facts_of(recording: Recording) -> dict[str, str]:

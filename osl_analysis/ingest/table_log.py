@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.asked_table import (
-    STATE_RATE,
     Table,
     check_common_rows,
     read_table,
@@ -25,35 +24,18 @@ from osl_analysis.ingest.conversion import (
     remark_on_gaps,
     share_above,
 )
-from osl_analysis.ingest.force_plates import convert_exported_plate
+from osl_analysis.ingest.force_plates import convert_plate
 from osl_analysis.ingest.likely_clock import rate_of
 from osl_analysis.ingest.other_clocks import check_other_clocks
 from osl_analysis.recording import Channel, End, Recording
-from osl_analysis.source_file import LEVEL_UNIT, InAxes, TableSource
-from osl_analysis.trial import Array, counter_column, unit_of
+from osl_analysis.source_file import InAxes, TableSource
+from osl_analysis.trial import Array, counter_column
 from osl_analysis.units import si_factor
 
 MOST_NOTES = 100  # lines of a file's own text that the provenance keeps
 MOST_COPIED_SHARE = 0.1  # of rows that repeat the row before; more were read twice
 LARGEST_CALIBRATION = 0.1  # by which a `scale` corrects a channel that is in the file's unit
 FEWEST_COPIED = 20  # such rows that are refused
-
-
-def time_channel(recording: Recording, source: TableSource) -> Channel | None:
-    """The column of time; None where the source file names none. A table without one may have a
-    constant rate.
-
-    Raises
-    ------
-    InputError
-        The file has no such column.
-    """
-    if not source.time.name:
-        return None
-    try:
-        return recording.find(source.time.address)
-    except InputError as error:
-        raise InputError(f"{error}; or {STATE_RATE}") from error
 
 
 def convert_table(recording: Recording, source: TableSource, file_name: str) -> Converted:
@@ -76,11 +58,10 @@ def convert_table(recording: Recording, source: TableSource, file_name: str) -> 
         them are missing than the source file allows.
     """
     check_loss(recording, source)
-    clock = time_channel(recording, source)
+    clock = recording.find(source.time.address) if source.time.name else None
     channels = {
         column: recording.find(setting.address) for column, setting in source.channels.items()
     }
-    check_each_channel_once(channels, source)
     table = read_table(recording, source, channels, clock)
     if table.rows.count < 2:
         raise InputError(
@@ -106,23 +87,18 @@ def convert_table(recording: Recording, source: TableSource, file_name: str) -> 
             counts = checked_counts(setting, table.counters[column], table.rows, time)
             samples.append(pl.Series(counter_column(column), counts))
         missing[column] = int(series.is_nan().sum())
-        origins[column] = origin_of(setting, column, channel.unit)
-        full = channel.key
-        if full == setting.name and "*" in full:  # a pattern stands for a name that changes
-            full = channel.name
-        is_with_unit = setting.name.startswith(f"{channel.name} ")  # as `torque [Nm]`
-        if setting.name != full and not is_with_unit:
-            origins[column]["found"] = full
-    for column, count in missing.items():
-        if count:
-            warnings.append(f"{column} is missing in {count} of {time.size} {table.rows.noun}s")
-    for column, channel in channels.items():
-        origin = origins[column]
+        if missing[column]:
+            rows = f"{time.size} {table.rows.noun}s"
+            warnings.append(f"{column} is missing in {missing[column]} of {rows}")
+        origin = origin_of(setting, column, channel.unit)
+        if setting.name not in (channel.key, channel.title) or "*" in setting.name:
+            origin["found"] = channel.title or channel.key
         ratio = unit_ratio(origin, channel.unit)
         if channel.unit and ratio != 1:
             warnings.append(f"{column} is read in {origin['unit']}; the file says {channel.unit}")
         if abs(ratio * origin["scale"] - 1) > LARGEST_CALIBRATION:
             origin["unit_of_file"] = channel.unit
+        origins[column] = origin
 
     frame = pl.DataFrame(samples)
     is_fresh = np.concatenate([[True], np.diff(time) != 0])
@@ -169,20 +145,6 @@ def check_loss(recording: Recording, source: TableSource) -> None:
         f"{loss.lost} of {loss.expected} rows cannot be used: {'; '.join(loss.remarks)}; repair the"
         f" log, or {advice}"
     )
-
-
-def check_each_channel_once(channels: Mapping[str, Channel], source: TableSource) -> None:
-    """Refuse one channel under two columns, as by its name and by its number, but for levels."""
-    taken: dict[int, str] = {}
-    for column, channel in channels.items():
-        other = taken.setdefault(id(channel), column)
-        if other == column or LEVEL_UNIT in (unit_of(other), unit_of(column)):
-            continue
-        setting = source.channels[column]
-        where = source.place("channels", column, setting.ADDRESS)
-        raise InputError(
-            f"{setting.title} is {other} and {column} in the source file; correct {where}"
-        )
 
 
 def rows_to_keep(
@@ -246,7 +208,7 @@ def with_plates(
     for plate in recording.plates:
         for channel in plate.channels:
             check_finite_values(f"column '{channel.key}'", channel.values, time)
-        load = convert_exported_plate(plate, source.rotation, rate)
+        load = convert_plate(plate, source, source.rotation, rate_hz=rate)
         frame = frame.with_columns(pl.Series(name, one) for name, one in load.columns.items())
         origins.update(load.origins)
         facts.append(load.facts)

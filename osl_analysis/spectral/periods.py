@@ -1,10 +1,9 @@
-"""Periodic motions: the period, and the spectra of the angle in every whole period.
+"""Periodic motions: the period, and where whole periods stand.
 
 The period may be a fractional number of samples: the clocks of generator and recorder differ by up
 to 1e-4.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -12,16 +11,14 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from osl_analysis.errors import InputError
 from osl_analysis.measured import check_measured, varies
 from osl_analysis.signals import runs
 from osl_analysis.trial import Array
 
-Spectrum = NDArray[np.complex128]
 # First and last time [s] from the first sample of each stretch in which a motion repeats itself.
 Stretches = list[tuple[float, float]]
 
-# ---- What counts as a repetition. Shares are of the RMS of the moving angle.
+# Shares are of the RMS of the moving angle.
 COARSE_HZ = 100.0  # rate [Hz], by averaging samples, at which periods are searched
 FLOOR = 3e-4  # share below which a mismatch counts as none
 LEAST_CORRELATION = 0.3  # two realisations of two periods each correlate by 0.5
@@ -33,37 +30,16 @@ WHOLE_LAG = 0.98  # windows and averages blur the ends of a stretch of two perio
 SETTLED = 5.0  # median mismatches; more is a transient
 LARGEST_MISMATCH = 0.1  # share, median over time, beyond which a motion does not repeat itself
 LEAST_COVERED = 0.5  # share of the moving time that must repeat itself
-# a bench repeats the lines of a motion within 1 % of their size, a hand within 5 to 10 %
-REPEATED_BY_BENCH = 0.02
-
-# ---- What counts as a line
-NEIGHBOURS = 8  # lines to each side that count as neighbours
-STRONG = 0.1  # of the largest line; weaker ones do not help to find the period
-EXCITED_NEARBY = 0.05  # of the largest neighbour
-EXCITED = 0.005  # of the largest line
-EXCITED_ERRORS = 5.0  # standard errors of the mean over periods
+LARGEST_SCATTER = 0.03  # of periods about their mean: a bench leaves 1 %, a hand 5 to 10 %
+LAG_ROUNDS = 2
 
 
 @dataclass(frozen=True)
 class Realisation:
-    """Consecutive whole periods of one periodic motion, unfiltered.
+    """Consecutive whole periods of one periodic motion."""
 
-    Line k is the sine Re(X_k exp(2j pi k t/period)) of the angle, t from the first sample of each
-    period; line 0 is its mean.
-    """
-
-    period: float  # [s]
-    spectra: Spectrum  # lines of the angle [rad], shape (periods, lines)
     start: float  # time [s] of the first period, from the first sample of the record
-
-    @property
-    def periods(self) -> int:
-        return int(self.spectra.shape[0])
-
-    @property
-    def mean_lines(self) -> Spectrum:
-        """Means of the lines over the periods, (lines,)."""
-        return np.asarray(self.spectra.mean(axis=0))
+    periods: int  # two or more
 
 
 @dataclass(frozen=True)
@@ -72,6 +48,11 @@ class PeriodicMotion:
 
     period: float  # [s]
     realisations: tuple[Realisation, ...]
+
+    def times(self, periods: int) -> Array:
+        """Times (periods, samples) [s] at `COARSE_HZ` in consecutive periods."""
+        of_period = np.arange(0, self.period, 1 / COARSE_HZ)
+        return np.asarray(self.period * np.arange(periods)[:, None] + of_period)
 
 
 class Repetition(NamedTuple):
@@ -83,10 +64,7 @@ class Repetition(NamedTuple):
 
 
 def periodic_motion(
-    theta: Array,
-    rate_hz: float,
-    highest_hz: float,
-    usable: NDArray[np.bool_] | None = None,
+    theta: Array, rate_hz: float, usable: NDArray[np.bool_] | None = None
 ) -> PeriodicMotion | None:
     """Find the realisations of a periodic motion in a record.
 
@@ -96,8 +74,6 @@ def periodic_motion(
         Unfiltered, (n,) [rad].
     rate_hz : float
         Sampling rate [Hz].
-    highest_hz : float
-        Up to which lines go [Hz].
     usable : Array or None
         (n,) rows that are not near a gap; None: all.
 
@@ -110,48 +86,6 @@ def periodic_motion(
     ------
     InputError
         A value cannot be measured.
-    """
-    repetition = find_repetition(theta, rate_hz, usable)
-    if repetition is None:
-        return None
-    period = repetition.lag
-    for _ in range(3):
-        realisations = realisations_of(repetition.stretches, period, theta, rate_hz, highest_hz)
-        if not realisations:
-            return None
-        period *= 1 + phase_drift(realisations)
-    realisations = realisations_of(repetition.stretches, period, theta, rate_hz, highest_hz)
-    if not realisations or not all(map(is_repeated_by_bench, realisations)):
-        return None
-    return PeriodicMotion(period, tuple(realisations))
-
-
-def is_repeated_by_bench(realisation: Realisation) -> bool:
-    """Whether the angle's lines scatter as little over the periods as a bench makes them."""
-    mean = realisation.mean_lines
-    variance = np.sum(scatter(realisation.spectra)[1:])
-    power = np.sum(np.abs(mean[1:]) ** 2)
-    return bool(variance <= REPEATED_BY_BENCH**2 * power)
-
-
-def find_repetition(
-    theta: Array, rate_hz: float, usable: NDArray[np.bool_] | None = None
-) -> Repetition | None:
-    """Find the shortest lag after which an angle repeats itself.
-
-    Parameters
-    ----------
-    theta : Array
-        (n,) [rad].
-    rate_hz : float
-        Sampling rate [Hz].
-    usable : Array or None
-        (n,) rows that are not near a gap; None: all.
-
-    Returns
-    -------
-    Repetition or None
-        With stretches of two periods or more; None if the angle does not repeat itself.
 
     Notes
     -----
@@ -181,7 +115,32 @@ def find_repetition(
     best = min(candidate.mismatch for candidate in candidates)
     # the shortest lag with a mismatch within a factor of two of the best is the period, not a
     # multiple of it
-    return min(candidate for candidate in candidates if candidate.mismatch <= 2 * best + FLOOR)
+    found = min(candidate for candidate in candidates if candidate.mismatch <= 2 * best + FLOOR)
+    motion = PeriodicMotion(found.lag, whole_periods(found, len(theta) / rate_hz))
+    scatters = []
+    for realisation in motion.realisations:
+        places = (realisation.start + motion.times(realisation.periods)) * rate_hz / step
+        periods = spline(places)
+        periods -= periods.mean(axis=1, keepdims=True)  # the joint may settle
+        scatters.append(np.std(periods - periods.mean(axis=0)) / np.std(periods))
+    return motion if scatters and max(scatters) < LARGEST_SCATTER else None
+
+
+def whole_periods(repetition: Repetition, seconds: float) -> tuple[Realisation, ...]:
+    """The whole periods of each stretch of a record of some duration, counted backwards from its
+    end: the incomplete rest is at the beginning, where a transient is."""
+    period = repetition.lag
+    blurred = 3 / COARSE_HZ  # s; by which the ends of a stretch are uncertain
+    realisations = []
+    for start, stop in repetition.stretches:
+        end = min(stop, seconds)
+        periods = int((end - max(start, 0.0) + blurred) / period)
+        first = max(end - periods * period, 0.0)
+        if first + periods * period > seconds:
+            periods -= 1
+        if periods > 1:  # one has no scatter
+            realisations.append(Realisation(first, periods))
+    return tuple(realisations)
 
 
 def likely_lags(x: Array) -> Array:
@@ -231,7 +190,7 @@ def repetition_after(
     rms = float(np.sqrt(np.mean(x[moving] ** 2))) if moving.any() else 0.0
     counts = usable & moving
 
-    for _ in range(2):
+    for _ in range(LAG_ROUNDS):
         rows_compared = int(len(x) - np.ceil(lag))
         difference = np.asarray(spline(np.arange(rows_compared) + lag)) - x[:rows_compared]
         window = max(round(COMPARED_S * rate_hz), 1)
@@ -267,114 +226,3 @@ def runs_of_a_lag(similar: NDArray[np.bool_], counts: NDArray[np.bool_], lag: fl
     return [
         run for run in runs(similar & counts[:m] & counts_later) if run.stop - run.start > shortest
     ]
-
-
-def realisations_of(
-    stretches: Stretches, period: float, theta: Array, rate_hz: float, highest_hz: float
-) -> list[Realisation]:
-    """Take the whole periods of each stretch, counted backwards from its end.
-
-    The incomplete rest is at the beginning, where a transient is.
-    """
-    samples = period * rate_hz
-    last = len(theta)
-    lines = int(np.floor(min(highest_hz, rate_hz / 3) * period + 1e-9)) + 1
-    blurred = 3 * rate_hz / COARSE_HZ  # samples by which the ends of a stretch are uncertain
-    realisations = []
-    for start, stop in stretches:
-        end = min(stop * rate_hz, last)
-        periods = int((end - max(start * rate_hz, 0.0) + blurred) / samples)
-        first = max(end - periods * samples, 0.0)
-        if first + periods * samples > last + 1:
-            periods -= 1
-        if periods < 2:  # one has no scatter
-            continue
-        spectra = period_spectra(theta, first, samples, periods, lines)
-        realisations.append(Realisation(period, spectra, first / rate_hz))
-    return realisations
-
-
-def period_spectra(
-    signal: Array, first: float, samples: float, periods: int, lines: int
-) -> Spectrum:
-    """The first lines of each period, (periods, lines), from the place `first` of a signal (n,) on.
-
-    A period has `samples` samples, not a whole number. The drift of the periods' means is
-    subtracted: as a ramp in every period it adds 1/k to line k.
-    """
-    places = int(np.ceil(samples))
-    share = np.arange(places) / places
-    # its error is 3e-5 at a sixth of the rate
-    spline = scipy.interpolate.make_interp_spline(np.arange(len(signal)), signal, k=5)
-    resampled = spline(first + samples * (np.arange(periods)[:, None] + share))
-    spectra = np.fft.rfft(resampled, axis=1)[:, :lines]
-
-    number = np.arange(periods) - (periods - 1) / 2
-    drift = float(number @ spectra[:, 0].real / places) / float(number @ number)
-    spectra -= drift * np.fft.rfft(share - share.mean())[:lines]
-    spectra[:, 0] -= drift * places * number
-
-    spectra /= places
-    spectra[:, 1:] *= 2
-    return spectra
-
-
-def phase_drift(realisations: Sequence[Realisation]) -> float:
-    """The share by which the period is too short, from the phases of strong lines over the periods.
-
-    If the true period is longer by a share d, line k of period p is late by 2 pi k p d.
-    """
-    expected = []
-    late = []
-    weight = []
-    for realisation in realisations:
-        mean = realisation.mean_lines
-        size = np.abs(mean[1:])
-        k = 1 + np.flatnonzero(size > STRONG * size.max())
-        number = np.arange(realisation.periods) - (realisation.periods - 1) / 2
-        late_phase = -np.angle(realisation.spectra[:, k] / mean[k])
-        expected.append((2 * np.pi * number[:, None] * k).ravel())
-        late.append(late_phase.ravel())
-        weight.append(np.broadcast_to(np.abs(mean[k]) ** 2, late_phase.shape).ravel())
-    x = np.concatenate(expected)
-    y = np.concatenate(late)
-    w = np.concatenate(weight)
-    return float(np.sum(w * x * y)) / float(np.sum(w * x**2))
-
-
-def excited_lines(realisations: Sequence[Realisation]) -> NDArray[np.intp]:
-    """Numbers of the lines that stand out of their neighbours and of the noise.
-
-    Parameters
-    ----------
-    realisations : Sequence of Realisation
-        Of one period; they share the lines.
-
-    Raises
-    ------
-    InputError
-        No line stands out of the noise.
-    """
-    power = [np.abs(r.mean_lines) ** 2 for r in realisations]
-    size = np.sqrt(np.mean(power, axis=0))
-    size[0] = 0.0
-    variance_of_mean = [scatter(r.spectra) / r.periods for r in realisations]
-    error = np.sqrt(np.mean(variance_of_mean, axis=0) / len(realisations))
-    largest_nearby = scipy.ndimage.maximum_filter1d(size, 2 * NEIGHBOURS + 1)
-    least = np.max(
-        [EXCITED_NEARBY * largest_nearby, np.full_like(size, EXCITED * size.max())], axis=0
-    )
-    excited = np.flatnonzero((size > least) & (size > EXCITED_ERRORS * error))
-    if not len(excited):
-        raise InputError(
-            "no line of the motion stands out of the noise; move the joint further, or record for"
-            " longer"
-        )
-    return excited
-
-
-def scatter(periods: Spectrum) -> Array:
-    """Variance E|x - mean|^2 (lines,) of each line in a single period, from lines (periods, lines),
-    of 2 (periods - 1) degrees of freedom."""
-    squares = np.abs(periods - periods.mean(axis=0)) ** 2
-    return np.asarray(np.sum(squares, axis=0) / (len(periods) - 1))

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from statistics import median
 from typing import NamedTuple
 
@@ -35,10 +34,6 @@ FEWEST_SAMPLES = 8  # for a sine with its growth and a centre
 LARGEST_MISFIT = 0.3  # of the sine's RMS
 FREQUENCY_ROUNDS = 4
 SMALLEST_SLIP = 1e-9  # cycles over the run, below which the frequency is known
-
-# Two runs are one if the same sine continues after a disturbed cycle
-LONGEST_DISTURBANCE = 2.5  # cycles
-LARGEST_PHASE_SLIP = 0.3  # rad
 
 LEFT_SINE = 0.08  # of the amplitude, plus twice the misfit: the angle has left its sine
 MISSING_CYCLE = 0.25  # cycles that may be missing at the ends of a run
@@ -151,37 +146,16 @@ def find_runs(time: Array, theta: Array, crossings: Array, fewest: int) -> list[
 
     Notes
     -----
-    Consecutive similar cycles make a run, whose sine is fitted. Two runs are joined if the same
-    sine continues after a disturbed cycle, two cycles later at most. A run extends as far as the
-    angle follows its sine. Rests, ramps and transients lie between the runs.
+    Consecutive similar cycles make a run, whose sine is fitted. A run extends as far as the angle
+    follows its sine, and no other run has begun. Rests, ramps, transients and disturbed cycles lie
+    between the runs.
     """
-    fitted: list[Run] = []
-    for cycles in similar_cycles(time, theta, crossings):
-        run = fit_run(time, theta, cycles.rows, cycles.frequency_hz)
-        if run is None:
-            continue
-        if fitted and continues(fitted[-1], run):
-            first, stop = np.searchsorted(time, [fitted[-1].start, run.stop])
-            joined = fit_run(time, theta, slice(first, stop), fitted[-1].frequency_hz)
-            if joined is not None:
-                fitted[-1] = joined
-                continue
-        fitted.append(run)
-    return [
-        run for run in prolonged_runs(time, theta, fitted) if run.cycles > fewest - MISSING_CYCLE
+    fitted = [
+        fit_run(time, theta, cycles.rows, cycles.frequency_hz)
+        for cycles in similar_cycles(time, theta, crossings)
     ]
-
-
-def continues(earlier: Run, later: Run) -> bool:
-    """Whether the sine of an earlier run continues in a later one, two cycles later at most."""
-    middle = (earlier.stop + later.start) / 2
-    slip = np.angle(np.exp(1j * (earlier.phase_at(middle) - later.phase_at(middle))))
-    return (
-        (later.start - earlier.stop) * earlier.frequency_hz < LONGEST_DISTURBANCE
-        and abs(later.frequency_hz / earlier.frequency_hz - 1) < SAME_FREQUENCY
-        and abs(later.amplitude / earlier.amplitude - 1) < ONE_HEIGHT
-        and abs(float(slip)) < LARGEST_PHASE_SLIP
-    )
+    runs = prolonged_runs(time, theta, [run for run in fitted if run is not None])
+    return [run for run in runs if run.cycles > fewest - MISSING_CYCLE]
 
 
 def similar_cycles(time: Array, theta: Array, crossings: Array) -> list[SimilarCycles]:
@@ -259,24 +233,17 @@ def fit_run(time: Array, theta: Array, rows: slice, frequency_hz: float) -> Run 
 
 
 def prolonged_runs(time: Array, theta: Array, runs: Sequence[Run]) -> list[Run]:
-    """Prolong each run as far as the angle (n,) follows its sine."""
+    """Prolong each run as far as the angle (n,) follows its sine, up to its neighbours."""
+    longer: list[Run] = []
     if not runs:
-        return []
-    befores = [float(time[0]), *(run.stop for run in runs[:-1])]
-    afters = [*(run.start for run in runs[1:]), float(time[-1])]
-    longer = [
-        replace(
-            run,
-            start=followed_until(time, theta, run, before),
-            stop=followed_until(time, theta, run, after),
-        )
-        for run, before, after in zip(runs, befores, afters, strict=True)
-    ]
-    for k, (run, following) in enumerate(pairwise(longer)):
-        if run.stop > following.start:
-            border = border_between(time, theta, run, following)
-            longer[k] = replace(run, stop=border)
-            longer[k + 1] = replace(following, start=border)
+        return longer
+    begins = [*(run.start for run in runs[1:]), float(time[-1])]
+    before = float(time[0])
+    for run, next_begin in zip(runs, begins, strict=True):
+        start = followed_until(time, theta, run, before)
+        stop = followed_until(time, theta, run, next_begin)
+        longer.append(replace(run, start=start, stop=stop))
+        before = stop
     return longer
 
 
@@ -295,12 +262,3 @@ def followed_until(time: Array, theta: Array, run: Run, limit: float) -> float:
         return limit
     last = max(int(np.argmax(has_left)) - 1, 0)
     return float(time[rows[last]])
-
-
-def border_between(time: Array, theta: Array, run: Run, following: Run) -> float:
-    """Time [s] that parts two overlapping runs, so that each sample belongs to the nearer sine."""
-    low, high = np.searchsorted(time, [following.start, run.stop])
-    t = time[low : high + 1]
-    x = theta[low : high + 1]
-    gain = (x - following.angle(t)) ** 2 - (x - run.angle(t)) ** 2
-    return float(t[int(np.argmax(np.cumsum(gain)))])

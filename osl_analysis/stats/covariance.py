@@ -133,20 +133,11 @@ def between_cycles(sums: Array, stratum: NDArray[np.intp]) -> tuple[Array, Array
     """
     members = np.bincount(stratum).astype(float)
     begins = np.flatnonzero(np.diff(stratum, prepend=-1))
-    spread = spread_about_means(sums, stratum)
+    mean = np.add.reduceat(sums, begins) / members[:, None]
+    for_mean = np.sqrt(members / (members - 1))
+    spread = (sums - mean[stratum]) * for_mean[stratum][:, None]
     variances = np.add.reduceat(spread**2, begins)
     return spread.T @ spread, welch_satterthwaite(variances, members - 1)
-
-
-def spread_about_means(sums: Array, stratum: NDArray[np.intp]) -> Array:
-    """Deviations (m, ...) of cycles from the mean of their stratum, with the factor m/(m - 1) in
-    their squares. The arguments are those of `between_cycles`, or sums (m, p, k) of k draws."""
-    members = np.bincount(stratum).astype(float)
-    begins = np.flatnonzero(np.diff(stratum, prepend=-1))
-    by_cycle = (-1, *[1] * (sums.ndim - 1))
-    mean = np.add.reduceat(sums, begins) / members.reshape(by_cycle)
-    for_mean = np.sqrt(members / (members - 1))
-    return np.asarray((sums - mean[stratum]) * for_mean[stratum].reshape(by_cycle))
 
 
 MOST_FREEDOM = 1e12  # degrees of freedom

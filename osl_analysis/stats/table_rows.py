@@ -1,6 +1,6 @@
 """A fit as columns of a result table: estimates with their intervals, and diagnostics."""
 
-from osl_analysis.stats.regression import LinearFit
+from osl_analysis.stats.linear_fit import LinearFit
 
 # one row of a result table, by column. None becomes an empty field.
 Row = dict[str, float | str | None]

@@ -16,7 +16,7 @@ import scipy
 from osl_analysis.errors import InputError
 from osl_analysis.measured import EXACT_FIT_SHARE
 from osl_analysis.signals import Motion, differentiate
-from osl_analysis.stats.regression import LinearFit
+from osl_analysis.stats.linear_fit import LinearFit
 from osl_analysis.stats.repeats import CommonError
 from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import Crossing

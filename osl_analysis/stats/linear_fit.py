@@ -1,6 +1,6 @@
 """Linear regression on rows: rank check, estimates with covariance, VAF.
 
-The bench fits groups of rows by the same rules (bench/group_fit.py)."""
+The bench fits groups of rows by the same rules (bench/regression.py)."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace

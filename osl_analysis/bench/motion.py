@@ -2,15 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from osl_analysis.bench.bench_settings import ImpedanceAnalysis, SteppedSineAnalysis
 from osl_analysis.bench.identifiability import STIFFNESS_ALONE
-from osl_analysis.bench.record import Record, conditioned, joint_angle
-from osl_analysis.bench.row_groups import Groups, cycles_of, periods_of, stretches_of
+from osl_analysis.bench.record import Groups, Label, Record, Stratum, conditioned, joint_angle
 from osl_analysis.errors import Change, IdentifiabilityError, InputError, OslAnalysisError
 from osl_analysis.measured import visible_step
 from osl_analysis.signals import LowPass, Motion, filtered_angle, runs
@@ -22,14 +20,13 @@ from osl_analysis.signals.grid import (
     uniform_signals,
 )
 from osl_analysis.spectral import stepped_sine
-from osl_analysis.spectral.periods import PeriodicMotion, excited_lines, periodic_motion
+from osl_analysis.spectral.periods import PeriodicMotion, periodic_motion
 from osl_analysis.spectral.stepped_sine import Likeness
 from osl_analysis.stats.power_density import power_density
 from osl_analysis.trial import LATE_END_S, Array, Trial, stretches
 
 SHORTEST_S = 1.0  # s; the shortest stretch that is fitted
 EDGE_PERIODS = 2.0  # of the cut-off at each end, where the filter depends on padding
-LINES_UP_TO = 1.5  # cut-offs up to which lines of a periodic motion are sought
 SPECTRUM_S = 8.0  # s; longest piece of a spectrum
 OUTSIDE_BAND = 0.01  # share of the power that lies below, or above, a band
 LARGE_DEG = 1.0  # deg, beyond the noise of any encoder
@@ -40,13 +37,9 @@ SMALLER_UNITS_OF_TIME = (
 NOT_MOVED = "the joint does not move; check the channel of theta in the source file"
 
 
-class FoundMotion(NamedTuple):
-    """Groups, band [Hz] and periods of a motion, and its signals."""
-
-    groups: Groups
-    band_hz: tuple[float, float]
-    periodic: PeriodicMotion | None
-    signals: UniformSignals
+STRETCH_S = 1.0  # s; duration of a stretch: 30 correlation times of a 15 Hz low-pass
+ALIKE_S = 0.25  # s; time over which a model's misfit is correlated
+EDGE_ROUNDING = 1e-6  # rows; edges of parts are sums of numbers that are rounded
 
 
 def sine_record(trial: Trial, settings: SteppedSineAnalysis) -> Record:
@@ -93,23 +86,21 @@ def record_of_trial(
     is_auto = excitation == "auto"
     is_other = excitation == "any" or (is_auto and (bool(windows) or known.kind == "other"))
 
-    def found_in(regular: UniformSignals) -> FoundMotion:
+    def recorded(regular: UniformSignals) -> Record:
         if is_other:
             assert isinstance(settings, ImpedanceAnalysis)
-            return find_other_motion(regular, settings, windows or settings.windows)
+            return record_of_motion(regular, settings, windows or settings.windows)
         likeness = known
         if regular is not signals:
             likeness = Likeness(regular.time, regular["theta"], settings.protocol)
-        return find_sine_motion(regular, settings, likeness)
+        return record_of_sines(regular, settings, likeness)
 
     try:
-        found = found_in(signals)
-        record = conditioned(found.signals, settings, found.groups, found.band_hz)
-        with_other_stamps = found.signals.other()  # None where all stamps are decided
-        if with_other_stamps is not None:
-            again = found_in(with_other_stamps)
-            second = conditioned(again.signals, settings, again.groups, again.band_hz)
-            record = replace(record, with_other_stamps=second)
+        record = recorded(signals)
+        assert record.uniform is not None
+        other_stamps = record.uniform.other()  # None where all stamps are decided
+        if other_stamps is not None:
+            record = replace(record, with_other_stamps=recorded(other_stamps))
     except (InputError, IdentifiabilityError) as error:
         words = said_of_noise(known, signals.rate_hz) or str(error)
         changes: Sequence[Change] = error.changes
@@ -121,7 +112,6 @@ def record_of_trial(
     assert record.uniform is not None
     return replace(
         record,
-        periodic=found.periodic,
         steps=(resolution(trial, signals, "theta"), resolution(trial, signals, "torque")),
         uniform=with_first_signals(record.uniform),
     )
@@ -158,15 +148,15 @@ def check_is_sine(name: str, known: Likeness) -> None:
         )
 
 
-def find_sine_motion(
+def record_of_sines(
     signals: UniformSignals, settings: SteppedSineAnalysis, likeness: Likeness
-) -> FoundMotion:
-    """Cycles of a stepped sine."""
+) -> Record:
+    """The record of the cycles of a stepped sine."""
     segments = stepped_sine.find_segments(likeness)
     has_command = bool(settings.protocol.amplitudes)
     groups = cycles_of(segments, settings.settle_cycles, signals.usable, has_command)
     frequencies = [stratum.frequency_hz for stratum in groups.strata]
-    return FoundMotion(groups, (min(frequencies), max(frequencies)), None, signals)
+    return conditioned(signals, settings, groups, (min(frequencies), max(frequencies)))
 
 
 def advice_if_no_sine(known: Likeness) -> str:
@@ -214,10 +204,10 @@ def said_of_motion(
     return words, ()
 
 
-def find_other_motion(
+def record_of_motion(
     signals: UniformSignals, settings: ImpedanceAnalysis, windows: str | None
-) -> FoundMotion:
-    """Groups, band and periods of a motion that is no stepped sine.
+) -> Record:
+    """The record of a motion that is no stepped sine, in groups of its periods or of stretches.
 
     The time base bridges gaps up to a tenth of a period of the fastest motion. That is found first,
     from the signals as they are.
@@ -240,18 +230,15 @@ def find_other_motion(
         pieces = fitted_pieces(signals, low_pass, stated)
         theta = joint_angle(signals["theta"], signals["torque"], compliance)
 
-    highest_line = LINES_UP_TO * low_pass.cutoff_hz
-    usable = signals.usable & inside
-    periodic = periodic_motion(theta, rate, highest_line, usable)
+    periodic = periodic_motion(theta, rate, signals.usable & inside)
     groups = None
     if periodic is not None:
         is_fitted = np.zeros(len(signals.time), dtype=bool)
         for piece in pieces:
             is_fitted[piece] = True
         groups = periods_of(periodic, rate, is_fitted)
-        lines = excited_lines(periodic.realisations)
-        band = float(lines[0] / periodic.period), float(lines[-1] / periodic.period)
-    return FoundMotion(groups or stretches_of(pieces, rate), band, periodic, signals)
+    record = conditioned(signals, settings, groups or stretches_of(pieces, rate), band)
+    return replace(record, periodic=periodic)
 
 
 def within(
@@ -340,3 +327,90 @@ def band_of(motion: Motion, rate_hz: float, stretches: Sequence[slice]) -> tuple
     lowest = np.argmax(below > OUTSIDE_BAND * below[-1])
     highest = np.argmax(up_to > (1 - OUTSIDE_BAND) * up_to[-1])
     return float(frequency[1:][lowest]), float(frequency[1:][highest])
+
+
+def cycles_of(
+    segments: Sequence[stepped_sine.Segment],
+    settle_cycles: int,
+    usable: NDArray[np.bool_],
+    stated: bool = True,
+) -> Groups:
+    """The settled cycles of segments; a stratum is a segment.
+
+    Parameters
+    ----------
+    segments
+        Sines of one frequency and amplitude.
+    settle_cycles
+        First cycles of each that are left out.
+    usable
+        Rows (n,) that are not near a gap.
+    stated
+        Whether commanded amplitudes count.
+    """
+    cycles = [stepped_sine.settled_cycles(segment, settle_cycles, usable) for segment in segments]
+    strata = []
+    for segment, label in zip(segments, stepped_sine.labels_deg(segments), strict=True):
+        commanded_deg = None
+        if segment.commanded is not None and stated:
+            commanded_deg = round(float(np.rad2deg(segment.commanded)), 9)
+        strata.append(Stratum(segment.rows, label, segment.frequency_hz, commanded_deg))
+    first, stop = np.concatenate(cycles).T
+    number = np.repeat(np.arange(len(cycles)), [len(each) for each in cycles])
+    return Groups("cycles", first, np.minimum(stop, len(usable)), number, tuple(strata))
+
+
+def periods_of(
+    motion: PeriodicMotion, rate_hz: float, usable: NDArray[np.bool_], seconds: float = ALIKE_S
+) -> Groups | None:
+    """Groups of about `seconds` within each period of a motion.
+
+    The same part of each period of a realisation is one stratum. Noise is correlated for much less
+    than `ALIKE_S`.
+
+    Returns
+    -------
+    Groups or None
+        None if fewer than two periods are usable.
+    """
+    parts = max(round(motion.period / seconds), 1)
+    rows_of_period = rate_hz * motion.period
+    begins, numbers, strata = [], [], list[Stratum]()
+    for realisation in motion.realisations:
+        starts = rate_hz * realisation.start + rows_of_period * np.arange(realisation.periods)
+        end = min(round(starts[-1] + rows_of_period), len(usable))
+        stratum = Stratum(slice(round(starts[0]), end))
+        for part in range(parts):
+            begins.append(starts + rows_of_period * part / parts)
+            numbers.append(np.full(realisation.periods, len(strata)))
+            strata.append(stratum)
+    begin, number = np.concatenate(begins), np.concatenate(numbers)
+    stop = np.minimum(begin + rows_of_period / parts, len(usable))
+
+    # a group counts that has no unusable row
+    lacking = np.concatenate([[0], np.cumsum(~usable)])
+    low = np.floor(begin + EDGE_ROUNDING).astype(np.intp)
+    high = np.minimum(np.ceil(stop - EDGE_ROUNDING).astype(np.intp), len(usable))
+    is_whole = lacking[high] == lacking[np.minimum(low, high)]
+    members = np.bincount(number[is_whole], minlength=len(strata))
+    is_chosen = is_whole & (members[number] > 1)
+    if np.count_nonzero(members) < 2 or not is_chosen.any():
+        return None
+    used, stratum_of = np.unique(number[is_chosen], return_inverse=True)
+    kept = tuple(strata[k] for k in used)
+    return Groups("periods", begin[is_chosen], stop[is_chosen], stratum_of, kept)
+
+
+def stretches_of(
+    pieces: Sequence[slice], rate_hz: float, seconds: float = STRETCH_S, label: Label = None
+) -> Groups:
+    """Equal stretches of about `seconds` of each piece; all are one stratum, without repeats."""
+    firsts, stops = [], []
+    for piece in pieces:
+        number = max(round((piece.stop - piece.start) / (seconds * rate_hz)), 1)
+        edges = np.linspace(piece.start, piece.stop, number + 1)
+        firsts.append(edges[:-1])
+        stops.append(edges[1:])
+    first, stop = np.concatenate(firsts), np.concatenate(stops)
+    whole = Stratum(slice(pieces[0].start, pieces[-1].stop), label)
+    return Groups("stretches", first, stop, np.zeros(len(first), dtype=np.intp), (whole,))

@@ -595,7 +595,7 @@ def test_a_plates_moment_is_about_its_centre_wherever_the_file_takes_it(tmp_path
     (DEVICES + TRAJECTORIES + MODEL,
      {"markers": ["KNEE"]}, "no marker 'KNEE'; the file has Anna:TOE"),
     (EXPORT, {"analogs": {"sync": {"device": "EMG", "component": "1"}}},
-     "no device 'EMG'; the file has AMTI #1 - Force"),
+     "no analog component 'EMG 1'; the file has AMTI #1 - Force"),
     (DEVICES + TRAJECTORIES.replace("mm", "parsnip") + MODEL, {}, "unit 'parsnip' is unknown"),
     (DEVICES[:DEVICES.index("6,1")],
      {"outputs": {}, "markers": []}, "the last frame lacks sub frames; export"),

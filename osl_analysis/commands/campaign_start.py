@@ -9,7 +9,6 @@ from typing import Any
 from osl_analysis.campaign.campaign_checks import check_campaign
 from osl_analysis.campaign.campaign_trials import Campaign, open_campaign
 from osl_analysis.campaign.configuration import campaign_config, over_default
-from osl_analysis.campaign.figure_examples import response_example, time_series_example
 from osl_analysis.errors import (
     EXTRAS,
     InputError,
@@ -65,8 +64,6 @@ def start_campaign(stated: Mapping[str, Any], files: Sequence[Path]) -> tuple[Ca
     campaign = open_campaign(config, planned)
     check_working_folder(config.results)
     check_start(campaign)
-    time_series_example(campaign)
-    response_example(campaign)
     return campaign, simulation_files
 
 

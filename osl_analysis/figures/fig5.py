@@ -8,6 +8,7 @@ by controller, then by the other desired value.
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
+from os.path import commonprefix
 from typing import Any
 
 import polars as pl
@@ -28,6 +29,8 @@ WIDEST_MARKER = 4.6 / 72  # with its edge [in]
 SMALLEST_SHARE = 0.3  # of a marker's size
 PANEL_HEIGHT = 1.75  # [in]
 LEGEND_HEIGHT = 0.75  # [in]
+NAME_HEIGHT = 0.6  # of upright names of trials, where these stand in place of desired values [in]
+LONGEST_NAME = 15  # [letters]
 BESIDE_TRIALS = 0.8  # by which a desired value's line is longer than its trials on either side
 
 OTHER = {"K": "B_d", "B": "K_d"}  # desired value by which trials of one K_d, of one B_d are sorted
@@ -62,14 +65,16 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
     if across == 1 and longest * WIDEST_MARKER <= style.SINGLE_COLUMN - MARGIN:
         width, inches = style.SINGLE_COLUMN, style.SINGLE_COLUMN - MARGIN
     down = len(shown) // across
-    height = min(LEGEND_HEIGHT + PANEL_HEIGHT * down, style.TALLEST)
+    has_desired = names.has_values(table, "K_d") or names.has_values(table, "B_d")
+    panel_height = PANEL_HEIGHT if has_desired else PANEL_HEIGHT + NAME_HEIGHT
+    height = min(LEGEND_HEIGHT + panel_height * down, style.TALLEST)
     titles = [title for title, _, _ in shown]
     figure, axes = style.panels(width, height, down, across, titles=titles)
     for ax, (_, symbol, trials) in zip(axes, shown, strict=True):
         draw_trials(ax, symbol, trials, inches)
 
     keys = marks.estimate_keys(table, "K")
-    if names.has_values(table, "K_d") or names.has_values(table, "B_d"):
+    if has_desired:
         keys.append(marks.key("Desired", **DESIRED_LINE))
     if names.has_values(table, "B_viscous"):
         label = r"Viscous damping $B_\mathrm{viscous}$"
@@ -150,12 +155,22 @@ def draw_trials(ax: Axes, symbol: str, placed: pl.DataFrame, inches: float) -> N
     else:
         ax.set_xlabel("Trial")
         groups = placed.partition_by("trial", maintain_order=True)
-        label_groups(ax, groups, [names.drawn_name(rows["trial"][0]) for rows in groups], inches)
+        label_groups(ax, groups, short_names([rows["trial"][0] for rows in groups]), inches)
 
 
 def text_of(desired: float | None) -> str:
     """A desired value as it stands below its trials."""
     return "not stated" if desired is None else f"{desired:g}"
+
+
+def short_names(trials: Sequence[str]) -> list[str]:
+    """The names of trials as they stand below these: long ones without the beginning that they
+    share, and of what is left the beginning."""
+    shared = ""
+    if max(len(trial) for trial in trials) > LONGEST_NAME:
+        shared = commonprefix(trials)  # noqa: RUF071 letter by letter
+    parts = [trial.removeprefix(shared) for trial in trials]
+    return [names.drawn_name(part[:LONGEST_NAME]) for part in parts]
 
 
 def label_groups(

@@ -439,13 +439,14 @@ def fit(
         recorded = recorded.within(windows)
     fitted = command.fit_trial(model, recorded, device, settings, limits, desired, windows)
     if plot is not None:
-        from osl_analysis.commands.figure import draw_table
+        from osl_analysis.commands.figure import write_figure
+        from osl_analysis.figures import drawn
 
         if fitted.series.is_empty():
             raise click.UsageError(
                 f"a fit of {model} has no modelled torque to draw; leave out --plot"
             )
-        draw_table("torque", fitted.series, [plot])
+        write_figure(drawn("torque", fitted.series), [plot])
     if as_json:
         say(estimates.rows_json(fitted.table, fitted.findings))
     else:

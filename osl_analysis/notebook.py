@@ -16,7 +16,7 @@ from osl_analysis.commands.fit_results import Fit
 from osl_analysis.commands.trials import checked_trial
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.errors import InputError, listing, nearest
-from osl_analysis.figures import drawing_of, drawn
+from osl_analysis.figures import columns_of, drawn, look_numbers, plotted_numbers
 from osl_analysis.files import config_here, shipped
 from osl_analysis.ingest.quality import UNITS, Commanded, measure_quality, measured_table
 from osl_analysis.ingest.raw_files import read_source
@@ -28,7 +28,7 @@ from osl_analysis.source_file import MarkerSource
 from osl_analysis.trial import Trial, read_trial
 
 if TYPE_CHECKING:
-    from osl_analysis.figures.style import Figure
+    from osl_analysis.figures.style import PaperFigure as Figure
 
 File = str | Path
 OF_CONFIG = "of the configuration"  # stands for the parameter file that the configuration names
@@ -213,8 +213,6 @@ def frequency_response(
     True
     """
     from osl_analysis.commands.figure import beside_theory
-    from osl_analysis.figures.frequency import over_amplitudes
-    from osl_analysis.figures.names import JOINT_SIDE, completed
 
     name_of_fits = "impedance"
     recorded = as_trial(trial)
@@ -230,7 +228,8 @@ def frequency_response(
     findings = with_inherited(tables["response"], findings, fits, findings_of_fits)
     table = marked(tables["response"], findings, "response")
     joint = pl.lit(joint_of(device) if device else None, pl.String)
-    rows = completed(over_amplitudes(table).with_columns(joint=joint), JOINT_SIDE)
+    looks = look_numbers(table["controller"])
+    rows = table.with_columns(looks, joint=joint, side=pl.lit(None, pl.String))
     gain_weight = settings["weight"]  # W of Eq. 14, a low-pass of a cut-off [Hz], chooses the gains
     plotted = beside_theory(rows, device, gain_weight)
     return FrequencyResponse(recorded.name, table, plotted)
@@ -495,7 +494,7 @@ def plot_torque_angle(*fits: Fit) -> "Figure":
         )
     all_curves = pl.concat(curves, how="diagonal_relaxed")
     all_rows = pl.concat([fit.table for fit in fits], how="diagonal_relaxed")
-    return drawn("torque_angle", drawing_of("torque_angle").points(all_curves, all_rows))
+    return drawn("torque_angle", plotted_numbers("torque_angle", all_curves, all_rows))
 
 
 def plot_figure(numbers: File) -> "Figure":
@@ -523,8 +522,7 @@ def plot_figure(numbers: File) -> "Figure":
     Text(0.5, 1.0, 'Day 1')
     """
     path = Path(numbers)
-    figure = drawing_of(path.stem)
-    table = read_table(path, figure.columns)
+    table = read_table(path, list(columns_of(path.stem)))
     if table.is_empty():
-        raise InputError(f"{path}: {figure.nothing}; run the campaign with trials that it shows")
+        raise InputError(f"{path}: no numbers to draw; run the campaign with trials that it shows")
     return drawn(path.stem, table)

@@ -120,8 +120,8 @@ def read_table(path: Path | str, required: Sequence[str] = (), name: str = "") -
     for column in required:
         if column not in table.columns:
             raise InputError(
-                f"{path}: no column '{column}'; it has {', '.join(table.columns)}. Rewrite it with"
-                " the step that makes it"
+                f"{path}: no column '{column}'; it has {', '.join(table.columns)};"
+                " correct it, or make it again"
             )
         if column not in TEXT_COLUMNS and not table[column].dtype.is_numeric():
             raise InputError(
@@ -167,11 +167,13 @@ def table_of(path: Path, content: bytes) -> pl.DataFrame:
     """The table of a CSV text, with the types of `read_table`; `path` is named in errors."""
     types = dict.fromkeys(TEXT_COLUMNS, pl.String)
     try:
-        table = pl.read_csv(content, schema_overrides=types, infer_schema_length=None)
+        table = pl.read_csv(
+            content, comment_prefix="#", schema_overrides=types, infer_schema_length=None
+        )
     except pl.exceptions.PolarsError as error:
         reason = str(error).strip().splitlines()[0]
         raise InputError(
-            f"{path}: not a CSV table ({reason}); rewrite it with the step that makes it"
+            f"{path}: not a CSV table ({reason}); correct it, or make it again"
         ) from error
     table = table.filter(~pl.all_horizontal(pl.all().is_null()))  # without an editor's blank lines
     is_empty = [column.null_count() == len(table) for column in table]

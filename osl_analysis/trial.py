@@ -371,10 +371,10 @@ def metadata_of(path: Path) -> tuple[str, dict[str, Any]]:
         raise InputError(f"{path}: no such trial; ingest it first (osl-analysis ingest)")
     with told_as_parquet(path):
         metadata = pl.read_parquet_metadata(path)
-        if not {NAME_KEY, PROVENANCE_KEY, SCHEMA_KEY} <= metadata.keys():
+        if not {NAME_KEY, PROVENANCE_KEY} <= metadata.keys():
             raise ValueError("Parquet without provenance")
         provenance = json.loads(metadata[PROVENANCE_KEY])
-    check_schema(int(metadata[SCHEMA_KEY]), path)
+    check_schema(int(metadata.get(SCHEMA_KEY, SCHEMA)), path)  # crossings state none
     return metadata[NAME_KEY], provenance
 
 

@@ -332,9 +332,10 @@ def known_factor(
         return "", 1.0
     size = max(abs(ratio), 1 / abs(ratio))
     factors = {name: factor for signal in signals for name, factor in UNIT_FACTORS[signal].items()}
-    nearest = min(factors, key=lambda name: abs(math.log(size / factors[name])))
-    if abs(size / factors[nearest] - 1) >= near:
+    near_factors = [name for name in factors if abs(size / factors[name] - 1) < near]
+    if not near_factors:
         return "", 1.0
+    nearest = min(near_factors, key=lambda name: abs(math.log(size / factors[name])))
     return nearest, factors[nearest]
 
 

@@ -1,6 +1,7 @@
 """Validated YAML files (YAML 1.2): a wrong field becomes one line with file, line, field, value and
 reason."""
 
+import json
 from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import lru_cache
 from itertools import pairwise
@@ -156,6 +157,18 @@ def located(files: Sequence[Path], place: Place) -> str:
             of_file = f" of {file.name}" if len(files) > 1 else ""
             return f"line {line}{of_file}: "
     return ""
+
+
+def flat(settings: Mapping[str, Any], begin: str = "") -> dict[str, str]:
+    """Nested settings as JSON by dotted name."""
+    by_name: dict[str, str] = {}
+    for key, value in settings.items():
+        name = f"{begin}{key}"
+        if isinstance(value, dict) and value:
+            by_name.update(flat(value, f"{name}."))
+        else:
+            by_name[name] = json.dumps(value, default=str)
+    return by_name
 
 
 def dotted(place: Place) -> str:

@@ -135,7 +135,6 @@ rule captions:
     """A caption for each figure, or why it is not drawn."""
     input:
         numbers=NUMBERS_OF_FIGURES.values(),
-        fitted=FILES.results_in_figures,
     output:
         "<results>/figures/captions.md",
     log:
@@ -143,7 +142,6 @@ rule captions:
     localrule: True
     params:
         tables=NUMBERS_OF_FIGURES,
-        shown={name: FILES.results_in_figure(name) for name in FILES.figure_names},
         footer=sentence(ABOUT),
         made_by=MADE_BY,
     run:
@@ -159,7 +157,6 @@ rule report_page:
         tables=FILES.all_tables + (["<results>/tables/walking_responses.csv"] if WALKED else []),
         figures=expand("<results>/figures/{figure}.svg", figure=FILES.figure_names),
         numbers=NUMBERS_OF_FIGURES.values(),
-        captions=["<results>/figures/captions.md"] if FILES.figure_names else [],
         verdicts=QUALITY,
         excluded="<results>/tables/excluded.csv",
         findings="<results>/tables/findings.csv",

@@ -105,22 +105,23 @@ with suppress(SystemExit):
     snakemake.cli.main([*targets, "--configfile", "config.yaml", "--cores", "1"])
 
 from osl_analysis.cli import main
-from osl_analysis.figures import drawing_of
+from osl_analysis.figures import drawn, plotted_numbers
 from osl_analysis.judge.limits import Limits
 from osl_analysis.judge.judging import judged
 from osl_analysis.judge.words import finding_text
-from osl_analysis.notebook import fitted
+from osl_analysis.notebook import fit
 from osl_analysis.table import read_table
 
 trial, ours = "results/trials/damper_2.parquet", Path("config.yaml")
 command = ["fit", trial, "--model", "damper", "--config", "config.yaml"]
-vaf = drawing_of("vaf_over_amplitude")
-(ax,) = vaf.draw(vaf.points(read_table("tests/figure_tables/impedance.csv"))).axes
+impedance = read_table("tests/figure_tables/impedance.csv")
+vaf = "vaf_over_amplitude"
+(ax,) = drawn(vaf, plotted_numbers(vaf, impedance)).axes
 belt = {"trial": "belt_1", "preload": 3.0}
 ((finding,),) = judged(pl.DataFrame([belt]), Limits(above={"preload": 2.0}), "belt")
 answers = {
     "command": CliRunner().invoke(main, command).output,
-    "notebook": repr(fitted("damper", trial, ours, None)),
+    "notebook": repr(fit(trial, "damper", config=ours, parameters=None)),
     "figure": ax.get_ylabel(),
     "finding": finding_text(finding, belt),
 }

@@ -16,7 +16,7 @@ from osl_analysis.bench.impedance import DesiredImpedance, impedance_with_eviden
 from osl_analysis.bench.leg_belt import Fault
 from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.campaign.configuration import read_section
-from osl_analysis.commands import figure as plotted_numbers
+from osl_analysis.commands.figure import fig4
 from osl_analysis.errors import IdentifiabilityError
 from osl_analysis.judge.limits import DoubtfulFits, Limits
 from osl_analysis.judge.unchecked import unchecked_in
@@ -154,7 +154,7 @@ def test_where_amplitudes_nest_in_frequencies_fig4_uses_the_largest_alone(tmp_pa
     choice = {"trial": "made", "joint": "ankle", "side": None, "chosen": ""}
     output = tmp_path / "fig4.csv"
     for limit, cause in ((150, ""), (250, "impossible estimate")):  # of K, which is 200
-        plotted_numbers.fig4(*files, settings, choice, Limits(below={"K": limit}), output)
+        fig4(*files, settings, choice, Limits(below={"K": limit}), output)
         shown = read_table(output)
         assert set(shown["doubtful"].fill_null("")) == {cause}
     assert shown["theta_deg"].abs().max() == pytest.approx(degrees[-1], rel=0.02)

@@ -26,8 +26,9 @@ from osl_analysis import memory
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.cli import main
 from osl_analysis.commands import simulate as simulate_command
-from osl_analysis.commands.figure import draw_table
+from osl_analysis.commands.figure import write_figure
 from osl_analysis.errors import InputError
+from osl_analysis.figures import drawn
 from osl_analysis.files import atomic_path
 from osl_analysis.memory import limited_memory
 from osl_analysis.table import write_table
@@ -294,7 +295,7 @@ WRITERS = {
     "parquet": lambda table, path: write_trial(
         Trial("made", pl.DataFrame({"time": range(9000)}).cast(float)), path
     ),
-    "pdf": lambda table, path: draw_table("gain_grid", table, [path]),
+    "pdf": lambda table, path: write_figure(drawn("gain_grid", table), [path]),
 }
 
 

@@ -25,7 +25,6 @@ from osl_analysis.campaign.configuration import (
     read_config,
     read_section,
 )
-from osl_analysis.campaign.figure_examples import time_series_example
 from osl_analysis.commands.campaign_start import check_start, source_problems
 from osl_analysis.commands.simulate import (
     laboratory_of,
@@ -142,7 +141,7 @@ def test_truth_values_are_kept_where_they_are_allowed(
     ("dynamometer", BENCH | {"settle_cycles": 19},
      "19 and the last leave none of 20 cycles; lower it, at most to 18"),
     ("results", "README.md/below", "README.md: is a file; name a folder"),
-    ("results", "", "results is empty"),
+    ("results", "", "results = . is or holds"),
     ("impedance_trajectory", "no.csv",
      "no.csv: no such file; correct impedance_trajectory in .*, or write null"),
     ("campaign", "a b", r"campaign: 'a b' is not allowed: String should match pattern"),
@@ -177,9 +176,6 @@ def test_a_configuration_that_cannot_be_run_is_one_line_before_any_job(
     ("doubtful.impedance.above", {"fault_harm": 1}, "its effect on the estimates decides"),
     ("doubtful.torque_angle.above",
      {"K_secant": 0.5}, "below.K_secant: 1 is above the upper limit 0.5, and every fit"),
-    *(("recorded", day, "write a date, 1990 to today, as") for day in (
-        "2026-02-30", "2026-03-14 to 2026-03-01", "2999-01-01")),
-    ("figures.time_series.controller", "compensatd", "did you mean 'compensated'"),
     ("quality.jiter", "1 s", "did you mean 'jitter'"),
     ("quality.gap", {"threshold": "1 s", "on_failure": "flag"}, "write its threshold alone"),
     ("quality.exclude", ["gaps"], "'gaps' is no quality check; .* did you mean 'gap'"),
@@ -199,12 +195,12 @@ def test_a_configuration_that_cannot_be_run_is_one_line_before_any_job(
     ("torque_angle.cutoff_hz", 0.5, "cutoff_hz = 0.5 takes out cycles of shortest_cycle_s = 2"),
     ("data", "measured", "data: data = mea"),
     ("walking.fewest_unperturbed", 900,
-     "crossings, walking needs 900 or more; .*or lower walking.fewest_unperturbed"),
+     "needs 900 or more unperturbed crossings .walking.fewest_unperturbed"),
     # of files and folders
     ("results", "raw_data",
      "results = raw_data is or holds raw_data = raw_data/default; name another"),
     ("sources", "config/config.yaml", "config.yaml: is a file; name a folder under `sources`"),
-    ("impedance_trajectory", "README.md", "^impedance_trajectory: README.md: no column"),
+    ("impedance_trajectory", "README.md", "^impedance_trajectory: README.md: not a CSV table"),
     ("parameters", "Makefile", "^parameters: Makefile: "),
     ("sources", "source", "^source: no such folder; correct `s"),
 ])  # fmt: skip
@@ -226,7 +222,7 @@ def test_settings_that_contradict_each_other_are_a_line_with_the_remedy(
     ({"rates": {"controller_hz": 1001}}, "controller_hz: .* least common multiple 1501500;"),
     ({"plate": {"size_m": [600, 500]}}, "size_m.0: 600"),
     ({"plate": {"nominal_ankle_m": [0.31, 0]}}, "beyond half of"),
-    ({"impedance": "no.csv"}, r"line \d+: impedance: no\.csv: no such impedance"),
+    ({"impedance": "no.csv"}, r"line \d+: impedance: no\.csv: no such table"),
 ])  # fmt: skip
 def test_a_simulated_laboratory_that_cannot_be_is_a_line_with_the_remedy(
     in_root, tmp_path, change, said
@@ -286,8 +282,6 @@ def walkway(folder, log=None, mocap=None, part="", plate=2):
     # the log has no torque
     ({"mocap": BY_ANGLE | {"analogs": {}}}, "line 8: 'sync' does not align", False),
     ({"part": "b"}, r"csv: trial 'w0': log_part 'b': a log in csv holds one", False),
-    ({"mocap": {"plates": [1, 99]}},
-     r"`plates` in .*mocap\.yaml, line 5: no force plate 99; .* has 2, co", True),
 ])  # fmt: skip
 def test_a_wrong_source_file_concerns_its_trials(in_root, tmp_path, changes, said, concerns_static):
     campaign = walkway(tmp_path, **changes)
@@ -299,14 +293,6 @@ def test_a_wrong_source_file_concerns_its_trials(in_root, tmp_path, changes, sai
     assert ("s" in problems) == concerns_static
     some = {trial: campaign.rows[trial] for trial in ("w0", "w3", "w6")}
     assert source_problems(replace(campaign, rows=some)).keys() == some.keys()
-
-
-def test_a_plate_of_no_capture_concerns_all(in_root, tmp_path):
-    """What one capture lacks alone is for its job to tell."""
-    said = r"`walking\.plate` in the configuration: no force plate 3; .*/b\.c3d has 2, counted"
-
-    with pytest.raises(InputError, match=said):
-        check_start(walkway(tmp_path, plate=3))
 
 
 def test_a_missing_folder_of_recordings_is_told_by_its_setting(in_root, tmp_path):
@@ -344,7 +330,6 @@ def started(content):
     config = campaign_config(content, [SHIPPED_FILE])
     opened = open_campaign(config, plan_trials(read_yaml(config.simulation, SimulationSettings)))
     check_start(opened)
-    time_series_example(opened)
 
 
 @pytest.mark.parametrize("value", ["1:30", "010", "off"])
@@ -356,7 +341,7 @@ def test_a_value_that_yaml_1_1_takes_for_another_is_refused_where_snakemake_read
     path.write_text(f"a:\n  b: [1, 2]\n  rate: [{value}]\n")
 
     for door in (read_config, lambda path: campaign_config(SHIPPED, [SHIPPED_FILE, path])):
-        with pytest.raises(InputError, match=r"a\.yaml: line 3: a\.rate\.0: Snakemake reads ano"):
+        with pytest.raises(InputError, match=r"a\.yaml: line 3: a\.rate: Snakemake reads ano"):
             door(path)
 
     assert read_mapping(path)["a"]["rate"] == [10 if value == "010" else value]

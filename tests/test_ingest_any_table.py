@@ -3,7 +3,6 @@ overview makes."""
 
 import datetime as dt
 import errno
-import pickle
 import re
 import zlib
 from pathlib import Path
@@ -385,13 +384,6 @@ def test_a_channel_of_another_length_is_left_out_of_the_draft_with_a_question(tm
         read_by(tmp_path / "a.npz", source)
 
 
-def pickled_titles(path):
-    """A table as pandas writes it."""
-    with h5py.File(path, "w") as file:
-        file["data"] = np.zeros(9, [("values_block_0", "f8", 3)])
-        file["data"].attrs["values_block_0_kind"] = np.bytes_(pickle.dumps(HEAD, 0))
-
-
 def half_written(path):
     """What a killed recorder leaves."""
     with h5py.File(path, "w") as file:
@@ -399,7 +391,6 @@ def half_written(path):
 
 
 GONE = {
-    "a.h5": (pickled_titles, "pickled names; save it as Parquet"),
     "b.h5": (half_written, "'a' was not written to its end, .* save what was written as CSV"),
     "a.arrow": (pl.DataFrame({"a": TIME}).write_ipc_stream, "a stream of Arrow, .* write it as"),
 }

@@ -15,15 +15,15 @@ from osl_analysis.campaign.campaign_trials import open_campaign
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.campaign.figure_examples import response_example, time_series_example
 from osl_analysis.campaign.origin import about, sentence
-from osl_analysis.commands import figure as plotted_numbers
+from osl_analysis.commands.figure import fig7
 from osl_analysis.config.impedance_trajectory import read_impedance_trajectory
 from osl_analysis.errors import InputError
-from osl_analysis.figures import drawing_of
-from osl_analysis.figures.names import looks_in
+from osl_analysis.figures import drawn, plotted_numbers
+from osl_analysis.figures.names import by_controller
+from osl_analysis.figures.style import paper_style
 from osl_analysis.model.compensator import PAPER_WEIGHT
 from osl_analysis.table import read_table, with_places, write_table
 
-fig5, fig6, fig8 = map(drawing_of, ("fig5", "fig6", "fig8"))
 HOSTILE = (
     "$x_1$ 50 %",
     "_hidden",
@@ -49,28 +49,28 @@ def of_controllers(*names, **place):
 
 
 def test_hostile_names_are_drawn_letter_by_letter_without_a_warning():
-    """Mathematics, hidden labels, letters that no font has, and two long names that are shortened
-    alike."""
+    """Mathematics, hidden labels, letters that no font has, and long names."""
     table = of_controllers(*HOSTILE, joint="exo $K_d$ & more", side="left").filter(
         pl.col("K_d") == 100
     )
-    points = fig5.points(table)
-    figure = fig5.draw(points)
+    points = plotted_numbers("fig5", table)
+    figure = drawn("fig5", points)
     figure.savefig(BytesIO(), format="png")
     written = texts(figure).replace("\\$", "$").replace("\n", " ")
     for shown in ("$x_1$ 50 %", "_hidden", "\\alpha {", "Controller not stated"):
         assert shown in written, shown
-    figure.draw_without_rendering()
-    inked, (width, height) = figure.get_tightbbox(), figure.get_size_inches()
+    with paper_style():
+        figure.draw_without_rendering()
+        inked, (width, height) = figure.get_tightbbox(), figure.get_size_inches()
     assert min(inked.x0, inked.y0, width - inked.x1, height - inked.y1) > -0.01
-    assert len({look.label for look in looks_in(points).values()}) == len(HOSTILE)
+    assert len({look.label for look, _ in by_controller(points)}) == len(HOSTILE)
 
 
 def test_trials_of_two_joints_share_neither_a_panel_nor_a_swarm():
     places = (("knee", "left"), ("ankle", "left"), ("ankle", "right"))
     each = [of_controllers("pd", joint=joint, side=side).filter(K_d=100) for joint, side in places]
     both = pl.concat(table.with_columns(pl.col("K") + 1000 * k) for k, table in enumerate(each))
-    axes = fig5.draw(fig5.points(both)).axes
+    axes = drawn("fig5", plotted_numbers("fig5", both)).axes
     shown = [
         [y for c in ax.collections if c.get_label() == "pd" for _, y in c.get_offsets()]
         for ax in axes[::2]
@@ -78,14 +78,15 @@ def test_trials_of_two_joints_share_neither_a_panel_nor_a_swarm():
     assert [{int(y // 1000) for y in values} for values in shown] == [{0}, {1}, {2}]
     titles = [ax.get_title(loc="left") for ax in axes[::2]]
     assert titles == ["(a) Knee, left", "(c) Ankle, left", "(e) Ankle, right"]
-    assert len(fig6.draw(fig6.points(both)).axes[0].get_xticks()) == 3
+    swarms = drawn("fig6", plotted_numbers("fig6", both)).axes[0]
+    assert len(swarms.get_xticks()) == 3
 
 
 def test_a_trial_without_k_d_stands_at_the_end_of_the_axis():
     table = of_controllers("pd").with_columns(
         K_d=pl.col("K_d").replace_strict({100: 1, 200: 2, 300: 500, 400: None})
     )
-    stiffness, _ = fig5.draw(fig5.points(table)).axes
+    stiffness, _ = drawn("fig5", plotted_numbers("fig5", table)).axes
     letters = [label.get_text() for label in stiffness.get_xticklabels()]
     assert letters == ["1", "2", "500", "not stated"]
     lines = [
@@ -127,8 +128,6 @@ def test_a_parameter_file_is_used_for_its_own_joint_only(tmp_path):
 
 
 def test_examples_are_those_of_the_configuration_or_chosen_and_said(tmp_path):
-    """Where the default's example is not in the campaign one is chosen; another one that is not
-    there is refused."""
     shown = time_series_example(campaign(tmp_path, TWO_JOINTS))
     assert [*shown.values()] == ["a", "ankle", None, "compensated", 300, 5, ""], "of two"
     knee, belt = (
@@ -137,20 +136,10 @@ def test_examples_are_those_of_the_configuration_or_chosen_and_said(tmp_path):
     )
     assert (time_series_example(belt), response_example(belt)) == (None, None)
     found = time_series_example(campaign(tmp_path, knee))
-    assert (found["trial"], "not in this campaign" in found["chosen"]) == ("k", True)
+    assert (found["trial"], "not in it" in found["chosen"]) == ("k", True)
     assert response_example(campaign(tmp_path, knee)) is None
     chosen = time_series_example(campaign(tmp_path, knee, figures="{time_series: null}"))["chosen"]
     assert chosen == "the first impedance trial of the sheet"
-    wrong = (
-        "{time_series: {K_d: 250, B_d: 5, controller: compensated}, frequency_response: {K_d: 1,"
-        " B_d: 1}}"
-    )
-    with pytest.raises(
-        InputError, match="no impedance trial with controller = compensated, K_d = 250, B_d = 5; "
-    ):
-        time_series_example(campaign(tmp_path, knee, figures=wrong))
-    with pytest.raises(InputError, match="no impedance trial with K_d = 1, B_d = 1"):
-        response_example(campaign(tmp_path, knee, figures=wrong))
 
 
 def test_the_hash_is_of_the_settings_and_of_the_files_that_they_name(
@@ -192,22 +181,22 @@ def test_responses_are_predicted_by_a_parameter_file_of_their_joint_alone(
     """Fig. 7: Eq. 9 with the belt and motor of another joint would be wrong without a word."""
     device = Path("config/parameters/default.yaml")
     write_table(stored("response").with_columns(joint=pl.lit(joint)), tmp_path / "t.csv")
-    plotted_numbers.fig7(tmp_path / "t.csv", device, None, PAPER_WEIGHT, tmp_path / "fig7.csv")
-    drawn = read_table(tmp_path / "fig7.csv")
-    assert set(drawn["curve"]) == {"observed", "desired"} | (
+    fig7(tmp_path / "t.csv", device, None, PAPER_WEIGHT, tmp_path / "fig7.csv")
+    numbers = read_table(tmp_path / "fig7.csv")
+    assert set(numbers["curve"]) == {"observed", "desired"} | (
         {"linear model"} if predicted else set()
     )
 
 
 def test_fig_7_shows_the_desired_impedance_with_the_most_trials(tmp_path):
-    table = stored("response")
+    table = stored("response").with_columns(joint=pl.lit("ankle"))
     lone = table.filter(trial=table["trial"][0]).with_columns(
         trial=pl.lit("lone"), K_d=pl.lit(77.0)
     )
     # rows than all others together
     more = (lone.with_columns(pl.col("frequency_hz") + k / 100) for k in range(4))
     write_table(pl.concat([*more, table]), tmp_path / "t.csv")
-    plotted_numbers.fig7(tmp_path / "t.csv", None, None, PAPER_WEIGHT, tmp_path / "fig7.csv")
+    fig7(tmp_path / "t.csv", None, None, PAPER_WEIGHT, tmp_path / "fig7.csv")
     assert set(read_table(tmp_path / "fig7.csv").filter(curve="observed")["K_d"]) == set(
         table["K_d"]
     )
@@ -238,8 +227,7 @@ def test_a_trajectory_says_of_itself_that_it_is_synthetic():
     found = read_impedance_trajectory(Path("config/impedance/synthetic_walking.csv"))
     at = found.at(found.phase, np.array([0.25, 1.5, -0.25])).tolist()
     assert (found.kind, at) == ("synthetic", [0.25, 0.5, 0.75])
-    table = fig8.points(
-        stored("gains").with_columns(pl.lit(None, pl.Float64).alias(f"{q}_1_joint") for q in "KB")
-    )
-    drawn = texts(fig8.draw(table))
-    assert ("(a) Trajectory: synthetic" in drawn, "Gain" in drawn) == (True, False)
+    without_gains = stored("gains").with_columns(K_1_joint=None, B_1_joint=None)
+    lettering = texts(drawn("fig8", plotted_numbers("fig8", without_gains)))
+    assert "(a) Trajectory: synthetic" in lettering
+    assert "Gain" not in lettering

@@ -113,7 +113,7 @@ def test_figures_are_drawn_inline_with_names_of_their_own_and_links_to_trials():
         '<?xml?><svg><g id="a"/><use href="#a" clip-path="url(#a)"/>'
         '<a href="../report.html#trial=a"/></svg>'
     )
-    drawing = str(ShownFigure("fig5", "Fig. 5", "", "", svg).drawing)
+    drawing = str(ShownFigure("fig5", "Fig. 5", "", svg).drawing)
 
     assert '<g id="fig5-a"/><use href="#fig5-a" clip-path="url(#fig5-a)"/>' in drawing
     assert '<a href="#trial=a"/>' in drawing

@@ -206,8 +206,8 @@ def test_a_trial_has_the_files_that_its_row_names(tmp_path):
 
 
 @pytest.mark.parametrize(("text", "message"), [
-    (PLACED_TRIALS, "1 unperturbed crossings, walking needs 3 or more; add them, or exclude"),
-    (PLACED_TRIALS + UNPERTURBED, "1 perturbed crossings, walking needs 2 or more"),
+    (PLACED_TRIALS, "walking needs 3 or more unperturbed crossings .*, and there are 1; add"),
+    (PLACED_TRIALS + UNPERTURBED, "walking needs 2 or more perturbed crossings, and there"),
 ])  # fmt: skip
 def test_walking_needs_several_crossings_of_either_kind(tmp_path, text, message):
     check_campaign(opened(tmp_path))
@@ -239,13 +239,10 @@ def test_two_trials_of_one_log_have_parts_or_windows_of_their_own(tmp_path, seco
     check_campaign(opened(tmp_path, rows=two_of_one_log(tmp_path, **second)))
 
 
-@pytest.mark.parametrize(("windows", "said"), [
-    ("4-6.1", "its `windows` overlap those of trial 'k' by 0.1 s; part them"),
-    ("0-99", "its `windows` overlap those of trial 'k' by 3 s; part them"),
-    (None, "log 'k.csv' is that of trial 'k'; correct one, or give each it"),
-])  # fmt: skip
-def test_two_trials_of_the_same_samples_are_refused(tmp_path, windows, said):
-    with pytest.raises(InputError, match=f"trial 'j': {said}"):
+@pytest.mark.parametrize("windows", ["4-6.1", "0-99", None])
+def test_two_trials_of_the_same_samples_are_refused(tmp_path, windows):
+    said = "trial 'j': trial 'k' uses the same part of log 'k.csv'"
+    with pytest.raises(InputError, match=said):
         check_campaign(opened(tmp_path, rows=two_of_one_log(tmp_path, windows=windows)))
 
 

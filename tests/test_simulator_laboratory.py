@@ -334,11 +334,10 @@ def test_a_trial_depends_on_the_seed_and_its_name_only(shipped, tmp_path):
     ("text", "message"),
     [
         ("phase,K_d\n0,100\n1,100\n", "no column 'B_d'"),
-        ("phase,K_d,B_d\n0,1,1\n", "fewer than two rows"),
+        ("phase,K_d,B_d\n0,1,1\n", "from 0 to 0; it must rise from 0 to 1"),
         ("phase,K_d,B_d\n0,100,1\n0.9,100,1\n", "from 0 to 0.9; it must rise from 0 to 1"),
-        ("phase,K_d,B_d\n0,1,1\n1,1,nan\n", "B_d holds"),
-        ("phase,K_d,B_d\n0,1,1\n1,a,1\n", "not a table of numbers"),
-        ("phase,K_d,B_d,K_d\n0,1,1,1\n", "'K_d' stands twice"),
+        ("phase,K_d,B_d\n0,1,1\n1,1,NaN\n", "column B_d: write a number in every row"),
+        ("phase,K_d,B_d\n0,1,1\n1,a,1\n", "column 'K_d' holds text"),
     ],
 )
 def test_a_bad_impedance_trajectory_is_refused(tmp_path, text, message):

@@ -20,7 +20,7 @@ from osl_analysis.signals import Motion, differentiate, runs
 from osl_analysis.signals.grid import UniformSignals, uniform_signals
 from osl_analysis.signals.plateaus import FEWEST_PLATEAUS, is_clamped, plateaus_of
 from osl_analysis.stats.linear_fit import without
-from osl_analysis.stats.table_rows import INTERVAL_ENDS, Row, estimates_row
+from osl_analysis.stats.table_rows import Row, estimates_row
 from osl_analysis.trial import Array, Trial
 
 ACTUATOR_PARAMETERS = ("k_tau_n_m", "f_C", "f_G", "B_m", "J_m")
@@ -334,15 +334,11 @@ def actuator_table(actuator: Analysis) -> pl.DataFrame:
     fit, record = actuator.calibrated(actuator.whole), actuator.record
     assert record.uniform is not None
     told = [name for name in ACTUATOR_PARAMETERS if name in fit.names]
-    row: Row = {"trial": record.name, "motion": None}
-    if "J_m" in told:
-        row["motion"] = moved_by(record.uniform)
-    for name in ACTUATOR_PARAMETERS:
-        for ending in (*INTERVAL_ENDS, "_se_bench"):
-            row[f"{name}{ending}"] = None
-    row.update(estimates_row(fit, *told))
-    for name in told:
-        row[f"{name}_se_bench"] = fit.se_bench(name)
-    row.update(actuator.diagnostics())
-    row.update(actuator.time_base_row(None, told))
-    return table_of([row], "actuator")
+    row: Row = {
+        "trial": record.name,
+        "motion": moved_by(record.uniform) if "J_m" in told else None,
+        **estimates_row(fit, *told),
+        **actuator.beside_estimates(None, *told),
+        **actuator.time_base_row(None, told),
+    }
+    return table_of([row], "actuator", complete=True)

@@ -21,7 +21,7 @@ from osl_analysis.errors import InputError, naming
 from osl_analysis.model.drivetrain import DrivetrainParameters, belt_deflection
 from osl_analysis.signals import filtered_motion, runs
 from osl_analysis.signals.grid import BRIDGE_MORE, UniformSignals, uniform_signals
-from osl_analysis.stats.table_rows import INTERVAL_ENDS, Row, estimates_row
+from osl_analysis.stats.table_rows import Row, estimates_row
 from osl_analysis.trial import Array, Trial
 
 STRAIGHT: Model = {"K_s": "theta", "offset": "one"}
@@ -262,14 +262,10 @@ def belt_table(belt: Analysis) -> pl.DataFrame:
     by_torque = np.linalg.norm(mean_loop(theta, errors))
     by_gain = area * record.calibration.polar(0.0)[0]
 
-    damping: Row = dict.fromkeys(f"B_j{ending}" for ending in INTERVAL_ENDS)
-    if "B_j" in loading.names:
-        damping = dict(estimates_row(loading, "B_j"))
     row: Row = {
         "trial": record.name,
-        **estimates_row(loading, "K_s"),
+        **estimates_row(loading, *(name for name in ("K_s", "B_j") if name in loading.names)),
         "K_s_se_bench": loading.se_bench("K_s"),
-        **damping,
         **belt.diagnostics("loading"),
         "unloading": unloading["K_s"],
         "unloading_se_bench": unloading.se_bench("K_s"),
@@ -280,7 +276,7 @@ def belt_table(belt: Analysis) -> pl.DataFrame:
         "stiffening": 2 * quadratic["K_s2"] * peak / quadratic["K_s"],
         **belt.time_base_row("loading", ["K_s"]),
     }
-    return table_of([row], "belt")
+    return table_of([row], "belt", complete=True)
 
 
 def shaft_turn(record: Record) -> float | None:

@@ -11,7 +11,7 @@ from osl_analysis.bench.regression import jackknife
 from osl_analysis.signals.grid import uniform_signals
 from osl_analysis.stats.covariance import products_between
 from osl_analysis.stats.estimates import NORMAL_HALF_WIDTH
-from osl_analysis.stats.table_rows import INTERVAL_ENDS, Row
+from osl_analysis.stats.table_rows import Row
 from osl_analysis.trial import Trial
 
 JOINT_SIDE = "theta_joint"  # column of the angle between frame and joint
@@ -55,16 +55,15 @@ class Frame:
         )
 
     def row(self) -> Row:
-        """The columns `frame_stiffness...` [N*m/rad]; null of a frame that does not certainly
+        """The columns `frame_stiffness...` [N*m/rad]; none of a frame that does not certainly
         yield. The interval is that of the compliance, inverted."""
         if not self.yields:
-            return dict.fromkeys(NO_FRAME)
-        ends = (1 / (self.compliance + way * self.half_width) for way in (1, -1))
-        value = 1 / self.compliance
-        return dict(zip(NO_FRAME, (value, *ends), strict=True))
-
-
-NO_FRAME = tuple(f"frame_stiffness{ending}" for ending in INTERVAL_ENDS)
+            return {}
+        return {
+            "frame_stiffness": 1 / self.compliance,
+            "frame_stiffness_low": 1 / (self.compliance + self.half_width),
+            "frame_stiffness_high": 1 / (self.compliance - self.half_width),
+        }
 
 
 def measured_frame(trial: Trial, settings: SteppedSineAnalysis, groups: Groups) -> Frame | None:

@@ -82,7 +82,6 @@ def fixture_alone(analysis: Analysis) -> tuple[GroupFit, float]:
 
 
 SAME_FIXTURE = 0.02  # share by which a stated fixture may differ, as rounding does
-NOT_COMPARED: Row = dict.fromkeys(("inertia_off", "weight_off", "fixture_error"))
 
 
 def compared(fit: GroupFit, stated: Fixture) -> Row:
@@ -120,7 +119,7 @@ def fixture_row(analysis: Analysis, stated: Fixture | None = None) -> Row:
         **estimates_row(fit, "inertia", "weight"),
         "rest_deg": rest_deg,
         "to_state": to_state,
-        **(compared(fit, stated) if stated else NOT_COMPARED),
+        **(compared(fit, stated) if stated else {}),
         **analysis.diagnostics(),
         **analysis.time_base_row(None, QUANTITIES),
     }

@@ -187,10 +187,16 @@ def response_of_pieces(
 
 
 def mean_response(responses: Sequence[Response]) -> Response:
-    """The mean of Y over amplitudes, whose errors are independent."""
-    variances = [np.sum(np.abs(response.deviations) ** 2) for response in responses]
-    freedom = welch_satterthwaite(variances, [response.freedom for response in responses])
+    """The mean of Y over amplitudes, whose errors are independent.
+
+    It has no interval where the error of one of them is unknown.
+    """
     deviations = [response.deviations for response in responses]
+    variances = [float(np.sum(np.abs(errors) ** 2)) for errors in deviations]
+    freedom = float("nan")
+    if np.isfinite(variances).all():
+        freedoms = [response.freedom for response in responses]
+        freedom = float(welch_satterthwaite(variances, freedoms))
     return Response(
         responses[0].frequency_hz,
         complex(np.mean([response.Y for response in responses])),

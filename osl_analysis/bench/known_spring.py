@@ -8,10 +8,10 @@ import polars as pl
 
 from osl_analysis.bench import effects
 from osl_analysis.bench.analysis import QUANTITIES, Analysis, widened
-from osl_analysis.bench.bench_frame import NO_FRAME, Frame
+from osl_analysis.bench.bench_frame import Frame
 from osl_analysis.bench.bench_settings import Fixture
 from osl_analysis.bench.effects import IMPEDANCE
-from osl_analysis.bench.fixture import NOT_COMPARED, error_to_state, fixture_row
+from osl_analysis.bench.fixture import error_to_state, fixture_row
 from osl_analysis.bench.joint_inference import suspected_fault_of_losses
 from osl_analysis.bench.late_torque import LateFit, late_fit
 from osl_analysis.bench.plausibility import check_resists
@@ -19,7 +19,7 @@ from osl_analysis.bench.record import Record
 from osl_analysis.bench.regression import GroupFit
 from osl_analysis.dictionary import table_of
 from osl_analysis.errors import InputError
-from osl_analysis.stats.table_rows import INTERVAL_ENDS, Row, estimates_row
+from osl_analysis.stats.table_rows import Row, estimates_row
 from osl_analysis.trial import Array
 
 SPRING_LOSS = 1e-3
@@ -105,9 +105,8 @@ def calibration_table(
     """
     record = analysis.record
     if known.is_fixture_alone:
-        absent: Row = dict.fromkeys((*NOT_OF_A_FIXTURE, *NO_FRAME))
-        row_of_fixture = {"trial": record.name, **absent, **fixture_row(analysis, stated)}
-        return table_of([row_of_fixture], "calibration")
+        of_fixture = {"trial": record.name, **fixture_row(analysis, stated)}
+        return table_of([of_fixture], "calibration", complete=True)
     of = known.stiffness or known.inertia
     if not of or of < 0:
         raise InputError(
@@ -124,24 +123,14 @@ def calibration_table(
         fault = suspected_fault_of_losses(record)
         explanations = fault.explanations if fault else None
 
-    damping: Row = {f"B{ending}": None for ending in INTERVAL_ENDS}
-    if fits.damped is not None:
-        damping.update(estimates_row(fits.damped, "B"))
-    fixture: Row = {}
-    for name in ("inertia", "weight"):
-        for ending in INTERVAL_ENDS:
-            fixture[f"{name}{ending}"] = None
     row: Row = {
         "trial": record.name,
-        "rest_deg": None,
-        **(frame.row() if frame else dict.fromkeys(NO_FRAME)),
+        **(frame.row() if frame else {}),
         "known_K": known.stiffness,
         "known_I": known.inertia,
         "known_share": known.share,
-        **fixture,
-        **NOT_COMPARED,
         **estimates_row(fit, *fit.names),
-        **damping,
+        **(estimates_row(fits.damped, "B") if fits.damped else {}),
         **estimates_row(fits.counted, "T_C"),
         **analysis.diagnostics(),
         "certain_lag_s": certain_lag,
@@ -150,7 +139,7 @@ def calibration_table(
         **analysis.time_base_row(None, QUANTITIES),
         "explanations": explanations,
     }
-    return table_of([row], "calibration")
+    return table_of([row], "calibration", complete=True)
 
 
 def to_state(fit: GroupFit, frame: Frame | None) -> str:
@@ -163,13 +152,6 @@ def to_state(fit: GroupFit, frame: Frame | None) -> str:
         return text
     value, error = stiffness.value, stiffness.standard_error
     return f"{{{text}, bench_stiffness: {{value: {value}, standard_error: {error}}}}}"
-
-
-NOT_OF_A_FIXTURE = (
-    "known_K", "known_I", "known_share", "certain_lag_s", "certain_gain_error", "explanations",
-    *(f"{name}{ending}" for name in ("lag_s", "gain", "B", "T_C") for ending in INTERVAL_ENDS),
-)  # fmt: skip
-"""Columns that a recording of the fixture alone does not fill."""
 
 
 def bench_estimates(record: Record, fits: LateFits, known: Known, of: float) -> GroupFit:

@@ -31,7 +31,6 @@ class UsedPart(NamedTuple):
     start: float  # [s]
     stop: float  # [s]
     trial: str
-    is_window: bool  # of the sheet; else all of the recording
 
 
 def check_campaign(campaign: Campaign) -> None:
@@ -70,19 +69,12 @@ def check_not_used_twice(campaign: Campaign, trial: str, used: list[UsedPart]) -
     for start, stop in stretches(row["windows"] or WHOLE_RECORDING):
         for used_part in used:
             shared_s = min(stop, used_part.stop) - max(start, used_part.start)
-            if shared_s <= ROUNDING_S:
-                continue
-            where = f"{campaign.config.sheet}: trial '{trial}'"
-            if row["windows"] and used_part.is_window:
+            if shared_s > ROUNDING_S:
                 raise InputError(
-                    f"{where}: its `windows` overlap those of trial '{used_part.trial}' by"
-                    f" {shared_s:.3g} s; part them"
+                    f"{campaign.config.sheet}: trial '{trial}': trial '{used_part.trial}' uses the"
+                    f" same part of log '{row['log']}'; correct one, or give each its own `windows`"
                 )
-            raise InputError(
-                f"{where}: log '{row['log']}' is that of trial '{used_part.trial}'; correct one, or"
-                " give each its own `windows`"
-            )
-        used.append(UsedPart(start, stop, trial, bool(row["windows"])))
+        used.append(UsedPart(start, stop, trial))
 
 
 def check_desired_curve(campaign: Campaign, trial: str) -> None:
@@ -100,9 +92,8 @@ def check_desired_curve(campaign: Campaign, trial: str) -> None:
 def check_no_copies(campaign: Campaign) -> None:
     """Refuse a recording that another trial of the experiment has under another name: it would
     count twice."""
-    similar: dict[tuple[object, ...], list[tuple[str, Path]]] = {}
-    for trial in campaign.rows:
-        row = campaign.row(trial)
+    first_alike: dict[tuple[object, ...], tuple[str, Path]] = {}
+    for trial, row in campaign.rows.items():
         for file in campaign.logs(trial):
             # two bags may have equal descriptions
             if not file.is_file() or file.suffix == ".yaml" or not file.stat().st_size:
@@ -113,17 +104,13 @@ def check_no_copies(campaign: Campaign) -> None:
                     content.seek(size // 2)
                     middle = content.read(COMPARED_BYTES)
                 key = (row["experiment"], row["log_part"], row["windows"], size, middle)
-                earlier = similar.setdefault(key, [])
-                for other_trial, earlier_file in earlier:
-                    is_file = earlier_file == file
-                    if is_file or not filecmp.cmp(earlier_file, file, shallow=False):
-                        continue
+                other_trial, other = first_alike.setdefault(key, (trial, file))
+                if other != file and filecmp.cmp(other, file, shallow=False):
                     raise InputError(
-                        f"{campaign.config.sheet}: trial '{trial}': {file} is a copy of"
-                        f" {earlier_file}, the recording of trial '{other_trial}', and would count"
-                        " twice; exclude one, or name its own"
+                        f"{campaign.config.sheet}: trial '{trial}': {file} is a copy of {other},"
+                        f" the recording of trial '{other_trial}', and would count twice; exclude"
+                        " one, or name its own"
                     )
-                earlier.append((trial, file))
 
 
 def check_files(config: Config) -> None:
@@ -146,24 +133,21 @@ def check_files(config: Config) -> None:
 
 def check_folders(config: Config) -> None:
     """Refuse folders that are files, and a results' folder that holds what is analysed."""
-    if config.results == Path():
-        raise InputError(
-            "configuration: results is empty, or this very folder; name a folder, as `results:"
-            " results`"
-        )
-    for field in ("results", "raw_data", "sources", "sheet"):
+    results = config.results.resolve()
+    for field in ("raw_data", "sources", "sheet", "results"):
         path: Path = getattr(config, field)
+        is_analysed = field != "results" and path.resolve().is_relative_to(results)
+        if is_analysed or results == Path().resolve():
+            raise InputError(
+                f"configuration: results = {config.results} is or holds {field} = {path}; name"
+                " another folder"
+            )
         folders = path.parents if field == "sheet" else (path, *path.parents)
         for folder in folders:
             if folder.is_file():
                 raise InputError(
                     f"{folder}: is a file; name a folder under `{field}` in the configuration"
                 )
-        if field != "results" and path.resolve().is_relative_to(config.results.resolve()):
-            raise InputError(
-                f"configuration: results = {config.results} is or holds {field} = {path}; name"
-                " another"
-            )
 
 
 def check_walking(campaign: Campaign) -> None:
@@ -184,33 +168,22 @@ def check_walking(campaign: Campaign) -> None:
 def check_trials_for_walking(campaign: Campaign) -> None:
     """Refuse a sheet with fewer trials than the analysis of walking needs."""
     walking = campaign.config.walking
-    add = "add them, or exclude the walking trials"
-    if campaign.config.simulation is not None:
-        add += ", or correct experiments.walking or perturbed_share of the simulation"
-    # how many there are, what they are, how many are needed, what else helps
+    # how many there are, how many are needed, what they are
     needs = [
-        (len(campaign.trials("static")), "trial of experiment 'static'", 1, ""),
+        (len(campaign.trials("static")), 1, "trial of experiment 'static'"),
         (
             len(campaign.crossings(perturbed=False)),
-            "unperturbed crossings",
             walking.fewest_unperturbed,
-            ", or lower walking.fewest_unperturbed, to 3 at least",
+            "unperturbed crossings (walking.fewest_unperturbed)",
         ),
-        (len(campaign.crossings(perturbed=True)), "perturbed crossings", FEWEST_PERTURBED, ""),
+        (len(campaign.crossings(perturbed=True)), FEWEST_PERTURBED, "perturbed crossings"),
     ]
     if walking.plate_inertia == "identified":
-        needs.append(
-            (
-                len(campaign.trials("plate")),
-                "trial of experiment 'plate' (unloaded platform, moved)",
-                1,
-                ", to remove the plate's own inertia, or state `plate_inertia: none` under"
-                " `walking` if the plate is light or compensates its inertia itself",
-            )
-        )
-    for count, name, fewest, remedy in needs:
+        what = "trial of experiment 'plate', unless walking.plate_inertia is none"
+        needs.append((len(campaign.trials("plate")), 1, what))
+    for count, fewest, what in needs:
         if count < fewest:
             raise InputError(
-                f"{campaign.config.sheet}: {count} {name}, walking needs {fewest} or more;"
-                f" {add}{remedy}"
+                f"{campaign.config.sheet}: walking needs {fewest} or more {what}, and there are"
+                f" {count}; add them, or exclude the walking trials"
             )

@@ -68,27 +68,19 @@ class Campaign:
         }
 
     @cached_property
-    def static_rows(self) -> dict[str, Mapping[str, Any]]:
-        """The rows of the static trials, by name."""
-        return {name: self.row(name) for name in self.trials("static")}
-
-    @cached_property
-    def static_by_trial(self) -> dict[str, str]:
-        """What `static` has found: several rules ask for each trial."""
-        return {}
-
-    def static(self, trial: str) -> str:
-        """The static trial that calibrates a crossing or plate trial."""
-        if trial not in self.static_by_trial:
-            with naming(self.config.sheet):
-                found = static_of(trial, self.row(trial), self.static_rows)
-            self.static_by_trial[trial] = found
-        return self.static_by_trial[trial]
+    def static_of(self) -> dict[str, str]:
+        """The static trial that calibrates each crossing and each plate trial in use."""
+        static_rows = {name: self.row(name) for name in self.trials("static")}
+        with naming(self.config.sheet):
+            return {
+                trial: static_of(trial, self.row(trial), static_rows)
+                for trial in (*self.trials("walking"), *self.plate_trials())
+            }
 
     def static_trials(self, trials: Iterable[str]) -> dict[str, str]:
         """The static trial that calibrates each of these trials; none if the leg's log has angle
         and torque."""
-        return {trial: self.static(trial) for trial in trials if self.statics}
+        return {trial: self.static_of[trial] for trial in trials if self.statics}
 
     def plate_trials(self) -> list[str]:
         """Names of the plate trials from which the plate's inertia is identified; none if it is
@@ -101,12 +93,11 @@ class Campaign:
     def statics(self) -> dict[str, list[str]]:
         """The crossings that each static trial in use calibrates, by static trial, in the order of
         the sheet."""
-        static_of_crossing = {trial: self.static(trial) for trial in self.trials("walking")}
-        used = {*static_of_crossing.values(), *map(self.static, self.plate_trials())}
+        crossings = self.trials("walking")
         return {
-            static: [trial for trial, own in static_of_crossing.items() if own == static]
+            static: [trial for trial in crossings if self.static_of[trial] == static]
             for static in self.trials("static")
-            if static in used
+            if static in self.static_of.values()
         }
 
     def calibration_settings(self, static: str) -> dict[str, Any]:
@@ -136,7 +127,7 @@ class Campaign:
             side = self.calibration_settings(static)["side"]
             sides.update(dict.fromkeys((static, *crossings), side))
         for trial in self.plate_trials():
-            sides[trial] = sides[self.static(trial)]
+            sides[trial] = sides[self.static_of[trial]]
         return sides
 
     def device(self, trial: str) -> Path | None:

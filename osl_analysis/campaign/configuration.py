@@ -1,12 +1,12 @@
 """The configuration of a campaign: choices with units, validated when they are read."""
 
 from collections.abc import Mapping, Sequence
-from datetime import date, timedelta
+from datetime import date
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import yaml
-from pydantic import BeforeValidator, Field
+from pydantic import Field
 
 from osl_analysis.bench.bench_settings import (
     ActuatorAnalysis,
@@ -25,33 +25,15 @@ from osl_analysis.walking.walking_settings import WalkingAnalysis
 from osl_analysis.yaml_settings import (
     FILE_NAME,
     AnySettings,
-    Place,
     Settings,
     ShippedPath,
     Stiffness,
-    check_rising,
-    dotted,
+    flat,
     located,
     read_mapping,
     refuse_if,
     validated,
 )
-
-EARLIEST_DATE = date(1990, 1, 1)
-
-
-def dates(value: date | str) -> date | str:
-    """Check one date, or the first and the last, as `2026-03-14 to 2026-03-16`."""
-    try:
-        text = value if isinstance(value, str) else value.isoformat()
-        days = [date.fromisoformat(day) for day in text.split(" to ")]
-        # tomorrow it is already today elsewhere
-        check_rising((EARLIEST_DATE - timedelta(1), *days, date.today() + timedelta(2)))
-    except (ValueError, AttributeError) as error:
-        raise ValueError(
-            "write a date, 1990 to today, as 2026-03-14, or two, as 2026-03-14 to 2026-03-16"
-        ) from error
-    return value
 
 
 class FrequencyResponseFigure(Settings):
@@ -98,8 +80,8 @@ class Config(Settings):
     data: Literal["simulated", "measured"] | None = None
     """What the recordings are, as figures, tables and summary say; null: simulated where the
     simulator made them."""
-    recorded: Annotated[date | str, BeforeValidator(dates)] | None = None
-    """Date of the recordings, as the figures say, such as 2026-03-14; null: the dates of the
+    recorded: date | Annotated[str, Field(max_length=40)] | None = None
+    """When the recordings were made, as the figures say, such as 2026-03-14; null: the dates of the
     files."""
     parameters: ShippedPath | None
     """Parameter file of the device; null: none, it is analysed without predictions and without
@@ -198,30 +180,16 @@ def read_campaign_file(path: Path) -> dict[str, Any]:
     """The fields of a configuration. Raises InputError: Snakemake, which reads YAML 1.1, takes a
     value for another one."""
     content = read_mapping(path)
-    place = misread_place(content, yaml.safe_load(path.read_text(encoding="utf-8-sig")))
-    if place is not None:
-        raise InputError(
-            f"{path}: {located([path], place)}{dotted(place)}: Snakemake reads another value; write"
-            " a plain decimal number, true or false, or text in quotes"
-        )
+    by_snakemake = flat(yaml.safe_load(path.read_text(encoding="utf-8-sig")))
+    for name, value in flat(content).items():
+        # of a text as 1e3, fields of numbers make the number
+        read = by_snakemake.get(name, "")
+        if read != value and not read.startswith('"'):
+            raise InputError(
+                f"{path}: {located([path], tuple(name.split('.')))}{name}: Snakemake reads another"
+                " value; write a plain decimal number, true or false, or text in quotes"
+            )
     return content
-
-
-def misread_place(content: Any, by_snakemake: Any) -> Place | None:
-    """Where a value of YAML 1.2 is another one for Snakemake; None: nowhere."""
-    if isinstance(content, dict | list):
-        entries = content.items() if isinstance(content, dict) else enumerate(content)
-        for key, value in entries:
-            try:
-                place = misread_place(value, by_snakemake[key])
-            except LookupError:
-                place = ()
-            if place is not None:
-                return (key, *place)
-        return None
-    # of a text as 1e3, fields of numbers make the number
-    is_same = isinstance(by_snakemake, str) or repr(content) == repr(by_snakemake)
-    return None if is_same else ()
 
 
 def own_fields(path: Path) -> Mapping[str, Any]:

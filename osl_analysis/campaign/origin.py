@@ -6,11 +6,10 @@ from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
 
 from osl_analysis.campaign.campaign_trials import Campaign
 from osl_analysis.files import digest
-from osl_analysis.yaml_settings import read_mapping
+from osl_analysis.yaml_settings import flat, read_mapping
 
 # facts on the origin of results
 ABOUT_MEANING = {
@@ -74,18 +73,6 @@ def settings_of(campaign: Campaign) -> dict[str, str]:
     return settings
 
 
-def flat(settings: Mapping[str, Any], begin: str = "") -> dict[str, str]:
-    """Nested settings as JSON by dotted name."""
-    by_name: dict[str, str] = {}
-    for key, value in settings.items():
-        name = f"{begin}{key}"
-        if isinstance(value, dict) and value:
-            by_name.update(flat(value, f"{name}."))
-        else:
-            by_name[name] = json.dumps(value)
-    return by_name
-
-
 def date_of_data(campaign: Campaign) -> str:
     """When the data were recorded, in words."""
     config = campaign.config
@@ -96,11 +83,9 @@ def date_of_data(campaign: Campaign) -> str:
     logs = {path for trial in campaign.trials() for path in campaign.logs(trial) if path.is_file()}
     times = [datetime.fromtimestamp(path.stat().st_mtime, UTC) for path in logs]
     days = sorted({time.date().isoformat() for time in times})
-    if not days:
-        return "date not known"
-    if days[0] == days[-1]:
-        return f"files of {days[0]}"
-    return f"files of {days[0]} to {days[-1]}"
+    return (
+        f"files of {' to '.join(dict.fromkeys((days[0], days[-1])))}" if days else "date not known"
+    )
 
 
 def sentence(about: Mapping[str, str], below_figure: bool = False) -> str:

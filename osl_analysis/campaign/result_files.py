@@ -213,12 +213,6 @@ class ResultFiles:
         """The tables that a figure shows beside its first one: none, one or two."""
         return [f"{self.results}/tables/{table}.csv" for table in FIGURES[figure].beside]
 
-    @cached_property
-    def results_in_figures(self) -> list[str]:
-        """The results of single trials that figures show, each once."""
-        files = [file for name in self.figure_names for file in self.results_in_figure(name)]
-        return list(dict.fromkeys(files))
-
     def results_in_figure(self, figure: str) -> list[str]:
         """The results of single trials that a figure shows; the refused ones are named below it."""
         if figure == "fig4":

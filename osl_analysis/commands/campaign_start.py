@@ -9,7 +9,6 @@ from typing import Any
 from osl_analysis.campaign.campaign_checks import check_campaign
 from osl_analysis.campaign.campaign_trials import Campaign, open_campaign
 from osl_analysis.campaign.configuration import campaign_config, over_default
-from osl_analysis.campaign.figure_examples import response_example, time_series_example
 from osl_analysis.errors import (
     EXTRAS,
     InputError,
@@ -22,7 +21,6 @@ from osl_analysis.files import check_working_folder, default_config
 from osl_analysis.draft.overview import inspect_recording
 from osl_analysis.ingest.raw_files import (
     check_clocks,
-    check_plates,
     read_source,
     recorded_files,
     recordings_in,
@@ -32,8 +30,6 @@ LONG_TO_READ = 50_000_000
 """Bytes of a recording that takes more than a second to look at."""
 MOST_LISTED = 5
 """Recordings that are named in one message."""
-COMPARED_CAPTURES = 3
-"""Captures of one session whose plates are compared with its source file: they have the same."""
 
 
 def start_campaign(stated: Mapping[str, Any], files: Sequence[Path]) -> tuple[Campaign, list[Path]]:
@@ -68,8 +64,6 @@ def start_campaign(stated: Mapping[str, Any], files: Sequence[Path]) -> tuple[Ca
     campaign = open_campaign(config, planned)
     check_working_folder(config.results)
     check_start(campaign)
-    time_series_example(campaign)
-    response_example(campaign)
     return campaign, simulation_files
 
 
@@ -80,7 +74,7 @@ def check_start(campaign: Campaign) -> None:
     ------
     InputError
         What `check_campaign` refuses; a folder that is missing; a source file that is wrong for
-        every trial; a force plate that no crossing has; a simulation without its libraries.
+        every trial; a simulation without its libraries.
     """
     check_campaign(campaign)
     config = campaign.config
@@ -94,11 +88,6 @@ def check_start(campaign: Campaign) -> None:
     is_wrong_for_all = len(problems) == len(campaign.trials()) and len(set(problems.values())) == 1
     if is_wrong_for_all:
         raise InputError(next(iter(problems.values())))
-    on_plate = campaign.trials("walking", "plate")
-    sound = [trial for trial in on_plate if trial not in problems]
-    if sound:
-        source = read_source(campaign.sources(sound[0])[-1])
-        check_plates(source, captures(campaign, on_plate), config.walking.plate)
 
 
 def has_to_simulate(campaign: Campaign) -> bool:
@@ -118,7 +107,7 @@ def check_configured_folder(setting: str, folder: Path) -> None:
 
 
 def source_problems(campaign: Campaign) -> dict[str, str]:
-    """What is wrong with the source files of trials, or does not fit their captures, by trial.
+    """What is wrong with the source files of trials, by trial.
 
     Trials with the same source files are looked at once.
     """
@@ -139,7 +128,7 @@ def source_problems(campaign: Campaign) -> dict[str, str]:
 def check_sources(
     campaign: Campaign, paths: Sequence[Path], part: str, trials: Sequence[str]
 ) -> None:
-    """Refuse source files that are wrong, or do not fit the first captures of their trials."""
+    """Refuse source files that are wrong."""
     first = trials[0]
     row = campaign.row(first)
     sources = [read_source(path) for path in paths]
@@ -147,13 +136,6 @@ def check_sources(
         sources[0].of_part(part)
     if row["log"] and row["mocap"]:
         check_clocks(sources[0], sources[1])
-    check_plates(sources[-1], captures(campaign, trials), of_walking=0)
-
-
-def captures(campaign: Campaign, trials: Sequence[str]) -> list[Path]:
-    """The captures of the first of these trials."""
-    names = [campaign.row(trial)["mocap"] for trial in trials[:COMPARED_CAPTURES]]
-    return [campaign.config.raw_data / name for name in names if name]
 
 
 def unnamed_recordings(campaign: Campaign) -> str:

@@ -1,10 +1,11 @@
 """Figures: the numbers to be plotted from result tables, the drawn page from those numbers, and the
 captions."""
 
-from collections.abc import Iterable, Mapping, Sequence
-from itertools import chain
+import textwrap
+from collections.abc import Callable, Mapping, Sequence
+from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import polars as pl
@@ -18,18 +19,19 @@ from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.campaign.configuration import FrequencyResponseFigure
 from osl_analysis.commands.walking_files import read_unperturbed_gaits, selected_crossings
+from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.errors import InputError
-from osl_analysis.figures import captions, drawing_of, names
-from osl_analysis.figures.frequency import (
+from osl_analysis.figures import (
     DESIRED,
+    FIGURES,
     LINEAR_MODEL,
-    draw_fig7,
-    over_amplitudes,
-    response_curve,
+    OBSERVED,
+    columns_of,
+    drawn,
+    figure_title,
+    look_numbers,
+    plotted_numbers,
 )
-from osl_analysis.figures.names import completed, look_numbers
-from osl_analysis.figures.saved import METADATA, saved_figure, write_footer
-from osl_analysis.figures.style import lay_out, without_collecting
 from osl_analysis.files import atomic_path, digest, write_text
 from osl_analysis.judge.judging import judged, marked
 from osl_analysis.judge.limits import Limits
@@ -44,12 +46,29 @@ from osl_analysis.model.drivetrain import (
 from osl_analysis.refusal import Refusal, read_refusals
 from osl_analysis.stats.repeats import DOUBTFUL
 from osl_analysis.table import read_table, read_tables, with_evidence, write_table
-from osl_analysis.trial import read_trial
+from osl_analysis.trial import Array, read_trial
 from osl_analysis.walking.result_tables import walking_page_points
 from osl_analysis.walking.unperturbed_gait import unperturbed_gait
 from osl_analysis.walking.walking_settings import TimingSettings
 
-UNDRAWN = "This figure is not drawn."  # how the caption of one begins that has nothing to show
+if TYPE_CHECKING:
+    from osl_analysis.figures.style import PaperFigure
+
+CURVE_POINTS = 101  # of a response by a model
+SHOWN_S = 10.0  # length of the part of a trial that Fig. 4 shows
+SAME_AMPLITUDE_DEG = 1e-6  # difference of an amplitude that a CSV file rounds
+MOST_NAMED = 4  # refused trials below a figure; `excluded.csv` names all
+# metadata by format: without the time, equal numbers give equal files
+METADATA: dict[str, dict[str, None]] = {
+    ".pdf": {"CreationDate": None},
+    ".svg": {"Date": None},
+    ".png": {},
+}
+FOOTER_SIZE = 5.5  # of the letters below a figure [pt]
+FOOTER_LINE = 0.1  # height of a line [in]
+FOOTER_LETTERS = 28  # per inch
+REASON_LETTERS = 120  # in a line of the page that stands for a missing figure
+REASON_LINE = 0.16  # height of such a line [in]
 
 
 def plot_numbers(
@@ -63,12 +82,16 @@ def plot_numbers(
 ) -> None:
     """Write what figure `name` plots, from the one result table that it shows, or up to three.
     `option` is the value of the setting that the list of figures names; None: not set."""
-    figure = drawing_of(name)
-    arguments: list[Any] = [with_evidence(table, figure.needs)]
-    arguments += [read_table(path) for path in (second, third) if path]
+    others: list[Any] = [read_table(path) for path in (second, third) if path]
     if option is not None:
-        arguments.append(option)
-    write_table(figure.points(*arguments), output, data)
+        others.append(option)
+    write_table(plotted_numbers(name, with_evidence(table, needed(name)), *others), output, data)
+
+
+def needed(name: str) -> list[str]:
+    """The columns of a figure that its result table has."""
+    described = described_tables_by_name()[FIGURES[name].table].columns
+    return [column for column in columns_of(name) if column in described]
 
 
 def draw_figure(
@@ -96,96 +119,84 @@ def draw_figure(
     footer
         Whether a small line below the figure says so, too; its metadata always do.
     """
+    reasons = reasons_not_drawn(name, table_csv)
     if origin:
         origin += f", numbers {str(digest(table_csv))[:8]}"
-    causes = [(cause.trial, cause.file, cause.reason) for cause in read_refusals(table_csv)]
-    if not causes:
-        figure = drawing_of(name)
-        table = read_table(table_csv, required=figure.columns)
-        if not table.is_empty():
-            draw_table(name, table, outputs, names_of_trials(refused), origin, footer)
-            return
-        causes = [("", str(table_csv), figure.nothing)]
-    reasons = pl.DataFrame(causes, schema=("trial", "file", "reason"), orient="row")
-    reasons = reasons.with_columns(figure=pl.lit(name))
-    draw_table("not_drawn", reasons, outputs, origin=origin, footer=footer)
+    if reasons:
+        write_figure(page_of_reasons(name, reasons), outputs, origin, footer)
+        return
+    missing = list(dict.fromkeys(refusal.trial for refusal in refused if refusal.trial))
+    if missing:
+        without = f"Without {len(missing)} refused: {', '.join(missing[:MOST_NAMED])}"
+        if len(missing) > MOST_NAMED:
+            without += f" and {len(missing) - MOST_NAMED} more"
+        origin = f"{origin}. {without}" if origin else without
+    figure = drawn(name, read_table(table_csv, list(columns_of(name))))
+    write_figure(figure, outputs, origin, footer)
 
 
-def names_of_trials(refused: Iterable[Refusal]) -> list[str]:
-    """The refused trials, each once; some refusals are of no single trial."""
-    return list(dict.fromkeys(refusal.trial for refusal in refused if refusal.trial))
+def reasons_not_drawn(name: str, table_csv: Path) -> list[str]:
+    """Why a figure is not drawn from its plotted numbers; empty if it is."""
+    causes = [f"{cause.trial or cause.file}: {cause.reason}" for cause in read_refusals(table_csv)]
+    if not causes and read_table(table_csv, list(columns_of(name))).is_empty():
+        return [FIGURES[name].nothing]
+    return causes
 
 
-CURVE_POINTS = 101  # of a response by a model
-SHOWN_S = 10.0  # length of the part of a trial that Fig. 4 shows
-SAME_AMPLITUDE_DEG = 1e-6  # difference of an amplitude that a CSV file rounds
-MOST_NAMED = 4  # refused trials below a figure; the caption names more, `excluded.csv` all
+def page_of_reasons(name: str, reasons: Sequence[str]) -> "PaperFigure":
+    """A page in place of a figure that is missing, which says why."""
+    from osl_analysis.figures.style import DOUBLE_COLUMN, PaperFigure, paper_style
+
+    lines = [f"{figure_title(name)} is not drawn"]
+    for reason in reasons:
+        lines += textwrap.wrap(reason, REASON_LETTERS)
+    with paper_style():
+        figure = PaperFigure(figsize=(DOUBLE_COLUMN, 0.5 + REASON_LINE * len(lines)))
+        figure.text(0.02, 0.9, "\n".join(lines), va="top", parse_math=False)
+    return figure
 
 
-@without_collecting()
-def draw_table(
-    name: str,
-    table: pl.DataFrame,
-    outputs: Sequence[Path],
-    missing: Sequence[str] = (),
-    origin: str = "",
-    footer: bool = True,
+def write_figure(
+    figure: "PaperFigure", outputs: Sequence[Path], origin: str = "", footer: bool = True
 ) -> None:
-    """Draw numbers in memory, as `draw_figure`; `missing` are the refused trials."""
+    """Write a figure as PDF, SVG or PNG, with what its data are in the metadata and, if there is to
+    be a footer, in a small line below it."""
+    from osl_analysis.figures.style import GREY, paper_style
+
     for path in outputs:
         if path.suffix not in METADATA:
             raise InputError(
                 f"{path}: figures are written as {', '.join(METADATA)}; choose one of these"
                 " suffixes"
             )
-    if missing:
-        without = f"Without {len(missing)} refused: {', '.join(missing[:MOST_NAMED])}"
-        if len(missing) > MOST_NAMED:
-            without += f" and {len(missing) - MOST_NAMED} more"
-        origin = f"{origin}. {without}" if origin else without
-    figure = drawing_of(name).draw(table)
-    page_box = write_footer(figure, origin) if origin and footer else None
-    lay_out(figure)
+    with paper_style():
+        if origin and footer:
+            lines = textwrap.wrap(origin, int(figure.get_figwidth() * FOOTER_LETTERS))
+            figure.set_figheight(figure.get_figheight() + FOOTER_LINE * (1 + len(lines)))
+            words: dict[str, Any] = {"fontsize": FOOTER_SIZE, "linespacing": 1.1, "color": GREY}
+            figure.supxlabel("\n".join(lines), parse_math=False, **words)
+        figure.draw_without_rendering()
+    figure.set_layout_engine("none")  # every format has the places that were just found
     for path in outputs:
-        content = saved_figure(figure, path.suffix, origin, page_box)
+        metadata = {**METADATA[path.suffix], "Title": origin}
+        page = BytesIO()  # a writer that the disk interrupts would leave its file open
+        figure.savefig(page, format=path.suffix.removeprefix("."), metadata=metadata)
         with atomic_path(path) as temporary:
-            temporary.write_bytes(content)
+            temporary.write_bytes(page.getvalue())
 
 
-def write_captions(
-    *, tables: Mapping[str, Path], shown: Mapping[str, Sequence[Path]], footer: str, output: Path
-) -> None:
+def write_captions(*, tables: Mapping[str, Path], footer: str, output: Path) -> None:
     """Write a section per figure: its title, and its caption or why it is not drawn. `tables` are
-    the plotted numbers by the name of the figure, `shown` the results of single trials that it
-    shows; the refused ones are named."""
+    the plotted numbers by the name of the figure."""
     sections = [
-        f"# Captions\n\n{captions.as_text(footer)}. Why a fit is doubtful stands in the column"
-        " `doubtful` of the figure's CSV file.\n"
+        f"# Captions\n\n{footer}. Why a fit is doubtful stands in the column `doubtful` of the"
+        " figure's CSV file.\n"
     ]
     for name, table in tables.items():
-        refusals = chain.from_iterable(read_refusals(file) for file in shown.get(name, ()))
-        caption = caption_of(name, table, names_of_trials(refusals))
-        sections.append(f"## {names.figure_title(name)}\n\n{caption}\n")
+        reasons = reasons_not_drawn(name, table)
+        text = f"Not drawn: {'; '.join(reasons)}." if reasons else FIGURES[name].caption
+        sections.append(f"## {figure_title(name)}\n\n{text}\n")
     write_text(output, "\n".join(sections))
-
-
-def caption_of(name: str, table_csv: Path, missing: Sequence[str] = ()) -> str:
-    """The caption of one figure from its plotted numbers, with the trials that it lacks; or why it
-    is not drawn."""
-    causes = [f"{cause.trial or cause.file}: {cause.reason}" for cause in read_refusals(table_csv)]
-    if causes:
-        return f"{UNDRAWN} {captions.listed_text(causes)}."
-    figure = drawing_of(name)
-    table = read_table(table_csv, required=figure.columns)
-    if table.is_empty():
-        return f"{UNDRAWN} {captions.as_text(figure.nothing[:1].upper() + figure.nothing[1:])}."
-    sentences = [figure.caption(table), captions.doubtful_sentence(table)]
-    if missing:
-        sentences.append(
-            f"Without {names.count_of(len(missing), 'trial')} whose recordings or fits were"
-            f" refused: {captions.listed_text(missing)}."
-        )
-    return " ".join(filter(None, sentences))
 
 
 def fig3(curves: Sequence[Path], table: Path, summary: Path, output: Path, data: str = "") -> None:
@@ -261,47 +272,37 @@ def fig7(
     """The numbers of Fig. 7: measured responses of one K_d, B_d, without a `choice` of those that
     most trials have; the desired one (Eq. 11), if both are known; and the linear model (Eq. 9), if
     the gains are known and the parameter file is of this joint."""
-    measured = over_amplitudes(read_table(table, required=draw_fig7.needs))
-    responses = completed(measured, PLACE)
+    responses = read_table(table, [*needed("fig7"), "scope"])
     responses = responses.with_columns(look_numbers(responses["controller"]))
+    impedances = responses.group_by("K_d", "B_d", maintain_order=True)
+    n_trials = impedances.agg(n=pl.col("trial").n_unique())
+    shown = n_trials.sort("n", descending=True, maintain_order=True).head(1)
+    why = "the desired impedance with the most trials" if choice is None else None
     if choice is not None:
-        K_d, B_d, why = choice.K_d, choice.B_d, None
-    else:
-        K_d, B_d, why = most_frequent_impedance(responses)
-    shown = responses.filter(
-        pl.col("K_d").eq_missing(pl.lit(K_d)), pl.col("B_d").eq_missing(pl.lit(B_d))
+        shown = pl.DataFrame(
+            {"K_d": [choice.K_d], "B_d": [choice.B_d]},
+            strict=False,
+            schema={"K_d": pl.Float64, "B_d": pl.Float64},
+        )
+    responses = responses.join(
+        shown, on=["K_d", "B_d"], how="semi", nulls_equal=True, maintain_order="left"
     )
-    points = beside_theory(shown, parameters, weight)
+    points = beside_theory(responses, parameters, weight)
     write_table(points.with_columns(chosen=pl.lit(why, pl.String)), output, data)
 
 
-def most_frequent_impedance(responses: pl.DataFrame) -> tuple[float | None, float | None, str]:
-    """K_d [N*m/rad] and B_d [N*m*s/rad] that most trials have, and in words why these; null where
-    there is no response."""
-    impedances = responses.group_by("K_d", "B_d", maintain_order=True)
-    counts = impedances.agg(n=pl.col("trial").n_unique())
-    counts = counts.sort("n", descending=True, maintain_order=True)
-    if counts.is_empty():
-        return None, None, "the desired impedance with the most trials"
-    K_d, B_d, most = counts.row(0)
-    is_one_of_several = counts.filter(n=most).height > 1
-    first = "the first of the desired impedances" if is_one_of_several else "the desired impedance"
-    return K_d, B_d, f"{first} with the most trials"
-
-
 def beside_theory(responses: pl.DataFrame, parameters: Path | None, weight: Weight) -> pl.DataFrame:
-    """The same for measured responses of one desired impedance in memory, without the column
+    """The same for rows of `response.csv` of one desired impedance in memory, without the column
     `chosen`."""
-    shown = responses.sort("frequency_hz", maintain_order=True)
-    curves = []
+    shown = over_amplitudes(responses).sort("frequency_hz", maintain_order=True)
+    curves = [shown.with_columns(curve=pl.lit(OBSERVED))]
     for measured in shown.partition_by(PLACE, maintain_order=True):
         joint, side, K_d, B_d = measured.select(*PLACE, "K_d", "B_d").row(0)
         low_hz, high_hz = measured["frequency_hz"][0], measured["frequency_hz"][-1]
         frequency_hz = np.linspace(float(low_hz), float(high_hz), CURVE_POINTS)
-        place = (joint, side)
         if K_d is not None and B_d is not None:
             desired = desired_admittance(K_d, B_d)
-            curves.append(response_curve(DESIRED, None, frequency_hz, desired, place))
+            curves.append(response_curve(DESIRED, None, frequency_hz, desired, joint, side))
         if parameters is None or joint_of(parameters) != joint:
             continue
         p = read_parameters(parameters)
@@ -309,8 +310,63 @@ def beside_theory(responses: pl.DataFrame, parameters: Path | None, weight: Weig
             gains = DesiredImpedance(controller, K_d, B_d).gains(p, weight)
             if gains is not None:
                 Y = joint_admittance(gains.K_1, gains.B_1, p, p.J_j)
-                curves.append(response_curve(LINEAR_MODEL, controller, frequency_hz, Y, place))
-    return draw_fig7.points(shown, curves)
+                curves.append(
+                    response_curve(LINEAR_MODEL, controller, frequency_hz, Y, joint, side)
+                )
+    looks = shown.select("controller", "look").unique()
+    points = pl.concat(curves, how="diagonal_relaxed").drop("look")
+    points = points.join(looks, on="controller", how="left", maintain_order="left")
+    return plotted_numbers("fig7", points)
+
+
+def over_amplitudes(response: pl.DataFrame) -> pl.DataFrame:
+    """The rows of `response.csv` over all amplitudes, with the doubts about single ones, and with
+    the range of their magnitudes and phases, which are counted from that of all."""
+    keys = ["trial", "frequency_hz"]
+    whole = response.filter(scope="all")
+    of_whole = whole.select(*keys, phase_of_whole="phase_deg")
+    single = response.filter(scope="amplitude").join(of_whole, on=keys)
+    apart = (pl.col("phase_deg") - pl.col("phase_of_whole") + 180) % 360 - 180
+    single = single.with_columns(phase_deg=pl.col("phase_of_whole") + apart)
+    doubts = pl.col("doubtful").filter(pl.col("doubtful") != "")
+    quantities = pl.col("magnitude", "phase_deg")
+    ranges = single.group_by(keys).agg(
+        quantities.min().name.suffix("_amplitudes_low"),
+        quantities.max().name.suffix("_amplitudes_high"),
+        doubts=doubts.unique(maintain_order=True).str.join("; "),
+    )
+    joined = whole.join(ranges, on=keys, how="left", maintain_order="left")
+    return joined.with_columns(doubtful=pl.coalesce("doubts", "doubtful")).drop("doubts")
+
+
+def response_curve(
+    curve: str,
+    controller: str | None,
+    frequency_hz: Array,
+    admittance: Callable[[Any], Any],
+    joint: str | None = None,
+    side: str | None = None,
+) -> pl.DataFrame:
+    """Rows of Fig. 7 of a response that is computed.
+
+    Parameters
+    ----------
+    curve : str
+        `DESIRED` or `LINEAR_MODEL`.
+    controller : str or None
+        Of a linear model.
+    frequency_hz : (n,)
+    admittance : callable
+        Integral admittance [rad/(N·m)] at complex frequencies s [rad/s].
+    joint, side : str or None
+    """
+    Y = admittance(2j * np.pi * frequency_hz)
+    numbers = {
+        "frequency_hz": frequency_hz, "magnitude": np.abs(Y), "phase_deg": np.rad2deg(np.angle(Y)),
+    }  # fmt: skip
+    texts = {"curve": curve, "controller": controller, "joint": joint, "side": side}
+    labels = [pl.lit(text, pl.String).alias(name) for name, text in texts.items()]
+    return pl.DataFrame(numbers).with_columns(labels)
 
 
 def plot_walking_page(

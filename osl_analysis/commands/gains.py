@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from osl_analysis.config.impedance_trajectory import read_impedance_trajectory
 from osl_analysis.errors import naming
-from osl_analysis.figures import drawing_of
+from osl_analysis.figures import DESIRED, LINEAR_MODEL, drawn, plotted_numbers
 from osl_analysis.model import compensator, drivetrain
 from osl_analysis.model.compensator import Weight
 from osl_analysis.model.rendered_impedance import predicted_impedance, rendering
@@ -169,28 +169,27 @@ def columns_text(table: pl.DataFrame) -> str:
 def plot_gains(table: pl.DataFrame, parameters: Path, output: Path) -> None:
     """Draw the response of one pair over 0.1 to 10 Hz (as Fig. 7), a grid of gains, or a trajectory
     (as Fig. 8)."""
-    from osl_analysis.commands.figure import draw_table  # matplotlib takes half a second
+    from osl_analysis.commands.figure import write_figure  # matplotlib takes half a second
 
     if len(table) == 1:
         p = drivetrain.read_parameters(parameters)
-        draw_table("fig7", response_of_pair(table.row(0, named=True), p), [output])
+        figure = drawn("fig7", response_of_pair(table.row(0, named=True), p))
     elif "phase" in table.columns:
-        draw_table("fig8", drawing_of("fig8").points(table), [output])
+        figure = drawn("fig8", plotted_numbers("fig8", table))
     else:
-        draw_table("gain_grid", table, [output])
+        figure = drawn("gain_grid", table)
+    write_figure(figure, [output])
 
 
 def response_of_pair(row: dict[str, Any], p: drivetrain.DrivetrainParameters) -> pl.DataFrame:
     """The rows of Fig. 7 for one pair: the desired response, and that of the linear model."""
-    from osl_analysis.figures.frequency import DESIRED, LINEAR_MODEL, draw_fig7, response_curve
-    from osl_analysis.figures.names import completed
+    from osl_analysis.commands.figure import response_curve
 
     frequency_hz = np.geomspace(*DRAWN_HZ, DRAWN_POINTS)
-    no_place = (None, None)
     desired = drivetrain.desired_admittance(row["K_d"], row["B_d"])
     rendered = drivetrain.joint_admittance(row["K_1"], row["B_1"], p, p.J_j)
     curves = [
-        response_curve(DESIRED, None, frequency_hz, desired, no_place),
-        response_curve(LINEAR_MODEL, "compensated", frequency_hz, rendered, no_place),
+        response_curve(DESIRED, None, frequency_hz, desired),
+        response_curve(LINEAR_MODEL, "compensated", frequency_hz, rendered),
     ]
-    return completed(pl.concat(curves), draw_fig7.columns)
+    return plotted_numbers("fig7", pl.concat(curves))

@@ -1,7 +1,6 @@
 """The report of a run, and the comparison of two: reads what the runs wrote, and writes one
 page."""
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,14 +9,13 @@ from typing import Any
 import polars as pl
 
 from osl_analysis.campaign.origin import sentence
-from osl_analysis.commands.figure import UNDRAWN
+from osl_analysis.commands.figure import reasons_not_drawn
 from osl_analysis.commands.tables import read_summary
-from osl_analysis.figures import FIGURES
-from osl_analysis.figures.names import figure_title
+from osl_analysis.figures import FIGURES, figure_title
 from osl_analysis.files import write_text
 from osl_analysis.judge.finding import read_findings
 from osl_analysis.judge.summary_findings import findings_in_summary
-from osl_analysis.refusal import Refusal, is_refused
+from osl_analysis.refusal import Refusal
 from osl_analysis.report import methods
 from osl_analysis.report.left_out import left_out_trials
 from osl_analysis.report.numbers import headline_sentences, numbers_in_summary
@@ -51,7 +49,6 @@ class ReportFiles:
     states: Path  # `settings.csv`
     summary: Path
     output: Path
-    captions: Path | None = None
     refused: Sequence[Refusal] = ()
     unnamed: str = ""  # tells recordings without a row
 
@@ -80,7 +77,7 @@ def write_report(files: ReportFiles) -> None:
     numbers = numbers_in_summary(summary)
     verdicts = verdicts_sentence(summary["verdicts"], summary["results_of_clear"])
     notes = [summary["intervals"], files.unnamed, assumed_text(read_table(files.states))]
-    drawn, absent = drawn_figures(files.figures, read_captions(files.captions))
+    drawn, absent = drawn_figures(files.figures)
     page = Page(
         about=files.about,
         made_of=sentence(files.about),
@@ -187,34 +184,16 @@ def assumed_text(states: pl.DataFrame) -> str:
     return f"Assumed, since nobody stated it: {', '.join(texts)}." if texts else ""
 
 
-MARKED_SIGN = re.compile(r"\\(?=[^\w$\s])")
-"""The backslash before a sign that would mean something in Markdown."""
-
-
-def read_captions(path: Path | None) -> Mapping[str, str]:
-    """The captions of figures by title; none where they were not written."""
-    if path is None or is_refused(path):
-        return {}
-    sections = f"\n{path.read_text(encoding='utf-8')}".split("\n## ")[1:]
-    parts = (section.partition("\n") for section in sections)
-    return {title.strip(): MARKED_SIGN.sub("", body).strip() for title, _, body in parts}
-
-
-def drawn_figures(
-    figures: Mapping[str, Path], captions: Mapping[str, str]
-) -> tuple[list[ShownFigure], dict[str, str]]:
+def drawn_figures(figures: Mapping[str, Path]) -> tuple[list[ShownFigure], dict[str, str]]:
     """The figures with their captions, and, by title, why each of the others is not drawn."""
     drawn: list[ShownFigure] = []
     absent: dict[str, str] = {}
     for name, path in figures.items():
         title = figure_title(name)
-        caption = captions.get(title, "")
-        plotted_numbers = path.with_suffix(".csv")
-        if is_refused(plotted_numbers) or read_table(plotted_numbers).is_empty():
-            absent[title] = caption.removeprefix(UNDRAWN).strip()
+        reasons = reasons_not_drawn(name, path.with_suffix(".csv"))
+        if reasons:
+            absent[title] = "; ".join(reasons)
         else:
-            reading = FIGURES[name].reading
-            drawn.append(
-                ShownFigure(name, title, caption, reading, path.read_text(encoding="utf-8"))
-            )
+            svg = path.read_text(encoding="utf-8")
+            drawn.append(ShownFigure(name, title, FIGURES[name].caption, svg))
     return drawn, absent

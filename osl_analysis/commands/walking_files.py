@@ -12,10 +12,12 @@ from pydantic import TypeAdapter
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path, write_text
 from osl_analysis.refusal import check_not_refused
+from osl_analysis.schema import SCHEMA
 from osl_analysis.table import read_table
 from osl_analysis.trial import (
     NAME_KEY,
     PROVENANCE_KEY,
+    SCHEMA_KEY,
     Array,
     Trial,
     metadata_of,
@@ -95,9 +97,10 @@ def write_refusal(refused: RefusedCrossing, path: Path) -> None:
     """Write a crossing's file without rows, with the reason in its provenance, so that other
     crossings are analysed."""
     reason = json.dumps({"refused": refused.reason, "perturbed": refused.perturbed})
+    metadata = {NAME_KEY: refused.name, PROVENANCE_KEY: reason, SCHEMA_KEY: str(SCHEMA)}
     empty = pl.DataFrame(schema=dict.fromkeys(("time", "phase", "theta", "torque"), pl.Float64))
     with atomic_path(path) as temporary:
-        empty.write_parquet(temporary, metadata={NAME_KEY: refused.name, PROVENANCE_KEY: reason})
+        empty.write_parquet(temporary, metadata=metadata)
 
 
 def read_crossing(path: Path) -> Crossing:

@@ -1,90 +1,125 @@
 """The list of figures, which the workflow, the command line and the tests read.
 
-A new figure is a function `draw_NAME` in a module here, which `style.drawing` decorates, with its
-caption beside it; an entry in `figures.yaml`; and its test.
+A new figure NAME is a module NAME here with a function `draw` of its plotted numbers, and with a
+function `points` if these are not the rows of its result table; an entry in `figures.yaml`; and its
+test.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
 
-from osl_analysis.dictionary import described_in, own_yaml
+import polars as pl
+
+from osl_analysis.dictionary import TYPES, described_in, own_yaml
 from osl_analysis.errors import InputError
 
 if TYPE_CHECKING:
-    import polars as pl
-
-    from osl_analysis.figures.style import Drawing, NotebookFigure
+    from osl_analysis.figures.style import PaperFigure
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class CampaignFigure:
     """A figure of a campaign, drawn if the campaign has what it needs; the fields are explained in
     `figures.yaml`."""
 
     table: str
-    module: str
-    reading: str
-    option: str | None = None
+    caption: str
+    rows: str
+    columns: Mapping[str, str]
     beside: Sequence[str] = ()
+    option: str | None = None
+    nothing: str = "no trial of the campaign has the numbers that this figure shows"
 
 
 DESCRIBED = Path(__file__).with_name("figures.yaml")
-
-
-def listed_figures() -> dict[str, CampaignFigure]:
-    """The figures of `figures.yaml` by name."""
-    names = {field.name for field in fields(CampaignFigure)}
-    figures = {}
-    for place, entry in own_yaml(DESCRIBED).items():
-        facts = {key: value for key, value in entry.items() if key in names}
-        figures[place.removeprefix("figures/")] = CampaignFigure(**facts)
-    return figures
-
-
-FIGURES = listed_figures()
-OTHER_FIGURES = {  # of no campaign: name and module
-    "torque": "torque_over_time",
-    "gain_grid": "gain_curves",
-    "not_drawn": "not_drawn",
+FIGURES = {
+    place.removeprefix("figures/"): CampaignFigure(**entry)
+    for place, entry in own_yaml(DESCRIBED).items()
 }
+OTHER_FIGURES = {  # of no campaign, with their columns
+    "torque": ("time", "torque", "torque_model"),
+    "gain_grid": ("K_d", "B_d", "B_1_joint"),
+}
+# kinds of `curve` in Fig. 7
+OBSERVED = "observed"
+DESIRED = "desired"
+LINEAR_MODEL = "linear model"
+# controllers with a look of their own; others are numbered
+DRAFT_CONTROLLERS = ("compensated", "uncompensated")
 
 
-def columns_of(figure: str) -> list[str]:
-    """The columns of a figure's plotted numbers, as `figures.yaml` describes them."""
-    (table,) = [table for table in described_in(DESCRIBED) if table.place == f"figures/{figure}"]
-    return [name for name in table.columns if name != "data"]
+def figure_title(figure: str) -> str:
+    """The title of a figure's section: `Fig. 5` of `fig5`, `Walking page` of `walking_page`."""
+    number = figure.removeprefix("fig")
+    return f"Fig. {number}" if number.isdecimal() else figure.replace("_", " ").capitalize()
 
 
-def drawing_of(name: str) -> "Drawing":
-    """Find how a figure is drawn.
-
-    It is imported only when it is needed: importing matplotlib takes half a second.
-
-    Parameters
-    ----------
-    name : str
-        Of `FIGURES`, or one of the few that are of no campaign.
+def columns_of(name: str) -> dict[str, type[pl.DataType]]:
+    """The columns of a figure's plotted numbers with their types.
 
     Raises
     ------
     InputError
         There is no such figure.
     """
-    modules = {figure: entry.module for figure, entry in FIGURES.items()} | OTHER_FIGURES
-    if name not in modules:
-        raise InputError(f"no figure '{name}'; there are {', '.join(modules)}")
-    module = import_module(f"osl_analysis.figures.{modules[name]}")
-    drawing: Drawing = getattr(module, f"draw_{name}")
-    return drawing
+    if name in OTHER_FIGURES:
+        return dict.fromkeys(OTHER_FIGURES[name], pl.Float64)
+    if name not in FIGURES:
+        raise InputError(f"no figure '{name}'; there are {', '.join([*FIGURES, *OTHER_FIGURES])}")
+    (table,) = [table for table in described_in(DESCRIBED) if table.place == f"figures/{name}"]
+    columns = {column.name: column.unit for column in table.columns.values()}
+    return {name: TYPES.get(unit, pl.Float64) for name, unit in columns.items() if name != "data"}
 
 
-def drawn(name: str, table: "pl.DataFrame") -> "NotebookFigure":
-    """Draw a figure of its plotted numbers, for a notebook; raises as `drawing_of`."""
-    from osl_analysis.figures.style import NotebookFigure
+def module_of(name: str) -> ModuleType:
+    """The module that draws a figure; it is imported only when it is needed: importing matplotlib
+    takes half a second."""
+    return import_module(f"osl_analysis.figures.{name}")
 
-    figure = drawing_of(name).draw(table)
-    figure.__class__ = NotebookFigure
-    return cast(NotebookFigure, figure)
+
+def plotted_numbers(name: str, table: pl.DataFrame, *others: Any) -> pl.DataFrame:
+    """Select what a figure plots.
+
+    Parameters
+    ----------
+    name : str
+        Of the figure.
+    table : DataFrame
+        Its result table.
+    *others
+        What else the figure's function `points` takes: tables, and the value of a setting.
+
+    Returns
+    -------
+    DataFrame
+        Rows of the figure's columns. A column that no table has is null.
+    """
+    columns = columns_of(name)
+    module = module_of(name)
+    points: pl.DataFrame = module.points(table, *others) if hasattr(module, "points") else table
+    if "look" in columns and "look" not in points.columns:
+        points = points.with_columns(look_numbers(points["controller"]))
+    absent = [name for name in columns if name not in points.columns]
+    points = points.with_columns(pl.lit(None, columns[name]).alias(name) for name in absent)
+    return points.select(*columns)
+
+
+def look_numbers(controllers: pl.Series) -> pl.Series:
+    """The number of each controller (n,) among those that are not the draft's; a campaign's colours
+    mean one thing."""
+    others = sorted(set(controllers.drop_nulls()) - set(DRAFT_CONTROLLERS))
+    numbers = {name: number for number, name in enumerate(others)}
+    return pl.Series("look", [numbers.get(name) for name in controllers], dtype=pl.Int64)
+
+
+def drawn(name: str, table: pl.DataFrame) -> "PaperFigure":
+    """Draw a figure of its plotted numbers."""
+    from osl_analysis.figures.style import paper_style
+
+    with paper_style():
+        figure: PaperFigure = module_of(name).draw(table)
+    return figure

@@ -1,25 +1,32 @@
-"""Marks that several figures share: markers that lead to trials, bars, swarms, and legends."""
+"""What several figures draw: markers that lead to trials, bars, swarms, legends, and logarithmic
+axes."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Sequence
 from typing import Any
 from urllib.parse import quote
 
 import numpy as np
 import polars as pl
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import LogLocator, MaxNLocator
 from numpy.typing import ArrayLike
 
-from osl_analysis.figures.style import GREY, THICK, THIN, WHITE, Look
+from osl_analysis.figures.names import by_controller, has_values
+from osl_analysis.figures.style import GREY, SINGLE_COLUMN, THICK, THIN, WHITE, Look
 from osl_analysis.stats.repeats import IS_DOUBTFUL
 from osl_analysis.trial import Array
 
-# bars, in legends
-INTERVAL = "95 % interval"
-AMPLITUDES = "Range over amplitudes"
+# bars of an estimate: ending of its columns, label, width [pt]
+BARS = (("", "95 % interval", THICK), ("_amplitudes", "Range over amplitudes", THIN))
 BAR_LENGTH = 8.0  # of a bar in a legend [pt]
 TOUCHING = 1e-9  # relative difference of two places that are one, by rounding
+
+# matplotlib's zorder of markers; bars and lines have 2
+BEFORE_BARS = 3
+BEHIND_LINES = 1
 
 
 def has_doubtful(table: pl.DataFrame) -> bool:
@@ -30,11 +37,6 @@ def has_doubtful(table: pl.DataFrame) -> bool:
 def place_in_report(trial: str) -> str:
     """A trial in the report of a run, as the figures' SVG files reach it."""
     return f"../report.html#trial={quote(trial, safe='')}"
-
-
-# matplotlib's zorder of markers; bars and lines have 2
-BEFORE_BARS = 3
-BEHIND_LINES = 1
 
 
 def draw_fits(
@@ -53,9 +55,8 @@ def draw_fits(
     zorder : int
         `BEFORE_BARS` or `BEHIND_LINES`.
     """
-    faces = [
-        WHITE if doubtful else look.colour for doubtful in rows.select(IS_DOUBTFUL).to_series()
-    ]
+    is_doubtful = rows.select(IS_DOUBTFUL).to_series()
+    faces = [WHITE if doubtful else look.colour for doubtful in is_doubtful]
     drawn = ax.scatter(
         x, y, look.size**2, marker=look.marker, label=look.label, facecolors=faces,
         edgecolors=look.colour, linewidths=look.edge, zorder=zorder,
@@ -63,18 +64,13 @@ def draw_fits(
     drawn.set_urls([place_in_report(trial) for trial in rows["trial"]])
 
 
-def draw_bars(ax: Axes, rows: pl.DataFrame, x: str, y: str, colour: str, width: float) -> None:
-    """Draw upright bars from `y`_low to `y`_high, where both are known."""
-    low, high = f"{y}_low", f"{y}_high"
-    known = rows.drop_nulls([low, high])
-    ax.vlines(known[x], known[low], known[high], color=colour, linewidth=width)
-
-
 def draw_estimates(ax: Axes, rows: pl.DataFrame, x: str, y: str, look: Look) -> None:
     """Draw the column `y` over `x` as `draw_fits`, before thin bars for the range over single
-    amplitudes and thick ones for the 95 % interval."""
-    draw_bars(ax, rows, x, f"{y}_amplitudes", look.colour, THIN)
-    draw_bars(ax, rows, x, y, look.colour, THICK)
+    amplitudes and thick ones for the 95 % interval, where these are known."""
+    for ending, _, width in BARS:
+        ends = [f"{y}{ending}_low", f"{y}{ending}_high"]
+        known = rows.drop_nulls(ends)
+        ax.vlines(known[x], *known.select(ends), color=look.colour, linewidth=width)
     draw_fits(ax, rows, rows[x], rows[y], look)
 
 
@@ -83,80 +79,50 @@ def draw_estimates(ax: Axes, rows: pl.DataFrame, x: str, y: str, look: Look) -> 
 
 def key(label: str, **look: Any) -> Line2D:
     """An entry of a legend that is drawn nowhere else; a `marker` stands there without a line."""
-    if "marker" in look and "linestyle" not in look:
-        look["linestyle"] = ""
+    if "marker" in look:
+        look.setdefault("linestyle", "")
     return Line2D([], [], label=label, **look)
 
 
-def controller_entries(looks: Iterable[Look]) -> dict[str, Line2D]:
-    """A marker for each controller, by its name."""
-    return {
-        look.label: key(look.label, marker=look.marker, color=look.colour, markersize=look.size)
-        for look in looks
-    }
-
-
-def bar_entry(label: str, width: float, colour: str = GREY) -> dict[str, Line2D]:
-    """An upright bar of a width [pt]."""
-    return {label: key(label, marker="|", color=colour, markersize=BAR_LENGTH, mew=width)}
-
-
-def bar_entries(table: pl.DataFrame, quantities: Iterable[str]) -> dict[str, Line2D]:
-    """What `draw_estimates` has drawn of some quantities: the 95 % interval, and the range over
-    amplitudes where it is more than a point."""
-    entries: dict[str, Line2D] = {}
-    for ending, label, width in (("", INTERVAL, THICK), ("_amplitudes", AMPLITUDES, THIN)):
-        if any(has_range(table, f"{quantity}{ending}") for quantity in quantities):
-            entries |= bar_entry(label, width)
-    return entries
-
-
-def has_range(table: pl.DataFrame, name: str) -> bool:
-    """Whether `name`_high is above `name`_low in a row of the table."""
-    low, high = f"{name}_low", f"{name}_high"
-    if low not in table.columns or high not in table.columns:
-        return False
-    return not table.filter(pl.col(high) > pl.col(low)).is_empty()
-
-
-def open_entry(table: pl.DataFrame) -> dict[str, Line2D]:
+def open_keys(table: pl.DataFrame) -> list[Line2D]:
     """What an open marker says, if a fit of the table is doubtful."""
     if not has_doubtful(table):
-        return {}
-    label = "Open: doubtful"
-    return {label: key(label, marker="o", color=GREY, mfc=WHITE, markersize=3.8, mew=0.8)}
+        return []
+    return [key("Open: doubtful", marker="o", color=GREY, mfc=WHITE, markersize=3.8, mew=0.8)]
 
 
-def legend_entries(axes: Iterable[Axes]) -> dict[str, Any]:
-    """The handles of what was drawn with a label, by label."""
+def estimate_keys(table: pl.DataFrame, quantity: str) -> list[Line2D]:
+    """What `draw_estimates` has drawn of a quantity: controllers, bars and open markers."""
+    keys = [
+        key(look.label, marker=look.marker, color=look.colour, markersize=look.size)
+        for look, _ in by_controller(table)
+    ]
+    for ending, label, width in BARS:
+        if has_values(table, f"{quantity}{ending}_low"):
+            keys.append(key(label, marker="|", color=GREY, markersize=BAR_LENGTH, mew=width))
+    return keys + open_keys(table)
+
+
+def labelled(axes: Sequence[Axes]) -> list[Any]:
+    """What was drawn with a label, the first of each."""
     entries: dict[str, Any] = {}
     for ax in axes:
-        handles, labels = ax.get_legend_handles_labels()
-        entries.update(zip(labels, handles, strict=True))
-    return entries
+        for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
+            entries.setdefault(label, handle)
+    return list(entries.values())
 
 
-def legend_above(
-    figure: Figure, entries: Mapping[str, Any], most: int, columnspacing: float = 1.4
-) -> None:
-    """Put a legend above all panels, in as many columns as the page has room for, `most` at
-    most."""
-    for columns in range(min(most, len(entries)), 0, -1):
-        legend = figure.legend(
-            list(entries.values()), list(entries),
-            loc="outside upper center", ncols=columns, columnspacing=columnspacing,
-        )  # fmt: skip
-        width = legend.get_window_extent().width / figure.dpi
-        if width < figure.get_figwidth():
-            return
-        if columns > 1:
-            legend.remove()
+def legend_above(figure: Figure, keys: Sequence[Any]) -> None:
+    """Put a legend above all panels, in two columns, or four on a wide page."""
+    most = 2 if figure.get_figwidth() <= SINGLE_COLUMN else 4
+    columns = min(most, len(keys))
+    figure.legend(handles=keys, loc="outside upper center", ncols=columns, columnspacing=1.4)
 
 
 # Swarms
 
 
-def swarm_offsets(heights: Array, width: float, inches: float, reach: float) -> Array:
+def swarm_offsets(heights: Array, width: float, reach: float) -> Array:
     """Find places side by side at which points of a swarm do not overlap.
 
     Parameters
@@ -165,33 +131,55 @@ def swarm_offsets(heights: Array, width: float, inches: float, reach: float) -> 
         Where the points stand along the axis of their value [in].
     width : float
         Diameter of a point [in].
-    inches : float
-        Length of a unit of the other axis [in].
     reach : float
-        Largest offset to either side, in units of the other axis. Beyond it, all move together.
+        Largest offset to either side [in]. Beyond it, all move together.
 
     Returns
     -------
     (n,)
-        Offsets from the middle, in units of the other axis. From the lowest point up, each takes
-        the free place that is nearest to the middle.
+        Offsets from the middle [in]. From the lowest point up, each takes the free place that is
+        nearest to the middle.
     """
     offsets = np.zeros(len(heights))
     order = np.argsort(heights, kind="stable")
     for rank, point in enumerate(order):
-        placed = order[:rank]
-        near = placed[np.abs(heights[placed] - heights[point]) < width]
-        distance = np.sqrt(width**2 - (heights[near] - heights[point]) ** 2)
-        touching = distance * (1 + TOUCHING)
-        candidates = np.concatenate([[0.0], offsets[near] - touching, offsets[near] + touching])
-        free = [
-            candidate
-            for candidate in candidates
-            if (np.abs(candidate - offsets[near]) >= distance).all()
-        ]
-        side = 1 if rank % 2 else -1  # of two places as near, the left and the right in turn
-        offsets[point] = min(free, key=lambda place: (round(abs(place) / width, 6), side * place))
+        below = order[:rank]
+        near = below[heights[point] - heights[below] < width]
+        distance = np.sqrt(width**2 - (heights[point] - heights[near]) ** 2)
+        candidates = np.concatenate([[0.0], offsets[near] - distance, offsets[near] + distance])
+        gaps = np.abs(candidates[:, None] - offsets[near])
+        is_free = (gaps >= distance * (1 - TOUCHING)).all(axis=1)
+        free = candidates[is_free]
+        offsets[point] = free[np.argmin(np.abs(free))]
+    widest = float(np.abs(offsets).max(initial=reach))
+    return offsets * reach / widest
 
-    offsets /= inches
-    widest = float(np.max(np.abs(offsets), initial=0))
-    return offsets * min(1.0, reach / widest) if widest > 0 else offsets
+
+# Axes
+
+
+def written_number(value: float) -> str:
+    """A number beside a tick."""
+    return f"{value:.4g}"
+
+
+def label_log_axis(axis: Axis, most: int, text: Callable[[float], str] = written_number) -> None:
+    """Give a logarithmic axis ticks at 1, 2 and 5 of each decade, else at decades, else at 1 and 3,
+    else even ones: the first of these that are two to `most`."""
+    low, high = axis.get_view_interval()
+    even = MaxNLocator(nbins=most - 1, steps=[1, 2, 2.5, 5, 10])
+    by_decades = LogLocator(numticks=most)
+    finely, coarsely = (LogLocator(subs=subs, numticks=99) for subs in ((1, 2, 5), (1, 3)))
+    for locator in (finely, by_decades, coarsely, even):
+        ticks = [tick for tick in locator.tick_values(low, high) if low <= tick <= high]
+        if 2 <= len(ticks) <= most:
+            break
+    set_ticks(axis, ticks, text)
+
+
+def set_ticks(
+    axis: Axis, ticks: Sequence[float], text: Callable[[float], str] = written_number
+) -> None:
+    """Give an axis these ticks with their numbers, and no others."""
+    axis.set_ticks(ticks, [text(tick) for tick in ticks])
+    axis.set_ticks([], minor=True)

@@ -5,13 +5,12 @@ The baseline of the plates is applied only where the source file asks: most file
 ten frames, of empty plates or not."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 import polars as pl
 
-from osl_analysis.errors import InputError, listing, naming, printable
+from osl_analysis.errors import InputError, naming, printable
 from osl_analysis.ingest.conversion import (
     Converted,
     check_finite_values,
@@ -35,15 +34,6 @@ LEAST_LEVEL = 0.9  # of a plate's normal along the vertical axis
 LEAST_MOVED = 0.1  # of what lies between markers, by which those of a walker move
 
 
-@dataclass
-class _Columns:
-    """Columns of one recorder so far: those at frames, and those at samples of the devices."""
-
-    of_frames: dict[str, Array] = field(default_factory=dict)
-    of_samples: dict[str, Array] = field(default_factory=dict)
-    origins: dict[str, dict[str, Any]] = field(default_factory=dict)
-
-
 def convert_capture(recording: Recording, source: MarkerSource) -> Converted:
     """Convert what a source file asks for.
 
@@ -59,27 +49,40 @@ def convert_capture(recording: Recording, source: MarkerSource) -> Converted:
         A channel is missing or occurs twice, a unit or a plate is wrong, or there is nothing to
         read.
     """
-    columns = _Columns()
+    origins: dict[str, dict[str, Any]] = {}
     markers = asked_markers(recording, source)
-    add_markers(columns, recording, markers, source)
+    of_frames = positions_of(recording, markers, source, origins)
+    of_samples: dict[str, Array] = {}
+    used_rows = [marker.rows for marker in markers]
     loads: list[PlateLoad] = []
-    used_rows = [channel.rows for channel in markers]
     if isinstance(source, LaboratorySource):
         loads = plate_loads(recording, source)
         for load in loads:
-            columns.of_samples.update(load.columns)
-            columns.origins.update(load.origins)
+            of_samples.update(load.columns)
+            origins.update(load.origins)
         used_rows += [channel.rows for plate in recording.plates for channel in plate.channels]
-        used_rows += add_outputs(columns, recording, source)
-        used_rows += add_analogs(columns, recording, source)
+        for column, output in source.outputs.items():
+            channel = recording.find({"label": output.label}, "model output")
+            # in the unit of the source file and never in that of the file, which may misstate it
+            values = channel.values[:, AXES.index(output.component)]
+            of_frames[column] = to_si(output, values, unit_of(column))
+            origins[column] = origin_of(output, column)
+            used_rows.append(channel.rows)
+        for column, setting in source.analogs.items():
+            channel = recording.find(setting.address, f"analog {setting.ADDRESS}")
+            with naming(column, f", as {source.place('analogs', column, 'unit')}"):
+                values = to_si(setting, channel.values, unit_of(column), channel.unit)
+            of_samples[column] = values
+            origins[column] = origin_of(setting, column, channel.unit)
+            used_rows.append(channel.rows)
     if not used_rows:
         raise InputError(
             "the source file names nothing that the file has: no marker, plate, analog channel or"
             " model output; name what to read in the source file, or export the trial again with it"
         )
-    samples = joined(columns, used_rows)
+    samples = joined(of_frames, of_samples, used_rows)
     time = samples["time"].to_numpy()
-    for column, values in columns.of_samples.items():
+    for column, values in of_samples.items():
         check_finite_values(column, values, time)
     facts = {
         **recording.facts,
@@ -90,7 +93,7 @@ def convert_capture(recording: Recording, source: MarkerSource) -> Converted:
     if loads and isinstance(source, LaboratorySource):
         facts["plate_zero_frames"] = baseline_frames(recording, source)
     warnings = [*recording.loss.remarks, *remarks_on(recording, source, markers)]
-    return Converted(samples, columns.origins, facts, warnings, losses_of(recording.loss, False))
+    return Converted(samples, origins, facts, warnings, losses_of(recording.loss, False))
 
 
 def is_labelled(label: str) -> bool:
@@ -108,69 +111,35 @@ def asked_markers(recording: Recording, source: MarkerSource) -> list[Channel]:
     return [one for one in markers if is_labelled(one.key)]
 
 
-def add_markers(
-    columns: _Columns, recording: Recording, markers: Sequence[Channel], source: MarkerSource
-) -> None:
-    """Add the positions of markers [m] in our axes."""
+def positions_of(
+    recording: Recording,
+    markers: Sequence[Channel],
+    source: MarkerSource,
+    origins: dict[str, dict[str, Any]],
+) -> dict[str, Array]:
+    """The positions of markers [m] in our axes, by column; where they come from is added to
+    `origins`."""
     stated = getattr(source, "point_unit", None)
+    positions: dict[str, Array] = {}
     for marker in markers:
+        name = marker.name or marker.key
         unit = checked_length(marker.unit, stated, "unit of length", source)
-        positions = si_factor(unit, "m") * marker.values
-        for axis, column in enumerate(marker_columns(printable(marker.name or marker.key))):
-            if column in columns.of_frames:
+        values = si_factor(unit, "m") * marker.values
+        for axis, column in enumerate(marker_columns(printable(name))):
+            if column in positions:
+                recording.find({"label": name}, "marker")  # says how each of them is asked for
                 raise InputError(
-                    f"marker '{marker.name or marker.key}' occurs twice,"
-                    f" {ways_to_name(recording, marker)}"
+                    f"marker '{name}' occurs twice; list those to read under `markers`"
                 )
-            columns.of_frames[column] = positions @ source.rotation[axis]
-            columns.origins[column] = {
+            positions[column] = values @ source.rotation[axis]
+            origins[column] = {
                 "label": marker.key,
                 "component": source.axes[axis],
                 "unit": unit,
                 "factor": si_factor(unit, "m"),
                 "si_unit": unit_of(column),
             }
-
-
-def ways_to_name(recording: Recording, marker: Channel) -> str:
-    """Say how one of several markers of the same name is asked for: by its full label, or where
-    these are equal too by its number."""
-    labelled = [channel for channel in recording.channels if "label" in channel.address]
-    alike = [channel for channel in labelled if channel.name == marker.name]
-    labels = [channel.key for channel in alike]
-    if len(set(labels)) == len(labels):
-        return f"as {listing(labels)}; list those to read under `markers`"
-    numbers = [str(n) for n, channel in enumerate(labelled, start=1) if channel in alike]
-    return (
-        f"as number {listing(numbers)}; list those to read under `markers`, and in place of this"
-        f" name one of the numbers, as '{numbers[0]}'"
-    )
-
-
-def add_outputs(columns: _Columns, recording: Recording, source: LaboratorySource) -> list[Rows]:
-    """Add model outputs, in the unit of the source file and never in that of the file, which may
-    misstate it; and give their rows."""
-    rows: list[Rows] = []
-    for column, output in source.outputs.items():
-        channel = recording.find({"label": output.label}, "model output")
-        values = channel.values[:, AXES.index(output.component)]
-        columns.of_frames[column] = to_si(output, values, unit_of(column))
-        columns.origins[column] = origin_of(output, column)
-        rows.append(channel.rows)
-    return rows
-
-
-def add_analogs(columns: _Columns, recording: Recording, source: LaboratorySource) -> list[Rows]:
-    """Add analog channels, and give their rows."""
-    rows: list[Rows] = []
-    for column, setting in source.analogs.items():
-        channel = recording.find(setting.address, f"analog {setting.ADDRESS}")
-        with naming(column, f", as {source.place('analogs', column, 'unit')}"):
-            values = to_si(setting, channel.values, unit_of(column), channel.unit)
-        columns.of_samples[column] = values
-        columns.origins[column] = origin_of(setting, column, channel.unit)
-        rows.append(channel.rows)
-    return rows
+    return positions
 
 
 def plate_loads(recording: Recording, source: LaboratorySource) -> list[PlateLoad]:
@@ -215,32 +184,21 @@ def baseline_frames(recording: Recording, source: LaboratorySource) -> tuple[int
     return int(stated[0]), int(stated[1])
 
 
-def joined(columns: _Columns, used_rows: Sequence[Rows]) -> pl.DataFrame:
+def joined(
+    of_frames: dict[str, Array], of_samples: dict[str, Array], used_rows: Sequence[Rows]
+) -> pl.DataFrame:
     """One table of frames and samples: frame 0 and sample 0 are at 0 s."""
     fastest = max(used_rows, key=lambda rows: rows.rate_hz or 0.0)
-    slowest = min(used_rows, key=lambda rows: rows.rate_hz or 0.0)
-    if not fastest.rate_hz or not slowest.rate_hz:
+    slowest_hz = min(rows.rate_hz or 0.0 for rows in used_rows)
+    if not fastest.rate_hz or not slowest_hz:
         raise InputError("the file states no frame rate; export the trial again")
-    ratio = 1
-    if columns.of_samples:
-        ratio = round(fastest.rate_hz / slowest.rate_hz)
-    time = np.arange(fastest.count) / fastest.rate_hz
-    rows = pl.DataFrame({"time": time, **columns.of_samples})
-    if not columns.of_frames:
-        return rows
-    if ratio == 1:
-        return rows.with_columns(pl.Series(name, v) for name, v in columns.of_frames.items())
-    index = pl.Series("index", np.arange(time.size))
-    of_frames = pl.DataFrame(
-        [
-            index.gather_every(ratio),
-            *(pl.Series(name, values) for name, values in columns.of_frames.items()),
-        ]
-    )
-    together = rows.with_columns(index).join(
-        of_frames, on="index", how="left", maintain_order="left"
-    )
-    return together.drop("index")
+    ratio = round(fastest.rate_hz / slowest_hz) if of_samples else 1
+    number = pl.Series("number", np.arange(fastest.count))
+    rows = pl.DataFrame([number, pl.Series("time", number.to_numpy() / fastest.rate_hz)])
+    rows = rows.with_columns(pl.Series(name, values) for name, values in of_samples.items())
+    frames = pl.DataFrame([number.gather_every(ratio)])
+    frames = frames.with_columns(pl.Series(name, values) for name, values in of_frames.items())
+    return rows.join(frames, on="number", how="left", maintain_order="left").drop("number")
 
 
 def remarks_on(

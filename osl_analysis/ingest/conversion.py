@@ -239,37 +239,31 @@ def losses_of(
     dict
         Empty for a table of which nothing is lost.
     """
+    by_topic = {topic: lost_of(loss, topic) for topic in topics}
     lost = loss.lost
     if lost is not None:
-        lost += contradicted
+        lost = max(lost + contradicted, sum(count or 0 for count in by_topic.values()))
     if loss.end == End.MISSING or (loss.end == End.UNKNOWN and not lost):
         lost = None  # nobody knows what stood behind the end
-    is_complete: bool | None = True
-    if loss.end == End.MISSING or lost:
-        is_complete = False
-    elif lost is None:
+    is_complete: bool | None = lost == 0
+    if lost is None and loss.end != End.MISSING:
         is_complete = None
     if is_complete and not of_messages:
         return {}
-    shares = [share_lost(loss, topic) for topic in topics]
-    by_topic = {topic: lost_of(loss, topic) for topic in topics}
-    if lost is not None:
-        lost = max(lost, sum(count or 0 for count in by_topic.values()))
-        is_complete = is_complete if not lost else False
     report: dict[str, Any] = {
         "complete": is_complete,
         "end_missing": loss.end == End.MISSING,
         "expected": None if loss.end == End.UNKNOWN else loss.expected,
         "read": loss.read - contradicted,
         "lost": lost,
-        "share_lost": max(shares, default=loss.share),
+        "share_lost": max((share_lost(loss, topic) for topic in topics), default=loss.share),
         "remarks": [printable(text) for text in loss.remarks],
     }
     if of_messages:
         report["crc"] = loss.checksums
         report["topics"] = {
-            topic: {"messages": loss.by_topic.get(topic, (0, None))[0], "lost": by_topic[topic]}
-            for topic in topics
+            topic: {"messages": loss.by_topic.get(topic, (0, None))[0], "lost": count}
+            for topic, count in by_topic.items()
         }
     return report
 
@@ -282,7 +276,5 @@ def lost_of(loss: Loss, topic: str) -> int | None:
 
 def share_lost(loss: Loss, topic: str) -> float:
     """Lost share of the messages of a topic; 0 where it is not known."""
-    read, expected = loss.by_topic.get(topic, (0, None))
-    if not expected:
-        return 0.0
-    return max(0, expected - read) / expected
+    expected = loss.by_topic.get(topic, (0, None))[1]
+    return (lost_of(loss, topic) or 0) / (expected or 1)

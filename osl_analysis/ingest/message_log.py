@@ -140,19 +140,21 @@ def convert_topic(
     if stale.size:
         remarks += remarks_on_stale_rows(rows, stamps, stale, 1 / SECOND_NS)
         table = table.filter(~pl.Series(np.isin(np.arange(rows.count), stale)))
-    late = count_late(table.unique(maintain_order=True)["stamp"].to_numpy())
-    table = table.sort("stamp", maintain_order=True)
-    repeated = contradicted = 0
-    if has_equal(table["stamp"]) and not are_rounded(table):
+    late = repeated = contradicted = 0
+    if not (table["stamp"].diff() > 0).all():
+        late = count_late(table.unique(maintain_order=True)["stamp"].to_numpy())
+        table = table.sort("stamp", maintain_order=True)
         once = table.unique(subset="stamp", keep="first", maintain_order=True)
-        repeated = len(table) - len(once)
-        contradicted = len(table.unique()) - len(once)
-        if repeated > source.largest_loss * len(table):
-            raise InputError(
-                f"{repeated} of {len(table)} messages have the stamp of an earlier one; stamps must"
-                " be their own: check the recorder's clock or the time source in the source file"
-            )
-        table = once
+        if not are_rounded(table):
+            repeated = len(table) - len(once)
+            contradicted = len(table.unique()) - len(once)
+            if repeated > source.largest_loss * len(table):
+                raise InputError(
+                    f"{repeated} of {len(table)} messages have the stamp of an earlier one; stamps"
+                    " must be their own: check the recorder's clock or the time source in the"
+                    " source file"
+                )
+            table = once
     ordering = {"late": late, "repeated": repeated, "contradicted": contradicted}
     counts_of = {
         "came late and were put in the order of their stamps": late,
@@ -230,8 +232,11 @@ def join_on_stamp(tables: Sequence[pl.DataFrame]) -> pl.DataFrame:
     rows are kept."""
     if len(tables) == 1:
         return tables[0]
-    if any(has_equal(table["stamp"]) for table in tables):
-        return pl.concat(tables, how="diagonal").sort("stamp", maintain_order=True)
+    stacked = pl.concat(tables, how="diagonal")
+    order = np.argsort(stacked["stamp"].to_numpy(), kind="stable")  # of runs: three times as fast
+    stacked = stacked[order]
+    if any(has_equal(table["stamp"]) for table in tables) or not has_equal(stacked["stamp"]):
+        return stacked
     joined = reduce(
         lambda left, right: left.join(right, on="stamp", how="full", coalesce=True), tables
     )

@@ -110,18 +110,11 @@ def measure_jitter(examined: Examined) -> CheckResult:
         parts = take(streams(trial, devices_of(trial, columns)))
     except InputError as error:
         return not_applicable(f"no time base, {error}")
-    wander: list[float] = []
-    remarks: list[str] = []
-    for part in parts:
-        step = part.clock.step
-        is_open = part.matters and not part.firm
-        wander.append(100 * part.clock.wander / step if is_open else 0.0)
-        if part.matters:
-            scatter = f"{100 * part.clock.sd / step:.3g} % of scatter"
-            remarks.append(f"{', '.join(part.signals)}: {scatter}, {part.why}")
-    if not wander:
+    if not parts:
         return not_applicable("no signals of a bench")
-    return CheckResult(max(wander), "; ".join(remarks))
+    deciding = [part for part in parts if part.matters]
+    wander = [100 * part.clock.wander / part.clock.step for part in deciding if not part.firm]
+    return CheckResult(max(wander, default=0.0), "; ".join(part.why for part in deciding))
 
 
 def measure_gap(examined: Examined) -> CheckResult:

@@ -142,31 +142,6 @@ def check_clocks(log: Source, mocap: Source) -> None:
     )
 
 
-def check_plates(source: Source, captures: Sequence[Path], of_walking: int) -> None:
-    """Refuse a force plate, of a source file or of the walking analysis (0: none), that none of
-    some captures has. What one of many lacks, or cannot be read, its ingest tells."""
-    stated = getattr(source, "plates", ())
-    asked: list[tuple[int, str]] = []
-    if isinstance(stated, tuple):
-        asked = [(number, source.place("plates")) for number in stated]
-    asked.append((of_walking, "`walking.plate` in the configuration"))
-    counts: dict[int, Path] = {}
-    for path in captures:
-        with suppress(OSError, InputError):
-            recording = formats.read(path)
-            described = int(recording.facts.get("plates", len(recording.plates)))
-            counts[max([described, *getattr(source, "plate_geometry", ())])] = path
-        if max(counts, default=0) >= max(number for number, _ in asked):
-            return
-    most = max(counts, default=0)
-    for number, place in asked:
-        if counts and number > most:
-            raise InputError(
-                f"{place}: no force plate {number}; {counts[most]} has {most}, counted from 1;"
-                " correct it"
-            )
-
-
 @np.errstate(all="ignore")  # values of damaged files may be of any size: checks tell them
 def read_converted(path: Path, source: Source) -> Converted:
     """Read a file as canonical columns in SI units, by its source file.

@@ -7,12 +7,13 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from osl_analysis.errors import listing
 from osl_analysis.recording import Rows
 
 LARGEST_STALE_SHARE = 0.001  # of the rows; of more of them, the clock itself goes back
 FAR_STEPS = 50.0  # usual steps from the running median of the stamps; late messages are nearer
 MEDIAN_ROWS = 11  # of the running median, which few rows of another time do not move
-MOST_NAMED = 5  # rows that the remarks name
+MOST_NAMED = 5  # rows that the remark names
 
 
 def find_stale_rows(stamps: NDArray[Any], least: float = 0.0) -> NDArray[np.int64]:
@@ -51,15 +52,11 @@ def remarks_on_stale_rows(
 
     `to_seconds` is the factor from the unit of the stamps to seconds.
     """
-    remarks: list[str] = []
-    for row in stale[:MOST_NAMED].tolist():
-        beside = row - 1 if row else row + 1
-        off_s = float(stamps[row] - stamps[beside]) * to_seconds
-        side = "before" if off_s < 0 else "behind"
-        remarks.append(
-            f"{rows.place(row)} is left out: its stamp is {abs(off_s):.4g} s {side} those beside"
-            " it, as of a packet that waited in a buffer"
-        )
-    if stale.size > MOST_NAMED:
-        remarks.append(f"and {stale.size - MOST_NAMED} more {rows.noun}s like it")
-    return remarks
+    if not stale.size:
+        return []
+    off = np.abs(stamps[stale] - stamps[np.abs(stale - 1)]).max() * to_seconds
+    named = listing([rows.place(row) for row in stale.tolist()], MOST_NAMED)
+    return [
+        f"left out: {named}, whose stamp is up to {off:.4g} s off those beside it, as of a packet"
+        " that waited in a buffer"
+    ]

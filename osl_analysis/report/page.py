@@ -40,8 +40,7 @@ class ShownFigure:
 
     name: str
     title: str
-    caption: str
-    reading: str  # how to read it
+    caption: str  # what it shows, and how to read it
     svg: str
 
     @property

@@ -1,0 +1,111 @@
+"""Fig. 3: torque against deflection of the belt."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import polars as pl
+from matplotlib.axes import Axes
+from scipy.stats import median_abs_deviation
+
+from osl_analysis.figures import marks, names, style
+from osl_analysis.rounding import written
+
+# robust standard deviations (Iglewicz and Hoaglin, How to Detect and Handle Outliers, 1993)
+OUTLYING = 3.5
+# name that takes the place of the trial in the two rows that carry the mean slope
+MEAN_SLOPE = "mean slope"
+IS_MEAN = pl.col("trial") == MEAN_SLOPE
+BRANCHES: dict[str, style.Dash] = {"loading": "-", "unloading": (0, (6, 3))}
+GREY_TRIAL: dict[str, Any] = {"color": style.LIGHT_GREY, "linewidth": 0.9, "zorder": 1}
+DOUBTFUL_TRIAL: dict[str, Any] = {"color": style.BLACK, "linestyle": style.DOTTED, "linewidth": 0.9}
+MEAN_LINE: dict[str, Any] = {"color": style.MAGENTA, "linestyle": style.DASHED, "linewidth": 1.3}
+LOOP_WIDTH = 0.5  # of lines [pt]
+TEXT_MARGIN = 0.2  # of the loops' height, below them for the text
+
+
+def draw(table: pl.DataFrame) -> style.PaperFigure:
+    """(a) torque over deflection and the mean slope, (b) torque minus that of the mean slope; the
+    panels of several joints stand side by side."""
+    parts = names.by_place(table)
+    width = style.SINGLE_COLUMN if len(parts) == 1 else style.DOUBLE_COLUMN
+    figure, axes = style.panels(
+        width, 4.0, rows=2, columns=len(parts), titles=[title for title, _ in parts], share_x=True
+    )
+    for column, (_, part) in enumerate(parts):
+        trials = part.filter(~IS_MEAN).partition_by("trial", maintain_order=True)
+        mean = part.filter(IS_MEAN)
+        draw_belts(axes[column], trials, mean)
+        draw_loops(axes[len(parts) + column], trials, mean)
+
+    keys = [marks.key("Trials", **GREY_TRIAL), marks.key("Mean slope while loading", **MEAN_LINE)]
+    for branch, dash in BRANCHES.items():
+        line = {"color": style.BLACK, "linestyle": dash, "linewidth": LOOP_WIDTH}
+        keys.append(marks.key(branch.capitalize(), **line))
+    if marks.has_doubtful(table):
+        keys.append(marks.key("Doubtful fit", **DOUBTFUL_TRIAL))
+    marks.legend_above(figure, keys)
+    figure.align_ylabels()
+    return figure
+
+
+def draw_belts(ax: Axes, trials: Sequence[pl.DataFrame], mean: pl.DataFrame) -> None:
+    """Torque over deflection of each trial, doubtful ones dotted; the mean slope, and its
+    number."""
+    for trial in trials:
+        look = DOUBTFUL_TRIAL if marks.has_doubtful(trial) else GREY_TRIAL
+        ax.plot(trial["theta_s_deg"], trial["torque"], **look)
+    ax.plot(mean["theta_s_deg"], mean["torque"], **MEAN_LINE)
+    ax.set_ylabel("Joint torque (N·m)")
+    text = "No mean slope: all trials are doubtful"
+    if not mean.is_empty():
+        K_s = written(*mean.select("K_s", "K_s_low", "K_s_high").row(0))
+        text = rf"$\hat{{K}}_s$ = {K_s} N·m/rad, $n$ = {len(trials)}"
+    ax.text(0.99, 0.04, text, transform=ax.transAxes, ha="right", va="bottom")
+
+
+def draw_loops(ax: Axes, trials: Sequence[pl.DataFrame], mean: pl.DataFrame) -> None:
+    """Every loop in grey, doubtful ones dotted; those in a colour, with their names, that end far
+    from the median. Each leads to its trial."""
+    ax.axhline(0, **MEAN_LINE)
+    ax.margins(y=TEXT_MARGIN)
+    is_far = [False] * len(trials)
+    if not mean.is_empty():
+        is_far = outlying([far_end(trial)["deviation"] for trial in trials])
+    for trial, is_outlying in zip(trials, is_far, strict=True):
+        colour = style.ORANGE if is_outlying else style.GREY
+        end = far_end(trial)
+        if is_outlying:
+            ax.annotate(
+                names.drawn_name(end["trial"]), (end["theta_s_deg"], end["deviation"]), (3, 0),
+                textcoords="offset points", color=colour, va="center",
+            )  # fmt: skip
+        is_doubtful = marks.has_doubtful(trial)
+        for branch, dash in BRANCHES.items():
+            # without a line from the end of one cycle to the next
+            of_branch = trial.select(pl.when(branch=branch).then("deviation"))
+            (line,) = ax.plot(
+                trial["theta_s_deg"], of_branch,
+                color=colour, linewidth=LOOP_WIDTH,
+                linestyle=style.DOTTED if is_doubtful else dash,
+            )  # fmt: skip
+            line.set_url(marks.place_in_report(end["trial"]))
+    areas = mean.drop_nulls("hysteresis_area")
+    if not areas.is_empty():
+        area = written(*areas.select(r"^hysteresis_area(_low|_high)?$").row(0))
+        ax.text(0.02, 0.04, f"Mean loop area {area} J", transform=ax.transAxes, va="bottom")
+    ax.set_xlabel(r"Belt deflection $\theta_s$ (deg)")
+    ax.set_ylabel("Torque minus\nmean slope (N·m)")
+
+
+def far_end(trial: pl.DataFrame) -> dict[str, Any]:
+    """The row of the largest deflection."""
+    return trial.sort(pl.col("theta_s_deg").abs(), maintain_order=True).row(-1, named=True)
+
+
+def outlying(deviations: Sequence[float]) -> list[bool]:
+    """Whether each loop ends more than `OUTLYING` robust standard deviations from the median of the
+    ends [N·m]."""
+    limit = OUTLYING * median_abs_deviation(deviations, scale="normal")
+    distances = np.abs(np.asarray(deviations) - np.median(deviations))
+    return [bool(distance > limit > 0) for distance in distances]

@@ -1,0 +1,184 @@
+"""Fig. 5: the stiffness and damping that the joint renders, against those that were asked for.
+
+Desired values are few, and many trials have the same one. On a scale their markers would cover one
+another. Here each value has a stretch of the axis, and each trial in it a place of its own: first
+by controller, then by the other desired value.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
+from os.path import commonprefix
+from typing import Any
+
+import polars as pl
+from matplotlib.axes import Axes
+
+from osl_analysis.errors import InputError
+from osl_analysis.figures import marks, names, style
+
+# distances of the places of two neighbouring trials
+NEXT_TRIAL = 1.0  # of one controller
+NEXT_CONTROLLER = 1.8  # of two controllers
+NEXT_VALUE = 3.2  # of two desired values
+EDGE = 1.2  # free at either end
+FEWEST_PLACES = 8.0  # the axis has room for so many, that one trial does not stand in its middle
+
+MARGIN = 0.55  # of a panel, for the labels of its vertical axis [in]
+WIDEST_MARKER = 4.6 / 72  # with its edge [in]
+SMALLEST_SHARE = 0.3  # of a marker's size
+PANEL_HEIGHT = 1.75  # [in]
+LEGEND_HEIGHT = 0.75  # [in]
+NAME_HEIGHT = 0.6  # of upright names of trials, where these stand in place of desired values [in]
+LONGEST_NAME = 15  # [letters]
+BESIDE_TRIALS = 0.8  # by which a desired value's line is longer than its trials on either side
+
+OTHER = {"K": "B_d", "B": "K_d"}  # desired value by which trials of one K_d, of one B_d are sorted
+DESIRED_LINE: dict[str, Any] = {"color": style.BLACK, "linewidth": 0.8}
+# black, because it may stand on a marker
+VISCOUS_MARK: dict[str, Any] = {"marker": "x", "mew": 0.8, "color": style.BLACK}
+VISCOUS_SIZE = 3.2  # of this mark [pt]
+
+
+def points(impedance: pl.DataFrame) -> pl.DataFrame:
+    """One row per trial: its fit to all amplitudes. Raises InputError: no trial has a fit."""
+    trials = impedance.filter(pl.col("amplitude_deg").is_null())
+    if trials.is_empty():
+        raise InputError(
+            "the impedance table has no fit over all amplitudes (a row with empty amplitude_deg),"
+            " which Fig. 5 draws; fit the trials again"
+        )
+    return trials
+
+
+def draw(table: pl.DataFrame) -> style.PaperFigure:
+    """Stiffness over desired stiffness, and damping over desired damping: one above the other, and
+    of several joints side by side."""
+    shown = [
+        (title, symbol, with_places(part, symbol))
+        for title, part in names.by_place(table)
+        for symbol in "KB"
+    ]
+    across = 1 if len(shown) == 2 else 2
+    width, inches = style.DOUBLE_COLUMN, style.DOUBLE_COLUMN / across - MARGIN
+    longest = max(span_of(trials) for _, _, trials in shown)
+    if across == 1 and longest * WIDEST_MARKER <= style.SINGLE_COLUMN - MARGIN:
+        width, inches = style.SINGLE_COLUMN, style.SINGLE_COLUMN - MARGIN
+    down = len(shown) // across
+    has_desired = names.has_values(table, "K_d") or names.has_values(table, "B_d")
+    panel_height = PANEL_HEIGHT if has_desired else PANEL_HEIGHT + NAME_HEIGHT
+    height = min(LEGEND_HEIGHT + panel_height * down, style.TALLEST)
+    titles = [title for title, _, _ in shown]
+    figure, axes = style.panels(width, height, down, across, titles=titles)
+    for ax, (_, symbol, trials) in zip(axes, shown, strict=True):
+        draw_trials(ax, symbol, trials, inches)
+
+    keys = marks.estimate_keys(table, "K")
+    if has_desired:
+        keys.append(marks.key("Desired", **DESIRED_LINE))
+    if names.has_values(table, "B_viscous"):
+        label = r"Viscous damping $B_\mathrm{viscous}$"
+        keys.append(marks.key(label, markersize=VISCOUS_SIZE, **VISCOUS_MARK))
+    marks.legend_above(figure, keys)
+    figure.align_ylabels()
+    return figure
+
+
+def with_places(trials: pl.DataFrame, symbol: str) -> pl.DataFrame:
+    """Sort trials along the axis of K_d or B_d, and give each its place.
+
+    Parameters
+    ----------
+    trials : DataFrame
+        A row per trial, with `controller`, `look`, `K_d` and `B_d`.
+    symbol : str
+        `K`: the axis is of K_d; `B`: of B_d.
+
+    Returns
+    -------
+    DataFrame
+        The rows in order, with `x`, their places from 0 on. Trials without a desired value stand
+        last.
+    """
+    desired = f"{symbol}_d"
+    numbered = [
+        rows.with_columns(number=pl.lit(number))
+        for number, (_, rows) in enumerate(names.by_controller(trials))
+    ]
+    rows = pl.concat(numbered).sort(
+        desired, "number", OTHER[symbol], nulls_last=True, maintain_order=True
+    )
+
+    def is_new(column: str) -> pl.Expr:
+        """Whether a trial differs from the one before it."""
+        return pl.col(column).ne_missing(pl.col(column).shift())
+
+    of_controllers = pl.when(is_new("number")).then(NEXT_CONTROLLER).otherwise(NEXT_TRIAL)
+    place = pl.when(is_new(desired)).then(NEXT_VALUE).otherwise(of_controllers).cum_sum()
+    return rows.with_columns(x=place - place.first())
+
+
+def span_of(placed: pl.DataFrame) -> float:
+    """Length of the axis of these trials, in its unit."""
+    return max(float(placed["x"][-1]) + 2 * EDGE, FEWEST_PLACES)
+
+
+def draw_trials(ax: Axes, symbol: str, placed: pl.DataFrame, inches: float) -> None:
+    """One quantity of the trials at their places `x` on an axis of this length [in]: estimates with
+    their bars, the viscous damping beside the damping, and a black line at each desired value."""
+    unit = inches / span_of(placed)
+    share = max(min(unit / WIDEST_MARKER, 1.0), SMALLEST_SHARE)  # markers of neighbours are apart
+    for look, trials in names.by_controller(placed):
+        marks.draw_estimates(ax, trials, "x", symbol, replace(look, size=share * look.size))
+    if symbol == "B":
+        ax.plot(
+            placed["x"], placed["B_viscous"],
+            linestyle="", markersize=VISCOUS_SIZE * share, zorder=4, **VISCOUS_MARK,
+        )  # fmt: skip
+    ax.set_ylabel(names.AXIS_LABELS[symbol])
+
+    desired = f"{symbol}_d"
+    groups = placed.partition_by(desired, maintain_order=True)
+    for group in groups:
+        if group[desired][0] is not None:
+            ends = (group["x"][0] - BESIDE_TRIALS, group["x"][-1] + BESIDE_TRIALS)
+            ax.hlines(group[desired][0], *ends, **DESIRED_LINE)
+    for left, right in pairwise(groups):
+        ax.axvline((left["x"][-1] + right["x"][0]) / 2, color=style.GRID_GREY, linewidth=0.5)
+
+    free = span_of(placed) - float(placed["x"][-1])
+    ax.set_xlim(-free / 2, span_of(placed) - free / 2)
+    ax.tick_params(axis="x", length=0)
+    if names.has_values(placed, desired):
+        ax.set_xlabel(names.AXIS_LABELS[desired])
+        label_groups(ax, groups, [text_of(group[desired][0]) for group in groups], inches)
+    else:
+        ax.set_xlabel("Trial")
+        groups = placed.partition_by("trial", maintain_order=True)
+        label_groups(ax, groups, short_names([rows["trial"][0] for rows in groups]), inches)
+
+
+def text_of(desired: float | None) -> str:
+    """A desired value as it stands below its trials."""
+    return "not stated" if desired is None else f"{desired:g}"
+
+
+def short_names(trials: Sequence[str]) -> list[str]:
+    """The names of trials as they stand below these: long ones without the beginning that they
+    share, and of what is left the beginning."""
+    shared = ""
+    if max(len(trial) for trial in trials) > LONGEST_NAME:
+        shared = commonprefix(trials)  # noqa: RUF071 letter by letter
+    parts = [trial.removeprefix(shared) for trial in trials]
+    return [names.drawn_name(part[:LONGEST_NAME]) for part in parts]
+
+
+def label_groups(
+    ax: Axes, groups: Sequence[pl.DataFrame], labels: Sequence[str], inches: float
+) -> None:
+    """Write below the middle of each group its label: upright where the axis is too short for all,
+    and only some of very many."""
+    middles = [float(group["x"].to_numpy().mean()) for group in groups]
+    is_long = sum(len(label) + 2 for label in labels) > style.LETTERS_PER_INCH * inches
+    every = 1 + int(len(labels) / (style.LETTERS_PER_INCH / 2 * inches)) if is_long else 1
+    ax.set_xticks(middles[::every], labels[::every], rotation=90 if is_long else 0)

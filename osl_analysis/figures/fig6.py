@@ -1,0 +1,83 @@
+"""Fig. 6: the variance of the torque that a second-order system accounts for."""
+
+from typing import Any
+
+import numpy as np
+import polars as pl
+from matplotlib.axes import Axes
+
+from osl_analysis.errors import InputError
+from osl_analysis.figures import marks, names, style
+from osl_analysis.stats.repeats import counted, doubts_of_trials
+from osl_analysis.trial import Array
+
+LEAST_UNEXPLAINED = 1e-4  # smaller unexplained shares are drawn here [percent]
+HEIGHT = 3.0  # of the figure [in]
+SWARM_HEIGHT = 1.5  # over which the fits spread, at least [in]
+MARGIN = 0.75  # of the panel, for the labels of its vertical axis [in]
+POINT = 4.9 / 72  # diameter of a marker with a small gap [in]
+REACH = 0.45  # of a swarm to either side; swarms are 1 apart
+MEDIAN_LINE: dict[str, Any] = {"color": style.BLACK, "linewidth": 1.2}
+MEDIAN_REACH = 0.3  # of the line at its median to either side
+MOST_IN_COLUMN = 2  # swarms in one column of the page
+MOST_TICKS = 12
+
+
+def points(impedance: pl.DataFrame) -> pl.DataFrame:
+    """One row per trial and amplitude, doubtful where the fit to all of the trial is. A trial that
+    no stepped sine moved has one row, a fit without a VAF (a constant torque) none. Raises
+    InputError: no fit has a VAF."""
+    is_single = pl.col("amplitude_deg").is_not_null() | (pl.len().over("trial") == 1)
+    table = doubts_of_trials(impedance).filter(is_single & pl.col("VAF").is_finite())
+    if table.is_empty():
+        raise InputError(
+            "the impedance table has no VAF of one amplitude, which Fig. 6 draws; fit the trials"
+            " again"
+        )
+    return table
+
+
+def draw(table: pl.DataFrame) -> style.PaperFigure:
+    """A swarm for each controller of each joint and side."""
+    swarms = [
+        (title, look, rows)
+        for title, part in names.by_place(table)
+        for look, rows in names.by_controller(part)
+    ]
+    width = style.SINGLE_COLUMN if len(swarms) <= MOST_IN_COLUMN else style.DOUBLE_COLUMN
+    figure, (ax,) = style.panels(width, HEIGHT)
+    unit = (width - MARGIN) / len(swarms)  # of the horizontal axis [in]
+    spread = max(float(np.ptp(np.log10(unexplained(table)))), 1e-9)
+    labels = []
+    for place, (title, look, rows) in enumerate(swarms):
+        shares = unexplained(rows)
+        heights = np.log10(shares) / spread * SWARM_HEIGHT
+        x = place + marks.swarm_offsets(heights, POINT, REACH * unit) / unit
+        marks.draw_fits(ax, rows, x, shares, look, marks.BEHIND_LINES)
+        lines = [look.label, title, f"$n$ = {len(rows)}", draw_median(ax, rows, place)]
+        labels.append("\n".join(line for line in lines if line))
+    ax.set_yscale("log")
+    ax.set_xlim(-0.5, len(swarms) - 0.5)
+    ax.set_xticks(range(len(swarms)), labels)
+    ax.tick_params(axis="x", length=0)
+    marks.label_log_axis(ax.yaxis, MOST_TICKS, lambda share: f"{100 - share:.7g}")
+    ax.invert_yaxis()
+    ax.set_ylabel("VAF (%), log scale of 100 − VAF")
+    marks.legend_above(figure, [marks.key("Median", **MEDIAN_LINE), *marks.open_keys(table)])
+    return figure
+
+
+def unexplained(rows: pl.DataFrame) -> Array:
+    """100 − VAF of each fit (n,) [percent], as it is drawn."""
+    return np.asarray(np.maximum(100 - rows["VAF"].to_numpy(), LEAST_UNEXPLAINED))
+
+
+def draw_median(ax: Axes, rows: pl.DataFrame, place: int) -> str:
+    """The median of the fits that are not doubtful, and its text with three digits of the share
+    that is not explained."""
+    used = counted(rows)
+    if used.is_empty():
+        return "all doubtful"
+    median = float(np.median(unexplained(used)))
+    ax.hlines(median, place - MEDIAN_REACH, place + MEDIAN_REACH, **MEDIAN_LINE, zorder=0.5)
+    return f"median {100 - float(f'{median:.3g}'):.7g} %"

@@ -1,0 +1,48 @@
+"""Fig. 8: desired impedance and control gains over stance."""
+
+import polars as pl
+from matplotlib.axes import Axes
+from matplotlib.ticker import MultipleLocator, PercentFormatter
+
+from osl_analysis.config.impedance_trajectory import STANCE_SHARE
+from osl_analysis.figures import names, style
+
+AS_PRINTED = 1e-9  # phases are compared so closely
+
+
+def points(gains: pl.DataFrame) -> pl.DataFrame:
+    """The desired impedance and the gains in stance: in swing the walking controller renders no
+    impedance (Section IV)."""
+    return gains.filter(pl.col("phase") <= STANCE_SHARE + AS_PRINTED)
+
+
+def draw(table: pl.DataFrame) -> style.PaperFigure:
+    """(a) stiffness, (b) damping over stance: desired, and the gain."""
+    kind = table["trajectory"][0]
+    title = f"Trajectory: {names.drawn_name(kind)}" if kind else ""
+    figure, axes = style.panels(style.SINGLE_COLUMN, 3.0, rows=2, titles=[title], share_x=True)
+    stiffness, damping = axes
+    draw_gain(stiffness, table, "K")
+    stiffness.set_ylabel("Stiffness (N·m/rad)")
+    draw_gain(damping, table, "B")
+    damping.set_ylabel("Damping (N·m·s/rad)")
+    damping.set_xlabel("Stance (% of the gait cycle)")
+    damping.xaxis.set_major_locator(MultipleLocator(0.1))
+    damping.xaxis.set_major_formatter(PercentFormatter(xmax=1, decimals=0, symbol=""))
+    figure.align_ylabels()
+    return figure
+
+
+def draw_gain(ax: Axes, table: pl.DataFrame, symbol: str) -> None:
+    """K or B: desired, and the gain at the joint where it is known, from 0 on."""
+    ax.plot(table["phase"], table[f"{symbol}_d"], color=style.BLACK, label=f"Desired ${symbol}_d$")
+    gain = f"{symbol}_1_joint"
+    if names.has_values(table, gain):
+        ax.plot(
+            table["phase"], table[gain],
+            color=style.ORANGE, linewidth=1.3, linestyle=(0, (5, 1.5)),
+            label=f"Gain ${symbol}_1\\,n_T^2$",
+        )  # fmt: skip
+    ax.update_datalim([(table["phase"][0], 0)])
+    ax.margins(x=0)
+    ax.legend(loc="best")

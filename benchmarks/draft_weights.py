@@ -1,5 +1,5 @@
-"""Fit the weights of `osl_analysis/draft/likelihoods.yaml` on one half of the labelled recordings of
-`draft_labels.yaml`, and judge them by the other half:
+"""Fit the weights of `osl_analysis/draft/likelihoods.yaml` on one half of the labelled recordings
+of `draft_labels.yaml`, and judge them by the other half:
 
 python benchmarks/draft_weights.py [--write]
 """

@@ -16,11 +16,10 @@ from test_ingest_assemble import WRITERS
 
 from osl_analysis.cli import main
 from osl_analysis.commands import trials as module
-from osl_analysis.errors import InputError
 from osl_analysis.draft.clock_choice import ClockChoice, choose_clock, gaps_text, span_of
 from osl_analysis.draft.draft_source import draft_source
+from osl_analysis.errors import InputError
 from osl_analysis.ingest.likely_clock import rate_of
-from osl_analysis.draft.overview import Overview, RecordedChannel
 from osl_analysis.ingest.raw_files import read_converted, read_source
 from osl_analysis.units import is_clock
 
@@ -159,34 +158,6 @@ def test_every_real_file_is_listed_or_refused_in_a_sentence(path: Path) -> None:
     overview = module.inspect_file(path)
     assert overview.channels
     assert isinstance(yaml.safe_load(draft_source(overview, path.name)), dict)
-
-
-@pytest.mark.parametrize(("name", "unit", "column"), [
-    ("angleJIM", "", "theta"), ("JointPosition", "rad", "theta"),
-    ("position[name=ankle]", "rad", "theta"),
-    ("desired_angle", "deg", "theta_command"), ("motor_position", "rad", "theta_m"),
-    ("I_q", "A", "current"),
-    ("actuator velocity", "rad/s", "omega_m"), ("LoadCellTorque", "Nm", "torque"),
-    ("Trig", "", "trigger"),
-    ("sync_out", "V", "sync"), ("motor_torque", "N*m", "torque_m"), ("torque", "deg", ""),
-    ("angle", "V", ""),
-    ("commanded_torque", "N*m", ""), ("R_ground_torque_y", "N*m", ""), ("case_temperature", "", ""),
-    ("load", "Nm", "torque"), ("ch3", "deg", "theta"), ("roll", "deg", ""),
-])  # fmt: skip
-def test_a_name_and_its_unit_tell_the_column(name: str, unit: str, column: str) -> None:
-    assert likely_column(RecordedChannel("column", {"column": name}, unit)) == column
-
-
-def test_a_draft_names_only_what_leaves_no_doubt() -> None:
-    units = {
-        "ankle_angle": "rad",
-        "joint_angle": "rad",
-        "torque": "N*m",
-        **dict.fromkeys("abcdef", ""),
-    }
-    every = [RecordedChannel("column", {"column": name}, unit) for name, unit in units.items()]
-    found = yaml.safe_load(draft_source(Overview("csv", {}, every), "a"))["channels"]
-    assert [*found] == ["NAME_1", "NAME_2", "torque"]
 
 
 TIME = np.arange(50) * 0.004

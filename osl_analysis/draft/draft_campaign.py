@@ -29,7 +29,7 @@ from osl_analysis.draft.draft_source import (
     pulse_channels,
 )
 from osl_analysis.draft.draft_walking import draft_walking, segment_of, stepping_leg
-from osl_analysis.draft.guesses import named_joint, turns_slowly
+from osl_analysis.draft.guesses import joints_named, turns_slowly
 from osl_analysis.draft.overview import FEWEST_READINGS, Overview, inspect_recording
 from osl_analysis.errors import InputError, listing
 from osl_analysis.files import shipped
@@ -222,11 +222,11 @@ def trials_of(
     files = [(one.file, one.source, False) for one in logs]
     files += [(one.file, one.source, True) for one in captures]
     trials = draft_trials(files, moved, has_fixed_plates(captures))
-    for source, alike in of_joints.items():
-        joint = named_joint([channel for one in alike for channel in one.overview.channels])
+    for name, alike in of_joints.items():
+        joints = joints_named([channel for one in alike for channel in one.overview.channels])
         for trial in trials:
-            if joint and trial.cells.get("log_source") == source:
-                trial.cells["joint"] = joint
+            if len(joints) == 1 and trial.cells.get("log_source") == name:
+                trial.cells["joint"] = joints[0]
     return trials
 
 

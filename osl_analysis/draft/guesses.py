@@ -16,14 +16,22 @@ from osl_analysis.draft.likelihood import (
     with_context,
 )
 from osl_analysis.draft.overview import RecordedChannel
-from osl_analysis.ingest.computed_torque import TORQUES, quantity_of
-from osl_analysis.measured import Signal, computed_from, factor_of, usual_size, varies
+from osl_analysis.ingest.computed_torque import TORQUES
+from osl_analysis.measured import Quantity, Signal, computed_from, factor_of, usual_size, varies
 
 NOISE = "nothing but noise"
 HELD_COLUMNS = ("current", "torque", "torque_m")  # which stand while an actuator is clamped
 HELD_LEVEL = 5.0  # standard deviations of the noise
 SURE = 0.8  # probability from which a channel is taken for a column
 DOUBTFUL = 0.2  # probability from which another channel makes it a question
+QUANTITIES: dict[str, Quantity] = {
+    "speed": "speed",
+    "in rad/s": "speed",
+    "current": "current",
+    "in A": "current",
+    "angle": "angle",
+    "in rad": "angle",
+}
 JOINTS = ("ankle", "knee", "hip")
 FEWEST_READINGS = 100  # that show how a channel moves
 SPRING = 0.9  # correlation with an angle: a fifth of the torque's power may be damping or friction
@@ -81,7 +89,7 @@ def guesses_from(channels: Sequence[RecordedChannel], evidence: Sequence[set[str
         why_no_signal(channel, columns[place], channels) for place, channel in enumerate(channels)
     ]
     formulas = [
-        formula_of(channel, channels)
+        formula_of(place, channels, evidence)
         if columns[place] in TORQUES and likely[place][columns[place]] > DOUBTFUL
         else ""
         for place, channel in enumerate(channels)
@@ -103,7 +111,7 @@ def guesses_from(channels: Sequence[RecordedChannel], evidence: Sequence[set[str
         for place in spring.places:
             likely[place] = probabilities(channels[place], {*evidence[place], "spring"})
     guesses: list[Guess] = []
-    for place, channel in enumerate(channels):
+    for place in range(len(channels)):
         is_confirmed = spring is not None and spring.is_clear and place in spring.places
         guess = guess_of(place, likely, left_out[place], is_confirmed)
         guesses.append(replace(guess, formula=formulas[place]))
@@ -160,28 +168,30 @@ def copied_from(channel: RecordedChannel, others: Iterable[RecordedChannel]) -> 
         whole = other.numbers
         if other is channel or whole is None or whole.shape != own.shape:
             continue
-        if np.count_nonzero(np.isfinite(whole)) > known.sum():
-            if np.array_equal(own[known], whole[known]):
-                return f"some readings of {json.dumps(name_of(other))}, which has more"
+        has_more = np.count_nonzero(np.isfinite(whole)) > known.sum()
+        if has_more and np.array_equal(own[known], whole[known]):
+            return f"some readings of {json.dumps(name_of(other))}, which has more"
     return ""
 
 
-def formula_of(torque: RecordedChannel, others: Sequence[RecordedChannel]) -> str:
+def formula_of(
+    place: int, channels: Sequence[RecordedChannel], evidence: Sequence[set[str]]
+) -> str:
     """Name the signals from which a torque was computed; empty of a measured one."""
-    values = torque.numbers
-    if values is None:
-        return ""
+    torque = channels[place]
     signals: list[Signal] = []
-    for other in others:
-        quantity = quantity_of(other)
-        if quantity is None or other.numbers is None or other.group != torque.group:
+    for other, tells in zip(channels, evidence, strict=True):
+        quantity = next((of for kind, of in QUANTITIES.items() if kind in tells), None)
+        if quantity is None or other.group != torque.group or torque.numbers is None:
             continue
-        if quantity == "current" and factor_of(values, other.numbers) is not None:
-            name = json.dumps(name_of(other))
+        if other.numbers is None or other.numbers.shape != torque.numbers.shape:
+            continue
+        name = json.dumps(name_of(other))
+        if quantity == "current" and factor_of(torque.numbers, other.numbers) is not None:
             return f"it is proportional to {name}: computed, no measured torque"
-        if other.numbers.shape == values.shape:
-            signals.append(Signal(name_of(other), quantity, other.numbers))
-    computed = computed_from(values, signals)
+        is_command = quantity == "angle" and "command" in tells
+        signals.append(Signal(name_of(other), "command" if is_command else quantity, other.numbers))
+    computed = computed_from(torque.numbers, signals) if torque.numbers is not None else ""
     return f"it follows exactly from {computed}: computed, no measured torque" if computed else ""
 
 
@@ -236,6 +246,11 @@ def with_spring(
             name = json.dumps(name_of(channels[other]))
             why = f"a guess: as a spring with {name}, r = {abs(spring.r):.3f}"
             guesses[place] = replace(guesses[place], why=why)
+    pair = [channels[place] for place in spring.places]
+    if not spring.is_clear and len(joints_named(pair)) > 1:
+        for place in spring.places:
+            guesses[place] = replace(guesses[place], is_sure=False, why="of another joint")
+        return guesses
     if spring.r < FALLING and guesses[spring.torque].column == "torque":
         why = f"{guesses[spring.torque].why}: it falls as the angle rises"
         guesses[spring.torque] = replace(guesses[spring.torque], sign=-1, why=why)
@@ -277,16 +292,15 @@ def gone_on(channel: RecordedChannel, at: float) -> RecordedChannel:
     return replace(channel, numbers=np.unwrap(channel.readings, period=at))
 
 
-def named_joint(channels: Iterable[RecordedChannel]) -> str:
-    """The joint in the names of channels, if they name only one; else empty."""
+def joints_named(channels: Iterable[RecordedChannel]) -> list[str]:
+    """The joints in the names of channels."""
     words = " ".join(parted_name(name_of(channel)) for channel in channels)
-    joints = [joint for joint in JOINTS if re.search(rf"\b{joint}\b", words)]
-    return joints[0] if len(joints) == 1 else ""
+    return [joint for joint in JOINTS if re.search(rf"\b{joint}\b", words)]
 
 
 def turns_slowly(angle: RecordedChannel, clock: RecordedChannel) -> bool:
-    """Whether an angle goes to and fro, and turns less often than every two seconds: it tells K, and
-    not B and I."""
+    """Whether an angle goes to and fro, and turns less often than every two seconds: it tells K
+    alone."""
     known = angle.readings
     if clock.numbers is None or known.size < FEWEST_READINGS:
         return False

@@ -31,15 +31,16 @@ def test_every_channel_of_the_labelled_recordings_is_named_or_asked_as_labelled(
         label_of = dict(zip((one.key for one in overview.channels), labels.values(), strict=True))
         log = drafted_log(overview)
         named[name] = {
-            channel.key: guess.column
-            for channel, guess in zip(log.signals, log.guesses, strict=True)
-            if guess.is_sure and label_of[channel.key][-1] not in "?~"
+            guess.channel.key: guess.column
+            for guess in log.guesses
+            if guess.is_sure and label_of[guess.channel.key][-1] not in "?~"
         }
         truth[name] = {key: COLUMNS[label] for key, label in label_of.items() if label in COLUMNS}
         wrong += [
-            (name, channel.key)
-            for channel, guess in zip(log.signals, log.guesses, strict=True)
-            if guess.is_sure and guess.column != COLUMNS.get(label_of[channel.key].rstrip("?~"))
+            (name, guess.channel.key)
+            for guess in log.guesses
+            if guess.is_sure
+            and guess.column != COLUMNS.get(label_of[guess.channel.key].rstrip("?~"))
         ]
 
     assert len(recordings) >= 120
@@ -82,4 +83,4 @@ def test_an_angle_that_stands_and_a_torque_of_noise_are_no_signals():
     still = RecordedChannel("column", {"column": "angle"}, "rad", numbers=np.full(500, 0.1))
     torque = RecordedChannel("column", {"column": "torque"}, "N*m", numbers=noise)
 
-    assert [guess.is_no_signal for guess in guessed_columns([still, torque])] == [True, True]
+    assert all(guess.why_not for guess in guessed_columns([still, torque]))

@@ -90,7 +90,7 @@ class Described:
         is_joint = not is_fixture_alone(self.file)
         if self.log is None:
             return is_joint, len(self.overview.channels), int("axes" in self.overview.settings)
-        moving = sum(not guess.is_no_signal for guess in self.log.guesses)
+        moving = sum(not guess.why_not for guess in self.log.guesses)
         return is_joint, len(self.overview.channels), moving
 
     @property
@@ -302,7 +302,7 @@ def ask(draft: Draft, described: Sequence[Described], captures: Sequence[Describ
     for one in described:
         draft.open += [(one.file, text) for text in one.overview.open]
         for guess in one.log.guesses if one.log is not None else ():
-            if guess.formula and not guess.is_no_signal:
+            if guess.formula and not guess.why_not:
                 draft.open.append((one.file, f"{guess.column}: {guess.formula}"))
     draft.open += cut_files(described)
     may_walk = any(

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from osl_analysis.draft.guesses import Guess, gone_on, guessed_columns
+from osl_analysis.draft.guesses import Guess, guessed_columns
 from osl_analysis.draft.likelihood import COUNTS, LEVELS, likely_level, with_documented_unit
 from osl_analysis.draft.overview import Overview, RecordedChannel
 from osl_analysis.errors import listing
@@ -29,18 +29,15 @@ TIME_KEYS = ("column", "variable", "field", "channel")
 
 @dataclass(frozen=True)
 class DraftedLog:
-    """The channels of a log that may be signals, what each may be, and its clock."""
+    """What the channels of a log may be, and its clock."""
 
-    signals: Sequence[RecordedChannel]
     guesses: Sequence[Guess]
     clock: RecordedChannel | None
 
     def sure(self, column: str) -> RecordedChannel | None:
         """The channel that is surely a column, unwrapped."""
-        for channel, guess in zip(self.signals, self.guesses, strict=True):
-            if guess.is_sure and guess.column == column:
-                return gone_on(channel, guess.wraps_at)
-        return None
+        sure = (one.channel for one in self.guesses if one.is_sure and one.column == column)
+        return next(sure, None)
 
 
 @dataclass
@@ -157,7 +154,7 @@ def drafted_log(overview: Overview) -> DraftedLog:
         has_no_numbers = channel.numbers is not None and not channel.count
         if channel is not clock and not is_topic_alone and not has_no_numbers:
             signals.append(with_documented_unit(channel))
-    return DraftedLog(signals, guessed_columns(signals), clock)
+    return DraftedLog(guessed_columns(signals), clock)
 
 
 def draft_source(overview: Overview, name: str) -> str:
@@ -205,15 +202,15 @@ def add_markers(source: DraftedSource, overview: Overview) -> None:
     for column, channel in pulses.items():
         by_name = likely_level(channel) == column
         why = "guessed from its name" if by_name else "a guess: it is a train of pulses"
-        guess = Guess(column, is_sure=True, why=why)
-        source.entries.append(entry_of(0, with_number(channel, analogs), guess))
+        fields: dict[str, object] = {**with_number(channel, analogs).address, "unit": "V"}
+        source.entries.append(Entry(column, fields, why))
     for number, channel in enumerate(analogs, start=1):
         if not channel.group and not any(channel is pulse for pulse in pulses.values()):
             addressed = with_number(channel, analogs)
-            label = Guess(why=channel.key if addressed is not channel else "")
-            entry = entry_of(number, addressed, label)
-            entry.is_comment = True
-            source.entries.append(entry)
+            unit = channel.unit if channel.base[1] else UNKNOWN
+            remark = channel.key if addressed is not channel else ""
+            fields = {**addressed.address, "unit": unit}
+            source.entries.append(Entry(f"NAME_{number}", fields, remark, is_comment=True))
     of_plates = [one.group for one in analogs if one.group]
     if of_plates:
         plates = ", ".join(dict.fromkeys(of_plates))
@@ -282,12 +279,12 @@ def add_signals(source: DraftedSource, log: DraftedLog) -> None:
     is_complete = {"theta", "torque"} <= sure or of_actuator
     has_likely = any(guess.column for guess in log.guesses)
     left_out: dict[str, list[str]] = {}
-    for number, (channel, guess) in enumerate(zip(log.signals, log.guesses, strict=True), start=1):
-        if guess.is_no_signal:
-            left_out.setdefault(guess.why, []).append(json.dumps(channel.key))
+    for number, guess in enumerate(log.guesses, start=1):
+        if guess.why_not:
+            left_out.setdefault(guess.why_not, []).append(json.dumps(guess.channel.key))
             continue
-        entry = entry_of(number, channel, guess)
-        has_unit = is_unit(channel.unit or channel.likely_unit)
+        entry = entry_of(number, guess)
+        has_unit = is_unit(guess.channel.unit or guess.channel.likely_unit)
         stands = guess.is_sure and (has_unit or guess.column in NAMED_ALWAYS)
         is_asked = bool(guess.column) and not is_complete
         entry.is_comment = has_likely and not stands and not is_asked
@@ -305,18 +302,17 @@ def timing_remarks(source: DraftedSource, log: DraftedLog) -> Iterator[str]:
         yield "time: its unit is guessed from its name or from the rate of its readings: check it"
 
 
-def entry_of(number: int, channel: RecordedChannel, guess: Guess) -> Entry:
+def entry_of(number: int, guess: Guess) -> Entry:
     """The entry of a channel by what it may be, with the column's name where that is sure."""
+    channel = guess.channel
     stated = channel.unit or channel.likely_unit
     is_count = channel.base[1] in (COUNTS if guess.column else COUNTS[:1])
     unit = stated
     if is_count or stated.lower() in GON:
         unit = "V" if guess.column in LEVELS else UNKNOWN
-    remarks: list[str] = []
+    remarks = [guess.why] if guess.why else []
     if guess.column and not guess.is_sure:
         remarks.append(f"{guess.column}?")
-    if guess.why:
-        remarks.append(guess.why)
     if channel.unit and unit == UNKNOWN:
         remarks.append(f"no known unit: {json.dumps(channel.unit)}")
     if channel.likely_unit and not channel.unit:

@@ -9,7 +9,8 @@ from conftest import ROOT
 from osl_analysis.draft.draft_source import drafted_log
 from osl_analysis.draft.guesses import guessed_columns
 from osl_analysis.draft.likelihood import likelihoods
-from osl_analysis.draft.overview import RecordedChannel, inspect_recording
+from osl_analysis.draft.overview import inspect_recording
+from osl_analysis.draft.recorded_channel import RecordedChannel
 
 sys.path.insert(0, str(ROOT / "benchmarks"))  # as for a script there
 from draft_weights import labelled, signals, write_recording

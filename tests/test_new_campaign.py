@@ -20,12 +20,9 @@ from osl_analysis.commands.reference import schemas
 from osl_analysis.commands.run import check_submission, snakemake_arguments
 from osl_analysis.commands.simulate import planned_sheet, settings_files
 from osl_analysis.draft.draft_campaign import draft_campaign
-from osl_analysis.draft.draft_session import state_unit_of_angle
 from osl_analysis.draft.draft_sheet import draft_trials
-from osl_analysis.draft.draft_source import DraftedLog, DraftedSource, Entry
+from osl_analysis.draft.draft_source import DraftedSource, Entry
 from osl_analysis.draft.draft_walking import segment_of
-from osl_analysis.draft.guesses import Guess
-from osl_analysis.draft.overview import Overview, RecordedChannel
 from osl_analysis.errors import InputError
 from osl_analysis.files import shipped
 from osl_analysis.ingest.raw_files import read_source, recordings_in
@@ -680,22 +677,6 @@ def test_one_log_of_a_session_is_that_of_each_capture_by_its_gate(tmp_path):
     assert source["analogs"] == {"sync": {"channel": "Gate", "unit": "V"}}
     assert source["shared"] == {"column": "theta", "markers": ["R_KNE", "R_FAL", "R_FM1"]}
     assert yaml.safe_load(draft.sources["csv"])["clock"] == "sync"
-
-
-@pytest.mark.parametrize(("factor", "unit"), [(-1.1, "rad"), (60.0, "deg"), (9.0, "UNKNOWN")])
-def test_the_unit_of_an_angle_is_that_in_which_it_moves_as_the_markers_do(factor, unit):
-    bend = 1.8 + 0.3 * np.sin(np.arange(200) / 30)  # [rad]
-    toe = np.stack([np.sin(bend), 0 * bend, np.cos(bend)], axis=1)
-    knee = np.tile([0.0, 0.0, 1.0], (200, 1))
-    places = {"R_KNE": knee, "R_FAL": 0 * knee, "R_FM1": toe}
-    markers = [RecordedChannel("marker", {"label": n}, numbers=p) for n, p in places.items()]
-    encoder = RecordedChannel("column", {"column": "ankle"}, numbers=factor * bend + 3)
-    log = DraftedLog([encoder], [Guess("theta", is_sure=True)], None)
-    source = DraftedSource({}, entries=[Entry("theta", {"column": "ankle", "unit": "UNKNOWN"})])
-
-    state_unit_of_angle(source, log, Overview("c3d", {}, markers), "R")
-
-    assert source.entries[0].fields["unit"] == unit
 
 
 def test_a_log_with_other_pulses_is_of_no_capture(tmp_path):

@@ -9,12 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from osl_analysis.config.experiments import EXPERIMENTS
-from osl_analysis.draft.overview import (
-    MOST_COLUMNS,
-    Overview,
-    RecordedChannel,
-    inspect_recording,
-)
+from osl_analysis.draft.overview import MOST_COLUMNS, inspect_recording
+from osl_analysis.draft.recorded_channel import Overview, RecordedChannel
 from osl_analysis.errors import InputError, printable
 from osl_analysis.formats import formats_of
 from osl_analysis.ingest import raw_files

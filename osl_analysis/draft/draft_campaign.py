@@ -12,7 +12,6 @@ from osl_analysis.draft.draft_session import (
     gate_lengths,
     is_gated,
     join_session_log,
-    state_unit_of_angle,
 )
 from osl_analysis.draft.draft_sheet import (
     UNNAMED,
@@ -30,7 +29,8 @@ from osl_analysis.draft.draft_source import (
 )
 from osl_analysis.draft.draft_walking import draft_walking, segment_of, stepping_leg
 from osl_analysis.draft.guesses import joints_named, turns_slowly
-from osl_analysis.draft.overview import FEWEST_READINGS, Overview, inspect_recording
+from osl_analysis.draft.overview import FEWEST_READINGS, inspect_recording
+from osl_analysis.draft.recorded_channel import Overview
 from osl_analysis.errors import InputError, listing
 from osl_analysis.files import shipped
 from osl_analysis.formats import TEXT_PRIORITY, formats_of, known_formats
@@ -124,7 +124,6 @@ def draft_campaign(folder: Path) -> Draft:
     draft.trials = trials_of(draft, logs, captures)
     join_log_of_session(draft, logs, captures)
     align_clocks(draft)
-    state_units_of_angles(draft, logs, captures)
     ask(draft, described, captures)
     return draft
 
@@ -263,7 +262,7 @@ def join_log_of_session(
     for trial in walks.values():
         trial.cells.update(log=session.key, log_source=session.source)
     draft.trials.remove(alone[0])
-    side = stepping_leg([capture.overview for capture in of_walks]).side
+    side, _ = stepping_leg([capture.overview for capture in of_walks])
     for name, capture in {one.source: one for one in reversed(of_walks)}.items():
         join_session_log(draft.source_files[name], capture.overview, side)
 
@@ -280,21 +279,6 @@ def align_clocks(draft: Draft) -> None:
             log.settings["clock"] = "sync"
         if (log.settings["format"], capture.settings["format"]) == ("opensim", "trc"):
             log.settings["clock"] = "common"
-
-
-def state_units_of_angles(
-    draft: Draft, logs: Sequence[Described], captures: Sequence[Described]
-) -> None:
-    """State the unit of the angle of logs beside captures, where the markers tell it."""
-    for trial in draft.trials:
-        if trial.cells["experiment"] != "walking":
-            continue
-        log = next((one for one in logs if one.key == trial.cells.get("log")), None)
-        capture = next((one for one in captures if one.key == trial.cells.get("mocap")), None)
-        if log is not None and log.log is not None and capture is not None:
-            side = stepping_leg([one.overview for one in captures]).side
-            source = draft.source_files[log.source]
-            state_unit_of_angle(source, log.log, capture.overview, side)
 
 
 def ask(draft: Draft, described: Sequence[Described], captures: Sequence[Described]) -> None:

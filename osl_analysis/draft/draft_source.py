@@ -11,7 +11,7 @@ import numpy as np
 
 from osl_analysis.draft.guesses import Guess, guessed_columns
 from osl_analysis.draft.likelihood import COUNTS, LEVELS, likely_level, with_documented_unit
-from osl_analysis.draft.overview import Overview, RecordedChannel
+from osl_analysis.draft.recorded_channel import Overview, RecordedChannel
 from osl_analysis.errors import listing
 from osl_analysis.formats import known_formats
 from osl_analysis.ingest.clock import MINIMUM_EDGES, find_edges

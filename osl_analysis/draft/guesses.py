@@ -15,7 +15,7 @@ from osl_analysis.draft.likelihood import (
     probabilities,
     with_context,
 )
-from osl_analysis.draft.overview import RecordedChannel
+from osl_analysis.draft.recorded_channel import RecordedChannel
 from osl_analysis.ingest.computed_torque import TORQUES
 from osl_analysis.measured import Quantity, Signal, computed_from, factor_of, usual_size, varies
 

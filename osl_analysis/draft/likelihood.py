@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from osl_analysis.draft.overview import RecordedChannel
+from osl_analysis.draft.recorded_channel import RecordedChannel
 from osl_analysis.trial import COLUMNS
 from osl_analysis.units import dimension, name_and_ending
 

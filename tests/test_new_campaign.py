@@ -21,7 +21,6 @@ from osl_analysis.commands.run import check_submission, snakemake_arguments
 from osl_analysis.commands.simulate import planned_sheet, settings_files
 from osl_analysis.draft.draft_campaign import draft_campaign
 from osl_analysis.draft.draft_sheet import draft_trials
-from osl_analysis.draft.draft_source import DraftedSource, Entry
 from osl_analysis.draft.draft_walking import segment_of
 from osl_analysis.errors import InputError
 from osl_analysis.files import shipped
@@ -480,18 +479,6 @@ def test_a_recording_without_an_ending_is_found_by_its_first_bytes(tmp_path):
     assert {path.name for path in recordings_in(tmp_path)} == {*read}
 
 
-def test_the_column_that_no_channel_is_like_is_named_among_what_is_to_be_edited(tmp_path):
-    (tmp_path / "rec").mkdir()
-    rows = [f"{k / 100},{k % 7},{k % 5},{k % 3}" for k in range(30)]
-    (tmp_path / "rec/a.csv").write_text(
-        "\n".join(["time_s,ankle_angle_deg,knee_angle_deg,gauge", *rows])
-    )
-    said = left_to_decide(
-        tmp_path / "mine", new_campaign(tmp_path / "mine", recordings=tmp_path / "rec")
-    )[0]
-    assert "torque (no channel is like it" in said
-
-
 def test_markers_that_tell_no_segment_are_asked_about_once(
     tmp_path,
 ):
@@ -577,19 +564,6 @@ def test_a_log_and_a_capture_whose_clocks_are_not_aligned_are_a_question(tmp_pat
 
     assert any("does not align the log with motion capture" in line for line in lines)
     assert lines[-1].endswith("osl-analysis run -n says what is left")
-
-
-@pytest.mark.parametrize("name", ["vicon", "nexus_csv", "bench_csv"])
-def test_a_signal_that_a_shipped_file_does_not_name_is_added_in_its_section(name):
-    known = shipped(f"config/sources/{name}.yaml").read_text(encoding="utf-8")
-    section = "channels" if name == "bench_csv" else "analogs"
-    emg = {"channel": "EMG 1", "unit": "V"}
-
-    text = DraftedSource({}, entries=[Entry("emg", emg)], key=section, known=known).text
-
-    source = yaml.safe_load(text)
-    assert source[section]["emg"] == emg
-    assert source["format"] == yaml.safe_load(known)["format"]
 
 
 def drafted_of(tmp_path):

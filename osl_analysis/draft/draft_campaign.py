@@ -81,6 +81,7 @@ class Described:
     overview: Overview
     source: str
     log: DraftedLog | None  # None for a capture
+    recorder: str  # name of the shipped source file of its recorder; empty if unknown
 
     @property
     def tells(self) -> tuple[bool, int, int]:
@@ -162,7 +163,7 @@ def describe_recordings(folder: Path, draft: Draft) -> list[Described]:
         number = 1 + sum(one[0] == overview.format for one in names)
         own_name = overview.format if number == 1 else f"{overview.format}_{number}"
         source = names.setdefault(layout, recorder or own_name)
-        described.append(Described(path.relative_to(folder), overview, source, log))
+        described.append(Described(path.relative_to(folder), overview, source, log, recorder))
     return described
 
 
@@ -187,7 +188,7 @@ def known_recorder(overview: Overview) -> str:
 
 def draft_sources(described: Sequence[Described]) -> dict[str, DraftedSource]:
     """Draft a source file for each kind of recordings, by the one that tells most; that of a known
-    recorder is the shipped one, with what else it has recorded."""
+    recorder is the shipped one."""
     best: dict[str, Described] = {}
     for one in described:
         if one.source not in best or one.tells > best[one.source].tells:
@@ -195,8 +196,8 @@ def draft_sources(described: Sequence[Described]) -> dict[str, DraftedSource]:
     sources: dict[str, DraftedSource] = {}
     for name, one in best.items():
         sources[name] = drafted_source(one.overview, one.file.name, one.log)
-        own = shipped(f"config/sources/{name}.yaml")
-        if own.is_file():
+        if one.recorder:
+            own = shipped(f"config/sources/{one.recorder}.yaml")
             sources[name].known = own.read_text(encoding="utf-8")
     return sources
 

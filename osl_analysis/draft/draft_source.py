@@ -2,8 +2,7 @@
 not tell is left to the user, questions first."""
 
 import json
-import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -75,7 +74,7 @@ class DraftedSource:
     notes
         Comments below the entries.
     known
-        Text of the shipped source file of the recorder, which has the place of the settings.
+        Text of the shipped source file of the recorder, which is taken as it is.
     """
 
     settings: dict[str, object]
@@ -94,23 +93,16 @@ class DraftedSource:
     def text(self) -> str:
         """The source file."""
         if self.known:
-            further = [entry.line for entry in self.named if self.is_further(entry)]
-            has_key = re.search(rf"^{self.key}:$", self.known, re.MULTILINE) is not None
-            above = [f"{self.key}:"] if further and not has_key else []
-            return self.known + "".join(f"{line}\n" for line in [*above, *further])
+            return self.known
         lines = [f"{key}: {json.dumps(value)}" for key, value in self.settings.items()]
-        lines = [lines[0].replace('"', ""), *lines[1:]]
+        lines[0] = lines[0].replace('"', "")
         lines += [f"# {text}" for text in self.questions]
         if self.key == "channels" or self.entries:
-            comment = "" if self.key == "channels" or self.named else "# "
-            lines.append(f"{comment}{self.key}:")
+            is_comment = self.key != "channels" and not self.named
+            lines.append(f"# {self.key}:" if is_comment else f"{self.key}:")
         lines += [entry.line for entry in self.entries]
         lines += [f"#   {text}" for text in self.notes]
         return "\n".join([*lines, ""])
-
-    def is_further(self, entry: Entry) -> bool:
-        """Whether an entry has a name that the shipped source file does not have."""
-        return entry.name.islower() and f"\n  {entry.name}: " not in self.known
 
     def has(self, *columns: str) -> bool:
         """Whether all columns are named."""
@@ -119,25 +111,18 @@ class DraftedSource:
 
     @property
     def places(self) -> list[str]:
-        """The places to be edited, with the column that no channel is like, unless the log stands
-        beside captures."""
+        """The places to be edited."""
         if self.known or self.key != "channels":
             return []
         time: Any = self.settings.get("time", {})
         places = [f"time.{key}" for key, value in time.items() if value in (NAME_OF_TIME, UNKNOWN)]
         for entry in self.named:
-            if not entry.name.islower() and entry.name.startswith("NAME_"):
+            if entry.name.startswith("NAME_"):
                 places.append(entry.name)
             elif entry.fields["unit"] == UNKNOWN:
                 places.append(f"{entry.name}.unit")
         if not self.named:
             places.append("channels (none may be a signal: name them, as of the comments)")
-        offered = {entry.name for entry in self.named}
-        offered |= {entry.remark.partition("?")[0] for entry in self.entries}
-        lacking = [column for column in ("theta", "torque") if column not in offered]
-        is_alone = self.settings["clock"] == "master"
-        if places and is_alone and len(lacking) == 1 and "torque_m" not in offered:
-            places.append(f"{lacking[0]} (no channel is like it: name one, as of the comments)")
         return places
 
 
@@ -268,7 +253,15 @@ def add_signals(source: DraftedSource, log: DraftedLog) -> None:
     like no column is a comment, if another channel is like one; so is, once angle and torque are
     known, a doubtful one, and one without a stated unit.
     """
-    source.questions += timing_remarks(source, log)
+    time: Any = source.settings.get("time", {})
+    if NAME_OF_TIME in time.values():
+        source.questions.append(
+            "time: name its column and unit, or state the rate of the rows, as {rate: HZ}"
+        )
+    elif log.clock and log.clock.likely_unit:
+        source.questions.append(
+            "time: its unit is guessed from its name or from the rate of its readings: check it"
+        )
     source.questions += [
         f"give each signal that you need its canonical name instead of NAME_n, state what is"
         f" {UNKNOWN}, delete the rest",
@@ -293,32 +286,16 @@ def add_signals(source: DraftedSource, log: DraftedLog) -> None:
         source.notes.append(f"left out, {why}: {listing(names, MOST_LISTED)}")
 
 
-def timing_remarks(source: DraftedSource, log: DraftedLog) -> Iterator[str]:
-    """What is to be checked of the time."""
-    time: Any = source.settings.get("time", {})
-    if NAME_OF_TIME in time.values():
-        yield "time: name its column and unit, or state the rate of the rows, as {rate: HZ}"
-    if log.clock and log.clock.likely_unit and not log.clock.unit:
-        yield "time: its unit is guessed from its name or from the rate of its readings: check it"
-
-
 def entry_of(number: int, guess: Guess) -> Entry:
     """The entry of a channel by what it may be, with the column's name where that is sure."""
     channel = guess.channel
-    stated = channel.unit or channel.likely_unit
-    is_count = channel.base[1] in (COUNTS if guess.column else COUNTS[:1])
-    unit = stated
-    if is_count or stated.lower() in GON:
+    unit = channel.unit or channel.likely_unit
+    remarks = [guess.why if guess.is_sure else f"{guess.column}?"] if guess.column else []
+    if channel.base[1] in (COUNTS if guess.column else COUNTS[:1]) or unit.lower() in GON:
+        remarks.append(f"no known unit: {json.dumps(unit)}" if unit else "no unit is stated")
         unit = "V" if guess.column in LEVELS else UNKNOWN
-    remarks = [guess.why] if guess.why else []
-    if guess.column and not guess.is_sure:
-        remarks.append(f"{guess.column}?")
-    if channel.unit and unit == UNKNOWN:
-        remarks.append(f"no known unit: {json.dumps(channel.unit)}")
-    if channel.likely_unit and not channel.unit:
+    elif not channel.unit:
         remarks.append("the unit is guessed: check it")
-    if guess.is_sure and unit == UNKNOWN and not stated:
-        remarks.append("no unit is stated")
     fields: dict[str, object] = {**channel.address, "unit": unit}
     if guess.sign < 0:
         fields["sign"] = guess.sign

@@ -3,14 +3,12 @@ from where the plates lie. What these do not tell is left to the user."""
 
 import json
 import re
-import warnings
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from osl_analysis.draft.recorded_channel import Overview, RecordedChannel
 from osl_analysis.ingest.placeholders import UNKNOWN
-from osl_analysis.trial import Array
 
 SMALLEST_CLUSTER = 3  # markers that tell where a segment is
 LEAST_STEP_N = 200.0  # by which the force on a plate changes when somebody steps on it
@@ -134,41 +132,34 @@ def foot_on_plate(
             samples_per_frame = max(len(load) // max(len(channel.numbers), 1), 1)
             of_frames = load[::samples_per_frame][: len(channel.numbers)]
             loaded = channel.numbers[: len(of_frames)][of_frames > load.max() / 2]
-            away = distance(plate.corners, usual_place(loaded))
-            distances[side] += [away] if np.isfinite(away) else []
+            # the other foot swings past the plate: its usual place would be there
+            away = np.linalg.norm(loaded - plate.corners.mean(axis=0), axis=1)
+            distances[side] += [float(np.nanmedian(away))] if np.isfinite(away).any() else []
     right, left = (np.mean(distances[side] or [np.nan]) for side in "RL")
     if right < MUCH_NEARER * left:
         return "R"
     return "L" if left < MUCH_NEARER * right else ""
 
 
-def usual_place(positions: Array) -> Array:
-    """The median of positions (n, 3) that were seen; NaN if none was."""
-    with warnings.catch_warnings(action="ignore", category=RuntimeWarning):
-        return np.asarray(np.nanmedian(positions, axis=0))
-
-
-def distance(corners: Array, place: Array) -> float:
-    """Distance of a place (3,) from the centre of a plate with corners (4, 3)."""
-    return float(np.linalg.norm(corners.mean(axis=0) - place))
-
-
 def plate_below(channels: Sequence[RecordedChannel], platform: Sequence[str]) -> str:
     """The number of the plate whose centre is nearest to the platform's markers, and not farther
     from them than half of its length; empty if there is none."""
     places = [
-        usual_place(one.numbers)
+        np.nanmedian(np.asarray(one.numbers), axis=0)
         for one in channels
-        if (one.name or one.key) in platform and one.kind == "marker" and one.numbers is not None
+        if (one.name or one.key) in platform and one.kind == "marker" and one.count
     ]
-    seen = [place for place in places if np.isfinite(place).all()]
     plates = {one.key: one.corners for one in channels if one.corners is not None}
-    if not seen or not plates:
+    if not places or not plates:
         return ""
-    middle = np.mean(seen, axis=0)
-    nearest = min(plates, key=lambda number: distance(plates[number], middle))
+    middle = np.mean(places, axis=0)
+    distances = {
+        number: float(np.linalg.norm(corners.mean(axis=0) - middle))
+        for number, corners in plates.items()
+    }
+    nearest = min(distances, key=lambda number: distances[number])
     length = np.linalg.norm(np.ptp(plates[nearest], axis=0))
-    return nearest if distance(plates[nearest], middle) <= length / 2 else ""
+    return nearest if distances[nearest] <= length / 2 else ""
 
 
 def markers_text(segment: str, found: Sequence[str]) -> str:

@@ -277,7 +277,7 @@ def write_chunk(file: BinaryIO, chunk: Chunk) -> mcap_records.ChunkIndex:
     """Write a chunk of messages, and the index of each channel."""
     begin = file.tell()
     log = [time for entries in chunk.entries.values() for time, _ in entries]
-    shared = {
+    shared: dict[str, Any] = {
         "message_start_time": min(log),
         "message_end_time": max(log),
         "uncompressed_size": len(chunk.content),

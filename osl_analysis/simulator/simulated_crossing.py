@@ -89,9 +89,7 @@ def walking_commands(step: gait.Step, compensates: bool, p: DrivetrainParameters
         theta_eq = desired.at(desired.theta_eq, c)
     else:
         window = gait.stance_window(np.mod(c, 1.0) / gait.STANCE_FRACTION)
-        moment = step.trial.of_person("body_mass_kg") * (
-            gait.periodic_bumps(c, ANKLE_MOMENT) * window
-        )
+        moment = walking.gait.body_mass_kg * (gait.periodic_bumps(c, ANKLE_MOMENT) * window)
         angle = gait.nominal_ankle_angle(c)
         velocity = time_derivative(angle, walking.rates.controller_hz)
         theta_eq = angle - (moment - B_d * velocity) / K_d
@@ -204,7 +202,7 @@ def ankle_angle(step: gait.Step, carried_angle: Array, platform: gait.PlatformMo
         return np.asarray(theta)
     share = 0.01 * effects.shank_yield.value
     turn = np.radians(trial.walking.perturbation.angle_deg)
-    yielded = share * trial.condition.sign * turn
+    yielded = share * trial.sign * turn
     course = gait.pulse(trial.time, platform.onset, YIELD_S, step.toe_off, RELEASE_S)
     return np.asarray(theta - yielded * course)
 
@@ -249,7 +247,7 @@ def react(step: gait.Step, foot: Pose, drivetrain_torque: Array) -> tuple[Array,
     contact = gait.stance_window(phase)
     from_ground = contact * (about_axis - drivetrain_torque)
     scale = 1 + 0.01 * effects.force_scale.value * trial.random("force_scale").standard_normal(3)
-    body_mass = trial.of_person("body_mass_kg")
+    body_mass = trial.walking.gait.body_mass_kg
     force = scale * gait.ground_reaction(phase) * body_mass * -GRAVITY[2]
     roll = ROLL_LEVER * force[:, 2]
     spin = SPIN_MOMENT * body_mass * contact * np.sin(2 * np.pi * phase)

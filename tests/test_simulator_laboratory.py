@@ -105,19 +105,14 @@ def write_trajectory(folder, header, *values):
     return path
 
 
-@pytest.mark.parametrize("compensated", [True, False])
-def test_a_crossing_has_the_commanded_stiffness(setup, tmp_path, compensated):
+def test_a_crossing_has_the_commanded_stiffness(setup, tmp_path):
     """K_1 = K_d K_s / (K_s - K_d) / n_T^2: actuator and belt in series."""
     own = altered(setup, impedance=write_trajectory(tmp_path, "K_d,B_d", 200, 4))
-    controller = "compensated" if compensated else "uncompensated"
 
-    own.record(tmp_path, {**PERTURBED, "controller": controller})
+    own.record(tmp_path, PERTURBED)
 
-    log = leg_log(tmp_path)
-    in_series = 685.6 / (685.6 - 200) if compensated else 1
-    assert log["stiffness_gain"].max() == pytest.approx(200 * in_series / (83 / 18) ** 2, rel=1e-6)
-    if not compensated:
-        assert log["damping_gain"].max() == pytest.approx(4 / (83 / 18) ** 2, rel=1e-6)
+    stiffness = leg_log(tmp_path)["stiffness_gain"].max()
+    assert stiffness == pytest.approx(200 * 685.6 / (685.6 - 200) / (83 / 18) ** 2, rel=1e-6)
 
 
 def test_a_crossing_is_perturbed_at_the_planned_phase(setup, tmp_path):
@@ -149,6 +144,12 @@ def test_of_two_directions_each_comes_once_in_two_crossings_unless_the_sheet_sta
     pairs = zip(directions[::2], directions[1::2], strict=True)
     assert {frozenset(pair) for pair in pairs} == {frozenset(("up", "down"))}
     assert direction_of({**rows[0], "direction": "down"}, setup.settings) == "down"
+
+
+def test_a_plan_without_trials_is_refused(setup):
+    none = dict.fromkeys(("belt", "transmission", "actuator", "static", "plate", "walking"), 0)
+    with pytest.raises(InputError, match="no trials are planned"):
+        plan_trials(with_experiments(setup, **none, K_d=()).settings)
 
 
 def test_two_trials_of_one_name_are_refused(setup):
@@ -346,7 +347,7 @@ def test_a_given_equilibrium_and_a_weight_of_the_gains_are_used(shipped, tmp_pat
     gains = compensated_gains(300, 5, shipped.p, weight)
     walking = altered(shipped, impedance=path, gain_weight=weight).walking
 
-    commands = walking_commands(draw_step(GaitTrial("walking_01", 1, walking)), True, shipped.p)
+    commands = walking_commands(draw_step(GaitTrial("walking_01", 1, walking)), shipped.p)
 
     expected = np.array([[gains.K_1], [gains.B_1], [0.05 * shipped.p.n_T]])
     np.testing.assert_allclose(commands, np.broadcast_to(expected, commands.shape))

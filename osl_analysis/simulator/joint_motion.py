@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from osl_analysis.model.compiled import compiled
 from osl_analysis.model.multisine import odd_multisine
 from osl_analysis.simulator.simulation_settings import (
     ActuatorBench,
@@ -97,30 +96,24 @@ def position_loop(
     # rates of theta, omega, and of the command with its three derivatives
     rates = np.diag(np.ones(5), 1)
     rates[1, :3] = -(w**2), -2 * damping_ratio * w, w**2
-    transition = np.ascontiguousarray(scipy.linalg.expm(rates * step)[:2])
-    theta, omega = propagate(transition, command.theta, command.omega, step)
-    alpha = w**2 * (command.theta - theta) - 2 * damping_ratio * w * omega
-    return JointMotion(theta, omega, alpha)
+    transition = scipy.linalg.expm(rates * step)[:2]  # over a step
 
-
-@compiled
-def propagate(transition: Array, commanded: Array, speed: Array, step: float) -> Array:
-    """Angle and velocity, shape (2, n), from rest at the first of the commanded angles [rad], (n,),
-    with their speeds.
-
-    `transition` (2, 6) takes both, and the command with its three derivatives, over a step [s].
-    """
-    states = np.zeros((2, len(commanded)))
-    states[0, 0] = commanded[0]
-    for i in range(len(commanded) - 1):
-        mean = (commanded[i + 1] - commanded[i]) / step
-        curvature = 2.0 * (3.0 * mean - 2.0 * speed[i] - speed[i + 1]) / step
-        jerk = 6.0 * (speed[i] + speed[i + 1] - 2.0 * mean) / step**2
-        for row in range(2):
-            t = transition[row]
-            forced = t[2] * commanded[i] + t[3] * speed[i] + t[4] * curvature + t[5] * jerk
-            states[row, i + 1] = t[0] * states[0, i] + t[1] * states[1, i] + forced
-    return states
+    angle = command.theta - command.theta[0]
+    speed = command.omega
+    mean = np.diff(angle) / step
+    curvature = 2.0 * (3.0 * mean - 2.0 * speed[:-1] - speed[1:]) / step
+    jerk = 6.0 * (speed[:-1] + speed[1:] - 2.0 * mean) / step**2
+    forced = transition[:, 2:] @ np.array([angle[:-1], speed[:-1], curvature, jerk])
+    (a, b), (c, d) = transition[:, :2]
+    poles = [1, -(a + d), a * d - b * c]
+    theta, omega = np.zeros((2, len(angle)))
+    by_angle, by_speed = forced
+    theta[1:] = scipy.signal.lfilter([1, -d], poles, by_angle)
+    theta[1:] += scipy.signal.lfilter([0, b], poles, by_speed)
+    omega[1:] = scipy.signal.lfilter([0, c], poles, by_angle)
+    omega[1:] += scipy.signal.lfilter([1, -a], poles, by_speed)
+    alpha = w**2 * (angle - theta) - 2 * damping_ratio * w * omega
+    return JointMotion(command.theta[0] + theta, omega, alpha)
 
 
 def excitation_motion(excitation: Excitation, trial: str, seed: int, rate_hz: float) -> JointMotion:

@@ -55,14 +55,12 @@ def compensated_damping(path: Path, p: DrivetrainParameters, weight: Weight) -> 
     return grid, np.array([*B_1, B_1[0]])  # at() is periodic
 
 
-def walking_commands(step: gait.Step, compensates: bool, p: DrivetrainParameters) -> Array:
-    """Find the controller's commands in a step.
+def walking_commands(step: gait.Step, p: DrivetrainParameters) -> Array:
+    """Find the commands of the controller, which compensates (Eqs. 13-14), in a step.
 
     Parameters
     ----------
     step : gait.Step
-    compensates : bool
-        Whether the gains are those of Eqs. 13-14.
     p : DrivetrainParameters
 
     Returns
@@ -78,13 +76,9 @@ def walking_commands(step: gait.Step, compensates: bool, p: DrivetrainParameters
     desired = read_impedance_trajectory(walking.impedance)
     K_d = desired.at(desired.K_d, c)
     B_d = desired.at(desired.B_d, c)
-    if compensates:
-        grid, damping = compensated_damping(walking.impedance, p, walking.gain_weight)
-        K_1 = stiffness_gain(K_d, p)
-        B_1 = np.interp(np.mod(c, 1.0), grid, damping)
-    else:
-        K_1 = K_d / p.n_T**2
-        B_1 = B_d / p.n_T**2
+    grid, damping = compensated_damping(walking.impedance, p, walking.gain_weight)
+    K_1 = stiffness_gain(K_d, p)
+    B_1 = np.interp(np.mod(c, 1.0), grid, damping)
     if desired.theta_eq is not None:
         theta_eq = desired.at(desired.theta_eq, c)
     else:
@@ -128,13 +122,13 @@ def simulate_crossing(
     perturbed : bool
         Whether the platform moves.
     effects : Mapping
-        As `simulate_drivetrain` takes them. A controller that cancels friction compensates.
+        As `simulate_drivetrain` takes them.
     p : DrivetrainParameters
     """
     rates = step.trial.walking.rates
     time = step.trial.time
     ankle, foot, shank, platform = move(step, perturbed)
-    commands = walking_commands(step, bool(effects["cancels_friction"]), p)
+    commands = walking_commands(step, p)
     stride = rates.motion_hz // rates.controller_hz
     theta = ankle.theta[::stride]
     omega = ankle.omega[::stride]

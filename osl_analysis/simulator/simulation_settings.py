@@ -323,16 +323,6 @@ class Experiments(Settings):
     # which, where several are. up: toes up, dorsiflexion
     directions: Annotated[tuple[Literal["up", "down"], ...], Field(min_length=1)] = ("up",)
 
-    _some = refuse_if(
-        lambda s: (
-            not any(
-                (s.belt, s.transmission, s.actuator, s.torque_angle, s.static, s.plate, s.walking)
-            )
-            and not (s.K_d and s.B_d and s.controllers)
-        ),
-        "no trials are planned; ask for at least one",
-    )
-
 
 class Dynamometer(Settings):
     """The dynamometer, and the log of every bench."""

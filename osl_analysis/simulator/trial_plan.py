@@ -58,10 +58,13 @@ def plan_trials(settings: SimulationSettings, only: str | None = None) -> SheetR
     Raises
     ------
     InputError
-        Two trials have the same name.
+        No trial is planned, or two have the same name.
     """
     rows: dict[str, dict[str, Any]] = {}
-    for trial in planned_trials(settings):
+    planned = planned_trials(settings)
+    if not planned:
+        raise InputError("no trials are planned; ask in `experiments` for at least one")
+    for trial in planned:
         if only is not None and trial.name != only:
             continue
         if trial.name in rows:

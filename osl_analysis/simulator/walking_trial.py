@@ -83,8 +83,7 @@ def simulate_walking(
     """Simulate a crossing and write its files."""
     step = gait.draw_step(trial)
     effects = drivetrain_effects(campaign)
-    # the controller compensates
-    effects["cancels_friction"] = row.get("controller") != "uncompensated"
+    effects["cancels_friction"] = True
     unperturbed = simulate_crossing(step, False, effects, p)
     walked = unperturbed
     if row.get("perturbed"):

@@ -109,7 +109,7 @@ from osl_analysis.figures import drawn, plotted_numbers
 from osl_analysis.judge.limits import Limits
 from osl_analysis.judge.judging import judged
 from osl_analysis.judge.words import finding_text
-from osl_analysis.notebook import fitted
+from osl_analysis.notebook import fit
 from osl_analysis.table import read_table
 
 trial, ours = "results/trials/damper_2.parquet", Path("config.yaml")
@@ -121,7 +121,7 @@ belt = {"trial": "belt_1", "preload": 3.0}
 ((finding,),) = judged(pl.DataFrame([belt]), Limits(above={"preload": 2.0}), "belt")
 answers = {
     "command": CliRunner().invoke(main, command).output,
-    "notebook": repr(fitted("damper", trial, ours, None)),
+    "notebook": repr(fit(trial, "damper", config=ours, parameters=None)),
     "figure": ax.get_ylabel(),
     "finding": finding_text(finding, belt),
 }

@@ -19,9 +19,9 @@ from osl_analysis.commands.trials import inspect_file
 from osl_analysis.errors import InputError
 from osl_analysis.formats import in_one_sentence
 from osl_analysis.formats._cells import are_whole_thousands
-from osl_analysis.ingest.draft import draft_source, to_be_edited
+from osl_analysis.draft.draft_source import draft_source, drafted_source
 from osl_analysis.ingest.likely_clock import ticks
-from osl_analysis.ingest.overview import inspect_recording
+from osl_analysis.draft.overview import inspect_recording
 from osl_analysis.ingest.quality import Commanded, measure_quality
 from osl_analysis.ingest.raw_files import trial_from_files
 

@@ -28,7 +28,7 @@ from osl_analysis.formats import known_formats
 from osl_analysis.ingest.assemble import merged
 from osl_analysis.ingest.clock import ClockFit, aligned_clock
 from osl_analysis.ingest.conversion import Converted
-from osl_analysis.ingest.draft import draft_source
+from osl_analysis.draft.draft_source import draft_source
 from osl_analysis.ingest.guard import LARGEST_MEASURED
 from osl_analysis.ingest.raw_files import read_converted, read_source
 from osl_analysis.recording import Recording

@@ -18,7 +18,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.formats import known_formats
 from osl_analysis.ingest.conversion import Converted
 from osl_analysis.ingest.force_plates import convert_plate, wrench
-from osl_analysis.ingest.overview import inspect_recording
+from osl_analysis.draft.overview import inspect_recording
 from osl_analysis.ingest.raw_files import read_converted, read_source
 from osl_analysis.source_file import Source
 

@@ -20,7 +20,7 @@ from osl_analysis.cli import main
 from osl_analysis.commands.trials import inspect_file
 from osl_analysis.errors import InputError
 from osl_analysis.formats import recognise
-from osl_analysis.ingest.draft import draft_source
+from osl_analysis.draft.draft_source import draft_source
 from osl_analysis.ingest.raw_files import read_converted, read_source, trial_from_files
 from osl_analysis.trial import Trial
 from osl_analysis.units import (

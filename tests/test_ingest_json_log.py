@@ -16,7 +16,7 @@ from nptdms import ChannelObject, RootObject, TdmsWriter
 from recognised_files import read_recognised, refusal_of
 
 from osl_analysis.commands.trials import inspect_file, overview_text
-from osl_analysis.ingest.draft import draft_source
+from osl_analysis.draft.draft_source import draft_source
 from osl_analysis.ingest.raw_files import read_converted, read_source
 
 ROWS = 200

@@ -13,7 +13,7 @@ from osl_analysis.commands.trials import inspect_file
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.clock import aligned_clock
 from osl_analysis.ingest.conversion import Converted
-from osl_analysis.ingest.draft import draft_source
+from osl_analysis.draft.draft_source import draft_source
 from osl_analysis.ingest.stale_rows import find_stale_rows
 
 TIME = np.arange(4000) / 500

@@ -17,11 +17,10 @@ from test_ingest_assemble import WRITERS
 from osl_analysis.cli import main
 from osl_analysis.commands import trials as module
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.clock_choice import ClockChoice, choose_clock, gaps_text, span_of
-from osl_analysis.ingest.draft import draft_source
+from osl_analysis.draft.clock_choice import ClockChoice, choose_clock, gaps_text, span_of
+from osl_analysis.draft.draft_source import draft_source
 from osl_analysis.ingest.likely_clock import rate_of
-from osl_analysis.ingest.likely_column import likely_column
-from osl_analysis.ingest.overview import Overview, RecordedChannel
+from osl_analysis.draft.overview import Overview, RecordedChannel
 from osl_analysis.ingest.raw_files import read_converted, read_source
 from osl_analysis.units import is_clock
 

@@ -15,24 +15,19 @@ from jsonschema import Draft202012Validator
 from test_ingest_opensim import write_trc
 
 from osl_analysis.cli import main
-from osl_analysis.commands.new_campaign import (
-    draft_campaign,
-    is_complete,
-    left_to_decide,
-    new_campaign,
-    with_known,
-)
+from osl_analysis.commands.new_campaign import first_look, is_ready, left_to_decide, new_campaign
 from osl_analysis.commands.reference import schemas
 from osl_analysis.commands.run import check_submission, snakemake_arguments
 from osl_analysis.commands.simulate import planned_sheet, settings_files
+from osl_analysis.draft.draft_campaign import draft_campaign
+from osl_analysis.draft.draft_session import state_unit_of_angle
+from osl_analysis.draft.draft_sheet import draft_trials
+from osl_analysis.draft.draft_source import DraftedLog, DraftedSource, Entry
+from osl_analysis.draft.draft_walking import segment_of
+from osl_analysis.draft.guesses import Guess
+from osl_analysis.draft.overview import Overview, RecordedChannel
 from osl_analysis.errors import InputError
 from osl_analysis.files import shipped
-from osl_analysis.ingest.draft import DraftedLog
-from osl_analysis.ingest.draft_session import with_angle_unit
-from osl_analysis.ingest.draft_sheet import draft_trials
-from osl_analysis.ingest.draft_walking import segment_of
-from osl_analysis.ingest.likely_column import Guess
-from osl_analysis.ingest.overview import Overview, RecordedChannel
 from osl_analysis.ingest.placeholders import open_places
 from osl_analysis.ingest.raw_files import read_source, recordings_in
 from osl_analysis.units import base_units, name_and_ending, normalised
@@ -635,7 +630,7 @@ def drafted_of(tmp_path):
     """The draft of the recordings in `rec`, its questions, and whether it ends with `run`."""
     folder = tmp_path / "mine"
     draft = new_campaign(folder, recordings=tmp_path / "rec")
-    return left_to_decide(folder, draft), is_complete(folder, draft)
+    return left_to_decide(folder, draft), is_ready(folder, draft)
 
 
 def test_who_walks_over_plates_that_nothing_moves_is_not_analysed(tmp_path):

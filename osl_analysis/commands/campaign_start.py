@@ -18,7 +18,7 @@ from osl_analysis.errors import (
     not_installed,
 )
 from osl_analysis.files import check_working_folder, default_config
-from osl_analysis.ingest.overview import inspect_recording
+from osl_analysis.draft.overview import inspect_recording
 from osl_analysis.ingest.raw_files import (
     check_clocks,
     read_source,

@@ -13,7 +13,7 @@ from osl_analysis.errors import InputError, printable
 from osl_analysis.formats import formats_of
 from osl_analysis.ingest import raw_files
 from osl_analysis.ingest.guard import check_ranges
-from osl_analysis.ingest.overview import (
+from osl_analysis.draft.overview import (
     MOST_COLUMNS,
     Overview,
     RecordedChannel,

@@ -11,15 +11,15 @@ from typing import Any
 import numpy as np
 
 from osl_analysis import formats
-from osl_analysis.errors import InputError, listing, naming, printable
-from osl_analysis.formats import known_formats
-from osl_analysis.ingest.capture import is_labelled, vertical_axis
-from osl_analysis.ingest.clock_choice import (
+from osl_analysis.draft.clock_choice import (
     choose_clock,
     clock_unit,
     gaps_text,
     rate_in_words,
 )
+from osl_analysis.errors import InputError, listing, naming, printable
+from osl_analysis.formats import known_formats
+from osl_analysis.ingest.capture import is_labelled, vertical_axis
 from osl_analysis.ingest.conversion import share_above
 from osl_analysis.ingest.force_plates import convert_plate
 from osl_analysis.ingest.likely_clock import (
@@ -29,6 +29,7 @@ from osl_analysis.ingest.likely_clock import (
     ticks,
 )
 from osl_analysis.ingest.placeholders import NAME_OF_TIME, UNKNOWN
+from osl_analysis.measured import LARGEST_SIGNAL
 from osl_analysis.recording import Channel, End, Kind, Plate, Recording
 from osl_analysis.source_file import MarkerSource, Source
 from osl_analysis.trial import Array, plate_columns
@@ -99,6 +100,19 @@ class RecordedChannel:
     def key(self) -> str:
         """What a source file calls it."""
         return next(iter(self.address.values()))
+
+    @property
+    def readings(self) -> Array:
+        """The readings (n,) that are numbers of a sensor, in the channel's unit; none where they
+        were not read."""
+        if self.numbers is None:
+            return np.empty(0)
+        return self.numbers[np.abs(self.numbers) < LARGEST_SIGNAL]
+
+    @property
+    def base(self) -> tuple[float, str]:
+        """Factor of the stated or likely unit to base units, and these; 0 and empty if unknown."""
+        return base_units(normalised(self.unit or self.likely_unit)) or (0.0, "")
 
     @property
     def matrix(self) -> str:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from osl_analysis.ingest.overview import Overview, RecordedChannel
+from osl_analysis.draft.overview import Overview, RecordedChannel
 from osl_analysis.ingest.placeholders import UNKNOWN
 from osl_analysis.trial import Array
 

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-from osl_analysis.ingest.likely_column import parted_name
+from osl_analysis.draft.likelihood import parted_name
 from osl_analysis.ingest.raw_files import ENDINGS_OF_ANY, suffixes
 
 FIXTURE_ALONE = r"\bfixture\b"  # in the name of a recording of the fixture without a joint

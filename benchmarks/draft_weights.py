@@ -29,7 +29,12 @@ SAMPLES = 1500
 RIDGE = 0.03  # of the squares of the weights, which bounds what words in few names say
 DOUBT = 0.5  # probability of its column for a channel whose name leaves a doubt
 # what a channel alone does not tell from such a column
-AS_COLUMN = {"other_angle": "theta", "other_torque": "torque", "held_theta_m": "theta_m"}
+AS_COLUMN = {
+    "other_angle": "theta",
+    "other_torque": "torque",
+    "held_theta_m": "theta_m",
+    "small_theta": "theta",
+}
 Labels = Mapping[str, str]  # what each channel is, by its name
 
 
@@ -67,6 +72,7 @@ def signals(seed: int) -> dict[str, Array]:
         "current_command": drive,
         "torque_m": 1.2 * drive + 0.3 * np.tanh(np.cos(0.4 * turn)) + 0.05 * noise[6],
         "theta_m": 9 * np.sin(0.4 * turn + 0.3) + 1e-3 * noise[7],
+        "small_theta": 0.08 * command + 3e-5 * noise[12],
         "held_theta_m": 2e-3 * drive + 1e-5 * noise[11],
         "omega_m": 40 * np.cos(0.4 * turn + 0.3) + 0.1 * noise[8],
         "speed_command": 40 * np.cos(0.4 * turn + 0.3),
@@ -193,7 +199,7 @@ def judged(logs: Sequence[LabelledLog]) -> dict[str, int]:
         guesses = [replace(guess) for guess in log.guesses]
         decide(guesses)
         for guess, label in zip(guesses, log.labels, strict=True):
-            truth = label.rstrip("?~").removeprefix("held_")
+            truth = label.rstrip("?~").removeprefix("held_").removeprefix("small_")
             is_column = truth in likelihood.likelihoods()["columns"]
             if guess.is_sure:
                 verdict = "right" if guess.column == truth else "wrong"

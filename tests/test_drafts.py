@@ -17,7 +17,8 @@ from draft_weights import labelled, signals, write_recording
 
 sys.path.pop(0)
 
-COLUMNS = {column: column for column in likelihoods()["columns"]} | {"held_theta_m": "theta_m"}
+COLUMNS = {column: column for column in likelihoods()["columns"]}
+COLUMNS |= {"held_theta_m": "theta_m", "small_theta": "theta"}
 
 
 def test_every_channel_of_the_labelled_recordings_is_named_or_asked_as_labelled(tmp_path):

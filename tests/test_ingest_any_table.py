@@ -20,7 +20,6 @@ from osl_analysis.draft.draft_source import draft_source, drafted_source
 from osl_analysis.draft.overview import inspect_recording
 from osl_analysis.errors import InputError
 from osl_analysis.formats import in_one_sentence
-from osl_analysis.formats._cells import are_whole_thousands
 from osl_analysis.ingest.likely_clock import ticks
 from osl_analysis.ingest.quality import Commanded, measure_quality
 from osl_analysis.ingest.raw_files import trial_from_files
@@ -44,9 +43,6 @@ def since(form):
 
 
 PLAIN = ["time_s", "ankle_angle_deg", "torque_Nm"]
-FORTRAN = [[f"{x:.10E}".replace("E", "D") for x in column] for column in (TIME, ANGLE, TORQUE)]
-# both signs tell which is which
-THOUSANDS = [*HEAD[:2], "Torque [Nmm]"], [f"{1e3 * x:,.3f}" for x in TORQUE]
 LVM = (
     "LabVIEW"
     " Measurement\t\nX_Columns\tOne\n***End_of_Header***\t\n"
@@ -75,7 +71,6 @@ TEXTS = {
     "Ctrl-Z": text() + "\x1a",
     "LabVIEW": text(
         "\t", ["X_Value", *HEAD[1:], "Comment"], LVM + "***End_of_Header***\t\n"),
-    "Fortran": text("  ", PLAIN, t=FORTRAN[0], a=FORTRAN[1], m=FORTRAN[2]),
     "Windows": text(";", ["Zeit [s]", "Winkel [°]", "Moment [N·m]"]).encode("cp1252"),
     "UTF-16 without mark": text("\t").encode("utf-16-le"),
     "UTF-16 of the other order without mark": text("\t").encode("utf-16-be"),
@@ -100,16 +95,12 @@ TEXTS = {
         .replace("s;", "Unit;s;", 1).replace("480;480;480", "Length;480;480;480").replace("Time;",
         "Name;Time;", 1)
         .replace("\n0", "\n;0").replace("\n1", "\n;1"),
-    "thousands of France": text(";", ["Temps (ms)", *HEAD[1:]], t=[f"{1e3 * x + 900:,.1f}".replace(
-        ",", "\u202f") for x in TIME], decimal=","),
     "ticks in a comment": text(
         above="# timestamp in ticks of 10 us\n", head=["ticks", *HEAD[1:]],
         t=[f"{1e5 * x:.0f}" for x in TIME]),
     "ticks in a name": text(head=["t_100us", "angle:deg", "Torque_mNm"],
     t=[f"{1e4 * x:.0f}" for x in TIME], m=[
         f"{1e3 * x:.6f}" for x in TORQUE]),
-    "thousands and decimal commas": text(";", THOUSANDS[0],
-    m=THOUSANDS[1]).translate(str.maketrans(",.", ".,")),
     "an angle within one turn": text(a=[f"{x % 360:.9f}" for x in ANGLE]),
     "names and units in comments": text(";", [], "# time;angle;torque\n# s;deg;Nm\n"),
     "Shift-JIS": text(head=["時間[s]", "角度[deg]", "Torque トルク[N・m]"]).encode("cp932"),
@@ -437,30 +428,21 @@ def test_a_rate_beside_a_decimation_or_another_rate_is_a_question(tmp_path, abov
     assert_recording(trial)
 
 
-@pytest.mark.parametrize(("sign", "decimal", "of_thousands"), [(";", ",", "."), (";", ".", ",")])
-def test_whole_numbers_with_signs_between_their_thousands_are_read(
-    tmp_path, sign, decimal, of_thousands
-):
-    """The torque of `10.133` N*mm beside `1,7` degrees was refused, with a remedy that did not
-    work."""
-    whole = [f"{round(1e3 * x):,}".replace(",", of_thousands) for x in TORQUE]
-    ms = [f"{round(1e3 * x + 990):,}".replace(",", of_thousands) for x in TIME]
-    angle = [x.replace(".", decimal) for x in A]
-    # also where no number has a decimal
-    for angles in (angle, [str(round(1e3 * x)) for x in ANGLE]):
-        (tmp_path / "a.csv").write_text(
-            text(sign, ["Time [ms]", HEAD[1], "Torque [Nmm]"], t=ms, a=angles, m=whole)
-        )
-        samples = read_by_draft(tmp_path / "a.csv").samples
-        np.testing.assert_allclose(samples["time"], TIME, atol=1e-3)
-        np.testing.assert_allclose(samples["torque"], TORQUE, atol=5.1e-4)
-
-
 @pytest.mark.parametrize(
-    "cells", [["0.998", "1.000"], ["1.746", "2.001"], ["998", "1.002", "1.5"], ["5", "1.746"]]
+    ("sign", "decimal", "thousands"), [(";", ",", "."), (";", ".", ","), (";", ".", "\u202f")]
 )
-def test_decimals_are_not_taken_for_thousands(cells):
-    assert not are_whole_thousands(cells, ".")
+def test_signs_between_thousands_are_refused_and_never_taken_for_decimals(
+    tmp_path, sign, decimal, thousands
+):
+    whole = [f"{round(1e3 * x):,}".replace(",", thousands) for x in TORQUE]
+    for angles in ([x.replace(".", decimal) for x in A], [str(round(1e3 * x)) for x in ANGLE]):
+        (tmp_path / "a.csv").write_text(text(sign, [*HEAD[:2], "Torque [Nmm]"], a=angles, m=whole))
+        with pytest.raises(InputError, match=r"without it$|none between thousands"):
+            read_by(
+                tmp_path / "a.csv",
+                "format: csv\ntime: {column: Time, unit: s}\nchannels:\n"
+                "  torque: {column: Torque, unit: Nmm}\n",
+            )
 
 
 def test_a_column_beside_a_rate_counts_samples_so_that_lost_ones_are_a_gap(tmp_path):
@@ -475,16 +457,6 @@ def test_a_column_beside_a_rate_counts_samples_so_that_lost_ones_are_a_gap(tmp_p
     remedy = r"'n' counts 2 rows that are missing, .* write `time: {column: n, rate: 500}`"
     with pytest.raises(InputError, match=remedy):
         read_by(path, "format: csv\ntime: {rate: 500}\n" + ANGLE_ALONE)
-
-
-def test_without_a_header_a_title_above_the_rows_does_not_tell_their_width(tmp_path):
-    path = tmp_path / "a.csv"
-    path.write_text(text(" ", [], above="Bench\n"))
-    source = "format: csv\nheader: none\nragged: skip\ntime: {column: '1', unit: s}\n"
-
-    trial = read_by(path, source + "channels:\n  torque: {column: '3', unit: Nm}\n")
-
-    np.testing.assert_allclose(trial.samples["torque"], TORQUE, atol=1e-8)
 
 
 def test_what_is_left_out_beside_a_table_is_said_and_kept(tmp_path):

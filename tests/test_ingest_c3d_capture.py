@@ -541,7 +541,7 @@ EXPORT = "\n".join([DEVICES, TRAJECTORIES, MODEL])
 DRESSES: dict[str, tuple[str, dict[str, object]]] = {
     "plain": (EXPORT, {}), "turned round": ("\n".join([MODEL, TRAJECTORIES, DEVICES]), {}),
     "padded": (padded(EXPORT), {}), "tabs": (EXPORT.replace(",", "\t"), {}),
-    "semicolons": (EXPORT.replace(",", ";").replace("0.", "0,"), {"decimal": ","}),
+    "semicolons": (EXPORT.replace(",", ";").replace("0.", "0,"), {}),
     "crlf": (EXPORT.replace("\n", "\r\n"), {}),
     "capitals": (EXPORT.replace("Frame,Sub Frame,", "FRAME,SUB FRAME,"), {}),
     "at the origin": (EXPORT.replace("3,,,,", "3,0,0,0,"), {}),

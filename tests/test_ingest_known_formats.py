@@ -58,7 +58,7 @@ MISTAKES: list[tuple[dict[str, object], str]] = [
     (channel("theta", unit="deg", sign=0), "sign"),
     ({"format": "xlsx"}, "format: 'xlsx' is not allowed"), (LOG, "channels: "),
     ({"format": "c3d", "plates": "first"},
-     "plates: 'first' is not allowed: write all, none or a list"),
+     "plates: 'first' is not allowed: write 'all', or write a list"),
     ({"format": "c3d", "plate_units": {"force": "N", "moment": "mm"}}, "unit 'mm' measures [m]"),
     ({"format": "c3d", "plates": [1, 1]}, "line 2: plates: '1' stands twice; name each once"),
     ({"format": "c3d", "markers": ["A", "A"]}, "line 2: markers: 'A' stands twice"),

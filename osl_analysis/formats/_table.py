@@ -1,14 +1,12 @@
-"""Tables of numbers in rows of cells, from text or from a sheet: header, units, rows, footer.
-
-All is found from the content, unless a source file states it.
-"""
+"""Tables of numbers in rows of cells, from text or from a sheet: header, units, rows, footer. All
+is found from the content."""
 
 import json
 import math
 import re
 from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, Literal, NamedTuple
 
@@ -43,6 +41,7 @@ LONGEST_FOOTER = 60  # rows
 MOST_SIGNALS = 64  # of a table that has a row for each value
 MOST_HEADERS = 3  # rows of names and units above the numbers
 LEAST_VALUES = 0.5  # share of the cells of a column of numbers that are numbers
+COMMENT_SIGNS = ("#", "%", "//")  # at the beginning of a line
 STATED_ROWS = re.compile(
     r"(?i)\W*(?:total |(?:number|no\.?) of )?(?:samples|rows|frames|length|data"
     r" points)[\s:=,;]+(\d+)\b(?![.,]\d)"
@@ -55,26 +54,10 @@ class SheetSource(TableSource):
 
     channels: Mapping[str, ColumnChannel] = Field(min_length=1)
     time: ColumnTime
-    # Sign at the beginning of comment lines, of `auto` #, % or //; empty if there are none.
-    comment: str = "auto"
-    # Whether names stand above the numbers or in the last comment, as `auto` looks, or `none` do.
-    header: Literal["auto", "none"] = "auto"
-    # Whether a row of units follows the header; `auto` looks.
-    units_row: bool | Literal["auto"] = "auto"
     # Cells that become NaN: what a logger writes if a reading failed.
     missing: tuple[str, ...] = MISSING
-    ragged: Literal["refuse", "skip", "dropped_variable"] = "refuse"
-    """Rows whose length differs from the header's: the file is refused, or `skip` skips and counts
-    them. `dropped_variable`, for a logger that omits a variable after it failed: from there on, the
-    columns that were missing in the last complete row are NaN; a row that this does not explain is
-    refused."""
-
-    @property
-    def comment_signs(self) -> tuple[str, ...]:
-        """Beginnings of comment lines."""
-        if self.comment == "auto":
-            return ("#", "%", "//")
-        return (self.comment,) if self.comment else ()
+    # Rows whose length differs from the header's: the file is refused, or they are skipped.
+    ragged: Literal["refuse", "skip"] = "refuse"
 
 
 # to list what a file holds: rows that do not fit are left out, words are NaN, and both are told
@@ -94,8 +77,7 @@ class Table:
     lines
         Number of each row in the file, shape (rows,).
     body
-        A column each of text, or of numbers where the format has them; null where the logger
-        omitted the column.
+        A column each of text, or of numbers where the format has them.
     notes
         Comments, and what stands above the header and below the rows.
     """
@@ -116,25 +98,14 @@ class Shape(NamedTuple):
     """What most rows are like."""
 
     width: int
-    first_value: int | None  # place of the first column that mostly has numbers, times or missing
+    first_value: int  # place of the first column that mostly has numbers, times or missing
     is_blank_before: bool
 
     def begins(self, cells: Sequence[str]) -> bool:
         """Tell whether a row begins as data do, or may be cut off before its first number."""
-        place = self.first_value or 0
-        if self.is_blank_before and any(cells[:place]):
+        if self.is_blank_before and any(cells[: self.first_value]):
             return False
-        begin = cells[place : place + 1]
-        return all(is_value(cell) or is_value(cell.split(" ")[0]) for cell in begin)
-
-
-class Head(NamedTuple):
-    """What stands above the rows of numbers."""
-
-    names: list[str]
-    units: list[str]
-    first: int = 0  # place of the first row of data
-    notes: Sequence[str] = ()  # other text
+        return all(map(is_value, cells[self.first_value : self.first_value + 1]))
 
 
 def table_of_rows(
@@ -142,7 +113,6 @@ def table_of_rows(
     comments: Sequence[Line],
     layout: SheetSource,
     delimiter: str = "",
-    decimal: str = "auto",
     is_ended: bool = True,
 ) -> Table:
     """Find the table in rows of cells.
@@ -150,7 +120,7 @@ def table_of_rows(
     Parameters
     ----------
     comments
-        Lines of comments, without their signs.
+        Lines of comments, with their signs.
     is_ended
         Whether the last line has a break, so that its last number is whole.
 
@@ -159,117 +129,74 @@ def table_of_rows(
     InputError
         There is no table of numbers, or rows do not fit the header.
     """
-    if not rows:
-        raise InputError("holds no rows; record it again, or exclude the trial")
     shape = _shape_of(rows)
-    if layout.header == "none":
-        head = Head([str(place + 1) for place in range(shape.width)], [""] * shape.width)
-    else:
-        head = _head_of(rows, comments, layout, delimiter, shape)
-    width = len(head.names)
+    first = _first_row_of_data(rows, shape)
+    last = len(rows) - 1  # it may be text, as of a footer
+    while last > max(first, len(rows) - LONGEST_FOOTER) and not shape.begins(rows[last].cells):
+        last -= 1
+    above, footer = rows[:first], rows[last + 1 :]
+    comment_texts = [line.text.strip(" \t#%/") for line in comments]
+    names, units, notes = _head_of(above, comment_texts, delimiter, shape.width)
+    width = len(names)
     if width > MOST_COLUMNS:
         raise InputError(
             f"has {width} columns, at most {MOST_COLUMNS} are read; write a row per sample"
         )
+    data = [Row(row.number, unpadded(row.cells, width)) for row in rows[first : last + 1]]
+    if not data:
+        raise InputError("no rows of data; record it again, or exclude the trial")
     remarks: list[str] = []
-    end_of_data = len(rows)
-    if layout.header == "auto":
-        end_of_data = _end_of_data(rows, head.first, shape)
-    footer = rows[end_of_data:]
     if footer:
         text = " ".join(footer[0].cells)[:60]
         remarks.append(
             f"{len(footer)} lines below the table, from {footer[0].number} on, are no rows:"
             f" '{text}'"
         )
-    data = [Row(row.number, unpadded(row.cells, width)) for row in rows[head.first : end_of_data]]
-    if not data:
-        raise InputError("no rows of data; record it again, or exclude the trial")
-    end = End.UNKNOWN
     cut = _cut_row(data, width, is_whole=is_ended or bool(footer))
     if cut:
         data = data[:-1]
-        end = End.MISSING
         remarks.append(cut)
-    filled: Sequence[FilledRow] = [row for row in data if len(row.cells) == width]
-    skipped = len(data) - len(filled)
-    if layout.ragged == "dropped_variable":
-        filled, dropped = _with_dropped_variables(data, width, layout.missing)
-        remarks += dropped
-        skipped = 0
-    elif skipped:
+    fitting = [row for row in data if len(row.cells) == width]
+    skipped = len(data) - len(fitting)
+    if skipped:
         remarks.append(_remark_on_widths(data, width, layout))
-    if decimal == "auto":
-        decimal = decimal_of([cells for _, cells in filled])
+    cells_of_rows = [row.cells for row in fitting]
     columns = {
-        str(place): pl.Series([cells[place] for _, cells in filled], dtype=pl.String)
+        str(place): pl.Series([cells[place] for cells in cells_of_rows], dtype=pl.String)
         for place in range(width)
     }
-    texts_below = [" ".join(row.cells) for row in footer]
     return Table(
-        names=[name or str(place) for place, name in enumerate(head.names, start=1)],
-        units=head.units,
-        lines=np.array([number for number, _ in filled], np.int64),
+        names=[name or str(place) for place, name in enumerate(names, start=1)],
+        units=units,
+        lines=np.array([row.number for row in fitting], np.int64),
         body=pl.DataFrame(columns),
-        notes=[*head.notes, *(line.text for line in comments), *texts_below],
+        notes=[*notes, *comment_texts, *(" ".join(row.cells) for row in footer)],
         remarks=remarks,
         skipped=skipped,
-        end=end,
+        end=End.MISSING if cut else End.UNKNOWN,
         delimiter=delimiter,
-        decimal=decimal,
+        decimal=decimal_of(cells_of_rows),
     )
 
 
 def _shape_of(rows: Sequence[Row]) -> Shape:
+    """Tell what most rows are like; refuse them if they hold no numbers."""
+    if not rows:
+        raise InputError("holds no rows; record it again, or exclude the trial")
+    middle = rows[len(rows) // 2]
     sample = [row.cells for row in rows[:SAMPLE_ROWS]]
     width = most_common_width(sample)
     typical = [cells for cells in sample if len(cells) == width]
     typical = typical[len(typical) // 2 :]  # the first rows may be a header
-    middle = rows[len(rows) // 2].cells
     for place in range(width):
         cells = [row[place] for row in typical if row[place]]
-        if cells and sum(map(is_value, cells)) >= LEAST_VALUES * len(cells):
-            return Shape(width, place, is_blank_before=not any(middle[:place]))
-    return Shape(width, None, is_blank_before=False)
-
-
-def _head_of(
-    rows: Sequence[Row],
-    comments: Sequence[Line],
-    layout: SheetSource,
-    delimiter: str,
-    shape: Shape,
-) -> Head:
-    """Find names and units of the columns, and the first row of data."""
-    if shape.first_value is None or len(rows) < 2:
-        middle = rows[len(rows) // 2]
-        raise InputError(
-            f"no table of numbers: most of its {len(rows)} rows hold none, such as line"
-            f" {middle.number}, '{' '.join(middle.cells)[:40]}'; name a recording, or write a"
-            " header and a row per sample"
-        )
-    first = 1  # a logger that drops variables writes its header first
-    if layout.ragged != "dropped_variable":
-        first = _first_row_of_data(rows, shape)
-    above = [row.cells for row in rows[:first] if not STATED_ROWS.match(" ".join(row.cells))]
-    lists = _header_rows(above, shape.width)
-    if not lists:
-        texts = [*(line.text for line in comments), *map(delimiter.join, above[-1:])]
-        lists = [_split_names(text, shape.width, delimiter) for text in texts]
-        lists = [names for names in lists if names]
-    units: list[str] = []
-    if len(lists) > 1 and (layout.units_row is True or _are_units(lists[-1], layout)):
-        units = [without_brackets(cell) for cell in lists.pop()]
-    if delimiter == " " and len(units) < shape.width:
-        units = []  # it is unknown which column has none
-    names = _names_of_columns(lists, shape.width, delimiter)
-    units += [""] * (len(names) - len(units))
-    units = [unit or name_and_unit(name)[1] for name, unit in zip(names, units, strict=False)]
-    others = [
-        row.cells for row in rows[:first] if not any(row.cells is cells for cells in lists[-1:])
-    ]
-    notes = [" ".join(cell for cell in cells if cell) for cells in others]
-    return Head(names, units, first, notes)
+        if len(rows) > 1 and cells and sum(map(is_value, cells)) >= LEAST_VALUES * len(cells):
+            return Shape(width, place, is_blank_before=not any(middle.cells[:place]))
+    raise InputError(
+        f"no table of numbers: most of its {len(rows)} rows hold none, such as line"
+        f" {middle.number}, '{' '.join(middle.cells)[:40]}'; name a recording, or write a"
+        " header and a row per sample"
+    )
 
 
 def _first_row_of_data(rows: Sequence[Row], shape: Shape) -> int:
@@ -277,8 +204,8 @@ def _first_row_of_data(rows: Sequence[Row], shape: Shape) -> int:
     more than half of the cells are numbers are data that lack cells or have a word."""
     first = 0
     for row in rows:
-        is_typical = len(row.cells) == shape.width and is_value(row.cells[shape.first_value or 0])
-        if is_typical and shape.begins(row.cells) and not _counts(row.cells):
+        is_typical = len(row.cells) == shape.width and shape.begins(row.cells)
+        if is_typical and not _counts(row.cells):
             break
         first += 1
     while first:
@@ -300,23 +227,50 @@ def _counts(cells: Sequence[str]) -> bool:
     return is_numbering or not has_values or STATED_ROWS.match(" ".join(filled)) is not None
 
 
-def _header_rows(above: Sequence[list[str]], width: int) -> list[list[str]]:
-    """The rows right above the data that have cells for at least half of the columns."""
-    heads: list[list[str]] = []
-    for cells in reversed(above[-MOST_HEADERS:]):
+def _head_of(
+    above: Sequence[Row], comments: Sequence[str], delimiter: str, width: int
+) -> tuple[list[str], list[str], list[str]]:
+    """Names and units of the columns, and other text, in the rows above the data and comments."""
+    texts = [" ".join(cell for cell in row.cells if cell) for row in above]
+    lists: list[list[str]] = []
+    candidates = [
+        row.cells for row, text in zip(above, texts, strict=True) if not STATED_ROWS.match(text)
+    ]
+    for cells in reversed(candidates[-MOST_HEADERS:]):
         filled = sum(map(bool, cells))
         is_wide = filled >= width / 2 and len(unpadded(cells)) <= width + 1
-        if not is_wide or (width > 1 and filled == 1) or (width == 1 and heads):
+        if not is_wide or filled == 1 < width or (width == 1 and lists):
             break
-        heads.insert(0, cells)
-    return heads
+        lists.insert(0, cells)
+    if not lists:  # names in a comment, or with another sign between them than the rows have
+        split = [
+            _split_names(text, width, delimiter)
+            for text in [*comments, *map(delimiter.join, candidates[-1:])]
+        ]
+        lists = [names for names in split if names]
+    units: list[str] = []
+    if len(lists) > 1 and _are_units(lists[-1]):
+        units = [without_brackets(cell) for cell in lists.pop()]
+    if delimiter == " " and len(units) < width:
+        units = []  # it is unknown which column has none
+    names = [str(place + 1) for place in range(width)]
+    if lists:
+        names = unpadded(lists[-1])
+    if len(names) == width + 1 and names[-1].casefold() == "comment":
+        names = names[:width]  # LabVIEW's last column is empty
+    if len(names) > width:
+        names = _split_names(delimiter.join(names), width, delimiter) or names
+    units += [""] * (len(names) - len(units))
+    units = [unit or name_and_unit(name)[1] for name, unit in zip(names, units, strict=False)]
+    notes = [text for row, text in zip(above, texts, strict=True) if row.cells not in lists[-1:]]
+    return names, units, notes
 
 
-def _are_units(cells: Sequence[str], layout: SheetSource) -> bool:
+def _are_units(cells: Sequence[str]) -> bool:
     """Tell whether most cells are units."""
     filled = [without_brackets(cell) for cell in cells if cell not in ("", "-", "[]", "()")]
     units = sum(is_unit(cell) and cell != "1" for cell in filled)
-    return layout.units_row == "auto" and units > len(filled) / 2
+    return units > len(filled) / 2
 
 
 def _split_names(text: str, width: int, delimiter: str) -> list[str]:
@@ -333,28 +287,6 @@ def _split_names(text: str, width: int, delimiter: str) -> list[str]:
     return []
 
 
-def _names_of_columns(lists: Sequence[list[str]], width: int, delimiter: str) -> list[str]:
-    """Names in the list nearest to the data. Without a list they are numbers."""
-    if not lists:
-        return [str(place + 1) for place in range(width)]
-    names = unpadded(lists[-1])
-    if len(names) == width + 1 and names[-1].casefold() == "comment":
-        return names[:width]  # LabVIEW's last column is empty
-    if len(names) > width:
-        return _split_names(delimiter.join(names), width, delimiter) or names
-    return names
-
-
-def _end_of_data(rows: Sequence[Row], first: int, shape: Shape) -> int:
-    """Place behind the data: the last rows may be text."""
-    end = len(rows)
-    while end > max(first + 1, len(rows) - LONGEST_FOOTER) and not shape.begins(
-        rows[end - 1].cells
-    ):
-        end -= 1
-    return end
-
-
 def _cut_row(rows: Sequence[Row], width: int, is_whole: bool) -> str:
     """Say whether the last row is, or may be, cut off by an interrupted recorder; else empty."""
     if len(rows) < 2:
@@ -365,9 +297,6 @@ def _cut_row(rows: Sequence[Row], width: int, is_whole: bool) -> str:
     if not is_whole and not is_last_whole([row.cells[-1] for row in rows]):
         return f"the last line, {number}, has no line break, may be cut in a number and was skipped"
     return ""
-
-
-FilledRow = tuple[int, Sequence[str | None]]
 
 
 def _remark_on_widths(rows: Sequence[Row], width: int, layout: SheetSource) -> str:
@@ -387,47 +316,6 @@ def _remark_on_widths(rows: Sequence[Row], width: int, layout: SheetSource) -> s
             " the source file to leave them out"
         )
     return f"{what} and were skipped"
-
-
-def _with_dropped_variables(
-    rows: Sequence[Row], width: int, missing: Collection[str]
-) -> tuple[Sequence[FilledRow], list[str]]:
-    """Fill the rows of a logger that omits failed variables; None from there on.
-
-    The omitted variables are those missing in the row before. The logger of `opensourceleg` writes
-    its header late, with the first thousand rows: variables that failed before have no name in it,
-    and their cells are left out.
-    """
-    variables = list(range(len(rows[0].cells)))  # of the rows from here on
-    named: list[int] = []  # variables that the header names
-    failures: list[tuple[int, list[int]]] = []
-    readings: list[dict[int, str]] = []
-    for row in rows:
-        if len(row.cells) != len(variables):
-            before = readings[-1]
-            failed = [variable for variable, cell in before.items() if cell in missing]
-            if len(variables) - len(row.cells) != len(failed):
-                raise InputError(
-                    f"line {row.number} has {len(row.cells)} cells where {len(variables)} were, and"
-                    f" {len(failed)} were missing in the line before: it is unknown which column"
-                    " was omitted; cut the file off there"
-                )
-            failures.append((row.number, failed))
-            variables = [variable for variable in variables if variable not in failed]
-        if len(variables) == width and not named:
-            named = variables
-        readings.append(dict(zip(variables, row.cells, strict=True)))
-    if not named:
-        raise InputError(f"no line has a cell for each of its {width} names; state `delimiter`")
-    filled = [
-        (row.number, [cells.get(variable) for variable in named])
-        for row, cells in zip(rows, readings, strict=True)
-    ]
-    remarks: list[str] = []
-    for number, failed in failures:
-        places = ", ".join(str(variable + 1) for variable in failed)
-        remarks.append(f"from line {number} on, cells {places} of the lines before are missing")
-    return filled, remarks
 
 
 def lasting_names(titles: Sequence[str]) -> list[str]:
@@ -468,25 +356,29 @@ def recording_of_table(
     check_row_per_sample(table.body)
     rows = Rows(count=len(table.lines), lines=table.lines, noun=noun)
     channels: list[Channel] = []
-    columns = zip(table.names, table.units, lasting_names(table.names), table.body, strict=True)
-    for title, unit, lasting, cells in columns:
+    for place, lasting in enumerate(lasting_names(table.names)):
+        title, unit, cells = table.names[place], table.units[place], table.body.to_series(place)
         name = name_and_unit(title)[0]
-        are_stamps = are_times(cells)
-        likely = name_and_ending(name)[1] or (likely_units or {}).get(name, "")
-        column = Column(cells, title, rows, layout, table.decimal)
-        channels.append(
-            Channel(
-                address={"column": lasting},
-                rows=rows,
-                read=partial(cell_stamps, cells) if are_stamps else column.values,
-                name=name,
-                title=title,
-                unit="ns" if are_stamps else unit,
-                likely_unit="" if unit or are_stamps else likely,
-                kind=Kind.CLOCK if are_stamps else Kind.SIGNAL,
-                count_words=None if layout.channels or are_stamps else column.count_words,
-            )
+        channel = Channel(
+            address={"column": lasting},
+            rows=rows,
+            read=partial(cell_stamps, cells),
+            name=name,
+            title=title,
+            unit="ns",
+            kind=Kind.CLOCK,
         )
+        if not are_times(cells):
+            likely = name_and_ending(name)[1] or (likely_units or {}).get(name, "")
+            channel = replace(
+                channel,
+                read=partial(_values_of, cells, title, rows, layout, table.decimal),
+                unit=unit,
+                likely_unit="" if unit else likely,
+                kind=Kind.SIGNAL,
+                count_words=partial(_count_words, cells, layout, table.decimal),
+            )
+        channels.append(channel)
     loss = Loss(rows.count, rows.count + table.skipped, table.end, remarks=table.remarks)
     delimiter = {"delimiter": table.delimiter} if table.delimiter else {}
     return Recording(format_name, channels, loss, notes=table.notes, facts={**facts, **delimiter})
@@ -508,50 +400,43 @@ def check_row_per_sample(body: pl.DataFrame) -> None:
                 )
 
 
-@dataclass(frozen=True)
-class Column:
-    """One column of a table."""
-
-    cells: pl.Series
-    title: str
-    rows: Rows
-    layout: SheetSource
-    decimal: str
-
-    def values(self) -> NDArray[Any]:
-        """Read its numbers or truth values; another cell is refused if a source file asks for the
-        column, and NaN in a listing."""
-        values, unread = cell_values(self.cells, self.layout.missing, self.decimal)
-        if not unread.size or not self.layout.channels:
-            return values
-        place = int(unread[0])
-        cell = str(self.cells[place])
-        raise InputError(
-            f"{self.rows.place(place)}, column '{self.title}': '{cell[:40]}' is not a"
-            f" number; {_remedy_for(cell, self.title, self.decimal)}"
-        )
-
-    def count_words(self) -> Mapping[str, int]:
-        """Count the cells that are no numbers, by what stands there."""
-        _, unread = cell_values(self.cells, self.layout.missing, self.decimal)
-        return Counter(self.cells.gather(unread).to_list())
+def _values_of(
+    cells: pl.Series, title: str, rows: Rows, layout: SheetSource, decimal: str
+) -> NDArray[Any]:
+    """Read the numbers or truth values of a column; another cell is refused if a source file asks
+    for the column, and NaN in a listing."""
+    values, unread = cell_values(cells, layout.missing, decimal)
+    if not unread.size or not layout.channels:
+        return values
+    place = int(unread[0])
+    cell = str(cells[place])
+    raise InputError(
+        f"{rows.place(place)}, column '{title}': '{cell[:40]}' is not a number;"
+        f" {_remedy_for(cell, title)}"
+    )
 
 
-def _remedy_for(cell: str, title: str, decimal: str) -> str:
+def _count_words(cells: pl.Series, layout: SheetSource, decimal: str) -> Mapping[str, int]:
+    """Count the cells that are no numbers, by what stands there."""
+    _, unread = cell_values(cells, layout.missing, decimal)
+    return Counter(cells.gather(unread).to_list())
+
+
+def _remedy_for(cell: str, title: str) -> str:
     """Say what to do about a cell that is not a number."""
     if cell.casefold() in TRUTHS:
         return "name a column of numbers; a truth value can only be `sync` or `trigger`"
-    is_time = re.search(r"\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}|\d{1,2}:\d{2}", cell)
-    if is_time:  # 2024-05-01T12:00:00, 12:00:00.5
+    if re.search(r"\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}|\d{1,2}:\d{2}", cell):
         return "write time as seconds, or as `12:00:00.500` in every row"
     if cell == title:
         return (
             "the header stands here again, as where a recorder begins anew: cut the file in two, a"
             " log each"
         )
-    if decimal == "," and "." in cell:
-        return 'write `decimal: "."` in the source file if the full stop is the decimal sign'
-    if re.fullmatch(r"[+-]?\d+,\d+", cell):
-        return 'write `decimal: ","` in the source file if the comma is the decimal sign'
+    if re.match(r"[+-]?[.,]?\d", cell):
+        return (
+            "write numbers as 1234.5e-3, with one decimal sign in the whole file and none between"
+            " thousands"
+        )
     word = json.dumps(cell[:40], ensure_ascii=False)
     return f"correct the cell, or add {word} to `missing` in the source file"

@@ -5,7 +5,7 @@ import re
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import polars as pl
@@ -19,16 +19,12 @@ from osl_analysis.formats._cells import (
     most_common_width,
 )
 
-DELIMITERS = {"tab": "\t", "space": " "}  # as source files call them
-Delimiter = Literal["auto", ",", ";", "tab", "space", "|"]  # in source files
-Decimal = Literal["auto", ".", ","]
 # bytes that no text has; byte 26 is allowed, it ends files of DOS
 CONTROL = re.compile(rb"[\x00-\x08\x0e-\x19]")
 # its mark, or ASCII in either order
 UTF_16 = re.compile(rb"\xff\xfe|\xfe\xff|([\t\r\n -~]\0){8}|(\0[\t\r\n -~]){8}")
 # two in a row: cp1252 `é` may look like one
 JAPANESE = re.compile("[\u3041-\u30fa\u30fc]{2}|[\u4e00-\u9fff]{2}")
-BETWEEN_THOUSANDS = "'\u2019\u202f\u2009\u00a0"  # signs that only separate thousands
 MINUS = "\u2212"  # a minus sign that is no hyphen
 LONGEST_CELL = 131_072  # characters
 SAMPLE_LINES = 300  # lines by which the sign between cells is found
@@ -97,10 +93,6 @@ def read_text(path: Path) -> Text:
         data = decoded(data).encode().replace(MINUS.encode(), b"-")
     if b"\r" in data:
         data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
-    signs = "'" if data.isascii() else BETWEEN_THOUSANDS
-    if any(sign.encode() in data for sign in signs):  # as in Switzerland and France
-        separators = rf"(?<=\d)[{signs}](?=\d{{3}}(?!\d))"
-        data = re.sub(separators, "", data.decode()).encode()
     data = data.rstrip(b"\x1a")
     zero = data.find(b"\0")
     if zero >= 0:
@@ -118,15 +110,13 @@ def numbered(data: bytes, first: int = 1) -> list[Line]:
     return [Line(number, text) for number, text in enumerate(lines, start=first) if text.strip()]
 
 
-def delimiter_of(lines: Sequence[Line], stated_delimiter: str = "auto") -> str:
-    """Find the sign between cells, where none is stated.
+def delimiter_of(lines: Sequence[Line]) -> str:
+    """Find the sign between cells.
 
     It is the one of tab, `;`, `|`, `,` and blank with which most cells are numbers, times or
     missing, and most lines have as many. Without numbers it is the first of tab, `;` and `|` that
     every line has, or a blank if no line has a comma.
     """
-    if stated_delimiter != "auto":
-        return DELIMITERS.get(stated_delimiter, stated_delimiter)
     sample = [line.text.strip() for line in lines[:SAMPLE_LINES]]
     scores = {sign: _score(sample, sign) for sign in "\t;|, "}
     scores[" "] *= 0.98  # a blank also splits at tabs

@@ -22,6 +22,7 @@ from osl_analysis.errors import InputError, listing, optional_module
 from osl_analysis.formats import beginning
 from osl_analysis.formats._cells import name_and_unit
 from osl_analysis.formats._table import (
+    COMMENT_SIGNS,
     LISTING,
     MOST_COLUMNS,
     SheetSource,
@@ -95,7 +96,7 @@ def _read_workbook(path: Path, source: SheetSource | None) -> Recording:
     rows: list[Row] = []
     comments: list[Line] = []
     for number, row in enumerate(cells.iter_rows(), start=1):
-        if row[0].startswith(layout.comment_signs):
+        if row[0].startswith(COMMENT_SIGNS):
             comments.append(Line(number, " ".join(cell for cell in row if cell)))
         elif any(row):
             rows.append(Row(number, list(row)))

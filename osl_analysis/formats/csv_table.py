@@ -17,6 +17,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.formats import TEXT_PRIORITY
 from osl_analysis.formats._cells import are_times, cell_values, is_number_cell
 from osl_analysis.formats._table import (
+    COMMENT_SIGNS,
     LISTING,
     SheetSource,
     Table,
@@ -24,8 +25,6 @@ from osl_analysis.formats._table import (
     table_of_rows,
 )
 from osl_analysis.formats._text import (
-    Decimal,
-    Delimiter,
     Line,
     Text,
     delimiter_of,
@@ -43,23 +42,7 @@ LABVIEW = b"LabVIEW Measurement"
 END_OF_HEADER = b"***End_of_Header***"
 
 
-class CsvSource(SheetSource):
-    """The source file of a table of text."""
-
-    delimiter: Delimiter = "auto"
-    """Sign between cells; `auto` takes that of tab, `;`, `|`, `,` and blank by which most cells are
-    numbers."""
-    # Decimal sign; `auto` takes the one that the numbers have.
-    decimal: Decimal = "auto"
-
-
-def table_of_text(
-    text: Text,
-    layout: SheetSource,
-    delimiter: str = "auto",
-    decimal: str = "auto",
-    most_rows: int | None = None,
-) -> Table:
+def table_of_text(text: Text, layout: SheetSource, most_rows: int | None = None) -> Table:
     """Find the table in a text; in a long one about the first `most_rows` of it."""
     *first, rest = text.data.split(b"\n", FIRST_LINES)
     between, *last = rest.rsplit(b"\n", LAST_LINES)
@@ -72,31 +55,25 @@ def table_of_text(
             between = share[: share.rfind(b"\n")]
             count = between.count(b"\n") + 1
         with suppress(InputError):  # reading the whole text then says what is wrong
-            ends = _table_of_lines(lines, layout, delimiter, decimal, text.is_ended)
+            ends = _table_of_lines(lines, layout, text.is_ended)
             table = _with_rows_between(ends, between, count, layout)
             if table is not None:
                 return table
-    return _table_of_lines(numbered(text.data), layout, delimiter, decimal, text.is_ended)
+    return _table_of_lines(numbered(text.data), layout, text.is_ended)
 
 
-def _table_of_lines(
-    lines: Sequence[Line], layout: SheetSource, delimiter: str, decimal: str, is_ended: bool
-) -> Table:
+def _table_of_lines(lines: Sequence[Line], layout: SheetSource, is_ended: bool) -> Table:
     comments: list[Line] = []
     content: list[Line] = []
-    for number, text in lines:
-        signs = [sign for sign in layout.comment_signs if text.lstrip().startswith(sign)]
-        if signs:
-            comments.append(Line(number, text.strip().removeprefix(signs[0]).strip()))
-        else:
-            content.append(Line(number, text))
+    for line in lines:
+        is_comment = line.text.lstrip().startswith(COMMENT_SIGNS)
+        (comments if is_comment else content).append(line)
     of_excel = re.fullmatch(r"sep=(.)", content[0].text.strip()) if content else None
     if of_excel:  # as Excel reads it
         content = content[1:]
-        delimiter = of_excel[1] if delimiter == "auto" else delimiter
-    delimiter = delimiter_of(content, delimiter)
+    delimiter = of_excel[1] if of_excel else delimiter_of(content)
     rows = split_rows(content, delimiter)
-    return table_of_rows(rows, comments, layout, delimiter, decimal, is_ended)
+    return table_of_rows(rows, comments, layout, delimiter, is_ended)
 
 
 def _with_rows_between(ends: Table, text: bytes, lines: int, layout: SheetSource) -> Table | None:
@@ -107,11 +84,12 @@ def _with_rows_between(ends: Table, text: bytes, lines: int, layout: SheetSource
         text = re.sub(rb"(?m)^[ \t]+|[ \t]+$", b"", text)
         text = re.sub(rb"[ \t]+", b"\t", text)
         delimiter = "\t"
-    numbers = _as_numbers(ends, layout, text)
-    words = [*layout.missing]
-    tries = [(numbers, []), (numbers, words), (ends.body, [])]  # without words it is faster
-    if any(map(is_number_cell, words)):
-        tries = tries[-1:]
+    tries: list[tuple[pl.DataFrame, list[str]]] = [(ends.body, [])]
+    # polars would take a point for a decimal sign, too, and a word that is a number for missing
+    has_points = ends.decimal == "," and b"." in text
+    if not has_points and not any(map(is_number_cell, layout.missing)):
+        numbers = _as_numbers(ends, layout)  # without words it is faster
+        tries = [(numbers, []), (numbers, [*layout.missing]), *tries]
     for outer, words in tries:
         try:
             between = pl.read_csv(
@@ -129,12 +107,11 @@ def _with_rows_between(ends: Table, text: bytes, lines: int, layout: SheetSource
             break
     else:
         return None
-    has_texts = pl.String in between.schema.values()
-    if has_texts or layout.comment != "auto" or any(column.has_nulls() for column in between):
+    if pl.String in between.schema.values() or any(column.has_nulls() for column in between):
         # polars refuses a line with more cells than the first one, so that as many cells in all as
         # names times lines say that no line has fewer
         are_whole = text.count(delimiter.encode()) == lines * (between.width - 1)
-        if not are_whole or any(sign.encode() in text for sign in layout.comment_signs):
+        if not are_whole or any(sign.encode() in text for sign in COMMENT_SIGNS):
             return None
     between = between.with_columns(pl.col(pl.String).fill_null("").str.strip_chars(' \t\v\f"'))
     is_empty = pl.all_horizontal(pl.exclude(pl.String).is_null(), pl.col(pl.String) == "")
@@ -149,10 +126,8 @@ def _with_rows_between(ends: Table, text: bytes, lines: int, layout: SheetSource
     )
 
 
-def _as_numbers(ends: Table, layout: SheetSource, text: bytes) -> pl.DataFrame:
+def _as_numbers(ends: Table, layout: SheetSource) -> pl.DataFrame:
     """The first and last rows, with columns of numbers where all of their cells are numbers."""
-    if ends.decimal == "," and b"." in text:  # polars would take it for a decimal sign, too
-        return ends.body
     columns: list[pl.Series] = []
     for cells in ends.body:
         values, unread = cell_values(cells, layout.missing, ends.decimal)
@@ -169,29 +144,29 @@ def _are_read(between: pl.DataFrame, layout: SheetSource) -> bool:
     return True
 
 
-def read(path: Path, source: CsvSource | None) -> Recording:
+def read(path: Path, source: SheetSource | None) -> Recording:
     """Read a table of text; without a source file about the first 200,000 rows of a long one."""
     text = read_text(path)
-    segments = text.data.count(END_OF_HEADER) - 1  # the file itself has a header, too
-    if text.data.startswith(LABVIEW) and segments > 1:
-        raise InputError(
-            f"LabVIEW wrote a header for each of its {segments} segments; choose `Segment Headers:"
-            " One header only` in Write To Measurement File, or delete the headers but the first"
-        )
-    if source is None:
-        table = table_of_text(text, LISTING, most_rows=MOST_LISTED)
-    else:
-        table = table_of_text(text, source, source.delimiter, source.decimal)
+    if text.data.startswith(LABVIEW):
+        segments = text.data.count(END_OF_HEADER) - 1  # the file itself has a header, too
+        if segments > 1:
+            raise InputError(
+                f"LabVIEW wrote a header for each of its {segments} segments; choose `Segment"
+                " Headers: One header only` in Write To Measurement File, or delete the headers but"
+                " the first"
+            )
+    layout = source or LISTING
+    table = table_of_text(text, layout, MOST_LISTED if source is None else None)
     is_partial = source is None and len(table.lines) >= MOST_LISTED
     facts = {"rows": f"{len(table.lines)}, of more" if is_partial else str(len(table.lines))}
-    return recording_of_table("csv", table, source or LISTING, facts=facts)
+    return recording_of_table("csv", table, layout, facts=facts)
 
 
 FORMAT = Format(
     name="csv",
     suffixes=(".csv", ".tsv", ".txt", ".dat", ".lvm", ".asc"),
     begins=is_text,
-    source=CsvSource,
+    source=SheetSource,
     read=read,
     priority=TEXT_PRIORITY,
 )

@@ -15,8 +15,6 @@ from osl_analysis.errors import InputError
 from osl_analysis.formats._captured_text import KINDS, Section, exported_plate
 from osl_analysis.formats._cells import decimal_of, is_number_cell
 from osl_analysis.formats._text import (
-    Decimal,
-    Delimiter,
     Row,
     check_last_line,
     decoded,
@@ -57,12 +55,9 @@ class NexusSource(LaboratorySource):
 
     analogs: Mapping[str, DeviceChannel] = Field(default={})
     plates: Mapping[PositiveInt, NexusPlate] = Field(default={})  # Force plates by number, from 1.
-    delimiter: Delimiter = "auto"  # Sign between cells.
-    # Decimal sign; `auto` takes the one that the numbers have.
-    decimal: Decimal = "auto"
 
 
-def read_sections(path: Path, source: NexusSource) -> dict[str, Section]:
+def read_sections(path: Path) -> dict[str, Section]:
     """Read the sections by title.
 
     Raises
@@ -73,7 +68,7 @@ def read_sections(path: Path, source: NexusSource) -> dict[str, Section]:
     text = read_text(path)
     lines = numbered(text.data)
     headers = [line for line in lines if _is_header(line.text)]
-    rows = split_rows(lines, delimiter_of(headers[:1], source.delimiter))
+    rows = split_rows(lines, delimiter_of(headers[:1]))
     starts = [
         place - 3
         for place, row in enumerate(rows)
@@ -85,10 +80,9 @@ def read_sections(path: Path, source: NexusSource) -> dict[str, Section]:
         )
     check_last_line(text.is_ended, rows[starts[-1] + HEAD_ROWS :] or rows[-1:])
     parts = [rows[start:end] for start, end in zip(starts, [*starts[1:], len(rows)], strict=True)]
-    decimal = source.decimal
-    if decimal == "auto":  # a section at rest at both ends does not show it
-        signs = [decimal_of([row.cells for row in part[HEAD_ROWS:]]) for part in parts]
-        decimal = "," if "," in signs else "."
+    # a section at rest at both ends does not show it
+    signs = [decimal_of([row.cells for row in part[HEAD_ROWS:]]) for part in parts]
+    decimal = "," if "," in signs else "."
     sections: dict[str, Section] = {}
     for part in parts:
         section = _section_of(part, decimal)
@@ -129,7 +123,7 @@ def _section_of(rows: Sequence[Row], decimal: str) -> Section:
 
 def read(path: Path, source: NexusSource | None) -> Recording:
     """Read an export. Its first frame is at 0 s."""
-    sections = read_sections(path, source or NexusSource.model_construct())
+    sections = read_sections(path)
     facts: dict[str, object] = {
         title: f"{len(one.rows)} rows at {one.rate_hz:g} Hz" for title, one in sections.items()
     }

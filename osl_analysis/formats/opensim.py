@@ -114,7 +114,7 @@ def read(path: Path, source: OpenSimSource | None) -> Recording:
     layout = source or LISTING
     blank = b"\n" * text.data.count(b"\n", 0, end.end())  # the lines keep their numbers
     below = Text(blank + text.data[end.end() :], text.is_ended)
-    table = table_of_text(below, layout, decimal=".")
+    table = table_of_text(below, layout)
     are_rows_stated = _are_rows_stated(header, len(table.lines))
     table = replace(
         table,

@@ -2,6 +2,7 @@
 what the user has to decide before it runs."""
 
 import csv
+import json
 import os
 import re
 import shlex
@@ -109,9 +110,7 @@ def write_campaign(
     """
     (folder / "sources").mkdir(parents=True)
     allowed = re.sub(r"[^A-Za-z0-9_-]", "_", name).strip("_") or "campaign"
-    path = raw_data.as_posix()
-    if re.search(r"[^\w/.-]", path):
-        path = "'" + path.replace("'", "''") + "'"  # a text in YAML's quotes
+    path = json.dumps(raw_data.as_posix(), ensure_ascii=False)
     kind = "config" if isinstance(content, Draft) else f"example_{content}"
     template = shipped(f"config/new_campaign/{kind}.yaml").read_text(encoding="utf-8")
     config = template.format(name=allowed, raw_data=path)
@@ -139,9 +138,10 @@ def write_campaign(
         writer.writerows(trial.cells for trial in content.trials)
 
 
-def left_to_decide(folder: Path, draft: Draft) -> list[str]:
-    """What a user has to decide before the campaign runs, a line each."""
-    lines = list(places_to_edit(folder, draft)) or first_look(folder)
+def left_to_decide(folder: Path, draft: Draft) -> tuple[list[str], bool]:
+    """What a user has to decide, a line each; and whether a run can analyse some trial before: no
+    place is to be edited, no capture asks anything, and nothing is refused at its start."""
+    obstacles = list(places_to_edit(folder, draft)) or first_look(folder)
     asked: dict[str, list[str]] = {}
     for file, text in draft.open:
         asked.setdefault(text, []).append(str(file))
@@ -149,7 +149,10 @@ def left_to_decide(folder: Path, draft: Draft) -> list[str]:
         for text in trial.questions:
             question = f"{folder / 'trials.csv'}: {text}"
             asked.setdefault(question, []).append(trial.cells["trial"])
-    return lines + [f"{text} ({listing(which, MOST_SHOWN)})" for text, which in asked.items()]
+    is_named = any(trial.cells["experiment"] != UNNAMED for trial in draft.trials)
+    is_ready = is_named and not obstacles and not draft.has_open_captures
+    texts = [f"{text} ({listing(which, MOST_SHOWN)})" for text, which in asked.items()]
+    return obstacles + texts, is_ready
 
 
 def places_to_edit(folder: Path, draft: Draft) -> Iterator[str]:
@@ -161,14 +164,6 @@ def places_to_edit(folder: Path, draft: Draft) -> Iterator[str]:
         if places:
             are = "place is" if len(places) == 1 else "places are"
             yield f"{path}: {len(places)} {are} to be edited: {', '.join(places[:6])}"
-
-
-def is_ready(folder: Path, draft: Draft) -> bool:
-    """Whether a run of a drafted campaign can analyse some trial: no place is to be edited, no
-    capture asks anything, and nothing is refused at its start."""
-    is_named = any(trial.cells["experiment"] != UNNAMED for trial in draft.trials)
-    is_edited = is_named and not draft.has_open_captures and not [*places_to_edit(folder, draft)]
-    return is_edited and not first_look(folder)
 
 
 def first_look(folder: Path) -> list[str]:
@@ -187,7 +182,7 @@ def first_look(folder: Path) -> list[str]:
 def campaign_text(folder: Path, draft: Draft) -> str:
     """What is to be decided first, what the recordings were taken for, and the next command that
     can succeed."""
-    questions = left_to_decide(folder, draft)
+    questions, is_ready = left_to_decide(folder, draft)
     lines: list[str] = []
     if questions:
         lines.append("to be decided:")
@@ -205,12 +200,9 @@ def campaign_text(folder: Path, draft: Draft) -> str:
         if len(draft.refused) > MOST_REFUSED:
             more = len(draft.refused) - MOST_REFUSED
             lines.append(f"and {more} more files that were not read, which `inspect` tells")
-    place = f"cd {shlex.quote(str(folder))}"
-    if is_ready(folder, draft):
-        lines.append(f"then: {place} && osl-analysis run")
-    else:
-        edit = "then: edit what is named above;"
-        lines.append(f"{edit} {place} && osl-analysis run -n says what is left")
+    edit = "" if is_ready else "edit what is named above; "
+    run = "osl-analysis run" if is_ready else "osl-analysis run -n says what is left"
+    lines.append(f"then: {edit}cd {shlex.quote(str(folder))} && {run}")
     return "\n".join(lines)
 
 

@@ -3,10 +3,7 @@ sheet, the section `walking` of the configuration, and what the user has to deci
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from itertools import compress
 from pathlib import Path
-
-import numpy as np
 
 from osl_analysis.draft.draft_session import (
     gate_lengths,
@@ -35,7 +32,6 @@ from osl_analysis.errors import InputError, listing
 from osl_analysis.files import shipped
 from osl_analysis.formats import TEXT_PRIORITY, formats_of, known_formats
 from osl_analysis.ingest.raw_files import check_file, is_capture, recordings_in, suffixes
-from osl_analysis.measured import unusual
 from osl_analysis.yaml_settings import read_mapping
 
 CHANNEL_KEYS = {"topic", "field", "column", "variable"}  # that name a channel of a log
@@ -289,7 +285,6 @@ def ask(draft: Draft, described: Sequence[Described], captures: Sequence[Describ
         for guess in one.log.guesses if one.log is not None else ():
             if guess.formula and not guess.why_not:
                 draft.open.append((one.file, f"{guess.column}: {guess.formula}"))
-    draft.open += cut_files(described)
     may_walk = any(
         trial.cells["experiment"] == "walking"
         or (trial.cells["experiment"] == UNNAMED and "mocap" in trial.cells)
@@ -311,24 +306,6 @@ def ask(draft: Draft, described: Sequence[Described], captures: Sequence[Describ
     draft.open += [(file, question) for file in lacking_axes]
     is_asked = any(capture.overview.open for capture in captures)
     draft.has_open_captures = is_asked or bool(lacking_axes)
-
-
-def cut_files(described: Sequence[Described]) -> Iterator[tuple[Path, str]]:
-    """Ask of files that do not tell their end and are shorter than others like them, whether it was
-    cut off."""
-    rows: dict[str, dict[Path, int]] = {}
-    for one in described:
-        if "end" in one.overview.facts:  # as of a text, half of which looks whole
-            count = max(channel.count for channel in one.overview.channels)
-            rows.setdefault(one.source, {})[one.file] = count
-    for counts in rows.values():
-        is_unusual, usual = unusual(np.array([*counts.values()]))
-        for file in compress(counts, is_unusual):
-            if counts[file] < usual:
-                yield (
-                    file,
-                    f"{counts[file]} rows, {usual:.0f} in most like it: was its end cut off?",
-                )
 
 
 def unknown_segments(captures: Sequence[Described]) -> Iterator[tuple[Path, str]]:

@@ -98,8 +98,7 @@ class DraftedSource:
         lines[0] = lines[0].replace('"', "")
         lines += [f"# {text}" for text in self.questions]
         if self.key == "channels" or self.entries:
-            is_comment = self.key != "channels" and not self.named
-            lines.append(f"# {self.key}:" if is_comment else f"{self.key}:")
+            lines.append(f"{self.key}:")
         lines += [entry.line for entry in self.entries]
         lines += [f"#   {text}" for text in self.notes]
         return "\n".join([*lines, ""])
@@ -189,13 +188,13 @@ def add_markers(source: DraftedSource, overview: Overview) -> None:
         why = "guessed from its name" if by_name else "a guess: it is a train of pulses"
         fields: dict[str, object] = {**with_number(channel, analogs).address, "unit": "V"}
         source.entries.append(Entry(column, fields, why))
-    for number, channel in enumerate(analogs, start=1):
-        if not channel.group and not any(channel is pulse for pulse in pulses.values()):
-            addressed = with_number(channel, analogs)
-            unit = channel.unit if channel.base[1] else UNKNOWN
-            remark = channel.key if addressed is not channel else ""
-            fields = {**addressed.address, "unit": unit}
-            source.entries.append(Entry(f"NAME_{number}", fields, remark, is_comment=True))
+    others = [
+        f"{json.dumps(with_number(one, analogs).key)} {one.name} [{one.unit}]"
+        for one in analogs
+        if not one.group and not any(one is pulse for pulse in pulses.values())
+    ]
+    if others:
+        source.notes.append(f"further analog channels: {listing(others, MOST_LISTED)}")
     of_plates = [one.group for one in analogs if one.group]
     if of_plates:
         plates = ", ".join(dict.fromkeys(of_plates))

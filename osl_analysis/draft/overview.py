@@ -351,34 +351,31 @@ def drafted_part(recording: Recording) -> tuple[str | None, dict[str, object], l
     questions."""
     if "log_part" not in source_model(recording).model_fields:
         return None, {}, []
-    parts: dict[str, dict[str, Channel]] = {}
+    parts: dict[str, list[Channel]] = {}
     for channel in recording.channels:
         if channel.rows.count >= FEWEST_READINGS:
-            parts.setdefault(channel.rows.name, {})[channel.name or channel.key] = channel
-    groups: dict[tuple[str, ...], list[str]] = {}
-    for name, channels in parts.items():
-        groups.setdefault(tuple(channels), []).append(name)
+            parts.setdefault(channel.rows.name, []).append(channel)
     if len(parts) < 2:
         part = next(iter(parts), "")
-        return (part if part else None), ({"log_part": part} if part else {}), []
-    alike = max(groups.values(), key=lambda names: sum(len(parts[name]) for name in names))
+        return part or None, {"log_part": part} if part else {}, []
+    named = {part: [one.name or one.key for one in own] for part, own in parts.items()}
+    alike_of = {part: [p for p in parts if named[p] == own] for part, own in named.items()}
+    alike = max(alike_of.values(), key=lambda alike: sum(len(parts[part]) for part in alike))
     questions: list[str] = []
-    settings: dict[str, object] = {}
     if len(alike) > 1:
         questions.append(
             f"{len(alike)} parts hold the same variables: name one per trial in the column"
             f" `log_part` of the sheet: {', '.join(alike)}"
         )
-    elif alike[0]:
-        settings["log_part"] = alike[0]
     others = [part for part in parts if part not in alike]
     if others:
-        address = list(parts[others[0]].values())[-1].key
+        address = parts[others[0]][-1].key
         questions.append(
             "a draft is of one part; to read a variable of another, write its address with `/`, as"
             f" `/{address.removeprefix('/')}`"
         )
-    return alike[0], settings, questions
+    is_one = len(alike) == 1 and alike[0]
+    return alike[0], {"log_part": alike[0]} if is_one else {}, questions
 
 
 def within_part(channel: RecordedChannel, part: str) -> RecordedChannel:

@@ -86,3 +86,14 @@ def test_an_angle_that_stands_and_a_torque_of_noise_are_no_signals():
     torque = RecordedChannel("column", {"column": "torque"}, "N*m", numbers=noise)
 
     assert all(guess.why_not for guess in guessed_columns([still, torque]))
+
+
+def test_no_room_but_the_commands_imports_the_drafts():
+    package = ROOT / "osl_analysis"
+    who = {
+        path.relative_to(package).parts[0]
+        for path in package.rglob("*.py")
+        if "from osl_analysis.draft" in path.read_text(encoding="utf-8")
+    }
+
+    assert who == {"cli.py", "commands", "draft"}

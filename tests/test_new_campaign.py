@@ -272,9 +272,7 @@ STEP = (FRAMES > 90) & (FRAMES < 160)
 PULSES = ["Sync.1", "Voltage.Trigger"]
 
 
-def capture(
-    path, of_leg, force=0.0, platform=("PLAT1", "PLAT2", "PLAT3"), labels=PULSES, is_gated=False
-):
+def capture(path, of_leg, force=0.0, platform=("PLAT1", "PLAT2", "PLAT3"), labels=PULSES):
     """A capture whose leg walks over a plate, which it loads for a step."""
     tracks = {name: np.add(place, WALK) for name, place in of_leg.items()}
     for name, place in zip(platform, [(200, 200), (-200, 200), (200, -200)], strict=False):
@@ -283,8 +281,6 @@ def capture(
     points[:, :, :3] = np.stack(list(tracks.values()), axis=1)
     analogs = np.zeros((480, 8))
     analogs[:, 2], analogs[::50, 6:] = -force * np.repeat(STEP, 2), 5.0
-    if is_gated:
-        analogs[:, 6:] = [4.9, 0.0]
     corners = np.array([[300.0, 250, 0], [-300, 250, 0], [-300, -250, 0], [300, -250, 0]])
     plates = {"USED": np.array([1]), "TYPE": np.array([2]), "ORIGIN": np.zeros((3, 1))}
     plates |= {"CORNERS": corners.T[:, :, None], "CHANNEL": np.arange(1, 7)[:, None]}
@@ -622,40 +618,6 @@ def test_a_laboratory_with_names_of_its_own_is_drafted_without_a_question(tmp_pa
     text = (tmp_path / "mine/sources/c3d.yaml").read_text()
     assert "6 more are read as plate 1" in text
     assert "Fx" not in text
-
-
-def draft_of_session(tmp_path, pulse_s):
-    """Two captures of 2.4 s, and one log with a pulse for each."""
-    rec = tmp_path / "rec"
-    rec.mkdir()
-    leg = {**LEG, **MALLEOLI, "R_KNE": (0, 0, 450)}
-    for name in ("trip1_nom", "trip2_pert"):
-        capture(rec / f"{name}.c3d", leg, force=800, labels=["Gate", "EMG1"], is_gated=True)
-    time = np.arange(0, 20, 0.0025)
-    is_high = [(time > start) & (time < start + pulse_s) for start in (3, 11)]
-    values = np.column_stack([time, 0.2 * np.sin(time), np.any(is_high, axis=0)])
-    rows = [f"{t:.4f},{angle:.5f},{sync:.0f}" for t, angle, sync in values]
-    (rec / "leg.csv").write_text("\n".join(["loop_time,ankle.output_position,sync_in", *rows]))
-    return draft_campaign(rec)
-
-
-def test_one_log_of_a_session_is_that_of_each_capture_by_its_gate(tmp_path):
-    draft = draft_of_session(tmp_path, pulse_s=2.4)
-
-    assert {cells["trial"]: cells["log"] for cells, _ in draft.trials} == {
-        "trip1_nom": "leg.csv", "trip2_pert": "leg.csv",
-    }  # fmt: skip
-    source = yaml.safe_load(draft.sources["c3d"])
-    assert source["analogs"] == {"sync": {"channel": "Gate", "unit": "V"}}
-    assert source["shared"] == {"column": "theta", "markers": ["R_KNE", "R_FAL", "R_FM1"]}
-    assert yaml.safe_load(draft.sources["csv"])["clock"] == "sync"
-
-
-def test_a_log_with_other_pulses_is_of_no_capture(tmp_path):
-    draft = draft_of_session(tmp_path, pulse_s=2.0)
-
-    assert [cells["trial"] for cells, _ in draft.trials if "log" in cells] == ["leg"]
-    assert yaml.safe_load(draft.sources["csv"])["clock"] == "master"
 
 
 def test_rotations_without_markers_are_a_question_before_a_run(tmp_path):

@@ -5,11 +5,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from osl_analysis.draft.draft_session import (
-    gate_lengths,
-    is_gated,
-    join_session_log,
-)
 from osl_analysis.draft.draft_sheet import (
     UNNAMED,
     DraftedTrial,
@@ -24,7 +19,7 @@ from osl_analysis.draft.draft_source import (
     drafted_source,
     pulse_channels,
 )
-from osl_analysis.draft.draft_walking import draft_walking, segment_of, stepping_leg
+from osl_analysis.draft.draft_walking import draft_walking, segment_of
 from osl_analysis.draft.guesses import joints_named, turns_slowly
 from osl_analysis.draft.overview import FEWEST_READINGS, inspect_recording
 from osl_analysis.draft.recorded_channel import Overview
@@ -119,7 +114,6 @@ def draft_campaign(folder: Path) -> Draft:
     logs = [one for one in described if one.log is not None]
     draft.source_files = draft_sources(described)
     draft.trials = trials_of(draft, logs, captures)
-    join_log_of_session(draft, logs, captures)
     align_clocks(draft)
     ask(draft, described, captures)
     return draft
@@ -236,34 +230,6 @@ def has_fixed_plates(captures: Sequence[Described]) -> bool:
     return has_plates and not any(segment_of(one.key)[1] == "platform" for one in markers)
 
 
-def join_log_of_session(
-    draft: Draft, logs: Sequence[Described], captures: Sequence[Described]
-) -> None:
-    """Give the log of a whole session to every capture of one who walks, where its sync line has a
-    pulse as long as each of them."""
-    alone = [trial for trial in draft.trials if "mocap" not in trial.cells]
-    walks = {
-        trial.cells["mocap"]: trial
-        for trial in draft.trials
-        if trial.cells["experiment"] == "walking" and "log" not in trial.cells
-    }
-    if len(alone) != 1 or len(walks) < 2:
-        return
-    session = next(one for one in logs if one.key == alone[0].cells["log"])
-    assert session.log is not None
-    lengths = gate_lengths(session.log)
-    of_walks = [one for one in captures if one.key in walks]
-    is_of_all = all(is_gated(capture.overview, lengths) for capture in of_walks)
-    if len(lengths) < len(walks) or not is_of_all:
-        return
-    for trial in walks.values():
-        trial.cells.update(log=session.key, log_source=session.source)
-    draft.trials.remove(alone[0])
-    side, _ = stepping_leg([capture.overview for capture in of_walks])
-    for name, capture in {one.source: one for one in reversed(of_walks)}.items():
-        join_session_log(draft.source_files[name], capture.overview, side)
-
-
 def align_clocks(draft: Draft) -> None:
     """State `clock: sync` for logs with pulses beside captures with pulses, and `clock: common` for
     OpenSim's tables beside its markers."""
@@ -285,6 +251,14 @@ def ask(draft: Draft, described: Sequence[Described], captures: Sequence[Describ
         for guess in one.log.guesses if one.log is not None else ():
             if guess.formula and not guess.why_not:
                 draft.open.append((one.file, f"{guess.column}: {guess.formula}"))
+    alone = [trial for trial in draft.trials if "mocap" not in trial.cells]
+    walks = [trial for trial in draft.trials if trial.cells["experiment"] == "walking"]
+    if len(alone) == 1 and len(walks) > 1 and not any("log" in trial.cells for trial in walks):
+        question = (
+            "is this the log of the whole session? Write it in the row of each capture, with"
+            " `shared` in their source file (docs/own_data.md#source-files)"
+        )
+        draft.open.append((Path(alone[0].cells["log"]), question))
     may_walk = any(
         trial.cells["experiment"] == "walking"
         or (trial.cells["experiment"] == UNNAMED and "mocap" in trial.cells)

@@ -50,6 +50,7 @@ def test_every_channel_of_the_labelled_recordings_is_named_or_asked_as_labelled(
     assert wrong == []
 
 
+READS = signals(seed=1)
 MEASURED = {"theta": "Winkel", "torque": "Drehmoment"}
 COMMANDS = """
 soll sollwert Vorgabe Führungsgröße Stellgröße command commanded cmd desired des ref reference
@@ -61,8 +62,7 @@ desiderato riferimento desejado referência gewenst gewenste streefwaarde börv�
 @pytest.mark.parametrize("column", MEASURED)
 def test_what_is_commanded_is_never_named_as_measured(column):
     """It follows the spring more closely than what is measured."""
-    reads = signals(seed=1)
-    commanded = reads[{"theta": "theta_command", "torque": "torque_command"}[column]]
+    commanded = READS[{"theta": "theta_command", "torque": "torque_command"}[column]]
     other = {"theta": "torque", "torque": "theta"}[column]
     units = {"theta": "rad", "torque": "N*m"}
     named = set()
@@ -71,7 +71,7 @@ def test_what_is_commanded_is_never_named_as_measured(column):
             channels = [
                 RecordedChannel("column", {"column": name}, units[column], numbers=commanded),
                 RecordedChannel(
-                    "column", {"column": MEASURED[other]}, units[other], numbers=reads[other]
+                    "column", {"column": MEASURED[other]}, units[other], numbers=READS[other]
                 ),
             ]
             guess = guessed_columns(channels)[0]
@@ -86,6 +86,36 @@ def test_an_angle_that_stands_and_a_torque_of_noise_are_no_signals():
     torque = RecordedChannel("column", {"column": "torque"}, "N*m", numbers=noise)
 
     assert all(guess.why_not for guess in guessed_columns([still, torque]))
+
+
+@pytest.mark.parametrize(("torque", "sign"), [
+    (READS["torque"], 1), (-READS["torque"], -1), (-READS["velocity"], 1),
+])  # fmt: skip
+def test_a_torque_has_the_sign_by_which_a_joint_resists(torque, sign):
+    theta = RecordedChannel("column", {"column": "theta"}, "rad", numbers=READS["theta"])
+    load = RecordedChannel("column", {"column": "torque"}, "N*m", numbers=torque)
+
+    guesses = guessed_columns([theta, load])
+
+    assert [guess.is_sure for guess in guesses] == [True, True]
+    assert guesses[1].sign == sign
+
+
+def test_channels_that_begin_apart_are_compared_at_their_own_instants():
+    time = READS["time"]
+    channels = [
+        RecordedChannel("channel", {"channel": name}, unit, numbers=values, times=times)
+        for name, unit, values, times in (
+            ("x", "rad", READS["theta"], time), ("y", "Nm", READS["torque"][40:], time[40:]),
+        )
+    ]  # fmt: skip
+
+    guesses = guessed_columns(channels)
+
+    assert [(guess.column, guess.is_sure) for guess in guesses] == [
+        ("theta", True), ("torque", True),
+    ]  # fmt: skip
+    assert all("as a spring" in guess.why for guess in guesses)
 
 
 def test_no_room_but_the_commands_imports_the_drafts():

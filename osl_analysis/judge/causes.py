@@ -181,7 +181,10 @@ def rank_of(number: Beyond) -> int:
 
 
 def causes_in(
-    row: AnyRow, numbers: Mapping[str, Beyond], misfit_by: KnownFinding | None
+    row: AnyRow,
+    numbers: Mapping[str, Beyond],
+    misfit_by: KnownFinding | None,
+    fault: KnownFinding | None,
 ) -> list[CauseInRow]:
     """Order the numbers of a row by their causes.
 
@@ -192,25 +195,24 @@ def causes_in(
         Its numbers beyond their limits, by column.
     misfit_by : KnownFinding or None
         What explains the misfit of the trial, which takes the columns that show it.
+    fault : KnownFinding or None
+        A fault of the recording that spoils its estimates.
 
     Returns
     -------
     list of CauseInRow
-        Causes of others first, unknown ones last. Beside a cause that spoils all estimates, no
-        other that makes the fit worse is named.
+        Causes of others first, unknown ones last. All that may be the effect of a fault of the
+        recording is evidence of this fault.
     """
     numbers_of: dict[str, list[Beyond]] = {}
+    causes = {number.column: cause_of(number, row) for number in numbers.values()}
+    fault = fault or next((cause for cause in causes.values() if cause.spoils_estimates), None)
     for number in sorted(numbers.values(), key=rank_of):
+        cause = causes[number.column]
         is_misfit = number.column in EVIDENCE and EVIDENCE[number.column].is_misfit
-        cause = cause_of(number, row)
-        if misfit_by is not None and is_misfit:
+        if fault is not None and (is_misfit or cause.explains_misfit or cause.is_misfit):
+            cause = fault
+        elif misfit_by is not None and is_misfit:
             cause = misfit_by
         numbers_of.setdefault(cause.name, []).append(number)
-    causes = [known_finding(name) for name in numbers_of]
-    spoiler = next((cause for cause in causes if cause.spoils_estimates), None)
-    in_row = []
-    for cause in causes:
-        is_effect = spoiler is not None and cause.explains_misfit and cause is not spoiler
-        if not is_effect:
-            in_row.append(CauseInRow(cause, tuple(numbers_of[cause.name])))
-    return in_row
+    return [CauseInRow(known_finding(name), tuple(of)) for name, of in numbers_of.items()]

@@ -66,10 +66,10 @@ def gather(
     limits: Limits | None = None,
     fits: Sequence[Path] = (),
     limits_of_fits: Limits | None = None,
-    faults: Mapping[str, str] | None = None,
     places: Places | None = None,
     evidence: Path | None = None,
     evidence_columns: Collection[str] = (),
+    faults: Mapping[str, str] | None = None,
     data: str = "",
 ) -> None:
     """Write one table from the tables of single trials, in the order given.
@@ -83,12 +83,12 @@ def gather(
         By which doubtful fits are marked; None: the table is not judged.
     fits, limits_of_fits
         The trials' fits of the table whose doubts the rows share, with the limits of that table.
-    faults : Mapping of str to str or None
-        By trial, the finding of a fault of its recording that spoils the estimates.
     places : Places or None
         Joint and side of each trial.
     evidence, evidence_columns
         A file for these columns; the table has all others.
+    faults : Mapping of str to str or None
+        By trial, the finding of a fault of its recording that spoils the estimates.
     data : str
         Whether the recordings are simulated or measured.
 

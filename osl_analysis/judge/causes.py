@@ -181,10 +181,7 @@ def rank_of(number: Beyond) -> int:
 
 
 def causes_in(
-    row: AnyRow,
-    numbers: Mapping[str, Beyond],
-    misfit_by: KnownFinding | None,
-    fault: KnownFinding | None,
+    row: AnyRow, numbers: Mapping[str, Beyond], misfit_by: KnownFinding | None
 ) -> list[CauseInRow]:
     """Order the numbers of a row by their causes.
 
@@ -195,24 +192,31 @@ def causes_in(
         Its numbers beyond their limits, by column.
     misfit_by : KnownFinding or None
         What explains the misfit of the trial, which takes the columns that show it.
-    fault : KnownFinding or None
-        A fault of the recording that spoils its estimates.
 
     Returns
     -------
     list of CauseInRow
-        Causes of others first, unknown ones last. All that may be the effect of a fault of the
-        recording is evidence of this fault.
+        Causes of others first, unknown ones last.
     """
     numbers_of: dict[str, list[Beyond]] = {}
-    causes = {number.column: cause_of(number, row) for number in numbers.values()}
-    fault = fault or next((cause for cause in causes.values() if cause.spoils_estimates), None)
     for number in sorted(numbers.values(), key=rank_of):
-        cause = causes[number.column]
-        is_misfit = number.column in EVIDENCE and EVIDENCE[number.column].is_misfit
-        if fault is not None and (is_misfit or cause.explains_misfit or cause.is_misfit):
-            cause = fault
-        elif misfit_by is not None and is_misfit:
-            cause = misfit_by
+        cause = cause_of(number, row)
+        if misfit_by is not None and number.column in EVIDENCE:
+            cause = misfit_by if EVIDENCE[number.column].is_misfit else cause
         numbers_of.setdefault(cause.name, []).append(number)
     return [CauseInRow(known_finding(name), tuple(of)) for name, of in numbers_of.items()]
+
+
+def with_effects(causes: list[CauseInRow], fault: KnownFinding | None) -> list[CauseInRow]:
+    """Causes of which those that may be effects of a fault of the recording are evidence of it.
+    `fault` is what a check of the recording found; None: what the row shows."""
+    fault = fault or next((each.cause for each in causes if each.cause.spoils_estimates), None)
+    effects = [
+        each
+        for each in causes
+        if each.cause is fault or each.cause.explains_misfit or each.cause.is_misfit
+    ]
+    if fault is None or not effects:
+        return causes
+    numbers = tuple(number for each in effects for number in each.numbers)
+    return [CauseInRow(fault, numbers), *(each for each in causes if each not in effects)]

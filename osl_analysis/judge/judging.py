@@ -18,6 +18,7 @@ from osl_analysis.judge.causes import (
     explaining,
     limits_in,
     numbers_beyond,
+    with_effects,
 )
 from osl_analysis.judge.finding import (
     AnyRow,
@@ -29,7 +30,7 @@ from osl_analysis.judge.finding import (
     subject_of,
 )
 from osl_analysis.judge.known_findings import EVIDENCE, FINDINGS, HYPOTHESES, KnownFinding
-from osl_analysis.judge.limits import Accuracy, Limits
+from osl_analysis.judge.limits import Limits
 from osl_analysis.judge.moved_estimates import (
     corrections,
     is_within_accuracy,
@@ -125,7 +126,7 @@ def judged(
     -------
     list of list of Finding
         For each row doubts in the order of their limits, remarks on the device, then what could
-        not be checked; nothing of what moves the estimates by less than their accuracy. Rows
+        not be checked; nothing of faults that move the estimates by less than their accuracy. Rows
         without a fit have none.
 
     Raises
@@ -154,9 +155,14 @@ def judged(
         is_whole_sound = row.trial in of_whole and not of_whole[row.trial]
         remedy = remedy_of(row, row.trial in with_amplitudes, is_whole_sound)
         misfit_by = explaining(row.row, row.numbers) or misfit_of_trial[row.trial]
+        causes = [
+            each
+            for each in causes_in(row.row, row.numbers, misfit_by)
+            if each.cause.is_result
+            or not is_within_accuracy(name, row.row, each.cause, each.numbers, limits.accuracy)
+        ]
         fault = FINDINGS.get((faults or {}).get(str(row.trial), ""))
-        causes = causes_in(row.row, row.numbers, misfit_by, fault)
-        findings.append(findings_of_row(name, row.row, causes, remedy, limits.accuracy))
+        findings.append(findings_of_row(name, row.row, with_effects(causes, fault), remedy))
     return findings
 
 
@@ -195,7 +201,7 @@ def misfits_by_trial(rows: Sequence[JudgedRow]) -> dict[object, KnownFinding | N
 
 
 def findings_of_row(
-    table: str, row: AnyRow, causes: Sequence[CauseInRow], remedy: Remedy, accuracy: Accuracy
+    table: str, row: AnyRow, causes: Sequence[CauseInRow], remedy: Remedy
 ) -> list[Finding]:
     """The doubts about a row by their causes, remarks on properties of the device, and what could
     not be checked."""
@@ -205,8 +211,6 @@ def findings_of_row(
         finding = finding_of_cause(table, row, in_row, remedy)
         if finding.name == UNEXPLAINED and any(doubt.name in RIVALS for doubt in doubts):
             continue  # a rival explains what it can
-        if is_within_accuracy(table, row, in_row.cause, in_row.numbers, accuracy):
-            continue  # it changes nothing that anybody needs
         if in_row.cause.is_result:
             remarks.append(replace(finding, grade=Grade.NOTES))
         else:

@@ -1,5 +1,5 @@
-"""Fit the weights of `osl_analysis/draft/likelihoods.yaml` on one half of the labelled recordings of
-`draft_labels.yaml`, and judge them by the other half:
+"""Fit the weights of `osl_analysis/draft/likelihoods.yaml` on one half of the labelled recordings
+of `draft_labels.yaml`, and judge them by the other half:
 
 python benchmarks/draft_weights.py [--write]
 """
@@ -19,8 +19,8 @@ from scipy.optimize import minimize
 
 from osl_analysis.draft import likelihood
 from osl_analysis.draft.draft_source import drafted_log
-from osl_analysis.draft.guesses import evidence_in_log, guesses_from, the_spring
-from osl_analysis.draft.overview import RecordedChannel, inspect_recording
+from osl_analysis.draft.guesses import Guess, decide
+from osl_analysis.draft.overview import inspect_recording
 from osl_analysis.trial import Array
 
 LABELS = Path(__file__).with_name("draft_labels.yaml")
@@ -29,7 +29,12 @@ SAMPLES = 1500
 RIDGE = 0.03  # of the squares of the weights, which bounds what words in few names say
 DOUBT = 0.5  # probability of its column for a channel whose name leaves a doubt
 # what a channel alone does not tell from such a column
-AS_COLUMN = {"other_angle": "theta", "other_torque": "torque", "held_theta_m": "theta_m"}
+AS_COLUMN = {
+    "other_angle": "theta",
+    "other_torque": "torque",
+    "held_theta_m": "theta_m",
+    "small_theta": "theta",
+}
 Labels = Mapping[str, str]  # what each channel is, by its name
 
 
@@ -67,6 +72,7 @@ def signals(seed: int) -> dict[str, Array]:
         "current_command": drive,
         "torque_m": 1.2 * drive + 0.3 * np.tanh(np.cos(0.4 * turn)) + 0.05 * noise[6],
         "theta_m": 9 * np.sin(0.4 * turn + 0.3) + 1e-3 * noise[7],
+        "small_theta": 0.08 * command + 3e-5 * noise[12],
         "held_theta_m": 2e-3 * drive + 1e-5 * noise[11],
         "omega_m": 40 * np.cos(0.4 * turn + 0.3) + 0.1 * noise[8],
         "speed_command": 40 * np.cos(0.4 * turn + 0.3),
@@ -96,11 +102,10 @@ def write_recording(labels: Labels, path: Path, seed: int) -> None:
 
 @dataclass(frozen=True)
 class LabelledLog:
-    """A log's channels but for its clock, what speaks for their columns, and what each is."""
+    """What the channels of a log are taken for, but for its clock, and what each is."""
 
     name: str
-    channels: Sequence[RecordedChannel]
-    evidence: Sequence[set[str]]
+    guesses: Sequence[Guess]
     labels: Sequence[str]
 
 
@@ -113,23 +118,27 @@ def labelled_logs() -> list[LabelledLog]:
             write_recording(labels, path, seed)
             overview = inspect_recording(path)
             addresses = [channel.address for channel in overview.channels]
-            log = drafted_log(overview)
-            own = [list(labels.values())[addresses.index(each.address)] for each in log.signals]
-            logs.append(LabelledLog(name, log.signals, evidence_in_log(log.signals), own))
+            guesses = drafted_log(overview).guesses
+            places = [addresses.index(guess.channel.address) for guess in guesses]
+            logs.append(LabelledLog(name, guesses, [[*labels.values()][k] for k in places]))
     return logs
 
 
 def fitted_weights(logs: Sequence[LabelledLog]) -> dict[str, dict[str, float]]:
     """The weights that make the labels most likely, with small ones preferred."""
     columns = likelihood.likelihoods()["columns"]
-    names = ["always", *sorted({one for log in logs for each in log.evidence for one in each})]
+    names = [
+        "always",
+        *sorted({one for log in logs for guess in log.guesses for one in guess.evidence}),
+    ]
     rows: list[Array] = []
     allowed: list[Array] = []
     target: list[Array] = []
     for log in logs:
-        for channel, evidence, label in zip(log.channels, log.evidence, log.labels, strict=True):
-            possible = likelihood.allowed_columns(channel)
-            rows.append(np.array([name == "always" or name in evidence for name in names], float))
+        for guess, label in zip(log.guesses, log.labels, strict=True):
+            possible = likelihood.allowed_columns(guess.channel)
+            known = {"always", *guess.evidence}
+            rows.append(np.array([name in known for name in names], float))
             allowed.append(np.array([True, *(column in possible for column in columns)]))
             share = np.zeros(1 + len(columns))
             column = AS_COLUMN.get(label.rstrip("?~"), label.rstrip("?~"))
@@ -167,21 +176,18 @@ def with_springs(logs: Sequence[LabelledLog]) -> list[LabelledLog]:
     settles a doubt of a name."""
     more: list[LabelledLog] = []
     for log in logs:
-        likely = [
-            likelihood.probabilities(channel, evidence)
-            for channel, evidence in zip(log.channels, log.evidence, strict=True)
-        ]
-        spring = the_spring(log.channels, likely)
-        if spring is not None and spring.is_clear:
-            evidence = [
-                each | {"spring"} if place in spring.places else each
-                for place, each in enumerate(log.evidence)
+        decide(log.guesses)
+        is_spring = ["as a spring" in guess.why for guess in log.guesses]
+        if any(is_spring):
+            guesses = [
+                replace(guess, evidence={*guess.evidence, "spring"}) if is_one else guess
+                for guess, is_one in zip(log.guesses, is_spring, strict=True)
             ]
             labels = [
-                label.rstrip("?") if place in spring.places else label
-                for place, label in enumerate(log.labels)
+                label.rstrip("?") if is_one else label
+                for label, is_one in zip(log.labels, is_spring, strict=True)
             ]
-            more.append(replace(log, evidence=evidence, labels=labels))
+            more.append(LabelledLog(log.name, guesses, labels))
     return [*logs, *more]
 
 
@@ -190,9 +196,10 @@ def judged(logs: Sequence[LabelledLog]) -> dict[str, int]:
     printed."""
     counts = dict.fromkeys(("right", "asked", "wrong", "missed", "left out"), 0)
     for log in logs:
-        guesses = guesses_from(log.channels, log.evidence)
-        for channel, guess, label in zip(log.channels, guesses, log.labels, strict=True):
-            truth = label.rstrip("?~").removeprefix("held_")
+        guesses = [replace(guess) for guess in log.guesses]
+        decide(guesses)
+        for guess, label in zip(guesses, log.labels, strict=True):
+            truth = label.rstrip("?~").removeprefix("held_").removeprefix("small_")
             is_column = truth in likelihood.likelihoods()["columns"]
             if guess.is_sure:
                 verdict = "right" if guess.column == truth else "wrong"
@@ -202,7 +209,9 @@ def judged(logs: Sequence[LabelledLog]) -> dict[str, int]:
                 verdict = "missed" if is_column else "left out"
             counts[verdict] += 1
             if verdict in ("wrong", "missed") or (verdict == "asked" and label[-1] not in "?~"):
-                print(f"{verdict}: {log.name}: {channel.key} is {label}, guessed {guess.column}")
+                print(
+                    f"{verdict}: {log.name}: {guess.channel.key} is {label}, guessed {guess.column}"
+                )
     return counts
 
 

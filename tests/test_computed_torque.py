@@ -4,10 +4,10 @@ import numpy as np
 import polars as pl
 import pytest
 
-from osl_analysis.errors import InputError
 from osl_analysis.draft.draft_source import draft_source
-from osl_analysis.ingest.guard import check_own_torque
 from osl_analysis.draft.overview import inspect_recording
+from osl_analysis.errors import InputError
+from osl_analysis.ingest.guard import check_own_torque
 from osl_analysis.ingest.raw_files import trial_from_files
 from osl_analysis.measured import Signal, computed_from
 

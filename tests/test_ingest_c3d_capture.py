@@ -14,11 +14,11 @@ from recognised_files import refusal_by
 from scipy.spatial.transform import Rotation
 
 from osl_analysis import formats
+from osl_analysis.draft.overview import inspect_recording
 from osl_analysis.errors import InputError
 from osl_analysis.formats import known_formats
 from osl_analysis.ingest.conversion import Converted
 from osl_analysis.ingest.force_plates import convert_plate, wrench
-from osl_analysis.draft.overview import inspect_recording
 from osl_analysis.ingest.raw_files import read_converted, read_source
 from osl_analysis.source_file import Source
 

@@ -16,10 +16,10 @@ from c3d_builder import write_c3d
 from recognised_files import refusal_by
 
 from osl_analysis.commands.trials import ingest_trial, inspect_file
+from osl_analysis.draft.draft_source import draft_source
 from osl_analysis.errors import InputError
 from osl_analysis.formats import known_formats, recognise
 from osl_analysis.formats.mcap import MAGIC
-from osl_analysis.draft.draft_source import draft_source
 from osl_analysis.ingest.raw_files import is_capture, read_source, trial_from_files
 from osl_analysis.recording import Channel, Format, Recording, Rows
 from osl_analysis.source_file import LogChannel, RowTime, TableSource

@@ -173,13 +173,15 @@ def is_ready(folder: Path, draft: Draft) -> bool:
 
 def first_look(folder: Path) -> list[str]:
     """What a run of a campaign would refuse before its first job, or of single trials."""
+    problems: list[str] = []
     with chdir(folder):
         try:
             campaign = open_campaign(read_config(CAMPAIGN), None)
+            problems += source_problems(campaign).values()
             check_start(campaign)
         except InputError as error:
-            return [str(error)]
-        return list(dict.fromkeys(source_problems(campaign).values()))
+            problems.append(str(error))
+    return list(dict.fromkeys(problems))
 
 
 def campaign_text(folder: Path, draft: Draft) -> str:

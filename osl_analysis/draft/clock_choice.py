@@ -1,19 +1,17 @@
 """The clock that a draft names among the channels of a table, and what the user has to decide."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from osl_analysis.draft.recorded_channel import RecordedChannel
 from osl_analysis.errors import listing, printable
 from osl_analysis.ingest.likely_clock import (
     NOT_OF_ROWS,
     OF_ROWS,
     is_like_clock,
-    likely_unit,
     span_ratio,
     stated_rate,
     tells_time,
@@ -30,98 +28,89 @@ MOST_SHOWN = 6  # clocks in a question
 
 @dataclass(frozen=True)
 class ClockChoice:
-    """The clock, by the key of its channel; None if none is, or several contradict each other. And
-    what the user has to decide."""
+    """The clock; None if none is, or several contradict each other. And what the user has to
+    decide."""
 
-    key: str | None = None
+    channel: RecordedChannel | None = None
     questions: Sequence[str] = ()
 
 
-def choose_clock(
-    readings: Mapping[str, NDArray[Any]],
-    names: Mapping[str, str],
-    units: Mapping[str, str],
-    what: str,
-    stamps: Sequence[str] = (),
-) -> ClockChoice:
+def choose_clock(channels: Sequence[RecordedChannel]) -> ClockChoice:
     """Choose the clock of a table.
 
-    It is the first of those that are named like a clock, or else of those that rise as one, a
-    guess. It is none if another one that tells time spans another time in s, ms, us or ns: B and I
-    depend on the choice.
-
-    Parameters
-    ----------
-    readings
-        Shape (n,) each, by the key of the channel.
-    names, units
-        Of the channels, as the file states them, by key.
-    what
-        What a channel is called, for messages.
-    stamps
-        Keys of channels that hold times of day, which go before others.
+    It is the first of those that hold times of day, or that are named like a clock, or else of
+    those that rise as one, a guess. It is none if another one that tells time spans another time in
+    s, ms, us or ns: B and I depend on the choice.
     """
     # the shortest first: those of a message before those of its parts
-    ordered = sorted(readings, key=lambda key: key.count("."))
-    rising = [key for key in ordered if ticks(readings[key], units[key])]
+    ordered = sorted(channels, key=lambda channel: channel.key.count("."))
+    rising = [one for one in ordered if one.is_stamp or ticks(numbers_of(one), one.unit)]
     named = (
-        list(stamps)
-        or [key for key in ordered if is_clock(names[key])]
-        or [key for key in rising if is_like_clock(names[key])]
+        [one for one in ordered if one.is_stamp][:1]
+        or [one for one in ordered if is_clock(one.name)]
+        or [one for one in rising if is_like_clock(one.name)]
     )
-    candidates = running(readings, named or rising)
-    if not candidates:
+    clocks = running(named or rising)
+    if not clocks:
         return ClockChoice()
-    telling = [key for key in rising if named and tells_time(names[key], units[key])]
-    others = [key for key in telling if is_apart(readings[key], readings[candidates[0]])]
-    if others and span_of(readings[candidates[0]]) > 0:
-        candidates = running(readings, [candidates[0], *others])
-    first = candidates[0]
-    if any(is_apart(readings[key], readings[first]) for key in candidates):
-        spans = [f"{printable(key)} spans {span_of(readings[key]):.6g}" for key in candidates]
+    telling = [one for one in rising if named and tells_time(one.name, one.unit)]
+    rivals = [one for one in telling if is_apart(one, clocks[0])]
+    if rivals and span_of(clocks[0]) > 0:
+        clocks = running([clocks[0], *rivals])
+    first = clocks[0]
+    what = f"{len(clocks)} {first.kind}s may be the clock"
+    if any(is_apart(one, first) for one in clocks):
+        spans = [f"{printable(one.key)} spans {span_of(one):.6g}" for one in clocks]
         question = (
-            f"{len(candidates)} {what} may be the clock, and they contradict each other:"
-            f" {listing(spans, MOST_SHOWN)}; name the one by which the signals were sampled"
+            f"{what}, and they contradict each other: {listing(spans, MOST_SHOWN)}; name the one by"
+            " which the signals were sampled"
         )
         return ClockChoice(None, [question])
-    if len(candidates) > 1:
-        named_so = listing([printable(key) for key in candidates], MOST_SHOWN)
-        question = f"{len(candidates)} {what} may be the clock, to be checked: {named_so};"
-        return ClockChoice(first, [f"{question} {printable(first)} is taken"])
+    if len(clocks) > 1:
+        names = listing([printable(one.key) for one in clocks], MOST_SHOWN)
+        question = f"{what}, to be checked: {names}; {printable(first.key)} is taken"
+        return ClockChoice(first, [question])
     if named:
         return ClockChoice(first)
-    step = float(np.median(np.diff(readings[first])))
-    unit = units[first] or time_unit(readings[first])
+    step = float(np.median(np.diff(numbers_of(first))))
+    unit = first.unit or time_unit(numbers_of(first))
     return ClockChoice(
-        first, [f"time is a guess: {printable(first)} rises by {step:.4g} {unit} a row"]
+        first, [f"time is a guess: {printable(first.key)} rises by {step:.4g} {unit} a row"]
     )
 
 
-def running(readings: Mapping[str, NDArray[Any]], keys: Sequence[str]) -> list[str]:
+def numbers_of(channel: RecordedChannel) -> Array:
+    """The readings (n,) of a channel; none where they were not read."""
+    return np.empty(0) if channel.numbers is None else channel.numbers
+
+
+def running(clocks: Sequence[RecordedChannel]) -> list[RecordedChannel]:
     """Those of some clocks that run, if any does, and that rise in most rows, if any does: others
     are of whole seconds."""
-    moving = [key for key in keys if span_of(readings[key]) > 0] or list(keys)
-    fine = [key for key in moving if 2 * (np.diff(readings[key]) > 0).sum() > len(readings[key])]
+    moving = [one for one in clocks if span_of(one) > 0] or list(clocks)
+    fine = [one for one in moving if (np.diff(numbers_of(one)) > 0).sum() > one.count / 2]
     return fine or moving
 
 
-def is_apart(clock: Array, other: Array) -> bool:
-    """Whether two clocks (n,) span other times, where both have readings, in s, ms, us or ns."""
-    if clock.shape == other.shape:
-        known = np.isfinite(clock) & np.isfinite(other)
-        clock, other = clock[known], other[known]
-    span, other_span = span_of(clock), span_of(other)
+def is_apart(clock: RecordedChannel, other: RecordedChannel) -> bool:
+    """Whether two clocks span other times, where both have readings, in s, ms, us or ns."""
+    span, other_span = span_of(clock, beside=other), span_of(other, beside=clock)
     if min(span, other_span) <= 0:
         return span != other_span
     return abs(span_ratio(span, other_span, ()) - 1) > ALIKE
 
 
-def span_of(values: Array) -> float:
-    """Last minus first of the readings (n,) of a clock, in its unit; 0 if many steps go back."""
-    known = values[np.isfinite(values)].astype(np.float64)
-    if known.size < 2 or float(np.mean(np.diff(known) >= 0)) <= 1 - MOST_BACK:
+def span_of(clock: RecordedChannel, beside: RecordedChannel | None = None) -> float:
+    """Last minus first of the readings of a clock, in its unit, where `beside` has some too; 0 if
+    many steps go back."""
+    values = numbers_of(clock)
+    known = np.isfinite(values)
+    if beside is not None and len(numbers_of(beside)) == len(values):
+        known &= np.isfinite(numbers_of(beside))
+    read = values[known]
+    if read.size < 2 or np.mean(np.diff(read) >= 0) <= 1 - MOST_BACK:
         return 0.0
-    return max(float(known[-1] - known[0]), 0.0)
+    return max(float(read[-1] - read[0]), 0.0)
 
 
 def gaps_text(time: Array) -> str:
@@ -130,9 +119,8 @@ def gaps_text(time: Array) -> str:
     steps = np.diff(np.sort(time))
     usual = float(np.median(steps)) if steps.size else 0.0
     wide = steps[(steps > 1.5 * usual) & (usual > 0)]
-    gaps = f" gaps, the longest {wide.max(initial=0.0):.3f} s"
     counts = {
-        gaps: wide.size,
+        f" gaps, the longest {wide.max(initial=0.0):.3f} s": wide.size,
         " stamps out of order": int((np.diff(time) < 0).sum()),
         " stamps twice": int((steps == 0).sum()),
     }
@@ -151,8 +139,3 @@ def rate_in_words(texts: Sequence[str]) -> tuple[float | None, list[str]]:
         "which rate is that of the rows? State it, as `time: {rate: HZ}`:"
         f" {printable(listing(telling, 4))}"
     ]
-
-
-def clock_unit(name: str, readings: Array) -> str:
-    """The likely unit of a clock without a stated one; empty if nothing tells it."""
-    return likely_unit(name) or time_unit(readings)

@@ -12,7 +12,6 @@ from osl_analysis.draft.draft_session import (
     gate_lengths,
     is_gated,
     join_session_log,
-    state_unit_of_angle,
 )
 from osl_analysis.draft.draft_sheet import (
     UNNAMED,
@@ -29,8 +28,9 @@ from osl_analysis.draft.draft_source import (
     pulse_channels,
 )
 from osl_analysis.draft.draft_walking import draft_walking, segment_of, stepping_leg
-from osl_analysis.draft.guesses import named_joint, turns_slowly
-from osl_analysis.draft.overview import FEWEST_READINGS, Overview, inspect_recording
+from osl_analysis.draft.guesses import joints_named, turns_slowly
+from osl_analysis.draft.overview import FEWEST_READINGS, inspect_recording
+from osl_analysis.draft.recorded_channel import Overview
 from osl_analysis.errors import InputError, listing
 from osl_analysis.files import shipped
 from osl_analysis.formats import TEXT_PRIORITY, formats_of, known_formats
@@ -81,6 +81,7 @@ class Described:
     overview: Overview
     source: str
     log: DraftedLog | None  # None for a capture
+    recorder: str  # name of the shipped source file of its recorder; empty if unknown
 
     @property
     def tells(self) -> tuple[bool, int, int]:
@@ -90,7 +91,7 @@ class Described:
         is_joint = not is_fixture_alone(self.file)
         if self.log is None:
             return is_joint, len(self.overview.channels), int("axes" in self.overview.settings)
-        moving = sum(not guess.is_no_signal for guess in self.log.guesses)
+        moving = sum(not guess.why_not for guess in self.log.guesses)
         return is_joint, len(self.overview.channels), moving
 
     @property
@@ -124,7 +125,6 @@ def draft_campaign(folder: Path) -> Draft:
     draft.trials = trials_of(draft, logs, captures)
     join_log_of_session(draft, logs, captures)
     align_clocks(draft)
-    state_units_of_angles(draft, logs, captures)
     ask(draft, described, captures)
     return draft
 
@@ -163,7 +163,7 @@ def describe_recordings(folder: Path, draft: Draft) -> list[Described]:
         number = 1 + sum(one[0] == overview.format for one in names)
         own_name = overview.format if number == 1 else f"{overview.format}_{number}"
         source = names.setdefault(layout, recorder or own_name)
-        described.append(Described(path.relative_to(folder), overview, source, log))
+        described.append(Described(path.relative_to(folder), overview, source, log, recorder))
     return described
 
 
@@ -188,7 +188,7 @@ def known_recorder(overview: Overview) -> str:
 
 def draft_sources(described: Sequence[Described]) -> dict[str, DraftedSource]:
     """Draft a source file for each kind of recordings, by the one that tells most; that of a known
-    recorder is the shipped one, with what else it has recorded."""
+    recorder is the shipped one."""
     best: dict[str, Described] = {}
     for one in described:
         if one.source not in best or one.tells > best[one.source].tells:
@@ -196,8 +196,8 @@ def draft_sources(described: Sequence[Described]) -> dict[str, DraftedSource]:
     sources: dict[str, DraftedSource] = {}
     for name, one in best.items():
         sources[name] = drafted_source(one.overview, one.file.name, one.log)
-        own = shipped(f"config/sources/{name}.yaml")
-        if own.is_file():
+        if one.recorder:
+            own = shipped(f"config/sources/{one.recorder}.yaml")
             sources[name].known = own.read_text(encoding="utf-8")
     return sources
 
@@ -222,11 +222,11 @@ def trials_of(
     files = [(one.file, one.source, False) for one in logs]
     files += [(one.file, one.source, True) for one in captures]
     trials = draft_trials(files, moved, has_fixed_plates(captures))
-    for source, alike in of_joints.items():
-        joint = named_joint([channel for one in alike for channel in one.overview.channels])
+    for name, alike in of_joints.items():
+        joints = joints_named([channel for one in alike for channel in one.overview.channels])
         for trial in trials:
-            if joint and trial.cells.get("log_source") == source:
-                trial.cells["joint"] = joint
+            if len(joints) == 1 and trial.cells.get("log_source") == name:
+                trial.cells["joint"] = joints[0]
     return trials
 
 
@@ -263,7 +263,7 @@ def join_log_of_session(
     for trial in walks.values():
         trial.cells.update(log=session.key, log_source=session.source)
     draft.trials.remove(alone[0])
-    side = stepping_leg([capture.overview for capture in of_walks]).side
+    side, _ = stepping_leg([capture.overview for capture in of_walks])
     for name, capture in {one.source: one for one in reversed(of_walks)}.items():
         join_session_log(draft.source_files[name], capture.overview, side)
 
@@ -282,27 +282,12 @@ def align_clocks(draft: Draft) -> None:
             log.settings["clock"] = "common"
 
 
-def state_units_of_angles(
-    draft: Draft, logs: Sequence[Described], captures: Sequence[Described]
-) -> None:
-    """State the unit of the angle of logs beside captures, where the markers tell it."""
-    for trial in draft.trials:
-        if trial.cells["experiment"] != "walking":
-            continue
-        log = next((one for one in logs if one.key == trial.cells.get("log")), None)
-        capture = next((one for one in captures if one.key == trial.cells.get("mocap")), None)
-        if log is not None and log.log is not None and capture is not None:
-            side = stepping_leg([one.overview for one in captures]).side
-            source = draft.source_files[log.source]
-            state_unit_of_angle(source, log.log, capture.overview, side)
-
-
 def ask(draft: Draft, described: Sequence[Described], captures: Sequence[Described]) -> None:
     """Draft the walking analysis, and gather what the user has to decide."""
     for one in described:
         draft.open += [(one.file, text) for text in one.overview.open]
         for guess in one.log.guesses if one.log is not None else ():
-            if guess.formula and not guess.is_no_signal:
+            if guess.formula and not guess.why_not:
                 draft.open.append((one.file, f"{guess.column}: {guess.formula}"))
     draft.open += cut_files(described)
     may_walk = any(

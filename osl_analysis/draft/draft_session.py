@@ -8,16 +8,13 @@ import numpy as np
 
 from osl_analysis.draft.draft_source import DraftedLog, DraftedSource, Entry, with_number
 from osl_analysis.draft.draft_walking import segment_of
-from osl_analysis.draft.overview import Overview, RecordedChannel
-from osl_analysis.ingest.clock import GATE_STEPS, angle_at, find_edges
-from osl_analysis.ingest.placeholders import UNKNOWN
+from osl_analysis.draft.recorded_channel import Overview, RecordedChannel
+from osl_analysis.ingest.clock import GATE_STEPS, find_edges
 from osl_analysis.trial import Array
 from osl_analysis.units import dimension
 
 HIGH_V = 1.0  # of a gate while cameras record; a line that nothing is connected to is near 0
 MOST_NOISE = 0.02  # SD of its level, as a share
-ANGLE_UNITS = {"rad": 1.0, "deg": float(np.rad2deg(1.0))}
-LARGEST_UNIT_RATIO = 2.5  # of the ranges of encoder and markers; two units differ by 57
 
 
 def gate_lengths(log: DraftedLog) -> Array:
@@ -52,8 +49,8 @@ def join_session_log(source: DraftedSource, capture: Overview, side: str) -> Non
         source.entries.insert(0, Entry("sync", fields, "a guess: it is high throughout"))
     markers = angle_markers(capture, side)
     if markers:
-        source.settings["shared"] = {"column": "theta", "markers": list(markers)}
-        source.questions.append(f"shared: a guess, by the names {json.dumps(list(markers))}")
+        source.settings["shared"] = {"column": "theta", "markers": markers}
+        source.questions.append(f"shared: a guess, by the names {json.dumps(markers)}")
 
 
 def is_high_throughout(channel: RecordedChannel) -> bool:
@@ -64,45 +61,17 @@ def is_high_throughout(channel: RecordedChannel) -> bool:
     return level > HIGH_V and float(np.std(channel.numbers)) < MOST_NOISE * level
 
 
-def angle_markers(capture: Overview, side: str) -> dict[str, Array]:
-    """Positions of the markers of knee, ankle and forefoot of the leg of a side, by name; empty if
-    the names do not tell one of each."""
-    tracks = {
-        one.name or one.key: one.numbers
-        for one in capture.channels
-        if one.kind == "marker" and one.numbers is not None
-    }
+def angle_markers(capture: Overview, side: str) -> list[str]:
+    """The names of the markers of knee, ankle and forefoot of the leg of a side; empty if the names
+    do not tell one of each."""
+    markers = [one.name or one.key for one in capture.channels if one.kind == "marker"]
+    names = list(dict.fromkeys(markers))
     knee = rf"{side}[._ ]?(LAT[._ ]?)?KNEE?"
-    knees = [name for name in tracks if re.fullmatch(knee, name.upper())]
-    ankles = [name for name in tracks if segment_of(name) == (side, "ankle_lateral")]
+    knees = [name for name in names if re.fullmatch(knee, name.upper())]
+    ankles = [name for name in names if segment_of(name) == (side, "ankle_lateral")]
     feet = [
         name
-        for name in tracks
+        for name in names
         if segment_of(name) == (side, "foot") and not re.search("HEE|CAL|FCC", name.upper())
     ]
-    if len(knees) != 1 or len(ankles) != 1 or not feet:
-        return {}
-    return {name: tracks[name] for name in (knees[0], ankles[0], feet[0])}
-
-
-def state_unit_of_angle(
-    source: DraftedSource, log: DraftedLog, capture: Overview, side: str
-) -> None:
-    """State the unit of theta that makes its range that of the angle of markers, in the drafted
-    source file of a log that states none."""
-    theta = log.sure("theta")
-    markers = list(angle_markers(capture, side).values())
-    if theta is None or not markers:
-        return
-    seen = angle_at(*markers)
-    seen = seen[np.isfinite(seen)]
-    if not seen.size or not np.ptp(seen) > 0:
-        return
-    ratio = float(np.ptp(theta.readings) / np.ptp(seen))
-    for entry in source.entries:
-        if entry.name != "theta" or entry.fields["unit"] != UNKNOWN:
-            continue
-        for unit, factor in ANGLE_UNITS.items():
-            if 1 / LARGEST_UNIT_RATIO < ratio / factor < LARGEST_UNIT_RATIO:
-                entry.fields["unit"] = unit
-                entry.remark = "a guess, with the unit from the markers"
+    return [knees[0], ankles[0], feet[0]] if len(knees) == len(ankles) == 1 and feet else []

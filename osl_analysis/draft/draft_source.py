@@ -2,16 +2,15 @@
 not tell is left to the user, questions first."""
 
 import json
-import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from osl_analysis.draft.guesses import Guess, gone_on, guessed_columns
+from osl_analysis.draft.guesses import Guess, guessed_columns
 from osl_analysis.draft.likelihood import COUNTS, LEVELS, likely_level, with_documented_unit
-from osl_analysis.draft.overview import Overview, RecordedChannel
+from osl_analysis.draft.recorded_channel import Overview, RecordedChannel
 from osl_analysis.errors import listing
 from osl_analysis.formats import known_formats
 from osl_analysis.ingest.clock import MINIMUM_EDGES, find_edges
@@ -29,18 +28,15 @@ TIME_KEYS = ("column", "variable", "field", "channel")
 
 @dataclass(frozen=True)
 class DraftedLog:
-    """The channels of a log that may be signals, what each may be, and its clock."""
+    """What the channels of a log may be, and its clock."""
 
-    signals: Sequence[RecordedChannel]
     guesses: Sequence[Guess]
     clock: RecordedChannel | None
 
     def sure(self, column: str) -> RecordedChannel | None:
         """The channel that is surely a column, unwrapped."""
-        for channel, guess in zip(self.signals, self.guesses, strict=True):
-            if guess.is_sure and guess.column == column:
-                return gone_on(channel, guess.wraps_at)
-        return None
+        sure = (one.channel for one in self.guesses if one.is_sure and one.column == column)
+        return next(sure, None)
 
 
 @dataclass
@@ -78,7 +74,7 @@ class DraftedSource:
     notes
         Comments below the entries.
     known
-        Text of the shipped source file of the recorder, which has the place of the settings.
+        Text of the shipped source file of the recorder, which is taken as it is.
     """
 
     settings: dict[str, object]
@@ -97,23 +93,16 @@ class DraftedSource:
     def text(self) -> str:
         """The source file."""
         if self.known:
-            further = [entry.line for entry in self.named if self.is_further(entry)]
-            has_key = re.search(rf"^{self.key}:$", self.known, re.MULTILINE) is not None
-            above = [f"{self.key}:"] if further and not has_key else []
-            return self.known + "".join(f"{line}\n" for line in [*above, *further])
+            return self.known
         lines = [f"{key}: {json.dumps(value)}" for key, value in self.settings.items()]
-        lines = [lines[0].replace('"', ""), *lines[1:]]
+        lines[0] = lines[0].replace('"', "")
         lines += [f"# {text}" for text in self.questions]
         if self.key == "channels" or self.entries:
-            comment = "" if self.key == "channels" or self.named else "# "
-            lines.append(f"{comment}{self.key}:")
+            is_comment = self.key != "channels" and not self.named
+            lines.append(f"# {self.key}:" if is_comment else f"{self.key}:")
         lines += [entry.line for entry in self.entries]
         lines += [f"#   {text}" for text in self.notes]
         return "\n".join([*lines, ""])
-
-    def is_further(self, entry: Entry) -> bool:
-        """Whether an entry has a name that the shipped source file does not have."""
-        return entry.name.islower() and f"\n  {entry.name}: " not in self.known
 
     def has(self, *columns: str) -> bool:
         """Whether all columns are named."""
@@ -122,25 +111,18 @@ class DraftedSource:
 
     @property
     def places(self) -> list[str]:
-        """The places to be edited, with the column that no channel is like, unless the log stands
-        beside captures."""
+        """The places to be edited."""
         if self.known or self.key != "channels":
             return []
         time: Any = self.settings.get("time", {})
         places = [f"time.{key}" for key, value in time.items() if value in (NAME_OF_TIME, UNKNOWN)]
         for entry in self.named:
-            if not entry.name.islower() and entry.name.startswith("NAME_"):
+            if entry.name.startswith("NAME_"):
                 places.append(entry.name)
             elif entry.fields["unit"] == UNKNOWN:
                 places.append(f"{entry.name}.unit")
         if not self.named:
             places.append("channels (none may be a signal: name them, as of the comments)")
-        offered = {entry.name for entry in self.named}
-        offered |= {entry.remark.partition("?")[0] for entry in self.entries}
-        lacking = [column for column in ("theta", "torque") if column not in offered]
-        is_alone = self.settings["clock"] == "master"
-        if places and is_alone and len(lacking) == 1 and "torque_m" not in offered:
-            places.append(f"{lacking[0]} (no channel is like it: name one, as of the comments)")
         return places
 
 
@@ -157,7 +139,7 @@ def drafted_log(overview: Overview) -> DraftedLog:
         has_no_numbers = channel.numbers is not None and not channel.count
         if channel is not clock and not is_topic_alone and not has_no_numbers:
             signals.append(with_documented_unit(channel))
-    return DraftedLog(signals, guessed_columns(signals), clock)
+    return DraftedLog(guessed_columns(signals), clock)
 
 
 def draft_source(overview: Overview, name: str) -> str:
@@ -205,15 +187,15 @@ def add_markers(source: DraftedSource, overview: Overview) -> None:
     for column, channel in pulses.items():
         by_name = likely_level(channel) == column
         why = "guessed from its name" if by_name else "a guess: it is a train of pulses"
-        guess = Guess(column, is_sure=True, why=why)
-        source.entries.append(entry_of(0, with_number(channel, analogs), guess))
+        fields: dict[str, object] = {**with_number(channel, analogs).address, "unit": "V"}
+        source.entries.append(Entry(column, fields, why))
     for number, channel in enumerate(analogs, start=1):
         if not channel.group and not any(channel is pulse for pulse in pulses.values()):
             addressed = with_number(channel, analogs)
-            label = Guess(why=channel.key if addressed is not channel else "")
-            entry = entry_of(number, addressed, label)
-            entry.is_comment = True
-            source.entries.append(entry)
+            unit = channel.unit if channel.base[1] else UNKNOWN
+            remark = channel.key if addressed is not channel else ""
+            fields = {**addressed.address, "unit": unit}
+            source.entries.append(Entry(f"NAME_{number}", fields, remark, is_comment=True))
     of_plates = [one.group for one in analogs if one.group]
     if of_plates:
         plates = ", ".join(dict.fromkeys(of_plates))
@@ -271,7 +253,15 @@ def add_signals(source: DraftedSource, log: DraftedLog) -> None:
     like no column is a comment, if another channel is like one; so is, once angle and torque are
     known, a doubtful one, and one without a stated unit.
     """
-    source.questions += timing_remarks(source, log)
+    time: Any = source.settings.get("time", {})
+    if NAME_OF_TIME in time.values():
+        source.questions.append(
+            "time: name its column and unit, or state the rate of the rows, as {rate: HZ}"
+        )
+    elif log.clock and log.clock.likely_unit:
+        source.questions.append(
+            "time: its unit is guessed from its name or from the rate of its readings: check it"
+        )
     source.questions += [
         f"give each signal that you need its canonical name instead of NAME_n, state what is"
         f" {UNKNOWN}, delete the rest",
@@ -282,12 +272,12 @@ def add_signals(source: DraftedSource, log: DraftedLog) -> None:
     is_complete = {"theta", "torque"} <= sure or of_actuator
     has_likely = any(guess.column for guess in log.guesses)
     left_out: dict[str, list[str]] = {}
-    for number, (channel, guess) in enumerate(zip(log.signals, log.guesses, strict=True), start=1):
-        if guess.is_no_signal:
-            left_out.setdefault(guess.why, []).append(json.dumps(channel.key))
+    for number, guess in enumerate(log.guesses, start=1):
+        if guess.why_not:
+            left_out.setdefault(guess.why_not, []).append(json.dumps(guess.channel.key))
             continue
-        entry = entry_of(number, channel, guess)
-        has_unit = is_unit(channel.unit or channel.likely_unit)
+        entry = entry_of(number, guess)
+        has_unit = is_unit(guess.channel.unit or guess.channel.likely_unit)
         stands = guess.is_sure and (has_unit or guess.column in NAMED_ALWAYS)
         is_asked = bool(guess.column) and not is_complete
         entry.is_comment = has_likely and not stands and not is_asked
@@ -296,33 +286,16 @@ def add_signals(source: DraftedSource, log: DraftedLog) -> None:
         source.notes.append(f"left out, {why}: {listing(names, MOST_LISTED)}")
 
 
-def timing_remarks(source: DraftedSource, log: DraftedLog) -> Iterator[str]:
-    """What is to be checked of the time."""
-    time: Any = source.settings.get("time", {})
-    if NAME_OF_TIME in time.values():
-        yield "time: name its column and unit, or state the rate of the rows, as {rate: HZ}"
-    if log.clock and log.clock.likely_unit and not log.clock.unit:
-        yield "time: its unit is guessed from its name or from the rate of its readings: check it"
-
-
-def entry_of(number: int, channel: RecordedChannel, guess: Guess) -> Entry:
+def entry_of(number: int, guess: Guess) -> Entry:
     """The entry of a channel by what it may be, with the column's name where that is sure."""
-    stated = channel.unit or channel.likely_unit
-    is_count = channel.base[1] in (COUNTS if guess.column else COUNTS[:1])
-    unit = stated
-    if is_count or stated.lower() in GON:
+    channel = guess.channel
+    unit = channel.unit or channel.likely_unit
+    remarks = [guess.why if guess.is_sure else f"{guess.column}?"] if guess.column else []
+    if channel.base[1] in (COUNTS if guess.column else COUNTS[:1]) or unit.lower() in GON:
+        remarks.append(f"no known unit: {json.dumps(unit)}" if unit else "no unit is stated")
         unit = "V" if guess.column in LEVELS else UNKNOWN
-    remarks: list[str] = []
-    if guess.column and not guess.is_sure:
-        remarks.append(f"{guess.column}?")
-    if guess.why:
-        remarks.append(guess.why)
-    if channel.unit and unit == UNKNOWN:
-        remarks.append(f"no known unit: {json.dumps(channel.unit)}")
-    if channel.likely_unit and not channel.unit:
+    elif not channel.unit:
         remarks.append("the unit is guessed: check it")
-    if guess.is_sure and unit == UNKNOWN and not stated:
-        remarks.append("no unit is stated")
     fields: dict[str, object] = {**channel.address, "unit": unit}
     if guess.sign < 0:
         fields["sign"] = guess.sign

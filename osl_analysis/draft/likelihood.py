@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from osl_analysis.draft.overview import RecordedChannel
+from osl_analysis.draft.recorded_channel import RecordedChannel
 from osl_analysis.trial import COLUMNS
 from osl_analysis.units import dimension, name_and_ending
 
@@ -145,12 +145,13 @@ def with_context(evidence: Sequence[set[str]]) -> list[set[str]]:
     else:
         turns_with = "motor"
     is_alone = not has_joint and (bool(of_motor or outputs) or is_driven)
-    return [
-        one - {"output"}
-        | ({turns_with} if "output" in one else set())
-        | ({"actuator alone"} if is_alone else set())
-        for one in evidence
-    ]
+    known: list[set[str]] = []
+    for one in evidence:
+        turned = one - {"output"} | {turns_with} if "output" in one else set(one)
+        # the motor of an ankle is no ankle
+        turned -= {"joint"} if "motor" in turned else set()
+        known.append(turned | {"actuator alone"} if is_alone else turned)
+    return known
 
 
 def probabilities(channel: RecordedChannel, evidence: Set[str]) -> dict[str, float]:

@@ -333,22 +333,11 @@ def test_channels_with_timing_give_canonical_columns(tmp_path: Path, segments: i
     assert "the index of a TDMS file; name the .tdms file beside it" in refused_tdms(index)
 
 
-def test_channels_of_other_rates_have_rows_of_their_own(tmp_path: Path) -> None:
-    angle, later = ("Angle", ANGLE, timing(unit_string="deg")), {**timing(5e-3, 0.001)}
-    later["wf_start_time"] = START + np.timedelta64(1500, "us")
-    recording = read_tdms(write_tdms(tmp_path / "a.tdms", [angle, ("Torque", TORQUE[:20], later)]))
-    torque = recording.samples.drop_nulls("torque")
-    np.testing.assert_allclose(
-        recording.samples.drop_nulls("theta")["time"], np.arange(SAMPLES) * 1e-3, atol=1e-12
-    )
-    np.testing.assert_allclose(torque["time"], 0.0025 + np.arange(20) * 5e-3, atol=1e-12)
-    np.testing.assert_allclose(
-        torque["torque"] / torque["torque"][1], TORQUE[:20] / TORQUE[1], atol=1e-12
-    )
-    assert len(recording.samples) == 120
-    assert recording.facts["rates_hz"] == pytest.approx({"Bench/Angle": 1000, "Bench/Torque": 200})
-    late = write_tdms(tmp_path / "b.tdms", [angle, ("Torque", TORQUE, timing(1e-3, 60.0))])
-    assert "its channels do not overlap in time" in refused_tdms(late)
+def test_channels_of_other_timing_are_refused_with_what_to_save(tmp_path: Path) -> None:
+    angle = ("Angle", ANGLE, timing(unit_string="deg"))
+    for other in (timing(5e-3), timing(1e-3, 60.0)):
+        path = write_tdms(tmp_path / "a.tdms", [angle, ("Torque", TORQUE, other)])
+        assert "save channels at common times, as `interp1` gives" in refused_tdms(path)
 
 
 def test_without_timing_the_file_is_refused_until_the_source_file_tells_it(tmp_path: Path) -> None:

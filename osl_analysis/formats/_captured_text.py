@@ -24,7 +24,8 @@ from osl_analysis.source_file import Corner, ExportedPlate
 from osl_analysis.trial import AXES
 
 UNSEEN = ("", "nan", "NaN", "NAN", "null")  # cells of a marker that was not seen
-MOST_DECIMALS = 3  # of times [s]: further ones may be zeros that tell nothing
+TIME_ROUNDING_S = 1.2e-3  # of times with three decimals; others tell no more
+RATE_ROUNDING = 1e-4  # of the time since the first frame
 CORRECT = "export it again, or correct the header"
 TRAJECTORIES = "Trajectories"
 MODEL_OUTPUTS = "Model Outputs"
@@ -74,25 +75,18 @@ class Section:
         rows = Rows(len(self.rows), self.title, self.rate_hz, start_s=self.start_s)
         channels: list[Channel] = []
         for place, (name, component) in enumerate(zip(self.names, self.components, strict=True)):
-            unit = self.units[place]
+            kind = KINDS.get(self.title, Kind.SIGNAL)
+            # the unit of an output is that of the source file: files misstate it
+            unit = "" if kind == Kind.MODEL_OUTPUT else self.units[place]
             short_name = name.rpartition(":")[2]  # without the subject
-            if name and self.title not in KINDS:
+            if name and kind == Kind.SIGNAL:
                 address = {"device": short_name, "component": component}
                 read = partial(self.values, place)
                 channels.append(Channel(address, rows, read, name=component, unit=unit))
             elif name and component.upper() == "X":
-                kind = KINDS[self.title]
-                channels.append(
-                    Channel(
-                        address={"label": name},
-                        rows=rows,
-                        read=partial(self.positions, place),
-                        name=short_name,
-                        # the unit of an output is that of the source file: files misstate it
-                        unit=unit if kind == Kind.MARKER else "",
-                        kind=kind,
-                    )
-                )
+                read = partial(self.positions, place)
+                channel = Channel({"label": name}, rows, read, short_name, unit=unit, kind=kind)
+                channels.append(channel)
         return channels
 
 
@@ -139,10 +133,12 @@ def recording_of_markers(
     InputError
         Rows contradict the header or one another, or a cell is no number.
     """
-    frames, rate_hz = int(number_of(header, keys[0])), number_of(header, keys[1])
+    frames, rate_hz = (number_of(header, key) for key in keys)
     if len(rows) != frames:
         cut = ": the end is missing" if len(rows) < frames else ""
-        raise InputError(f"{keys[0]} is {frames}, the file holds {len(rows)} rows{cut}; {CORRECT}")
+        raise InputError(
+            f"{keys[0]} is {frames:g}, the file holds {len(rows)} rows{cut}; {CORRECT}"
+        )
     for row in rows:
         count = len(unpadded(row.cells)) - first
         if first not in (0, 1, 2) or count > 3 * len(labels) or count % 3:
@@ -162,7 +158,7 @@ def recording_of_markers(
     if first == 2:
         section = replace(section, start_s=_start(section))
     facts = {
-        "frames": frames,
+        "frames": len(rows),
         "first_frame": first_frame,
         "frame_rate_hz": rate_hz,
         "samples_per_frame": 1,
@@ -170,19 +166,16 @@ def recording_of_markers(
         "start_s": section.start_s,
     }
     return Recording(
-        format_name, section.channels(), Loss(frames, frames, remarks=remarks), facts=facts
+        format_name, section.channels(), Loss(len(rows), len(rows), remarks=remarks), facts=facts
     )
 
 
 def _start(section: Section) -> float:
     """Time of the first frame [s]; refused if times do not fit the rate."""
     time = section.values(1)
-    # OpenSim prints more decimals than its times have
-    decimals = max(len(row.cells[1].partition(".")[2]) for row in section.rows)
-    rounding_s = 1.2 * 10.0 ** -min(decimals, MOST_DECIMALS)
-    count = np.arange(time.size) / section.rate_hz
-    tolerance_s = rounding_s + 1e-3 / section.rate_hz + 1e-4 * count
-    fits = np.abs(time - time[0] - count) <= tolerance_s
+    since_start = np.arange(time.size) / section.rate_hz
+    difference = np.abs(time - time[0] - since_start)
+    fits = difference <= TIME_ROUNDING_S + RATE_ROUNDING * since_start
     if not fits.all():
         row = int(np.argmin(fits))
         raise InputError(
@@ -193,15 +186,29 @@ def _start(section: Section) -> float:
 
 
 def exported_plate(
+    recording: Recording,
     number: int,
     settings: ExportedPlate,
-    channels: Sequence[Channel],
+    columns: Sequence[tuple[Mapping[str, str], str]],
     length_unit: str,
     about: Corner | None = None,
     foot: str | None = None,
 ) -> Plate:
     """Describe a plate whose force and moment were exported, the moment about a point or else the
-    centre of the corners."""
+    centre of the corners.
+
+    Parameters
+    ----------
+    columns
+        Address of each column without its axis, which is added to the last key, and its unit; empty
+        for that of the file.
+    """
+    channels: list[Channel] = []
+    for address, unit in columns:
+        for axis in AXES:
+            key = [*address][-1]
+            channel = recording.find({**address, key: f"{address[key]}{axis}"})
+            channels.append(replace(channel, unit=unit or channel.unit))
     corners = np.array(settings.corners)
     return Plate(
         number=number,

@@ -45,6 +45,10 @@ CONTINUATIONS = ("", *map(str, range(2, 10)))
 CHANNELS_OF_PLATE = {1: 6, 2: 6, 3: 8, 4: 6}  # by type, C3D manual, FORCE_PLATFORM:TYPE
 MOST_PLATES = 99
 LEAST_RATE_HZ, MOST_RATE_HZ = 1e-6, 1e9
+STATE_PLATE = (
+    "state it in the source file, as `plate_geometry: {1: {type: 2, channels: [Fx, Fy, Fz, Mx, My,"
+    " Mz], corners: [[x, y, z], ...]}}` with the labels of its channels"
+)
 PLATE_LABEL = re.compile(r"(?i)(?:^|[^a-z])([FM][xyz])\d*$")  # `Force.Fx1`
 
 Array = NDArray[np.float64]
@@ -211,11 +215,8 @@ def _header_of(data: bytes, start: int) -> Header:
 
 
 def _long_frames(header: Header) -> int:
-    """Frames of a file with more than the header can count; 0 where no parameter tells them.
-
-    Vicon and Qualisys write first and last frame as two 16-bit words, low word first, others
-    LONG_FRAMES, or FRAMES as a real (C3D manual).
-    """
+    """Frames of a file with more than the header can count, which Vicon and Qualisys write as the
+    first and the last one in two 16-bit words each, low word first (C3D manual)."""
     first = header.numbers("TRIAL:ACTUAL_START_FIELD") % 65536
     last = header.numbers("TRIAL:ACTUAL_END_FIELD") % 65536
     if first.size == last.size == 2:
@@ -277,7 +278,11 @@ def _decoded(text: bytes) -> str:
 def check_size(data: bytes, header: Header) -> None:
     """Refuse a file that holds nothing, or other frames than its header declares."""
     if header.frame_bytes == 0 and header.number("ROTATION:USED") > 0:
-        raise InputError(_rotations_alone(header))
+        raise InputError(
+            f"the file holds {header.number('ROTATION:USED'):g} rotations of segments at"
+            f" {header.rate_hz:g} Hz and no marker: rotations are not read; export positions of"
+            " joints or virtual markers too"
+        )
     frames = header.frames
     is_rate = LEAST_RATE_HZ < header.rate_hz < MOST_RATE_HZ
     if frames < 1 or header.frame_bytes == 0 or not is_rate:
@@ -296,15 +301,6 @@ def check_size(data: bytes, header: Header) -> None:
         raise InputError(
             f"truncated: it declares {frames} frames and holds {whole}; copy or export it again"
         )
-
-
-def _rotations_alone(header: Header) -> str:
-    """Tell of a file that has rotations of segments alone, as of a system without markers."""
-    return (
-        f"the file holds {header.number('ROTATION:USED'):g} rotations of segments at"
-        f" {header.rate_hz:g} Hz and no marker: rotations are not read; export positions of joints"
-        " or virtual markers too"
-    )
 
 
 def frames_of(data: bytes, header: Header) -> tuple[Array, Array]:
@@ -447,41 +443,34 @@ def plates_of(
     geometries = source.plate_geometry if source is not None else {}
     numbers = sorted({*range(1, count + 1), *geometries})
     wanted = numbers if source is None or source.plates == "all" else source.plates
-    alike = [label for label in labels if PLATE_LABEL.search(label)]
-    six = ", ".join(alike[:6] if len(alike) >= 6 else ["Fx", "Fy", "Fz", "Mx", "My", "Mz"])
-    remedy = (
-        f"`plate_geometry: {{1: {{type: 2, channels: [{six}], corners: [[x, y, z], ...]}}}}` in the"
-        " source file"
-    )
     plates: list[Plate] = []
     questions: list[str] = []
+    alike = [label for label in labels if PLATE_LABEL.search(label)]
     if not count and len(alike) >= CHANNELS_OF_PLATE[2]:
         questions.append(
-            "channels look like those of a force plate, but the file has no FORCE_PLATFORM and"
-            f" where it lies is not known; state it, as {remedy}"
+            f"channels such as {listing(alike[:6])} look like those of a force plate, but the file"
+            f" has no FORCE_PLATFORM and where it lies is not known; {STATE_PLATE}"
         )
     for number in wanted:
         try:
-            if number not in numbers:
+            if number in geometries:
+                plate = _stated_plate(number, geometries[number], labels)
+            elif number in numbers:
+                plate = plate_of(header, number)
+            else:
                 raise InputError(
-                    f"no force plate {number}; the file describes {count}, counted from 1; state"
-                    f" it, as {remedy}"
+                    f"no force plate {number}; the file describes {count}, counted from 1;"
+                    f" {STATE_PLATE}"
                 )
-            plate = (
-                _stated_plate(number, geometries[number], labels)
-                if number in geometries
-                else plate_of(header, number)
-            )
             if not np.isfinite(own_axes(plate.corners)).all():
                 raise InputError(f"plate {number}: its corners span no plane; correct them")
             plates.append(plate)
         except InputError as error:
-            if source is not None:
-                others = [other for other in numbers if other != number]
-                raise InputError(
-                    f"{error} (or leave this plate out: `plates: {others}`)"
-                ) from error
-            questions.append(str(error))
+            if source is None:
+                questions.append(str(error))
+                continue
+            others = [other for other in numbers if other != number]
+            raise InputError(f"{error} (or leave this plate out: `plates: {others}`)") from error
     return plates, questions
 
 
@@ -518,8 +507,6 @@ def read(path: Path, source: C3dSource | None) -> Recording:
     analog_labels = _filled(header.texts("ANALOG:LABELS"), header.channels)
     analog_labels = [label or f"analog {place}" for place, label in enumerate(analog_labels, 1)]
     plates, questions = plates_of(header, analog_labels, source)
-    if header.number("ROTATION:USED") > 0 and not header.points:
-        questions.append(_rotations_alone(header))
     remarks: list[str] = []
     fast_rate_hz = header.rate_hz * header.samples_per_frame
     stated_hz = header.number("ANALOG:RATE")
@@ -535,36 +522,24 @@ def read(path: Path, source: C3dSource | None) -> Recording:
             " recorded, are left out"
         )
     length_unit = "".join(header.texts("POINT:UNITS")[:1])
+    outputs: set[str] = set()
+    for group in header.texts("POINT:TYPE_GROUPS")[::2]:
+        outputs.update(header.texts(f"POINT:{group.upper()}"))
     slow = Rows(frames, "points", header.rate_hz, noun="frame")
-    outputs = {
-        label
-        for group in header.texts("POINT:TYPE_GROUPS")[::2]
-        for label in header.texts(f"POINT:{group.upper()}")
-    }
-    point_channels = [
-        Channel(
-            address={"label": label},
-            rows=slow,
-            read=partial(np.asanyarray, points[:frames, place]),
-            name=name,
-            unit="" if label in outputs else length_unit,
-            kind=Kind.MODEL_OUTPUT if label in outputs else Kind.MARKER,
+    point_channels: list[Channel] = []
+    for place, (label, name) in enumerate(zip(labels, _names_of(labels), strict=True)):
+        kind = Kind.MODEL_OUTPUT if label in outputs else Kind.MARKER
+        unit = "" if label in outputs else length_unit
+        read_points = partial(np.asanyarray, points[:frames, place])
+        point_channels.append(
+            Channel({"label": label}, slow, read_points, name, unit=unit, kind=kind)
         )
-        for place, (label, name) in enumerate(zip(labels, _names_of(labels), strict=True))
-    ]
-    samples = frames * header.samples_per_frame
-    fast = Rows(samples, "analogs", fast_rate_hz, noun="sample")
+    fast = Rows(frames * header.samples_per_frame, "analogs", fast_rate_hz, noun="sample")
     units = _filled(header.texts("ANALOG:UNITS"), header.channels)
-    analog_channels = [
-        Channel(
-            address={"channel": label},
-            rows=fast,
-            read=partial(np.asanyarray, analogs[:samples, place]),
-            name=label,
-            unit=unit,
-        )
-        for place, (label, unit) in enumerate(zip(analog_labels, units, strict=True))
-    ]
+    analog_channels: list[Channel] = []
+    for place, (label, unit) in enumerate(zip(analog_labels, units, strict=True)):
+        read_samples = partial(np.asanyarray, analogs[: fast.count, place])
+        analog_channels.append(Channel({"channel": label}, fast, read_samples, label, unit=unit))
     with_channels: list[Plate] = []
     for plate in plates:
         channels = [analog_channels[number - 1] for number in plate.facts["analogs"]]

@@ -28,7 +28,6 @@ from osl_analysis.formats._text import (
 from osl_analysis.recording import End, Format, Loss, Plate, Recording
 from osl_analysis.source_file import Channel as ChannelSettings
 from osl_analysis.source_file import Corner, ExportedPlate, LaboratorySource, Name
-from osl_analysis.trial import AXES
 
 HEAD_ROWS = 5  # title, rate, names, header, units
 
@@ -124,38 +123,29 @@ def _section_of(rows: Sequence[Row], decimal: str) -> Section:
 def read(path: Path, source: NexusSource | None) -> Recording:
     """Read an export. Its first frame is at 0 s."""
     sections = read_sections(path)
-    facts: dict[str, object] = {
-        title: f"{len(one.rows)} rows at {one.rate_hz:g} Hz" for title, one in sections.items()
-    }
     used = [*sections.values()]
+    facts: dict[str, object] = {
+        section.title: f"{len(section.rows)} rows at {section.rate_hz:g} Hz" for section in used
+    }
+    count = max(len(section.rows) for section in used)
+    channels = [channel for section in used for channel in section.channels()]
     if source is not None:
         has_points = bool(source.markers or source.outputs)
         has_devices = bool(source.analogs or source.plates)
-        used = [one for one in used if (has_points if one.title in KINDS else has_devices)]
+        used = [part for part in used if (has_points if part.title in KINDS else has_devices)]
         facts |= _timing_of(used)
-    count = max(len(section.rows) for section in sections.values())
-    recording = Recording(
-        format="nexus_csv",
-        channels=[channel for section in sections.values() for channel in section.channels()],
-        # two sections would differ
-        loss=Loss(count, count, End.WHOLE if len(used) > 1 else End.UNKNOWN),
-        facts=facts,
-    )
-    described = {} if source is None else source.plates
-    plates = [_plate_of(recording, number, settings) for number, settings in described.items()]
+    # two sections would differ in an export that was cut
+    loss = Loss(count, count, End.WHOLE if len(used) > 1 else End.UNKNOWN)
+    recording = Recording("nexus_csv", channels, loss, facts=facts)
+    plates: list[Plate] = []
+    for number, plate in (source.plates if source is not None else {}).items():
+        columns = [
+            ({"device": f"{plate.device} - {quantity}", "component": quantity[0]}, "")
+            for quantity in ("Force", "Moment")
+        ]
+        about = plate.moment_about
+        plates.append(exported_plate(recording, number, plate, columns, "mm", about=about))
     return replace(recording, plates=plates)
-
-
-def _plate_of(recording: Recording, number: int, settings: NexusPlate) -> Plate:
-    """Describe a plate whose force and moment were exported."""
-    channels = [
-        recording.find(
-            {"device": f"{settings.device} - {quantity}", "component": f"{quantity[0]}{axis}"}
-        )
-        for quantity in ("Force", "Moment")
-        for axis in AXES
-    ]
-    return exported_plate(number, settings, channels, "mm", about=settings.moment_about)
 
 
 def _timing_of(sections: Sequence[Section]) -> dict[str, object]:
@@ -165,11 +155,11 @@ def _timing_of(sections: Sequence[Section]) -> dict[str, object]:
             "nothing to read; name markers, outputs, analogs or plates in the source file"
         )
     spans: set[tuple[int, float, float]] = set()
-    most_samples = 1
+    samples_per_frame: list[int] = []
     for section in sections:
         sub_frame = section.values(1)
         samples = int(np.nanmax(sub_frame)) + 1
-        most_samples = max(most_samples, samples)
+        samples_per_frame.append(samples)
         frame_rate_hz = round(section.rate_hz / samples, 6)
         spans.add((section.first_frame(sub_frame), len(section.rows) / samples, frame_rate_hz))
     if len(spans) != 1:
@@ -184,7 +174,7 @@ def _timing_of(sections: Sequence[Section]) -> dict[str, object]:
         "frames": int(frames),
         "first_frame": first,
         "frame_rate_hz": frame_rate_hz,
-        "samples_per_frame": most_samples,
+        "samples_per_frame": max(samples_per_frame),
     }
 
 

@@ -5,6 +5,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import Literal
 
@@ -13,7 +14,7 @@ from pydantic import Field, PositiveInt, model_validator
 from osl_analysis.errors import InputError
 from osl_analysis.formats._captured_text import exported_plate
 from osl_analysis.formats._table import LISTING, SheetSource, recording_of_table
-from osl_analysis.formats._text import Text, decoded, is_text, read_text
+from osl_analysis.formats._text import decoded, is_text, read_text
 from osl_analysis.formats.csv_table import table_of_text
 from osl_analysis.recording import End, Format, Plate, Recording
 from osl_analysis.source_file import (
@@ -36,9 +37,7 @@ LIKELY_UNITS = {
     r"(torque|moment).*_[xyz]$|_moment$": "N*m",
     r"_t[xyz]$": "m",
 }
-# units of angles and speeds, by what the header says of `inDegrees`
-ANGLES = {"yes": {"rad": "deg", "rad/s": "deg/s"}, "no": {"rad": "rad", "rad/s": "rad/s"}}
-END_OF_HEADER = re.compile(rb"(?im)^[ \t]*endheader[ \t]*\n")
+ANGLES = {"yes": "deg", "no": "rad"}  # their unit, by what the header says of `inDegrees`
 
 
 class OpenSimChannel(ColumnChannel):
@@ -95,34 +94,30 @@ class OpenSimSource(SheetSource, InAxes):
 def header_of(lines: Sequence[str]) -> dict[str, str]:
     """What a header says, by key in small letters: `nRows=12`, or as older versions write it
     `datarows 12`."""
-    header: dict[str, str] = {}
-    for text in lines:
-        key, _, value = text.partition("=" if "=" in text else " ")
-        header[key.strip().casefold()] = value.strip()
-    return header
+    parts = [re.split(r"\s*=\s*|\s+", text, maxsplit=1) for text in lines]
+    return {part[0].casefold(): part[-1] for part in parts}
 
 
 def read(path: Path, source: OpenSimSource | None) -> Recording:
     """Read a table; refused if its header has no end, or contradicts the rows."""
-    text = read_text(path)
-    end = END_OF_HEADER.search(text.data)
-    if end is None:
-        raise InputError("no line `endheader`: no table of OpenSim; check the source's format")
-    above = text.data[: end.start()].decode(errors="replace").split("\n")
-    notes = [line.strip() for line in above if line.strip()]
-    header = header_of(notes)
     layout = source or LISTING
-    blank = b"\n" * text.data.count(b"\n", 0, end.end())  # the lines keep their numbers
-    below = Text(blank + text.data[end.end() :], text.is_ended)
-    table = table_of_text(below, layout)
-    are_rows_stated = _are_rows_stated(header, len(table.lines))
-    table = replace(
-        table,
-        notes=[*notes, *table.notes],
-        end=End.WHOLE if are_rows_stated and table.end == End.UNKNOWN else table.end,
-    )
-    angle = ANGLES.get(header.get("indegrees", "").casefold(), {})
-    likely = {name: _likely_unit(name) or angle.get("rad", "") for name in table.names}
+    table = table_of_text(read_text(path), layout)
+    header = header_of(table.notes)
+    if "endheader" not in header:
+        raise InputError("no line `endheader`: no table of OpenSim; check the source's format")
+    stated_rows = header.get("nrows") or header.get("datarows") or ""
+    if stated_rows not in ("", str(len(table.lines))):
+        raise InputError(
+            f"its header states {stated_rows[:20]} rows, the file holds {len(table.lines)} whole"
+            " ones: its end is missing, or some are damaged; export it again, or correct the header"
+        )
+    if stated_rows and table.end == End.UNKNOWN:
+        table = replace(table, end=End.WHOLE)
+    angle = ANGLES.get(header.get("indegrees", "").casefold(), "")
+    likely = dict.fromkeys(table.names, angle)
+    for name, (pattern, unit) in product(table.names, reversed(LIKELY_UNITS.items())):
+        if re.search(pattern, name, re.IGNORECASE):
+            likely[name] = unit
     like_plates = ", ".join(plates_in(table.names))
     question = "these columns are force plates, if you state their corners: plates:"
     recording = replace(
@@ -133,48 +128,24 @@ def read(path: Path, source: OpenSimSource | None) -> Recording:
     if source is None:
         return recording
     _check_angles(source, angle)
-    plates = [_plate_of(recording, number, plate) for number, plate in source.plates.items()]
+    plates: list[Plate] = []
+    for number, plate in source.plates.items():
+        columns = [
+            ({"column": begin}, unit)
+            for begin, unit in ((plate.force, "N"), (plate.moment, "N*m"), (plate.point, "m"))
+        ]
+        plates.append(exported_plate(recording, number, plate, columns, "m", foot=plate.foot))
     return replace(recording, plates=plates)
 
 
-def _likely_unit(name: str) -> str:
-    for pattern, unit in LIKELY_UNITS.items():
-        if re.search(pattern, name, re.IGNORECASE):
-            return unit
-    return ""
-
-
-def _plate_of(recording: Recording, number: int, settings: OpenSimPlate) -> Plate:
-    """Describe a plate by the columns of its force, its point of application, and the moment about
-    this point."""
-    quantities = ((settings.force, "N"), (settings.moment, "N*m"), (settings.point, "m"))
-    channels = [
-        replace(recording.find({"column": f"{begin}{axis}"}), unit=unit)
-        for begin, unit in quantities
-        for axis in AXES
-    ]
-    return exported_plate(number, settings, channels, "m", foot=settings.foot)
-
-
-def _are_rows_stated(header: Mapping[str, str], rows: int) -> bool:
-    """Tell whether a header states the number of rows; refuse a table that has another one."""
-    stated_rows = header.get("nrows") or header.get("datarows") or ""
-    if stated_rows not in ("", str(rows)):
-        raise InputError(
-            f"its header states {stated_rows[:20]} rows, the file holds {rows} whole ones: its end"
-            " is missing, or some are damaged; export it again, or correct the header"
-        )
-    return bool(stated_rows)
-
-
-def _check_angles(source: OpenSimSource, units: Mapping[str, str]) -> None:
-    """Refuse the unit of an angle that contradicts that of the header."""
+def _check_angles(source: OpenSimSource, angle: str) -> None:
+    """Refuse the unit of an angle, or of its rate, that contradicts that of the header."""
     for column, channel in source.channels.items():
-        unit_of_file = units.get(unit_of(column), "")
-        if not unit_of_file:
+        si_unit = unit_of(column)
+        unit_of_file = si_unit.replace("rad", angle)
+        if not angle or si_unit not in ("rad", "rad/s"):
             continue
-        factors = [si_factor(unit, unit_of(column)) for unit in (channel.unit, unit_of_file)]
-        if not math.isclose(*factors):
+        if not math.isclose(si_factor(channel.unit, si_unit), si_factor(unit_of_file, si_unit)):
             raise InputError(
                 f"column '{channel.column}' is read in {channel.unit}, and by `inDegrees` of its"
                 f" header it is in {unit_of_file}; write {unit_of_file}, as"
@@ -188,12 +159,12 @@ def plates_in(names: Sequence[str]) -> list[str]:
     Of `R_ground_force_vx` the point is `R_ground_force_px`, and the moment `R_ground_torque_x`.
     """
     plates: list[str] = []
-    for stem in [name[:-2] for name in names if re.search("force.*vx$", name)]:
-        for word in ("torque", "moment"):
-            keys = {"force": f"{stem}v", "point": f"{stem}p", "moment": stem.replace("force", word)}
-            if {f"{begin}{axis}" for begin in keys.values() for axis in AXES} <= {*names}:
-                text = ", ".join(f"{key}: {json.dumps(begin)}" for key, begin in keys.items())
-                plates.append(f"{len(plates) + 1}: {{{text}, corners: UNKNOWN}}")
+    stems = [name[:-2] for name in names if re.search("force.*vx$", name)]
+    for stem, word in product(stems, ("torque", "moment")):
+        keys = {"force": f"{stem}v", "point": f"{stem}p", "moment": stem.replace("force", word)}
+        if all(f"{begin}{axis}" in names for begin, axis in product(keys.values(), AXES)):
+            text = ", ".join(f"{key}: {json.dumps(begin)}" for key, begin in keys.items())
+            plates.append(f"{len(plates) + 1}: {{{text}, corners: UNKNOWN}}")
     return plates
 
 

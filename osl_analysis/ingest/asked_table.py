@@ -1,7 +1,6 @@
 """The channels of a table that a source file asks for, at the rows that count, and their times.
 
-Channels of which the file tells other timings are at the instants of all, masked elsewhere. Rows of
-another time are left out; a clock that stands still or stays back is refused.
+Rows of another time are left out; a clock that stands still or stays back is refused.
 """
 
 from collections.abc import Mapping, Sequence
@@ -20,7 +19,6 @@ from osl_analysis.source_file import TableSource
 from osl_analysis.trial import Array, check_time
 from osl_analysis.units import si_factor
 
-SECOND_NS = 1_000_000_000
 STATE_RATE = "state the rate of the rows in Hz, as `time: {rate: HZ}`"
 COARSE_STEP_S = 0.4  # stamps this far apart tell seconds, not samples
 COARSE_ROWS = 20  # rows with one stamp: beyond it the stamps are coarse, or the clock stopped
@@ -36,101 +34,70 @@ class Table:
     rows
         Of the file, for messages.
     time
-        Times [s] (n,).
+        Times [s] (n,), from 0 on.
+    start
+        Reading of the clock in the first row; its time [s] for rows at a rate.
     values
         Readings (n,) by canonical column, NaN where one failed, masked where there is none.
-    counters
-        The device's count of samples (n,), by canonical column.
-    clock
-        Readings of the named clock (n,); None for rows at a rate.
     remarks
         What was left out, a sentence each.
-    has_own_rows
-        Whether channels have timings of their own, and the others are masked in their rows.
     """
 
     rows: Rows
     time: Array
+    start: float
     values: Mapping[str, NDArray[Any]]
-    counters: Mapping[str, NDArray[Any]]
-    clock: NDArray[Any] | None = None
     remarks: Sequence[str] = ()
-    has_own_rows: bool = False
-
-    def at(self, kept: NDArray[np.bool_], remarks: Sequence[str]) -> "Table":
-        """The same at some of its rows, (n,), with further remarks."""
-        if kept.all():
-            return replace(self, remarks=[*self.remarks, *remarks])
-        lines = np.arange(1, self.rows.count + 1) if self.rows.lines is None else self.rows.lines
-        return replace(
-            self,
-            rows=replace(self.rows, count=int(kept.sum()), lines=lines[kept]),
-            time=self.time[kept],
-            values={column: values[kept] for column, values in self.values.items()},
-            counters={column: counts[kept] for column, counts in self.counters.items()},
-            clock=None if self.clock is None else self.clock[kept],
-            remarks=[*self.remarks, *remarks],
-        )
 
 
 def read_table(
     recording: Recording,
     source: TableSource,
-    channels: Mapping[str, Channel],
+    asked: Mapping[str, Channel],
     clock: Channel | None,
 ) -> Table:
-    """Read the asked channels to one table, at the instants of all if they differ.
+    """Read the asked channels, by canonical column, to one table.
 
     Raises
     ------
     InputError
-        Channels have no timing, unequal lengths, or no row in common; or the clock has no reading
-        in some row, stands still or stays back.
+        Channels have no timing, or several, or unequal lengths; or the clock has no reading in some
+        row, stands still or stays back.
     """
-    counters: dict[str, Channel] = {}
-    for column, setting in source.channels.items():
-        if setting.counter is not None:
-            counters[column] = recording.find({**setting.address, setting.ADDRESS: setting.counter})
-    asked = [*channels.values(), *counters.values()]
+    channels = [*asked.values()]
     if clock is not None:
-        asked.append(clock)
-    if not asked:
+        channels.append(clock)
+    if not channels:
         raise InputError("nothing is read at its rate; name the column of time")
-    own_timing = clock is None and source.time.rate is None
-    if own_timing:
+    rows, rate_hz = channels[0].rows, source.time.rate
+    start_s = 0.0
+    if clock is None and rate_hz is None:
         check_own_timing(channels, source)
-    of_one_timing: dict[object, list[Channel]] = {}
-    for channel in asked:
-        timing = (channel.rows.rate_hz, channel.rows.start_s) if own_timing else None
-        of_one_timing.setdefault(timing, []).append(channel)
+        rate_hz, start_s = rows.rate_hz, rows.start_s
     if recording.loss.end != End.MISSING:  # else the file ends within the channels
-        for alike in of_one_timing.values():
-            check_equal_counts(alike)
-    count = min(channel.rows.count for channel in asked)
-    is_longer = any(channel.rows.count > count for channel in asked)
-    if own_timing and (len(of_one_timing) > 1 or is_longer):
-        return at_instants_of_all(channels, counters)
-    rate_hz = source.time.rate if source.time.rate is not None else asked[0].rows.rate_hz
-    table = Table(
-        rows=replace(asked[0].rows, count=count),
-        time=np.arange(count) / (rate_hz or 1.0),
-        values={column: channel.values[:count] for column, channel in channels.items()},
-        counters={column: channel.values[:count] for column, channel in counters.items()},
-    )
-    if clock is None:
-        return replace(table, time=table.time + (asked[0].rows.start_s if own_timing else 0.0))
-    table = without_empty_rows(replace(table, clock=clock.values[:count]))
-    return with_clock(table, source, clock)
+        check_equal_counts(channels)
+    rows = replace(rows, count=min(channel.rows.count for channel in channels))
+    values = {column: channel.values[: rows.count] for column, channel in asked.items()}
+    if clock is not None:
+        return at_clock(rows, values, clock, source)
+    return Table(rows, np.arange(rows.count) / (rate_hz or 1.0), start_s, values)
 
 
-def check_own_timing(channels: Mapping[str, Channel], source: TableSource) -> None:
-    """Refuse channels whose timing the file does not tell."""
-    for column, channel in channels.items():
-        if channel.rows.rate_hz is None:
+def check_own_timing(channels: Sequence[Channel], source: TableSource) -> None:
+    """Refuse channels whose timing the file does not tell, or that have several timings."""
+    for channel in channels:
+        rows, first = channel.rows, channels[0].rows
+        if rows.rate_hz is None:
             key = source.time.ADDRESS
             raise InputError(
-                f"{source.channels[column].title} has no timing of its own; name the {key} of"
+                f"{key} '{channel.key}' has no timing of its own; name the {key} of"
                 f" time, as `time: {{{key}: NAME, unit: s}}`, or {STATE_RATE}"
+            )
+        if (rows.rate_hz, rows.start_s) != (first.rate_hz, first.start_s):
+            raise InputError(
+                f"'{channel.key}' is at {rows.rate_hz:g} Hz from {rows.start_s:g} s on, and"
+                f" '{channels[0].key}' at {first.rate_hz:g} Hz from {first.start_s:g} s on: save"
+                " channels at common times, as `interp1` gives"
             )
 
 
@@ -140,8 +107,8 @@ def check_equal_counts(channels: Sequence[Channel]) -> None:
     Some have lost values, nothing tells where, and all later ones would be early against the other
     channels.
     """
-    shortest = min(channels, key=lambda one: one.rows.count)
-    longest = max(channels, key=lambda one: one.rows.count)
+    shortest = min(channels, key=lambda channel: channel.rows.count)
+    longest = max(channels, key=lambda channel: channel.rows.count)
     if shortest.rows.count < longest.rows.count:
         raise InputError(
             f"channel '{longest.key}' has {longest.rows.count} values and '{shortest.key}' has"
@@ -151,62 +118,12 @@ def check_equal_counts(channels: Sequence[Channel]) -> None:
         )
 
 
-def without_empty_rows(table: Table) -> Table:
-    """The table without rows in which nothing that was asked for has a value: a longer channel
-    that is not asked, or lines of another device."""
-    is_empty = np.ones(table.rows.count, bool)
-    for values in (table.clock, *table.values.values()):
-        is_empty &= np.isnan(np.ma.filled(np.ma.asarray(values).astype(np.float64), np.nan))
-        if not is_empty.any():
-            return table
-    if is_empty.all():
-        return table
-    last = int(np.flatnonzero(~is_empty)[-1])
-    left_out = int(is_empty[:last].sum())
-    remarks: list[str] = []
-    if left_out:
-        first = table.rows.place(int(np.argmax(is_empty)))
-        remarks.append(
-            f"{left_out} of {last + 1} {table.rows.noun}s have none of the asked values and were"
-            f" left out, first {first}"
-        )
-    return table.at(~is_empty, remarks)
-
-
-def at_instants_of_all(channels: Mapping[str, Channel], counters: Mapping[str, Channel]) -> Table:
-    """Put channels with timings of their own at the instants of all, masked where one has no
-    sample. All timings count from one origin."""
-    stamps: dict[int, NDArray[np.int64]] = {}
-    for channel in (*channels.values(), *counters.values()):
-        rows = channel.rows
-        after_ns = np.rint(np.arange(rows.count) / (rows.rate_hz or 1.0) * SECOND_NS)
-        stamps[id(rows)] = round(rows.start_s * SECOND_NS) + after_ns.astype(np.int64)
-    if max(own[0] for own in stamps.values()) > min(own[-1] for own in stamps.values()):
-        raise InputError(
-            f"its channels do not overlap in time; name those of one recording, or {STATE_RATE}"
-        )
-    union = np.unique(np.concatenate([*stamps.values()]))
-
-    def placed(channel: Channel) -> NDArray[Any]:
-        values = np.ma.array(np.zeros(union.size, channel.values.dtype), mask=True)
-        values[np.searchsorted(union, stamps[id(channel.rows)])] = channel.values
-        return np.ma.asarray(values)
-
-    return Table(
-        rows=Rows(count=union.size, noun="sample"),
-        time=union / SECOND_NS,
-        values={column: placed(channel) for column, channel in channels.items()},
-        counters={column: placed(channel) for column, channel in counters.items()},
-        has_own_rows=True,
-    )
-
-
-def check_common_rows(table: Table) -> None:
+def check_common_rows(table: Table, columns: Sequence[str]) -> None:
     """Refuse columns of which no row has readings of both, as where several devices write rows of
     their own into one log."""
     lacking: dict[str, NDArray[np.bool_]] = {}
-    for column, values in table.values.items():
-        lacks = np.isnan(np.ma.getdata(values).astype(np.float64))
+    for column in columns:
+        lacks = np.isnan(np.ma.getdata(table.values[column]).astype(np.float64))
         if not lacks.all():
             lacking[column] = lacks
     for column, other in combinations(lacking, 2):
@@ -217,40 +134,72 @@ def check_common_rows(table: Table) -> None:
             )
 
 
-def with_clock(table: Table, source: TableSource, clock: Channel) -> Table:
-    """Give the rows that count at the times [s] that a named clock tells."""
-    assert table.clock is not None
+def at_clock(
+    rows: Rows, values: Mapping[str, NDArray[Any]], clock: Channel, source: TableSource
+) -> Table:
+    """Give the rows that count at the times that a named clock tells."""
     what = source.time.title
     other = f"take another {source.time.ADDRESS}, or {STATE_RATE}"
-    raw = np.ma.getdata(table.clock)
-    lacks = np.isnan(raw.astype(np.float64)) | np.ma.getmaskarray(table.clock)
+    remarks: list[str] = []
+    raw = np.ma.asarray(clock.values[: rows.count])
+    places = np.flatnonzero(~lacks_all([raw, *values.values()]))
+    if places.size and places.size < rows.count:
+        left_out = int(places[-1]) + 1 - places.size
+        if left_out:
+            first = rows.place(int(np.argmax(np.diff(places, prepend=-1) > 1)))
+            remarks.append(
+                f"{left_out} of {places[-1] + 1} {rows.noun}s have none of the asked values and"
+                f" were left out, first {first}"
+            )
+        rows, raw = rows_at(rows, places), raw[places]
+    lacks = lacks_all([raw])
     if raw.dtype == bool or lacks.any():
-        place = table.rows.place(int(np.argmax(lacks)))
+        place = rows.place(int(np.argmax(lacks)))
         raise InputError(f"{what}: no time in {place}; remove it there, {other}")
     rate_hz = source.time.rate
-    factor = 1 / rate_hz if rate_hz is not None else clock_factor(clock, source)
-    if rate_hz is not None and (raw != np.rint(raw)).any():
-        row = int(np.argmax(raw != np.rint(raw)))
+    is_broken = raw != np.rint(raw)
+    if rate_hz is not None and is_broken.any():
+        row = int(np.argmax(is_broken))
         raise InputError(
-            f"{what}: {raw[row]} in {table.rows.place(row)} is no count of samples, which a column"
+            f"{what}: {raw[row]} in {rows.place(row)} is no count of samples, which a column"
             " beside `rate` is; state its unit in place of the rate"
         )
-    if raw.dtype.kind == "f":  # single precision would round the differences
-        raw = raw.astype(np.float64)
-    raw, bits, turns = unwrapped(raw)
-    remarks: list[str] = []
+    factor = 1 / rate_hz if rate_hz is not None else clock_factor(clock, source)
+    numbers = np.ma.getdata(raw)
+    if numbers.dtype.kind == "f":  # single precision would round the differences
+        numbers = numbers.astype(np.float64)
+    numbers, bits, turns = unwrapped(numbers)
     if turns:
         remarks.append(
             f"{what} counts to 2**{bits} and began anew {turns} times; it is taken to go on"
         )
-    stale = find_stale_rows(raw)
-    remarks += remarks_on_stale_rows(table.rows, raw, stale, factor)
-    table = table.at(~np.isin(np.arange(raw.size), stale), remarks)
-    raw = np.delete(raw, stale)
-    time = np.asarray((raw - raw[0]) * factor, dtype=np.float64)
+    stale = find_stale_rows(numbers)
+    if stale.size:
+        remarks += remarks_on_stale_rows(rows, numbers, stale, factor)
+        fresh = np.delete(np.arange(rows.count), stale)
+        rows, numbers, places = rows_at(rows, fresh), numbers[fresh], places[fresh]
+    time = np.asarray((numbers - numbers[0]) * factor, dtype=np.float64)
     check_time(what, time)
-    check_clock_runs(table.rows, source, time, float(raw[0]) * factor)
-    return replace(table, time=time, clock=raw)
+    check_clock_runs(rows, source, time, float(numbers[0]) * factor)
+    kept = {column: readings[places] for column, readings in values.items()}
+    return Table(rows, time, float(numbers[0]), kept, remarks)
+
+
+def lacks_all(channels: Sequence[NDArray[Any]]) -> NDArray[np.bool_]:
+    """Rows (n,) in which none of the channels has a value: those of a longer channel that is not
+    asked, or lines of another device."""
+    lacks = np.ones(channels[0].size, bool)
+    for values in channels:
+        lacks &= np.isnan(np.ma.filled(np.ma.asarray(values).astype(np.float64), np.nan))
+        if not lacks.any():
+            break
+    return lacks
+
+
+def rows_at(rows: Rows, places: NDArray[np.int64]) -> Rows:
+    """Some of the rows, which keep their numbers in the file."""
+    lines = np.arange(1, rows.count + 1) if rows.lines is None else rows.lines
+    return replace(rows, count=places.size, lines=lines[places])
 
 
 def clock_factor(clock: Channel, source: TableSource) -> float:

@@ -27,7 +27,7 @@ from osl_analysis.ingest.conversion import (
 from osl_analysis.ingest.force_plates import convert_plate
 from osl_analysis.ingest.likely_clock import rate_of
 from osl_analysis.ingest.other_clocks import check_other_clocks
-from osl_analysis.recording import Channel, End, Recording
+from osl_analysis.recording import End, Recording
 from osl_analysis.source_file import InAxes, TableSource
 from osl_analysis.trial import Array, counter_column
 from osl_analysis.units import si_factor
@@ -62,30 +62,35 @@ def convert_table(recording: Recording, source: TableSource, file_name: str) -> 
     channels = {
         column: recording.find(setting.address) for column, setting in source.channels.items()
     }
-    table = read_table(recording, source, channels, clock)
+    asked = dict(channels)
+    for column, setting in source.channels.items():
+        if setting.counter is not None:
+            address = {**setting.address, setting.ADDRESS: setting.counter}
+            asked[counter_column(column)] = recording.find(address)
+    table = read_table(recording, source, asked, clock)
     if table.rows.count < 2:
         raise InputError(
             f"holds one {table.rows.noun} of data: nothing to analyse; record the trial again, or"
             " exclude it"
         )
-    time = table.time - table.time[0]
-    apart, warnings = check_other_clocks(recording, source, clock, table.rows, time, channels)
-    check_common_rows(table)
+    time = table.time
+    apart, remarks = check_other_clocks(recording, source, clock, table.rows, time, channels)
+    check_common_rows(table, [*channels])
 
     samples = [pl.Series("time", time)]
     origins: dict[str, dict[str, Any]] = {}
     missing: dict[str, int] = {}
-    warnings = [*recording.loss.remarks, *table.remarks, *warnings]
+    warnings = [*recording.loss.remarks, *table.remarks, *remarks]
     for column, channel in channels.items():
         setting = source.channels[column]
         raw = table.values[column]
         series = canonical_column(column, channel, raw, table.rows, time, source)
         samples.append(series)
-        if not table.has_own_rows:
-            warnings += remark_on_gaps(setting, raw, table.rows)
-        if column in table.counters:
-            counts = checked_counts(setting, table.counters[column], table.rows, time)
-            samples.append(pl.Series(counter_column(column), counts))
+        warnings += remark_on_gaps(setting, raw, table.rows)
+        if setting.counter is not None:
+            counter = counter_column(column)
+            counts = checked_counts(setting, table.values[counter], table.rows, time)
+            samples.append(pl.Series(counter, counts))
         missing[column] = int(series.is_nan().sum())
         if missing[column]:
             rows = f"{time.size} {table.rows.noun}s"
@@ -105,8 +110,8 @@ def convert_table(recording: Recording, source: TableSource, file_name: str) -> 
     kept, remark = rows_to_keep(frame, is_fresh, source, table.rows.noun)
     warnings += remark
     facts: dict[str, Any] = {
-        "time": {**source.time.model_dump(exclude_none=True), "start": start_of(table)},
-        "rates_hz": rates_of(table, channels) or {file_name: rate_of(time[kept])},
+        "time": {**source.time.model_dump(exclude_none=True), "start": table.start},
+        "rates_hz": {file_name: rate_of(time[kept])},
         "repeated_stamps": int((~is_fresh).sum()),
         "missing": missing,
     }
@@ -122,11 +127,6 @@ def convert_table(recording: Recording, source: TableSource, file_name: str) -> 
         origins.update(plate_origins)
     losses = losses_of(recording.loss, of_messages=False)
     return Converted(frame, origins, facts, warnings, losses)
-
-
-def start_of(table: Table) -> float:
-    """The reading of the clock in the first row, or its time."""
-    return float(table.time[0] if table.clock is None else table.clock[0])
 
 
 def check_loss(recording: Recording, source: TableSource) -> None:
@@ -181,14 +181,6 @@ def rows_to_keep(
         f" than it sampled, {advice}"
     )
     return np.ones_like(is_fresh), [remark]
-
-
-def rates_of(table: Table, channels: Mapping[str, Channel]) -> dict[str, float]:
-    """Rates [Hz] of channels with a timing of their own, by address; empty where one time holds for
-    all."""
-    if not table.has_own_rows:
-        return {}
-    return {one.key: one.rows.rate_hz for one in channels.values() if one.rows.rate_hz is not None}
 
 
 def with_plates(

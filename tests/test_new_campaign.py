@@ -630,10 +630,7 @@ def test_rotations_without_markers_are_a_question_before_a_run(tmp_path):
 
     questions, is_ready = drafted_of(tmp_path)
 
-    assert (
-        "holds 3 rotations of segments at 100 Hz and no marker: rotations are not read"
-        in questions[0]
-    )
+    assert "the file has no marker: export positions of markers" in questions[0]
     assert not is_ready
 
 

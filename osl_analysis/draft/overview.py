@@ -183,12 +183,14 @@ def overview_of_capture(recording: Recording) -> Overview:
         channels=channels,
         remarks=recording.loss.remarks,
         settings=settings,
-        open=[*recording.questions, *repeated_markers(markers)],
+        open=[*recording.questions, *questions_on_markers(markers)],
     )
 
 
-def repeated_markers(markers: Sequence[Channel]) -> Iterator[str]:
-    """Ask which of the markers with one name is read."""
+def questions_on_markers(markers: Sequence[Channel]) -> Iterator[str]:
+    """Ask for markers where there are none, and which of those with one name is read."""
+    if not markers:
+        yield "the file has no marker: export positions of markers or joints, not rotations alone"
     counts = Counter(marker.name for marker in markers if is_labelled(marker.key))
     repeated = [name for name, count in counts.items() if count > 1]
     if repeated:

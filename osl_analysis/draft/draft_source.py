@@ -189,12 +189,14 @@ def add_markers(source: DraftedSource, overview: Overview) -> None:
         fields: dict[str, object] = {**with_number(channel, analogs).address, "unit": "V"}
         source.entries.append(Entry(column, fields, why))
     others = [
-        f"{json.dumps(with_number(one, analogs).key)} {one.name} [{one.unit}]"
+        " ".join(json.dumps(text) for text in (with_number(one, analogs).key, one.key, one.unit))
         for one in analogs
         if not one.group and not any(one is pulse for pulse in pulses.values())
     ]
     if others:
-        source.notes.append(f"further analog channels: {listing(others, MOST_LISTED)}")
+        source.notes.append(
+            f"further analog channels, label and unit: {listing(others, MOST_LISTED)}"
+        )
     of_plates = [one.group for one in analogs if one.group]
     if of_plates:
         plates = ", ".join(dict.fromkeys(of_plates))

@@ -411,9 +411,7 @@ def _stated_plate(number: int, geometry: PlateGeometry, labels: Sequence[str]) -
     """Describe a plate by the source file, still without its channels."""
     numbers: list[int] = []
     for label in geometry.channels:
-        alike = [place for place, name in enumerate(labels, 1) if name == label]
-        if not alike and label.isdigit() and 0 < int(label) <= len(labels):
-            alike = [int(label)]
+        alike = [place for place, name in enumerate(labels, 1) if label in (name, str(place))]
         if len(alike) != 1:
             raise InputError(
                 f"plate {number}: '{label}' names {len(alike)} analog channels (the file has"

@@ -214,15 +214,16 @@ def clock_factor(clock: Channel, source: TableSource) -> float:
 
 def check_clock_runs(rows: Rows, source: TableSource, time: Array, start_s: float) -> None:
     """Refuse a clock (n,) that stands still, or tells whole seconds and no less."""
-    stamps, first, counts = np.unique(time, return_index=True, return_counts=True)
-    steps = np.diff(stamps)
+    first = np.flatnonzero(np.diff(time, prepend=-1.0))  # rows with a stamp of their own
+    counts = np.diff(first, append=time.size)
+    steps = np.diff(time[first])
     most = int(counts.max())
-    are_seconds = stamps.size > 3 and np.median(steps) > COARSE_STEP_S
+    are_seconds = first.size > 3 and np.median(steps) > COARSE_STEP_S
     is_coarse = most > COARSE_ROWS and (most > COARSE_SHARE * time.size or are_seconds)
-    if time.size == 1 or (stamps.size > 1 and not (is_coarse and source.time.repeated != "drop")):
+    if time.size == 1 or (first.size > 1 and not (is_coarse and source.time.repeated != "drop")):
         return
     other = f"take another {source.time.ADDRESS}, or {STATE_RATE}"
-    if stamps.size > 3:  # whole seconds still tell the rate, from the first change to the last
+    if first.size > 3:  # whole seconds still tell the rate, from the first change to the last
         other += f": its stamps tell {(first[-1] - first[1]) / steps[1:].sum():.4g}"
     row = int(first[counts.argmax()])
     raise InputError(

@@ -331,7 +331,7 @@ def inspect(file: Path, draft_path: Path | None, as_json: bool) -> None:
     Of a folder of recordings, list in short what each holds, or why it is refused."""
     check_there(file, "file or folder")
     from osl_analysis.commands import trials as command
-    from osl_analysis.ingest.draft import draft_source
+    from osl_analysis.draft.draft_source import draft_source
 
     if command.is_folder_of_recordings(file):
         if draft_path is not None:

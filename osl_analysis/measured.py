@@ -203,15 +203,19 @@ def computed_from(torque: Array, signals: Sequence[Signal]) -> str:
 
 
 def unexplained_share(torque: Array, signals: Sequence[Signal]) -> float:
-    """What powers of signals, and friction that is constant or grows with the current,
-    leave of a torque (n,) in most rows, as a share of its SD; 1 of a log that is too short
-    to tell. In the other rows rounding may turn the sign of a speed."""
+    """What powers of signals, changes of angles from row to row, and friction that is constant or
+    grows with the current, leave of a torque (n,) in most rows, as a share of its SD; 1 of a log
+    that is too short to tell. In the other rows rounding may turn the sign of a speed."""
+    if len(torque) < FEWEST_COMPARED:
+        return 1.0
     rows = slice(None, None, max(len(torque) // MOST_COMPARED, 1))
     directions = [np.sign(s.values[rows]) for s in signals if s.quantity == "speed"]
     columns = [np.ones_like(torque[rows]), *directions]
     for signal in signals:
         x = signal.values[rows]
         columns += [x**power for power in range(1, HIGHEST_POWER + 1)]
+        if signal.quantity == "angle":
+            columns.append(np.gradient(signal.values)[rows])
         if signal.quantity == "current":
             columns += [direction * np.abs(x) for direction in directions]
     known = np.stack([torque[rows], *columns], axis=1)

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from osl_analysis.errors import InputError, MemoryLimitError, listing
+from osl_analysis.errors import InputError, MemoryLimitError
 
 VARIABLE = "OSL_MEMORY_MB"  # memory that one job, or one call of the command line, may have [MB]
 SHARE_OF_MACHINE = 0.8  # of its memory, that a process may have if nothing is stated
@@ -52,7 +52,7 @@ def limited_memory(files: Sequence[Path | str]) -> Iterator[None]:
             yield
         except MemoryError as error:
             resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))  # the message needs some, too
-            names = listing([*map(str, files)], NAMED_FILES) if files else "this command"
+            names = ", ".join(map(str, files[:NAMED_FILES])) or "this command"
             raise MemoryLimitError(
                 f"{names}: not enough memory, a job may have {limit / 1e6:.0f} MB here;"
                 f" cut the recording, or ask for fewer samples, or allow more by {VARIABLE} or on a"

@@ -209,6 +209,7 @@ WORDS = {
     "Value error, ": "",
     "Field required": "is missing; add it",
     "Input should be": "write",
+    "a valid tuple": "a list",
     "write less": "write a number less",
     "write greater": "write a number greater",
 }
@@ -216,7 +217,9 @@ WORDS = {
 
 
 def problem_text(problems: Sequence[Mapping[str, Any]]) -> str:
-    """What is wrong with one field, and what is allowed."""
+    """What is wrong with one field, and what is allowed: by a check of ours, where there is one."""
+    checks = [problem for problem in problems if problem["type"] == "value_error"]
+    problems = checks or problems
     reason = ", or ".join(dict.fromkeys(str(problem["msg"]) for problem in problems))
     for pydantics, plain in WORDS.items():
         reason = reason.replace(pydantics, plain)

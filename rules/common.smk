@@ -141,6 +141,16 @@ def excluded(trials):
     return excluded_now
 
 
+def faults(trials):
+    """A param: by trial, the fault of its recording that spoils the estimates; as `excluded`."""
+
+    def faults_now(wildcards):
+        trials_of_job = trials(wildcards) if callable(trials) else trials
+        return JUDGE.spoiled(Path(file) for file in FILES.checks(trials_of_job))
+
+    return faults_now
+
+
 def limits(table):
     """The limits beyond which a fit of a table is doubtful; None for a table that is not judged."""
     return as_json(CONFIG.doubtful.of(table)) if table in judged_tables() else None

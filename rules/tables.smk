@@ -19,6 +19,7 @@ rule table:
         limits_of_fits=lambda wildcards: limits(FILES.doubts_of(wildcards.table)),
         places=lambda wildcards: FILES.places_in(wildcards.table),
         excluded=excluded(lambda wildcards: FILES.places_in(wildcards.table)),
+        faults=faults(lambda wildcards: FILES.places_in(wildcards.table)),
         made_by=MADE_BY,
     run:
         job("tables.gather", input, output, params, log)
@@ -41,6 +42,7 @@ rule impedance_tables:
         places=FILES.places_in("impedance"),
         evidence_columns=list(described_tables_by_name()["impedance_evidence"].columns),
         excluded=excluded(CAMPAIGN.trials("impedance")),
+        faults=faults(CAMPAIGN.trials("impedance")),
         made_by=MADE_BY,
     run:
         job("tables.gather", input, output, params, log)

@@ -65,12 +65,12 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
     rest = np.zeros(RATE)
     angle = np.concatenate([rest, AMPLITUDE * unit_block(protocol, RATE), rest])
     velocity = np.gradient(angle, 1 / RATE)
-    noise = np.random.default_rng(1).standard_normal(angle.size)
+    noise, of_current = np.random.default_rng(1).standard_normal((2, angle.size))
     logs = folder / "logs"
     logs.mkdir()
     for trial, damping in DAMPING.items():
         columns = [np.rad2deg(angle), damping * velocity + 0.01 * noise, np.full(angle.size, 2.0)]
-        columns[2] += 0.1 * noise
+        columns[2] += 0.1 * of_current
         np.savetxt(
             logs / f"{trial}.xyz",
             np.column_stack(columns),

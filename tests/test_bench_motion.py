@@ -527,7 +527,7 @@ def changing(motion, share):
     return TRUE["K"] * share * (time - LEAD) / 30.0 * theta
 
 
-@pytest.mark.parametrize(("name", "share"), [("multisine", 0.02), ("noise", -0.04)])
+@pytest.mark.parametrize(("name", "share"), [("multisine", 0.06), ("noise", -0.08)])
 def test_a_change_of_the_stiffness_is_told_with_k_before_and_after_it(name, share):
     motion = MOTIONS[name](np.random.default_rng(3))
     trial = made_trial(

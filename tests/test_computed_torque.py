@@ -4,10 +4,10 @@ import numpy as np
 import polars as pl
 import pytest
 
+from osl_analysis.draft.draft_source import draft_source
+from osl_analysis.draft.overview import inspect_recording
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.draft import draft_source
 from osl_analysis.ingest.guard import check_own_torque
-from osl_analysis.ingest.overview import inspect_recording
 from osl_analysis.ingest.raw_files import trial_from_files
 from osl_analysis.measured import Signal, computed_from
 
@@ -29,6 +29,7 @@ DEFLECTION = 600 * (MOTOR - ANGLE.values)
     (150 * ANGLE.values, [ANGLE], "'angle'"),
     (90 * ANGLE.values + 900 * ANGLE.values**3 + 7, [ANGLE], "'angle'"),
     (np.round(150 * THETA + 3 * OMEGA, 4), [ANGLE, SPEED], "'angle' and 'speed'"),
+    (150 * ANGLE.values + 3 * np.gradient(ANGLE.values, TIME), [ANGLE], "'angle'"),
     (0.8 * DRIVE.values - np.sign(SPEED.values) * (0.3 + 0.05 * abs(DRIVE.values)),
      [SPEED, DRIVE], "'speed' and 'current'"),
     (DEFLECTION, [ANGLE, Signal("goal", "command", MOTOR)], "'angle' and 'goal'"),

@@ -12,10 +12,10 @@ from recognised_files import refusal_by
 from scipy.spatial.transform import Rotation
 
 from osl_analysis import formats
+from osl_analysis.draft.overview import inspect_recording
 from osl_analysis.formats import known_formats
 from osl_analysis.ingest.conversion import Converted
 from osl_analysis.ingest.force_plates import convert_plate, wrench
-from osl_analysis.ingest.overview import inspect_recording
 from osl_analysis.ingest.raw_files import read_converted
 from osl_analysis.recording import Kind
 from osl_analysis.source_file import Source

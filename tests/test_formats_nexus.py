@@ -9,8 +9,8 @@ from c3d_builder import REAL_DATA
 from recognised_files import refusal_by
 
 from osl_analysis import formats
+from osl_analysis.draft.overview import inspect_recording
 from osl_analysis.formats import known_formats
-from osl_analysis.ingest.overview import inspect_recording
 from osl_analysis.ingest.raw_files import read_converted, read_source
 from osl_analysis.source_file import Source
 

@@ -16,11 +16,11 @@ import xlsxwriter
 from nptdms import ChannelObject, TdmsWriter
 
 from osl_analysis.commands.trials import inspect_file
+from osl_analysis.draft.draft_source import draft_source, drafted_source
+from osl_analysis.draft.overview import inspect_recording
 from osl_analysis.errors import InputError
 from osl_analysis.formats import in_one_sentence
-from osl_analysis.ingest.draft import draft_source, to_be_edited
 from osl_analysis.ingest.likely_clock import ticks
-from osl_analysis.ingest.overview import inspect_recording
 from osl_analysis.ingest.quality import Commanded, measure_quality
 from osl_analysis.ingest.raw_files import trial_from_files
 
@@ -232,7 +232,7 @@ def test_numbers_in_another_writing_are_no_failed_readings(tmp_path):
 
 
 def test_units_of_which_one_is_missing_tell_none_and_what_is_no_log_yet_is_asked(tmp_path):
-    path, draft = tmp_path / "a.dat", tmp_path / "s.yaml"
+    path = tmp_path / "a.dat"
     path.write_text(
         text("  ", ["mSec", "TORQUE", "POSITION"]).replace("POSITION", "POSITION\nNm deg")
     )
@@ -241,10 +241,7 @@ def test_units_of_which_one_is_missing_tell_none_and_what_is_no_log_yet_is_asked
     assert "the header stands again" in inspect_file(path).open[0]
     # a 400th of a turn, or degrees
     path.write_text(text(head=["t_s", "Winkel [Grad]", "Torque [Nm]"]))
-    draft.write_text(draft_source(inspect_file(path), path.name))
-    assert to_be_edited(draft) == ["theta.unit"]
-    draft.write_text("format: csv\nchannels:\n")
-    assert to_be_edited(draft)
+    assert drafted_source(inspect_file(path), path.name).places == ["theta.unit"]
 
 
 @pytest.mark.parametrize("head", ["Time", "Zeit / s", "unix", "x"])

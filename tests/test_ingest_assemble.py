@@ -23,12 +23,12 @@ from test_ingest_json_log import write_tdms
 
 from osl_analysis.commands.trials import ingest_trial, inspect_file, overview_text
 from osl_analysis.config.experiments import EXPERIMENTS
+from osl_analysis.draft.draft_source import draft_source
 from osl_analysis.errors import InputError
 from osl_analysis.formats import known_formats
 from osl_analysis.ingest.assemble import merged
 from osl_analysis.ingest.clock import ClockFit, aligned_clock
 from osl_analysis.ingest.conversion import Converted
-from osl_analysis.ingest.draft import draft_source
 from osl_analysis.ingest.guard import LARGEST_MEASURED
 from osl_analysis.ingest.raw_files import read_converted, read_source
 from osl_analysis.recording import Recording

@@ -18,9 +18,9 @@ from recognised_files import refusal_by
 
 from osl_analysis.cli import main
 from osl_analysis.commands.trials import inspect_file
+from osl_analysis.draft.draft_source import draft_source
 from osl_analysis.errors import InputError
 from osl_analysis.formats import recognise
-from osl_analysis.ingest.draft import draft_source
 from osl_analysis.ingest.raw_files import read_converted, read_source, trial_from_files
 from osl_analysis.trial import Trial
 from osl_analysis.units import (
@@ -434,7 +434,7 @@ def test_a_draft_is_refused_until_its_open_places_are_edited(
     tmp_path: Path,
 ) -> None:
     (tmp_path / "log.csv").write_text(
-        re.sub("ankle_deg|load_Nm|motor_mA", "u", BENCH).replace("u,u,u", "u,v,w")
+        re.sub("ankle_deg|load_Nm|motor_mA", "p", BENCH).replace("p,p,p", "p,v,w")
     )
     path, row = tmp_path / "source.yaml", {"trial": "a", "log": "log.csv", "log_source": "source"}
     assert (

@@ -16,7 +16,7 @@ from nptdms import ChannelObject, RootObject, TdmsWriter
 from recognised_files import read_recognised, refusal_of
 
 from osl_analysis.commands.trials import inspect_file, overview_text
-from osl_analysis.ingest.draft import draft_source
+from osl_analysis.draft.draft_source import draft_source
 from osl_analysis.ingest.raw_files import read_converted, read_source
 
 ROWS = 200
@@ -158,7 +158,7 @@ def test_a_stamp_of_seconds_and_nanoseconds_is_time_and_exact(
     assert len(read(path, **BY_STAMP | {"time": {"rate": 50}}).samples) == 51
     draft = yaml.safe_load(draft_source(inspect_file(path), "a"))
     named = [one["field"] for one in draft["channels"].values()]
-    assert (draft["time"], named) == ({"field": "h.stamp"}, ["meta.rate", "q"])
+    assert (draft["time"], named) == ({"field": "h.stamp"}, ["q"])
     for name, wrong, told in (
         (parts[0], 1.5, f"field 'h.stamp.{parts[0]}' is 1.5 in line 8, which is no whole number"),
         (

@@ -16,10 +16,10 @@ from c3d_builder import write_c3d
 from recognised_files import refusal_by
 
 from osl_analysis.commands.trials import ingest_trial, inspect_file
+from osl_analysis.draft.draft_source import draft_source
 from osl_analysis.errors import InputError
 from osl_analysis.formats import known_formats, recognise
 from osl_analysis.formats.mcap import MAGIC
-from osl_analysis.ingest.draft import draft_source
 from osl_analysis.ingest.raw_files import is_capture, read_source, trial_from_files
 from osl_analysis.recording import Channel, Format, Recording, Rows
 from osl_analysis.source_file import LogChannel, RowTime, TableSource
@@ -58,7 +58,7 @@ MISTAKES: list[tuple[dict[str, object], str]] = [
     (channel("theta", unit="deg", sign=0), "sign"),
     ({"format": "xlsx"}, "format: 'xlsx' is not allowed"), (LOG, "channels: "),
     ({"format": "c3d", "plates": "first"},
-     "plates: 'first' is not allowed: write all, none or a list"),
+     "plates: 'first' is not allowed: write 'all', or write a list"),
     ({"format": "c3d", "plate_units": {"force": "N", "moment": "mm"}}, "unit 'mm' measures [m]"),
     ({"format": "c3d", "plates": [1, 1]}, "line 2: plates: '1' stands twice; name each once"),
     ({"format": "c3d", "markers": ["A", "A"]}, "line 2: markers: 'A' stands twice"),

@@ -12,12 +12,12 @@ from recognised_files import read_recognised as read
 from recognised_files import refusal_of as refused
 
 from osl_analysis.commands.trials import inspect_file
+from osl_analysis.draft.draft_sheet import draft_trials
+from osl_analysis.draft.draft_source import draft_source
 from osl_analysis.errors import InputError
 from osl_analysis.formats import known_formats
 from osl_analysis.formats import read as formats_read
 from osl_analysis.ingest.capture import vertical_axis
-from osl_analysis.ingest.draft import draft_source
-from osl_analysis.ingest.draft_sheet import draft_trials
 from osl_analysis.ingest.raw_files import check_clocks, trial_from_files
 from osl_analysis.recording import Channel, Plate, Rows
 from osl_analysis.trial import Array

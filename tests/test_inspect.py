@@ -16,12 +16,11 @@ from test_ingest_assemble import WRITERS
 
 from osl_analysis.cli import main
 from osl_analysis.commands import trials as module
+from osl_analysis.draft.clock_choice import choose_clock, gaps_text
+from osl_analysis.draft.draft_source import draft_source
+from osl_analysis.draft.recorded_channel import RecordedChannel
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.clock_choice import ClockChoice, choose_clock, gaps_text, span_of
-from osl_analysis.ingest.draft import draft_source
 from osl_analysis.ingest.likely_clock import rate_of
-from osl_analysis.ingest.likely_column import likely_column
-from osl_analysis.ingest.overview import Overview, RecordedChannel
 from osl_analysis.ingest.raw_files import read_converted, read_source
 from osl_analysis.units import is_clock
 
@@ -162,34 +161,6 @@ def test_every_real_file_is_listed_or_refused_in_a_sentence(path: Path) -> None:
     assert isinstance(yaml.safe_load(draft_source(overview, path.name)), dict)
 
 
-@pytest.mark.parametrize(("name", "unit", "column"), [
-    ("angleJIM", "", "theta"), ("JointPosition", "rad", "theta"),
-    ("position[name=ankle]", "rad", "theta"),
-    ("desired_angle", "deg", "theta_command"), ("motor_position", "rad", "theta_m"),
-    ("I_q", "A", "current"),
-    ("actuator velocity", "rad/s", "omega_m"), ("LoadCellTorque", "Nm", "torque"),
-    ("Trig", "", "trigger"),
-    ("sync_out", "V", "sync"), ("motor_torque", "N*m", "torque_m"), ("torque", "deg", ""),
-    ("angle", "V", ""),
-    ("commanded_torque", "N*m", ""), ("R_ground_torque_y", "N*m", ""), ("case_temperature", "", ""),
-    ("load", "Nm", "torque"), ("ch3", "deg", "theta"), ("roll", "deg", ""),
-])  # fmt: skip
-def test_a_name_and_its_unit_tell_the_column(name: str, unit: str, column: str) -> None:
-    assert likely_column(RecordedChannel("column", {"column": name}, unit)) == column
-
-
-def test_a_draft_names_only_what_leaves_no_doubt() -> None:
-    units = {
-        "ankle_angle": "rad",
-        "joint_angle": "rad",
-        "torque": "N*m",
-        **dict.fromkeys("abcdef", ""),
-    }
-    every = [RecordedChannel("column", {"column": name}, unit) for name, unit in units.items()]
-    found = yaml.safe_load(draft_source(Overview("csv", {}, every), "a"))["channels"]
-    assert [*found] == ["NAME_1", "NAME_2", "torque"]
-
-
 TIME = np.arange(50) * 0.004
 SIGNALS = {"ankle_angle_deg": np.sin(TIME), "torque_Nm": np.cos(TIME)}
 
@@ -204,23 +175,32 @@ def test_of_two_clocks_that_agree_the_first_is_taken_and_the_user_is_asked(tmp_p
     assert f"# {said}\n" in draft_source(overview, "a")
 
 
+def clocks(**readings):
+    """Columns of a table, as clocks."""
+    return [
+        RecordedChannel("column", {"column": name}, numbers=numbers, name=name, count=len(numbers))
+        for name, numbers in readings.items()
+    ]
+
+
 @pytest.mark.parametrize(
-    ("factor", "taken"), [(1.004, "a"), (0.996, "a"), (1.006, None), (0.997e9, "a"), (60, None)]
+    ("factor", "taken"), [(1.004, "t"), (0.996, "t"), (1.006, ""), (0.997e9, "t"), (60, "")]
 )
 def test_clocks_agree_within_half_a_percent_in_any_unit_of_seconds(factor, taken):
-    for clocks in (
-        {"t": TIME, "time": factor * TIME},
-        {"t": TIME, "time": factor * TIME, "stamp": TIME},
-    ):
-        units = dict.fromkeys(clocks, "")
-        key = choose_clock(clocks, {key: key for key in clocks}, units, "columns").key
-        assert key == (taken and "t")
+    for channels in (
+        clocks(t=TIME, time=factor * TIME), clocks(t=TIME, time=factor * TIME, stamp=TIME),
+    ):  # fmt: skip
+        clock = choose_clock(channels).channel
+        assert (clock.name if clock else "") == taken
 
 
 def test_what_goes_back_is_no_clock_beside_another():
-    clocks = {"t": TIME - 0.02 * (np.arange(50) % 5 == 0), "time": TIME}
-    names = {key: key for key in clocks}
-    assert choose_clock(clocks, names, dict.fromkeys(clocks, ""), "columns") == ClockChoice("time")
+    channels = clocks(t=TIME - 0.02 * (np.arange(50) % 5 == 0), time=TIME)
+
+    choice = choose_clock(channels)
+
+    assert choice.channel is channels[1]
+    assert choice.questions == ()
 
 
 def test_names_tell_clocks_and_stamps_tell_rate_span_and_gaps():
@@ -240,12 +220,6 @@ def test_names_tell_clocks_and_stamps_tell_rate_span_and_gaps():
         ([0, 2, 2, 2], "2 stamps twice", 0.5),
     ):  # fmt: skip
         assert (gaps_text(np.array(time)), rate_of(np.array(time))) == (said, rate)
-    back, often = np.r_[0:11.0, 9:20], np.r_[0:9.0, 7:9]
-    assert [span_of(one) for one in (back, often, np.array([0, np.nan, 0, 3, 3]))] == [
-        19,
-        0,
-        3,
-    ]
 
 
 def test_a_folder_lists_what_each_recording_holds_or_why_it_is_refused(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ import pytest
 from nptdms import ChannelObject, TdmsWriter
 
 from osl_analysis.commands import trials as module
-from osl_analysis.ingest.draft import draft_source
+from osl_analysis.draft.draft_source import draft_source
 
 pytestmark = pytest.mark.usefixtures("without_inference", "schemas_made_once")
 TRUE = {"K": 80.0, "B": 1.5, "I": 0.03}  # N*m/rad, N*m*s/rad, kg*m^2

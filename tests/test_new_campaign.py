@@ -15,25 +15,15 @@ from jsonschema import Draft202012Validator
 from test_ingest_opensim import write_trc
 
 from osl_analysis.cli import main
-from osl_analysis.commands.new_campaign import (
-    draft_campaign,
-    is_complete,
-    left_to_decide,
-    new_campaign,
-    with_known,
-)
+from osl_analysis.commands.new_campaign import is_ready, left_to_decide, new_campaign
 from osl_analysis.commands.reference import schemas
 from osl_analysis.commands.run import check_submission, snakemake_arguments
 from osl_analysis.commands.simulate import planned_sheet, settings_files
+from osl_analysis.draft.draft_campaign import draft_campaign
+from osl_analysis.draft.draft_sheet import draft_trials
+from osl_analysis.draft.draft_walking import segment_of
 from osl_analysis.errors import InputError
 from osl_analysis.files import shipped
-from osl_analysis.ingest.draft import DraftedLog
-from osl_analysis.ingest.draft_session import with_angle_unit
-from osl_analysis.ingest.draft_sheet import draft_trials
-from osl_analysis.ingest.draft_walking import segment_of
-from osl_analysis.ingest.likely_column import Guess
-from osl_analysis.ingest.overview import Overview, RecordedChannel
-from osl_analysis.ingest.placeholders import open_places
 from osl_analysis.ingest.raw_files import read_source, recordings_in
 from osl_analysis.units import base_units, name_and_ending, normalised
 
@@ -49,21 +39,6 @@ KINDS = {
 
 def call(*arguments):
     return CliRunner().invoke(main, [str(a) for a in arguments])
-
-
-@pytest.mark.parametrize(
-    ("column", "name"),
-    [("theta", "AnkleAngleSoll_deg"), ("torque", "tau_ff_Nm"), ("torque", "u_Nm")],
-)
-def test_a_channel_that_may_be_another_quantity_is_left_to_the_user(tmp_path, column, name):
-    names = {"theta": "ankle_angle_deg", "torque": "loadcell_torque_Nm"} | {column: name}
-    rows = [f"{k / 100},{k % 7},{k % 5}" for k in range(30)]
-    (tmp_path / "a.csv").write_text(
-        "\n".join([f"time_s,{names['theta']},{names['torque']}", *rows])
-    )
-    content = yaml.safe_load(draft_campaign(tmp_path).sources["csv"])
-    (open_place,) = open_places(content)
-    assert content["channels"][open_place[-1]]["column"] == name
 
 
 @pytest.mark.parametrize(("names", "sure"), [
@@ -504,18 +479,6 @@ def test_a_recording_without_an_ending_is_found_by_its_first_bytes(tmp_path):
     assert {path.name for path in recordings_in(tmp_path)} == {*read}
 
 
-def test_the_column_that_no_channel_is_like_is_named_among_what_is_to_be_edited(tmp_path):
-    (tmp_path / "rec").mkdir()
-    rows = [f"{k / 100},{k % 7},{k % 5},{k % 3}" for k in range(30)]
-    (tmp_path / "rec/a.csv").write_text(
-        "\n".join(["time_s,ankle_angle_deg,knee_angle_deg,reaction", *rows])
-    )
-    said = left_to_decide(
-        tmp_path / "mine", new_campaign(tmp_path / "mine", recordings=tmp_path / "rec")
-    )[0]
-    assert "torque (no channel is like it" in said
-
-
 def test_markers_that_tell_no_segment_are_asked_about_once(
     tmp_path,
 ):
@@ -603,39 +566,11 @@ def test_a_log_and_a_capture_whose_clocks_are_not_aligned_are_a_question(tmp_pat
     assert lines[-1].endswith("osl-analysis run -n says what is left")
 
 
-def test_the_output_of_an_actuator_beside_its_motor_is_the_joint(tmp_path):
-    write_bench(path := tmp_path / "a.csv")
-    rows = path.read_text().splitlines()[1:]
-    head = "time_s,motor_position_rad,output_position_rad,reaction_torque_Nm"
-    twice = [
-        ",".join([row.split(",")[0], str(9 * float(row.split(",")[1])), *row.split(",")[1:]])
-        for row in rows
-    ]
-    path.write_text("\n".join([head, *twice, ""]))
-
-    channels = yaml.safe_load(draft_campaign(tmp_path).sources["csv"])["channels"]
-
-    assert channels["theta"]["column"] == "output_position_rad"
-    assert channels["torque"]["column"] == "reaction_torque_Nm"
-
-
-@pytest.mark.parametrize("name", ["vicon", "nexus_csv", "bench_csv"])
-def test_a_signal_that_a_shipped_file_does_not_name_is_added_in_its_section(name):
-    known = shipped(f"config/sources/{name}.yaml").read_text(encoding="utf-8")
-    section = "channels" if name == "bench_csv" else "analogs"
-    drafted = f'{section}:\n  emg: {{channel: "EMG 1", unit: "V"}}\n'
-
-    source = yaml.safe_load(with_known(known, drafted))
-
-    assert source[section]["emg"] == {"channel": "EMG 1", "unit": "V"}
-    assert source["format"] == yaml.safe_load(known)["format"]
-
-
 def drafted_of(tmp_path):
     """The draft of the recordings in `rec`, its questions, and whether it ends with `run`."""
     folder = tmp_path / "mine"
     draft = new_campaign(folder, recordings=tmp_path / "rec")
-    return left_to_decide(folder, draft), is_complete(folder, draft)
+    return left_to_decide(folder, draft), is_ready(folder, draft)
 
 
 def test_who_walks_over_plates_that_nothing_moves_is_not_analysed(tmp_path):
@@ -660,9 +595,14 @@ def test_a_laboratory_with_names_of_its_own_is_drafted_without_a_question(tmp_pa
     platform = [f"hexapod:PLAT{k}" for k in range(3)]
     capture(rec / "static_01.c3d", leg, platform=platform)
     capture(rec / "hex_noload01_fwd.c3d", {}, platform=platform)
-    for name in ("hex_trip01_nom_rev", "hex_trip02_pert_fwd"):
-        capture(rec / f"{name}.c3d", leg, force=800, platform=platform)
-        turn = 0.2 * np.sin(np.arange(400) / 40)
+    crossings = [
+        "hex_trip02_pert_fwd",
+        "hex_trip06_pert_fwd",
+        *(f"hex_trip{k}_nom_rev" for k in (3, 4, 5)),
+    ]
+    for number, name in enumerate(crossings):
+        capture(rec / f"{name}.c3d", leg, force=800 + number, platform=platform)
+        turn = 0.2 * np.sin(np.arange(400) / 40) + 0.01 * number
         rows = [f"{k / 400},{turn[k]:.6f},{k // 30 % 2}" for k in range(400)]
         (rec / f"{name}.csv").write_text(
             "\n".join(["loop_time,ankle.output_position,sync_in", *rows])
@@ -674,8 +614,7 @@ def test_a_laboratory_with_names_of_its_own_is_drafted_without_a_question(tmp_pa
     assert is_ready
     sheet = pl.read_csv(tmp_path / "mine/trials.csv")
     assert dict(sheet.select("trial", "experiment").iter_rows()) == {
-        "hex_noload01_fwd": "plate", "hex_trip01_nom_rev": "walking",
-        "hex_trip02_pert_fwd": "walking", "static_01": "static",
+        "hex_noload01_fwd": "plate", "static_01": "static", **dict.fromkeys(crossings, "walking")
     }  # fmt: skip
     written = yaml.safe_load((tmp_path / "mine/config.yaml").read_text())["walking"]
     assert written["markers"]["platform"] == ["PLAT0", "PLAT1", "PLAT2"]
@@ -712,23 +651,6 @@ def test_one_log_of_a_session_is_that_of_each_capture_by_its_gate(tmp_path):
     assert source["analogs"] == {"sync": {"channel": "Gate", "unit": "V"}}
     assert source["shared"] == {"column": "theta", "markers": ["R_KNE", "R_FAL", "R_FM1"]}
     assert yaml.safe_load(draft.sources["csv"])["clock"] == "sync"
-
-
-@pytest.mark.parametrize(("factor", "unit"), [(-1.1, "rad"), (60.0, "deg"), (9.0, "UNKNOWN")])
-def test_the_unit_of_an_angle_is_that_in_which_it_moves_as_the_markers_do(factor, unit):
-    bend = 1.8 + 0.3 * np.sin(np.arange(200) / 30)  # [rad]
-    toe = np.stack([np.sin(bend), 0 * bend, np.cos(bend)], axis=1)
-    knee = np.tile([0.0, 0.0, 1.0], (200, 1))
-    places = {"R_KNE": knee, "R_FAL": 0 * knee, "R_FM1": toe}
-    markers = [RecordedChannel("marker", {"label": n}, numbers=p) for n, p in places.items()]
-    encoder = RecordedChannel("column", {"column": "ankle"}, numbers=factor * bend + 3)
-    log = DraftedLog([encoder], [Guess("theta", is_sure=True)], None)
-    drafted = '\nchannels:\n  theta: {column: "ankle", unit: "UNKNOWN"}  # no unit is stated\n'
-
-    text = with_angle_unit(drafted, log, Overview("c3d", {}, markers), "R")
-
-    assert f'unit: "{unit}"' in text
-    assert ("guessed from the markers" in text) == (unit != "UNKNOWN")
 
 
 def test_a_log_with_other_pulses_is_of_no_capture(tmp_path):

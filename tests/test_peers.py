@@ -131,7 +131,7 @@ def test_a_miss_is_off_beyond_the_interval_and_silent_without_a_doubt(scored, li
     ([f"m,a,{RIGHT},,,"] * 2,
      "line 3: column 'trial' holds 'a', which m has answered before; delete a line"),
     ([f"m,a,{RIGHT},,,", "m,b,fast,,,5,,,0.02,,,,,"],
-     "line 3: column 'K' holds 'fast', expected numbers; correct"),
+     "column 'K' holds text, expected numbers"),
     ([f"m,a,{RIGHT},,,", "m,b,300,,,6,8,4,0.02,,,,,"],
      "line 3: column 'B_low' holds 8, above 'B_high', 4; exchange them"),
 ])  # fmt: skip

@@ -23,11 +23,11 @@ def cycles_of_spring():
     return {"time": time, "theta": theta, "torque": torque}
 
 
-def joint():
+def joint(noise=0.03):
     """A joint of 150 N*m/rad that is moved by four sines."""
     time = np.arange(0, 26, 1 / RATE)
     amplitudes = {0.7: 0.03, 1.9: 0.02, 3.1: 0.01, 4.7: 0.01}
-    torque = 0.03 * np.random.default_rng(6).standard_normal(time.size)
+    torque = noise * np.random.default_rng(6).standard_normal(time.size)
     theta = np.zeros(time.size)
     for hz, size in amplitudes.items():
         w = 2 * np.pi * hz
@@ -57,6 +57,23 @@ def times(column, factor):
 
 def swapped(signals):
     return signals | {"theta": signals["torque"], "torque": signals["theta"]}
+
+
+def swapped_in_deg(signals):
+    """Channels of N*m and deg under each other's names, whose units were converted."""
+    theta, torque = signals["theta"], signals["torque"]
+    return signals | {"theta": np.radians(torque), "torque": np.degrees(theta)}
+
+
+def test_channels_that_are_swapped_are_told_where_the_fit_is_accepted():
+    settings, _ = fit_settings("impedance", default_config())
+    of_theta = {"columns": {"theta": {"factor": np.radians(1)}}}
+    wrong = Trial("wrong", pl.DataFrame(swapped_in_deg(joint(noise=0.01))), of_theta)
+
+    with pytest.raises(InputError, match="which no joint has") as refused:
+        run_fit("impedance", wrong, None, settings)
+
+    assert refused.value.remedy.startswith(SWAP.removesuffix("150"))
 
 
 SIGN = "turn the `sign` of the torque, or of all angles, in the source file: K"

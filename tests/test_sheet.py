@@ -366,14 +366,8 @@ PRBS = {"name": "a", "kind": "prbs", "rms_deg": 2}
     ("excitations",
      [PRBS | {"kind": "multisine", "band_hz": [0.1, 0.5]}],
      "0: 2 odd lines of a period of 8 s lie"),
-    ("experiments.conditions.subjects", [{"name": "A"},
-     {"name": "A"}], "subjects: 'A' stands twice"),
     ("effects.actuator_encoder",
      {"enabled": True, "size": 200, "unit": "bit"}, "its size is 200 bit; give at most 32"),
-    *(("effects.dynamometer_bandwidth.size", hz,
-    f"size: {hz} Hz do not .* choose 5 to 500 Hz") for hz in (1, 600)),
-    ("recorder.torque_node.rate",
-     {"enabled": True, "size": 10, "unit": "Hz"}, "torque_node.rate.size: 10 Hz do not"),
 ])  # fmt: skip
 def test_a_wrong_setting_is_named_with_its_place(tmp_path, place, value, match):
     path = settings_with(tmp_path, place, value)

@@ -1,6 +1,7 @@
 """The simulated bench: its motions, its experiments, each imperfection with its stated size, and
 the written log."""
 
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -106,7 +107,7 @@ def excited(kind, seed=3, **changes):
 SMOOTH = ("multisine", "chirp", "noise", "hand")
 BELT = settings.BeltMotion(amplitude_deg=5, ramp_s=2.0, rest_s=0.5)
 ACTUATOR = read_yaml(DEFAULT, SimulationSettings).actuator
-ONE_SINE = stepped(frequencies_hz=(1,), rest_s=0, lead_s=0, ramp_s=0.4)
+ONE_SINE = stepped(frequencies_hz=(1,), rest_s=0, lead_s=0)
 THERE_AND_BACK = [
     signal[501:4499] for signal in vars(joint_motion.there_and_back(BELT, RATE)).values()
 ]
@@ -136,8 +137,7 @@ def test_every_motion_comes_with_its_true_derivatives(motion, largest):
 @pytest.mark.parametrize(
     ("changes", "duration"),
     [
-        ({"ramp_s": 0.5}, 1 + 4 + 4 / 3 + 2 + 0.5),
-        ({"cycles": None, "seconds": 2.0}, 1 + 4 + 0.5),
+        ({}, 1 + 4 + 4 / 3 + 0.5),
         ({"cycles": (2, 6)}, 1 + 2 + 2 + 0.5),
     ],
 )
@@ -176,7 +176,9 @@ def sign_changes(theta):
 def test_a_random_binary_sequence_changes_at_its_clock():
     theta = excited("prbs", clock_s=0.125).theta[3000:-3000]
 
-    assert np.gcd.reduce(np.diff(sign_changes(theta))) == 125
+    apart = np.diff(sign_changes(theta)) + 1  # of a smoothed sequence within a sample
+
+    assert (apart % 125 <= 2).all()
 
 
 def test_a_smoothed_binary_sequence_has_the_velocity_of_its_angle():
@@ -308,7 +310,7 @@ def test_each_effect_of_the_load_cell_adds_what_the_truth_says():
 
 
 def test_true_jitter_leaves_each_sample_true(clean):
-    log = log_of(node(jitter=on(20e-6, "s", distribution="normal")))
+    log = log_of(node(jitter=on(20e-6, "s")))
 
     count = np.arange(len(log["time"]))
     jitter = log["time"] - np.polynomial.Polynomial.fit(count, log["time"], 1)(count)
@@ -344,29 +346,6 @@ def test_two_nodes_sample_at_their_own_rate_and_phase(clean):
     assert time[0] - log["time"][0] == pytest.approx(3e-4, abs=1e-9)
     assert np.diff(time).mean() == pytest.approx(1 / 333, rel=1e-6)
     assert log[TORQUE][rows] == pytest.approx(expected[rows], abs=1e-4)
-
-
-def test_a_node_s_clock_has_an_offset_and_a_drift():
-    torque_node = {"clock_offset": on(0.2, "s"), "clock_drift": on(-50, "ppm")}
-
-    log, truth = simulated({"recorder": {"torque_node": torque_node}})
-
-    elapsed = log["time"] - log["time"][0]
-    since_start = log["torque_time"] - truth["drawn"]["clock_start_s"]
-    assert since_start == pytest.approx(0.2 + (1 - 50e-6) * elapsed, abs=2e-9)
-
-
-def test_a_late_message_is_stamped_after_its_sample():
-    # far less than the 10 ms between two samples, so that no message waits for another
-    latency = on(0.5e-3, "s", distribution="exponential")
-
-    log, truth = simulated(node(rate=on(100, "Hz"), latency=latency))
-
-    sampled = np.arange(len(log["time"])) / 100
-    late = log["time"] - truth["drawn"]["clock_start_s"] - sampled
-    assert late.min() > -1e-9
-    assert late.mean() == pytest.approx(0.5e-3, rel=0.2)
-    assert late.std() == pytest.approx(0.5e-3, rel=0.3), "an exponential has its mean as its spread"
 
 
 def missing(**changes):
@@ -446,12 +425,9 @@ SHORT_ACTUATOR = {"duration_s": 3, "fade_s": 1, "velocity": TONES, "current": TO
     ("section", "value", "message"),
     [
         ("recorder", {"node": {"jitter": on(20, "us")}}, "unit must be 's'"),
-        ("recorder", {"node": {"latency": on(1e-4, "s", distribution="normal")}},
-         "latency is never negative"),
-        ("protocol", {"seconds": 2.0}, "cycles or seconds"),
+        ("protocol", {"cycles": [2, 3, 4]}, "3 numbers of cycles for 2 frequencies"),
         ("excitations", [FALLING_BAND], "2.0 stands behind 6.0; write"),
         ("actuator", SHORT_ACTUATOR, "at least four times fade_s"),
-        ("experiments", {"belt": 0, "transmission": 0, "K_d": []}, "no trials are planned"),
         ("experiments", {"actuator": 2},
          "2 actuator trials are planned but 'actuator' has no schedule"),
         ("foot", SLIPS, "does not reach its limit of 90 N"),
@@ -468,7 +444,7 @@ def test_a_wrong_imperfection_or_motion_is_refused(tmp_path, section, value, mes
 
 
 def test_without_a_compiler_one_line_says_what_to_install(monkeypatch, tmp_path, in_root):
-    monkeypatch.setattr("osl_analysis.model.compiled.HAS_COMPILER", False)
+    monkeypatch.setitem(sys.modules, "numba", None)
     message = r"needs numba, which is not installed; pip install 'osl-analysis\[simulator\]'"
 
     with pytest.raises(InputError, match=message):

@@ -26,9 +26,8 @@ from osl_analysis.simulator.simulated_crossing import (
     react,
     walking_commands,
 )
-from osl_analysis.simulator.simulation_settings import Conditions, Subject
 from osl_analysis.simulator.step import GaitTrial, draw_step
-from osl_analysis.simulator.trial_plan import Condition, condition_of, plan_trials
+from osl_analysis.simulator.trial_plan import direction_of, plan_trials
 from osl_analysis.yaml_settings import read_yaml
 
 REAL = ROOT.parent / "shared/real_data/c3d/btk_PiG_Motion3_FF.c3d"
@@ -64,11 +63,8 @@ def calm(shipped):
     return shipped.crossing(perturbed=False)
 
 
-def with_conditions(setup, numbers=None, **lists):
-    numbers = numbers or {"walking": 24}
-    experiments = setup.settings.experiments.model_copy(
-        update={"conditions": Conditions(**lists), **numbers}
-    )
+def with_experiments(setup, **numbers):
+    experiments = setup.settings.experiments.model_copy(update=numbers)
     chosen = setup.settings.model_copy(update={"experiments": experiments})
     return Setup(chosen, setup.walking, setup.p)
 
@@ -109,19 +105,14 @@ def write_trajectory(folder, header, *values):
     return path
 
 
-@pytest.mark.parametrize("compensated", [True, False])
-def test_a_crossing_has_the_commanded_stiffness(setup, tmp_path, compensated):
+def test_a_crossing_has_the_commanded_stiffness(setup, tmp_path):
     """K_1 = K_d K_s / (K_s - K_d) / n_T^2: actuator and belt in series."""
     own = altered(setup, impedance=write_trajectory(tmp_path, "K_d,B_d", 200, 4))
-    controller = "compensated" if compensated else "uncompensated"
 
-    own.record(tmp_path, {**PERTURBED, "controller": controller})
+    own.record(tmp_path, PERTURBED)
 
-    log = leg_log(tmp_path)
-    in_series = 685.6 / (685.6 - 200) if compensated else 1
-    assert log["stiffness_gain"].max() == pytest.approx(200 * in_series / (83 / 18) ** 2, rel=1e-6)
-    if not compensated:
-        assert log["damping_gain"].max() == pytest.approx(4 / (83 / 18) ** 2, rel=1e-6)
+    stiffness = leg_log(tmp_path)["stiffness_gain"].max()
+    assert stiffness == pytest.approx(200 * 685.6 / (685.6 - 200) / (83 / 18) ** 2, rel=1e-6)
 
 
 def test_a_crossing_is_perturbed_at_the_planned_phase(setup, tmp_path):
@@ -136,53 +127,34 @@ def test_a_crossing_is_perturbed_at_the_planned_phase(setup, tmp_path):
     assert moves[0] > high[0] + 0.004
 
 
-def crossings_of(settings):
-    """The sheet's rows of the crossings, and their conditions."""
-    rows = [row for row in plan_trials(settings).values() if row["experiment"] == "walking"]
-    return rows, [condition_of(row, settings) for row in rows]
-
-
 def test_the_planned_share_of_crossings_is_perturbed(setup):
-    numbers = {"walking": 100, "perturbed_share": 0.1}
+    planned = plan_trials(with_experiments(setup, walking=100, perturbed_share=0.1).settings)
 
-    rows, _ = crossings_of(with_conditions(setup, numbers).settings)
-
+    rows = [row for row in planned.values() if row["experiment"] == "walking"]
     assert 1 < sum(row["perturbed"] for row in rows) < 25
     assert {row["direction"] for row in rows} == {None}, "there is one"
 
 
-def test_what_the_sheet_states_is_simulated(setup):
-    rows, _ = crossings_of(setup.settings)
+def test_of_two_directions_each_comes_once_in_two_crossings_unless_the_sheet_states_it(setup):
+    two_ways = with_experiments(setup, directions=("up", "down")).settings
+    rows = [{"trial": f"walking_{number:02d}"} for number in range(1, 9)]
 
-    condition = condition_of({**rows[0], "perturbed": True, "direction": "down"}, setup.settings)
+    directions = [direction_of(row, two_ways) for row in rows]
 
-    assert condition.direction == "down"
-    assert condition.perturbed
+    pairs = zip(directions[::2], directions[1::2], strict=True)
+    assert {frozenset(pair) for pair in pairs} == {frozenset(("up", "down"))}
+    assert direction_of({**rows[0], "direction": "down"}, setup.settings) == "down"
+
+
+def test_a_plan_without_trials_is_refused(setup):
+    none = dict.fromkeys(("belt", "transmission", "actuator", "static", "plate", "walking"), 0)
+    with pytest.raises(InputError, match="no trials are planned"):
+        plan_trials(with_experiments(setup, **none, K_d=()).settings)
 
 
 def test_two_trials_of_one_name_are_refused(setup):
     with pytest.raises(InputError, match="the plan has two trials 'impedance_K300_B"):
-        plan_trials(with_conditions(setup, {"K_d": (300.0, 300.0001)}).settings)
-
-
-@pytest.fixture(scope="module")
-def two_persons(setup):
-    people = [
-        Subject(name="A", body_mass_kg=60, stance_s=0.6),
-        Subject(name="B", body_mass_kg=90, stance_s=0.8),
-    ]
-    return with_conditions(setup, subjects=people)
-
-
-def test_a_person_has_the_stated_mass_and_stance(two_persons, tmp_path):
-    """Stance to one frame of 0.6 s."""
-    light = decoded(two_persons, tmp_path, trial="walking_01")
-    heavy = decoded(two_persons, tmp_path, trial="walking_24")
-
-    load_ratio = light.force[:, 2].max() / heavy.force[:, 2].max()
-    stance_ratio = np.ptp(light.stance) / np.ptp(heavy.stance)
-    assert load_ratio == pytest.approx(60 / 90, rel=1e-3)
-    assert stance_ratio == pytest.approx(0.6 / 0.8, abs=0.01)
+        plan_trials(with_experiments(setup, K_d=(300.0, 300.0001)).settings)
 
 
 def test_half_a_person_stands_on_the_plate_in_the_static_trial(setup, tmp_path):
@@ -375,7 +347,7 @@ def test_a_given_equilibrium_and_a_weight_of_the_gains_are_used(shipped, tmp_pat
     gains = compensated_gains(300, 5, shipped.p, weight)
     walking = altered(shipped, impedance=path, gain_weight=weight).walking
 
-    commands = walking_commands(draw_step(GaitTrial("walking_01", 1, walking)), True, shipped.p)
+    commands = walking_commands(draw_step(GaitTrial("walking_01", 1, walking)), shipped.p)
 
     expected = np.array([[gains.K_1], [gains.B_1], [0.05 * shipped.p.n_T]])
     np.testing.assert_allclose(commands, np.broadcast_to(expected, commands.shape))
@@ -450,7 +422,7 @@ def added_turn_deg(step, after_s):
 
 def test_a_perturbation_turns_the_ankle_by_its_size_in_its_direction(walked):
     """A foot that yields takes 4 % of 5 deg."""
-    down = draw_step(replace(walked.step.trial, condition=Condition(True, "down")))
+    down = draw_step(replace(walked.step.trial, direction="down"))
 
     assert added_turn_deg(walked.step, 0.25) == pytest.approx(0.96 * 5, abs=1e-6)
     assert added_turn_deg(down, 0.25) == pytest.approx(-0.96 * 5, abs=1e-6)

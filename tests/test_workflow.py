@@ -486,7 +486,7 @@ def laboratory(workspace, tmp_path_factory):
 
 BAD = {
     "belt_01": r"dynamometer/belt_01\.mcap: no such file; remedy: .*copy",
-    TRIAL: rf"dynamometer/{TRIAL}\.mcap: .*no footer.*; remedy: ",
+    TRIAL: rf"dynamometer/{TRIAL}\.mcap: .*its end is lost; remedy: ",
     "impedance_K200_B5.0_compensated": r"_compensated\.mcap: .*; remedy: ",
     "walking_04": r"vicon/walking_04\.c3d: .*[Pp]ermission denied.*; remedy: .*",
 }

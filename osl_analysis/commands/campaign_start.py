@@ -9,6 +9,7 @@ from typing import Any
 from osl_analysis.campaign.campaign_checks import check_campaign
 from osl_analysis.campaign.campaign_trials import Campaign, open_campaign
 from osl_analysis.campaign.configuration import campaign_config, over_default
+from osl_analysis.draft.overview import inspect_recording
 from osl_analysis.errors import (
     EXTRAS,
     InputError,
@@ -18,7 +19,6 @@ from osl_analysis.errors import (
     not_installed,
 )
 from osl_analysis.files import check_working_folder, default_config
-from osl_analysis.ingest.overview import inspect_recording
 from osl_analysis.ingest.raw_files import (
     check_clocks,
     read_source,

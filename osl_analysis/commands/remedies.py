@@ -4,6 +4,7 @@ A wrong sign, unit or channel refuses a fit. The error names the changes of the 
 mend it (`errors.Change`); those with which the trial can be fitted become its remedy.
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
@@ -13,8 +14,8 @@ import polars as pl
 
 from osl_analysis.bench.fit_tables import FitTables
 from osl_analysis.commands.estimates import estimated, printed_units
-from osl_analysis.errors import Change, OslAnalysisError
-from osl_analysis.ingest.guard import in_other_units
+from osl_analysis.errors import Change, InputError, OslAnalysisError
+from osl_analysis.ingest.guard import in_other_units, swapped_channels
 from osl_analysis.rounding import written
 from osl_analysis.signals.grid import with_stamp_evidence
 from osl_analysis.trial import Trial
@@ -64,13 +65,39 @@ def fit_or_advise(fit: FitOfTrial, trial: Trial, **arguments: Any) -> FitTables:
         The fit is refused. Its remedy is what makes the trial fit, where a change does.
     """
     try:
-        return fit(trial=trial, **arguments)
+        tables = fit(trial=trial, **arguments)
+        check_not_swapped(fit, trial, arguments, tables)
     except OslAnalysisError as error:
         helpful = helpful_changes(fit, trial, arguments, error.changes)
         if not helpful:
             raise
         remedy = "; or ".join(outcome.text for outcome in helpful)
         raise type(error)(f"{error.reason}; {remedy}") from error
+    return tables
+
+
+def check_not_swapped(
+    fit: FitOfTrial, trial: Trial, arguments: Mapping[str, Any], tables: FitTables
+) -> None:
+    """Refuse estimates that no joint has, with InputError, if angle and torque explain each other
+    much better in exchanged channels. A late torque makes B negative, too, but no such
+    difference."""
+    row = next(iter(tables.estimates.values())).row(-1, named=True)
+    if is_possible(row) or not {"theta", "torque"} <= set(trial.columns):
+        return
+    changes = swapped_channels(trial, "theta", "torque")
+    least = min(
+        (outcome.unexplained for outcome in helpful_changes(fit, trial, arguments, changes)),
+        default=math.inf,
+    )
+    if FITS_WORSE * least < Outcome(changes[0], row).unexplained:
+        name = "B" if (row.get("B_high") or 0.0) < 0 else estimated(row)[0]
+        raise InputError(
+            f"trial {trial.name}: {name} = {row[name]:.3g} {printed_units()[name]}, which no joint"
+            " has, and angle and torque explain each other better if they are exchanged; swap their"
+            " channels in the source file",
+            changes,
+        )
 
 
 def helpful_changes(

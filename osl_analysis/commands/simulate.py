@@ -10,7 +10,7 @@ from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.config.impedance_trajectory import read_impedance_trajectory
 from osl_analysis.config.shared_choices import SharedChoices
 from osl_analysis.config.sheet import SHEET_COLUMNS, SheetRows
-from osl_analysis.errors import InputError, naming
+from osl_analysis.errors import InputError, naming, optional_module
 from osl_analysis.files import atomic_path, check_output
 from osl_analysis.model.compensator import check_request
 from osl_analysis.model.drivetrain import read_parameters
@@ -158,10 +158,7 @@ def record_trial(
 ) -> None:
     """Simulate the trial of one row and let its recorders write, the truth first, so that every log
     has a truth."""
-    # planning, which imports this module, needs no numba
-    from osl_analysis.model.compiled import require_compiler
-
-    require_compiler()
+    optional_module("numba", "the simulator")  # planning, which imports this module, needs none
     p = read_parameters(settings.parameters)
     if row["experiment"] == "actuator" or EXPERIMENTS[row["experiment"]].log == "dynamometer":
         from osl_analysis.simulator import bench_trial, recorder

@@ -68,6 +68,7 @@ def gather(
     places: Places | None = None,
     evidence: Path | None = None,
     evidence_columns: Collection[str] = (),
+    faults: Mapping[str, str] | None = None,
     data: str = "",
 ) -> None:
     """Write one table from the tables of single trials, in the order given.
@@ -85,6 +86,8 @@ def gather(
         Joint and side of each trial.
     evidence, evidence_columns
         A file for these columns; the table has all others.
+    faults : Mapping of str to str or None
+        By trial, the finding of a fault of its recording that spoils the estimates.
     data : str
         Whether the recordings are simulated or measured.
 
@@ -97,10 +100,10 @@ def gather(
         raise InputError(f"{output}: no trials fill this table; add some to the sample sheet")
     table = read_tables(rows, output.stem)
     if limits is not None:
-        findings = judged(table, limits, output.stem)
+        findings = judged(table, limits, output.stem, faults)
         if limits_of_fits is not None and fits:
             origin = read_tables(fits)
-            findings_of_fits = judged(origin, limits_of_fits, fits[0].parent.name)
+            findings_of_fits = judged(origin, limits_of_fits, fits[0].parent.name, faults)
             findings = with_inherited(table, findings, origin, findings_of_fits)
         table = marked(table, findings, output.stem)
     table = with_places(table.drop(unpublished(table, output.stem), strict=False), places or {})
@@ -189,6 +192,7 @@ def write_findings(
     output: Path,
     offered: Path,
     fits: Sequence[Path] = (),
+    refused: Sequence[Refusal] = (),
     places: Places | None = None,
     data: str = "",
 ) -> None:
@@ -206,6 +210,9 @@ def write_findings(
         `findings.csv`, and `offered.csv` with the estimates that findings offer.
     fits : Sequence of Path
         Tables of single trials, for columns that only findings read.
+    refused : Sequence of Refusal
+        Of these tables. What else was flagged of such a recording may follow from why it was
+        refused, as a slow clock does from a wrong unit.
     places : Places or None
         Joint and side of each trial.
     data : str
@@ -218,7 +225,9 @@ def write_findings(
     for name, path in tables.items():
         of_fits = fits_by_table.get(name, ())
         tables_by_name[name] = with_columns_of_fits(with_evidence(path), name, of_fits)
-    findings = campaign_findings(tables_by_name, read_table(verdicts), limits)
+    of_refused = pl.col("trial").is_in([refusal.trial for refusal in refused])
+    used = read_table(verdicts).filter(~of_refused | (pl.col("verdict") == "exclude"))
+    findings = campaign_findings(tables_by_name, used, limits)
     write_table(with_places(findings_frame(findings), places or {}), output, data)
     write_table(with_places(offered_frame(findings), places or {}), offered, data)
 

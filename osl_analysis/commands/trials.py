@@ -9,16 +9,12 @@ from pathlib import Path
 from typing import Any
 
 from osl_analysis.config.experiments import EXPERIMENTS
+from osl_analysis.draft.overview import MOST_COLUMNS, inspect_recording
+from osl_analysis.draft.recorded_channel import Overview, RecordedChannel
 from osl_analysis.errors import InputError, printable
 from osl_analysis.formats import formats_of
 from osl_analysis.ingest import raw_files
 from osl_analysis.ingest.guard import check_ranges
-from osl_analysis.ingest.overview import (
-    MOST_COLUMNS,
-    Overview,
-    RecordedChannel,
-    inspect_recording,
-)
 from osl_analysis.ingest.quality import Commanded, measure_quality, measured_table
 from osl_analysis.signals.grid import with_stamp_evidence
 from osl_analysis.table import write_table

@@ -166,6 +166,8 @@ def in_one_sentence() -> Iterator[None]:
     except (InputError, MemoryError, KeyboardInterrupt, SystemExit):
         raise
     except BaseException as error:  # also a panic of Rust
+        if isinstance(error.__context__, MemoryError):  # in the words of a library
+            raise error.__context__ from error
         if not is_of_file(error):
             raise
         raise InputError(f"cannot be read ({_reason_of(error)}); {COPY_AGAIN}") from error

@@ -413,6 +413,8 @@ class Log:
     def _find_unlisted(self, address: Mapping[str, str]) -> Channel | None:
         """Say why a topic has no numbers for a field."""
         name = address["topic"]
+        if not self.read and self.end is End.MISSING:
+            raise InputError("no message was read: its end is lost; copy or record it again")
         if name not in self.read:
             names = sorted(self.read)
             advice = nearest(name, names) or "; correct `topic` in the source file"

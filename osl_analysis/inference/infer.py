@@ -78,7 +78,6 @@ def infer_impedance(
         )
     data = Whitened(spectra)
     fits, rounding = fit_all(data)
-    plain_left = fits[0].left  # by Eq. 15 alone
     weighed, at = weigh(fits, spectra.freedom, not signals.has_drivetrain)
     best_sound = weighed[at]
     sizes = np.hypot(best_sound.impedance, HARM_FLOOR)
@@ -94,7 +93,7 @@ def infer_impedance(
         doubt = most_probable_family(faults, explanations)
 
     best = max(weighed, key=lambda each: each.weight).fit
-    of_K, of_B, of_I = largest_shifts(data, best, plain_left, best_sound.impedance) / sizes
+    of_K, of_B, of_I = largest_shifts(data, best, fits[0].left, best_sound.impedance) / sizes
     return ImpedanceInference(
         impedance=impedance_of(mixed(weighed)),
         sound=impedance_of(best_sound.parts),

@@ -90,21 +90,15 @@ class Weighed:
 def log_prior(fits: Sequence[Predicted]) -> Array:
     """Logarithms (h,) of the prior probabilities.
 
-    Families share what is not sound evenly, and so do hypotheses within a family; minima of one
-    hypothesis share its probability.
+    Families share what is not sound evenly, and so do hypotheses within a family.
     """
-
-    def key(fit: Predicted) -> tuple[str, bool]:
-        return fit.candidate.hypothesis.name, fit.has_friction
-
-    minima = Counter(key(fit) for fit in fits)
     members = {(fit.candidate.hypothesis.family, fit.candidate.hypothesis.name) for fit in fits}
     of_family = Counter(family for family, _ in members)
     found = []
     for fit in fits:
         family = fit.candidate.hypothesis.family
         prior = PRIOR_SOUND if family == "" else (1 - PRIOR_SOUND) / len(FAMILIES)
-        prior /= of_family[family] * minima[key(fit)]
+        prior /= of_family[family]
         prior *= PRIOR_FRICTION if fit.has_friction else 1 - PRIOR_FRICTION
         found.append(np.log(prior))
     return np.array(found)

@@ -47,12 +47,17 @@ class Delay(Filter):
 
 
 class LowPass(Filter):
-    """A torque behind a low-pass of first order."""
+    """A torque behind a low-pass of first order, or an angle, whose time constant is negative."""
 
     name = "low-pass"
 
+    def grid(self) -> Array:
+        of_torque = super().grid()
+        return np.concatenate([-of_torque[::-1], of_torque])
+
     def response(self, value: float) -> Spectrum:
-        return 1 / (1 + value * self.data.spectra.s)
+        low_pass = 1 / (1 + abs(value) * self.data.spectra.s)
+        return low_pass if value > 0 else 1 / low_pass
 
 
 class SeriesSpring(Path):

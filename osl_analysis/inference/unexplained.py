@@ -20,6 +20,8 @@ from osl_analysis.trial import Array
 # what is left over the noise of the rows that move least and over rounding, up to which it is
 # theirs: three standard errors in 20 s of motion to 6 Hz
 MOST_NOISE = 1.6
+# standard errors of the sensors' noise, up to which what a rival of Eq. 15 leaves is theirs
+NOISE_DEVIATIONS = 3.0
 
 
 def largest_shifts(data: Whitened, best: Predicted, plain_left: float, impedance: Array) -> Array:
@@ -40,21 +42,24 @@ def largest_shifts(data: Whitened, best: Predicted, plain_left: float, impedance
     torque = best.candidate.torque
     squares = (torque - solve_scaled(columns, torque) @ columns) ** 2
 
-    # a sine is never still in both its torque and the derivative of it
-    derivatives = data.higher_motion
-    modelled = np.array([impedance @ derivatives[:3], impedance @ derivatives[1:4]])
-    motion = np.sum(modelled**2 / np.mean(modelled**2, axis=1, keepdims=True), axis=0)
-    quiet = float(np.median(squares[motion < np.median(motion)]))
-    noise = quiet / MEDIAN_OF_NOISE**2 * len(squares)
     if best.candidate.hypothesis.family:
         # Eq. 15 is not right, so that only what the sensor has beyond the band is surely noise
         signals = data.spectra.signals
-        noise = min(noise, data.white_noise(noise_and_band(signals.torque, signals.rate_hz)[0]))
-
-    # no mechanism is exactly its formula
-    of_mechanism = INEXACTNESS**2 * (plain_left - best.left)
-    of_sensors = MOST_NOISE * (noise + best.rounding_left)
-    unexplained = max(float(squares.sum()) - of_sensors - of_mechanism, 0.0)
+        noise = data.white_noise(noise_and_band(signals.torque, signals.rate_hz)[0])
+        most_noise = 1 + NOISE_DEVIATIONS * np.sqrt(2 / data.spectra.freedom)
+        of_friction = 0.0
+    else:
+        # a sine is never still in both its torque and the derivative of it
+        derivatives = data.higher_motion
+        modelled = np.array([impedance @ derivatives[:3], impedance @ derivatives[1:4]])
+        motion = np.sum(modelled**2 / np.mean(modelled**2, axis=1, keepdims=True), axis=0)
+        quiet = float(np.median(squares[motion < np.median(motion)]))
+        noise = quiet / MEDIAN_OF_NOISE**2 * len(squares)
+        most_noise = MOST_NOISE
+        # whose shapes are not exactly its formula
+        of_friction = INEXACTNESS**2 * (plain_left - best.left)
+    of_sensors = most_noise * (noise + best.rounding_left)
+    unexplained = max(float(squares.sum()) - of_sensors - of_friction, 0.0)
 
     search = Search(data, best.has_friction)
     own_squares = [

@@ -180,16 +180,24 @@ def causes_of_large_angle(
             f"{torque} has +-{change:.2g} N*m only, are the two swapped? Correct them in the source"
             " file"
         )
-        words = f"swap the channels of {angle} and {torque} in the source file"
-        swapped = {angle: torque, torque: angle}
-        in_deg = f"{words}, and state `unit: deg` of {angle}"
-        return cause, [
-            Change(words, renamed=swapped),
-            Change(in_deg, {angle: math.radians(1)}, renamed=swapped, rank=1),
-        ]
+        return cause, swapped_channels(trial, angle, torque)
     too_large = [name for name in ANGLES if half_range(trial, name) > largest_angle]
     cause = "is it another channel, or of another unit or scale? Correct it in the source file"
     return cause, in_other_units(trial, too_large)
+
+
+def swapped_channels(trial: Trial, angle: str, torque: str) -> list[Change]:
+    """The changes that exchange the channels of two columns, each of which keeps its unit; then
+    with an angle in deg."""
+    words = f"swap the channels of {angle} and {torque} in the source file"
+    factor = float(origin(trial, angle).get("factor", 1))
+    of_torque = float(origin(trial, torque).get("factor", 1))
+    swapped = {angle: torque, torque: angle}
+    in_deg = {angle: math.radians(1) / of_torque, torque: of_torque / factor}
+    return [
+        Change(words, {**in_deg, angle: factor / of_torque}, swapped),
+        Change(f"{words}, and state `unit: deg` of {angle}", in_deg, swapped, rank=1),
+    ]
 
 
 def half_range(trial: Trial, column: str | None) -> float:

@@ -99,10 +99,13 @@ def standing_runs(
     """
     edges = repeats(values)
     edges = edges[np.diff(edges)[:, 0] > LEAST_STANDING]
+    duration_s = np.ptp(time)
+    if duration_s == 0:
+        return edges[:0]
     sums = np.concatenate([[0.0], np.cumsum(reference - reference.mean())])
     rows = np.arange(sums.size)
     length = np.diff(edges)
-    width = np.minimum(length / MEANS, LONGEST_MEAN_S * time.size / np.ptp(time))
+    width = np.minimum(length / MEANS, LONGEST_MEAN_S * time.size / duration_s)
     begins = edges[:, :1] + length / 2 + (length / 4 - width) * np.linspace(0, 1, MEANS)
     means = (np.interp(begins + width, rows, sums) - np.interp(begins, rows, sums)) / width
     noise = noise_of(reference) / np.sqrt(np.maximum(width[:, 0], 1.0))

@@ -7,11 +7,11 @@ import polars as pl
 from osl_analysis.config.experiments import judged_tables
 from osl_analysis.errors import listing
 from osl_analysis.judge.exclusions import HOW_TO_USE, exclusions
-from osl_analysis.judge.finding import ENDS, ESTIMATES, Beyond, Finding, Grade, WordedFinding
+from osl_analysis.judge.finding import Beyond, Finding, Grade, WordedFinding
 from osl_analysis.judge.judging import judged
 from osl_analysis.judge.known_findings import CHECKS, FINDINGS
 from osl_analysis.judge.limits import DoubtfulFits
-from osl_analysis.judge.moved_estimates import estimate_column
+from osl_analysis.judge.recording_checks import spoiled_trials
 from osl_analysis.judge.words import words_of
 from osl_analysis.measured import SHORT, significant, unusual
 
@@ -44,9 +44,10 @@ def campaign_findings(
         A limit stands on a column that its table does not have.
     """
     worded = list(failed_checks(verdicts))
+    faults = spoiled_trials(verdicts)
     fits = {name: table for name, table in tables.items() if name in judged_tables()}
     for name, table in fits.items():
-        by_row = judged(table, limits.of(name), name)
+        by_row = judged(table, limits.of(name), name, faults)
         for row, of_row in zip(table.iter_rows(named=True), by_row, strict=True):
             worded.extend(WordedFinding(finding, words_of(finding, row)) for finding in of_row)
     worded.extend(recordings_of_another_length(fits.get("impedance", pl.DataFrame())))
@@ -66,25 +67,24 @@ OFFERED_COLUMNS: dict[str, type[pl.DataType]] = {
 def offered_frame(findings: Iterable[WordedFinding]) -> pl.DataFrame:
     """`offered.csv`: a row per estimate that a finding offers in place of the recorded one, from
     the same fit with the cause in the model."""
-    rows = []
+    rows: list[dict[str, object]] = []
     for number, worded in enumerate(findings, start=1):
         finding = worded.finding
-        for symbol in ESTIMATES:
-            if not any(f"{symbol}{end}" in finding.without for end in ENDS):
-                continue
-            rows.append(
-                {
-                    "finding": number,
-                    "table": finding.table,
-                    "trial": finding.subject,
-                    "amplitude_deg": finding.amplitude_deg,
-                    "cause": finding.cause,
-                    "quantity": estimate_column(finding.table, symbol),
-                    "estimate": finding.without.get(symbol),
-                    "low": finding.without.get(f"{symbol}_low"),
-                    "high": finding.without.get(f"{symbol}_high"),
-                }
-            )
+        rows += [
+            {
+                "finding": number,
+                "table": finding.table,
+                "trial": finding.subject,
+                "amplitude_deg": finding.amplitude_deg,
+                "cause": finding.cause,
+                "quantity": estimate.recorded,
+                "estimate": estimate.value,
+                "low": estimate.low,
+                "high": estimate.high,
+            }
+            for estimate in finding.without
+            if estimate.is_told
+        ]
     return pl.DataFrame(rows, schema=OFFERED_COLUMNS)
 
 

@@ -194,21 +194,27 @@ def causes_in(
     Returns
     -------
     list of CauseInRow
-        Causes of others first, unknown ones last. Beside a cause that spoils all estimates, no
-        other that makes the fit worse is named.
+        Causes of others first, unknown ones last.
     """
     numbers_of: dict[str, list[Beyond]] = {}
     for number in sorted(numbers.values(), key=rank_of):
-        is_misfit = number.column in EVIDENCE and EVIDENCE[number.column].is_misfit
         cause = cause_of(number, row)
-        if misfit_by is not None and is_misfit:
-            cause = misfit_by
+        if misfit_by is not None and number.column in EVIDENCE:
+            cause = misfit_by if EVIDENCE[number.column].is_misfit else cause
         numbers_of.setdefault(cause.name, []).append(number)
-    causes = [known_finding(name) for name in numbers_of]
-    spoiler = next((cause for cause in causes if cause.spoils_estimates), None)
-    in_row = []
-    for cause in causes:
-        is_effect = spoiler is not None and cause.explains_misfit and cause is not spoiler
-        if not is_effect:
-            in_row.append(CauseInRow(cause, tuple(numbers_of[cause.name])))
-    return in_row
+    return [CauseInRow(known_finding(name), tuple(of)) for name, of in numbers_of.items()]
+
+
+def with_effects(causes: list[CauseInRow], fault: KnownFinding | None) -> list[CauseInRow]:
+    """Causes of which those that may be effects of a fault of the recording are evidence of it.
+    `fault` is what a check of the recording found; None: what the row shows."""
+    fault = fault or next((each.cause for each in causes if each.cause.spoils_estimates), None)
+    effects = [
+        each
+        for each in causes
+        if each.cause is fault or each.cause.explains_misfit or each.cause.is_misfit
+    ]
+    if fault is None or not effects:
+        return causes
+    numbers = tuple(number for each in effects for number in each.numbers)
+    return [CauseInRow(fault, numbers), *(each for each in causes if each not in effects)]

@@ -9,7 +9,7 @@ from typing import Any
 import polars as pl
 
 from osl_analysis.files import file_state
-from osl_analysis.judge.recording_checks import QualityRules, judged_table
+from osl_analysis.judge.recording_checks import QualityRules, judged_table, spoiled_trials
 from osl_analysis.refusal import is_refused
 
 HOW_TO_USE = (
@@ -35,32 +35,39 @@ class Judge:
         The configured thresholds.
     accept
         The checks that the sheet accepts, by trial.
-    excluded_by_states
-        The excluded trials by the states of the files that tell them: a run asks again for each of
-        its rules, mostly of files that have not changed.
+    verdicts_by_states
+        Verdicts by the states of the files that tell them: a run asks again for each of its rules,
+        mostly of files that have not changed.
     """
 
     rules: QualityRules
     accept: Mapping[str, Collection[str]]
-    excluded_by_states: dict[tuple[tuple[Path, str], ...], list[str]] = field(default_factory=dict)
+    verdicts_by_states: dict[tuple[tuple[Path, str], ...], pl.DataFrame] = field(
+        default_factory=dict
+    )
 
     def verdicts(self, measured: Iterable[Path]) -> pl.DataFrame:
         """The rows of `quality.csv` for trials whose checks were `measured`; a missing file, or a
         refusal, has none."""
-        rows: list[dict[str, Any]] = []
-        for path in measured:
-            if path.is_file() and not is_refused(path):
-                rows += read_measured(path)
-        return judged_table(pl.DataFrame(rows, MEASURED_COLUMNS), self.rules, self.accept)
+        files = list(measured)
+        states = tuple((path, repr(file_state(path))) for path in files)
+        if states not in self.verdicts_by_states:
+            rows: list[dict[str, Any]] = []
+            for path in files:
+                if path.is_file() and not is_refused(path):
+                    rows += read_measured(path)
+            table = pl.DataFrame(rows, MEASURED_COLUMNS)
+            self.verdicts_by_states[states] = judged_table(table, self.rules, self.accept)
+        return self.verdicts_by_states[states]
 
     def excluded(self, measured: Iterable[Path]) -> list[str]:
         """The trials whose `measured` checks exclude them; a file that is not there excludes
         none."""
-        files = list(measured)
-        states = tuple((path, repr(file_state(path))) for path in files)
-        if states not in self.excluded_by_states:
-            self.excluded_by_states[states] = list(exclusions(self.verdicts(files)))
-        return self.excluded_by_states[states]
+        return list(exclusions(self.verdicts(measured)))
+
+    def spoiled(self, measured: Iterable[Path]) -> dict[str, str]:
+        """By trial, the fault of its recording beside which no estimate can be trusted."""
+        return spoiled_trials(self.verdicts(measured))
 
 
 def read_measured(path: Path) -> list[dict[str, Any]]:

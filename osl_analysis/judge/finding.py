@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -33,7 +33,6 @@ class Remedy(StrEnum):
     AMPLITUDE = "of_amplitude"  # only the fit to one amplitude is doubtful
     FREQUENCY = "of_frequency"  # a row of one frequency
     DOUBTED = "if_doubtful"  # for what was not checked, or is noted, in a doubtful row
-    NONE = "none"  # it moves the estimates by less than their accuracy
 
 
 @dataclass(frozen=True)
@@ -59,6 +58,30 @@ class Beyond:
 
 
 @dataclass(frozen=True)
+class Correction:
+    """An estimate with a cause as a column of the regression, in the unit of the estimate."""
+
+    symbol: str  # K, B or I
+    recorded: str  # column of the estimate that it is to be compared with
+    value: float | None  # None: rivals that cannot be told apart give a range alone
+    low: float | None  # lower end of its 95 % interval or range; None: nothing is told
+    high: float | None  # upper end
+
+    @property
+    def is_told(self) -> bool:
+        """Whether anything is known of the estimate beside the cause."""
+        return self.value is not None or None not in (self.low, self.high)
+
+    def is_better_than(self, row: AnyRow) -> bool:
+        """Whether the estimate of a row lies outside of this interval. Of one that lies in it
+        nothing better is known."""
+        recorded = cell_number(row, self.recorded)
+        if recorded is None or self.low is None or self.high is None:
+            return self.is_told
+        return not self.low <= recorded <= self.high
+
+
+@dataclass(frozen=True)
 class Finding:
     """One thing that was found in a row of a table: a cause of doubt, something that could not be
     checked, or a remark.
@@ -81,9 +104,7 @@ class Finding:
         Which remedy helps.
     without
         The estimates with this cause as a column of the regression, where they are better than the
-        recorded ones: K, B, I, with `_low` and `_high`.
-    untold
-        Those of K, B and I of which nothing is told beside this cause.
+        recorded ones, or not told beside it while others are.
     title
         Its title where this names a part of the device, such as `component K_s`; empty: that of its
         name.
@@ -103,8 +124,7 @@ class Finding:
     amplitude_deg: float | None = None
     frequency_hz: float | None = None
     remedy: Remedy = Remedy.WHOLE
-    without: Mapping[str, float] = field(default_factory=dict)
-    untold: tuple[str, ...] = ()
+    without: tuple[Correction, ...] = ()
     title: str = ""
 
     @property
@@ -141,7 +161,6 @@ class WordedFinding:
 
 
 ESTIMATES = ("K", "B", "I")
-ENDS = ("", "_low", "_high")  # of the column of an estimate
 FINDING_COLUMNS: dict[str, type[pl.DataType]] = {
     "finding": pl.Int64,
     **dict.fromkeys(("table", "trial"), pl.String),

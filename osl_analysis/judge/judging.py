@@ -18,6 +18,7 @@ from osl_analysis.judge.causes import (
     explaining,
     limits_in,
     numbers_beyond,
+    with_effects,
 )
 from osl_analysis.judge.finding import (
     AnyRow,
@@ -29,12 +30,11 @@ from osl_analysis.judge.finding import (
     subject_of,
 )
 from osl_analysis.judge.known_findings import EVIDENCE, FINDINGS, HYPOTHESES, KnownFinding
-from osl_analysis.judge.limits import Accuracy, Limits
+from osl_analysis.judge.limits import Limits
 from osl_analysis.judge.moved_estimates import (
     corrections,
-    estimate_column,
-    is_told,
     is_within_accuracy,
+    leaves_torque,
 )
 from osl_analysis.judge.unchecked import unchecked_in
 from osl_analysis.stats.repeats import DOUBTFUL
@@ -105,7 +105,9 @@ def remedy_of(judged_row: JudgedRow, has_amplitudes: bool, is_whole_sound: bool)
     return Remedy.WHOLE if has_amplitudes else Remedy.ALONE
 
 
-def judged(table: pl.DataFrame, limits: Limits, name: str) -> RowFindings:
+def judged(
+    table: pl.DataFrame, limits: Limits, name: str, faults: Mapping[str, str] | None = None
+) -> RowFindings:
     """Judge each row of a table.
 
     Parameters
@@ -116,13 +118,16 @@ def judged(table: pl.DataFrame, limits: Limits, name: str) -> RowFindings:
         Accuracy and limits of the configuration.
     name : str
         The name of the table.
+    faults : Mapping of str to str, optional
+        By trial, the finding of a failed check of its recording beside which no estimate can be
+        trusted (`recording_checks.spoiled_trials`).
 
     Returns
     -------
     list of list of Finding
-        For each row doubts in the order of their limits, remarks on the device and on what moves
-        the estimates by less than their accuracy, then what could not be checked. Rows without a
-        fit have none.
+        For each row doubts in the order of their limits, remarks on the device, then what could
+        not be checked; nothing of faults that move the estimates by less than their accuracy. Rows
+        without a fit have none.
 
     Raises
     ------
@@ -150,8 +155,14 @@ def judged(table: pl.DataFrame, limits: Limits, name: str) -> RowFindings:
         is_whole_sound = row.trial in of_whole and not of_whole[row.trial]
         remedy = remedy_of(row, row.trial in with_amplitudes, is_whole_sound)
         misfit_by = explaining(row.row, row.numbers) or misfit_of_trial[row.trial]
-        causes = causes_in(row.row, row.numbers, misfit_by)
-        findings.append(findings_of_row(name, row.row, causes, remedy, limits.accuracy))
+        causes = [
+            each
+            for each in causes_in(row.row, row.numbers, misfit_by)
+            if each.cause.is_result
+            or not is_within_accuracy(name, row.row, each.cause, each.numbers, limits.accuracy)
+        ]
+        fault = FINDINGS.get((faults or {}).get(str(row.trial), ""))
+        findings.append(findings_of_row(name, row.row, with_effects(causes, fault), remedy))
     return findings
 
 
@@ -190,22 +201,17 @@ def misfits_by_trial(rows: Sequence[JudgedRow]) -> dict[object, KnownFinding | N
 
 
 def findings_of_row(
-    table: str, row: AnyRow, causes: Sequence[CauseInRow], remedy: Remedy, accuracy: Accuracy
+    table: str, row: AnyRow, causes: Sequence[CauseInRow], remedy: Remedy
 ) -> list[Finding]:
-    """The doubts about a row by their causes, remarks on causes that are properties of the device
-    or have little effect, and what could not be checked."""
+    """The doubts about a row by their causes, remarks on properties of the device, and what could
+    not be checked."""
     doubts: list[Finding] = []
     remarks: list[Finding] = []
-    is_unexplained = any(in_row.cause.name == UNEXPLAINED for in_row in causes)
     for in_row in causes:
         finding = finding_of_cause(table, row, in_row, remedy)
         if finding.name == UNEXPLAINED and any(doubt.name in RIVALS for doubt in doubts):
             continue  # a rival explains what it can
-        if is_within_accuracy(table, row, in_row.cause, in_row.numbers, accuracy):
-            if is_unexplained and finding.name in RIVALS:
-                continue  # it does not tell how far the estimates are off
-            remarks.append(replace(finding, grade=Grade.NOTES, remedy=Remedy.NONE))
-        elif in_row.cause.is_result:
+        if in_row.cause.is_result:
             remarks.append(replace(finding, grade=Grade.NOTES))
         else:
             doubts.append(finding)
@@ -221,19 +227,12 @@ def findings_of_row(
 def finding_of_cause(table: str, row: AnyRow, in_row: CauseInRow, remedy: Remedy) -> Finding:
     """A cause of doubt about a row. Estimates without it are offered where they are better than the
     recorded ones."""
-    without: dict[str, float] = {}
-    without_cause = corrections(table, in_row.cause, row)
-    for correction in without_cause:
-        recorded = cell_number(row, estimate_column(table, correction.symbol))
-        if not correction.is_better_than(recorded):
-            continue
-        ends = {"": correction.value, "_low": correction.low, "_high": correction.high}
-        for end, value in ends.items():
-            if value is not None:
-                without[f"{correction.symbol}{end}"] = value
-    untold = [correction.symbol for correction in without_cause if not is_told(correction)]
-    if len(untold) == len(without_cause):  # the cause was no column of any regression
-        untold = []
+    without = corrections(table, in_row.cause, row)
+    if in_row.cause.name in RIVALS and leaves_torque(row):
+        without = []  # what else is in the torque has moved them, too
+    better = [each for each in without if not each.is_told or each.is_better_than(row)]
+    if not any(each.is_told for each in without):  # the cause was no column of any regression
+        better = []
     return Finding(
         name=in_row.cause.name,
         table=table,
@@ -243,8 +242,7 @@ def finding_of_cause(table: str, row: AnyRow, in_row: CauseInRow, remedy: Remedy
         amplitude_deg=cell_number(row, "amplitude_deg"),
         frequency_hz=cell_number(row, "frequency_hz"),
         remedy=remedy,
-        without=without,
-        untold=tuple(untold),
+        without=tuple(better),
     )
 
 

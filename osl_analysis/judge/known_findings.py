@@ -41,6 +41,8 @@ class KnownFinding:
         Results that it is about; empty: all.
     spoils_estimates
         Whether no estimate can be told beside it: other causes of a misfit may be its effect.
+    is_misfit
+        Whether it is a misfit without a known cause.
     estimates_without
         Columns of the estimates by K, B and I, from the same fit with this cause as a column of the
         regression.
@@ -62,6 +64,7 @@ class KnownFinding:
     is_result: bool = False
     concerns: Sequence[str] = ()
     spoils_estimates: bool = False
+    is_misfit: bool = False
     estimates_without: Mapping[str, str] = field(default_factory=dict)
 
 

@@ -2,10 +2,9 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
-from osl_analysis.judge.finding import ESTIMATES, AnyRow, Beyond, cell_number
-from osl_analysis.judge.known_findings import EVIDENCE, KnownFinding
+from osl_analysis.judge.finding import ESTIMATES, AnyRow, Beyond, Correction, cell_number
+from osl_analysis.judge.known_findings import EVIDENCE, HYPOTHESES, KnownFinding
 from osl_analysis.judge.limits import Accuracy
 
 NAMES_IN_TABLE: Mapping[str, Mapping[str, str]] = {
@@ -13,23 +12,6 @@ NAMES_IN_TABLE: Mapping[str, Mapping[str, str]] = {
     "transmission": {"B": "B_j", "I": "J_j"},
 }
 """Columns of the stiffness, damping and inertia of tables that do not call them K, B and I."""
-
-
-@dataclass(frozen=True)
-class Correction:
-    """An estimate with a cause as a column of the regression, in the unit of the estimate."""
-
-    symbol: str  # K, B or I
-    value: float | None  # None: rivals that cannot be told apart give a range alone
-    low: float | None  # lower end of its 95 % interval or range; None: nothing is told
-    high: float | None  # upper end
-
-    def is_better_than(self, recorded: float | None) -> bool:
-        """Whether the recorded estimate lies outside of this interval. Of one that lies in it
-        nothing better is known."""
-        if recorded is None or self.low is None or self.high is None:
-            return is_told(self)
-        return not self.low <= recorded <= self.high
 
 
 def estimate_column(table: str, symbol: str) -> str:
@@ -43,6 +25,15 @@ def corrected_column(table: str, symbol: str, column: str) -> str:
     return f"{estimate_column(table, symbol)}{column.removeprefix(symbol)}"
 
 
+def recorded_column(table: str, cause: KnownFinding, symbol: str, row: AnyRow) -> str:
+    """The column of K, B or I that a cause may have moved. Certain friction is a column of the
+    regression beside a rival of Eq. 15, so that it moves the viscous damping."""
+    column = estimate_column(table, symbol)
+    viscous = f"{column}_viscous"
+    is_rival = cause.name in HYPOTHESES.values()
+    return viscous if symbol == "B" and is_rival and row.get(viscous) is not None else column
+
+
 def corrections(table: str, cause: KnownFinding, row: AnyRow) -> list[Correction]:
     """The estimates beside a cause, as far as the row has their columns."""
     without_cause: list[Correction] = []
@@ -51,20 +42,23 @@ def corrections(table: str, cause: KnownFinding, row: AnyRow) -> list[Correction
         if column not in row:
             continue
         low, high = cell_number(row, f"{column}_low"), cell_number(row, f"{column}_high")
-        without_cause.append(Correction(symbol, cell_number(row, column), low, high))
+        recorded = recorded_column(table, cause, symbol, row)
+        without_cause.append(Correction(symbol, recorded, cell_number(row, column), low, high))
     return without_cause
 
 
-def is_told(correction: Correction) -> bool:
-    """Whether anything is known of an estimate beside its cause."""
-    return correction.value is not None or None not in (correction.low, correction.high)
+def leaves_torque(row: AnyRow) -> bool:
+    """Whether the most probable rival leaves more of the torque than noise."""
+    columns = [column for column in row if column.endswith("_unexplained_share")]
+    return any(cell_number(row, column) for column in columns)
 
 
-def largest_move(correction: Correction, row: AnyRow, column: str) -> float:
-    """By how much [unit of the estimate] a cause moves the estimate in this column, or an end of
-    its interval; infinite where nothing of the estimate is told."""
-    if not is_told(correction):
+def largest_move(correction: Correction, row: AnyRow) -> float:
+    """By how much [unit of the estimate] a cause moves the recorded estimate, or an end of its
+    interval; infinite where nothing of the estimate is told."""
+    if not correction.is_told:
         return math.inf
+    column = correction.recorded
     estimate = cell_number(row, column)
     low = cell_number(row, f"{column}_low")
     high = cell_number(row, f"{column}_high")
@@ -100,12 +94,11 @@ def shares_moved(
     the row does not tell."""
     moved: dict[str, float] = {}
     without_cause = corrections(table, cause, row)
-    if any(is_told(correction) for correction in without_cause):
+    if any(correction.is_told for correction in without_cause):
         for correction in without_cause:
-            column = estimate_column(table, correction.symbol)
-            size = size_of(row, column)
+            size = size_of(row, correction.recorded)
             if size:
-                moved[correction.symbol] = largest_move(correction, row, column) / size
+                moved[correction.symbol] = largest_move(correction, row) / size
     for number in evidence:
         if number.column == "time_base_shift":  # in half-widths of the interval
             moved.update(shares_of_half_widths(table, row, number.value))

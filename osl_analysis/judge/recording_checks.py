@@ -14,7 +14,7 @@ import polars as pl
 from pydantic import ConfigDict, Field, model_validator
 
 from osl_analysis.errors import InputError, nearest
-from osl_analysis.judge.known_findings import CHECKS
+from osl_analysis.judge.known_findings import CHECKS, FINDINGS
 from osl_analysis.yaml_settings import Settings, misplaced
 
 
@@ -92,6 +92,17 @@ def is_threshold(text: str, unit: str) -> bool:
         return written_unit.strip() == unit and 0 <= float(number) < math.inf
     except ValueError:
         return False
+
+
+def spoiled_trials(verdicts: pl.DataFrame) -> dict[str, str]:
+    """By trial, the finding of its first failed check beside which no estimate can be trusted."""
+    spoiled: dict[str, str] = {}
+    failed = verdicts.filter(pl.col("verdict").is_in(["flag", "exclude"]))
+    for trial, check in failed.select("trial", "check").iter_rows():
+        finding = CHECKS[check].finding
+        if FINDINGS[finding].spoils_estimates:
+            spoiled.setdefault(trial, finding)
+    return spoiled
 
 
 VERDICT_COLUMNS = {

@@ -16,7 +16,6 @@ from typing import Any
 from osl_analysis.errors import nearest
 from osl_analysis.judge.causes import NEAR_STATED, cause_of, suspected_unit
 from osl_analysis.judge.finding import (
-    ESTIMATES,
     AnyRow,
     Beyond,
     Finding,
@@ -24,8 +23,8 @@ from osl_analysis.judge.finding import (
     Words,
     cell_number,
 )
-from osl_analysis.judge.known_findings import EVIDENCE, FINDINGS, HYPOTHESES, KnownFinding
-from osl_analysis.judge.moved_estimates import estimate_column
+from osl_analysis.judge.known_findings import EVIDENCE, FINDINGS, KnownFinding
+from osl_analysis.judge.moved_estimates import leaves_torque
 from osl_analysis.judge.unchecked import MEASURED_BY, weight_by_rest
 from osl_analysis.measured import significant
 from osl_analysis.model.compensator import CONTROLLERS
@@ -40,11 +39,6 @@ NEAR_LARGE_FACTOR = 0.08  # relative difference from a larger one
 RENDERED_OF_K_D = (0.66, 1.06)
 """Shares of K_d that the shipped ankle renders, beside its friction: a belt of 770 N*m/rad in
 series leaves 0.66 of 400 N*m/rad. Of another device it is an assumption, and said to be one."""
-
-WITHIN_ACCURACY = (
-    "nothing to do: it changes K, B and I by less than the accuracy that they need"
-    " (`doubtful.accuracy`)"
-)
 
 
 def words_of(finding: Finding, row: AnyRow) -> Words:
@@ -68,8 +62,6 @@ def words_of(finding: Finding, row: AnyRow) -> Words:
 
 def remedy_that_helps(kind: KnownFinding, remedy: Remedy) -> str:
     """The remedy of a finding where only so much of its trial is doubtful."""
-    if remedy is Remedy.NONE:
-        return WITHIN_ACCURACY
     others = {
         Remedy.ALONE: kind.without_amplitudes,
         Remedy.AMPLITUDE: kind.of_amplitude,
@@ -92,7 +84,7 @@ def size_text(finding: Finding, row: AnyRow) -> str:
             says = EVIDENCE[number.column].on_side(number.side).says
             details.append(filled(says, Cells(row, number)))
     if not by_friction:  # which tells the estimates without it already
-        details.append(estimates_without_cause(finding, row))
+        details.append(estimates_without_cause(finding))
     details = [detail for detail in dict.fromkeys(details) if detail]
     if not details:
         return ""
@@ -106,13 +98,12 @@ def sentence_of(words: Words, cause: str = "") -> str:
 
 
 def finding_text(finding: Finding, row: AnyRow) -> str:
-    """A finding about a row in one sentence or two, with the numbers that decided. Those of what
-    moves the estimates by less than the accuracy that the user needs would contradict it."""
+    """A finding about a row in one sentence or two, with the numbers that decided."""
     words = words_of(finding, row)
     if finding.name not in FINDINGS:
         return words.says
     sentence = sentence_of(words, finding.cause)
-    if not finding.evidence or finding.remedy is Remedy.NONE:
+    if not finding.evidence:
         return sentence
     return f"{sentence} [{evidence_text(finding)}]"
 
@@ -130,32 +121,20 @@ def beyond_text(number: Beyond) -> str:
     return f"{number.column} {number.value:.3g} is {number.side} {number.limit:g}"
 
 
-def without_names(name: str, row: AnyRow, table: str) -> dict[str, str]:
-    """What K, B and I without a cause are called in a table. Certain friction is a column of the
-    regression beside the cause, so the damping is the viscous one."""
-    names = {symbol: estimate_column(table, symbol) for symbol in ESTIMATES}
-    is_hypothesis = name in HYPOTHESES.values()
-    if is_hypothesis and row.get(f"{names['B']}_viscous") is not None:
-        names["B"] += "_viscous"
-    return names
-
-
-def estimates_without_cause(finding: Finding, row: AnyRow) -> str:
+def estimates_without_cause(finding: Finding) -> str:
     """The estimates of the same fit with this cause as a column of the regression, where they are
     better than the recorded ones."""
     texts: list[str] = []
-    for symbol, name in without_names(finding.name, row, finding.table).items():
-        value = finding.without.get(symbol)
-        low = finding.without.get(f"{symbol}_low")
-        high = finding.without.get(f"{symbol}_high")
-        if symbol in finding.untold:
+    for estimate in finding.without:
+        name, value = estimate.recorded, estimate.value
+        if not estimate.is_told:
             texts.append(f"{name} not identifiable")
-        elif low is None or high is None:
+        elif estimate.low is None or estimate.high is None:
             continue
-        elif value is not None and is_symmetric(value, low, high):
-            texts.append(f"{name} {value:.4g} ± {significant(high - value)}")
+        elif value is not None and is_symmetric(value, estimate.low, estimate.high):
+            texts.append(f"{name} {value:.4g} ± {significant(estimate.high - value)}")
         else:  # the range of rivals that cannot be told apart
-            ends = dict.fromkeys([significant(low, 3), significant(high, 3)])
+            ends = dict.fromkeys([significant(estimate.low, 3), significant(estimate.high, 3)])
             texts.append(f"{name} {' to '.join(ends)}")
     return f"with it in the model {', '.join(texts)}" if texts else ""
 
@@ -253,6 +232,14 @@ def unexplained_of(number: Beyond, _: AnyRow) -> str:
     return f"it could move {estimate} by up to {percent(number.value)}"
 
 
+def explained(_: Beyond, row: AnyRow) -> str:
+    """What explains a torque, or comes nearest to it."""
+    explanations = row.get("explanations")
+    if leaves_torque(row):
+        return f"{explanations}: what comes nearest, and leaves more than noise"
+    return f"explained by {explanations}"
+
+
 def friction_of_damping(number: Beyond, row: AnyRow) -> str:
     return friction_text(row) or f"it is {percent(number.value)} of the damping"
 
@@ -295,6 +282,7 @@ OF_EVIDENCE: Mapping[str, Callable[[Beyond, AnyRow], str]] = {
     "yielding_frame": frame_text,
     "deviation": more_or_less,
     "unexplained": unexplained_of,
+    "explained": explained,
 }
 
 

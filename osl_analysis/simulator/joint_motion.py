@@ -1,15 +1,12 @@
 """Motion of the joint on the dynamometer: commands, and the motor that follows them with finite
 bandwidth."""
 
-import math
 import zlib
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import scipy
 
-from osl_analysis.model.compiled import compiled
 from osl_analysis.model.multisine import odd_multisine
 from osl_analysis.simulator.simulation_settings import (
     ActuatorBench,
@@ -25,6 +22,9 @@ SLOW_IS_LARGE = 1.5  # power of the frequency by which the lines of a hand's mot
 WANDERING_S = 4.0  # period [s] in which the size of the motion wanders
 WANDERING_SIZE = 0.4  # share of the size
 
+# from 0 to 1, with two derivatives that vanish at both ends
+FADE = np.polynomial.Polynomial([0, 0, 0, 10, -15, 6])
+
 
 @dataclass(frozen=True)
 class JointMotion:
@@ -34,76 +34,37 @@ class JointMotion:
     omega: Array  # (n,) [rad/s]
     alpha: Array  # (n,) [rad/s^2]
 
-    def __mul__(self, other: "JointMotion") -> "JointMotion":
-        """The product, as of a sine and its envelope, with its derivatives."""
-        return JointMotion(
-            theta=self.theta * other.theta,
-            omega=self.omega * other.theta + self.theta * other.omega,
-            alpha=(
-                self.alpha * other.theta + 2 * self.omega * other.omega + self.theta * other.alpha
-            ),
-        )
 
-
-def joined(motions: Sequence[JointMotion]) -> JointMotion:
-    """Motions one after another."""
-    return JointMotion(
-        theta=np.concatenate([motion.theta for motion in motions]),
-        omega=np.concatenate([motion.omega for motion in motions]),
-        alpha=np.concatenate([motion.alpha for motion in motions]),
-    )
-
-
-def sine(w: Array | float, phase: Array, size: float = 1.0) -> JointMotion:
-    """A sine; w [rad/s] is the derivative of the phase (n,) [rad], and constant or taken as it."""
-    return JointMotion(
-        theta=size * np.sin(phase),
-        omega=size * w * np.cos(phase),
-        alpha=-size * w**2 * np.sin(phase),
-    )
+def smooth_motion(theta: Array, rate_hz: float) -> JointMotion:
+    """A motion whose velocity and acceleration are those of a spline through its angle."""
+    spline = scipy.interpolate.CubicSpline(np.arange(len(theta)) / rate_hz, theta)
+    return JointMotion(theta, spline(spline.x, 1), spline(spline.x, 2))
 
 
 def sine_command(protocol: SteppedSineSchedule, rate_hz: float) -> JointMotion:
-    """Command the stepped sine from rest, each frequency with its ramps.
+    """Command the stepped sine from rest.
 
     The velocity jumps where the frequency changes, and the acceleration does not include these
     jumps.
     """
-    sines = zip(protocol.durations, protocol.frequencies_hz, strict=True)
-    block = [(duration + 2 * protocol.ramp_s, frequency) for duration, frequency in sines]
+    block = [*zip(protocol.durations, protocol.frequencies_hz, strict=True)]
     block.append((protocol.rest_s, 0.0))  # a rest has no frequency
     pieces = [(protocol.lead_s, 0.0, 0.0)]  # duration [s], frequency [Hz], amplitude [deg]
     for amplitude_deg in protocol.amplitudes_deg:
         pieces += [(duration, frequency, amplitude_deg) for duration, frequency in block]
 
-    starts = np.cumsum([0.0, *(duration for duration, _, _ in pieces)]).tolist()
-    time = np.arange(round(starts[-1] * rate_hz)) / rate_hz
-    borders = np.searchsorted(time, starts[:-1])
-    motions = []
-    for (duration, frequency, amplitude_deg), start, rows in zip(
-        pieces, starts, np.split(time, borders)[1:], strict=False
-    ):
-        elapsed = rows - start
-        w = 2 * math.pi * frequency
-        envelope = ramped(elapsed, duration, protocol.ramp_s, math.radians(amplitude_deg))
-        motions.append(envelope * sine(w, w * elapsed))
-    return joined(motions)
-
-
-def ramped(elapsed: Array, duration: float, ramp_s: float, size: float = 1.0) -> JointMotion:
-    """An amplitude (n,) that rises and falls as a cosine within `ramp_s` [s] at both ends of its
-    piece."""
-    if not ramp_s:
-        zero = np.zeros_like(elapsed)
-        return JointMotion(np.full_like(elapsed, size), zero, zero)
-    inside = np.clip(np.minimum(elapsed, duration - elapsed), 0, ramp_s)
-    w = np.pi / ramp_s
-    side = np.where(elapsed < duration / 2, 1.0, -1.0)
-    is_ramp = inside < ramp_s
+    ends = np.cumsum([duration for duration, _, _ in pieces])
+    time = np.arange(round(ends[-1] * rate_hz)) / rate_hz
+    starts = np.array([0.0, *ends[:-1]])
+    piece = np.searchsorted(starts, time, side="right") - 1  # (n,) to which a sample belongs
+    _, frequency, amplitude_deg = np.array(pieces).T[:, piece]
+    w = 2 * np.pi * frequency
+    phase = w * (time - starts[piece])
+    size = np.deg2rad(amplitude_deg)
     return JointMotion(
-        theta=size * 0.5 * (1 - np.cos(w * inside)),
-        omega=size * 0.5 * w * np.sin(w * inside) * side * is_ramp,
-        alpha=size * 0.5 * w**2 * np.cos(w * inside) * is_ramp,
+        theta=size * np.sin(phase),
+        omega=size * (w * np.cos(phase)),
+        alpha=size * (-(w**2) * np.sin(phase)),
     )
 
 
@@ -135,136 +96,86 @@ def position_loop(
     # rates of theta, omega, and of the command with its three derivatives
     rates = np.diag(np.ones(5), 1)
     rates[1, :3] = -(w**2), -2 * damping_ratio * w, w**2
-    transition = np.ascontiguousarray(scipy.linalg.expm(rates * step)[:2])
-    theta, omega = propagate(transition, command.theta, command.omega, step)
-    alpha = w**2 * (command.theta - theta) - 2 * damping_ratio * w * omega
-    return JointMotion(theta, omega, alpha)
+    transition = scipy.linalg.expm(rates * step)[:2]  # over a step
 
-
-@compiled
-def propagate(transition: Array, commanded: Array, speed: Array, step: float) -> Array:
-    """Angle and velocity, shape (2, n), from rest at the first of the commanded angles [rad], (n,),
-    with their speeds.
-
-    `transition` (2, 6) takes both, and the command with its three derivatives, over a step [s].
-    """
-    states = np.zeros((2, len(commanded)))
-    states[0, 0] = commanded[0]
-    for i in range(len(commanded) - 1):
-        mean = (commanded[i + 1] - commanded[i]) / step
-        curvature = 2.0 * (3.0 * mean - 2.0 * speed[i] - speed[i + 1]) / step
-        jerk = 6.0 * (speed[i] + speed[i + 1] - 2.0 * mean) / step**2
-        for row in range(2):
-            t = transition[row]
-            forced = t[2] * commanded[i] + t[3] * speed[i] + t[4] * curvature + t[5] * jerk
-            states[row, i + 1] = t[0] * states[0, i] + t[1] * states[1, i] + forced
-    return states
+    angle = command.theta - command.theta[0]
+    speed = command.omega
+    mean = np.diff(angle) / step
+    curvature = 2.0 * (3.0 * mean - 2.0 * speed[:-1] - speed[1:]) / step
+    jerk = 6.0 * (speed[:-1] + speed[1:] - 2.0 * mean) / step**2
+    forced = transition[:, 2:] @ np.array([angle[:-1], speed[:-1], curvature, jerk])
+    (a, b), (c, d) = transition[:, :2]
+    poles = [1, -(a + d), a * d - b * c]
+    theta, omega = np.zeros((2, len(angle)))
+    by_angle, by_speed = forced
+    theta[1:] = scipy.signal.lfilter([1, -d], poles, by_angle)
+    theta[1:] += scipy.signal.lfilter([0, b], poles, by_speed)
+    omega[1:] = scipy.signal.lfilter([0, c], poles, by_angle)
+    omega[1:] += scipy.signal.lfilter([1, -a], poles, by_speed)
+    alpha = w**2 * (angle - theta) - 2 * damping_ratio * w * omega
+    return JointMotion(command.theta[0] + theta, omega, alpha)
 
 
 def excitation_motion(excitation: Excitation, trial: str, seed: int, rate_hz: float) -> JointMotion:
     """Command the motion of one trial, from rest to rest: realisations with their fades."""
     duration = excitation.full_s + 2 * excitation.fade_s
     time = np.arange(round(duration * rate_hz)) / rate_hz
-    zeros = np.zeros(round(excitation.rest_s * rate_hz))
-    rest = JointMotion(zeros, zeros, zeros)
+    envelope = scipy.signal.windows.tukey(len(time), 2 * excitation.fade_s / duration, sym=False)
+    rest = np.zeros(round(excitation.rest_s * rate_hz))
     parts = [rest]
     for number in range(excitation.realisations):
         draws = np.random.default_rng(
             [seed, zlib.crc32(trial.encode()), zlib.crc32(b"excitation"), number]
         )
-        steady = steady_motion(excitation, time, draws)
-        parts.append(ramped(time, duration, excitation.fade_s) * steady)
-        parts.append(rest)
-    return joined(parts)
+        shape = steady_angle(excitation, time, draws)
+        parts += [np.deg2rad(excitation.rms_deg) * envelope * shape, rest]
+    return smooth_motion(np.concatenate(parts), rate_hz)
 
 
-def steady_motion(excitation: Excitation, time: Array, draws: np.random.Generator) -> JointMotion:
-    """One realisation at full size at times (n,) [s], which goes on through the fades."""
-    motion_of_kind = {
-        "multisine": multisine_motion,
-        "chirp": chirp_motion,
-        "prbs": prbs_motion,
-        "ramps": ramps_motion,
-    }
-    return motion_of_kind.get(excitation.kind, noise_motion)(excitation, time, draws)
-
-
-def multisine_motion(
-    excitation: Excitation, time: Array, draws: np.random.Generator
-) -> JointMotion:
-    """An odd multisine; a trial's realisations have the same lines."""
-    multisine = odd_multisine(
-        excitation.period_s,
-        excitation.band_hz,
-        rms=float(np.deg2rad(excitation.rms_deg)),
-        seed=zlib.crc32(excitation.name.encode()),
-        realisation=int(draws.integers(2**31)),
-    )
-    return JointMotion(multisine.angle(time), multisine.angle(time, 1), multisine.angle(time, 2))
-
-
-def chirp_motion(excitation: Excitation, time: Array, draws: np.random.Generator) -> JointMotion:
-    """A linear sweep over the band, as long as the motion at full size; beyond it goes on at its
-    last frequency."""
+def steady_angle(excitation: Excitation, time: Array, draws: np.random.Generator) -> Array:
+    """The angle of one realisation at full size over its RMS, at times (n,) [s]; it goes on through
+    the fades."""
     low, high = excitation.band_hz
-    sweep_rate = 2 * np.pi * (high - low) / excitation.full_s
-    t = time - excitation.fade_s
-    inside = np.clip(t, 0, excitation.full_s)
-    w = 2 * np.pi * low + sweep_rate * inside
-    phase = 2 * np.pi * low * np.minimum(t, 0) + 2 * np.pi * low * inside
-    phase = phase + sweep_rate * inside**2 / 2
-    phase = phase + 2 * np.pi * high * np.maximum(t - excitation.full_s, 0)
-    phase = phase + draws.uniform(0, 2 * np.pi)
-    size = float(np.sqrt(2) * np.deg2rad(excitation.rms_deg))
-    is_sweep = (t > 0) & (t < excitation.full_s)
-    of_constant_frequency = sine(w, phase, size)
-    alpha = of_constant_frequency.alpha + size * sweep_rate * is_sweep * np.cos(phase)
-    return replace(of_constant_frequency, alpha=alpha)
+    steps = np.floor(time / excitation.clock_s).astype(np.intp)
+    if excitation.kind == "multisine":  # a trial's realisations have the same lines
+        lines_of = zlib.crc32(excitation.name.encode())
+        phases_of = int(draws.integers(2**31))
+        period_s = excitation.period_s
+        return odd_multisine(period_s, (low, high), 1.0, lines_of, phases_of).angle(time)
+    if excitation.kind == "chirp":
+        since_full = time - excitation.fade_s
+        phase_deg = draws.uniform(0, 360) - 90  # of a cosine
+        sweep = scipy.signal.chirp(since_full, low, excitation.full_s, high, phi=phase_deg)
+        return np.asarray(np.sqrt(2) * sweep)
+    if excitation.kind == "prbs":
+        signs = draws.choice([-1.0, 1.0], steps[-1] + 1)
+        low_pass = scipy.signal.butter(4, excitation.smoothing_hz, fs=1 / time[1], output="sos")
+        return np.asarray(scipy.signal.sosfilt(low_pass, signs[steps]))
+    if excitation.kind == "ramps":
+        angles = np.sqrt(3) * draws.uniform(-1, 1, steps[-1] + 2)
+        corners = excitation.clock_s * np.arange(len(angles))
+        return np.asarray(np.interp(time, corners, angles))
+    return noise(excitation, time, draws)
 
 
-def noise_motion(excitation: Excitation, time: Array, draws: np.random.Generator) -> JointMotion:
-    """Gaussian noise, flat within the band and nothing beyond; or as a person moves a joint by
-    `hand`: slow motions are the larger, and the size of the motion wanders within 4 s.
-
-    Derivatives are those of its lines.
-    """
+def noise(excitation: Excitation, time: Array, draws: np.random.Generator) -> Array:
+    """Gaussian noise (n,) of unit RMS, flat within the band and nothing beyond; or as a person
+    moves a joint by `hand`: slow motions are the larger, and the size of the motion wanders within
+    4 s."""
     low, high = excitation.band_hz
-    n = len(time)
-    f = np.fft.rfftfreq(n, time[1])
+    f = np.fft.rfftfreq(len(time), time[1])
+    gain = ((f >= low) & (f <= high)).astype(float)
     by_hand = excitation.kind == "hand"
-    gain = ((f >= low) & (f <= high)) / (np.maximum(f, low) ** SLOW_IS_LARGE if by_hand else 1.0)
-    lines = gain * (draws.standard_normal(len(gain)) + 1j * draws.standard_normal(len(gain)))
-    lines *= np.deg2rad(excitation.rms_deg) / np.std(np.fft.irfft(lines, n))
-    s = 1j * (2 * np.pi * f)
-    steady = JointMotion(*(np.fft.irfft(s**derivative * lines, n) for derivative in range(3)))
+    if by_hand:
+        gain /= np.maximum(f, low) ** SLOW_IS_LARGE
+    lines = gain * (draws.standard_normal(len(f)) + 1j * draws.standard_normal(len(f)))
+    steady = np.fft.irfft(lines, len(time))
+    steady /= np.std(steady)
     if not by_hand:
-        return steady
-    w = 2 * np.pi / WANDERING_S
-    wandering = sine(w, w * time + draws.uniform(0, 2 * np.pi), WANDERING_SIZE)
-    return replace(wandering, theta=1 + wandering.theta) * steady
-
-
-def prbs_motion(excitation: Excitation, time: Array, draws: np.random.Generator) -> JointMotion:
-    """A random binary sequence. It jumps between samples, with no velocity at them, unless it is
-    smoothed."""
-    clock = np.floor(time / excitation.clock_s).astype(np.intp)
-    signs = draws.choice([-1.0, 1.0], clock[-1] + 1)
-    theta = np.deg2rad(excitation.rms_deg) * signs[clock]
-    if excitation.smoothing_hz is None:
-        return JointMotion(theta, np.zeros_like(theta), np.zeros_like(theta))
-    low_pass = scipy.signal.butter(4, excitation.smoothing_hz, fs=1 / time[1], output="sos")
-    smooth = scipy.signal.sosfilt(low_pass, theta)
-    omega = np.gradient(smooth, time)
-    return JointMotion(smooth, omega, np.gradient(omega, time))
-
-
-def ramps_motion(excitation: Excitation, time: Array, draws: np.random.Generator) -> JointMotion:
-    """Constant velocities from one random angle to the next; the velocity jumps at these angles."""
-    corners = np.arange(0, time[-1] + 2 * excitation.clock_s, excitation.clock_s)
-    angles = np.sqrt(3) * np.deg2rad(excitation.rms_deg) * draws.uniform(-1, 1, len(corners))
-    slopes = np.diff(angles) / excitation.clock_s
-    ramp = np.minimum((time / excitation.clock_s).astype(np.intp), len(slopes) - 1)
-    return JointMotion(np.interp(time, corners, angles), slopes[ramp], np.zeros_like(time))
+        return np.asarray(steady)
+    phase = draws.uniform(0, 2 * np.pi)
+    wandering = np.sin(2 * np.pi / WANDERING_S * time + phase)
+    return np.asarray(steady * (1 + WANDERING_SIZE * wandering))
 
 
 def slow_cycles(cycles: SlowCycles, rate_hz: float) -> JointMotion:
@@ -296,26 +207,22 @@ def actuator_command(bench: ActuatorBench, rate_hz: float) -> tuple[JointMotion,
         (n,) [A]. Both fade in and out within `fade_s` with continuous derivatives.
     """
     time = np.arange(round(bench.duration_s * rate_hz)) / rate_hz
-    fading = fade(bench, time)
-    w = 2 * np.pi * np.array([[tone.frequency_hz] for tone in bench.velocity])
-    size = np.array([[tone.size] for tone in bench.velocity])
-    tones = JointMotion(
-        theta=(size / w * (1 - np.cos(w * time))).sum(axis=0),
-        omega=(size * np.sin(w * time)).sum(axis=0),
-        alpha=(size * w * np.cos(w * time)).sum(axis=0),
-    )
-    current = sum(
-        tone.size * np.sin(2 * np.pi * tone.frequency_hz * time) for tone in bench.current
-    )
-    return fading * tones, np.asarray(current * fading.theta)
-
-
-def fade(bench: ActuatorBench, time: Array) -> JointMotion:
-    """A factor that grows from 0 to 1 and back within `fade_s`, by 10 u^3 - 15 u^4 + 6 u^5."""
     u = np.clip(np.minimum(time, bench.duration_s - time) / bench.fade_s, 0.0, 1.0)
     slope = np.where(time < bench.duration_s / 2, 1.0, -1.0) / bench.fade_s  # du/dt
-    return JointMotion(
-        theta=u**3 * (10 - 15 * u + 6 * u**2),
-        omega=30 * u**2 * (1 - u) ** 2 * slope,
-        alpha=60 * u * (1 - u) * (1 - 2 * u) * slope**2,
+    fade = FADE(u)
+    fade_rate = FADE.deriv(1)(u) * slope
+
+    theta, omega, alpha, current = np.zeros((4, len(time)))
+    for tone in bench.velocity:
+        w = 2 * np.pi * tone.frequency_hz
+        theta += tone.size / w * (1 - np.cos(w * time))
+        omega += tone.size * np.sin(w * time)
+        alpha += tone.size * w * np.cos(w * time)
+    for tone in bench.current:
+        current += tone.size * np.sin(2 * np.pi * tone.frequency_hz * time)
+    motion = JointMotion(
+        theta=fade * theta,
+        omega=fade_rate * theta + fade * omega,
+        alpha=FADE.deriv(2)(u) * slope**2 * theta + 2 * fade_rate * omega + fade * alpha,
     )
+    return motion, fade * current

@@ -145,12 +145,11 @@ def write_capture(
     trigger = np.asarray((time >= command) & (time < command + TRIGGER_S), dtype=float)
     plate = plate_channels(trial, platform, load, time)
     analogs = np.column_stack([plate, HIGH * sync_level(trial, time), HIGH * trigger])
-    person = trial.condition.person if leg else None
     write_c3d(
         folder / "vicon" / f"{trial.name}.c3d",
         seen_markers(trial, exact),
         analogs,
-        capture_parameters(trial, list(markers), person),
+        capture_parameters(trial, list(markers)),
     )
 
 
@@ -209,9 +208,7 @@ def plate_channels(
     return np.column_stack([force, MM * moment])
 
 
-def capture_parameters(
-    trial: GaitTrial, markers: list[str], person: str | None
-) -> dict[str, dict[str, Any]]:
+def capture_parameters(trial: GaitTrial, markers: list[str]) -> dict[str, dict[str, Any]]:
     """Groups of parameters of a capture, as Vicon Nexus writes them."""
     plate = trial.walking.plate
     rates = trial.walking.rates
@@ -250,7 +247,6 @@ def capture_parameters(
             "CAL_MATRIX": np.zeros(0),
         },
         "TRIAL": {"CAMERA_RATE": np.array([float(rates.points_hz)])},
-        "SUBJECTS": {} if person is None else {"NAMES": [person]},
         "MANUFACTURER": {"COMPANY": ["osl-analysis"], "SOFTWARE": ["simulator"]},
     }
 
@@ -284,8 +280,7 @@ def write_c3d(
     }
     parameters = file["parameters"]
     for group, values in groups.items():
-        if values:
-            parameters.create_group_if_needed(group)
+        parameters.create_group_if_needed(group)
         for name, value in values.items():
             # ezc3d's own `add_parameter` makes floats of whole numbers, which other readers refuse
             # in CHANNEL and TYPE

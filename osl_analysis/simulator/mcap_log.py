@@ -7,7 +7,8 @@ All messages are known beforehand, so the file is made chunk by chunk. It equals
 
 import struct
 import zlib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
@@ -28,7 +29,6 @@ RULE = "=" * 80 + "\n"  # between the definitions of a ROS 2 schema
 ARRIVES_NS = 150_000  # [ns] in which a sample arrives at the recorder
 CHUNK_BYTES = 1 << 20  # a chunk ends with the message that takes it beyond this size
 LITTLE_ENDIAN_CDR = b"\x00\x01\x00\x00"
-INDEX_HEAD_BYTES = 6  # channel of an index, and size of its entries
 RECORD_HEAD_BYTES = 9  # opcode and length of a record, which its length does not count
 
 HEADER_DEFINITIONS = (
@@ -82,7 +82,22 @@ class LogTopic(NamedTuple):
     name: str
     schema_name: str
     schema_text: str
-    records: NDArray[np.void]  # (n,) as they stand in a chunk, still without their channel
+    stamps: NDArray[np.int64]  # (n,) [ns]
+    template: NDArray[np.void]  # (1,) the record that all have
+    columns: Mapping[str, NDArray[Any]]  # (n,) members of the record that differ
+
+    def records(self, rows: NDArray[np.intp]) -> NDArray[np.void]:
+        """The records (m,) of messages in these rows: those of a chunk stay in the processor's
+        cache."""
+        as_bytes = self.template.view(f"V{self.template.itemsize}")
+        records = np.repeat(as_bytes, rows.size).view(self.template.dtype)
+        stamps = self.stamps[rows]
+        records["sequence"] = rows
+        records["publish"] = stamps
+        records["log"] = stamps + ARRIVES_NS
+        for member, values in self.columns.items():
+            records["data"][member] = values[rows]
+        return records
 
 
 def log_topic(
@@ -122,16 +137,17 @@ def log_topic(
         ("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"),
         ("log", "<u8"), ("publish", "<u8"), ("data", cdr_layout(message)),
     ]  # fmt: skip
-    records = np.zeros(len(stamps), np.dtype(record))
-    records["opcode"] = Opcode.MESSAGE
-    records["length"] = records.itemsize - RECORD_HEAD_BYTES
-    records["sequence"] = np.arange(len(stamps))
-    records["log"] = stamps + ARRIVES_NS
-    records["publish"] = stamps
+    template = np.zeros(1, np.dtype(record))
+    template["opcode"] = Opcode.MESSAGE
+    template["length"] = template.itemsize - RECORD_HEAD_BYTES
+    columns = {}
     for member, (_, value) in message.items():
-        records["data"][member] = value
+        if np.ndim(value):
+            columns[member] = np.asarray(value)
+        else:
+            template["data"][member] = value
     schema = f"std_msgs/Header header\n{fields}{HEADER_DEFINITIONS}"
-    return LogTopic(name, schema_name, schema, records)
+    return LogTopic(name, schema_name, schema, stamps, template, columns)
 
 
 def cdr_layout(members: Mapping[str, tuple[str, Any]]) -> np.dtype[np.void]:
@@ -210,6 +226,29 @@ def wrenches(topic: str, frame_id: str, time: Array, torque: Array) -> LogTopic:
     return log_topic(topic, schema_name, WRENCH_FIELDS, frame_id, time, members)
 
 
+@dataclass(frozen=True)
+class MessageOrder:
+    """The messages of all topics in the order of their stamps."""
+
+    row: NDArray[np.intp]  # (n,) of the message, counted over the topics one after another
+    channel: NDArray[np.intp]  # (n,) of its topic, from 1
+    log: NDArray[np.int64]  # (n,) [ns] when it arrived
+    length: NDArray[np.intp]  # (n,) [bytes] of its record
+
+
+def order_of_messages(topics: Sequence[LogTopic]) -> MessageOrder:
+    """Order the messages of all topics by their stamps."""
+    counts = [topic.stamps.size for topic in topics]
+    stamps = np.concatenate([topic.stamps for topic in topics])
+    row = np.argsort(stamps, kind="stable")
+    return MessageOrder(
+        row=row,
+        channel=np.repeat(np.arange(len(topics)) + 1, counts)[row],
+        log=stamps[row] + ARRIVES_NS,
+        length=np.repeat([topic.template.itemsize for topic in topics], counts)[row],
+    )
+
+
 def write_topics(path: Path, topics: Sequence[LogTopic]) -> None:
     """Write the messages of all topics, in the order of their stamps, as MCAP.
 
@@ -222,8 +261,7 @@ def write_topics(path: Path, topics: Sequence[LogTopic]) -> None:
         text = topic.schema_text.encode()
         schemas.append(mcap_records.Schema(number, text, "ros2msg", topic.schema_name))
         channels.append(mcap_records.Channel(number, topic.name, "cdr", {}, number))
-        topic.records["channel"] = number
-    head = encoded(record for pair in zip(schemas, channels, strict=True) for record in pair)
+        topic.template["channel"] = number
     names = ", ".join(topic.name for topic in topics)
     facts = {"origin": "simulated", "topic": names, "time": "header stamp"}
 
@@ -232,7 +270,7 @@ def write_topics(path: Path, topics: Sequence[LogTopic]) -> None:
         metadata = encoded([mcap_records.Metadata("recording", facts)])
         metadata_index = mcap_records.MetadataIndex(file.tell(), len(metadata), "recording")
         file.write(metadata)
-        indexes = [write_chunk(file, chunk) for chunk in chunks_of(topics, head)]
+        indexes = write_chunks(file, topics, schemas, channels)
         file.write(encoded([mcap_records.DataEnd(0)]))
         groups: dict[Opcode, Sequence[McapRecord]] = {
             Opcode.SCHEMA: schemas,
@@ -245,58 +283,95 @@ def write_topics(path: Path, topics: Sequence[LogTopic]) -> None:
         write_summary(file, groups)
 
 
-class Chunk(NamedTuple):
-    """Messages that are compressed together."""
+def write_chunks(
+    file: BinaryIO,
+    topics: Sequence[LogTopic],
+    schemas: Sequence[McapRecord],
+    channels: Sequence[McapRecord],
+) -> list[mcap_records.ChunkIndex]:
+    """Write the messages in chunks; the first begins with schemas and channels."""
+    messages = order_of_messages(topics)
+    head = encoded(record for pair in zip(schemas, channels, strict=True) for record in pair)
+    # bytes up to the end of each message, as if all were one chunk
+    ends = np.cumsum(messages.length) + len(head)
+    indexes = list[mcap_records.ChunkIndex]()
+    first = 0
+    begin = 0
+    while first < len(messages.row):
+        stop = int(np.searchsorted(ends[:-1], begin + CHUNK_BYTES, side="right")) + 1
+        rows = slice(first, stop)
+        starts = ends[rows] - messages.length[rows] - begin
+        content = np.empty(int(ends[stop - 1]) - begin, np.uint8)
+        content[: len(head)] = np.frombuffer(head, np.uint8)
+        messages_of = place_messages(content, topics, messages, rows, starts)
+        index = np.stack([messages.log[rows], starts], axis=1)
+        indexes.append(write_chunk(file, content.data, index, messages_of))
+        first = stop
+        begin = int(ends[stop - 1])
+        head = b""
+    return indexes
 
-    content: bytearray
-    # of each channel, as each comes first: log times [ns] and where messages begin [bytes]
-    entries: dict[int, list[tuple[int, int]]]
+
+def place_messages(
+    content: NDArray[np.uint8],
+    topics: Sequence[LogTopic],
+    messages: MessageOrder,
+    rows: slice,
+    starts: NDArray[np.intp],
+) -> dict[int, NDArray[np.intp]]:
+    """Put the messages of some rows to their starts in a chunk's content, those of each topic at
+    once; returns their places in the rows, by channel."""
+    messages_of = dict[int, NDArray[np.intp]]()
+    rows_before = 0
+    for number, topic in enumerate(topics, 1):
+        of_topic = np.flatnonzero(messages.channel[rows] == number)
+        if of_topic.size:
+            # a message is one value that may begin at any byte, so that values overlap
+            size = topic.template.itemsize
+            places = np.ndarray((len(content) - size + 1,), f"V{size}", content, 0, (1,))
+            records = topic.records(messages.row[rows][of_topic] - rows_before)
+            places[starts[of_topic]] = records.view(f"V{size}")
+            messages_of[number] = of_topic
+        rows_before += topic.stamps.size
+    return messages_of
 
 
-def chunks_of(topics: Sequence[LogTopic], head: bytes) -> Iterator[Chunk]:
-    """The messages of all topics in the order of their stamps; the first chunk begins with
-    `head`."""
-    messages: list[bytes] = []
-    for topic in topics:
-        messages += topic.records.view(f"V{topic.records.itemsize}").tolist()
-    log = np.concatenate([topic.records["log"] for topic in topics])
-    channel = np.concatenate([topic.records["channel"] for topic in topics]).tolist()
-    chunk = Chunk(bytearray(head), {})
-    for row in np.argsort(log, kind="stable").tolist():
-        entry = (int(log[row]), len(chunk.content))
-        chunk.entries.setdefault(channel[row], []).append(entry)
-        chunk.content.extend(messages[row])
-        if len(chunk.content) > CHUNK_BYTES:
-            yield chunk
-            chunk = Chunk(bytearray(), {})
-    if chunk.entries:
-        yield chunk
+def write_chunk(
+    file: BinaryIO,
+    content: memoryview,
+    index: NDArray[np.int64],
+    messages_of: Mapping[int, NDArray[np.intp]],
+) -> mcap_records.ChunkIndex:
+    """Write a chunk of messages, and the index of each channel, as each comes first.
 
-
-def write_chunk(file: BinaryIO, chunk: Chunk) -> mcap_records.ChunkIndex:
-    """Write a chunk of messages, and the index of each channel."""
+    `index` (n, 2) has log times [ns] and where messages begin [bytes], `messages_of` the messages
+    of each channel.
+    """
+    compressed = COMPRESSOR.compress(content)
     begin = file.tell()
-    log = [time for entries in chunk.entries.values() for time, _ in entries]
+    log = index[:, 0]
     shared: dict[str, Any] = {
-        "message_start_time": min(log),
-        "message_end_time": max(log),
-        "uncompressed_size": len(chunk.content),
-        "compression": "zstd",
+        "message_start_time": int(log.min()),
+        "message_end_time": int(log.max()),
+        "uncompressed_size": len(content),
     }
-    compressed = COMPRESSOR.compress(chunk.content)
-    crc = zlib.crc32(chunk.content)
-    file.write(encoded([mcap_records.Chunk(data=compressed, uncompressed_crc=crc, **shared)]))
+    chunk = mcap_records.Chunk(
+        compression="zstd", data=compressed, uncompressed_crc=zlib.crc32(content), **shared
+    )
+    file.write(encoded([chunk]))
     end = file.tell()
-    offsets = {}
-    for number, entries in chunk.entries.items():
+
+    offsets = dict[int, int]()
+    for number in sorted(messages_of, key=lambda channel: messages_of[channel][0]):
         offsets[number] = file.tell()
-        numbers = np.array(entries, "<u8").tobytes()  # a hundred times as fast as the library's
-        size = INDEX_HEAD_BYTES + len(numbers)
-        head = struct.pack("<BQHI", Opcode.MESSAGE_INDEX, size, number, len(numbers))
-        file.write(head + numbers)
+        entries = index[messages_of[number]]
+        length = 6 + entries.nbytes  # of channel and size of the entries, and these
+        head = struct.pack("<BQHI", Opcode.MESSAGE_INDEX, length, number, entries.nbytes)
+        file.write(head + entries.tobytes())
     return mcap_records.ChunkIndex(
         chunk_start_offset=begin,
         chunk_length=end - begin,
+        compression="zstd",
         compressed_size=len(compressed),
         message_index_offsets=offsets,
         message_index_length=file.tell() - end,
@@ -310,15 +385,15 @@ def statistics_of(
     """The statistics record of a file."""
     # channels in the order in which they first come
     used = dict.fromkeys(number for index in indexes for number in index.message_index_offsets)
-    counts = [len(topic.records) for topic in topics]
+    counts = [topic.stamps.size for topic in topics]
     return mcap_records.Statistics(
         attachment_count=0,
         channel_count=len(topics),
         channel_message_counts={number: counts[number - 1] for number in used},
         chunk_count=len(indexes),
         message_count=sum(counts),
-        message_end_time=max(index.message_end_time for index in indexes),
-        message_start_time=min(index.message_start_time for index in indexes),
+        message_end_time=max((index.message_end_time for index in indexes), default=0),
+        message_start_time=min((index.message_start_time for index in indexes), default=0),
         metadata_count=1,
         schema_count=len(topics),
     )

@@ -16,15 +16,13 @@ from numpy.typing import NDArray
 
 from osl_analysis.files import atomic_path, write_text
 from osl_analysis.simulator.random_numbers import generator_of
-from osl_analysis.simulator.simulation_settings import NodeSettings, Scatter, SimulationSettings
+from osl_analysis.simulator.simulation_settings import NodeSettings, SimulationSettings
 from osl_analysis.trial import Array
 
 # A true signal: (n,) at the even instants of the simulation; or, for a signal that jumps, as
 # friction does, a function of instants [s], because a curve through its samples would be wrong in
 # between.
 TrueSignal = Array | Callable[[Array], Array]
-
-QUEUE_S = 5e-6  # [s] in which a host stamps one of several waiting messages
 
 
 class Sensor(NamedTuple):
@@ -76,7 +74,8 @@ def recording_of(
         log = bench.recording("node", recorder.node, signals)
         return {**log, "torque_time": log["time"]}, drawn
 
-    torque, others = parted(signals)
+    torque = {name: signal for name, signal in signals.items() if is_torque(name)}
+    others = {name: signal for name, signal in signals.items() if name not in torque}
     log_of_torque = bench.recording("torque_node", recorder.torque_node, torque)
     torque_time = log_of_torque.pop("time")
     log = bench.recording("node", recorder.node, others)
@@ -103,23 +102,6 @@ def is_torque(channel: str) -> bool:
     return channel.endswith("torque")
 
 
-def parted(
-    signals: Mapping[str, TrueSignal],
-) -> tuple[dict[str, TrueSignal], dict[str, TrueSignal]]:
-    """Signals of torque, and all others."""
-    torque = {name: signal for name, signal in signals.items() if is_torque(name)}
-    return torque, {name: signal for name, signal in signals.items() if name not in torque}
-
-
-@dataclass(frozen=True)
-class Sampling:
-    """When a node samples, and what its clock says."""
-
-    instants: Array  # (n,) [s]
-    is_simulated: bool  # whether they are instants of the simulation
-    stamps: Array  # (n,) [s]
-
-
 @dataclass(frozen=True)
 class Bench:
     """One trial on a bench, with the errors that it keeps."""
@@ -137,16 +119,14 @@ class Bench:
         self, name: str, node: NodeSettings, signals: Mapping[str, TrueSignal]
     ) -> dict[str, Array]:
         """Record signals with one node: its stamps [s], as `time`, and the channels, (n,) each."""
-        sampling = self.sampling(name, node)
-        time = self.drawn["clock_start_s"] + sampling.stamps
+        instants = self.instants(name, node)
+        time = self.drawn["clock_start_s"] + instants
         if node.decimals.enabled:
             time = np.round(time, int(node.decimals.size))
-        written = self.written_rows(name, node, len(sampling.instants))
-        values = self.values_of(signals, sampling)
+        written = self.written_rows(name, node, len(instants))
         log = {"time": time[written]}
-        for channel in signals:
-            reading = self.reading(channel, values[channel], sampling.instants)
-            log[channel] = reading[written]
+        for channel, signal in signals.items():
+            log[channel] = self.reading(channel, signal, instants)[written]
         return log
 
     def written_rows(self, name: str, node: NodeSettings, n: int) -> NDArray[np.bool_] | slice:
@@ -160,67 +140,41 @@ class Bench:
         rows[1 + 2 * lost] = False
         return rows
 
-    def values_of(self, signals: Mapping[str, TrueSignal], sampling: Sampling) -> dict[str, Array]:
-        """True values (n,) at the sampled instants; those of the load cell are older."""
-        delay = self.settings.effects.load_cell_delay.value
-        if not delay:
-            return self.values_at(signals, sampling.instants, sampling.is_simulated)
-        torque, others = parted(signals)
-        return {
-            **self.values_at(others, sampling.instants, sampling.is_simulated),
-            **self.values_at(torque, np.maximum(sampling.instants - delay, 0.0), False),
-        }
-
-    def values_at(
-        self, signals: Mapping[str, TrueSignal], instants: Array, is_simulated: bool
-    ) -> dict[str, Array]:
-        """True values (n,) at instants [s]."""
-        sampled = {name: signal for name, signal in signals.items() if not callable(signal)}
-        values = {name: signal(instants) for name, signal in signals.items() if callable(signal)}
-        if sampled and not is_simulated:
-            # one curve through all channels that are sampled together
-            simulated = np.arange(self.samples) / self.settings.dynamometer.rate_hz
-            curves = scipy.interpolate.CubicSpline(simulated, np.array([*sampled.values()]), axis=1)
-            sampled = dict(zip(sampled, curves(instants), strict=True))
-        return {**sampled, **values}
-
-    def sampling(self, name: str, node: NodeSettings) -> Sampling:
-        """Find when a node samples, and what its clock says."""
+    def instants(self, name: str, node: NodeSettings) -> Array:
+        """When a node samples, (n,) [s]."""
         simulated_hz = self.settings.dynamometer.rate_hz
         duration = self.samples / simulated_hz
         rate = node.rate.value or simulated_hz
         instants = np.arange(round(duration * rate)) / rate
-        is_scattered = node.phase.enabled or node.jitter.enabled
-        if is_scattered:
-            jitter = self.scatter(f"{name}.jitter", node.jitter, len(instants))
-            scattered = instants + node.phase.value + jitter
-            scattered.sort(kind="stable")  # fast, because few change places
-            first = np.searchsorted(scattered, 0.0)
-            stop = np.searchsorted(scattered, duration - 1 / simulated_hz, side="right")
-            instants = scattered[first:stop]
-        stamps = instants
-        if node.latency.enabled:
-            late = self.scatter(f"{name}.latency", node.latency, len(instants))
-            queue = QUEUE_S * np.arange(len(instants))
-            stamps = np.maximum.accumulate(instants + late - queue) + queue
-        stamps = node.clock_offset.value + (1 + 1e-6 * node.clock_drift.value) * stamps
-        return Sampling(instants, rate == simulated_hz and not is_scattered, stamps)
+        if not node.phase.enabled and not node.jitter.enabled:
+            return instants
+        jitter = self.random(f"{name}.jitter").standard_normal(len(instants))
+        scattered = instants + node.phase.value + node.jitter.value * jitter
+        scattered.sort(kind="stable")  # fast, because few change places
+        first = np.searchsorted(scattered, 0.0)
+        stop = np.searchsorted(scattered, duration - 1 / simulated_hz, side="right")
+        return scattered[first:stop]
 
-    def scatter(self, name: str, effect: Scatter, n: int) -> Array:
-        """A number per sample, (n,) [s], as the effect is distributed; 0 where it is off."""
-        if effect.distribution == "exponential":
-            return effect.value * self.random(name).standard_exponential(n)
-        return effect.value * self.random(name).standard_normal(n)
+    def values_at(self, signal: TrueSignal, instants: Array) -> Array:
+        """True values (n,) at instants [s]."""
+        if callable(signal):
+            return signal(instants)
+        simulated = np.arange(self.samples) / self.settings.dynamometer.rate_hz
+        if np.array_equal(instants, simulated):
+            return signal
+        return np.asarray(scipy.interpolate.CubicSpline(simulated, signal)(instants))
 
-    def reading(self, channel: str, values: Array, sampled: Array) -> Array:
-        """What the sensor of a channel reads of true values at the sampled instants (n,): errors,
-        noise and steps."""
+    def reading(self, channel: str, signal: TrueSignal, sampled: Array) -> Array:
+        """What the sensor of a channel reads at the sampled instants (n,): errors, noise and steps;
+        what a load cell reads is older."""
         effects = self.settings.effects
         sensor = SENSORS[channel]
-        reading = values
         if is_torque(channel):
+            instants = np.maximum(sampled - effects.load_cell_delay.value, 0.0)
             drift = self.drawn["load_cell_drift"] * sampled / 60
-            reading = reading + (self.drawn["load_cell_offset"] + drift)
+            reading = self.values_at(signal, instants) + (self.drawn["load_cell_offset"] + drift)
+        else:
+            reading = self.values_at(signal, sampled)
         if sensor.noise:
             noise = self.random(sensor.noise).standard_normal(len(sampled))
             reading = reading + getattr(effects, sensor.noise).value * noise

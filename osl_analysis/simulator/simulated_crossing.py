@@ -55,14 +55,12 @@ def compensated_damping(path: Path, p: DrivetrainParameters, weight: Weight) -> 
     return grid, np.array([*B_1, B_1[0]])  # at() is periodic
 
 
-def walking_commands(step: gait.Step, compensates: bool, p: DrivetrainParameters) -> Array:
-    """Find the controller's commands in a step.
+def walking_commands(step: gait.Step, p: DrivetrainParameters) -> Array:
+    """Find the commands of the controller, which compensates (Eqs. 13-14), in a step.
 
     Parameters
     ----------
     step : gait.Step
-    compensates : bool
-        Whether the gains are those of Eqs. 13-14.
     p : DrivetrainParameters
 
     Returns
@@ -78,20 +76,14 @@ def walking_commands(step: gait.Step, compensates: bool, p: DrivetrainParameters
     desired = read_impedance_trajectory(walking.impedance)
     K_d = desired.at(desired.K_d, c)
     B_d = desired.at(desired.B_d, c)
-    if compensates:
-        grid, damping = compensated_damping(walking.impedance, p, walking.gain_weight)
-        K_1 = stiffness_gain(K_d, p)
-        B_1 = np.interp(np.mod(c, 1.0), grid, damping)
-    else:
-        K_1 = K_d / p.n_T**2
-        B_1 = B_d / p.n_T**2
+    grid, damping = compensated_damping(walking.impedance, p, walking.gain_weight)
+    K_1 = stiffness_gain(K_d, p)
+    B_1 = np.interp(np.mod(c, 1.0), grid, damping)
     if desired.theta_eq is not None:
         theta_eq = desired.at(desired.theta_eq, c)
     else:
         window = gait.stance_window(np.mod(c, 1.0) / gait.STANCE_FRACTION)
-        moment = step.trial.of_person("body_mass_kg") * (
-            gait.periodic_bumps(c, ANKLE_MOMENT) * window
-        )
+        moment = walking.gait.body_mass_kg * (gait.periodic_bumps(c, ANKLE_MOMENT) * window)
         angle = gait.nominal_ankle_angle(c)
         velocity = time_derivative(angle, walking.rates.controller_hz)
         theta_eq = angle - (moment - B_d * velocity) / K_d
@@ -130,13 +122,13 @@ def simulate_crossing(
     perturbed : bool
         Whether the platform moves.
     effects : Mapping
-        As `simulate_drivetrain` takes them. A controller that cancels friction compensates.
+        As `simulate_drivetrain` takes them.
     p : DrivetrainParameters
     """
     rates = step.trial.walking.rates
     time = step.trial.time
     ankle, foot, shank, platform = move(step, perturbed)
-    commands = walking_commands(step, bool(effects["cancels_friction"]), p)
+    commands = walking_commands(step, p)
     stride = rates.motion_hz // rates.controller_hz
     theta = ankle.theta[::stride]
     omega = ankle.omega[::stride]
@@ -204,7 +196,7 @@ def ankle_angle(step: gait.Step, carried_angle: Array, platform: gait.PlatformMo
         return np.asarray(theta)
     share = 0.01 * effects.shank_yield.value
     turn = np.radians(trial.walking.perturbation.angle_deg)
-    yielded = share * trial.condition.sign * turn
+    yielded = share * trial.sign * turn
     course = gait.pulse(trial.time, platform.onset, YIELD_S, step.toe_off, RELEASE_S)
     return np.asarray(theta - yielded * course)
 
@@ -249,7 +241,7 @@ def react(step: gait.Step, foot: Pose, drivetrain_torque: Array) -> tuple[Array,
     contact = gait.stance_window(phase)
     from_ground = contact * (about_axis - drivetrain_torque)
     scale = 1 + 0.01 * effects.force_scale.value * trial.random("force_scale").standard_normal(3)
-    body_mass = trial.of_person("body_mass_kg")
+    body_mass = trial.walking.gait.body_mass_kg
     force = scale * gait.ground_reaction(phase) * body_mass * -GRAVITY[2]
     roll = ROLL_LEVER * force[:, 2]
     spin = SPIN_MOMENT * body_mass * contact * np.sin(2 * np.pi * phase)

@@ -32,7 +32,6 @@ from osl_analysis.yaml_settings import (
 
 LARGEST_SIZE = {"bit": 32, "rad": math.pi}  # of an effect, by its unit
 FEWEST_SAMPLES_PER_CYCLE = 10  # of the log at the fastest motion
-HIDING_SAMPLES_PER_CYCLE = 2  # of a node; so few do not show the fastest motion
 
 
 class Effect(Settings):
@@ -49,19 +48,6 @@ class Effect(Settings):
         if not self.enabled:
             return 0.0
         return 2 * math.pi / 2**self.size if self.unit == "bit" else self.size
-
-
-class SignedEffect(Effect):
-    """An imperfection whose size may be negative."""
-
-    size: float
-
-
-class Scatter(Effect):
-    """A random imperfection of each sample: the standard deviation of a `normal`, the mean of an
-    `exponential` one."""
-
-    distribution: Literal["normal", "exponential"] = "normal"
 
 
 def effect(*units: str, off: float | None = None, **rules: bool) -> Any:
@@ -111,25 +97,6 @@ class Switches(Settings):
         return self.model_copy(update=switched_off)
 
 
-class Subject(Settings):
-    """A person, by the name in sample sheet and capture. What is left out is that of the gait
-    laboratory's settings."""
-
-    name: str
-    body_mass_kg: Positive | None = None
-    stance_s: Positive | None = None
-
-
-class Conditions(Settings):
-    """Lists of which each crossing gets one entry. In n successive crossings each of n directions
-    occurs once, in a random order; subjects follow each other in equal blocks. The sheet says
-    which, where several are."""
-
-    # up: toes up, dorsiflexion
-    directions: Annotated[tuple[Literal["up", "down"], ...], Field(min_length=1)] = ("up",)
-    subjects: Annotated[tuple[Subject, ...], AfterValidator(check_distinct)] = ()
-
-
 class Effects(Switches):
     """Every imperfection of bench, drivetrain and controller. Noise is white at the rate of the
     log, sizes are SDs."""
@@ -176,19 +143,15 @@ class SteppedSineSchedule(Settings):
     `rest_s` of rest."""
 
     frequencies_hz: Annotated[tuple[Positive, ...], Field(min_length=1)]
-    # at each frequency: one number, or one for each
-    cycles: CyclesOfSine | tuple[CyclesOfSine, ...] | None = None
-    seconds: Positive | None = None  # duration of each frequency in place of `cycles`
+    cycles: (
+        CyclesOfSine | tuple[CyclesOfSine, ...]
+    )  # at each frequency: one number, or one for each
     amplitudes_deg: Annotated[tuple[Degrees, ...], Field(min_length=1)]
     rest_s: NotNegative  # after each amplitude
     lead_s: NotNegative  # rest before the first amplitude
-    # in which each frequency grows from 0, and falls to 0, in addition to its cycles
-    ramp_s: NotNegative = 0.0
 
     @model_validator(mode="after")
-    def _duration_is_stated_once(self) -> Self:
-        if (self.cycles is None) == (self.seconds is None):
-            raise ValueError("state either cycles or seconds at each frequency")
+    def _every_frequency_has_its_cycles(self) -> Self:
         n = len(self.frequencies_hz)
         if isinstance(self.cycles, tuple) and len(self.cycles) != n:
             raise ValueError(
@@ -198,12 +161,10 @@ class SteppedSineSchedule(Settings):
 
     @property
     def durations(self) -> list[float]:
-        """Time [s] at full amplitude of each frequency."""
-        if self.seconds is not None:
-            return [self.seconds for _ in self.frequencies_hz]
-        if isinstance(self.cycles, tuple):
-            return [n / f for n, f in zip(self.cycles, self.frequencies_hz, strict=True)]
-        return [(self.cycles or 0) / f for f in self.frequencies_hz]
+        """Time [s] at each frequency."""
+        n = len(self.frequencies_hz)
+        cycles = self.cycles if isinstance(self.cycles, tuple) else (self.cycles,) * n
+        return [count / f for count, f in zip(cycles, self.frequencies_hz, strict=True)]
 
 
 class BeltMotion(Settings):
@@ -244,22 +205,11 @@ class NodeSettings(Switches):
     rate: Effect = effect("Hz", off=1, above_0=True)  # off: dynamometer.rate_hz
     # how much later than the other node it takes each sample; the stamps say so
     phase: Effect = effect("s", off=0)
-    # true: samples are taken off the even instants, and stamped so
-    jitter: Scatter = effect("s", off=0)
-    # false: samples are even, and the host stamps each so much later
-    latency: Scatter = effect("s", off=0)
-    # what the node's clock shows when the bench's shows 0
-    clock_offset: SignedEffect = effect("s", off=0)
-    clock_drift: SignedEffect = effect("ppm", off=0)  # how much faster than the bench's it runs
+    # SD of the instants about even ones; the stamps say so
+    jitter: Effect = effect("s", off=0)
     decimals: Effect = effect("decimal", off=0, whole=True)  # of stamps in s
     # share of samples that are missing, at drawn places
     dropped: Effect = effect("1", off=0, below_1=True)
-
-    _is_never_early = refuse_if(
-        lambda s: s.latency.enabled and s.latency.distribution == "normal",
-        "latency is never negative; choose distribution: exponential",
-        "latency",
-    )
 
 
 class RecorderSettings(Settings):
@@ -290,8 +240,7 @@ class Excitation(Settings):
     realisations: Annotated[int, Field(ge=1, le=100)] = 1
     trials: Annotated[int, Field(ge=1, le=1000)] = 1
     clock_s: Positive = 0.1  # between two changes of a binary sequence, or of the velocity of ramps
-    # cut-off of the low-pass over a binary sequence; null: it jumps
-    smoothing_hz: Positive | None = None
+    smoothing_hz: Positive = 8.0  # cut-off of the low-pass over a binary sequence
     # in which the motion grows, and goes back to rest, in addition to its duration
     fade_s: Positive = 1.0
     rest_s: NotNegative = 1.5  # before and after each motion
@@ -370,17 +319,9 @@ class Experiments(Settings):
     walking: Count = 0  # crossings
     # probability that a crossing is perturbed
     perturbed_share: Annotated[float, Field(ge=0, le=1)] = 0.5
-    conditions: Conditions = Conditions()
-
-    _some = refuse_if(
-        lambda s: (
-            not any(
-                (s.belt, s.transmission, s.actuator, s.torque_angle, s.static, s.plate, s.walking)
-            )
-            and not (s.K_d and s.B_d and s.controllers)
-        ),
-        "no trials are planned; ask for at least one",
-    )
+    # of n successive crossings each of n directions occurs once, in a random order; the sheet says
+    # which, where several are. up: toes up, dorsiflexion
+    directions: Annotated[tuple[Literal["up", "down"], ...], Field(min_length=1)] = ("up",)
 
 
 class Dynamometer(Settings):
@@ -465,28 +406,5 @@ class SimulationSettings(Settings):
                 f" correct {where}",
                 "dynamometer",
                 "rate_hz",
-            )
-        nodes = {"node": self.recorder.node, "torque_node": self.recorder.torque_node}
-        for name, node in nodes.items():
-            if node is None or not 0 < node.rate.value <= HIDING_SAMPLES_PER_CYCLE * fastest:
-                continue
-            raise misplaced(
-                f"{node.rate.value:g} Hz do not show a motion of {fastest:g} Hz; raise it, or"
-                f" correct {where}",
-                "recorder",
-                name,
-                "rate",
-                "size",
-            )
-        bandwidth = self.effects.dynamometer_bandwidth
-        least = max(self.protocol.frequencies_hz)
-        if bandwidth.enabled and not least <= bandwidth.value < rate / 2:
-            raise misplaced(
-                f"{bandwidth.value:g} Hz do not show in a log of {rate:g} Hz, or do not follow"
-                f" {least:g} Hz; choose {least:g} to {rate / 2:g} Hz, or enabled: false for a bench"
-                " that follows exactly",
-                "effects",
-                "dynamometer_bandwidth",
-                "size",
             )
         return self

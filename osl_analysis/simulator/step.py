@@ -7,7 +7,7 @@ or more continuous derivatives. Cycle phase c: 0 at heel strike, 1 at the next o
 """
 
 import re
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -15,7 +15,6 @@ import numpy as np
 from osl_analysis.simulator.laboratory_settings import WalkingSettings
 from osl_analysis.simulator.random_numbers import generator_of
 from osl_analysis.simulator.rigid_body import Pose, rotation_about
-from osl_analysis.simulator.trial_plan import Condition
 from osl_analysis.trial import Array
 
 STANCE_FRACTION = 0.62  # of the gait cycle
@@ -141,7 +140,7 @@ class GaitTrial:
     name: str
     seed: int
     walking: WalkingSettings
-    condition: Condition = field(default_factory=Condition)
+    direction: str = "up"  # of the perturbation; or down
 
     @cached_property
     def time(self) -> Array:
@@ -150,11 +149,10 @@ class GaitTrial:
         frames = round(self.walking.gait.recording_s * rates.points_hz)
         return np.arange(frames * (rates.motion_hz // rates.points_hz)) / rates.motion_hz
 
-    def of_person(self, name: str) -> float:
-        """`body_mass_kg` or `stance_s` of the person, or the usual one."""
-        stated: float | None = getattr(self.condition.subject, name, None)
-        usual: float = getattr(self.walking.gait, name)
-        return stated or usual
+    @property
+    def sign(self) -> float:
+        """1 toes up, -1 toes down."""
+        return 1.0 if self.direction == "up" else -1.0
 
     def random(self, effect: str) -> np.random.Generator:
         """The random numbers of an effect."""
@@ -204,7 +202,7 @@ class Step:
 def draw_step(trial: GaitTrial) -> Step:
     """Draw a crossing. Each effect has its own random numbers."""
     walking = trial.walking
-    stance = trial.of_person("stance_s") * (1 + trial.normal("stance_scatter", unit=0.01))
+    stance = walking.gait.stance_s * (1 + trial.normal("stance_scatter", unit=0.01))
     heel_strike = walking.gait.heel_strike_s + trial.normal("heel_strike_scatter")
     phase = float(trial.random("perturbation_phase").uniform(*walking.perturbation.stance_phase))
     command = heel_strike + phase * stance
@@ -261,7 +259,7 @@ def ramped_platform(
     """
     ramp = trial.walking.perturbation
     held = pulse(trial.time, onset, slowness * ramp.rise_s, back, ramp.return_s)
-    angle = size * (trial.condition.sign * np.radians(ramp.angle_deg) * held)
+    angle = size * (trial.sign * np.radians(ramp.angle_deg) * held)
     return PlatformMotion(angle, turned(angle, trial.walking), command, onset)
 
 

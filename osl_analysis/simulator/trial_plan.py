@@ -1,5 +1,5 @@
-"""The plan of a simulated campaign: the rows of its sample sheet, and the condition of each trial
-of the gait laboratory."""
+"""The plan of a simulated campaign: the rows of its sample sheet, and the direction of each
+crossing."""
 
 import itertools
 import re
@@ -11,31 +11,11 @@ from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.config.sheet import JOINT, SHEET_COLUMNS, SheetRows
 from osl_analysis.errors import InputError
 from osl_analysis.simulator.random_numbers import generator_of
-from osl_analysis.simulator.simulation_settings import SimulationSettings, Subject
+from osl_analysis.simulator.simulation_settings import SimulationSettings
 
 # experiments with the number of digits in the names of their trials
 ON_THE_BENCH = {"belt": 2, "transmission": 1, "actuator": 1, "torque_angle": 1}
 IN_THE_LABORATORY = {"static": 1, "plate": 2, "walking": 2}
-
-
-@dataclass(frozen=True)
-class Condition:
-    """What a trial of the gait laboratory is by plan. None: as the settings of the gait laboratory
-    have it."""
-
-    perturbed: bool = False
-    direction: str = "up"
-    subject: Subject | None = None
-
-    @property
-    def person(self) -> str | None:
-        """Name of the person, if the campaign names persons."""
-        return self.subject.name if self.subject else None
-
-    @property
-    def sign(self) -> float:
-        """1 toes up, -1 toes down."""
-        return 1.0 if self.direction == "up" else -1.0
 
 
 @dataclass(frozen=True)
@@ -47,32 +27,17 @@ class PlannedTrial:
     cells: Mapping[str, Any] = field(default_factory=dict)
 
 
-def condition_of(row: Mapping[str, Any], settings: SimulationSettings) -> Condition:
-    """Find the condition of a row of the sample sheet.
-
-    The direction is the one that the row states, else by the trial's name, which has a place in a
-    random order of all directions. Subjects share the trials of an experiment.
-    """
+def direction_of(row: Mapping[str, Any], settings: SimulationSettings) -> str:
+    """The direction, up or down, of a row of the sample sheet: the one that it states, else by the
+    trial's name, which has a place in a random order of all directions."""
     trial = str(row["trial"])
-    conditions = settings.experiments.conditions
+    directions = settings.experiments.directions
     digits = re.search(r"\d+$", trial)
     number = int(digits.group()) - 1 if digits else 0
-
-    directions = conditions.directions
     block, place = divmod(number, len(directions))
     block_name = f"{trial.rstrip('0123456789')}{block}"
     order = generator_of(settings.seed, block_name, "condition").permutation(len(directions))
-
-    subject = None
-    if conditions.subjects:
-        trials = max(getattr(settings.experiments, row["experiment"]), 1)
-        number_of_subject = number % trials * len(conditions.subjects) // trials
-        subject = conditions.subjects[number_of_subject]
-    return Condition(
-        perturbed=bool(row.get("perturbed")),
-        direction=row.get("direction") or directions[order[place]],
-        subject=subject,
-    )
+    return str(row.get("direction") or directions[order[place]])
 
 
 def plan_trials(settings: SimulationSettings, only: str | None = None) -> SheetRows:
@@ -93,10 +58,13 @@ def plan_trials(settings: SimulationSettings, only: str | None = None) -> SheetR
     Raises
     ------
     InputError
-        Two trials have the same name.
+        No trial is planned, or two have the same name.
     """
     rows: dict[str, dict[str, Any]] = {}
-    for trial in planned_trials(settings):
+    planned = planned_trials(settings)
+    if not planned:
+        raise InputError("no trials are planned; ask in `experiments` for at least one")
+    for trial in planned:
         if only is not None and trial.name != only:
             continue
         if trial.name in rows:
@@ -161,9 +129,6 @@ def row_of(trial: PlannedTrial, settings: SimulationSettings) -> dict[str, Any]:
     if trial.experiment == "walking":
         draw = generator_of(settings.seed, trial.name, "perturbed").random()
         row["perturbed"] = bool(draw < settings.experiments.perturbed_share)
-    if facts.place != "bench":
-        condition = condition_of(row, settings)
-        row["subject"] = condition.person
-        has_directions = len(settings.experiments.conditions.directions) > 1
-        row["direction"] = condition.direction if has_directions and condition.perturbed else None
+        if row["perturbed"] and len(settings.experiments.directions) > 1:
+            row["direction"] = direction_of(row, settings)
     return row

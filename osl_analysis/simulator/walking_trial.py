@@ -28,7 +28,7 @@ from osl_analysis.simulator.simulated_crossing import (
     simulate_crossing,
 )
 from osl_analysis.simulator.simulation_settings import SimulationSettings
-from osl_analysis.simulator.trial_plan import condition_of
+from osl_analysis.simulator.trial_plan import direction_of
 from osl_analysis.trial import Array
 
 WEIGHT_SHARE = 0.5  # of the body that the foot on the plate carries in quiet standing
@@ -58,7 +58,7 @@ def simulate_walking_trial(
         name=str(row["trial"]),
         seed=campaign.seed,
         walking=walking,
-        condition=condition_of(row, campaign),
+        direction=direction_of(row, campaign),
     )
     if row["experiment"] == "walking":
         simulate_walking(trial, row, campaign, p, raw)
@@ -83,8 +83,7 @@ def simulate_walking(
     """Simulate a crossing and write its files."""
     step = gait.draw_step(trial)
     effects = drivetrain_effects(campaign)
-    # the controller compensates
-    effects["cancels_friction"] = row.get("controller") != "uncompensated"
+    effects["cancels_friction"] = True
     unperturbed = simulate_crossing(step, False, effects, p)
     walked = unperturbed
     if row.get("perturbed"):
@@ -112,7 +111,7 @@ def facts_of_crossing(walked: SimulatedCrossing, clock: tuple[float, float]) -> 
         "toe_off_s": step.toe_off,
         "foot_yaw_rad": trial.normal("foot_yaw", np.pi / 180),
         "placement_m": step.placement.tolist(),
-        "condition": {"direction": trial.condition.direction, "subject": trial.condition.person},
+        "direction": trial.direction,
         "leg_clock": {"offset_s": offset, "drift": drift},
     }
 
@@ -169,7 +168,7 @@ def write_standing_capture(trial: gait.GaitTrial, platform: gait.PlatformMotion,
     ankle."""
     rows = len(trial.time)
     leg = Pose(platform.pose.rotation, np.tile(gait.nominal_ankle(trial.walking), (rows, 1)))
-    force = np.tile(-WEIGHT_SHARE * trial.of_person("body_mass_kg") * GRAVITY, (rows, 1))
+    force = np.tile(-WEIGHT_SHARE * trial.walking.gait.body_mass_kg * GRAVITY, (rows, 1))
     weight = TrueWrench(force, np.zeros((rows, 3)), leg.origin)
     markers = {**leg_markers(leg, leg), **on_body(leg, laboratory.ANKLE_AXIS)}
     write_capture(raw, trial, markers, platform, weight)

@@ -1,11 +1,12 @@
 """A draft of a sample sheet: the trials that recordings are, by the words of their names."""
 
+import itertools
 import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-from osl_analysis.ingest.likely_column import parted_name
+from osl_analysis.draft.likelihood import parted_name
 from osl_analysis.ingest.raw_files import ENDINGS_OF_ANY, suffixes
 
 FIXTURE_ALONE = r"\bfixture\b"  # in the name of a recording of the fixture without a joint
@@ -26,7 +27,8 @@ WORDS_OF_EXPERIMENTS = {
 """By experiment: words in a file's name. A name with words of several experiments tells none."""
 OF_CAPTURES = ("static", "plate")  # experiments that need motion capture
 UNNAMED = "ingest_only"  # the experiment of a trial whose name tells none
-OF_FORCES = re.compile(r"(?i)[_-](grfs?|forces?)$")  # of a table beside markers: `walk_grf.mot`
+# of a table of forces beside markers: `walk_grf.mot`, `forces_walk.mot`
+OF_FORCES = re.compile(r"(?i)[_-](grfs?|forces?)$|^(grfs?|forces?)[_-]")
 LONGEST_NAME = 90  # signs of a trial's name
 SMALLEST_K = 10.0  # N*m/rad; `K1` is the number of a file
 UNPERTURBED = r"\b(unperturbed|unpert|baseline|normal|nominal|nom|level|free|no ?pert)\b"
@@ -94,11 +96,8 @@ def draft_trials(
         of_markers = OF_FORCES.sub("", name)
         if role == "log" and of_markers in captures:
             name = of_markers
-        number = 1
-        free = name
-        while role in by_name.get(free, ()):
-            number += 1
-            free = f"{name}_{number}"
+        names = itertools.chain([name], (f"{name}_{number}" for number in itertools.count(2)))
+        free = next(each for each in names if role not in by_name.get(each, ()))
         by_name.setdefault(free, {})[role] = (path, source)
     return [
         draft_trial(name, files, moved or {}, has_fixed_plates) for name, files in by_name.items()
@@ -113,58 +112,52 @@ def draft_trial(
     stem = stem_of(path)
     words = words_of_name(stem)
     stated = stated_impedance(stem)
+    perturbed = stated_perturbation(words)
     cells = {"trial": name, "experiment": UNNAMED}
     for role, (file, source) in files.items():
         cells[role] = file.as_posix()
         cells[f"{role}_source"] = source
     telling = experiments_in(words, files, "K_d" in stated)
-    if "mocap" not in files and path in moved and not telling:
+    experiment = telling[0] if telling else ""
+    if not telling and "mocap" not in files and path in moved:
         cells["experiment"] = moved[path]
         by = "current and torque" if moved[path] == "actuator" else "angle and torque"
         question = f"to be confirmed, guessed from {by}: experiment {moved[path]}"
         return DraftedTrial(cells, [question])
-    if len(telling) != 1:
-        which = f"tells none, write one of {', '.join(possible_experiments(files)[::-1])}"
-        if telling:
-            which = f"may tell {' or '.join(telling)}, write which"
-        question = f"experiment: the name {which}; it stands as {UNNAMED}, which is not analysed"
-        return DraftedTrial(cells, [question])
-    experiment = telling[0]
-    if experiment == "walking" and has_fixed_plates and "log" not in files:
-        cells["experiment"] = UNNAMED
-        question = f"experiment: no platform moves; it stands as {UNNAMED}, which is not analysed"
-        return DraftedTrial(cells, [question])
-    if experiment == "calibration" and is_fixture_alone(path):
-        cells.update(experiment="calibration", fixture="alone")
-        return DraftedTrial(cells, [])
-    if experiment == "calibration":
-        question = (
-            f"experiment: a calibration whose spring or inertia is not told stands as {UNNAMED}:"
-            " write calibration, and its known_K or known_I"
+
+    problem = ""
+    if not telling:
+        possible = ", ".join(possible_experiments(files)[::-1])
+        problem = f"experiment: the name tells none, write one of {possible}"
+    elif len(telling) > 1:
+        problem = f"experiment: the name may tell {' or '.join(telling)}, write which"
+    elif experiment == "walking" and has_fixed_plates and "log" not in files:
+        problem = "experiment: no platform moves"
+    elif experiment == "walking" and not perturbed:
+        problem = "perturbed: the name does not tell, write walking, and true or false"
+    elif experiment == "calibration" and not is_fixture_alone(path):
+        problem = (
+            "experiment: a calibration whose spring or inertia is not told, write calibration, and"
+            " its known_K or known_I"
         )
+    if problem:
+        question = f"{problem}; it stands as {UNNAMED}, which is not analysed"
         return DraftedTrial(cells, [question])
-    if experiment == "walking":
-        perturbed = stated_perturbation(words)
-        if not perturbed:
-            question = (
-                f"perturbed: the name does not tell; it stands as {UNNAMED}: write walking, and"
-                " true or false"
-            )
-            return DraftedTrial(cells, [question])
-        cells["perturbed"] = perturbed
+
     cells["experiment"] = experiment
-    questions: list[str] = []
-    if experiment == "impedance":
-        cells.update(stated)
-        controller = CONTROLLER.search(stem)
-        if controller:
-            cells["controller"] = "uncompensated" if controller[1] else "compensated"
-        for column in ("K_d", "B_d"):
-            if column not in cells:
-                questions.append(
-                    f"{column}: the name does not tell; empty, nothing is compared with it"
-                )
-    return DraftedTrial(cells, questions)
+    if experiment == "calibration":
+        cells["fixture"] = "alone"
+    if experiment == "walking":
+        cells["perturbed"] = perturbed
+    if experiment != "impedance":
+        return DraftedTrial(cells, [])
+    cells.update(stated)
+    controller = CONTROLLER.search(stem)
+    if controller:
+        cells["controller"] = "uncompensated" if controller[1] else "compensated"
+    lacking = [column for column in ("K_d", "B_d") if column not in cells]
+    told = "the name does not tell; empty, nothing is compared with it"
+    return DraftedTrial(cells, [f"{column}: {told}" for column in lacking])
 
 
 def words_of_name(stem: str) -> str:

@@ -3,36 +3,27 @@ what of a source file it tells."""
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from osl_analysis import formats
+from osl_analysis.draft.clock_choice import choose_clock, gaps_text, rate_in_words
+from osl_analysis.draft.recorded_channel import Overview, RecordedChannel
 from osl_analysis.errors import InputError, listing, naming, printable
 from osl_analysis.formats import known_formats
 from osl_analysis.ingest.capture import is_labelled, vertical_axis
-from osl_analysis.ingest.clock_choice import (
-    choose_clock,
-    clock_unit,
-    gaps_text,
-    rate_in_words,
-)
 from osl_analysis.ingest.conversion import share_above
 from osl_analysis.ingest.force_plates import convert_plate
-from osl_analysis.ingest.likely_clock import (
-    is_like_clock,
-    likely_unit,
-    rate_of,
-    ticks,
-)
+from osl_analysis.ingest.likely_clock import is_like_clock, likely_unit, rate_of, ticks, time_unit
 from osl_analysis.ingest.placeholders import NAME_OF_TIME, UNKNOWN
 from osl_analysis.recording import Channel, End, Kind, Plate, Recording
 from osl_analysis.source_file import MarkerSource, Source
-from osl_analysis.trial import Array, plate_columns
-from osl_analysis.units import base_units, dimension, is_clock, normalised
+from osl_analysis.trial import plate_columns
+from osl_analysis.units import dimension
 
 SECOND_NS = 1_000_000_000
 MOST_COLUMNS = 6  # of a matrix that are listed one by one
@@ -40,103 +31,12 @@ MOST_NOTES = 20  # lines of a file's own text that are shown
 MOST_WORDS = 5  # words in place of numbers that are shown of a channel
 RARE_WORD = 0.01  # share of the rows in which a word may stand for a failed reading
 FEWEST_READINGS = 10  # a variable with fewer numbers is no signal
+STANDS_STILL = "a clock that stands still"
 Y_UP = ["x", "-z", "y"]  # `axes` where y points up
 # written as no table is read, unlike Windows' `1.#QNAN`
 OTHER_NUMBER = re.compile(r"[+-]?\d[^#]*$")
 # what a text says of a counter without a unit
 TICK = re.compile(r"(?i)\bticks?\b\D*(\d+) ?([nuµm]?s)\b")
-
-
-@dataclass(frozen=True)
-class RecordedChannel:
-    """One channel as a user is shown it.
-
-    Attributes
-    ----------
-    kind
-        `marker`, `model output`, `analog`, `plate`, `clock`, or how a source file names it:
-        `column`, `field`, `variable`, `channel`.
-    address
-        How a source file names it: `topic` and `field`, `column`, `channel`, `label` ...
-    unit
-        As the file spells it; empty where it gives none.
-    rate
-        Median rate [Hz]; None where nothing tells it.
-    type
-        Type of the numbers and length of the array that they stand in, such as `float64[4]`.
-    likely_unit
-        What its name or its readings tell of its unit; a guess, for the user to check.
-    numbers
-        Readings (n,), positions (n, 3), size of a force (n,) [N].
-    times
-        Of its readings (n,) [s]; None: those of the rows.
-    name
-        Without its place, as a table's column may tell a clock or a unit by it.
-    group
-        What it is a part of: a topic, a struct.
-    corners
-        Of a plate (4, 3), in the unit of the markers.
-    words
-        Texts in place of numbers, and how often each stands there.
-    """
-
-    kind: str
-    address: Mapping[str, str]
-    unit: str = ""
-    count: int = 0
-    rate: float | None = None
-    note: str = ""
-    type: str = ""
-    likely_unit: str = ""
-    numbers: Array | None = field(default=None, compare=False, repr=False)
-    times: Array | None = field(default=None, compare=False, repr=False)
-    name: str = ""
-    group: str = ""
-    corners: Array | None = field(default=None, compare=False, repr=False)
-    words: Mapping[str, int] = field(default_factory=dict)
-
-    @property
-    def key(self) -> str:
-        """What a source file calls it."""
-        return next(iter(self.address.values()))
-
-    @property
-    def matrix(self) -> str:
-        """The matrix of which it may be a column or a row, as of `data(:,3)` and `data 3`; empty if
-        it is none."""
-        found = re.fullmatch(r"(.+?)(?:\((?::,\d+|\d+,:)\)| \d+)", self.key)
-        return found[1] if found else ""
-
-
-@dataclass(frozen=True)
-class Overview:
-    """What a recording holds.
-
-    Attributes
-    ----------
-    format
-        The format's name in source files.
-    facts
-        About the whole file.
-    channels
-        What it recorded, in the order of the file.
-    remarks
-        Damage and oddities, a sentence each.
-    settings
-        Fields of a source file that the file tells.
-    drafted
-        The channels of the draft, where it has one trial of several.
-    open
-        What the user decides, as which of its clocks counts, a sentence each.
-    """
-
-    format: str
-    facts: Mapping[str, str]
-    channels: Sequence[RecordedChannel]
-    remarks: Sequence[str] = ()
-    settings: Mapping[str, object] = field(default_factory=dict)
-    drafted: Sequence[RecordedChannel] | None = None
-    open: Sequence[str] = ()
 
 
 @np.errstate(all="ignore")  # values of a damaged file may be of any size
@@ -168,8 +68,8 @@ def describe_channel(channel: Channel, what: str) -> RecordedChannel:
         Its readings are no numbers.
     """
     rows = channel.rows
-    values = channel.values
-    numbers = np.ma.compressed(values).astype(np.float64)
+    values = np.ma.filled(np.ma.asarray(channel.values).astype(np.float64), np.nan)
+    numbers = np.ma.compressed(channel.values).astype(np.float64)
     known = numbers[np.isfinite(numbers)]
     notes = [f"from {known.min():.6g} to {known.max():.6g}" if known.size else "no numbers"]
     if known.size < numbers.size:
@@ -178,7 +78,6 @@ def describe_channel(channel: Channel, what: str) -> RecordedChannel:
         notes.append(f"in {numbers.size} of {rows.count} {rows.noun}s")
     words = Counter(channel.count_words() if channel.count_words else {})
     notes += [f"{count} x '{word}'" for word, count in words.most_common(MOST_WORDS)]
-    filled = np.ma.filled(np.ma.asarray(values).astype(np.float64), np.nan)
     times = None
     rate = rows.rate_hz
     if rows.stamps_ns is not None:
@@ -189,22 +88,22 @@ def describe_channel(channel: Channel, what: str) -> RecordedChannel:
         notes = [gaps] if gaps else notes
     elif rows.rate_hz:
         times = rows.start_s + np.arange(rows.count) / rows.rate_hz
-    unit = channel.unit
     name = channel.name or channel.key
     return RecordedChannel(
         kind=what,
         address=channel.address,
-        unit=unit,
+        unit=channel.unit,
         count=int(known.size),
         rate=rate,
         note=", ".join(notes),
         type=channel.type,
-        likely_unit="" if unit else channel.likely_unit or likely_unit(name),
-        numbers=filled,
+        likely_unit="" if channel.unit else channel.likely_unit or likely_unit(name),
+        numbers=values,
         times=times,
         name=name,
         group=rows.name,
         words=words,
+        is_stamp=channel.kind == Kind.CLOCK,
     )
 
 
@@ -226,20 +125,21 @@ def describe_positions(channel: Channel) -> RecordedChannel:
 
 
 def as_clock(channel: RecordedChannel) -> RecordedChannel:
-    """Show a column as the clock of its table: its rate and gaps."""
-    assert channel.numbers is not None
-    known = channel.numbers[np.isfinite(channel.numbers)]
-    unit = base_units(normalised(channel.unit))
-    if unit is not None and unit[1] == dimension("s"):
-        known = (known - known[:1].sum()) * unit[0]
+    """Show a column as the clock of its table: its rate and gaps, those of stamps in seconds."""
+    known = channel.readings
+    factor, base = channel.base
+    is_of_time = base == dimension("s")
+    if is_of_time:
+        known = (known - known[:1].sum()) * factor
     rate = rate_of(known)
-    per = "unit" if unit is None else "s"
-    note = f"a clock, {rate:g} per {per}" if rate else "a clock that stands still"
+    note = f"a clock, {rate:g} per {'s' if is_of_time else 'unit'}" if rate else STANDS_STILL
     gaps = gaps_text(known)
-    if gaps:
-        note = f"{note}, {gaps}"
-    likely_unit = "" if channel.unit else clock_unit(channel.name, known)
-    return replace(channel, note=note, likely_unit=likely_unit)
+    return replace(
+        channel,
+        unit="s" if channel.is_stamp else channel.unit,
+        note=f"{note}, {gaps}" if gaps else note,
+        likely_unit="" if channel.unit else likely_unit(channel.name) or time_unit(known),
+    )
 
 
 def facts_of(recording: Recording) -> dict[str, str]:
@@ -349,34 +249,30 @@ def overview_of_messages(recording: Recording) -> Overview:
 def overview_of_table(recording: Recording) -> Overview:
     """List the columns of a table, with the likely clock among those that a draft has, and what is
     guessed."""
-    what = address_key(recording)
     remarks = [*recording.loss.remarks]
-    shown: dict[int, RecordedChannel] = {}
+    shown: list[RecordedChannel] = []
     for channel in recording.channels:
         try:
-            shown[id(channel)] = describe_channel(with_tick(channel, recording), what)
+            shown.append(describe_channel(with_tick(channel, recording), address_key(recording)))
         except InputError as error:
             remarks.append(str(error))
-    offered, part, settings, questions = drafted_part(recording)
-    stamps = [one.key for one in recording.channels if one.kind == Kind.CLOCK]
-    offered = [
-        channel
-        for channel in offered
-        if id(channel) in shown and not any(channel.key.startswith(f"{key}.") for key in stamps)
-    ]
-    drafted = [within_part(shown[id(channel)], part) for channel in offered]
-    timing, clock, asked = timing_of(recording, offered, drafted, what)
-    if clock is not None:
-        lengths = {id(shown): own.rows.count for own, shown in zip(offered, drafted, strict=True)}
-        untimed = [one for one in drafted if lengths[id(one)] != lengths[id(clock)]]
-        drafted = [one for one in drafted if lengths[id(one)] == lengths[id(clock)]]
+    part, settings, questions = drafted_part(recording)
+    drafted = [one for one in shown if is_of_part(one, part, shown)]
+    questions = [*recording.questions, *repeated_headers(shown), *questions]
+    timing, clock, asked = timing_of(recording, drafted, part or "")
+    questions += asked
+    if clock is not None and clock.numbers is not None:
+        length = len(clock.numbers)
+        untimed = [one for one in drafted if one.numbers is None or len(one.numbers) != length]
+        drafted = [one for one in drafted if one not in untimed]
         if untimed:
             names = ", ".join(printable(one.key) for one in untimed)
-            asked.append(
+            questions.append(
                 f"{names}: of another length than the clock; interpolate them to its times, or"
                 " leave them out"
             )
-    questions = [*recording.questions, *repeated_headers(shown.values()), *questions, *asked]
+        shown = [as_clock(one) if one is clock else one for one in shown]
+        drafted = [as_clock(one) if one is clock else one for one in drafted]
     settings = {
         "clock": "master",
         **recording.settings,
@@ -384,24 +280,30 @@ def overview_of_table(recording: Recording) -> Overview:
         **layout_of(recording, shown),
         **timing,
     }
-    if clock is not None:
-        drafted = [as_clock(one) if one is clock else one for one in drafted]
-        for key, one in shown.items():
-            if one.key.endswith(clock.key) and one.numbers is clock.numbers:
-                shown[key] = as_clock(one)
-    guessed = [one for one in shown.values() if one.likely_unit and one.count]
+    guessed = [one for one in shown if one.likely_unit and one.count]
     if guessed:
         units = ", ".join(f"{one.key} [{one.likely_unit}]" for one in guessed)
         remarks.append(f"units guessed from the names, to be checked: {units}")
+    is_all = not part and len(drafted) == len(shown)
     return Overview(
         recording.format,
         facts_of(recording),
-        list(shown.values()),
+        shown,
         remarks,
         settings,
-        drafted if part or len(drafted) < len(shown) else None,
+        None if is_all else [within_part(one, part or "") for one in drafted],
         questions,
     )
+
+
+def is_of_part(
+    channel: RecordedChannel, part: str | None, channels: Sequence[RecordedChannel]
+) -> bool:
+    """Whether a channel is of the part that is drafted, if a file has parts, and not itself a part
+    of a stamp."""
+    stamps = [one.key for one in channels if one.is_stamp]
+    is_in_stamp = any(channel.key.startswith(f"{key}.") for key in stamps)
+    return part in (None, channel.group) and not is_in_stamp
 
 
 def address_key(recording: Recording) -> str:
@@ -443,27 +345,25 @@ def has_title(channel: RecordedChannel) -> bool:
     return any(word == name or word.startswith(f"{name} ") for word in channel.words)
 
 
-def drafted_part(
-    recording: Recording,
-) -> tuple[list[Channel], str, dict[str, object], list[str]]:
-    """The channels of a draft, which is of one part, and that part: of parts that hold the same
-    signals one, of others the one with most; what of a source file that tells; and questions."""
+def drafted_part(recording: Recording) -> tuple[str | None, dict[str, object], list[str]]:
+    """The part of a file that a draft describes: of parts that hold the same signals one, of others
+    the one with most; None where a file has no parts. And what of a source file that tells, and
+    questions."""
+    if "log_part" not in source_model(recording).model_fields:
+        return None, {}, []
     parts: dict[str, dict[str, Channel]] = {}
-    settings: dict[str, object]
     for channel in recording.channels:
         if channel.rows.count >= FEWEST_READINGS:
             parts.setdefault(channel.rows.name, {})[channel.name or channel.key] = channel
-    if len(parts) < 2 or "log_part" not in source_model(recording).model_fields:
-        part = next(iter(parts), "") if "log_part" in source_model(recording).model_fields else ""
-        settings = {"log_part": part} if part else {}
-        return list(recording.channels), part, settings, []
     groups: dict[tuple[str, ...], list[str]] = {}
-    for part, own in parts.items():
-        groups.setdefault(tuple(own), []).append(part)
+    for name, channels in parts.items():
+        groups.setdefault(tuple(channels), []).append(name)
+    if len(parts) < 2:
+        part = next(iter(parts), "")
+        return (part if part else None), ({"log_part": part} if part else {}), []
     alike = max(groups.values(), key=lambda names: sum(len(parts[name]) for name in names))
-    chosen = list(parts[alike[0]].values())
-    settings = {}
     questions: list[str] = []
+    settings: dict[str, object] = {}
     if len(alike) > 1:
         questions.append(
             f"{len(alike)} parts hold the same variables: name one per trial in the column"
@@ -478,62 +378,43 @@ def drafted_part(
             "a draft is of one part; to read a variable of another, write its address with `/`, as"
             f" `/{address.removeprefix('/')}`"
         )
-    return chosen, alike[0], settings, questions
+    return alike[0], settings, questions
 
 
 def within_part(channel: RecordedChannel, part: str) -> RecordedChannel:
     """The channel, called as within a part of the file."""
-    key = next(iter(channel.address))
-    name = channel.address[key]
-    if not part or not name.startswith(part):
-        return channel
+    ((key, name),) = channel.address.items()
     return replace(channel, address={key: name.removeprefix(part).removeprefix(".")})
 
 
 def timing_of(
-    recording: Recording,
-    offered: Sequence[Channel],
-    drafted: Sequence[RecordedChannel],
-    what: str,
+    recording: Recording, drafted: Sequence[RecordedChannel], part: str
 ) -> tuple[dict[str, object], RecordedChannel | None, list[str]]:
     """The field `time` of a draft, its channel, and questions."""
-    if offered and all(one.rows.rate_hz is not None for one in offered):
+    if drafted and all(one.times is not None for one in drafted):
         return {}, None, []
-    stamps = [
-        shown
-        for channel, shown in zip(offered, drafted, strict=True)
-        if channel.kind == Kind.CLOCK and shown.count
-    ]
     numbered = [one for one in drafted if one.count]
-    named = [one for one in stamps if is_clock(one.name)]
-    if len(stamps) == 1 and not any(is_clock(one.name) for one in numbered if one is not stamps[0]):
-        named = stamps
-    questions: list[str] = []
-    has_clock = any(
-        is_like_clock(one.name) or ticks(np.asarray(one.numbers), one.unit) for one in numbered
-    )
-    if not has_clock and not named:
+    rises = [one for one in numbered if ticks(np.asarray(one.numbers), one.unit)]
+    if not rises and not any(one.is_stamp or is_like_clock(one.name) for one in numbered):
         rate, questions = rate_in_words(recording.notes)
         if rate is not None:
             return {"time": {"rate": rate}}, None, questions
-    choice = choose_clock(
-        {one.key: np.asarray(one.numbers) for one in numbered},
-        {one.key: one.name for one in numbered},
-        {one.key: one.unit for one in numbered},
-        f"{what}s",
-        [one.key for one in named[:1]],
-    )
+    else:
+        questions = []
+    choice = choose_clock(numbered)
     questions += choice.questions
-    clock = next((one for one in numbered if one.key == choice.key), None)
+    clock = choice.channel
+    what = address_key(recording)
     if clock is None:
         return {"time": {what: NAME_OF_TIME, "unit": UNKNOWN}}, None, questions
-    if any(clock is one for one in stamps):
-        return {"time": {what: clock.address[what]}}, clock, questions
+    address = within_part(clock, part).address[what]
+    if clock.is_stamp:
+        return {"time": {what: address}}, clock, questions
     unit = clock.unit or as_clock(clock).likely_unit or UNKNOWN
-    return {"time": {what: clock.address[what], "unit": unit}}, clock, questions
+    return {"time": {what: address, "unit": unit}}, clock, questions
 
 
-def layout_of(recording: Recording, shown: Mapping[int, RecordedChannel]) -> dict[str, object]:
+def layout_of(recording: Recording, shown: Sequence[RecordedChannel]) -> dict[str, object]:
     """What of a source file the rows of a table tell: words for failed readings, rows that do not
     fit."""
     fields = source_model(recording).model_fields
@@ -546,7 +427,7 @@ def layout_of(recording: Recording, shown: Mapping[int, RecordedChannel]) -> dic
     if "missing" not in fields or "more" in str(recording.facts.get("rows", "")):
         return settings
     words: dict[str, None] = {}
-    for channel in shown.values():
+    for channel in shown:
         if has_title(channel):
             return settings
         total = channel.count + sum(channel.words.values())

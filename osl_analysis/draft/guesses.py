@@ -1,0 +1,244 @@
+"""What each channel of a log is taken for. A guess is shown as one, and what leaves a doubt is
+asked."""
+
+import json
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from osl_analysis.draft.likelihood import (
+    evidence_of,
+    name_of,
+    parted_name,
+    probabilities,
+    with_context,
+)
+from osl_analysis.draft.recorded_channel import RecordedChannel
+from osl_analysis.ingest.computed_torque import TORQUES
+from osl_analysis.measured import Quantity, Signal, computed_from, factor_of, usual_size, varies
+
+HELD_COLUMNS = ("current", *TORQUES)  # which stand while an actuator is clamped
+HELD_LEVEL = 5.0  # standard deviations of the noise
+SURE = 0.8  # probability from which a channel is taken for a column
+DOUBTFUL = 0.2  # probability from which a channel may be a column
+QUANTITIES: dict[str, Quantity] = {
+    "speed": "speed",
+    "in rad/s": "speed",
+    "current": "current",
+    "in A": "current",
+    "angle": "angle",
+    "in rad": "angle",
+}
+JOINTS = ("ankle", "knee", "hip")
+FEWEST_READINGS = 100  # that show how a channel moves
+SPRING = 0.9  # correlation with an angle: a fifth of the torque's power may be damping or friction
+FALLING = -0.5  # correlation below which a torque falls as the angle rises
+TURN_UNITS = (2 * np.pi, 360.0, *2.0 ** np.arange(10, 25))  # ranges at which encoders wrap
+
+
+@dataclass
+class Guess:
+    """A guess at what a channel is, and why.
+
+    Attributes
+    ----------
+    channel
+        Unwrapped.
+    evidence
+        What speaks for and against columns.
+    wraps_at
+        Range after which the channel wraps; 0 if it does not.
+    likely
+        The probability of each column that may be it.
+    why_not
+        Why it is no signal: it stands still, is noise, or is computed from another one.
+    formula
+        By which a torque was computed; empty of a measured one.
+    is_sure
+        Whether no other channel is like its column, and the evidence leaves no doubt.
+    why
+        The evidence for its column, in words.
+    sign
+        Of the channel in the source file.
+    """
+
+    channel: RecordedChannel
+    evidence: set[str]
+    wraps_at: float = 0.0
+    why_not: str = ""
+    formula: str = ""
+    is_sure: bool = False
+    why: str = ""
+    sign: int = 1
+
+    def __post_init__(self) -> None:
+        self.likely = probabilities(self.channel, self.evidence)
+
+    @property
+    def column(self) -> str:
+        """The likeliest column; empty if none is likely."""
+        column = max(self.likely, key=lambda name: self.likely[name], default="")
+        return column if self.may_be(column) else ""
+
+    def may_be(self, column: str, at_least: float = DOUBTFUL) -> bool:
+        """Whether the channel is a signal that may be the column."""
+        return not self.why_not and self.likely.get(column, 0.0) >= at_least
+
+
+def guessed_columns(channels: Sequence[RecordedChannel]) -> list[Guess]:
+    """Guess what each channel of a log is, the same for every recorder."""
+    wraps = [wrapping_range(channel) for channel in channels]
+    channels = [
+        replace(channel, numbers=np.unwrap(channel.readings, period=at)) if at else channel
+        for channel, at in zip(channels, wraps, strict=True)
+    ]
+    evidence = with_context([evidence_of(channel) for channel in channels])
+    guesses = [Guess(*each) for each in zip(channels, evidence, wraps, strict=True)]
+    for guess in guesses:
+        guess.why_not = why_no_signal(guess, channels)
+    for guess in guesses:
+        if guess.column in TORQUES:
+            guess.formula = formula_of(guess, guesses)
+    torques = [guess for guess in guesses if guess.column in TORQUES]
+    if not all(guess.formula for guess in torques):
+        for guess in torques:
+            guess.why_not = guess.formula
+    decide(guesses)
+    return guesses
+
+
+def decide(guesses: Sequence[Guess]) -> None:
+    """Make those guesses sure that leave no doubt: no other channel may be the same column, or an
+    angle and a torque alone follow each other like a spring."""
+    pairs = [
+        (angle, torque, correlation(angle.channel, torque.channel))
+        for angle in candidates(guesses, "theta")
+        for torque in candidates(guesses, "torque")
+    ]
+    springs = [pair for pair in pairs if abs(pair[2]) > SPRING]
+    confirmed = springs[0][:2] if len(springs) == 1 else ()
+    for guess in confirmed:
+        guess.likely = probabilities(guess.channel, {*guess.evidence, "spring"})
+    for guess in guesses:
+        others = [other for other in guesses if other is not guess and other.may_be(guess.column)]
+        guess.is_sure = guess.may_be(guess.column, SURE) and (guess in confirmed or not others)
+        if guess.is_sure:
+            guess.why = "guessed from its name"
+
+    sure = [pair for pair in pairs if pair[0].is_sure and pair[1].is_sure]
+    for angle, torque, r in sure[:1]:
+        if confirmed:
+            for guess, other in ((angle, torque), (torque, angle)):
+                name = json.dumps(name_of(other.channel))
+                guess.why = f"a guess: as a spring with {name}, r = {abs(r):.3f}"
+        elif len(joints_named([angle.channel, torque.channel])) > 1:
+            angle.is_sure = torque.is_sure = False
+        if r < FALLING:
+            torque.sign = -1  # because a joint resists
+            torque.why += ": it falls as the angle rises"
+
+
+def candidates(guesses: Sequence[Guess], column: str) -> list[Guess]:
+    """The guesses that may be a column; if the evidence for one alone leaves no doubt, that one."""
+    clear = [guess for guess in guesses if guess.may_be(column, SURE)]
+    return clear if len(clear) == 1 else [guess for guess in guesses if guess.may_be(column)]
+
+
+def why_no_signal(guess: Guess, channels: Sequence[RecordedChannel]) -> str:
+    """Why a channel is no signal, in words; empty if it may be one. Of few readings nothing is
+    said. A held current or torque may be noise, and so may the speed of an actuator that stands."""
+    known = guess.channel.readings
+    if known.size < FEWEST_READINGS:
+        return ""
+    if not varies(known):
+        return "it does not move"
+    about = (known - known.mean()) / np.ptp(known)
+    tells_next = about[1:] @ about[:-1] > 0.2 * (about @ about)
+    is_held = guess.column in HELD_COLUMNS and abs(known.mean()) > HELD_LEVEL * known.std()
+    if not tells_next and not is_held and guess.column != "omega_m" and np.unique(known).size > 2:
+        return "nothing but noise"
+    return copied_from(guess.channel, channels)
+
+
+def copied_from(channel: RecordedChannel, others: Iterable[RecordedChannel]) -> str:
+    """Name the channel of which another one is every second, fifth, ... reading; empty if none."""
+    own = channel.numbers
+    known = np.isfinite(own) if own is not None else np.empty(0)
+    for other in others:
+        whole = other.numbers
+        if own is None or whole is None or other is channel or whole.shape != own.shape:
+            continue
+        has_more = np.count_nonzero(np.isfinite(whole)) > known.sum()
+        if has_more and np.array_equal(own[known], whole[known]):
+            return f"some readings of {json.dumps(name_of(other))}, which has more"
+    return ""
+
+
+def formula_of(torque: Guess, others: Sequence[Guess]) -> str:
+    """Name the signals from which a torque was computed; empty of a measured one."""
+    values = torque.channel.numbers
+    if values is None:
+        return ""
+    signals: list[Signal] = []
+    for other in others:
+        quantity = next((of for kind, of in QUANTITIES.items() if kind in other.evidence), None)
+        readings = other.channel.numbers
+        if quantity is None or readings is None or readings.shape != values.shape:
+            continue
+        name = name_of(other.channel)
+        if quantity == "current" and factor_of(values, readings) is not None:
+            return f"it is proportional to {name!r}: computed, no measured torque"
+        is_command = quantity == "angle" and "command" in other.evidence
+        signals.append(Signal(name, "command" if is_command else quantity, readings))
+    computed = computed_from(values, signals)
+    return f"it follows exactly from {computed}: computed, no measured torque" if computed else ""
+
+
+def correlation(theta: RecordedChannel, torque: RecordedChannel) -> float:
+    """Correlation of the readings of two channels, by their times if they have any; 0 if they
+    cannot be compared."""
+    if torque.numbers is None or theta.numbers is None:
+        return 0.0
+    x = np.nan_to_num(theta.numbers, posinf=0.0, neginf=0.0)
+    y = np.nan_to_num(torque.numbers, posinf=0.0, neginf=0.0)
+    if theta.times is not None and torque.times is not None:
+        x = np.interp(torque.times, theta.times, x)
+    if len(x) != len(y) or len(x) <= FEWEST_READINGS or not (varies(x) and varies(y)):
+        return 0.0
+    return float(np.corrcoef(x, y)[0, 1])
+
+
+def wrapping_range(channel: RecordedChannel) -> float:
+    """The range, a turn or a power of two, at which a channel wraps; 0 if it does not."""
+    known = channel.readings
+    if not known.size:
+        return 0.0
+    steps = np.abs(np.diff(known))
+    span = float(np.ptp(known))
+    leaps = steps[steps > 0.5 * span]
+    if not 0 < leaps.size < 0.2 * steps.size:
+        return 0.0
+    fits = (at for at in TURN_UNITS if span <= at and (np.abs(leaps / at - 1) < 0.2).all())
+    return float(next(fits, 0.0))
+
+
+def joints_named(channels: Iterable[RecordedChannel]) -> list[str]:
+    """The joints in the names of channels."""
+    words = " ".join(parted_name(name_of(channel)) for channel in channels)
+    return [joint for joint in JOINTS if re.search(rf"\b{joint}\b", words)]
+
+
+def turns_slowly(angle: RecordedChannel, clock: RecordedChannel) -> bool:
+    """Whether an angle goes to and fro, and turns less often than every two seconds: it tells K
+    alone."""
+    known = angle.readings
+    if clock.numbers is None or known.size < FEWEST_READINGS:
+        return False
+    seconds = clock.base[0] * float(np.ptp(clock.numbers))
+    at = np.linspace(0, known.size - 1, 150)
+    speed = np.diff(np.interp(at, np.arange(known.size), known))
+    moves = np.sign(speed[np.abs(speed) > 0.25 * usual_size(speed)])
+    turns = int(np.count_nonzero(np.diff(moves)))
+    return 2 <= turns < seconds / 2

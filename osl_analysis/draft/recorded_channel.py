@@ -1,0 +1,119 @@
+"""A channel of a recording as a user is shown it, and what else a recording holds."""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from osl_analysis.measured import LARGEST_SIGNAL
+from osl_analysis.trial import Array
+from osl_analysis.units import base_units, normalised
+
+
+@dataclass(frozen=True)
+class RecordedChannel:
+    """One channel as a user is shown it.
+
+    Attributes
+    ----------
+    kind
+        `marker`, `model output`, `analog`, `plate`, or how a source file names it: `column`,
+        `field`, `variable`, `channel`.
+    address
+        How a source file names it: `topic` and `field`, `column`, `channel`, `label` ...
+    unit
+        As the file spells it; empty where it gives none.
+    rate
+        Median rate [Hz]; None where nothing tells it.
+    type
+        Type of the numbers and length of the array that they stand in, such as `float64[4]`.
+    likely_unit
+        What its name or its readings tell of its unit; a guess, for the user to check.
+    numbers
+        Readings (n,), positions (n, 3), size of a force (n,) [N].
+    times
+        Of its readings (n,) [s]; None: those of the rows.
+    name
+        Without its place, as a table's column may tell a clock or a unit by it.
+    group
+        What it is a part of: a topic, a struct.
+    corners
+        Of a plate (4, 3), in the unit of the markers.
+    words
+        Texts in place of numbers, and how often each stands there.
+    is_stamp
+        Whether its readings are times of day, which the file has as such.
+    """
+
+    kind: str
+    address: Mapping[str, str]
+    unit: str = ""
+    count: int = 0
+    rate: float | None = None
+    note: str = ""
+    type: str = ""
+    likely_unit: str = ""
+    numbers: Array | None = field(default=None, compare=False, repr=False)
+    times: Array | None = field(default=None, compare=False, repr=False)
+    name: str = ""
+    group: str = ""
+    corners: Array | None = field(default=None, compare=False, repr=False)
+    words: Mapping[str, int] = field(default_factory=dict)
+    is_stamp: bool = False
+
+    @property
+    def key(self) -> str:
+        """What a source file calls it."""
+        return next(iter(self.address.values()))
+
+    @property
+    def readings(self) -> Array:
+        """The readings (n,) that are numbers of a sensor, in the channel's unit; none where they
+        were not read."""
+        if self.numbers is None:
+            return np.empty(0)
+        return self.numbers[np.abs(self.numbers) < LARGEST_SIGNAL]
+
+    @property
+    def base(self) -> tuple[float, str]:
+        """Factor of the stated or likely unit to base units, and these; 0 and empty if unknown."""
+        return base_units(normalised(self.unit or self.likely_unit)) or (0.0, "")
+
+    @property
+    def matrix(self) -> str:
+        """The matrix of which it may be a column or a row, as of `data(:,3)` and `data 3`; empty if
+        it is none."""
+        match = re.fullmatch(r"(.+?)(?:\((?::,\d+|\d+,:)\)| \d+)", self.key)
+        return match[1] if match else ""
+
+
+@dataclass(frozen=True)
+class Overview:
+    """What a recording holds.
+
+    Attributes
+    ----------
+    format
+        The format's name in source files.
+    facts
+        About the whole file.
+    channels
+        What it recorded, in the order of the file.
+    remarks
+        Damage and oddities, a sentence each.
+    settings
+        Fields of a source file that the file tells.
+    drafted
+        The channels of the draft, where it has one trial of several.
+    open
+        What the user decides, as which of its clocks counts, a sentence each.
+    """
+
+    format: str
+    facts: Mapping[str, str]
+    channels: Sequence[RecordedChannel]
+    remarks: Sequence[str] = ()
+    settings: Mapping[str, object] = field(default_factory=dict)
+    drafted: Sequence[RecordedChannel] | None = None
+    open: Sequence[str] = ()

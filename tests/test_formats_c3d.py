@@ -1,216 +1,462 @@
-"""C3D: frames and plates of whole, cut and odd files."""
+"""C3D: frames, names and plates of whole, cut and odd files, against closed forms and ezc3d."""
 
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import polars as pl
 import pytest
+import yaml
 from c3d_builder import REAL_DATA, write_c3d
+from recognised_files import refusal_by
+from scipy.spatial.transform import Rotation
 
 from osl_analysis import formats
-from osl_analysis.errors import InputError
-from osl_analysis.formats.c3d import C3dSource
-from osl_analysis.recording import Kind, Recording
+from osl_analysis.draft.overview import inspect_recording
+from osl_analysis.formats import known_formats
+from osl_analysis.ingest.conversion import Converted
+from osl_analysis.ingest.force_plates import convert_plate, wrench
+from osl_analysis.ingest.raw_files import read_converted
+from osl_analysis.recording import Kind
+from osl_analysis.source_file import Source
 
-CORNERS = np.array([[400.0, 600, 0], [0, 600, 0], [0, 0, 0], [400, 0, 0]])
-PLATE_LABELS = ["Force.Fx1", "Force.Fy1", "Force.Fz1", "Moment.Mx1", "Moment.My1", "Moment.Mz1"]
-PLATE = {
-    "FORCE_PLATFORM__USED": np.array([1]),
-    "FORCE_PLATFORM__TYPE": np.array([2]),
-    "FORCE_PLATFORM__CHANNEL": np.array([[1], [2], [3], [4], [5], [6]]),
-    "FORCE_PLATFORM__CORNERS": CORNERS.T[:, :, None],
-    "FORCE_PLATFORM__ORIGIN": np.array([[0.0], [0.0], [-40.0]]),
-}
-
-
-def seen_points(frames: int = 8, points: int = 2) -> np.ndarray:
-    """Positions 1, 2, 3 ... with a residual of 0."""
-    positions = np.ones((frames, points, 4))
-    positions[:, :, :3] = 1.0 + np.arange(frames * points * 3).reshape(frames, points, 3)
-    positions[:, :, 3] = 0.0
-    return positions
+# Whole numbers, all different, none zero: 6 frames of 3 points of residual 0, 4 samples a frame.
+POINTS = np.arange(1.0, 73).reshape(6, 3, 4) * [1, 1, 1, 0]
+ANALOGS = np.arange(48.0).reshape(24, 2) - 7
+SYNC = {"sync": {"channel": "A1"}}
 
 
-def source(**stated: Any) -> C3dSource:
-    return C3dSource.model_validate({"format": "c3d", **stated})
+def source(**fields: Any) -> Source:
+    return known_formats()["c3d"].source.model_validate({"format": "c3d", **fields})
 
 
-def refusal(path: Path, stated: C3dSource | None = None) -> str:
-    with pytest.raises(InputError, match=r"^[^\n]+$") as caught:
-        formats.read(path, stated)
-    return str(caught.value)
+def read(path: Path, **fields: Any) -> Converted:
+    return read_converted(path, source(**fields))
 
 
-def values_of(recording: Recording, key: str, name: str) -> np.ndarray:
-    return recording.find({key: name}).values
+def refused(path: Path, **fields: Any) -> str:
+    return refusal_by(read, path, **fields)
 
 
-@pytest.mark.parametrize("integers", [False, True])
-def test_integers_and_reals_are_read(tmp_path: Path, integers: bool) -> None:
-    analogs = np.array([[-300.0], [250.0]] * 8)
-    path = write_c3d(tmp_path / "a.c3d", seen_points(), analogs, integers=integers)
+def capture(folder: Path, **parameters: Any) -> Path:
+    return write_c3d(folder / "a.c3d", POINTS, ANALOGS, **parameters)
+
+
+def marker(recording: Converted, name: str) -> np.ndarray:
+    """Positions (frames, 3) [m]."""
+    columns = [f"marker_{name}_{axis}" for axis in "xyz"]
+    return recording.samples.select(columns).drop_nulls().to_numpy()
+
+
+# --- frames -------------------------------------------------------------------------------------
+
+
+def test_points_analogs_and_time_are_those_of_the_file(tmp_path: Path) -> None:
+    path = capture(tmp_path, PROCESSING__BODYMASS=np.array([72.5]))
+    path.write_bytes(path.read_bytes()[:6] + b"\5\0\n\0" + path.read_bytes()[10:])  # frames 5 to 10
+
+    recording = read(path, analogs={"sync": {"channel": "A2"}})
+
+    facts = ("body_mass_kg", "first_frame", "samples_per_frame")
+    assert [recording.facts[name] for name in facts] == [72.5, 5, 4]
+    for place in range(3):
+        positions = marker(recording, f"M{place + 1}")
+        np.testing.assert_allclose(positions, POINTS[:, place, :3] / 1000, rtol=1e-15)
+    np.testing.assert_allclose(recording.samples["time"], np.arange(24) / 400, rtol=1e-15)
+    np.testing.assert_array_equal(recording.samples["sync"], ANALOGS[:, 1])
+    assert len(read(path).samples) == 6  # a row per frame
+    assert inspect_recording(path).channels[-1].note == "from -6 to 40"
+
+
+@pytest.mark.parametrize(
+    ("raw", "is_integer", "parameters", "expected"),
+    [
+        (-300.0, False, {}, -300),
+        (-300, True, {}, -300),
+        (100.0, False, {"OFFSET": np.array([20]), "SCALE": np.array([0.5]),
+                        "GEN_SCALE": np.array([0.1])}, 4),
+        (40_000, True, {"OFFSET": np.array([32_768]), "FORMAT": ["UNSIGNED"]}, 7232),
+    ],
+)  # fmt: skip
+def test_a_sample_is_raw_minus_offset_times_both_scales(
+    tmp_path: Path, raw: float, is_integer: bool, parameters: dict[str, Any], expected: float
+) -> None:
+    named = {f"ANALOG__{name}": value for name, value in parameters.items()}
+    path = write_c3d(tmp_path / "a.c3d", POINTS, np.full((6, 1), raw), integers=is_integer, **named)
 
     recording = formats.read(path)
 
-    factor = 0.1 if integers else 1.0  # POINT:SCALE of the builder
-    np.testing.assert_allclose(
-        values_of(recording, "label", "M2"), factor * seen_points()[:, 1, :3], rtol=1e-6
-    )
-    np.testing.assert_array_equal(values_of(recording, "channel", "A1"), analogs[:, 0])
+    scale = 0.1 if is_integer else 1.0  # POINT:SCALE of the builder
+    positions = recording.find({"label": "M2"}).values
+    np.testing.assert_allclose(positions, scale * POINTS[:, 1, :3], rtol=1e-6)
+    np.testing.assert_allclose(recording.find({"channel": "A1"}).values, expected, rtol=1e-6)
 
 
-def test_numbers_of_old_processors_are_refused_with_what_to_do(tmp_path: Path) -> None:
-    path = write_c3d(tmp_path / "a.c3d", seen_points())
-    content = bytearray(path.read_bytes())
-    content[512 * (content[0] - 1) + 3] = 86  # MIPS
-    path.write_bytes(content)
+def test_a_point_with_negative_residual_or_at_the_exact_origin_was_not_seen(tmp_path: Path) -> None:
+    raw = POINTS.copy()
+    raw[1, 0, 3], raw[2, 0, :3], raw[3, 0, 2], raw[4, 0, 0] = -1.0, 0.0, 0.0, np.inf
 
-    assert "not in the format of Intel processors, which alone is read; open" in refusal(path)
+    samples = read(write_c3d(tmp_path / "a.c3d", raw)).samples
 
-
-def test_a_sample_is_raw_minus_offset_times_both_scales(tmp_path: Path) -> None:
-    path = write_c3d(
-        tmp_path / "a.c3d", seen_points(), np.full((8, 1), 100.0),
-        ANALOG__OFFSET=np.array([20]), ANALOG__SCALE=np.array([0.5]),
-        ANALOG__GEN_SCALE=np.array([0.1]),
-    )  # fmt: skip
-
-    samples = values_of(formats.read(path), "channel", "A1")
-
-    np.testing.assert_allclose(samples, (100 - 20) * 0.5 * 0.1, rtol=1e-6)
+    assert samples["marker_M1_z"].is_nan().to_list() == [False, True, True, False, True, False]
+    assert not samples["marker_M2_x"].is_nan().any()
 
 
-def test_an_unsigned_offset_is_no_negative_one(tmp_path: Path) -> None:
-    path = write_c3d(
-        tmp_path / "a.c3d", seen_points(), np.full((8, 1), 40_000), integers=True,
-        ANALOG__OFFSET=np.array([32_768]), ANALOG__FORMAT=["UNSIGNED"],
-    )  # fmt: skip
-
-    samples = values_of(formats.read(path), "channel", "A1")
-
-    np.testing.assert_array_equal(samples, 40_000 - 32_768)
-
-
-def test_a_file_that_is_cut_is_refused_with_both_counts(tmp_path: Path) -> None:
-    path = write_c3d(tmp_path / "a.c3d", seen_points(100))
-    whole = path.read_bytes()
-    path.write_bytes(whole[: len(whole) - 2048])
-
-    said = refusal(path)
-
-    assert "truncated: it declares 100 frames and holds" in said
-
-
-@pytest.mark.parametrize(("first_zero", "whole"), [(96, 100), (99, 98)])
-def test_a_c3d_file_that_ends_in_zeros_is_whole(
+@pytest.mark.parametrize(("first_zero", "whole"), [(20, 24), (23, 20)])
+def test_a_single_last_sample_of_zeros_was_not_recorded(
     tmp_path: Path, first_zero: int, whole: int
 ) -> None:
-    """A joint at rest; of a single sub-frame of zeros, which was not recorded, the frame is left
-    out."""
-    analogs = np.random.default_rng(2).normal(0, 1, (100, 4))
-    analogs[first_zero:] = 0.0
+    """A joint may be at rest at the end; of one sample alone the frame is left out."""
+    recorded = ANALOGS + 8
+    recorded[first_zero:] = 0.0
 
-    recording = formats.read(write_c3d(tmp_path / "a.c3d", np.ones((50, 3, 4)), analogs))
+    converted = read(write_c3d(tmp_path / "a.c3d", POINTS, recorded), analogs=SYNC)
 
-    samples = [part.values for part in recording.channels if "channel" in part.address]
-    np.testing.assert_allclose(np.column_stack(samples), analogs[:whole], rtol=1e-6)
+    np.testing.assert_allclose(converted.samples["sync"], recorded[:whole, 0], rtol=1e-6)
+    assert any("were not recorded" in text for text in converted.warnings) == (whole < 24)
 
 
-def test_what_fills_the_last_block_of_a_c3d_file_is_not_looked_at(tmp_path: Path) -> None:
-    """Some writers leave there what their memory held."""
+def test_what_fills_the_last_block_is_not_looked_at_and_a_cut_file_is_refused(
+    tmp_path: Path,
+) -> None:
     path = write_c3d(tmp_path / "a.c3d", np.ones((50, 3, 4)))
     content = path.read_bytes()
-    assert content.endswith(bytes(16))
     path.write_bytes(content[:-16] + b"left in a buffer")
-
     assert formats.read(path).loss.lost == 0
+
+    path.write_bytes(content[:-1024])
+    assert "truncated: it declares 50 frames and holds" in refused(path)
+
+
+def test_a_capture_of_more_frames_than_its_header_counts_is_whole(tmp_path: Path) -> None:
+    positions = np.zeros((70_000, 1, 4))
+    positions[:, 0, 0] = np.arange(70_000)
+    path = write_c3d(tmp_path / "a.c3d", positions, POINT__FRAMES=np.array([70_000.0]))
+
+    (channel,) = formats.read(path).channels
+
+    assert channel.values[-1, 0] == 69_999
+
+
+@pytest.mark.parametrize(("stated_hz", "is_told"), [(360.0, True), (400.1, False)])
+def test_another_rate_than_that_of_the_samples_in_the_frames_is_told(
+    tmp_path: Path, stated_hz: float, is_told: bool
+) -> None:
+    remarks = formats.read(capture(tmp_path, ANALOG__RATE=np.array([stated_hz]))).loss.remarks
+
+    assert any("at 100 Hz are 400 Hz" in remark for remark in remarks) == is_told
+
+
+HEADER = [
+    (16, b"\0\0", "the data begin at byte -512, within the header"),
+    (12, b"\0\0\0\0", "the scale of the points is 0"),
+    (8, b"\0\0", "declares 0 frames"),
+    (0, b"\0", "not in the format of Intel processors"),
+    (512 + 3, b"\x56", "not in the format of Intel processors, which alone is read; open"),  # MIPS
+    (0, b"\x89MCAP0\r\n", "is mcap, its source file says c3d"),
+]
+# behind its name stand the pointer of a parameter, its type, dimensions and sizes
+POINTER = [
+    (4, b"\1\0", "damaged C3D file"),
+    (4, b"\x20\x4e", "damaged C3D file"),
+    (4, b"\xff\xff", "section is damaged after 'RATE'"),
+    (-1, b"\0", "section is damaged after 'RATE'"),
+    (6, b"\3", "'RATE' has type 3 and 1 dimens"),
+    (7, b"\x08", "'RATE' has type 4 and 8 dimensions"),
+    (7, b"\3\xff\xff\xff", "the parameter 'RATE' reaches beyond the end of the file"),
+]
+
+
+@pytest.mark.parametrize(
+    ("name", "offset", "value", "problem"),
+    [("", *row) for row in HEADER] + [("RATE", *row) for row in POINTER],
+)
+def test_an_absurd_header_or_a_damaged_parameter_is_refused(
+    tmp_path: Path, name: str, offset: int, value: bytes, problem: str
+) -> None:
+    path = capture(tmp_path)
+    whole = path.read_bytes()
+    place = offset + (whole.index(name.encode(), 512) if name else 0)
+    path.write_bytes(whole[:place] + value + whole[place + len(value) :])
+
+    assert problem in refused(path)
+
+
+# --- names and units ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("labels", "names"),
+    [
+        (["P07:RANK", "P07:LANK", "*3"], ["RANK", "LANK"]),
+        (["P07:RANK", "P08:RANK", "P08:LANK"], ["P07:RANK", "P08:RANK", "LANK"]),
+        (["P07:RANK", "plate:P00", "M3"], ["RANK", "P00", "M3"]),
+        (["P07:RANK", "RANK", "M3"], ["P07:RANK", "RANK", "M3"]),
+    ],
+)
+def test_the_subject_of_markers_is_left_out_where_there_is_one(
+    tmp_path: Path, labels: list[str], names: list[str]
+) -> None:
+    columns = read(capture(tmp_path, POINT__LABELS=labels)).samples.columns
+
+    assert [name for name in columns if name.endswith("_x")] == [f"marker_{n}_x" for n in names]
 
 
 def test_a_second_parameter_goes_on_with_the_labels_of_the_first(tmp_path: Path) -> None:
-    path = write_c3d(
-        tmp_path / "a.c3d", seen_points(points=3),
-        POINT__LABELS=["A", "B"], POINT__LABELS2=["C"],
-    )  # fmt: skip
+    path = capture(tmp_path, POINT__LABELS=["A", "B"], POINT__LABELS2=["C"])
 
-    labels = [one.address["label"] for one in formats.read(path).channels]
+    labels = [channel.address.get("label") for channel in formats.read(path).channels]
 
-    assert labels == ["A", "B", "C"]
+    assert labels[:3] == ["A", "B", "C"]
+
+
+def test_one_of_two_channels_of_one_name_is_read_by_its_number(tmp_path: Path) -> None:
+    path = capture(tmp_path, POINT__LABELS=["TOE", "HEEL", "TOE"], ANALOG__LABELS=["Sync", "Sync"])
+
+    recording = read(path, markers=["HEEL", "3"], analogs={"sync": {"channel": "2"}})
+
+    np.testing.assert_allclose(marker(recording, "TOE"), POINTS[:, 2, :3] / 1000)
+    np.testing.assert_allclose(recording.samples["sync"], ANALOGS[:, 1])
+    assert "1, 3" in refused(path)
+    assert "one of 1, 2," in refused(path, markers=[], analogs={"sync": {"channel": "Sync"}})
+
+
+def test_model_outputs_take_unit_and_sign_from_the_source_file(tmp_path: Path) -> None:
+    groups = ["POWERS", "POWER", "Moments", "MOMENT"]
+    path = capture(
+        tmp_path,
+        POINT__LABELS=["LTOE", "LAnkleMoment", "*3"],
+        POINT__TYPE_GROUPS=groups,
+        POINT__MOMENTS=["LAnkleMoment"],
+    )
+    output = {"label": "LAnkleMoment", "component": "y", "unit": "N*mm/kg", "sign": -1}
+
+    samples = read(path, outputs={"reference_ankle_moment_left": output}).samples
+
+    moment = samples["reference_ankle_moment_left"].drop_nulls()
+    np.testing.assert_allclose(moment, -POINTS[:, 1, 1] / 1000, rtol=1e-15)
+    assert [name for name in samples.columns if name.endswith("_x")] == ["marker_LTOE_x"]
+
+
+@pytest.mark.parametrize(
+    ("parameters", "stated", "expected"),
+    [
+        ({}, {"axes": ["z", "x", "y"]}, POINTS[:, 1, [2, 0, 1]] / 1000),
+        ({"POINT__UNITS": ["mmm"]}, {"point_unit": "cm"}, POINTS[:, 1, :3] / 100),
+        ({"POINT__UNITS": ["m"]}, {}, POINTS[:, 1, :3]),
+    ],
+)
+def test_positions_are_in_metres_and_in_the_stated_axes(
+    tmp_path: Path, parameters: dict[str, Any], stated: dict[str, Any], expected: np.ndarray
+) -> None:
+    recording = read(capture(tmp_path, **parameters), **stated)
+
+    np.testing.assert_allclose(marker(recording, "M2"), expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize(("up", "is_told"), [("+Y", True), ("+Z", False), ("-Z", False), ("z", 0)])
+def test_a_vertical_axis_that_is_not_z_is_told(tmp_path: Path, up: str, is_told: bool) -> None:
+    warnings = read(write_c3d(tmp_path / "a.c3d", POINTS, POINT__Y_SCREEN=[up])).warnings
+
+    assert any("seems to be +Y; state `axes: [x, -z, y]`" in one for one in warnings) == is_told
 
 
 # --- plates -------------------------------------------------------------------------------------
 
+LEVEL = np.array([[600.0, 0, 0], [0, 0, 0], [0, 400, 0], [600, 400, 0]])  # z down
+ONE_PLATE = {
+    "FORCE_PLATFORM__USED": np.array([1]),
+    "FORCE_PLATFORM__TYPE": np.array([2]),
+    "FORCE_PLATFORM__CHANNEL": np.arange(1, 7)[:, None],
+    "FORCE_PLATFORM__CORNERS": LEVEL.T[:, :, None],
+    "FORCE_PLATFORM__ORIGIN": np.zeros((3, 1)),
+}
+LABELS = ["Force.Fx1", "Force.Fy1", "Force.Fz1", "Moment.Mx1", "Moment.My1", "Moment.Mz1"]
+STATED = {"type": 2, "channels": LABELS, "corners": LEVEL.tolist()}
+READINGS = np.tile([1.0, 2, 3, 4000, 5000, 6000], (24, 1))
 
-def write_plate(path: Path, forces: np.ndarray | None = None, **parameters: Any) -> Path:
-    analogs = np.zeros((8, 6)) if forces is None else forces
-    labels = {"ANALOG__LABELS": PLATE_LABELS, "ANALOG__UNITS": ["N"] * 3 + ["N*mm"] * 3}
-    return write_c3d(path, seen_points(), analogs, **{**labels, **parameters})
+
+def plate_file(folder: Path, readings: np.ndarray = READINGS, **parameters: Any) -> Path:
+    """Channels in N, N, N, Nmm, Nmm, Nmm on one plate, by default forces 1 to 3 and moments 4000 to
+    6000."""
+    units = {"ANALOG__UNITS": ["N"] * 3 + ["Nmm"] * 3, "ANALOG__LABELS": LABELS}
+    arrays = {**units, **ONE_PLATE, **parameters}
+    return write_c3d(folder / "plate.c3d", POINTS, readings, **arrays)
 
 
-def test_a_plate_of_another_type_is_a_question_with_what_to_do(tmp_path: Path) -> None:
-    path = write_plate(tmp_path / "a.c3d", **PLATE | {"FORCE_PLATFORM__TYPE": np.array([6])})
+def wrench_of(path: Path, row: int = 3, **fields: Any) -> list[float]:
+    samples = read(path, **fields).samples
+    return [samples[f"plate1_{q}_{axis}"][row] for q in ("force", "moment") for axis in "xyz"]
+
+
+@pytest.mark.parametrize(
+    ("parameters", "stated", "told"),
+    [
+        ({"ANALOG__SCALE": [1, 1, np.nan, 1, 1, 1.0]}, {},
+         "plate 1: nan in sample 1 of analog channel 'Force.Fz1'"),
+        ({"FORCE_PLATFORM__USED": [np.nan]}, {}, "FORCE_PLATFORM:USED is nan"),
+        ({"FORCE_PLATFORM__ZERO": [1, 7]}, {"plate_zero": "file"}, "frames 1 to 7 of 6"),
+        ({"FORCE_PLATFORM__ZERO": [np.nan, 7]}, {"plate_zero": "file"}, "frames 0 to 0 of 6"),
+        ({"FORCE_PLATFORM__CHANNEL": np.arange(6)[:, None]}, {}, "gives [0, 1, 2, 3, 4, 5] of"),
+        ({"FORCE_PLATFORM__TYPE": [6]}, {}, "plate 1 is of type 6, and types 1 to 4 are read"),
+        ({"FORCE_PLATFORM__CORNERS": np.zeros((3, 4, 1))}, {}, "its corners span no plane"),
+        ({"FORCE_PLATFORM__TYPE": [3]}, {}, "type 3 has ORIGIN [0"),
+        ({"FORCE_PLATFORM__CORNERS": np.zeros((3, 3, 1))}, {}, "CORNERS has dimensions (3, 3, 1)"),
+        ({"FORCE_PLATFORM__ORIGIN": np.array([[0], [np.nan], [0]])}, {},
+         "FORCE_PLATFORM:ORIGIN has dimensions (3, 1), or values that are not"),
+        ({"FORCE_PLATFORM__CHANNEL": np.arange(3, 9)[:, None]}, {}, "plate out: `plates: []`"),
+        ({"POINT__USED": [9]}, {}, "the header counts 3, POINT:USED is 9"),
+        ({"ANALOG__USED": [9]}, {}, "the header counts 6, ANALOG:USED is 9"),
+        ({}, {"plate_zero": [3, 7]}, "of the plates is frames 3 to 7 of 6"),
+        ({}, {"plates": [2]}, "no force plate 2; the file describes 1, counted from 1; state it"),
+        ({}, {"markers": ["M1", "TOE"]}, "no marker 'TOE'; the file has M1, M2, M3"),
+        ({}, {"analogs": {"sync": {"channel": "force.fx1"}}}, "; did you mean 'Force.Fx1'?"),
+        ({}, {"analogs": {"sync": {"channel": "Force.Fx1"}}}, "sync: unit 'N' measures [N]"),
+        ({}, {"plate_geometry": {1: {**STATED, "channels": [*LABELS[:5], "Mz"]}}},
+         "'Mz' names 0 analog channels"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_is_refused(
+    tmp_path: Path, parameters: dict[str, Any], stated: dict[str, Any], told: str
+) -> None:
+    arrays = {name: np.array(value) for name, value in parameters.items()}
+
+    assert told in refused(plate_file(tmp_path, **arrays), **stated)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "told"),
+    [
+        ({"POINT__UNITS": ["mmm"]}, "unit 'mmm' is unknown"),
+        ({"POINT__UNITS": [""]}, "the unit is empty"),
+        ({"ANALOG__UNITS": ["N"]}, "analog channel 'Force.Fy1': the unit is empty"),
+    ],
+)
+def test_a_unit_that_is_unknown_or_missing_is_refused(
+    tmp_path: Path, parameters: dict[str, Any], told: str
+) -> None:
+    assert told in refused(plate_file(tmp_path, **parameters))
+
+
+def test_a_plate_is_in_si_units_and_laboratory_axes(tmp_path: Path) -> None:
+    path = plate_file(tmp_path)
+
+    assert wrench_of(path) == pytest.approx([1, -2, -3, 4, -5, -6], rel=1e-12)
+    for axes, order in ((["x", "y", "z"], [0, 1, 2]), (["x", "-z", "y"], [0, 2, 1])):
+        (plate,) = read(path, axes=axes).facts["plates"]
+        np.testing.assert_allclose(plate["corners"], LEVEL[:, order] / 1000, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "stated"),
+    [
+        # of a single plate, without its dimension; and unused channels
+        ({"FORCE_PLATFORM__CORNERS": LEVEL.T, "FORCE_PLATFORM__ORIGIN": np.zeros(3),
+          "FORCE_PLATFORM__CHANNEL": np.array([1, 2, 3, 4, 5, 6, 0, 0])}, {}),
+        ({"FORCE_PLATFORM__USED": np.array([0])}, {"plate_geometry": {1: STATED}}),
+        ({"FORCE_PLATFORM__TYPE": np.array([6])}, {"plate_geometry": {1: STATED}}),
+        ({}, {"plate_geometry": {1: {**STATED, "channels": [1, 2, 3, 4, 5, 6]}}}),
+        ({"FORCE_PLATFORM__TYPE": np.array([4]), "FORCE_PLATFORM__CAL_MATRIX": np.eye(6)}, {}),
+    ],
+)  # fmt: skip
+def test_one_plate_described_in_any_way_is_one_plate(
+    tmp_path: Path, parameters: dict[str, Any], stated: dict[str, Any]
+) -> None:
+    path = plate_file(tmp_path, **parameters)
+
+    assert wrench_of(path, **stated) == pytest.approx([1, -2, -3, 4, -5, -6], rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("used", "kind", "question"),
+    [(1, 6, "plate 1 is of type 6"), (0, 2, "look like those of a force plate")],
+)
+def test_a_plate_that_cannot_be_read_is_a_question(
+    tmp_path: Path, used: int, kind: int, question: str
+) -> None:
+    path = plate_file(
+        tmp_path, FORCE_PLATFORM__USED=np.array([used]), FORCE_PLATFORM__TYPE=np.array([kind])
+    )
 
     listed = formats.read(path)
 
     assert not listed.plates
-    (question,) = listed.questions
-    assert "plate 1 is of type 6" in question
-    assert "state it as type 2 under `plate_geometry`" in question
-    (stated,) = formats.read(path, source(plate_geometry=STATED)).plates
-    assert stated.type == 2
+    assert question in listed.questions[0]
     assert not formats.read(path, source(plates=[])).plates
 
 
-STATED = {
-    1: {"type": 2, "channels": PLATE_LABELS, "corners": CORNERS.tolist(), "origin": [0, 0, -40]}
-}
-
-
-def test_without_force_platform_the_refusal_says_the_key_that_states_a_plate(
-    tmp_path: Path,
-) -> None:
-    path = write_plate(tmp_path / "a.c3d")
-
-    said = refusal(path, source(plates=[1]))
-
-    assert "no force plate 1; the file describes 0, counted from 1" in said
-    assert "`plate_geometry: {1: {type: 2, channels: [Fx, Fy, Fz, Mx, My, Mz]" in said
-    assert "look like those of a force plate" in formats.read(path).questions[0]
-
-
-def test_a_plate_that_the_source_file_states_is_as_one_of_the_file(tmp_path: Path) -> None:
-    described = formats.read(write_plate(tmp_path / "a.c3d", **PLATE)).plates[0]
-    by_number = {1: {**STATED[1], "channels": [1, 2, 3, 4, 5, 6]}}
-
-    for geometry in (STATED, by_number):
-        (plate,) = formats.read(
-            write_plate(tmp_path / "b.c3d"), source(plate_geometry=geometry)
-        ).plates
-        assert plate.type == described.type
-        assert [one.key for one in plate.channels] == [one.key for one in described.channels]
-        np.testing.assert_array_equal(plate.corners, described.corners)
-        np.testing.assert_array_equal(plate.origin, described.origin)
-
-
-def test_a_stated_channel_that_the_file_lacks_is_refused(tmp_path: Path) -> None:
-    wrong = {1: {**STATED[1], "channels": [*PLATE_LABELS[:5], "Mz"]}}
-    path = write_plate(tmp_path / "a.c3d")
-
-    assert "'Mz' names 0 analog channels" in refusal(path, source(plate_geometry=wrong))
+def test_a_stated_plate_has_the_channels_of_its_type() -> None:
     with pytest.raises(ValueError, match="a plate of type 3 has 8 channels, 6 are named"):
-        source(plate_geometry={1: {**STATED[1], "type": 3}})
+        source(plate_geometry={1: {**STATED, "type": 3}})
+
+
+@pytest.mark.parametrize("unit", ["V", "N"])
+def test_a_type_1_plate_is_read_with_the_units_that_its_refusal_says(
+    tmp_path: Path, unit: str
+) -> None:
+    type_1 = {"FORCE_PLATFORM__TYPE": np.array([1])}
+    path = plate_file(tmp_path, ANALOG__UNITS=[unit] * 6, **type_1)
+
+    advised = refused(path).partition("`plate_units: ")[2].partition("`")[0]
+    stated = {"plate_units": yaml.safe_load(advised)}
+
+    # pressure 4000, 5000 mm, torque 6000 N*mm
+    moment = np.add(np.cross([4, 5, 0], [1, 2, 3]), [0, 0, 6])
+    expected = pytest.approx([1, -2, -3, moment[0], -moment[1], -moment[2]])
+    assert wrench_of(path, **stated) == expected
+    # less the first frame: an unloaded plate has no centre of pressure
+    loaded = READINGS.copy()
+    loaded[4:] *= [2, 2, 2, 1, 1, 2]
+    path = plate_file(tmp_path, loaded, ANALOG__UNITS=[unit] * 6, **type_1)
+    assert wrench_of(path, -1, **stated, plate_zero=(1, 1)) == expected
+    # and the file's
+    path = plate_file(tmp_path, ANALOG__UNITS=[*"VVV", "cm", "cm", "V"], **type_1)
+    of_file = wrench_of(path, plate_units={"force": "N", "moment": "N*mm"})
+    assert of_file == pytest.approx([1, -2, -3, 150, 120, -36])
+
+
+@pytest.mark.parametrize("store", ["BYCOLUMN", "BYROW"])
+def test_a_calibration_matrix_is_read_in_the_order_that_the_file_names(
+    tmp_path: Path, store: str
+) -> None:
+    matrix = np.eye(6)
+    matrix[0, 1] = 10.0  # Fx = c1 + 10 c2
+    parameters = {
+        "FORCE_PLATFORM__TYPE": np.array([4]),
+        "FORCE_PLATFORM__CAL_MATRIX": (matrix.T if store == "BYROW" else matrix)[:, :, None],
+        "FORCE_PLATFORM__MATRIX_STORE": [store],
+    }
+    path = plate_file(tmp_path, **parameters)
+
+    assert wrench_of(path) == pytest.approx([21, -2, -3, 4, -5, -6], rel=1e-6)
+    stated = {"force": "kN", "moment": "N*cm"}
+    in_kn = [21e3, -2e3, -3e3, 40, -50, -60]
+    assert wrench_of(path, plate_units=stated) == pytest.approx(in_kn, rel=1e-6)
+
+
+@pytest.mark.parametrize("zero", ["file", [2, 3]])
+def test_the_baseline_that_is_asked_for_is_subtracted(tmp_path: Path, zero: Any) -> None:
+    readings = np.arange(144.0).reshape(24, 6)
+    path = plate_file(tmp_path, readings, FORCE_PLATFORM__ZERO=np.array([2, 3]))
+
+    as_is, zeroed = read(path), read(path, plate_zero=zero)
+
+    assert zeroed.facts["plate_zero_frames"] == (2, 3)
+    for column in ("plate1_force_z", "plate1_moment_x"):
+        values = as_is.samples[column]
+        expected = values - values[4:12].mean()  # frames 2 and 3 of 4 samples each
+        np.testing.assert_allclose(zeroed.samples[column], expected, atol=1e-9)
 
 
 def test_frames_at_the_end_without_forces_are_left_out(tmp_path: Path) -> None:
-    forces = np.random.default_rng(1).normal(size=(16, 6))
-    forces[11:] = np.nan
+    forces = READINGS.copy()
+    forces[17:] = np.nan
 
-    recording = formats.read(write_plate(tmp_path / "a.c3d", forces, **PLATE))
+    recording = formats.read(plate_file(tmp_path, forces))
 
-    assert recording.facts["frames"] == 5
-    assert recording.loss.read == 5
-    assert recording.loss.expected == 8
-    assert values_of(recording, "channel", "Force.Fz1").size == 10
-    assert "the last 3 frames, in which samples are no numbers" in recording.loss.remarks[0]
+    assert (recording.loss.read, recording.loss.expected) == (4, 6)
+    assert recording.find({"channel": "Force.Fz1"}).values.size == 16
+    assert "the last 2 frames, in which samples are no numbers" in recording.loss.remarks[0]
 
 
 def test_rotations_without_markers_are_named(tmp_path: Path) -> None:
@@ -218,15 +464,90 @@ def test_rotations_without_markers_are_named(tmp_path: Path) -> None:
         tmp_path / "a.c3d", np.zeros((8, 0, 4)), rate=85.0, ROTATION__USED=np.array([3])
     )
 
-    assert "holds 3 rotations of segments at 85 Hz and no marker: rotations are not read" in (
-        refusal(path)
-    )
+    assert "3 rotations of segments at 85 Hz and no marker: rotations are not" in refused(path)
+
+
+# --- wrenches in closed form --------------------------------------------------------------------
+
+RANDOM = np.random.default_rng(3)
+FORCE, MOMENT = RANDOM.normal(0, 300, (20, 3)), RANDOM.normal(0, 40, (20, 3))
+AXES = Rotation.from_euler("ZYX", [0.7, 0.2, np.pi - 0.1]).as_matrix()  # z down, tilted and turned
+CORNERS = [1.0, -2.0, 0.3] + np.array(
+    [[0.3, 0.2, 0], [-0.3, 0.2, 0], [-0.3, -0.2, 0], [0.3, -0.2, 0]]
+) @ AXES.T  # fmt: skip
+IN_PLATE = FORCE @ AXES, MOMENT @ AXES
+# from the plate's origin to the centre of its surface, plate axes
+SURFACE = np.array([0.004, -0.007, -0.045])
+
+
+@pytest.mark.parametrize("stored", [1, -1])
+def test_types_2_and_4_give_the_wrench_back_whichever_way_origin_points(stored: int) -> None:
+    force, moment = IN_PLATE
+    # moments about the plate's origin: M + r x F
+    channels = np.hstack([force, moment + np.cross(SURFACE, force)])
+    calibration = RANDOM.normal(size=(6, 6)) + 5 * np.eye(6)
+    raw = np.linalg.solve(calibration, channels.T).T
+
+    for kind, readings in ((2, channels), (4, raw @ calibration.T)):
+        of_plate = wrench(kind, CORNERS, stored * SURFACE, readings)
+        np.testing.assert_allclose(of_plate[0], FORCE, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(of_plate[1], MOMENT, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("depth_sign", [1, -1])
+def test_type_3_gives_the_wrench_of_its_four_sensors_back(depth_sign: int) -> None:
+    a, b, depth = 0.12, 0.2, 0.054
+    # z down: under the surface
+    sensors = np.array([[a, b, depth], [-a, b, depth], [-a, -b, depth], [a, -b, depth]])
+    forces = RANDOM.normal(0, 100, (20, 4, 3))
+    total, moment = forces.sum(axis=1), np.cross(sensors, forces).sum(axis=1)
+    x, y, z = forces.transpose(2, 1, 0)
+    channels = np.column_stack([x[0] + x[1], x[2] + x[3], y[0] + y[3], y[1] + y[2], *z])
+
+    of_plate = wrench(3, CORNERS, np.array([a, b, depth_sign * depth]), channels)
+
+    np.testing.assert_allclose(of_plate[0], total @ AXES.T, atol=1e-9)
+    np.testing.assert_allclose(of_plate[1], moment @ AXES.T, atol=1e-9)
+
+
+def test_type_1_gives_force_pressure_point_and_free_moment_back() -> None:
+    pressure, free = RANDOM.normal(0, 0.1, (20, 2)), RANDOM.normal(0, 5, 20)
+    point = np.column_stack([pressure, np.zeros(20)])
+    moment = np.cross(point, IN_PLATE[0]) + np.outer(free, [0, 0, 1])
+
+    of_plate = wrench(1, CORNERS, np.zeros(3), np.column_stack([IN_PLATE[0], pressure, free]))
+
+    np.testing.assert_allclose(of_plate[0], FORCE, atol=1e-9)
+    np.testing.assert_allclose(of_plate[1], moment @ AXES.T, atol=1e-9)
 
 
 # --- real files ---------------------------------------------------------------------------------
 
+REFERENCE = REAL_DATA / "reference" / "force_plate.csv"
+ROWS = pl.read_csv(REFERENCE) if REFERENCE.exists() else pl.DataFrame({"file": [], "plate": []})
+PLATES = sorted(
+    (file, plate)
+    for file, plate in set(zip(ROWS["file"], ROWS["plate"], strict=True))
+    if not file.startswith("c3dorg_s10")
+)
+of_others = pytest.mark.skipif(not REAL_DATA.is_dir(), reason="no recordings made by others here")
 
-@pytest.mark.skipif(not REAL_DATA.is_dir(), reason="no recordings made by others here")
+
+@of_others
+@pytest.mark.parametrize(("file", "plate"), PLATES, ids=lambda value: str(value).split(".")[0])
+def test_real_plates_give_the_reference_wrench(file: str, plate: int) -> None:
+    described = source(plates=[plate + 1])
+    (of_file,) = formats.read(REAL_DATA / "c3d" / file, described).plates
+    columns = np.column_stack([*convert_plate(of_file, described, np.eye(3)).columns.values()])
+
+    rows = ROWS.filter((pl.col("file") == file) & (pl.col("plate") == plate))
+
+    moments = rows.select(pl.col("^M_centre_.$") / 1000)  # N*mm
+    expected = np.hstack([rows.select("Fx", "Fy", "Fz").to_numpy(), moments.to_numpy()])
+    np.testing.assert_allclose(columns[rows["analog_sample"].to_list(), :6], expected, rtol=1e-5)
+
+
+@of_others
 @pytest.mark.parametrize(
     "name",
     [
@@ -243,8 +564,8 @@ def test_points_and_analogs_of_real_files_equal_ezc3ds(name: str) -> None:
     recording = formats.read(path)
     other = ezc3d.c3d(str(path))["data"]
 
-    points = [one for one in recording.channels if "label" in one.address]
-    analogs = [one for one in recording.channels if "channel" in one.address]
+    points = [channel for channel in recording.channels if "label" in channel.address]
+    analogs = [channel for channel in recording.channels if "channel" in channel.address]
     for place, channel in enumerate(points):
         theirs = other["points"][:3, place].T
         seen = np.isfinite(channel.values)
@@ -253,7 +574,7 @@ def test_points_and_analogs_of_real_files_equal_ezc3ds(name: str) -> None:
         np.testing.assert_allclose(channel.values, other["analogs"][0, place], rtol=1e-6, atol=1e-6)
 
 
-@pytest.mark.skipif(not REAL_DATA.is_dir(), reason="no recordings made by others here")
+@of_others
 def test_one_trial_in_integers_and_in_reals_is_one_trial() -> None:
     integers, reals = (formats.read(REAL_DATA / f"c3d/Eb015{kind}.c3d") for kind in ("pi", "pr"))
 

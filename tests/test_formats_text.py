@@ -221,24 +221,6 @@ def test_a_word_for_the_unit_of_time_is_its_unit(tmp_path: Path) -> None:
     assert shown == [("x-axis", "second"), ("1", "Volt"), ("2", "Volt")]
 
 
-# --- Nexus --------------------------------------------------------------------------------------
-
-
-def test_a_decimal_comma_is_found_far_from_both_ends(
-    tmp_path: Path,
-) -> None:
-    force = ["0"] * 500
-    force[400] = "2,5e-13"
-    lines = ["Devices", "200", ";;Plate - Force", "Frame;Sub Frame;Fz", ";;N"]
-    lines += [f"{1 + k // 2};{k % 2};{cell}" for k, cell in enumerate(force)]
-    lines += ["", "Trajectories", "100", ";;LTOE;;", "Frame;Sub Frame;X;Y;Z", ";;mm;mm;mm"]
-    lines += [f"{1 + k};0;1,5;2,5;3,5" for k in range(250)]
-
-    recording = read(tmp_path, "\n".join(lines) + "\n", "a.csv")
-
-    assert recording.find({"device": "Plate - Force", "component": "Fz"}).values[400] == 2.5e-13
-
-
 # --- Qualisys ---------------------------------------------------------------------------
 
 

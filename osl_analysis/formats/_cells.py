@@ -85,9 +85,10 @@ def decimal_of(rows: Sequence[Sequence[str]]) -> str:
         Stops separate thousands: read as decimals, they would be silently wrong.
     """
     cells: set[str] = set()
-    for column in zip_longest(*rows[:FIRST_ROWS], *rows[-LAST_ROWS:], fillvalue=""):
+    columns = zip_longest(*rows[:FIRST_ROWS], *rows[-LAST_ROWS:], fillvalue="")
+    for place, column in enumerate(columns, start=1):
         numbers = {cell for cell in column if re.fullmatch(r"[+-]?\d*[.,]?\d+", cell)}
-        _check_thousands(numbers)
+        _check_thousands(place, numbers)
         cells |= {*column}
     if any(re.fullmatch(r"[+-]?\d*\.\d+([eEdD][+-]?\d+)?", cell) for cell in cells):
         return "."
@@ -96,7 +97,7 @@ def decimal_of(rows: Sequence[Sequence[str]]) -> str:
     return "." if may_be_thousands else ","
 
 
-def _check_thousands(numbers: Collection[str]) -> None:
+def _check_thousands(place: int, numbers: Collection[str]) -> None:
     """Refuse a column in which `1.000` stands beside `998`.
 
     As a decimal sign the stop would stand in every number if three decimals are written, and no
@@ -107,8 +108,8 @@ def _check_thousands(numbers: Collection[str]) -> None:
     ends_in_zero = any(number.endswith("0") for number in grouped)
     if small and ends_in_zero and len(small) + len(grouped) == len(numbers):
         raise InputError(
-            f"'{max(grouped)}' stands beside '{small[0]}', as with a sign between thousands; write"
-            " numbers without it"
+            f"column {place}: '{max(grouped)}' stands beside '{small[0]}', as with a sign between"
+            " thousands; write numbers without it"
         )
 
 

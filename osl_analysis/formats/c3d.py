@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,6 +52,7 @@ STATE_PLATE = (
 PLATE_LABEL = re.compile(r"(?i)(?:^|[^a-z])([FM][xyz])\d*$")  # `Force.Fx1`
 
 Array = NDArray[np.float64]
+T = TypeVar("T")
 Parameters = Mapping[str, "Array | list[str]"]
 
 
@@ -333,20 +334,16 @@ def frames_of(data: bytes, header: Header) -> tuple[Array, Array]:
 
 
 def _scaled(analogs: Array, header: Header) -> Array:
-    offset = header.numbers("ANALOG:OFFSET")
-    scale = header.numbers("ANALOG:SCALE")
-    general = header.numbers("ANALOG:GEN_SCALE")
-    is_unsigned = "UNSIGNED" in [text.upper() for text in header.texts("ANALOG:FORMAT")]
-    if is_unsigned:
-        offset = offset % 65536
+    scales = header.numbers("ANALOG:SCALE").tolist()
+    scale = np.array(_filled(scales, header.channels, math.nan if scales else 1.0))
+    offset = np.array(_filled(header.numbers("ANALOG:OFFSET").tolist(), header.channels, 0.0))
+    if "UNSIGNED" in [text.upper() for text in header.texts("ANALOG:FORMAT")]:
+        offset %= 65536
         if header.are_integers:
-            analogs = analogs % 65536
-    with_offset = min(header.channels, offset.size)
-    with_scale = min(header.channels, scale.size)
-    analogs[:, :with_offset] -= offset[:with_offset]
-    analogs[:, :with_scale] *= scale[:with_scale]
-    if with_scale:
-        analogs[:, with_scale:] *= np.nan
+            analogs %= 65536
+    analogs -= offset
+    analogs *= scale
+    general = header.numbers("ANALOG:GEN_SCALE")
     if general.size:
         analogs *= general[0] or np.nan
     return analogs
@@ -411,9 +408,7 @@ def _stated_plate(number: int, geometry: PlateGeometry, labels: Sequence[str]) -
     """Describe a plate by the source file, still without its channels."""
     numbers: list[int] = []
     for label in geometry.channels:
-        alike = [place for place, name in enumerate(labels, 1) if name == label]
-        if not alike and label.isdigit() and 0 < int(label) <= len(labels):
-            alike = [int(label)]
+        alike = [place for place, name in enumerate(labels, 1) if label in (name, str(place))]
         if len(alike) != 1:
             raise InputError(
                 f"plate {number}: '{label}' names {len(alike)} analog channels (the file has"
@@ -504,7 +499,7 @@ def read(path: Path, source: C3dSource | None) -> Recording:
     check_size(data, header)
     points, analogs = frames_of(data, header)
     labels = header.texts("POINT:LABELS")[: header.points]
-    analog_labels = _filled(header.texts("ANALOG:LABELS"), header.channels)
+    analog_labels = _filled(header.texts("ANALOG:LABELS"), header.channels, "")
     analog_labels = [label or f"analog {place}" for place, label in enumerate(analog_labels, 1)]
     plates, questions = plates_of(header, analog_labels, source)
     remarks: list[str] = []
@@ -535,7 +530,7 @@ def read(path: Path, source: C3dSource | None) -> Recording:
             Channel({"label": label}, slow, read_points, name, unit=unit, kind=kind)
         )
     fast = Rows(frames * header.samples_per_frame, "analogs", fast_rate_hz, noun="sample")
-    units = _filled(header.texts("ANALOG:UNITS"), header.channels)
+    units = _filled(header.texts("ANALOG:UNITS"), header.channels, "")
     analog_channels: list[Channel] = []
     for place, (label, unit) in enumerate(zip(analog_labels, units, strict=True)):
         read_samples = partial(np.asanyarray, analogs[: fast.count, place])
@@ -565,9 +560,9 @@ def read(path: Path, source: C3dSource | None) -> Recording:
     )
 
 
-def _filled(texts: Sequence[str], count: int) -> list[str]:
-    """The first texts, with empty ones for those that lack."""
-    return [*texts, *[""] * count][:count]
+def _filled(values: Sequence[T], count: int, filling: T) -> list[T]:
+    """The first values, with others for those that lack."""
+    return [*values, *[filling] * count][:count]
 
 
 def _begins(begin: bytes) -> bool:

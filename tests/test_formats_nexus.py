@@ -1,0 +1,187 @@
+"""Exports of Nexus: what the file means comes out; what cannot be trusted is refused."""
+
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+from c3d_builder import REAL_DATA
+from recognised_files import refusal_by
+
+from osl_analysis import formats
+from osl_analysis.draft.overview import inspect_recording
+from osl_analysis.formats import known_formats
+from osl_analysis.ingest.raw_files import read_converted, read_source
+from osl_analysis.source_file import Source
+
+SOURCES, NEXUS_FILES = (
+    Path(__file__).parents[1] / "config" / "sources",
+    sorted((REAL_DATA / "nexus_csv").glob("*.csv")),
+)
+DEVICES = """Devices
+200
+,,AMTI #1 - Force,,,AMTI #1 - Moment,,,AMTI #1 - CoP,,,Sync - Voltage
+Frame,Sub Frame,Fx,Fy,Fz,Mx,My,Mz,Cx,Cy,Cz,1
+,,N,N,N,N.mm,N.mm,N.mm,mm,mm,mm,V
+5,0,1,2,-700,1000,2000,3000,0,0,0,0.5
+5,1,1,2,-701,1000,2000,3000,0,0,0,0.6
+6,0,1,2,-702,1000,2000,3000,0,0,0,0.7
+6,1,1,2,-703,1000,2000,3000,0,0,0,0.8
+"""
+TRAJECTORIES = """Trajectories
+100
+,,Anna:TOE,,,Anna:HEEL,,,*12,,
+Frame,Sub Frame,X,Y,Z,X,Y,Z,X,Y,Z
+,,mm,mm,mm,mm,mm,mm,mm,mm,mm
+5,0,1,2,3,,,,7,8,9
+6,0,10,20,30,40,50,60,7,8,9
+"""
+MODEL = """Model Outputs
+100
+,,Anna:LAnkleMoment,,
+Frame,Sub Frame,X,Y,Z
+,,N.mm,N.mm,N.mm
+5,0,1500,0,0
+6,0,1600,0,0
+"""
+FLOOR = [[500, 600, 0], [0, 600, 0], [0, 0, 0], [500, 0, 0]]
+
+
+def nexus_source(**fields: object) -> Source:
+    usual = {
+        "format": "nexus_csv", "analogs": {"sync": {"device": "Sync - Voltage", "component": "1"}},
+        "outputs": {"reference_ankle_moment_left": {"label": "LAnkleMoment", "component": "x",
+        "unit": "N*mm/kg"}},
+        "plates": {1: {"device": "AMTI #1", "corners": FLOOR, "sign": -1}},
+    }  # fmt: skip
+    return known_formats()["nexus_csv"].source.model_validate({**usual, **fields})
+
+
+def exported(tmp_path: Path, text: str, **fields: object) -> pl.DataFrame:
+    path = tmp_path / "trial.csv"
+    path.write_text(text)
+    return read_converted(path, nexus_source(**fields)).samples
+
+
+def padded(text: str) -> str:
+    return "".join(line + "," * (20 - line.count(",")) + "\n" for line in text.splitlines())
+
+
+EXPORT = "\n".join([DEVICES, TRAJECTORIES, MODEL])
+DRESSES: dict[str, tuple[str, dict[str, object]]] = {
+    "plain": (EXPORT, {}), "turned round": ("\n".join([MODEL, TRAJECTORIES, DEVICES]), {}),
+    "padded": (padded(EXPORT), {}), "tabs": (EXPORT.replace(",", "\t"), {}),
+    "semicolons": (EXPORT.replace(",", ";").replace("0.", "0,"), {}),
+    "crlf": (EXPORT.replace("\n", "\r\n"), {}),
+    "capitals": (EXPORT.replace("Frame,Sub Frame,", "FRAME,SUB FRAME,"), {}),
+    "at the origin": (EXPORT.replace("3,,,,", "3,0,0,0,"), {}),
+    "devices of a subject": (EXPORT.replace(",AMTI", ",Anna:AMTI"), {}),
+    "no blank lines": (DEVICES + TRAJECTORIES + MODEL, {}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("text", "fields"), DRESSES.values(), ids=DRESSES)
+def test_one_export_in_any_dress_is_one_recording(
+    tmp_path: Path, text: str, fields: dict[str, object]
+) -> None:
+    samples = exported(tmp_path, text, **fields)
+    np.testing.assert_allclose(samples["time"], [0, 0.005, 0.01, 0.015], rtol=1e-12)
+    np.testing.assert_allclose(samples["sync"], [0.5, 0.6, 0.7, 0.8])
+    np.testing.assert_allclose(samples["plate1_force_z"], [700, 701, 702, 703])
+    assert samples["marker_TOE_z"].to_list() == [0.003, None, 0.03, None]
+    assert samples["marker_HEEL_x"].is_nan().to_list() == [True, None, False, None]
+    assert samples["reference_ankle_moment_left"].to_list() == [1.5, None, 1.6, None]
+    assert not [column for column in samples.columns if "12" in column]
+
+
+def test_a_plates_moment_is_about_its_centre_wherever_the_file_takes_it(tmp_path: Path) -> None:
+    """A force F at p turns with (p - c) x F about c: here p is the laboratory's origin."""
+    plate = {"device": "AMTI #1", "corners": FLOOR, "sign": -1, "moment_about": [0, 0, 0]}
+    at_origin = exported(
+        tmp_path, DEVICES.replace("1000,2000,3000", "0,0,0"), plates={1: plate}, outputs={}
+    )
+    expected = np.cross([-0.25, -0.3, 0], at_origin.select(pl.col("^plate1_force_.$")).to_numpy())
+    np.testing.assert_allclose(
+        at_origin.select(pl.col("^plate1_moment_.$")).to_numpy(), expected, rtol=1e-12
+    )
+
+
+@pytest.mark.parametrize(("text", "fields", "problem"), [
+    (DEVICES + TRAJECTORIES, {}, "no model output 'LAnkleMoment'; the file has"),
+    (DEVICES + DEVICES + TRAJECTORIES + MODEL, {}, "line 10: section Devices stands twice"),
+    (DEVICES.replace("200", "fast") + TRAJECTORIES + MODEL, {}, "line 2: 'fast' is not a rate"),
+    (DEVICES.replace("5,1,", "5,2,") + TRAJECTORIES + MODEL,
+     {}, "line 7: frame 5 does not follow"),
+    (DEVICES + TRAJECTORIES.replace("\n6,", "\n7,") + MODEL,
+     {}, "line 16: frame 7 does not follow"),
+    (DEVICES.replace("200", "210") + TRAJECTORIES + MODEL,
+     {}, "its sections differ in first frame"),
+    (DEVICES.replace("0.6", "") + TRAJECTORIES + MODEL, {}, "sync: nan in sample 2 of 4"),
+    (DEVICES.replace("0.6", "?") + TRAJECTORIES + MODEL,
+     {}, "line 7, Sync - Voltage 1: '?' is not a number"),
+    (DEVICES + TRAJECTORIES.replace("HEEL", "TOE") + MODEL, {}, "marker 'TOE' occurs 2 times"),
+    (DEVICES + TRAJECTORIES.replace("Anna:HEEL", "Ben:TOE") + MODEL,
+     {}, "marker 'TOE' occurs 2 times"),
+    (DEVICES + TRAJECTORIES + MODEL,
+     {"markers": ["KNEE"]}, "no marker 'KNEE'; the file has Anna:TOE"),
+    (EXPORT, {"analogs": {"sync": {"device": "EMG", "component": "1"}}},
+     "no analog component 'EMG 1'; the file has AMTI #1 - Force"),
+    (DEVICES + TRAJECTORIES.replace("mm", "parsnip") + MODEL, {}, "unit 'parsnip' is unknown"),
+    (DEVICES[:DEVICES.index("6,1")],
+     {"outputs": {}, "markers": []}, "the last frame lacks sub frames; export"),
+    (EXPORT, {"analogs": {}, "outputs": {}, "plates": {}, "markers": []},
+     "nothing to read; name markers, outputs"),
+    (DEVICES + TRAJECTORIES.replace("100", "0") + MODEL,
+     {}, "section Trajectories at 0 Hz has no samples; export wit"),
+    (DEVICES.replace("N.mm", "N"), {"outputs": {}}, "unit 'N' measures [N], expected one of N*m"),
+])  # fmt: skip
+def test_what_does_not_fit_is_refused_with_the_reason(tmp_path, text, fields, problem):
+    path = tmp_path / "trial.csv"
+    path.write_text(text)
+    assert problem in refusal_by(read_converted, path, nexus_source(**fields))
+
+
+def test_an_export_is_listed_by_sections_with_what_is_missing(
+    tmp_path: Path,
+) -> None:
+    (path := tmp_path / "trial.csv").write_text(EXPORT)
+    facts, overview = (
+        read_converted(path, nexus_source()).facts,
+        inspect_recording(path),
+    )
+    assert [facts[name] for name in ("frame_rate_hz", "first_frame", "samples_per_frame")] == [
+        100,
+        5,
+        2,
+    ]
+    kinds = [one.kind for one in overview.channels]
+    assert [kinds.count(kind) for kind in ("analog", "marker", "model output")] == [10, 3, 1]
+    heel = next(one for one in overview.channels if one.address == {"label": "Anna:HEEL"})
+    assert (heel.count, heel.rate, heel.unit, heel.note) == (
+        1,
+        100,
+        "mm",
+        "missing in 50.0% of the frames",
+    )
+
+
+@pytest.mark.parametrize("path", NEXUS_FILES, ids=lambda path: path.stem)
+def test_real_exports_are_read_as_they_are_written(path: Path) -> None:
+    samples = read_converted(path, read_source(SOURCES / "nexus_csv.yaml")).samples
+    np.testing.assert_allclose(samples["marker_HV_x"], [0.209331, 0.209475])
+    assert samples["marker_CL_E_z"].to_list() == pytest.approx([0.496721, 0.496729])
+
+
+def test_a_decimal_comma_is_found_far_from_both_ends(tmp_path: Path) -> None:
+    force = ["0"] * 500
+    force[400] = "2,5e-13"
+    lines = ["Devices", "200", ";;Plate - Force", "Frame;Sub Frame;Fz", ";;N"]
+    lines += [f"{1 + k // 2};{k % 2};{cell}" for k, cell in enumerate(force)]
+    lines += ["", "Trajectories", "100", ";;LTOE;;", "Frame;Sub Frame;X;Y;Z", ";;mm;mm;mm"]
+    lines += [f"{1 + k};0;1,5;2,5;3,5" for k in range(250)]
+
+    (path := tmp_path / "a.csv").write_text("\n".join(lines) + "\n")
+
+    recording = formats.read(path)
+
+    assert recording.find({"device": "Plate - Force", "component": "Fz"}).values[400] == 2.5e-13

@@ -133,6 +133,40 @@ def test_what_cannot_be_read_is_refused_by_line_or_column(tmp_path, text, fields
     assert problem in refused(tmp_path, text, **fields)
 
 
+DROPPED = "t,angle,load\n0,1,5\n1,ERROR,6\n2,ERROR,7\n3,8\n4,9\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "angle"),
+    [
+        (DROPPED, [1, np.nan, np.nan, np.nan, np.nan]),
+        # before the header, which is written with the first rows
+        (DROPPED.replace("angle,", "").replace("0,1,", "0,ERROR,"), None),
+    ],
+)
+def test_a_variable_that_the_logger_dropped_is_missing_from_there_on(tmp_path, text, angle):
+    channels = dict(SOURCE["channels"])
+    if angle is None:
+        del channels["theta"]
+
+    trial = ingested(
+        tmp_path, text, channels=channels, missing=["ERROR"], most_missing=0.8,
+        ragged="dropped_variable",
+    )  # fmt: skip
+
+    np.testing.assert_allclose(trial.samples["torque"], [5, 6, 7, 8, 9])
+    if angle is not None:
+        np.testing.assert_array_equal(trial.samples["theta"], angle)
+    said = "log.csv: from line 5 on, cells 2 of the lines before are missing"
+    assert said in trial.provenance["warnings"]
+
+
+def test_a_row_that_no_dropped_variable_explains_is_refused(tmp_path):
+    said = refused(tmp_path, DROPPED.replace("2,ERROR", "2,3"), ragged="dropped_variable")
+
+    assert "and 0 were missing in the line before" in said
+
+
 def test_the_shipped_source_file_reads_what_the_logger_of_opensourceleg_wrote(
     tmp_path: Path,
 ) -> None:

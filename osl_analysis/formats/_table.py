@@ -5,7 +5,7 @@ import json
 import math
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, Literal, NamedTuple
@@ -56,8 +56,10 @@ class SheetSource(TableSource):
     time: ColumnTime
     # Cells that become NaN: what a logger writes if a reading failed.
     missing: tuple[str, ...] = MISSING
-    # Rows whose length differs from the header's: the file is refused, or they are skipped.
-    ragged: Literal["refuse", "skip"] = "refuse"
+    ragged: Literal["refuse", "skip", "dropped_variable"] = "refuse"
+    """Rows whose length differs from the header's: the file is refused, or they are skipped.
+    `dropped_variable`, for a logger that omits a variable after it failed: from there on it is
+    missing; a row that this does not explain is refused."""
 
 
 # to list what a file holds: rows that do not fit are left out, words are NaN, and both are told
@@ -129,6 +131,9 @@ def table_of_rows(
     InputError
         There is no table of numbers, or rows do not fit the header.
     """
+    remarks: list[str] = []
+    if layout.ragged == "dropped_variable":
+        rows, remarks = _with_dropped_variables(rows, layout.missing)
     shape = _shape_of(rows)
     first = _first_row_of_data(rows, shape)
     last = len(rows) - 1  # it may be text, as of a footer
@@ -145,7 +150,6 @@ def table_of_rows(
     data = [Row(row.number, unpadded(row.cells, width)) for row in rows[first : last + 1]]
     if not data:
         raise InputError("no rows of data; record it again, or exclude the trial")
-    remarks: list[str] = []
     if footer:
         text = " ".join(footer[0].cells)[:60]
         remarks.append(
@@ -177,6 +181,55 @@ def table_of_rows(
         delimiter=delimiter,
         decimal=decimal_of(cells_of_rows),
     )
+
+
+def _with_dropped_variables(
+    rows: Sequence[Row], missing: Collection[str]
+) -> tuple[list[Row], list[str]]:
+    """Fill the rows of a logger that omits failed variables; a variable that is omitted keeps the
+    word of its failure.
+
+    The omitted variables are those missing in the row before. The logger of `opensourceleg` writes
+    its header late, with the first thousand rows: variables that failed before have no name in it,
+    and their cells are left out.
+    """
+    if len(rows) < 2:
+        return [*rows], []
+    header, *data = rows
+    last = data[-1]
+    cut: list[Row] = []
+    if len(last.cells) < len(data[-2 if len(data) > 1 else -1].cells):
+        cut = [data.pop()]
+    variables = list(range(len(data[0].cells)))  # of the rows from here on
+    named = variables if len(variables) == len(header.cells) else []
+    latest: dict[int, str] = {}
+    readings: list[dict[int, str]] = []
+    remarks: list[str] = []
+    for row in data:
+        if len(row.cells) != len(variables):
+            failed = [variable for variable in variables if latest[variable] in missing]
+            if len(variables) - len(row.cells) != len(failed):
+                raise InputError(
+                    f"line {row.number} has {len(row.cells)} cells where {len(variables)} were, and"
+                    f" {len(failed)} were missing in the line before: it is unknown which column"
+                    " was omitted; cut the file off there"
+                )
+            places = ", ".join(str(variable + 1) for variable in failed)
+            remarks.append(
+                f"from line {row.number} on, cells {places} of the lines before are missing"
+            )
+            variables = [variable for variable in variables if variable not in failed]
+            if not named and len(variables) == len(header.cells):
+                named = variables
+        latest = {**latest, **dict(zip(variables, row.cells, strict=True))}
+        readings.append(latest)
+    if not named:
+        raise InputError(f"no line has a cell for each of its {len(header.cells)} names")
+    filled = [
+        Row(row.number, [cells[variable] for variable in named])
+        for row, cells in zip(data, readings, strict=True)
+    ]
+    return [header, *filled, *cut], remarks
 
 
 def _shape_of(rows: Sequence[Row]) -> Shape:

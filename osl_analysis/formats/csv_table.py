@@ -115,7 +115,8 @@ def _with_rows_between(ends: Table, text: bytes, lines: int, layout: SheetSource
             return None
     between = between.with_columns(pl.col(pl.String).fill_null("").str.strip_chars(' \t\v\f"'))
     is_empty = pl.all_horizontal(pl.exclude(pl.String).is_null(), pl.col(pl.String) == "")
-    if ends.skipped or between.select(is_empty.any()).item():
+    has_dropped = layout.ragged == "dropped_variable" and ends.remarks
+    if ends.skipped or has_dropped or between.select(is_empty.any()).item():
         return None
     above = int((ends.lines <= FIRST_LINES).sum())
     lines_between = FIRST_LINES + 1 + np.arange(lines)

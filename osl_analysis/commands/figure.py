@@ -176,7 +176,8 @@ def write_figure(
             words: dict[str, Any] = {"fontsize": FOOTER_SIZE, "linespacing": 1.1, "color": GREY}
             figure.supxlabel("\n".join(lines), parse_math=False, **words)
         figure.draw_without_rendering()
-    figure.set_layout_engine("none")  # every format has the places that were just found
+    # every format has the places that were just found, and is drawn once: "none" draws it twice
+    figure.set_layout_engine(None)
     for path in outputs:
         metadata = {**METADATA[path.suffix], "Title": origin}
         page = BytesIO()  # a writer that the disk interrupts would leave its file open

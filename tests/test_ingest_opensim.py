@@ -31,10 +31,16 @@ UPRIGHT = {"axes": ("x", "-z", "y")}
 
 
 def write_trc(
-    path: Path, positions: Array = WALK, start: float = 0, first: int = 1, **header: Any
+    path: Path,
+    positions: Array = WALK,
+    start: float = 0,
+    first: int = 1,
+    decimals: int = 3,
+    **header: Any,
 ) -> Path:
     """A file as Cortex writes it; `header` replaces what its second line names."""
-    keys = {"DataRate": 100, "CameraRate": 100, "NumFrames": FRAMES, "NumMarkers": 4, "Units": "mm"}
+    frames = len(positions)
+    keys = {"DataRate": 100, "CameraRate": 100, "NumFrames": frames, "NumMarkers": 4, "Units": "mm"}
     keys.update(header)
     lines = ["PathFileType\t4\t(X/Y/Z)\twalk.trc", "\t".join(keys)]
     lines.append("\t".join(map(str, keys.values())))
@@ -42,7 +48,7 @@ def write_trc(
     lines += ["\t\tX1\tY1\tZ1", ""]
     for k, frame in enumerate(positions):
         cells = ["" if np.isnan(value) else f"{value:.5f}" for value in frame.ravel()]
-        time = f"{start + k / keys['DataRate']:.3f}"
+        time = f"{start + k / keys['DataRate']:.{decimals}f}"
         lines.append("\t".join([str(k + first), time, *cells, ""]))
     path.write_text("\n".join(lines) + "\n")
     return path
@@ -154,8 +160,9 @@ def test_two_tabs_between_values_are_as_one(tmp_path: Path, tabs: str) -> None:
 
 @pytest.mark.parametrize("rate", [60, 120, 300, 1000])
 @pytest.mark.parametrize("start", [0, 9.4937])
-def test_times_may_be_rounded_to_milliseconds(tmp_path: Path, rate: float, start: float) -> None:
-    path = write_trc(tmp_path / "walk.trc", start=start, DataRate=rate)
+@pytest.mark.parametrize("decimals", [2, 3, 6])
+def test_times_may_be_rounded(tmp_path: Path, rate: float, start: float, decimals: int) -> None:
+    path = write_trc(tmp_path / "walk.trc", start=start, decimals=decimals, DataRate=rate)
 
     assert len(read(path).samples) == FRAMES
 

@@ -24,7 +24,8 @@ from osl_analysis.source_file import Corner, ExportedPlate
 from osl_analysis.trial import AXES
 
 UNSEEN = ("", "nan", "NaN", "NAN", "null")  # cells of a marker that was not seen
-TIME_ROUNDING_S = 1.2e-3  # of times with three decimals; others tell no more
+ROUNDINGS = 1.2  # of the last decimal, by which two times together are off, and some
+MOST_DECIMALS = 3  # of times that are told apart; programs print more than theirs have
 RATE_ROUNDING = 1e-4  # of the time since the first frame
 CORRECT = "export it again, or correct the header"
 TRAJECTORIES = "Trajectories"
@@ -175,7 +176,9 @@ def _start(section: Section) -> float:
     time = section.values(1)
     since_start = np.arange(time.size) / section.rate_hz
     difference = np.abs(time - time[0] - since_start)
-    fits = difference <= TIME_ROUNDING_S + RATE_ROUNDING * since_start
+    decimals = max(len(row.cells[1].partition(".")[2]) for row in section.rows)
+    rounding_s = ROUNDINGS * 10.0 ** -min(decimals, MOST_DECIMALS)
+    fits = difference <= rounding_s + RATE_ROUNDING * since_start
     if not fits.all():
         row = int(np.argmin(fits))
         raise InputError(

@@ -296,7 +296,7 @@ def test_two_channels_of_one_topic_are_refused_where_they_write_at_the_same_time
         assert column(read(tmp_path, both), "a") == [*range(10), *range(25, 30)]
         return
     said = refusal(tmp_path, both)
-    assert "2 publishers at the same time, with channel 1 of the recorder or channel 2" in said
+    assert "2 publishers at the same time: channel 1 of the recorder or channel 2" in said
 
 
 # --- numbers of messages ------------------------------------------------------------------------
@@ -502,8 +502,9 @@ def test_two_publishers_of_one_joint_are_refused_with_the_names_in_their_message
     others = (["ankle", "knee"], [0.0, 0.0])
     path = write_joints(tmp_path / "log.mcap", ours, ours, others, ours)
     said = (
-        "topic '/lab' has 2 publishers at the same time, with header.frame_id [lab] and name"
-        " [knee, ankle] or header.frame_id [lab] and name [ankle, knee]; record each"
+        "topic '/lab' has 2 publishers at the same time: channel 1 of the recorder, header.frame_id"
+        " [lab], name [knee, ankle] or channel 1 of the recorder, header.frame_id [lab], name"
+        " [ankle, knee]; record each"
     )
 
     assert any(said in remark for remark in formats.read(path).loss.remarks)
@@ -549,6 +550,7 @@ def test_a_message_that_is_not_what_its_schema_says_is_refused(payload: bytes, s
         ("wstring w", "type 'l/msg/wstring' is not defined; record again"),
         ("Other a", "type 'l/msg/Other' is not defined; record again"),
         ("float64 a\n===\nfloat64 b", "schema l/S cannot be read .*; record again"),
+        ("float64 a\nint8 a", "schema l/msg/S defines a field twice; record again"),
         ("}{", "schema l/S cannot be read .*; record again"),
     ],
 )
@@ -689,11 +691,11 @@ def test_a_topic_that_cannot_be_decoded_is_refused_with_the_reason(
 
 def test_a_topic_or_field_that_is_not_there_is_refused_with_those_that_are(tmp_path: Path) -> None:
     said = refusal_of_field(read(tmp_path, WHOLE), "/leg", "a")
-    assert "no topic '/leg' (the file has /lab)" in said
+    assert "no messages of '/leg' (the file has /lab)" in said
     said = refusal_of_field(read(tmp_path, WHOLE, "b"), "/lab", "b")
     assert "topic '/lab' has no number 'b' (it has a)" in said
     said = refusal_of_field(read(tmp_path, log(DECLARED)), "/lab", "b")
-    assert "topic '/lab' has no messages; check that its sensor was running" in said
+    assert "no messages of '/lab' (the file has none); correct `topic`, or check" in said
 
 
 def refusal_of_field(recording: Recording, topic: str, field: str) -> str:

@@ -222,6 +222,9 @@ def test_null_is_no_value_and_what_is_no_number_or_missing_is_refused(tmp_path: 
         ("variables.on", "a truth value and no number in rad"),
     ):
         assert said in refused(whole, channels={"theta": {"field": field, "unit": "deg"}})
+    lines[7]["functions"]["torque"] = True
+    said = refused(write(tmp_path / "b", lines))
+    assert "b: field 'functions.torque' holds truth values and numbers; name another one" in said
     lines[7]["functions"]["torque"], lines[9]["functions"]["torque"] = math.nan, None
     recording = read(write(tmp_path / "b", lines))
     assert recording.facts["missing"] == {"theta": 0, "torque": 1}
@@ -417,7 +420,21 @@ def test_a_file_that_is_cut_off_is_read_up_to_there_with_a_warning_or_refused(
     path.write_bytes(path.read_bytes()[:-80])  # the last ten angles
     cut = read_tdms(path, **stated)
     assert (len(cut.samples), cut.losses["end_missing"]) == (SAMPLES - 10, True)
+    path.write_bytes(whole[: whole.rindex(b"TDSm") + 20])  # within the head of a segment
+    assert any("the last segment is not complete" in text for text in read_tdms(path).warnings)
+    other = bench(tmp_path / "b.tdms", wf_start_time=START + np.timedelta64(60, "s")).read_bytes()
+    second = whole.index(b"TDSm", 1)
     for content, reason in (
+        (whole + other, "channel 'Angle' starts anew behind byte"),
+        # 8 bytes more than its channels have
+        (
+            whole[:12]
+            + struct.pack("<Q", second - 20)
+            + whole[20:second]
+            + bytes(8)
+            + whole[second:],
+            "the segment at byte 0 is not as long as its channels say",
+        ),
         (whole[:40], "holds no channels, or is cut off before them"),
         (whole[:28] + b"\xff" * 40 + whole[68:], "cannot be read (its parts contradict each other"),
     ):

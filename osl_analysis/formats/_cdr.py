@@ -57,7 +57,7 @@ def definition_of(name: str, data: bytes) -> Mapping[str, Fields]:
     Raises
     ------
     InputError
-        It cannot be read.
+        It cannot be read, or defines a field twice.
     """
     text = data.decode(errors="replace").replace("\r", "")
     try:
@@ -65,7 +65,14 @@ def definition_of(name: str, data: bytes) -> Mapping[str, Fields]:
     except TypesysError as error:
         reason = " ".join(str(error).split())[:100]
         raise InputError(f"schema {name} cannot be read ({reason}); {NEW_RECORDING}") from error
-    return {**BUILT_IN, **{owner: fields for owner, (_, fields) in types.items()}}
+    definition: dict[str, Fields] = {
+        **BUILT_IN,
+        **{owner: fields for owner, (_, fields) in types.items()},
+    }
+    for owner, fields in definition.items():
+        if len(dict(fields)) < len(fields):
+            raise InputError(f"schema {owner} defines a field twice; {NEW_RECORDING}")
+    return definition
 
 
 def rows_at(content: bytes, starts: NDArray[np.int64], length: int) -> NDArray[np.void]:
@@ -92,8 +99,8 @@ class Layout:
     listed
         Paths of the numbers in their order; of an array its named elements, or else its first one.
     names
-        The texts that name elements of arrays, by their path, and the frame of the header. They
-        differ between publishers.
+        The texts that name elements of arrays, and the frame of the header. They differ between
+        publishers.
 
     Raises
     ------
@@ -114,7 +121,7 @@ class Layout:
         self.position = self.begin
         self.byte_order = "<" if is_ros1 or data[1] else ">"
         self.numbers: dict[str, tuple[str, int]] = {}
-        self.names: dict[str, list[str]] = {}
+        self.names = ""
         self.is_shared = np.zeros(len(data), bool)  # bytes that all messages of the layout share
         self.is_shared[: self.begin // 2] = True
         self._walk_message(full_name(name), "")
@@ -139,7 +146,7 @@ class Layout:
             if path in self.numbers:
                 kind, place = self.numbers[path]
                 values = np.ndarray(rows.shape, kind.replace("?", "u1"), rows, place, rows.strides)
-                columns[path] = values != 0 if "?" in kind else values.astype(kind[1:])
+                columns[path] = values.astype(kind[1:])
         return columns
 
     def _walk_message(self, type_name: str, prefix: str) -> None:
@@ -148,7 +155,7 @@ class Layout:
             raise InputError(f"type '{type_name}' is not defined; {NEW_RECORDING}")
         fields = self.definition[type_name]
         if not fields and not self.is_ros1:
-            self._skip(1)  # a message without fields has a byte in CDR
+            self._take(1)  # a message without fields has a byte in CDR
         counts: dict[str, int] = {}  # of arrays of numbers, by path
         texts_of: dict[str, tuple[list[str], slice]] = {}  # by field, with where they stand
         for name, (kind, inner) in fields:
@@ -156,13 +163,13 @@ class Layout:
             is_array = kind in (Nodetype.ARRAY, Nodetype.SEQUENCE)
             (element, what), count = inner if is_array else ((kind, inner), 1)
             if kind == Nodetype.SEQUENCE:
-                count = self._read_length()
+                count = self._take_length()
             begin = self.position
             if element == Nodetype.NAME:
                 for index in range(count):
                     self._walk_message(what, f"{path}[{index}]." if is_array else f"{path}.")
             elif what[0] == "string":
-                texts = [self._read_text() for _ in range(count)]
+                texts = [self._take_text() for _ in range(count)]
                 if is_array or path == FRAME:
                     texts_of[name] = (texts, slice(begin, self.position))
             else:
@@ -172,7 +179,7 @@ class Layout:
         for name, (texts, stretch) in texts_of.items():
             named = [path for path, count in counts.items() if count == len(texts)]
             if f"{prefix}{name}" == FRAME or (named and are_names(texts)):
-                self.names[f"{prefix}{name}"] = texts
+                self.names += f", {prefix}{name} [{', '.join(texts)}]"
                 self.is_shared[stretch] = True  # another message may have them in another order
                 for path in named:
                     for index, text in enumerate(texts[:MOST_ELEMENTS]):
@@ -182,42 +189,34 @@ class Layout:
     def _take_numbers(self, path: str, kind: str, count: int, is_array: bool) -> None:
         """Note where numbers stand one after the other."""
         size = np.dtype(kind).itemsize
-        if count:
-            self._align(size)
-        begin = self._skip(count * size)
+        begin = self._take(count * size, size if count else 1)
         for index in range(min(count, MOST_ELEMENTS)):
             element = f"{path}[{index}]" if is_array else path
             self.numbers[element] = (self.byte_order + kind, begin + index * size)
 
-    def _read_text(self) -> str:
-        size = self._read_length()
-        begin = self._skip(size)
+    def _take_text(self) -> str:
+        size = self._take_length()
+        begin = self._take(size)
         return self.data[begin : begin + size].rstrip(b"\0").decode(errors="replace")
 
-    def _read_length(self) -> int:
-        """Read the length of a text or a sequence; all messages of the layout share it."""
-        self._align(4)
-        begin = self._skip(4)
+    def _take_length(self) -> int:
+        """Take the length of a text or a sequence; all messages of the layout share it."""
+        begin = self._take(4, 4)
         self.is_shared[begin : begin + 4] = True
         (length,) = struct.unpack_from(f"{self.byte_order}I", self.data, begin)
-        self._check_rest(length)  # a damaged one would make a loop without end
         return int(length)
 
-    def _align(self, size: int) -> None:
+    def _take(self, size: int, multiple: int = 1) -> int:
+        """Go on by some bytes, in CDR from a multiple of others, and give where they begin."""
         if not self.is_ros1:
-            self.position += (self.begin - self.position) % size
-
-    def _skip(self, size: int) -> int:
-        """Go on by some bytes, and give where they begin."""
-        self._check_rest(size)
+            self.position += (self.begin - self.position) % multiple
+        begin = self.position
         self.position += size
-        return self.position - size
-
-    def _check_rest(self, size: int) -> None:
-        if self.position + size > len(self.data):
+        if self.position > len(self.data):
             raise InputError(
                 f"a message of {len(self.data)} bytes is too short for its schema; {NEW_RECORDING}"
             )
+        return begin
 
     def _check_end(self) -> None:
         """Refuse a message that is longer than its definition."""

@@ -5,7 +5,7 @@ dropped: an hour of messages at 1 kHz is a gigabyte, its numbers are a tenth.
 """
 
 import json
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -34,7 +34,12 @@ SECOND_NS = 1_000_000_000
 # seconds and nanoseconds of a stamp: ROS, protobuf, Foxglove's JSON, ROS 1 in JSON
 STAMP_PARTS = (("sec", "nanosec"), ("seconds", "nanos"), ("sec", "nsec"), ("secs", "nsecs"))
 LARGEST_STAMP_S = 2**63 // SECOND_NS - 1  # whose nanoseconds 64 bits hold
-PLACE, LOG_TIME, WRITER = ".place", ".log_time", ".writer"  # of a message; no path begins so
+# of a message, as columns beside those of its numbers, whose paths never begin so
+PLACE, LOG_TIME, PUBLISHER = ".place", ".log_time", ".publisher"
+
+
+Decoded = tuple[NDArray[np.int64], str, Mapping[str, Any]]
+"""Which of the messages these are, the names in them as text, and their columns by path."""
 
 
 @dataclass(frozen=True)
@@ -46,12 +51,8 @@ class Schema:
     data: bytes = b""
 
 
-Names = Mapping[str, Sequence[str]]
-"""Texts that name elements of arrays, by path. Publishers have their own."""
 Bytes = tuple[bytes, NDArray[np.int64], NDArray[np.int64]]
 """Messages that stand in some bytes: these, where each message begins, and its length."""
-Decoded = tuple[NDArray[np.int64], Names, Mapping[str, Any]]
-"""Which of the messages these are, the names in them, and their columns by path."""
 
 
 class Topic:
@@ -64,12 +65,14 @@ class Topic:
 
     Attributes
     ----------
-    count, lost
-        Number of its messages, and of those that cannot be decoded; `reason` is that of the first.
-    paths
-        Paths of its numbers, read or not.
-    writers
-        Its publishers: each a channel of the recorder, and the names in its messages.
+    count
+        Number of its messages.
+    reason
+        Why the first of those that cannot be decoded cannot.
+    types
+        Types of its numbers, read or not, by path. Those of ROS have one, which is not listed.
+    publishers
+        Its publishers by number: each a channel of the recorder and the names in its messages.
     """
 
     def __init__(
@@ -80,12 +83,12 @@ class Topic:
         self.schema = schema
         self.wanted = wanted
         self.count = 0
-        self.lost = 0
         self.reason = ""
-        self.paths: dict[str, None] = {}
-        self.writers: list[tuple[int, dict[str, Sequence[str]]]] = []
-        self.parts = [pl.DataFrame(schema=dict.fromkeys((PLACE, LOG_TIME, WRITER), pl.Int64))]
-        self.layouts: list[Layout] = []
+        self.types: defaultdict[str, set[type]] = defaultdict(set)
+        self.publishers: dict[str, int] = {}
+        self.layouts: defaultdict[int, list[Layout]] = defaultdict(list)  # by length
+        # columns of messages part by part, by path and type of the numbers in all of a part
+        self.parts: defaultdict[tuple[Any, ...], list[dict[str, Any]]] = defaultdict(list)
         self.decode: Callable[[Bytes], Iterator[Decoded]] | None = None
         try:
             self.decode = self._decoder()
@@ -94,15 +97,19 @@ class Topic:
 
     def add(self, messages: Bytes, log_times_ns: NDArray[np.int64], channel: int = 0) -> None:
         """Decode the wanted fields of more messages, of a channel of the recorder."""
-        first = self.count
+        if self.decode is not None:
+            for places, names, columns in self.decode(messages):
+                publisher = f"channel {channel} of the recorder{names}"
+                number = self.publishers.setdefault(publisher, len(self.publishers))
+                part = {
+                    PLACE: self.count + places,
+                    LOG_TIME: log_times_ns[places],
+                    PUBLISHER: np.full(places.size, number),
+                    **columns,
+                }
+                kinds = tuple((path, values.dtype) for path, values in part.items())
+                self.parts[kinds].append(part)
         self.count += log_times_ns.size
-        if self.decode is None:
-            self.lost = self.count
-            return
-        for places, names, columns in self.decode(messages):
-            writer = np.full(places.size, self._writer(channel, names))
-            heads = {PLACE: first + places, LOG_TIME: log_times_ns[places], WRITER: writer}
-            self.parts.append(pl.DataFrame({**heads, **columns}))
 
     def _decoder(self) -> Callable[[Bytes], Iterator[Decoded]]:
         """What decodes its messages. Raises an error where nothing does."""
@@ -129,47 +136,36 @@ class Topic:
             " with `ros2 bag convert` to MCAP"
         )
 
-    def _writer(self, channel: int, names: Names) -> int:
-        """The number of a publisher; names may lack in some of its messages."""
-        for number, (known_channel, known) in enumerate(self.writers):
-            has_other_names = any(known.get(path, texts) != texts for path, texts in names.items())
-            if known_channel == channel and not has_other_names:
-                known.update(names)
-                return number
-        self.writers.append((channel, dict(names)))
-        return len(self.writers) - 1
-
     def _by_layout(self, messages: Bytes) -> Iterator[Decoded]:
         """Decode messages of ROS, those of one layout at a time."""
         content, starts, lengths = messages
         for length in np.flatnonzero(np.bincount(lengths)).tolist():
             places = np.flatnonzero(lengths == length)
             rows = rows_at(content, starts[places], length)
+            layouts = self.layouts[length]
+            tried = 0
             while places.size:
-                try:
-                    layout = self._layout_of(rows[:1])
-                except Exception as error:
-                    self._note(error)
-                    self.lost += 1
-                    places = places[1:]
-                    rows = rows[1:]
-                    continue
+                if tried == len(layouts):  # the first of the messages that are left is another one
+                    try:
+                        layouts.append(self._layout_of(rows[0].tobytes()))
+                    except Exception as error:
+                        self._note(error)
+                        places = places[1:]
+                        rows = rows[1:]
+                        continue
+                layout = layouts[tried]
                 fits = layout.fits(rows)
-                if fits.all():  # nearly always, and three times as fast
-                    yield places, layout.names, layout.columns(rows, self.wanted)
-                    break
-                yield places[fits], layout.names, layout.columns(rows[fits], self.wanted)
+                fitting = rows if fits.all() else rows[fits]  # nearly always all, and no copy
+                if fitting.size:
+                    yield places[fits], layout.names, layout.columns(fitting, self.wanted)
                 places = places[~fits]
                 rows = rows[~fits]
+                tried += 1
 
-    def _layout_of(self, row: NDArray[np.void]) -> Layout:
-        """The layout of one message (1,)."""
-        for known in self.layouts:
-            if len(known.data) == row.itemsize and known.fits(row)[0]:
-                return known
-        layout = Layout(self.schema.name, self.schema.data, self.encoding == "ros1", row.tobytes())
-        self.layouts.append(layout)
-        self.paths |= dict.fromkeys(layout.listed)
+    def _layout_of(self, data: bytes) -> Layout:
+        layout = Layout(self.schema.name, self.schema.data, self.encoding == "ros1", data)
+        for path in layout.listed:
+            self.types[path] |= set()
         return layout
 
     def _as_objects(self, decode: Callable[[bytes], Any], messages: Bytes) -> Iterator[Decoded]:
@@ -183,14 +179,13 @@ class Topic:
                 places.append(place)
             except Exception as error:
                 self._note(error)
-                self.lost += 1
-        paths = dict.fromkeys(path for numbers in objects for path in numbers)
-        self.paths |= paths
-        columns: dict[str, pl.Series] = {}
-        for path in paths if self.wanted is None else paths.keys() & self.wanted:
+        columns: dict[str, Any] = {}
+        for path in dict.fromkeys(path for numbers in objects for path in numbers):
             values = [numbers.get(path) for numbers in objects]
-            columns[path] = pl.Series(values, strict=False)
-        yield np.array(places, np.int64), {}, columns
+            self.types[path] |= {*map(type, values)}
+            if self.wanted is None or path in self.wanted:
+                columns[path] = pl.Series(values, strict=False)
+        yield np.array(places, np.int64), "", columns
 
     def _note(self, error: Exception) -> None:
         """Note why messages are lost; a fault of this program is raised."""
@@ -201,17 +196,42 @@ class Topic:
     @cached_property
     def table(self) -> pl.DataFrame:
         """Its messages in the order of the file, with a column of each path that was read."""
-        table = pl.concat(self.parts, how="diagonal_relaxed")
+        frames = [pl.DataFrame(schema=dict.fromkeys((PLACE, LOG_TIME, PUBLISHER), pl.Int64))]
+        for kinds, parts in self.parts.items():
+            columns: dict[str, Any] = {}
+            for path, kind in kinds:
+                pieces = [part.pop(path) for part in parts]  # an hour need not be held twice
+                joined = np.concatenate if isinstance(kind, np.dtype) else pl.concat
+                columns[path] = joined(pieces)
+            frames.append(pl.DataFrame(columns))
+        table = pl.concat(frames, how="diagonal_relaxed")
         return table if table[PLACE].is_sorted() else table.sort(PLACE)
 
+    @property
+    def lost(self) -> int:
+        """Number of its messages that cannot be decoded."""
+        return self.count - len(self.table)
+
     def column(self, path: str) -> NDArray[Any]:
-        """The numbers of a field, (messages,), masked where a message has none."""
+        """The numbers of a field, (messages,), masked where a message has none.
+
+        Raises
+        ------
+        InputError
+            It holds truth values and numbers.
+        """
+        types = self.types[path]
+        if bool in types and types & {int, float}:
+            raise InputError(
+                f"field '{path}' holds truth values and numbers; name another one, or write one"
+                " kind of them"
+            )
         numbers = self.table[path]
         if numbers.dtype == pl.Int128:  # whole numbers that 64 bits do not hold
             numbers = numbers.cast(pl.Float64)
-        values = numbers.fill_null(strategy="zero").to_numpy()
         if not numbers.null_count():
-            return values
+            return numbers.to_numpy()
+        values = numbers.fill_null(strategy="zero").to_numpy()
         return np.ma.array(values, mask=numbers.is_null().to_numpy())
 
     def channels(
@@ -223,7 +243,7 @@ class Topic:
         """
         units = ROS_UNITS.get(self.schema.name.rpartition("/")[2], {})
         channels: list[Channel] = []
-        paths = [path for path in self.table.columns if path not in (PLACE, LOG_TIME, WRITER)]
+        paths = self.table.drop(PLACE, LOG_TIME, PUBLISHER).columns
         for path in paths:
             name = last_name(path)
             likely = next((unit for start, unit in units.items() if path.startswith(start)), "")
@@ -281,22 +301,17 @@ class Topic:
 
         Publishers of different joints may share a topic, where each joint is asked by its name.
         """
-        if len(self.writers) < 2:
+        if len(self.publishers) < 2:
             return
         numbers = self.table.select(pl.exclude(PLACE, LOG_TIME, "^header\\..*$"))
-        has_number = numbers.group_by(WRITER).agg(pl.all().is_not_null().any())
-        is_shared = any(column.sum() > 1 for column in has_number.drop(WRITER))
-        changes = (self.table.sort(LOG_TIME)[WRITER].diff() != 0).sum()
-        if changes < len(self.writers) or not is_shared:
-            return
-        shown: list[str] = []
-        for channel, names in self.writers:
-            texts = [f"{path} [{listing(texts, 6)}]" for path, texts in names.items()]
-            shown.append(" and ".join(texts) or f"channel {channel} of the recorder")
-        raise InputError(
-            f"topic '{self.name}' has {len(shown)} publishers at the same time, with"
-            f" {' or '.join(shown[:3])}; record each under a topic of its own"
-        )
+        has_number = numbers.group_by(PUBLISHER).agg(pl.all().is_not_null().any())
+        is_shared = any(column.sum() > 1 for column in has_number.drop(PUBLISHER))
+        changes = (self.table.sort(LOG_TIME)[PUBLISHER].diff() != 0).sum()
+        if is_shared and changes >= len(self.publishers):
+            raise InputError(
+                f"topic '{self.name}' has {len(self.publishers)} publishers at the same time:"
+                f" {' or '.join([*self.publishers][:3])}; record each under a topic of its own"
+            )
 
 
 def stamp_fields(path: str) -> list[tuple[str, str]]:
@@ -412,24 +427,21 @@ class Log:
 
     def _find_unlisted(self, address: Mapping[str, str]) -> Channel | None:
         """Say why a topic has no numbers for a field."""
-        name = address["topic"]
+        name, path = address.values()
         if not self.read and self.end is End.MISSING:
             raise InputError("no message was read: its end is lost; copy or record it again")
-        if name not in self.read:
-            names = sorted(self.read)
-            advice = nearest(name, names) or "; correct `topic` in the source file"
-            raise InputError(f"no topic '{name}' (the file has {listing(names)}){advice}")
-        topics = [topic for topic in self.topics.values() if topic.name == name and topic.count]
-        if not topics:
-            raise InputError(f"topic '{name}' has no messages; check that its sensor was running")
-        topic = topics[0]
+        topics = {topic.name: topic for topic in self.topics.values() if topic.count}
+        if name not in topics:
+            names = sorted(+self.read)
+            advice = nearest(name, names) or "; correct `topic`, or check that its sensor was on"
+            raise InputError(f"no messages of '{name}' (the file has {listing(names)}){advice}")
+        topic = topics[name]
         if topic.lost == topic.count:
             advice = "" if "; " in topic.reason else "; record the log again"
             raise InputError(f"topic '{name}': {topic.reason}{advice}")
-        paths = [*topic.paths]
-        advice = nearest(address["field"], paths) or "; correct `field` in the source file"
+        advice = nearest(path, [*topic.types]) or "; correct `field` in the source file"
         raise InputError(
-            f"topic '{name}' has no number '{address['field']}' (it has {listing(paths)}){advice}"
+            f"topic '{name}' has no number '{path}' (it has {listing([*topic.types])}){advice}"
         )
 
 

@@ -58,7 +58,7 @@ def read(path: Path, source: JsonSource | None) -> Recording:
             f" {np.delete(lines, places)[0] + 1} is not JSON: {topic.reason}"
         )
     rows = Rows(places.size, lines=lines[places] + 1, noun="line")
-    parents = dict.fromkeys(field.rpartition(".")[0] for field in topic.paths)
+    parents = dict.fromkeys(field.rpartition(".")[0] for field in topic.types)
     return Recording(
         format="json_lines",
         channels=topic.channels(rows, {}, parents),

@@ -31,6 +31,7 @@ from osl_analysis.source_file import MessageSource
 MAGIC = b"\x89MCAP0\r\n"
 BEGINNING = MAGIC + bytes([Opcode.HEADER])  # the mark alone also ends a log
 RECORD = struct.Struct("<BQ")  # opcode, length of the content [bytes]
+ONCE = (Opcode.HEADER, Opcode.DATA_END, Opcode.FOOTER)  # records that a log has once
 INDEX_HEAD = struct.Struct("<HI")  # channel, size of the entries [bytes]
 MESSAGE = np.dtype(
     [
@@ -63,7 +64,6 @@ class Log(_messages.Log):
                 f"not an MCAP file (it begins with {quoted(data[:8])}); check the path and the"
                 " source's format"
             )
-        _messages.check_one_log(data, BEGINNING)
         summary = None
         with suppress(Exception):  # whatever the library meets in a file that is cut off
             summary = SeekingReader(BytesIO(data)).get_summary()
@@ -71,9 +71,31 @@ class Log(_messages.Log):
             self.schemas |= summary.schemas
             for declared in summary.channels.values():
                 self._declare_channel(declared)
+        end = 0
+        try:
+            end = self._take_records(data)
+        finally:  # a damaged record may be where another log begins
+            if end + len(MAGIC) != len(data):
+                _messages.check_one_log(data, BEGINNING)
+        if end + len(MAGIC) != len(data):
+            self.remarks.append(
+                f"{path.name} cannot be read behind byte {end}: the recorder did not finish,"
+                " or its end is lost"
+            )
+            if summary is None:
+                self.end = End.MISSING
+        if summary is not None and summary.statistics is not None:
+            for number, count in summary.statistics.channel_message_counts.items():
+                self.counts[self.name_of.get(number, "")] += count
+        if self.checked:
+            self.checksums = "checked" if self.checked == self.read.total() else "mixed"
+
+    def _take_records(self, data: bytes) -> int:
+        """Read the records in the order of the file, and give where the last of them ends."""
         chunk: Chunk | None = None
         indexes: dict[int, NDArray[np.int64]] = {}  # places in the chunk, by channel
         loose: list[int] = []  # places of messages outside of chunks
+        passed: list[int] = []
         end = 0
         for position, opcode, end in _records_in(data, len(MAGIC)):
             content = data[position + RECORD.size : end] if opcode != Opcode.MESSAGE else b""
@@ -87,24 +109,15 @@ class Log(_messages.Log):
             indexes = {}
             if opcode == Opcode.MESSAGE:
                 loose.append(position)
-            elif opcode == Opcode.FOOTER:
-                break
+            elif opcode in ONCE:
+                if opcode in passed:  # of another log behind a cut one
+                    return position
+                passed.append(opcode)
             else:
                 self._declare(opcode, content)
-        else:
-            self._take_chunk(chunk, indexes)
-            self.remarks.append(
-                f"{path.name} cannot be read behind byte {end}: the recorder did not finish,"
-                " or its end is lost"
-            )
-            if summary is None:
-                self.end = End.MISSING
+        self._take_chunk(chunk, indexes)
         self._take_messages(data, np.array(loose, np.int64))
-        if summary is not None and summary.statistics is not None:
-            for number, count in summary.statistics.channel_message_counts.items():
-                self.counts[self.name_of.get(number, "")] += count
-        if self.checked:
-            self.checksums = "checked" if self.checked == self.read.total() else "mixed"
+        return end
 
     def _take_chunk(self, chunk: Chunk | None, indexes: Mapping[int, NDArray[np.int64]]) -> None:
         """Read the messages of a chunk, now that its indexes are known."""

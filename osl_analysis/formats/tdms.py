@@ -56,52 +56,79 @@ def read(path: Path, source: TdmsSource | None) -> Recording:
         raise InputError("the index of a TDMS file; name the .tdms file beside it")
     # of bytes: it would go by an index beside the file, maybe another's
     file = nptdms.TdmsFile.open(BytesIO(data), raw_timestamps=True)
-    every = [channel for group in file.groups() for channel in group.channels()]
+    every = _channels_in(file)
     if not every:
         raise InputError("holds no channels, or is cut off before them; copy it again")
-    signals = [one for one in every if len(one) and np.dtype(one.dtype).kind in "biufM"]
-    is_cut = file.file_status.incomplete_final_segment
-    remarks = ["the last segment is not complete: the recorder did not finish"] if is_cut else []
-    timings = [_timing_of(channel) for channel in signals]
-    first_ns = min((start_ns for start_ns, step_s in timings if step_s), default=0)
-    shortest: dict[Any, int] = {}  # of the channels of a group with one timing
-    for channel, timing in zip(signals, timings, strict=True):
-        key = (channel.group_name, timing)
-        shortest[key] = min(shortest.get(key, len(channel)), len(channel))
-    rows_of: dict[Any, Rows] = {}
-    channels: list[Channel] = []
-    for channel, (start_ns, step_s) in zip(signals, timings, strict=True):
-        group = channel.group_name
-        # the last segment may be cut within a channel
-        count = shortest[group, (start_ns, step_s)] if is_cut else len(channel)
-        rows = Rows(count, group, noun="value")
-        if step_s:
-            start_s = (start_ns - first_ns) * NS
-            rows = replace(rows, rate_hz=1 / step_s, start_s=start_s)
-        about = channel.properties
-        are_times = channel.dtype.kind == "M"
-        unit = str(about.get("unit_string") or about.get("NI_UnitDescription") or "")
-        channels.append(
-            Channel(
-                address={"channel": f"{group}/{channel.name}"},
-                rows=rows_of.setdefault((group, count, start_ns, step_s), rows),
-                read=partial(_values_of, channel, count),
-                name=channel.name,
-                unit="ns" if are_times else unit,
-                likely_unit="" if are_times or unit else name_and_ending(channel.name)[1],
-                kind=Kind.CLOCK if are_times else Kind.SIGNAL,
-                type=channel.dtype.name,
+    segments = file._reader._segments  # for which it has no public name
+    for segment in segments:
+        # the library would give one channel the numbers of the next
+        if segment.final_chunk_lengths_override is not None and not segment.segment_incomplete:
+            raise InputError(
+                f"the segment at byte {segment.position} is not as long as its channels say; copy"
+                " it again, or save it from LabVIEW or DIAdem under a new name"
             )
-        )
-    most = max((rows.count for rows in rows_of.values()), default=0)
-    end = End.MISSING if is_cut else End.UNKNOWN
-    properties = {str(key): str(value)[:200] for key, value in list(file.properties.items())[:20]}
+    first = nptdms.TdmsFile.open(BytesIO(data[: segments[0].next_segment_pos]), raw_timestamps=True)
+    timing_of = {channel.path: _timing_of(channel) for channel in every}
+    for channel in _channels_in(first):
+        timing = _timing_of(channel)
+        if timing[1] and timing != timing_of[channel.path]:
+            raise InputError(
+                f"channel '{channel.name}' starts anew behind byte {segments[0].next_segment_pos}:"
+                " two recordings in one file; save each under a name of its own"
+            )
+    remarks: list[str] = []
+    # the library is silent where the head of a segment is cut
+    is_cut = segments[-1].segment_incomplete or segments[-1].next_segment_pos < len(data)
+    if is_cut:
+        remarks.append("the last segment is not complete: the recorder did not finish")
+    signals = [one for one in every if len(one) and np.dtype(one.dtype).kind in "biufM"]
+    of_rows: dict[Any, list[Any]] = {}
+    for channel in signals:
+        # the last segment may be cut within a channel, so that rows end with the shortest one
+        length = 0 if is_cut else len(channel)
+        key = (channel.group_name, timing_of[channel.path], length)
+        of_rows.setdefault(key, []).append(channel)
+    starts_ns = [start_ns for _, (start_ns, step_s), _ in of_rows if step_s]
+    channels: list[Channel] = []
+    for (group, (start_ns, step_s), _), members in of_rows.items():
+        rows = Rows(min(map(len, members)), group, noun="value")
+        if step_s:
+            start_s = (start_ns - min(starts_ns)) * NS
+            rows = replace(rows, rate_hz=1 / step_s, start_s=start_s)
+        channels += [_channel_of(member, rows) for member in members]
     return Recording(
         format="tdms",
         channels=channels,
-        loss=Loss(most, None, end, remarks=remarks),
-        facts={"channels": str(len(every)), **properties},
+        loss=Loss(
+            read=max((channel.rows.count for channel in channels), default=0),
+            end=End.MISSING if is_cut else End.UNKNOWN,
+            remarks=remarks,
+        ),
+        facts={
+            "channels": str(len(every)),
+            **{str(key): str(value)[:200] for key, value in [*file.properties.items()][:20]},
+        },
         find_unlisted=partial(_find_unlisted, every),
+    )
+
+
+def _channels_in(file: Any) -> list[Any]:
+    return [channel for group in file.groups() for channel in group.channels()]
+
+
+def _channel_of(channel: Any, rows: Rows) -> Channel:
+    about = channel.properties
+    are_times = channel.dtype.kind == "M"
+    unit = str(about.get("unit_string") or about.get("NI_UnitDescription") or "")
+    return Channel(
+        address={"channel": f"{rows.name}/{channel.name}"},
+        rows=rows,
+        read=partial(_values_of, channel, rows.count),
+        name=channel.name,
+        unit="ns" if are_times else unit,
+        likely_unit="" if are_times or unit else name_and_ending(channel.name)[1],
+        kind=Kind.CLOCK if are_times else Kind.SIGNAL,
+        type=channel.dtype.name,
     )
 
 

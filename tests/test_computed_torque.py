@@ -65,3 +65,21 @@ def test_a_draft_takes_the_measured_one_and_a_fit_refuses_the_other(tmp_path):
 
     with pytest.raises(InputError, match="from 'ankle_angle' and 'ankle_velocity'"):
         check_own_torque(trial)
+
+
+def test_a_torque_in_a_table_of_degrees_is_not_computed_from_itself(tmp_path):
+    torque = 150 * THETA + 3 * OMEGA + 0.05 * NOISE
+    columns = np.column_stack([TIME, np.rad2deg(THETA), torque])
+    names = "time\tankle_angle_r\tankle_torque_r"
+    head = ("Coordinates", "version=1", f"nRows={TIME.size}", "nColumns=3", "inDegrees=yes")
+    header = "\n".join([*head, "endheader", names])
+    np.savetxt(tmp_path / "a.mot", columns, "%.6f", "\t", header=header, comments="")
+    (tmp_path / "source.yaml").write_text(
+        "format: opensim\nclock: master\ntime: {column: time, unit: s}\nchannels:\n"
+        "  theta: {column: ankle_angle_r, unit: deg}\n"
+        "  torque: {column: ankle_torque_r, unit: 'N*m'}\n"
+    )
+
+    row = {"trial": "a", "log": "a.mot", "log_source": "source"}
+
+    check_own_torque(trial_from_files(row, tmp_path, tmp_path))

@@ -42,6 +42,8 @@ def name_computed_torques(
         torque = recording.find(channels[column].address)
         signals: list[Signal] = []
         for channel in candidates:
+            if channel is torque:  # its file may state the unit of an angle for every column
+                continue
             quantity = quantity_of(channel) if channel.rows is torque.rows else None
             if quantity is not None and len(signals) < MOST_SIGNALS:
                 signals.append(Signal(channel.name or channel.key, quantity, numbers_of(channel)))

@@ -32,11 +32,6 @@ def is_like_clock(name: str) -> bool:
     return re.search(r"(?i)time|date|clock|stamp|zeit|^[mu]?secs?$", last) is not None
 
 
-def may_be_clock(name: str, unit: str, values: NDArray[Any]) -> bool:
-    """Whether a column (n,) may be a clock: by its name, or because it rises like one."""
-    return is_like_clock(name) or ticks(values, unit)
-
-
 def tells_time(name: str, unit: str) -> bool:
     """Whether a column is a clock by its name or its unit."""
     return is_like_clock(name) or is_of_time(unit or likely_unit(name))

@@ -126,29 +126,25 @@ def figure_setting(wildcards):
     return as_json(attrgetter(setting)(CONFIG)) if setting else None
 
 
-def excluded(trials):
-    """A param: those of these trials that quality control excludes, by what it has measured.
+def by_checks(judge, trials):
+    """A param: what a function of `JUDGE` says of these trials by what quality control has measured.
 
     `trials` may be a function of wildcards. The input `quality=FILES.checks(trials)` goes with it.
-    It is looked up anew when a job begins: a changed threshold that excludes the same trials as
+    It is looked up anew when a job begins: a changed threshold that judges the same trials as
     before makes no table again.
     """
 
-    def excluded_now(wildcards):
+    def judged_now(wildcards):
         trials_of_job = trials(wildcards) if callable(trials) else trials
-        return JUDGE.excluded(Path(file) for file in FILES.checks(trials_of_job))
+        return judge(Path(file) for file in FILES.checks(trials_of_job))
 
-    return excluded_now
+    return judged_now
 
 
-def faults(trials):
-    """A param: by trial, the fault of its recording that spoils the estimates; as `excluded`."""
-
-    def faults_now(wildcards):
-        trials_of_job = trials(wildcards) if callable(trials) else trials
-        return JUDGE.spoiled(Path(file) for file in FILES.checks(trials_of_job))
-
-    return faults_now
+excluded = partial(by_checks, JUDGE.excluded)
+"""A param: those of some trials that quality control excludes."""
+faults = partial(by_checks, JUDGE.spoiled)
+"""A param: by trial, the fault of its recording that spoils the estimates."""
 
 
 def limits(table):

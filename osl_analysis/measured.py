@@ -112,7 +112,10 @@ def unusual(lengths: Array) -> tuple[NDArray[np.bool_], float]:
         (n,) true below `SHORT` times the median and above the median / `SHORT`. None is marked if
         there are only two, or if too few are similar to say what is usual.
     median : float
+        NaN of none.
     """
+    if not lengths.size:
+        return np.zeros(0, dtype=bool), float("nan")
     median = float(np.median(lengths))
     similar = np.abs(lengths / median - 1) < SIMILAR_LENGTH
     has_usual_length = lengths.size > 2 and np.mean(similar) > LEAST_SIMILAR_SHARE

@@ -79,6 +79,11 @@ def test_recordings_much_shorter_or_longer_than_the_usual_one_are_marked():
     assert mask.tolist() == [False, False, False, True, True, False]
 
 
+def test_none_is_unusual_of_no_recordings():
+    mask, _ = unusual(np.empty(0))
+    assert not mask.size
+
+
 def test_no_recording_is_unusual_where_no_length_is_usual():
     mask, _ = unusual(np.array([1.0, 2.0, 3.0, 8.0]))
 

@@ -149,6 +149,12 @@ def findings_of(row: dict[str, object], limits: Limits, name: str) -> list[Findi
     return judging.judged(pl.DataFrame([row], infer_schema_length=None), limits, name)[0]
 
 
+def noted_in(table: str, row: dict[str, object]) -> list[Finding]:
+    """What could not be checked of a row of a table, or is worth knowing of it."""
+    findings = findings_of({"trial": "a", **row}, Limits(), table)
+    return [finding for finding in findings if finding.rule is not None]
+
+
 def facts_of(headlines: list[Any]) -> list[SimpleNamespace]:
     """Label and estimate of each headline number as one value."""
     return [SimpleNamespace(**asdict(one.label), **asdict(one.estimate)) for one in headlines]

@@ -9,7 +9,7 @@ import numpy as np
 import polars as pl
 import pytest
 from click.testing import CliRunner
-from conftest import ROOT
+from conftest import ROOT, noted_in
 from scipy.signal import lfilter
 
 from osl_analysis.bench.actuator_alone import ACTUATOR_PARAMETERS as NAMES
@@ -21,7 +21,6 @@ from osl_analysis.commands.fit import fit_settings, fit_trial
 from osl_analysis.commands.trials import raw_trial
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.ingest.quality import Commanded, measure_quality
-from osl_analysis.judge.unchecked import unchecked_in
 from osl_analysis.model.drivetrain import read_parameters
 from osl_analysis.simulator.bench_trial import simulate_bench_trial
 from osl_analysis.simulator.simulation_settings import RecorderSettings, SimulationSettings
@@ -237,7 +236,7 @@ def test_current_in_steps_at_standstill_gives_the_torque_per_current_alone():
         row = fit_actuator_trial(trial, DEVICE, ANALYSIS).estimates["actuator"].to_dicts()[0]
         assert row["k_tau_n_m_low"] < 0.648 < row["k_tau_n_m_high"]
         assert [row[name] for name in ("motion", *NAMES[1:])] == [None] * 5
-        assert "f_C, f_G, B_m and J_m" in [one.cause for one in unchecked_in("actuator", row)]
+        assert "f_C, f_G, B_m and J_m" in [one.cause for one in noted_in("actuator", row)]
     with pytest.raises(
         InputError, match=r"its current has 2 plateaus of 0\.3 s or more, 8 are needed"
     ):

@@ -4,13 +4,12 @@ import numpy as np
 import polars as pl
 import pytest
 from bench_synthetic import LOW_PASS, RATE, belt_record, stepped_sine
-from conftest import filtered_noise
+from conftest import filtered_noise, noted_in
 
 from osl_analysis.bench import belt as belt_fits
 from osl_analysis.bench import transmission
 from osl_analysis.bench.bench_settings import BeltAnalysis
 from osl_analysis.errors import InputError
-from osl_analysis.judge.unchecked import unchecked_in
 from osl_analysis.trial import Trial
 
 LATENESS = "whether the torque is late"
@@ -246,7 +245,7 @@ def test_where_noise_hides_a_late_torque_of_a_transmission_it_is_not_checked(noi
     row = row_of_late(0.0, noise)
 
     assert row["fault_harm"] == 0
-    unchecked = unchecked_in("transmission", row | {"B_j_ratio": 1.0})
+    unchecked = noted_in("transmission", row | {"B_j_ratio": 1.0})
     assert [finding.cause for finding in unchecked] == causes
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import polars as pl
 import pytest
 from bench_synthetic import FIVE, PROTOCOL, RATE, second_order, sine_settings, stepped_sine
-from conftest import ROOT, marked
+from conftest import ROOT, marked, noted_in
 
 from osl_analysis.bench.analysis import analysed
 from osl_analysis.bench.bench_settings import Calibration
@@ -19,7 +19,6 @@ from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands.figure import fig4
 from osl_analysis.errors import IdentifiabilityError
 from osl_analysis.judge.limits import DoubtfulFits, Limits
-from osl_analysis.judge.unchecked import unchecked_in
 from osl_analysis.spectral.stepped_sine import SteppedSineProtocol, unit_sines
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import Trial, write_trial
@@ -209,6 +208,7 @@ def test_rows_that_cannot_tell_a_late_torque_say_so_and_no_others_do():
     told = {
         "fault_probability": 0.0,
         "lag_s": None,
+        "delay_told_s": None,
         "controller": "compensated",
     }
     told |= {"K_over_K_s": 0.4, "K_predicted": 300.0}
@@ -220,4 +220,4 @@ def test_rows_that_cannot_tell_a_late_torque_say_so_and_no_others_do():
         ({"K_over_K_s": None}, []), ({"K_over_K_s": None, "K_predicted": None}, []),
         ({"band_high_hz": 16.0, "cutoff_hz": 15.0}, ["what moves faster than the cut-off"]),
     ):  # fmt: skip
-        assert [one.cause for one in unchecked_in("impedance", told | changes)] == expected
+        assert [one.cause for one in noted_in("impedance", told | changes)] == expected

@@ -5,7 +5,7 @@ import polars as pl
 import pytest
 from any_motion import LEAD, RATE, TRUE, chirp, made_trial, multisine, noise
 from bench_synthetic import second_order, stepped_sine, table_of
-from conftest import ROOT, findings_of
+from conftest import ROOT, findings_of, noted_in
 from scipy.interpolate import make_interp_spline
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import butter, cont2discrete, lfilter, lsim, sosfilt
@@ -27,7 +27,6 @@ from osl_analysis.campaign.configuration import read_section
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.ingest import quality
 from osl_analysis.judge.limits import Limits
-from osl_analysis.judge.unchecked import unchecked_in
 from osl_analysis.model.compensator import PAPER_WEIGHT
 from osl_analysis.model.drivetrain import joint_admittance, read_parameters
 from osl_analysis.trial import Trial
@@ -321,7 +320,7 @@ def test_of_binary_steps_nothing_is_accused_and_the_delay_is_not_checked(steps):
     assert row["K"] == pytest.approx(300, rel=3e-4)
     assert row["B"] == pytest.approx(5, abs=1.5 * 300 * 1e-3)
     assert row["fault_probability"] is None
-    assert LATENESS in [finding.cause for finding in unchecked_in("impedance", row)]
+    assert LATENESS in [finding.cause for finding in noted_in("impedance", row)]
 
 
 def test_a_multisine_that_stops_within_a_period_tells_its_lag():

@@ -248,7 +248,7 @@ def test_a_device_that_differs_is_not_doubtful(experiment, changes):
 
 def test_a_shaft_that_yields_against_the_joint_has_the_wrong_sign():
     theta, n_T = RECORDINGS["belt"]["theta"], 83 / 18
-    for way, cause in ((1, ""), (-1, "shaft that turns against the joint")):
+    for way, cause in ((1, ""), (-1, "impossible estimate")):
         shaft = way * 0.1 * n_T * theta  # which takes a tenth of the joint's angle
         made = {"theta_m": shaft, "torque": RECORDINGS["belt"]["torque"] - 685.6 * 0.1 * theta}
         row = judged("belt", RECORDINGS["belt"] | made)

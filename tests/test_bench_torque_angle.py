@@ -241,9 +241,7 @@ def test_what_hysteresis_leaves_at_rest_is_no_offset_without_a_word():
     assert row_of(theta, torque, **PLAIN)["zero_unsure"] is None
 
 
-OFFSET = (
-    "whether the torque at rest is the load cell's offset or what hysteresis leaves in the device"
-)
+OFFSET = "the torque's zero"
 
 
 def test_the_middle_of_the_loop_is_looked_up_at_the_angle_of_the_rest():
@@ -314,7 +312,7 @@ LIFT = np.linspace(0, 1, FULL.size)
     (FULL, 1e3 * K * FULL, {}, "doubtful", "unlikely size"),
     (path(0, 10, 0.3), K * path(0, 10, 0.3), {}, "doubtful", "loop that does not close"),
     (FULL, np.roll(K * FULL, 30) + 0.01 * NOISE,
-     {}, "doubtful", "late torque in the loop"),
+     {}, "doubtful", "loop that does not close"),
     (path(*SMALLER), K * path(*SMALLER),
      {}, "remarks", "cycles that are smaller than the largest"),
     # no offset beside a wide loop

@@ -5,24 +5,20 @@ import os
 
 import polars as pl
 import pytest
-import yaml
 from conftest import beyond_in, findings_of, marked
 
-from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands import tables
 from osl_analysis.commands.tables import gather
-from osl_analysis.errors import InputError
 from osl_analysis.judge.finding import (
     Beyond,
     Finding,
     Grade,
-    Remedy,
     WordedFinding,
     Words,
     findings_frame,
 )
 from osl_analysis.judge.judging import judged
-from osl_analysis.judge.limits import DoubtfulFits, Limits
+from osl_analysis.judge.limits import Limits
 from osl_analysis.judge.summary_findings import causes_in_campaign
 from osl_analysis.outcomes.job_log import write_log
 from osl_analysis.stats.repeats import counted, doubtful_row, summary_of_trials
@@ -46,8 +42,8 @@ def test_a_fit_is_doubtful_for_every_limit_that_it_passes():
     row = {"fit": 80.0, "lag": -0.7, "condition": 5.0, "held_out": None, "n": 3}
     found = doubts(row, {"lag": 0.5, "condition": 10, "n": 2}, {"fit": 90, "held_out": 80})
     assert [one.evidence for one in found] == [
-        (Beyond("lag", -0.7, -0.5, "below"),), (Beyond("n", 3.0, 2, "above"),),
-        (Beyond("fit", 80.0, 90, "below"),)
+        (Beyond("lag", -0.7, -0.5, "below", "lag"),), (Beyond("n", 3.0, 2, "above", "n"),),
+        (Beyond("fit", 80.0, 90, "below", "fit"),)
     ]  # fmt: skip
     assert doubts(row, {"lag": 0.7, "condition": None}, {"fit": 80}) == []
     assert beyond_in(doubts({"fit": float("nan")}, {}, {"fit": 90})) == {"fit": "nan"}
@@ -72,9 +68,8 @@ def test_a_misfit_that_a_cause_explains_is_no_doubt_of_its_own():
         ["coulomb_share", "torque_distortion", "VAF"],
     )
     assert [(each.recorded, each.value) for each in friction.without] == [("B", 1.0465)]
-    assert friction.remedy == Remedy.ALONE, "there are no rows of single amplitudes"
     assert [one.cause for one in doubts({"VAF": 80.0}, {}, {"VAF": 90})] == [
-        "model that does not fit"
+        "torque that nothing explains"
     ]
     rows = pl.DataFrame(
         {
@@ -86,14 +81,7 @@ def test_a_misfit_that_a_cause_explains_is_no_doubt_of_its_own():
     )
     limits = Limits(above={"coulomb_share": 0.5}, below={"VAF": 90})
     both = [one for row in judged(rows, limits, "response") for one in row]
-    assert [(one.cause, one.remedy) for one in both] == [("friction", Remedy.WHOLE)] * 2
-    sound = rows.with_columns(coulomb_share=pl.Series([0.6, 0.1]))
-    (alone,), none = judged(sound, limits, "response")
-    assert (alone.remedy, alone.amplitude_deg is not None, none) == (Remedy.AMPLITUDE, True, [])
-    assert (
-        judged(sound.with_columns(frequency_hz=5.0), limits, "response")[0][0].remedy
-        == Remedy.FREQUENCY
-    )
+    assert [one.cause for one in both] == ["friction"] * 2
 
 
 FAR, NEAR = 1.3, 1.1
@@ -140,21 +128,6 @@ def test_a_fault_of_the_recording_that_one_amplitude_alone_shows_accuses_nobody(
 def test_a_factor_between_units_is_named_within_eight_percent():
     found = [known_factor(ratio)[0] for ratio in (1.07 * 4.4482, 1 / 4.4482, 1.09 * 4.4482, 0.0)]
     assert found == ["between lbf and N"] * 2 + [""] * 2
-
-
-def test_a_limit_on_no_column_of_numbers_is_refused_by_name(tmp_path):
-    for column in ("VFA", "trial"):
-        message = (
-            rf"doubtful\.belt: the table has no column '{column}' of numbers; put the limit on one"
-            r" of VAF"
-        )
-        with pytest.raises(InputError, match=message):
-            marked(fits(VAF=[80.0, 99.0]), Limits(below={column: 1}), "belt")
-    (tmp_path / "c.yaml").write_text(yaml.safe_dump({"doubtful": {"belts": {"below": {"VAF": 1}}}}))
-    with pytest.raises(
-        InputError, match=r"belts: .*unknown table; limits may stand on belt, transmission"
-    ):
-        read_section(tmp_path / "c.yaml", "doubtful", DoubtfulFits)
 
 
 def test_a_crossing_without_a_fit_is_neither_doubtful_nor_not():
@@ -267,20 +240,3 @@ def test_a_trial_that_is_doubtful_is_not_counted_again_as_doubtful_in_part():
     assert {cause.verdict: cause.trials for cause in causes} == {
         "doubtful": ["a"], "doubtful in part": ["b"]
     }  # fmt: skip
-
-
-def test_what_a_doubt_condemns_is_not_recommended_by_a_note_on_the_same_row():
-    row = pl.DataFrame(
-        {
-            "trial": ["a"],
-            "I_high": [-0.01],
-            "fault_harm": [20.0],
-            "fault": ["delay"],
-            "fault_family": ["path"],
-            "K_over_K_s": 0.4,
-        }
-    )
-    for limit, remedy in ((1.0, Remedy.DOUBTED), (30.0, Remedy.WHOLE)):
-        (found,) = judged(row, Limits(above={"fault_harm": limit}), "impedance")
-        notes = [one.remedy for one in found if one.cause == "I is significantly negative"]
-        assert notes == [remedy]

@@ -4,12 +4,11 @@ import polars as pl
 import pytest
 from conftest import findings_of
 
-from osl_analysis.judge.causes import limits_in, numbers_beyond
+from osl_analysis.judge.effects import shares_moved
 from osl_analysis.judge.finding import Beyond, Correction, Grade
-from osl_analysis.judge.judging import judged
+from osl_analysis.judge.judging import judged, limits_in, numbers_beyond
 from osl_analysis.judge.known_findings import CHECKS, FINDINGS
 from osl_analysis.judge.limits import Accuracy, DoubtfulFits, Limits
-from osl_analysis.judge.moved_estimates import shares_moved
 from osl_analysis.judge.recording_checks import spoiled_trials
 from osl_analysis.judge.words import finding_text
 from osl_analysis.stats.repeats import doubts_of_trials
@@ -247,7 +246,7 @@ def test_what_a_doubt_covers_is_not_told_as_unchecked_too():
     without = findings_of(rest, Limits(), "torque_angle")
     covered = findings_of(rest, Limits(above={"assumed_zero_share": 0.1}), "torque_angle")
 
-    assert [finding.name for finding in without] == ["rest_torque"]
+    assert [finding.name for finding in without] == ["torque_zero_unseen"]
     assert [finding.name for finding in covered] == ["assumed_zero"]
 
 

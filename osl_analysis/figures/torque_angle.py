@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 
 from osl_analysis.figures import columns_of, marks, names, style
-from osl_analysis.judge.causes import doubts_of_result
+from osl_analysis.judge.judging import doubts_of_result
 
 FACTS = ("joint", "side", "doubtful")  # of trials, beside their curves
 WIDTHS = {"loading": 1.1, "unloading": 0.6}  # of curves [pt]

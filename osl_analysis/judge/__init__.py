@@ -3,14 +3,14 @@
 The way of one number, the share of Coulomb friction in the damping of a trial, to the page:
 
 1. `bench` measures it: the column `coulomb_share` of `impedance_evidence.csv`, here 0.31.
-2. `findings.yaml` says under `columns` that it is evidence of the finding `friction`, a share of B
-   that the `accuracy` decides. `causes.limits_in` gives its limit, 0.05 (`doubtful.accuracy.B`).
-3. `causes.numbers_beyond` compares: `Beyond("coulomb_share", 0.31, 0.05, "above")`.
-4. `causes.causes_in` gathers the numbers of a row by what they are evidence of.
+2. `findings.yaml` says under `rules` that it is evidence of the finding `friction`, a share of B
+   that the accuracy decides. `judging.limits_in` gives its limit, 0.05 (`doubtful.accuracy.B`).
+3. `judging.numbers_beyond` compares: `Beyond("coulomb_share", 0.31, 0.05, "above", "friction")`.
+4. `judging.causes_in` gathers the numbers of a row by what they are evidence of.
 5. `judging.judged` makes of them `Finding("friction", "impedance", trial, Grade.NOTES, ...)`, a
    remark, since friction is a property of the device; a fault of the recording is a doubt. A fit
-   has one table, `impedance`, which is written as two files. What the row could not show,
-   `unchecked.unchecked_in` makes findings of.
+   has one table, `impedance`, which is written as two files. What the row could not show, rules
+   with a condition find.
 6. `words.words_of` fills the sentences that `findings.yaml` has under `findings`: what is wrong,
    how large it is, what to do.
 7. `judging.marked` writes its title into the column `remarks` of the table, that of a doubt into

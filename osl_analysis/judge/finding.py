@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import polars as pl
 
-from osl_analysis.judge.known_findings import known_finding
+from osl_analysis.judge.known_findings import Rule, known_finding
 from osl_analysis.refusal import is_refused
 from osl_analysis.table import read_table
 
@@ -25,16 +25,6 @@ class Grade(StrEnum):
     NOTES = "notes"  # checked, and worth knowing
 
 
-class Remedy(StrEnum):
-    """Which remedy helps, given what else of the trial is sound."""
-
-    WHOLE = "remedy"  # the fit to all of the trial is doubtful
-    ALONE = "without_amplitudes"  # the same, where there are no rows of single amplitudes
-    AMPLITUDE = "of_amplitude"  # only the fit to one amplitude is doubtful
-    FREQUENCY = "of_frequency"  # a row of one frequency
-    DOUBTED = "if_doubtful"  # for what was not checked, or is noted, in a doubtful row
-
-
 @dataclass(frozen=True)
 class Beyond:
     """A number beyond its limit, as evidence."""
@@ -43,6 +33,8 @@ class Beyond:
     value: float  # in the unit of the column
     limit: float
     side: str  # above or below the limit, near a factor between units, or nan
+    finding: str = ""  # what it is evidence of
+    unit: str = ""  # the factor between units that it may be, in words
 
     @property
     def excess(self) -> float:
@@ -100,14 +92,11 @@ class Finding:
         Numbers beyond their limits; none for what could not be checked.
     amplitude_deg, frequency_hz
         Those of the row; None: all.
-    remedy
-        Which remedy helps.
     without
         The estimates with this cause as a column of the regression, where they are better than the
         recorded ones, or not told beside it while others are.
-    title
-        Its title where this names a part of the device, such as `component K_s`; empty: that of its
-        name.
+    rule
+        That of a condition, which may have words of its own; None: its evidence decides.
 
     Examples
     --------
@@ -123,14 +112,13 @@ class Finding:
     evidence: tuple[Beyond, ...] = ()
     amplitude_deg: float | None = None
     frequency_hz: float | None = None
-    remedy: Remedy = Remedy.WHOLE
     without: tuple[Correction, ...] = ()
-    title: str = ""
+    rule: Rule | None = None
 
     @property
     def cause(self) -> str:
         """What users call it in every table and on the page."""
-        return self.title or known_finding(self.name).title
+        return known_finding(self.name).title
 
     @property
     def is_result(self) -> bool:
@@ -237,7 +225,6 @@ def findings_of_frame(frame: pl.DataFrame) -> list[WordedFinding]:
             evidence=tuple(evidence),
             amplitude_deg=row["amplitude_deg"],
             frequency_hz=row["frequency_hz"],
-            title=row["cause"],
         )
         words = Words(row["says"] or "", row["size"] or "", row["remedy"] or "")
         findings.append(WordedFinding(finding, words))

@@ -1,43 +1,30 @@
-"""Findings about the rows of result tables, from their columns and the configured limits, and the
+"""Findings about the rows of result tables, from the rules and the configured limits, and the
 tables with them.
 
 What a known cause explains, such as a low VAF due to friction, is no finding of its own.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+import math
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import polars as pl
 
-from osl_analysis.errors import InputError
-from osl_analysis.judge.causes import (
-    BETWEEN,
-    CauseInRow,
-    causes_in,
-    explaining,
-    limits_in,
-    numbers_beyond,
-    with_effects,
+from osl_analysis.judge.effects import corrections, is_within_accuracy, leaves_torque
+from osl_analysis.judge.finding import AnyRow, Beyond, Finding, Grade, cell_number, subject_of
+from osl_analysis.judge.known_findings import (
+    BY_COLUMN,
+    CONDITIONS,
+    FINDINGS,
+    HYPOTHESES,
+    KnownFinding,
+    Rule,
+    known_finding,
+    rule_of,
 )
-from osl_analysis.judge.finding import (
-    AnyRow,
-    Beyond,
-    Finding,
-    Grade,
-    Remedy,
-    cell_number,
-    subject_of,
-)
-from osl_analysis.judge.known_findings import EVIDENCE, FINDINGS, HYPOTHESES, KnownFinding
-from osl_analysis.judge.limits import Limits
-from osl_analysis.judge.moved_estimates import (
-    corrections,
-    is_within_accuracy,
-    leaves_torque,
-)
-from osl_analysis.judge.unchecked import unchecked_in
+from osl_analysis.judge.limits import Limit, Limits
 from osl_analysis.stats.repeats import DOUBTFUL
+from osl_analysis.units import known_factor
 
 HAVE_REMARKS = (
     "belt",
@@ -49,60 +36,21 @@ HAVE_REMARKS = (
     "walking_groups",
 )
 """Judged tables of which something may be remarked, or could not be checked."""
-# by what could not be checked: the doubt that covers it
-DOUBT_THAT_COVERS = {"rest_torque": "assumed_zero"}
-UNEXPLAINED = "unexplained_torque"  # finding of torque that no rival explains
-RIVALS = set(HYPOTHESES.values())
 EXCLUDED = "excluded"  # column with the reason why a row has no fit; null in rows with a fit
+BETWEEN = "; "  # titles of findings in a cell
+LEAST_EFFECT = 1.0  # limit of what is decided by its effect, a multiple of what is worth telling
+# relative differences between components and their file have a standard deviation of 2 %
+NEAR_UNIT = 0.04  # of a ratio to a unit's factor
+NEAR_LARGE_UNIT = 0.08  # the same of a ratio beyond its limit, above `SMALL_FACTOR`
+SMALL_FACTOR = 2.0  # between units; other devices and gains are as far off, so it must be met well
+RATIOS_TO_STATED = ("desired_ratio", "K_over_K_d")  # to a desired curve, or to stated gains
+NEAR_STATED = 0.015  # of these ratios to a unit's factor, and of a second one to the first
+NEAR_SECOND_RATIO = 0.1  # of the second ratio to what another unit would make of it
+LARGEST_UNCERTAINTY = 1.05  # upper end over estimate, above which a ratio tells no unit
+FAR_BEYOND = 1.15  # of a limit: a cause of others that is farther beyond it precedes them
 RowFindings = list[list[Finding]]  # for each row of a table
-
-
-def of_whole_trial(row: AnyRow) -> bool:
-    """Whether a row is the fit to a whole trial, beside fits to single amplitudes."""
-    return "amplitude_deg" in row and row["amplitude_deg"] is None
-
-
-def check_limits(table: pl.DataFrame, limits: Limits, name: str) -> None:
-    """Raises InputError: a limit is set on a column that the table does not have or that is not
-    numeric."""
-    numeric = {
-        column for column, dtype in table.schema.items() if dtype.is_numeric() or dtype == pl.Null
-    }
-    for limit in limits.stated():
-        if limit.value is not None and limit.column not in numeric:
-            possible = ", ".join(name for name in table.columns if table[name].dtype.is_numeric())
-            raise InputError(
-                f"configuration, doubtful.{name}: the table has no column '{limit.column}' of"
-                f" numbers; put the limit on one of {possible}, or write null for no limit"
-            )
-
-
-@dataclass(frozen=True)
-class JudgedRow:
-    """A row of a result table with its numbers beyond their limits."""
-
-    row: AnyRow
-    numbers: Mapping[str, Beyond]  # by column
-    is_fit: bool
-
-    @property
-    def trial(self) -> object:
-        return self.row.get("trial")
-
-
-def is_of_recording(column: str) -> bool:
-    """Whether a column is evidence of a fault of the recording, which the fit to all of a trial
-    must show, too."""
-    return column in EVIDENCE and FINDINGS[EVIDENCE[column].finding].of_recording
-
-
-def remedy_of(judged_row: JudgedRow, has_amplitudes: bool, is_whole_sound: bool) -> Remedy:
-    """Which remedy helps for a row."""
-    if judged_row.row.get("frequency_hz") is not None:
-        return Remedy.FREQUENCY
-    if judged_row.row.get("amplitude_deg") is not None and is_whole_sound:
-        return Remedy.AMPLITUDE
-    return Remedy.WHOLE if has_amplitudes else Remedy.ALONE
+Numbers = dict[str, Beyond]  # numbers of a row beyond their limits, by column
+Cause = tuple[KnownFinding, tuple[Beyond, ...]]  # a cause of doubt with its evidence
 
 
 def judged(
@@ -128,120 +76,252 @@ def judged(
         For each row doubts in the order of their limits, remarks on the device, then what could
         not be checked; nothing of faults that move the estimates by less than their accuracy. Rows
         without a fit have none.
-
-    Raises
-    ------
-    InputError
-        As `check_limits`.
     """
-    is_fit = [True] * len(table)
-    if EXCLUDED in table.columns:
-        is_fit = table[EXCLUDED].is_null().to_list()
-    if any(is_fit):
-        check_limits(table, limits, name)
     on_columns = limits_in(name, table.columns, limits)
-    rows: list[JudgedRow] = []
-    for cells, has_fit in zip(table.to_dicts(), is_fit, strict=True):
-        rows.append(JudgedRow(cells, numbers_beyond(cells, on_columns), has_fit))
-    of_whole = {row.trial: row.numbers for row in rows if of_whole_trial(row.row)}
-    with_amplitudes = {row.trial for row in rows if row.row.get("amplitude_deg") is not None}
-    rows = [shown_by_whole(row, of_whole) for row in rows]
-    misfit_of_trial = misfits_by_trial(rows)
+    rows = table.to_dicts()
+    beyond = [numbers_beyond(row, on_columns) for row in rows]
+    of_whole = {row.get("trial"): beyond[k] for k, row in enumerate(rows) if of_whole_trial(row)}
+    for numbers, row in zip(beyond, rows, strict=True):
+        drop_unlike_whole(numbers, of_whole.get(row.get("trial"), numbers))
+
+    # what explains the misfit of a trial, by the fit to all of it before those to its amplitudes
+    misfit_by: dict[object, KnownFinding | None] = {}
+    for k in sorted(range(len(rows)), key=lambda k: not of_whole_trial(rows[k])):
+        trial = rows[k].get("trial")
+        misfit_by[trial] = misfit_by.get(trial) or explaining(beyond[k])
+
+    conditions = conditions_of(table, name)
     findings: RowFindings = []
-    for row in rows:
-        if not row.is_fit:
+    for k, row in enumerate(rows):
+        if row.get(EXCLUDED) is not None:
             findings.append([])
             continue
-        is_whole_sound = row.trial in of_whole and not of_whole[row.trial]
-        remedy = remedy_of(row, row.trial in with_amplitudes, is_whole_sound)
-        misfit_by = explaining(row.row, row.numbers) or misfit_of_trial[row.trial]
         causes = [
-            each
-            for each in causes_in(row.row, row.numbers, misfit_by)
-            if each.cause.is_result
-            or not is_within_accuracy(name, row.row, each.cause, each.numbers, limits.accuracy)
+            (cause, numbers)
+            for cause, numbers in causes_in(beyond[k], misfit_by[row.get("trial")])
+            if cause.is_result or not is_within_accuracy(name, row, cause, numbers, limits.accuracy)
         ]
-        fault = FINDINGS.get((faults or {}).get(str(row.trial), ""))
-        findings.append(findings_of_row(name, row.row, with_effects(causes, fault), remedy))
+        fault = FINDINGS.get((faults or {}).get(str(row.get("trial")), ""))
+        findings.append(findings_of_row(name, row, with_effects(causes, fault), conditions[k]))
     return findings
 
 
-def shown_by_whole(row: JudgedRow, of_whole: Mapping[object, Mapping[str, Beyond]]) -> JudgedRow:
-    """Drop from a row the evidence of a recording's fault that the fit to the whole trial does not
-    show. At one amplitude friction looks like such a fault; over all amplitudes it does not.
+def of_whole_trial(row: AnyRow) -> bool:
+    """Whether a row is the fit to a whole trial, beside fits to single amplitudes."""
+    return "amplitude_deg" in row and row["amplitude_deg"] is None
+
+
+def limits_in(table: str, columns: Collection[str], limits: Limits) -> list[Limit]:
+    """The limits on the columns of a table: those that follow from the accuracy of its estimates,
+    those of the configuration, and that nothing is below zero that cannot be."""
+    stated = limits.stated()
+    by_accuracy: list[Limit] = []
+    by_sign: list[Limit] = []
+    free = set(columns) - {limit.column for limit in stated}
+    for rule, *_ in BY_COLUMN.values():
+        if rule.column not in free or not rule.concerns(table, columns):
+            continue
+        if rule.by == "effect":
+            by_accuracy.append(Limit(rule.column, "above", LEAST_EFFECT))
+        elif rule.by == "accuracy":
+            by_accuracy.append(Limit(rule.column, "above", limits.accuracy.of(rule.of)))
+        elif rule.by == "sign":
+            by_sign.append(Limit(rule.column, "below", 0.0))
+    return [*by_accuracy, *stated, *by_sign]
+
+
+def numbers_beyond(row: AnyRow, limits: Sequence[Limit]) -> Numbers:
+    """Find the numbers of a row that are beyond their limits.
 
     Parameters
     ----------
-    row
-        A row of a table.
-    of_whole
-        By trial, the numbers of the fit to all of it. A trial without such a row is judged by its
-        rows alone.
+    row : AnyRow
+        A null is not checked.
+    limits : Sequence of Limit
+        Those of its table (`limits_in`).
+
+    Returns
+    -------
+    dict of str to Beyond
+        By column; NaN is beyond any limit, and a ratio near a unit's factor is `near`.
     """
-    if row.trial not in of_whole:
-        return row
-    numbers_of_whole = of_whole[row.trial]
-    shown = {
-        column: number
-        for column, number in row.numbers.items()
-        if column in numbers_of_whole or not is_of_recording(column)
-    }
-    return replace(row, numbers=shown)
+    numbers: Numbers = {}
+    for limit in limits:
+        value = cell_number(row, limit.column)
+        if limit.value is None or value is None or row.get(EXCLUDED) is not None:
+            continue
+        side, end = side_of(value, limit)
+        rule = rule_of(limit.column, side)
+        unit, is_unit = unit_of_ratio(rule, value, row) if rule else ("", False)
+        if not side and (not is_unit or limit.column in numbers):
+            continue
+        finding = "wrong_unit" if is_unit else finding_of(limit.column, rule, row)
+        side = side or "near"
+        numbers[limit.column] = Beyond(limit.column, value, end, side, finding, unit)
+    return numbers
 
 
-def misfits_by_trial(rows: Sequence[JudgedRow]) -> dict[object, KnownFinding | None]:
-    """What explains the misfit of each trial: as the fit to the whole trial says, or else the first
-    of its rows that says anything."""
-    of_whole: dict[object, KnownFinding | None] = {}
-    of_rows: dict[object, KnownFinding | None] = {}
-    for row in rows:
-        by_trial = of_whole if of_whole_trial(row.row) else of_rows
-        by_trial[row.trial] = by_trial.get(row.trial) or explaining(row.row, row.numbers)
-    return {row.trial: of_whole.get(row.trial) or of_rows.get(row.trial) for row in rows}
+def side_of(value: float, limit: Limit) -> tuple[str, float]:
+    """On which side of a limit a number is beyond it, empty for none, and the end that it passes;
+    an upper limit is one of the size."""
+    assert limit.value is not None
+    if math.isnan(value):
+        return "nan", limit.value
+    if limit.side == "above" and abs(value) > limit.value:
+        return ("above", limit.value) if value > 0 else ("below", -limit.value)
+    return "below" if limit.side == "below" and value < limit.value else "", limit.value
+
+
+def finding_of(column: str, rule: Rule | None, row: AnyRow) -> str:
+    """What a number of a column is evidence of; of a column without a rule, its own name."""
+    if rule is None:
+        return column
+    family = row.get("fault_family")
+    if column == "fault_harm":
+        return HYPOTHESES[str(family)]
+    if column == "K_change" and family == "size":
+        return "nonlinear_spring"
+    return rule.finding
+
+
+def unit_of_ratio(rule: Rule, ratio: float, row: AnyRow) -> tuple[str, bool]:
+    """The factor between units near a ratio to a known value, in words, and whether it is more
+    likely than another device.
+
+    A second ratio decides that: a wrong torque scales both alike, a wrong current only this one."""
+    if not rule.units or not ratio:
+        return "", False
+    second = cell_number(row, rule.second) if rule.second else None
+    symbol = rule.column.removesuffix("_ratio")
+    estimate, high = cell_number(row, symbol), cell_number(row, f"{symbol}_high")
+    is_known = not (estimate and high) or high <= LARGEST_UNCERTAINTY * estimate
+    is_stated = rule.column in RATIOS_TO_STATED
+    if second and is_known:
+        near, near_second = NEAR_UNIT, NEAR_SECOND_RATIO
+        if is_stated:
+            near = near_second = NEAR_STATED
+        expected = {unit: 1.0 if unit == "current" else ratio for unit in rule.units}
+        likely = [unit for unit, of in expected.items() if abs(second - of) < near_second * abs(of)]
+        name, factor = known_factor(ratio, likely, near)
+        if name:
+            return f", {factor:.3g} is the factor {name}", True
+    size = max(abs(ratio), 1 / abs(ratio))
+    near = NEAR_LARGE_UNIT if size > SMALL_FACTOR else NEAR_STATED
+    name, factor = known_factor(ratio, rule.units, near)
+    return f", {factor:.3g} is the factor {name}" if name else "", False
+
+
+def drop_unlike_whole(numbers: Numbers, of_whole: Numbers) -> None:
+    """Drop from a row's numbers the evidence of a recording's fault that the fit to the whole trial
+    does not show. At one amplitude friction looks like such a fault; over all amplitudes it does
+    not."""
+    for column in list(numbers):
+        rule = rule_of(column)
+        if rule and FINDINGS[rule.finding].of_recording and column not in of_whole:
+            del numbers[column]
+
+
+def is_misfit(number: Beyond) -> bool:
+    """Whether a number measures the misfit."""
+    rule = rule_of(number.column)
+    return rule is not None and rule.misfit
+
+
+def explaining(numbers: Numbers) -> KnownFinding | None:
+    """The first cause in a row that makes its fit worse; harmonics alone count as friction."""
+    causes = (known_finding(number.finding) for number in sorted(numbers.values(), key=is_misfit))
+    return next((cause for cause in causes if cause.explains_misfit), None)
+
+
+def rank_of(number: Beyond) -> int:
+    """The place of evidence among that of its row: causes of others first, unknown ones last."""
+    rule = rule_of(number.column, number.side)
+    if rule is None:
+        return 2
+    return 0 if FINDINGS[rule.finding].causes_others and number.excess > FAR_BEYOND else 1
+
+
+def causes_in(numbers: Numbers, misfit_by: KnownFinding | None) -> list[Cause]:
+    """Order the numbers of a row by their causes: causes of others first, unknown ones last.
+    `misfit_by` explains the misfit of the trial, and takes the columns that show it."""
+    numbers_of: dict[str, list[Beyond]] = {}
+    for number in sorted(numbers.values(), key=rank_of):
+        taken = misfit_by is not None and is_misfit(number)
+        name = misfit_by.name if misfit_by and taken else number.finding
+        numbers_of.setdefault(name, []).append(number)
+    return [(known_finding(name), tuple(of)) for name, of in numbers_of.items()]
+
+
+def with_effects(causes: list[Cause], fault: KnownFinding | None) -> list[Cause]:
+    """Causes of which those that may be effects of a fault of the recording are evidence of it.
+    `fault` is what a check of the recording found; None: what the row shows."""
+    fault = fault or next((cause for cause, _ in causes if cause.spoils_estimates), None)
+    effects: list[Beyond] = []
+    others: list[Cause] = []
+    for cause, numbers in causes:
+        if cause is fault or cause.explains_misfit or cause.is_misfit:
+            effects += numbers
+        else:
+            others.append((cause, numbers))
+    return [(fault, tuple(effects)), *others] if fault and effects else causes
+
+
+def conditions_of(table: pl.DataFrame, name: str) -> list[list[Rule]]:
+    """The rules whose conditions each row of a table fulfils."""
+    rules = [rule for rule in CONDITIONS if rule.concerns(name, table.columns)]
+    holds = table.select(
+        rule.condition.alias(str(number)) for number, rule in enumerate(rules)
+    ).rows()
+    if not rules:
+        return [[] for _ in range(len(table))]
+    return [[rule for rule, is_so in zip(rules, of_row, strict=True) if is_so] for of_row in holds]
 
 
 def findings_of_row(
-    table: str, row: AnyRow, causes: Sequence[CauseInRow], remedy: Remedy
+    table: str, row: AnyRow, causes: Sequence[Cause], conditions: Sequence[Rule]
 ) -> list[Finding]:
     """The doubts about a row by their causes, remarks on properties of the device, and what could
     not be checked."""
-    doubts: list[Finding] = []
-    remarks: list[Finding] = []
-    for in_row in causes:
-        finding = finding_of_cause(table, row, in_row, remedy)
-        if finding.name == UNEXPLAINED and any(doubt.name in RIVALS for doubt in doubts):
-            continue  # a rival explains what it can
-        if in_row.cause.is_result:
-            remarks.append(replace(finding, grade=Grade.NOTES))
-        else:
-            doubts.append(finding)
-    doubted = {finding.name for finding in doubts}
-    remedy_of_unchecked = Remedy.DOUBTED if doubts else Remedy.WHOLE
-    unchecked: list[Finding] = []
-    for finding in unchecked_in(table, row):
-        if DOUBT_THAT_COVERS.get(finding.name) not in doubted:
-            unchecked.append(replace(finding, remedy=remedy_of_unchecked))
-    return [*doubts, *remarks, *unchecked]
+    findings = [finding_of_cause(table, row, *cause) for cause in causes]
+    doubts = [each for each in findings if each.grade is Grade.DOUBTS]
+    remarks = [each for each in findings if each.grade is Grade.NOTES]
+    names = {doubt.name for doubt in doubts}
+    if names & set(HYPOTHESES.values()):  # a rival explains what it can
+        doubts = [doubt for doubt in doubts if doubt.name != "unexplained_torque"]
+    for rule in conditions:
+        if not names & set(rule.unless):
+            remarks.append(
+                Finding(
+                    name=rule.finding,
+                    table=table,
+                    subject=subject_of(row),
+                    grade=Grade(rule.grade),
+                    amplitude_deg=cell_number(row, "amplitude_deg"),
+                    rule=rule,
+                )
+            )
+    return [*doubts, *remarks]
 
 
-def finding_of_cause(table: str, row: AnyRow, in_row: CauseInRow, remedy: Remedy) -> Finding:
-    """A cause of doubt about a row. Estimates without it are offered where they are better than the
-    recorded ones."""
-    without = corrections(table, in_row.cause, row)
-    if in_row.cause.name in RIVALS and leaves_torque(row):
+def finding_of_cause(
+    table: str, row: AnyRow, cause: KnownFinding, numbers: tuple[Beyond, ...]
+) -> Finding:
+    """A cause of doubt about a row, or a remark on the device. Estimates without it are offered
+    where they are better than the recorded ones."""
+    without = corrections(table, cause, row)
+    if cause.name in HYPOTHESES.values() and leaves_torque(row):
         without = []  # what else is in the torque has moved them, too
     better = [each for each in without if not each.is_told or each.is_better_than(row)]
     if not any(each.is_told for each in without):  # the cause was no column of any regression
         better = []
     return Finding(
-        name=in_row.cause.name,
+        name=cause.name,
         table=table,
         subject=subject_of(row),
-        grade=Grade.DOUBTS,
-        evidence=in_row.numbers,
+        grade=Grade.NOTES if cause.is_result else Grade.DOUBTS,
+        evidence=numbers,
         amplitude_deg=cell_number(row, "amplitude_deg"),
         frequency_hz=cell_number(row, "frequency_hz"),
-        remedy=remedy,
         without=tuple(better),
     )
 
@@ -265,6 +345,20 @@ def marked(table: pl.DataFrame, findings: RowFindings, name: str) -> pl.DataFram
     if name not in HAVE_REMARKS:
         return table
     return table.with_columns(remarks=other_causes.replace("", None))
+
+
+def doubts_of_result(titles: str, result: str) -> str:
+    """Those findings in a cell of the column `DOUBTFUL` that concern one result of the fit."""
+    others = {
+        kind.title for kind in FINDINGS.values() if kind.concerns and result not in kind.concerns
+    }
+    return BETWEEN.join(title for title in titles.split(BETWEEN) if title not in others)
+
+
+def results_in(remarks: str | None) -> list[str]:
+    """Those findings in a cell of the column `remarks` that are properties of the device."""
+    titles = (remarks or "").split(BETWEEN)
+    return [kind.title for kind in FINDINGS.values() if kind.is_result and kind.title in titles]
 
 
 def with_inherited(

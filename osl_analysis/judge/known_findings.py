@@ -1,12 +1,16 @@
-"""The findings that a trial can have, and the numbers that are evidence of them
-(`findings.yaml`)."""
+"""The findings that a trial can have, and the rules that find them (`findings.yaml`)."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
+import polars as pl
+
 from osl_analysis.dictionary import own_yaml
+
+Texts = str | Sequence[str]  # of several the first counts of which all numbers are known
 
 
 @dataclass(frozen=True)
@@ -18,15 +22,11 @@ class KnownFinding:
     name
         The short name by which code and `findings.csv` identify it, such as `late_torque`.
     title
-        What a reader calls it; `{about}` in it is a part of the device.
+        What a reader calls it.
     says, remedy
         What is wrong, and what to do, with columns of the row in braces.
-    of_amplitude, of_frequency, without_amplitudes, if_doubtful
-        Other remedies (`finding.Remedy`); empty: `remedy`.
     brief
         The remedy in a few words.
-    in_table
-        `says` and `remedy` in a table where they differ.
     explains_misfit
         Whether it makes a fit worse, so that the misfit of the same trial is no finding of its own.
     of_recording
@@ -50,14 +50,9 @@ class KnownFinding:
 
     name: str
     title: str
-    says: str
-    remedy: str = ""
-    of_amplitude: str = ""
-    of_frequency: str = ""
-    without_amplitudes: str = ""
-    if_doubtful: str = ""
+    says: Texts
+    remedy: Texts = ""
     brief: str = ""
-    in_table: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     explains_misfit: bool = False
     of_recording: bool = False
     causes_others: bool = False
@@ -69,54 +64,37 @@ class KnownFinding:
 
 
 @dataclass(frozen=True)
-class Evidence:
-    """A column of result tables whose numbers are evidence of a finding.
+class Rule:
+    """When a row of a result table has a finding: a number is beyond a limit, or a condition holds.
 
-    Attributes
-    ----------
-    finding
-        That of a number beyond its limit.
-    decided_by
-        What decides whether it is a doubt: a limit of the configuration; the accuracy that the
-        estimate `share_of` needs; by how much the estimates with the cause in the model differ; or
-        that it is certainly below zero.
-    share_of
-        The estimate (K, B, I) of which the number is a share; empty: none.
-    in_unit
-        Whether its words have the estimate in its unit, not as a share.
-    is_misfit
-        Whether a finding that explains the trial's misfit takes this column, too.
-    tables
-        In which it counts; empty: in all.
-    signals
-        Whose units scale this ratio to a known value.
-    second_ratio
-        Column of another ratio that tells a unit from another device; its own name: none is needed;
-        empty: the number is no such ratio.
-    says
-        How large the finding is, by this number; empty: the number is not told.
-    below
-        `finding` and `says` of a number below its limit, where they differ.
+    `findings.yaml` says what each field means.
     """
 
-    column: str
     finding: str
-    decided_by: Literal["configuration", "accuracy", "effect", "sign"] = "configuration"
-    share_of: str = ""
+    column: str = ""
+    side: Literal["", "above", "below"] = ""
+    by: Literal["limit", "accuracy", "effect", "sign"] = "limit"
+    of: str = ""
     in_unit: bool = False
-    is_misfit: bool = False
-    tables: Sequence[str] = ()
-    signals: Sequence[str] = ("torque", "angle")
-    second_ratio: str = ""
-    says: str = ""
-    below: Mapping[str, str] = field(default_factory=dict)
+    misfit: bool = False
+    tables: Collection[str] = ()
+    units: Sequence[str] = ()
+    second: str = ""
+    when: str = ""
+    unless: Collection[str] = ()
+    grade: Literal["not checked", "notes"] = "not checked"
+    says: Texts = ""
+    remedy: Texts = ""
 
-    def on_side(self, side: str) -> "Evidence":
-        """The same, of a number on this side of its limit."""
-        if side != "below" or not self.below:
-            return self
-        fields: dict[str, Any] = {**self.below}
-        return replace(self, **fields)
+    @cached_property
+    def condition(self) -> pl.Expr:
+        """The condition `when`; a null is none."""
+        return pl.sql_expr(self.when).fill_null(value=False)
+
+    def concerns(self, table: str, columns: Collection[str]) -> bool:
+        """Whether the rule is about a table with these columns."""
+        needed = self.condition.meta.root_names() if self.when else [self.column]
+        return (not self.tables or table in self.tables) and set(needed) <= set(columns)
 
 
 TOLERANCE = 1e-3  # of a threshold: clocks of 100 Hz that nobody set run at 99.99 Hz
@@ -142,26 +120,23 @@ class Check:
         return not value <= limit + tolerance
 
 
-CONTENT: dict[str, dict[str, Any]] = own_yaml(Path(__file__).with_name("findings.yaml"))
+CONTENT: dict[str, Any] = own_yaml(Path(__file__).with_name("findings.yaml"))
 FINDINGS = {name: KnownFinding(name, **fields) for name, fields in CONTENT["findings"].items()}
-EVIDENCE = {name: Evidence(name, **fields) for name, fields in CONTENT["columns"].items()}
-"""By column. Any other column may have a limit, too: its finding then has the column's name."""
+RULES = [Rule(**fields) for fields in CONTENT["rules"]]
+BY_COLUMN: dict[str, list[Rule]] = {}
+for each in RULES:
+    if each.column:
+        BY_COLUMN.setdefault(each.column, []).append(each)
+CONDITIONS = [rule for rule in RULES if rule.when]
 CHECKS = {name: Check(name, **fields) for name, fields in CONTENT["checks"].items()}
 HYPOTHESES: dict[str, str] = CONTENT["hypotheses"]
 """Findings by family of the hypotheses of the inference."""
 
 
-def check_names() -> None:
-    """Raises LookupError: a number, check or hypothesis names a finding that is not described."""
-    names = {column: evidence.finding for column, evidence in EVIDENCE.items()}
-    names |= {name: check.finding for name, check in CHECKS.items()}
-    names |= HYPOTHESES
-    for place, name in names.items():
-        if name not in FINDINGS:
-            raise LookupError(f"findings.yaml, {place}: describe '{name}' under `findings`")
-
-
-check_names()
+def rule_of(column: str, side: str = "") -> Rule | None:
+    """The rule on a number on a side of its limit; None for a column that has a limit in the
+    configuration alone."""
+    return next((rule for rule in BY_COLUMN.get(column, ()) if rule.side in ("", side)), None)
 
 
 def known_finding(name: str) -> KnownFinding:

@@ -1,7 +1,6 @@
 """What a reader must know of a campaign: causes with their trials, in the same words at the end of
 a run, by `results` and on the page."""
 
-from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
@@ -13,6 +12,7 @@ import polars as pl
 from osl_analysis.config.experiments import EXPERIMENTS, doubts_of
 from osl_analysis.errors import listing
 from osl_analysis.judge.campaign import MOST_NAMED, QUALITY
+from osl_analysis.judge.effects import estimate_column
 from osl_analysis.judge.finding import (
     AnyRow,
     Finding,
@@ -22,8 +22,7 @@ from osl_analysis.judge.finding import (
     cell_number,
     subject_of,
 )
-from osl_analysis.judge.known_findings import CHECKS, EVIDENCE, known_finding
-from osl_analysis.judge.moved_estimates import estimate_column
+from osl_analysis.judge.known_findings import CHECKS, known_finding, rule_of
 from osl_analysis.judge.words import sentence_of
 from osl_analysis.stats.repeats import DOUBTFUL
 
@@ -128,10 +127,6 @@ def judged_tables_of(tables: Mapping[str, pl.DataFrame]) -> Iterator[JudgedTable
                 yield JudgedTable(name, of_experiment, f"{title} trials", last_rows, origin)
 
 
-FindingsByTable = Mapping[tuple[str, Grade], Sequence[WordedFinding]]
-"""Findings by table and grade; empty where there are none."""
-
-
 def causes_in_campaign(
     findings: Sequence[WordedFinding],
     tables: Mapping[str, pl.DataFrame],
@@ -156,24 +151,30 @@ def causes_in_campaign(
         first. A trial that is doubtful is not among those that are doubtful in part.
     """
     present = {*subjects(verdicts), *chain(*map(subjects, tables.values()))}
-    by_table: dict[tuple[str, Grade], list[WordedFinding]] = defaultdict(list)
     used = [worded for worded in findings if worded.finding.subject in present]
-    in_doubt = [worded.finding for worded in used if worded.finding.grade is Grade.DOUBTS]
-    doubtful = {finding.subject for finding in in_doubt if is_of_whole(finding)}
-    for worded in used:
-        finding = worded.finding
-        is_doubt_of_part = finding.grade is Grade.DOUBTS and not is_of_whole(finding)
-        if not (is_doubt_of_part and finding.subject in doubtful):
-            by_table[finding.table, finding.grade].append(worded)
+    whole = [worded for worded in used if not worded.finding.is_of_part]
+    in_doubt = [worded for worded in used if worded.finding.grade is Grade.DOUBTS]
+    doubtful = {worded.finding.subject for worded in in_doubt if is_of_whole(worded.finding)}
+    of_part = [
+        worded
+        for worded in in_doubt
+        if not is_of_whole(worded.finding) and worded.finding.subject not in doubtful
+    ]
+
+    def about(grade: Grade, table: str) -> list[WordedFinding]:
+        return [w for w in whole if (w.finding.grade, w.finding.table) == (grade, table)]
 
     doubts: list[CampaignFinding] = []
     remarks: list[CampaignFinding] = []
     unchecked: list[CampaignFinding] = []
     for table in judged_tables_of(tables):
-        doubts += doubts_about_table(table, by_table)
-        remarks += about_whole_trials(table, by_table[table.name, Grade.NOTES], "remark")
-        unchecked += about_whole_trials(table, by_table[table.name, Grade.UNCHECKED], "not checked")
-    flags = list(flags_by_check(by_table[QUALITY, Grade.DOUBTS], verdicts))
+        name, rows, noted = table.name, table.rows, table.subject_of_unchecked
+        if name not in doubts_of():
+            doubts += by_cause(about(Grade.DOUBTS, name), "doubtful", table.subject, rows)
+        doubts += doubts_in_part(table, of_part)
+        remarks += by_cause(about(Grade.NOTES, name), "remark", noted, rows)
+        unchecked += by_cause(about(Grade.UNCHECKED, name), "not checked", noted, rows)
+    flags = list(flags_by_check(about(Grade.DOUBTS, QUALITY), verdicts))
     return [
         *most_frequent_first(doubts),
         *most_frequent_first(flags),
@@ -188,33 +189,25 @@ def is_of_whole(finding: Finding) -> bool:
     return not finding.is_of_part and finding.table not in doubts_of()
 
 
-def doubts_about_table(table: JudgedTable, by_table: FindingsByTable) -> Iterator[CampaignFinding]:
-    """The causes of doubt about the trials of a table: about the whole of them, then about single
-    amplitudes, frequencies or results of the others. Those that a table shares with that of the
-    fits to the same trials are left out."""
-    doubts = by_table[table.name, Grade.DOUBTS]
-    of_whole = [doubt for doubt in doubts if is_of_whole(doubt.finding)]
-    yield from by_cause(of_whole, "doubtful", table.subject, table.rows)
-
-    in_origin = set(map(trial_and_cause, by_table[table.doubts_of, Grade.DOUBTS]))
-    of_part = []
-    for doubt in doubts:
-        if doubt not in of_whole and trial_and_cause(doubt) not in in_origin:
-            of_part.append(doubt)
+def doubts_in_part(
+    table: JudgedTable, findings: Sequence[WordedFinding]
+) -> Iterator[CampaignFinding]:
+    """The causes of doubt about single amplitudes, frequencies or results of trials that are not
+    doubtful as a whole. Those that a table shares with that of the fits to the same trials are left
+    out."""
+    in_origin = {
+        (worded.finding.subject, worded.finding.name)
+        for worded in findings
+        if worded.finding.table == table.doubts_of
+    }
+    of_table = [worded for worded in findings if worded.finding.table == table.name]
+    own = [w for w in of_table if (w.finding.subject, w.finding.name) not in in_origin]
     subject = table.subject
     if table.doubts_of:
         subject = f"{subject}, in {table.name.replace('_', ' ')} alone"
-    elif all(doubt.finding.amplitude_deg is not None for doubt in of_part):
+    elif all(worded.finding.amplitude_deg is not None for worded in own):
         subject = f"{subject}, at single amplitudes alone"
-    yield from by_cause(of_part, "doubtful in part", subject, table.rows)
-
-
-def about_whole_trials(
-    table: JudgedTable, findings: Sequence[WordedFinding], verdict: str
-) -> Iterator[CampaignFinding]:
-    """What was noted of the whole trials of a table, or could not be checked on them."""
-    of_whole = [worded for worded in findings if not worded.finding.is_of_part]
-    yield from by_cause(of_whole, verdict, table.subject_of_unchecked, table.rows)
+    return by_cause(own, "doubtful in part", subject, table.rows)
 
 
 NO_ROW: AnyRow = {}
@@ -225,21 +218,14 @@ def flags_by_check(
 ) -> Iterator[CampaignFinding]:
     """The failed checks of trials that are used, in the order of the checks."""
     for check in CHECKS:
-        failed = []
-        for worded in failed_checks:
-            if [number.column for number in worded.finding.evidence] == [check]:
-                failed.append(worded)
-        checked_trials = dict.fromkeys(subjects(verdicts.filter(check=check)), NO_ROW)
-        yield from by_cause(failed, "flagged", "trials", checked_trials)
+        failed = [worded for worded in failed_checks if first_column(worded.finding) == check]
+        checked = dict.fromkeys(subjects(verdicts.filter(check=check)), NO_ROW)
+        yield from by_cause(failed, "flagged", "trials", checked)
 
 
 def most_frequent_first(causes: Sequence[CampaignFinding]) -> list[CampaignFinding]:
     """Causes by how many trials have them; in their order where these are as many."""
     return sorted(causes, key=lambda cause: -len(cause.trials))
-
-
-def trial_and_cause(worded: WordedFinding) -> tuple[str, str]:
-    return worded.finding.subject, worded.finding.cause
 
 
 def subjects(rows: pl.DataFrame) -> list[str]:
@@ -253,14 +239,13 @@ def subjects(rows: pl.DataFrame) -> list[str]:
 def shown_size(finding: Finding, column: str, row: AnyRow) -> float:
     """How large a finding is by the number with which its sentence begins, beyond its limit; in the
     unit of its estimate where the sentence has that. 0 where it begins with another column."""
-    if first_column(finding) != column or not finding.evidence:
+    if first_column(finding) != column or not column:
         return 0.0
-    evidence = EVIDENCE.get(column)
     size = finding.evidence[0].excess
-    if evidence is None or not evidence.in_unit:
+    rule = rule_of(column)
+    if rule is None or not rule.in_unit:
         return size
-    estimate = cell_number(row, estimate_column(finding.table, evidence.share_of))
-    return size * abs(estimate or 0.0)
+    return size * abs(cell_number(row, estimate_column(finding.table, rule.of)) or 0.0)
 
 
 def first_column(finding: Finding) -> str:
@@ -276,34 +261,32 @@ def by_cause(
     a trial counts, which is its fit to all."""
     causes: dict[str, dict[str, WordedFinding]] = {}
     for worded in findings:
-        trial, cause = trial_and_cause(worded)
-        causes.setdefault(cause, {})[trial] = worded
-    for cause, by_trial in causes.items():
+        causes.setdefault(worded.finding.name, {})[worded.finding.subject] = worded
+    for name, by_trial in causes.items():
         column = mode(first_column(of_trial.finding) for of_trial in by_trial.values())
-        sizes = {
-            trial: shown_size(of_trial.finding, column, rows.get(trial, NO_ROW))
-            for trial, of_trial in by_trial.items()
-        }
-        worst = max(sizes, key=sizes.__getitem__)
+        worst = max(
+            by_trial,
+            key=lambda trial: shown_size(by_trial[trial].finding, column, rows.get(trial, NO_ROW)),
+        )
         words = by_trial[worst].words
-        name = by_trial[worst].finding.name
         if words.says and len({of_trial.words.says for of_trial in by_trial.values()}) > 1:
             words = words._replace(says=f"{words.says} (in {worst})")
-        trials = list(by_trial)
-        counts = f"{len(trials)} of {len(rows)} {subject}"
-        trial_names = f" [{listing(trials, MOST_NAMED)}]" if len(trials) < len(rows) else ""
         in_line = words
         if words.size and len(by_trial) > 1:
             in_line = words._replace(size=f"at worst ({worst}) {words.size}")
+        trials = list(by_trial)
+        counts = f"{len(trials)} of {len(rows)} {subject}"
+        trial_names = f" [{listing(trials, MOST_NAMED)}]" if len(trials) < len(rows) else ""
+        kind = known_finding(name)
         yield CampaignFinding(
             verdict=verdict,
             subject=subject,
             name=name,
-            cause=cause,
+            cause=kind.title,
             words=words,
             n=len(rows),
-            brief=known_finding(name).brief,
+            brief=kind.brief,
             trials=trials,
-            line=f"{verdict}, {counts}: {sentence_of(in_line, cause)}{trial_names}",
+            line=f"{verdict}, {counts}: {sentence_of(in_line, kind.title)}{trial_names}",
             worst=worst,
         )

@@ -8,7 +8,7 @@ from typing import Any
 
 import polars as pl
 
-from osl_analysis.judge.causes import results_in
+from osl_analysis.judge.judging import results_in
 from osl_analysis.report.numbers import ENTRIES
 from osl_analysis.report.text_tables import latex_table, markdown_table
 from osl_analysis.rounding import written

@@ -44,7 +44,7 @@ def test_the_interval_of_load_friction_is_that_of_its_derivative_by_the_coulomb_
     shares = [100 * of_load / (coulomb + of_load) for coulomb in (f_C - 1e-6, f_C + 1e-6)]
     slope = (shares[1] - shares[0]) / 2e-6
     half_width = stats.t.ppf(0.975, 2) * abs(slope) * f_C_se
-    assert claim["high"] - claim["value"] == pytest.approx(half_width, rel=1e-3)
+    assert claim["high"] - claim["value"] == pytest.approx(half_width, rel=1e-4)
 
 
 def fit(controller, B, half, **stated):

@@ -41,6 +41,7 @@ CLAIMED = (
     "walking_groups",
 )
 """The result tables with whose numbers claims are compared."""
+STEP = 1e-4  # of a standard error, over which a derivative by a mean is taken
 NEGLIGIBLE_PERCENT = 10.0  # a part of a whole below this share is negligible
 BETTER = {
     "torque_error": "the torque is nearer to K_d theta + B_d omega",
@@ -126,15 +127,15 @@ def share_claims(means: Means, known: Mapping[str, float]) -> Iterator[Claim]:
         at_means = {**known, **{part: means[part]["mean"] for part in parts}}
         errors = {part: means[part]["se"] for part in parts if means[part]["se"] is not None}
         moved = [
-            at_means | {part: at_means[part] + way * error}
+            at_means | {part: at_means[part] + step * error}
             for part, error in errors.items()
-            for way in (1, -1)
+            for step in (STEP, -STEP)
         ]
         percents = 100 * pl.DataFrame([at_means, *moved]).select(formula).to_series().to_numpy()
         freedom = min(means[part]["n"] for part in parts) - 1
         low = high = None
         if freedom > 0 and len(errors) == len(parts):
-            error = float(np.linalg.norm((percents[1::2] - percents[2::2]) / 2))
+            error = float(np.linalg.norm((percents[1::2] - percents[2::2]) / 2 / STEP))
             half_width = error * float(scipy.special.stdtrit(freedom, 0.975))
             low, high = percents[0] - half_width, percents[0] + half_width
         yield {

@@ -10,7 +10,7 @@ from typing import Literal
 
 import numpy as np
 import polars as pl
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from osl_analysis.errors import InputError
 from osl_analysis.trial import Array
@@ -91,36 +91,6 @@ def significant(value: float, digits: int = 2) -> str:
     """Write a number with `digits` significant digits for a sentence: -720 and 0.00012, never
     -7.2e+02."""
     return np.format_float_positional(value, digits, unique=False, fractional=False, trim="-")
-
-
-SHORT = 0.8  # share of the median length, below which a recording is unusually short
-SIMILAR_LENGTH = 0.1  # relative difference from the median of a usual length
-LEAST_SIMILAR_SHARE = 0.6  # of the recordings; if fewer are similar, there is no usual length
-
-
-def unusual(lengths: Array) -> tuple[NDArray[np.bool_], float]:
-    """Find recordings that are much shorter or longer than the others.
-
-    Parameters
-    ----------
-    lengths : Array
-        (n,) of any unit.
-
-    Returns
-    -------
-    mask : Array
-        (n,) true below `SHORT` times the median and above the median / `SHORT`. None is marked if
-        there are only two, or if too few are similar to say what is usual.
-    median : float
-        NaN of none.
-    """
-    if not lengths.size:
-        return np.zeros(0, dtype=bool), float("nan")
-    median = float(np.median(lengths))
-    similar = np.abs(lengths / median - 1) < SIMILAR_LENGTH
-    has_usual_length = lengths.size > 2 and np.mean(similar) > LEAST_SIMILAR_SHARE
-    is_other = (lengths < SHORT * median) | (SHORT * lengths > median)
-    return is_other & has_usual_length, median
 
 
 FEWEST_SHARED_SAMPLES = 10  # fewer do not show that two signals are the same

@@ -177,7 +177,6 @@ def test_a_configuration_that_cannot_be_run_is_one_line_before_any_job(
     ("doubtful.torque_angle.above",
      {"K_secant": 0.5}, "below.K_secant: 1 is above the upper limit 0.5, and every fit"),
     ("quality.jiter", "1 s", "did you mean 'jitter'"),
-    ("quality.gap", {"threshold": "1 s", "on_failure": "flag"}, "write its threshold alone"),
     ("quality.exclude", ["gaps"], "'gaps' is no quality check; .* did you mean 'gap'"),
     # in ms, mm, deg, percent, N*mm
     ("dynamometer.time_base.longest_gap_s", 500, "equal to 10$"),

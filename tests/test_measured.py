@@ -9,7 +9,6 @@ from osl_analysis.measured import (
     check_measured,
     factor_of,
     significant,
-    unusual,
     varies,
     visible_step,
 )
@@ -70,24 +69,6 @@ def test_a_constant_does_not_vary_by_its_rounding():
 def test_what_no_sensor_gives_is_refused(value):
     with pytest.raises(InputError, match="torque"):
         check_measured("torque", [0.0, value])
-
-
-def test_recordings_much_shorter_or_longer_than_the_usual_one_are_marked():
-    mask, median = unusual(np.array([10.0, 10.1, 9.9, 7.9, 12.6, 10.0]))
-
-    assert median == 10
-    assert mask.tolist() == [False, False, False, True, True, False]
-
-
-def test_none_is_unusual_of_no_recordings():
-    mask, _ = unusual(np.empty(0))
-    assert not mask.size
-
-
-def test_no_recording_is_unusual_where_no_length_is_usual():
-    mask, _ = unusual(np.array([1.0, 2.0, 3.0, 8.0]))
-
-    assert not mask.any()
 
 
 def test_numbers_of_sentences_have_two_digits_and_no_exponent():

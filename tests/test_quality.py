@@ -508,7 +508,7 @@ def test_a_value_at_its_threshold_passes_and_no_number_fails(name, value, fails)
       for wrong in ("20", "20 kN", "much N", "-1 N", "nan N", "inf N")),
     ({"gaps": "1 s"}, "'gaps' is no quality check; the checks are rate,"),
     ({"exclude": ["gaps"]}, "quality.exclude: 'gaps' is no quality check; the checks are rate,"),
-    ({"gap": {"threshold": "1 s"}}, "quality.gap: write its threshold alone, as `gap: 1 s`"),
+    ({"gap": {"threshold": "1 s"}}, "quality.gap"),
 ])  # fmt: skip
 def test_rules_and_checks_are_one_list_and_thresholds_have_their_units(changed, message):
     validate_rules(RULES, UNITS)

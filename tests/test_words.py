@@ -135,4 +135,4 @@ def test_each_number_that_a_text_names_is_a_column_or_is_computed():
     columns = {name for table in described_tables() for name in (*table.columns, *table.of_fits)}
     texts = yaml.safe_dump(CONTENT, width=10_000)
     named = set(re.findall(r"(?<!\w: )(?<!\{)\{([A-Za-z_]+)[:.}]", texts))
-    assert named - columns == {"usual_s", "percent", "nearest"}
+    assert named - columns == {"percent", "nearest"}

@@ -179,7 +179,6 @@ def impedance_table(
                 **analysis.time_base_row(label, QUANTITIES),
                 "theta_rms_deg": turn_deg(s, label),
                 "fitted_s": len(record.rows(label)) / record.rate_hz,
-                "recorded_s": float(np.ptp(record.time)),
                 "angle_noise_share": angle_noise_share(record, s, fit, label),
                 **without_lag(analysis, lag, label),
                 **of_trial,

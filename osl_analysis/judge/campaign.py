@@ -13,7 +13,7 @@ from osl_analysis.judge.known_findings import CHECKS, FINDINGS
 from osl_analysis.judge.limits import DoubtfulFits
 from osl_analysis.judge.recording_checks import spoiled_trials
 from osl_analysis.judge.words import words_of
-from osl_analysis.measured import SHORT, significant, unusual
+from osl_analysis.measured import significant
 
 MOST_NAMED = 3  # number of trials that a line names
 QUALITY = "quality"
@@ -50,7 +50,6 @@ def campaign_findings(
         by_row = judged(table, limits.of(name), name, faults)
         for row, of_row in zip(table.iter_rows(named=True), by_row, strict=True):
             worded.extend(WordedFinding(finding, words_of(finding, row)) for finding in of_row)
-    worded.extend(recordings_of_another_length(fits.get("impedance", pl.DataFrame())))
     return worded
 
 
@@ -100,23 +99,6 @@ def failed_checks(verdicts: pl.DataFrame) -> Iterator[WordedFinding]:
             size = f"{size} ({row['remark']})"
         finding = Finding(check.finding, QUALITY, row["trial"], grade, (evidence,))
         yield WordedFinding(finding, words_of(finding, row)._replace(size=size))
-
-
-def recordings_of_another_length(impedance: pl.DataFrame) -> Iterator[WordedFinding]:
-    """Trials of the stepped sine that are shorter or longer than most: half of a file looks whole,
-    and a wrongly stated rate changes the length. Other motions have no usual length."""
-    if not {"recorded_s", "excitation"} <= set(impedance.columns):
-        return
-    is_whole = pl.col("amplitude_deg").is_null() & (pl.col("recorded_s") > 0)
-    rows = impedance.filter(is_whole, excitation="stepped sine")
-    is_unusual, usual_s = unusual(rows["recorded_s"].to_numpy())
-    for row in rows.filter(is_unusual).select("trial", "recorded_s").to_dicts():
-        side, limit_s = "above", usual_s / SHORT
-        if row["recorded_s"] < usual_s:
-            side, limit_s = "below", SHORT * usual_s
-        evidence = Beyond("recorded_s", row["recorded_s"], limit_s, side)
-        finding = Finding("recording_length", "impedance", row["trial"], Grade.NOTES, (evidence,))
-        yield WordedFinding(finding, words_of(finding, {**row, "usual_s": usual_s}))
 
 
 def exclusion_report(verdicts: pl.DataFrame, by_sheet: Mapping[str, str]) -> str:

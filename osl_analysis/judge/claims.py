@@ -207,10 +207,8 @@ def rendered_claims(fits: pl.DataFrame, settings: Claims) -> Iterator[Claim]:
     for symbol, unit in UNITS.items():
         desired = f"{symbol[0]}_d"
         margin = settings.B
-        within = f"{margin} {unit}"
         if symbol == "K":
-            margin = settings.K_percent
-            within = f"{margin} %"
+            margin, unit = settings.K_percent, "%"
         rows = trials.drop_nulls([desired, symbol]) if symbol in trials.columns else trials.clear()
         if margin is None or rows.is_empty():
             continue
@@ -220,7 +218,7 @@ def rendered_claims(fits: pl.DataFrame, settings: Claims) -> Iterator[Claim]:
         verdict = "fails" if "different" in verdicts else "undecided"
         yield {
             "name": f"{symbol}_equivalent",
-            "claim": f"compensated trials have {symbol} within {within} of {desired}",
+            "claim": f"compensated trials have {symbol} within {margin:g} {unit} of {desired}",
             "quantity": "trials whose whole interval lies within",
             "unit": "trials",
             "value": equivalent,

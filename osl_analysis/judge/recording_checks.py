@@ -5,7 +5,7 @@ Measuring needs samples and no limits; judging needs a few numbers and no sample
 only judges again.
 """
 
-import math
+import re
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -41,20 +41,13 @@ class QualityRules(Settings):
     @model_validator(mode="before")
     @classmethod
     def _checks_are_known(cls, content: Any) -> Any:
-        thresholds = dict(content) if isinstance(content, Mapping) else {}
-        excluding = thresholds.pop("exclude", ())
-        for name in excluding if isinstance(excluding, list) else ():
+        thresholds = {**content}
+        for name in thresholds.pop("exclude", ()):
             if name not in CHECKS:
                 raise misplaced(unknown_check(str(name)), "exclude")
-        for name, threshold in thresholds.items():
+        for name in thresholds:
             if name not in CHECKS:
                 raise misplaced(unknown_check(str(name)), name)
-            if isinstance(threshold, Mapping):
-                raise misplaced(
-                    f"write its threshold alone, as `{name}: {threshold.get('threshold')}`, and"
-                    " name the check under quality.exclude if its failure excludes a trial",
-                    name,
-                )
         return content
 
     @property
@@ -76,22 +69,13 @@ def unknown_check(name: str) -> str:
 
 
 def validate_rules(rules: QualityRules, units: Mapping[str, str]) -> None:
-    """Refuse a threshold in another unit than that of `units`, by check, with InputError."""
+    """Refuse a threshold that is no number in the unit of its check with InputError."""
     for name, threshold in (rules.__pydantic_extra__ or {}).items():
-        if not is_threshold(threshold, units[name]):
+        if not re.fullmatch(rf"\d+(\.\d*)?(e-?\d+)? +{re.escape(units[name])}", threshold):
             raise InputError(
                 f"configuration, quality.{name}: threshold '{threshold}' must be a number from 0"
                 f" and its unit, as in '1 {units[name]}'"
             )
-
-
-def is_threshold(text: str, unit: str) -> bool:
-    """Whether a text is a number from 0 and this unit."""
-    number, _, written_unit = text.partition(" ")
-    try:
-        return written_unit.strip() == unit and 0 <= float(number) < math.inf
-    except ValueError:
-        return False
 
 
 def spoiled_trials(verdicts: pl.DataFrame) -> dict[str, str]:

@@ -3,6 +3,7 @@ of a pulse train that both recorded; by a gate that is high while the other one 
 the correlation of a joint's encoder with an angle between markers, whose scale, offset and sign may
 differ."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
@@ -77,12 +78,6 @@ def find_edges(time: Array, level: Array) -> Edges:
 def fit_clock(slave: Edges, master: Edges) -> ClockFit:
     """Match the edges by the pattern of their intervals, and fit offset and drift without outliers.
     An edge has the error of sampling, uniform within one interval."""
-    for (times, _, _), who in ((slave, "the log"), (master, "motion capture")):
-        if times.size < MINIMUM_EDGES:
-            raise InputError(
-                f"{times.size} sync edges in {who}, at least {MINIMUM_EDGES} are needed; check the"
-                " sync cable, or record longer"
-            )
     ours, _, step = slave
     theirs, _, their_step = master
     noise = float(np.hypot(step, their_step)) / np.sqrt(12)
@@ -126,9 +121,9 @@ def first_pairs(slave: Edges, master: Edges) -> tuple[Array, Array]:
                 rows, columns = np.nonzero(agrees)
                 return time[rows], master[0][columns]
     raise InputError(
-        f"{best} sync edges agree on one offset and {rival} on another, {MINIMUM_EDGES} and twice"
-        " as many are needed; see whether the log is this capture's, let the pulses vary in length,"
-        " or record longer"
+        f"{best} sync edges of the log agree with motion capture's on one offset and {rival} on"
+        f" another, {MINIMUM_EDGES} and twice as many are needed; check the sync cable and whether"
+        " the log is this capture's, let the pulses vary in length, or record longer"
     )
 
 
@@ -163,8 +158,6 @@ def robust_line(first: Array, second: Array, noise: float) -> tuple[ClockFit, ND
         )
     difference = second - first
     used = abs(difference - np.median(difference)) <= LARGEST_DRIFT * np.ptp(first) + 3.5 * noise
-    if used.sum() < MINIMUM_EDGES:
-        used[:] = True
     for _ in range(10):
         centre, level = first[used].mean(), difference[used].mean()
         information = ((first[used] - centre) ** 2).sum() + (noise / USUAL_DRIFT) ** 2
@@ -183,25 +176,22 @@ def robust_line(first: Array, second: Array, noise: float) -> tuple[ClockFit, ND
 
 
 FEWEST_SAMPLES = 48  # of a shared signal
-ONE_SIGNAL = 0.5  # smallest correlation of two recordings of one signal
 QUIET_SHARE = 0.05  # of a recording's variance, at least, where it hardly moves: noise would fit
 LEAST_OVERLAP = 0.5  # share of the shorter recording
+MOST_PEAKS = 3  # of the correlation, the highest ones, are compared
 LEAST_ODDS = 1000.0  # of the best place of a shared angle, over any other
-MOST_LONGER = 10.0  # times as long a recording, for it to be a remedy
 LEAST_MISFIT = 1e-3  # of the angle's SD: no two sensors of it agree better
 MEAN_S = 0.05  # a sine of 5 Hz keeps nine tenths of its amplitude
-REFINEMENTS = 5  # each leaves a small share of the lag before
 
 
 def correlate_clocks(slave: Signal, master: Signal) -> ClockFit:
     """Fit a clock by a signal that both recorded, whose scale, offset and sign may differ: the
-    highest peak of its correlation, refined by least squares.
+    likeliest peak of its correlation, refined by least squares.
 
     Raises
     ------
     InputError
-        A signal is too short or constant, both do not show the same, or another place is not far
-        less likely.
+        A signal is too short or constant, or another place is not far less likely.
     """
     fewest = min(slave[0].size, master[0].size)
     if fewest < FEWEST_SAMPLES or not min(np.ptp(slave[1]), np.ptp(master[1])) > 0:
@@ -209,89 +199,96 @@ def correlate_clocks(slave: Signal, master: Signal) -> ClockFit:
             f"the shared signal of one recorder is constant or has fewer than {FEWEST_SAMPLES}"
             " samples; check the channel and its sensor, or record longer"
         )
-    step, limit = sorted(float(np.median(np.diff(time))) for time, _ in (slave, master))
+    step = min(float(np.median(np.diff(time))) for time, _ in (slave, master))
     even = []
     for time, values in (slave, master):  # every `step` from the first sample on, without the mean
         on_grid = np.interp(np.arange(time[0], time[-1] + 1e-6 * step, step), time, values)
         even.append(on_grid - on_grid.mean())
     score = correlation(*even)
-    best = int(np.argmax(score))
-    if not score[best] >= ONE_SIGNAL:
-        raise InputError(
-            f"the shared signal of both recorders correlates by {score[best]:.2f} at best,"
-            f" {ONE_SIGNAL} is needed; check that both channels show the same thing"
-        )
-    lag_s = step * (best - even[0].size + 1)
-    fit, residual = refined(slave, master, ClockFit(master[0][0] + lag_s - slave[0][0]))
-    if fit.residual > limit:
-        raise InputError(
-            f"the shared signal tells the times to {1e3 * fit.residual:.2f} ms, within"
-            f" {1e3 * limit:.2f} ms is needed; check that both channels show the same thing"
-        )
-    low = np.flatnonzero(score < 0.5 * score[best])
-    elsewhere = score.copy()
-    elsewhere[low[low < best].max(initial=-1) + 1 : low[low > best].min(initial=score.size)] = 0.0
-    second = int(np.argmax(elsewhere))
-    misfit, other_misfit = np.sqrt(1 - np.minimum(score[[best, second]], 1.0) ** 2).tolist()
-    where = f"{step * (second - best):+.2f} s from the best"
-    second_place = likelihood_elsewhere(residual, misfit, other_misfit, where)
-    return replace(fit, second_place=second_place)
+    peaks, _ = scipy.signal.find_peaks(np.pad(score, 1), prominence=0.5 * score.max())
+    highest = peaks[np.argsort(score[peaks - 1])[-MOST_PEAKS:]]
+    return likeliest(master[0][0] - slave[0][0] + step * (highest - even[0].size), slave, master)
 
 
 def correlation(ours: Array, theirs: Array) -> Array:
     """Size of the correlation of two signals at every lag of `theirs` (m,) behind `ours` (n,), from
     1 - n on, over what overlaps; 0 where that is too little."""
-
-    def sums(x: Array, y: Array) -> Array:
-        return np.asarray(scipy.signal.fftconvolve(y, x[::-1]))
-
+    sums = partial(scipy.signal.correlate, method="fft")
     one, other = np.ones_like(ours), np.ones_like(theirs)
-    count = np.maximum(np.rint(sums(one, other)), 1)
-    sum_ours = sums(ours, other)
-    sum_theirs = sums(one, theirs)
-    scatter_ours = sums(ours**2, other) - sum_ours**2 / count
-    scatter_theirs = sums(one, theirs**2) - sum_theirs**2 / count
-    product = np.maximum(scatter_ours, QUIET_SHARE * ours @ ours)
-    product *= np.maximum(scatter_theirs, QUIET_SHARE * theirs @ theirs)
-    score = np.abs(sums(ours, theirs) - sum_ours * sum_theirs / count) / np.sqrt(product)
-    return np.where(count >= LEAST_OVERLAP * min(ours.size, theirs.size), score, 0.0)
+    power = np.maximum(sums(other, ours**2), QUIET_SHARE * ours @ ours)
+    power *= np.maximum(sums(theirs**2, one), QUIET_SHARE * theirs @ theirs)
+    overlaps = np.rint(sums(other, one)) >= LEAST_OVERLAP * min(ours.size, theirs.size)
+    return np.where(overlaps, np.abs(sums(theirs, ours)) / np.sqrt(power), 0.0)
 
 
-def refined(slave: Signal, master: Signal, fit: ClockFit) -> tuple[ClockFit, Array]:
-    """Refine a clock by least squares: the slave's signal is the master's, scaled and shifted, plus
-    its slope times what the clock is late. And what that leaves of the slave's signal."""
-    # of a mean, or else noise would be motion where the joint rests
-    width = max(round(MEAN_S * master[0].size / np.ptp(master[0])), 1)
-    smooth = scipy.ndimage.uniform_filter1d(master[1], width)
-    slope_of_master = np.gradient(smooth, master[0])
-    variance = float(np.var(slave[1]))
-    for _ in range(REFINEMENTS):
-        at = fit.to_master(slave[0])
-        inside = (at >= master[0][0]) & (at <= master[0][-1])
-        time = slave[0][inside] - slave[0][inside].mean()
-        signal = np.interp(at[inside], *master)
-        slope = np.interp(at[inside], master[0], slope_of_master)
-        columns = np.column_stack([signal - signal.mean(), np.ones_like(time), slope, slope * time])
-        values = slave[1][inside]
-        information = columns.T @ columns
-        scale = float(columns[:, 0] @ values) / information[0, 0]
-        known = columns.T @ values
-        of_crystals = variance / (scale * USUAL_DRIFT) ** 2
-        information[3, 3] += of_crystals
-        known[3] -= of_crystals * scale * fit.drift
-        solution = np.linalg.solve(information, known)
-        residual = values - columns @ solution
-        variance = float(residual @ residual) / independent_samples(residual)
-        late, drift = solution[2:] / scale
-        mean = slave[0][inside].mean()
-        fit = replace(fit, offset=fit.offset + late - drift * mean, drift=fit.drift + drift)
-    errors = variance * np.diag(np.linalg.inv(information))[2:] / scale**2
-    return replace(
-        fit,
-        drift_error=float(np.sqrt(errors[1])),
-        residual=float(np.sqrt(errors[0] + errors[1] * np.var(time))),
+def likeliest(offsets: Array, slave: Signal, master: Signal) -> ClockFit:
+    """Fit the clock at each of some offsets [s], (n,), and choose where the slave's signal is
+    nearest to the master's.
+
+    Raises
+    ------
+    InputError
+        Another place, or none, is not far less likely.
+    """
+    fits = [refined(slave, master, offset) for offset in offsets.tolist()]
+    misfits = [max(misfit, LEAST_MISFIT) for _, misfit, _ in fits] + [1.0]  # the last one: nowhere
+    order: list[int] = np.argsort(misfits).tolist()
+    best, second = order[:2]
+    fit, _, independent = fits[best]
+    likelihood = float((misfits[best] / misfits[second]) ** independent)
+    if likelihood * LEAST_ODDS > 1:
+        elsewhere = "nowhere"
+        if second < len(offsets):
+            elsewhere = f"elsewhere, {offsets[second] - offsets[best]:+.2f} s from the best place"
+        raise InputError(
+            f"the shared angle fits {elsewhere}, {likelihood:.2g} times as likely; check that both"
+            " channels show the same movement, and record longer, with one that does not repeat"
+        )
+    return replace(fit, second_place=likelihood)
+
+
+def refined(slave: Signal, master: Signal, offset: float) -> tuple[ClockFit, float, float]:
+    """Refine a clock by least squares: the slave's signal is the master's, scaled and shifted, at
+    the times of the clock. Both are means, or else noise would be motion where the joint rests.
+    And tell what that leaves, as a share of the signal's SD, and its number of independent
+    samples."""
+    time, values = means_of(*slave)
+    theirs = means_of(*master)
+    inside = (time + offset >= theirs[0][0]) & (time + offset <= theirs[0][-1])
+    time, values = time[inside], values[inside]
+    centre = float(time.mean())
+    of_crystals = 0.0  # scatter of the signal over that of the drift
+
+    def misfit(unknown: Array) -> Array:
+        scale, level, late, drift = unknown
+        at = time + offset + late + drift * (time - centre)
+        return np.append(values - level - scale * np.interp(at, *theirs), of_crystals * drift)
+
+    line = np.polyfit(np.interp(time + offset, *theirs), values, 1)
+    solution = scipy.optimize.least_squares(misfit, [*line, 0.0, 0.0], x_scale="jac")
+    residual = solution.fun[:-1]
+    independent = independent_samples(residual)
+    scatter = float(np.std(residual)) * math.sqrt(time.size / independent)
+    of_crystals = scatter / USUAL_DRIFT
+    solution = scipy.optimize.least_squares(misfit, solution.x, x_scale="jac")
+    jacobian = np.asarray(solution.jac)
+    errors = scatter**2 * np.diag(np.linalg.inv(jacobian.T @ jacobian))
+    late, drift = solution.x[2:].tolist()
+    fit = ClockFit(
+        offset + late - drift * centre,
+        drift,
+        drift_error=math.sqrt(errors[3]),
+        residual=math.sqrt(errors[2] + errors[3] * float(np.var(time))),
         method="correlation",
-    ), residual
+    )
+    return fit, float(np.std(residual) / np.std(values)), independent
+
+
+def means_of(time: Array, values: Array) -> Signal:
+    """A signal averaged over `MEAN_S`."""
+    width = max(round(MEAN_S * time.size / np.ptp(time)), 1)
+    weights = np.full(width, 1 / width)
+    return np.convolve(time, weights, "valid"), np.convolve(values, weights, "valid")
 
 
 def independent_samples(residual: Array) -> float:
@@ -312,37 +309,6 @@ def independent_samples(residual: Array) -> float:
     if not mean_square_of_spectrum > 0:
         return 1.0
     return float(n * np.mean(inner) ** 2 / mean_square_of_spectrum)
-
-
-def likelihood_elsewhere(residual: Array, misfit: float, other_misfit: float, where: str) -> float:
-    """Tell how likely a shared angle is at another place, over that at the best one.
-
-    Parameters
-    ----------
-    residual
-        At the best place (n,).
-    misfit, other_misfit
-        RMS of the residuals at the best and at the other place, as shares of the angle's SD.
-    where
-        The other place, for the message.
-
-    Raises
-    ------
-    InputError
-        It is not far less likely.
-    """
-    ratio = max(other_misfit, LEAST_MISFIT) / max(misfit, LEAST_MISFIT)
-    log_odds = max(independent_samples(residual) * float(np.log(ratio)), 0.0)
-    needed = float(np.log(LEAST_ODDS))
-    if log_odds >= needed:
-        return float(np.exp(-log_odds))
-    remedy = "add one movement that does not repeat"
-    if MOST_LONGER * log_odds > needed:
-        remedy = f"record {needed / log_odds:.1f} times as long, or {remedy}"
-    raise InputError(
-        f"the shared angle fits elsewhere, {where}, {np.exp(-log_odds):.2g} times as likely"
-        f" (misfits {other_misfit:.2g} and {misfit:.2g} of its SD); {remedy}"
-    )
 
 
 def gate_fit(
@@ -370,47 +336,21 @@ def gate_fit(
     capture_step = float(np.median(np.diff(time))) if time.size > 1 else 0.0
     length = float(np.ptp(time)) + capture_step
     slack = GATE_STEPS * max(step, capture_step) + LARGEST_DRIFT * length
-    starts = edges[:-1][is_rising[:-1] & (np.abs(np.diff(edges) - length) <= slack)]
-    second_place = 0.0
-    if starts.size > 1 and angles is not None:
-        starts, second_place = likeliest_start(starts, *angles())
-    if starts.size != 1:
-        remedy = "align the clocks by an angle that both recorded: `clock: shared`"
-        if starts.size:
-            remedy = "name the angle that both recorded, `shared` in the capture's source file"
+    offsets = -edges[:-1][is_rising[:-1] & (np.abs(np.diff(edges) - length) <= slack)]
+    residual = float(np.hypot(step, capture_step)) / np.sqrt(12)
+    fit = ClockFit(0.0, 0.0, residual / length, residual, edges=2, method="gate")
+    if offsets.size > 1 and angles is not None:
+        by_angle = likeliest(offsets, *angles())
+        fit = replace(fit, second_place=by_angle.second_place)
+        offsets = offsets[[np.argmin(np.abs(offsets - by_angle.offset))]]
+    if offsets.size != 1:
         raise InputError(
             "the sync line of motion capture has no edge: it is a gate, or nothing is connected,"
-            f" and {starts.size} pulses of the log are as long as the capture ({length:.3f} s);"
-            f" {remedy}"
+            f" and {offsets.size} pulses of the log are as long as the capture ({length:.3f} s);"
+            " align the clocks by an angle that both recorded, `shared` in the capture's source"
+            " file"
         )
-    residual = float(np.hypot(step, capture_step)) / np.sqrt(12)
-    return ClockFit(
-        -float(starts[0]), 0.0, residual / length, residual, edges=2, method="gate",
-        second_place=second_place,
-    )  # fmt: skip
-
-
-def likeliest_start(starts: Array, ours: Signal, theirs: Signal) -> tuple[Array, float]:
-    """Choose the time [s] in the log, of two or more, at which a capture began, (1,), and tell how
-    likely the second-best one is, over it.
-
-    It is where the angle of the log, scaled and shifted, is nearest to that of the capture.
-
-    Raises
-    ------
-    InputError
-        Another one is not far less likely.
-    """
-    time, angle = theirs
-    residuals = []
-    for start in starts:
-        columns = np.column_stack([np.interp(start + time, *ours), np.ones_like(time)])
-        residuals.append(angle - columns @ np.linalg.lstsq(columns, angle, rcond=None)[0])
-    misfits = np.std(residuals, axis=1) / max(float(np.std(angle)), np.finfo(float).tiny)
-    best, second = np.argsort(misfits)[:2].tolist()
-    where = f"at {starts[second]:.1f} s of the log in place of {starts[best]:.1f} s"
-    likelihood = likelihood_elsewhere(residuals[best], misfits[best], misfits[second], where)
-    return starts[[best]], likelihood
+    return replace(fit, offset=float(offsets[0]))
 
 
 def aligned_clock(

@@ -16,7 +16,6 @@ from osl_analysis.errors import InputError, listing
 from osl_analysis.ingest.guard import recorded, stated_range
 from osl_analysis.ingest.leaps import find_leaps
 from osl_analysis.ingest.repeats import (
-    ends_in_leap,
     has_levels,
     repeats,
     run_at_extreme,
@@ -118,11 +117,15 @@ def measure_jitter(examined: Examined) -> CheckResult:
 
 
 def measure_gap(examined: Examined) -> CheckResult:
-    gaps: dict[str, float] = {}
-    for column, steps in examined.steps.items():
-        usual = float(np.median(steps))
-        gaps[column] = steps.max() - usual if steps.max() > 1.5 * usual else 0.0
+    gaps = {column: longest_gap(steps) for column, steps in examined.steps.items()}
     return worst(gaps, "no channel has three samples")
+
+
+def longest_gap(steps: Array) -> float:
+    """The longest of sampling steps (n,) [s] beyond the usual one; 0 if none is longer than 1.5."""
+    usual = float(np.median(steps)) if steps.size else 0.0
+    longest = float(steps.max(initial=0.0))
+    return longest - usual if longest > 1.5 * usual else 0.0
 
 
 def measure_clock(examined: Examined) -> CheckResult:
@@ -217,7 +220,8 @@ def measure_protocol(examined: Examined) -> CheckResult:
 
 
 def differences(alike: Likeness, protocol: SteppedSineProtocol) -> list[str]:
-    """What a recorded stepped sine has otherwise than it was commanded, in words."""
+    """What a recorded stepped sine has otherwise than it was commanded, in words. Sizes are
+    compared at the slowest frequency: a bench loses least there."""
     commanded = defaultdict[tuple[float, float], float](float)
     counts = protocol.cycles_at or (math.nan,) * len(protocol.frequencies_hz)
     for amplitude in protocol.amplitudes:
@@ -231,6 +235,7 @@ def differences(alike: Likeness, protocol: SteppedSineProtocol) -> list[str]:
             remarks.append(f"besides {run}")
         else:
             followed[near].append(run)
+    slowest = min(protocol.frequencies_hz)
     for (amplitude, frequency), cycles in commanded.items():
         runs = followed[amplitude, frequency]
         if not runs:
@@ -240,24 +245,13 @@ def differences(alike: Likeness, protocol: SteppedSineProtocol) -> list[str]:
         slack = max(OTHER_CYCLES * cycles, UNSEEN_CYCLES * len(runs))
         if cycles < recorded_cycles - slack or cycles > MOST_IN_RAMPS * recorded_cycles + slack:
             remarks.append(f"{listing([str(run) for run in runs], 3)}, commanded are {cycles:g}")
-    return remarks + other_sizes(alike.runs, protocol)
-
-
-def other_sizes(runs: Sequence[Run], protocol: SteppedSineProtocol) -> list[str]:
-    """A sentence per amplitude that is off its command at the slowest frequency: a bench loses
-    least there. As all may be off by one factor, they are matched by their order."""
-    slowest = min(protocol.frequencies_hz)
-    sizes = [run.amplitude for run in runs if protocol.frequency_near(run.frequency_hz) == slowest]
-    sizes = [size for size in sizes if protocol.amplitude_near(size) is not None]
-    if len(sizes) != len(protocol.amplitudes):
-        return []
-    return [
-        f"{np.rad2deg(size):.3g} deg at {slowest:g} Hz, commanded are {np.rad2deg(amplitude):g}"
-        f" deg (if the joint did them, theta is {size / amplitude:.3g} times its angle, and K"
-        f" {amplitude / size:.3g} times its own)"
-        for size, amplitude in zip(sorted(sizes), sorted(protocol.amplitudes), strict=True)
-        if abs(size / amplitude - 1) > OTHER_SIZE
-    ]
+        size = runs[0].amplitude / amplitude
+        if frequency == slowest and abs(size - 1) > OTHER_SIZE:
+            remarks.append(
+                f"{runs[0]}, commanded are {np.rad2deg(amplitude):g} deg (if the joint did them,"
+                f" theta is {size:.3g} times its angle, and K {1 / size:.3g} times its own)"
+            )
+    return remarks
 
 
 # Sensors that stand at an end of their range, that stand still, and that leap.
@@ -334,37 +328,35 @@ def saturated(trial: Trial, torque: str = "torque", other: str = "theta") -> pl.
 
 def measure_stuck(examined: Examined) -> CheckResult:
     """Longest time [s] that a channel repeats one value: a noisy one, while the joint moves if it
-    ever does; and an angle that leaps afterwards, while its command or else the torque changes.
-    These do not count: a joint at rest in static and plate trials; a channel that the experiment
-    does not use, such as a locked motor; a command, which has levels."""
+    ever does; and an angle from some time to the end, while its command or else the torque changes
+    (behind an earlier time it leaps, see `measure_dropout`). These do not count: a joint at rest in
+    static and plate trials; a channel that the experiment does not use, such as a locked motor; a
+    command, which has levels."""
     trial = examined.trial
     experiment = examined.experiment
     seconds = {
         name: (facts["stands_to_s"] or 0.0) - (facts["stands_from_s"] or 0.0)
         for name, facts in raw_channels(trial).items()
     }
-    driven = experiment.motion or "theta"
-    moved = driven if driven in trial.columns else "theta"
+    moved = experiment.motion or "theta"
     at, angle = recorded(trial, moved)
     turns = bool((angle != angle[:1]).any())
-    if angle.size and not turns and (experiment.motion or experiment.tables):
-        seconds[moved] = float(np.ptp(at))
     for name in noisy_channels(trial):
         time, values = recorded(trial, name)
         is_live = np.ptp(values) > 0
-        is_command = name == "current" and has_levels(values) and is_live
-        if is_command or not experiment.uses(name):
+        if not experiment.uses(name) or (name == "current" and is_live and has_levels(values)):
             continue
         edges = repeats(values)
         if turns and is_live:
             edges = standing_runs(time, values, np.interp(time, at, angle))
         seconds[name] = longest_s(time, edges)
-    time, theta = recorded(trial, "theta")
     by = "theta_command" if "theta_command" in trial.columns else "torque"
-    at, reference = recorded(trial, by)
-    if theta.size > 1 and reference.size:
-        edges = standing_runs(time, theta, np.interp(time, at, reference), CLEAR_CHANGE)
-        seconds.setdefault("theta", longest_s(time, edges[ends_in_leap(theta, edges)]))
+    reference = recorded(trial, by)
+    if turns and reference[0].size:
+        edges = standing_runs(at, angle, np.interp(at, *reference), CLEAR_CHANGE)
+        seconds[moved] = longest_s(at, edges[edges[:, 1] == angle.size])
+    elif angle.size and (experiment.motion or experiment.tables):
+        seconds[moved] = 0.0 if turns else float(np.ptp(at))
     return worst(seconds, "no torque, current or plate")
 
 
@@ -409,15 +401,12 @@ def measure_marker_gap(examined: Examined) -> CheckResult:
     time if it was never seen. The remark counts the markers with gaps."""
     gaps: dict[str, float] = {}
     for column in examined.trial.columns:
-        if not column.startswith("marker_") or not column.endswith("_x"):
-            continue
-        time, x = examined.trial.arrays(column)
-        usual = usual_step(np.diff(time))
-        longest = float(np.diff(time[~np.isnan(x)]).max(initial=0.0))
-        if np.isnan(x).all() and time.size:
-            longest = float(np.ptp(time))
-        marker = column.removeprefix("marker_").removesuffix("_x")
-        gaps[marker] = longest - usual if longest > 1.5 * usual else 0.0
+        if column.startswith("marker_") and column.endswith("_x"):
+            time, x = examined.trial.arrays(column)
+            seen = time[~np.isnan(x)]
+            whole = float(time.max(initial=0.0))
+            marker = column.removeprefix("marker_").removesuffix("_x")
+            gaps[marker] = longest_gap(np.diff(seen)) if seen.size else whole
     hidden = worst(gaps, "no markers")
     if not hidden.value:
         return hidden
@@ -429,7 +418,6 @@ def measure_marker_gap(examined: Examined) -> CheckResult:
 
 PART_S = 0.2  # of a force, whose level is its mean
 AT_REST_N = 20.0  # largest standard deviation of a plate at rest, and largest level of a bare one
-PERSON_N = 200.0  # the weight of a person, at least
 LOADED_N = 100.0  # below, noise and a moving platform shift the centre of pressure
 FEWEST_LOADED = 10  # samples
 
@@ -451,11 +439,6 @@ def measure_unzeroed_plate(examined: Examined) -> CheckResult:
     if not levels:
         return not_applicable("no plate, or none at rest and bare")
     remarks = [f"{plate} {level:.1f} N" for plate, level in levels.items()]
-    if min(levels.values()) <= -PERSON_N:  # of a plate that was zeroed
-        remarks.append(
-            "a person's weight with the wrong sign: correct the plate's `sign` or corners, or"
-            " `axes` in the source file, unless it was zeroed while somebody stood on it"
-        )
     return CheckResult(max(abs(level) for level in levels.values()), ", ".join(remarks))
 
 

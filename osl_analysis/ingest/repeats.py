@@ -18,8 +18,6 @@ MEANS = 16  # of a reference during a run, which scatter less than single sample
 LONGEST_MEAN_S = 0.05  # a sine of 5 Hz keeps nine tenths of its amplitude
 NOISE_SDS = 8.0  # of such a mean, that are a change
 
-LEAP_STEPS = 3.0  # times the steps behind it, by which an angle leaps that was frozen
-STEPS_BEHIND = 5
 MOST_REPEATED = 0.3  # share of a channel's samples; a command, whose levels have no noise, has more
 
 
@@ -111,13 +109,3 @@ def standing_runs(
     noise = noise_of(reference) / np.sqrt(np.maximum(width[:, 0], 1.0))
     changes = np.maximum(least * np.ptp(reference), NOISE_SDS * noise)
     return np.asarray(edges[np.ptp(means, axis=1) > changes])
-
-
-def ends_in_leap(values: Array, edges: NDArray[np.intp]) -> NDArray[np.bool_]:
-    """Whether a channel (n,) leaps behind runs (k, 2) of one value, or has no other one behind: a
-    joint that was held moves on slowly."""
-    steps = np.pad(np.abs(np.diff(values)), (0, STEPS_BEHIND + 1))
-    smallest = steps[steps > 0].min(initial=np.inf)
-    leap, *behind = steps[edges[:, 1:] + np.arange(-1, STEPS_BEHIND)].T
-    usual = np.maximum(np.max(behind, axis=0), smallest)
-    return np.asarray((leap > LEAP_STEPS * usual) | (edges[:, 1] == values.size))

@@ -150,8 +150,8 @@ TURNING = np.sin(np.arange(1000) / 10)
 
 
 @pytest.mark.parametrize(("theta", "words", "is_tried"), [
-    (7 * TURNING, "is it another channel", True),
-    (TURNING % (2 * np.pi), "as where an encoder begins anew", False),
+    (7 * TURNING, "is it another channel or unit", True),
+    (TURNING % (2 * np.pi), "as an encoder that begins anew", False),
 ])  # fmt: skip
 def test_another_unit_of_a_too_large_angle_is_tried_where_nothing_jumps(theta, words, is_tried):
     samples = {"time": np.arange(1000) / 100, "theta": theta, "torque": 9 * theta}

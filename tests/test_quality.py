@@ -25,7 +25,7 @@ from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError
 from osl_analysis.formats import known_formats
 from osl_analysis.ingest.conversion import origin_of
-from osl_analysis.ingest.guard import check_ranges
+from osl_analysis.ingest.guard import check_sizes
 from osl_analysis.ingest.quality import (
     UNITS,
     CheckResult,
@@ -632,9 +632,9 @@ def test_a_command_at_its_level_is_no_rail_a_clipped_current_and_a_stated_end_ar
         assert least <= samples_at_rail(Trial("a", samples, origin), column, "torque") <= most
     # electronics reach a hundredth of the range further
     for low, high in ((-61.1, 61.1), (-61.3, 0.0), (0.0, 61.3)):
-        trial = Trial("a", pl.DataFrame({"time": [0.0, 1.0], "torque": [low, high]}), origin)
+        samples = pl.DataFrame({"time": [0.0, 1.0], "torque": [low, high]})
         with pytest.raises(InputError, match="beyond") if low + high else nullcontext():
-            check_ranges(trial)
+            check_sizes(samples, origin["columns"])
 
 
 def test_a_stated_range_is_that_of_the_sensor_whatever_its_sign_and_offset():
@@ -657,9 +657,7 @@ def test_a_log_with_values_beyond_the_stated_range_is_not_ingested(tmp_path):
     source = {"format": "csv", "time": {"column": "t", "unit": "s"}, "channels": {"torque": torque}}
     (tmp_path / "cell.yaml").write_text(yaml.safe_dump(source))
     row = {"trial": "a", "experiment": "ingest_only", "log": "log.csv", "log_source": "cell"}
-    beyond = (
-        r"trial a: torque goes from -21 to 21 N\*m, beyond the `range` of its sensor, -20.5 to 20.5"
-    )
+    beyond = r"torque is 2\S+ N\*m at \S+ s, beyond the `range` of its sensor, -20.5 to 20.5"
     with pytest.raises(InputError, match=beyond):
         ingest_trial(row, tmp_path, tmp_path, tmp_path / "a.parquet")
     assert not (tmp_path / "a.parquet").exists()

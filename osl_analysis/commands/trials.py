@@ -14,7 +14,6 @@ from osl_analysis.draft.recorded_channel import Overview, RecordedChannel
 from osl_analysis.errors import InputError, printable
 from osl_analysis.formats import formats_of
 from osl_analysis.ingest import raw_files
-from osl_analysis.ingest.guard import check_ranges
 from osl_analysis.ingest.quality import Commanded, measure_quality, measured_table
 from osl_analysis.signals.grid import with_stamp_evidence
 from osl_analysis.table import write_table
@@ -56,7 +55,6 @@ def checked_trial(
     # those of the log tell all
     if facts is not None and facts.place == "walkway" and not needed_columns:
         raw_files.check_markers(trial, row["experiment"])
-    check_ranges(trial)
     return with_stamp_evidence(trial)
 
 

@@ -2,7 +2,7 @@
 recordings of a bench that no fit can use are refused."""
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -31,24 +31,25 @@ LARGEST_MEASURED = {  # largest possible size of a value, by its SI unit
 }
 
 
-def check_sizes(samples: pl.DataFrame, columns: Collection[str]) -> None:
-    """Refuse values beyond `LARGEST_MEASURED`, and infinite ones. NaN passes: it marks a value that
-    was not seen."""
-    time = samples["time"].to_numpy()
-    sizes = samples.select(
-        pl.max_horizontal(pl.col(column).max(), -pl.col(column).min()).alias(column)
-        for column in columns
-    )
-    for column, largest in sizes.row(0, named=True).items():
-        bound = LARGEST_MEASURED[unit_of(column)]
-        if (largest or 0.0) > bound:
-            values = samples[column].to_numpy()
-            beyond = np.abs(values) > bound
-            row = int(np.argmax(beyond))
+BEYOND_RANGE = 0.01  # share of it; electronics reach a little further than data sheets
+
+
+def check_sizes(samples: pl.DataFrame, origins: Mapping[str, Mapping[str, Any]]) -> None:
+    """Refuse values beyond the range of the sensor as the source file states it, else beyond
+    `LARGEST_MEASURED`. NaN passes: it marks a value that was not seen."""
+    for column, origin_of_column in origins.items():
+        unit = unit_of(column)
+        bound = LARGEST_MEASURED[unit]
+        low, high = origin_of_column.get("range", (-bound, bound))
+        slack = BEYOND_RANGE * (high - low)
+        values = samples[column].to_numpy()
+        is_beyond = (values < low - slack) | (values > high + slack)
+        if is_beyond.any():
+            row = int(np.argmax(is_beyond))
+            what = "the `range` of its sensor" if high < bound else "what anything here can reach"
             raise InputError(
-                f"{column} is {values[row]:.4g} {unit_of(column)} at {time[row]:.3f} s, and beyond"
-                f" ±{bound:g} in {beyond.sum()} of {np.count_nonzero(~np.isnan(values))} samples:"
-                " nothing here can be so large; correct its unit or scale in the source file, or"
+                f"{column} is {values[row]:.4g} {unit} at {samples['time'][row]:.3f} s, beyond"
+                f" {what}, {low:g} to {high:g}; correct its unit or scale in the source file, or"
                 " repair the recording or the byte order it states"
             )
 
@@ -68,25 +69,6 @@ def stated_range(trial: Trial, column: str) -> tuple[float, float] | None:
     if not stated."""
     ends = origin(trial, column).get("range")
     return (float(ends[0]), float(ends[1])) if ends else None
-
-
-BEYOND_RANGE = 0.01  # share of it; electronics reach a little further than data sheets
-
-
-def check_ranges(trial: Trial) -> None:
-    """Refuse values beyond the sensor's range as the source file states it (InputError)."""
-    for column in trial.columns:
-        ends = stated_range(trial, column)
-        if ends is None:
-            continue
-        values = recorded(trial, column)[1]
-        slack = BEYOND_RANGE * (ends[1] - ends[0])
-        if ((values < ends[0] - slack) | (values > ends[1] + slack)).any():
-            raise InputError(
-                f"trial {trial.name}: {column} goes from {values.min():.4g} to {values.max():.4g}"
-                f" {unit_of(column)}, beyond the `range` of its sensor, {ends[0]:g} to"
-                f" {ends[1]:g}; correct `unit`, `scale` or `range` in the source file"
-            )
 
 
 # Recordings of a bench that are refused before a fit.
@@ -147,11 +129,12 @@ def check_recording(
             " file"
         )
     if angle is not None and turn > limits.largest_angle:
-        cause, changes = causes_of_large_angle(trial, torque, angle, limits.largest_angle)
         raise InputError(
             f"{who} {angle} turns by +-{turn:.3g} rad ({math.degrees(turn):.0f} deg), more than the"
-            f" {limits.largest_angle:g} rad of `largest_angle` in the configuration; {cause}",
-            changes,
+            f" {limits.largest_angle:g} rad of `largest_angle` in the configuration; is it another"
+            f" channel or unit, or swapped with {torque}? Correct it in the source file, and where"
+            " it jumps as an encoder that begins anew, state after how much, as `wraps_at: 360`",
+            changes_of_angle(trial, torque, angle, limits.largest_angle),
         )
     largest = float(np.abs(measured).max(initial=0.0))
     if limits.load_cell_range is not None and largest > limits.load_cell_range:
@@ -163,27 +146,18 @@ def check_recording(
         )
 
 
-def causes_of_large_angle(
+def changes_of_angle(
     trial: Trial, torque: str, angle: str, largest_angle: float
-) -> tuple[str, list[Change]]:
-    """The likely cause of an angle beyond the largest, with its remedy, and the changes to try."""
+) -> Sequence[Change]:
+    """What may mend an angle beyond the largest. None does where it begins anew."""
     turned = recorded(trial, angle)[1]
     if np.abs(np.diff(turned)).max() > OF_BEGINNING_ANEW * np.ptp(turned):
-        cause = (
-            "it jumps so far from a row to the next, as where an encoder begins anew: state after"
-            " how much of its own unit, as `wraps_at: 360` or 65536, in the source file"
-        )
-        return cause, []
-    change = half_range(trial, torque)
-    if 0 < change < largest_angle:
-        cause = (
-            f"{torque} has +-{change:.2g} N*m only, are the two swapped? Correct them in the source"
-            " file"
-        )
-        return cause, swapped_channels(trial, angle, torque)
-    too_large = [name for name in ANGLES if half_range(trial, name) > largest_angle]
-    cause = "is it another channel, or of another unit or scale? Correct it in the source file"
-    return cause, in_other_units(trial, too_large)
+        return ()
+    if 0 < half_range(trial, torque) < largest_angle:
+        return swapped_channels(trial, angle, torque)
+    return in_other_units(
+        trial, [name for name in ANGLES if half_range(trial, name) > largest_angle]
+    )
 
 
 def swapped_channels(trial: Trial, angle: str, torque: str) -> list[Change]:

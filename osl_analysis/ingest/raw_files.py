@@ -5,7 +5,7 @@ import hashlib
 import os
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -54,18 +54,13 @@ def recorded_files(path: Path) -> list[Path]:
 def recordings_in(folder: Path) -> list[Path]:
     """Files and folders below a folder that may be recordings, by their endings, or of
     `ENDINGS_OF_ANY` by what they begin with."""
-    found: list[Path] = []
-    taken: set[Path] = set()
+    recordings: dict[Path, None] = {}
     for path in sorted(folder.rglob("*")):
-        if any(parent in taken for parent in path.parents):
-            continue
-        if path.is_dir():
-            if formats.formats_of(path):
-                found.append(path)
-                taken.add(path)
-        elif path.is_file() and may_be_recording(path):
-            found.append(path)
-    return found
+        is_folder = path.is_dir() and formats.formats_of(path)
+        is_part = not recordings.keys().isdisjoint(path.parents)
+        if not is_part and (is_folder or (path.is_file() and may_be_recording(path))):
+            recordings[path] = None
+    return [*recordings]
 
 
 def may_be_recording(path: Path) -> bool:
@@ -99,18 +94,16 @@ def read_source(path: Path) -> Source:
     name = str(content.get("format", ""))
     known = known_formats()
     if name not in known:
-        what = "format is missing"
-        if name:
-            line = field_line(path, ("format",))
-            what = f"line {line}: format: '{name}' is not allowed"
-        raise InputError(f"{path}: {what}: write one of {', '.join(known)}{nearest(name, known)}")
+        raise InputError(
+            f"{path}: format '{name}' is not known: write one of"
+            f" {', '.join(known)}{nearest(name, known)}"
+        )
     places = list(open_places(content))
     if places:
         where = [f"`{dotted(place)}` in line {field_line(path, place)}" for place in places]
-        are = "place is" if len(places) == 1 else "places are"
         columns = ", ".join(column for column in COLUMNS if column != "time")
         raise InputError(
-            f"{path}: a draft of `osl-analysis inspect` in which {len(places)} {are} to be edited:"
+            f"{path}: a draft of `osl-analysis inspect` with places to be edited:"
             f" {listing(where, 6)}; give each signal that you need its canonical name ({columns}),"
             f" state each {UNKNOWN}, and delete the other lines of `channels`"
         )
@@ -167,17 +160,6 @@ def read_converted(path: Path, source: Source) -> Converted:
     return replace(converted, warnings=warnings)
 
 
-@dataclass(frozen=True)
-class RawFile:
-    """A recording of a trial, as its row of the sheet names it."""
-
-    role: str  # `log` or `mocap`
-    name: str  # relative to the folder of raw data
-    source_name: str
-    path: Path
-    source: Source
-
-
 def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: Path) -> Trial:
     """Make the trial whose raw files one row of the sample sheet names.
 
@@ -197,25 +179,32 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
     """
     cells = {column: value.strip() for column, value in row.items() if isinstance(value, str)}
     name = cells.get("trial", "")
-    raw_files = [
-        named_file(name, role, cells, raw_folder, sources_folder)
-        for role in ("log", "mocap")
-        if cells.get(role)
-    ]
-    if not raw_files:
+    files = {role: cells[role] for role in ("log", "mocap") if cells.get(role)}
+    if not files:
         raise InputError(
             f"trial {name}: the sheet names no file; fill in log or mocap, or exclude the trial"
         )
-    sources = {one.role: one.source for one in raw_files}
+    sources: dict[str, Source] = {}
+    for role, file in files.items():
+        described = cells.get(f"{role}_source", "")
+        if not described:
+            raise InputError(
+                f"trial {name}: {role}_source is empty; name the file in {sources_folder} for"
+                f" {file}"
+            )
+        check_file(raw_folder / file)
+        sources[role] = read_source(sources_folder / f"{described}.yaml")
     if len(sources) == 2:
         check_clocks(sources["log"], sources["mocap"])
     recordings: dict[str, Converted] = {}
     identities: dict[str, dict[str, Any]] = {}
-    for raw_file in raw_files:
-        part = cells.get("log_part", "")
-        recordings[raw_file.role], identities[raw_file.role] = read_raw_file(raw_file, part)
-    names = ", ".join(raw_file.name for raw_file in raw_files)
-    with naming(f"trial {name} ({names})"):
+    for role, file in files.items():
+        source = sources[role]
+        if isinstance(source, LogSource):
+            source = source.of_part(cells.get("log_part", ""))
+        recordings[role], identity = read_raw_file(raw_folder / file, source)
+        identities[role] = {**identity, "path": file, "source": cells[f"{role}_source"]}
+    with naming(f"trial {name} ({', '.join(files.values())})"):
         trial = assemble(
             name,
             recordings,
@@ -233,23 +222,7 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
     return trial
 
 
-def named_file(
-    trial: str, role: str, cells: Mapping[str, str], raw_folder: Path, sources_folder: Path
-) -> RawFile:
-    """The file that a row of the sheet names for a role, with its source file."""
-    source_name = cells.get(f"{role}_source", "")
-    if not source_name:
-        raise InputError(
-            f"trial {trial}: {role}_source is empty; name the file in {sources_folder} for"
-            f" {cells[role]}"
-        )
-    path = raw_folder / cells[role]
-    check_file(path)
-    source = read_source(sources_folder / f"{source_name}.yaml")
-    return RawFile(role, cells[role], source_name, path, source)
-
-
-def read_raw_file(raw_file: RawFile, part: str) -> tuple[Converted, dict[str, Any]]:
+def read_raw_file(path: Path, source: Source) -> tuple[Converted, dict[str, Any]]:
     """Read a recording, and identify it for the provenance.
 
     Raises
@@ -257,14 +230,11 @@ def read_raw_file(raw_file: RawFile, part: str) -> tuple[Converted, dict[str, An
     InputError
         It changes while it is read.
     """
-    source = raw_file.source
-    if isinstance(source, LogSource):
-        source = source.of_part(part)
-    files = recorded_files(raw_file.path)
+    files = recorded_files(path)
     before = [written_at(file) for file in files]
     identities = [identity_of(file) for file in files]
     try:
-        converted = read_converted(raw_file.path, source)
+        converted = read_converted(path, source)
     finally:  # also where it cannot be read: it may have changed in between
         for file, then in zip(files, before, strict=True):
             if not file.is_file() or written_at(file) != then:
@@ -272,10 +242,7 @@ def read_raw_file(raw_file: RawFile, part: str) -> tuple[Converted, dict[str, An
                     f"{file}: the file changed while it was read; wait until it is recorded or"
                     " copied, then run again"
                 )
-    identity = identities[0]
-    if raw_file.path.is_dir():
-        identity = identity_of_folder(identities)
-    return converted, {**identity, "path": raw_file.name, "source": raw_file.source_name}
+    return converted, identity_of_folder(identities) if path.is_dir() else identities[0]
 
 
 def check_columns(trial: Trial, experiment: str | None, needed: Sequence[str]) -> None:
@@ -309,21 +276,15 @@ def check_file(path: Path) -> None:
     """Refuse a file that is missing or empty, and what is no recording: a device, a pipe, a folder
     without parts."""
     if path.is_dir():
-        folder_formats = formats.formats_of(path)
-        if not folder_formats:
+        if not formats.formats_of(path):
             raise InputError(f"{path}: a folder, and no recording; name a file in it")
-        folder_formats[0].files_in(path)
+        formats.formats_of(path)[0].files_in(path)
         return
-    if path.exists() and not path.is_file():
-        raise InputError(
-            f"{path}: a device or a pipe, not a recording; name a file, or copy its content"
-            " into one"
-        )
     if not path.is_file():
-        advice = "correct the sample sheet, or copy the file there"
-        if "*" in path.name:
-            advice = "a trial has one log: name it, or join the logs to one file before"
-        raise InputError(f"{path}: no such file; {advice}")
+        what = "a device or a pipe, not a recording" if path.exists() else "no such file"
+        raise InputError(
+            f"{path}: {what}; correct the sample sheet, which names one file, or copy it there"
+        )
     check_not_refused(path)
     if path.stat().st_size == 0:
         raise InputError(

@@ -20,15 +20,13 @@ from osl_analysis.ingest.conversion import (
 )
 from osl_analysis.ingest.force_plates import (
     PlateLoad,
-    checked_length,
     convert_plate,
-    unloaded_samples,
+    metres_per,
 )
 from osl_analysis.plates import own_axes
 from osl_analysis.recording import Channel, Kind, Plate, Recording, Rows
 from osl_analysis.source_file import LaboratorySource, MarkerSource
 from osl_analysis.trial import AXES, Array, marker_columns, unit_of
-from osl_analysis.units import si_factor
 
 LEAST_LEVEL = 0.9  # of a plate's normal along the vertical axis
 LEAST_MOVED = 0.1  # of what lies between markers, by which those of a walker move
@@ -55,8 +53,10 @@ def convert_capture(recording: Recording, source: MarkerSource) -> Converted:
     of_samples: dict[str, Array] = {}
     used_rows = [marker.rows for marker in markers]
     loads: list[PlateLoad] = []
+    baseline = None
     if isinstance(source, LaboratorySource):
-        loads = plate_loads(recording, source)
+        baseline = baseline_frames(recording, source)
+        loads = plate_loads(recording, source, baseline)
         for load in loads:
             of_samples.update(load.columns)
             origins.update(load.origins)
@@ -90,8 +90,8 @@ def convert_capture(recording: Recording, source: MarkerSource) -> Converted:
         "axes": source.axes,
         "plates": [load.facts for load in loads],
     }
-    if loads and isinstance(source, LaboratorySource):
-        facts["plate_zero_frames"] = baseline_frames(recording, source)
+    if loads:
+        facts["plate_zero_frames"] = baseline
     warnings = [*recording.loss.remarks, *remarks_on(recording, source, markers)]
     return Converted(samples, origins, facts, warnings, losses_of(recording.loss, False))
 
@@ -119,12 +119,12 @@ def positions_of(
 ) -> dict[str, Array]:
     """The positions of markers [m] in our axes, by column; where they come from is added to
     `origins`."""
-    stated = getattr(source, "point_unit", None)
     positions: dict[str, Array] = {}
     for marker in markers:
         name = marker.name or marker.key
-        unit = checked_length(marker.unit, stated, "unit of length", source)
-        values = si_factor(unit, "m") * marker.values
+        unit = getattr(source, "point_unit", None) or marker.unit
+        factor = metres_per(unit, source)
+        values = factor * marker.values
         for axis, column in enumerate(marker_columns(printable(name))):
             if column in positions:
                 recording.find({"label": name}, "marker")  # says how each of them is asked for
@@ -136,36 +136,32 @@ def positions_of(
                 "label": marker.key,
                 "component": source.axes[axis],
                 "unit": unit,
-                "factor": si_factor(unit, "m"),
+                "factor": factor,
                 "si_unit": unit_of(column),
             }
     return positions
 
 
-def plate_loads(recording: Recording, source: LaboratorySource) -> list[PlateLoad]:
-    """What the plates recorded; a recording has those that the source file asks for."""
+def plate_loads(
+    recording: Recording, source: LaboratorySource, baseline: tuple[int, int] | None
+) -> list[PlateLoad]:
+    """What the plates recorded, less the mean of the `baseline` (`baseline_frames`). A recording
+    has those that the source file asks for."""
     unloaded = None
-    if recording.plates and getattr(source, "plate_zero", "none") != "none":
-        unloaded = unloaded_samples(
-            baseline_frames(recording, source),
-            int(recording.facts.get("frames", 0)),
-            int(recording.facts.get("samples_per_frame", 1)),
-        )
-    stated = getattr(source, "point_unit", None)
+    if baseline is not None:
+        first, last = baseline
+        frames = int(recording.facts.get("frames", 0))
+        if not 1 <= first <= last <= frames:
+            raise InputError(
+                f"the baseline of the plates is frames {first} to {last} of {frames}; state two"
+                " frames in which the plates are unloaded as `plate_zero`, or none"
+            )
+        per_frame = int(recording.facts.get("samples_per_frame", 1))
+        unloaded = slice((first - 1) * per_frame, last * per_frame)
     loads: list[PlateLoad] = []
     for plate in recording.plates:
         try:
-            checked_length(plate.length_unit, stated, "unit of length", source)
-            loads.append(
-                convert_plate(
-                    plate,
-                    source,
-                    source.rotation,
-                    length_unit=stated,
-                    units=getattr(source, "plate_units", None),
-                    unloaded=unloaded,
-                )
-            )
+            loads.append(convert_plate(plate, source, source.rotation, unloaded))
         except InputError as error:
             others = [one.number for one in recording.plates if one is not plate]
             raise InputError(f"{error} (or leave this plate out: `plates: {others}`)") from error
@@ -176,12 +172,11 @@ def baseline_frames(recording: Recording, source: LaboratorySource) -> tuple[int
     """First and last frame, counted from 1, in which the plates are stated to be unloaded; None
     without a baseline."""
     zero: Any = getattr(source, "plate_zero", "none")
-    if zero == "none":
+    if zero == "none" or not recording.plates:
         return None
-    stated = recording.facts.get("plate_zero_frames", ()) if zero == "file" else zero
-    if len(stated) < 2 or not np.isfinite(stated[:2]).all():
-        return None
-    return int(stated[0]), int(stated[1])
+    stated = [*recording.facts.get("plate_zero_frames", ()), 0, 0] if zero == "file" else zero
+    first, last = np.nan_to_num(np.asarray(stated[:2], np.float64))
+    return int(first), int(last)
 
 
 def joined(
@@ -236,8 +231,7 @@ def vertical_axis(markers: Sequence[Channel], plates: Sequence[Plate] = ()) -> s
     apart = np.median(positions, axis=0).std(axis=0)
     moved = np.median(positions.std(axis=0), axis=0)
     # along a vertical axis the markers move by less than half of what lies between them
-    candidates = np.flatnonzero((apart == apart.max()) & (moved < 0.5 * apart))
-    walks = moved.max() > LEAST_MOVED * apart.max()
-    if candidates.size and walks and moved.max() > moved[candidates[0]]:
-        return "xyz"[candidates[0]]
-    return ""
+    vertical = int(np.argmax(apart))
+    walks = moved.max() > LEAST_MOVED * apart[vertical]
+    is_level = moved[vertical] < min(0.5 * apart[vertical], moved.max())
+    return "xyz"[vertical] if walks and is_level else ""

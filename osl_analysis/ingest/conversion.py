@@ -193,16 +193,13 @@ def checked_counts(
     InputError
         A count is missing, or is no whole number.
     """
-    counts = np.ma.getdata(raw)
-    wrong = np.ma.getmaskarray(raw) | (counts.dtype == bool)
-    if counts.dtype != bool:
-        largest = LARGEST_COUNT if counts.dtype.kind == "f" else 2.0**63
-        wrong = wrong | ~(np.abs(counts.astype(np.float64)) < largest) | (counts != np.rint(counts))
-    if wrong.any():
-        row = int(np.argmax(wrong))
-        shown = "nothing" if np.ma.getmaskarray(raw)[row] else counts[row]
+    counts = np.ma.filled(raw.astype(np.float64), np.nan)
+    is_wrong = (counts != np.rint(counts)) | (np.abs(counts) >= LARGEST_COUNT)
+    is_wrong |= raw.dtype == bool
+    if is_wrong.any():
+        row = int(np.argmax(is_wrong))
         raise InputError(
-            f"{setting.ADDRESS} '{setting.counter}': {shown} in {rows.place(row)}, at"
+            f"{setting.ADDRESS} '{setting.counter}': {counts[row]:g} in {rows.place(row)}, at"
             f" {time[row]:.3f} s, is no count of samples, a whole number below"
             f" {LARGEST_COUNT:.3g}; correct `counter` in the source file or leave it out, or"
             f" remove the {rows.noun} from the log"

@@ -43,8 +43,6 @@ def convert_plate(
     plate: Plate,
     source: Source,
     rotation: Array,
-    length_unit: str | None = None,
-    units: PlateUnits | None = None,
     unloaded: slice | None = None,
     rate_hz: float | None = None,
 ) -> PlateLoad:
@@ -53,11 +51,9 @@ def convert_plate(
     Parameters
     ----------
     source
-        For messages.
+        Its `point_unit` and `plate_units` replace the units of the file.
     rotation
         Shape (3, 3), from the file's axes to ours.
-    length_unit, units
-        What the source file states in place of the file's units.
     unloaded
         Samples of the baseline that is taken off; None: none is.
     rate_hz
@@ -70,8 +66,9 @@ def convert_plate(
     """
     if plate.type not in MEASURED_BY_TYPE:
         raise InputError(f"plate {plate.number} is of type {plate.type}; types 1 to 4 are read")
-    length = length_unit or plate.length_unit
-    metre = si_factor(length, "m")
+    length = getattr(source, "point_unit", None) or plate.length_unit
+    units: PlateUnits | None = getattr(source, "plate_units", None)
+    metre = metres_per(length, source)
     corners = plate.corners * metre
     if not np.isfinite(own_axes(corners)).all():
         raise InputError(f"plate {plate.number}: its corners span no plane; correct them")
@@ -212,17 +209,16 @@ def channel_facts(
         if is_about_point and number >= 3 and not values.any():
             continue
         clipped = run_at_extreme(values)
-        edges = repeats(values)
-        changes = [np.ptp(load[first:stop]) > least for first, stop in edges.tolist()]
-        standing = edges[np.array(changes, dtype=np.bool_)]
-        longest = np.argmax(np.diff(standing)) if len(standing) else 0
-        runs = {"clipped": (clipped.start, clipped.stop)}
-        runs["stands"] = tuple(standing[longest].tolist()) if len(standing) else (0, 0)
+        standing = [run for run in repeats(values).tolist() if np.ptp(load[slice(*run)]) > least]
+        longest = max(standing, key=lambda run: run[1] - run[0], default=(0, 0))
         shown: dict[str, Any] = {
             "label": printable(channel.name or channel.key),
             "clipped_at": float(values[clipped.start]) if clipped.stop else None,
         }
-        for what, (first, stop) in runs.items():
+        for what, (first, stop) in {
+            "clipped": (clipped.start, clipped.stop),
+            "stands": longest,
+        }.items():
             shown[f"{what}_samples"] = stop - first
             shown[f"{what}_from_s"] = first / rate if stop else None
             shown[f"{what}_to_s"] = (stop - 1) / rate if stop else None
@@ -230,22 +226,7 @@ def channel_facts(
     return facts
 
 
-def unloaded_samples(
-    frames: tuple[int, int] | None, frame_count: int, samples_per_frame: int
-) -> slice:
-    """The samples between two frames, counted from 1, in which the plates are unloaded."""
-    first, last = frames or (0, 0)
-    if not 1 <= first <= last <= frame_count:
-        raise InputError(
-            f"the baseline of the plates is frames {first} to {last} of {frame_count}; state two"
-            " frames in which the plates are unloaded as `plate_zero`, or none"
-        )
-    return slice((first - 1) * samples_per_frame, last * samples_per_frame)
-
-
-def checked_length(unit: str, stated: str | None, what: str, source: Source) -> str:
-    """The source file's unit of length, or else the recording's."""
-    chosen = stated or unit
-    with naming(what, f", as {source.place('point_unit')}"):
-        si_factor(chosen, "m")
-    return chosen
+def metres_per(unit: str, source: Source) -> float:
+    """The factor from a recording's unit of length to m."""
+    with naming("unit of length", f", as {source.place('point_unit')}"):
+        return si_factor(unit, "m")

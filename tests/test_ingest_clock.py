@@ -254,10 +254,13 @@ def test_a_gate_is_the_pulse_whose_angle_the_capture_has() -> None:
     noise = 0.01 * np.random.default_rng(0).standard_normal(CAPTURE.size)
     seen = 30 - 2 * np.interp(GATES[1] + CAPTURE, *log) + noise
 
-    fit = gate_fit(gate_pulses(), CAPTURE, lambda: (log, (CAPTURE, seen)))
+    at_rest = log[0], np.where(log[0] < GATES[1] - 1, 0.2, log[1])  # in the first gate
 
-    assert fit.offset == pytest.approx(-GATES[1], abs=1 / SLAVE_RATE)
-    assert fit.method == "gate"
+    for angle in (log, at_rest):
+        fit = gate_fit(gate_pulses(), CAPTURE, lambda ours=angle: (ours, (CAPTURE, seen)))
+
+        assert fit.offset == pytest.approx(-GATES[1], abs=1 / SLAVE_RATE)
+        assert fit.method == "gate"
 
 
 def test_gates_that_no_angle_tells_apart_are_refused() -> None:

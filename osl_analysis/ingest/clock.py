@@ -63,9 +63,12 @@ def find_edges(time: Array, level: Array) -> Edges:
     certain = np.flatnonzero(abs(level - middle) > 0.25 * swing)
     is_high = level[certain] > middle
     after = certain[1:][is_high[1:] != is_high[:-1]]
-    is_one_level = swing < LEAST_SWING * float(np.abs(level).max(initial=0.0))
-    is_noise = certain.size < LEAST_CERTAIN * level.size
-    if is_one_level or is_noise or after.size > max(MOST_EDGES * level.size, MINIMUM_EDGES):
+    is_pulses = (
+        swing >= LEAST_SWING * float(np.abs(level).max(initial=0.0))
+        and certain.size >= LEAST_CERTAIN * level.size
+        and after.size <= max(MOST_EDGES * level.size, MINIMUM_EDGES)
+    )
+    if not is_pulses:
         after = after[:0]
     crossings = np.flatnonzero(np.diff(level > middle))
     before = crossings[np.searchsorted(crossings, after) - 1]
@@ -272,7 +275,7 @@ def refined(slave: Signal, master: Signal, offset: float) -> tuple[ClockFit, flo
     of_crystals = scatter / USUAL_DRIFT
     solution = scipy.optimize.least_squares(misfit, solution.x, x_scale="jac")
     jacobian = np.asarray(solution.jac)
-    errors = scatter**2 * np.diag(np.linalg.inv(jacobian.T @ jacobian))
+    errors = scatter**2 * np.diag(np.linalg.pinv(jacobian.T @ jacobian)).clip(min=0.0)
     late, drift = solution.x[2:].tolist()
     fit = ClockFit(
         offset + late - drift * centre,
@@ -281,7 +284,8 @@ def refined(slave: Signal, master: Signal, offset: float) -> tuple[ClockFit, flo
         residual=math.sqrt(errors[2] + errors[3] * float(np.var(time))),
         method="correlation",
     )
-    return fit, float(np.std(residual) / np.std(values)), independent
+    moves = float(np.std(values))
+    return fit, float(np.std(residual)) / moves if moves else 1.0, independent
 
 
 def means_of(time: Array, values: Array) -> Signal:

@@ -236,7 +236,11 @@ def losses_of(
     dict
         Empty for a table of which nothing is lost.
     """
-    by_topic = {topic: lost_of(loss, topic) for topic in topics}
+    counts = {topic: loss.by_topic.get(topic, (0, None)) for topic in topics}
+    by_topic = {
+        topic: None if expected is None else max(0, expected - read)
+        for topic, (read, expected) in counts.items()
+    }
     lost = loss.lost
     if lost is not None:
         lost = max(lost + contradicted, sum(count or 0 for count in by_topic.values()))
@@ -259,19 +263,13 @@ def losses_of(
     if of_messages:
         report["crc"] = loss.checksums
         report["topics"] = {
-            topic: {"messages": loss.by_topic.get(topic, (0, None))[0], "lost": count}
-            for topic, count in by_topic.items()
+            topic: {"messages": counts[topic][0], "lost": lost_of_topic}
+            for topic, lost_of_topic in by_topic.items()
         }
     return report
 
 
-def lost_of(loss: Loss, topic: str) -> int | None:
-    """Lost messages of a topic; None where it is not known."""
-    read, expected = loss.by_topic.get(topic, (0, None))
-    return None if expected is None else max(0, expected - read)
-
-
 def share_lost(loss: Loss, topic: str) -> float:
     """Lost share of the messages of a topic; 0 where it is not known."""
-    expected = loss.by_topic.get(topic, (0, None))[1]
-    return (lost_of(loss, topic) or 0) / (expected or 1)
+    read, expected = loss.by_topic.get(topic, (0, None))
+    return max(0, expected - read) / expected if expected else 0.0

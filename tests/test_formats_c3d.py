@@ -296,7 +296,7 @@ def wrench_of(path: Path, row: int = 3, **fields: Any) -> list[float]:
          "plate 1: nan in sample 1 of analog channel 'Force.Fz1'"),
         ({"FORCE_PLATFORM__USED": [np.nan]}, {}, "FORCE_PLATFORM:USED is nan"),
         ({"FORCE_PLATFORM__ZERO": [1, 7]}, {"plate_zero": "file"}, "frames 1 to 7 of 6"),
-        ({"FORCE_PLATFORM__ZERO": [np.nan, 7]}, {"plate_zero": "file"}, "frames 0 to 0 of 6"),
+        ({"FORCE_PLATFORM__ZERO": [np.nan, 7]}, {"plate_zero": "file"}, "frames 0 to 7 of 6"),
         ({"FORCE_PLATFORM__CHANNEL": np.arange(6)[:, None]}, {}, "gives [0, 1, 2, 3, 4, 5] of"),
         ({"FORCE_PLATFORM__TYPE": [6]}, {}, "plate 1 is of type 6, and types 1 to 4 are read"),
         ({"FORCE_PLATFORM__CORNERS": np.zeros((3, 4, 1))}, {}, "its corners span no plane"),

@@ -35,7 +35,7 @@ from osl_analysis.ingest.quality import (
     samples_at_rail,
 )
 from osl_analysis.ingest.raw_files import read_converted
-from osl_analysis.ingest.repeats import run_at_extreme, standing_runs
+from osl_analysis.ingest.repeats import run_at_extreme
 from osl_analysis.judge.known_findings import CHECKS
 from osl_analysis.judge.recording_checks import QualityRules, judged_table, validate_rules
 from osl_analysis.signals import longest_run
@@ -550,17 +550,6 @@ def test_an_angle_behind_play_stands_at_every_turn_and_is_not_clipped():
     torque = 300 * theta + 8 * np.gradient(theta, time)
     assert clipped(time, step * np.rint(np.array(read[1:]) / step), torque) == 0
     assert clipped(time, step * np.rint(np.minimum(theta, 0.08) / step), torque) > 100
-
-
-@pytest.mark.parametrize(
-    ("first", "last", "runs"), [(0.2, 0.4, 0), (0.65, 0.8, 0), (0.5, 0.7, 1), (0.2, 0.8, 1)]
-)
-def test_a_channel_stands_while_its_reference_changes_behind_the_middle(first, last, runs):
-    time = np.arange(100) / 100
-    values = np.where((time >= 0.2) & (time < 0.8), 1.0, time + 2)
-    reference = np.where((time >= first) & (time < last), np.sin(30 * time), 0.0)
-
-    assert standing_runs(time, values, reference).tolist() == [[20, 80]] * runs
 
 
 def test_a_joint_that_is_held_under_a_changing_torque_is_not_frozen():

@@ -53,10 +53,6 @@ def test_the_gain_at_the_cut_off_is_one_half_after_both_runs():
     assert gain[0] == pytest.approx(0.5)
 
 
-def test_samples_are_independent_after_half_a_period_of_the_cut_off():
-    assert LowPass(15.0).independent_samples(4000.0) == 133
-
-
 def test_a_straight_line_passes_the_low_pass_unchanged_up_to_both_ends():
     """The filter settles within three periods of the cut-off beyond each end: to 1 % of the line's
     rise per sample."""

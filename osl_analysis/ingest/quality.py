@@ -106,7 +106,7 @@ def measure_jitter(examined: Examined) -> CheckResult:
     trial = examined.trial
     columns = [name for name in examined.experiment.needed_columns if name in trial.columns]
     try:
-        parts = take(streams(trial, devices_of(trial, columns)))
+        parts = take(streams(trial, columns))
     except InputError as error:
         return not_applicable(f"no time base, {error}")
     if not parts:

@@ -93,11 +93,6 @@ class LowPass:
             scipy.signal.sosfiltfilt(sections, signal, axis=0, padtype="odd", padlen=edge)
         )
 
-    def independent_samples(self, rate_hz: float) -> int:
-        """Half a period of the cut-off, in samples. At this distance, filtered white noise is
-        nearly white."""
-        return max(round(rate_hz / (2 * self.cutoff_hz)), 1)
-
 
 # to design the sections takes as long as to filter a trial
 @lru_cache(32)
@@ -219,13 +214,12 @@ def seven_point_motion(time: Array, theta: Array, rate_hz: float) -> Motion:
     omega[HALF_STENCIL:-HALF_STENCIL] = np.correlate(theta, SLOPE, "valid") * rate_hz
     alpha[HALF_STENCIL:-HALF_STENCIL] = np.correlate(theta, CURVATURE, "valid") * rate_hz**2
 
-    begin = differentiate(time[:ENDS], theta[:ENDS])
-    omega[:HALF_STENCIL] = begin.omega[:HALF_STENCIL]
-    alpha[:HALF_STENCIL] = begin.alpha[:HALF_STENCIL]
-
-    end = differentiate(time[-ENDS:], theta[-ENDS:])
-    omega[-HALF_STENCIL:] = end.omega[-HALF_STENCIL:]
-    alpha[-HALF_STENCIL:] = end.alpha[-HALF_STENCIL:]
+    begin = slice(ENDS), slice(HALF_STENCIL)
+    end = slice(-ENDS, None), slice(-HALF_STENCIL, None)
+    for nearby, outermost in (begin, end):
+        motion = differentiate(time[nearby], theta[nearby])
+        omega[outermost] = motion.omega[outermost]
+        alpha[outermost] = motion.alpha[outermost]
     return Motion(theta, omega, alpha)
 
 

@@ -1,11 +1,18 @@
 """The clock of a device: its stamps against the straight line on which even samples would lie."""
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
+import scipy
 
-from osl_analysis.signals.sample_count import SlowPart, line_through, slow_part
+from osl_analysis.signals.sample_count import (
+    Line,
+    SlowPart,
+    in_blocks,
+    line_through,
+    slow_part,
+)
 from osl_analysis.signals.stream import SampleCount
 from osl_analysis.trial import Array
 
@@ -54,19 +61,19 @@ class DeviceClock:
     counted: bool = False  # whether the device itself counted them
 
     @cached_property
+    def line(self) -> Line:
+        """Least-squares line through the stamps."""
+        return line_through(self.count, self.stamps)
+
+    @property
     def step(self) -> float:
         """Slope [s] of the line."""
-        return line_through(self.count, self.stamps).step
-
-    @cached_property
-    def start(self) -> float:
-        """The line's value [s] at count 0."""
-        return float(np.mean(self.stamps) - self.step * np.mean(self.count))
+        return self.line.step
 
     @cached_property
     def residual(self) -> Array:
         """Stamp minus line (n,) [s]."""
-        return np.asarray(self.stamps - self.step * self.count - self.start)
+        return np.asarray(self.stamps - self.step * self.count - self.line.start)
 
     @cached_property
     def sd(self) -> float:
@@ -83,11 +90,8 @@ class DeviceClock:
     @cached_property
     def wander(self) -> float:
         """Standard deviation [s] of the residual averaged over 50 samples. Jitter averages out."""
-        blocks = len(self.stamps) // WANDER_SAMPLES
-        if blocks < 2:
-            return self.sd
-        in_blocks = self.residual[: blocks * WANDER_SAMPLES].reshape(-1, WANDER_SAMPLES)
-        return float(np.std(in_blocks.mean(axis=1)))
+        blocks = in_blocks(self.residual, WANDER_SAMPLES)
+        return float(np.std(blocks.mean(axis=1))) if len(blocks) > 1 else self.sd
 
     @cached_property
     def slow(self) -> SlowPart:
@@ -143,13 +147,11 @@ class DeviceClock:
         fast = self.stamps - self.slow.stamps
         smooth = savitzky_golay(fast, np.arange(len(fast)), SMOOTH_SAMPLES, 0)
         rough = fast - smooth
-        length = max(len(self.stamps) // SCATTER_BLOCKS, SMOOTH_SAMPLES)
-        blocks = (rough[: len(rough) // length * length] ** 2).reshape(-1, length).mean(axis=1)
-        if not len(blocks):
-            return self.sd
+        length = min(max(len(rough) // SCATTER_BLOCKS, SMOOTH_SAMPLES), len(rough))
+        squares = np.sort(np.mean(in_blocks(rough, length) ** 2, axis=1))
         # a kink may spoil three blocks
-        kept = max(len(blocks) - 3 * self.slow.kinks, 1)
-        return float(np.sqrt(np.mean(np.sort(blocks)[:kept])))
+        kept = max(len(squares) - 3 * self.slow.kinks, 1)
+        return float(np.sqrt(np.mean(squares[:kept])))
 
     @cached_property
     def settles(self) -> bool:
@@ -166,23 +168,10 @@ class DeviceClock:
         """Samples per block in `evidence_of`: those of 80 ms, but 9 to 24."""
         return int(np.clip(round(EVIDENCE_BLOCK_S / self.step), FEWEST_IN_BLOCK, MOST_IN_BLOCK))
 
-    @cached_property
-    def fast(self) -> Array:
-        """The fast part (n,) [s] of the stamps."""
-        return without_smooth(self.stamps - self.slow.stamps, self.count, self.block)
-
     @property
     def missing(self) -> int:
         """Number of missing samples: places that the count leaves free."""
         return int(self.count[-1] - self.count[0] + 1 - len(self.count))
-
-    def skew(self, residual: Array) -> float:
-        """Skewness of a residual (n,) [s]; 0 if it does not scatter."""
-        sd = float(np.std(residual))
-        if sd <= 1e-6 * self.step:
-            return 0.0
-        deviation = residual - residual.mean()
-        return float(deviation @ (deviation * deviation)) / len(deviation) / sd**3
 
     def times(self) -> Array:
         """When the samples were taken, (n,) [s], if the device samples evenly.
@@ -198,17 +187,18 @@ class DeviceClock:
             sizes = np.diff(self.batches.begins, append=len(self.count))
             late -= self.stamps - np.repeat(self.stamps[self.batches.begins], sizes)
 
-        low, middle, high = (float(value) for value in np.quantile(late, (0.05, 0.5, 0.95)))
+        low, middle, high = np.quantile(late, (0.05, 0.5, 0.95))
         spread = (high - low) / NORMAL_90
-        is_near = np.abs(late - middle) <= FAR_OFF * spread + 1e-6 * self.step
+        no_scatter = 1e-6 * self.step
+        is_near = np.abs(late - middle) <= FAR_OFF * spread + no_scatter
         place = self.count[is_near]
         late = late[is_near]
-        if self.batches is not None or self.skew(late) > ONE_SIDED_SKEW:
-            start, step = lower_edge(place, late)
+        is_one_sided = spread > no_scatter and scipy.stats.skew(late) > ONE_SIDED_SKEW
+        if self.batches is not None or is_one_sided:
+            line = lower_edge(place, late)
         else:
-            step = line_through(place, late).step
-            start = float(np.mean(late) - step * np.mean(place))
-        return np.asarray(base + step * self.count + start, dtype=np.float64)
+            line = line_through(place, late)
+        return np.asarray(base + line.step * self.count + line.start, dtype=np.float64)
 
     def _line_of_each_rate(self) -> Array:
         """The line (n,) [s], or that of each rate where the rate changes for good."""
@@ -227,15 +217,10 @@ class DeviceClock:
         if not age:
             return self.stamps
         rows = np.arange(len(self.stamps))
-        whole = int(np.floor(age))
-        near = self.stamps[np.clip(rows - whole, 0, len(rows) - 1)]
-        far = self.stamps[np.clip(rows - whole - 1, 0, len(rows) - 1)]
-        times = (1 - (age - whole)) * near + (age - whole) * far
-
-        tells_nothing = np.abs(times - self.stamps) > 3 * abs(age) * self.step
-        tells_nothing[1:] = tells_nothing[1:] | (np.diff(self.count) > 1)
-        tells_nothing[:4] = True
-        tells_nothing[-4:] = True
+        times = np.interp(rows - age, rows, self.stamps)
+        is_behind_gap = np.diff(self.count, prepend=self.count[0]) > 1
+        is_long = np.abs(times - self.stamps) > 3 * age * self.step
+        tells_nothing = is_behind_gap | is_long | (rows < age)
         times = np.where(tells_nothing, self.stamps - age * self.step, times)
         return np.maximum.accumulate(times)
 
@@ -246,8 +231,8 @@ def is_multiple(times: Array, decimal: float) -> bool:
     return bool(np.max(np.abs(multiples - np.rint(multiples))) < 1e-3)
 
 
-def lower_edge(place: SampleCount, late: Array) -> tuple[float, float]:
-    """Start [s] and slope [s] of the highest line below all points (n,).
+def lower_edge(place: SampleCount, late: Array) -> Line:
+    """Find the highest line below all points (n,).
 
     The line goes through one point on each side of the mean count. The lowest point below the line
     replaces the point on its side, until none lies below.
@@ -265,13 +250,7 @@ def lower_edge(place: SampleCount, late: Array) -> tuple[float, float]:
             left = lowest
         else:
             right = lowest
-    return float(late[left] - step * place[left]), step
-
-
-def without_smooth(late: Array, count: SampleCount, size: int) -> Array:
-    """Lateness (n,) [s] of stamps, minus its curve that is smooth over four blocks of `size`
-    samples."""
-    return late - savitzky_golay(late, count, 4 * size + 1, 0)
+    return Line(step, float(late[left] - step * place[left]))
 
 
 def savitzky_golay(
@@ -304,25 +283,5 @@ def savitzky_golay(
         place = np.concatenate([[0], np.cumsum(steps)])
         values = np.interp(np.arange(place[-1] + 1), place, values)
     window = min(window, (len(values) - 1) // 2 * 2 + 1)
-    half = window // 2
-    rows = polynomial_rows(window, min(degree, window - 1), order)
-
-    smooth = np.empty(len(values))
-    smooth[half : len(values) - half] = np.correlate(values, rows[half], "valid")
-    smooth[:half] = rows[:half] @ values[:window]
-    smooth[len(values) - half :] = rows[half + 1 :] @ values[-window:]
-    return smooth[place]
-
-
-@lru_cache(16)
-def polynomial_rows(window: int, degree: int, order: int) -> Array:
-    """Matrix (window, window) from an odd number of samples to the values (order 0) or slopes per
-    step (order 1) of the polynomial through them."""
-    half = max(window // 2, 1)
-    place = (np.arange(window) - window // 2) / half
-    powers = np.vander(place, degree + 1, increasing=True)
-    fit = np.linalg.pinv(powers)
-    if order == 0:
-        return np.asarray(powers @ fit)
-    slopes = np.roll(powers, 1, axis=1) * np.arange(degree + 1) / half
-    return np.asarray(slopes @ fit)
+    smooth = scipy.signal.savgol_filter(values, window, min(degree, window - 1), order)
+    return np.asarray(smooth[place])

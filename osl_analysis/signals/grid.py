@@ -18,6 +18,7 @@ from osl_analysis.errors import InputError, naming
 from osl_analysis.signals import LowPass, differentiate
 from osl_analysis.signals.sample_count import LONG_STEP
 from osl_analysis.signals.samples import Taken, take
+from osl_analysis.signals.stamp_evidence import StampEvidence
 from osl_analysis.signals.stream import FEWEST_STAMPS, SampleCount, SensorLowPass, Stream
 from osl_analysis.trial import Array, Trial, counter_column
 
@@ -83,8 +84,6 @@ class UniformSignals:
         off the torque.
     usable : Array
         (m,) false in and near a marked gap. Filter and differentiate all rows, then drop these.
-    farthest_s : float
-        Largest distance [s] from a usable row to the nearest sample, over all streams.
     streams : Sequence
         What was found and done in each stream, by the names of `timebase.csv`; all of it is JSON.
     taken : tuple of Taken
@@ -98,7 +97,6 @@ class UniformSignals:
     rate_hz: float
     signals: Mapping[str, Array]
     usable: NDArray[np.bool_]
-    farthest_s: float
     streams: Sequence[Mapping[str, Any]]
     taken: tuple[Taken, ...]
     limits: GapLimits
@@ -160,9 +158,8 @@ def uniform_signals(
     InputError
         A column is missing, or its stamps cannot be brought on a grid; the message names the trial.
     """
-    devices = devices_of(trial, columns, computed)
     with naming(f"trial {trial.name}"):
-        taken = take(streams(trial, devices, frozenset(computed)))
+        taken = take(streams(trial, columns, computed))
         for number, part in enumerate(taken):
             names = tuple(name for name in part.signals if wanted is None or name in wanted)
             # all stay if none is wanted, for the clock is needed
@@ -195,12 +192,8 @@ def on_one_grid(taken: Sequence[Taken], limits: GapLimits, trial: str = "") -> U
     """
     step = min(part.step for part in taken)
     rate = 1 / step
-    last_to_begin = max(taken, key=lambda part: part.samples[0][0])
-    first_to_end = min(taken, key=lambda part: part.samples[0][-1])
-    time = shared_time(last_to_begin, first_to_end, step)
-    first = float(last_to_begin.samples[0][0])
-    last = float(first_to_end.samples[0][-1])
-    gaps = [gaps_of(part, first, last, limits) for part in taken]
+    time = shared_time(taken, step)
+    gaps = [gaps_of(part, time, limits) for part in taken]
     usable = usable_rows(time, [stream_gaps.marked for stream_gaps in gaps], limits)
     if not usable.any():
         raise InputError(
@@ -208,12 +201,9 @@ def on_one_grid(taken: Sequence[Taken], limits: GapLimits, trial: str = "") -> U
         )
 
     signals = dict[str, Array]()
-    farthest = 0.0
     for part in taken:
         times, values, _ = part.samples
-        farthest = max(farthest, float(distance_to_samples(time, times, step)[usable].max()))
-        for name, signal in resampled(times, values, time, step).items():
-            signals[name] = signal
+        signals.update(resampled(times, values, time, step))
     signals = with_equal_sensor_filters(signals, taken, rate)
 
     fixture = next((part.stream.fixture for part in taken if part.stream.fixture), None)
@@ -226,9 +216,8 @@ def on_one_grid(taken: Sequence[Taken], limits: GapLimits, trial: str = "") -> U
         rate_hz=rate,
         signals=signals,
         usable=usable,
-        farthest_s=farthest,
         streams=[
-            stream_row(part, stream_gaps, time)
+            stream_row(part, stream_gaps, rate)
             for part, stream_gaps in zip(taken, gaps, strict=True)
         ],
         # copies without cached properties: these take 0.4 GB for an hour
@@ -238,22 +227,19 @@ def on_one_grid(taken: Sequence[Taken], limits: GapLimits, trial: str = "") -> U
     )
 
 
-def shared_time(last_to_begin: Taken, first_to_end: Taken, step: float) -> Array:
+def shared_time(taken: Sequence[Taken], step: float) -> Array:
     """Uniform times (m,) [s] that all streams cover. Raises InputError: too few rows."""
-    first = float(last_to_begin.samples[0][0])
-    last = float(first_to_end.samples[0][-1])
+    first, last_to_begin = max((part.samples[0][0], part.stream.name) for part in taken)
+    last, first_to_end = min((part.samples[0][-1], part.stream.name) for part in taken)
     # keeps a last row that rounding would cut off
     rows = int(np.floor((last - first) / step + ON_GRID)) + 1
     if rows < FEWEST_STAMPS:
         raise InputError(
-            f"{last_to_begin.stream.name} begins at {first:.4f} s and"
-            f" {first_to_end.stream.name} ends at {last:.4f} s: they overlap in {max(rows, 0)}"
-            f" rows, at least {FEWEST_STAMPS} are needed; check that both clocks count from the"
-            " same time"
+            f"{last_to_begin} begins at {first:.4f} s and {first_to_end} ends at {last:.4f} s: they"
+            f" overlap in {max(rows, 0)} rows, at least {FEWEST_STAMPS} are needed; check that both"
+            " clocks count from the same time"
         )
-    time = step * np.arange(rows, dtype=np.float64)
-    time += first
-    return time
+    return np.asarray(step * np.arange(rows) + first)
 
 
 def usable_rows(time: Array, marked: Iterable[Array], limits: GapLimits) -> NDArray[np.bool_]:
@@ -281,19 +267,6 @@ def why_unusable(stamps: Array, time: Array, limits: GapLimits) -> str:
         f" {limits.margin_s:.2f} s of a gap longer than {limits.bridged_s * 1e3:g} ms;"
         f" {BRIDGE_MORE}"
     )
-
-
-def distance_to_samples(time: Array, sampled: Array, step: float) -> Array:
-    """Distance (m,) [s] from each row of the grid to the nearest sample of (k,) [s]."""
-    if len(time) == len(sampled):
-        distance = np.abs(time - sampled)
-        if distance.max() < step / 4:  # no other sample is as near
-            return distance
-    behind = np.searchsorted(sampled, time + ON_GRID * step, "right").clip(1, len(sampled) - 1)
-    before = behind - 1
-    since = np.abs(time - sampled[before])
-    until = np.abs(sampled[behind] - time)
-    return np.asarray(np.minimum(since, until))
 
 
 def with_equal_sensor_filters(
@@ -354,12 +327,12 @@ def fixture_torque(
     return np.asarray(inertial + weight * np.sin(theta - np.deg2rad(rest_deg)))
 
 
-def gaps_of(part: Taken, first: float, last: float, limits: GapLimits) -> Gaps:
-    """Find the gaps of a stream between two times [s]. Raises InputError: a gap is too long."""
+def gaps_of(part: Taken, time: Array, limits: GapLimits) -> Gaps:
+    """Find the gaps of a stream within times (m,) [s]. Raises InputError: a gap is too long."""
     times = part.samples[0]
     rows = np.flatnonzero(np.diff(times) > LONG_STEP * part.step)
     ends = np.stack([times[rows], times[rows + 1]], axis=1)
-    ends = ends[(ends[:, 1] > first) & (ends[:, 0] < last)]
+    ends = ends[(ends[:, 1] > time[0]) & (ends[:, 0] < time[-1])]
     length = ends[:, 1] - ends[:, 0] - JITTER * part.step
     if (length > limits.longest_s).any():
         begin, end = ends[np.argmax(length)]
@@ -372,15 +345,14 @@ def gaps_of(part: Taken, first: float, last: float, limits: GapLimits) -> Gaps:
     return Gaps(bridged=ends[is_bridged], marked=ends[~is_bridged])
 
 
-def stream_row(part: Taken, gaps: Gaps, time: Array) -> dict[str, Any]:
-    """Report on one stream resampled to times (m,) [s]: its row of `timebase.csv`.
+def stream_row(part: Taken, gaps: Gaps, grid_hz: float) -> dict[str, Any]:
+    """Report on one stream resampled to a rate [Hz]: its row of `timebase.csv`.
 
     g is from the signal with the smallest standard error.
     """
     clock = part.clock
     rate = 1 / clock.step
-    grid_rate = (len(time) - 1) / float(time[-1] - time[0])
-    difference = rate / grid_rate - 1
+    difference = rate / grid_hz - 1
     best = part.clearest_evidence
     return {
         "signals": ", ".join(part.signals),
@@ -450,19 +422,15 @@ def devices_of(
         rows = trial.present(column).tobytes()
         devices.setdefault(rows, []).append(column)
     for column in computed:
-        if column not in trial.columns:
-            continue
-        rows = trial.present(column).tobytes()
-        if rows in devices:
-            devices[rows].append(column)
+        if column in trial.columns:
+            devices.get(trial.present(column).tobytes(), []).append(column)
     return list(devices.values())
 
 
-def streams(
-    trial: Trial, devices: Sequence[Sequence[str]], silent: frozenset[str] = frozenset()
-) -> list[Stream]:
-    """Make a stream of each device's columns (`devices_of`); `silent` ones decide nothing."""
-    return [stream_of(trial, names, silent) for names in devices]
+def streams(trial: Trial, columns: Sequence[str], computed: Sequence[str] = ()) -> list[Stream]:
+    """Make a stream of each device's columns (`devices_of`); `computed` ones decide nothing."""
+    devices = devices_of(trial, columns, computed)
+    return [stream_of(trial, names, frozenset(computed)) for names in devices]
 
 
 def stream_of(trial: Trial, names: Sequence[str], silent: frozenset[str]) -> Stream:
@@ -472,14 +440,6 @@ def stream_of(trial: Trial, names: Sequence[str], silent: frozenset[str]) -> Str
     file = origins[names[0]].get("file", "")
     time_source = trial.provenance.get(file, {}).get("time", {})
     known_evidence = trial.provenance.get("stamps", {})
-    measured: dict[str, tuple[Array, Array] | None] = {}
-    for name in names:
-        if name not in known_evidence:
-            continue
-        measured[name] = None
-        if known_evidence[name]:
-            response, covariance = known_evidence[name]
-            measured[name] = (np.array(response), np.array(covariance))
     return Stream(
         name=", ".join(names),
         stamps=stamps,
@@ -497,7 +457,13 @@ def stream_of(trial: Trial, names: Sequence[str], silent: frozenset[str]) -> Str
             for name, facts in origins.items()
             if facts.get("low_pass")
         },
-        measured=measured,
+        measured={
+            name: StampEvidence(*map(np.array, known_evidence[name]))
+            if known_evidence[name]
+            else None
+            for name in names
+            if name in known_evidence
+        },
         fixture=origins.get("torque", {}).get("fixture"),
         clocks=trial.clocks,
     )
@@ -505,8 +471,7 @@ def stream_of(trial: Trial, names: Sequence[str], silent: frozenset[str]) -> Str
 
 def counter_of(trial: Trial, names: Iterable[str]) -> SampleCount | None:
     """The device's own count (n,) of its samples, if one of its columns has a counter."""
-    for name in names:
-        counter = counter_column(name)
+    for counter in map(counter_column, names):
         if counter in trial.columns:
             return np.asarray(trial.arrays(counter)[1], dtype=np.int64)
     return None
@@ -523,12 +488,10 @@ def with_stamp_evidence(trial: Trial) -> Trial:
     ]
     stamps: dict[str, Any] = {}
     with suppress(InputError):  # whoever needs these signals will say so
-        for part in take(streams(trial, devices_of(trial, columns))):
-            for name in part.signals:
-                stamps[name] = None
-                if name in part.evidence:
-                    evidence = part.evidence[name]
-                    stamps[name] = [evidence.response.tolist(), evidence.covariance.tolist()]
+        for part in take(streams(trial, columns)):
+            stamps |= dict.fromkeys(part.signals)
+            for name, evidence in part.evidence.items():
+                stamps[name] = [evidence.response.tolist(), evidence.covariance.tolist()]
     return replace(trial, provenance={**trial.provenance, "stamps": stamps})
 
 

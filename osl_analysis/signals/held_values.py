@@ -14,7 +14,6 @@ LONGEST_HOLD_S = 0.1  # [s] a source slower than 10 Hz is taken for a coarse sig
 DECISIVE_CHANGE = 2.5
 KEEPS_PACE = 0.95  # share of the repetitions that must fit the source's pace
 WITHIN_A_ROW = 1.2  # range of rows about even places, of a source hardly slower than the log
-FEW_ROWS = 1000  # of a long recording, which tell most other signals
 PAUSE = 50  # periods; a longer repetition is a standing signal, which does not tell the pace
 
 
@@ -65,21 +64,13 @@ def held_values(signal: Array, step: float) -> HeldValues | None:
 def hardly_slower_source(signal: Array, first_rows: NDArray[np.intp]) -> HeldValues | None:
     """The values of a source that is hardly slower than the log: all are evenly spaced to within a
     row, which is no chance. None if they are not."""
-    # of rows that are even to within a row, those as many values apart are so to within two
-    some = first_rows[:: len(first_rows) // FEW_ROWS + 1]
-    if np.ptp(np.diff(some)) > 2 * WITHIN_A_ROW:
-        return None
     number = np.arange(len(first_rows))
-    # of a line within which all lie so, the one through both ends is off by twice as much at most
-    some = number[:: max(len(number) // 100, 1)]
-    between_ends = (first_rows[-1] - first_rows[0]) / number[-1]
-    if np.abs(first_rows[some] - first_rows[0] - between_ends * some).max() > 2 * WITHIN_A_ROW:
+    rows = first_rows.astype(np.float64)
+    period = line_through(number, rows).step
+    is_even = np.ptp(rows - period * number) < WITHIN_A_ROW
+    if not is_even or len(rows) * period <= len(signal) - 3:
         return None
-    period = line_through(number, first_rows.astype(np.float64)).step
-    is_even = np.ptp(first_rows - period * number) < WITHIN_A_ROW
-    if not is_even or len(first_rows) * period <= len(signal) - 3:
-        return None
-    return HeldValues(first_rows.astype(np.float64), signal[first_rows], period)
+    return HeldValues(rows, signal[first_rows], period)
 
 
 def rows_per_value(signal: Array, first_rows: NDArray[np.intp], step: float) -> float | None:

@@ -29,10 +29,10 @@ SAME_RATE = 0.01  # relative change of a rate that does not matter for the count
 
 
 class Line(NamedTuple):
-    """Least-squares line through stamps over their count."""
+    """Line through stamps over their count."""
 
     step: float  # slope [s]
-    squares: float  # squared residual [s^2]
+    start: float  # value [s] at count 0
 
 
 class SlowPart(NamedTuple):
@@ -45,10 +45,13 @@ class SlowPart(NamedTuple):
 def line_through(count: SampleCount, stamps: Array) -> Line:
     """Fit the least-squares line through stamps (n,) [s] over their count."""
     x = count - count.mean()
-    y = stamps - stamps.mean()
-    xx = float(x @ x)
-    xy = float(x @ y)
-    return Line(xy / xx, float(y @ y) - xy**2 / xx)
+    step = float(x @ (stamps - stamps.mean())) / float(x @ x)
+    return Line(step, float(stamps.mean() - step * count.mean()))
+
+
+def in_blocks(values: Array | SampleCount, size: int) -> Array:
+    """Values (n,) in blocks (n // size, size), without the last few."""
+    return np.asarray(values[: len(values) // size * size].reshape(-1, size))
 
 
 def places_of_samples(stream: Stream) -> SampleCount:
@@ -178,9 +181,10 @@ def likelier_count(
 
     def squares(count: SampleCount) -> float:
         line = line_through(count, stamps)
-        if not rate_changes:
-            return line.squares
-        return float(np.sum((stamps - slow_part(stamps, count, line.step).stamps) ** 2))
+        slow = line.start + line.step * count
+        if rate_changes:
+            slow = slow_part(stamps, count, line.step).stamps
+        return float(np.sum((stamps - slow) ** 2))
 
     return rows if squares(rows) <= squares(with_missing) else with_missing
 
@@ -259,7 +263,7 @@ def missing_before_samples(stamps: Array, steps: Array) -> SampleCount:
 
 def are_only_late(level: Array) -> bool:
     """Whether stamps, by their level (n,) in steps, are late but never early."""
-    blocks = level[: len(level) // FEW * FEW].reshape(-1, FEW)
+    blocks = in_blocks(level, FEW)
     middle = np.median(blocks, axis=1)
     below = np.median(middle - np.min(blocks, axis=1))
     above = np.median(np.max(blocks, axis=1) - middle)
@@ -312,9 +316,8 @@ def slow_part(stamps: Array, count: SampleCount, step: float) -> SlowPart:
         medians of 400 blocks.
     """
     size = max(len(stamps) // BLOCKS, 1)
-    rows = len(stamps) // size * size
-    place = count[:rows].reshape(-1, size).mean(axis=1)
-    level = np.median((stamps - step * count)[:rows].reshape(-1, size), axis=1)
+    place = in_blocks(count, size).mean(axis=1)
+    level = np.median(in_blocks(stamps - step * count, size), axis=1)
     changes = np.diff(level)
     # 1.48 median deviations are a standard deviation; a difference has that of two levels
     noise = 1.48 * float(np.median(np.abs(changes - np.median(changes)))) / np.sqrt(2)
@@ -378,8 +381,8 @@ def usual_step(stamps: Array) -> float:
     step = min(mean, median) if median > 0.8 * mean else mean
     for number, length in enumerate(BLOCK_LENGTHS):
         block = min(length, n // 4)
-        late = (stamps - step * np.arange(n))[: n // block * block]
-        changes = np.diff(late.reshape(-1, block).min(axis=1))
+        late = in_blocks(stamps - step * np.arange(n), block)
+        changes = np.diff(late.min(axis=1))
         usual = float(np.quantile(changes, 0.25)) if number == 0 else 0.0
         is_complete = np.abs(changes - usual) <= 0.5 * step
         if np.mean(is_complete) > 0.05:
@@ -432,11 +435,9 @@ def missing_by_rhythm(stamps: Array) -> int | None:
 
 def prompt_samples(stamps: Array, block: int) -> Array:
     """Stamps (k,) [s] from the first of the promptest sample in each block of rows."""
-    blocks = len(stamps) // block
-    rows = np.arange(blocks * block)
     mean_step = (stamps[-1] - stamps[0]) / (len(stamps) - 1)
-    late = stamps[: blocks * block] - mean_step * rows
-    promptest = np.arange(blocks) * block + late.reshape(blocks, block).argmin(axis=1)
+    late = in_blocks(stamps - mean_step * np.arange(len(stamps)), block)
+    promptest = np.arange(len(late)) * block + late.argmin(axis=1)
     return np.asarray(stamps[promptest] - stamps[0])
 
 

@@ -13,13 +13,10 @@ from osl_analysis.signals.device_clock import DeviceClock
 from osl_analysis.signals.held_values import HeldValues, held_values
 from osl_analysis.signals.sample_count import missing_by_rhythm, places_of_samples
 from osl_analysis.signals.stamp_evidence import StampEvidence, evidence_by_signal
-from osl_analysis.signals.stamp_reading import Reading, reading_of
+from osl_analysis.signals.stamp_reading import Reading, reading_by_stamps, reading_of
 from osl_analysis.signals.stream import Stream
 from osl_analysis.trial import Array
 
-# scatter, in steps, below which all hypotheses give the same samples: taken as even
-NO_MATTER = 0.001
-ROUNDED = 0.36  # decimals of scatter that rounding explains: 1/sqrt(12) = 0.29, and some noise
 CLOSE_STAMPS = 0.5  # steps; closer samples are merged: close knots of a spline amplify noise
 SAME_BEAT = 0.05  # steps of the log; a beat that leaves less leaves no doubt about held values
 COUNTABLE = 0.1  # steps of scatter, beyond which a missing sample may be taken for a late one
@@ -278,81 +275,38 @@ def decide(stream: Stream, clock: DeviceClock) -> list[Taken]:
     It is split only if no decision fits all and single signals are firm on different ones; the
     others then follow the signal that finds its stamps true.
     """
-    without_evidence = decide_by_stamps(stream, clock)
-    if without_evidence is not None:
-        return [without_evidence]
+    names = tuple(stream.signals)
+    if stream.choice != "auto":
+        reading = Reading(stream.choice == "even", 0.0, True, f"stated: {stream.choice}")
+        return [Taken(stream, clock, names, **reading._asdict())]
+    by_stamps = reading_by_stamps(clock)
+    # where ingest found evidence, the stamps scatter by more than their rounding
+    if by_stamps and not (by_stamps.matters and any(stream.measured.values())):
+        return [Taken(stream, clock, names, **by_stamps._asdict())]
 
     evidence = known_and_new_evidence(stream, clock)
     readings = reading_by_signal(stream, clock, evidence)
     decisions = []
-    for even, age in sorted({(reading.even, reading.age) for reading in readings.values()}):
-        names = tuple(
-            name for name, reading in readings.items() if (reading.even, reading.age) == (even, age)
-        )
+    for kind in sorted({reading[:2] for reading in readings.values()}):
+        names = tuple(name for name in readings if readings[name][:2] == kind)
         evidence_of_group = {name: evidence[name] for name in names if name in evidence}
-        reading = reading_of(clock, evidence_of_group)
+        reading = reading_of(clock, evidence_of_group)._replace(even=kind[0], age=kind[1])
         unsure = 0.0
-        if clock.batches is not None and even and not reading.firm:
+        if clock.batches is not None and reading.even and not reading.firm:
             unsure = -clock.batches.seconds  # the stamp may belong to the batch's first sample
+        facts = reading._asdict()
         decisions.append(
-            Taken(
-                stream=stream,
-                clock=clock,
-                signals=names,
-                even=even,
-                firm=reading.firm,
-                matters=True,
-                why=reading.why,
-                evidence=evidence_of_group,
-                age=age,
-                unsure=unsure,
-            )
+            Taken(stream, clock, names, evidence=evidence_of_group, unsure=unsure, **facts)
         )
     return decisions
 
 
-def decide_by_stamps(stream: Stream, clock: DeviceClock) -> Taken | None:
-    """The decision where it is stated, or where the stamps alone tell; None if they do not."""
-
-    def all_signals(even: bool, why: str, matters: bool = True) -> Taken:
-        return Taken(
-            stream=stream,
-            clock=clock,
-            signals=tuple(stream.signals),
-            even=even,
-            firm=True,
-            matters=matters,
-            why=why,
-        )
-
-    if stream.choice != "auto":
-        return all_signals(stream.choice == "even", f"stated: {stream.choice}")
-    if clock.sd < NO_MATTER * clock.step:
-        return all_signals(True, "even: the stamps lie on their line", matters=False)
-    if any(stream.measured.values()):  # ingest saw that the stamps scatter
-        return None
-    is_still = clock.scatter < NO_MATTER * clock.step
-    is_rounded = clock.scatter < ROUNDED * clock.decimal
-    if (is_still or is_rounded) and clock.settles and clock.slow.kinks:
-        return all_signals(False, "true: only the rate of the stamps changes")
-    if is_rounded and clock.settles:
-        return all_signals(True, "even: the stamps scatter by their rounding alone")
-    return None
-
-
 def known_and_new_evidence(stream: Stream, clock: DeviceClock) -> dict[str, StampEvidence]:
     """The evidence of each signal that tells; that which ingest saw is not computed again."""
-    heard = {name: signal for name, signal in stream.signals.items() if name not in stream.silent}
-    new = evidence_by_signal(
-        {name: signal for name, signal in heard.items() if name not in stream.measured}, clock
-    )
-    by_signal = {}
-    for name in heard:
-        if name in new:
-            by_signal[name] = new[name]
-        elif known := stream.measured.get(name):
-            by_signal[name] = StampEvidence(*known)
-    return by_signal
+    heard = [name for name in stream.signals if name not in stream.silent]
+    unknown = {name: stream.signals[name] for name in heard if name not in stream.measured}
+    known = {**stream.measured, **evidence_by_signal(unknown, clock)}
+    return {name: known[name] for name in heard if known.get(name)}
 
 
 def reading_by_signal(
@@ -366,7 +320,7 @@ def reading_by_signal(
             name: reading_of(clock, {name: of_signal}) for name, of_signal in evidence.items()
         }
         firm = {name: reading for name, reading in single.items() if reading.firm}
-        if len({(reading.even, reading.age) for reading in firm.values()}) > 1:
+        if len({reading[:2] for reading in firm.values()}) > 1:
             true_first = min(firm.values(), key=lambda reading: reading.even)
             return {name: firm.get(name, true_first) for name in stream.signals}
     return dict.fromkeys(stream.signals, for_all)

@@ -14,17 +14,13 @@ early, and its stamps are true.
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import combinations_with_replacement
+from itertools import product
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
-from osl_analysis.signals.device_clock import (
-    DeviceClock,
-    polynomial_rows,
-    savitzky_golay,
-    without_smooth,
-)
+from osl_analysis.signals.device_clock import DeviceClock, savitzky_golay
 from osl_analysis.signals.stream import SampleCount
 from osl_analysis.trial import Array
 
@@ -49,7 +45,7 @@ DEGREE_OF_LONG_WINDOW = 3  # which averages more of the noise
 ABOVE_ZERO = 1e-12  # [s, rad, N*m] added to a limit of which 0 must be below, also where it is 0
 MOTION_DEGREE = 5  # of the polynomial that takes the smooth motion out of a block
 FEWEST_BLOCKS = 60
-BLOCKS_AT_ONCE = 1000  # which the processor's cache holds; of an hour each lag would take 30 MB
+BLOCKS_SMOOTHED = 4  # over which the curve about which stamps scatter is smooth
 SLOWEST_RATE = 0.2  # of the usual rate; a pause does not make a slope infinite
 FASTEST_RATE = 3.0
 PAUSE_STEPS = 1.6  # a longer step is a pause, unless the next one is shorter than `CATCHING_UP`
@@ -98,7 +94,6 @@ class StampEvidence:
 class StampsOfValues:
     """What the stamps do in the rows in which signals have values, and blocks of these rows."""
 
-    rows: slice | NDArray[np.bool_]  # of the clock; a slice avoids copies of an hour's rows
     count: SampleCount  # (m,)
     fast: Array  # (m,) [s] fast part of the stamps
     local_step: Array  # (m,) [s] of the stamps without their fast part
@@ -126,16 +121,15 @@ def evidence_by_signal(
         noise in more than a fifth of the mean square of x'.
     """
     by_signal = dict[str, StampEvidence]()
-    stamps_of_all: StampsOfValues | None = None  # what they do is the same for complete signals
+    stamps_by_rows = dict[bytes, StampsOfValues]()
     for name, values in signals.items():
         has_value = ~np.isnan(values)
         if np.count_nonzero(has_value) < FEWEST_BLOCKS * clock.block:
             continue
-        if not has_value.all():
-            evidence = evidence_of(values[has_value], clock, stamps_of_values(clock, has_value))
-        else:
-            stamps_of_all = stamps_of_all or stamps_of_values(clock, slice(None))
-            evidence = evidence_of(values, clock, stamps_of_all)
+        rows = has_value.tobytes()
+        if rows not in stamps_by_rows:
+            stamps_by_rows[rows] = stamps_of_values(clock, has_value)
+        evidence = evidence_of(values[has_value], clock, stamps_by_rows[rows])
         if evidence is not None:
             by_signal[name] = evidence
     return by_signal
@@ -170,9 +164,8 @@ def evidence_of(values: Array, clock: DeviceClock, stamps: StampsOfValues) -> St
     fluctuations = blocks_of(values, numbers, size) @ without_motion
     largest = np.abs(fluctuations).max(axis=1)
     is_smooth = largest < CORNER * np.median(largest) + ABOVE_ZERO
-    if not is_smooth.all():
-        fluctuations = fluctuations[is_smooth]
-        numbers = numbers[is_smooth]
+    fluctuations = fluctuations[is_smooth]
+    numbers = numbers[is_smooth]
 
     # by chunk: the normal matrix of what the stamps move, and its products with what the signal
     # does
@@ -180,17 +173,15 @@ def evidence_of(values: Array, clock: DeviceClock, stamps: StampsOfValues) -> St
     products = np.zeros((CHUNKS, len(LAGS)))
     slope_products = np.zeros((size, size))
     for chunk, rows in enumerate(np.array_split(np.arange(len(numbers)), CHUNKS)):
-        for part in np.array_split(rows, 1 + len(rows) // BLOCKS_AT_ONCE):
-            slopes = blocks_of(slope, numbers[part], size)
-            slope_products += slopes.T @ slopes
-            moved = np.empty((len(LAGS), *slopes.shape))
-            for number, lag in enumerate(LAGS.tolist()):
-                fast = blocks_of(stamps.fast, numbers[part], size, lag)
-                np.multiply(slopes, fast, out=moved[number])
-            moved -= (moved @ polynomials) @ polynomials.T
-            columns = moved.reshape(len(LAGS), -1)
-            normals[chunk] += columns @ columns.T
-            products[chunk] += columns @ fluctuations[part].ravel()
+        slopes = blocks_of(slope, numbers[rows], size)
+        slope_products += slopes.T @ slopes
+        moved = np.array(
+            [slopes * blocks_of(stamps.fast, numbers[rows], size, lag) for lag in LAGS.tolist()]
+        )
+        moved -= (moved @ polynomials) @ polynomials.T
+        columns = moved.reshape(len(LAGS), -1)
+        normals[chunk] = columns @ columns.T
+        products[chunk] = columns @ fluctuations[rows].ravel()
 
     normal = normal_matrix(normals.sum(axis=0), slope_products, without_motion, clock.decimal)
     if normal is None:
@@ -202,7 +193,7 @@ def evidence_of(values: Array, clock: DeviceClock, stamps: StampsOfValues) -> St
     squares += (normals @ response - 2 * products).sum(axis=0) @ response
     scores = products - normals @ response
 
-    slope_weights = polynomial_rows(window, degree, 1)[window // 2]
+    slope_weights = scipy.signal.savgol_coeffs(window, degree, 1)
     residual_variance = squares / fluctuations.size * size / (size - (MOTION_DEGREE + 1))
     slope_noise = residual_variance * np.sum(slope_weights**2) / clock.step**2
     if not slope_noise <= MOST_NOISE * np.trace(slope_products) / fluctuations.size:
@@ -211,15 +202,14 @@ def evidence_of(values: Array, clock: DeviceClock, stamps: StampsOfValues) -> St
     return StampEvidence(response, covariance)
 
 
-def stamps_of_values(clock: DeviceClock, rows: slice | NDArray[np.bool_]) -> StampsOfValues:
-    """Take the fast part and the local step of the stamps in some rows, all or (n,), and the blocks
-    that tell."""
+def stamps_of_values(clock: DeviceClock, rows: NDArray[np.bool_]) -> StampsOfValues:
+    """Take the fast part and the local step of the stamps in some rows (n,), and the blocks that
+    tell."""
     stamps = clock.stamps[rows]
     count = clock.count[rows]
     size = clock.block
-    fast = clock.fast
-    if not isinstance(rows, slice):
-        fast = without_smooth(stamps - clock.slow.stamps[rows], count, size)
+    late = stamps - clock.slow.stamps[rows]
+    fast = late - savitzky_golay(late, count, BLOCKS_SMOOTHED * size + 1, 0)
 
     # local step of the stamps without their fast part, in usual steps
     rate = np.gradient(stamps - fast, count) / clock.step
@@ -240,17 +230,14 @@ def stamps_of_values(clock: DeviceClock, rows: slice | NDArray[np.bool_]) -> Sta
     largest = np.abs(blocks_of(fast, numbers, size)).max(axis=1)
     is_near = largest < FAR_OFF_STAMP * np.sqrt(np.mean(fast**2)) + ABOVE_ZERO
     local_step = np.maximum(rate, SLOWEST_RATE) * clock.step
-    return StampsOfValues(rows, count, fast, local_step, numbers[is_whole & is_near], size)
+    return StampsOfValues(count, fast, local_step, numbers[is_whole & is_near], size)
 
 
 def blocks_of(values: Array, numbers: NDArray[np.intp], size: int, lag: int = 0) -> Array:
     """Blocks (k, size) of values (n,) by their numbers (k,), or of the values `lag` rows before."""
     first = MOST_BEFORE - lag
     count = (len(values) - first) // size
-    blocks = values[first : first + count * size].reshape(count, size)
-    if len(numbers) and numbers[-1] - numbers[0] + 1 == len(numbers):  # without a copy
-        return np.asarray(blocks[numbers[0] : numbers[-1] + 1])
-    return np.asarray(blocks[numbers])
+    return np.asarray(values[first : first + count * size].reshape(count, size)[numbers])
 
 
 def normal_matrix(
@@ -272,11 +259,9 @@ def normal_matrix(
         (size, size), what takes the motion out of a block.
     """
     normal = plain.copy()
-    if decimal:
-        for i, j in combinations_with_replacement(range(len(LAGS)), 2):
-            shared = np.diagonal(without_motion, j - i) * np.diagonal(slope_products, j - i)
-            normal[i, j] = plain[i, j] - decimal**2 / 12 * shared.sum()
-            normal[j, i] = normal[i, j]
+    for i, j in product(range(len(LAGS)), repeat=2):
+        shared = np.diagonal(without_motion, j - i) * np.diagonal(slope_products, j - i)
+        normal[i, j] -= decimal**2 / 12 * shared.sum()
     smallest = np.linalg.eigvalsh(normal)[0]
     plain_values = np.linalg.eigvalsh(plain)
     least = LEAST_EIGENVALUE * plain_values[-1]

@@ -17,6 +17,9 @@ KNOWN_RESPONSE = 0.25  # standard error of a response above which no hypothesis 
 LARGEST_MISFIT = 22
 PER_SIGNAL = 0.6
 OTHER_KIND_ERRORS = 2  # standard errors that g must lie away from the other kind
+# scatter, in steps, below which all hypotheses give the same samples: taken as even
+NO_MATTER = 0.001
+ROUNDED = 0.36  # decimals of scatter that rounding explains: 1/sqrt(12) = 0.29, and some noise
 WANDERING_STEP = 0.1  # steps by which a residual may wander with even stamps
 
 
@@ -27,6 +30,22 @@ class Reading(NamedTuple):
     age: float  # [loops] by which values are older than true stamps
     firm: bool  # whether the other kind is excluded
     why: str  # for the provenance
+    matters: bool = True  # whether the two kinds differ
+
+
+def reading_by_stamps(clock: DeviceClock) -> Reading | None:
+    """The reading where the stamps alone tell; None if they do not."""
+    if clock.sd < NO_MATTER * clock.step:
+        return Reading(True, 0.0, True, "even: the stamps lie on their line", matters=False)
+    is_still = clock.scatter < NO_MATTER * clock.step
+    is_rounded = clock.scatter < ROUNDED * clock.decimal
+    if not clock.settles or not (is_still or is_rounded):
+        return None
+    if clock.slow.kinks:
+        return Reading(False, 0.0, True, "true: only the rate of the stamps changes")
+    if is_rounded:
+        return Reading(True, 0.0, True, "even: the stamps scatter by their rounding alone")
+    return None
 
 
 def reading_of(clock: DeviceClock, evidence: Mapping[str, StampEvidence]) -> Reading:

@@ -36,9 +36,6 @@ class SensorLowPass:
         filtered, _ = scipy.signal.sosfilt(sections, values, zi=steady_state)
         return np.asarray(filtered)
 
-    def gain(self, frequency_hz: float) -> float:
-        return float((1 + (frequency_hz / self.cutoff_hz) ** (2 * self.order)) ** -0.5)
-
 
 @dataclass(frozen=True)
 class Stream:
@@ -65,8 +62,7 @@ class Stream:
     low_passes : Mapping
         Stated low-pass filters of the sensors, by signal.
     measured : Mapping
-        Known `StampEvidence` by signal: response and covariance, or None if the signal does not
-        tell.
+        Known `StampEvidence` by signal; None if the signal does not tell.
     fixture : Mapping or None
         Arguments of `fixture_torque`, as the sheet states them.
     clocks : dict
@@ -86,7 +82,7 @@ class Stream:
     silent: frozenset[str] = frozenset()
     delays: Mapping[str, float] = field(default_factory=dict)
     low_passes: Mapping[str, SensorLowPass] = field(default_factory=dict)
-    measured: Mapping[str, tuple[Array, Array] | None] = field(default_factory=dict)
+    measured: Mapping[str, Any] = field(default_factory=dict)
     fixture: Mapping[str, float] | None = None
     clocks: dict[bytes, Any] = field(default_factory=dict, repr=False, compare=False)
 

@@ -25,6 +25,7 @@ CLOCK_JUMP_S = 5e-3  # [s] a host's scatter is less
 BESIDE = 100
 TIDY_STEPS = 0.2  # spread of the steps, in mean steps, below which no sample can be missing
 WHOLE_STEPS = 0.3  # distance from whole numbers of steps, in steps, up to which steps are counted
+WORTH_MISSING = 0.7  # share of the squared residual that missing samples leave if there are any
 SAME_RATE = 0.01  # relative change of a rate that does not matter for the count
 
 
@@ -121,42 +122,59 @@ def count_from_stamps(stamps: Array) -> SampleCount:
 
     Notes
     -----
-    A sample is missing where the level of the stamps changes by a step for good. This must lower
-    the residual of the line through all stamps, or of the lines of each rate. Missing samples make
-    the first estimate of a changing rate wrong, so it is repeated with those that a median over
-    nine samples shows.
+    A sample is missing where the level of the stamps changes by a step for good. Of the counts at
+    one rate and at changing rates, that with the smallest residual about the slow part of the
+    stamps is taken, if its residual is clearly below that without missing samples. Missing samples
+    make the first estimate of a changing rate wrong, so it is repeated with those that a median
+    over nine samples shows.
     """
     rows = np.arange(len(stamps))
     steps = np.diff(stamps)
     if np.ptp(steps) < TIDY_STEPS * float(np.mean(steps)):  # a missing one makes one step of two
         return rows
 
-    count = rows
-    # stamps as if the rate did not change
-    even_stamps = stamps
-    rate_changes = False
-    for _ in range(2):
-        counted = count_whole_steps(steps)
-        if counted is not None:
-            return counted
-        mean_step = float(stamps[-1] - stamps[0]) / count[-1]
-        slow = slow_part(stamps, count, mean_step)
-        slow_step = np.diff(slow.stamps) / np.diff(count)
-        mean_slow_step = float(np.mean(slow_step))
-        if not slow.kinks or np.ptp(slow_step) < SAME_RATE * mean_slow_step:
-            break
-        rate_changes = True
-        local_step = np.maximum(slow_step, 0.1 * mean_slow_step)
-        steps = np.diff(stamps) / local_step * float(np.min(slow_step))
-        even_stamps = np.concatenate([[0.0], np.cumsum(steps)])
-        with_jumps = rows + np.concatenate([[0], np.cumsum(lasting_jumps(even_stamps, steps))])
-        count = likelier_count(stamps, rows, with_jumps, rate_changes)
+    by_whole_steps = count_whole_steps(steps)
+    if by_whole_steps is not None:
+        return by_whole_steps
 
-    missing = missing_before_samples(even_stamps, steps)
-    if not missing.any():
-        return rows
-    with_missing = rows + np.cumsum(missing)
-    return likelier_count(stamps, rows, with_missing, rate_changes)
+    def squares(count: SampleCount) -> float:
+        slow = slow_part(stamps, count, line_through(count, stamps).step)
+        return float(np.sum((stamps - slow.stamps) ** 2))
+
+    counts = [rows, rows + np.cumsum(missing_before_samples(stamps))]
+    even_stamps = without_rate_changes(stamps, rows)
+    if even_stamps is not stamps:
+        counts.append(rows + np.cumsum(lasting_jumps(even_stamps)))
+        even_stamps = without_rate_changes(stamps, min(rows, counts[-1], key=squares))
+        refined = count_whole_steps(np.diff(even_stamps))
+        if refined is None:
+            refined = rows + np.cumsum(missing_before_samples(even_stamps))
+        counts.append(refined)
+    best = min(counts, key=squares)
+    return best if squares(best) < WORTH_MISSING * squares(rows) else rows
+
+
+def lasting_jumps(stamps: Array) -> SampleCount:
+    """Samples (n,) that seem to be missing before each by a median over nine samples."""
+    steps = np.diff(stamps, prepend=stamps[0])
+    usual = usual_length(steps)
+    level = scipy.ndimage.median_filter(stamps / usual - np.arange(len(stamps)), 9)
+    # entry k + 5 is the level of row k: row k + 4 is compared with row k - 5
+    padded = np.pad(level, 5, mode="edge")
+    rise = np.rint(padded[9:-1] - padded[:-10])
+    return np.where(steps > SUSPECT_STEP * usual, np.maximum(rise, 0), 0).astype(np.int64)
+
+
+def without_rate_changes(stamps: Array, count: SampleCount) -> Array:
+    """Stamps (n,) [s] as if their rate did not change for good."""
+    slow = slow_part(stamps, count, line_through(count, stamps).step)
+    slow_step = np.diff(slow.stamps) / np.diff(count)
+    mean_step = float(np.mean(slow_step))
+    if not slow.kinks or np.ptp(slow_step) < SAME_RATE * mean_step:
+        return stamps
+    local_step = np.maximum(slow_step, 0.1 * mean_step)
+    steps = np.diff(stamps) / local_step * float(np.min(slow_step))
+    return np.concatenate([[0.0], np.cumsum(steps)])
 
 
 def count_whole_steps(steps: Array) -> SampleCount | None:
@@ -174,42 +192,15 @@ def usual_length(steps: Array) -> float:
     return max(float(np.median(steps)), 1e-9)
 
 
-def likelier_count(
-    stamps: Array, rows: SampleCount, with_missing: SampleCount, rate_changes: bool
-) -> SampleCount:
-    """Of the count without and with missing samples, the one with the smaller residual."""
-
-    def squares(count: SampleCount) -> float:
-        line = line_through(count, stamps)
-        slow = line.start + line.step * count
-        if rate_changes:
-            slow = slow_part(stamps, count, line.step).stamps
-        return float(np.sum((stamps - slow) ** 2))
-
-    return rows if squares(rows) <= squares(with_missing) else with_missing
-
-
-def lasting_jumps(stamps: Array, steps: Array) -> SampleCount:
-    """Samples that seem to be missing in each step (n - 1,) by a median over nine samples."""
-    usual = usual_length(steps)
-    level = scipy.ndimage.median_filter(stamps / usual - np.arange(len(stamps)), 9)
-    # entry k + 4 is the level of row k: row k is compared four rows before and five behind a step
-    padded = np.pad(level, (4, 5), mode="edge")
-    rise = np.rint(padded[9:-1] - padded[:-10])
-    return np.where(steps > SUSPECT_STEP * usual, np.maximum(rise, 0), 0).astype(np.int64)
-
-
 FEW = 20  # samples of a block; fewer at an end of the record give a level only if stamps are tidy
 TIDY_LEVEL = 0.1  # steps between the median and the level of such tidy stamps
 LEVELS_DIFFER = 0.3  # steps between two rough levels that call for a closer look
 SMOOTHING_ROUNDS = 4  # a change moves the levels of all later samples
 
 
-def missing_before_samples(stamps: Array, steps: Array) -> SampleCount:
-    """Number of samples missing right before each sample, (n,), by the levels beside long steps.
-
-    `steps` (n - 1,) [s] are those of the stamps (n,) [s].
-    """
+def missing_before_samples(stamps: Array) -> SampleCount:
+    """Number of samples missing right before each sample, (n,), by the levels beside long steps."""
+    steps = np.diff(stamps)
     missing = np.zeros(len(stamps), dtype=np.int64)
     step = usual_step(stamps)
     rows = np.flatnonzero(steps > SUSPECT_STEP * step) + 1

@@ -239,17 +239,12 @@ def test_a_held_channel_is_doubtful_where_the_rates_do_not_beat(of, rate, sure):
     assert_recovers_the_joint(grid)
 
 
-def test_a_sure_held_channel_has_no_other_reading():
-    assert one_time_base([held_log(333.0)]).other() is None
-
-
-def test_the_other_reading_of_a_doubtful_held_channel_is_a_row_older():
-    grid = one_time_base([held_log(50.0)])
-
-    other = grid.other()
+def test_the_other_reading_of_a_held_channel_is_a_row_older_where_it_is_doubtful():
+    other = one_time_base([held_log(50.0)]).other()
 
     assert other.of("torque").delay == pytest.approx(1e-3, abs=2e-5)
     assert other.other().of("torque").delay == pytest.approx(0, abs=2e-5)
+    assert one_time_base([held_log(333.0)]).other() is None
 
 
 TAKEN_BEFORE = held_log(50.0, late=0.9)  # within the row before the first that has a value
@@ -346,35 +341,20 @@ def test_every_missing_sample_is_found_at_its_place(lost, jitter, late):
     assert np.mean(count != kept) <= SHARE_MISPLACED[late > 0, lost == 3000]
 
 
-def log_without(n, first=20_001):
-    """A log of 1000 Hz from which n samples are gone, and the number of samples of the whole."""
+@pytest.mark.parametrize(("missing", "left_out"), [(20, []), (21, [20.0 - 0.2, 20.022 + 0.2])])
+def test_a_gap_is_bridged_up_to_20_ms_and_left_out_with_its_surroundings_beyond(missing, left_out):
     t = clock(1000.0)
-    left = np.delete(t, np.arange(first, first + n))
-    return log(left, left, np.random.default_rng(40)), len(t)
+    left = np.delete(t, np.arange(20_001, 20_001 + missing))
 
-
-def test_a_gap_of_20_samples_is_bridged():
-    recording, samples = log_without(20)
-
-    grid = one_time_base([recording])
+    grid = one_time_base([log(left, left, np.random.default_rng(40))])
 
     row = grid.streams[0]
-    assert (row["bridged"], row["marked"], row["missing"]) == (1, 0, 20)
-    assert len(grid.time) == samples
-    assert grid.usable.all()
-
-
-def test_a_gap_of_21_samples_is_left_out_with_its_surroundings():
-    recording, samples = log_without(21)
-
-    grid = one_time_base([recording])
-
-    row = grid.streams[0]
-    left_out = grid.time[~grid.usable]
-    assert (row["bridged"], row["marked"], row["missing"]) == (0, 1, 21)
-    assert len(grid.time) == samples
-    assert left_out[[0, -1]] == pytest.approx([20.0 - 0.2, 20.022 + 0.2], abs=1.1e-3)
-    assert len(left_out) == pytest.approx(423, abs=1)
+    is_marked = bool(left_out)
+    assert (row["bridged"], row["marked"], row["missing"]) == (not is_marked, is_marked, missing)
+    assert len(grid.time) == len(t)
+    unusable = grid.time[~grid.usable]
+    assert unusable[[0, -1] if is_marked else []] == pytest.approx(left_out, abs=1.1e-3)
+    assert len(unusable) == pytest.approx(423 * is_marked, abs=1)
 
 
 @pytest.mark.parametrize(("empty", "marked"), [(20, 0), (21, 1)])
@@ -493,13 +473,22 @@ def test_regular_losses_behind_a_late_host_are_refused(wait, one_in):
     )
 
 
-@pytest.mark.parametrize(("lost", "missing"), [([], 0), ([9], 1), ([9, 700], 2)])
-def test_missing_samples_are_counted_by_their_rhythm(lost, missing):
-    assert missing_by_rhythm(np.delete(clock(100.0, 20.0, 7.0), lost)) == missing
+@pytest.mark.parametrize(("duration", "lost", "missing"), [
+    (20.0, [], 0), (20.0, [9], 1), (20.0, [9, 700], 2), (9.0, [9], None),
+])  # fmt: skip
+def test_missing_samples_are_counted_by_their_rhythm_where_it_is_long_enough(
+    duration, lost, missing
+):
+    assert missing_by_rhythm(np.delete(clock(100.0, duration, 7.0), lost)) == missing
 
 
-def test_a_stream_too_short_to_have_a_rhythm_tells_no_missing_samples():
-    assert missing_by_rhythm(clock(100.0, 9.0)) is None
+def test_samples_behind_a_long_gap_are_counted_at_the_rate_of_the_device():
+    """A host that is late by a third of a step, whose gap is no change of its rate."""
+    t = clock(RATE)
+    kept = np.delete(np.arange(len(t)), np.arange(15_000, 15_300))
+    late = waits(t, 3e-4, np.random.default_rng(2))
+
+    assert count_from_stamps(late[kept])[-1] == len(t) - 1
 
 
 def test_a_slope_is_exact_across_missing_samples():

@@ -316,7 +316,7 @@ def slow_part(stamps: Array, count: SampleCount, step: float) -> SlowPart:
     def residual_with(knot: float) -> float:
         return float(robust_polyline(place, level, sorted([*knots, knot]))[1].sum())
 
-    knots = [float(place[0]), float(place[-1])]
+    knots = [float(count[0]), float(count[-1])]
     levels, residual = robust_polyline(place, level, knots)
     while len(knots) < MOST_KINKS + 2 and np.percentile(residual, 95) > max(0.3 * step, 4 * noise):
         candidates = [
@@ -334,11 +334,7 @@ def slow_part(stamps: Array, count: SampleCount, step: float) -> SlowPart:
         knots = sorted([*knots, float(refined.x)])
         levels, residual = robust_polyline(place, level, knots)
 
-    slopes = np.diff(levels) / np.diff(knots)
-    before_first = np.minimum(count - knots[0], 0) * slopes[0]
-    behind_last = np.maximum(count - knots[-1], 0) * slopes[-1]
-    outside = before_first + behind_last
-    slow = step * count + np.interp(count, knots, levels) + outside
+    slow = step * count + np.interp(count, knots, levels)
     return SlowPart(np.asarray(slow), len(knots) - 2)
 
 

@@ -352,12 +352,10 @@ def check_countable(taken: Taken, fastest_hz: float) -> None:
     )
     missing = missing_by_rhythm(stream.stamps)
     if missing or (missing is not None and clock.missing):
-        gap = f"{stream.stamps[int(np.argmax(np.diff(clock.count)))]:.4f} s"
-        where = f", the first long gap at {gap}" if clock.missing else ""
         raise InputError(
-            f"{stream.name}: about {missing or clock.missing} samples are missing{where}, and"
-            f" {late} at a step of {clock.step * 1e3:.2f} ms: beside another device nothing tells"
-            f" which sample is which; {remedy}"
+            f"{stream.name}: about {missing or clock.missing} samples are missing, and {late} at a"
+            f" step of {clock.step * 1e3:.2f} ms: beside another device nothing tells which sample"
+            f" is which; {remedy}"
         )
 
     scatter = min(clock.usual, clock.scatter_about_slow)

@@ -13,12 +13,7 @@ from osl_analysis.bench.impedance import impedance_table, rendered_impedance
 from osl_analysis.bench.motion import cycles_of
 from osl_analysis.bench.record import Record, record_of
 from osl_analysis.signals import LowPass, Motion
-from osl_analysis.spectral.stepped_sine import (
-    Likeness,
-    SteppedSineProtocol,
-    find_segments,
-    unit_sines,
-)
+from osl_analysis.spectral.stepped_sine import SteppedSineProtocol, find_segments, find_sines
 
 RATE, LOW_PASS, PROTOCOL = 500.0, LowPass(15), SteppedSineProtocol((0.05, 0.1), (1.0, 3.0, 5.0), 9)
 FIVE = SteppedSineProtocol((0.05, 0.1), (1.0, 2.0, 3.0, 4.0, 5.0), 9)
@@ -27,6 +22,19 @@ FIVE = SteppedSineProtocol((0.05, 0.1), (1.0, 2.0, 3.0, 4.0, 5.0), 9)
 def sine_settings(amplitudes_deg, frequencies_hz, cycles=10, settle_cycles=2):
     own = {"amplitudes_deg": amplitudes_deg, "frequencies_hz": frequencies_hz, "cycles": cycles}
     return DynamometerAnalysis(cutoff_hz=15, order=4, settle_cycles=settle_cycles, **own)
+
+
+def unit_sines(sines, rate):
+    """Sines of unit amplitude, one after the other: frequency [Hz] and number of cycles of each."""
+    pieces = []
+    for frequency, cycles in sines:
+        rows = np.arange(round(cycles / frequency * rate))
+        pieces.append(np.sin(2 * np.pi * frequency * rows / rate))
+    return np.concatenate(pieces)
+
+
+def segments_of(time, theta, protocol):
+    return find_segments(time, theta, find_sines(time, theta, protocol), protocol)
 
 
 def unit_block(protocol, rate):
@@ -51,7 +59,7 @@ def moved_by(protocol):
         [rest, *(x for a in protocol.amplitudes for x in (a * unit_block(protocol, RATE), rest))]
     )
     time = np.arange(len(theta)) / RATE
-    return time, theta, true_motion(time, theta), find_segments(Likeness(time, theta, protocol))
+    return time, theta, true_motion(time, theta), segments_of(time, theta, protocol)
 
 
 def stepped_sine(torque_of, noise=0.0, protocol=PROTOCOL, seed=1):
@@ -63,7 +71,7 @@ def stepped_sine(torque_of, noise=0.0, protocol=PROTOCOL, seed=1):
 
 def record_of_sines(time, theta, torque, protocol=PROTOCOL, segments=None):
     """The record of raw signals that follow a protocol."""
-    segments = segments or find_segments(Likeness(time, theta, protocol))
+    segments = segments or segments_of(time, theta, protocol)
     made = record_of(
         "made",
         time,

@@ -6,7 +6,15 @@ import bench_synthetic
 import numpy as np
 import polars as pl
 import pytest
-from bench_synthetic import FIVE, PROTOCOL, RATE, second_order, sine_settings, stepped_sine
+from bench_synthetic import (
+    FIVE,
+    PROTOCOL,
+    RATE,
+    second_order,
+    sine_settings,
+    stepped_sine,
+    unit_sines,
+)
 from conftest import ROOT, marked, noted_in
 
 from osl_analysis.bench.analysis import analysed
@@ -19,7 +27,7 @@ from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands.figure import fig4
 from osl_analysis.errors import IdentifiabilityError
 from osl_analysis.judge.limits import DoubtfulFits, Limits
-from osl_analysis.spectral.stepped_sine import SteppedSineProtocol, unit_sines
+from osl_analysis.spectral.stepped_sine import SteppedSineProtocol
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import Trial, write_trial
 

@@ -389,16 +389,6 @@ def test_a_torque_clipped_before_its_noise_is_named_and_b_and_i_are_held(name, c
     assert row["I_without_low"] < 0.02 < row["I_without_high"]
 
 
-def test_a_damaged_stepped_sine_is_refused_with_the_setting_for_others():
-    time = np.arange(0, 60, 1 / 250)
-    theta = 0.07 * np.sin(2 * np.pi * np.repeat([1.0, 2.0, 3.0, 4.0, 5.0], len(time) // 5) * time)
-    wandering = theta + 0.08 * np.sin(0.8 * time)
-    trial = made_trial(np.random.default_rng(1), (time, (wandering, 0 * theta, 0 * theta)))
-    words = r"is no stepped sine.* 1 % of the moving time.*`excitation: any`"
-    with pytest.raises(InputError, match=words):
-        record_of_trial(trial, SETTINGS)
-
-
 @pytest.mark.parametrize(("K", "sign"), [(300.0, 1), (3.0, -1)])
 def test_noise_of_the_angle_changes_the_inertia_by_the_share_that_is_stated(K, sign):
     """A stiff joint has too large an I, a light one too small; over five records, within three
@@ -488,7 +478,7 @@ def turned_by(angle):
 @pytest.mark.parametrize("windows", [None, "2-30"])
 def test_a_joint_that_rests_is_refused_as_any_motion(windows):
     still = turned_by(lambda t: 0 * t)
-    with pytest.raises(InputError, match="made: the joint does not move; check the channel"):
+    with pytest.raises(InputError, match="made: the joint does not move: .* check the channel"):
         moving_record(still, windows)
 
 

@@ -6,6 +6,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import compress
+from math import ceil, floor
 from typing import Literal
 
 import numpy as np
@@ -24,7 +25,6 @@ from osl_analysis.inference import BenchSignals
 from osl_analysis.signals import LowPass, Motion, filtered_angle, filtered_motion
 from osl_analysis.signals.grid import UniformSignals, devices_of, resampled, uniform_signals
 from osl_analysis.spectral.periods import PeriodicMotion
-from osl_analysis.spectral.stepped_sine import whole_rows
 from osl_analysis.stats.covariance import FEWEST_CYCLES, products_between
 from osl_analysis.stats.power_density import power_density
 from osl_analysis.trial import Array, Trial
@@ -96,7 +96,8 @@ class Groups:
         """Rows of each label's groups in order of time, with adjacent ones joined; None: of all
         groups."""
         edges = zip(self.first.tolist(), self.stop.tolist(), strict=True)
-        rows = [whole_rows(first, stop) for first, stop in edges]
+        # rows that lie at least partly between two edges, up to rounding errors
+        rows = [slice(floor(first + 1e-6), ceil(stop - 1e-6)) for first, stop in edges]
         return {
             label: joined(list(compress(rows, self.of(label)))) for label in (None, *self.labels)
         }

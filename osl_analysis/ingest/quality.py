@@ -26,8 +26,12 @@ from osl_analysis.signals import longest_run
 from osl_analysis.signals.grid import GapLimits, devices_of, streams, uniform_signals
 from osl_analysis.signals.plateaus import STANDS, is_clamped, plateaus_of
 from osl_analysis.signals.samples import take
-from osl_analysis.spectral.sine_runs import Run
-from osl_analysis.spectral.stepped_sine import Likeness, SteppedSineProtocol, stated_protocol
+from osl_analysis.spectral.stepped_sine import (
+    Run,
+    SteppedSineProtocol,
+    find_sines,
+    stated_protocol,
+)
 from osl_analysis.trial import Array, Trial, plate_columns
 
 
@@ -205,13 +209,13 @@ def measure_protocol(examined: Examined) -> CheckResult:
         angle = uniform_signals(examined.trial, ["theta"], GapLimits())
     except InputError as error:
         return not_applicable(f"no time base, {error}")
-    alike = Likeness(angle.time, angle["theta"], protocol)
-    if excitation == "auto" and alike.kind == "other":
+    sines = find_sines(angle.time, angle["theta"], protocol)
+    if excitation == "auto" and sines.moving.any() and not sines.is_stepped:
         return CheckResult(0.0, "no stepped sine but another motion, which is fitted as such")
     if not (protocol.amplitudes and protocol.frequencies_hz):
-        runs = listing([str(run) for run in alike.runs], MOST_REMARKS)
+        runs = listing([str(run) for run in sines.runs], MOST_REMARKS)
         return not_applicable(f"amplitudes_deg and frequencies_hz are not stated; recorded: {runs}")
-    remarks = differences(alike, protocol)
+    remarks = differences(sines.runs, protocol)
     if not remarks:
         pairs = len(protocol.amplitudes) * len(protocol.frequencies_hz)
         return CheckResult(0.0, f"{pairs} commanded pairs of amplitude and frequency found")
@@ -219,9 +223,8 @@ def measure_protocol(examined: Examined) -> CheckResult:
     return CheckResult(float(len(remarks)), "; ".join(remarks[:MOST_REMARKS] + more))
 
 
-def differences(alike: Likeness, protocol: SteppedSineProtocol) -> list[str]:
-    """What a recorded stepped sine has otherwise than it was commanded, in words. Sizes are
-    compared at the slowest frequency: a bench loses least there."""
+def differences(recorded: Sequence[Run], protocol: SteppedSineProtocol) -> list[str]:
+    """What a recorded stepped sine has otherwise than it was commanded, in words."""
     commanded = defaultdict[tuple[float, float], float](float)
     counts = protocol.cycles_at or (math.nan,) * len(protocol.frequencies_hz)
     for amplitude in protocol.amplitudes:
@@ -229,7 +232,7 @@ def differences(alike: Likeness, protocol: SteppedSineProtocol) -> list[str]:
             commanded[amplitude, frequency] += cycles
     followed: dict[tuple[float | None, ...], list[Run]] = {pair: [] for pair in commanded}
     remarks: list[str] = []
-    for run in alike.runs:
+    for run in recorded:
         near = protocol.amplitude_near(run.amplitude), protocol.frequency_near(run.frequency_hz)
         if None in near:
             remarks.append(f"besides {run}")
@@ -245,13 +248,24 @@ def differences(alike: Likeness, protocol: SteppedSineProtocol) -> list[str]:
         slack = max(OTHER_CYCLES * cycles, UNSEEN_CYCLES * len(runs))
         if cycles < recorded_cycles - slack or cycles > MOST_IN_RAMPS * recorded_cycles + slack:
             remarks.append(f"{listing([str(run) for run in runs], 3)}, commanded are {cycles:g}")
-        size = runs[0].amplitude / amplitude
-        if frequency == slowest and abs(size - 1) > OTHER_SIZE:
-            remarks.append(
-                f"{runs[0]}, commanded are {np.rad2deg(amplitude):g} deg (if the joint did them,"
-                f" theta is {size:.3g} times its angle, and K {1 / size:.3g} times its own)"
-            )
-    return remarks
+    return remarks + other_sizes(recorded, protocol)
+
+
+def other_sizes(runs: Sequence[Run], protocol: SteppedSineProtocol) -> list[str]:
+    """A sentence per amplitude that is off its command at the slowest frequency: a bench loses
+    least there. As all may be off by one factor, they are matched by their order."""
+    slowest = min(protocol.frequencies_hz)
+    sizes = [run.amplitude for run in runs if protocol.frequency_near(run.frequency_hz) == slowest]
+    sizes = [size for size in sizes if protocol.amplitude_near(size) is not None]
+    if len(sizes) != len(protocol.amplitudes):
+        return []
+    return [
+        f"{np.rad2deg(size):.3g} deg at {slowest:g} Hz, commanded are {np.rad2deg(amplitude):g}"
+        f" deg (if the joint did them, theta is {size / amplitude:.3g} times its angle, and K"
+        f" {amplitude / size:.3g} times its own)"
+        for size, amplitude in zip(sorted(sizes), sorted(protocol.amplitudes), strict=True)
+        if abs(size / amplitude - 1) > OTHER_SIZE
+    ]
 
 
 # Sensors that stand at an end of their range, that stand still, and that leap.

@@ -1,33 +1,19 @@
-"""The stepped sine: what was commanded, what the joint did, the fitted cycles, and what is another
-motion.
+"""The stepped sine: what was commanded, the sines that the joint did, and the cycles of them that
+are fitted.
 
-A run (`sine_runs`) is a stretch of one frequency and amplitude. A segment is the whole cycles of a
-run that follows a commanded amplitude. Likeness gives the share of a motion that is sines, and of
-commanded ones.
+A run is a stretch of one frequency and amplitude, whoever commanded it. A segment is the whole
+cycles of a run that follows a commanded amplitude.
 """
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
-from itertools import pairwise
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from osl_analysis.errors import Change, InputError
-from osl_analysis.signals import longest_run, runs, sampling_rate
-from osl_analysis.signals.grid import BRIDGE_MORE
-from osl_analysis.spectral.sine_runs import (
-    MISSING_CYCLE,
-    SAME_AMPLITUDE,
-    Run,
-    find_runs,
-    upward_crossings,
-)
-from osl_analysis.spectral.sine_runs import noise_of as noise_of
-from osl_analysis.stats.covariance import FEWEST_CYCLES
+from osl_analysis.measured import usual_size
+from osl_analysis.signals import sampling_rate
 from osl_analysis.trial import Array
 
 # Relative differences of a recorded sine from the commanded one
@@ -37,28 +23,35 @@ SAME_RATE = 1e-3  # of two frequencies; runs that agree so well share one
 LARGEST_SLIP = 2e-3  # cycles by which a run may slip against the commanded frequency
 OTHER_UNIT = 10  # an amplitude so many times larger or smaller is in another unit
 
-LONGEST_REST = 0.3  # cycles between two runs of one amplitude that follow each other
-COARSE_PLACES = 12  # in half a period of the fastest sine, which has one place that agrees best
-# A run of whole cycles that begins at its centre and rises
-WHOLE_CYCLES = 0.15  # cycles that it may differ from a whole number
-BEGINS_AT_CENTRE = 0.5  # rad of its phase at the start
+# Largest relative differences between neighbouring cycles of a run; a bench loses as much amplitude
+# at 5 Hz.
+SAME_FREQUENCY = 0.05
+SAME_AMPLITUDE = 0.15
+# Largest relative difference of a cycle's amplitude from its run's median; beyond, cycles at its
+# ends are a ramp.
+ONE_HEIGHT = 0.06
+RECENT_CYCLES = 5  # with whose mean the next cycle is compared
+FEWEST_RUN_CYCLES = 3  # fewer may be a transient
+MISSING_CYCLE = 0.25  # cycles that may be missing at the ends of a run
+BEGINS_AT_CENTRE = 0.5  # rad of the phase of a run that begins at its centre and rises
 
 BIN_S = 0.25  # time [s] within which a moving joint turns measurably
 MOVING_SHARE = 0.02  # smallest share of its range by which it then turns
 MOVING_NOISES = 12  # standard deviations of the noise; a sensor at rest turns by less
-FEWEST_RUN_CYCLES = 3  # fewer may be a transient
+DEAD_BAND = 0.02  # of the largest angle: rests and noise stay within
+DEAD_BAND_NOISES = 5  # standard deviations of the noise
+# A second difference of white noise has sqrt(6) of its standard deviation; the median size is
+# 0.6745 of a normal one.
+SECOND_DIFFERENCE = 0.6745 * np.sqrt(6)
+
+SAMPLES_PER_CYCLE = 64  # tell all of a sine
+FEWEST_SAMPLES = 8  # for a sine with its growth and a centre
+FREQUENCY_ROUNDS = 4
+LARGEST_MISFIT = 0.3  # of the sine's RMS
 PURE_SINE = 0.08  # misfit of a pure sine, of its RMS; a triangle's is 0.12
+LEFT_SINE = 0.08  # of the amplitude, plus twice the misfit: the angle has left its sine
 STEADY = 0.01  # relative difference of a frequency between the halves of a run; a sweep's is more
-
-# Share of sines in the moving time
-HARDLY = 0.25  # below, no stepped sine
-MOSTLY = 0.5  # above, a stepped sine
-
-# Share of the power at one commanded frequency at a time
-PIECE_S = 4.0
-ONE_LINE = 0.85  # a stepped sine has 0.87 even with spikes, hum and a wandering angle; a sweep 0.8
-LEAST_LINE = 0.6  # of a piece's power at a commanded frequency that was recorded
-LEAST_RECORDED = 0.6  # of the commanded frequencies
+LEAST_SINES = 0.25  # of the moving time; below, a motion is no stepped sine
 
 
 @dataclass(frozen=True)
@@ -95,28 +88,256 @@ def stated_protocol(
     frequencies_hz: Sequence[float] | None,
     cycles: float | Sequence[float] | None,
 ) -> SteppedSineProtocol:
-    """Make the protocol that a configuration states.
-
-    Parameters
-    ----------
-    amplitudes_deg, frequencies_hz : Sequence of float or None
-        [deg] and [Hz]; None: not stated.
-    cycles : float, Sequence of float or None
-        At each frequency.
-    """
-    frequencies = tuple(frequencies_hz or ())
-    cycles_at_each: float | Sequence[float] = () if cycles is None else cycles
-    amplitudes = tuple(np.deg2rad(amplitudes_deg or ()).tolist())
-    return SteppedSineProtocol(amplitudes, frequencies, cycles_at_each)
+    """The protocol of a configuration, with amplitudes in degrees; None: not stated."""
+    return SteppedSineProtocol(
+        amplitudes=tuple(np.deg2rad(amplitudes_deg or ()).tolist()),
+        frequencies_hz=tuple(frequencies_hz or ()),
+        cycles=() if cycles is None else cycles,
+    )
 
 
 def followed(value: float, commanded: Sequence[float], tolerance: float) -> float | None:
     """The commanded value that is nearest by their ratio; None if they differ by more than the
     tolerance."""
-    if not commanded:
+    nearest = min(commanded, key=lambda target: abs(value / target - 1), default=None)
+    is_near = nearest is not None and abs(value / nearest - 1) <= tolerance
+    return nearest if is_near else None
+
+
+# ---- What the joint did
+
+
+@dataclass(frozen=True)
+class Run:
+    """A stretch of one frequency and amplitude.
+
+    Its sine is the real part of phasor exp(2j pi frequency t) about the centre, t the time from the
+    first row of the record [s].
+    """
+
+    frequency_hz: float
+    phasor: complex  # [rad]
+    centre: float  # angle [rad] about which the sine goes
+    start: float  # time [s] at which it begins
+    stop: float  # time [s] at which it ends
+    misfit: float  # RMS deviation [rad] of its angle from the sine: harmonics, decay, rounding
+    is_steady: bool = True  # whether both halves have one frequency; those of a sweep do not
+
+    @property
+    def amplitude(self) -> float:
+        """Amplitude [rad]."""
+        return abs(self.phasor)
+
+    @property
+    def cycles(self) -> float:
+        """Number of cycles, not rounded: the ends of a run are known to a few hundredths."""
+        return (self.stop - self.start) * self.frequency_hz
+
+    def angle(self, time: Array) -> Array:
+        """The sine's angle [rad] at times [s]."""
+        phase = 2 * np.pi * self.frequency_hz * time + np.angle(self.phasor)
+        return np.asarray(self.centre + self.amplitude * np.cos(phase))
+
+    def __str__(self) -> str:
+        return (
+            f"{np.rad2deg(self.amplitude):.2g} deg at {self.frequency_hz:.4g} Hz ({self.cycles:.1f}"
+            " cycles)"
+        )
+
+
+@dataclass(frozen=True)
+class Sines:
+    """The sines in a joint's motion.
+
+    Attributes
+    ----------
+    runs : list of Run
+        In order of time.
+    moving : Array (n,) of bool
+        Rows in which the joint moves.
+    share : float
+        Part of the moving time in runs that are commanded, or pure sines.
+    """
+
+    runs: list[Run]
+    moving: NDArray[np.bool_]
+    share: float
+
+    @property
+    def is_stepped(self) -> bool:
+        """Whether the motion is a stepped sine, and no other one."""
+        return self.share > LEAST_SINES
+
+
+def find_sines(time: Array, theta: Array, protocol: SteppedSineProtocol) -> Sines:
+    """Find the sines in a joint angle.
+
+    Parameters
+    ----------
+    time, theta : Array
+        Uniform times (n,) [s] and angles (n,) [rad].
+    protocol : SteppedSineProtocol
+        What was commanded.
+
+    Notes
+    -----
+    Consecutive similar cycles, each from one upward crossing of the centre to the next, make a run,
+    whose sine is fitted. A run extends as far as the angle follows its sine, and no other run has
+    begun. Rests, ramps, transients and disturbed cycles lie between the runs.
+    """
+    time = time - time[0]
+    moving = moving_bins(time, theta)
+    crossings = upward_crossings(time, theta, moving)
+    fitted = [fit_run(time, theta, cycles) for cycles in similar_cycles(time, theta, crossings)]
+    sines = [run for run in fitted if run is not None]
+    ends = [run.start for run in sines[1:]]
+    fewest = int(min((*protocol.cycles_at, FEWEST_RUN_CYCLES)))
+    runs = []
+    in_sines = np.zeros_like(moving)
+    earliest = 0.0
+    for sine, latest in zip(sines, [*ends, float(time[-1])], strict=False):
+        run = prolonged(time, theta, sine, earliest, latest)
+        earliest = run.stop
+        if run.cycles <= fewest - MISSING_CYCLE:
+            continue
+        runs.append(run)
+        has_frequency = protocol.frequency_near(run.frequency_hz) is not None
+        is_commanded = has_frequency and protocol.amplitude_near(run.amplitude) is not None
+        is_pure = run.misfit < PURE_SINE * run.amplitude / np.sqrt(2)
+        if run.is_steady and (is_commanded or is_pure):
+            first, stop = np.searchsorted(time, (run.start, run.stop))
+            in_sines[first:stop] = True
+    share = float(in_sines[moving].mean()) if moving.any() else 0.0
+    return Sines(runs, moving, share)
+
+
+def noise_of(theta: Array) -> float:
+    """Standard deviation of the noise of an angle (n,), in its unit, by its second differences; 0
+    of two samples."""
+    return usual_size(np.diff(theta, 2)) / SECOND_DIFFERENCE if len(theta) > 2 else 0.0
+
+
+def moving_bins(time: Array, theta: Array) -> NDArray[np.bool_]:
+    """Find the rows in which a joint moves, in bins of `BIN_S`.
+
+    Parameters
+    ----------
+    time, theta : Array
+        (n,) [s] and (n,) [rad].
+
+    Returns
+    -------
+    Array
+        Mask (n,). A bin with only rounding or noise of a sensor at rest does not count.
+    """
+    bins = np.floor((time - time[0]) / BIN_S)
+    first_rows = np.flatnonzero(np.diff(bins, prepend=-1))
+    turn = np.maximum.reduceat(theta, first_rows) - np.minimum.reduceat(theta, first_rows)
+    moves = turn > max(MOVING_SHARE * float(np.ptp(theta)), MOVING_NOISES * noise_of(theta))
+    return np.asarray(np.repeat(moves, np.diff(np.append(first_rows, len(theta)))))
+
+
+def upward_crossings(time: Array, theta: Array, moving: NDArray[np.bool_]) -> Array:
+    """Times [s] at which the angle rises through its centre, from below a dead band to above it.
+
+    The band is 2 % of the largest angle, so that rests and noise stay within. The centre is the
+    median angle while the joint moves: it may rest elsewhere, and for longer.
+    """
+    x = theta - np.median(theta[moving] if moving.any() else theta)
+    dead_band = max(DEAD_BAND * np.abs(x).max(), DEAD_BAND_NOISES * noise_of(theta))
+    beyond = np.flatnonzero(np.abs(x) > dead_band)
+    is_above = x[beyond] > 0
+    came_up = beyond[1:][is_above[1:] & ~is_above[:-1]]
+    rises = np.flatnonzero((x[:-1] <= 0) & (x[1:] > 0))
+    before = rises[np.searchsorted(rises, came_up) - 1]
+    step = time[before + 1] - time[before]
+    return np.asarray(time[before] - x[before] * step / (x[before + 1] - x[before]))
+
+
+def similar_cycles(time: Array, theta: Array, crossings: Array) -> list[Array]:
+    """The upward crossings [s] of each stretch of two or more consecutive cycles that are similar
+    in frequency and amplitude; a single one may belong to a ramp or a rest."""
+    if len(crossings) < 2:
+        return []
+    rows = np.searchsorted(time, crossings)
+    height = (np.maximum.reduceat(theta, rows) - np.minimum.reduceat(theta, rows))[:-1]
+    frequency = 1 / np.diff(crossings)
+    stretches = []
+    start = 0
+    for stop in range(1, len(frequency) + 1):
+        recent = slice(max(start, stop - RECENT_CYCLES), stop)
+        if stop < len(frequency):
+            frequency_change = abs(frequency[stop] / frequency[recent].mean() - 1)
+            height_change = abs(height[stop] / height[recent].mean() - 1)
+            if frequency_change <= SAME_FREQUENCY and height_change <= SAME_AMPLITUDE:
+                continue
+        heights = height[start:stop]
+        # a slow ramp stands outside
+        usual = start + np.flatnonzero(np.abs(heights / np.median(heights) - 1) < ONE_HEIGHT)
+        if len(usual) > 1:
+            stretches.append(crossings[usual[0] : usual[-1] + 2])
+        start = stop
+    return stretches
+
+
+def fit_run(time: Array, theta: Array, crossings: Array) -> Run | None:
+    """Fit a sine through the rows between the first and the last crossing [s]; None if its misfit
+    exceeds 0.3 of its RMS.
+
+    The phasor may change linearly in time; the growth of its phase corrects the frequency.
+    """
+    first, last = np.searchsorted(time, crossings[[0, -1]])
+    cycles = len(crossings) - 1
+    stride = max((last - first) // (SAMPLES_PER_CYCLE * cycles), 1)
+    t, x = time[first:last:stride], theta[first:last:stride]
+    if len(t) < FEWEST_SAMPLES:
         return None
-    nearest = min(commanded, key=lambda target: abs(value / target - 1))
-    return nearest if abs(value / nearest - 1) <= tolerance else None
+    duration = float(crossings[-1] - crossings[0])
+    frequency_hz = cycles / duration
+    middle = float(t.mean())
+    share = (t - middle) / duration
+    for _ in range(FREQUENCY_ROUNDS):
+        phase = 2 * np.pi * frequency_hz * (t - middle)
+        sine = np.array([np.cos(phase), -np.sin(phase)])
+        columns = np.vstack([np.ones_like(t), sine, share * sine])
+        coefficients = np.linalg.lstsq(columns.T, x)[0]
+        phasor, growth = complex(*coefficients[1:3]), complex(*coefficients[3:])
+        frequency_hz += (growth / phasor).imag / (2 * np.pi * duration)
+
+    half = cycles // 2
+    of_first_half = float(crossings[half] - crossings[0]) / half
+    of_second_half = float(crossings[-1] - crossings[half]) / (cycles - half)
+    run = Run(
+        frequency_hz=frequency_hz,
+        phasor=phasor * np.exp(-2j * np.pi * frequency_hz * middle),
+        centre=float(coefficients[0]),
+        start=float(time[first]),
+        stop=float(time[last - 1]),
+        misfit=0.0,
+        is_steady=abs(of_first_half / of_second_half - 1) < STEADY,
+    )
+    misfit = float(np.sqrt(np.mean((x - run.angle(t)) ** 2)))
+    if misfit > LARGEST_MISFIT * run.amplitude / np.sqrt(2):
+        return None
+    return replace(run, misfit=misfit)
+
+
+def prolonged(time: Array, theta: Array, run: Run, earliest: float, latest: float) -> Run:
+    """Prolong a run as far as the angle (n,) follows its sine, between two times [s]."""
+    low, first, last, high = np.searchsorted(time, (earliest, run.start, run.stop, latest))
+    rows = slice(low, high + 1)
+    deviation = np.abs(theta[rows] - run.angle(time[rows]))
+    has_left = deviation > LEFT_SINE * run.amplitude + 2 * run.misfit
+    left_before = low + np.flatnonzero(has_left[: first - low])
+    left_after = last + np.flatnonzero(has_left[last - low :])
+    return replace(
+        run,
+        start=float(time[left_before[-1] + 1]) if len(left_before) else earliest,
+        stop=float(time[left_after[0] - 1]) if len(left_after) else latest,
+    )
+
+
+# ---- What of it is fitted
 
 
 @dataclass(frozen=True)
@@ -138,57 +359,124 @@ class Segment:
         return slice(round(self.start), round(self.stop))
 
 
-def whole_rows(start: float, stop: float) -> slice:
-    """The rows that lie at least partly between two edges, up to rounding errors."""
-    return slice(math.floor(start + 1e-6), math.ceil(stop - 1e-6))
+def find_segments(
+    time: Array, theta: Array, sines: Sines, protocol: SteppedSineProtocol
+) -> list[Segment]:
+    """Find the segments of a joint angle.
 
-
-def settled_cycles(segment: Segment, settle_cycles: int, usable: NDArray[np.bool_]) -> Array:
-    """Choose the cycles of a segment that are fitted.
+    Frequencies, rests, ramps and numbers of cycles are as recorded; the protocol tells which
+    amplitudes are meant.
 
     Parameters
     ----------
-    segment : Segment
-    settle_cycles : int
-        First cycles, which contain the transient.
-    usable : Array
-        (n,) rows that are not near a gap.
+    time, theta : Array
+        Uniform times (n,) [s] and angles (n,) [rad].
+    sines : Sines
+        What `find_sines` has found in them.
+    protocol : SteppedSineProtocol
+        What was commanded.
 
     Returns
     -------
-    Array
-        Rows (k, 2) at which the cycles begin and end. The first edge is a whole row; the others are
-        not rounded: a cycle with an extra fraction of a row has another mean than the rest (at 250
-        and 3 Hz the error of B was 5.8 times too large).
+    list of Segment
+        In order of time.
 
     Raises
     ------
     InputError
-        No cycle is free of gaps.
-
-    Notes
-    -----
-    The last cycle is left out, too: into it the zero-phase filter smears the next frequency. One
-    cycle is kept in any case. Cycles with a row that is not usable are left out. So are stretches
-    between them with too few cycles for an interval, if there is a longer one.
+        There is no sine, or an amplitude is ten times larger or smaller than all commanded ones.
     """
-    before = min(settle_cycles, segment.cycles - 1)
-    after = min(1, segment.cycles - before - 1)
-    period = (segment.stop - segment.start) / segment.cycles
-    number = np.arange(segment.cycles - before - after)
-    first = np.rint(segment.start + before * period) + period * number
-    edges = np.stack([first, first + period], axis=1)
-    is_free = np.ones(len(edges), np.bool_)
-    if not usable.all():
-        is_free = np.array([bool(usable[whole_rows(a, b)].all()) for a, b in edges.tolist()])
-    if not is_free.any():
+    if not sines.runs:
+        commanded_deg = listed_deg(protocol.amplitudes)
+        stated = f", the protocol says sines of {commanded_deg} deg" if commanded_deg else ""
         raise InputError(
-            f"no cycle of {np.rad2deg(segment.amplitude):.3g} deg at {segment.frequency_hz:g} Hz is"
-            f" free of rows near a gap that is too long to be bridged; {BRIDGE_MORE}"
+            f"no sine was found: the joint angle moves by {np.rad2deg(np.ptp(theta)):.3g} deg in"
+            f" all{stated}; check the channel and the unit of theta in the source file, and that"
+            " the trial is a stepped sine"
         )
-    longest = longest_run(is_free)
-    fewest = min(longest.stop - longest.start, FEWEST_CYCLES)
-    return np.concatenate([edges[run] for run in runs(is_free) if run.stop - run.start >= fewest])
+    rate_hz = sampling_rate(time)
+    amplitudes = meant_amplitudes(sines.runs, protocol.amplitudes)
+    meant = [
+        (run, amplitude)
+        for run, amplitude in zip(sines.runs, amplitudes, strict=True)
+        if amplitude is not None
+    ]
+    frequencies = common_frequencies([run for run, _ in meant], protocol)
+    segments = []
+    for (run, amplitude), frequency_hz in zip(meant, frequencies, strict=True):
+        # in the middle: the ends of a run may lack a quarter of a cycle
+        cycles = int(run.cycles + MISSING_CYCLE)
+        length = cycles / frequency_hz
+        start = (run.start + run.stop - length) / 2
+        turns_per_s = 2 * np.pi * frequency_hz
+        phase = np.angle(1j * run.phasor * np.exp(2j * np.pi * run.frequency_hz * start))
+        if abs(phase) < BEGINS_AT_CENTRE:
+            start -= float(phase) / turns_per_s
+        start = max(start, 0.0)
+        segments.append(
+            Segment(
+                amplitude=run.amplitude,
+                frequency_hz=frequency_hz,
+                start=start * rate_hz,
+                stop=(start + length) * rate_hz,
+                cycles=cycles,
+                commanded=amplitude,
+            )
+        )
+    return segments
+
+
+def listed_deg(amplitudes: Sequence[float]) -> str:
+    return ", ".join(f"{np.rad2deg(amplitude):g}" for amplitude in amplitudes)
+
+
+def meant_amplitudes(runs: Sequence[Run], commanded: Sequence[float]) -> list[float | None]:
+    """The amplitude [rad] that each run was to have; None for a warm-up.
+
+    If not all commanded amplitudes were recorded, the protocol may have been another: other runs
+    then have their own amplitude to a tenth of a degree. A bench loses some of an amplitude: those
+    up to 25 % below a larger one share its. Raises as `find_segments`.
+    """
+    meant = [followed(run.amplitude, commanded, LOST_AMPLITUDE) for run in runs]
+    if commanded and set(commanded) <= set(meant):
+        return meant
+    others = [k for k, amplitude in enumerate(meant) if amplitude is None]
+    sizes: list[float] = []
+    for k in sorted(others, key=lambda k: -runs[k].amplitude):
+        run = runs[k]
+        ratios = run.amplitude / np.asarray(commanded)
+        if (ratios > OTHER_UNIT).all() != (ratios < 1 / OTHER_UNIT).all():
+            raise InputError(
+                f"the sine of {run.frequency_hz:.4g} Hz at {run.start:.1f} s has an amplitude of"
+                f" {np.rad2deg(run.amplitude):.2f} deg, the protocol says {listed_deg(commanded)}"
+                " deg; correct `amplitudes_deg` in the configuration, or the angle's unit in the"
+                " source file",
+                [Change("", other_unit_of="theta")],
+            )
+        size = followed(run.amplitude, sizes, LOST_AMPLITUDE)
+        if size is None:
+            size = float(np.deg2rad(round(np.rad2deg(run.amplitude), 1)))
+            sizes.append(size)
+        meant[k] = size
+    return meant
+
+
+def common_frequencies(runs: Sequence[Run], protocol: SteppedSineProtocol) -> list[float]:
+    """The frequency [Hz] of each run, one for all runs that agree to 0.1 %.
+
+    It is the commanded one, or a round one if no protocol is stated, provided that no run slips
+    against it by 0.2 % of a cycle. Else it is their mean, as when the clock of the bench is off.
+    """
+    recorded = np.array([run.frequency_hz for run in runs])
+    cycles = np.array([run.cycles for run in runs])
+    frequencies = []
+    for frequency_hz in recorded:
+        similar = np.abs(recorded / frequency_hz - 1) < SAME_RATE
+        mean = float(np.average(recorded[similar], weights=cycles[similar] ** 2))
+        commanded = protocol.frequency_near(mean) or float(f"{mean:.3g}")
+        slip = abs(mean / commanded - 1) * cycles[similar].max()
+        frequencies.append(float(commanded) if slip < LARGEST_SLIP else float(f"{mean:.6g}"))
+    return frequencies
 
 
 def labels_deg(segments: Sequence[Segment]) -> list[float]:
@@ -199,341 +487,9 @@ def labels_deg(segments: Sequence[Segment]) -> list[float]:
     amplitude = np.array([segment.amplitude for segment in segments])
     commanded = np.array([segment.commanded or 0.0 for segment in segments])
     order = np.lexsort((amplitude, commanded))
-    sorted_amplitude = amplitude[order]
     is_other_command = np.diff(commanded[order]) > 0
-    is_gap = sorted_amplitude[1:] > (1 + SAME_AMPLITUDE) * sorted_amplitude[:-1]
+    is_gap = amplitude[order][1:] > (1 + SAME_AMPLITUDE) * amplitude[order][:-1]
     number = np.empty_like(order)
     number[order] = np.concatenate([[0], np.cumsum(is_other_command | is_gap)])
     medians = [np.median(amplitude[number == own_number]) for own_number in number]
     return [float(f"{np.rad2deg(size):.3g}") for size in medians]
-
-
-def find_segments(likeness: "Likeness") -> list[Segment]:
-    """Find the segments of a joint angle at uniform times.
-
-    Frequencies, rests, ramps and numbers of cycles are as recorded; the protocol tells which
-    amplitudes are meant.
-
-    Parameters
-    ----------
-    likeness : Likeness
-        Of the angle to the protocol.
-
-    Returns
-    -------
-    list of Segment
-        In order of time.
-
-    Raises
-    ------
-    InputError
-        As `meant_runs`.
-    """
-    rate = sampling_rate(likeness.recorded)
-    meant = meant_runs(likeness)
-    frequencies = common_frequencies([run for run, _ in meant], likeness.protocol)
-
-    # of one amplitude, without a rest
-    groups: list[list[tuple[Run, Segment]]] = []
-    for (run, amplitude), frequency in zip(meant, frequencies, strict=True):
-        segment = whole_cycles_of(run, amplitude, frequency, rate)
-        if groups:
-            run_before, segment_before = groups[-1][-1]
-            rest = run.start - run_before.stop
-            rest_cycles = rest * max(run_before.frequency_hz, run.frequency_hz)
-            if rest_cycles < LONGEST_REST and segment_before.commanded == amplitude:
-                groups[-1].append((run, segment))
-                continue
-        groups.append([(run, segment)])
-
-    deviation = likeness.theta - np.mean(likeness.theta)
-    segments = list[Segment]()
-    for group in groups:
-        of_group = [segment for _, segment in group]
-        if all(is_of_whole_cycles(run, segment) for run, segment in group):
-            of_group = aligned_segments(of_group, deviation, rate)
-        segments.extend(of_group)
-    return segments
-
-
-def whole_cycles_of(run: Run, amplitude: float, frequency_hz: float, rate_hz: float) -> Segment:
-    """The whole cycles in the middle of a run; its ends may lack a quarter."""
-    cycles = int(run.cycles + MISSING_CYCLE)
-    length = cycles / frequency_hz
-    start = max((run.start + run.stop - length) / 2, 0.0)
-    return Segment(
-        amplitude=run.amplitude,
-        frequency_hz=frequency_hz,
-        start=start * rate_hz,
-        stop=(start + length) * rate_hz,
-        cycles=cycles,
-        commanded=amplitude,
-    )
-
-
-def is_of_whole_cycles(run: Run, segment: Segment) -> bool:
-    """Whether a run has whole cycles of a sine that begins at its centre and rises."""
-    begins_at_centre = abs(run.phase_at(run.start)) < BEGINS_AT_CENTRE
-    return abs(run.cycles - segment.cycles) < WHOLE_CYCLES and begins_at_centre
-
-
-def aligned_segments(
-    segments: Sequence[Segment], deviation: Array, rate_hz: float
-) -> list[Segment]:
-    """Move consecutive segments to where the angle's deviation (n,) agrees best with all their
-    sines."""
-    template = unit_sines([(s.frequency_hz, s.cycles) for s in segments], rate_hz)
-    begin = segments[0].start
-    reach = int(rate_hz / max(segment.frequency_hz for segment in segments) / 2)
-    low = max(round(begin) - reach, 0)
-    near = deviation[low : round(begin) + reach + len(template)]
-    if len(near) >= len(template):
-        begin = float(low + best_place(near, template, max(reach // COARSE_PLACES, 1)))
-    lengths = [segment.stop - segment.start for segment in segments]
-    edges = (begin + np.cumsum([0.0, *lengths])).tolist()
-    return [
-        replace(segment, start=start, stop=stop)
-        for segment, (start, stop) in zip(segments, pairwise(edges), strict=True)
-    ]
-
-
-def best_place(signal: Array, template: Array, stride: int) -> int:
-    """Row of a signal (n,) from which it agrees best with a template (k,): first of every few rows,
-    then of those about the best one."""
-
-    def agreement(row: int) -> float:
-        return float(signal[row : row + len(template)] @ template)
-
-    rows = range(len(signal) - len(template) + 1)
-    best = max(rows[::stride], key=agreement)
-    return max(rows[max(best - stride, 0) : best + stride + 1], key=agreement)
-
-
-def meant_runs(likeness: "Likeness") -> list[tuple[Run, float]]:
-    """Choose the runs that follow a commanded amplitude, each with the amplitude [rad] that it was
-    to have.
-
-    If not all commanded amplitudes were recorded, the protocol may have been another: other runs
-    then count, too, with their own amplitude to a tenth of a degree. An angle without a sine is
-    refused, and so is an amplitude ten times larger or smaller than all commanded ones.
-    """
-    protocol = likeness.protocol
-    if not likeness.runs:
-        raise InputError(no_sine(likeness))
-    commanded = [protocol.amplitude_near(run.amplitude) for run in likeness.runs]
-    all_recorded = bool(protocol.amplitudes) and set(protocol.amplitudes) <= set(commanded)
-
-    uncommanded: list[float] = []  # amplitudes [rad]
-    if not all_recorded:
-        others = [
-            run
-            for run, amplitude in zip(likeness.runs, commanded, strict=True)
-            if amplitude is None
-        ]
-        check_unit_of_amplitudes(others, likeness)
-        # the largest first: a bench loses some of an amplitude
-        for size in sorted((run.amplitude for run in others), reverse=True):
-            if followed(size, uncommanded, LOST_AMPLITUDE) is None:
-                uncommanded.append(float(np.deg2rad(round(np.rad2deg(size), 1))))
-
-    meant = []
-    for run, amplitude in zip(likeness.runs, commanded, strict=True):
-        of_run = amplitude or followed(run.amplitude, uncommanded, LOST_AMPLITUDE)
-        if of_run is not None:
-            meant.append((run, of_run))
-    return meant
-
-
-def no_sine(likeness: "Likeness") -> str:
-    """The message that an angle has no sine."""
-    commanded = listed_deg(likeness.protocol.amplitudes)
-    protocol = f", the protocol says sines of {commanded} deg" if commanded else ""
-    return (
-        f"no sine was found: the joint angle moves by {np.rad2deg(np.ptp(likeness.theta)):.3g} deg"
-        f" in all{protocol}; check the channel and the unit of theta in the source file, and that"
-        " the trial is a stepped sine"
-    )
-
-
-def check_unit_of_amplitudes(runs: Sequence[Run], likeness: "Likeness") -> None:
-    """Refuse an amplitude ten times larger or smaller than all commanded ones."""
-    amplitudes = likeness.protocol.amplitudes
-    if not amplitudes:
-        return
-    low = min(amplitudes) / OTHER_UNIT
-    high = max(amplitudes) * OTHER_UNIT
-    for run in runs:
-        if not low < run.amplitude < high:
-            start = run.start + float(likeness.recorded[0])
-            raise InputError(
-                f"the sine of {run.frequency_hz:.4g} Hz at {start:.1f} s has an amplitude of"
-                f" {np.rad2deg(run.amplitude):.2f} deg, the protocol says"
-                f" {listed_deg(amplitudes)} deg; correct `amplitudes_deg` in the configuration, or"
-                " the angle's unit in the source file",
-                [Change("", other_unit_of="theta")],
-            )
-
-
-def listed_deg(amplitudes: Sequence[float]) -> str:
-    return ", ".join(f"{np.rad2deg(amplitude):g}" for amplitude in amplitudes)
-
-
-def common_frequencies(runs: Sequence[Run], protocol: SteppedSineProtocol) -> list[float]:
-    """The frequency [Hz] of each run, one for all runs that agree to 0.1 %.
-
-    It is the commanded one, or a round one if no protocol is stated, provided that no run slips
-    against it by 0.2 % of a cycle. Else it is their mean, as when the clock of the bench is off.
-    """
-    frequencies = []
-    for run in runs:
-        similar = [
-            other for other in runs if abs(other.frequency_hz / run.frequency_hz - 1) < SAME_RATE
-        ]
-        recorded = [other.frequency_hz for other in similar]
-        mean = float(np.average(recorded, weights=[other.cycles**2 for other in similar]))
-        commanded = protocol.frequency_near(mean) or float(f"{mean:.3g}")
-        slip = abs(mean / commanded - 1) * max(other.cycles for other in similar)
-        frequencies.append(float(commanded) if slip < LARGEST_SLIP else float(f"{mean:.6g}"))
-    return frequencies
-
-
-def unit_sines(sines: Sequence[tuple[float, float]], rate_hz: float) -> Array:
-    """Sines of unit amplitude, one after the other: frequency [Hz] and number of cycles of each."""
-    pieces = []
-    for frequency, cycles in sines:
-        rows = np.arange(round(cycles / frequency * rate_hz))
-        pieces.append(np.sin(2 * np.pi * frequency * rows / rate_hz))
-    return np.concatenate(pieces)
-
-
-@dataclass(frozen=True)
-class Likeness:
-    """How much of a motion is a stepped sine, and the commanded one."""
-
-    recorded: Array  # uniform times (n,) [s]
-    theta: Array  # joint angle (n,) [rad]
-    protocol: SteppedSineProtocol  # what was commanded
-
-    @cached_property
-    def time(self) -> Array:
-        """Times (n,) [s] from the first row."""
-        return np.asarray(self.recorded - self.recorded[0])
-
-    @cached_property
-    def noise(self) -> float:
-        """Standard deviation of the angle's noise [rad]."""
-        return noise_of(self.theta)
-
-    @cached_property
-    def moving(self) -> NDArray[np.bool_]:
-        """Rows (n,) in which the joint moves."""
-        return moving_bins(self.time, self.theta, self.noise)
-
-    @property
-    def moves(self) -> bool:
-        return bool(self.moving.any())
-
-    @cached_property
-    def crossings(self) -> Array:
-        """Times [s] at which the angle rises through its centre."""
-        return upward_crossings(self.time, self.theta, self.noise)
-
-    @cached_property
-    def runs(self) -> list[Run]:
-        """Runs of three cycles, or of as few as were commanded."""
-        commanded = int(min(self.protocol.cycles_at, default=FEWEST_RUN_CYCLES))
-        fewest = min(FEWEST_RUN_CYCLES, commanded)
-        return find_runs(self.time, self.theta, self.crossings, fewest)
-
-    @cached_property
-    def sines(self) -> float:
-        """Share of the moving time in commanded runs, and in pure sines."""
-        inside = np.zeros_like(self.moving)
-        for run in self.runs:
-            is_pure = run.misfit < PURE_SINE * run.amplitude / math.sqrt(2)
-            if self.is_steady(run) and (self.is_commanded(run) or is_pure):
-                first, stop = np.searchsorted(self.time, (run.start, run.stop))
-                inside[first:stop] = True
-        moving = max(int(np.count_nonzero(self.moving)), 1)
-        return float(np.count_nonzero(inside & self.moving) / moving)
-
-    def is_commanded(self, run: Run) -> bool:
-        """Whether a run has a commanded frequency and a commanded amplitude."""
-        has_frequency = self.protocol.frequency_near(run.frequency_hz) is not None
-        return has_frequency and self.protocol.amplitude_near(run.amplitude) is not None
-
-    def is_steady(self, run: Run) -> bool:
-        """Whether both halves of a run agree in frequency to 1 %; those of a sweep do not."""
-        margin = 0.1 / run.frequency_hz
-        is_inside = (self.crossings > run.start - margin) & (self.crossings < run.stop + margin)
-        crossings = self.crossings[is_inside]
-        middle = len(crossings) // 2
-        if middle < 2:
-            return True
-        first_half = (crossings[middle] - crossings[0]) / middle
-        second_half = (crossings[-1] - crossings[middle]) / (len(crossings) - 1 - middle)
-        longer = max(first_half, second_half)
-        shorter = min(first_half, second_half)
-        return bool(longer / shorter - 1 < STEADY)
-
-    def one_line(self) -> float:
-        """Power at one commanded frequency at a time, as a share of that in their band.
-
-        It is the mean over pieces of 4 s of the largest share; 0 if fewer than 0.6 of the commanded
-        frequencies have a share above 0.6 in some piece.
-        """
-        commanded = np.unique(self.protocol.frequencies_hz)
-        if not commanded.size:
-            return 0.0
-        rate = (len(self.time) - 1) / float(self.time[-1])
-        n = round(PIECE_S * rate)
-        f = np.fft.rfftfreq(n, 1 / rate)
-        in_band = (f >= 0.6 * commanded[0]) & (f <= 1.5 * commanded[-1])
-        width = np.maximum(CLOCK_ERROR * commanded, 1.01 / PIECE_S)
-        is_near = np.abs(f[:, None] - commanded) <= width
-        smallest_range = MOVING_SHARE * float(np.ptp(self.theta))
-        shares = []
-        for start in range(0, len(self.theta) - n + 1, n // 2):
-            piece = self.theta[start : start + n]
-            power = np.abs(np.fft.rfft(np.hanning(n) * (piece - piece.mean()))) ** 2
-            if np.ptp(piece) > smallest_range and power[in_band].sum() > 0:
-                shares.append((power[:, None] * is_near).sum(axis=0) / power[in_band].sum())
-        if not shares:
-            return 0.0
-        is_recorded = (np.array(shares) > LEAST_LINE).any(axis=0)
-        if np.count_nonzero(is_recorded) < LEAST_RECORDED * len(commanded):
-            return 0.0
-        return float(np.max(shares, axis=1).mean())
-
-    @property
-    def kind(self) -> Literal["stepped sine", "unclear", "other"]:
-        """`stepped sine`; `unclear` if a part has sines or commanded frequencies, or if nothing
-        moves; else `other`."""
-        if self.sines > MOSTLY:
-            return "stepped sine"
-        if not self.moves or self.sines > HARDLY or self.one_line() > ONE_LINE:
-            return "unclear"
-        return "other"
-
-
-def moving_bins(time: Array, theta: Array, noise: float | None = None) -> NDArray[np.bool_]:
-    """Find the rows in which a joint moves, in bins of `BIN_S`.
-
-    Parameters
-    ----------
-    time, theta : Array
-        (n,) [s] and (n,) [rad].
-    noise : float, optional
-        `noise_of` the angle [rad], where it is known.
-
-    Returns
-    -------
-    Array
-        Mask (n,). A bin with only rounding or noise of a sensor at rest does not count.
-    """
-    bins = np.floor((time - time[0]) / BIN_S)
-    first_rows = np.flatnonzero(np.concatenate([[True], bins[1:] != bins[:-1]]))
-    turn = np.maximum.reduceat(theta, first_rows) - np.minimum.reduceat(theta, first_rows)
-    noise = noise_of(theta) if noise is None else noise
-    moves = turn > max(MOVING_SHARE * float(np.ptp(theta)), MOVING_NOISES * noise)
-    return np.asarray(np.repeat(moves, np.diff(np.append(first_rows, len(theta)))))

@@ -49,11 +49,6 @@ class PeriodicMotion:
     period: float  # [s]
     realisations: tuple[Realisation, ...]
 
-    def times(self, periods: int) -> Array:
-        """Times (periods, samples) [s] at `COARSE_HZ` in consecutive periods."""
-        of_period = np.arange(0, self.period, 1 / COARSE_HZ)
-        return np.asarray(self.period * np.arange(periods)[:, None] + of_period)
-
 
 class Repetition(NamedTuple):
     """A lag after which a motion repeats itself; the smallest lag sorts first."""
@@ -115,15 +110,17 @@ def periodic_motion(
     best = min(candidate.mismatch for candidate in candidates)
     # the shortest lag with a mismatch within a factor of two of the best is the period, not a
     # multiple of it
-    found = min(candidate for candidate in candidates if candidate.mismatch <= 2 * best + FLOOR)
-    motion = PeriodicMotion(found.lag, whole_periods(found, len(theta) / rate_hz))
-    scatters = []
-    for realisation in motion.realisations:
-        places = (realisation.start + motion.times(realisation.periods)) * rate_hz / step
-        periods = spline(places)
+    chosen = min(candidate for candidate in candidates if candidate.mismatch <= 2 * best + FLOOR)
+    realisations = whole_periods(chosen, len(theta) / rate_hz)
+    of_period = np.arange(0, chosen.lag, 1 / COARSE_HZ)
+    for realisation in realisations:
+        begins = realisation.start + chosen.lag * np.arange(realisation.periods)
+        periods = spline((begins[:, None] + of_period) * rate_hz / step)
         periods -= periods.mean(axis=1, keepdims=True)  # the joint may settle
-        scatters.append(np.std(periods - periods.mean(axis=0)) / np.std(periods))
-    return motion if scatters and max(scatters) < LARGEST_SCATTER else None
+        scatter = np.std(periods - periods.mean(axis=0)) / np.std(periods)
+        if not scatter < LARGEST_SCATTER:
+            return None
+    return PeriodicMotion(chosen.lag, realisations) if realisations else None
 
 
 def whole_periods(repetition: Repetition, seconds: float) -> tuple[Realisation, ...]:
@@ -144,37 +141,24 @@ def whole_periods(repetition: Repetition, seconds: float) -> tuple[Realisation, 
 
 
 def likely_lags(x: Array) -> Array:
-    """Lags [samples] at peaks of the autocorrelation of x (n,) after its first negative value,
-    interpolated by a parabola; the highest first.
+    """Lags [samples] at peaks of the autocorrelation of x (n,) after its first negative value; the
+    highest first.
 
     The autocorrelation is divided by the size of both overlapping parts, so that it does not fall
     with the lag.
     """
     n = len(x)
     lags = np.arange(n // 2 + 1)
-    products = np.fft.irfft(np.abs(np.fft.rfft(x, 2 * n)) ** 2, 2 * n)[lags]
+    products = scipy.signal.correlate(x, x)[n - 1 :][lags]
     energy = np.concatenate([[0.0], np.cumsum(x**2)])
     size = np.sqrt(energy[n - lags] * np.maximum(energy[n] - energy[lags], 0.0))
     correlation = np.divide(products, size, out=np.zeros(len(lags)), where=size > 1e-9 * energy[n])
-    negative = np.flatnonzero(correlation < 0)
-    if not len(negative):
-        return np.empty(0)
-
-    inner = np.arange(max(int(negative[0]), 1), len(correlation) - 1)
-    before = correlation[inner - 1]
-    here = correlation[inner]
-    after = correlation[inner + 1]
-    is_peak = (here >= before) & (here > after) & (here > LEAST_CORRELATION)
-    curvature = (before - 2 * here + after)[is_peak]
-    slope = (before - after)[is_peak]
-    peaks = inner[is_peak] + 0.5 * slope / np.where(curvature < 0, curvature, -1.0)
-    highest = peaks[np.argsort(-here[is_peak], kind="stable")[:MOST_LAGS]]
-
+    is_negative = correlation < 0
+    first = int(np.argmax(is_negative)) if is_negative.any() else len(lags)
     # a peak at the largest lag has no sample behind it
-    last = len(correlation) - 1
-    if last > 1 and correlation[last] > max(LEAST_CORRELATION, correlation[last - 1]):
-        return np.append(highest, float(last))
-    return np.asarray(highest)
+    peaks, _ = scipy.signal.find_peaks(np.append(correlation[first:], 0.0), LEAST_CORRELATION)
+    highest = np.argsort(-correlation[first + peaks], kind="stable")[:MOST_LAGS]
+    return np.asarray((first + peaks)[highest], dtype=np.float64)
 
 
 def repetition_after(

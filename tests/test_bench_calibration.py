@@ -2,7 +2,6 @@
 mean lowers it."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import polars as pl
@@ -30,10 +29,10 @@ from osl_analysis.bench.bench_settings import (
     Calibration,
     Fixture,
 )
+from osl_analysis.bench.calibration import Known, bench_estimates
 from osl_analysis.bench.coulomb import coulomb_fits
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums, sums_of
 from osl_analysis.bench.fixture import fixture_of, with_fixture
-from osl_analysis.bench.known_spring import Known, LateFits, bench_estimates
 from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.bench.regression import GroupFit
 from osl_analysis.bench.torque_angle import torque_angle_table
@@ -436,9 +435,8 @@ def test_the_error_of_a_fixture_s_inertia_has_that_of_the_gain():
         interval_method="units", degrees_of_freedom=np.full(3, 20.0), residual=np.empty(0),
         largest_correlation=0.6,
     )  # fmt: skip
-    record = SimpleNamespace(name="spring", band_hz=(1.0, 5.0))
 
-    found = bench_estimates(record, LateFits(fit, fit), Known(300.0, None), of=300.0)
+    found = bench_estimates(fit, Known(300.0, None))
 
     assert found["inertia"] == pytest.approx(inertia * 300.0 / K)
     slope = np.array([-inertia * 300.0 / K**2, 300.0 / K])

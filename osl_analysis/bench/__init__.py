@@ -5,6 +5,6 @@ and summary.
   them.
 * `effects` has the columns of what else the torque may hold, `joint_inference` the choice of what
   gives K, B and I.
-* `belt`, `transmission`, `actuator_alone`, `impedance`, `known_spring` and `torque_angle` are the
+* `belt`, `transmission`, `actuator_alone`, `impedance`, `calibration` and `torque_angle` are the
   experiments.
 """

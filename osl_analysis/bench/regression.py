@@ -29,7 +29,7 @@ columns, times the inverse of the normal equations.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -234,6 +234,35 @@ class GroupFit(LinearFit):
         stiffness."""
         variances = np.broadcast_to(self.bench_variance, len(self.names))
         return float(np.sqrt(variances[self.names.index(name)]))
+
+    def derived(
+        self,
+        names: tuple[str, ...],
+        estimates: Array,
+        gradients: Sequence[Mapping[str, float]],
+        freedom_of: Sequence[str],
+    ) -> "GroupFit":
+        """Functions of the estimates, to first order.
+
+        Parameters
+        ----------
+        names, estimates
+            Of k functions.
+        gradients
+            Derivatives of each by the estimates that it is of.
+        freedom_of
+            The estimate whose degrees of freedom each has.
+        """
+        J = np.array([[each.get(name, 0.0) for name in self.names] for each in gradients])
+        return replace(
+            self,
+            names=names,
+            estimates=estimates,
+            covariance=J @ self.covariance @ J.T,
+            degrees_of_freedom=np.array([self.freedom(name) for name in freedom_of]),
+            repeat=None,
+            bench_variance=0.0,
+        )
 
     def freedom(self, name: str) -> float:
         return float(self.degrees_of_freedom[self.names.index(name)])

@@ -11,16 +11,10 @@ from typing import Any
 import polars as pl
 
 from osl_analysis.bench import bench_settings as choices
-from osl_analysis.bench import (
-    condition_tables,
-    impedance,
-    known_spring,
-    torque_angle,
-)
+from osl_analysis.bench import calibration, condition_tables, impedance, torque_angle
 from osl_analysis.bench.actuator_alone import actuator_table, actuator_trial
 from osl_analysis.bench.analysis import analysed
 from osl_analysis.bench.belt import belt_curve, belt_table, belt_trial
-from osl_analysis.bench.bench_frame import measured_frame
 from osl_analysis.bench.component_summary import part_summary
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums
 from osl_analysis.bench.fit_tables import FitTables, tables_of_fit
@@ -186,7 +180,7 @@ def fit_calibration_trial(
     stated = condition or {}
     uncertainty = (stated.get("known_percent") or 0.0) / 100
     is_fixture_alone = bool(stated.get("fixture"))
-    known = known_spring.Known(
+    known = calibration.Known(
         stated.get("known_K"), stated.get("known_I"), uncertainty, is_fixture_alone
     )
     check_recording(trial, settings)
@@ -196,12 +190,12 @@ def fit_calibration_trial(
         settings = settings.model_copy(update={"fixture": None})
     trial = with_fixture(trial, settings.fixture)
     record = record_of_trial(trial, settings)
-    frame = measured_frame(trial, settings, record.groups)
+    frame = calibration.measured_frame(trial, settings, record.groups)
     if frame is not None and settings.bench_stiffness is None:  # the spring is behind the frame
         settings = settings.model_copy(update={"bench_stiffness": frame.stiffness})
         record = record_of_trial(trial, settings)
     analysis = analysed(record, plain_sums(record, IMPEDANCE), IMPEDANCE)
-    table = known_spring.calibration_table(analysis, known, frame, stated_fixture)
+    table = calibration.calibration_table(analysis, known, frame, stated_fixture)
     table = table.with_columns(rails, fixture_column(trial))
     return tables_of_fit(
         analysis.series(), lambda: {"timebase": analysis.time_base()}, calibration=table

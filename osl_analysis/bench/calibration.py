@@ -1,0 +1,285 @@
+"""Calibration of a bench: a known spring or inertia, which gives its lag and gain; its fixture
+alone; and the frame between two angles."""
+
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+import polars as pl
+import scipy
+
+from osl_analysis.bench import effects
+from osl_analysis.bench.analysis import QUANTITIES, Analysis, widened
+from osl_analysis.bench.bench_settings import BenchStiffness, Fixture, SteppedSineAnalysis
+from osl_analysis.bench.effects import IMPEDANCE
+from osl_analysis.bench.joint_inference import suspected_fault_of_losses
+from osl_analysis.bench.late_torque import late_fit
+from osl_analysis.bench.plausibility import check_resists
+from osl_analysis.bench.record import Groups, Record
+from osl_analysis.bench.regression import GroupFit, jackknife
+from osl_analysis.dictionary import table_of
+from osl_analysis.errors import InputError
+from osl_analysis.signals.grid import uniform_signals
+from osl_analysis.stats.covariance import products_between
+from osl_analysis.stats.estimates import NORMAL_HALF_WIDTH
+from osl_analysis.stats.table_rows import Row, estimates_row
+from osl_analysis.trial import Trial
+
+JOINT_SIDE = "theta_joint"  # column of the angle between frame and joint
+SPRING_LOSS = 1e-3
+"""Half-width of the loss factor of a spring, tan(phase), about 0: steel and clamps have 1e-4 to
+1e-3."""
+LEAST_INERTIA_SHARE = 0.01
+"""Torque of the inertia over that of the spring, at the fastest motion, from which damping is told
+from a delay. They differ by the inertia's torque alone, and 0.001 of the torque are usually
+wrong."""
+SAME_FIXTURE = 0.02  # share by which a stated fixture may differ, as rounding does
+
+
+@dataclass(frozen=True)
+class Known:
+    """A spring, an inertia, or both, that calibrate a bench."""
+
+    stiffness: float | None  # [N*m/rad]
+    inertia: float | None  # [kg*m^2]
+    share: float = 0.0  # their relative standard uncertainty
+    is_fixture_alone: bool = False  # nothing else turns: its own inertia and weight are measured
+
+
+@dataclass(frozen=True)
+class Frame:
+    """What certainly yields between the angles `theta` and `theta_joint`."""
+
+    compliance: float  # deflection per torque [rad/(N*m)]
+    half_width: float  # of its 95 % interval
+
+    @property
+    def stiffness(self) -> BenchStiffness:
+        """As the configuration states it."""
+        value = 1 / self.compliance
+        return BenchStiffness(
+            value=f"{value:.4g} N*m/rad",
+            standard_error=f"{value**2 * self.half_width / NORMAL_HALF_WIDTH:.2g} N*m/rad",
+        )
+
+
+def measured_frame(trial: Trial, settings: SteppedSineAnalysis, groups: Groups) -> Frame | None:
+    """Measure the frame in the rows of groups; None without an angle on the joint's side, or where
+    nothing certainly yields.
+
+    Notes
+    -----
+    Least squares of theta - theta_joint over the torque, with an offset. The standard error is that
+    of leaving out a group of rows at a time.
+
+    Raises
+    ------
+    InputError
+        The angle has no time base.
+    """
+    if JOINT_SIDE not in trial.columns:
+        return None
+    signals = uniform_signals(trial, ("theta", JOINT_SIDE, "torque"), settings.gap_limits)
+    wound = settings.low_pass(signals["theta"] - signals[JOINT_SIDE], signals.rate_hz)
+    torque = settings.low_pass(signals["torque"], signals.rate_hz)
+    X = np.column_stack([torque, np.ones_like(torque)])
+    products = products_between(X, np.column_stack([X, wound]), groups.first, groups.stop)
+    A_g, b_g = products[..., :2], products[..., 2]
+    A, b = A_g.sum(axis=0), b_g.sum(axis=0)
+    m = len(groups.first)
+    variance = jackknife(A_g, b_g, A, b, np.arange(m))[0, 0]
+    compliance = float(np.linalg.solve(A, b)[0])
+    half_width = float(scipy.special.stdtrit(m - 1, 0.975) * np.sqrt(variance))
+    return Frame(compliance, half_width) if compliance > half_width else None
+
+
+def calibration_table(
+    analysis: Analysis, known: Known, frame: Frame | None = None, stated: Fixture | None = None
+) -> pl.DataFrame:
+    """The trial's row of `calibration.csv`: Eq. 15 of a known spring or inertia, with friction and
+    a late torque, and what else than a delay may make the torque late.
+
+    A spring has no damping beyond `SPRING_LOSS`, unless the fit that allows one, whose `B` is
+    given, is certain of it: torque in phase with the velocity, beside friction, is a delay. For an
+    inertia, higher derivatives tell a delay from the damping of its bearing. `gain` is the measured
+    K or I over the known one; the rest is the fixture's. `frame` is what yields between two angles,
+    and `stated` the fixture that one alone is compared with.
+
+    Raises
+    ------
+    InputError
+        Nothing is known, and it is no fixture alone.
+    IdentifiabilityError
+        As `fit_groups`.
+    """
+    row: Row = {"trial": analysis.record.name}
+    if known.is_fixture_alone:
+        row.update(fixture_row(analysis, stated))
+    else:
+        row.update(known_row(analysis, known, frame))
+    row.update(analysis.diagnostics())
+    row.update(analysis.time_base_row(None, QUANTITIES))
+    return table_of([row], "calibration", complete=True)
+
+
+def known_row(analysis: Analysis, known: Known, frame: Frame | None) -> Row:
+    """What a known spring or inertia tells of the bench; raises as `calibration_table`."""
+    record = analysis.record
+    size = known.stiffness or known.inertia
+    if not size or size < 0:
+        raise InputError(
+            f"trial {record.name}: a calibration needs what is known; fill in known_K [N*m/rad] of"
+            " its spring, known_I [kg*m^2] of its inertia, or `alone` under fixture, in the sample"
+            " sheet"
+        )
+    counted, damped = late_fits(record, known.stiffness is not None)
+    fit = bench_estimates(counted, known)
+    check_resists(record.name, "K" if known.stiffness else "I", fit["gain"])
+    if counted is not damped:
+        # the lag of a spring's own loss in the middle of the band, as a rectangular distribution: a
+        # phase of d at f is a lag of d/(2 pi f)
+        middle_hz = np.sqrt(record.band_hz[0] * record.band_hz[1])
+        lag_of_loss_s = SPRING_LOSS / (2 * np.pi * middle_hz) / np.sqrt(3)
+        fit = widened(fit, np.array([lag_of_loss_s, 0.0, 0.0]))
+
+    certain_lag_s = beyond_interval(fit, "lag_s", fit["lag_s"])
+    fault = suspected_fault_of_losses(record) if certain_lag_s else None
+    delay, gain = error_to_state(fit, "lag_s"), error_to_state(fit, "gain")
+    to_state = f"calibration: {{torque_gain: {gain:.2g}, delay: {delay:.2g}}}"
+    of_frame: Row = {}
+    if frame is not None:
+        stiffness = frame.stiffness
+        value, error = stiffness.value, stiffness.standard_error
+        to_state = f"{{{to_state}, bench_stiffness: {{value: {value}, standard_error: {error}}}}}"
+        of_frame = {
+            "frame_stiffness": 1 / frame.compliance,
+            "frame_stiffness_low": 1 / (frame.compliance + frame.half_width),
+            "frame_stiffness_high": 1 / (frame.compliance - frame.half_width),
+        }
+    return {
+        **of_frame,
+        "known_K": known.stiffness,
+        "known_I": known.inertia,
+        "known_share": known.share,
+        **estimates_row(fit, *fit.names),
+        **(estimates_row(damped, "B") if damped else {}),
+        **estimates_row(counted, "T_C"),
+        "certain_lag_s": certain_lag_s,
+        "certain_gain_error": beyond_interval(fit, "gain", fit["gain"] - 1),
+        "to_state": to_state,
+        "explanations": fault.explanations if fault else None,
+    }
+
+
+def late_fits(record: Record, is_spring: bool) -> tuple[GroupFit, GroupFit | None]:
+    """Fit Eq. 15 with friction and a late torque.
+
+    Returns
+    -------
+    counted : GroupFit
+        The fit that counts: of a spring without damping, unless this is certain.
+    damped : GroupFit or None
+        The fit that allows damping; None for a spring with too little inertia to tell it.
+    """
+    columns, centre = effects.effect_columns(record)
+    fit_late = partial(late_fit, record.coarse, columns, centre=centre)
+    model = {**IMPEDANCE, "T_C": "T_C"}
+    if not is_spring:
+        fit = fit_late(model=model).fit
+        return fit, fit
+
+    undamped = fit_late(model={name: model[name] for name in model if name != "B"}).fit
+    fastest = 2 * np.pi * record.band_hz[1]
+    if abs(undamped["I"]) * fastest**2 < LEAST_INERTIA_SHARE * undamped["K"]:
+        return undamped, None
+    damped = undamped
+    for lag_s in (undamped["lag_s"], 0.0):
+        late = fit_late(model=model, lag_s=lag_s)
+        # a delay has a false minimum beside a negative damping
+        is_likely = late.has_ended and late.fit.interval("B")[1] >= 0
+        if is_likely or damped is undamped:
+            damped = late.fit
+    is_damped = damped["B"] > 0 and damped.certain("B", effects.FALSE_ALARM)
+    return (damped if is_damped else undamped), damped
+
+
+def bench_estimates(fit: GroupFit, known: Known) -> GroupFit:
+    """Lag, gain, and the fixture's inertia or weight, from Eq. 15 of what is known."""
+    main, beside, name = ("K", "I", "inertia") if known.stiffness else ("I", "K", "weight")
+    size = known.stiffness or known.inertia
+    assert size is not None
+    taken = known.inertia or 0.0 if known.stiffness else 0.0
+    gain = fit[main] / size
+    other = fit[beside] / gain
+    gradients = (
+        {"lag_s": 1.0},
+        {main: 1 / size},
+        {main: -other / fit[main], beside: 1 / gain},
+    )
+    found = fit.derived(
+        ("lag_s", "gain", name),
+        np.array([fit["lag_s"], gain, other - taken]),
+        gradients,
+        ("lag_s", main, beside),
+    )
+    return widened(found, known.share * np.array([0.0, gain, other - taken]))
+
+
+def beyond_interval(fit: GroupFit, name: str, difference: float) -> float:
+    """A difference of an estimate from what it should be, less the half-width of its interval."""
+    half_width = fit.interval(name)[1] - fit[name]
+    return float(np.sign(difference)) * max(abs(difference) - half_width, 0.0)
+
+
+def error_to_state(fit: GroupFit, name: str) -> float:
+    """The standard error to state of an estimate: half of its interval over 1.96, since a stated
+    error has no degrees of freedom."""
+    return (fit.interval(name)[1] - fit[name]) / NORMAL_HALF_WIDTH
+
+
+def fixture_row(analysis: Analysis, stated: Fixture | None) -> Row:
+    """Inertia and weight of a fixture that turns alone, the angle at which it hangs, and how far a
+    stated fixture is from them.
+
+    K of Eq. 15 is the slope of the weight's torque in the middle of the motion. It hangs there, or
+    opposite, where that torque falls with the angle. No small motion tells it from another one with
+    the same slope. A stated fixture is off in its units, and at most in multiples of what the
+    intervals of both, or `SAME_FIXTURE`, leave open.
+
+    Raises
+    ------
+    InputError
+        The inertia is certainly negative.
+    """
+    record = analysis.record
+    of_joint = analysis.calibrated(analysis.whole)
+    check_resists(record.name, "I", of_joint["I"], of_joint.interval("I")[1])
+    middle_deg = float(np.rad2deg(record.motion.theta[record.rows()].mean()))
+    hangs = of_joint["K"] >= 0
+    rest_deg = middle_deg if hangs else middle_deg + 180
+    fit = of_joint.derived(
+        ("inertia", "weight"),
+        np.array([of_joint["I"], abs(of_joint["K"])]),
+        ({"I": 1.0}, {"K": 1.0 if hangs else -1.0}),
+        ("I", "K"),
+    )
+    row: Row = {
+        **estimates_row(fit, "inertia", "weight"),
+        "rest_deg": rest_deg,
+        "to_state": (
+            f"fixture: {{inertia: {max(fit['inertia'], 0.0):.4g}, weight: {fit['weight']:.4g},"
+            f" rest_deg: {rest_deg:.3g}, inertia_error: {error_to_state(fit, 'inertia'):.2g},"
+            f" weight_error: {error_to_state(fit, 'weight'):.2g}}}"
+        ),
+    }
+    if stated is not None:
+        multiples = []
+        for name in fit.names:
+            off = getattr(stated, name) - fit[name]
+            half_width = fit.interval(name)[1] - fit[name]
+            of_stated = 2 * getattr(stated, f"{name}_error")
+            left_open = max(np.hypot(half_width, of_stated), SAME_FIXTURE * abs(fit[name]))
+            row[f"{name}_off"] = off
+            multiples.append(abs(off) / left_open)
+        row["fixture_error"] = max(multiples)
+    return row

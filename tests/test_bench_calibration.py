@@ -145,7 +145,7 @@ def test_no_mean_over_trials_lowers_it():
 @pytest.mark.parametrize("n", [2, 4])
 def test_it_counts_once_in_a_mean_of_trials_whose_intervals_are_all_of_it(n):
     se, trials = 3.0, pl.DataFrame({"K_s": [684.0] * n})
-    half_width = 1.96 * se
+    half_width = 1.959964 * se
     stated = {"K_s_low": 684 - half_width, "K_s_high": 684 + half_width, "K_s_se_bench": se}
 
     row = summary_row(trials.with_columns(**{k: pl.lit(v) for k, v in stated.items()}), "K_s")

@@ -224,7 +224,7 @@ def test_two_trials_that_agree_by_luck_are_covered_as_often_as_others(between):
     """Trials with own errors of 2 and scatter between them: mean and difference are independent, so
     that of those that agree Student's interval alone covers next to none."""
     draws = np.random.default_rng(5).standard_normal((1000, 2)) * np.hypot(2.0, between)
-    found = [repeats.over_repeats(pair, halves=[1.96 * 2.0] * 2) for pair in draws]
+    found = [repeats.over_repeats(pair, halves=[1.959964 * 2.0] * 2) for pair in draws]
     covers = np.array([one.low < 0 < one.high for one in found])
     alike = np.abs(np.diff(draws))[:, 0] < 0.2
     student_alone = [repeats.over_repeats(pair) for pair in draws[alike]]

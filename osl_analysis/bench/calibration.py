@@ -21,7 +21,7 @@ from osl_analysis.dictionary import table_of
 from osl_analysis.errors import InputError
 from osl_analysis.signals.grid import uniform_signals
 from osl_analysis.stats.covariance import products_between
-from osl_analysis.stats.estimates import NORMAL_HALF_WIDTH
+from osl_analysis.stats.linear_fit import NORMAL_HALF_WIDTH
 from osl_analysis.stats.table_rows import Row, estimates_row
 from osl_analysis.trial import Trial
 

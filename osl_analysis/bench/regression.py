@@ -38,7 +38,7 @@ from numpy.typing import NDArray
 
 from osl_analysis.bench.record import Groups, Label, Record
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.measured import check_measured, rounding_of
+from osl_analysis.measured import check_measured
 from osl_analysis.stats import linear_fit as rules
 from osl_analysis.stats.covariance import between_cycles, products_between
 from osl_analysis.stats.linear_fit import CONDITION_LIMIT, LinearFit
@@ -528,10 +528,8 @@ def accounted_for(sums: Array, one: int, residual: Array, torque: Array) -> floa
         float(weights @ sums @ weights) / n - (float(sums[one] @ weights) / n) ** 2
         for weights in (torque, residual)
     )
-    rounding = rounding_of(np.array([np.sqrt(max(float(torque @ sums @ torque) / n, 0.0))]))
-    if square > rounding:
-        return float(100 * (1 - max(left, 0.0) / square))
-    return 100.0 if left <= rounding else 0.0
+    mean_square = max(float(torque @ sums @ torque) / n, 0.0)
+    return float(rules.vaf_by_moments(max(left, 0.0), square, mean_square))
 
 
 def held_out_vaf(s: Sums, model: Mapping[str, str], parts: HeldOut) -> float | None:

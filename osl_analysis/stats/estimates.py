@@ -5,10 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from osl_analysis.stats.linear_fit import LinearFit
+from osl_analysis.stats.linear_fit import NORMAL_HALF_WIDTH, LinearFit
 from osl_analysis.stats.table_rows import INTERVAL_ENDS, Row
-
-NORMAL_HALF_WIDTH = 1.95996  # standard errors of a 95 % interval where their size is known exactly
 
 
 @dataclass(frozen=True)

@@ -7,15 +7,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
+from numpy.typing import ArrayLike
 
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.measured import check_finite, check_measured, rounding_of
+from osl_analysis.measured import EXACT_FIT_SHARE, check_finite, check_measured
 from osl_analysis.stats.covariance import Covariance, hac
 from osl_analysis.trial import Array
 
 CONDITION_LIMIT = 1e3
 """Largest scaled condition number that is accepted. At this limit an error of 0.1 % in a column can
 cause an error of 100 % in an estimate."""
+
+NORMAL_HALF_WIDTH = 1.959964  # standard errors of a 95 % interval where their size is known
 
 ROUNDED = 1e6  # condition number above which rounding destroys the inverse of the normal equations
 
@@ -205,9 +208,14 @@ def variance_accounted_for(y: Array, residual: Array) -> float:
     check_finite("the residual", residual)
     if not len(y):
         return float("nan")
-    residual_variance = float(np.var(residual))
-    variance = float(np.var(y))
-    rounding = rounding_of(y)
-    if variance > rounding:
-        return 100 * (1 - residual_variance / variance)
-    return 100.0 if residual_variance <= rounding else 0.0
+    return float(vaf_by_moments(np.var(residual), np.var(y), np.mean(y**2)))
+
+
+def vaf_by_moments(unexplained: ArrayLike, variance: ArrayLike, mean_square: ArrayLike) -> Array:
+    """`variance_accounted_for` [percent] by the variance of the residual, and the variance and the
+    mean square of y, of (k,) fits or of one."""
+    unexplained, variance = np.asarray(unexplained), np.asarray(variance)
+    rounding = EXACT_FIT_SHARE * np.asarray(mean_square)
+    of_constant = np.where(unexplained > rounding, 1.0, 0.0)
+    share = np.divide(unexplained, variance, out=of_constant, where=variance > rounding)
+    return np.asarray(100 * (1 - share))

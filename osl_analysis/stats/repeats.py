@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from osl_analysis.errors import InputError
 from osl_analysis.measured import check_measured
 from osl_analysis.stats.covariance import welch_satterthwaite
+from osl_analysis.stats.linear_fit import NORMAL_HALF_WIDTH
 
 # column with the causes of doubt: empty if the fit is not doubtful, null in a row without a fit
 DOUBTFUL = "doubtful"
@@ -32,9 +33,6 @@ class Repeats:
     low: float
     high: float  # upper bound
     interval_method: str | None = None  # which of the two; None without an interval
-
-
-NORMAL_97_5 = 1.96  # quantile of the normal distribution, for the 95 % interval
 
 
 def own_condition(table: pl.DataFrame) -> pl.Expr:
@@ -115,14 +113,14 @@ def over_repeats(
     degrees = welch_satterthwaite(variances, [len(values) - 1, *freedom_of_common])
     by_scatter = float(scipy.special.stdtrit(degrees, 0.975)) * se
     by_trials = np.linalg.norm(halves) / len(values)
-    by_own = float(np.hypot(by_trials, NORMAL_97_5 * np.sqrt(sum(of_common))))
+    by_own = float(np.hypot(by_trials, NORMAL_HALF_WIDTH * np.sqrt(sum(of_common))))
     method = "errors of the trials" if by_own > by_scatter and np.any(halves) else "Student"
     half = max(by_scatter, by_own)
     return Repeats(
         n=len(values),
         mean=mean,
         sd=float(np.sqrt(scatter)),
-        se=max(se, by_own / NORMAL_97_5),
+        se=max(se, by_own / NORMAL_HALF_WIDTH),
         low=mean - half,
         high=mean + half,
         interval_method=method,
@@ -146,7 +144,7 @@ def summary_row(table: pl.DataFrame, name: str) -> dict[str, float | str | None]
     halves: ArrayLike = ()
     if {f"{name}_low", f"{name}_high"} <= set(table.columns):
         widths = used[f"{name}_high"].to_numpy() - used[f"{name}_low"].to_numpy()
-        own_squares = np.nan_to_num(widths / 2) ** 2 - (NORMAL_97_5 * of_bench) ** 2
+        own_squares = np.nan_to_num(widths / 2) ** 2 - (NORMAL_HALF_WIDTH * of_bench) ** 2
         halves = np.sqrt(np.maximum(own_squares, 0.0))
     common = [(shared, np.inf)] if shared else []
     row: dict[str, float | str | None] = asdict(

@@ -14,9 +14,8 @@ import numpy as np
 import scipy
 
 from osl_analysis.errors import InputError
-from osl_analysis.measured import EXACT_FIT_SHARE
 from osl_analysis.signals import Motion, differentiate
-from osl_analysis.stats.linear_fit import LinearFit
+from osl_analysis.stats.linear_fit import LinearFit, vaf_by_moments
 from osl_analysis.stats.repeats import CommonError
 from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import Crossing
@@ -276,18 +275,10 @@ def fitted_draws(motion: Motion, torque: Array) -> dict[str, Array]:
     sizes = np.linalg.norm(X, axis=1, keepdims=True)
     estimates = np.linalg.pinv(X / sizes) @ y[..., None] / sizes.swapaxes(1, 2)
 
-    # The variance accounted for, as of `variance_accounted_for`
     unexplained = (y - (X @ estimates)[..., 0]).var(axis=1)
-    variance = y.var(axis=1)
-    rounding = EXACT_FIT_SHARE * np.mean(y**2, axis=1)
-    share = np.divide(
-        unexplained,
-        variance,
-        out=(unexplained > rounding).astype(float),
-        where=variance > rounding,
-    )
+    vaf = vaf_by_moments(unexplained, y.var(axis=1), np.mean(y**2, axis=1))
     K, B, I = estimates[:, :, 0].T
-    return {"K": K, "B": B, "I": I, "VAF": 100 * (1 - share)}
+    return {"K": K, "B": B, "I": I, "VAF": vaf}
 
 
 def predictor_choice(responses: Sequence[PerturbationResponse], fit: LinearFit) -> PredictorChoice:

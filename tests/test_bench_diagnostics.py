@@ -229,5 +229,5 @@ def test_a_belt_of_an_actuator_s_angle_with_the_wrong_sign_tells_no_lag():
 
     belt = belt_of_leg(record_of_leg(turned), P)
 
-    assert belt.torque is None
+    assert belt.lag is None
     assert belt.K_s < 0.7 * P.K_s

@@ -21,7 +21,7 @@ from osl_analysis.bench.analysis import analysed
 from osl_analysis.bench.bench_settings import Calibration
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums
 from osl_analysis.bench.impedance import DesiredImpedance, impedance_with_evidence, lag_row
-from osl_analysis.bench.leg_belt import Fault
+from osl_analysis.bench.leg_belt import Lag
 from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands.figure import fig4
@@ -203,8 +203,8 @@ def test_a_lag_by_the_belt_makes_shares_of_b_and_i_if_it_is_certain():
     B_without_lag = fit["B"] + fit["K"] * lag_s
     change_of_I = -B_without_lag * lag_s + fit["K"] * lag_s**2 / 2
 
-    uncertain = lag_row(Fault(3e-4, 2e-4, False), fit)
-    certain = lag_row(Fault(lag_s, 1e-5, True), fit)
+    uncertain = lag_row(Lag(3e-4, 2e-4, False), fit)
+    certain = lag_row(Lag(lag_s, 1e-5, True), fit)
 
     assert uncertain["lag_share"] == uncertain["lag_inertia_share"] == 0
     assert certain["lag_share"] == pytest.approx(0.6 / 5.0)

@@ -13,7 +13,7 @@ from osl_analysis.bench.bench_settings import NOT_STATED, Calibration
 from osl_analysis.bench.effects import Model, noise_of_angle, plain_sums, with_effects
 from osl_analysis.bench.fit_tables import Series, timebase_table
 from osl_analysis.bench.identifiability import STIFFNESS_ALONE, check_moves, check_told
-from osl_analysis.bench.leg_belt import Fault
+from osl_analysis.bench.leg_belt import Lag
 from osl_analysis.bench.motion import SHORTEST_S
 from osl_analysis.bench.plausibility import check_stiffer
 from osl_analysis.bench.record import Label, Record
@@ -387,13 +387,13 @@ def at_zero(fit: GroupFit, centre: float) -> GroupFit:
     )
 
 
-def without_lag(analysis: Analysis, lag: Fault | None, label: Label) -> Row:
+def without_lag(analysis: Analysis, lag: Lag | None, label: Label) -> Row:
     """K, B and I of a label after removal of a lag that was found, its error in the intervals; null
     without one."""
-    if lag is None or not lag.found:
+    if lag is None or not lag.is_certain:
         return without_row(None, "without_lag")
     record, fit = analysis.record, analysis.fits[label]
-    then = record.time + lag.size
+    then = record.time + lag.seconds
     on_time = replace(
         record,
         torque=np.interp(then, record.time, record.torque),
@@ -401,7 +401,7 @@ def without_lag(analysis: Analysis, lag: Fault | None, label: Label) -> Row:
     )
     s = plain_sums(on_time, analysis.model)
     without = at_zero(with_effects(s, analysis.model, (), label), s.centre)
-    change_per_s = (without.estimates - fit.estimates) / lag.size
+    change_per_s = (without.estimates - fit.estimates) / lag.seconds
     without = widened(without, change_per_s * lag.se)
     return without_row(analysis.calibrated(without, label), "without_lag")
 

@@ -11,9 +11,8 @@ import scipy
 from osl_analysis.bench import effects
 from osl_analysis.bench.analysis import QUANTITIES, Analysis, widened
 from osl_analysis.bench.bench_settings import BenchStiffness, Fixture, SteppedSineAnalysis
-from osl_analysis.bench.effects import IMPEDANCE
+from osl_analysis.bench.effects import IMPEDANCE, late_fit
 from osl_analysis.bench.joint_inference import suspected_fault_of_losses
-from osl_analysis.bench.late_torque import late_fit
 from osl_analysis.bench.plausibility import check_resists
 from osl_analysis.bench.record import Groups, Record
 from osl_analysis.bench.regression import GroupFit, jackknife

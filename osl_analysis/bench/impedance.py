@@ -20,7 +20,7 @@ from osl_analysis.bench.analysis import (
 from osl_analysis.bench.effects import IMPEDANCE
 from osl_analysis.bench.identifiability import turn_deg
 from osl_analysis.bench.joint_inference import impedance_fits
-from osl_analysis.bench.leg_belt import Fault, belt_of_leg, is_leg
+from osl_analysis.bench.leg_belt import Lag, belt_of_leg, is_leg
 from osl_analysis.bench.plausibility import check_resists, plausible_impedance
 from osl_analysis.bench.record import Label, Record
 from osl_analysis.bench.regression import (
@@ -159,7 +159,7 @@ def impedance_table(
     belt = belt_of_leg(record, p)
     check_drives_nothing(analysis)
     fits = impedance_fits(analysis, s, is_leg(record, p))
-    lag = belt.torque if belt else None
+    lag = belt.lag if belt else None
     of_trial: Row = {
         **motion_row(record),
         "K_s_ratio": belt.K_s / p.K_s if belt and p else None,
@@ -219,7 +219,7 @@ def clock_difference(record: Record) -> float | None:
     return apart or None  # channels of one clock have the same rate
 
 
-def lag_row(lag: Fault | None, fit: GroupFit) -> Row:
+def lag_row(lag: Lag | None, fit: GroupFit) -> Row:
     """Lag of a leg's torque behind the angle by its belt, and the shares of B and I that are due to
     a lag that was found.
 
@@ -228,9 +228,9 @@ def lag_row(lag: Fault | None, fit: GroupFit) -> Row:
     if lag is None:
         return dict.fromkeys(("lag_s", "lag_share", "lag_inertia_share"))
     K, B = fit["K"], fit["B"]
-    found_s = lag.size if lag.found else 0.0
+    found_s = lag.seconds if lag.is_certain else 0.0
     return {
-        "lag_s": lag.size,
+        "lag_s": lag.seconds,
         "lag_share": abs(K * found_s / B),
         "lag_inertia_share": abs((B + K * found_s / 2) * found_s) / share_of_inertia(fit),
     }

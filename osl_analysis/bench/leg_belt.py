@@ -1,15 +1,12 @@
 """The belt of a leg, and what it tells of lags of the torque and of theta_m."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
 
-from osl_analysis.bench.effects import FALSE_ALARM, columns_of
-from osl_analysis.bench.late_torque import LateFit, late_fit
+from osl_analysis.bench.effects import FALSE_ALARM, columns_of, late_fit
 from osl_analysis.bench.record import Record, actuator_turns
-from osl_analysis.bench.regression import GroupFit
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.inference.friction_shapes import slipping_springs
 from osl_analysis.model.drivetrain import DrivetrainParameters, belt_deflection
@@ -30,17 +27,20 @@ CANNOT_TELL = (IdentifiabilityError, InputError, np.linalg.LinAlgError)
 
 
 @dataclass(frozen=True)
-class Fault:
-    """Size of a fault of a recording."""
+class Lag:
+    """A lag of the torque behind the joint's angle."""
 
-    size: float  # in its unit
-    se: float  # its standard error
-    found: bool  # whether it is certain
+    seconds: float  # [s]
+    se: float  # its standard error [s]
+    is_certain: bool  # whether it differs from 0
 
-
-def is_certain(size: float, se: float, freedom: float) -> bool:
-    """Whether a size differs from 0 by a two-sided test at the level `FALSE_ALARM`."""
-    return abs(size) > float(scipy.special.stdtrit(freedom, 1 - FALSE_ALARM / 2)) * se
+    @classmethod
+    def of(cls, seconds: float, se: float, freedom: float) -> "Lag":
+        """A lag [s] with its standard error, to which that by the belt's hysteresis is added; it is
+        certain by a two-sided test at the level `FALSE_ALARM`."""
+        se = float(np.hypot(se, BELT_ERROR))
+        least = float(scipy.special.stdtrit(freedom, 1 - FALSE_ALARM / 2)) * se
+        return cls(seconds, se, abs(seconds) > least)
 
 
 @dataclass(frozen=True)
@@ -48,9 +48,7 @@ class Belt:
     """The belt between theta_m and the joint, by a leg's recording."""
 
     K_s: float  # [N*m/rad]
-    # lag [s] of the torque behind the joint's angle; None: the belt is not the file's, or the
-    # search for a lag has not ended
-    torque: Fault | None = None
+    lag: Lag | None = None  # None: the belt is not the file's, or the search has not ended
 
 
 def is_leg(record: Record, p: DrivetrainParameters | None) -> bool:
@@ -85,10 +83,9 @@ def belt_of_leg(record: Record, p: DrivetrainParameters | None) -> Belt | None:
     if p is None or "theta_m" not in record.actuator or not is_leg(record, p):
         return None
     few = record.coarse
-    theta_m = few.actuator["theta_m"]
-    columns = belt_columns(few, belt_deflection(few.motion.theta, theta_m, p))
+    columns = belt_columns(few, belt_deflection(few.motion.theta, few.actuator["theta_m"], p))
     try:
-        return belt_from(few, columns, theta_m, p)
+        return belt_from(few, columns, p)
     except CANNOT_TELL:
         return None
 
@@ -104,47 +101,30 @@ def belt_columns(few: Record, wound: Array) -> dict[str, Array]:
     return columns
 
 
-def belt_from(
-    few: Record, columns: Mapping[str, Array], theta_m: Array, p: DrivetrainParameters
-) -> Belt:
+def belt_from(few: Record, columns: dict[str, Array], p: DrivetrainParameters) -> Belt:
     """The belt by fits to columns (n,). Raises as `fit_groups`."""
+    model = {name: name for name in columns}
     # the torque per velocity of the joint is B_j
-    late = belt_fit(few, columns, p, known_B_j=0.0)
+    of_inertia = p.J_j * few.motion.alpha
+    late = late_fit(few, columns, model, prompt_torque=of_inertia)
     fit = late.fit
     K_s, B_j = fit["wound"], fit["omega"]
     if not (LEAST_K_S < K_s / p.K_s < LARGEST_K_S and late.has_ended):
         return Belt(K_s)
-    torque_late = lag_of(fit)
-    motor_late = fault((p.B_j - B_j) / K_s, fit.se("omega") / K_s, fit.freedom("omega"))
-    if not motor_late.found:
-        return Belt(K_s, torque_late)
+    lag = Lag.of(fit["lag_s"], fit.se("lag_s"), fit.freedom("lag_s"))
+    of_motor = Lag.of((p.B_j - B_j) / K_s, fit.se("omega") / K_s, fit.freedom("omega"))
+    if not of_motor.is_certain:
+        return Belt(K_s, lag)
 
     # B_j is the file's, and the torque per velocity of the motor is its lag
-    of_motor = {**columns, "omega": np.gradient(theta_m, 1 / few.rate_hz) / p.n_T}
-    late = belt_fit(few, of_motor, p, known_B_j=p.B_j)
+    motor_velocity = np.gradient(few.actuator["theta_m"], 1 / few.rate_hz) / p.n_T
+    of_joint = of_inertia + p.B_j * few.motion.omega
+    late = late_fit(few, {**columns, "omega": motor_velocity}, model, prompt_torque=of_joint)
     if not late.has_ended:
         return Belt(K_s)
     fit = late.fit
-    otherwise, torque_late = torque_late, lag_of(fit)
-    agree = otherwise.found and otherwise.size * torque_late.size > 0
+    otherwise = Lag.of(fit["lag_s"], fit.se("lag_s"), fit.freedom("lag_s"))
+    agree = lag.is_certain and lag.seconds * otherwise.seconds > 0
     joint_may_have_B_j = p.B_j / OTHER_B_J < B_j < p.B_j * OTHER_B_J
-    is_found = torque_late.found and (agree or not joint_may_have_B_j)
-    return Belt(K_s, replace(torque_late, found=is_found))
-
-
-def belt_fit(
-    few: Record, columns: Mapping[str, Array], p: DrivetrainParameters, known_B_j: float
-) -> LateFit:
-    """Fit the belt's columns to what joint inertia and a known damping leave of the torque."""
-    of_joint = p.J_j * few.motion.alpha + known_B_j * few.motion.omega
-    return late_fit(few, columns, {name: name for name in columns}, prompt_torque=of_joint)
-
-
-def lag_of(fit: GroupFit) -> Fault:
-    return fault(fit["lag_s"], fit.se("lag_s"), fit.freedom("lag_s"))
-
-
-def fault(size: float, se: float, freedom: float) -> Fault:
-    """A lag [s] with its standard error, to which that by the belt's hysteresis is added."""
-    se = float(np.hypot(se, BELT_ERROR))
-    return Fault(size, se, is_certain(size, se, freedom))
+    is_certain = otherwise.is_certain and (agree or not joint_may_have_B_j)
+    return Belt(K_s, replace(otherwise, is_certain=is_certain))

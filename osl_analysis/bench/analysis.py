@@ -3,7 +3,6 @@ modelled torque, the time base, and the stated errors of the bench."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import reduce
 
 import numpy as np
 import polars as pl
@@ -21,8 +20,9 @@ from osl_analysis.bench.regression import GroupFit, Sums, fit_groups
 from osl_analysis.errors import IdentifiabilityError
 from osl_analysis.signals import seven_point_motion
 from osl_analysis.spectral.stepped_sine import moving_bins
+from osl_analysis.stats.estimates import Estimate
 from osl_analysis.stats.linear_fit import LinearFit, with_shared_error
-from osl_analysis.stats.table_rows import Row, diagnostics_row, estimates_row
+from osl_analysis.stats.table_rows import INTERVAL_ENDS, Row, diagnostics_row, estimates_row
 from osl_analysis.trial import Array
 
 QUANTITIES = ("K", "B", "I")  # parameters of Eq. 15
@@ -101,7 +101,7 @@ class Analysis:
         fit = self.calibrated(self.fits[label], label)
         return {
             **{f"{name}_se_bench": fit.se_bench(name) for name in names},
-            **self.diagnostics(label, other),
+            **diagnostics_row(fit, other or fit.interval_method),
         }
 
     def calibrated(self, fit: GroupFit, label: Label = None) -> GroupFit:
@@ -149,11 +149,6 @@ class Analysis:
             fit = widened(fit, change, of_bench=True)
         return fit
 
-    def diagnostics(self, label: Label = None, other: str | None = None) -> Row:
-        """The diagnostics of a fit, and where its interval is from: the fit, or `other`."""
-        fit = self.fits[label]
-        return diagnostics_row(fit, other or fit.interval_method)
-
     def time_base_row(self, label: Label, names: Sequence[str]) -> Row:
         """`time_base_shift`: the largest change of an estimate by the other reading of undecided
         stamps, in half-widths of its 95 % interval; null if the stamps are decided."""
@@ -177,19 +172,16 @@ class Analysis:
         fit to all."""
         fitted_label = label if label in self.fits else self.label
         fit = at_zero(self.fits[fitted_label], -self.sums.centre)
-        parts = [
-            fit[name] * self.fitted_column(column, fitted_label)[rows]
-            for name, column in self.model.items()
-        ]
-        return np.asarray(reduce(np.add, parts))
-
-    def fitted_column(self, column: str, label: Label) -> Array:
-        """A column (n,) as the fit to a label took it: drift counts from the mean time of the rows
-        that are fitted, so that it does not change the offset (`regression.fit_groups`)."""
-        values = self.sums.columns[column]
-        if column == "ramp":
-            values = values - values[self.record.rows(label)].mean()
-        return values
+        columns = self.sums.columns
+        torque = np.zeros_like(self.record.time[rows])
+        for name, column in self.model.items():
+            values = columns[column]
+            if column == "ramp":
+                # drift counts from the mean time of the fitted rows, so that it does not change the
+                # offset (`regression.fit_groups`)
+                values = values - values[self.record.rows(fitted_label)].mean()
+            torque += fit[name] * values[rows]
+        return torque
 
     def series(self) -> Series:
         """Measured and modelled torque over the whole trial, by the fit that stands for it."""
@@ -282,22 +274,18 @@ def with_error_of_inertia(analysis: Analysis) -> GroupFit:
     `check_told`."""
     record = analysis.record
     fit = analysis.whole
-    motion = motion_in(record)
+    of_record = record.motion
+    signals = (of_record.theta, of_record.omega, of_record.alpha)
+    motion = np.array([record.part(signal) for signal in signals])
     error_of_I = check_told(
         f"trial {record.name}",
         record.band_hz,
-        (motion - motion.mean(axis=0)).T,
+        motion - motion.mean(axis=1, keepdims=True),
         float(np.std(record.part(record.filtered_torque))),
         (fit["K"], fit.se("K")),
         getattr(record.settings, "largest_inertia_error", None),
     )
     return widened(fit, error_of_I * np.array([name == "I" for name in fit.names]))
-
-
-def motion_in(record: Record) -> Array:
-    """Angle, velocity and acceleration in the fitted rows of a record, (m, 3)."""
-    motion = record.motion
-    return np.column_stack([record.part(x) for x in (motion.theta, motion.omega, motion.alpha)])
 
 
 def analysed(record: Record, sums: Sums, model: Model) -> Analysis:
@@ -390,8 +378,9 @@ def at_zero(fit: GroupFit, centre: float) -> GroupFit:
 def without_lag(analysis: Analysis, lag: Lag | None, label: Label) -> Row:
     """K, B and I of a label after removal of a lag that was found, its error in the intervals; null
     without one."""
+    names = [f"{name}_without_lag" for name in QUANTITIES]
     if lag is None or not lag.is_certain:
-        return without_row(None, "without_lag")
+        return dict.fromkeys(f"{name}{end}" for name in names for end in INTERVAL_ENDS)
     record, fit = analysis.record, analysis.fits[label]
     then = record.time + lag.seconds
     on_time = replace(
@@ -402,21 +391,10 @@ def without_lag(analysis: Analysis, lag: Lag | None, label: Label) -> Row:
     s = plain_sums(on_time, analysis.model)
     without = at_zero(with_effects(s, analysis.model, (), label), s.centre)
     change_per_s = (without.estimates - fit.estimates) / lag.seconds
-    without = widened(without, change_per_s * lag.se)
-    return without_row(analysis.calibrated(without, label), "without_lag")
-
-
-def without_row(fit: LinearFit | None, end: str) -> Row:
-    """K, B and I, with intervals, of a fit that has a cause as a column, named like `K_without_lag`
-    for the `end` `without_lag`. A finding states them beside those without the column. Null without
-    a fit."""
+    without = analysis.calibrated(widened(without, change_per_s * lag.se), label)
     row: Row = {}
-    for name in QUANTITIES:
-        columns = (f"{name}_{end}", f"{name}_{end}_low", f"{name}_{end}_high")
-        row.update(dict.fromkeys(columns))
-        if fit is not None:
-            values = (fit[name], *fit.interval(name))
-            row.update(zip(columns, values, strict=True))
+    for name, symbol in zip(names, QUANTITIES, strict=True):
+        row.update(Estimate.of_fit(without, symbol).columns(name))
     return row
 
 

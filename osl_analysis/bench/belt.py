@@ -266,7 +266,7 @@ def belt_table(belt: Analysis) -> pl.DataFrame:
         "trial": record.name,
         **estimates_row(loading, *(name for name in ("K_s", "B_j") if name in loading.names)),
         "K_s_se_bench": loading.se_bench("K_s"),
-        **belt.diagnostics("loading"),
+        **belt.beside_estimates("loading"),
         "unloading": unloading["K_s"],
         "unloading_se_bench": unloading.se_bench("K_s"),
         "hysteresis_area": area,

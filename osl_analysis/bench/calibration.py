@@ -116,7 +116,7 @@ def calibration_table(
         row.update(fixture_row(analysis, stated))
     else:
         row.update(known_row(analysis, known, frame))
-    row.update(analysis.diagnostics())
+    row.update(analysis.beside_estimates(None))
     row.update(analysis.time_base_row(None, QUANTITIES))
     return table_of([row], "calibration", complete=True)
 

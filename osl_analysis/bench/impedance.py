@@ -157,13 +157,16 @@ def impedance_table(
     """
     record = analysis.record
     belt = belt_of_leg(record, p)
-    check_drives_nothing(analysis)
+    whole = analysis.whole
+    if whole.interval("B")[0] < 0:
+        # with the right sign K may be negative, as of an inertia behind a soft spring, but B is
+        # then certainly positive
+        check_resists(record.name, "K", whole["K"], whole.interval("K")[1])
     fits = impedance_fits(analysis, s, is_leg(record, p))
     lag = belt.lag if belt else None
     of_trial: Row = {
         **motion_row(record),
         "K_s_ratio": belt.K_s / p.K_s if belt and p else None,
-        "clock_ppm": clock_difference(record),
         "VAF_held_out": held_out_vaf(analysis.sums, analysis.model, every_third(record.groups)),
     }
     over_amplitudes = amplitudes_row(analysis, fits[None].estimator is None)
@@ -188,35 +191,21 @@ def impedance_table(
     return table_of(rows, "impedance")
 
 
-def check_drives_nothing(analysis: Analysis) -> None:
-    """Refuse a torque that drives the motion. With the right sign K may be negative, as that of an
-    inertia behind a soft spring is: but B is then certainly positive. Raises InputError."""
-    fit = analysis.whole
-    if fit.interval("B")[0] < 0:
-        check_resists(analysis.record.name, "K", fit["K"], fit.interval("K")[1])
-
-
 def motion_row(record: Record) -> Row:
-    """What moved the joint."""
+    """What moved the joint, and the largest difference between the rates of two clocks [ppm], null
+    where there is one clock."""
     kinds = {"cycles": "stepped sine", "periods": "periodic", "stretches": "other"}
     low_hz, high_hz = record.band_hz
-    row: Row = {
-        "excitation": kinds[record.groups.kind],
+    streams = record.uniform.streams if record.uniform else ()
+    ppm = [stream["ppm"] for stream in streams if stream["ppm"] is not None]
+    between_clocks = max(ppm, default=0.0) - min(ppm, default=0.0)
+    return {
+        "excitation": "periodic" if record.periodic else kinds[record.groups.kind],
         "band_low_hz": low_hz,
         "band_high_hz": high_hz,
         "cutoff_hz": float(record.low_pass.cutoff_hz),
+        "clock_ppm": between_clocks or None,  # channels of one clock have the same rate
     }
-    if record.periodic is not None:
-        row["excitation"] = "periodic"
-    return row
-
-
-def clock_difference(record: Record) -> float | None:
-    """Largest difference between the rates of two clocks [ppm]; None where there is one clock."""
-    streams = record.uniform.streams if record.uniform else ()
-    ppm = [stream["ppm"] for stream in streams if stream["ppm"] is not None]
-    apart = max(ppm, default=0.0) - min(ppm, default=0.0)
-    return apart or None  # channels of one clock have the same rate
 
 
 def lag_row(lag: Lag | None, fit: GroupFit) -> Row:

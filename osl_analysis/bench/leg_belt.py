@@ -6,7 +6,7 @@ import numpy as np
 import scipy
 
 from osl_analysis.bench.effects import FALSE_ALARM, columns_of, late_fit
-from osl_analysis.bench.record import Record, actuator_turns
+from osl_analysis.bench.record import Record
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.inference.friction_shapes import slipping_springs
 from osl_analysis.model.drivetrain import DrivetrainParameters, belt_deflection
@@ -54,9 +54,12 @@ class Belt:
 def is_leg(record: Record, p: DrivetrainParameters | None) -> bool:
     """Whether a drivetrain renders the joint: its motor turns, and winds up the belt. A joint
     beside an idle motor is no leg. Without a parameter file the motor's turning has to do."""
-    if p is None or "theta_m" not in record.actuator:
-        return actuator_turns(record)
     few = record.coarse
+    if "theta_m" not in few.actuator:
+        return False
+    if p is None:
+        turn = float(np.std(few.actuator["theta_m"]))
+        return turn > LEAST_DEFLECTION * float(np.std(few.motion.theta))
     theta_m = few.actuator["theta_m"]
     deflection = belt_deflection(few.motion.theta, theta_m, p)
     least = LEAST_DEFLECTION * float(np.std(few.part(few.motion.theta)))

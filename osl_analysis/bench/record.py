@@ -35,7 +35,6 @@ BEYOND = 1.1  # cut-offs above which the band's end is motion, not the tail of a
 # rate of a coarse record: what the filter passes contains nothing faster than eight cut-offs
 COARSE_HZ = 250.0
 COARSE_CUTOFFS = 8.0
-IDLE = 0.05  # share of the joint's angle (SD): backlash and errors of encoders reach that
 LEAST_DRIFT = 0.01  # of the RMS of the angle; a smaller drift of it is a frame that yields
 ONE_DRIFT = 0.99  # correlation of time and mean angle from which a drift of either explains both
 
@@ -318,13 +317,6 @@ class Record:
             if isinstance(stratum.label, float)
         }
         return max(amplitudes, key=lambda label: amplitudes[label]) if amplitudes else None
-
-
-def actuator_turns(record: Record) -> bool:
-    """Whether an actuator turns with the joint, as that of a leg does: an idle motor beside a joint
-    turns less."""
-    theta_m = record.actuator.get("theta_m")
-    return theta_m is not None and float(np.std(theta_m)) > IDLE * float(np.std(record.theta))
 
 
 def signals_of(record: Record, has_drivetrain: bool = False) -> BenchSignals:

@@ -1,7 +1,7 @@
 """The actuator alone on its bench (Eqs. 1-2), turning or clamped."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import polars as pl
@@ -39,6 +39,7 @@ FAR_BETTER = 0.5  # of what is left of the torque, with the current at another t
 MOST_TRIED = 10_000  # rows of the search for a late current
 SMALLEST_STEP = 0.02  # of the current's range: a smaller one has no direction
 HIGHEST_CUTOFF = 0.4  # of the sampling rate
+SHORTEST_PAUSE = 1e-6  # s, beyond rounding of times
 SHORTENED = 0.8  # of the longest bridged gap, to which longer pauses are shortened
 
 
@@ -64,55 +65,27 @@ def actuator_trial(trial: Trial, settings: ActuatorAnalysis) -> Analysis:
     columns = (*motion[:1], "current", "torque_m")
     trial.check_columns(*columns)
     with naming(f"trial {trial.name}"):
-        gapless, pauses = without_pauses(trial, settings.gap_limits.longest_s)
+        # pauses of the logger, in which a clamped actuator shows nothing, are shortened, so that
+        # one grid bridges them
+        longest_s = settings.gap_limits.longest_s
+        recorded_time = trial.arrays()[0]
+        steps = np.diff(recorded_time)
+        excess = np.where(steps > longest_s, steps - SHORTENED * longest_s, 0.0)
+        time = recorded_time - np.append(0.0, np.cumsum(excess))
+        shortened = trial.samples.with_columns(time=pl.Series(time))
+        gapless = Trial(trial.name, shortened, trial.provenance) if excess.any() else trial
         signals = uniform_signals(gapless, columns, settings.gap_limits)
         levels = levels_of(signals, settings.slowest)
         if levels:
-            return clamped_of(signals, settings, levels, pauses)
-        if len(pauses.at):
+            of_log = np.interp(signals.time, time, recorded_time)
+            return clamped_of(signals, settings, levels, of_log)
+        if excess.any():
             signals = uniform_signals(trial, columns, settings.gap_limits)  # says which gap
         found = actuator_of(signals, settings)
         other = signals.other()
         if other is not None:
             found = replace(found, fits_with_other_stamps=actuator_of(other, settings).fits)
     return found
-
-
-@dataclass(frozen=True)
-class Pauses:
-    """Pauses of the logger, in which a clamped actuator shows nothing.
-
-    Attributes
-    ----------
-    at : Array
-        Ends (k,) [s] on the time without pauses.
-    cut : Array
-        What was cut off until then (k,) [s].
-    """
-
-    at: Array
-    cut: Array
-
-    def with_them(self, time: Array) -> Array:
-        """Times (n,) [s] on the clock of the log."""
-        number = np.searchsorted(self.at, time, "right")
-        return np.asarray(time + np.append(0.0, self.cut)[number])
-
-
-def without_pauses(trial: Trial, longest_s: float) -> tuple[Trial, Pauses]:
-    """The trial with pauses of the logger shortened, so that one grid bridges them."""
-    time = trial.arrays()[0]
-    steps = np.diff(time)
-    rows = np.flatnonzero(steps > longest_s)
-    cut_off = steps[rows] - SHORTENED * longest_s
-    shift = np.zeros(len(time))
-    shift[rows + 1] = cut_off
-    shortened_time = time - np.cumsum(shift)
-    pauses = Pauses(at=shortened_time[rows + 1], cut=np.cumsum(cut_off))
-    if not len(rows):
-        return trial, pauses
-    samples = trial.samples.with_columns(time=pl.Series(shortened_time))
-    return Trial(trial.name, samples, trial.provenance), pauses
 
 
 def actuator_of(signals: UniformSignals, settings: ActuatorAnalysis) -> Analysis:
@@ -232,14 +205,15 @@ def clamped_of(
     signals: UniformSignals,
     settings: ActuatorAnalysis,
     levels: list[slice],
-    pauses: Pauses,
+    time: Array,
 ) -> Analysis:
     """k_tau n_m of an actuator at rest with a stepped current.
 
     Its torque in the plateaus (`levels_of`), which are the interval's units, is k_tau n_m I_q - T s
     + offset + drift. T is the friction that lags behind steps up (s = 1) and down (s = -1); without
-    it k_tau n_m would absorb it. T and drift are left out if all steps go one way. When stamps were
-    taken matters to no plateau.
+    it k_tau n_m would absorb it. T and drift are left out if all steps go one way. Behind a pause a
+    step comes from 0, since the drive may have been off. `time` (n,) [s] is the log's, with its
+    pauses. When stamps were taken matters to no plateau.
 
     Raises
     ------
@@ -253,12 +227,10 @@ def clamped_of(
     cutoff_hz = min(settings.cutoff_hz, HIGHEST_CUTOFF * signals.rate_hz)
     low_pass = replace(settings.low_pass, cutoff_hz=cutoff_hz)
     check_changes("torque_m", torque)
-    time = pauses.with_them(signals.time)
-    is_after_pause = np.searchsorted(pauses.at, [signals.time[rows.start] for rows in levels])
-    begins_anew = np.diff(is_after_pause, prepend=0) > 0
     means = np.array([current[rows].mean() for rows in levels])
-    torques = np.array([torque[rows].mean() for rows in levels])
-    before = currents_before(means, torques, begins_anew)
+    starts = [rows.start for rows in levels]
+    pauses = np.diff(time[starts]) - np.diff(signals.time[starts])
+    before = np.append(0.0, np.where(pauses > SHORTEST_PAUSE, 0.0, means[:-1]))
     steps = means - before
     # a start at 0 has no direction
     way = np.where(np.abs(steps) > SMALLEST_STEP * np.ptp(means), np.sign(steps), 0.0)
@@ -304,24 +276,6 @@ def clamped_of(
         settings=settings,
     )
     return analysed(record, gram_sums(record, columns, list(model.values())), model)
-
-
-def currents_before(means: Array, torques: Array, begins_anew: NDArray[np.bool_]) -> Array:
-    """Currents (m,) [A] before the step to each plateau, the one before or 0.
-
-    In a pause of the logger the drive may have been off. Of the two, the one is taken that leaves
-    less of the torques beside current, friction and offset.
-    """
-    before = np.append(0.0, means[:-1])
-    if not begins_anew.any():
-        return before
-    of_rest = np.where(begins_anew, 0.0, before)
-    left = []
-    for tried in (before, of_rest):
-        way = np.sign(means - tried)
-        X = np.column_stack([means, way, np.ones_like(means)])
-        left.append(np.sum((torques - X @ np.linalg.lstsq(X, torques)[0]) ** 2))
-    return of_rest if left[1] < left[0] else before
 
 
 def moved_by(signals: UniformSignals) -> str | None:

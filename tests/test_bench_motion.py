@@ -478,7 +478,7 @@ def turned_by(angle):
 @pytest.mark.parametrize("windows", [None, "2-30"])
 def test_a_joint_that_rests_is_refused_as_any_motion(windows):
     still = turned_by(lambda t: 0 * t)
-    with pytest.raises(InputError, match="made: the joint does not move: .* check the channel"):
+    with pytest.raises(InputError, match=r"made: the joint does not move: .* check the channel"):
         moving_record(still, windows)
 
 

@@ -238,7 +238,6 @@ def differences(recorded: Sequence[Run], protocol: SteppedSineProtocol) -> list[
             remarks.append(f"besides {run}")
         else:
             followed[near].append(run)
-    slowest = min(protocol.frequencies_hz)
     for (amplitude, frequency), cycles in commanded.items():
         runs = followed[amplitude, frequency]
         if not runs:

@@ -146,7 +146,6 @@ rule findings:
         verdicts=QUALITY,
     output:
         output="<results>/tables/findings.csv",
-        offered="<results>/tables/offered.csv",
     log:
         "<logs>/tables/findings.log",
     localrule: True

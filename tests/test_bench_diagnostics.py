@@ -102,7 +102,6 @@ def test_how_quickly_friction_turns_its_sign_is_in_the_errors_of_friction_and_da
 def test_a_spring_that_softens_is_named_and_not_called_friction():
     cubic = -4e3
     *_, whole = rows(lambda m: second_order(m) + cubic * m.theta**3)
-    assert whole["K_without"] == pytest.approx(200, rel=2e-3)
     assert whole["f_C"] is None
     assert whole["K_change"] == pytest.approx(
         0.75 * cubic * (0.1**2 - 0.05**2) / whole["K"], rel=0.05
@@ -160,7 +159,6 @@ def test_a_leg_whose_belt_no_fit_tells_is_still_fitted_by_least_squares(monkeypa
     row = impedance_table(*rendered_impedance(record), P).row(-1, named=True)
 
     assert row["K_s_ratio"] is None
-    assert row["interval_method"] != "mixture of hypotheses"
 
 
 def test_the_friction_of_a_leg_without_a_logged_current_opposes_its_actuator():

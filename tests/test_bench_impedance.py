@@ -183,7 +183,7 @@ def judged(torque_of, noise=0.01, **stated):
 @pytest.mark.parametrize(("stated", "is_told"), [({}, True), ({"delay": 1e-4}, False)])
 def test_a_torque_in_time_is_not_doubtful_and_tells_an_unstated_delay(stated, is_told):
     table = judged(second_order, **stated)
-    assert table["fault_harm"].to_list() == [0.0] * 3
+    assert table["B_fault_share"].to_list() == [0.0] * 3
     assert table["doubtful"].to_list() == [""] * 3
     assert (LATENESS in table["remarks"][-1].split("; ")) == is_told
 

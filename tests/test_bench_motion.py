@@ -65,9 +65,9 @@ def fit_of(record):
     return with_effects(plain_sums(record, IMPEDANCE), IMPEDANCE)
 
 
-OF_SINES = {"amplitude_deg", "commanded_deg", "K_change", "B_change"}
-BESIDE_RIVALS = [f"{name}_without{end}" for name in TRUE for end in ("", "_low", "_high")]
-OF_FAULTS = {"fault_family", "explanations", *BESIDE_RIVALS}
+OF_AMPLITUDES = {f"{name}_amplitudes_{end}" for name in "KB" for end in ("low", "high")}
+OF_SINES = {"amplitude_deg", "commanded_deg", "K_change", "B_change", *OF_AMPLITUDES}
+OF_FAULTS = {"fault_family", "explanations"}
 """What is there where something is heard: on sines without noise that is rounding, and each
 processor's is its own."""
 
@@ -335,8 +335,8 @@ def test_a_multisine_that_stops_within_a_period_tells_its_lag():
     assert row["excitation"] == "periodic"
     assert [each.periods for each in record.periodic.realisations] == [4]
     assert row["fault_family"] == "path"
-    assert row["fault_harm"] > 10
-    assert row["B_without_low"] < 5 < row["B_without_high"]
+    moved = 300 * 2e-3 / row["B"]  # by the delay; by other rivals more
+    assert 0.95 * moved < row["B_fault_share"] < 3 * moved
 
 
 def standardised_errors(move, seeds, motion, **made):
@@ -377,7 +377,7 @@ def test_intervals_cover_the_truth_where_periods_repeat_their_rounding():
 @pytest.mark.parametrize(("name", "clip", "sides"), [
     ("noise", 12.0, "one"), ("multisine", 12.0, "both"),
 ])  # fmt: skip
-def test_a_torque_clipped_before_its_noise_is_named_and_b_and_i_are_held(name, clip, sides):
+def test_a_torque_clipped_before_its_noise_is_named(name, clip, sides):
     trial = made_trial(rng := np.random.default_rng(2), MOTIONS[name](rng), torque_noise=0.0)
     clipped = trial.samples["torque"].clip(-clip, clip if sides == "both" else None)
     noisy = clipped + pl.Series(0.05 * rng.standard_normal(len(clipped)))
@@ -385,8 +385,6 @@ def test_a_torque_clipped_before_its_noise_is_named_and_b_and_i_are_held(name, c
     row = row_of(Trial("made", trial.samples.with_columns(torque=noisy)), excitation="any")
 
     assert row["fault_family"] == "clipping"
-    assert row["B_without_low"] < 5 < row["B_without_high"]
-    assert row["I_without_low"] < 0.02 < row["I_without_high"]
 
 
 @pytest.mark.parametrize(("K", "sign"), [(300.0, 1), (3.0, -1)])
@@ -517,17 +515,15 @@ def changing(motion, share):
 
 
 @pytest.mark.parametrize(("name", "share"), [("multisine", 0.06), ("noise", -0.08)])
-def test_a_change_of_the_stiffness_is_told_with_k_before_and_after_it(name, share):
+def test_a_change_of_the_stiffness_is_told_with_its_share_of_k(name, share):
     motion = MOTIONS[name](np.random.default_rng(3))
     trial = made_trial(
         np.random.default_rng(1), motion, torque_noise=0.02, more=changing(motion, share)
     )
     row = row_of(trial, excitation="any")
-    assert row["K_without_low"] < min(300, 300 * (1 + share)) * 1.002
-    assert row["K_without_high"] > max(300, 300 * (1 + share)) * 0.998
-    assert "change over time" in [
-        one.cause for one in findings_of(row, Limits(above={"fault_harm": 1}), "response")
-    ]
+    # of its mean over time K differs by half the change
+    assert row["K_fault_share"] == pytest.approx(abs(share) / 2, rel=0.3)
+    assert "change over time" in [one.cause for one in findings_of(row, Limits(), "response")]
 
 
 @pytest.mark.usefixtures("without_inference")

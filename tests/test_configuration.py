@@ -173,7 +173,7 @@ def test_a_configuration_that_cannot_be_run_is_one_line_before_any_job(
      {}, "did you mean 'belt'"),
     ("doubtful.belt.above",
      {"coulomb_share": 0.5}, "no limit: state the accuracy that you need as doubtful.accuracy"),
-    ("doubtful.impedance.above", {"fault_harm": 1}, "its effect on the estimates decides"),
+    ("doubtful.impedance.above", {"K_fault_share": 1}, "state the accuracy that you need as"),
     ("doubtful.torque_angle.above",
      {"K_secant": 0.5}, "below.K_secant: 1 is above the upper limit 0.5, and every fit"),
     ("quality.jiter", "1 s", "did you mean 'jitter'"),

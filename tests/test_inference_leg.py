@@ -86,14 +86,14 @@ def inferred() -> ImpedanceInference:
 
 
 def test_damping_of_a_leg_is_that_without_the_friction_of_its_actuator():
-    found = inferred()
+    found = inferred().without_actuator_friction
 
     K, B, I = true_impedance()
-    assert found.impedance.B.holds(B)
-    assert found.impedance.B.value == pytest.approx(B, rel=0.02)
-    assert found.impedance.K.value == pytest.approx(K, rel=0.01)
-    assert found.impedance.I.value == pytest.approx(I, abs=0.005)
-    assert found.impedance.B.half_width < 0.05 * B
+    assert found.B.holds(B)
+    assert found.B.value == pytest.approx(B, rel=0.02)
+    assert found.K.value == pytest.approx(K, rel=0.01)
+    assert found.I.value == pytest.approx(I, abs=0.005)
+    assert found.B.half_width < 0.05 * B
 
 
 def test_the_friction_of_the_actuator_is_found():

@@ -18,10 +18,10 @@ from osl_analysis.inference.cross_validation import (
 from osl_analysis.inference.friction_shapes import slipping_springs
 from osl_analysis.inference.hypotheses import Nothing
 from osl_analysis.inference.least_squares import BesideShared, solve_scaled
-from osl_analysis.inference.mixture import Part, evidence_of, mixture_quantiles
 from osl_analysis.inference.path_hypotheses import Delay
 from osl_analysis.inference.shape_hypotheses import slope_beyond_ends
 from osl_analysis.inference.spectra import Spectra
+from osl_analysis.inference.weighing import evidence_of
 from osl_analysis.inference.whitening import Whitened
 
 RATE = 500.0
@@ -148,25 +148,6 @@ def test_slipping_spring_follows_prandtl_step_by_step():
         torque.append(float(np.clip(torque[-1] + step / 2.0, -1, 1)))
 
     assert slipping_springs(angle, [2.0])[0] == pytest.approx(np.array(torque), abs=1e-12)
-
-
-def test_quantiles_of_one_part_are_students():
-    part = Part(0.3, np.array([1.0, 2.0, 3.0]), np.diag([1.0, 4.0, 9.0]))
-
-    low, median, high = mixture_quantiles([part], (0.025, 0.5, 0.975))
-
-    t = scipy.stats.t(constants.BLOCKS - 1).ppf(0.975)
-    assert median == pytest.approx([1, 2, 3], abs=1e-6)
-    assert high - low == pytest.approx(2 * t * np.array([1, 2, 3]), rel=1e-6)
-
-
-def test_quantiles_of_two_far_parts_hold_both():
-    parts = [Part(0.5, np.full(3, at), np.eye(3)) for at in (0.0, 100.0)]
-
-    low, _, high = mixture_quantiles(parts, (0.025, 0.5, 0.975))
-
-    assert np.all(low < 0)
-    assert np.all(high > 100)
 
 
 def test_rounding_is_compared_beside_the_same_friction():

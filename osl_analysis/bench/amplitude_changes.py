@@ -12,7 +12,7 @@ from osl_analysis.trial import Array
 CHANGING = ("K", "B")  # with the amplitude, by play, a stiffening spring or friction
 
 
-def amplitudes_row(analysis: Analysis, tells_range: bool = True) -> Row:
+def amplitudes_row(analysis: Analysis) -> Row:
     """Compare the fits to single amplitudes.
 
     A stiffening spring, or play, changes K with the amplitude; friction changes K and B. A change
@@ -23,9 +23,6 @@ def amplitudes_row(analysis: Analysis, tells_range: bool = True) -> Row:
     ----------
     analysis
         Eq. 15 of a trial, for each amplitude and for all.
-    tells_range
-        Whether the estimates of all amplitudes are of this fit, so that those of single ones may
-        stand beside them.
 
     Returns
     -------
@@ -38,7 +35,7 @@ def amplitudes_row(analysis: Analysis, tells_range: bool = True) -> Row:
     labels = sorted(label for label in analysis.fits if isinstance(label, float))
     if len(labels) < 2:
         return row
-    for name in CHANGING if tells_range else ():
+    for name in CHANGING:
         of_single = [analysis.fits[label][name] for label in labels]
         row[f"{name}_amplitudes_low"] = min(of_single)
         row[f"{name}_amplitudes_high"] = max(of_single)

@@ -85,7 +85,7 @@ class Analysis:
             "commanded_deg": commanded.get(label),
         }
 
-    def beside_estimates(self, label: Label, *names: str, other: str | None = None) -> Row:
+    def beside_estimates(self, label: Label, *names: str) -> Row:
         """The columns of a row beside its place and its estimates.
 
         Parameters
@@ -94,14 +94,11 @@ class Analysis:
             Whose rows were fitted.
         names
             The estimates.
-        other
-            What else than this fit gave estimates and intervals. What is told of the regression
-            (VAF, condition) is of this fit.
         """
         fit = self.calibrated(self.fits[label], label)
         return {
             **{f"{name}_se_bench": fit.se_bench(name) for name in names},
-            **diagnostics_row(fit, other or fit.interval_method),
+            **diagnostics_row(fit, fit.interval_method),
         }
 
     def calibrated(self, fit: GroupFit, label: Label = None) -> GroupFit:

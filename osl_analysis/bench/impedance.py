@@ -140,10 +140,8 @@ def impedance_table(
 
     Notes
     -----
-    K, B and I of a leg, and of each single amplitude, are those of Eq. 15 by least squares. Of any
-    other joint's whole trial they are the mixture of the hypotheses that the inference weighs
-    (`joint_inference.impedance_fits`), but for B where dry friction is certain, which is Eq. 15's.
-    `interval_method` says which.
+    K, B and I are those of Eq. 15 by least squares, of a leg and of any other joint. Where dry
+    friction is certain, those of Eq. 15 with a Coulomb column stand beside them.
 
     Returns
     -------
@@ -169,14 +167,14 @@ def impedance_table(
         "K_s_ratio": belt.K_s / p.K_s if belt and p else None,
         "VAF_held_out": held_out_vaf(analysis.sums, analysis.model, every_third(record.groups)),
     }
-    over_amplitudes = amplitudes_row(analysis, fits[None].estimator is None)
+    over_amplitudes = amplitudes_row(analysis)
     rows: list[Row] = []
     for label, fit in analysis.fits.items():
         rows.append(
             {
                 **analysis.place(label),
                 **fits[label].to_row(),
-                **analysis.beside_estimates(label, *QUANTITIES, other=fits[label].estimator),
+                **analysis.beside_estimates(label, *QUANTITIES),
                 "offset": analysis.calibrated(fit, label)["offset"],
                 **lag_row(lag, fit),
                 **analysis.time_base_row(label, QUANTITIES),

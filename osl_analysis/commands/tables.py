@@ -14,7 +14,7 @@ from osl_analysis.config.experiments import EXPERIMENTS, judged_tables
 from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path, write_text
-from osl_analysis.judge.campaign import campaign_findings, offered_frame
+from osl_analysis.judge.campaign import campaign_findings
 from osl_analysis.judge.claims import Claims, claims_table
 from osl_analysis.judge.exclusions import Judge
 from osl_analysis.judge.finding import findings_frame, read_findings
@@ -190,7 +190,6 @@ def write_findings(
     verdicts: Path,
     limits: DoubtfulFits,
     output: Path,
-    offered: Path,
     fits: Sequence[Path] = (),
     refused: Sequence[Refusal] = (),
     places: Places | None = None,
@@ -206,8 +205,8 @@ def write_findings(
         `quality.csv`.
     limits : DoubtfulFits
         Accuracy and limits of the configuration.
-    output, offered : Path
-        `findings.csv`, and `offered.csv` with the estimates that findings offer.
+    output : Path
+        `findings.csv`.
     fits : Sequence of Path
         Tables of single trials, for columns that only findings read.
     refused : Sequence of Refusal
@@ -229,7 +228,6 @@ def write_findings(
     used = read_table(verdicts).filter(~of_refused | (pl.col("verdict") == "exclude"))
     findings = campaign_findings(tables_by_name, used, limits)
     write_table(with_places(findings_frame(findings), places or {}), output, data)
-    write_table(with_places(offered_frame(findings), places or {}), offered, data)
 
 
 def with_columns_of_fits(table: pl.DataFrame, name: str, fits: Sequence[Path]) -> pl.DataFrame:

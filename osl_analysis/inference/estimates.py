@@ -2,15 +2,7 @@
 
 from dataclasses import dataclass
 
-import scipy
-
-from osl_analysis.inference.constants import BLOCKS
 from osl_analysis.stats.estimates import Impedance
-
-
-def student_half_width() -> float:
-    """Half-width of a 95 % interval in standard errors that the scatter of the blocks gives."""
-    return float(scipy.special.stdtrit(BLOCKS - 1, 0.975))
 
 
 @dataclass(frozen=True)
@@ -29,16 +21,15 @@ class ImpedanceInference:
 
     Attributes
     ----------
-    impedance : Impedance
-        The mixture of all hypotheses. It holds what cannot be told apart.
-    sound : Impedance
-        The best joint of which nothing is at fault, with friction if that predicts better.
+    without_actuator_friction : Impedance or None
+        K, B and I of a leg as they would be without the friction of its actuator; None of any other
+        joint.
     fault_probability : float
         Probability of a fault of any size.
     friction_probability : float
         Probability of dry friction.
-    harm : float
-        By how much faults move K, B or I, in multiples of what matters to the user.
+    fault_shares : tuple of float
+        Shares of K, B and I by which the faults move them at most.
     doubt : Explanation or None
         The most probable fault, if a fault is likely and does harm.
     explanations : tuple of Explanation
@@ -50,11 +41,10 @@ class ImpedanceInference:
         Shares of K, B and I by which torque that no hypothesis explains could move them at most.
     """
 
-    impedance: Impedance
-    sound: Impedance
+    without_actuator_friction: Impedance | None
     fault_probability: float
     friction_probability: float
-    harm: float
+    fault_shares: tuple[float, ...]
     doubt: Explanation | None
     explanations: tuple[Explanation, ...]
     delay_told_s: float | None

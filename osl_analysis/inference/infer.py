@@ -1,43 +1,33 @@
-"""The one inference: from angle and torque of a recording to K, B, I and what may be wrong.
+"""The inference: from angle and torque of a recording to what may be wrong with it.
 
 1. `spectra`: signals in the band of the motion.
 2. `whitening`: the noise becomes white.
 3. `hypotheses`: each is fitted, with and without dry friction (`friction_shapes`), where the
    columns of all of them together gain anything.
 4. `cross_validation`: each predicts parts of the recording by its fit to the others.
-5. `mixture`: predictions and priors give weights; K, B, I are the mixture.
+5. `weighing`: predictions and priors give weights.
 """
 
 from collections.abc import Sequence
 
 import numpy as np
+import scipy
 
 from osl_analysis.errors import NotWeighedError
 from osl_analysis.inference.acceleration_jumps import acceleration_jumps
-from osl_analysis.inference.constants import HARM_FLOOR, HARM_SHARE, LIKELY
+from osl_analysis.inference.constants import BLOCKS, HARM_FLOOR, HARM_SHARE, LIKELY
 from osl_analysis.inference.cross_validation import Predicted, Predictor
-from osl_analysis.inference.estimates import (
-    Explanation,
-    ImpedanceInference,
-    student_half_width,
-)
+from osl_analysis.inference.estimates import Explanation, ImpedanceInference
 from osl_analysis.inference.hypotheses import hypotheses_for
 from osl_analysis.inference.hypothesis import Search
-from osl_analysis.inference.mixture import (
-    PLAIN,
-    Part,
-    Weighed,
-    mixture_quantiles,
-    weigh,
-)
 from osl_analysis.inference.rounding_errors import rounding_torques
 from osl_analysis.inference.spectra import BenchSignals, Spectra
 from osl_analysis.inference.unexplained import largest_shifts
+from osl_analysis.inference.weighing import PLAIN, Weighed, weigh
 from osl_analysis.inference.whitening import Whitened
 from osl_analysis.stats.estimates import Estimate, Impedance
 from osl_analysis.trial import Array
 
-INTERVAL = (0.025, 0.5, 0.975)  # a 95 % interval and its median
 NAMED_PART = 0.05  # share of a hypothesis above which a value of its own parameter counts as harm
 NAMED_FAMILY = 0.1  # the same of all faults, for a hypothesis
 # variance of what Eq. 15 leaves over the noise's; above it something is missing, whatever it is
@@ -49,7 +39,7 @@ def infer_impedance(
     signals: BenchSignals,
     accuracy: tuple[float, float, float] = HARM_SHARE,
 ) -> ImpedanceInference:
-    """Infer K, B and I of a joint from a recording, and what may be wrong with it.
+    """Weigh what may be wrong with a recording of a joint.
 
     Parameters
     ----------
@@ -61,7 +51,7 @@ def infer_impedance(
     Returns
     -------
     ImpedanceInference
-        Estimates in SI units with 95 % intervals, and explanations with their probabilities.
+        Explanations with their probabilities.
 
     Raises
     ------
@@ -87,19 +77,23 @@ def infer_impedance(
     faults.sort(key=lambda each: -each.weight)
     fault_probability = sum(each.weight for each in faults)
     explanations = tuple(explained(each) for each in faults)
-    harm = harm_of(faults, best_sound, matters)
+    moved = moved_by(faults, best_sound)
     doubt = None
-    if fault_probability > LIKELY and harm > 1:
+    if fault_probability > LIKELY and np.any(moved > matters):
         doubt = most_probable_family(faults, explanations)
 
     best = max(weighed, key=lambda each: each.weight).fit
     of_K, of_B, of_I = largest_shifts(data, best, fits[0].left, best_sound.impedance) / sizes
+    sound = estimates_of(best_sound.fit)
+    moved_shares = [
+        float(move / max(abs(estimate.value), estimate.high - estimate.value))
+        for move, estimate in zip(moved, (sound.K, sound.B, sound.I), strict=True)
+    ]
     return ImpedanceInference(
-        impedance=impedance_of(mixed(weighed)),
-        sound=impedance_of(best_sound.parts),
+        without_actuator_friction=sound if signals.has_drivetrain else None,
         fault_probability=fault_probability,
         friction_probability=friction_probability(data, weighed),
-        harm=harm,
+        fault_shares=tuple(moved_shares),
         doubt=doubt,
         explanations=explanations,
         delay_told_s=None if signals.has_drivetrain else told_delay(data, best_sound.fit, rounding),
@@ -147,26 +141,13 @@ def friction_probability(data: Whitened, weighed: Sequence[Weighed]) -> float:
     return sum(each.weight for each in weighed if each.fit.has_friction)
 
 
-def mixed(weighed: Sequence[Weighed]) -> list[Part]:
-    """All parts of all hypotheses, with their weights."""
-    return [
-        Part(each.weight * part.weight, part.impedance, part.covariance)
-        for each in weighed
-        for part in each.parts
-    ]
-
-
-def impedance_of(parts: Sequence[Part]) -> Impedance:
-    """Median and 95 % interval of K, B and I."""
-    quantiles = mixture_quantiles(parts, INTERVAL)
-    return Impedance(*(estimate_of(low, median, high) for low, median, high in quantiles.T))
-
-
-def estimate_of(low: float, median: float, high: float) -> Estimate:
-    """The estimate with these quantiles of a mixture. Its standard error is the one that would give
-    the same width to one of Student's distributions."""
-    standard_error = (high - low) / 2 / student_half_width()
-    return Estimate(float(median), float(standard_error), float(low), float(high))
+def estimates_of(fit: Predicted) -> Impedance:
+    """K, B and I of a fit, with 95 % intervals by the scatter of the blocks (Student)."""
+    standard_errors = np.sqrt(np.diag(fit.covariances[0]))
+    half_widths = scipy.special.stdtrit(BLOCKS - 1, 0.975) * standard_errors
+    values = fit.impedances[0]
+    columns = np.column_stack([values, standard_errors, values - half_widths, values + half_widths])
+    return Impedance(*(Estimate(*row) for row in columns.tolist()))
 
 
 def explained(each: Weighed) -> Explanation:
@@ -186,15 +167,15 @@ def most_probable_family(
     return next(each for each in explanations if each.family == family)
 
 
-def harm_of(faults: Sequence[Weighed], best_sound: Weighed, matters: Array) -> float:
-    """By how much faults move K, B or I at most, in multiples of what matters to the user.
+def moved_by(faults: Sequence[Weighed], best_sound: Weighed) -> Array:
+    """By how much (3,) faults move K, B and I at most [SI].
 
-    What counts is the mean change of all faults, and the largest one of those that are not
-    improbable among them.
+    It is the mean change of all faults, or the largest one of those that are not improbable among
+    them.
     """
     total = sum(each.weight for each in faults)
     if total == 0.0:
-        return 0.0
+        return np.zeros(3)
     sound = best_sound.impedance
     mean_change = sum(each.weight * np.abs(each.impedance - sound) for each in faults) / total
     largest = np.asarray(mean_change)
@@ -204,7 +185,7 @@ def harm_of(faults: Sequence[Weighed], best_sound: Weighed, matters: Array) -> f
         for part in each.parts:
             if part.weight > NAMED_PART:
                 largest = np.maximum(largest, np.abs(part.impedance - sound))
-    return float(np.max(largest / matters))
+    return largest
 
 
 def told_delay(data: Whitened, sound: Predicted, rounding: Array) -> float:

@@ -1,6 +1,6 @@
 """The findings on all trials of a campaign: `findings.csv`."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 
 import polars as pl
 
@@ -51,40 +51,6 @@ def campaign_findings(
         for row, of_row in zip(table.iter_rows(named=True), by_row, strict=True):
             worded.extend(WordedFinding(finding, words_of(finding, row)) for finding in of_row)
     return worded
-
-
-OFFERED_COLUMNS: dict[str, type[pl.DataType]] = {
-    "finding": pl.Int64,
-    **dict.fromkeys(("table", "trial"), pl.String),
-    "amplitude_deg": pl.Float64,
-    **dict.fromkeys(("cause", "quantity"), pl.String),
-    **dict.fromkeys(("estimate", "low", "high"), pl.Float64),
-}
-"""Columns of `offered.csv`."""
-
-
-def offered_frame(findings: Iterable[WordedFinding]) -> pl.DataFrame:
-    """`offered.csv`: a row per estimate that a finding offers in place of the recorded one, from
-    the same fit with the cause in the model."""
-    rows: list[dict[str, object]] = []
-    for number, worded in enumerate(findings, start=1):
-        finding = worded.finding
-        rows += [
-            {
-                "finding": number,
-                "table": finding.table,
-                "trial": finding.subject,
-                "amplitude_deg": finding.amplitude_deg,
-                "cause": finding.cause,
-                "quantity": estimate.recorded,
-                "estimate": estimate.value,
-                "low": estimate.low,
-                "high": estimate.high,
-            }
-            for estimate in finding.without
-            if estimate.is_told
-        ]
-    return pl.DataFrame(rows, schema=OFFERED_COLUMNS)
 
 
 def failed_checks(verdicts: pl.DataFrame) -> Iterator[WordedFinding]:

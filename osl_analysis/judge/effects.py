@@ -1,10 +1,9 @@
 """How far a cause may move K, B and I of a row, which tells whether it matters."""
 
-import math
 from collections.abc import Sequence
 
 from osl_analysis.judge.finding import ESTIMATES, AnyRow, Beyond, Correction, cell_number
-from osl_analysis.judge.known_findings import HYPOTHESES, KnownFinding, rule_of
+from osl_analysis.judge.known_findings import KnownFinding, rule_of
 from osl_analysis.judge.limits import Accuracy
 
 NAMES_IN_TABLE = {("belt", "K"): "K_s", ("transmission", "B"): "B_j", ("transmission", "I"): "J_j"}
@@ -23,42 +22,14 @@ def interval(row: AnyRow, column: str) -> tuple[float | None, float | None, floa
 
 
 def corrections(table: str, cause: KnownFinding, row: AnyRow) -> list[Correction]:
-    """The estimates beside a cause, as far as the row has their columns.
-
-    Certain friction is a column of the regression beside a rival of Eq. 15, so that the rival moves
-    the viscous damping.
-    """
+    """The estimates beside a cause, as far as the row has their columns."""
     without_cause: list[Correction] = []
-    is_rival = cause.name in HYPOTHESES.values()
     for symbol, column_of_impedance in cause.estimates_without.items():
         recorded = estimate_column(table, symbol)
         column = f"{recorded}{column_of_impedance.removeprefix(symbol)}"
-        if is_rival and symbol == "B" and row.get(f"{recorded}_viscous") is not None:
-            recorded = f"{recorded}_viscous"
         if column in row:
             without_cause.append(Correction(symbol, recorded, *interval(row, column)))
     return without_cause
-
-
-def leaves_torque(row: AnyRow) -> bool:
-    """Whether the most probable rival leaves more of the torque than noise."""
-    columns = [column for column in row if column.endswith("_unexplained_share")]
-    return any(cell_number(row, column) for column in columns)
-
-
-def largest_move(correction: Correction, row: AnyRow) -> float:
-    """By how much [unit of the estimate] a cause moves the recorded estimate, or an end of its
-    interval, as far as both are known; infinite where nothing of the estimate is told."""
-    if not correction.is_told:
-        return math.inf
-    estimate, low, high = interval(row, correction.recorded)
-    pairs = (
-        (correction.value, estimate),
-        (correction.low, estimate if low is None else low),
-        (correction.high, estimate if high is None else high),
-    )
-    moves = (abs(new - old) for new, old in pairs if new is not None and old is not None)
-    return max(moves, default=0.0)
 
 
 def size_and_half_width(row: AnyRow, column: str) -> tuple[float, float]:
@@ -69,18 +40,10 @@ def size_and_half_width(row: AnyRow, column: str) -> tuple[float, float]:
     return max(abs(estimate or 0.0), half_width), half_width
 
 
-def shares_moved(
-    table: str, row: AnyRow, cause: KnownFinding, evidence: Sequence[Beyond]
-) -> dict[str, float]:
-    """By which share of itself a cause may move each of K, B and I that the row has; empty where
-    the row does not tell."""
+def shares_moved(table: str, row: AnyRow, evidence: Sequence[Beyond]) -> dict[str, float]:
+    """By which share of itself the other reading of time stamps may move each of K, B and I that
+    the row has; empty where the row does not tell."""
     moved: dict[str, float] = {}
-    without_cause = corrections(table, cause, row)
-    if any(correction.is_told for correction in without_cause):
-        for correction in without_cause:
-            size, _ = size_and_half_width(row, correction.recorded)
-            if size:
-                moved[correction.symbol] = largest_move(correction, row) / size
     for number in evidence:
         if number.column == "time_base_shift":  # in half-widths of the interval
             for symbol in ESTIMATES:
@@ -91,13 +54,13 @@ def shares_moved(
 
 
 def is_within_accuracy(
-    table: str, row: AnyRow, cause: KnownFinding, evidence: Sequence[Beyond], accuracy: Accuracy
+    table: str, row: AnyRow, evidence: Sequence[Beyond], accuracy: Accuracy
 ) -> bool:
-    """Whether a cause certainly moves K, B and I by less than their accuracy: the row tells by how
-    much, and no other number of its evidence is beyond a limit of its own."""
+    """Whether the evidence of a cause certainly moves K, B and I by less than their accuracy: the
+    row tells by how much, and no other number of it is beyond a limit of its own."""
     for number in evidence:
         rule = rule_of(number.column, number.side)
         if rule is None or rule.by != "effect":
             return False
-    moved = shares_moved(table, row, cause, evidence)
+    moved = shares_moved(table, row, evidence)
     return bool(moved) and all(share < accuracy.of(symbol) for symbol, share in moved.items())

@@ -10,7 +10,7 @@ from typing import Any
 
 import polars as pl
 
-from osl_analysis.judge.effects import corrections, is_within_accuracy, leaves_torque
+from osl_analysis.judge.effects import corrections, is_within_accuracy
 from osl_analysis.judge.finding import AnyRow, Beyond, Finding, Grade, cell_number, subject_of
 from osl_analysis.judge.known_findings import (
     BY_COLUMN,
@@ -99,7 +99,7 @@ def judged(
         causes = [
             (cause, numbers)
             for cause, numbers in causes_in(beyond[k], misfit_by[row.get("trial")])
-            if cause.is_result or not is_within_accuracy(name, row, cause, numbers, limits.accuracy)
+            if cause.is_result or not is_within_accuracy(name, row, numbers, limits.accuracy)
         ]
         fault = FINDINGS.get((faults or {}).get(str(row.get("trial")), ""))
         findings.append(findings_of_row(name, row, with_effects(causes, fault), conditions[k]))
@@ -177,7 +177,7 @@ def finding_of(column: str, rule: Rule | None, row: AnyRow) -> str:
     if rule is None:
         return column
     family = row.get("fault_family")
-    if column == "fault_harm":
+    if column.endswith("_fault_share"):
         return HYPOTHESES[str(family)]
     if column == "K_change" and family == "size":
         return "nonlinear_spring"
@@ -309,8 +309,6 @@ def finding_of_cause(
     """A cause of doubt about a row, or a remark on the device. Estimates without it are offered
     where they are better than the recorded ones."""
     without = corrections(table, cause, row)
-    if cause.name in HYPOTHESES.values() and leaves_torque(row):
-        without = []  # what else is in the torque has moved them, too
     better = [each for each in without if not each.is_told or each.is_better_than(row)]
     if not any(each.is_told for each in without):  # the cause was no column of any regression
         better = []

@@ -10,13 +10,10 @@ from collections.abc import Mapping
 from string import Formatter
 from typing import Any
 
-from osl_analysis.judge.effects import leaves_torque
 from osl_analysis.judge.finding import AnyRow, Beyond, Finding, Words, cell_number
 from osl_analysis.judge.known_findings import FINDINGS, Texts, known_finding, rule_of
 from osl_analysis.measured import significant
 from osl_analysis.rounding import decimal_places, with_places
-
-SYMMETRIC_SHARE = 1e-3  # of an interval's width: a middle this near to the estimate is the estimate
 
 
 def words_of(finding: Finding, row: AnyRow) -> Words:
@@ -88,19 +85,16 @@ def estimates_without_cause(finding: Finding) -> str:
         name, value = estimate.recorded, estimate.value
         if not estimate.is_told:
             texts.append(f"{name} not identifiable")
-        elif estimate.low is None or estimate.high is None:
-            continue
-        elif value is not None and is_symmetric(value, estimate.low, estimate.high):
-            texts.append(f"{name} {value:.4g} ± {significant(estimate.high - value)}")
-        else:  # the range of rivals that cannot be told apart
-            ends = dict.fromkeys([significant(estimate.low, 3), significant(estimate.high, 3)])
-            texts.append(f"{name} {' to '.join(ends)}")
+        elif estimate.low is not None and estimate.high is not None:
+            low, high = significant(estimate.low, 3), significant(estimate.high, 3)
+            texts.append(f"{name} {value:.4g} (95 %: {low} to {high})")
     return f"with it in the model {', '.join(texts)}" if texts else ""
 
 
-def is_symmetric(value: float, low: float, high: float) -> bool:
-    """Whether an estimate is the middle of its interval."""
-    return abs(high + low - 2 * value) <= SYMMETRIC_SHARE * (high - low)
+def leaves_torque(row: AnyRow) -> bool:
+    """Whether the most probable rival leaves more of the torque than noise."""
+    columns = [column for column in row if column.endswith("_unexplained_share")]
+    return any(cell_number(row, column) for column in columns)
 
 
 def capital(text: str) -> str:

@@ -1,4 +1,4 @@
-"""Weights of the hypotheses by prediction, and K, B, I as their mixture.
+"""Weights of the hypotheses by prediction.
 
 The weight of a hypothesis is its prior times the exponential of what it gains in prediction,
 averaged over a Bayesian bootstrap of the blocks (pseudo-BMA+: Yao, Vehtari, Simpson and Gelman,
@@ -7,7 +7,6 @@ Bayesian Analysis 13, 2018). The gain is divided by a *temper*, since two things
 * rounding, which alone would give some hypothesis a gain;
 * that no mechanism is exactly its formula: it misses `INEXACTNESS` of its own torque.
 
-The interval of K is that of the mixture: it holds all that cannot be told apart.
 """
 
 from collections import Counter
@@ -39,20 +38,14 @@ FAMILIES: tuple[Family, ...] = (
 LATE: tuple[Family, ...] = ("path", "time")  # families with a torque that is late
 PLAIN = "nothing"  # the hypothesis that is Eq. 15 alone
 SEED = 1  # of the bootstrap: the same recording gives the same numbers
-NEGLIGIBLE = 1e-7  # weight below which a part does not enter the mixture
-# of Brent's method, which halves the interval at worst: widths of parts may differ by 1e15, and
-# the sum of narrow ones is a stair
-QUANTILE_STEPS = 1000
-SPREAD = 12.0  # standard deviations about all parts within which quantiles lie
 
 
 @dataclass(frozen=True)
 class Part:
-    """One of the Student distributions of the mixture."""
+    """One of the values that K, B and I of a hypothesis may have."""
 
     weight: float
     impedance: Array  # K, B, I (3,) [SI]
-    covariance: Array  # (3, 3)
 
 
 @dataclass(frozen=True)
@@ -253,8 +246,7 @@ def parts_of(fit: Predicted, half_nat: float, is_body: bool) -> tuple[float, lis
     if not fit.candidate.profile:
         more = log_positive(fit.impedances[0], fit.covariances[0]) if is_body else 0.0
         share = 1 / len(fit.impedances)
-        pairs = zip(fit.impedances, fit.covariances, strict=True)
-        return more, [Part(share, impedance, covariance) for impedance, covariance in pairs]
+        return more, [Part(share, impedance) for impedance in fit.impedances]
 
     # over its own parameter, with a flat prior between the ends of the profile
     profile, covariance = fit.candidate.profile, fit.covariances[0]
@@ -267,41 +259,4 @@ def parts_of(fit: Predicted, half_nat: float, is_body: bool) -> tuple[float, lis
     shares = np.exp(log_weights - log_weights.max())
     shares = shares / shares.sum()
     pairs_of_profile = zip(shares.tolist(), profile, strict=True)
-    return more, [Part(share, point.impedance, covariance) for share, point in pairs_of_profile]
-
-
-def mixture_quantiles(parts: Sequence[Part], levels: Sequence[float]) -> Array:
-    """Compute quantiles of K, B and I.
-
-    Parameters
-    ----------
-    parts : sequence of Part
-        Parts of the mixture; their weights need not have the sum 1.
-    levels : sequence of float
-        Probabilities (q,).
-
-    Returns
-    -------
-    Array (q, 3)
-        Quantiles [SI], of Student's distributions with BLOCKS - 1 degrees of freedom.
-    """
-    used = [part for part in parts if part.weight > NEGLIGIBLE]
-    weights = np.array([part.weight for part in used])
-    weights = weights / weights.sum()
-    at = np.array([part.impedance for part in used])
-    deviations = np.sqrt([np.diag(part.covariance) for part in used])
-
-    found = np.empty((len(levels), 3))
-    for k in range(3):
-        low = float((at[:, k] - SPREAD * deviations[:, k]).min())
-        high = float((at[:, k] + SPREAD * deviations[:, k]).max())
-
-        def excess(x: float, level: float, k: int = k) -> float:
-            scaled = (x - at[:, k]) / deviations[:, k]
-            return float(weights @ scipy.special.stdtr(BLOCKS - 1, scaled)) - level
-
-        for row, level in enumerate(levels):
-            found[row, k] = scipy.optimize.brentq(
-                excess, low, high, args=(level,), xtol=1e-10, maxiter=QUANTILE_STEPS
-            )
-    return found
+    return more, [Part(share, point.impedance) for share, point in pairs_of_profile]

@@ -105,7 +105,7 @@ def test_a_topic_that_gives_no_samples_is_refused(tmp_path: Path) -> None:
         (
             [(0, {"angle": 1.0})],
             "float64 angle",
-            "has no field 'header.stamp' with seconds and nanoseconds",
+            "has no number 'header.stamp' (it has angle); correct `field`",
         ),
         (infinite, SAMPLE, "inf in sample 18 of 50, at 0.017 s"),
     ):

@@ -4,7 +4,6 @@ or held."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -174,13 +173,8 @@ def stamps_of(recording: Recording, source: MessageSource, rows: Rows) -> NDArra
         if rows.stamps_ns.min() < 0:
             raise InputError("a message was logged at no time; write source: header")
         return rows.stamps_ns
-    address = {"topic": rows.name, "field": source.time.field}
-    stamp = next((channel for channel in recording.channels if channel.address == address), None)
-    if stamp is None:
-        raise InputError(
-            f"it has no field '{source.time.field}' with seconds and nanoseconds; correct"
-            " time.field in the source file, or write source: log"
-        )
+    with naming("time", ", or write source: log"):
+        stamp = recording.find({"topic": rows.name, "field": source.time.field})
     stamps = stamp.read()  # once: not kept, as its values would be
     lacking = int(np.ma.getmaskarray(stamps).sum())
     if lacking:
@@ -237,7 +231,4 @@ def join_on_stamp(tables: Sequence[pl.DataFrame]) -> pl.DataFrame:
     stacked = stacked[order]
     if any(has_equal(table["stamp"]) for table in tables) or not has_equal(stacked["stamp"]):
         return stacked
-    joined = reduce(
-        lambda left, right: left.join(right, on="stamp", how="full", coalesce=True), tables
-    )
-    return joined.sort("stamp")
+    return pl.concat(tables, how="align_full")

@@ -7,13 +7,12 @@ dropped: an hour of messages at 1 kHz is a gigabyte, its numbers are a tenth.
 import json
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 import polars as pl
-from mcap.records import Schema as Record
+from mcap.records import Schema
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, listing, nearest, not_installed
@@ -42,15 +41,7 @@ Decoded = tuple[NDArray[np.int64], str, Mapping[str, Any]]
 """Which of the messages these are, the names in them as text, and their columns by path."""
 
 
-@dataclass(frozen=True)
-class Schema:
-    """The definition of a topic's messages."""
-
-    name: str = ""  # `package/msg/Name`
-    encoding: str = ""  # `ros2msg`, `ros1msg`, `protobuf` ...
-    data: bytes = b""
-
-
+NO_SCHEMA = Schema(0, b"", "", "")
 Bytes = tuple[bytes, NDArray[np.int64], NDArray[np.int64]]
 """Messages that stand in some bytes: these, where each message begins, and its length."""
 
@@ -76,7 +67,11 @@ class Topic:
     """
 
     def __init__(
-        self, name: str, encoding: str, schema: Schema, wanted: Sequence[str] | None = None
+        self,
+        name: str,
+        encoding: str,
+        schema: Schema = NO_SCHEMA,
+        wanted: Sequence[str] | None = None,
     ) -> None:
         self.name = name
         self.encoding = encoding
@@ -123,8 +118,7 @@ class Topic:
                     from mcap_protobuf.decoder import DecoderFactory
                 except ModuleNotFoundError:
                     raise not_installed("protobuf", "mcap-protobuf-support") from None
-                record = Record(1, schema.data, schema.encoding, schema.name)
-                decode: Any = DecoderFactory().decoder_for("protobuf", record)
+                decode: Any = DecoderFactory().decoder_for("protobuf", schema)
                 decode(b"")
                 return partial(self._as_objects, decode)
             case ("cdr", "ros2msg") | ("ros1", "ros1msg"):
@@ -280,19 +274,17 @@ class Topic:
             A part is no whole number, or too large.
         """
         stamps: Any = 0
-        for path, most, factor in zip(
-            parts, (LARGEST_STAMP_S, SECOND_NS), (SECOND_NS, 1), strict=True
-        ):
+        limits = ((LARGEST_STAMP_S, SECOND_NS), (SECOND_NS, 1))
+        for path, (most, factor) in zip(parts, limits, strict=True):
             values = self.column(path)
-            whole = values.astype(np.int64)
-            is_whole = np.ma.filled((whole == values) & (whole >= 0) & (whole <= most), True)
-            if not is_whole.all():
-                row = int(np.argmin(is_whole))
+            is_odd = np.ma.filled((values < 0) | (values > most) | (values % 1 != 0), False)
+            if is_odd.any():
+                row = int(np.argmax(is_odd))
                 raise InputError(
                     f"field '{path}' is {values[row]} in {rows.place(row)}, which is no whole"
                     f" number from 0 to {most}; name another time"
                 )
-            stamps = stamps + factor * whole
+            stamps = stamps + factor * values.astype(np.int64)
         return np.asanyarray(stamps)
 
     def check_one_publisher(self) -> None:
@@ -348,7 +340,7 @@ class Log:
         self.name_of[channel] = name
         self.read[name] += 0
         if self.wanted is None or name in self.wanted:
-            key = (name, encoding, schema)
+            key = (name, encoding, schema.encoding, schema.name, schema.data)
             if key not in self.topics:
                 fields = None if self.wanted is None else self.wanted[name]
                 self.topics[key] = Topic(name, encoding, schema, fields)

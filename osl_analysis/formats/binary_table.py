@@ -22,16 +22,15 @@ from osl_analysis.errors import InputError, listing, optional_module
 from osl_analysis.formats import beginning
 from osl_analysis.formats._cells import name_and_unit
 from osl_analysis.formats._table import (
-    COMMENT_SIGNS,
     LISTING,
     MOST_COLUMNS,
     SheetSource,
     Table,
     lasting_names,
     recording_of_table,
-    table_of_rows,
 )
-from osl_analysis.formats._text import Line, Row
+from osl_analysis.formats._text import Text
+from osl_analysis.formats.csv_table import table_of_text
 from osl_analysis.recording import Channel, End, Format, Kind, Loss, Recording, Rows
 from osl_analysis.units import name_and_ending
 
@@ -91,37 +90,29 @@ def _read_workbook(path: Path, source: SheetSource | None) -> Recording:
     for name in book.sheet_names:
         sheets[name] = book.load_sheet(name, header_row=None, dtypes="string").to_polars()
     largest = max(sheets, key=lambda name: sheets[name].height * sheets[name].width)
-    cells = sheets[largest].select(pl.all().cast(pl.String).fill_null("").str.strip_chars())
+    cells = sheets[largest].select(pl.all().cast(pl.String).str.replace_all(r'[\s"]+', " "))
+    text = cells.write_csv(include_header=False, separator="\t", quote_style="never")
     layout = source or LISTING
-    rows: list[Row] = []
-    comments: list[Line] = []
-    for number, row in enumerate(cells.iter_rows(), start=1):
-        if row[0].startswith(COMMENT_SIGNS):
-            comments.append(Line(number, " ".join(cell for cell in row if cell)))
-        elif any(row):
-            rows.append(Row(number, list(row)))
-    table = table_of_rows(rows, comments, layout)
+    table = table_of_text(Text(text.encode(), is_ended=True), layout, "\t")
     remarks = [*table.remarks]
     others = [name for name, sheet in sheets.items() if name != largest and sheet.height]
     if others:
         remarks.append(f"sheet '{largest}' is read, the largest; not read: {listing(others, 5)}")
-    table = replace(table, end=End.WHOLE, remarks=remarks)
+    table = replace(table, delimiter="", end=End.WHOLE, remarks=remarks)
     facts = {"rows": str(len(table.lines)), "sheet": largest}
     return recording_of_table("table", table, layout, noun="row", facts=facts)
 
 
 def _recording_of_frame(frame: pl.DataFrame) -> Recording:
     """Make a channel of each column of numbers, times and text."""
-    readable = frame.select(~(selectors.nested() | selectors.binary()))
-    readable = readable.with_columns(
-        pl.col(pl.Categorical, pl.Enum).cast(pl.String), pl.col(pl.Decimal).cast(pl.Float64)
-    )
+    kinds = selectors.float() | selectors.integer() | selectors.boolean()
+    readable = frame.select(kinds | selectors.string() | selectors.temporal())
     if readable.is_empty():
         raise InputError("holds no column of numbers; name a recording")
     remarks: list[str] = []
     others = [name for name in frame.columns if name not in readable.columns]
     if others:
-        remarks.append(f"columns that hold no numbers are not read: {listing(others, 8)}")
+        remarks.append(f"columns of no numbers, times or text are not read: {listing(others, 8)}")
     names = [name or str(place) for place, name in enumerate(readable.columns, start=1)]
     table = Table(
         names=names,

@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field
 
 from osl_analysis.errors import InputError
-from osl_analysis.formats._messages import PLACE, Schema, Topic
+from osl_analysis.formats._messages import PLACE, Topic
 from osl_analysis.formats._text import in_utf8
 from osl_analysis.recording import End, Format, Loss, Recording, Rows
 from osl_analysis.source_file import FieldChannel, RowTime, TableSource
@@ -44,7 +44,7 @@ def read(path: Path, source: JsonSource | None) -> Recording:
         lines = lines[:-1]
         end = End.MISSING
         remarks.append(f"the last line, {len(texts)}, breaks off and was left out")
-    topic = Topic("", "json", Schema())
+    topic = Topic("", "json")
     for first in range(0, lines.size, LINES_AT_ONCE):
         part = lines[first : first + LINES_AT_ONCE]
         topic.add((content, starts[part], lengths[part]), np.zeros_like(part))

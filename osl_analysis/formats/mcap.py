@@ -16,15 +16,13 @@ import numpy as np
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.reader import SeekingReader
-from mcap.records import Channel, Chunk
-from mcap.records import Schema as SchemaRecord
+from mcap.records import Channel, Chunk, Schema
 from mcap.stream_reader import get_chunk_data_stream
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, quoted
 from osl_analysis.formats import _messages
 from osl_analysis.formats._cdr import rows_at
-from osl_analysis.formats._messages import Schema
 from osl_analysis.recording import End, Format, Recording
 from osl_analysis.source_file import MessageSource
 
@@ -51,7 +49,7 @@ class Log(_messages.Log):
 
     def __init__(self, source: MessageSource | None) -> None:
         super().__init__(source)
-        self.schemas: dict[int, SchemaRecord] = {}
+        self.schemas: dict[int, Schema] = {}
         self.counts: Counter[str] = Counter()  # messages by topic, as the summary declares them
         self.lost: Counter[str] = Counter()  # those of damaged chunks, as their indexes do
         self.checked = 0  # messages that a checksum covers
@@ -168,14 +166,13 @@ class Log(_messages.Log):
     def _declare(self, opcode: int, content: bytes) -> None:
         """Take in a schema or a channel; other records say nothing of messages."""
         if opcode == Opcode.SCHEMA:
-            schema = SchemaRecord.read(_stream(content))
+            schema = Schema.read(_stream(content))
             self.schemas[schema.id] = schema
         elif opcode == Opcode.CHANNEL:
             self._declare_channel(Channel.read(_stream(content)))
 
     def _declare_channel(self, channel: Channel) -> None:
-        record = self.schemas.get(channel.schema_id)
-        schema = Schema(record.name, record.encoding, record.data) if record else Schema()
+        schema = self.schemas.get(channel.schema_id, _messages.NO_SCHEMA)
         self.declare(channel.id, channel.topic, channel.message_encoding, schema)
 
 

@@ -8,13 +8,14 @@ from collections import Counter
 from pathlib import Path
 
 import numpy as np
+from mcap.records import Schema
 from numpy.typing import NDArray
 from rosbags.rosbag1 import Reader
 
 from osl_analysis.errors import InputError
 from osl_analysis.formats import is_of_file
 from osl_analysis.formats._cdr import rows_at
-from osl_analysis.formats._messages import Log, Schema, check_one_log
+from osl_analysis.formats._messages import Log, check_one_log
 from osl_analysis.recording import Format, Recording
 from osl_analysis.source_file import MessageSource
 
@@ -44,7 +45,7 @@ def read(path: Path, source: MessageSource | None) -> Recording:
 def _take_bag(log: Log, reader: Reader, data: bytes) -> None:
     """Read the messages of every chunk in the order of the file."""
     for connection in reader.connections:
-        schema = Schema(connection.msgtype, "ros1msg", connection.msgdef.data.encode())
+        schema = Schema(0, connection.msgdef.data.encode(), "ros1msg", connection.msgtype)
         log.declare(connection.id, connection.topic, "ros1", schema)
     log.expected = Counter()
     for info in reader.chunk_infos:

@@ -14,11 +14,11 @@ from pathlib import Path
 import numpy as np
 import yaml
 import zstandard
+from mcap.records import Schema
 from rosbags.typesys import Stores, get_typestore
 
 from osl_analysis.errors import InputError, listing, naming
 from osl_analysis.formats import _messages, beginning, mcap
-from osl_analysis.formats._messages import Schema
 from osl_analysis.recording import End, Format, Recording
 from osl_analysis.source_file import MessageSource
 
@@ -56,7 +56,7 @@ class Database(_messages.Log):
         query = "SELECT id, name, type, serialization_format FROM topics ORDER BY id"
         for number, name, kind, form in connection.execute(query):
             encoding, text = definitions.get(kind) or _standard_definition(kind)
-            self.declare(number, name, form, Schema(kind, encoding, text.encode()))
+            self.declare(number, name, form, Schema(0, text.encode(), encoding, kind))
         query = "SELECT topic_id, timestamp, data FROM messages ORDER BY id"
         cursor = connection.execute(query)
         while rows := cursor.fetchmany(ROWS_AT_ONCE):

@@ -559,7 +559,7 @@ def test_a_schema_that_cannot_be_read_is_refused_by_its_line(text: str, said: st
         layout_of(text, ONE)
 
 
-@pytest.mark.parametrize("padding", [b"\xff", b"\xff" * 3, bytes(4), bytes(7)])
+@pytest.mark.parametrize("padding", [b"\xff", b"\xff" * 3])
 def test_padding_behind_a_message_is_none_of_it(padding: bytes) -> None:
     assert numbers_of("float64 a", ONE + padding, "a") == [1.0]
 

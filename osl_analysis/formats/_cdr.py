@@ -6,10 +6,9 @@ of all others are a view of their bytes, which is a thousand times as fast.
 """
 
 import re
-import struct
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +31,6 @@ BUILT_IN = {"builtin_interfaces/msg/Time": STAMP, "builtin_interfaces/msg/Durati
 FRAME = "header.frame_id"  # publishers of one topic often write other frames
 ENCAPSULATION = 4  # bytes before a CDR message; the second one tells the byte order
 MOST_PADDING = 3  # bytes behind a message, which DDS fills up to 4 (RTPS 2.5, 9.4.1)
-MOST_ZEROS = 7  # bytes behind a message of writers that fill up to 8 by zeros
 OTHER_ELEMENT = re.compile(r"\[[1-9]\d*\]")  # of an array; its first one is listed alone
 NEW_RECORDING = "record again with the definitions that its publisher was built with"
 
@@ -95,7 +93,7 @@ class Layout:
     Attributes
     ----------
     numbers
-        Type in NumPy's spelling and place [bytes] of each number, by path.
+        Type and place [bytes] of each number, by path.
     listed
         Paths of the numbers in their order; of an array its named elements, or else its first one.
     names
@@ -109,21 +107,21 @@ class Layout:
     """
 
     def __init__(self, name: str, definition: bytes, is_ros1: bool, data: bytes) -> None:
-        is_plain_cdr = len(data) >= ENCAPSULATION and data[0] == 0 and data[1] <= 1
-        if not is_ros1 and not is_plain_cdr:
+        if not is_ros1 and not data.startswith((b"\0\0", b"\0\1")):
             raise InputError(
                 f"encapsulation {data[:4].hex()} is not plain CDR; record with the default encoding"
+                " and without compression of messages"
             )
         self.definition = definition_of(name, definition)
         self.data = data
         self.is_ros1 = is_ros1  # little-endian, not aligned, no zero at the end of texts
         self.begin = 0 if is_ros1 else ENCAPSULATION
         self.position = self.begin
-        self.byte_order = "<" if is_ros1 or data[1] else ">"
-        self.numbers: dict[str, tuple[str, int]] = {}
+        self.byte_order: Literal["little", "big"] = "little" if is_ros1 or data[1] else "big"
+        self.numbers: dict[str, tuple[np.dtype[Any], int]] = {}
         self.names = ""
         self.is_shared = np.zeros(len(data), bool)  # bytes that all messages of the layout share
-        self.is_shared[: self.begin // 2] = True
+        self.is_shared[: self.begin // 2] = True  # the mark of plain CDR
         self._walk_message(full_name(name), "")
         self._check_end()
         last_at = {place: path for path, (_, place) in self.numbers.items()}  # names come last
@@ -145,8 +143,11 @@ class Layout:
         for path in self.listed if paths is None else paths:
             if path in self.numbers:
                 kind, place = self.numbers[path]
-                values = np.ndarray(rows.shape, kind.replace("?", "u1"), rows, place, rows.strides)
-                columns[path] = values.astype(kind[1:])
+                stored = (
+                    np.uint8 if kind.kind == "b" else kind
+                )  # a truth value is a byte that is not 0
+                values = np.ndarray(rows.shape, stored, rows, place, rows.strides)
+                columns[path] = values.astype(kind.newbyteorder("="))
         return columns
 
     def _walk_message(self, type_name: str, prefix: str) -> None:
@@ -188,11 +189,12 @@ class Layout:
 
     def _take_numbers(self, path: str, kind: str, count: int, is_array: bool) -> None:
         """Note where numbers stand one after the other."""
-        size = np.dtype(kind).itemsize
+        number = np.dtype(kind)
+        size = number.itemsize
         begin = self._take(count * size, size if count else 1)
         for index in range(min(count, MOST_ELEMENTS)):
             element = f"{path}[{index}]" if is_array else path
-            self.numbers[element] = (self.byte_order + kind, begin + index * size)
+            self.numbers[element] = (number.newbyteorder(self.byte_order), begin + index * size)
 
     def _take_text(self) -> str:
         size = self._take_length()
@@ -203,8 +205,7 @@ class Layout:
         """Take the length of a text or a sequence; all messages of the layout share it."""
         begin = self._take(4, 4)
         self.is_shared[begin : begin + 4] = True
-        (length,) = struct.unpack_from(f"{self.byte_order}I", self.data, begin)
-        return int(length)
+        return int.from_bytes(self.data[begin : begin + 4], self.byte_order)
 
     def _take(self, size: int, multiple: int = 1) -> int:
         """Go on by some bytes, in CDR from a multiple of others, and give where they begin."""
@@ -220,11 +221,9 @@ class Layout:
 
     def _check_end(self) -> None:
         """Refuse a message that is longer than its definition."""
-        padding = self.data[self.position :]
-        most = MOST_PADDING if padding.strip(b"\0") else MOST_ZEROS
-        if len(padding) > (0 if self.is_ros1 else most):
+        more = len(self.data) - self.position
+        if more > (0 if self.is_ros1 else MOST_PADDING):
             raise InputError(
-                f"a message of {len(self.data)} bytes has {len(padding)} more than its schema"
-                f" describes; {NEW_RECORDING}"
+                f"a message of {len(self.data)} bytes has {more} more than its schema describes;"
+                f" {NEW_RECORDING}"
             )
-        self.is_shared[self.position + MOST_PADDING :] = True

@@ -13,7 +13,6 @@ from pathlib import Path
 
 import numpy as np
 import yaml
-import zstandard
 from mcap.records import Schema
 from rosbags.typesys import Stores, get_typestore
 
@@ -26,7 +25,6 @@ DESCRIPTION = "metadata.yaml"
 SQLITE = b"SQLite format 3\0"
 DATABASE_HEAD = struct.Struct(">16xH10xI")  # page size, pages
 LARGEST_PAGE = 65536  # bytes; written as 1
-ZSTD = b"\x28\xb5\x2f\xfd"
 ROWS_AT_ONCE = 1 << 14
 REINDEX = "write it again with `ros2 bag reindex`, or name one file of the recording"
 RECOVER = "save what it holds with `sqlite3 BAG .recover | sqlite3 NEW`, or record it again"
@@ -63,7 +61,7 @@ class Database(_messages.Log):
             by_channel: dict[int, list[tuple[int, bytes]]] = {}
             for number, time_ns, data in rows:
                 if isinstance(time_ns, int) and isinstance(data, bytes):
-                    by_channel.setdefault(number, []).append((time_ns, _unpacked(data)))
+                    by_channel.setdefault(number, []).append((time_ns, data))
                 else:
                     self.undeclared += 1
             for number, messages in by_channel.items():
@@ -129,16 +127,6 @@ def _described(folder: Path) -> tuple[list[Path], Counter[str]]:
             f" missing ({listing(missing)}); copy them there, or {REINDEX}"
         )
     return files, counts
-
-
-def _unpacked(data: bytes) -> bytes:
-    """A message that may be compressed on its own; one in CDR begins with a zero byte."""
-    if not data.startswith(ZSTD):
-        return data
-    try:
-        return zstandard.ZstdDecompressor().decompressobj().decompress(data)
-    except zstandard.ZstdError:
-        return data  # a damaged one is no message, and counted so
 
 
 def _check_whole(path: Path) -> None:

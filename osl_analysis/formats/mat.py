@@ -6,7 +6,7 @@ An address is written as in MATLAB: `Test.Slow(2).data(:,3)`, `runs{2}.torque`.
 import re
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -26,7 +26,7 @@ from osl_analysis.units import name_and_ending
 HEADER = 128  # bytes; of version 7.3 HDF5 begins behind 512
 FEWEST_SAMPLES = 10  # of a signal, or structs of single numbers that are samples of a recording
 MOST_LISTED = 500  # remarks
-LINE = re.compile(r"(.+)\((?:([1-9]\d*),:|:,([1-9]\d*))\)")  # a row or a column of a matrix
+COLUMN = re.compile(r"\((\d+,:|:,\d+)\)$")  # or a row, of a matrix
 
 
 class VariableChannel(LogChannel):
@@ -109,7 +109,12 @@ def read(path: Path, source: MatSource | None) -> Recording:
         elif variable.numbers is not None and 0 < variable.numbers.size < FEWEST_SAMPLES:
             notes.append(f"{variable.address}={' '.join(map(str, variable.numbers.flat))}")
     part = "" if source is None else _plain(source.log_part)
-    channels = _channels_of([*variables.values()], part)
+    everywhere = _channels_of([*variables.values()])
+    channels: list[Channel] = []
+    for channel in everywhere:
+        within = channel.key.removeprefix(part)
+        if not part or (within != channel.key and within.startswith((".", "(", "{"))):
+            channels.append(replace(channel, address={"variable": within.removeprefix(".")}))
     most = max((channel.rows.count for channel in channels), default=0)
     return Recording(
         format="mat",
@@ -117,7 +122,7 @@ def read(path: Path, source: MatSource | None) -> Recording:
         loss=Loss(most, most, remarks=remarks),
         notes=notes,
         facts={"variables": str(len(variables))},
-        find_unlisted=partial(_find, variables, part, channels),
+        find_unlisted=partial(_find, variables, part, everywhere),
     )
 
 
@@ -179,7 +184,7 @@ def _columns_of_samples(elements: NDArray[Any]) -> dict[str, NDArray[Any]]:
     return columns
 
 
-def _channels_of(variables: Sequence[Variable], part: str) -> list[Channel]:
+def _channels_of(variables: Sequence[Variable]) -> list[Channel]:
     """Make a channel of each vector, and each column of a matrix, that is long enough.
 
     Those of one length in one struct or cell share rows.
@@ -205,64 +210,48 @@ def _channels_of(variables: Sequence[Variable], part: str) -> list[Channel]:
             }
         names = titles.get(len(lines)) if len(lines) > 1 else None
         for place, (address, values) in enumerate(lines.items()):
-            within = address.removeprefix(part)
-            if part and (within == address or within[0] not in ".({"):
-                continue
             key = (variable.group, values.size)
             rows = rows_by_place.setdefault(key, Rows(values.size, variable.group, noun="sample"))
             title = names[place] if names else address.removeprefix(variable.address)
-            channels.append(_channel(variable, within.removeprefix("."), rows, values, title))
+            title = title or variable.address.removeprefix(variable.group).removeprefix(".")
+            name, unit = name_and_unit(title)
+            channels.append(
+                Channel(
+                    address={"variable": address},
+                    rows=rows,
+                    read=partial(np.asanyarray, values),
+                    name=name,
+                    unit=variable.unit or unit,
+                    likely_unit="" if variable.unit or unit else name_and_ending(name)[1],
+                    type=variable.kind,
+                )
+            )
     return channels
-
-
-def _channel(
-    variable: Variable, address: str, rows: Rows, values: NDArray[Any], title: str
-) -> Channel:
-    title = title or variable.address.removeprefix(variable.group).removeprefix(".")
-    name, unit = name_and_unit(title)
-    return Channel(
-        address={"variable": address},
-        rows=rows,
-        read=partial(np.asanyarray, values),
-        name=name,
-        unit=variable.unit or unit,
-        likely_unit="" if variable.unit or unit else name_and_ending(name)[1],
-        type=variable.kind,
-    )
 
 
 def _find(
     variables: Mapping[str, Variable],
     part: str,
-    channels: Sequence[Channel],
+    everywhere: Sequence[Channel],
     asked: Mapping[str, str],
 ) -> Channel:
-    """Find what stands at any address."""
+    """Find what stands at an address outside of the part, or say why it is no channel."""
     address = _plain(asked["variable"])
     if not asked["variable"].startswith("/"):
         address = _joined(part, address)
-    line = LINE.fullmatch(address)
-    variable = variables.get(line[1] if line else address)
-    if variable is None:
-        others = [other for other in variables if other.startswith(address)] or [*variables]
-        raise InputError(
-            f"nothing stands at '{address}'; the file has {listing(others, 12)}"
-            f"{nearest(address, others)}; correct it, state the rate if it is that of time, as"
-            " `time: {rate: HZ}`, or if one of these holds it, name that one as `log_part`, in the"
-            " sample sheet where it differs from trial to trial"
-        )
-    numbers = variable.numbers
-    if line and numbers is not None and numbers.ndim == 2:
-        lines = numbers if line[2] else numbers.T
-        numbers = lines[int(line[2] or line[3]) - 1 :][:1]
-    if numbers is None or not numbers.size or max(numbers.shape) < numbers.size:
+    for channel in everywhere:
+        if channel.key == address:
+            return channel
+    variable = variables.get(COLUMN.sub("", address))
+    if variable is not None:
         raise InputError(f"{address} is {_described(variable)}; {_remedy(variable)}")
-    rows = Rows(numbers.size, variable.group, noun="sample")
-    for channel in channels:
-        if (channel.rows.name, channel.rows.count) == (rows.name, rows.count):
-            rows = channel.rows
-    title = address.removeprefix(variable.address)
-    return _channel(variable, address, rows, numbers.ravel(), title)
+    others = [other for other in variables if other.startswith(address)] or [*variables]
+    raise InputError(
+        f"nothing stands at '{address}'; the file has {listing(others, 12)}"
+        f"{nearest(address, others)}; correct it, state the rate if it is that of time, as"
+        " `time: {rate: HZ}`, or if one of these holds it, name that one as `log_part`, in the"
+        " sample sheet where it differs from trial to trial"
+    )
 
 
 def _described(variable: Variable) -> str:
@@ -275,7 +264,10 @@ def _described(variable: Variable) -> str:
 def _remedy(variable: Variable) -> str:
     """What to do where it is no vector of real numbers."""
     if variable.numbers is not None:
-        return f"choose one column, as {variable.address}(:,1), or save each one as a variable"
+        return (
+            f"choose one column, as {variable.address}(:,1), of at least {FEWEST_SAMPLES} samples,"
+            " or save each one as a variable"
+        )
     return {
         "complex": "save `real(x)`",
         "sparse": "save it as `full(x)`",

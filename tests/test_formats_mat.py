@@ -137,9 +137,9 @@ NOWHERE = {
     "Tset.slow": "nothing stands at 'Tset.slow'; the file has",
     "Test.slow.torqe": "did you mean 'Test.slow.torque'?",
     "Test.slow": "nothing stands at 'Test.slow'; the file has Test.slow.note, Test.slow.torque",
-    "Test.slow.note": "is text and no real numbers; save it as numbers: `str2double(x)`",
+    "Test.slow.note": "Test.slow.note is text, which is not read; save it as real numbers",
     "Test.data": "is 12x2 float64; choose one column, as Test.data(:,1)",
-    "Test.data(:,3)": "Test.data(:,3) is 12x2 float64; choose one column",
+    "Test.data(:,3)": "Test.data is 12x2 float64; choose one column",
     "runs.torque": "nothing stands at 'runs.torque'; the file has",
     "cells": "nothing stands at 'cells'; the file has cells{1}, cells{2}.torque",
     "a b": "nothing stands at 'ab'",
@@ -301,7 +301,7 @@ def test_tables_their_clocks_and_the_properties_of_objects_are_read_as_written(
             channel.values, expected, rtol=1e-15, atol=1e-12, err_msg=address
         )
         assert channel.unit == UNITS.get(address, ""), address
-    assert "Test.note is text and no real numbers; save it as" in refusal(recording, "Test.note")
+    assert "Test.note is text, which is not read" in refusal(recording, "Test.note")
 
 
 # --- what is no signal, and damage --------------------------------------------------------------

@@ -539,7 +539,7 @@ def test_a_part_of_a_matlab_file_is_a_trial_of_its_own(write, tmp_path):
 def test_what_cannot_be_a_log_is_refused_by_its_variable(write, tmp_path):
     for torque, message in (
         (TORQUE[1:], "save channels of one length, as"),
-        ("broken", "torque is text and no real numbers"), (TORQUE + 1j, "torque is complex"),
+        ("broken", "torque is text, which is not read"), (TORQUE + 1j, "torque is complex"),
     ):  # fmt: skip
         assert message in refused_mat(write(tmp_path / "a.mat", **{**LOG, "torque": torque}))
 

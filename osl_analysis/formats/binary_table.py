@@ -7,11 +7,11 @@ A sheet follows the rules of a table of text; others have names and types of the
 """
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import polars as pl
@@ -23,7 +23,6 @@ from osl_analysis.formats import beginning
 from osl_analysis.formats._cells import name_and_unit
 from osl_analysis.formats._table import (
     LISTING,
-    MOST_COLUMNS,
     SheetSource,
     Table,
     lasting_names,
@@ -31,7 +30,7 @@ from osl_analysis.formats._table import (
 )
 from osl_analysis.formats._text import Text
 from osl_analysis.formats.csv_table import table_of_text
-from osl_analysis.recording import Channel, End, Format, Kind, Loss, Recording, Rows
+from osl_analysis.recording import Channel, End, Format, Loss, Recording, Rows
 from osl_analysis.units import name_and_ending
 
 BEGINNINGS = {
@@ -44,18 +43,16 @@ BEGINNINGS = {
     "npy": rb"\x93NUMPY",
 }
 """How files begin, the more special ones first."""
-UNIT_ATTRIBUTES = ("units", "unit", "Units", "Unit")
-TITLE_ATTRIBUTES = ("columns", "names", "labels")
-NUMBERS = "biufmM"  # NumPy's kinds of arrays that are columns
 
 
-@dataclass
-class Arrays:
-    """Arrays of a file by name, with what is written beside them."""
+class Column(NamedTuple):
+    """Numbers (n,) of a file of arrays."""
 
-    arrays: dict[str, NDArray[Any]] = field(default_factory=dict)
-    units: dict[str, str] = field(default_factory=dict)  # by name of the array
-    titles: list[Any] = field(default_factory=list)  # arrays of texts that may name columns
+    group: str  # of the file, within which columns of one length share rows
+    address: str
+    title: str
+    values: NDArray[Any]
+    unit: str = ""  # that the file states
 
 
 def kind_of(begin: bytes) -> str:
@@ -70,9 +67,9 @@ def read(path: Path, source: SheetSource | None) -> Recording:
         case "sheet":
             return _read_workbook(path, source)
         case "hdf5":
-            return _recording_of_arrays(_hdf5_arrays(path))
+            return _recording_of_arrays(*_hdf5_arrays(path))
         case "npy" | "npz":
-            return _recording_of_arrays(_numpy_arrays(path))
+            return _recording_of_arrays(_numpy_arrays(path), {})
         case "parquet":
             return _recording_of_frame(pl.read_parquet(path))
         case "arrow":
@@ -93,7 +90,7 @@ def _read_workbook(path: Path, source: SheetSource | None) -> Recording:
     cells = sheets[largest].select(pl.all().cast(pl.String).str.replace_all(r'[\s"]+', " "))
     text = cells.write_csv(include_header=False, separator="\t", quote_style="never")
     layout = source or LISTING
-    table = table_of_text(Text(text.encode(), is_ended=True), layout, "\t")
+    table = table_of_text(Text(text.encode(), is_ended=True), layout)
     remarks = [*table.remarks]
     others = [name for name, sheet in sheets.items() if name != largest and sheet.height]
     if others:
@@ -126,12 +123,13 @@ def _recording_of_frame(frame: pl.DataFrame) -> Recording:
     return recording_of_table("table", table, LISTING, noun="row", facts=facts)
 
 
-def _numpy_arrays(path: Path) -> Arrays:
-    """Read one array, or an archive of several."""
+def _numpy_arrays(path: Path) -> dict[str, NDArray[Any]]:
+    """Read one array, the fields of one of records, or an archive of several arrays."""
     try:
         with path.open("rb") as file:  # numpy leaves that of a damaged archive open
             stored = np.load(file)
-            arrays = {"": stored} if isinstance(stored, np.ndarray) else dict(stored)
+            if not isinstance(stored, np.ndarray):
+                return dict(stored)
     except ValueError as error:
         if "pickle" not in str(error):
             raise
@@ -139,131 +137,96 @@ def _numpy_arrays(path: Path) -> Arrays:
             "holds objects of Python, which may run a program and are not read; save arrays of"
             " numbers, as `numpy.savez(PATH, theta=theta, ...)`"
         ) from error
-    return Arrays(arrays, titles=[array for array in arrays.values() if array.dtype.kind in "US"])
+    return {name: stored[name] for name in stored.dtype.names or ()} or {"": stored}
 
 
-def _hdf5_arrays(path: Path) -> Arrays:
-    """Read the data sets of numbers by path, and what their attributes say."""
+def _hdf5_arrays(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:
+    """Read the data sets and the attributes of the file, and the units that they state."""
     h5py = optional_module("h5py", "an HDF5 file")
-    found = Arrays()
+    arrays: dict[str, NDArray[Any]] = {}
+    units: dict[str, str] = {}
+
+    def take(name: str, item: Any) -> None:
+        if isinstance(item, h5py.Dataset):
+            # HDF5 fills up what was not written
+            if item.chunks and item.id.get_num_chunks() < np.prod(
+                np.ceil(np.divide(item.shape, item.chunks))
+            ):
+                raise InputError(
+                    f"'{name}' was not written to its end, as by a recorder that was killed; save"
+                    " what was written as CSV or Parquet, or record again"
+                )
+            arrays[name] = np.asarray(item[()])
+            for key, value in item.attrs.items():
+                if key.casefold() in ("unit", "units"):
+                    units[name] = "".join(np.ravel(value).astype(str))
+
     with h5py.File(path, "r") as file:
         for name, value in file.attrs.items():
-            if np.size(value) == 1:
-                found.arrays[name] = np.ravel(value)
-        names: list[str] = []
-        file.visit(names.append)
-        for name in names:
-            item = file[name]
-            if not isinstance(item, h5py.Dataset) or item.ndim not in (1, 2):
-                continue
-            found.titles += [item.attrs[key] for key in TITLE_ATTRIBUTES if key in item.attrs]
-            if h5py.check_string_dtype(item.dtype) and item.size <= MOST_COLUMNS:
-                found.titles.append(item[()])
-            elif item.dtype.kind in "biufV":
-                _check_written(name, item)
-                found.arrays[name] = item[()]
-                for key in UNIT_ATTRIBUTES:
-                    if key in item.attrs:
-                        found.units[name] = _text(item.attrs[key])
-    return found
+            arrays[name] = np.asarray(value)
+        file.visititems(take)
+    return arrays, units
 
 
-def _text(value: Any) -> str:
-    return value.decode("latin-1") if isinstance(value, bytes) else str(value)
-
-
-def _check_written(name: str, item: Any) -> None:
-    """Refuse a data set of which a killed recorder never wrote some: HDF5 fills it up."""
-    if item.chunks:
-        needed = np.prod(-(-np.array(item.shape) // item.chunks))
-        if item.id.get_num_chunks() < needed:
-            raise InputError(
-                f"'{name}' was not written to its end, as by a recorder that was killed; save what"
-                " was written as CSV or Parquet, or record again"
-            )
-
-
-def _recording_of_arrays(found: Arrays) -> Recording:
-    """Make a channel of each array, column of a matrix, and field of records.
-
-    Those of one length in one group share rows. Single numbers, such as a rate, become notes.
-    """
-    titles = titles_by_width(found.titles, found.arrays.values())
+def _recording_of_arrays(arrays: Mapping[str, NDArray[Any]], units: Mapping[str, str]) -> Recording:
+    """Make a channel of each array (n,) and column of a matrix (n, m), whose longer axis is the
+    rows. Single numbers, such as a rate, become notes."""
     notes: list[str] = []
-    signals: dict[str, NDArray[Any]] = {}
-    for name, array in found.arrays.items():
-        for title, values in columns_in(name, array, titles).items():
-            if values.dtype.kind in NUMBERS and values.size == 1:
-                notes.append(f"{title}={values[0]}")
-            elif values.dtype.kind in NUMBERS and values.size:
-                signals[title] = values
-    if not signals:
+    others: list[str] = []
+    columns: dict[str, NDArray[Any]] = {}
+    for name, array in arrays.items():
+        if array.dtype.kind not in "biuf" or array.ndim > 2 or not array.size:
+            others.append(name)
+        elif array.size == 1:
+            notes.append(f"{name}={array.item()}")
+        elif max(array.shape) == array.size:
+            columns[name or "1"] = array.ravel()
+        else:
+            lines = array if array.shape[0] < array.shape[1] else array.T
+            for number, line in enumerate(lines, start=1):
+                columns[f"{name} {number}".strip()] = line
+    if not columns:
         raise InputError("holds no column of numbers; name a recording")
+    remarks: list[str] = []
+    if others:
+        remarks.append(f"not read, as they are no columns of numbers: {listing(others, 8)}")
+    channels = channels_of(
+        "column",
+        [
+            Column(title.rpartition("/")[0], lasting, title, values, units.get(title, ""))
+            for lasting, (title, values) in zip(
+                lasting_names([*columns]), columns.items(), strict=True
+            )
+        ],
+    )
+    most = max(values.size for values in columns.values())
+    loss = Loss(most, most, remarks=remarks)
+    return Recording("table", channels, loss, notes=notes, facts={"rows": str(most)})
+
+
+def channels_of(key: str, columns: Sequence[Column], noun: str = "row") -> list[Channel]:
+    """Make a channel of each column, with its address under a key of the source file."""
     rows_by_place: dict[tuple[str, int], Rows] = {}
     channels: list[Channel] = []
-    for lasting, (title, values) in zip(lasting_names([*signals]), signals.items(), strict=True):
-        group = title.rpartition("/")[0]
-        rows = rows_by_place.setdefault((group, values.size), Rows(values.size, group))
-        full_name, unit = name_and_unit(title)
+    for column in columns:
+        count = column.values.size
+        rows = Rows(count, column.group, noun=noun)
+        full_name, unit = name_and_unit(column.title)
         name = full_name.rpartition("/")[2]
-        unit = found.units.get(title) or unit
-        are_times = values.dtype.kind in "mM"
-        if are_times:
-            values = values.astype(f"{values.dtype.kind}8[ns]").astype(np.int64)
-            unit = "ns"
+        unit = column.unit or unit
         channels.append(
             Channel(
-                address={"column": lasting},
-                rows=rows,
-                read=partial(np.asanyarray, values),
+                address={key: column.address},
+                rows=rows_by_place.setdefault((column.group, count), rows),
+                read=partial(np.ascontiguousarray, column.values),
                 name=name,
-                title=title,
+                title=column.title,
                 unit=unit,
                 likely_unit="" if unit else name_and_ending(name)[1],
-                kind=Kind.CLOCK if are_times else Kind.SIGNAL,
+                type=column.values.dtype.name,
             )
         )
-    most = max(rows.count for rows in rows_by_place.values())
-    facts = {"rows": str(most)}
-    return Recording("table", channels, Loss(most, most), notes=notes, facts=facts)
-
-
-def titles_by_width(
-    lists: Iterable[Any], arrays: Iterable[NDArray[Any]] = ()
-) -> dict[int, Sequence[str]]:
-    """Lists of different titles that stand beside matrices, by how many columns they name, where
-    one list does, and one matrix has so many."""
-    by_width: dict[int, set[tuple[str, ...]]] = {}
-    for texts in lists:
-        titles = tuple(_text(text) for text in np.ravel(texts))
-        if all(titles) and len(set(titles)) == len(titles) > 1:
-            by_width.setdefault(len(titles), set()).add(titles)
-    widths = [min(array.shape) for array in arrays if array.ndim == 2]
-    return {
-        width: min(alike)
-        for width, alike in by_width.items()
-        if len(alike) == 1 and widths.count(width) < 2
-    }
-
-
-def columns_in(
-    name: str, array: NDArray[Any], titles: Mapping[int, Sequence[str]]
-) -> dict[str, NDArray[Any]]:
-    """The columns of an array (n,), a matrix (n, m) or records. The longer axis is the rows."""
-    if array.dtype.names:
-        columns: dict[str, NDArray[Any]] = {}
-        for part in array.dtype.names:
-            columns |= columns_in(f"{name}.{part}".strip("."), array[part], titles)
-        return columns
-    if array.ndim < 2 or 1 in array.shape:
-        return {name or "1": np.ravel(array)}
-    lines = array if array.shape[0] < array.shape[1] else array.T
-    if lines.ndim > 2 or len(lines) > MOST_COLUMNS:
-        return {}
-    names = titles.get(len(lines))
-    if names is None:
-        names = [f"{name} {number}".strip() for number in range(1, len(lines) + 1)]
-    return {title: np.ascontiguousarray(line) for title, line in zip(names, lines, strict=True)}
+    return channels
 
 
 def _begins(begin: bytes) -> bool:

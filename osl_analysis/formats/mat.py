@@ -17,14 +17,12 @@ from pydantic import Field
 from scipy.sparse import issparse
 
 from osl_analysis.errors import InputError, listing, nearest, not_installed
-from osl_analysis.formats._cells import name_and_unit
-from osl_analysis.formats.binary_table import titles_by_width
-from osl_analysis.recording import Channel, Format, Loss, Recording, Rows
+from osl_analysis.formats.binary_table import Column, channels_of
+from osl_analysis.recording import Channel, Format, Loss, Recording
 from osl_analysis.source_file import LogChannel, Name, RowTime, TableSource
-from osl_analysis.units import name_and_ending
 
 HEADER = 128  # bytes; of version 7.3 HDF5 begins behind 512
-FEWEST_SAMPLES = 10  # of a signal, or structs of single numbers that are samples of a recording
+FEWEST_SAMPLES = 10  # of a signal
 MOST_LISTED = 500  # remarks
 COLUMN = re.compile(r"\((\d+,:|:,\d+)\)$")  # or a row, of a matrix
 
@@ -75,8 +73,6 @@ class Variable:
         Its class in MATLAB.
     numbers
         Real numbers of its shape; None for anything else.
-    text
-        For one row of characters.
     """
 
     group: str
@@ -84,7 +80,6 @@ class Variable:
     kind: str
     numbers: NDArray[Any] | None = None
     unit: str = ""
-    text: str = ""
 
 
 def read(path: Path, source: MatSource | None) -> Recording:
@@ -102,14 +97,18 @@ def read(path: Path, source: MatSource | None) -> Recording:
     remarks: list[str] = []
     notes: list[str] = []
     for variable in [*variables.values()][:MOST_LISTED]:
-        if variable.numbers is None and variable.kind != "text":
-            remarks.append(
-                f"{variable.address} is {variable.kind}, which is not read; {_remedy(variable)}"
-            )
-        elif variable.numbers is not None and 0 < variable.numbers.size < FEWEST_SAMPLES:
+        if variable.numbers is None:
+            remarks.append(_reason(variable))
+        elif variable.numbers.size < FEWEST_SAMPLES:
             notes.append(f"{variable.address}={' '.join(map(str, variable.numbers.flat))}")
+    columns = [column for variable in variables.values() for column in _columns_of(variable)]
+    if not columns:
+        raise InputError(
+            f"holds no vector of at least {FEWEST_SAMPLES} real numbers; save each signal as one,"
+            " such as `torque = [log.torque]` where it has a struct per sample"
+        )
     part = "" if source is None else _plain(source.log_part)
-    everywhere = _channels_of([*variables.values()])
+    everywhere = channels_of("variable", columns, noun="sample")
     channels: list[Channel] = []
     for channel in everywhere:
         within = channel.key.removeprefix(part)
@@ -151,10 +150,7 @@ def _variables_in(value: Any, group: str, name: str, unit: str = "") -> Iterator
     elements = array.ravel(order="F")
     kind = array.dtype.kind
     if array.dtype.names is not None:
-        samples = _columns_of_samples(elements)
-        for field, column in samples.items():
-            yield Variable(address, _joined(address, field), column.dtype.name, column[:, None])
-        for number, element in enumerate(elements if not samples else (), start=1):
+        for number, element in enumerate(elements, start=1):
             inside = address if elements.size == 1 else f"{address}({number})"
             for field in array.dtype.names:
                 yield from _variables_in(element[field], inside, field)
@@ -168,65 +164,25 @@ def _variables_in(value: Any, group: str, name: str, unit: str = "") -> Iterator
         yield Variable(group, address, array.dtype.name, np.atleast_2d(ns * 1e-9), "s")
     elif kind in "biuf":
         yield Variable(group, address, array.dtype.name, np.atleast_2d(array), unit)
-    elif kind in "UT":
-        yield Variable(group, address, "text", text="".join(elements[:1]))
     else:
-        yield Variable(group, address, "complex" if kind == "c" else array.dtype.name)
+        yield Variable(group, address, "text" if kind in "UT" else array.dtype.name)
 
 
-def _columns_of_samples(elements: NDArray[Any]) -> dict[str, NDArray[Any]]:
-    """Columns of structs of single numbers, one per sample; empty where they are none."""
-    columns: dict[str, NDArray[Any]] = {}
-    for field in elements.dtype.names or () if elements.size >= FEWEST_SAMPLES else ():
-        values = [np.ravel(value) for value in elements[field]]
-        if all(value.size == 1 and value.dtype.kind in "biuf" for value in values):
-            columns[field] = np.concatenate(values)
+def _columns_of(variable: Variable) -> list[Column]:
+    """A vector, or each column or row of a matrix, that is long enough."""
+    group, address, numbers = variable.group, variable.address, variable.numbers
+    if numbers is None or numbers.ndim != 2 or max(numbers.shape) < FEWEST_SAMPLES:
+        return []
+    if 1 in numbers.shape:
+        title = address.removeprefix(group).removeprefix(".")
+        return [Column(group, address, title, numbers.ravel(), variable.unit)]
+    is_upright = numbers.shape[0] >= numbers.shape[1]
+    form = "(:,{})" if is_upright else "({},:)"
+    columns: list[Column] = []
+    for number, line in enumerate(numbers.T if is_upright else numbers, start=1):
+        place = form.format(number)
+        columns.append(Column(group, address + place, place, line, variable.unit))
     return columns
-
-
-def _channels_of(variables: Sequence[Variable]) -> list[Channel]:
-    """Make a channel of each vector, and each column of a matrix, that is long enough.
-
-    Those of one length in one struct or cell share rows.
-    """
-    texts: dict[str, list[str]] = {}
-    for variable in variables:
-        if variable.address.endswith("}"):
-            texts.setdefault(variable.group, []).append(variable.text)
-    titles = titles_by_width([*texts.values()])  # of columns, where they stand in a cell
-    rows_by_place: dict[tuple[str, int], Rows] = {}
-    channels: list[Channel] = []
-    for variable in variables:
-        numbers = variable.numbers
-        if numbers is None or numbers.ndim != 2 or max(numbers.shape) < FEWEST_SAMPLES:
-            continue
-        lines = {variable.address: numbers.ravel()}
-        if 1 not in numbers.shape:
-            is_upright = numbers.shape[0] >= numbers.shape[1]
-            form = "(:,{})" if is_upright else "({},:)"
-            lines = {
-                variable.address + form.format(number): line
-                for number, line in enumerate(numbers.T if is_upright else numbers, start=1)
-            }
-        names = titles.get(len(lines)) if len(lines) > 1 else None
-        for place, (address, values) in enumerate(lines.items()):
-            key = (variable.group, values.size)
-            rows = rows_by_place.setdefault(key, Rows(values.size, variable.group, noun="sample"))
-            title = names[place] if names else address.removeprefix(variable.address)
-            title = title or variable.address.removeprefix(variable.group).removeprefix(".")
-            name, unit = name_and_unit(title)
-            channels.append(
-                Channel(
-                    address={"variable": address},
-                    rows=rows,
-                    read=partial(np.asanyarray, values),
-                    name=name,
-                    unit=variable.unit or unit,
-                    likely_unit="" if variable.unit or unit else name_and_ending(name)[1],
-                    type=variable.kind,
-                )
-            )
-    return channels
 
 
 def _find(
@@ -244,7 +200,7 @@ def _find(
             return channel
     variable = variables.get(COLUMN.sub("", address))
     if variable is not None:
-        raise InputError(f"{address} is {_described(variable)}; {_remedy(variable)}")
+        raise InputError(_reason(variable))
     others = [other for other in variables if other.startswith(address)] or [*variables]
     raise InputError(
         f"nothing stands at '{address}'; the file has {listing(others, 12)}"
@@ -254,25 +210,19 @@ def _find(
     )
 
 
-def _described(variable: Variable) -> str:
-    """Size and class, as `12x2 float64`."""
+def _reason(variable: Variable) -> str:
+    """Say why a variable is no vector of real numbers, and what to do."""
     if variable.numbers is None:
-        return f"{variable.kind} and no real numbers"
-    return f"{'x'.join(map(str, variable.numbers.shape))} {variable.kind}"
-
-
-def _remedy(variable: Variable) -> str:
-    """What to do where it is no vector of real numbers."""
-    if variable.numbers is not None:
         return (
-            f"choose one column, as {variable.address}(:,1), of at least {FEWEST_SAMPLES} samples,"
-            " or save each one as a variable"
+            f"{variable.address} is {variable.kind}, which is not read; save it as real numbers,"
+            " such as `real(x)`, `full(x)` or `str2double(x)`"
         )
-    return {
-        "complex": "save `real(x)`",
-        "sparse": "save it as `full(x)`",
-        "text": "save it as numbers: `str2double(x)`",
-    }.get(variable.kind, "save its numbers in a struct")
+    size = "x".join(map(str, variable.numbers.shape))
+    return (
+        f"{variable.address} is {size} {variable.kind}; choose one column, as"
+        f" {variable.address}(:,1), of at least {FEWEST_SAMPLES} samples, or save each one as a"
+        " variable"
+    )
 
 
 def _joined(group: str, name: str) -> str:

@@ -235,14 +235,6 @@ def test_what_is_no_log_is_refused_in_one_line(tmp_path: Path, content: bytes) -
     assert "\n" not in refusal(tmp_path, content)
 
 
-def test_two_logs_in_one_file_are_refused_with_the_byte_to_cut_at(tmp_path: Path) -> None:
-    other = log(schema() + channel(1, "/other") + channel(2, "/lab"), chunk(TWENTY))
-
-    for cut in [*range(len(log()), len(WHOLE), 23), len(WHOLE)]:
-        said = refusal(tmp_path, WHOLE[:cut] + other)
-        assert f"holds two logs, the second from byte {cut} on" in said
-
-
 # --- legal, rare files --------------------------------------------------------------------------
 
 PLACES = range(0, len(TEN), ONE_MESSAGE)

@@ -34,8 +34,8 @@ SECOND_NS = 1_000_000_000
 STAMP_PARTS = (("sec", "nanosec"), ("seconds", "nanos"), ("sec", "nsec"), ("secs", "nsecs"))
 LARGEST_STAMP_S = 2**63 // SECOND_NS - 1  # whose nanoseconds 64 bits hold
 # of a message, as columns beside those of its numbers, whose paths never begin so
-PLACE, LOG_TIME, PUBLISHER = ".place", ".log_time", ".publisher"
-
+PLACE, LOG_TIME = ".place", ".log_time"
+SPANS = {"publisher": pl.String, "path": pl.String, "first": pl.Int64, "last": pl.Int64}
 
 Decoded = tuple[NDArray[np.int64], str, Mapping[str, Any]]
 """Which of the messages these are, the names in them as text, and their columns by path."""
@@ -62,8 +62,9 @@ class Topic:
         Why the first of those that cannot be decoded cannot.
     types
         Types of its numbers, read or not, by path. Those of ROS have one, which is not listed.
-    publishers
-        Its publishers by number: each a channel of the recorder and the names in its messages.
+    spans
+        Publisher (a channel of the recorder and the names in its messages), path, and first and
+        last log time [ns] of the numbers that were added at once.
     """
 
     def __init__(
@@ -80,7 +81,7 @@ class Topic:
         self.count = 0
         self.reason = ""
         self.types: defaultdict[str, set[type]] = defaultdict(set)
-        self.publishers: dict[str, int] = {}
+        self.spans: list[tuple[str, str, int, int]] = []
         self.layouts: defaultdict[int, list[Layout]] = defaultdict(list)  # by length
         # columns of messages part by part, by path and type of the numbers in all of a part
         self.parts: defaultdict[tuple[Any, ...], list[dict[str, Any]]] = defaultdict(list)
@@ -94,14 +95,12 @@ class Topic:
         """Decode the wanted fields of more messages, of a channel of the recorder."""
         if self.decode is not None:
             for places, names, columns in self.decode(messages):
-                publisher = f"channel {channel} of the recorder{names}"
-                number = self.publishers.setdefault(publisher, len(self.publishers))
-                part = {
-                    PLACE: self.count + places,
-                    LOG_TIME: log_times_ns[places],
-                    PUBLISHER: np.full(places.size, number),
-                    **columns,
-                }
+                times_ns = log_times_ns[places]
+                if places.size:
+                    publisher = f"channel {channel} of the recorder{names}"
+                    first, last = int(times_ns.min()), int(times_ns.max())
+                    self.spans += [(publisher, path, first, last) for path in columns]
+                part = {PLACE: self.count + places, LOG_TIME: times_ns, **columns}
                 kinds = tuple((path, values.dtype) for path, values in part.items())
                 self.parts[kinds].append(part)
         self.count += log_times_ns.size
@@ -190,7 +189,7 @@ class Topic:
     @cached_property
     def table(self) -> pl.DataFrame:
         """Its messages in the order of the file, with a column of each path that was read."""
-        frames = [pl.DataFrame(schema=dict.fromkeys((PLACE, LOG_TIME, PUBLISHER), pl.Int64))]
+        frames = [pl.DataFrame(schema=dict.fromkeys((PLACE, LOG_TIME), pl.Int64))]
         for kinds, parts in self.parts.items():
             columns: dict[str, Any] = {}
             for path, kind in kinds:
@@ -237,7 +236,7 @@ class Topic:
         """
         units = ROS_UNITS.get(self.schema.name.rpartition("/")[2], {})
         channels: list[Channel] = []
-        paths = self.table.drop(PLACE, LOG_TIME, PUBLISHER).columns
+        paths = self.table.drop(PLACE, LOG_TIME).columns
         for path in paths:
             name = last_name(path)
             likely = next((unit for start, unit in units.items() if path.startswith(start)), "")
@@ -286,24 +285,6 @@ class Topic:
                 )
             stamps = stamps + factor * values.astype(np.int64)
         return np.asanyarray(stamps)
-
-    def check_one_publisher(self) -> None:
-        """Refuse numbers that come from several publishers by turns: they would be mixed, sample by
-        sample.
-
-        Publishers of different joints may share a topic, where each joint is asked by its name.
-        """
-        if len(self.publishers) < 2:
-            return
-        numbers = self.table.select(pl.exclude(PLACE, LOG_TIME, "^header\\..*$"))
-        has_number = numbers.group_by(PUBLISHER).agg(pl.all().is_not_null().any())
-        is_shared = any(column.sum() > 1 for column in has_number.drop(PUBLISHER))
-        changes = (self.table.sort(LOG_TIME)[PUBLISHER].diff() != 0).sum()
-        if is_shared and changes >= len(self.publishers):
-            raise InputError(
-                f"topic '{self.name}' has {len(self.publishers)} publishers at the same time:"
-                f" {' or '.join([*self.publishers][:3])}; record each under a topic of its own"
-            )
 
 
 def stamp_fields(path: str) -> list[tuple[str, str]]:
@@ -382,8 +363,7 @@ class Log:
                     f" {topic.reason}"
                 )
             try:
-                self._check_one_type(topic)
-                topic.check_one_publisher()
+                self._check_one_publisher(topic.name)
             except InputError as error:
                 if self.wanted is not None:
                     raise
@@ -409,12 +389,27 @@ class Log:
             find_unlisted=self._find_unlisted,
         )
 
-    def _check_one_type(self, topic: Topic) -> None:
-        types = [other for other in self.topics.values() if other.name == topic.name]
-        if sum(other.count > 0 for other in types) > 1:
+    def _check_one_publisher(self, name: str) -> None:
+        """Refuse numbers that several publishers write at the same time: they would be mixed,
+        sample by sample.
+
+        Publishers of different joints may share a topic, where each joint is asked by its name.
+        """
+        every = [
+            span for topic in self.topics.values() if topic.name == name for span in topic.spans
+        ]
+        spans = pl.DataFrame(every, SPANS, orient="row")
+        spans = spans.filter(~pl.col("path").str.starts_with("header."))
+        whole = spans.group_by("path", "publisher", maintain_order=True).agg(
+            pl.min("first"), pl.max("last")
+        )
+        previous = pl.col("last").shift().over("path", order_by="first")
+        mixed = whole.filter((pl.col("first") <= previous).any().over("path"))
+        publishers = mixed["publisher"].unique(maintain_order=True)
+        if len(publishers):
             raise InputError(
-                f"topic '{topic.name}' has messages of several types; record each under a topic of"
-                " its own"
+                f"topic '{name}' has {len(publishers)} publishers at the same time:"
+                f" {' or '.join(publishers[:3])}; record each under a topic of its own"
             )
 
     def _find_unlisted(self, address: Mapping[str, str]) -> Channel | None:
@@ -446,13 +441,3 @@ def _wanted_fields(source: Any) -> dict[str, list[str]]:
         if source.time.source == "header":
             fields += [path for parts in stamp_fields(source.time.field) for path in parts]
     return {topic: [*dict.fromkeys(fields)] for topic, fields in wanted.items()}
-
-
-def check_one_log(data: bytes, mark: bytes) -> None:
-    """Refuse a file in which the mark of a log's beginning stands again."""
-    second = data.find(mark, 1)
-    if second > 0:
-        raise InputError(
-            f"holds two logs, the second from byte {second} on; split them into two files there"
-            " (`head -c`, `tail -c`) and give each a trial of its own"
-        )

@@ -27,9 +27,7 @@ from osl_analysis.recording import End, Format, Recording
 from osl_analysis.source_file import MessageSource
 
 MAGIC = b"\x89MCAP0\r\n"
-BEGINNING = MAGIC + bytes([Opcode.HEADER])  # the mark alone also ends a log
 RECORD = struct.Struct("<BQ")  # opcode, length of the content [bytes]
-ONCE = (Opcode.HEADER, Opcode.DATA_END, Opcode.FOOTER)  # records that a log has once
 INDEX_HEAD = struct.Struct("<HI")  # channel, size of the entries [bytes]
 MESSAGE = np.dtype(
     [
@@ -69,12 +67,7 @@ class Log(_messages.Log):
             self.schemas |= summary.schemas
             for declared in summary.channels.values():
                 self._declare_channel(declared)
-        end = 0
-        try:
-            end = self._take_records(data)
-        finally:  # a damaged record may be where another log begins
-            if end + len(MAGIC) != len(data):
-                _messages.check_one_log(data, BEGINNING)
+        end = self._take_records(data)
         if end + len(MAGIC) != len(data):
             self.remarks.append(
                 f"{path.name} cannot be read behind byte {end}: the recorder did not finish,"
@@ -93,7 +86,6 @@ class Log(_messages.Log):
         chunk: Chunk | None = None
         indexes: dict[int, NDArray[np.int64]] = {}  # places in the chunk, by channel
         loose: list[int] = []  # places of messages outside of chunks
-        passed: list[int] = []
         end = 0
         for position, opcode, end in _records_in(data, len(MAGIC)):
             content = data[position + RECORD.size : end] if opcode != Opcode.MESSAGE else b""
@@ -107,10 +99,6 @@ class Log(_messages.Log):
             indexes = {}
             if opcode == Opcode.MESSAGE:
                 loose.append(position)
-            elif opcode in ONCE:
-                if opcode in passed:  # of another log behind a cut one
-                    return position
-                passed.append(opcode)
             else:
                 self._declare(opcode, content)
         self._take_chunk(chunk, indexes)

@@ -15,7 +15,7 @@ from rosbags.rosbag1 import Reader
 from osl_analysis.errors import InputError
 from osl_analysis.formats import is_of_file
 from osl_analysis.formats._cdr import rows_at
-from osl_analysis.formats._messages import Log, check_one_log
+from osl_analysis.formats._messages import Log
 from osl_analysis.recording import Format, Recording
 from osl_analysis.source_file import MessageSource
 
@@ -26,7 +26,8 @@ def read(path: Path, source: MessageSource | None) -> Recording:
     """Read a bag; refused if it has no index."""
     log = Log(source)
     data = path.read_bytes()
-    check_one_log(data, BEGINNING)
+    if data.find(BEGINNING, 1) > 0:
+        raise InputError("holds two bags; cut it in two (`head -c`, `tail -c`), a trial each")
     try:
         with Reader(path) as reader:
             _take_bag(log, reader, data)

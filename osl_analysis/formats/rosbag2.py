@@ -6,7 +6,6 @@ messages.
 """
 
 import sqlite3
-import struct
 from collections import Counter
 from contextlib import closing, suppress
 from pathlib import Path
@@ -23,11 +22,13 @@ from osl_analysis.source_file import MessageSource
 
 DESCRIPTION = "metadata.yaml"
 SQLITE = b"SQLite format 3\0"
-DATABASE_HEAD = struct.Struct(">16xH10xI")  # page size, pages
-LARGEST_PAGE = 65536  # bytes; written as 1
 ROWS_AT_ONCE = 1 << 14
 REINDEX = "write it again with `ros2 bag reindex`, or name one file of the recording"
-RECOVER = "save what it holds with `sqlite3 BAG .recover | sqlite3 NEW`, or record it again"
+RECOVER = (
+    "if it is packed, unpack it with `zstd -d`; save what it holds with `sqlite3 BAG .recover |"
+    " sqlite3 NEW`, or record it again"
+)
+STATED_SIZE = "SELECT page_count * page_size FROM pragma_page_count, pragma_page_size"  # bytes
 DEFINITIONS = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
 
 
@@ -36,10 +37,13 @@ class Database(_messages.Log):
 
     def take_file(self, path: Path) -> None:
         """Read the messages of a database in the order of its rows."""
-        _check_whole(path)
+        _check_finished(path)
         address = f"{path.absolute().as_uri()}?mode=ro&immutable=1"  # writes no file beside it
         try:
             with closing(sqlite3.connect(address, uri=True)) as connection:
+                (size,) = connection.execute(STATED_SIZE).fetchone()
+                if path.stat().st_size < size:  # sqlite would fill the last page up with zeros
+                    raise sqlite3.DatabaseError(f"{size} bytes are stated")
                 self._take_rows(connection)
         except (sqlite3.Error, OverflowError, UnicodeDecodeError) as error:
             raise InputError(
@@ -129,30 +133,16 @@ def _described(folder: Path) -> tuple[list[Path], Counter[str]]:
     return files, counts
 
 
-def _check_whole(path: Path) -> None:
-    """Refuse a database that is cut off, whose last page sqlite would fill up with zeros, and one
-    with messages in a log of changes beside it."""
-    for ending, what in (("-wal", "a write-ahead log"), ("-journal", "a journal")):
+def _check_finished(path: Path) -> None:
+    """Refuse a database with messages in a log of changes beside it."""
+    for ending in ("-wal", "-journal"):
         beside = path.with_name(path.name + ending)
         if beside.is_file() and beside.stat().st_size:
             raise InputError(
-                f"{what} is beside it ({beside.name}): the recorder did not finish, and messages"
-                " are in there; copy both elsewhere, and run `sqlite3 COPY 'PRAGMA"
+                f"{beside.name} is beside it: the recorder did not finish, and messages are in"
+                " there; copy both elsewhere, and run `sqlite3 COPY 'PRAGMA"
                 " wal_checkpoint(TRUNCATE)'` there"
             )
-    head = beginning(path)[: DATABASE_HEAD.size]
-    if not head.startswith(SQLITE) or len(head) < DATABASE_HEAD.size:
-        raise InputError(
-            "neither a database of sqlite3 nor MCAP; if it is packed as a whole, unpack it with"
-            " `zstd -d`, then run `ros2 bag reindex`; else copy it again"
-        )
-    page, pages = DATABASE_HEAD.unpack(head)
-    stated_size = (LARGEST_PAGE if page == 1 else page) * pages
-    size = path.stat().st_size
-    if size < stated_size:
-        raise InputError(
-            f"the database is cut off: it has {size} of its {stated_size} bytes; {RECOVER}"
-        )
 
 
 def _begins(begin: bytes) -> bool:

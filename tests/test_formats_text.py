@@ -83,7 +83,7 @@ def test_a_truth_value_that_is_no_pulse_is_refused(tmp_path: Path) -> None:
 
     said = refusal(tmp_path, content, **stated)
 
-    assert "a truth value can only be `sync` or `trigger`" in said
+    assert "is not a number; name another column" in said
 
 
 def test_rows_that_do_not_fit_are_refused_by_line_or_skipped_and_counted(tmp_path: Path) -> None:
@@ -173,27 +173,6 @@ def test_of_a_long_text_about_the_first_rows_are_listed_and_all_are_read(tmp_pat
     assert listed.facts["rows"].endswith(", of more")
     assert column(listed, "t")[-1] == count - 1  # its end is looked at
     np.testing.assert_array_equal(column(whole, "t"), np.arange(count))
-
-
-@pytest.mark.parametrize("is_stacked", [False, True])
-def test_a_row_for_each_value_is_refused_with_what_to_write(
-    tmp_path: Path, is_stacked: bool
-) -> None:
-    names = ["angle"] * 900 + ["torque"] * 900 if is_stacked else ["angle", "torque"] * 900
-    times = [*range(900), *range(900)] if is_stacked else [k // 2 for k in range(1800)]
-    rows = [f"{t},{name},{k / 7}\n" for k, (t, name) in enumerate(zip(times, names, strict=True))]
-
-    said = refusal(tmp_path, "t,signal,value\n" + "".join(rows))
-
-    assert "a row for each value, of 'angle' or 'torque', not for each sample" in said
-
-
-def test_a_state_in_words_beside_signals_is_no_row_for_each_value(tmp_path: Path) -> None:
-    rows = [f"{k // 2},{'swing' if k % 5 else 'stance'},{k / 7}\n" for k in range(1800)]
-
-    recording = read(tmp_path, "t,state,angle\n" + "".join(rows))
-
-    np.testing.assert_allclose(column(recording, "angle"), np.arange(1800) / 7)
 
 
 # --- LabVIEW ------------------------------------------------------------------------------------

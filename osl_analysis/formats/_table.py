@@ -18,7 +18,6 @@ from pydantic import Field
 from osl_analysis.errors import InputError
 from osl_analysis.formats._cells import (
     MISSING,
-    TRUTHS,
     are_times,
     cell_stamps,
     cell_values,
@@ -38,7 +37,6 @@ from osl_analysis.units import is_unit, name_and_ending
 MOST_COLUMNS = 10_000  # a table with more columns is transposed, or no recording
 SAMPLE_ROWS = 600  # rows by which the width of a table and its first numbers are found
 LONGEST_FOOTER = 60  # rows
-MOST_SIGNALS = 64  # of a table that has a row for each value
 MOST_HEADERS = 3  # rows of names and units above the numbers
 LEAST_VALUES = 0.5  # share of the cells of a column of numbers that are numbers
 COMMENT_SIGNS = ("#", "%", "//")  # at the beginning of a line
@@ -406,7 +404,6 @@ def recording_of_table(
     likely_units
         Units by convention, by name.
     """
-    check_row_per_sample(table.body)
     rows = Rows(count=len(table.lines), lines=table.lines, noun=noun)
     channels: list[Channel] = []
     for place, lasting in enumerate(lasting_names(table.names)):
@@ -437,22 +434,6 @@ def recording_of_table(
     return Recording(format_name, channels, loss, notes=table.notes, facts={**facts, **delimiter})
 
 
-def check_row_per_sample(body: pl.DataFrame) -> None:
-    """Refuse a table with a row per value: a column of words tells which signal it is of, and
-    another its time, so that each time stands beside each word once."""
-    for words in body.select(pl.col(pl.String)):
-        distinct = words.unique(maintain_order=True)
-        if not 1 < len(distinct) <= MOST_SIGNALS or any(map(is_value, distinct.drop_nulls())):
-            continue
-        for times in body:
-            is_each_once = len(distinct) < times.n_unique() == len(body) / len(distinct)
-            if is_each_once and body.n_unique([words.name, times.name]) == len(body):
-                raise InputError(
-                    f"has a row for each value, of '{distinct[0]}' or '{distinct[1]}', not for each"
-                    " sample; write a row for each sample, as `DataFrame.pivot` does"
-                )
-
-
 def _values_of(
     cells: pl.Series, title: str, rows: Rows, layout: SheetSource, decimal: str
 ) -> NDArray[Any]:
@@ -462,10 +443,11 @@ def _values_of(
     if not unread.size or not layout.channels:
         return values
     place = int(unread[0])
-    cell = str(cells[place])
+    cell = str(cells[place])[:40]
     raise InputError(
-        f"{rows.place(place)}, column '{title}': '{cell[:40]}' is not a number;"
-        f" {_remedy_for(cell, title)}"
+        f"{rows.place(place)}, column '{title}': '{cell}' is not a number; name another column,"
+        " write numbers as 1234.5e-3, none between thousands, and times as 12:00:00.500 in"
+        f" every row, or add {json.dumps(cell, ensure_ascii=False)} to `missing` in the source file"
     )
 
 
@@ -473,23 +455,3 @@ def _count_words(cells: pl.Series, layout: SheetSource, decimal: str) -> Mapping
     """Count the cells that are no numbers, by what stands there."""
     _, unread = cell_values(cells, layout.missing, decimal)
     return Counter(cells.gather(unread).to_list())
-
-
-def _remedy_for(cell: str, title: str) -> str:
-    """Say what to do about a cell that is not a number."""
-    if cell.casefold() in TRUTHS:
-        return "name a column of numbers; a truth value can only be `sync` or `trigger`"
-    if re.search(r"\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}|\d{1,2}:\d{2}", cell):
-        return "write time as seconds, or as `12:00:00.500` in every row"
-    if cell == title:
-        return (
-            "the header stands here again, as where a recorder begins anew: cut the file in two, a"
-            " log each"
-        )
-    if re.match(r"[+-]?[.,]?\d", cell):
-        return (
-            "write numbers as 1234.5e-3, with one decimal sign in the whole file and none between"
-            " thousands"
-        )
-    word = json.dumps(cell[:40], ensure_ascii=False)
-    return f"correct the cell, or add {word} to `missing` in the source file"

@@ -108,8 +108,9 @@ def test_a_plates_moment_is_about_its_centre_wherever_the_file_takes_it(tmp_path
 
 @pytest.mark.parametrize(("text", "fields", "problem"), [
     (DEVICES + TRAJECTORIES, {}, "no model output 'LAnkleMoment'; the file has"),
-    (DEVICES + DEVICES + TRAJECTORIES + MODEL, {}, "line 10: section Devices stands twice"),
-    (DEVICES.replace("200", "fast") + TRAJECTORIES + MODEL, {}, "line 2: 'fast' is not a rate"),
+    (DEVICES + DEVICES + TRAJECTORIES + MODEL, {}, "occurs 2 times"),
+    (DEVICES.replace("200", "fast") + TRAJECTORIES + MODEL,
+     {}, "line 2: section Devices at 'fast' Hz has no"),
     (DEVICES.replace("5,1,", "5,2,") + TRAJECTORIES + MODEL,
      {}, "line 7: frame 5 does not follow"),
     (DEVICES + TRAJECTORIES.replace("\n6,", "\n7,") + MODEL,
@@ -128,11 +129,11 @@ def test_a_plates_moment_is_about_its_centre_wherever_the_file_takes_it(tmp_path
      "no analog component 'EMG 1'; the file has AMTI #1 - Force"),
     (DEVICES + TRAJECTORIES.replace("mm", "parsnip") + MODEL, {}, "unit 'parsnip' is unknown"),
     (DEVICES[:DEVICES.index("6,1")],
-     {"outputs": {}, "markers": []}, "the last frame lacks sub frames; export"),
+     {"outputs": {}, "markers": []}, "or a last frame lacks sub frames; export"),
     (EXPORT, {"analogs": {}, "outputs": {}, "plates": {}, "markers": []},
      "nothing to read; name markers, outputs"),
     (DEVICES + TRAJECTORIES.replace("100", "0") + MODEL,
-     {}, "section Trajectories at 0 Hz has no samples; export wit"),
+     {}, "section Trajectories at '0' Hz has no samples"),
     (DEVICES.replace("N.mm", "N"), {"outputs": {}}, "unit 'N' measures [N], expected one of N*m"),
 ])  # fmt: skip
 def test_what_does_not_fit_is_refused_with_the_reason(tmp_path, text, fields, problem):

@@ -101,17 +101,18 @@ def test_axes_that_do_not_point_up_are_doubted_and_drafted(tmp_path: Path) -> No
     assert read(path, **UPRIGHT).warnings == []
     assert yaml.safe_load(draft_source(inspect_file(path), "a.trc"))["axes"] == ["x", "-z", "y"]
     # Cortex leaves virtual ones out
-    (note,) = read(write_trc(path, WALK[:, :3, [0, 2, 1]], NumMarkers=3)).warnings
-    assert note == "walk.trc: 1 names after the 3 markers have no positions, such as TOE"
+    assert read(write_trc(path, WALK[:, :3, [0, 2, 1]], NumMarkers=3)).warnings == []
 
 
 @pytest.mark.parametrize(
     ("header", "reason"),
     [
-        ({"NumFrames": 41}, "NumFrames is 41, the file holds 40 rows: the end is missing"),
-        ({"NumMarkers": 5}, "NumMarkers is 5"),
+        (
+            {"NumFrames": 41},
+            "NumFrames '41' and DataRate '100', and the file holds 40 rows: its end",
+        ),
         ({"Units": "parsnip"}, "unit 'parsnip' is unknown"),
-        ({"NumFrames": "many"}, "NumFrames 'many', no number above zero"),
+        ({"NumFrames": "many"}, "NumFrames 'many'"),
     ],
 )
 def test_a_header_that_cannot_be_is_refused(
@@ -140,22 +141,6 @@ def test_rows_that_contradict_the_header_or_one_another_are_refused(
     path.write_text(text.replace(old, new, 1))
 
     assert reason in refused(path)
-
-
-@pytest.mark.parametrize("tabs", ["header", "rows", "both"])
-def test_two_tabs_between_values_are_as_one(tmp_path: Path, tabs: str) -> None:
-    """NumFrames was read from the column of CameraRate."""
-    path = write_trc(tmp_path / "walk.trc")
-    lines = path.read_text().splitlines()
-    if tabs != "rows":
-        lines[2] = lines[2].replace("\t", "\t\t")
-    if tabs != "header":
-        lines[6:] = [line.rstrip("\t").replace("\t", "\t\t") for line in lines[6:]]
-    path.write_text("\n".join(lines) + "\n")
-
-    samples = read(path, **UPRIGHT).samples
-
-    np.testing.assert_allclose(samples["marker_TOE_z"], WALK[:, 3, 1] / 1000, atol=1e-8)
 
 
 @pytest.mark.parametrize("rate", [60, 120, 300, 1000])
@@ -252,7 +237,7 @@ def test_real_files_of_opensim_are_read_as_numpy_reads_their_cells() -> None:
     cells = [line.split("\t") for line in path.read_text().splitlines()[6:] if line]
     heel = [float(row[2 + 3 * 11 + 1]) / 1000 for row in cells]  # the twelfth of its 28 markers
     np.testing.assert_allclose(recording.samples["marker_R.Heel_z"], heel, rtol=1e-12)
-    assert "27 names after the 28 markers have no positions" in recording.warnings[0]
+    assert not recording.warnings
 
     path = REAL_DATA / "opensim" / "grf_run.mot"
     described = {"channels": {"plate1_force_z": {"column": "R_ground_force_vy", "unit": "N"}}}

@@ -74,17 +74,18 @@ class Section:
     def channels(self) -> list[Channel]:
         """The columns of devices, or the points of three columns each."""
         rows = Rows(len(self.rows), self.title, self.rate_hz, start_s=self.start_s)
+        kind = KINDS.get(self.title, Kind.SIGNAL)
         channels: list[Channel] = []
         for place, (name, component) in enumerate(zip(self.names, self.components, strict=True)):
-            kind = KINDS.get(self.title, Kind.SIGNAL)
-            # the unit of an output is that of the source file: files misstate it
-            unit = "" if kind == Kind.MODEL_OUTPUT else self.units[place]
+            unit = self.units[place]
             short_name = name.rpartition(":")[2]  # without the subject
             if name and kind == Kind.SIGNAL:
                 address = {"device": short_name, "component": component}
                 read = partial(self.values, place)
-                channels.append(Channel(address, rows, read, name=component, unit=unit))
+                channels.append(Channel(address, rows, read, component, unit=unit))
             elif name and component.upper() == "X":
+                # the unit of an output is that of the source file: files misstate it
+                unit = "" if kind == Kind.MODEL_OUTPUT else unit
                 read = partial(self.positions, place)
                 channel = Channel({"label": name}, rows, read, short_name, unit=unit, kind=kind)
                 channels.append(channel)
@@ -101,14 +102,6 @@ def rows_of(text: Text) -> list[Row]:
     return split_rows(numbered(text.data), "\t" if b"\t" in text.data else " ")
 
 
-def number_of(header: Mapping[str, str], key: str) -> float:
-    """Give a number above zero that a header states; refused if it states none."""
-    text = header.get(key.casefold(), "")
-    if not is_number_cell(text) or float(text) <= 0:
-        raise InputError(f"its header says {key} {text[:40]!r}, no number above zero; {CORRECT}")
-    return float(text)
-
-
 def recording_of_markers(
     format_name: str,
     labels: Sequence[str],
@@ -117,7 +110,6 @@ def recording_of_markers(
     header: Mapping[str, str],
     keys: tuple[str, str],
     unit: str,
-    remarks: Sequence[str] = (),
 ) -> Recording:
     """Make a channel of each marker.
 
@@ -134,11 +126,12 @@ def recording_of_markers(
     InputError
         Rows contradict the header or one another, or a cell is no number.
     """
-    frames, rate_hz = (number_of(header, key) for key in keys)
-    if len(rows) != frames:
-        cut = ": the end is missing" if len(rows) < frames else ""
+    frames, rate = (header.get(key.casefold(), "") for key in keys)
+    are_numbers = is_number_cell(frames) and is_number_cell(rate)
+    if not are_numbers or float(frames) != len(rows) or float(rate) <= 0:
         raise InputError(
-            f"{keys[0]} is {frames:g}, the file holds {len(rows)} rows{cut}; {CORRECT}"
+            f"its header says {keys[0]} {frames[:40]!r} and {keys[1]} {rate[:40]!r}, and the file"
+            f" holds {len(rows)} rows: its end is missing, or the header is wrong; {CORRECT}"
         )
     for row in rows:
         count = len(unpadded(row.cells)) - first
@@ -149,36 +142,32 @@ def recording_of_markers(
             )
     section = Section(
         title=TRAJECTORIES,
-        rate_hz=rate_hz,
+        rate_hz=float(rate),
         rows=rows,
         names=[""] * first + [label for label in labels for _ in AXES],
         components=["frame", "time"][:first] + [*"XYZ"] * len(labels),
         units=[unit] * (first + 3 * len(labels)),
     )
-    first_frame = section.first_frame() if first else 1
     if first == 2:
         section = replace(section, start_s=_start(section))
     facts = {
         "frames": len(rows),
-        "first_frame": first_frame,
-        "frame_rate_hz": rate_hz,
+        "first_frame": section.first_frame() if first else 1,
+        "frame_rate_hz": section.rate_hz,
         "samples_per_frame": 1,
         "length_unit": unit,
         "start_s": section.start_s,
     }
-    return Recording(
-        format_name, section.channels(), Loss(len(rows), len(rows), remarks=remarks), facts=facts
-    )
+    return Recording(format_name, section.channels(), Loss(len(rows), len(rows)), facts=facts)
 
 
 def _start(section: Section) -> float:
     """Time of the first frame [s]; refused if times do not fit the rate."""
     time = section.values(1)
     since_start = np.arange(time.size) / section.rate_hz
-    difference = np.abs(time - time[0] - since_start)
-    decimals = max(len(row.cells[1].partition(".")[2]) for row in section.rows)
+    decimals = len(section.rows[-1].cells[1].partition(".")[2])
     rounding_s = ROUNDINGS * 10.0 ** -min(decimals, MOST_DECIMALS)
-    fits = difference <= rounding_s + RATE_ROUNDING * since_start
+    fits = np.isclose(time - time[0], since_start, RATE_ROUNDING, rounding_s)
     if not fits.all():
         row = int(np.argmin(fits))
         raise InputError(

@@ -56,14 +56,8 @@ class NexusSource(LaboratorySource):
     plates: Mapping[PositiveInt, NexusPlate] = Field(default={})  # Force plates by number, from 1.
 
 
-def read_sections(path: Path) -> dict[str, Section]:
-    """Read the sections by title.
-
-    Raises
-    ------
-    InputError
-        There is no section, one has no samples, or stands twice.
-    """
+def read_sections(path: Path) -> list[Section]:
+    """Read the sections; refused if there is none, or one has no samples."""
     text = read_text(path)
     lines = numbered(text.data)
     headers = [line for line in lines if _is_header(line.text)]
@@ -78,19 +72,11 @@ def read_sections(path: Path) -> dict[str, Section]:
             "no section of a Nexus export (Devices, Trajectories, ...); check the source's format"
         )
     check_last_line(text.is_ended, rows[starts[-1] + HEAD_ROWS :] or rows[-1:])
-    parts = [rows[start:end] for start, end in zip(starts, [*starts[1:], len(rows)], strict=True)]
+    parts = [rows[start:end] for start, end in zip(starts, [*starts[1:], None], strict=True)]
     # a section at rest at both ends does not show it
     signs = [decimal_of([row.cells for row in part[HEAD_ROWS:]]) for part in parts]
     decimal = "," if "," in signs else "."
-    sections: dict[str, Section] = {}
-    for part in parts:
-        section = _section_of(part, decimal)
-        if section.title in sections:
-            raise InputError(
-                f"line {part[0].number}: section {section.title} stands twice; export one of each"
-            )
-        sections[section.title] = section
-    return sections
+    return [_section_of(part, decimal) for part in parts]
 
 
 def _is_header(line: str) -> bool:
@@ -99,16 +85,12 @@ def _is_header(line: str) -> bool:
 
 
 def _section_of(rows: Sequence[Row], decimal: str) -> Section:
-    title = rows[0].cells[0]
-    rate = rows[1].cells[0].replace(",", ".")
-    if not is_number_cell(rate):
-        raise InputError(
-            f"line {rows[1].number}: '{rate[:40]}' is not a rate; export the trial again"
-        )
+    title, rate = rows[0].cells[0], rows[1].cells[0].replace(",", ".")
     samples = list(rows[HEAD_ROWS:])
-    if not samples or float(rate) <= 0:
+    if not samples or not is_number_cell(rate) or float(rate) <= 0:
         raise InputError(
-            f"section {title[:40]} at {float(rate):g} Hz has no samples; export without it"
+            f"line {rows[1].number}: section {title[:40]} at '{rate[:40]}' Hz has no samples or no"
+            " rate; export the trial again, or without it"
         )
     components = unpadded(rows[3].cells)
     above, units = (
@@ -122,8 +104,7 @@ def _section_of(rows: Sequence[Row], decimal: str) -> Section:
 
 def read(path: Path, source: NexusSource | None) -> Recording:
     """Read an export. Its first frame is at 0 s."""
-    sections = read_sections(path)
-    used = [*sections.values()]
+    used = read_sections(path)
     facts: dict[str, object] = {
         section.title: f"{len(section.rows)} rows at {section.rate_hz:g} Hz" for section in used
     }
@@ -155,26 +136,24 @@ def _timing_of(sections: Sequence[Section]) -> dict[str, object]:
             "nothing to read; name markers, outputs, analogs or plates in the source file"
         )
     spans: set[tuple[int, float, float]] = set()
-    samples_per_frame: list[int] = []
+    samples_per_frame = 1
     for section in sections:
         sub_frame = section.values(1)
         samples = int(np.nanmax(sub_frame)) + 1
-        samples_per_frame.append(samples)
+        samples_per_frame = max(samples_per_frame, samples)
         frame_rate_hz = round(section.rate_hz / samples, 6)
         spans.add((section.first_frame(sub_frame), len(section.rows) / samples, frame_rate_hz))
-    if len(spans) != 1:
-        raise InputError(
-            "its sections differ in first frame, number of frames or frame rate:"
-            f" {sorted(spans)}; export all of the same frames"
-        )
     first, frames, frame_rate_hz = spans.pop()
-    if frames != int(frames):
-        raise InputError("the last frame lacks sub frames; export the trial again")
+    if spans or frames % 1:
+        raise InputError(
+            "its sections differ in first frame, number of frames or frame rate, or a last frame"
+            " lacks sub frames; export all of the same frames"
+        )
     return {
         "frames": int(frames),
         "first_frame": first,
         "frame_rate_hz": frame_rate_hz,
-        "samples_per_frame": max(samples_per_frame),
+        "samples_per_frame": samples_per_frame,
     }
 
 

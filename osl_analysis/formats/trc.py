@@ -7,14 +7,8 @@ from functools import partial
 from pathlib import Path
 
 from osl_analysis.errors import InputError
-from osl_analysis.formats._captured_text import (
-    CORRECT,
-    begins_with_key,
-    number_of,
-    recording_of_markers,
-    rows_of,
-)
-from osl_analysis.formats._text import Row, check_last_line, read_text
+from osl_analysis.formats._captured_text import begins_with_key, recording_of_markers, rows_of
+from osl_analysis.formats._text import check_last_line, read_text
 from osl_analysis.recording import Format, Recording
 from osl_analysis.source_file import MarkerSource
 from osl_analysis.units import LengthUnit
@@ -43,30 +37,18 @@ def read(path: Path, source: TrcSource | None) -> Recording:
     keys, values, names = ([cell for cell in row.cells if cell] for row in rows[1:4])
     header = dict(zip([key.casefold() for key in keys], values, strict=False))
     body = rows[HEADER_LINES:]
-    if not any("".join(row.cells[1:2]) for row in body):  # two tabs between values
-        body = [Row(row.number, row.cells[::2]) for row in body]
     check_last_line(text.is_ended, body)
-    labels = names[2:]
-    markers = int(number_of(header, "NumMarkers"))
-    if len(labels) < markers:
-        raise InputError(
-            f"NumMarkers is {markers}, line {rows[3].number} names {len(labels)}; {CORRECT}"
-        )
-    remarks: list[str] = []
-    if len(labels) > markers:  # Cortex names its virtual markers and leaves them out
-        remarks.append(
-            f"{len(labels) - markers} names after the {markers} markers have no positions, such as"
-            f" {labels[-1][:40]}"
-        )
+    markers = header.get("nummarkers", "")
+    # Cortex names its virtual markers behind the others, and leaves them out
+    labels = names[2:][: int(markers) if markers.isdecimal() else None]
     return recording_of_markers(
         "trc",
-        labels[:markers],
+        labels,
         body,
         first=2,
         header=header,
         keys=("NumFrames", "DataRate"),
         unit=header.get("units", ""),
-        remarks=remarks,
     )
 
 

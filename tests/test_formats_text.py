@@ -235,6 +235,6 @@ def test_markers_of_qualisys_are_read_with_or_without_frame_numbers(
 
 
 def test_a_qualisys_export_that_is_cut_is_refused(tmp_path: Path) -> None:
-    assert "NO_OF_FRAMES is 3, the file holds 2 rows" in refusal(
+    assert "NO_OF_FRAMES '3' and FREQUENCY '200', and the file holds 2 rows" in refusal(
         tmp_path, qualisys(rows=2), "a.tsv"
     )

@@ -130,7 +130,7 @@ def table_of_rows(
         There is no table of numbers, or rows do not fit the header.
     """
     remarks: list[str] = []
-    if layout.ragged == "dropped_variable":
+    if layout.ragged == "dropped_variable" and rows:
         rows, remarks = _with_dropped_variables(rows, layout.missing)
     shape = _shape_of(rows)
     first = _first_row_of_data(rows, shape)
@@ -191,43 +191,34 @@ def _with_dropped_variables(
     its header late, with the first thousand rows: variables that failed before have no name in it,
     and their cells are left out.
     """
-    if len(rows) < 2:
-        return [*rows], []
     header, *data = rows
-    last = data[-1]
-    cut: list[Row] = []
-    if len(last.cells) < len(data[-2 if len(data) > 1 else -1].cells):
-        cut = [data.pop()]
-    variables = list(range(len(data[0].cells)))  # of the rows from here on
-    named = variables if len(variables) == len(header.cells) else []
-    latest: dict[int, str] = {}
-    readings: list[dict[int, str]] = []
+    is_cut = len(data) > 1 and len(data[-1].cells) < len(data[-2].cells)
+    cut = [data.pop()] if is_cut else []
+    latest = [cell for row in data[:1] for cell in row.cells]  # of every variable
+    variables = [*range(len(latest))]  # of the rows from here on
+    named = variables
+    filled: list[Row] = []
     remarks: list[str] = []
     for row in data:
         if len(row.cells) != len(variables):
             failed = [variable for variable in variables if latest[variable] in missing]
-            if len(variables) - len(row.cells) != len(failed):
+            variables = [variable for variable in variables if variable not in failed]
+            if len(row.cells) != len(variables):
                 raise InputError(
-                    f"line {row.number} has {len(row.cells)} cells where {len(variables)} were, and"
-                    f" {len(failed)} were missing in the line before: it is unknown which column"
-                    " was omitted; cut the file off there"
+                    f"line {row.number} lacks cells, and {len(failed)} were missing in the line"
+                    " before: it is unknown which column was omitted; cut the file off there"
                 )
             places = ", ".join(str(variable + 1) for variable in failed)
             remarks.append(
                 f"from line {row.number} on, cells {places} of the lines before are missing"
             )
-            variables = [variable for variable in variables if variable not in failed]
-            if not named and len(variables) == len(header.cells):
+            if len(named) != len(header.cells):
                 named = variables
-        latest = {**latest, **dict(zip(variables, row.cells, strict=True))}
-        readings.append(latest)
-    if not named:
-        raise InputError(f"no line has a cell for each of its {len(header.cells)} names")
-    filled = [
-        Row(row.number, [cells[variable] for variable in named])
-        for row, cells in zip(data, readings, strict=True)
-    ]
-    return [header, *filled, *cut], remarks
+        for variable, cell in zip(variables, row.cells, strict=True):
+            latest[variable] = cell
+        filled.append(Row(row.number, [*latest]))
+    named_rows = [Row(row.number, [row.cells[place] for place in named]) for row in filled]
+    return [header, *named_rows, *cut], remarks
 
 
 def _shape_of(rows: Sequence[Row]) -> Shape:

@@ -20,7 +20,6 @@ from osl_analysis.source_file import LogChannel, Name, RowTime, TableSource
 from osl_analysis.units import name_and_ending
 
 MARK = b"TDSm"
-INDEX_MARK = b"TDSh"
 NS = 1e-9  # s
 
 
@@ -52,11 +51,9 @@ def read(path: Path, source: TdmsSource | None) -> Recording:
     nptdms = optional_module("nptdms", "a TDMS file")
     nptdms.log.log_manager.set_level(logging.ERROR)  # of what it would print
     data = path.read_bytes()
-    if data.startswith(INDEX_MARK):
-        raise InputError("the index of a TDMS file; name the .tdms file beside it")
     # of bytes: it would go by an index beside the file, maybe another's
     file = nptdms.TdmsFile.open(BytesIO(data), raw_timestamps=True)
-    every = _channels_in(file)
+    every = [channel for group in file.groups() for channel in group.channels()]
     if not every:
         raise InputError("holds no channels, or is cut off before them; copy it again")
     segments = file._reader._segments  # for which it has no public name
@@ -67,42 +64,30 @@ def read(path: Path, source: TdmsSource | None) -> Recording:
                 f"the segment at byte {segment.position} is not as long as its channels say; copy"
                 " it again, or save it from LabVIEW or DIAdem under a new name"
             )
-    first = nptdms.TdmsFile.open(BytesIO(data[: segments[0].next_segment_pos]), raw_timestamps=True)
-    timing_of = {channel.path: _timing_of(channel) for channel in every}
-    for channel in _channels_in(first):
-        timing = _timing_of(channel)
-        if timing[1] and timing != timing_of[channel.path]:
-            raise InputError(
-                f"channel '{channel.name}' starts anew behind byte {segments[0].next_segment_pos}:"
-                " two recordings in one file; save each under a name of its own"
-            )
-    remarks: list[str] = []
     # the library is silent where the head of a segment is cut
     is_cut = segments[-1].segment_incomplete or segments[-1].next_segment_pos < len(data)
-    if is_cut:
-        remarks.append("the last segment is not complete: the recorder did not finish")
-    signals = [one for one in every if len(one) and np.dtype(one.dtype).kind in "biufM"]
-    of_rows: dict[Any, list[Any]] = {}
-    for channel in signals:
-        # the last segment may be cut within a channel, so that rows end with the shortest one
-        length = 0 if is_cut else len(channel)
-        key = (channel.group_name, timing_of[channel.path], length)
-        of_rows.setdefault(key, []).append(channel)
-    starts_ns = [start_ns for _, (start_ns, step_s), _ in of_rows if step_s]
+    by_rows: dict[Any, list[Any]] = {}
+    for channel in every:
+        if len(channel) and np.dtype(channel.dtype).kind in "biufM":
+            # the last segment may be cut within a channel, so that rows end with the shortest one
+            length = 0 if is_cut else len(channel)
+            key = (channel.group_name, *_timing_of(channel), length)
+            by_rows.setdefault(key, []).append(channel)
+    first_ns = min((start_ns for _, start_ns, step_s, _ in by_rows if step_s), default=0)
     channels: list[Channel] = []
-    for (group, (start_ns, step_s), _), members in of_rows.items():
+    for (group, start_ns, step_s, _), members in by_rows.items():
         rows = Rows(min(map(len, members)), group, noun="value")
         if step_s:
-            start_s = (start_ns - min(starts_ns)) * NS
-            rows = replace(rows, rate_hz=1 / step_s, start_s=start_s)
+            rows = replace(rows, rate_hz=1 / step_s, start_s=(start_ns - first_ns) * NS)
         channels += [_channel_of(member, rows) for member in members]
+    cut = ["the last segment is not complete: the recorder did not finish"] if is_cut else []
     return Recording(
         format="tdms",
         channels=channels,
         loss=Loss(
             read=max((channel.rows.count for channel in channels), default=0),
             end=End.MISSING if is_cut else End.UNKNOWN,
-            remarks=remarks,
+            remarks=cut,
         ),
         facts={
             "channels": str(len(every)),
@@ -110,10 +95,6 @@ def read(path: Path, source: TdmsSource | None) -> Recording:
         },
         find_unlisted=partial(_find_unlisted, every),
     )
-
-
-def _channels_in(file: Any) -> list[Any]:
-    return [channel for group in file.groups() for channel in group.channels()]
 
 
 def _channel_of(channel: Any, rows: Rows) -> Channel:
@@ -132,17 +113,15 @@ def _channel_of(channel: Any, rows: Rows) -> Channel:
     )
 
 
-def _timing_of(channel: Any) -> tuple[int, float | None]:
-    """When a channel begins [ns], and the time between two values [s], if it states one."""
+def _timing_of(channel: Any) -> tuple[int, float]:
+    """When a channel begins [ns], and the time between two values [s]; 0 if it states none."""
     about = channel.properties
-    since = about.get("wf_start_time")
-    start_ns = 0
-    if since is not None:
-        in_us = since.as_datetime64("us")  # finer ones are rounding
-        start_ns = int(in_us.astype("datetime64[ns]").astype(np.int64))
-    start_ns += round(float(about.get("wf_start_offset", 0.0)) / NS)
-    step_s = float(about.get("wf_increment", 0.0))
-    return start_ns, step_s if 0 < step_s < np.inf else None
+    start_ns = round(about.get("wf_start_offset", 0.0) / NS)
+    if "wf_start_time" in about:
+        in_us = about["wf_start_time"].as_datetime64("us")  # finer ones are rounding
+        start_ns += int(in_us.astype("datetime64[ns]").astype(np.int64))
+    step_s = about.get("wf_increment", 0.0)
+    return start_ns, step_s if 0 < step_s < np.inf else 0.0
 
 
 def _values_of(channel: Any, count: int) -> NDArray[Any]:
@@ -154,22 +133,20 @@ def _values_of(channel: Any, count: int) -> NDArray[Any]:
     return np.asarray(values)
 
 
-def _find_unlisted(every: Sequence[Any], address: Mapping[str, str]) -> Channel | None:
+def _find_unlisted(every: Sequence[Any], address: Mapping[str, str]) -> None:
     """Say why a channel that the file has is not listed."""
     for channel in every:
         full_name = f"{channel.group_name}/{channel.name}"
         if address["channel"] in (full_name, channel.name):
-            kind = "no" if channel.dtype is None else channel.dtype.name
             raise InputError(
-                f"channel '{full_name}' holds {len(channel)} values of type {kind} and no numbers;"
-                " take another one, or record again"
+                f"channel '{full_name}' is empty or holds no numbers; take another one, or record"
+                " again"
             )
-    return None
 
 
 def _begins(begin: bytes) -> bool:
-    """Tell whether a file is TDMS or its index; text never is: `TDSm` may name a column."""
-    return begin.startswith((MARK, INDEX_MARK)) and CONTROL.search(begin) is not None
+    """Tell whether a file is TDMS; text never is: `TDSm` may name a column."""
+    return begin.startswith(MARK) and CONTROL.search(begin) is not None
 
 
 FORMAT = Format(name="tdms", suffixes=(".tdms",), begins=_begins, source=TdmsSource, read=read)

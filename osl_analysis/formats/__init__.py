@@ -113,13 +113,9 @@ def recognise(path: Path) -> Format:
 def check_format(path: Path, name: str) -> Format:
     """Give the format that a source file states; refused where the file is another one."""
     stated_format = known_formats()[name]
-    is_stated = (
-        stated_format.is_folder(path) if path.is_dir() else stated_format.begins(beginning(path))
-    )
-    if is_stated and stated_format.priority < TEXT_PRIORITY:
-        return stated_format
     formats = formats_of(path)
-    if stated_format in formats[:1]:
+    is_stated = stated_format in formats
+    if is_stated and (stated_format.priority < TEXT_PRIORITY or stated_format is formats[0]):
         refuse_others(path, formats)
         return stated_format
     if not formats:
@@ -128,14 +124,9 @@ def check_format(path: Path, name: str) -> Format:
             " file says; name the recording itself"
         )
     content_name = formats[0].name
-    if path.is_dir():
-        raise InputError(
-            f"{path}: a folder with a recording in {content_name}, its source file says {name};"
-            f" write `format: {content_name}`, or name a file in it"
-        )
     raise InputError(
         f"{path}: is {content_name}, its source file says {name}; write"
-        f" `format: {content_name}`, or name another source file in the sheet"
+        f" `format: {content_name}`, or name another source file or recording in the sheet"
     )
 
 

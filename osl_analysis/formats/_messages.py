@@ -83,8 +83,7 @@ class Topic:
         self.types: defaultdict[str, set[type]] = defaultdict(set)
         self.spans: list[tuple[str, str, int, int]] = []
         self.layouts: defaultdict[int, list[Layout]] = defaultdict(list)  # by length
-        # columns of messages part by part, by path and type of the numbers in all of a part
-        self.parts: defaultdict[tuple[Any, ...], list[dict[str, Any]]] = defaultdict(list)
+        self.parts = [pl.DataFrame(schema={PLACE: pl.Int64, LOG_TIME: pl.Int64})]
         self.decode: Callable[[Bytes], Iterator[Decoded]] | None = None
         try:
             self.decode = self._decoder()
@@ -101,8 +100,7 @@ class Topic:
                     first, last = int(times_ns.min()), int(times_ns.max())
                     self.spans += [(publisher, path, first, last) for path in columns]
                 part = {PLACE: self.count + places, LOG_TIME: times_ns, **columns}
-                kinds = tuple((path, values.dtype) for path, values in part.items())
-                self.parts[kinds].append(part)
+                self.parts.append(pl.DataFrame(part))
         self.count += log_times_ns.size
 
     def _decoder(self) -> Callable[[Bytes], Iterator[Decoded]]:
@@ -189,15 +187,8 @@ class Topic:
     @cached_property
     def table(self) -> pl.DataFrame:
         """Its messages in the order of the file, with a column of each path that was read."""
-        frames = [pl.DataFrame(schema=dict.fromkeys((PLACE, LOG_TIME), pl.Int64))]
-        for kinds, parts in self.parts.items():
-            columns: dict[str, Any] = {}
-            for path, kind in kinds:
-                pieces = [part.pop(path) for part in parts]  # an hour need not be held twice
-                joined = np.concatenate if isinstance(kind, np.dtype) else pl.concat
-                columns[path] = joined(pieces)
-            frames.append(pl.DataFrame(columns))
-        table = pl.concat(frames, how="diagonal_relaxed")
+        table = pl.concat(self.parts, how="diagonal_relaxed", rechunk=True)
+        self.parts = [table]  # an hour need not be held twice
         return table if table[PLACE].is_sorted() else table.sort(PLACE)
 
     @property
@@ -256,7 +247,7 @@ class Topic:
                         Channel(
                             address={**address, "field": stamp},
                             rows=rows,
-                            read=partial(self._whole_stamps, parts, rows),
+                            read=partial(self._whole_stamps, parts),
                             name=last_name(stamp),
                             unit="ns",
                             kind=Kind.CLOCK,
@@ -264,24 +255,17 @@ class Topic:
                     )
         return channels
 
-    def _whole_stamps(self, parts: Sequence[str], rows: Rows) -> NDArray[Any]:
-        """Stamps [ns] (messages,) of seconds and nanoseconds, masked where one is.
-
-        Raises
-        ------
-        InputError
-            A part is no whole number, or too large.
-        """
+    def _whole_stamps(self, parts: Sequence[str]) -> NDArray[Any]:
+        """Stamps [ns] (messages,) of seconds and nanoseconds, masked where one is; refused if they
+        are no whole numbers, or too large."""
         stamps: Any = 0
         limits = ((LARGEST_STAMP_S, SECOND_NS), (SECOND_NS, 1))
         for path, (most, factor) in zip(parts, limits, strict=True):
             values = self.column(path)
-            is_odd = np.ma.filled((values < 0) | (values > most) | (values % 1 != 0), False)
-            if is_odd.any():
-                row = int(np.argmax(is_odd))
+            if values.dtype.kind not in "iu" or values.min() < 0 or values.max() > most:
                 raise InputError(
-                    f"field '{path}' is {values[row]} in {rows.place(row)}, which is no whole"
-                    f" number from 0 to {most}; name another time"
+                    f"field '{path}' has values that are no whole numbers from 0 to {most}; name"
+                    " another time"
                 )
             stamps = stamps + factor * values.astype(np.int64)
         return np.asanyarray(stamps)

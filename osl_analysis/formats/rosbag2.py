@@ -29,6 +29,11 @@ RECOVER = (
     " sqlite3 NEW`, or record it again"
 )
 STATED_SIZE = "SELECT page_count * page_size FROM pragma_page_count, pragma_page_size"  # bytes
+TOPICS = "SELECT id, name, type, serialization_format FROM topics ORDER BY id"
+MESSAGES = (
+    "SELECT timestamp, data FROM messages WHERE topic_id = ? AND typeof(timestamp) = 'integer' AND"
+    " typeof(data) = 'blob' ORDER BY id"
+)
 DEFINITIONS = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
 
 
@@ -55,24 +60,15 @@ class Database(_messages.Log):
         with suppress(sqlite3.OperationalError):  # bags have them since ROS 2 Iron
             for kind, encoding, text in connection.execute(DEFINITIONS):
                 definitions[kind] = (encoding, text)
-        query = "SELECT id, name, type, serialization_format FROM topics ORDER BY id"
-        for number, name, kind, form in connection.execute(query):
+        for number, name, kind, form in connection.execute(TOPICS).fetchall():
             encoding, text = definitions.get(kind) or _standard_definition(kind)
             self.declare(number, name, form, Schema(0, text.encode(), encoding, kind))
-        query = "SELECT topic_id, timestamp, data FROM messages ORDER BY id"
-        cursor = connection.execute(query)
-        while rows := cursor.fetchmany(ROWS_AT_ONCE):
-            by_channel: dict[int, list[tuple[int, bytes]]] = {}
-            for number, time_ns, data in rows:
-                if isinstance(time_ns, int) and isinstance(data, bytes):
-                    by_channel.setdefault(number, []).append((time_ns, data))
-                else:
-                    self.undeclared += 1
-            for number, messages in by_channel.items():
-                times_ns, payloads = zip(*messages, strict=True)
+            cursor = connection.execute(MESSAGES, (number,))
+            while rows := cursor.fetchmany(ROWS_AT_ONCE):
+                times_ns, payloads = zip(*rows, strict=True)
                 lengths = np.array([len(payload) for payload in payloads])
-                starts = np.cumsum(lengths) - lengths
-                self.add(number, (b"".join(payloads), starts, lengths), np.array(times_ns))
+                messages = (b"".join(payloads), np.cumsum(lengths) - lengths, lengths)
+                self.add(number, messages, np.array(times_ns))
 
 
 def _standard_definition(kind: str) -> tuple[str, str]:

@@ -148,8 +148,8 @@ def test_another_rate_than_that_of_the_samples_in_the_frames_is_told(
 
 
 HEADER = [
-    (16, b"\0\0", "the data begin at byte -512, within the header"),
-    (12, b"\0\0\0\0", "the scale of the points is 0"),
+    (16, b"\0\0", "the data begin at byte -512: the header is damaged"),
+    (12, b"\0\0\0\0", "the scale of the points is 0.0, and"),
     (8, b"\0\0", "declares 0 frames"),
     (0, b"\0", "not in the format of Intel processors"),
     (512 + 3, b"\x56", "not in the format of Intel processors, which alone is read; open"),  # MIPS
@@ -157,13 +157,13 @@ HEADER = [
 ]
 # behind its name stand the pointer of a parameter, its type, dimensions and sizes
 POINTER = [
-    (4, b"\1\0", "damaged C3D file"),
-    (4, b"\x20\x4e", "damaged C3D file"),
+    (4, b"\1\0", "section is damaged after 'RATE'; export"),
+    (4, b"\x20\x4e", "section is damaged after 'RATE'; export"),
     (4, b"\xff\xff", "section is damaged after 'RATE'"),
     (-1, b"\0", "section is damaged after 'RATE'"),
-    (6, b"\3", "'RATE' has type 3 and 1 dimens"),
-    (7, b"\x08", "'RATE' has type 4 and 8 dimensions"),
-    (7, b"\3\xff\xff\xff", "the parameter 'RATE' reaches beyond the end of the file"),
+    (6, b"\3", "'RATE' has type 3 and sizes"),
+    (7, b"\x08", "'RATE' has type 4 and sizes"),
+    (7, b"\3\xff\xff\xff", "or reaches beyond the end of the file"),
 ]
 
 

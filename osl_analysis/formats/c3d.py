@@ -44,6 +44,7 @@ TYPES = {1: "u1", 2: "<i2", 4: "<f4"}  # of numbers in parameters
 CONTINUATIONS = ("", *map(str, range(2, 10)))
 CHANNELS_OF_PLATE = {1: 6, 2: 6, 3: 8, 4: 6}  # by type, C3D manual, FORCE_PLATFORM:TYPE
 MOST_PLATES = 99
+MOST_DIMENSIONS = 7  # of a parameter
 LEAST_RATE_HZ, MOST_RATE_HZ = 1e-6, 1e9
 STATE_PLATE = (
     "state it in the source file, as `plate_geometry: {1: {type: 2, channels: [Fx, Fy, Fz, Mx, My,"
@@ -172,24 +173,21 @@ def parse_header(data: bytes) -> Header:
             " format"
         )
     start = (data[0] - 1) * BLOCK
-    processor = data[start + 3 : start + 4] if start > 0 else b""
-    if processor != INTEL:
+    if start < BLOCK or data[start + 3 : start + 4] != INTEL:
         raise InputError(
             "its numbers are not in the format of Intel processors, which alone is read; open it in"
             " a program of today, such as Mokka, and save it again"
         )
-    try:
-        return _header_of(data, start)
-    except (struct.error, ValueError, IndexError) as error:
-        raise InputError(f"damaged C3D file: {error}; export the trial again") from error
-
-
-def _header_of(data: bytes, start: int) -> Header:
     _, points, analogs, first_frame, last_frame, _, scale, data_block, samples, rate_hz = (
         struct.unpack_from("<HHHHHHfHHf", data)
     )
     samples_per_frame = max(samples, 1)
     data_start = (data_block - 1) * BLOCK
+    if scale == 0 or not math.isfinite(scale) or data_start < BLOCK:
+        raise InputError(
+            f"the scale of the points is {scale}, and the data begin at byte {data_start}: the"
+            " header is damaged; export the trial again"
+        )
     parameters_end = data_start
     if data_start <= start:
         parameters_end = start + max(data[start + 2], 1) * BLOCK
@@ -208,10 +206,6 @@ def _header_of(data: bytes, start: int) -> Header:
         header = replace(header, rate_hz=header.number("POINT:RATE"))
     if last_frame == LARGEST_FRAME_NUMBER:
         header = replace(header, frames=_long_frames(header) or header.frames)
-    if header.scale == 0 or not math.isfinite(header.scale):
-        raise InputError(f"the scale of the points is {header.scale}")
-    if data_start < BLOCK:
-        raise InputError(f"the data begin at byte {data_start}, within the header")
     return header
 
 
@@ -243,24 +237,22 @@ def parse_parameters(data: bytes, position: int, end: int) -> Parameters:
         position = name_end + step if step else end
         # else a damaged section is read as another one
         if group == 0 or not value_end <= position <= end:
-            raise InputError(f"the parameter section is damaged after {name!r}")
+            raise InputError(f"the parameter section is damaged after {name!r}; export it again")
     return {f"{groups.get(group, group)}:{name}": value for group, name, value in values}
 
 
 def _parameter_value(data: bytes, position: int, name: str) -> tuple[Array | list[str], int]:
     """Read one parameter from its type byte on; gives also the first byte behind it."""
     kind, dimensions = struct.unpack_from("bB", data, position)
-    if kind not in (TEXT, *TYPES) or dimensions > 7:
-        raise InputError(
-            f"the parameter '{name}' has type {kind} and {dimensions} dimensions: the section is"
-            " damaged"
-        )
     begin = position + 2 + dimensions
     shape = tuple(data[position + 2 : begin])
     end = begin + abs(kind) * math.prod(shape)
     content = data[begin:end]
-    if len(data) < end:
-        raise InputError(f"the parameter '{name}' reaches beyond the end of the file")
+    if kind not in (TEXT, *TYPES) or dimensions > MOST_DIMENSIONS or len(data) < end:
+        raise InputError(
+            f"the parameter '{name}' has type {kind} and sizes {shape}, or reaches beyond the end"
+            " of the file: it is damaged; export the trial again"
+        )
     if kind == TEXT:
         length = max(*shape[:1], 1)  # of each text
         texts = [content[at : at + length] for at in range(0, len(content), length)]
@@ -366,58 +358,63 @@ def _plate_parameter(header: Header, name: str, number: int, shape: tuple[int, .
     return np.asarray(whole[..., number - 1])
 
 
-def plate_of(header: Header, number: int) -> Plate:
-    """Describe one plate by FORCE_PLATFORM, still without its channels.
+def plate_of(
+    header: Header, labels: Sequence[str], number: int, geometry: PlateGeometry | None
+) -> Plate:
+    """Describe one plate by the source file or else FORCE_PLATFORM, still without its channels.
 
     Raises
     ------
     InputError
-        Its parameters contradict themselves.
+        What describes it contradicts itself.
     """
-    kind = int(_plate_parameter(header, "TYPE", number))
-    if kind not in CHANNELS_OF_PLATE:
-        raise InputError(
-            f"plate {number} is of type {kind}, and types 1 to 4 are read; if the file has its"
-            " forces and moments as six channels, state it as type 2 under `plate_geometry` in the"
-            " source file, or else export it so"
-        )
-    corners = _plate_parameter(header, "CORNERS", number, (3, 4)).T
-    origin = _plate_parameter(header, "ORIGIN", number, (3,))
     calibration = None
-    if kind == 4:
-        calibration = _plate_parameter(header, "CAL_MATRIX", number, (6, 6))
-        if header.texts("FORCE_PLATFORM:MATRIX_STORE") == ["BYROW"]:
-            calibration = calibration.T
+    if geometry is not None:
+        kind = int(geometry.type)
+        corners, origin = np.array(geometry.corners), np.array(geometry.origin)
+        analogs = [_number_of(label, labels, number) for label in geometry.channels]
+    else:
+        kind = int(_plate_parameter(header, "TYPE", number))
+        if kind not in CHANNELS_OF_PLATE:
+            raise InputError(
+                f"plate {number} is of type {kind}, and types 1 to 4 are read; if the file has its"
+                " forces and moments as six channels, state it as type 2 under `plate_geometry` in"
+                " the source file, or else export it so"
+            )
+        corners = _plate_parameter(header, "CORNERS", number, (3, 4)).T
+        origin = _plate_parameter(header, "ORIGIN", number, (3,))
+        if kind == 4:
+            calibration = _plate_parameter(header, "CAL_MATRIX", number, (6, 6))
+            if header.texts("FORCE_PLATFORM:MATRIX_STORE") == ["BYROW"]:
+                calibration = calibration.T
+        analogs = _plate_parameter(header, "CHANNEL", number, (0,)).astype(int).tolist()
+        analogs = analogs[: CHANNELS_OF_PLATE[kind]]
     if kind == 3 and not origin[:2].all():
         raise InputError(
             f"plate {number} of type 3 has ORIGIN {origin.tolist()}; without its sensors' distances"
-            " there is no moment: correct FORCE_PLATFORM:ORIGIN"
+            " there is no moment: correct it"
         )
     needed = CHANNELS_OF_PLATE[kind]
-    numbers = _plate_parameter(header, "CHANNEL", number, (0,)).astype(int)[:needed]
-    if numbers.size < needed or (numbers < 1).any() or (numbers > header.channels).any():
+    if len(analogs) < needed or not {*analogs} <= {*range(1, header.channels + 1)}:
         raise InputError(
             f"plate {number} of type {kind} needs {needed} channels, FORCE_PLATFORM:CHANNEL gives"
-            f" {numbers.tolist()} of the file's {header.channels}; correct it"
+            f" {analogs} of the file's {header.channels}; correct it"
         )
-    facts = {"analogs": numbers.tolist()}
+    if not np.isfinite(own_axes(corners)).all():
+        raise InputError(f"plate {number}: its corners span no plane; correct them")
+    facts = {"analogs": analogs}
     return Plate(number, kind, corners, origin, [], calibration=calibration, facts=facts)
 
 
-def _stated_plate(number: int, geometry: PlateGeometry, labels: Sequence[str]) -> Plate:
-    """Describe a plate by the source file, still without its channels."""
-    numbers: list[int] = []
-    for label in geometry.channels:
-        alike = [place for place, name in enumerate(labels, 1) if label in (name, str(place))]
-        if len(alike) != 1:
-            raise InputError(
-                f"plate {number}: '{label}' names {len(alike)} analog channels (the file has"
-                f" {listing(labels)}); write its number, or correct `plate_geometry` in the source"
-                " file"
-            )
-        numbers += alike
-    corners, origin = np.array(geometry.corners), np.array(geometry.origin)
-    return Plate(number, geometry.type, corners, origin, [], facts={"analogs": numbers})
+def _number_of(label: str, labels: Sequence[str], plate: int) -> int:
+    """Number of the analog channel of this label, or number."""
+    alike = [place for place, name in enumerate(labels, 1) if label in (name, str(place))]
+    if len(alike) != 1:
+        raise InputError(
+            f"plate {plate}: '{label}' names {len(alike)} analog channels (the file has"
+            f" {listing(labels)}); write its number, or correct `plate_geometry` in the source file"
+        )
+    return alike[0]
 
 
 def plates_of(
@@ -447,25 +444,20 @@ def plates_of(
             f" has no FORCE_PLATFORM and where it lies is not known; {STATE_PLATE}"
         )
     for number in wanted:
+        if number not in numbers:
+            raise InputError(
+                f"no force plate {number}; the file describes {count}, counted from 1;"
+                f" {STATE_PLATE}"
+            )
         try:
-            if number in geometries:
-                plate = _stated_plate(number, geometries[number], labels)
-            elif number in numbers:
-                plate = plate_of(header, number)
-            else:
-                raise InputError(
-                    f"no force plate {number}; the file describes {count}, counted from 1;"
-                    f" {STATE_PLATE}"
-                )
-            if not np.isfinite(own_axes(plate.corners)).all():
-                raise InputError(f"plate {number}: its corners span no plane; correct them")
-            plates.append(plate)
+            plates.append(plate_of(header, labels, number, geometries.get(number)))
         except InputError as error:
-            if source is None:
-                questions.append(str(error))
-                continue
-            others = [other for other in numbers if other != number]
-            raise InputError(f"{error} (or leave this plate out: `plates: {others}`)") from error
+            if source is not None:
+                others = [other for other in numbers if other != number]
+                raise InputError(
+                    f"{error} (or leave this plate out: `plates: {others}`)"
+                ) from error
+            questions.append(str(error))
     return plates, questions
 
 
@@ -521,30 +513,39 @@ def read(path: Path, source: C3dSource | None) -> Recording:
     for group in header.texts("POINT:TYPE_GROUPS")[::2]:
         outputs.update(header.texts(f"POINT:{group.upper()}"))
     slow = Rows(frames, "points", header.rate_hz, noun="frame")
+    fast = Rows(frames * header.samples_per_frame, "analogs", fast_rate_hz, noun="sample")
     point_channels: list[Channel] = []
     for place, (label, name) in enumerate(zip(labels, _names_of(labels), strict=True)):
-        kind = Kind.MODEL_OUTPUT if label in outputs else Kind.MARKER
-        unit = "" if label in outputs else length_unit
-        read_points = partial(np.asanyarray, points[:frames, place])
+        is_output = label in outputs
         point_channels.append(
-            Channel({"label": label}, slow, read_points, name, unit=unit, kind=kind)
+            Channel(
+                {"label": label},
+                slow,
+                partial(np.asanyarray, points[:frames, place]),
+                name,
+                unit="" if is_output else length_unit,
+                kind=Kind.MODEL_OUTPUT if is_output else Kind.MARKER,
+            )
         )
-    fast = Rows(frames * header.samples_per_frame, "analogs", fast_rate_hz, noun="sample")
     units = _filled(header.texts("ANALOG:UNITS"), header.channels, "")
     analog_channels: list[Channel] = []
-    for place, (label, unit) in enumerate(zip(analog_labels, units, strict=True)):
-        read_samples = partial(np.asanyarray, analogs[: fast.count, place])
+    for label, unit, samples in zip(analog_labels, units, analogs[: fast.count].T, strict=True):
+        read_samples = partial(np.asanyarray, samples)
         analog_channels.append(Channel({"channel": label}, fast, read_samples, label, unit=unit))
-    with_channels: list[Plate] = []
-    for plate in plates:
-        channels = [analog_channels[number - 1] for number in plate.facts["analogs"]]
-        with_channels.append(replace(plate, channels=channels, length_unit=length_unit))
+    plates = [
+        replace(
+            plate,
+            channels=[analog_channels[number - 1] for number in plate.facts["analogs"]],
+            length_unit=length_unit,
+        )
+        for plate in plates
+    ]
     return Recording(
         format="c3d",
         channels=[*point_channels, *analog_channels],
         loss=Loss(frames, header.frames, remarks=remarks),
         questions=questions,
-        plates=with_channels,
+        plates=plates,
         facts={
             "frames": frames,
             "first_frame": header.first_frame,

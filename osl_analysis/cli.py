@@ -4,7 +4,6 @@ whole campaigns."""
 import errno
 import io
 import json
-import math
 import os
 import shlex
 import signal
@@ -27,35 +26,15 @@ from osl_analysis.memory import SET_TO_ONE, limited_memory
 if TYPE_CHECKING:
     from osl_analysis.trial import Trial
 
-MOST_NUMBERS = 300  # of a range
-
 
 def numbers(value: str) -> list[float]:
-    """Numbers as 300, as 100,200 or as first:last:step."""
+    """Numbers as 300 or as 100,200."""
     try:
-        parts = [float(part) for part in value.replace(":", ",").split(",")]
+        return [float(part) for part in value.split(",")]
     except ValueError:
         raise click.BadParameter(
-            f"'{value}' is neither a number nor a list like 100,200 or 100:400:50"
+            f"'{value}' is neither a number nor a list of numbers; write it as 100,200,300"
         ) from None
-    return numbers_of_range(value, parts) if ":" in value else parts
-
-
-def numbers_of_range(value: str, parts: list[float]) -> list[float]:
-    """The numbers of first:last:step, with the last one."""
-    if len(parts) == 3 and all(map(math.isfinite, parts)):
-        first, last, step = parts
-        if last >= first and step > 0:
-            n_steps = (last - first) / step
-            if n_steps > MOST_NUMBERS:
-                raise click.BadParameter(
-                    f"'{value}' is more than {MOST_NUMBERS} numbers; take a longer step"
-                )
-            # rounding must not take the last number off
-            return [first + step * k for k in range(int(n_steps + 1e-9) + 1)]
-    raise click.BadParameter(
-        f"'{value}' is not a range; write first:last:step, upwards, with a step above 0"
-    )
 
 
 FILE, FOLDER = click.Path(path_type=Path), click.Path(path_type=Path, file_okay=False)
@@ -77,27 +56,6 @@ GONE = {
     "--raw": "a bundle has the recordings",
 }
 """What to use in place of a command or option that went with release 2.0."""
-SECTIONS = {
-    "Start": {
-        "init": "make the folder of a campaign, also from recordings",
-        "run": "analyse the campaign in this folder",
-        "results": "print what was found",
-    },
-    "Look": {
-        "inspect": "list what a recording, or a folder of them, holds",
-    },
-    "Analyse": {
-        "fit": "fit one trial and print its estimates",
-        "ingest": "convert the raw logs of one trial into one file",
-        "gains": "control gains that render a stiffness and a damping",
-        "simulate": "simulate a campaign",
-    },
-    "Share": {
-        "compare": "compare the results of two campaigns",
-        "bundle": "pack a campaign with its results into one ZIP file",
-    },
-}
-"""The commands as `osl-analysis --help` groups them."""
 file_option = partial(option, type=FILE)
 CONFIG = file_option(
     "--config",
@@ -191,10 +149,9 @@ class OneLineErrors(click.Group):
             sys.stdout.reconfigure(errors="backslashreplace")
         return super().main(*args, **extra)
 
-    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        for section, commands in SECTIONS.items():
-            with formatter.section(section):
-                formatter.write_dl(list(commands.items()))
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """The commands in the order in which they are used."""
+        return list(self.commands)
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
@@ -250,75 +207,127 @@ def main() -> None:
 
 
 @main.command(
-    epilog="Example: osl-analysis simulate --trial impedance_K300_B5.0_compensated /tmp/campaign"
+    cls=click.Command,
+    short_help="make the folder of a campaign, also from recordings",
+    epilog="Example: osl-analysis init my_campaign --from /data/2026-03-14",
 )
-@argument("folder", type=FOLDER)
-@file_option(
-    "--settings",
-    default=shipped("config/simulation/default.yaml"),
-    help="What to simulate: experiments, protocol [Hz, deg], imperfections with their units, seed.",
+@argument("folder", type=FILE)
+@option(
+    "--recorder",
+    "recorders",
+    multiple=True,
+    metavar="NAME",
+    help="Begin with this shipped source file; may be repeated.",
 )
-@option("--trial", help="Name of a single trial of the plan; default: the whole campaign.")
 @file_option(
-    "--config",
-    "config_path",
+    "--from",
+    "recordings",
     help=(
-        "Take parameters, protocol, gain weight and desired impedance from this configuration, as"
-        " snakemake does."
+        "Draft sample sheet and source files for the recordings in this folder, which stay there."
     ),
 )
-def simulate(folder: Path, settings: Path, trial: str | None, config_path: Path | None) -> None:
-    """Simulate a campaign into FOLDER: sample sheet, MCAP and C3D logs, and the truth beside
-    them."""
-    from osl_analysis.campaign.configuration import read_config
-    from osl_analysis.commands.simulate import UNFOLLOWED, simulate_campaign, simulate_trial
+@option("--example", is_flag=True, help="A small simulated bench, which runs in about a minute.")
+@option("--example-walking", is_flag=True, help="A small simulated walkway with perturbations.")
+def init(
+    folder: Path,
+    recorders: tuple[str, ...],
+    recordings: Path | None,
+    example: bool,
+    example_walking: bool,
+) -> None:
+    """Make the folder of a new campaign: configuration, sample sheet, source files and their JSON
+    schemas."""
+    from osl_analysis.commands import new_campaign as command
 
-    followed = UNFOLLOWED if config_path is None else read_config(config_path).shared()
-    if trial is None:
-        simulate_campaign(settings, folder, followed)
-    else:
-        simulate_trial(settings, folder, trial, followed)
+    if example and example_walking:
+        raise click.UsageError("a campaign is one example; leave --example or --example-walking")
+    chosen: command.Example | None = None
+    if example or example_walking:
+        chosen = "walking" if example_walking else "bench"
+    if chosen and (recorders or recordings):
+        raise click.UsageError("an example has recordings of its own; leave --recorder and --from")
+    draft = command.new_campaign(folder, recorders, recordings, chosen)
+    if recordings is not None:
+        say(command.campaign_text(folder, draft))
+        return
+    place = shlex.quote(str(folder))
+    kind = "simulation.yaml" if chosen else "trials.csv"
+    say(f"made {folder} with config.yaml, {kind}, sources/ and schemas/")
+    if chosen:
+        say(f"then: cd {place} && osl-analysis run")
+        return
+    say("put recordings into recordings/, and a row for each into trials.csv")
+    say(f"then: cd {place} && osl-analysis inspect recordings/FILE --draft sources/NAME.yaml")
 
 
 @main.command(
-    epilog=(
-        "Example: osl-analysis ingest --log dyno.mcap --log-source dynamometer --output"
-        " dyno.parquet"
-    )
+    "run",
+    cls=click.Command,
+    context_settings={"ignore_unknown_options": True, "allow_extra_args": True},
+    short_help="analyse the campaign in this folder",
+    epilog="Example: osl-analysis run results/figures/fig5.pdf -n",
 )
-@file_option("--log", help="Log of the dynamometer or the leg (MCAP, CSV or MATLAB).")
-@option("--log-source", help="Name of the file in the sources folder that describes the log.")
+@argument("arguments", nargs=-1, type=click.UNPROCESSED)
+def run_campaign(arguments: tuple[str, ...]) -> None:
+    """Analyse the campaign in this folder: everything, or the files that are named. Takes all
+    options of Snakemake.
+
+    The same as `snakemake --snakefile ... --configfile config.yaml`. Write files before options."""
+    from snakemake.cli import main as snakemake
+
+    from osl_analysis.commands.killed_runs import take_over_lock
+    from osl_analysis.commands.run import check_submission, snakemake_arguments
+
+    given = snakemake_arguments(arguments)
+    check_submission(given)
+    if take_over_lock():
+        say("the last run here was killed; its lock is taken over", err=True)
+    snakemake(given)
+
+
+@main.command(
+    short_help="print what was found",
+    epilog="Example: osl-analysis results results/mine --markdown",
+)
+@argument("folder", type=FILE, default=Path("results"))
+@option("--all", "everything", is_flag=True, help="Every headline number, and findings in full.")
+@option("--markdown", is_flag=True, help="The same as a Markdown table.")
+@option("--json", "as_json", is_flag=True, help="summary.json, for other programs.")
 @option(
-    "--log-part",
-    help="Part of a log that holds several trials: in a MATLAB file a struct, as Test.run(2).",
+    "--columns",
+    is_flag=True,
+    help="Unit and meaning of every column of every table in place of the numbers.",
 )
-@file_option("--mocap", help="File of the motion-capture system (C3D, or a CSV export of Nexus).")
-@option("--mocap-source", help="Name of the file in the sources folder that describes it.")
-@file_option(
-    "--sources",
-    default=shipped("config/sources"),
-    help="Folder of source files, which say what is what.",
+def results(folder: Path, everything: bool, markdown: bool, as_json: bool, columns: bool) -> None:
+    """Print what the results in FOLDER are: trials that are clear, doubtful and left out, K and B
+    with intervals, and each doubt with what to do; with --all every number, and the draft's."""
+    from osl_analysis.campaign.origin import sentence
+    from osl_analysis.commands.tables import format_results_table, later_failures, read_summary
+    from osl_analysis.report.brief import brief_lines
+
+    if columns:
+        from osl_analysis.commands.reference import columns_text
+
+        say(columns_text())
+        return
+    summary = read_summary(folder / "summary.json")
+    if as_json:
+        say(json.dumps(summary, indent=2, ensure_ascii=False))
+    elif everything or markdown:
+        say(format_results_table(summary, markdown))
+    else:
+        say(f"{sentence(summary)}\n")
+        say("\n".join(brief_lines(summary)))
+        say("\nevery number, and findings in full: osl-analysis results --all")
+    failures = later_failures(folder / "summary.json")
+    if failures:
+        say(failures, err=True)
+
+
+@main.command(
+    short_help="list what a recording, or a folder of them, holds",
+    epilog="Example: osl-analysis inspect unknown.mcap --draft config/sources/mine.yaml",
 )
-@file_option("--output", required=True, help="Parquet file to write, in SI units.")
-def ingest(sources: Path, output: Path, **given: Any) -> None:
-    """Convert the raw logs of one trial into one canonical Parquet file, with provenance inside."""
-    from osl_analysis.commands.trials import ingest_trial
-
-    for role in ("log", "mocap"):
-        if (given[role] is None) != (given[f"{role}_source"] is None):
-            raise click.UsageError(f"--{role} and --{role}-source go together")
-    if given["log"] is None and given["mocap"] is None:
-        raise click.UsageError("give --log, --mocap or both")
-    for path in filter(None, (given["log"], given["mocap"])):
-        check_there(path)
-    cells = {name: None if value is None else str(value) for name, value in given.items()}
-    row = {"trial": output.stem, "experiment": "ingest_only", **cells}
-    trial = ingest_trial(row=row, raw_folder=Path(), sources_folder=sources, output=output)
-    tell_warnings(trial)
-    say(f"wrote {output}")
-
-
-@main.command(epilog="Example: osl-analysis inspect unknown.mcap --draft config/sources/mine.yaml")
 @argument("file", type=FILE)
 @file_option(
     "--draft", "draft_path", help="Write the draft of a source file here instead of printing it."
@@ -351,7 +360,10 @@ def inspect(file: Path, draft_path: Path | None, as_json: bool) -> None:
     print_or_write(text if draft_path else f"\nA source file to start from:\n\n{text}", draft_path)
 
 
-@main.command(epilog="Example: osl-analysis fit raw.csv --source source.yaml --plot fit.png")
+@main.command(
+    short_help="fit one trial and print its estimates",
+    epilog="Example: osl-analysis fit raw.csv --source source.yaml --plot fit.png",
+)
 @argument("trial", type=FILE)
 @file_option("--source", help="Source file of a raw recording, which says what is what.")
 @option(
@@ -461,163 +473,59 @@ def fit(
         say(fitted.remarks, err=True)
 
 
-@main.command(epilog="Example: osl-analysis results results/mine --markdown")
-@argument("folder", type=FILE, default=Path("results"))
-@option("--all", "everything", is_flag=True, help="Every headline number, and findings in full.")
-@option("--markdown", is_flag=True, help="The same as a Markdown table.")
-@option("--json", "as_json", is_flag=True, help="summary.json, for other programs.")
-@option(
-    "--columns",
-    is_flag=True,
-    help="Unit and meaning of every column of every table in place of the numbers.",
+@main.command(
+    short_help="convert the raw logs of one trial into one file",
+    epilog=(
+        "Example: osl-analysis ingest --log dyno.mcap --log-source dynamometer --output"
+        " dyno.parquet"
+    ),
 )
-def results(folder: Path, everything: bool, markdown: bool, as_json: bool, columns: bool) -> None:
-    """Print what the results in FOLDER are: trials that are clear, doubtful and left out, K and B
-    with intervals, and each doubt with what to do; with --all every number, and the draft's."""
-    from osl_analysis.campaign.origin import sentence
-    from osl_analysis.commands.tables import format_results_table, later_failures, read_summary
-    from osl_analysis.report.brief import brief_lines
+@file_option("--log", help="Log of the dynamometer or the leg (MCAP, CSV or MATLAB).")
+@option("--log-source", help="Name of the file in the sources folder that describes the log.")
+@option(
+    "--log-part",
+    help="Part of a log that holds several trials: in a MATLAB file a struct, as Test.run(2).",
+)
+@file_option("--mocap", help="File of the motion-capture system (C3D, or a CSV export of Nexus).")
+@option("--mocap-source", help="Name of the file in the sources folder that describes it.")
+@file_option(
+    "--sources",
+    default=shipped("config/sources"),
+    help="Folder of source files, which say what is what.",
+)
+@file_option("--output", required=True, help="Parquet file to write, in SI units.")
+def ingest(sources: Path, output: Path, **given: Any) -> None:
+    """Convert the raw logs of one trial into one canonical Parquet file, with provenance inside."""
+    from osl_analysis.commands.trials import ingest_trial
 
-    if columns:
-        from osl_analysis.commands.reference import columns_text
-
-        say(columns_text())
-        return
-    summary = read_summary(folder / "summary.json")
-    if as_json:
-        say(json.dumps(summary, indent=2, ensure_ascii=False))
-    elif everything or markdown:
-        say(format_results_table(summary, markdown))
-    else:
-        say(f"{sentence(summary)}\n")
-        say("\n".join(brief_lines(summary)))
-        say("\nevery number, and findings in full: osl-analysis results --all")
-    failures = later_failures(folder / "summary.json")
-    if failures:
-        say(failures, err=True)
-
-
-@main.command(cls=click.Command, epilog="Example: osl-analysis compare results/left results/right")
-@argument("a", type=FOLDER)
-@argument("b", type=FOLDER)
-@option("--output", type=FOLDER, default=Path("comparison"), help="Folder of the table.")
-@AS_JSON
-def compare(a: Path, b: Path, output: Path, as_json: bool) -> None:
-    """Compare the results in folders A and B: two devices, controllers or days.
-
-    Conditions stand side by side with 95 % intervals of their difference, then the settings that
-    differ, and whether both hold the same recordings."""
-    from osl_analysis.commands.compare import compare_campaigns
-    from osl_analysis.commands.estimates import rows_json
-
-    compared = compare_campaigns((a, b), output)
-    say(rows_json(compared.table) if as_json else compared.text)
-
-
-@main.command(epilog="Example: osl-analysis bundle . campaign.zip")
-@argument("folder", type=FOLDER)
-@argument("output", type=FILE)
-def bundle(folder: Path, output: Path) -> None:
-    """Write the campaign in FOLDER, with its recordings and results, to the ZIP file OUTPUT.
-
-    Unpacked elsewhere, `osl-analysis run` analyses it again, and `sha256sum -c SHA256SUMS` checks
-    its files."""
-    from osl_analysis.commands.bundle import write_bundle
-
-    check_there(folder, "folder")
-    write_bundle(folder, output)
+    for role in ("log", "mocap"):
+        if (given[role] is None) != (given[f"{role}_source"] is None):
+            raise click.UsageError(f"--{role} and --{role}-source go together")
+    if given["log"] is None and given["mocap"] is None:
+        raise click.UsageError("give --log, --mocap or both")
+    for path in filter(None, (given["log"], given["mocap"])):
+        check_there(path)
+    cells = {name: None if value is None else str(value) for name, value in given.items()}
+    row = {"trial": output.stem, "experiment": "ingest_only", **cells}
+    trial = ingest_trial(row=row, raw_folder=Path(), sources_folder=sources, output=output)
+    tell_warnings(trial)
     say(f"wrote {output}")
 
 
 @main.command(
-    cls=click.Command, epilog="Example: osl-analysis init my_campaign --from /data/2026-03-14"
-)
-@argument("folder", type=FILE)
-@option(
-    "--recorder",
-    "recorders",
-    multiple=True,
-    metavar="NAME",
-    help="Begin with this shipped source file; may be repeated.",
-)
-@file_option(
-    "--from",
-    "recordings",
-    help=(
-        "Draft sample sheet and source files for the recordings in this folder, which stay there."
-    ),
-)
-@option("--example", is_flag=True, help="A small simulated bench, which runs in about a minute.")
-@option("--example-walking", is_flag=True, help="A small simulated walkway with perturbations.")
-def init(
-    folder: Path,
-    recorders: tuple[str, ...],
-    recordings: Path | None,
-    example: bool,
-    example_walking: bool,
-) -> None:
-    """Make the folder of a new campaign: configuration, sample sheet, source files and their JSON
-    schemas."""
-    from osl_analysis.commands import new_campaign as command
-
-    if example and example_walking:
-        raise click.UsageError("a campaign is one example; leave --example or --example-walking")
-    chosen: command.Example | None = None
-    if example or example_walking:
-        chosen = "walking" if example_walking else "bench"
-    if chosen and (recorders or recordings):
-        raise click.UsageError("an example has recordings of its own; leave --recorder and --from")
-    draft = command.new_campaign(folder, recorders, recordings, chosen)
-    if recordings is not None:
-        say(command.campaign_text(folder, draft))
-        return
-    place = shlex.quote(str(folder))
-    kind = "simulation.yaml" if chosen else "trials.csv"
-    say(f"made {folder} with config.yaml, {kind}, sources/ and schemas/")
-    if chosen:
-        say(f"then: cd {place} && osl-analysis run")
-        return
-    say("put recordings into recordings/, and a row for each into trials.csv")
-    say(f"then: cd {place} && osl-analysis inspect recordings/FILE --draft sources/NAME.yaml")
-
-
-@main.command(
-    "run",
-    cls=click.Command,
-    context_settings={"ignore_unknown_options": True, "allow_extra_args": True},
-    epilog="Example: osl-analysis run results/figures/fig5.pdf -n",
-)
-@argument("arguments", nargs=-1, type=click.UNPROCESSED)
-def run_campaign(arguments: tuple[str, ...]) -> None:
-    """Analyse the campaign in this folder: everything, or the files that are named. Takes all
-    options of Snakemake.
-
-    The same as `snakemake --snakefile ... --configfile config.yaml`. Write files before options."""
-    from snakemake.cli import main as snakemake
-
-    from osl_analysis.commands.killed_runs import take_over_lock
-    from osl_analysis.commands.run import check_submission, snakemake_arguments
-
-    given = snakemake_arguments(arguments)
-    check_submission(given)
-    if take_over_lock():
-        say("the last run here was killed; its lock is taken over", err=True)
-    snakemake(given)
-
-
-@main.command(
     "gains",
-    epilog="Example: osl-analysis gains --stiffness 300 --damping 5 (a grid: 100:400:50 and 0,5)",
+    short_help="control gains that render a stiffness and a damping",
+    epilog="Example: osl-analysis gains --stiffness 300 --damping 5 (a grid: 100,200,300 and 0,5)",
 )
 @option(
     "--stiffness",
     type=numbers,
-    help="Desired joint stiffness K_d [N·m/rad]: 300, 100,200 or 100:400:50.",
+    help="Desired joint stiffness K_d [N·m/rad]: 300, or 100,200.",
 )
 @option(
     "--damping",
     type=numbers,
-    help="Desired joint damping B_d [N·m·s/rad]: 5, 0,2.5,5 or 0:7.5:2.5.",
+    help="Desired joint damping B_d [N·m·s/rad]: 5, or 0,2.5,5.",
 )
 @file_option(
     "--trajectory", help="CSV file with phase (0 to 1), K_d [N·m/rad] and B_d [N·m·s/rad] instead."
@@ -666,3 +574,74 @@ def select_gains(
     if plot is not None:
         command.plot_gains(table, parameters, plot)
     say(rows_json(table) if as_json else command.gains_text(table))
+
+
+@main.command(
+    short_help="simulate a campaign",
+    epilog="Example: osl-analysis simulate --trial impedance_K300_B5.0_compensated /tmp/campaign",
+)
+@argument("folder", type=FOLDER)
+@file_option(
+    "--settings",
+    default=shipped("config/simulation/default.yaml"),
+    help="What to simulate: experiments, protocol [Hz, deg], imperfections with their units, seed.",
+)
+@option("--trial", help="Name of a single trial of the plan; default: the whole campaign.")
+@file_option(
+    "--config",
+    "config_path",
+    help=(
+        "Take parameters, protocol, gain weight and desired impedance from this configuration, as"
+        " snakemake does."
+    ),
+)
+def simulate(folder: Path, settings: Path, trial: str | None, config_path: Path | None) -> None:
+    """Simulate a campaign into FOLDER: sample sheet, MCAP and C3D logs, and the truth beside
+    them."""
+    from osl_analysis.campaign.configuration import read_config
+    from osl_analysis.commands.simulate import UNFOLLOWED, simulate_campaign, simulate_trial
+
+    followed = UNFOLLOWED if config_path is None else read_config(config_path).shared()
+    if trial is None:
+        simulate_campaign(settings, folder, followed)
+    else:
+        simulate_trial(settings, folder, trial, followed)
+
+
+@main.command(
+    cls=click.Command,
+    short_help="compare the results of two campaigns",
+    epilog="Example: osl-analysis compare results/left results/right",
+)
+@argument("a", type=FOLDER)
+@argument("b", type=FOLDER)
+@option("--output", type=FOLDER, default=Path("comparison"), help="Folder of the table.")
+@AS_JSON
+def compare(a: Path, b: Path, output: Path, as_json: bool) -> None:
+    """Compare the results in folders A and B: two devices, controllers or days.
+
+    Conditions stand side by side with 95 % intervals of their difference, then the settings that
+    differ, and whether both hold the same recordings."""
+    from osl_analysis.commands.compare import compare_campaigns
+    from osl_analysis.commands.estimates import rows_json
+
+    compared = compare_campaigns((a, b), output)
+    say(rows_json(compared.table) if as_json else compared.text)
+
+
+@main.command(
+    short_help="pack a campaign with its results into one ZIP file",
+    epilog="Example: osl-analysis bundle . campaign.zip",
+)
+@argument("folder", type=FOLDER)
+@argument("output", type=FILE)
+def bundle(folder: Path, output: Path) -> None:
+    """Write the campaign in FOLDER, with its recordings and results, to the ZIP file OUTPUT.
+
+    Unpacked elsewhere, `osl-analysis run` analyses it again, and `sha256sum -c SHA256SUMS` checks
+    its files."""
+    from osl_analysis.commands.bundle import write_bundle
+
+    check_there(folder, "folder")
+    write_bundle(folder, output)
+    say(f"wrote {output}")

@@ -160,7 +160,7 @@ def test_gains_of_a_pair_a_grid_and_a_trajectory_are_those_of_the_paper(tmp_path
     table, short = tmp_path / "gains.csv", tmp_path / "t.csv"
     (pair,) = json.loads(call(*GAINS, "--json").stdout)
     assert (pair["K_1"], pair["B_1"]) == pytest.approx((25.0867, 0.664687), rel=1e-5)
-    grid = of_gains("100:400:100", "0:0.3:0.1", "--output", table, "--json")
+    grid = of_gains("100,200,300,400", "0,0.1,0.2,0.3", "--output", table, "--json")
     rows = json.loads(call(*grid).stdout)
     pairs = [(row["K_d"], round(row["B_d"], 9)) for row in rows]
     assert pairs == [(k, b) for k in (100, 200, 300, 400) for b in (0, 0.1, 0.2, 0.3)]
@@ -202,8 +202,7 @@ UNFIT = {
     "give --model impedance": ("fit", "x.parquet", "--controller", "uncompensated", "--model",
     "belt"),
     "neither a number": of_gains("stiff", 5),
-    "write first:last:step, upwards": of_gains("400:100:50", 5),
-    "more than 300 numbers": of_gains("1:600:0.0001", 5),
+    "'100:400:50' is neither a number": of_gains("100:400:50", 5),
     "--log and --log-source go": ("ingest", "--log", "x.mcap", "--output", "x.parquet"),
     "--mocap and --mocap-source go": ("ingest", "--mocap-source", "vicon", "--output", "x.parquet"),
     "give --log, --mocap or both": ("ingest", "--output", "x.parquet"),
@@ -221,7 +220,6 @@ UNFIT = {
     "`gains` writes .csv": (*GAINS, "--output", "x.txt"),
     "a.csv would be overwritten while": ("fit", "a.csv", "--plot", "../{}/a.csv"),
     "an example has recordings of its own": ("init", "new", "--example", "--from", "."),
-    "'5:1:0' is not a range": of_gains("5:1:0", 5), "'1:2' is not a range": of_gains("1:2", 5),
 }  # fmt: skip
 
 

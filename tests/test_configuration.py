@@ -174,8 +174,8 @@ def test_a_configuration_that_cannot_be_run_is_one_line_before_any_job(
     ("doubtful.belt.above",
      {"coulomb_share": 0.5}, "no limit: state the accuracy that you need as doubtful.accuracy"),
     ("doubtful.impedance.above", {"K_fault_share": 1}, "state the accuracy that you need as"),
-    ("doubtful.torque_angle.above",
-     {"K_secant": 0.5}, "below.K_secant: 1 is above the upper limit 0.5, and every fit"),
+    ("doubtful.walking_groups.above",
+     {"VAF": 70}, "below.VAF: 80 is above the upper limit 70, and every fit"),
     ("quality.jiter", "1 s", "did you mean 'jitter'"),
     ("quality.exclude", ["gaps"], "'gaps' is no quality check; .* did you mean 'gap'"),
     # in ms, mm, deg, percent, N*mm

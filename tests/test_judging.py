@@ -183,12 +183,13 @@ def test_a_ratio_has_one_limit_for_both_sides():
 
 
 def test_limits_of_every_table_stand_on_the_columns_that_a_table_has():
-    limits = DoubtfulFits.model_validate({
-        "every_table": {"above": {"condition_number": 100}}, "belt": {"above": {"energy_lost": 1}},
-    })  # fmt: skip
+    limits = DoubtfulFits.model_validate({"actuator": {"above": {"f_C_ratio": 2}}})
 
-    assert limits.of("belt").above == {"condition_number": 100, "energy_lost": 1}
-    assert limits.of("torque_angle").above == {}
+    assert limits.of("actuator").above["f_C_ratio"] == 2
+    assert limits.of("actuator").above["condition_number"] == 100
+    assert "condition_number" not in limits.of("torque_angle").above
+    with pytest.raises(ValueError, match="takes no limit"):
+        DoubtfulFits.model_validate({"belt": {"above": {"condition_number": 10}}})
 
 
 def test_rows_of_single_amplitudes_share_the_doubt_of_their_trial():

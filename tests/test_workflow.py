@@ -277,7 +277,7 @@ def test_changed_settings_give_the_bytes_of_a_fresh_run_and_redo_what_uses_them_
     (_, least), (bad, most) = rests.select("trial", "value").rows()
     changes = {
         "quality": {"jitter": f"{(least + most) / 2} %", "exclude": ["jitter"]},
-        "doubtful": {"transmission": {"above": {"condition_number": 0.5}}},
+        "doubtful": {"transmission": {"below": {"VAF": 99.999}}},
     }
     again = Workspace(tmp_path / "again", workspace)
     fresh = Workspace(tmp_path / "fresh", workspace, ("results", ".snakemake"))

@@ -1,14 +1,14 @@
 """The limits of the configuration on columns of result tables, and the accuracy that estimates
 need."""
 
-from collections.abc import Collection
 from dataclasses import dataclass
-from typing import Annotated, Literal, Self
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import ConfigDict, Field, model_validator
 
 from osl_analysis.config.experiments import judged_tables
-from osl_analysis.dictionary import described_tables_by_name
+from osl_analysis.dictionary import described_tables_by_name, own_yaml
 from osl_analysis.errors import nearest
 from osl_analysis.judge.known_findings import rule_of
 from osl_analysis.yaml_settings import OF_EARLIER_RELEASE, NotNegative, Settings, misplaced
@@ -82,22 +82,24 @@ class Limits(ColumnLimits):
     accuracy: Accuracy = Accuracy()
 
 
+FIXED = {
+    table: ColumnLimits(**limits)
+    for table, limits in own_yaml(Path(__file__).with_name("limits.yaml")).items()
+}
+"""The limits that no campaign changes, by table; `every_table` has those of all tables."""
+
+
 class DoubtfulFits(Settings):
     """The accuracy that estimates need, and limits by table. The tables of `judged_tables` can have
-    limits on every numeric column that no accuracy decides."""
+    limits on every numeric column that neither accuracy nor a fixed limit decides."""
 
     model_config = ConfigDict(extra="allow")
     __pydantic_extra__: dict[str, ColumnLimits] = Field(init=False)
 
     accuracy: Accuracy = Accuracy()  # The accuracy that K, B and I need, in all tables.
-    every_table: ColumnLimits = ColumnLimits()  # Limits of all tables that have the column.
 
     @model_validator(mode="after")
     def _limits_are_of_tables(self) -> Self:
-        everywhere: list[str] = []
-        for name in judged_tables():
-            everywhere += numeric_columns(name)
-        check_columns(self.every_table, everywhere, "every_table", "any judged table")
         for name, limits in self.__pydantic_extra__.items():
             if name not in judged_tables():
                 tables = ", ".join(judged_tables())
@@ -106,19 +108,23 @@ class DoubtfulFits(Settings):
                     f"{nearest(name, judged_tables())}",
                     name,
                 )
-            check_columns(limits, numeric_columns(name), name, f"tables/{name}.csv")
+            check_columns(limits, name)
         return self
 
     def of(self, table: str) -> Limits:
-        """The limits of one table: its own, and those of every table on columns that it has."""
-        of_table = self.__pydantic_extra__.get(table, ColumnLimits())
+        """The limits of one table: the fixed ones on columns that it has, and the stated ones."""
         columns = numeric_columns(table)
-        sides = {}
-        for side in SIDES:
-            shared = getattr(self.every_table, side)
-            of_every = {name: limit for name, limit in shared.items() if name in columns}
-            sides[side] = of_every | getattr(of_table, side)  # its own precede
-        return Limits(**sides, accuracy=self.accuracy)
+        limits: dict[str, Any] = {side: {} for side in SIDES}
+        stated = self.__pydantic_extra__.get(table, ColumnLimits())
+        # the later ones precede
+        for part in (FIXED["every_table"], FIXED.get(table, ColumnLimits()), stated):
+            for side in SIDES:
+                limits[side].update(getattr(part, side))
+        of_table = {
+            side: {name: limit for name, limit in limits[side].items() if name in columns}
+            for side in SIDES
+        }
+        return Limits(**of_table, accuracy=self.accuracy)
 
 
 def numeric_columns(table: str) -> list[str]:
@@ -127,30 +133,23 @@ def numeric_columns(table: str) -> list[str]:
     return [column.name for column in described if column.unit != "text"]
 
 
-def check_columns(limits: ColumnLimits, columns: Collection[str], section: str, table: str) -> None:
+def check_columns(limits: ColumnLimits, table: str) -> None:
     """Refuse a limit at its place in the configuration with PydanticCustomError: on a column that
     its table does not have or that something else decides, or below an upper limit of the same
-    column.
-
-    Parameters
-    ----------
-    limits : ColumnLimits
-    columns : Collection of str
-        The table's columns of numbers.
-    section : str
-        The section under `doubtful`.
-    table : str
-        The table's name for the message.
-    """
+    column."""
+    columns = numeric_columns(table)
     for side in SIDES:
         for name, value in getattr(limits, side).items():
             upper = limits.above.get(name)
             rule = rule_of(name)
             if rule is not None and rule.by != "limit":
                 message = f"takes no limit: {DECIDED_BY[rule.by]}; remove the line"
+            elif is_fixed(name, side, table):
+                message = "takes no limit: osl_analysis/judge/limits.yaml has it; remove the line"
             elif name not in columns:
                 message = (
-                    f"{table} has no number of this name; correct it ({OF_EARLIER_RELEASE})"
+                    f"tables/{table}.csv has no number of this name; correct it"
+                    f" ({OF_EARLIER_RELEASE})"
                     f"{nearest(name, columns)}"
                 )
             elif side == "below" and None not in (value, upper) and value > upper:
@@ -162,4 +161,10 @@ def check_columns(limits: ColumnLimits, columns: Collection[str], section: str, 
                 message = f"{value:g} is no percentage; write {100 * value:g}"
             else:
                 continue
-            raise misplaced(message, section, side, name)
+            raise misplaced(message, table, side, name)
+
+
+def is_fixed(column: str, side: str, table: str) -> bool:
+    """Whether a limit is one that no campaign changes."""
+    tables = [FIXED[name] for name in ("every_table", table) if name in FIXED]
+    return any(column in getattr(limits, side) for limits in tables)

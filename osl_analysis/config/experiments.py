@@ -1,15 +1,12 @@
 """The experiments: one table of facts that sheet, quality control, simulator, rules and command
-line read.
+line read (`experiments.yaml`)."""
 
-A new experiment is an entry here, its fit (`bench/` or `walking/`), the call of it (`commands/`),
-its rule, its columns (`dictionary/`) and its test: CONTRIBUTING.md adds one as an example. There is
-no other list of experiments.
-"""
-
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
-from typing import Literal
+from pathlib import Path
+from typing import Any, Literal
+
+from osl_analysis.files import own_yaml
 
 # fields of `dynamometer` in the configuration that describe the expected stepped sine, and whether
 # one is expected
@@ -54,16 +51,16 @@ class FitJob:
         fields does not run the job again.
     parameters : bool
         Whether the job takes the parameter file of the device, as `parameters`.
-    sheet : tuple of str
+    sheet : sequence of str
         Columns of the trial's row in the sample sheet that the job takes, as `condition`.
     windows : bool
         Whether the job fits the windows that the sheet states, as `windows`.
     """
 
     job: str
-    settings: Mapping[str, tuple[str, str]]
+    settings: Mapping[str, Sequence[str]]
     parameters: bool = False
-    sheet: tuple[str, ...] = ()
+    sheet: Sequence[str] = ()
     windows: bool = False
 
 
@@ -71,7 +68,6 @@ class FitJob:
 class Experiment:
     """What the pipeline knows of one kind of trial."""
 
-    description: str  # one line for the user
     # where it is recorded; None for a trial that is ingested only
     place: Literal["bench", "walkway"] | None
     # the column with the measured motion; None if not every trial has one
@@ -80,11 +76,11 @@ class Experiment:
     # the column with the measured torque; None if not every trial has one
     torque: str | None = None
     # other columns that every trial has, but markers and plates: a laboratory names them
-    signals: tuple[str, ...] = ()
-    beside: tuple[str, ...] = ()  # columns that its analysis uses where a trial has them
+    signals: Sequence[str] = ()
+    beside: Sequence[str] = ()  # columns that its analysis uses where a trial has them
     # columns of the sample sheet that its trials must fill, besides the files
-    sheet: tuple[str, ...] = ()
-    follows: tuple[str, ...] = ()  # fields of `sheet.SharedChoices` that its simulated trials use
+    sheet: Sequence[str] = ()
+    follows: Sequence[str] = ()  # fields of `sheet.SharedChoices` that its simulated trials use
     stepped_sine: bool = False  # the motion follows the stepped-sine protocol of `dynamometer`
     any_motion: bool = False  # another motion than the stepped sine may move the joint
     bare_plate: bool = False  # every force plate is unloaded at some time
@@ -93,13 +89,13 @@ class Experiment:
     # source file of the simulated capture; None if the simulator records none
     mocap: str | None = None
     # result tables with rows of every trial; the fit writes them in this order
-    tables: tuple[ResultTable, ...] = ()
+    tables: Sequence[ResultTable] = ()
     # result tables that separate rules compute from all trials together
-    further_tables: tuple[str, ...] = ()
-    judged_further: tuple[str, ...] = ()  # those of them whose rows have limits under `doubtful`
+    further_tables: Sequence[str] = ()
+    judged_further: Sequence[str] = ()  # those of them whose rows have limits under `doubtful`
     fit: FitJob | None = None  # the job that fits one trial; None if separate rules do this
     # columns of its first table that are these; empty: none. They are printed with their intervals
-    impedance: tuple[str, str, str] = ("K", "B", "I")
+    impedance: Sequence[str] = ("K", "B", "I")
 
     @property
     def needed_columns(self) -> tuple[str, ...]:
@@ -123,144 +119,18 @@ class Experiment:
         return files
 
 
-on_dynamometer = partial(
-    Experiment, place="bench", motion="theta", torque="torque", log="dynamometer"
-)
+def experiment_of(facts: dict[str, Any]) -> Experiment:
+    """An entry of `experiments.yaml`."""
+    tables = [ResultTable(**table) for table in facts.get("tables", ())]
+    if facts["place"] == "bench":
+        tables.extend(OF_ALL)
+    fit = FitJob(**facts["fit"]) if "fit" in facts else None
+    return Experiment(**{**facts, "tables": tables, "fit": fit})
+
 
 EXPERIMENTS: dict[str, Experiment] = {
-    "belt": on_dynamometer(
-        "input shaft locked, joint moved and back: belt stiffness",
-        signals=("theta_m",),
-        follows=("parameters",),
-        tables=(
-            ResultTable("belt", derived={"belt_summary": "bench.summarise"}),
-            ResultTable("belt_curves", judged=False, published=False),
-            *OF_ALL,
-        ),
-        fit=FitJob(
-            job="bench.fit_belt_trial",
-            settings={"settings": ("dynamometer", "BeltAnalysis")},
-            parameters=True,
-        ),
-        impedance=("K_s", "", ""),
-    ),
-    "transmission": on_dynamometer(
-        "motor detached, stepped sine: B_j and J_j",
-        stepped_sine=True,
-        follows=("parameters", "protocol"),
-        tables=(
-            ResultTable("transmission", derived={"transmission_summary": "bench.summarise"}),
-            *OF_ALL,
-        ),
-        fit=FitJob(
-            job="bench.fit_transmission_trial",
-            settings={"settings": ("dynamometer", "SteppedSineAnalysis")},
-            parameters=True,
-        ),
-        impedance=("", "B_j", "J_j"),
-    ),
-    "actuator": Experiment(
-        "actuator alone, driven at a velocity and a current: k_tau n_m, f_C, f_G, B_m and J_m;"
-        " standing: k_tau n_m",
-        place="bench",
-        motion="theta_m",
-        may_stand=True,
-        torque="torque_m",
-        signals=("current",),
-        log="actuator",
-        follows=("parameters",),
-        tables=(ResultTable("actuator", derived={"actuator_summary": "bench.summarise"}), *OF_ALL),
-        fit=FitJob(
-            job="bench.fit_actuator_trial",
-            settings={"settings": ("actuator", "ActuatorAnalysis")},
-            parameters=True,
-        ),
-        impedance=("", "B_m", "J_m"),
-    ),
-    "impedance": on_dynamometer(
-        "stepped sine or any other motion against the controller: K, B, I and the frequency"
-        " response",
-        beside=("theta_m", "current"),
-        stepped_sine=True,
-        any_motion=True,
-        follows=("parameters", "protocol", "gain_weight"),
-        tables=(
-            ResultTable(
-                "impedance",
-                derived={"compensation": "bench.compare_controllers"},
-            ),
-            ResultTable("response", doubts_of="impedance"),
-            *OF_ALL,
-        ),
-        fit=FitJob(
-            job="bench.fit_impedance_trial",
-            settings={
-                "settings": ("dynamometer", "ImpedanceAnalysis"),
-                "weight": ("gain_weight", "Weight"),
-            },
-            parameters=True,
-            windows=True,
-            sheet=("controller", "K_d", "B_d"),
-        ),
-    ),
-    "torque_angle": on_dynamometer(
-        "slow cycles of a passive foot, spring or elastic element: stiffness over angle, energy,"
-        " hysteresis",
-        tables=(
-            ResultTable("torque_angle"),
-            ResultTable("torque_angle_curves", judged=False),
-            *OF_ALL,
-        ),
-        fit=FitJob(
-            job="bench.fit_torque_angle_trial",
-            settings={"settings": ("torque_angle", "TorqueAngleAnalysis")},
-            sheet=("desired",),
-        ),
-    ),
-    "calibration": on_dynamometer(
-        "a known spring or inertia in place of the joint: how late the torque is, and what the"
-        " gains are",
-        stepped_sine=True,
-        any_motion=True,
-        tables=(ResultTable("calibration"), *OF_ALL),
-        fit=FitJob(
-            job="bench.fit_calibration_trial",
-            settings={"settings": ("dynamometer", "ImpedanceAnalysis")},
-            sheet=("known_K", "known_I", "known_percent", "fixture"),
-        ),
-        impedance=("", "", ""),
-    ),
-    "static": Experiment(
-        "standing still: rest pose of the marker clusters and the ankle axis",
-        place="walkway",
-        walker=True,
-        mocap="vicon",
-    ),
-    "plate": Experiment(
-        "platform moved without a foot on it: the force plate's own inertia",
-        place="walkway",
-        bare_plate=True,
-        mocap="vicon",
-    ),
-    "walking": Experiment(
-        "one crossing of the walkway, perturbed or not",
-        place="walkway",
-        sheet=("perturbed",),
-        bare_plate=True,
-        walker=True,
-        log="leg",
-        mocap="vicon",
-        follows=("parameters", "gain_weight", "impedance_trajectory"),
-        tables=(ResultTable("walking", perturbed_only=True),),
-        further_tables=(
-            "walking_summary",
-            "walking_groups",
-            "walking_crossings",
-            "plate",
-        ),
-        judged_further=("walking_groups",),
-    ),
-    "ingest_only": Experiment("any recording: ingested and checked, not analysed", place=None),
+    name: experiment_of(facts)
+    for name, facts in own_yaml(Path(__file__).with_name("experiments.yaml")).items()
 }
 
 

@@ -19,18 +19,11 @@ from pathlib import Path
 from typing import Any
 
 import polars as pl
-import yaml
+
+from osl_analysis.files import own_yaml
 
 HERE = Path(__file__).parent
 SHARED = HERE / "shared.yaml"
-
-
-@cache
-def own_yaml(path: Path) -> dict[str, Any]:
-    """A YAML file of this package, by the reader in C: every process reads them, a fifth of a
-    second by the other."""
-    content: dict[str, Any] = yaml.load(path.read_bytes(), yaml.CSafeLoader)
-    return content
 
 
 @dataclass(frozen=True)

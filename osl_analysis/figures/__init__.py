@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 import polars as pl
 
-from osl_analysis.dictionary import TYPES, described_in, own_yaml
+from osl_analysis.dictionary import TYPES, described_in
 from osl_analysis.errors import InputError
+from osl_analysis.files import own_yaml
 
 if TYPE_CHECKING:
     from osl_analysis.figures.style import PaperFigure

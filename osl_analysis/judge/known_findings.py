@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 import polars as pl
 
-from osl_analysis.dictionary import own_yaml
+from osl_analysis.files import own_yaml
 
 Texts = str | Sequence[str]  # of several the first counts of which all numbers are known
 

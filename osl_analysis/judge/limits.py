@@ -8,8 +8,9 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import ConfigDict, Field, model_validator
 
 from osl_analysis.config.experiments import judged_tables
-from osl_analysis.dictionary import described_tables_by_name, own_yaml
+from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.errors import nearest
+from osl_analysis.files import own_yaml
 from osl_analysis.judge.known_findings import rule_of
 from osl_analysis.yaml_settings import OF_EARLIER_RELEASE, NotNegative, Settings, misplaced
 

@@ -4,7 +4,7 @@ import re
 from functools import cache
 from pathlib import Path
 
-from osl_analysis.dictionary import own_yaml
+from osl_analysis.files import own_yaml
 
 SIGNS: dict[str, str] = own_yaml(Path(__file__).with_suffix(".yaml"))
 ANY_SIGN = re.compile("|".join(SIGNS))  # few of a page's numbers have one

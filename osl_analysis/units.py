@@ -8,39 +8,19 @@ import math
 import re
 from collections.abc import Sequence
 from functools import cache, partial
+from pathlib import Path
 from typing import Annotated
 
 from pydantic import AfterValidator
 
 from osl_analysis.errors import InputError, shortened
+from osl_analysis.files import own_yaml
 
-# units that a message lists, by canonical unit, with the factors to it that pint gives, which takes
-# 0.2 s to know them
-EXAMPLES: dict[str, dict[str, float]] = {
-    "1": {"1": 1.0, "%": 0.01}, "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
-    "Hz": {"Hz": 1.0, "kHz": 1e3},
-    "rad": {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180, "°": math.pi / 180, "rev": 2 * math.pi},
-    "rad/s": {"rad/s": 1.0, "deg/s": math.pi / 180, "rpm": math.pi / 30},
-    "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}, "A": {"A": 1.0, "mA": 1e-3},
-    "V": {"V": 1.0, "mV": 1e-3, "uV": 1e-6}, "N": {"N": 1.0, "kN": 1e3, "mN": 1e-3,
-    "lbf": 4.4482216152605005},
-    "N*m": {"N*m": 1.0, "Nm": 1.0, "N*cm": 1e-2, "N*mm": 1e-3, "Nmm": 1e-3, "mNm": 1e-3,
-            "lbf*in": 0.11298482902761671, "lbf*ft": 1.3558179483314006},
-    "N*m/rad": {"N*m/rad": 1.0, "Nm/rad": 1.0, "N*m/deg": 180 / math.pi},
-    "N*m*s/rad": {"N*m*s/rad": 1.0, "Nms/rad": 1.0, "N*m*s/deg": 180 / math.pi},
-    "N*m/kg": {"N*m/kg": 1.0, "Nm/kg": 1.0, "N*mm/kg": 1e-3},
-}  # fmt: skip
-
-# spellings that pint does not know, or reads as another unit: `Nm` as a textile count, `nt` as a
-# nanotonne, `amps` as a velocity, `rads` as a dose
-ALIASES = {
-    "Nm": "N*m", "Nmm": "N*mm", "Ncm": "N*cm", "mNm": "mN*m", "kNm": "kN*m", "Nms": "N*m*s",
-    "Nmms": "N*mm*s",
-    "nt": "N", "ntm": "N*m", "ntmm": "N*mm", "volts": "V", "amps": "A", "rads": "radian",
-    "°": "deg",
-    "dps": "deg/s", "oz": "force_ounce", "ozf": "force_ounce", "rev": "revolution", "%": "percent",
-    "1": "dimensionless", **dict.fromkeys(("graden", "grados", "gradi", "degrés"), "deg"),
-}  # fmt: skip
+DATA = own_yaml(Path(__file__).with_name("units.yaml"))
+EXAMPLES: dict[str, dict[str, float]] = DATA["examples"]
+ALIASES: dict[str, str] = DATA["aliases"]
+# By signal: factors between units, or between ways to state a current, that are often confused.
+UNIT_FACTORS: dict[str, dict[str, float]] = DATA["confused"]
 # in any spelling: `N_cm`, `lbf-ft`, `ftlbs`; a pound and an ounce in a torque are forces
 TORQUE = re.compile(
     r"(?<![A-Za-z])(?:([mkcd]?N|k?gf)[*·_. -]?([cm]?m)"
@@ -154,13 +134,8 @@ def torque_spelled(match: re.Match[str]) -> str:
 
 # what a name may end with; no `m`, since `theta_m` is the motor's
 SPELLED = [*ALIASES, *(spelling for units in EXAMPLES.values() for spelling in units)]
-AT_END = {
-    **{spelling: spelling for spelling in SPELLED if spelling.isalpha() and spelling != "m"},
-    "°": "°",
-    "sec": "s", "secs": "s", "second": "s", "seconds": "s",
-    "msec": "ms", "millis": "ms", "usec": "us", "micros": "us",
-    "degree": "degree", "degrees": "degrees", "radian": "radian", "radians": "radians",
-}  # fmt: skip
+AT_END = {spelling: spelling for spelling in SPELLED if spelling.isalpha() and spelling != "m"}
+AT_END.update(DATA["endings"])
 # in any case, as `SEC` and `mSec`: only a letter alone has a meaning by its case
 ENDINGS = {
     variant: unit
@@ -280,31 +255,6 @@ TimeUnit = Annotated[str, AfterValidator(partial(check_unit, "s"))]
 LengthUnit = Annotated[str, AfterValidator(partial(check_unit, "m"))]
 ForceUnit = Annotated[str, AfterValidator(partial(check_unit, "N"))]
 MomentUnit = Annotated[str, AfterValidator(partial(check_unit, "N*m"))]
-
-
-# By signal: factors between units, or between ways to state a current, that are often confused.
-UNIT_FACTORS: dict[str, dict[str, float]] = {
-    "torque": {
-        "between lbf*ft and N*m": 1.3558,
-        "between lbf and N": 4.4482,
-        "between lbf*in and N*m": 8.8507,
-        "between kgf*m and N*m": 9.8067,
-        "between N*m and kgf*cm": 10.1972,
-        "between N*cm and N*m": 100.0,
-        "between N*mm and N*m": 1000.0,
-    },
-    "angle": {
-        "between rpm and rad/s": 9.5493,
-        "between degrees and radians": 57.29577951308232,
-        "between mrad and rad": 1000.0,
-    },
-    "current": {
-        "between q-axis currents of equal power and of equal amplitude": 1.224744871391589,
-        "between peak and RMS current": 1.4142135623730951,
-        "between line and phase": 1.7320508075688772,
-        "between mA and A": 1000.0,
-    },
-}
 
 
 def known_factor(

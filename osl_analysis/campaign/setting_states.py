@@ -5,11 +5,11 @@ What nobody stated neither judges nor labels a recording in silence: the page te
 
 import json
 from collections.abc import Collection, Mapping
+from pathlib import Path
 from typing import Any
 
 from osl_analysis.campaign.configuration import Config
-from osl_analysis.config.experiments import EXPERIMENTS
-from osl_analysis.files import root
+from osl_analysis.files import own_yaml, root
 
 # Settings of the stepped sine, and the columns of `response.csv` with the recorded values, used if
 # none is stated.
@@ -17,44 +17,8 @@ MEASURED_COLUMNS = {
     "dynamometer.amplitudes_deg": "amplitude_deg",
     "dynamometer.frequencies_hz": "frequency_hz",
 }
-# the experiments whose fit takes settings of the section `dynamometer`
-FITTED_ON_DYNAMOMETER = tuple(
-    name
-    for name, facts in EXPERIMENTS.items()
-    if facts.fit and any(section == "dynamometer" for section, _ in facts.fit.settings.values())
-)
-# Settings that are facts on a bench, device, laboratory or text, and filters and windows; each with
-# the experiments that it judges, labels or enters. All others are choices of the analysis.
-EXPERIMENTS_BY_SETTING: dict[str, tuple[str, ...]] = {
-    "dynamometer.cutoff_hz": FITTED_ON_DYNAMOMETER,
-    "actuator.cutoff_hz": ("actuator",),
-    "torque_angle.cutoff_hz": ("torque_angle",),
-    "parameters": ("belt", "transmission", "actuator", "impedance"),
-    "gain_weight": ("impedance",),
-    "dynamometer.amplitudes_deg": ("transmission", "impedance"),
-    "dynamometer.frequencies_hz": ("transmission", "impedance"),
-    "dynamometer.cycles": ("transmission", "impedance"),
-    "dynamometer.load_cell_drift": ("belt",),
-    "dynamometer.calibration": FITTED_ON_DYNAMOMETER,
-    "dynamometer.bench_stiffness": FITTED_ON_DYNAMOMETER,
-    "dynamometer.fixture": FITTED_ON_DYNAMOMETER,
-    "dynamometer.windows": ("impedance",),
-    "actuator.calibration": ("actuator",),
-    "torque_angle.zero": ("torque_angle",),
-    "torque_angle.calibration": ("torque_angle",),
-    "torque_angle.bench_stiffness": ("torque_angle",),
-    "torque_angle.fixture": ("torque_angle",),
-    "claims.K_percent": ("impedance", "walking"),
-    "impedance_trajectory": ("walking",),
-    "figures.midstance_stiffness": ("walking",),
-    "walking.side": ("walking",),
-    "walking.plate": ("walking",),
-    "walking.markers": ("walking",),
-    "walking.cutoff_hz": ("walking",),
-    "walking.window_s": ("walking",),
-    "walking.baseline_s": ("walking",),
-    "walking.guard_s": ("walking",),
-}
+# experiments that a setting judges, labels or enters
+EXPERIMENTS_BY_SETTING: dict[str, list[str]] = own_yaml(Path(__file__).with_suffix(".yaml"))
 USED_FOR_NULL = {"torque_angle.zero": "end"}  # values used for null
 
 

@@ -12,11 +12,10 @@ import warnings
 from functools import partial
 from os.path import realpath
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import click
 from click import argument, option
-from click.core import ParameterSource
 
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError, OslAnalysisError, printable, printable_lines
@@ -77,16 +76,6 @@ def say(text: str, err: bool = False) -> None:
 
 def went(name: str) -> str:
     return f"`{name}` went with 2.0: {GONE[name]}"
-
-
-def options_given() -> set[str]:
-    """The parameters of the command that is called that are not left at their defaults."""
-    context = click.get_current_context()
-    return {
-        name
-        for name in context.params
-        if context.get_parameter_source(name) is ParameterSource.COMMANDLINE
-    }
 
 
 def check_there(path: Path, kind: str = "file") -> None:
@@ -226,34 +215,38 @@ def main() -> None:
         "Draft sample sheet and source files for the recordings in this folder, which stay there."
     ),
 )
-@option("--example", is_flag=True, help="A small simulated bench, which runs in about a minute.")
-@option("--example-walking", is_flag=True, help="A small simulated walkway with perturbations.")
+@option(
+    "--example",
+    "example",
+    flag_value="bench",
+    help="A small simulated bench, which runs in about a minute.",
+)
+@option(
+    "--example-walking",
+    "example",
+    flag_value="walking",
+    help="A small simulated walkway with perturbations.",
+)
 def init(
     folder: Path,
     recorders: tuple[str, ...],
     recordings: Path | None,
-    example: bool,
-    example_walking: bool,
+    example: Literal["bench", "walking"] | None,
 ) -> None:
     """Make the folder of a new campaign: configuration, sample sheet, source files and their JSON
     schemas."""
     from osl_analysis.commands import new_campaign as command
 
-    if example and example_walking:
-        raise click.UsageError("a campaign is one example; leave --example or --example-walking")
-    chosen: command.Example | None = None
-    if example or example_walking:
-        chosen = "walking" if example_walking else "bench"
-    if chosen and (recorders or recordings):
+    if example and (recorders or recordings):
         raise click.UsageError("an example has recordings of its own; leave --recorder and --from")
-    draft = command.new_campaign(folder, recorders, recordings, chosen)
+    draft = command.new_campaign(folder, recorders, recordings, example)
     if recordings is not None:
         say(command.campaign_text(folder, draft))
         return
     place = shlex.quote(str(folder))
-    kind = "simulation.yaml" if chosen else "trials.csv"
+    kind = "simulation.yaml" if example else "trials.csv"
     say(f"made {folder} with config.yaml, {kind}, sources/ and schemas/")
-    if chosen:
+    if example:
         say(f"then: cd {place} && osl-analysis run")
         return
     say("put recordings into recordings/, and a row for each into trials.csv")
@@ -389,13 +382,12 @@ def inspect(file: Path, draft_path: Path | None, as_json: bool) -> None:
 )
 @option(
     "--controller",
-    default="compensated",
     help=(
-        "Controller of the trial, any name. The gains of compensated and uncompensated are known"
-        " (Eqs. 13 and 14)."
+        "Controller of the trial, any name; default: compensated. The gains of compensated and"
+        " uncompensated are known (Eqs. 13 and 14)."
     ),
 )
-@file_option(
+@option(
     "--parameters",
     help="Parameter file of the device, or `none`. Default: that of the configuration.",
 )
@@ -407,11 +399,14 @@ def fit(
     trial: Path,
     source: Path | None,
     model: str,
+    K_d: float | None,
+    B_d: float | None,
+    controller: str | None,
+    parameters: str | None,
     windows: str | None,
     config_path: Path,
     as_json: bool,
     plot: Path | None,
-    **of_trial: Any,
 ) -> None:
     """Fit one TRIAL and print the estimates in SI units with 95 % intervals.
 
@@ -421,35 +416,28 @@ def fit(
     The configuration may be a campaign's own, which overrides fields of the default. With
     --stiffness and --damping an impedance trial is judged as in a campaign: whether the torque is
     late, and whether K is plausible."""
+    from osl_analysis import notebook
     from osl_analysis.bench.impedance import DesiredImpedance
-    from osl_analysis.commands import estimates
-    from osl_analysis.commands import fit as command
+    from osl_analysis.commands.estimates import estimates_text, rows_json
+    from osl_analysis.commands.trials import raw_trial
     from osl_analysis.trial import read_trial
 
-    if source is not None:
-        check_there(trial)
-    device = of_trial.pop("parameters") or command.campaign_parameters(config_path)
-    if device == Path("none"):
-        device = None
     desired = None
-    if {"K_d", "B_d", "controller"} & options_given():
+    if any(value is not None for value in (K_d, B_d, controller)):
         if model != "impedance":
             raise click.UsageError(
                 "--stiffness, --damping and --controller are those of an impedance trial: give"
                 " --model impedance"
             )
-        desired = DesiredImpedance(**of_trial)
-    settings, limits = command.fit_settings(model, config_path)
+        desired = DesiredImpedance(controller or "compensated", K_d, B_d)
     if source is None:
         recorded = read_trial(trial)
     else:
-        from osl_analysis.commands.trials import raw_trial
-
+        check_there(trial)
         recorded = raw_trial(trial, source, model)
         tell_warnings(recorded)
-    if windows and not command.job_of(model).windows:
-        recorded = recorded.within(windows)
-    fitted = command.fit_trial(model, recorded, device, settings, limits, desired, windows)
+    device = None if parameters == "none" else parameters or notebook.OF_CONFIG
+    fitted = notebook.fit(recorded, model, desired, windows, config_path, device)
     if plot is not None:
         from osl_analysis.commands.figure import write_figure
         from osl_analysis.figures import drawn
@@ -460,9 +448,9 @@ def fit(
             )
         write_figure(drawn("torque", fitted.series), [plot])
     if as_json:
-        say(estimates.rows_json(fitted.table, fitted.findings))
+        say(rows_json(fitted.table, fitted.findings))
     else:
-        say(estimates.estimates_text(fitted.table, fitted.findings))
+        say(estimates_text(fitted.table, fitted.findings))
     if model == "impedance" and desired is None:
         say(
             "not checked without --stiffness and --damping: whether the torque is late or the"
@@ -546,7 +534,10 @@ def select_gains(
     as_json: bool,
     output: Path | None,
     plot: Path | None,
-    **asked: Any,
+    stiffness: list[float] | None,
+    damping: list[float] | None,
+    weight_hz: float,
+    weight_order: int,
 ) -> None:
     """Select the control gains K_1 and B_1 that render a desired impedance best (Eqs. 13 and 14).
 
@@ -558,17 +549,15 @@ def select_gains(
     from osl_analysis.table import write_table
     from osl_analysis.yaml_settings import validated
 
-    stated = {"stiffness", "damping"} & options_given()
-    if trajectory is not None and stated:
+    if trajectory and (stiffness or damping):
         raise click.UsageError(
             "--trajectory has K_d and B_d of its own: leave out --stiffness and --damping, or it"
         )
-    if trajectory is None and len(stated) < 2:
+    if not trajectory and not (stiffness and damping):
         raise click.UsageError("give --stiffness and --damping, or --trajectory")
-    stated_weight = {"cutoff_hz": asked["weight_hz"], "order": asked["weight_order"]}
-    weight = validated(stated_weight, Weight, Path("--weight"))
-    pairs = asked["stiffness"] or [], asked["damping"] or []
-    table = command.requested_gains(*pairs, trajectory, weight, parameters)
+    stated_weight = {"cutoff_hz": weight_hz, "order": weight_order}
+    weight = validated(stated_weight, Weight, "--weight")
+    table = command.requested_gains(stiffness or (), damping or (), trajectory, weight, parameters)
     if output is not None:
         write_table(table, output)
     if plot is not None:

@@ -15,7 +15,7 @@ from osl_analysis.commands.fit import campaign_parameters, fit_settings, fit_tri
 from osl_analysis.commands.fit_results import Fit
 from osl_analysis.commands.trials import checked_trial
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
-from osl_analysis.errors import InputError, listing, nearest
+from osl_analysis.errors import InputError, listing
 from osl_analysis.figures import columns_of, drawn, look_numbers, plotted_numbers
 from osl_analysis.files import config_here, shipped
 from osl_analysis.ingest.quality import UNITS, Commanded, measure_quality, measured_table
@@ -26,6 +26,7 @@ from osl_analysis.model.drivetrain import joint_of
 from osl_analysis.schema import read_table
 from osl_analysis.source_file import MarkerSource
 from osl_analysis.trial import Trial, read_trial
+from osl_analysis.yaml_settings import check_known
 
 if TYPE_CHECKING:
     from osl_analysis.figures.style import PaperFigure as Figure
@@ -68,14 +69,6 @@ def checked_desired(desired: DesiredImpedance | None) -> DesiredImpedance:
     return desired or DesiredImpedance(None, None, None)
 
 
-def checked_experiment(experiment: str) -> str:
-    if experiment not in EXPERIMENTS:
-        known = ", ".join(EXPERIMENTS)
-        near = nearest(str(experiment), EXPERIMENTS)
-        raise InputError(f"no experiment '{experiment}'; it is one of {known}{near}")
-    return experiment
-
-
 def fit(
     trial: Trial | File,
     experiment: str = "impedance",
@@ -105,7 +98,7 @@ def fit(
         What the leg of an impedance trial was asked to render. With it the fit is judged by what
         the gains should give. None: `remarks` says what is not judged.
     windows : str or None
-        What of an impedance trial is fitted [s], as in the column `windows` of a sample sheet,
+        What of the trial is fitted [s], as in the column `windows` of a sample sheet,
         "2-30 40-62". None: all that moves.
     config : Path or str or None
         A configuration file, which states what differs from the default. None: `config.yaml` in
@@ -141,7 +134,8 @@ def fit(
     K_s 686 N*m/rad
     """
     condition: Any = None
-    if checked_experiment(experiment) == "impedance":
+    check_known(EXPERIMENTS, "experiment", experiment)
+    if experiment == "impedance":
         condition = checked_desired(desired)
     elif experiment == "torque_angle":
         condition = {"desired": curve}
@@ -270,13 +264,9 @@ def read_recording(
     file = Path(path)
     described = Path(source)
     if not (described.suffix == ".yaml" and described.is_file()):
-        described = shipped(Path("config/sources") / f"{source}.yaml")
-    if not described.is_file():
-        known = sorted(path.stem for path in shipped("config/sources").glob("*.yaml"))
-        raise InputError(
-            f"{source}: no such source file; give the path of a file that ends in .yaml, or one of"
-            f" {', '.join(known)}{nearest(Path(source).stem, known)}"
-        )
+        known = {path.stem: path for path in sorted(shipped("config/sources").glob("*.yaml"))}
+        kind = "source file (YAML), and no shipped one"
+        described = known[check_known(known, kind, str(source))]
     role = "mocap" if isinstance(read_source(described), MarkerSource) else "log"
     if part is not None and role == "mocap":
         raise InputError(f"{file}: a capture has no part '{part}'; leave out `part`")
@@ -321,7 +311,7 @@ def check(
     >>> quality.filter(check="gap")["verdict"].item()
     'pass'
     """
-    checked_experiment(experiment)
+    check_known(EXPERIMENTS, "experiment", experiment)
     recorded = as_trial(trial)
     path = Path(config or config_here())
     rules = read_section(path, "quality", QualityRules)
@@ -481,10 +471,7 @@ def plot_torque_angle(*fits: Fit) -> "Figure":
     --------
     >>> figure = osl.plot_torque_angle(osl.fit(foot, "torque_angle"))
     """
-    curves = [
-        fit.curves for fit in fits if fit.experiment == "torque_angle" and fit.curves is not None
-    ]
-    if len(curves) < len(fits) or not fits:
+    if {fit.experiment for fit in fits} != {"torque_angle"}:
         given = ", ".join(fit.experiment for fit in fits) or "no fit"
         raise InputError(f"torque over angle needs fits of `torque_angle`, not {given}")
     names = [fit.trial for fit in fits]
@@ -492,6 +479,7 @@ def plot_torque_angle(*fits: Fit) -> "Figure":
         raise InputError(
             f"two fits are of trials of one name, {listing(names)}; name each trial differently"
         )
+    curves = [fit.curves for fit in fits if fit.curves is not None]
     all_curves = pl.concat(curves, how="diagonal_relaxed")
     all_rows = pl.concat([fit.table for fit in fits], how="diagonal_relaxed")
     return drawn("torque_angle", plotted_numbers("torque_angle", all_curves, all_rows))

@@ -97,6 +97,8 @@ def run_fit(
         arguments["condition"] = condition
     if job.windows:
         arguments["windows"] = windows
+    elif windows:
+        trial = trial.within(windows)
     return fit_or_advise(command_of(job.job), trial, **arguments)
 
 

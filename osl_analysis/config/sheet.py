@@ -48,6 +48,14 @@ USERS = {
     **dict.fromkeys(OF_CALIBRATION, ("calibration",)),
     **dict.fromkeys(FIXTURE, ON_DYNAMOMETER),
 }
+# by column: the one that has to be filled, and not `false`, beside it
+NEEDED_BESIDE = {
+    "log": "log_source",
+    "mocap": "mocap_source",
+    "log_part": "log",
+    "fixture_rest_deg": "fixture_weight",
+    "direction": "perturbed",
+}
 # blanks at the ends of a cell, of which some cannot be seen
 BLANKS = re.compile(r"^[\s\u200b-\u200f\u2060\ufeff]+|[\s\u200b-\u200f\u2060\ufeff]+$")
 
@@ -58,7 +66,7 @@ SheetRows = dict[str, dict[str, Any]]
 def check_not_misspelt(usual: Sequence[str], similar: float, name: str) -> str:
     """The check that a name of one's own is not nearly a usual one. A longer one, as `kneeL`, is a
     name."""
-    meant = nearest(name, [one for one in usual if len(one) >= len(name)], similar)
+    meant = nearest(name, [known for known in usual if len(known) >= len(name)], similar)
     if meant and name.isalpha():
         raise ValueError(f"give a name of your own that differs more from the usual ones{meant}")
     return name
@@ -135,29 +143,6 @@ class Row(Settings):
         return cell
 
     _has_file = refuse_if(lambda row: not row.log and not row.mocap, "fill in log or mocap", "log")
-    _log_is_described = refuse_if(
-        lambda row: row.log and not row.log_source,
-        "it is empty; name the source file that describes {s.log}",
-        "log_source",
-    )
-    _mocap_is_described = refuse_if(
-        lambda row: row.mocap and not row.mocap_source,
-        "it is empty; name the source file that describes {s.mocap}",
-        "mocap_source",
-    )
-    _part_has_log = refuse_if(
-        lambda row: row.log_part and not row.log, "there is no log; fill it in", "log_part"
-    )
-    _rest_has_weight = refuse_if(
-        lambda row: row.fixture_rest_deg is not None and row.fixture_weight is None,
-        "give the weight's largest torque [N*m] as fixture_weight, or clear the cell",
-        "fixture_rest_deg",
-    )
-    _direction_is_of_perturbed = refuse_if(
-        lambda row: row.direction and not row.perturbed,
-        "the trial is not perturbed; clear the cell",
-        "direction",
-    )
     _walkway_has_ankle = refuse_if(
         lambda row: (
             EXPERIMENTS[row.experiment].place == "walkway" and row.joint not in (None, JOINT)
@@ -179,13 +164,19 @@ class Row(Settings):
     @model_validator(mode="after")
     def _fits_experiment(self) -> Self:
         for column in EXPERIMENTS[self.experiment].sheet:
-            if getattr(self, column) is None:
+            if not self.states(column):
                 raise misplaced(f"it is empty; experiment {self.experiment} needs it", column)
+        for column, other in NEEDED_BESIDE.items():
+            if self.states(column) and not getattr(self, other):
+                raise misplaced(f"it needs {other}; fill that in, or clear this cell", column)
         for column, users in USERS.items():
-            if getattr(self, column) is not None and self.experiment not in users:
-                names = " or ".join(users)
-                raise misplaced(f"it is for {names} alone; clear the cell", column)
+            if self.states(column) and self.experiment not in users:
+                raise misplaced(f"it is for {' or '.join(users)} alone; clear the cell", column)
         return self
+
+    def states(self, column: str) -> bool:
+        """Whether a cell is filled."""
+        return getattr(self, column) is not None
 
 
 SHEET_COLUMNS = tuple(Row.model_fields)

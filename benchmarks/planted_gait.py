@@ -22,7 +22,7 @@ import scipy
 from causes import ROOT, markdown
 from numpy.typing import NDArray
 
-from osl_analysis.campaign.configuration import read_section
+from osl_analysis.campaign.configuration import config_for_trials
 from osl_analysis.errors import OslAnalysisError
 from osl_analysis.trial import Trial, marker_columns, plate_columns
 from osl_analysis.walking.crossing import analyse_crossing
@@ -386,7 +386,7 @@ def headline_of(campaign: Campaign, settings: WalkingAnalysis) -> GroupHeadline:
 
 def main() -> None:
     pairs = int(sys.argv[1]) if len(sys.argv) > 1 else 5
-    shipped = read_section(ROOT / "config/config.yaml", "walking", WalkingAnalysis)
+    shipped = config_for_trials(ROOT / "config/config.yaml").walking
     settings = shipped.model_copy(update={"bootstrap_samples": 300})
     rows = []
     for label, walkway in LABORATORIES.items():

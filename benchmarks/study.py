@@ -23,9 +23,9 @@ import polars as pl
 from causes import ROOT, markdown, write_between
 from planted_gait import onsets_of
 
-from osl_analysis.bench.bench_settings import ActuatorAnalysis, DynamometerAnalysis
+from osl_analysis.bench.bench_settings import DynamometerAnalysis
 from osl_analysis.bench.fit_tables import FitTables
-from osl_analysis.campaign.configuration import read_section
+from osl_analysis.campaign.configuration import config_for_trials
 from osl_analysis.commands.fit import job_of, run_fit
 from osl_analysis.errors import OslAnalysisError
 from osl_analysis.ingest.raw_files import trial_from_files
@@ -205,7 +205,7 @@ class StudyBench:
         """The fit that a campaign would make of a trial, without what a sheet may state of it."""
         sections = {
             "dynamometer": self.analysis,
-            "actuator": read_section(CONFIG, "actuator", ActuatorAnalysis),
+            "actuator": config_for_trials(CONFIG).actuator,
             "gain_weight": self.simulation.gain_weight,
         }
         settings = {
@@ -297,7 +297,7 @@ def studied(experiment: str) -> StudyBench:
     exactly Eq. 15, `drivetrain` that of a compensated controller with every effect of the
     simulation settings, `frequency response` its angle and torque."""
     kind, _, recording = experiment.partition(", ")
-    (settings, p), analysis = laboratory(), read_section(CONFIG, "dynamometer", DynamometerAnalysis)
+    (settings, p), analysis = laboratory(), config_for_trials(CONFIG).dynamometer
     short = SHORT | {"frequencies_hz": analysis.frequencies_hz}
     changes: dict[str, object] = {"protocol": settings.protocol.model_copy(update=short)}
     if recording:
@@ -424,7 +424,7 @@ def gait_laboratory() -> StudyLaboratory:
     """The shipped gait laboratory, and the analysis of the shipped configuration."""
     gait = read_yaml(ROOT / "config/simulation/walking.yaml", WalkingSettings)
     return StudyLaboratory(
-        laboratory()[0], gait, laboratory()[1], read_section(CONFIG, "walking", WalkingAnalysis)
+        laboratory()[0], gait, laboratory()[1], config_for_trials(CONFIG).walking
     )
 
 

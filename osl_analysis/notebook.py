@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import polars as pl
 
-from osl_analysis.bench.bench_settings import DynamometerAnalysis
 from osl_analysis.bench.impedance import DesiredImpedance
-from osl_analysis.campaign.configuration import read_section
+from osl_analysis.campaign.configuration import config_for_trials
 from osl_analysis.commands import tables as tables_of_campaign
-from osl_analysis.commands.fit import campaign_parameters, fit_settings, fit_trial, run_fit
+from osl_analysis.commands.fit import fit_settings, fit_trial, run_fit
 from osl_analysis.commands.fit_results import Fit
 from osl_analysis.commands.trials import checked_trial
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
@@ -21,7 +20,7 @@ from osl_analysis.files import config_here, shipped
 from osl_analysis.ingest.quality import UNITS, Commanded, measure_quality, measured_table
 from osl_analysis.ingest.raw_files import read_source
 from osl_analysis.judge.judging import judged, marked, with_inherited
-from osl_analysis.judge.recording_checks import QualityRules, judged_table, validate_rules
+from osl_analysis.judge.recording_checks import judged_table, validate_rules
 from osl_analysis.model.drivetrain import joint_of
 from osl_analysis.schema import read_table
 from osl_analysis.source_file import MarkerSource
@@ -56,7 +55,7 @@ def as_trial(trial: Trial | File) -> Trial:
 def device_file(parameters: File | None, config: Path) -> Path | None:
     """The parameter file that is stated, or that of the configuration."""
     if parameters == OF_CONFIG:
-        return campaign_parameters(config)
+        return config_for_trials(config).parameters
     return None if parameters is None else shipped(parameters)
 
 
@@ -313,14 +312,11 @@ def check(
     """
     check_known(EXPERIMENTS, "experiment", experiment)
     recorded = as_trial(trial)
-    path = Path(config or config_here())
-    rules = read_section(path, "quality", QualityRules)
-    validate_rules(rules, UNITS)
-    bench = read_section(path, "dynamometer", DynamometerAnalysis)
-    commanded = Commanded(**{name: getattr(bench, name) for name in PROTOCOL})
-    return judged_table(
-        measured_table(recorded.name, measure_quality(recorded, experiment, commanded)), rules, {}
-    )
+    stated = config_for_trials(Path(config or config_here()))
+    validate_rules(stated.quality, UNITS)
+    commanded = Commanded(**{name: getattr(stated.dynamometer, name) for name in PROTOCOL})
+    measured = measure_quality(recorded, experiment, commanded)
+    return judged_table(measured_table(recorded.name, measured), stated.quality, {})
 
 
 def simulate_trial(

@@ -13,7 +13,6 @@ from scipy.interpolate import CubicSpline
 
 from osl_analysis.bench import leg_belt
 from osl_analysis.bench.analysis import fitted_motion
-from osl_analysis.bench.bench_settings import DynamometerAnalysis
 from osl_analysis.bench.coulomb import coulomb_fits, with_friction, without_friction
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums, with_effects
 from osl_analysis.bench.impedance import (
@@ -25,10 +24,10 @@ from osl_analysis.bench.impedance import (
 from osl_analysis.bench.leg_belt import belt_of_leg, is_leg
 from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.bench.record import signals_of, with_actuator
-from osl_analysis.campaign.configuration import read_section
+from osl_analysis.campaign.configuration import config_for_trials
 from osl_analysis.errors import IdentifiabilityError
 from osl_analysis.ingest.quality import saturated
-from osl_analysis.judge.limits import DoubtfulFits, Limits
+from osl_analysis.judge.limits import Limits
 from osl_analysis.model.drivetrain import read_parameters
 from osl_analysis.trial import Trial
 
@@ -36,9 +35,9 @@ LATENESS = "whether the torque is late"
 
 ENDS = ("", "_low", "_high")
 P = read_parameters(ROOT / "config/parameters/default.yaml")
-LIMITS = read_section(ROOT / "config/config.yaml", "doubtful", DoubtfulFits).of("impedance")
+LIMITS = config_for_trials(ROOT / "config/config.yaml").doubtful.of("impedance")
 UNKNOWN = DesiredImpedance(None, None, None)
-SETTINGS = read_section(ROOT / "config/config.yaml", "dynamometer", DynamometerAnalysis)
+SETTINGS = config_for_trials(ROOT / "config/config.yaml").dynamometer
 
 
 def rows(torque_of, noise=0.03, protocol=FIVE, seed=1):

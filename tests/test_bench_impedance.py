@@ -23,10 +23,10 @@ from osl_analysis.bench.effects import IMPEDANCE, plain_sums
 from osl_analysis.bench.impedance import DesiredImpedance, impedance_with_evidence, lag_row
 from osl_analysis.bench.leg_belt import Lag
 from osl_analysis.bench.motion import record_of_trial
-from osl_analysis.campaign.configuration import read_section
+from osl_analysis.campaign.configuration import config_for_trials
 from osl_analysis.commands.figure import fig4
 from osl_analysis.errors import IdentifiabilityError
-from osl_analysis.judge.limits import DoubtfulFits, Limits
+from osl_analysis.judge.limits import Limits
 from osl_analysis.spectral.stepped_sine import SteppedSineProtocol
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import Trial, write_trial
@@ -168,7 +168,7 @@ def test_where_amplitudes_nest_in_frequencies_fig4_uses_the_largest_alone(tmp_pa
     assert vaf(shown) > 99.95
 
 
-LIMITS = read_section(ROOT / "config/config.yaml", "doubtful", DoubtfulFits).of("impedance")
+LIMITS = config_for_trials(ROOT / "config/config.yaml").doubtful.of("impedance")
 UNSATURATED, UNKNOWN = pl.lit(0).alias("saturated_samples"), DesiredImpedance("ours", None, None)
 
 

@@ -8,19 +8,19 @@ import pytest
 from any_motion import TRUE, made_trial, noise
 from conftest import ROOT, findings_of
 
-from osl_analysis.bench.bench_settings import Calibration, DynamometerAnalysis
+from osl_analysis.bench.bench_settings import Calibration
 from osl_analysis.bench.impedance import impedance_table, rendered_impedance
 from osl_analysis.bench.joint_inference import impedance_fits
 from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.bench.record import signals_of
-from osl_analysis.campaign.configuration import read_section
+from osl_analysis.campaign.configuration import config_for_trials
 from osl_analysis.errors import InputError
 from osl_analysis.judge.finding import Grade
 from osl_analysis.judge.limits import Limits
 from osl_analysis.stats.estimates import Estimate
 
 CONFIG = ROOT / "config/config.yaml"
-SETTINGS = read_section(CONFIG, "dynamometer", DynamometerAnalysis)
+SETTINGS = config_for_trials(CONFIG).dynamometer
 OF_FAULTS = Limits()
 
 

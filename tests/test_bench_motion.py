@@ -12,7 +12,6 @@ from scipy.signal import butter, cont2discrete, lfilter, lsim, sosfilt
 
 from osl_analysis.bench.analysis import analysed, angle_noise_bias, angle_noise_share
 from osl_analysis.bench.bench_settings import (
-    DynamometerAnalysis,
     TimeBase,
 )
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums, with_effects
@@ -23,7 +22,7 @@ from osl_analysis.bench.impedance import (
     rendered_impedance,
 )
 from osl_analysis.bench.motion import record_of_trial, stated_windows
-from osl_analysis.campaign.configuration import read_section
+from osl_analysis.campaign.configuration import config_for_trials
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.ingest import quality
 from osl_analysis.judge.limits import Limits
@@ -32,7 +31,7 @@ from osl_analysis.model.drivetrain import joint_admittance, read_parameters
 from osl_analysis.trial import Trial
 
 CONFIG = ROOT / "config/config.yaml"
-SETTINGS = read_section(CONFIG, "dynamometer", DynamometerAnalysis)
+SETTINGS = config_for_trials(CONFIG).dynamometer
 MOTIONS = {"multisine": multisine, "noise": noise}
 LATENESS = "whether the torque is late"
 LIGHT = {"torque_noise": 0.002, "bits": 24, "K": 1.0, "B": 0.5, "I": 0.05}

@@ -11,33 +11,28 @@ from bench_synthetic import PROTOCOL, second_order, stepped_sine, true_motion
 from conftest import ROOT, beyond_in
 
 from osl_analysis.bench.bench_settings import (
-    ActuatorAnalysis,
     BenchStiffness,
-    DynamometerAnalysis,
 )
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.plausibility import plausible_impedance
-from osl_analysis.campaign.configuration import read_section
+from osl_analysis.campaign.configuration import config_for_trials
 from osl_analysis.commands.fit import fit_trial
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.guard import check_recording
-from osl_analysis.judge.limits import DoubtfulFits
 from osl_analysis.model.compensator import PAPER_WEIGHT
 from osl_analysis.model.drivetrain import read_parameters
 from osl_analysis.trial import Trial
 
 CONFIG, DEVICE = ROOT / "config/config.yaml", ROOT / "config/parameters/default.yaml"
 LEG = read_parameters(DEVICE)
-LIMITS = read_section(CONFIG, "doubtful", DoubtfulFits)
+LIMITS = config_for_trials(CONFIG).doubtful
 SINES = {
     "amplitudes_deg": tuple(np.rad2deg(PROTOCOL.amplitudes)),
     "frequencies_hz": PROTOCOL.frequencies_hz,
 }
-BENCH = read_section(CONFIG, "dynamometer", DynamometerAnalysis).model_copy(
-    update=SINES | {"cycles": PROTOCOL.cycles}
-)
+BENCH = config_for_trials(CONFIG).dynamometer.model_copy(update=SINES | {"cycles": PROTOCOL.cycles})
 ACTUATOR, RATE, NOISE = (
-    read_section(CONFIG, "actuator", ActuatorAnalysis),
+    config_for_trials(CONFIG).actuator,
     500.0,
     np.random.default_rng(4),
 )

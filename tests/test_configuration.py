@@ -15,15 +15,14 @@ from c3d_builder import write_c3d
 from conftest import ROOT
 from pydantic import Field
 
-from osl_analysis.bench.bench_settings import DynamometerAnalysis
 from osl_analysis.campaign.campaign_checks import check_files
 from osl_analysis.campaign.campaign_trials import open_campaign
 from osl_analysis.campaign.configuration import (
     campaign_config,
+    config_for_trials,
     overriding,
     read_campaign_file,
     read_config,
-    read_section,
 )
 from osl_analysis.commands.campaign_start import check_start, source_problems
 from osl_analysis.commands.simulate import (
@@ -351,12 +350,13 @@ def test_a_wrong_section_is_named_with_key_and_line(tmp_path, in_root):
     with pytest.raises(
         InputError, match=r"line 3 of own\.yaml: dynamometer\.cutoff_hz: nan is not "
     ):
-        read_section(path, "dynamometer", DynamometerAnalysis)
+        config_for_trials(path)
     path.write_text("dynamometr: {}\n")
     with pytest.raises(
-        InputError, match=r"own\.yaml: unknown field 'dynamometr'; give a configuration, or fields"
+        InputError,
+        match=r"own\.yaml: line 1 of own\.yaml: dynamometr: unknown field; .*did you mean .dynamometer",
     ):
-        read_section(path, "dynamometer", DynamometerAnalysis)
+        config_for_trials(path)
 
 
 # Parameter files: what ships is valid, and a mistake is one line that names it.

@@ -19,7 +19,7 @@ from scipy import signal
 
 from osl_analysis.campaign.campaign_checks import check_campaign
 from osl_analysis.campaign.campaign_trials import open_campaign
-from osl_analysis.campaign.configuration import campaign_config, read_section
+from osl_analysis.campaign.configuration import campaign_config, config_for_trials
 from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError
@@ -44,7 +44,7 @@ from osl_analysis.trial import Array, Trial
 from osl_analysis.yaml_settings import validated
 
 CONFIG, COMMANDED = ROOT / "config/config.yaml", Commanded((2.0, 4.0), (2.0, 5.0), 6)
-RULES, RATE = read_section(CONFIG, "quality", QualityRules), 1000.0
+RULES, RATE = config_for_trials(CONFIG).quality, 1000.0
 
 
 STATE_WINDOWS = "rows were lost or doubled, or a sensor failed; state `windows` without them"

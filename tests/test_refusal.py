@@ -22,7 +22,7 @@ from conftest import ROOT
 from snakemake.exceptions import LockException, format_exception_to_string
 from snakemake_interface_logger_plugins.common import LogEvent
 
-from osl_analysis.campaign.configuration import read_section
+from osl_analysis.campaign.configuration import config_for_trials
 from osl_analysis.commands import killed_runs, trials
 from osl_analysis.commands.run import end_run
 from osl_analysis.commands.run_report import left_behind_report
@@ -422,7 +422,7 @@ def test_a_recording_that_needs_more_memory_than_there_is_stops_no_other(tmp_pat
 
 
 RULES, ACCEPT = (
-    read_section(ROOT / "config/config.yaml", "quality", QualityRules),
+    config_for_trials(ROOT / "config/config.yaml").quality,
     {"plate_3": ["unzeroed_plate"]},
 )
 JUDGE = Judge(RULES, ACCEPT)

@@ -24,7 +24,6 @@ from osl_analysis.model.compensator import Weight
 from osl_analysis.walking.walking_settings import WalkingAnalysis
 from osl_analysis.yaml_settings import (
     FILE_NAME,
-    AnySettings,
     Settings,
     ShippedPath,
     Stiffness,
@@ -192,30 +191,12 @@ def read_campaign_file(path: Path) -> dict[str, Any]:
     return content
 
 
-def own_fields(path: Path) -> Mapping[str, Any]:
-    """The fields that a configuration file states; the shipped default states none for recordings
-    of others."""
+def config_for_trials(path: Path) -> Config:
+    """The configuration by which single trials are analysed, from a file that overrides some fields
+    of the default; the shipped default states no facts on recordings of others."""
     is_shipped = path == default_config() and not Path("config/config.yaml").is_file()
-    return {"simulation": None} if is_shipped else read_campaign_file(path)
-
-
-def read_section(path: Path, section: str, model: type[AnySettings]) -> AnySettings:
-    """Read one section of a campaign's configuration, whose file overrides fields of the default
-    configuration."""
-    return section_of(over_default(own_fields(path)), path, section, model)
-
-
-def section_of(
-    content: Mapping[str, Any], path: Path, section: str, model: type[AnySettings]
-) -> AnySettings:
-    """One section of a configuration that `over_default` gave, read from a file."""
-    unknown = [name for name in content if name not in Config.model_fields]
-    if unknown:
-        raise InputError(
-            f"{path}: unknown field '{unknown[0]}'; give a configuration, or fields that"
-            " override it"
-        )
-    return validated(content[section], model, path, (default_config(), path), (section,))
+    stated = {"simulation": None} if is_shipped else read_campaign_file(path)
+    return validated(over_default(stated), Config, path, (default_config(), path))
 
 
 def read_config(path: Path) -> Config:

@@ -8,13 +8,12 @@ from typing import Any
 import polars as pl
 
 from osl_analysis.bench.fit_tables import FitTables
-from osl_analysis.campaign.configuration import Config, over_default, own_fields, section_of
+from osl_analysis.campaign.configuration import config_for_trials
 from osl_analysis.commands import command_of
 from osl_analysis.commands.fit_results import Fit
 from osl_analysis.commands.remedies import fit_or_advise
 from osl_analysis.config.experiments import EXPERIMENTS, FitJob
 from osl_analysis.errors import InputError
-from osl_analysis.files import shipped
 from osl_analysis.judge.judging import judged, marked
 from osl_analysis.judge.limits import DoubtfulFits
 from osl_analysis.trial import Trial
@@ -46,19 +45,12 @@ def fit_settings(experiment: str, config: Path) -> tuple[dict[str, Any], Doubtfu
     limits : DoubtfulFits
         Beyond which a fit is doubtful.
     """
-    settings: dict[str, Any] = {}
-    content = over_default(own_fields(config))
-    for argument, (section, _) in job_of(experiment).settings.items():
-        model: Any = Config.model_fields[section].annotation
-        settings[argument] = section_of(content, config, section, model)
-    return settings, section_of(content, config, "doubtful", DoubtfulFits)
-
-
-def campaign_parameters(config: Path) -> Path | None:
-    """The parameter file that a configuration names, which may override fields of the default only;
-    None: null."""
-    name = over_default(own_fields(config))["parameters"]
-    return None if name is None else shipped(str(name))
+    stated = config_for_trials(config)
+    settings = {
+        argument: getattr(stated, section)
+        for argument, (section, _) in job_of(experiment).settings.items()
+    }
+    return settings, stated.doubtful
 
 
 def run_fit(

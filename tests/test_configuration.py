@@ -354,7 +354,7 @@ def test_a_wrong_section_is_named_with_key_and_line(tmp_path, in_root):
     path.write_text("dynamometr: {}\n")
     with pytest.raises(
         InputError,
-        match=r"own\.yaml: line 1 of own\.yaml: dynamometr: unknown field; .*did you mean .dynamometer",
+        match=r"line 1 of own\.yaml: dynamometr: unknown field; .*did you mean .dynamometer",
     ):
         config_for_trials(path)
 

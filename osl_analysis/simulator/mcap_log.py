@@ -8,7 +8,6 @@ All messages are known beforehand, so the file is made chunk by chunk. It equals
 import struct
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
@@ -72,9 +71,6 @@ bool sync               # level of the synchronisation line
 }
 CDR_TYPES = {"bool": "u1", "float32": "<f4"}
 
-# one for all chunks: to make it clears a megabyte
-COMPRESSOR = zstandard.ZstdCompressor()
-
 
 class LogTopic(NamedTuple):
     """A topic of equally long messages."""
@@ -82,22 +78,7 @@ class LogTopic(NamedTuple):
     name: str
     schema_name: str
     schema_text: str
-    stamps: NDArray[np.int64]  # (n,) [ns]
-    template: NDArray[np.void]  # (1,) the record that all have
-    columns: Mapping[str, NDArray[Any]]  # (n,) members of the record that differ
-
-    def records(self, rows: NDArray[np.intp]) -> NDArray[np.void]:
-        """The records (m,) of messages in these rows: those of a chunk stay in the processor's
-        cache."""
-        as_bytes = self.template.view(f"V{self.template.itemsize}")
-        records = np.repeat(as_bytes, rows.size).view(self.template.dtype)
-        stamps = self.stamps[rows]
-        records["sequence"] = rows
-        records["publish"] = stamps
-        records["log"] = stamps + ARRIVES_NS
-        for member, values in self.columns.items():
-            records["data"][member] = values[rows]
-        return records
+    records: NDArray[np.void]  # (n,) of MCAP, one for each message
 
 
 def log_topic(
@@ -137,17 +118,16 @@ def log_topic(
         ("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"),
         ("log", "<u8"), ("publish", "<u8"), ("data", cdr_layout(message)),
     ]  # fmt: skip
-    template = np.zeros(1, np.dtype(record))
-    template["opcode"] = Opcode.MESSAGE
-    template["length"] = template.itemsize - RECORD_HEAD_BYTES
-    columns = {}
+    records = np.zeros(len(stamps), np.dtype(record))
+    records["opcode"] = Opcode.MESSAGE
+    records["length"] = records.itemsize - RECORD_HEAD_BYTES
+    records["sequence"] = np.arange(len(stamps))
+    records["log"] = stamps + ARRIVES_NS
+    records["publish"] = stamps
     for member, (_, value) in message.items():
-        if np.ndim(value):
-            columns[member] = np.asarray(value)
-        else:
-            template["data"][member] = value
+        records["data"][member] = value
     schema = f"std_msgs/Header header\n{fields}{HEADER_DEFINITIONS}"
-    return LogTopic(name, schema_name, schema, stamps, template, columns)
+    return LogTopic(name, schema_name, schema, records)
 
 
 def cdr_layout(members: Mapping[str, tuple[str, Any]]) -> np.dtype[np.void]:
@@ -226,29 +206,6 @@ def wrenches(topic: str, frame_id: str, time: Array, torque: Array) -> LogTopic:
     return log_topic(topic, schema_name, WRENCH_FIELDS, frame_id, time, members)
 
 
-@dataclass(frozen=True)
-class MessageOrder:
-    """The messages of all topics in the order of their stamps."""
-
-    row: NDArray[np.intp]  # (n,) of the message, counted over the topics one after another
-    channel: NDArray[np.intp]  # (n,) of its topic, from 1
-    log: NDArray[np.int64]  # (n,) [ns] when it arrived
-    length: NDArray[np.intp]  # (n,) [bytes] of its record
-
-
-def order_of_messages(topics: Sequence[LogTopic]) -> MessageOrder:
-    """Order the messages of all topics by their stamps."""
-    counts = [topic.stamps.size for topic in topics]
-    stamps = np.concatenate([topic.stamps for topic in topics])
-    row = np.argsort(stamps, kind="stable")
-    return MessageOrder(
-        row=row,
-        channel=np.repeat(np.arange(len(topics)) + 1, counts)[row],
-        log=stamps[row] + ARRIVES_NS,
-        length=np.repeat([topic.template.itemsize for topic in topics], counts)[row],
-    )
-
-
 def write_topics(path: Path, topics: Sequence[LogTopic]) -> None:
     """Write the messages of all topics, in the order of their stamps, as MCAP.
 
@@ -257,11 +214,13 @@ def write_topics(path: Path, topics: Sequence[LogTopic]) -> None:
     """
     schemas = list[McapRecord]()
     channels = list[McapRecord]()
+    head = b""
     for number, topic in enumerate(topics, 1):
         text = topic.schema_text.encode()
         schemas.append(mcap_records.Schema(number, text, "ros2msg", topic.schema_name))
         channels.append(mcap_records.Channel(number, topic.name, "cdr", {}, number))
-        topic.template["channel"] = number
+        head += encoded([schemas[-1], channels[-1]])
+        topic.records["channel"] = number
     names = ", ".join(topic.name for topic in topics)
     facts = {"origin": "simulated", "topic": names, "time": "header stamp"}
 
@@ -270,7 +229,7 @@ def write_topics(path: Path, topics: Sequence[LogTopic]) -> None:
         metadata = encoded([mcap_records.Metadata("recording", facts)])
         metadata_index = mcap_records.MetadataIndex(file.tell(), len(metadata), "recording")
         file.write(metadata)
-        indexes = write_chunks(file, topics, schemas, channels)
+        indexes = write_chunks(file, head, topics)
         file.write(encoded([mcap_records.DataEnd(0)]))
         groups: dict[Opcode, Sequence[McapRecord]] = {
             Opcode.SCHEMA: schemas,
@@ -284,70 +243,51 @@ def write_topics(path: Path, topics: Sequence[LogTopic]) -> None:
 
 
 def write_chunks(
-    file: BinaryIO,
-    topics: Sequence[LogTopic],
-    schemas: Sequence[McapRecord],
-    channels: Sequence[McapRecord],
+    file: BinaryIO, head: bytes, topics: Sequence[LogTopic]
 ) -> list[mcap_records.ChunkIndex]:
-    """Write the messages in chunks; the first begins with schemas and channels."""
-    messages = order_of_messages(topics)
-    head = encoded(record for pair in zip(schemas, channels, strict=True) for record in pair)
-    # bytes up to the end of each message, as if all were one chunk
-    ends = np.cumsum(messages.length) + len(head)
+    """Write the messages of all topics in chunks; the first begins with a head."""
+    sizes = [topic.records.itemsize for topic in topics]
+    counts = [topic.records.size for topic in topics]
+    stamps = np.concatenate([topic.records["log"] for topic in topics]).astype(np.int64)
+    order = np.argsort(stamps, kind="stable")
+    channel = np.repeat(np.arange(len(topics)) + 1, counts)[order]
+    length = np.repeat(sizes, counts)[order]
+    # where each message ends and begins, as if all were one chunk
+    ends = len(head) + np.cumsum(length)
+    starts = ends - length
+    content = np.empty(ends[-1], np.uint8)
+    content[: len(head)] = np.frombuffer(head, np.uint8)
+    for number, (topic, size) in enumerate(zip(topics, sizes, strict=True), 1):
+        # a message is one value that may begin at any byte, so that values overlap
+        places = np.ndarray((len(content) - size + 1,), f"V{size}", content, 0, (1,))
+        places[starts[channel == number]] = topic.records.view(f"V{size}")
+
     indexes = list[mcap_records.ChunkIndex]()
     first = 0
     begin = 0
-    while first < len(messages.row):
+    while first < len(order):
         stop = int(np.searchsorted(ends[:-1], begin + CHUNK_BYTES, side="right")) + 1
         rows = slice(first, stop)
-        starts = ends[rows] - messages.length[rows] - begin
-        content = np.empty(int(ends[stop - 1]) - begin, np.uint8)
-        content[: len(head)] = np.frombuffer(head, np.uint8)
-        messages_of = place_messages(content, topics, messages, rows, starts)
-        index = np.stack([messages.log[rows], starts], axis=1)
-        indexes.append(write_chunk(file, content.data, index, messages_of))
+        end = int(ends[stop - 1])
+        index = np.stack([stamps[order[rows]], starts[rows] - begin], axis=1)
+        indexes.append(write_chunk(file, content[begin:end].data, index, channel[rows]))
         first = stop
-        begin = int(ends[stop - 1])
-        head = b""
+        begin = end
     return indexes
-
-
-def place_messages(
-    content: NDArray[np.uint8],
-    topics: Sequence[LogTopic],
-    messages: MessageOrder,
-    rows: slice,
-    starts: NDArray[np.intp],
-) -> dict[int, NDArray[np.intp]]:
-    """Put the messages of some rows to their starts in a chunk's content, those of each topic at
-    once; returns their places in the rows, by channel."""
-    messages_of = dict[int, NDArray[np.intp]]()
-    rows_before = 0
-    for number, topic in enumerate(topics, 1):
-        of_topic = np.flatnonzero(messages.channel[rows] == number)
-        if of_topic.size:
-            # a message is one value that may begin at any byte, so that values overlap
-            size = topic.template.itemsize
-            places = np.ndarray((len(content) - size + 1,), f"V{size}", content, 0, (1,))
-            records = topic.records(messages.row[rows][of_topic] - rows_before)
-            places[starts[of_topic]] = records.view(f"V{size}")
-            messages_of[number] = of_topic
-        rows_before += topic.stamps.size
-    return messages_of
 
 
 def write_chunk(
     file: BinaryIO,
     content: memoryview,
     index: NDArray[np.int64],
-    messages_of: Mapping[int, NDArray[np.intp]],
+    channel: NDArray[np.intp],
 ) -> mcap_records.ChunkIndex:
     """Write a chunk of messages, and the index of each channel, as each comes first.
 
-    `index` (n, 2) has log times [ns] and where messages begin [bytes], `messages_of` the messages
-    of each channel.
+    `index` (n, 2) has log times [ns] and where messages begin [bytes], `channel` (n,) those of the
+    messages.
     """
-    compressed = COMPRESSOR.compress(content)
+    compressed = zstandard.compress(content)
     begin = file.tell()
     log = index[:, 0]
     shared: dict[str, Any] = {
@@ -362,9 +302,9 @@ def write_chunk(
     end = file.tell()
 
     offsets = dict[int, int]()
-    for number in sorted(messages_of, key=lambda channel: messages_of[channel][0]):
+    for number in dict.fromkeys(channel.tolist()):
         offsets[number] = file.tell()
-        entries = index[messages_of[number]]
+        entries = index[channel == number]
         length = 6 + entries.nbytes  # of channel and size of the entries, and these
         head = struct.pack("<BQHI", Opcode.MESSAGE_INDEX, length, number, entries.nbytes)
         file.write(head + entries.tobytes())
@@ -383,17 +323,18 @@ def statistics_of(
     topics: Sequence[LogTopic], indexes: Sequence[mcap_records.ChunkIndex]
 ) -> mcap_records.Statistics:
     """The statistics record of a file."""
-    # channels in the order in which they first come
-    used = dict.fromkeys(number for index in indexes for number in index.message_index_offsets)
-    counts = [topic.stamps.size for topic in topics]
+    counts: dict[int, int] = {}  # by channel, in the order in which they first come
+    for index in indexes:
+        for number in index.message_index_offsets:
+            counts[number] = topics[number - 1].records.size
     return mcap_records.Statistics(
         attachment_count=0,
         channel_count=len(topics),
-        channel_message_counts={number: counts[number - 1] for number in used},
+        channel_message_counts=counts,
         chunk_count=len(indexes),
-        message_count=sum(counts),
-        message_end_time=max((index.message_end_time for index in indexes), default=0),
-        message_start_time=min((index.message_start_time for index in indexes), default=0),
+        message_count=sum(counts.values()),
+        message_end_time=max(index.message_end_time for index in indexes),
+        message_start_time=min(index.message_start_time for index in indexes),
         metadata_count=1,
         schema_count=len(topics),
     )

@@ -355,7 +355,7 @@ PRBS = {"name": "a", "kind": "prbs", "rms_deg": 2}
     ("drivetrain.control_updates", 3, "drivetrain.*control_updates must divide substeps"),
     ("experiments.walking", 3, "'walking' names no settings file"),
     ("dynamometer.rate_hz", 1,
-     r"dynamometer\.rate_hz = 1 Hz takes 0\.2 samples of a cycle at 5 Hz; take 50 Hz"),
+     r"dynamometer\.rate_hz: 1 Hz is too slow for a motion at 5 Hz; take 50 Hz"),
     ("actuator",
      {"duration_s": 9, "fade_s": 1, "velocity": [TONE], "current": [TONE]},
      "2000 Hz or .* actuator.veloc"),

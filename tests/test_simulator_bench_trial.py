@@ -205,16 +205,12 @@ def test_slow_cycles_go_first_to_the_lowest_and_then_to_the_highest_angle():
     assert (theta_deg[0], theta_deg[-1]) == pytest.approx((0, 0), abs=0.01)
 
 
-def test_realisations_of_a_multisine_share_its_odd_lines_and_differ_in_phase():
-    theta = excited("multisine", realisations=2).theta
-    first, repeated, other = (
-        theta[start : start + 4000] for start in (2500, 6500, 2500 + 12000 + 2000 + 1500)
-    )
-    lines, other_lines = (np.abs(np.fft.rfft(period))[:40] / 4000 for period in (first, other))
+def test_a_multisine_has_odd_lines_and_repeats_its_period():
+    theta = excited("multisine").theta
+    first, repeated = theta[2500:6500], theta[6500:10500]
+    lines = np.abs(np.fft.rfft(first))[:40] / 4000
 
     np.testing.assert_allclose(first, repeated, atol=1e-9)
-    np.testing.assert_allclose(lines, other_lines, atol=1e-6)
-    assert np.abs(first - other).max() > 0.02
     assert lines[::2].max() < 1e-6
     assert lines.max() > 1e-6
 
@@ -414,9 +410,7 @@ def test_coulomb_friction_turns_with_the_velocity(clean):
     assert friction == pytest.approx(3 * np.sign(omega[moving]), abs=1e-4)
 
 
-CYCLES = {"lowest_deg": -10, "highest_deg": 10, "speed_deg_s": [4], "turn_s": 0.2, "rest_s": 1}
 TONES = [{"frequency_hz": 1, "size": 1}]
-SLIPS = {"K": 100, "slipping": [{"stiffness": 500, "limit": 90}], "cycles": CYCLES}
 FALLING_BAND = {"name": "x", "kind": "noise", "rms_deg": 1, "band_hz": [6, 2]}
 SHORT_ACTUATOR = {"duration_s": 3, "fade_s": 1, "velocity": TONES, "current": TONES}
 
@@ -430,7 +424,6 @@ SHORT_ACTUATOR = {"duration_s": 3, "fade_s": 1, "velocity": TONES, "current": TO
         ("actuator", SHORT_ACTUATOR, "at least four times fade_s"),
         ("experiments", {"actuator": 2},
          "2 actuator trials are planned but 'actuator' has no schedule"),
-        ("foot", SLIPS, "does not reach its limit of 90 N"),
     ],
 )  # fmt: skip
 def test_a_wrong_imperfection_or_motion_is_refused(tmp_path, section, value, message):

@@ -230,7 +230,9 @@ def drivetrain_effects(
 def write_bench_log(path: Path, log: Mapping[str, Array], two_nodes: bool) -> None:
     """Write a log: one topic with all channels, or the standard messages of two nodes, the second
     of the torque."""
-    is_dynamometer = "load_cell_torque" in log
+    bench, torque_frame, torque = "dynamometer", "load_cell", "load_cell_torque"
+    if torque not in log:
+        bench, torque_frame, torque = "actuator", "transducer", "output_torque"
     if two_nodes:
         joints = {
             "joint": "joint_angle",
@@ -239,15 +241,11 @@ def write_bench_log(path: Path, log: Mapping[str, Array], two_nodes: bool) -> No
         }
         position = {joint: log[channel] for joint, channel in joints.items() if channel in log}
         effort = {"actuator": log["motor_current"]}
-        torque = log["load_cell_torque"] if is_dynamometer else log["output_torque"]
-        torque_frame = "load_cell" if is_dynamometer else "transducer"
         topics = [
             mcap_log.joint_states("/joint_states", "bench", log["time"], position, effort),
-            mcap_log.wrenches("/wrench", torque_frame, log["torque_time"], torque),
+            mcap_log.wrenches("/wrench", torque_frame, log["torque_time"], log[torque]),
         ]
     else:
-        topic = "/dynamometer" if is_dynamometer else "/actuator"
-        frame = "dynamometer" if is_dynamometer else "actuator_bench"
-        fields = mcap_log.SAMPLES[topic]
-        topics = [mcap_log.sample_topic(topic, frame, fields, log["time"], log)]
+        frame = "dynamometer" if bench == "dynamometer" else "actuator_bench"
+        topics = [mcap_log.sample_topic(f"/{bench}", frame, log["time"], log)]
     mcap_log.write_topics(path, topics)

@@ -117,27 +117,21 @@ def position_loop(
 
 
 def excitation_motion(excitation: Excitation, trial: str, seed: int, rate_hz: float) -> JointMotion:
-    """Command the motion of one trial, from rest to rest: realisations with their fades."""
+    """Command the motion of one trial, from rest to rest, with its fades."""
     duration = excitation.full_s + 2 * excitation.fade_s
     time = np.arange(round(duration * rate_hz)) / rate_hz
     envelope = scipy.signal.windows.tukey(len(time), 2 * excitation.fade_s / duration, sym=False)
-    rest = np.zeros(round(excitation.rest_s * rate_hz))
-    parts = [rest]
-    for number in range(excitation.realisations):
-        draws = np.random.default_rng(
-            [seed, zlib.crc32(trial.encode()), zlib.crc32(b"excitation"), number]
-        )
-        shape = steady_angle(excitation, time, draws)
-        parts += [np.deg2rad(excitation.rms_deg) * envelope * shape, rest]
-    return smooth_motion(np.concatenate(parts), rate_hz)
+    draws = np.random.default_rng([seed, zlib.crc32(trial.encode()), zlib.crc32(b"excitation"), 0])
+    shape = steady_angle(excitation, time, draws)
+    theta = np.deg2rad(excitation.rms_deg) * envelope * shape
+    return smooth_motion(np.pad(theta, round(excitation.rest_s * rate_hz)), rate_hz)
 
 
 def steady_angle(excitation: Excitation, time: Array, draws: np.random.Generator) -> Array:
-    """The angle of one realisation at full size over its RMS, at times (n,) [s]; it goes on through
-    the fades."""
+    """The angle at full size over its RMS, at times (n,) [s]; it goes on through the fades."""
     low, high = excitation.band_hz
     steps = np.floor(time / excitation.clock_s).astype(np.intp)
-    if excitation.kind == "multisine":  # a trial's realisations have the same lines
+    if excitation.kind == "multisine":  # trials of one name have the same lines
         lines_of = zlib.crc32(excitation.name.encode())
         phases_of = int(draws.integers(2**31))
         period_s = excitation.period_s

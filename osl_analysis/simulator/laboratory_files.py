@@ -3,14 +3,14 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from osl_analysis.errors import optional_module
 from osl_analysis.files import atomic_path
 from osl_analysis.simulator import laboratory_settings as laboratory
-from osl_analysis.simulator.mcap_log import SAMPLES, sample_topic, write_topics
+from osl_analysis.simulator.mcap_log import sample_topic, write_topics
 from osl_analysis.simulator.recorder import rounded_to
 from osl_analysis.simulator.rigid_body import (
     GRAVITY,
@@ -88,7 +88,7 @@ def write_leg_log(
         "damping_gain": crossing.commands[1, update],
         "sync": sync_level(trial, time),
     }
-    topic = sample_topic("/leg", "leg", SAMPLES["/leg"], leg_time, columns)
+    topic = sample_topic("/leg", "leg", leg_time, columns)
     write_topics(folder / "leg" / f"{trial.name}.mcap", [topic])
 
 
@@ -153,15 +153,11 @@ def write_capture(
     )
 
 
-class PlateReading(NamedTuple):
-    """What ideal sensors of the plate read, zeroed at rest."""
-
-    force: Array  # (n, 3) [N]
-    moment: Array  # (n, 3) [N*m] about the sensor's origin
-
-
-def plate_reading(trial: GaitTrial, platform: PlatformMotion, load: TrueWrench) -> PlateReading:
-    """Find what ideal sensors of the plate read under a load.
+def plate_reading(
+    trial: GaitTrial, platform: PlatformMotion, load: TrueWrench
+) -> tuple[Array, Array]:
+    """Find what ideal sensors of the plate read under a load, zeroed at rest: force (n, 3) [N], and
+    moment (n, 3) [N*m] about the sensor's origin.
 
     The plate's signs are as Vicon Nexus stores them: a standing person reads Fz < 0 along z down.
     Its sensors carry the foot and the plate's own mass above them: force F + m (a - g), moment M +
@@ -181,9 +177,7 @@ def plate_reading(trial: GaitTrial, platform: PlatformMotion, load: TrueWrench) 
     moment = np.einsum("nji,nj->ni", axes, moment_in_laboratory)
     force_at_rest = -mass * GRAVITY
     moment_at_rest = np.cross(centre_of_mass - sensor, force_at_rest)
-    return PlateReading(
-        force=force - force_at_rest @ PLATE_AXES, moment=moment - moment_at_rest @ PLATE_AXES
-    )
+    return force - force_at_rest @ PLATE_AXES, moment - moment_at_rest @ PLATE_AXES
 
 
 def plate_channels(
@@ -192,19 +186,19 @@ def plate_channels(
     """The plate's channels (m, 6) at times (m,) [s]: force [N], and moment [N*mm] about the
     sensor's origin, with lag, noise and offset."""
     effects = trial.walking.effects
-    reading = plate_reading(trial, platform, load)
+    true_force, true_moment = plate_reading(trial, platform, load)
 
-    def recorded(name: str, values: Array, noise_sd: float, offset_sd: float) -> Array:
+    def recorded(name: str, values: Array) -> Array:
         noise = trial.random(f"{name}_noise").standard_normal((len(time), 3))
         offset = trial.random(f"{name}_offset").standard_normal(3)
+        noise_sd = getattr(effects, f"{name}_noise").value
+        offset_sd = getattr(effects, f"{name}_offset").value
         lag = 1e-3 * effects.plate_lag.value
         late = interpolated_at(values, trial.walking.rates.motion_hz, time - lag)
-        return late + noise_sd * noise + offset_sd * offset
+        return np.asarray(late + noise_sd * noise + offset_sd * offset)
 
-    force = recorded("force", reading.force, effects.force_noise.value, effects.force_offset.value)
-    moment = recorded(
-        "moment", reading.moment, effects.moment_noise.value, effects.moment_offset.value
-    )
+    force = recorded("force", true_force)
+    moment = recorded("moment", true_moment)
     return np.column_stack([force, MM * moment])
 
 

@@ -145,20 +145,19 @@ def cdr_layout(members: Mapping[str, tuple[str, Any]]) -> np.dtype[np.void]:
 
 
 def sample_topic(
-    topic: str, frame_id: str, fields: str, time: Array, columns: Mapping[str, ArrayLike]
+    topic: str, frame_id: str, time: Array, columns: Mapping[str, ArrayLike]
 ) -> LogTopic:
-    """Make a topic of scalar fields, a message for each time stamp.
+    """Make a topic of `SAMPLES`, a message for each time stamp.
 
     Parameters
     ----------
     topic, frame_id : str
-    fields : str
-        Declares one field in each line, to whose type its column is cast.
     time : Array
         (n,) [s], from 0 to 2^31 s in whole nanoseconds.
     columns : Mapping
         (n,) by field.
     """
+    fields = SAMPLES[topic]
     members = {}
     for line in fields.splitlines():
         kind, name, *_ = line.split()

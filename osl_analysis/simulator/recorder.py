@@ -7,7 +7,6 @@ import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import polars as pl
@@ -25,22 +24,14 @@ from osl_analysis.trial import Array
 TrueSignal = Array | Callable[[Array], Array]
 
 
-class Sensor(NamedTuple):
-    """The effects of a sensor, by their names in the settings."""
-
-    noise: str  # white; empty: none
-    resolution: str
-
-
-ENCODER = Sensor(noise="", resolution="joint_encoder")
-TORQUE_SENSOR = Sensor(noise="load_cell_noise", resolution="load_cell_quantisation")
+# the effects of each channel's sensor, white noise and resolution, by their names in the settings
 SENSORS = {
-    "joint_angle": ENCODER,
-    "commanded_angle": ENCODER,
-    "actuator_angle": Sensor(noise="", resolution="actuator_encoder"),
-    "motor_current": Sensor(noise="current_noise", resolution="current_quantisation"),
-    "load_cell_torque": TORQUE_SENSOR,
-    "output_torque": TORQUE_SENSOR,
+    "joint_angle": (None, "joint_encoder"),
+    "commanded_angle": (None, "joint_encoder"),
+    "actuator_angle": (None, "actuator_encoder"),
+    "motor_current": ("current_noise", "current_quantisation"),
+    "load_cell_torque": ("load_cell_noise", "load_cell_quantisation"),
+    "output_torque": ("load_cell_noise", "load_cell_quantisation"),
 }
 
 
@@ -64,7 +55,7 @@ def recording_of(
         it if one node records all.
     drawn : dict
         Errors that were drawn for this trial: clock start [s], load-cell offset [N*m] and drift
-        [N*m/min], and the joint encoder's zero [rad] if enabled.
+        [N*m/min].
     """
     recorder = settings.recorder
     drawn = draw_errors(trial, settings)
@@ -84,17 +75,11 @@ def recording_of(
 
 def draw_errors(trial: str, settings: SimulationSettings) -> dict[str, float]:
     """Draw the errors that a bench keeps over a trial."""
-
-    def random(name: str) -> np.random.Generator:
-        return generator_of(settings.seed, trial, name)
-
-    effects = settings.effects
-    drawn = {"clock_start_s": float(random("clock_start").integers(20, 2000))}
+    clock = generator_of(settings.seed, trial, "clock_start")
+    drawn = {"clock_start_s": float(clock.integers(20, 2000))}
     for name in ("load_cell_offset", "load_cell_drift"):
-        drawn[name] = getattr(effects, name).value * random(name).standard_normal()
-    if effects.encoder_zero.enabled:
-        largest = effects.encoder_zero.value * effects.joint_encoder.value
-        drawn["encoder_zero"] = float(largest * random("encoder_zero").uniform(-1, 1))
+        deviate = generator_of(settings.seed, trial, name).standard_normal()
+        drawn[name] = getattr(settings.effects, name).value * deviate
     return drawn
 
 
@@ -168,19 +153,17 @@ class Bench:
         """What the sensor of a channel reads at the sampled instants (n,): errors, noise and steps;
         what a load cell reads is older."""
         effects = self.settings.effects
-        sensor = SENSORS[channel]
+        noise, resolution = SENSORS[channel]
         if is_torque(channel):
             instants = np.maximum(sampled - effects.load_cell_delay.value, 0.0)
             drift = self.drawn["load_cell_drift"] * sampled / 60
             reading = self.values_at(signal, instants) + (self.drawn["load_cell_offset"] + drift)
         else:
             reading = self.values_at(signal, sampled)
-        if sensor.noise:
-            noise = self.random(sensor.noise).standard_normal(len(sampled))
-            reading = reading + getattr(effects, sensor.noise).value * noise
-        if channel == "joint_angle" and effects.encoder_zero.enabled:
-            reading = reading + self.drawn["encoder_zero"]
-        return rounded_to(reading, getattr(effects, sensor.resolution).value)
+        if noise is not None:
+            deviates = self.random(noise).standard_normal(len(sampled))
+            reading = reading + getattr(effects, noise).value * deviates
+        return rounded_to(reading, getattr(effects, resolution).value)
 
 
 def rounded_to(signal: Array, step: float) -> Array:

@@ -9,7 +9,6 @@ unless they are switched on.
 import math
 from typing import Annotated, Any, Literal, Self
 
-import numpy as np
 from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
 
 from osl_analysis.model.compensator import PAPER_WEIGHT, Weight
@@ -30,7 +29,10 @@ from osl_analysis.yaml_settings import (
     require_below,
 )
 
-LARGEST_SIZE = {"bit": 32, "rad": math.pi}  # of an effect, by its unit
+# sizes of effects by their unit
+LARGEST_SIZE = {"bit": 32, "rad": math.pi}
+WHOLE = ("update", "decimal")
+ABOVE_0 = ("Hz", "N*m/rad")
 FEWEST_SAMPLES_PER_CYCLE = 10  # of the log at the fastest motion
 
 
@@ -50,9 +52,8 @@ class Effect(Settings):
         return 2 * math.pi / 2**self.size if self.unit == "bit" else self.size
 
 
-def effect(*units: str, off: float | None = None, **rules: bool) -> Any:
-    """Declare an effect in one of these units, whose size has to be `whole`, `above_0` or
-    `below_1`.
+def effect(*units: str, off: float | None = None) -> Any:
+    """Declare an effect in one of these units.
 
     Where it is not given it is switched off, with the size `off`; it has to be given if that is
     None.
@@ -60,7 +61,7 @@ def effect(*units: str, off: float | None = None, **rules: bool) -> Any:
     default: Any = ...
     if off is not None:
         default = {"enabled": False, "size": off, "unit": units[0]}
-    return Field(default, validate_default=True, json_schema_extra={"units": list(units), **rules})
+    return Field(default, validate_default=True, json_schema_extra={"units": list(units)})
 
 
 class Switches(Settings):
@@ -72,21 +73,21 @@ class Switches(Settings):
     @field_validator("*")
     @classmethod
     def _has_its_unit(cls, value: Any, info: ValidationInfo) -> Any:
-        rules: Any = cls.model_fields[info.field_name or ""].json_schema_extra
         if not isinstance(value, Effect):
             return value
-        if value.unit not in rules["units"]:
-            units = " or ".join(map(repr, rules["units"]))
-            raise ValueError(f"its unit must be {units}, not '{value.unit}'")
+        extra: Any = cls.model_fields[info.field_name or ""].json_schema_extra
+        units = extra["units"]
+        if value.unit not in units:
+            raise ValueError(
+                f"its unit must be {' or '.join(map(repr, units))}, not '{value.unit}'"
+            )
         largest = LARGEST_SIZE.get(value.unit, math.inf)
         if value.size > largest:
             raise ValueError(f"its size is {value.size:g} {value.unit}; give at most {largest:.3g}")
-        if "whole" in rules and value.size != int(value.size):
+        if value.unit in WHOLE and not value.size.is_integer():
             raise ValueError(f"its size is {value.size:g}; give a whole number")
-        if "above_0" in rules and value.size == 0:
+        if value.unit in ABOVE_0 and value.size == 0:
             raise ValueError("its size must be positive; set enabled: false to switch it off")
-        if "below_1" in rules and value.size >= 1:
-            raise ValueError("its size is a share and must be less than 1")
         return value
 
     def without(self, *names: str) -> Self:
@@ -104,9 +105,9 @@ class Effects(Switches):
     # true over the parameter file's, which the controller cancels; off: none at all
     friction: Effect = effect("1")
     # to the current; 0: held for one update; off: continuous
-    control_delay: Effect = effect("update", whole=True)
+    control_delay: Effect = effect("update")
     # over the differentiated encoder; off: the true velocity
-    velocity_filter: Effect = effect("Hz", above_0=True)
+    velocity_filter: Effect = effect("Hz")
     actuator_encoder: Effect = effect("rad", "bit")  # resolution, at the actuator's output
     joint_encoder: Effect = effect("rad", "bit")  # resolution
     load_cell_noise: Effect = effect("N*m")
@@ -119,11 +120,10 @@ class Effects(Switches):
     belt_hysteresis: Effect = effect("N*m")
     belt_scatter: Effect = effect("1")  # of K_s from trial to trial in the belt experiment
     # of the position loop; off: it follows exactly
-    dynamometer_bandwidth: Effect = effect("Hz", above_0=True)
-    mount_stiffness: Effect = effect("N*m/rad", off=1, above_0=True)  # of the bench's frame
+    dynamometer_bandwidth: Effect = effect("Hz")
+    mount_stiffness: Effect = effect("N*m/rad", off=1)  # of the bench's frame
     # how old its value is at the instant at which it is sampled
     load_cell_delay: Effect = effect("s", off=0)
-    encoder_zero: Effect = effect("step", off=0)  # largest distance of the joint's, drawn per trial
 
 
 class SecondOrderJoint(Switches):
@@ -202,14 +202,14 @@ class ActuatorBench(Settings):
 class NodeSettings(Switches):
     """How one node samples its channels, and what stamps it writes."""
 
-    rate: Effect = effect("Hz", off=1, above_0=True)  # off: dynamometer.rate_hz
+    rate: Effect = effect("Hz", off=1)  # off: dynamometer.rate_hz
     # how much later than the other node it takes each sample; the stamps say so
     phase: Effect = effect("s", off=0)
     # SD of the instants about even ones; the stamps say so
     jitter: Effect = effect("s", off=0)
-    decimals: Effect = effect("decimal", off=0, whole=True)  # of stamps in s
-    # share of samples that are missing, at drawn places
-    dropped: Effect = effect("1", off=0, below_1=True)
+    decimals: Effect = effect("decimal", off=0)  # of stamps in s
+    # share of samples that are missing, at drawn places; half of them at most
+    dropped: Effect = effect("1", off=0)
 
 
 class RecorderSettings(Settings):
@@ -235,15 +235,13 @@ class Excitation(Settings):
     )  # a binary sequence and ramps have none
     duration_s: Positive = 60.0  # at full size; of a multisine see `periods`
     period_s: Positive = 8.0  # of a multisine
-    periods: Annotated[int, Field(ge=1, le=1000)] = 5  # of each realisation of a multisine
-    # motions in one recording, each of other random numbers
-    realisations: Annotated[int, Field(ge=1, le=100)] = 1
+    periods: Annotated[int, Field(ge=1, le=1000)] = 5  # of a multisine
     trials: Annotated[int, Field(ge=1, le=1000)] = 1
     clock_s: Positive = 0.1  # between two changes of a binary sequence, or of the velocity of ramps
     smoothing_hz: Positive = 8.0  # cut-off of the low-pass over a binary sequence
     # in which the motion grows, and goes back to rest, in addition to its duration
     fade_s: Positive = 1.0
-    rest_s: NotNegative = 1.5  # before and after each motion
+    rest_s: NotNegative = 1.5  # before and after the motion
 
     _fades = require_below(
         "fade_s + clock_s", "full_s", "and the motion would never be at full size"
@@ -254,7 +252,7 @@ class Excitation(Settings):
 
     @property
     def full_s(self) -> float:
-        """Duration [s] of one realisation at full size."""
+        """Duration [s] at full size."""
         return self.period_s * self.periods if self.kind == "multisine" else self.duration_s
 
 
@@ -286,18 +284,6 @@ class PassiveFoot(Settings):
     B: NotNegative = 0.0
     slipping: tuple[SlippingSpring, ...] = ()  # parallel to it
     cycles: SlowCycles
-
-    @model_validator(mode="after")
-    def _slips_on_the_way(self) -> Self:
-        half = np.deg2rad(self.cycles.highest_deg - self.cycles.lowest_deg) / 2
-        for spring in self.slipping:
-            if spring.limit / spring.stiffness >= half:
-                raise ValueError(
-                    f"a spring of {spring.stiffness:g} N*m/rad does not reach its limit of"
-                    f" {spring.limit:g} N*m on the way from the lowest to the highest angle; lower"
-                    " the limit, or leave it out"
-                )
-        return self
 
 
 Count = Annotated[int, Field(ge=0, le=100_000)]
@@ -383,27 +369,23 @@ class SimulationSettings(Settings):
                 raise ValueError(f"{number} {kind} trials are planned but {lacks}")
         return self
 
-    def _fastest_motion(self) -> tuple[float, str]:
-        """The highest frequency [Hz] of any motion, and the setting that asks for it."""
+    @model_validator(mode="after")
+    def _is_sampled_fast_enough(self) -> Self:
         motions = [(hz, "protocol.frequencies_hz") for hz in self.protocol.frequencies_hz]
         for excitation in self.excitations:
             is_clocked = excitation.kind in ("prbs", "ramps")
             hz = 0.5 / excitation.clock_s if is_clocked else excitation.band_hz[1]
             motions.append((hz, "excitations"))
         if self.actuator is not None:
-            motions.extend((t.frequency_hz, "actuator.velocity") for t in self.actuator.velocity)
-            motions.extend((t.frequency_hz, "actuator.current") for t in self.actuator.current)
-        return max(motions)
-
-    @model_validator(mode="after")
-    def _is_sampled_fast_enough(self) -> Self:
-        rate = self.dynamometer.rate_hz
-        fastest, where = self._fastest_motion()
-        if rate < FEWEST_SAMPLES_PER_CYCLE * fastest:
+            for tones in ("velocity", "current"):
+                for tone in getattr(self.actuator, tones):
+                    motions.append((tone.frequency_hz, f"actuator.{tones}"))
+        fastest, where = max(motions)
+        least = FEWEST_SAMPLES_PER_CYCLE * fastest
+        if self.dynamometer.rate_hz < least:
             raise misplaced(
-                f"dynamometer.rate_hz = {rate:g} Hz takes {rate / fastest:g} samples of a cycle at"
-                f" {fastest:g} Hz; take {FEWEST_SAMPLES_PER_CYCLE * fastest:g} Hz or more, or"
-                f" correct {where}",
+                f"{self.dynamometer.rate_hz:g} Hz is too slow for a motion at {fastest:g} Hz; take"
+                f" {least:g} Hz or more, or correct {where}",
                 "dynamometer",
                 "rate_hz",
             )

@@ -3,8 +3,7 @@ crossing."""
 
 import itertools
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from osl_analysis.config.experiments import EXPERIMENTS
@@ -16,15 +15,6 @@ from osl_analysis.simulator.simulation_settings import SimulationSettings
 # experiments with the number of digits in the names of their trials
 ON_THE_BENCH = {"belt": 2, "transmission": 1, "actuator": 1, "torque_angle": 1}
 IN_THE_LABORATORY = {"static": 1, "plate": 2, "walking": 2}
-
-
-@dataclass(frozen=True)
-class PlannedTrial:
-    """A trial of the plan, with the cells of its condition."""
-
-    experiment: str
-    name: str
-    cells: Mapping[str, Any] = field(default_factory=dict)
 
 
 def direction_of(row: Mapping[str, Any], settings: SimulationSettings) -> str:
@@ -64,20 +54,20 @@ def plan_trials(settings: SimulationSettings, only: str | None = None) -> SheetR
     planned = planned_trials(settings)
     if not planned:
         raise InputError("no trials are planned; ask in `experiments` for at least one")
-    for trial in planned:
-        if only is not None and trial.name != only:
+    for trial, experiment, condition in planned:
+        if only is not None and trial != only:
             continue
-        if trial.name in rows:
+        if trial in rows:
             raise InputError(
-                f"the plan has two trials '{trial.name}': K_d and B_d of experiments are too close"
-                " for names of their own; remove one of them"
+                f"the plan has two trials '{trial}': K_d and B_d of experiments are too close for"
+                " names of their own; remove one of them"
             )
-        rows[trial.name] = row_of(trial, settings)
+        rows[trial] = row_of(trial, experiment, condition, settings)
     return rows
 
 
-def planned_trials(settings: SimulationSettings) -> list[PlannedTrial]:
-    """All trials in the order of the sheet."""
+def planned_trials(settings: SimulationSettings) -> list[tuple[str, str, Mapping[str, Any]]]:
+    """All trials in the order of the sheet: name, experiment, and cells of the condition."""
     return [
         *numbered(settings, ON_THE_BENCH),
         *impedance_trials(settings),
@@ -85,49 +75,52 @@ def planned_trials(settings: SimulationSettings) -> list[PlannedTrial]:
     ]
 
 
-def numbered(settings: SimulationSettings, digits_of: Mapping[str, int]) -> list[PlannedTrial]:
+def numbered(
+    settings: SimulationSettings, digits_of: Mapping[str, int]
+) -> Iterator[tuple[str, str, Mapping[str, Any]]]:
     """The trials of experiments without conditions, by their numbers from 1."""
-    return [
-        PlannedTrial(experiment, f"{experiment}_{number:0{digits}d}")
-        for experiment, digits in digits_of.items()
-        for number in range(1, getattr(settings.experiments, experiment) + 1)
-    ]
+    for experiment, digits in digits_of.items():
+        for number in range(1, getattr(settings.experiments, experiment) + 1):
+            yield f"{experiment}_{number:0{digits}d}", experiment, {}
 
 
-def impedance_trials(settings: SimulationSettings) -> list[PlannedTrial]:
+def impedance_trials(
+    settings: SimulationSettings,
+) -> Iterator[tuple[str, str, Mapping[str, Any]]]:
     """A trial for each controller, stiffness and damping; several where excitations are stated."""
     wanted = settings.experiments
-    trials = []
+    endings = [
+        f"_{excitation.name}_{number}"
+        for excitation in settings.excitations
+        for number in range(1, excitation.trials + 1)
+    ]
     for controller, K_d, B_d in itertools.product(wanted.controllers, wanted.K_d, wanted.B_d):
-        cells = {"controller": controller, "K_d": K_d, "B_d": B_d}
-        name = f"impedance_K{K_d:g}_B{B_d:.1f}_{controller}"
-        if not settings.excitations:
-            trials.append(PlannedTrial("impedance", name, cells))
-        for excitation in settings.excitations:
-            for number in range(1, excitation.trials + 1):
-                name_of_motion = f"{name}_{excitation.name}_{number}"
-                trials.append(PlannedTrial("impedance", name_of_motion, cells))
-    return trials
+        condition = {"controller": controller, "K_d": K_d, "B_d": B_d}
+        for ending in endings or [""]:
+            name = f"impedance_K{K_d:g}_B{B_d:.1f}_{controller}{ending}"
+            yield name, "impedance", condition
 
 
-def row_of(trial: PlannedTrial, settings: SimulationSettings) -> dict[str, Any]:
+def row_of(
+    trial: str, experiment: str, condition: Mapping[str, Any], settings: SimulationSettings
+) -> dict[str, Any]:
     """The sheet's row of a planned trial."""
-    facts = EXPERIMENTS[trial.experiment]
-    files = facts.simulated_files(trial.name)  # crossings also have the leg's log
+    facts = EXPERIMENTS[experiment]
+    files = facts.simulated_files(trial)  # crossings also have the leg's log
     sources = {f"{role}_source": getattr(facts, role) for role in files}
     if settings.recorder.torque_node is not None and facts.place == "bench":
         sources["log_source"] = f"{facts.log}_nodes"
     row = {
         **dict.fromkeys(SHEET_COLUMNS),
-        "trial": trial.name,
-        "experiment": trial.experiment,
+        "trial": trial,
+        "experiment": experiment,
         "joint": JOINT,
         **files,
         **sources,
-        **trial.cells,
+        **condition,
     }
-    if trial.experiment == "walking":
-        draw = generator_of(settings.seed, trial.name, "perturbed").random()
+    if experiment == "walking":
+        draw = generator_of(settings.seed, trial, "perturbed").random()
         row["perturbed"] = bool(draw < settings.experiments.perturbed_share)
         if row["perturbed"] and len(settings.experiments.directions) > 1:
             row["direction"] = direction_of(row, settings)

@@ -30,33 +30,29 @@ from osl_analysis.trial import Array
 
 RUNS_AWAY = 100.0  # angle of the output, 16 turns [rad]: beyond it the control loop is unstable
 
-# The effects by which drivetrain and controller differ from the linear model; here of sampling
-# alone.
-IDEAL: dict[str, float] = {
-    # whether there is friction. Without it the controller cancels none, and the loop is linear
-    "friction": False,
-    # true friction over that of the parameters, which the controller cancels
-    "friction_scale": 1.0,
-    "cancels_friction": False,  # whether the controller adds the friction term of Eq. 5
-    # from a measurement to the current computed from it [updates of the controller]
-    "control_delay": 0,
-    "encoder_resolution": 0.0,  # [rad] of the encoder at the actuator's output. 0: an ideal encoder
+# the effects by which drivetrain and controller differ from the linear model
+EFFECTS = (
+    "friction",  # whether there is any. Without it the controller cancels none
+    "friction_scale",  # true friction over that of the parameters, which the controller cancels
+    "cancels_friction",  # whether the controller adds the friction term of Eq. 5
+    "control_delay",  # from a measurement to the current computed from it [updates]
+    "encoder_resolution",  # [rad] at the actuator's output. 0: an ideal encoder
     # of the one-pole low-pass over the differentiated encoder. 0: the true velocity
-    "velocity_cutoff_hz": 0.0,
-    "sign_width": 0.1,  # velocity [rad/s] over which the controller smooths its sign
-    "hysteresis_torque": 0.0,  # largest rate-independent torque [N*m] of the belt
+    "velocity_cutoff_hz",
+    "sign_width",  # velocity [rad/s] over which the controller smooths its sign
+    "hysteresis_torque",  # largest rate-independent torque [N*m] of the belt
     # deflection [rad] over which the hysteresis torque changes sign after a reversal
-    "hysteresis_width": 1e-3,
-    "substeps": 20,  # integration steps per sample
+    "hysteresis_width",
+    "substeps",  # integration steps per sample
     # per sample; the current is held in between. As many as `substeps`: it is continuous
-    "control_updates": 1,
-}
+    "control_updates",
+)
 # parameters and effects, as compiled functions take them
-Constants: Any = namedtuple("Constants", [*PARAMETER_UNITS, *IDEAL])  # type: ignore[misc]
+Constants: Any = namedtuple("Constants", [*PARAMETER_UNITS, *EFFECTS])  # type: ignore[misc]
 
 
 def constants(effects: Mapping[str, float], p: DrivetrainParameters) -> Any:
-    """Parameters and effects (keys of `IDEAL`) as compiled functions take them."""
+    """Parameters and effects (`EFFECTS`) as compiled functions take them."""
     return Constants(**asdict(p), **effects)
 
 
@@ -82,7 +78,7 @@ def simulate_drivetrain(
         (3, n) or (3, 1): K_1 [N*m/rad], B_1 [N*m*s/rad] and theta_eq [rad] at the actuator's
         output.
     effects : Mapping
-        By the keys of `IDEAL`.
+        By the `EFFECTS`.
     p : DrivetrainParameters
     theta_m_start : float
         Angle of the actuator at rest [rad].

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from osl_analysis.config.impedance_trajectory import read_impedance_trajectory
 from osl_analysis.model.drivetrain import DrivetrainParameters
 from osl_analysis.simulator import laboratory_settings as laboratory
 from osl_analysis.simulator import step as gait
@@ -22,7 +21,6 @@ from osl_analysis.simulator.laboratory_settings import WalkingSettings
 from osl_analysis.simulator.recorder import write_truth
 from osl_analysis.simulator.rigid_body import GRAVITY, Pose, TrueWrench
 from osl_analysis.simulator.simulated_crossing import (
-    SimulatedCrossing,
     impedance_of_leg,
     leg_clock,
     simulate_crossing,
@@ -62,15 +60,19 @@ def simulate_walking_trial(
     )
     if row["experiment"] == "walking":
         simulate_walking(trial, row, campaign, p, raw)
-    elif row["experiment"] == "plate":
+        return
+    leg: dict[str, Array] = {}
+    zero = np.zeros((len(trial.time), 3))
+    load = TrueWrench(zero, zero, zero)
+    if row["experiment"] == "plate":
         platform = gait.unloaded_platform(trial)
-        zero = np.zeros((len(trial.time), 3))
-        write_truth_of_platform(trial, platform, campaign, raw)
-        write_capture(raw, trial, {}, platform, TrueWrench(zero, zero, zero))
     else:
         platform = gait.resting_platform(trial)
-        write_truth_of_platform(trial, platform, campaign, raw)
-        write_standing_capture(trial, platform, raw)
+        leg, load = standing(trial)
+    facts = {"command_s": platform.command, "onset_s": platform.onset}
+    curves = {"time": trial.time, "platform_angle": platform.angle}
+    write_truth_of(trial, facts, curves, campaign, raw)
+    write_capture(raw, trial, leg, platform, load)
 
 
 def simulate_walking(
@@ -89,57 +91,30 @@ def simulate_walking(
     if row.get("perturbed"):
         walked = simulate_crossing(step, True, effects, p)
     clock = leg_clock(trial.walking, trial)
-    facts = {
-        **facts_of_crossing(walked, clock),
-        **impedance_of_leg(walked, unperturbed),
-    }
-    write_truth_of(trial, facts, curves_of(walked), campaign, raw)
-    write_leg_log(raw, walked, clock, campaign)
-    write_crossing_capture(raw, walked)
-
-
-def facts_of_crossing(walked: SimulatedCrossing, clock: tuple[float, float]) -> dict[str, object]:
-    """What is true of a crossing, for its truth file."""
-    step = walked.step
-    trial = step.trial
     offset, drift = clock
-    return {
-        "perturbed": walked.platform.onset is not None,
-        "command_s": walked.platform.command,
-        "onset_s": walked.platform.onset,
+    platform = walked.platform
+    facts = {
+        "perturbed": platform.onset is not None,
+        "command_s": platform.command,
+        "onset_s": platform.onset,
         "heel_strike_s": step.heel_strike,
         "toe_off_s": step.toe_off,
         "foot_yaw_rad": trial.normal("foot_yaw", np.pi / 180),
         "placement_m": step.placement.tolist(),
         "direction": trial.direction,
         "leg_clock": {"offset_s": offset, "drift": drift},
+        **impedance_of_leg(walked, unperturbed),
     }
-
-
-def curves_of(walked: SimulatedCrossing) -> dict[str, Array]:
-    """Exact curves of a crossing, (n,) each at the rate of the motion."""
-    phase = walked.step.cycle_phase(walked.time)
-    desired = read_impedance_trajectory(walked.step.trial.walking.impedance)
-    return {
+    curves = {
         "time": walked.time,
-        "phase": phase,
+        "phase": step.cycle_phase(walked.time),
         "theta": walked.motion.theta,
-        "omega": walked.motion.omega,
-        "alpha": walked.motion.alpha,
         "torque": walked.torque,
-        "K_d": desired.at(desired.K_d, phase),
-        "B_d": desired.at(desired.B_d, phase),
-        "platform_angle": walked.platform.angle,
+        "platform_angle": platform.angle,
     }
-
-
-def write_truth_of_platform(
-    trial: gait.GaitTrial, platform: gait.PlatformMotion, campaign: SimulationSettings, raw: Path
-) -> None:
-    """Write the truth of a trial without a step."""
-    facts = {"command_s": platform.command, "onset_s": platform.onset}
-    curves = {"time": trial.time, "platform_angle": platform.angle}
     write_truth_of(trial, facts, curves, campaign, raw)
+    write_leg_log(raw, walked, clock, campaign)
+    write_crossing_capture(raw, walked)
 
 
 def write_truth_of(
@@ -163,12 +138,12 @@ def write_truth_of(
     write_truth(raw, trial.name, truth, at_analogs)
 
 
-def write_standing_capture(trial: gait.GaitTrial, platform: gait.PlatformMotion, raw: Path) -> None:
-    """Write quiet standing: foot flat, shank upright, half the body weight vertically above the
-    ankle."""
+def standing(trial: gait.GaitTrial) -> tuple[dict[str, Array], TrueWrench]:
+    """Markers and load of quiet standing: foot flat, shank upright, half the body weight vertically
+    above the ankle."""
     rows = len(trial.time)
-    leg = Pose(platform.pose.rotation, np.tile(gait.nominal_ankle(trial.walking), (rows, 1)))
+    ankle = np.tile(gait.nominal_ankle(trial.walking), (rows, 1))
+    leg = Pose(np.tile(np.eye(3), (rows, 1, 1)), ankle)
     force = np.tile(-WEIGHT_SHARE * trial.walking.gait.body_mass_kg * GRAVITY, (rows, 1))
-    weight = TrueWrench(force, np.zeros((rows, 3)), leg.origin)
     markers = {**leg_markers(leg, leg), **on_body(leg, laboratory.ANKLE_AXIS)}
-    write_capture(raw, trial, markers, platform, weight)
+    return markers, TrueWrench(force, np.zeros((rows, 3)), ankle)

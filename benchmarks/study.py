@@ -415,9 +415,10 @@ class StudyLaboratory:
             )
             found.append(self.analysis.low_pass(signal[::every] + noisy * noise, rate))
         step, platform = walked.step, walked.platform
-        seen = walked.time[::every], found[0], found[1], platform.angle[::every]
-        stance, none = Stance(step.heel_strike, step.toe_off), np.zeros((0, len(found[0])))
-        return Crossing(name, *seen, stance, platform.onset, 0.0, none)
+        load = np.zeros((3, len(found[0])))
+        stance = Stance(step.heel_strike, step.toe_off)
+        seen = walked.time[::every], found[0], found[1], load
+        return Crossing(name, *seen, stance, platform.onset, bridged=0.0)
 
 
 def gait_laboratory() -> StudyLaboratory:

@@ -25,9 +25,8 @@ from osl_analysis.stats import linear_fit as regression
 from osl_analysis.stats import repeats
 from osl_analysis.stats.linear_fit import linear_fit
 from osl_analysis.trial import Trial
-from osl_analysis.walking.group_checks import check_single
-from osl_analysis.walking.impedance_fit import fit_response, fit_without_offset
-from osl_analysis.walking.isolated_response import isolate_response
+from osl_analysis.walking.impedance_fit import fit_without_offset
+from osl_analysis.walking.result_tables import perturbation_row
 from osl_analysis.walking.stance import Stance, find_stances
 from osl_analysis.walking.unperturbed_gait import unperturbed_gait
 
@@ -261,9 +260,7 @@ def crossings():
 
 def single(gait, perturbed):
     """One perturbation's fit and doubts."""
-    isolated = isolate_response(perturbed[0], unperturbed_gait(gait, 2), CHOICES)
-    fit = fit_response(isolated)
-    return fit, check_single(isolated, fit)
+    return perturbation_row(perturbed[0], unperturbed_gait(gait, 2), CHOICES)
 
 
 def selection(gait, perturbed):

@@ -89,8 +89,8 @@ FAR, NEAR = 1.3, 1.1
 
 
 def test_beside_a_clipped_signal_nothing_that_makes_a_fit_worse_is_named():
-    row = {"saturated_samples": 9, "coulomb_share": 0.6, "heterogeneity": 5.0}
-    limits = Limits(above={"saturated_samples": 5, "coulomb_share": 0.5, "heterogeneity": 1})
+    row = {"saturated_samples": 9, "coulomb_share": 0.6, "onset_phase_sd": 5.0}
+    limits = Limits(above={"saturated_samples": 5, "coulomb_share": 0.5, "onset_phase_sd": 1})
 
     names = [one.cause for one in findings_of(row, limits, "response")]
 

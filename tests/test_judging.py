@@ -154,8 +154,8 @@ def test_a_number_beyond_a_limit_of_zero_exceeds_it_without_bound():
 
 
 def test_an_impossible_estimate_comes_before_what_it_may_have_caused():
-    row = {"group": "all", "heterogeneity": 9.0, "K": -5.0, "B": 1.0, "I": 0.1}
-    limits = Limits(above={"heterogeneity": 8}, below={"K": 0})
+    row = {"group": "all", "onset_phase_sd": 9.0, "K": -5.0, "B": 1.0, "I": 0.1}
+    limits = Limits(above={"onset_phase_sd": 8}, below={"K": 0})
 
     findings = judged(pl.DataFrame([row]), limits, "walking")[0]
 

@@ -333,27 +333,6 @@ def test_an_unknown_plate_is_refused() -> None:
         model_of(unloaded("plate_1"), plate=2)
 
 
-@pytest.mark.parametrize("noise", [0.0, 2.0])
-def test_a_plate_beside_the_platform_names_the_one_that_moves(noise: float) -> None:
-    """Plate 2 is the one on the platform; plate 1 reads noise [N, N*m]."""
-    trial = unloaded("plate_1")
-    random = np.random.default_rng(5)
-    quiet = {
-        name: noise * random.standard_normal(len(trial.samples))
-        for name in trial.samples.columns
-        if name.startswith("plate1_")
-    }
-    moving = [pl.col(name).alias(name.replace("plate1", "plate2")) for name in quiet]
-    samples = trial.samples.with_columns(*moving).with_columns(
-        pl.Series(name, values) for name, values in quiet.items()
-    )
-    (plate,) = trial.provenance["plates"]
-    plates = {**trial.provenance, "plates": [plate, {**plate, "plate": 2}]}
-
-    with pytest.raises(InputError, match=r"plate 1 does not feel .* write `walking.plate: 2`"):
-        model_of(replace(trial, samples=samples, provenance=plates))
-
-
 def test_no_trial_of_the_plate_is_refused() -> None:
     with pytest.raises(InputError, match="experiment 'plate'"):
         model_of()

@@ -60,7 +60,9 @@ def crossing(
     span = Stance(0.3, 0.3 + stance)
     no_plate = np.zeros((0, len(time)))
     turned = None if onset is None else turn
-    return Crossing(name, time, theta, torque, 0 * time, span, onset, 0.0, no_plate, turn=turned)
+    force = 700 * np.clip(np.sin(np.pi * np.clip(phase, 0, 1)) * 1.15, 0, 0.95)
+    load = np.array([force, 0 * time, 0 * time])
+    return Crossing(name, time, theta, torque, load, span, onset, 0.0, no_plate, turn=turned)
 
 
 def selected(

@@ -8,7 +8,7 @@ import numpy as np
 
 from osl_analysis.trial import Array, Trial
 from osl_analysis.walking.ankle import Ankle
-from osl_analysis.walking.passage import Passage, followed_segments
+from osl_analysis.walking.passage import Passage
 from osl_analysis.walking.plate import recorded_plate
 from osl_analysis.walking.poses import StaticCalibration, marker_tracks, moved_marker
 from osl_analysis.walking.walking_settings import CrossingSettings
@@ -33,7 +33,7 @@ def differences(
     distances = {}
     before = passage.onset if passage.onset is not None else passage.stance.toe_off
     stands = (passage.frames >= passage.stance.heel_strike) & (passage.frames <= before)
-    for segment, names in followed_segments(settings).items():
+    for segment, names in settings.markers.clusters.items():
         poses = passage.recorded[segment]
         rows = stands & poses.seen() & ~poses.bridged
         if not rows.any():

@@ -18,7 +18,6 @@ from osl_analysis.walking.crossing_quality import (
 )
 from osl_analysis.walking.passage import Passage, recorded_passage
 from osl_analysis.walking.plate_model import PlateModel
-from osl_analysis.walking.platform import rotation_from_rest
 from osl_analysis.walking.poses import Poses, StaticCalibration, StoredArray
 from osl_analysis.walking.setup_checks import check_roll, check_side
 from osl_analysis.walking.stance import Stance
@@ -38,24 +37,22 @@ class Crossing:
     time: StoredArray
     theta: StoredArray  # joint angle (n,) [rad]
     torque: StoredArray  # internal plantarflexion moment (n,) [N*m]
-    platform: StoredArray | None  # rotation (n,) [rad], not low-passed; None without a platform
+    # Vertical force [N], and centre of pressure [m] to the left of the ankle and before it: (3, n)
+    load: StoredArray
     stance: Stance
     onset: float | None  # of the perturbation [s]; None without one
     bridged: float  # fraction of the frames in stance in which a hidden cluster was interpolated
     # Changes (m, n) [N*m] of the torque without the i-th of m plate trials; m = 0 with one
     plate_errors: StoredArray = field(default_factory=lambda: np.zeros((0, 0)))
     quality: CrossingQuality = field(default_factory=CrossingQuality)
-    # Vertical force [N], and centre of pressure [m] to the left of the ankle and before it: (3, n)
-    load: StoredArray | None = None  # None if it is not known
-    # Largest turn [rad] of the platform about the ankle in the window, toes up; without a turning
-    # platform the range of the ankle's angle, with the sign of the perturbation
-    turn: float | None = None  # None without a perturbation
+    # Largest turn [rad] of the platform about the ankle in the window, toes up; None without one
+    turn: float | None = None
     body_mass: float | None = None  # [kg]; None if nobody states it
 
     def __post_init__(self) -> None:
         if not self.plate_errors.size:
             object.__setattr__(self, "plate_errors", np.zeros((0, len(self.time))))
-        for signal in ("time", "theta", "torque", "plate_errors"):
+        for signal in ("time", "theta", "torque", "load", "plate_errors"):
             check_measured(f"trial {self.name}: {signal}", getattr(self, signal))
         if len(self.time) < FEWEST_SAMPLES or not (np.diff(self.time) > 0).all():
             raise InputError(
@@ -150,13 +147,12 @@ def analyse_crossing(
         time=passage.time,
         theta=ankle.theta,
         torque=torque,
-        platform=rotation_from_rest(passage.recorded["platform"])[passage.rows],
+        load=np.array([load.vertical, load.left, load.forward]),
         stance=passage.stance,
         onset=passage.onset,
         bridged=float(np.mean(bridged[passage.inside])),
         plate_errors=torques.plate_errors,
         quality=quality,
-        load=np.array([load.vertical, load.left, load.forward]),
         turn=perturbing_turn(passage, ankle, settings),
     )
 

@@ -12,7 +12,7 @@ from osl_analysis.signals import LowPass, sampling_rate
 from osl_analysis.signals.grid import GapLimits, uniform_signals
 from osl_analysis.trial import Array, Trial
 from osl_analysis.walking.ankle import VERTICAL, Ankle, LoadOnFoot
-from osl_analysis.walking.passage import Passage, followed_segments
+from osl_analysis.walking.passage import Passage
 from osl_analysis.walking.poses import StaticCalibration
 from osl_analysis.walking.setup_checks import FLAT, phases_between
 from osl_analysis.walking.walking_settings import CrossingSettings
@@ -50,8 +50,7 @@ def crossing_quality(
     from_plate = foot.point(calibration.ankle_centre).mean(axis=0) - plate_centre
     forward = unit_vector(ankle.forward[flat].mean(axis=0))
     left = np.cross(VERTICAL, forward)
-    labels = followed_segments(settings)
-    markers = foot.points(calibration.positions(labels["foot"], "static"))
+    markers = foot.points(calibration.positions(settings.markers.foot, "static"))
 
     from_ankle = load.forward[:, None] * ankle.forward + load.left[:, None] * ankle.axis
     pressure = (ankle.centre + from_ankle)[flat]

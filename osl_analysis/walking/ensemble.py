@@ -43,15 +43,11 @@ PREDICTOR_SETS: tuple[Predictors, ...] = ((), ("angle_slope",), ("angle", "torqu
 
 @dataclass(frozen=True)
 class EnsembleResponse:
-    """Mean over n perturbations, k samples, and Eq. 15 in the window."""
+    """Mean over the perturbations, k samples, and Eq. 15 in the window."""
 
-    n: int
     motion: Motion
     torque: Array  # (k,) [N*m]
     fit: LinearFit
-
-    def estimates(self) -> dict[str, float]:
-        return {"K": self.fit["K"], "B": self.fit["B"], "I": self.fit["I"], "VAF": self.fit.vaf}
 
 
 @dataclass(frozen=True)
@@ -72,15 +68,6 @@ class Bootstrap:
         tail = float(scipy.special.ndtr(t))
         low, high = np.quantile(self.draws[quantity], [tail, 1 - tail])
         return float(low), float(high)
-
-
-@dataclass(frozen=True)
-class ResampledCurves:
-    """Mean responses of resampled ensembles."""
-
-    theta: Array  # (k, samples) [rad]
-    torque: Array  # (k, samples) [N*m]
-    degrees_of_freedom: float  # as of `Bootstrap`
 
 
 def resampling_weights(random: np.random.Generator, samples: int, n: int) -> Array:
@@ -190,16 +177,14 @@ class Ensemble:
         )
         motion = differentiate(self.time, theta)
         fit = fit_without_offset(motion[self.window], torque[self.window])
-        return EnsembleResponse(n, motion, torque, fit)
+        return EnsembleResponse(motion, torque, fit)
 
-    def resampled_curves(
-        self, samples: int, choice: PredictorChoice | None = None
-    ) -> ResampledCurves:
-        """Draw perturbations, unperturbed crossings and, to first order, plate trials.
+    def resampled(self, samples: int, choice: PredictorChoice | None = None) -> Bootstrap:
+        """Fit Eq. 15 to draws of perturbations, unperturbed crossings and plate trials.
 
         Errors of mean gait and plate are common to all responses: the responses' scatter does not
-        show them. With a `choice`, each draw chooses its predictors anew, since another campaign
-        would.
+        show them. Those of the plate are drawn to first order. With a `choice`, each draw chooses
+        its predictors anew, since another campaign would.
         """
         n, crossings = self.theta.shape[:2]
         trials = self.influence.shape[1]
@@ -215,18 +200,10 @@ class Ensemble:
             theta, torque = self.joined(weights[i], of_gait[i], predictors)
             thetas[:, i] = theta
             torques[:, i] = torque + of_plate[i] @ np.tensordot(weights[i], self.influence, 1)
+        motion = differentiate(self.time, thetas)[self.window]
         used = len(choice.of_all) if choice is not None else 0
-        return ResampledCurves(thetas, torques, min(n - 1, crossings - 1 - used))
-
-    def resampled(self, samples: int, choice: PredictorChoice | None = None) -> Bootstrap:
-        """Fit Eq. 15 to `resampled_curves`."""
-        return self.bootstrap(self.resampled_curves(samples, choice))
-
-    def bootstrap(self, curves: ResampledCurves) -> Bootstrap:
-        """Fit Eq. 15 to resampled curves."""
-        motion = differentiate(self.time, curves.theta)[self.window]
         return Bootstrap(
-            fitted_draws(motion, curves.torque[self.window]), curves.degrees_of_freedom
+            fitted_draws(motion, torques[self.window]), min(n - 1, crossings - 1 - used)
         )
 
 
@@ -321,16 +298,6 @@ def shared_errors(responses: Sequence[PerturbationResponse]) -> SharedErrors:
 
 
 @dataclass(frozen=True)
-class ResampledEstimate:
-    """Estimates by one estimator, with their resamples: rows of `walking_summary.csv`."""
-
-    estimator: str
-    estimates: Mapping[str, float]  # by quantity
-    resampled: Bootstrap
-    n: int  # number of perturbations
-
-
-@dataclass(frozen=True)
 class GroupHeadline:
     """The result of one group of perturbed crossings."""
 
@@ -338,7 +305,9 @@ class GroupHeadline:
     errors: SharedErrors
     ensemble: EnsembleResponse  # with the baseline that the settings name
     resampled: Bootstrap
-    other_baseline: ResampledEstimate  # that they do not name
+    other: EnsembleResponse  # with the baseline that they do not name
+    other_resampled: Bootstrap
+    other_name: str  # its estimator in `walking_summary.csv`
 
 
 def group_headline(
@@ -359,28 +328,16 @@ def group_headline(
     samples = settings.bootstrap_samples
     mean_gait = stacked.fitted()
     choice = predictor_choice(responses, mean_gait.fit)
-    predicted_gait = stacked.fitted(choice.of_all)
-    mean_curves = stacked.resampled_curves(samples)
-    predicted_curves = stacked.resampled_curves(samples, choice)
-
-    if settings.baseline == "predicted":
-        ensemble = predicted_gait
-        curves = predicted_curves
-        other = mean_gait
-        other_curves = mean_curves
-        other_name = "ensemble, mean gait"
-    else:
-        ensemble = mean_gait
-        curves = mean_curves
-        other = predicted_gait
-        other_curves = predicted_curves
-        other_name = "ensemble, predicted gait"
+    ensembles = {"mean": mean_gait, "predicted": stacked.fitted(choice.of_all)}
+    draws = {"mean": stacked.resampled(samples), "predicted": stacked.resampled(samples, choice)}
+    named = settings.baseline
+    other = "mean" if named == "predicted" else "predicted"
     return GroupHeadline(
         responses,
         errors=shared_errors(responses),
-        ensemble=ensemble,
-        resampled=stacked.bootstrap(curves),
-        other_baseline=ResampledEstimate(
-            other_name, other.estimates(), stacked.bootstrap(other_curves), other.n
-        ),
+        ensemble=ensembles[named],
+        resampled=draws[named],
+        other=ensembles[other],
+        other_resampled=draws[other],
+        other_name=f"ensemble, {other} gait",
     )

@@ -10,59 +10,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 
 from osl_analysis.measured import rms
 from osl_analysis.signals import Motion
-from osl_analysis.stats.linear_fit import LinearFit
 from osl_analysis.stats.repeats import over_repeats
 from osl_analysis.trial import Array
 from osl_analysis.walking.ensemble import ESTIMATED, GroupHeadline
-from osl_analysis.walking.impedance_fit import compare_offset, fit_response, gait_torque
+from osl_analysis.walking.impedance_fit import fit_response, gait_torque, offset_share
 from osl_analysis.walking.isolated_response import PerturbationResponse
 
 SMALLEST_RESIDUAL_SHARE = 0.03  # of the torque, for a residual to count
-SMALLEST_OFFSET_SHARE = 0.15  # by which an offset must change K to count
-LEAST_SE_SHARE = 0.03  # of the mean stiffness: single fits are no more certain
 CERTAIN_STANCE_SES = 3.0  # standard errors beyond which a change of stance is certain
-
-
-@dataclass(frozen=True)
-class SingleChecks:
-    """Columns of `walking.csv`: one fit beside what ordinary gait causes."""
-
-    residual_over_gait: float | None  # None if the residual is a small share of the torque
-    offset_over_gait: float | None  # None if the offset hardly changes K
-    stance_change: float | None  # None if no stance is known
-
-
-def check_single(response: PerturbationResponse, fit: LinearFit) -> SingleChecks:
-    """Compare residual and offset of one fit with those that ordinary gait causes."""
-    motion = response.fitted_motion
-    torque = response.fitted_torque
-    of_gait = gait_torque(response, fit)[:, response.window]
-    offset = compare_offset(motion, torque, fit["K"])
-    columns = np.column_stack([motion.columns, np.ones_like(motion.theta)])
-    gait_offsets = np.linalg.lstsq(columns, of_gait.T, rcond=None)[0][-1]
-    scatter = float(np.std(gait_offsets, ddof=1))
-    offset_over_gait = None
-    if abs(offset.lowers_K) > SMALLEST_OFFSET_SHARE and scatter > 0:
-        offset_over_gait = normal_scatters(abs(offset.offset) / scatter, len(gait_offsets))
-    return SingleChecks(
-        residual_over_gait=residual_over_gait(motion, torque, of_gait),
-        offset_over_gait=offset_over_gait,
-        stance_change=response.stance_change if np.isfinite(response.stance_change) else None,
-    )
-
-
-def normal_scatters(ratio: float, crossings: int) -> float:
-    """What a ratio to the SD of some crossings is in SDs of as rare a normal deviate.
-
-    The SD of few crossings is uncertain: a further one is Student-distributed about their mean.
-    """
-    t = ratio / np.sqrt(1 + 1 / crossings)
-    rarity = scipy.special.stdtr(crossings - 1, -t)
-    return float(-scipy.special.ndtri(max(rarity, np.finfo(float).tiny)))
 
 
 def residual_over_gait(motion: Motion, torque: Array, of_gait: Array) -> float | None:
@@ -92,7 +50,6 @@ class FitChecks:
     residual_over_gait: float | None
     offset_share: float | None
     estimator_difference: float
-    heterogeneity: float | None
     K: float
     K_se_share: float | None
     B_high: float
@@ -110,16 +67,13 @@ def check_fit(headline: GroupHeadline) -> FitChecks:
     motion = ensemble.motion[window]
     torque = ensemble.torque[window]
     of_gait = np.mean([gait_torque(response, fit)[:, window] for response in responses], axis=0)
-    single_fits = [fit_response(response) for response in responses]
-    offset = compare_offset(motion, torque, fit["K"])
     stance = stance_changes(responses)
     return FitChecks(
         coherence=coherence_of(responses),
         VAF=fit.vaf,
         residual_over_gait=residual_over_gait(motion, torque, of_gait),
-        offset_share=offset.lowers_K if np.isfinite(offset.lowers_K) else None,
-        estimator_difference=estimator_difference(headline, single_fits),
-        heterogeneity=heterogeneity_of(single_fits),
+        offset_share=offset_share(motion, torque, fit["K"]),
+        estimator_difference=estimator_difference(headline),
         K=fit["K"],
         K_se_share=headline.resampled.se("K") / abs(fit["K"]) if fit["K"] else None,
         B_high=headline.resampled.interval("B")[1],
@@ -129,9 +83,10 @@ def check_fit(headline: GroupHeadline) -> FitChecks:
     )
 
 
-def estimator_difference(headline: GroupHeadline, single_fits: Sequence[LinearFit]) -> float:
+def estimator_difference(headline: GroupHeadline) -> float:
     """Largest distance of ensemble and mean of perturbations, in halves of both intervals."""
     fit = headline.ensemble.fit
+    single_fits = [fit_response(response) for response in headline.responses]
     distances = [0.0]
     for name in ESTIMATED:
         low, high = headline.resampled.interval(name)
@@ -141,17 +96,6 @@ def estimator_difference(headline: GroupHeadline, single_fits: Sequence[LinearFi
         if width > 1e-9 * abs(fit[name]):  # intervals of crossings that are all equal have no width
             distances.append(2 * abs(fit[name] - mean.mean) / width)
     return max(distances)
-
-
-def heterogeneity_of(single_fits: Sequence[LinearFit]) -> float | None:
-    """Cochran's Q of single stiffnesses over its degrees of freedom."""
-    K = np.array([fit["K"] for fit in single_fits])
-    se = np.array([fit.se("K") for fit in single_fits])
-    variance = se**2 + (LEAST_SE_SHARE * K.mean()) ** 2
-    if not np.isfinite(se).all() or not (variance > 0).all():
-        return None
-    Q = np.sum((K - np.average(K, weights=1 / variance)) ** 2 / variance)
-    return float(Q / (len(K) - 1))
 
 
 def coherence_of(responses: Sequence[PerturbationResponse]) -> float:

@@ -120,19 +120,13 @@ def jackknife_covariance(changes: Array) -> Array:
     return np.asarray((m - 1) ** 2 / m * np.cov(changes, rowvar=False))
 
 
-@dataclass(frozen=True)
-class OffsetComparison:
-    """What changes if Eq. 15 gets an offset; NaN if that cannot be fitted."""
+def offset_share(motion: Motion, torque: Array, K: float) -> float | None:
+    """By how much K is lower, as a share, if Eq. 15 gets an offset; None if it cannot be fitted.
 
-    offset: float  # [N*m]
-    # By how much K is lower, as a share: much if the response is not of second order
-    lowers_K: float
-
-
-def compare_offset(motion: Motion, torque: Array, K: float) -> OffsetComparison:
-    """Fit Eq. 15 with an offset to a motion and torque (n,), and compare with `K` without."""
+    It is much if the response (n,) is not of second order.
+    """
     try:
         fit = linear_fit(torque, {**impedance_columns(motion), "offset": np.ones_like(torque)})
     except IdentifiabilityError:
-        return OffsetComparison(float("nan"), float("nan"))
-    return OffsetComparison(fit["offset"], 1 - fit["K"] / K if K else float("nan"))
+        return None
+    return 1 - fit["K"] / K if K else None

@@ -17,7 +17,7 @@ from osl_analysis.walking.plate import (
     recorded_corners,
     zeroed_wrench,
 )
-from osl_analysis.walking.poses import SEGMENTS, Mask, Poses, StaticCalibration
+from osl_analysis.walking.poses import Mask, Poses, StaticCalibration
 from osl_analysis.walking.setup_checks import check_onset, check_vertical
 from osl_analysis.walking.stance import Stance, only_stance
 from osl_analysis.walking.walking_settings import CrossingSettings
@@ -85,7 +85,7 @@ def recorded_passage(
     """
     recorded = {}
     reference = {}
-    for segment, labels in followed_segments(settings).items():
+    for segment, labels in settings.markers.clusters.items():
         frames, recorded[segment] = poses.segment_poses(trial, labels, calibration, settings)
         reference[segment] = calibration.positions(labels, trial.name)
 
@@ -110,12 +110,6 @@ def recorded_passage(
     return Passage(trial.name, frames, recorded, wrench, corners, stance, onset, rows, low_passed)
 
 
-def followed_segments(settings: CrossingSettings) -> dict[str, tuple[str, ...]]:
-    """The segments that have markers, with their names."""
-    labels = {segment: getattr(settings.markers, segment) for segment in SEGMENTS}
-    return {segment: names for segment, names in labels.items() if names}
-
-
 def check_same_cluster(
     segment: str,
     trial: Trial,
@@ -132,7 +126,7 @@ def check_same_cluster(
     residual_mm = 1e3 * float(np.median(np.r_[0.0, in_stance_residual]))
     if residual_mm <= settings.largest_residual_mm:
         return
-    labels = followed_segments(settings)[segment]
+    labels = settings.markers.clusters[segment]
     tracks = poses.marker_tracks(trial, labels)[1][inside]
     moved = poses.moved_marker(reference, tracks, poses.cluster_poses(reference, tracks))
     raise InputError(

@@ -132,9 +132,6 @@ def identify_plate_model(
         )
     recordings = [unloaded_recording(trial, calibration, settings) for trial, calibration in pairs]
     usable = [recording for recording in recordings if not recording.unusable]
-    used_pairs = [
-        pair for pair, recording in zip(pairs, recordings, strict=True) if not recording.unusable
-    ]
     if not usable:
         first = recordings[0]
         raise InputError(
@@ -153,13 +150,7 @@ def identify_plate_model(
     lags = [float("nan")] * len(usable)
     for i, recording in enumerate(usable):
         with naming(f"trial {recording.track.name}"):
-            try:
-                lags[i] = plate_lag(motions[i].motion, recording.wrench_at, recording.smooth)
-            except InputError:
-                check_other_plates(*used_pairs[i], settings)
-                raise
-    if not np.isfinite(lags).any():
-        check_other_plates(*used_pairs[0], settings)
+            lags[i] = plate_lag(motions[i].motion, recording.wrench_at, recording.smooth)
 
     model = plate_model(usable, lags)
     if len(usable) == 1:
@@ -179,30 +170,6 @@ def identify_plate_model(
         for i in range(len(usable))
     ]
     return replace(model, leave_one_out=tuple(without_each))
-
-
-def check_other_plates(
-    trial: Trial, calibration: StaticCalibration, settings: PlateModelSettings
-) -> None:
-    """Refuse a plate that does not feel the platform's motion in an unloaded trial where another
-    one does."""
-    for plate in trial.provenance.get("plates", []):
-        number = plate["plate"]
-        if number == settings.plate:
-            continue
-        try:
-            recording = unloaded_recording(
-                trial, calibration, settings.model_copy(update={"plate": number})
-            )
-            motion = unloaded_motions([recording])[0].motion
-            lag = plate_lag(motion, recording.wrench_at, recording.smooth)
-        except (InputError, IdentifiabilityError):
-            continue
-        if np.isfinite(lag):
-            raise InputError(
-                f"force plate {settings.plate} does not feel the platform's motion, force plate"
-                f" {number} does; write `walking.plate: {number}`"
-            )
 
 
 @dataclass(frozen=True)
@@ -581,8 +548,8 @@ def plate_lag(
     if misfit[best] > LARGEST_LAG_MISFIT * square or best in (0, len(lags) - 1):
         raise InputError(
             "the unloaded plate's wrench does not follow its motion within"
-            f" {LARGEST_LAG_S * 1e3:g} ms; synchronise the recorders, check the platform's markers"
-            " and the plate's channels"
+            f" {LARGEST_LAG_S * 1e3:g} ms; name the plate that moves under `walking.plate`,"
+            " synchronise the recorders, or check markers and channels"
         )
     before, smallest, after = misfit[best - 1 : best + 2]
     return float(lags[best] + 0.5 * LAG_STEP_S * (before - after) / (before - 2 * smallest + after))

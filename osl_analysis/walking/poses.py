@@ -31,7 +31,6 @@ StoredArray = Annotated[
 ]
 """An array in a result that is stored in a file: a list in JSON, where NaN is null."""
 
-SEGMENTS = ("foot", "shank", "platform")
 FREE_FALL = np.array([0.0, 0.0, -9.80665])  # acceleration [m/s^2] in laboratory axes, z up
 FEWEST_MARKERS = 3  # that determine an orientation
 SMALLEST_WIDTH = 0.1  # of a cluster beside its longest line, as a share of its length
@@ -108,10 +107,7 @@ def static_calibration(trial: Trial, settings: CalibrationSettings) -> StaticCal
     """
     markers = settings.markers
     clusters = {}
-    for segment in SEGMENTS:
-        names = getattr(markers, segment)
-        if not names:  # a platform without markers
-            continue
+    for segment, names in markers.clusters.items():
         clusters[segment] = mean_positions(trial, names)
         if not spans_a_plane(np.array(list(clusters[segment].values()))):
             raise InputError(
@@ -135,7 +131,7 @@ def static_calibration(trial: Trial, settings: CalibrationSettings) -> StaticCal
     medial, lateral = malleoli.values()
     to_left = medial - lateral if settings.side == "right" else lateral - medial
     return StaticCalibration(
-        markers={**foot, **shank, **clusters.get("platform", {})},
+        markers={**foot, **shank, **clusters["platform"]},
         ankle_centre=(medial + lateral) / 2,
         ankle_axis=to_left / np.linalg.norm(to_left),
         corners={

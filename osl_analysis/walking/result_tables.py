@@ -7,13 +7,14 @@ import numpy as np
 import polars as pl
 import scipy
 
+from osl_analysis.stats.linear_fit import LinearFit
 from osl_analysis.stats.repeats import over_repeats
 from osl_analysis.stats.table_rows import estimates_row
 from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import Crossing
-from osl_analysis.walking.ensemble import ESTIMATED, GroupHeadline, ResampledEstimate
-from osl_analysis.walking.group_checks import check_single
-from osl_analysis.walking.impedance_fit import fit_response
+from osl_analysis.walking.ensemble import ESTIMATED, Bootstrap, GroupHeadline
+from osl_analysis.walking.group_checks import residual_over_gait
+from osl_analysis.walking.impedance_fit import fit_response, gait_torque
 from osl_analysis.walking.isolated_response import isolate_response
 from osl_analysis.walking.unperturbed_gait import PHASES, UnperturbedGait
 from osl_analysis.walking.walking_settings import ResponseSettings, TimingSettings
@@ -36,7 +37,12 @@ def perturbation_row(
         "trial": crossing.name,
         "bridged": crossing.bridged,
         **estimates_row(fit, *ESTIMATED),
-        **asdict(check_single(response, fit)),
+        "residual_over_gait": residual_over_gait(
+            response.fitted_motion,
+            response.fitted_torque,
+            gait_torque(response, fit)[:, response.window],
+        ),
+        "stance_change": response.stance_change if np.isfinite(response.stance_change) else None,
         "encoder_rms_deg": crossing.quality.encoder_rms_deg,
         "VAF": fit.vaf,
         "condition_number": fit.condition_number,
@@ -73,30 +79,32 @@ def headline_rows(
                 **doubtful,
             }
         )
-    ensemble = ResampledEstimate(
-        ENSEMBLE, headline.ensemble.estimates(), headline.resampled, headline.ensemble.n
-    )
-    for estimate in (ensemble, headline.other_baseline):
+    for estimator, fit, resampled in (
+        (ENSEMBLE, headline.ensemble.fit, headline.resampled),
+        (headline.other_name, headline.other.fit, headline.other_resampled),
+    ):
         for quantity in GROUP_QUANTITIES:
-            rows.append(bootstrap_row(headline, estimate, quantity))
+            row = bootstrap_row(headline, fit, resampled, quantity)
+            rows.append({"estimator": estimator, **row})
     return rows
 
 
 def bootstrap_row(
-    headline: GroupHeadline, estimate: ResampledEstimate, quantity: str
+    headline: GroupHeadline, fit: LinearFit, resampled: Bootstrap, quantity: str
 ) -> dict[str, object]:
     """One row with an interval from resamples.
 
     Of few crossings it is at least that of the unperturbed ones' scatter.
     """
-    value = estimate.estimates[quantity]
-    se = estimate.resampled.se(quantity)
-    low, high = estimate.resampled.interval(quantity)
+    value = fit.vaf if quantity == "VAF" else fit[quantity]
+    se = resampled.se(quantity)
+    low, high = resampled.interval(quantity)
+    n = len(headline.responses)
     method = "bootstrap"
 
     common = headline.errors.common
-    if quantity in common and estimate.n < FEWEST_FOR_BOOTSTRAP:
-        scatter = float(np.sqrt(headline.errors.of_one[quantity] / estimate.n))
+    if quantity in common and n < FEWEST_FOR_BOOTSTRAP:
+        scatter = float(np.sqrt(headline.errors.of_one[quantity] / n))
         freedom = common["K"][0][1]
         half = float(-scipy.special.stdtrit(freedom, 0.025)) * scatter
         low = min(low, value - half)
@@ -105,8 +113,7 @@ def bootstrap_row(
         method = "bootstrap, scatter of unperturbed crossings"
     return {
         "quantity": quantity,
-        "estimator": estimate.estimator,
-        "n": estimate.n,
+        "n": n,
         "mean": value,
         "sd": None,
         "se": se,

@@ -39,6 +39,11 @@ class Markers(Settings):
     ankle_medial: Marker  # On the medial malleolus, in the static trial
     ankle_lateral: Marker  # On the lateral malleolus, in the static trial
 
+    @property
+    def clusters(self) -> dict[str, tuple[str, ...]]:
+        """Names of the markers of each segment."""
+        return {"foot": self.foot, "shank": self.shank, "platform": self.platform}
+
     @model_validator(mode="after")
     def _are_apart(self) -> Self:
         check_distinct((self.ankle_medial, self.ankle_lateral))

@@ -58,9 +58,9 @@ from osl_analysis.walking.crossing import Crossing, analyse_crossing
 from osl_analysis.walking.ensemble import Ensemble, shared_errors
 from osl_analysis.walking.impedance_fit import fit_response, fit_without_offset
 from osl_analysis.walking.isolated_response import isolate_response
-from osl_analysis.walking.plate_model import identify_plate_model
+from osl_analysis.walking.plate import Stance
+from osl_analysis.walking.plate_inertia import identify_plate_model
 from osl_analysis.walking.poses import static_calibration
-from osl_analysis.walking.stance import Stance
 from osl_analysis.walking.unperturbed_gait import unperturbed_gait
 from osl_analysis.walking.walking_settings import FootSettings, WalkingAnalysis
 from osl_analysis.yaml_settings import read_yaml

@@ -26,8 +26,8 @@ from osl_analysis.stats import repeats
 from osl_analysis.stats.linear_fit import linear_fit
 from osl_analysis.trial import Trial
 from osl_analysis.walking.impedance_fit import fit_without_offset
-from osl_analysis.walking.result_tables import perturbation_row
-from osl_analysis.walking.stance import Stance, find_stances
+from osl_analysis.walking.plate import Stance, find_stances
+from osl_analysis.walking.tables import perturbation_row
 from osl_analysis.walking.unperturbed_gait import unperturbed_gait
 
 STATED = {

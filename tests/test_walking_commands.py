@@ -15,12 +15,7 @@ import pytest
 from conftest import ROOT
 from walking_crossings import Tables, run_jobs
 from walking_setup import Setup, load_setup
-from walking_synthetic import (
-    changed,
-    hidden,
-    settings,
-    static_trial,
-)
+from walking_synthetic import changed, hidden, settings, static_trial
 
 from osl_analysis.commands import walking, walking_files
 from osl_analysis.commands.figure import plot_walking_page
@@ -29,11 +24,10 @@ from osl_analysis.errors import InputError
 from osl_analysis.judge.limits import Limits
 from osl_analysis.table import read_table
 from osl_analysis.trial import read_trial, write_trial
-from osl_analysis.walking.crossing import Crossing, RefusedCrossing
+from osl_analysis.walking.crossing import Crossing, RefusedCrossing, body_mass
 from osl_analysis.walking.impedance_fit import fit_response
 from osl_analysis.walking.isolated_response import isolate_response
-from osl_analysis.walking.plate_model import PlateModel
-from osl_analysis.walking.setup_checks import body_mass
+from osl_analysis.walking.plate_inertia import PlateModel
 from osl_analysis.walking.unperturbed_gait import unperturbed_gait
 from osl_analysis.walking.walking_settings import WalkingAnalysis
 

@@ -22,15 +22,12 @@ from walking_synthetic import pose, settings
 
 from osl_analysis.commands.walking_summary import commanded_over_stance
 from osl_analysis.errors import InputError
-from osl_analysis.walking.crossing import Crossing, platform_turn
-from osl_analysis.walking.crossing_quality import CrossingQuality, pressure_outside
+from osl_analysis.walking.crossing import Crossing, CrossingQuality, platform_turn, pressure_outside
 from osl_analysis.walking.ensemble import group_headline
-from osl_analysis.walking.group_table import fitted_time, set_up_difference
-from osl_analysis.walking.groups import places, split_keys
+from osl_analysis.walking.groups import crossing_features, places, selection_rows, split_keys
 from osl_analysis.walking.impedance_fit import fit_response
-from osl_analysis.walking.result_tables import headline_rows
-from osl_analysis.walking.selection import crossing_features, selection_rows
-from osl_analysis.walking.stance import Stance
+from osl_analysis.walking.plate import Stance
+from osl_analysis.walking.tables import fitted_time, headline_rows, set_up_difference
 from osl_analysis.walking.unperturbed_gait import unperturbed_gait
 
 MIDSTANCE = Walk(0.4)

@@ -25,15 +25,15 @@ from osl_analysis.walking.ensemble import (
     resampling_weights,
     shared_errors,
 )
-from osl_analysis.walking.group_checks import check_fit
-from osl_analysis.walking.impedance_fit import (
-    fit_response,
-    gait_torque,
-    offset_share,
-)
+from osl_analysis.walking.impedance_fit import fit_response, gait_torque, offset_share
 from osl_analysis.walking.isolated_response import BEHAVIOUR, PerturbationResponse, isolate_response
-from osl_analysis.walking.result_tables import headline_rows, response_table, walking_page_points
-from osl_analysis.walking.stance import Stance, find_stances
+from osl_analysis.walking.plate import Stance, find_stances
+from osl_analysis.walking.tables import (
+    check_fit,
+    headline_rows,
+    response_table,
+    walking_page_points,
+)
 from osl_analysis.walking.unperturbed_gait import (
     PHASES,
     UnperturbedGait,

@@ -8,7 +8,7 @@ from walking_synthetic import RATE, step
 
 from osl_analysis.errors import InputError
 from osl_analysis.trial import Array
-from osl_analysis.walking.mean_ramp import Ramp, ramp_of, ramp_onsets
+from osl_analysis.walking.platform import Ramp, ramp_of, ramp_onsets
 from osl_analysis.walking.poses import Poses
 
 TIME = np.arange(3 * RATE) / RATE

@@ -28,15 +28,18 @@ from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.plates import furthest_outside, plate_axes
 from osl_analysis.trial import Array, Trial
 from osl_analysis.walking.ankle import Ankle, LoadOnFoot, load_on_foot
+from osl_analysis.walking.crossing import check_roll, check_side
 from osl_analysis.walking.plate import (
+    Stance,
     check_plate,
     check_range,
     check_type_on_platform,
+    check_vertical,
     recorded_corners,
     wrench_reader,
     zeroed_wrench,
 )
-from osl_analysis.walking.plate_model import (
+from osl_analysis.walking.plate_inertia import (
     PlateModel,
     identify_plate_inertia,
     identify_plate_model,
@@ -46,8 +49,6 @@ from osl_analysis.walking.plate_model import (
     without_mean,
 )
 from osl_analysis.walking.poses import BodyMotion, static_calibration
-from osl_analysis.walking.setup_checks import check_roll, check_side, check_vertical
-from osl_analysis.walking.stance import Stance
 
 PIVOT = np.array([-0.06, 0.0, 0.08])
 TIME = np.arange(3 * PLATE_RATE) / PLATE_RATE

@@ -10,24 +10,18 @@ import numpy as np
 import polars as pl
 import pytest
 import walking_synthetic as synthetic
-from walking_synthetic import (
-    Ramp,
-    Rig,
-    changed,
-    plate_trials,
-    settings,
-    static_trial,
-    walked_over,
-)
+from walking_synthetic import Ramp, Rig, changed, plate_trials, settings, static_trial, walked_over
 
 from osl_analysis.commands.walking import average_unperturbed, identify_plate
 from osl_analysis.commands.walking_files import read_model, write_refusal
 from osl_analysis.errors import InputError
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import Trial
+from osl_analysis.walking.ankle import check_onset
 from osl_analysis.walking.crossing import Crossing, RefusedCrossing, analyse_crossing
 from osl_analysis.walking.groups import static_of
-from osl_analysis.walking.plate_model import (
+from osl_analysis.walking.plate import Stance
+from osl_analysis.walking.plate_inertia import (
     NO_CORRECTION,
     PlateModel,
     identify_plate_inertia,
@@ -36,8 +30,6 @@ from osl_analysis.walking.plate_model import (
 )
 from osl_analysis.walking.platform import shared_directions
 from osl_analysis.walking.poses import StaticCalibration, static_calibration
-from osl_analysis.walking.setup_checks import check_onset
-from osl_analysis.walking.stance import Stance
 
 CALIBRATION = static_calibration(static_trial(), settings())
 RIG = Rig()

@@ -23,7 +23,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass
 from osl_analysis.trial import Array, Trial
 from osl_analysis.walking.ankle import ankle_angle, moment_of_foot
-from osl_analysis.walking.crossing_quality import compare_encoder
+from osl_analysis.walking.crossing import compare_encoder
 from osl_analysis.walking.poses import (
     body_motion,
     bridge_gaps,

@@ -10,9 +10,13 @@ from c3d_builder import REAL_DATA
 from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.trial import Array, Trial, read_trial
 from osl_analysis.walking.ankle import ankle_torque
-from osl_analysis.walking.plate import recorded_corners, recorded_wrench, wrench_reader
+from osl_analysis.walking.plate import (
+    find_stances,
+    recorded_corners,
+    recorded_wrench,
+    wrench_reader,
+)
 from osl_analysis.walking.poses import marker_tracks
-from osl_analysis.walking.stance import find_stances
 
 SOURCE = """
 format: c3d

@@ -15,11 +15,10 @@ from osl_analysis.commands import walking, walking_files, walking_summary
 from osl_analysis.commands.tables import gather
 from osl_analysis.judge.limits import Limits
 from osl_analysis.table import read_table
-from osl_analysis.walking.crossing import Crossing
-from osl_analysis.walking.crossing_quality import CrossingQuality
-from osl_analysis.walking.plate_model import NO_CORRECTION
-from osl_analysis.walking.selection import selection_rows
-from osl_analysis.walking.stance import Stance
+from osl_analysis.walking.crossing import Crossing, CrossingQuality
+from osl_analysis.walking.groups import selection_rows
+from osl_analysis.walking.plate import Stance
+from osl_analysis.walking.plate_inertia import NO_CORRECTION
 from osl_analysis.walking.walking_settings import WalkingAnalysis
 
 LEAD = 0.045

@@ -47,7 +47,7 @@ from osl_analysis.refusal import Refusal, read_refusals
 from osl_analysis.stats.repeats import DOUBTFUL
 from osl_analysis.table import read_table, read_tables, with_evidence, write_table
 from osl_analysis.trial import Array, read_trial
-from osl_analysis.walking.result_tables import walking_page_points
+from osl_analysis.walking.tables import walking_page_points
 from osl_analysis.walking.unperturbed_gait import unperturbed_gait
 from osl_analysis.walking.walking_settings import TimingSettings
 

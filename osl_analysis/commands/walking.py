@@ -31,29 +31,20 @@ from osl_analysis.errors import InputError, OslAnalysisError
 from osl_analysis.files import write_text
 from osl_analysis.judge.judging import EXCLUDED
 from osl_analysis.table import Places, read_table, with_places, write_table
-from osl_analysis.trial import (
-    Trial,
-    read_trial,
-)
-from osl_analysis.walking import result_tables
+from osl_analysis.trial import Trial, read_trial
+from osl_analysis.walking import tables as result_tables
 from osl_analysis.walking import walking_settings as choices
-from osl_analysis.walking.crossing import (
-    Crossing,
-    RefusedCrossing,
-    analyse_crossing,
-)
-from osl_analysis.walking.groups import ALL, SEPARATOR
-from osl_analysis.walking.mean_ramp import ramp_of, ramp_onsets
-from osl_analysis.walking.plate_model import (
+from osl_analysis.walking.crossing import Crossing, RefusedCrossing, analyse_crossing, body_mass
+from osl_analysis.walking.groups import ALL, SEPARATOR, selection_rows
+from osl_analysis.walking.plate_inertia import (
     NO_CORRECTION,
     NOT_REMOVED,
     PlateModel,
     identify_plate_model,
     plate_table,
 )
+from osl_analysis.walking.platform import ramp_of, ramp_onsets
 from osl_analysis.walking.poses import StaticCalibration, segment_poses, static_calibration
-from osl_analysis.walking.selection import selection_rows
-from osl_analysis.walking.setup_checks import body_mass
 from osl_analysis.walking.unperturbed_gait import UnperturbedGait, unperturbed_gait
 
 # The static trial of each trial, which names the file of its calibration

@@ -25,7 +25,7 @@ from osl_analysis.trial import (
     write_trial,
 )
 from osl_analysis.walking.crossing import Crossing, RefusedCrossing
-from osl_analysis.walking.plate_model import PlateModel
+from osl_analysis.walking.plate_inertia import PlateModel
 from osl_analysis.walking.poses import StaticCalibration
 from osl_analysis.walking.unperturbed_gait import PHASES, UnperturbedGait
 

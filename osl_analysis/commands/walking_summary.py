@@ -28,18 +28,18 @@ from osl_analysis.judge.judging import EXCLUDED, judged, marked
 from osl_analysis.judge.limits import Limits
 from osl_analysis.stats.repeats import DOUBTFUL, doubtful_row
 from osl_analysis.table import MEASURED, Places, read_table, with_places, write_table
-from osl_analysis.walking import result_tables
+from osl_analysis.walking import tables as result_tables
 from osl_analysis.walking import walking_settings as choices
 from osl_analysis.walking.ensemble import group_headline
-from osl_analysis.walking.group_checks import check_fit
-from osl_analysis.walking.group_table import (
+from osl_analysis.walking.groups import ALL, groups_of_selection
+from osl_analysis.walking.plate_inertia import PlateModel
+from osl_analysis.walking.tables import (
     GroupConditions,
     GroupOutcome,
+    check_fit,
     conditions_of,
     fitted_time,
 )
-from osl_analysis.walking.groups import ALL, groups_of_selection
-from osl_analysis.walking.plate_model import PlateModel
 from osl_analysis.walking.unperturbed_gait import UnperturbedGait
 
 Commanded = Callable[[str, float], float | None]

@@ -1,6 +1,7 @@
-"""To which result each crossing belongs, by the conditions of the sheet.
+"""To which result each crossing belongs, by the conditions of the sheet, and which are used.
 
-Each group of perturbed crossings has a result and a mean unperturbed gait of its own.
+Each group of perturbed crossings has a result and a mean unperturbed gait of its own. A crossing is
+compared with the others under the same conditions.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -8,9 +9,15 @@ from dataclasses import dataclass
 from itertools import chain
 
 import numpy as np
+from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, listing
-from osl_analysis.walking.crossing import DOWN, UP, Crossing
+from osl_analysis.trial import Array
+from osl_analysis.walking.crossing import DOWN, UP, Crossing, RefusedCrossing
+from osl_analysis.walking.plate import SINGLE_SUPPORT
+from osl_analysis.walking.poses import FREE_FALL, Mask
+from osl_analysis.walking.unperturbed_gait import PHASES, signal_at, stance_times
+from osl_analysis.walking.walking_settings import SelectionSettings
 
 # Columns of the sheet that part crossings into groups
 STATED = ("group", "subject", "session", "side", "speed", "K_d", "B_d", "direction")
@@ -246,3 +253,257 @@ def onset_phases(crossings: Sequence[Crossing]) -> dict[str, float]:
             since_strike = crossing.onset - crossing.stance.heel_strike
             phases[crossing.name] = float(since_strike / (mean_stance or crossing.stance.duration))
     return phases
+
+
+MAD_TO_SD = 1.4826  # from the median absolute deviation to the standard deviation of normal noise
+
+
+@dataclass(frozen=True)
+class Measure:
+    """What is compared: a value (n,) of each crossing, or its curve (n, k)."""
+
+    name: str
+    unit: str
+    values: Array
+    smallest_scatter: float
+
+
+@dataclass(frozen=True)
+class Feature:
+    """One feature of n crossings. That of a curve is its RMS deviation from the median curve."""
+
+    name: str
+    unit: str
+    values: Array  # (n,)
+    median: Array  # (n,), of those with which each crossing is compared
+    scatter: float  # about the medians
+
+    @property
+    def distance(self) -> Array:
+        """Distance (n,) from the median, in scatters."""
+        return np.asarray(np.abs(self.values - self.median) / self.scatter)
+
+
+def selection_rows(
+    crossings: Sequence[Crossing],
+    refused: Sequence[RefusedCrossing],
+    settings: SelectionSettings,
+    sheet: Sheet,
+) -> dict[str, dict[str, object]]:
+    """Make the rows of `walking_crossings.csv`, by crossing.
+
+    Crossings that share all splitting conditions are compared. A crossing is excluded for its load
+    or its foot's place, or as an outlier.
+
+    Parameters
+    ----------
+    crossings, refused
+        What became of every crossing.
+    sheet : mapping
+        Their conditions.
+
+    Returns
+    -------
+    dict
+        Quality, group and, if it is excluded, the reason.
+    """
+    keys = split_keys(sheet)
+    by_condition: dict[tuple[object, ...], list[Crossing]] = {}
+    for crossing in crossings:
+        condition = tuple(sheet[crossing.name].get(key) for key in keys)
+        by_condition.setdefault(condition, []).append(crossing)
+
+    reasons = {}
+    for same_conditions in by_condition.values():
+        features = crossing_features(same_conditions, settings)
+        for index, crossing in enumerate(same_conditions):
+            reasons[crossing.name] = exclusion_reason(crossing, features, index, settings)
+    place_of = places([c for c in crossings if reasons[c.name] is None], sheet)
+
+    rows = {}
+    for crossing in crossings:
+        row = crossing_row(crossing, reasons[crossing.name])
+        rows[crossing.name] = {**row, **place_of[crossing.name].columns()}
+    for refusal in refused:
+        rows[refusal.name] = {
+            "trial": refusal.name,
+            "perturbed": refusal.perturbed,
+            "status": "refused",
+            "reason": refusal.reason,
+            **place_of[refusal.name].columns(),
+        }
+    return rows
+
+
+def crossing_features(crossings: Sequence[Crossing], settings: SelectionSettings) -> list[Feature]:
+    """Compare crossings: what no perturbation can change, and what it can.
+
+    A crossing beyond a limit does not count for later features: four bad ones of twelve would widen
+    the scatter until none stands out. Loads are shares of the median load. Nothing is compared
+    without a rule in the settings.
+    """
+    rule = settings.outliers
+    if rule is None:
+        return []
+    guards = [
+        crossing.stance.phase(np.array(crossing.onset - settings.guard_s))
+        for crossing in crossings
+        if crossing.onset is not None
+    ]
+    before = PHASES[min(guards, default=1.0) >= PHASES]
+    middle = PHASES[(PHASES >= SINGLE_SUPPORT[0]) & (PHASES <= SINGLE_SUPPORT[1])]
+
+    def curves(signals: Sequence[Array], phases: Array) -> Array:
+        """A signal of each crossing at phases (k,) of stance: (n, k)."""
+        sampled = [
+            signal_at(crossing, signal, stance_times(crossing, phases))
+            for crossing, signal in zip(crossings, signals, strict=True)
+        ]
+        return np.array(sampled)
+
+    forward = np.array([crossing.quality.foot_forward_m or 0.0 for crossing in crossings])
+    left = np.array([crossing.quality.foot_left_m or 0.0 for crossing in crossings])
+    theta = curves([crossing.theta for crossing in crossings], before)
+    torque = curves([crossing.torque for crossing in crossings], before)
+    stance = np.array([crossing.stance.duration for crossing in crossings])
+    force = [crossing.load[0] for crossing in crossings]
+    load_before = curves(force, before)
+    load_middle = curves(force, middle)
+    usual = float(np.median(load_middle.mean(axis=1)))
+    pressure_left = curves([crossing.load[1] for crossing in crossings], middle)
+    share = "of the usual load"
+    unchanged = [
+        Measure("foot forward", "m", forward, rule.placement_m),
+        Measure("foot to the left", "m", left, rule.placement_m),
+        Measure("angle before the onset", "deg", np.rad2deg(theta), rule.angle_deg),
+        Measure("torque before the onset", "N*m", torque, rule.torque_nm),
+        Measure("load before the onset", share, load_before / usual, rule.load_share),
+    ]
+    changed = [
+        Measure("stance", "s", stance, rule.stance_s),
+        Measure("load in single support", share, load_middle / usual, rule.load_share),
+        Measure("pressure beside the ankle", "m", pressure_left, rule.pressure_m),
+    ]
+
+    # What a perturbation changes is compared among those of each direction
+    same_kind = np.zeros(len(crossings), dtype=int)
+    directions = np.array(
+        [0 if crossing.onset is None else crossing.sign for crossing in crossings]
+    )
+    everything = np.ones(len(crossings), dtype=bool)
+    before_onset, within = among_sound(unchanged, same_kind, everything, rule.limit)
+    later, _ = among_sound(changed, directions, within, rule.limit)
+    return before_onset + later
+
+
+def among_sound(
+    measures: Sequence[Measure], kinds: NDArray[np.int_], sound: Mask, limit: float
+) -> tuple[list[Feature], Mask]:
+    """Compare crossings with the sound ones of their kind, until no further one is too far.
+
+    At least half stay, because fewer would be a selection.
+
+    Parameters
+    ----------
+    kinds : Array
+        (n,); a crossing is compared with all of its kind if none of them is sound.
+    sound : Mask
+        (n,), to begin with.
+    limit : float
+        In scatters.
+
+    Returns
+    -------
+    tuple of list of Feature and Mask
+        The features, and which crossings (n,) are within the limit in all of them.
+    """
+    while True:
+        features = [feature_of(measure, kinds, sound) for measure in measures]
+        furthest = np.max([feature.distance for feature in features], axis=0)
+        within = sound & (furthest <= limit)
+        if within.sum() == sound.sum() or 2 * within.sum() < len(within):
+            return features, within
+        sound = within
+
+
+def feature_of(measure: Measure, kinds: NDArray[np.int_], sound: Mask) -> Feature:
+    """Compare one measure."""
+    values = measure.values
+    if values.ndim == 2:
+        deviation = values - kind_medians(values, kinds, sound)
+        values = np.sqrt(np.mean(deviation**2, axis=1))
+    median = kind_medians(values, kinds, sound)
+    scatter = MAD_TO_SD * float(np.median(np.abs(values - median)[sound]))
+    return Feature(
+        measure.name, measure.unit, values, median, max(scatter, measure.smallest_scatter)
+    )
+
+
+def kind_medians(values: Array, kinds: NDArray[np.int_], sound: Mask) -> Array:
+    """For each crossing, the median over the sound ones of its kind, shaped as `values`."""
+    medians = np.empty_like(values)
+    for kind in np.unique(kinds):
+        of_kind = kinds == kind
+        compared = of_kind & sound
+        medians[of_kind] = np.median(values[compared if compared.any() else of_kind], axis=0)
+    return medians
+
+
+def load_of_weight(crossing: Crossing) -> float | None:
+    """Load in single support as a share of the weight; None if that is not known."""
+    if crossing.body_mass is None:
+        return None
+    phase = crossing.stance.phase(crossing.time)
+    middle = (phase >= SINGLE_SUPPORT[0]) & (phase <= SINGLE_SUPPORT[1])
+    weight = crossing.body_mass * np.linalg.norm(FREE_FALL)
+    return float(crossing.load[0][middle].mean() / weight)
+
+
+def exclusion_reason(
+    crossing: Crossing, features: Sequence[Feature], index: int, settings: SelectionSettings
+) -> str | None:
+    """Why a crossing, which has an index in the features, is not used; None if it is."""
+    share = load_of_weight(crossing)
+    low, high = settings.load_of_weight
+    if share is not None and not low <= share <= high:
+        return (
+            f"the plate carries {share:.2f} of the weight of {crossing.body_mass:g} kg in single"
+            f" support, expected {low:g} to {high:g}: another foot stands on or beside the plate,"
+            " somebody leans on a rail, or the body mass is wrong"
+        )
+    outside = crossing.quality.foot_outside_m
+    if outside is not None and outside > settings.largest_outside_m:
+        return (
+            f"a foot marker lies {100 * outside:.1f} cm outside the plate while the foot is flat,"
+            f" expected {100 * settings.largest_outside_m:g} cm or less: the foot stands beside the"
+            " plate, or its corners are wrong"
+        )
+    if settings.outliers is None:
+        return None
+    furthest = max(features, key=lambda feature: float(feature.distance[index]))
+    distance = furthest.distance[index]
+    if not distance > settings.outliers.limit:
+        return None
+    unit = furthest.unit
+    return (
+        f"{furthest.name} {furthest.values[index]:.3g} {unit} lies {distance:.1f} scatters of"
+        f" {furthest.scatter:.2g} {unit} from the median {furthest.median[index]:.3g} {unit}, more"
+        f" than {settings.outliers.limit:g}"
+    )
+
+
+def crossing_row(crossing: Crossing, reason: str | None) -> dict[str, object]:
+    """One row of `walking_crossings.csv`, without its place."""
+    quality = crossing.quality
+    return {
+        "trial": crossing.name,
+        "perturbed": crossing.onset is not None,
+        "status": "used" if reason is None else "outlier",
+        "reason": reason,
+        "stance_s": crossing.stance.duration,
+        "onset_s": crossing.onset,
+        "load_of_weight": load_of_weight(crossing),
+        "pressure_outside_m": quality.pressure_outside_m,
+        "different": quality.different,
+        "different_mm": quality.different_mm,
+    }

@@ -1,4 +1,4 @@
-"""Step 2c, plate: the recorded wrench of a force plate, its zero, and whether it is within range.
+"""Step 3, plate: the recorded wrench of a force plate, its zero, its range, and the stance on it.
 
 A wrench (n, 6) is force [N] and moment [N*m] about the centre of the plate's surface, in axes that
 are the laboratory's at rest and turn with the plate.
@@ -15,8 +15,85 @@ from osl_analysis.errors import InputError
 from osl_analysis.plates import plate_axes
 from osl_analysis.signals import LowPass, longest_run, sampling_rate
 from osl_analysis.trial import AXES, Array, Trial, plate_columns
-from osl_analysis.walking.stance import Stance
 from osl_analysis.walking.walking_settings import CrossingSettings
+
+SINGLE_SUPPORT = (0.2, 0.8)  # phases of stance between which one foot carries the body
+
+
+@dataclass(frozen=True)
+class Stance:
+    """One contact of the foot with the plate, from heel strike to toe-off [s]."""
+
+    heel_strike: float
+    toe_off: float
+
+    @property
+    def duration(self) -> float:
+        return self.toe_off - self.heel_strike
+
+    def phase(self, time: Array) -> Array:
+        """Times [s] as shares of the stance."""
+        return (time - self.heel_strike) / self.duration
+
+
+def find_stances(time: Array, force: Array, on: float, off: float, shortest: float) -> list[Stance]:
+    """Find the complete stances in a vertical force.
+
+    Parameters
+    ----------
+    time, force : Array
+        Times (n,) [s] and vertical force (n,) [N]. A NaN keeps the last known state.
+    on, off : float
+        A stance begins where the force rises through `on`, and ends where it falls through `off`
+        <= `on` [N]. Both instants are interpolated between samples.
+    shortest : float
+        Shortest stance [s]; shorter contacts are ignored.
+    """
+    level = np.where(force > on, 1, np.where(force < off, -1, 0))
+    last_known = np.maximum.accumulate(np.where(level != 0, np.arange(len(level)), -1))
+    loaded = (last_known >= 0) & (level[last_known] == 1)
+
+    change = np.diff(loaded.astype(int))
+    heel_strikes = np.flatnonzero(change == 1)
+    toe_offs = np.flatnonzero(change == -1)
+    # a contact that began before the recording is not complete
+    toe_offs = toe_offs[toe_offs > heel_strikes[0]] if len(heel_strikes) else toe_offs[:0]
+    stances = [
+        Stance(crossing_time(time, force, start, on), crossing_time(time, force, end, off))
+        for start, end in zip(heel_strikes.tolist(), toe_offs.tolist(), strict=False)
+    ]
+    return [stance for stance in stances if stance.duration >= shortest]
+
+
+def crossing_time(time: Array, force: Array, row: int, level: float) -> float:
+    """Time [s] between a row and the next at which the force passes a level; the later if NaN."""
+    before, after = force[row], force[row + 1]
+    if not np.isfinite(before + after) or before == after:
+        return float(time[row + 1])
+    share = np.clip((level - before) / (after - before), 0.0, 1.0)
+    return float(time[row] + share * (time[row + 1] - time[row]))
+
+
+def only_stance(
+    time: Array, force: Array, settings: CrossingSettings, where: str, remedy: str
+) -> Stance:
+    """Find the only stance in a vertical force (n,) [N]; `where` and `remedy` are for messages.
+
+    Raises
+    ------
+    InputError
+        There is none, or more than one.
+    """
+    stances = find_stances(
+        time, force, settings.load_on_n, settings.load_off_n, settings.shortest_stance_s
+    )
+    if len(stances) != 1:
+        times = ", ".join(f"{s.heel_strike:.3f}-{s.toe_off:.3f} s" for s in stances) or "none"
+        raise InputError(
+            f"one stance {where} is expected, found {times}; {remedy}, or exclude it in the sheet"
+        )
+    return stances[0]
+
 
 # At its largest value for this time a force is at the plate's limit; gait is never so constant
 CLIPPED_S = 0.02
@@ -205,3 +282,20 @@ def check_type_on_platform(trial: Trial, plate: int) -> None:
             " platform: without its moments the plate's own inertia cannot be taken away; export"
             " it as type 2, 3 or 4"
         )
+
+
+def check_vertical(force: Array) -> None:
+    """Refuse a load (n, 3) [N] that does not act along +z."""
+    size = np.linalg.norm(force, axis=1)
+    if not size.any():
+        return
+    mean = force[size > 0.5 * size.max()].mean(axis=0)
+    axis = int(np.argmax(np.abs(mean)))
+    if axis == 2 and mean[2] > 0:
+        return
+    sign = "-" if mean[axis] < 0 else "+"
+    raise InputError(
+        f"the load on the plate acts along {sign}{AXES[axis]} ({mean[axis]:.0f} N), expected +z:"
+        " correct `sign` or the plate's corners in the source file, or state `axes`, as"
+        " [x, -z, y] where y points up"
+    )

@@ -1,4 +1,4 @@
-"""Step 2d, plate: its own inertia and lag, from trials of the unloaded, moving platform.
+"""Step 3, plate inertia: the plate's own inertia and lag, from its trials without a load.
 
 The plate's own inertia causes a wrench in its sensors, which is linear in its inertial parameters.
 After the zero has removed the weight, in the plate's axes and about its centre,

@@ -1,0 +1,448 @@
+"""Tables of the results: single perturbations, headlines, responses, figures, groups.
+
+`walking_groups.csv` has what shows whether the result of a group can be trusted: fields of the
+classes here are its columns, the dictionary says what each is, and limits may stand on them. The
+residual of a fit is compared with what ordinary gait leaves: each unperturbed crossing's deviation
+from their mean, fitted with the same columns. One that is a small share of the torque does not
+count, however regular the gait.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+import polars as pl
+import scipy
+
+from osl_analysis.measured import rms
+from osl_analysis.signals import Motion
+from osl_analysis.stats.linear_fit import LinearFit
+from osl_analysis.stats.repeats import over_repeats
+from osl_analysis.stats.table_rows import estimates_row
+from osl_analysis.trial import Array
+from osl_analysis.walking.crossing import Crossing
+from osl_analysis.walking.ensemble import ESTIMATED, Bootstrap, GroupHeadline
+from osl_analysis.walking.groups import SEPARATOR
+from osl_analysis.walking.impedance_fit import fit_response, gait_torque, offset_share
+from osl_analysis.walking.isolated_response import PerturbationResponse, isolate_response
+from osl_analysis.walking.plate_inertia import PlateModel
+from osl_analysis.walking.unperturbed_gait import PHASES, UnperturbedGait
+from osl_analysis.walking.walking_settings import ResponseSettings, TimingSettings
+
+SMALLEST_RESIDUAL_SHARE = 0.03  # of the torque, for a residual to count
+CERTAIN_STANCE_SES = 3.0  # standard errors beyond which a change of stance is certain
+
+
+def residual_over_gait(motion: Motion, torque: Array, of_gait: Array) -> float | None:
+    """RMS residual of Eq. 15 over that of ordinary gait (crossings, k).
+
+    None below 3 % of the torque, or over 0.
+    """
+    residual = unexplained_rms(motion.columns, torque[None])
+    usual = unexplained_rms(motion.columns, of_gait)
+    if residual > SMALLEST_RESIDUAL_SHARE * rms(torque) and usual > 0:
+        return residual / usual
+    return None
+
+
+def unexplained_rms(columns: Array, torques: Array) -> float:
+    """RMS [N*m] of what the columns (k, 3) leave of torques (n, k)."""
+    explained = (columns @ np.linalg.lstsq(columns, torques.T, rcond=None)[0]).T
+    return rms(torques - explained)
+
+
+@dataclass(frozen=True)
+class FitChecks:
+    """How the fit to the mean response agrees with single fits and with ordinary gait."""
+
+    coherence: float  # 1 for equal responses, 0 if they cancel
+    VAF: float
+    residual_over_gait: float | None
+    offset_share: float | None
+    estimator_difference: float
+    K: float
+    K_se_share: float | None
+    B_high: float
+    I_high: float
+    stance_change: float | None
+    uncorrected_stance_change: float | None
+
+
+def check_fit(headline: GroupHeadline) -> FitChecks:
+    """Compare the fit to the mean response with single fits and with ordinary gait."""
+    responses = headline.responses
+    ensemble = headline.ensemble
+    fit = headline.ensemble.fit
+    window = responses[0].window
+    motion = ensemble.motion[window]
+    torque = ensemble.torque[window]
+    of_gait = np.mean([gait_torque(response, fit)[:, window] for response in responses], axis=0)
+    stance = stance_changes(responses)
+    return FitChecks(
+        coherence=coherence_of(responses),
+        VAF=fit.vaf,
+        residual_over_gait=residual_over_gait(motion, torque, of_gait),
+        offset_share=offset_share(motion, torque, fit["K"]),
+        estimator_difference=estimator_difference(headline),
+        K=fit["K"],
+        K_se_share=headline.resampled.se("K") / abs(fit["K"]) if fit["K"] else None,
+        B_high=headline.resampled.interval("B")[1],
+        I_high=headline.resampled.interval("I")[1],
+        stance_change=stance.mean,
+        uncorrected_stance_change=stance.uncorrected,
+    )
+
+
+def estimator_difference(headline: GroupHeadline) -> float:
+    """Largest distance of ensemble and mean of perturbations, in halves of both intervals."""
+    fit = headline.ensemble.fit
+    single_fits = [fit_response(response) for response in headline.responses]
+    distances = [0.0]
+    for name in ESTIMATED:
+        low, high = headline.resampled.interval(name)
+        singles = [single[name] for single in single_fits]
+        mean = over_repeats(singles, headline.errors.common.get(name, ()))
+        width = high - low + mean.high - mean.low
+        if width > 1e-9 * abs(fit[name]):  # intervals of crossings that are all equal have no width
+            distances.append(2 * abs(fit[name] - mean.mean) / width)
+    return max(distances)
+
+
+def coherence_of(responses: Sequence[PerturbationResponse]) -> float:
+    """RMS angle of the mean response over that of single ones, without their gait.
+
+    Equal turns cancel by nothing but gait: what it scatters in small ones is no other direction or
+    onset.
+    """
+    window = responses[0].window
+    angles = np.array([response.fitted_motion.theta for response in responses])
+    of_mean = rms(angles.mean(axis=0))
+    gait_variance = float(
+        np.mean([response.thetas[:, window].var(axis=0, ddof=1) for response in responses])
+    )
+    of_singles = max(rms(angles) ** 2 - gait_variance, of_mean**2)
+    return of_mean / float(np.sqrt(of_singles))
+
+
+@dataclass(frozen=True)
+class StanceChanges:
+    """Mean change of stance by the perturbation; what of it is certain and not corrected."""
+
+    mean: float | None
+    uncorrected: float | None
+
+
+def stance_changes(responses: Sequence[PerturbationResponse]) -> StanceChanges:
+    """Compare the stance by which phase is computed with the one that was to be expected."""
+    expected = [response for response in responses if np.isfinite(response.stance_change)]
+    if len(expected) < 2:
+        return StanceChanges(None, None)
+    changes = np.array([(response.stance_change, response.stance_error) for response in expected])
+    mean, error = changes.mean(axis=0).tolist()
+    se = float(changes[:, 1].std(ddof=1)) / np.sqrt(len(expected))
+    is_certain = abs(error) > CERTAIN_STANCE_SES * se
+    return StanceChanges(mean, uncorrected=error if is_certain else None)
+
+
+@dataclass(frozen=True)
+class GroupConditions:
+    """What is known of a group before any fit; None where it is not."""
+
+    group: str
+    n: int  # number of perturbed crossings that are used
+    n_unperturbed: int
+    stance_s: float | None  # of the unperturbed ones
+    unperturbed_stance_sd: float | None  # as a share
+    onset_phase: float | None
+    onset_phase_sd: float | None
+    left_out_share: float | None  # of perturbed or unperturbed crossings, whichever is more
+    # What stands most otherwise in the crossings than in the static trial, and by how much
+    different: str | None
+    different_mm: float | None
+    pressure_outside_m: float | None  # mean of the perturbed crossings
+    plate_height_m: float | None
+    plate_lag_sd_s: float | None
+
+
+@dataclass(frozen=True)
+class GroupOutcome:
+    """A row of `walking_groups.csv`."""
+
+    conditions: GroupConditions
+    fitted_phase: float | None = None  # of stance, that the fit reads
+    reason: str | None = None  # why there is no result
+    checks: FitChecks | None = None
+
+    def row(self) -> dict[str, Any]:
+        checks = {} if self.checks is None else asdict(self.checks)
+        return {
+            **asdict(self.conditions),
+            "fitted_phase": self.fitted_phase,
+            **checks,
+            "reason": self.reason,
+        }
+
+
+def conditions_of(
+    group: str,
+    selection: pl.DataFrame,
+    gait: UnperturbedGait | None,
+    plate: PlateModel,
+) -> GroupConditions:
+    """Gather the conditions of a group.
+
+    Parameters
+    ----------
+    selection : DataFrame
+        `walking_crossings.csv`.
+    gait : UnperturbedGait or None
+        The mean gait of the group, if there is one.
+    plate : PlateModel
+        Of the unloaded plate.
+    """
+    of_group = selection.filter(pl.col("group").str.split(SEPARATOR).list.contains(group))
+    used = of_group.filter(pl.col("perturbed"), pl.col("reason").is_null())
+    shares = of_group.group_by("perturbed").agg(pl.col("reason").count() / pl.len())
+    phases = used["onset_phase"].cast(pl.Float64).to_numpy()
+    stances = gait.stance if gait is not None else np.zeros(0)
+    stance = float(np.mean(stances)) if len(stances) else None
+    different, different_mm = set_up_difference(of_group)
+    outside = used["pressure_outside_m"].cast(pl.Float64)
+    return GroupConditions(
+        group=group,
+        n=len(used),
+        n_unperturbed=len(stances),
+        stance_s=stance,
+        unperturbed_stance_sd=float(np.std(stances, ddof=1)) / stance if stance else None,
+        onset_phase=float(np.mean(phases)) if len(phases) and stance else None,
+        onset_phase_sd=float(np.std(phases, ddof=1)) if len(phases) > 1 else None,
+        left_out_share=shares["reason"].max(),  # type: ignore[arg-type]
+        different=different,
+        different_mm=different_mm,
+        pressure_outside_m=outside.mean(),  # type: ignore[arg-type]
+        plate_height_m=plate.certain_height,
+        plate_lag_sd_s=plate.lag_sd,
+    )
+
+
+def set_up_difference(crossings: pl.DataFrame) -> tuple[str | None, float | None]:
+    """Find the largest difference [mm] from the static trial that half of the perturbed, or of the
+    unperturbed, crossings agree in: rows of `walking_crossings.csv`."""
+    largest: tuple[str | None, float | None] = None, None
+    for of_kind in crossings.drop_nulls("different").partition_by("perturbed"):
+        for of_what in of_kind.partition_by("different"):
+            mean_mm = float(of_what["different_mm"].cast(pl.Float64).to_numpy().mean())
+            if 2 * len(of_what) >= len(of_kind) and mean_mm > (largest[1] or 0.0):
+                largest = of_what["different"][0], mean_mm
+    return largest
+
+
+def fitted_time(headline: GroupHeadline) -> float:
+    """Time [s] after the onset at which the fit reads a stiffness that changes linearly.
+
+    The fit's K is a sum of torques with weights w, where w . theta = 1. So it is K(t) at t = sum of
+    w theta t, after the middle of the window.
+    """
+    response = headline.responses[0]
+    motion = headline.ensemble.motion[response.window]
+    w: Array = np.linalg.pinv(motion.columns)[0]
+    return float(w @ (motion.theta * response.time[response.window]))
+
+
+GROUP_QUANTITIES = ("K", "B", "I", "VAF")
+ENSEMBLE = "ensemble"
+# A bootstrap of fewer crossings does not leave their range, outside of which the mean of all lies
+# with a probability of 2^(1 - n): more than 5 %
+FEWEST_FOR_BOOTSTRAP = 6
+DRAWN_STEP = 4  # a hundred points of stance are enough for a curve
+
+
+def perturbation_row(
+    crossing: Crossing, gait: UnperturbedGait, settings: ResponseSettings
+) -> dict[str, object]:
+    """Make the row of `walking.csv` of one crossing: Eq. 15 fitted to its isolated response."""
+    response = isolate_response(crossing, gait, settings, settings.perturbed_stance)
+    fit = fit_response(response)
+    return {
+        "trial": crossing.name,
+        "bridged": crossing.bridged,
+        **estimates_row(fit, *ESTIMATED),
+        "residual_over_gait": residual_over_gait(
+            response.fitted_motion,
+            response.fitted_torque,
+            gait_torque(response, fit)[:, response.window],
+        ),
+        "stance_change": response.stance_change if np.isfinite(response.stance_change) else None,
+        "encoder_rms_deg": crossing.quality.encoder_rms_deg,
+        "VAF": fit.vaf,
+        "condition_number": fit.condition_number,
+    }
+
+
+def headline_rows(
+    headline: GroupHeadline, fits: pl.DataFrame, doubtful: Mapping[str, int]
+) -> list[dict[str, object]]:
+    """Make the rows of `walking_summary.csv` of one group.
+
+    They are the mean over perturbations with the errors that all share, and the ensemble with
+    either baseline.
+
+    Parameters
+    ----------
+    fits : DataFrame
+        The group's rows of `walking.csv`.
+    doubtful : mapping
+        Columns with the number of doubtful ones.
+    """
+    common = headline.errors.common
+    rows: list[dict[str, object]] = []
+    for quantity in GROUP_QUANTITIES:
+        mean = over_repeats(fits[quantity].to_numpy(), common.get(quantity, ()))
+        method = f"{mean.interval_method}"
+        if quantity in common:
+            method += " + shared errors"
+        rows.append(
+            {
+                "quantity": quantity,
+                "estimator": "mean of perturbations",
+                **asdict(replace(mean, interval_method=method)),
+                **doubtful,
+            }
+        )
+    for estimator, fit, resampled in (
+        (ENSEMBLE, headline.ensemble.fit, headline.resampled),
+        (headline.other_name, headline.other.fit, headline.other_resampled),
+    ):
+        for quantity in GROUP_QUANTITIES:
+            row = bootstrap_row(headline, fit, resampled, quantity)
+            rows.append({"estimator": estimator, **row})
+    return rows
+
+
+def bootstrap_row(
+    headline: GroupHeadline, fit: LinearFit, resampled: Bootstrap, quantity: str
+) -> dict[str, object]:
+    """One row with an interval from resamples.
+
+    Of few crossings it is at least that of the unperturbed ones' scatter.
+    """
+    value = fit.vaf if quantity == "VAF" else fit[quantity]
+    se = resampled.se(quantity)
+    low, high = resampled.interval(quantity)
+    n = len(headline.responses)
+    method = "bootstrap"
+
+    common = headline.errors.common
+    if quantity in common and n < FEWEST_FOR_BOOTSTRAP:
+        scatter = float(np.sqrt(headline.errors.of_one[quantity] / n))
+        freedom = common["K"][0][1]
+        half = float(-scipy.special.stdtrit(freedom, 0.025)) * scatter
+        low = min(low, value - half)
+        high = max(high, value + half)
+        se = max(se, scatter)
+        method = "bootstrap, scatter of unperturbed crossings"
+    return {
+        "quantity": quantity,
+        "n": n,
+        "mean": value,
+        "sd": None,
+        "se": se,
+        "low": low,
+        "high": high,
+        "interval_method": method,
+    }
+
+
+def response_table(group: str, headline: GroupHeadline) -> pl.DataFrame:
+    """Tabulate `walking_responses.csv`: the isolated responses of a group, and their mean."""
+    first = headline.responses[0]
+    time = first.time
+    window = first.window
+    fitted = [
+        (response.name, response.motion, response.torque, fit_response(response))
+        for response in headline.responses
+    ]
+    mean = headline.ensemble
+    frames = []
+    for name, motion, torque, fit in [*fitted, (ENSEMBLE, mean.motion, mean.torque, mean.fit)]:
+        model = np.full(len(time), np.nan)
+        model[window] = motion.columns[window] @ fit.estimates
+        frame = pl.DataFrame(
+            {
+                "trial": [name] * len(time),
+                "time": time,
+                "theta_deg": np.rad2deg(motion.theta),
+                "torque": torque,
+                "torque_model": model,
+            }
+        )
+        frames.append(frame[: window.stop])
+    table = pl.concat(frames).with_columns(pl.col("torque_model").fill_nan(None))
+    return table.with_columns(group=pl.lit(group))
+
+
+def walking_page_points(
+    perturbed: Sequence[Crossing],
+    gaits: Mapping[str, UnperturbedGait],
+    responses: pl.DataFrame,
+    timing: TimingSettings,
+) -> pl.DataFrame:
+    """Points of the walking page.
+
+    Gaits over stance [%] with their SD; responses over time [ms], with the column `doubtful`, and
+    their mean with its fit; window and baseline as mean phases [%] and times from the onset [ms].
+
+    Parameters
+    ----------
+    responses : DataFrame
+        `walking_responses.csv`.
+    """
+    frames = []
+    for name, gait in gaits.items():
+        frames.append(gait_points("angle", name, np.rad2deg(gait.theta)))
+        frames.append(gait_points("torque", name, gait.torque))
+
+    spans = {
+        "window": (0.0, timing.window_s),
+        "baseline": (-timing.guard_s - timing.baseline_s, -timing.guard_s),
+    }
+    for name, bounds in spans.items():
+        phases = [
+            100 * crossing.stance.phase(crossing.onset + np.array(bounds))
+            for crossing in perturbed
+            if crossing.onset is not None
+        ]
+        for panel, x in (
+            ("angle", np.mean(phases, axis=0)),
+            ("response angle", 1e3 * np.array(bounds)),
+        ):
+            frames.append(pl.DataFrame({"panel": panel, "curve": name, "x": x}))
+
+    is_mean = pl.col("trial") == ENSEMBLE
+    curve = pl.when(is_mean).then(pl.lit("mean")).otherwise(pl.lit("each")).alias("curve")
+    time_ms = (1e3 * pl.col("time")).alias("x")
+    angle = pl.lit("response angle")
+    torque = pl.lit("response torque")
+    frames.append(
+        responses.select("trial", "doubtful", time_ms, curve, mean=pl.col("theta_deg"), panel=angle)
+    )
+    frames.append(
+        responses.select("trial", "doubtful", time_ms, curve, mean=pl.col("torque"), panel=torque)
+    )
+    fit = responses.filter(is_mean & pl.col("torque_model").is_not_null())
+    frames.append(
+        fit.select("trial", time_ms, curve=pl.lit("fit"), mean=pl.col("torque_model"), panel=torque)
+    )
+    return pl.concat(frames, how="diagonal")
+
+
+def gait_points(panel: str, name: str, curves: Array) -> pl.DataFrame:
+    """Mean and SD of curves (crossings, `PHASES`) over stance."""
+    drawn = curves[:, ::DRAWN_STEP]
+    sd = drawn.std(axis=0, ddof=1) if len(drawn) > 1 else None
+    points = pl.DataFrame(
+        {"x": 100 * PHASES[::DRAWN_STEP], "mean": drawn.mean(axis=0), "sd": sd},
+        schema_overrides={"sd": pl.Float64},
+    )
+    return points.with_columns(panel=pl.lit(panel), curve=pl.lit(name), n=pl.lit(len(curves)))

@@ -71,11 +71,8 @@ PLACES = CAMPAIGN.places
 ABOUT = about(CAMPAIGN, SIMULATION_FILES)
 """Where the results come from, as figures and page say."""
 MADE_BY = made_by(CAMPAIGN)
-"""Version and sources of the package. All rules have it as a param: a change makes all again.
-
-A digest for each rule would have to follow its imports, which reach most packages. While you work,
-`snakemake --rerun-triggers mtime` leaves it out, and with it changed settings, which are params too.
-"""
+"""Version of the package, and kind of the data. All rules have it as a param: another release makes
+all again. While you work on code, `-R RULE` or a clean folder does."""
 PARAMETERS = CONFIG.parameters or []
 TRAJECTORY = [CONFIG.impedance_trajectory] if CONFIG.impedance_trajectory else []
 TIME_SERIES = time_series_example(CAMPAIGN)
@@ -97,7 +94,7 @@ def of_trials(trials, file="<results>/trials/{trial}.parquet"):
     def file_of_trial(wildcards):
         if wildcards.trial not in names:
             raise InputError(
-                f"trial {wildcards.trial} is none that this rule analyses: ask for one of these:"
+                f"trial {wildcards.trial} is none of this analysis; ask for one of these:"
                 f" {listing(sorted(names), 3)}"
             )
         return file.format(trial=wildcards.trial)

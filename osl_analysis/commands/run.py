@@ -2,7 +2,6 @@
 job."""
 
 import gc
-import hashlib
 import os
 import shutil
 import sys
@@ -18,7 +17,7 @@ import psutil
 
 from osl_analysis.campaign.campaign_trials import Campaign
 from osl_analysis.errors import InputError, listing, nearest, not_installed
-from osl_analysis.files import CAMPAIGN, PACKAGE, check_working_folder, shipped
+from osl_analysis.files import CAMPAIGN, check_working_folder, shipped
 from osl_analysis.jobs.workers import end_workers
 from osl_analysis.outcomes.job_log import run_report
 from osl_analysis.refusal import MOST_TOLD, failed_results, is_refused
@@ -212,18 +211,5 @@ def not_made(files: Sequence[str]) -> str:
 
 
 def made_by(campaign: Campaign) -> dict[str, str]:
-    """What makes the results: version of the package, first digits of the SHA-256 of its sources;
-    and whether the data are simulated."""
-    sources = hashlib.sha256()
-    # compiled code is made of the sources; what is used of shipped files is an input or a param
-    left_out = {"__pycache__", "shipped"}
-    for file in sorted(PACKAGE.rglob("*")):
-        name = file.relative_to(PACKAGE)
-        if file.is_file() and left_out.isdisjoint(name.parts):
-            sources.update(name.as_posix().encode())
-            sources.update(file.read_bytes())
-    return {
-        "version": version("osl-analysis"),
-        "sources": sources.hexdigest()[:12],
-        "data": campaign.data,
-    }
+    """What makes the results: the version of the package; and whether the data are simulated."""
+    return {"version": version("osl-analysis"), "data": campaign.data}

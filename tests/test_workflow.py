@@ -305,7 +305,7 @@ def test_changed_settings_give_the_bytes_of_a_fresh_run_and_redo_what_uses_them_
         assert (again.folder / kept).stat().st_mtime == (workspace.folder / kept).stat().st_mtime
     transmission = again.table("transmission")
     assert bad not in transmission["trial"].to_list()
-    assert transmission["doubtful"].str.contains(FINDINGS["poor_motion"].title).all()
+    assert transmission["doubtful"].str.contains(FINDINGS["unexplained_torque"].title).all()
 
 
 def test_the_lines_for_pandas_read_the_results(workspace, monkeypatch, capsys):
@@ -392,7 +392,7 @@ def test_every_setting_is_a_param_of_a_job(tmp_path):
             for name in place[:-1]:
                 inner = inner.setdefault(name, {})
             inner[place[-1]] = places[place]
-    assert len(places) > 100
+    assert len(places) > 80
     example = {"K_d": 300, "B_d": 5}
     measured = {"simulation": None, "sheet": "trials.csv", "raw_data": "raw"}
     measured["figures"] = {"time_series": example, "frequency_response": example}

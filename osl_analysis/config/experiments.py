@@ -68,6 +68,7 @@ class FitJob:
 class Experiment:
     """What the pipeline knows of one kind of trial."""
 
+    description: str  # one line for the user
     # where it is recorded; None for a trial that is ingested only
     place: Literal["bench", "walkway"] | None
     # the column with the measured motion; None if not every trial has one

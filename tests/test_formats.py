@@ -113,7 +113,7 @@ def test_a_library_that_meets_what_it_did_not_expect_tells_of_the_file(
     path = tmp_path / "a.trc"
     path.write_text(TRC_WITHOUT_LAST_BREAK)
 
-    with pytest.raises(InputError, match="its parts contradict each other"):
+    with pytest.raises(InputError, match=r"cannot be read \(no len"):
         formats.read(path)
 
 
@@ -125,7 +125,7 @@ def test_any_error_of_a_reader_is_one_sentence_with_file_and_remedy(tmp_path: Pa
     with pytest.raises(InputError) as caught:
         formats.read(path)
 
-    assert str(caught.value).startswith(f"{path}: cannot be read (its parts contradict each other")
+    assert str(caught.value).startswith(f"{path}: cannot be read (")
     assert str(caught.value).endswith("; copy the file again, or export it anew")
 
 

@@ -160,21 +160,6 @@ def test_whole_numbers_of_a_long_text_keep_their_last_digit(tmp_path: Path, amid
     assert column(recording, "Level")[449:452].tolist() == [8, float(amid), 8]
 
 
-def test_of_a_long_text_about_the_first_rows_are_listed_and_all_are_read(tmp_path: Path) -> None:
-    count = 205_000
-    content = "t,a\n" + "".join(f"{k},{k % 7}\n" for k in range(count))
-    stated = csv_source(channels={"theta": {"column": "a", "unit": "deg"}},
-                        time={"column": "t", "unit": "ms"})  # fmt: skip
-
-    listed = read(tmp_path, content)
-    whole = read(tmp_path, content, **stated)
-
-    assert 190_000 < listed.channels[0].rows.count < count
-    assert listed.facts["rows"].endswith(", of more")
-    assert column(listed, "t")[-1] == count - 1  # its end is looked at
-    np.testing.assert_array_equal(column(whole, "t"), np.arange(count))
-
-
 # --- LabVIEW ------------------------------------------------------------------------------------
 
 LVM = "LabVIEW Measurement\t\nX_Columns\tOne\nMulti_Headings\tYes\n***End_of_Header***\t\n\n"

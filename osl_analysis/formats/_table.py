@@ -349,13 +349,12 @@ def _remark_on_widths(rows: Sequence[Row], width: int, layout: SheetSource) -> s
         f"line {odd[0].number} has {len(odd[0].cells)} cells under {width} names, and {len(odd)} of"
         f" {len(rows)} rows do not fit"
     )
-    if len(odd) == len(rows):
-        raise InputError(f"{what}; write a name for each, and one sign between names and cells")
-    if layout.ragged == "refuse":
-        share = max(layout.most_missing, math.ceil(1000 * len(odd) / len(rows)) / 1000)
+    if layout.ragged == "refuse" or len(odd) == len(rows):
+        share = math.ceil(1000 * len(odd) / len(rows)) / 1000
         raise InputError(
-            f"{what}; repair these lines, or write `ragged: skip` and `most_missing: {share:g}` in"
-            " the source file to leave them out"
+            f"{what}; write a name for each, and one sign between names and cells, repair these"
+            f" lines, or write `ragged: skip` and `most_missing: {share:g}` in the source file to"
+            " leave them out"
         )
     return f"{what} and were skipped"
 

@@ -36,23 +36,18 @@ from osl_analysis.recording import Format, Recording
 
 FIRST_LINES = 300  # of a long text, from which its header is found
 LAST_LINES = 60  # of a long text, among which its footer is
-MOST_LISTED = 200_000  # rows of a long text that are read to list what it holds
 LABVIEW = b"LabVIEW Measurement"
 END_OF_HEADER = b"***End_of_Header***"
 
 
-def table_of_text(text: Text, layout: SheetSource, most_rows: int | None = None) -> Table:
-    """Find the table in a text; in a long one about the first `most_rows` of it."""
+def table_of_text(text: Text, layout: SheetSource) -> Table:
+    """Find the table in a text."""
     *first, rest = text.data.split(b"\n", FIRST_LINES)
     between, *last = rest.rsplit(b"\n", LAST_LINES)
     count = between.count(b"\n") + 1
     if len(first) == FIRST_LINES and count > FIRST_LINES:
         lines = numbered(b"\n".join(first))
         lines += numbered(b"\n".join(last), FIRST_LINES + count + 1)
-        if most_rows is not None and count > most_rows:
-            share = between[: len(between) * most_rows // count]
-            between = share[: share.rfind(b"\n")]
-            count = between.count(b"\n") + 1
         with suppress(InputError):  # reading the whole text then says what is wrong
             ends = _table_of_lines(lines, layout, text.is_ended)
             table = _with_rows_between(ends, between, count, layout)
@@ -110,7 +105,7 @@ def _with_rows_between(ends: Table, text: bytes, lines: int, layout: SheetSource
 
 
 def read(path: Path, source: SheetSource | None) -> Recording:
-    """Read a table of text; without a source file about the first 200,000 rows of a long one."""
+    """Read a table of text."""
     text = read_text(path)
     if text.data.startswith(LABVIEW):
         segments = text.data.count(END_OF_HEADER) - 1  # the file itself has a header, too
@@ -121,10 +116,8 @@ def read(path: Path, source: SheetSource | None) -> Recording:
                 " the first"
             )
     layout = source or LISTING
-    table = table_of_text(text, layout, MOST_LISTED if source is None else None)
-    is_partial = source is None and len(table.lines) >= MOST_LISTED
-    facts = {"rows": f"{len(table.lines)}, of more" if is_partial else str(len(table.lines))}
-    return recording_of_table("csv", table, layout, facts=facts)
+    table = table_of_text(text, layout)
+    return recording_of_table("csv", table, layout, facts={"rows": str(len(table.lines))})
 
 
 FORMAT = Format(

@@ -148,8 +148,8 @@ def test_a_file_is_recognised_by_its_content_else_by_its_name(
 ) -> None:
     table = b"a,b\n1,2\n"
     named = {
-        "a.C3D": b"no C3D file",
-        "a.mcap": b"text",
+        "a.C3D": b"\x01\x00 no C3D file",
+        "a.mcap": b"\x01\x00 no log",
         "a.csv": table,
         "a.log": table,
         "a.xls": b"a\tb\n1\t2\n",

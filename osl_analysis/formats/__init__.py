@@ -40,7 +40,6 @@ from osl_analysis.recording import Format, Recording
 FIRST_BYTES = 1 << 16  # of a file, by which its format is recognised
 GROUP = "osl_analysis.formats"  # entry points of other packages
 TEXT_PRIORITY = 9  # of tables of text: any text may be one
-OFTEN_TEXT = ("table",)  # formats whose ending text often has: `.xls`
 COPY_AGAIN = "copy the file again, or export it anew"
 PACKAGE = Path(__file__).parents[1]
 STANDARD_LIBRARY = sysconfig.get_path("stdlib")
@@ -85,7 +84,7 @@ def formats_of(path: Path) -> list[Format]:
 
 
 def recognise(path: Path) -> Format:
-    """Tell the format of a file by its first bytes, or else by its ending.
+    """Tell the format of a file by its first bytes, or by its ending where they tell none.
 
     Raises
     ------
@@ -94,19 +93,14 @@ def recognise(path: Path) -> Format:
     """
     formats = formats_of(path)
     refuse_others(path, formats)
-    as_text = [known for known in formats if known.priority >= TEXT_PRIORITY]
-    formats = [known for known in formats if known.priority < TEXT_PRIORITY]
-    for known in known_formats().values():
-        is_text_in_name_alone = bool(as_text) and known.name in OFTEN_TEXT
-        if path.suffix.lower() in known.suffixes and not is_text_in_name_alone:
-            formats.append(known)
-    formats += as_text
+    suffix = path.suffix.lower()
+    formats = formats or [known for known in known_formats().values() if suffix in known.suffixes]
     if not formats:
         raise InputError(
             f"{path}: of no known format (it begins with {quoted(beginning(path)[:8])}); export it"
             f" as one of {', '.join(known_formats())}"
         )
-    return formats[0]
+    return min(formats, key=lambda known: known.priority)
 
 
 def check_format(path: Path, name: str) -> Format:

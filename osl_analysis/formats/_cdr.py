@@ -54,7 +54,7 @@ def definition_of(name: str, data: bytes) -> Mapping[str, Fields]:
     Raises
     ------
     InputError
-        It cannot be read, or defines a field twice.
+        It cannot be read.
     """
     text = data.decode(errors="replace").replace("\r", "")
     try:
@@ -62,14 +62,7 @@ def definition_of(name: str, data: bytes) -> Mapping[str, Fields]:
     except TypesysError as error:
         reason = " ".join(str(error).split())[:100]
         raise InputError(f"schema {name} cannot be read ({reason}); {NEW_RECORDING}") from error
-    definition: dict[str, Fields] = {
-        **BUILT_IN,
-        **{owner: fields for owner, (_, fields) in types.items()},
-    }
-    for owner, fields in definition.items():
-        if len(dict(fields)) < len(fields):
-            raise InputError(f"schema {owner} defines a field twice; {NEW_RECORDING}")
-    return definition
+    return {**BUILT_IN, **{owner: fields for owner, (_, fields) in types.items()}}
 
 
 def rows_at(content: bytes, starts: NDArray[np.int64], length: int) -> NDArray[np.void]:

@@ -6,7 +6,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Literal, NamedTuple
 
@@ -399,26 +399,23 @@ def recording_of_table(
     for place, lasting in enumerate(lasting_names(table.names)):
         title, unit, cells = table.names[place], table.units[place], table.body.to_series(place)
         name = name_and_unit(title)[0]
-        channel = Channel(
-            address={"column": lasting},
-            rows=rows,
-            read=partial(cell_stamps, cells),
-            name=name,
-            title=title,
-            unit="ns",
-            kind=Kind.CLOCK,
-        )
-        if not are_times(cells):
-            likely = name_and_ending(name)[1] or (likely_units or {}).get(name, "")
-            channel = replace(
-                channel,
-                read=partial(_values_of, cells, title, rows, layout, table.decimal),
-                unit=unit,
-                likely_unit="" if unit else likely,
-                kind=Kind.SIGNAL,
-                count_words=partial(_count_words, cells, layout, table.decimal),
+        is_clock = are_times(cells)
+        likely = name_and_ending(name)[1] or (likely_units or {}).get(name, "")
+        read = partial(_values_of, cells, title, rows, layout, table.decimal)
+        count_words = partial(_count_words, cells, layout, table.decimal)
+        channels.append(
+            Channel(
+                address={"column": lasting},
+                rows=rows,
+                read=partial(cell_stamps, cells) if is_clock else read,
+                name=name,
+                title=title,
+                unit="ns" if is_clock else unit,
+                likely_unit="" if unit or is_clock else likely,
+                kind=Kind.CLOCK if is_clock else Kind.SIGNAL,
+                count_words=None if is_clock else count_words,
             )
-        channels.append(channel)
+        )
     loss = Loss(rows.count, rows.count + table.skipped, table.end, remarks=table.remarks)
     delimiter = {"delimiter": table.delimiter} if table.delimiter else {}
     return Recording(format_name, channels, loss, notes=table.notes, facts={**facts, **delimiter})

@@ -62,10 +62,7 @@ def _table_of_lines(lines: Sequence[Line], layout: SheetSource, is_ended: bool) 
     for line in lines:
         is_comment = line.text.lstrip().startswith(COMMENT_SIGNS)
         (comments if is_comment else content).append(line)
-    of_excel = re.fullmatch(r"sep=(.)", content[0].text.strip()) if content else None
-    if of_excel:  # as Excel reads it
-        content = content[1:]
-    delimiter = of_excel[1] if of_excel else delimiter_of(content)
+    delimiter = delimiter_of(content)
     rows = split_rows(content, delimiter)
     return table_of_rows(rows, comments, layout, delimiter, is_ended)
 

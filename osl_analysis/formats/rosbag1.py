@@ -32,7 +32,7 @@ def read(path: Path, source: MessageSource | None) -> Recording:
         with Reader(path) as reader:
             _take_bag(log, reader, data)
     except Exception as error:  # whatever the library meets in a damaged bag
-        if not is_of_file(error):
+        if not is_of_file(error) and not isinstance(error, RuntimeError):  # of lz4
             raise
         reason = " ".join(str(error).split())
         raise InputError(
@@ -57,18 +57,13 @@ def _take_bag(log: Log, reader: Reader, data: bytes) -> None:
         for entry in entries:
             index[entry.chunk_pos].append((entry.offset, channel, entry.time))
     for place, chunk in sorted(reader.chunks.items()):
-        try:
-            content = chunk.decompressor(data[chunk.datapos : chunk.datapos + chunk.datasize])
-            places, channels, log_times_ns = np.array(sorted(index[place])).reshape(-1, 3).T
-            # each message stands behind a head of its own
-            starts = places + 4 + _lengths_at(content, places) + 4
-            lengths = _lengths_at(content, starts - 4)
-            if (starts + lengths > len(content)).any():
-                raise ValueError(f"a message reaches beyond its {len(content)} bytes")
-        except (OSError, RuntimeError, ValueError, IndexError, EOFError) as error:
-            log.chunks_lost += 1
-            log.remarks.append(f"the chunk at byte {place} is damaged: {error}")
-            continue
+        content = chunk.decompressor(data[chunk.datapos : chunk.datapos + chunk.datasize])
+        places, channels, log_times_ns = np.array(sorted(index[place])).reshape(-1, 3).T
+        # each message stands behind a head of its own
+        starts = places + 4 + _lengths_at(content, places) + 4
+        lengths = _lengths_at(content, starts - 4)
+        if (starts + lengths > len(content)).any():
+            raise ValueError(f"a message reaches beyond its chunk at byte {place}")
         log.chunks += 1
         for channel in np.unique(channels).tolist():
             of_channel = channels == channel

@@ -236,18 +236,11 @@ def zeroed(path: Path) -> Path:
     return rewritten(path, path.read_bytes()[:4096].ljust(size, b"\0"))
 
 
-def listed_twice(bag: Path) -> Path:
-    description = (bag / DESCRIBED).read_bytes()
-    twice = re.sub(rb"( +- \S+db3\n)", rb"\1\1", description)
-    return rewritten(bag / DESCRIBED, twice).parent
-
-
 REFUSED: dict[str, tuple[Callable[[Path], Path], str]] = {
     "yaml": (
         lambda bag: rewritten(bag / DESCRIBED, b"a: {b: 9}").parent,
         "not the description of a ROS 2 bag",
     ),
-    "twice": (listed_twice, "lists no file, or one twice"),
     "missing part": (
         lambda bag: without_a_part(bag / "bag"),
         "1 of the 2 files that .* are missing .bag_1.db3.; copy",

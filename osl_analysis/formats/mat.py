@@ -23,7 +23,6 @@ from osl_analysis.source_file import LogChannel, Name, RowTime, TableSource
 
 HEADER = 128  # bytes; of version 7.3 HDF5 begins behind 512
 FEWEST_SAMPLES = 10  # of a signal
-MOST_LISTED = 500  # remarks
 COLUMN = re.compile(r"\((\d+,:|:,\d+)\)$")  # or a row, of a matrix
 
 
@@ -96,7 +95,7 @@ def read(path: Path, source: MatSource | None) -> Recording:
             variables |= {variable.address: variable for variable in _variables_in(value, "", name)}
     remarks: list[str] = []
     notes: list[str] = []
-    for variable in [*variables.values()][:MOST_LISTED]:
+    for variable in variables.values():
         if variable.numbers is None:
             remarks.append(_reason(variable))
         elif variable.numbers.size < FEWEST_SAMPLES:

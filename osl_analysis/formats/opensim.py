@@ -1,6 +1,5 @@
 """Tables of OpenSim (.mot, .sto): a header down to `endheader`, then names and rows."""
 
-import json
 import math
 import re
 from collections.abc import Mapping, Sequence
@@ -25,7 +24,7 @@ from osl_analysis.source_file import (
     ExportedPlate,
     InAxes,
 )
-from osl_analysis.trial import AXES, unit_of
+from osl_analysis.trial import unit_of
 from osl_analysis.units import TimeUnit, si_factor
 from osl_analysis.yaml_settings import misplaced
 
@@ -118,12 +117,20 @@ def read(path: Path, source: OpenSimSource | None) -> Recording:
     for name, (pattern, unit) in product(table.names, reversed(LIKELY_UNITS.items())):
         if re.search(pattern, name, re.IGNORECASE):
             likely[name] = unit
-    like_plates = ", ".join(plates_in(table.names))
+    word = "moment" if any("moment" in name for name in table.names) else "torque"
+    like_plates: list[str] = []
+    for name in table.names:
+        if re.search("force.*_vx$", name):
+            stem = name[:-2]
+            like_plates.append(
+                f"{len(like_plates) + 1}: {{force: {stem}v, point: {stem}p, moment:"
+                f" {stem.replace('force', word)}, corners: UNKNOWN}}"
+            )
     question = "these columns are force plates, if you state their corners: plates:"
     recording = replace(
         recording_of_table("opensim", table, layout, facts=header, likely_units=likely),
         settings={"time": {"column": "time", "unit": "s"}} if "time" in table.names else {},
-        questions=[f"{question} {{{like_plates}}}"] if like_plates else [],
+        questions=[f"{question} {{{', '.join(like_plates)}}}"] if like_plates else [],
     )
     if source is None:
         return recording
@@ -151,21 +158,6 @@ def _check_angles(source: OpenSimSource, angle: str) -> None:
                 f" header it is in {unit_of_file}; write {unit_of_file}, as"
                 f" {source.place('channels', column, 'unit')}"
             )
-
-
-def plates_in(names: Sequence[str]) -> list[str]:
-    """The plates that the names of columns tell, as a source file has them but for their corners.
-
-    Of `R_ground_force_vx` the point is `R_ground_force_px`, and the moment `R_ground_torque_x`.
-    """
-    plates: list[str] = []
-    stems = [name[:-2] for name in names if re.search("force.*vx$", name)]
-    for stem, word in product(stems, ("torque", "moment")):
-        keys = {"force": f"{stem}v", "point": f"{stem}p", "moment": stem.replace("force", word)}
-        if all(f"{begin}{axis}" in names for begin, axis in product(keys.values(), AXES)):
-            text = ", ".join(f"{key}: {json.dumps(begin)}" for key, begin in keys.items())
-            plates.append(f"{len(plates) + 1}: {{{text}, corners: UNKNOWN}}")
-    return plates
 
 
 def _begins(begin: bytes) -> bool:

@@ -63,7 +63,7 @@ class Section:
         frame = self.values(0)
         samples = np.nanmax(sub_frame) + 1
         follows = (frame - frame[0]) * samples + sub_frame == np.arange(frame.size)
-        if not follows.all() or frame[0] != int(frame[0]):
+        if not follows.all():
             row = int(np.argmin(follows))
             raise InputError(
                 f"line {self.rows[row].number}: frame {frame[row]:g} does not follow the line"

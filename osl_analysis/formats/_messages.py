@@ -292,7 +292,7 @@ class Log:
         self.topic_of: dict[int, Topic] = {}  # by number of the recorder's channel
         self.name_of: dict[int, str] = {}  # of the topic of each channel
         self.read: Counter[str] = Counter()  # messages by topic
-        self.expected: Counter[str] | None = None  # those that the file declares
+        self.expected: Counter[str] = Counter()  # those that the file declares; empty: unknown
         self.undeclared = 0  # messages of no known channel
         self.chunks = 0
         self.chunks_lost = 0
@@ -329,14 +329,14 @@ class Log:
             Two publishers wrote into a topic that the source file names.
         """
         read = self.read.total()
-        expected = None if self.expected is None else self.expected.total()
+        expected = self.expected.total() or None
         if self.undeclared:
             self.remarks.append(f"{self.undeclared} messages belong to no channel that is declared")
         if expected not in (None, read):
             self.remarks.append(f"it declares {expected} messages and holds {read}")
         by_topic: dict[str, tuple[int, int | None]] = {}
         for name, count in sorted(self.read.items()):
-            by_topic[name] = (count, None if self.expected is None else self.expected[name])
+            by_topic[name] = (count, self.expected[name] if expected else None)
         channels: list[Channel] = []
         for topic in self.topics.values():
             if topic.lost:

@@ -142,10 +142,8 @@ def read(path: Path, source: MessageSource | None) -> Recording:
     """Read an MCAP file."""
     log = Log(source)
     log.take_file(path)
-    if log.counts:
-        log.expected = log.counts
-    elif log.end == End.WHOLE and not log.chunks_lost:
-        log.expected = log.read
+    is_whole = log.end == End.WHOLE and not log.chunks_lost
+    log.expected = log.counts or (log.read if is_whole else Counter())
     return log.recording("mcap", path.stat().st_size)
 
 

@@ -4,7 +4,6 @@ It gives messages in the order of their times, which would hide a clock that was
 tells their places.
 """
 
-from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -48,7 +47,6 @@ def _take_bag(log: Log, reader: Reader, data: bytes) -> None:
     for connection in reader.connections:
         schema = Schema(0, connection.msgdef.data.encode(), "ros1msg", connection.msgtype)
         log.declare(connection.id, connection.topic, "ros1", schema)
-    log.expected = Counter()
     for info in reader.chunk_infos:
         for channel, count in info.connection_counts.items():
             log.expected[log.name_of[channel]] += count

@@ -17,7 +17,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from osl_analysis.errors import InputError, listing, naming
 from osl_analysis.formats import _messages, beginning, mcap
-from osl_analysis.recording import End, Format, Recording
+from osl_analysis.recording import Format, Recording
 from osl_analysis.source_file import MessageSource
 
 DESCRIPTION = "metadata.yaml"
@@ -83,7 +83,7 @@ def _standard_definition(kind: str) -> tuple[str, str]:
 def read(path: Path, source: MessageSource | None) -> Recording:
     """Read a database, or the parts of a folder one after the other."""
     parts = [path]
-    counts: Counter[str] | None = None
+    counts: Counter[str] = Counter()
     if path.is_dir():
         parts, counts = _described(path)
     is_mcap = all(beginning(part).startswith(mcap.MAGIC) for part in parts)
@@ -92,8 +92,6 @@ def read(path: Path, source: MessageSource | None) -> Recording:
         with naming(part):
             log.take_file(part)
     log.expected = counts
-    if counts is not None and counts.total() == log.read.total():
-        log.end = End.WHOLE  # only what stands behind the messages may be missing
     return log.recording("rosbag2", sum(part.stat().st_size for part in parts))
 
 

@@ -1,8 +1,8 @@
 """Numbers in objects of JSON or protobuf, by path.
 
-A path is dotted: `position[0]`, `position[name=ankle]` (the element at the place of `ankle` in the
-array `name` beside it). A name with a dot or a bracket stands in brackets, written as JSON writes a
-text: `functions["loadcell.mz"]`.
+A path is dotted: `position[0]`; in messages of ROS also `position[name=ankle]`, the element at the
+place of `ankle` in the array `name` beside it. A name with a dot or a bracket stands in brackets,
+written as JSON writes a text: `functions["loadcell.mz"]`.
 """
 
 import json

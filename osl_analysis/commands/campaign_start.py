@@ -9,7 +9,6 @@ from typing import Any
 from osl_analysis.campaign.campaign_checks import check_campaign
 from osl_analysis.campaign.campaign_trials import Campaign, open_campaign
 from osl_analysis.campaign.configuration import campaign_config, over_default
-from osl_analysis.draft.overview import inspect_recording
 from osl_analysis.errors import (
     EXTRAS,
     InputError,
@@ -26,10 +25,7 @@ from osl_analysis.ingest.raw_files import (
     recordings_in,
 )
 
-LONG_TO_READ = 50_000_000
-"""Bytes of a recording that takes more than a second to look at."""
-MOST_LISTED = 5
-"""Recordings that are named in one message."""
+MOST_LISTED = 5  # recordings that are named in one message
 
 
 def start_campaign(stated: Mapping[str, Any], files: Sequence[Path]) -> tuple[Campaign, list[Path]]:
@@ -80,9 +76,12 @@ def check_start(campaign: Campaign) -> None:
     config = campaign.config
     if config.simulation and has_to_simulate(campaign):
         check_simulator()
-    check_configured_folder("sources", config.sources)
+    folders = {"sources": config.sources}
     if config.simulation is None:
-        check_configured_folder("raw_data", config.raw_data)
+        folders["raw_data"] = config.raw_data
+    for setting, folder in folders.items():
+        if not folder.is_dir():
+            raise InputError(f"{folder}: no such folder; correct `{setting}` in the configuration")
 
     problems = source_problems(campaign)
     is_wrong_for_all = len(problems) == len(campaign.trials()) and len(set(problems.values())) == 1
@@ -99,11 +98,6 @@ def check_simulator() -> None:
     for library, extra in EXTRAS.items():
         if extra == "simulator" and find_spec(library) is None:
             raise not_installed("the simulator", library)
-
-
-def check_configured_folder(setting: str, folder: Path) -> None:
-    if not folder.is_dir():
-        raise InputError(f"{folder}: no such folder; correct `{setting}` in the configuration")
 
 
 def source_problems(campaign: Campaign) -> dict[str, str]:
@@ -139,29 +133,20 @@ def check_sources(
 
 
 def unnamed_recordings(campaign: Campaign) -> str:
-    """A sentence on the recordings in the campaign's folder that no row of the sheet names, and why
-    some cannot be read; empty without one. `init --from` gives a recording that cannot be read no
-    row."""
+    """A sentence on the recordings in the campaign's folder that no row of the sheet names; empty
+    without one. `init --from` gives a recording that cannot be read no row."""
     config = campaign.config
     if config.simulation is not None:
         return ""
-    unnamed = list(unnamed_files(campaign))
-    if not unnamed:
+    names = [str(path.relative_to(config.raw_data)) for path in unnamed_files(campaign)]
+    if not names:
         return ""
-    names = [str(path.relative_to(config.raw_data)) for path in unnamed]
     count = "1 recording" if len(names) == 1 else f"{len(names)} recordings"
-    texts = [
+    return (
         f"named by no row of {config.sheet}, and left out: {count} in {config.raw_data}:"
-        f" {listing(names, MOST_LISTED)}; add a row for each"
-    ]
-    for path in unnamed[:MOST_LISTED]:
-        if path.is_file() and path.stat().st_size >= LONG_TO_READ:
-            continue
-        try:
-            inspect_recording(path)
-        except InputError as error:
-            texts.append(f"not readable: {error}")
-    return "; ".join(texts)
+        f" {listing(names, MOST_LISTED)}; add a row for each, or see by `osl-analysis inspect` why"
+        " it cannot be read"
+    )
 
 
 def unnamed_files(campaign: Campaign) -> Iterator[Path]:

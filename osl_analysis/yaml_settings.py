@@ -2,6 +2,7 @@
 reason."""
 
 import json
+import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import lru_cache
 from itertools import pairwise
@@ -210,6 +211,7 @@ WORDS = {
     "Field required": "is missing; add it",
     "Input should be": "write",
     "a valid tuple": "a list",
+    r"a valid dictionary( or instance of \w+)?": "fields below it, each as `name: value`",
     "write less": "write a number less",
     "write greater": "write a number greater",
 }
@@ -222,7 +224,7 @@ def problem_text(problems: Sequence[Mapping[str, Any]]) -> str:
     problems = checks or problems
     reason = ", or ".join(dict.fromkeys(str(problem["msg"]) for problem in problems))
     for pydantics, plain in WORDS.items():
-        reason = reason.replace(pydantics, plain)
+        reason = re.sub(pydantics, plain, reason)
     value = problems[0]["input"]
     if isinstance(value, dict | list | BaseModel):
         return reason

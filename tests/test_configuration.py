@@ -84,7 +84,7 @@ NUMBER = "write a valid number"
     ("inner: {cycles: 2.5}", "line 2: inner.cycles: 2.5 is not allowed: write a valid integer"),
     ("inner: {cycles: [1, 200]}",
      "line 2: inner.cycles.1: 200 is not allowed: write a number less than or equal to 100"),
-    ("inner: 7", "line 2: inner: 7 is not allowed: write a valid dictionary"),
+    ("inner: 7", "line 2: inner: 7 is not allowed: write fields below it, each as `name: value`"),
     ("inner: {rate: a, name: 1, sign: 3}",
      f"line 2: inner.rate: 'a' is not allowed: {NUMBER}, unable to parse string as a number"),
     ("a: 1\nb:\n- {b: 2, b: 3}\n", "line 4: not YAML: found duplicate key"),

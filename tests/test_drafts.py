@@ -1,16 +1,21 @@
 """What a draft takes each channel for, over recordings of many laboratories."""
 
 import sys
+from datetime import datetime, timedelta
 
 import numpy as np
 import pytest
+import yaml
 from conftest import ROOT
+from scipy.io import savemat
 
-from osl_analysis.draft.draft_source import drafted_log
+from osl_analysis.draft.draft_campaign import draft_campaign
+from osl_analysis.draft.draft_source import draft_source, drafted_log
 from osl_analysis.draft.guesses import guessed_columns
 from osl_analysis.draft.likelihood import likelihoods
 from osl_analysis.draft.overview import inspect_recording
 from osl_analysis.draft.recorded_channel import RecordedChannel
+from osl_analysis.ingest.raw_files import read_converted, read_source
 
 sys.path.insert(0, str(ROOT / "benchmarks"))  # as for a script there
 from draft_weights import labelled, signals, write_recording
@@ -116,6 +121,34 @@ def test_channels_that_begin_apart_are_compared_at_their_own_instants():
         ("theta", True), ("torque", True),
     ]  # fmt: skip
     assert all("as a spring" in guess.why for guess in guesses)
+
+
+def test_a_clock_in_another_part_of_a_file_goes_before_a_rate_in_its_text(tmp_path):
+    """The rate is that of the device, four times that of the rows."""
+    time = np.arange(READS["theta"].size) / 250
+    signals_of_joint = {"angle_deg": np.degrees(READS["theta"]), "torque_Nm": READS["torque"]}
+    savemat(tmp_path / "a.mat", {"trial": {"fs": 1000.0, "t": time, "ankle": signals_of_joint}})
+
+    drafted = yaml.safe_load(draft_source(inspect_recording(tmp_path / "a.mat"), "a.mat"))
+
+    assert drafted["log_part"] == "trial.ankle"
+    assert drafted["time"] == {"variable": "/trial.t", "unit": "s"}
+    (tmp_path / "a.yaml").write_text(yaml.safe_dump(drafted))
+    samples = read_converted(tmp_path / "a.mat", read_source(tmp_path / "a.yaml")).samples
+    np.testing.assert_allclose(samples["time"], time - time[0])
+
+
+def test_times_of_day_tell_how_often_an_angle_turns(tmp_path):
+    rows = ["time,angle_rad,torque_Nm"]
+    start = datetime(2026, 3, 2, 9, 30)
+    for number, (theta, torque) in enumerate(zip(READS["theta"], READS["torque"], strict=True)):
+        stamp = start + timedelta(milliseconds=10 * number)
+        rows.append(f"{stamp.isoformat(timespec='milliseconds')},{theta:.7f},{torque:.7f}")
+    (tmp_path / "a.csv").write_text("\n".join(rows))
+
+    (trial,) = draft_campaign(tmp_path).trials
+
+    assert trial.cells["experiment"] == "impedance"
 
 
 def test_no_room_but_the_commands_imports_the_drafts():

@@ -9,8 +9,6 @@ import pytest
 from mcap_builder import HEADER, stamped, write_log
 from recognised_files import read_recognised, refusal_of
 
-from osl_analysis.commands.trials import inspect_file
-from osl_analysis.draft.draft_source import draft_source
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.clock import aligned_clock
 from osl_analysis.ingest.conversion import Converted
@@ -145,26 +143,3 @@ def test_noise_of_a_steady_level_is_no_edge() -> None:
         aligned_clock(
             recorded(session, level), recorded(np.arange(5000) / 1000, 4.93 + noise), shared=None
         )
-
-
-# Drafts.
-
-
-def drafted(path: Path, columns: dict[str, np.ndarray[Any, Any]]) -> str:
-    pl.DataFrame(columns).write_csv(path, null_value="")
-    return draft_source(inspect_file(path), path.name)
-
-
-def test_a_decimated_copy_is_no_second_torque(tmp_path: Path) -> None:
-    some = np.where(np.arange(TIME.size) % 5 == 0, TORQUE, np.nan)
-    columns = {
-        "__time": TIME,
-        "/fts/decimated/wrench/torque/z": some,
-        "/joint_states/ankle/position": ANGLE,
-        "/fts/full/wrench/torque/z": TORQUE,
-    }
-
-    draft = drafted(tmp_path / "a.csv", columns)
-
-    assert '\n  torque: {column: "/fts/full/wrench/torque/z"' in draft
-    assert "left out, some readings of" in draft

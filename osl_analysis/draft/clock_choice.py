@@ -44,7 +44,7 @@ def choose_clock(channels: Sequence[RecordedChannel]) -> ClockChoice:
     """
     # the shortest first: those of a message before those of its parts
     ordered = sorted(channels, key=lambda channel: channel.key.count("."))
-    rising = [one for one in ordered if one.is_stamp or ticks(numbers_of(one), one.unit)]
+    rising = [one for one in ordered if one.is_stamp or ticks(one.numbers, one.unit)]
     named = (
         [one for one in ordered if one.is_stamp][:1]
         or [one for one in ordered if is_clock(one.name)]
@@ -72,23 +72,18 @@ def choose_clock(channels: Sequence[RecordedChannel]) -> ClockChoice:
         return ClockChoice(first, [question])
     if named:
         return ClockChoice(first)
-    step = float(np.median(np.diff(numbers_of(first))))
-    unit = first.unit or time_unit(numbers_of(first))
+    step = float(np.median(np.diff(first.numbers)))
+    unit = first.unit or time_unit(first.numbers)
     return ClockChoice(
         first, [f"time is a guess: {printable(first.key)} rises by {step:.4g} {unit} a row"]
     )
-
-
-def numbers_of(channel: RecordedChannel) -> Array:
-    """The readings (n,) of a channel; none where they were not read."""
-    return np.empty(0) if channel.numbers is None else channel.numbers
 
 
 def running(clocks: Sequence[RecordedChannel]) -> list[RecordedChannel]:
     """Those of some clocks that run, if any does, and that rise in most rows, if any does: others
     are of whole seconds."""
     moving = [one for one in clocks if span_of(one) > 0] or list(clocks)
-    fine = [one for one in moving if (np.diff(numbers_of(one)) > 0).sum() > one.count / 2]
+    fine = [one for one in moving if (np.diff(one.numbers) > 0).sum() > one.count / 2]
     return fine or moving
 
 
@@ -103,10 +98,10 @@ def is_apart(clock: RecordedChannel, other: RecordedChannel) -> bool:
 def span_of(clock: RecordedChannel, beside: RecordedChannel | None = None) -> float:
     """Last minus first of the readings of a clock, in its unit, where `beside` has some too; 0 if
     many steps go back."""
-    values = numbers_of(clock)
+    values = clock.numbers
     known = np.isfinite(values)
-    if beside is not None and len(numbers_of(beside)) == len(values):
-        known &= np.isfinite(numbers_of(beside))
+    if beside is not None and len(beside.numbers) == len(values):
+        known &= np.isfinite(beside.numbers)
     read = values[known]
     if read.size < 2 or np.mean(np.diff(read) >= 0) <= 1 - MOST_BACK:
         return 0.0

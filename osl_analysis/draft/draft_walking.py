@@ -120,7 +120,7 @@ def foot_on_plate(
     """The side, R or L, of the foot that is on a plate while it is loaded; empty if nobody steps on
     it, or with both feet."""
     plate = next((one for one in channels if one.kind == "plate" and one.key == number), None)
-    if plate is None or plate.corners is None or plate.numbers is None:
+    if plate is None or plate.corners is None:
         return ""
     load = plate.numbers - plate.numbers.min(initial=np.inf)
     if not load.max(initial=0.0) > LEAST_STEP_N:
@@ -128,7 +128,7 @@ def foot_on_plate(
     distances: dict[str, list[float]] = {"R": [], "L": []}
     for channel in channels:
         side, segment = segments.get(channel.name or channel.key, ("", ""))
-        if segment == "foot" and side and channel.numbers is not None:
+        if segment == "foot" and side:
             samples_per_frame = max(len(load) // max(len(channel.numbers), 1), 1)
             of_frames = load[::samples_per_frame][: len(channel.numbers)]
             loaded = channel.numbers[: len(of_frames)][of_frames > load.max() / 2]
@@ -145,7 +145,7 @@ def plate_below(channels: Sequence[RecordedChannel], platform: Sequence[str]) ->
     """The number of the plate whose centre is nearest to the platform's markers, and not farther
     from them than half of its length; empty if there is none."""
     places = [
-        np.nanmedian(np.asarray(one.numbers), axis=0)
+        np.nanmedian(one.numbers, axis=0)
         for one in channels
         if (one.name or one.key) in platform and one.kind == "marker" and one.count
     ]

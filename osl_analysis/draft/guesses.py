@@ -97,7 +97,7 @@ def guessed_columns(channels: Sequence[RecordedChannel]) -> list[Guess]:
     evidence = with_context([evidence_of(channel) for channel in channels])
     guesses = [Guess(*each) for each in zip(channels, evidence, wraps, strict=True)]
     for guess in guesses:
-        guess.why_not = why_no_signal(guess, channels)
+        guess.why_not = why_no_signal(guess)
     for guess in guesses:
         if guess.column in TORQUES:
             guess.formula = formula_of(guess, guesses)
@@ -146,7 +146,7 @@ def candidates(guesses: Sequence[Guess], column: str) -> list[Guess]:
     return clear if len(clear) == 1 else [guess for guess in guesses if guess.may_be(column)]
 
 
-def why_no_signal(guess: Guess, channels: Sequence[RecordedChannel]) -> str:
+def why_no_signal(guess: Guess) -> str:
     """Why a channel is no signal, in words; empty if it may be one. Of few readings nothing is
     said. A held current or torque may be noise, and so may the speed of an actuator that stands."""
     known = guess.channel.readings
@@ -159,33 +159,17 @@ def why_no_signal(guess: Guess, channels: Sequence[RecordedChannel]) -> str:
     is_held = guess.column in HELD_COLUMNS and abs(known.mean()) > HELD_LEVEL * known.std()
     if not tells_next and not is_held and guess.column != "omega_m" and np.unique(known).size > 2:
         return "nothing but noise"
-    return copied_from(guess.channel, channels)
-
-
-def copied_from(channel: RecordedChannel, others: Iterable[RecordedChannel]) -> str:
-    """Name the channel of which another one is every second, fifth, ... reading; empty if none."""
-    own = channel.numbers
-    known = np.isfinite(own) if own is not None else np.empty(0)
-    for other in others:
-        whole = other.numbers
-        if own is None or whole is None or other is channel or whole.shape != own.shape:
-            continue
-        has_more = np.count_nonzero(np.isfinite(whole)) > known.sum()
-        if has_more and np.array_equal(own[known], whole[known]):
-            return f"some readings of {json.dumps(name_of(other))}, which has more"
     return ""
 
 
 def formula_of(torque: Guess, others: Sequence[Guess]) -> str:
     """Name the signals from which a torque was computed; empty of a measured one."""
     values = torque.channel.numbers
-    if values is None:
-        return ""
     signals: list[Signal] = []
     for other in others:
         quantity = next((of for kind, of in QUANTITIES.items() if kind in other.evidence), None)
         readings = other.channel.numbers
-        if quantity is None or readings is None or readings.shape != values.shape:
+        if quantity is None or readings.shape != values.shape:
             continue
         name = name_of(other.channel)
         if quantity == "current" and factor_of(values, readings) is not None:
@@ -199,8 +183,6 @@ def formula_of(torque: Guess, others: Sequence[Guess]) -> str:
 def correlation(theta: RecordedChannel, torque: RecordedChannel) -> float:
     """Correlation of the readings of two channels, by their times if they have any; 0 if they
     cannot be compared."""
-    if torque.numbers is None or theta.numbers is None:
-        return 0.0
     x = np.nan_to_num(theta.numbers, posinf=0.0, neginf=0.0)
     y = np.nan_to_num(torque.numbers, posinf=0.0, neginf=0.0)
     if theta.times is not None and torque.times is not None:
@@ -212,16 +194,14 @@ def correlation(theta: RecordedChannel, torque: RecordedChannel) -> float:
 
 def wrapping_range(channel: RecordedChannel) -> float:
     """The range, a turn or a power of two, at which a channel wraps; 0 if it does not."""
-    known = channel.readings
-    if not known.size:
-        return 0.0
-    steps = np.abs(np.diff(known))
-    span = float(np.ptp(known))
+    steps = np.abs(np.diff(channel.readings))
+    span = np.ptp(channel.readings) if steps.size else 0.0
     leaps = steps[steps > 0.5 * span]
-    if not 0 < leaps.size < 0.2 * steps.size:
-        return 0.0
-    fits = (at for at in TURN_UNITS if span <= at and (np.abs(leaps / at - 1) < 0.2).all())
-    return float(next(fits, 0.0))
+    if 0 < leaps.size < 0.2 * steps.size:
+        for turn in TURN_UNITS:
+            if span <= turn and (np.abs(leaps / turn - 1) < 0.2).all():
+                return float(turn)
+    return 0.0
 
 
 def joints_named(channels: Iterable[RecordedChannel]) -> list[str]:
@@ -234,7 +214,7 @@ def turns_slowly(angle: RecordedChannel, clock: RecordedChannel) -> bool:
     """Whether an angle goes to and fro, and turns less often than every two seconds: it tells K
     alone."""
     known = angle.readings
-    if clock.numbers is None or known.size < FEWEST_READINGS:
+    if known.size < FEWEST_READINGS:
         return False
     seconds = clock.base[0] * float(np.ptp(clock.numbers))
     at = np.linspace(0, known.size - 1, 150)

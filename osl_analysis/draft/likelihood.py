@@ -5,6 +5,7 @@ name in several languages, its unit, what its readings do, and what else its log
 judges them by the other half.
 """
 
+import math
 import re
 import unicodedata
 from collections.abc import Mapping, Sequence, Set
@@ -25,9 +26,8 @@ LEVELS = ("sync", "trigger")  # columns of volts, whose unit nobody states
 COUNTS = ("", "dimensionless", "count")  # what may be of any quantity measures nothing, or this
 SI_UNITS = ("rad", "rad/s", "N*m", "A", "V")  # that speak for a column
 # of what is no angle, or none that was measured
-NO_ANGLE = {*("speed", "torque", "current", "derived", "other", "in rad/s", "in N*m", "in A")}
+NO_ANGLE = {"speed", "torque", "current", "derived", "other", "in rad/s", "in N*m", "in A"}
 ONE_TURN = 2 * np.pi  # rad; a joint turns less, a motor may turn more
-
 LEAST_TURN = 0.02  # rad; a clamped actuator turns less, a joint that is moved seldom
 
 # of opensourceleg's logger: `knee[DephyActpack]:output_position`; or `knee.output_position`
@@ -115,12 +115,16 @@ def evidence_of(channel: RecordedChannel) -> set[str]:
     """What speaks for and against columns: name, unit and readings of one channel."""
     evidence = kinds_of_words(words_of(channel))
     factor, base = channel.base
-    evidence |= {f"in {unit}" for unit in SI_UNITS if base == dimension(unit)}
+    for unit in SI_UNITS:
+        if base == dimension(unit):
+            evidence.add(f"in {unit}")
     readings = channel.readings
     if readings.size and "in rad" in evidence:
         turned = float(np.ptp(readings)) * factor
-        evidence |= {"turns round"} if turned > ONE_TURN else set()
-        evidence |= {"hardly turns"} if turned < LEAST_TURN else set()
+        if turned > ONE_TURN:
+            evidence.add("turns round")
+        if turned < LEAST_TURN:
+            evidence.add("hardly turns")
     if len(np.unique(readings)) == 2:
         evidence.add("two levels")
     return evidence
@@ -133,37 +137,39 @@ def with_context(evidence: Sequence[set[str]]) -> list[set[str]]:
     current and torque: the log is then of a joint that markers follow. An actuator is alone where
     something moves it and no joint's angle, measured or commanded, is beside it.
     """
-    angles = [one for one in evidence if one & {"angle", "in rad"} and not one & NO_ANGLE]
-    measured = [one for one in angles if "command" not in one]
-    outputs = [one for one in measured if "output" in one]
-    of_motor = [one for one in measured if "motor" in one]
-    has_joint = any(not one & {"motor", "output"} for one in angles)
-    quantities = {kind for one in evidence for kind in one}
-    is_driven = "current" in quantities and "torque" in quantities
+    angles = [kinds for kinds in evidence if kinds & {"angle", "in rad"} and not kinds & NO_ANGLE]
+    measured = [kinds for kinds in angles if "command" not in kinds]
+    outputs = [kinds for kinds in measured if "output" in kinds]
+    of_motor = [kinds for kinds in measured if "motor" in kinds]
+    has_joint = not all(kinds & {"motor", "output"} for kinds in angles)
+    is_driven = {"current", "torque"} <= set().union(*evidence)
+    turns_with = "motor"
     if not has_joint and len(outputs) == 1 and (of_motor or not is_driven):
-        turns_with, has_joint = "joint", True
-    else:
-        turns_with = "motor"
-    is_alone = not has_joint and (bool(of_motor or outputs) or is_driven)
-    known: list[set[str]] = []
-    for one in evidence:
-        turned = one - {"output"} | {turns_with} if "output" in one else set(one)
-        # the motor of an ankle is no ankle
-        turned -= {"joint"} if "motor" in turned else set()
-        known.append(turned | {"actuator alone"} if is_alone else turned)
-    return known
+        turns_with = "joint"
+        has_joint = True
+    is_alone = not has_joint and bool(of_motor or outputs or is_driven)
+    in_context = [set(kinds) for kinds in evidence]
+    for kinds in in_context:
+        if "output" in kinds:
+            kinds.remove("output")
+            kinds.add(turns_with)
+        if "motor" in kinds:
+            kinds.discard("joint")  # the motor of an ankle is no ankle
+        if is_alone:
+            kinds.add("actuator alone")
+    return in_context
 
 
 def probabilities(channel: RecordedChannel, evidence: Set[str]) -> dict[str, float]:
     """The probability that a channel is each of the columns that its unit does not contradict; the
     rest is that it is none."""
     weights: Mapping[str, Mapping[str, float]] = likelihoods()["weights"]
-    log_odds = {
-        column: sum(weights.get(one, {}).get(column, 0.0) for one in ("always", *sorted(evidence)))
-        for column in allowed_columns(channel)
-    }
-    total = 1.0 + sum(np.exp(value) for value in log_odds.values())
-    return {column: float(np.exp(value) / total) for column, value in log_odds.items()}
+    odds: dict[str, float] = {}
+    for column in allowed_columns(channel):
+        kinds = ("always", *sorted(evidence))
+        odds[column] = math.exp(sum(weights.get(kind, {}).get(column, 0.0) for kind in kinds))
+    total = 1.0 + sum(odds.values())
+    return {column: value / total for column, value in odds.items()}
 
 
 def allowed_columns(channel: RecordedChannel) -> list[str]:

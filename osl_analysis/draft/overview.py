@@ -3,7 +3,7 @@ what of a source file it tells."""
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -46,9 +46,8 @@ def inspect_recording(path: Path) -> Overview:
     with naming(path):
         if issubclass(source_model(recording), MarkerSource):
             return overview_of_capture(recording)
-        if any("topic" in channel.address for channel in recording.channels):
-            return overview_of_messages(recording)
-        if recording.loss.by_topic:
+        has_topics = any("topic" in channel.address for channel in recording.channels)
+        if has_topics or recording.loss.by_topic:
             return overview_of_messages(recording)
         return overview_of_table(recording)
 
@@ -59,7 +58,7 @@ def source_model(recording: Recording) -> type[Source]:
     return model
 
 
-def describe_channel(channel: Channel, what: str) -> RecordedChannel:
+def describe_channel(channel: Channel, kind: str) -> RecordedChannel:
     """Show a channel of a log with range, missing readings and rate.
 
     Raises
@@ -70,10 +69,10 @@ def describe_channel(channel: Channel, what: str) -> RecordedChannel:
     rows = channel.rows
     values = np.ma.filled(np.ma.asarray(channel.values).astype(np.float64), np.nan)
     numbers = np.ma.compressed(channel.values).astype(np.float64)
-    known = numbers[np.isfinite(numbers)]
-    notes = [f"from {known.min():.6g} to {known.max():.6g}" if known.size else "no numbers"]
-    if known.size < numbers.size:
-        notes.append(f"{numbers.size - known.size} x NaN or infinity")
+    finite = numbers[np.isfinite(numbers)]
+    notes = [f"from {finite.min():.6g} to {finite.max():.6g}" if finite.size else "no numbers"]
+    if finite.size < numbers.size:
+        notes.append(f"{numbers.size - finite.size} x NaN or infinity")
     if numbers.size < rows.count:
         notes.append(f"in {numbers.size} of {rows.count} {rows.noun}s")
     words = Counter(channel.count_words() if channel.count_words else {})
@@ -90,10 +89,10 @@ def describe_channel(channel: Channel, what: str) -> RecordedChannel:
         times = rows.start_s + np.arange(rows.count) / rows.rate_hz
     name = channel.name or channel.key
     return RecordedChannel(
-        kind=what,
+        kind=kind,
         address=channel.address,
         unit=channel.unit,
-        count=int(known.size),
+        count=int(finite.size),
         rate=rate,
         note=", ".join(notes),
         type=channel.type,
@@ -110,13 +109,13 @@ def describe_channel(channel: Channel, what: str) -> RecordedChannel:
 def describe_positions(channel: Channel) -> RecordedChannel:
     """Show a marker or a model output with the share of frames in which it is missing."""
     values = channel.values
-    seen = ~np.isnan(values).any(axis=1)
-    missing = 1.0 - float(seen.mean()) if seen.size else 0.0
+    is_seen = ~np.isnan(values).any(axis=1)
+    missing = 1.0 - float(is_seen.mean()) if is_seen.size else 0.0
     return RecordedChannel(
         kind=str(channel.kind),
         address=channel.address,
         unit=channel.unit,
-        count=int(seen.sum()),
+        count=int(is_seen.sum()),
         rate=channel.rows.rate_hz,
         note=f"missing in {missing:.1%} of the frames" if missing else "",
         numbers=values,
@@ -125,20 +124,21 @@ def describe_positions(channel: Channel) -> RecordedChannel:
 
 
 def as_clock(channel: RecordedChannel) -> RecordedChannel:
-    """Show a column as the clock of its table: its rate and gaps, those of stamps in seconds."""
-    known = channel.readings
+    """Show a column as the clock of its table: its rate and gaps; that of stamps in seconds."""
+    readings = channel.readings
     factor, base = channel.base
     is_of_time = base == dimension("s")
     if is_of_time:
-        known = (known - known[:1].sum()) * factor
-    rate = rate_of(known)
+        readings = (readings - readings[:1].sum()) * factor
+    rate = rate_of(readings)
     note = f"a clock, {rate:g} per {'s' if is_of_time else 'unit'}" if rate else STANDS_STILL
-    gaps = gaps_text(known)
+    gaps = gaps_text(readings)
+    if channel.is_stamp:
+        channel = replace(channel, unit="s", numbers=channel.numbers * factor)
     return replace(
         channel,
-        unit="s" if channel.is_stamp else channel.unit,
         note=f"{note}, {gaps}" if gaps else note,
-        likely_unit="" if channel.unit else likely_unit(channel.name) or time_unit(known),
+        likely_unit="" if channel.unit else likely_unit(channel.name) or time_unit(readings),
     )
 
 
@@ -169,11 +169,11 @@ def overview_of_capture(recording: Recording) -> Overview:
         if channel.kind in (Kind.MARKER, Kind.MODEL_OUTPUT):
             channels.append(describe_positions(channel))
         else:
-            described = describe_channel(channel, "analog")
-            channels.append(replace(described, group=plate_of.get(id(channel), "")))
+            analog = describe_channel(channel, "analog")
+            channels.append(replace(analog, group=plate_of.get(id(channel), "")))
     channels += [describe_plate(plate) for plate in recording.plates]
     settings = dict(recording.settings)
-    markers = [one for one in recording.channels if one.kind == Kind.MARKER]
+    markers = [channel for channel in recording.channels if channel.kind == Kind.MARKER]
     is_told = bool(recording.facts.get("vertical_on_screen"))
     if not is_told and vertical_axis(markers, recording.plates) == "y":
         settings["axes"] = Y_UP
@@ -204,47 +204,39 @@ def describe_plate(plate: Plate) -> RecordedChannel:
     """Show a plate with its type, its channels, and its force [N], as far as they can be known."""
     names = ", ".join(channel.name or channel.key for channel in plate.channels)
     note = f"type {plate.type}, {names}"
-    size = None
+    described = RecordedChannel("plate", {"plate": str(plate.number)}, corners=plate.corners)
     try:
         load = convert_plate(plate, Source(format="any"), np.eye(3))
     except InputError as error:
-        note = f"{note}: {error}"
-    else:
-        force = [load.columns[name] for name in plate_columns(plate.number, "force")]
-        size = np.linalg.norm(force, axis=0)
-        note = f"{note}, force changes by {float(np.ptp(size)):.0f} N"
-    return RecordedChannel(
-        kind="plate",
-        address={"plate": str(plate.number)},
-        note=note,
-        numbers=size,
-        corners=plate.corners,
-    )
+        return replace(described, note=f"{note}: {error}")
+    force = [load.columns[name] for name in plate_columns(plate.number, "force")]
+    size = np.linalg.norm(force, axis=0)
+    note = f"{note}, force changes by {float(np.ptp(size)):.0f} N"
+    return replace(described, note=note, numbers=size)
 
 
 def overview_of_messages(recording: Recording) -> Overview:
     """List the numbers of every topic, one by one as a source file names them; the topic alone
     where there are none."""
-    channels: list[RecordedChannel] = []
-    has_stamp = False
-    shown = set[str]()
-    for channel in recording.channels:
-        if channel.kind == Kind.CLOCK:
-            has_stamp = True
-        elif not channel.address["field"].startswith("header."):  # no signal is in it
-            channels.append(describe_channel(channel, "field"))
-            shown.add(channel.address["topic"])
+    channels = [
+        describe_channel(channel, "field")
+        for channel in recording.channels
+        if channel.kind != Kind.CLOCK
+        and not channel.address["field"].startswith("header.")  # no signal is in it
+    ]
+    topics_shown = {channel.address["topic"] for channel in channels}
     for topic, (count, _) in recording.loss.by_topic.items():
-        if topic not in shown:
+        if topic not in topics_shown:
             note = "" if count else "empty"
             channels.append(RecordedChannel("topic", {"topic": topic}, count=count, note=note))
-    settings = {"clock": "master", "time": {"source": "header" if has_stamp else "log"}}
+    has_stamp = any(channel.kind == Kind.CLOCK for channel in recording.channels)
+    time = {"source": "header" if has_stamp else "log"}
     return Overview(
         recording.format,
         facts_of(recording),
         channels,
         recording.loss.remarks,
-        {**settings, **recording.settings},
+        {"clock": "master", "time": time, **recording.settings},
     )
 
 
@@ -258,42 +250,45 @@ def overview_of_table(recording: Recording) -> Overview:
             shown.append(describe_channel(with_tick(channel, recording), address_key(recording)))
         except InputError as error:
             remarks.append(str(error))
-    part, settings, questions = drafted_part(recording)
-    drafted = [one for one in shown if is_of_part(one, part, shown)]
-    questions = [*recording.questions, *repeated_headers(shown), *questions]
-    timing, clock, asked = timing_of(recording, drafted, part or "")
-    questions += asked
-    if clock is not None and clock.numbers is not None:
-        length = len(clock.numbers)
-        untimed = [one for one in drafted if one.numbers is None or len(one.numbers) != length]
-        drafted = [one for one in drafted if one not in untimed]
+    questions = [*recording.questions]
+    is_begun_anew = any(has_title(channel) for channel in shown)
+    if is_begun_anew:
+        questions.append(
+            "the header stands again among the rows, as where a recorder begins anew: cut the file"
+            " in two, a log each"
+        )
+    part, settings, of_parts = drafted_part(recording, shown)
+    drafted = [within_part(channel, part) for channel in shown if is_of_part(channel, part, shown)]
+    timing, clock, of_timing = timing_of(recording, drafted, shown)
+    questions += [*of_parts, *of_timing]
+    if clock is not None:
+        signals = [channel for channel in drafted if channel.address != clock.address]
+        length = clock.numbers.size
+        untimed = [channel.key for channel in signals if channel.numbers.size != length]
         if untimed:
-            names = ", ".join(printable(one.key) for one in untimed)
             questions.append(
-                f"{names}: of another length than the clock; interpolate them to its times, or"
-                " leave them out"
+                f"{', '.join(map(printable, untimed))}: of another length than the clock;"
+                " interpolate them to its times, or leave them out"
             )
-        shown = [as_clock(one) if one is clock else one for one in shown]
-        drafted = [as_clock(one) if one is clock else one for one in drafted]
-    settings = {
-        "clock": "master",
-        **recording.settings,
-        **settings,
-        **layout_of(recording, shown),
-        **timing,
-    }
-    guessed = [one for one in shown if one.likely_unit and one.count]
+        drafted = [clock, *(channel for channel in signals if channel.key not in untimed)]
+        shown = [as_clock(one) if one.numbers is clock.numbers else one for one in shown]
+        drafted[0] = as_clock(clock)
+    guessed = [f"{one.key} [{one.likely_unit}]" for one in shown if one.likely_unit and one.count]
     if guessed:
-        units = ", ".join(f"{one.key} [{one.likely_unit}]" for one in guessed)
-        remarks.append(f"units guessed from the names, to be checked: {units}")
-    is_all = not part and len(drafted) == len(shown)
+        remarks.append(f"units guessed from the names, to be checked: {', '.join(guessed)}")
     return Overview(
         recording.format,
         facts_of(recording),
         shown,
         remarks,
-        settings,
-        None if is_all else [within_part(one, part or "") for one in drafted],
+        {
+            "clock": "master",
+            **recording.settings,
+            **settings,
+            **layout_of(recording, [] if is_begun_anew else shown),
+            **timing,
+        },
+        drafted,
         questions,
     )
 
@@ -303,7 +298,7 @@ def is_of_part(
 ) -> bool:
     """Whether a channel is of the part that is drafted, if a file has parts, and not itself a part
     of a stamp."""
-    stamps = [one.key for one in channels if one.is_stamp]
+    stamps = [other.key for other in channels if other.is_stamp]
     is_in_stamp = any(channel.key.startswith(f"{key}.") for key in stamps)
     return part in (None, channel.group) and not is_in_stamp
 
@@ -317,28 +312,13 @@ def address_key(recording: Recording) -> str:
 def with_tick(channel: Channel, recording: Recording) -> Channel:
     """The channel with the unit of a counter, where the file's text tells it, as `tick of 10
     us`."""
-    if channel.unit:
-        return channel
+    values = np.ma.getdata(channel.values)
+    is_counter = not channel.unit and values.ndim == 1 and values.dtype.kind in "iuf"
     for text in recording.notes:
-        told = TICK.search(text)
-        if told is None:
-            continue
-        unit = f"{told[1]} {told[2]}"
-        values = np.ma.getdata(channel.values)
-        if values.ndim == 1 and values.dtype.kind in "iuf" and ticks(values, unit):
-            return replace(channel, unit=unit)
+        tick = TICK.search(text)
+        if tick and is_counter and ticks(values, f"{tick[1]} {tick[2]}"):
+            return replace(channel, unit=f"{tick[1]} {tick[2]}")
     return channel
-
-
-def repeated_headers(channels: Iterable[RecordedChannel]) -> Iterator[str]:
-    """Say where the header stands again among the rows."""
-    for channel in channels:
-        if has_title(channel):
-            yield (
-                "the header stands again among the rows, as where a recorder begins anew: cut the"
-                " file in two, a log each"
-            )
-            return
 
 
 def has_title(channel: RecordedChannel) -> bool:
@@ -347,70 +327,90 @@ def has_title(channel: RecordedChannel) -> bool:
     return any(word == name or word.startswith(f"{name} ") for word in channel.words)
 
 
-def drafted_part(recording: Recording) -> tuple[str | None, dict[str, object], list[str]]:
+def drafted_part(
+    recording: Recording, shown: Sequence[RecordedChannel]
+) -> tuple[str | None, dict[str, object], list[str]]:
     """The part of a file that a draft describes: of parts that hold the same signals one, of others
     the one with most; None where a file has no parts. And what of a source file that tells, and
     questions."""
-    if "log_part" not in source_model(recording).model_fields:
+    parts: dict[str, list[str]] = {}
+    if "log_part" in source_model(recording).model_fields:
+        for channel in shown:
+            if channel.numbers.size >= FEWEST_READINGS:
+                parts.setdefault(channel.group, []).append(channel.name)
+    if not parts:
         return None, {}, []
-    parts: dict[str, list[Channel]] = {}
-    for channel in recording.channels:
-        if channel.rows.count >= FEWEST_READINGS:
-            parts.setdefault(channel.rows.name, []).append(channel)
-    if len(parts) < 2:
-        part = next(iter(parts), "")
-        return part or None, {"log_part": part} if part else {}, []
-    named = {part: [one.name or one.key for one in own] for part, own in parts.items()}
-    alike_of = {part: [p for p in parts if named[p] == own] for part, own in named.items()}
-    alike = max(alike_of.values(), key=lambda alike: sum(len(parts[part]) for part in alike))
+    layouts = [*parts.values()]
+    largest = max(layouts, key=lambda names: len(names) * layouts.count(names))
+    alike = [part for part, names in parts.items() if names == largest]
+    part = alike[0]
     questions: list[str] = []
     if len(alike) > 1:
         questions.append(
             f"{len(alike)} parts hold the same variables: name one per trial in the column"
             f" `log_part` of the sheet: {', '.join(alike)}"
         )
-    others = [part for part in parts if part not in alike]
+    others = [channel.key for channel in shown if channel.group in parts.keys() - {*alike}]
     if others:
-        address = parts[others[0]][-1].key
         questions.append(
             "a draft is of one part; to read a variable of another, write its address with `/`, as"
-            f" `/{address.removeprefix('/')}`"
+            f" `{from_root(others[-1])}`"
         )
-    is_one = len(alike) == 1 and alike[0]
-    return alike[0], {"log_part": alike[0]} if is_one else {}, questions
+    is_named = bool(part) and len(alike) == 1
+    return part, {"log_part": part} if is_named else {}, questions
 
 
-def within_part(channel: RecordedChannel, part: str) -> RecordedChannel:
+def within_part(channel: RecordedChannel, part: str | None) -> RecordedChannel:
     """The channel, called as within a part of the file."""
-    ((key, name),) = channel.address.items()
-    return replace(channel, address={key: name.removeprefix(part).removeprefix(".")})
+    name = channel.key.removeprefix(part or "").removeprefix(".") if part else channel.key
+    return replace(channel, address={next(iter(channel.address)): name})
+
+
+def from_root(address: str) -> str:
+    """The address of a variable in the whole file, as a source file names it in any part."""
+    return f"/{address.removeprefix('/')}"
 
 
 def timing_of(
-    recording: Recording, drafted: Sequence[RecordedChannel], part: str
+    recording: Recording, drafted: Sequence[RecordedChannel], shown: Sequence[RecordedChannel]
 ) -> tuple[dict[str, object], RecordedChannel | None, list[str]]:
-    """The field `time` of a draft, its channel, and questions."""
-    if drafted and all(one.times is not None for one in drafted):
+    """The field `time` of a draft, its channel, and questions. Where no clock is among what is
+    drafted, one that is as long in another part of the file goes before a rate in its text."""
+    if drafted and all(channel.times is not None for channel in drafted):
         return {}, None, []
-    numbered = [one for one in drafted if one.count]
-    rises = [one for one in numbered if ticks(np.asarray(one.numbers), one.unit)]
-    if not rises and not any(one.is_stamp or is_like_clock(one.name) for one in numbered):
+    what = address_key(recording)
+    numbered = [channel for channel in drafted if channel.count]
+    questions: list[str] = []
+    if not any(may_be_clock(channel) for channel in numbered):
+        lengths = {channel.numbers.size for channel in numbered}
+        numbered = [
+            replace(channel, address={what: from_root(channel.key)})
+            for channel in shown
+            if channel.numbers.size in lengths and is_like_clock(channel.name) and rises(channel)
+        ]
         rate, questions = rate_in_words(recording.notes)
-        if rate is not None:
+        if rate is not None and not numbered:
             return {"time": {"rate": rate}}, None, questions
-    else:
-        questions = []
+        questions = [] if numbered else questions
     choice = choose_clock(numbered)
     questions += choice.questions
     clock = choice.channel
-    what = address_key(recording)
     if clock is None:
         return {"time": {what: NAME_OF_TIME, "unit": UNKNOWN}}, None, questions
-    address = within_part(clock, part).address[what]
-    if clock.is_stamp:
-        return {"time": {what: address}}, clock, questions
-    unit = clock.unit or as_clock(clock).likely_unit or UNKNOWN
-    return {"time": {what: address, "unit": unit}}, clock, questions
+    time: dict[str, object] = {what: clock.key}
+    if not clock.is_stamp:
+        time["unit"] = clock.unit or as_clock(clock).likely_unit or UNKNOWN
+    return {"time": time}, clock, questions
+
+
+def may_be_clock(channel: RecordedChannel) -> bool:
+    """Whether a channel may tell the time of its rows, by its kind, its name or its readings."""
+    return channel.is_stamp or is_like_clock(channel.name) or rises(channel)
+
+
+def rises(channel: RecordedChannel) -> bool:
+    """Whether the readings of a channel rise like a clock."""
+    return ticks(channel.numbers, channel.unit)
 
 
 def layout_of(recording: Recording, shown: Sequence[RecordedChannel]) -> dict[str, object]:
@@ -425,15 +425,14 @@ def layout_of(recording: Recording, shown: Sequence[RecordedChannel]) -> dict[st
         settings["most_missing"] = share_above(lost, recording.loss.expected or 1)
     if "missing" not in fields or "more" in str(recording.facts.get("rows", "")):
         return settings
-    words: dict[str, None] = {}
+    known: Any = fields["missing"].default
+    missing = list(known)
     for channel in shown:
-        if has_title(channel):
-            return settings
         total = channel.count + sum(channel.words.values())
         for word, count in channel.words.items():
-            if count < RARE_WORD * total and not OTHER_NUMBER.match(word):
-                words[word] = None
-    known: Any = fields["missing"].default
-    if any(word not in known for word in words):
-        settings["missing"] = list(dict.fromkeys([*known, *words]))
+            is_rare = count < RARE_WORD * total and not OTHER_NUMBER.match(word)
+            if is_rare and word not in missing:
+                missing.append(word)
+    if len(missing) > len(known):
+        settings["missing"] = missing
     return settings

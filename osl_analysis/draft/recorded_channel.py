@@ -11,6 +11,10 @@ from osl_analysis.trial import Array
 from osl_analysis.units import base_units, normalised
 
 
+def no_readings() -> Array:
+    return np.empty(0)
+
+
 @dataclass(frozen=True)
 class RecordedChannel:
     """One channel as a user is shown it.
@@ -31,7 +35,7 @@ class RecordedChannel:
     likely_unit
         What its name or its readings tell of its unit; a guess, for the user to check.
     numbers
-        Readings (n,), positions (n, 3), size of a force (n,) [N].
+        Readings (n,), positions (n, 3), size of a force (n,) [N]; none where they were not read.
     times
         Of its readings (n,) [s]; None: those of the rows.
     name
@@ -54,7 +58,7 @@ class RecordedChannel:
     note: str = ""
     type: str = ""
     likely_unit: str = ""
-    numbers: Array | None = field(default=None, compare=False, repr=False)
+    numbers: Array = field(default_factory=no_readings, compare=False, repr=False)
     times: Array | None = field(default=None, compare=False, repr=False)
     name: str = ""
     group: str = ""
@@ -69,10 +73,7 @@ class RecordedChannel:
 
     @property
     def readings(self) -> Array:
-        """The readings (n,) that are numbers of a sensor, in the channel's unit; none where they
-        were not read."""
-        if self.numbers is None:
-            return np.empty(0)
+        """The readings (n,) that are numbers of a sensor, in the channel's unit."""
         return self.numbers[np.abs(self.numbers) < LARGEST_SIGNAL]
 
     @property

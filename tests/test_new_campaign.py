@@ -14,6 +14,7 @@ from conftest import ROOT
 from jsonschema import Draft202012Validator
 from test_ingest_opensim import write_trc
 
+from osl_analysis.campaign.configuration import read_config
 from osl_analysis.cli import main
 from osl_analysis.commands.new_campaign import left_to_decide, new_campaign
 from osl_analysis.commands.reference import schemas
@@ -346,7 +347,7 @@ def test_the_leg_whose_foot_is_on_the_loaded_plate_is_the_one_that_steps_on_the_
 
     draft = new_campaign(tmp_path / "mine", recordings=rec)
 
-    assert yaml.safe_load(draft.walking)["walking"]["side"] == "left"
+    assert "side: left" in draft.walking
     assert "its foot is on the plate in 1 of 1 captures" in draft.walking
 
 
@@ -364,6 +365,8 @@ def test_what_the_captures_of_walking_do_not_tell_is_unknown_and_to_be_edited(tm
     )
     assert left_to_decide(tmp_path / "mine", draft)[0][0] == f"{tmp_path}/mine/{said}"
     assert 'foot: ["RHEE", UNKNOWN]  # named so; a cluster has 3 or more' in draft.walking
+    assert yaml.safe_load(draft.walking) is None, "a part of a section would be refused"
+    read_config(tmp_path / "mine/config.yaml")
     ((cells, (question,)),) = draft.trials
     assert cells["experiment"] == "ingest_only"
     assert "the name tells none, write one of walking, static, plate" in question
@@ -616,7 +619,6 @@ def test_a_laboratory_with_names_of_its_own_is_drafted_without_a_question(tmp_pa
     assert log["clock"] == "sync"
     assert log["channels"]["theta"] == {"column": "ankle.output_position", "unit": "rad"}
     text = (tmp_path / "mine/sources/c3d.yaml").read_text()
-    assert "6 more are read as plate 1" in text
     assert "Fx" not in text
 
 
@@ -641,6 +643,20 @@ def standing_with_y_up():
     points = np.full((50, 4, 3), 10.0)
     points[:, :, 1] = HEIGHTS
     return points
+
+
+def test_a_file_without_a_signal_is_left_out_with_a_sentence(tmp_path):
+    (tmp_path / "rec").mkdir()
+    write_bench(tmp_path / "rec/impedance_K150_B3.csv")
+    rows = [f"{k / 250}" for k in range(500)]
+    (tmp_path / "rec/clock.csv").write_text("\n".join(["time_s", *rows]))
+
+    draft = draft_campaign(tmp_path / "rec")
+
+    assert [trial.cells["log"] for trial in draft.trials] == ["impedance_K150_B3.csv"]
+    assert draft.refused == [
+        f"{tmp_path}/rec/clock.csv: no signal in it can be read; `osl-analysis inspect` lists it"
+    ]
 
 
 def test_a_trc_that_does_not_tell_which_axis_points_up_is_asked_for_it(tmp_path):

@@ -7,7 +7,7 @@ import os
 import re
 import shlex
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import chdir
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -18,7 +18,6 @@ from osl_analysis.campaign.configuration import read_config
 from osl_analysis.commands.campaign_start import check_start, source_problems
 from osl_analysis.draft.draft_campaign import Draft, draft_campaign
 from osl_analysis.draft.draft_sheet import UNNAMED
-from osl_analysis.draft.draft_source import Entry
 from osl_analysis.errors import InputError, listing, nearest, printable
 from osl_analysis.files import CAMPAIGN, seen_from, shipped
 from osl_analysis.ingest.placeholders import UNKNOWN
@@ -28,11 +27,9 @@ COLUMNS = (
     *("log", "log_source", "mocap", "mocap_source", "exclude"),
 )
 SELDOM = ("joint", "fixture")  # columns of a drafted sheet only where a trial has them
-MOST_SHOWN = 4  # files or trials of one kind in the text of `init`
+MOST_SHOWN = 4  # files, trials, questions in the text of `init`
+MOST_PLACES = 6  # to be edited, in the text of `init`
 MOST_REFUSED = 2  # files that were not read, in the text of `init`
-MOST_QUESTIONS = 4  # in the text of `init`; the files have all of them
-MOST_OF_SOURCES = 4  # lines on source files in the text of `init`
-
 
 Example = Literal["bench", "walking"]
 RECORDERS: Mapping[Example, Sequence[str]] = {
@@ -65,35 +62,33 @@ def new_campaign(
         what = "exists and is not empty" if folder.is_dir() else "is a file"
         raise InputError(f"{folder}: {what}; name a new folder, nothing is overwritten")
     draft = Draft() if recordings is None else draft_campaign(recordings)
-    known = sorted(path.stem for path in shipped("config/sources").glob("*.yaml"))
-    for name in recorders:
-        if name not in known:
-            raise InputError(
-                f"no source file for a recorder '{name}'; there are"
-                f" {', '.join(known)}{nearest(name, known)}"
-            )
-    names = RECORDERS[example] if example else recorders
-    texts = {
-        name: shipped(f"config/sources/{name}.yaml").read_text(encoding="utf-8") for name in names
-    }
-    raw_data = Path("recordings")
-    if recordings is not None:
-        raw_data = seen_from(folder, recordings)
-    name = folder.resolve().name
+    sources = {**draft.sources, **shipped_sources(RECORDERS[example] if example else recorders)}
+    raw_data = Path("recordings") if recordings is None else seen_from(folder, recordings)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with TemporaryDirectory(dir=folder, prefix=".campaign.") as place:
-            made = Path(place) / "campaign"
-            sources = {**draft.sources, **texts}
-            write_campaign(made, name, raw_data, sources, example or draft)
+            campaign = Path(place) / "campaign"
+            write_campaign(campaign, folder.resolve().name, raw_data, sources, example or draft)
             # the configuration comes last: a folder without it is no campaign
-            for part in sorted(made.iterdir(), key=lambda path: path.name == CAMPAIGN.name):
+            for part in sorted(campaign.iterdir(), key=lambda path: path.name == CAMPAIGN.name):
                 part.rename(folder / part.name)
     except OSError as error:
         raise InputError(
             f"{folder}: cannot be made ({error.strerror}); choose another place"
         ) from error
     return draft
+
+
+def shipped_sources(recorders: Sequence[str]) -> dict[str, str]:
+    """Texts of the shipped source files of recorders, by name."""
+    paths = {path.stem: path for path in sorted(shipped("config/sources").glob("*.yaml"))}
+    for name in recorders:
+        if name not in paths:
+            raise InputError(
+                f"no source file for a recorder '{name}'; there are"
+                f" {', '.join(paths)}{nearest(name, [*paths])}"
+            )
+    return {name: paths[name].read_text(encoding="utf-8") for name in recorders}
 
 
 def write_campaign(
@@ -127,11 +122,11 @@ def write_campaign(
         text = f"# yaml-language-server: $schema=../schemas/source.schema.json\n{described}"
         (folder / f"sources/{source}.yaml").write_text(text, encoding="utf-8")
     if not isinstance(content, Draft):
-        simulation = shipped(f"config/new_campaign/simulation_{content}.yaml")
-        shutil.copy(simulation, folder / "simulation.yaml")
+        settings = shipped(f"config/new_campaign/simulation_{content}.yaml")
+        shutil.copy(settings, folder / "simulation.yaml")
         return
-    told = {column for trial in content.trials for column in trial.cells}
-    columns = [*COLUMNS, *(column for column in SELDOM if column in told)]
+    columns = [*COLUMNS]
+    columns += [name for name in SELDOM if any(name in trial.cells for trial in content.trials)]
     with (folder / "trials.csv").open("w", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(file, columns, restval="", lineterminator="\n")
         writer.writeheader()
@@ -141,29 +136,32 @@ def write_campaign(
 def left_to_decide(folder: Path, draft: Draft) -> tuple[list[str], bool]:
     """What a user has to decide, a line each; and whether a run can analyse some trial before: no
     place is to be edited, no capture asks anything, and nothing is refused at its start."""
-    obstacles = list(places_to_edit(folder, draft)) or first_look(folder)
-    asked: dict[str, list[str]] = {}
-    for file, text in draft.open:
-        asked.setdefault(text, []).append(str(file))
+    obstacles = places_to_edit(folder, draft) or first_look(folder)
+    files_of: dict[str, list[str]] = {}
+    for file, question in draft.open:
+        files_of.setdefault(question, []).append(str(file))
     for trial in draft.trials:
-        for text in trial.questions:
-            question = f"{folder / 'trials.csv'}: {text}"
-            asked.setdefault(question, []).append(trial.cells["trial"])
+        for question in trial.questions:
+            text = f"{folder / 'trials.csv'}: {question}"
+            files_of.setdefault(text, []).append(trial.cells["trial"])
     is_named = any(trial.cells["experiment"] != UNNAMED for trial in draft.trials)
     is_ready = is_named and not obstacles and not draft.has_open_captures
-    texts = [f"{text} ({listing(which, MOST_SHOWN)})" for text, which in asked.items()]
+    texts = [f"{text} ({listing(files, MOST_SHOWN)})" for text, files in files_of.items()]
     return obstacles + texts, is_ready
 
 
-def places_to_edit(folder: Path, draft: Draft) -> Iterator[str]:
+def places_to_edit(folder: Path, draft: Draft) -> list[str]:
     """The places of each file that are to be edited."""
-    edits = {folder / CAMPAIGN: re.findall(rf"(\w+): [^#\n]*{UNKNOWN}", draft.walking)}
+    places_of = {CAMPAIGN: re.findall(rf"(\w+): [^#\n]*{UNKNOWN}", draft.walking)}
     for name, source in draft.source_files.items():
-        edits[folder / f"sources/{name}.yaml"] = source.places
-    for path, places in edits.items():
+        places_of[Path("sources", f"{name}.yaml")] = source.places
+    texts: list[str] = []
+    for path, places in places_of.items():
         if places:
             are = "place is" if len(places) == 1 else "places are"
-            yield f"{path}: {len(places)} {are} to be edited: {', '.join(places[:6])}"
+            listed = ", ".join(places[:MOST_PLACES])
+            texts.append(f"{folder / path}: {len(places)} {are} to be edited: {listed}")
+    return texts
 
 
 def first_look(folder: Path) -> list[str]:
@@ -186,28 +184,30 @@ def campaign_text(folder: Path, draft: Draft) -> str:
     lines: list[str] = []
     if questions:
         lines.append("to be decided:")
-        lines += [f"  {text}" for text in questions[:MOST_QUESTIONS]]
-        if len(questions) > MOST_QUESTIONS:
-            lines.append(f"  and {len(questions) - MOST_QUESTIONS} more, marked in the files")
-    lines += source_lines(draft)
+        lines += some_of([f"  {text}" for text in questions], MOST_SHOWN, "in the files")
+    lines += some_of(source_lines(draft), MOST_SHOWN, "on source files")
     by_experiment: dict[str, list[str]] = {}
     for trial in draft.trials:
         by_experiment.setdefault(trial.cells["experiment"], []).append(trial.cells["trial"])
     texts = [f"{name}: {listing(trials, MOST_SHOWN)}" for name, trials in by_experiment.items()]
     lines.append(f"trials.csv: {'; '.join(texts)}")
-    if draft.refused:
-        lines += [f"not read: {printable(why)}" for why in draft.refused[:MOST_REFUSED]]
-        if len(draft.refused) > MOST_REFUSED:
-            more = len(draft.refused) - MOST_REFUSED
-            lines.append(f"and {more} more files that were not read, which `inspect` tells")
+    refused = [f"not read: {printable(why)}" for why in draft.refused]
+    lines += some_of(refused, MOST_REFUSED, "not read, which `inspect` tells")
     edit = "" if is_ready else "edit what is named above; "
     run = "osl-analysis run" if is_ready else "osl-analysis run -n says what is left"
     lines.append(f"then: {edit}cd {shlex.quote(str(folder))} && {run}")
     return "\n".join(lines)
 
 
+def some_of(lines: Sequence[str], most: int, where: str) -> list[str]:
+    """The first lines, and how many there are more."""
+    if len(lines) <= most:
+        return [*lines]
+    return [*lines[:most], f"  and {len(lines) - most} more {where}"]
+
+
 def source_lines(draft: Draft) -> list[str]:
-    """The recordings of each source file, and what of it was guessed."""
+    """The recordings of each source file, with what of it was guessed."""
     lines: list[str] = []
     for name, source in draft.source_files.items():
         files = [
@@ -216,19 +216,9 @@ def source_lines(draft: Draft) -> list[str]:
             for role in ("log", "mocap")
             if trial.cells.get(f"{role}_source") == name
         ]
-        lines.append(f"sources/{name}.yaml: {len(files)} recordings, {listing(files, MOST_SHOWN)}")
-        guessed = [] if source.known else [guess_text(entry) for entry in source.named]
-        if any(guessed):
-            lines.append(f"  guessed, to be checked: {'; '.join(filter(None, guessed))}")
-    if len(lines) > MOST_OF_SOURCES:
-        shown = lines[: MOST_OF_SOURCES - 1]
-        return [*shown, f"sources/: {len(draft.source_files)} source files, with what is guessed"]
+        line = f"sources/{name}.yaml: {len(files)} recordings, {listing(files, MOST_SHOWN)}"
+        guessed = [] if source.known else [entry.guess for entry in source.named if entry.guess]
+        if guessed:
+            line = f"{line}\n  guessed, to be checked: {'; '.join(guessed)}"
+        lines.append(line)
     return lines
-
-
-def guess_text(entry: Entry) -> str:
-    """A channel that is named by a guess, with unit and sign; empty of another."""
-    if "guess" not in entry.remark.partition(";")[0]:
-        return ""
-    sign = ", sign -1: it falls as the angle rises" if "sign" in entry.fields else ""
-    return f"{entry.name} in {entry.fields['unit']}{sign}"

@@ -1,6 +1,7 @@
 """A draft of a campaign from a folder of recordings: a source file for each kind of them, a sample
 sheet, the section `walking` of the configuration, and what the user has to decide."""
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,7 +23,7 @@ from osl_analysis.draft.draft_source import (
 from osl_analysis.draft.draft_walking import draft_walking, segment_of
 from osl_analysis.draft.guesses import joints_named, turns_slowly
 from osl_analysis.draft.overview import FEWEST_READINGS, inspect_recording
-from osl_analysis.draft.recorded_channel import Overview
+from osl_analysis.draft.recorded_channel import Overview, RecordedChannel
 from osl_analysis.errors import InputError, listing
 from osl_analysis.files import shipped
 from osl_analysis.formats import TEXT_PRIORITY, formats_of, known_formats
@@ -79,16 +80,11 @@ class Described:
         """How much it tells: whether a joint turns, whose spring has the torque's sign, and no
         fixture alone; channels; and those that may be signals, or whether its markers tell which
         axis points up."""
-        is_joint = not is_fixture_alone(self.file)
         if self.log is None:
-            return is_joint, len(self.overview.channels), int("axes" in self.overview.settings)
-        moving = sum(not guess.why_not for guess in self.log.guesses)
-        return is_joint, len(self.overview.channels), moving
-
-    @property
-    def key(self) -> str:
-        """Its file as a sheet names it."""
-        return self.file.as_posix()
+            details = int("axes" in self.overview.settings)
+        else:
+            details = sum(not guess.why_not for guess in self.log.guesses)
+        return not is_fixture_alone(self.file), len(self.overview.channels), details
 
 
 def draft_campaign(folder: Path) -> Draft:
@@ -110,12 +106,10 @@ def draft_campaign(folder: Path) -> Draft:
         raise InputError(
             f"{folder}: no recording in it that can be read{why}; name the folder of the recordings"
         )
-    captures = [one for one in described if one.log is None]
-    logs = [one for one in described if one.log is not None]
     draft.source_files = draft_sources(described)
-    draft.trials = trials_of(draft, logs, captures)
+    draft.trials = trials_of(draft, described)
     align_clocks(draft)
-    ask(draft, described, captures)
+    ask(draft, described)
     return draft
 
 
@@ -127,34 +121,52 @@ def describe_recordings(folder: Path, draft: Draft) -> list[Described]:
     """
     described: list[Described] = []
     names: dict[tuple[object, ...], str] = {}
+    sources_of = Counter[str]()  # by format
     for path in recordings_in(folder):
         try:
             check_file(path)
-            overview = inspect_recording(path)
+            overview, log = looked_at(path)
         except InputError as error:
             # a note in a text file tells less than a recording that cannot be read
             is_text = all(known.priority >= TEXT_PRIORITY for known in formats_of(path))
             draft.refused.insert(len(draft.refused) if is_text else 0, str(error))
             continue
-        most = max((channel.count for channel in overview.channels), default=0)
-        if most < FEWEST_READINGS:
-            why = f" ({'; '.join(overview.remarks)})" if overview.remarks else ""
-            draft.refused.append(f"{path}: at most {most} rows of numbers, and no recording{why}")
-            continue
-        log = None
         recorder = ""
         layout: tuple[object, ...] = (overview.format, *pulse_channels(overview))
-        if not is_capture(known_formats()[overview.format]):
-            log = drafted_log(overview)
+        if log is not None:
             recorder = known_recorder(overview)
-            settings = {key: one for key, one in overview.settings.items() if key != "missing"}
-            channels = [(*one.address.values(), one.unit) for one in overview.channels]
+            settings = {**overview.settings, "missing": None}
+            channels = [(*channel.address.values(), channel.unit) for channel in overview.channels]
             layout = (overview.format, repr(settings), *channels)
-        number = 1 + sum(one[0] == overview.format for one in names)
-        own_name = overview.format if number == 1 else f"{overview.format}_{number}"
-        source = names.setdefault(layout, recorder or own_name)
-        described.append(Described(path.relative_to(folder), overview, source, log, recorder))
+        if layout not in names:
+            sources_of[overview.format] += 1
+            number = sources_of[overview.format]
+            usual_name = overview.format if number == 1 else f"{overview.format}_{number}"
+            names[layout] = recorder or usual_name
+        file = path.relative_to(folder)
+        described.append(Described(file, overview, names[layout], log, recorder))
     return described
+
+
+def looked_at(path: Path) -> tuple[Overview, DraftedLog | None]:
+    """What a file holds, and what the channels of a log may be.
+
+    Raises
+    ------
+    InputError
+        It cannot be read, or is no recording.
+    """
+    overview = inspect_recording(path)
+    most = max((channel.count for channel in overview.channels), default=0)
+    if most < FEWEST_READINGS:
+        why = f" ({'; '.join(overview.remarks)})" if overview.remarks else ""
+        raise InputError(f"{path}: at most {most} rows of numbers, and no recording{why}")
+    if is_capture(known_formats()[overview.format]):
+        return overview, None
+    log = drafted_log(overview)
+    if not log.guesses:
+        raise InputError(f"{path}: no signal in it can be read; `osl-analysis inspect` lists it")
+    return overview, log
 
 
 def known_recorder(overview: Overview) -> str:
@@ -179,55 +191,53 @@ def known_recorder(overview: Overview) -> str:
 def draft_sources(described: Sequence[Described]) -> dict[str, DraftedSource]:
     """Draft a source file for each kind of recordings, by the one that tells most; that of a known
     recorder is the shipped one."""
-    best: dict[str, Described] = {}
-    for one in described:
-        if one.source not in best or one.tells > best[one.source].tells:
-            best[one.source] = one
     sources: dict[str, DraftedSource] = {}
-    for name, one in best.items():
-        sources[name] = drafted_source(one.overview, one.file.name, one.log)
-        if one.recorder:
-            own = shipped(f"config/sources/{one.recorder}.yaml")
-            sources[name].known = own.read_text(encoding="utf-8")
+    for name in dict.fromkeys(recording.source for recording in described):
+        alike = [recording for recording in described if recording.source == name]
+        best = max(alike, key=lambda recording: recording.tells)
+        source = drafted_source(best.overview, best.file.name, best.log)
+        if best.recorder:
+            path = shipped(f"config/sources/{best.recorder}.yaml")
+            source.known = path.read_text(encoding="utf-8")
+        sources[name] = source
     return sources
 
 
-def trials_of(
-    draft: Draft, logs: Sequence[Described], captures: Sequence[Described]
-) -> list[DraftedTrial]:
+def trials_of(draft: Draft, described: Sequence[Described]) -> list[DraftedTrial]:
     """Draft the trials, by the names of files, or else by what the source file of a log has: angle
     and torque of a joint, or current and torque of an actuator."""
     moved: dict[Path, str] = {}
-    of_joints: dict[str, list[Described]] = {}
-    for one in logs:
-        assert one.log is not None
-        source = draft.source_files[one.source]
+    of_joints: dict[str, list[RecordedChannel]] = {}
+    for recording in described:
+        log = recording.log
+        source = draft.source_files[recording.source]
+        if log is None:
+            continue
         if source.has("theta", "torque"):
-            angle = one.log.sure("theta")
-            is_slow = angle is not None and one.log.clock and turns_slowly(angle, one.log.clock)
-            moved[one.file] = "torque_angle" if is_slow else "impedance"
-            of_joints.setdefault(one.source, []).append(one)
+            angle = log.sure("theta")
+            is_slow = angle is not None and log.clock and turns_slowly(angle, log.clock)
+            moved[recording.file] = "torque_angle" if is_slow else "impedance"
+            of_joints.setdefault(recording.source, []).extend(recording.overview.channels)
         elif source.has("torque_m", "current"):
-            moved[one.file] = "actuator"
-    files = [(one.file, one.source, False) for one in logs]
-    files += [(one.file, one.source, True) for one in captures]
-    trials = draft_trials(files, moved, has_fixed_plates(captures))
-    for name, alike in of_joints.items():
-        joints = joints_named([channel for one in alike for channel in one.overview.channels])
-        for trial in trials:
-            if len(joints) == 1 and trial.cells.get("log_source") == name:
-                trial.cells["joint"] = joints[0]
+            moved[recording.file] = "actuator"
+    files = [(recording.file, recording.source, recording.log is None) for recording in described]
+    trials = draft_trials(files, moved, has_fixed_plates(described))
+    for trial in trials:
+        joints = joints_named(of_joints.get(trial.cells.get("log_source", ""), []))
+        if len(joints) == 1:
+            trial.cells["joint"] = joints[0]
     return trials
 
 
-def has_fixed_plates(captures: Sequence[Described]) -> bool:
+def has_fixed_plates(described: Sequence[Described]) -> bool:
     """Whether captures have plates, but no platform's markers and no name of a perturbation."""
-    if any(states_perturbation(one.file) for one in captures):
+    captures = [recording for recording in described if recording.log is None]
+    if any(states_perturbation(capture.file) for capture in captures):
         return False
-    channels = [channel for one in captures for channel in one.overview.channels]
+    channels = [channel for capture in captures for channel in capture.overview.channels]
     has_plates = any(channel.kind == "plate" for channel in channels)
-    markers = [channel for channel in channels if channel.kind == "marker"]
-    return has_plates and not any(segment_of(one.key)[1] == "platform" for one in markers)
+    markers = [channel.key for channel in channels if channel.kind == "marker"]
+    return has_plates and all(segment_of(label)[1] != "platform" for label in markers)
 
 
 def align_clocks(draft: Draft) -> None:
@@ -244,13 +254,25 @@ def align_clocks(draft: Draft) -> None:
             log.settings["clock"] = "common"
 
 
-def ask(draft: Draft, described: Sequence[Described], captures: Sequence[Described]) -> None:
+def ask(draft: Draft, described: Sequence[Described]) -> None:
     """Draft the walking analysis, and gather what the user has to decide."""
-    for one in described:
-        draft.open += [(one.file, text) for text in one.overview.open]
-        for guess in one.log.guesses if one.log is not None else ():
-            if guess.formula and not guess.why_not:
-                draft.open.append((one.file, f"{guess.column}: {guess.formula}"))
+    captures = [recording for recording in described if recording.log is None]
+    for recording in described:
+        questions = [*recording.overview.open]
+        if recording.log is not None:
+            questions += [
+                f"{guess.column}: {guess.formula}"
+                for guess in recording.log.guesses
+                if guess.formula and not guess.why_not
+            ]
+        source = draft.source_files[recording.source]
+        if recording.overview.format == "trc" and "axes" not in source.settings:
+            questions.append(
+                "nothing tells which axis points up: state `axes` in the source file, [x, -z, y]"
+                " where it is y, as in OpenSim"
+            )
+        draft.open += [(recording.file, question) for question in questions]
+        draft.has_open_captures |= recording.log is None and bool(questions)
     alone = [trial for trial in draft.trials if "mocap" not in trial.cells]
     walks = [trial for trial in draft.trials if trial.cells["experiment"] == "walking"]
     if len(alone) == 1 and len(walks) > 1 and not any("log" in trial.cells for trial in walks):
@@ -259,27 +281,11 @@ def ask(draft: Draft, described: Sequence[Described], captures: Sequence[Describ
             " `shared` in their source file (docs/own_data.md#source-files)"
         )
         draft.open.append((Path(alone[0].cells["log"]), question))
-    may_walk = any(
-        trial.cells["experiment"] == "walking"
-        or (trial.cells["experiment"] == UNNAMED and "mocap" in trial.cells)
-        for trial in draft.trials
-    )
-    section = draft_walking([one.overview for one in captures]) if may_walk else []
-    draft.walking = "".join(f"{line}\n" for line in section)
-    if may_walk and not section:
-        draft.open += unknown_segments(captures)
-    lacking_axes = [
-        one.file
-        for one in captures
-        if one.overview.format == "trc" and "axes" not in draft.source_files[one.source].settings
-    ]
-    question = (
-        "nothing tells which axis points up: state `axes` in the source file, [x, -z, y] where it"
-        " is y, as in OpenSim"
-    )
-    draft.open += [(file, question) for file in lacking_axes]
-    is_asked = any(capture.overview.open for capture in captures)
-    draft.has_open_captures = is_asked or bool(lacking_axes)
+    unnamed = [trial for trial in draft.trials if trial.cells["experiment"] == UNNAMED]
+    if walks or any("mocap" in trial.cells for trial in unnamed):
+        draft.walking = draft_walking([capture.overview for capture in captures])
+        if not draft.walking:
+            draft.open += unknown_segments(captures)
 
 
 def unknown_segments(captures: Sequence[Described]) -> Iterator[tuple[Path, str]]:

@@ -2,8 +2,9 @@
 not tell is left to the user, questions first."""
 
 import json
+from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -57,6 +58,14 @@ class Entry:
         text = f"  {self.name}: {{{', '.join(fields)}}}"
         text += f"  # {self.remark}" if self.remark else ""
         return f"# {text}" if self.is_comment else text
+
+    @property
+    def guess(self) -> str:
+        """Its column, unit and sign, if these are a guess; else empty."""
+        if "guess" not in self.remark.partition(";")[0]:
+            return ""
+        sign = ", sign -1: it falls as the angle rises" if "sign" in self.fields else ""
+        return f"{self.name} in {self.fields['unit']}{sign}"
 
 
 @dataclass
@@ -179,56 +188,37 @@ def add_markers(source: DraftedSource, overview: Overview) -> None:
     user to name."""
     source.settings["markers"] = "all"
     source.key = "analogs"
-    labels = [one.key for one in overview.channels if one.kind == "marker" and one.key]
-    source.questions.append(f"or some: markers: {json.dumps(list(dict.fromkeys(labels)))}")
+    keys_of: dict[str, list[str]] = {"marker": [], "analog": [], "model output": [], "plate": []}
+    for channel in overview.channels:
+        if not channel.group and channel.key:
+            keys_of[channel.kind].append(channel.key)
+    labels = list(dict.fromkeys(keys_of["marker"]))
+    source.questions.append(f"or some: markers: {json.dumps(labels)}")
     pulses = pulse_channels(overview)
-    analogs = [one for one in overview.channels if one.kind == "analog"]
     for column, channel in pulses.items():
         by_name = likely_level(channel) == column
         why = "guessed from its name" if by_name else "a guess: it is a train of pulses"
-        fields: dict[str, object] = {**with_number(channel, analogs).address, "unit": "V"}
-        source.entries.append(Entry(column, fields, why))
-    others = [
-        " ".join(json.dumps(text) for text in (with_number(one, analogs).key, one.key, one.unit))
-        for one in analogs
-        if not one.group and not any(one is pulse for pulse in pulses.values())
-    ]
-    if others:
-        source.notes.append(
-            f"further analog channels, label and unit: {listing(others, MOST_LISTED)}"
-        )
-    of_plates = [one.group for one in analogs if one.group]
-    if of_plates:
-        plates = ", ".join(dict.fromkeys(of_plates))
-        source.notes.append(f"{len(of_plates)} more are read as {plates}")
-    outputs = [json.dumps(one.key) for one in overview.channels if one.kind == "model output"]
-    if outputs:
-        source.notes.append(f"outputs: of the labels {listing(outputs, MOST_LISTED)}")
-
-
-def with_number(channel: RecordedChannel, channels: Sequence[RecordedChannel]) -> RecordedChannel:
-    """Give an analog channel its number, from 1, for a label that others have too."""
-    alike = [other for other in channels if other.address == channel.address]
-    if "channel" not in channel.address or len(alike) == 1:
-        return channel
-    number = next(n for n, other in enumerate(channels, start=1) if other is channel)
-    return replace(channel, address={**channel.address, "channel": str(number)})
+        source.entries.append(Entry(column, {**channel.address, "unit": "V"}, why))
+        keys_of["analog"].remove(channel.key)
+    for kind, keys in (("further analog channels", "analog"), ("outputs", "model output")):
+        if keys_of[keys]:
+            names = [json.dumps(key) for key in keys_of[keys]]
+            source.notes.append(f"{kind}: {listing(names, MOST_LISTED)}")
 
 
 def pulse_channels(overview: Overview) -> dict[str, RecordedChannel]:
     """The analog channels of a capture that are called like `sync` and `trigger`, where one alone
-    is; or the only one with a train of pulses as `sync`."""
-    analogs = [one for one in overview.channels if one.kind == "analog"]
-    found: dict[str, RecordedChannel] = {}
+    is; or the only one with a train of pulses as `sync`. A label that stands twice tells none."""
+    analogs = [channel for channel in overview.channels if channel.kind == "analog"]
+    keys = Counter(channel.key for channel in analogs)
+    pulses: dict[str, RecordedChannel] = {}
     for column in LEVELS:
-        alike = [one for one in analogs if likely_level(one) == column]
-        if len(alike) == 1:
-            found[column] = alike[0]
-    if "sync" not in found:
-        trains = [one for one in analogs if is_pulse_train(one)]
-        if len(trains) == 1 and trains[0] not in found.values():
-            found["sync"] = trains[0]
-    return found
+        alike = [channel for channel in analogs if likely_level(channel) == column]
+        if column == "sync" and len(alike) != 1:
+            alike = [channel for channel in analogs if is_pulse_train(channel)]
+        if len(alike) == 1 and keys[alike[0].key] == 1:
+            pulses[column] = alike[0]
+    return pulses
 
 
 def is_pulse_train(channel: RecordedChannel) -> bool:

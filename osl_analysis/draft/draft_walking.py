@@ -3,7 +3,7 @@ from where the plates lie. What these do not tell is left to the user."""
 
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -48,9 +48,10 @@ def segment_of(label: str) -> tuple[str, str]:
     return "", ""
 
 
-def draft_walking(overviews: Sequence[Overview]) -> list[str]:
-    """Lines of YAML: the section `walking` by the captures of one laboratory. None unless markers
-    are named as a foot's or shank's."""
+def draft_walking(overviews: Sequence[Overview]) -> str:
+    """The section `walking` in YAML by the captures of one laboratory; a comment where something is
+    unknown, since other trials can be analysed without it. Empty unless markers are named as a
+    foot's or shank's."""
     segments = segments_of(overviews)
     leg, why_leg = stepping_leg(overviews)
     clusters: dict[str, list[str]] = {segment: [] for segment in SEGMENTS}
@@ -58,15 +59,19 @@ def draft_walking(overviews: Sequence[Overview]) -> list[str]:
         if segment and (not leg or side in ("", leg)):
             clusters[segment].append(label)
     if not (clusters["foot"] or clusters["shank"]):
-        return []
+        return ""
     plate, why_plate = stepped_plate(overviews, clusters["platform"])
-    return [
+    lines = [
         "walking:  # a draft, from the names of markers: check every line",
         f"  side: {SIDES[leg]}  # the leg that steps on the platform{why_leg}",
         f"  plate: {plate or UNKNOWN}  # {why_plate}",
         "  markers:",
-        *(f"    {segment}: {markers_text(segment, found)}" for segment, found in clusters.items()),
+        *(f"    {segment}: {markers_text(segment, names)}" for segment, names in clusters.items()),
     ]
+    if any(UNKNOWN in line for line in lines):
+        remark = f"state what is {UNKNOWN}, and take away the `# ` of these lines:"
+        lines = [f"# {line}" for line in (remark, *lines)]
+    return "".join(f"{line}\n" for line in lines)
 
 
 SIDES = {"R": "right", "L": "left", "": UNKNOWN}
@@ -76,20 +81,20 @@ def segments_of(overviews: Sequence[Overview]) -> dict[str, tuple[str, str]]:
     """Side and segment (`segment_of`) of each marker, by its name without the subject's, which a
     trial's column and the configuration have."""
     channels = [channel for overview in overviews for channel in overview.channels]
-    labels = [one.name or one.key for one in channels if one.kind == "marker"]
+    labels = [one.name for one in channels if one.kind == "marker"]
     return {label: segment_of(label) for label in labels}
 
 
 def stepped_plate(overviews: Sequence[Overview], platform: Sequence[str]) -> tuple[str, str]:
     """The plate that is stepped on, the only one, or that below the platform's markers, and what
     tells it; empty if nothing does."""
-    counts = [sum(one.kind == "plate" for one in overview.channels) for overview in overviews]
-    most = max(counts, default=0)
+    channels = [channel for overview in overviews for channel in overview.channels]
+    most = len({channel.key for channel in channels if channel.kind == "plate"})
     if most == 0:
         return "", "no plate is read; state `plate_geometry` in the source file"
     if most == 1:
         return "1", "the only one"
-    below = {plate for overview in overviews if (plate := plate_below(overview.channels, platform))}
+    below = {plate_below(overview.channels, platform) for overview in overviews} - {""}
     if len(below) == 1:
         return below.pop(), "a guess: it lies below the platform's markers"
     return "", f"of {most} force plates in this file"
@@ -106,7 +111,7 @@ def stepping_leg(overviews: Sequence[Overview]) -> tuple[str, str]:
         return side, ", a guess to be confirmed" if side else ""
     platform = [label for label, (_, segment) in segments.items() if segment == "platform"]
     plate, _ = stepped_plate(overviews, platform)
-    steps = [foot_on_plate(overview.channels, segments, plate) for overview in overviews]
+    steps = [foot_on_plate(overview.channels, plate) for overview in overviews]
     right, left = steps.count("R"), steps.count("L")
     if right == left:
         return "R", ", a guess to be confirmed: both have markers"
@@ -114,27 +119,28 @@ def stepping_leg(overviews: Sequence[Overview]) -> tuple[str, str]:
     return "R" if right > left else "L", told
 
 
-def foot_on_plate(
-    channels: Sequence[RecordedChannel], segments: Mapping[str, tuple[str, str]], number: str
-) -> str:
-    """The side, R or L, of the foot that is on a plate while it is loaded; empty if nobody steps on
-    it, or with both feet."""
+def foot_on_plate(channels: Sequence[RecordedChannel], number: str) -> str:
+    """The side, R or L, of the foot that is on a plate while that is loaded; empty if nobody
+    steps on it, or with both feet."""
     plate = next((one for one in channels if one.kind == "plate" and one.key == number), None)
-    if plate is None or plate.corners is None:
+    if plate is None or plate.corners is None or not plate.numbers.size:
         return ""
-    load = plate.numbers - plate.numbers.min(initial=np.inf)
-    if not load.max(initial=0.0) > LEAST_STEP_N:
+    if np.ptp(plate.numbers) < LEAST_STEP_N:
         return ""
+    load = plate.numbers - plate.numbers.min()
+    centre = plate.corners.mean(axis=0)
     distances: dict[str, list[float]] = {"R": [], "L": []}
     for channel in channels:
-        side, segment = segments.get(channel.name or channel.key, ("", ""))
+        side, segment = segment_of(channel.name)
         if segment == "foot" and side:
-            samples_per_frame = max(len(load) // max(len(channel.numbers), 1), 1)
-            of_frames = load[::samples_per_frame][: len(channel.numbers)]
-            loaded = channel.numbers[: len(of_frames)][of_frames > load.max() / 2]
+            positions = channel.numbers
+            samples_per_frame = max(load.size // max(len(positions), 1), 1)
+            of_frames = load[::samples_per_frame][: len(positions)]
+            loaded = positions[: len(of_frames)][of_frames > load.max() / 2]
             # the other foot swings past the plate: its usual place would be there
-            away = np.linalg.norm(loaded - plate.corners.mean(axis=0), axis=1)
-            distances[side] += [float(np.nanmedian(away))] if np.isfinite(away).any() else []
+            away = np.linalg.norm(loaded - centre, axis=1)
+            if np.isfinite(away).any():
+                distances[side].append(float(np.nanmedian(away)))
     right, left = (np.mean(distances[side] or [np.nan]) for side in "RL")
     if right < MUCH_NEARER * left:
         return "R"
@@ -145,21 +151,21 @@ def plate_below(channels: Sequence[RecordedChannel], platform: Sequence[str]) ->
     """The number of the plate whose centre is nearest to the platform's markers, and not farther
     from them than half of its length; empty if there is none."""
     places = [
-        np.nanmedian(one.numbers, axis=0)
-        for one in channels
-        if (one.name or one.key) in platform and one.kind == "marker" and one.count
+        np.nanmedian(channel.numbers, axis=0)
+        for channel in channels
+        if channel.kind == "marker" and channel.name in platform and channel.count
     ]
-    plates = {one.key: one.corners for one in channels if one.corners is not None}
-    if not places or not plates:
-        return ""
-    middle = np.mean(places, axis=0)
-    distances = {
-        number: float(np.linalg.norm(corners.mean(axis=0) - middle))
-        for number, corners in plates.items()
-    }
-    nearest = min(distances, key=lambda number: distances[number])
-    length = np.linalg.norm(np.ptp(plates[nearest], axis=0))
-    return nearest if distances[nearest] <= length / 2 else ""
+    number = ""
+    smallest = float("inf")
+    for plate in channels:
+        if plate.corners is None or not places:
+            continue
+        away = float(np.linalg.norm(plate.corners.mean(axis=0) - np.mean(places, axis=0)))
+        length = np.linalg.norm(np.ptp(plate.corners, axis=0))
+        if away < smallest and away <= length / 2:
+            number = plate.key
+            smallest = away
+    return number
 
 
 def markers_text(segment: str, found: Sequence[str]) -> str:

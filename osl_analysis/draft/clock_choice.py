@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -46,66 +46,63 @@ def choose_clock(channels: Sequence[RecordedChannel]) -> ClockChoice:
     ordered = sorted(channels, key=lambda channel: channel.key.count("."))
     rising = [one for one in ordered if one.is_stamp or ticks(one.numbers, one.unit)]
     named = (
-        [one for one in ordered if one.is_stamp][:1]
-        or [one for one in ordered if is_clock(one.name)]
-        or [one for one in rising if is_like_clock(one.name)]
+        [channel for channel in ordered if channel.is_stamp][:1]
+        or [channel for channel in ordered if is_clock(channel.name)]
+        or [channel for channel in rising if is_like_clock(channel.name)]
     )
     clocks = running(named or rising)
     if not clocks:
         return ClockChoice()
-    telling = [one for one in rising if named and tells_time(one.name, one.unit)]
-    rivals = [one for one in telling if is_apart(one, clocks[0])]
-    if rivals and span_of(clocks[0]) > 0:
-        clocks = running([clocks[0], *rivals])
+    first = clocks[0]
+    if named and span_of(first) > 0:
+        telling = [channel for channel in rising if tells_time(channel.name, channel.unit)]
+        rivals = [channel for channel in telling if is_apart(channel, first)]
+        clocks = running([first, *rivals]) if rivals else clocks
     first = clocks[0]
     what = f"{len(clocks)} {first.kind}s may be the clock"
-    if any(is_apart(one, first) for one in clocks):
-        spans = [f"{printable(one.key)} spans {span_of(one):.6g}" for one in clocks]
+    if any(is_apart(channel, first) for channel in clocks):
+        spans = [f"{printable(clock.key)} spans {span_of(clock):.6g}" for clock in clocks]
         question = (
             f"{what}, and they contradict each other: {listing(spans, MOST_SHOWN)}; name the one by"
             " which the signals were sampled"
         )
         return ClockChoice(None, [question])
+    name = printable(first.key)
     if len(clocks) > 1:
-        names = listing([printable(one.key) for one in clocks], MOST_SHOWN)
-        question = f"{what}, to be checked: {names}; {printable(first.key)} is taken"
-        return ClockChoice(first, [question])
+        names = listing([printable(clock.key) for clock in clocks], MOST_SHOWN)
+        return ClockChoice(first, [f"{what}, to be checked: {names}; {name} is taken"])
     if named:
         return ClockChoice(first)
     step = float(np.median(np.diff(first.numbers)))
     unit = first.unit or time_unit(first.numbers)
-    return ClockChoice(
-        first, [f"time is a guess: {printable(first.key)} rises by {step:.4g} {unit} a row"]
-    )
+    return ClockChoice(first, [f"time is a guess: {name} rises by {step:.4g} {unit} a row"])
 
 
 def running(clocks: Sequence[RecordedChannel]) -> list[RecordedChannel]:
     """Those of some clocks that run, if any does, and that rise in most rows, if any does: others
     are of whole seconds."""
-    moving = [one for one in clocks if span_of(one) > 0] or list(clocks)
+    moving = [clock for clock in clocks if span_of(clock) > 0] or list(clocks)
     fine = [one for one in moving if (np.diff(one.numbers) > 0).sum() > one.count / 2]
     return fine or moving
 
 
 def is_apart(clock: RecordedChannel, other: RecordedChannel) -> bool:
     """Whether two clocks span other times, where both have readings, in s, ms, us or ns."""
-    span, other_span = span_of(clock, beside=other), span_of(other, beside=clock)
-    if min(span, other_span) <= 0:
-        return span != other_span
-    return abs(span_ratio(span, other_span, ()) - 1) > ALIKE
+    spans = [span_of(clock), span_of(other)]
+    if clock.numbers.shape == other.numbers.shape:
+        both = np.isfinite(clock.numbers + other.numbers)
+        spans = [span_of(replace(one, numbers=one.numbers[both])) for one in (clock, other)]
+    if min(spans) <= 0:
+        return spans[0] != spans[1]
+    return abs(span_ratio(spans[0], spans[1], ()) - 1) > ALIKE
 
 
-def span_of(clock: RecordedChannel, beside: RecordedChannel | None = None) -> float:
-    """Last minus first of the readings of a clock, in its unit, where `beside` has some too; 0 if
-    many steps go back."""
-    values = clock.numbers
-    known = np.isfinite(values)
-    if beside is not None and len(beside.numbers) == len(values):
-        known &= np.isfinite(beside.numbers)
-    read = values[known]
-    if read.size < 2 or np.mean(np.diff(read) >= 0) <= 1 - MOST_BACK:
+def span_of(clock: RecordedChannel) -> float:
+    """Last minus first of the readings of a clock, in its unit; 0 if many steps go back."""
+    known = clock.numbers[np.isfinite(clock.numbers)]
+    if known.size < 2 or np.mean(np.diff(known) >= 0) <= 1 - MOST_BACK:
         return 0.0
-    return max(float(read[-1] - read[0]), 0.0)
+    return max(float(known[-1] - known[0]), 0.0)
 
 
 def gaps_text(time: Array) -> str:

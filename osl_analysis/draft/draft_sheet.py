@@ -1,6 +1,5 @@
 """A draft of a sample sheet: the trials that recordings are, by the words of their names."""
 
-import itertools
 import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -25,7 +24,7 @@ WORDS_OF_EXPERIMENTS = {
     "impedance": r"\b(impedance|imp|stiffness|multisine|chirp|sines?)\b",
 }
 """By experiment: words in a file's name. A name with words of several experiments tells none."""
-OF_CAPTURES = ("static", "plate")  # experiments that need motion capture
+OF_CAPTURES = ("plate", "static")  # experiments that need motion capture
 UNNAMED = "ingest_only"  # the experiment of a trial whose name tells none
 # of a table of forces beside markers: `walk_grf.mot`, `forces_walk.mot`
 OF_FORCES = re.compile(r"(?i)[_-](grfs?|forces?)$|^(grfs?|forces?)[_-]")
@@ -88,7 +87,7 @@ def draft_trials(
         Sorted by name.
     """
     by_name: dict[str, dict[str, tuple[Path, str]]] = {}
-    in_order = sorted(recordings, key=lambda one: one[0].as_posix())
+    in_order = sorted(recordings, key=lambda recording: recording[0].as_posix())
     captures = {trial_name(path) for path, _, from_capture in in_order if from_capture}
     for path, source, from_capture in in_order:
         role = "mocap" if from_capture else "log"
@@ -96,9 +95,12 @@ def draft_trials(
         of_markers = OF_FORCES.sub("", name)
         if role == "log" and of_markers in captures:
             name = of_markers
-        names = itertools.chain([name], (f"{name}_{number}" for number in itertools.count(2)))
-        free = next(each for each in names if role not in by_name.get(each, ()))
-        by_name.setdefault(free, {})[role] = (path, source)
+        free_name = name
+        number = 1
+        while role in by_name.get(free_name, {}):
+            number += 1
+            free_name = f"{name}_{number}"
+        by_name.setdefault(free_name, {})[role] = (path, source)
     return [
         draft_trial(name, files, moved or {}, has_fixed_plates) for name, files in by_name.items()
     ]
@@ -199,12 +201,9 @@ def stated_impedance(name: str) -> dict[str, str]:
 def possible_experiments(files: Recordings) -> list[str]:
     """What a trial of these files can be: a log alone is of a bench, a capture alone of a
     walkway."""
-    possible = set(WORDS_OF_EXPERIMENTS)
-    if "mocap" not in files:
-        possible -= set(OF_CAPTURES)
     if "log" not in files:
-        possible &= {*OF_CAPTURES, "walking"}
-    return [name for name in WORDS_OF_EXPERIMENTS if name in possible]
+        return [*OF_CAPTURES, "walking"]
+    return [name for name in WORDS_OF_EXPERIMENTS if "mocap" in files or name not in OF_CAPTURES]
 
 
 def experiments_in(words: str, files: Recordings, states_K: bool) -> list[str]:

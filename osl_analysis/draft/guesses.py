@@ -17,7 +17,7 @@ from osl_analysis.draft.likelihood import (
 )
 from osl_analysis.draft.recorded_channel import RecordedChannel
 from osl_analysis.ingest.computed_torque import TORQUES
-from osl_analysis.measured import Quantity, Signal, computed_from, factor_of, usual_size, varies
+from osl_analysis.measured import Quantity, Signal, computed_from, usual_size, varies
 
 HELD_COLUMNS = ("current", *TORQUES)  # which stand while an actuator is clamped
 HELD_LEVEL = 5.0  # standard deviations of the noise
@@ -171,11 +171,9 @@ def formula_of(torque: Guess, others: Sequence[Guess]) -> str:
         readings = other.channel.numbers
         if quantity is None or readings.shape != values.shape:
             continue
-        name = name_of(other.channel)
-        if quantity == "current" and factor_of(values, readings) is not None:
-            return f"it is proportional to {name!r}: computed, no measured torque"
-        is_command = quantity == "angle" and "command" in other.evidence
-        signals.append(Signal(name, "command" if is_command else quantity, readings))
+        if quantity == "angle" and "command" in other.evidence:
+            quantity = "command"
+        signals.append(Signal(name_of(other.channel), quantity, readings))
     computed = computed_from(values, signals)
     return f"it follows exactly from {computed}: computed, no measured torque" if computed else ""
 

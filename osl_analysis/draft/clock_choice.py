@@ -44,7 +44,7 @@ def choose_clock(channels: Sequence[RecordedChannel]) -> ClockChoice:
     """
     # the shortest first: those of a message before those of its parts
     ordered = sorted(channels, key=lambda channel: channel.key.count("."))
-    rising = [one for one in ordered if one.is_stamp or ticks(one.numbers, one.unit)]
+    rising = [clock for clock in ordered if clock.is_stamp or ticks(clock.numbers, clock.unit)]
     named = (
         [channel for channel in ordered if channel.is_stamp][:1]
         or [channel for channel in ordered if is_clock(channel.name)]
@@ -82,7 +82,7 @@ def running(clocks: Sequence[RecordedChannel]) -> list[RecordedChannel]:
     """Those of some clocks that run, if any does, and that rise in most rows, if any does: others
     are of whole seconds."""
     moving = [clock for clock in clocks if span_of(clock) > 0] or list(clocks)
-    fine = [one for one in moving if (np.diff(one.numbers) > 0).sum() > one.count / 2]
+    fine = [clock for clock in moving if (np.diff(clock.numbers) > 0).sum() > clock.count / 2]
     return fine or moving
 
 
@@ -91,7 +91,7 @@ def is_apart(clock: RecordedChannel, other: RecordedChannel) -> bool:
     spans = [span_of(clock), span_of(other)]
     if clock.numbers.shape == other.numbers.shape:
         both = np.isfinite(clock.numbers + other.numbers)
-        spans = [span_of(replace(one, numbers=one.numbers[both])) for one in (clock, other)]
+        spans = [span_of(replace(each, numbers=each.numbers[both])) for each in (clock, other)]
     if min(spans) <= 0:
         return spans[0] != spans[1]
     return abs(span_ratio(spans[0], spans[1], ()) - 1) > ALIKE

@@ -181,7 +181,9 @@ def known_recorder(overview: Overview) -> str:
             {str(channel[key]) for key in CHANNEL_KEYS & channel.keys()}
             for channel in content.get("channels", {}).values()
         ]
-        is_like = content["format"] == overview.format and all(one in there for one in wanted)
+        is_like = content["format"] == overview.format and all(
+            address in there for address in wanted
+        )
         if is_like and len(wanted) > most:
             best = path.stem
             most = len(wanted)
@@ -290,13 +292,13 @@ def ask(draft: Draft, described: Sequence[Described]) -> None:
 
 def unknown_segments(captures: Sequence[Described]) -> Iterator[tuple[Path, str]]:
     """Ask which markers are those of a walking analysis, where there are plates."""
-    channels = [channel for one in captures for channel in one.overview.channels]
+    channels = [channel for capture in captures for channel in capture.overview.channels]
     if not any(channel.kind == "plate" for channel in channels):
         return
     labels = sorted({channel.key for channel in channels if channel.kind == "marker"})
-    for one in captures:
+    for capture in captures:
         yield (
-            one.file,
+            capture.file,
             "force plates and markers whose names tell no segment: a walking analysis needs"
             " `walking.markers` in config.yaml (docs/walking.md#the-configuration), of"
             f" {listing(labels, 40)}",

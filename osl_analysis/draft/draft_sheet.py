@@ -158,8 +158,8 @@ def draft_trial(
     if controller:
         cells["controller"] = "uncompensated" if controller[1] else "compensated"
     lacking = [column for column in ("K_d", "B_d") if column not in cells]
-    told = "the name does not tell; empty, nothing is compared with it"
-    return DraftedTrial(cells, [f"{column}: {told}" for column in lacking])
+    why = "the name does not tell; empty, nothing is compared with it"
+    return DraftedTrial(cells, [f"{column}: {why}" for column in lacking])
 
 
 def words_of_name(stem: str) -> str:

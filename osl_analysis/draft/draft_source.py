@@ -36,7 +36,7 @@ class DraftedLog:
 
     def sure(self, column: str) -> RecordedChannel | None:
         """The channel that is surely a column, unwrapped."""
-        sure = (one.channel for one in self.guesses if one.is_sure and one.column == column)
+        sure = (guess.channel for guess in self.guesses if guess.is_sure and guess.column == column)
         return next(sure, None)
 
 
@@ -140,7 +140,7 @@ def drafted_log(overview: Overview) -> DraftedLog:
     time: Any = overview.settings.get("time", {})
     name = next((time[key] for key in TIME_KEYS if key in time), "")
     listed = overview.channels if overview.drafted is None else overview.drafted
-    clock = next((one for one in listed if name and name in one.address.values()), None)
+    clock = next((channel for channel in listed if name and name in channel.address.values()), None)
     signals: list[RecordedChannel] = []
     for channel in listed:
         is_topic_alone = "topic" in channel.address and "field" not in channel.address

@@ -81,7 +81,7 @@ def segments_of(overviews: Sequence[Overview]) -> dict[str, tuple[str, str]]:
     """Side and segment (`segment_of`) of each marker, by its name without the subject's, which a
     trial's column and the configuration have."""
     channels = [channel for overview in overviews for channel in overview.channels]
-    labels = [one.name for one in channels if one.kind == "marker"]
+    labels = [channel.name for channel in channels if channel.kind == "marker"]
     return {label: segment_of(label) for label in labels}
 
 
@@ -115,14 +115,16 @@ def stepping_leg(overviews: Sequence[Overview]) -> tuple[str, str]:
     right, left = steps.count("R"), steps.count("L")
     if right == left:
         return "R", ", a guess to be confirmed: both have markers"
-    told = f": its foot is on the plate in {max(right, left)} of {right + left} captures"
-    return "R" if right > left else "L", told
+    why = f": its foot is on the plate in {max(right, left)} of {right + left} captures"
+    return "R" if right > left else "L", why
 
 
 def foot_on_plate(channels: Sequence[RecordedChannel], number: str) -> str:
     """The side, R or L, of the foot that is on a plate while that is loaded; empty if nobody
     steps on it, or with both feet."""
-    plate = next((one for one in channels if one.kind == "plate" and one.key == number), None)
+    plate = next(
+        (channel for channel in channels if channel.kind == "plate" and channel.key == number), None
+    )
     if plate is None or plate.corners is None or not plate.numbers.size:
         return ""
     if np.ptp(plate.numbers) < LEAST_STEP_N:
@@ -168,9 +170,9 @@ def plate_below(channels: Sequence[RecordedChannel], platform: Sequence[str]) ->
     return number
 
 
-def markers_text(segment: str, found: Sequence[str]) -> str:
+def markers_text(segment: str, labels: Sequence[str]) -> str:
     """The markers of a segment in YAML, with what is to be checked."""
-    names = [json.dumps(name) for name in found]
+    names = [json.dumps(label) for label in labels]
     if segment.startswith("ankle"):
         if len(names) == 1:
             return f"{names[0]}  # named so"

@@ -271,9 +271,15 @@ def overview_of_table(recording: Recording) -> Overview:
                 " interpolate them to its times, or leave them out"
             )
         drafted = [clock, *(channel for channel in signals if channel.key not in untimed)]
-        shown = [as_clock(one) if one.numbers is clock.numbers else one for one in shown]
+        shown = [
+            as_clock(channel) if channel.numbers is clock.numbers else channel for channel in shown
+        ]
         drafted[0] = as_clock(clock)
-    guessed = [f"{one.key} [{one.likely_unit}]" for one in shown if one.likely_unit and one.count]
+    guessed = [
+        f"{channel.key} [{channel.likely_unit}]"
+        for channel in shown
+        if channel.likely_unit and channel.count
+    ]
     if guessed:
         remarks.append(f"units guessed from the names, to be checked: {', '.join(guessed)}")
     return Overview(

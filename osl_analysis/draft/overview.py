@@ -397,7 +397,8 @@ def timing_of(
         rate, questions = rate_in_words(recording.notes)
         if rate is not None and not numbered:
             return {"time": {"rate": rate}}, None, questions
-        questions = [] if numbered else questions
+        if numbered:
+            questions = ["time is of another part of the file, which is as long: check it"]
     choice = choose_clock(numbered)
     questions += choice.questions
     clock = choice.channel

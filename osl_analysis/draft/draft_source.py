@@ -141,12 +141,11 @@ def drafted_log(overview: Overview) -> DraftedLog:
     name = next((time[key] for key in TIME_KEYS if key in time), "")
     listed = overview.channels if overview.drafted is None else overview.drafted
     clock = next((channel for channel in listed if name and name in channel.address.values()), None)
-    signals: list[RecordedChannel] = []
-    for channel in listed:
-        is_topic_alone = "topic" in channel.address and "field" not in channel.address
-        has_no_numbers = channel.numbers is not None and not channel.count
-        if channel is not clock and not is_topic_alone and not has_no_numbers:
-            signals.append(with_documented_unit(channel))
+    signals = [
+        with_documented_unit(channel)
+        for channel in listed
+        if channel is not clock and np.isfinite(channel.numbers).any()
+    ]
     return DraftedLog(guessed_columns(signals), clock)
 
 

@@ -68,13 +68,13 @@ def describe_channel(channel: Channel, kind: str) -> RecordedChannel:
     """
     rows = channel.rows
     values = np.ma.filled(np.ma.asarray(channel.values).astype(np.float64), np.nan)
-    numbers = np.ma.compressed(channel.values).astype(np.float64)
-    finite = numbers[np.isfinite(numbers)]
+    finite = values[np.isfinite(values)]
+    read = int(np.ma.count(channel.values))
     notes = [f"from {finite.min():.6g} to {finite.max():.6g}" if finite.size else "no numbers"]
-    if finite.size < numbers.size:
-        notes.append(f"{numbers.size - finite.size} x NaN or infinity")
-    if numbers.size < rows.count:
-        notes.append(f"in {numbers.size} of {rows.count} {rows.noun}s")
+    if finite.size < read:
+        notes.append(f"{read - finite.size} x NaN or infinity")
+    if read < rows.count:
+        notes.append(f"in {read} of {rows.count} {rows.noun}s")
     words = Counter(channel.count_words() if channel.count_words else {})
     notes += [f"{count} x '{word}'" for word, count in words.most_common(MOST_WORDS)]
     times = None

@@ -74,6 +74,10 @@ def say(text: str, err: bool = False) -> None:
     click.echo(printable_lines(text), err=err)
 
 
+def json_text(facts: Any) -> str:
+    return json.dumps(facts, indent=2, ensure_ascii=False)
+
+
 def went(name: str) -> str:
     return f"`{name}` went with 2.0: {GONE[name]}"
 
@@ -305,7 +309,7 @@ def results(folder: Path, everything: bool, markdown: bool, as_json: bool, colum
         return
     summary = read_summary(folder / "summary.json")
     if as_json:
-        say(json.dumps(summary, indent=2, ensure_ascii=False))
+        say(json_text(summary))
     elif everything or markdown:
         say(format_results_table(summary, markdown))
     else:
@@ -341,10 +345,11 @@ def inspect(file: Path, draft_path: Path | None, as_json: bool) -> None:
                 "--draft describes one recording: name its file, or draft all of them by"
                 f" `osl-analysis init CAMPAIGN --from {shlex.quote(str(file))}`"
             )
-        say(command.folder_json(file) if as_json else command.folder_text(file))
+        say(json_text(command.folder_facts(file)) if as_json else command.folder_text(file))
         return
     overview = command.inspect_file(file)
-    say(command.overview_json(overview) if as_json else command.overview_text(overview))
+    facts = command.overview_facts(overview)
+    say(json_text(facts) if as_json else command.overview_text(overview))
     if as_json and draft_path is None:
         return
     text = draft_source(overview, file.name)
@@ -614,8 +619,8 @@ def compare(a: Path, b: Path, output: Path, as_json: bool) -> None:
     from osl_analysis.commands.compare import compare_campaigns
     from osl_analysis.commands.estimates import rows_json
 
-    compared = compare_campaigns((a, b), output)
-    say(rows_json(compared.table) if as_json else compared.text)
+    table, text = compare_campaigns((a, b), output)
+    say(rows_json(table) if as_json else text)
 
 
 @main.command(

@@ -43,10 +43,10 @@ def test_the_settings_that_differ_are_named_and_the_table_is_written(tmp_path):
     a = write_summary(tmp_path / "a", K, cutoff_hz="15", order="4")
     b = write_summary(tmp_path / "b", replace(K, value=310.0), cutoff_hz="12", order="4")
 
-    comparison = compare_campaigns((a, b), tmp_path / "out")
+    _, text = compare_campaigns((a, b), tmp_path / "out")
 
-    assert "cutoff_hz: 15 in A, 12 in B" in comparison.text
-    assert "order" not in comparison.text
+    assert "cutoff_hz: 15 in A, 12 in B" in text
+    assert "order" not in text
     written = read_table(tmp_path / "out/comparison.csv")
     assert written.select("quantity", "A", "B", "difference").rows() == [("K", 300, 310, 10)]
 
@@ -59,7 +59,7 @@ def test_shared_recordings_are_told(tmp_path, monkeypatch, of_b, said):
     digests = {a: {"1"}, b: of_b}
     monkeypatch.setattr(compare, "digests_of_recordings", digests.get)
 
-    assert f"A and B hold {said}" in compare_campaigns((a, b), tmp_path / "out").text
+    assert f"A and B hold {said}" in compare_campaigns((a, b), tmp_path / "out")[1]
 
 
 def test_a_folder_is_not_compared_with_itself_nor_with_one_without_common_numbers(tmp_path):

@@ -3,7 +3,6 @@ differ, and whether both hold the same recordings."""
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from os.path import realpath
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,6 @@ import polars as pl
 from osl_analysis.campaign.origin import sentence
 from osl_analysis.commands.tables import read_summary
 from osl_analysis.errors import InputError
-from osl_analysis.files import atomic_path
 from osl_analysis.refusal import is_refused
 from osl_analysis.report.numbers import Number, numbers_in_summary
 from osl_analysis.report.text_tables import aligned
@@ -30,15 +28,7 @@ COLUMNS = {
 """Those of `comparison.csv`."""
 
 
-@dataclass(frozen=True)
-class Comparison:
-    """Two campaigns side by side."""
-
-    table: pl.DataFrame  # the rows of `comparison.csv`
-    text: str  # what to print
-
-
-def compare_campaigns(folders: Sequence[Path], output: Path) -> Comparison:
+def compare_campaigns(folders: Sequence[Path], output: Path) -> tuple[pl.DataFrame, str]:
     """Compare the results of two campaigns.
 
     Parameters
@@ -47,6 +37,13 @@ def compare_campaigns(folders: Sequence[Path], output: Path) -> Comparison:
         The folders of the results of A and of B.
     output : Path
         Folder for `comparison.csv`.
+
+    Returns
+    -------
+    table : polars.DataFrame
+        The rows of `comparison.csv`.
+    text : str
+        What to print.
 
     Raises
     ------
@@ -78,12 +75,11 @@ def compare_campaigns(folders: Sequence[Path], output: Path) -> Comparison:
         )
     table = pl.DataFrame(rows, schema=COLUMNS)
     path = output / "comparison.csv"
-    with atomic_path(path) as new:
-        write_table(table, new, " and ".join(dict.fromkeys([a["data"], b["data"]])))
+    write_table(table, path, " and ".join(dict.fromkeys([a["data"], b["data"]])))
     lines = [f"A: {sentence(a)}", f"B: {sentence(b)}", "", aligned(cells)]
     lines += differing_settings(a["settings"], b["settings"])
     lines += recordings_lines(folders)
-    return Comparison(table, "\n".join([*lines, f"wrote {path}"]))
+    return table, "\n".join([*lines, f"wrote {path}"])
 
 
 def compared(a: Number, b: Number) -> dict[str, Any]:

@@ -15,6 +15,7 @@ from osl_analysis.figures import DESIRED, LINEAR_MODEL, drawn, plotted_numbers
 from osl_analysis.model import compensator, drivetrain
 from osl_analysis.model.compensator import Weight
 from osl_analysis.model.rendered_impedance import predicted_impedance, rendering
+from osl_analysis.report.text_tables import aligned
 from osl_analysis.table import write_table
 
 # frequencies of Section III-B, at which the fit of Eq. 15 is predicted
@@ -58,16 +59,19 @@ def gain_table(
     }
     table = pl.DataFrame(of_gains).with_row_index("row")
 
-    is_finite = np.isfinite(B_1)
-    fits = []
-    for K_1_of_pair, B_1_of_pair in zip(K_1[is_finite], B_1[is_finite], strict=True):
-        gains = compensator.Gains(K_1_of_pair, B_1_of_pair, True)
-        fits.append(predicted_impedance(gains, p, frequencies_hz))
-    rendered = rendering(K_1[is_finite], B_1[is_finite], K_d[is_finite], B_d[is_finite], p)
-    of_impedance: dict[str, Any] = {"row": pl.Series(np.flatnonzero(is_finite), dtype=pl.UInt32)}
-    for k, name in enumerate("KBI"):
-        of_impedance[f"{name}_predicted"] = [fit[k] for fit in fits]
-    behaviour = pl.DataFrame({**of_impedance, **rendered._asdict()})
+    finite = np.flatnonzero(np.isfinite(B_1))
+    fits = np.empty((len(finite), 3))
+    for k, pair in enumerate(finite):
+        gains = compensator.Gains(K_1[pair], B_1[pair], True)
+        fits[k] = predicted_impedance(gains, p, frequencies_hz)
+    rendered = rendering(K_1[finite], B_1[finite], K_d[finite], B_d[finite], p)
+    behaviour = pl.DataFrame(
+        {
+            "row": pl.Series(finite, dtype=pl.UInt32),
+            **dict(zip(("K_predicted", "B_predicted", "I_predicted"), fits.T, strict=True)),
+            **rendered._asdict(),
+        }
+    )
     return table.join(behaviour, on="row", how="left", maintain_order="left").drop("row")
 
 
@@ -160,10 +164,8 @@ def gains_text(table: pl.DataFrame) -> str:
 def columns_text(table: pl.DataFrame) -> str:
     """Several pairs as text: a line for each, behind one with the names of the columns."""
     columns = [name for name in PRINTED if name in table.columns]
-    lines = ["".join(f"{name:>15}" for name in columns)]
-    for row in table.select(columns).iter_rows():
-        lines.append("".join(f"{number:>15.5g}" for number in row))
-    return "\n".join(lines)
+    numbers = [[f"{number:.5g}" for number in row] for row in table.select(columns).iter_rows()]
+    return aligned([columns, *numbers])
 
 
 def plot_gains(table: pl.DataFrame, parameters: Path, output: Path) -> None:

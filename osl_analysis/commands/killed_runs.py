@@ -66,13 +66,12 @@ def begin_run(temporary: Path, written: Sequence[Path]) -> None:
 
 def killed_runs() -> dict[Path, Run]:
     """The runs in this folder that were killed on this machine, by their notes."""
-    runs = {note: Run(**json.loads(note.read_text(encoding="utf-8"))) for note in notes()}
-    here = platform.node()
-    return {note: run for note, run in runs.items() if run.host == here and not run.is_at_work}
-
-
-def notes() -> list[Path]:
-    return list(NOTES.glob("*.json"))
+    killed = {}
+    for note in NOTES.glob("*.json"):
+        run = Run(**json.loads(note.read_text(encoding="utf-8")))
+        if run.host == platform.node() and not run.is_at_work:
+            killed[note] = run
+    return killed
 
 
 def remove_half_written(folders: Iterable[Path]) -> None:
@@ -90,8 +89,7 @@ def take_over_lock() -> bool:
     machine; whether it was removed."""
     locks = list(LOCKS.glob("*.lock"))
     killed = killed_runs()
-    may_be_held = len(killed) < len(notes())
-    if not locks or not killed or may_be_held:
+    if not locks or not killed or killed.keys() < {*NOTES.glob("*.json")}:
         return False
     for lock in locks:
         lock.unlink(missing_ok=True)

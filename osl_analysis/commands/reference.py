@@ -2,11 +2,9 @@
 the YAML files."""
 
 import json
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
-from pydantic import BaseModel
 from pydantic.json_schema import models_json_schema
 
 from osl_analysis.campaign.configuration import Config
@@ -51,48 +49,36 @@ def described_checks() -> list[tuple[str, str, str]]:
 
 def schemas() -> dict[str, dict[str, Any]]:
     """The schema of each kind of file, by the name of its file without `.schema.json`."""
-    models: dict[str, type[BaseModel]] = {
-        "config": Config,
-        "parameters": ParameterFile,
-        "simulation": SimulationSettings,
-        "gait_laboratory": WalkingSettings,
+    schema_of = {
+        "config": Config.model_json_schema(),
+        "parameters": ParameterFile.model_json_schema(),
+        "simulation": SimulationSettings.model_json_schema(),
+        "gait_laboratory": WalkingSettings.model_json_schema(),
     }
-    schema_of: dict[str, dict[str, Any]] = {}
-    for name, model in models.items():
-        places, definitions = definitions_of({name: model})
-        if model is Config:  # a campaign's overrides fields of the default, and needs none
-            for definition in definitions.values():
-                definition.pop("required", None)
-        schema_of[name] = {"$schema": DRAFT, "$ref": places[name], "$defs": definitions}
+    # a campaign's configuration overrides fields of the default, and needs none
+    config = schema_of["config"]
+    for definition in (config, *config["$defs"].values()):
+        definition.pop("required", None)
 
-    sources = {name: known.source for name, known in known_formats().items()}
-    places, definitions = definitions_of(sources)
+    models = {name: known.source for name, known in known_formats().items()}
+    places, content = models_json_schema(
+        [(model, "validation") for model in dict.fromkeys(models.values())]
+    )
     of_format = []
-    for name, place in places.items():
+    for name, model in models.items():
         is_format = {"properties": {"format": {"const": name}}}
-        of_format.append({"if": is_format, "then": {"$ref": place}})
+        of_format.append({"if": is_format, "then": places[model, "validation"]})
     schema_of["source"] = {
-        "$schema": DRAFT,
         "type": "object",
         "required": ["format"],
-        "properties": {"format": {"enum": list(known_formats())}},
+        "properties": {"format": {"enum": list(models)}},
         "allOf": of_format,
-        "$defs": definitions,
+        **content,
     }
     return schema_of
 
 
-def definitions_of(models: Mapping[str, type[BaseModel]]) -> tuple[dict[str, str], dict[str, Any]]:
-    """Where the definition of each model stands, and all definitions."""
-    validated: list[tuple[type[BaseModel], Literal["validation"]]] = [
-        (model, "validation") for model in dict.fromkeys(models.values())
-    ]
-    schema_of, content = models_json_schema(validated, ref_template="#/$defs/{model}")
-    places = {name: schema_of[model, "validation"]["$ref"] for name, model in models.items()}
-    return places, content["$defs"]
-
-
 def write_schemas(folder: Path) -> None:
     for name, schema in schemas().items():
-        text = json.dumps(schema, indent=1, ensure_ascii=False)
+        text = json.dumps({"$schema": DRAFT, **schema}, indent=1, ensure_ascii=False)
         write_text(folder / f"{name}.schema.json", f"{text}\n")

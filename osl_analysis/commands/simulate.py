@@ -26,19 +26,16 @@ UNFOLLOWED = SharedChoices()  # no configuration to follow: the settings alone d
 
 def check_folder(folder: Path) -> None:
     """Refuse to simulate into a folder of real recordings, which has no folder `truth`."""
-    if (folder / TRUTH).is_dir():
-        return
     for path in folder.rglob("*"):
-        is_recording = path.suffix.lower() in (".mcap", ".c3d") or path.name == "trials.csv"
-        if not is_recording or is_refused(path):
-            continue
-        if (folder / TRUTH).is_dir():  # another job has made it meanwhile, before its first log
+        if (folder / TRUTH).is_dir():  # also if another job makes it meanwhile
             return
-        raise InputError(
-            f"{path}: the simulator did not make it (there is no folder '{TRUTH}' in {folder}); for"
-            " real recordings write `simulation: null` in the configuration, for a simulation"
-            " choose an empty folder for `sheet` and `raw_data`"
-        )
+        is_recording = path.suffix.lower() in (".mcap", ".c3d") or path.name == "trials.csv"
+        if is_recording and not is_refused(path):
+            raise InputError(
+                f"{path}: the simulator did not make it (there is no folder '{TRUTH}' in"
+                f" {folder}); for real recordings write `simulation: null` in the configuration,"
+                " for a simulation choose an empty folder for `sheet` and `raw_data`"
+            )
 
 
 def planned_sheet(settings_path: Path, sheet: Path) -> SheetRows | None:
@@ -47,10 +44,9 @@ def planned_sheet(settings_path: Path, sheet: Path) -> SheetRows | None:
     check_folder(sheet.parent)
     with naming("simulation"):
         settings = read_yaml(settings_path, SimulationSettings)
-    if sheet.is_file() and not is_refused(sheet):
-        is_newer = sheet.stat().st_mtime >= settings_path.stat().st_mtime
-        if is_newer:
-            return None
+    is_there = sheet.is_file() and not is_refused(sheet)
+    if is_there and sheet.stat().st_mtime >= settings_path.stat().st_mtime:
+        return None
     return plan_trials(settings)
 
 
@@ -122,16 +118,17 @@ def simulate_trial(
     the campaign's configuration decides (`followed`) replaces what the settings have."""
     check_folder(campaign_folder)
     settings = read_simulation(settings_path, followed)
-    record_trial(row_of_trial(settings, settings_path, trial), settings, followed, campaign_folder)
+    row = row_of_trial(settings, settings_path, trial)
+    record_trial(row, settings, followed, campaign_folder)
 
 
 def simulate_campaign(
     settings_path: Path, campaign_folder: Path, followed: SharedChoices = UNFOLLOWED
 ) -> None:
     """Write the sample sheet and simulate all of its trials, one after the other."""
-    settings = read_simulation(settings_path, followed)
     settings_files(settings_path, followed)
     write_sheet(settings_path, campaign_folder / "trials.csv")
+    settings = read_simulation(settings_path, followed)
     for row in plan_trials(settings).values():
         record_trial(row, settings, followed, campaign_folder)
 
@@ -140,14 +137,13 @@ def row_of_trial(
     settings: SimulationSettings, settings_path: Path, trial: str
 ) -> Mapping[str, Any]:
     """The row of the sheet of one trial of the plan. Raises InputError: it is not planned."""
-    row = plan_trials(settings, trial).get(trial)
-    if row is None:
-        names = list(plan_trials(settings))
+    rows = plan_trials(settings)
+    if trial not in rows:
         raise InputError(
-            f"{settings_path}: plans no trial '{trial}'; it has {len(names)}, from '{names[0]}' to"
-            f" '{names[-1]}': see trials.csv"
+            f"{settings_path}: plans no trial '{trial}'; it has {len(rows)}, from"
+            f" '{next(iter(rows))}' to '{next(reversed(rows))}': see trials.csv"
         )
-    return row
+    return rows[trial]
 
 
 def record_trial(

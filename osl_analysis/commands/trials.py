@@ -2,7 +2,6 @@
 examined while they are in memory; and what files of any laboratory hold. Texts from files are
 untrusted: they are escaped when they are printed."""
 
-import json
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -103,28 +102,28 @@ def inspect_file(path: Path) -> Overview:
 def overview_text(overview: Overview) -> str:
     """The facts on a file, a line per channel (kind, name, unit, samples, rate, note, type), and
     the remarks."""
-    lines = [f"format: {overview.format}"]
-    lines += [f"{name}: {shortened(fact)}" for name, fact in overview.facts.items()]
-    lines.append("")
-    lines += channel_lines(overview)
-    lines.append("")
-    lines += [f"! {printable(remark)}" for remark in (*overview.remarks, *overview.open)]
-    return "\n".join(lines).rstrip()
+    facts = [f"{name}: {shortened(fact)}" for name, fact in overview.facts.items()]
+    parts = [f"format: {overview.format}", *facts, "", *channel_lines(overview), ""]
+    return "\n".join([*parts, *remark_lines(overview)]).rstrip()
 
 
-def overview_json(overview: Overview) -> str:
-    """The facts on a file as JSON."""
-    return json.dumps(overview_facts(overview), indent=2, ensure_ascii=False)
+def remark_lines(overview: Overview) -> list[str]:
+    return [f"! {printable(remark)}" for remark in (*overview.remarks, *overview.open)]
 
 
 def overview_facts(overview: Overview) -> dict[str, Any]:
     """The facts on a file for other programs, rates in Hz."""
-    channels = []
-    for channel in overview.channels:
-        facts: dict[str, Any] = {"kind": channel.kind, **channel.address}
-        facts["unit"] = channel.unit or None
-        facts |= {"samples": channel.count, "rate_hz": channel.rate, "note": channel.note or None}
-        channels.append(facts)
+    channels = [
+        {
+            "kind": channel.kind,
+            **channel.address,
+            "unit": channel.unit or None,
+            "samples": channel.count,
+            "rate_hz": channel.rate,
+            "note": channel.note or None,
+        }
+        for channel in overview.channels
+    ]
     return {
         "format": overview.format,
         "facts": dict(overview.facts),
@@ -176,52 +175,50 @@ def is_folder_of_recordings(path: Path) -> bool:
     return path.is_dir() and not formats_of(path)
 
 
-def recordings_below(folder: Path) -> list[Path]:
-    """The recordings below a folder. Raises InputError: there is none."""
+def overviews_below(folder: Path) -> dict[str, Overview | str]:
+    """What each recording below a folder holds, or why it is refused. Raises InputError: there is
+    none."""
     paths = raw_files.recordings_in(folder)
     if not paths:
         endings = ", ".join(raw_files.suffixes())
         raise InputError(f"{folder}: no recordings below it ({endings}); name another folder")
-    return paths
+    overviews: dict[str, Overview | str] = {}
+    for path in paths:
+        name = str(path.relative_to(folder))
+        try:
+            overviews[name] = inspect_file(path)
+        except InputError as error:
+            overviews[name] = str(error).replace(f"{path}: ", "")
+    return overviews
 
 
 def folder_text(folder: Path) -> str:
-    """What each recording below a folder holds, with remarks, or why it is refused; errors as
-    `recordings_below`."""
-    paths = recordings_below(folder)
-    return "\n".join(line for path in paths for line in recording_lines(path, folder))
+    """For each recording below a folder, a line with its channels, counted by kind and rate, and
+    one per remark; errors as `overviews_below`."""
+    lines = []
+    for name, overview in overviews_below(folder).items():
+        if isinstance(overview, str):
+            lines.append(f"{printable(name)}: refused: {overview}")
+            continue
+        counts = Counter(
+            (shortened(channel.address.get("topic", channel.kind)), channel.rate)
+            for channel in overview.channels
+        )
+        holds = [overview.format]
+        for (kind, rate), count in counts.items():
+            at_rate = f" at {rate:.4g} Hz" if rate else ""
+            holds.append(f"{count} x {kind}{at_rate}")
+        lines.append(f"{printable(name)}: {', '.join(holds)}")
+        lines += [f"    {line}" for line in remark_lines(overview)]
+    return "\n".join(lines)
 
 
-def folder_json(folder: Path) -> str:
-    """The same as JSON: by file, the facts on it, or why it is `refused`."""
-    overviews: dict[str, Any] = {}
-    for path in recordings_below(folder):
-        name = str(path.relative_to(folder))
-        try:
-            overviews[name] = overview_facts(inspect_file(path))
-        except InputError as error:
-            overviews[name] = {"refused": str(error)}
-    return json.dumps(overviews, indent=2, ensure_ascii=False)
-
-
-def recording_lines(path: Path, folder: Path) -> list[str]:
-    """A line with the channels of one recording, counted by kind and rate, and one per remark."""
-    name = printable(str(path.relative_to(folder)))
-    try:
-        overview = inspect_file(path)
-    except InputError as error:
-        reason = str(error).replace(f"{path}: ", "")
-        return [f"{name}: refused: {reason}"]
-    counts = Counter(
-        (shortened(channel.address.get("topic", channel.kind)), channel.rate)
-        for channel in overview.channels
-    )
-    holds = []
-    for (kind, rate), count in counts.items():
-        at_rate = f" at {rate:.4g} Hz" if rate else ""
-        holds.append(f"{count} x {kind}{at_rate}")
-    remarks = [printable(remark) for remark in (*overview.remarks, *overview.open)]
-    return [
-        f"{name}: {overview.format}, {', '.join(holds)}",
-        *(f"    ! {remark}" for remark in remarks),
-    ]
+def folder_facts(folder: Path) -> dict[str, Any]:
+    """The same for other programs: by file, the facts on it, or why it is `refused`."""
+    facts: dict[str, Any] = {}
+    for name, overview in overviews_below(folder).items():
+        if isinstance(overview, str):
+            facts[name] = {"refused": overview}
+        else:
+            facts[name] = overview_facts(overview)
+    return facts

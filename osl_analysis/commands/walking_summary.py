@@ -2,7 +2,6 @@
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -30,11 +29,10 @@ from osl_analysis.stats.repeats import DOUBTFUL, doubtful_row
 from osl_analysis.table import MEASURED, Places, read_table, with_places, write_table
 from osl_analysis.walking import tables as result_tables
 from osl_analysis.walking import walking_settings as choices
-from osl_analysis.walking.ensemble import group_headline
+from osl_analysis.walking.ensemble import GroupHeadline, group_headline
 from osl_analysis.walking.groups import ALL, groups_of_selection
 from osl_analysis.walking.plate_inertia import PlateModel
 from osl_analysis.walking.tables import (
-    GroupConditions,
     GroupOutcome,
     check_fit,
     conditions_of,
@@ -47,54 +45,6 @@ Commanded = Callable[[str, float], float | None]
 
 FEWEST_FITS = 2  # of perturbations, for a scatter
 TOO_FEW = "perturbations can be used, expected 2 or more for a scatter; see the reasons in"
-
-
-@dataclass(frozen=True)
-class GroupResult:
-    """What a group adds to each table; without a result it has a reason, and no curves."""
-
-    outcome: GroupOutcome
-    summary: list[dict[str, Any]]  # rows of `walking_summary.csv`
-    responses: pl.DataFrame | None = None  # rows of `walking_responses.csv`
-
-    @property
-    def group(self) -> str:
-        """Name of the group."""
-        return self.outcome.conditions.group
-
-
-@dataclass(frozen=True)
-class Perturbations:
-    """The perturbed crossings of a campaign, as the jobs before have left them."""
-
-    fits: pl.DataFrame  # `walking.csv`
-    selection: pl.DataFrame  # `walking_crossings.csv`, with the reason of those without a fit
-    gaits: Mapping[str, UnperturbedGait]
-    files: Mapping[str, Path]  # of the crossings, by trial
-
-    @property
-    def fitted(self) -> pl.DataFrame:
-        """The fits that are not excluded."""
-        return self.fits.filter(pl.col(EXCLUDED).is_null())
-
-    def trials_of(self, group: str) -> list[str]:
-        """The perturbed crossings of a group that are used."""
-        is_used = pl.col("perturbed") & pl.col("reason").is_null()
-        return self.selection.filter(is_used, pl.col("group") == group)["trial"].to_list()
-
-
-def read_perturbations(
-    table: Path, crossings: Paths, selection: Path, unperturbed: Path
-) -> Perturbations:
-    """Read what `fit_perturbation`, `select_crossings` and `average_unperturbed` wrote."""
-    fits = read_table(table, ["trial"])
-    selected = read_table(selection, ["trial", "reason", "group"])
-    return Perturbations(
-        fits=fits,
-        selection=with_reasons(selected, fits),
-        gaits=read_unperturbed_gaits(unperturbed),
-        files={path.stem: path for path in crossings},
-    )
 
 
 def summarise_perturbations(
@@ -149,152 +99,105 @@ def summarise_perturbations(
     InputError
         Fewer than two perturbations can be used, or no group has a result.
     """
-    places = places or {}
-    perturbations = read_perturbations(table, crossings, selection, unperturbed)
-    check_enough_fits(perturbations, table)
-    results = group_results(
-        perturbations,
-        sheet,
-        settings,
-        read_model(plate, PlateModel),
-        commanded_over_stance(trajectory, data),
-    )
-    check_any_result(results, table)
-
-    group_table = judged_groups(results, limits or Limits())
-    places_of_groups = {
-        result.group: common_place(perturbations.trials_of(result.group), places)
-        for result in results
-    }
-    tables = {
-        output: summary_with_doubts(results, group_table),
-        groups: group_table,
-        responses: pl.concat(r.responses for r in results if r.responses is not None),
-    }
-    for path, of_groups in tables.items():
-        write_table(with_places(of_groups, places_of_groups, "group"), path, data)
-
-
-def check_enough_fits(perturbations: Perturbations, table: Path) -> None:
-    """Refuse fewer perturbations than a scatter needs; `table` has their fits."""
-    fits = perturbations.fits
-    n_fitted = len(perturbations.fitted)
-    if n_fitted < FEWEST_FITS:
-        exclusions = fits[EXCLUDED].drop_nulls()
-        first = exclusions[0] if len(exclusions) else ""
+    fits = read_table(table, ["trial"])
+    fitted = fits.filter(pl.col(EXCLUDED).is_null())
+    if len(fitted) < FEWEST_FITS:
+        first = "".join(fits[EXCLUDED].drop_nulls().head(1))
         raise InputError(
-            f"{table}: {n_fitted} of {len(fits)} {TOO_FEW} its column {EXCLUDED}, or record more"
+            f"{table}: {len(fitted)} of {len(fits)} {TOO_FEW} its column {EXCLUDED}, or record more"
             f" ({first})"
         )
+    selected = read_table(selection, ["trial", "reason", "group"])
+    selected = selected.join(
+        fits.select("trial", EXCLUDED), on="trial", how="left", maintain_order="left"
+    )
+    selected = selected.with_columns(reason=pl.coalesce("reason", EXCLUDED))
+    perturbed = selected.filter("perturbed")
+    gaits = read_unperturbed_gaits(unperturbed)
+    model = read_model(plate, PlateModel)
+    commanded = commanded_over_stance(trajectory, data)
+    files = {path.stem: path for path in crossings}
 
-
-def group_results(
-    perturbations: Perturbations,
-    sheet: SheetCells,
-    settings: choices.EnsembleSettings,
-    plate: PlateModel,
-    commanded: Commanded | None,
-) -> list[GroupResult]:
-    """The result of each group of perturbations."""
-    results = []
-    perturbed = perturbations.selection.filter("perturbed")
+    outcomes: list[GroupOutcome] = []
+    rows: list[dict[str, Any]] = []
+    responses_of: list[pl.DataFrame] = []
+    places_of: dict[str, dict[str, str | None]] = {}
     for group in groups_of_selection(perturbed["group"].to_list(), sheet):
-        gait = perturbations.gaits.get(group)
-        conditions = conditions_of(group, perturbations.selection, gait, plate)
-        result = group_result(conditions, perturbations, settings)
-        phase = result.outcome.fitted_phase
-        cells = next((sheet[trial] for trial in perturbations.trials_of(group)), {})
-        for row in result.summary:
+        trials = perturbed.filter(pl.col("reason").is_null(), group=group)["trial"].to_list()
+        fits_of_group = fitted.filter(pl.col("trial").is_in(trials))
+        gait = gaits.get(group)
+        conditions = conditions_of(group, selected, gait, model)
+        try:
+            headline = headline_of(fits_of_group, gait, files, settings)
+        except OslAnalysisError as error:
+            warnings.warn(f"no result of {group}: {error}", stacklevel=2)
+            outcome = GroupOutcome(conditions, reason=str(error))
+            rows_of_group = rows_without(len(fits_of_group), str(error))
+        else:
+            phase = None
+            if conditions.onset_phase is not None and conditions.stance_s is not None:
+                phase = conditions.onset_phase + fitted_time(headline) / conditions.stance_s
+            outcome = GroupOutcome(conditions, fitted_phase=phase, checks=check_fit(headline))
+            doubts = doubtful_row(fits_of_group)
+            rows_of_group = [
+                {**row, "reason": None}
+                for row in result_tables.headline_rows(headline, fits_of_group, doubts)
+            ]
+            responses_of.append(result_tables.response_table(group, headline))
+        outcomes.append(outcome)
+        places_of[group] = common_place(trials, places or {})
+        cells = next((sheet[trial] for trial in trials), {})
+        for row in rows_of_group:
             desired = cells.get(f"{row['quantity']}_d")  # K_d, B_d; no I is commanded
-            if desired is None and commanded is not None and phase is not None:
-                desired = commanded(row["quantity"], phase)
-            row["commanded"] = desired
-        results.append(result)
-    return results
-
-
-def check_any_result(results: Sequence[GroupResult], table: Path) -> None:
-    """Refuse a campaign none of whose groups has a result."""
-    if all(result.responses is None for result in results):
-        reasons = "; ".join(reason_text(result.outcome) for result in results)
+            if desired is None and commanded is not None and outcome.fitted_phase is not None:
+                desired = commanded(row["quantity"], outcome.fitted_phase)
+            rows.append({"group": group, **row, "commanded": desired})
+    if not responses_of:
+        reasons = "; ".join(reason_text(outcome) for outcome in outcomes)
         raise InputError(f"{table}: no result of any group: {reasons}")
 
+    group_table = pl.DataFrame([outcome.row() for outcome in outcomes], infer_schema_length=None)
+    findings = judged(group_table, limits or Limits(), "walking_groups")
+    group_table = marked(group_table, findings, "walking_groups")
+    # the doubts about a group are about its ensemble fit
+    doubts_of_groups = group_table.select("group", doubt=DOUBTFUL)
+    summary = pl.DataFrame(rows, infer_schema_length=None)
+    summary = summary.join(doubts_of_groups, on="group", how="left", maintain_order="left")
+    of_ensemble = pl.when(estimator=result_tables.ENSEMBLE).then("doubt")
+    tables = {
+        output: summary.with_columns(doubt=of_ensemble),
+        groups: group_table,
+        responses: pl.concat(responses_of),
+    }
+    for path, of_groups in tables.items():
+        write_table(with_places(of_groups, places_of, "group"), path, data)
 
-def judged_groups(results: Sequence[GroupResult], limits: Limits) -> pl.DataFrame:
-    """The rows of `walking_groups.csv`, with the doubts beyond these limits."""
-    outcomes = [result.outcome.row() for result in results]
-    table = pl.DataFrame(outcomes, infer_schema_length=None)
-    return marked(table, judged(table, limits, "walking_groups"), "walking_groups")
+
+def headline_of(
+    fits: pl.DataFrame,
+    gait: UnperturbedGait | None,
+    files: Mapping[str, Path],
+    settings: choices.EnsembleSettings,
+) -> GroupHeadline:
+    """The ensemble fit to the crossings of a group that have a fit of their own."""
+    if gait is None:
+        raise InputError(NO_GAIT)
+    if len(fits) < FEWEST_FITS:
+        raise InputError(f"{len(fits)} {TOO_FEW} walking_crossings.csv, or record more")
+    crossings = [read_crossing(files[trial]) for trial in fits["trial"]]
+    return group_headline(crossings, gait, settings)
+
+
+def rows_without(n: int, reason: str) -> list[dict[str, Any]]:
+    """The rows of a group of n fits without a result."""
+    row = {"estimator": result_tables.ENSEMBLE, "n": n, "mean": None, "reason": reason}
+    return [{"quantity": quantity, **row} for quantity in result_tables.GROUP_QUANTITIES]
 
 
 def common_place(trials: Sequence[str], places: Places) -> dict[str, str | None]:
     """Joint of the walkway, and the side of these crossings if they have the same."""
     sides = {places.get(trial, {}).get("side") for trial in trials}
     return {"joint": JOINT, "side": sides.pop() if len(sides) == 1 else None}
-
-
-def with_reasons(selection: pl.DataFrame, fits: pl.DataFrame) -> pl.DataFrame:
-    """The selection of crossings, with the reason of those without a fit."""
-    of_fits = fits.select("trial", EXCLUDED)
-    chosen = selection.join(of_fits, on="trial", how="left", maintain_order="left")
-    return chosen.with_columns(reason=pl.coalesce("reason", EXCLUDED))
-
-
-def group_result(
-    conditions: GroupConditions, perturbations: Perturbations, settings: choices.EnsembleSettings
-) -> GroupResult:
-    """Compute the result of a group. Without a result there is a warning."""
-    group = conditions.group
-    gait = perturbations.gaits.get(group)
-    trials = perturbations.trials_of(group)
-    fits = perturbations.fitted.filter(pl.col("trial").is_in(trials))
-    try:
-        if gait is None:
-            raise InputError(NO_GAIT)
-        if len(fits) < FEWEST_FITS:
-            raise InputError(f"{len(fits)} {TOO_FEW} walking_crossings.csv, or record more")
-        crossings = [read_crossing(perturbations.files[trial]) for trial in fits["trial"]]
-        headline = group_headline(crossings, gait, settings)
-    except OslAnalysisError as error:
-        warnings.warn(f"no result of {group}: {error}", stacklevel=2)
-        return result_without(conditions, len(fits), str(error))
-
-    summary = [
-        {"group": group, **row, "reason": None}
-        for row in result_tables.headline_rows(headline, fits, doubtful_row(fits))
-    ]
-    fitted_phase = None
-    if conditions.onset_phase is not None and conditions.stance_s is not None:
-        fitted_phase = conditions.onset_phase + fitted_time(headline) / conditions.stance_s
-    outcome = GroupOutcome(conditions, fitted_phase=fitted_phase, checks=check_fit(headline))
-    return GroupResult(outcome, summary, result_tables.response_table(group, headline))
-
-
-def result_without(conditions: GroupConditions, n: int, reason: str) -> GroupResult:
-    """What a group without a result, of n fits, adds to the tables: rows with the reason."""
-    summary: list[dict[str, Any]] = [
-        {
-            "group": conditions.group,
-            "quantity": quantity,
-            "estimator": result_tables.ENSEMBLE,
-            "n": n,
-            "mean": None,
-            "reason": reason,
-        }
-        for quantity in result_tables.GROUP_QUANTITIES
-    ]
-    return GroupResult(GroupOutcome(conditions, reason=reason), summary)
-
-
-def summary_with_doubts(results: Sequence[GroupResult], group_table: pl.DataFrame) -> pl.DataFrame:
-    """The rows of `walking_summary.csv`; the doubts about a group are about its ensemble fit."""
-    doubts = dict(zip(group_table["group"], group_table[DOUBTFUL], strict=True))
-    rows: list[dict[str, Any]] = []
-    for result in results:
-        for row in result.summary:
-            is_judged = row["estimator"] == result_tables.ENSEMBLE
-            rows.append({**row, "doubt": doubts[row["group"]] if is_judged else None})
-    return pl.DataFrame(rows, infer_schema_length=None)
 
 
 def reason_text(outcome: GroupOutcome) -> str:

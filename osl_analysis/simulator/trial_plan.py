@@ -30,14 +30,8 @@ def direction_of(row: Mapping[str, Any], settings: SimulationSettings) -> str:
     return str(row.get("direction") or directions[order[place]])
 
 
-def plan_trials(settings: SimulationSettings, only: str | None = None) -> SheetRows:
+def plan_trials(settings: SimulationSettings) -> SheetRows:
     """Plan the trials of a simulated campaign.
-
-    Parameters
-    ----------
-    settings : SimulationSettings
-    only : str or None
-        The one trial that is wanted; None: all.
 
     Returns
     -------
@@ -55,8 +49,6 @@ def plan_trials(settings: SimulationSettings, only: str | None = None) -> SheetR
     if not planned:
         raise InputError("no trials are planned; ask in `experiments` for at least one")
     for trial, experiment, condition in planned:
-        if only is not None and trial != only:
-            continue
         if trial in rows:
             raise InputError(
                 f"the plan has two trials '{trial}': K_d and B_d of experiments are too close for"

@@ -94,7 +94,7 @@ rule walking_page_numbers:
         table="<results>/tables/walking.csv",
         responses="<results>/tables/walking_responses.csv",
         selection="<results>/tables/walking_crossings.csv",
-        unperturbed="<results>/fits/unperturbed.parquet",
+        unperturbed="<results>/fits/unperturbed.json",
         crossings=FILES.crossings(PERTURBED),
         quality=FILES.checks(PERTURBED),
     output:

@@ -114,7 +114,7 @@ rule average_unperturbed:
         selection="<results>/tables/walking_crossings.csv",
         quality=FILES.checks(UNPERTURBED),
     output:
-        "<results>/fits/unperturbed.parquet",
+        "<results>/fits/unperturbed.json",
     log:
         "<logs>/walking/unperturbed.log",
     localrule: True
@@ -131,7 +131,7 @@ rule fit_perturbation:
     input:
         crossing=of_trials(PERTURBED, "<results>/crossings/{trial}.parquet"),
         selection="<results>/tables/walking_crossings.csv",
-        unperturbed="<results>/fits/unperturbed.parquet",
+        unperturbed="<results>/fits/unperturbed.json",
     output:
         "<results>/fits/walking/{trial}.csv",
     log:
@@ -149,7 +149,7 @@ rule summarise_walking:
         table="<results>/tables/walking.csv",
         crossings=FILES.crossings(PERTURBED),
         selection="<results>/tables/walking_crossings.csv",
-        unperturbed="<results>/fits/unperturbed.parquet",
+        unperturbed="<results>/fits/unperturbed.json",
         plate="<results>/fits/plate.json",
         trajectory=TRAJECTORY,
         quality=FILES.checks(PERTURBED),

@@ -235,7 +235,7 @@ def page_of(session: Session, tables: Path) -> pl.DataFrame:
     """Points of the walking page, with the tables in a folder."""
     names = {
         "selection": "selection.csv",
-        "unperturbed": "gait.parquet",
+        "unperturbed": "gait.json",
         "responses": "responses.csv",
         "table": "walking.csv",
     }
@@ -380,7 +380,7 @@ def test_a_crossing_knows_what_each_trial_of_the_plate_does_to_its_torque(
 def test_the_stored_gait_has_the_errors_of_the_plate(real: Session) -> None:
     expected = unperturbed_gait(real.read(real.unperturbed), 3)
 
-    (gait,) = walking_files.read_unperturbed_gaits(real.folder / "gait.parquet").values()
+    (gait,) = walking_files.read_unperturbed_gaits(real.folder / "gait.json").values()
 
     np.testing.assert_array_equal(gait.plate_errors, expected.plate_errors)
 
@@ -476,7 +476,7 @@ def test_a_window_of_fewer_samples_than_parameters_is_listed(
     ideal: Session, tmp_path: Path
 ) -> None:
     crossing = ideal.crossing(ideal.perturbed[0])
-    tables = (ideal.folder / "selection.csv", ideal.folder / "gait.parquet")
+    tables = (ideal.folder / "selection.csv", ideal.folder / "gait.json")
 
     with pytest.warns(UserWarning, match="excluded: trial walking_01: 3 samples cannot determine"):
         walking.fit_perturbation(crossing, *tables, settings(window_s=0.009), tmp_path / "fit.csv")

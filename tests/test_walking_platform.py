@@ -318,7 +318,7 @@ def test_too_few_unperturbed_crossings_say_how_many_and_the_most_frequent_reason
     write_table(table, tmp_path / "selection.csv")
 
     with pytest.raises(InputError) as caught:
-        average_unperturbed(files, tmp_path / "selection.csv", 4, tmp_path / "gait.parquet")
+        average_unperturbed(files, tmp_path / "selection.csv", 4, tmp_path / "gait.json")
 
     message = str(caught.value)
     assert message.startswith("0 of 3 unperturbed crossings can be used, expected 4 or more")

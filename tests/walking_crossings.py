@@ -127,7 +127,7 @@ def run_jobs(
     turned = [file_of[name] for name in perturbed]
     at_rest = [file_of[name] for name in unperturbed]
     selection = folder / "selection.csv"
-    gait = folder / "gait.parquet"
+    gait = folder / "gait.json"
     table = folder / "walking.csv"
 
     if not (folder / "plate.json").exists():

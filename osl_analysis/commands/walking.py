@@ -5,7 +5,6 @@ import warnings
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +24,6 @@ from osl_analysis.commands.walking_files import (
     write_crossing,
     write_model,
     write_refusal,
-    write_unperturbed_gaits,
 )
 from osl_analysis.errors import InputError, OslAnalysisError
 from osl_analysis.files import write_text
@@ -199,19 +197,18 @@ def average_unperturbed(crossings: Paths, selection: Path, fewest: int, output: 
     unperturbed = [crossing for crossing in selected if crossing.onset is None]
     rows = read_table(selection, ["trial", "group", "reason"])
     rows = rows.filter(pl.col("trial").is_in([path.stem for path in crossings]))
-    groups_of_trial: dict[str, list[str]] = {}
-    for trial, cell in rows.select("trial", "group").iter_rows():
-        groups_of_trial[trial] = (cell or "").split(SEPARATOR)
-    reasons = dict(rows.drop_nulls("reason").select("trial", "reason").iter_rows())
-    names = [name for name in dict.fromkeys(chain.from_iterable(groups_of_trial.values())) if name]
+    is_split = rows["group"].is_in([ALL]).not_().any()
+    # a refused crossing has no group; it may have been of the only one
+    rows = rows.drop_nulls("group") if is_split else rows.with_columns(group=pl.lit(ALL))
+    reasons_of: dict[str, dict[str, str | None]] = {}  # by group and trial
+    for trial, cell, reason in rows.select("trial", "group", "reason").iter_rows():
+        for name in cell.split(SEPARATOR):
+            reasons_of.setdefault(name, {})[trial] = reason
     gaits: dict[str, UnperturbedGait] = {}
     problems: list[str] = []
-    for name in names or [ALL]:
-        of_group = [crossing for crossing in unperturbed if name in groups_of_trial[crossing.name]]
-        unused: dict[str, str] = {}
-        for trial, reason in reasons.items():
-            if name == ALL or name in groups_of_trial[trial]:
-                unused[trial] = reason
+    for name, reasons in reasons_of.items():
+        of_group = [crossing for crossing in unperturbed if crossing.name in reasons]
+        unused = {trial: reason for trial, reason in reasons.items() if reason}
         try:
             gaits[name] = unperturbed_gait(of_group, fewest, unused)
         except InputError as error:
@@ -220,7 +217,7 @@ def average_unperturbed(crossings: Paths, selection: Path, fewest: int, output: 
         raise InputError("; ".join(problems))
     for problem in problems:
         warnings.warn(problem, stacklevel=2)
-    write_unperturbed_gaits(gaits, output)
+    write_model(gaits, output)
 
 
 def fit_perturbation(

@@ -2,8 +2,9 @@
 
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -27,12 +28,13 @@ from osl_analysis.trial import (
 from osl_analysis.walking.crossing import Crossing, RefusedCrossing
 from osl_analysis.walking.plate_inertia import PlateModel
 from osl_analysis.walking.poses import StaticCalibration
-from osl_analysis.walking.unperturbed_gait import PHASES, UnperturbedGait
+from osl_analysis.walking.unperturbed_gait import UnperturbedGait
 
 # The step that writes each model
-WRITTEN_BY = {
+WRITTEN_BY: dict[Any, str] = {
     StaticCalibration: "calibrate",
     PlateModel: "identify-plate",
+    dict[str, UnperturbedGait]: "average-unperturbed",
 }
 ADAPTERS: dict[Any, TypeAdapter[Any]] = {
     kind: TypeAdapter(kind) for kind in (*WRITTEN_BY, Crossing)
@@ -43,17 +45,18 @@ NO_GAIT = (
     " fewest_unperturbed are used; record more, or leave the condition empty in the sheet where"
     " unperturbed crossings serve every value"
 )
-Kind = TypeVar("Kind")
 Paths = Sequence[Path]
 SheetCells = Mapping[str, Mapping[str, Any]]  # Cells of the sheet of each crossing
 
 
 def write_model(model: Any, path: Path) -> None:
-    """Write a calibration or the plate's model as JSON; arrays are lists, NaN is null."""
-    write_text(path, ADAPTERS[type(model)].dump_json(model, indent=1).decode() + "\n")
+    """Write a calibration, the plate's model, or gaits by name as JSON; arrays are lists, NaN is
+    null."""
+    kind = dict[str, UnperturbedGait] if isinstance(model, dict) else type(model)
+    write_text(path, ADAPTERS[kind].dump_json(model, indent=1).decode() + "\n")
 
 
-def read_model(path: Path, kind: type[Kind]) -> Kind:
+def read_model(path: Path, kind: Any) -> Any:
     """Read what `write_model` wrote. Raises InputError where it is missing or is of another
     kind."""
     check_not_refused(path)
@@ -61,13 +64,12 @@ def read_model(path: Path, kind: type[Kind]) -> Kind:
     if not path.is_file():
         raise InputError(f"{path}: no such file; {step} first")
     try:
-        model: Kind = ADAPTERS[kind].validate_json(path.read_bytes())
+        return ADAPTERS[kind].validate_json(path.read_bytes())
     except ValueError as error:
         why = " ".join(str(error).split())
         raise InputError(
             f"{path}: not what this step writes ({why}); delete it and {step}"
         ) from error
-    return model
 
 
 def read_onsets(path: Path) -> dict[str, float]:
@@ -135,44 +137,12 @@ def selected_crossings(crossings: Paths, selection: Path) -> list[Crossing]:
     return [read_crossing(path) for path in crossings if path.stem not in excluded]
 
 
-def write_unperturbed_gaits(gaits: Mapping[str, UnperturbedGait], path: Path) -> None:
-    """Write mean unperturbed gaits, by name, with a row per crossing and phase of stance."""
-    with atomic_path(path) as temporary:
-        frames = [gait_frame(name, gait) for name, gait in gaits.items()]
-        pl.concat(frames).write_parquet(temporary)
-
-
-def gait_frame(name: str, gait: UnperturbedGait) -> pl.DataFrame:
-    """A gait as a table with a row per crossing and phase of stance."""
-    crossings, phases = len(gait.names), len(PHASES)
-    rows = crossings * phases
-    return pl.DataFrame({
-        "gait": [name] * rows,
-        "trial": np.repeat(gait.names, phases).tolist(),
-        "theta": gait.theta.ravel(),
-        "torque": gait.torque.ravel(),
-        # (errors, crossings, phases) as (rows, errors)
-        "plate_errors": gait.plate_errors.reshape(-1, rows).T,
-        "stance_s": np.repeat(gait.stance, phases),
-        "phase": np.tile(PHASES, crossings),
-    })  # fmt: skip
-
-
 def read_unperturbed_gaits(path: Path) -> dict[str, UnperturbedGait]:
     """Read what `average_unperturbed` wrote: gaits with fewer crossings than the least are not
     among them."""
-    check_not_refused(path)
-    if not path.is_file():
-        raise InputError(f"{path}: no such file; run the step 'average-unperturbed' first")
-    gaits: dict[str, UnperturbedGait] = {}
-    for frame in pl.read_parquet(path).partition_by("gait", maintain_order=True):
-        names = frame["trial"].unique(maintain_order=True).to_list()
-        shape = (len(names), len(frame) // len(names))  # crossings, phases of stance
-        gaits[str(frame["gait"][0])] = UnperturbedGait(
-            names=tuple(names),
-            theta=frame["theta"].to_numpy().reshape(shape),
-            torque=frame["torque"].to_numpy().reshape(shape),
-            stance=frame["stance_s"].to_numpy().reshape(shape)[:, 0],
-            plate_errors=frame["plate_errors"].to_numpy().T.reshape(-1, *shape),
-        )
+    gaits: dict[str, UnperturbedGait] = read_model(path, dict[str, UnperturbedGait])
+    for name, gait in gaits.items():
+        # without errors the list is empty and has no shape
+        errors = gait.plate_errors.reshape(-1, *gait.theta.shape)
+        gaits[name] = replace(gait, plate_errors=errors)
     return gaits

@@ -19,6 +19,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.measured import rounding_of
 from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import Crossing
+from osl_analysis.walking.poses import StoredArray
 from osl_analysis.walking.walking_settings import StanceSource
 
 # Phases of stance at which crossings are sampled, finer than the frames
@@ -39,10 +40,10 @@ class UnperturbedGait:
     """Unperturbed crossings at `PHASES`: 0 at heel strike, 1 at toe-off."""
 
     names: tuple[str, ...]
-    theta: Array  # angle of the ankle (crossings, phases) [rad]
-    torque: Array  # (crossings, phases) [N*m]
-    stance: Array  # duration of stance (crossings,) [s]
-    plate_errors: Array  # (m, crossings, phases) [N*m], as in `Crossing`
+    theta: StoredArray  # angle of the ankle (crossings, phases) [rad]
+    torque: StoredArray  # (crossings, phases) [N*m]
+    stance: StoredArray  # duration of stance (crossings,) [s]
+    plate_errors: StoredArray  # (m, crossings, phases) [N*m], as in `Crossing`
 
 
 def unperturbed_gait(

@@ -20,7 +20,7 @@ from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.campaign.configuration import FrequencyResponseFigure
 from osl_analysis.commands.walking_files import read_unperturbed_gaits, selected_crossings
 from osl_analysis.dictionary import described_tables_by_name
-from osl_analysis.errors import InputError
+from osl_analysis.errors import InputError, listing
 from osl_analysis.figures import (
     DESIRED,
     FIGURES,
@@ -120,19 +120,15 @@ def draw_figure(
         Whether a small line below the figure says so, too; its metadata always do.
     """
     reasons = reasons_not_drawn(name, table_csv)
-    if origin:
-        origin += f", numbers {str(digest(table_csv))[:8]}"
-    if reasons:
-        write_figure(page_of_reasons(name, reasons), outputs, origin, footer)
-        return
+    texts = [f"{origin}, numbers {str(digest(table_csv))[:8]}"] if origin else []
     missing = list(dict.fromkeys(refusal.trial for refusal in refused if refusal.trial))
-    if missing:
-        without = f"Without {len(missing)} refused: {', '.join(missing[:MOST_NAMED])}"
-        if len(missing) > MOST_NAMED:
-            without += f" and {len(missing) - MOST_NAMED} more"
-        origin = f"{origin}. {without}" if origin else without
-    figure = drawn(name, read_table(table_csv, list(columns_of(name))))
-    write_figure(figure, outputs, origin, footer)
+    if reasons:
+        figure = page_of_reasons(name, reasons)
+    else:
+        figure = drawn(name, read_table(table_csv, list(columns_of(name))))
+        if missing:
+            texts.append(f"Without {len(missing)} refused: {listing(missing, MOST_NAMED)}")
+    write_figure(figure, outputs, ". ".join(texts), footer)
 
 
 def reasons_not_drawn(name: str, table_csv: Path) -> list[str]:
@@ -163,12 +159,12 @@ def write_figure(
     be a footer, in a small line below it."""
     from osl_analysis.figures.style import GREY, paper_style
 
-    for path in outputs:
-        if path.suffix not in METADATA:
-            raise InputError(
-                f"{path}: figures are written as {', '.join(METADATA)}; choose one of these"
-                " suffixes"
-            )
+    unknown = [path for path in outputs if path.suffix not in METADATA]
+    if unknown:
+        raise InputError(
+            f"{unknown[0]}: figures are written as {', '.join(METADATA)}; choose one of these"
+            " suffixes"
+        )
     with paper_style():
         if origin and footer:
             lines = textwrap.wrap(origin, int(figure.get_figwidth() * FOOTER_LETTERS))
@@ -256,10 +252,10 @@ def fig4(
         "doubtful": fits.filter(is_shown)["doubtful"][0],
         "model": "second-order system",
     }
-    constants = [pl.lit(text, pl.String).alias(name) for name, text in texts.items()]
+    constants = {name: pl.lit(text, pl.String) for name, text in texts.items()}
     for name in ("K_d", "B_d"):
-        constants.append(pl.lit(choice.get(name), pl.Float64).alias(name))
-    write_table(series.with_columns(constants), output, data)
+        constants[name] = pl.lit(choice.get(name), pl.Float64)
+    write_table(series.with_columns(**constants), output, data)
 
 
 def fig7(
@@ -275,18 +271,16 @@ def fig7(
     the gains are known and the parameter file is of this joint."""
     responses = read_table(table, [*needed("fig7"), "scope"])
     responses = responses.with_columns(look_numbers(responses["controller"]))
-    impedances = responses.group_by("K_d", "B_d", maintain_order=True)
-    n_trials = impedances.agg(n=pl.col("trial").n_unique())
-    shown = n_trials.sort("n", descending=True, maintain_order=True).head(1)
-    why = "the desired impedance with the most trials" if choice is None else None
+    impedance = ["K_d", "B_d"]
+    counts = responses.group_by(impedance, maintain_order=True).agg(n=pl.col("trial").n_unique())
+    shown = counts.sort("n", descending=True, maintain_order=True).head(1).select(impedance)
+    why: str | None = "the desired impedance with the most trials"
     if choice is not None:
-        shown = pl.DataFrame(
-            {"K_d": [choice.K_d], "B_d": [choice.B_d]},
-            strict=False,
-            schema={"K_d": pl.Float64, "B_d": pl.Float64},
-        )
+        stated = [[choice.K_d], [choice.B_d]]
+        shown = pl.DataFrame(stated, schema=dict.fromkeys(impedance, pl.Float64), strict=False)
+        why = None
     responses = responses.join(
-        shown, on=["K_d", "B_d"], how="semi", nulls_equal=True, maintain_order="left"
+        shown, on=impedance, how="semi", nulls_equal=True, maintain_order="left"
     )
     points = beside_theory(responses, parameters, weight)
     write_table(points.with_columns(chosen=pl.lit(why, pl.String)), output, data)
@@ -301,19 +295,18 @@ def beside_theory(responses: pl.DataFrame, parameters: Path | None, weight: Weig
         joint, side, K_d, B_d = measured.select(*PLACE, "K_d", "B_d").row(0)
         low_hz, high_hz = measured["frequency_hz"][0], measured["frequency_hz"][-1]
         frequency_hz = np.linspace(float(low_hz), float(high_hz), CURVE_POINTS)
+        models: list[tuple[str, str | None, Any]] = []
         if K_d is not None and B_d is not None:
-            desired = desired_admittance(K_d, B_d)
-            curves.append(response_curve(DESIRED, None, frequency_hz, desired, joint, side))
-        if parameters is None or joint_of(parameters) != joint:
-            continue
-        p = read_parameters(parameters)
-        for controller in measured["controller"].unique(maintain_order=True):
-            gains = DesiredImpedance(controller, K_d, B_d).gains(p, weight)
-            if gains is not None:
-                Y = joint_admittance(gains.K_1, gains.B_1, p, p.J_j)
-                curves.append(
-                    response_curve(LINEAR_MODEL, controller, frequency_hz, Y, joint, side)
-                )
+            models.append((DESIRED, None, desired_admittance(K_d, B_d)))
+        if parameters is not None and joint_of(parameters) == joint:
+            p = read_parameters(parameters)
+            for controller in measured["controller"].unique(maintain_order=True):
+                gains = DesiredImpedance(controller, K_d, B_d).gains(p, weight)
+                if gains is not None:
+                    Y = joint_admittance(gains.K_1, gains.B_1, p, p.J_j)
+                    models.append((LINEAR_MODEL, controller, Y))
+        for curve, controller, admittance in models:
+            curves.append(response_curve(curve, controller, frequency_hz, admittance, joint, side))
     looks = shown.select("controller", "look").unique()
     points = pl.concat(curves, how="diagonal_relaxed").drop("look")
     points = points.join(looks, on="controller", how="left", maintain_order="left")
@@ -366,8 +359,8 @@ def response_curve(
         "frequency_hz": frequency_hz, "magnitude": np.abs(Y), "phase_deg": np.rad2deg(np.angle(Y)),
     }  # fmt: skip
     texts = {"curve": curve, "controller": controller, "joint": joint, "side": side}
-    labels = [pl.lit(text, pl.String).alias(name) for name, text in texts.items()]
-    return pl.DataFrame(numbers).with_columns(labels)
+    labels = {name: pl.lit(text, pl.String) for name, text in texts.items()}
+    return pl.DataFrame(numbers).with_columns(**labels)
 
 
 def plot_walking_page(

@@ -139,9 +139,7 @@ def rows_by_trial(table: pl.DataFrame) -> dict[str, pl.DataFrame]:
     """The rows of each trial of a table; none where it has no trials."""
     if "trial" not in table.columns:
         return {}
-    return {
-        str(trial): rows for (trial,), rows in table.partition_by("trial", as_dict=True).items()
-    }
+    return {rows["trial"][0]: rows for rows in table.partition_by("trial")}
 
 
 MOVING = {"actuator": "Actuator angle", "walking": "Ankle angle"}

@@ -39,9 +39,7 @@ def fit_belt_trial(
     """The belt's row, and torque against deflection. `parameters` is the device's file, None for
     one without."""
     p = known_parameters(parameters)
-    check_recording(trial, settings)
-    rails = saturated(trial)
-    trial = with_fixture(trial, settings.fixture)
+    trial, rails = checked(trial, settings)
     belt = belt_trial(trial, p, settings)
     return tables_of_fit(
         replace(belt.series(), motion=belt.sums.columns["theta"]),  # against the deflection
@@ -51,14 +49,20 @@ def fit_belt_trial(
     )
 
 
+def checked(trial: Trial, settings: Any) -> tuple[Trial, pl.Expr]:
+    """The trial of the joint without its fixture, and the column of samples at a rail. Raises
+    InputError: it cannot be fitted."""
+    check_recording(trial, settings)
+    rails = saturated(trial)
+    return with_fixture(trial, settings.fixture), rails
+
+
 def fit_transmission_trial(
     trial: Trial, parameters: FileOrNone, settings: choices.SteppedSineAnalysis
 ) -> FitTables:
     """The transmission's rows, and the series of the fit to all amplitudes."""
     p = known_parameters(parameters)
-    check_recording(trial, settings)
-    rails = saturated(trial)
-    trial = with_fixture(trial, settings.fixture)
+    trial, rails = checked(trial, settings)
     analysis = transmission_of(sine_record(trial, settings))
     table = plausible(transmission_table(analysis), rails, p, "B_j", "J_j")
     table = table.with_columns(fixture_column(trial))
@@ -94,9 +98,7 @@ def fit_impedance_trial(
 
     """
     p = known_parameters(parameters)
-    check_recording(trial, settings)
-    rails = saturated(trial)
-    trial = with_fixture(trial, settings.fixture)
+    trial, rails = checked(trial, settings)
     record = record_with_actuator(trial, settings, windows)
     stated = condition or impedance.DesiredImpedance(None, None, None)
     gains = stated.gains(p, weight)
@@ -159,9 +161,7 @@ def fit_torque_angle_trial(
     """The row of torque against angle, and its curves; `condition` may name the curve that it
     should follow."""
     desired = (condition or {}).get("desired")
-    check_recording(trial, settings)
-    rails = saturated(trial)
-    trial = with_fixture(trial, settings.fixture)
+    trial, rails = checked(trial, settings)
     cycles = torque_angle.torque_angle_trial(trial, settings)
     table = torque_angle.torque_angle_table(cycles, desired)
     return tables_of_fit(
@@ -183,12 +183,10 @@ def fit_calibration_trial(
     known = calibration.Known(
         stated.get("known_K"), stated.get("known_I"), uncertainty, is_fixture_alone
     )
-    check_recording(trial, settings)
-    rails = saturated(trial)
     stated_fixture = settings.fixture
     if is_fixture_alone:  # which nothing is taken off
         settings = settings.model_copy(update={"fixture": None})
-    trial = with_fixture(trial, settings.fixture)
+    trial, rails = checked(trial, settings)
     record = record_of_trial(trial, settings)
     frame = calibration.measured_frame(trial, settings, record.groups)
     if frame is not None and settings.bench_stiffness is None:  # the spring is behind the frame

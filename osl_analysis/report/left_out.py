@@ -82,10 +82,8 @@ def trials_without_result(
     sheet: Mapping[str, Mapping[str, Any]], tables: Mapping[str, pl.DataFrame]
 ) -> list[str]:
     """The trials that lack a row of a table that their fit fills."""
-    trials_of: dict[str, set[str]] = {}
-    for name, table in tables.items():
-        if name in TABLES_OF_TRIALS:
-            trials_of[name] = set(table["trial"])
+    names = tables.keys() & TABLES_OF_TRIALS
+    trials_of = {name: {*tables[name]["trial"]} for name in names}
     without = []
     for trial, row in sheet.items():
         experiment = EXPERIMENTS[row["experiment"]]

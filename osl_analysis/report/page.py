@@ -101,8 +101,7 @@ class Page:
     def main_figure(self) -> ShownFigure | None:
         """The figure beside the table of conditions, of those that are drawn."""
         by_name = {figure.name: figure for figure in self.figures}
-        drawn = [by_name[name] for name in MAIN_FIGURES if name in by_name]
-        return drawn[0] if drawn else None
+        return next((by_name[name] for name in MAIN_FIGURES if name in by_name), None)
 
     @property
     def further_figures(self) -> list[ShownFigure]:
@@ -229,12 +228,12 @@ def estimate_rows(fits: pl.DataFrame, table: str) -> list[list[str]]:
         has_interval = {f"{name}_low", f"{name}_high"} <= set(fits.columns)
         if (has_interval or name in WITHOUT_INTERVAL) and fits[name].count():
             names.append(name)
-    has_amplitudes = "amplitude_deg" in fits.columns
-    heads = [f"{name} [{described[name].unit}]" for name in names]
-    rows = [["amplitude [deg]", *heads] if has_amplitudes else heads]
+    rows = [[f"{name} [{described[name].unit}]" for name in names]]
+    if "amplitude_deg" in fits.columns:
+        rows[0].insert(0, "amplitude [deg]")
     for fit in fits.iter_rows(named=True):
         cells = []
-        if has_amplitudes:
+        if "amplitude_deg" in fit:
             amplitude = fit["amplitude_deg"]
             cells.append("all" if amplitude is None else f"{amplitude:.3g}")
         for name in names:

@@ -9,8 +9,6 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from osl_analysis.trial import Array
-
 SIGNALS = ("time", "torque", "model", "residual", "motion")
 RESPONSE = ("frequency", "magnitude", "low", "high", "phase", "model_magnitude", "model_phase")
 STEPS = 2000  # to which a signal's range is rounded: half of a pixel of the plots
@@ -78,12 +76,9 @@ def of_fit(series: pl.DataFrame, motion: str, what: str = FITTED) -> Signals:
     """
     motion_column = "omega" if "omega" in series.columns else "theta_deg"
     unit = "rad/s" if motion_column == "omega" else "deg"
+    residual = pl.col("torque") - pl.col("torque_model")
     table = series.select(
-        "time",
-        "torque",
-        model="torque_model",
-        residual=pl.col("torque") - pl.col("torque_model"),
-        motion=motion_column,
+        "time", "torque", model="torque_model", residual=residual, motion=motion_column
     )
     return Signals(table, what, f"{motion} ({unit})")
 
@@ -114,17 +109,8 @@ def measured_response(response: pl.DataFrame, fit: Mapping[str, Any]) -> pl.Data
     )
     measured_hz = measured["frequency"].to_numpy()
     hz = np.geomspace(measured_hz.min(), measured_hz.max(), CURVE_POINTS)
-    return with_model(measured, admittance(hz, fit["K"], fit["B"], fit["I"]), hz)
-
-
-def admittance(hz: Array, K: float, B: float, I: float) -> Any:
-    """The admittance of Eq. 15 [rad/(N*m)]."""
     s = 2j * np.pi * hz
-    return 1 / (K + B * s + I * s**2)
-
-
-def with_model(measured: pl.DataFrame, model: Any, hz: Array) -> pl.DataFrame:
-    """Rows of a measured response, and below them those of a model at frequencies of its own."""
+    model = 1 / (fit["K"] + fit["B"] * s + fit["I"] * s**2)  # of Eq. 15 [rad/(N*m)]
     curve = pl.DataFrame(
         {
             "frequency": hz,

@@ -23,13 +23,7 @@ def printed(text: str) -> str:
 
 LATEX_SIGNS = str.maketrans(
     {
-        "&": r"\&",
-        "%": r"\%",
-        "$": r"\$",
-        "#": r"\#",
-        "_": r"\_",
-        "{": r"\{",
-        "}": r"\}",
+        **{sign: rf"\{sign}" for sign in "&%$#_{}"},
         "~": r"\~{}",
         "^": r"\^{}",
         "\\": r"\textbackslash{}",

@@ -174,10 +174,10 @@ def move(step: gait.Step, perturbed: bool) -> tuple[JointMotion, Pose, Pose, gai
     omega = time_derivative(theta, walking.rates.motion_hz)
     alpha = time_derivative(omega, walking.rates.motion_hz)
 
-    path = gait.foot_path(step.cycle_phase(time), walking.gait.stride_m)
+    path, pitch = gait.foot_path(step.cycle_phase(time), walking.gait.stride_m)
     yaw = rotation_about(2, np.full_like(time, trial.normal("foot_yaw", np.pi / 180)))
-    ankle = gait.nominal_ankle(walking) + step.placement + path.ankle @ yaw[0].T
-    foot_on_floor = Pose(yaw @ rotation_about(1, -path.pitch), ankle)
+    ankle = gait.nominal_ankle(walking) + step.placement + path @ yaw[0].T
+    foot_on_floor = Pose(yaw @ rotation_about(1, -pitch), ankle)
     foot = gait.turned(carried_angle, walking).after(foot_on_floor)
     shank = Pose(foot.rotation @ rotation_about(1, theta), foot.origin)
     return JointMotion(theta, omega, alpha), foot, shank, platform
@@ -263,13 +263,12 @@ def impedance_of_leg(
     rows = (perturbed.time >= onset) & (perturbed.time <= onset + gait.RENDERED_S)
     with_turn = perturbed.motion
     without = unperturbed.motion
-    columns = np.stack(
+    columns = np.column_stack(
         [
             with_turn.theta - without.theta,
             with_turn.omega - without.omega,
             with_turn.alpha - without.alpha,
-        ],
-        axis=-1,
+        ]
     )
     torque = perturbed.drivetrain_torque - unperturbed.drivetrain_torque
     K, B, I = np.linalg.lstsq(columns[rows], torque[rows], rcond=None)[0]

@@ -6,7 +6,6 @@ or more continuous derivatives. Cycle phase c: 0 at heel strike, 1 at the next o
 0 at heel strike, 1 at toe-off.
 """
 
-import re
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -85,15 +84,7 @@ def ground_reaction(p: Array) -> Array:
     return np.asarray(np.stack([forward, inward, upward], axis=-1) * stance_window(p)[:, None])
 
 
-@dataclass(frozen=True)
-class FootPath:
-    """The nominal path of a foot."""
-
-    ankle: Array  # (n, 3) [m] from the ankle's place with the foot flat in cycle 0
-    pitch: Array  # (n,) [rad] against the floor, toes up positive
-
-
-def foot_path(c: Array, stride: float) -> FootPath:
+def foot_path(c: Array, stride: float) -> tuple[Array, Array]:
     """Find the nominal path of a foot.
 
     In stance the foot rolls over its heel, lies flat from 12 % to 60 %, where both pivots give one
@@ -105,6 +96,13 @@ def foot_path(c: Array, stride: float) -> FootPath:
         Cycle phases (n,).
     stride : float
         Along x [m].
+
+    Returns
+    -------
+    ankle : Array
+        (n, 3) [m] from the ankle's place with the foot flat in cycle 0.
+    pitch : Array
+        (n,) [rad] against the floor, toes up positive.
     """
     phase = np.mod(c, 1.0)
     flat_from, flat_to = FOOT_FLAT
@@ -121,7 +119,7 @@ def foot_path(c: Array, stride: float) -> FootPath:
     swing_phase = np.clip((phase - STANCE_FRACTION) / (1.0 - STANCE_FRACTION), 0.0, 1.0)
     ankle[:, 0] += stride * (np.floor(c) + smooth_step(swing_phase))
     ankle[:, 2] += CLEARANCE * 256.0 * (swing_phase * (1.0 - swing_phase)) ** 4
-    return FootPath(ankle, pitch)
+    return ankle, pitch
 
 
 def rolled_over(pivot: Array, pitch: Array) -> Array:
@@ -294,8 +292,6 @@ def unloaded_platform(trial: GaitTrial) -> PlatformMotion:
 
 def has_full_motion(trial: GaitTrial) -> bool:
     """Whether a trial of the unloaded plate also shifts and tilts, by its number."""
-    number = re.search(r"\d+$", trial.name)
+    number = int(trial.name.rpartition("_")[2])
     period = trial.walking.plate.full_motion_every
-    if number is None or not period:
-        return False
-    return int(number.group()) % period == 0
+    return bool(period) and number % period == 0

@@ -2,7 +2,6 @@
 crossing."""
 
 import itertools
-import re
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -20,13 +19,11 @@ IN_THE_LABORATORY = {"static": 1, "plate": 2, "walking": 2}
 def direction_of(row: Mapping[str, Any], settings: SimulationSettings) -> str:
     """The direction, up or down, of a row of the sample sheet: the one that it states, else by the
     trial's name, which has a place in a random order of all directions."""
-    trial = str(row["trial"])
     directions = settings.experiments.directions
-    digits = re.search(r"\d+$", trial)
-    number = int(digits.group()) - 1 if digits else 0
-    block, place = divmod(number, len(directions))
-    block_name = f"{trial.rstrip('0123456789')}{block}"
-    order = generator_of(settings.seed, block_name, "condition").permutation(len(directions))
+    experiment, _, number = str(row["trial"]).rpartition("_")
+    block, place = divmod(int(number) - 1, len(directions))
+    generator = generator_of(settings.seed, f"{experiment}_{block}", "condition")
+    order = generator.permutation(len(directions))
     return str(row.get("direction") or directions[order[place]])
 
 

@@ -32,7 +32,7 @@ from osl_analysis.commands.campaign_start import start_campaign, unnamed_recordi
 from osl_analysis.commands.killed_runs import begin_run
 from osl_analysis.commands.run import check_profile, end_run, made_by
 from osl_analysis.commands.run_report import report_of_run
-from osl_analysis.config.experiments import EXPERIMENTS, judged_tables
+from osl_analysis.config.experiments import DOUBTS_OF, EXPERIMENTS, judged_tables
 from osl_analysis.config.impedance_trajectory import STANCE_SHARE
 from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.errors import InputError, OslAnalysisError, listing

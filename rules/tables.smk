@@ -5,7 +5,7 @@ rule table:
     """A table from the rows of single trials, with the doubts about each row."""
     input:
         rows=lambda wildcards: FILES.rows(wildcards.table),
-        fits=lambda wildcards: FILES.rows(FILES.doubts_of(wildcards.table)),
+        fits=lambda wildcards: FILES.rows(DOUBTS_OF.get(wildcards.table, "")),
         quality=lambda wildcards: FILES.checks(FILES.places_in(wildcards.table)),
     output:
         "<results>/tables/{table}.csv",
@@ -16,7 +16,7 @@ rule table:
     localrule: True
     params:
         limits=lambda wildcards: limits(wildcards.table),
-        limits_of_fits=lambda wildcards: limits(FILES.doubts_of(wildcards.table)),
+        limits_of_fits=lambda wildcards: limits(DOUBTS_OF.get(wildcards.table, "")),
         places=lambda wildcards: FILES.places_in(wildcards.table),
         excluded=excluded(lambda wildcards: FILES.places_in(wildcards.table)),
         faults=faults(lambda wildcards: FILES.places_in(wildcards.table)),

@@ -329,9 +329,7 @@ def widened(fit: GroupFit, change: Array, of_bench: bool = False) -> GroupFit:
 def torque_by_frame(model: Model, fit: LinearFit, record: Record, compliance_error: float) -> Array:
     """Torque (n,) [N*m] by which a fit is off if the bench yields by `compliance_error`
     [rad/(N*m)] more: the joint then turns by so much less per torque."""
-    yielding = seven_point_motion(
-        record.time, compliance_error * record.filtered_torque, record.rate_hz
-    )
+    yielding = seven_point_motion(compliance_error * record.filtered_torque, record.rate_hz)
     by_column = {
         "theta": yielding.theta,
         "square": 2 * np.abs(record.motion.theta - record.motion.theta[0]) * yielding.theta,

@@ -78,7 +78,7 @@ def effect_columns(
     `expected` is the linear model's admittance, if the gains are known."""
     few = record.coarse
     columns, centre = columns_of(few)
-    higher = seven_point_motion(few.time, columns["alpha"], few.rate_hz)
+    higher = seven_point_motion(columns["alpha"], few.rate_hz)
     columns["jerk"] = higher.omega
     columns["snap"] = higher.alpha
     for name, width in SIGN_WIDTHS.items():

@@ -53,11 +53,8 @@ def about(campaign: Campaign, simulation: Sequence[Path]) -> dict[str, str]:
 def hash_of_settings(campaign: Campaign, simulation: Sequence[Path]) -> str:
     """First digits of the SHA-256 of the settings that results depend on, with the defaults, and of
     the files that they name."""
-    config = campaign.config
-    files = {config.parameters, config.impedance_trajectory, *simulation} - {None}
-    settings = config.model_dump(mode="json", exclude=NOT_HASHED)
-    digests = sorted(str(digest(path)) for path in files if path is not None)
-    text = json.dumps([settings, digests], sort_keys=True)
+    facts = [settings_of(campaign), sorted(str(digest(path)) for path in simulation)]
+    text = json.dumps(facts, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:HASH_DIGITS]
 
 

@@ -185,13 +185,6 @@ class ResultFiles:
         trials = {Path(file).stem for file in self.rows(table)}
         return {trial: place for trial, place in self.campaign.places.items() if trial in trials}
 
-    def doubts_of(self, table: str) -> str:
-        """The table of the same trials whose doubts the rows of a table share; empty for none."""
-        for experiment, other in experiment_tables():
-            if other.name == table and self.campaign.trials(experiment):
-                return other.doubts_of
-        return ""
-
     # ---- Figures
 
     @cached_property

@@ -137,19 +137,18 @@ EXPERIMENTS: dict[str, Experiment] = {
 
 def judged_tables() -> tuple[str, ...]:
     """The tables whose fits have limits under `doubtful` in the configuration."""
-    tables = dict[str, None]()  # in their order, each once
+    tables: list[str] = []
     for experiment in EXPERIMENTS.values():
-        tables.update(dict.fromkeys(table.name for table in experiment.tables if table.judged))
-    further = [name for experiment in EXPERIMENTS.values() for name in experiment.judged_further]
-    return (*tables, *further)
+        tables.extend(table.name for table in experiment.tables if table.judged)
+    for experiment in EXPERIMENTS.values():
+        tables.extend(experiment.judged_further)
+    return tuple(dict.fromkeys(tables))  # each once
 
 
-def doubts_of() -> dict[str, str]:
-    """By table, the table of the same trials whose doubts its rows share; that of the first
-    experiment that has it."""
-    shared: dict[str, str] = {}
-    for experiment in EXPERIMENTS.values():
-        for table in experiment.tables:
-            if table.doubts_of:
-                shared.setdefault(table.name, table.doubts_of)
-    return shared
+DOUBTS_OF = {
+    table.name: table.doubts_of
+    for experiment in EXPERIMENTS.values()
+    for table in experiment.tables
+    if table.doubts_of
+}
+"""By table, the table of the same trials whose doubts its rows share."""

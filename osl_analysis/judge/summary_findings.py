@@ -9,7 +9,7 @@ from typing import Any
 
 import polars as pl
 
-from osl_analysis.config.experiments import EXPERIMENTS, doubts_of
+from osl_analysis.config.experiments import DOUBTS_OF, EXPERIMENTS
 from osl_analysis.errors import listing
 from osl_analysis.judge.campaign import MOST_NAMED, QUALITY
 from osl_analysis.judge.effects import estimate_column
@@ -169,7 +169,7 @@ def causes_in_campaign(
     unchecked: list[CampaignFinding] = []
     for table in judged_tables_of(tables):
         name, rows, noted = table.name, table.rows, table.subject_of_unchecked
-        if name not in doubts_of():
+        if name not in DOUBTS_OF:
             doubts += by_cause(about(Grade.DOUBTS, name), "doubtful", table.subject, rows)
         doubts += doubts_in_part(table, of_part)
         remarks += by_cause(about(Grade.NOTES, name), "remark", noted, rows)
@@ -186,7 +186,7 @@ def causes_in_campaign(
 def is_of_whole(finding: Finding) -> bool:
     """Whether a finding is on the recording of a trial, or on the fit to all of it: a doubt then
     makes the trial doubtful, not in part alone."""
-    return not finding.is_of_part and finding.table not in doubts_of()
+    return not finding.is_of_part and finding.table not in DOUBTS_OF
 
 
 def doubts_in_part(

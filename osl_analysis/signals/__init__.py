@@ -15,18 +15,12 @@ from osl_analysis.errors import InputError
 from osl_analysis.measured import check_finite
 from osl_analysis.trial import Array
 
-# First derivative per step and second per squared step, of the polynomial of degree 6 through seven
-# samples (Fornberg, Math. Comput. 51, 1988, table 1). For a sine of w rad per sample, they are too
-# small by w^6/140 and w^6/560.
-SLOPE = np.array([-1.0, 9.0, -45.0, 0.0, 45.0, -9.0, 1.0]) / 60
-CURVATURE = np.array([2.0, -27.0, 270.0, -490.0, 270.0, -27.0, 2.0]) / 180
-SLOPE_ERROR = 1 / 140  # of `SLOPE`, as a share, per w^6
+# Samples, and degree of the polynomial through them, whose derivatives are those of their middle.
+# For a sine of w rad per sample, the first is too small by w^6/140, the second by w^6/560.
+STENCIL = 7
+DEGREE = 6
+SLOPE_ERROR = 1 / 140  # of the first, as a share, per w^6
 LARGEST_SLOPE_ERROR = 1e-8  # share of a velocity at the cut-off that seven samples may lose
-HALF_STENCIL = 3  # rows at either end that have no seven samples around them
-# Samples at either end for a spline, which gives the derivatives of the outermost three: enough to
-# forget its end.
-ENDS = 40
-
 FILTER_EDGE = 3  # periods of the cut-off that a recording must outlast: the reach of the filter
 UNIFORM_STEP = 0.2  # a step may deviate from the mean by this share of it
 FEWEST_FOR_SPLINE = 6  # samples: a quintic has six coefficients
@@ -166,9 +160,18 @@ def filtered_angle(time: Array, theta: Array, low_pass: LowPass) -> Motion:
     smooth_theta = low_pass(theta, rate)
     radians_per_sample = 2 * np.pi * low_pass.cutoff_hz / rate
     is_coarse = radians_per_sample**6 * SLOPE_ERROR > LARGEST_SLOPE_ERROR
-    if is_coarse or len(time) < 2 * ENDS:
+    if is_coarse or len(time) < STENCIL:
         return differentiate(time, smooth_theta)
-    return seven_point_motion(time, smooth_theta, rate)
+    return seven_point_motion(smooth_theta, rate)
+
+
+def seven_point_motion(theta: Array, rate_hz: float) -> Motion:
+    """Differentiate an angle (n,) [rad] that is sampled evenly, and slow compared to the rate."""
+    omega, alpha = (
+        scipy.signal.savgol_filter(theta, STENCIL, DEGREE, derivative, 1 / rate_hz)
+        for derivative in (1, 2)
+    )
+    return Motion(theta, omega, alpha)
 
 
 def differentiate(time: Array, theta: Array) -> Motion:
@@ -202,25 +205,6 @@ def differentiate(time: Array, theta: Array) -> Motion:
         )
     spline = scipy.interpolate.make_interp_spline(time, theta, k=5)
     return Motion(theta=np.asarray(theta), omega=spline(time, 1), alpha=spline(time, 2))
-
-
-def seven_point_motion(time: Array, theta: Array, rate_hz: float) -> Motion:
-    """Differentiate an angle (n,) [rad] that is sampled evenly, and slow compared to the rate.
-
-    Each derivative is from seven samples; in the three rows at either end, from the spline.
-    """
-    omega = np.empty(len(theta))
-    alpha = np.empty(len(theta))
-    omega[HALF_STENCIL:-HALF_STENCIL] = np.correlate(theta, SLOPE, "valid") * rate_hz
-    alpha[HALF_STENCIL:-HALF_STENCIL] = np.correlate(theta, CURVATURE, "valid") * rate_hz**2
-
-    begin = slice(ENDS), slice(HALF_STENCIL)
-    end = slice(-ENDS, None), slice(-HALF_STENCIL, None)
-    for nearby, outermost in (begin, end):
-        motion = differentiate(time[nearby], theta[nearby])
-        omega[outermost] = motion.omega[outermost]
-        alpha[outermost] = motion.alpha[outermost]
-    return Motion(theta, omega, alpha)
 
 
 def sampling_rate(time: Array) -> float:

@@ -182,10 +182,9 @@ def validated(
     model: type[AnySettings],
     path: Path | str,
     files: Sequence[Path] | None = None,
-    above: Place = (),
 ) -> AnySettings:
-    """The content of a configuration file as a model; for messages `path`, `files` with lines, and
-    keys `above` it."""
+    """The content of a configuration file as a model; for messages `path`, and `files` with
+    lines."""
     try:
         return model.model_validate(content)
     except ValidationError as error:
@@ -199,11 +198,10 @@ def validated(
     def rank(place: Place) -> tuple[bool, int]:
         return problems_at[place][0]["type"] == MISPLACED, len(place)
 
-    first = max(problems_at, key=rank)
-    place = (*above, *first)
+    place = max(problems_at, key=rank)
     line = located([Path(path)] if files is None else files, place)
     name = dotted(place) or "the file"
-    raise InputError(f"{path}: {line}{name}: {problem_text(problems_at[first])}")
+    raise InputError(f"{path}: {line}{name}: {problem_text(problems_at[place])}")
 
 
 WORDS = {

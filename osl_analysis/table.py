@@ -2,7 +2,7 @@
 
 import zipfile
 from collections.abc import Mapping, Sequence
-from itertools import compress, groupby
+from itertools import compress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -116,7 +116,7 @@ def read_table(path: Path | str, required: Sequence[str] = (), name: str = "") -
         The table is missing, is no CSV, or was refused.
     """
     path = Path(path)
-    table = table_of(path, content_of(path, name))
+    table = with_usual_types(rows_of(path, content_of(path, name)))
     for column in required:
         if column not in table.columns:
             raise InputError(
@@ -131,22 +131,9 @@ def read_table(path: Path | str, required: Sequence[str] = (), name: str = "") -
 
 
 def read_tables(paths: Sequence[Path], name: str = "") -> pl.DataFrame:
-    """Read tables below one another; arguments and errors as in `read_table`.
-
-    Those with equal columns that follow one another are read as one: a file takes milliseconds, its
-    rows microseconds.
-    """
-    contents = [content_of(path, name) for path in paths]
-    tables = []
-    try:
-        for header, group in groupby(contents, key=lambda content: content.partition(b"\n")[0]):
-            rows = [content.partition(b"\n")[2] for content in group]
-            tables.append(table_of(paths[0], b"\n".join([header, *rows])))
-    except InputError:
-        for path in paths:
-            read_table(path, name=name)  # names the file that is no table
-        raise
-    return pl.concat(tables, how="diagonal_relaxed")
+    """Read tables below one another; arguments and errors as in `read_table`."""
+    tables = [rows_of(path, content_of(path, name)) for path in paths]
+    return with_usual_types(pl.concat(tables, how="diagonal_relaxed"))
 
 
 def content_of(path: Path, name: str = "") -> bytes:
@@ -163,8 +150,9 @@ def content_of(path: Path, name: str = "") -> bytes:
         ) from error
 
 
-def table_of(path: Path, content: bytes) -> pl.DataFrame:
-    """The table of a CSV text, with the types of `read_table`; `path` is named in errors."""
+def rows_of(path: Path, content: bytes) -> pl.DataFrame:
+    """The rows of a CSV text; columns without entries are of type Null. `path` is named in
+    errors."""
     types = dict.fromkeys(TEXT_COLUMNS, pl.String)
     try:
         table = pl.read_csv(
@@ -177,8 +165,15 @@ def table_of(path: Path, content: bytes) -> pl.DataFrame:
         ) from error
     table = table.filter(~pl.all_horizontal(pl.all().is_null()))  # without an editor's blank lines
     is_empty = [column.null_count() == len(table) for column in table]
-    empty = [name for name in compress(table.columns, is_empty) if name not in TEXT_COLUMNS]
-    table = table.with_columns(pl.col(name).cast(pl.Float64) for name in empty)
+    return table.with_columns(pl.col(list(compress(table.columns, is_empty))).cast(pl.Null))
+
+
+def with_usual_types(table: pl.DataFrame) -> pl.DataFrame:
+    """A table whose columns without entries are numbers, or text of `TEXT_COLUMNS`, with a `side`
+    beside a `joint`."""
+    for column in table.select(pl.col(pl.Null)):
+        usual = pl.String if column.name in TEXT_COLUMNS else pl.Float64
+        table = table.with_columns(column.cast(usual))
     if "joint" in table.columns and "side" not in table.columns:
         side = pl.lit(None, pl.String).alias("side")
         table.insert_column(table.columns.index("joint") + 1, side)

@@ -20,6 +20,7 @@ from osl_analysis.files import config_here, shipped
 from osl_analysis.ingest.quality import UNITS, Commanded, measure_quality, measured_table
 from osl_analysis.ingest.raw_files import read_source
 from osl_analysis.judge.judging import judged, marked, with_inherited
+from osl_analysis.judge.limits import DoubtfulFits
 from osl_analysis.judge.recording_checks import judged_table, validate_rules
 from osl_analysis.model.drivetrain import joint_of
 from osl_analysis.schema import read_table
@@ -52,11 +53,14 @@ def as_trial(trial: Trial | File) -> Trial:
     return trial
 
 
-def device_file(parameters: File | None, config: Path) -> Path | None:
-    """The parameter file that is stated, or that of the configuration."""
-    if parameters == OF_CONFIG:
-        return config_for_trials(config).parameters
-    return None if parameters is None else shipped(parameters)
+def choices(
+    experiment: str, config: File | None, parameters: File | None
+) -> tuple[dict[str, Any], DoubtfulFits, Path | None]:
+    """Settings and limits of an experiment's fit, and the parameter file of the device: the stated
+    one, or that of the configuration."""
+    file = Path(config or config_here())
+    device = config_for_trials(file).parameters if parameters == OF_CONFIG else parameters
+    return *fit_settings(experiment, file), None if device is None else shipped(device)
 
 
 def checked_desired(desired: DesiredImpedance | None) -> DesiredImpedance:
@@ -138,9 +142,7 @@ def fit(
         condition = checked_desired(desired)
     elif experiment == "torque_angle":
         condition = {"desired": curve}
-    file = Path(config or config_here())
-    device = device_file(parameters, file)
-    settings, limits = fit_settings(experiment, file)
+    settings, limits, device = choices(experiment, config, parameters)
     return fit_trial(experiment, as_trial(trial), device, settings, limits, condition, windows)
 
 
@@ -207,25 +209,22 @@ def frequency_response(
     """
     from osl_analysis.commands.figure import beside_theory
 
-    name_of_fits = "impedance"
     recorded = as_trial(trial)
-    file = Path(config or config_here())
-    device = device_file(parameters, file)
-    settings, limits = fit_settings(name_of_fits, file)
-    fit = run_fit(name_of_fits, recorded, device, settings, checked_desired(desired), windows)
-    tables = fit.everything()
-    fits = tables[name_of_fits]
-    findings_of_fits = judged(fits, limits.of(name_of_fits), name_of_fits)
+    settings, limits, device = choices("impedance", config, parameters)
+    desired = checked_desired(desired)
+    tables = run_fit("impedance", recorded, device, settings, desired, windows).everything()
+    fits, response = (tables[name] for name in ("impedance", "response"))
 
-    findings = judged(tables["response"], limits.of("response"), "response")
-    findings = with_inherited(tables["response"], findings, fits, findings_of_fits)
-    table = marked(tables["response"], findings, "response")
-    joint = pl.lit(joint_of(device) if device else None, pl.String)
-    looks = look_numbers(table["controller"])
-    rows = table.with_columns(looks, joint=joint, side=pl.lit(None, pl.String))
-    gain_weight = settings["weight"]  # W of Eq. 14, a low-pass of a cut-off [Hz], chooses the gains
-    plotted = beside_theory(rows, device, gain_weight)
-    return FrequencyResponse(recorded.name, table, plotted)
+    of_fits = judged(fits, limits.of("impedance"), "impedance")
+    own = judged(response, limits.of("response"), "response")
+    table = marked(response, with_inherited(response, own, fits, of_fits), "response")
+    rows = table.with_columns(
+        look_numbers(table["controller"]),
+        joint=pl.lit(joint_of(device) if device else None, pl.String),
+        side=pl.lit(None, pl.String),
+    )
+    # W of Eq. 14, a low-pass of a cut-off [Hz], chooses the gains
+    return FrequencyResponse(recorded.name, table, beside_theory(rows, device, settings["weight"]))
 
 
 def read_recording(
@@ -277,8 +276,9 @@ def read_recording(
         "trial": file.stem if name is None else name,
         role: file.name,
         f"{role}_source": described.stem,
+        "log_part": part,
     }
-    return checked_trial({**row, "log_part": part}, file.parent, described.parent)
+    return checked_trial(row, file.parent, described.parent)
 
 
 def check(

@@ -1,7 +1,6 @@
 """Inspect and watch: what files hold is listed, drafts become source files, recordings are examined
 as they come."""
 
-import json
 import re
 from pathlib import Path
 from typing import Any

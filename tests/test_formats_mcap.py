@@ -189,6 +189,12 @@ def test_a_chunk_that_does_not_match_its_checksum_is_lost_and_counted(
     assert recording.facts["chunks_lost"] == 1
 
 
+def test_two_logs_in_one_file_are_refused_with_the_byte_where_to_split_them(tmp_path: Path) -> None:
+    first = log(DECLARED, chunk(TEN))
+    with pytest.raises(InputError, match=f"a second log begins at byte {len(first)}; split"):
+        read(tmp_path, first + first)
+
+
 def test_a_checksum_of_zero_is_none(tmp_path: Path) -> None:
     covered = read(tmp_path, WHOLE)
     mixed = read(tmp_path, log(DECLARED, chunk(TEN), chunk(TWENTY, has_checksum=False)))

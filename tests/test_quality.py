@@ -41,7 +41,7 @@ from osl_analysis.judge.recording_checks import QualityRules, judged_table, vali
 from osl_analysis.signals import longest_run
 from osl_analysis.source_file import Conversion
 from osl_analysis.trial import Array, Trial
-from osl_analysis.yaml_settings import validated
+from osl_analysis.yaml_settings import Settings, validated
 
 CONFIG, COMMANDED = ROOT / "config/config.yaml", Commanded((2.0, 4.0), (2.0, 5.0), 6)
 RULES, RATE = config_for_trials(CONFIG).quality, 1000.0
@@ -489,6 +489,10 @@ def test_a_value_at_its_threshold_passes_and_no_number_fails(name, value, fails)
     assert CHECKS[name].failed(value, RULES.by_check[name].limit) is fails
 
 
+class OnlyQuality(Settings):
+    quality: QualityRules
+
+
 @pytest.mark.parametrize(("changed", "message"), [
     *(({"unzeroed_plate": wrong},
        f"quality.unzeroed_plate: threshold '{wrong}' must be a number from 0 and its unit, as in"
@@ -502,7 +506,7 @@ def test_rules_and_checks_are_one_list_and_thresholds_have_their_units(changed, 
     validate_rules(RULES, UNITS)
     there = yaml.safe_load(CONFIG.read_text())["quality"] | changed
     with pytest.raises(InputError, match=re.escape(message)):
-        validate_rules(validated(there, QualityRules, CONFIG, above=("quality",)), UNITS)
+        validate_rules(validated({"quality": there}, OnlyQuality, CONFIG).quality, UNITS)
 
 
 def test_the_sheet_may_accept_only_checks_that_there_are(tmp_path):

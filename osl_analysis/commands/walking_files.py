@@ -11,10 +11,20 @@ import polars as pl
 from pydantic import TypeAdapter
 
 from osl_analysis.errors import InputError
-from osl_analysis.files import write_text
+from osl_analysis.files import atomic_path, write_text
 from osl_analysis.refusal import check_not_refused
+from osl_analysis.schema import SCHEMA
 from osl_analysis.table import read_table
-from osl_analysis.trial import Array, Trial, metadata_of, read_trial, write_trial
+from osl_analysis.trial import (
+    NAME_KEY,
+    PROVENANCE_KEY,
+    SCHEMA_KEY,
+    Array,
+    Trial,
+    metadata_of,
+    read_trial,
+    write_trial,
+)
 from osl_analysis.walking.crossing import Crossing, RefusedCrossing
 from osl_analysis.walking.plate_inertia import PlateModel
 from osl_analysis.walking.poses import StaticCalibration
@@ -88,9 +98,11 @@ def write_crossing(crossing: Crossing, path: Path) -> None:
 def write_refusal(refused: RefusedCrossing, path: Path) -> None:
     """Write a crossing's file without rows, with the reason in its provenance, so that other
     crossings are analysed."""
-    provenance = {"refused": refused.reason, "perturbed": refused.perturbed}
+    reason = json.dumps({"refused": refused.reason, "perturbed": refused.perturbed})
+    metadata = {NAME_KEY: refused.name, PROVENANCE_KEY: reason, SCHEMA_KEY: str(SCHEMA)}
     empty = pl.DataFrame(schema=dict.fromkeys(("time", "phase", "theta", "torque"), pl.Float64))
-    write_trial(Trial(refused.name, empty, provenance), path)
+    with atomic_path(path) as temporary:
+        empty.write_parquet(temporary, metadata=metadata)
 
 
 def read_crossing(path: Path) -> Crossing:

@@ -66,6 +66,11 @@ class Log(_messages.Log):
             for declared in summary.channels.values():
                 self._declare_channel(declared)
         end = self._take_records(data, len(MAGIC))
+        if data.startswith(2 * MAGIC, end):
+            raise InputError(
+                f"a second log begins at byte {end + len(MAGIC)}; split the file there (`head -c`,"
+                " `tail -c`), and give each part a trial of its own"
+            )
         if end + len(MAGIC) != len(data):
             self.remarks.append(
                 f"{path.name} cannot be read behind byte {end}: the recorder did not finish,"

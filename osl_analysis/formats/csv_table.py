@@ -15,6 +15,7 @@ import polars as pl
 
 from osl_analysis.errors import InputError
 from osl_analysis.formats import TEXT_PRIORITY
+from osl_analysis.formats._cells import are_times, cell_values, is_number_cell
 from osl_analysis.formats._table import (
     COMMENT_SIGNS,
     LISTING,
@@ -68,37 +69,72 @@ def _table_of_lines(lines: Sequence[Line], layout: SheetSource, is_ended: bool) 
 
 
 def _with_rows_between(ends: Table, text: bytes, lines: int, layout: SheetSource) -> Table | None:
-    """Add the rows between the first and the last ones, if all have a cell for each name; None if
-    they differ."""
-    has_dropped = layout.ragged == "dropped_variable" and ends.remarks
-    if ends.skipped or has_dropped or any(sign.encode() in text for sign in COMMENT_SIGNS):
-        return None
+    """Add the rows between the first and the last ones, if all have a cell for each name: as
+    numbers where all cells of a column are plain numbers, or else as text; None if they differ."""
     delimiter = ends.delimiter
     if delimiter == " ":
         text = re.sub(rb"(?m)^[ \t]+|[ \t]+$", b"", text)
         text = re.sub(rb"[ \t]+", b"\t", text)
         delimiter = "\t"
-    # polars refuses a line with more cells than names, so that no line has fewer if these are all
-    if text.count(delimiter.encode()) != lines * (ends.body.width - 1):
-        return None
-    with suppress(pl.exceptions.PolarsError):
-        between = pl.read_csv(
-            text,
-            has_header=False,
-            separator=delimiter,
-            quote_char='"' if b'"' in text else None,
-            schema=ends.body.schema,
-        ).with_columns(pl.all().fill_null("").str.strip_chars(' \t\v\f"'))
-        has_empty_row = between.select(pl.all_horizontal(pl.all() == "").any()).item()
-        if len(between) == lines and not has_empty_row:
-            above = int((ends.lines <= FIRST_LINES).sum())
-            lines_between = FIRST_LINES + 1 + np.arange(lines)
-            return replace(
-                ends,
-                lines=np.concatenate([ends.lines[:above], lines_between, ends.lines[above:]]),
-                body=pl.concat([ends.body[:above], between, ends.body[above:]], rechunk=True),
+    tries: list[tuple[pl.DataFrame, list[str]]] = [(ends.body, [])]
+    # polars would take a point for a decimal sign, too, and a word that is a number for missing
+    has_points = ends.decimal == "," and b"." in text
+    if not has_points and not any(map(is_number_cell, layout.missing)):
+        numbers = _as_numbers(ends, layout)  # without words it is faster
+        tries = [(numbers, []), (numbers, [*layout.missing]), *tries]
+    for outer, words in tries:
+        try:
+            between = pl.read_csv(
+                text,
+                has_header=False,
+                separator=delimiter,
+                quote_char='"' if b'"' in text else None,
+                schema=outer.schema,
+                null_values=words,
+                decimal_comma=ends.decimal == ",",
             )
-    return None
+        except pl.exceptions.PolarsError:
+            continue
+        if len(between) == lines and _are_read(between, layout):
+            break
+    else:
+        return None
+    if pl.String in between.schema.values() or any(column.has_nulls() for column in between):
+        # polars refuses a line with more cells than the first one, so that as many cells in all as
+        # names times lines say that no line has fewer
+        are_whole = text.count(delimiter.encode()) == lines * (between.width - 1)
+        if not are_whole or any(sign.encode() in text for sign in COMMENT_SIGNS):
+            return None
+    between = between.with_columns(pl.col(pl.String).fill_null("").str.strip_chars(' \t\v\f"'))
+    is_empty = pl.all_horizontal(pl.exclude(pl.String).is_null(), pl.col(pl.String) == "")
+    has_dropped = layout.ragged == "dropped_variable" and ends.remarks
+    if ends.skipped or has_dropped or between.select(is_empty.any()).item():
+        return None
+    above = int((ends.lines <= FIRST_LINES).sum())
+    lines_between = FIRST_LINES + 1 + np.arange(lines)
+    return replace(
+        ends,
+        lines=np.concatenate([ends.lines[:above], lines_between, ends.lines[above:]]),
+        body=pl.concat([outer[:above], between, outer[above:]], rechunk=True),
+    )
+
+
+def _as_numbers(ends: Table, layout: SheetSource) -> pl.DataFrame:
+    """The first and last rows, with columns of numbers where all of their cells are numbers."""
+    columns: list[pl.Series] = []
+    for cells in ends.body:
+        values, unread = cell_values(cells, layout.missing, ends.decimal)
+        is_text = values.dtype == bool or unread.size or are_times(cells)
+        columns.append(cells if is_text else pl.Series(cells.name, values))
+    return pl.DataFrame(columns)
+
+
+def _are_read(between: pl.DataFrame, layout: SheetSource) -> bool:
+    """Tell whether all numbers are finite, and none lacks but where an empty cell may."""
+    for column in between.select(pl.exclude(pl.String)):
+        if not column.is_finite().all() or (column.has_nulls() and "" not in layout.missing):
+            return False
+    return True
 
 
 def read(path: Path, source: SheetSource | None) -> Recording:

@@ -26,7 +26,6 @@ SENT = Path(__file__).with_name("sent")
 OURS = "osl_analysis_fit"
 NAMES = {
     OURS: "osl-analysis",
-    "osl_analysis_without": "osl-analysis, corrected",
     "filtered_least_squares": "usual script",
     "pandas_curve_fit": "curve_fit",
     "statsmodels_hac": "statsmodels",

@@ -399,10 +399,9 @@ def test_the_zero_is_read_before_the_foot_comes(unloaded_s: float) -> None:
     standard deviation is 0.02 N."""
     trial = standing_on(stepped(-60.0))
 
-    wrench = zeroed_wrench(trial, TIME[::5], settings(unloaded_s=unloaded_s))
+    read = zeroed_wrench(trial, TIME[::5], settings(unloaded_s=unloaded_s))
 
-    assert wrench.zero == pytest.approx(-60.0, abs=0.1)
-    np.testing.assert_allclose(wrench.read(0.0)[20:180].mean(axis=0), 0, atol=0.15)
+    np.testing.assert_allclose(read(0.0)[20:180].mean(axis=0), 0, atol=0.15)
 
 
 @pytest.mark.parametrize("zero", [-713.0, 713.0])

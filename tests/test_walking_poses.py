@@ -108,10 +108,10 @@ def test_a_moved_marker_is_that_without_which_the_others_agree(
     if hidden is not None:
         moved[:, hidden] = np.nan
 
-    found = moved_marker(FOOT, moved, cluster_poses(FOOT, moved))
+    index, distance_m = moved_marker(FOOT, moved, cluster_poses(FOOT, moved))
 
-    assert found.index == 0
-    assert found.distance_m == pytest.approx(distance, abs=2e-3)
+    assert index == 0
+    assert distance_m == pytest.approx(distance, abs=2e-3)
 
 
 def test_a_bridged_gap_of_a_resting_cluster_has_little_noise() -> None:

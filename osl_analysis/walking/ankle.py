@@ -19,7 +19,6 @@ from osl_analysis.walking import platform, poses
 from osl_analysis.walking.plate import (
     Stance,
     WrenchReader,
-    ZeroedWrench,
     check_plate,
     check_type_on_platform,
     check_vertical,
@@ -157,7 +156,7 @@ class Passage:
     name: str
     frames: Array  # time (k,) [s] of all frames
     recorded: dict[str, Poses]  # of foot, shank and platform in all frames, not low-passed
-    wrench: ZeroedWrench  # of the plate, in all frames
+    wrench: WrenchReader  # of the plate, in all frames, minus its zero
     corners: Array  # of the plate (4, 3) [m] at rest
     stance: Stance
     onset: float | None  # of the perturbation [s]
@@ -209,7 +208,7 @@ def recorded_passage(
         reference[segment] = calibration.positions(labels, trial.name)
 
     wrench = zeroed_wrench(trial, frames, settings)
-    force = wrench.read(lag)[:, :3]
+    force = wrench(lag)[:, :3]
     check_vertical(force)
     stance = only_stance(frames, force[:, 2], settings, "on the plate", ONE_CROSSING)
     check_plate(trial, settings.plate, stance, force[:, 2])
@@ -247,10 +246,12 @@ def check_same_cluster(
         return
     labels = settings.markers.clusters[segment]
     tracks = poses.marker_tracks(trial, labels)[1][inside]
-    moved = poses.moved_marker(reference, tracks, poses.cluster_poses(reference, tracks))
+    marker, distance_m = poses.moved_marker(
+        reference, tracks, poses.cluster_poses(reference, tracks)
+    )
     raise InputError(
         f"the {segment} markers stand {residual_mm:.0f} mm (RMS) otherwise than in the static trial"
-        f" throughout stance, {labels[moved.index]} most, by {1e3 * moved.distance_m:.0f} mm,"
+        f" throughout stance, {labels[marker]} most, by {1e3 * distance_m:.0f} mm,"
         f" expected {settings.largest_residual_mm:g} mm or less: they were put on again, or carry"
         " other labels; record a static trial after the change and name it in the column static,"
         " correct the labels, or exclude the trial"
@@ -359,79 +360,47 @@ class AnkleTorques:
     plate_errors: Array  # changes (m, n) [N*m] without each plate trial
 
 
-@dataclass(frozen=True)
-class MovingPlate:
-    """A crossing's plate, which turns its wrench into the torque about the ankle."""
-
-    passage: Passage
-    ankle: Ankle
-    track: platform.PlatformTrack  # of the platform
-    wrench: WrenchReader  # low-passed, in the rows of the passage
-
-    @property
-    def middle(self) -> Array:
-        """The plate's centre (3,) [m] at rest."""
-        return np.asarray(self.passage.corners.mean(axis=0))
-
-    @property
-    def centre(self) -> Array:
-        """The plate's centre (n, 3) [m]."""
-        return self.passage.poses["platform"].point(self.middle)
-
-    def motion(self) -> BodyMotion:
-        """Motion of the plate's centre, without accelerations at rest."""
-        time = self.passage.time
-        first = int(np.searchsorted(self.track.time, time[0] - 1e-9))
-        rows = slice(first, first + len(time))
-        axes = platform.shared_directions([self.track])[0]
-        motion, weights = self.track.measured_motion(axes, self.middle, rows)
-        return motion.weighted(weights)
-
-    def reaction(self, model: PlateModel, motion: BodyMotion) -> Array:
-        """Ground reaction (n, 6) on the foot, in laboratory axes."""
-        of_plate = inertial_columns(motion) @ model.parameters
-        force_and_moment = (self.wrench(model.lag or 0.0) - of_plate).reshape(-1, 2, 3)
-        R_transposed = np.swapaxes(self.passage.poses["platform"].rotation, 1, 2)
-        return np.asarray((force_and_moment @ R_transposed).reshape(-1, 6))
-
-    def torque(self, model: PlateModel, motion: BodyMotion) -> Array:
-        """The ankle's torque (n,) [N*m]."""
-        reaction = self.reaction(model, motion)
-        return ankle_torque(reaction, self.centre, self.ankle.centre, self.ankle.axis)
-
-
-def moving_plate(
+def ankle_torques(
     passage: Passage,
     ankle: Ankle,
+    unloaded: PlateModel,
     calibration: StaticCalibration,
     settings: CrossingSettings,
-) -> MovingPlate:
-    """Follow the plate of a crossing."""
-    track = platform.track_about(
-        passage.name,
-        passage.frames,
-        passage.recorded["platform"],
-        calibration,
-        settings,
-        float(passage.time[0]),
+) -> AnkleTorques:
+    """Compute the ankle's torque, and its changes without each plate trial.
+
+    The plate's own wrench is that of its measured motion, without accelerations at rest.
+    """
+    rows = passage.rows
+    poses_of_plate = passage.recorded["platform"]
+    run = next(run for run in runs(poses_of_plate.seen()) if run.start <= rows.start < run.stop)
+    track = platform.platform_track(
+        passage.name, passage.frames[run], poses_of_plate[run], calibration, settings
     )
+    middle = np.asarray(passage.corners.mean(axis=0))
+    axes = platform.shared_directions([track])[0]
+    in_track = slice(rows.start - run.start, rows.stop - run.start)
+    motion, weights = track.measured_motion(axes, middle, in_track)
+    columns = inertial_columns(motion.weighted(weights))
+
+    plate = passage.poses["platform"]
+    centre = plate.point(middle)
+    R_transposed = np.swapaxes(plate.rotation, 1, 2)
 
     @cache  # the jackknife reads the same lag ten times
     def wrench(lag: float) -> Array:
-        low_passed = settings.low_pass(passage.wrench.read(lag), sampling_rate(passage.frames))
-        return low_passed[passage.rows]
+        return settings.low_pass(passage.wrench(lag), sampling_rate(passage.frames))[rows]
 
-    return MovingPlate(passage, ankle, track, wrench)
+    def reaction(model: PlateModel) -> Array:
+        """Ground reaction (n, 6) on the foot, in laboratory axes."""
+        of_foot = wrench(model.lag or 0.0) - columns @ model.parameters
+        return np.asarray((of_foot.reshape(-1, 2, 3) @ R_transposed).reshape(-1, 6))
 
+    def torque(model: PlateModel) -> Array:
+        return ankle_torque(reaction(model), centre, ankle.centre, ankle.axis)
 
-def ankle_torques(plate: MovingPlate, unloaded: PlateModel) -> AnkleTorques:
-    """Compute the ankle's torque, and its changes without each plate trial."""
-    motion = plate.motion()
-    torque = plate.torque(unloaded, motion)
-    changes = [plate.torque(model, motion) - torque for model in unloaded.leave_one_out]
+    of_all = torque(unloaded)
+    changes = [torque(model) - of_all for model in unloaded.leave_one_out]
     return AnkleTorques(
-        plate.reaction(unloaded, motion),
-        centre=plate.centre,
-        torque=torque,
-        plate_errors=np.reshape(changes, (-1, len(torque))),
+        reaction(unloaded), centre, of_all, plate_errors=np.reshape(changes, (-1, len(of_all)))
     )

@@ -26,7 +26,6 @@ from osl_analysis.walking.ankle import (
     ankle_torques,
     load_on_foot,
     moment_of_foot,
-    moving_plate,
     recorded_passage,
 )
 from osl_analysis.walking.plate import Stance, recorded_plate
@@ -39,7 +38,7 @@ from osl_analysis.walking.poses import (
     marker_tracks,
     moved_marker,
 )
-from osl_analysis.walking.walking_settings import CrossingSettings, FootSettings
+from osl_analysis.walking.walking_settings import CrossingSettings
 
 FLAT = (0.15, 0.35)  # phases of stance in which the foot is flat, before a perturbation
 LATE = (0.6, 0.85)  # phases of stance in which a walker pushes off
@@ -178,8 +177,8 @@ def differences(
             continue
         _, tracks = marker_tracks(trial, names)
         reference = calibration.positions(names, trial.name)
-        moved = moved_marker(reference, tracks[rows], poses[rows])
-        distances[f"marker {names[moved.index]} of the {segment}"] = moved.distance_m
+        marker, distance_m = moved_marker(reference, tracks[rows], poses[rows])
+        distances[f"marker {names[marker]} of the {segment}"] = distance_m
 
     inside = (passage.time >= passage.stance.heel_strike) & (passage.time <= before)
     of_foot = passage.poses["foot"].point(calibration.ankle_centre)
@@ -429,12 +428,15 @@ def analyse_crossing(
     check_side(phase, shank.position - ankle.centre, ankle.axis)
 
     # Torque
-    plate = moving_plate(passage, ankle, calibration, settings)
-    torques = ankle_torques(plate, unloaded)
+    torques = ankle_torques(passage, ankle, unloaded, calibration, settings)
     torque = torques.torque
     if settings.foot is not None:
-        torque = torque + torque_of_foot(
-            passage.time, foot, ankle, settings.foot, calibration.ankle_centre
+        of_foot = settings.foot
+        motion = rigid.body_motion(
+            passage.time, foot, calibration.ankle_centre + of_foot.centre_of_mass_m
+        )
+        torque = torque + moment_of_foot(
+            motion, ankle.centre, ankle.axis, of_foot.mass_kg, of_foot.inertia_kg_m2
         )
 
     # What shows that the set-up is right
@@ -450,6 +452,10 @@ def analyse_crossing(
     clusters = passage.recorded.values()
     bridged = np.any([pose.bridged[passage.rows] for pose in clusters], axis=0)
 
+    turn = None
+    if passage.onset is not None:
+        window = passage.onset, passage.onset + settings.window_s
+        turn = platform_turn(passage.time, passage.poses["platform"], ankle.axis, window)
     return Crossing(
         name=trial.name,
         time=passage.time,
@@ -461,25 +467,8 @@ def analyse_crossing(
         bridged=float(np.mean(bridged[passage.inside])),
         plate_errors=torques.plate_errors,
         quality=quality,
-        turn=perturbing_turn(passage, ankle, settings),
+        turn=turn,
     )
-
-
-def torque_of_foot(
-    time: Array, foot: Poses, ankle: Ankle, inertia: FootSettings, ankle_centre: Array
-) -> Array:
-    """Torque (n,) [N*m] of weight and inertia of what moves below the ankle."""
-    motion = rigid.body_motion(time, foot, ankle_centre + inertia.centre_of_mass_m)
-    return moment_of_foot(motion, ankle.centre, ankle.axis, inertia.mass_kg, inertia.inertia_kg_m2)
-
-
-def perturbing_turn(passage: Passage, ankle: Ankle, settings: CrossingSettings) -> float | None:
-    """Turn [rad] by the perturbation in the window, toes up; None without one."""
-    if passage.onset is None:
-        return None
-    plate = passage.poses["platform"]
-    end = passage.onset + settings.window_s
-    return platform_turn(passage.time, plate, ankle.axis, (passage.onset, end))
 
 
 def platform_turn(time: Array, turned: Poses, axis: Array, window: tuple[float, float]) -> float:

@@ -107,14 +107,6 @@ WrenchReader = Callable[[float], Array]
 """The wrench (n, 6) at the marker frames, read later by a lag [s]."""
 
 
-@dataclass(frozen=True)
-class ZeroedWrench:
-    """The wrench of a plate minus its zero."""
-
-    read: WrenchReader
-    zero: float | None  # its vertical force [N]; None if it is not removed
-
-
 def recorded_wrench(trial: Trial, plate: int) -> tuple[Array, Array]:
     """Stamps (k,) [s] and wrench (k, 6) of a plate, counted from 1, as it was recorded."""
     stamps, *components = trial.signals(
@@ -135,7 +127,7 @@ def wrench_reader(time: Array, wrench: Array, frames: Array) -> WrenchReader:
     return lambda lag: np.asarray(spline(np.clip(frames + lag, time[0], time[-1])))
 
 
-def zeroed_wrench(trial: Trial, frames: Array, settings: CrossingSettings) -> ZeroedWrench:
+def zeroed_wrench(trial: Trial, frames: Array, settings: CrossingSettings) -> WrenchReader:
     """Read the plate at marker frames (n,) [s], minus its zero.
 
     The zero is read where the force varies least before its maximum: after that, the plate may be
@@ -147,7 +139,6 @@ def zeroed_wrench(trial: Trial, frames: Array, settings: CrossingSettings) -> Ze
         The plate is loaded from the start, was not zeroed, or is at its limit.
     """
     time, wrench = recorded_wrench(trial, settings.plate)
-    zero_force = None
     if settings.unloaded_s is not None:
         length = round(settings.unloaded_s * sampling_rate(time))
         vertical = wrench[:, 2]
@@ -170,7 +161,7 @@ def zeroed_wrench(trial: Trial, frames: Array, settings: CrossingSettings) -> Ze
         wrench = wrench - zero
     axes = plate_axes(recorded_corners(trial, settings.plate))
     check_range(time, wrench[:, :3], axes, settings.load_on_n)
-    return ZeroedWrench(wrench_reader(time, wrench, frames), zero_force)
+    return wrench_reader(time, wrench, frames)
 
 
 def check_range(time: Array, force: Array, axes: Array, load: float) -> None:

@@ -80,38 +80,6 @@ def noise_gain(low_pass: LowPass, rate: float, derivative: int = 0) -> float:
     return float(np.trapezoid(power, f) * 2 / rate)
 
 
-def directions(coordinates: Sequence[Array], noise: float, low_pass: LowPass, rate: float) -> Array:
-    """Find the directions along which a platform moves, beyond marker noise.
-
-    Parameters
-    ----------
-    coordinates : sequence of Array
-        Low-passed motions (n, 6) [m] from rest.
-    noise : float
-        Standard deviation [m] of one frame before the low-pass.
-    low_pass, rate
-        The low-pass that the motions have passed, and their rate [Hz].
-
-    Returns
-    -------
-    Array
-        Orthonormal directions (r, 6): at least one, and all whose mean square exceeds the largest
-        that noise would show.
-
-    References
-    ----------
-    Marchenko and Pastur, Math. USSR Sb. 1 (1967) 457: the largest eigenvalue of noise in six
-    coordinates and n independent rows is its variance times (1 + sqrt(6/n))^2.
-    """
-    stacked = np.concatenate(list(coordinates))
-    gain = noise_gain(low_pass, rate)
-    _, size, axes = np.linalg.svd(stacked, full_matrices=False)
-    independent_rows = max(len(stacked) * gain, 1.0)
-    largest_of_noise = noise**2 * gain * (1 + np.sqrt(6 / independent_rows)) ** 2
-    exceeding = np.sum(size**2 / len(stacked) > MARGIN_OVER_NOISE * largest_of_noise)
-    return np.asarray(axes[: max(int(exceeding), 1)])
-
-
 @dataclass(frozen=True)
 class PlatformTrack:
     """The platform's scaled coordinates in n consecutive frames of one trial, at uniform times."""
@@ -182,25 +150,26 @@ class PlatformTrack:
     def measured_motion(
         self, axes: Array, centre: Array, rows: slice = slice(None)
     ) -> tuple[BodyMotion, Array]:
-        """Measured motion along directions (r, 6) of the point at `centre` (3,) [m]; its `gate`."""
-        along = self.rest + (self.measured - self.rest) @ axes.T @ axes
-        return self.motion_of(along, centre, rows), self.gate(self.moves(axes))[rows]
-
-    def motion_of(self, coordinates: Array, centre: Array, rows: slice) -> BodyMotion:
-        """Differentiate the motion of a point of the platform, for given coordinates.
+        """Differentiate the measured motion, along some directions, of a point of the platform.
 
         Markers at these poses pass the low-pass, as the wrench does.
 
         Parameters
         ----------
-        coordinates : Array
-            (n, 6) [m], not low-passed.
+        axes : Array
+            Directions (r, 6).
         centre : Array
             Where the point rests (3,) [m].
         rows : slice
             The frames of the result.
+
+        Returns
+        -------
+        tuple of BodyMotion and Array
+            The motion, and its `gate`.
         """
-        screw = np.linalg.solve(screw_scale(self.reference), coordinates.T).T.astype(float)
+        along = self.rest + (self.measured - self.rest) @ axes.T @ axes
+        screw = np.linalg.solve(screw_scale(self.reference), along.T).T.astype(float)
         pose = scipy.spatial.transform.RigidTransform.from_exp_coords(screw)
         origin = self.reference.mean(axis=0)
         R_transposed = np.swapaxes(pose.as_matrix()[:, :3, :3], 1, 2)
@@ -212,7 +181,7 @@ class PlatformTrack:
         stop = min(last + EDGE_FRAMES, len(self.time))
         poses = rigid.cluster_poses(self.reference, markers[start:stop])
         motion = rigid.body_motion(self.time[start:stop], poses, centre)
-        return motion[first - start : last - start]
+        return motion[first - start : last - start], self.gate(self.moves(axes))[rows]
 
 
 def platform_track(
@@ -256,23 +225,6 @@ def platform_track(
     )
 
 
-def track_about(
-    trial: str,
-    time: Array,
-    poses: Poses,
-    calibration: StaticCalibration,
-    settings: PlatformSettings,
-    instant: float,
-) -> PlatformTrack:
-    """Make the track in the run of seen frames about an instant [s]; refuse it if hidden there."""
-    for run in runs(poses.seen()):
-        if time[run.start] <= instant <= time[run.stop - 1]:
-            return platform_track(trial, time[run], poses[run], calibration, settings)
-    raise InputError(
-        f"the platform markers {', '.join(settings.markers.platform)} are hidden at {instant:.3f} s"
-    )
-
-
 def shared_directions(tracks: Sequence[PlatformTrack]) -> list[Array]:
     """Find the directions (r, 6) of the motion in each trial.
 
@@ -285,13 +237,30 @@ def shared_directions(tracks: Sequence[PlatformTrack]) -> list[Array]:
 
 
 def moving_directions(tracks: Sequence[PlatformTrack]) -> Array:
-    """Directions (r, 6) of the tracks while they move; none if none does."""
+    """Find the directions along which platforms move, beyond marker noise.
+
+    Returns
+    -------
+    Array
+        Orthonormal directions (r, 6): none if no platform moves, else at least one, and all whose
+        mean square exceeds the largest that noise would show.
+
+    References
+    ----------
+    Marchenko and Pastur, Math. USSR Sb. 1 (1967) 457: the largest eigenvalue of noise in six
+    coordinates and n independent rows is its variance times (1 + sqrt(6/n))^2.
+    """
     motions = [(track.filtered - track.rest)[track.gate(track.moving) > 0] for track in tracks]
-    motions = [motion for motion in motions if len(motion)]
-    if not motions:
+    moved = np.concatenate(motions)
+    if not len(moved):
         return np.zeros((0, 6))
-    noise = float(np.sqrt(np.mean([track.noise**2 for track in tracks])))
-    return directions(motions, noise, tracks[0].low_pass, tracks[0].rate)
+    _, size, axes = np.linalg.svd(moved, full_matrices=False)
+    gain = noise_gain(tracks[0].low_pass, tracks[0].rate)
+    independent_rows = max(len(moved) * gain, 1.0)
+    noise_square = float(np.mean([track.noise**2 for track in tracks]))
+    largest_of_noise = noise_square * gain * (1 + np.sqrt(6 / independent_rows)) ** 2
+    exceeding = np.sum(size**2 / len(moved) > MARGIN_OVER_NOISE * largest_of_noise)
+    return np.asarray(axes[: max(int(exceeding), 1)])
 
 
 STEP_S = 0.002  # of the mean ramp

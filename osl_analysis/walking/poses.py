@@ -268,16 +268,8 @@ def cluster_poses(reference: Array, observed: Array, largest_residual: float = n
     return Poses(rotation, position, origin, residual, np.zeros(n, dtype=bool))
 
 
-@dataclass(frozen=True)
-class MovedMarker:
-    """The marker of a cluster that stands most otherwise than in the static trial, and how far."""
-
-    index: int
-    distance_m: float
-
-
-def moved_marker(reference: Array, tracks: Array, poses: Poses) -> MovedMarker:
-    """Compare the mean form of a cluster with that of the static trial.
+def moved_marker(reference: Array, tracks: Array, poses: Poses) -> tuple[int, float]:
+    """Find the marker that stands most otherwise than in the static trial, and how far [m].
 
     With four markers or more, the others tell where each should be; the moved one is that without
     which they agree best.
@@ -297,7 +289,7 @@ def moved_marker(reference: Array, tracks: Array, poses: Poses) -> MovedMarker:
     seen = np.flatnonzero(frames)
     form[0, seen] = np.nansum(in_cluster[:, seen], axis=0) / frames[seen, None] + poses.origin
     offsets = np.linalg.norm(form[0, seen] - reference[seen], axis=1)
-    moved = MovedMarker(int(seen[np.argmax(offsets)]), float(np.max(offsets)))
+    moved = int(seen[np.argmax(offsets)]), float(np.max(offsets))
     best_residual = np.inf
     for index in seen.tolist():
         others = np.isin(np.arange(len(reference)), seen) & (np.arange(len(reference)) != index)
@@ -308,7 +300,7 @@ def moved_marker(reference: Array, tracks: Array, poses: Poses) -> MovedMarker:
         if residual < best_residual:
             best_residual = residual
             expected = of_others.point(reference[index])[0]
-            moved = MovedMarker(index, float(np.linalg.norm(form[0, index] - expected)))
+            moved = index, float(np.linalg.norm(form[0, index] - expected))
     return moved
 
 

@@ -7,14 +7,12 @@ with the order of drift for which the unperturbed scales scatter least. Torque a
 misread a slower crossing: low-pass and heel impact act in time, not in phase.
 """
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import scipy
 
-from osl_analysis import refusal
 from osl_analysis.errors import InputError
 from osl_analysis.measured import rounding_of
 from osl_analysis.trial import Array
@@ -32,7 +30,6 @@ DRIFT_ORDERS = np.arange(1, 9)
 LARGEST_SCALE_STEP = 0.05
 LAST_SCALE_STEP = 1e-6  # which ends the search
 SCALE_ROUNDS = 15
-MOST_NAMES = 8  # of crossings in a message
 
 
 @dataclass(frozen=True)
@@ -86,28 +83,14 @@ def unperturbed_gait(
 
 
 def too_few_words(used: Sequence[str], fewest: int, lost: Mapping[str, str]) -> str:
-    """The message where too few unperturbed crossings are left, with the most frequent reason."""
+    """The message where too few unperturbed crossings are left, with the reason of one."""
+    words = f"{len(used)} unperturbed crossings ({', '.join(used) or 'none'}) can be used,"
     if not lost:
-        return (
-            f"{len(used)} unperturbed crossings ({', '.join(used) or 'none'}), expected"
-            f" {fewest} or more; record more, or exclude fewer in the sheet"
-        )
-    # Reasons that differ only in numbers or trial name are one
-    kinds = {trial: refusal.without_particulars(reason, trial) for trial, reason in lost.items()}
-    frequent_kind, count = Counter(kinds.values()).most_common(1)[0]
-    trials = [trial for trial, kind in kinds.items() if kind == frequent_kind]
-    reason = lost[trials[0]].removeprefix(f"trial {trials[0]}: ")
-    used_words = f" ({', '.join(used)})" if used else ""
-    trial_words = f" ({', '.join(trials)})" if 1 < count <= MOST_NAMES else ""
-    other_words = ""
-    if count < len(lost):
-        other_words = (
-            f" beside {len(lost) - count} for other reasons, which walking_crossings.csv lists"
-        )
+        return f"{words} expected {fewest} or more; record more, or exclude fewer in the sheet"
+    trial, reason = next(iter(lost.items()))
     return (
-        f"{len(used)} of {len(used) + len(lost)} unperturbed crossings can be used{used_words},"
-        f" expected {fewest} or more; {count} times{trial_words}{other_words}, as in {trials[0]}:"
-        f" {reason}"
+        f"{words} expected {fewest} or more; walking_crossings.csv says why {len(lost)} others"
+        f" cannot, as {trial}: {reason.removeprefix(f'trial {trial}: ')}"
     )
 
 

@@ -152,7 +152,7 @@ def test_a_turn_of_the_toes_down_has_its_sign(ideal: Session, tmp_path: Path) ->
 
     down = walking_files.read_crossing(tmp_path / "down.parquet")
     assert np.rad2deg(down.turn) == pytest.approx(-5, abs=0.1)
-    assert {crossing.sign for crossing in ideal.read(ideal.perturbed)} == {1}
+    assert {crossing.direction for crossing in ideal.read(ideal.perturbed)} == {"up"}
     contradiction = r"walking_77: the platform turned by -5\.\d deg .* says direction 'up'"
     with refused(tmp_path / "up.parquet", contradiction):
         ideal.analyse(trial, True, tmp_path / "up.parquet", "up")

@@ -183,9 +183,7 @@ def test_responses_against_other_gaits_are_no_ensemble() -> None:
     three = response_of(crossing("p0", ONSET), mean_gait(3))
     four = response_of(crossing("p1", ONSET), mean_gait(4))
 
-    with pytest.raises(
-        InputError, match=r"trial p1: \d+ samples from 4 unperturbed .* trial p0 has \d+ from 3"
-    ):
+    with pytest.raises(InputError, match="trial p1 is sampled otherwise than trial p0"):
         Ensemble([three, four])
 
 
@@ -476,14 +474,12 @@ def test_heel_strike_and_toe_off_lie_between_frames() -> None:
 
 # Below `on` and above `off` the foot stays; above `off` and below `on` nobody steps there
 DIPS = np.select([TIME == TIME[330], (TIME >= 2.0) & (TIME < 2.03)], [30.0, 35.0], WHOLE)
-GAPS = np.where(((TIME >= 1.0) & (TIME < 1.1)) | ((TIME >= 2.0) & (TIME < 2.06)), np.nan, WHOLE)
 
 
 @pytest.mark.parametrize(
     "force",
     [
         pytest.param(DIPS, id="dips"),
-        pytest.param(GAPS, id="a gap leaves the foot where it was"),
         pytest.param(WHOLE + SHORT_STEP, id="a short contact"),
         pytest.param(EARLY_STEP + WHOLE + LATE_STEP, id="cut stances"),
     ],
@@ -496,14 +492,6 @@ def test_one_whole_stance_is_found_among_what_is_none(force: Array) -> None:
 
 def test_a_contact_that_is_long_enough_is_a_stance() -> None:
     assert len(stances(WHOLE + SHORT_STEP, shortest=0.05)) == 2
-
-
-def test_a_heel_strike_beside_a_gap_is_at_its_end() -> None:
-    force = np.where(np.arange(len(TIME)) == 271, np.nan, WHOLE)
-
-    (stance,) = stances(force)
-
-    assert stance == pytest.approx((TIME[272], 1.5975))
 
 
 @pytest.mark.parametrize("force", [EARLY_STEP, LATE_STEP, 0 * TIME])

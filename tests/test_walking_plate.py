@@ -318,7 +318,7 @@ def test_a_lag_that_is_not_found_is_not_corrected() -> None:
     [
         pytest.param({"lag": 0.014}, "the unloaded plate's wrench does not follow", id="clocks"),
         pytest.param({"lag": -0.05}, "the unloaded plate's wrench does not follow", id="far apart"),
-        pytest.param({"angle": 0.3}, r"the platform turns by 0\.\d+ deg only", id="at rest"),
+        pytest.param({"angle": 0.3}, r"the platform turns by 0\.\d+ deg from", id="at rest"),
         pytest.param({"load": 300.0}, "the plate carries 300 N", id="a foot on the plate"),
     ],
 )
@@ -339,7 +339,7 @@ def test_no_trial_of_the_plate_is_refused() -> None:
         model_of()
 
 
-CUT = "the recording begins or ends while the platform"
+CUT = "the platform turns by 0[.].. deg from rest to rest"
 
 
 def test_a_motion_that_the_recording_cuts_has_no_part_in_the_model() -> None:
@@ -357,7 +357,7 @@ def test_a_recording_of_half_a_motion_is_excluded() -> None:
     whole = unloaded("plate_1", lag=0.0015)
     late = between(unloaded("plate_2", lag=0.0015), 2.0, 3.0)
 
-    with pytest.warns(UserWarning, match=f"trial plate_2: excluded .*: {CUT}"):
+    with pytest.warns(UserWarning, match=f"excluded .*: trial plate_2: {CUT}"):
         model = model_of(whole, late)
 
     assert len(model.lags) == 1
@@ -369,7 +369,7 @@ def test_recordings_without_a_whole_motion_are_refused() -> None:
     never_still = between(slow, 1.2, 2.0)
 
     for cut in (late, never_still):
-        with pytest.raises(InputError, match=f"plate_2, as others: {CUT}"):
+        with pytest.raises(InputError, match=f"plate_2: {CUT}"):
             model_of(cut)
 
 

@@ -141,9 +141,6 @@ def moment_of_foot(
 
 
 SPARE_S = 0.1  # before and after stance, for the low-pass
-ONE_CROSSING = (
-    "check the plate's number, zero and load thresholds, cut the recording to one crossing"
-)
 
 
 @dataclass(frozen=True)
@@ -210,7 +207,7 @@ def recorded_passage(
     wrench = zeroed_wrench(trial, frames, settings)
     force = wrench(lag)[:, :3]
     check_vertical(force)
-    stance = only_stance(frames, force[:, 2], settings, "on the plate", ONE_CROSSING)
+    stance = only_stance(frames, force[:, 2], settings)
     check_plate(trial, settings.plate, stance, force[:, 2])
     corners = recorded_corners(trial, settings.plate)
 

@@ -5,7 +5,7 @@ is compared directly: the markers of each cluster, the ankle between foot and sh
 rest and the corners of the plate. What differs is named by itself, whatever it does to the torque.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 import scipy
@@ -225,11 +225,11 @@ class CrossingQuality:
 
 
 def crossing_quality(
+    trial: Trial,
     passage: Passage,
     ankle: Ankle,
     load: LoadOnFoot,
     calibration: StaticCalibration,
-    encoder_rms_deg: float | None,
     settings: CrossingSettings,
 ) -> CrossingQuality:
     """Measure the quality of a crossing that markers and plate recorded."""
@@ -243,12 +243,16 @@ def crossing_quality(
 
     from_ankle = load.forward[:, None] * ankle.forward + load.left[:, None] * ankle.axis
     pressure = (ankle.centre + from_ankle)[flat]
+    unlike_static = differences(trial, passage, ankle, calibration, settings)
+    different = max(unlike_static, key=lambda what: unlike_static[what])
     return CrossingQuality(
         foot_forward_m=float(from_plate @ forward),
         foot_left_m=float(from_plate @ left),
         foot_outside_m=furthest_outside(markers.reshape(-1, 3), passage.corners),
         pressure_outside_m=pressure_outside(pressure, markers),
-        encoder_rms_deg=encoder_rms_deg,
+        encoder_rms_deg=compare_encoder(trial, passage.time, ankle.theta, settings.low_pass),
+        different=different,
+        different_mm=1e3 * unlike_static[different],
     )
 
 
@@ -257,23 +261,15 @@ def unit_vector(vector: Array) -> Array:
 
 
 def pressure_outside(pressure: Array, markers: Array) -> float:
-    """Mean distance [m] of the centre of pressure (n, 3) [m] from the area between foot markers.
+    """Mean distance [m] of the centre of pressure (n, 3) [m] beyond the edges of the area between
+    foot markers.
 
     Both are seen from above, the markers (n, m, 3) [m] at their mean place.
     """
-    corners = markers.mean(axis=0)[:, :2]
-    on_mean_foot = (pressure - markers.mean(axis=1) + markers.mean(axis=(0, 1)))[:, :2]
-    hull = scipy.spatial.ConvexHull(corners)
-    start = corners[hull.vertices]  # of each edge
-    edges = np.roll(start, -1, axis=0) - start
-    from_start = on_mean_foot[:, None] - start  # (n, edges, 2)
-    along = np.sum(from_start * edges, axis=2) / np.sum(edges**2, axis=1)
-    share = np.clip(along, 0.0, 1.0)
-    distance = np.linalg.norm(from_start - share[..., None] * edges, axis=2).min(axis=1)
-    normals = hull.equations[:, :2]
-    offsets = hull.equations[:, 2]
-    outside = (on_mean_foot @ normals.T + offsets > 0).any(axis=1)
-    return float(np.mean(np.where(outside, distance, 0.0)))
+    on_mean_foot = pressure - markers.mean(axis=1) + markers.mean(axis=(0, 1))
+    hull = scipy.spatial.ConvexHull(markers.mean(axis=0)[:, :2])
+    beyond = on_mean_foot[:, :2] @ hull.equations[:, :2].T + hull.equations[:, 2]
+    return float(np.mean(np.maximum(beyond.max(axis=1), 0.0)))
 
 
 def compare_encoder(trial: Trial, time: Array, theta: Array, low_pass: LowPass) -> float | None:
@@ -372,11 +368,6 @@ class Crossing:
             )
 
     @property
-    def sign(self) -> int:
-        """-1 if the perturbation turned the toes down, else 1."""
-        return -1 if self.turn is not None and self.turn < 0 else 1
-
-    @property
     def direction(self) -> str | None:
         if self.turn is None:
             return None
@@ -444,11 +435,6 @@ def analyse_crossing(
     force = torques.on_foot[:, :3]
     shear = np.array([np.sum(force * ankle.axis, axis=1), np.sum(force * ankle.forward, axis=1)])
     check_roll(phase, load, shear, torque if passage.onset is None else None)
-    encoder_rms_deg = compare_encoder(trial, passage.time, ankle.theta, settings.low_pass)
-    quality = crossing_quality(passage, ankle, load, calibration, encoder_rms_deg, settings)
-    unlike_static = differences(trial, passage, ankle, calibration, settings)
-    different = max(unlike_static, key=lambda what: unlike_static[what])
-    quality = replace(quality, different=different, different_mm=1e3 * unlike_static[different])
     clusters = passage.recorded.values()
     bridged = np.any([pose.bridged[passage.rows] for pose in clusters], axis=0)
 
@@ -466,7 +452,7 @@ def analyse_crossing(
         onset=passage.onset,
         bridged=float(np.mean(bridged[passage.inside])),
         plate_errors=torques.plate_errors,
-        quality=quality,
+        quality=crossing_quality(trial, passage, ankle, load, calibration, settings),
         turn=turn,
     )
 

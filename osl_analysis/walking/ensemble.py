@@ -221,11 +221,8 @@ def check_stackable(responses: Sequence[PerturbationResponse]) -> None:
         )
         if not same_shapes or not np.allclose(response.time, first.time):
             raise InputError(
-                f"trial {response.name}: {len(response.time)} samples from"
-                f" {len(response.thetas)} unperturbed crossings and {len(response.plate_errors)}"
-                f" plate trials, but trial {first.name} has {len(first.time)} from"
-                f" {len(first.thetas)} and {len(first.plate_errors)}, or other sampling times;"
-                " record all crossings at one marker rate and run the analysis again"
+                f"trial {response.name} is sampled otherwise than trial {first.name}; record all"
+                " crossings at one marker rate and run the analysis again"
             )
 
 

@@ -387,9 +387,8 @@ def crossing_features(crossings: Sequence[Crossing], settings: SelectionSettings
 
     # What a perturbation changes is compared among those of each direction
     same_kind = np.zeros(len(crossings), dtype=int)
-    directions = np.array(
-        [0 if crossing.onset is None else crossing.sign for crossing in crossings]
-    )
+    turned = ["" if crossing.onset is None else crossing.direction for crossing in crossings]
+    directions = np.unique(np.array(turned, dtype=str), return_inverse=True)[1]
     everything = np.ones(len(crossings), dtype=bool)
     before_onset, within = among_sound(unchanged, same_kind, everything, rule.limit)
     later, _ = among_sound(changed, directions, within, rule.limit)

@@ -42,7 +42,7 @@ def find_stances(time: Array, force: Array, on: float, off: float, shortest: flo
     Parameters
     ----------
     time, force : Array
-        Times (n,) [s] and vertical force (n,) [N]. A NaN keeps the last known state.
+        Times (n,) [s] and vertical force (n,) [N].
     on, off : float
         A stance begins where the force rises through `on`, and ends where it falls through `off`
         <= `on` [N]. Both instants are interpolated between samples.
@@ -66,18 +66,13 @@ def find_stances(time: Array, force: Array, on: float, off: float, shortest: flo
 
 
 def crossing_time(time: Array, force: Array, row: int, level: float) -> float:
-    """Time [s] between a row and the next at which the force passes a level; the later if NaN."""
-    before, after = force[row], force[row + 1]
-    if not np.isfinite(before + after) or before == after:
-        return float(time[row + 1])
-    share = np.clip((level - before) / (after - before), 0.0, 1.0)
+    """Time [s] between a row and the next at which the force passes a level."""
+    share = (level - force[row]) / (force[row + 1] - force[row])
     return float(time[row] + share * (time[row + 1] - time[row]))
 
 
-def only_stance(
-    time: Array, force: Array, settings: CrossingSettings, where: str, remedy: str
-) -> Stance:
-    """Find the only stance in a vertical force (n,) [N]; `where` and `remedy` are for messages.
+def only_stance(time: Array, force: Array, settings: CrossingSettings) -> Stance:
+    """Find the only stance in a vertical force (n,) [N].
 
     Raises
     ------
@@ -90,7 +85,8 @@ def only_stance(
     if len(stances) != 1:
         times = ", ".join(f"{s.heel_strike:.3f}-{s.toe_off:.3f} s" for s in stances) or "none"
         raise InputError(
-            f"one stance {where} is expected, found {times}; {remedy}, or exclude it in the sheet"
+            f"one stance on the plate is expected, found {times}; check the plate's number, zero"
+            " and load thresholds, cut the recording to one crossing, or exclude it in the sheet"
         )
     return stances[0]
 

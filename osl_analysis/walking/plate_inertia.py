@@ -36,7 +36,6 @@ from osl_analysis.walking.plate import (
 from osl_analysis.walking.poses import (
     FREE_FALL,
     BodyMotion,
-    Poses,
     StaticCalibration,
     StoredArray,
     cross_matrix,
@@ -63,7 +62,6 @@ SPREAD_FRAMES = 30  # by which the low-pass of the identification spreads a moti
 
 END_S = 0.05  # at both ends of a track, whose slopes tell a motion that the recording cuts
 FEWEST_END_FRAMES = 5
-HIDDEN_TURN_DEG = 0.2  # at rest noise gives 0.03 deg; 11 frames at 300 Hz change the lag by 2 ms
 
 
 @dataclass(frozen=True)
@@ -121,6 +119,8 @@ def identify_plate_model(
 ) -> PlateModel:
     """Identify the lag of each unloaded trial, then one inertia from all at the mean lag.
 
+    A trial that cannot be used is excluded, with a warning.
+
     Raises
     ------
     InputError
@@ -130,27 +130,23 @@ def identify_plate_model(
         raise InputError(
             "no trials of the unloaded plate; add trials of experiment 'plate' to the sheet"
         )
-    recordings = [unloaded_recording(trial, calibration, settings) for trial, calibration in pairs]
-    usable = [recording for recording in recordings if not recording.unusable]
+    usable = []
+    problems = []
+    for trial, calibration in pairs:
+        try:
+            usable.append(unloaded_recording(trial, calibration, settings))
+        except InputError as error:
+            problems.append(error)
     if not usable:
-        first = recordings[0]
-        raise InputError(
-            f"no unloaded trial shows the plate's inertia; trial {first.track.name}, as others:"
-            f" {first.unusable}"
-        )
-    for recording in recordings:
-        if recording.unusable:
-            warnings.warn(
-                f"trial {recording.track.name}: excluded from the plate's model:"
-                f" {recording.unusable}",
-                stacklevel=2,
-            )
+        raise problems[0]
+    for problem in problems:
+        warnings.warn(f"excluded from the plate's model: {problem}", stacklevel=2)
 
     motions = unloaded_motions(usable)
     lags = [float("nan")] * len(usable)
     for i, recording in enumerate(usable):
         with naming(f"trial {recording.track.name}"):
-            lags[i] = plate_lag(motions[i].motion, recording.wrench_at, recording.smooth)
+            lags[i] = plate_lag(motions[i][0], recording.wrench_at, recording.smooth)
 
     model = plate_model(usable, lags)
     if len(usable) == 1:
@@ -158,11 +154,8 @@ def identify_plate_model(
 
     if model.parameters[0] > LIGHT_KG:
         columns_and_wrenches = [
-            (
-                recording.smooth(inertial_columns(moving.motion)),
-                recording.wrench_at(model.lag or 0.0),
-            )
-            for recording, moving in zip(usable, motions, strict=True)
+            (recording.smooth(inertial_columns(motion)), recording.wrench_at(model.lag or 0.0))
+            for recording, (motion, _) in zip(usable, motions, strict=True)
         ]
         model = with_height(model, columns_and_wrenches)
     without_each = [
@@ -170,14 +163,6 @@ def identify_plate_model(
         for i in range(len(usable))
     ]
     return replace(model, leave_one_out=tuple(without_each))
-
-
-@dataclass(frozen=True)
-class UnloadedMotion:
-    """Motion of the plate's centre, and squares (10, 10) of marker noise in its columns."""
-
-    motion: BodyMotion
-    noise_squares: Array
 
 
 @dataclass(frozen=True)
@@ -190,14 +175,14 @@ class UnloadedRecording:
     wrench_at: WrenchReader  # in the track's frames, through both low-passes
     # The further low-pass of the identification, after that of the crossings
     plate_low_pass: LowPass
-    unusable: str  # why the trial shows nothing of the plate, for a message; empty if it does
 
     def smooth(self, values: Array) -> Array:
         """Pass values (n, ...) in the track's frames through the low-pass of the identification."""
         return self.plate_low_pass(values, self.track.rate)
 
-    def along(self, axes: Array) -> UnloadedMotion:
-        """Motion along the directions (r, 6), weighted by the track's gate.
+    def along(self, axes: Array) -> tuple[BodyMotion, Array]:
+        """Motion of the plate's centre along directions (r, 6), weighted by the track's gate, and
+        squares (10, 10) of marker noise in its columns.
 
         The noise is that of frames at rest before `smooth`, which spreads the motions into them.
         """
@@ -211,9 +196,7 @@ class UnloadedRecording:
             still = stacked_columns(without_mean(columns[run]))
             squares = squares + still.T @ still
             count += run.stop - run.start
-        return UnloadedMotion(
-            motion.weighted(weights), squares / max(count, 1) * self.noise_sum(weights)
-        )
+        return motion.weighted(weights), squares / max(count, 1) * self.noise_sum(weights)
 
     def noise_sum(self, weights: Array) -> float:
         """The noise's sum of squares after weights and `smooth`, over its mean square before them.
@@ -236,7 +219,9 @@ def unloaded_recording(
     """Read the platform over the longest run of frames in which it was seen, and the wrench."""
     check_type_on_platform(trial, settings.plate)
     names = settings.markers.platform
-    frames, poses = rigid.segment_poses(trial, names, calibration, settings)
+    # A turn in a longer gap would be the interpolation's
+    short_gaps = settings.model_copy(update={"longest_gap_s": settings.longest_fitted_gap_s})
+    frames, poses = rigid.segment_poses(trial, names, calibration, short_gaps)
     time, wrench = recorded_wrench(trial, settings.plate)
     load = float(np.median(np.abs(wrench[:, 2])))
     if load > settings.largest_zero_n:
@@ -246,36 +231,24 @@ def unloaded_recording(
             " experiment of this trial in the sheet, which is 'plate'"
         )
     rows = longest_run(poses.seen())
-    if rows.stop - rows.start < platform.FEWEST_FRAMES:
-        raise InputError(
-            f"trial {trial.name}: markers {', '.join(names)} are seen together in"
-            f" {rows.stop - rows.start} frames in a row, expected {platform.FEWEST_FRAMES} or more;"
-            " correct exchanged labels in Nexus, or record again with all of them in sight"
-        )
-
-    turn = platform.rotation_from_rest(poses)
-    largest = float(np.max(turn[rows]))
-    track = platform.platform_track(trial.name, frames[rows], poses[rows], calibration, settings)
-    whole = whole_motions(track)
-    is_cut = whole.stop - whole.start < rows.stop - rows.start
-    is_long_enough = whole.stop - whole.start >= platform.FEWEST_FRAMES
-    if is_cut and is_long_enough:
-        rows = slice(rows.start + whole.start, rows.start + whole.stop)
+    shown = 0.0  # largest turn from rest to rest [rad]
+    if rows.stop - rows.start >= platform.FEWEST_FRAMES:
         track = platform.platform_track(
             trial.name, frames[rows], poses[rows], calibration, settings
         )
-
-    remaining = float(np.ptp(platform.rotation_from_rest(poses[rows])))
-    unusable = ""
-    if is_cut and (not is_long_enough or remaining < settings.smallest_turn):
-        unusable = "the recording begins or ends while the platform moves; record from rest to rest"
-    elif largest < settings.smallest_turn and poses.seen().all():
-        raise still_platform(trial.name, largest, settings)
-    elif largest < settings.smallest_turn or hides_a_motion(frames, poses, turn, settings):
-        unusable = (
-            "the platform turned while its markers were hidden; record it again with all of them in"
+        whole = whole_motions(track)
+        if whole.stop - whole.start >= platform.FEWEST_FRAMES:
+            rows = slice(rows.start + whole.start, rows.start + whole.stop)
+            shown = float(np.ptp(platform.rotation_from_rest(poses[rows])))
+    if shown < settings.smallest_turn:
+        raise InputError(
+            f"trial {trial.name}: the platform turns by {np.rad2deg(shown):.2f} deg from rest to"
+            f" rest while its markers {', '.join(names)} are seen, expected"
+            f" {settings.perturbation_deg:g} deg or more; correct labels in Nexus or"
+            " the trial in the column static, or record a turn from rest to rest with markers in"
             " sight"
         )
+    track = platform.platform_track(trial.name, frames[rows], poses[rows], calibration, settings)
 
     read = wrench_reader(time, wrench, frames)
 
@@ -288,33 +261,7 @@ def unloaded_recording(
         centre=recorded_corners(trial, settings.plate).mean(axis=0),
         wrench_at=wrench_at,
         plate_low_pass=settings.plate_low_pass,
-        unusable=unusable,
     )
-
-
-def still_platform(trial: str, largest: float, settings: PlateModelSettings) -> InputError:
-    """The refusal of an unloaded trial whose platform moves too little."""
-    return InputError(
-        f"trial {trial}: the platform turns by {np.rad2deg(largest):.2f} deg only, expected"
-        f" {settings.perturbation_deg:g} deg or more; record a perturbation of the unloaded plate"
-    )
-
-
-def hides_a_motion(
-    frames: Array,
-    poses: Poses,
-    turn: Array,
-    settings: PlateModelSettings,
-) -> bool:
-    """Whether the platform moved during a gap of its markers that is too long to be fitted."""
-    limit = float(np.deg2rad(HIDDEN_TURN_DEG))
-    for gap in runs(poses.bridged):
-        if rigid.gap_duration(frames, gap) <= settings.longest_fitted_gap_s:
-            continue
-        moved = float(turn[gap.stop] - turn[gap.start - 1])
-        if abs(moved) > limit:
-            return True
-    return False
 
 
 def whole_motions(track: platform.PlatformTrack) -> slice:
@@ -341,8 +288,10 @@ def whole_motions(track: platform.PlatformTrack) -> slice:
     return slice(rests[0].start if moves[0] else 0, rests[-1].stop if moves[-1] else n)
 
 
-def unloaded_motions(recordings: Sequence[UnloadedRecording]) -> list[UnloadedMotion]:
-    """The motion of each recording along the directions that they share."""
+def unloaded_motions(
+    recordings: Sequence[UnloadedRecording],
+) -> list[tuple[BodyMotion, Array]]:
+    """The motion and noise of each recording along the directions that they share."""
     axes_of_each = platform.shared_directions([recording.track for recording in recordings])
     return [recording.along(axes) for recording, axes in zip(recordings, axes_of_each, strict=True)]
 
@@ -359,12 +308,12 @@ def plate_model(
     motions = unloaded_motions(recordings)
     model = identify_plate_inertia(
         [
-            (moving.motion, recording.wrench_at(lag))
-            for recording, moving in zip(recordings, motions, strict=True)
+            (motion, recording.wrench_at(lag))
+            for recording, (motion, _) in zip(recordings, motions, strict=True)
         ],
         recordings[0].smooth,
         within=None if whole is None else whole.directions,
-        noise=np.sum([moving.noise_squares for moving in motions], axis=0),
+        noise=np.sum([noise for _, noise in motions], axis=0),
         known=None if whole is None else whole.parameters,
     )
     return replace(model, lags=known_lags)

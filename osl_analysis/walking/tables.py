@@ -78,7 +78,8 @@ def check_fit(headline: GroupHeadline) -> FitChecks:
     motion = ensemble.motion[window]
     torque = ensemble.torque[window]
     of_gait = np.mean([gait_torque(response, fit)[:, window] for response in responses], axis=0)
-    stance = stance_changes(responses)
+    known = [r for r in responses if np.isfinite(r.stance_change)]
+    changes = [response.stance_change for response in known]
     return FitChecks(
         coherence=coherence_of(responses),
         VAF=fit.vaf,
@@ -89,8 +90,8 @@ def check_fit(headline: GroupHeadline) -> FitChecks:
         K_se_share=headline.resampled.se("K") / abs(fit["K"]) if fit["K"] else None,
         B_high=headline.resampled.interval("B")[1],
         I_high=headline.resampled.interval("I")[1],
-        stance_change=stance.mean,
-        uncorrected_stance_change=stance.uncorrected,
+        stance_change=float(np.mean(changes)) if len(known) > 1 else None,
+        uncorrected_stance_change=uncorrected_change(known) if len(known) > 1 else None,
     )
 
 
@@ -125,24 +126,12 @@ def coherence_of(responses: Sequence[PerturbationResponse]) -> float:
     return of_mean / float(np.sqrt(of_singles))
 
 
-@dataclass(frozen=True)
-class StanceChanges:
-    """Mean change of stance by the perturbation; what of it is certain and not corrected."""
-
-    mean: float | None
-    uncorrected: float | None
-
-
-def stance_changes(responses: Sequence[PerturbationResponse]) -> StanceChanges:
-    """Compare the stance by which phase is computed with the one that was to be expected."""
-    expected = [response for response in responses if np.isfinite(response.stance_change)]
-    if len(expected) < 2:
-        return StanceChanges(None, None)
-    changes = np.array([(response.stance_change, response.stance_error) for response in expected])
-    mean, error = changes.mean(axis=0).tolist()
-    se = float(changes[:, 1].std(ddof=1)) / np.sqrt(len(expected))
-    is_certain = abs(error) > CERTAIN_STANCE_SES * se
-    return StanceChanges(mean, uncorrected=error if is_certain else None)
+def uncorrected_change(responses: Sequence[PerturbationResponse]) -> float | None:
+    """What a perturbation changes of the stance by which phase is computed, if it is certain."""
+    errors = np.array([response.stance_error for response in responses])
+    se = float(errors.std(ddof=1)) / np.sqrt(len(errors))
+    mean = float(errors.mean())
+    return mean if abs(mean) > CERTAIN_STANCE_SES * se else None
 
 
 @dataclass(frozen=True)

@@ -33,7 +33,6 @@ from osl_analysis.walking.ensemble import GroupHeadline, group_headline
 from osl_analysis.walking.groups import ALL, groups_of_selection
 from osl_analysis.walking.plate_inertia import PlateModel
 from osl_analysis.walking.tables import (
-    GroupOutcome,
     check_fit,
     conditions_of,
     fitted_time,
@@ -118,7 +117,7 @@ def summarise_perturbations(
     commanded = commanded_over_stance(trajectory, data)
     files = {path.stem: path for path in crossings}
 
-    outcomes: list[GroupOutcome] = []
+    group_rows: list[dict[str, Any]] = []
     rows: list[dict[str, Any]] = []
     responses_of: list[pl.DataFrame] = []
     places_of: dict[str, dict[str, str | None]] = {}
@@ -131,32 +130,34 @@ def summarise_perturbations(
             headline = headline_of(fits_of_group, gait, files, settings)
         except OslAnalysisError as error:
             warnings.warn(f"no result of {group}: {error}", stacklevel=2)
-            outcome = GroupOutcome(conditions, reason=str(error))
+            group_row = {**conditions, "fitted_phase": None, "reason": str(error)}
             rows_of_group = rows_without(len(fits_of_group), str(error))
         else:
             phase = None
-            if conditions.onset_phase is not None and conditions.stance_s is not None:
-                phase = conditions.onset_phase + fitted_time(headline) / conditions.stance_s
-            outcome = GroupOutcome(conditions, fitted_phase=phase, checks=check_fit(headline))
+            if conditions["onset_phase"] is not None:
+                phase = conditions["onset_phase"] + fitted_time(headline) / conditions["stance_s"]
+            checks = check_fit(headline)
+            group_row = {**conditions, "fitted_phase": phase, **checks, "reason": None}
             doubts = doubtful_row(fits_of_group)
             rows_of_group = [
                 {**row, "reason": None}
                 for row in result_tables.headline_rows(headline, fits_of_group, doubts)
             ]
             responses_of.append(result_tables.response_table(group, headline))
-        outcomes.append(outcome)
+        group_rows.append(group_row)
+        phase = group_row["fitted_phase"]
         places_of[group] = common_place(trials, places or {})
         cells = next((sheet[trial] for trial in trials), {})
         for row in rows_of_group:
             desired = cells.get(f"{row['quantity']}_d")  # K_d, B_d; no I is commanded
-            if desired is None and commanded is not None and outcome.fitted_phase is not None:
-                desired = commanded(row["quantity"], outcome.fitted_phase)
+            if desired is None and commanded is not None and phase is not None:
+                desired = commanded(row["quantity"], phase)
             rows.append({"group": group, **row, "commanded": desired})
     if not responses_of:
-        reasons = "; ".join(reason_text(outcome) for outcome in outcomes)
+        reasons = "; ".join(reason_text(row) for row in group_rows)
         raise InputError(f"{table}: no result of any group: {reasons}")
 
-    group_table = pl.DataFrame([outcome.row() for outcome in outcomes], infer_schema_length=None)
+    group_table = pl.DataFrame(group_rows, infer_schema_length=None)
     findings = judged(group_table, limits or Limits(), "walking_groups")
     group_table = marked(group_table, findings, "walking_groups")
     # the doubts about a group are about its ensemble fit
@@ -200,10 +201,10 @@ def common_place(trials: Sequence[str], places: Places) -> dict[str, str | None]
     return {"joint": JOINT, "side": sides.pop() if len(sides) == 1 else None}
 
 
-def reason_text(outcome: GroupOutcome) -> str:
+def reason_text(group_row: Mapping[str, Any]) -> str:
     """Why a group has no result, with its name if there are several."""
-    group = outcome.conditions.group
-    return str(outcome.reason) if group == ALL else f"{group}: {outcome.reason}"
+    group = group_row["group"]
+    return str(group_row["reason"]) if group == ALL else f"{group}: {group_row['reason']}"
 
 
 def commanded_over_stance(trajectory: Paths, data: str) -> Commanded | None:

@@ -36,6 +36,7 @@ from osl_analysis.walking.plate import (
 from osl_analysis.walking.poses import (
     FREE_FALL,
     BodyMotion,
+    Poses,
     StaticCalibration,
     StoredArray,
     cross_matrix,
@@ -238,9 +239,8 @@ def unloaded_recording(
         whole = whole_motions(track)
         if whole.stop - whole.start >= platform.FEWEST_FRAMES:
             rows = slice(rows.start + whole.start, rows.start + whole.stop)
-            turn = platform.rotation_from_rest(poses[rows])
-            if not hides_a_motion(frames[rows], poses[rows], turn, settings):
-                shown = float(np.ptp(turn))
+            if not hides_a_motion(frames, poses, settings):
+                shown = float(np.ptp(platform.rotation_from_rest(poses[rows])))
     if shown < settings.smallest_turn:
         raise InputError(
             f"trial {trial.name}: the platform turns by {np.rad2deg(shown):.2f} deg from rest to"
@@ -265,8 +265,9 @@ def unloaded_recording(
     )
 
 
-def hides_a_motion(frames: Array, poses: Poses, turn: Array, settings: PlateModelSettings) -> bool:
+def hides_a_motion(frames: Array, poses: Poses, settings: PlateModelSettings) -> bool:
     """Whether the platform turned during a gap of its markers that is too long to be fitted."""
+    turn = platform.rotation_from_rest(poses)
     for gap in runs(poses.bridged):
         moved = abs(float(turn[gap.stop] - turn[gap.start - 1]))
         is_long = rigid.gap_duration(frames, gap) > settings.longest_fitted_gap_s

@@ -632,33 +632,25 @@ def test_a_load_that_rolls_forward_or_hardly_moves_is_sound() -> None:
     check_roll(PHASE, LoadOnFoot(WEIGHT, left=0.1 * ROLL, forward=ZERO), PUSH, None)
 
 
-def test_a_plate_turned_by_a_quarter_is_refused() -> None:
-    """It turns braking and push-off with the centre of pressure."""
-    with pytest.raises(
-        InputError, match=r" 9 cm in stance, 90 deg .* turned by 90 deg or exchanged"
-    ):
-        check_roll(PHASE, SIDEWAYS, PUSH[::-1], TORQUE)
+HEAVIER = LoadOnFoot(WEIGHT * (1 + 0.5 * (PHASE > 0.5)), left=ZERO, forward=ROLL)
+BACKWARDS = LoadOnFoot(WEIGHT, left=ZERO, forward=-ROLL)
 
 
-def test_a_plate_turned_by_half_is_refused() -> None:
-    backwards = LoadOnFoot(WEIGHT, left=ZERO, forward=-ROLL)
-
-    with pytest.raises(
-        InputError, match=r"180 deg from forward: the plate's corners are turned by 180 deg"
-    ):
-        check_roll(PHASE, backwards, -PUSH, -TORQUE)
-
-
-def test_a_second_foot_is_refused() -> None:
-    """It adds load, and turns the centre of pressure alone."""
-    heavier = LoadOnFoot(WEIGHT * (1 + 0.5 * (PHASE > 0.5)), left=ZERO, forward=ROLL)
-
-    with pytest.raises(
-        InputError,
-        match=r"moment in late stance is -53 N\*m.* another foot stands .* is 1\.50 of that",
-    ):
-        check_roll(PHASE, heavier, PUSH, -TORQUE)
-    with pytest.raises(
-        InputError, match=r"90 deg from forward, though the foot pushes off forward: another foot"
-    ):
-        check_roll(PHASE, SIDEWAYS, PUSH, None)
+@pytest.mark.parametrize(("load", "push", "torque", "message"), [
+    pytest.param(SIDEWAYS, PUSH[::-1], TORQUE,
+                 r" 9 cm in stance, 90 deg .* turned by 90 deg or exchanged", id="a quarter"),
+    pytest.param(BACKWARDS, -PUSH, -TORQUE,
+                 r"180 deg from forward.* the plate's corners are turned by 180 deg", id="half"),
+    pytest.param(HEAVIER, PUSH, -TORQUE,
+                 r"late stance is -53 N\*m.* another foot .* is 1\.50 of that", id="a second foot"),
+    pytest.param(SIDEWAYS, PUSH, None,
+                 "90 deg from forward, though the foot pushes off forward: another foot",
+                 id="a second foot on a plate that moves"),
+])  # fmt: skip
+def test_a_plate_that_is_turned_and_a_second_foot_are_refused(
+    load: LoadOnFoot, push: Array, torque: Array | None, message: str
+) -> None:
+    """A turned plate turns braking and push-off with the centre of pressure. A foot adds load, and
+    turns the centre of pressure alone."""
+    with pytest.raises(InputError, match=message):
+        check_roll(PHASE, load, push, torque)

@@ -87,14 +87,16 @@ def check_roll(phase: Array, load: LoadOnFoot, shear: Array, torque: Array | Non
     """
     flat = phases_between(phase, FLAT)
     late = phases_between(phase, LATE)
-    pressure = np.array([load.left, load.forward])
-    left, forward = pressure[:, late].mean(axis=1) - pressure[:, flat].mean(axis=1)
-    push_left, push_forward = shear[:, late].mean(axis=1) - shear[:, flat].mean(axis=1)
-    roll_m = np.hypot(left, forward)
-    push_n = np.hypot(push_left, push_forward)
-    roll_deg = abs(float(np.rad2deg(np.arctan2(left, forward))))
-    push_deg = abs(float(np.rad2deg(np.arctan2(push_left, push_forward))))
 
+    def change(left_and_forward: Array) -> tuple[float, float]:
+        """Size of the change of (2, n) from flat foot to late stance, and its angle to forward."""
+        left, forward = left_and_forward[:, late].mean(axis=1) - left_and_forward[:, flat].mean(
+            axis=1
+        )
+        return float(np.hypot(left, forward)), abs(float(np.rad2deg(np.arctan2(left, forward))))
+
+    roll_m, roll_deg = change(np.array([load.left, load.forward]))
+    push_n, push_deg = change(shear)
     moment = 0.0
     if torque is not None:
         moment = float(torque[phases_between(phase, PUSH)].mean())
@@ -102,9 +104,10 @@ def check_roll(phase: Array, load: LoadOnFoot, shear: Array, torque: Array | Non
     if moment >= 0 and rolls_forward:
         return
 
-    observed = f"the centre of pressure moves by {100 * roll_m:.0f} cm in stance"
-    if roll_deg > LARGEST_OUT_TOEING_DEG:
-        observed += f", {roll_deg:.0f} deg from forward"
+    observed = (
+        f"the centre of pressure moves by {100 * roll_m:.0f} cm in stance, {roll_deg:.0f} deg from"
+        " forward"
+    )
     if moment < 0:
         observed += f", and the ankle's moment in late stance is {moment:.0f} N*m, expected above 0"
     flat_load = load.vertical[flat].mean()

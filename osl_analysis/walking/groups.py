@@ -118,19 +118,11 @@ def static_of(trial: str, cells: Cells, statics: Mapping[str, Cells]) -> str:
     if len(best) == 1:
         return best[0]
 
-    if stated:
-        conditions = ", ".join(f"{key} {cell_text(value)}" for key, value in stated.items())
-        subject = f"trial '{trial}' ({conditions})"
-    else:
-        subject = f"trial '{trial}', which states no subject, session or side"
-    if not best:
-        raise InputError(
-            f"{subject}: no static trial of the same conditions, the sheet has"
-            f" {listing(list(statics))}; record one, or name one in the column static"
-        )
+    conditions = ", ".join(f"{key} {cell_text(value)}" for key, value in stated.items())
     raise InputError(
-        f"{subject}: {len(best)} static trials could be its own ({listing(best)}); name one in the"
-        " column static, or state subject, session or side of all of them"
+        f"trial '{trial}', which states {conditions or 'no subject, session or side'}:"
+        f" {len(best)} of the static trials {listing(list(statics))} could be its own; name one in"
+        " the column static, record one, or state subject, session and side of all of them"
     )
 
 
@@ -144,23 +136,14 @@ def side_of(static: str, cells: Cells, served: Mapping[str, Cells], configured: 
     InputError
         They contradict each other.
     """
-    trial_of_side = {
-        row["side"]: name for name, row in served.items() if row.get("side") is not None
-    }
-    static_side = cells.get("side")
-    contradicting = [
-        (side, name)
-        for side, name in trial_of_side.items()
-        if static_side is not None and side != static_side
-    ]
-    if len(trial_of_side) > 1 or contradicting:
-        side, name = contradicting[0] if contradicting else list(trial_of_side.items())[1]
-        sides = cell_listing({*trial_of_side, static_side})
+    sides = {row["side"] for row in (cells, *served.values()) if row.get("side") is not None}
+    if len(sides) > 1:
         raise InputError(
-            f"static trial '{static}' serves trials of the sides {sides} (trial '{name}': {side});"
-            " record a static trial for each side and state its side"
+            f"static trial '{static}' and the trials that it serves ({listing(list(served))}) state"
+            f" the sides {cell_listing(sides)}; record a static trial for each side and state its"
+            " side"
         )
-    return str(static_side or next(iter(trial_of_side), configured))
+    return str(next(iter(sides), configured))
 
 
 @dataclass(frozen=True)

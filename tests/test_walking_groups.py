@@ -176,7 +176,7 @@ def test_an_unstated_condition_serves_every_value():
     K_d = {"p200": 200.0, "p400": 400.0, "every": None, "u400": 400.0, "u300": 300.0}
     sheet = {name: {"perturbed": name[0] == "p", "K_d": value} for name, value in K_d.items()}
 
-    groups = {name: place.group for name, place in places([], sheet).items()}
+    groups = {name: place["group"] for name, place in places([], sheet).items()}
 
     assert groups["every"] == "K_d 200; K_d 400"
     assert groups["u400"] == "K_d 400"

@@ -146,27 +146,17 @@ def side_of(static: str, cells: Cells, served: Mapping[str, Cells], configured: 
     return str(next(iter(sides), configured))
 
 
-@dataclass(frozen=True)
-class Place:
-    """Columns of `walking_crossings.csv` that say to which result a crossing belongs."""
-
-    group: str | None  # an unperturbed crossing serves several
-    # None unless it is used and perturbed
-    direction: str | None = None  # of the turn
-    onset_phase: float | None = None  # as a share of mean stance
-
-    def columns(self) -> dict[str, object]:
-        return {
-            "group": self.group,
-            "direction": self.direction,
-            "onset_phase": self.onset_phase,
-        }
-
-
-def places(crossings: Sequence[Crossing], sheet: Sheet) -> dict[str, Place]:
+def places(crossings: Sequence[Crossing], sheet: Sheet) -> dict[str, dict[str, object]]:
     """Find the place of every row of the sheet, by name; `crossings` are those that are used.
 
     A group whose turns go both ways is two groups, by the measured direction.
+
+    Returns
+    -------
+    dict
+        Columns of `walking_crossings.csv` that say to which result a crossing belongs: its group,
+        of an unperturbed one several; direction of the turn and onset as a share of mean stance,
+        None unless it is used and perturbed.
     """
     direction_of = {crossing.name: crossing.direction for crossing in crossings}
     names_of: dict[str, list[str]] = {name: [] for name in sheet}
@@ -182,11 +172,18 @@ def places(crossings: Sequence[Crossing], sheet: Sheet) -> dict[str, Place]:
             else:
                 names_of[name] += [with_direction(group, each) for each in (DOWN, UP)]
 
-    place_of = {name: Place(SEPARATOR.join(names) or None) for name, names in names_of.items()}
+    place_of: dict[str, dict[str, object]] = {
+        name: {"group": SEPARATOR.join(names) or None, "direction": None, "onset_phase": None}
+        for name, names in names_of.items()
+    }
     for group in dict.fromkeys(chain.from_iterable(names_of.values())):
         of_group = [c for c in crossings if group in names_of[c.name]]
         for name, phase in onset_phases(of_group).items():
-            place_of[name] = Place(group, direction_of[name], phase)
+            place_of[name] = {
+                "group": group,
+                "direction": direction_of[name],
+                "onset_phase": phase,
+            }
     return place_of
 
 
@@ -306,14 +303,14 @@ def selection_rows(
     rows = {}
     for crossing in crossings:
         row = crossing_row(crossing, reasons[crossing.name])
-        rows[crossing.name] = {**row, **place_of[crossing.name].columns()}
+        rows[crossing.name] = {**row, **place_of[crossing.name]}
     for refusal in refused:
         rows[refusal.name] = {
             "trial": refusal.name,
             "perturbed": refusal.perturbed,
             "status": "refused",
             "reason": refusal.reason,
-            **place_of[refusal.name].columns(),
+            **place_of[refusal.name],
         }
     return rows
 

@@ -326,34 +326,31 @@ def ramp_onsets(ramps: Mapping[str, Ramp]) -> dict[str, float]:
     """
     if not ramps:
         return {}
-    aligned = align(list(ramps.values()), stretched=False)
-    if not aligned.follows.all():
-        aligned = align(list(ramps.values()), stretched=True)
-    onsets = dict(zip(ramps, aligned.starts.tolist(), strict=True))
-    for (name, ramp), follows in zip(ramps.items(), aligned.follows, strict=True):
+    starts, follow = align(list(ramps.values()), stretched=False)
+    if not follow.all():
+        starts, follow = align(list(ramps.values()), stretched=True)
+    onsets = dict(zip(ramps, starts.tolist(), strict=True))
+    for (name, ramp), follows in zip(ramps.items(), follow, strict=True):
         if not follows:
             warnings.warn(
                 f"trial {name}: the platform does not turn as in the other crossings: the onset is"
                 " that of its own ramp, which may be some ms off",
                 stacklevel=2,
             )
-            onsets[name] = float(align([ramp], stretched=False).starts[0])
+            onsets[name] = float(align([ramp], stretched=False)[0][0])
     return onsets
 
 
-@dataclass(frozen=True)
-class AlignedRamps:
-    """How n ramps follow their mean."""
-
-    starts: Array  # (n,) [s]
-    follows: Mask  # whether noise explains the difference from the mean (n,)
-
-
-def align(ramps: list[Ramp], stretched: bool) -> AlignedRamps:
+def align(ramps: list[Ramp], stretched: bool) -> tuple[Array, Mask]:
     """Fit height, time shift and, if `stretched`, duration of each ramp to the mean of all.
 
     Mean and alignment are found in turn, to first order. Ramps that do not follow are left out of
     the mean.
+
+    Returns
+    -------
+    tuple of Array and Mask
+        Starts (n,) [s], and whether noise explains the difference from the mean (n,).
     """
     middles = np.array([ramp.middle for ramp in ramps])
     durations = np.ones(len(ramps))  # over that of the mean
@@ -385,9 +382,8 @@ def align(ramps: list[Ramp], stretched: bool) -> AlignedRamps:
         misfit = np.sqrt(np.mean((angles - (X @ estimates).T) ** 2, axis=1)) / noise
         # The better half is always in the mean
         follows = misfit <= max(LARGEST_MISFIT, float(np.median(misfit)))
-    return AlignedRamps(
-        middles + durations * start_of_rise(SINCE_MIDDLE, mean), misfit <= LARGEST_MISFIT
-    )
+    starts = middles + durations * start_of_rise(SINCE_MIDDLE, mean)
+    return starts, misfit <= LARGEST_MISFIT
 
 
 def start_of_rise(time: Array, ramp: Array) -> float:

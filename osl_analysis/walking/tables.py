@@ -366,17 +366,21 @@ def walking_page_points(
     is_mean = pl.col("trial") == ENSEMBLE
     curve = pl.when(is_mean).then(pl.lit("mean")).otherwise(pl.lit("each")).alias("curve")
     time_ms = (1e3 * pl.col("time")).alias("x")
-    angle = pl.lit("response angle")
-    torque = pl.lit("response torque")
-    frames.append(
-        responses.select("trial", "doubtful", time_ms, curve, mean=pl.col("theta_deg"), panel=angle)
-    )
-    frames.append(
-        responses.select("trial", "doubtful", time_ms, curve, mean=pl.col("torque"), panel=torque)
-    )
+    for panel, column in (("response angle", "theta_deg"), ("response torque", "torque")):
+        frames.append(
+            responses.select(
+                "trial", "doubtful", time_ms, curve, mean=pl.col(column), panel=pl.lit(panel)
+            )
+        )
     fit = responses.filter(is_mean & pl.col("torque_model").is_not_null())
     frames.append(
-        fit.select("trial", time_ms, curve=pl.lit("fit"), mean=pl.col("torque_model"), panel=torque)
+        fit.select(
+            "trial",
+            time_ms,
+            curve=pl.lit("fit"),
+            mean=pl.col("torque_model"),
+            panel=pl.lit("response torque"),
+        )
     )
     return pl.concat(frames, how="diagonal")
 

@@ -214,10 +214,9 @@ def aligned_gait(
     own_stance = crossing.stance.duration
     scale, gait_scales = matched_pace(crossing, gait, guard_s)
     expected = own_stance / scale * float(gait_scales.mean())
-    if source == "own":
-        return AlignedGait(own_stance, np.ones(len(gait.names)), expected)
-    if source == "unperturbed":
-        return AlignedGait(float(np.mean(gait.stance)), np.ones(len(gait.names)), expected)
+    if source != "matched":
+        stance = own_stance if source == "own" else float(np.mean(gait.stance))
+        return AlignedGait(stance, np.ones(len(gait.names)), expected)
     if not np.isfinite(scale):
         raise InputError(
             f"trial {crossing.name}: its angle before the onset tells no pace from"

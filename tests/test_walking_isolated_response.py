@@ -2,7 +2,7 @@
 one that made it."""
 
 import zlib
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 from typing import Any
 
@@ -401,7 +401,7 @@ def headline() -> GroupHeadline:
 
 @pytest.fixture(scope="module")
 def sound(headline: GroupHeadline) -> dict[str, Any]:
-    return check_fit(headline)
+    return asdict(check_fit(headline))
 
 
 def test_sound_crossings_are_far_from_every_limit(sound: dict[str, Any]) -> None:

@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +34,8 @@ from osl_analysis.walking.ensemble import GroupHeadline, group_headline
 from osl_analysis.walking.groups import ALL, groups_of_selection
 from osl_analysis.walking.plate_inertia import PlateModel
 from osl_analysis.walking.tables import (
+    GroupConditions,
+    GroupOutcome,
     check_fit,
     conditions_of,
     fitted_time,
@@ -44,6 +47,15 @@ Commanded = Callable[[str, float], float | None]
 
 FEWEST_FITS = 2  # of perturbations, for a scatter
 TOO_FEW = "perturbations can be used, expected 2 or more for a scatter; see the reasons in"
+
+
+@dataclass(frozen=True)
+class GroupResult:
+    """The result of a group of crossings; without one, its outcome says why."""
+
+    outcome: GroupOutcome
+    fits: pl.DataFrame  # its rows of `walking.csv` that have a fit
+    headline: GroupHeadline | None = None
 
 
 def summarise_perturbations(
@@ -106,72 +118,77 @@ def summarise_perturbations(
             f"{table}: {len(fitted)} of {len(fits)} {TOO_FEW} its column {EXCLUDED}, or record more"
             f" ({first})"
         )
-    selected = read_table(selection, ["trial", "reason", "group"])
-    selected = selected.join(
-        fits.select("trial", EXCLUDED), on="trial", how="left", maintain_order="left"
-    )
-    selected = selected.with_columns(reason=pl.coalesce("reason", EXCLUDED))
+    selected = with_reasons(read_table(selection, ["trial", "reason", "group"]), fits)
     perturbed = selected.filter("perturbed")
     gaits = read_unperturbed_gaits(unperturbed)
     model = read_model(plate, PlateModel)
     commanded = commanded_over_stance(trajectory, data)
     files = {path.stem: path for path in crossings}
 
-    group_rows: list[dict[str, Any]] = []
+    results: list[GroupResult] = []
     rows: list[dict[str, Any]] = []
-    responses_of: list[pl.DataFrame] = []
     places_of: dict[str, dict[str, str | None]] = {}
     for group in groups_of_selection(perturbed["group"].to_list(), sheet):
         trials = perturbed.filter(pl.col("reason").is_null(), group=group)["trial"].to_list()
-        fits_of_group = fitted.filter(pl.col("trial").is_in(trials))
         gait = gaits.get(group)
         conditions = conditions_of(group, selected, gait, model)
-        try:
-            headline = headline_of(fits_of_group, gait, files, settings)
-        except OslAnalysisError as error:
-            warnings.warn(f"no result of {group}: {error}", stacklevel=2)
-            group_row = {**conditions, "fitted_phase": None, "reason": str(error)}
-            rows_of_group = rows_without(len(fits_of_group), str(error))
-        else:
-            phase = None
-            if conditions["onset_phase"] is not None:
-                phase = conditions["onset_phase"] + fitted_time(headline) / conditions["stance_s"]
-            checks = check_fit(headline)
-            group_row = {**conditions, "fitted_phase": phase, **checks, "reason": None}
-            doubts = doubtful_row(fits_of_group)
-            rows_of_group = [
-                {**row, "reason": None}
-                for row in result_tables.headline_rows(headline, fits_of_group, doubts)
-            ]
-            responses_of.append(result_tables.response_table(group, headline))
-        group_rows.append(group_row)
-        phase = group_row["fitted_phase"]
+        result = group_result(
+            conditions, fitted.filter(pl.col("trial").is_in(trials)), gait, files, settings
+        )
+        results.append(result)
         places_of[group] = common_place(trials, places or {})
         cells = next((sheet[trial] for trial in trials), {})
-        for row in rows_of_group:
+        phase = result.outcome.fitted_phase
+        for row in summary_rows(result):
             desired = cells.get(f"{row['quantity']}_d")  # K_d, B_d; no I is commanded
             if desired is None and commanded is not None and phase is not None:
                 desired = commanded(row["quantity"], phase)
             rows.append({"group": group, **row, "commanded": desired})
+    responses_of = [
+        result_tables.response_table(result.outcome.conditions.group, result.headline)
+        for result in results
+        if result.headline is not None
+    ]
     if not responses_of:
-        reasons = "; ".join(reason_text(row) for row in group_rows)
+        reasons = "; ".join(reason_text(result.outcome) for result in results)
         raise InputError(f"{table}: no result of any group: {reasons}")
 
-    group_table = pl.DataFrame(group_rows, infer_schema_length=None)
-    findings = judged(group_table, limits or Limits(), "walking_groups")
-    group_table = marked(group_table, findings, "walking_groups")
-    # the doubts about a group are about its ensemble fit
-    doubts_of_groups = group_table.select("group", doubt=DOUBTFUL)
-    summary = pl.DataFrame(rows, infer_schema_length=None)
-    summary = summary.join(doubts_of_groups, on="group", how="left", maintain_order="left")
-    of_ensemble = pl.when(estimator=result_tables.ENSEMBLE).then("doubt")
+    group_table = judged_groups(results, limits or Limits())
     tables = {
-        output: summary.with_columns(doubt=of_ensemble),
+        output: with_doubts_of_groups(rows, group_table),
         groups: group_table,
         responses: pl.concat(responses_of),
     }
     for path, of_groups in tables.items():
         write_table(with_places(of_groups, places_of, "group"), path, data)
+
+
+def with_reasons(selection: pl.DataFrame, fits: pl.DataFrame) -> pl.DataFrame:
+    """The selection of crossings, with the reason of those without a fit, too."""
+    reasons = fits.select("trial", EXCLUDED)
+    selection = selection.join(reasons, on="trial", how="left", maintain_order="left")
+    return selection.with_columns(reason=pl.coalesce("reason", EXCLUDED))
+
+
+def group_result(
+    conditions: GroupConditions,
+    fits: pl.DataFrame,
+    gait: UnperturbedGait | None,
+    files: Mapping[str, Path],
+    settings: choices.EnsembleSettings,
+) -> GroupResult:
+    """Compute the result of a group from its rows of `walking.csv`. Without one there is a
+    warning."""
+    try:
+        headline = headline_of(fits, gait, files, settings)
+    except OslAnalysisError as error:
+        warnings.warn(f"no result of {conditions.group}: {error}", stacklevel=2)
+        return GroupResult(GroupOutcome(conditions, reason=str(error)), fits)
+    phase = None
+    if conditions.onset_phase is not None and conditions.stance_s is not None:
+        phase = conditions.onset_phase + fitted_time(headline) / conditions.stance_s
+    outcome = GroupOutcome(conditions, fitted_phase=phase, checks=check_fit(headline))
+    return GroupResult(outcome, fits, headline)
 
 
 def headline_of(
@@ -189,10 +206,34 @@ def headline_of(
     return group_headline(crossings, gait, settings)
 
 
-def rows_without(n: int, reason: str) -> list[dict[str, Any]]:
-    """The rows of a group of n fits without a result."""
-    row = {"estimator": result_tables.ENSEMBLE, "n": n, "mean": None, "reason": reason}
-    return [{"quantity": quantity, **row} for quantity in result_tables.GROUP_QUANTITIES]
+def summary_rows(result: GroupResult) -> list[dict[str, Any]]:
+    """The rows of `walking_summary.csv` of a group; without a result they have the reason."""
+    fits = result.fits
+    reason = result.outcome.reason
+    if result.headline is None:
+        row = {"estimator": result_tables.ENSEMBLE, "n": len(fits), "mean": None, "reason": reason}
+        return [{"quantity": quantity, **row} for quantity in result_tables.GROUP_QUANTITIES]
+    rows = result_tables.headline_rows(result.headline, fits, doubtful_row(fits))
+    return [{**row, "reason": reason} for row in rows]
+
+
+def judged_groups(results: Sequence[GroupResult], limits: Limits) -> pl.DataFrame:
+    """The rows of `walking_groups.csv`, with the doubts beyond these limits."""
+    rows = [result.outcome.row() for result in results]
+    table = pl.DataFrame(rows, infer_schema_length=None)
+    return marked(table, judged(table, limits, "walking_groups"), "walking_groups")
+
+
+def with_doubts_of_groups(
+    rows: Sequence[Mapping[str, Any]], group_table: pl.DataFrame
+) -> pl.DataFrame:
+    """The rows of `walking_summary.csv`, with the doubts about a group: they are about its ensemble
+    fit."""
+    doubts = group_table.select("group", doubt=DOUBTFUL)
+    summary = pl.DataFrame(rows, infer_schema_length=None)
+    summary = summary.join(doubts, on="group", how="left", maintain_order="left")
+    of_ensemble = pl.when(estimator=result_tables.ENSEMBLE).then("doubt")
+    return summary.with_columns(doubt=of_ensemble)
 
 
 def common_place(trials: Sequence[str], places: Places) -> dict[str, str | None]:
@@ -201,10 +242,10 @@ def common_place(trials: Sequence[str], places: Places) -> dict[str, str | None]
     return {"joint": JOINT, "side": sides.pop() if len(sides) == 1 else None}
 
 
-def reason_text(group_row: Mapping[str, Any]) -> str:
+def reason_text(outcome: GroupOutcome) -> str:
     """Why a group has no result, with its name if there are several."""
-    group = group_row["group"]
-    return str(group_row["reason"]) if group == ALL else f"{group}: {group_row['reason']}"
+    group = outcome.conditions.group
+    return str(outcome.reason) if group == ALL else f"{group}: {outcome.reason}"
 
 
 def commanded_over_stance(trajectory: Paths, data: str) -> Commanded | None:

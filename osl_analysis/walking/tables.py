@@ -1,14 +1,14 @@
 """Tables of the results: single perturbations, headlines, responses, figures, groups.
 
-`walking_groups.csv` has what shows whether the result of a group can be trusted: the
-dictionary says what each is, and limits may stand on them. The
+`walking_groups.csv` has what shows whether the result of a group can be trusted: fields of the
+classes here are its columns, the dictionary says what each is, and limits may stand on them. The
 residual of a fit is compared with what ordinary gait leaves: each unperturbed crossing's deviation
 from their mean, fitted with the same columns. One that is a small share of the torque does not
 count, however regular the gait.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -52,14 +52,25 @@ def unexplained_rms(columns: Array, torques: Array) -> float:
     return rms(torques - explained)
 
 
-def check_fit(headline: GroupHeadline) -> dict[str, float | None]:
-    """Compare the fit to the mean response with single fits and with ordinary gait.
+@dataclass(frozen=True)
+class FitChecks:
+    """How the fit to the mean response agrees with single fits and with ordinary gait."""
 
-    Returns
-    -------
-    dict
-        Columns of `walking_groups.csv`.
-    """
+    coherence: float  # 1 for equal responses, 0 if they cancel
+    VAF: float
+    residual_over_gait: float | None
+    offset_share: float | None
+    estimator_difference: float
+    K: float
+    K_se_share: float | None
+    B_high: float
+    I_high: float
+    stance_change: float | None
+    uncorrected_stance_change: float | None
+
+
+def check_fit(headline: GroupHeadline) -> FitChecks:
+    """Compare the fit to the mean response with single fits and with ordinary gait."""
     responses = headline.responses
     ensemble = headline.ensemble
     fit = headline.ensemble.fit
@@ -69,19 +80,19 @@ def check_fit(headline: GroupHeadline) -> dict[str, float | None]:
     of_gait = np.mean([gait_torque(response, fit)[:, window] for response in responses], axis=0)
     known = [r for r in responses if np.isfinite(r.stance_change)]
     changes = [response.stance_change for response in known]
-    return {
-        "coherence": coherence_of(responses),
-        "VAF": fit.vaf,
-        "residual_over_gait": residual_over_gait(motion, torque, of_gait),
-        "offset_share": offset_share(motion, torque, fit["K"]),
-        "estimator_difference": estimator_difference(headline),
-        "K": fit["K"],
-        "K_se_share": headline.resampled.se("K") / abs(fit["K"]) if fit["K"] else None,
-        "B_high": headline.resampled.interval("B")[1],
-        "I_high": headline.resampled.interval("I")[1],
-        "stance_change": float(np.mean(changes)) if len(known) > 1 else None,
-        "uncorrected_stance_change": uncorrected_change(known) if len(known) > 1 else None,
-    }
+    return FitChecks(
+        coherence=coherence_of(responses),
+        VAF=fit.vaf,
+        residual_over_gait=residual_over_gait(motion, torque, of_gait),
+        offset_share=offset_share(motion, torque, fit["K"]),
+        estimator_difference=estimator_difference(headline),
+        K=fit["K"],
+        K_se_share=headline.resampled.se("K") / abs(fit["K"]) if fit["K"] else None,
+        B_high=headline.resampled.interval("B")[1],
+        I_high=headline.resampled.interval("I")[1],
+        stance_change=float(np.mean(changes)) if len(known) > 1 else None,
+        uncorrected_stance_change=uncorrected_change(known) if len(known) > 1 else None,
+    )
 
 
 def estimator_difference(headline: GroupHeadline) -> float:
@@ -123,12 +134,51 @@ def uncorrected_change(responses: Sequence[PerturbationResponse]) -> float | Non
     return mean if abs(mean) > CERTAIN_STANCE_SES * se else None
 
 
+@dataclass(frozen=True)
+class GroupConditions:
+    """What is known of a group before any fit; None where it is not."""
+
+    group: str
+    n: int  # number of perturbed crossings that are used
+    n_unperturbed: int
+    stance_s: float | None  # of the unperturbed ones
+    unperturbed_stance_sd: float | None  # as a share
+    onset_phase: float | None
+    onset_phase_sd: float | None
+    left_out_share: float | None  # of perturbed or unperturbed crossings, whichever is more
+    # What stands most otherwise in the crossings than in the static trial, and by how much
+    different: str | None
+    different_mm: float | None
+    pressure_outside_m: float | None  # mean of the perturbed crossings
+    plate_height_m: float | None
+    plate_lag_sd_s: float | None
+
+
+@dataclass(frozen=True)
+class GroupOutcome:
+    """A row of `walking_groups.csv`."""
+
+    conditions: GroupConditions
+    fitted_phase: float | None = None  # of stance, that the fit reads
+    reason: str | None = None  # why there is no result
+    checks: FitChecks | None = None
+
+    def row(self) -> dict[str, Any]:
+        checks = {} if self.checks is None else asdict(self.checks)
+        return {
+            **asdict(self.conditions),
+            "fitted_phase": self.fitted_phase,
+            **checks,
+            "reason": self.reason,
+        }
+
+
 def conditions_of(
     group: str,
     selection: pl.DataFrame,
     gait: UnperturbedGait | None,
     plate: PlateModel,
-) -> dict[str, Any]:
+) -> GroupConditions:
     """Gather the conditions of a group.
 
     Parameters
@@ -139,11 +189,6 @@ def conditions_of(
         The mean gait of the group, if there is one.
     plate : PlateModel
         Of the unloaded plate.
-
-    Returns
-    -------
-    dict
-        Columns of `walking_groups.csv` that are known before any fit.
     """
     of_group = selection.filter(pl.col("group").str.split(SEPARATOR).list.contains(group))
     used = of_group.filter(pl.col("perturbed"), pl.col("reason").is_null())
@@ -153,21 +198,21 @@ def conditions_of(
     stance = float(np.mean(stances)) if len(stances) else None
     different, different_mm = set_up_difference(of_group)
     outside = used["pressure_outside_m"].cast(pl.Float64)
-    return {
-        "group": group,
-        "n": len(used),
-        "n_unperturbed": len(stances),
-        "stance_s": stance,
-        "unperturbed_stance_sd": float(np.std(stances, ddof=1)) / stance if stance else None,
-        "onset_phase": float(np.mean(phases)) if len(phases) and stance else None,
-        "onset_phase_sd": float(np.std(phases, ddof=1)) if len(phases) > 1 else None,
-        "left_out_share": shares["reason"].max(),
-        "different": different,
-        "different_mm": different_mm,
-        "pressure_outside_m": outside.mean(),
-        "plate_height_m": plate.certain_height,
-        "plate_lag_sd_s": plate.lag_sd,
-    }
+    return GroupConditions(
+        group=group,
+        n=len(used),
+        n_unperturbed=len(stances),
+        stance_s=stance,
+        unperturbed_stance_sd=float(np.std(stances, ddof=1)) / stance if stance else None,
+        onset_phase=float(np.mean(phases)) if len(phases) and stance else None,
+        onset_phase_sd=float(np.std(phases, ddof=1)) if len(phases) > 1 else None,
+        left_out_share=shares["reason"].max(),  # type: ignore[arg-type]
+        different=different,
+        different_mm=different_mm,
+        pressure_outside_m=outside.mean(),  # type: ignore[arg-type]
+        plate_height_m=plate.certain_height,
+        plate_lag_sd_s=plate.lag_sd,
+    )
 
 
 def set_up_difference(crossings: pl.DataFrame) -> tuple[str | None, float | None]:

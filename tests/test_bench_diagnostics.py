@@ -158,6 +158,7 @@ def test_a_leg_whose_belt_no_fit_tells_is_still_fitted_by_least_squares(monkeypa
     row = impedance_table(*rendered_impedance(record), P).row(-1, named=True)
 
     assert row["K_s_ratio"] is None
+    assert row["fault_probability"] is None  # of a leg no fault is weighed
 
 
 def test_the_friction_of_a_leg_without_a_logged_current_opposes_its_actuator():
@@ -166,7 +167,7 @@ def test_the_friction_of_a_leg_without_a_logged_current_opposes_its_actuator():
 
     record = with_actuator(record_of_trial(no_current, SETTINGS), no_current)
 
-    assert signals_of(record, has_drivetrain=True).sliding_angle is not None
+    assert signals_of(record, is_leg=True).sliding_angle is not None
 
 
 def test_another_b_j_than_that_of_the_file_makes_no_lag_certain():

@@ -162,17 +162,18 @@ def test_an_error_of_the_bench_is_in_the_intervals():
         assert more == pytest.approx(np.hypot(half, 1.96 * 0.01 * plain[name]), rel=0.02)
 
 
-def test_stamps_that_can_be_read_in_two_ways_widen_the_intervals():
-    record = record_with()
+@pytest.mark.parametrize(("joint", "B"), [("exact", "B"), ("friction", "B_viscous")])
+def test_stamps_that_can_be_read_in_two_ways_widen_the_intervals(joint, B):
+    record = record_with(**SOUND[joint])
     later = np.interp(record.time - 2e-4, record.time, record.torque)
     later_filtered = np.interp(record.time - 2e-4, record.time, record.filtered_torque)
     other = replace(record, torque=later, filtered_torque=later_filtered, uniform=None)
 
-    plain, both = sound_row(), row_of(replace(record, with_other_stamps=other))
+    plain, both = sound_row(joint), row_of(replace(record, with_other_stamps=other))
 
-    assert both["B"] == plain["B"]
+    assert both[B] == plain[B]
     # 300 N*m/rad late by 0.2 ms
-    assert plain["B_low"] - both["B_low"] == pytest.approx(0.06, rel=0.2)
+    assert plain[f"{B}_low"] - both[f"{B}_low"] == pytest.approx(0.06, rel=0.2)
 
 
 def test_the_inference_is_given_the_stated_windows_alone():

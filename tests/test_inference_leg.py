@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy
 
-from osl_analysis.inference import BenchSignals, ImpedanceInference, infer_impedance
+from osl_analysis.inference import BenchSignals, LegInference, infer_leg
 from osl_analysis.inference.actuator import equation_of_sliding, sliding_fits
 from osl_analysis.inference.spectra import Spectra
 
@@ -75,18 +75,17 @@ def signals(**changes: object) -> BenchSignals:
         "encoder_step": step,
         "sliding_angle": np.round(recorded["theta_m"] / step_m) * step_m,
         "load": recorded["current"],
-        "has_drivetrain": True,
     }
     return BenchSignals(**{**of_leg, **changes})
 
 
 @cache
-def inferred() -> ImpedanceInference:
-    return infer_impedance(signals())
+def inferred() -> LegInference:
+    return infer_leg(signals())
 
 
 def test_damping_of_a_leg_is_that_without_the_friction_of_its_actuator():
-    found = inferred().without_actuator_friction
+    found = inferred().without_friction
 
     K, B, I = true_impedance()
     assert found.B.holds(B)
@@ -98,10 +97,6 @@ def test_damping_of_a_leg_is_that_without_the_friction_of_its_actuator():
 
 def test_the_friction_of_the_actuator_is_found():
     assert inferred().friction_probability > 0.99
-
-
-def test_sound_leg_is_not_doubted():
-    assert inferred().doubt is None
 
 
 def test_sliding_tells_friction_and_gains_of_the_controller():
@@ -117,17 +112,6 @@ def test_sliding_tells_friction_and_gains_of_the_controller():
     assert found[3] == pytest.approx(CONSTANT / of_belt, rel=0.15)
     assert found[4] == pytest.approx(OF_LOAD / of_belt, rel=0.15)
     assert scipy.stats.zscore(without_a_block[:, 1]).max() < 5
-
-
-def test_of_a_leg_no_fault_is_weighed():
-    recorded = leg()
-    time = np.arange(len(recorded["torque"])) / RATE
-    stepping = signals().torque - 20.0 * recorded["theta"] * (time > 24.0)
-
-    found = infer_impedance(signals(torque=stepping))
-
-    assert found.explanations == ()
-    assert found.fault_probability == 0
 
 
 def test_belt_deflection_follows_the_ratio_of_the_transmission():

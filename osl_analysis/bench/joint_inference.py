@@ -15,7 +15,7 @@ from osl_analysis.bench.joint_fit import FrictionFit, JointFit, SuspectedFault
 from osl_analysis.bench.record import Label, Record, signals_of
 from osl_analysis.bench.regression import Sums, fit_groups
 from osl_analysis.errors import NotWeighedError
-from osl_analysis.inference import ImpedanceInference, infer_impedance
+from osl_analysis.inference import ImpedanceInference, LegInference, infer_impedance, infer_leg
 from osl_analysis.inference.constants import HARM_SHARE, LIKELY
 from osl_analysis.inference.estimates import Explanation
 from osl_analysis.stats.estimates import Estimate, Impedance
@@ -47,14 +47,12 @@ def impedance_fits(analysis: Analysis, s: Sums, is_leg: bool) -> dict[Label, Joi
         impedance=Impedance.of_fit(analysis.calibrated(analysis.whole)),
         friction=friction_of(coulomb.get(None)),
     )
-    if record.with_other_stamps is not None:
-        other = analysis.fits_with_other_stamps[None]
-        other_impedance = Impedance.of_fit(other).widened_by(known_errors(analysis))
-        whole = replace(whole, impedance=whole.impedance.widened_to_include(other_impedance))
-    if inferred is not None and is_leg:
+    if isinstance(inferred, LegInference):
         whole = replace(whole, friction=friction_of_leg(coulomb.get(None), analysis, inferred))
     elif inferred is not None:
         whole = with_fault(whole, inferred, record)
+    if record.with_other_stamps is not None:
+        whole = with_other_reading(whole, analysis)
 
     fits: dict[Label, JointFit] = {}
     for label, fit in analysis.fits.items():
@@ -70,10 +68,11 @@ def impedance_fits(analysis: Analysis, s: Sums, is_leg: bool) -> dict[Label, Joi
     return fits
 
 
-def inferred_from(record: Record, is_leg: bool = False) -> ImpedanceInference | None:
+def inferred_from(record: Record, is_leg: bool) -> ImpedanceInference | LegInference | None:
     """The inference from a record; None where it cannot weigh rivals."""
+    infer = infer_leg if is_leg else infer_impedance
     try:
-        return infer_impedance(signals_of(record, is_leg))
+        return infer(signals_of(record, is_leg))
     except NotWeighedError:
         return None
 
@@ -88,6 +87,18 @@ def with_fault(fit: JointFit, inferred: ImpedanceInference, record: Record) -> J
         suspected_fault=suspected_fault_of(inferred),
         delay_told_s=inferred.delay_told_s if tells_delay else None,
     )
+
+
+def with_other_reading(fit: JointFit, analysis: Analysis) -> JointFit:
+    """The fit with intervals that hold what the other reading of undecided stamps gives. It moves
+    the estimates without friction as those of Eq. 15."""
+    other = Impedance.of_fit(analysis.fits_with_other_stamps[None])
+    friction = fit.friction
+    if friction is not None and friction.without is not None:
+        moved = friction.without.moved_by(fit.impedance, other)
+        friction = replace(friction, without=friction.without.widened_to_include(moved))
+    other = other.widened_by(known_errors(analysis))
+    return replace(fit, impedance=fit.impedance.widened_to_include(other), friction=friction)
 
 
 def suspected_fault_of(inferred: ImpedanceInference) -> SuspectedFault:
@@ -135,14 +146,13 @@ def friction_of(coulomb: CoulombFit | None) -> FrictionFit | None:
 
 
 def friction_of_leg(
-    coulomb: CoulombFit | None, analysis: Analysis, inferred: ImpedanceInference
+    coulomb: CoulombFit | None, analysis: Analysis, inferred: LegInference
 ) -> FrictionFit:
     """Friction of a leg's actuator: its size by least squares; K, B and I without it by the motion
     that the actuator would have without friction."""
-    without = inferred.without_actuator_friction
-    if without is None or inferred.friction_probability <= CERTAIN_FRICTION:
+    if inferred.friction_probability <= CERTAIN_FRICTION:
         return FrictionFit(share=0.0)
-    without = without.widened_by(known_errors(analysis))
+    without = inferred.without_friction.widened_by(known_errors(analysis))
     damping = analysis.whole["B"]
     size = None
     if coulomb is not None and coulomb.certain is not None:

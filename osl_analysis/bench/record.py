@@ -319,14 +319,14 @@ class Record:
         return max(amplitudes, key=lambda label: amplitudes[label]) if amplitudes else None
 
 
-def signals_of(record: Record, has_drivetrain: bool = False) -> BenchSignals:
+def signals_of(record: Record, is_leg: bool = False) -> BenchSignals:
     """What the inference is given of a record: the raw signals, since it finds their band itself.
 
     Parameters
     ----------
     record : Record
         Angle and torque of a trial.
-    has_drivetrain : bool
+    is_leg : bool
         Whether a belt and an actuator render the joint. Its friction then opposes the actuator's
         velocity and grows with the current.
     """
@@ -341,9 +341,8 @@ def signals_of(record: Record, has_drivetrain: bool = False) -> BenchSignals:
         rate_hz=record.rate_hz,
         encoder_step=record.steps[0] or 0.0,
         usable=record.usable & inside,
-        sliding_angle=record.actuator.get("wide_band_theta_m") if has_drivetrain else None,
-        load=record.actuator.get("current") if has_drivetrain else None,
-        has_drivetrain=has_drivetrain,
+        sliding_angle=record.actuator.get("wide_band_theta_m") if is_leg else None,
+        load=record.actuator.get("current") if is_leg else None,
     )
 
 

@@ -32,8 +32,8 @@ class Predicted:
         noise's variance.
     impedances : Array (r, 3)
         K, B, I by each of its matrices [SI].
-    covariances : Array (r, 3, 3)
-        Their covariances [SI].
+    covariance : Array (3, 3)
+        Of the first of them [SI].
     friction_torque : float
         Mean size of sliding friction [N*m]; 0 without friction.
     left : float
@@ -46,7 +46,7 @@ class Predicted:
     has_friction: bool
     squares: Array
     impedances: Array
-    covariances: Array
+    covariance: Array
     friction_torque: float
     left: float
     rounding_left: float
@@ -258,9 +258,9 @@ class Predictor:
             of_own = of_own - np.outer(with_parameter, with_parameter) / parameter_variance
         coefficients = estimates[at.own] if candidate.estimates is None else candidate.estimates
         matrices = candidate.to_impedance(len(candidate.columns))
-        covariances = np.array([matrix @ of_own @ matrix.T for matrix in matrices])
+        of_impedance = matrices[0] @ of_own @ matrices[0].T
         if data.actuator is not None and len(coefficients) > 3:
-            covariances = covariances + coefficients[3] ** 2 * data.actuator.covariance
+            of_impedance = of_impedance + coefficients[3] ** 2 * data.actuator.covariance
 
         friction_torque = 0.0
         if self.has_friction:
@@ -270,7 +270,7 @@ class Predictor:
             has_friction=self.has_friction,
             squares=fit.squares_of_unseen(),
             impedances=np.array([matrix @ coefficients for matrix in matrices]),
-            covariances=covariances,
+            covariance=of_impedance,
             friction_torque=friction_torque,
             left=fit.left,
             rounding_left=rounding_left,

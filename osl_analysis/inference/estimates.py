@@ -12,18 +12,14 @@ class Explanation:
     family: str
     name: str
     probability: float  # given that one of the hypotheses is right
-    gain: float  # nats by which it predicts better than the best sound joint
 
 
 @dataclass(frozen=True)
 class ImpedanceInference:
-    """What one recording tells of a joint.
+    """What may be wrong with a recording of a joint.
 
     Attributes
     ----------
-    without_actuator_friction : Impedance or None
-        K, B and I of a leg as they would be without the friction of its actuator; None of any other
-        joint.
     fault_probability : float
         Probability of a fault of any size.
     friction_probability : float
@@ -34,18 +30,32 @@ class ImpedanceInference:
         The most probable fault, if a fault is likely and does harm.
     explanations : tuple of Explanation
         Faults by their probability, the most probable first.
-    delay_told_s : float or None
-        Standard error to which the recording itself tells a delay between angle and torque [s];
-        None for a drivetrain, whose belt tells it.
+    delay_told_s : float
+        Standard error to which the recording itself tells a delay between angle and torque [s].
     unexplained_shares : tuple of float
         Shares of K, B and I by which torque that no hypothesis explains could move them at most.
     """
 
-    without_actuator_friction: Impedance | None
     fault_probability: float
     friction_probability: float
     fault_shares: tuple[float, ...]
     doubt: Explanation | None
     explanations: tuple[Explanation, ...]
-    delay_told_s: float | None
+    delay_told_s: float
     unexplained_shares: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class LegInference:
+    """What a recording tells of the friction in a leg's actuator.
+
+    Attributes
+    ----------
+    friction_probability : float
+        Probability of dry friction.
+    without_friction : Impedance
+        K, B and I as they would be without it.
+    """
+
+    friction_probability: float
+    without_friction: Impedance

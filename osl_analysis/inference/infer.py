@@ -17,9 +17,9 @@ from osl_analysis.errors import NotWeighedError
 from osl_analysis.inference.acceleration_jumps import acceleration_jumps
 from osl_analysis.inference.constants import BLOCKS, HARM_FLOOR, HARM_SHARE, LIKELY
 from osl_analysis.inference.cross_validation import Predicted, Predictor
-from osl_analysis.inference.estimates import Explanation, ImpedanceInference
-from osl_analysis.inference.hypotheses import hypotheses_for
-from osl_analysis.inference.hypothesis import Search
+from osl_analysis.inference.estimates import Explanation, ImpedanceInference, LegInference
+from osl_analysis.inference.hypotheses import Nothing, hypotheses_for
+from osl_analysis.inference.hypothesis import Hypothesis, Search
 from osl_analysis.inference.rounding_errors import rounding_torques
 from osl_analysis.inference.spectra import BenchSignals, Spectra
 from osl_analysis.inference.unexplained import largest_shifts
@@ -61,14 +61,14 @@ def infer_impedance(
         They are too short, or the acceleration jumps.
     """
     spectra = Spectra(signals)
-    if not signals.has_drivetrain and acceleration_jumps(spectra):
+    if acceleration_jumps(spectra):
         raise NotWeighedError(
             "the acceleration jumps, as under binary steps, and the torque with it; move the joint"
             " smoothly"
         )
     data = Whitened(spectra)
-    fits, rounding = fit_all(data)
-    weighed, at = weigh(fits, spectra.freedom, not signals.has_drivetrain)
+    fits, rounding = fit_all(data, hypotheses_for(data))
+    weighed, at = weigh(fits, spectra.freedom, is_body=True)
     best_sound = weighed[at]
     sizes = np.hypot(best_sound.impedance, HARM_FLOOR)
     matters = np.array(accuracy) * sizes
@@ -84,30 +84,51 @@ def infer_impedance(
 
     best = max(weighed, key=lambda each: each.weight).fit
     of_K, of_B, of_I = largest_shifts(data, best, fits[0].left, best_sound.impedance) / sizes
-    sound = estimates_of(best_sound.fit)
+    sound = impedance_of(best_sound.fit)
     moved_shares = [
         float(move / max(abs(estimate.value), estimate.high - estimate.value))
         for move, estimate in zip(moved, (sound.K, sound.B, sound.I), strict=True)
     ]
     return ImpedanceInference(
-        without_actuator_friction=sound if signals.has_drivetrain else None,
         fault_probability=fault_probability,
-        friction_probability=friction_probability(data, weighed),
+        friction_probability=sum(each.weight for each in weighed if each.fit.has_friction),
         fault_shares=tuple(moved_shares),
         doubt=doubt,
         explanations=explanations,
-        delay_told_s=None if signals.has_drivetrain else told_delay(data, best_sound.fit, rounding),
+        delay_told_s=told_delay(data, best_sound.fit, rounding),
         unexplained_shares=(float(of_K), float(of_B), float(of_I)),
     )
 
 
-def fit_all(data: Whitened) -> tuple[list[Predicted], Array]:
-    """Fit all hypotheses without and with friction, and let each predict all blocks; with the
-    torques of rounding."""
+def infer_leg(signals: BenchSignals) -> LegInference:
+    """Tell the friction in a leg's actuator.
+
+    A leg is of fourth order or higher: it delays and filters the torque by itself, so that no
+    hypothesis is a fault of the recording.
+
+    Parameters
+    ----------
+    signals : BenchSignals
+        Angle, torque and the actuator's angle on one time base.
+
+    Raises
+    ------
+    InputError, NotWeighedError
+        As `infer_impedance`, but for the acceleration.
+    """
+    data = Whitened(Spectra(signals))
+    assert data.actuator is not None
+    fits, _ = fit_all(data, [Nothing(data)])
+    weighed, at = weigh(fits, data.spectra.freedom, is_body=False)
+    return LegInference(data.actuator.friction_probability, impedance_of(weighed[at].fit))
+
+
+def fit_all(data: Whitened, hypotheses: Sequence[Hypothesis]) -> tuple[list[Predicted], Array]:
+    """Fit hypotheses without and with friction, and let each predict all blocks; with the torques
+    of rounding."""
     searches = [Search(data, has_friction) for has_friction in (False, True)]
     without_friction = searches[0]
-    hypotheses = hypotheses_for(data)
-    if is_explained_by_eq15(without_friction):
+    if len(hypotheses) > 1 and is_explained_by_eq15(without_friction):
         hypotheses = [each for each in hypotheses if each.name == PLAIN]
     rounding = rounding_torques(data, without_friction.coefficients[:3])
     fits = []
@@ -134,16 +155,9 @@ def is_explained_by_eq15(plain: Search) -> bool:
     return bool(gain < by_chance + SCREEN_DEVIATIONS * np.sqrt(by_chance))
 
 
-def friction_probability(data: Whitened, weighed: Sequence[Weighed]) -> float:
-    """Probability of dry friction; of a leg, in its actuator."""
-    if data.actuator is not None:
-        return data.actuator.friction_probability
-    return sum(each.weight for each in weighed if each.fit.has_friction)
-
-
-def estimates_of(fit: Predicted) -> Impedance:
+def impedance_of(fit: Predicted) -> Impedance:
     """K, B and I of a fit, with 95 % intervals by the scatter of the blocks (Student)."""
-    standard_errors = np.sqrt(np.diag(fit.covariances[0]))
+    standard_errors = np.sqrt(np.diag(fit.covariance))
     half_widths = scipy.special.stdtrit(BLOCKS - 1, 0.975) * standard_errors
     values = fit.impedances[0]
     columns = np.column_stack([values, standard_errors, values - half_widths, values + half_widths])
@@ -153,7 +167,7 @@ def estimates_of(fit: Predicted) -> Impedance:
 def explained(each: Weighed) -> Explanation:
     """The public form of a weighed hypothesis."""
     hypothesis = each.fit.candidate.hypothesis
-    return Explanation(hypothesis.family, hypothesis.name, probability=each.weight, gain=each.gain)
+    return Explanation(hypothesis.family, hypothesis.name, probability=each.weight)
 
 
 def most_probable_family(

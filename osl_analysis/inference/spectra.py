@@ -54,13 +54,10 @@ class BenchSignals:
     usable : Array (n,) of bool, optional
         False at rows of a gap or outside of the stated windows.
     sliding_angle : Array (n,), optional
-        Angle [rad] whose velocity dry friction opposes. By default the joint's. Of a drivetrain
-        it is the angle of the actuator, on the other side of its belt.
+        Of a leg, the angle [rad] of its actuator, on the other side of the belt, whose velocity dry
+        friction opposes. None: a joint, whose own velocity it opposes.
     load : Array (n,), optional
         What friction grows with, as a motor's current [A]. Without it friction has one size.
-    has_drivetrain : bool
-        Whether a drivetrain with a belt and a controller renders the joint. It is of fourth order
-        or higher: its own dynamics are then no fault of the torque's path.
     """
 
     theta: Array
@@ -70,7 +67,6 @@ class BenchSignals:
     usable: NDArray[np.bool_] | None = None
     sliding_angle: Array | None = None
     load: Array | None = None
-    has_drivetrain: bool = False
 
     def __post_init__(self) -> None:
         """Raise InputError: a signal is not finite, or does not move; NotWeighedError."""
@@ -107,7 +103,6 @@ class BenchSignals:
             None if self.usable is None else self.usable[rows],
             None if self.sliding_angle is None else self.sliding_angle[rows],
             None if self.load is None else self.load[rows],
-            self.has_drivetrain,
         )
 
 
@@ -245,9 +240,6 @@ class Spectra:
         self.actuator_derivatives: Array | None = None
         self.sliding = self.angle
         if self.signals.sliding_angle is None:
-            return
-        if not self.signals.has_drivetrain:
-            self.sliding = self.resampled(self.signals.sliding_angle)
             return
         extended, line = self._extended(self.signals.sliding_angle)
         raw_actuator = scipy.fft.rfft(extended - line)

@@ -58,15 +58,12 @@ class Weighed:
         The hypothesis, with or without friction.
     weight : float
         Its probability, given that one of those that compete is right.
-    gain : float
-        By how many nats it predicts the recording better than the best sound joint.
     parts : tuple of Part
         What K, B and I may be, or its own parameter's values; their weights have the sum 1.
     """
 
     fit: Predicted
     weight: float
-    gain: float
     parts: tuple[Part, ...]
 
     @property
@@ -224,10 +221,7 @@ def weigh(
     weights = np.exp(log_weights - log_weights.max(axis=1, keepdims=True))
     weights /= weights.sum(axis=1, keepdims=True)
     weights = weights.mean(axis=0)
-    weighed = [
-        Weighed(fit, float(weights[k]), float(all_blocks[k]), tuple(parts[k]))
-        for k, fit in enumerate(possible)
-    ]
+    weighed = [Weighed(fit, float(weights[k]), tuple(parts[k])) for k, fit in enumerate(possible)]
     return weighed, evidence.reference
 
 
@@ -244,12 +238,12 @@ def parts_of(fit: Predicted, half_nat: float, is_body: bool) -> tuple[float, lis
         Whether B and I are positive.
     """
     if not fit.candidate.profile:
-        more = log_positive(fit.impedances[0], fit.covariances[0]) if is_body else 0.0
+        more = log_positive(fit.impedances[0], fit.covariance) if is_body else 0.0
         share = 1 / len(fit.impedances)
         return more, [Part(share, impedance) for impedance in fit.impedances]
 
     # over its own parameter, with a flat prior between the ends of the profile
-    profile, covariance = fit.candidate.profile, fit.covariances[0]
+    profile, covariance = fit.candidate.profile, fit.covariance
     log_weights = -0.5 * np.array([point.left for point in profile]) / half_nat
     if is_body:
         log_weights += [log_positive(point.impedance, covariance) for point in profile]

@@ -48,6 +48,11 @@ class Estimate:
         """The estimate with an interval that holds another one's, too."""
         return replace(self, low=min(self.low, other.low), high=max(self.high, other.high))
 
+    def moved_by(self, before: "Estimate", after: "Estimate") -> "Estimate":
+        """The estimate and its interval, moved as another estimate was."""
+        by = after.value - before.value
+        return replace(self, value=self.value + by, low=self.low + by, high=self.high + by)
+
     def columns(self, name: str) -> Row:
         """`name`, and the ends of its interval."""
         values = (self.value, self.low, self.high)
@@ -81,4 +86,12 @@ class Impedance:
             K=self.K.widened_to_include(other.K),
             B=self.B.widened_to_include(other.B),
             I=self.I.widened_to_include(other.I),
+        )
+
+    def moved_by(self, before: "Impedance", after: "Impedance") -> "Impedance":
+        """K, B and I and their intervals, moved as those of another impedance were."""
+        return Impedance(
+            K=self.K.moved_by(before.K, after.K),
+            B=self.B.moved_by(before.B, after.B),
+            I=self.I.moved_by(before.I, after.I),
         )

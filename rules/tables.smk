@@ -141,8 +141,8 @@ rule findings:
     input:
         tables=FILES.tables(*judged_tables()),
         evidence=FILES.evidence_of("impedance"),
-        fits=FILES.fits_with_offers,
-        quality=FILES.checks(FILES.trials_with_offers),
+        fits=FILES.fits_for_findings,
+        quality=FILES.checks(FILES.trials_for_findings),
         verdicts=QUALITY,
     output:
         output="<results>/tables/findings.csv",
@@ -152,7 +152,7 @@ rule findings:
     params:
         limits=as_json(CONFIG.doubtful),
         places=PLACES,
-        excluded=excluded(FILES.trials_with_offers),
+        excluded=excluded(FILES.trials_for_findings),
         made_by=MADE_BY,
     run:
         job("tables.write_findings", input, output, params, log)

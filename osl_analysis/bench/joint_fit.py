@@ -3,7 +3,7 @@
 A value is never overwritten: one that is widened is a new value.
 """
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from osl_analysis.bench.analysis import QUANTITIES
@@ -85,19 +85,17 @@ FAULT_FIELDS = {
     "explanations": "explanations",
 }
 """Fields of a fault by their columns."""
-SYMBOLS = {"K": "K", "B": "B", "I": "I"}
-LOSSES_SYMBOLS = {"B": "B_j", "I": "J_j"}
+COLUMNS_OF_LOSSES = (None, "B_j", "J_j")  # of K, B and I in `transmission.csv`
 
 
-def fault_columns(fault: SuspectedFault | None, symbols: Mapping[str, str] = SYMBOLS) -> Row:
-    """The columns of a fault, null where no hypotheses were weighed. `symbols` has the names of
-    K, B and I in the table."""
+def fault_columns(fault: SuspectedFault | None, names: Sequence[str | None] = QUANTITIES) -> Row:
+    """The columns of a fault, null where no hypotheses were weighed. `names` are those of K, B and
+    I in the table; None: it has no such column."""
     facts: Row = {column: getattr(fault, field, None) for column, field in FAULT_FIELDS.items()}
-    for k, symbol in enumerate(QUANTITIES):
-        if symbol in symbols:
-            column = symbols[symbol]
-            facts[f"{column}_fault_share"] = fault.fault_shares[k] if fault else None
-            facts[f"{column}_unexplained_share"] = fault.unexplained_shares[k] if fault else None
+    for k, name in enumerate(names):
+        if name is not None:
+            facts[f"{name}_fault_share"] = fault.fault_shares[k] if fault else None
+            facts[f"{name}_unexplained_share"] = fault.unexplained_shares[k] if fault else None
     return facts
 
 

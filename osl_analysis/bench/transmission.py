@@ -6,7 +6,7 @@ from osl_analysis.bench import effects
 from osl_analysis.bench.analysis import Analysis, analysed
 from osl_analysis.bench.coulomb import CoulombFit, coulomb_fits
 from osl_analysis.bench.effects import TRANSMISSION
-from osl_analysis.bench.joint_fit import LOSSES_SYMBOLS, estimate_columns, fault_columns
+from osl_analysis.bench.joint_fit import COLUMNS_OF_LOSSES, estimate_columns, fault_columns
 from osl_analysis.bench.joint_inference import suspected_fault_of_losses
 from osl_analysis.bench.record import Record
 from osl_analysis.bench.regression import held_out_vaf, other_amplitudes
@@ -49,7 +49,7 @@ def transmission_table(analysis: Analysis) -> pl.DataFrame:
                 ),
                 "load_cell_drift": 60 * record.drift,
                 **analysis.time_base_row(label, LOSSES),
-                **fault_columns(fault, LOSSES_SYMBOLS),
+                **fault_columns(fault, COLUMNS_OF_LOSSES),
                 "delay_told_s": fault.delay_told_s if fault else None,
             }
         )

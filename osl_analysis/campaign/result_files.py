@@ -169,16 +169,16 @@ class ResultFiles:
         return self.tables("impedance_evidence") if table == "impedance" else []
 
     @cached_property
-    def fits_with_offers(self) -> list[str]:
+    def fits_for_findings(self) -> list[str]:
         """The fits of single trials that have columns for findings alone."""
         described = described_tables_by_name()
         names = [name for name in self.gathered_tables if name in described]
         return [file for name in names if described[name].of_fits for file in self.rows(name)]
 
     @property
-    def trials_with_offers(self) -> list[str]:
+    def trials_for_findings(self) -> list[str]:
         """The trials of these fits."""
-        return [Path(file).stem for file in self.fits_with_offers]
+        return [Path(file).stem for file in self.fits_for_findings]
 
     def places_in(self, table: str) -> dict[str, dict[str, str]]:
         """Joint and side of the trials that have rows in a table."""

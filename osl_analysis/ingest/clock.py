@@ -217,10 +217,11 @@ def correlation(ours: Array, theirs: Array) -> Array:
     """Size of the correlation of two signals at every lag of `theirs` (m,) behind `ours` (n,), from
     1 - n on, over what overlaps; 0 where that is too little."""
     sums = partial(scipy.signal.correlate, method="fft")
-    one, other = np.ones_like(ours), np.ones_like(theirs)
-    power = np.maximum(sums(other, ours**2), QUIET_SHARE * ours @ ours)
-    power *= np.maximum(sums(theirs**2, one), QUIET_SHARE * theirs @ theirs)
-    overlaps = np.rint(sums(other, one)) >= LEAST_OVERLAP * min(ours.size, theirs.size)
+    our_rows = np.ones_like(ours)
+    their_rows = np.ones_like(theirs)
+    power = np.maximum(sums(their_rows, ours**2), QUIET_SHARE * ours @ ours)
+    power *= np.maximum(sums(theirs**2, our_rows), QUIET_SHARE * theirs @ theirs)
+    overlaps = np.rint(sums(their_rows, our_rows)) >= LEAST_OVERLAP * min(ours.size, theirs.size)
     return np.where(overlaps, np.abs(sums(theirs, ours)) / np.sqrt(power), 0.0)
 
 

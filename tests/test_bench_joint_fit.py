@@ -10,14 +10,20 @@ from conftest import ROOT, findings_of
 
 from osl_analysis.bench.bench_settings import Calibration
 from osl_analysis.bench.impedance import impedance_table, rendered_impedance
-from osl_analysis.bench.joint_inference import impedance_fits
+from osl_analysis.bench.joint_inference import (
+    friction_of_leg,
+    impedance_fits,
+    suspected_fault_of,
+)
 from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.bench.record import signals_of
 from osl_analysis.campaign.configuration import config_for_trials
 from osl_analysis.errors import InputError
+from osl_analysis.inference import ImpedanceInference, LegInference
+from osl_analysis.inference.estimates import Explanation
 from osl_analysis.judge.finding import Grade
 from osl_analysis.judge.limits import Limits
-from osl_analysis.stats.estimates import Estimate
+from osl_analysis.stats.estimates import Estimate, Impedance
 
 CONFIG = ROOT / "config/config.yaml"
 SETTINGS = config_for_trials(CONFIG).dynamometer
@@ -130,6 +136,32 @@ def test_a_late_torque_tells_by_how_much_it_moves_the_damping():
 
 
 # ---- what is known of the bench
+
+
+def test_a_fault_that_is_not_probable_moves_nothing():
+    path = Explanation("path", "delay", probability=0.2)
+    inferred = ImpedanceInference(
+        fault_probability=0.2,
+        friction_probability=0.0,
+        fault_shares=(0.1, 0.2, 0.3),
+        doubt=None,
+        explanations=(path,),
+        delay_told_s=1e-4,
+        unexplained_shares=(0.0, 0.0, 0.0),
+    )
+
+    assert suspected_fault_of(inferred).fault_shares == (0.0, 0.0, 0.0)
+    assert suspected_fault_of(replace(inferred, doubt=path)).fault_shares == (0.1, 0.2, 0.3)
+
+
+@pytest.mark.parametrize(("probability", "is_taken_off"), [(0.89, False), (0.91, True)])
+def test_friction_of_a_leg_is_taken_off_where_it_is_certain(probability, is_taken_off):
+    analysis, _ = rendered_impedance(record_with())
+    whole = Impedance.of_fit(analysis.whole)
+
+    friction = friction_of_leg(None, analysis, LegInference(probability, whole))
+
+    assert (friction.without is not None) is is_taken_off
 
 
 def test_it_is_told_how_well_a_recording_knows_an_unstated_delay():

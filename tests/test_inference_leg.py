@@ -7,7 +7,11 @@ import pytest
 import scipy
 
 from osl_analysis.inference import BenchSignals, LegInference, infer_leg
-from osl_analysis.inference.actuator import equation_of_sliding, sliding_fits
+from osl_analysis.inference.actuator import (
+    equation_of_sliding,
+    frictionless_actuator,
+    sliding_fits,
+)
 from osl_analysis.inference.spectra import Spectra
 
 RATE = 500.0
@@ -93,6 +97,13 @@ def test_damping_of_a_leg_is_that_without_the_friction_of_its_actuator():
     assert found.K.value == pytest.approx(K, rel=0.01)
     assert found.I.value == pytest.approx(I, abs=0.005)
     assert found.B.half_width < 0.05 * B
+
+
+def test_the_error_of_the_actuator_s_motion_is_in_the_interval():
+    of_actuator = frictionless_actuator(Spectra(signals())).covariance
+    stiffness = K_S / N_T  # of the belt, torque per angle of the actuator
+
+    assert inferred().without_friction.B.standard_error > stiffness * np.sqrt(of_actuator[1, 1])
 
 
 def test_the_friction_of_the_actuator_is_found():

@@ -141,6 +141,8 @@ def test_a_group_has_the_timing_of_its_crossings(three_legs):
     assert group["onset_phase"] == pytest.approx(0.4, abs=0.01)
     assert group["unperturbed_stance_sd"] == stances.std() / stances.mean()
     assert group["onset_phase_sd"] == phases.std()
+    # the fit reads K 50 to 100 ms after the onset
+    assert 0.05 < (group["fitted_phase"] - group["onset_phase"]) * group["stance_s"] < 0.1
 
 
 FAST_PERSON = several("a", 7, MIDSTANCE) | several("au", 7, Walk())
@@ -218,6 +220,7 @@ def test_a_group_without_a_result_has_rows_that_say_why_and_the_others_go_on(tmp
     assert reasons["K_d 600"].startswith(no_gait)
     assert tables.estimate("K_d 600")["reason"].startswith(no_gait)
     assert excluded["bare1"].startswith(no_gait)
+    assert tables["groups"].filter(group="K_d 600")["n"].item() == 0
 
 
 def test_what_the_sheet_does_not_state_is_commanded_by_the_trajectory(tmp_path):

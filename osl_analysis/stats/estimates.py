@@ -27,15 +27,6 @@ class Estimate:
         low, high = fit.interval(name)
         return cls(fit[name], fit.se(name), low, high)
 
-    @property
-    def half_width(self) -> float:
-        """Half of the interval's width."""
-        return (self.high - self.low) / 2
-
-    def holds(self, true: float) -> bool:
-        """Whether the interval holds a value."""
-        return self.low <= true <= self.high
-
     def widened_by(self, known_error: float) -> "Estimate":
         """The estimate with another, independent standard error in its interval."""
         more = NORMAL_HALF_WIDTH * known_error

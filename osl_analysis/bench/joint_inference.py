@@ -1,8 +1,9 @@
 """K, B and I of an impedance recording by Eq. 15, and what else its torque may hold.
 
-Where dry friction is certain, Eq. 15 with a Coulomb column stands beside it. The inference
-(`osl_analysis/inference`) says whether friction is certain and what may be wrong. Of a leg it also
-gives K, B and I without the friction of the actuator, which no column beside Eq. 15 shows.
+The inference (`osl_analysis/inference`) says whether dry friction is certain and what may be wrong.
+Where friction is certain, K, B and I without it are those of the inference. A Coulomb column beside
+Eq. 15, which single amplitudes have, sees what the low-pass leaves of a friction that changes its
+sign fast: its B is up to 6 % too large.
 """
 
 from dataclasses import replace
@@ -47,9 +48,10 @@ def impedance_fits(analysis: Analysis, s: Sums, is_leg: bool) -> dict[Label, Joi
         impedance=Impedance.of_fit(analysis.calibrated(analysis.whole)),
         friction=friction_of(coulomb.get(None)),
     )
-    if isinstance(inferred, LegInference):
-        whole = replace(whole, friction=friction_of_leg(coulomb.get(None), analysis, inferred))
-    elif inferred is not None:
+    if inferred is not None:
+        friction = friction_by_inference(coulomb.get(None), analysis, inferred, is_leg)
+        whole = replace(whole, friction=friction)
+    if isinstance(inferred, ImpedanceInference):
         whole = with_fault(whole, inferred, record)
     if record.with_other_stamps is not None:
         whole = with_other_reading(whole, analysis)
@@ -145,18 +147,25 @@ def friction_of(coulomb: CoulombFit | None) -> FrictionFit | None:
     return FrictionFit(coulomb.share, Estimate.of_fit(certain, "T_C"), Impedance.of_fit(certain))
 
 
-def friction_of_leg(
-    coulomb: CoulombFit | None, analysis: Analysis, inferred: LegInference
+def friction_by_inference(
+    coulomb: CoulombFit | None,
+    analysis: Analysis,
+    inferred: ImpedanceInference | LegInference,
+    is_leg: bool,
 ) -> FrictionFit:
-    """Friction of a leg's actuator: its size by least squares; K, B and I without it by the motion
-    that the actuator would have without friction."""
-    if inferred.friction_probability <= CERTAIN_FRICTION:
-        return FrictionFit(share=0.0)
-    without = inferred.without_friction.widened_by(known_errors(analysis))
-    damping = analysis.whole["B"]
+    """Friction whose effect the inference tells, and least squares the size.
+
+    Of a joint whose friction has no certain size none is taken off. That of a leg acts behind its
+    belt, where its size need not show.
+    """
     size = None
     if coulomb is not None and coulomb.certain is not None:
         size = Estimate.of_fit(coulomb.certain, "T_C")
+    has_size = is_leg or size is not None
+    if inferred.friction_probability <= CERTAIN_FRICTION or not has_size:
+        return FrictionFit(share=0.0)
+    without = inferred.without_friction.widened_by(known_errors(analysis))
+    damping = analysis.whole["B"]
     return FrictionFit(max(damping - without.B.value, 0.0) / damping, size, without)
 
 

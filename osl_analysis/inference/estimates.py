@@ -20,6 +20,8 @@ class ImpedanceInference:
 
     Attributes
     ----------
+    without_friction : Impedance
+        K, B and I of the best joint without a fault, less its friction.
     fault_probability : float
         Probability of a fault of any size.
     friction_probability : float
@@ -36,6 +38,7 @@ class ImpedanceInference:
         Shares of K, B and I by which torque that no hypothesis explains could move them at most.
     """
 
+    without_friction: Impedance
     fault_probability: float
     friction_probability: float
     fault_shares: tuple[float, ...]

@@ -90,6 +90,7 @@ def infer_impedance(
         for move, estimate in zip(moved, (sound.K, sound.B, sound.I), strict=True)
     ]
     return ImpedanceInference(
+        without_friction=sound,
         fault_probability=fault_probability,
         friction_probability=sum(each.weight for each in weighed if each.fit.has_friction),
         fault_shares=tuple(moved_shares),

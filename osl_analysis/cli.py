@@ -272,13 +272,10 @@ def run_campaign(arguments: tuple[str, ...]) -> None:
     The same as `snakemake --snakefile ... --configfile config.yaml`. Write files before options."""
     from snakemake.cli import main as snakemake
 
-    from osl_analysis.commands.killed_runs import take_over_lock
     from osl_analysis.commands.run import check_submission, snakemake_arguments
 
     given = snakemake_arguments(arguments)
     check_submission(given)
-    if take_over_lock():
-        say("the last run here was killed; its lock is taken over", err=True)
     snakemake(given)
 
 

@@ -52,6 +52,14 @@ def nearest(name: str, known: Iterable[str], cutoff: float = 0.6) -> str:
     return f"; did you mean '{folded[near[0]]}'?" if near and folded[near[0]] != name else ""
 
 
+def without_particulars(text: str, trial: str) -> str:
+    """A message without numbers and the trial's name: equal for all trials with this cause."""
+    if trial:
+        name = rf"(^|[/'(]|trial ){re.escape(trial)}(?![A-Za-z0-9_])"
+        text = re.sub(name, r"\1TRIAL", text)
+    return re.sub(r"[-+]?\d[\d.,]*(e[-+]?\d+)?", "#", text)
+
+
 def unexpected(fault: BaseException) -> str:
     """A fault of the program for a log or a terminal, on one line."""
     return printable(f"unexpected {type(fault).__name__}: {fault}")

@@ -86,5 +86,5 @@ def summary_beside(path: Path) -> dict[str, Any]:
         content = json.loads((results / "summary.json").read_text(encoding="utf-8"))
     except (OSError, ValueError, IndexError):
         return {}
-    is_summary = isinstance(content, dict) and "numbers" in content  # and no refusal
+    is_summary = isinstance(content, dict) and "numbers" in content
     return content if is_summary else {}

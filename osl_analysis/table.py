@@ -10,7 +10,7 @@ import polars as pl
 
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path
-from osl_analysis.refusal import check_not_refused
+from osl_analysis.status import ANALYSED, NOT_ANALYSED, check_analysed
 
 if TYPE_CHECKING:
     import pandas
@@ -20,7 +20,7 @@ DATE_IN_ARCHIVE = (1980, 1, 1, 0, 0, 0)  # fixed, so that equal tables are an eq
 # columns that are text even if every entry looks like a number, such as a trial named `01`
 TEXT_COLUMNS = (
     "trial", "controller", "branch", "quantity", "estimator", "check", "unit", "verdict", "remark",
-    "reason", "excluded", "panel", "curve", "interval_method", "doubtful", "model",
+    "status", "reason", "excluded", "panel", "curve", "interval_method", "doubtful", "model",
     "motion", "group", "direction", "subject", "side", "different", "doubt",
     "remarks", "excitation", "desired", "loading", "method", "joint", "scope",
     "data", "chosen", "trajectory", "table", "grade",
@@ -38,14 +38,19 @@ MEASURED = "measured"
 
 
 def marked_data(frame: pl.DataFrame, data: str = "") -> pl.DataFrame:
-    """A table as it is written: without a `side` that is all null, and with a last column `data`
-    (`SIMULATED` or `MEASURED`; none if empty)."""
+    """A table as it is written: without a `side` that is all null, and with `status`, `reason` and
+    `data` as last columns (`SIMULATED` or `MEASURED`; none of them if empty)."""
     has_place = "joint" in frame.columns and "side" in frame.columns
     if has_place and frame["side"].null_count() == len(frame):
         frame = frame.drop("side")
-    if data:
-        frame = frame.drop("data", strict=False).with_columns(data=pl.lit(data, pl.String))
-    return frame
+    if not data:
+        return frame
+    if "status" not in frame.columns:
+        frame = frame.with_columns(status=pl.lit(None, pl.String))
+    if "reason" not in frame.columns:
+        frame = frame.with_columns(reason=pl.lit(None, pl.String))
+    frame = frame.with_columns(pl.col("status").fill_null(ANALYSED))
+    return frame.drop("data", strict=False).with_columns(data=pl.lit(data, pl.String))
 
 
 def write_table(frame: pl.DataFrame, path: Path, data: str = "") -> None:
@@ -138,7 +143,7 @@ def read_tables(paths: Sequence[Path], name: str = "") -> pl.DataFrame:
 
 def content_of(path: Path, name: str = "") -> bytes:
     """The CSV text of a table; arguments and errors as in `read_table`."""
-    check_not_refused(path)
+    check_analysed(path)
     try:
         if path.suffix != ARCHIVE_SUFFIX:
             return path.read_bytes()
@@ -164,6 +169,11 @@ def rows_of(path: Path, content: bytes) -> pl.DataFrame:
             f"{path}: not a CSV table ({reason}); correct it, or make it again"
         ) from error
     table = table.filter(~pl.all_horizontal(pl.all().is_null()))  # without an editor's blank lines
+    if "status" in table.columns:
+        table = table.filter(pl.col("status").ne_missing(NOT_ANALYSED))
+        if table["status"].is_in([ANALYSED]).all():  # of crossings it says more
+            has_own_reason = table.columns[-3:-1] != ["status", "reason"]
+            table = table.drop("status" if has_own_reason else ["status", "reason"])
     is_empty = [column.null_count() == len(table) for column in table]
     return table.with_columns(pl.col(list(compress(table.columns, is_empty))).cast(pl.Null))
 

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, listing, nearest
 from osl_analysis.files import atomic_path
-from osl_analysis.refusal import check_not_refused
 from osl_analysis.schema import SCHEMA, check_schema
+from osl_analysis.status import check_analysed
 
 # unit of each canonical column; symbols of the paper in brackets
 COLUMNS: dict[str, str] = {
@@ -366,7 +366,7 @@ def read_trial(path: Path | str) -> Trial:
 
 def metadata_of(path: Path) -> tuple[str, dict[str, Any]]:
     """Read name and provenance of a trial without its samples; raises as `read_trial`."""
-    check_not_refused(path)
+    check_analysed(path)
     if not path.is_file():
         raise InputError(f"{path}: no such trial; ingest it first (osl-analysis ingest)")
     with told_as_parquet(path):

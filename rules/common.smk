@@ -3,22 +3,22 @@
 Rules have one line of code, as `job("bench.fit_belt_trial", input, output, params, log)`. It calls
 the function `fit_belt_trial` of `osl_analysis/commands/bench.py` in a warm process
 (`osl_analysis/jobs/workers.py`). The names of inputs, outputs and params are those of its
-arguments, but for these (`osl_analysis/outcomes/perform.py`):
+arguments, but for these (`osl_analysis/jobs/perform.py`):
 
 * `recordings`, `sources`, `made_of`, `evidence`, `numbers`, `quality`: inputs that only say when a
   job is due. The function finds the files by its other arguments.
-* `fitted`: an input of which the function gets the refusals alone, as `refused`.
+* `fitted`: an input of which the function gets the reasons of what was not analysed, as `refused`.
 * `log`, `mocap`: outputs that the function places itself.
 * `sizes`, `made_by`, `excluded`: params. Snakemake compares the first, every rule has the second,
   and the trials of the third are taken out of the inputs.
 
 A param is a value, or a function of `wildcards`: Snakemake does not compare a function of `input`.
 
-A recording that the function refuses leaves a table of reasons in place of each output. The longest
+A recording that the function refuses is a row without estimates and with a reason in each output.
+Any other error is one of the job. The longest
 jobs, and those before them, have a `priority`: at the end no core waits for them alone.
 """
 
-import atexit
 import sys
 from functools import partial
 from operator import attrgetter
@@ -29,23 +29,20 @@ from osl_analysis.campaign.origin import about, sentence, settings_of
 from osl_analysis.campaign.result_files import COMPONENTS, DERIVED, ResultFiles, name_pattern
 from osl_analysis.campaign.setting_states import states_of
 from osl_analysis.commands.campaign_start import start_campaign, unnamed_recordings
-from osl_analysis.commands.killed_runs import begin_run
-from osl_analysis.commands.run import check_profile, end_run, made_by
-from osl_analysis.commands.run_report import report_of_run
+from osl_analysis.commands.run import end_run, made_by
 from osl_analysis.config.experiments import DOUBTS_OF, EXPERIMENTS, judged_tables
 from osl_analysis.config.impedance_trajectory import STANCE_SHARE
 from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.errors import InputError, OslAnalysisError, listing
 from osl_analysis.figures import FIGURES
 from osl_analysis.files import seen_from
-from osl_analysis.jobs.workers import cancel_timers, job
+from osl_analysis.jobs.workers import job
 from osl_analysis.judge.claims import CLAIMED
 from osl_analysis.judge.exclusions import Judge
 from osl_analysis.yaml_settings import as_json
 
 CONFIG_FILES = [seen_from(Path(), Path(file)) for file in reversed(workflow.configfiles)]
 try:  # what is wrong in a file of the campaign is one line, without a traceback
-    check_profile(sys.argv)
     CAMPAIGN, SIMULATION_FILES = start_campaign(config, CONFIG_FILES)
 except OslAnalysisError as error:
     sys.exit(f"error: {error}")

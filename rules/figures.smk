@@ -195,3 +195,41 @@ rule methods:
         made_by=MADE_BY,
     run:
         job("report.write_methods", input, output, params, log)
+
+
+rule brief:
+    """What a user must know at the end of a run."""
+    input:
+        summary="<results>/summary.json",
+        excluded="<results>/tables/excluded.csv",
+        verdicts=QUALITY,
+        page="<results>/report.html",
+    output:
+        "<results>/brief.txt",
+    log:
+        "<logs>/brief.log",
+    localrule: True
+    params:
+        by_sheet=CAMPAIGN.excluded,
+        recordings={trial: [str(log) for log in CAMPAIGN.logs(trial)] for trial in TRIALS},
+        unnamed=UNNAMED,
+        failed_trials=CONFIG.failed_trials,
+        made_by=MADE_BY,
+    run:
+        job("verdict.write_brief", input, output, params, log)
+
+
+rule verdict:
+    """The run fails where trials could not be analysed, which the configuration does not accept."""
+    input:
+        brief="<results>/brief.txt",
+    output:
+        "<results>/verdict.txt",
+    log:
+        "<logs>/verdict.log",
+    localrule: True
+    params:
+        failed_trials=CONFIG.failed_trials,
+        made_by=MADE_BY,
+    run:
+        end_run(input.brief, output[0], params.failed_trials)

@@ -38,6 +38,7 @@ from osl_analysis.bench.regression import GroupFit
 from osl_analysis.bench.torque_angle import torque_angle_table
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.commands.fit import run_fit
+from osl_analysis.dictionary import ADDED_WHERE_WRITTEN
 from osl_analysis.errors import InputError
 from osl_analysis.judge.words import finding_text
 from osl_analysis.signals import LowPass, differentiate
@@ -46,6 +47,7 @@ from osl_analysis.trial import Trial
 
 TRUE = {"K": 200.0, "B": 4.0, "I": 0.05}
 SOUND = stepped_sine(second_order, 0.01, FIVE)
+OF_GATHERED = {"joint", "side", *ADDED_WHERE_WRITTEN}  # columns that no row of a fit has
 
 
 def fit_of(record=SOUND, **stated):
@@ -256,7 +258,7 @@ def standard_error(row, name):
 
 def test_a_known_spring_tells_lateness_gain_fixture_and_what_to_write():
     row = calibrated(spring(1e-3, 1.02), known_K=300.0)
-    assert {"trial", *row} == set(described("tables/calibration")) - {"joint", "side", "data"}
+    assert {"trial", *row} == set(described("tables/calibration")) - OF_GATHERED
     for name, true, within in (
         ("lag_s", 1e-3, 5e-5),
         ("gain", 1.02, 1e-3),
@@ -363,7 +365,7 @@ def test_a_fixture_alone_gives_its_inertia_and_weight_and_what_to_write(weight, 
     stated = yaml.safe_load(row["to_state"])["fixture"]
     assert stated["inertia"] == pytest.approx(row["inertia"], rel=1e-3)
     assert stated["weight_error"] == pytest.approx(standard_error(row, "weight"), rel=0.05)
-    assert {"trial", *row} == set(described("tables/calibration")) - {"joint", "side", "data"}
+    assert {"trial", *row} == set(described("tables/calibration")) - OF_GATHERED
 
 
 def on_frame(trial, stiffness, noise_rad=2e-5):

@@ -32,7 +32,7 @@ from osl_analysis.figures.fig3 import MEAN_SLOPE
 from osl_analysis.figures.names import LOOKS
 from osl_analysis.figures.style import SINGLE_COLUMN, paper_style
 from osl_analysis.model.compensator import PAPER_WEIGHT
-from osl_analysis.refusal import Refusal, write_refusals
+from osl_analysis.status import NOT_ANALYSED, NotAnalysed
 from osl_analysis.table import read_table, write_table
 
 BELTS = [f"belt_{number:02d}" for number in range(1, 11)]
@@ -585,11 +585,16 @@ def test_the_words_of_an_svg_need_no_font(tmp_path):
     assert "<!-- Uncompensated -->" in drawing
 
 
-LOST = Refusal("i_1", "raw/i_1.mcap", "ingest", "refused", "raw/i_1.mcap: $no$ such_file^", "copy")
+LOST = NotAnalysed("i_1", "raw/i_1.mcap: $no$ such_file^; copy it there")
+
+
+def write_lost(path):
+    """Write a table of a trial that was not analysed."""
+    pl.DataFrame([LOST._asdict() | {"status": NOT_ANALYSED}]).write_csv(path)
 
 
 def test_a_figure_without_numbers_says_so_with_trial_and_reason(tmp_path):
-    write_refusals([LOST], tmp_path / "fig4.csv")
+    write_lost(tmp_path / "fig4.csv")
 
     draw_figure("fig4", tmp_path / "fig4.csv", [tmp_path / "fig4.svg", tmp_path / "fig4.pdf"])
 
@@ -608,7 +613,7 @@ def test_a_figure_names_the_trials_that_it_lacks(tmp_path):
 
 def test_each_figure_has_its_caption_and_a_missing_one_its_reason(tmp_path):
     tables = {name: tmp_path / f"{name}.csv" for name in ("fig4", "fig5", "fig7")}
-    write_refusals([LOST], tables["fig4"])
+    write_lost(tables["fig4"])
     write_table(plotted("fig5"), tables["fig5"])
     write_table(plotted("fig7").clear(), tables["fig7"])
 

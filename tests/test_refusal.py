@@ -1,16 +1,12 @@
-"""What is refused leaves a record and stops nothing else; and the lines of a run: one per stage,
-the right counts."""
+"""What is refused is a row with its reason and stops nothing else; and the lines of a run: one per
+stage, the right counts."""
 
-import json
 import logging
-import os
-import platform
 import subprocess
 import sys
 import warnings
 import zipfile
 from contextlib import nullcontext
-from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -23,10 +19,9 @@ from snakemake.exceptions import LockException, format_exception_to_string
 from snakemake_interface_logger_plugins.common import LogEvent
 
 from osl_analysis.campaign.configuration import config_for_trials
-from osl_analysis.commands import killed_runs, trials
-from osl_analysis.commands.run import end_run
-from osl_analysis.commands.run_report import left_behind_report
+from osl_analysis.commands import trials
 from osl_analysis.commands.tables import gather, judge, list_excluded, read_summary
+from osl_analysis.commands.verdict import failure_lines, left_behind
 from osl_analysis.commands.walking_files import (
     read_crossing_file,
     read_model,
@@ -34,44 +29,33 @@ from osl_analysis.commands.walking_files import (
 )
 from osl_analysis.errors import InputError, MemoryLimitError, WriteError
 from osl_analysis.ingest.quality import Commanded, measure_quality, measured_table
-from osl_analysis.jobs import progress, workers
+from osl_analysis.jobs import progress
+from osl_analysis.jobs.job_log import read_log, write_log
+from osl_analysis.jobs.perform import Job, perform, write_reasons
 from osl_analysis.jobs.progress import LogHandler
+from osl_analysis.jobs.used import without_excluded, without_missing
 from osl_analysis.judge.campaign import campaign_findings, exclusion_report
 from osl_analysis.judge.exclusions import Judge, exclusions
 from osl_analysis.judge.finding import findings_frame
 from osl_analysis.judge.limits import DoubtfulFits
 from osl_analysis.judge.recording_checks import QualityRules
-from osl_analysis.outcomes.job_log import read_log, write_log
-from osl_analysis.outcomes.perform import Ending, Job, perform, refusal
-from osl_analysis.outcomes.used import without_excluded, without_refused
-from osl_analysis.refusal import (
-    Refusal,
-    failed_results,
-    is_refused,
-    read_refusals,
-    refusal_report,
-    refused_trials,
-    write_refusals,
-)
+from osl_analysis.status import NotAnalysed, not_analysed
 from osl_analysis.table import read_table, write_table, write_tables
 from osl_analysis.trial import Trial, read_trial
 from osl_analysis.walking.poses import StaticCalibration
 
-LOST = Refusal(
-    "b_1",
-    "raw/b_1.mcap",
-    "ingest.ingest_trial",
-    "refused",
-    "raw/b_1.mcap: no such file",
-    "copy it there",
-)
-FAULT = Refusal(
-    "b_2", "raw/b_2.mcap", "bench.fit", "failed", "a fault of this program", "report it"
-)
+LOST = NotAnalysed("b_1", "raw/b_1.mcap: no such file; copy it there")
 
 
-def record(path, *causes):
-    write_refusals(causes, path)
+def job(tmp_path, command, inputs, output=None, **params):
+    output = output or {"output": str(tmp_path / "tables/belt.csv")}
+    given = {"made_by": {"data": "measured"}, **params}
+    return Job(command, inputs, output, given, tmp_path / "logs/belt.log")
+
+
+def lost(path, *causes):
+    """A file of what was not analysed, as a job leaves it."""
+    write_reasons(job(path.parent, "bench.fit_belt_trial", {}, {"belt": str(path)}), causes)
     return str(path)
 
 
@@ -80,92 +64,108 @@ def result(path):
     return str(path)
 
 
-@pytest.mark.parametrize("name", ["x.csv", "x.parquet", "x.zip", "x.json", "x.svg"])
-def test_a_refusal_reads_back_whatever_the_reason_holds(tmp_path, name):
-    odd = Refusal("b,1", 'a "file"', "j", "refused", "columns 'a', \"b\": 1,2; # no \u00e9", "")
+@pytest.mark.parametrize("name", ["x.csv", "x.parquet", "x.zip", "x.json"])
+def test_why_there_is_no_result_reads_back_whatever_the_reason_holds(tmp_path, name):
+    odd = NotAnalysed("b,1", "columns 'a', \"b\": 1,2; # no \u00e9")
 
-    path = record(tmp_path / name, odd, LOST)
+    path = lost(tmp_path / name, odd, LOST)
 
-    assert read_refusals(path) == (odd, LOST)
-    assert pl.read_csv(path)["reason"].to_list() == [odd.reason, LOST.reason]
-
-
-def test_of_each_trial_the_first_cause_counts():
-    later = replace(LOST, reason="later")
-
-    assert refused_trials([LOST, later, FAULT]) == {"b_1": LOST, "b_2": FAULT}
+    assert not_analysed(path) == (odd, LOST)
 
 
-def test_a_result_is_no_refusal(tmp_path):
-    frame = pl.DataFrame({"trial": ["osl_analysis_refused"]})
+def test_a_trial_that_was_not_analysed_has_its_row_and_columns_in_the_same_files(tmp_path):
+    table = Path(lost(tmp_path / "fits/belt/b_1.csv", LOST))
+    sound = tmp_path / "fits/belt/b_2.csv"
+    write_table(pl.DataFrame({"trial": ["b_2"], "K_s": [685.6]}), sound, "measured")
+    samples = pl.read_parquet(lost(tmp_path / "trials/b_1.parquet", LOST))
+
+    gather([sound], tmp_path / "tables/belt.csv", not_analysed=[LOST], data="measured")
+
+    (row,) = pl.read_csv(table).to_dicts()
+    assert set(pl.read_csv(sound).columns) < row.keys()
+    assert (row["trial"], row["K_s"], row["reason"]) == ("b_1", None, LOST.reason)
+    assert samples.is_empty()
+    assert "time" in samples.columns
+    whole = pl.read_csv(tmp_path / "tables/belt.csv").select("trial", "K_s", "status", "reason")
+    assert whole.rows() == [
+        ("b_2", 685.6, "analysed", None),
+        ("b_1", None, "not analysed", LOST.reason),
+    ]
+    assert read_table(tmp_path / "tables/belt.csv")["trial"].to_list() == ["b_2"]
+
+
+def test_a_result_is_none_that_was_not_analysed(tmp_path):
+    frame = pl.DataFrame({"trial": ["not analysed"]})
     frame.write_parquet(tmp_path / "a.parquet")
-    write_tables({tmp_path / "a.zip/series.csv": frame, tmp_path / "a.csv": frame})
+    write_tables({tmp_path / "a.zip/series.csv": frame, tmp_path / "a.csv": frame}, "measured")
     names = ("a.parquet", "a.zip", "a.csv", "missing.csv")
-    assert [is_refused(tmp_path / name) for name in names] == [False] * 4
+    assert [not_analysed(tmp_path / name) for name in names] == [()] * 4
 
 
-READERS = [read_trial, read_table, read_unperturbed_gaits, read_summary, read_crossing_file]
+READERS = [
+    (read_trial, "parquet"), (read_table, "csv"), (read_unperturbed_gaits, "parquet"),
+    (read_summary, "json"), (read_crossing_file, "parquet"),
+    (lambda path: read_model(path, StaticCalibration), "json"),
+]  # fmt: skip
 
 
-@pytest.mark.parametrize("read", [*READERS, lambda path: read_model(path, StaticCalibration)])
-def test_who_reads_a_record_for_a_result_is_told_the_reason(tmp_path, read):
+@pytest.mark.parametrize(("read", "suffix"), READERS)
+def test_who_reads_it_for_a_result_is_told_the_reason(tmp_path, read, suffix):
     with pytest.raises(
-        InputError, match=r"no result: trial b_1: raw/b_1\.mcap: no such file; copy it there"
+        InputError, match=r"no result: b_1: raw/b_1\.mcap: no such file; copy it there"
     ):
-        read(Path(record(tmp_path / "b_1.csv", LOST)))
+        read(Path(lost(tmp_path / f"b_1.{suffix}", LOST)))
 
 
 def test_a_trial_refused_in_one_list_is_missing_from_every_list(tmp_path):
     good = [result(tmp_path / f"{folder}/b_2.csv") for folder in ("trials", "fits", "quality")]
-    bad = [result(tmp_path / "trials/b_1.csv"), record(tmp_path / "fits/b_1.csv", LOST)]
+    bad = [result(tmp_path / "trials/b_1.csv"), lost(tmp_path / "fits/b_1.csv", LOST)]
     inputs = {"trials": [bad[0], good[0]], "fitted": [bad[1], good[1]], "quality": [good[2]]}
     used = {"trials": [good[0]], "fitted": [good[1]], "quality": [good[2]]}
-    assert without_refused(inputs) == (used, (LOST,), ())
+    assert without_missing(inputs) == (used, (LOST,), ())
     for given, kept, missing in (
         ({"shown": {"b_1": bad[1], "b_2": good[1]}}, {"shown": {"b_2": good[1]}}, ()),
         ({"rows": bad[1:]}, {"rows": []}, (LOST,)), ({"rows": bad[1:], "trial": good[0]},
          {"rows": []}, ()),
         ({"f": bad[1:], "trial": bad[0]}, {"f": []}, (LOST,))
     ):  # fmt: skip
-        assert without_refused(given) == ({**given, **kept}, (LOST,), missing)
-    assert Judge(QualityRules(), {}).verdicts([Path(bad[1])]).is_empty()  # a record is no verdict
-
-
-def job(tmp_path, command, inputs, output=None, **params):
-    output = output or {"output": str(tmp_path / "tables/belt.csv")}
-    given = {"made_by": {"data": ""}, **params}
-    return Job(command, inputs, output, given, tmp_path / "logs/belt.log")
+        assert without_missing(given) == ({**given, **kept}, (LOST,), missing)
+    assert Judge(QualityRules(), {}).verdicts([Path(bad[1])]).is_empty()  # that is no verdict
 
 
 def ended(job):
     perform(job)
-    return read_log(job.log)["outcome"], read_refusals(job.files[-1])
+    return read_log(job.log)["outcome"], not_analysed(job.files[-1])
 
 
-def test_a_refusal_replaces_an_old_result_by_reason_and_remedy(tmp_path):
+def test_where_the_input_is_at_fault_the_reason_replaces_an_old_result(tmp_path):
     result(tmp_path / "tables/belt.csv")
-    inputs = {"trial": str(tmp_path / "trials/b_1.parquet")}
-    outcome, (cause,) = ended(job(tmp_path, "walking.analyse", inputs, settings={}, mistyped={}))
-    assert (outcome, cause.trial, cause.file, cause.outcome) == (
-        "failed",
-        "b_1",
-        inputs["trial"],
-        "failed",
-    )
-    assert "logs/belt.log" in cause.remedy
+
     outcome, (cause,) = ended(job(tmp_path, "tables.gather", {"rows": [str(tmp_path / "b_1.csv")]}))
-    assert (outcome, cause.outcome, cause.reason) == (
-        "refused",
-        "refused",
-        f"{tmp_path}/b_1.csv: no such table",
-    )
-    assert cause.remedy == "run the step that writes it, or check the path"
+
+    assert outcome == "refused"
+    said = f"{tmp_path}/b_1.csv: no such table; run the step that writes it, or check the path"
+    assert cause == ("", f"{tmp_path}/tables/belt.csv: {said}")
 
 
-def test_a_job_that_lacks_an_input_passes_its_causes_on_and_is_no_cause_itself(tmp_path):
-    causes = LOST, FAULT, replace(LOST, reason="later")  # and none twice
-    inputs = {"table": record(tmp_path / "belt.csv", *causes, replace(LOST, file="other"))}
-    assert ended(job(tmp_path, "bench.summarise", inputs)) == ("skipped", causes)
+def test_a_fault_of_the_program_is_an_error_of_the_job_and_writes_nothing(tmp_path):
+    inputs = {"trial": str(tmp_path / "trials/b_1.parquet")}
+    asked = job(tmp_path, "walking.analyse", inputs, settings={}, mistyped={})
+
+    with pytest.raises(RuntimeError, match="unexpected"):
+        perform(asked)
+
+    log = read_log(asked.log)
+    assert log["outcome"] == "failed"
+    assert "logs/belt.log" in log["remedy"]
+    assert "Traceback" in log["traceback"]
+    assert not any(file.exists() for file in asked.files)
+
+
+def test_a_job_that_lacks_an_input_passes_the_reasons_on(tmp_path):
+    other = NotAnalysed("b_2", "no belt")
+    inputs = {"table": lost(tmp_path / "belt.csv", LOST, other)}
+    assert ended(job(tmp_path, "bench.summarise", inputs)) == ("skipped", (LOST, other))
 
 
 def test_of_ingest_and_quality_control_both_results_stand_or_none(tmp_path, monkeypatch):
@@ -179,78 +179,19 @@ def test_of_ingest_and_quality_control_both_results_stand_or_none(tmp_path, monk
     )
     monkeypatch.setattr(trials, "measure_quality", refuse)
     monkeypatch.setattr(
-        "osl_analysis.outcomes.perform.limited_memory",
+        "osl_analysis.jobs.perform.limited_memory",
         lambda files: limited.append(files) or nullcontext(),
     )
     settings = {
         "row": {"trial": "b_1", "experiment": "belt", "log": "b_1.mcap"},
-        "needed_columns": [],
-    }
-    settings |= {"raw_folder": "raw", "sources_folder": "."}
-    settings |= {"commanded": {"amplitudes_deg": [], "frequencies_hz": [], "cycles": 1}}
+        "needed_columns": [], "raw_folder": "raw", "sources_folder": ".",
+        "commanded": {"amplitudes_deg": [], "frequencies_hz": [], "cycles": 1},
+    }  # fmt: skip
     outputs = {"trial": str(trial), "quality": str(quality)}
-    outcome, (cause,) = ended(job(tmp_path, "trials.ingest_and_check", {}, outputs, **settings))
-    assert [outcome, is_refused(trial), is_refused(quality)] == ["refused", True, True]
-    assert (cause.trial, cause.file, cause.remedy) == ("b_1", "raw/b_1.mcap", "record it again")
+    outcome, causes = ended(job(tmp_path, "trials.ingest_and_check", {}, outputs, **settings))
+    assert outcome == "refused"
+    assert not_analysed(trial) == causes == (("b_1", "raw/b_1.mcap: too short; record it again"),)
     assert limited == [["raw/b_1.mcap"]], "where memory is short, the recording is named"
-
-
-@pytest.mark.parametrize("host", [platform.node(), "another"])
-def test_the_next_start_cleans_what_a_killed_run_left(tmp_path, monkeypatch, host):
-    monkeypatch.chdir(tmp_path)
-    is_here = host == platform.node()
-    ended = subprocess.Popen(["true"])
-    ended.wait()
-    kept = [Path(f"results/.a.{os.getpid()}.csv"), Path("results/.hidden"), Path("results/a.csv")]
-    left = [Path(f"results/.a.{ended.pid}.csv"), Path("snakemakeab/source")]
-    lock = Path(".snakemake/locks/0.output.lock")
-    for file in (*kept, *left, lock):
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.touch()
-    killed_runs.NOTES.mkdir()
-    note = {"host": host, "pid": ended.pid, "began": 1.0, "temporary": "snakemakeab"}
-    (killed_runs.NOTES / "killed.json").write_text(json.dumps(note))
-    began = psutil.Process().create_time()
-    at_work = {"host": platform.node(), "pid": os.getpid(), "began": began, "temporary": "x"}
-    (killed_runs.NOTES / "at_work.json").write_text(json.dumps(at_work))
-
-    assert not killed_runs.take_over_lock(), "another run holds it"
-    (killed_runs.NOTES / "at_work.json").unlink()
-    assert killed_runs.take_over_lock() == is_here
-    assert lock.exists() == (not is_here)
-    killed_runs.begin_run(tmp_path / "own", [Path("results")])
-
-    assert [one.exists() for one in (*kept, *left)] == [True] * 3 + [not is_here] * 2
-    notes = [json.loads(file.read_text())["pid"] for file in killed_runs.NOTES.glob("*.json")]
-    assert sorted(notes) == sorted({os.getpid(), *([] if is_here else [ended.pid])})
-    assert not killed_runs.take_over_lock(), "this run is at work"
-
-
-def test_a_number_of_a_process_that_another_one_has_now_is_no_run_at_work():
-    now = psutil.Process().create_time()
-    this = killed_runs.Run(platform.node(), os.getpid(), now, "tmp")
-    assert this.is_at_work
-    assert not replace(this, began=now - 1000).is_at_work
-
-
-def test_a_run_names_the_page_only_where_it_was_among_what_was_asked_for(tmp_path, capsys):
-    page = tmp_path / "report.html"
-    page.write_text("")
-    scheduler = SimpleNamespace(finished_jobs=1)
-    for files, is_named in (([page], True), ([tmp_path / "a.csv"], False)):
-        dag = SimpleNamespace(needrun_jobs=list, jobs=[SimpleNamespace(output=files)])
-        workflow = SimpleNamespace(dryrun=False, is_main_process=True, scheduler=scheduler, dag=dag)
-
-        end_run(workflow, tmp_path, lambda files, refused: "", accept=False)
-
-        assert (f"open {page} in a browser" in capsys.readouterr().err) is is_named
-
-
-def test_a_rule_without_the_param_of_every_job_is_told_so(tmp_path):
-    rule = SimpleNamespace(items={"output": "a.csv"}.items)
-    params = SimpleNamespace(items={"trial": "a"}.items)
-    with pytest.raises(InputError, match=r"has no param `made_by`.*made_by=MADE_BY"):
-        workers.job("trials.export", rule, rule, params, [str(tmp_path / "log.txt")])
 
 
 WORKERS = """
@@ -294,45 +235,21 @@ def test_the_remedy_of_an_error_stands_behind_the_first_semicolon_outside_bracke
     assert (fault.reason, fault.remedy) == (reason, remedy)
 
 
-def test_the_same_cause_in_many_trials_is_one_line_and_another_its_own(tmp_path):
-    files = [
-        (name, f"raw/{name}.c3d", f"trial {name}: {n}.5 N")
-        for n, name in enumerate(("heel", "knee", "toe"))
-    ]
-    rest = [
-        Refusal(trial, file, "j", "refused", f"{said} in {file}", "zero it")
-        for trial, file, said in files
-    ]
-    other = Refusal("walk", "raw/walk.c3d", "j", "refused", "no plate", "zero it")
+def test_the_same_cause_in_many_trials_is_one_line_and_another_its_own():
     recordings = {name: [f"raw/{name}.c3d"] for name in ("heel", "knee", "toe", "walk", "run")}
-    told = refusal_report(
-        [record(tmp_path / "a.csv", *rest, other)], recordings, accept=False
-    ).splitlines()
-    assert told[2:4] == [
-        "  trial heel, file raw/heel.c3d: trial heel: 0.5 N in raw/heel.c3d; remedy: zero it"
+    reasons = {"walk": "no plate; zero it"}
+    for n, name in enumerate(("heel", "knee", "toe")):
+        reasons[name] = f"trial {name}: {n}.5 N in raw/{name}.c3d; zero it"
+
+    told = failure_lines(reasons, {"tables/plate.csv": "no trials"}, recordings)
+
+    assert told == [
+        "\nNOT ANALYSED: 4 of 5 trials.",
+        "  trial heel, file raw/heel.c3d: trial heel: 0.5 N in raw/heel.c3d; zero it"
         " (also trials knee, toe)",
-        "  trial walk, file raw/walk.c3d: no plate; remedy: zero it",
+        "  trial walk, file raw/walk.c3d: no plate; zero it",
+        "  result tables/plate.csv: no trials",
     ]
-
-
-def test_a_job_that_failed_is_named_and_is_no_trial_that_was_not_analysed(tmp_path):
-    write_refusals([FAULT], tmp_path / "b.csv")
-
-    told = refusal_report([tmp_path / "b.csv"], {FAULT.trial: [FAULT.file]}, accept=False)
-
-    assert "FAILED: 1 results that jobs should have made." in told
-    assert f"job {FAULT.job}" in told
-    assert "NOT ANALYSED" not in told
-    assert "`exclude`" not in told
-
-
-def test_only_results_of_jobs_that_failed_are_to_be_made_again(tmp_path):
-    write_refusals([FAULT], tmp_path / "failed.csv")
-    write_refusals([LOST], tmp_path / "refused.csv")
-
-    again = failed_results([tmp_path / "failed.csv", tmp_path / "refused.csv"])
-
-    assert again == [tmp_path / "failed.csv"]
 
 
 def test_what_a_renaming_leaves_among_the_results_is_named_at_the_end_of_a_run():
@@ -343,8 +260,8 @@ def test_what_a_renaming_leaves_among_the_results_is_named_at_the_end_of_a_run()
     said = (
         "not in the sample sheet, and in no table or figure: old_0, old_1, old_2; files of theirs"
     )
-    assert left_behind_report(stored, ["b_1", "b_2", "b_3"]).startswith(said)
-    assert left_behind_report(stored[::2], ["b_1", "b_2", "b_3"]) == ""
+    assert left_behind(stored, ["b_1", "b_2", "b_3"]).startswith(said)
+    assert left_behind(stored[::2], ["b_1", "b_2", "b_3"]) == ""
 
 
 def test_a_trial_that_is_used_without_its_end_is_named_at_the_end_of_a_run():
@@ -399,9 +316,9 @@ def test_a_full_disk_is_an_error_of_the_run_and_no_refusal(tmp_path, monkeypatch
         warnings.warn("late\x1b", stacklevel=1)
         raise WriteError("a.csv: cannot be written (No space left on device); make room")
 
-    monkeypatch.setattr("osl_analysis.outcomes.perform.call", full)
+    monkeypatch.setattr("osl_analysis.jobs.perform.call", full)
     asked = job(tmp_path, "tables.gather", {})
-    with pytest.raises(WriteError, match="No space left"):
+    with pytest.raises(RuntimeError, match="No space left"):
         perform(asked)
     log = read_log(asked.log)
     assert (log["outcome"], log["remedy"], log["warnings"]) == (
@@ -416,9 +333,9 @@ def test_a_recording_that_needs_more_memory_than_there_is_stops_no_other(tmp_pat
     def large(_):
         raise MemoryLimitError("a.mcap: not enough memory; cut the recording")
 
-    monkeypatch.setattr("osl_analysis.outcomes.perform.call", large)
-    outcome, (cause,) = ended(job(tmp_path, "tables.gather", {}))
-    assert (outcome, cause.outcome, cause.remedy) == ("failed", "failed", "cut the recording")
+    monkeypatch.setattr("osl_analysis.jobs.perform.call", large)
+    outcome, (cause,) = ended(job(tmp_path, "bench.fit", {"trial": "trials/b_1.parquet"}))
+    assert (outcome, cause) == ("refused", ("b_1", "a.mcap: not enough memory; cut the recording"))
 
 
 RULES, ACCEPT = (
@@ -468,9 +385,7 @@ def test_an_excluded_trial_is_left_out_and_an_accepted_one_is_not(checked):
 
 def test_who_was_left_out_is_listed_with_value_threshold_and_remedy(checked):
     folder = checked[0].parent
-    lost = Refusal(
-        "plate_9", "p.c3d", "ingest.ingest_trial", "refused", "p.c3d: truncated", "export it again"
-    )
+    lost = NotAnalysed("plate_9", "p.c3d: truncated; export it again")
     verdicts, excluded = folder / "quality.csv", folder / "excluded.csv"
     for judged, names in (([], ["plate_9", "b_2"]), (checked, ["plate_9", "plate_2", "b_2"])):
         judge(judged, RULES, ACCEPT, verdicts, [lost])
@@ -547,31 +462,3 @@ def test_a_lock_is_one_line_and_what_a_job_has_told_is_not_said_again(tmp_path, 
     lock, failed = capsys.readouterr().err.splitlines()
     assert lock.startswith("error: another run is at work in this folder")
     assert failed == "failed: b_1: a.csv: cannot be written"
-
-
-@pytest.mark.parametrize(("finished_jobs", "is_idle"), [(0, True), (1, False)])
-def test_a_run_is_idle_where_no_job_has_finished_whether_or_not_a_log_is_ours(
-    tmp_path, capsys, finished_jobs, is_idle
-):
-    dag = SimpleNamespace(needrun_jobs=list, jobs=[])
-    scheduler = SimpleNamespace(finished_jobs=finished_jobs)
-    workflow = SimpleNamespace(dryrun=False, is_main_process=True, scheduler=scheduler, dag=dag)
-
-    end_run(workflow, tmp_path, lambda files, refused: "", accept=False)
-
-    assert ("Nothing to be done" in capsys.readouterr().err) is is_idle
-
-
-@pytest.mark.parametrize(
-    ("inputs", "remedy"),
-    [
-        ({"trial": "trials/b_1.parquet"}, "correct or replace the file"),
-        ({"rows": ["fits/b_1.csv", "fits/b_2.csv"]}, "correct or exclude the trials behind it"),
-    ],
-)
-def test_a_refusal_without_a_remedy_names_the_file_or_the_trials(inputs, remedy):
-    refused = Job("tables.gather", inputs, {"output": "belt.csv"}, {}, Path("belt.log"))
-
-    cause = refusal(refused, Ending("refused", "no fit"))
-
-    assert cause.remedy.startswith(remedy)

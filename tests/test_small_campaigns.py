@@ -15,8 +15,7 @@ import yaml
 from conftest import ROOT
 from snakemake_runs import run_forked
 
-from osl_analysis.outcomes.job_log import read_log
-from osl_analysis.refusal import is_refused
+from osl_analysis.jobs.job_log import read_log
 
 K = 40.0  # N*m/rad, of the spring
 CONFIG = {"campaign": "small", "raw_data": ".", "sheet": "trials.csv"}
@@ -90,7 +89,6 @@ class TwoRuns:
     folder: Path
     killed: subprocess.CompletedProcess[str]
     outcome_of_killed: str
-    had_page_after_kill: bool
     again: subprocess.CompletedProcess[str]
 
 
@@ -98,19 +96,14 @@ class TwoRuns:
 def two_runs(tmp_path_factory: pytest.TempPathFactory) -> TwoRuns:
     folder = tmp_path_factory.mktemp("killed")
     write_campaign(folder, {"sine": "impedance", "spring": "torque_angle"})
-    page = folder / "results/report.html"
-    page.parent.mkdir()
-    page.write_text("of before")
     (folder / "unlucky").mkdir()
-    for time in ("first", "second"):
-        (folder / f"unlucky/spring.csv.{time}.SIGKILL").touch()
+    (folder / "unlucky/spring.csv.SIGKILL").touch()
 
     killed = run(folder)
     outcome_of_killed = read_log(folder / "results/logs/ingest/spring.log")["outcome"]
-    had_page_after_kill = page.exists()
     again = run(folder)
 
-    return TwoRuns(folder, killed, outcome_of_killed, had_page_after_kill, again)
+    return TwoRuns(folder, killed, outcome_of_killed, again)
 
 
 def test_a_page_is_made_where_every_trial_of_an_experiment_is_refused(two_runs):
@@ -120,16 +113,19 @@ def test_a_page_is_made_where_every_trial_of_an_experiment_is_refused(two_runs):
     page = (results / "report.html").read_text(encoding="utf-8")
     assert page.lstrip().startswith("<!")
     assert "K and I cannot be told apart" in page
-    assert is_refused(results / "tables/impedance.csv")
+    (row,) = pl.read_csv(results / "tables/impedance.csv").to_dicts()
+    assert (row["trial"], row["status"], row["K"]) == ("sine", "not analysed", None)
+    assert "K and I cannot be told apart" in row["reason"]
+    assert not (results / "verdict.txt").exists()
 
 
-def test_a_job_that_is_killed_twice_fails_alone_and_the_page_of_before_does_not_stay(two_runs):
+def test_a_job_that_is_killed_fails_alone_and_has_no_result(two_runs):
     said = two_runs.killed.stdout
 
     assert two_runs.killed.returncode == 1
     assert re.search(r"^killed: spring: .*SIGKILL.*; run again", said, re.MULTILINE)
     assert two_runs.outcome_of_killed == "killed"
-    assert not two_runs.had_page_after_kill
+    assert re.search(r"^refused: sine: .*K and I", said, re.MULTILINE), "the others are finished"
 
 
 def test_a_run_after_a_job_was_killed_does_it(two_runs):

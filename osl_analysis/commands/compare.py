@@ -12,11 +12,11 @@ import polars as pl
 from osl_analysis.campaign.origin import sentence
 from osl_analysis.commands.tables import read_summary
 from osl_analysis.errors import InputError
-from osl_analysis.refusal import is_refused
 from osl_analysis.report.numbers import Number, numbers_in_summary
 from osl_analysis.report.text_tables import aligned
 from osl_analysis.rounding import written
 from osl_analysis.stats.repeats import RANGE
+from osl_analysis.status import not_analysed
 from osl_analysis.table import write_table
 from osl_analysis.trial import metadata_of
 
@@ -123,7 +123,7 @@ def digests_of_recordings(results: Path) -> set[str]:
     """The SHA-256 of the recordings that a campaign has ingested."""
     digests: set[str] = set()
     for trial in results.glob("trials/*.parquet"):
-        if not is_refused(trial):
+        if not not_analysed(trial):
             _, provenance = metadata_of(trial)
             digests.update(file["sha256"] for file in provenance.get("files", {}).values())
     return digests

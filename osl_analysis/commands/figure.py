@@ -43,8 +43,8 @@ from osl_analysis.model.drivetrain import (
     joint_of,
     read_parameters,
 )
-from osl_analysis.refusal import Refusal, read_refusals
 from osl_analysis.stats.repeats import DOUBTFUL
+from osl_analysis.status import NotAnalysed, by_trial, not_analysed
 from osl_analysis.table import read_table, read_tables, with_evidence, write_table
 from osl_analysis.trial import Array, read_trial
 from osl_analysis.walking.tables import walking_page_points
@@ -98,7 +98,7 @@ def draw_figure(
     name: str,
     table_csv: Path,
     outputs: Sequence[Path],
-    refused: Sequence[Refusal] = (),
+    refused: Sequence[NotAnalysed] = (),
     origin: str = "",
     footer: bool = True,
 ) -> None:
@@ -121,7 +121,7 @@ def draw_figure(
     """
     reasons = reasons_not_drawn(name, table_csv)
     texts = [f"{origin}, numbers {str(digest(table_csv))[:8]}"] if origin else []
-    missing = list(dict.fromkeys(refusal.trial for refusal in refused if refusal.trial))
+    missing = list(by_trial(refused))
     if reasons:
         figure = page_of_reasons(name, reasons)
     else:
@@ -133,7 +133,7 @@ def draw_figure(
 
 def reasons_not_drawn(name: str, table_csv: Path) -> list[str]:
     """Why a figure is not drawn from its plotted numbers; empty if it is."""
-    causes = [f"{cause.trial or cause.file}: {cause.reason}" for cause in read_refusals(table_csv)]
+    causes = [cause.text for cause in not_analysed(table_csv)]
     if not causes and read_table(table_csv, list(columns_of(name))).is_empty():
         return [FIGURES[name].nothing]
     return causes

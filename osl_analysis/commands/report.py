@@ -15,7 +15,6 @@ from osl_analysis.figures import FIGURES, figure_title
 from osl_analysis.files import write_text
 from osl_analysis.judge.finding import read_findings
 from osl_analysis.judge.summary_findings import findings_in_summary
-from osl_analysis.refusal import Refusal
 from osl_analysis.report import methods
 from osl_analysis.report.left_out import left_out_trials
 from osl_analysis.report.numbers import headline_sentences, numbers_in_summary
@@ -29,6 +28,7 @@ from osl_analysis.report.signals import (
     of_recording,
 )
 from osl_analysis.report.verdicts import findings_by_trial, verdicts_sentence
+from osl_analysis.status import NotAnalysed
 from osl_analysis.table import read_table, with_evidence
 
 
@@ -49,7 +49,7 @@ class ReportFiles:
     states: Path  # `settings.csv`
     summary: Path
     output: Path
-    refused: Sequence[Refusal] = ()
+    refused: Sequence[NotAnalysed] = ()
     unnamed: str = ""  # tells recordings without a row
 
 

@@ -1,32 +1,22 @@
-"""`osl-analysis run`: Snakemake on the campaign in this folder, and what is said behind its last
-job."""
+"""`osl-analysis run`: Snakemake on the campaign in this folder."""
 
-import gc
-import os
 import shutil
 import sys
-import traceback
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from importlib.metadata import version
 from importlib.util import find_spec
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
-
-import psutil
 
 from osl_analysis.campaign.campaign_trials import Campaign
-from osl_analysis.errors import InputError, listing, nearest, not_installed
-from osl_analysis.files import CAMPAIGN, check_working_folder, shipped
-from osl_analysis.jobs.workers import end_workers
-from osl_analysis.outcomes.job_log import run_report
-from osl_analysis.refusal import MOST_TOLD, failed_results, is_refused
+from osl_analysis.errors import InputError, nearest, not_installed
+from osl_analysis.files import CAMPAIGN, check_working_folder, shipped, write_text
+from osl_analysis.status import NOT_ANALYSED
 from osl_analysis.yaml_settings import read_mapping
 
 CONFIGURED_BY = ("--configfile", "--configfiles")
 """Options of Snakemake that name configurations."""
 PROFILE = "--workflow-profile"
-NOTHING_DONE = "Nothing to be done: every result that was asked for is up to date"
 
 
 def snakemake_arguments(arguments: Sequence[str]) -> list[str]:
@@ -83,11 +73,6 @@ def given_arguments(arguments: Iterable[str]) -> tuple[list[Path], list[str]]:
     return configurations, others
 
 
-def check_profile(arguments: Sequence[str]) -> None:
-    """Refuse a profile that is named and does not exist. Raises InputError."""
-    list(with_shipped_profile(arguments))
-
-
 def check_submission(arguments: Sequence[str]) -> None:
     """Refuse a profile of SLURM where nothing can be submitted: Snakemake would wait without an
     end.
@@ -140,74 +125,19 @@ def profile(name: str) -> str:
     )
 
 
-def end_run(
-    workflow: Any,
-    results: Path,
-    report: Callable[[Sequence[str], Sequence[str]], str],
-    accept: bool,
-) -> None:
-    """Say what a run has made, at the exit of Snakemake, and end it with exit code 1 if a result
-    that was asked for is refused, unless refusals are to `accept`.
+def end_run(brief: str, verdict: str, failed_trials: str) -> None:
+    """Let a run fail whose `brief` tells of what was not analysed, unless that is to `accept`.
 
-    A page whose inputs could not be made is removed: it shows older ones. So is what a job left
-    that failed, so that the next run tries it again.
-
-    Parameters
-    ----------
-    workflow
-        Snakemake's own.
-    results
-        Folder of the results.
-    report
-        Writes the report of a run, from all its files and those of them that are refused.
-    accept
-        Whether a run with refusals ends as one without.
+    Raises
+    ------
+    InputError
+        It fails, and the brief is printed.
     """
-    if workflow.dryrun or workflow.scheduler is None or not workflow.is_main_process:
-        return  # without a scheduler nothing was to be made, or another run has the lock
-    try:
-        unfinished = [str(file) for job in workflow.dag.needrun_jobs() for file in job.output]
-        page = results / "report.html"
-        if page.as_posix() in unfinished:
-            page.unlink(missing_ok=True)
-        files = [str(file) for job in workflow.dag.jobs for file in job.output]
-        refused = [file for file in files if is_refused(file)]
-        began = psutil.Process().create_time()
-        end_workers()
-        has_worked = bool(unfinished) or workflow.scheduler.finished_jobs
-        lines = [
-            "" if has_worked else NOTHING_DONE,
-            run_report(results / "logs", began),
-            not_made(unfinished),
-            report(files, refused),
-        ]
-        # a later run makes them: by then the fault may be mended, or memory be enough
-        for file in failed_results(refused):
-            file.unlink(missing_ok=True)
-        if page.as_posix() in files and page.is_file():
-            lines.append(f"open {page} in a browser: every number, figure and trial")
-        print("\n".join(filter(None, lines)), file=sys.stderr, flush=True)
-        failed = bool(refused) and not accept
-    except Exception:  # by a fault of ours the run must not end as if all were well
-        traceback.print_exc()
-        failed = True
-    gc.freeze()  # at its exit Python would look through all of Snakemake's jobs, 0.4 s
-    if failed:
-        shutil.rmtree(workflow.snakemake_tmp_dir, ignore_errors=True)
-        sys.stdout.flush()
-        os._exit(1)  # at the exit of Python there is no other way
-
-
-def not_made(files: Sequence[str]) -> str:
-    """A line on files that a run should have made; empty if there are none."""
-    if not files:
-        return ""
-    missing = [file for file in files if not Path(file).exists()]
-    older = len(files) - len(missing)
-    text = f"not made: {listing(missing, MOST_TOLD)}"
-    if older:
-        text += f"; {older} results that depend on them are those of an earlier run"
-    return f"{text}; run again, what is finished stays"
+    text = Path(brief).read_text(encoding="utf-8")
+    if f"\n{NOT_ANALYSED.upper()}" in text and failed_trials != "accept":
+        print(text, file=sys.stderr, flush=True)
+        raise InputError("trials could not be analysed; the lines above say why")
+    write_text(Path(verdict), text)
 
 
 def made_by(campaign: Campaign) -> dict[str, str]:

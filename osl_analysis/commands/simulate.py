@@ -14,7 +14,6 @@ from osl_analysis.errors import InputError, naming, optional_module
 from osl_analysis.files import atomic_path, check_output
 from osl_analysis.model.compensator import check_request
 from osl_analysis.model.drivetrain import read_parameters
-from osl_analysis.refusal import is_refused
 from osl_analysis.simulator.laboratory_settings import WalkingSettings
 from osl_analysis.simulator.simulation_settings import SimulationSettings
 from osl_analysis.simulator.trial_plan import plan_trials
@@ -30,7 +29,7 @@ def check_folder(folder: Path) -> None:
         if (folder / TRUTH).is_dir():  # also if another job makes it meanwhile
             return
         is_recording = path.suffix.lower() in (".mcap", ".c3d") or path.name == "trials.csv"
-        if is_recording and not is_refused(path):
+        if is_recording:
             raise InputError(
                 f"{path}: the simulator did not make it (there is no folder '{TRUTH}' in"
                 f" {folder}); for real recordings write `simulation: null` in the configuration,"
@@ -44,8 +43,7 @@ def planned_sheet(settings_path: Path, sheet: Path) -> SheetRows | None:
     check_folder(sheet.parent)
     with naming("simulation"):
         settings = read_yaml(settings_path, SimulationSettings)
-    is_there = sheet.is_file() and not is_refused(sheet)
-    if is_there and sheet.stat().st_mtime >= settings_path.stat().st_mtime:
+    if sheet.is_file() and sheet.stat().st_mtime >= settings_path.stat().st_mtime:
         return None
     return plan_trials(settings)
 

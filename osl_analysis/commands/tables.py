@@ -13,6 +13,7 @@ from osl_analysis.config.experiments import EXPERIMENTS, judged_tables
 from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path, write_text
+from osl_analysis.jobs.job_log import read_log
 from osl_analysis.judge.campaign import campaign_findings
 from osl_analysis.judge.claims import Claims, claims_table
 from osl_analysis.judge.exclusions import Judge
@@ -22,8 +23,6 @@ from osl_analysis.judge.limits import DoubtfulFits, Limits
 from osl_analysis.judge.recording_checks import QualityRules
 from osl_analysis.judge.summary_findings import causes_in_campaign
 from osl_analysis.model.drivetrain import FileOrNone, joint_of, read_parameters
-from osl_analysis.outcomes.job_log import read_log
-from osl_analysis.refusal import Refusal, check_not_refused, refused_trials
 from osl_analysis.report.left_out import TABLES_OF_TRIALS, LeftOut, left_out_trials
 from osl_analysis.report.numbers import (
     ENTRIES,
@@ -46,6 +45,7 @@ from osl_analysis.report.used_trials import missing_lines, used_and_missing
 from osl_analysis.report.verdicts import verdict_counts
 from osl_analysis.schema import SCHEMA_FIELD, check_schema
 from osl_analysis.stats.repeats import size_texts
+from osl_analysis.status import NOT_ANALYSED, NotAnalysed, by_trial, check_analysed
 from osl_analysis.table import (
     ROW_KEYS,
     Places,
@@ -67,6 +67,7 @@ def gather(
     evidence: Path | None = None,
     evidence_columns: Collection[str] = (),
     faults: Mapping[str, str] | None = None,
+    not_analysed: Sequence[NotAnalysed] = (),
     data: str = "",
 ) -> None:
     """Write one table from the tables of single trials, in the order given.
@@ -86,6 +87,8 @@ def gather(
         A file for these columns; the table has all others.
     faults : Mapping of str to str or None
         By trial, the finding of a fault of its recording that spoils the estimates.
+    not_analysed : Sequence of NotAnalysed
+        Trials that have a row each without estimates.
     data : str
         Whether the recordings are simulated or measured.
 
@@ -104,7 +107,13 @@ def gather(
             findings_of_fits = judged(origin, limits_of_fits, fits[0].parent.name, faults)
             findings = with_inherited(table, findings, origin, findings_of_fits)
         table = marked(table, findings, output.stem)
-    table = with_places(table.drop(unpublished(table, output.stem), strict=False), places or {})
+    table = table.drop(unpublished(table, output.stem), strict=False)
+    reasons = by_trial(not_analysed)
+    if reasons:
+        rows_without = {"trial": list(reasons), "reason": list(reasons.values())}
+        without = pl.DataFrame(rows_without).with_columns(status=pl.lit(NOT_ANALYSED))
+        table = pl.concat([table, without], how="diagonal_relaxed")
+    table = with_places(table, places or {})
     if evidence is not None:
         in_evidence = [name for name in table.columns if name in evidence_columns]
         write_table(table.select(in_evidence), evidence, data)
@@ -126,7 +135,7 @@ def write_settings(
     states: Sequence[Mapping[str, Any]],
     output: Path,
     response: Path | None = None,
-    refused: Sequence[Refusal] = (),
+    refused: Sequence[NotAnalysed] = (),
     data: str = "",
 ) -> None:
     """Write the settings that judge or label with their states. What was measured is that of
@@ -169,7 +178,7 @@ def judge(
     rules: QualityRules,
     accept: Mapping[str, Collection[str]],
     output: Path,
-    refused: Sequence[Refusal] = (),
+    refused: Sequence[NotAnalysed] = (),
     places: Places | None = None,
     data: str = "",
 ) -> None:
@@ -187,7 +196,7 @@ def write_findings(
     limits: DoubtfulFits,
     output: Path,
     fits: Sequence[Path] = (),
-    refused: Sequence[Refusal] = (),
+    refused: Sequence[NotAnalysed] = (),
     places: Places | None = None,
     data: str = "",
 ) -> None:
@@ -205,7 +214,7 @@ def write_findings(
         `findings.csv`.
     fits : Sequence of Path
         Tables of single trials, for columns that only findings read.
-    refused : Sequence of Refusal
+    refused : Sequence of NotAnalysed
         Of these tables. What else was flagged of such a recording may follow from why it was
         refused, as a slow clock does from a wrong unit.
     places : Places or None
@@ -220,7 +229,7 @@ def write_findings(
     for name, path in tables.items():
         of_fits = fits_by_table.get(name, ())
         tables_by_name[name] = with_columns_of_fits(with_evidence(path), name, of_fits)
-    of_refused = pl.col("trial").is_in([refusal.trial for refusal in refused])
+    of_refused = pl.col("trial").is_in(list(by_trial(refused)))
     used = read_table(verdicts).filter(~of_refused | (pl.col("verdict") == "exclude"))
     findings = campaign_findings(tables_by_name, used, limits)
     write_table(with_places(findings_frame(findings), places or {}), output, data)
@@ -236,12 +245,11 @@ def with_columns_of_fits(table: pl.DataFrame, name: str, fits: Sequence[Path]) -
     return table.join(beside, on=keys, how="left", nulls_equal=True, maintain_order="left")
 
 
-def refused_rows(refused: Sequence[Refusal]) -> pl.DataFrame:
-    """A row per refused trial, with its outcome as check and its reason and remedy as remark."""
+def refused_rows(refused: Sequence[NotAnalysed]) -> pl.DataFrame:
+    """A row per refused trial, with its reason and remedy as remark."""
     rows = []
-    for refusal in refused_trials(refused).values():
-        remark = f"{refusal.reason}; {refusal.remedy}"
-        rows.append({"trial": refusal.trial, "check": refusal.outcome, "remark": remark})
+    for trial, reason in by_trial(refused).items():
+        rows.append({"trial": trial, "check": "refused", "remark": reason})
     table = pl.DataFrame(rows, schema=dict.fromkeys(("trial", "check", "remark"), pl.String))
     nothing = [pl.lit(None).alias(name) for name in ("value", "unit", "threshold")]
     return table.select("trial", "check", *nothing, "remark")
@@ -251,7 +259,7 @@ def list_excluded(
     verdicts: Path,
     by_sheet: Mapping[str, str],
     output: Path,
-    refused: Sequence[Refusal] = (),
+    refused: Sequence[NotAnalysed] = (),
     places: Places | None = None,
     data: str = "",
 ) -> None:
@@ -277,7 +285,7 @@ def write_summary(
     excluded: Path | None = None,
     verdicts: Path | None = None,
     findings: Path | None = None,
-    refused: Sequence[Refusal] = (),
+    refused: Sequence[NotAnalysed] = (),
     beside_draft: bool = True,
     settings: Mapping[str, str] | None = None,
 ) -> None:
@@ -295,7 +303,7 @@ def write_summary(
         The row of every trial of the sample sheet, also of those that it excludes.
     excluded, verdicts, findings : Path or None
         `excluded.csv`, `quality.csv` and `findings.csv`.
-    refused : Sequence of Refusal
+    refused : Sequence of NotAnalysed
         The causes of missing tables.
     beside_draft : bool
         Whether the numbers of the paper's draft stand beside them.
@@ -314,11 +322,11 @@ def write_summary(
     if excluded:
         columns = ("trial", "check", "value", "unit", "threshold", "remark")
         left_out = left_out_trials(sheet or {}, read_table(excluded, columns), tables)
-    missing_results = {
-        refusal.file: refusal.reason.removeprefix(f"{refusal.file}: ")
-        for refusal in refused
-        if not refusal.trial
-    }
+    missing_results: dict[str, str] = {}
+    for cause in refused:
+        if not cause.trial:
+            file, _, reason = cause.reason.partition(": ")
+            missing_results[file] = reason
     checks = read_table(verdicts) if verdicts else pl.DataFrame(schema=["check", "verdict"])
     verdict_count, results_of_clear = verdict_counts(sheet or {}, all_findings, left_out)
     content = {
@@ -384,7 +392,7 @@ def intervals_text(tables: Mapping[str, pl.DataFrame]) -> str:
 def read_summary(summary_json: Path) -> dict[str, Any]:
     """Read the summary that `write_summary` wrote. Raises InputError where it is missing, is none,
     or is of another release."""
-    check_not_refused(summary_json)
+    check_analysed(summary_json)
     if not summary_json.is_file():
         raise InputError(
             f"{summary_json}: no such summary; run `osl-analysis run` (in a clone `snakemake"

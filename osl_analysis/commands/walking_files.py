@@ -12,8 +12,8 @@ from pydantic import TypeAdapter
 
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path, write_text
-from osl_analysis.refusal import check_not_refused
 from osl_analysis.schema import SCHEMA
+from osl_analysis.status import check_analysed
 from osl_analysis.table import read_table
 from osl_analysis.trial import (
     NAME_KEY,
@@ -59,7 +59,7 @@ def write_model(model: Any, path: Path) -> None:
 def read_model(path: Path, kind: Any) -> Any:
     """Read what `write_model` wrote. Raises InputError where it is missing or is of another
     kind."""
-    check_not_refused(path)
+    check_analysed(path)
     step = f"run the step '{WRITTEN_BY[kind]}'"
     if not path.is_file():
         raise InputError(f"{path}: no such file; {step} first")
@@ -74,7 +74,7 @@ def read_model(path: Path, kind: Any) -> Any:
 
 def read_onsets(path: Path) -> dict[str, float]:
     """Onsets [s] of perturbed crossings, by trial."""
-    check_not_refused(path)
+    check_analysed(path)
     onsets: dict[str, float] = json.loads(path.read_bytes())
     return onsets
 

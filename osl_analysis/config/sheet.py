@@ -13,7 +13,6 @@ from pydantic import AfterValidator, Field, ValidationInfo, field_validator, mod
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError, nearest
 from osl_analysis.model.compensator import CONTROLLERS
-from osl_analysis.refusal import check_not_refused
 from osl_analysis.trial import stretches
 from osl_analysis.yaml_settings import (
     NotNegative,
@@ -206,7 +205,6 @@ def read_sheet(path: Path) -> SheetRows:
         raise InputError(
             f"{path}: no such sample sheet; write one (README, 'Your own data') or set `sheet`"
         )
-    check_not_refused(path)
     lines = [
         (number, [BLANKS.sub("", cell) for cell in row]) for number, row in numbered_rows(path)
     ]

@@ -7,8 +7,8 @@ columns, and a name without a description a column, from `shared.yaml`. Under `o
 columns that the tables of single trials have beside, which only findings read.
 
 Two things stand in no section: a result table with the column `trial` has `joint` and `side` behind
-it, and the last column of every table is `data`. A new column is its line of code and its line
-here; a test fails where one is missing.
+it, and the last columns of every table are `status`, `reason` and `data`. A new column is its line
+of code and its line here; a test fails where one is missing.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -91,7 +91,8 @@ def described_in(path: Path) -> tuple[DescribedTable, ...]:
             lines.append((key, text))
             if key == "trial" and place.startswith("tables/"):
                 lines.append(("include place", None))
-        lines.append(("data", None))
+        added = [name for name in ("status", "reason") if name not in table["columns"]]
+        lines += [(name, None) for name in (*added, "data")]
 
         columns = described_lines(lines, shared)
         of_fits = described_lines(list(table.get("of_fits", {}).items()), shared)
@@ -134,7 +135,8 @@ TYPES: Mapping[str, type[pl.DataType]] = {
     "count": pl.Int64,
 }
 """By unit; any other column holds numbers."""
-ADDED_TO_ALL = {"joint", "side", "doubtful", "remarks", "data"}
+ADDED_WHERE_WRITTEN = {"status", "reason", "data"}
+ADDED_TO_ALL = {"joint", "side", "doubtful", "remarks", *ADDED_WHERE_WRITTEN}
 """Columns that rows of single trials get where a table is gathered from them."""
 
 

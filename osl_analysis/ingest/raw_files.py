@@ -24,7 +24,6 @@ from osl_analysis.ingest.message_log import convert_messages
 from osl_analysis.ingest.placeholders import UNKNOWN, open_places
 from osl_analysis.ingest.table_log import convert_table
 from osl_analysis.recording import Format
-from osl_analysis.refusal import check_not_refused
 from osl_analysis.source_file import LogSource, MarkerSource, MessageSource, Source, TableSource
 from osl_analysis.trial import COLUMNS, Trial
 from osl_analysis.yaml_settings import dotted, field_line, read_mapping, read_yaml
@@ -285,7 +284,6 @@ def check_file(path: Path) -> None:
         raise InputError(
             f"{path}: {what}; correct the sample sheet, which names one file, or copy it there"
         )
-    check_not_refused(path)
     if path.stat().st_size == 0:
         raise InputError(
             f"{path}: the file is empty; copy or record it again, or exclude the trial in the sheet"

@@ -1,1 +1,1 @@
-"""How the jobs of the workflow run: warm processes, and lines of progress."""
+"""How the jobs of the workflow run and end: warm processes, logs, and lines of progress."""

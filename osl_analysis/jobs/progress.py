@@ -16,9 +16,8 @@ from typing import NamedTuple
 from snakemake_interface_logger_plugins.base import LogHandlerBase
 from snakemake_interface_logger_plugins.common import LogEvent
 
-from osl_analysis.errors import printable
-from osl_analysis.outcomes.job_log import read_log
-from osl_analysis.refusal import without_particulars
+from osl_analysis.errors import printable, without_particulars
+from osl_analysis.jobs.job_log import read_log
 
 STAGES = {
     "simulate": ("simulate_", "trial_sheet"),
@@ -51,7 +50,7 @@ TABLES_AND_PAGE = "tables and page"
 MESSAGE_BY_EXCEPTION = {
     "LockException": (
         "error: another run is at work in this folder: wait for it; or one that was killed left its"
-        " lock: `osl-analysis run` takes it over on the same machine, else `--unlock` removes it"
+        " lock: the same command with `--unlock` removes it"
     ),
 }
 """What is printed in place of the exception with which Snakemake ends, by its name."""
@@ -144,17 +143,24 @@ class LogHandler(LogHandlerBase):
             self.print_line(f"{stage} {done}/{total}, {done / spent_s:.3g}/s, {left_s:.0f} s left")
 
     def print_outcome(self, logs: Sequence[str]) -> None:
-        """A line on a job that was refused, has failed or was killed, once for each cause: the list
-        at the end of the run names the others."""
+        """A line on each warning of a job, and on one that was refused, has failed or was killed,
+        once for each cause: the list at the end of the run names the others."""
         for log in map(Path, logs):
             job_log = read_log(log)
-            if job_log is None or job_log["outcome"] not in ("refused", "failed", "killed"):
+            if job_log is None:
+                continue
+            for warning in job_log.get("warnings", ()):
+                self.print_once("warning", warning, log.stem)
+            if job_log["outcome"] not in ("refused", "failed", "killed"):
                 continue
             text = "; ".join(filter(None, (job_log["error"], job_log.get("remedy"))))
-            cause = (job_log["outcome"], without_particulars(text, log.stem))
-            if cause not in self.printed_causes:
-                self.printed_causes.add(cause)
-                self.print_line(f"{job_log['outcome']}: {log.stem}: {printable(text)}")
+            self.print_once(job_log["outcome"], text, log.stem)
+
+    def print_once(self, outcome: str, text: str, job: str) -> None:
+        cause = (outcome, without_particulars(text, job))
+        if cause not in self.printed_causes:
+            self.printed_causes.add(cause)
+            self.print_line(f"{outcome}: {job}: {printable(text)}")
 
     def print_line(self, text: str) -> None:
         print(text, file=sys.stderr, flush=True)

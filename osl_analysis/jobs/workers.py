@@ -16,7 +16,6 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-from osl_analysis.errors import InputError
 from osl_analysis.files import PACKAGE, temporary_path
 from osl_analysis.memory import SET_TO_ONE
 
@@ -27,7 +26,7 @@ ENVIRONMENT = dict.fromkeys((*SET_TO_ONE, "POLARS_MAX_THREADS", "NUMBA_NUM_THREA
     "MALLOC_TRIM_THRESHOLD_": "268435456",
 }
 PRELOADED = [
-    "osl_analysis.outcomes.perform",
+    "osl_analysis.jobs.perform",
     "scipy.signal",
     *(f"osl_analysis.commands.{module}" for module in ("trials", "bench", "tables", "figure")),
     *(
@@ -90,31 +89,10 @@ IDLE: defaultdict[bool, list[Worker]] = defaultdict(list)
 others do without. Threads of Snakemake take one, and put it back."""
 
 
-def cancel_timers() -> None:
-    """Cancel what waits to make Snakemake look for further jobs: the end of each job does so.
-
-    Each look begins another such wait (`max-jobs-per-timespan` of the profile), at whose end is the
-    next look, so that they become more with each job; and Snakemake ends only after the last one.
-    """
-    for thread in threading.enumerate():
-        if isinstance(thread, threading.Timer):
-            thread.cancel()
-
-
-def end_workers() -> None:
-    """End the workers, if there are any, and free what they shared with this process."""
-    for workers in IDLE.values():
-        while workers:
-            workers.pop().end()
-    if IDLE:
-        gc.collect()
-
-
 def serve(connection: Connection) -> None:
-    """Answer calls in a worker until the connection ends. Ctrl-C is for Snakemake, which lets begun
-    jobs end; without it there is no more to do."""
+    """Answer calls in a worker until the connection ends, as Snakemake does. Ctrl-C is for
+    Snakemake, which lets begun jobs end."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=end_with_snakemake, daemon=True).start()
     gc.freeze()  # to look for garbage in all that is imported takes a twentieth of a fit
     while True:
         try:
@@ -129,16 +107,9 @@ def serve(connection: Connection) -> None:
         connection.send((result, failure))
 
 
-def end_with_snakemake() -> None:
-    snakemake = multiprocessing.parent_process()
-    assert snakemake is not None
-    snakemake.join()
-    os._exit(1)
-
-
 def do(command: str, *given: Any) -> None:
     """Do a job in this process."""
-    from osl_analysis.outcomes.perform import Job, perform
+    from osl_analysis.jobs.perform import Job, perform
 
     perform(Job(command, *given))
 
@@ -156,24 +127,13 @@ def job(command: str, input: Any, output: Any, params: Any, log: Any) -> None:
 
     Raises
     ------
-    InputError
-        The rule lacks the param `made_by`.
-    WriteError
-        There is no result, not even a refusal: the worker was killed, or cannot write.
+    RuntimeError
+        There is no result, and the input is not at fault.
     """
-    cancel_timers()
-    named = dict(params.items())
-    if "made_by" not in named:
-        raise InputError(
-            f"the rule of '{command}' has no param `made_by`, which makes its results anew when the"
-            " package changes: add `made_by=MADE_BY` to its params"
-        )
-    given = (command, plain_files(input), outputs_of(output), named, Path(log[0]))
+    given = (command, plain_files(input), outputs_of(output), dict(params.items()), Path(log[0]))
     killed_by = do_in_worker(given)
-    if killed_by and killed_by not in CRASHES:  # once more: memory may have been short
-        killed_by = do_in_worker((*given, killed_by))
     if killed_by:
-        from osl_analysis.outcomes.perform import Job, end_killed
+        from osl_analysis.jobs.perform import Job, end_killed
 
         end_killed(Job(*given), killed_by, is_crash=killed_by in CRASHES)
 

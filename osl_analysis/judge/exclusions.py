@@ -10,7 +10,7 @@ import polars as pl
 
 from osl_analysis.files import file_state
 from osl_analysis.judge.recording_checks import QualityRules, judged_table, spoiled_trials
-from osl_analysis.refusal import is_refused
+from osl_analysis.status import not_analysed
 
 HOW_TO_USE = (
     "record again, give a reason under `exclude` in the sample sheet, or name the check under"
@@ -47,14 +47,14 @@ class Judge:
     )
 
     def verdicts(self, measured: Iterable[Path]) -> pl.DataFrame:
-        """The rows of `quality.csv` for trials whose checks were `measured`; a missing file, or a
-        refusal, has none."""
+        """The rows of `quality.csv` for trials whose checks were `measured`; a missing file, or
+        a trial that was not analysed, has none."""
         files = list(measured)
         states = tuple((path, repr(file_state(path))) for path in files)
         if states not in self.verdicts_by_states:
             rows: list[dict[str, Any]] = []
             for path in files:
-                if path.is_file() and not is_refused(path):
+                if path.is_file() and not not_analysed(path):
                     rows += read_measured(path)
             table = pl.DataFrame(rows, MEASURED_COLUMNS)
             self.verdicts_by_states[states] = judged_table(table, self.rules, self.accept)

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import polars as pl
 
 from osl_analysis.judge.known_findings import Rule, known_finding
-from osl_analysis.refusal import is_refused
+from osl_analysis.status import not_analysed
 from osl_analysis.table import read_table
 
 AnyRow = Mapping[str, object]  # a row of a result table
@@ -198,7 +198,7 @@ def finding_row(worded: WordedFinding) -> dict[str, object]:
 
 def read_findings(path: Path) -> list[WordedFinding]:
     """The findings of `findings.csv`; none where it was refused or is not there."""
-    if not path.is_file() or is_refused(path):
+    if not path.is_file() or not_analysed(path):
         return []
     columns = [pl.col(name).cast(dtype) for name, dtype in FINDING_COLUMNS.items()]
     return findings_of_frame(read_table(path, ["finding"]).select(columns))

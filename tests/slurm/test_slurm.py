@@ -16,7 +16,7 @@ import yaml
 from conftest import ROOT
 from snakemake_runs import OVERRIDES, write_small
 
-from osl_analysis.refusal import is_refused
+from osl_analysis.status import not_analysed
 
 CONFIG, BROKEN, TABLE = "config/small.yaml", "belt_02", "results/tables/belt.csv"
 LOG = f"raw_data/small/dynamometer/{BROKEN}.mcap"
@@ -39,7 +39,7 @@ def run(
         said.open("w") as file,
         subprocess.Popen(command, cwd=folder, stdout=file, stderr=file) as it,
     ):
-        while all(map(is_refused, folder.glob(once))) and it.poll() is None:
+        while all(map(not_analysed, folder.glob(once))) and it.poll() is None:
             time.sleep(0.1)
         then()
         it.wait(timeout=LONGEST_S)

@@ -36,7 +36,7 @@ def is_worker() -> bool:
 
 def note_read(file: str) -> None:
     """Note that the job of this process reads a file, if it is in one."""
-    perform = sys.modules.get("osl_analysis.outcomes.perform")
+    perform = sys.modules.get("osl_analysis.jobs.perform")
     frame = sys._getframe()
     while frame is not None and (perform is None or frame.f_code is not perform.perform.__code__):
         frame = frame.f_back  # type: ignore[assignment]

@@ -1,9 +1,7 @@
-"""The log of a job: its outcome, warnings and duration, and what it was given. The report at the
-end of a run is read from the logs. So it is also complete on a cluster, where every job is a
-separate process."""
+"""The log of a job: its outcome, warnings and duration, and what it was given. The lines of a run
+are read from the logs, so that they are complete also on a cluster."""
 
 import json
-from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -55,19 +53,3 @@ def plain(value: Any) -> Any:
 
 def plain_scalar(value: Any) -> Any:
     return value.item() if hasattr(value, "item") else str(value)
-
-
-def run_report(folder: Path, since: float) -> str:
-    """Each warning, with its number of jobs, in the logs below a folder written after `since` [s,
-    as `time.time`]."""
-    paths = [path for path in sorted(folder.rglob("*.log")) if path.stat().st_mtime >= since]
-    warned = (path for path in paths if b"\nwarnings:" in path.read_bytes())
-    logs = [log for log in map(read_log, warned) if log is not None]
-    most = 10  # warnings
-    counts = Counter(warning for log in logs for warning in log.get("warnings", ()))
-    lines = [
-        f"warning: {text}" + (f" ({count} jobs)" if count > 1 else "")
-        for text, count in counts.items()
-    ]
-    more = [f"{len(lines) - most} more warnings stand in the logs"] if len(lines) > most else []
-    return "\n".join([*lines[:most], *more])

@@ -1,20 +1,23 @@
-"""Do a job of the workflow in this process: call its command with what its rule names, and leave
-refusals if there is no result."""
+"""Do a job of the workflow in this process: call its command with what its rule names, and write
+the reason into its outputs where the input is at fault."""
 
 import inspect
+import json
 import time
 import traceback
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any, get_origin
 
+import polars as pl
 from pydantic import ConfigDict, TypeAdapter, validate_call
 
 from osl_analysis.commands import command_of
 from osl_analysis.config.experiments import EXPERIMENTS
+from osl_analysis.dictionary import described_tables
 from osl_analysis.errors import (
     MemoryLimitError,
     OslAnalysisError,
@@ -22,11 +25,12 @@ from osl_analysis.errors import (
     printable,
     unexpected,
 )
+from osl_analysis.files import atomic_path, write_text
+from osl_analysis.jobs.job_log import write_log
+from osl_analysis.jobs.used import Files, without_excluded, without_missing
 from osl_analysis.memory import limited_memory
-from osl_analysis.outcomes.job_log import write_log
-from osl_analysis.outcomes.used import Files, without_excluded, without_refused
-from osl_analysis.refusal import Refusal, write_refusals
-from osl_analysis.table import write_tables
+from osl_analysis.status import KEY, NOT_ANALYSED, NotAnalysed
+from osl_analysis.table import write_table, write_tables
 from osl_analysis.trial import read_trial
 
 ONLY_WAITED_FOR = ("recordings", "sources", "made_of", "evidence", "numbers", "quality")
@@ -40,19 +44,17 @@ ONLY_COMPARED = ("sizes",)
 OF_EVERY_JOB = ("made_by", "excluded")
 """Params that are read here: what made the data, and the trials that quality control excludes."""
 
-WHAT_TO_DO = {
-    "refused": (
-        "correct or replace the file, or its source file, or give a reason under `exclude` in the"
-        " sample sheet"
-    ),
-    "refused, of several": (
-        "correct or exclude the trials behind it, or change the settings of this analysis in the "
-        "configuration"
-    ),
-    "failed": "a fault of this program: report it with the traceback in {log}",
-    "failed, of the system": "make the file or its folder accessible",
-}
-"""Remedy by outcome, if the error has none; `log` is the path of the job's log."""
+REMEDY_OF_TRIAL = (
+    "correct or replace the file, or its source file, or give a reason under `exclude` in the"
+    " sample sheet"
+)
+REMEDY_OF_SEVERAL = (
+    "correct or exclude the trials behind it, or change the settings of this analysis in the"
+    " configuration"
+)
+COMMENTS = {".tex": "% {}", ".md": "{}"}
+"""How text files say why there is no result."""
+HOLDING_A_REASON = {".csv", ".zip", ".parquet", ".json", *COMMENTS}
 
 TABLES_OF_FIT = {
     facts.fit.job: [table.name for table in facts.tables]
@@ -73,7 +75,6 @@ class Job:
     outputs: Mapping[str, Any]  # a file, or a list of files, by name
     params: Mapping[str, Any]
     log: Path
-    killed_by: str = ""  # what killed the process that began the job before
 
     @property
     def files(self) -> list[Path]:
@@ -94,6 +95,11 @@ class Job:
         return [*raw, *(file for file in read if isinstance(file, str))]
 
     @property
+    def makes_recordings(self) -> bool:
+        """Whether the job simulates: what it makes is no result of a trial."""
+        return self.command.startswith("simulate.")
+
+    @property
     def trial(self) -> str:
         """The trial that the job is of; empty for one over several trials, and for a drawing."""
         if any(file.parent.name == "figures" for file in self.files):
@@ -103,65 +109,85 @@ class Job:
         return str(stated or (Path(read).stem if isinstance(read, str) else ""))
 
 
-@dataclass(frozen=True)
-class Ending:
-    """How a job ended, as its log says (`job_log.write_log`)."""
-
-    outcome: str = "done"
-    error: str = ""
-    remedy: str = ""
-    traceback: str = ""
-
-
 def perform(job: Job) -> None:
-    """Do a job, and write its log. An error of its input leaves refusals in place of the outputs.
+    """Do a job, and write its log. Where its input is at fault, the outputs hold the reason.
 
     Raises
     ------
-    WriteError
-        A result cannot be written, as on a full disk. The next run tries again.
+    RuntimeError
+        There is no result and no reason of the input: the program or the system is at fault.
     """
     start = time.perf_counter()
-    ending = Ending()
-    causes: Sequence[Refusal] = ()
-    cannot_write: WriteError | None = None
+    fault = ""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("default")
         try:
-            causes = call(job)
-            if causes:
-                reasons = [f"{cause.trial or cause.file}: {cause.reason}" for cause in causes]
-                ending = Ending("skipped", "; ".join(reasons))
-        except OslAnalysisError as error:
-            if isinstance(error, WriteError) and not isinstance(error, MemoryLimitError):
-                cannot_write = error
-            outcome = "failed" if isinstance(error, WriteError) else "refused"
-            ending = Ending(outcome, error.reason, error.remedy)
-        except OSError as error:
-            reason = printable(f"{error.filename or 'a file'}: {error.strerror or error}")
-            ending = Ending("failed", reason, WHAT_TO_DO["failed, of the system"])
+            ending = called(job)
         except Exception as error:
-            ending = Ending("failed", unexpected(error), traceback=traceback.format_exc())
+            fault, remedy = words_of(job, error)
+            ending = {"outcome": "failed", "error": fault, "remedy": remedy}
+            if not isinstance(error, OslAnalysisError | OSError):
+                ending["traceback"] = traceback.format_exc()
     seconds = round(time.perf_counter() - start, 3)
-    texts = [printable(str(warning.message)) for warning in caught]
-    if job.killed_by:
-        name = job.trial or job.files[0].name
-        texts.insert(0, f"{name}: its process was killed ({job.killed_by}), and it was done again")
-
-    if cannot_write is None and ending.outcome != "done":
-        refuse(job, causes or [refusal(job, ending)])
-    log_end(job, ending, seconds=seconds, warnings=list(dict.fromkeys(texts)))
-    if cannot_write is not None:
-        raise cannot_write
+    texts = dict.fromkeys(printable(str(warning.message)) for warning in caught)
+    log_end(job, ending, seconds=seconds, warnings=list(texts))
+    if fault:
+        raise RuntimeError(fault)
 
 
-def log_end(job: Job, ending: Ending, **further: Any) -> None:
+def called(job: Job) -> dict[str, str]:
+    """Call the command of a job, or write why it has no result; how it ended, for its log."""
+    try:
+        causes = call(job)
+    except (OslAnalysisError, OSError) as error:
+        if not is_of_input(job, error):
+            raise
+        reason, remedy = words_of(job, error)
+        write_reasons(job, [cause_of(job, reason, remedy)])
+        return {"outcome": "refused", "error": reason, "remedy": remedy}
+    if causes:
+        write_reasons(job, causes)
+        return {"outcome": "skipped", "error": "; ".join(cause.text for cause in causes)}
+    return {"outcome": "done"}
+
+
+def words_of(job: Job, error: Exception) -> tuple[str, str]:
+    """Reason and remedy of an error, each on one line."""
+    if isinstance(error, OslAnalysisError):
+        return error.reason, error.remedy or (REMEDY_OF_TRIAL if job.trial else REMEDY_OF_SEVERAL)
+    if isinstance(error, OSError):
+        reason = f"{error.filename or 'a file'}: {error.strerror or error}"
+        return printable(reason), "make the file or its folder accessible"
+    remedy = f"a fault of this program: report it with the traceback in {job.log}"
+    return unexpected(error), remedy
+
+
+def is_of_input(job: Job, error: Exception) -> bool:
+    """Whether an error is of what the job was given, so that its outputs are to hold the reason."""
+    if not all(file.suffix in HOLDING_A_REASON for file in job.files) or job.makes_recordings:
+        return False
+    if isinstance(error, MemoryLimitError):
+        return bool(job.recordings)
+    if isinstance(error, OSError):
+        return str(error.filename) in job.recordings
+    return isinstance(error, OslAnalysisError) and not isinstance(error, WriteError)
+
+
+def cause_of(job: Job, reason: str, remedy: str) -> NotAnalysed:
+    """What the outputs of a job say. Of several trials the reason begins with a file."""
+    files = [*job.recordings, *map(str, job.files)]
+    if not any(file in reason for file in files) and not job.trial:
+        reason = f"{files[0]}: {reason}"
+    return NotAnalysed(job.trial, f"{reason}; {remedy}")
+
+
+def log_end(job: Job, ending: Mapping[str, Any], **further: Any) -> None:
     """Write the log of a job, with further entries."""
-    entries = {"job": job.command, **asdict(ending), **further}
+    entries = {"job": job.command, **ending, **further}
     write_log(job.log, entries, {"input": job.inputs, "output": job.outputs, "params": job.params})
 
 
-def call(job: Job) -> Sequence[Refusal]:
+def call(job: Job) -> Sequence[NotAnalysed]:
     """Call the command of a job.
 
     Its arguments, or the fields of the one dataclass that it takes, are the inputs, outputs and
@@ -183,7 +209,7 @@ def call(job: Job) -> Sequence[Refusal]:
         if name in arguments and arguments[name].annotation == Mapping[str, Path]:
             inputs[name] = {Path(file).stem: file for file in files}
 
-    usable = without_refused(inputs)
+    usable = without_missing(inputs)
     params = {
         name: value
         for name, value in job.params.items()
@@ -193,6 +219,8 @@ def call(job: Job) -> Sequence[Refusal]:
         params["refused"] = usable.refused
     elif usable.missing:
         return usable.missing
+    if "not_analysed" in arguments:
+        params["not_analysed"] = usable.refused
     used = without_excluded(usable.inputs, job.params.get("excluded", ()))
     given: dict[str, Any] = {
         name: files for name, files in used.items() if name not in ONLY_CHECKED
@@ -245,42 +273,58 @@ def place_of(table: str, job: Job) -> Path:
     return Path(job.outputs["others"], f"{table}.csv")
 
 
-def refuse(job: Job, causes: Sequence[Refusal]) -> None:
-    """Leave these causes in place of each output."""
+def write_reasons(job: Job, causes: Sequence[NotAnalysed]) -> None:
+    """Write each output with its columns and why there is nothing in it."""
+    described = {table.place: table for table in described_tables()}
+    data = job.params["made_by"]["data"]
+    rows = pl.DataFrame(causes, ("trial", "reason"), orient="row")
+    rows = rows.with_columns(pl.col("trial").replace("", None), status=pl.lit(NOT_ANALYSED))
+
+    def with_columns_of(places: Sequence[str]) -> pl.DataFrame:
+        place = next((place for place in places if place in described), "")
+        columns = described[place].columns if place else ("trial", "status", "reason")
+        missing = [pl.lit(None).alias(name) for name in columns if name not in rows.columns]
+        return rows.with_columns(missing).select(list(columns))
+
     for file in job.files:
-        write_refusals(causes, file)
-
-
-def refusal(job: Job, ending: Ending) -> Refusal:
-    """The cause that a job is that refused its input or failed."""
-    kind = ending.outcome
-    if kind == "refused" and not job.trial:
-        kind = "refused, of several"
-    remedy = ending.remedy or WHAT_TO_DO[kind].format(log=job.log)
-    files = [*job.recordings, *map(str, job.files)]
-    # the first is the cause, unless the reason names another
-    file = next((file for file in files if file in ending.error), files[0])
-    return Refusal(job.trial, file, job.command, ending.outcome, ending.error, remedy)
+        stem, folder = file.stem, file.parent.name
+        if file.suffix == ".csv":
+            places = (f"tables/{folder}", f"{folder}/{stem}", f"{folder}/*")
+            write_table(with_columns_of(places), file, data)
+        elif file.suffix == ".zip":
+            tables = TABLES_OF_FIT[job.command]
+            parts = {}
+            for table in tables:
+                parts[file / f"{table}.csv"] = with_columns_of([f"tables/{table}"])
+            write_tables(parts, data)
+        elif file.suffix == ".parquet":
+            names = dict.fromkeys(("time", *job.params.get("needed_columns", ("theta", "torque"))))
+            empty = pl.DataFrame(schema=dict.fromkeys(names, pl.Float64))
+            with atomic_path(file) as temporary:
+                empty.write_parquet(temporary, metadata={KEY: json.dumps(causes)})
+        elif file.suffix == ".json":
+            write_text(file, json.dumps({"status": NOT_ANALYSED, "reasons": causes}))
+        else:
+            text = "; ".join(cause.reason for cause in causes)
+            write_text(file, COMMENTS[file.suffix].format(f"not made: {text}\n"))
 
 
 def end_killed(job: Job, signal_name: str, is_crash: bool) -> None:
-    """Write the log of a job whose process was killed for the second time, or crashed. A library
-    that crashed on the recording would crash again: the recording is refused.
+    """Write the log of a job whose process was killed, or crashed. A library that crashed on the
+    recording would crash again: the outputs hold this reason.
 
     Raises
     ------
-    WriteError
+    RuntimeError
         It is no crash on a recording, so that the next run is to try the job again.
     """
-    if is_crash and job.recordings:
+    if is_crash and job.recordings and not job.makes_recordings:
         reason = f"{' or '.join(job.recordings)}: a library that reads it crashed ({signal_name})"
         remedy = "the file may be damaged: copy, export or record it again"
-        ending = Ending("refused", reason, remedy)
-        refuse(job, [refusal(job, ending)])
-    else:
-        reason = f"the process of this job was killed ({signal_name})"
-        remedy = "run again; if memory was short, with fewer jobs at once (`--cores 1`)"
-        ending = Ending("killed", reason, remedy)
-    log_end(job, ending)
-    if ending.outcome == "killed":
-        raise WriteError(f"{job.files[0]}: {reason}; {remedy}")
+        log_end(job, {"outcome": "refused", "error": reason, "remedy": remedy})
+        write_reasons(job, [cause_of(job, reason, remedy)])
+        return
+    reason = f"the process of this job was killed ({signal_name})"
+    remedy = "run again; if memory was short, with fewer jobs at once (`--cores 1`)"
+    log_end(job, {"outcome": "killed", "error": reason, "remedy": remedy})
+    raise RuntimeError(reason)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from osl_analysis.errors import InputError
 from osl_analysis.judge.exclusions import HOW_TO_USE
-from osl_analysis.refusal import Refusal, distinct_causes, is_refused, read_refusals
+from osl_analysis.status import NotAnalysed, not_analysed
 
 Files = str | list[str] | Mapping[str, str]
 """An input of a job: a file, a list of files, or files by trial or table."""
@@ -16,12 +16,12 @@ Files = str | list[str] | Mapping[str, str]
 class Usable(NamedTuple):
     """What is left of the inputs of a job."""
 
-    inputs: dict[str, Files]  # without refusals
-    refused: tuple[Refusal, ...]  # causes of all that was removed
-    missing: tuple[Refusal, ...]  # those of them that keep the job from running
+    inputs: dict[str, Files]  # without what was not analysed
+    refused: tuple[NotAnalysed, ...]  # causes of all that was removed
+    missing: tuple[NotAnalysed, ...]  # those of them that keep the job from running
 
 
-def without_refused(inputs: Mapping[str, Files]) -> Usable:
+def without_missing(inputs: Mapping[str, Files]) -> Usable:
     """Take the refusals out of the inputs of a job.
 
     A trial with a refusal in one list is taken out of every list. The job cannot run if a refusal
@@ -32,11 +32,12 @@ def without_refused(inputs: Mapping[str, Files]) -> Usable:
     by_name = {name: files for name, files in inputs.items() if isinstance(files, Mapping)}
     single = [file for file in inputs.values() if isinstance(file, str)]
 
-    refused_by_stem = {
-        Path(file).stem: read_refusals(file) for file in chain(*lists.values()) if is_refused(file)
-    }
+    refused_by_stem = {}
+    for file in chain(*lists.values()):
+        if reasons := not_analysed(file):
+            refused_by_stem[Path(file).stem] = reasons
     causes = [*chain(*refused_by_stem.values())]
-    missing = [*chain(*map(read_refusals, single))]
+    missing = [*chain(*map(not_analysed, single))]
     if isinstance(trial := inputs.get("trial"), str):
         missing += refused_by_stem.get(Path(trial).stem, ())
 
@@ -47,9 +48,9 @@ def without_refused(inputs: Mapping[str, Files]) -> Usable:
         if not not_refused and "trial" not in inputs:
             missing += chain(*(refused_by_stem[Path(file).stem] for file in files))
     for name, named_files in by_name.items():
-        usable[name] = {key: file for key, file in named_files.items() if not is_refused(file)}
-        causes += chain(*map(read_refusals, named_files.values()))
-    return Usable(usable, distinct_causes([*causes, *missing]), distinct_causes(missing))
+        usable[name] = {key: file for key, file in named_files.items() if not not_analysed(file)}
+        causes += chain(*map(not_analysed, named_files.values()))
+    return Usable(usable, tuple(dict.fromkeys([*causes, *missing])), tuple(dict.fromkeys(missing)))
 
 
 def without_excluded(inputs: Mapping[str, Files], excluded: Sequence[str]) -> dict[str, Files]:

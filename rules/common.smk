@@ -1,9 +1,8 @@
 """The campaign, and what the rules of several files look up in it.
 
-Rules have one line of code, as `job("bench.fit_belt_trial", input, output, params, log)`. It calls
-the function `fit_belt_trial` of `osl_analysis/commands/bench.py` in a warm process
-(`osl_analysis/jobs/workers.py`). The names of inputs, outputs and params are those of its
-arguments, but for these (`osl_analysis/jobs/perform.py`):
+Rules have one line of code, `job("FULL.NAME.OF.A.FUNCTION", input, output, params, log)`. It calls
+that function in a warm process (`osl_analysis/jobs/workers.py`). The names of inputs, outputs and
+params are those of its arguments, but for these (`osl_analysis/jobs/perform.py`):
 
 * `recordings`, `sources`, `made_of`, `evidence`, `numbers`, `quality`: inputs that only say when a
   job is due. The function finds the files by its other arguments.

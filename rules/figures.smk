@@ -24,7 +24,7 @@ rule plot_numbers:
         option=figure_setting,
         made_by=MADE_BY,
     run:
-        job("figure.plot_numbers", input, output, params, log)
+        job("osl_analysis.commands.figure.plot_numbers", input, output, params, log)
 
 
 rule fig3_numbers:
@@ -43,7 +43,7 @@ rule fig3_numbers:
         excluded=excluded(CAMPAIGN.trials("belt")),
         made_by=MADE_BY,
     run:
-        job("figure.fig3", input, output, params, log)
+        job("osl_analysis.commands.figure.fig3", input, output, params, log)
 
 
 if TIME_SERIES:
@@ -67,7 +67,7 @@ if TIME_SERIES:
             excluded=excluded([TIME_SERIES["trial"]]),
             made_by=MADE_BY,
         run:
-            job("figure.fig4", input, output, params, log)
+            job("osl_analysis.commands.figure.fig4", input, output, params, log)
 
 
 rule fig7_numbers:
@@ -85,7 +85,7 @@ rule fig7_numbers:
         choice=as_json(response_example(CAMPAIGN)),
         made_by=MADE_BY,
     run:
-        job("figure.fig7", input, output, params, log)
+        job("osl_analysis.commands.figure.fig7", input, output, params, log)
 
 
 rule walking_page_numbers:
@@ -107,7 +107,7 @@ rule walking_page_numbers:
         excluded=excluded(PERTURBED),
         made_by=MADE_BY,
     run:
-        job("figure.plot_walking_page", input, output, params, log)
+        job("osl_analysis.commands.figure.plot_walking_page", input, output, params, log)
 
 
 rule draw_figure:
@@ -128,7 +128,7 @@ rule draw_figure:
         footer=CONFIG.figures.footer,
         made_by=MADE_BY,
     run:
-        job("figure.draw_figure", input, output, params, log)
+        job("osl_analysis.commands.figure.draw_figure", input, output, params, log)
 
 
 rule captions:
@@ -145,7 +145,7 @@ rule captions:
         footer=sentence(ABOUT),
         made_by=MADE_BY,
     run:
-        job("figure.write_captions", input, output, params, log)
+        job("osl_analysis.commands.figure.write_captions", input, output, params, log)
 
 
 rule report_page:
@@ -173,7 +173,7 @@ rule report_page:
         unnamed=UNNAMED,
         made_by=MADE_BY,
     run:
-        job("report.write_report", input, output, params, log)
+        job("osl_analysis.commands.report.write_report", input, output, params, log)
 
 
 rule methods:
@@ -194,7 +194,7 @@ rule methods:
         sheet=CAMPAIGN.rows,
         made_by=MADE_BY,
     run:
-        job("report.write_methods", input, output, params, log)
+        job("osl_analysis.commands.report.write_methods", input, output, params, log)
 
 
 rule brief:
@@ -216,7 +216,7 @@ rule brief:
         failed_trials=CONFIG.failed_trials,
         made_by=MADE_BY,
     run:
-        job("verdict.write_brief", input, output, params, log)
+        job("osl_analysis.commands.verdict.write_brief", input, output, params, log)
 
 
 rule verdict:

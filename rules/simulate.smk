@@ -16,7 +16,7 @@ if CONFIG.simulation:
         params:
             made_by=MADE_BY,
         run:
-            job("simulate.write_sheet", input, output, params, log)
+            job("osl_analysis.commands.simulate.write_sheet", input, output, params, log)
 
     rule simulate_dynamometer:
         """The log of a trial on the dynamometer, and the truth beside it."""
@@ -36,7 +36,7 @@ if CONFIG.simulation:
             followed=lambda wildcards: as_json(CAMPAIGN.choices_to_simulate(wildcards.trial)),
             made_by=MADE_BY,
         run:
-            job("simulate.simulate_trial", input, output, params, log)
+            job("osl_analysis.commands.simulate.simulate_trial", input, output, params, log)
 
     use rule simulate_dynamometer as simulate_actuator with:
         output:

@@ -22,7 +22,7 @@ rule table:
         faults=faults(lambda wildcards: FILES.places_in(wildcards.table)),
         made_by=MADE_BY,
     run:
-        job("tables.gather", input, output, params, log)
+        job("osl_analysis.commands.tables.gather", input, output, params, log)
 
 
 rule impedance_tables:
@@ -45,7 +45,7 @@ rule impedance_tables:
         faults=faults(CAMPAIGN.trials("impedance")),
         made_by=MADE_BY,
     run:
-        job("tables.gather", input, output, params, log)
+        job("osl_analysis.commands.tables.gather", input, output, params, log)
 
 
 rule summary_table:
@@ -80,7 +80,7 @@ rule gains_table:
         weight=as_json(CONFIG.gain_weight),
         made_by=MADE_BY,
     run:
-        job("gains.select_trajectory", input, output, params, log)
+        job("osl_analysis.commands.gains.select_trajectory", input, output, params, log)
 
 
 rule check_claims:
@@ -99,7 +99,7 @@ rule check_claims:
         midstance=CONFIG.figures.midstance_stiffness,
         made_by=MADE_BY,
     run:
-        job("tables.check_claims", input, output, params, log)
+        job("osl_analysis.commands.tables.check_claims", input, output, params, log)
 
 
 rule settings_table:
@@ -115,7 +115,7 @@ rule settings_table:
         states=states_of(CONFIG, config, [name for name in EXPERIMENTS if CAMPAIGN.trials(name)]),
         made_by=MADE_BY,
     run:
-        job("tables.write_settings", input, output, params, log)
+        job("osl_analysis.commands.tables.write_settings", input, output, params, log)
 
 
 rule excluded_trials:
@@ -133,7 +133,7 @@ rule excluded_trials:
         places=PLACES,
         made_by=MADE_BY,
     run:
-        job("tables.list_excluded", input, output, params, log)
+        job("osl_analysis.commands.tables.list_excluded", input, output, params, log)
 
 
 rule findings:
@@ -155,7 +155,7 @@ rule findings:
         excluded=excluded(FILES.trials_for_findings),
         made_by=MADE_BY,
     run:
-        job("tables.write_findings", input, output, params, log)
+        job("osl_analysis.commands.tables.write_findings", input, output, params, log)
 
 
 rule headline_numbers:
@@ -178,7 +178,7 @@ rule headline_numbers:
         settings=settings_of(CAMPAIGN),
         made_by=MADE_BY,
     run:
-        job("tables.write_summary", input, output, params, log)
+        job("osl_analysis.commands.tables.write_summary", input, output, params, log)
 
 
 if "impedance" in FILES.table_names:
@@ -198,7 +198,7 @@ if "impedance" in FILES.table_names:
             about=ABOUT,
             made_by=MADE_BY,
         run:
-            job("tables.write_conditions", input, output, params, log)
+            job("osl_analysis.commands.tables.write_conditions", input, output, params, log)
 
 
 if "walking_summary" in FILES.table_names:
@@ -217,7 +217,7 @@ if "walking_summary" in FILES.table_names:
             about=ABOUT,
             made_by=MADE_BY,
         run:
-            job("tables.write_walking", input, output, params, log)
+            job("osl_analysis.commands.tables.write_walking", input, output, params, log)
 
 
 if FILES.component_summaries:
@@ -237,4 +237,4 @@ if FILES.component_summaries:
             beside_draft=CAMPAIGN.beside_draft,
             made_by=MADE_BY,
         run:
-            job("tables.write_components", input, output, params, log)
+            job("osl_analysis.commands.tables.write_components", input, output, params, log)

@@ -21,7 +21,7 @@ rule ingest:
         sizes=lambda wildcards: CAMPAIGN.log_sizes(wildcards.trial),
         made_by=MADE_BY,
     run:
-        job("trials.ingest_and_check", input, output, params, log)
+        job("osl_analysis.commands.trials.ingest_and_check", input, output, params, log)
 
 
 rule judge:
@@ -39,4 +39,4 @@ rule judge:
         places=PLACES,
         made_by=MADE_BY,
     run:
-        job("tables.judge", input, output, params, log)
+        job("osl_analysis.commands.tables.judge", input, output, params, log)

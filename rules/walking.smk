@@ -22,7 +22,7 @@ rule calibrate_markers:
         excluded=excluded(lambda wildcards: [wildcards.trial]),
         made_by=MADE_BY,
     run:
-        job("walking.calibrate", input, output, params, log)
+        job("osl_analysis.commands.walking.calibrate", input, output, params, log)
 
 
 rule identify_plate:
@@ -43,7 +43,7 @@ rule identify_plate:
         excluded=excluded(PLATE_TRIALS),
         made_by=MADE_BY,
     run:
-        job("walking.identify_plate", input, output, params, log)
+        job("osl_analysis.commands.walking.identify_plate", input, output, params, log)
 
 
 rule find_onsets:
@@ -63,7 +63,7 @@ rule find_onsets:
         excluded=excluded(PERTURBED),
         made_by=MADE_BY,
     run:
-        job("walking.find_onsets", input, output, params, log)
+        job("osl_analysis.commands.walking.find_onsets", input, output, params, log)
 
 
 rule analyse_crossing:
@@ -84,7 +84,7 @@ rule analyse_crossing:
         body_mass_kg=cell("body_mass_kg"),
         made_by=MADE_BY,
     run:
-        job("walking.analyse", input, output, params, log)
+        job("osl_analysis.commands.walking.analyse", input, output, params, log)
 
 
 rule select_crossings:
@@ -104,7 +104,7 @@ rule select_crossings:
         excluded=excluded(WALKED),
         made_by=MADE_BY,
     run:
-        job("walking.select_crossings", input, output, params, log)
+        job("osl_analysis.commands.walking.select_crossings", input, output, params, log)
 
 
 rule average_unperturbed:
@@ -123,7 +123,7 @@ rule average_unperturbed:
         excluded=excluded(UNPERTURBED),
         made_by=MADE_BY,
     run:
-        job("walking.average_unperturbed", input, output, params, log)
+        job("osl_analysis.commands.walking.average_unperturbed", input, output, params, log)
 
 
 rule fit_perturbation:
@@ -140,7 +140,7 @@ rule fit_perturbation:
         settings=CONFIG.walking.part("ResponseSettings"),
         made_by=MADE_BY,
     run:
-        job("walking.fit_perturbation", input, output, params, log)
+        job("osl_analysis.commands.walking.fit_perturbation", input, output, params, log)
 
 
 rule summarise_walking:
@@ -168,4 +168,4 @@ rule summarise_walking:
         excluded=excluded(PERTURBED),
         made_by=MADE_BY,
     run:
-        job("walking_summary.summarise_perturbations", input, output, params, log)
+        job("osl_analysis.commands.walking_summary.summarise_perturbations", input, output, params, log)

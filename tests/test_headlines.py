@@ -188,7 +188,15 @@ def test_numbers_that_a_failed_run_left_behind_are_said_to_be_old(tmp_path):
         ("ingest.after", 1, "refused", True),
     ):  # fmt: skip
         log = tmp_path / f"logs/{job}.log"
-        write_log(log, {"job": job, "outcome": outcome, "error": "b_1.mcap: no such file"}, {})
+        write_log(
+            log,
+            {
+                "job": f"osl_analysis.commands.{job}",
+                "outcome": outcome,
+                "error": "b_1.mcap: no such file",
+            },
+            {},
+        )
         os.utime(log, (summary.stat().st_mtime + later,) * 2)
         said = "1 jobs were refused or failed, first ingest.after: b_1.mcap: no such file"
         assert (said in tables.later_failures(summary)) == old

@@ -79,7 +79,7 @@ def of_campaign(experiment, folder, config_path):
         given |= {"condition": DESIRED, "weight": config.gain_weight}
     if name == "torque_angle":
         given |= {"condition": {"desired": "line"}}
-    found = getattr(bench, fit.job.removeprefix("bench."))(
+    found = getattr(bench, fit.job.rpartition(".")[2])(
         osl.read_trial(folder / "made.parquet"), **given
     ).everything()
     files = {

@@ -50,12 +50,17 @@ LOST = NotAnalysed("b_1", "raw/b_1.mcap: no such file; copy it there")
 def job(tmp_path, command, inputs, output=None, **params):
     output = output or {"output": str(tmp_path / "tables/belt.csv")}
     given = {"made_by": {"data": "measured"}, **params}
-    return Job(command, inputs, output, given, tmp_path / "logs/belt.log")
+    return Job(
+        f"osl_analysis.commands.{command}", inputs, output, given, tmp_path / "logs/belt.log"
+    )
 
 
 def lost(path, *causes):
     """A file of what was not analysed, as a job leaves it."""
-    write_reasons(job(path.parent, "bench.fit_belt_trial", {}, {"belt": str(path)}), causes)
+    write_reasons(
+        job(path.parent, "bench.fit_belt_trial", {}, {"belt": str(path)}),
+        causes,
+    )
     return str(path)
 
 
@@ -165,7 +170,10 @@ def test_a_fault_of_the_program_is_an_error_of_the_job_and_writes_nothing(tmp_pa
 def test_a_job_that_lacks_an_input_passes_the_reasons_on(tmp_path):
     other = NotAnalysed("b_2", "no belt")
     inputs = {"table": lost(tmp_path / "belt.csv", LOST, other)}
-    assert ended(job(tmp_path, "bench.summarise", inputs)) == ("skipped", (LOST, other))
+    assert ended(job(tmp_path, "bench.summarise", inputs)) == (
+        "skipped",
+        (LOST, other),
+    )
 
 
 def test_of_ingest_and_quality_control_both_results_stand_or_none(tmp_path, monkeypatch):

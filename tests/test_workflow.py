@@ -5,8 +5,8 @@ import json
 import os
 import re
 import shutil
-from importlib import import_module
 from pathlib import Path
+from pkgutil import resolve_name
 
 import numpy as np
 import polars as pl
@@ -171,7 +171,7 @@ def commands_of_rules():
     """The command of each rule that names one in its `run:`; the simulation's others share one."""
     texts = [path.read_text() for path in sorted((ROOT / "rules").glob("*.smk"))]
     others = ("simulate_actuator", "simulate_capture", "simulate_crossing")
-    commands = dict.fromkeys(others, "simulate.simulate_trial")
+    commands = dict.fromkeys(others, "osl_analysis.commands.simulate.simulate_trial")
     for text in re.split(r"^ *(?:use )?rule ", "\n".join(texts), flags=re.MULTILINE)[1:]:
         command = re.search(r'job\(\s*"([\w.]+)"', text)
         if command is not None:
@@ -194,8 +194,8 @@ def test_what_a_rule_names_are_the_arguments_of_its_function_and_none_is_left_ou
         if rule in seen or command is None:
             continue
         seen.add(rule)
-        module, _, name = command.partition(".")
-        function = getattr(import_module(f"osl_analysis.commands.{module}"), name)
+        function = resolve_name(command)
+        name = function.__name__
         outputs = set() if command in TABLES_OF_FIT else {*job["output"]} - {*ONLY_MADE}
         if not job["output"]:
             outputs = {"output"} if len(job["files"]) == 1 else {"outputs"}

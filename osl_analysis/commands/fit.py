@@ -3,13 +3,13 @@ the command line and notebooks."""
 
 from collections.abc import Mapping
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any
 
 import polars as pl
 
 from osl_analysis.bench.fit_tables import FitTables
 from osl_analysis.campaign.configuration import config_for_trials
-from osl_analysis.commands import command_of
 from osl_analysis.commands.fit_results import Fit
 from osl_analysis.commands.remedies import fit_or_advise
 from osl_analysis.config.experiments import EXPERIMENTS, FitJob
@@ -91,7 +91,7 @@ def run_fit(
         arguments["windows"] = windows
     elif windows:
         trial = trial.within(windows)
-    return fit_or_advise(command_of(job.job), trial, **arguments)
+    return fit_or_advise(resolve_name(job.job), trial, **arguments)
 
 
 def fit_trial(

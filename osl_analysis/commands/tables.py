@@ -423,6 +423,10 @@ def format_results_table(summary: Mapping[str, Any], markdown: bool = True) -> s
     return "\n\n".join([sentence(summary), table, *filter(None, lines)])
 
 
+SHOWING = ("osl_analysis.commands.figure.", "osl_analysis.commands.report.")
+"""Jobs that show numbers and make none, which run after the summary's own."""
+
+
 def later_failures(summary_json: Path) -> str:
     """Whether jobs of a later run than that of a summary were refused, failed or killed; a line,
     empty if none were."""
@@ -432,8 +436,7 @@ def later_failures(summary_json: Path) -> str:
         if path.stat().st_mtime <= written:
             continue
         log = read_log(path)
-        # jobs that show numbers and make none run after the summary's own
-        if log and log["outcome"] != "done" and not log["job"].startswith(("figure.", "report.")):
+        if log and log["outcome"] != "done" and not log["job"].startswith(SHOWING):
             failures.append(f"{path.stem}: {log['error']}; correct it and run again")
     if not failures:
         return ""

@@ -42,7 +42,7 @@ class FitJob:
     Attributes
     ----------
     job : str
-        `module.function` of `commands`. It takes `trial` and the arguments below, and returns its
+        The full name of its function. It takes `trial` and the arguments below, and returns its
         rows of each table of the experiment, by name; under `torque`, where it has them, time [s],
         measured and modelled torque [N*m].
     settings : Mapping

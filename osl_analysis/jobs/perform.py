@@ -10,12 +10,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any, get_origin
 
 import polars as pl
 from pydantic import ConfigDict, TypeAdapter, validate_call
 
-from osl_analysis.commands import command_of
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import described_tables
 from osl_analysis.errors import (
@@ -70,7 +70,7 @@ CONVERTING: Any = cache(validate_call(config=ConfigDict(arbitrary_types_allowed=
 class Job:
     """What a rule gives to a job."""
 
-    command: str  # `module.function` of `osl_analysis.commands`
+    command: str  # full name of a function
     inputs: Mapping[str, Files]
     outputs: Mapping[str, Any]  # a file, or a list of files, by name
     params: Mapping[str, Any]
@@ -97,7 +97,7 @@ class Job:
     @property
     def makes_recordings(self) -> bool:
         """Whether the job simulates: what it makes is no result of a trial."""
-        return self.command.startswith("simulate.")
+        return self.command.startswith("osl_analysis.commands.simulate.")
 
     @property
     def trial(self) -> str:
@@ -197,7 +197,7 @@ def call(job: Job) -> Sequence[NotAnalysed]:
     fit of an experiment takes a trial and returns tables, which are written here. A command that
     writes tables has an argument `data`, which their last column says.
     """
-    function = command_of(job.command)
+    function = resolve_name(job.command)
     arguments = arguments_of(function)
     takes_refusals = "refused" in arguments
     inputs = {
@@ -239,7 +239,7 @@ def call(job: Job) -> Sequence[NotAnalysed]:
     with limited_memory(job.recordings):
         if job.command in TABLES_OF_FIT:
             trial = read_trial(Path(str(given.pop("trial"))))
-            advise = command_of("remedies.fit_or_advise")
+            advise = resolve_name("osl_analysis.commands.remedies.fit_or_advise")
             tables_of_trial = advise(CONVERTING(function), trial, **given, **params)
             fitted = tables_of_trial.everything()
             tables = TABLES_OF_FIT[job.command]

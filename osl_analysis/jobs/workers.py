@@ -120,7 +120,7 @@ def job(command: str, input: Any, output: Any, params: Any, log: Any) -> None:
     Parameters
     ----------
     command
-        `module.function`, a function of `osl_analysis/commands/module.py`.
+        Full name of a function.
     input, output, params, log
         As Snakemake has them in a `run:` block. Inputs, outputs and params are the arguments of the
         function by their names. A single output without a name is `output`, several are `outputs`.
@@ -141,7 +141,7 @@ def job(command: str, input: Any, output: Any, params: Any, log: Any) -> None:
 def do_in_worker(given: tuple[Any, ...]) -> str:
     """Do a job in a worker; returns what killed the worker, if it was killed before the end."""
     command, _, outputs, *_ = given
-    idle = IDLE[command.startswith("simulate.")]
+    idle = IDLE[command.startswith("osl_analysis.commands.simulate.")]
     worker = idle.pop() if idle else Worker()
     try:
         worker.call(do, *given)

@@ -35,7 +35,6 @@ from osl_analysis.bench.effects import IMPEDANCE, plain_sums, sums_of
 from osl_analysis.bench.fixture import fixture_of, with_fixture
 from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.bench.regression import GroupFit
-from osl_analysis.bench.torque_angle import torque_angle_table
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.commands.fit import run_fit
 from osl_analysis.dictionary import ADDED_WHERE_WRITTEN
@@ -165,7 +164,7 @@ def of_belt(theta_s, torque, **stated):
 
 def of_cycles(theta, torque, **stated):
     settings = {"zero": "none", "calibration": stated}
-    return torque_angle_table(fitted(theta, torque, **settings)).row(0, named=True)
+    return fitted(theta, torque, **settings).table.row(0, named=True)
 
 
 def test_an_error_of_the_gain_is_in_the_estimates_of_a_belt():

@@ -167,7 +167,7 @@ def test_facts_that_nobody_stated_are_measured_none_or_assumed(tmp_path):
     stated = [name for name, state in states.items() if state == "stated"]
     assert stated == ["dynamometer.amplitudes_deg"]
     known = {name for name, state in states.items() if state != "assumed"}
-    assert known >= {*FACTS_OF_DEFAULT} & {*EXPERIMENTS_BY_SETTING} - {"torque_angle.zero"}
+    assert known >= {*FACTS_OF_DEFAULT} & {*EXPERIMENTS_BY_SETTING}
 
 
 def test_a_recording_that_no_row_names_is_told_once(tmp_path):

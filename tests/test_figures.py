@@ -340,18 +340,6 @@ def test_a_doubtful_trial_of_torque_over_angle_is_dashed_and_each_leads_to_its_t
     assert [line.get_url() for line in left.lines[:22:2]] == links_to(CAMS)
 
 
-@pytest.mark.parametrize(("doubt", "is_dotted"), [
-    ("", (False, False)), ("torque zero not stated", (True, False)),
-    ("torque zero not stated; hysteresis", (True, True)),
-])  # fmt: skip
-def test_a_stiffness_is_drawn_as_doubtful_where_the_doubt_concerns_it(doubt, is_dotted):
-    table = torque_angle_table().with_columns(doubtful=pl.lit(doubt), desired=NO_TEXT)
-
-    for ax, expected in zip(drawn("torque_angle", table).axes, is_dotted, strict=True):
-        curves = [line for line in ax.lines if len(line.get_xdata()) > 2]
-        assert {line.is_dashed() for line in curves} == {expected}
-
-
 def test_a_line_of_a_crossing_leads_to_it_and_is_dashed_where_it_is_doubtful():
     page = drawn("walking_page", stored("walking_page").with_columns(doubtful=DOUBT)).axes[2]
 

@@ -100,7 +100,6 @@ def test_one_factor_of_both_gains_names_its_unit(B_over_B_d, is_told):
 @pytest.mark.parametrize(("column", "value", "words"), [
     ("K", 5042.0, "no joint is as stiff as 5040"),
     ("theta_rms_deg", 0.05, "Is theta in rad, under the name deg? Then K is 12"),
-    ("K_secant", 0.14, "no joint is as soft as 0.14"),
 ])  # fmt: skip
 def test_each_side_of_a_limit_has_its_sentence(column, value, words):
     row = {"trial": "a", "K": 687.4, column: value}
@@ -199,16 +198,6 @@ def test_rows_of_single_amplitudes_share_the_doubt_of_their_trial():
     })  # fmt: skip
 
     assert doubts_of_trials(table)["doubtful"].to_list() == ["friction", "friction", "", ""]
-
-
-def test_what_a_doubt_covers_is_not_told_as_unchecked_too():
-    rest = {"trial": "a", "assumed_zero_share": 0.5, "zero_unsure": 0.1}
-
-    without = findings_of(rest, Limits(), "torque_angle")
-    covered = findings_of(rest, Limits(above={"assumed_zero_share": 0.1}), "torque_angle")
-
-    assert [finding.name for finding in without] == ["torque_zero_unseen"]
-    assert [finding.name for finding in covered] == ["assumed_zero"]
 
 
 def test_other_time_stamps_move_an_estimate_by_half_widths_of_its_interval():

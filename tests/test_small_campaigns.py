@@ -132,7 +132,7 @@ def test_a_run_after_a_job_was_killed_does_it(two_runs):
     tables = two_runs.folder / "results/tables"
 
     fitted = pl.read_csv(tables / "torque_angle.csv")
-    assert fitted["K_secant"].item() == pytest.approx(K, rel=0.01)
+    assert fitted["K"].item() == pytest.approx(K, rel=0.01)
     excluded = pl.read_csv(tables / "excluded.csv")
     assert excluded.select("trial", "check").rows() == [("sine", "refused")]
 
@@ -164,4 +164,4 @@ def test_commands_and_a_campaign_run_without_what_windows_and_macos_lack(tmp_pat
     assert re.findall(r"exit code (\d)", ended.stdout) == ["0"] * 4, ended.stdout
     assert "column         \\u03b8" in ended.stdout
     fitted = pl.read_csv(tmp_path / TABLE)
-    assert fitted["K_secant"].item() == pytest.approx(K, rel=0.01)
+    assert fitted["K"].item() == pytest.approx(K, rel=0.01)

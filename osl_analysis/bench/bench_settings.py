@@ -293,20 +293,17 @@ class TorqueAngleAnalysis(BenchAnalysis):
 
     zero: Literal["end", "start", "none"] | None
     """Where the torque's zero is: its mean over `rest_s` at the end or at the start of the
-    recording, where the joint rests; none: the torque is as recorded; null: not stated, that of the
-    end is assumed, else that of the start, else none."""
+    recording, where the joint rests; none: the torque is as recorded, and has its zero; null: not
+    stated, the torque is as recorded."""
     rest_s: Positive  # duration [s] of this rest
     # step [deg] of the angles at which the curves stand
     angle_step_deg: Annotated[float, Field(gt=0, le=10)]
     window_share: ClassVar[float] = 0.05
     """Angle to each side of a point, as a share of the range of motion, over which its torque and
     slope are fitted."""
-    # range of motion [deg] below which a trial is refused: a joint that rests
-    smallest_motion_deg: ClassVar[float] = 0.5
-    settle_cycles: Annotated[int, Field(ge=0, le=1000)] | None
+    settle_cycles: Annotated[int, Field(ge=0, le=1000)]
     """Number of first cycles that are not analysed: a device with hysteresis begins another way
-    than it goes on. None: the first one, where its torque does not come back and that of later ones
-    does."""
+    than it goes on."""
     shortest_cycle_s: Positive
     """Duration [s] of a cycle below which a trial is refused: inertia and damping are in its
     torque."""

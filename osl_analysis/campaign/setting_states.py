@@ -19,7 +19,6 @@ MEASURED_COLUMNS = {
 }
 # experiments that a setting judges, labels or enters
 EXPERIMENTS_BY_SETTING: dict[str, list[str]] = own_yaml(Path(__file__).with_suffix(".yaml"))
-USED_FOR_NULL = {"torque_angle.zero": "end"}  # values used for null
 
 
 def named_in(settings: Any, name: str) -> Any:
@@ -73,13 +72,11 @@ def state_of(name: str, value: Any, config: Config, stated: Mapping[str, Any]) -
         return "assumed"
     if name in MEASURED_COLUMNS:
         return "measured"
-    return "assumed" if name in USED_FOR_NULL else "none"
+    return "none"
 
 
 def shown_value(name: str, value: Any, state: str) -> str | None:
     """A setting as text; a shipped file is shown without its folder."""
-    if is_empty(value):
-        value = USED_FOR_NULL.get(name)
-    if value is None or state == "none":
+    if is_empty(value) or state == "none":
         return None
     return json.dumps(value).strip('"').removeprefix(f"{root()}/")

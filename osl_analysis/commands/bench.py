@@ -11,18 +11,19 @@ from typing import Any
 import polars as pl
 
 from osl_analysis.bench import bench_settings as choices
-from osl_analysis.bench import calibration, condition_tables, impedance, torque_angle
+from osl_analysis.bench import calibration, condition_tables, impedance
 from osl_analysis.bench.actuator_alone import actuator_table, actuator_trial
 from osl_analysis.bench.analysis import analysed
 from osl_analysis.bench.belt import belt_curve, belt_table, belt_trial
 from osl_analysis.bench.component_summary import part_summary
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums
-from osl_analysis.bench.fit_tables import FitTables, tables_of_fit
+from osl_analysis.bench.fit_tables import FitTables, tables_of_fit, timebase_table
 from osl_analysis.bench.fixture import fixture_column, fixture_weight_column, with_fixture
 from osl_analysis.bench.frequency_response import response_table
 from osl_analysis.bench.motion import record_of_trial, sine_record
 from osl_analysis.bench.plausibility import plausible
 from osl_analysis.bench.record import Record, with_actuator
+from osl_analysis.bench.torque_angle import torque_angle_trial
 from osl_analysis.bench.transmission import transmission_of, transmission_table
 from osl_analysis.ingest.guard import check_recording
 from osl_analysis.ingest.leaps import find_leaps
@@ -162,13 +163,12 @@ def fit_torque_angle_trial(
     should follow."""
     desired = (condition or {}).get("desired")
     trial, rails = checked(trial, settings)
-    cycles = torque_angle.torque_angle_trial(trial, settings)
-    table = torque_angle.torque_angle_table(cycles, desired)
+    fit = torque_angle_trial(trial, settings, desired)
     return tables_of_fit(
-        cycles.series(),
-        lambda: {"timebase": cycles.time_base()},
-        torque_angle=table.with_columns(rails, fixture_column(trial)),
-        torque_angle_curves=torque_angle.curve_table(cycles, desired),
+        fit.series,
+        lambda: {"timebase": timebase_table(fit.signals)},
+        torque_angle=fit.table.with_columns(rails, fixture_column(trial)),
+        torque_angle_curves=fit.curves,
     )
 
 

@@ -18,7 +18,7 @@ from osl_analysis.rounding import decimal_places, with_places, written
 # estimates in the order in which they are printed
 PRINTED = (
     "K", "B", "B_viscous", "I", "K_s", "B_j", "B_j_viscous", "J_j", "T_C", "k_tau_n_m", "f_C",
-    "f_G", "B_m", "J_m", "K_secant", "lag_s", "gain", "inertia", "weight",
+    "f_G", "B_m", "J_m", "lag_s", "gain", "inertia", "weight",
     "K_unloading", "energy_stored", "energy_returned", "energy_lost",
 )  # fmt: skip
 

@@ -11,7 +11,7 @@ from osl_analysis.bench.analysis import Analysis, torque_errors, widened
 from osl_analysis.bench.bench_settings import BeltAnalysis
 from osl_analysis.bench.component_summary import PLACE
 from osl_analysis.bench.effects import Model
-from osl_analysis.bench.loops import Cycle, find_cycles
+from osl_analysis.bench.loops import branch_rows, find_cycles
 from osl_analysis.bench.motion import stretches_of
 from osl_analysis.bench.plausibility import check_changes, check_stiffer
 from osl_analysis.bench.record import Groups, Label, Record, joint_angle
@@ -24,6 +24,7 @@ from osl_analysis.signals.grid import BRIDGE_MORE, UniformSignals, uniform_signa
 from osl_analysis.stats.table_rows import Row, estimates_row
 from osl_analysis.trial import Array, Trial
 
+BRANCHES = {"loading": 1, "unloading": -1}  # and how the deflection's size changes
 STRAIGHT: Model = {"K_s": "theta", "offset": "one"}
 STRAIGHT_AND_DAMPED: Model = {**STRAIGHT, "B_j": "omega"}
 QUADRATIC: Model = {"K_s": "theta", "K_s2": "square", "offset": "one"}
@@ -155,15 +156,9 @@ def straight_model(velocity: Array) -> Model:
     return STRAIGHT if is_constant else STRAIGHT_AND_DAMPED
 
 
-def load_cycles(theta_s: Array) -> tuple[list[Cycle], Array]:
-    """The whole load-unload cycles of a deflection theta_s (n,) [rad] from rest, and the load (n,)
-    [rad], the deflection to the side of its peak.
-
-    Raises
-    ------
-    InputError
-        The belt hardly deflects, is not unloaded again, or falls back while it is loaded.
-    """
+def load_of(theta_s: Array) -> Array:
+    """Deflection (n,) [rad] of a belt from its first sample on, to the side of its peak. Raises
+    InputError: the belt hardly deflects."""
     deflection = theta_s - theta_s[0]
     at_peak = float(deflection[np.argmax(np.abs(deflection))])
     if abs(at_peak) < np.deg2rad(LEAST_DEFLECTION_DEG):
@@ -172,14 +167,7 @@ def load_cycles(theta_s: Array) -> tuple[list[Cycle], Array]:
             f" {LEAST_DEFLECTION_DEG:g} deg or more; check the angle channels and their units in"
             " the source file"
         )
-    load = np.asarray(deflection * np.sign(at_peak))
-    cycles, _ = find_cycles(load)
-    if any(len(cycle.edges) > 3 for cycle in cycles):
-        raise InputError(
-            "the belt falls back before its peak: this is no load from rest; check that the trial"
-            " is of experiment 'belt'"
-        )
-    return cycles, load
+    return np.asarray(deflection * np.sign(at_peak))
 
 
 def branches_of(
@@ -195,28 +183,25 @@ def branches_of(
     Raises
     ------
     InputError
-        As `load_cycles`, or a branch is empty.
+        The belt hardly deflects, is not unloaded again, or a branch is empty.
     """
-    cycles, load = load_cycles(theta_s)
+    load = load_of(theta_s)
+    cycles, _ = find_cycles(load)
     is_loaded = load >= loaded_share * load.max()
-    rows_of = {
-        "loading": [slice(cycle.edges[0], cycle.edges[1] + 1) for cycle in cycles],
-        "unloading": [slice(cycle.edges[1], cycle.edges[2] + 1) for cycle in cycles],
-    }
     branches = []
-    for label, rows_of_branch in rows_of.items():
+    for label, direction in BRANCHES.items():
         inside = np.zeros(len(load), dtype=np.bool_)
-        for rows in rows_of_branch:
-            inside[rows] = is_loaded[rows] & usable[rows]
-        if not inside.any():
+        inside[branch_rows(cycles, load, direction)] = True
+        if not (inside & is_loaded & usable).any():
             raise InputError(
                 f"no row while {label} is free of gaps that are too long to be bridged;"
                 f" {BRIDGE_MORE}"
             )
         # no shorter than half a period of the cut-off
-        longest = max(np.count_nonzero(is_loaded[rows]) for rows in rows_of_branch)
+        longest = max(rows.stop - rows.start for rows in runs(inside & is_loaded))
         seconds = max(longest / rate_hz / STRETCHES, 0.5 / cutoff_hz)
-        branches.append(stretches_of(runs(inside), rate_hz, seconds, label))
+        rows = runs(inside & is_loaded & usable)
+        branches.append(stretches_of(rows, rate_hz, seconds, label))
     return Groups(
         "stretches",
         np.concatenate([branch.first for branch in branches]),
@@ -229,7 +214,7 @@ def branches_of(
 def mean_loop(theta_s: Array, torque: Array) -> Array:
     """The work of torques (..., n) [N*m] over a deflection (n,) [rad] in a cycle [J], the mean of
     all cycles (...)."""
-    cycles, _ = load_cycles(theta_s)
+    cycles, _ = find_cycles(load_of(theta_s))
     works = [np.trapezoid(torque[..., c.rows], theta_s[c.rows]) for c in cycles]
     return np.asarray(np.mean(works, axis=0))
 
@@ -291,20 +276,17 @@ def shaft_turn(record: Record) -> float | None:
 def belt_curve(belt: Analysis) -> pl.DataFrame:
     """Deflection [deg] and torque [N*m] from rest, by branch, for Fig. 3."""
     record = belt.record
-    step = slice(None, None, max(round(record.rate_hz / POINTS_PER_SECOND), 1))
-    theta_s, torque = record.motion.theta[step], record.filtered_torque[step]
-    deflection = np.rad2deg(theta_s - theta_s[0])
-    is_loading = np.ones(len(record.motion.theta), dtype=np.bool_)
-    for cycle in load_cycles(record.motion.theta)[0]:
-        is_loading[cycle.edges[1] + 1 : cycle.rows.stop] = False
-    return pl.DataFrame(
-        {
-            "trial": record.name,
-            "branch": np.where(is_loading[step], "loading", "unloading"),
-            "theta_s_deg": deflection,
-            "torque": torque - torque[0],
-        }
-    )
+    theta_s, torque = record.motion.theta, record.filtered_torque
+    load = load_of(theta_s)
+    branch = np.full(len(load), "loading", dtype=object)
+    branch[branch_rows(find_cycles(load)[0], load, -1)] = "unloading"
+    columns = {
+        "branch": branch.tolist(),
+        "theta_s_deg": np.rad2deg(theta_s - theta_s[0]),
+        "torque": torque - torque[0],
+    }
+    step = max(round(record.rate_hz / POINTS_PER_SECOND), 1)
+    return pl.DataFrame({"trial": record.name, **columns}).gather_every(step)
 
 
 def belt_figure_points(
@@ -329,24 +311,18 @@ def belt_figure_points(
         mean area [J]. There is no mean slope where all trials are doubtful.
     """
     doubts = table.select("trial", *PLACE, "doubtful")
-    marked_curves = curves.join(doubts, "trial", how="left", maintain_order="left")
-    found = []
-    for of_place in marked_curves.partition_by(PLACE, maintain_order=True):
-        place = of_place.select(PLACE).head(1)
-        rows = summary.join(place, PLACE, nulls_equal=True).to_dicts()
-        means = {row["quantity"]: row for row in rows}
-        slope = pl.lit(means["K_s"]["mean"], pl.Float64) * np.pi / 180  # null without a mean
-        deviation = pl.col("torque") - slope * pl.col("theta_s_deg")
-        found.append(of_place.with_columns(deviation=deviation))
+    points = curves.join(doubts, "trial", how="left", maintain_order="left")
+    numbers = []
+    for quantity in ("K_s", "hysteresis_area"):
+        names = {"mean": quantity, "low": f"{quantity}_low", "high": f"{quantity}_high"}
+        means = summary.filter(quantity=quantity).select(*PLACE, *names).rename(names)
+        points = points.join(means, PLACE, how="left", nulls_equal=True, maintain_order="left")
+        numbers += names.values()
+    on_slope = pl.col("K_s") * np.pi / 180 * pl.col("theta_s_deg")  # null without a mean
 
-        deflection = of_place["theta_s_deg"]
-        largest = deflection[int(np.argmax(deflection.abs().to_numpy()))]
-        ends = np.array([0.0, largest])
-        line = pl.DataFrame({"trial": "mean slope", "branch": "loading", "theta_s_deg": ends})
-        line = line.with_columns(torque=slope * pl.col("theta_s_deg")).drop_nulls("torque")
-        numbers = {}
-        for quantity in ("K_s", "hysteresis_area"):
-            for ending, bound in (("", "mean"), ("_low", "low"), ("_high", "high")):
-                numbers[f"{quantity}{ending}"] = pl.lit(means[quantity][bound], pl.Float64)
-        found.append(line.join(place, how="cross").with_columns(**numbers))
-    return pl.concat(found, how="diagonal")
+    largest = points.sort(pl.col("theta_s_deg").abs()).group_by(PLACE, maintain_order=True).last()
+    ends = pl.concat([largest.with_columns(theta_s_deg=0.0), largest])
+    lines = ends.with_columns(trial=pl.lit("mean slope"), branch=pl.lit("loading"), torque=on_slope)
+    lines = lines.drop_nulls("torque").drop("doubtful")
+    curves = points.with_columns(deviation=pl.col("torque") - on_slope).drop(numbers)
+    return pl.concat([curves, lines], how="diagonal")

@@ -1,5 +1,6 @@
 """Cycles of a slow motion to and fro: where each begins, turns and ends, and the energy in it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -35,6 +36,11 @@ class Cycle:
             if (theta[last] - theta[first]) * direction > 0
         ]
         return np.concatenate(parts)
+
+
+def branch_rows(cycles: Sequence[Cycle], theta: Array, direction: int) -> NDArray[np.intp]:
+    """The rows of all cycles in which the angle (n,) rises (1) or falls (-1)."""
+    return np.concatenate([cycle.branch(theta, direction) for cycle in cycles])
 
 
 def find_cycles(theta: Array) -> tuple[list[Cycle], int]:

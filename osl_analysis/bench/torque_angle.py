@@ -15,7 +15,7 @@ import polars as pl
 from osl_analysis.bench.analysis import torque_errors
 from osl_analysis.bench.bench_settings import TorqueAngleAnalysis
 from osl_analysis.bench.fit_tables import Series
-from osl_analysis.bench.loops import Cycle, energies, find_cycles
+from osl_analysis.bench.loops import Cycle, branch_rows, energies, find_cycles
 from osl_analysis.bench.plausibility import check_changes, check_resists, check_stiffer
 from osl_analysis.bench.record import joint_angle
 from osl_analysis.dictionary import table_of
@@ -99,7 +99,7 @@ def torque_angle_trial(
     model = np.full(len(theta), np.nan)
     curves = []
     for branch, direction in (("loading", loading), ("unloading", -loading)):
-        rows = np.concatenate([cycle.branch(theta, direction) for cycle in cycles])
+        rows = branch_rows(cycles, theta, direction)
         curve, slope = curve_of(theta[rows], torque[rows], angles, settings.window_share)
         model[rows] = np.interp(theta[rows], angles, curve, np.nan, np.nan)
         columns = {

@@ -137,7 +137,7 @@ def test_a_simulated_bench_gives_them_back_within_their_errors():
     (0.0, 1, lambda omega, current: np.sign(omega) * (4 + np.tanh(current)), "k_tau_n_m and f_G"),
     (30.0, 1, lambda omega, current: current, "f_C and offset"),  # a motion that never turns round
     (0.0, 1 / 57, lambda omega, current: current,
-     r"faster than 0\.5 rad/s in 0 of 20000 samples; drive it faster"),
+     r"faster than 0\.5 rad/s in 0 of 20000 samples, .*; drive it faster"),
 ])  # fmt: skip
 def test_refuses_a_schedule_that_does_not_tell_two_parameters_apart_or_hardly_moves(
     offset, size, current_of, message
@@ -197,7 +197,7 @@ def test_rows_near_the_ends_and_of_slow_motion_are_not_fitted():
 
 def test_a_bench_without_a_motion_is_refused():
     still = free_samples().drop("theta_m", "omega_m")
-    words = r"trial b: the actuator stands, .*name theta_m or omega_m"
+    words = r"trial b: the actuator's motion is not recorded, .*name theta_m or omega_m"
     with pytest.raises(InputError, match=words):
         actuator_trial(Trial("b", still), ANALYSIS)
 
@@ -238,7 +238,7 @@ def test_current_in_steps_at_standstill_gives_the_torque_per_current_alone():
         assert [row[name] for name in ("motion", *NAMES[1:])] == [None] * 5
         assert "f_C, f_G, B_m and J_m" in [one.cause for one in noted_in("actuator", row)]
     with pytest.raises(
-        InputError, match=r"its current has 2 plateaus of 0\.3 s or more, 8 are needed"
+        InputError, match=r"its current has fewer than 8 plateaus of 0\.3 s or more"
     ):
         actuator_trial(staircase(1, levels=(0, 5)), ANALYSIS)
 
@@ -258,9 +258,9 @@ def test_pauses_of_the_logger_between_plateaus_change_nothing():
     parted = actuator_trial(with_pauses(staircase(3, ALTERNATING, between=0.0), 86.0), ANALYSIS)
 
     assert parted.whole["k_tau_n_m"] == pytest.approx(whole["k_tau_n_m"], rel=2e-3)
-    low, high = parted.whole.interval("k_tau_n_m")
-    assert low < 0.648 < high
-    assert parted.record.time[-1] == pytest.approx(10 + 9 * 86, abs=0.01)  # the log's own clock
+    interval = whole.interval("k_tau_n_m")
+    assert parted.whole.interval("k_tau_n_m") == pytest.approx(interval, rel=1e-3)
+    assert parted.record.time[-1] == pytest.approx(10 + 9 * 86, abs=0.3)  # the log's own clock
 
 
 def test_a_current_that_was_off_in_the_pauses_comes_from_zero():
@@ -362,10 +362,10 @@ def test_a_current_that_is_late_is_refused_for_it_and_not_for_its_sign():
     t, theta, omega, alpha, current = schedule()
     current = current + 6 * np.sin(2 * np.pi * 3.1 * t) + 6 * np.sin(2 * np.pi * 2.7 * t)
     torque = by_hand(omega, alpha, current)
-    with pytest.raises(InputError, match=r"negative, .* 170 ms earlier") as refused:
+    with pytest.raises(InputError, match=r"far better 170 ms earlier") as refused:
         fit_log(t, theta, np.roll(current, 170), torque)
     assert refused.value.remedy.startswith("state `delay: 170 ms` of current")
-    with pytest.raises(InputError, match=r"k_tau_n_m is 1\.\d+ N\*m/A, .* 10 ms earlier"):
+    with pytest.raises(InputError, match=r"far better 10 ms earlier"):
         fit_log(t, theta, np.roll(current, 10), torque)
     # which `plausible` refuses
     assert fit_log(t, theta, -current, torque).interval("k_tau_n_m")[1] < 0

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import polars as pl
@@ -39,8 +40,6 @@ FAR_BETTER = 0.5  # of what is left of the torque, with the current at another t
 MOST_TRIED = 10_000  # rows of the search for a late current
 SMALLEST_STEP = 0.02  # of the current's range: a smaller one has no direction
 HIGHEST_CUTOFF = 0.4  # of the sampling rate
-SHORTEST_PAUSE = 1e-6  # s, beyond rounding of times
-SHORTENED = 0.8  # of the longest bridged gap, to which longer pauses are shortened
 
 
 def actuator_trial(trial: Trial, settings: ActuatorAnalysis) -> Analysis:
@@ -61,34 +60,27 @@ def actuator_trial(trial: Trial, settings: ActuatorAnalysis) -> Analysis:
     IdentifiabilityError
         The motion cannot tell two parameters apart.
     """
-    motion = [name for name in ("theta_m", "omega_m") if name in trial.samples.columns]
-    columns = (*motion[:1], "current", "torque_m")
-    trial.check_columns(*columns)
+    moved = next((name for name in ("theta_m", "omega_m") if name in trial.columns), None)
+    trial.check_columns("current", "torque_m")
     with naming(f"trial {trial.name}"):
-        # pauses of the logger, in which a clamped actuator shows nothing, are shortened, so that
-        # one grid bridges them
-        longest_s = settings.gap_limits.longest_s
-        recorded_time = trial.arrays()[0]
-        steps = np.diff(recorded_time)
-        excess = np.where(steps > longest_s, steps - SHORTENED * longest_s, 0.0)
-        time = recorded_time - np.append(0.0, np.cumsum(excess))
-        shortened = trial.samples.with_columns(time=pl.Series(time))
-        gapless = Trial(trial.name, shortened, trial.provenance) if excess.any() else trial
-        signals = uniform_signals(gapless, columns, settings.gap_limits)
-        levels = levels_of(signals, settings.slowest)
+        levels = levels_of(trial, moved, settings.slowest)
         if levels:
-            of_log = np.interp(signals.time, time, recorded_time)
-            return clamped_of(signals, settings, levels, of_log)
-        if excess.any():
-            signals = uniform_signals(trial, columns, settings.gap_limits)  # says which gap
-        found = actuator_of(signals, settings)
+            return clamped_of(trial, settings, levels)
+        if moved is None:
+            raise InputError(
+                f"the actuator's motion is not recorded, and its current has fewer than"
+                f" {FEWEST_PLATEAUS} plateaus of 0.3 s or more; drive the actuator and name"
+                " theta_m or omega_m in the source file, or step the current more often"
+            )
+        signals = uniform_signals(trial, (moved, "current", "torque_m"), settings.gap_limits)
+        fit = actuator_of(signals, settings, moved)
         other = signals.other()
-        if other is not None:
-            found = replace(found, fits_with_other_stamps=actuator_of(other, settings).fits)
-    return found
+        if other is None:
+            return fit
+        return replace(fit, fits_with_other_stamps=actuator_of(other, settings, moved).fits)
 
 
-def actuator_of(signals: UniformSignals, settings: ActuatorAnalysis) -> Analysis:
+def actuator_of(signals: UniformSignals, settings: ActuatorAnalysis, moved: str) -> Analysis:
     """The fit to uniform signals.
 
     The velocity's sign is tanh(omega_m/sign_width), taken before the filter, so that the column
@@ -100,14 +92,6 @@ def actuator_of(signals: UniformSignals, settings: ActuatorAnalysis) -> Analysis
     check_changes("torque_m", measured)
     usable, time, rate = signals.usable, signals.time, signals.rate_hz
     low_pass = settings.low_pass
-    moved = moved_by(signals)
-    if moved is None or not np.ptp(signals[moved]):
-        count = len(plateaus_of(time[usable], current[usable]))
-        raise InputError(
-            f"the actuator stands, and its current has {count} plateaus of 0.3 s or more,"
-            f" {FEWEST_PLATEAUS} are needed; drive the actuator and name theta_m or omega_m in the"
-            " source file, or step the current up and down more often"
-        )
     raw = signals[moved]
     smooth = differentiate(time, low_pass(raw, rate))
     omega, alpha = smooth.omega, smooth.alpha
@@ -130,11 +114,12 @@ def actuator_of(signals: UniformSignals, settings: ActuatorAnalysis) -> Analysis
     edge = int(np.ceil(EDGE_PERIODS * rate / settings.cutoff_hz))
     moving[:edge] = False
     moving[-edge:] = False
-    if np.count_nonzero(moving) < FEWEST_MOVING_S * rate:
+    fitted = np.flatnonzero(moving)
+    if len(fitted) < FEWEST_MOVING_S * rate:
         raise InputError(
-            f"the actuator is faster than {settings.slowest:g} rad/s in {np.count_nonzero(moving)}"
-            f" of {len(time)} samples; drive it faster or longer, or check the unit of theta_m or"
-            " omega_m in the source file"
+            f"the actuator is faster than {settings.slowest:g} rad/s in {len(fitted)} of"
+            f" {len(time)} samples, and its current has fewer than {FEWEST_PLATEAUS} plateaus;"
+            " drive it faster or longer, or check the unit of theta_m or omega_m in the source file"
         )
     record = Record(
         name=signals.trial,
@@ -149,71 +134,50 @@ def actuator_of(signals: UniformSignals, settings: ActuatorAnalysis) -> Analysis
         uniform=signals,
         settings=settings,
     )
-    found = analysed(record, gram_sums(record, columns, list(columns)), ACTUATOR_ALONE)
-    fitted = np.flatnonzero(moving)
-    check_prompt(columns, record.filtered_torque, fitted, rate, found.whole["k_tau_n_m"], moved)
-    return found
+    check_prompt(columns, record.filtered_torque, fitted, rate)
+    return analysed(record, gram_sums(record, columns, list(columns)), ACTUATOR_ALONE)
 
 
 def check_prompt(
-    columns: Mapping[str, Array],
-    torque: Array,
-    moving: NDArray[np.intp],
-    rate_hz: float,
-    k_tau_n_m: float,
-    moved: str,
+    columns: Mapping[str, Array], torque: Array, moving: NDArray[np.intp], rate_hz: float
 ) -> None:
     """Refuse a late or early current, which makes the torque per current too small, or negative
-    like a wrong sign. `moved` is the column of the motion."""
+    like a wrong sign."""
     rows = moving[:: max(len(moving) // MOST_TRIED, 1)]
     others = [columns[name] for name in ("f_C", "B_m", "J_m", "one", "ramp")]
     beside = without(np.stack(others, axis=1)[rows])
-    rest = beside(torque[rows])
     current = columns["k_tau_n_m"]
     shifted = [np.roll(current, -round(lag * rate_hz))[rows] for lag in SOUGHT_LAGS_S]
     tried = beside(np.stack(shifted, axis=1))
+    left = beside(torque[rows])
 
-    along = rest @ tried
-    slopes = along / np.sum(tried**2, axis=0)
-    is_now = SOUGHT_LAGS_S == 0
-    left = np.where(is_now | (slopes > 0), rest @ rest - slopes * along, np.inf)
-    lag_s = float(SOUGHT_LAGS_S[np.argmin(left)])
-    if left.min() < FAR_BETTER * left[is_now]:
-        found = "negative" if k_tau_n_m < 0 else f"{k_tau_n_m:.3g} N*m/A"
-        late = "current" if lag_s > 0 else f"torque_m, or of torque_m and {moved},"
+    unexplained = left @ left - (left @ tried) ** 2 / np.sum(tried**2, axis=0)
+    lag_s = float(SOUGHT_LAGS_S[np.argmin(unexplained)])
+    if unexplained.min() < FAR_BETTER * unexplained[SOUGHT_LAGS_S == 0]:
+        way, late = ("earlier", "current") if lag_s > 0 else ("later", "torque_m")
         raise InputError(
-            f"k_tau_n_m is {found}, and the current fits far better {1e3 * abs(lag_s):.0f} ms"
-            f" {'earlier' if lag_s > 0 else 'later'}; state `delay: {1e3 * abs(lag_s):.0f} ms` of"
-            f" {late} in the source file"
+            f"the current fits the torque far better {1e3 * abs(lag_s):.0f} ms {way}; state"
+            f" `delay: {1e3 * abs(lag_s):.0f} ms` of {late} in the source file"
         )
 
 
-def levels_of(signals: UniformSignals, slowest: float) -> list[slice]:
+def levels_of(trial: Trial, moved: str | None, slowest: float) -> list[slice]:
     """Rows of the plateaus of a clamped actuator's current; none if it is driven, or has too
     few."""
-    kept = np.flatnonzero(signals.usable)
-    time, current = signals.time[kept], signals["current"][kept]
-    moved = moved_by(signals)
-    motion = None if moved is None else signals[moved][kept]
+    time, current, *motion = trial.signals("current", *([moved] if moved else []))
     levels = plateaus_of(time, current)
-    if not is_clamped(time, current, levels, motion, moved == "theta_m", slowest):
-        return []
-    return [slice(int(kept[rows.start]), int(kept[rows.stop - 1]) + 1) for rows in levels]
+    of_shaft = motion[0] if motion else None
+    is_at_rest = is_clamped(time, current, levels, of_shaft, moved == "theta_m", slowest)
+    return levels if is_at_rest else []
 
 
-def clamped_of(
-    signals: UniformSignals,
-    settings: ActuatorAnalysis,
-    levels: list[slice],
-    time: Array,
-) -> Analysis:
+def clamped_of(trial: Trial, settings: ActuatorAnalysis, levels: list[slice]) -> Analysis:
     """k_tau n_m of an actuator at rest with a stepped current.
 
-    Its torque in the plateaus (`levels_of`), which are the interval's units, is k_tau n_m I_q - T s
-    + offset + drift. T is the friction that lags behind steps up (s = 1) and down (s = -1); without
-    it k_tau n_m would absorb it. T and drift are left out if all steps go one way. Behind a pause a
-    step comes from 0, since the drive may have been off. `time` (n,) [s] is the log's, with its
-    pauses. When stamps were taken matters to no plateau.
+    Its mean torque in each plateau (`levels_of`), which are the interval's units, is k_tau n_m I_q
+    - T s + offset + drift. T is the friction that lags behind steps up (s = 1) and down (s = -1);
+    without it k_tau n_m would absorb it. T and drift are left out if all steps go one way. Behind a
+    pause a step comes from 0, since the drive may have been off.
 
     Raises
     ------
@@ -222,75 +186,66 @@ def clamped_of(
     IdentifiabilityError
         The plateaus do not tell k_tau n_m from friction and offset.
     """
-    current, torque = signals["current"], signals["torque_m"]
-    # a plateau is no motion: a log of few rows per second shows it as well
-    cutoff_hz = min(settings.cutoff_hz, HIGHEST_CUTOFF * signals.rate_hz)
-    low_pass = replace(settings.low_pass, cutoff_hz=cutoff_hz)
+    time, current, torque = trial.signals("current", "torque_m")
     check_changes("torque_m", torque)
-    means = np.array([current[rows].mean() for rows in levels])
-    starts = [rows.start for rows in levels]
-    pauses = np.diff(time[starts]) - np.diff(signals.time[starts])
-    before = np.append(0.0, np.where(pauses > SHORTEST_PAUSE, 0.0, means[:-1]))
-    steps = means - before
+    means = np.array([current[level].mean() for level in levels])
+    between = [np.diff(time[a.stop - 1 : b.start + 1]) for a, b in pairwise(levels)]
+    is_pause = np.array([steps.max() > settings.gap_limits.longest_s for steps in between])
+    steps = means - np.append(0.0, np.where(is_pause, 0.0, means[:-1]))
     # a start at 0 has no direction
     way = np.where(np.abs(steps) > SMALLEST_STEP * np.ptp(means), np.sign(steps), 0.0)
 
-    side = np.zeros_like(current)
-    for rows, up in zip(levels, way, strict=True):
-        side[rows] = -up
-    # a mean at each plateau: noise of single rows would lower k_tau n_m
-    of_current = low_pass(current, signals.rate_hz)
-    for rows in levels:
-        of_current[rows] = of_current[rows].mean()
+    rows = np.concatenate([np.r_[level] for level in levels])
+    counts = np.array([level.stop - level.start for level in levels])
+    time = time[rows]
     columns = {
-        "k_tau_n_m": of_current,
-        "hysteresis": side,
-        "one": np.ones_like(current),
+        "k_tau_n_m": np.repeat(means, counts),
+        "hysteresis": np.repeat(-way, counts),
+        "one": np.ones_like(time),
         "ramp": time - time.mean(),
     }
     model = {"k_tau_n_m": "k_tau_n_m", "offset": "one"}
-    goes_both_ways = {-1.0, 1.0} <= set(way.tolist())
-    if goes_both_ways:
+    if {-1.0, 1.0} <= set(way.tolist()):
         model["hysteresis"] = "hysteresis"
         model["drift"] = "ramp"
 
-    groups = Groups(
-        "stretches",
-        np.array([float(rows.start) for rows in levels]),
-        np.array([float(rows.stop) for rows in levels]),
-        np.zeros(len(levels), dtype=np.intp),
-        (Stratum(slice(levels[0].start, levels[-1].stop)),),
-    )
-    still = np.zeros_like(current)
+    stops = np.cumsum(counts).astype(np.float64)
+    still = np.zeros_like(time)
+    of_plateaus = np.repeat([torque[level].mean() for level in levels], counts)
+    rate_hz = (len(time) - 1) / (time[-1] - time[0])
+    # a plateau is no motion: a log of few rows per second shows it as well
+    cutoff_hz = min(settings.cutoff_hz, HIGHEST_CUTOFF * rate_hz)
     record = Record(
-        name=signals.trial,
+        name=trial.name,
         time=time,
         theta=still,
-        torque=torque,
+        torque=of_plateaus,
         motion=Motion(still, still, still),
-        filtered_torque=low_pass(torque, signals.rate_hz),
-        low_pass=low_pass,
-        usable=signals.usable,
-        groups=groups,
-        uniform=signals,
+        filtered_torque=of_plateaus,
+        low_pass=replace(settings.low_pass, cutoff_hz=cutoff_hz),
+        usable=np.ones(len(time), dtype=np.bool_),
+        groups=Groups(
+            "stretches",
+            stops - counts,
+            stops,
+            np.zeros(len(levels), dtype=np.intp),
+            (Stratum(slice(0, len(time))),),
+        ),
         settings=settings,
     )
     return analysed(record, gram_sums(record, columns, list(model.values())), model)
 
 
-def moved_by(signals: UniformSignals) -> str | None:
-    """The column of the actuator's motion; None if the bench logs none."""
-    return next((name for name in ("theta_m", "omega_m") if name in signals.signals), None)
-
-
 def actuator_table(actuator: Analysis) -> pl.DataFrame:
     """The trial's row of `actuator.csv`; what an actuator at rest does not tell is null."""
     fit, record = actuator.calibrated(actuator.whole), actuator.record
-    assert record.uniform is not None
     told = [name for name in ACTUATOR_PARAMETERS if name in fit.names]
+    moved = None
+    if record.uniform is not None:
+        moved = "theta_m" if "theta_m" in record.uniform.signals else "omega_m"
     row: Row = {
         "trial": record.name,
-        "motion": moved_by(record.uniform) if "J_m" in told else None,
+        "motion": moved,
         **estimates_row(fit, *told),
         **actuator.beside_estimates(None, *told),
         **actuator.time_base_row(None, told),

@@ -161,7 +161,6 @@ class Analysis:
 
     def time_base(self) -> pl.DataFrame:
         """The trial's rows of `timebase.csv`."""
-        assert self.record.uniform is not None  # a trial that was read from a file
         return timebase_table(self.record.uniform)
 
     def modelled(self, label: Label = None, rows: slice | NDArray[np.intp] = slice(None)) -> Array:

@@ -312,7 +312,7 @@ def belt_figure_points(
     """
     doubts = table.select("trial", *PLACE, "doubtful")
     points = curves.join(doubts, "trial", how="left", maintain_order="left")
-    numbers = []
+    numbers: list[str] = []
     for quantity in ("K_s", "hysteresis_area"):
         names = {"mean": quantity, "low": f"{quantity}_low", "high": f"{quantity}_high"}
         means = summary.filter(quantity=quantity).select(*PLACE, *names).rename(names)

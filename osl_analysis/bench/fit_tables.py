@@ -84,7 +84,9 @@ def tables_of_fit(
     return FitTables({**estimates, "torque": fitted}, series, compute_others)
 
 
-def timebase_table(signals: UniformSignals) -> pl.DataFrame:
-    """The trial's rows of `timebase.csv`, one per stream."""
-    rows = [{"trial": signals.trial, **stream} for stream in signals.streams]
+def timebase_table(signals: UniformSignals | None) -> pl.DataFrame:
+    """The trial's rows of `timebase.csv`, one per stream; none where no grid was needed."""
+    rows = []
+    if signals is not None:
+        rows = [{"trial": signals.trial, **stream} for stream in signals.streams]
     return table_of(rows, "timebase")

@@ -31,6 +31,7 @@ SETTLED = 5.0  # median mismatches; more is a transient
 LARGEST_MISMATCH = 0.1  # share, median over time, beyond which a motion does not repeat itself
 LEAST_COVERED = 0.5  # share of the moving time that must repeat itself
 LARGEST_SCATTER = 0.03  # of periods about their mean: a bench leaves 1 %, a hand 5 to 10 %
+SMALLEST_SIZE = 1e-9  # of the record's energy: what is smaller is a rest
 LAG_ROUNDS = 2
 
 
@@ -94,17 +95,15 @@ def periodic_motion(
         return None
     step = max(int(rate_hz / COARSE_HZ), 1)
     rows = len(theta) // step * step
-    averaged = theta[:rows].reshape(-1, step).mean(axis=1)
-    x = np.asarray(scipy.signal.detrend(averaged))
-    usable_rows = np.ones(rows, dtype=bool) if usable is None else usable[:rows]
-    usable_bins = np.asarray(usable_rows.reshape(-1, step).all(axis=1))
+    x = np.asarray(scipy.signal.detrend(theta[:rows].reshape(-1, step).mean(axis=1)))
+    is_usable = np.ones(len(theta), dtype=bool) if usable is None else usable
+    usable_bins = np.asarray(is_usable[:rows].reshape(-1, step).all(axis=1))
     spline = scipy.interpolate.make_interp_spline(np.arange(len(x)), x, k=3)
 
-    candidates = []
-    for lag in likely_lags(x):
-        repetition = repetition_after(x, spline, usable_bins, lag, rate_hz / step)
-        if repetition is not None:
-            candidates.append(repetition)
+    found = [
+        repetition_after(x, spline, usable_bins, lag, rate_hz / step) for lag in likely_lags(x)
+    ]
+    candidates = [repetition for repetition in found if repetition is not None]
     if not candidates:
         return None
     best = min(candidate.mismatch for candidate in candidates)
@@ -112,13 +111,12 @@ def periodic_motion(
     # multiple of it
     chosen = min(candidate for candidate in candidates if candidate.mismatch <= 2 * best + FLOOR)
     realisations = whole_periods(chosen, len(theta) / rate_hz)
-    of_period = np.arange(0, chosen.lag, 1 / COARSE_HZ)
+    times = np.arange(0, chosen.lag, 1 / COARSE_HZ)
     for realisation in realisations:
         begins = realisation.start + chosen.lag * np.arange(realisation.periods)
-        periods = spline((begins[:, None] + of_period) * rate_hz / step)
+        periods = spline((begins[:, None] + times) * rate_hz / step)
         periods -= periods.mean(axis=1, keepdims=True)  # the joint may settle
-        scatter = np.std(periods - periods.mean(axis=0)) / np.std(periods)
-        if not scatter < LARGEST_SCATTER:
+        if np.std(periods - periods.mean(axis=0)) > LARGEST_SCATTER * np.std(periods):
             return None
     return PeriodicMotion(chosen.lag, realisations) if realisations else None
 
@@ -127,16 +125,13 @@ def whole_periods(repetition: Repetition, seconds: float) -> tuple[Realisation, 
     """The whole periods of each stretch of a record of some duration, counted backwards from its
     end: the incomplete rest is at the beginning, where a transient is."""
     period = repetition.lag
-    blurred = 3 / COARSE_HZ  # s; by which the ends of a stretch are uncertain
     realisations = []
     for start, stop in repetition.stretches:
         end = min(stop, seconds)
-        periods = int((end - max(start, 0.0) + blurred) / period)
-        first = max(end - periods * period, 0.0)
-        if first + periods * period > seconds:
-            periods -= 1
+        # the ends of a stretch are uncertain by three samples
+        periods = int(min(end - max(start, 0.0) + 3 / COARSE_HZ, end) / period)
         if periods > 1:  # one has no scatter
-            realisations.append(Realisation(first, periods))
+            realisations.append(Realisation(end - periods * period, periods))
     return tuple(realisations)
 
 
@@ -152,13 +147,12 @@ def likely_lags(x: Array) -> Array:
     products = scipy.signal.correlate(x, x)[n - 1 :][lags]
     energy = np.concatenate([[0.0], np.cumsum(x**2)])
     size = np.sqrt(energy[n - lags] * np.maximum(energy[n] - energy[lags], 0.0))
-    correlation = np.divide(products, size, out=np.zeros(len(lags)), where=size > 1e-9 * energy[n])
-    is_negative = correlation < 0
-    first = int(np.argmax(is_negative)) if is_negative.any() else len(lags)
+    correlation = products / np.maximum(size, SMALLEST_SIZE * energy[n])
+    beyond_first_swing = np.logical_or.accumulate(correlation < 0)
     # a peak at the largest lag has no sample behind it
-    peaks, _ = scipy.signal.find_peaks(np.append(correlation[first:], 0.0), LEAST_CORRELATION)
-    highest = np.argsort(-correlation[first + peaks], kind="stable")[:MOST_LAGS]
-    return np.asarray((first + peaks)[highest], dtype=np.float64)
+    height = np.append(np.where(beyond_first_swing, correlation, 0.0), 0.0)
+    peaks, _ = scipy.signal.find_peaks(height, LEAST_CORRELATION)
+    return peaks[np.argsort(-height[peaks], kind="stable")[:MOST_LAGS]].astype(np.float64)
 
 
 def repetition_after(
@@ -170,43 +164,37 @@ def repetition_after(
     The lag is corrected. `spline` goes through x; rows that are not `usable` (n,) do not count.
     """
     power = scipy.ndimage.uniform_filter1d(x**2, max(round(lag), 1), mode="nearest")
-    moving = np.asarray(power > MOVING**2 * np.max(power))
-    rms = float(np.sqrt(np.mean(x[moving] ** 2))) if moving.any() else 0.0
+    moving = power > MOVING**2 * np.max(power)
     counts = usable & moving
+    rms = float(np.sqrt(np.mean(x[moving] ** 2)))
+    window = max(round(COMPARED_S * rate_hz), 1)
+
+    def runs_of_a_lag(similar: NDArray[np.bool_]) -> list[slice]:
+        """Runs of at least one lag in which rows are similar to those a lag later, and both
+        count."""
+        m = len(similar)
+        both_count = counts[:m] & counts[round(lag) : round(lag) + m]
+        least = WHOLE_LAG * lag - 1
+        return [run for run in runs(similar & both_count) if run.stop - run.start > least]
 
     for _ in range(LAG_ROUNDS):
-        rows_compared = int(len(x) - np.ceil(lag))
-        difference = np.asarray(spline(np.arange(rows_compared) + lag)) - x[:rows_compared]
-        window = max(round(COMPARED_S * rate_hz), 1)
+        compared = np.arange(int(len(x) - np.ceil(lag)))
+        difference = spline(compared + lag) - x[compared]
         mean_square = scipy.ndimage.uniform_filter1d(difference**2, window, mode="nearest")
         mismatch = np.sqrt(np.maximum(mean_square, 0.0))
-        similar = runs_of_a_lag(mismatch < SIMILAR * rms, counts, lag)
+        similar = runs_of_a_lag(mismatch < SIMILAR * rms)
         if not similar:
             return None
         rows = np.concatenate([np.r_[run] for run in similar])
-        slope = np.asarray(spline(np.arange(int(rows.max()) + 1) + lag, 1))[rows]
-        slope_square = max(float(slope @ slope), np.finfo(float).tiny)
-        lag -= float(slope @ difference[rows]) / slope_square
-        if not 1 <= lag < len(x) - 1:  # an angle at rest has no slope
+        slope = spline(rows + lag, 1)
+        lag -= float(slope @ difference[rows] / (slope @ slope))
+        if not 1 <= lag < len(x) - 1:
             return None
 
     median = float(np.median(mismatch[rows]))
-    settled = runs_of_a_lag(mismatch < max(SETTLED * median, FLOOR * rms), counts, lag)
-    repeated = sum(run.stop - run.start + lag for run in settled)
-    covered = repeated / max(int(moving.sum()), 1)
+    settled = runs_of_a_lag(mismatch < max(SETTLED * median, FLOOR * rms))
+    covered = sum(run.stop - run.start + lag for run in settled) / np.count_nonzero(moving)
     if median > LARGEST_MISMATCH * rms or covered < LEAST_COVERED:
         return None
     stretches = [(run.start / rate_hz, (run.stop + lag) / rate_hz) for run in settled]
     return Repetition(lag / rate_hz, median / rms, stretches)
-
-
-def runs_of_a_lag(similar: NDArray[np.bool_], counts: NDArray[np.bool_], lag: float) -> list[slice]:
-    """Runs of at least one lag [samples] in which the angle is `similar` (m,) to itself a lag
-    later, and both rows count (n,)."""
-    m = len(similar)
-    whole = round(lag)
-    counts_later = np.concatenate([counts[whole:], np.repeat(counts[-1:], whole)])[:m]
-    shortest = WHOLE_LAG * lag - 1
-    return [
-        run for run in runs(similar & counts[:m] & counts_later) if run.stop - run.start > shortest
-    ]

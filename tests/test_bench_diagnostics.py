@@ -13,6 +13,7 @@ from scipy.interpolate import CubicSpline
 
 from osl_analysis.bench import leg_belt
 from osl_analysis.bench.analysis import fitted_motion
+from osl_analysis.bench.component_summary import delay_table
 from osl_analysis.bench.coulomb import coulomb_fits, with_friction, without_friction
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums, with_effects
 from osl_analysis.bench.impedance import (
@@ -205,7 +206,7 @@ def test_the_belt_shows_the_lag_of_a_leg_s_torque_whatever_theta_m_s_is(fault, l
         leg(**fault | dict.fromkeys(("torque_late", "theta_late"), 0.0)), SETTINGS
     )
     sound = fitted_motion(in_time, plain_sums(in_time, IMPEDANCE), IMPEDANCE).whole
-    for name in "KBI":
+    for name in "BI":
         told = [row[f"{name}_without_lag{end}"] for end in ENDS]
         assert (told == [None] * 3) if not lag else (told[1] < sound[name] < told[2]), name
 
@@ -229,3 +230,40 @@ def test_a_belt_of_an_actuator_s_angle_with_the_wrong_sign_tells_no_lag():
 
     assert belt.lag is None
     assert belt.K_s < 0.7 * P.K_s
+
+
+def test_the_delay_of_a_bench_is_pooled_over_trials_with_what_all_of_them_share():
+    """Three trials that are 2 ms late to 50 us, and share 80 us; with amplitudes, which do not
+    count."""
+    lags = [1.95e-3, 2.0e-3, 2.05e-3]
+    rows = pl.DataFrame(
+        {
+            "trial": [*"aabc"], "amplitude_deg": [None, 2.0, None, None],
+            "lag_s": [lags[0], 9.0, *lags[1:]], "lag_s_se_bench": 80e-6,
+            "K": 300.0, "B": 4.4, "B_low": 4.3, "B_high": 4.5,
+            "I": 0.01, "I_low": 0.0, "I_high": 0.02,
+        }
+    )  # fmt: skip
+    half = pl.lit(1.96 * 85e-6)
+    rows = rows.with_columns(lag_s_low=pl.col("lag_s") - half, lag_s_high=pl.col("lag_s") + half)
+
+    table = delay_table(rows)
+
+    row = table.row(0, named=True)
+    assert (table.height, row["trials"], row["to_state"]) == (4, 3, "torque: {delay: 2 ms}")
+    assert row["delay_s"] == pytest.approx(2e-3)
+    half_width = (row["delay_s_high"] - row["delay_s_low"]) / 2
+    assert 1.96 * 80e-6 < half_width < 1.96 * 100e-6
+    assert row["B_without_lag"] == pytest.approx(4.4 + 300 * 2e-3)
+    assert row["I_without_lag"] == pytest.approx(0.01 + 4.4 * 2e-3 + 300 * 2e-6)
+    B_half = (row["B_without_lag_high"] - row["B_without_lag_low"]) / 2
+    assert B_half == pytest.approx(np.hypot(0.1, 300 * half_width))
+
+
+def test_a_delay_that_no_trial_tells_for_certain_is_not_stated():
+    row = {"trial": "a", "lag_s": 1e-4, "lag_s_low": -1e-4, "lag_s_high": 3e-4}
+
+    table = delay_table(pl.DataFrame([row]), "calibration_delay")
+
+    assert table.select("delay_s", "delay_s_high", "to_state").row(0) == (1e-4, 3e-4, None)
+    assert delay_table(pl.DataFrame({"lag_s": [None]})).is_empty()

@@ -9,10 +9,9 @@ import polars as pl
 from numpy.typing import NDArray
 
 from osl_analysis.bench.bench_settings import NOT_STATED, Calibration
-from osl_analysis.bench.effects import Model, noise_of_angle, plain_sums, with_effects
+from osl_analysis.bench.effects import Model, noise_of_angle, plain_sums
 from osl_analysis.bench.fit_tables import Series, timebase_table
 from osl_analysis.bench.identifiability import STIFFNESS_ALONE, check_moves, check_told
-from osl_analysis.bench.leg_belt import Lag
 from osl_analysis.bench.motion import SHORTEST_S
 from osl_analysis.bench.plausibility import check_stiffer
 from osl_analysis.bench.record import Label, Record
@@ -20,9 +19,8 @@ from osl_analysis.bench.regression import GroupFit, Sums, fit_groups
 from osl_analysis.errors import IdentifiabilityError
 from osl_analysis.signals import seven_point_motion
 from osl_analysis.spectral.stepped_sine import moving_bins
-from osl_analysis.stats.estimates import Estimate
 from osl_analysis.stats.linear_fit import LinearFit, with_shared_error
-from osl_analysis.stats.table_rows import INTERVAL_ENDS, Row, diagnostics_row, estimates_row
+from osl_analysis.stats.table_rows import Row, diagnostics_row, estimates_row
 from osl_analysis.trial import Array
 
 QUANTITIES = ("K", "B", "I")  # parameters of Eq. 15
@@ -367,29 +365,6 @@ def at_zero(fit: GroupFit, centre: float) -> GroupFit:
         covariance=turn @ fit.covariance @ turn.T,
         repeat=repeat,
     )
-
-
-def without_lag(analysis: Analysis, lag: Lag | None, label: Label) -> Row:
-    """K, B and I of a label after removal of a lag that was found, its error in the intervals; null
-    without one."""
-    names = [f"{name}_without_lag" for name in QUANTITIES]
-    if lag is None or not lag.is_certain:
-        return dict.fromkeys(f"{name}{end}" for name in names for end in INTERVAL_ENDS)
-    record, fit = analysis.record, analysis.fits[label]
-    then = record.time + lag.seconds
-    on_time = replace(
-        record,
-        torque=np.interp(then, record.time, record.torque),
-        filtered_torque=np.interp(then, record.time, record.filtered_torque),
-    )
-    s = plain_sums(on_time, analysis.model)
-    without = at_zero(with_effects(s, analysis.model, (), label), s.centre)
-    change_per_s = (without.estimates - fit.estimates) / lag.seconds
-    without = analysis.calibrated(widened(without, change_per_s * lag.se), label)
-    row: Row = {}
-    for name, symbol in zip(names, QUANTITIES, strict=True):
-        row.update(Estimate.of_fit(without, symbol).columns(name))
-    return row
 
 
 def share_of_inertia(fit: GroupFit) -> float:

@@ -139,7 +139,7 @@ def known_row(analysis: Analysis, known: Known, frame: Frame | None) -> Row:
         # phase of d at f is a lag of d/(2 pi f)
         middle_hz = np.sqrt(record.band_hz[0] * record.band_hz[1])
         lag_of_loss_s = SPRING_LOSS / (2 * np.pi * middle_hz) / np.sqrt(3)
-        fit = widened(fit, np.array([lag_of_loss_s, 0.0, 0.0]))
+        fit = widened(fit, np.array([lag_of_loss_s, 0.0, 0.0]), of_bench=True)
 
     certain_lag_s = beyond_interval(fit, "lag_s", fit["lag_s"])
     fault = suspected_fault_of_losses(record) if certain_lag_s else None
@@ -161,6 +161,7 @@ def known_row(analysis: Analysis, known: Known, frame: Frame | None) -> Row:
         "known_I": known.inertia,
         "known_share": known.share,
         **estimates_row(fit, *fit.names),
+        "lag_s_se_bench": fit.se_bench("lag_s"),
         **(estimates_row(damped, "B") if damped else {}),
         **estimates_row(counted, "T_C"),
         "certain_lag_s": certain_lag_s,

@@ -15,12 +15,11 @@ from osl_analysis.bench.analysis import (
     angle_noise_share,
     fitted_motion,
     share_of_inertia,
-    without_lag,
 )
 from osl_analysis.bench.effects import IMPEDANCE
 from osl_analysis.bench.identifiability import turn_deg
 from osl_analysis.bench.joint_inference import impedance_fits
-from osl_analysis.bench.leg_belt import Lag, belt_of_leg, is_leg
+from osl_analysis.bench.leg_belt import BELT_ERROR, Lag, belt_of_leg, is_leg, without_lag
 from osl_analysis.bench.plausibility import check_resists, plausible_impedance
 from osl_analysis.bench.record import Label, Record
 from osl_analysis.bench.regression import (
@@ -181,12 +180,14 @@ def impedance_table(
                 "theta_rms_deg": turn_deg(s, label),
                 "fitted_s": len(record.rows(label)) / record.rate_hz,
                 "angle_noise_share": angle_noise_share(record, s, fit, label),
-                **without_lag(analysis, lag, label),
                 **of_trial,
                 **(over_amplitudes if label is None else dict.fromkeys(over_amplitudes)),
             }
         )
-    return table_of(rows, "impedance")
+    is_late = pl.col("lag_share") > 0
+    half_width_s = (pl.col("lag_s_high") - pl.col("lag_s_low")) / 2
+    certain_lag_s = pl.when(is_late).then("lag_s")
+    return table_of(rows, "impedance").with_columns(without_lag(certain_lag_s, half_width_s))
 
 
 def motion_row(record: Record) -> Row:
@@ -213,11 +214,15 @@ def lag_row(lag: Lag | None, fit: GroupFit) -> Row:
     exp(-s d) = 1 - s d + (s d)^2/2 takes K d off B, and (B + K d/2) d off I, with the fitted B.
     """
     if lag is None:
-        return dict.fromkeys(("lag_s", "lag_share", "lag_inertia_share"))
+        names = ("lag_s", "lag_s_low", "lag_s_high", "lag_s_se_bench")
+        return dict.fromkeys((*names, "lag_share", "lag_inertia_share"))
     K, B = fit["K"], fit["B"]
     found_s = lag.seconds if lag.is_certain else 0.0
     return {
         "lag_s": lag.seconds,
+        "lag_s_low": lag.seconds - lag.half_width,
+        "lag_s_high": lag.seconds + lag.half_width,
+        "lag_s_se_bench": BELT_ERROR,
         "lag_share": abs(K * found_s / B),
         "lag_inertia_share": abs((B + K * found_s / 2) * found_s) / share_of_inertia(fit),
     }

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+import polars as pl
 import scipy
 
 from osl_analysis.bench.effects import FALSE_ALARM, columns_of, late_fit
@@ -10,6 +11,7 @@ from osl_analysis.bench.record import Record
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.inference.friction_shapes import slipping_springs
 from osl_analysis.model.drivetrain import DrivetrainParameters, belt_deflection
+from osl_analysis.stats.table_rows import INTERVAL_ENDS
 from osl_analysis.trial import Array
 
 # half-widths [rad] of the slipping springs that model a belt's hysteresis
@@ -31,7 +33,7 @@ class Lag:
     """A lag of the torque behind the joint's angle."""
 
     seconds: float  # [s]
-    se: float  # its standard error [s]
+    half_width: float  # of its 95 % interval [s]
     is_certain: bool  # whether it differs from 0
 
     @classmethod
@@ -39,8 +41,8 @@ class Lag:
         """A lag [s] with its standard error, to which that by the belt's hysteresis is added; it is
         certain by a two-sided test at the level `FALSE_ALARM`."""
         se = float(np.hypot(se, BELT_ERROR))
-        least = float(scipy.special.stdtrit(freedom, 1 - FALSE_ALARM / 2)) * se
-        return cls(seconds, se, abs(seconds) > least)
+        half_width, least = se * scipy.special.stdtrit(freedom, [0.975, 1 - FALSE_ALARM / 2])
+        return cls(seconds, float(half_width), bool(abs(seconds) > least))
 
 
 @dataclass(frozen=True)
@@ -49,6 +51,24 @@ class Belt:
 
     K_s: float  # [N*m/rad]
     lag: Lag | None = None  # None: the belt is not the file's, or the search has not ended
+
+
+def without_lag(lag_s: pl.Expr, half_width_s: pl.Expr) -> list[pl.Expr]:
+    """B and I of the torque earlier by a lag, with 95 % intervals, of a table with K, B and I.
+
+    exp(s d) (K + B s + I s^2) = K + (B + K d) s + (I + B d + K d^2/2) s^2 to second order.
+    """
+    K, B, I = pl.col("K"), pl.col("B"), pl.col("I")
+    earlier_B = B + K * lag_s
+    earlier_I = I + B * lag_s + K * lag_s**2 / 2
+    columns = []
+    for name, value, per_second in (("B", earlier_B, K), ("I", earlier_I, earlier_B)):
+        of_fit = (pl.col(f"{name}_high") - pl.col(f"{name}_low")) / 2
+        half_width = (of_fit**2 + (per_second * half_width_s) ** 2).sqrt()
+        bounds = (value, value - half_width, value + half_width)
+        for end, bound in zip(INTERVAL_ENDS, bounds, strict=True):
+            columns.append(bound.alias(f"{name}_without_lag{end}"))
+    return columns
 
 
 def is_leg(record: Record, p: DrivetrainParameters | None) -> bool:

@@ -15,7 +15,7 @@ from osl_analysis.bench import calibration, condition_tables, impedance
 from osl_analysis.bench.actuator_alone import actuator_table, actuator_trial
 from osl_analysis.bench.analysis import analysed
 from osl_analysis.bench.belt import belt_curve, belt_table, belt_trial
-from osl_analysis.bench.component_summary import part_summary
+from osl_analysis.bench.component_summary import delay_table, part_summary
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums
 from osl_analysis.bench.fit_tables import FitTables, tables_of_fit, timebase_table
 from osl_analysis.bench.fixture import fixture_column, fixture_weight_column, with_fixture
@@ -30,7 +30,7 @@ from osl_analysis.ingest.leaps import find_leaps
 from osl_analysis.ingest.quality import saturated
 from osl_analysis.model.compensator import Weight
 from osl_analysis.model.drivetrain import FileOrNone, known_parameters
-from osl_analysis.table import read_table, write_table
+from osl_analysis.table import read_table, with_evidence, write_table
 from osl_analysis.trial import Trial
 
 
@@ -203,6 +203,11 @@ def fit_calibration_trial(
 def summarise(table: Path, output: Path, data: str = "") -> None:
     """The summary of a part of the drivetrain over its trials."""
     write_table(part_summary(table.stem, read_table(table)), output, data)
+
+
+def pool_delay(table: Path, output: Path, data: str = "") -> None:
+    """The delay of the bench over all trials that tell it."""
+    write_table(delay_table(with_evidence(table), output.stem), output, data)
 
 
 def compare_controllers(table: Path, output: Path, data: str = "") -> None:

@@ -1,25 +1,23 @@
 """Calibration of a bench: a known spring or inertia, which gives its lag and gain; its fixture
 alone; and the frame between two angles."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 import polars as pl
-import scipy
 
 from osl_analysis.bench import effects
 from osl_analysis.bench.analysis import QUANTITIES, Analysis, widened
-from osl_analysis.bench.bench_settings import BenchStiffness, Fixture, SteppedSineAnalysis
+from osl_analysis.bench.bench_settings import BenchStiffness, Fixture
 from osl_analysis.bench.effects import IMPEDANCE, late_fit
 from osl_analysis.bench.joint_inference import suspected_fault_of_losses
 from osl_analysis.bench.plausibility import check_resists
-from osl_analysis.bench.record import Groups, Record
-from osl_analysis.bench.regression import GroupFit, jackknife
+from osl_analysis.bench.record import Record
+from osl_analysis.bench.regression import GroupFit, fit_groups, gram_sums
 from osl_analysis.dictionary import table_of
 from osl_analysis.errors import InputError
 from osl_analysis.signals.grid import uniform_signals
-from osl_analysis.stats.covariance import products_between
 from osl_analysis.stats.linear_fit import NORMAL_HALF_WIDTH
 from osl_analysis.stats.table_rows import Row, estimates_row
 from osl_analysis.trial import Trial
@@ -45,55 +43,48 @@ class Known:
     is_fixture_alone: bool = False  # nothing else turns: its own inertia and weight are measured
 
 
-@dataclass(frozen=True)
-class Frame:
-    """What certainly yields between the angles `theta` and `theta_joint`."""
-
-    compliance: float  # deflection per torque [rad/(N*m)]
-    half_width: float  # of its 95 % interval
-
-    @property
-    def stiffness(self) -> BenchStiffness:
-        """As the configuration states it."""
-        value = 1 / self.compliance
-        return BenchStiffness(
-            value=f"{value:.4g} N*m/rad",
-            standard_error=f"{value**2 * self.half_width / NORMAL_HALF_WIDTH:.2g} N*m/rad",
-        )
-
-
-def measured_frame(trial: Trial, settings: SteppedSineAnalysis, groups: Groups) -> Frame | None:
-    """Measure the frame in the rows of groups; None without an angle on the joint's side, or where
-    nothing certainly yields.
+def measured_frame(trial: Trial, record: Record) -> GroupFit | None:
+    """Measure what yields between the angles `theta` and `theta_joint`, its `frame_stiffness`; None
+    without an angle on the joint's side, or where nothing certainly yields.
 
     Notes
     -----
-    Least squares of theta - theta_joint over the torque, with an offset. The standard error is that
-    of leaving out a group of rows at a time.
+    Least squares of theta - theta_joint over the torque, with an offset.
 
     Raises
     ------
     InputError
         The angle has no time base.
     """
-    if JOINT_SIDE not in trial.columns:
+    if JOINT_SIDE not in trial.columns or record.settings is None:
         return None
-    signals = uniform_signals(trial, ("theta", JOINT_SIDE, "torque"), settings.gap_limits)
-    wound = settings.low_pass(signals["theta"] - signals[JOINT_SIDE], signals.rate_hz)
-    torque = settings.low_pass(signals["torque"], signals.rate_hz)
-    X = np.column_stack([torque, np.ones_like(torque)])
-    products = products_between(X, np.column_stack([X, wound]), groups.first, groups.stop)
-    A_g, b_g = products[..., :2], products[..., 2]
-    A, b = A_g.sum(axis=0), b_g.sum(axis=0)
-    m = len(groups.first)
-    variance = jackknife(A_g, b_g, A, b, np.arange(m))[0, 0]
-    compliance = float(np.linalg.solve(A, b)[0])
-    half_width = float(scipy.special.stdtrit(m - 1, 0.975) * np.sqrt(variance))
-    return Frame(compliance, half_width) if compliance > half_width else None
+    signals = uniform_signals(trial, ("theta", JOINT_SIDE, "torque"), record.settings.gap_limits)
+    wound = signals["theta"] - signals[JOINT_SIDE]
+    torque = record.low_pass(signals["torque"], signals.rate_hz)
+    filtered = record.low_pass(wound, signals.rate_hz)
+    columns = {"torque": torque, "one": np.ones_like(torque)}
+    sums = gram_sums(replace(record, torque=wound, filtered_torque=filtered), columns, [*columns])
+    fit = fit_groups(sums, {"compliance": "torque", "offset": "one"})
+    stiffness = 1 / fit["compliance"]
+    frame = fit.derived(
+        ("frame_stiffness",),
+        np.array([stiffness]),
+        ({"compliance": -(stiffness**2)},),
+        ("compliance",),
+    )
+    return frame if frame.interval("frame_stiffness")[0] > 0 else None
+
+
+def stiffness_to_state(frame: GroupFit) -> BenchStiffness:
+    """The stiffness of a frame as the configuration states it."""
+    return BenchStiffness(
+        value=f"{frame['frame_stiffness']:.4g} N*m/rad",
+        standard_error=f"{error_to_state(frame, 'frame_stiffness'):.2g} N*m/rad",
+    )
 
 
 def calibration_table(
-    analysis: Analysis, known: Known, frame: Frame | None = None, stated: Fixture | None = None
+    analysis: Analysis, known: Known, frame: GroupFit | None = None, stated: Fixture | None = None
 ) -> pl.DataFrame:
     """The trial's row of `calibration.csv`: Eq. 15 of a known spring or inertia, with friction and
     a late torque, and what else than a delay may make the torque late.
@@ -121,7 +112,7 @@ def calibration_table(
     return table_of([row], "calibration", complete=True)
 
 
-def known_row(analysis: Analysis, known: Known, frame: Frame | None) -> Row:
+def known_row(analysis: Analysis, known: Known, frame: GroupFit | None) -> Row:
     """What a known spring or inertia tells of the bench; raises as `calibration_table`."""
     record = analysis.record
     size = known.stiffness or known.inertia
@@ -147,14 +138,12 @@ def known_row(analysis: Analysis, known: Known, frame: Frame | None) -> Row:
     to_state = f"calibration: {{torque_gain: {gain:.2g}, delay: {delay:.2g}}}"
     of_frame: Row = {}
     if frame is not None:
-        stiffness = frame.stiffness
-        value, error = stiffness.value, stiffness.standard_error
-        to_state = f"{{{to_state}, bench_stiffness: {{value: {value}, standard_error: {error}}}}}"
-        of_frame = {
-            "frame_stiffness": 1 / frame.compliance,
-            "frame_stiffness_low": 1 / (frame.compliance + frame.half_width),
-            "frame_stiffness_high": 1 / (frame.compliance - frame.half_width),
-        }
+        stated = stiffness_to_state(frame)
+        to_state = (
+            f"{{{to_state}, bench_stiffness: {{value: {stated.value}, standard_error:"
+            f" {stated.standard_error}}}}}"
+        )
+        of_frame.update(estimates_row(frame, "frame_stiffness"))
     return {
         **of_frame,
         "known_K": known.stiffness,
@@ -276,10 +265,8 @@ def fixture_row(analysis: Analysis, stated: Fixture | None) -> Row:
         multiples = []
         for name in fit.names:
             off = getattr(stated, name) - fit[name]
-            half_width = fit.interval(name)[1] - fit[name]
-            of_stated = 2 * getattr(stated, f"{name}_error")
-            left_open = max(np.hypot(half_width, of_stated), SAME_FIXTURE * abs(fit[name]))
+            half_widths = (fit.interval(name)[1] - fit[name], 2 * getattr(stated, f"{name}_error"))
             row[f"{name}_off"] = off
-            multiples.append(abs(off) / left_open)
+            multiples.append(abs(off) / max(np.hypot(*half_widths), SAME_FIXTURE * abs(fit[name])))
         row["fixture_error"] = max(multiples)
     return row

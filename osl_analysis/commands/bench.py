@@ -188,9 +188,10 @@ def fit_calibration_trial(
         settings = settings.model_copy(update={"fixture": None})
     trial, rails = checked(trial, settings)
     record = record_of_trial(trial, settings)
-    frame = calibration.measured_frame(trial, settings, record.groups)
+    frame = calibration.measured_frame(trial, record)
     if frame is not None and settings.bench_stiffness is None:  # the spring is behind the frame
-        settings = settings.model_copy(update={"bench_stiffness": frame.stiffness})
+        stiffness = calibration.stiffness_to_state(frame)
+        settings = settings.model_copy(update={"bench_stiffness": stiffness})
         record = record_of_trial(trial, settings)
     analysis = analysed(record, plain_sums(record, IMPEDANCE), IMPEDANCE)
     table = calibration.calibration_table(analysis, known, frame, stated_fixture)

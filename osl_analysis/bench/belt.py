@@ -20,7 +20,7 @@ from osl_analysis.dictionary import table_of
 from osl_analysis.errors import InputError, naming
 from osl_analysis.model.drivetrain import DrivetrainParameters, belt_deflection
 from osl_analysis.signals import filtered_motion, runs
-from osl_analysis.signals.grid import BRIDGE_MORE, UniformSignals, uniform_signals
+from osl_analysis.signals.grid import BRIDGE_MORE, uniform_signals
 from osl_analysis.stats.table_rows import Row, estimates_row
 from osl_analysis.trial import Array, Trial
 
@@ -40,6 +40,10 @@ POINTS_PER_SECOND = 50.0  # of the curves of Fig. 3
 def belt_trial(trial: Trial, p: DrivetrainParameters | None, settings: BeltAnalysis) -> Analysis:
     """Filter and fit one canonical trial.
 
+    The intervals hold what half and twice `LOADED` make of the estimates: where loading begins is
+    chosen, and the belt's hysteresis bends the curve there. When stamps were taken matters to no
+    slow load.
+
     Parameters
     ----------
     trial
@@ -55,34 +59,21 @@ def belt_trial(trial: Trial, p: DrivetrainParameters | None, settings: BeltAnaly
         As `branches_of` and `fit_groups`, or the bench is softer than the belt.
     """
     signals = uniform_signals(trial, ("theta", "theta_m", "torque"), settings.gap_limits)
-    other = signals.other()
-    with naming(f"trial {trial.name}"):
-        belt = belt_of(signals, p, settings)
-        if other is not None:
-            belt = replace(belt, fits_with_other_stamps=belt_of(other, p, settings).fits)
-    return belt
-
-
-def belt_of(
-    signals: UniformSignals, p: DrivetrainParameters | None, settings: BeltAnalysis
-) -> Analysis:
-    """The fits to uniform signals. Their intervals hold what half and twice `LOADED` make of them:
-    where loading begins is chosen, and the belt's hysteresis bends the curve there."""
-    low_pass = settings.low_pass
+    low_pass, rate_hz = settings.low_pass, signals.rate_hz
     bench = settings.bench_stiffness
     torque = signals["torque"]
-    check_changes("torque", torque)
-    theta = joint_angle(signals["theta"], torque, bench.compliance if bench else 0.0)
-    deflection = theta
-    if p is None:
-        rate = signals.rate_hz
-        check_locked(low_pass(theta, rate), low_pass(signals["theta_m"], rate))
-    else:
-        deflection = belt_deflection(theta, signals["theta_m"], p)
-    motion, filtered_torque = filtered_motion(signals.time, deflection, torque, low_pass)
-    early, belt, late = (
-        fit_branches(
-            Record(
+    with naming(f"trial {trial.name}"):
+        check_changes("torque", torque)
+        deflection = joint_angle(signals["theta"], torque, bench.compliance if bench else 0.0)
+        if p is None:
+            check_locked(low_pass(deflection, rate_hz), low_pass(signals["theta_m"], rate_hz))
+        else:
+            deflection = belt_deflection(deflection, signals["theta_m"], p)
+        motion, filtered_torque = filtered_motion(signals.time, deflection, torque, low_pass)
+        analyses = []
+        for share in (LOADED, LOADED / 2, 2 * LOADED):
+            groups = branches_of(motion.theta, rate_hz, signals.usable, low_pass.cutoff_hz, share)
+            record = Record(
                 name=signals.trial,
                 time=signals.time,
                 theta=deflection,
@@ -91,20 +82,16 @@ def belt_of(
                 filtered_torque=filtered_torque,
                 low_pass=low_pass,
                 usable=signals.usable,
-                groups=branches_of(
-                    motion.theta, signals.rate_hz, signals.usable, low_pass.cutoff_hz, share
-                ),
+                groups=groups,
                 uniform=signals,
                 settings=settings,
-            ),
-            settings.load_cell_drift / 60,
-        )
-        for share in (LOADED / 2, LOADED, 2 * LOADED)
-    )
+            )
+            analyses.append(fit_branches(record, settings.load_cell_drift / 60))
+    belt, early, late = analyses
     fits = {}
     for label, fit in belt.fits.items():
-        halves = [(late.fits[label][name] - early.fits[label][name]) / 2 for name in fit.names]
-        fits[label] = widened(fit, np.array(halves))
+        change = (late.fits[label].estimates - early.fits[label].estimates) / 2
+        fits[label] = widened(fit, change)
     check_stiffer(signals.trial, "K_s", belt.whole["K_s"], bench)
     return replace(belt, fits=fits)
 
@@ -259,7 +246,6 @@ def belt_table(belt: Analysis) -> pl.DataFrame:
         "energy_lost": area / (loading["K_s"] * peak**2 / 2),
         "shaft_turn": shaft_turn(record),
         "stiffening": 2 * quadratic["K_s2"] * peak / quadratic["K_s"],
-        **belt.time_base_row("loading", ["K_s"]),
     }
     return table_of([row], "belt", complete=True)
 

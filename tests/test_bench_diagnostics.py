@@ -239,7 +239,7 @@ def test_the_delay_of_a_bench_is_pooled_over_trials_with_what_all_of_them_share(
     rows = pl.DataFrame(
         {
             "trial": [*"aabc"], "amplitude_deg": [None, 2.0, None, None],
-            "lag_s": [lags[0], 9.0, *lags[1:]], "lag_s_se_bench": 80e-6,
+            "lag_s": [lags[0], 9.0, *lags[1:]],
             "K": 300.0, "B": 4.4, "B_low": 4.3, "B_high": 4.5,
             "I": 0.01, "I_low": 0.0, "I_high": 0.02,
         }

@@ -5,7 +5,7 @@ from typing import Any
 import polars as pl
 
 from osl_analysis.bench.actuator_alone import ACTUATOR_PARAMETERS
-from osl_analysis.bench.leg_belt import without_lag
+from osl_analysis.bench.leg_belt import BELT_ERROR, without_lag
 from osl_analysis.bench.transmission import LOSSES
 from osl_analysis.dictionary import table_of
 from osl_analysis.stats.repeats import summary_of_trials, summary_row
@@ -54,6 +54,7 @@ def delay_table(rows: pl.DataFrame, name: str = "delay") -> pl.DataFrame:
     of_trials = lags
     if "amplitude_deg" in lags.columns:
         of_trials = lags.filter(pl.col("amplitude_deg").is_null())
+        of_trials = of_trials.with_columns(lag_s_se_bench=pl.lit(BELT_ERROR))
     if of_trials.is_empty():
         return table_of([], name)
     delay_s, low_s, high_s = of_trials.select("lag_s", "lag_s_low", "lag_s_high").row(0)

@@ -19,7 +19,7 @@ from osl_analysis.bench.analysis import (
 from osl_analysis.bench.effects import IMPEDANCE
 from osl_analysis.bench.identifiability import turn_deg
 from osl_analysis.bench.joint_inference import impedance_fits
-from osl_analysis.bench.leg_belt import BELT_ERROR, Lag, belt_of_leg, is_leg, without_lag
+from osl_analysis.bench.leg_belt import Lag, belt_of_leg, is_leg, without_lag
 from osl_analysis.bench.plausibility import check_resists, plausible_impedance
 from osl_analysis.bench.record import Label, Record
 from osl_analysis.bench.regression import (
@@ -214,15 +214,14 @@ def lag_row(lag: Lag | None, fit: GroupFit) -> Row:
     exp(-s d) = 1 - s d + (s d)^2/2 takes K d off B, and (B + K d/2) d off I, with the fitted B.
     """
     if lag is None:
-        names = ("lag_s", "lag_s_low", "lag_s_high", "lag_s_se_bench")
-        return dict.fromkeys((*names, "lag_share", "lag_inertia_share"))
+        names = ("lag_s", "lag_s_low", "lag_s_high", "lag_share", "lag_inertia_share")
+        return dict.fromkeys(names)
     K, B = fit["K"], fit["B"]
     found_s = lag.seconds if lag.is_certain else 0.0
     return {
         "lag_s": lag.seconds,
         "lag_s_low": lag.seconds - lag.half_width,
         "lag_s_high": lag.seconds + lag.half_width,
-        "lag_s_se_bench": BELT_ERROR,
         "lag_share": abs(K * found_s / B),
         "lag_inertia_share": abs((B + K * found_s / 2) * found_s) / share_of_inertia(fit),
     }

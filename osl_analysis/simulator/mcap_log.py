@@ -1,11 +1,10 @@
 """Logs of the simulated laboratories as MCAP like those of real ones: ROS 2 messages in CDR, zstd
 chunks with CRCs.
 
-All messages are known beforehand, so the file is made chunk by chunk. It equals the file that
-`mcap.writer.Writer` writes.
+All messages are known beforehand, so the file is made chunk by chunk. One by one, as
+`mcap.writer.Writer` takes them, they would take as long as all simulating.
 """
 
-import struct
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -26,7 +25,7 @@ McapRecord = mcap_records.McapRecord
 
 RULE = "=" * 80 + "\n"  # between the definitions of a ROS 2 schema
 ARRIVES_NS = 150_000  # [ns] in which a sample arrives at the recorder
-CHUNK_BYTES = 1 << 20  # a chunk ends with the message that takes it beyond this size
+CHUNK_BYTES = 1 << 20  # of messages in a chunk, at most
 LITTLE_ENDIAN_CDR = b"\x00\x01\x00\x00"
 RECORD_HEAD_BYTES = 9  # opcode and length of a record, which its length does not count
 
@@ -206,20 +205,15 @@ def wrenches(topic: str, frame_id: str, time: Array, torque: Array) -> LogTopic:
 
 
 def write_topics(path: Path, topics: Sequence[LogTopic]) -> None:
-    """Write the messages of all topics, in the order of their stamps, as MCAP.
+    """Write the messages of all topics as MCAP, each topic in chunks of its own.
 
-    A metadata record comes first; last the summary, its offsets, and the footer with the CRC of
-    both. The file appears whole or not at all.
+    Metadata come first, the summary last. The file appears whole or not at all.
     """
-    schemas = list[McapRecord]()
-    channels = list[McapRecord]()
-    head = b""
+    declared: list[McapRecord] = []
     for number, topic in enumerate(topics, 1):
         text = topic.schema_text.encode()
-        schemas.append(mcap_records.Schema(number, text, "ros2msg", topic.schema_name))
-        channels.append(mcap_records.Channel(number, topic.name, "cdr", {}, number))
-        head += encoded([schemas[-1], channels[-1]])
-        topic.records["channel"] = number
+        declared.append(mcap_records.Schema(number, text, "ros2msg", topic.schema_name))
+        declared.append(mcap_records.Channel(number, topic.name, "cdr", {}, number))
     names = ", ".join(topic.name for topic in topics)
     facts = {"origin": "simulated", "topic": names, "time": "header stamp"}
 
@@ -227,93 +221,40 @@ def write_topics(path: Path, topics: Sequence[LogTopic]) -> None:
         file.write(MCAP0_MAGIC + encoded([mcap_records.Header("ros2", "osl-analysis")]))
         metadata = encoded([mcap_records.Metadata("recording", facts)])
         metadata_index = mcap_records.MetadataIndex(file.tell(), len(metadata), "recording")
-        file.write(metadata)
-        indexes = write_chunks(file, head, topics)
+        file.write(metadata + encoded(declared))
+        indexes = []
+        for number, topic in enumerate(topics, 1):
+            topic.records["channel"] = number
+            rows = CHUNK_BYTES // topic.records.itemsize
+            for first in range(0, topic.records.size, rows):
+                indexes.append(write_chunk(file, topic.records[first : first + rows]))
         file.write(encoded([mcap_records.DataEnd(0)]))
-        groups: dict[Opcode, Sequence[McapRecord]] = {
-            Opcode.SCHEMA: schemas,
-            Opcode.CHANNEL: channels,
-            Opcode.STATISTICS: [statistics_of(topics, indexes)],
-            Opcode.CHUNK_INDEX: indexes,
-            Opcode.ATTACHMENT_INDEX: [],
-            Opcode.METADATA_INDEX: [metadata_index],
-        }
-        write_summary(file, groups)
+
+        start = file.tell()
+        statistics = statistics_of(topics, indexes)
+        summary = [*declared, statistics, *indexes, metadata_index]
+        file.write(encoded([*summary, mcap_records.Footer(start, 0, 0)]) + MCAP0_MAGIC)
 
 
-def write_chunks(
-    file: BinaryIO, head: bytes, topics: Sequence[LogTopic]
-) -> list[mcap_records.ChunkIndex]:
-    """Write the messages of all topics in chunks; the first begins with a head."""
-    sizes = [topic.records.itemsize for topic in topics]
-    counts = [topic.records.size for topic in topics]
-    stamps = np.concatenate([topic.records["log"] for topic in topics]).astype(np.int64)
-    order = np.argsort(stamps, kind="stable")
-    channel = np.repeat(np.arange(len(topics)) + 1, counts)[order]
-    length = np.repeat(sizes, counts)[order]
-    # where each message ends and begins, as if all were one chunk
-    ends = len(head) + np.cumsum(length)
-    starts = ends - length
-    content = np.empty(ends[-1], np.uint8)
-    content[: len(head)] = np.frombuffer(head, np.uint8)
-    for number, (topic, size) in enumerate(zip(topics, sizes, strict=True), 1):
-        # a message is one value that may begin at any byte, so that values overlap
-        places = np.ndarray((len(content) - size + 1,), f"V{size}", content, 0, (1,))
-        places[starts[channel == number]] = topic.records.view(f"V{size}")
-
-    indexes = list[mcap_records.ChunkIndex]()
-    first = 0
-    begin = 0
-    while first < len(order):
-        stop = int(np.searchsorted(ends[:-1], begin + CHUNK_BYTES, side="right")) + 1
-        rows = slice(first, stop)
-        end = int(ends[stop - 1])
-        index = np.stack([stamps[order[rows]], starts[rows] - begin], axis=1)
-        indexes.append(write_chunk(file, content[begin:end].data, index, channel[rows]))
-        first = stop
-        begin = end
-    return indexes
-
-
-def write_chunk(
-    file: BinaryIO,
-    content: memoryview,
-    index: NDArray[np.int64],
-    channel: NDArray[np.intp],
-) -> mcap_records.ChunkIndex:
-    """Write a chunk of messages, and the index of each channel, as each comes first.
-
-    `index` (n, 2) has log times [ns] and where messages begin [bytes], `channel` (n,) those of the
-    messages.
-    """
+def write_chunk(file: BinaryIO, messages: NDArray[np.void]) -> mcap_records.ChunkIndex:
+    """Write a chunk of messages, with a checksum."""
+    content = messages.tobytes()
     compressed = zstandard.compress(content)
-    begin = file.tell()
-    log = index[:, 0]
     shared: dict[str, Any] = {
-        "message_start_time": int(log.min()),
-        "message_end_time": int(log.max()),
+        "message_start_time": int(messages["log"].min()),
+        "message_end_time": int(messages["log"].max()),
         "uncompressed_size": len(content),
+        "compression": "zstd",
     }
-    chunk = mcap_records.Chunk(
-        compression="zstd", data=compressed, uncompressed_crc=zlib.crc32(content), **shared
-    )
-    file.write(encoded([chunk]))
-    end = file.tell()
-
-    offsets = dict[int, int]()
-    for number in dict.fromkeys(channel.tolist()):
-        offsets[number] = file.tell()
-        entries = index[channel == number]
-        length = 6 + entries.nbytes  # of channel and size of the entries, and these
-        head = struct.pack("<BQHI", Opcode.MESSAGE_INDEX, length, number, entries.nbytes)
-        file.write(head + entries.tobytes())
+    chunk = mcap_records.Chunk(data=compressed, uncompressed_crc=zlib.crc32(content), **shared)
+    start = file.tell()
+    length = file.write(encoded([chunk]))
     return mcap_records.ChunkIndex(
-        chunk_start_offset=begin,
-        chunk_length=end - begin,
-        compression="zstd",
+        chunk_start_offset=start,
+        chunk_length=length,
         compressed_size=len(compressed),
-        message_index_offsets=offsets,
-        message_index_length=file.tell() - end,
+        message_index_offsets={},
+        message_index_length=0,
         **shared,
     )
 
@@ -322,10 +263,7 @@ def statistics_of(
     topics: Sequence[LogTopic], indexes: Sequence[mcap_records.ChunkIndex]
 ) -> mcap_records.Statistics:
     """The statistics record of a file."""
-    counts: dict[int, int] = {}  # by channel, in the order in which they first come
-    for index in indexes:
-        for number in index.message_index_offsets:
-            counts[number] = topics[number - 1].records.size
+    counts = {number: topic.records.size for number, topic in enumerate(topics, 1)}
     return mcap_records.Statistics(
         attachment_count=0,
         channel_count=len(topics),
@@ -337,24 +275,6 @@ def statistics_of(
         metadata_count=1,
         schema_count=len(topics),
     )
-
-
-def write_summary(file: BinaryIO, groups: Mapping[Opcode, Sequence[McapRecord]]) -> None:
-    """Write the summary, its offsets, and the footer with the CRC of both."""
-    start = file.tell()
-    summary = b""
-    offsets = list[McapRecord]()
-    for opcode, records in groups.items():
-        group = encoded(records)
-        offsets.append(mcap_records.SummaryOffset(opcode, start + len(summary), len(group)))
-        summary += group
-    offsets_start = start + len(summary)
-    summary += encoded(offsets)
-    # the footer's CRC counts its own head
-    footer_head = struct.pack("<BQQQ", Opcode.FOOTER, 20, start, offsets_start)
-    crc = zlib.crc32(summary + footer_head)
-    footer = encoded([mcap_records.Footer(start, offsets_start, crc)])
-    file.write(summary + footer + MCAP0_MAGIC)
 
 
 def encoded(records: Iterable[McapRecord]) -> bytes:

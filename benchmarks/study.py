@@ -376,7 +376,7 @@ class StudyLaboratory:
         alone = unperturbed_gait([self.seen(name, unperturbed, noisy=False)], 1)
         walked_ideally, analysis = self.seen(name, walked, noisy=False), self.analysis
         # the same crossing's stance without the perturbation, whatever the perturbation does to it
-        ideal = isolate_response(walked_ideally, alone, analysis, "unperturbed")
+        ideal = isolate_response(walked_ideally, alone, analysis)
         exact = fit_without_offset(ideal.fitted_motion, ideal.fitted_torque)
         return (
             self.seen(name, walked, noisy=True),
@@ -475,10 +475,7 @@ def campaign_rows(names: Sequence[str], of: StudyLaboratory) -> Iterator[Row]:
     the impedance that the leg rendered."""
     gait = unperturbed_gait(usable(of.unperturbed, names[::2]), of.analysis.fewest_unperturbed)
     perturbed = usable(of.perturbed, names[1::2])
-    responses = [
-        isolate_response(one, gait, of.analysis, of.analysis.perturbed_stance)
-        for one, *_ in perturbed
-    ]
+    responses = [isolate_response(one, gait, of.analysis) for one, *_ in perturbed]
     fits, joined = [fit_response(response) for response in responses], Ensemble(responses)
     resampled, ensemble = joined.resampled(300), joined.fitted().fit
     common = shared_errors(responses).common

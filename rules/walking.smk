@@ -137,7 +137,7 @@ rule fit_perturbation:
     log:
         "<logs>/walking/{trial}.log",
     params:
-        settings=CONFIG.walking.part("ResponseSettings"),
+        settings=CONFIG.walking.part("TimingSettings"),
         made_by=MADE_BY,
     run:
         job("osl_analysis.commands.walking.fit_perturbation", input, output, params, log)

@@ -162,14 +162,14 @@ def test_a_turn_of_the_toes_down_has_its_sign(ideal: Session, tmp_path: Path) ->
 def test_the_rendered_impedance_comes_out_with_all_imperfections(
     real: Session, estimator: str
 ) -> None:
-    """5 + 4 crossings that scatter by 13 N*m/rad: the standard error is 2 %."""
+    """5 + 4 crossings of which each pace is uncertain: the standard error is 5 %."""
     K, B, I = (Tables(real.folder).estimate("all", name, estimator) for name in "KBI")
 
-    assert K["mean"] == pytest.approx(real.rendered("K"), rel=0.05)
+    assert K["mean"] == pytest.approx(real.rendered("K"), rel=0.1)
     assert B["mean"] == pytest.approx(real.rendered("B"), rel=0.1)
-    assert I["mean"] == pytest.approx(real.rendered("I"), abs=0.01)
+    assert I["mean"] == pytest.approx(real.rendered("I"), abs=0.015)
     assert K["low"] < real.rendered("K") < K["high"]
-    assert 1 < K["se"] < 12
+    assert 1 < K["se"] < 20
 
 
 def test_onsets_are_found_to_half_a_millisecond(real: Session) -> None:
@@ -287,11 +287,13 @@ def test_doubtful_crossings_are_counted_and_named_on_the_page(
 ) -> None:
     session = real.copied(tmp_path)
 
-    tables = session.summarised(limits=Limits(above={"K": real.rendered("K")}))
+    limit = float(np.median(Tables(real.folder)["walking"]["K"]))
 
-    doubtful = set(tables["walking"].filter(pl.col("K") > real.rendered("K"))["trial"])
+    tables = session.summarised(limits=Limits(above={"K": limit}))
+
+    doubtful = set(tables["walking"].filter(pl.col("K") > limit)["trial"])
     page = page_of(session, tmp_path).filter(pl.col("curve") == "each", pl.col("doubtful") != "")
-    assert 0 < len(doubtful) < 5
+    assert len(doubtful) == 2
     assert set(page["trial"]) == doubtful
     assert tables["summary"]["n_doubtful"].drop_nulls().unique().to_list() == [len(doubtful)]
 

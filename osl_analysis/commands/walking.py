@@ -224,7 +224,7 @@ def fit_perturbation(
     crossing: Path,
     selection: Path,
     unperturbed: Path,
-    settings: choices.ResponseSettings,
+    settings: choices.TimingSettings,
     output: Path,
     data: str = "",
 ) -> None:

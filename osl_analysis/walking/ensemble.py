@@ -1,9 +1,10 @@
 """Step 7 for a group of crossings: the mean response, its fit, and a bootstrap interval.
 
-The draft subtracts the mean unperturbed gait. A crossing that is unlike the mean before the onset
-stays so for a while. The unperturbed crossings tell how: their deviations in the window are
-regressed on level and slope of angle and torque before the onset. Cross-validation over unperturbed
-crossings decides which of these predictors count, or none.
+The headline subtracts the mean unperturbed gait, as the paper does. Predicted gait stands beside
+it: a crossing that is unlike the mean before the onset stays so for a while. The unperturbed
+crossings tell how: their deviations in the window are regressed on level and slope of angle and
+torque before the onset. Cross-validation over unperturbed crossings decides which of these
+predictors count, or none.
 """
 
 from collections.abc import Mapping, Sequence
@@ -300,11 +301,10 @@ class GroupHeadline:
 
     responses: Sequence[PerturbationResponse]
     errors: SharedErrors
-    ensemble: EnsembleResponse  # with the baseline that the settings name
+    ensemble: EnsembleResponse  # minus the mean unperturbed gait
     resampled: Bootstrap
-    other: EnsembleResponse  # with the baseline that they do not name
-    other_resampled: Bootstrap
-    other_name: str  # its estimator in `walking_summary.csv`
+    predicted: EnsembleResponse  # minus predicted gait
+    predicted_resampled: Bootstrap
 
 
 def group_headline(
@@ -317,24 +317,16 @@ def group_headline(
     InputError
         A response cannot be isolated, or there are too few.
     """
-    responses = [
-        isolate_response(crossing, gait, settings, settings.perturbed_stance)
-        for crossing in perturbed
-    ]
+    responses = [isolate_response(crossing, gait, settings) for crossing in perturbed]
     stacked = Ensemble(responses)
     samples = settings.bootstrap_samples
     mean_gait = stacked.fitted()
     choice = predictor_choice(responses, mean_gait.fit)
-    ensembles = {"mean": mean_gait, "predicted": stacked.fitted(choice.of_all)}
-    draws = {"mean": stacked.resampled(samples), "predicted": stacked.resampled(samples, choice)}
-    named = settings.baseline
-    other = "mean" if named == "predicted" else "predicted"
     return GroupHeadline(
         responses,
         errors=shared_errors(responses),
-        ensemble=ensembles[named],
-        resampled=draws[named],
-        other=ensembles[other],
-        other_resampled=draws[other],
-        other_name=f"ensemble, {other} gait",
+        ensemble=mean_gait,
+        resampled=stacked.resampled(samples),
+        predicted=stacked.fitted(choice.of_all),
+        predicted_resampled=stacked.resampled(samples, choice),
     )

@@ -21,7 +21,7 @@ from osl_analysis.walking.unperturbed_gait import (
     aligned_gait,
     signal_at,
 )
-from osl_analysis.walking.walking_settings import StanceSource, TimingSettings
+from osl_analysis.walking.walking_settings import TimingSettings
 
 # Samples at both ends of a response beyond what is used: a spline's derivatives are less accurate
 # at its ends
@@ -48,10 +48,7 @@ class PerturbationResponse:
     behaviour: Array
     # Samples of the fitted window, from the onset, without its end: 30 for 0.1 s at 300 Hz
     window: slice
-    stance: float = float("nan")  # duration of stance [s] that converts time to phase
-    stance_change: float = 0.0  # own duration of stance over the expected one, minus 1
-    # `stance` over the expected duration, minus 1; 0 if it is the expected one
-    stance_error: float = 0.0
+    stance_change: float = 0.0  # duration of stance over that of the matched pace, minus 1
 
     @cached_property
     def motion(self) -> Motion:
@@ -73,10 +70,7 @@ class PerturbationResponse:
 
 
 def isolate_response(
-    crossing: Crossing,
-    gait: UnperturbedGait,
-    timing: TimingSettings,
-    perturbed_stance: StanceSource = "own",
+    crossing: Crossing, gait: UnperturbedGait, timing: TimingSettings
 ) -> PerturbationResponse:
     """Subtract unperturbed gait from a perturbed crossing.
 
@@ -84,20 +78,18 @@ def isolate_response(
     ----------
     timing : TimingSettings
         Baseline, guard and window about the onset.
-    perturbed_stance : str
-        Which duration of stance gives the phase, as in `aligned_gait`.
 
     Raises
     ------
     InputError
-        The crossing has no onset, or baseline and window leave stance.
+        The crossing has no onset, no pace fits, or baseline and window leave stance.
     """
     if crossing.onset is None:
         raise InputError(
             f"trial {crossing.name}: no onset, expected a perturbed crossing; mark it as"
             " unperturbed in the sheet"
         )
-    aligned = aligned_gait(crossing, gait, perturbed_stance, timing.guard_s)
+    aligned = aligned_gait(crossing, gait, crossing.onset - timing.guard_s)
 
     # Time from the onset, and phase on the mean gait
     rate = sampling_rate(crossing.time)
@@ -133,11 +125,7 @@ def isolate_response(
         plate_errors=zeroed(plate_errors, baseline),
         behaviour=behaviour_before(time, thetas, torques, timing.guard_s),
         window=window,
-        stance=aligned.stance,
-        stance_change=crossing.stance.duration / aligned.expected - 1,
-        stance_error=(
-            0.0 if perturbed_stance == "matched" else aligned.stance / aligned.expected - 1
-        ),
+        stance_change=crossing.stance.duration / (aligned.stance * aligned.scales.mean()) - 1,
     )
 
 

@@ -28,10 +28,9 @@ from osl_analysis.walking.impedance_fit import fit_response, gait_torque, offset
 from osl_analysis.walking.isolated_response import PerturbationResponse, isolate_response
 from osl_analysis.walking.plate_inertia import PlateModel
 from osl_analysis.walking.unperturbed_gait import PHASES, UnperturbedGait
-from osl_analysis.walking.walking_settings import ResponseSettings, TimingSettings
+from osl_analysis.walking.walking_settings import TimingSettings
 
 SMALLEST_RESIDUAL_SHARE = 0.03  # of the torque, for a residual to count
-CERTAIN_STANCE_SES = 3.0  # standard errors beyond which a change of stance is certain
 
 
 def residual_over_gait(motion: Motion, torque: Array, of_gait: Array) -> float | None:
@@ -65,8 +64,7 @@ class FitChecks:
     K_se_share: float | None
     B_high: float
     I_high: float
-    stance_change: float | None
-    uncorrected_stance_change: float | None
+    stance_change: float
 
 
 def check_fit(headline: GroupHeadline) -> FitChecks:
@@ -78,8 +76,6 @@ def check_fit(headline: GroupHeadline) -> FitChecks:
     motion = ensemble.motion[window]
     torque = ensemble.torque[window]
     of_gait = np.mean([gait_torque(response, fit)[:, window] for response in responses], axis=0)
-    known = [r for r in responses if np.isfinite(r.stance_change)]
-    changes = [response.stance_change for response in known]
     return FitChecks(
         coherence=coherence_of(responses),
         VAF=fit.vaf,
@@ -90,8 +86,7 @@ def check_fit(headline: GroupHeadline) -> FitChecks:
         K_se_share=headline.resampled.se("K") / abs(fit["K"]) if fit["K"] else None,
         B_high=headline.resampled.interval("B")[1],
         I_high=headline.resampled.interval("I")[1],
-        stance_change=float(np.mean(changes)) if len(known) > 1 else None,
-        uncorrected_stance_change=uncorrected_change(known) if len(known) > 1 else None,
+        stance_change=float(np.mean([response.stance_change for response in responses])),
     )
 
 
@@ -124,14 +119,6 @@ def coherence_of(responses: Sequence[PerturbationResponse]) -> float:
     )
     of_singles = max(rms(angles) ** 2 - gait_variance, of_mean**2)
     return of_mean / float(np.sqrt(of_singles))
-
-
-def uncorrected_change(responses: Sequence[PerturbationResponse]) -> float | None:
-    """What a perturbation changes of the stance by which phase is computed, if it is certain."""
-    errors = np.array([response.stance_error for response in responses])
-    se = float(errors.std(ddof=1)) / np.sqrt(len(errors))
-    mean = float(errors.mean())
-    return mean if abs(mean) > CERTAIN_STANCE_SES * se else None
 
 
 @dataclass(frozen=True)
@@ -241,6 +228,7 @@ def fitted_time(headline: GroupHeadline) -> float:
 
 GROUP_QUANTITIES = ("K", "B", "I", "VAF")
 ENSEMBLE = "ensemble"
+PREDICTED = "ensemble, predicted gait"
 # A bootstrap of fewer crossings does not leave their range, outside of which the mean of all lies
 # with a probability of 2^(1 - n): more than 5 %
 FEWEST_FOR_BOOTSTRAP = 6
@@ -248,10 +236,10 @@ DRAWN_STEP = 4  # a hundred points of stance are enough for a curve
 
 
 def perturbation_row(
-    crossing: Crossing, gait: UnperturbedGait, settings: ResponseSettings
+    crossing: Crossing, gait: UnperturbedGait, settings: TimingSettings
 ) -> dict[str, object]:
     """Make the row of `walking.csv` of one crossing: Eq. 15 fitted to its isolated response."""
-    response = isolate_response(crossing, gait, settings, settings.perturbed_stance)
+    response = isolate_response(crossing, gait, settings)
     fit = fit_response(response)
     return {
         "trial": crossing.name,
@@ -262,7 +250,7 @@ def perturbation_row(
             response.fitted_torque,
             gait_torque(response, fit)[:, response.window],
         ),
-        "stance_change": response.stance_change if np.isfinite(response.stance_change) else None,
+        "stance_change": response.stance_change,
         "encoder_rms_deg": crossing.quality.encoder_rms_deg,
         "VAF": fit.vaf,
         "condition_number": fit.condition_number,
@@ -274,8 +262,8 @@ def headline_rows(
 ) -> list[dict[str, object]]:
     """Make the rows of `walking_summary.csv` of one group.
 
-    They are the mean over perturbations with the errors that all share, and the ensemble with
-    either baseline.
+    They are the mean over perturbations with the errors that all share, and the ensemble minus mean
+    and minus predicted gait.
 
     Parameters
     ----------
@@ -301,7 +289,7 @@ def headline_rows(
         )
     for estimator, fit, resampled in (
         (ENSEMBLE, headline.ensemble.fit, headline.resampled),
-        (headline.other_name, headline.other.fit, headline.other_resampled),
+        (PREDICTED, headline.predicted.fit, headline.predicted_resampled),
     ):
         for quantity in GROUP_QUANTITIES:
             row = bootstrap_row(headline, fit, resampled, quantity)

@@ -18,12 +18,11 @@ from osl_analysis.measured import rounding_of
 from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import Crossing
 from osl_analysis.walking.poses import StoredArray
-from osl_analysis.walking.walking_settings import StanceSource
 
 # Phases of stance at which crossings are sampled, finer than the frames
 PHASES = np.linspace(0.0, 1.0, 401)
-FEWEST_PHASES = 20  # between heel strike and onset, 5 % of stance, in which a pace can be read
 MATCHED_STEP = 4  # every fourth phase is enough after a low-pass of 20 Hz
+FEWEST_PHASES = 5  # of these between heel strike and onset, 5 % of stance, that tell a pace
 
 SMALLEST_SCALE, LARGEST_SCALE = 0.75, 1.33
 DRIFT_ORDERS = np.arange(1, 9)
@@ -172,8 +171,6 @@ class AlignedGait:
     stance: float  # duration of stance [s] that converts the perturbed crossing's time to phase
     # Phase on the mean gait over own phase, of each unperturbed crossing (crossings,)
     scales: Array
-    # Duration of stance [s] expected from the gait before the onset; NaN: no pace fits
-    expected: float
 
     def curves(self, unperturbed: Array, phase: Array) -> Array:
         """Interpolate unperturbed curves (crossings, `PHASES`) at phases (k,) of the mean gait.
@@ -193,63 +190,37 @@ class AlignedGait:
         return np.array(curves)
 
 
-def aligned_gait(
-    crossing: Crossing, gait: UnperturbedGait, source: StanceSource, guard_s: float
-) -> AlignedGait:
-    """Align a perturbed crossing with the mean unperturbed gait.
+def aligned_gait(crossing: Crossing, gait: UnperturbedGait, known_until: float) -> AlignedGait:
+    """Match the pace of a perturbed crossing, and of each unperturbed one, to the mean gait.
 
     Parameters
     ----------
-    source : str
-        Which duration of stance converts its time to phase: `matched`, `own` or `unperturbed`
-        (docs/walking.md, "Stance and phase").
-    guard_s : float
-        Time [s] before the onset into which the filter spreads the response.
+    known_until : float
+        Time [s] until which the angle is matched. With a guard of 30 ms before the onset, what a
+        filter of 20 Hz spreads of a turn of 4 deg changes the pace by 0.15 %, and K by 0.3 %.
 
     Raises
     ------
     InputError
-        The duration is to be matched, and no pace fits.
+        No pace fits.
     """
-    own_stance = crossing.stance.duration
-    scale, gait_scales = matched_pace(crossing, gait, guard_s)
-    expected = own_stance / scale * float(gait_scales.mean())
-    if source != "matched":
-        stance = own_stance if source == "own" else float(np.mean(gait.stance))
-        return AlignedGait(stance, np.ones(len(gait.names)), expected)
-    if not np.isfinite(scale):
-        raise InputError(
-            f"trial {crossing.name}: its angle before the onset tells no pace from"
-            f" {SMALLEST_SCALE:g} to {LARGEST_SCALE:g} of the mean unperturbed gait: it has no"
-            " sharp turn after heel strike, or is of another gait; state perturbed_stance: own, or"
-            " give it another group"
-        )
-    return AlignedGait(own_stance / scale, gait_scales, expected)
-
-
-def matched_pace(crossing: Crossing, gait: UnperturbedGait, guard_s: float) -> tuple[float, Array]:
-    """Scales of the crossing, and of each unperturbed one (crossings,); NaN if no pace fits.
-
-    They are matched until the guard. With a guard of 30 ms, what a filter of 20 Hz spreads of a
-    turn of 4 deg changes the pace by 0.15 %, and K by 0.3 %.
-    """
-    unknown = np.nan, np.full(len(gait.names), np.nan)
-    onset = crossing.stance.toe_off if crossing.onset is None else crossing.onset
-    known_until = onset - guard_s - crossing.stance.heel_strike  # [s] of stance
-    phase = PHASES[known_until / crossing.stance.duration >= PHASES]
-    if len(phase) < FEWEST_PHASES:
-        return unknown
-
-    theta = signal_at(crossing, crossing.theta, stance_times(crossing, phase))
-    curves = np.vstack([theta, gait.theta[:, : len(phase)]])
-    scales = matched_scales(
-        phase[::MATCHED_STEP], curves[:, ::MATCHED_STEP], gait.theta.mean(axis=0)
+    stance = crossing.stance
+    known = np.asarray(stance.heel_strike + PHASES * stance.duration <= known_until)
+    phase = PHASES[known][::MATCHED_STEP]
+    if len(phase) >= FEWEST_PHASES:
+        theta = signal_at(crossing, crossing.theta, stance_times(crossing, phase))
+        curves = np.vstack([theta, gait.theta[:, ::MATCHED_STEP][:, : len(phase)]])
+        scales = matched_scales(phase, curves, gait.theta.mean(axis=0))
+        # The order of drift is the one at which all curves have a scale and the unperturbed scales
+        # scatter least
+        is_whole = np.isfinite(scales).all(axis=1)
+        scatters = np.where(is_whole, np.std(scales[:, 1:], axis=1), np.inf)
+        best = int(np.argmin(scatters))
+        if is_whole[best]:
+            return AlignedGait(stance.duration / float(scales[best, 0]), scales[best, 1:])
+    raise InputError(
+        f"trial {crossing.name}: its angle before the onset tells no pace from"
+        f" {SMALLEST_SCALE:g} to {LARGEST_SCALE:g} of the mean unperturbed gait: it has no"
+        " sharp turn after heel strike, or is of another gait; give it another group, or exclude"
+        " the trial"
     )
-    # The order of drift is the one at which all curves have a scale and the unperturbed scales
-    # scatter least
-    is_whole = np.isfinite(scales).all(axis=1)
-    scatters = np.where(is_whole, np.std(scales[:, 1:], axis=1), np.inf)
-    best = int(np.argmin(scatters))
-    if not np.isfinite(scatters[best]):
-        return unknown
-    return float(scales[best, 0]), scales[best, 1:]

@@ -22,7 +22,6 @@ Marker = Annotated[str, Field(min_length=1)]
 Names = Annotated[tuple[Marker, ...], AfterValidator(check_distinct)]
 Cluster = Annotated[Names, Field(min_length=3)]
 Side = Literal["left", "right"]
-StanceSource = Literal["own", "unperturbed", "matched"]
 
 Coordinate = Annotated[float, Field(ge=-1, le=1)]  # [m] of a point of the foot
 Cutoff = Annotated[float, Field(gt=0, le=200)]  # [Hz], half the rate of fast cameras
@@ -187,23 +186,9 @@ class SelectionSettings(TimingSettings):
     largest_outside_m: ClassVar[float] = 0.02
 
 
-class ResponseSettings(WalkingFilter, TimingSettings):
-    """How a response is isolated and fitted."""
-
-    perturbed_stance: StanceSource
-    """Duration of stance that converts the time of a perturbed crossing to phase (docs/walking.md):
-    `matched`, the one at which its ankle angle before the onset is most like that of the mean
-    unperturbed gait; its `own`, wrong if the perturbation changes it; or the mean of the
-    `unperturbed` ones, wrong if whole crossings are slower."""
-
-
-class EnsembleSettings(ResponseSettings):
+class EnsembleSettings(TimingSettings):
     """How the ensemble of all responses is fitted."""
 
-    baseline: Literal["mean", "predicted"] = "mean"
-    """What a perturbed crossing would have done, for the headline: the `mean` unperturbed gait, or
-    what its own behaviour before the onset tells (docs/walking.md). The other one stands beside it
-    in the table."""
     # Number of bootstrap samples of the ensemble
     bootstrap_samples: Annotated[int, Field(ge=100, le=100_000)]
 

@@ -216,7 +216,7 @@ def aligned_gait(crossing: Crossing, gait: UnperturbedGait, known_until: float) 
         is_whole = np.isfinite(scales).all(axis=1)
         scatters = np.where(is_whole, np.std(scales[:, 1:], axis=1), np.inf)
         best = int(np.argmin(scatters))
-        if is_whole[best]:
+        if np.isfinite(scatters[best]):
             return AlignedGait(stance.duration / float(scales[best, 0]), scales[best, 1:])
     raise InputError(
         f"trial {crossing.name}: its angle before the onset tells no pace from"

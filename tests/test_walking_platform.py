@@ -17,8 +17,7 @@ from osl_analysis.commands.walking_files import read_model, write_refusal
 from osl_analysis.errors import InputError
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import Trial
-from osl_analysis.walking.ankle import check_onset
-from osl_analysis.walking.crossing import Crossing, RefusedCrossing, analyse_crossing
+from osl_analysis.walking.crossing import Crossing, RefusedCrossing, analyse_crossing, check_onset
 from osl_analysis.walking.groups import static_of
 from osl_analysis.walking.plate import Stance
 from osl_analysis.walking.plate_inertia import (
@@ -83,11 +82,6 @@ def test_what_is_not_where_it_was_in_the_static_trial_is_named_by_itself(
     assert unperturbed(WALK).quality.different_mm < 0.5
 
 
-def test_a_cluster_beyond_its_limit_is_refused_with_its_marker() -> None:
-    with pytest.raises(InputError, match="throughout stance, SHANK2 most, by 25 mm"):
-        unperturbed(moved(WALK, "SHANK2", by=0.025))
-
-
 @pytest.mark.parametrize("heave", [0.0, HEAVE])
 def test_the_mass_of_a_heavy_plate_is_inside_its_interval(heave: float) -> None:
     """25 kg, 0.3 mm, 2.5 deg: all six coordinates at 8 Hz read 22.9 +- 0.2 kg. Over 12 seeds -0.02
@@ -136,7 +130,7 @@ def test_a_cluster_that_was_put_on_again_asks_for_a_static_trial() -> None:
 
     with pytest.raises(
         InputError,
-        match=r"the shank markers stand \d+ mm .* record a static trial after the change",
+        match="the shank markers cannot be followed .* record a static trial after they were put on",
     ):
         unperturbed(moved, plate())
 
@@ -279,7 +273,7 @@ def test_a_moment_that_lifts_the_toes_in_late_stance_is_refused() -> None:
     in_stance = pl.col("time").is_between(1.0, 1.6).cast(pl.Float64)
     pulled = changed(WALK, pl.col("plate1_moment_y") + in_stance * 120)
 
-    with pytest.raises(InputError, match=r"the ankle's moment in late stance is -.*, though"):
+    with pytest.raises(InputError, match=r"the ankle's moment in late stance is -.* another foot"):
         unperturbed(pulled)
 
 

@@ -21,9 +21,8 @@ from walking_synthetic import (
 
 from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass
-from osl_analysis.trial import Array, Trial
-from osl_analysis.walking.ankle import ankle_angle, moment_of_foot
-from osl_analysis.walking.crossing import compare_encoder
+from osl_analysis.trial import Array
+from osl_analysis.walking.crossing import ankle_angle, moment_of_foot
 from osl_analysis.walking.poses import (
     body_motion,
     bridge_gaps,
@@ -232,55 +231,3 @@ def test_a_hanging_foot_needs_its_weight_and_its_inertia() -> None:
     expected = (inertia + mass * (com @ com)) * alpha - mass * GRAVITY * x_com
     inside = slice(6, -6)  # a spline is less exact at its ends
     np.testing.assert_allclose(torque[inside], expected[inside], atol=1e-5)
-
-
-def gait(time: Array) -> Array:
-    return np.asarray(0.2 * np.sin(7 * time) + 0.05 * np.sin(19 * time))
-
-
-def compared(theta: Array, stamps: Array, encoder: Array) -> float | None:
-    """The angle from markers beside an encoder's, which a trial has at these stamps."""
-    trial = Trial("w", pl.DataFrame({"time": np.r_[-1.0, stamps], "theta": [None, *encoder]}))
-    return compare_encoder(trial, MARKER_TIME, theta, LOW_PASS)
-
-
-def low_passed_gait() -> Array:
-    """At `MARKER_TIME`, from a longer recording."""
-    return LOW_PASS(gait(np.arange(600) / 300), 300.0)[150:390]
-
-
-@pytest.mark.parametrize("delay", [-0.0042, 0.0137])
-def test_offset_and_delay_of_the_encoder_are_no_difference(delay: float) -> None:
-    assert compared(low_passed_gait(), ENCODER_TIME, gait(ENCODER_TIME - delay) + 0.01) < 1e-3
-
-
-@pytest.mark.parametrize("delay", [-0.045, 0.045])
-def test_an_encoder_that_was_on_in_a_part_of_stance_is_compared_there(delay: float) -> None:
-    """A spline beyond its ends is anywhere."""
-    stamps = ENCODER_TIME[(ENCODER_TIME >= 0.7) & (ENCODER_TIME < 1.2)]
-
-    rms_deg = compared(low_passed_gait(), stamps, gait(stamps - delay) + 0.01)
-
-    assert rms_deg < np.rad2deg(1e-3)
-
-
-def test_what_offset_and_delay_leave_is_the_noise() -> None:
-    """White noise of 1e-3 rad at 500 Hz, of which a 20 Hz low-pass leaves about 40/500 of the
-    power."""
-    noise = 1e-3 * np.random.default_rng(4).standard_normal(1000)
-
-    rms_deg = compared(gait(MARKER_TIME), ENCODER_TIME, gait(ENCODER_TIME) + noise)
-
-    assert np.deg2rad(rms_deg) == pytest.approx(1e-3 * np.sqrt(40 / 500), rel=0.3)
-
-
-def test_an_encoder_of_another_joint_is_refused() -> None:
-    with pytest.raises(InputError, match="does not follow the angle from markers within 50 ms"):
-        compared(gait(MARKER_TIME), ENCODER_TIME, gait(ENCODER_TIME - 0.2))
-
-
-@pytest.mark.parametrize("on", [slice(200), slice(0), slice(260, 270), slice(250, 320)])
-def test_an_encoder_that_was_off_in_stance_is_none(on: slice) -> None:
-    stamps = ENCODER_TIME[on]
-
-    assert compared(gait(MARKER_TIME), stamps, gait(stamps)) is None

@@ -9,7 +9,7 @@ from c3d_builder import REAL_DATA
 
 from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.trial import Array, Trial, read_trial
-from osl_analysis.walking.ankle import ankle_torque
+from osl_analysis.walking.crossing import ankle_torque
 from osl_analysis.walking.plate import (
     find_stances,
     recorded_corners,

@@ -1,10 +1,15 @@
-"""Steps 1 to 4 of one crossing of the walkway, and whether the laboratory's set-up allows them.
+"""Step 4, crossing: angle and torque of one crossing, and whether its set-up allows them.
+
+The torque is computed from force and moment at the plate's origin, never from a centre of pressure,
+which is undefined while the plate is unloaded. Its changes without each plate trial follow it
+through all later steps.
 
 Axes, side, corners, sheet and body mass are checked. What stays the same from the static trial on
 is compared directly: the markers of each cluster, the ankle between foot and shank, the platform at
 rest and the corners of the plate. What differs is named by itself, whatever it does to the torque.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -13,24 +18,25 @@ import scipy
 from osl_analysis.errors import InputError
 from osl_analysis.measured import check_measured
 from osl_analysis.plates import furthest_outside
-from osl_analysis.signals import LowPass, sampling_rate
-from osl_analysis.signals.grid import GapLimits, uniform_signals
+from osl_analysis.signals import longest_run, runs, sampling_rate
 from osl_analysis.trial import Array, Trial
+from osl_analysis.walking import platform
 from osl_analysis.walking import poses as rigid
-from osl_analysis.walking.ankle import (
-    VERTICAL,
-    Ankle,
-    LoadOnFoot,
-    Passage,
-    ankle_between,
-    ankle_torques,
-    load_on_foot,
-    moment_of_foot,
-    recorded_passage,
+from osl_analysis.walking.plate import (
+    Stance,
+    WrenchReader,
+    check_plate,
+    check_type_on_platform,
+    check_vertical,
+    only_stance,
+    recorded_corners,
+    recorded_plate,
+    zeroed_wrench,
 )
-from osl_analysis.walking.plate import Stance, recorded_plate
-from osl_analysis.walking.plate_inertia import PlateModel
+from osl_analysis.walking.plate_inertia import PlateModel, inertial_columns
 from osl_analysis.walking.poses import (
+    FREE_FALL,
+    BodyMotion,
     Mask,
     Poses,
     StaticCalibration,
@@ -40,14 +46,332 @@ from osl_analysis.walking.poses import (
 )
 from osl_analysis.walking.walking_settings import CrossingSettings
 
+PRESSED_N = 100.0  # vertical force above which a centre of pressure is defined
+VERTICAL = np.array([0.0, 0.0, 1.0])
+SPARE_S = 0.1  # before and after stance, for the low-pass
+
 FLAT = (0.15, 0.35)  # phases of stance in which the foot is flat, before a perturbation
 LATE = (0.6, 0.85)  # phases of stance in which a walker pushes off
 PUSH = (0.5, 0.9)  # phases of stance in which every foot pushes the toes down
 LARGEST_OUT_TOEING_DEG = 45.0  # between the roll of the load and forward; a foot out-toes by 20 deg
 SMALLEST_ROLL_M = 0.03  # of the centre of pressure, that has a direction
-SMALLEST_PUSH = 0.08  # change of the shear, as a share of the load, that has a direction
 LARGEST_MASS_DIFFERENCE = 0.1  # clothes, shoes and leg weigh something
 BODY_MASSES_KG = (10.0, 300.0)
+FEWEST_FRAMES = 10  # at rest, that tell where the platform stands
+
+# Directions of a perturbation in sheet and tables: toes up (dorsiflexion), and toes down
+UP, DOWN = "up", "down"
+FEWEST_SAMPLES = 6  # for a quintic spline
+
+
+@dataclass(frozen=True)
+class Ankle:
+    """The ankle in n frames: the means of foot's and shank's centre and axis."""
+
+    theta: Array  # joint angle (n,) [rad], dorsiflexion positive
+    centre: Array  # (n, 3) [m]
+    axis: Array  # unit vectors (n, 3) to the left
+
+    @property
+    def forward(self) -> Array:
+        """Level directions (n, 3) in which the foot points."""
+        return np.cross(self.axis, VERTICAL)
+
+
+def ankle_between(foot: Poses, shank: Poses, calibration: StaticCalibration) -> Ankle:
+    """Find angle, centre and axis of the ankle from the poses of foot and shank."""
+    axis = (foot.rotation + shank.rotation) @ calibration.ankle_axis
+    centre = calibration.ankle_centre
+    return Ankle(
+        theta=ankle_angle(foot, shank, calibration.ankle_axis),
+        centre=(foot.point(centre) + shank.point(centre)) / 2,
+        axis=axis / np.linalg.norm(axis, axis=1, keepdims=True),
+    )
+
+
+def ankle_angle(foot: Poses, shank: Poses, axis: Array) -> Array:
+    """Joint angle theta (n,) [rad], zero in the static pose.
+
+    It is minus the twist of the foot relative to the shank about the axis (3,), which points to
+    the left: a foot that turns about it by a positive angle lowers its toes.
+    """
+    relative = np.einsum("nji,njk->nik", shank.rotation, foot.rotation)
+    quaternion = scipy.spatial.transform.Rotation.from_matrix(relative).as_quat(canonical=True)
+    return np.asarray(-2 * np.arctan2(quaternion[:, :3] @ axis, quaternion[:, 3]))
+
+
+def ankle_torque(reaction: Array, plate_centre: Array, ankle: Array, axis: Array) -> Array:
+    """Internal plantarflexion moment about the ankle's axis.
+
+    Parameters
+    ----------
+    reaction : Array
+        Force F [N] and moment M [N*m] of the ground on the foot (n, 6), in laboratory axes, about
+        the plate's centre.
+    plate_centre, ankle : Array
+        The plate's centre c and the ankle's centre a [m], (3,) or (n, 3).
+    axis : Array
+        Unit vectors (n, 3) to the left.
+
+    Returns
+    -------
+    Array
+        tau (n,) [N*m] = -(M + (c - a) x F) . axis.
+    """
+    F, M = reaction[:, :3], reaction[:, 3:]
+    about_ankle = M + np.cross(plate_centre - ankle, F)
+    return np.asarray(-np.sum(about_ankle * axis, axis=1))
+
+
+def load_on_foot(reaction: Array, centre: Array, ankle: Ankle) -> Array:
+    """Vertical force [N], and centre of pressure [m] to the left of the ankle and before it, 0 if
+    hardly pressed: (3, n), from the reaction (n, 6) about `centre` (n, 3) [m]."""
+    vertical = reaction[:, 2]
+    pressed = vertical > PRESSED_N
+    divisor = np.where(pressed, vertical, 1.0)[:, None]
+    from_ankle = centre + np.cross(VERTICAL, reaction[:, 3:]) / divisor - ankle.centre
+    left = np.sum(from_ankle * ankle.axis, axis=1)
+    forward = np.sum(from_ankle * ankle.forward, axis=1)
+    return np.array([vertical, pressed * left, pressed * forward])
+
+
+def moment_of_foot(
+    foot: BodyMotion, ankle: Array, axis: Array, mass: float, inertia: float
+) -> Array:
+    """Torque of weight and inertia of all that moves with the foot.
+
+    Parameters
+    ----------
+    foot : BodyMotion
+        Of the foot and of its centre of mass c, n frames.
+    ankle, axis : Array
+        Centre a (n, 3) [m] and axis (n, 3) of the ankle.
+    mass, inertia : float
+        m [kg], and I [kg*m^2] about the axis through c.
+
+    Returns
+    -------
+    Array
+        (n,) [N*m]: axis . ((c - a) x m (c'' - g) + I alpha).
+    """
+    of_mass = np.cross(foot.point - ankle, mass * (foot.acceleration - FREE_FALL))
+    return np.asarray(np.sum(axis * (of_mass + inertia * foot.alpha), axis=1))
+
+
+@dataclass(frozen=True)
+class Passage:
+    """A crossing as markers and plate recorded it, in all k frames and in n `rows`.
+
+    The rows are stance, and up to 0.1 s before and after it for the low-pass.
+    """
+
+    name: str
+    frames: Array  # time (k,) [s] of all frames
+    recorded: dict[str, Poses]  # of foot, shank and platform in all frames, not low-passed
+    wrench: WrenchReader  # of the plate, in all frames, minus its zero
+    corners: Array  # of the plate (4, 3) [m] at rest
+    stance: Stance
+    onset: float | None  # of the perturbation [s]
+    rows: slice
+    poses: dict[str, Poses]  # in `rows`, low-passed
+
+    @property
+    def time(self) -> Array:
+        return self.frames[self.rows]
+
+    @property
+    def inside(self) -> Mask:
+        """Which of `rows` are in stance."""
+        return in_stance(self.time, self.stance)
+
+
+def in_stance(time: Array, stance: Stance) -> Mask:
+    return np.asarray((time >= stance.heel_strike) & (time <= stance.toe_off))
+
+
+def recorded_passage(
+    trial: Trial,
+    calibration: StaticCalibration,
+    lag: float,
+    perturbed: bool,
+    settings: CrossingSettings,
+    onset: float | None = None,
+) -> Passage:
+    """Find poses, stance and onset of a crossing.
+
+    Parameters
+    ----------
+    lag : float
+        Of the plate behind the markers [s].
+    perturbed : bool
+        Whether the sheet says so.
+    onset : float or None
+        Of the perturbation [s], by the mean ramp of all crossings; None: by its own ramp.
+
+    Raises
+    ------
+    InputError
+        The recording is not one crossing, or its plate or markers cannot be used.
+    """
+    recorded = {}
+    reference = {}
+    for segment, labels in settings.markers.clusters.items():
+        frames, recorded[segment] = rigid.segment_poses(trial, labels, calibration, settings)
+        reference[segment] = calibration.positions(labels, trial.name)
+
+    wrench = zeroed_wrench(trial, frames, settings)
+    force = wrench(lag)[:, :3]
+    check_vertical(force)
+    stance = only_stance(frames, force[:, 2], settings)
+    check_plate(trial, settings.plate, stance, force[:, 2])
+    corners = recorded_corners(trial, settings.plate)
+
+    for segment, pose in recorded.items():
+        check_followed(segment, frames, pose, stance, settings.largest_residual_mm)
+    onset = onset_of(trial, frames, recorded, stance, perturbed, settings, onset)
+
+    rows = rows_about_stance(frames, recorded, stance)
+    rate = sampling_rate(frames)
+    low_passed = {}
+    for segment, cluster in reference.items():
+        markers = settings.low_pass(recorded[segment][rows].points(cluster), rate)
+        low_passed[segment] = rigid.cluster_poses(cluster, markers)
+    return Passage(trial.name, frames, recorded, wrench, corners, stance, onset, rows, low_passed)
+
+
+def check_followed(
+    segment: str, frames: Array, pose: Poses, stance: Stance, largest_residual_mm: float
+) -> None:
+    """Refuse a cluster that is hidden in stance, or was put on again since the static trial."""
+    hidden = np.flatnonzero(in_stance(frames, stance) & ~pose.seen())
+    if len(hidden):
+        raise InputError(
+            f"the {segment} markers cannot be followed at {frames[hidden[0]]:.3f} s, in"
+            f" {len(hidden)} frames of stance: fewer than three are seen, or they stand more than"
+            f" {largest_residual_mm:g} mm (RMS) otherwise than in the static trial; correct"
+            " exchanged labels in Nexus, record a static trial after they were put on again and"
+            " name it in the column static, raise longest_gap_s, or exclude the trial"
+        )
+
+
+def rows_about_stance(frames: Array, recorded: Mapping[str, Poses], stance: Stance) -> slice:
+    """Stance and the frames about it in which all clusters were seen."""
+    seen = np.all([pose.seen() for pose in recorded.values()], axis=0)
+    near = seen & (frames >= stance.heel_strike - SPARE_S) & (frames <= stance.toe_off + SPARE_S)
+    first = np.argmax(in_stance(frames, stance))
+    return next(run for run in runs(near) if run.start <= first < run.stop)
+
+
+def onset_of(
+    trial: Trial,
+    time: Array,
+    recorded: Mapping[str, Poses],
+    stance: Stance,
+    perturbed: bool,
+    settings: CrossingSettings,
+    of_mean_ramp: float | None,
+) -> float | None:
+    """Find the onset [s] of the perturbation: that of the mean ramp, else of the crossing's own.
+
+    Returns
+    -------
+    float or None
+        None without a perturbation.
+
+    Raises
+    ------
+    InputError
+        Sheet, stance, plate or markers forbid it.
+    """
+    ramp = platform.ramp_of(time, recorded["platform"], settings.smallest_turn)
+    onset = None
+    if ramp is not None:
+        onset = of_mean_ramp
+        if onset is None:
+            onset = platform.ramp_onsets({trial.name: ramp})[trial.name]
+    check_onset(onset, perturbed, stance, settings)
+    if onset is None:
+        return None
+
+    check_type_on_platform(trial, settings.plate)
+    window = (time >= onset) & (time <= onset + settings.window_s)
+    for segment in ("foot", "platform"):  # the shank carries the body and moves as in any stance
+        pose = recorded[segment]
+        gap = longest_run(pose.bridged & window)
+        if rigid.gap_duration(time, gap) > settings.longest_fitted_gap_s:
+            hidden_s = (gap.stop - gap.start) * (time[1] - time[0])
+            raise InputError(
+                f"the {segment} markers are hidden for {1e3 * hidden_s:.0f} ms from"
+                f" {time[gap.start]:.3f} s, while the perturbation is"
+                f" fitted, expected {1e3 * settings.longest_fitted_gap_s:g} ms or less; exclude the"
+                " trial, or record it again with them in sight: a filled response is no measurement"
+            )
+    return onset
+
+
+def check_onset(
+    onset: float | None, perturbed: bool, stance: Stance, settings: CrossingSettings
+) -> None:
+    """Refuse an onset [s] that the sheet contradicts, or whose response leaves stance."""
+    if (onset is not None) != perturbed:
+        raise InputError(
+            f"the platform {'turns' if perturbed is False else 'does not turn'}, but the sheet says"
+            f" perturbed = {str(perturbed).lower()}; correct the sheet, perturbation_deg or the"
+            " platform markers, or exclude the trial"
+        )
+    if onset is None:
+        return
+    span = f"stance {stance.heel_strike:.3f}-{stance.toe_off:.3f} s"
+    if not stance.heel_strike < onset < stance.toe_off:
+        raise InputError(
+            f"the perturbation starts at {onset:.3f} s, outside {span}; exclude the trial"
+        )
+    first = onset - settings.guard_s - settings.baseline_s
+    last = onset + settings.window_s
+    if first < stance.heel_strike or last > stance.toe_off:
+        raise InputError(
+            f"baseline and window, {first:.3f}-{last:.3f} s, leave {span}; shorten window_s,"
+            " baseline_s or guard_s, or exclude the trial"
+        )
+
+
+def reactions_on_foot(
+    passage: Passage,
+    models: list[PlateModel],
+    calibration: StaticCalibration,
+    settings: CrossingSettings,
+) -> tuple[list[Array], Array]:
+    """Compute the ground reaction on the foot, without the plate's own wrench.
+
+    The plate's own wrench is that of its measured motion, without accelerations at rest.
+
+    Returns
+    -------
+    tuple of list of Array and Array
+        Reactions (n, 6) [N, N*m] by each model of the unloaded plate, in laboratory axes, and the
+        plate's centre (n, 3) [m], about which they are.
+    """
+    rows = passage.rows
+    poses_of_plate = passage.recorded["platform"]
+    run = next(run for run in runs(poses_of_plate.seen()) if run.start <= rows.start < run.stop)
+    track = platform.platform_track(
+        passage.name, passage.frames[run], poses_of_plate[run], calibration, settings
+    )
+    middle = np.asarray(passage.corners.mean(axis=0))
+    axes = platform.shared_directions([track])[0]
+    in_track = slice(rows.start - run.start, rows.stop - run.start)
+    motion, weights = track.measured_motion(axes, middle, in_track)
+    columns = inertial_columns(motion.weighted(weights))
+
+    plate = passage.poses["platform"]
+    R_transposed = np.swapaxes(plate.rotation, 1, 2)
+    rate = sampling_rate(passage.frames)
+    reactions = []
+    for model in models:
+        wrench = settings.low_pass(passage.wrench(model.lag or 0.0), rate)[rows]
+        of_foot = wrench - columns @ model.parameters
+        reactions.append((of_foot.reshape(-1, 2, 3) @ R_transposed).reshape(-1, 6))
+    return reactions, plate.point(middle)
 
 
 def phases_between(phase: Array, bounds: tuple[float, float]) -> Mask:
@@ -70,59 +394,33 @@ def check_side(phase: Array, shank_from_ankle: Array, axis: Array) -> None:
         )
 
 
-def check_roll(phase: Array, load: LoadOnFoot, shear: Array, torque: Array | None) -> None:
+def check_roll(phase: Array, load: Array, torque: Array | None) -> None:
     """Refuse a load that does not roll forward over the foot, or a torque that pulls the toes up.
-
-    A walker brakes and then pushes. If the shear changes in another direction, the plate's axes are
-    turned; if not, another foot has stepped on it.
 
     Parameters
     ----------
     phase : Array
         Of stance (n,).
-    shear : Array
-        Force on the foot (2, n) [N], to the left and forward.
+    load : Array
+        (3, n), as in `Crossing`.
     torque : Array or None
         Undisturbed torque (n,) [N*m]; in late stance every foot pushes the toes down.
     """
-    flat = phases_between(phase, FLAT)
-    late = phases_between(phase, LATE)
-
-    def change(left_and_forward: Array) -> tuple[float, float]:
-        """Size of the change of (2, n) from flat foot to late stance, and its angle to forward."""
-        left, forward = left_and_forward[:, late].mean(axis=1) - left_and_forward[:, flat].mean(
-            axis=1
-        )
-        return float(np.hypot(left, forward)), abs(float(np.rad2deg(np.arctan2(left, forward))))
-
-    roll_m, roll_deg = change(np.array([load.left, load.forward]))
-    push_n, push_deg = change(shear)
-    moment = 0.0
-    if torque is not None:
-        moment = float(torque[phases_between(phase, PUSH)].mean())
+    late = load[:, phases_between(phase, LATE)].mean(axis=1)
+    flat = load[:, phases_between(phase, FLAT)].mean(axis=1)
+    _, left, forward = late - flat
+    roll_m = float(np.hypot(left, forward))
+    roll_deg = abs(float(np.rad2deg(np.arctan2(left, forward))))
+    moment = 0.0 if torque is None else float(torque[phases_between(phase, PUSH)].mean())
     rolls_forward = roll_deg <= LARGEST_OUT_TOEING_DEG or roll_m < SMALLEST_ROLL_M
     if moment >= 0 and rolls_forward:
         return
-
-    observed = (
-        f"the centre of pressure moves by {100 * roll_m:.0f} cm in stance, {roll_deg:.0f} deg from"
-        " forward"
-    )
-    if moment < 0:
-        observed += f", and the ankle's moment in late stance is {moment:.0f} N*m, expected above 0"
-    flat_load = load.vertical[flat].mean()
-    if push_deg > LARGEST_OUT_TOEING_DEG and push_n > SMALLEST_PUSH * flat_load:
-        raise InputError(
-            f"{observed}, and the foot pushes off {push_deg:.0f} deg from forward: the plate's"
-            f" corners are turned by {90 * round(push_deg / 90)} deg or exchanged; correct their"
-            " order, the first lies in +x and +y of the plate's own axes, or `axes` in the source"
-            " file"
-        )
     raise InputError(
-        f"{observed}, though the foot pushes off forward: another foot stands on the plate, whose"
-        f" load in late stance is {load.vertical[late].mean() / flat_load:.2f} of that before;"
-        " exclude the trial, or, if it is so in all of them, correct the plate's corners and"
-        " moment channels"
+        f"the centre of pressure moves by {100 * roll_m:.0f} cm in stance, {roll_deg:.0f} deg from"
+        f" forward, and the ankle's moment in late stance is {moment:.0f} N*m, expected 0 or more:"
+        " the plate's corners or moments are turned or exchanged, or another foot stands on it."
+        " If it is so in all trials, correct the corners' order, the first lies in +x and +y of"
+        " the plate's own axes, or `axes` in the source file; else exclude the trial"
     )
 
 
@@ -151,9 +449,6 @@ def body_mass(trial: Trial, sheet: float | None) -> float | None:
             " person; state body_mass_kg in the sheet, in kg"
         )
     return float(mass)
-
-
-FEWEST_FRAMES = 10  # at rest, that tell where the platform stands
 
 
 def differences(
@@ -209,11 +504,6 @@ def root_mean_square(distances: Array) -> float:
     return float(np.sqrt(np.mean(np.sum(distances**2, axis=1))))
 
 
-FEWEST_ENCODER_SAMPLES = 30  # that overlap with the markers
-LARGEST_DELAY_S = 0.05  # of the encoder, beyond which the clocks are not aligned
-NEWTON_STEPS = 8
-
-
 @dataclass(frozen=True)
 class CrossingQuality:
     """Measures of one crossing; None where unknown. The dictionary says what each is."""
@@ -222,7 +512,6 @@ class CrossingQuality:
     foot_left_m: float | None = None
     foot_outside_m: float | None = None
     pressure_outside_m: float | None = None
-    encoder_rms_deg: float | None = None
     different: str | None = None
     different_mm: float | None = None
 
@@ -231,7 +520,7 @@ def crossing_quality(
     trial: Trial,
     passage: Passage,
     ankle: Ankle,
-    load: LoadOnFoot,
+    load: Array,
     calibration: StaticCalibration,
     settings: CrossingSettings,
 ) -> CrossingQuality:
@@ -244,8 +533,8 @@ def crossing_quality(
     left = np.cross(VERTICAL, forward)
     markers = foot.points(calibration.positions(settings.markers.foot, "static"))
 
-    from_ankle = load.forward[:, None] * ankle.forward + load.left[:, None] * ankle.axis
-    pressure = (ankle.centre + from_ankle)[flat]
+    _, left_m, forward_m = load[:, :, None]
+    pressure = (ankle.centre + left_m * ankle.axis + forward_m * ankle.forward)[flat]
     unlike_static = differences(trial, passage, ankle, calibration, settings)
     different = max(unlike_static, key=lambda what: unlike_static[what])
     return CrossingQuality(
@@ -253,7 +542,6 @@ def crossing_quality(
         foot_left_m=float(from_plate @ left),
         foot_outside_m=furthest_outside(markers.reshape(-1, 3), passage.corners),
         pressure_outside_m=pressure_outside(pressure, markers),
-        encoder_rms_deg=compare_encoder(trial, passage.time, ankle.theta, settings.low_pass),
         different=different,
         different_mm=1e3 * unlike_static[different],
     )
@@ -273,66 +561,6 @@ def pressure_outside(pressure: Array, markers: Array) -> float:
     hull = scipy.spatial.ConvexHull(markers.mean(axis=0)[:, :2])
     beyond = on_mean_foot[:, :2] @ hull.equations[:, :2].T + hull.equations[:, 2]
     return float(np.mean(np.maximum(beyond.max(axis=1), 0.0)))
-
-
-def compare_encoder(trial: Trial, time: Array, theta: Array, low_pass: LowPass) -> float | None:
-    """Compare the joint's encoder, a column of the trial, with the angle from markers.
-
-    Both pass one low-pass, and encoder(t + delay) = theta(t) + offset.
-
-    Parameters
-    ----------
-    time, theta : Array
-        Times [s] and angle from markers [rad], (n,) each.
-
-    Returns
-    -------
-    float or None
-        RMS difference [deg]; None if fewer than 30 samples overlap.
-
-    Raises
-    ------
-    InputError
-        The encoder does not follow the markers.
-    """
-    if "theta" not in trial.columns:
-        return None
-    if trial.samples["theta"].count() < FEWEST_ENCODER_SAMPLES:
-        return None
-    encoder = uniform_signals(trial, ["theta"], GapLimits(cutoff_hz=low_pass.cutoff_hz))
-    check_measured("the angle from markers", theta)
-    check_measured("the encoder's angle", encoder["theta"])
-
-    spare = LARGEST_DELAY_S + 1 / sampling_rate(time)
-    inside = (time > encoder.time[0] + spare) & (time < encoder.time[-1] - spare)
-    usable = np.interp(time, encoder.time, encoder.usable) == 1
-    rows = inside & usable
-    if rows.sum() < FEWEST_ENCODER_SAMPLES:
-        return None
-    spline = scipy.interpolate.make_interp_spline(
-        encoder.time, low_pass(encoder["theta"], sampling_rate(encoder.time)), k=5
-    )
-    offset, delay = 0.0, 0.0
-    for _ in range(NEWTON_STEPS):
-        residual = spline(time[rows] + delay) - theta[rows] - offset
-        columns = np.column_stack([np.ones(len(residual)), -spline(time[rows] + delay, 1)])
-        change = np.linalg.lstsq(columns, residual, rcond=None)[0]
-        offset += float(change[0])
-        delay += float(change[1])
-        if abs(delay) > LARGEST_DELAY_S:
-            raise InputError(
-                "the leg's joint encoder does not follow the angle from markers within"
-                f" {LARGEST_DELAY_S * 1e3:g} ms; check the sync line, and which encoder and which"
-                " sign the source file maps to theta"
-            )
-
-    residual = spline(time[rows] + delay) - theta[rows] - offset
-    return float(np.rad2deg(np.sqrt(np.mean(residual**2))))
-
-
-# Directions of a perturbation in sheet and tables: toes up (dorsiflexion), and toes down
-UP, DOWN = "up", "down"
-FEWEST_SAMPLES = 6  # for a quintic spline
 
 
 @dataclass(frozen=True)
@@ -421,9 +649,13 @@ def analyse_crossing(
     ankle = ankle_between(foot, shank, calibration)
     check_side(phase, shank.position - ankle.centre, ankle.axis)
 
-    # Torque
-    torques = ankle_torques(passage, ankle, unloaded, calibration, settings)
-    torque = torques.torque
+    # Torque, and its changes without each plate trial
+    models = [unloaded, *unloaded.leave_one_out]
+    reactions, centre = reactions_on_foot(passage, models, calibration, settings)
+    torques = np.array(
+        [ankle_torque(reaction, centre, ankle.centre, ankle.axis) for reaction in reactions]
+    )
+    torque = torques[0]
     if settings.foot is not None:
         of_foot = settings.foot
         motion = rigid.body_motion(
@@ -434,10 +666,8 @@ def analyse_crossing(
         )
 
     # What shows that the set-up is right
-    load = load_on_foot(torques.on_foot, torques.centre, ankle)
-    force = torques.on_foot[:, :3]
-    shear = np.array([np.sum(force * ankle.axis, axis=1), np.sum(force * ankle.forward, axis=1)])
-    check_roll(phase, load, shear, torque if passage.onset is None else None)
+    load = load_on_foot(reactions[0], centre, ankle)
+    check_roll(phase, load, torque if passage.onset is None else None)
     clusters = passage.recorded.values()
     bridged = np.any([pose.bridged[passage.rows] for pose in clusters], axis=0)
 
@@ -450,11 +680,11 @@ def analyse_crossing(
         time=passage.time,
         theta=ankle.theta,
         torque=torque,
-        load=np.array([load.vertical, load.left, load.forward]),
+        load=load,
         stance=passage.stance,
         onset=passage.onset,
         bridged=float(np.mean(bridged[passage.inside])),
-        plate_errors=torques.plate_errors,
+        plate_errors=torques[1:] - torques[0],
         quality=crossing_quality(trial, passage, ankle, load, calibration, settings),
         turn=turn,
     )

@@ -251,7 +251,6 @@ def perturbation_row(
             gait_torque(response, fit)[:, response.window],
         ),
         "stance_change": response.stance_change,
-        "encoder_rms_deg": crossing.quality.encoder_rms_deg,
         "VAF": fit.vaf,
         "condition_number": fit.condition_number,
     }

@@ -79,7 +79,7 @@ def test_each_direction_of_the_turn_has_a_result_of_its_own(is_stated, tmp_path)
 
     tables = campaign(tmp_path, up | down | several("u", 4, Walk()), cells if is_stated else {})
 
-    assert tables["groups"]["group"].to_list() == ["direction down", "direction up"]
+    assert tables["groups"]["group"].to_list() == ["direction up", "direction down"]
     assert tables.estimate("direction up")["mean"] == pytest.approx(340 + 138, abs=12)
     assert tables.estimate("direction down")["mean"] == pytest.approx(340 - 138, abs=12)
     assert set(tables["groups"]["n_unperturbed"]) == {4}

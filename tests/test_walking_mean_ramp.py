@@ -47,13 +47,15 @@ def test_ramps_of_mixed_sizes_share_one_shape() -> None:
     assert errors.std(ddof=1) < 5e-4
 
 
-def test_ramps_of_mixed_durations_are_stretched() -> None:
-    """Without, half of the difference of the durations would be taken for a time shift."""
+def test_ramps_of_another_duration_have_onsets_of_their_own() -> None:
+    """Half of the difference of the durations would be taken for a time shift."""
     rises = np.tile([0.07, 0.09], 10)
 
-    errors = errors_of([angle_of(o, rise=r) for o, r in zip(ONSETS, rises, strict=True)], 0.01)
+    with pytest.warns(UserWarning, match="the platform does not turn as in"):
+        errors = errors_of([angle_of(o, rise=r) for o, r in zip(ONSETS, rises, strict=True)], 0.01)
 
-    assert errors.std(ddof=1) < 5e-4
+    assert np.median(np.abs(errors)) < 3e-4
+    assert np.abs(errors).max() < 8e-3
 
 
 def test_a_single_ramp_has_an_onset_by_itself() -> None:

@@ -392,6 +392,6 @@ def plot_walking_page(
             "unperturbed": gaits[of_group["group"][0]],
             "perturbed": unperturbed_gait(perturbed, 1),
         }
-        points = walking_page_points(perturbed, gait_curves, of_group.drop("group"), settings)
+        points = walking_page_points(gait_curves, of_group.drop("group"), settings)
         frames.append(points.with_columns(group=pl.lit(of_group["group"][0])))
     write_table(pl.concat(frames, how="diagonal"), output, data)

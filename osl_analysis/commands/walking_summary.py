@@ -31,7 +31,7 @@ from osl_analysis.table import MEASURED, Places, read_table, with_places, write_
 from osl_analysis.walking import tables as result_tables
 from osl_analysis.walking import walking_settings as choices
 from osl_analysis.walking.ensemble import GroupHeadline, group_headline
-from osl_analysis.walking.groups import ALL, groups_of_selection
+from osl_analysis.walking.groups import ALL, SEPARATOR
 from osl_analysis.walking.plate_inertia import PlateModel
 from osl_analysis.walking.tables import (
     GroupConditions,
@@ -128,7 +128,7 @@ def summarise_perturbations(
     results: list[GroupResult] = []
     rows: list[dict[str, Any]] = []
     places_of: dict[str, dict[str, str | None]] = {}
-    for group in groups_of_selection(perturbed["group"].to_list(), sheet):
+    for group in dict.fromkeys(SEPARATOR.join(perturbed["group"].drop_nulls()).split(SEPARATOR)):
         trials = perturbed.filter(pl.col("reason").is_null(), group=group)["trial"].to_list()
         gait = gaits.get(group)
         conditions = conditions_of(group, selected, gait, model)

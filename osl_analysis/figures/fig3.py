@@ -3,16 +3,12 @@
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
 import polars as pl
 from matplotlib.axes import Axes
-from scipy.stats import median_abs_deviation
 
 from osl_analysis.figures import marks, names, style
 from osl_analysis.rounding import written
 
-# robust standard deviations (Iglewicz and Hoaglin, How to Detect and Handle Outliers, 1993)
-OUTLYING = 3.5
 # name that takes the place of the trial in the two rows that carry the mean slope
 MEAN_SLOPE = "mean slope"
 IS_MEAN = pl.col("trial") == MEAN_SLOPE
@@ -65,47 +61,23 @@ def draw_belts(ax: Axes, trials: Sequence[pl.DataFrame], mean: pl.DataFrame) -> 
 
 
 def draw_loops(ax: Axes, trials: Sequence[pl.DataFrame], mean: pl.DataFrame) -> None:
-    """Every loop in grey, doubtful ones dotted; those in a colour, with their names, that end far
-    from the median. Each leads to its trial."""
+    """Every loop, doubtful ones dotted; each leads to its trial."""
     ax.axhline(0, **MEAN_LINE)
     ax.margins(y=TEXT_MARGIN)
-    is_far = [False] * len(trials)
-    if not mean.is_empty():
-        is_far = outlying([far_end(trial)["deviation"] for trial in trials])
-    for trial, is_outlying in zip(trials, is_far, strict=True):
-        colour = style.ORANGE if is_outlying else style.GREY
-        end = far_end(trial)
-        if is_outlying:
-            ax.annotate(
-                names.drawn_name(end["trial"]), (end["theta_s_deg"], end["deviation"]), (3, 0),
-                textcoords="offset points", color=colour, va="center",
-            )  # fmt: skip
+    for trial in trials:
         is_doubtful = marks.has_doubtful(trial)
         for branch, dash in BRANCHES.items():
             # without a line from the end of one cycle to the next
             of_branch = trial.select(pl.when(branch=branch).then("deviation"))
             (line,) = ax.plot(
                 trial["theta_s_deg"], of_branch,
-                color=colour, linewidth=LOOP_WIDTH,
+                color=style.GREY, linewidth=LOOP_WIDTH,
                 linestyle=style.DOTTED if is_doubtful else dash,
             )  # fmt: skip
-            line.set_url(marks.place_in_report(end["trial"]))
+            line.set_url(marks.place_in_report(trial["trial"][0]))
     areas = mean.drop_nulls("hysteresis_area")
     if not areas.is_empty():
         area = written(*areas.select(r"^hysteresis_area(_low|_high)?$").row(0))
         ax.text(0.02, 0.04, f"Mean loop area {area} J", transform=ax.transAxes, va="bottom")
     ax.set_xlabel(r"Belt deflection $\theta_s$ (deg)")
     ax.set_ylabel("Torque minus\nmean slope (N·m)")
-
-
-def far_end(trial: pl.DataFrame) -> dict[str, Any]:
-    """The row of the largest deflection."""
-    return trial.sort(pl.col("theta_s_deg").abs(), maintain_order=True).row(-1, named=True)
-
-
-def outlying(deviations: Sequence[float]) -> list[bool]:
-    """Whether each loop ends more than `OUTLYING` robust standard deviations from the median of the
-    ends [N·m]."""
-    limit = OUTLYING * median_abs_deviation(deviations, scale="normal")
-    distances = np.abs(np.asarray(deviations) - np.median(deviations))
-    return [bool(distance > limit > 0) for distance in distances]

@@ -8,7 +8,6 @@ by controller, then by the other desired value.
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
-from os.path import commonprefix
 from typing import Any
 
 import polars as pl
@@ -30,7 +29,7 @@ SMALLEST_SHARE = 0.3  # of a marker's size
 PANEL_HEIGHT = 1.75  # [in]
 LEGEND_HEIGHT = 0.75  # [in]
 NAME_HEIGHT = 0.6  # of upright names of trials, where these stand in place of desired values [in]
-LONGEST_NAME = 15  # [letters]
+LONGEST_NAME = 15  # letters of a name, from its end
 BESIDE_TRIALS = 0.8  # by which a desired value's line is longer than its trials on either side
 
 OTHER = {"K": "B_d", "B": "K_d"}  # desired value by which trials of one K_d, of one B_d are sorted
@@ -155,22 +154,13 @@ def draw_trials(ax: Axes, symbol: str, placed: pl.DataFrame, inches: float) -> N
     else:
         ax.set_xlabel("Trial")
         groups = placed.partition_by("trial", maintain_order=True)
-        label_groups(ax, groups, short_names([rows["trial"][0] for rows in groups]), inches)
+        ends_of_names = [names.drawn_name(rows["trial"][0][-LONGEST_NAME:]) for rows in groups]
+        label_groups(ax, groups, ends_of_names, inches)
 
 
 def text_of(desired: float | None) -> str:
     """A desired value as it stands below its trials."""
     return "not stated" if desired is None else f"{desired:g}"
-
-
-def short_names(trials: Sequence[str]) -> list[str]:
-    """The names of trials as they stand below these: long ones without the beginning that they
-    share, and of what is left the beginning."""
-    shared = ""
-    if max(len(trial) for trial in trials) > LONGEST_NAME:
-        shared = commonprefix(trials)  # noqa: RUF071 letter by letter
-    parts = [trial.removeprefix(shared) for trial in trials]
-    return [names.drawn_name(part[:LONGEST_NAME]) for part in parts]
 
 
 def label_groups(

@@ -49,7 +49,7 @@ def points(
     Raises
     ------
     InputError
-        No group and no perturbation has a result.
+        No group has a result.
     """
     keys = ["group", "quantity"]
     summary = walking_summary.drop_nulls("mean").filter(pl.col("quantity").is_in(QUANTITIES))
@@ -61,23 +61,21 @@ def points(
         doubtful="doubt",
     )  # fmt: skip
     is_fitted = pl.all_horizontal(pl.col(QUANTITIES).is_finite())
-    fits = walking.with_columns(group).drop_nulls("group").filter(is_fitted)
+    fits = walking.with_columns(group).filter(is_fitted)
     perturbations = fits.unpivot(
         QUANTITIES, index=["group", "trial", "doubtful"],
         variable_name="quantity", value_name="estimate",
     )  # fmt: skip
-    n_fits = perturbations.group_by(keys).agg(n_fits=pl.len().cast(pl.Int64))
-    of_groups = means.join(ensembles, on=keys).join(n_fits, on=keys, how="full", coalesce=True)
+    of_groups = means.join(ensembles, on=keys)
     if of_groups.is_empty():
         raise InputError(
-            "no perturbation has a fit, which Fig. 9 draws; see the reasons in"
-            " walking_crossings.csv"
+            "no group has a result, which Fig. 9 draws; see the reasons in walking_groups.csv"
         )
-    groups = list(dict.fromkeys([*means["group"], *fits["group"]]))
+    groups = means["group"].unique(maintain_order=True).to_list()
     if len(groups) == 1:
         of_configuration = pl.when(quantity="K").then(pl.lit(commanded_K, pl.Float64))
         of_groups = of_groups.with_columns(commanded=pl.coalesce("commanded", of_configuration))
-    of_groups = of_groups.with_columns(n=pl.coalesce("n", "n_fits"))
+    perturbations = perturbations.filter(pl.col("group").is_in(groups))
     rows = pl.concat([of_groups, perturbations], how="diagonal_relaxed")
     return rows.sort(
         pl.col("group").replace_strict(groups, range(len(groups))),
@@ -137,18 +135,17 @@ def draw_group(ax: Axes, rows: pl.DataFrame, place: float, height: float, unit: 
         ax, fits, place + offsets / unit, fits["estimate"], PERTURBATION, marks.BEHIND_LINES
     )
     group = rows.row(0, named=True)
-    if group["mean"] is not None:
-        ax.errorbar(
-            place + MEAN_AT, group["mean"], yerr=group["sd"],
-            fmt="s", markersize=3, capsize=CAP, label="Mean ± SD", **IN_BLACK,
-        )  # fmt: skip
-        # an interval of percentiles, which may lie on one side of the estimate
-        x, ends = place + ENSEMBLE_AT, [group["ensemble_low"], group["ensemble_high"]]
-        ax.plot([x, x], ends, color=style.PURPLE, linewidth=1.2, marker="_", markersize=2 * CAP)
-        ax.plot(
-            [x], [group["ensemble"]], "D", color=style.PURPLE, markersize=3.2,
-            label="Fit to the mean response, 95 % interval",
-        )  # fmt: skip
+    ax.errorbar(
+        place + MEAN_AT, group["mean"], yerr=group["sd"],
+        fmt="s", markersize=3, capsize=CAP, label="Mean ± SD", **IN_BLACK,
+    )  # fmt: skip
+    # an interval of percentiles, which may lie on one side of the estimate
+    x, ends = place + ENSEMBLE_AT, [group["ensemble_low"], group["ensemble_high"]]
+    ax.plot([x, x], ends, color=style.PURPLE, linewidth=1.2, marker="_", markersize=2 * CAP)
+    ax.plot(
+        [x], [group["ensemble"]], "D", color=style.PURPLE, markersize=3.2,
+        label="Fit to the mean response, 95 % interval",
+    )  # fmt: skip
     if group["commanded"] is not None:
         ax.plot(
             [place - REACH - 0.1, place + ENSEMBLE_AT + 0.15], [group["commanded"]] * 2,

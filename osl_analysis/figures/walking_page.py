@@ -59,14 +59,10 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
 def draw_panel(ax: Axes, rows: pl.DataFrame, panel: str) -> None:
     """One panel of a group."""
 
-    def curve(name: str, panel: str = panel) -> pl.DataFrame:
+    def curve(name: str) -> pl.DataFrame:
         """The points of one curve of a panel."""
         return rows.filter(panel=panel, curve=name)
 
-    for name, look in SHADED.items():
-        ends = curve(name, panel.replace("torque", "angle"))["x"]  # which stands for both signals
-        if len(ends):
-            ax.axvspan(float(ends[0]), float(ends[1]), linewidth=0, zorder=0, **look)
     for name, (colour, dash) in GAIT.items():
         points = curve(name)
         if points.is_empty():
@@ -90,6 +86,9 @@ def draw_panel(ax: Axes, rows: pl.DataFrame, panel: str) -> None:
     ax.set_ylabel(PANELS[panel])
     ax.margins(x=0)
     if panel.startswith("response"):
+        for name, look in SHADED.items():
+            ends = rows.filter(panel="response angle", curve=name)["x"]
+            ax.axvspan(float(ends[0]), float(ends[1]), linewidth=0, zorder=0, **look)
         ax.axhline(0, color=style.BLACK, linewidth=style.HAIRLINE)
         ax.axvline(0, color=style.BLACK, linewidth=style.HAIRLINE)
         ax.set_xlabel("Time from the perturbation’s onset (ms)")

@@ -6,7 +6,6 @@ compared with the others under the same conditions.
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -149,7 +148,7 @@ def side_of(static: str, cells: Cells, served: Mapping[str, Cells], configured: 
 def places(crossings: Sequence[Crossing], sheet: Sheet) -> dict[str, dict[str, object]]:
     """Find the place of every row of the sheet, by name; `crossings` are those that are used.
 
-    A group whose turns go both ways is two groups, by the measured direction.
+    Where turns go both ways, their measured directions part the crossings.
 
     Returns
     -------
@@ -159,80 +158,42 @@ def places(crossings: Sequence[Crossing], sheet: Sheet) -> dict[str, dict[str, o
         None unless it is used and perturbed.
     """
     direction_of = {crossing.name: crossing.direction for crossing in crossings}
-    names_of: dict[str, list[str]] = {name: [] for name in sheet}
-    for group, conditions in group_conditions(sheet).items():
-        members = [name for name, cells in sheet.items() if is_of_group(cells, conditions)]
-        turned = {direction_of.get(name) for name in members} - {None}
-        for name in members:
-            own = direction_of.get(name)
-            if len(turned) < 2:
-                names_of[name].append(group)
-            elif own is not None:
-                names_of[name].append(with_direction(group, own))
-            else:
-                names_of[name] += [with_direction(group, each) for each in (DOWN, UP)]
-
-    place_of: dict[str, dict[str, object]] = {
-        name: {"group": SEPARATOR.join(names) or None, "direction": None, "onset_phase": None}
-        for name, names in names_of.items()
-    }
-    for group in dict.fromkeys(chain.from_iterable(names_of.values())):
-        of_group = [c for c in crossings if group in names_of[c.name]]
-        for name, phase in onset_phases(of_group).items():
-            place_of[name] = {
-                "group": group,
-                "direction": direction_of[name],
-                "onset_phase": phase,
-            }
-    return place_of
-
-
-def with_direction(group: str, direction: str) -> str:
-    """Name of the part of a group whose turns have a direction."""
-    part = f"direction {direction}"
-    return part if group == ALL else f"{group}, {part}"
-
-
-def groups_of_selection(cells: Collection[str | None], sheet: Sheet) -> list[str]:
-    """The groups in the cells of perturbed crossings, in the order of their conditions."""
-    present = {name for cell in cells for name in (cell or "").split(SEPARATOR)}
-    names = []
-    for group in group_conditions(sheet):
-        names += [group, *(with_direction(group, each) for each in (DOWN, UP))]
-    return [name for name in names if name in present]
-
-
-def group_conditions(sheet: Sheet) -> dict[str, Cells]:
-    """The conditions of each group, by its name, sorted by them."""
     keys = split_keys(sheet)
-    perturbed = [cells for cells in sheet.values() if cells["perturbed"]]
-    conditions = [{key: cells[key] for key in keys} for cells in perturbed]
-    return {label(cells): cells for cells in sorted(conditions, key=sorting_key)}
+    if {UP, DOWN} <= set(direction_of.values()) and "direction" not in keys:
+        keys.append("direction")
+    cells_of: dict[str, Cells] = {
+        name: {**cells, "direction": direction_of.get(name) or cells.get("direction")}
+        for name, cells in sheet.items()
+    }
+    groups: dict[str, Cells] = {}
+    for cells in cells_of.values():
+        conditions: Cells = {key: cells[key] for key in keys}
+        if cells["perturbed"] and None not in conditions.values():
+            groups[label(conditions)] = conditions
 
-
-def sorting_key(conditions: Cells) -> list[tuple[bool, object]]:
-    """Conditions, of which numbers go before words."""
-    return [(isinstance(cell, str), cell) for cell in conditions.values()]
+    place_of: dict[str, dict[str, object]] = {}
+    for name in sheet:
+        of_crossing = [group for group in groups if is_of_group(cells_of[name], groups[group])]
+        joined = SEPARATOR.join(of_crossing) or None
+        place_of[name] = {"group": joined, "direction": None, "onset_phase": None}
+    for group, conditions in groups.items():
+        of_group = [c for c in crossings if is_of_group(cells_of[c.name], conditions)]
+        stances = [c.stance.duration for c in of_group if c.onset is None]
+        for crossing in of_group:
+            if crossing.onset is not None:
+                # a share of its own stance where there is no unperturbed one
+                stance = float(np.mean(stances or [crossing.stance.duration]))
+                place_of[crossing.name] = {
+                    "group": group,
+                    "direction": crossing.direction,
+                    "onset_phase": (crossing.onset - crossing.stance.heel_strike) / stance,
+                }
+    return place_of
 
 
 def is_of_group(cells: Cells, conditions: Cells) -> bool:
     """Whether a row of the sheet belongs to a group: an empty cell matches every value."""
     return all(cells.get(key) in (None, value) for key, value in conditions.items())
-
-
-def onset_phases(crossings: Sequence[Crossing]) -> dict[str, float]:
-    """Onsets of one group's perturbed crossings, as shares of the unperturbed ones' mean stance.
-
-    Without unperturbed ones they are shares of their own.
-    """
-    unperturbed = [crossing.stance.duration for crossing in crossings if crossing.onset is None]
-    mean_stance = float(np.mean(unperturbed)) if unperturbed else None
-    phases = {}
-    for crossing in crossings:
-        if crossing.onset is not None:
-            since_strike = crossing.onset - crossing.stance.heel_strike
-            phases[crossing.name] = float(since_strike / (mean_stance or crossing.stance.duration))
-    return phases
 
 
 MAD_TO_SD = 1.4826  # from the median absolute deviation to the standard deviation of normal noise
@@ -341,28 +302,28 @@ def crossing_features(crossings: Sequence[Crossing], settings: SelectionSettings
         ]
         return np.array(sampled)
 
-    forward = np.array([crossing.quality.foot_forward_m or 0.0 for crossing in crossings])
-    left = np.array([crossing.quality.foot_left_m or 0.0 for crossing in crossings])
-    theta = curves([crossing.theta for crossing in crossings], before)
-    torque = curves([crossing.torque for crossing in crossings], before)
+    qualities = [crossing.quality for crossing in crossings]
+    forward = np.array([quality.foot_forward_m or 0.0 for quality in qualities])
+    left = np.array([quality.foot_left_m or 0.0 for quality in qualities])
     stance = np.array([crossing.stance.duration for crossing in crossings])
-    force = [crossing.load[0] for crossing in crossings]
-    load_before = curves(force, before)
-    load_middle = curves(force, middle)
-    usual = float(np.median(load_middle.mean(axis=1)))
-    pressure_left = curves([crossing.load[1] for crossing in crossings], middle)
+    angles = [np.rad2deg(crossing.theta) for crossing in crossings]
+    torques = [crossing.torque for crossing in crossings]
+    forces = [crossing.load[0] for crossing in crossings]
+    load = curves(forces, middle)
+    usual = float(np.median(load.mean(axis=1)))
+    pressure = curves([crossing.load[1] for crossing in crossings], middle)
     share = "of the usual load"
     unchanged = [
         Measure("foot forward", "m", forward, rule.placement_m),
         Measure("foot to the left", "m", left, rule.placement_m),
-        Measure("angle before the onset", "deg", np.rad2deg(theta), rule.angle_deg),
-        Measure("torque before the onset", "N*m", torque, rule.torque_nm),
-        Measure("load before the onset", share, load_before / usual, rule.load_share),
+        Measure("angle before the onset", "deg", curves(angles, before), rule.angle_deg),
+        Measure("torque before the onset", "N*m", curves(torques, before), rule.torque_nm),
+        Measure("load before the onset", share, curves(forces, before) / usual, rule.load_share),
     ]
     changed = [
         Measure("stance", "s", stance, rule.stance_s),
-        Measure("load in single support", share, load_middle / usual, rule.load_share),
-        Measure("pressure beside the ankle", "m", pressure_left, rule.pressure_m),
+        Measure("load in single support", share, load / usual, rule.load_share),
+        Measure("pressure beside the ankle", "m", pressure, rule.pressure_m),
     ]
 
     # What a perturbation changes is compared among those of each direction

@@ -13,7 +13,7 @@ import scipy
 
 from osl_analysis.errors import InputError
 from osl_analysis.plates import plate_axes
-from osl_analysis.signals import LowPass, longest_run, sampling_rate
+from osl_analysis.signals import LowPass, longest_run, runs, sampling_rate
 from osl_analysis.trial import AXES, Array, Trial, plate_columns
 from osl_analysis.walking.walking_settings import CrossingSettings
 
@@ -49,19 +49,14 @@ def find_stances(time: Array, force: Array, on: float, off: float, shortest: flo
     shortest : float
         Shortest stance [s]; shorter contacts are ignored.
     """
-    level = np.where(force > on, 1, np.where(force < off, -1, 0))
-    last_known = np.maximum.accumulate(np.where(level != 0, np.arange(len(level)), -1))
-    loaded = (last_known >= 0) & (level[last_known] == 1)
-
-    change = np.diff(loaded.astype(int))
-    heel_strikes = np.flatnonzero(change == 1)
-    toe_offs = np.flatnonzero(change == -1)
-    # a contact that began before the recording is not complete
-    toe_offs = toe_offs[toe_offs > heel_strikes[0]] if len(heel_strikes) else toe_offs[:0]
-    stances = [
-        Stance(crossing_time(time, force, start, on), crossing_time(time, force, end, off))
-        for start, end in zip(heel_strikes.tolist(), toe_offs.tolist(), strict=False)
-    ]
+    stances = []
+    for contact in runs(force >= off):
+        loaded = np.flatnonzero(force[contact] > on)
+        is_whole = contact.start > 0 and contact.stop < len(force)
+        if len(loaded) and is_whole:
+            heel_strike = crossing_time(time, force, contact.start + int(loaded[0]) - 1, on)
+            toe_off = crossing_time(time, force, contact.stop - 1, off)
+            stances.append(Stance(heel_strike, toe_off))
     return [stance for stance in stances if stance.duration >= shortest]
 
 

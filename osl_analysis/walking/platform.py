@@ -268,7 +268,6 @@ SINCE_MIDDLE = np.arange(-0.15, 0.1 + STEP_S / 2, STEP_S)  # [s] from the middle
 AT_REST = SINCE_MIDDLE < -0.1
 LEAST_REST_S = 0.2  # that is recorded before the turn
 ROUNDS = 6  # of mean and alignment in turn; four reduce an error of 5 ms to 1e-5 s
-LARGEST_STRETCH = 0.2  # by which one round may change a duration
 LARGEST_MISFIT = 3.0  # of a ramp over its noise at rest; sound ones reach 2.4
 LEAST_MISFIT = 0.002  # of a height, that lines between frames leave of an exact ramp
 LEAST_NOISE = 1e-6  # of a mean ramp, as a share of its height
@@ -321,14 +320,11 @@ def ramp_of(time: Array, platform: Poses, smallest_turn: float) -> Ramp | None:
 def ramp_onsets(ramps: Mapping[str, Ramp]) -> dict[str, float]:
     """Find the onsets [s] of ramps, by trial, from their time shifts against the mean ramp.
 
-    A ramp may have any height. If some do not follow the mean, each has a duration of its own. One
-    that still does not follow has an onset by itself.
+    A ramp may have any height. One that does not follow the mean has an onset by itself.
     """
     if not ramps:
         return {}
-    starts, follow = align(list(ramps.values()), stretched=False)
-    if not follow.all():
-        starts, follow = align(list(ramps.values()), stretched=True)
+    starts, follow = align(list(ramps.values()))
     onsets = dict(zip(ramps, starts.tolist(), strict=True))
     for (name, ramp), follows in zip(ramps.items(), follow, strict=True):
         if not follows:
@@ -337,12 +333,12 @@ def ramp_onsets(ramps: Mapping[str, Ramp]) -> dict[str, float]:
                 " that of its own ramp, which may be some ms off",
                 stacklevel=2,
             )
-            onsets[name] = float(align([ramp], stretched=False)[0][0])
+            onsets[name] = float(align([ramp])[0][0])
     return onsets
 
 
-def align(ramps: list[Ramp], stretched: bool) -> tuple[Array, Mask]:
-    """Fit height, time shift and, if `stretched`, duration of each ramp to the mean of all.
+def align(ramps: list[Ramp]) -> tuple[Array, Mask]:
+    """Fit height and time shift of each ramp to the mean of all.
 
     Mean and alignment are found in turn, to first order. Ramps that do not follow are left out of
     the mean.
@@ -353,14 +349,13 @@ def align(ramps: list[Ramp], stretched: bool) -> tuple[Array, Mask]:
         Starts (n,) [s], and whether noise explains the difference from the mean (n,).
     """
     middles = np.array([ramp.middle for ramp in ramps])
-    durations = np.ones(len(ramps))  # over that of the mean
     heights = np.array([ramp.angle.max() for ramp in ramps])
     follows = np.ones(len(ramps), dtype=bool)
     for _ in range(ROUNDS):
         angles = np.array(
             [
-                np.interp(middle + duration * SINCE_MIDDLE, ramp.time, ramp.angle)
-                for ramp, middle, duration in zip(ramps, middles, durations, strict=True)
+                np.interp(middle + SINCE_MIDDLE, ramp.time, ramp.angle)
+                for ramp, middle in zip(ramps, middles, strict=True)
             ]
         )
         angles -= angles[:, AT_REST].mean(axis=1, keepdims=True)
@@ -368,22 +363,16 @@ def align(ramps: list[Ramp], stretched: bool) -> tuple[Array, Mask]:
         mean = weights @ angles / (weights @ heights)
 
         slope = np.gradient(mean, SINCE_MIDDLE)
-        columns = [mean, slope, np.ones_like(mean), SINCE_MIDDLE * slope]
-        X = np.column_stack(columns if stretched else columns[:3])
+        X = np.column_stack([mean, slope, np.ones_like(mean)])
         estimates = np.linalg.lstsq(X, angles.T)[0]
         heights = estimates[0]
-        middles = middles - durations * estimates[1] / heights
-        if stretched:
-            stretch = np.clip(estimates[3] / heights, -LARGEST_STRETCH, LARGEST_STRETCH)
-            durations = durations * (1 - stretch)
-            durations /= durations[follows].mean()
+        middles = middles - estimates[1] / heights
 
         noise = np.maximum(angles[:, AT_REST].std(axis=1), LEAST_MISFIT * heights)
         misfit = np.sqrt(np.mean((angles - (X @ estimates).T) ** 2, axis=1)) / noise
         # The better half is always in the mean
         follows = misfit <= max(LARGEST_MISFIT, float(np.median(misfit)))
-    starts = middles + durations * start_of_rise(SINCE_MIDDLE, mean)
-    return starts, misfit <= LARGEST_MISFIT
+    return middles + start_of_rise(SINCE_MIDDLE, mean), misfit <= LARGEST_MISFIT
 
 
 def start_of_rise(time: Array, ramp: Array) -> float:

@@ -182,11 +182,16 @@ def marker_tracks(trial: Trial, names: Sequence[str]) -> tuple[Array, Array]:
 
 
 def segment_poses(
-    trial: Trial, names: Sequence[str], calibration: StaticCalibration, settings: MarkerSettings
+    trial: Trial,
+    names: Sequence[str],
+    calibration: StaticCalibration,
+    settings: MarkerSettings,
+    longest_gap_s: float | None = None,
 ) -> tuple[Array, Poses]:
     """Find the poses of one cluster, not low-passed.
 
-    Short gaps are interpolated, long ones stay NaN.
+    Gaps up to `longest_gap_s`, by default that of the settings, are interpolated; longer ones stay
+    NaN.
 
     Returns
     -------
@@ -196,7 +201,9 @@ def segment_poses(
     time, tracks = marker_tracks(trial, names)
     reference = calibration.positions(names, trial.name)
     poses = cluster_poses(reference, without_held(tracks), settings.largest_residual_mm * 1e-3)
-    return time, bridge_gaps(time, poses, settings.longest_gap_s)
+    if longest_gap_s is None:
+        longest_gap_s = settings.longest_gap_s
+    return time, bridge_gaps(time, poses, longest_gap_s)
 
 
 def without_held(tracks: Array) -> Array:
@@ -284,24 +291,22 @@ def moved_marker(reference: Array, tracks: Array, poses: Poses) -> tuple[int, fl
         In the same n frames.
     """
     in_cluster = np.einsum("nji,nmj->nmi", poses.rotation, tracks - poses.position[:, None])
-    frames = np.isfinite(in_cluster).all(axis=2).sum(axis=0)
-    form = np.full((1, len(reference), 3), np.nan)  # as of one frame; NaN where never seen
-    seen = np.flatnonzero(frames)
-    form[0, seen] = np.nansum(in_cluster[:, seen], axis=0) / frames[seen, None] + poses.origin
-    offsets = np.linalg.norm(form[0, seen] - reference[seen], axis=1)
-    moved = int(seen[np.argmax(offsets)]), float(np.max(offsets))
+    seen = np.flatnonzero(np.isfinite(in_cluster).all(axis=2).any(axis=0))
+    form = np.nanmean(in_cluster[:, seen], axis=0) + poses.origin
+    expected = reference[seen]
+    distances = np.linalg.norm(form - expected, axis=1)
+    moved = int(np.argmax(distances))
     best_residual = np.inf
-    for index in seen.tolist():
-        others = np.isin(np.arange(len(reference)), seen) & (np.arange(len(reference)) != index)
-        if not spans_a_plane(reference[others]):
-            continue
-        of_others = cluster_poses(reference[others], form[:, others])
-        residual = float(of_others.residual[0])
-        if residual < best_residual:
-            best_residual = residual
-            expected = of_others.point(reference[index])[0]
-            moved = index, float(np.linalg.norm(form[0, index] - expected))
-    return moved
+    for marker in range(len(seen)):
+        others = np.arange(len(seen)) != marker
+        if spans_a_plane(expected[others]):
+            of_others = cluster_poses(expected[others], form[None, others])
+            place = of_others.point(expected[marker])[0]
+            distances[marker] = np.linalg.norm(form[marker] - place)
+            if of_others.residual[0] < best_residual:
+                best_residual = float(of_others.residual[0])
+                moved = marker
+    return int(seen[moved]), float(distances[moved])
 
 
 def spans_a_plane(points: Array) -> bool:

@@ -359,15 +359,12 @@ def response_table(group: str, headline: GroupHeadline) -> pl.DataFrame:
 
 
 def walking_page_points(
-    perturbed: Sequence[Crossing],
-    gaits: Mapping[str, UnperturbedGait],
-    responses: pl.DataFrame,
-    timing: TimingSettings,
+    gaits: Mapping[str, UnperturbedGait], responses: pl.DataFrame, timing: TimingSettings
 ) -> pl.DataFrame:
     """Points of the walking page.
 
     Gaits over stance [%] with their SD; responses over time [ms], with the column `doubtful`, and
-    their mean with its fit; window and baseline as mean phases [%] and times from the onset [ms].
+    their mean with its fit; window and baseline as times from the onset [ms].
 
     Parameters
     ----------
@@ -384,16 +381,8 @@ def walking_page_points(
         "baseline": (-timing.guard_s - timing.baseline_s, -timing.guard_s),
     }
     for name, bounds in spans.items():
-        phases = [
-            100 * crossing.stance.phase(crossing.onset + np.array(bounds))
-            for crossing in perturbed
-            if crossing.onset is not None
-        ]
-        for panel, x in (
-            ("angle", np.mean(phases, axis=0)),
-            ("response angle", 1e3 * np.array(bounds)),
-        ):
-            frames.append(pl.DataFrame({"panel": panel, "curve": name, "x": x}))
+        ends = {"panel": "response angle", "curve": name, "x": 1e3 * np.array(bounds)}
+        frames.append(pl.DataFrame(ends))
 
     is_mean = pl.col("trial") == ENSEMBLE
     curve = pl.when(is_mean).then(pl.lit("mean")).otherwise(pl.lit("each")).alias("curve")

@@ -355,19 +355,17 @@ PRBS = {"name": "a", "kind": "prbs", "rms_deg": 2}
     ("drivetrain.control_updates", 3, "drivetrain.*control_updates must divide substeps"),
     ("experiments.walking", 3, "'walking' names no settings file"),
     ("dynamometer.rate_hz", 1,
-     r"dynamometer\.rate_hz: 1 Hz is too slow for a motion at 5 Hz; take 50 Hz"),
+     r"dynamometer\.rate_hz: 1 Hz is too slow for a motion at 5 Hz; take ten"),
     ("actuator",
      {"duration_s": 9, "fade_s": 1, "velocity": [TONE], "current": [TONE]},
-     "2000 Hz or .* actuator.veloc"),
-    ("excitations", [PRBS | {"clock_s": 1e-5}], "at 50000 Hz; .*or correct excitations"),
+     "too slow for a motion at 200 Hz"),
+    ("excitations", [PRBS | {"clock_s": 1e-5}], "at 50000 Hz; .*or correct .*excitations"),
     ("excitations",
      [PRBS | {"rms_deg": 120}], "excitations.0.rms_deg: 120 is not allowed: .* 60"),
     ("excitations", [PRBS, PRBS], "excitations: 'a' stands twice"),
     ("excitations",
      [PRBS | {"kind": "multisine", "band_hz": [0.1, 0.5]}],
      "0: 2 odd lines of a period of 8 s lie"),
-    ("effects.actuator_encoder",
-     {"enabled": True, "size": 200, "unit": "bit"}, "its size is 200 bit; give at most 32"),
 ])  # fmt: skip
 def test_a_wrong_setting_is_named_with_its_place(tmp_path, place, value, match):
     path = settings_with(tmp_path, place, value)

@@ -17,6 +17,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.model.compensator import compensated_gains, uncompensated_gains
 from osl_analysis.model.drivetrain import read_parameters
 from osl_analysis.model.rendered_impedance import predicted_impedance
+from osl_analysis.signals import Motion
 from osl_analysis.simulator import joint_motion
 from osl_analysis.simulator import simulation_settings as settings
 from osl_analysis.simulator.bench_trial import (
@@ -25,9 +26,7 @@ from osl_analysis.simulator.bench_trial import (
     true_signals,
     write_bench_log,
 )
-from osl_analysis.simulator.joint_motion import JointMotion
 from osl_analysis.simulator.simulation_settings import SimulationSettings
-from osl_analysis.simulator.two_mass_drivetrain import passive_torque, slipping_torque
 from osl_analysis.yaml_settings import read_yaml
 
 DEFAULT = ROOT / "config/simulation/default.yaml"
@@ -117,7 +116,7 @@ THERE_AND_BACK = [
     ("motion", "largest"),
     [
         (ONE_SINE, 2e-4),
-        (JointMotion(*THERE_AND_BACK), 1e-12),
+        (Motion(*THERE_AND_BACK), 1e-12),
         (joint_motion.actuator_command(ACTUATOR, RATE)[0], 1e-5),
         *((excited(kind), 1e-5) for kind in SMOOTH),
         # a sweep so fast that its own part of the acceleration shows
@@ -190,19 +189,6 @@ def test_a_smoothed_binary_sequence_has_the_velocity_of_its_angle():
     # differences of samples that are 1 ms apart are off by less than 1 % of the largest
     assert motion.omega == pytest.approx(velocity, abs=0.01 * np.abs(velocity).max())
     assert motion.alpha == pytest.approx(acceleration, abs=0.01 * np.abs(acceleration).max())
-
-
-def test_slow_cycles_go_first_to_the_lowest_and_then_to_the_highest_angle():
-    cycles = settings.SlowCycles(
-        lowest_deg=-10, highest_deg=12, speed_deg_s=(8,), turn_s=0.02, rest_s=1
-    )
-
-    theta_deg = np.rad2deg(joint_motion.slow_cycles(cycles, RATE).theta)
-
-    # a turn takes speed * turn_s / 4 = 0.04 degrees off the ends
-    assert (theta_deg.min(), theta_deg.max()) == pytest.approx((-10, 12), abs=0.05)
-    assert theta_deg.argmin() < theta_deg.argmax()
-    assert (theta_deg[0], theta_deg[-1]) == pytest.approx((0, 0), abs=0.01)
 
 
 def test_a_multisine_has_odd_lines_and_repeats_its_period():
@@ -363,41 +349,6 @@ def test_a_late_load_cell_reads_the_torque_of_two_samples_ago(clean):
 
     assert log[TORQUE] == pytest.approx(np.roll(clean[TORQUE], 2), abs=1e-5)
     np.testing.assert_array_equal(log[ANGLE], clean[ANGLE])
-
-
-def test_a_yielding_frame_turns_with_the_torque(clean):
-    log = log_of({"effects": {"mount_stiffness": on(3e3, "N*m/rad")}})
-
-    assert log[ANGLE] == pytest.approx(clean[ANGLE] - clean[TORQUE] / 3e3, abs=1e-9)
-    np.testing.assert_array_equal(log[TORQUE], clean[TORQUE])
-
-
-def test_a_passive_foot_is_a_spring_that_stiffens_with_a_damper():
-    cycles = settings.SlowCycles(
-        lowest_deg=-10, highest_deg=12, speed_deg_s=(8,), turn_s=0.2, rest_s=1
-    )
-    foot = settings.PassiveFoot(K=200, B=2, stiffening=15, cycles=cycles)
-    motion = joint_motion.slow_cycles(cycles, RATE)
-
-    torque = passive_torque(foot, motion)
-
-    expected = 200 * motion.theta + 3000 * motion.theta**3 + 2 * motion.omega
-    assert torque == pytest.approx(expected, abs=1e-9)
-
-
-def test_a_slipping_spring_loses_its_limit_over_the_way_that_it_slips():
-    stiffness, limit, amplitude = 400.0, 4.0, 0.1
-    corners = amplitude * np.array([0, 1, -1, 1, -1, 1])
-    # steps of 0.005 rad, so that turns and the begin of slipping are samples
-    theta = np.interp(np.arange(181) / 20, [0, 1, 3, 5, 7, 9], corners)
-
-    torque = slipping_torque(theta, stiffness, limit)
-
-    last_cycle = slice(100, 181)
-    lost = np.trapezoid(torque[last_cycle], theta[last_cycle])
-    # on each of two ways it slips over all but the turn's elastic 2 limit / stiffness
-    assert lost == pytest.approx(2 * limit * (2 * amplitude - 2 * limit / stiffness), rel=1e-9)
-    assert np.abs(torque).max() == limit
 
 
 def test_coulomb_friction_turns_with_the_velocity(clean):

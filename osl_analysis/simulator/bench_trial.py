@@ -11,8 +11,8 @@ import scipy
 
 from osl_analysis.model.compensator import Gains, select_gains
 from osl_analysis.model.drivetrain import DrivetrainParameters, actuator_torque
+from osl_analysis.signals import Motion
 from osl_analysis.simulator import joint_motion, mcap_log, recorder, two_mass_drivetrain
-from osl_analysis.simulator.joint_motion import JointMotion
 from osl_analysis.simulator.random_numbers import generator_of
 from osl_analysis.simulator.simulation_settings import SecondOrderJoint, SimulationSettings
 from osl_analysis.trial import Array
@@ -28,7 +28,7 @@ def simulate_bench_trial(
     Parameters
     ----------
     row : Mapping
-        The sheet's trial, experiment (belt, transmission, torque_angle, impedance or actuator),
+        The sheet's trial, experiment (belt, transmission, impedance or actuator),
         controller, K_d and B_d.
     settings : SimulationSettings
     p : DrivetrainParameters
@@ -55,7 +55,6 @@ def simulate_bench_trial(
         "parameters": asdict(p),  # with this trial's K_s
         "gains": asdict(gains) if gains else None,
         "joint": settings.joint.model_dump() if settings.joint else None,
-        **({"foot": settings.foot.model_dump()} if settings.foot else {}),
         "effects": settings.effects.model_dump(),
         "recorder": settings.recorder.model_dump(),
         "drawn": drawn,
@@ -82,7 +81,7 @@ def true_signals(
     settings: SimulationSettings,
     p: DrivetrainParameters,
     gains: Gains | None = None,
-) -> tuple[JointMotion, dict[str, recorder.TrueSignal]]:
+) -> tuple[Motion, dict[str, recorder.TrueSignal]]:
     """Find the true motion of a trial, and its true signals.
 
     Parameters
@@ -96,7 +95,7 @@ def true_signals(
 
     Returns
     -------
-    motion : JointMotion
+    motion : Motion
     signals : dict
         By channel. The load cell has the torque of the joint on the bench, the paper's tau_j:
         *minus* the canonical torque. The actuator's own transducer has imperfections, too.
@@ -126,8 +125,6 @@ def true_signals(
     elif experiment == "transmission":
         # the motor is detached: the belt stays slack
         torque = losses
-    elif experiment == "torque_angle" and settings.foot is not None:
-        torque = two_mass_drivetrain.passive_torque(settings.foot, motion)
     elif gains is None:
         assert settings.joint is not None  # else there are gains
         torque = second_order_torque(settings.joint, motion)
@@ -142,10 +139,8 @@ def true_signals(
         current = leg["current"]
         torque = leg["belt_torque"] + losses
 
-    mount = settings.effects.mount_stiffness
-    measured_angle = motion.theta + torque / mount.size if mount.enabled else motion.theta
     return motion, {
-        "joint_angle": measured_angle,
+        "joint_angle": motion.theta,
         "actuator_angle": theta_m,
         "motor_current": current,
         "commanded_angle": command.theta,
@@ -153,14 +148,12 @@ def true_signals(
     }
 
 
-def joint_command(row: Mapping[str, Any], settings: SimulationSettings) -> JointMotion:
+def joint_command(row: Mapping[str, Any], settings: SimulationSettings) -> Motion:
     """The motion that the dynamometer is told to follow in a trial."""
     experiment = row["experiment"]
     rate = settings.dynamometer.rate_hz
     if experiment == "belt":
         return joint_motion.there_and_back(settings.belt, rate)
-    if experiment == "torque_angle" and settings.foot is not None:
-        return joint_motion.slow_cycles(settings.foot.cycles, rate)
     trial = str(row["trial"])
     if experiment == "impedance":
         name_without_number = trial.rpartition("_")[0]
@@ -170,7 +163,7 @@ def joint_command(row: Mapping[str, Any], settings: SimulationSettings) -> Joint
     return joint_motion.sine_command(settings.protocol, rate)
 
 
-def followed(command: JointMotion, settings: SimulationSettings) -> JointMotion:
+def followed(command: Motion, settings: SimulationSettings) -> Motion:
     """The motion of a bench, with finite bandwidth if its effect is on."""
     bandwidth = settings.effects.dynamometer_bandwidth
     if not bandwidth.enabled:
@@ -180,7 +173,7 @@ def followed(command: JointMotion, settings: SimulationSettings) -> JointMotion:
 
 
 def output_torque(
-    motion: JointMotion, current: Array, rate_hz: float, p: DrivetrainParameters
+    motion: Motion, current: Array, rate_hz: float, p: DrivetrainParameters
 ) -> recorder.TrueSignal:
     """The true torque [N*m] of the actuator on the bench, the paper's tau_m, as a function of
     instants [s].
@@ -198,7 +191,7 @@ def output_torque(
     return torque_at
 
 
-def second_order_torque(joint: SecondOrderJoint, motion: JointMotion) -> Array:
+def second_order_torque(joint: SecondOrderJoint, motion: Motion) -> Array:
     """Resisting torque (n,) [N*m] of Eq. 15, with Coulomb friction."""
     friction = joint.coulomb.value * np.tanh(motion.omega / COULOMB_WIDTH)
     return joint.K * motion.theta + joint.B * motion.omega + joint.I * motion.alpha + friction

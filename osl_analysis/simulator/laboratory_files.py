@@ -216,17 +216,13 @@ def capture_parameters(trial: GaitTrial, markers: list[str]) -> dict[str, dict[s
     return {
         "POINT": {
             "LABELS": markers,
-            "DESCRIPTIONS": ["" for _ in markers],
             "UNITS": ["mm"],
             "RATE": np.array([float(rates.points_hz)]),
             "X_SCREEN": ["+X"],
             "Y_SCREEN": ["+Z"],
-            "FORCE_UNITS": ["N"],
-            "MOMENT_UNITS": ["Nmm"],
         },
         "ANALOG": {
             "LABELS": channels,
-            "DESCRIPTIONS": ["" for _ in channels],
             "UNITS": [*laboratory.PLATE_CHANNELS.values(), "V", "V"],
             "RATE": np.array([float(rates.analogs_hz)]),
             "FORMAT": ["SIGNED"],
@@ -240,7 +236,6 @@ def capture_parameters(trial: GaitTrial, markers: list[str]) -> dict[str, dict[s
             "CHANNEL": np.arange(1, len(laboratory.PLATE_CHANNELS) + 1)[:, None],
             "CAL_MATRIX": np.zeros(0),
         },
-        "TRIAL": {"CAMERA_RATE": np.array([float(rates.points_hz)])},
         "MANUFACTURER": {"COMPANY": ["osl-analysis"], "SOFTWARE": ["simulator"]},
     }
 

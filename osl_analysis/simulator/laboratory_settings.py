@@ -173,16 +173,6 @@ class MovingPlate(Body):
     # plate trial also shifts and tilts, to identify all inertial parameters; 0: none
     full_motion_every: Count
 
-    _lie_on_it = refuse_if(
-        lambda s: any(
-            2 * abs(x) > s.size_m[k % 2]
-            for k, x in enumerate(s.nominal_ankle_m + s.sensor_offset_m)
-        ),
-        "nominal_ankle_m or sensor_offset_m is beyond half of size_m = {s.size_m}; correct it, in m"
-        " from the centre",
-        "nominal_ankle_m",
-    )
-
 
 class WalkingSettings(Settings):
     """A simulated gait laboratory."""

@@ -24,15 +24,11 @@ from osl_analysis.yaml_settings import (
     Stiffness,
     check_distinct,
     check_rising,
-    misplaced,
     refuse_if,
     require_below,
 )
 
-# sizes of effects by their unit
-LARGEST_SIZE = {"bit": 32, "rad": math.pi}
-WHOLE = ("update", "decimal")
-ABOVE_0 = ("Hz", "N*m/rad")
+WHOLE = ("update", "decimal")  # units of effects whose size is a whole number
 FEWEST_SAMPLES_PER_CYCLE = 10  # of the log at the fastest motion
 
 
@@ -65,10 +61,7 @@ def effect(*units: str, off: float | None = None) -> Any:
 
 
 class Switches(Settings):
-    """Settings with effects.
-
-    Only `enabled: false` switches an effect off whose size has to be above 0.
-    """
+    """Settings with effects."""
 
     @field_validator("*")
     @classmethod
@@ -81,13 +74,8 @@ class Switches(Settings):
             raise ValueError(
                 f"its unit must be {' or '.join(map(repr, units))}, not '{value.unit}'"
             )
-        largest = LARGEST_SIZE.get(value.unit, math.inf)
-        if value.size > largest:
-            raise ValueError(f"its size is {value.size:g} {value.unit}; give at most {largest:.3g}")
         if value.unit in WHOLE and not value.size.is_integer():
             raise ValueError(f"its size is {value.size:g}; give a whole number")
-        if value.unit in ABOVE_0 and value.size == 0:
-            raise ValueError("its size must be positive; set enabled: false to switch it off")
         return value
 
     def without(self, *names: str) -> Self:
@@ -121,7 +109,6 @@ class Effects(Switches):
     belt_scatter: Effect = effect("1")  # of K_s from trial to trial in the belt experiment
     # of the position loop; off: it follows exactly
     dynamometer_bandwidth: Effect = effect("Hz")
-    mount_stiffness: Effect = effect("N*m/rad", off=1)  # of the bench's frame
     # how old its value is at the instant at which it is sampled
     load_cell_delay: Effect = effect("s", off=0)
 
@@ -251,39 +238,15 @@ class Excitation(Settings):
     )
 
     @property
+    def highest_hz(self) -> float:
+        """Frequency [Hz] of its fastest motion."""
+        is_clocked = self.kind in ("prbs", "ramps")
+        return 0.5 / self.clock_s if is_clocked else self.band_hz[1]
+
+    @property
     def full_s(self) -> float:
         """Duration [s] at full size."""
         return self.period_s * self.periods if self.kind == "multisine" else self.duration_s
-
-
-class SlippingSpring(Settings):
-    """A spring in series with dry friction. Cycles of amplitude A lose 4 limit (A -
-    limit/stiffness)."""
-
-    stiffness: Positive  # [N*m/rad], until it slips
-    limit: Positive  # torque [N*m] at which it slips
-
-
-class SlowCycles(Settings):
-    """Ramps at one speed from rest at 0 to the lowest angle, to the highest, and so on, and back to
-    rest at 0."""
-
-    lowest_deg: Annotated[float, Field(ge=-60, le=0)]
-    highest_deg: Annotated[float, Field(gt=0, le=60)]
-    speed_deg_s: Annotated[tuple[Positive, ...], Field(min_length=1)]  # of each cycle
-    turn_s: Positive  # in which the motion turns at the end of a ramp
-    rest_s: Positive  # before and after
-
-
-class PassiveFoot(Settings):
-    """The foot of torque-angle trials, a spring K theta (1 + stiffening theta^2), and how it is
-    moved."""
-
-    K: Positive
-    stiffening: NotNegative = 0.0  # [1/rad^2]
-    B: NotNegative = 0.0
-    slipping: tuple[SlippingSpring, ...] = ()  # parallel to it
-    cycles: SlowCycles
 
 
 Count = Annotated[int, Field(ge=0, le=100_000)]
@@ -296,7 +259,6 @@ class Experiments(Settings):
     belt: Count
     transmission: Count
     actuator: Count = 0
-    torque_angle: Count = 0  # of a passive foot
     K_d: Annotated[tuple[Stiffness, ...], AfterValidator(check_distinct)]  # [N*m/rad]
     B_d: Annotated[tuple[NotNegative, ...], AfterValidator(check_distinct)]  # [N*m*s/rad]
     controllers: tuple[Literal["compensated", "uncompensated"], ...]
@@ -305,8 +267,8 @@ class Experiments(Settings):
     walking: Count = 0  # crossings
     # probability that a crossing is perturbed
     perturbed_share: Annotated[float, Field(ge=0, le=1)] = 0.5
-    # of n successive crossings each of n directions occurs once, in a random order; the sheet says
-    # which, where several are. up: toes up, dorsiflexion
+    # of successive crossings, in turn; the sheet says which, where several are. up: toes up,
+    # dorsiflexion
     directions: Annotated[tuple[Literal["up", "down"], ...], Field(min_length=1)] = ("up",)
 
 
@@ -352,7 +314,6 @@ class SimulationSettings(Settings):
     # motions in place of `protocol`
     excitations: Annotated[tuple[Excitation, ...], AfterValidator(check_distinct)] = ()
     actuator: ActuatorBench | None = None
-    foot: PassiveFoot | None = None  # of torque-angle trials, and its motion
     walking: ShippedPath | None = None  # settings file of the gait laboratory
     gain_weight: Weight = PAPER_WEIGHT  # W of Eq. 14, with which the leg's gains are selected
 
@@ -362,31 +323,23 @@ class SimulationSettings(Settings):
         in_laboratory = planned.static + planned.plate + planned.walking
         for number, kind, description, lacks in (
             (planned.actuator, "actuator", self.actuator, "'actuator' has no schedule"),
-            (planned.torque_angle, "torque-angle", self.foot, "there is no 'foot'"),
             (in_laboratory, "gait-laboratory", self.walking, "'walking' names no settings file"),
         ):
             if number and description is None:
                 raise ValueError(f"{number} {kind} trials are planned but {lacks}")
         return self
 
-    @model_validator(mode="after")
-    def _is_sampled_fast_enough(self) -> Self:
-        motions = [(hz, "protocol.frequencies_hz") for hz in self.protocol.frequencies_hz]
-        for excitation in self.excitations:
-            is_clocked = excitation.kind in ("prbs", "ramps")
-            hz = 0.5 / excitation.clock_s if is_clocked else excitation.band_hz[1]
-            motions.append((hz, "excitations"))
-        if self.actuator is not None:
-            for tones in ("velocity", "current"):
-                for tone in getattr(self.actuator, tones):
-                    motions.append((tone.frequency_hz, f"actuator.{tones}"))
-        fastest, where = max(motions)
-        least = FEWEST_SAMPLES_PER_CYCLE * fastest
-        if self.dynamometer.rate_hz < least:
-            raise misplaced(
-                f"{self.dynamometer.rate_hz:g} Hz is too slow for a motion at {fastest:g} Hz; take"
-                f" {least:g} Hz or more, or correct {where}",
-                "dynamometer",
-                "rate_hz",
-            )
-        return self
+    _is_sampled_fast_enough = refuse_if(
+        lambda s: s.dynamometer.rate_hz < FEWEST_SAMPLES_PER_CYCLE * s.fastest_hz,
+        "{s.dynamometer.rate_hz:g} Hz is too slow for a motion at {s.fastest_hz:g} Hz; take ten"
+        " times as much, or correct protocol, excitations or actuator",
+        "dynamometer.rate_hz",
+    )
+
+    @property
+    def fastest_hz(self) -> float:
+        """Frequency [Hz] of the fastest motion."""
+        tones = self.actuator.velocity + self.actuator.current if self.actuator else ()
+        of_tones = [tone.frequency_hz for tone in tones]
+        of_excitations = [excitation.highest_hz for excitation in self.excitations]
+        return max([*self.protocol.frequencies_hz, *of_tones, *of_excitations])

@@ -12,19 +12,16 @@ from osl_analysis.simulator.random_numbers import generator_of
 from osl_analysis.simulator.simulation_settings import SimulationSettings
 
 # experiments with the number of digits in the names of their trials
-ON_THE_BENCH = {"belt": 2, "transmission": 1, "actuator": 1, "torque_angle": 1}
+ON_THE_BENCH = {"belt": 2, "transmission": 1, "actuator": 1}
 IN_THE_LABORATORY = {"static": 1, "plate": 2, "walking": 2}
 
 
 def direction_of(row: Mapping[str, Any], settings: SimulationSettings) -> str:
-    """The direction, up or down, of a row of the sample sheet: the one that it states, else by the
-    trial's name, which has a place in a random order of all directions."""
+    """The direction, up or down, of a row of the sample sheet: the one that it states, else that
+    of the trial's number."""
     directions = settings.experiments.directions
-    experiment, _, number = str(row["trial"]).rpartition("_")
-    block, place = divmod(int(number) - 1, len(directions))
-    generator = generator_of(settings.seed, f"{experiment}_{block}", "condition")
-    order = generator.permutation(len(directions))
-    return str(row.get("direction") or directions[order[place]])
+    number = int(str(row["trial"]).rpartition("_")[2])
+    return str(row.get("direction") or directions[(number - 1) % len(directions)])
 
 
 def plan_trials(settings: SimulationSettings) -> SheetRows:

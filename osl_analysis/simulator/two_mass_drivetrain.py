@@ -9,14 +9,13 @@ second-order Stoermer-Verlet scheme (half drift, kick, half drift):
 where tau_s is the belt's torque at theta_s = theta - theta_m/n_T. Friction enters the kick
 implicitly with the true sign of the velocity. The actuator therefore sticks exactly, for any step.
 
-In its place a trial may have a joint of Eq. 15, or a passive foot.
+In its place a trial may have a joint of Eq. 15.
 """
 
 import math
 from collections import namedtuple
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
-from itertools import pairwise
 from typing import Any, ParamSpec, TypeVar
 
 import numba
@@ -24,8 +23,6 @@ import numpy as np
 
 from osl_analysis.errors import InputError
 from osl_analysis.model.drivetrain import PARAMETER_UNITS, DrivetrainParameters
-from osl_analysis.simulator.joint_motion import JointMotion
-from osl_analysis.simulator.simulation_settings import PassiveFoot
 from osl_analysis.trial import Array
 
 RUNS_AWAY = 100.0  # angle of the output, 16 turns [rad]: beyond it the control loop is unstable
@@ -259,26 +256,4 @@ def belt_path(theta_s: Array, c: Any) -> Array:
     for i in range(len(theta_s)):
         z = turned_belt(theta_s[max(i - 1, 0)], z, theta_s[i], 1.0 / c.hysteresis_width)
         torque[i] = belt_tension(theta_s[i], z, c)
-    return torque
-
-
-def passive_torque(foot: PassiveFoot, motion: JointMotion) -> Array:
-    """Resisting torque (n,) [N*m] of a passive foot on a motion from rest.
-
-    That of a slipping spring is 0 at the first angle, and exact on each way between two turns.
-    """
-    theta = motion.theta
-    torque = foot.K * theta * (1 + foot.stiffening * theta**2) + foot.B * motion.omega
-    slipping = [slipping_torque(theta, spring.stiffness, spring.limit) for spring in foot.slipping]
-    return np.asarray(torque + sum(slipping))
-
-
-def slipping_torque(theta: Array, stiffness: float, limit: float) -> Array:
-    """Torque (n,) [N*m] of a spring in series with dry friction, on an angle (n,) [rad]."""
-    turns = np.flatnonzero(np.diff(np.sign(np.diff(theta)))) + 1
-    torque = np.zeros_like(theta)
-    for first, last in pairwise([0, *turns.tolist(), len(theta) - 1]):
-        way = slice(first, last + 1)
-        elastic = torque[first] + stiffness * (theta[way] - theta[first])
-        torque[way] = np.clip(elastic, -limit, limit)
     return torque

@@ -144,7 +144,7 @@ def test_a_schedule_lasts_as_long_as_it_says(changes, duration):
     assert len(stepped(**changes).theta) == pytest.approx(RATE * duration, abs=1)
 
 
-@pytest.mark.parametrize("kind", [*SMOOTH, "prbs", "ramps"])
+@pytest.mark.parametrize("kind", [*SMOOTH, "prbs"])
 def test_an_excitation_has_its_length_and_size_and_rests_at_its_ends(kind):
     """5 s of rests and fades beside 20 s, or three periods of 4 s."""
     theta = excited(kind, band_hz=(1.0, 4.0), clock_s=0.125).theta

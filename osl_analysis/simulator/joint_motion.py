@@ -135,10 +135,6 @@ def steady_angle(excitation: Excitation, time: Array, draws: np.random.Generator
         signs = draws.choice([-1.0, 1.0], steps[-1] + 1)
         low_pass = scipy.signal.butter(4, excitation.smoothing_hz, fs=1 / time[1], output="sos")
         return np.asarray(scipy.signal.sosfilt(low_pass, signs[steps]))
-    if excitation.kind == "ramps":
-        angles = np.sqrt(3) * draws.uniform(-1, 1, steps[-1] + 2)
-        corners = excitation.clock_s * np.arange(len(angles))
-        return np.asarray(np.interp(time, corners, angles))
     return noise(excitation, time, draws)
 
 

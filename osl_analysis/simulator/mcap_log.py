@@ -6,9 +6,9 @@ All messages are known beforehand, so the file is made chunk by chunk. One by on
 """
 
 import zlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import zstandard
@@ -205,81 +205,38 @@ def wrenches(topic: str, frame_id: str, time: Array, torque: Array) -> LogTopic:
 
 
 def write_topics(path: Path, topics: Sequence[LogTopic]) -> None:
-    """Write the messages of all topics as MCAP, each topic in chunks of its own.
+    """Write the messages of all topics as MCAP, each topic in chunks of its own with a checksum.
 
-    Metadata come first, the summary last. The file appears whole or not at all.
+    There is no index, which is for seeking. The file appears whole or not at all.
     """
-    declared: list[McapRecord] = []
+    records: list[McapRecord] = [mcap_records.Header("ros2", "osl-analysis")]
     for number, topic in enumerate(topics, 1):
         text = topic.schema_text.encode()
-        declared.append(mcap_records.Schema(number, text, "ros2msg", topic.schema_name))
-        declared.append(mcap_records.Channel(number, topic.name, "cdr", {}, number))
-    names = ", ".join(topic.name for topic in topics)
-    facts = {"origin": "simulated", "topic": names, "time": "header stamp"}
+        records.append(mcap_records.Schema(number, text, "ros2msg", topic.schema_name))
+        records.append(mcap_records.Channel(number, topic.name, "cdr", {}, number))
+    for number, topic in enumerate(topics, 1):
+        topic.records["channel"] = number
+        rows = CHUNK_BYTES // topic.records.itemsize
+        for first in range(0, topic.records.size, rows):
+            records.append(chunk_of(topic.records[first : first + rows]))
+    records += [mcap_records.DataEnd(0), mcap_records.Footer(0, 0, 0)]
 
-    with atomic_path(path) as temporary, temporary.open("wb") as file:
-        file.write(MCAP0_MAGIC + encoded([mcap_records.Header("ros2", "osl-analysis")]))
-        metadata = encoded([mcap_records.Metadata("recording", facts)])
-        metadata_index = mcap_records.MetadataIndex(file.tell(), len(metadata), "recording")
-        file.write(metadata + encoded(declared))
-        indexes = []
-        for number, topic in enumerate(topics, 1):
-            topic.records["channel"] = number
-            rows = CHUNK_BYTES // topic.records.itemsize
-            for first in range(0, topic.records.size, rows):
-                indexes.append(write_chunk(file, topic.records[first : first + rows]))
-        file.write(encoded([mcap_records.DataEnd(0)]))
-
-        start = file.tell()
-        statistics = statistics_of(topics, indexes)
-        summary = [*declared, statistics, *indexes, metadata_index]
-        file.write(encoded([*summary, mcap_records.Footer(start, 0, 0)]) + MCAP0_MAGIC)
-
-
-def write_chunk(file: BinaryIO, messages: NDArray[np.void]) -> mcap_records.ChunkIndex:
-    """Write a chunk of messages, with a checksum."""
-    content = messages.tobytes()
-    compressed = zstandard.compress(content)
-    shared: dict[str, Any] = {
-        "message_start_time": int(messages["log"].min()),
-        "message_end_time": int(messages["log"].max()),
-        "uncompressed_size": len(content),
-        "compression": "zstd",
-    }
-    chunk = mcap_records.Chunk(data=compressed, uncompressed_crc=zlib.crc32(content), **shared)
-    start = file.tell()
-    length = file.write(encoded([chunk]))
-    return mcap_records.ChunkIndex(
-        chunk_start_offset=start,
-        chunk_length=length,
-        compressed_size=len(compressed),
-        message_index_offsets={},
-        message_index_length=0,
-        **shared,
-    )
-
-
-def statistics_of(
-    topics: Sequence[LogTopic], indexes: Sequence[mcap_records.ChunkIndex]
-) -> mcap_records.Statistics:
-    """The statistics record of a file."""
-    counts = {number: topic.records.size for number, topic in enumerate(topics, 1)}
-    return mcap_records.Statistics(
-        attachment_count=0,
-        channel_count=len(topics),
-        channel_message_counts=counts,
-        chunk_count=len(indexes),
-        message_count=sum(counts.values()),
-        message_end_time=max(index.message_end_time for index in indexes),
-        message_start_time=min(index.message_start_time for index in indexes),
-        metadata_count=1,
-        schema_count=len(topics),
-    )
-
-
-def encoded(records: Iterable[McapRecord]) -> bytes:
-    """Records as bytes."""
     builder = RecordBuilder()
     for record in records:
         record.write(builder)
-    return bytes(builder.end())  # type: ignore[no-untyped-call]
+    content: bytes = builder.end()  # type: ignore[no-untyped-call]
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(MCAP0_MAGIC + content + MCAP0_MAGIC)
+
+
+def chunk_of(messages: NDArray[np.void]) -> mcap_records.Chunk:
+    """A chunk of messages, with a checksum."""
+    content = messages.tobytes()
+    return mcap_records.Chunk(
+        compression="zstd",
+        data=zstandard.compress(content),
+        message_start_time=int(messages["log"].min()),
+        message_end_time=int(messages["log"].max()),
+        uncompressed_crc=zlib.crc32(content),
+        uncompressed_size=len(content),
+    )

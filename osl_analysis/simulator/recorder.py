@@ -61,15 +61,14 @@ def recording_of(
     drawn = draw_errors(trial, settings)
     samples = next(len(signal) for signal in signals.values() if not callable(signal))
     bench = Bench(trial, settings, drawn, samples)
-    if recorder.torque_node is None:
-        log = bench.recording("node", recorder.node, signals)
-        return {**log, "torque_time": log["time"]}, drawn
-
     torque = {name: signal for name, signal in signals.items() if is_torque(name)}
     others = {name: signal for name, signal in signals.items() if name not in torque}
-    log_of_torque = bench.recording("torque_node", recorder.torque_node, torque)
-    torque_time = log_of_torque.pop("time")
     log = bench.recording("node", recorder.node, others)
+    if recorder.torque_node is None:
+        log_of_torque = bench.recording("node", recorder.node, torque)
+    else:
+        log_of_torque = bench.recording("torque_node", recorder.torque_node, torque)
+    torque_time = log_of_torque.pop("time")
     return {**log, "torque_time": torque_time, **log_of_torque}, drawn
 
 

@@ -209,22 +209,21 @@ class RecorderSettings(Settings):
 class Excitation(Settings):
     """One motion of the joint, and how many trials of each impedance have it. A multisine has odd
     lines of a period with random phases, one in four left out; a chirp sweeps linearly; noise is
-    Gaussian; a prbs is binary; ramps have constant velocities between random angles; a hand is slow
-    noise that wanders in size."""
+    Gaussian; a prbs is binary; a hand is slow noise that wanders in size."""
 
     # a part of the names of its trials
     name: Annotated[str, Field(pattern=IDENTIFIER)]
-    kind: Literal["multisine", "chirp", "noise", "prbs", "ramps", "hand"]
-    rms_deg: JointDegrees  # of a binary sequence half its step, of ramps a third of their range
+    kind: Literal["multisine", "chirp", "noise", "prbs", "hand"]
+    rms_deg: JointDegrees  # of a binary sequence half its step
     band_hz: Annotated[tuple[Positive, Positive], AfterValidator(check_rising)] = (
         0.5,
         6.0,
-    )  # a binary sequence and ramps have none
+    )  # a binary sequence has none
     duration_s: Positive = 60.0  # at full size; of a multisine see `periods`
     period_s: Positive = 8.0  # of a multisine
     periods: Annotated[int, Field(ge=1, le=1000)] = 5  # of a multisine
     trials: Annotated[int, Field(ge=1, le=1000)] = 1
-    clock_s: Positive = 0.1  # between two changes of a binary sequence, or of the velocity of ramps
+    clock_s: Positive = 0.1  # between two changes of a binary sequence
     smoothing_hz: Positive = 8.0  # cut-off of the low-pass over a binary sequence
     # in which the motion grows, and goes back to rest, in addition to its duration
     fade_s: Positive = 1.0
@@ -240,8 +239,7 @@ class Excitation(Settings):
     @property
     def highest_hz(self) -> float:
         """Frequency [Hz] of its fastest motion."""
-        is_clocked = self.kind in ("prbs", "ramps")
-        return 0.5 / self.clock_s if is_clocked else self.band_hz[1]
+        return 0.5 / self.clock_s if self.kind == "prbs" else self.band_hz[1]
 
     @property
     def full_s(self) -> float:

@@ -26,7 +26,7 @@ from osl_analysis.stats import repeats
 from osl_analysis.stats.linear_fit import linear_fit
 from osl_analysis.trial import Trial
 from osl_analysis.walking.impedance_fit import fit_without_offset
-from osl_analysis.walking.plate import Stance, find_stances
+from osl_analysis.walking.plate import find_stances
 from osl_analysis.walking.tables import perturbation_row
 from osl_analysis.walking.unperturbed_gait import unperturbed_gait
 
@@ -248,7 +248,6 @@ def crossings():
         noise=0.0))] * 3),
         "no gait": ([], perturbed), "two unperturbed": (gait[:2], perturbed),
         "one perturbed": (gait, perturbed[:1]),
-        "no stance": lambda: ([replace(c, stance=Stance(0.3, 0.3)) for c in gait], perturbed),
     }  # fmt: skip
     for how in spoiled(gait[0].time, gait[0].theta, gait[0].torque):
         # what is usual, or as another one

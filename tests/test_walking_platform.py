@@ -312,4 +312,4 @@ def test_too_few_unperturbed_crossings_say_how_many_and_a_reason(
 
     message = str(caught.value)
     assert message.startswith("0 unperturbed crossings (none) can be used, expected 4 or more")
-    assert message.endswith("as u0: the shank moves 20 cm backwards over the foot")
+    assert message.endswith("trial u0: the shank moves 20 cm backwards over the foot")

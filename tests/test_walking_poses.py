@@ -145,16 +145,6 @@ def test_only_short_gaps_between_frames_are_bridged() -> None:
     assert not bridge_gaps(TIME, poses, longest=5 / RATE).bridged.any()
 
 
-def test_a_frame_that_is_not_later_than_the_one_before_is_refused() -> None:
-    poses = cluster_poses(FOOT, moving_foot().tracks)
-    time = np.where(np.arange(240) == 7, TIME[6], TIME)
-
-    with pytest.raises(
-        InputError, match=r"frame 7 is stamped 0\.020000 s, not later than the one before; record"
-    ):
-        bridge_gaps(time, poses, 0.1)
-
-
 def test_the_angle_is_the_twist_about_a_skew_axis_wherever_the_leg_is() -> None:
     axis = np.array([0.2, 0.95, 0.1]) / np.linalg.norm([0.2, 0.95, 0.1])
     theta = np.linspace(-2.5, 2.5, 11)

@@ -62,7 +62,14 @@ def unperturbed_gait(
         There are fewer crossings.
     """
     if len(crossings) < fewest:
-        raise InputError(too_few_words([c.name for c in crossings], fewest, lost or {}))
+        used = ", ".join(crossing.name for crossing in crossings) or "none"
+        remedy = "record more"
+        if lost:
+            remedy = f"walking_crossings.csv says why others cannot: {next(iter(lost.values()))}"
+        raise InputError(
+            f"{len(crossings)} unperturbed crossings ({used}) can be used, expected {fewest} or"
+            f" more; {remedy}"
+        )
 
     def on_grid(signals: Sequence[Array]) -> Array:
         """Signals (..., n) of each crossing as (..., crossings, phases)."""
@@ -78,18 +85,6 @@ def unperturbed_gait(
         torque=on_grid([crossing.torque for crossing in crossings]),
         stance=np.array([crossing.stance.duration for crossing in crossings]),
         plate_errors=on_grid([crossing.plate_errors for crossing in crossings]),
-    )
-
-
-def too_few_words(used: Sequence[str], fewest: int, lost: Mapping[str, str]) -> str:
-    """The message where too few unperturbed crossings are left, with the reason of one."""
-    words = f"{len(used)} unperturbed crossings ({', '.join(used) or 'none'}) can be used,"
-    if not lost:
-        return f"{words} expected {fewest} or more; record more, or exclude fewer in the sheet"
-    trial, reason = next(iter(lost.items()))
-    return (
-        f"{words} expected {fewest} or more; walking_crossings.csv says why {len(lost)} others"
-        f" cannot, as {trial}: {reason.removeprefix(f'trial {trial}: ')}"
     )
 
 

@@ -1,10 +1,8 @@
 """One recorder's clock fitted to another's, t_master = offset + (1 + drift) * t_slave: by the edges
 of a pulse train that both recorded; by a gate that is high while the other one records; or else by
-the correlation of a joint's encoder with an angle between markers, whose scale, offset and sign may
-differ."""
+one lag, at which a joint's encoder follows an angle between markers, whose scale, offset and sign
+may differ."""
 
-import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -23,7 +21,8 @@ USUAL_DRIFT = 100e-6  # standard deviation between two; keeps a short recording 
 LEAST_CERTAIN = 0.5  # share of samples of a pulse near its two levels; of noise it is a twentieth
 LEAST_SWING = 0.05  # of a line's largest level; less is the last bit of one level
 MOST_EDGES = 0.2  # per sample; of the last bit of a level near 0 every second sample is one
-EDGES_TOGETHER = 40  # few enough that drift does not spread their offsets
+FEWEST_ALIKE = 4  # runs of three edges, which have six edges together
+OUTLIER = 3.5  # standard deviations from the line
 GATE_STEPS = 3.0  # sampling intervals by which a gate may be longer or shorter than its capture
 
 
@@ -40,8 +39,6 @@ class ClockFit:
     excluded_edges: int = 0
     # `edges`, `gate`, `correlation` of a signal, or `common`: the files share one time
     method: str = "edges"
-    # Likelihood of the second-best place of a shared angle, over that of the best; 0 for edges
-    second_place: float = 0.0
 
     def to_master(self, time: Array) -> Array:
         """Times [s] of the slave on the master's clock [s]."""
@@ -55,146 +52,180 @@ Signal = tuple[Array, Array]  # rising times [s] and values, (n,) each
 
 
 def find_edges(time: Array, level: Array) -> Edges:
-    """Edges of a two-level signal: times, interpolated, at which it crosses its mid-level. It must
-    then pass three quarters of its range, or falling one quarter, so that noise at the mid-level
+    """Edges of a two-level signal: times at which it crosses its mid-level, interpolated between
+    samples that pass three quarters of its range and one quarter, so that noise at the mid-level
     makes no edges. A level that has no two values has none, nor one whose last bit changes."""
     swing = float(np.ptp(level))
     middle = float(level.min()) + 0.5 * swing
     certain = np.flatnonzero(abs(level - middle) > 0.25 * swing)
     is_high = level[certain] > middle
-    after = certain[1:][is_high[1:] != is_high[:-1]]
+    turns = np.flatnonzero(is_high[1:] != is_high[:-1])
     is_pulses = (
         swing >= LEAST_SWING * float(np.abs(level).max(initial=0.0))
         and certain.size >= LEAST_CERTAIN * level.size
-        and after.size <= max(MOST_EDGES * level.size, MINIMUM_EDGES)
+        and turns.size <= max(MOST_EDGES * level.size, MINIMUM_EDGES)
     )
     if not is_pulses:
-        after = after[:0]
-    crossings = np.flatnonzero(np.diff(level > middle))
-    before = crossings[np.searchsorted(crossings, after) - 1]
-    fraction = (middle - level[before]) / (level[before + 1] - level[before])
-    step = float(np.median(np.diff(time))) if time.size > 1 else 0.0
-    edges = time[before] + fraction * (time[before + 1] - time[before])
-    return edges, level[after] > level[before], step
+        turns = turns[:0]
+    before = certain[turns]
+    after = certain[turns + 1]
+    fraction = (middle - level[before]) / (level[after] - level[before])
+    edges = time[before] + fraction * (time[after] - time[before])
+    return edges, level[after] > level[before], usual_step(time)
+
+
+def usual_step(time: Array) -> float:
+    """Median step [s] of times (n,)."""
+    return float(np.median(np.diff(time))) if time.size > 1 else 0.0
 
 
 def fit_clock(slave: Edges, master: Edges) -> ClockFit:
     """Match the edges by the pattern of their intervals, and fit offset and drift without outliers.
     An edge has the error of sampling, uniform within one interval."""
-    ours, _, step = slave
-    theirs, _, their_step = master
-    noise = float(np.hypot(step, their_step)) / np.sqrt(12)
-    limit = max(step, their_step)
-    pairs = first_pairs(slave, master)
-    matched = 0
-    while pairs[0].size > matched:  # a line through the known pairs reaches further ones
-        matched = pairs[0].size
-        line, used = robust_line(*pairs, noise)
-        pairs = pairs_near(line, pairs[0][used].mean(), slave, master)
-    line, _ = robust_line(*pairs, noise)
+    noise = float(np.hypot(slave[2], master[2])) / np.sqrt(12)
+    limit = max(slave[2], master[2])
+    rough = robust_line(*pairs_alike(slave, master), noise)
+    line = robust_line(*pairs_near(rough, slave, master), noise)
     if line.residual > limit:
         raise InputError(
             f"the sync edges fit with a residual of {1e3 * line.residual:.2f} ms over"
             f" {line.edges} edges, within {1e3 * limit:.2f} ms is needed; check the sync cable and"
             " both sync channels"
         )
-    expected = line.to_master(ours)
-    common = (expected >= theirs[0] - limit) & (expected <= theirs[-1] + limit)
+    expected = line.to_master(slave[0])
+    common = (expected >= master[0][0] - limit) & (expected <= master[0][-1] + limit)
     return replace(line, excluded_edges=max(int(common.sum()) - line.edges, 0))
 
 
-def first_pairs(slave: Edges, master: Edges) -> tuple[Array, Array]:
-    """Times of some edges on both clocks, (n,) each, from the first part of the slave's recording
-    that tells the offset. Every pair of edges votes for one."""
+def pairs_alike(slave: Edges, master: Edges) -> tuple[Array, Array]:
+    """Times of edges on both clocks, (n,) each, behind which the next two intervals are alike, and
+    that agree on one offset.
+
+    Raises
+    ------
+    InputError
+        Too few agree, or half as many on another offset.
+    """
     best = rival = 0
-    for begin in range(0, slave[0].size, EDGES_TOGETHER):
-        part = slice(begin, begin + EDGES_TOGETHER)
-        time = slave[0][part]
-        offsets = master[0][None, :] - time[:, None]
-        is_same = slave[1][part, None] == master[1][None, :]
-        width = 2.0 * (slave[2] + master[2]) + LARGEST_DRIFT * np.ptp(time)
-        votes = np.sort(offsets[is_same])
+    if min(slave[0].size, master[0].size) >= MINIMUM_EDGES:
+        sampling = 2.0 * (slave[2] + master[2])
+        of_master = scipy.spatial.KDTree(intervals_behind(master))
+        apart, row = of_master.query(
+            intervals_behind(slave), p=np.inf, distance_upper_bound=sampling
+        )
+        is_alike = np.isfinite(apart)
+        ours = slave[0][:-2][is_alike]
+        theirs = master[0][np.asarray(row)[is_alike]]
+        offsets = theirs - ours
+        width = sampling + LARGEST_DRIFT * min(np.ptp(slave[0]), np.ptp(master[0]))
+        votes = np.sort(offsets)
         count = np.searchsorted(votes, votes + width, side="right") - np.arange(votes.size)
         best = int(count.max(initial=0))
-        if best >= MINIMUM_EDGES:
+        if best >= FEWEST_ALIKE:
             peak = votes[np.argmax(count)]
             rival = int(count[abs(votes - peak) > width].max(initial=0))
             if rival <= best // 2:
-                agrees = is_same & (offsets >= peak) & (offsets <= peak + width)
-                rows, columns = np.nonzero(agrees)
-                return time[rows], master[0][columns]
+                agrees = (offsets >= peak) & (offsets <= peak + width)
+                return ours[agrees], theirs[agrees]
     raise InputError(
-        f"{best} sync edges of the log agree with motion capture's on one offset and {rival} on"
-        f" another, {MINIMUM_EDGES} and twice as many are needed; check the sync cable and whether"
-        " the log is this capture's, let the pulses vary in length, or record longer"
+        f"{best} runs of three sync edges of the log agree with motion capture's on one offset and"
+        f" {rival} on another, {FEWEST_ALIKE} and twice as many are needed; check the sync cable"
+        " and whether the log is this capture's, let the pulses vary in length, or record longer"
     )
 
 
-def pairs_near(line: ClockFit, centre: float, slave: Edges, master: Edges) -> tuple[Array, Array]:
-    """Times of edges on both clocks, (n,) each, that lie within twice the sampling intervals of a
-    line, and within its error, four standard deviations. Where that is larger, it tells none."""
-    sampling = 2.0 * (slave[2] + master[2])
-    error = 4.0 * line.drift_error * abs(slave[0] - centre)
-    pairs = []
-    for is_rising in (True, False):
-        reached = (slave[1] == is_rising) & (error <= sampling)
-        ours = slave[0][reached]
-        theirs = master[0][master[1] == is_rising]
-        expected = line.to_master(ours)
-        nearest = theirs[np.searchsorted((theirs[1:] + theirs[:-1]) / 2, expected)]
-        is_close = abs(nearest - expected) <= sampling + error[reached]
-        pairs.append((ours[is_close], nearest[is_close]))
-    first, second = (np.concatenate(column) for column in zip(*pairs, strict=True))
-    return first, second
+def intervals_behind(edges: Edges) -> Array:
+    """The two intervals [s] behind each edge, and whether it rises, (n - 2, 3)."""
+    time, is_rising, _ = edges
+    intervals = np.diff(time)
+    return np.column_stack([intervals[:-1], intervals[1:], is_rising[:-2]])
 
 
-def robust_line(first: Array, second: Array, noise: float) -> tuple[ClockFit, NDArray[np.bool_]]:
-    """Line through pairs of times (n,), and which of them were used, (n,). `noise` [s] is the
-    standard deviation of one pair. The prior of `USUAL_DRIFT` keeps the drift plausible in a short
-    recording. In a long one the pairs outweigh it. The differences of the times are fitted, so that
-    large times lose no digits. Pairs more than 3.5 standard deviations from the median are
-    outliers."""
-    if first.size < MINIMUM_EDGES:
-        raise InputError(
-            f"{first.size} sync edges fit together, at least {MINIMUM_EDGES} are needed; record"
-            " longer"
-        )
+def pairs_near(line: ClockFit, slave: Edges, master: Edges) -> tuple[Array, Array]:
+    """Times of edges on both clocks, (n,) each, that rise or fall alike within twice the sampling
+    intervals of a line."""
+    theirs = master[0]
+    expected = line.to_master(slave[0])
+    nearest = np.searchsorted((theirs[1:] + theirs[:-1]) / 2, expected)
+    is_close = abs(theirs[nearest] - expected) <= 2.0 * (slave[2] + master[2])
+    rows = np.flatnonzero(is_close & (slave[1] == master[1][nearest]))
+    # the rising ones first: the last bits of the line depend on the order of its sums
+    rows = rows[np.argsort(~slave[1][rows], kind="stable")]
+    return slave[0][rows], theirs[nearest[rows]]
+
+
+def robust_line(first: Array, second: Array, noise: float) -> ClockFit:
+    """Line through pairs of times (n,), of which one has the standard deviation `noise` [s]. The
+    prior of `USUAL_DRIFT` keeps the drift plausible in a short recording. In a long one the pairs
+    outweigh it. The differences of the times are fitted, so that large times lose no digits."""
     difference = second - first
-    used = abs(difference - np.median(difference)) <= LARGEST_DRIFT * np.ptp(first) + 3.5 * noise
+    used = np.ones(first.size, dtype=bool)
     for _ in range(10):
         centre, level = first[used].mean(), difference[used].mean()
         information = ((first[used] - centre) ** 2).sum() + (noise / USUAL_DRIFT) ** 2
         drift = ((first[used] - centre) * (difference[used] - level)).sum() / information
         residuals = difference - (level + drift * (first - centre))
         spread = 1.4826 * np.median(abs(residuals[used]))
-        keep = abs(residuals) <= 3.5 * max(spread, noise)
-        if keep.sum() < MINIMUM_EDGES or (keep == used).all():
-            break
-        used = keep
+        used = abs(residuals) <= OUTLIER * max(spread, noise)
     line = ClockFit(
         float(level - drift * centre), float(drift), float(noise / np.sqrt(information))
     )
     residual = float(np.sqrt(((second[used] - line.to_master(first[used])) ** 2).mean()))
-    return replace(line, residual=residual, edges=int(used.sum())), used
+    return replace(line, residual=residual, edges=int(used.sum()))
+
+
+def gate_fit(pulses: Edges, time: Array) -> ClockFit:
+    """Fit a clock by a gate, which is high while the other recorder records: the log has a pulse
+    that is as long as the capture.
+
+    Parameters
+    ----------
+    pulses
+        Edges in the log.
+    time
+        Of the capture's samples (n,) [s], the first at 0.
+
+    Raises
+    ------
+    InputError
+        No pulse, or several pulses of the log are as long as the capture.
+    """
+    edges, is_rising, step = pulses
+    capture_step = usual_step(time)
+    length = float(np.ptp(time)) + capture_step
+    slack = GATE_STEPS * max(step, capture_step) + LARGEST_DRIFT * length
+    starts = edges[:-1][is_rising[:-1] & (np.abs(np.diff(edges) - length) <= slack)]
+    if starts.size != 1:
+        raise InputError(
+            "the sync line of motion capture has no edge: it is a gate, or nothing is connected,"
+            f" and {starts.size} pulses of the log are as long as the capture ({length:.3f} s);"
+            " align the clocks by an angle that both recorded, `shared` in the capture's source"
+            " file"
+        )
+    residual = float(np.hypot(step, capture_step)) / np.sqrt(12)
+    return ClockFit(-float(starts[0]), 0.0, residual / length, residual, edges=2, method="gate")
 
 
 FEWEST_SAMPLES = 48  # of a shared signal
 QUIET_SHARE = 0.05  # of a recording's variance, at least, where it hardly moves: noise would fit
 LEAST_OVERLAP = 0.5  # share of the shorter recording
 MOST_PEAKS = 3  # of the correlation, the highest ones, are compared
-LEAST_ODDS = 1000.0  # of the best place of a shared angle, over any other
 LEAST_MISFIT = 1e-3  # of the angle's SD: no two sensors of it agree better
+MOST_ALIKE = 0.85  # misfit at the best lag over that at any other, or over 1, that of no signal
 MEAN_S = 0.05  # a sine of 5 Hz keeps nine tenths of its amplitude
 
 
 def correlate_clocks(slave: Signal, master: Signal) -> ClockFit:
-    """Fit a clock by a signal that both recorded, whose scale, offset and sign may differ: the
-    likeliest peak of its correlation, refined by least squares.
+    """Fit one lag by a signal that both recorded, whose scale, offset and sign may differ.
+
+    The highest peaks of the correlation are compared by their misfit: the share of the signal's SD
+    that a straight line through the other signal's values leaves. A drift is not fitted: it counts
+    in the standard error of the times.
 
     Raises
     ------
     InputError
-        A signal is too short or constant, or another place is not far less likely.
+        A signal is too short or constant, or another lag fits about as well.
     """
     fewest = min(slave[0].size, master[0].size)
     if fewest < FEWEST_SAMPLES or not min(np.ptp(slave[1]), np.ptp(master[1])) > 0:
@@ -202,7 +233,7 @@ def correlate_clocks(slave: Signal, master: Signal) -> ClockFit:
             f"the shared signal of one recorder is constant or has fewer than {FEWEST_SAMPLES}"
             " samples; check the channel and its sensor, or record longer"
         )
-    step = min(float(np.median(np.diff(time))) for time, _ in (slave, master))
+    step = min(usual_step(time) for time, _ in (slave, master))
     even = []
     for time, values in (slave, master):  # every `step` from the first sample on, without the mean
         on_grid = np.interp(np.arange(time[0], time[-1] + 1e-6 * step, step), time, values)
@@ -210,7 +241,35 @@ def correlate_clocks(slave: Signal, master: Signal) -> ClockFit:
     score = correlation(*even)
     peaks, _ = scipy.signal.find_peaks(np.pad(score, 1), prominence=0.5 * score.max())
     highest = peaks[np.argsort(score[peaks - 1])[-MOST_PEAKS:]]
-    return likeliest(master[0][0] - slave[0][0] + step * (highest - even[0].size), slave, master)
+
+    # both are means, or else noise would be motion where the joint rests
+    misfit_at = partial(misfit_of_lag, slave=means_of(*slave), master=means_of(*master))
+    lags: list[tuple[float, float]] = [(1.0, np.nan)]  # misfit, and lag [s]; the first is nowhere
+    for lag in (master[0][0] - slave[0][0] + step * (highest - even[0].size)).tolist():
+        near = scipy.optimize.minimize_scalar(
+            misfit_at, bounds=(lag - MEAN_S, lag + MEAN_S), options={"xatol": 1e-3 * step}
+        )
+        lags.append((max(float(near.fun), LEAST_MISFIT), float(near.x)))
+    (misfit, offset), (misfit_elsewhere, elsewhere), *_ = sorted(lags)
+    if misfit > MOST_ALIKE * misfit_elsewhere:
+        raise InputError(
+            f"the shared angle fits at a lag of {offset:.2f} s, where {misfit:.2g} of its SD is"
+            f" left, hardly better than at {elsewhere:.2f} s (nan: nowhere),"
+            f" {misfit_elsewhere:.2g}; check that both channels show the same movement, and record"
+            " longer, with one that does not repeat"
+        )
+    # the square of the misfit grows by that of the lag over the time in which the signal changes
+    beside = 0.5 * (misfit_at(offset - MEAN_S) ** 2 + misfit_at(offset + MEAN_S) ** 2)
+    duration = min(np.ptp(slave[0]), np.ptp(master[0]))
+    independent = duration / MEAN_S
+    error = MEAN_S * misfit / np.sqrt(independent * (beside - misfit**2))
+    of_drift = USUAL_DRIFT * duration / np.sqrt(12)
+    return ClockFit(
+        offset,
+        drift_error=USUAL_DRIFT,
+        residual=float(np.hypot(error, of_drift)),
+        method="correlation",
+    )
 
 
 def correlation(ours: Array, theirs: Array) -> Array:
@@ -225,68 +284,14 @@ def correlation(ours: Array, theirs: Array) -> Array:
     return np.where(overlaps, np.abs(sums(theirs, ours)) / np.sqrt(power), 0.0)
 
 
-def likeliest(offsets: Array, slave: Signal, master: Signal) -> ClockFit:
-    """Fit the clock at each of some offsets [s], (n,), and choose where the slave's signal is
-    nearest to the master's.
-
-    Raises
-    ------
-    InputError
-        Another place, or none, is not far less likely.
-    """
-    fits = [refined(slave, master, offset) for offset in offsets.tolist()]
-    misfits = [max(misfit, LEAST_MISFIT) for _, misfit, _ in fits] + [1.0]  # the last one: nowhere
-    order: list[int] = np.argsort(misfits).tolist()
-    best, second = order[:2]
-    fit, _, independent = fits[best]
-    likelihood = float((misfits[best] / misfits[second]) ** independent)
-    if likelihood * LEAST_ODDS > 1:
-        elsewhere = "nowhere"
-        if second < len(offsets):
-            elsewhere = f"elsewhere, {offsets[second] - offsets[best]:+.2f} s from the best place"
-        raise InputError(
-            f"the shared angle fits {elsewhere}, {likelihood:.2g} times as likely; check that both"
-            " channels show the same movement, and record longer, with one that does not repeat"
-        )
-    return replace(fit, second_place=likelihood)
-
-
-def refined(slave: Signal, master: Signal, offset: float) -> tuple[ClockFit, float, float]:
-    """Refine a clock by least squares: the slave's signal is the master's, scaled and shifted, at
-    the times of the clock. Both are means, or else noise would be motion where the joint rests.
-    And tell what that leaves, as a share of the signal's SD, and its number of independent
-    samples."""
-    time, values = means_of(*slave)
-    theirs = means_of(*master)
-    inside = (time + offset >= theirs[0][0]) & (time + offset <= theirs[0][-1])
-    time, values = time[inside], values[inside]
-    centre = float(time.mean())
-    of_crystals = 0.0  # scatter of the signal over that of the drift
-
-    def misfit(unknown: Array) -> Array:
-        scale, level, late, drift = unknown
-        at = time + offset + late + drift * (time - centre)
-        return np.append(values - level - scale * np.interp(at, *theirs), of_crystals * drift)
-
-    line = np.polyfit(np.interp(time + offset, *theirs), values, 1)
-    solution = scipy.optimize.least_squares(misfit, [*line, 0.0, 0.0], x_scale="jac")
-    residual = solution.fun[:-1]
-    independent = independent_samples(residual)
-    scatter = float(np.std(residual)) * math.sqrt(time.size / independent)
-    of_crystals = scatter / USUAL_DRIFT
-    solution = scipy.optimize.least_squares(misfit, solution.x, x_scale="jac")
-    jacobian = np.asarray(solution.jac)
-    errors = scatter**2 * np.diag(np.linalg.pinv(jacobian.T @ jacobian)).clip(min=0.0)
-    late, drift = solution.x[2:].tolist()
-    fit = ClockFit(
-        offset + late - drift * centre,
-        drift,
-        drift_error=math.sqrt(errors[3]),
-        residual=math.sqrt(errors[2] + errors[3] * float(np.var(time))),
-        method="correlation",
-    )
-    moves = float(np.std(values))
-    return fit, float(np.std(residual)) / moves if moves else 1.0, independent
+def misfit_of_lag(lag: float, slave: Signal, master: Signal) -> float:
+    """Share of the slave's SD that a straight line through the master's values, `lag` [s] later,
+    leaves."""
+    at = slave[0] + lag
+    inside = (at >= master[0][0]) & (at <= master[0][-1])
+    seen = np.interp(at[inside], *master)
+    shared = np.corrcoef(seen, slave[1][inside])[0, 1]
+    return float(np.sqrt(1 - shared**2))
 
 
 def means_of(time: Array, values: Array) -> Signal:
@@ -296,75 +301,13 @@ def means_of(time: Array, values: Array) -> Signal:
     return np.convolve(time, weights, "valid"), np.convolve(values, weights, "valid")
 
 
-def independent_samples(residual: Array) -> float:
-    """Number of independent samples whose mean square scatters as that of a residual (n,).
-
-    It is n over the sum of the squares of the autocorrelation over all lags, which is that over the
-    mean square of the spectrum at a mean of 1. The square of a periodogram is expected to be twice
-    the squared spectrum, which the autocorrelation of one record would count as correlation.
-
-    References
-    ----------
-    Bartlett, J. R. Stat. Soc. Suppl. 8 (1946) 27.
-    """
-    n = residual.size
-    periodogram = np.abs(np.fft.rfft(residual - residual.mean())) ** 2
-    inner = periodogram[1 : (n + 1) // 2]  # at frequencies whose real and imaginary parts are free
-    mean_square_of_spectrum = float(np.mean(inner**2)) / 2
-    if not mean_square_of_spectrum > 0:
-        return 1.0
-    return float(n * np.mean(inner) ** 2 / mean_square_of_spectrum)
-
-
-def gate_fit(
-    pulses: Edges, time: Array, angles: Callable[[], tuple[Signal, Signal]] | None = None
-) -> ClockFit:
-    """Fit a clock by a gate, which is high while the other recorder records: the log has a pulse
-    that is as long as the capture. The log of a whole session has one for each capture; an angle
-    that both recorded tells which is this one's.
-
-    Parameters
-    ----------
-    pulses
-        Edges in the log.
-    time
-        Of the capture's samples (n,) [s], the first at 0.
-    angles
-        Reads the angle in the log and in the capture.
-
-    Raises
-    ------
-    InputError
-        No pulse, or several pulses of the log are as long as the capture, and no angle tells which.
-    """
-    edges, is_rising, step = pulses
-    capture_step = float(np.median(np.diff(time))) if time.size > 1 else 0.0
-    length = float(np.ptp(time)) + capture_step
-    slack = GATE_STEPS * max(step, capture_step) + LARGEST_DRIFT * length
-    offsets = -edges[:-1][is_rising[:-1] & (np.abs(np.diff(edges) - length) <= slack)]
-    residual = float(np.hypot(step, capture_step)) / np.sqrt(12)
-    fit = ClockFit(0.0, 0.0, residual / length, residual, edges=2, method="gate")
-    if offsets.size > 1 and angles is not None:
-        by_angle = likeliest(offsets, *angles())
-        fit = replace(fit, second_place=by_angle.second_place)
-        offsets = offsets[[np.argmin(np.abs(offsets - by_angle.offset))]]
-    if offsets.size != 1:
-        raise InputError(
-            "the sync line of motion capture has no edge: it is a gate, or nothing is connected,"
-            f" and {offsets.size} pulses of the log are as long as the capture ({length:.3f} s);"
-            " align the clocks by an angle that both recorded, `shared` in the capture's source"
-            " file"
-        )
-    return replace(fit, offset=float(offsets[0]))
-
-
 def aligned_clock(
     log: Converted, mocap: Converted, shared: SharedAngle | None, is_common: bool = False
 ) -> tuple[ClockFit, list[str]]:
     """Fit the log's clock to motion capture's.
 
     By sync edges; by the one pulse that is as long as the capture, where the capture's own level
-    stands still; or else, with a warning, by the correlation of a shared angle.
+    stands still; or else, with a warning, by the lag of a shared angle.
 
     Parameters
     ----------
@@ -387,28 +330,25 @@ def aligned_clock(
     if is_common:
         start = log.facts["time"]["start"] - mocap.facts["time"]["start"]
         return ClockFit(start, method="common"), []
-    angles = None if shared is None else partial(shared_angles, log, mocap, shared)
     missing = "the clocks cannot be aligned; map the channel in its source file"
     try:
         pulses = find_edges(*values_of(log, "sync", f"log: {missing}"))
-        level = values_of(mocap, "sync", f"motion capture: {missing}")
-        edges = find_edges(*level)
-        fit = fit_clock(pulses, edges) if edges[0].size else gate_fit(pulses, level[0], angles)
-        return fit, []
+        time, level = values_of(mocap, "sync", f"motion capture: {missing}")
+        edges = find_edges(time, level)
+        return fit_clock(pulses, edges) if edges[0].size else gate_fit(pulses, time), []
     except InputError as error:
-        if angles is None or shared is None:
+        if shared is None:
             raise
         refused = error
     what = f"'{shared.column}' and the angle at marker {shared.markers[1]}"
     try:
-        fit = correlate_clocks(*angles())
+        fit = correlate_clocks(*shared_angles(log, mocap, shared))
     except InputError as error:
         raise InputError(
             f"{refused}; cross-correlation of {what} does not align them either: {error}"
         ) from error
     return fit, [
-        f"clocks aligned by cross-correlation of {what}, elsewhere {fit.second_place:.1g} times as"
-        f" likely, because of the sync edges: {refused}"
+        f"clocks aligned by cross-correlation of {what}, because of the sync edges: {refused}"
     ]
 
 
@@ -425,19 +365,13 @@ def shared_angles(log: Converted, mocap: Converted, shared: SharedAngle) -> tupl
                 " capture"
             )
     seen = mocap.samples.select("time", *columns).fill_nan(None).drop_nulls()
-    positions = seen.select(columns).to_numpy().reshape(-1, 3, 3)
-    return in_log, (seen["time"].to_numpy(), angle_at(*positions.swapaxes(0, 1)))
+    first, vertex, last = seen.select(columns).to_numpy().reshape(-1, 3, 3).swapaxes(0, 1)
+    sine = np.linalg.norm(np.cross(first - vertex, last - vertex), axis=1)
+    cosine = ((first - vertex) * (last - vertex)).sum(axis=1)
+    return in_log, (seen["time"].to_numpy(), np.arctan2(sine, cosine))
 
 
-def angle_at(first: Array, vertex: Array, last: Array) -> Array:
-    """Angle (n,) [rad] at the second of three points, (n, 3) each."""
-    one = first - vertex
-    other = last - vertex
-    sine = np.linalg.norm(np.cross(one, other), axis=1)
-    return np.asarray(np.arctan2(sine, (one * other).sum(axis=1)))
-
-
-def values_of(recording: Converted, column: str, advice: str) -> tuple[Array, Array]:
+def values_of(recording: Converted, column: str, advice: str) -> Signal:
     """Times [s] and values of a column where it was sampled. Raises InputError, with `advice`:
     there is no column."""
     if column not in recording.samples.columns:

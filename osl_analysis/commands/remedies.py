@@ -17,7 +17,6 @@ from osl_analysis.commands.estimates import estimated, printed_units
 from osl_analysis.errors import Change, InputError, OslAnalysisError
 from osl_analysis.ingest.guard import in_other_units, swapped_channels
 from osl_analysis.rounding import written
-from osl_analysis.signals.grid import with_stamp_evidence
 from osl_analysis.trial import Trial
 
 FITS_WORSE = 2.0  # times what the best change leaves of the torque, from which one is no remedy
@@ -135,8 +134,7 @@ def changed(trial: Trial, change: Change) -> Trial:
     """The recording with columns that are renamed, or multiplied by a factor."""
     samples = trial.samples.rename(dict(change.renamed))
     samples = samples.with_columns(pl.col(name) * by for name, by in change.factors.items())
-    recording = replace(trial, samples=samples, clocks={})
-    return with_stamp_evidence(recording) if "time" in change.factors else recording
+    return replace(trial, samples=samples, clocks={})
 
 
 def is_possible(row: Mapping[str, Any]) -> bool:

@@ -14,7 +14,6 @@ from osl_analysis.errors import InputError, printable
 from osl_analysis.formats import formats_of
 from osl_analysis.ingest import raw_files
 from osl_analysis.ingest.quality import Commanded, measure_quality, measured_table
-from osl_analysis.signals.grid import with_stamp_evidence
 from osl_analysis.table import write_table
 from osl_analysis.trial import Trial, write_trial
 
@@ -54,7 +53,7 @@ def checked_trial(
     # those of the log tell all
     if facts is not None and facts.place == "walkway" and not needed_columns:
         raw_files.check_markers(trial, row["experiment"])
-    return with_stamp_evidence(trial)
+    return trial
 
 
 def ingest_and_check(

@@ -20,15 +20,12 @@ NORMAL_90 = (
     3.29  # standard deviations between the 5 % and the 95 % quantile of a normal distribution
 )
 WANDER_SAMPLES = 50  # over which jitter averages out
-SMOOTH_SAMPLES = 25  # window of the curve about which stamps scatter
-SCATTER_BLOCKS = 400  # of a record; those at a change of rate are left out
 SETTLING_S = 2.0  # [s] within which latency comes back to its usual value
 DECIMALS = range(2, 9)  # of a second, to which stamps may be printed: 10 ms to 10 ns
 
 # Batches
 IN_BATCH_STEP = 0.4  # steps within which a sample follows another of its batch
-LARGEST_BATCH_SHARE = 0.6  # of the rows may begin a batch: at least 40 % follow another
-SHARED_STAMP_STEP = 0.1  # steps between samples that share a stamp
+LEAST_FOLLOWING = 0.4  # share of the rows that follow another of their batch
 
 # Blocks in which the signals tell how the stamps scatter
 EVIDENCE_BLOCK_S = 0.08
@@ -37,19 +34,6 @@ MOST_IN_BLOCK = 24
 
 ONE_SIDED_SKEW = 0.5  # skewness of latency: late, never early
 FAR_OFF = 5  # standard deviations beyond which a stamp does not count for the line
-
-
-@dataclass(frozen=True)
-class Batches:
-    """Batches of samples that a host stamps together."""
-
-    begins: SampleCount  # (k,) first row of each batch
-    seconds: float  # [s] usual time from the first to the last sample of a batch
-    # whether the samples of a batch share one stamp; else each has the time at which its row was
-    # written
-    shared: bool
-    # whether a batch waits for its last sample only: its size matches the wait before its stamp
-    prompt: bool
 
 
 @dataclass(frozen=True)
@@ -81,13 +65,6 @@ class DeviceClock:
         return float(np.std(self.residual))
 
     @cached_property
-    def usual(self) -> float:
-        """Robust standard deviation [s] of the residual, from quantiles: a few late stamps do not
-        count."""
-        low, high = np.quantile(self.residual, (0.05, 0.95))
-        return float(high - low) / NORMAL_90
-
-    @cached_property
     def wander(self) -> float:
         """Standard deviation [s] of the residual averaged over 50 samples. Jitter averages out."""
         blocks = in_blocks(self.residual, WANDER_SAMPLES)
@@ -99,9 +76,11 @@ class DeviceClock:
         return slow_part(self.stamps, self.count, self.step)
 
     @cached_property
-    def scatter_about_slow(self) -> float:
-        """Standard deviation [s] of the stamps about their slow part."""
-        return float(np.std(self.stamps - self.slow.stamps))
+    def scatter(self) -> float:
+        """Robust standard deviation [s] of the stamps about their slow part, from quantiles: a few
+        late stamps do not count."""
+        low, high = np.quantile(self.stamps - self.slow.stamps, (0.05, 0.95))
+        return float(high - low) / NORMAL_90
 
     @cached_property
     def decimal(self) -> float:
@@ -114,44 +93,23 @@ class DeviceClock:
         return 0.0
 
     @cached_property
-    def batches(self) -> Batches | None:
-        """The batches in which a host stamps; None if it does not.
+    def has_prompt_batches(self) -> bool | None:
+        """Whether a batch of samples that a host stamps together waits for its last sample only:
+        then its size matches the wait before its stamp. None if there are no batches, of which at
+        least 40 % of the rows follow within 0.4 steps.
 
-        At least 40 % of the rows follow within 0.4 steps. Stamps rounded to decimals, or to ticks
-        of a slow clock, are no batches: these waits are alike, whatever their numbers of samples.
+        Stamps rounded to decimals, or to ticks of a slow clock, are no batches: these waits are
+        alike, whatever their numbers of samples.
         """
-        steps = np.diff(self.stamps)
-        begins = np.flatnonzero(np.append(True, steps > IN_BATCH_STEP * self.step))
-        is_number = 3 < len(begins) <= LARGEST_BATCH_SHARE * len(self.stamps)
-        if not is_number or self.decimal > 0.5 * self.step:
+        follows = np.diff(self.stamps) <= IN_BATCH_STEP * self.step
+        if np.mean(follows) < LEAST_FOLLOWING or self.decimal > 0.5 * self.step:
             return None
-        waits = np.diff(self.stamps[begins])
+        begins = np.flatnonzero(~np.append(False, follows))
+        waits = np.diff(self.stamps[begins]) / self.step
         sizes = np.diff(begins)
-        if np.std(waits) <= 0.1 * self.step * np.std(sizes):
+        if np.std(waits) <= 0.1 * np.std(sizes):
             return None
-
-        steps_within = np.delete(steps, begins[1:] - 1)
-        is_shared = bool(np.median(steps_within) < SHARED_STAMP_STEP * self.step)
-        ticks = waits[:-1] / self.step
-        # a batch that waited for its last sample is as large as the wait before its own stamp
-        matches_wait_before = np.std(ticks - sizes[1:])
-        matches_wait_behind = np.std(ticks - sizes[:-1])
-        is_prompt = is_shared and bool(matches_wait_before < 0.6 * matches_wait_behind)
-        seconds = self.step * (float(np.median(sizes)) - 1)
-        return Batches(begins, seconds, is_shared, is_prompt)
-
-    @cached_property
-    def scatter(self) -> float:
-        """RMS [s] of the stamps about a curve that is smooth over 25 samples, without places where
-        the rate changes."""
-        fast = self.stamps - self.slow.stamps
-        smooth = savitzky_golay(fast, np.arange(len(fast)), SMOOTH_SAMPLES, 0)
-        rough = fast - smooth
-        length = min(max(len(rough) // SCATTER_BLOCKS, SMOOTH_SAMPLES), len(rough))
-        squares = np.sort(np.mean(in_blocks(rough, length) ** 2, axis=1))
-        # a kink may spoil three blocks
-        kept = max(len(squares) - 3 * self.slow.kinks, 1)
-        return float(np.sqrt(np.mean(squares[:kept])))
+        return bool(np.std(waits[:-1] - sizes[1:]) < 0.6 * np.std(waits - sizes))
 
     @cached_property
     def settles(self) -> bool:
@@ -182,11 +140,6 @@ class DeviceClock:
         """
         base = self._line_of_each_rate()
         late = self.stamps - base
-        if self.batches is not None and not self.batches.shared:
-            # rows of a batch were sampled before its first row was written
-            sizes = np.diff(self.batches.begins, append=len(self.count))
-            late -= self.stamps - np.repeat(self.stamps[self.batches.begins], sizes)
-
         low, middle, high = np.quantile(late, (0.05, 0.5, 0.95))
         spread = (high - low) / NORMAL_90
         no_scatter = 1e-6 * self.step
@@ -194,7 +147,7 @@ class DeviceClock:
         place = self.count[is_near]
         late = late[is_near]
         is_one_sided = spread > no_scatter and scipy.stats.skew(late) > ONE_SIDED_SKEW
-        if self.batches is not None or is_one_sided:
+        if self.has_prompt_batches is not None or is_one_sided:
             line = lower_edge(place, late)
         else:
             line = line_through(place, late)
@@ -206,7 +159,7 @@ class DeviceClock:
         if np.ptp(self.residual) <= self.step or not self.slow.kinks:
             return line
         bend = np.abs(self.slow.stamps - line).max()
-        return self.slow.stamps if bend > max(self.step, 2 * self.scatter_about_slow) else line
+        return self.slow.stamps if bend > max(self.step, 2 * self.scatter) else line
 
     def aged(self, age: float) -> Array:
         """When values `age` loops older than their stamps were taken, (n,) [s].

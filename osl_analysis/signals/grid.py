@@ -6,7 +6,6 @@ marked, and fits leave their rows out. Too long gaps are refused.
 """
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -18,7 +17,6 @@ from osl_analysis.errors import InputError, naming
 from osl_analysis.signals import LowPass, differentiate
 from osl_analysis.signals.sample_count import LONG_STEP
 from osl_analysis.signals.samples import Taken, take
-from osl_analysis.signals.stamp_evidence import StampEvidence
 from osl_analysis.signals.stream import FEWEST_STAMPS, SampleCount, SensorLowPass, Stream
 from osl_analysis.trial import Array, Trial, counter_column
 
@@ -26,9 +24,6 @@ BRIDGE_MORE = (  # remedy if gaps leave nothing to fit
     "record again with fewer lost samples, or lower time_base.highest_hz, which bridges gaps up to"
     " 0.1/highest_hz: 50 ms bridged in every cycle change I by about 1 %"
 )
-
-# columns whose stamps matter to the fits of a joint or an actuator
-MOVED = ("theta", "theta_m", "torque", "torque_m", "current")
 
 ON_GRID = 1e-6  # distance, in steps, up to which a sample lies on the grid
 ROWS_OF_ROUNDING = 1e6  # the rounding of a step, 1e-13 of it, adds up to `ON_GRID` over more rows
@@ -439,7 +434,6 @@ def stream_of(trial: Trial, names: Sequence[str], silent: frozenset[str]) -> Str
     origins = {name: origin(trial, name) for name in names}
     file = origins[names[0]].get("file", "")
     time_source = trial.provenance.get(file, {}).get("time", {})
-    known_evidence = trial.provenance.get("stamps", {})
     return Stream(
         name=", ".join(names),
         stamps=stamps,
@@ -457,13 +451,6 @@ def stream_of(trial: Trial, names: Sequence[str], silent: frozenset[str]) -> Str
             for name, facts in origins.items()
             if facts.get("low_pass")
         },
-        measured={
-            name: StampEvidence(*map(np.array, known_evidence[name]))
-            if known_evidence[name]
-            else None
-            for name in names
-            if name in known_evidence
-        },
         fixture=origins.get("torque", {}).get("fixture"),
         clocks=trial.clocks,
     )
@@ -475,24 +462,6 @@ def counter_of(trial: Trial, names: Iterable[str]) -> SampleCount | None:
         if counter in trial.columns:
             return np.asarray(trial.arrays(counter)[1], dtype=np.int64)
     return None
-
-
-def with_stamp_evidence(trial: Trial) -> Trial:
-    """Add the evidence of a trial's signals on their stamps to its provenance.
-
-    It stands under `stamps`: response and covariance of `StampEvidence` by column, or null. Later
-    steps read it there instead of computing it again.
-    """
-    columns = [
-        column for column in MOVED if column in trial.columns and trial.present(column).any()
-    ]
-    stamps: dict[str, Any] = {}
-    with suppress(InputError):  # whoever needs these signals will say so
-        for part in take(streams(trial, columns)):
-            stamps |= dict.fromkeys(part.signals)
-            for name, evidence in part.evidence.items():
-                stamps[name] = [evidence.response.tolist(), evidence.covariance.tolist()]
-    return replace(trial, provenance={**trial.provenance, "stamps": stamps})
 
 
 def origin(trial: Trial, column: str) -> dict[str, Any]:

@@ -381,13 +381,13 @@ def usual_step(stamps: Array) -> float:
     return step if step > 0.5 * usual else usual
 
 
-# Rows per block of which only the promptest sample is used; the long one is for waits of many steps
-RHYTHM_BLOCKS = (16, 128)
+PROMPTEST_OF = 16  # rows, of which only the promptest sample shows the rhythm
 FEWEST_PROMPT_SAMPLES = 60
-BINS_PER_STEP = 6  # of the histogram of stamps, whose spectrum is taken
+BINS_PER_STEP = 4  # of the histogram of stamps, whose spectrum is taken
 LEAST_LINE = 6.0  # medians of the spectrum; noise reaches 4 at the highest of 100 000 frequencies
 LARGEST_RATE = 1.1  # of the rate of the samples left: up to one sample in ten is lost
 SMALLEST_RATE = 0.998
+CYCLES_APART = 0.1  # between frequencies, over the record: a sample missing is one cycle
 END_SAMPLES = 200  # at either end, of which the promptest counts
 
 
@@ -407,42 +407,23 @@ def missing_by_rhythm(stamps: Array) -> int | None:
     """
     n = len(stamps)
     duration = float(stamps[-1] - stamps[0])
-    for block in RHYTHM_BLOCKS:
-        prompt = prompt_samples(stamps, block)
-        if len(prompt) < FEWEST_PROMPT_SAMPLES:
-            return None
-        device_hz = rate_by_spectrum(prompt, (n - 1) / duration, duration)
-        if device_hz is None:
-            continue
-        late = stamps * device_hz - np.arange(n)
-        ends = min(END_SAMPLES, n // 4)
-        return max(round(float(late[-ends:].min() - late[:ends].min())), 0)
-    return None
-
-
-def prompt_samples(stamps: Array, block: int) -> Array:
-    """Stamps (k,) [s] from the first of the promptest sample in each block of rows."""
-    mean_step = (stamps[-1] - stamps[0]) / (len(stamps) - 1)
-    late = in_blocks(stamps - mean_step * np.arange(len(stamps)), block)
-    promptest = np.arange(len(late)) * block + late.argmin(axis=1)
-    return np.asarray(stamps[promptest] - stamps[0])
-
-
-def rate_by_spectrum(prompt: Array, mean_hz: float, duration: float) -> float | None:
-    """A device's rate [Hz] by the line in the spectrum of its prompt stamps (k,) [s]; None if no
-    line stands out. `mean_hz` is the rate of the samples left over the `duration` [s]."""
-    size = scipy.fft.next_fast_len(int(2 * duration * mean_hz * BINS_PER_STEP) + 2)
-    bins = (prompt * mean_hz * BINS_PER_STEP).astype(np.intp)
-    histogram = np.bincount(bins, minlength=size).astype(np.float64)
-    frequency = np.arange(size // 2 + 1) * BINS_PER_STEP * mean_hz / size
-    near = (frequency > SMALLEST_RATE * mean_hz) & (frequency < LARGEST_RATE * mean_hz)
-    height = np.abs(scipy.fft.rfft(histogram))[near]
-    if height.max() < LEAST_LINE * float(np.median(height)):
+    mean_hz = (n - 1) / duration
+    late = in_blocks(stamps - np.arange(n) / mean_hz, PROMPTEST_OF)
+    if len(late) < FEWEST_PROMPT_SAMPLES:
         return None
-    line = float(frequency[near][np.argmax(height)])
-    # refined from the stamps themselves, in cycles over the record
-    for cycles in (0.5, 0.1, 0.02):
-        candidates = line + cycles / duration * np.linspace(-1, 1, 11)
-        heights = [abs(np.exp(2j * np.pi * hz * prompt).sum()) for hz in candidates]
-        line = float(candidates[np.argmax(heights)])
-    return line
+    prompt = stamps[np.arange(len(late)) * PROMPTEST_OF + late.argmin(axis=1)]
+
+    bins_hz = BINS_PER_STEP * mean_hz
+    histogram = np.bincount(((prompt - stamps[0]) * bins_hz).astype(np.intp))
+    lowest_hz = SMALLEST_RATE * mean_hz
+    highest_hz = LARGEST_RATE * mean_hz
+    apart_hz = CYCLES_APART / duration
+    lines = int((highest_hz - lowest_hz) / apart_hz)
+    band = (lowest_hz, lowest_hz + lines * apart_hz)
+    height = np.abs(scipy.signal.zoom_fft(histogram, band, lines, fs=bins_hz))
+    line = int(np.argmax(height))
+    if height[line] < LEAST_LINE * float(np.median(height)):
+        return None
+    late = stamps * (lowest_hz + line * apart_hz) - np.arange(n)
+    ends = min(END_SAMPLES, n // 4)
+    return max(round(float(late[-ends:].min() - late[:ends].min())), 0)

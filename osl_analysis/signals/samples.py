@@ -45,7 +45,7 @@ class Taken:
     age: float = 0.0
     # rows per value if the log repeats each; None: every row has its own value
     held: float | None = None
-    unsure: float = 0.0  # [s] by which held values or batches may be older than assumed
+    unsure: float = 0.0  # [s] by which held values may be older than assumed
 
     def other(self) -> "Taken":
         """The same samples under the other hypothesis."""
@@ -280,33 +280,20 @@ def decide(stream: Stream, clock: DeviceClock) -> list[Taken]:
         reading = Reading(stream.choice == "even", 0.0, True, f"stated: {stream.choice}")
         return [Taken(stream, clock, names, **reading._asdict())]
     by_stamps = reading_by_stamps(clock)
-    # where ingest found evidence, the stamps scatter by more than their rounding
-    if by_stamps and not (by_stamps.matters and any(stream.measured.values())):
+    if by_stamps:
         return [Taken(stream, clock, names, **by_stamps._asdict())]
 
-    evidence = known_and_new_evidence(stream, clock)
+    heard = {name: values for name, values in stream.signals.items() if name not in stream.silent}
+    evidence = evidence_by_signal(heard, clock)
     readings = reading_by_signal(stream, clock, evidence)
     decisions = []
     for kind in sorted({reading[:2] for reading in readings.values()}):
         names = tuple(name for name in readings if readings[name][:2] == kind)
         evidence_of_group = {name: evidence[name] for name in names if name in evidence}
         reading = reading_of(clock, evidence_of_group)._replace(even=kind[0], age=kind[1])
-        unsure = 0.0
-        if clock.batches is not None and reading.even and not reading.firm:
-            unsure = -clock.batches.seconds  # the stamp may belong to the batch's first sample
         facts = reading._asdict()
-        decisions.append(
-            Taken(stream, clock, names, evidence=evidence_of_group, unsure=unsure, **facts)
-        )
+        decisions.append(Taken(stream, clock, names, evidence=evidence_of_group, **facts))
     return decisions
-
-
-def known_and_new_evidence(stream: Stream, clock: DeviceClock) -> dict[str, StampEvidence]:
-    """The evidence of each signal that tells; that which ingest saw is not computed again."""
-    heard = [name for name in stream.signals if name not in stream.silent]
-    unknown = {name: stream.signals[name] for name in heard if name not in stream.measured}
-    known = {**stream.measured, **evidence_by_signal(unknown, clock)}
-    return {name: known[name] for name in heard if known.get(name)}
 
 
 def reading_by_signal(
@@ -336,35 +323,24 @@ def check_countable(taken: Taken, fastest_hz: float) -> None:
     prompt, and all times are late by an unknown wait.
     """
     clock = taken.clock
-    stream = taken.stream
     best = taken.clearest_evidence
-    seems_even = best is not None and best.g <= 0.5
-    is_even = taken.even or (not taken.firm and seems_even)
-    if not is_even or taken.held:
-        return
-    if stream.counter is not None or clock.usual <= COUNTABLE * clock.step:
+    is_even = taken.even if best is None else best.g <= 0.5
+    is_late = clock.scatter > COUNTABLE * clock.step
+    if not (is_even and is_late) or taken.held or clock.counted:
         return
 
-    late = f"the host's stamps are late by {clock.usual * 1e3:.2f} ms (SD)"
-    remedy = (
-        "state the device's sample counter in the source file, stamp on the device, or record"
-        " without loss"
-    )
-    missing = missing_by_rhythm(stream.stamps)
-    if missing or (missing is not None and clock.missing):
-        raise InputError(
-            f"{stream.name}: about {missing or clock.missing} samples are missing, and {late} at a"
-            f" step of {clock.step * 1e3:.2f} ms: beside another device nothing tells which sample"
-            f" is which; {remedy}"
-        )
-
-    scatter = min(clock.usual, clock.scatter_about_slow)
-    is_hidden = taken.even and scatter > NEVER_PROMPT * clock.step
+    missing = missing_by_rhythm(clock.stamps)
     slower = 1 - 1 / clock.step / fastest_hz
     seems_to_miss = clock.missing or RATE_DIFFERENCE[0] < slower < RATE_DIFFERENCE[1]
-    if is_hidden or (missing is None and seems_to_miss):
-        mean_hz = (len(stream.stamps) - 1) / (stream.stamps[-1] - stream.stamps[0])
-        raise InputError(
-            f"{stream.name}: {late}, too late to see whether some of its {mean_hz:.2f} samples per"
-            f" second are missing; {remedy}"
-        )
+    if missing or (missing is not None and clock.missing):
+        loss = f"about {missing or clock.missing} samples are missing"
+    elif clock.scatter > NEVER_PROMPT * clock.step or (missing is None and seems_to_miss):
+        loss = "it cannot be seen whether samples are missing"
+    else:
+        return
+    raise InputError(
+        f"{taken.stream.name}: the host's stamps are late by {clock.scatter * 1e3:.2f} ms (SD) at a"
+        f" step of {clock.step * 1e3:.2f} ms, and {loss}: beside another device nothing tells which"
+        " sample is which; state the device's sample counter in the source file, stamp on the"
+        " device, or record without loss"
+    )

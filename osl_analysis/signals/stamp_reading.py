@@ -66,8 +66,12 @@ def reading_of(clock: DeviceClock, evidence: Mapping[str, StampEvidence]) -> Rea
         wander slowly or scatter by more than a step: so nothing is moved far. They are also kept if
         the device seems even but its stamps do not come back to the line.
     """
-    if clock.batches is not None and clock.settles and not clock.missing:
-        return reading_of_batches(clock.batches.prompt)
+    if clock.has_prompt_batches is False and clock.settles and not clock.missing:
+        why = (
+            "undecided, even: the last sample of each batch is taken for that which waited least;"
+            " state `stamps: even`, with a `delay` if it is another"
+        )
+        return Reading(even=True, age=0.0, firm=False, why=why)
     if not evidence:
         return reading_without_evidence(clock)
 
@@ -115,21 +119,10 @@ def age_of(misfit: Array) -> float:
     return round(float(AGES[best]), 3)
 
 
-def reading_of_batches(is_prompt: bool) -> Reading:
-    """Stamps of batches are even; which sample of a batch the stamp belongs to may be unknown."""
-    why = "even: stamps of batches, in each of which the last sample waited least"
-    if not is_prompt:
-        why = (
-            f"undecided, {why}, or another: nothing tells; state `stamps: even`, with a `delay` if"
-            " it is another"
-        )
-    return Reading(even=True, age=0.0, firm=is_prompt, why=why)
-
-
 def reading_without_evidence(clock: DeviceClock) -> Reading:
     """Keep the stamps as true if they wander or scatter by more than a step, else take them as
     even."""
-    wanders = clock.wander > WANDERING_STEP * clock.step or clock.scatter_about_slow > clock.step
+    wanders = clock.wander > WANDERING_STEP * clock.step or clock.scatter > clock.step
     kind = "true" if wanders else "even"
     steps = clock.wander / clock.step
     why = f"undecided, {kind}: the residual wanders by {steps:.3f} steps"

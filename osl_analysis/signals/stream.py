@@ -61,8 +61,6 @@ class Stream:
         without one.
     low_passes : Mapping
         Stated low-pass filters of the sensors, by signal.
-    measured : Mapping
-        Known `StampEvidence` by signal; None if the signal does not tell.
     fixture : Mapping or None
         Arguments of `fixture_torque`, as the sheet states them.
     clocks : dict
@@ -82,7 +80,6 @@ class Stream:
     silent: frozenset[str] = frozenset()
     delays: Mapping[str, float] = field(default_factory=dict)
     low_passes: Mapping[str, SensorLowPass] = field(default_factory=dict)
-    measured: Mapping[str, Any] = field(default_factory=dict)
     fixture: Mapping[str, float] | None = None
     clocks: dict[bytes, Any] = field(default_factory=dict, repr=False, compare=False)
 

@@ -368,7 +368,7 @@ def test_two_bags_in_one_file_and_old_bags_are_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("packing", ["", "LZ4"])
-def test_a_damaged_chunk_of_a_ros_1_bag_is_refused(tmp_path: Path, packing: str) -> None:
+def test_a_damaged_chunk_of_a_ros_1_bag_is_lost_and_counted(tmp_path: Path, packing: str) -> None:
     path = write_bag1(tmp_path / "a.bag", range(2000), packing, 500)
     content = bytearray(path.read_bytes())
     mark = b"\x04\x22\x4d\x18" if packing else b"time="
@@ -378,7 +378,13 @@ def test_a_damaged_chunk_of_a_ros_1_bag_is_refused(tmp_path: Path, packing: str)
     else:  # the length of a message
         content[place + 13 : place + 17] = (1 << 20).to_bytes(4, "little")
 
-    assert "or the bag is damaged; run `rosbag reindex`" in refusal(rewritten(path, content))
+    recording = read(rewritten(path, content))
+    angle = column(recording, "angle").tolist()
+
+    assert recording.facts["chunks_lost"] == 1
+    assert recording.loss.lost == 2000 - len(angle) > 0
+    assert angle == [row for row in range(2000) if row in angle]
+    assert any(text.startswith("the chunk at byte ") for text in recording.loss.remarks)
 
 
 @pytest.mark.parametrize("write", [write_bag1, write_bag2])

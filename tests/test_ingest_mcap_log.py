@@ -201,7 +201,7 @@ def test_a_topic_of_two_types_is_refused(tmp_path: Path) -> None:
     log = messages(range(20))
     other = ("lab_msgs/msg/Other", SAMPLE.replace("float32 angle", "float64 angle"), log)
 
-    with pytest.raises(InputError, match="'/lab' has 2 publishers at the same time: channel"):
+    with pytest.raises(InputError, match="topic '/lab' has messages of two types; record"):
         of_topics(tmp_path, {"/lab": log, "/lab#2": other})
 
 

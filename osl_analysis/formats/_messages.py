@@ -7,7 +7,9 @@ dropped: an hour of messages at 1 kHz is a gigabyte, its numbers are a tenth.
 import json
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property, partial
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -35,7 +37,6 @@ STAMP_PARTS = (("sec", "nanosec"), ("seconds", "nanos"), ("sec", "nsec"), ("secs
 LARGEST_STAMP_S = 2**63 // SECOND_NS - 1  # whose nanoseconds 64 bits hold
 # of a message, as columns beside those of its numbers, whose paths never begin so
 PLACE, LOG_TIME = ".place", ".log_time"
-SPANS = {"publisher": pl.String, "path": pl.String, "first": pl.Int64, "last": pl.Int64}
 
 Decoded = tuple[NDArray[np.int64], str, Mapping[str, Any]]
 """Which of the messages these are, the names in them as text, and their columns by path."""
@@ -63,8 +64,8 @@ class Topic:
     types
         Types of its numbers, read or not, by path. Those of ROS have one, which is not listed.
     spans
-        Publisher (a channel of the recorder and the names in its messages), path, and first and
-        last log time [ns] of the numbers that were added at once.
+        First and last log time [ns] of each number by path and publisher: a channel of the recorder
+        and the names in its messages.
     """
 
     def __init__(
@@ -78,10 +79,11 @@ class Topic:
         self.encoding = encoding
         self.schema = schema
         self.wanted = wanted
+        self.has_two_types = False
         self.count = 0
         self.reason = ""
         self.types: defaultdict[str, set[type]] = defaultdict(set)
-        self.spans: list[tuple[str, str, int, int]] = []
+        self.spans: defaultdict[str, dict[str, tuple[int, int]]] = defaultdict(dict)
         self.layouts: defaultdict[int, list[Layout]] = defaultdict(list)  # by length
         self.parts = [pl.DataFrame(schema={PLACE: pl.Int64, LOG_TIME: pl.Int64})]
         self.decode: Callable[[Bytes], Iterator[Decoded]] | None = None
@@ -95,10 +97,11 @@ class Topic:
         if self.decode is not None:
             for places, names, columns in self.decode(messages):
                 times_ns = log_times_ns[places]
-                if places.size:
-                    publisher = f"channel {channel} of the recorder{names}"
-                    first, last = int(times_ns.min()), int(times_ns.max())
-                    self.spans += [(publisher, path, first, last) for path in columns]
+                publisher = f"channel {channel} of the recorder{names}"
+                for path in columns:
+                    ends = self.spans[path].get(publisher, times_ns[:1])
+                    span_ns = np.append(times_ns, ends)
+                    self.spans[path][publisher] = (int(span_ns.min()), int(span_ns.max()))
                 part = {PLACE: self.count + places, LOG_TIME: times_ns, **columns}
                 self.parts.append(pl.DataFrame(part))
         self.count += log_times_ns.size
@@ -183,6 +186,26 @@ class Topic:
         if not is_of_file(error):
             raise error
         self.reason = self.reason or " ".join(str(error).split())[:200]
+
+    def check_one_publisher(self) -> None:
+        """Refuse messages of two types, and numbers that several publishers write at the same time:
+        they would be mixed, sample by sample.
+
+        Publishers of different joints may share a topic, where each joint is asked by its name.
+        """
+        if self.has_two_types:
+            raise InputError(
+                f"topic '{self.name}' has messages of two types; record each under a topic of its"
+                " own"
+            )
+        for path, spans in self.spans.items():
+            in_order = sorted(spans.values())
+            are_mixed = any(later[0] <= earlier[1] for earlier, later in pairwise(in_order))
+            if are_mixed and not path.startswith("header."):
+                raise InputError(
+                    f"topic '{self.name}' has {len(spans)} publishers at the same time:"
+                    f" {' or '.join([*spans][:3])}; record each under a topic of its own"
+                )
 
     @cached_property
     def table(self) -> pl.DataFrame:
@@ -288,7 +311,7 @@ class Log:
     def __init__(self, source: Any) -> None:
         self.wanted = None if source is None else _wanted_fields(source)
         self.stamp = "header.stamp" if source is None else str(source.time.field)
-        self.topics: dict[tuple[Any, ...], Topic] = {}  # those that are wanted
+        self.topics: dict[str, Topic] = {}  # those that are wanted
         self.topic_of: dict[int, Topic] = {}  # by number of the recorder's channel
         self.name_of: dict[int, str] = {}  # of the topic of each channel
         self.read: Counter[str] = Counter()  # messages by topic
@@ -305,11 +328,13 @@ class Log:
         self.name_of[channel] = name
         self.read[name] += 0
         if self.wanted is None or name in self.wanted:
-            key = (name, encoding, schema.encoding, schema.name, schema.data)
-            if key not in self.topics:
+            schema = replace(schema, id=0)  # it has one in each file
+            if name not in self.topics:
                 fields = None if self.wanted is None else self.wanted[name]
-                self.topics[key] = Topic(name, encoding, schema, fields)
-            self.topic_of[channel] = self.topics[key]
+                self.topics[name] = Topic(name, encoding, schema, fields)
+            topic = self.topics[name]
+            topic.has_two_types |= (topic.encoding, topic.schema) != (encoding, schema)
+            self.topic_of[channel] = topic
 
     def add(self, channel: int, messages: Bytes, log_times_ns: NDArray[np.int64]) -> None:
         """Give messages of a channel to its topic."""
@@ -334,9 +359,10 @@ class Log:
             self.remarks.append(f"{self.undeclared} messages belong to no channel that is declared")
         if expected not in (None, read):
             self.remarks.append(f"it declares {expected} messages and holds {read}")
-        by_topic: dict[str, tuple[int, int | None]] = {}
-        for name, count in sorted(self.read.items()):
-            by_topic[name] = (count, self.expected[name] if expected else None)
+        by_topic: dict[str, tuple[int, int | None]] = {
+            name: (count, self.expected[name] if expected else None)
+            for name, count in sorted(self.read.items())
+        }
         channels: list[Channel] = []
         for topic in self.topics.values():
             if topic.lost:
@@ -347,7 +373,7 @@ class Log:
                     f" {topic.reason}"
                 )
             try:
-                self._check_one_publisher(topic.name)
+                topic.check_one_publisher()
             except InputError as error:
                 if self.wanted is not None:
                     raise
@@ -373,40 +399,16 @@ class Log:
             find_unlisted=self._find_unlisted,
         )
 
-    def _check_one_publisher(self, name: str) -> None:
-        """Refuse numbers that several publishers write at the same time: they would be mixed,
-        sample by sample.
-
-        Publishers of different joints may share a topic, where each joint is asked by its name.
-        """
-        every = [
-            span for topic in self.topics.values() if topic.name == name for span in topic.spans
-        ]
-        spans = pl.DataFrame(every, SPANS, orient="row")
-        spans = spans.filter(~pl.col("path").str.starts_with("header."))
-        whole = spans.group_by("path", "publisher", maintain_order=True).agg(
-            pl.min("first"), pl.max("last")
-        )
-        previous = pl.col("last").shift().over("path", order_by="first")
-        mixed = whole.filter((pl.col("first") <= previous).any().over("path"))
-        publishers = mixed["publisher"].unique(maintain_order=True)
-        if len(publishers):
-            raise InputError(
-                f"topic '{name}' has {len(publishers)} publishers at the same time:"
-                f" {' or '.join(publishers[:3])}; record each under a topic of its own"
-            )
-
     def _find_unlisted(self, address: Mapping[str, str]) -> Channel | None:
         """Say why a topic has no numbers for a field."""
         name, path = address.values()
         if not self.read and self.end is End.MISSING:
             raise InputError("no message was read: its end is lost; copy or record it again")
-        topics = {topic.name: topic for topic in self.topics.values() if topic.count}
-        if name not in topics:
+        topic = self.topics.get(name)
+        if topic is None or not topic.count:
             names = sorted(+self.read)
             advice = nearest(name, names) or "; correct `topic`, or check that its sensor was on"
             raise InputError(f"no messages of '{name}' (the file has {listing(names)}){advice}")
-        topic = topics[name]
         if topic.lost == topic.count:
             advice = "" if "; " in topic.reason else "; record the log again"
             raise InputError(f"topic '{name}': {topic.reason}{advice}")

@@ -55,13 +55,18 @@ def _take_bag(log: Log, reader: Reader, data: bytes) -> None:
         for entry in entries:
             index[entry.chunk_pos].append((entry.offset, channel, entry.time))
     for place, chunk in sorted(reader.chunks.items()):
-        content = chunk.decompressor(data[chunk.datapos : chunk.datapos + chunk.datasize])
         places, channels, log_times_ns = np.array(sorted(index[place])).reshape(-1, 3).T
-        # each message stands behind a head of its own
-        starts = places + 4 + _lengths_at(content, places) + 4
-        lengths = _lengths_at(content, starts - 4)
-        if (starts + lengths > len(content)).any():
-            raise ValueError(f"a message reaches beyond its chunk at byte {place}")
+        try:
+            content = chunk.decompressor(data[chunk.datapos : chunk.datapos + chunk.datasize])
+            # each message stands behind a head of its own
+            starts = places + 4 + _lengths_at(content, places) + 4
+            lengths = _lengths_at(content, starts - 4)
+            if (starts + lengths > len(content)).any():
+                raise ValueError("a message reaches beyond it")
+        except Exception as error:  # whatever the library meets in a damaged chunk
+            log.chunks_lost += 1
+            log.remarks.append(f"the chunk at byte {place} is damaged: {error}")
+            continue
         log.chunks += 1
         for channel in np.unique(channels).tolist():
             of_channel = channels == channel

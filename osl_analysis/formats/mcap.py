@@ -87,11 +87,12 @@ class Log(_messages.Log):
     def _take_records(self, data: bytes, position: int) -> int:
         """Read the records from a place on, as far as they go, and give where the last one ends."""
         places: list[int] = []
-        while position + RECORD.size <= len(data):
+        size = len(data)
+        while position + RECORD.size <= size:
             opcode, length = RECORD.unpack_from(data, position)
             begin = position + RECORD.size
             end = begin + length
-            if opcode == 0 or end > len(data) or (opcode == MESSAGE_CODE and length < MESSAGE_HEAD):
+            if opcode == 0 or end > size or (opcode == MESSAGE_CODE and length < MESSAGE_HEAD):
                 break
             if opcode == MESSAGE_CODE:
                 places.append(position)

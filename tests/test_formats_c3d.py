@@ -314,6 +314,9 @@ def wrench_of(path: Path, row: int = 3, **fields: Any) -> list[float]:
         ({}, {"analogs": {"sync": {"channel": "Force.Fx1"}}}, "sync: unit 'N' measures [N]"),
         ({}, {"plate_geometry": {1: {**STATED, "channels": [*LABELS[:5], "Mz"]}}},
          "'Mz' names 0 analog channels"),
+        ({}, {"plate_geometry": {1: {**STATED, "type": 3}}}, "type 3 has ORIGIN [0"),
+        ({}, {"plate_geometry": {1: {**STATED, "channels": LABELS[:5]}}},
+         "plate 1 of type 2 has 6 channels, and what describes it gives [1, 2, 3, 4, 5] of"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_is_refused(
@@ -383,11 +386,6 @@ def test_a_plate_that_cannot_be_read_is_a_question(
     assert not listed.plates
     assert question in listed.questions[0]
     assert not formats.read(path, source(plates=[])).plates
-
-
-def test_a_stated_plate_has_the_channels_of_its_type() -> None:
-    with pytest.raises(ValueError, match="a plate of type 3 has 8 channels, 6 are named"):
-        source(plate_geometry={1: {**STATED, "type": 3}})
 
 
 @pytest.mark.parametrize("unit", ["V", "N"])

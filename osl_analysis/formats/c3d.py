@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, Field, PositiveInt, model_validator
 
 from osl_analysis.errors import InputError, listing, quoted
-from osl_analysis.plates import own_axes
+from osl_analysis.formats._text import decoded
 from osl_analysis.recording import Channel, Format, Kind, Loss, Plate, Recording, Rows
 from osl_analysis.source_file import (
     Channel as ChannelSettings,
@@ -45,7 +45,6 @@ CONTINUATIONS = ("", *map(str, range(2, 10)))
 CHANNELS_OF_PLATE = {1: 6, 2: 6, 3: 8, 4: 6}  # by type, C3D manual, FORCE_PLATFORM:TYPE
 MOST_PLATES = 99
 MOST_DIMENSIONS = 7  # of a parameter
-LEAST_RATE_HZ, MOST_RATE_HZ = 1e-6, 1e9
 STATE_PLATE = (
     "state it in the source file, as `plate_geometry: {1: {type: 2, channels: [Fx, Fy, Fz, Mx, My,"
     " Mz], corners: [[x, y, z], ...]}}` with the labels of its channels"
@@ -76,15 +75,6 @@ class PlateGeometry(Settings):
     corners: tuple[Corner, Corner, Corner, Corner]
     # FORCE_PLATFORM:ORIGIN, in the file's unit of length.
     origin: Corner = (0.0, 0.0, 0.0)
-
-    @model_validator(mode="after")
-    def _whole(self) -> "PlateGeometry":
-        needed = CHANNELS_OF_PLATE[self.type]
-        if len(self.channels) != needed:
-            raise ValueError(
-                f"a plate of type {self.type} has {needed} channels, {len(self.channels)} are named"
-            )
-        return self
 
 
 class C3dSource(LaboratorySource):
@@ -188,9 +178,8 @@ def parse_header(data: bytes) -> Header:
             f"the scale of the points is {scale}, and the data begin at byte {data_start}: the"
             " header is damaged; export the trial again"
         )
-    parameters_end = data_start
-    if data_start <= start:
-        parameters_end = start + max(data[start + 2], 1) * BLOCK
+    parameters_end = data_start if data_start > start else len(data)
+    parameters = parse_parameters(data, start + 4, min(parameters_end, len(data)))
     header = Header(
         points=points,
         channels=analogs // samples_per_frame,
@@ -200,7 +189,7 @@ def parse_header(data: bytes) -> Header:
         rate_hz=rate_hz,
         data_start=data_start,
         scale=scale,
-        parameters=parse_parameters(data, start + 4, min(parameters_end, len(data))),
+        parameters=parameters,
     )
     if header.number("POINT:RATE") > 0:
         header = replace(header, rate_hz=header.number("POINT:RATE"))
@@ -256,16 +245,9 @@ def _parameter_value(data: bytes, position: int, name: str) -> tuple[Array | lis
     if kind == TEXT:
         length = max(*shape[:1], 1)  # of each text
         texts = [content[at : at + length] for at in range(0, len(content), length)]
-        return [_decoded(text) for text in texts], end
+        return [decoded(text).strip(" \0") for text in texts], end
     values: NDArray[Any] = np.frombuffer(content, TYPES[kind])
     return values.astype(np.float64).reshape(shape, order="F"), end
-
-
-def _decoded(text: bytes) -> str:
-    try:
-        return text.decode("utf-8").strip(" \0")
-    except UnicodeDecodeError:
-        return text.decode("latin-1").strip(" \0")
 
 
 def check_size(data: bytes, header: Header) -> None:
@@ -277,8 +259,7 @@ def check_size(data: bytes, header: Header) -> None:
             " joints or virtual markers too"
         )
     frames = header.frames
-    is_rate = LEAST_RATE_HZ < header.rate_hz < MOST_RATE_HZ
-    if frames < 1 or header.frame_bytes == 0 or not is_rate:
+    if frames < 1 or header.frame_bytes == 0 or not 0 < header.rate_hz < math.inf:
         raise InputError(
             f"declares {frames} frames of {header.frame_bytes} bytes at {header.rate_hz} Hz:"
             " nothing to read; export the trial again"
@@ -316,7 +297,8 @@ def frames_of(data: bytes, header: Header) -> tuple[Array, Array]:
     points, samples = np.split(rows, [4 * header.points], axis=1)
     points = points.reshape(header.frames, header.points, 4)
     positions = points[:, :, :3].astype(np.float64)
-    positions *= header.scale if header.are_integers else 1.0
+    if header.are_integers:
+        positions *= header.scale
     is_origin = (positions == 0).all(axis=2)
     is_finite = np.isfinite(positions).all(axis=2)
     has_negative_residual = points[:, :, 3] < 0
@@ -395,13 +377,11 @@ def plate_of(
             " there is no moment: correct it"
         )
     needed = CHANNELS_OF_PLATE[kind]
-    if len(analogs) < needed or not {*analogs} <= {*range(1, header.channels + 1)}:
+    if len(analogs) != needed or not {*analogs} <= {*range(1, header.channels + 1)}:
         raise InputError(
-            f"plate {number} of type {kind} needs {needed} channels, FORCE_PLATFORM:CHANNEL gives"
+            f"plate {number} of type {kind} has {needed} channels, and what describes it gives"
             f" {analogs} of the file's {header.channels}; correct it"
         )
-    if not np.isfinite(own_axes(corners)).all():
-        raise InputError(f"plate {number}: its corners span no plane; correct them")
     facts = {"analogs": analogs}
     return Plate(number, kind, corners, origin, [], calibration=calibration, facts=facts)
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from osl_analysis.errors import InputError, naming, printable
 from osl_analysis.recording import Channel, End, Loss, Rows
 from osl_analysis.source_file import LEVEL_UNIT, Conversion, LogChannel, LogSource
-from osl_analysis.trial import Array, unit_of
+from osl_analysis.trial import Array, counter_column, unit_of
 from osl_analysis.units import quantity, si_factor
 
 # facts on a sensor, which the provenance has in SI units
@@ -181,6 +181,38 @@ def canonical_column(
     with naming(setting.title, f", as {source.place('channels', column, 'unit')}"):
         series = pl.Series(column, to_si(setting, values, unit_of(column), channel.unit))
     return series.set(pl.Series(lacking), None) if lacking.any() else series
+
+
+def canonical_columns(
+    source: LogSource,
+    channels: Mapping[str, Channel],
+    values: Mapping[str, NDArray[Any]],
+    rows: Rows,
+    time: Array,
+) -> tuple[list[pl.Series], list[str]]:
+    """Convert the channels of some rows at times (n,) [s], and the counters beside them.
+
+    Parameters
+    ----------
+    channels, values
+        Channels, and readings (n,) of them and of their counters, by canonical column.
+
+    Returns
+    -------
+    columns
+    remarks
+        A sentence for each channel that has no value in some rows.
+    """
+    columns: list[pl.Series] = []
+    remarks: list[str] = []
+    for column, channel in channels.items():
+        setting = source.channels[column]
+        columns.append(canonical_column(column, channel, values[column], rows, time, source))
+        remarks += remark_on_gaps(setting, values[column], rows)
+        counter = counter_column(column)
+        if counter in values:
+            columns.append(pl.Series(counter, checked_counts(setting, values[counter], rows, time)))
+    return columns, remarks
 
 
 def checked_counts(

@@ -13,11 +13,9 @@ from numpy.typing import NDArray
 from osl_analysis.errors import InputError, naming
 from osl_analysis.ingest.conversion import (
     Converted,
-    canonical_column,
-    checked_counts,
+    canonical_columns,
     losses_of,
     origin_of,
-    remark_on_gaps,
     share_lost,
 )
 from osl_analysis.ingest.likely_clock import rate_of
@@ -121,20 +119,16 @@ def convert_topic(
 ) -> Topic:
     """Convert the asked fields of one topic, by canonical column."""
     channels = {column: recording.find(setting.address) for column, setting in settings.items()}
+    values = {column: channel.values for column, channel in channels.items()}
+    for column, setting in settings.items():
+        if setting.counter is not None:
+            counter = recording.find({**setting.address, setting.ADDRESS: setting.counter})
+            values[counter_column(column)] = counter.values
     rows = next(iter(channels.values())).rows
     stamps = stamps_of(recording, source, rows)
     time = (stamps - stamps[0]) / SECOND_NS
-    columns = [pl.Series("stamp", stamps)]
-    remarks: list[str] = []
-    for column, setting in settings.items():
-        raw = channels[column].values
-        columns.append(canonical_column(column, channels[column], raw, rows, time, source))
-        remarks += remark_on_gaps(setting, raw, rows)
-        if setting.counter is not None:
-            counter = recording.find({**setting.address, setting.ADDRESS: setting.counter})
-            counts = checked_counts(setting, counter.values, rows, time)
-            columns.append(pl.Series(counter_column(column), counts))
-    table = pl.DataFrame(columns)
+    columns, remarks = canonical_columns(source, channels, values, rows, time)
+    table = pl.DataFrame([pl.Series("stamp", stamps), *columns])
     stale = find_stale_rows(stamps, least=SET_BACK_NS)
     if stale.size:
         remarks += remarks_on_stale_rows(rows, stamps, stale, 1 / SECOND_NS)

@@ -18,7 +18,7 @@ import yaml
 from scipy.optimize import minimize
 
 from osl_analysis.draft import likelihood
-from osl_analysis.draft.draft_source import drafted_log
+from osl_analysis.draft.draft_source import guesses_of
 from osl_analysis.draft.guesses import Guess, decide
 from osl_analysis.draft.overview import inspect_recording
 from osl_analysis.trial import Array
@@ -118,7 +118,7 @@ def labelled_logs() -> list[LabelledLog]:
             write_recording(labels, path, seed)
             overview = inspect_recording(path)
             addresses = [channel.address for channel in overview.channels]
-            guesses = drafted_log(overview).guesses
+            guesses = guesses_of(overview)
             places = [addresses.index(guess.channel.address) for guess in guesses]
             logs.append(LabelledLog(name, guesses, [[*labels.values()][k] for k in places]))
     return logs

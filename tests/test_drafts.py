@@ -10,7 +10,7 @@ from conftest import ROOT
 from scipy.io import savemat
 
 from osl_analysis.draft.draft_campaign import draft_campaign
-from osl_analysis.draft.draft_source import draft_source, drafted_log
+from osl_analysis.draft.draft_source import draft_source, guesses_of
 from osl_analysis.draft.guesses import guessed_columns
 from osl_analysis.draft.likelihood import likelihoods
 from osl_analysis.draft.overview import inspect_recording
@@ -36,16 +36,16 @@ def test_every_channel_of_the_labelled_recordings_is_named_or_asked_as_labelled(
         write_recording(labels, path, seed)
         overview = inspect_recording(path)
         label_of = dict(zip((one.key for one in overview.channels), labels.values(), strict=True))
-        log = drafted_log(overview)
+        guesses = guesses_of(overview)
         named[name] = {
             guess.channel.key: guess.column
-            for guess in log.guesses
+            for guess in guesses
             if guess.is_sure and label_of[guess.channel.key][-1] not in "?~"
         }
         truth[name] = {key: COLUMNS[label] for key, label in label_of.items() if label in COLUMNS}
         wrong += [
             (name, guess.channel.key)
-            for guess in log.guesses
+            for guess in guesses
             if guess.is_sure
             and guess.column != COLUMNS.get(label_of[guess.channel.key].rstrip("?~"))
         ]
@@ -131,8 +131,7 @@ def test_a_clock_in_another_part_of_a_file_goes_before_a_rate_in_its_text(tmp_pa
 
     drafted = yaml.safe_load(draft_source(inspect_recording(tmp_path / "a.mat"), "a.mat"))
 
-    assert drafted["log_part"] == "trial.ankle"
-    assert drafted["time"] == {"variable": "/trial.t", "unit": "s"}
+    assert drafted["time"] == {"variable": "trial.t", "unit": "s"}
     (tmp_path / "a.yaml").write_text(yaml.safe_dump(drafted))
     samples = read_converted(tmp_path / "a.mat", read_source(tmp_path / "a.yaml")).samples
     np.testing.assert_allclose(samples["time"], time - time[0])

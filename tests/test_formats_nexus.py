@@ -162,7 +162,7 @@ def test_an_export_is_listed_by_sections_with_what_is_missing(
         1,
         100,
         "mm",
-        "missing in 50.0% of the frames",
+        "no number in 1 of 2 rows",
     )
 
 

@@ -84,7 +84,7 @@ def test_a_csv_file_is_listed_and_its_draft_reads_it(
     text = module.overview_text(module.inspect_file(path))
     assert "! the last line, 7, is cut off and was skipped" in text
     for said in ("comment 1: rig: B", "3 x 'ok'",
-    "a clock, 100 per s, 1 gaps, the longest 0.070 s"):  # fmt: skip
+    "at 100 Hz; the clock, 1 gaps, the longest 0.070 s"):  # fmt: skip
         assert said in text
     for text in (BENCH, BENCH.replace(",", ";").replace(".", ",")):
         path.write_text(text)
@@ -141,7 +141,7 @@ def test_the_draft_is_written_where_it_is_asked_for_and_never_over_a_file(tmp_pa
     (tmp_path / "a.csv").write_text(BENCH)
     arguments = ["inspect", str(tmp_path / "a.csv"), "--draft", str(tmp_path / "a.yaml")]
     assert CliRunner().invoke(main, arguments).exit_code == 0
-    assert (tmp_path / "a.yaml").read_text().startswith("format: csv\n")
+    assert (tmp_path / "a.yaml").read_text().startswith('format: "csv"\n')
     assert "exists; name a new file" in CliRunner().invoke(main, arguments).output
 
 

@@ -1,17 +1,17 @@
 """`osl-analysis init`: the folder of a new campaign, drafted from recordings if there are any, and
 what the user has to decide before it runs."""
 
-import csv
 import json
 import os
 import re
 import shlex
-import shutil
 from collections.abc import Mapping, Sequence
 from contextlib import chdir
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Literal
+
+import polars as pl
 
 from osl_analysis.campaign.campaign_trials import open_campaign
 from osl_analysis.campaign.configuration import read_config
@@ -20,16 +20,17 @@ from osl_analysis.draft.draft_campaign import Draft, draft_campaign
 from osl_analysis.draft.draft_sheet import UNNAMED
 from osl_analysis.errors import InputError, listing, nearest, printable
 from osl_analysis.files import CAMPAIGN, seen_from, shipped
-from osl_analysis.ingest.placeholders import UNKNOWN
 
 COLUMNS = (
     *("trial", "experiment", "controller", "K_d", "B_d", "perturbed"),
     *("log", "log_source", "mocap", "mocap_source", "exclude"),
 )
 SELDOM = ("joint", "fixture")  # columns of a drafted sheet only where a trial has them
-MOST_SHOWN = 4  # files, trials, questions in the text of `init`
-MOST_PLACES = 6  # to be edited, in the text of `init`
-MOST_REFUSED = 2  # files that were not read, in the text of `init`
+# in the text of `init`, which has 15 lines at most
+MOST_QUESTIONS = 5
+MOST_SOURCES = 3
+MOST_REFUSED = 1
+MOST_LISTED = 4  # files or trials in a line
 
 Example = Literal["bench", "walking"]
 RECORDERS: Mapping[Example, Sequence[str]] = {
@@ -64,11 +65,24 @@ def new_campaign(
     draft = Draft() if recordings is None else draft_campaign(recordings)
     sources = {**draft.sources, **shipped_sources(RECORDERS[example] if example else recorders)}
     raw_data = Path("recordings") if recordings is None else seen_from(folder, recordings)
+    files = {
+        f"sources/{name}.yaml": "# yaml-language-server: $schema=../schemas/source.schema.json\n"
+        + described
+        for name, described in sources.items()
+    }
+    files["config.yaml"] = configuration(folder.resolve().name, raw_data, draft, example)
+    if example:
+        settings = shipped(f"config/new_campaign/simulation_{example}.yaml")
+        files["simulation.yaml"] = settings.read_text(encoding="utf-8")
+    else:
+        files["trials.csv"] = sheet_text(draft)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with TemporaryDirectory(dir=folder, prefix=".campaign.") as place:
             campaign = Path(place) / "campaign"
-            write_campaign(campaign, folder.resolve().name, raw_data, sources, example or draft)
+            write_campaign(campaign, files)
+            if recordings is None:
+                (campaign / raw_data).mkdir()
             # the configuration comes last: a folder without it is no campaign
             for part in sorted(campaign.iterdir(), key=lambda path: path.name == CAMPAIGN.name):
                 part.rename(folder / part.name)
@@ -91,77 +105,52 @@ def shipped_sources(recorders: Sequence[str]) -> dict[str, str]:
     return {name: paths[name].read_text(encoding="utf-8") for name in recorders}
 
 
-def write_campaign(
-    folder: Path, name: str, raw_data: Path, sources: Mapping[str, str], content: Draft | Example
-) -> None:
-    """Write the files of a campaign.
-
-    Parameters
-    ----------
-    content
-        What was drafted, or the name of an example.
-    sources
-        Texts of source files by name.
-    """
-    (folder / "sources").mkdir(parents=True)
+def configuration(name: str, raw_data: Path, draft: Draft, example: Example | None) -> str:
+    """The configuration of a campaign, with what is to be decided as comments at its end."""
     allowed = re.sub(r"[^A-Za-z0-9_-]", "_", name).strip("_") or "campaign"
     path = json.dumps(raw_data.as_posix(), ensure_ascii=False)
-    kind = "config" if isinstance(content, Draft) else f"example_{content}"
+    kind = f"example_{example}" if example else "config"
     template = shipped(f"config/new_campaign/{kind}.yaml").read_text(encoding="utf-8")
-    config = template.format(name=allowed, raw_data=path)
-    if isinstance(content, Draft):
-        config += content.walking
-    (folder / "config.yaml").write_text(config, encoding="utf-8")
+    questions = [f"# to be decided: {printable(text)}\n" for text in questions_of(draft)]
+    return "".join([template.format(name=allowed, raw_data=path), draft.walking, *questions])
+
+
+def sheet_text(draft: Draft) -> str:
+    """The sample sheet of the drafted trials."""
+    seldom = [name for name in SELDOM if any(name in trial.cells for trial in draft.trials)]
+    columns = dict.fromkeys([*COLUMNS, *seldom], pl.String)
+    return pl.DataFrame([trial.cells for trial in draft.trials], columns).write_csv()
+
+
+def write_campaign(folder: Path, files: Mapping[str, str]) -> None:
+    """Write the files of a campaign, by their names, and the schemas of all of its kinds."""
     # it knows the settings of all commands
     from osl_analysis.commands.reference import write_schemas
 
+    (folder / "sources").mkdir(parents=True)
     write_schemas(folder / "schemas")
-    if not raw_data.is_absolute() and ".." not in raw_data.parts:
-        (folder / raw_data).mkdir(parents=True)
-    for source, described in sources.items():
-        text = f"# yaml-language-server: $schema=../schemas/source.schema.json\n{described}"
-        (folder / f"sources/{source}.yaml").write_text(text, encoding="utf-8")
-    if not isinstance(content, Draft):
-        settings = shipped(f"config/new_campaign/simulation_{content}.yaml")
-        shutil.copy(settings, folder / "simulation.yaml")
-        return
-    columns = [*COLUMNS]
-    columns += [name for name in SELDOM if any(name in trial.cells for trial in content.trials)]
-    with (folder / "trials.csv").open("w", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, columns, restval="", lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(trial.cells for trial in content.trials)
+    for name, text in files.items():
+        (folder / name).write_text(text, encoding="utf-8")
+
+
+def questions_of(draft: Draft) -> list[str]:
+    """What a user has to decide, a line each, with the files or trials that it concerns."""
+    concerned: dict[str, list[str]] = {}
+    for question, file in draft.open:
+        concerned.setdefault(question, []).append(file)
+    for trial in draft.trials:
+        for question in trial.questions:
+            concerned.setdefault(f"trials.csv: {question}", []).append(trial.cells["trial"])
+    return [f"{text} ({listing(names, MOST_LISTED)})" for text, names in concerned.items()]
 
 
 def left_to_decide(folder: Path, draft: Draft) -> tuple[list[str], bool]:
-    """What a user has to decide, a line each; and whether a run can analyse some trial before: no
-    place is to be edited, no capture asks anything, and nothing is refused at its start."""
-    obstacles = places_to_edit(folder, draft) or first_look(folder)
-    files_of: dict[str, list[str]] = {}
-    for file, question in draft.open:
-        files_of.setdefault(question, []).append(str(file))
-    for trial in draft.trials:
-        for question in trial.questions:
-            text = f"{folder / 'trials.csv'}: {question}"
-            files_of.setdefault(text, []).append(trial.cells["trial"])
+    """What a user has to decide, a line each; and whether a run can analyse some trial before:
+    nothing is refused at its start, and no capture asks anything."""
+    obstacles = first_look(folder)
     is_named = any(trial.cells["experiment"] != UNNAMED for trial in draft.trials)
     is_ready = is_named and not obstacles and not draft.has_open_captures
-    texts = [f"{text} ({listing(files, MOST_SHOWN)})" for text, files in files_of.items()]
-    return obstacles + texts, is_ready
-
-
-def places_to_edit(folder: Path, draft: Draft) -> list[str]:
-    """The places of each file that are to be edited."""
-    places_of = {CAMPAIGN: re.findall(rf"(\w+): [^#\n]*{UNKNOWN}", draft.walking)}
-    for name, source in draft.source_files.items():
-        places_of[Path("sources", f"{name}.yaml")] = source.places
-    texts: list[str] = []
-    for path, places in places_of.items():
-        if places:
-            are = "place is" if len(places) == 1 else "places are"
-            listed = ", ".join(places[:MOST_PLACES])
-            texts.append(f"{folder / path}: {len(places)} {are} to be edited: {listed}")
-    return texts
+    return [*obstacles, *questions_of(draft)], is_ready
 
 
 def first_look(folder: Path) -> list[str]:
@@ -184,15 +173,16 @@ def campaign_text(folder: Path, draft: Draft) -> str:
     lines: list[str] = []
     if questions:
         lines.append("to be decided:")
-        lines += some_of([f"  {text}" for text in questions], MOST_SHOWN, "in the files")
-    lines += some_of(source_lines(draft), MOST_SHOWN, "on source files")
+        where = "in config.yaml and by `osl-analysis run -n`"
+        lines += some_of([f"  {text}" for text in questions], MOST_QUESTIONS, where)
+    lines += some_of(source_lines(draft), MOST_SOURCES, "in sources/")
     by_experiment: dict[str, list[str]] = {}
     for trial in draft.trials:
         by_experiment.setdefault(trial.cells["experiment"], []).append(trial.cells["trial"])
-    texts = [f"{name}: {listing(trials, MOST_SHOWN)}" for name, trials in by_experiment.items()]
+    texts = [f"{name}: {listing(trials, MOST_LISTED)}" for name, trials in by_experiment.items()]
     lines.append(f"trials.csv: {'; '.join(texts)}")
     refused = [f"not read: {printable(why)}" for why in draft.refused]
-    lines += some_of(refused, MOST_REFUSED, "not read, which `inspect` tells")
+    lines += some_of(refused, MOST_REFUSED, "that `osl-analysis inspect` of their folder tells")
     edit = "" if is_ready else "edit what is named above; "
     run = "osl-analysis run" if is_ready else "osl-analysis run -n says what is left"
     lines.append(f"then: {edit}cd {shlex.quote(str(folder))} && {run}")
@@ -201,13 +191,12 @@ def campaign_text(folder: Path, draft: Draft) -> str:
 
 def some_of(lines: Sequence[str], most: int, where: str) -> list[str]:
     """The first lines, and how many there are more."""
-    if len(lines) <= most:
-        return [*lines]
-    return [*lines[:most], f"  and {len(lines) - most} more {where}"]
+    more = [f"  and {len(lines) - most} more {where}"] if len(lines) > most else []
+    return [*lines[:most], *more]
 
 
 def source_lines(draft: Draft) -> list[str]:
-    """The recordings of each source file, with what of it was guessed."""
+    """The recordings of each source file, and the channels that it names."""
     lines: list[str] = []
     for name, source in draft.source_files.items():
         files = [
@@ -216,9 +205,9 @@ def source_lines(draft: Draft) -> list[str]:
             for role in ("log", "mocap")
             if trial.cells.get(f"{role}_source") == name
         ]
-        line = f"sources/{name}.yaml: {len(files)} recordings, {listing(files, MOST_SHOWN)}"
-        guessed = [] if source.known else [entry.guess for entry in source.named if entry.guess]
-        if guessed:
-            line = f"{line}\n  guessed, to be checked: {'; '.join(guessed)}"
+        line = f"sources/{name}.yaml: {listing(files, MOST_LISTED)}"
+        if source.named:
+            guesses = [entry.guess for entry in source.named.values()]
+            line = f"{line}; guessed: {listing(guesses, MOST_LISTED)}"
         lines.append(line)
     return lines

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -50,59 +50,52 @@ def choose_clock(channels: Sequence[RecordedChannel]) -> ClockChoice:
         or [channel for channel in ordered if is_clock(channel.name)]
         or [channel for channel in rising if is_like_clock(channel.name)]
     )
-    clocks = running(named or rising)
+    candidates = named or rising
+    telling = [clock for clock in rising if named and tells_time(clock.name, clock.unit)]
+    possible = [*candidates, *(clock for clock in telling if clock not in candidates)]
+    clocks = [clock for clock in possible if runs(clock)] or possible[:1]
     if not clocks:
         return ClockChoice()
+
     first = clocks[0]
-    if named and span_of(first) > 0:
-        telling = [channel for channel in rising if tells_time(channel.name, channel.unit)]
-        rivals = [channel for channel in telling if is_apart(channel, first)]
-        clocks = running([first, *rivals]) if rivals else clocks
-    first = clocks[0]
-    what = f"{len(clocks)} {first.kind}s may be the clock"
-    if any(is_apart(channel, first) for channel in clocks):
-        spans = [f"{printable(clock.key)} spans {span_of(clock):.6g}" for clock in clocks]
+    rivals = [clock for clock in clocks if is_apart(clock, first)]
+    if rivals:
+        apart = (first, *rivals)
+        spans = [f"{printable(clock.key)} spans {np.ptp(clock.readings):.6g}" for clock in apart]
         question = (
-            f"{what}, and they contradict each other: {listing(spans, MOST_SHOWN)}; name the one by"
-            " which the signals were sampled"
+            f"{len(apart)} {first.kind}s may be the clock, and they contradict each other:"
+            f" {listing(spans, MOST_SHOWN)}; name the one by which the signals were sampled"
         )
         return ClockChoice(None, [question])
-    name = printable(first.key)
-    if len(clocks) > 1:
-        names = listing([printable(clock.key) for clock in clocks], MOST_SHOWN)
-        return ClockChoice(first, [f"{what}, to be checked: {names}; {name} is taken"])
+    alike = [printable(clock.key) for clock in clocks if clock in candidates]
+    if len(alike) > 1:
+        question = (
+            f"{len(alike)} {first.kind}s may be the clock, to be checked:"
+            f" {listing(alike, MOST_SHOWN)}; {alike[0]} is taken"
+        )
+        return ClockChoice(first, [question])
     if named:
         return ClockChoice(first)
     step = float(np.median(np.diff(first.numbers)))
     unit = first.unit or time_unit(first.numbers)
-    return ClockChoice(first, [f"time is a guess: {name} rises by {step:.4g} {unit} a row"])
+    question = f"time is a guess: {printable(first.key)} rises by {step:.4g} {unit} a row"
+    return ClockChoice(first, [question])
 
 
-def running(clocks: Sequence[RecordedChannel]) -> list[RecordedChannel]:
-    """Those of some clocks that run, if any does, and that rise in most rows, if any does: others
-    are of whole seconds."""
-    moving = [clock for clock in clocks if span_of(clock) > 0] or list(clocks)
-    fine = [clock for clock in moving if (np.diff(clock.numbers) > 0).sum() > clock.count / 2]
-    return fine or moving
+def runs(clock: RecordedChannel) -> bool:
+    """Whether a clock rises in most rows and seldom goes back; one of whole seconds does not."""
+    steps = np.diff(clock.numbers[np.isfinite(clock.numbers)])
+    return bool(np.sum(steps > 0) > clock.count / 2 and np.mean(steps < 0) < MOST_BACK)
 
 
 def is_apart(clock: RecordedChannel, other: RecordedChannel) -> bool:
     """Whether two clocks span other times, where both have readings, in s, ms, us or ns."""
-    spans = [span_of(clock), span_of(other)]
+    readings = [clock.numbers, other.numbers]
     if clock.numbers.shape == other.numbers.shape:
         both = np.isfinite(clock.numbers + other.numbers)
-        spans = [span_of(replace(each, numbers=each.numbers[both])) for each in (clock, other)]
-    if min(spans) <= 0:
-        return spans[0] != spans[1]
-    return abs(span_ratio(spans[0], spans[1], ()) - 1) > ALIKE
-
-
-def span_of(clock: RecordedChannel) -> float:
-    """Last minus first of the readings of a clock, in its unit; 0 if many steps go back."""
-    known = clock.numbers[np.isfinite(clock.numbers)]
-    if known.size < 2 or np.mean(np.diff(known) >= 0) <= 1 - MOST_BACK:
-        return 0.0
-    return max(float(known[-1] - known[0]), 0.0)
+        readings = [clock.numbers[both], other.numbers[both]]
+    span, other_span = (float(np.ptp(numbers[np.isfinite(numbers)])) for numbers in readings)
+    return min(span, other_span) > 0 and abs(span_ratio(span, other_span, ()) - 1) > ALIKE
 
 
 def gaps_text(time: Array) -> str:

@@ -64,7 +64,6 @@ def trial_name(path: Path) -> str:
 def draft_trials(
     recordings: Iterable[tuple[Path, str, bool]],
     moved: Mapping[Path, str] | None = None,
-    has_fixed_plates: bool = False,
 ) -> list[DraftedTrial]:
     """Draft the trials that recordings are, by what the words of their names tell.
 
@@ -78,8 +77,6 @@ def draft_trials(
         whether it comes from motion capture.
     moved
         The experiment of a log by what moves in it, where its name tells none.
-    has_fixed_plates
-        Whether no platform moves: a capture alone of one who walks is then not analysed.
 
     Returns
     -------
@@ -101,14 +98,10 @@ def draft_trials(
             number += 1
             free_name = f"{name}_{number}"
         by_name.setdefault(free_name, {})[role] = (path, source)
-    return [
-        draft_trial(name, files, moved or {}, has_fixed_plates) for name, files in by_name.items()
-    ]
+    return [draft_trial(name, files, moved or {}) for name, files in by_name.items()]
 
 
-def draft_trial(
-    name: str, files: Recordings, moved: Mapping[Path, str], has_fixed_plates: bool
-) -> DraftedTrial:
+def draft_trial(name: str, files: Recordings, moved: Mapping[Path, str]) -> DraftedTrial:
     """Draft one trial."""
     path = next(iter(files.values()))[0]
     stem = stem_of(path)
@@ -133,8 +126,6 @@ def draft_trial(
         problem = f"experiment: the name tells none, write one of {possible}"
     elif len(telling) > 1:
         problem = f"experiment: the name may tell {' or '.join(telling)}, write which"
-    elif experiment == "walking" and has_fixed_plates and "log" not in files:
-        problem = "experiment: no platform moves"
     elif experiment == "walking" and not perturbed:
         problem = "perturbed: the name does not tell, write walking, and true or false"
     elif experiment == "calibration" and not is_fixture_alone(path):
@@ -177,11 +168,6 @@ def stated_perturbation(words: str) -> str:
     if re.search(UNPERTURBED, words):
         return "false"
     return "true" if re.search(PERTURBED, words) else ""
-
-
-def states_perturbation(path: Path) -> bool:
-    """Whether the name of a file tells a perturbed crossing."""
-    return stated_perturbation(words_of_name(stem_of(path))) == "true"
 
 
 def stated_impedance(name: str) -> dict[str, str]:

@@ -208,15 +208,15 @@ def joints_named(channels: Iterable[RecordedChannel]) -> list[str]:
     return [joint for joint in JOINTS if re.search(rf"\b{joint}\b", words)]
 
 
-def turns_slowly(angle: RecordedChannel, clock: RecordedChannel) -> bool:
-    """Whether an angle goes to and fro, and turns less often than every two seconds: it tells K
-    alone."""
-    known = angle.readings
-    if known.size < FEWEST_READINGS:
+def turns_slowly(guesses: Sequence[Guess], clock: RecordedChannel | None) -> bool:
+    """Whether the angle goes to and fro, and turns less often than every two seconds: it tells K
+    alone. A log whose clock or angle is not known does not tell."""
+    angles = [guess.channel for guess in guesses if guess.is_sure and guess.column == "theta"]
+    if clock is None or not angles or angles[0].readings.size < FEWEST_READINGS:
         return False
-    seconds = clock.base[0] * float(np.ptp(clock.numbers))
+    known = angles[0].readings
     at = np.linspace(0, known.size - 1, 150)
     speed = np.diff(np.interp(at, np.arange(known.size), known))
     moves = np.sign(speed[np.abs(speed) > 0.25 * usual_size(speed)])
     turns = int(np.count_nonzero(np.diff(moves)))
-    return 2 <= turns < seconds / 2
+    return 2 <= turns < clock.base[0] * float(np.ptp(clock.numbers)) / 2

@@ -6,7 +6,6 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -18,23 +17,17 @@ from osl_analysis.formats import known_formats
 from osl_analysis.ingest.capture import is_labelled, vertical_axis
 from osl_analysis.ingest.conversion import share_above
 from osl_analysis.ingest.force_plates import convert_plate
-from osl_analysis.ingest.likely_clock import is_like_clock, likely_unit, rate_of, ticks, time_unit
+from osl_analysis.ingest.likely_clock import likely_unit, rate_of, time_unit
 from osl_analysis.ingest.placeholders import NAME_OF_TIME, UNKNOWN
 from osl_analysis.recording import Channel, End, Kind, Plate, Recording
 from osl_analysis.source_file import MarkerSource, Source
 from osl_analysis.trial import plate_columns
-from osl_analysis.units import dimension
 
 SECOND_NS = 1_000_000_000
 MOST_COLUMNS = 6  # of a matrix that are listed one by one
 MOST_NOTES = 20  # lines of a file's own text that are shown
 MOST_WORDS = 5  # words in place of numbers that are shown of a channel
-RARE_WORD = 0.01  # share of the rows in which a word may stand for a failed reading
 FEWEST_READINGS = 10  # a variable with fewer numbers is no signal
-STANDS_STILL = "a clock that stands still"
-Y_UP = ["x", "-z", "y"]  # `axes` where y points up
-# written as no table is read, unlike Windows' `1.#QNAN`
-OTHER_NUMBER = re.compile(r"[+-]?\d[^#]*$")
 # what a text says of a counter without a unit
 TICK = re.compile(r"(?i)\bticks?\b\D*(\d+) ?([nuµm]?s)\b")
 
@@ -59,7 +52,7 @@ def source_model(recording: Recording) -> type[Source]:
 
 
 def describe_channel(channel: Channel, kind: str) -> RecordedChannel:
-    """Show a channel of a log with range, missing readings and rate.
+    """Show a channel with range, missing readings, rate and gaps.
 
     Raises
     ------
@@ -67,78 +60,47 @@ def describe_channel(channel: Channel, kind: str) -> RecordedChannel:
         Its readings are no numbers.
     """
     rows = channel.rows
-    values = np.ma.filled(np.ma.asarray(channel.values).astype(np.float64), np.nan)
-    finite = values[np.isfinite(values)]
-    read = int(np.ma.count(channel.values))
-    notes = [f"from {finite.min():.6g} to {finite.max():.6g}" if finite.size else "no numbers"]
-    if finite.size < read:
-        notes.append(f"{read - finite.size} x NaN or infinity")
-    if read < rows.count:
-        notes.append(f"in {read} of {rows.count} {rows.noun}s")
-    words = Counter(channel.count_words() if channel.count_words else {})
-    notes += [f"{count} x '{word}'" for word, count in words.most_common(MOST_WORDS)]
+    values = np.ma.asarray(channel.values)
+    is_stamp = channel.kind == Kind.CLOCK
+    if is_stamp:  # since the first, as a float tells days to 0.2 us alone
+        values = (values - values.min()) / SECOND_NS
+    numbers = np.ma.filled(values.astype(np.float64), np.nan)
+    # a marker has three numbers in each row
+    is_read = np.isfinite(numbers).all(axis=tuple(range(1, numbers.ndim)))
+    count = int(is_read.sum())
+
     times = None
     rate = rows.rate_hz
+    notes: list[str] = []
     if rows.stamps_ns is not None:
         times = rows.stamps_ns / SECOND_NS
         since_start = (rows.stamps_ns - rows.stamps_ns[:1].sum()) / SECOND_NS
         rate = rate_of(since_start)
-        gaps = gaps_text(since_start)
-        notes = [gaps] if gaps else notes
+        notes.append(gaps_text(since_start))
     elif rows.rate_hz:
         times = rows.start_s + np.arange(rows.count) / rows.rate_hz
+    if numbers.ndim == 1 and count:
+        notes.append(f"from {numbers[is_read].min():.6g} to {numbers[is_read].max():.6g}")
+    if count < rows.count:
+        notes.append(f"no number in {rows.count - count} of {rows.count} {rows.noun}s")
+    words = Counter(channel.count_words() if channel.count_words else {})
+    notes += [f"{number} x '{word}'" for word, number in words.most_common(MOST_WORDS)]
     name = channel.name or channel.key
+    unit = "s" if is_stamp else channel.unit
     return RecordedChannel(
         kind=kind,
         address=channel.address,
-        unit=channel.unit,
-        count=int(finite.size),
+        unit=unit,
+        count=count,
         rate=rate,
-        note=", ".join(notes),
+        note=", ".join(filter(None, notes)),
         type=channel.type,
-        likely_unit="" if channel.unit else channel.likely_unit or likely_unit(name),
-        numbers=values,
+        likely_unit="" if unit else channel.likely_unit or likely_unit(name),
+        numbers=numbers,
         times=times,
         name=name,
         group=rows.name,
-        words=words,
-        is_stamp=channel.kind == Kind.CLOCK,
-    )
-
-
-def describe_positions(channel: Channel) -> RecordedChannel:
-    """Show a marker or a model output with the share of frames in which it is missing."""
-    values = channel.values
-    is_seen = ~np.isnan(values).any(axis=1)
-    missing = 1.0 - float(is_seen.mean()) if is_seen.size else 0.0
-    return RecordedChannel(
-        kind=str(channel.kind),
-        address=channel.address,
-        unit=channel.unit,
-        count=int(is_seen.sum()),
-        rate=channel.rows.rate_hz,
-        note=f"missing in {missing:.1%} of the frames" if missing else "",
-        numbers=values,
-        name=channel.name or channel.key,
-    )
-
-
-def as_clock(channel: RecordedChannel) -> RecordedChannel:
-    """Show a column as the clock of its table: its rate and gaps; that of stamps in seconds."""
-    readings = channel.readings
-    factor, base = channel.base
-    is_of_time = base == dimension("s")
-    if is_of_time:
-        readings = (readings - readings[:1].sum()) * factor
-    rate = rate_of(readings)
-    note = f"a clock, {rate:g} per {'s' if is_of_time else 'unit'}" if rate else STANDS_STILL
-    gaps = gaps_text(readings)
-    if channel.is_stamp:
-        channel = replace(channel, unit="s", numbers=channel.numbers * factor)
-    return replace(
-        channel,
-        note=f"{note}, {gaps}" if gaps else note,
-        likely_unit="" if channel.unit else likely_unit(channel.name) or time_unit(readings),
+        is_stamp=is_stamp,
     )
 
 
@@ -166,17 +128,15 @@ def overview_of_capture(recording: Recording) -> Overview:
     }
     channels: list[RecordedChannel] = []
     for channel in recording.channels:
-        if channel.kind in (Kind.MARKER, Kind.MODEL_OUTPUT):
-            channels.append(describe_positions(channel))
-        else:
-            analog = describe_channel(channel, "analog")
-            channels.append(replace(analog, group=plate_of.get(id(channel), "")))
+        kind = "analog" if channel.kind == Kind.SIGNAL else str(channel.kind)
+        group = plate_of.get(id(channel), "")
+        channels.append(replace(describe_channel(channel, kind), group=group))
     channels += [describe_plate(plate) for plate in recording.plates]
     settings = dict(recording.settings)
     markers = [channel for channel in recording.channels if channel.kind == Kind.MARKER]
     is_told = bool(recording.facts.get("vertical_on_screen"))
     if not is_told and vertical_axis(markers, recording.plates) == "y":
-        settings["axes"] = Y_UP
+        settings["axes"] = ["x", "-z", "y"]
     return Overview(
         format=recording.format,
         facts=facts_of(recording),
@@ -216,230 +176,150 @@ def describe_plate(plate: Plate) -> RecordedChannel:
 
 
 def overview_of_messages(recording: Recording) -> Overview:
-    """List the numbers of every topic, one by one as a source file names them; the topic alone
-    where there are none."""
+    """List the numbers of every topic, one by one as a source file names them, and the topics
+    without any."""
     channels = [
         describe_channel(channel, "field")
         for channel in recording.channels
         if channel.kind != Kind.CLOCK
         and not channel.address["field"].startswith("header.")  # no signal is in it
     ]
-    topics_shown = {channel.address["topic"] for channel in channels}
-    for topic, (count, _) in recording.loss.by_topic.items():
-        if topic not in topics_shown:
-            note = "" if count else "empty"
-            channels.append(RecordedChannel("topic", {"topic": topic}, count=count, note=note))
+    facts = facts_of(recording)
+    with_numbers = {channel.address["topic"] for channel in channels}
+    others = [topic for topic in recording.loss.by_topic if topic not in with_numbers]
+    if others:
+        facts["topics without numbers"] = listing(others, MOST_NOTES)
     has_stamp = any(channel.kind == Kind.CLOCK for channel in recording.channels)
     time = {"source": "header" if has_stamp else "log"}
     return Overview(
         recording.format,
-        facts_of(recording),
+        facts,
         channels,
         recording.loss.remarks,
         {"clock": "master", "time": time, **recording.settings},
+        channels,
     )
 
 
 def overview_of_table(recording: Recording) -> Overview:
-    """List the columns of a table, with the likely clock among those that a draft has, and what is
-    guessed."""
+    """List the columns of a table, and draft those of one trial with the likely clock."""
+    time_model = source_model(recording).model_fields["time"].annotation
+    key = str(getattr(time_model, "ADDRESS", "")) or "column"
     remarks = [*recording.loss.remarks]
     shown: list[RecordedChannel] = []
     for channel in recording.channels:
         try:
-            shown.append(describe_channel(with_tick(channel, recording), address_key(recording)))
+            shown.append(describe_channel(channel, key))
         except InputError as error:
             remarks.append(str(error))
+    settings = {"clock": "master", **recording.settings, **allowed_loss(recording)}
+    drafted = [channel for channel in shown if channel.count and not is_in_stamp(channel, shown)]
     questions = [*recording.questions]
-    is_begun_anew = any(has_title(channel) for channel in shown)
-    if is_begun_anew:
-        questions.append(
-            "the header stands again among the rows, as where a recorder begins anew: cut the file"
-            " in two, a log each"
-        )
-    part, settings, of_parts = drafted_part(recording, shown)
-    drafted = [within_part(channel, part) for channel in shown if is_of_part(channel, part, shown)]
-    timing, clock, of_timing = timing_of(recording, drafted, shown)
-    questions += [*of_parts, *of_timing]
+    if "log_part" in source_model(recording).model_fields:
+        parts, drafted = of_one_trial(drafted)
+        if parts:
+            settings["log_part"] = parts[0]
+            questions.append(
+                f"{len(parts)} parts hold the same variables: name one per trial in the column"
+                f" `log_part` of the sheet: {', '.join(parts)}"
+            )
+    clock = None
+    if not drafted or any(channel.times is None for channel in drafted):
+        settings["time"], clock, of_time = drafted_time(recording, drafted, key)
+        questions += of_time
     if clock is not None:
         signals = [channel for channel in drafted if channel.address != clock.address]
-        length = clock.numbers.size
-        untimed = [channel.key for channel in signals if channel.numbers.size != length]
+        drafted = [channel for channel in signals if channel.numbers.size == clock.numbers.size]
+        untimed = [printable(channel.key) for channel in signals if channel not in drafted]
         if untimed:
             questions.append(
-                f"{', '.join(map(printable, untimed))}: of another length than the clock;"
-                " interpolate them to its times, or leave them out"
+                f"{', '.join(untimed)}: of another length than the clock; interpolate them to its"
+                " times, or leave them out"
             )
-        drafted = [clock, *(channel for channel in signals if channel.key not in untimed)]
         shown = [
-            as_clock(channel) if channel.numbers is clock.numbers else channel for channel in shown
+            replace(channel, rate=clock.rate, note=clock.note)
+            if channel.numbers is clock.numbers
+            else channel
+            for channel in shown
         ]
-        drafted[0] = as_clock(clock)
-    guessed = [
-        f"{channel.key} [{channel.likely_unit}]"
-        for channel in shown
-        if channel.likely_unit and channel.count
-    ]
-    if guessed:
-        remarks.append(f"units guessed from the names, to be checked: {', '.join(guessed)}")
     return Overview(
-        recording.format,
-        facts_of(recording),
-        shown,
-        remarks,
-        {
-            "clock": "master",
-            **recording.settings,
-            **settings,
-            **layout_of(recording, [] if is_begun_anew else shown),
-            **timing,
-        },
-        drafted,
-        questions,
+        recording.format, facts_of(recording), shown, remarks, settings, drafted, clock, questions
     )
 
 
-def is_of_part(
-    channel: RecordedChannel, part: str | None, channels: Sequence[RecordedChannel]
-) -> bool:
-    """Whether a channel is of the part that is drafted, if a file has parts, and not itself a part
-    of a stamp."""
-    stamps = [other.key for other in channels if other.is_stamp]
-    is_in_stamp = any(channel.key.startswith(f"{key}.") for key in stamps)
-    return part in (None, channel.group) and not is_in_stamp
-
-
-def address_key(recording: Recording) -> str:
-    """The key by which a source file of the format names a channel, as `column`."""
-    time = source_model(recording).model_fields["time"].annotation
-    return str(getattr(time, "ADDRESS", "")) or "column"
-
-
-def with_tick(channel: Channel, recording: Recording) -> Channel:
-    """The channel with the unit of a counter, where the file's text tells it, as `tick of 10
-    us`."""
-    values = np.ma.getdata(channel.values)
-    is_counter = not channel.unit and values.ndim == 1 and values.dtype.kind in "iuf"
-    for text in recording.notes:
-        tick = TICK.search(text)
-        if tick and is_counter and ticks(values, f"{tick[1]} {tick[2]}"):
-            return replace(channel, unit=f"{tick[1]} {tick[2]}")
-    return channel
-
-
-def has_title(channel: RecordedChannel) -> bool:
-    """Whether the title of a channel, with or without its unit, is among its words."""
-    name = channel.name
-    return any(word == name or word.startswith(f"{name} ") for word in channel.words)
-
-
-def drafted_part(
-    recording: Recording, shown: Sequence[RecordedChannel]
-) -> tuple[str | None, dict[str, object], list[str]]:
-    """The part of a file that a draft describes: of parts that hold the same signals one, of others
-    the one with most; None where a file has no parts. And what of a source file that tells, and
-    questions."""
-    parts: dict[str, list[str]] = {}
-    if "log_part" in source_model(recording).model_fields:
-        for channel in shown:
-            if channel.numbers.size >= FEWEST_READINGS:
-                parts.setdefault(channel.group, []).append(channel.name)
-    if not parts:
-        return None, {}, []
-    layouts = [*parts.values()]
-    largest = max(layouts, key=lambda names: len(names) * layouts.count(names))
-    alike = [part for part, names in parts.items() if names == largest]
-    part = alike[0]
-    questions: list[str] = []
-    if len(alike) > 1:
-        questions.append(
-            f"{len(alike)} parts hold the same variables: name one per trial in the column"
-            f" `log_part` of the sheet: {', '.join(alike)}"
-        )
-    others = [channel.key for channel in shown if channel.group in parts.keys() - {*alike}]
-    if others:
-        questions.append(
-            "a draft is of one part; to read a variable of another, write its address with `/`, as"
-            f" `{from_root(others[-1])}`"
-        )
-    is_named = bool(part) and len(alike) == 1
-    return part, {"log_part": part} if is_named else {}, questions
-
-
-def within_part(channel: RecordedChannel, part: str | None) -> RecordedChannel:
-    """The channel, called as within a part of the file."""
-    name = channel.key.removeprefix(part or "").removeprefix(".") if part else channel.key
-    return replace(channel, address={next(iter(channel.address)): name})
-
-
-def from_root(address: str) -> str:
-    """The address of a variable in the whole file, as a source file names it in any part."""
-    return f"/{address.removeprefix('/')}"
-
-
-def timing_of(
-    recording: Recording, drafted: Sequence[RecordedChannel], shown: Sequence[RecordedChannel]
-) -> tuple[dict[str, object], RecordedChannel | None, list[str]]:
-    """The field `time` of a draft, its channel, and questions. Where no clock is among what is
-    drafted, one that is as long in another part of the file goes before a rate in its text."""
-    if drafted and all(channel.times is not None for channel in drafted):
-        return {}, None, []
-    what = address_key(recording)
-    numbered = [channel for channel in drafted if channel.count]
-    questions: list[str] = []
-    if not any(may_be_clock(channel) for channel in numbered):
-        lengths = {channel.numbers.size for channel in numbered}
-        numbered = [
-            replace(channel, address={what: from_root(channel.key)})
-            for channel in shown
-            if channel.numbers.size in lengths and is_like_clock(channel.name) and rises(channel)
-        ]
-        rate, questions = rate_in_words(recording.notes)
-        if rate is not None and not numbered:
-            return {"time": {"rate": rate}}, None, questions
-        if numbered:
-            questions = ["time is of another part of the file, which is as long: check it"]
-    choice = choose_clock(numbered)
-    questions += choice.questions
-    clock = choice.channel
-    if clock is None:
-        return {"time": {what: NAME_OF_TIME, "unit": UNKNOWN}}, None, questions
-    time: dict[str, object] = {what: clock.key}
-    if not clock.is_stamp:
-        time["unit"] = clock.unit or as_clock(clock).likely_unit or UNKNOWN
-    return {"time": time}, clock, questions
-
-
-def may_be_clock(channel: RecordedChannel) -> bool:
-    """Whether a channel may tell the time of its rows, by its kind, its name or its readings."""
-    return channel.is_stamp or is_like_clock(channel.name) or rises(channel)
-
-
-def rises(channel: RecordedChannel) -> bool:
-    """Whether the readings of a channel rise like a clock."""
-    return ticks(channel.numbers, channel.unit)
-
-
-def layout_of(recording: Recording, shown: Sequence[RecordedChannel]) -> dict[str, object]:
-    """What of a source file the rows of a table tell: words for failed readings, rows that do not
-    fit."""
-    fields = source_model(recording).model_fields
-    settings: dict[str, object] = {}
+def allowed_loss(recording: Recording) -> dict[str, object]:
+    """What a source file has to state before a table that lost rows is read."""
     lost = recording.loss.lost
-    if lost and recording.loss.end != End.MISSING:
-        if "ragged" in fields:
-            settings["ragged"] = "skip"
-        settings["most_missing"] = share_above(lost, recording.loss.expected or 1)
-    if "missing" not in fields or "more" in str(recording.facts.get("rows", "")):
-        return settings
-    known: Any = fields["missing"].default
-    missing = list(known)
-    for channel in shown:
-        total = channel.count + sum(channel.words.values())
-        for word, count in channel.words.items():
-            is_rare = count < RARE_WORD * total and not OTHER_NUMBER.match(word)
-            if is_rare and word not in missing:
-                missing.append(word)
-    if len(missing) > len(known):
-        settings["missing"] = missing
+    if not lost or recording.loss.end == End.MISSING:
+        return {}
+    settings: dict[str, object] = {}
+    if "ragged" in source_model(recording).model_fields:
+        settings["ragged"] = "skip"
+    settings["most_missing"] = share_above(lost, recording.loss.expected or 1)
     return settings
+
+
+def is_in_stamp(channel: RecordedChannel, channels: Sequence[RecordedChannel]) -> bool:
+    """Whether a channel is itself a part of a stamp, as its nanoseconds."""
+    return any(other.is_stamp and channel.key.startswith(f"{other.key}.") for other in channels)
+
+
+def of_one_trial(
+    channels: Sequence[RecordedChannel],
+) -> tuple[list[str], list[RecordedChannel]]:
+    """The parts of a file that hold the same signals, a trial each; none where it holds one trial.
+    And the channels of the first of them with those that belong to all, as a source file names
+    them within a part."""
+    names_in: dict[str, list[str]] = {}
+    for channel in channels:
+        if channel.numbers.size >= FEWEST_READINGS:
+            names_in.setdefault(channel.group, []).append(channel.name)
+    layouts = [*names_in.values()]
+    most = max(layouts, key=lambda names: len(names) * layouts.count(names), default=[])
+    parts = [part for part, names in names_in.items() if names == most]
+    if len(parts) < 2:
+        return [], [*channels]
+    within: list[RecordedChannel] = []
+    for channel in channels:
+        if channel.group not in parts:
+            within.append(channel.at(f"/{channel.key}"))
+        elif channel.group == parts[0]:
+            within.append(channel.at(channel.key.removeprefix(parts[0]).removeprefix(".")))
+    return parts, within
+
+
+def drafted_time(
+    recording: Recording, channels: Sequence[RecordedChannel], key: str
+) -> tuple[dict[str, object], RecordedChannel | None, list[str]]:
+    """The field `time` of a draft, the clock if it is a channel, and questions. A rate in the text
+    of the file counts where nothing may be a clock."""
+    choice = choose_clock(channels)
+    clock = choice.channel
+    questions = [*choice.questions]
+    if clock is None:
+        rate = None
+        if not questions:
+            rate, questions = rate_in_words(recording.notes)
+        if rate is not None:
+            return {"rate": rate}, None, questions
+        return {key: NAME_OF_TIME, "unit": UNKNOWN}, None, questions
+    clock = as_clock(clock, recording.notes)
+    time: dict[str, object] = {key: clock.key}
+    if not clock.is_stamp:
+        time["unit"] = clock.unit or clock.likely_unit or UNKNOWN
+    return time, clock, questions
+
+
+def as_clock(channel: RecordedChannel, notes: Sequence[str]) -> RecordedChannel:
+    """Show a channel as the clock of its table, with its rate, its gaps and its likely unit: one
+    that the file's text tells, as `tick of 10 us`, or that of its name or rate."""
+    if not (channel.unit or channel.likely_unit):
+        ticks = filter(None, map(TICK.search, notes))
+        told = next((f"{tick[1]} {tick[2]}" for tick in ticks), "")
+        channel = replace(channel, likely_unit=told or time_unit(channel.readings))
+    factor, _ = channel.base
+    seconds = (channel.readings - channel.readings[:1].sum()) * factor
+    if not factor:
+        return replace(channel, note="the clock")
+    note = ", ".join(filter(None, ["the clock", gaps_text(seconds)]))
+    return replace(channel, rate=rate_of(seconds), note=note)

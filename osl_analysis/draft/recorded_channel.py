@@ -2,7 +2,8 @@
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Self
 
 import numpy as np
 
@@ -44,8 +45,6 @@ class RecordedChannel:
         What it is a part of: a topic, a struct.
     corners
         Of a plate (4, 3), in the unit of the markers.
-    words
-        Texts in place of numbers, and how often each stands there.
     is_stamp
         Whether its readings are times of day, which the file has as such.
     """
@@ -63,13 +62,16 @@ class RecordedChannel:
     name: str = ""
     group: str = ""
     corners: Array | None = field(default=None, compare=False, repr=False)
-    words: Mapping[str, int] = field(default_factory=dict)
     is_stamp: bool = False
 
     @property
     def key(self) -> str:
         """What a source file calls it."""
         return next(iter(self.address.values()))
+
+    def at(self, key: str) -> Self:
+        """The channel under another key."""
+        return replace(self, address={next(iter(self.address)): key})
 
     @property
     def readings(self) -> Array:
@@ -106,7 +108,9 @@ class Overview:
     settings
         Fields of a source file that the file tells.
     drafted
-        The channels of the draft, where it has one trial of several.
+        The channels of the draft of a log, which is of one trial of several.
+    clock
+        The channel that tells their time, if one does.
     open
         What the user decides, as which of its clocks counts, a sentence each.
     """
@@ -116,5 +120,6 @@ class Overview:
     channels: Sequence[RecordedChannel]
     remarks: Sequence[str] = ()
     settings: Mapping[str, object] = field(default_factory=dict)
-    drafted: Sequence[RecordedChannel] | None = None
+    drafted: Sequence[RecordedChannel] = ()
+    clock: RecordedChannel | None = None
     open: Sequence[str] = ()

@@ -46,7 +46,7 @@ def test_a_torque_is_computed_where_other_signals_leave_less_than_a_sensor_does(
     assert computed_from(torque, signals) == names
 
 
-def test_a_draft_takes_the_measured_one_and_a_fit_refuses_the_other(tmp_path):
+def test_a_fit_refuses_the_computed_one_of_two_that_a_draft_asks_about(tmp_path):
     table = {
         "time [s]": TIME,
         "ankle_angle [rad]": ANGLE.values,
@@ -56,10 +56,8 @@ def test_a_draft_takes_the_measured_one_and_a_fit_refuses_the_other(tmp_path):
     }
     pl.DataFrame(table).write_csv(tmp_path / "log.csv")
     draft = draft_source(inspect_recording(tmp_path / "log.csv"), "log.csv")
-    assert 'torque: {column: "loadcell_torque"' in draft
-
-    wrong = draft.replace('torque: {column: "loadcell_torque"', 'torque: {column: "ankle_torque"')
-    (tmp_path / "csv.yaml").write_text(wrong)
+    lines = [line for line in draft.splitlines() if '"loadcell_torque"' not in line]
+    (tmp_path / "csv.yaml").write_text("\n".join(lines).replace("NAME_3", "torque"))
     row = {"trial": "a", "log": "log.csv", "log_source": "csv"}
     trial = trial_from_files(row, tmp_path, tmp_path)
 

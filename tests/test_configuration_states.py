@@ -180,7 +180,7 @@ def test_a_recording_that_no_row_names_is_told_once(tmp_path):
         (tmp_path / name).write_text("x")
     row = {"log": "a.csv", "mocap": None}
     told = unnamed_recordings(Campaign(config, {"a": row}, {}))
-    assert f" 1 recording in {tmp_path}: b.csv; " in told
+    assert f"left out: b.csv in {tmp_path};" in told
     assert unnamed_recordings(Campaign(config, {"a": row}, {"b": row | {"log": "b.csv"}})) == ""
 
 

@@ -213,7 +213,7 @@ def test_units_of_which_one_is_missing_tell_none_and_what_is_no_log_yet_is_asked
         read_by_draft(path)
     # a 400th of a turn, or degrees
     path.write_text(text(head=["t_s", "Winkel [Grad]", "Torque [Nm]"]))
-    with pytest.raises(InputError, match="places to be edited: `channels.theta.unit` in line"):
+    with pytest.raises(InputError, match=r"places to be edited: `channels\.theta\.unit` in line"):
         read_by_draft(path)
 
 
@@ -404,8 +404,6 @@ def test_a_rate_beside_a_decimation_or_another_rate_is_a_question(tmp_path, abov
 
     trial = read_by(path, answered)
 
-    assert "2000 Hz" in overview.open[0]
-    assert "State it, as `time: {rate: HZ}`" in overview.open[0]
     assert_recording(trial)
 
 

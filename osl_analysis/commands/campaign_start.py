@@ -1,7 +1,6 @@
 """What is refused, or said, of a campaign before its first job."""
 
-from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -105,31 +104,30 @@ def source_problems(campaign: Campaign) -> dict[str, str]:
 
     Trials with the same source files are looked at once.
     """
-    groups = defaultdict[tuple[tuple[Path, ...], str], list[str]](list)
+    problem_of: dict[tuple[object, ...], str] = {}
+    problems: dict[str, str] = {}
     for trial in campaign.trials():
-        part = campaign.row(trial)["log_part"] or ""
-        groups[tuple(campaign.sources(trial)), part].append(trial)
-
-    problems = dict[str, str]()
-    for (paths, part), trials in groups.items():
-        try:
-            check_sources(campaign, paths, part, trials)
-        except OslAnalysisError as error:
-            problems.update(dict.fromkeys(trials, str(error)))
+        row = campaign.row(trial)
+        alike = (*campaign.sources(trial), row["log_part"], bool(row["log"] and row["mocap"]))
+        if alike not in problem_of:
+            problem_of[alike] = problem_of_sources(campaign, trial)
+        if problem_of[alike]:
+            problems[trial] = problem_of[alike]
     return problems
 
 
-def check_sources(
-    campaign: Campaign, paths: Sequence[Path], part: str, trials: Sequence[str]
-) -> None:
-    """Refuse source files that are wrong."""
-    first = trials[0]
-    row = campaign.row(first)
-    sources = [read_source(path) for path in paths]
-    with naming(f"{campaign.config.sheet}: trial '{first}'"):
-        sources[0].of_part(part)
-    if row["log"] and row["mocap"]:
-        check_clocks(sources[0], sources[1])
+def problem_of_sources(campaign: Campaign, trial: str) -> str:
+    """What is wrong with the source files of a trial; empty if nothing is."""
+    row = campaign.row(trial)
+    try:
+        sources = [read_source(path) for path in campaign.sources(trial)]
+        with naming(f"{campaign.config.sheet}: trial '{trial}'"):
+            sources[0].of_part(row["log_part"] or "")
+        if row["log"] and row["mocap"]:
+            check_clocks(*sources)
+    except OslAnalysisError as error:
+        return str(error)
+    return ""
 
 
 def unnamed_recordings(campaign: Campaign) -> str:
@@ -138,29 +136,21 @@ def unnamed_recordings(campaign: Campaign) -> str:
     config = campaign.config
     if config.simulation is not None:
         return ""
-    names = [str(path.relative_to(config.raw_data)) for path in unnamed_files(campaign)]
-    if not names:
-        return ""
-    count = "1 recording" if len(names) == 1 else f"{len(names)} recordings"
-    return (
-        f"named by no row of {config.sheet}, and left out: {count} in {config.raw_data}:"
-        f" {listing(names, MOST_LISTED)}; add a row for each, or see by `osl-analysis inspect` why"
-        " it cannot be read"
-    )
-
-
-def unnamed_files(campaign: Campaign) -> Iterator[Path]:
-    """The recordings in the campaign's folder that no row of the sheet names."""
-    config = campaign.config
-    known = {config.sheet.resolve()}
+    named = {config.sheet.resolve()}
     for row in [*campaign.rows.values(), *campaign.unused.values()]:
-        for column in ("log", "mocap"):
-            if row[column]:
-                path = config.raw_data / row[column]
-                known.update(file.resolve() for file in (path, *recorded_files(path)))
-    # the simulator keeps the true values in `truth`
-    of_this_program = (config.results.resolve(), (config.raw_data / "truth").resolve())
-    for path in recordings_in(config.raw_data):
-        file = path.resolve()
-        if file not in known and not any(file.is_relative_to(folder) for folder in of_this_program):
-            yield path
+        for file in filter(None, (row["log"], row["mocap"])):
+            path = config.raw_data / file
+            named.update(part.resolve() for part in (path, *recorded_files(path)))
+    results = config.results.resolve()
+    unnamed = [
+        str(path.relative_to(config.raw_data))
+        for path in recordings_in(config.raw_data)
+        if path.resolve() not in named and not path.resolve().is_relative_to(results)
+    ]
+    if not unnamed:
+        return ""
+    return (
+        f"named by no row of {config.sheet}, and left out: {listing(unnamed, MOST_LISTED)} in"
+        f" {config.raw_data}; add a row for each, or see by `osl-analysis inspect` why it cannot be"
+        " read"
+    )

@@ -146,10 +146,10 @@ def questions_of(draft: Draft) -> list[str]:
 
 def left_to_decide(folder: Path, draft: Draft) -> tuple[list[str], bool]:
     """What a user has to decide, a line each; and whether a run can analyse some trial before:
-    nothing is refused at its start, and no capture asks anything."""
+    nothing is refused at its start, and no recording asks anything."""
     obstacles = first_look(folder)
     is_named = any(trial.cells["experiment"] != UNNAMED for trial in draft.trials)
-    is_ready = is_named and not obstacles and not draft.has_open_captures
+    is_ready = is_named and not obstacles and not draft.open
     return [*obstacles, *questions_of(draft)], is_ready
 
 

@@ -1,6 +1,5 @@
 """The clock that a draft names among the channels of a table, and what the user has to decide."""
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -9,11 +8,8 @@ import numpy as np
 from osl_analysis.draft.recorded_channel import RecordedChannel
 from osl_analysis.errors import listing, printable
 from osl_analysis.ingest.likely_clock import (
-    NOT_OF_ROWS,
-    OF_ROWS,
     is_like_clock,
     span_ratio,
-    stated_rate,
     tells_time,
     ticks,
     time_unit,
@@ -89,12 +85,13 @@ def runs(clock: RecordedChannel) -> bool:
 
 
 def is_apart(clock: RecordedChannel, other: RecordedChannel) -> bool:
-    """Whether two clocks span other times, where both have readings, in s, ms, us or ns."""
-    readings = [clock.numbers, other.numbers]
-    if clock.numbers.shape == other.numbers.shape:
-        both = np.isfinite(clock.numbers + other.numbers)
-        readings = [clock.numbers[both], other.numbers[both]]
-    span, other_span = (float(np.ptp(numbers[np.isfinite(numbers)])) for numbers in readings)
+    """Whether two clocks of the same rows span other times, where both have readings, in s, ms, us
+    or ns."""
+    if clock.numbers.shape != other.numbers.shape:
+        return False
+    both = np.isfinite(clock.numbers + other.numbers)
+    span = float(np.ptp(clock.numbers[both]))
+    other_span = float(np.ptp(other.numbers[both]))
     return min(span, other_span) > 0 and abs(span_ratio(span, other_span, ()) - 1) > ALIKE
 
 
@@ -110,17 +107,3 @@ def gaps_text(time: Array) -> str:
         " stamps twice": int((steps == 0).sum()),
     }
     return ", ".join(f"{count}{words}" for words, count in counts.items() if count)
-
-
-def rate_in_words(texts: Sequence[str]) -> tuple[float | None, list[str]]:
-    """The rate of the rows [Hz] that texts state, and what the user has to check or decide."""
-    rate = stated_rate(texts)
-    if rate is not None:
-        return rate, [f"time by the file's own words: {rate} rows a second"]
-    telling = [text for text in texts if re.search(rf"{NOT_OF_ROWS}|{OF_ROWS}", text)]
-    if not telling:
-        return None, []
-    return None, [
-        "which rate is that of the rows? State it, as `time: {rate: HZ}`:"
-        f" {printable(listing(telling, 4))}"
-    ]

@@ -18,8 +18,7 @@ from osl_analysis.draft.guesses import Guess, joints_named, turns_slowly
 from osl_analysis.draft.overview import FEWEST_READINGS, inspect_recording
 from osl_analysis.draft.recorded_channel import Overview
 from osl_analysis.errors import InputError
-from osl_analysis.formats import TEXT_PRIORITY, formats_of, known_formats
-from osl_analysis.ingest.placeholders import UNKNOWN
+from osl_analysis.formats import known_formats
 from osl_analysis.ingest.raw_files import check_file, is_capture, recordings_in, suffixes
 
 
@@ -33,8 +32,6 @@ class Draft:
         Drafts of source files, by name.
     open
         Question and file, as which of two clocks counts.
-    has_open_captures
-        Whether a capture asks something, as where its plate lies: its trials may be refused.
     refused
         Files that are no recordings, or cannot be read, with the reason.
     walking
@@ -43,7 +40,6 @@ class Draft:
 
     source_files: dict[str, DraftedSource] = field(default_factory=dict)
     open: list[tuple[str, str]] = field(default_factory=list)
-    has_open_captures: bool = False
     refused: list[str] = field(default_factory=list)
     trials: list[DraftedTrial] = field(default_factory=list)
     walking: str = ""
@@ -69,13 +65,13 @@ class Described:
         return is_capture(known_formats()[self.overview.format])
 
     @property
-    def tells(self) -> tuple[bool, int, int]:
+    def tells(self) -> tuple[bool, bool, int, int]:
         """How much it tells: whether a joint turns, whose spring has the torque's sign, and no
-        fixture alone; channels; and those that may be signals, or whether its markers tell which
-        axis points up."""
-        details = sum(not guess.why_not for guess in self.guesses)
-        details += "axes" in self.overview.settings
-        return not is_fixture_alone(self.file), len(self.overview.channels), details
+        fixture alone; of a capture, which axis points up; channels that may be signals; and all."""
+        signals = sum(not guess.why_not for guess in self.guesses)
+        tells_axes = "axes" in self.overview.settings
+        is_of_joint = not is_fixture_alone(self.file)
+        return is_of_joint, tells_axes, signals, len(self.overview.channels)
 
 
 def draft_campaign(folder: Path) -> Draft:
@@ -93,7 +89,7 @@ def draft_campaign(folder: Path) -> Draft:
     if not described:
         why = f" ({', '.join(sorted(suffixes()))})"
         if draft.refused:
-            why = f", as {draft.refused[0]}"
+            why = f", as {draft.refused[-1]}"
         raise InputError(
             f"{folder}: no recording in it that can be read{why}; name the folder of the recordings"
         )
@@ -110,17 +106,13 @@ def draft_campaign(folder: Path) -> Draft:
             draft.open.append((question, str(best.file)))
     draft.trials = trials_of(draft, described)
     align_clocks(draft)
-    captures = [recording for recording in described if recording.is_capture]
-    draft.open += [(text, str(each.file)) for each in described for text in questions_on(each)]
-    of_captures = {str(capture.file) for capture in captures}
-    draft.has_open_captures = any(file in of_captures for _, file in draft.open)
+    captures = [recording.overview for recording in described if recording.is_capture]
     experiments = {trial.cells["experiment"] for trial in draft.trials if "mocap" in trial.cells}
     if experiments & {"walking", UNNAMED}:
-        draft.walking = draft_walking([capture.overview for capture in captures])
-    if UNKNOWN in draft.walking:
-        question = f"the section `walking` is a comment: state what is {UNKNOWN} in it"
-        draft.open.insert(0, (question, "config.yaml"))
-        draft.has_open_captures = True
+        draft.walking, questions = draft_walking(captures)
+        draft.open += [(question, "config.yaml") for question in questions]
+    for recording in described:
+        draft.open += [(question, str(recording.file)) for question in recording.overview.open]
     return draft
 
 
@@ -138,9 +130,7 @@ def describe_recordings(folder: Path, draft: Draft) -> list[Described]:
             check_file(path)
             overview = overview_of_recording(path)
         except InputError as error:
-            # a note in a text file tells less than a recording that cannot be read
-            is_text = all(known.priority >= TEXT_PRIORITY for known in formats_of(path))
-            draft.refused.insert(len(draft.refused) if is_text else 0, str(error))
+            draft.refused.append(str(error))
             continue
         channels = [(*channel.address.values(), channel.unit) for channel in overview.channels]
         layout = (overview.format, repr(overview.settings), *channels)
@@ -209,13 +199,3 @@ def align_clocks(draft: Draft) -> None:
             log.settings["clock"] = "sync"
         if (log.settings["format"], capture.settings["format"]) == ("opensim", "trc"):
             log.settings["clock"] = "common"
-
-
-def questions_on(recording: Described) -> list[str]:
-    """What the user has to decide of a recording."""
-    formulas = [
-        f"{guess.column}: {guess.formula}"
-        for guess in recording.guesses
-        if guess.formula and not guess.why_not
-    ]
-    return [*recording.overview.open, *formulas]

@@ -148,9 +148,7 @@ def draft_trial(name: str, files: Recordings, moved: Mapping[Path, str]) -> Draf
     controller = CONTROLLER.search(stem)
     if controller:
         cells["controller"] = "uncompensated" if controller[1] else "compensated"
-    lacking = [column for column in ("K_d", "B_d") if column not in cells]
-    why = "the name does not tell; empty, nothing is compared with it"
-    return DraftedTrial(cells, [f"{column}: {why}" for column in lacking])
+    return DraftedTrial(cells, [])
 
 
 def words_of_name(stem: str) -> str:

@@ -47,24 +47,26 @@ def segment_of(label: str) -> tuple[str, str]:
     return "", ""
 
 
-def draft_walking(overviews: Sequence[Overview]) -> str:
+def draft_walking(overviews: Sequence[Overview]) -> tuple[str, list[str]]:
     """The section `walking` in YAML by the captures of one laboratory; a comment where something is
-    unknown, since other trials can be analysed without it."""
+    unknown, since other trials can be analysed without it. And what the user has to decide."""
     channels = [channel for overview in overviews for channel in overview.channels]
     markers = {channel.name: channel for channel in channels if channel.kind == "marker"}
     segments = {label: segment_of(label) for label in markers}
     platform = [label for label, (_, segment) in segments.items() if segment == "platform"]
     plate, why_plate = stepped_plate(channels, platform)
     sides = {side for side, segment in segments.values() if segment in ("foot", "shank")} - {""}
-    leg = sides.pop() if len(sides) == 1 else ""
+    leg = min(sides, key="RL".index, default="")
     clusters: dict[str, list[str]] = {segment: [] for segment in SEGMENTS}
     for label, (side, segment) in segments.items():
         if segment and (not leg or side in ("", leg)):
             clusters[segment].append(label)
-    which = "the only one with markers" if leg else "delete the markers of the other one"
+    questions: list[str] = []
+    if len(sides) > 1:
+        questions.append("`walking.side`: both legs have markers; does the right one step on it?")
     lines = [
         "walking:  # a draft, from the names of markers: check every line",
-        f"  side: {SIDES[leg]}  # the leg that steps on the platform: {which}",
+        f"  side: {SIDES[leg]}  # the leg that steps on the platform, a guess",
         f"  plate: {plate or UNKNOWN}  # {why_plate}",
         "  markers:",
         *(f"    {segment}: {markers_text(segment, names)}" for segment, names in clusters.items()),
@@ -72,7 +74,8 @@ def draft_walking(overviews: Sequence[Overview]) -> str:
     if any(UNKNOWN in line for line in lines):
         remark = f"state what is {UNKNOWN}, and take away the `# ` of these lines:"
         lines = [f"# {line}" for line in (remark, *lines)]
-    return "".join(f"{line}\n" for line in lines)
+        questions.append(f"the section `walking` is a comment: state what is {UNKNOWN} in it")
+    return "".join(f"{line}\n" for line in lines), questions
 
 
 def stepped_plate(channels: Sequence[RecordedChannel], platform: Sequence[str]) -> tuple[str, str]:

@@ -17,20 +17,12 @@ from osl_analysis.draft.likelihood import (
 )
 from osl_analysis.draft.recorded_channel import RecordedChannel
 from osl_analysis.ingest.computed_torque import TORQUES
-from osl_analysis.measured import Quantity, Signal, computed_from, usual_size, varies
+from osl_analysis.measured import usual_size, varies
 
 HELD_COLUMNS = ("current", *TORQUES)  # which stand while an actuator is clamped
 HELD_LEVEL = 5.0  # standard deviations of the noise
 SURE = 0.8  # probability from which a channel is taken for a column
 DOUBTFUL = 0.2  # probability from which a channel may be a column
-QUANTITIES: dict[str, Quantity] = {
-    "speed": "speed",
-    "in rad/s": "speed",
-    "current": "current",
-    "in A": "current",
-    "angle": "angle",
-    "in rad": "angle",
-}
 JOINTS = ("ankle", "knee", "hip")
 FEWEST_READINGS = 100  # that show how a channel moves
 SPRING = 0.9  # correlation with an angle: a fifth of the torque's power may be damping or friction
@@ -53,9 +45,7 @@ class Guess:
     likely
         The probability of each column that may be it.
     why_not
-        Why it is no signal: it stands still, is noise, or is computed from another one.
-    formula
-        By which a torque was computed; empty of a measured one.
+        Why it is no signal: it stands still, or is noise.
     is_sure
         Whether no other channel is like its column, and the evidence leaves no doubt.
     why
@@ -68,7 +58,6 @@ class Guess:
     evidence: set[str]
     wraps_at: float = 0.0
     why_not: str = ""
-    formula: str = ""
     is_sure: bool = False
     why: str = ""
     sign: int = 1
@@ -98,13 +87,6 @@ def guessed_columns(channels: Sequence[RecordedChannel]) -> list[Guess]:
     guesses = [Guess(*each) for each in zip(channels, evidence, wraps, strict=True)]
     for guess in guesses:
         guess.why_not = why_no_signal(guess)
-    for guess in guesses:
-        if guess.column in TORQUES:
-            guess.formula = formula_of(guess, guesses)
-    torques = [guess for guess in guesses if guess.column in TORQUES]
-    if not all(guess.formula for guess in torques):
-        for guess in torques:
-            guess.why_not = guess.formula
     decide(guesses)
     return guesses
 
@@ -160,22 +142,6 @@ def why_no_signal(guess: Guess) -> str:
     if not tells_next and not is_held and guess.column != "omega_m" and np.unique(known).size > 2:
         return "nothing but noise"
     return ""
-
-
-def formula_of(torque: Guess, others: Sequence[Guess]) -> str:
-    """Name the signals from which a torque was computed; empty of a measured one."""
-    values = torque.channel.numbers
-    signals: list[Signal] = []
-    for other in others:
-        quantity = next((of for kind, of in QUANTITIES.items() if kind in other.evidence), None)
-        readings = other.channel.numbers
-        if quantity is None or readings.shape != values.shape:
-            continue
-        if quantity == "angle" and "command" in other.evidence:
-            quantity = "command"
-        signals.append(Signal(name_of(other.channel), quantity, readings))
-    computed = computed_from(values, signals)
-    return f"it follows exactly from {computed}: computed, no measured torque" if computed else ""
 
 
 def correlation(theta: RecordedChannel, torque: RecordedChannel) -> float:

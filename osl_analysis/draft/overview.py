@@ -10,18 +10,16 @@ from pathlib import Path
 import numpy as np
 
 from osl_analysis import formats
-from osl_analysis.draft.clock_choice import choose_clock, gaps_text, rate_in_words
+from osl_analysis.draft.clock_choice import choose_clock, gaps_text
 from osl_analysis.draft.recorded_channel import Overview, RecordedChannel
 from osl_analysis.errors import InputError, listing, naming, printable
 from osl_analysis.formats import known_formats
 from osl_analysis.ingest.capture import is_labelled, vertical_axis
 from osl_analysis.ingest.conversion import share_above
-from osl_analysis.ingest.force_plates import convert_plate
-from osl_analysis.ingest.likely_clock import likely_unit, rate_of, time_unit
+from osl_analysis.ingest.likely_clock import likely_unit, rate_of, stated_rate, time_unit
 from osl_analysis.ingest.placeholders import NAME_OF_TIME, UNKNOWN
-from osl_analysis.recording import Channel, End, Kind, Plate, Recording
+from osl_analysis.recording import Channel, End, Kind, Recording
 from osl_analysis.source_file import MarkerSource, Source
-from osl_analysis.trial import plate_columns
 
 SECOND_NS = 1_000_000_000
 MOST_COLUMNS = 6  # of a matrix that are listed one by one
@@ -121,17 +119,15 @@ def facts_of(recording: Recording) -> dict[str, str]:
 
 def overview_of_capture(recording: Recording) -> Overview:
     """List markers, model outputs, analog channels and plates."""
-    plate_of = {
-        id(channel): f"plate {plate.number}"
-        for plate in recording.plates
-        for channel in plate.channels
-    }
     channels: list[RecordedChannel] = []
     for channel in recording.channels:
         kind = "analog" if channel.kind == Kind.SIGNAL else str(channel.kind)
-        group = plate_of.get(id(channel), "")
-        channels.append(replace(describe_channel(channel, kind), group=group))
-    channels += [describe_plate(plate) for plate in recording.plates]
+        channels.append(describe_channel(channel, kind))
+    for plate in recording.plates:
+        names = ", ".join(channel.name or channel.key for channel in plate.channels)
+        note = f"type {plate.type}, {names}"
+        address = {"plate": str(plate.number)}
+        channels.append(RecordedChannel("plate", address, note=note, corners=plate.corners))
     settings = dict(recording.settings)
     markers = [channel for channel in recording.channels if channel.kind == Kind.MARKER]
     is_told = bool(recording.facts.get("vertical_on_screen"))
@@ -158,21 +154,6 @@ def questions_on_markers(markers: Sequence[Channel]) -> Iterator[str]:
             f"several markers are called {listing(repeated)}: list those to read under `markers` in"
             " the source file, and these by full label or number"
         )
-
-
-def describe_plate(plate: Plate) -> RecordedChannel:
-    """Show a plate with its type, its channels, and its force [N], as far as they can be known."""
-    names = ", ".join(channel.name or channel.key for channel in plate.channels)
-    note = f"type {plate.type}, {names}"
-    described = RecordedChannel("plate", {"plate": str(plate.number)}, corners=plate.corners)
-    try:
-        load = convert_plate(plate, Source(format="any"), np.eye(3))
-    except InputError as error:
-        return replace(described, note=f"{note}: {error}")
-    force = [load.columns[name] for name in plate_columns(plate.number, "force")]
-    size = np.linalg.norm(force, axis=0)
-    note = f"{note}, force changes by {float(np.ptp(size)):.0f} N"
-    return replace(described, note=note, numbers=size)
 
 
 def overview_of_messages(recording: Recording) -> Overview:
@@ -297,11 +278,10 @@ def drafted_time(
     clock = choice.channel
     questions = [*choice.questions]
     if clock is None:
-        rate = None
-        if not questions:
-            rate, questions = rate_in_words(recording.notes)
+        rate = None if questions else stated_rate(recording.notes)
         if rate is not None:
-            return {"rate": rate}, None, questions
+            question = f"time by the file's own words: {rate} rows a second"
+            return {"rate": rate}, None, [question]
         return {key: NAME_OF_TIME, "unit": UNKNOWN}, None, questions
     clock = as_clock(clock, recording.notes)
     time: dict[str, object] = {key: clock.key}

@@ -19,7 +19,7 @@ from click import argument, option
 
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError, OslAnalysisError, printable, printable_lines
-from osl_analysis.files import check_output, config_here, shipped, write_text
+from osl_analysis.files import CAMPAIGN, check_output, config_here, shipped, write_text
 from osl_analysis.memory import SET_TO_ONE, limited_memory
 
 if TYPE_CHECKING:
@@ -272,10 +272,14 @@ def run_campaign(arguments: tuple[str, ...]) -> None:
     The same as `snakemake --snakefile ... --configfile config.yaml`. Write files before options."""
     from snakemake.cli import main as snakemake
 
+    from osl_analysis.commands.campaign_start import first_look
     from osl_analysis.commands.run import check_submission, snakemake_arguments
 
     given = snakemake_arguments(arguments)
     check_submission(given)
+    if CAMPAIGN.is_file() and not {"-n", "--dry-run"}.isdisjoint(given):
+        for problem in first_look():
+            say(f"to be mended: {problem}", err=True)
     snakemake(given)
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from osl_analysis.campaign.campaign_checks import check_campaign
 from osl_analysis.campaign.campaign_trials import Campaign, open_campaign
-from osl_analysis.campaign.configuration import campaign_config, over_default
+from osl_analysis.campaign.configuration import campaign_config, over_default, read_config
 from osl_analysis.errors import (
     EXTRAS,
     InputError,
@@ -16,7 +16,7 @@ from osl_analysis.errors import (
     naming,
     not_installed,
 )
-from osl_analysis.files import check_working_folder, default_config
+from osl_analysis.files import CAMPAIGN, check_working_folder, default_config
 from osl_analysis.ingest.raw_files import (
     check_clocks,
     read_source,
@@ -60,6 +60,22 @@ def start_campaign(stated: Mapping[str, Any], files: Sequence[Path]) -> tuple[Ca
     check_working_folder(config.results)
     check_start(campaign)
     return campaign, simulation_files
+
+
+def first_look() -> list[str]:
+    """What a run of the campaign in this folder would refuse, at its start, or of single trials by
+    their source files: a dry run has no job that says it. Nothing of a simulated campaign."""
+    problems: list[str] = []
+    try:
+        config = read_config(CAMPAIGN)
+        if config.simulation is not None:
+            return []
+        campaign = open_campaign(config, None)
+        problems += source_problems(campaign).values()
+        check_start(campaign)
+    except InputError as error:
+        problems.append(str(error))
+    return list(dict.fromkeys(problems))
 
 
 def check_start(campaign: Campaign) -> None:

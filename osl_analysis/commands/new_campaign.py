@@ -13,9 +13,7 @@ from typing import Literal
 
 import polars as pl
 
-from osl_analysis.campaign.campaign_trials import open_campaign
-from osl_analysis.campaign.configuration import read_config
-from osl_analysis.commands.campaign_start import check_start, source_problems
+from osl_analysis.commands.campaign_start import first_look
 from osl_analysis.draft.draft_campaign import Draft, draft_campaign
 from osl_analysis.draft.draft_sheet import UNNAMED
 from osl_analysis.errors import InputError, listing, nearest, printable
@@ -147,23 +145,11 @@ def questions_of(draft: Draft) -> list[str]:
 def left_to_decide(folder: Path, draft: Draft) -> tuple[list[str], bool]:
     """What a user has to decide, a line each; and whether a run can analyse some trial before:
     nothing is refused at its start, and no recording asks anything."""
-    obstacles = first_look(folder)
+    with chdir(folder):
+        obstacles = first_look()
     is_named = any(trial.cells["experiment"] != UNNAMED for trial in draft.trials)
     is_ready = is_named and not obstacles and not draft.open
     return [*obstacles, *questions_of(draft)], is_ready
-
-
-def first_look(folder: Path) -> list[str]:
-    """What a run of a campaign would refuse before its first job, or of single trials."""
-    problems: list[str] = []
-    with chdir(folder):
-        try:
-            campaign = open_campaign(read_config(CAMPAIGN), None)
-            problems += source_problems(campaign).values()
-            check_start(campaign)
-        except InputError as error:
-            problems.append(str(error))
-    return list(dict.fromkeys(problems))
 
 
 def campaign_text(folder: Path, draft: Draft) -> str:

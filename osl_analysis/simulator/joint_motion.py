@@ -8,7 +8,6 @@ import scipy
 
 from osl_analysis.model.multisine import odd_multisine
 from osl_analysis.signals import Motion
-from osl_analysis.simulator.random_numbers import generator_of
 from osl_analysis.simulator.simulation_settings import (
     ActuatorBench,
     BeltMotion,
@@ -112,7 +111,7 @@ def excitation_motion(excitation: Excitation, trial: str, seed: int, rate_hz: fl
     duration = excitation.full_s + 2 * excitation.fade_s
     time = np.arange(round(duration * rate_hz)) / rate_hz
     envelope = scipy.signal.windows.tukey(len(time), 2 * excitation.fade_s / duration, sym=False)
-    draws = generator_of(seed, trial, "excitation")
+    draws = np.random.default_rng([seed, zlib.crc32(trial.encode()), zlib.crc32(b"excitation"), 0])
     shape = steady_angle(excitation, time, draws)
     theta = np.deg2rad(excitation.rms_deg) * envelope * shape
     return smooth_motion(np.pad(theta, round(excitation.rest_s * rate_hz)), rate_hz)

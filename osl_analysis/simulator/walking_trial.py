@@ -90,7 +90,7 @@ def simulate_walking(
     walked = unperturbed
     if row.get("perturbed"):
         walked = simulate_crossing(step, True, effects, p)
-    clock = leg_clock(trial)
+    clock = leg_clock(trial.walking, trial)
     offset, drift = clock
     platform = walked.platform
     facts = {

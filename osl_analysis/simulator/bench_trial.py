@@ -11,8 +11,8 @@ import scipy
 
 from osl_analysis.model.compensator import Gains, select_gains
 from osl_analysis.model.drivetrain import DrivetrainParameters, actuator_torque
-from osl_analysis.signals import Motion
 from osl_analysis.simulator import joint_motion, mcap_log, recorder, two_mass_drivetrain
+from osl_analysis.simulator.joint_motion import JointMotion
 from osl_analysis.simulator.random_numbers import generator_of
 from osl_analysis.simulator.simulation_settings import SecondOrderJoint, SimulationSettings
 from osl_analysis.trial import Array
@@ -81,7 +81,7 @@ def true_signals(
     settings: SimulationSettings,
     p: DrivetrainParameters,
     gains: Gains | None = None,
-) -> tuple[Motion, dict[str, recorder.TrueSignal]]:
+) -> tuple[JointMotion, dict[str, recorder.TrueSignal]]:
     """Find the true motion of a trial, and its true signals.
 
     Parameters
@@ -95,7 +95,7 @@ def true_signals(
 
     Returns
     -------
-    motion : Motion
+    motion : JointMotion
     signals : dict
         By channel. The load cell has the torque of the joint on the bench, the paper's tau_j:
         *minus* the canonical torque. The actuator's own transducer has imperfections, too.
@@ -148,7 +148,7 @@ def true_signals(
     }
 
 
-def joint_command(row: Mapping[str, Any], settings: SimulationSettings) -> Motion:
+def joint_command(row: Mapping[str, Any], settings: SimulationSettings) -> JointMotion:
     """The motion that the dynamometer is told to follow in a trial."""
     experiment = row["experiment"]
     rate = settings.dynamometer.rate_hz
@@ -163,7 +163,7 @@ def joint_command(row: Mapping[str, Any], settings: SimulationSettings) -> Motio
     return joint_motion.sine_command(settings.protocol, rate)
 
 
-def followed(command: Motion, settings: SimulationSettings) -> Motion:
+def followed(command: JointMotion, settings: SimulationSettings) -> JointMotion:
     """The motion of a bench, with finite bandwidth if its effect is on."""
     bandwidth = settings.effects.dynamometer_bandwidth
     if not bandwidth.enabled:
@@ -173,7 +173,7 @@ def followed(command: Motion, settings: SimulationSettings) -> Motion:
 
 
 def output_torque(
-    motion: Motion, current: Array, rate_hz: float, p: DrivetrainParameters
+    motion: JointMotion, current: Array, rate_hz: float, p: DrivetrainParameters
 ) -> recorder.TrueSignal:
     """The true torque [N*m] of the actuator on the bench, the paper's tau_m, as a function of
     instants [s].
@@ -191,7 +191,7 @@ def output_torque(
     return torque_at
 
 
-def second_order_torque(joint: SecondOrderJoint, motion: Motion) -> Array:
+def second_order_torque(joint: SecondOrderJoint, motion: JointMotion) -> Array:
     """Resisting torque (n,) [N*m] of Eq. 15, with Coulomb friction."""
     friction = joint.coulomb.value * np.tanh(motion.omega / COULOMB_WIDTH)
     return joint.K * motion.theta + joint.B * motion.omega + joint.I * motion.alpha + friction

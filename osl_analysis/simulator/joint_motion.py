@@ -2,12 +2,12 @@
 bandwidth."""
 
 import zlib
+from dataclasses import dataclass
 
 import numpy as np
 import scipy
 
 from osl_analysis.model.multisine import odd_multisine
-from osl_analysis.signals import Motion
 from osl_analysis.simulator.simulation_settings import (
     ActuatorBench,
     BeltMotion,
@@ -25,13 +25,22 @@ WANDERING_SIZE = 0.4  # share of the size
 FADE = np.polynomial.Polynomial([0, 0, 0, 10, -15, 6])
 
 
-def smooth_motion(theta: Array, rate_hz: float) -> Motion:
+@dataclass(frozen=True)
+class JointMotion:
+    """An angle with its derivatives, each the true derivative of the one before."""
+
+    theta: Array  # (n,) [rad]
+    omega: Array  # (n,) [rad/s]
+    alpha: Array  # (n,) [rad/s^2]
+
+
+def smooth_motion(theta: Array, rate_hz: float) -> JointMotion:
     """A motion whose velocity and acceleration are those of a spline through its angle."""
     spline = scipy.interpolate.CubicSpline(np.arange(len(theta)) / rate_hz, theta)
-    return Motion(theta, spline(spline.x, 1), spline(spline.x, 2))
+    return JointMotion(theta, spline(spline.x, 1), spline(spline.x, 2))
 
 
-def sine_command(protocol: SteppedSineSchedule, rate_hz: float) -> Motion:
+def sine_command(protocol: SteppedSineSchedule, rate_hz: float) -> JointMotion:
     """Command the stepped sine from rest.
 
     The velocity jumps where the frequency changes, and the acceleration does not include these
@@ -51,21 +60,21 @@ def sine_command(protocol: SteppedSineSchedule, rate_hz: float) -> Motion:
     w = 2 * np.pi * frequency
     phase = w * (time - starts[piece])
     size = np.deg2rad(amplitude_deg)
-    return Motion(
+    return JointMotion(
         theta=size * np.sin(phase),
         omega=size * (w * np.cos(phase)),
         alpha=size * (-(w**2) * np.sin(phase)),
     )
 
 
-def there_and_back(belt: BeltMotion, rate_hz: float) -> Motion:
+def there_and_back(belt: BeltMotion, rate_hz: float) -> JointMotion:
     """Command the belt experiment: a raised cosine of one period, between two rests."""
     time = np.arange(round(2 * (belt.ramp_s + belt.rest_s) * rate_hz)) / rate_hz
     w = np.pi / belt.ramp_s
     height = 0.5 * np.deg2rad(belt.amplitude_deg)
     phase = w * np.clip(time - belt.rest_s, 0.0, 2 * belt.ramp_s)
     moves = (phase > 0) & (phase < 2 * np.pi)
-    return Motion(
+    return JointMotion(
         theta=height * (1 - np.cos(phase)),
         omega=height * w * np.sin(phase),
         alpha=height * w**2 * np.where(moves, np.cos(phase), 0.0),
@@ -73,8 +82,8 @@ def there_and_back(belt: BeltMotion, rate_hz: float) -> Motion:
 
 
 def position_loop(
-    command: Motion, rate_hz: float, bandwidth_hz: float, damping_ratio: float
-) -> Motion:
+    command: JointMotion, rate_hz: float, bandwidth_hz: float, damping_ratio: float
+) -> JointMotion:
     """Follow a command with a second-order position loop, from rest at the command's first angle.
 
     Between two samples the solution is exact for the cubic through the command's angles and
@@ -103,10 +112,10 @@ def position_loop(
     omega[1:] = scipy.signal.lfilter([0, c], poles, by_angle)
     omega[1:] += scipy.signal.lfilter([1, -a], poles, by_speed)
     alpha = w**2 * (angle - theta) - 2 * damping_ratio * w * omega
-    return Motion(command.theta[0] + theta, omega, alpha)
+    return JointMotion(command.theta[0] + theta, omega, alpha)
 
 
-def excitation_motion(excitation: Excitation, trial: str, seed: int, rate_hz: float) -> Motion:
+def excitation_motion(excitation: Excitation, trial: str, seed: int, rate_hz: float) -> JointMotion:
     """Command the motion of one trial, from rest to rest, with its fades."""
     duration = excitation.full_s + 2 * excitation.fade_s
     time = np.arange(round(duration * rate_hz)) / rate_hz
@@ -158,12 +167,12 @@ def noise(excitation: Excitation, time: Array, draws: np.random.Generator) -> Ar
     return np.asarray(steady * (1 + WANDERING_SIZE * wandering))
 
 
-def actuator_command(bench: ActuatorBench, rate_hz: float) -> tuple[Motion, Array]:
+def actuator_command(bench: ActuatorBench, rate_hz: float) -> tuple[JointMotion, Array]:
     """Command the actuator's own bench: tones of velocity and of current.
 
     Returns
     -------
-    motion : Motion
+    motion : JointMotion
         Of the output.
     current : Array
         (n,) [A]. Both fade in and out within `fade_s` with continuous derivatives.
@@ -182,7 +191,7 @@ def actuator_command(bench: ActuatorBench, rate_hz: float) -> tuple[Motion, Arra
         alpha += tone.size * w * np.cos(w * time)
     for tone in bench.current:
         current += tone.size * np.sin(2 * np.pi * tone.frequency_hz * time)
-    motion = Motion(
+    motion = JointMotion(
         theta=fade * theta,
         omega=fade_rate * theta + fade * omega,
         alpha=FADE.deriv(2)(u) * slope**2 * theta + 2 * fade_rate * omega + fade * alpha,

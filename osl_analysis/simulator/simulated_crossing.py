@@ -16,8 +16,8 @@ import numpy as np
 from osl_analysis.config.impedance_trajectory import read_impedance_trajectory
 from osl_analysis.model.compensator import Weight, check_request, optimal_damping, stiffness_gain
 from osl_analysis.model.drivetrain import DrivetrainParameters
-from osl_analysis.signals import Motion
 from osl_analysis.simulator import step as gait
+from osl_analysis.simulator.joint_motion import JointMotion
 from osl_analysis.simulator.laboratory_settings import WalkingSettings
 from osl_analysis.simulator.rigid_body import (
     GRAVITY,
@@ -97,7 +97,7 @@ class SimulatedCrossing:
 
     time: Array  # (n,) [s]
     step: gait.Step
-    motion: Motion  # of the ankle
+    motion: JointMotion  # of the ankle
     # the poses of foot and shank have their origin at the ankle
     foot: Pose
     shank: Pose
@@ -154,7 +154,7 @@ def simulate_crossing(
     )
 
 
-def move(step: gait.Step, perturbed: bool) -> tuple[Motion, Pose, Pose, gait.PlatformMotion]:
+def move(step: gait.Step, perturbed: bool) -> tuple[JointMotion, Pose, Pose, gait.PlatformMotion]:
     """Prescribe the motion of ankle, foot, shank and platform.
 
     The foot rotates with the platform, and the shank by the share `shank_yield` only, so that the
@@ -180,7 +180,7 @@ def move(step: gait.Step, perturbed: bool) -> tuple[Motion, Pose, Pose, gait.Pla
     foot_on_floor = Pose(yaw @ rotation_about(1, -pitch), ankle)
     foot = gait.turned(carried_angle, walking).after(foot_on_floor)
     shank = Pose(foot.rotation @ rotation_about(1, theta), foot.origin)
-    return Motion(theta, omega, alpha), foot, shank, platform
+    return JointMotion(theta, omega, alpha), foot, shank, platform
 
 
 def ankle_angle(step: gait.Step, carried_angle: Array, platform: gait.PlatformMotion) -> Array:

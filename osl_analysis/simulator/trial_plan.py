@@ -17,11 +17,14 @@ IN_THE_LABORATORY = {"static": 1, "plate": 2, "walking": 2}
 
 
 def direction_of(row: Mapping[str, Any], settings: SimulationSettings) -> str:
-    """The direction, up or down, of a row of the sample sheet: the one that it states, else that
-    of the trial's number."""
+    """The direction, up or down, of a row of the sample sheet: the one that it states, else by the
+    trial's name, which has a place in a random order of all directions."""
     directions = settings.experiments.directions
-    number = int(str(row["trial"]).rpartition("_")[2])
-    return str(row.get("direction") or directions[(number - 1) % len(directions)])
+    experiment, _, number = str(row["trial"]).rpartition("_")
+    block, place = divmod(int(number) - 1, len(directions))
+    generator = generator_of(settings.seed, f"{experiment}_{block}", "condition")
+    order = generator.permutation(len(directions))
+    return str(row.get("direction") or directions[order[place]])
 
 
 def plan_trials(settings: SimulationSettings) -> SheetRows:

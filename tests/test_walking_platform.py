@@ -274,17 +274,9 @@ def test_a_moment_that_lifts_the_toes_in_late_stance_is_refused() -> None:
         unperturbed(pulled)
 
 
-@pytest.mark.parametrize(
-    ("onset", "message"),
-    [
-        (1.75, r"starts at 1\.750 s, outside stance 0\.930-1\.590 s"),
-        (0.8, r"starts at 0\.800 s, outside stance"),
-        (1.02, r"baseline and window, .* s, leave stance 0\.930-1\.590 s"),
-        (1.53, "baseline and window, .* s, leave stance"),
-    ],
-)
-def test_an_onset_whose_response_leaves_stance_is_refused(onset: float, message: str) -> None:
-    with pytest.raises(InputError, match=message):
+@pytest.mark.parametrize("onset", [1.75, 0.8, 1.02, 1.53])
+def test_an_onset_whose_response_leaves_stance_is_refused(onset: float) -> None:
+    with pytest.raises(InputError, match=r"baseline and window .* leave stance 0\.930-1\.590 s"):
         check_onset(onset, True, Stance(0.93, 1.59), settings())
 
 

@@ -30,7 +30,6 @@ from osl_analysis.walking.plate import (
     check_vertical,
     only_stance,
     recorded_corners,
-    recorded_plate,
     zeroed_wrench,
 )
 from osl_analysis.walking.plate_inertia import PlateModel, inertial_columns
@@ -320,17 +319,13 @@ def check_onset(
         )
     if onset is None:
         return
-    span = f"stance {stance.heel_strike:.3f}-{stance.toe_off:.3f} s"
-    if not stance.heel_strike < onset < stance.toe_off:
-        raise InputError(
-            f"the perturbation starts at {onset:.3f} s, outside {span}; exclude the trial"
-        )
     first = onset - settings.guard_s - settings.baseline_s
     last = onset + settings.window_s
     if first < stance.heel_strike or last > stance.toe_off:
         raise InputError(
-            f"baseline and window, {first:.3f}-{last:.3f} s, leave {span}; shorten window_s,"
-            " baseline_s or guard_s, or exclude the trial"
+            f"baseline and window of the perturbation, {first:.3f}-{last:.3f} s, leave stance"
+            f" {stance.heel_strike:.3f}-{stance.toe_off:.3f} s; exclude the trial, or shorten"
+            " window_s, baseline_s or guard_s"
         )
 
 
@@ -476,9 +471,8 @@ def differences(
     distances["the ankle between foot and shank"] = float(np.linalg.norm(in_foot.mean(axis=0)))
 
     in_static = calibration.corners.get(settings.plate)
-    in_trial = recorded_plate(trial, settings.plate).get("corners")
-    if in_static is not None and in_trial is not None:
-        shift = np.asarray(in_trial) - in_static
+    if in_static is not None:
+        shift = passage.corners - in_static
         distances[f"the corners of force plate {settings.plate}"] = root_mean_square(shift)
 
     platform = passage.recorded["platform"]

@@ -551,17 +551,12 @@ def moments_below(directions: Array, columns_and_wrenches: Sequence[tuple[Array,
 
 def plate_table(model: PlateModel) -> pl.DataFrame:
     """Tabulate `plate.csv`: RMS of each component before and after the correction, and the lag."""
-    before, after = model.rms_before.tolist(), model.rms_after.tolist()
-    rows = []
-    for k, component in enumerate(("F_x", "F_y", "F_z", "M_x", "M_y", "M_z")):
-        rows.append(
-            {
-                "component": component,
-                "rms_before": before[k],
-                "rms_after": after[k],
-                "lag_s": model.lag,
-                "lag_se_s": model.lag_se,
-                "height_m": model.height,
-            }
-        )
-    return pl.DataFrame(rows)
+    table = pl.DataFrame(
+        {
+            "component": ("F_x", "F_y", "F_z", "M_x", "M_y", "M_z"),
+            "rms_before": model.rms_before,
+            "rms_after": model.rms_after,
+        }
+    )
+    facts = {"lag_s": model.lag, "lag_se_s": model.lag_se, "height_m": model.height}
+    return table.with_columns(pl.lit(fact, pl.Float64).alias(name) for name, fact in facts.items())

@@ -35,7 +35,6 @@ SCALE_ROUNDS = 15
 class UnperturbedGait:
     """Unperturbed crossings at `PHASES`: 0 at heel strike, 1 at toe-off."""
 
-    names: tuple[str, ...]
     theta: StoredArray  # angle of the ankle (crossings, phases) [rad]
     torque: StoredArray  # (crossings, phases) [N*m]
     stance: StoredArray  # duration of stance (crossings,) [s]
@@ -80,7 +79,6 @@ def unperturbed_gait(
         return np.stack(sampled, axis=-2)
 
     return UnperturbedGait(
-        names=tuple(crossing.name for crossing in crossings),
         theta=on_grid([crossing.theta for crossing in crossings]),
         torque=on_grid([crossing.torque for crossing in crossings]),
         stance=np.array([crossing.stance.duration for crossing in crossings]),

@@ -344,7 +344,7 @@ def test_a_stance_is_compared_among_those_of_its_direction() -> None:
 
     features = crossing_features(crossings, settings())
 
-    (stance_feature,) = (feature for feature in features if feature.name == "stance")
+    (stance_feature,) = (feature for feature in features if feature.measure.name == "stance")
     assert stance_feature.distance.max() < 5
 
 

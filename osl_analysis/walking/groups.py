@@ -4,7 +4,7 @@ Each group of perturbed crossings has a result and a mean unperturbed gait of it
 compared with the others under the same conditions.
 """
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,17 +53,10 @@ def split_keys(sheet: Sheet) -> list[str]:
         if empty:
             raise InputError(
                 f"trial {empty[0]}: no {key} in the sheet, but other crossings state"
-                f" {cell_listing(values - {None})}; fill in the cell, or empty the column"
+                f" {listing(sorted(map(cell_text, values - {None})))}; fill in the cell, or empty the column"
             )
         keys.append(key)
     return keys
-
-
-def cell_listing(values: Collection[object]) -> str:
-    """Values in order, for a message; without None."""
-    numbers = sorted(value for value in values if isinstance(value, int | float))
-    words = sorted(value for value in values if isinstance(value, str))
-    return ", ".join([*map(cell_text, numbers), *words])
 
 
 def cell_text(value: object) -> str:
@@ -135,14 +128,14 @@ def side_of(static: str, cells: Cells, served: Mapping[str, Cells], configured: 
     InputError
         They contradict each other.
     """
-    sides = {row["side"] for row in (cells, *served.values()) if row.get("side") is not None}
+    sides = {str(row["side"]) for row in (cells, *served.values()) if row.get("side")}
     if len(sides) > 1:
         raise InputError(
             f"static trial '{static}' and the trials that it serves ({listing(list(served))}) state"
-            f" the sides {cell_listing(sides)}; record a static trial for each side and state its"
+            f" the sides {listing(sorted(sides))}; record a static trial for each side and state its"
             " side"
         )
-    return str(next(iter(sides), configured))
+    return next(iter(sides), configured)
 
 
 def places(crossings: Sequence[Crossing], sheet: Sheet) -> dict[str, dict[str, object]]:
@@ -213,8 +206,7 @@ class Measure:
 class Feature:
     """One feature of n crossings. That of a curve is its RMS deviation from the median curve."""
 
-    name: str
-    unit: str
+    measure: Measure
     values: Array  # (n,)
     median: Array  # (n,), of those with which each crossing is compared
     scatter: float  # about the medians
@@ -374,9 +366,7 @@ def feature_of(measure: Measure, kinds: NDArray[np.int_], sound: Mask) -> Featur
         values = np.sqrt(np.mean(deviation**2, axis=1))
     median = kind_medians(values, kinds, sound)
     scatter = MAD_TO_SD * float(np.median(np.abs(values - median)[sound]))
-    return Feature(
-        measure.name, measure.unit, values, median, max(scatter, measure.smallest_scatter)
-    )
+    return Feature(measure, values, median, max(scatter, measure.smallest_scatter))
 
 
 def kind_medians(values: Array, kinds: NDArray[np.int_], sound: Mask) -> Array:
@@ -424,11 +414,12 @@ def exclusion_reason(
     distance = furthest.distance[index]
     if not distance > settings.outliers.limit:
         return None
-    unit = furthest.unit
+    unit = furthest.measure.unit
+    value, median = furthest.values[index], furthest.median[index]
     return (
-        f"{furthest.name} {furthest.values[index]:.3g} {unit} lies {distance:.1f} scatters of"
-        f" {furthest.scatter:.2g} {unit} from the median {furthest.median[index]:.3g} {unit}, more"
-        f" than {settings.outliers.limit:g}"
+        f"{furthest.measure.name} {value:.3g} {unit} lies {distance:.1f} scatters of"
+        f" {furthest.scatter:.2g} {unit} from the median {median:.3g} {unit}, more than"
+        f" {settings.outliers.limit:g}"
     )
 
 

@@ -152,12 +152,11 @@ def identify_plate_model(
     if len(usable) == 1:
         return model
 
-    if model.parameters[0] > LIGHT_KG:
-        columns_and_wrenches = [
-            (recording.smooth(inertial_columns(motion)), recording.wrench_at(model.lag or 0.0))
-            for recording, (motion, _) in zip(usable, motions, strict=True)
-        ]
-        model = with_height(model, columns_and_wrenches)
+    columns_and_wrenches = [
+        (recording.smooth(inertial_columns(motion)), recording.wrench_at(model.lag or 0.0))
+        for recording, (motion, _) in zip(usable, motions, strict=True)
+    ]
+    model = with_height(model, columns_and_wrenches)
     without_each = [
         plate_model(usable[:i] + usable[i + 1 :], lags[:i] + lags[i + 1 :], model)
         for i in range(len(usable))

@@ -323,9 +323,6 @@ def bridge_gaps(time: Array, poses: Poses, longest: float) -> Poses:
     Over 60 to 190 ms the cubic leaves a motion of stance by 0.1 to 3 deg, a spline by 1 to 10 deg.
     """
     seen = np.flatnonzero(poses.seen())
-    if len(seen) < 4:
-        return poses
-
     step = 1 / sampling_rate(time)
     hidden_s = (np.diff(seen) - 1) * step
     count = max(round(SIDE_S / step), FEWEST_SIDE_FRAMES)

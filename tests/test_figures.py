@@ -153,7 +153,8 @@ def left_out():
 
 
 OBSERVED = ("{}", "{}_low", "{}_high", "{}_amplitudes_low", "{}_amplitudes_high")
-OF_GROUP = ("estimate", "ensemble", "ensemble_low", "ensemble_high", "mean", "commanded")
+OF_GROUP = ("estimate", "ensemble", "ensemble_low", "ensemble_high", "mean", "commanded",
+            "predicted", "predicted_low", "predicted_high")
 SHOWN = [
     # figure, table (None: as stored), panel, its rows, horizontal axis (None: no numbers of the
     # table), vertical axis
@@ -278,7 +279,7 @@ LETTERING = [
      ["median"]),
     ("fig7", response_table, {}, ["$K_d$ = 200 N·m/rad", "Compensated, linear model"], []),
     ("walking_page", lambda: stored("walking_page"), {"doubtful": DOUBT},
-     ["7 unperturbed", "Doubtful fit"], []),
+     ["Doubtful fit"], []),
 ]  # fmt: skip
 
 

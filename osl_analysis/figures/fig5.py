@@ -138,10 +138,11 @@ def draw_trials(ax: Axes, symbol: str, placed: pl.DataFrame, inches: float) -> N
 
     desired = f"{symbol}_d"
     groups = placed.partition_by(desired, maintain_order=True)
-    for group in groups:
-        if group[desired][0] is not None:
+    values = [group[desired][0] for group in groups]
+    for value, group in zip(values, groups, strict=True):
+        if value is not None:
             ends = (group["x"][0] - BESIDE_TRIALS, group["x"][-1] + BESIDE_TRIALS)
-            ax.hlines(group[desired][0], *ends, **DESIRED_LINE)
+            ax.hlines(value, *ends, **DESIRED_LINE)
     for left, right in pairwise(groups):
         ax.axvline((left["x"][-1] + right["x"][0]) / 2, color=style.GRID_GREY, linewidth=0.5)
 
@@ -150,17 +151,13 @@ def draw_trials(ax: Axes, symbol: str, placed: pl.DataFrame, inches: float) -> N
     ax.tick_params(axis="x", length=0)
     if names.has_values(placed, desired):
         ax.set_xlabel(names.AXIS_LABELS[desired])
-        label_groups(ax, groups, [text_of(group[desired][0]) for group in groups], inches)
+        labels = [f"{value:g}" if value is not None else "not stated" for value in values]
+        label_groups(ax, groups, labels, inches)
     else:
         ax.set_xlabel("Trial")
         groups = placed.partition_by("trial", maintain_order=True)
         ends_of_names = [names.drawn_name(rows["trial"][0][-LONGEST_NAME:]) for rows in groups]
         label_groups(ax, groups, ends_of_names, inches)
-
-
-def text_of(desired: float | None) -> str:
-    """A desired value as it stands below its trials."""
-    return "not stated" if desired is None else f"{desired:g}"
 
 
 def label_groups(

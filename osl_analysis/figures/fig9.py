@@ -14,13 +14,18 @@ QUANTITIES = ("K", "B", "I")
 # distances on the axis from the middle of a group
 REACH = 0.32  # of its points, to either side
 MEAN_AT = 0.55  # its mean
-ENSEMBLE_AT = 0.85  # its ensemble
-NEXT_GROUP = 1.8  # the middle of the next group
+LAST_AT = 1.15  # the last of its fits
+NEXT_GROUP = 2.1  # the middle of the next group
 BESIDE = 0.4  # free beside the first and the last group
 MARGIN = 0.45  # of a panel, for the labels of its vertical axis [in]
 SWARM_HEIGHT = 1.2  # over which the values of a panel spread [in]
 POINT = 3.4 / 72  # diameter of a point with a small gap [in]
 DRAWN = ("estimate", "mean", "ensemble_low", "ensemble_high", "commanded")
+# Fits to the mean response: estimator, column, distance from the middle, face and name of a marker
+FITS = (
+    ("ensemble", "ensemble", 0.85, style.PURPLE, "Fit to the mean response, 95 % interval"),
+    ("ensemble, predicted gait", "predicted", LAST_AT, style.WHITE, "Minus predicted gait"),
+)
 PERTURBATION = style.Look(style.GREY, "o", 2.6, "One perturbation", edge=0.6)
 IN_BLACK: dict[str, Any] = {"color": style.BLACK, "linewidth": 0.8}
 CAP = 2.5  # half of the bar's end [pt]
@@ -55,23 +60,24 @@ def points(
     summary = walking_summary.drop_nulls("mean").filter(pl.col("quantity").is_in(QUANTITIES))
     group = pl.col("group").cast(pl.String)  # without entries it is a column of numbers
     summary = summary.with_columns(group)
-    means = summary.filter(estimator="mean of perturbations").select(*keys, "n", "mean", "sd")
-    ensembles = summary.filter(estimator="ensemble").select(
-        *keys, "commanded", ensemble="mean", ensemble_low="low", ensemble_high="high",
-        doubtful="doubt",
-    )  # fmt: skip
+    of_groups = summary.filter(estimator="mean of perturbations").select(*keys, "n", "mean", "sd")
+    facts = summary.filter(estimator="ensemble").select(*keys, "commanded", doubtful="doubt")
+    of_groups = of_groups.join(facts, on=keys)
+    for estimator, column, *_ in FITS:
+        names_of = {"mean": column, "low": f"{column}_low", "high": f"{column}_high"}
+        of_fit = summary.filter(estimator=estimator).select(*keys, *names_of).rename(names_of)
+        of_groups = of_groups.join(of_fit, on=keys, how="left")
     is_fitted = pl.all_horizontal(pl.col(QUANTITIES).is_finite())
     fits = walking.with_columns(group).filter(is_fitted)
     perturbations = fits.unpivot(
         QUANTITIES, index=["group", "trial", "doubtful"],
         variable_name="quantity", value_name="estimate",
     )  # fmt: skip
-    of_groups = means.join(ensembles, on=keys)
     if of_groups.is_empty():
         raise InputError(
             "no group has a result, which Fig. 9 draws; see the reasons in walking_groups.csv"
         )
-    groups = means["group"].unique(maintain_order=True).to_list()
+    groups = of_groups["group"].unique(maintain_order=True).to_list()
     if len(groups) == 1:
         of_configuration = pl.when(quantity="K").then(pl.lit(commanded_K, pl.Float64))
         of_groups = of_groups.with_columns(commanded=pl.coalesce("commanded", of_configuration))
@@ -85,48 +91,36 @@ def points(
 
 
 def draw(table: pl.DataFrame) -> style.PaperFigure:
-    """(a) K, (b) B, (c) I. The panels of one group stand side by side, those of several one above
-    the other."""
+    """(a) K, (b) B, (c) I, side by side, each with all groups."""
     of_groups = table.filter(pl.col("trial").is_null(), quantity="K")
-    if len(of_groups) == 1:
-        figure, axes = style.panels(style.SINGLE_COLUMN, 2.6, 1, 3)
-        inches = style.SINGLE_COLUMN / 3 - MARGIN
-    else:
-        figure, axes = style.panels(style.DOUBLE_COLUMN, 4.8, 3, 1, share_x=True)
-        inches = style.DOUBLE_COLUMN - MARGIN
+    width = style.SINGLE_COLUMN if len(of_groups) == 1 else style.DOUBLE_COLUMN
+    figure, axes = style.panels(width, 2.6, 1, 3)
     left = -REACH - BESIDE
-    right = (len(of_groups) - 1) * NEXT_GROUP + ENSEMBLE_AT + BESIDE
+    right = (len(of_groups) - 1) * NEXT_GROUP + LAST_AT + BESIDE
+    unit = (width / 3 - MARGIN) / (right - left)
+    groups = [f"{name} ({n})" for name, n in of_groups.select("group", "n").iter_rows()]
+    labels = [names.drawn_name(group) for group in groups] if len(groups) > 1 else []
+    places = [number * NEXT_GROUP + MEAN_AT / 2 for number in range(len(labels))]
     for ax, quantity in zip(axes, QUANTITIES, strict=True):
         rows = table.filter(quantity=quantity)
         values = rows.select(DRAWN).unpivot()["value"].drop_nulls().to_numpy()
-        spread = max(float(np.ptp(values)), 1e-9)
+        height = SWARM_HEIGHT / max(float(np.ptp(values)), 1e-9)
         for number, group in enumerate(rows.partition_by("group", maintain_order=True)):
-            draw_group(
-                ax, group, number * NEXT_GROUP, SWARM_HEIGHT / spread, inches / (right - left)
-            )
+            draw_group(ax, group, number * NEXT_GROUP, height, unit)
         ax.set_xlim(left, right)
-        ax.set_xticks([])
+        ax.set_xticks(places, labels, rotation=90)
         ax.set_ylabel(names.AXIS_LABELS[quantity])
         if quantity == "I" or ax.dataLim.y0 < 0:
             ax.axhline(0, color=style.BLACK, linewidth=0.5, zorder=0)
     axes[-1].yaxis.set_major_formatter(
         FuncFormatter(lambda value, _: f"{1e3 * value:.6g}".replace("-", "−"))
     )
-    if len(of_groups) > 1:
-        letters = int(style.LETTERS_PER_INCH * inches / len(of_groups))
-        places = [number * NEXT_GROUP + MEAN_AT / 2 for number in range(len(of_groups))]
-        labels = [
-            names.drawn_name(f"{name} ({n})", max(letters, 6))
-            for name, n in of_groups.select("group", "n").iter_rows()
-        ]
-        axes[-1].set_xticks(places, labels)
     marks.legend_above(figure, [*marks.labelled(axes[:1]), *marks.open_keys(table)])
-    figure.align_ylabels()
     return figure
 
 
 def draw_group(ax: Axes, rows: pl.DataFrame, place: float, height: float, unit: float) -> None:
-    """One quantity of a group around its place: perturbations, their mean, the fit to the mean
+    """One quantity of a group around its place: perturbations, their mean, the fits to the mean
     response, and the command. `height` is the length of a unit of the quantity, `unit` that of the
     horizontal axis [in]."""
     fits = rows.drop_nulls("trial")
@@ -139,15 +133,15 @@ def draw_group(ax: Axes, rows: pl.DataFrame, place: float, height: float, unit: 
         place + MEAN_AT, group["mean"], yerr=group["sd"],
         fmt="s", markersize=3, capsize=CAP, label="Mean ± SD", **IN_BLACK,
     )  # fmt: skip
-    # an interval of percentiles, which may lie on one side of the estimate
-    x, ends = place + ENSEMBLE_AT, [group["ensemble_low"], group["ensemble_high"]]
-    ax.plot([x, x], ends, color=style.PURPLE, linewidth=1.2, marker="_", markersize=2 * CAP)
-    ax.plot(
-        [x], [group["ensemble"]], "D", color=style.PURPLE, markersize=3.2,
-        label="Fit to the mean response, 95 % interval",
-    )  # fmt: skip
+    for _, column, beside, face, label in FITS:
+        # an interval of percentiles, which may lie on one side of the estimate
+        x, ends = [place + beside] * 2, [group[f"{column}_low"], group[f"{column}_high"]]
+        ax.plot(x, ends, color=style.PURPLE, linewidth=1.2, marker="_", markersize=2 * CAP)
+        ax.plot(
+            x[:1], [group[column]], "D", color=style.PURPLE, mfc=face, markersize=3.2, label=label
+        )
     if group["commanded"] is not None:
         ax.plot(
-            [place - REACH - 0.1, place + ENSEMBLE_AT + 0.15], [group["commanded"]] * 2,
+            [place - REACH - 0.1, place + LAST_AT + 0.15], [group["commanded"]] * 2,
             linestyle=style.DASHED, zorder=0, label="Commanded", **IN_BLACK,
         )  # fmt: skip

@@ -41,11 +41,8 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
     groups = table.partition_by("group", maintain_order=True)
     titles = []
     for rows in groups:
-        parts = [names.drawn_name(rows["group"][0], 60)] if len(groups) > 1 else []
-        for name in GAIT:
-            counts = rows.filter(panel="angle", curve=name)["n"].to_list()
-            parts.append(f"{counts[0] if counts else 0} {name}")
-        titles += [", ".join(parts), "", "", ""]
+        name = names.drawn_name(rows["group"][0], 60) if len(groups) > 1 else ""
+        titles += [name, "", "", ""]
     height = PAGE_HEIGHT * len(groups)
     figure, axes = style.panels(style.DOUBLE_COLUMN, height, 2 * len(groups), 2, titles=titles)
     for number, rows in enumerate(groups):

@@ -53,7 +53,8 @@ def split_keys(sheet: Sheet) -> list[str]:
         if empty:
             raise InputError(
                 f"trial {empty[0]}: no {key} in the sheet, but other crossings state"
-                f" {listing(sorted(map(cell_text, values - {None})))}; fill in the cell, or empty the column"
+                f" {listing(sorted(map(cell_text, values - {None})))}; fill in the cell, or empty"
+                " the column"
             )
         keys.append(key)
     return keys
@@ -132,8 +133,8 @@ def side_of(static: str, cells: Cells, served: Mapping[str, Cells], configured: 
     if len(sides) > 1:
         raise InputError(
             f"static trial '{static}' and the trials that it serves ({listing(list(served))}) state"
-            f" the sides {listing(sorted(sides))}; record a static trial for each side and state its"
-            " side"
+            f" the sides {listing(sorted(sides))}; record a static trial for each side and state"
+            " its side"
         )
     return next(iter(sides), configured)
 

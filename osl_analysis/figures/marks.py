@@ -23,6 +23,8 @@ from osl_analysis.trial import Array
 BARS = (("", "95 % interval", THICK), ("_amplitudes", "Range over amplitudes", THIN))
 BAR_LENGTH = 8.0  # of a bar in a legend [pt]
 TOUCHING = 1e-9  # relative difference of two places that are one, by rounding
+STEPS_PER_POINT = 8  # of the offsets that a point of a swarm tries
+MOST_STEPS = 1000
 
 # matplotlib's zorder of markers; bars and lines have 2
 BEFORE_BARS = 3
@@ -142,15 +144,13 @@ def swarm_offsets(heights: Array, width: float, reach: float) -> Array:
     """
     offsets = np.zeros(len(heights))
     order = np.argsort(heights, kind="stable")
+    steps = np.arange(MOST_STEPS)
+    tried = width / STEPS_PER_POINT * ((steps + 1) // 2) * (-1.0) ** steps  # 0, 1, -1, 2, -2 ...
     for rank, point in enumerate(order):
         below = order[:rank]
-        near = below[heights[point] - heights[below] < width]
-        distance = np.sqrt(width**2 - (heights[point] - heights[near]) ** 2)
-        candidates = np.concatenate([[0.0], offsets[near] - distance, offsets[near] + distance])
-        gaps = np.abs(candidates[:, None] - offsets[near])
-        is_free = (gaps >= distance * (1 - TOUCHING)).all(axis=1)
-        free = candidates[is_free]
-        offsets[point] = free[np.argmin(np.abs(free))]
+        distance = np.hypot(tried[:, None] - offsets[below], heights[point] - heights[below])
+        is_free = (distance >= width * (1 - TOUCHING)).all(axis=1)
+        offsets[point] = tried[np.argmax(is_free)]
     widest = float(np.abs(offsets).max(initial=reach))
     return offsets * reach / widest
 
@@ -174,12 +174,5 @@ def label_log_axis(axis: Axis, most: int, text: Callable[[float], str] = written
         ticks = [tick for tick in locator.tick_values(low, high) if low <= tick <= high]
         if 2 <= len(ticks) <= most:
             break
-    set_ticks(axis, ticks, text)
-
-
-def set_ticks(
-    axis: Axis, ticks: Sequence[float], text: Callable[[float], str] = written_number
-) -> None:
-    """Give an axis these ticks with their numbers, and no others."""
     axis.set_ticks(ticks, [text(tick) for tick in ticks])
     axis.set_ticks([], minor=True)

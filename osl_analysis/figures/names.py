@@ -5,7 +5,7 @@ import textwrap
 
 import polars as pl
 
-from osl_analysis.figures.style import ORANGE, PURPLE, Dash, Look
+from osl_analysis.figures.style import ORANGE, PURPLE, Look
 
 AXIS_LABELS = {  # one name per quantity, in every figure
     "K": r"Stiffness $\hat{K}$ (N·m/rad)",
@@ -24,13 +24,6 @@ LOOKS = {  # of the controllers of the draft
 # (CIE 1976) for readers without long- or medium-wavelength cones
 COLOURS = ("#3F8FBF", "#6B3A0A", "#2F5555", "#B98860", "#2B46F0")
 MARKERS = ("s", "^", "v", "P", "X", "p", "h")
-DASHES: tuple[Dash, ...] = (
-    (0, (2, 1.2)),
-    (0, (9, 2)),
-    (0, (3, 1, 1, 1, 1, 1)),
-    (0, (6, 1, 2, 1)),
-    (0, (12, 1.5, 1.5, 1.5)),
-)
 NO_CONTROLLER = Look("#757575", ">", 3.6, "Controller not stated", (0, (1, 0.8)))
 
 
@@ -41,14 +34,14 @@ def drawn_name(name: str, letters: int = 22) -> str:
     return f" {lines}" if lines.startswith("_") else lines
 
 
-def condition(rows: pl.DataFrame, *, units: bool = True) -> list[str]:
+def condition(rows: pl.DataFrame) -> list[str]:
     """What is stated of the condition of these rows, such as `$K_d$ = 200 N·m/rad`; empty where
     nothing is."""
     K_d, B_d, controller = rows.select("K_d", "B_d", "controller").row(0)
     parts = []
     for symbol, value, unit in (("$K_d$", K_d, " N·m/rad"), ("$B_d$", B_d, " N·m·s/rad")):
         if value is not None:
-            parts.append(f"{symbol} = {value:g}{unit if units else ''}")
+            parts.append(f"{symbol} = {value:g}{unit}")
     if controller is not None:
         parts.append(drawn_name(controller))
     return parts
@@ -80,7 +73,7 @@ def by_controller(table: pl.DataFrame) -> list[tuple[Look, pl.DataFrame]]:
         if number is not None:
             look = Look(
                 COLOURS[number % len(COLOURS)], MARKERS[number % len(MARKERS)], NO_CONTROLLER.size,
-                drawn_name(name), DASHES[number % len(DASHES)],
+                drawn_name(name), NO_CONTROLLER.dash,
             )  # fmt: skip
         parts.append((look, rows))
     return parts

@@ -125,8 +125,7 @@ def count_from_stamps(stamps: Array) -> SampleCount:
     A sample is missing where the level of the stamps changes by a step for good. Of the counts at
     one rate and at changing rates, that with the smallest residual about the slow part of the
     stamps is taken, if its residual is clearly below that without missing samples. Missing samples
-    make the first estimate of a changing rate wrong, so it is repeated with those that a median
-    over nine samples shows.
+    make the estimate of a changing rate wrong, so it is repeated with those that were found.
     """
     rows = np.arange(len(stamps))
     steps = np.diff(stamps)
@@ -144,12 +143,9 @@ def count_from_stamps(stamps: Array) -> SampleCount:
     counts = [rows, rows + np.cumsum(missing_before_samples(stamps))]
     even_stamps = without_rate_changes(stamps, rows)
     if even_stamps is not stamps:
-        counts.append(rows + np.cumsum(lasting_jumps(even_stamps)))
-        even_stamps = without_rate_changes(stamps, min(rows, counts[-1], key=squares))
-        refined = count_whole_steps(np.diff(even_stamps))
-        if refined is None:
-            refined = rows + np.cumsum(missing_before_samples(even_stamps))
-        counts.append(refined)
+        rough = rows + np.cumsum(lasting_jumps(even_stamps))
+        even_stamps = without_rate_changes(stamps, min(rows, rough, key=squares))
+        counts.append(rows + np.cumsum(missing_before_samples(even_stamps)))
     best = min(counts, key=squares)
     return best if squares(best) < WORTH_MISSING * squares(rows) else rows
 
@@ -192,92 +188,49 @@ def usual_length(steps: Array) -> float:
     return max(float(np.median(steps)), 1e-9)
 
 
-FEW = 20  # samples of a block; fewer at an end of the record give a level only if stamps are tidy
-TIDY_LEVEL = 0.1  # steps between the median and the level of such tidy stamps
+FEW = 20  # samples; fewer at an end of the record give no level
+LEVEL_ROUNDS = 4  # a sample that is found moves the levels of its neighbours
 LEVELS_DIFFER = 0.3  # steps between two rough levels that call for a closer look
-SMOOTHING_ROUNDS = 4  # a change moves the levels of all later samples
 
 
 def missing_before_samples(stamps: Array) -> SampleCount:
     """Number of samples missing right before each sample, (n,), by the levels beside long steps."""
-    steps = np.diff(stamps)
     missing = np.zeros(len(stamps), dtype=np.int64)
     step = usual_step(stamps)
-    rows = np.flatnonzero(steps > SUSPECT_STEP * step) + 1
-    if not len(rows):
-        return missing
-
-    # The sample before a burst may have been late by 0.8 steps.
-    length = steps[rows - 1] / step
-    most_of_burst = np.floor(length - 0.2)
-    most_of_step = np.rint(length) - 1
-    most = np.maximum(np.where(length > 10, most_of_burst, most_of_step).astype(np.int64), 1)
-    # A burst of delayed samples fills a third of the window at most.
-    windows = np.maximum(BESIDE, 3 * most)
-    # The longest steps first: else a late sample takes the place of one that is missing a few
-    # samples later. Lengths are compared in quarters of a step, up to two steps.
-    order = np.argsort(-np.minimum(np.rint(4 * length), 8), kind="stable")
-
     level = (stamps - stamps[0]) / step - np.arange(len(stamps))
-    late_only = are_only_late(level)
-    # the level is that of the promptest few samples if stamps are only late, never early; else of
-    # the lowest fifth
-    share = 0.03 if late_only else 0.2
-    smooth = scipy.ndimage.minimum_filter1d if late_only else scipy.ndimage.uniform_filter1d
-
-    half = BESIDE // 2
-    last = len(level) - 1
-    behind = np.minimum(rows + half, last)
-    before = np.maximum(rows - half, 0)
-    always = (3 * most > BESIDE) | (rows < BESIDE) | (rows > last - BESIDE)
-    for _ in range(SMOOTHING_ROUNDS):
-        smooth_level = smooth(level, BESIDE, mode="nearest")
-        look_closer = (np.abs(smooth_level[behind] - smooth_level[before]) > LEVELS_DIFFER) | always
-        has_changed = False
-        for k in order[look_closer[order]].tolist():
-            row = int(rows[k])
-            window = int(windows[k])
-            rise = rise_of_level(
-                level[max(row - window, 0) : row], level[row : row + window], share
-            )
-            if rise is None:
+    length = np.diff(stamps, prepend=stamps[0]) / step
+    # the sample before may have been late
+    most = np.maximum(np.rint(length + 0.2).astype(np.int64) - 1, 1)
+    for _ in range(LEVEL_ROUNDS):
+        # where the level of the promptest few samples changes nearby
+        prompt = scipy.ndimage.minimum_filter1d(level, BESIDE, mode="nearest")
+        padded = np.pad(prompt, BESIDE // 2, mode="edge")
+        rises = np.abs(padded[BESIDE:] - padded[:-BESIDE]) > LEVELS_DIFFER
+        rows = np.flatnonzero(
+            (length > SUSPECT_STEP) & (rises[: len(length)] | (most > BESIDE / 3))
+        )
+        # The longest steps first: else a late sample takes the place of one that is missing a few
+        # samples later. Lengths are compared in quarters of a step, up to two steps.
+        order = np.argsort(-np.minimum(np.rint(4 * length[rows]), 8), kind="stable")
+        for row in rows[order].tolist():
+            # a burst of delayed samples fills a third of the window at most
+            window = max(BESIDE, 3 * int(most[row]))
+            before = level[max(row - window, 0) : row]
+            behind = level[row : row + window]
+            if min(len(before), len(behind)) < FEW:
                 continue
-            known = int(missing[row])
-            added = min(max(known + round(rise), 0), int(most[k])) - known
-            level[row:] -= added
-            missing[row] += added
-            has_changed = has_changed or added != 0
-        if not has_changed:
-            break
+            rise = of_the_promptest(behind) - of_the_promptest(before)
+            total = min(max(int(missing[row]) + round(rise), 0), int(most[row]))
+            if total != missing[row]:
+                level[row:] -= total - missing[row]
+                missing[row] = total
     return missing
 
 
-def are_only_late(level: Array) -> bool:
-    """Whether stamps, by their level (n,) in steps, are late but never early."""
-    blocks = in_blocks(level, FEW)
-    middle = np.median(blocks, axis=1)
-    below = np.median(middle - np.min(blocks, axis=1))
-    above = np.median(np.max(blocks, axis=1) - middle)
-    return bool(below < 0.7 * above)
-
-
-def rise_of_level(before: Array, behind: Array, share: float) -> float | None:
-    """Steps by which the level rises from (m,) before to (k,) behind a step; None if that cannot be
-    told. `share` of the samples lie below the level."""
-    level_before = quantile_of(before, share)
-    level_behind = quantile_of(behind, share)
-    if min(len(before), len(behind)) < FEW:
-        longer = before if len(before) > len(behind) else behind
-        level_of_longer = level_before if len(before) > len(behind) else level_behind
-        if float(np.median(longer)) - level_of_longer > TIDY_LEVEL:
-            return None
-    return level_behind - level_before
-
-
-def quantile_of(values: Array, share: float) -> float:
-    """The value (n,) below which a share of the others lie."""
-    rank = int(share * len(values))
-    return float(np.partition(values, rank)[rank])
+def of_the_promptest(level: Array) -> float:
+    """The value (n,) below which 3 % of the others lie: stamps may be late, seldom early."""
+    rank = len(level) // 33
+    return float(np.partition(level, rank)[rank])
 
 
 SHORTEST_BETWEEN_KINKS_S = 2.0

@@ -87,7 +87,7 @@ def test_the_name_of_a_file_tells_its_trial_and_nothing_more(name, experiment, t
     assert {
         k: v for k, v in cells.items() if k in ("K_d", "B_d", "controller", "perturbed")
     } == told
-    assert ("write calibration" in "".join(still_open)) == (name == "calibration")
+    assert ("experiment calibration" in "".join(still_open)) == (name == "calibration")
     assert ("belt or actuator, write which" in "".join(still_open)) == (name == "belt_motor")
     assert bool(still_open) == (experiment == "ingest_only")
 

@@ -89,11 +89,11 @@ def check_start(campaign: Campaign) -> None:
     """
     check_campaign(campaign)
     config = campaign.config
-    if config.simulation and has_to_simulate(campaign):
-        check_simulator()
     folders = {"sources": config.sources}
     if config.simulation is None:
         folders["raw_data"] = config.raw_data
+    else:
+        check_simulator(campaign)
     for setting, folder in folders.items():
         if not folder.is_dir():
             raise InputError(f"{folder}: no such folder; correct `{setting}` in the configuration")
@@ -104,12 +104,10 @@ def check_start(campaign: Campaign) -> None:
         raise InputError(next(iter(problems.values())))
 
 
-def has_to_simulate(campaign: Campaign) -> bool:
-    """Whether a recording is missing."""
-    return not all(log.exists() for trial in campaign.trials() for log in campaign.logs(trial))
-
-
-def check_simulator() -> None:
+def check_simulator(campaign: Campaign) -> None:
+    """Refuse to simulate recordings that are missing without the libraries of the simulator."""
+    if all(log.exists() for trial in campaign.trials() for log in campaign.logs(trial)):
+        return
     for library, extra in EXTRAS.items():
         if extra == "simulator" and find_spec(library) is None:
             raise not_installed("the simulator", library)

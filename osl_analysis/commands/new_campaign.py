@@ -5,6 +5,7 @@ import json
 import os
 import re
 import shlex
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import chdir
 from pathlib import Path
@@ -162,11 +163,9 @@ def campaign_text(folder: Path, draft: Draft) -> str:
         where = "in config.yaml and by `osl-analysis run -n`"
         lines += some_of([f"  {text}" for text in questions], MOST_QUESTIONS, where)
     lines += some_of(source_lines(draft), MOST_SOURCES, "in sources/")
-    by_experiment: dict[str, list[str]] = {}
-    for trial in draft.trials:
-        by_experiment.setdefault(trial.cells["experiment"], []).append(trial.cells["trial"])
-    texts = [f"{name}: {listing(trials, MOST_LISTED)}" for name, trials in by_experiment.items()]
-    lines.append(f"trials.csv: {'; '.join(texts)}")
+    experiments = Counter(trial.cells["experiment"] for trial in draft.trials)
+    counts = [f"{count} {experiment}" for experiment, count in experiments.items()]
+    lines.append(f"trials.csv: {', '.join(counts)}")
     refused = [f"not read: {printable(why)}" for why in draft.refused]
     lines += some_of(refused, MOST_REFUSED, "that `osl-analysis inspect` of their folder tells")
     edit = "" if is_ready else "edit what is named above; "
@@ -182,18 +181,11 @@ def some_of(lines: Sequence[str], most: int, where: str) -> list[str]:
 
 
 def source_lines(draft: Draft) -> list[str]:
-    """The recordings of each source file, and the channels that it names."""
+    """The channels that each source file names, and for how many recordings."""
+    cells = [trial.cells for trial in draft.trials]
+    uses = Counter(row.get(role) for row in cells for role in ("log_source", "mocap_source"))
     lines: list[str] = []
     for name, source in draft.source_files.items():
-        files = [
-            trial.cells[role]
-            for trial in draft.trials
-            for role in ("log", "mocap")
-            if trial.cells.get(f"{role}_source") == name
-        ]
-        line = f"sources/{name}.yaml: {listing(files, MOST_LISTED)}"
-        if source.named:
-            guesses = [entry.guess for entry in source.named.values()]
-            line = f"{line}; guessed: {listing(guesses, MOST_LISTED)}"
-        lines.append(line)
+        guesses = [entry.guess for entry in source.named.values()] or ["all markers"]
+        lines.append(f"sources/{name}.yaml, {uses[name]} x: {listing(guesses, MOST_LISTED)}")
     return lines

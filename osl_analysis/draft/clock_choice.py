@@ -12,7 +12,6 @@ from osl_analysis.ingest.likely_clock import (
     span_ratio,
     tells_time,
     ticks,
-    time_unit,
 )
 from osl_analysis.trial import Array
 from osl_analysis.units import is_clock
@@ -72,10 +71,7 @@ def choose_clock(channels: Sequence[RecordedChannel]) -> ClockChoice:
         return ClockChoice(first, [question])
     if named:
         return ClockChoice(first)
-    step = float(np.median(np.diff(first.numbers)))
-    unit = first.unit or time_unit(first.numbers)
-    question = f"time is a guess: {printable(first.key)} rises by {step:.4g} {unit} a row"
-    return ClockChoice(first, [question])
+    return ClockChoice(first, [f"time is a guess: {printable(first.key)} rises evenly"])
 
 
 def runs(clock: RecordedChannel) -> bool:

@@ -18,8 +18,7 @@ from osl_analysis.draft.guesses import Guess, joints_named, turns_slowly
 from osl_analysis.draft.overview import FEWEST_READINGS, inspect_recording
 from osl_analysis.draft.recorded_channel import Overview
 from osl_analysis.errors import InputError
-from osl_analysis.formats import known_formats
-from osl_analysis.ingest.raw_files import check_file, is_capture, recordings_in, suffixes
+from osl_analysis.ingest.raw_files import check_file, recordings_in, suffixes
 
 
 @dataclass
@@ -60,18 +59,13 @@ class Described:
     source: str
 
     @property
-    def is_capture(self) -> bool:
-        """Whether it comes from a motion-capture laboratory."""
-        return is_capture(known_formats()[self.overview.format])
-
-    @property
-    def tells(self) -> tuple[bool, bool, int, int]:
+    def tells(self) -> tuple[bool, int, int]:
         """How much it tells: whether a joint turns, whose spring has the torque's sign, and no
-        fixture alone; of a capture, which axis points up; channels that may be signals; and all."""
-        signals = sum(not guess.why_not for guess in self.guesses)
-        tells_axes = "axes" in self.overview.settings
-        is_of_joint = not is_fixture_alone(self.file)
-        return is_of_joint, tells_axes, signals, len(self.overview.channels)
+        fixture alone; channels; and those that may be signals, or whether its markers tell which
+        axis points up."""
+        details = sum(not guess.why_not for guess in self.guesses)
+        details += "axes" in self.overview.settings
+        return not is_fixture_alone(self.file), len(self.overview.channels), details
 
 
 def draft_campaign(folder: Path) -> Draft:
@@ -106,7 +100,7 @@ def draft_campaign(folder: Path) -> Draft:
             draft.open.append((question, str(best.file)))
     draft.trials = trials_of(draft, described)
     align_clocks(draft)
-    captures = [recording.overview for recording in described if recording.is_capture]
+    captures = [recording.overview for recording in described if recording.overview.is_capture]
     experiments = {trial.cells["experiment"] for trial in draft.trials if "mocap" in trial.cells}
     if experiments & {"walking", UNNAMED}:
         draft.walking, questions = draft_walking(captures)
@@ -134,7 +128,7 @@ def describe_recordings(folder: Path, draft: Draft) -> list[Described]:
             continue
         channels = [(*channel.address.values(), channel.unit) for channel in overview.channels]
         layout = (overview.format, repr(overview.settings), *channels)
-        if is_capture(known_formats()[overview.format]):
+        if overview.is_capture:
             layout = (overview.format, *pulse_channels(overview))
         if layout not in names:
             sources_of[overview.format] += 1
@@ -158,7 +152,7 @@ def overview_of_recording(path: Path) -> Overview:
     if most < FEWEST_READINGS:
         why = f" ({'; '.join(overview.remarks)})" if overview.remarks else ""
         raise InputError(f"{path}: at most {most} rows of numbers, and no recording{why}")
-    if not overview.drafted and not is_capture(known_formats()[overview.format]):
+    if not overview.drafted and not overview.is_capture:
         raise InputError(f"{path}: no signal in it can be read; `osl-analysis inspect` lists it")
     return overview
 
@@ -176,10 +170,8 @@ def trials_of(draft: Draft, described: Sequence[Described]) -> list[DraftedTrial
             joints[str(recording.file)] = joints_named(recording.overview.channels)
         elif {"torque_m", "current"} <= columns:
             moved[recording.file] = "actuator"
-    trials = draft_trials(
-        [(recording.file, recording.source, recording.is_capture) for recording in described],
-        moved,
-    )
+    files = [(each.file, each.source, each.overview.is_capture) for each in described]
+    trials = draft_trials(files, moved)
     for trial in trials:
         named = joints.get(trial.cells.get("log", ""), [])
         if len(named) == 1:

@@ -25,6 +25,11 @@ WORDS_OF_EXPERIMENTS = {
 }
 """By experiment: words in a file's name. A name with words of several experiments tells none."""
 OF_CAPTURES = ("plate", "static")  # experiments that need motion capture
+# what a name may not tell of an experiment
+NOT_TOLD = {
+    "walking": "`perturbed`, true or false",
+    "calibration": "`known_K`, `known_I` or `fixture`",
+}
 UNNAMED = "ingest_only"  # the experiment of a trial whose name tells none
 # of a table of forces beside markers: `walk_grf.mot`, `forces_walk.mot`
 OF_FORCES = re.compile(r"(?i)[_-](grfs?|forces?)$|^(grfs?|forces?)[_-]")
@@ -107,48 +112,38 @@ def draft_trial(name: str, files: Recordings, moved: Mapping[Path, str]) -> Draf
     stem = stem_of(path)
     words = words_of_name(stem)
     stated = stated_impedance(stem)
-    perturbed = stated_perturbation(words)
     cells = {"trial": name, "experiment": UNNAMED}
     for role, (file, source) in files.items():
         cells[role] = file.as_posix()
         cells[f"{role}_source"] = source
     telling = experiments_in(words, files, "K_d" in stated)
-    experiment = telling[0] if telling else ""
     if not telling and "mocap" not in files and path in moved:
         cells["experiment"] = moved[path]
-        by = "current and torque" if moved[path] == "actuator" else "angle and torque"
-        question = f"to be confirmed, guessed from {by}: experiment {moved[path]}"
+        question = f"to be confirmed, guessed from the signals: experiment {moved[path]}"
         return DraftedTrial(cells, [question])
 
+    controller = CONTROLLER.search(stem)
+    if controller:
+        stated["controller"] = "uncompensated" if controller[1] else "compensated"
+    of_experiment = {
+        "walking": {"perturbed": stated_perturbation(words)},
+        "calibration": {"fixture": "alone" if is_fixture_alone(path) else ""},
+        "impedance": stated,
+    }
     problem = ""
     if not telling:
         possible = ", ".join(possible_experiments(files)[::-1])
         problem = f"experiment: the name tells none, write one of {possible}"
     elif len(telling) > 1:
         problem = f"experiment: the name may tell {' or '.join(telling)}, write which"
-    elif experiment == "walking" and not perturbed:
-        problem = "perturbed: the name does not tell, write walking, and true or false"
-    elif experiment == "calibration" and not is_fixture_alone(path):
-        problem = (
-            "experiment: a calibration whose spring or inertia is not told, write calibration, and"
-            " its known_K or known_I"
-        )
+    elif not all(of_experiment.get(telling[0], {}).values()):
+        lacking = NOT_TOLD[telling[0]]
+        problem = f"the name does not tell {lacking}: write it, and experiment {telling[0]}"
     if problem:
         question = f"{problem}; it stands as {UNNAMED}, which is not analysed"
         return DraftedTrial(cells, [question])
-
-    cells["experiment"] = experiment
-    if experiment == "calibration":
-        cells["fixture"] = "alone"
-    if experiment == "walking":
-        cells["perturbed"] = perturbed
-    if experiment != "impedance":
-        return DraftedTrial(cells, [])
-    cells.update(stated)
-    controller = CONTROLLER.search(stem)
-    if controller:
-        cells["controller"] = "uncompensated" if controller[1] else "compensated"
-    return DraftedTrial(cells, [])
+    experiment = {"experiment": telling[0]}
+    return DraftedTrial({**cells, **experiment, **of_experiment.get(telling[0], {})}, [])
 
 
 def words_of_name(stem: str) -> str:

@@ -11,10 +11,8 @@ import numpy as np
 from osl_analysis.draft.guesses import Guess, guessed_columns
 from osl_analysis.draft.likelihood import COUNTS, LEVELS, likely_level, with_documented_unit
 from osl_analysis.draft.recorded_channel import Overview, RecordedChannel
-from osl_analysis.formats import known_formats
 from osl_analysis.ingest.clock import MINIMUM_EDGES, find_edges
 from osl_analysis.ingest.placeholders import UNKNOWN
-from osl_analysis.ingest.raw_files import is_capture
 from osl_analysis.trial import COLUMNS
 from osl_analysis.units import GON, dimension, is_unit
 
@@ -109,7 +107,7 @@ def drafted_source(overview: Overview, name: str, guesses: Sequence[Guess]) -> D
         },
         list(overview.open),
     )
-    if is_capture(known_formats()[overview.format]):
+    if overview.is_capture:
         source.settings["markers"] = "all"
         source.key = "analogs"
         source.questions.append("`osl-analysis inspect` lists further `analogs` and `outputs`")
@@ -167,8 +165,7 @@ def entries_of(guesses: Sequence[Guess]) -> list[Entry]:
     where none is likely, or all. The others are comments.
     """
     sure = {guess.column for guess in guesses if guess.is_sure}
-    of_actuator = {"torque_m", "current"} <= sure and bool(sure & {"theta_m", "omega_m"})
-    is_complete = {"theta", "torque"} <= sure or of_actuator
+    is_complete = {"theta", "torque"} <= sure or {"torque_m", "current"} <= sure
     entries: list[Entry] = []
     for number, guess in enumerate(guesses, start=1):
         has_unit = is_unit(guess.channel.unit or guess.channel.likely_unit)

@@ -80,10 +80,8 @@ def draft_walking(overviews: Sequence[Overview]) -> tuple[str, list[str]]:
 
 def stepped_plate(channels: Sequence[RecordedChannel], platform: Sequence[str]) -> tuple[str, str]:
     """The number of the plate that is stepped on, and what tells it: the only one, or that whose
-    centre is nearest to the platform's markers, within half of its length. Empty if none is."""
+    centre is nearest to the platform's markers. Empty if none is."""
     plates = {channel.key: channel for channel in channels if channel.kind == "plate"}
-    if not plates:
-        return "", "no plate is read; state `plate_geometry` in the source file"
     if len(plates) == 1:
         return next(iter(plates)), "the only one"
     places = [
@@ -91,15 +89,13 @@ def stepped_plate(channels: Sequence[RecordedChannel], platform: Sequence[str]) 
         for channel in channels
         if channel.kind == "marker" and channel.name in platform and channel.count
     ]
-    below: dict[float, str] = {}
-    for number, plate in plates.items():
-        if plate.corners is not None and places:
-            away = float(np.linalg.norm(plate.corners.mean(axis=0) - np.mean(places, axis=0)))
-            if away <= np.linalg.norm(np.ptp(plate.corners, axis=0)) / 2:
-                below[away] = number
-    if below:
-        return below[min(below)], "a guess: it lies below the platform's markers"
-    return "", f"of {len(plates)} force plates in this file"
+    if not (plates and places):
+        return "", f"of {len(plates)} force plates"
+    away = {
+        key: float(np.linalg.norm(plate.numbers.mean(axis=0) - np.mean(places, axis=0)))
+        for key, plate in plates.items()
+    }
+    return min(away, key=lambda key: away[key]), "a guess: the nearest to the platform's markers"
 
 
 def markers_text(segment: str, labels: Sequence[str]) -> str:

@@ -127,7 +127,7 @@ def overview_of_capture(recording: Recording) -> Overview:
         names = ", ".join(channel.name or channel.key for channel in plate.channels)
         note = f"type {plate.type}, {names}"
         address = {"plate": str(plate.number)}
-        channels.append(RecordedChannel("plate", address, note=note, corners=plate.corners))
+        channels.append(RecordedChannel("plate", address, note=note, numbers=plate.corners))
     settings = dict(recording.settings)
     markers = [channel for channel in recording.channels if channel.kind == Kind.MARKER]
     is_told = bool(recording.facts.get("vertical_on_screen"))
@@ -140,6 +140,7 @@ def overview_of_capture(recording: Recording) -> Overview:
         remarks=recording.loss.remarks,
         settings=settings,
         open=[*recording.questions, *questions_on_markers(markers)],
+        is_capture=True,
     )
 
 
@@ -157,8 +158,7 @@ def questions_on_markers(markers: Sequence[Channel]) -> Iterator[str]:
 
 
 def overview_of_messages(recording: Recording) -> Overview:
-    """List the numbers of every topic, one by one as a source file names them, and the topics
-    without any."""
+    """List the numbers of every topic, one by one as a source file names them."""
     channels = [
         describe_channel(channel, "field")
         for channel in recording.channels
@@ -166,10 +166,7 @@ def overview_of_messages(recording: Recording) -> Overview:
         and not channel.address["field"].startswith("header.")  # no signal is in it
     ]
     facts = facts_of(recording)
-    with_numbers = {channel.address["topic"] for channel in channels}
-    others = [topic for topic in recording.loss.by_topic if topic not in with_numbers]
-    if others:
-        facts["topics without numbers"] = listing(others, MOST_NOTES)
+    facts["topics"] = listing([*recording.loss.by_topic], MOST_NOTES)
     has_stamp = any(channel.kind == Kind.CLOCK for channel in recording.channels)
     time = {"source": "header" if has_stamp else "log"}
     return Overview(

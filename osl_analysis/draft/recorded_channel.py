@@ -36,15 +36,13 @@ class RecordedChannel:
     likely_unit
         What its name or its readings tell of its unit; a guess, for the user to check.
     numbers
-        Readings (n,), positions (n, 3), size of a force (n,) [N]; none where they were not read.
+        Readings (n,), positions (n, 3), corners of a plate (4, 3) in the unit of the markers.
     times
         Of its readings (n,) [s]; None: those of the rows.
     name
         Without its place, as a table's column may tell a clock or a unit by it.
     group
         What it is a part of: a topic, a struct.
-    corners
-        Of a plate (4, 3), in the unit of the markers.
     is_stamp
         Whether its readings are times of day, which the file has as such.
     """
@@ -61,7 +59,6 @@ class RecordedChannel:
     times: Array | None = field(default=None, compare=False, repr=False)
     name: str = ""
     group: str = ""
-    corners: Array | None = field(default=None, compare=False, repr=False)
     is_stamp: bool = False
 
     @property
@@ -113,6 +110,8 @@ class Overview:
         The channel that tells their time, if one does.
     open
         What the user decides, as which of its clocks counts, a sentence each.
+    is_capture
+        Whether it comes from a motion-capture laboratory.
     """
 
     format: str
@@ -123,3 +122,4 @@ class Overview:
     drafted: Sequence[RecordedChannel] = ()
     clock: RecordedChannel | None = None
     open: Sequence[str] = ()
+    is_capture: bool = False

@@ -84,7 +84,7 @@ def test_a_csv_file_is_listed_and_its_draft_reads_it(
     text = module.overview_text(module.inspect_file(path))
     assert "! the last line, 7, is cut off and was skipped" in text
     for said in ("comment 1: rig: B", "3 x 'ok'",
-    "at 100 Hz; the clock, 1 gaps, the longest 0.070 s"):  # fmt: skip
+    "clock: time, 100 Hz, 1 gaps, the longest 0.070 s"):  # fmt: skip
         assert said in text
     for text in (BENCH, BENCH.replace(",", ";").replace(".", ",")):
         path.write_text(text)
@@ -170,7 +170,7 @@ def test_of_two_clocks_that_agree_the_first_is_taken_and_the_user_is_asked(tmp_p
     time = yaml.safe_load(draft_source(overview, path.name))["time"]
     assert time["column"] == "loop_time"
     (said,) = overview.open
-    assert re.search("may be the clock, to be checked: .*loop_time, .*sys_time", said)
+    assert re.search("may be the clock: loop_time .*, sys_time .*; loop_time is taken", said)
     assert f"# {said}\n" in draft_source(overview, "a")
 
 

@@ -54,21 +54,17 @@ def choose_clock(channels: Sequence[RecordedChannel]) -> ClockChoice:
 
     first = clocks[0]
     rivals = [clock for clock in clocks if is_apart(clock, first)]
-    if rivals:
-        apart = (first, *rivals)
-        spans = [f"{printable(clock.key)} spans {np.ptp(clock.readings):.6g}" for clock in apart]
+    alike = [clock for clock in clocks[1:] if clock in candidates]
+    asked = [first, *(rivals or alike)]
+    if len(asked) > 1:
+        spans = [f"{printable(clock.key)} spans {np.ptp(clock.readings):.6g}" for clock in asked]
+        what = f"{printable(first.key)} is taken, check it"
+        if rivals:
+            what = "they contradict each other, name the one by which the signals were sampled"
         question = (
-            f"{len(apart)} {first.kind}s may be the clock, and they contradict each other:"
-            f" {listing(spans, MOST_SHOWN)}; name the one by which the signals were sampled"
+            f"{len(asked)} {first.kind}s may be the clock: {listing(spans, MOST_SHOWN)}; {what}"
         )
-        return ClockChoice(None, [question])
-    alike = [printable(clock.key) for clock in clocks if clock in candidates]
-    if len(alike) > 1:
-        question = (
-            f"{len(alike)} {first.kind}s may be the clock, to be checked:"
-            f" {listing(alike, MOST_SHOWN)}; {alike[0]} is taken"
-        )
-        return ClockChoice(first, [question])
+        return ClockChoice(None if rivals else first, [question])
     if named:
         return ClockChoice(first)
     return ClockChoice(first, [f"time is a guess: {printable(first.key)} rises evenly"])

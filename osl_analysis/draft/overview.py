@@ -15,7 +15,6 @@ from osl_analysis.draft.recorded_channel import Overview, RecordedChannel
 from osl_analysis.errors import InputError, listing, naming, printable
 from osl_analysis.formats import known_formats
 from osl_analysis.ingest.capture import is_labelled, vertical_axis
-from osl_analysis.ingest.conversion import share_above
 from osl_analysis.ingest.likely_clock import likely_unit, rate_of, stated_rate, time_unit
 from osl_analysis.ingest.placeholders import NAME_OF_TIME, UNKNOWN
 from osl_analysis.recording import Channel, End, Kind, Recording
@@ -190,8 +189,9 @@ def overview_of_table(recording: Recording) -> Overview:
             shown.append(describe_channel(channel, key))
         except InputError as error:
             remarks.append(str(error))
-    settings = {"clock": "master", **recording.settings, **allowed_loss(recording)}
+    settings = {"clock": "master", **recording.settings}
     drafted = [channel for channel in shown if channel.count and not is_in_stamp(channel, shown)]
+    facts = facts_of(recording)
     questions = [*recording.questions]
     if "log_part" in source_model(recording).model_fields:
         parts, drafted = of_one_trial(drafted)
@@ -214,27 +214,8 @@ def overview_of_table(recording: Recording) -> Overview:
                 f"{', '.join(untimed)}: of another length than the clock; interpolate them to its"
                 " times, or leave them out"
             )
-        shown = [
-            replace(channel, rate=clock.rate, note=clock.note)
-            if channel.numbers is clock.numbers
-            else channel
-            for channel in shown
-        ]
-    return Overview(
-        recording.format, facts_of(recording), shown, remarks, settings, drafted, clock, questions
-    )
-
-
-def allowed_loss(recording: Recording) -> dict[str, object]:
-    """What a source file has to state before a table that lost rows is read."""
-    lost = recording.loss.lost
-    if not lost or recording.loss.end == End.MISSING:
-        return {}
-    settings: dict[str, object] = {}
-    if "ragged" in source_model(recording).model_fields:
-        settings["ragged"] = "skip"
-    settings["most_missing"] = share_above(lost, recording.loss.expected or 1)
-    return settings
+        facts["clock"] = f"{clock.key}, {clock.note}"
+    return Overview(recording.format, facts, shown, remarks, settings, drafted, clock, questions)
 
 
 def is_in_stamp(channel: RecordedChannel, channels: Sequence[RecordedChannel]) -> bool:
@@ -288,7 +269,7 @@ def drafted_time(
 
 
 def as_clock(channel: RecordedChannel, notes: Sequence[str]) -> RecordedChannel:
-    """Show a channel as the clock of its table, with its rate, its gaps and its likely unit: one
+    """A channel as the clock of its table, with its rate and gaps as note and its likely unit: one
     that the file's text tells, as `tick of 10 us`, or that of its name or rate."""
     if not (channel.unit or channel.likely_unit):
         ticks = filter(None, map(TICK.search, notes))
@@ -296,7 +277,6 @@ def as_clock(channel: RecordedChannel, notes: Sequence[str]) -> RecordedChannel:
         channel = replace(channel, likely_unit=told or time_unit(channel.readings))
     factor, _ = channel.base
     seconds = (channel.readings - channel.readings[:1].sum()) * factor
-    if not factor:
-        return replace(channel, note="the clock")
-    note = ", ".join(filter(None, ["the clock", gaps_text(seconds)]))
-    return replace(channel, rate=rate_of(seconds), note=note)
+    rate = rate_of(seconds)
+    notes = [f"{rate:.6g} Hz" if rate else "no known unit", gaps_text(seconds) if rate else ""]
+    return replace(channel, note=", ".join(filter(None, notes)))

@@ -87,8 +87,8 @@ def test_the_name_of_a_file_tells_its_trial_and_nothing_more(name, experiment, t
     assert {
         k: v for k, v in cells.items() if k in ("K_d", "B_d", "controller", "perturbed")
     } == told
-    assert ("experiment calibration" in "".join(still_open)) == (name == "calibration")
-    assert ("belt or actuator, write which" in "".join(still_open)) == (name == "belt_motor")
+    assert ("experiment calibration" in still_open) == (name == "calibration")
+    assert ("belt or actuator, write which" in still_open) == (name == "belt_motor")
     assert bool(still_open) == (experiment == "ingest_only")
 
 
@@ -359,10 +359,10 @@ def test_what_the_captures_of_walking_do_not_tell_is_unknown_and_to_be_edited(tm
     draft = new_campaign(tmp_path / "mine", recordings=tmp_path / "rec")
     questions, _ = left_to_decide(tmp_path / "mine", draft)
     assert "the section `walking` is a comment: state what is UNKNOWN" in questions[1]
-    assert 'foot: ["RHEE", UNKNOWN]  # named so; a cluster has 3 or more' in draft.walking
+    assert 'foot: ["RHEE", UNKNOWN]  # 3 or more' in draft.walking
     assert yaml.safe_load(draft.walking) is None, "a part of a section would be refused"
     read_config(tmp_path / "mine/config.yaml")
-    ((cells, (question,)),) = draft.trials
+    ((cells, question),) = draft.trials
     assert cells["experiment"] == "ingest_only"
     assert "the name tells none, write one of walking, static, plate" in question
 

@@ -135,11 +135,12 @@ def write_campaign(folder: Path, files: Mapping[str, str]) -> None:
 def questions_of(draft: Draft) -> list[str]:
     """What a user has to decide, a line each, with the files or trials that it concerns."""
     concerned: dict[str, list[str]] = {}
-    for question, file in draft.open:
-        concerned.setdefault(question, []).append(file)
+    for question, name in draft.open:
+        concerned.setdefault(question, []).append(name)
     for trial in draft.trials:
-        for question in trial.questions:
-            concerned.setdefault(f"trials.csv: {question}", []).append(trial.cells["trial"])
+        if trial.question:
+            name = trial.cells["trial"]
+            concerned.setdefault(f"trials.csv: {trial.question}", []).append(name)
     return [f"{text} ({listing(names, MOST_LISTED)})" for text, names in concerned.items()]
 
 

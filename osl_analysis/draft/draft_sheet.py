@@ -47,7 +47,7 @@ class DraftedTrial(NamedTuple):
     """The cells of a trial in the sheet, and what of it the user has to decide."""
 
     cells: dict[str, str]
-    questions: list[str]
+    question: str = ""
 
 
 def stem_of(path: Path) -> str:
@@ -120,7 +120,7 @@ def draft_trial(name: str, files: Recordings, moved: Mapping[Path, str]) -> Draf
     if not telling and "mocap" not in files and path in moved:
         cells["experiment"] = moved[path]
         question = f"to be confirmed, guessed from the signals: experiment {moved[path]}"
-        return DraftedTrial(cells, [question])
+        return DraftedTrial(cells, question)
 
     controller = CONTROLLER.search(stem)
     if controller:
@@ -141,9 +141,9 @@ def draft_trial(name: str, files: Recordings, moved: Mapping[Path, str]) -> Draf
         problem = f"the name does not tell {lacking}: write it, and experiment {telling[0]}"
     if problem:
         question = f"{problem}; it stands as {UNNAMED}, which is not analysed"
-        return DraftedTrial(cells, [question])
+        return DraftedTrial(cells, question)
     experiment = {"experiment": telling[0]}
-    return DraftedTrial({**cells, **experiment, **of_experiment.get(telling[0], {})}, [])
+    return DraftedTrial({**cells, **experiment, **of_experiment.get(telling[0], {})})
 
 
 def words_of_name(stem: str) -> str:

@@ -102,12 +102,8 @@ def markers_text(segment: str, labels: Sequence[str]) -> str:
     """The markers of a segment in YAML, with what is to be checked."""
     names = [json.dumps(label) for label in labels]
     if segment.startswith("ankle"):
-        if len(names) == 1:
-            return f"{names[0]}  # named so"
-        remark = f"one of {', '.join(names)}" if names else "none is known: named in the static?"
-        return f"{UNKNOWN}  # {remark}"
-    remark = "named so" if names else "none is known"
+        among = f"one of {', '.join(names)}" if names else "none is known: named in the static?"
+        return names[0] if len(names) == 1 else f"{UNKNOWN}  # {among}"
     if len(names) < SMALLEST_CLUSTER:
         names.append(UNKNOWN)
-        remark = f"{remark}; a cluster has {SMALLEST_CLUSTER} or more"
-    return f"[{', '.join(names)}]  # {remark}"
+    return f"[{', '.join(names)}]  # {SMALLEST_CLUSTER} or more"

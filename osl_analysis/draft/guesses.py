@@ -17,7 +17,7 @@ from osl_analysis.draft.likelihood import (
 )
 from osl_analysis.draft.recorded_channel import RecordedChannel
 from osl_analysis.ingest.computed_torque import TORQUES
-from osl_analysis.measured import usual_size, varies
+from osl_analysis.measured import varies
 
 HELD_COLUMNS = ("current", *TORQUES)  # which stand while an actuator is clamped
 HELD_LEVEL = 5.0  # standard deviations of the noise
@@ -181,8 +181,6 @@ def turns_slowly(guesses: Sequence[Guess], clock: RecordedChannel | None) -> boo
     if clock is None or not angles or angles[0].readings.size < FEWEST_READINGS:
         return False
     known = angles[0].readings
-    at = np.linspace(0, known.size - 1, 150)
-    speed = np.diff(np.interp(at, np.arange(known.size), known))
-    moves = np.sign(speed[np.abs(speed) > 0.25 * usual_size(speed)])
-    turns = int(np.count_nonzero(np.diff(moves)))
-    return 2 <= turns < clock.base[0] * float(np.ptp(clock.numbers)) / 2
+    coarse = known[np.linspace(0, known.size - 1, 150).astype(int)]  # noise crosses the mean too
+    turns = np.count_nonzero(np.diff(coarse > coarse.mean()))
+    return bool(2 <= turns < clock.base[0] * np.ptp(clock.numbers) / 2)

@@ -36,8 +36,7 @@ def inspect_recording(path: Path) -> Overview:
     with naming(path):
         if issubclass(source_model(recording), MarkerSource):
             return overview_of_capture(recording)
-        has_topics = any("topic" in channel.address for channel in recording.channels)
-        if has_topics or recording.loss.by_topic:
+        if recording.loss.by_topic:
             return overview_of_messages(recording)
         return overview_of_table(recording)
 

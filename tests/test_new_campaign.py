@@ -124,7 +124,7 @@ def test_nothing_is_overwritten_and_nothing_stays_behind(tmp_path):
     (tmp_path / "prose/a.csv").write_text("this is\nno table\nat all\n")
     before = sorted(tmp_path.rglob("*"))
     for arguments, said in (
-        ((tmp_path / "mine",), "not empty"),
+        ((tmp_path / "mine",), "no empty folder"),
         ((tmp_path / "new", "--from", tmp_path / "empty"), "no recording"),
         ((tmp_path / "new", "--from", tmp_path / "prose"), "no table of numbers"),
         ((tmp_path / "new", "--from", tmp_path / "none"), "no such folder"),
@@ -623,7 +623,7 @@ def test_a_trc_that_does_not_tell_which_axis_points_up_is_asked_for_it(tmp_path)
 
     questions, is_ready = drafted_of(tmp_path)
 
-    assert "which axis points up: state `axes`" in questions[0]
+    assert "places to be edited: `axes` in line" in questions[0]
     assert not is_ready
 
 

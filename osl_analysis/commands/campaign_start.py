@@ -99,8 +99,7 @@ def check_start(campaign: Campaign) -> None:
             raise InputError(f"{folder}: no such folder; correct `{setting}` in the configuration")
 
     problems = source_problems(campaign)
-    is_wrong_for_all = len(problems) == len(campaign.trials()) and len(set(problems.values())) == 1
-    if is_wrong_for_all:
+    if len(problems) == len(campaign.trials()):
         raise InputError(next(iter(problems.values())))
 
 

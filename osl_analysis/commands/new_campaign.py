@@ -59,8 +59,7 @@ def new_campaign(
         A small simulated campaign instead, of the bench or of a walkway.
     """
     if os.path.lexists(folder) and not (folder.is_dir() and not any(folder.iterdir())):
-        what = "exists and is not empty" if folder.is_dir() else "is a file"
-        raise InputError(f"{folder}: {what}; name a new folder, nothing is overwritten")
+        raise InputError(f"{folder}: is no empty folder; name a new one, nothing is overwritten")
     draft = Draft() if recordings is None else draft_campaign(recordings)
     sources = {**draft.sources, **shipped_sources(RECORDERS[example] if example else recorders)}
     raw_data = Path("recordings") if recordings is None else seen_from(folder, recordings)

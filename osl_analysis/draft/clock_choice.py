@@ -94,8 +94,8 @@ def gaps_text(time: Array) -> str:
     usual = float(np.median(steps)) if steps.size else 0.0
     wide = steps[(steps > 1.5 * usual) & (usual > 0)]
     counts = {
-        f" gaps, the longest {wide.max(initial=0.0):.3f} s": wide.size,
-        " stamps out of order": int((np.diff(time) < 0).sum()),
-        " stamps twice": int((steps == 0).sum()),
+        f"gaps, the longest {wide.max(initial=0.0):.3f} s": wide.size,
+        "stamps out of order": np.sum(np.diff(time) < 0),
+        "stamps twice": np.sum(steps == 0),
     }
-    return ", ".join(f"{count}{words}" for words, count in counts.items() if count)
+    return ", ".join(f"{count} {words}" for words, count in counts.items() if count)

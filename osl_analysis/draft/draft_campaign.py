@@ -1,7 +1,6 @@
 """A draft of a campaign from a folder of recordings: a source file for each kind of them, a sample
 sheet, the section `walking` of the configuration, and what the user has to decide."""
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,7 +17,7 @@ from osl_analysis.draft.guesses import Guess, joints_named, turns_slowly
 from osl_analysis.draft.overview import FEWEST_READINGS, inspect_recording
 from osl_analysis.draft.recorded_channel import Overview
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.raw_files import check_file, recordings_in, suffixes
+from osl_analysis.ingest.raw_files import check_file, recordings_in
 
 
 @dataclass
@@ -81,23 +80,14 @@ def draft_campaign(folder: Path) -> Draft:
     draft = Draft()
     described = describe_recordings(folder, draft)
     if not described:
-        why = f" ({', '.join(sorted(suffixes()))})"
-        if draft.refused:
-            why = f", as {draft.refused[-1]}"
+        why = f", as {draft.refused[-1]}" if draft.refused else ""
         raise InputError(
             f"{folder}: no recording in it that can be read{why}; name the folder of the recordings"
         )
     for name in dict.fromkeys(recording.source for recording in described):
         alike = [recording for recording in described if recording.source == name]
         best = max(alike, key=lambda recording: recording.tells)
-        source = drafted_source(best.overview, best.file.name, best.guesses)
-        draft.source_files[name] = source
-        if source.settings["format"] == "trc" and "axes" not in source.settings:
-            question = (
-                "nothing tells which axis points up: state `axes` in the source file, [x, -z, y]"
-                " where it is y, as in OpenSim"
-            )
-            draft.open.append((question, str(best.file)))
+        draft.source_files[name] = drafted_source(best.overview, best.file.name, best.guesses)
     draft.trials = trials_of(draft, described)
     align_clocks(draft)
     captures = [recording.overview for recording in described if recording.overview.is_capture]
@@ -118,7 +108,6 @@ def describe_recordings(folder: Path, draft: Draft) -> list[Described]:
     """
     described: list[Described] = []
     names: dict[tuple[object, ...], str] = {}
-    sources_of = Counter[str]()  # by format
     for path in recordings_in(folder):
         try:
             check_file(path)
@@ -131,8 +120,7 @@ def describe_recordings(folder: Path, draft: Draft) -> list[Described]:
         if overview.is_capture:
             layout = (overview.format, *pulse_channels(overview))
         if layout not in names:
-            sources_of[overview.format] += 1
-            number = sources_of[overview.format]
+            number = 1 + sum(known[0] == overview.format for known in names)
             names[layout] = overview.format if number == 1 else f"{overview.format}_{number}"
         file = path.relative_to(folder)
         described.append(Described(file, overview, guesses_of(overview), names[layout]))
@@ -150,8 +138,7 @@ def overview_of_recording(path: Path) -> Overview:
     overview = inspect_recording(path)
     most = max((channel.count for channel in overview.channels), default=0)
     if most < FEWEST_READINGS:
-        why = f" ({'; '.join(overview.remarks)})" if overview.remarks else ""
-        raise InputError(f"{path}: at most {most} rows of numbers, and no recording{why}")
+        raise InputError(f"{path}: at most {most} rows of numbers, and no recording")
     if not overview.drafted and not overview.is_capture:
         raise InputError(f"{path}: no signal in it can be read; `osl-analysis inspect` lists it")
     return overview

@@ -2,7 +2,6 @@
 not tell is left to the user, questions first."""
 
 import json
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -109,6 +108,9 @@ def drafted_source(overview: Overview, name: str, guesses: Sequence[Guess]) -> D
     )
     if overview.is_capture:
         source.settings["markers"] = "all"
+        if overview.format == "trc" and "axes" not in source.settings:
+            source.settings["axes"] = UNKNOWN
+            source.questions.append("axes: [x, -z, y] where y points up, as in OpenSim")
         source.key = "analogs"
         source.questions.append("`osl-analysis inspect` lists further `analogs` and `outputs`")
         source.entries = [
@@ -129,15 +131,14 @@ def drafted_source(overview: Overview, name: str, guesses: Sequence[Guess]) -> D
 
 def pulse_channels(overview: Overview) -> dict[str, RecordedChannel]:
     """The analog channels of a capture that are called like `sync` and `trigger`, where one alone
-    is; or the only one with a train of pulses as `sync`. A label that stands twice tells none."""
+    is; or the only one with a train of pulses as `sync`."""
     analogs = [channel for channel in overview.channels if channel.kind == "analog"]
-    keys = Counter(channel.key for channel in analogs)
     pulses: dict[str, RecordedChannel] = {}
     for column in LEVELS:
         alike = [channel for channel in analogs if likely_level(channel) == column]
         if column == "sync" and len(alike) != 1:
             alike = [channel for channel in analogs if is_pulse_train(channel)]
-        if len(alike) == 1 and keys[alike[0].key] == 1:
+        if len(alike) == 1:
             pulses[column] = alike[0]
     return pulses
 

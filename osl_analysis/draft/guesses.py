@@ -59,7 +59,7 @@ class Guess:
     wraps_at: float = 0.0
     why_not: str = ""
     is_sure: bool = False
-    why: str = ""
+    why: str = "guessed from its name"
     sign: int = 1
 
     def __post_init__(self) -> None:
@@ -106,8 +106,6 @@ def decide(guesses: Sequence[Guess]) -> None:
     for guess in guesses:
         others = [other for other in guesses if other is not guess and other.may_be(guess.column)]
         guess.is_sure = guess.may_be(guess.column, SURE) and (guess in confirmed or not others)
-        if guess.is_sure:
-            guess.why = "guessed from its name"
 
     sure = [pair for pair in pairs if pair[0].is_sure and pair[1].is_sure]
     for angle, torque, r in sure[:1]:

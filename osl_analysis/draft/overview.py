@@ -17,7 +17,7 @@ from osl_analysis.formats import known_formats
 from osl_analysis.ingest.capture import is_labelled, vertical_axis
 from osl_analysis.ingest.likely_clock import likely_unit, rate_of, stated_rate, time_unit
 from osl_analysis.ingest.placeholders import NAME_OF_TIME, UNKNOWN
-from osl_analysis.recording import Channel, End, Kind, Recording
+from osl_analysis.recording import Channel, Kind, Recording
 from osl_analysis.source_file import MarkerSource, Source
 
 SECOND_NS = 1_000_000_000
@@ -108,8 +108,6 @@ def facts_of(recording: Recording) -> dict[str, str]:
     if recording.loss.by_topic:
         lost = recording.loss.lost
         facts["messages lost"] = "the file does not tell" if lost is None else str(lost)
-    if recording.loss.end == End.UNKNOWN:
-        facts["end"] = "unknown: the file does not tell whether rows are missing there"
     for number, text in enumerate(recording.notes[:MOST_NOTES], start=1):
         facts[f"comment {number}"] = text
     return facts

@@ -15,7 +15,7 @@ def open_places(content: Any, above: tuple[str, ...] = ()) -> Iterator[tuple[str
     for key, value in content.items():
         place = (*above, str(key))
         is_unnamed = re.fullmatch(r"NAME_\d+", str(key)) is not None
-        is_unknown = value == UNKNOWN and key in ("unit", "rate", "corners")
+        is_unknown = value == UNKNOWN and key in ("unit", "rate", "corners", "axes")
         if is_unnamed or is_unknown or value == NAME_OF_TIME:
             yield place
         else:

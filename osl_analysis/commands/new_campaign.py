@@ -166,11 +166,12 @@ def campaign_text(folder: Path, draft: Draft) -> str:
     experiments = Counter(trial.cells["experiment"] for trial in draft.trials)
     counts = [f"{count} {experiment}" for experiment, count in experiments.items()]
     lines.append(f"trials.csv: {', '.join(counts)}")
-    refused = [f"not read: {printable(why)}" for why in draft.refused]
+    refused = [f"not read: {why}" for why in draft.refused]
     lines += some_of(refused, MOST_REFUSED, "that `osl-analysis inspect` of their folder tells")
-    edit = "" if is_ready else "edit what is named above; "
-    run = "osl-analysis run" if is_ready else "osl-analysis run -n says what is left"
-    lines.append(f"then: {edit}cd {shlex.quote(str(folder))} && {run}")
+    command = f"cd {shlex.quote(str(folder))} && osl-analysis run"
+    if not is_ready:
+        command = f"edit what is named above; {command} -n says what is left"
+    lines.append(f"then: {command}")
     return "\n".join(lines)
 
 

@@ -157,9 +157,8 @@ def channel_line(channel: RecordedChannel) -> str:
         text += f"  {channel.count} samples"
     if channel.rate:
         text += f" at {channel.rate:.6g} Hz"
-    for note in (channel.note, channel.type):
-        if note:
-            text += f"; {printable(note)}"
+    if channel.note:
+        text += f"; {printable(channel.note)}"
     return text
 
 

@@ -115,6 +115,8 @@ def decide(guesses: Sequence[Guess]) -> None:
                 guess.why = f"a guess: as a spring with {name}, r = {abs(r):.3f}"
         elif len(joints_named([angle.channel, torque.channel])) > 1:
             angle.is_sure = torque.is_sure = False
+        if "turns round" in angle.evidence:
+            angle.why += ": more than a turn, are unit and names right?"
         if r < FALLING:
             torque.sign = -1  # because a joint resists
             torque.why += ": it falls as the angle rises"

@@ -89,8 +89,7 @@ def describe_channel(channel: Channel, kind: str) -> RecordedChannel:
         unit=unit,
         count=count,
         rate=rate,
-        note=", ".join(filter(None, notes)),
-        type=channel.type,
+        note=", ".join(filter(None, [*notes, channel.type])),
         likely_unit="" if unit else channel.likely_unit or likely_unit(name),
         numbers=numbers,
         times=times,
@@ -117,7 +116,7 @@ def overview_of_capture(recording: Recording) -> Overview:
     """List markers, model outputs, analog channels and plates."""
     channels: list[RecordedChannel] = []
     for channel in recording.channels:
-        kind = "analog" if channel.kind == Kind.SIGNAL else str(channel.kind)
+        kind = "analog" if channel.kind == Kind.SIGNAL else channel.kind
         channels.append(describe_channel(channel, kind))
     for plate in recording.plates:
         names = ", ".join(channel.name or channel.key for channel in plate.channels)
@@ -126,8 +125,10 @@ def overview_of_capture(recording: Recording) -> Overview:
         channels.append(RecordedChannel("plate", address, note=note, numbers=plate.corners))
     settings = dict(recording.settings)
     markers = [channel for channel in recording.channels if channel.kind == Kind.MARKER]
-    is_told = bool(recording.facts.get("vertical_on_screen"))
-    if not is_told and vertical_axis(markers, recording.plates) == "y":
+    if (
+        not recording.facts.get("vertical_on_screen")
+        and vertical_axis(markers, recording.plates) == "y"
+    ):
         settings["axes"] = ["x", "-z", "y"]
     return Overview(
         format=recording.format,
@@ -275,5 +276,5 @@ def as_clock(channel: RecordedChannel, notes: Sequence[str]) -> RecordedChannel:
     factor, _ = channel.base
     seconds = (channel.readings - channel.readings[:1].sum()) * factor
     rate = rate_of(seconds)
-    notes = [f"{rate:.6g} Hz" if rate else "no known unit", gaps_text(seconds) if rate else ""]
+    notes = [f"{rate:.6g} Hz", gaps_text(seconds)] if rate else ["of no known unit"]
     return replace(channel, note=", ".join(filter(None, notes)))

@@ -31,8 +31,6 @@ class RecordedChannel:
         As the file spells it; empty where it gives none.
     rate
         Median rate [Hz]; None where nothing tells it.
-    type
-        Type of the numbers and length of the array that they stand in, such as `float64[4]`.
     likely_unit
         What its name or its readings tell of its unit; a guess, for the user to check.
     numbers
@@ -53,7 +51,6 @@ class RecordedChannel:
     count: int = 0
     rate: float | None = None
     note: str = ""
-    type: str = ""
     likely_unit: str = ""
     numbers: Array = field(default_factory=no_readings, compare=False, repr=False)
     times: Array | None = field(default=None, compare=False, repr=False)

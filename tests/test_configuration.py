@@ -175,7 +175,7 @@ def test_a_configuration_that_cannot_be_run_is_one_line_before_any_job(
     ("doubtful.impedance.above", {"K_fault_share": 1}, "state the accuracy that you need as"),
     ("doubtful.walking_groups.above",
      {"VAF": 70}, "below.VAF: 80 is above the upper limit 70, and every fit"),
-    ("quality.jiter", "1 s", "did you mean 'jitter'"),
+    ("quality.gup", "1 s", "did you mean 'gap'"),
     ("quality.exclude", ["gaps"], "'gaps' is no quality check; .* did you mean 'gap'"),
     # in ms, mm, deg, percent, N*mm
     ("dynamometer.time_base.longest_gap_s", 500, "equal to 10$"),

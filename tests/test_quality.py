@@ -47,7 +47,8 @@ CONFIG, COMMANDED = ROOT / "config/config.yaml", Commanded((2.0, 4.0), (2.0, 5.0
 RULES, RATE = config_for_trials(CONFIG).quality, 1000.0
 
 
-STATE_WINDOWS = "rows were lost or doubled, or a sensor failed; state `windows` without them"
+NOT_JUDGED = "not applicable: nothing here that it judges"
+FAILED = "rows were lost or doubled, or a sensor failed"
 
 
 def stepped_sine(commanded=COMMANDED):
@@ -161,17 +162,19 @@ BARE, STOOD_ON = (
 
 @pytest.mark.parametrize(("check", "samples", "experiment", "value", "remark"), [
     ("rate", bench()[::20], "impedance", 50.0, None),
-    ("rate", bench()[:2], "belt", None, "not applicable: no channel has three samples"),
-    ("rate", laboratory(), "walking", 200.0, "plate1_force_z 1000 Hz, marker_A_x 200 Hz"),
+    ("rate", bench()[:2], "belt", None, NOT_JUDGED),
+    ("rate", laboratory(), "walking", 200.0, "marker_A_x"),
     # a load cell at either rail, by its samples
     *(("saturation", bench(torque=s * np.minimum(TORQUE, 15.0)), "impedance", ABOVE,
     "torque") for s in (1, -1)),
     ("saturation", bench(torque=with_piece(TORQUE, 1000, 1009, 40.0)), "impedance", 9, "torque"),
     ("dropout", bench(torque=with_piece(TORQUE, 1000, 1001, 2e6)), "impedance", 1, None),
     ("dropout", bench(torque=with_piece(TORQUE, BEYOND.start, BEYOND.start + 20, 0.0)), "impedance",
-     2, f"torque leaps 2 times, first at {BEYOND.start / RATE:.3f} s: {STATE_WINDOWS}"),
+     2, f"torque leaps 2 times, first at {BEYOND.start / RATE:.3f} s: {FAILED}; state `windows`"
+     f" 0.2-{BEYOND.start / RATE - 0.2:.1f} in the sheet"),
     ("dropout", bench(ANGLE + 0.02 * AWAY), "impedance", 2,
-     f"theta leaps 2 times, first at 2.001 s: {STATE_WINDOWS}"),
+     f"theta leaps 2 times, first at 2.001 s: {FAILED}; state `windows`"
+     f" 2.7-{ANGLE.size / RATE - 0.2:.1f} in the sheet"),
     ("dropout", actuator_bench(), "actuator", 0.0, ""),
     ("stuck", bench(torque=with_piece(TORQUE, 2000, 3000)), "impedance", 0.999, "torque"),
     ("stuck", bench(with_piece(ANGLE, 6000, None), theta_command=ANGLE), "impedance",
@@ -193,7 +196,7 @@ BARE, STOOD_ON = (
     ("stuck", bench(current=with_piece(TORQUE, 0, 1000, 0.0)), "impedance", 0.999, "current"),
     *(("stuck", STILL, experiment, 1.999, "theta") for experiment in ("belt", "impedance",
     "walking")),
-    ("stuck", STILL, "static", None, None),
+    ("stuck", STILL, "static", None, NOT_JUDGED),
     # the input shaft is locked
     ("stuck", bench().with_columns(theta_m=pl.lit(0.2)), "belt", 0.0, ""),
     *(("encoder_wrap", bench(ANGLE + k * AWAY), "impedance", 2.0, "theta") for k in (2 * np.pi,
@@ -207,20 +210,20 @@ BARE, STOOD_ON = (
     ("unzeroed_plate", laboratory(plate1_force_z=BARE - 50.0 * (np.arange(2000) >= 1600)),
      "walking", 2.0, None),
     ("unzeroed_plate", laboratory(plate1_force_z=100 * (STOOD_ON - 800)), "walking", None,
-     "not applicable: no plate, or none at rest and bare"),
+     NOT_JUDGED),
     # somebody stands there
     ("unzeroed_plate", laboratory(plate1_force_z=STOOD_ON), "static", None, None),
     ("unzeroed_plate", laboratory(plate1_force_z=STOOD_ON), "walking", 800.0, None),
     ("unzeroed_plate", laboratory(plate1_force_z=-STOOD_ON), "static", 800.0, None),
     ("marker_gap", laboratory(marker_A_x=every_fifth(SEEN)), "walking", 60 / 200,
-     "A; 1 of 1 markers"),
+     "A"),
     ("marker_gap", laboratory(marker_A_x=every_fifth(with_piece(NUMBERS[:400] / 1.0, 9, 11,
      np.nan))), "walking", 0.01,
-     "A; 1 of 1 markers"),
+     "A"),
     # never seen
-    ("marker_gap", laboratory(marker_A_x=every_fifth(np.full(400, np.nan))), "walking", 1.995,
+    ("marker_gap", laboratory(marker_A_x=every_fifth(np.full(400, np.nan))), "walking", 1.999,
      None),
-    ("damage", bench(), "impedance", None, "not applicable: no damage report"),
+    ("damage", bench(), "impedance", None, NOT_JUDGED),
 ])  # fmt: skip
 def test_a_fault_is_measured_where_it_is_and_fails_its_own_check_alone(
     check, samples, experiment, value, remark
@@ -241,31 +244,20 @@ def test_a_fault_is_measured_where_it_is_and_fails_its_own_check_alone(
         assert failed(checks) - {"protocol"} == expected
 
 
-def test_jitter_passes_where_the_signals_decide_and_a_gap_is_not_jitter():
+def test_scattered_stamps_are_no_gap_and_a_late_row_is_one():
     samples = bench()
-    noise = np.sort(
-        samples["time"].to_numpy()
-        + 0.3 / RATE * np.random.default_rng(2).standard_normal(samples.height)
-    )
-    checks = results(samples.with_columns(time=pl.Series(noise)))
-    assert (checks["jitter"].value, failed(checks)) == (0, set())
-    assert "even: theta g = 0.00" in checks["jitter"].remark
+    scatter = 0.3 / RATE * np.random.default_rng(2).standard_normal(samples.height)
+    scattered = np.sort(samples["time"].to_numpy() + scatter)
+    is_late = pl.col("time") > 3
+
+    checks = results(samples.with_columns(time=pl.Series(scattered)))
     late = results(
-        samples.with_columns(
-            time=pl.col("time") + pl.when(pl.col("time") > 3).then(0.2).otherwise(0)
-        )
+        samples.with_columns(time=pl.col("time") + pl.when(is_late).then(0.2).otherwise(0))
     )
-    assert (late["gap"].value, late["jitter"].value) == pytest.approx((0.2, 0), abs=1e-6)
+
+    assert failed(checks) == set()
+    assert late["gap"].value == pytest.approx(0.2, abs=1e-6)
     assert failed(late) >= {"gap"}
-
-
-def test_jitter_is_the_wander_of_stamps_about_which_nothing_decides():
-    resting = bench(1e-5 * np.random.default_rng(3).standard_normal(10_000))
-    resting = resting.with_columns(torque=0.05 * np.random.default_rng(4).standard_normal(10_000))
-    wander = 0.5 / RATE * np.sin(2 * np.pi * np.arange(10_000) / 3000)
-    jitter = results(resting.with_columns(time=pl.col("time") + pl.Series(wander)))["jitter"]
-    assert jitter.value == pytest.approx(50 / np.sqrt(2), rel=0.1)
-    assert "undecided, true" in jitter.remark
 
 
 LOADED = np.where(NUMBERS < 800, 700 + np.sin(NUMBERS), 0.0)
@@ -373,18 +365,17 @@ DAMAGED_LOG = {
     "complete": False, "end_missing": True, "lost": 130, "share_lost": 0.04, "remarks": ["chunk 3"],
 }  # fmt: skip
 DAMAGED_CAPTURE = {**DAMAGED_LOG, "end_missing": False, "lost": 3, "share_lost": 0.05}
-OF_LOG = "log: 130 lost; log: chunk 3"
+OF_LOG = "log: 130 lost; chunk 3"
 OTHER_UNIT = {"torque": {"unit": "lbf*in", "unit_of_file": "N*m"}, "theta": {"unit": "deg"}}
 
 
 @pytest.mark.parametrize(("provenance", "beyond", "check", "value", "remark"), [
     ({"clock": BAD_FIT}, {"clock_residual"}, "clock_residual", 2.5e-3,
-     "drift 50.0 +- 1.0 ppm; 20 matched and 1 excluded by edges; 3 and 0 rows of the log before and"
-     " after motion capture"),
+     "drift 50.0 ppm by edges, 20 matched and 1 excluded edges"),
     ({"columns": OTHER_UNIT}, {"unit"}, "unit", 1.0, "torque is read in lbf*in, not N*m"),
     ({"damage": {"log": DAMAGED_LOG}}, {"damage", "truncated"}, "damage", 4.0, OF_LOG),
     ({"damage": {"log": DAMAGED_LOG, "mocap": DAMAGED_CAPTURE}}, {"damage", "truncated"}, "damage",
-     5.0, f"{OF_LOG}; mocap: 3 lost; mocap: chunk 3"),
+     5.0, "mocap: 3 lost; chunk 3"),
 ])  # fmt: skip
 def test_what_ingest_found_out_is_judged(provenance, beyond, check, value, remark):
     checks = results(bench(), **provenance)
@@ -394,17 +385,15 @@ def test_what_ingest_found_out_is_judged(provenance, beyond, check, value, remar
 
 
 @pytest.mark.parametrize(("really", "missing", "remark"), [
-    (Commanded((2.0, 4.0), (2.0, 5.0), 6), 0, "4 commanded pairs of amplitude and frequency found"),
-    (Commanded((2.0, 4.0), (2.0,), 6), 2, "missing 2 deg at 5 Hz; missing 4 deg at 5 Hz"),
+    (Commanded((2.0, 4.0), (2.0, 5.0), 6), 0, ""),
+    (Commanded((2.0, 4.0), (2.0,), 6), 2, "missing 2 deg at 5 Hz, missing 4 deg at 5 Hz"),
     (Commanded((2.0, 6.0),
-     (2.0, 5.0), 6), 4, "besides 6 deg at 2 Hz (6.0 cycles); besides 6 deg"),
-    (Commanded((1.65, 3.3), (2.0, 5.0), 6), 2, "3.3 deg at 2 Hz, commanded are 4 deg (if the"),
+     (2.0, 5.0), 6), 4, "besides 6 deg at 2 Hz (6.0 cycles), besides 6 deg"),
+    (Commanded((1.65, 3.3), (2.0, 5.0), 6), 2, "0.825 times 4 deg at 2 Hz (if the joint"),
     (Commanded((1.2 * 2, 1.2 * 4),
-     (2.0, 5.0), 6), 2, "theta is 1.2 times its angle, and K 0.833 times its own"),
+     (2.0, 5.0), 6), 2, "1.2 times 2 deg at 2 Hz"),
     (Commanded((1.02 * 2, 1.02 * 4),
-     (2.0, 5.0), 6), 0, "4 commanded pairs of amplitude and frequency found"),
-    (Commanded((2.0, 4.0), (2.0, 5.0), 3), 4, "2 deg at 2 Hz (3.0 cycles), commanded are 6"),
-    (Commanded((2.0, 4.0), (2.0, 5.0), (6, 7)), 2, "4 deg at 5 Hz (7.0 cycles), commanded are 6"),
+     (2.0, 5.0), 6), 0, ""),
 ])  # fmt: skip
 def test_the_protocol_in_the_log_is_compared_with_the_configured_one(really, missing, remark):
     protocol = results(bench(stepped_sine(really)))["protocol"]
@@ -437,13 +426,6 @@ def test_cycles_may_differ_by_frequency_and_any_motion_may_be_commanded():
             measure_quality(Trial("a", bench(motion)), experiment, commanded)["protocol"].value
             == value
         )
-    nearly, whole = (Commanded((4.0,), (5.0,), cycles) for cycles in (39, 40))
-    assert (
-        measure_quality(Trial("a", bench(stepped_sine(nearly))), "impedance", whole)[
-            "protocol"
-        ].value
-        == 0
-    )
     # a frequency that returns has the cycles of both
     again = Commanded((2.0, 4.0), (2.0, 5.0, 2.0), 6)
     assert (
@@ -517,7 +499,7 @@ def test_the_sheet_may_accept_only_checks_that_there_are(tmp_path):
     config = campaign_config(yaml.safe_load(CONFIG.read_text()) | changes, [CONFIG])
     with pytest.raises(
         InputError,
-        match="trial 'b', accept: 'gaps' is no quality check; the checks are rate, jitter",
+        match="trial 'b', accept: 'gaps' is no quality check; the checks are rate, gap",
     ):
         check_campaign(open_campaign(config, None))
 
@@ -780,31 +762,26 @@ def test_dead_moments_put_the_centre_of_pressure_outside_or_at_rest(
     for of in (lambda trial: trial, beside_a_sound_one):  # the worse one of two
         far, still = checked(of(outside))["pressure_centre"], checked(of(dead))["pressure_travel"]
         assert (far.value or 0) > 840 / 770 - 0.3  # at the largest force
-        assert "plate1: the centre of pressure is" in far.remark
+        assert far.remark == "plate1"
         assert (still.value, still.remark[:6]) == (pytest.approx(0, abs=0.005), "plate1")
 
 
 def test_moments_a_thousand_times_too_large_or_too_small_are_told(tmp_path: Path) -> None:
     force, moment = force_and_moment()
     large = plate_trial(tmp_path / "a.c3d", np.hstack((force, 1e3 * moment)))
-    assert "state `plate_units`" in checked(large)["pressure_centre"].remark
+    assert (checked(large)["pressure_centre"].value or 0) > 10
     units = {"force": "N", "moment": "N*mm"}
     mended = plate_trial(tmp_path / "a.c3d", np.hstack((force, 1e3 * moment)), plate_units=units)
     assert checked(mended)["pressure_centre"].value == 0
     small = checked(plate_trial(tmp_path / "b.c3d", np.hstack((force, 1e-3 * moment))))
-    assert "a thousand times too small" in small["pressure_travel"].remark
+    assert small["pressure_travel"].value == pytest.approx(0, abs=0.001)
 
 
 def test_a_plate_on_which_nobody_stands_is_not_judged(tmp_path: Path) -> None:
     force, moment = force_and_moment()
     trial = plate_trial(tmp_path / "a.c3d", 0.05 * np.hstack((force, moment)))
-    assert checked(trial)["pressure_centre"] == CheckResult(
-        None, "not applicable: no plate is stood on"
-    )
-    assert (
-        checked(trial, "plate")["pressure_centre"].remark
-        == "not applicable: nobody stands on a plate"
-    )
+    assert checked(trial)["pressure_centre"] == CheckResult(None, NOT_JUDGED)
+    assert checked(trial, "plate")["pressure_centre"] == CheckResult(None, NOT_JUDGED)
 
 
 @pytest.mark.skipif(not (REAL_DATA / "c3d").is_dir(), reason="real data are not here")

@@ -273,10 +273,10 @@ def test_changed_settings_give_the_bytes_of_a_fresh_run_and_redo_what_uses_them_
     made again, where one of them becomes excluded. Of the filter of the bench, what is ingested,
     simulated and fitted elsewhere stays."""
     of_transmission = pl.col("trial").str.starts_with("transmission")
-    rests = workspace.table("quality").filter(of_transmission, check="jitter").sort("value")
-    (_, least), (bad, most) = rests.select("trial", "value").rows()
+    rates = workspace.table("quality").filter(of_transmission, check="rate").sort("value")
+    (bad, least), (_, most) = rates.select("trial", "value").rows()
     changes = {
-        "quality": {"jitter": f"{(least + most) / 2} %", "exclude": ["jitter"]},
+        "quality": {"rate": f"{(least + most) / 2} Hz", "exclude": ["rate"]},
         "doubtful": {"transmission": {"below": {"VAF": 99.999}}},
     }
     again = Workspace(tmp_path / "again", workspace)

@@ -1,2 +1,9 @@
-"""From a recording and its source file to a trial: units, signs, clocks, force plates; and what is
-measured of a recording's quality. Bytes are read in `formats`, limits are known to `judge`."""
+"""From recordings to trials."""
+
+from pathlib import Path
+from types import SimpleNamespace
+
+from osl_analysis.files import own_yaml
+
+LIMITS = SimpleNamespace(**own_yaml(Path(__file__).with_name("limits.yaml")))
+"""The numbers that decide something here, with units and reasons."""

@@ -50,6 +50,9 @@ SHAFT = {"fault_probability": 0.0, "B_j": 1.0, "J_j": 0.1, "delay_told_s": 1e-3}
     ("impedance", {"band_high_hz": 5.0, "cutoff_hz": 15.0}, "motion_above_cutoff", False),
     ("impedance", {"clock_ppm": None, "amplitude_deg": None}, "clock_rate_unseen", True),
     ("impedance", {"clock_ppm": 12.0, "amplitude_deg": None}, "clock_rate_unseen", False),
+    # N*m read as N*mm, without gains to compare with; and a pure damper
+    ("impedance", {"K": 0.15, "B": 0.003}, "unlikely_size", True),
+    ("impedance", {"K": 0.15, "B": 3.0}, "unlikely_size", False),
     ("walking_groups", {"K": 340.0}, "walking_unseen", True),
     ("walking_groups", {"K": None}, "walking_unseen", False),
     ("walking_groups", {"I_high": -0.01}, "negative_inertia", True),

@@ -82,7 +82,7 @@ class Rule:
     second: str = ""
     when: str = ""
     unless: Collection[str] = ()
-    grade: Literal["not checked", "notes"] = "not checked"
+    grade: Literal["not checked", "notes", "doubts"] = "not checked"
     says: Texts = ""
     remedy: Texts = ""
 

@@ -3,7 +3,6 @@
 A fit refuses a number that no sensor can give, before it overflows, underflows or becomes NaN.
 """
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -93,46 +92,10 @@ def significant(value: float, digits: int = 2) -> str:
     return np.format_float_positional(value, digits, unique=False, fractional=False, trim="-")
 
 
-FEWEST_SHARED_SAMPLES = 10  # fewer do not show that two signals are the same
-SAME_SIGNAL_SHARE = 1e-3  # residual of y, as a share of its RMS: two sensors differ by more
-LARGEST_ROUNDING_SHARE = 0.01  # of y's RMS that rounding may explain
-
-
-def factor_of(y: Array, x: Array) -> float | None:
-    """Find the factor in y = factor * x + offset, if one signal is computed from the other.
-
-    Parameters
-    ----------
-    y, x : Array
-        (n,) of any unit; rows in which either is not finite are left out.
-
-    Returns
-    -------
-    float or None
-        None if the residual is larger than the rounding of both and than 0.1 % of y. Two sensors
-        differ by more, even if one follows the other closely.
-    """
-    if len(y) != len(x):
-        return None
-    is_signal = (np.abs(y) < LARGEST_SIGNAL) & (np.abs(x) < LARGEST_SIGNAL)
-    y = y[is_signal]
-    x = x[is_signal]
-    if len(y) < FEWEST_SHARED_SAMPLES or not (varies(y) and varies(x)):
-        return None
-
-    y = y - y.mean()
-    x = x - x.mean()
-    factor = float(x @ y) / float(x @ x)
-    step_y = float(np.median(np.diff(np.unique(y))))
-    step_x = float(np.median(np.diff(np.unique(x))))
-    # a value rounded to a step has an error of step/sqrt(12); 1.2 for its scatter
-    rounding = 1.2 * math.hypot(step_y, factor * step_x) / math.sqrt(12)
-    allowed = max(SAME_SIGNAL_SHARE * rms(y), min(rounding, LARGEST_ROUNDING_SHARE * rms(y)))
-    return factor if rms(y - factor * x) <= allowed else None
-
-
 Quantity = Literal["angle", "command", "speed", "current"]
-LEAST_OF_SENSOR = 2e-4  # of a torque's SD; what other sensors leave of any load cell is more
+LEAST_OF_SENSOR = (
+    6e-4  # of a torque's SD; load cells leave more, rounding to 0.01 N*m and 1 mA 5.5e-4
+)
 MOST_COMPARED = 2000  # rows
 FEWEST_COMPARED = 200
 MOST_ROWS = 0.95  # share of them in which a torque is followed

@@ -414,8 +414,8 @@ def test_samples_closer_than_any_recorder_takes_them_are_refused(steps, refused)
     # below 1.2 rad
     trial = Trial("hasty", pl.DataFrame({"time": time, "theta": np.linspace(-1.1, 1.1, len(time))}))
     said = (
-        r"trial hasty: its samples are [17](\.\d+)?e-06 s apart, 1(\.\d+)?e\+0[56] in a"
-        r" second; correct the `unit` of `time`"
+        r"trial hasty: its samples are [17](\.\d+)?e-06 s apart;"
+        r" correct the `unit` of `time`"
     )
     with pytest.raises(InputError, match=said) if refused else nullcontext():
         check_recording(trial, BENCH)
@@ -442,7 +442,7 @@ FOLLOWING = CIRCULAR + 0.03 * np.std(CIRCULAR) * WHITE[1]  # VAF 99.9 %, as of a
     (-8.65 * np.round(CURRENT, 1), np.round(CURRENT, 1)),
 ], ids=["offset", "float32", "decimals", "coarse current"])  # fmt: skip
 def test_a_torque_that_is_current_times_a_constant_is_refused(torque, current, channel):
-    words = rf"{channel} is current times -8\.6\d* N\*m/A.*name the channel of a load cell"
+    words = rf"{channel} follows exactly from 'current'.*name the channel of a load cell"
     with pytest.raises(InputError, match=words):
         check_torque_beside_current(torque, current, channel)
 

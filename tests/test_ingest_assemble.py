@@ -26,10 +26,10 @@ from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.draft.draft_source import draft_source
 from osl_analysis.errors import InputError
 from osl_analysis.formats import known_formats
+from osl_analysis.ingest import LIMITS
 from osl_analysis.ingest.assemble import merged
 from osl_analysis.ingest.clock import ClockFit, aligned_clock
 from osl_analysis.ingest.conversion import Converted
-from osl_analysis.ingest.guard import LARGEST_MEASURED
 from osl_analysis.ingest.raw_files import read_converted, read_source
 from osl_analysis.recording import Recording
 from osl_analysis.source_file import SharedAngle
@@ -359,7 +359,7 @@ def seen(frames: int = 6) -> np.ndarray:
 def test_every_unit_of_a_column_has_a_largest_value() -> None:
     assert {unit for name, unit in COLUMNS.items() if name != "time"} | set(
         FAMILIES.values()
-    ) == set(LARGEST_MEASURED)
+    ) == set(LIMITS.largest)
     # however many there are
     assert [unit_of(plate_columns(10, of)[2]) for of in ("force", "moment")] == ["N", "N*m"]
 

@@ -7,7 +7,6 @@ import pytest
 from osl_analysis.errors import InputError
 from osl_analysis.measured import (
     check_measured,
-    factor_of,
     significant,
     varies,
     visible_step,
@@ -20,25 +19,6 @@ from osl_analysis.units import known_factor, name_and_ending, si_factor
 @pytest.fixture
 def noise():
     return np.random.default_rng(1).standard_normal((2, 2000))
-
-
-def test_a_signal_that_is_computed_from_another_shows_its_factor(noise):
-    current = 3 * noise[0]
-
-    assert factor_of(1.7 * current + 0.4, current) == pytest.approx(1.7)
-    assert factor_of(-0.2 * current, current) == pytest.approx(-0.2)
-
-
-def test_a_factor_is_seen_through_the_rounding_of_both_signals(noise):
-    current = np.round(3 * noise[0], 2)
-    torque = np.round(1.7 * current, 1)
-
-    assert factor_of(torque, current) == pytest.approx(1.7, rel=1e-3)
-
-
-def test_two_sensors_of_one_quantity_have_no_factor(noise):
-    """1 % of noise is that of a second sensor."""
-    assert factor_of(1.7 * noise[0] + 0.017 * noise[1], noise[0]) is None
 
 
 @pytest.mark.parametrize("step", [1e-3, 2 * np.pi / 2**14, 5.0])

@@ -67,17 +67,20 @@ def swapped_in_deg(signals):
 
 def test_channels_that_are_swapped_are_told_where_the_fit_is_accepted():
     settings, _ = fit_settings("impedance", default_config())
-    of_theta = {"columns": {"theta": {"factor": np.radians(1)}}}
+    of_theta = {"columns": {"theta": {"unit": "deg", "factor": np.radians(1)}}}
     wrong = Trial("wrong", pl.DataFrame(swapped_in_deg(joint(noise=0.01))), of_theta)
 
     with pytest.raises(InputError, match="which no joint has") as refused:
         run_fit("impedance", wrong, None, settings)
 
-    assert refused.value.remedy.startswith(SWAP.removesuffix("150"))
+    assert refused.value.remedy.startswith(SWAP.replace("rad", "deg").removesuffix("150"))
 
 
 SIGN = "turn the `sign` of the torque, or of all angles, in the source file: K"
-SWAP = "swap the channels of theta and torque in the source file: K 150"
+SWAP = (
+    "swap the channels of theta and torque in the source file, and state `unit: rad` of theta and"
+    " `unit: N*m` of torque: K 150"
+)
 
 
 @pytest.mark.parametrize(("experiment", "recording", "fault", "remedy"), [

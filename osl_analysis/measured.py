@@ -93,9 +93,7 @@ def significant(value: float, digits: int = 2) -> str:
 
 
 Quantity = Literal["angle", "command", "speed", "current"]
-LEAST_OF_SENSOR = (
-    6e-4  # of a torque's SD; load cells leave more, rounding to 0.01 N*m and 1 mA 5.5e-4
-)
+LEAST_OF_SENSOR = 6e-4  # of a torque's SD; load cells leave more, rounding of both signals less
 MOST_COMPARED = 2000  # rows
 FEWEST_COMPARED = 200
 MOST_ROWS = 0.95  # share of them in which a torque is followed

@@ -97,14 +97,15 @@ def read_source(path: Path) -> Source:
             f"{path}: format '{name}' is not known: write one of"
             f" {', '.join(known)}{nearest(name, known)}"
         )
-    places = list(open_places(content))
+    places = [
+        f"`{dotted(place)}` in line {field_line(path, place)}" for place in open_places(content)
+    ]
     if places:
-        where = [f"`{dotted(place)}` in line {field_line(path, place)}" for place in places]
-        columns = ", ".join(column for column in COLUMNS if column != "time")
         raise InputError(
             f"{path}: a draft of `osl-analysis inspect` with places to be edited:"
-            f" {listing(where, 6)}; give each signal that you need its canonical name ({columns}),"
-            f" state each {UNKNOWN}, and delete the other lines of `channels`"
+            f" {listing(places, 6)}; give each signal that you need its canonical name"
+            f" ({', '.join(COLUMNS)}), state each {UNKNOWN}, and delete the other lines of"
+            " `channels`"
         )
     source: Source = read_yaml(path, known[name].source)
     source.written_in(path)
@@ -197,12 +198,11 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
         check_clocks(sources["log"], sources["mocap"])
     recordings: dict[str, Converted] = {}
     identities: dict[str, dict[str, Any]] = {}
-    for role, file in files.items():
-        source = sources[role]
-        if isinstance(source, LogSource):
-            source = source.of_part(cells.get("log_part", ""))
-        recordings[role], identity = read_raw_file(raw_folder / file, source)
-        identities[role] = {**identity, "path": file, "source": cells[f"{role}_source"]}
+    for role, source in sources.items():
+        part = cells.get("log_part", "")
+        used = source.of_part(part) if isinstance(source, LogSource) else source
+        recordings[role], identity = read_raw_file(raw_folder / files[role], used)
+        identities[role] = {**identity, "path": files[role], "source": cells[f"{role}_source"]}
     with naming(f"trial {name} ({', '.join(files.values())})"):
         trial = assemble(
             name,
@@ -246,12 +246,12 @@ def read_raw_file(path: Path, source: Source) -> tuple[Converted, dict[str, Any]
 
 def check_columns(trial: Trial, experiment: str | None, needed: Sequence[str]) -> None:
     """Refuse a trial without a column that every trial of its experiment needs."""
-    missing = [column for column in needed if column not in trial.samples.columns]
+    missing = ", ".join(column for column in needed if column not in trial.samples.columns)
     if missing:
         raise InputError(
-            f"trial {trial.name}: no column {', '.join(missing)}, which a trial of experiment"
-            f" '{experiment}' needs; map it to its channel under `channels` in the source file, or"
-            " correct `experiment` in the sheet"
+            f"trial {trial.name}: no column {missing}, which a trial of experiment '{experiment}'"
+            " needs; map it to its channel under `channels` in the source file, or correct"
+            " `experiment` in the sheet"
         )
 
 
@@ -259,30 +259,27 @@ def check_markers(trial: Trial, experiment: str | None) -> None:
     """Refuse a trial without a marker that was ever seen, for an experiment whose analysis follows
     markers."""
     markers = [column for column in trial.samples.columns if column.startswith("marker_")]
-    if any(trial.samples[column].is_finite().any() for column in markers):
-        return
-    what = "no markers"
-    if markers:
-        what = f"none of its {len(markers) // 3} markers was ever seen"
-    raise InputError(
-        f"trial {trial.name}: {what}, and a trial of experiment '{experiment}' needs them; label"
-        " them in the capture (of a system without markers, export positions: rotations of segments"
-        " are not read), or exclude the trial in the sheet"
-    )
+    if not any(trial.samples[column].is_finite().any() for column in markers):
+        raise InputError(
+            f"trial {trial.name}: no marker was ever seen, and a trial of experiment"
+            f" '{experiment}' needs them; label them in the capture (of a system without markers,"
+            " export positions: rotations of segments are not read), or exclude the trial in the"
+            " sheet"
+        )
 
 
 def check_file(path: Path) -> None:
     """Refuse a file that is missing or empty, and what is no recording: a device, a pipe, a folder
     without parts."""
     if path.is_dir():
-        if not formats.formats_of(path):
+        readers = formats.formats_of(path)
+        if not readers:
             raise InputError(f"{path}: a folder, and no recording; name a file in it")
-        formats.formats_of(path)[0].files_in(path)
+        readers[0].files_in(path)
         return
     if not path.is_file():
-        what = "a device or a pipe, not a recording" if path.exists() else "no such file"
         raise InputError(
-            f"{path}: {what}; correct the sample sheet, which names one file, or copy it there"
+            f"{path}: no such file; correct its name in the sample sheet, or copy it there"
         )
     if path.stat().st_size == 0:
         raise InputError(
@@ -290,11 +287,11 @@ def check_file(path: Path) -> None:
         )
 
 
-def written_at(path: Path) -> tuple[int, ...]:
-    """Facts on a file that change if it is written to, or replaced, while it is read."""
+def written_at(path: Path) -> tuple[int, int]:
+    """Facts on a file that change if it is written to while it is read."""
     with path.open("rb") as file:  # opening makes a network file system ask its server again
         known = os.fstat(file.fileno())
-    return known.st_ino, known.st_size, known.st_mtime_ns, known.st_ctime_ns
+    return known.st_size, known.st_mtime_ns
 
 
 def identity_of(path: Path) -> dict[str, Any]:

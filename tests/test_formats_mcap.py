@@ -643,7 +643,8 @@ def test_a_message_without_a_number_in_an_asked_field_has_no_value_there(
 @pytest.mark.parametrize(
     ("texts", "field", "said"),
     [
-        (['{"x": "1"}'], "x", r"has no number 'x' \(it has none\); correct `field`"),
+        (['{"x": "on"}'], "x", "field 'x' holds text, such as 'on', and no number; name another"),
+            (['{"x": null}'], "x", r"has no number 'x' \(it has none\); correct `field`"),
         (['{"x": 1}'], "y", r"has no number 'y' \(it has x\); correct `field`"),
         (["{"], "x", "Expecting property name .*; record the log again"),
     ],

@@ -69,6 +69,8 @@ TEXTS = {
     "groups above": text(above="Motion,,Load\n"),
     "preamble": text(above="Subject,7\nRate [Hz],500\nAll good, really\n"),
     "Ctrl-Z": text() + "\x1a",
+    "LabVIEW with units": text("\t", ["X_Value", "Angle", "Torque", "Comment"], LVM
+    + "Y_Unit_Label\tdeg\tNewton-meter\t\n***End_of_Header***\t\n"),
     "LabVIEW": text(
         "\t", ["X_Value", *HEAD[1:], "Comment"], LVM + "***End_of_Header***\t\n"),
     "Windows": text(";", ["Zeit [s]", "Winkel [°]", "Moment [N·m]"]).encode("cp1252"),

@@ -213,9 +213,16 @@ def test_a_line_that_cannot_be_used_is_skipped_within_a_share_and_else_refused(
 
 def test_null_is_no_value_and_what_is_no_number_or_missing_is_refused(tmp_path: Path) -> None:
     whole, lines = write(tmp_path / "a", rust_lines()), rust_lines()
+    for line in lines:
+        line["variables"]["ankle_angle"] = str(line["variables"]["ankle_angle"])
+        line["variables"]["word"] = "go"
+    of_numbers = read(whole).samples["theta"]
+    of_texts = read(write(tmp_path / "a", lines)).samples["theta"]
+    np.testing.assert_array_equal(of_texts, of_numbers)
     for field, said in (
         ("variables.ankle_angel", "did you mean 'variables.ankle_angle'?"),
         ("variables.on", "a truth value and no number in rad"),
+        ("variables.word", "field 'variables.word' holds text, such as 'go', and no number"),
     ):
         assert said in refused(whole, channels={"theta": {"field": field, "unit": "deg"}})
     lines[7]["functions"]["torque"] = True

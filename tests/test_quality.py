@@ -23,6 +23,7 @@ from osl_analysis.campaign.configuration import campaign_config, config_for_tria
 from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError
+from osl_analysis.commands.bench import is_broken_outside
 from osl_analysis.formats import known_formats
 from osl_analysis.ingest.conversion import origin_of
 from osl_analysis.ingest.guard import check_sizes
@@ -814,3 +815,14 @@ def test_leaps_outside_of_the_windows_that_are_fitted_do_not_count():
     cut = measure_quality(trial, "impedance", COMMANDED, f"{leap_s + 1}-{leap_s + 3}")
 
     assert (whole["dropout"].value, cut["dropout"].value) == (1, 0)
+
+
+@pytest.mark.parametrize(
+    ("windows", "is_outside"), [("0-0.9", True), ("2-3", True), ("0-3", False)]
+)
+def test_a_long_gap_outside_of_the_windows_is_cut_off_before_the_time_base(windows, is_outside):
+    time = np.arange(0.0, 3.0, 1 / RATE)
+    torque = np.where((time > 1) & (time < 2), np.nan, np.sin(6 * time))
+    trial = Trial("a", pl.DataFrame({"time": time, "theta": np.sin(6 * time), "torque": torque}))
+
+    assert is_broken_outside(trial, trial.cut_to(windows)[0]) == is_outside

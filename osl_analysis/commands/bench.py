@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import polars as pl
 
 from osl_analysis.bench import bench_settings as choices
@@ -30,6 +31,7 @@ from osl_analysis.ingest.leaps import find_leaps
 from osl_analysis.ingest.quality import saturated
 from osl_analysis.model.compensator import Weight
 from osl_analysis.model.drivetrain import FileOrNone, known_parameters
+from osl_analysis.signals.grid import GapLimits
 from osl_analysis.table import read_table, with_evidence, write_table
 from osl_analysis.trial import Trial
 
@@ -124,20 +126,26 @@ def record_with_actuator(
     trial = replace(trial, clocks={})
     if windows:
         cut, shifted_windows = trial.cut_to(windows)
-        if leaps_outside(trial, cut):
+        if is_broken_outside(trial, cut):
             trial, windows = cut, shifted_windows
     return with_actuator(record_of_trial(trial, settings, windows), trial)
 
 
-def leaps_outside(trial: Trial, cut: Trial) -> bool:
-    """Whether an angle or the torque leaps in a part that was cut off a trial. The filters would
-    spread it into the windows, and an angle that slipped there would look like play. A sound trial
-    is filtered whole, since a filter needs what lies around the windows."""
+def is_broken_outside(trial: Trial, cut: Trial) -> bool:
+    """Whether an angle or the torque leaps, or has a long gap, in a part that was cut off a trial.
+    The filters would spread a leap into the windows, an angle that slipped there would look like
+    play, and no time base crosses the gap. A sound trial is filtered whole, since a filter needs
+    what lies around the windows."""
     first, last = cut.samples["time"][0], cut.samples["time"][-1]
     for column in ("theta", "theta_m", "torque"):
         if column in trial.columns:
-            leaps = find_leaps(*trial.arrays(column))
-            if ((leaps < first) | (leaps > last)).any():
+            time, values = trial.arrays(column)
+            leaps = find_leaps(time, values)
+            sampled = time[np.isfinite(values)]
+            is_long = np.diff(sampled) > GapLimits().longest_s
+            begins = np.append(leaps, sampled[:-1][is_long])
+            ends = np.append(leaps, sampled[1:][is_long])
+            if ((ends <= first) | (begins >= last)).any():
                 return True
     return False
 

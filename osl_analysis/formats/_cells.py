@@ -136,9 +136,6 @@ def cell_values(
     """
     none_unread = np.zeros(0, np.intp)
     if cells.dtype != pl.String:
-        sentinels = [float(word) for word in missing if is_number_cell(word)]
-        if sentinels and cells.dtype.is_numeric():
-            cells = cells.replace(sentinels, None)
         if not cells.null_count() and cells.dtype != pl.Float32:
             return cells.to_numpy(), none_unread
         return cells.cast(pl.Float64).fill_null(np.nan).to_numpy(), none_unread

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from osl_analysis.errors import InputError, listing, nearest, not_installed
 from osl_analysis.formats import is_of_file
 from osl_analysis.formats._cdr import Layout, definition_of, rows_at
-from osl_analysis.formats._objects import last_name, numbers_in
+from osl_analysis.formats._objects import last_name, values_in
 from osl_analysis.recording import Channel, End, Kind, Loss, Recording, Rows
 from osl_analysis.units import name_and_ending
 
@@ -63,6 +63,8 @@ class Topic:
         Why the first of those that cannot be decoded cannot.
     types
         Types of its numbers, read or not, by path. Those of ROS have one, which is not listed.
+    texts
+        The first text that stands in place of a number, by path.
     spans
         First and last log time [ns] of each number by path and publisher: a channel of the recorder
         and the names in its messages.
@@ -83,6 +85,7 @@ class Topic:
         self.count = 0
         self.reason = ""
         self.types: defaultdict[str, set[type]] = defaultdict(set)
+        self.texts: dict[str, str] = {}
         self.spans: defaultdict[str, dict[str, tuple[int, int]]] = defaultdict(dict)
         self.layouts: defaultdict[int, list[Layout]] = defaultdict(list)  # by length
         self.parts = [pl.DataFrame(schema={PLACE: pl.Int64, LOG_TIME: pl.Int64})]
@@ -169,14 +172,21 @@ class Topic:
         places: list[int] = []
         for place, start in enumerate(starts.tolist()):
             try:
-                objects.append(numbers_in(decode(content[start : start + lengths[place]])))
+                objects.append(values_in(decode(content[start : start + lengths[place]])))
                 places.append(place)
             except Exception as error:
                 self._note(error)
         columns: dict[str, Any] = {}
-        for path in dict.fromkeys(path for numbers in objects for path in numbers):
-            values = [numbers.get(path) for numbers in objects]
-            self.types[path] |= {*map(type, values)}
+        for path in dict.fromkeys(path for values in objects for path in values):
+            values = [value.get(path) for value in objects]
+            texts = [value for value in values if isinstance(value, str)]
+            if texts:
+                self.texts.setdefault(path, texts[0])
+                values = [None if isinstance(value, str) else value for value in values]
+            types = {*map(type, values)}
+            if types == {type(None)}:  # text alone
+                continue
+            self.types[path] |= types
             if self.wanted is None or path in self.wanted:
                 columns[path] = pl.Series(values, strict=False)
         yield np.array(places, np.int64), "", columns
@@ -186,6 +196,15 @@ class Topic:
         if not is_of_file(error):
             raise error
         self.reason = self.reason or " ".join(str(error).split())[:200]
+
+    def refuse_text(self, address: Mapping[str, str]) -> None:
+        """Refuse a field that holds text alone."""
+        path = address["field"]
+        if path in self.texts:
+            raise InputError(
+                f"field '{path}' holds text, such as '{self.texts[path][:40]}', and no number; name"
+                " another field, or write numbers"
+            )
 
     def check_one_publisher(self) -> None:
         """Refuse messages of two types, and numbers that several publishers write at the same time:
@@ -412,6 +431,7 @@ class Log:
         if topic.lost == topic.count:
             advice = "" if "; " in topic.reason else "; record the log again"
             raise InputError(f"topic '{name}': {topic.reason}{advice}")
+        topic.refuse_text(address)
         advice = nearest(path, [*topic.types]) or "; correct `field` in the source file"
         raise InputError(
             f"topic '{name}' has no number '{path}' (it has {listing([*topic.types])}){advice}"

@@ -11,30 +11,38 @@ from collections.abc import Sequence
 from functools import cache
 from typing import Any
 
+from osl_analysis.formats._cells import is_number_cell
+
 PLAIN_NAME = re.compile(r"[^.\[\]]+")
 CHOICES = re.compile(r"(\[[^\]\"]*\])+$")  # an index, or the name of an element
 QUOTED_NAME = re.compile(r"\[(\"(?:[^\"\\]|\\.)*\")\]$")
+NUMBER = int | float  # built once: a log has a million of them
+DIGITS = frozenset("0123456789.")
 MOST_ELEMENTS = 64  # of an array that are read: longer ones are images, and no signals
 
 
-def numbers_in(value: Any) -> dict[str, Any]:
-    """The numbers of an object, by path; of a long array the first `MOST_ELEMENTS`."""
-    numbers: dict[str, Any] = {}
-    _take_numbers(value, "", numbers)
-    return numbers
+def values_in(value: Any) -> dict[str, Any]:
+    """The numbers and texts of an object, by path; of a long array the first `MOST_ELEMENTS`."""
+    values: dict[str, Any] = {}
+    _take_values(value, "", values)
+    return values
 
 
-def _take_numbers(value: Any, path: str, numbers: dict[str, Any]) -> None:
-    if isinstance(value, int | float):
-        numbers[path] = value
+def _take_values(value: Any, path: str, values: dict[str, Any]) -> None:
+    if isinstance(value, NUMBER):
+        values[path] = value
     elif isinstance(value, dict):
         for name, member in value.items():
-            _take_numbers(member, joined_path(path, name), numbers)
+            _take_values(member, joined_path(path, name), values)
     elif isinstance(value, list):
         for index, member in enumerate(value[:MOST_ELEMENTS]):
-            _take_numbers(member, f"{path}[{index}]", numbers)
+            _take_values(member, f"{path}[{index}]", values)
+    elif isinstance(value, str):
+        values[path] = value
+        if value[-1:] in DIGITS and is_number_cell(value):
+            values[path] = int(value) if value.isdecimal() else float(value)
     elif hasattr(value, "DESCRIPTOR"):
-        _take_numbers(_members_of(value), path, numbers)
+        _take_values(_members_of(value), path, values)
 
 
 def _members_of(message: Any) -> dict[str, Any]:

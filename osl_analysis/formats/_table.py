@@ -39,6 +39,7 @@ SAMPLE_ROWS = 600  # rows by which the width of a table and its first numbers ar
 LONGEST_FOOTER = 60  # rows
 MOST_HEADERS = 3  # rows of names and units above the numbers
 LEAST_VALUES = 0.5  # share of the cells of a column of numbers that are numbers
+FAR_BEYOND = 5.0  # times the next largest value: a number of nines is none that was measured
 COMMENT_SIGNS = ("#", "%", "//")  # at the beginning of a line
 STATED_ROWS = re.compile(
     r"(?i)\W*(?:total |(?:number|no\.?) of )?(?:samples|rows|frames|length|data"
@@ -293,6 +294,9 @@ def _head_of(
     units: list[str] = []
     if len(lists) > 1 and _are_units(lists[-1]):
         units = [without_brackets(cell) for cell in lists.pop()]
+    for cells in candidates:  # `Y_Unit_Label` of LabVIEW
+        if not units and re.search(r"(?i)unit", cells[0]) and _are_units(cells[1:]):
+            units = ["", *cells[1:width]]
     if delimiter == " " and len(units) < width:
         units = []  # it is unknown which column has none
     names = [str(place + 1) for place in range(width)]
@@ -427,7 +431,14 @@ def _values_of(
     """Read the numbers or truth values of a column; another cell is refused if a source file asks
     for the column, and NaN in a listing."""
     values, unread = cell_values(cells, layout.missing, decimal)
-    if not unread.size or not layout.channels:
+    numbers = [float(word) for word in layout.missing if is_number_cell(word)]
+    if numbers and np.isin(values, numbers).any():
+        values = np.where(np.isin(values, numbers), np.nan, values)
+    if not layout.channels:
+        return values
+    if values.dtype != bool:
+        _check_placeholder(values, title, rows)
+    if not unread.size:
         return values
     place = int(unread[0])
     cell = str(cells[place])[:40]
@@ -436,6 +447,22 @@ def _values_of(
         " write numbers as 1234.5e-3, none between thousands, and times as 12:00:00.500 in"
         f" every row, or add {json.dumps(cell, ensure_ascii=False)} to `missing` in the source file"
     )
+
+
+def _check_placeholder(values: NDArray[Any], title: str, rows: Rows) -> None:
+    """Refuse a number of nines far beyond all others, which loggers write for a failed reading."""
+    numbers = values[np.isfinite(values)]
+    sizes = np.abs(numbers)
+    is_largest = sizes == sizes.max(initial=0.0)
+    placeholder = f"{numbers[np.argmax(is_largest)]:.12g}" if numbers.size else ""
+    if not re.fullmatch(r"-?9{3,}(\.9+)?", placeholder):
+        return
+    if sizes.max() > FAR_BEYOND * sizes[~is_largest].max(initial=0.0):
+        raise InputError(
+            f"column '{title}': {placeholder} stands in {is_largest.sum()} of {rows.count}"
+            f" {rows.noun}s, as for a failed reading, and all other values are far smaller; add"
+            f' "{placeholder}" to `missing` in the source file'
+        )
 
 
 def _count_words(cells: pl.Series, layout: SheetSource, decimal: str) -> Mapping[str, int]:

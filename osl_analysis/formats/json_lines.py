@@ -64,6 +64,7 @@ def read(path: Path, source: JsonSource | None) -> Recording:
         channels=topic.channels(rows, {}, parents),
         loss=Loss(places.size, lines.size, end, remarks=remarks),
         facts={"rows": str(places.size)},
+        find_unlisted=topic.refuse_text,
     )
 
 

@@ -334,7 +334,8 @@ def gaps_of(part: Taken, time: Array, limits: GapLimits) -> Gaps:
         raise InputError(
             f"{part.stream.name}: {', '.join(part.signals)} has no sample from {begin:.4f} s to"
             f" {end:.4f} s, {end - begin:.3f} s long; gaps up to {limits.longest_s:g} s are"
-            " bridged: cut the log there, or see whether the recorder's clock jumped"
+            " bridged: give each part beside the gap a trial of its own by `windows` in the sample"
+            " sheet, or see whether the recorder's clock jumped"
         )
     is_bridged = length <= limits.bridged_s
     return Gaps(bridged=ends[is_bridged], marked=ends[~is_bridged])

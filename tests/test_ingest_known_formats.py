@@ -219,7 +219,7 @@ def test_a_source_file_of_another_format_is_refused_with_the_format_of_the_file(
     for content, said in (
         (MAGIC + bytes(100), "is mcap, its source file says csv; write `format: mcap`"),
         (capture, "is c3d, its source file says csv"),
-        (b"\x01\x00\x02", r"is no csv .* its source file says; name the recording itself"),
+        (b"\x01\x00\x02", r"of no known format .* name the recording itself"),
     ):
         with pytest.raises(InputError, match=said):
             ingested(tmp_path, "a.csv", content)

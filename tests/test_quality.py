@@ -20,10 +20,10 @@ from scipy import signal
 from osl_analysis.campaign.campaign_checks import check_campaign
 from osl_analysis.campaign.campaign_trials import open_campaign
 from osl_analysis.campaign.configuration import campaign_config, config_for_trials
+from osl_analysis.commands.bench import is_broken_outside
 from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError
-from osl_analysis.commands.bench import is_broken_outside
 from osl_analysis.formats import known_formats
 from osl_analysis.ingest.conversion import origin_of
 from osl_analysis.ingest.guard import check_sizes

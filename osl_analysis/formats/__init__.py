@@ -20,7 +20,6 @@ import re
 import sqlite3
 import struct
 import sys
-import sysconfig
 import traceback
 import zipfile
 import zlib
@@ -42,7 +41,6 @@ GROUP = "osl_analysis.formats"  # entry points of other packages
 TEXT_PRIORITY = 9  # of tables of text: any text may be one
 COPY_AGAIN = "copy the file again, or export it anew"
 PACKAGE = Path(__file__).parents[1]
-STANDARD_LIBRARY = sysconfig.get_path("stdlib")
 DECODING_ERRORS = (
     ValueError,
     RecursionError,  # parts within parts without end
@@ -83,44 +81,36 @@ def formats_of(path: Path) -> list[Format]:
     return [known for known in known_formats().values() if known.begins(begin)]
 
 
-def recognise(path: Path) -> Format:
+def recognise(path: Path, stated: str = "") -> Format:
     """Tell the format of a file by its first bytes, or by its ending where they tell none.
+
+    `stated` is the format that its source file names, which may be one of several that fit.
 
     Raises
     ------
     InputError
-        It is of no format that is read.
+        It is of no format that is read, or not of the stated one.
     """
     formats = formats_of(path)
     refuse_others(path, formats)
-    suffix = path.suffix.lower()
-    formats = formats or [known for known in known_formats().values() if suffix in known.suffixes]
+    if not formats and not stated:
+        suffix = path.suffix.lower()
+        formats = [known for known in known_formats().values() if suffix in known.suffixes]
     if not formats:
         raise InputError(
             f"{path}: of no known format (it begins with {quoted(beginning(path)[:8])}); export it"
-            f" as one of {', '.join(known_formats())}"
+            f" as one of {', '.join(known_formats())}, or name the recording itself"
         )
-    return min(formats, key=lambda known: known.priority)
-
-
-def check_format(path: Path, name: str) -> Format:
-    """Give the format that a source file states; refused where the file is another one."""
-    stated_format = known_formats()[name]
-    formats = formats_of(path)
-    is_stated = stated_format in formats
-    if is_stated and (stated_format.priority < TEXT_PRIORITY or stated_format is formats[0]):
-        refuse_others(path, formats)
-        return stated_format
-    if not formats:
+    likely = min(formats, key=lambda known: known.priority)
+    for known in formats:
+        if known.name == stated and known.priority < TEXT_PRIORITY:
+            likely = known
+    if stated not in ("", likely.name):
         raise InputError(
-            f"{path}: is no {name} (it begins with {quoted(beginning(path)[:8])}), as its source"
-            " file says; name the recording itself"
+            f"{path}: is {likely.name}, its source file says {stated}; write"
+            f" `format: {likely.name}`, or name another source file or recording in the sheet"
         )
-    content_name = formats[0].name
-    raise InputError(
-        f"{path}: is {content_name}, its source file says {name}; write"
-        f" `format: {content_name}`, or name another source file or recording in the sheet"
-    )
+    return likely
 
 
 @np.errstate(all="ignore")  # values may be of any size: checks tell them, not NumPy
@@ -137,7 +127,7 @@ def read(path: Path, source: Any = None) -> Recording:
     InputError
         The file is of no known format, damaged, or not as its source file says.
     """
-    chosen = recognise(path) if source is None else check_format(path, source.format)
+    chosen = recognise(path, "" if source is None else source.format)
     with naming(path), in_one_sentence():
         return chosen.read(path, source)
 
@@ -164,18 +154,11 @@ def is_of_file(error: BaseException) -> bool:
     Others, as a TypeError in a module of this package, are faults of the program: the traceback
     tells where, and no copy of the file mends them.
     """
-    if isinstance(error, DECODING_ERRORS):
-        return True
     package_of_error = type(error).__module__.partition(".")[0]
-    if package_of_error not in sys.stdlib_module_names:
+    if isinstance(error, DECODING_ERRORS) or package_of_error not in sys.stdlib_module_names:
         return True
-    places = [frame.filename for frame in traceback.extract_tb(error.__traceback__)]
-    outside_python = [
-        place
-        for place in places
-        if not place.startswith(STANDARD_LIBRARY) or "site-packages" in place
-    ]
-    return not outside_python or not Path(outside_python[-1]).is_relative_to(PACKAGE)
+    places = traceback.extract_tb(error.__traceback__)
+    return not places or not Path(places[-1].filename).is_relative_to(PACKAGE)
 
 
 # what laboratories often have, or what looks like a log: how it begins, and what to do

@@ -97,8 +97,6 @@ class Channel:
         Unit that the file states; empty where it states none.
     likely_unit
         Unit by a convention or a name. It is shown to a user and never used unasked.
-    type
-        Type of its numbers and length of the array that they stand in, as `float64[4]`, for a user.
     count_words
         Counts the words that stand in place of numbers. Without a source file, which may name them
         under `missing`, such readings are NaN; with one they are refused.
@@ -112,7 +110,6 @@ class Channel:
     unit: str = ""
     likely_unit: str = ""
     kind: Kind = Kind.SIGNAL
-    type: str = ""
     count_words: Callable[[], Mapping[str, int]] | None = None
 
     @cached_property

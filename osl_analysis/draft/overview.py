@@ -89,7 +89,7 @@ def describe_channel(channel: Channel, kind: str) -> RecordedChannel:
         unit=unit,
         count=count,
         rate=rate,
-        note=", ".join(filter(None, [*notes, channel.type])),
+        note=", ".join(notes),
         likely_unit="" if unit else channel.likely_unit or likely_unit(name),
         numbers=numbers,
         times=times,

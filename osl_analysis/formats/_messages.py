@@ -22,7 +22,6 @@ from osl_analysis.formats import is_of_file
 from osl_analysis.formats._cdr import Layout, definition_of, rows_at
 from osl_analysis.formats._objects import last_name, values_in
 from osl_analysis.recording import Channel, End, Kind, Loss, Recording, Rows
-from osl_analysis.units import name_and_ending
 
 ROS_UNITS = {
     "JointState": {"position": "rad", "velocity": "rad/s", "effort": "N*m"},
@@ -271,15 +270,14 @@ class Topic:
         channels: list[Channel] = []
         paths = self.table.drop(PLACE, LOG_TIME).columns
         for path in paths:
-            name = last_name(path)
             likely = next((unit for start, unit in units.items() if path.startswith(start)), "")
             channels.append(
                 Channel(
                     address={**address, "field": path},
                     rows=rows,
                     read=partial(self.column, path),
-                    name=name,
-                    likely_unit=likely or name_and_ending(name)[1],
+                    name=last_name(path),
+                    likely_unit=likely,
                 )
             )
         for stamp in stamps:

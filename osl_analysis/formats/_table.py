@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from types import MappingProxyType
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -32,7 +33,7 @@ from osl_analysis.formats._cells import (
 from osl_analysis.formats._text import Line, Row, unpadded
 from osl_analysis.recording import Channel, End, Kind, Loss, Recording, Rows
 from osl_analysis.source_file import ColumnChannel, ColumnTime, TableSource
-from osl_analysis.units import is_unit, name_and_ending
+from osl_analysis.units import is_unit
 
 MOST_COLUMNS = 10_000  # a table with more columns is transposed, or no recording
 SAMPLE_ROWS = 600  # rows by which the width of a table and its first numbers are found
@@ -387,7 +388,7 @@ def recording_of_table(
     noun: str = "line",
     *,
     facts: Mapping[str, Any],
-    likely_units: Mapping[str, str] | None = None,
+    likely_units: Mapping[str, str] = MappingProxyType({}),
 ) -> Recording:
     """Make a channel of each column.
 
@@ -404,7 +405,6 @@ def recording_of_table(
         title, unit, cells = table.names[place], table.units[place], table.body.to_series(place)
         name = name_and_unit(title)[0]
         is_clock = are_times(cells)
-        likely = name_and_ending(name)[1] or (likely_units or {}).get(name, "")
         read = partial(_values_of, cells, title, rows, layout, table.decimal)
         count_words = partial(_count_words, cells, layout, table.decimal)
         channels.append(
@@ -415,7 +415,7 @@ def recording_of_table(
                 name=name,
                 title=title,
                 unit="ns" if is_clock else unit,
-                likely_unit="" if unit or is_clock else likely,
+                likely_unit=likely_units.get(name, ""),
                 kind=Kind.CLOCK if is_clock else Kind.SIGNAL,
                 count_words=None if is_clock else count_words,
             )

@@ -31,7 +31,6 @@ from osl_analysis.formats._table import (
 from osl_analysis.formats._text import Text
 from osl_analysis.formats.csv_table import table_of_text
 from osl_analysis.recording import Channel, End, Format, Loss, Recording, Rows
-from osl_analysis.units import name_and_ending
 
 BEGINNINGS = {
     "sheet": rb"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"  # of OLE; others are ZIP files
@@ -211,19 +210,15 @@ def channels_of(key: str, columns: Sequence[Column], noun: str = "row") -> list[
     for column in columns:
         count = column.values.size
         rows = Rows(count, column.group, noun=noun)
-        full_name, unit = name_and_unit(column.title)
-        name = full_name.rpartition("/")[2]
-        unit = column.unit or unit
+        name, unit = name_and_unit(column.title)
         channels.append(
             Channel(
                 address={key: column.address},
                 rows=rows_by_place.setdefault((column.group, count), rows),
                 read=partial(np.ascontiguousarray, column.values),
-                name=name,
+                name=name.rpartition("/")[2],
                 title=column.title,
-                unit=unit,
-                likely_unit="" if unit else name_and_ending(name)[1],
-                type=column.values.dtype.name,
+                unit=column.unit or unit,
             )
         )
     return channels

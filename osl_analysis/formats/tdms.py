@@ -17,7 +17,6 @@ from osl_analysis.formats import in_one_sentence
 from osl_analysis.formats._text import CONTROL
 from osl_analysis.recording import Channel, End, Format, Kind, Loss, Recording, Rows
 from osl_analysis.source_file import LogChannel, Name, RowTime, TableSource
-from osl_analysis.units import name_and_ending
 
 MARK = b"TDSm"
 NS = 1e-9  # s
@@ -107,9 +106,7 @@ def _channel_of(channel: Any, rows: Rows) -> Channel:
         read=partial(_values_of, channel, rows.count),
         name=channel.name,
         unit="ns" if are_times else unit,
-        likely_unit="" if are_times or unit else name_and_ending(channel.name)[1],
         kind=Kind.CLOCK if are_times else Kind.SIGNAL,
-        type=channel.dtype.name,
     )
 
 

@@ -21,13 +21,13 @@ from osl_analysis.ingest.conversion import (
 from osl_analysis.ingest.likely_clock import rate_of
 from osl_analysis.ingest.stale_rows import find_stale_rows, remarks_on_stale_rows
 from osl_analysis.recording import Recording, Rows
+from osl_analysis.signals import longest_run
 from osl_analysis.source_file import MessageChannel, MessageSource
 from osl_analysis.trial import counter_column
 
 SECOND_NS = 1_000_000_000
 SET_BACK_NS = SECOND_NS  # a message that is later than others by more was not only late
-LATE_RUN = 4  # breaks in the order of the file that one run of late messages makes, or fewer
-MOST_BREAKS = 10  # beyond those of late messages: more, and two spans of time were interleaved
+MOST_LATE = 10  # messages in a row that are late; of more, the clock was set back
 
 
 @dataclass(frozen=True)
@@ -181,14 +181,12 @@ def stamps_of(recording: Recording, source: MessageSource, rows: Rows) -> NDArra
 def count_late(stamp: NDArray[np.int64]) -> int:
     """Count messages that come late, by their stamps (n,) [ns]; refused if the clock was set back.
 
-    Late messages fill a gap. Those of a clock that was set back fall among earlier ones: put in
-    order, the stamps come from two places of the file by turns.
+    A message is late alone, or with a few others. Behind a clock that was set back all are, until
+    it has caught up.
     """
     back_ns = np.maximum.accumulate(stamp) - stamp
     is_late = back_ns > 0
-    runs = int((np.diff(is_late.astype(np.int8), prepend=0) > 0).sum())
-    breaks = int((np.diff(np.argsort(stamp, kind="stable")) != 1).sum())
-    if back_ns.max() > SET_BACK_NS or breaks > LATE_RUN * runs + MOST_BREAKS:
+    if back_ns.max() > SET_BACK_NS or is_late[longest_run(is_late)].size > MOST_LATE:
         row = int(np.argmax(back_ns))
         raise InputError(
             f"time goes back by {back_ns[row] / SECOND_NS:.6f} s at message {row + 1} of"

@@ -94,7 +94,7 @@ def test_a_clock_that_is_set_back_while_recording_is_refused(tmp_path, by, time)
     message = refused(write_log(tmp_path / "log.mcap", log, chunk_size=900), source(time))
 
     assert "at message 101 of 200" in message
-    assert "the clock was set while recording: " in message
+    assert "the clock was set while recording, or" in message
 
 
 def test_a_topic_that_gives_no_samples_is_refused(tmp_path: Path) -> None:
@@ -133,12 +133,6 @@ def test_a_message_that_comes_late_is_put_in_the_order_of_the_stamps(tmp_path: P
     assert found.warnings == [
         "log.mcap: topic '/lab': 2 messages came late and were put in the order of their stamps"
     ]
-    # they fill the gap they left
-    together = of_stamps(tmp_path, [*range(100), *range(150, COUNT), *range(100, 150)])
-    assert (together.samples["time"].is_sorted(), together.facts["stamps"]["/lab"]["late"]) == (
-        True,
-        50,
-    )
 
 
 def test_more_than_the_stated_share_of_lost_messages_is_refused(tmp_path: Path) -> None:

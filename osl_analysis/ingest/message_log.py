@@ -190,8 +190,8 @@ def count_late(stamp: NDArray[np.int64]) -> int:
         row = int(np.argmax(back_ns))
         raise InputError(
             f"time goes back by {back_ns[row] / SECOND_NS:.6f} s at message {row + 1} of"
-            f" {stamp.size}; the clock was set while recording: write another source of time in the"
-            " source file, or record again"
+            f" {stamp.size}; the clock was set while recording, or a whole buffer came late: write"
+            " another source of time in the source file, or record again"
         )
     return int(is_late.sum())
 

@@ -138,7 +138,7 @@ def convert_table(recording: Recording, source: TableSource, file_name: str) -> 
         facts["comments"] = list(recording.notes[:MOST_NOTES])
     frame = frame.filter(kept)
     if recording.plates:
-        frame, plate_origins, facts["plates"] = with_plates(recording, source, table, frame, time)
+        frame, plate_origins, facts["plates"] = with_plates(recording, source, frame, time)
         origins.update(plate_origins)
     losses = losses_of(recording.loss, of_messages=False)
     return Converted(frame, origins, facts, warnings, losses)
@@ -199,25 +199,24 @@ def rows_to_keep(
 
 
 def with_plates(
-    recording: Recording, source: TableSource, table: Table, frame: pl.DataFrame, time: Array
+    recording: Recording, source: TableSource, frame: pl.DataFrame, time: Array
 ) -> tuple[pl.DataFrame, dict[str, dict[str, Any]], list[dict[str, Any]]]:
     """The samples with the force plates of a table, where each column comes from, and facts on each
-    plate."""
+    plate. Rows (n,) at `time` [s] are all that the file has."""
     assert isinstance(source, InAxes)
-    if len(frame) != time.size or time.size != recording.plates[0].channels[0].rows.count:
+    if not len(frame) == time.size == recording.plates[0].channels[0].rows.count:
         raise InputError(
             "rows that repeat a stamp were left out, but the plates need all; remove `repeated:"
             f" drop`, as {source.place('time', 'repeated')}"
         )
-    rate = float(1 / np.median(np.diff(time))) if time.size > 1 else 1.0
     origins: dict[str, dict[str, Any]] = {}
     facts: list[dict[str, Any]] = []
     for plate in recording.plates:
         for channel in plate.channels:
             check_finite_values(f"column '{channel.key}'", channel.values, time)
-        load = convert_plate(plate, source, source.rotation, rate_hz=rate)
-        frame = frame.with_columns(pl.Series(name, one) for name, one in load.columns.items())
-        origins.update(load.origins)
+        load = convert_plate(plate, source, source.rotation, rate_hz=rate_of(time))
+        frame = frame.with_columns(**load.columns)
+        origins |= load.origins
         facts.append(load.facts)
     return frame, origins, facts
 
@@ -323,46 +322,49 @@ def at_clock(
     other = f"take another {source.time.ADDRESS}, or {STATE_RATE}"
     remarks: list[str] = []
     raw = np.ma.asarray(clock.values[: rows.count])
-    places = np.flatnonzero(~lacks_all([raw, *values.values()]))
-    if places.size and places.size < rows.count:
-        left_out = int(places[-1]) + 1 - places.size
+    lacks = lacks_all([raw, *values.values()])
+    places = np.flatnonzero(~lacks)
+    if 0 < places.size < rows.count:
+        left_out = int(lacks[: places[-1]].sum())
         if left_out:
-            first = rows.place(int(np.argmax(np.diff(places, prepend=-1) > 1)))
             remarks.append(
                 f"{left_out} of {places[-1] + 1} {rows.noun}s have none of the asked values and"
-                f" were left out, first {first}"
+                f" were left out, first {rows.place(int(np.argmax(lacks)))}"
             )
-        rows, raw = rows_at(rows, places), raw[places]
+        rows = rows_at(rows, places)
+        raw = raw[places]
     lacks = lacks_all([raw])
     if raw.dtype == bool or lacks.any():
         place = rows.place(int(np.argmax(lacks)))
         raise InputError(f"{what}: no time in {place}; remove it there, {other}")
-    rate_hz = source.time.rate
-    is_broken = raw != np.rint(raw)
-    if rate_hz is not None and is_broken.any():
-        row = int(np.argmax(is_broken))
-        raise InputError(
-            f"{what}: {raw[row]} in {rows.place(row)} is no count of samples, which a column"
-            " beside `rate` is; state its unit in place of the rate"
-        )
-    factor = 1 / rate_hz if rate_hz is not None else clock_factor(clock, source)
     numbers = np.ma.getdata(raw)
     if numbers.dtype.kind == "f":  # single precision would round the differences
         numbers = numbers.astype(np.float64)
+    if source.time.rate is not None:
+        factor = 1 / source.time.rate
+        is_broken = numbers != np.rint(numbers)
+        if is_broken.any():
+            row = int(np.argmax(is_broken))
+            raise InputError(
+                f"{what}: {numbers[row]} in {rows.place(row)} is no count of samples, which a"
+                " column beside `rate` is; state its unit in place of the rate"
+            )
+    else:
+        factor = clock_factor(clock, source)
     numbers, bits, turns = unwrapped(numbers)
     if turns:
         remarks.append(
             f"{what} counts to 2**{bits} and began anew {turns} times; it is taken to go on"
         )
     stale = find_stale_rows(numbers)
-    if stale.size:
-        remarks += remarks_on_stale_rows(rows, numbers, stale, factor)
-        fresh = np.delete(np.arange(rows.count), stale)
-        rows, numbers, places = rows_at(rows, fresh), numbers[fresh], places[fresh]
+    remarks += remarks_on_stale_rows(rows, numbers, stale, factor)
+    fresh = np.delete(np.arange(rows.count), stale)
+    rows, numbers = rows_at(rows, fresh), numbers[fresh]
+    start_s = float(numbers[0]) * factor
     time = np.asarray((numbers - numbers[0]) * factor, dtype=np.float64)
     check_time(what, time)
-    check_clock_runs(rows, source, time, float(numbers[0]) * factor)
-    kept = {column: readings[places] for column, readings in values.items()}
+    check_clock_runs(rows, source, time, start_s)
+    kept = {column: readings[places[fresh]] for column, readings in values.items()}
     return Table(rows, time, float(numbers[0]), kept, remarks)
 
 
@@ -399,9 +401,11 @@ def check_clock_runs(rows: Rows, source: TableSource, time: Array, start_s: floa
     counts = np.diff(first, append=time.size)
     steps = np.diff(time[first])
     most = int(counts.max())
-    are_seconds = first.size > 3 and np.median(steps) > COARSE_STEP_S
-    is_coarse = most > COARSE_ROWS and (most > COARSE_SHARE * time.size or are_seconds)
-    if time.size == 1 or (first.size > 1 and not (is_coarse and source.time.repeated != "drop")):
+    stands_still = first.size == 1 < time.size
+    if most > COARSE_ROWS and source.time.repeated != "drop":
+        tells_seconds = first.size > 3 and np.median(steps) > COARSE_STEP_S
+        stands_still |= bool(most > COARSE_SHARE * time.size or tells_seconds)
+    if not stands_still:
         return
     other = f"take another {source.time.ADDRESS}, or {STATE_RATE}"
     if first.size > 3:  # whole seconds still tell the rate, from the first change to the last

@@ -93,7 +93,7 @@ def convert_capture(recording: Recording, source: MarkerSource) -> Converted:
     if loads:
         facts["plate_zero_frames"] = baseline
     warnings = [*recording.loss.remarks, *remarks_on(recording, source, markers)]
-    return Converted(samples, origins, facts, warnings, losses_of(recording.loss, False))
+    return Converted(samples, origins, facts, warnings, losses_of(recording.loss))
 
 
 def is_labelled(label: str) -> bool:

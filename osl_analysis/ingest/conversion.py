@@ -54,13 +54,16 @@ def to_si(
 
     `unit_of_file` counts if the source file states no unit.
     """
-    unit = unit_of_file if conversion.unit is None else conversion.unit
-    factor = si_factor(unit, si_unit)
-    gain = conversion.sign * conversion.scale * factor
+    gain = conversion.sign * conversion.scale * si_factor(stated(conversion, unit_of_file), si_unit)
     with np.errstate(over="ignore"):  # infinite values are refused later, by name
         values = np.asarray(raw + conversion.offset)
         values *= gain
     return values
+
+
+def stated(conversion: Conversion, unit_of_file: str) -> str:
+    """The unit of the source file, or else that of the recording."""
+    return unit_of_file if conversion.unit is None else conversion.unit
 
 
 def origin_of(conversion: Conversion, column: str, unit_of_file: str = "") -> dict[str, Any]:
@@ -73,10 +76,9 @@ def origin_of(conversion: Conversion, column: str, unit_of_file: str = "") -> di
         of the column, after `sign` and `offset`.
     """
     si_unit = unit_of(column)
-    unit = unit_of_file if conversion.unit is None else conversion.unit
     origin = conversion.model_dump(exclude=OF_SENSOR)
-    origin["unit"] = unit
-    origin["factor"] = si_factor(unit, si_unit)
+    origin["unit"] = stated(conversion, unit_of_file)
+    origin["factor"] = si_factor(origin["unit"], si_unit)
     origin["si_unit"] = si_unit
     if conversion.delay is not None:
         origin["delay"] = quantity(conversion.delay, "s")
@@ -87,8 +89,9 @@ def origin_of(conversion: Conversion, column: str, unit_of_file: str = "") -> di
         origin["resolution"] = conversion.step(si_unit)
     if conversion.range is not None:
         offset = conversion.scale * origin["factor"] * conversion.offset
-        ends = [conversion.sign * (end + offset) for end in conversion.ends(si_unit)]
-        origin["range"] = sorted(ends)
+        origin["range"] = sorted(
+            conversion.sign * (end + offset) for end in conversion.ends(si_unit)
+        )
     return origin
 
 
@@ -155,25 +158,22 @@ def canonical_column(
     lacking = np.ma.getmaskarray(raw)
     readings = np.ma.getdata(raw)
     if readings.dtype == bool and unit_of(column) != LEVEL_UNIT:
-        row = int(np.argmin(lacking))
         raise InputError(
-            f"{setting.title} is {str(bool(readings[row])).lower()} in {rows.place(row)}, a truth"
-            f" value and no number in {unit_of(column)}; name a number as `{setting.ADDRESS}` in"
-            " the source file"
+            f"{setting.title} holds truth values and no numbers in {unit_of(column)}; name a number"
+            f" as `{setting.ADDRESS}` in the source file"
         )
     with np.errstate(invalid="ignore"):  # a signalling NaN is a missing value, too
         values = readings.astype(np.float64)
     values[lacking] = 0.0
     missing = np.isnan(values)
+    check_finite_values(setting.title, np.where(missing, 0.0, values), time)
     count = int(missing.sum())
-    check_finite_values(setting.title, np.where(missing, 0.0, values) if count else values, time)
     if count > source.most_missing * values.size:
-        first = rows.place(int(np.argmax(missing)))
-        share = share_above(count, values.size)
         raise InputError(
-            f"{setting.title}: missing in {count} of {values.size} {rows.noun}s, first in {first};"
-            f" more than the {source.most_missing:.1%} of `most_missing`: repair the recording, or"
-            f" write `most_missing: {share:g}` in the source file"
+            f"{setting.title}: missing in {count} of {values.size} {rows.noun}s, first in"
+            f" {rows.place(int(np.argmax(missing)))}; more than the {source.most_missing:.1%} of"
+            " `most_missing`: repair the recording, or write `most_missing:"
+            f" {share_above(count, values.size):g}` in the source file"
         )
     if setting.wraps_at is not None:
         known = ~(missing | lacking)
@@ -226,40 +226,35 @@ def checked_counts(
         A count is missing, or is no whole number.
     """
     counts = np.ma.filled(raw.astype(np.float64), np.nan)
-    is_wrong = (counts != np.rint(counts)) | (np.abs(counts) >= LARGEST_COUNT)
-    is_wrong |= raw.dtype == bool
-    if is_wrong.any():
-        row = int(np.argmax(is_wrong))
+    is_count = (counts == np.rint(counts)) & (np.abs(counts) < LARGEST_COUNT)
+    if raw.dtype == bool or not is_count.all():
+        row = int(np.argmin(is_count))
         raise InputError(
             f"{setting.ADDRESS} '{setting.counter}': {counts[row]:g} in {rows.place(row)}, at"
-            f" {time[row]:.3f} s, is no count of samples, a whole number below"
-            f" {LARGEST_COUNT:.3g}; correct `counter` in the source file or leave it out, or"
-            f" remove the {rows.noun} from the log"
+            f" {time[row]:.3f} s, is no count of samples, a whole number below 9.01e+15; correct"
+            f" `counter` in the source file or leave it out, or remove the {rows.noun} from the log"
         )
     return counts.astype(np.int64)
 
 
 def remark_on_gaps(setting: LogChannel, raw: NDArray[Any], rows: Rows) -> list[str]:
     """Say where a channel has no values among rows that it should have."""
-    lacking = np.ma.getmaskarray(raw)
-    if not lacking.any():
+    lacking = np.flatnonzero(np.ma.getmaskarray(raw))
+    if not lacking.size:
         return []
-    first = int(np.argmax(lacking)) + 1
     return [
-        f"{setting.title} has no value in {int(lacking.sum())} of {lacking.size} {rows.noun}s,"
-        f" first {rows.noun} {first}"
+        f"{setting.title} has no value in {lacking.size} of {rows.count} {rows.noun}s, first"
+        f" {rows.noun} {lacking[0] + 1}"
     ]
 
 
-def losses_of(
-    loss: Loss, of_messages: bool, topics: Collection[str] = (), contradicted: int = 0
-) -> dict[str, Any]:
+def losses_of(loss: Loss, topics: Collection[str] = (), contradicted: int = 0) -> dict[str, Any]:
     """Report on losses for the provenance. Null means that the number is not known.
 
     Parameters
     ----------
     topics
-        Those that are used; their losses count, and those of the others are listed.
+        Those that are used, in a log of messages.
     contradicted
         Messages that were read and left out.
 
@@ -268,23 +263,14 @@ def losses_of(
     dict
         Empty for a table of which nothing is lost.
     """
-    counts = {topic: loss.by_topic.get(topic, (0, None)) for topic in topics}
-    by_topic = {
-        topic: None if expected is None else max(0, expected - read)
-        for topic, (read, expected) in counts.items()
-    }
-    lost = loss.lost
-    if lost is not None:
-        lost = max(lost + contradicted, sum(count or 0 for count in by_topic.values()))
+    counts = [loss.by_topic.get(topic, (0, None)) for topic in topics]
+    of_topics = sum(max(0, expected - read) for read, expected in counts if expected is not None)
+    lost = None if loss.lost is None else max(loss.lost + contradicted, of_topics)
     if loss.end == End.MISSING or (loss.end == End.UNKNOWN and not lost):
         lost = None  # nobody knows what stood behind the end
-    is_complete: bool | None = lost == 0
-    if lost is None and loss.end != End.MISSING:
-        is_complete = None
-    if is_complete and not of_messages:
+    if lost == 0 and not topics:
         return {}
-    report: dict[str, Any] = {
-        "complete": is_complete,
+    return {
         "end_missing": loss.end == End.MISSING,
         "expected": None if loss.end == End.UNKNOWN else loss.expected,
         "read": loss.read - contradicted,
@@ -292,13 +278,6 @@ def losses_of(
         "share_lost": max((share_lost(loss, topic) for topic in topics), default=loss.share),
         "remarks": [printable(text) for text in loss.remarks],
     }
-    if of_messages:
-        report["crc"] = loss.checksums
-        report["topics"] = {
-            topic: {"messages": counts[topic][0], "lost": lost_of_topic}
-            for topic, lost_of_topic in by_topic.items()
-        }
-    return report
 
 
 def share_lost(loss: Loss, topic: str) -> float:

@@ -110,7 +110,7 @@ def convert_messages(recording: Recording, source: MessageSource) -> Converted:
         origins={column: origin_of(one, column) for column, one in source.channels.items()},
         facts=facts,
         warnings=warnings,
-        losses=losses_of(loss, True, [*by_topic], contradicted),
+        losses=losses_of(loss, [*by_topic], contradicted),
     )
 
 

@@ -278,20 +278,18 @@ def check_file(path: Path) -> None:
         readers[0].files_in(path)
         return
     if not path.is_file():
-        raise InputError(
-            f"{path}: no such file; correct its name in the sample sheet, or copy it there"
-        )
+        raise InputError(f"{path}: no such file; correct the sample sheet, or copy it there")
     if path.stat().st_size == 0:
         raise InputError(
             f"{path}: the file is empty; copy or record it again, or exclude the trial in the sheet"
         )
 
 
-def written_at(path: Path) -> tuple[int, int]:
-    """Facts on a file that change if it is written to while it is read."""
+def written_at(path: Path) -> tuple[int, int, int]:
+    """Facts on a file that change if it is written to, or replaced, while it is read."""
     with path.open("rb") as file:  # opening makes a network file system ask its server again
         known = os.fstat(file.fileno())
-    return known.st_size, known.st_mtime_ns
+    return known.st_ino, known.st_size, known.st_ctime_ns
 
 
 def identity_of(path: Path) -> dict[str, Any]:

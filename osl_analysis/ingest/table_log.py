@@ -140,7 +140,7 @@ def convert_table(recording: Recording, source: TableSource, file_name: str) -> 
     if recording.plates:
         frame, plate_origins, facts["plates"] = with_plates(recording, source, frame, time)
         origins.update(plate_origins)
-    losses = losses_of(recording.loss, of_messages=False)
+    losses = losses_of(recording.loss)
     return Converted(frame, origins, facts, warnings, losses)
 
 

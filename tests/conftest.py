@@ -100,7 +100,7 @@ def parameters() -> DrivetrainParameters:
 @pytest.fixture
 def without_inference(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of a test of least squares alone: the inference takes nine tenths of a fit."""
-    monkeypatch.setattr("osl_analysis.bench.joint_inference.inferred_from", lambda *_: None)
+    monkeypatch.setattr("osl_analysis.bench.impedance.inferred_from", lambda *_: None)
     monkeypatch.setattr(
         "osl_analysis.bench.transmission.suspected_fault_of_losses", lambda *_: None
     )

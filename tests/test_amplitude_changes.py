@@ -1,12 +1,11 @@
-"""How K, B and I change with the amplitude (`bench/amplitude_changes.py`)."""
+"""How K, B and I change with the amplitude (`impedance.difference_of`)."""
 
 import numpy as np
 import pytest
 from bench_synthetic import FIVE, stepped_sine
 from scipy import stats
 
-from osl_analysis.bench.amplitude_changes import half_widths_of_differences
-from osl_analysis.bench.impedance import rendered_impedance
+from osl_analysis.bench.impedance import difference_of, rendered_impedance
 
 
 def faster_is_stiffer(motion):
@@ -32,7 +31,9 @@ def test_the_interval_of_a_change_is_the_jackknife_over_frequencies():
     analysis, _ = rendered_impedance(record)
     smallest, largest = sorted(label for label in analysis.fits if label is not None)
 
-    half_width = half_widths_of_differences(analysis, smallest, largest)[0]
+    change = difference_of(analysis, smallest, largest)
+
+    half_width = change.interval("K")[1] - change["K"]
 
     differences = [
         stiffness_without(record, largest, hz) - stiffness_without(record, smallest, hz)

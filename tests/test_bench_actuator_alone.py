@@ -102,30 +102,12 @@ def test_a_log_without_noise_gives_the_parameters_back():
     )
 
 
-def test_the_offset_is_that_in_the_middle_of_the_fitted_motion():
-    """Behind a rest of 20 s, over which the transducer drifts."""
-    t, theta, omega, alpha, current = schedule()
-    rest = np.zeros(round(20 * RATE))
-    time = np.arange(len(rest) + len(t)) / RATE
-    angle = np.concatenate([rest + theta[0], theta])
-    currents = np.concatenate([rest, current])
-    torque = np.concatenate([rest, by_hand(omega, alpha, current)])
-    middle = time[len(rest) :].mean()
-
-    fit = fit_log(time, angle, currents, torque + 0.7 + 0.01 * (time - middle))
-
-    assert fit["drift"] == pytest.approx(0.01, rel=0.01)
-    assert fit["offset"] == pytest.approx(0.7, abs=2e-3)
-
-
 def test_a_simulated_bench_gives_them_back_within_their_errors():
     """With every imperfection but the recorder's: errors over standard errors of five trials."""
     fits = [simulated(number)[1] for number in range(5)]
     z = np.array([[(fit[name] - TRUE[name]) / fit.se(name) for name in NAMES] for fit in fits])
     assert np.abs(z).max() < 5
     assert np.sqrt(np.mean(z**2)) == pytest.approx(1, abs=0.29)
-    # of noise behind a 15 Hz filter, not of seconds
-    assert all(fit.correlation_samples < 0.5 * RATE for fit in fits)
     means = np.mean([[fit[name] / TRUE[name] for name in NAMES] for fit in fits], axis=0)
     assert means == pytest.approx(np.ones(5), abs=0.03)
     assert means[:3] == pytest.approx(np.ones(3), abs=0.005)

@@ -432,8 +432,8 @@ def test_the_error_of_a_fixture_s_inertia_has_that_of_the_gain():
     covariance = correlation * np.outer(deviations, deviations)
     fit = GroupFit(
         names=("K", "I", "lag_s"), estimates=np.array([K, inertia, 1e-3]), covariance=covariance,
-        vaf=99.0, condition_number=1.0, correlation_samples=1, samples=1000,
-        interval_method="units", degrees_of_freedom=np.full(3, 20.0), residual=np.empty(0),
+        vaf=99.0, condition_number=1.0,
+        interval_method="units", degrees_of_freedom=np.full(3, 20.0),
         largest_correlation=0.6,
     )  # fmt: skip
 

@@ -15,16 +15,17 @@ from osl_analysis.bench import leg_belt
 from osl_analysis.bench.analysis import fitted_motion
 from osl_analysis.bench.component_summary import delay_table
 from osl_analysis.bench.coulomb import coulomb_fits, with_friction, without_friction
-from osl_analysis.bench.effects import IMPEDANCE, plain_sums, with_effects
+from osl_analysis.bench.effects import IMPEDANCE, plain_sums
 from osl_analysis.bench.impedance import (
     DesiredImpedance,
     impedance_table,
     impedance_with_evidence,
     rendered_impedance,
 )
+from osl_analysis.bench.joint_inference import signals_of
 from osl_analysis.bench.leg_belt import belt_of_leg, is_leg
 from osl_analysis.bench.motion import record_of_trial
-from osl_analysis.bench.record import signals_of, with_actuator
+from osl_analysis.bench.record import with_actuator
 from osl_analysis.campaign.configuration import config_for_trials
 from osl_analysis.errors import IdentifiabilityError
 from osl_analysis.ingest.quality import saturated
@@ -84,19 +85,17 @@ def test_coulomb_friction_is_named_and_has_its_size():
 def test_how_quickly_friction_turns_its_sign_is_in_the_errors_of_friction_and_damping():
     """As a rectangular distribution between a smooth sign and a sharp one."""
     analysis, s = rendered_impedance(stepped_sine(rubbing, 0.03, FIVE))
-    plain = with_effects(s, IMPEDANCE)
-    beside = {T: with_friction(s, IMPEDANCE, None, T) for T in ("T_C", "T_C_sharp")}
     smooth, sharp = (
-        without_friction(plain, with_effects(s, IMPEDANCE, (T,)), beside[T], ["B"], T)
-        for T in beside
+        without_friction(s, IMPEDANCE, analysis.whole, None, column)
+        for column in ("T_C", "T_C_sharp")
     )
 
     certain = coulomb_fits(s, analysis)[None].certain
 
-    assert smooth.se("T_C") == pytest.approx(beside["T_C"].se("T_C"))
-    width = (sharp.estimates - smooth.estimates) / np.sqrt(3)
-    expected = np.hypot([smooth.se("B"), smooth.se("T_C")], width)
-    assert [certain.se("B"), certain.se("T_C")] == pytest.approx(expected, rel=1e-3)
+    assert smooth.se("T_C") == pytest.approx(with_friction(s, IMPEDANCE, None).se("T_C"))
+    for name in ("B", "T_C"):
+        width = (sharp[name] - smooth[name]) / np.sqrt(3)
+        assert certain.se(name) == pytest.approx(np.hypot(smooth.se(name), width), rel=1e-3)
 
 
 def test_a_spring_that_softens_is_named_and_not_called_friction():

@@ -26,7 +26,6 @@ def groups_of(strata: list[int], repeat: bool) -> tuple[Groups, np.ndarray]:
         ([1] * 12, False, 12, "units"),
         ([4, 4], False, 8, "units"),
         ([1, 1, 1, 1], True, 4, "units"),
-        ([2, 1], False, 3, "white noise"),
     ],
 )
 def test_misfit_is_told_by_strata_or_groups_and_noise_by_what_repeats(
@@ -50,8 +49,8 @@ def test_misfit_is_told_by_strata_or_groups_and_noise_by_what_repeats(
     assert fit.interval_method == method
     assert (fit.repeat is not None) == (repeat and min(strata) > 1)
     misfit_freedom = units - 1
-    by_noise = method == "white noise" or fit.freedom("K") != misfit_freedom
-    assert by_noise == (strata in ([5, 5], [4, 4], [2, 1]))
+    by_noise = fit.freedom("K") != misfit_freedom
+    assert by_noise == (strata in ([5, 5], [4, 4]))
 
 
 def test_variance_is_the_larger_of_noise_and_misfit():

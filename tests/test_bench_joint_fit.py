@@ -9,15 +9,13 @@ from any_motion import TRUE, made_trial, noise
 from conftest import ROOT, findings_of
 
 from osl_analysis.bench.bench_settings import Calibration
-from osl_analysis.bench.coulomb import CoulombFit
 from osl_analysis.bench.impedance import impedance_table, rendered_impedance
 from osl_analysis.bench.joint_inference import (
-    friction_by_inference,
-    impedance_fits,
-    suspected_fault_of,
+    fault_columns,
+    friction_columns,
+    signals_of,
 )
 from osl_analysis.bench.motion import record_of_trial
-from osl_analysis.bench.record import signals_of
 from osl_analysis.campaign.configuration import config_for_trials
 from osl_analysis.errors import InputError
 from osl_analysis.inference import ImpedanceInference, LegInference
@@ -92,11 +90,10 @@ def test_friction_is_in_b_as_in_equation_15_and_not_in_b_viscous():
 def test_the_estimates_of_a_joint_are_those_of_equation_15():
     analysis, sums = rendered_impedance(record_with())
 
-    fit = impedance_fits(analysis, sums, is_leg=False)[None]
+    row = impedance_table(analysis, sums).row(-1, named=True)
 
-    whole = analysis.calibrated(analysis.whole)
-    for name, estimate in (("K", fit.impedance.K), ("B", fit.impedance.B), ("I", fit.impedance.I)):
-        assert (estimate.low, estimate.high) == whole.interval(name)
+    for name in TRUE:
+        assert (row[f"{name}_low"], row[f"{name}_high"]) == analysis.whole.interval(name)
 
 
 def test_viscous_damping_of_a_light_joint_is_held_where_friction_turns_faster_than_the_filter():
@@ -170,8 +167,8 @@ def test_a_fault_that_is_not_probable_moves_nothing():
         unexplained_shares=(0.0, 0.0, 0.0),
     )
 
-    assert suspected_fault_of(inferred).fault_shares == (0.0, 0.0, 0.0)
-    assert suspected_fault_of(replace(inferred, doubt=path)).fault_shares == (0.1, 0.2, 0.3)
+    assert fault_columns(inferred)["I_fault_share"] == 0.0
+    assert fault_columns(replace(inferred, doubt=path))["I_fault_share"] == 0.3
 
 
 @pytest.mark.parametrize(("probability", "is_leg", "is_taken_off"), [
@@ -182,11 +179,10 @@ def test_friction_is_taken_off_where_it_is_certain_and_of_a_joint_has_a_size(
 ):
     analysis, _ = rendered_impedance(record_with())
     inferred = LegInference(probability, Impedance.of_fit(analysis.whole))
-    uncertain = CoulombFit(share=0.05, certain=None)
 
-    friction = friction_by_inference(uncertain, analysis, inferred, is_leg)
+    row = friction_columns(analysis, inferred, {}, None, is_leg)
 
-    assert (friction.without is not None) is is_taken_off
+    assert (row["B_viscous"] is not None) is is_taken_off
 
 
 def test_it_is_told_how_well_a_recording_knows_an_unstated_delay():

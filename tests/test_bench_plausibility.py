@@ -13,8 +13,7 @@ from conftest import ROOT, beyond_in
 from osl_analysis.bench.bench_settings import (
     BenchStiffness,
 )
-from osl_analysis.bench.impedance import DesiredImpedance
-from osl_analysis.bench.plausibility import plausible_impedance
+from osl_analysis.bench.impedance import DesiredImpedance, beside_known
 from osl_analysis.campaign.configuration import config_for_trials
 from osl_analysis.commands.fit import fit_trial
 from osl_analysis.errors import InputError
@@ -125,7 +124,6 @@ KNOWN = DesiredImpedance("compensated", 200, 4)
     ("actuator", {"current": -1}, "k_tau_n_m = -1.02, f_C = 0.*; turn the `sign` of current in"),
     ("actuator", {"torque_m": -1}, "k_tau_n_m = -1.02, f_C = -0.*; turn the `sign` of torque_m in"),
     ("actuator", {"theta_m": -1}, "k_tau_n_m = 1.02, f_C = -0.*; turn the `sign` of theta_m in"),
-    ("impedance", {"torque": 4.4482}, "K = 8.* is larger than the belt's K_s = 685.6"),
     ("belt", {"theta": 57.3, "theta_m": 57.3},
      "theta turns by .*rad.*; state `unit: deg` of theta in .*: K_s 6"),
     ("impedance", {"theta": 57.3},
@@ -206,6 +204,7 @@ RUBBED = {"torque": lambda x: x + 0.3558 * 0.452 * np.gradient(driven(losses)["t
     *(("actuator", {"current": factor}, "another unit", "k_tau_n_m_ratio", side)
       for factor, side in ((1.5**0.5, "near"), (2**0.5, "below"), (3**-0.5, "above"))),
     ("impedance", {"torque": 0.01}, "unlikely size", "K_ratio", "below"),
+    ("impedance", {"torque": 4.4482}, "unlikely size", "K_over_K_s", "above"),
     ("impedance", {"torque": clipped}, "clipped signal", "saturated_samples", "above"),
     ("actuator", {"current": clipped}, "clipped signal", "saturated_samples", "above"),
     ("belt", {"theta": lambda x: x.clip(max=0.9 * x.max())}, "clipped signal",
@@ -293,10 +292,11 @@ def test_a_gain_is_wrong_by_what_friction_and_a_sound_leg_do_not_explain(
             "amplitude_deg": [2.0, None],
             "K": [K, 1.02 * K],
             "K_without_friction": pl.Series([None, K_without_friction], dtype=pl.Float64),
+            "K_s_ratio": None,
         }
     )
 
-    found = plausible_impedance(row, pl.lit(0), LEG, predicted=200.0).row(-1, named=True)
+    found = beside_known(row, LEG, KNOWN, 200.0).row(-1, named=True)
 
     assert found["gain_error"] == pytest.approx(gain_error, abs=1e-12)
     assert found["K_ratio"] == pytest.approx(K / 200)
@@ -379,12 +379,14 @@ def test_an_angle_of_2_rad_is_refused():
 
 def rows_of_stiffness(**columns):
     """Rows of `impedance.csv` as far as the size of a stiffness is judged by them."""
-    return pl.DataFrame({"trial": "a", **columns}).with_columns(K_high=1.0, B_low=1.0, I_high=1.0)
+    return pl.DataFrame({"trial": "a", **columns}).with_columns(
+        K_without_friction=None, K_s_ratio=None
+    )
 
 
 def test_the_largest_amplitude_is_compared_with_the_predicted_stiffness():
     rows = rows_of_stiffness(amplitude_deg=[4.0, 2.0, None], K=[200.0, 100.0, 150.0])
-    found = plausible_impedance(rows, pl.lit(0), None, predicted=400.0)
+    found = beside_known(rows, None, KNOWN, 400.0)
     assert set(found["K_ratio"]) == {0.5}
 
 
@@ -396,10 +398,10 @@ def test_a_joint_without_stiffness_is_possible():
 
 def test_an_unstated_joint_is_compared_with_the_belt_where_no_leg_is_as_stiff():
     rows = rows_of_stiffness(amplitude_deg=[2.0, None], K=[0.9 * LEG.K_s, 1.9 * LEG.K_s])
-    unstated = plausible_impedance(rows, pl.lit(0), LEG, False)
+    unstated = beside_known(rows, LEG, DesiredImpedance(None, None, None), None)
     assert unstated["K_over_K_s"].to_list() == [None, pytest.approx(1.9)]
-    with pytest.raises(InputError, match="larger than the belt's K_s"):
-        plausible_impedance(rows, pl.lit(0), LEG)
+    of_leg = beside_known(rows, LEG, DesiredImpedance("own", None, None), None)
+    assert of_leg["K_over_K_s"].to_list() == pytest.approx([0.9, 1.9])
 
 
 @pytest.mark.parametrize(("steps", "refused"), [

@@ -12,11 +12,8 @@ from any_motion import chirp, multisine, noise
 from bench_synthetic import segments_of as segments_in
 from bench_synthetic import sine_settings, table_of, unit_block
 
-from osl_analysis.bench.bench_settings import BenchStiffness
 from osl_analysis.bench.motion import cycles_of, record_of_trial, settled_cycles
-from osl_analysis.bench.record import drift_rate
 from osl_analysis.errors import InputError
-from osl_analysis.signals import Motion
 from osl_analysis.spectral.stepped_sine import (
     Run,
     Segment,
@@ -386,7 +383,6 @@ SEGMENTS = [
     Segment(0.1, 4.0, 2750, 4000, 10),
 ]
 TIME = np.arange(4500) / RATE
-STILL = np.zeros(4500)
 
 
 def sines(amplitude, phase=1.0):
@@ -396,37 +392,6 @@ def sines(amplitude, phase=1.0):
         t = TIME[segment.rows] - TIME[segment.rows.start]
         signal[segment.rows] = amplitude * np.sin(2 * np.pi * segment.frequency_hz * t + phase)
     return signal
-
-
-def drift_of(torque, segments=SEGMENTS):
-    """The drift of a torque; the joint moves by its sines."""
-    groups = cycles_of(segments, 0, np.ones(len(TIME), dtype=bool))
-    return drift_rate(TIME, Motion(sines(0.1), STILL, STILL), torque, groups)
-
-
-@pytest.mark.parametrize("drift", [0.0, 0.02])
-def test_a_drift_is_found_under_a_sine_of_any_phase(drift):
-    torque = sines(20.0) + 3.0 + drift * TIME
-
-    assert drift_of(torque) == pytest.approx(drift, rel=1e-9, abs=1e-12)
-
-
-def test_four_cycles_tell_no_drift():
-    torque = sines(20.0) + 0.02 * TIME
-
-    assert drift_of(torque, [Segment(0.1, 2.0, start=250, stop=1250, cycles=4)]) == 0
-
-
-@pytest.mark.parametrize("drift", [0.0, 0.02])
-def test_a_mean_torque_that_changes_with_the_amplitude_is_no_drift(drift):
-    """As of an asymmetric joint, in a protocol whose amplitudes grow: 200 theta^2 read 0.56 N*m/min
-    and K 12 SE off."""
-    larger = Segment(0.2, 2.0, start=2750, stop=4000, cycles=5, commanded=0.2)
-    mean_torque = np.where(np.arange(len(TIME)) < 2750, 1.0, 4.0)
-
-    found = drift_of(mean_torque + drift * TIME, [SEGMENTS[0], larger])
-
-    assert found == pytest.approx(drift, abs=1e-12)
 
 
 THETA = sines(np.deg2rad(4), phase=0.0)
@@ -441,23 +406,11 @@ def drifting():
 
 
 @pytest.mark.usefixtures("without_inference")
-def test_a_trial_is_read_without_its_drift(drifting):
+def test_a_drift_is_fitted_beside_the_impedance(drifting):
     record = record_of_trial(Trial("a", drifting), sine_settings([4], [2, 4]))
 
     row = table_of(record).row(-1, named=True)
-    np.testing.assert_allclose(record.torque, TORQUE, atol=2e-3)
-    assert 60 * record.drift == pytest.approx(0.6, rel=0.02)  # N*m/min
     assert row["K"] == pytest.approx(100, rel=0.01)
-
-
-def test_a_drift_does_not_bend_the_angle_of_a_frame_that_yields(drifting):
-    stiffness = BenchStiffness(value="3000 N*m/rad")
-    settings = sine_settings([4], [2, 4]).model_copy(update={"bench_stiffness": stiffness})
-    wound_up = drifting.with_columns(theta=THETA + TORQUE / 3000)
-
-    record = record_of_trial(Trial("a", wound_up), settings)
-
-    np.testing.assert_allclose(record.theta, THETA, atol=1e-6)
 
 
 # ---- Stepped sines and other motions

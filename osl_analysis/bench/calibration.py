@@ -11,7 +11,7 @@ from osl_analysis.bench import effects
 from osl_analysis.bench.analysis import QUANTITIES, Analysis, widened
 from osl_analysis.bench.bench_settings import BenchStiffness, Fixture
 from osl_analysis.bench.effects import IMPEDANCE, late_fit
-from osl_analysis.bench.joint_inference import suspected_fault_of_losses
+from osl_analysis.bench.joint_inference import explanations_of, suspected_fault_of_losses
 from osl_analysis.bench.plausibility import check_resists
 from osl_analysis.bench.record import Record
 from osl_analysis.bench.regression import GroupFit, fit_groups, gram_sums
@@ -156,7 +156,7 @@ def known_row(analysis: Analysis, known: Known, frame: GroupFit | None) -> Row:
         "certain_lag_s": certain_lag_s,
         "certain_gain_error": beyond_interval(fit, "gain", fit["gain"] - 1),
         "to_state": to_state,
-        "explanations": fault.explanations if fault else None,
+        "explanations": explanations_of(fault),
     }
 
 

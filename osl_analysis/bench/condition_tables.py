@@ -5,42 +5,24 @@ from collections.abc import Mapping
 import polars as pl
 
 from osl_analysis.bench.component_summary import PLACE
+from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.model.compensator import CONTROLLERS
 from osl_analysis.stats.repeats import alike_sizes, counted
 
-HALF_WIDTHS = {
-    symbol: (pl.col(f"{symbol}_high") - pl.col(f"{symbol}_low")) / 2
-    for symbol in ("K", "B", "B_viscous")
-}
-NO_INTERVAL = pl.lit(None, pl.Float64)
-COMPARED: Mapping[str, tuple[str, pl.Expr, pl.Expr]] = {
-    "torque_error": ("N*m", pl.col("torque_error"), NO_INTERVAL),
-    "K_error": (
-        "%",
-        100 * (pl.col("K") / pl.col("K_d") - 1).abs(),
-        100 * HALF_WIDTHS["K"] / pl.col("K_d"),
-    ),
-    "B_error": ("N*m*s/rad", (pl.col("B") - pl.col("B_d")).abs(), HALF_WIDTHS["B"]),
+COMPARED: Mapping[str, tuple[str, str, str | None]] = {
+    "torque_error": ("N*m", "torque_error", None),
+    "K_error": ("%", "100 * abs(K / K_d - 1)", "50 * (K_high - K_low) / K_d"),
+    "B_error": ("N*m*s/rad", "abs(B - B_d)", "(B_high - B_low) / 2"),
     "B_viscous_error": (
         "N*m*s/rad",
-        (pl.col("B_viscous") - pl.col("B_d")).abs(),
-        HALF_WIDTHS["B_viscous"],
+        "abs(B_viscous - B_d)",
+        "(B_viscous_high - B_viscous_low) / 2",
     ),
-    "VAF": ("%", pl.col("VAF"), NO_INTERVAL),
+    "VAF": ("%", "VAF", None),
 }
-"""Unit, value, and half-width of the 95 % interval of each compared quantity; less is better,
-except for the VAF. An error is at most as uncertain as what it is the error of."""
+"""Unit, value, and half-width of the 95 % interval of each compared quantity, in SQL; less is
+better, except for the VAF. An error is at most as uncertain as what it is the error of."""
 CONDITION = (*PLACE, "K_d", "B_d", "amplitude_deg")
-ALL_OF = {"trial": "trials", "amplitude": "amplitudes"}
-"""What a row over all pairs is of, by what a row of one pair is of."""
-COMPENSATION_TYPES: Mapping[str, type[pl.DataType]] = {
-    **dict.fromkeys((*PLACE, "quantity", "unit", "of"), pl.String),
-    **dict.fromkeys(("K_d", "B_d", "amplitude_deg"), pl.Float64),
-    **dict.fromkeys(("pairs", "better"), pl.Int64),
-    **dict.fromkeys(("compensated", "uncompensated"), pl.Float64),
-    **dict.fromkeys(("difference", "difference_low", "difference_high"), pl.Float64),
-}
-"""Columns of `compensation.csv`."""
 
 
 def compensation_table(impedance: pl.DataFrame) -> pl.DataFrame:
@@ -54,46 +36,50 @@ def compensation_table(impedance: pl.DataFrame) -> pl.DataFrame:
     ones; where none is stated, the measured ones that are alike."""
     size = pl.coalesce(pl.col("commanded_deg", "amplitude_deg").cast(pl.Float64))
     known = counted(impedance).with_columns(amplitude_deg=size)
-    known = known.with_columns(alike_sizes(known["amplitude_deg"]))
-    known = known.drop_nulls(["K_d", "B_d"]).filter(pl.col("K_d") != 0)
-    tables = []
-    for name, (unit, value, half_width) in COMPARED.items():
-        sides = []
-        for controller in CONTROLLERS:
-            fits = known.filter(controller=controller).select(
-                *CONDITION, value=value, half=half_width
-            )
-            repeats = fits.drop_nulls("value").group_by(CONDITION)
-            sides.append(repeats.agg(pl.col("value", "half").mean()))
-        pairs = sides[0].join(sides[1], on=CONDITION, nulls_equal=True).sort(CONDITION)
-        difference = pl.col("difference")
-        is_better = difference > 0 if name == "VAF" else difference < 0
-        texts = [pl.lit(name).alias("quantity"), pl.lit(unit).alias("unit")]
-        tables.append(differences(pairs).with_columns(*texts, better=is_better.cast(pl.Int64)))
-    rows = pl.concat(tables)
+    known = known.with_columns(alike_sizes(known["amplitude_deg"])).sort(CONDITION)
+    known = known.filter(pl.col("K_d") != 0, pl.col("B_d").is_not_null())
+    values = pl.concat(
+        known.select(
+            *CONDITION,
+            "controller",
+            quantity=pl.lit(name),
+            unit=pl.lit(unit),
+            value=pl.sql_expr(value),
+            half=pl.sql_expr(half) if half else pl.lit(None, pl.Float64),
+        )
+        for name, (unit, value, half) in COMPARED.items()
+    )
+    keys = [*CONDITION, "quantity", "unit"]
+    repeats = values.drop_nulls("value").group_by(*keys, "controller", maintain_order=True)
+    means = repeats.agg(pl.col("value", "half").mean())
+    compensated, uncompensated = (means.filter(controller=name) for name in CONTROLLERS)
+    pairs = compensated.join(
+        uncompensated, on=keys, nulls_equal=True, maintain_order="left", suffix="_of_other"
+    )
+    rows = pairs.select(
+        *keys,
+        of=pl.when(pl.col("amplitude_deg").is_null())
+        .then(pl.lit("trial"))
+        .otherwise(pl.lit("amplitude")),
+        pairs=pl.lit(1, pl.Int64),
+        compensated="value",
+        uncompensated="value_of_other",
+        difference=pl.col("value") - pl.col("value_of_other"),
+        half=(pl.col("half") ** 2 + pl.col("half_of_other") ** 2).sqrt(),
+    ).with_columns(
+        better=(pl.when(quantity="VAF").then(-1).otherwise(1) * pl.col("difference") < 0).cast(
+            pl.Int64
+        ),
+        difference_low=pl.col("difference") - pl.col("half"),
+        difference_high=pl.col("difference") + pl.col("half"),
+    )
     summaries = rows.group_by(*PLACE, "of", "quantity", "unit", maintain_order=True).agg(
         pl.col("pairs", "better").sum(),
         pl.col("compensated", "uncompensated", "difference").mean(),
         difference_low=pl.col("difference").min(),
         difference_high=pl.col("difference").max(),
     )
-    summaries = summaries.with_columns(pl.col("of").replace(ALL_OF))
-    table = pl.concat([summaries, rows], how="diagonal")
-    return table.select(pl.col(name).cast(kind) for name, kind in COMPENSATION_TYPES.items())
-
-
-def differences(pairs: pl.DataFrame) -> pl.DataFrame:
-    """A row per pair, of its compensated less its uncompensated value."""
-    of = pl.when(pl.col("amplitude_deg").is_null()).then(pl.lit("trial"))
-    half = (pl.col("half") ** 2 + pl.col("half_right") ** 2).sqrt()
-    difference = pl.col("value") - pl.col("value_right")
-    return pairs.select(
-        *CONDITION,
-        of=of.otherwise(pl.lit("amplitude")),
-        pairs=pl.lit(1),
-        compensated="value",
-        uncompensated="value_right",
-        difference=difference,
-        difference_low=difference - half,
-        difference_high=difference + half,
-    )
+    summaries = summaries.with_columns(pl.col("of") + "s")
+    names = described_tables_by_name()["compensation"].columns
+    table = pl.concat([summaries, rows.drop("half")], how="diagonal_relaxed")
+    return table.select(name for name in names if name in table.columns)

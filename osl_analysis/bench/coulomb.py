@@ -4,7 +4,6 @@ It serves what the inference does not weigh: single amplitudes, a leg, and losse
 friction acts behind a spring, so that the sign is its only column.
 """
 
-from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -15,31 +14,27 @@ from osl_analysis.bench.effects import FALSE_ALARM, Model, with_effects
 from osl_analysis.bench.record import Label
 from osl_analysis.bench.regression import GroupFit, Sums
 from osl_analysis.errors import IdentifiabilityError
-from osl_analysis.stats.linear_fit import LinearFit
 
 
 @dataclass(frozen=True)
 class CoulombFit:
-    """Coulomb friction in the rows of a label.
+    """Coulomb friction in the rows of a label."""
 
-    Attributes
-    ----------
-    share : float
-        The part of the damping that it makes, the smaller of two answers; 0 where none is certain
-        over all of the trial.
-    certain : LinearFit or None
-        The model's estimates for the torque less its friction, and the friction `T_C`; None where
-        it is not certain.
-    """
-
+    # part of the damping that it makes, the smaller of those beside higher derivatives and without;
+    # 0 where none is certain over all of the trial
     share: float
-    certain: LinearFit | None
+    # the model's estimates for the torque less its friction, and the friction `T_C` [N*m]; None
+    # where it is not certain in these rows
+    certain: GroupFit | None
 
 
 def coulomb_fits(
     s: Sums, analysis: Analysis, whole_is_certain: bool | None = None
 ) -> dict[Label, CoulombFit]:
     """Coulomb friction by label; labels whose motion does not tell it from damping are absent.
+
+    No recording shows over which velocity the sign changes: what a tenth of the width changes is
+    the half-width of a rectangular distribution (JCGM 100:2008, 4.3.7).
 
     Parameters
     ----------
@@ -52,56 +47,28 @@ def coulomb_fits(
     """
     model = analysis.model
     damping = next(name for name, column in model.items() if column == "omega")
-    names = [name for name, column in model.items() if column in ("theta", "omega", "alpha")]
-    decides = whole_is_certain is None
-    found: dict[Label, CoulombFit] = {}
+    fits: dict[Label, CoulombFit] = {}
     for label in sorted(analysis.fits, key=lambda each: each is not None):  # the whole trial first
         fit = analysis.fits[label]
         try:
-            beside = with_friction(s, model, label)
+            smooth = without_friction(s, model, fit, label, "T_C")
+            is_certain = smooth["T_C"] > 0 and smooth.certain("T_C", FALSE_ALARM)
+            if whole_is_certain is None:
+                whole_is_certain = is_certain
+            # a controller may compensate friction that is not Coulomb's: the smaller of two answers
+            # counts
             alone = with_effects(s, model, ("T_C",), label)
+            viscous = max(smooth[damping], alone[damping])
+            share = max(1 - viscous / fit[damping], 0.0) if whole_is_certain else 0.0
+            certain = None
+            if is_certain and whole_is_certain:
+                sharp = without_friction(s, model, fit, label, "T_C_sharp")
+                half_width = sharp.estimates - smooth.estimates
+                certain = analysis.calibrated(widened(smooth, half_width / np.sqrt(3)), label)
         except IdentifiabilityError:
             continue
-        torque = beside["T_C"]
-        # damping that friction makes, as the fit without higher derivatives shows it
-        damping_alone = fit[damping] - alone[damping]
-        damping_per_torque = damping_alone / alone["T_C"]
-        friction_damping = damping_per_torque * torque
-        is_certain = torque > 0 and beside.certain("T_C", FALSE_ALARM)
-        if label is None and decides:
-            whole_is_certain = is_certain
-        share = 0.0
-        if whole_is_certain:
-            # a controller may compensate friction that is not Coulomb's: the smaller of two answers
-            # counts as evidence
-            share = max(min(friction_damping, damping_alone), 0.0) / fit[damping]
-        certain = None
-        if is_certain and (decides or whole_is_certain):
-            certain = analysis.calibrated(without_sign(s, model, fit, names, label), label)
-        found[label] = CoulombFit(share, certain)
-    return found
-
-
-def without_sign(
-    s: Sums, model: Model, fit: GroupFit, names: Sequence[str], label: Label
-) -> GroupFit:
-    """The estimates `names` of a fit for the torque less a friction that has the velocity's sign,
-    and this friction.
-
-    No recording shows over which velocity the sign changes: what a tenth of the width changes is
-    the half-width of a rectangular distribution (JCGM 100:2008, 4.3.7).
-    """
-
-    def less_friction(column: str) -> GroupFit:
-        """The estimates with friction of one width."""
-        alone = with_effects(s, model, (column,), label)
-        beside = with_friction(s, model, label, column)
-        return without_friction(fit, alone, beside, names, column)
-
-    smooth = less_friction("T_C")
-    sharp = less_friction("T_C_sharp")
-    half_width = sharp.estimates - smooth.estimates
-    return widened(smooth, half_width / np.sqrt(3))
+        fits[label] = CoulombFit(share, certain)
+    return fits
 
 
 def with_friction(s: Sums, model: Model, label: Label, friction: str = "T_C") -> GroupFit:
@@ -114,10 +81,9 @@ def with_friction(s: Sums, model: Model, label: Label, friction: str = "T_C") ->
     return with_effects(s, model, (friction,), label)
 
 
-def without_friction(
-    fit: LinearFit, alone: GroupFit, beside: GroupFit, names: Sequence[str], friction: str
-) -> GroupFit:
-    """The estimates for the torque less its friction, and this friction [N*m].
+def without_friction(s: Sums, model: Model, fit: GroupFit, label: Label, column: str) -> GroupFit:
+    """The estimates of a fit to a label for the torque less its friction, and this friction `T_C`
+    [N*m], whose sign changes as in a column.
 
     Two fits share the work. The one `beside` higher derivatives gives the friction T_C and its
     error. The one `alone`, without these, gives by how much friction of 1 N*m moves each estimate,
@@ -125,25 +91,23 @@ def without_friction(
 
         x = x_without_column - (dx/dT_C) T_C
     """
-    without_column = np.array([fit[name] for name in names])
-    with_column = np.array([alone[name] for name in names])
-    change_per_torque = (without_column - with_column) / alone[friction]
-    T_C = beside[friction]
+    alone = with_effects(s, model, (column,), label)
+    beside = with_friction(s, model, label, column)
+    at = [k for k, name in enumerate(model.values()) if name in ("theta", "omega", "alpha")]
+    at_friction = alone.names.index(column)
+    change_per_torque = (fit.estimates[at] - alone.estimates[at]) / alone[column]
+    T_C = beside[column]
 
-    at = [alone.names.index(name) for name in names]
-    at_friction = alone.names.index(friction)
     with_T_C = alone.covariance[at, at_friction]
     variance_of_T_C = alone.covariance[at_friction, at_friction]
-    given_T_C = alone.covariance[np.ix_(at, at)] - np.outer(with_T_C, with_T_C) / variance_of_T_C
-
     changes = np.append(-change_per_torque, 1.0)
-    covariance = beside.se(friction) ** 2 * np.outer(changes, changes)
-    covariance[:-1, :-1] += given_T_C
+    covariance = beside.se(column) ** 2 * np.outer(changes, changes)
+    covariance[:-1, :-1] += alone.covariance[np.ix_(at, at)]
+    covariance[:-1, :-1] -= np.outer(with_T_C, with_T_C) / variance_of_T_C
     return replace(
         beside,
-        names=(*names, friction),
-        estimates=np.append(without_column - change_per_torque * T_C, T_C),
+        names=(*(fit.names[k] for k in at), "T_C"),
+        estimates=np.append(fit.estimates[at] - change_per_torque * T_C, T_C),
         covariance=covariance,
-        degrees_of_freedom=np.full(len(changes), beside.freedom(friction)),
-        repeat=None,
+        degrees_of_freedom=np.full(len(changes), beside.freedom(column)),
     )

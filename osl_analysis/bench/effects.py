@@ -16,14 +16,11 @@ from numpy.typing import NDArray
 from osl_analysis.bench.record import Label, Record
 from osl_analysis.bench.regression import EFFECTS_LIMIT, GroupFit, Sums, fit_groups, gram_sums
 from osl_analysis.signals import seven_point_motion
-from osl_analysis.stats.linear_fit import CONDITION_LIMIT
 from osl_analysis.trial import Array
 
 Admittance = Callable[[NDArray[np.complex128]], NDArray[np.complex128]]
 """theta/torque [rad/(N*m)] of a model, for complex s [rad/s]."""
 Model = Mapping[str, str]  # estimate -> column of `sums_of`
-Keep = NDArray[np.bool_] | Label
-"""The groups to keep (m,), those of a label, or all (None)."""
 # Eq. 15
 IMPEDANCE: Model = {"K": "theta", "B": "omega", "I": "alpha", "offset": "one", "drift": "ramp"}
 # Eq. 4 without a belt
@@ -36,9 +33,9 @@ NEXT = {"theta": "omega", "omega": "alpha", "alpha": "jerk"}  # derivative of ea
 LONGEST_LAG = 0.02  # s; the largest lag that is sought
 LAG_FOUND = 1e-6  # s; last step of a search that has come to its end
 LAG_CONVERGED = 1e-9  # s; the step after it would be a thousand times smaller
-# Of a search for a lag: one without it, and four that shrink from 20 ms below `LAG_CONVERGED`, as
-# each is about a thousandth of the one before; one is to spare.
-MOST_STEPS = 6
+# of a search for a lag: four shrink from 20 ms below `LAG_CONVERGED`, as each is about a thousandth
+# of the one before; one is to spare
+MOST_STEPS = 5
 
 
 def plain_sums(record: Record, model: Model) -> Sums:
@@ -57,7 +54,7 @@ def columns_of(record: Record) -> tuple[dict[str, Array], float]:
         "omega": motion.omega,
         "alpha": motion.alpha,
         "one": np.broadcast_to(1.0, motion.theta.shape),
-        "ramp": record.time - record.time.mean(),
+        "ramp": record.time - record.part(record.time).mean(),
     }
     return columns, centre
 
@@ -101,44 +98,17 @@ def linear_torque(record: Record, expected: Admittance) -> Array:
     return np.asarray(np.fft.irfft(response * mirrored, 2 * n)[:n])
 
 
-def noise_of_angle(record: Record) -> tuple[float, float, float]:
-    """Variances of the noise of the filtered angle, and of its first and second derivative."""
-    f = np.linspace(0, min(8 * record.low_pass.cutoff_hz, record.rate_hz / 2), 2000)
-    passed = record.noise[0] * record.low_pass.gain(f) ** 2
-    w = 2 * np.pi * f
-    still, moving, turning = (float(np.trapezoid(w**k * passed, f)) for k in (0, 2, 4))
-    return still, moving, turning
-
-
-def with_effects(s: Sums, model: Model, effects: Sequence[str] = (), keep: Keep = None) -> GroupFit:
-    """Fit of a model with effects, over some groups. Raises as `fit_groups`."""
-    columns = dict(model)
-    for effect in effects:
-        # a weight acts as a spring: its torque grows with the angle
-        columns[effect] = "theta" if effect == "weight" else effect
-    limit = EFFECTS_LIMIT if effects else CONDITION_LIMIT
-    return fit_groups(s, columns, keep, limit=limit)
+def with_effects(s: Sums, model: Model, effects: Sequence[str], label: Label = None) -> GroupFit:
+    """Fit of a model with the columns of effects to a label. Raises as `fit_groups`."""
+    return fit_groups(s, {**model, **{name: name for name in effects}}, label, EFFECTS_LIMIT)
 
 
 @dataclass(frozen=True)
 class LateFit:
-    """A model with a lag of the torque.
+    """A model with a lag of the torque."""
 
-    Attributes
-    ----------
-    fit : GroupFit
-        Its last estimate is the lag, `lag_s` [s].
-    last_step_s : float
-        Last step of the search [s].
-    """
-
-    fit: GroupFit
-    last_step_s: float
-
-    @property
-    def has_ended(self) -> bool:
-        """Whether the search has come to its end."""
-        return abs(self.last_step_s) <= LAG_FOUND
+    fit: GroupFit  # its last estimate is the lag, `lag_s` [s]
+    has_ended: bool  # whether the search has come to its end
 
 
 def late_fit(
@@ -180,28 +150,26 @@ def late_fit(
     derivatives = {
         name: columns[NEXT[column]] for name, column in model.items() if NEXT.get(column) in columns
     }
-    fit: GroupFit | None = None
-    step_s = 0.0
-    for _ in range(MOST_STEPS):
-        then = np.clip(few.time + lag_s, few.time[0], few.time[-1])
-        torque = torque_at(then) - prompt_torque
-        advanced = replace(few, filtered_torque=torque, torque=torque)
-        if not derivatives:
-            slope = torque_at(then, 1)
-        elif fit is None:  # the next step takes the slope of this fit
-            sums = gram_sums(advanced, columns, list(columns), centre)
-            fit = fit_groups(sums, model, limit=EFFECTS_LIMIT)
-            continue
-        else:
-            terms = [fit[name] * column for name, column in derivatives.items()]
-            slope = np.sum(terms, axis=0)
 
-        sums = gram_sums(advanced, {**columns, "late": -slope}, list(columns), centre)
-        fit = fit_groups(sums, {**model, "lag_s": "late"}, limit=EFFECTS_LIMIT)
+    def fit_at(times: Array, slope: Mapping[str, Array]) -> GroupFit:
+        """The model, with the torque's slope if it is given, for the torque at other times."""
+        torque = torque_at(times) - prompt_torque
+        advanced = replace(few, filtered_torque=torque, torque=torque)
+        sums = gram_sums(advanced, {**columns, **slope}, list(columns), centre)
+        with_lag = {**model, "lag_s": "late"} if slope else model
+        return fit_groups(sums, with_lag, limit=EFFECTS_LIMIT)
+
+    times = np.clip(few.time + lag_s, few.time[0], few.time[-1])
+    fit = fit_at(times, {})
+    for _ in range(MOST_STEPS):
+        slope = torque_at(times, 1)
+        if derivatives:
+            slope = np.sum([fit[name] * column for name, column in derivatives.items()], axis=0)
+        fit = fit_at(times, {"late": -slope})
         step_s = fit["lag_s"]
         lag_s = float(np.clip(lag_s + step_s, -LONGEST_LAG, LONGEST_LAG))
+        times = np.clip(few.time + lag_s, few.time[0], few.time[-1])
         if abs(step_s) < LAG_CONVERGED:
             break
-    assert fit is not None
     with_lag = np.append(fit.estimates[:-1], lag_s)
-    return LateFit(replace(fit, estimates=with_lag), step_s)
+    return LateFit(replace(fit, estimates=with_lag), abs(step_s) <= LAG_FOUND)

@@ -8,7 +8,7 @@ over the complex amplitudes of the pieces. Leaving out one unit at a time gives 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import polars as pl
@@ -99,6 +99,8 @@ def response_table(analysis: Analysis) -> pl.DataFrame:
         The signal of a sine has none; the message names the trial.
     """
     record = analysis.record
+    drift = analysis.whole["drift"] * (record.time - record.time.mean())
+    record = replace(record, torque=record.torque - drift)
     rows: list[Row] = []
     if record.is_stepped_sine:
         at_frequency: dict[float, list[Response]] = {}

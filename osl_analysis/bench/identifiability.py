@@ -1,13 +1,11 @@
-"""Whether a motion tells K, B and I: refusals that name what is missing."""
+"""Whether a motion that is no stepped sine tells K, B and I: refusals that name what is missing."""
 
 import numpy as np
 
-from osl_analysis.bench.effects import noise_of_angle
-from osl_analysis.bench.record import Label, Record
-from osl_analysis.bench.regression import Sums
+from osl_analysis.bench.record import Record
+from osl_analysis.bench.regression import GroupFit, Sums
 from osl_analysis.errors import Change, IdentifiabilityError, InputError
-from osl_analysis.measured import rms
-from osl_analysis.trial import Array
+from osl_analysis.stats.power_density import power_density
 
 STIFFNESS_ALONE = "or take experiment 'torque_angle' in the sheet, for the stiffness alone"
 OTHER_UNITS = (Change("", other_unit_of="theta"), Change("", other_unit_of="torque"))
@@ -20,38 +18,23 @@ LARGE_CHANGE_OF_K = 0.1  # share of K by which the usual error may change it
 # the same ratio as OWN_ANGLE, from which a change of K by more is refused; 1.6 from 0.5 to 6 Hz
 MOSTLY_INERTIA = 3.0
 FEWEST_STEPS = 20.0  # of the encoder; of fewer, rounding is no noise but part of the motion
-SLOW_STEPS = 200.0  # steps of the encoder from which a motion is not small, but may be slow
 MOST_NOISE = 0.1  # of the power of the acceleration's own part that may be noise of the encoder
 
 
-def check_told(
-    what: str,
-    band_hz: tuple[float, float],
-    motion: Array,
-    torque_rms: float,
-    stiffness: tuple[float, float],
-    largest_inertia_error: float | None,
-) -> float:
-    """Refuse a motion whose band cannot tell K from I.
+def error_of_inertia(record: Record, sums: Sums, fit: GroupFit) -> float:
+    """Refuse a motion that moves too little, or whose band cannot tell K from I.
 
     The criterion is the usual error of 0.1 % of the torque's RMS in the shape of the part of a
     column that is orthogonal to the others. Slow motion has little of it. If the angle is nearly
-    all such a part, as in ramps between levels, K is known without I.
+    all such a part, as in ramps between levels, K is known without I. With a few steps of the
+    encoder rounding is no noise, but part of the motion.
 
     Parameters
     ----------
-    what
-        With which the message begins.
-    band_hz
-        Lowest and highest frequency of the motion.
-    motion : Array (3, n)
-        Filtered angle [rad], velocity and acceleration, without means.
-    torque_rms
-        Of the filtered torque [N*m].
-    stiffness
-        K and its standard error [N*m/rad].
-    largest_inertia_error
-        As the configuration allows it [kg*m^2]; None: any.
+    record, sums
+        What was fitted.
+    fit
+        Of Eq. 15 to all of it.
 
     Returns
     -------
@@ -61,105 +44,73 @@ def check_told(
 
     Raises
     ------
+    InputError
+        The joint hardly moves.
     IdentifiabilityError
         The message names the missing band.
     """
-    theta, omega, alpha = motion
-    own_theta = rms_of_own_part(theta, omega, alpha)
-    own_alpha = rms_of_own_part(alpha, omega, theta)
+    moved = np.ptp(record.part(record.theta))
+    if moved < FEWEST_STEPS * record.encoder_step:
+        raise InputError(
+            f"trial {record.name}: the joint hardly moves: theta turns by"
+            f" {moved / record.encoder_step:.0f} steps of its encoder, {FEWEST_STEPS:g} are needed;"
+            " move it by more, and check the unit of theta in the source file"
+        )
+    covariance = sums.covariance(None, ["theta", "omega", "alpha"])
+    torque_rms = np.sqrt(covariance[3, 3])
+    theta_rms = np.sqrt(covariance[0, 0])
+    size = np.sqrt(np.diag(covariance)[:3])
+    scaled = covariance[:3, :3] / np.outer(size, size)
+    own_theta, _, own_alpha = size / np.sqrt(np.diag(np.linalg.inv(scaled)))
     error_of_K = USUAL_ERROR * torque_rms / own_theta
     error_of_I = USUAL_ERROR * torque_rms / own_alpha
-    low_hz, high_hz = band_hz
-    K, K_se = stiffness
-    cannot = (
-        f"{what}: a motion of {low_hz:.2g} to {high_hz:.2g} Hz cannot tell K from I: an error of"
-        " 0.1 % of the torque"
-    )
-    most = np.inf if largest_inertia_error is None else largest_inertia_error
-    tells_K_alone = rms(theta) < OWN_ANGLE * own_theta and error_of_I < FAR_TOO_LARGE * most
+
+    low_hz, high_hz = record.band_hz
+    band = f"{low_hz:.2g} to {high_hz:.2g} Hz"
+    cannot = f"trial {record.name}: a motion of {band} cannot tell K from I"
+    noise_share = acceleration_noise(record) / own_alpha**2
+    if noise_share > MOST_NOISE:
+        raise IdentifiabilityError(
+            f"{cannot}: noise of the encoder has {noise_share:.2g} times the power of the"
+            f" acceleration's own part behind the filter, at most {MOST_NOISE:g} is allowed; move"
+            " the joint by more or faster, by 0.5 to 6 Hz, and check the unit of theta in the"
+            f" source file, {STIFFNESS_ALONE}"
+        )
+    cannot += ": an error of 0.1 % of the torque"
+    most = getattr(record.settings, "largest_inertia_error", None) or np.inf
+    tells_K_alone = theta_rms < OWN_ANGLE * own_theta and error_of_I < FAR_TOO_LARGE * most
     if error_of_I > most and not tells_K_alone:
         needed_hz = max(high_hz * np.sqrt(error_of_I / (0.5 * most)), 1.5 * high_hz)
         raise IdentifiabilityError(
             f"{cannot} changes I by {error_of_I:.2g} kg*m^2, more than the {most:g} of"
             f" `largest_inertia_error` in the configuration; the band from {high_hz:.2g} to about"
             f" {needed_hz:.2g} Hz is missing, excite it as well, or check the units of theta and"
-            f" torque, by which K would be {K:.3g} N*m/rad, {STIFFNESS_ALONE}",
-            OTHER_UNITS if abs(K) > STIFFEST_JOINT else (),
+            f" torque, by which K would be {fit['K']:.3g} N*m/rad, {STIFFNESS_ALONE}",
+            OTHER_UNITS if abs(fit["K"]) > STIFFEST_JOINT else (),
         )
     # without stiffness a tenth of K is no limit
-    changes_K = error_of_K > max(LARGE_CHANGE_OF_K * abs(K), K_se)
-    if changes_K and rms(theta) > MOSTLY_INERTIA * own_theta:
+    changes_K = error_of_K > max(LARGE_CHANGE_OF_K * abs(fit["K"]), fit.se("K"))
+    if changes_K and theta_rms > MOSTLY_INERTIA * own_theta:
         raise IdentifiabilityError(
             f"{cannot} changes K by {error_of_K:.2g} N*m/rad; the band below {low_hz:.2g} Hz is"
             " missing, excite it as well"
         )
-    return error_of_I if error_of_I > most else 0.0
+    return float(error_of_I) if error_of_I > most else 0.0
 
 
-def rms_of_own_part(column: Array, *others: Array) -> float:
-    """RMS of the part of a column (n,) that is orthogonal to others; never 0."""
-    X = np.column_stack(others)
-    explained = X @ np.linalg.lstsq(X, column, rcond=None)[0]
-    return max(rms(column - explained), float(np.finfo(float).tiny))
+def acceleration_noise(record: Record) -> float:
+    """Variance [rad^2/s^4] that white noise of the angle leaves in the filtered acceleration.
 
-
-def check_moves(record: Record, sums: Sums) -> None:
-    """Refuse a record that moves too little or too slowly.
-
-    With a few steps of the encoder rounding is no noise, but part of the motion. In slow motion the
-    encoder's noise is a tenth or more of the power of the acceleration's part that is not
-    proportional to angle and velocity.
+    The density of the noise is the median of what the filter removes from two to four cut-offs or,
+    if the motion itself reaches these frequencies, its level at the highest ones.
     """
-    step = record.steps[0]
-    measured = record.part(record.bench_angle)
-    steps = np.inf if step is None else float(np.ptp(measured) / step)
-    check_encoder_steps(record.name, measured, steps)
-    share = noise_of_angle(record)[2] / own_acceleration(sums)
-    if share <= MOST_NOISE:
-        return
-    how = "hardly moves"
-    remedy = "move it by more, or faster, and check the unit of theta in the source file"
-    if steps >= SLOW_STEPS:  # the motion is not small
-        how = "moves too slowly"
-        remedy = f"move it faster, by 0.5 to 6 Hz, {STIFFNESS_ALONE}"
-    raise InputError(
-        f"trial {record.name}: the joint {how}: theta turns by {turn_deg(sums):.2g} deg RMS, and"
-        f" noise of the encoder has {share:.2g} times the power of the acceleration's own part"
-        f" behind the filter, at most {MOST_NOISE:g} is allowed; {remedy}"
-    )
-
-
-def check_encoder_steps(trial: str, measured: Array, steps: float) -> None:
-    """Refuse a motion of few steps of its encoder, or of few values (n,) in all."""
-    values = float(len(np.unique(measured)))
-    levels = values if values <= SLOW_STEPS else np.inf  # slow motion has more of them
-    if min(steps, levels) >= FEWEST_STEPS:
-        return
-    said = f"theta has {levels:g} values in all, as of steps too quick for its rate"
-    remedy = "move it more slowly"
-    if steps < FEWEST_STEPS:
-        said = f"the joint hardly moves: theta turns by {steps:.0f} steps of its encoder"
-        remedy = "move it by more"
-    raise InputError(
-        f"trial {trial}: {said}, {FEWEST_STEPS:g} are needed; {remedy}, and check the unit of theta"
-        " in the source file"
-    )
-
-
-def own_acceleration(sums: Sums) -> float:
-    """Mean square of the part of the acceleration that angle and velocity do not explain
-    [rad^2/s^4]; never 0."""
-    A = sums.total
-    alpha, one = sums.index(("alpha", "one"))
-    others = sums.index(("theta", "omega", "one"))
-    slopes = np.linalg.lstsq(A[np.ix_(others, others)], A[others, alpha], rcond=1e-14)[0]
-    left = A[alpha, alpha] - A[alpha, others] @ slopes
-    return max(float(left / A[one, one]), float(np.finfo(float).tiny))
-
-
-def turn_deg(sums: Sums, label: Label = None) -> float:
-    """RMS [deg] of the filtered angle about its mean in the rows of a label."""
-    A = sums.over(label)
-    theta, one = sums.index(["theta", "one"])
-    n = A[one, one]
-    return float(np.rad2deg(np.sqrt(max(A[theta, theta] / n - (A[theta, one] / n) ** 2, 0.0))))
+    rate_hz, cutoff_hz = record.rate_hz, record.low_pass.cutoff_hz
+    removed = record.part(record.theta - record.motion.theta)
+    frequency, density = power_density(removed, rate_hz, min(round(rate_hz), len(removed)))
+    level = float(np.median(density[frequency > 0.35 * rate_hz]))
+    beyond = (frequency > 2 * cutoff_hz) & (frequency < min(4 * cutoff_hz, 0.45 * rate_hz))
+    if beyond.any():
+        level = min(level, float(np.median(density[beyond])))
+    f = np.linspace(0, min(8 * cutoff_hz, rate_hz / 2), 2000)
+    passed = level * record.low_pass.gain(f) ** 2
+    return float(np.trapezoid((2 * np.pi * f) ** 4 * passed, f))

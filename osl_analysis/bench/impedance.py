@@ -2,38 +2,50 @@
 over all, the impedance that the gains should render, and the evidence on which the estimates are
 judged."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import polars as pl
 
 from osl_analysis.bench import effects
-from osl_analysis.bench.amplitude_changes import amplitudes_row
-from osl_analysis.bench.analysis import (
-    QUANTITIES,
-    Analysis,
-    angle_noise_share,
-    fitted_motion,
-    share_of_inertia,
-)
+from osl_analysis.bench.analysis import QUANTITIES, Analysis, fitted_motion
+from osl_analysis.bench.coulomb import coulomb_fits
 from osl_analysis.bench.effects import IMPEDANCE
-from osl_analysis.bench.identifiability import turn_deg
-from osl_analysis.bench.joint_inference import impedance_fits
+from osl_analysis.bench.joint_inference import (
+    CERTAIN_FRICTION,
+    delay_told_s,
+    fault_columns,
+    friction_columns,
+    inferred_from,
+    known_errors,
+)
 from osl_analysis.bench.leg_belt import Lag, belt_of_leg, is_leg, without_lag
-from osl_analysis.bench.plausibility import check_resists, plausible_impedance
+from osl_analysis.bench.plausibility import check_resists
 from osl_analysis.bench.record import Label, Record
 from osl_analysis.bench.regression import (
+    FEWEST_UNITS,
     GroupFit,
     Sums,
+    combined,
     estimates_of,
-    every_third,
     held_out_vaf,
-    solved,
+    scatter_of,
 )
 from osl_analysis.dictionary import table_of
+from osl_analysis.inference import ImpedanceInference
 from osl_analysis.model.compensator import CONTROLLERS, Gains, Weight, select_gains
 from osl_analysis.model.drivetrain import DrivetrainParameters, joint_admittance
+from osl_analysis.stats.estimates import Impedance
 from osl_analysis.stats.table_rows import Row
+
+LITTLE = {"K": 0.0, "B": 2.0, "I": 5e-3}
+"""Sizes of K, B [N*m*s/rad] and I [kg*m^2], added in quadrature to the divisor of a relative
+change."""
+CHANGING = ("K", "B")  # with the amplitude, by play, a stiffening spring or friction
+RENDERED = (0.94, 1.06)
+"""K without friction over that of linear theory, from and to which a sound leg renders it. Legs of
+the default device: 0.98 to 1.01. The rest is two standard deviations, of 2 %, of a device from its
+parameter file."""
 
 
 @dataclass(frozen=True)
@@ -137,11 +149,6 @@ def impedance_table(
         does not fit the drivetrain. Without it a joint whose actuator turns is taken for a leg,
         since its drivetrain is no fault of the recording (`leg_belt.is_leg`).
 
-    Notes
-    -----
-    K, B and I are those of Eq. 15 by least squares, of a leg and of any other joint. Where dry
-    friction is certain, those of Eq. 15 with a Coulomb column stand beside them.
-
     Returns
     -------
     polars.DataFrame
@@ -153,33 +160,38 @@ def impedance_table(
         The torque drives the motion.
     """
     record = analysis.record
-    belt = belt_of_leg(record, p)
     whole = analysis.whole
     if whole.interval("B")[0] < 0:
         # with the right sign K may be negative, as of an inertia behind a soft spring, but B is
         # then certainly positive
         check_resists(record.name, "K", whole["K"], whole.interval("K")[1])
-    fits = impedance_fits(analysis, s, is_leg(record, p))
-    lag = belt.lag if belt else None
+    belt = belt_of_leg(record, p)
+    of_leg = is_leg(record, p)
+    inferred = inferred_from(record, of_leg)
+    is_certain = inferred.friction_probability > CERTAIN_FRICTION if inferred else None
+    coulomb = coulomb_fits(s, analysis, is_certain)
+    of_joint = inferred if isinstance(inferred, ImpedanceInference) else None
     of_trial: Row = {
+        **fault_columns(of_joint),
+        "delay_told_s": delay_told_s(of_joint, record),
         **motion_row(record),
         "K_s_ratio": belt.K_s / p.K_s if belt and p else None,
-        "VAF_held_out": held_out_vaf(analysis.sums, analysis.model, every_third(record.groups)),
+        "VAF_held_out": held_out_vaf(analysis.sums, analysis.model),
     }
     over_amplitudes = amplitudes_row(analysis)
     rows: list[Row] = []
     for label, fit in analysis.fits.items():
         rows.append(
             {
-                **analysis.place(label),
-                **fits[label].to_row(),
-                **analysis.beside_estimates(label, *QUANTITIES),
-                "offset": analysis.calibrated(fit, label)["offset"],
-                **lag_row(lag, fit),
+                **analysis.row(label, *QUANTITIES),
+                **(other_reading(analysis) if label is None else {}),
+                **{f"{name}_se": analysis.calibrated(fit, label).se(name) for name in QUANTITIES},
+                **friction_columns(analysis, inferred, coulomb, label, of_leg),
+                "offset": fit["offset"] - fit["K"] * analysis.sums.centre,
+                **lag_row(belt.lag if belt else None, fit),
                 **analysis.time_base_row(label, QUANTITIES),
-                "theta_rms_deg": turn_deg(s, label),
+                "theta_rms_deg": float(np.rad2deg(np.sqrt(s.covariance(label, ["theta"])[0, 0]))),
                 "fitted_s": len(record.rows(label)) / record.rate_hz,
-                "angle_noise_share": angle_noise_share(record, s, fit, label),
                 **of_trial,
                 **(over_amplitudes if label is None else dict.fromkeys(over_amplitudes)),
             }
@@ -188,6 +200,17 @@ def impedance_table(
     half_width_s = (pl.col("lag_s_high") - pl.col("lag_s_low")) / 2
     certain_lag_s = pl.when(is_late).then("lag_s")
     return table_of(rows, "impedance").with_columns(without_lag(certain_lag_s, half_width_s))
+
+
+def other_reading(analysis: Analysis) -> Row:
+    """K, B and I of all of a trial with intervals that hold what the other reading of undecided
+    stamps gives; empty where they are decided."""
+    if None not in analysis.fits_with_other_stamps:
+        return {}
+    other = Impedance.of_fit(analysis.fits_with_other_stamps[None])
+    other = other.widened_by(known_errors(analysis))
+    wide = Impedance.of_fit(analysis.calibrated(analysis.whole)).widened_to_include(other)
+    return {**wide.K.columns("K"), **wide.B.columns("B"), **wide.I.columns("I")}
 
 
 def motion_row(record: Record) -> Row:
@@ -218,13 +241,80 @@ def lag_row(lag: Lag | None, fit: GroupFit) -> Row:
         return dict.fromkeys(names)
     K, B = fit["K"], fit["B"]
     found_s = lag.seconds if lag.is_certain else 0.0
+    of_inertia = abs((B + K * found_s / 2) * found_s)
     return {
         "lag_s": lag.seconds,
         "lag_s_low": lag.seconds - lag.half_width,
         "lag_s_high": lag.seconds + lag.half_width,
         "lag_share": abs(K * found_s / B),
-        "lag_inertia_share": abs((B + K * found_s / 2) * found_s) / share_of_inertia(fit),
+        "lag_inertia_share": of_inertia / float(np.hypot(fit["I"], LITTLE["I"])),
     }
+
+
+def amplitudes_row(analysis: Analysis) -> Row:
+    """Compare the fits to single amplitudes.
+
+    A stiffening spring, or play, changes K with the amplitude; friction changes K and B. A change
+    is reduced by the half-width of its 95 % interval, at most to 0: noise is no change. Its divisor
+    has `LITTLE` added in quadrature.
+
+    Parameters
+    ----------
+    analysis
+        Eq. 15 of a trial, for each amplitude and for all.
+
+    Returns
+    -------
+    dict
+        The relative changes `K_change` and `B_change` from the smallest to the largest amplitude,
+        and the lowest and the highest estimates; null for fewer than two amplitudes.
+    """
+    labels = sorted(label for label in analysis.fits if isinstance(label, float))
+    row: Row = {}
+    for name in CHANGING:
+        ends = ("change", "amplitudes_low", "amplitudes_high")
+        row.update(dict.fromkeys(f"{name}_{end}" for end in ends))
+        if len(labels) < 2:
+            continue
+        of_single = [analysis.fits[label][name] for label in labels]
+        row[f"{name}_amplitudes_low"] = min(of_single)
+        row[f"{name}_amplitudes_high"] = max(of_single)
+        change = difference_of(analysis, labels[0], labels[-1])
+        half_width = change.interval(name)[1] - change[name]
+        certain = np.sign(change[name]) * max(abs(change[name]) - half_width, 0.0)
+        row[f"{name}_change"] = float(certain / np.hypot(analysis.whole[name], LITTLE[name]))
+    return row
+
+
+def difference_of(analysis: Analysis, smallest: Label, largest: Label) -> GroupFit:
+    """The estimates of one amplitude less those of another.
+
+    If both amplitudes have the same frequencies, each frequency is left out of both in turn: what
+    the model misses at both alike then is no error of the difference. Else their errors are
+    independent.
+    """
+    small, large = analysis.fits[smallest], analysis.fits[largest]
+    covariance = small.covariance + large.covariance
+    freedom = np.minimum(small.degrees_of_freedom, large.degrees_of_freedom)
+    strata = analysis.sums.groups.strata
+    of_small, of_large = (
+        np.array([each.frequency_hz for each in strata if each.label == label])
+        for label in (smallest, largest)
+    )
+    are_paired = len(of_small) == len(of_large) >= FEWEST_UNITS
+    if are_paired and small.repeat is not None and large.repeat is not None:
+        order_of_small, order_of_large = np.argsort(of_small), np.argsort(of_large)
+        if np.allclose(of_small[order_of_small], of_large[order_of_large], atol=0.05):
+            apart = large.left_out[order_of_large] - small.left_out[order_of_small]
+            noise = small.repeat + large.repeat
+            never = np.full(len(noise), np.inf)
+            covariance, freedom = combined(noise, never, scatter_of(apart), len(apart))
+    return replace(
+        large,
+        estimates=large.estimates - small.estimates,
+        covariance=covariance,
+        degrees_of_freedom=freedom,
+    )
 
 
 def impedance_with_evidence(
@@ -252,73 +342,88 @@ def impedance_with_evidence(
     Raises
     ------
     InputError, IdentifiabilityError
-        As `rendered_impedance` and `plausible_impedance`.
+        As `rendered_impedance`.
     """
     expected = joint_admittance(gains.K_1, gains.B_1, p, p.J_j) if p and gains else None
     analysis, s = rendered_impedance(record, expected)
-    predicted = linear_prediction(s) if expected else None
-    table = impedance_table(analysis, s, p)
-    names_impedance = desired is not None and bool(desired.controller or desired.K_d)
-    has_belt = table["K_s_ratio"].drop_nulls().len() > 0
-    table = plausible_impedance(
-        table,
-        rails,
-        p,
-        names_impedance or has_belt,
-        None if predicted is None else predicted[0],
-        None if desired is None else desired.K_d,
-        None if desired is None else desired.B_d,
-    )
-    if predicted is None and record.calibration.torque_gain:
+    K, B = linear_prediction(s) if expected else (None, None)
+    table = impedance_table(analysis, s, p).with_columns(rails)
+    B_gap = pl.lit(None, pl.Float64)
+    if B is not None and gains is not None and gains.cancels_friction:
+        apart = B - pl.col("B")
+        certain = (apart.abs() - (pl.col("B_high") - pl.col("B_low")) / 2).clip(0)
+        B_gap = apart.sign() * certain / pl.col("K").abs()
+    table = table.with_columns(B_gap_s=B_gap)
+    stated = desired or DesiredImpedance(None, None, None)
+    table = beside_known(table, p, stated, K)
+    if K is None and record.calibration.torque_gain:
         table = table.with_columns(gain_error=pl.lit(0.0))  # a known spring holds it
-
-    gap = pl.lit(None, pl.Float64)
-    if predicted is not None and gains is not None and gains.cancels_friction:
-        half_width = (pl.col("B_high") - pl.col("B_low")) / 2
-        apart = predicted[1] - pl.col("B")
-        certainly_apart = apart.sign() * (apart.abs() - half_width).clip(0)
-        gap = certainly_apart / pl.Series(torque_per_angle(s, analysis))
-    table = table.with_columns(B_gap_s=gap)
     if desired is not None:
+        errors = [torque_error(analysis.sums, label, desired) for label in analysis.fits]
         table = table.with_columns(
             **desired.columns(),
-            **beside_desired(analysis, desired, predicted),
+            K_predicted=pl.lit(K, pl.Float64),
+            B_predicted=pl.lit(B, pl.Float64),
+            torque_error=pl.Series(errors, dtype=pl.Float64),
         )
     return analysis, table
 
 
-def linear_prediction(s: Sums) -> list[float]:
-    """K, B and I of Eq. 15 fitted to the linear model's torque in the recorded motion: a drivetrain
-    is of higher order."""
+def beside_known(
+    table: pl.DataFrame,
+    p: DrivetrainParameters | None,
+    desired: DesiredImpedance,
+    predicted: float | None,
+) -> pl.DataFrame:
+    """Hold the estimates of Eq. 15 against the belt, the gains and the sample sheet.
+
+    Parameters
+    ----------
+    table
+        The trial's rows.
+    p
+        The device; None for one without a parameter file. Where neither sheet nor belt says that
+        the joint is that of the file, another device may be soft, so that `K_over_K_s` is null up
+        to 1. Above 1 a unit may be wrong, or the file is of another device.
+    desired
+        What the sheet states.
+    predicted
+        K by linear theory [N*m/rad]; None: the gains are not known.
+
+    Returns
+    -------
+    polars.DataFrame
+        The table with `K_over_K_s`, and `K_ratio`, K over the predicted one, with `gain_error`, or
+        `K_over_K_d` and `B_over_B_d`. These take K without friction where that is known, and
+        `K_ratio`, else, K at the largest amplitude, where friction changes it least.
+    """
+    whole = table.row(-1, named=True)
+    largest = table.sort("amplitude_deg", nulls_last=False)["K"][-1]
+    of_spring = whole["K_without_friction"] or largest
+    known: Row = dict.fromkeys(("K_ratio", "gain_error", "K_over_K_d", "B_over_B_d"))
+    if predicted:
+        ratio = of_spring / predicted
+        known["K_ratio"] = largest / predicted
+        known["gain_error"] = max(ratio / RENDERED[1] - 1, 0) + min(ratio / RENDERED[0] - 1, 0)
+    elif desired.K_d:
+        known["K_over_K_d"] = of_spring / desired.K_d
+        known["B_over_B_d"] = whole["B"] / desired.B_d if desired.B_d else None
+    K_over_K_s = pl.lit(None, pl.Float64)
+    if p is not None:
+        K_over_K_s = pl.col("K") / p.K_s
+        is_leg_of_file = desired.controller or desired.K_d or whole["K_s_ratio"] is not None
+        if not is_leg_of_file:
+            K_over_K_s = pl.when(K_over_K_s > 1).then(K_over_K_s)
+    columns = {name: pl.lit(value, pl.Float64) for name, value in known.items()}
+    return table.with_columns(K_over_K_s=K_over_K_s, **columns)
+
+
+def linear_prediction(s: Sums) -> tuple[float, float]:
+    """K and B of Eq. 15 fitted to the linear model's torque in the recorded motion: a drivetrain is
+    of higher order."""
     at = s.index(list(IMPEDANCE.values()))
-    estimates = estimates_of(s.total, at, s.names.index("linear"))
-    return [float(estimate) for estimate in estimates[:3]]
-
-
-def torque_per_angle(s: Sums, analysis: Analysis) -> list[float]:
-    """Standard deviation of the torque over that of the angle [N*m/rad] in each row."""
-    theta, one = s.names.index("theta"), s.names.index("one")
-    ratios = []
-    for label in analysis.fits:
-        total = s.over(label)
-        n = total[one, one]
-        of_torque, of_theta = (
-            total[k, k] / n - (total[k, one] / n) ** 2 for k in (s.torque, theta)
-        )
-        ratios.append(float(np.sqrt(of_torque / of_theta)))
-    return ratios
-
-
-def beside_desired(
-    analysis: Analysis, desired: DesiredImpedance, predicted: list[float] | None
-) -> dict[str, pl.Expr]:
-    """Columns with what the gains should render, and the error of the rendered torque."""
-    errors = [torque_error(analysis.sums, label, desired) for label in analysis.fits]
-    return {
-        "K_predicted": pl.lit(predicted[0] if predicted else None, pl.Float64),
-        "B_predicted": pl.lit(predicted[1] if predicted else None, pl.Float64),
-        "torque_error": pl.lit(pl.Series(errors, dtype=pl.Float64)),
-    }
+    K, B = estimates_of(s.over(), at, s.names.index("linear"))[:2]
+    return float(K), float(B)
 
 
 def torque_error(s: Sums, label: Label, desired: DesiredImpedance) -> float | None:
@@ -327,14 +432,8 @@ def torque_error(s: Sums, label: Label, desired: DesiredImpedance) -> float | No
     known."""
     if desired.K_d is None or desired.B_d is None:
         return None
-    total = s.over(label)
-    theta, omega, one, ramp = s.index(["theta", "omega", "one", "ramp"])
-    weights = np.zeros(len(total))
-    weights[s.torque] = 1.0
-    weights[theta] = -desired.K_d
-    weights[omega] = -desired.B_d
-    slow = [one, ramp]
-    across = (total @ weights)[slow]
-    explained = across @ solved(total[np.ix_(slow, slow)], across)[0]
-    left = float(weights @ total @ weights - explained)
-    return float(np.sqrt(max(left, 0.0) / total[one, one]))
+    covariance = s.covariance(label, ["theta", "omega", "ramp"])
+    weights = np.array([-desired.K_d, -desired.B_d, 0.0, 1.0])
+    with_ramp = (covariance @ weights)[2]
+    square = weights @ covariance @ weights - with_ramp**2 / covariance[2, 2]
+    return float(np.sqrt(max(square, 0.0)))

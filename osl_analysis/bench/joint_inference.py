@@ -1,4 +1,4 @@
-"""K, B and I of an impedance recording by Eq. 15, and what else its torque may hold.
+"""Friction beside K, B and I of Eq. 15, and what else the torque of a recording may hold.
 
 The inference (`osl_analysis/inference`) says whether dry friction is certain and what may be wrong.
 Where friction is certain, K, B and I without it are those of the inference. A Coulomb column beside
@@ -6,126 +6,128 @@ Eq. 15, which single amplitudes have, sees what the low-pass leaves of a frictio
 sign fast: its B is up to 6 % too large.
 """
 
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 
 import numpy as np
 
 from osl_analysis.bench.analysis import QUANTITIES, Analysis
-from osl_analysis.bench.coulomb import CoulombFit, coulomb_fits
-from osl_analysis.bench.joint_fit import FrictionFit, JointFit, SuspectedFault
-from osl_analysis.bench.record import Label, Record, signals_of
-from osl_analysis.bench.regression import Sums, fit_groups
+from osl_analysis.bench.coulomb import CoulombFit
+from osl_analysis.bench.record import Label, Record
+from osl_analysis.bench.regression import fit_groups
 from osl_analysis.errors import NotWeighedError
-from osl_analysis.inference import ImpedanceInference, LegInference, infer_impedance, infer_leg
+from osl_analysis.inference import (
+    BenchSignals,
+    ImpedanceInference,
+    LegInference,
+    infer_impedance,
+    infer_leg,
+)
 from osl_analysis.inference.constants import HARM_SHARE, LIKELY
 from osl_analysis.inference.estimates import Explanation
 from osl_analysis.stats.estimates import Estimate, Impedance
+from osl_analysis.stats.table_rows import INTERVAL_ENDS, Row
 
 CERTAIN_FRICTION = 0.9  # probability from which friction is taken off B: nine in ten are right
 NAMED_SHARE = 0.05  # of all faults' probability, below which an explanation is not named
+COLUMNS_OF_LOSSES = (None, "B_j", "J_j")  # of K, B and I in `transmission.csv`
+
+Inferred = ImpedanceInference | LegInference | None
+"""What the inference says; None where it cannot weigh rivals."""
 
 
-def impedance_fits(analysis: Analysis, s: Sums, is_leg: bool) -> dict[Label, JointFit]:
-    """Fit K, B and I to all of a recording (None) and to each amplitude [deg].
+def inferred_from(record: Record, is_leg: bool) -> Inferred:
+    """The inference from the raw signals of a record, since it finds their band itself.
+
+    Parameters
+    ----------
+    record : Record
+        Angle and torque of a trial.
+    is_leg : bool
+        Whether a belt and an actuator render the joint. Its friction then opposes the actuator's
+        velocity and grows with the current.
+    """
+    infer = infer_leg if is_leg else infer_impedance
+    with suppress(NotWeighedError):
+        return infer(signals_of(record, is_leg))
+    return None
+
+
+def signals_of(record: Record, is_leg: bool = False) -> BenchSignals:
+    """What the inference is given of a record."""
+    # the ends of fitted stretches are left out for the sake of the fit's own filter
+    edge = round(2 * record.rate_hz / record.low_pass.cutoff_hz)
+    inside = np.zeros(len(record.time), dtype=np.bool_)
+    for rows in record.pieces:
+        inside[max(rows.start - edge, 0) : rows.stop + edge] = True
+    return BenchSignals(
+        theta=record.theta,
+        torque=record.torque,
+        rate_hz=record.rate_hz,
+        encoder_step=record.encoder_step,
+        usable=record.usable & inside,
+        sliding_angle=record.actuator.get("wide_band_theta_m") if is_leg else None,
+        load=record.actuator.get("current") if is_leg else None,
+    )
+
+
+def estimate_columns(name: str, estimate: Estimate | None) -> Row:
+    """The columns of an estimate, null where there is none."""
+    if estimate is None:
+        return dict.fromkeys(f"{name}{end}" for end in INTERVAL_ENDS)
+    return estimate.columns(name)
+
+
+def friction_columns(
+    analysis: Analysis,
+    inferred: Inferred,
+    coulomb: Mapping[Label, CoulombFit],
+    label: Label,
+    is_leg: bool,
+) -> Row:
+    """The columns of friction, null where the motion does not tell it from damping.
+
+    Of a whole trial the inference tells the effect of friction, and least squares its size. Of a
+    joint whose friction has no certain size none is taken off. That of a leg acts behind its belt,
+    where its size need not show.
 
     Parameters
     ----------
     analysis : Analysis
-        Eq. 15 by least squares.
-    s : Sums
-        The sums of the record with all effects.
+        Eq. 15.
+    inferred : Inferred
+        What the inference says of the recording.
+    coulomb : Mapping
+        As of `coulomb_fits`.
+    label : Label
+        The row's.
     is_leg : bool
         Whether a belt and an actuator render the joint.
     """
-    record = analysis.record
-    inferred = inferred_from(record, is_leg)
-    friction_is_certain = None
-    if inferred is not None:
-        friction_is_certain = inferred.friction_probability > CERTAIN_FRICTION
-    coulomb = coulomb_fits(s, analysis, friction_is_certain)
-
-    whole = JointFit(
-        impedance=Impedance.of_fit(analysis.calibrated(analysis.whole)),
-        friction=friction_of(coulomb.get(None)),
-    )
-    if inferred is not None:
-        friction = friction_by_inference(coulomb.get(None), analysis, inferred, is_leg)
-        whole = replace(whole, friction=friction)
-    if isinstance(inferred, ImpedanceInference):
-        whole = with_fault(whole, inferred, record)
-    if record.with_other_stamps is not None:
-        whole = with_other_reading(whole, analysis)
-
-    fits: dict[Label, JointFit] = {}
-    for label, fit in analysis.fits.items():
-        if label is None:
-            fits[label] = whole
-            continue
-        fits[label] = JointFit(
-            impedance=Impedance.of_fit(analysis.calibrated(fit, label)),
-            friction=friction_of(coulomb.get(label)),
-            suspected_fault=whole.suspected_fault,
-            delay_told_s=whole.delay_told_s,
-        )
-    return fits
-
-
-def inferred_from(record: Record, is_leg: bool) -> ImpedanceInference | LegInference | None:
-    """The inference from a record; None where it cannot weigh rivals."""
-    infer = infer_leg if is_leg else infer_impedance
-    try:
-        return infer(signals_of(record, is_leg))
-    except NotWeighedError:
-        return None
-
-
-def with_fault(fit: JointFit, inferred: ImpedanceInference, record: Record) -> JointFit:
-    """The fit with what may be wrong with a recording, and how well it tells a delay."""
-    fault = probable_fault(inferred)
-    path_is_found = fault is not None and fault.family == "path"
-    tells_delay = not path_is_found and not is_delay_stated(record)
-    return replace(
-        fit,
-        suspected_fault=suspected_fault_of(inferred),
-        delay_told_s=inferred.delay_told_s if tells_delay else None,
-    )
-
-
-def with_other_reading(fit: JointFit, analysis: Analysis) -> JointFit:
-    """The fit with intervals that hold what the other reading of undecided stamps gives. It moves
-    the estimates without friction as those of Eq. 15."""
-    other = Impedance.of_fit(analysis.fits_with_other_stamps[None])
-    friction = fit.friction
-    if friction is not None and friction.without is not None:
-        moved = friction.without.moved_by(fit.impedance, other)
-        friction = replace(friction, without=friction.without.widened_to_include(moved))
-    other = other.widened_by(known_errors(analysis))
-    return replace(fit, impedance=fit.impedance.widened_to_include(other), friction=friction)
-
-
-def suspected_fault_of(inferred: ImpedanceInference) -> SuspectedFault:
-    """What may be wrong with a recording."""
-    fault = probable_fault(inferred)
-    return SuspectedFault(
-        # sums over no hypotheses are whole numbers
-        fault_probability=float(inferred.fault_probability),
-        fault_shares=inferred.fault_shares if inferred.doubt else (0.0, 0.0, 0.0),
-        family=fault.family if fault else None,
-        explanations=named_explanations(inferred) if fault else None,
-        unexplained_shares=inferred.unexplained_shares,
-        delay_told_s=inferred.delay_told_s,
-    )
-
-
-def suspected_fault_of_losses(record: Record) -> SuspectedFault | None:
-    """What may be wrong with a recording of losses, whose stiffness nobody asks for; None where it
-    is too short to tell."""
-    of_B, of_I = HARM_SHARE[1:]
-    try:
-        inferred = infer_impedance(signals_of(record), accuracy=(np.inf, of_B, of_I))
-    except NotWeighedError:
-        return None
-    return suspected_fault_of(inferred)
+    of_column = coulomb.get(label)
+    certain = of_column.certain if of_column else None
+    share = of_column.share if of_column else None
+    size = Estimate.of_fit(certain, "T_C") if certain else None
+    without = Impedance.of_fit(certain) if certain else None
+    if label is None and inferred is not None:
+        share, without = 0.0, None
+        if inferred.friction_probability > CERTAIN_FRICTION and (is_leg or size):
+            without = inferred.without_friction.widened_by(known_errors(analysis))
+            share = max(1 - without.B.value / analysis.whole["B"], 0.0)
+        else:
+            size = None
+    if without is not None and label in analysis.fits_with_other_stamps:
+        # the other reading of the stamps moves the estimates without friction as those of Eq. 15
+        other = Impedance.of_fit(analysis.fits_with_other_stamps[label])
+        moved = without.moved_by(Impedance.of_fit(analysis.fits[label]), other)
+        without = without.widened_to_include(moved)
+    return {
+        "coulomb_share": share,
+        **estimate_columns("f_C", size),
+        **estimate_columns("B_viscous", without.B if without else None),
+        **estimate_columns("K_without_friction", without.K if without else None),
+        **estimate_columns("I_without_friction", without.I if without else None),
+    }
 
 
 def known_errors(analysis: Analysis) -> dict[str, float]:
@@ -137,56 +139,62 @@ def known_errors(analysis: Analysis) -> dict[str, float]:
     return {name: float(np.sqrt(max(variance, 0.0))) for name, variance in variances.items()}
 
 
-def friction_of(coulomb: CoulombFit | None) -> FrictionFit | None:
-    """Coulomb friction by least squares, and K, B and I without it where it is certain."""
-    if coulomb is None:
-        return None
-    certain = coulomb.certain
-    if certain is None:
-        return FrictionFit(coulomb.share)
-    return FrictionFit(coulomb.share, Estimate.of_fit(certain, "T_C"), Impedance.of_fit(certain))
-
-
-def friction_by_inference(
-    coulomb: CoulombFit | None,
-    analysis: Analysis,
-    inferred: ImpedanceInference | LegInference,
-    is_leg: bool,
-) -> FrictionFit:
-    """Friction whose effect the inference tells, and least squares the size.
-
-    Of a joint whose friction has no certain size none is taken off. That of a leg acts behind its
-    belt, where its size need not show.
-    """
-    size = None
-    if coulomb is not None and coulomb.certain is not None:
-        size = Estimate.of_fit(coulomb.certain, "T_C")
-    has_size = is_leg or size is not None
-    if inferred.friction_probability <= CERTAIN_FRICTION or not has_size:
-        return FrictionFit(share=0.0)
-    without = inferred.without_friction.widened_by(known_errors(analysis))
-    damping = analysis.whole["B"]
-    return FrictionFit(max(damping - without.B.value, 0.0) / damping, size, without)
-
-
-def probable_fault(inferred: ImpedanceInference) -> Explanation | None:
-    """The most probable fault; None where the recording is probably sound."""
-    if inferred.doubt is not None:
-        return inferred.doubt
-    if inferred.fault_probability > LIKELY and inferred.explanations:
-        return inferred.explanations[0]
+def suspected_fault_of_losses(record: Record) -> ImpedanceInference | None:
+    """What may be wrong with a recording of losses, whose stiffness nobody asks for; None where it
+    is too short to tell."""
+    of_B, of_I = HARM_SHARE[1:]
+    with suppress(NotWeighedError):
+        return infer_impedance(signals_of(record), accuracy=(np.inf, of_B, of_I))
     return None
 
 
-def named_explanations(inferred: ImpedanceInference) -> str:
-    """Names of the faults that are not improbable, the most probable first."""
+def probable_fault(inferred: ImpedanceInference | None) -> Explanation | None:
+    """The most probable fault; None where the recording is probably sound."""
+    if inferred is None:
+        return None
+    if inferred.doubt is None and inferred.fault_probability > LIKELY:
+        return next(iter(inferred.explanations), None)
+    return inferred.doubt
+
+
+def explanations_of(inferred: ImpedanceInference | None) -> str | None:
+    """All faults that are not improbable beside each other, the most probable first; None where no
+    fault is probable."""
+    if inferred is None or probable_fault(inferred) is None:
+        return None
     least = NAMED_SHARE * inferred.fault_probability
     names = [each.name for each in inferred.explanations if each.probability > least]
     return ", ".join(dict.fromkeys(names))
 
 
-def is_delay_stated(record: Record) -> bool:
-    """Whether somebody stated the delay between angle and torque, or how well it is known."""
+def fault_columns(
+    inferred: ImpedanceInference | None, names: Sequence[str | None] = QUANTITIES
+) -> Row:
+    """The columns of a fault, null where no hypotheses were weighed. `names` are those of K, B and
+    I in the table; None: it has no such column."""
+    fault = probable_fault(inferred)
+    facts: Row = {
+        # sums over no hypotheses are whole numbers
+        "fault_probability": float(inferred.fault_probability) if inferred else None,
+        "fault_family": fault.family if fault else None,
+        "explanations": explanations_of(inferred),
+    }
+    for k, name in enumerate(names):
+        if name is not None:
+            moved = inferred.fault_shares[k] if inferred and inferred.doubt else 0.0
+            facts[f"{name}_fault_share"] = moved if inferred else None
+            facts[f"{name}_unexplained_share"] = (
+                inferred.unexplained_shares[k] if inferred else None
+            )
+    return facts
+
+
+def delay_told_s(inferred: ImpedanceInference | None, record: Record) -> float | None:
+    """Standard error to which a recording tells a delay [s] between angle and torque that nobody
+    states and that is not found; None of a leg."""
+    fault = probable_fault(inferred)
     streams = record.uniform.streams if record.uniform else ()
-    stated = [stream["delay_s"] for stream in streams]
-    return record.calibration.delay > 0 or any(stated)
+    is_stated = record.calibration.delay > 0 or any(stream["delay_s"] for stream in streams)
+    if inferred is None or is_stated or (fault is not None and fault.family == "path"):
+        return None
+    return inferred.delay_told_s

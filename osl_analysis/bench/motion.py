@@ -8,24 +8,23 @@ from numpy.typing import NDArray
 
 from osl_analysis.bench.bench_settings import ImpedanceAnalysis, SteppedSineAnalysis
 from osl_analysis.bench.identifiability import STIFFNESS_ALONE
-from osl_analysis.bench.record import Groups, Label, Record, Stratum, conditioned, joint_angle
-from osl_analysis.errors import Change, IdentifiabilityError, InputError, OslAnalysisError
-from osl_analysis.measured import visible_step
-from osl_analysis.signals import LowPass, Motion, filtered_angle, runs
-from osl_analysis.signals.grid import (
-    BRIDGE_MORE,
-    GapLimits,
-    UniformSignals,
-    on_one_grid,
-    origin,
-    uniform_signals,
+from osl_analysis.bench.record import (
+    EDGE_ROUNDING,
+    Groups,
+    Label,
+    Record,
+    Stratum,
+    conditioned,
 )
+from osl_analysis.errors import Change, IdentifiabilityError, InputError
+from osl_analysis.measured import visible_step
+from osl_analysis.signals import runs
+from osl_analysis.signals.grid import BRIDGE_MORE, UniformSignals, origin, uniform_signals
 from osl_analysis.spectral.periods import PeriodicMotion, periodic_motion
 from osl_analysis.spectral.stepped_sine import (
     BIN_S,
     MOVING_SHARE,
     Segment,
-    Sines,
     find_segments,
     find_sines,
     labels_deg,
@@ -46,11 +45,10 @@ SMALLER_UNITS_OF_TIME = (
     Change("take a 1000 times smaller `unit` of `time` (ms for s)", {"time": 1e-3}),
     Change("take a million times smaller `unit` of `time` (us for s)", {"time": 1e-6}),
 )
-NOT_MOVED = "the joint does not move; check the channel of theta in the source file"
 
 STRETCH_S = 1.0  # s; duration of a stretch: 30 correlation times of a 15 Hz low-pass
+FEWEST_STRETCHES = 8  # of a recording, whose scores give an interval
 ALIKE_S = 0.25  # s; time over which a model's misfit is correlated
-EDGE_ROUNDING = 1e-6  # rows; edges of parts are sums of numbers that are rounded
 
 
 def sine_record(trial: Trial, settings: SteppedSineAnalysis) -> Record:
@@ -88,134 +86,88 @@ def record_of_trial(
         trial, ("theta", "torque"), settings.gap_limits, computed=("theta_command",)
     )
     if excitation is None:
-        excitation = "stepped_sine"
-        if isinstance(settings, ImpedanceAnalysis):
-            excitation = settings.excitation
-    sines = None
-    if excitation != "any" and not (excitation == "auto" and windows):
-        sines = find_sines(signals.time, signals["theta"], settings.protocol)
-        if excitation == "auto" and not sines.is_stepped:
-            sines = None
+        excitation = getattr(settings, "excitation", "stepped_sine")
+    if excitation == "auto" and windows:
+        excitation = "any"
 
     def recorded(regular: UniformSignals) -> Record:
-        if sines is None:
-            assert isinstance(settings, ImpedanceAnalysis)
-            return record_of_motion(regular, settings, windows or settings.windows)
-        of_signals = sines
-        if regular is not signals:
-            of_signals = find_sines(regular.time, regular["theta"], settings.protocol)
-        return record_of_sines(regular, settings, of_signals)
+        """The record of signals with one reading of their stamps."""
+        if excitation != "any":
+            time, theta, protocol = regular.time, regular["theta"], settings.protocol
+            sines = find_sines(time, theta, protocol)
+            if excitation == "stepped_sine" or sines.is_stepped:
+                segments = find_segments(time, theta, sines, protocol)
+                groups = cycles_of(
+                    segments, settings.settle_cycles, regular.usable, bool(protocol.amplitudes)
+                )
+                hz = [stratum.frequency_hz for stratum in groups.strata]
+                return conditioned(regular, settings, groups, (min(hz), max(hz)))
+        assert isinstance(settings, ImpedanceAnalysis)
+        return record_of_motion(regular, settings, windows or settings.windows)
 
     try:
         record = recorded(signals)
-        assert record.uniform is not None
-        other_stamps = record.uniform.other()  # None where all stamps are decided
+        other_stamps = signals.other()  # None where all stamps are decided
         if other_stamps is not None:
             record = replace(record, with_other_stamps=recorded(other_stamps))
     except (InputError, IdentifiabilityError) as error:
-        words, changes = why_not_fitted(error, signals)
-        raise type(error)(f"trial {trial.name}: {words}", changes) from error
-    assert record.uniform is not None
-    return replace(
-        record,
-        steps=(resolution(trial, signals, "theta"), resolution(trial, signals, "torque")),
-        uniform=with_first_signals(record.uniform),
-    )
+        cause = why_not_fitted(signals) or error
+        raise type(error)(f"trial {trial.name}: {cause}", cause.changes) from error
+    taken = signals.of("theta")
+    step = origin(trial, "theta").get("resolution")
+    step = step or visible_step(taken.stream.signals["theta"][taken.present])
+    # how the samples were taken, 0.1 GB per hour, is not needed any more
+    return replace(record, encoder_step=float(step or 0.0), uniform=replace(signals, taken=()))
 
 
-def resolution(trial: Trial, signals: UniformSignals, column: str) -> float | None:
-    """Step of a signal: what the source file states, else what the values show."""
-    stated = origin(trial, column).get("resolution")
-    if stated:
-        return float(stated)
-    taken = signals.of(column)
-    return visible_step(taken.stream.signals[column][taken.present])
-
-
-def with_first_signals(uniform: UniformSignals) -> UniformSignals:
-    """The signals with that one alone of each device which tells the rows: saves 0.1 GB per
-    hour."""
-    bare = []
-    for taken in uniform.taken:
-        name = taken.signals[0]
-        first = {name: taken.stream.signals[name]}
-        bare.append(replace(taken, stream=replace(taken.stream, signals=first)))
-    return replace(uniform, taken=tuple(bare))
-
-
-def record_of_sines(signals: UniformSignals, settings: SteppedSineAnalysis, sines: Sines) -> Record:
-    """The record of the cycles of a stepped sine."""
-    protocol = settings.protocol
-    segments = find_segments(signals.time, signals["theta"], sines, protocol)
-    groups = cycles_of(segments, settings.settle_cycles, signals.usable, bool(protocol.amplitudes))
-    frequencies = [stratum.frequency_hz for stratum in groups.strata]
-    return conditioned(signals, settings, groups, (min(frequencies), max(frequencies)))
-
-
-def why_not_fitted(
-    error: OslAnalysisError, signals: UniformSignals
-) -> tuple[str, Sequence[Change]]:
-    """The words of an error of a motion, or of its cause where the joint hardly moves, and what may
-    mend it."""
+def why_not_fitted(signals: UniformSignals) -> InputError | None:
+    """Why a joint has no motion to fit: its angle stands, moves too slowly, or is noise."""
     theta = signals["theta"]
     moving = moving_bins(signals.time, theta)
     range_deg, size_deg, noise_deg = np.rad2deg([np.ptp(theta), theta.std(), noise_of(theta)])
     # motion up to 6 Hz at 50 rows per second jumps by a tenth, and counts for half of the time
     if size_deg > SMALLEST_SIZE_DEG and noise_deg > LARGEST_JUMP * size_deg and moving.mean() < 0.5:
-        return (
+        return InputError(
             f"theta jumps from row to row by {noise_deg:.2g} deg of its {size_deg:.2g} deg RMS: it"
             f" is noise, or {signals.rate_hz:.3g} rows per second are too few for its motion;"
             " record 100 per second or more, or correct the channel of theta in the source file"
-        ), error.changes
+        )
     if moving.any():
-        return str(error), error.changes
+        return None
     if range_deg > LARGE_DEG:
-        return (
+        return InputError(
             f"the joint moves too slowly: of {range_deg:.3g} deg, theta changes by no more than"
             f" {100 * MOVING_SHARE:g} % within {BIN_S:g} s, at {signals.rate_hz:.3g} rows per"
-            f" second; move it by 0.5 to 6 Hz, {STIFFNESS_ALONE}"
-        ), SMALLER_UNITS_OF_TIME
-    return (
+            f" second; move it by 0.5 to 6 Hz, {STIFFNESS_ALONE}",
+            SMALLER_UNITS_OF_TIME,
+        )
+    return InputError(
         f"the joint does not move: theta turns by {range_deg:.3g} deg in all; check the channel and"
         " the unit of theta in the source file, and that this is the recording of the trial"
-    ), ()
+    )
 
 
 def record_of_motion(
     signals: UniformSignals, settings: ImpedanceAnalysis, windows: str | None
 ) -> Record:
-    """The record of a motion that is no stepped sine, in groups of its periods or of stretches.
-
-    The time base bridges gaps up to a tenth of a period of the fastest motion. That is found first,
-    from the signals as they are.
-    """
-    low_pass, rate = settings.low_pass, signals.rate_hz
-    compliance = settings.bench_stiffness.compliance if settings.bench_stiffness else 0.0
+    """The record of a motion that is no stepped sine, in groups of its periods or of stretches."""
+    rate = signals.rate_hz
     time = signals.time - signals.time[0]
-    stated = None if windows is None else stated_windows(windows, float(time[-1]))
-    inside = within(time, stated or [(0.0, np.inf)])
-    pieces = fitted_pieces(signals, low_pass, stated)
-    theta = joint_angle(signals["theta"], signals["torque"], compliance)
-    motion = filtered_angle(signals.time, theta, low_pass)
-    band = band_of(motion, rate, over_gaps(pieces, inside))
-
-    is_bridged = any(stream["bridged"] for stream in signals.streams)
-    if is_bridged or not signals.usable.all():
-        highest = min(band[1], settings.cutoff_hz)
-        limits = GapLimits(highest, settings.cutoff_hz, settings.time_base.longest_gap_s)
-        signals = on_one_grid(signals.taken, limits, signals.trial)
-        pieces = fitted_pieces(signals, low_pass, stated)
-        theta = joint_angle(signals["theta"], signals["torque"], compliance)
-
-    periodic = periodic_motion(theta, rate, signals.usable & inside)
-    groups = None
+    moving = np.flatnonzero(moving_bins(time, signals["theta"]))
+    if not len(moving):
+        raise InputError("the joint does not move")
+    inside = [(float(time[moving[0]]), float(time[moving[-1]]))]
+    is_inside = np.ones(len(time), dtype=np.bool_)
+    if windows is not None:
+        inside = stated_windows(windows, float(time[-1]))
+        is_inside = within(time, inside)
+    pieces = fitted_pieces(time, signals.usable, inside, EDGE_PERIODS / settings.cutoff_hz)
+    groups = stretches_of(pieces, rate)
+    record = conditioned(signals, settings, groups, (np.nan, np.nan))
+    periodic = periodic_motion(record.theta, rate, signals.usable & is_inside)
     if periodic is not None:
-        is_fitted = np.zeros(len(signals.time), dtype=bool)
-        for piece in pieces:
-            is_fitted[piece] = True
-        groups = periods_of(periodic, rate, is_fitted)
-    record = conditioned(signals, settings, groups or stretches_of(pieces, rate), band)
-    return replace(record, periodic=periodic)
+        groups = periods_of(periodic, rate, record.is_fitted()) or groups
+    return replace(record, band_hz=band_of(record), periodic=periodic, groups=groups)
 
 
 def within(
@@ -226,21 +178,10 @@ def within(
     return np.asarray(np.any(inside, axis=0))
 
 
-def over_gaps(pieces: Sequence[slice], inside: NDArray[np.bool_]) -> list[slice]:
-    """From the first to the last of the pieces in each window, with the gaps between them."""
-    found: list[slice] = []
-    for piece in pieces:
-        if found and inside[found[-1].stop : piece.start].all():
-            found[-1] = slice(found[-1].start, piece.stop)
-        else:
-            found.append(piece)
-    return found
-
-
 def fitted_pieces(
-    signals: UniformSignals, low_pass: LowPass, stated: list[tuple[float, float]] | None
-) -> tuple[slice, ...]:
-    """Rows of the fitted stretches: stated windows [s], or from the first to the last motion.
+    time: Array, usable: NDArray[np.bool_], windows: list[tuple[float, float]], edge: float
+) -> list[slice]:
+    """Rows of the fitted stretches: windows [s], or from the first to the last motion.
 
     Two periods of the cut-off at each end are left out (130 ms at 15 Hz). There the filter depends
     on padding, which would change K by 0.05 % and I by 0.4 %.
@@ -248,20 +189,12 @@ def fitted_pieces(
     Raises
     ------
     InputError
-        Nothing moves, or not for long enough.
+        Nothing moves for long enough.
     """
-    time = signals.time - signals.time[0]
-    if stated is None:
-        moving = np.flatnonzero(moving_bins(time, signals["theta"]))
-        if len(moving) == 0:
-            raise InputError(NOT_MOVED)
-        stated = [(float(time[moving[0]]), float(time[moving[-1]]))]
-    edge = EDGE_PERIODS / low_pass.cutoff_hz
-    inside = within(time, stated, edge)
-    shortest = SHORTEST_S * signals.rate_hz
-    found = tuple(run for run in runs(inside & signals.usable) if run.stop - run.start >= shortest)
+    is_fitted = runs(within(time, windows, edge) & usable)
+    found = [run for run in is_fitted if time[run.stop - 1] - time[run.start] >= SHORTEST_S]
     if not found:
-        seconds = sum(stop - start for start, stop in stated)
+        seconds = sum(stop - start for start, stop in windows)
         raise InputError(
             f"nothing is left to fit: the joint moves for {seconds:.3g} s, of"
             f" which {edge:.2g} s at each end and rows near gaps do not count, and stretches need"
@@ -286,21 +219,14 @@ def stated_windows(text: str, duration: float) -> list[tuple[float, float]]:
     return windows
 
 
-def band_of(motion: Motion, rate_hz: float, stretches: Sequence[slice]) -> tuple[float, float]:
-    """Lowest and highest frequency [Hz] of a motion (n,): 1 % of the angle's power is below the
-    first, 1 % of the acceleration's above the second. Spectra are means over the stretches, gaps
-    bridged, in pieces of up to 8 s."""
-    length = min(round(SPECTRUM_S * rate_hz), *(part.stop - part.start for part in stretches))
-    frequency = np.fft.rfftfreq(length, 1 / rate_hz)
-    of_angle, of_acceleration = np.zeros(len(frequency)), np.zeros(len(frequency))
-    for part in stretches:
-        weight = part.stop - part.start
-        for total, signal in ((of_angle, motion.theta), (of_acceleration, motion.alpha)):
-            frequency, power = power_density(signal[part], rate_hz, length)
-            total += weight * power
+def band_of(record: Record) -> tuple[float, float]:
+    """Lowest and highest frequency [Hz] of the fitted motion: 1 % of the angle's power is below the
+    first, 1 % of the acceleration's above the second. Spectra are of parts of up to 8 s."""
+    theta, alpha = record.part(record.motion.theta), record.part(record.motion.alpha)
+    length = min(round(SPECTRUM_S * record.rate_hz), len(theta))
+    frequency, of_angle = power_density(theta, record.rate_hz, length)
+    _, of_acceleration = power_density(alpha, record.rate_hz, length)
     below, up_to = np.cumsum(of_angle[1:]), np.cumsum(of_acceleration[1:])
-    if not below[-1] > 0 or not up_to[-1] > 0:
-        raise InputError(NOT_MOVED)
     lowest = np.argmax(below > OUTSIDE_BAND * below[-1])
     highest = np.argmax(up_to > (1 - OUTSIDE_BAND) * up_to[-1])
     return float(frequency[1:][lowest]), float(frequency[1:][highest])
@@ -382,18 +308,19 @@ def periods_of(
         None if fewer than two periods are usable.
     """
     parts = max(round(motion.period / seconds), 1)
-    rows_of_period = rate_hz * motion.period
-    begins, numbers, strata = [], [], list[Stratum]()
+    rows_of_part = rate_hz * motion.period / parts
+    begins, numbers, strata = list[Array](), [], list[Stratum]()
     for realisation in motion.realisations:
-        starts = rate_hz * realisation.start + rows_of_period * np.arange(realisation.periods)
-        end = min(round(starts[-1] + rows_of_period), len(usable))
-        stratum = Stratum(slice(round(starts[0]), end))
-        for part in range(parts):
-            begins.append(starts + rows_of_period * part / parts)
-            numbers.append(np.full(realisation.periods, len(strata)))
-            strata.append(stratum)
-    begin, number = np.concatenate(begins), np.concatenate(numbers)
-    stop = np.minimum(begin + rows_of_period / parts, len(usable))
+        part = np.arange(parts * realisation.periods)
+        begin = rate_hz * realisation.start + rows_of_part * part
+        begins.append(np.asarray(begin))
+        numbers.append(len(strata) + part % parts)
+        end = min(round(begin[-1] + rows_of_part), len(usable))
+        strata += parts * [Stratum(slice(round(begin[0]), end))]
+    by_stratum = np.argsort(np.concatenate(numbers), kind="stable")
+    number = np.concatenate(numbers)[by_stratum]
+    begin = np.concatenate(begins)[by_stratum]
+    stop = np.minimum(begin + rows_of_part, len(usable))
 
     is_whole = are_usable(begin, stop, usable)
     members = np.bincount(number[is_whole], minlength=len(strata))
@@ -408,10 +335,13 @@ def periods_of(
 def stretches_of(
     pieces: Sequence[slice], rate_hz: float, seconds: float = STRETCH_S, label: Label = None
 ) -> Groups:
-    """Equal stretches of about `seconds` of each piece; all are one stratum, without repeats."""
+    """Equal stretches of about `seconds` of each piece, or shorter ones of a short recording; all
+    are one stratum, without repeats."""
+    rows = sum(piece.stop - piece.start for piece in pieces)
+    longest = min(seconds * rate_hz, rows / FEWEST_STRETCHES)
     firsts, stops = [], []
     for piece in pieces:
-        number = max(round((piece.stop - piece.start) / (seconds * rate_hz)), 1)
+        number = max(round((piece.stop - piece.start) / longest), 1)
         edges = np.linspace(piece.start, piece.stop, number + 1)
         firsts.append(edges[:-1])
         stops.append(edges[1:])

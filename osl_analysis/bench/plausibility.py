@@ -12,16 +12,10 @@ from osl_analysis.errors import Change, InputError
 from osl_analysis.measured import check_measured
 from osl_analysis.model.drivetrain import DrivetrainParameters
 from osl_analysis.trial import Array
-from osl_analysis.units import known_factor
 
 TURN_TORQUE = Change(
     "turn the `sign` of the torque, or of all angles, in the source file", {"torque": -1.0}
 )
-BELT_TOLERANCE = 1.1  # times K_s of the parameter file, above which no motor renders a K
-RENDERED = (0.94, 1.06)
-"""K without friction over that of linear theory, from and to which a sound leg renders it. Legs of
-the default device: 0.98 to 1.01. The rest is two standard deviations, of 2 %, of a device from its
-parameter file."""
 
 
 def check_changes(column: str, values: Array) -> None:
@@ -125,98 +119,3 @@ def parameter(p: DrivetrainParameters, name: str) -> float:
         return p.k_tau * p.n_m
     value: float = getattr(p, name)
     return value
-
-
-def plausible_impedance(
-    table: pl.DataFrame,
-    rails: pl.Expr,
-    p: DrivetrainParameters | None,
-    is_this_leg: bool = True,
-    predicted: float | None = None,
-    K_d: float | None = None,
-    B_d: float | None = None,
-) -> pl.DataFrame:
-    """Hold the estimates of Eq. 15 against the belt, the gains and the sample sheet.
-
-    Parameters
-    ----------
-    table
-        Rows of the trial.
-    rails
-        Saturated samples, as a column of the table.
-    p
-        The device; None for one without a parameter file.
-    is_this_leg
-        Whether the joint is certainly that of the file. Another device may be soft, so that
-        `K_over_K_s` is then null up to 1. Above 1 a unit may be wrong, or the file is of another
-        device.
-    predicted
-        K by linear theory [N*m/rad]; None: the gains are not known.
-    K_d, B_d
-        The stated ones [N*m/rad, N*m*s/rad].
-
-    Returns
-    -------
-    polars.DataFrame
-        The table with `saturated_samples`, `K_over_K_s`, and `K_ratio`, K over the predicted one,
-        with `gain_error`, or `K_over_K_d` and `B_over_B_d`. These take K without friction where
-        that is known, and `K_ratio`, else, K at the largest amplitude, where friction changes it
-        least.
-
-    Raises
-    ------
-    InputError
-        K of this leg is larger than that of its belt.
-    """
-    last = table.row(-1, named=True)
-    if p is not None and is_this_leg:
-        check_softer_than_belt(last["trial"], last["K"], p.K_s, predicted)
-
-    none = pl.lit(None, pl.Float64)
-    largest = pl.lit(table.sort("amplitude_deg", nulls_last=False)["K"][-1])
-    over_predicted = none
-    gain_error = none
-    over_K_d = none
-    over_B_d = none
-    over_K_s = none
-    of_spring = largest
-    if last.get("K_without_friction") is not None:
-        of_spring = pl.lit(last["K_without_friction"])
-    if predicted:
-        over_predicted = largest / predicted
-        least, most = RENDERED
-        beyond_most = (of_spring / predicted / most - 1).clip(0, None)
-        below_least = (of_spring / predicted / least - 1).clip(None, 0)
-        gain_error = beyond_most + below_least
-    elif K_d:
-        over_K_d = of_spring / K_d
-        over_B_d = pl.lit(last["B"] / B_d if B_d else None, pl.Float64)
-    if p is not None:
-        over_K_s = pl.col("K") / p.K_s
-        if not is_this_leg:
-            over_K_s = pl.when(over_K_s > 1).then(over_K_s)
-    return table.with_columns(
-        rails,
-        K_over_K_s=over_K_s,
-        K_ratio=over_predicted,
-        gain_error=gain_error,
-        K_over_K_d=over_K_d,
-        B_over_B_d=over_B_d,
-    )
-
-
-def check_softer_than_belt(trial: str, K: float, K_s: float, predicted: float | None) -> None:
-    """Refuse a K [N*m/rad] above that of the belt, which is in series with the motor."""
-    if K <= BELT_TOLERANCE * K_s:
-        return
-    reference = "what the gains should give" if predicted else "K_s"
-    ratio = K / (predicted or K_s)
-    name, size = known_factor(ratio)
-    remedy = "check unit and scale of the channels"
-    if name:
-        remedy = f"{size:.3g} is the factor {name}: correct the `unit` or the `scale`"
-    raise InputError(
-        f"trial {trial}: K = {K:.4g} N*m/rad is larger than the belt's K_s = {K_s:g} of the"
-        " parameter file, which no motor behind the belt can render; it is"
-        f" {ratio:.3g} times {reference}: {remedy} in the source file"
-    )

@@ -13,31 +13,25 @@ well it predicts what it has not seen, and each effect (effects.py).
 The interval covers the estimate from this motion on this joint (docs/method.md). For each estimate
 the variance is the larger of noise and misfit, with the degrees of freedom of the larger.
 
-* *Noise* is what another recording of the same motion would change.
+* *Noise* is what another recording of the same motion would change: the spread of groups that
+  repeat one another, else the residual of neighbouring groups beside the richest model.
 * *Misfit* is the scatter when one unit is left out at a time (jackknife). It holds the noise, too,
   and what the model misses from unit to unit. Amplitudes and frequencies are chosen, not drawn: it
   need not hold the estimate at others.
-
-| groups | noise | misfit |
-|---|---|---|
-| repeat one another | spread of the repeats | strata, or groups where these are few |
-| 8 or more that do not | neighbouring groups, beside the richest model | the same |
-| fewer | the residual, as if its noise were white | strata, if there are 4 or more |
 
 The *score* of a group is by how much it moves the estimates: the products of its residual with the
 columns, times the inverse of the normal equations.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
 from osl_analysis.bench.record import Groups, Label, Record
-from osl_analysis.errors import IdentifiabilityError, InputError
+from osl_analysis.errors import IdentifiabilityError
 from osl_analysis.measured import check_measured
 from osl_analysis.stats import linear_fit as rules
 from osl_analysis.stats.covariance import between_cycles, products_between
@@ -51,15 +45,7 @@ LEAST_EIGENVALUE = 1e-30
 # largest scaled condition number with effects, whose columns may be nearly collinear
 EFFECTS_LIMIT = 1e5
 FEWEST_UNITS = 4  # with fewer strata the groups are left out instead
-FEWEST_GROUPS = 8  # fewest groups without repeats whose scores give an interval
-LEAST_VARIANCE = 1e-300  # so that estimates without scatter are not divided by 0
 NEIGHBOURS_WEIGHT = 0.5  # of products of neighbouring scores
-BY_UNITS = "units"
-BY_REPEATS = "repeats"
-BY_NOISE = "white noise"
-
-Keep = NDArray[np.bool_] | Label
-"""The groups to keep (m,), those of a label, or all (None)."""
 
 
 @dataclass(frozen=True)
@@ -80,8 +66,6 @@ class Sums:
         Angle [rad] at which the column `theta` is 0: verdicts do not depend on the encoder's zero.
     columns : Mapping of Array (n,)
         The columns themselves.
-    independent : float
-        Rows after which filtered noise is independent.
     """
 
     names: tuple[str, ...]
@@ -90,27 +74,31 @@ class Sums:
     rich: tuple[str, ...]
     centre: float
     columns: Mapping[str, Array]
-    independent: float = 1.0
 
     def index(self, names: Sequence[str]) -> list[int]:
         return [self.names.index(name) for name in names]
-
-    @cached_property
-    def total(self) -> Array:
-        """The sums of all groups."""
-        return np.asarray(self.gram.sum(axis=0))
 
     @property
     def torque(self) -> int:
         """Where the filtered torque stands in the sums."""
         return len(self.names)
 
-    def over(self, keep: Keep) -> Array:
-        """The sums of some groups."""
-        if keep is None:
-            return self.total
-        chosen = keep if isinstance(keep, np.ndarray) else self.groups.of(keep)
-        return np.asarray(self.gram[chosen].sum(axis=0))
+    def over(self, label: Label = None) -> Array:
+        """The sums of the groups of a label."""
+        return np.asarray(self.gram[self.groups.of(label)].sum(axis=0))
+
+    def covariance(self, label: Label, names: Sequence[str]) -> Array:
+        """Covariance of columns, and of the filtered torque behind them, in the rows of a label."""
+        total, one = self.over(label), self.names.index("one")
+        of_columns = about_means(total, [*self.index(names), self.torque], one)
+        return np.asarray(of_columns / total[one, one])
+
+
+def about_means(total: Array, at: Sequence[int], one: int) -> Array:
+    """Sums of the products of columns `at` about their means, by those of all columns, among which
+    the ones are at `one`."""
+    of_ones = total[one, at]
+    return np.asarray(total[np.ix_(at, at)] - np.outer(of_ones, of_ones) / total[one, one])
 
 
 def gram_sums(
@@ -128,43 +116,28 @@ def gram_sums(
     InputError
         A column cannot be measured.
     """
-    names = [*(f"column '{name}'" for name in columns), "column 'y'", "the torque"]
-    rows = np.array([*columns.values(), record.filtered_torque, record.torque])
-    for name, row in zip(names, rows, strict=True):
-        check_measured(name, row)
+    signals = [("filtered torque", record.filtered_torque), ("torque", record.torque)]
+    rows = [*columns.items(), *signals]
+    for name, row in rows:
+        check_measured(f"column '{name}'", row)
     groups = record.groups
-    return Sums(
-        names=tuple(columns),
-        gram=products_between(rows.T, rows.T, groups.first, groups.stop),
-        groups=groups,
-        rich=tuple(rich),
-        centre=centre,
-        columns=columns,
-        independent=max(record.rate_hz / (2 * record.low_pass.noise_bandwidth_hz), 1.0),
-    )
+    products = np.array([row for _, row in rows]).T
+    gram = products_between(products, products, groups.first, groups.stop)
+    return Sums(tuple(columns), gram, groups, tuple(rich), centre, columns)
 
 
 def solved(A: Array, b: Array) -> tuple[Array, Array]:
-    """Solve normal equations A x = b, (..., p, p) and (..., p).
-
-    Directions of A that rounding alone fills are left out.
-
-    Returns
-    -------
-    estimates : Array (..., p)
-    inverse : Array (..., p, p)
-    """
-    scale = np.sqrt(np.maximum(np.diagonal(A, axis1=-2, axis2=-1), np.finfo(float).tiny))
-    values, vectors = np.linalg.eigh(A / (scale[..., :, None] * scale[..., None, :]))
-    parts = vectors / scale[..., :, None]
-    is_known = values > SMALLEST_DIRECTION * values[..., -1:]
+    """Solve normal equations A x = b, (p, p) and (p,), for the estimates (p,); also the inverse of
+    A. Directions of A that rounding alone fills are left out."""
+    scale = np.sqrt(np.maximum(np.diag(A), np.finfo(float).tiny))
+    values, vectors = np.linalg.eigh(A / np.outer(scale, scale))
+    parts = vectors / scale[:, None]
+    is_known = values > SMALLEST_DIRECTION * values[-1]
     weights = np.divide(1, values, out=np.zeros_like(values), where=is_known)
-    inverse = parts * weights[..., None, :] @ np.swapaxes(parts, -1, -2)
-    column = b[..., None]
-    estimates = inverse @ column
+    inverse = parts * weights @ parts.T
+    estimates = inverse @ b
     # one step of refinement takes off what rounding of the inverse has added
-    estimates = estimates + inverse @ (column - A @ estimates)
-    return estimates[..., 0], inverse
+    return estimates + inverse @ (b - A @ estimates), inverse
 
 
 def estimates_of(total: Array, at: Sequence[int], q: int) -> Array:
@@ -172,46 +145,28 @@ def estimates_of(total: Array, at: Sequence[int], q: int) -> Array:
     return solved(total[np.ix_(at, at)], total[at, q])[0]
 
 
-@dataclass(frozen=True)
-class Identified:
-    """What the normal equations of a model of p columns tell.
-
-    Attributes
-    ----------
-    estimates : Array (p,)
-    inverse : Array (p, p)
-        Of the normal equations.
-    about_means : Array (r, r)
-        The part of the inverse for columns about their means, without the offset.
-    condition : float
-        Scaled condition number.
-    """
-
-    estimates: Array
-    inverse: Array
-    about_means: Array
-    condition: float
-
-
-def identified(model: Mapping[str, str], A: Array, b: Array, limit: float) -> Identified:
-    """Solve the normal equations of a model, A (p, p) and b (p,).
+def condition_of(
+    model: Mapping[str, str], A: Array, inverse: Array, limit: float
+) -> tuple[float, float]:
+    """Scaled condition number of columns about their means, by their normal equations A (p, p), and
+    the largest correlation of two estimates, by its inverse.
 
     Raises
     ------
     IdentifiabilityError
         The condition number is above the limit, or a column is 0.
     """
-    estimates, inverse = solved(A, b)
-    varies = [k for k, column in enumerate(model.values()) if column != "one"]
-    about_means = inverse[np.ix_(varies, varies)]
+    columns = list(model.values())
     scale = np.sqrt(rules.check_not_zero(tuple(model), np.diag(A)))
     values, vectors = np.linalg.eigh(A / np.outer(scale, scale))
     condition = float(np.sqrt(values[-1] / max(values[0], LEAST_EIGENVALUE * values[-1])))
-    if len(about_means) > 1 and condition < rules.ROUNDED:
-        condition = rules.scaled_condition(about_means)
+    varies = [k for k, column in enumerate(columns) if column != "one"]
+    of_varying = inverse[np.ix_(varies, varies)]
+    if len(varies) > 1 and condition < rules.ROUNDED:
+        condition = rules.scaled_condition(of_varying)
     if condition > limit:
         rules.refuse_unidentifiable(tuple(model), vectors[:, 0], condition)
-    return Identified(estimates, inverse, about_means, condition)
+    return condition, rules.largest_correlation(of_varying)
 
 
 @dataclass(frozen=True)
@@ -222,11 +177,14 @@ class GroupFit(LinearFit):
     ----------
     repeat : Array (p, p) or None
         Covariance of the repeatability; None where nothing repeats.
+    left_out : Array (u, p)
+        Estimates without one unit at a time.
     bench_variance : Array (p,) or float
         Part of the variances that all trials on a bench share.
     """
 
     repeat: Array | None = None
+    left_out: Array = field(default_factory=lambda: np.empty((0, 0)))
     bench_variance: Array | float = 0.0
 
     def se_bench(self, name: str) -> float:
@@ -260,7 +218,6 @@ class GroupFit(LinearFit):
             estimates=estimates,
             covariance=J @ self.covariance @ J.T,
             degrees_of_freedom=np.array([self.freedom(name) for name in freedom_of]),
-            repeat=None,
             bench_variance=0.0,
         )
 
@@ -276,7 +233,7 @@ class GroupFit(LinearFit):
 def fit_groups(
     s: Sums,
     model: Mapping[str, str],
-    keep: Keep = None,
+    label: Label = None,
     limit: float = CONDITION_LIMIT,
 ) -> GroupFit:
     """Fit the torque by least squares (Eq. 15), with an interval that covers this motion.
@@ -287,8 +244,8 @@ def fit_groups(
         Sums of the recording.
     model
         Column of each of p estimates, by the estimate's name, as `K: theta`.
-    keep
-        A label, or which groups (m,) to fit; None: all.
+    label
+        Whose groups are fitted; None: all.
     limit
         Largest scaled condition number.
 
@@ -296,168 +253,77 @@ def fit_groups(
     ------
     IdentifiabilityError
         A column is 0 throughout, or the condition number is above the limit.
-    InputError
-        There are not more samples than estimates.
     """
     columns = list(model.values())
     p = len(columns)
-    groups = np.flatnonzero(keep if isinstance(keep, np.ndarray) else s.groups.of(keep))
+    groups = np.flatnonzero(s.groups.of(label))
     used = np.array([*s.index(columns), s.torque, s.torque + 1])
     offset = columns.index("one")
     products = s.gram[:, used[:, None], used][groups]
-    centring = np.eye(p + 2)
-    if "ramp" in columns:  # drift and offset are then orthogonal
-        of_ones = products[:, offset].sum(axis=0)
-        ramp = columns.index("ramp")
-        centring[offset, ramp] = -of_ones[ramp] / of_ones[offset]
-        products = centring.T @ products @ centring
     total = products.sum(axis=0)
-    solution = identified(model, total[:p, :p], total[:p, p], limit)
-    n = float(total[offset, offset])
-    if n <= p:
-        raise InputError(f"{n:.0f} samples cannot determine {p} parameters; record for longer")
+    A = total[:p, :p]
+    estimates, inverse = solved(A, total[:p, p])
+    condition, correlation = condition_of(model, A, inverse, limit)
 
-    interval = interval_of(s, groups, used, centring, products, solution)
-    torque, residual = np.zeros(p + 1), np.append(-solution.estimates, 1.0)
-    torque[p] = 1.0
-    sums = total[: p + 1, : p + 1]
-    return GroupFit(
-        names=tuple(model),
-        estimates=solution.estimates,
-        covariance=interval.covariance,
-        vaf=accounted_for(sums, offset, residual, torque),
-        condition_number=solution.condition,
-        correlation_samples=max(round(float(np.median(s.groups.stop - s.groups.first))), 1),
-        samples=round(n),
-        interval_method=interval.method,
-        degrees_of_freedom=interval.degrees_of_freedom,
-        residual=np.empty(0),  # the sums have no rows
-        largest_correlation=rules.largest_correlation(solution.about_means),
-        repeat=interval.of_repeats,
-    )
-
-
-@dataclass(frozen=True)
-class Interval:
-    """The interval of p estimates.
-
-    Attributes
-    ----------
-    covariance : Array (p, p)
-    degrees_of_freedom : Array (p,)
-    of_repeats : Array (p, p) or None
-        Covariance by repeats of the same motion alone; None where nothing repeats.
-    method : str
-        What told it, as tables name it.
-    """
-
-    covariance: Array
-    degrees_of_freedom: Array
-    of_repeats: Array | None
-    method: str
-
-
-def interval_of(
-    s: Sums,
-    groups: NDArray[np.intp],
-    used: NDArray[np.intp],
-    centring: Array,
-    products: Array,
-    solution: Identified,
-) -> Interval:
-    """Compute the interval of the solution of normal equations.
-
-    Parameters
-    ----------
-    s : Sums
-        Sums of the recording.
-    groups : Array (m,)
-        Numbers of the fitted groups among those of the sums.
-    used : Array (p + 2,)
-        Where the columns, the filtered and the raw torque stand in the sums.
-    centring : Array (p + 2, p + 2)
-        What centres the column `ramp`.
-    products : Array (m, p + 2, p + 2)
-        Sums of these, in each group.
-    solution : Identified
-    """
-    p = len(used) - 2
-    left, right = products[:, :p, :p], products[:, :p, p]
-    A, b = left.sum(axis=0), right.sum(axis=0)
-    inverse = solution.inverse
-    m = len(groups)
     stratum = np.unique(s.groups.stratum[groups], return_inverse=True)[1]
     has_strata = int(stratum.max()) + 1 >= FEWEST_UNITS
-    unit = stratum if has_strata else np.arange(m)
     has_repeats = s.groups.repeat and int(np.bincount(stratum).min()) > 1
-    method = BY_UNITS
-    tells_misfit = True
     if has_repeats:
         # before the filter noise is independent from row to row
-        scores = (products[:, :p, p + 1] - left @ solution.estimates) @ inverse
+        scores = (products[:, :p, p + 1] - products[:, :p, :p] @ estimates) @ inverse
         noise, freedom = between_cycles(scores, stratum)
-        if not has_strata:
-            method = BY_REPEATS
-    elif m >= FEWEST_GROUPS:
+    else:
         rich = [*s.rich, *(s.names[k] for k in used[:p] if s.names[k] not in s.rich)]
         at = np.array(s.index(rich))
-        across = s.gram[np.ix_(groups, at, used)] @ centring
-        kept = s.gram[np.ix_(groups, at, at)].sum(axis=0)
-        of_rich = solved(kept, across[:, :, p].sum(axis=0))[0]
+        across = s.gram[np.ix_(groups, at, used)]
+        of_rich = solved(s.gram[np.ix_(groups, at, at)].sum(axis=0), across[:, :, p].sum(axis=0))[0]
         modelled = np.einsum("mrp,r->mp", across[:, :, :p], of_rich)
         # of the filtered torque, since else the part of the signal that the filter removes would
         # count as noise
-        target = products[:, :p, p + 1] if s.groups.repeat else right
+        target = products[:, :p, p + 1 if s.groups.repeat else p]
         noise, freedom = noise_of_scores((target - modelled) @ inverse, len(rich))
-    else:
-        # too few scores: noise that is white before the filter is independent every few rows
-        columns = [s.names[k] for k in used[:p]]
-        offset = columns.index("one")
-        n = float(A[offset, offset])
-        square = products[:, p, p].sum() - 2 * solution.estimates @ b
-        square = max(float(square + solution.estimates @ A @ solution.estimates), 0.0)
-        of_noise = max(n / s.independent - p, 1.0)
-        noise, freedom = inverse * square / of_noise, np.full(p, of_noise)
-        tells_misfit = has_strata
-        if not has_strata:
-            method = BY_NOISE
-    misfit = jackknife(left, right, A, b, unit) if tells_misfit else np.zeros_like(inverse)
-    covariance, freedom = combined(noise, freedom, misfit, int(unit.max()) + 1)
-    return Interval(covariance, freedom, noise if has_repeats else None, method)
+    unit = stratum if has_strata else np.arange(len(groups))
+    left_out = without_units(products[:, :p, :p], products[:, :p, p], unit)
+    covariance, freedom = combined(noise, freedom, scatter_of(left_out), len(left_out))
+    return GroupFit(
+        names=tuple(model),
+        estimates=estimates,
+        covariance=covariance,
+        vaf=accounted_for(total, [*range(p), p], offset, estimates),
+        condition_number=condition,
+        interval_method="repeats" if has_repeats and not has_strata else "units",
+        degrees_of_freedom=freedom,
+        largest_correlation=correlation,
+        repeat=noise if has_repeats else None,
+        left_out=left_out,
+    )
 
 
-def jackknife(A_g: Array, b_g: Array, A: Array, b: Array, unit: NDArray[np.intp]) -> Array:
-    """Covariance of the estimates by leaving out one unit at a time: noise, misfit and leverage.
+def without_units(A_g: Array, b_g: Array, unit: NDArray[np.intp]) -> Array:
+    """Estimates (u, p) without one of u units at a time.
 
     Parameters
     ----------
     A_g, b_g : Array (m, p, p), (m, p)
         Normal equations of each group.
-    A, b : Array (p, p), (p,)
-        Their sums.
     unit : Array (m,)
         Number of the unit of each group.
-
-    Returns
-    -------
-    Array (p, p)
-
-    References
-    ----------
-    Miller, Biometrika 61, 1974.
     """
-    units = int(unit.max()) + 1
-    p = len(b)
-    belongs = np.asarray(unit == np.arange(units)[:, None], dtype=np.float64)
-    of_units = (belongs @ A_g.reshape(len(unit), -1)).reshape(units, p, p)
-    right_sides = belongs @ b_g
-    A_without = A - of_units
-    b_without = b - right_sides
+    belongs = np.asarray(unit == np.arange(unit.max() + 1)[:, None], dtype=np.float64)
+    A, b = A_g.sum(axis=0), b_g.sum(axis=0)
+    A_without = A - np.tensordot(belongs, A_g, 1)
+    b_without = b - belongs @ b_g
     scale = np.sqrt(np.diag(A))
-    scaled = A_without / np.outer(scale, scale) + SMALLEST_DIRECTION * np.eye(p)
-    estimates = np.linalg.solve(scaled, (b_without / scale)[..., None])[..., 0] / scale
-    scatter = estimates - estimates.mean(axis=0)
-    return np.asarray(scatter.T @ scatter * (units - 1) / units)
+    scaled = A_without / np.outer(scale, scale) + SMALLEST_DIRECTION * np.eye(len(b))
+    return np.asarray(np.linalg.solve(scaled, (b_without / scale)[..., None])[..., 0] / scale)
+
+
+def scatter_of(left_out: Array) -> Array:
+    """Covariance (p, p) of estimates by the scatter of those without one unit at a time (u, p):
+    noise, misfit and leverage (jackknife; Miller, Biometrika 61, 1974)."""
+    u = len(left_out)
+    scatter = left_out - left_out.mean(axis=0)
+    return np.asarray(scatter.T @ scatter * (u - 1) / u)
 
 
 def combined(
@@ -485,14 +351,12 @@ def combined(
     """
     of_noise = np.maximum(np.diag(noise), 0.0)
     of_misfit = np.diag(misfit)
-    error = np.sqrt(np.maximum(of_noise, of_misfit))
     both = noise + misfit
     size = np.sqrt(np.maximum(np.diag(both), np.finfo(float).tiny))
-    correlation = both / np.outer(size, size)
-    covariance = correlation * np.outer(error, error)
+    error = np.sqrt(np.maximum(of_noise, of_misfit)) / size
     # The misfit holds the noise: the larger of both is one source, with the freedom of its own.
     degrees = np.where(of_misfit > of_noise, units - 1.0, freedom)
-    return covariance, np.maximum(degrees, 1.0)
+    return both * np.outer(error, error), np.maximum(degrees, 1.0)
 
 
 def noise_of_scores(scores: Array, columns: int) -> tuple[Array, Array]:
@@ -507,78 +371,35 @@ def noise_of_scores(scores: Array, columns: int) -> tuple[Array, Array]:
     used = min(columns, m - 2)
     neighbours = scores[1:].T @ scores[:-1]
     covariance = scores.T @ scores + NEIGHBOURS_WEIGHT * (neighbours + neighbours.T)
-    size = np.sqrt(np.maximum(np.diag(covariance), LEAST_VARIANCE))
-    values, vectors = np.linalg.eigh(covariance / np.outer(size, size))
-    raised = m / max(m - used / 2, 1.0)
-    positive = (vectors * np.maximum(values, 0.0)) @ vectors.T * np.outer(size, size) * raised
     freedom = max(m / (1 + 2 * NEIGHBOURS_WEIGHT**2) - used / 2, 1.0)
-    return np.asarray(positive), np.full(p, freedom)
+    return covariance * m / max(m - used / 2, 1.0), np.full(p, freedom)
 
 
-HeldOut = list[tuple[NDArray[np.bool_], list[NDArray[np.bool_]]]]
-"""Groups (m,) that are fitted, and the parts that this fit predicts."""
+def accounted_for(total: Array, at: Sequence[int], one: int, estimates: Array) -> float:
+    """VAF [percent] of the estimates (p,) of columns, which stand at `at` in sums of products,
+    before the torque; the ones are at `one`. As `variance_accounted_for` if the torque is
+    constant."""
+    n = float(total[one, one])
+    covariance = about_means(total, at, one) / n
+    weights = np.append(-estimates, 1.0)
+    left = max(float(weights @ covariance @ weights), 0.0)
+    mean_square = total[at[-1], at[-1]] / n
+    return float(rules.vaf_by_moments(left, covariance[-1, -1], mean_square))
 
 
-def accounted_for(sums: Array, one: int, residual: Array, torque: Array) -> float:
-    """VAF [percent] by sums of products (q, q), of which the one with the ones is at `one`. Weights
-    (q,) make the residual and the torque of the columns. As `variance_accounted_for` if the torque
-    is constant."""
-    n = float(sums[one, one])
-    square, left = (
-        float(weights @ sums @ weights) / n - (float(sums[one] @ weights) / n) ** 2
-        for weights in (torque, residual)
-    )
-    mean_square = max(float(torque @ sums @ torque) / n, 0.0)
-    return float(rules.vaf_by_moments(max(left, 0.0), square, mean_square))
-
-
-def held_out_vaf(s: Sums, model: Mapping[str, str], parts: HeldOut) -> float | None:
-    """Lowest VAF [percent] of groups that a fit did not use, each part with its own offset.
-
-    Parameters
-    ----------
-    s : Sums
-        Sums of the recording.
-    model : Mapping
-        Column of each estimate.
-    parts : HeldOut
-        `every_third`, or `other_amplitudes` of a label.
-
-    Returns
-    -------
-    float or None
-        None without such groups, or where a fit to the others tells nothing.
-    """
-    columns = s.index(list(model.values()))
-    one = s.names.index("one")
-    torque, residual = np.zeros(len(s.names) + 2), np.zeros(len(s.names) + 2)
-    torque[s.torque] = residual[s.torque] = 1.0
+def held_out_vaf(s: Sums, model: Mapping[str, str]) -> float | None:
+    """Lowest VAF [percent] of a third of the groups, as of every third cycle, by the fit to the
+    others, with its own offset. None where two thirds do not tell the estimates."""
+    at = [*s.index(list(model.values())), s.torque]
+    place = np.argsort(np.argsort(s.groups.first, kind="stable"), kind="stable") % 3
     vafs = []
-    for fitted, held_out in parts:
-        total = s.over(fitted)
-        if total[one, one] <= len(model):
-            return None
-        A, b = total[np.ix_(columns, columns)], total[columns, s.torque]
+    for third in np.unique(place):
+        total = s.gram[place != third].sum(axis=0)[np.ix_(at, at)]
+        estimates, inverse = solved(total[:-1, :-1], total[:-1, -1])
         try:
-            residual[columns] = -identified(model, A, b, CONDITION_LIMIT).estimates
+            condition_of(model, total[:-1, :-1], inverse, CONDITION_LIMIT)
         except IdentifiabilityError:
             return None
-        vafs += [accounted_for(s.over(part), one, residual, torque) for part in held_out]
-    return min(vafs, default=None)
-
-
-def every_third(groups: Groups) -> HeldOut:
-    """Two of three groups in their order in time, such as cycles, and the third."""
-    place = np.argsort(np.argsort(groups.first, kind="stable"), kind="stable") % 3
-    return [(place != k, [place == k]) for k in np.unique(place)]
-
-
-def other_amplitudes(groups: Groups, label: Label) -> HeldOut:
-    """Of a label: itself, and each other label. Of all: the other labels, and each label; with one
-    label, two of three groups and the third."""
-    labels = groups.labels
-    if label is not None:
-        return [(groups.of(label), [groups.of(other) for other in labels if other != label])]
-    if len(labels) > 1:
-        return [(~groups.of(each), [groups.of(each)]) for each in labels]
-    return every_third(groups)
+        held_out = s.gram[place == third].sum(axis=0)
+        vafs.append(accounted_for(held_out, at, s.names.index("one"), estimates))
+    return min(vafs)

@@ -4,12 +4,16 @@ import polars as pl
 
 from osl_analysis.bench import effects
 from osl_analysis.bench.analysis import Analysis, analysed
-from osl_analysis.bench.coulomb import CoulombFit, coulomb_fits
+from osl_analysis.bench.coulomb import coulomb_fits
 from osl_analysis.bench.effects import TRANSMISSION
-from osl_analysis.bench.joint_fit import COLUMNS_OF_LOSSES, estimate_columns, fault_columns
-from osl_analysis.bench.joint_inference import suspected_fault_of_losses
+from osl_analysis.bench.joint_inference import (
+    COLUMNS_OF_LOSSES,
+    estimate_columns,
+    fault_columns,
+    suspected_fault_of_losses,
+)
 from osl_analysis.bench.record import Record
-from osl_analysis.bench.regression import held_out_vaf, other_amplitudes
+from osl_analysis.bench.regression import EFFECTS_LIMIT, fit_groups, held_out_vaf
 from osl_analysis.dictionary import table_of
 from osl_analysis.stats.estimates import Estimate
 from osl_analysis.stats.table_rows import Row
@@ -32,36 +36,30 @@ def transmission_table(analysis: Analysis) -> pl.DataFrame:
     record, s = analysis.record, effects.sums_of(analysis.record, TRANSMISSION)
     friction = coulomb_fits(s, analysis)
     fault = suspected_fault_of_losses(record)
+    VAF_held_out = held_out_vaf(analysis.sums, analysis.model)
     rows: list[Row] = []
     for label, fit in analysis.fits.items():
-        weight = effects.with_effects(s, TRANSMISSION, ("weight",), label)
+        # a weight acts as a spring: its torque grows with the angle
+        weight = fit_groups(s, {**TRANSMISSION, "weight": "theta"}, label, EFFECTS_LIMIT)
         share_of_weight = 0.0
         if weight.certain("weight", effects.FALSE_ALARM):
             share_of_weight = 1 - fit["J_j"] / weight["J_j"]
+        coulomb = friction.get(label)
+        certain = coulomb.certain if coulomb else None
+        viscous = Estimate.of_fit(certain, "B_j") if certain else None
         rows.append(
             {
                 **analysis.row(label, *LOSSES),
-                **losses_friction_columns(friction.get(label)),
+                "T_C": certain["T_C"] if certain else None,
+                "coulomb_share": coulomb.share if coulomb else None,
+                **estimate_columns("B_j_viscous", viscous),
                 "J_j_weightless": weight["J_j"],
                 "weight_share": share_of_weight,
-                "VAF_held_out": held_out_vaf(
-                    analysis.sums, analysis.model, other_amplitudes(record.groups, label)
-                ),
-                "load_cell_drift": 60 * record.drift,
+                "VAF_held_out": VAF_held_out,
+                "load_cell_drift": 60 * analysis.whole["drift"],
                 **analysis.time_base_row(label, LOSSES),
                 **fault_columns(fault, COLUMNS_OF_LOSSES),
                 "delay_told_s": fault.delay_told_s if fault else None,
             }
         )
     return table_of(rows, "transmission")
-
-
-def losses_friction_columns(coulomb: CoulombFit | None) -> Row:
-    """The columns of friction beside losses, null where it is not certain."""
-    certain = coulomb.certain if coulomb else None
-    viscous = Estimate.of_fit(certain, "B_j") if certain is not None else None
-    return {
-        "T_C": certain["T_C"] if certain is not None else None,
-        "coulomb_share": coulomb.share if coulomb else None,
-        **estimate_columns("B_j_viscous", viscous),
-    }

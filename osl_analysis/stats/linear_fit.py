@@ -3,7 +3,7 @@
 The bench fits groups of rows by the same rules (bench/regression.py)."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy
@@ -33,18 +33,19 @@ class LinearFit:
     vaf: float  # 100 (1 - var(residual)/var(y)) [percent]. An offset does not change it.
     # of the columns, each scaled to unit length, about their means beside an offset
     condition_number: float
-    # number of samples over which the residuals were allowed to be correlated
-    correlation_samples: int
-    samples: int  # number of samples n that were fitted
     interval_method: str
     """Source of the covariance: `HAC`, `cycles`, or the source that its own fit names."""
     # degrees of freedom (p,) of the estimates' variances, for Student's quantile
     degrees_of_freedom: Array
-    residual: Array  # y minus the fit (n,) [unit of y]
     largest_correlation: float
     """Largest absolute correlation of two estimates under white noise, without an offset's. It is
     computed from the columns: a few noisy cycles do not change it. 0 if there is only one; near 1
     only a combination is known."""
+
+    # number of samples over which the residuals were allowed to be correlated; 0 of sums
+    correlation_samples: int = 0
+    # y minus the fit (n,) [unit of y]; empty of sums
+    residual: Array = field(default_factory=lambda: np.empty(0))
 
     def __getitem__(self, name: str) -> float:
         return float(self.estimates[self.names.index(name)])
@@ -131,7 +132,6 @@ def linear_fit(
         vaf=variance_accounted_for(y, residual),
         condition_number=condition,
         correlation_samples=covariance.correlation_samples,
-        samples=len(y),
         interval_method=covariance.source,
         degrees_of_freedom=covariance.degrees_of_freedom,
         residual=residual,

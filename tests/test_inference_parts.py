@@ -1,6 +1,5 @@
 """The parts of the one inference, against mathematics and other libraries."""
 
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,7 +7,7 @@ import scipy
 import statsmodels.api as sm
 
 from osl_analysis.errors import InputError
-from osl_analysis.inference import BenchSignals, constants
+from osl_analysis.inference import BenchSignals
 from osl_analysis.inference.cross_validation import (
     Predictor,
     all_columns,
@@ -21,7 +20,6 @@ from osl_analysis.inference.least_squares import BesideShared, solve_scaled
 from osl_analysis.inference.path_hypotheses import Delay
 from osl_analysis.inference.shape_hypotheses import slope_beyond_ends
 from osl_analysis.inference.spectra import Spectra
-from osl_analysis.inference.weighing import evidence_of
 from osl_analysis.inference.whitening import Whitened
 
 RATE = 500.0
@@ -148,30 +146,6 @@ def test_slipping_spring_follows_prandtl_step_by_step():
         torque.append(float(np.clip(torque[-1] + step / 2.0, -1, 1)))
 
     assert slipping_springs(angle, [2.0])[0] == pytest.approx(np.array(torque), abs=1e-12)
-
-
-def test_rounding_is_compared_beside_the_same_friction():
-    """A late torque makes the friction beside Eq. 15 negative, so that only a delay has one."""
-    late = SimpleNamespace(
-        candidate=SimpleNamespace(hypothesis=SimpleNamespace(name="delay", family="path")),
-        has_friction=True,
-        squares=np.full(constants.BLOCKS, 1.0),
-        rounding_left=9.0,
-    )
-    plain = SimpleNamespace(
-        candidate=SimpleNamespace(hypothesis=SimpleNamespace(name="nothing", family="")),
-        has_friction=False,
-        squares=np.full(constants.BLOCKS, 5.0),
-        rounding_left=50.0,
-    )
-    plain_rounding = {False: 50.0, True: 10.0}
-
-    evidence = evidence_of([plain, late], 1.0, plain_rounding)
-
-    assert evidence.rounding == pytest.approx(1 + 10.0 - 9.0)
-    friction_by_rounding = 50.0 - 10.0
-    expected = (4.0 * constants.BLOCKS - friction_by_rounding) / 2
-    assert evidence.block_gains[1].sum() == pytest.approx(expected)
 
 
 def test_torque_that_follows_the_model_beyond_an_end_is_not_cut():

@@ -7,7 +7,6 @@ like a delay, which differs from jump to jump, so that rivals of Eq. 15 would ex
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from osl_analysis.inference.constants import BLOCKS, MEDIAN_OF_NOISE
 from osl_analysis.inference.spectra import Spectra
@@ -39,7 +38,9 @@ def acceleration_jumps(spectra: Spectra) -> bool:
     middle_hz = float(np.sqrt(low_hz * high_hz))
     lower_sizes, noise = jump_sizes(spectra, low_hz, middle_hz)
     upper_sizes, _ = jump_sizes(spectra, middle_hz, high_hz)
-    at = peaks(spectra, lower_sizes, ABOVE_NOISE * noise)
+    # no two within a period of the band's end
+    apart = round(spectra.signals.rate_hz / low_hz) + 1
+    at, _ = scipy.signal.find_peaks(lower_sizes, height=ABOVE_NOISE * noise, distance=apart)
     if len(at) < BLOCKS:
         return False
     power = np.log(np.median(upper_sizes[at]) / np.median(lower_sizes[at]))
@@ -48,7 +49,7 @@ def acceleration_jumps(spectra: Spectra) -> bool:
 
 
 def jump_sizes(spectra: Spectra, low_hz: float, high_hz: float) -> tuple[Array, float]:
-    """The largest jump of the acceleration (r,) [rad/s^2] that the third derivative of the angle
+    """The largest jump of the acceleration (n,) [rad/s^2] that the third derivative of the angle
     between two frequencies shows within a period of the lower one about each row, and what noise
     makes of it (SD)."""
     frequency = np.arange(len(spectra.raw_angle)) / spectra.padded_seconds
@@ -59,23 +60,10 @@ def jump_sizes(spectra: Spectra, low_hz: float, high_hz: float) -> tuple[Array, 
     jerk = scipy.fft.irfft(s**3 * band * spectra.raw_angle, spectra.padded_rows)
     # a jump by 1 rad/s^2 is an impulse of area 1, whose height the band gives
     height = 2 * float(band.sum()) / spectra.padded_seconds
-    rate_hz = spectra.signals.rate_hz
     # jumps are rare, so that the median tells the noise, whatever filter it has passed
-    noise = float(np.median(np.abs(jerk[recorded_rows(spectra)]))) / MEDIAN_OF_NOISE
-    near = 2 * round(rate_hz / low_hz / 2) + 1
-    largest = scipy.ndimage.maximum_filter1d(np.abs(jerk), near)
+    first = spectra.first_row
+    jerk = np.abs(jerk[first : first + len(spectra.signals.theta)])
+    noise = float(np.median(jerk)) / MEDIAN_OF_NOISE
+    near = 2 * round(spectra.signals.rate_hz / low_hz / 2) + 1
+    largest = scipy.ndimage.maximum_filter1d(jerk, near)
     return np.asarray(largest / height), noise / height
-
-
-def recorded_rows(spectra: Spectra) -> slice:
-    """Rows of the recording in its padded signals."""
-    return slice(spectra.first_row, spectra.first_row + len(spectra.signals.theta))
-
-
-def peaks(spectra: Spectra, sizes: Array, least: float) -> NDArray[np.intp]:
-    """Rows of the recording with peaks above `least`, no two within a period of the band's end."""
-    apart = round(spectra.signals.rate_hz / spectra.band_hz) + 1
-    rows = recorded_rows(spectra)
-    return np.asarray(
-        scipy.signal.find_peaks(sizes[rows], height=least, distance=apart)[0] + rows.start
-    )

@@ -157,5 +157,5 @@ def projected(spectra: Spectra, coefficients: Array) -> Array:
 
 def rows_of(spectra: Spectra, spectrum: Spectrum) -> Array:
     """Signals (k, m) of working spectra (k, f) in the fitted rows, less their means."""
-    in_time = spectra.fitted(scipy.fft.irfft(spectrum * spectra.roll_off, spectra.working_rows))
+    in_time = scipy.fft.irfft(spectrum * spectra.roll_off, spectra.working_rows)[:, spectra.rows]
     return np.asarray(in_time - in_time.mean(axis=1, keepdims=True))

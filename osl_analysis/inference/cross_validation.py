@@ -57,38 +57,6 @@ class Predicted:
         return self.friction_torque >= 0.0
 
 
-@dataclass(frozen=True)
-class Layout:
-    """Where the columns of a candidate stand: its own, its slope and friction.
-
-    Attributes
-    ----------
-    own, friction : slice
-        Places of these columns; an empty slice without friction.
-    slope : int or None
-        Place of the derivative by its own parameter; None without one.
-    """
-
-    own: slice
-    slope: int | None
-    friction: slice
-
-
-def layout_of(data: Whitened, candidate: Candidate, has_friction: bool) -> Layout:
-    """The layout of `all_columns`."""
-    width = len(candidate.columns)
-    has_slope = candidate.slope is not None
-    friction_from = width + 1 if has_slope else width
-    friction_to = friction_from
-    if has_friction:
-        friction_to += len(data.friction)
-    return Layout(
-        own=slice(0, width),
-        slope=width if has_slope else None,
-        friction=slice(friction_from, friction_to),
-    )
-
-
 def block_edges(rows: int) -> Array:
     """First row of each block, and the number of rows, (BLOCKS + 1,)."""
     return np.asarray(-(-np.arange(BLOCKS + 1) * rows // BLOCKS))
@@ -178,8 +146,6 @@ def fit_blocks(matrices: Array) -> tuple[BlockFit, Array]:
 class Predictor:
     """Fits candidates for one kind of joint, and predicts each block by the fit to the others.
 
-    What all candidates share is multiplied once.
-
     Parameters
     ----------
     data : Whitened
@@ -194,31 +160,9 @@ class Predictor:
         self.data = data
         self.has_friction = has_friction
         self._rounding = rounding
-        self._square_of_rounding = float(np.sum(rounding**2))
-        self._shared = data.shared(has_friction)
-        self._with_torque = np.vstack([self._shared, data.torque])
-        self._shared_matrices = normal_matrices(self._with_torque, self._with_torque)
-        self._shared_rounding = rounding @ self._shared.T
 
-    def matrices(self, own: Array, torque: Array) -> Array:
-        """Normal matrices (BLOCKS, c + 1, c + 1) of own columns (k, m), the shared ones, and a
-        torque (m,)."""
-        with_torque = self._with_torque
-        of_shared = self._shared_matrices
-        if torque is not self.data.torque:
-            with_torque = np.vstack([self._shared, torque])
-            of_shared = normal_matrices(with_torque, with_torque)
-        k = len(own)
-        size = k + len(with_torque)
-        matrices = np.empty((BLOCKS, size, size))
-        matrices[:, :k, :k] = normal_matrices(own, own)
-        matrices[:, :k, k:] = normal_matrices(own, with_torque)
-        matrices[:, k:, :k] = np.swapaxes(matrices[:, :k, k:], 1, 2)
-        matrices[:, k:, k:] = of_shared
-        return matrices
-
-    def by_rounding(self, own: Array, length: Array, inverse: Array) -> tuple[Array, float]:
-        """What rounding alone does to the estimates of columns that are scaled to length 1.
+    def by_rounding(self, columns: Array, length: Array, inverse: Array) -> tuple[Array, float]:
+        """What rounding alone does to the estimates of columns (c, m), scaled to length 1.
 
         Returns
         -------
@@ -230,41 +174,35 @@ class Predictor:
         draws = len(self._rounding)
         if not draws:
             return np.zeros_like(inverse), 0.0
-        projections = np.hstack([self._rounding @ own.T, self._shared_rounding]) / length
+        projections = self._rounding @ columns.T / length
         errors = projections @ inverse
         # sum(rounding (rounding - errors @ columns/length))
-        unexplained = self._square_of_rounding - np.sum(errors * projections)
+        unexplained = np.sum(self._rounding**2) - np.sum(errors * projections)
         return errors.T @ errors / draws, float(unexplained / draws)
 
     def predict(self, candidate: Candidate) -> Predicted:
         """Fit a candidate, and predict each block by the fit to the others."""
         data = self.data
-        own = candidate.columns
-        if candidate.slope is not None:
-            own = np.vstack([own, candidate.slope])
-        fit, length = fit_blocks(self.matrices(own, candidate.torque))
-        of_rounding, rounding_left = self.by_rounding(own, length, fit.inverse)
+        columns = all_columns(data, candidate, self.has_friction)
+        with_torque = np.vstack([columns, candidate.torque])
+        fit, length = fit_blocks(normal_matrices(with_torque, with_torque))
+        of_rounding, rounding_left = self.by_rounding(columns, length, fit.inverse)
         estimates = fit.estimates / length
         of_noise = fit.covariance(data.spectra.freedom)
         covariance = (of_noise + of_rounding) / np.outer(length, length)
 
-        at = layout_of(data, candidate, self.has_friction)
-        of_own = covariance[at.own, at.own]
-        if at.slope is not None:
-            # the profile has the part that the parameter's error makes, so that this is the
-            # covariance given the parameter q: C(x|q) = C(x) - c(x, q) c(q, x)/C(q)
-            with_parameter = covariance[at.own, at.slope]
-            parameter_variance = covariance[at.slope, at.slope]
-            of_own = of_own - np.outer(with_parameter, with_parameter) / parameter_variance
-        coefficients = estimates[at.own] if candidate.estimates is None else candidate.estimates
-        matrices = candidate.to_impedance(len(candidate.columns))
-        of_impedance = matrices[0] @ of_own @ matrices[0].T
+        width = len(candidate.columns)
+        coefficients = estimates[:width]
+        matrices = candidate.to_impedance(width)
+        of_impedance = matrices[0] @ covariance[:width, :width] @ matrices[0].T
         if data.actuator is not None and len(coefficients) > 3:
             of_impedance = of_impedance + coefficients[3] ** 2 * data.actuator.covariance
 
         friction_torque = 0.0
         if self.has_friction:
-            friction_torque = float(estimates[at.friction] @ data.mean_friction)
+            first = width if candidate.slope is None else width + 1
+            of_shapes = estimates[first : first + len(data.friction)]
+            friction_torque = float(of_shapes @ data.mean_friction)
         return Predicted(
             candidate=candidate,
             has_friction=self.has_friction,

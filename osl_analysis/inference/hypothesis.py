@@ -12,14 +12,14 @@ the delayed angle, velocity and acceleration. `hypotheses.py` lists all of them.
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar, Literal
 
 import numpy as np
 import scipy
 
-from osl_analysis.inference.least_squares import BesideShared, Products
+from osl_analysis.inference.least_squares import BesideShared
 from osl_analysis.inference.whitening import Whitened
 from osl_analysis.trial import Array
 
@@ -29,18 +29,7 @@ Family = Literal["", "path", "time", "speed", "size", "direction", "clipping"]
 WORTH_REFINING = 2.0
 # residual sum of squares of white noise of variance 1 that it is: nats are half a sum of squares
 SQUARES_WORTH_REFINING = 2 * WORTH_REFINING
-PROFILE = np.linspace(-3.0, 3.0, 9)  # standard deviations at which a likelihood is tabulated
-VALUES_AT_ONCE = 4  # of a parameter: transforms of more rows cost as much, and take memory
 REFINEMENTS = 12  # evaluations of Brent's method about a minimum of the grid
-
-
-@dataclass(frozen=True)
-class ProfilePoint:
-    """The best fit at one value of a hypothesis's own parameter."""
-
-    parameter: float
-    left: float  # residual sum of squares
-    impedance: Array  # K, B, I (3,)
 
 
 @dataclass(frozen=True)
@@ -57,10 +46,6 @@ class Candidate:
         Whitened torque that they explain.
     slope : Array (m,) or None
         Derivative of the modelled torque by its own parameter.
-    estimates : Array (k,) or None
-        Coefficients of the columns at this value; None if there is no own parameter.
-    profile : tuple of ProfilePoint
-        Its likelihood about this value; empty if one Gaussian is enough.
     impedance_matrices : tuple of Array (3, k)
         Matrices that turn the coefficients into K, B and I. There are several where K is not one
         number: at the beginning and at the end, on this and on the other side.
@@ -70,8 +55,6 @@ class Candidate:
     columns: Array
     torque: Array
     slope: Array | None = None
-    estimates: Array | None = None
-    profile: tuple[ProfilePoint, ...] = ()
     impedance_matrices: tuple[Array, ...] = ()
 
     def to_impedance(self, width: int) -> tuple[Array, ...]:
@@ -104,30 +87,17 @@ class Search:
         self.data = data
         self.has_friction = has_friction
         self._beside = BesideShared(data.shared(has_friction))
-        self._rest = self._beside.rest(data.torque)
-        self._of_motion = self.products(data.motion)
-        left, self.coefficients = self.fit_products(self._of_motion)
-        self.left = float(left)
+        self.left, self.coefficients = self.fit(data.motion)
         self.impedance = data.impedance_matrix @ self.coefficients
 
     def fit(self, columns: Array, torque: Array | None = None) -> tuple[float, Array]:
         """Residual sum of squares and coefficients (k,) of columns (k, m)."""
-        if torque is None or torque is self.data.torque:
-            return self._beside.fit_rest(columns, self._rest)
-        return self._beside.fit(columns, torque)
-
-    def coefficients_for(self, torque: Array) -> Array:
-        """Coefficients of the motion's columns for another torque (m,)."""
-        rest = self._beside.rest(torque)
-        of_motion = replace(self._of_motion, rest=self.data.motion @ rest)
-        return self.fit_products(of_motion)[1]
+        return self._beside.fit(columns, self.data.torque if torque is None else torque)
 
     def rest(self, columns: Array, torque: Array) -> Array:
         """What columns (k, m) and the shared ones leave of a torque (m,)."""
-        rest = self._beside.rest(torque)
-        estimates = self._beside.fit_rest(columns, rest)[1]
-        of_columns = np.array([self._beside.rest(column) for column in columns])
-        return np.asarray(rest - estimates @ of_columns)
+        rest = self._beside.rest(torque - self.fit(columns, torque)[1] @ columns)
+        return np.asarray(rest)
 
     @cached_property
     def may_be_path(self) -> bool:
@@ -140,19 +110,6 @@ class Search:
     def is_body(self) -> bool:
         """Whether B and I of Eq. 15 alone are positive."""
         return float(self.impedance[1:].min()) > 0.0
-
-    def left_by_each(self, columns: Array) -> Array:
-        """Residual sums of squares (v,) of each of some sets of columns (v, k, m)."""
-        return self.fit_products(self.products(columns))[0]
-
-    def products(self, columns: Array) -> Products:
-        """Products of columns (..., k, m), whose sums `fit_products` fits."""
-        return self._beside.products(columns, self._rest)
-
-    def fit_products(self, products: Products) -> tuple[Array, Array]:
-        """Residual sums of squares (...,) and coefficients (..., k) of columns with these
-        products."""
-        return self._beside.fit_products(products)
 
     def minima(self, left: Callable[[float], float], grid: Array, values: Array) -> list[float]:
         """Up to two minima of what is left over a parameter, the lower one first; `values` (g,) are
@@ -225,12 +182,7 @@ class OneParameter(Hypothesis):
     @cached_property
     def columns_on_grid(self) -> Array:
         """The `columns` (g, j, m) at the values of the grid, which serve every kind of joint."""
-        values = self.values_on_grid
-        parts = [
-            self.columns(values[first : first + VALUES_AT_ONCE])
-            for first in range(0, len(values), VALUES_AT_ONCE)
-        ]
-        return np.concatenate(parts)
+        return self.columns(self.values_on_grid)
 
     def with_others(self, columns: Array) -> Array:
         """All columns (v, k, m): those that depend on the parameter stand in place of the first
@@ -246,7 +198,8 @@ class OneParameter(Hypothesis):
 
     def left_on_grid(self, search: Search) -> Array:
         """What the model leaves of the torque at each value of the grid (g,)."""
-        return search.left_by_each(self.with_others(self.columns_on_grid))
+        columns_on_grid = self.with_others(self.columns_on_grid)
+        return np.array([search.fit(columns)[0] for columns in columns_on_grid])
 
     def candidates(self, search: Search) -> list[Candidate]:
         grid = self.values_on_grid
@@ -255,24 +208,13 @@ class OneParameter(Hypothesis):
             return search.fit(*self.model(value, search))[0]
 
         minima = search.minima(left, grid, self.left_on_grid(search))
-        return [self._candidate(value, grid, search) for value in minima]
+        return [self._candidate(value, search) for value in minima]
 
-    def _candidate(self, value: float, grid: Array, search: Search) -> Candidate:
+    def _candidate(self, value: float, search: Search) -> Candidate:
         columns, torque = self.model(value, search)
         estimates = search.fit(columns, torque)[1]
-
         # derivative of the modelled torque, from a small step of the parameter
         step = 1e-3 * abs(value) + 1e-9
         columns_then, torque_then = self.model(value + step, search)
         slope = (estimates @ (columns_then - columns) - (torque_then - torque)) / step
-
-        # the likelihood over the parameter: a Gaussian fails where it is flat
-        left, _ = search.fit(columns, slope)
-        sd = 1 / float(np.sqrt(max(left, np.finfo(float).tiny)))
-        tried = np.unique(np.clip(value + sd * PROFILE, grid[0], grid[-1]))
-        profile = []
-        for near in tried.tolist():
-            left, then = search.fit(*self.model(near, search))
-            impedance = self.data.impedance_matrix @ then[: self.data.impedance_matrix.shape[1]]
-            profile.append(ProfilePoint(near, left, impedance))
-        return Candidate(self, columns, torque, slope, estimates, profile=tuple(profile))
+        return Candidate(self, columns, torque, slope)

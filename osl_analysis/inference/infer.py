@@ -28,8 +28,7 @@ from osl_analysis.inference.whitening import Whitened
 from osl_analysis.stats.estimates import Estimate, Impedance
 from osl_analysis.trial import Array
 
-NAMED_PART = 0.05  # share of a hypothesis above which a value of its own parameter counts as harm
-NAMED_FAMILY = 0.1  # the same of all faults, for a hypothesis
+NAMED_FAMILY = 0.1  # share of all faults, above which what a hypothesis does counts as harm
 # variance of what Eq. 15 leaves over the noise's; above it something is missing, whatever it is
 MOST_UNEXPLAINED = 1.5
 SCREEN_DEVIATIONS = 3.0  # beyond chance, that all columns together must gain: once in 700 times
@@ -83,7 +82,8 @@ def infer_impedance(
         doubt = most_probable_family(faults, explanations)
 
     best = max(weighed, key=lambda each: each.weight).fit
-    of_K, of_B, of_I = largest_shifts(data, best, fits[0].left, best_sound.impedance) / sizes
+    shifts = largest_shifts(data, best, fits[0].left, best_sound.impedance, rounding)
+    of_K, of_B, of_I = shifts / sizes
     sound = impedance_of(best_sound.fit)
     moved_shares = [
         float(move / max(abs(estimate.value), estimate.high - estimate.value))
@@ -197,9 +197,8 @@ def moved_by(faults: Sequence[Weighed], best_sound: Weighed) -> Array:
     for each in faults:
         if each.weight < NAMED_FAMILY * total:
             continue
-        for part in each.parts:
-            if part.weight > NAMED_PART:
-                largest = np.maximum(largest, np.abs(part.impedance - sound))
+        for impedance in each.fit.impedances:
+            largest = np.maximum(largest, np.abs(impedance - sound))
     return largest
 
 

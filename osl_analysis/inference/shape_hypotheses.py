@@ -9,11 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from osl_analysis.inference.hypothesis import Candidate, Hypothesis, OneParameter, Search
-from osl_analysis.inference.least_squares import solve_scaled
 from osl_analysis.trial import Array
 
 OUTERMOST = (0.002, 0.998)  # quantiles of a torque that are its ends, beside noise
-UNCLIPPED = 0.5  # share of the rows, about the median torque, in which nothing is cut
 CLIPPING_STEPS = 16  # the end and what is beyond it are found in turn
 # slope of a recorded torque over the modelled one beyond its end: halfway between a torque that is
 # cut, and one that goes on
@@ -146,7 +144,7 @@ class Clipping(Hypothesis):
     def candidates(self, search: Search) -> list[Candidate]:
         torque = self.data.torque
         ends = self.outermost
-        coefficients = self.coefficients_of_unclipped
+        coefficients = search.coefficients
         for _ in range(CLIPPING_STEPS):
             ends_before = ends
             coefficients_before = coefficients
@@ -155,7 +153,7 @@ class Clipping(Hypothesis):
             ends = self.next_ends(modelled, ends)
             missing = with_padding - np.clip(with_padding, *ends)
             torque = self.data.torque + self.data.of_product(missing)
-            coefficients = search.coefficients_for(torque)
+            coefficients = search.fit(self.data.motion, torque)[1]
             change = np.abs(coefficients - coefficients_before)
             has_moved = bool((change > LAST_STEP * np.abs(coefficients)).any())
             if ends == ends_before and not has_moved:
@@ -187,7 +185,7 @@ class Clipping(Hypothesis):
         with_padding = coefficients @ self.motion
         modelled = with_padding[self.inside]
         size = np.abs(modelled - np.median(modelled))
-        small = size <= np.median(size)  # the `UNCLIPPED` half
+        small = size <= np.median(size)
         return np.asarray(with_padding + np.median((self.recorded - modelled)[small]))
 
     def next_ends(self, modelled: Array, ends: tuple[float, float]) -> tuple[float, float]:
@@ -219,18 +217,6 @@ class Clipping(Hypothesis):
         motion = self.data.motion_at_product_rate().copy()
         motion[0] = self.data.spectra.angle
         return motion
-
-    @cached_property
-    def coefficients_of_unclipped(self) -> Array:
-        """Coefficients of the motion, by the rows that are surely not cut: Eq. 15 of a cut torque
-        hardly passes its ends."""
-        spectra = self.data.spectra
-        recorded = spectra.recorded_torque
-        share = [(1 - UNCLIPPED) / 2, (1 + UNCLIPPED) / 2]
-        ends = np.quantile(self.recorded, share)
-        small = spectra.inside & (recorded > ends[0]) & (recorded < ends[1])
-        beside = np.vstack([self.motion, np.ones_like(recorded), spectra.relative_time])
-        return solve_scaled(beside[:, small], recorded[small])[: len(self.motion)]
 
 
 def slope_beyond_ends(

@@ -5,8 +5,8 @@ the ends is made harmless by order: derivatives and filters first, then a window
 relation of samples, torque = K theta + B omega + I alpha, survives both.
 """
 
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import scipy
@@ -32,8 +32,6 @@ Spectrum = NDArray[np.complex128]
 WORKING_RATE = 3.4  # bands; there the roll-off has taken all but 1.4 % of a signal
 VISIBLE_BENEATH = 2.0  # power over noise at which motion and noise are equal
 REST = 0.02  # SD of the angle that a joint at rest does not leave
-# of a transform: two fill a processor's vector, and more leave its cache
-SIGNALS_AT_ONCE = 4
 DERIVATIVES = 5  # angle and its derivatives up to the fourth
 
 
@@ -86,24 +84,18 @@ class BenchSignals:
         A joint at rest shows one error of the encoder for seconds, and nothing else.
         """
         least = max(FEWEST_STEPS * self.encoder_step, REST * float(self.theta.std()))
-        away_from_start = np.abs(self.theta - self.theta[0]) > least
-        away_from_end = np.abs(self.theta - self.theta[-1]) > least
+        moved = np.abs(self.theta - self.theta[0]) > least
+        moves = np.abs(self.theta - self.theta[-1]) > least
         edge = round(EDGE * self.rate_hz)
-        first = max(int(np.argmax(away_from_start)) - edge, 0)
-        last = len(self.theta) - int(np.argmax(away_from_end[::-1]))
-        stop = min(last + edge, len(self.theta))
-        if stop - first < SHORTEST * self.rate_hz:
-            return self
+        first = max(int(np.argmax(moved)) - edge, 0)
+        stop = len(self.theta) - int(np.argmax(moves[::-1])) + edge
         rows = slice(first, stop)
-        return BenchSignals(
-            self.theta[rows],
-            self.torque[rows],
-            self.rate_hz,
-            self.encoder_step,
-            None if self.usable is None else self.usable[rows],
-            None if self.sliding_angle is None else self.sliding_angle[rows],
-            None if self.load is None else self.load[rows],
-        )
+        if len(self.theta[rows]) < SHORTEST * self.rate_hz:
+            return self
+        parts: dict[str, Any] = {
+            name: x[rows] for name, x in vars(self).items() if isinstance(x, np.ndarray)
+        }
+        return replace(self, **parts)
 
 
 class Spectra:
@@ -133,6 +125,8 @@ class Spectra:
         Where the motion's power falls to that of the noise [Hz].
     working_rows, product_rows : int
         Number of rows, with their padding, at the two rates (w, p).
+    first_row : int
+        The first row of the recording in its padded signals.
     padded_rows, padded_seconds : int, float
         Number of recorded rows with their padding (r), and the duration of it [s].
     working_rate_hz : float
@@ -184,8 +178,8 @@ class Spectra:
         self.seconds = n / rate
 
         # odd extension at both ends, less the line between them, so that no end leaps
-        self._padding = min(round(PADDING * rate), n - 2)
-        self.padded_rows = int(scipy.fft.next_fast_len(n + 2 * self._padding, real=True))
+        self.first_row = min(round(PADDING * rate), n - 2)
+        self.padded_rows = int(scipy.fft.next_fast_len(n + 2 * self.first_row, real=True))
         self.padded_seconds = self.padded_rows / rate
         extended, self.line = self._extended(self.signals.theta)
         self.raw_angle = scipy.fft.rfft(extended - self.line)
@@ -208,10 +202,7 @@ class Spectra:
         self.torque: Spectrum = np.asarray(
             raw_torque[: len(self.frequency)] * to_working, np.complex128
         )
-        self.derivatives = np.empty((DERIVATIVES, len(angle)), np.complex128)
-        for order in range(DERIVATIVES):
-            self.derivatives[order] = angle
-            angle = angle * self.s
+        self.derivatives: Spectrum = angle * self.s ** np.arange(DERIVATIVES)[:, None]
         self.window = self._window()
         self.rows = self.window > 0
         # independent rows, of which the roll-off leaves a part
@@ -222,7 +213,7 @@ class Spectra:
             scipy.fft.next_fast_len(int(PRODUCT_RATE / 2 * self.padded_seconds))
         )
         rows = np.arange(self.product_rows) * self.padded_seconds / self.product_rows
-        self.time = rows - self._padding / rate
+        self.time = rows - self.first_row / rate
         self.inside = (self.time >= 0) & (self.time < self.seconds)
         self.relative_time = np.clip(self.time / self.seconds, 0.0, 1.0)
         self.product_band_hz = max(3 * self.band_hz, 20.0)
@@ -244,64 +235,42 @@ class Spectra:
         extended, line = self._extended(self.signals.sliding_angle)
         raw_actuator = scipy.fft.rfft(extended - line)
         self.actuator_spectrum = raw_actuator[: len(self.frequency)] * to_working
-        self.actuator_derivatives = np.array(self._at_product_rate(raw_actuator, 3))
+        self.actuator_derivatives = self._at_product_rate(raw_actuator, 3)
         with_line = self.actuator_derivatives[0] + np.linspace(line[0], line[-1], self.product_rows)
         self.sliding = self._belt_deflection(with_line)
 
-    @cached_property
-    def pieces(self) -> list[tuple[slice, slice]]:
-        """Pieces of the working rows that are fitted, and where they stand among the fitted rows.
+    def rows_of(self, spectrum: Spectrum, gain: Array | None = None) -> Array:
+        """The fitted rows (..., m) of signals with these working spectra (..., f), behind a filter
+        of this gain (f,), if there is one."""
+        x = self.window * scipy.fft.irfft(spectrum * self.roll_off, self.working_rows)
+        if gain is not None:
+            x = scipy.fft.irfft(gain * scipy.fft.rfft(x), self.working_rows)
+        return np.asarray(x[..., self.rows])
 
-        To take them by a mask takes as long as a transform.
-        """
-        edges = np.flatnonzero(np.diff(self.rows, prepend=False, append=False)).reshape(-1, 2)
-        pieces = []
-        first = 0
-        for begin, end in edges.tolist():
-            stop = first + end - begin
-            pieces.append((slice(begin, end), slice(first, stop)))
-            first = stop
-        return pieces
-
-    @property
-    def fitted_rows(self) -> int:
-        """Number m of the fitted rows."""
-        return self.pieces[-1][1].stop if self.pieces else 0
-
-    def fitted(self, x: Array) -> Array:
-        """The fitted rows (k, m) of signals (k, w)."""
-        rows = np.empty((len(x), self.fitted_rows))
-        for of_all, of_rows in self.pieces:
-            rows[:, of_rows] = x[:, of_all]
-        return rows
-
-    @property
-    def first_row(self) -> int:
-        """The first row of the recording in its padded signals."""
-        return self._padding
+    def filtered_rows(self, x: Array, gain: Array) -> Array:
+        """Such rows (..., m), which are given and are 0 elsewhere, behind a further filter."""
+        everywhere = np.zeros((*x.shape[:-1], self.working_rows))
+        everywhere[..., self.rows] = x
+        filtered = scipy.fft.irfft(gain * scipy.fft.rfft(everywhere), self.working_rows)
+        return np.asarray(filtered[..., self.rows])
 
     def _extended(self, x: Array) -> tuple[Array, Array]:
         """A signal (n,) with an odd extension at both ends, and the line between its ends."""
         few = max(round(0.03 * self.signals.rate_hz), 2)
         first, last = x[:few].mean(), x[-few:].mean()
-        pad = self._padding
+        pad = self.first_row
         parts = [2 * first - x[pad:0:-1], x, 2 * last - x[-2 : -pad - 2 : -1]]
         extended = np.concatenate(parts)
         filled = np.pad(extended, (0, self.padded_rows - len(extended)), mode="edge")
         return filled, np.linspace(filled[0], filled[-1], self.padded_rows)
 
-    def _at_product_rate(self, spectrum: Spectrum, number: int) -> list[Array]:
+    def _at_product_rate(self, spectrum: Spectrum, number: int) -> Array:
         """A signal and its derivatives, `number` in all, at the product rate."""
         kept = min(self.product_rows // 2 + 1, len(spectrum))
         frequency = np.arange(kept) / self.padded_seconds
         gain = roll_off(frequency, self.product_band_hz) * (self.product_rows / self.padded_rows)
-        filled = np.zeros(self.product_rows // 2 + 1, dtype=np.complex128)
-        filled[:kept] = spectrum[:kept] * gain
-        found = []
-        for _ in range(number):
-            found.append(scipy.fft.irfft(filled, self.product_rows))
-            filled[:kept] *= 2j * np.pi * frequency
-        return found
+        powers = (2j * np.pi * frequency) ** np.arange(number)[:, None]
+        return np.asarray(scipy.fft.irfft(powers * gain * spectrum[:kept], self.product_rows))
 
     def resampled(self, x: Array) -> Array:
         """A further signal (n,) of the recording at the product rate (p,)."""
@@ -322,7 +291,7 @@ class Spectra:
         """The weight (w,) of each working row, which rises over `TAPER` from edges and gaps."""
         time = (
             np.arange(self.working_rows) / self.working_rate_hz
-            - self._padding / self.signals.rate_hz
+            - self.first_row / self.signals.rate_hz
         )
         to_edge = np.minimum(time, self.seconds - time) - EDGE
         usable = self.signals.usable
@@ -335,28 +304,17 @@ class Spectra:
 
     def spectrum_of(self, x: Array) -> Spectrum:
         """The working spectrum (..., f) of signals (..., p) at the product rate."""
-        one_by_one = x.reshape(-1, x.shape[-1])
-        spectrum = np.zeros((len(one_by_one), len(self.frequency)), np.complex128)
-        for first in range(0, len(spectrum), SIGNALS_AT_ONCE):
-            part = slice(first, first + SIGNALS_AT_ONCE)
-            of_part = scipy.fft.rfft(one_by_one[part])[:, : len(self.frequency)]
-            spectrum[part, : of_part.shape[1]] = of_part
+        spectrum: Spectrum = np.zeros((*x.shape[:-1], len(self.frequency)), np.complex128)
+        of_products = scipy.fft.rfft(x)[..., : len(self.frequency)]
+        spectrum[..., : of_products.shape[-1]] = of_products
         spectrum *= self.working_rows / self.product_rows
-        return spectrum.reshape(*x.shape[:-1], len(self.frequency))
+        return spectrum
 
 
 def roll_off(frequency: Array, end_hz: float) -> Array:
     """Gain 1/(1 + (f/end)^8), which ends a band without ringing."""
     square = (frequency / end_hz) ** 2
     return np.asarray(1 / (1 + (square**2) ** 2))  # a power of 8 takes as long as a transform
-
-
-def less_line(x: Array) -> Array:
-    """A signal (n,) less the least-squares line through it; `scipy.signal.detrend` takes five times
-    as long."""
-    time = np.arange(len(x)) - (len(x) - 1) / 2
-    slope = float(time @ x) / float(time @ time)
-    return np.asarray(x - x.mean() - slope * time)
 
 
 def noise_and_band(theta: Array, rate_hz: float) -> tuple[float, float, float]:
@@ -369,7 +327,7 @@ def noise_and_band(theta: Array, rate_hz: float) -> tuple[float, float, float]:
     `VISIBLE_ABOVE_NOISE` times the noise.
     """
     length = min(round(2 * rate_hz), len(theta))
-    frequency, power = power_density(less_line(theta), rate_hz, length)
+    frequency, power = power_density(scipy.signal.detrend(theta), rate_hz, length)
     if rate_hz < 300.0:
         highest = frequency > 0.35 * rate_hz
     else:

@@ -24,7 +24,9 @@ MOST_NOISE = 1.6
 NOISE_DEVIATIONS = 3.0
 
 
-def largest_shifts(data: Whitened, best: Predicted, plain_left: float, impedance: Array) -> Array:
+def largest_shifts(
+    data: Whitened, best: Predicted, plain_left: float, impedance: Array, rounding: Array
+) -> Array:
     """The largest changes of K, B and I (3,) [SI] by torque that no hypothesis explains.
 
     Parameters
@@ -37,6 +39,8 @@ def largest_shifts(data: Whitened, best: Predicted, plain_left: float, impedance
         Sum of squares that Eq. 15 alone leaves.
     impedance : Array (3,)
         K, B and I of the joint [SI].
+    rounding : Array (draws, m)
+        Torques that rounding alone makes.
     """
     columns = all_columns(data, best.candidate, best.has_friction)
     torque = best.candidate.torque
@@ -58,7 +62,8 @@ def largest_shifts(data: Whitened, best: Predicted, plain_left: float, impedance
         most_noise = MOST_NOISE
         # whose shapes are not exactly its formula
         of_friction = INEXACTNESS**2 * (plain_left - best.left)
-    of_sensors = most_noise * (noise + best.rounding_left)
+    of_rounding = float(np.sum(rounding**2)) / max(len(rounding), 1)
+    of_sensors = most_noise * (noise + of_rounding)
     unexplained = max(float(squares.sum()) - of_sensors - of_friction, 0.0)
 
     search = Search(data, best.has_friction)

@@ -23,7 +23,6 @@ from osl_analysis.inference.friction_shapes import (
     slipping_springs,
 )
 from osl_analysis.inference.least_squares import solve_scaled
-from osl_analysis.inference.row_filter import RowFilter
 from osl_analysis.inference.spectra import Spectra, Spectrum
 from osl_analysis.stats.power_density import power_density
 from osl_analysis.trial import Array
@@ -76,7 +75,6 @@ class Whitened:
 
         self._rich_spectra = rich_columns(spectra, self.sign, friction)
         self._gain = whitening_gain(spectra, np.concatenate([self._rich_spectra, slow]))
-        self._whitening = RowFilter(spectra, self._gain)
 
         self.torque = self.column(spectra.torque)
         self.motion = self.column(self._motion_spectra())
@@ -121,7 +119,7 @@ class Whitened:
 
     def column(self, spectrum: Spectrum) -> Array:
         """Whiten the signals with these working spectra (..., f); returns rows (..., m)."""
-        return self._whitening.column(spectrum)
+        return self.spectra.rows_of(spectrum, self._gain)
 
     @cached_property
     def gap_widths(self) -> Array:
@@ -142,7 +140,9 @@ class Whitened:
         """Sum of squares that white noise of this density [(N*m)^2/Hz] has in the fitted rows."""
         spectra = self.spectra
         passed = np.mean((self._gain * spectra.roll_off) ** 2)
-        return float(density * spectra.working_rate_hz / 2 * passed * spectra.fitted_rows)
+        return float(
+            density * spectra.working_rate_hz / 2 * passed * np.count_nonzero(spectra.rows)
+        )
 
     def of_product(self, x: Array) -> Array:
         """Whiten signals (..., p) at the product rate; returns rows (..., m)."""
@@ -159,15 +159,14 @@ def whitening_gain(spectra: Spectra, rich: Spectrum) -> Array:
     rich : Spectrum (k, f)
         Columns of the rich model.
     """
-    plain = RowFilter(spectra)
-    plain_columns = plain.column(rich)
-    plain_torque = plain.column(spectra.torque)
+    plain_columns = spectra.rows_of(rich)
+    plain_torque = spectra.rows_of(spectra.torque)
     segment = min(round(COLOUR_SEGMENT * spectra.working_rate_hz), plain_torque.shape[-1])
 
-    whitening = plain
+    gain = np.ones_like(spectra.frequency)
     for _ in range(ROUNDS):
-        columns = whitening.of_rows(plain_columns)
-        torque = whitening.of_rows(plain_torque)
+        columns = spectra.filtered_rows(plain_columns, gain)
+        torque = spectra.filtered_rows(plain_torque, gain)
         estimates = solve_scaled(columns, torque)
         residual = plain_torque - estimates @ plain_columns
         frequency, power = power_density(
@@ -181,7 +180,6 @@ def whitening_gain(spectra: Spectra, rich: Spectrum) -> Array:
         variance = np.maximum(smooth * spectra.working_rate_hz / 2, least)
         log_variance = np.interp(spectra.frequency, frequency, np.log(variance))
         gain = np.exp(-0.5 * log_variance)
-        whitening = RowFilter(spectra, gain)
     return gain
 
 

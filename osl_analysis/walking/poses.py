@@ -182,16 +182,11 @@ def marker_tracks(trial: Trial, names: Sequence[str]) -> tuple[Array, Array]:
 
 
 def segment_poses(
-    trial: Trial,
-    names: Sequence[str],
-    calibration: StaticCalibration,
-    settings: MarkerSettings,
-    longest_gap_s: float | None = None,
+    trial: Trial, names: Sequence[str], calibration: StaticCalibration, settings: MarkerSettings
 ) -> tuple[Array, Poses]:
     """Find the poses of one cluster, not low-passed.
 
-    Gaps up to `longest_gap_s`, by default that of the settings, are interpolated; longer ones stay
-    NaN.
+    Short gaps are interpolated, long ones stay NaN.
 
     Returns
     -------
@@ -201,9 +196,7 @@ def segment_poses(
     time, tracks = marker_tracks(trial, names)
     reference = calibration.positions(names, trial.name)
     poses = cluster_poses(reference, without_held(tracks), settings.largest_residual_mm * 1e-3)
-    if longest_gap_s is None:
-        longest_gap_s = settings.longest_gap_s
-    return time, bridge_gaps(time, poses, longest_gap_s)
+    return time, bridge_gaps(time, poses, settings.longest_gap_s)
 
 
 def without_held(tracks: Array) -> Array:

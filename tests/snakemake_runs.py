@@ -22,8 +22,7 @@ OVERRIDES = {
     "walking": {"bootstrap_samples": 100},
     "figures": {"frequency_response": {"K_d": 300, "B_d": 5}},
 }  # fmt: skip
-"""Its configuration. No perturbation changes the stance, and the pace of a few crossings is too
-little to match to."""
+"""Its configuration."""
 
 FORKING = """
 import gc, json, multiprocessing, os, sys

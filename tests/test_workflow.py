@@ -348,13 +348,7 @@ NOT_CHANGED = {
     "plate_inertia",
 }  # fmt: skip
 """Such as name markers, a trial, or what a test of its own changes."""
-OTHER_WORD = {
-    "auto": "any",
-    "end": "start",
-    "right": "left",
-    "matched": "own",
-    "mean": "predicted",
-}
+OTHER_WORD = {"auto": "any", "end": "start", "right": "left"}
 
 
 def another(value, number):

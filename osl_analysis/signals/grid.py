@@ -192,7 +192,10 @@ def on_one_grid(taken: Sequence[Taken], limits: GapLimits, trial: str = "") -> U
     usable = usable_rows(time, [stream_gaps.marked for stream_gaps in gaps], limits)
     if not usable.any():
         raise InputError(
-            f"{taken[0].stream.name}: {why_unusable(taken[0].clock.stamps, time, limits)}"
+            f"{taken[0].stream.name}: every row from {time[0]:.4f} s to {time[-1]:.4f} s lies"
+            f" within {limits.margin_s:.2f} s of a gap longer than {limits.bridged_s * 1e3:g} ms;"
+            f" {BRIDGE_MORE}; if stamps are rounded so that many rows share one, state"
+            " `time: {rate: HZ}`"
         )
 
     signals = dict[str, Array]()
@@ -246,22 +249,6 @@ def usable_rows(time: Array, marked: Iterable[Array], limits: GapLimits) -> NDAr
             stop = np.searchsorted(time, end + limits.margin_s, "right")
             usable[first:stop] = False
     return usable
-
-
-def why_unusable(stamps: Array, time: Array, limits: GapLimits) -> str:
-    """Say why no row of a grid (m,) [s] is usable, and what to do."""
-    if np.mean(np.diff(stamps) == 0) > 0.5:
-        rows_per_stamp = stamps.size / np.unique(stamps).size
-        return (
-            f"its stamps are rounded, {rows_per_stamp:.0f} rows share one; state the rate of the"
-            " rows in place of its time, as `time: {rate: HZ}`"
-        )
-    # 0.0 is added so that no -0.0000 is printed
-    return (
-        f"every row from {round(time[0], 4) + 0.0:.4f} s to {time[-1]:.4f} s lies within"
-        f" {limits.margin_s:.2f} s of a gap longer than {limits.bridged_s * 1e3:g} ms;"
-        f" {BRIDGE_MORE}"
-    )
 
 
 def with_equal_sensor_filters(

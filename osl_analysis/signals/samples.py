@@ -126,7 +126,7 @@ def take(streams: Sequence[Stream]) -> list[Taken]:
     Returns
     -------
     list of Taken
-        A stream is split by decision, by delay and by rows with missing values.
+        A stream is split by delay and by rows with missing values.
 
     Raises
     ------
@@ -149,19 +149,17 @@ def take_stream(recorded: Stream) -> list[Taken]:
     held = signals_of_slower_sources(stream, clock.step)
     own_rows = {name: values for name, values in stream.signals.items() if name not in held}
 
-    decided = list[Taken]()
+    row_times = stream.stamps
+    of_rows = list[Taken]()
     if own_rows:
-        decided = decide(replace(stream, signals=own_rows) if held else stream, clock)
-    of_held = list[Taken]()
-    if held:
-        row_times = decided[0].times if decided else stream.stamps
-        of_held = [
-            held_taken(stream, name, values, row_times, clock.step) for name, values in held.items()
+        decided = decide(replace(stream, signals=own_rows), clock)
+        row_times = decided.times
+        of_rows = [
+            replace(decided, signals=names, repeated=repeated, delay=stream.delays.get(names[0], 0))
+            for names in names_with_equal_samples(stream, own_rows)
         ]
-    of_rows = [
-        replace(part, signals=names, repeated=repeated, delay=stream.delays.get(names[0], 0.0))
-        for part in decided
-        for names in names_with_equal_samples(stream, part.signals)
+    of_held = [
+        held_taken(stream, name, values, row_times, clock.step) for name, values in held.items()
     ]
     if len(of_rows) + len(held) > 1:
         of_rows = [with_name_of_signals(part, stream) for part in of_rows]
@@ -269,48 +267,21 @@ def held_taken(stream: Stream, name: str, held: HeldValues, row_times: Array, st
     )
 
 
-def decide(stream: Stream, clock: DeviceClock) -> list[Taken]:
-    """Make one decision for all signals of a stream; a stated choice stands.
-
-    It is split only if no decision fits all and single signals are firm on different ones; the
-    others then follow the signal that finds its stamps true.
-    """
-    names = tuple(stream.signals)
-    if stream.choice != "auto":
-        reading = Reading(stream.choice == "even", 0.0, True, f"stated: {stream.choice}")
-        return [Taken(stream, clock, names, **reading._asdict())]
-    by_stamps = reading_by_stamps(clock)
-    if by_stamps:
-        return [Taken(stream, clock, names, **by_stamps._asdict())]
-
-    heard = {name: values for name, values in stream.signals.items() if name not in stream.silent}
-    evidence = evidence_by_signal(heard, clock)
-    readings = reading_by_signal(stream, clock, evidence)
-    decisions = []
-    for kind in sorted({reading[:2] for reading in readings.values()}):
-        names = tuple(name for name in readings if readings[name][:2] == kind)
-        evidence_of_group = {name: evidence[name] for name in names if name in evidence}
-        reading = reading_of(clock, evidence_of_group)._replace(even=kind[0], age=kind[1])
-        facts = reading._asdict()
-        decisions.append(Taken(stream, clock, names, evidence=evidence_of_group, **facts))
-    return decisions
-
-
-def reading_by_signal(
-    stream: Stream, clock: DeviceClock, evidence: Mapping[str, StampEvidence]
-) -> dict[str, Reading]:
-    """One reading for all signals, or one for each where single signals are firm on different
-    ones."""
-    for_all = reading_of(clock, evidence)
-    if not for_all.firm:
-        single = {
-            name: reading_of(clock, {name: of_signal}) for name, of_signal in evidence.items()
+def decide(stream: Stream, clock: DeviceClock) -> Taken:
+    """Make one decision for all signals of a stream; a stated choice stands."""
+    evidence = dict[str, StampEvidence]()
+    reading: Reading | None = Reading(
+        stream.choice == "even", 0.0, True, f"stated: {stream.choice}"
+    )
+    if stream.choice == "auto":
+        reading = reading_by_stamps(clock)
+    if reading is None:
+        heard = {
+            name: values for name, values in stream.signals.items() if name not in stream.silent
         }
-        firm = {name: reading for name, reading in single.items() if reading.firm}
-        if len({reading[:2] for reading in firm.values()}) > 1:
-            true_first = min(firm.values(), key=lambda reading: reading.even)
-            return {name: firm.get(name, true_first) for name in stream.signals}
-    return dict.fromkeys(stream.signals, for_all)
+        evidence = evidence_by_signal(heard, clock)
+        reading = reading_of(clock, evidence)
+    return Taken(stream, clock, tuple(stream.signals), evidence=evidence, **reading._asdict())
 
 
 def check_countable(taken: Taken, fastest_hz: float) -> None:
